@@ -1,0 +1,111 @@
+# quadmeshd: make [config=release|debug|asan|tsan|coverage] [all|test|demo|check-layers|format|clean]
+#
+# release leaves build/quadmeshd and build/quadmesh; every other config builds in build/<config>/.
+# Local overrides (CC, CFLAGS_EXTRA, ...) go into Makefile.config, which is not kept under version control.
+
+config ?= release
+-include Makefile.config
+
+CC ?= gcc
+CXX ?= g++
+OUT := $(if $(filter release,$(config)),build,build/$(config))
+OBJ := build/obj/$(config)
+
+CONFIG_FLAGS_release  := -O3 -DNDEBUG -g1
+CONFIG_FLAGS_debug    := -O0 -g3
+CONFIG_FLAGS_asan     := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all
+CONFIG_FLAGS_tsan     := -O1 -g -fno-omit-frame-pointer -fsanitize=thread
+CONFIG_FLAGS_coverage := -O0 -g --coverage
+CONFIG_FLAGS := $(CONFIG_FLAGS_$(config))
+ifeq ($(CONFIG_FLAGS),)
+$(error unknown config '$(config)': release, debug, asan, tsan or coverage)
+endif
+
+# No contraction of a * b + c: every kernel then gives the same bits on every machine.
+WARNINGS := -Wall -Wextra -Wshadow -Wconversion -Werror
+CFLAGS   := -std=c17 $(WARNINGS) $(CONFIG_FLAGS) -ffp-contract=off -fno-math-errno $(CFLAGS_EXTRA)
+CXXFLAGS := -std=c++17 $(WARNINGS) $(CONFIG_FLAGS) $(CFLAGS_EXTRA)
+LDFLAGS  := $(filter -fsanitize% --coverage,$(CONFIG_FLAGS))
+
+PACKAGES := libmicrohttpd libuv libcjson sqlite3 libcurl
+LIBRARY_CFLAGS = $(shell pkg-config --cflags $(PACKAGES))
+LIBRARY_LIBS   = $(shell pkg-config --libs $(PACKAGES)) -ldraco -lstdc++ -lm -lpthread
+
+ENGINE_SOURCES := $(wildcard engine/src/*.c)
+KERNEL_SOURCES := $(wildcard engine/src/kernel/*.c)
+SERVER_SOURCES := $(filter-out server/main.c,$(wildcard server/*.c))
+SHIM_SOURCES   := $(wildcard server/*.cc)
+CLI_SOURCES    := $(wildcard clients/cli/*.c)
+UNIT_SOURCES   := $(wildcard tests/unit/test_*.c)
+SUPPORT_SOURCES := $(wildcard tests/support/*.c)
+
+# The kernels are compiled once for each instruction set; engine/src/kernel.c picks one at run time.
+KERNEL_ISAS := portable avx2 avx512
+ISA_FLAGS_portable :=
+ISA_FLAGS_avx2     := -mavx2 -mbmi2
+ISA_FLAGS_avx512   := -mavx512f -mavx512vl -mavx512dq -mavx512bw -mbmi2 -mprefer-vector-width=512
+
+ENGINE_OBJECTS := $(ENGINE_SOURCES:%.c=$(OBJ)/%.o) \
+    $(foreach isa,$(KERNEL_ISAS),$(KERNEL_SOURCES:engine/src/kernel/%.c=$(OBJ)/kernel-$(isa)/%.o))
+SERVER_OBJECTS  := $(SERVER_SOURCES:%.c=$(OBJ)/%.o) $(SHIM_SOURCES:%.cc=$(OBJ)/%.o)
+CLI_OBJECTS     := $(CLI_SOURCES:%.c=$(OBJ)/%.o)
+SUPPORT_OBJECTS := $(SUPPORT_SOURCES:%.c=$(OBJ)/%.o)
+UNIT_PROGRAMS   := $(UNIT_SOURCES:tests/unit/%.c=$(OUT)/tests/%)
+
+all: $(OUT)/quadmeshd $(OUT)/quadmesh
+
+$(OUT)/quadmeshd: $(OBJ)/server/main.o $(OBJ)/libserver.a $(OBJ)/libengine.a
+	@mkdir -p $(@D)
+	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
+
+$(OUT)/quadmesh: $(CLI_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
+	@mkdir -p $(@D)
+	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
+
+$(OUT)/tests/%: $(OBJ)/tests/unit/%.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
+	@mkdir -p $(@D)
+	$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(LIBRARY_LIBS)
+
+$(OBJ)/libengine.a: $(ENGINE_OBJECTS)
+	@rm -f $@
+	$(AR) rcs $@ $^
+$(OBJ)/libserver.a: $(SERVER_OBJECTS)
+	@rm -f $@
+	$(AR) rcs $@ $^
+
+define COMPILE
+@mkdir -p $(@D)
+$(CC) $(CFLAGS) -MMD -MP $(1) -c $< -o $@
+endef
+
+define KERNEL_RULE
+$(OBJ)/kernel-$(1)/%.o: engine/src/kernel/%.c
+	$$(call COMPILE,-Iengine/include -Iengine/src -DQM_ISA=$(1) $$(ISA_FLAGS_$(1)))
+endef
+$(foreach isa,$(KERNEL_ISAS),$(eval $(call KERNEL_RULE,$(isa))))
+
+$(OBJ)/engine/%.o: engine/%.c
+	$(call COMPILE,-Iengine/include -Iengine/src)
+$(OBJ)/server/%.o: server/%.c
+	$(call COMPILE,-Iengine/include -Iserver -D_GNU_SOURCE $(LIBRARY_CFLAGS))
+$(OBJ)/server/%.o: server/%.cc
+	@mkdir -p $(@D)
+	$(CXX) $(CXXFLAGS) -MMD -MP -Iengine/include -Iserver -c $< -o $@
+$(OBJ)/clients/%.o: clients/%.c
+	$(call COMPILE,-Iengine/include -Iserver -D_GNU_SOURCE $(LIBRARY_CFLAGS))
+$(OBJ)/tests/%.o: tests/%.c
+	$(call COMPILE,-Iengine/include -Iengine/src -Iserver -Itests/support -D_GNU_SOURCE $(LIBRARY_CFLAGS))
+
+# Runs the unit tests of this config; `make test` (tests/run.sh) runs everything.
+unit: $(UNIT_PROGRAMS)
+	@set -e; for program in $(UNIT_PROGRAMS); do $$program; done
+
+clean:
+	rm -rf build
+
+format:
+	clang-format -i $$(git ls-files '*.c' '*.h' '*.cc')
+
+-include $(shell test -d $(OBJ) && find $(OBJ) -name '*.d')
+.PHONY: all unit clean format
+.SECONDARY:

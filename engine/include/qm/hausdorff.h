@@ -1,0 +1,80 @@
+/**
+ * hausdorff.h: the Hausdorff distance between two surfaces, as an interval that is proven to hold it.
+ *
+ * h(A, B) is the greatest distance from a point of A to the surface B; H(A, B) the greater of h(A, B) and
+ * h(B, A). The search keeps pieces of A in a queue by their upper bounds, splits the topmost, and ends when
+ * no piece can hold a point farther than the tolerance above the best point found. Both bounds hold at every
+ * moment.
+ *
+ * Source: Y. Kang, Hausdorff distance computation between triangle mesh and quad mesh, chapter 5 (pieces in
+ * one queue, matching); Tang, Lee, Kim, Interactive Hausdorff distance computation for general polygonal
+ * models, 2009.
+ */
+#ifndef QM_HAUSDORFF_H
+#define QM_HAUSDORFF_H
+
+#include "qm/bvh.h"
+#include "qm/project.h"
+
+typedef enum qm_direction { QM_TWO_SIDED, QM_A_TO_B, QM_B_TO_A } qm_direction;
+
+/** Why a search ended. */
+typedef enum qm_hausdorff_stop {
+    QM_STOP_CONVERGED, /* upper - lower <= tolerance */
+    QM_STOP_THRESHOLD, /* the side of the threshold is certain */
+    QM_STOP_DEADLINE,  /* deadline_ms or work_limit is used up */
+    QM_STOP_CANCELED,  /* the context's flag was raised */
+    QM_STOP_PRECISION /* the tolerance is below what double precision can prove here; the bracket is honest */
+} qm_hausdorff_stop;
+
+/** The state of a search: bounds in the unit of the meshes, both valid now and from here on only tighter. */
+typedef struct qm_hausdorff_progress {
+    double elapsed_ms;
+    double lower, upper;  /* upper is INFINITY until a first bound is known */
+    uint64_t iterations;  /* pieces and nodes taken from the queue so far */
+    uint64_t projections; /* searches of a nearest point so far */
+    size_t queue_count;   /* pieces and nodes waiting */
+} qm_hausdorff_progress;
+
+/** Called on one thread at a time, at the first bounds, at each halving of the gap, and at least every 100
+ * ms. */
+typedef void qm_hausdorff_progress_fn(void *user, const qm_hausdorff_progress *progress);
+
+typedef struct qm_hausdorff_options {
+    qm_direction direction;
+    qm_quad_reading quads;
+    double tolerance;    /* > 0, unit of the meshes */
+    double threshold;    /* >= 0: stop once it is certain on which side the distance lies; NAN: none */
+    double deadline_ms;  /* > 0: stop after this time; 0: none */
+    uint64_t work_limit; /* > 0: stop after so many iterations; 0: none */
+    int thread_count;    /* 1 or more */
+    qm_hausdorff_progress_fn *progress; /* NULL: none */
+    void *progress_user;
+} qm_hausdorff_options;
+
+/** Two-sided, triangles, tolerance 0 (to be set), no threshold, no limits, one thread. */
+qm_hausdorff_options qm_hausdorff_options_default(void);
+
+typedef struct qm_hausdorff_result {
+    double lower, upper;       /* lower <= distance <= upper */
+    int from_side;             /* 0: the witness point lies on A and is projected on B; 1: the other way */
+    qm_surface_point from, to; /* witness: |from - to| is lower, to within rounding */
+    bool has_witness;          /* false only when the source is empty */
+    uint64_t iterations, projections;
+    size_t max_queue;
+    double elapsed_ms;
+    qm_hausdorff_stop stop;
+    int verdict; /* against the threshold: 1 above, -1 not above, 0 not known or not asked */
+} qm_hausdorff_result;
+
+/**
+ * Measures the distance between the meshes of two trees.
+ *
+ * Ownership: borrows everything; nothing of the call is left behind.
+ * Returns:   QM_OK, also when the search was stopped early (out->stop says why, the bounds hold);
+ *            QM_E_ARGUMENT (tolerance, threshold, threads); QM_E_NO_MEMORY; QM_E_SCALE.
+ */
+qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
+                               const qm_hausdorff_options *options, qm_hausdorff_result *out);
+
+#endif

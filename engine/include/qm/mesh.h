@@ -1,0 +1,86 @@
+/**
+ * mesh.h: a surface of triangles and quads, or a set of points, as flat arrays.
+ *
+ * Frame and unit are the input's own. A quad with corners c0 c1 c2 c3 has two readings: the two triangles
+ * (c0 c1 c2) and (c0 c2 c3), always split at the first corner, or the bilinear patch through the four
+ * corners. Parameters (u, v) are (0,0) at c0, (1,0) at c1, (1,1) at c2 and (0,1) at c3 in both. On a triangle
+ * the point is (1 - u - v) c0 + u c1 + v c2.
+ */
+#ifndef QM_MESH_H
+#define QM_MESH_H
+
+#include "qm/context.h"
+
+/** Fourth corner of a triangle; also "none" wherever an index may be absent. */
+#define QM_NO_INDEX UINT32_MAX
+
+/** How a quad is read as a surface. */
+typedef enum qm_quad_reading { QM_QUADS_TRIANGLES, QM_QUADS_BILINEAR } qm_quad_reading;
+
+/**
+ * Arrays allocated through the same context's allocator that frees them. face_count 0 means a point set: the
+ * points are the surface. Polygons of the input are held as fans of triangles, and face_origin then tells for
+ * each face which face of the input it came from; NULL means that they are the same.
+ */
+typedef struct qm_mesh {
+    double *positions;     /* vertex_count rows of x y z */
+    size_t vertex_count;   /* at most QM_NO_INDEX - 1 */
+    uint32_t *faces;       /* face_count rows of four corners; the fourth is QM_NO_INDEX for a triangle */
+    size_t face_count;     /* at most QM_NO_INDEX - 1 */
+    uint32_t *face_origin; /* face_count entries, non-decreasing, or NULL */
+    size_t polygon_count;  /* faces of the input with five corners or more */
+} qm_mesh;
+
+/** Frees the arrays and sets everything to zero. */
+void qm_mesh_reset(qm_context *ctx, qm_mesh *mesh);
+
+/** The index of face in the numbering of the input. */
+static inline uint32_t qm_mesh_input_face(const qm_mesh *mesh, uint32_t face)
+{
+    return mesh->face_origin ? mesh->face_origin[face] : face;
+}
+
+/**
+ * Checks what every other call takes for granted: at least one vertex that counts, indices in range,
+ * coordinates finite and of a span that does not overflow.
+ *
+ * Returns QM_OK; QM_E_EMPTY; QM_E_INDEX or QM_E_NOT_FINITE (ctx->message names the face or vertex, counted
+ * from 0).
+ */
+qm_status qm_mesh_validate(qm_context *ctx, const qm_mesh *mesh);
+
+/** Axis-parallel box; empty when min > max. */
+typedef struct qm_box {
+    double min[3], max[3];
+} qm_box;
+
+/** Box of the surface: vertices that a face uses, or all vertices of a point set. The mesh is valid and not
+ * empty. */
+qm_box qm_mesh_bounding_box(const qm_mesh *mesh);
+
+/** Length of the box's diagonal, without overflow or underflow on the way. */
+double qm_box_diagonal(const qm_box *box);
+
+/** Counts of a mesh that need no geometry. */
+typedef struct qm_mesh_facts {
+    size_t triangles, quads; /* faces as stored, so without those of fans: triangles and quads of the input */
+    size_t polygons;         /* faces of the input with five corners or more */
+    size_t unused_vertices;  /* no face uses them: they are not part of the surface (0 for a point set) */
+    size_t boundary_edges;   /* edges with one face */
+    size_t nonmanifold_edges;     /* edges with three faces or more */
+    size_t irregular_vertices;    /* inner vertices of quads only whose valence is not 4 */
+    size_t components;            /* connected by shared vertices; for a point set 0 */
+    size_t repeated_corner_faces; /* faces that name a vertex twice: kept, they are segments or points */
+    bool manifold; /* every edge has one or two faces and the faces round each vertex form one fan */
+} qm_mesh_facts;
+
+/**
+ * Counts edges, components and irregular vertices. Vertices are one when they share an index; files with
+ * unshared corners (STL) must be welded before.
+ *
+ * Cost: sorts the edges; memory of about 50 bytes an edge, given back before returning.
+ * Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_mesh_find_facts(qm_context *ctx, const qm_mesh *mesh, qm_mesh_facts *out);
+
+#endif

@@ -1,0 +1,41 @@
+/**
+ * project.h: the nearest point of a surface.
+ */
+#ifndef QM_PROJECT_H
+#define QM_PROJECT_H
+
+#include "qm/bvh.h"
+
+/** A point of a surface: face (of the mesh as stored), parameters (see mesh.h) and position. */
+typedef struct qm_surface_point {
+    uint32_t face; /* for a point set: the vertex */
+    double uv[2];
+    double position[3];
+} qm_surface_point;
+
+/** Where a batch of projections goes; a NULL array is skipped. */
+typedef struct qm_projection {
+    double *distance; /* point_count, >= 0, unit of the mesh */
+    double *position; /* point_count rows of x y z on the surface */
+    uint32_t *face;   /* point_count, index into the mesh's faces (vertices for a point set) */
+    double *uv;       /* point_count rows of u v */
+} qm_projection;
+
+/**
+ * Projects a batch of points onto a mesh: for each one the nearest point of the surface. Of equally near
+ * faces the lowest index wins, so the answer does not depend on the order of the points, on hints or on
+ * threads.
+ *
+ * points       point_count rows of x y z, finite, in the frame of the mesh
+ * reading      QM_QUADS_BILINEAR finds the certified global minimum over each patch, to 1e-13 of the mesh's
+ * size thread_count 1 or more; more than one is used only with ctx->parallel
+ *
+ * Ownership: borrows every argument, keeps none.
+ * Returns:   QM_OK; QM_E_NOT_FINITE (ctx->message names the row); QM_E_NO_MEMORY; QM_E_CANCELED. After an
+ * error the contents of out are unspecified. Source:    nearest box first: Roussopoulos, Kelley, Vincent,
+ * Nearest Neighbor Queries, 1995.
+ */
+qm_status qm_project_points(qm_context *ctx, const qm_bvh *bvh, qm_quad_reading reading, const double *points,
+                            size_t point_count, int thread_count, const qm_projection *out);
+
+#endif

@@ -1,0 +1,35 @@
+#include "qm/context.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+qm_context qm_context_make(void)
+{
+    return (qm_context){.allocator = qm_allocator_default};
+}
+
+qm_status qm_context_fail(qm_context *ctx, qm_status status, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(ctx->message, sizeof ctx->message, format, arguments);
+    va_end(arguments);
+    return status;
+}
+
+void *qm_context_alloc(qm_context *ctx, size_t count, size_t width)
+{
+    return qm_context_resize(ctx, NULL, 0, count, width);
+}
+
+void *qm_context_resize(qm_context *ctx, void *block, size_t old_count, size_t new_count, size_t width)
+{
+    size_t size;
+    if (new_count == 0 || !qm_array_size(new_count, width, &size)) return NULL;
+    return ctx->allocator.resize(ctx->allocator.user, block, old_count * width, size);
+}
+
+void qm_context_free(qm_context *ctx, void *block, size_t count, size_t width)
+{
+    if (block) ctx->allocator.resize(ctx->allocator.user, block, count * width, 0);
+}

@@ -1,0 +1,66 @@
+/**
+ * codec.h: file bytes to meshes. One file a format; none of them trusts a byte: every count is checked
+ * against the bytes that are really there before memory is asked for, and a fault names its line or byte.
+ */
+#ifndef QM_CODEC_H
+#define QM_CODEC_H
+
+#include "qm/mesh.h"
+
+/** XX(suffix, name in ?format=, file extension, media type). */
+#define QM_FORMAT_MAP(XX)                                                                                    \
+    XX(OBJ, "obj", ".obj", "model/obj")                                                                      \
+    XX(PLY, "ply", ".ply", "application/x-ply")                                                              \
+    XX(STL, "stl", ".stl", "model/stl")                                                                      \
+    XX(OFF, "off", ".off", "application/x-off")                                                              \
+    XX(GLB, "glb", ".glb", "model/gltf-binary")                                                              \
+    XX(DRC, "drc", ".drc", "application/x-draco")                                                            \
+    XX(XYZ, "xyz", ".xyz", "text/x-xyz")
+
+typedef enum qm_format {
+    QM_FORMAT_UNKNOWN,
+#define XX(suffix, name, extension, media) QM_FORMAT_##suffix,
+    QM_FORMAT_MAP(XX)
+#undef XX
+} qm_format;
+
+/** By name ("ply"), by the end of a file name, by media type (parameters ignored); QM_FORMAT_UNKNOWN if none
+ * fits. */
+qm_format qm_format_from_name(const char *name);
+qm_format qm_format_from_path(const char *path);
+qm_format qm_format_from_media_type(const char *media_type);
+const char *qm_format_name(qm_format format);
+
+/** By the first bytes of the file, and by size for binary STL; QM_FORMAT_UNKNOWN if nothing fits. */
+qm_format qm_format_sniff(const uint8_t *bytes, size_t size);
+
+typedef struct qm_codec_limits {
+    size_t max_vertices, max_faces; /* QM_E_TOO_LARGE beyond; at most QM_NO_INDEX - 1 */
+} qm_codec_limits;
+
+#define QM_NO_PLACE SIZE_MAX
+#define QM_CODEC_WARNING_COUNT 8
+#define QM_CODEC_DETAIL_SIZE 256
+
+/** What a decoder has to say besides the mesh. Nothing is dropped or changed in silence: it is a warning
+ * here. */
+typedef struct qm_codec_report {
+    size_t line;                       /* of the fault, from 1; QM_NO_PLACE for binary formats */
+    size_t offset;                     /* of the fault in bytes from 0; QM_NO_PLACE for text formats */
+    char detail[QM_CODEC_DETAIL_SIZE]; /* UTF-8, one sentence; never quotes raw bytes of the file */
+    char warnings[QM_CODEC_WARNING_COUNT][QM_CODEC_DETAIL_SIZE];
+    size_t warning_count;
+} qm_codec_report;
+
+/**
+ * Decodes a whole file. On success the mesh passes qm_mesh_validate and is the caller's, for qm_mesh_reset.
+ * Quads stay quads; polygons become fans (mesh.h); STL corners with the same coordinates are welded; a mesh
+ * with vertices and no face is a point set.
+ *
+ * Returns QM_OK; QM_E_FORMAT, QM_E_UNSUPPORTED, QM_E_NOT_FINITE, QM_E_INDEX, QM_E_EMPTY, QM_E_TOO_LARGE with
+ * report->detail and the place; QM_E_NO_MEMORY; QM_E_CANCELED. After an error *out is all zero.
+ */
+qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                          const qm_codec_limits *limits, qm_mesh *out, qm_codec_report *report);
+
+#endif
