@@ -24,11 +24,13 @@ typedef struct qm_patch_hit {
     double uv[2];
 } qm_patch_hit;
 
-/** The candidates that a piece is covered with. thr2 holds for each lane what squared distance is allowed. */
+/** The candidates that a piece is covered with: what lanes stand for, and how near a point must be to each.
+ */
 typedef struct qm_candidates {
     int count;
     const qm_pack *pack[QM_COVER_PACKS];
-    _Alignas(64) double allowed2[QM_COVER_PACKS][QM_PACK_LANES];
+    _Alignas(64) double allowed2[QM_COVER_PACKS][QM_PACK_LANES]; /* squared distance; -1 for never */
+    double twist[QM_COVER_PACKS][QM_PACK_LANES]; /* how far the surface may be from the lane's triangle */
 } qm_candidates;
 
 /** A convex polygon of a piece of the source; in_reach has a bit for each lane within the allowed distance.
