@@ -1,92 +1,144 @@
 /**
- * hausdorff_piece.c: the lower stage. A part of a face is covered by convex sets round facets of the target,
- * or what is left of it is split and goes back to the queue.
+ * hausdorff_piece.c: the lower stage. A part of a face is covered by convex sets round facets of the target;
+ * what is left of it is split and tried again at once, and goes back to the queue when the budget of one
+ * visit is used up.
  *
- * Termination: every corner of a piece that goes back is within lower + tolerance / 2 of a candidate or was
- * measured, which raised the lower bound to it; so a piece of a diameter below half the tolerance is covered
- * by the nearest facet of any corner. Cuts never make a diameter larger, and from MIDPOINT_DEPTH on every
- * second level halves it.
+ * Termination: a corner that no candidate reaches is measured, which raises the lower bound to it and makes
+ * its nearest facet a candidate; from STRICT_DEPTH on so is every corner that is not reached with half the
+ * tolerance to spare. A part of a diameter below that half is then covered by the nearest facet of any of its
+ * corners. Cuts never make a diameter larger, and from MIDPOINT_DEPTH on every second level halves it.
  */
+#include <float.h>
+
 #include "bilinear_point.h"
 #include "hausdorff_search.h"
 
+#define STRICT_DEPTH 8
 #define MIDPOINT_DEPTH 40
-#define REFINED_PATCHES 4  /* of the target, with labels cut to the piece */
-#define REFINED_MARGIN 0.1 /* by which these labels reach beyond the feet of the piece's corners */
-#define MAX_ATTEMPTS 4     /* covers of one piece, each with candidates that the last one's corners brought */
+#define MAX_ATTEMPTS 4  /* covers of one part, each with candidates that the last one's corners brought */
+#define VISIT_BUDGET 64 /* parts looked at before the rest goes back to the queue */
+#define STACK_SIZE 128
+#define REFINED_PATCHES 4  /* of the target, with labels cut to the part */
+#define REFINED_MARGIN 0.1 /* by which these labels reach beyond the feet of the part's corners */
 #define SLACK_SHARE 0.125  /* of the tolerance: a patch this flat goes on as triangles */
+
+/** A triangle of the piece, with what is known of its corners; in_reach holds for one generation of
+ * candidates. */
+typedef struct part {
+    qm_vec corner[3];
+    uint64_t in_reach[3];
+    unsigned generation;
+    uint8_t depth;
+} part;
 
 /** A piece on its way. */
 typedef struct piece_work {
     qm_worker *worker;
+    const qm_search *search;
     const qm_side *side;
+    const qm_kernel *kernel;
     qm_entry entry;
-    qm_piece *piece;
+    qm_piece piece;
+    double slack; /* the parts lie within this distance of the source's surface */
+    uint32_t packs[QM_COVER_PACKS];
+    int pack_count, pack_capacity;
     qm_candidates candidates;
-    qm_pack refined; /* labels cut out of patches of the target */
+    unsigned generation; /* counts changes of the candidates */
+    qm_pack refined;     /* labels cut out of patches of the target, in the last place of the candidates */
+    part stack[STACK_SIZE];
+    int height;
 } piece_work;
-
-/* ---- candidates ---- */
-
-/** Puts a pack in front of the piece's candidates. False when it is there already. */
-static bool add_candidate(qm_piece *piece, uint32_t pack)
-{
-    for (int k = 0; k < piece->pack_count; k++)
-        if (piece->pack[k] == pack) return false;
-    if (piece->pack_count < QM_COVER_PACKS) piece->pack_count++;
-    for (int k = piece->pack_count - 1; k > 0; k--)
-        piece->pack[k] = piece->pack[k - 1];
-    piece->pack[0] = pack;
-    return true;
-}
 
 static double local_allowed(const piece_work *work)
 {
-    return qm_search_allowed(work->worker->search) * work->side->scale;
+    return qm_search_allowed(work->search) * work->side->scale;
 }
 
-static void fill_candidates(piece_work *work, double slack)
+/* ---- candidates ---- */
+
+static void fill_candidates(piece_work *work)
 {
-    qm_candidates_fill(&work->candidates, work->side, work->piece->pack, work->piece->pack_count,
-                       local_allowed(work) - slack);
+    qm_candidates_fill(&work->candidates, work->side, work->packs, work->pack_count,
+                       local_allowed(work) - work->slack);
+    work->generation++;
 }
 
-/** Faces of the nearest candidates as seen from a point, each once, patches that are not flat only. */
-static int nearest_patches(const piece_work *work, qm_vec p, uint32_t face[REFINED_PATCHES])
+/** The packs of the target that come near enough to the piece to matter; the hint when there is none. */
+static void gather_candidates(piece_work *work)
 {
-    double distance[REFINED_PATCHES];
-    int count = 0;
-    for (int k = 0; k < work->piece->pack_count; k++) {
-        const qm_pack_lanes *lanes = &work->side->target->lanes[work->piece->pack[k]];
-        double d2[QM_PACK_LANES];
-        work->worker->search->kernel->pack_distances(work->candidates.pack[k], p, d2);
-        for (int lane = 0; lane < lanes->lane_count; lane++) {
-            if (!(work->candidates.twist[k][lane] > 0.0)) continue;
-            int place = 0;
-            while (place < count && face[place] != lanes->face[lane])
-                place++;
-            bool known = place < count;
-            if (known && distance[place] <= d2[lane]) continue;
-            if (!known && count == REFINED_PATCHES && distance[count - 1] <= d2[lane]) continue;
-            if (!known) place = count < REFINED_PATCHES ? count++ : count - 1;
-            for (; place > 0 && distance[place - 1] > d2[lane]; place--) {
-                distance[place] = distance[place - 1];
-                face[place] = face[place - 1];
-            }
-            distance[place] = d2[lane];
-            face[place] = lanes->face[lane];
+    qm_box box = {{DBL_MAX, DBL_MAX, DBL_MAX}, {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
+    for (int i = 0; i < work->piece.corner_count; i++) {
+        const double p[3] = {work->piece.corner[i].x, work->piece.corner[i].y, work->piece.corner[i].z};
+        for (int k = 0; k < 3; k++) {
+            if (p[k] < box.min[k]) box.min[k] = p[k];
+            if (p[k] > box.max[k]) box.max[k] = p[k];
         }
     }
-    return count;
+    work->pack_capacity = work->side->target_patches ? QM_COVER_PACKS - 1 : QM_COVER_PACKS;
+    work->pack_count =
+        work->kernel->gather(work->side->target, &box, local_allowed(work), work->pack_capacity, work->packs);
+    if (work->pack_count == 0) work->packs[work->pack_count++] = work->entry.hint;
+    fill_candidates(work);
 }
 
-/** The parameters of a patch that lie under the corners of the piece, with a margin. */
-static void feet_rectangle(const qm_patch *patch, const qm_piece *piece, double low[2], double high[2])
+/** Puts a pack among the candidates, in place of the last when they are full. False when it is there already.
+ */
+static bool add_candidate(piece_work *work, uint32_t pack)
+{
+    for (int k = 0; k < work->pack_count; k++)
+        if (work->packs[k] == pack) return false;
+    if (work->pack_count < work->pack_capacity) work->pack_count++;
+    for (int k = work->pack_count - 1; k > 0; k--)
+        work->packs[k] = work->packs[k - 1];
+    work->packs[0] = pack;
+    return true;
+}
+
+/** A list of faces of the target, nearest first. */
+typedef struct near_faces {
+    int count;
+    uint32_t face[REFINED_PATCHES];
+    double d2[REFINED_PATCHES];
+} near_faces;
+
+static void add_near_face(near_faces *near, uint32_t face, double d2)
+{
+    int place = 0;
+    while (place < near->count && near->face[place] != face)
+        place++;
+    bool is_known = place < near->count;
+    if (is_known && near->d2[place] <= d2) return;
+    if (!is_known && near->count == REFINED_PATCHES && near->d2[near->count - 1] <= d2) return;
+    if (!is_known) place = near->count < REFINED_PATCHES ? near->count++ : near->count - 1;
+    for (; place > 0 && near->d2[place - 1] > d2; place--) {
+        near->d2[place] = near->d2[place - 1];
+        near->face[place] = near->face[place - 1];
+    }
+    near->d2[place] = d2;
+    near->face[place] = face;
+}
+
+/** Patches among the candidates that lie nearest to a point; flat ones have nothing to win. */
+static near_faces nearest_patches(const piece_work *work, qm_vec p)
+{
+    near_faces near = {0};
+    for (int k = 0; k < work->pack_count; k++) {
+        const qm_pack_lanes *lanes = &work->side->target->lanes[work->packs[k]];
+        double d2[QM_PACK_LANES];
+        work->kernel->pack_distances(work->candidates.pack[k], p, d2);
+        for (int lane = 0; lane < lanes->lane_count; lane++)
+            if (work->candidates.twist[k][lane] > 0.0) add_near_face(&near, lanes->face[lane], d2[lane]);
+    }
+    return near;
+}
+
+/** The parameters of a patch that lie under the corners of a polygon, with a margin. */
+static void feet_rectangle(const qm_patch *patch, const qm_polygon *polygon, double low[2], double high[2])
 {
     low[0] = low[1] = 1.0;
     high[0] = high[1] = 0.0;
-    for (int i = 0; i < piece->corner_count; i++) {
-        qm_patch_foot foot = qm_patch_descend(patch, piece->corner[i]);
+    for (int i = 0; i < polygon->count; i++) {
+        qm_patch_foot foot = qm_patch_descend(patch, polygon->corner[i]);
         for (int k = 0; k < 2; k++) {
             low[k] = fmin(low[k], foot.uv[k]);
             high[k] = fmax(high[k], foot.uv[k]);
@@ -99,256 +151,320 @@ static void feet_rectangle(const qm_patch *patch, const qm_piece *piece, double 
     }
 }
 
-/** Writes the two triangles of a part of a patch as labels; the part leaves them by a ds dt share of the
+/** Writes the two triangles of a part of a patch as labels; that part leaves them by a ds dt share of the
  * twist. */
-static void set_refined_lanes(piece_work *work, int place, int lane, const qm_patch *patch,
-                              const double low[2], const double high[2], double allowed)
+static void set_refined_lanes(piece_work *work, int lane, const qm_patch *patch, const double low[2],
+                              const double high[2])
 {
     qm_vec a = qm_patch_at(patch, low[0], low[1]), b = qm_patch_at(patch, high[0], low[1]);
     qm_vec c = qm_patch_at(patch, high[0], high[1]), d = qm_patch_at(patch, low[0], high[1]);
     qm_pack_set_lane(&work->refined, lane, a, b, c);
     qm_pack_set_lane(&work->refined, lane + 1, a, c, d);
     double share = (high[0] - low[0]) * (high[1] - low[1]);
-    double twist = 0.25 * share * qm_vec_norm(patch->w) * (1.0 + 0x1p-20), rest = allowed - twist;
+    double twist = 0.25 * share * qm_vec_norm(patch->w) * (1.0 + 0x1p-20);
+    double rest = local_allowed(work) - work->slack - twist;
     for (int i = lane; i < lane + 2; i++) {
-        work->candidates.twist[place][i] = twist;
-        work->candidates.allowed2[place][i] = rest >= 0.0 ? rest * rest : -1.0;
+        work->candidates.twist[work->pack_count][i] = twist;
+        work->candidates.allowed2[work->pack_count][i] = rest >= 0.0 ? rest * rest : -1.0;
     }
 }
 
 /**
  * Labels of the target's patches lose their twist of the allowed distance. Where that is too much, parts of
- * the nearest patches just under the piece lose only their share, which falls with the square of the piece's
- * size. The refined labels take the last place of the candidates. False when there is no twist to win back.
+ * the nearest patches just under the polygon lose only their share, which falls with the square of its size.
+ * The refined labels stand behind the candidates until drop_refined. False when there is no twist to win
+ * back.
  */
-static bool refine_candidates(piece_work *work, double slack)
+static bool refine_candidates(piece_work *work, qm_polygon *polygon)
 {
-    const qm_piece *piece = work->piece;
-    uint32_t face[REFINED_PATCHES];
-    qm_vec middle =
-        qm_vec_scale(1.0 / 3.0, qm_vec_add(qm_vec_add(piece->corner[0], piece->corner[1]), piece->corner[2]));
-    int count = work->side->target_patches ? nearest_patches(work, middle, face) : 0;
-    if (count == 0) return false;
-    qm_candidates *candidates = &work->candidates;
-    int place = candidates->count < QM_COVER_PACKS ? candidates->count++ : QM_COVER_PACKS - 1;
-    candidates->pack[place] = &work->refined;
+    if (!work->side->target_patches) return false;
+    qm_vec middle = {0, 0, 0};
+    for (int i = 0; i < polygon->count; i++)
+        middle = qm_vec_axpy(middle, 1.0 / polygon->count, polygon->corner[i]);
+    near_faces near = nearest_patches(work, middle);
+    if (near.count == 0) return false;
     for (int i = 0; i < REFINED_PATCHES; i++) {
         qm_vec corner[4];
         double low[2], high[2];
-        qm_bvh_load_face(work->side->target, face[i < count ? i : 0], corner);
+        qm_bvh_load_face(work->side->target, near.face[i < near.count ? i : 0], corner);
         qm_patch patch = qm_patch_make(corner);
-        feet_rectangle(&patch, piece, low, high);
-        set_refined_lanes(work, place, 2 * i, &patch, low, high, local_allowed(work) - slack);
+        feet_rectangle(&patch, polygon, low, high);
+        set_refined_lanes(work, 2 * i, &patch, low, high);
     }
+    work->candidates.pack[work->pack_count] = &work->refined;
+    work->candidates.count = work->pack_count + 1;
+    for (int i = 0; i < polygon->count; i++)
+        polygon->in_reach[i] = work->kernel->in_reach(&work->candidates, polygon->corner[i]);
     return true;
 }
 
-/* ---- covering and splitting ---- */
+static void drop_refined(piece_work *work, qm_polygon *polygon)
+{
+    work->candidates.count = work->pack_count;
+    for (int i = 0; i < polygon->count; i++)
+        polygon->in_reach[i] &= (UINT64_C(1) << (QM_PACK_LANES * work->pack_count)) - 1;
+}
+
+/* ---- covering ---- */
 
 static void reach_corners(const piece_work *work, qm_polygon *polygon)
 {
     for (int i = 0; i < polygon->count; i++)
-        polygon->in_reach[i] =
-            work->worker->search->kernel->in_reach(&work->candidates, polygon->corner[i], NULL);
+        polygon->in_reach[i] = work->kernel->in_reach(&work->candidates, polygon->corner[i]);
 }
 
-static bool cover(const piece_work *work, qm_polygon *polygon, bool *moved)
+/** Covers a polygon by the candidates, then, when that is not enough, by refined ones too. */
+static bool cover(piece_work *work, qm_polygon *polygon, bool *moved)
 {
-    bool cut = false;
-    reach_corners(work, polygon);
-    bool covered = work->worker->search->kernel->cover(&work->candidates, polygon, &cut);
+    bool cut;
+    bool covered = work->kernel->cover(&work->candidates, polygon, &cut);
     *moved |= cut;
+    if (covered || !refine_candidates(work, polygon)) return covered;
+    covered = work->kernel->cover(&work->candidates, polygon, &cut);
+    *moved |= cut;
+    drop_refined(work, polygon);
     return covered;
 }
 
-/** Covers a polygon by the piece's candidates, then, when that is not enough, by refined ones too. */
-static bool cover_refined(piece_work *work, qm_polygon *polygon, double slack, bool *moved)
+/** True when a corner has to be measured: no candidate reaches it, or, deep down, none with enough to spare.
+ */
+static bool needs_sample(const piece_work *work, const qm_polygon *polygon, int i, int depth)
 {
-    fill_candidates(work, slack);
-    return cover(work, polygon, moved) || (refine_candidates(work, slack) && cover(work, polygon, moved));
+    if (depth < STRICT_DEPTH) return polygon->in_reach[i] == 0;
+    int place;
+    double upper = work->kernel->hull_upper(&work->candidates, &polygon->corner[i], 1, &place) + work->slack;
+    return upper > local_allowed(work) - 0.5 * work->search->tolerance * work->side->scale;
 }
 
-/** Measures the corners that no candidate brings near enough. True when that found a new candidate. */
-static bool sample_corners(piece_work *work, const qm_vec *corner, int count, double slack)
+/** Measures the corners that need it. True when that found new candidates: in_reach is then made anew. */
+static bool sample_corners(piece_work *work, qm_polygon *polygon, int depth)
 {
-    const qm_search *search = work->worker->search;
     bool found = false;
-    for (int i = 0; i < count; i++) {
-        qm_lane_rows rows;
-        int nearest;
-        search->kernel->in_reach(&work->candidates, corner[i], rows.d2);
-        double upper = qm_candidates_point_upper(&work->candidates, &rows, &nearest) + slack;
-        if (upper * work->side->inverse_scale <= qm_search_allowed(search) - 0.5 * search->tolerance)
-            continue;
-        uint32_t hint = work->piece->pack[nearest < work->piece->pack_count ? nearest : 0];
-        qm_worker_sample(work->worker, work->side, corner[i], slack, work->piece->face, &hint);
-        found |= add_candidate(work->piece, hint);
+    for (int i = 0; i < polygon->count; i++) {
+        if (!needs_sample(work, polygon, i, depth)) continue;
+        uint32_t hint = work->packs[0];
+        qm_worker_sample(work->worker, work->side, polygon->corner[i], work->slack, work->piece.face, &hint);
+        if (!add_candidate(work, hint)) continue;
+        fill_candidates(work);
+        found = true;
     }
+    if (found) reach_corners(work, polygon);
     return found;
 }
 
-/** Bounds a child by its best single label, and queues it when that is not enough. */
-static void push_child(piece_work *work, const qm_piece *child)
+/* ---- splitting ---- */
+
+/** Queues a triangle or rectangle with the bound that its best single label gives. */
+static void push_piece(piece_work *work, const qm_piece *piece)
 {
-    const qm_search *search = work->worker->search;
-    qm_lane_rows rows[4];
-    const qm_lane_rows *row[4];
-    for (int i = 0; i < child->corner_count; i++) {
-        search->kernel->in_reach(&work->candidates, child->corner[i], rows[i].d2);
-        row[i] = &rows[i];
-    }
-    double upper = qm_candidates_upper(&work->candidates, row, child->corner_count) + child->slack;
+    int place;
+    double upper = work->kernel->hull_upper(&work->candidates, piece->corner, piece->corner_count, &place);
     qm_entry entry = work->entry;
-    entry.upper = fmin(entry.upper, upper * work->side->inverse_scale);
-    qm_worker_push(work->worker, entry, child);
+    entry.upper = fmin(entry.upper, (upper + piece->slack) * work->side->inverse_scale);
+    entry.hint = work->packs[place < work->pack_count ? place : 0];
+    qm_worker_push(work->worker, entry, piece);
 }
 
-static void push_triangle(piece_work *work, qm_vec a, qm_vec b, qm_vec c)
+static void push_part(piece_work *work, const part *from)
 {
-    qm_piece child = *work->piece;
-    child.corner[0] = a;
-    child.corner[1] = b;
-    child.corner[2] = c;
-    child.depth = (uint8_t)(child.depth < UINT8_MAX ? child.depth + 1 : MIDPOINT_DEPTH);
-    push_child(work, &child);
+    qm_piece piece = work->piece;
+    piece.corner_count = 3;
+    piece.slack = work->slack;
+    piece.depth = from->depth;
+    for (int i = 0; i < 3; i++)
+        piece.corner[i] = from->corner[i];
+    push_piece(work, &piece);
 }
 
-/** Queues a triangle in four, cut at the midpoints: each has half the diameter. */
-static void push_quarters(piece_work *work, qm_vec a, qm_vec b, qm_vec c)
+static void keep_part(piece_work *work, const qm_polygon *polygon, int a, int b, int c, uint8_t depth)
 {
-    qm_vec ab = qm_vec_mix(a, b, 0.5), bc = qm_vec_mix(b, c, 0.5), ca = qm_vec_mix(c, a, 0.5);
-    push_triangle(work, a, ab, ca);
-    push_triangle(work, ab, b, bc);
-    push_triangle(work, ca, bc, c);
-    push_triangle(work, bc, ca, ab);
+    part kept = {
+        .corner = {polygon->corner[a], polygon->corner[b], polygon->corner[c]},
+        .in_reach = {polygon->in_reach[a], polygon->in_reach[b], polygon->in_reach[c]},
+        .generation = work->generation,
+        .depth = depth,
+    };
+    if (work->height < STACK_SIZE)
+        work->stack[work->height++] = kept;
+    else
+        push_part(work, &kept);
 }
 
-static void split_triangle(piece_work *work, const qm_polygon *rest, bool moved)
+/** Keeps a triangle of a polygon in four parts, cut at the midpoints: each has half the diameter. */
+static void keep_quarters(piece_work *work, const qm_polygon *polygon, int a, int b, int c, uint8_t depth)
 {
-    bool halve = !moved || (work->piece->depth >= MIDPOINT_DEPTH && work->piece->depth % 2 == 0);
+    const int index[3] = {a, b, c};
+    qm_polygon six;
+    six.count = 6;
+    for (int i = 0; i < 3; i++) {
+        six.corner[i] = polygon->corner[index[i]];
+        six.in_reach[i] = polygon->in_reach[index[i]];
+        six.corner[3 + i] = qm_vec_mix(polygon->corner[index[i]], polygon->corner[index[(i + 1) % 3]], 0.5);
+        six.in_reach[3 + i] = work->kernel->in_reach(&work->candidates, six.corner[3 + i]);
+    }
+    keep_part(work, &six, 0, 3, 5, depth);
+    keep_part(work, &six, 3, 1, 4, depth);
+    keep_part(work, &six, 5, 4, 2, depth);
+    keep_part(work, &six, 4, 5, 3, depth);
+}
+
+static void split_rest(piece_work *work, const qm_polygon *rest, bool moved, uint8_t depth)
+{
+    bool halve = !moved || (depth >= MIDPOINT_DEPTH && depth % 2 == 0);
+    uint8_t deeper = (uint8_t)(depth < UINT8_MAX ? depth + 1 : MIDPOINT_DEPTH);
     for (int i = 1; i + 1 < rest->count; i++) {
         if (halve)
-            push_quarters(work, rest->corner[0], rest->corner[i], rest->corner[i + 1]);
+            keep_quarters(work, rest, 0, i, i + 1, deeper);
         else
-            push_triangle(work, rest->corner[0], rest->corner[i], rest->corner[i + 1]);
+            keep_part(work, rest, 0, i, i + 1, deeper);
     }
 }
 
-static qm_polygon triangle_polygon(qm_vec a, qm_vec b, qm_vec c)
+static qm_polygon part_polygon(const piece_work *work, const part *from)
 {
     qm_polygon polygon;
     polygon.count = 3;
-    polygon.corner[0] = a;
-    polygon.corner[1] = b;
-    polygon.corner[2] = c;
+    for (int i = 0; i < 3; i++) {
+        polygon.corner[i] = from->corner[i];
+        polygon.in_reach[i] = from->in_reach[i];
+    }
+    if (from->generation != work->generation) reach_corners(work, &polygon);
     return polygon;
 }
 
-static void process_triangle(piece_work *work)
+static void process_part(piece_work *work, const part *from)
 {
-    const qm_piece *piece = work->piece;
-    qm_polygon rest = triangle_polygon(piece->corner[0], piece->corner[1], piece->corner[2]);
+    qm_polygon rest = part_polygon(work, from);
     bool moved = false;
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
-        bool covered = cover_refined(work, &rest, piece->slack, &moved);
-        qm_worker_discard(work->worker, qm_search_allowed(work->worker->search));
-        if (covered) return;
-        if (!sample_corners(work, rest.corner, rest.count, piece->slack)) break;
+        if (cover(work, &rest, &moved)) return;
+        if (!sample_corners(work, &rest, from->depth)) break;
     }
-    split_triangle(work, &rest, moved);
+    split_rest(work, &rest, moved, from->depth);
+}
+
+/** Works through the stack of parts; what the budget leaves over goes to the queue. */
+static void process_stack(piece_work *work)
+{
+    for (int budget = VISIT_BUDGET; work->height > 0; budget--) {
+        part next = work->stack[--work->height];
+        if (budget > 0)
+            process_part(work, &next);
+        else
+            push_part(work, &next);
+    }
+    qm_worker_discard(work->worker, qm_search_allowed(work->search));
+}
+
+static void keep_triangle(piece_work *work, const qm_vec *a, const qm_vec *b, const qm_vec *c)
+{
+    work->stack[work->height++] = (part){
+        .corner = {*a, *b, *c},
+        .generation = work->generation - 1,
+        .depth = work->piece.depth,
+    };
 }
 
 /* ---- parameter rectangles of the source's patches ---- */
 
 static qm_patch source_patch(const piece_work *work)
 {
-    const uint32_t *vertex = work->side->source->mesh->faces + 4 * (size_t)work->piece->face;
+    const uint32_t *vertex = work->side->source->mesh->faces + 4 * (size_t)work->piece.face;
     qm_vec corner[4];
     for (int i = 0; i < 4; i++)
         corner[i] = qm_side_vertex(work->side, vertex[i]);
     return qm_patch_make(corner);
 }
 
-/** One label for the hull of the four corners, which holds the part of the patch. */
-static bool hull_reached(piece_work *work)
+/** One label for the hull of the four corners, which holds that part of the patch. */
+static bool hull_reached(const piece_work *work, qm_polygon *corners)
 {
     uint64_t labels = ~UINT64_C(0);
-    fill_candidates(work, 0.0);
-    for (int i = 0; i < 4; i++)
-        labels &= work->worker->search->kernel->in_reach(&work->candidates, work->piece->corner[i], NULL);
+    corners->count = 4;
+    for (int i = 0; i < 4; i++) {
+        corners->corner[i] = work->piece.corner[i];
+        corners->in_reach[i] = work->kernel->in_reach(&work->candidates, work->piece.corner[i]);
+        labels &= corners->in_reach[i];
+    }
     return labels != 0;
 }
 
+/** Covers the two triangles of a rectangle, with the slack by which the patch leaves them. */
 static bool triangles_reached(piece_work *work, double slack)
 {
-    const qm_vec *c = work->piece->corner;
-    qm_polygon first = triangle_polygon(c[0], c[1], c[2]), second = triangle_polygon(c[0], c[2], c[3]);
-    bool moved = false;
-    return cover_refined(work, &first, slack, &moved) && cover_refined(work, &second, slack, &moved);
-}
-
-/** Goes on with the two triangles of a rectangle that leaves them by no more than slack. */
-static void push_flat(piece_work *work, double slack)
-{
-    qm_piece *piece = work->piece;
-    const qm_vec c[4] = {piece->corner[0], piece->corner[1], piece->corner[2], piece->corner[3]};
-    piece->corner_count = 3;
-    piece->slack = slack;
-    fill_candidates(work, slack);
-    push_triangle(work, c[0], c[1], c[2]);
-    push_triangle(work, c[0], c[2], c[3]);
+    work->slack = slack;
+    fill_candidates(work);
+    bool covered = true, moved = false;
+    for (int half = 0; half < 2 && covered; half++) {
+        const qm_vec *c = work->piece.corner;
+        qm_polygon polygon = {.count = 3, .corner = {c[0], c[1 + half], c[2 + half]}};
+        reach_corners(work, &polygon);
+        covered = cover(work, &polygon, &moved);
+    }
+    work->slack = 0.0;
+    fill_candidates(work);
+    return covered;
 }
 
 /** Cuts a rectangle across its longer side. */
 static void split_rectangle(piece_work *work, const qm_patch *patch)
 {
-    const qm_piece *piece = work->piece;
-    const qm_vec *c = piece->corner;
+    const qm_vec *c = work->piece.corner;
     double along_s = qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]);
     double along_t = qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2]);
     int axis = along_s >= along_t ? 0 : 1;
-    double middle = 0.5 * (piece->low[axis] + piece->high[axis]);
-    fill_candidates(work, 0.0);
+    double middle = 0.5 * (work->piece.low[axis] + work->piece.high[axis]);
     for (int half = 0; half < 2; half++) {
-        qm_piece child = *piece;
+        qm_piece child = work->piece;
         child.depth = (uint8_t)(child.depth < UINT8_MAX ? child.depth + 1 : UINT8_MAX);
         *(half == 0 ? &child.high[axis] : &child.low[axis]) = middle;
         child.corner[0] = qm_patch_at(patch, child.low[0], child.low[1]);
         child.corner[1] = qm_patch_at(patch, child.high[0], child.low[1]);
         child.corner[2] = qm_patch_at(patch, child.high[0], child.high[1]);
         child.corner[3] = qm_patch_at(patch, child.low[0], child.high[1]);
-        push_child(work, &child);
+        push_piece(work, &child);
     }
 }
 
 static void process_rectangle(piece_work *work)
 {
-    const qm_search *search = work->worker->search;
-    const qm_piece *piece = work->piece;
-    qm_worker_discard(work->worker, qm_search_allowed(search));
-    if (hull_reached(work)) return;
+    qm_polygon corners;
+    qm_worker_discard(work->worker, qm_search_allowed(work->search));
+    if (hull_reached(work, &corners)) return;
     qm_patch patch = source_patch(work);
+    const qm_piece *piece = &work->piece;
     double share = (piece->high[0] - piece->low[0]) * (piece->high[1] - piece->low[1]);
     double slack = 0.25 * share * qm_vec_norm(patch.w) * (1.0 + 0x1p-20);
-    if (slack <= SLACK_SHARE * search->tolerance * work->side->scale) {
-        push_flat(work, slack);
+    if (slack <= SLACK_SHARE * work->search->tolerance * work->side->scale) {
+        work->slack = slack;
+        fill_candidates(work);
+        keep_triangle(work, &piece->corner[0], &piece->corner[1], &piece->corner[2]);
+        keep_triangle(work, &piece->corner[0], &piece->corner[2], &piece->corner[3]);
+        process_stack(work);
         return;
     }
     if (slack < local_allowed(work) && triangles_reached(work, slack)) return;
-    fill_candidates(work, 0.0);
-    sample_corners(work, piece->corner, 4, 0.0);
+    sample_corners(work, &corners, STRICT_DEPTH);
     split_rectangle(work, &patch);
 }
 
-void qm_worker_piece(qm_worker *worker, qm_entry entry, qm_piece *piece)
+void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 {
     piece_work work;
     work.worker = worker;
+    work.search = worker->search;
     work.side = &worker->search->side[entry.side];
+    work.kernel = worker->search->kernel;
     work.entry = entry;
-    work.piece = piece;
-    if (piece->corner_count == 3)
-        process_triangle(&work);
-    else
+    work.piece = *piece;
+    work.slack = piece->slack;
+    work.generation = 1;
+    work.height = 0;
+    gather_candidates(&work);
+    if (piece->corner_count == 4) {
         process_rectangle(&work);
+        return;
+    }
+    keep_triangle(&work, &piece->corner[0], &piece->corner[1], &piece->corner[2]);
+    process_stack(&work);
 }

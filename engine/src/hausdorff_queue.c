@@ -29,7 +29,7 @@ static bool grow_pool(qm_context *ctx, qm_queue *queue)
     qm_piece *pool = qm_context_resize(ctx, queue->pool, old, capacity, sizeof *pool);
     if (!pool) return false;
     for (size_t i = capacity; i-- > old;) {
-        pool[i].pack[0] = queue->free_head;
+        pool[i].next_free = queue->free_head;
         queue->free_head = (uint32_t)i;
     }
     queue->pool = pool;
@@ -40,7 +40,7 @@ static bool grow_pool(qm_context *ctx, qm_queue *queue)
 static uint32_t take_place(qm_queue *queue)
 {
     uint32_t place = queue->free_head;
-    queue->free_head = queue->pool[place].pack[0];
+    queue->free_head = queue->pool[place].next_free;
     return place;
 }
 
@@ -82,7 +82,7 @@ qm_entry qm_queue_pop(qm_queue *queue, qm_piece *piece)
     queue->heap[at] = last;
     if (top.kind == QM_ENTRY_PIECE) {
         *piece = queue->pool[top.index];
-        queue->pool[top.index].pack[0] = queue->free_head;
+        queue->pool[top.index].next_free = queue->free_head;
         queue->free_head = top.index;
     }
     return top;

@@ -16,8 +16,8 @@ typedef struct qm_piece {
     double low[2], high[2]; /* rectangle in the parameters of the patch */
     double slack;           /* the triangle lies within this distance of the source's surface; 0 mostly */
     uint32_t face;
-    uint32_t pack[QM_COVER_PACKS]; /* candidates, most useful first */
-    uint8_t pack_count, corner_count, depth;
+    uint8_t corner_count, depth;
+    uint32_t next_free; /* list of free places in the pool */
 } qm_piece;
 
 typedef enum qm_entry_kind { QM_ENTRY_GROUP, QM_ENTRY_PACK, QM_ENTRY_PIECE } qm_entry_kind;
@@ -25,7 +25,7 @@ typedef enum qm_entry_kind { QM_ENTRY_GROUP, QM_ENTRY_PACK, QM_ENTRY_PIECE } qm_
 typedef struct qm_entry {
     double upper;   /* no point of it is farther from the target, world units */
     uint32_t index; /* group or pack of the source tree; place in the pool for a piece */
-    uint32_t hint;  /* pack of the target that is near; unused for a piece */
+    uint32_t hint;  /* pack of the target that is near */
     uint8_t kind, side, level;
 } qm_entry;
 
@@ -34,7 +34,7 @@ typedef struct qm_queue {
     size_t count, capacity;
     qm_piece *pool;
     size_t pool_capacity;
-    uint32_t free_head; /* list of free places through pack[0]; QM_NO_INDEX ends it */
+    uint32_t free_head; /* list of free places; QM_NO_INDEX ends it */
 } qm_queue;
 
 void qm_queue_init(qm_queue *queue);

@@ -63,33 +63,3 @@ void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const ui
         }
     }
 }
-
-double qm_candidates_upper(const qm_candidates *candidates, const qm_lane_rows *const *point, int count)
-{
-    double least = INFINITY;
-    for (int k = 0; k < candidates->count; k++) {
-        for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-            double greatest2 = 0.0;
-            for (int i = 0; i < count; i++)
-                greatest2 = fmax(greatest2, point[i]->d2[k][lane]);
-            least = fmin(least, sqrt(greatest2) + candidates->twist[k][lane]);
-        }
-    }
-    return least;
-}
-
-double qm_candidates_point_upper(const qm_candidates *candidates, const qm_lane_rows *point, int *nearest)
-{
-    double upper = INFINITY;
-    *nearest = 0;
-    for (int k = 0; k < candidates->count; k++) {
-        for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-            double here = sqrt(point->d2[k][lane]) + candidates->twist[k][lane];
-            if (here < upper) {
-                upper = here;
-                *nearest = k;
-            }
-        }
-    }
-    return upper;
-}

@@ -127,25 +127,10 @@ double qm_clock_ms(void);
 /** Looks at one entry taken from the queue. */
 void qm_worker_group(qm_worker *worker, qm_entry entry);
 void qm_worker_pack(qm_worker *worker, qm_entry entry);
-void qm_worker_piece(qm_worker *worker, qm_entry entry, qm_piece *piece);
+void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
 
 /** Sets up the candidates of a list of packs, with what each lane is allowed (local), less slack. */
 void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const uint32_t *packs, int count,
                         double allowed);
-
-/** Squared distances from one point to all lanes of the candidates; rows past their count are not set. */
-typedef struct qm_lane_rows {
-    _Alignas(64) double d2[QM_COVER_PACKS][QM_PACK_LANES];
-} qm_lane_rows;
-
-/**
- * The least over all lanes of the greatest distance of count points: an upper bound for every point of their
- * convex hull. Local.
- */
-double qm_candidates_upper(const qm_candidates *candidates, const qm_lane_rows *const *point, int count);
-
-/** Upper bound of the distance of one point; *nearest is the place among the candidates of the pack that
- * gives it. */
-double qm_candidates_point_upper(const qm_candidates *candidates, const qm_lane_rows *point, int *nearest);
 
 #endif

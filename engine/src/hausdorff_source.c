@@ -2,8 +2,6 @@
  * hausdorff_source.c: the upper stages. A group or pack of the source is let go when the ball round its box
  * is near enough; a pack's faces when one triangle of the target reaches all corners of the face.
  */
-#include <float.h>
-
 #include "hausdorff_search.h"
 
 /** The ball round box member of a group, in the frame of the target. */
@@ -49,40 +47,15 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
     }
 }
 
-/** A pack of the source on its way: vertices in the target's frame and, for each, lanes in reach and
- * distances. */
+/** A pack of the source on its way: vertices in the target's frame and, for each, the lanes of one pack in
+ * reach. */
 typedef struct pack_work {
     const qm_side *side;
     const qm_pack_lanes *lanes;
     qm_vec vertex[3 * QM_PACK_LANES];
     uint64_t in_reach[3 * QM_PACK_LANES];
-    qm_lane_rows rows[3 * QM_PACK_LANES];
     qm_candidates candidates;
-    uint32_t packs[QM_COVER_PACKS];
-    int pack_count;
 } pack_work;
-
-static void load_vertices(pack_work *work, qm_box *box)
-{
-    *box = (qm_box){{DBL_MAX, DBL_MAX, DBL_MAX}, {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
-    for (int i = 0; i < work->lanes->vertex_count; i++) {
-        double p[3];
-        work->vertex[i] = qm_side_vertex(work->side, work->lanes->vertex[i]);
-        qm_vec_store(p, work->vertex[i]);
-        for (int k = 0; k < 3; k++) {
-            box->min[k] = fmin(box->min[k], p[k]);
-            box->max[k] = fmax(box->max[k], p[k]);
-        }
-    }
-}
-
-static void reach_vertices(const qm_search *search, pack_work *work, double allowed, bool with_distances)
-{
-    qm_candidates_fill(&work->candidates, work->side, work->packs, work->pack_count, allowed);
-    for (int i = 0; i < work->lanes->vertex_count; i++)
-        work->in_reach[i] = search->kernel->in_reach(&work->candidates, work->vertex[i],
-                                                     with_distances ? work->rows[i].d2 : NULL);
-}
 
 /** Corners of the face that starts at lane, as places in vertex[]; a patch is held whole, else each lane
  * alone. */
@@ -107,60 +80,25 @@ static bool face_reached(const pack_work *work, const int *corner, int count)
     return labels != 0;
 }
 
-static bool all_faces_reached(const pack_work *work)
+static void push_face(qm_worker *worker, const pack_work *work, const qm_entry *pack, int lane,
+                      const int *corner, int count)
 {
-    for (int lane = 0, count; lane < work->lanes->lane_count; lane += count - 2) {
-        int corner[4];
-        count = face_corners(work, lane, corner);
-        if (!face_reached(work, corner, count)) return false;
-    }
-    return true;
-}
-
-static double single_label_upper(const pack_work *work, const int *corner, int count)
-{
-    const qm_lane_rows *rows[4];
+    qm_piece piece = {
+        .high = {1.0, 1.0},
+        .face = work->lanes->face[lane],
+        .corner_count = (uint8_t)count,
+    };
     for (int i = 0; i < count; i++)
-        rows[i] = &work->rows[corner[i]];
-    return qm_candidates_upper(&work->candidates, rows, count);
-}
-
-/** Vertices that the candidates do not bring near enough are measured: they may raise the lower bound. */
-static void sample_far_vertices(qm_worker *worker, pack_work *work)
-{
-    double below = qm_search_allowed(worker->search) - 0.5 * worker->search->tolerance;
-    for (int i = 0; i < work->lanes->vertex_count; i++) {
-        int nearest;
-        double upper = qm_candidates_point_upper(&work->candidates, &work->rows[i], &nearest);
-        if (upper * work->side->inverse_scale <= below) continue;
-        uint32_t hint = work->packs[nearest], lane = 0;
-        while (work->lanes->corner[lane][0] != i && work->lanes->corner[lane][1] != i &&
-               work->lanes->corner[lane][2] != i)
-            lane++;
-        qm_worker_sample(worker, work->side, work->vertex[i], 0.0, work->lanes->face[lane], &hint);
-    }
-}
-
-static void push_faces(qm_worker *worker, const pack_work *work, qm_entry entry)
-{
-    for (int lane = 0, count; lane < work->lanes->lane_count; lane += count - 2) {
-        int corner[4];
-        count = face_corners(work, lane, corner);
-        if (face_reached(work, corner, count)) continue;
-        double upper = single_label_upper(work, corner, count) * work->side->inverse_scale;
-        qm_piece piece = {
-            .high = {1.0, 1.0},
-            .face = work->lanes->face[lane],
-            .corner_count = (uint8_t)count,
-            .pack_count = (uint8_t)work->pack_count,
-        };
-        for (int i = 0; i < count; i++)
-            piece.corner[i] = work->vertex[corner[i]];
-        for (int k = 0; k < work->pack_count; k++)
-            piece.pack[k] = work->packs[k];
-        qm_entry child = {.upper = fmin(entry.upper, upper), .kind = QM_ENTRY_PIECE, .side = entry.side};
-        qm_worker_push(worker, child, &piece);
-    }
+        piece.corner[i] = work->vertex[corner[i]];
+    int place;
+    double upper = worker->search->kernel->hull_upper(&work->candidates, piece.corner, count, &place);
+    qm_entry entry = {
+        .upper = fmin(pack->upper, upper * work->side->inverse_scale),
+        .hint = pack->hint,
+        .kind = QM_ENTRY_PIECE,
+        .side = pack->side,
+    };
+    qm_worker_push(worker, entry, &piece);
 }
 
 void qm_worker_pack(qm_worker *worker, qm_entry entry)
@@ -169,23 +107,16 @@ void qm_worker_pack(qm_worker *worker, qm_entry entry)
     pack_work work;
     work.side = &search->side[entry.side];
     work.lanes = &work.side->source->lanes[entry.index];
-    qm_box box;
-    load_vertices(&work, &box);
-
     double allowed = qm_search_allowed(search);
-    work.packs[0] = entry.hint;
-    work.pack_count = 1;
-    reach_vertices(search, &work, allowed * work.side->scale, false);
-    if (all_faces_reached(&work)) {
-        qm_worker_discard(worker, allowed);
-        return;
+    qm_candidates_fill(&work.candidates, work.side, &entry.hint, 1, allowed * work.side->scale);
+    for (int i = 0; i < work.lanes->vertex_count; i++) {
+        work.vertex[i] = qm_side_vertex(work.side, work.lanes->vertex[i]);
+        work.in_reach[i] = search->kernel->in_reach(&work.candidates, work.vertex[i]);
     }
-    double near = fmin(allowed, entry.upper) * work.side->scale;
-    int found = search->kernel->gather(work.side->target, &box, near, QM_COVER_PACKS, work.packs);
-    work.pack_count = found > 0 ? found : 1;
-    reach_vertices(search, &work, allowed * work.side->scale, true);
     qm_worker_discard(worker, allowed);
-    if (all_faces_reached(&work)) return;
-    sample_far_vertices(worker, &work);
-    push_faces(worker, &work, entry);
+    for (int lane = 0, count; lane < work.lanes->lane_count; lane += count - 2) {
+        int corner[4];
+        count = face_corners(&work, lane, corner);
+        if (!face_reached(&work, corner, count)) push_face(worker, &work, &entry, lane, corner, count);
+    }
 }

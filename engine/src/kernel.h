@@ -63,12 +63,14 @@ typedef struct qm_kernel {
      */
     int (*gather)(const qm_bvh *bvh, const qm_box *box, double reach, int capacity, uint32_t *packs);
 
+    /** Bits of the lanes within their allowed distance of p, counted through the packs. */
+    uint64_t (*in_reach)(const qm_candidates *candidates, qm_vec p);
+
     /**
-     * For each point: bits of the lanes within their allowed distance, and the least squared distance over
-     * all lanes (best_lane counts lanes through the packs). The rows of distances go to d2 when it is not
-     * NULL.
+     * The least over all lanes of the greatest distance of count points: an upper bound for every point of
+     * their convex hull. *place is the candidate whose lane gives it.
      */
-    uint64_t (*in_reach)(const qm_candidates *candidates, qm_vec p, double (*d2)[QM_PACK_LANES]);
+    double (*hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place);
 
     /**
      * Tries to cover a convex polygon by convex sets {x : d(x, T_k) <= allowed_k}, cutting off as large a
