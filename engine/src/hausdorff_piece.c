@@ -151,21 +151,33 @@ static void feet_rectangle(const qm_patch *patch, const qm_polygon *polygon, dou
     }
 }
 
-/** Writes the two triangles of a part of a patch as labels; that part leaves them by a ds dt share of the
- * twist. */
-static void set_refined_lanes(piece_work *work, int lane, const qm_patch *patch, const double low[2],
-                              const double high[2])
+/** Corners of eight triangles, as kernels take them. */
+typedef struct lane_corners {
+    _Alignas(64) double at[3][3][QM_PACK_LANES];
+} lane_corners;
+
+static void set_lane_corner(lane_corners *corners, int i, int lane, qm_vec p)
 {
-    qm_vec a = qm_patch_at(patch, low[0], low[1]), b = qm_patch_at(patch, high[0], low[1]);
-    qm_vec c = qm_patch_at(patch, high[0], high[1]), d = qm_patch_at(patch, low[0], high[1]);
-    qm_pack_set_lane(&work->refined, lane, a, b, c);
-    qm_pack_set_lane(&work->refined, lane + 1, a, c, d);
+    corners->at[i][0][lane] = p.x;
+    corners->at[i][1][lane] = p.y;
+    corners->at[i][2][lane] = p.z;
+}
+
+/** The two triangles of a part of a patch as labels; that part leaves them by a ds dt share of the twist. */
+static void set_refined_lanes(piece_work *work, lane_corners *corners, int lane, const qm_patch *patch,
+                              const double low[2], const double high[2])
+{
+    const qm_vec c[4] = {qm_patch_at(patch, low[0], low[1]), qm_patch_at(patch, high[0], low[1]),
+                         qm_patch_at(patch, high[0], high[1]), qm_patch_at(patch, low[0], high[1])};
     double share = (high[0] - low[0]) * (high[1] - low[1]);
     double twist = 0.25 * share * qm_vec_norm(patch->w) * (1.0 + 0x1p-20);
     double rest = local_allowed(work) - work->slack - twist;
-    for (int i = lane; i < lane + 2; i++) {
-        work->candidates.twist[work->pack_count][i] = twist;
-        work->candidates.allowed2[work->pack_count][i] = rest >= 0.0 ? rest * rest : -1.0;
+    for (int half = 0; half < 2; half++) {
+        set_lane_corner(corners, 0, lane + half, c[0]);
+        set_lane_corner(corners, 1, lane + half, c[1 + half]);
+        set_lane_corner(corners, 2, lane + half, c[2 + half]);
+        work->candidates.twist[work->pack_count][lane + half] = twist;
+        work->candidates.allowed2[work->pack_count][lane + half] = rest >= 0.0 ? rest * rest : -1.0;
     }
 }
 
@@ -183,14 +195,16 @@ static bool refine_candidates(piece_work *work, qm_polygon *polygon)
         middle = qm_vec_axpy(middle, 1.0 / polygon->count, polygon->corner[i]);
     near_faces near = nearest_patches(work, middle);
     if (near.count == 0) return false;
+    lane_corners corners;
     for (int i = 0; i < REFINED_PATCHES; i++) {
         qm_vec corner[4];
         double low[2], high[2];
         qm_bvh_load_face(work->side->target, near.face[i < near.count ? i : 0], corner);
         qm_patch patch = qm_patch_make(corner);
         feet_rectangle(&patch, polygon, low, high);
-        set_refined_lanes(work, 2 * i, &patch, low, high);
+        set_refined_lanes(work, &corners, 2 * i, &patch, low, high);
     }
+    work->kernel->fill_pack(&work->refined, corners.at);
     work->candidates.pack[work->pack_count] = &work->refined;
     work->candidates.count = work->pack_count + 1;
     for (int i = 0; i < polygon->count; i++)

@@ -1,6 +1,7 @@
 #include "kernel.h"
 
 #define DECLARE(isa)                                                                                         \
+    void qm_fill_pack_##isa(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);                        \
     void qm_pack_distances_##isa(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);                   \
     void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
     void qm_closest_patch_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, double error,                   \
@@ -11,6 +12,7 @@
     bool qm_cover_##isa(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);                  \
     static const qm_kernel kernel_##isa = {                                                                  \
         .name = #isa,                                                                                        \
+        .fill_pack = qm_fill_pack_##isa,                                                                     \
         .pack_distances = qm_pack_distances_##isa,                                                           \
         .closest = qm_closest_##isa,                                                                         \
         .closest_patch = qm_closest_patch_##isa,                                                             \

@@ -44,6 +44,10 @@ typedef struct qm_polygon {
 typedef struct qm_kernel {
     const char *name;
 
+    /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
+     * pack. */
+    void (*fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
+
     /** Squared distances from p to the eight triangles of a pack. */
     void (*pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);
 
