@@ -109,10 +109,10 @@ static qm_status check_head(qm_builder *builder, const uint8_t *bytes, size_t si
 /* Polygons */
 
 /** Half-edge 3 * t + c of triangle t runs opposite to corner c. */
-typedef struct added_edge {
+typedef struct edge_side {
     uint32_t low, high; /* its two vertices */
     uint32_t half_edge;
-} added_edge;
+} edge_side;
 
 typedef struct drc_reader {
     qm_builder *builder;
@@ -139,44 +139,47 @@ static uint32_t end_of(const drc_reader *reader, uint32_t half_edge)
     return reader->arrays.triangles[next_half_edge(next_half_edge(half_edge))];
 }
 
-static int compare_added_edges(const void *left, const void *right)
+static int compare_sides(const void *left, const void *right)
 {
-    const added_edge *a = left, *b = right;
+    const edge_side *a = left, *b = right;
     if (a->low != b->low) return a->low < b->low ? -1 : 1;
     if (a->high != b->high) return a->high < b->high ? -1 : 1;
     return a->half_edge < b->half_edge ? -1 : 1;
 }
 
-static size_t collect_added_edges(const drc_reader *reader, added_edge *edges)
+static void list_sides(const drc_reader *reader, edge_side *sides)
 {
-    size_t count = 0;
     for (uint32_t h = 0; h < 3 * reader->facts.triangle_count; ++h) {
-        if (reader->arrays.added[h] != 1) continue;
         uint32_t start = start_of(reader, h), end = end_of(reader, h);
-        if (edges) edges[count] = (added_edge){start < end ? start : end, start < end ? end : start, h};
-        ++count;
+        sides[h] = (edge_side){start < end ? start : end, start < end ? end : start, h};
     }
-    return count;
 }
 
-/** Pairs the two sides of each added edge; what is not exactly two sides in opposite directions stays apart.
- * Returns the number of sides left alone. */
-static size_t pair_edges(drc_reader *reader, added_edge *edges, size_t count)
+/**
+ * Pairs the two sides of each added edge, of which one or both carry the mark. Where an edge has not exactly
+ * two sides in opposite directions the marks mean nothing; returns how many do.
+ */
+static size_t pair_sides(drc_reader *reader, edge_side *sides)
 {
-    size_t alone = 0;
-    qsort(edges, count, sizeof *edges, compare_added_edges);
+    size_t count = 3 * reader->facts.triangle_count, meaningless = 0;
+    list_sides(reader, sides);
+    qsort(sides, count, sizeof *sides, compare_sides);
     for (size_t i = 0, next; i < count; i = next) {
-        for (next = i + 1; next < count; ++next)
-            if (edges[next].low != edges[i].low || edges[next].high != edges[i].high) break;
-        uint32_t first = edges[i].half_edge, second = edges[next - 1].half_edge;
+        size_t marks = 0;
+        for (next = i; next < count; ++next) {
+            if (sides[next].low != sides[i].low || sides[next].high != sides[i].high) break;
+            marks += reader->arrays.added[sides[next].half_edge] == 1;
+        }
+        if (marks == 0) continue;
+        uint32_t first = sides[i].half_edge, second = sides[next - 1].half_edge;
         if (next - i != 2 || first / 3 == second / 3 || start_of(reader, first) != end_of(reader, second)) {
-            alone += next - i;
+            meaningless += marks;
             continue;
         }
         reader->twins[first] = second;
         reader->twins[second] = first;
     }
-    return alone;
+    return meaningless;
 }
 
 /** Walks round the polygon from an edge that was not added, adding corners; counts the edges met. */
@@ -256,7 +259,7 @@ static qm_status add_polygon(drc_reader *reader, uint32_t triangle, uint32_t *li
     return add_triangles(reader, list, count);
 }
 
-static qm_status add_polygons(drc_reader *reader, uint32_t *list, size_t alone)
+static qm_status add_polygons(drc_reader *reader, uint32_t *list, size_t meaningless)
 {
     size_t broken = 0;
     for (uint32_t t = 0; t < reader->facts.triangle_count; ++t) {
@@ -266,32 +269,31 @@ static qm_status add_polygons(drc_reader *reader, uint32_t *list, size_t alone)
         if (status != QM_OK) return status;
         broken += !whole;
     }
-    if (alone + broken > 0)
+    if (meaningless + broken > 0)
         qm_codec_warn(
             reader->builder->report,
             "marks of edges added to cut polygons that make no sense: %zu (the triangles there were kept)",
-            alone + broken);
+            meaningless + broken);
     return QM_OK;
 }
 
 static qm_status join_triangles(drc_reader *reader)
 {
     qm_context *ctx = reader->builder->ctx;
-    size_t triangle_count = reader->facts.triangle_count, edge_count = collect_added_edges(reader, NULL);
-    added_edge *edges = qm_context_alloc(ctx, edge_count + 1, sizeof *edges);
+    size_t triangle_count = reader->facts.triangle_count, corner_count = 3 * triangle_count;
+    edge_side *sides = qm_context_alloc(ctx, corner_count, sizeof *sides);
     uint32_t *list = qm_context_alloc(ctx, triangle_count, sizeof *list);
-    reader->twins = qm_context_alloc(ctx, 3 * triangle_count, sizeof *reader->twins);
+    reader->twins = qm_context_alloc(ctx, corner_count, sizeof *reader->twins);
     reader->done = qm_context_alloc(ctx, triangle_count, sizeof *reader->done);
     qm_status status = QM_E_NO_MEMORY;
-    if (edges && list && reader->twins && reader->done) {
-        memset(reader->twins, 0xff, 3 * triangle_count * sizeof *reader->twins);
+    if (sides && list && reader->twins && reader->done) {
+        memset(reader->twins, 0xff, corner_count * sizeof *reader->twins);
         memset(reader->done, 0, triangle_count * sizeof *reader->done);
-        collect_added_edges(reader, edges);
-        status = add_polygons(reader, list, pair_edges(reader, edges, edge_count));
+        status = add_polygons(reader, list, pair_sides(reader, sides));
     }
-    qm_context_free(ctx, edges, edge_count + 1, sizeof *edges);
+    qm_context_free(ctx, sides, corner_count, sizeof *sides);
     qm_context_free(ctx, list, triangle_count, sizeof *list);
-    qm_context_free(ctx, reader->twins, 3 * triangle_count, sizeof *reader->twins);
+    qm_context_free(ctx, reader->twins, corner_count, sizeof *reader->twins);
     qm_context_free(ctx, reader->done, triangle_count, sizeof *reader->done);
     return status;
 }
