@@ -242,10 +242,49 @@ static void try_start(const patch *q, vec p, real s, real t, real *best)
     if (length(sub(p, patch_at(q, s, t))) < 2 * *best) *best = least(*best, descend(q, p, st));
 }
 
-/** Quarters the patch, nearest possible part first, until no part can be nearer than eps below the best. */
+/** Halves a rectangle across its longer side in space, so that a side of no length costs nothing. */
+static void halve(const patch *q, rectangle r, rectangle half[2])
+{
+    patch part = patch_part(q, r);
+    const vec *c = part.corner;
+    real along_s = greatest(length(sub(c[1], c[0])), length(sub(c[2], c[3])));
+    real along_t = greatest(length(sub(c[3], c[0])), length(sub(c[2], c[1])));
+    half[0] = half[1] = r;
+    if (along_s > along_t)
+        half[0].s1 = half[1].s0 = (r.s0 + r.s1) / 2;
+    else
+        half[0].t1 = half[1].t0 = (r.t0 + r.t1) / 2;
+}
+
+static bool same(vec a, vec b)
+{
+    return a.x == b.x && a.y == b.y && a.z == b.z;
+}
+
+/**
+ * True for a patch with at most two different corners, a and b: then it is the whole segment between them,
+ * and endless pieces of it would have the same distance.
+ */
+static bool is_segment(const patch *q, vec *a, vec *b)
+{
+    *a = *b = q->corner[0];
+    for (int i = 1; i < 4; ++i) {
+        if (same(q->corner[i], *a) || same(q->corner[i], *b)) continue;
+        if (!same(*a, *b)) return false;
+        *b = q->corner[i];
+    }
+    return true;
+}
+
+/** Halves the patch, nearest possible part first, until no part can be nearer than eps below the best. */
 static real_bracket patch_distance(const patch *q, vec p, real eps)
 {
-    enum { LIMIT = 100000 };
+    enum { LIMIT = 4000 };
+    vec a, b;
+    if (is_segment(q, &a, &b)) {
+        real d = segment_distance(p, a, b, NULL);
+        return (real_bracket){d, d};
+    }
     real best = INFINITY;
     for (int i = 0; i < 5; ++i)
         try_start(q, p, i == 4 ? 0.5L : i & 1, i == 4 ? 0.5L : i >> 1, &best);
@@ -259,16 +298,16 @@ static real_bracket patch_distance(const patch *q, vec p, real eps)
     heap_push(&queue, -greatest(0, label_distance(&whole, p) - whole.slack), 0);
     while (best + queue.entries[0].key > eps && count < LIMIT) {
         heap_entry top = heap_pop(&queue);
-        rectangle r = cells[top.id];
+        rectangle r = cells[top.id], half[2];
         real s = (r.s0 + r.s1) / 2, t = (r.t0 + r.t1) / 2;
         if (length(sub(p, patch_at(q, s, t))) < best) try_start(q, p, s, t, &best);
-        rectangle part[4] = {{r.s0, r.t0, s, t}, {s, r.t0, r.s1, t}, {r.s0, t, s, r.t1}, {s, t, r.s1, r.t1}};
-        for (int i = 0; i < 4; ++i) {
-            patch sub_patch = patch_part(q, part[i]);
-            label l = label_of_patch(&sub_patch);
+        halve(q, r, half);
+        for (int i = 0; i < 2; ++i) {
+            patch part = patch_part(q, half[i]);
+            label l = label_of_patch(&part);
             real lower = greatest(label_distance(&l, p) - l.slack, -top.key);
             cells = grow(cells, count, &capacity, sizeof *cells);
-            cells[count] = part[i];
+            cells[count] = half[i];
             heap_push(&queue, -lower, count++);
         }
     }
