@@ -42,6 +42,7 @@ SUPPORT_SOURCES := $(wildcard tests/support/*.c)
 # The kernels are compiled once for each instruction set; engine/src/kernel.c picks one at run time.
 KERNEL_ISAS := portable avx2 avx512
 ISA_FLAGS_portable :=
+# -Wno-psabi: wide vectors are only passed between inline functions.
 ISA_FLAGS_avx2     := -mavx2 -mbmi2
 ISA_FLAGS_avx512   := -mavx512f -mavx512vl -mavx512dq -mavx512bw -mbmi2 -mprefer-vector-width=512
 
@@ -80,7 +81,7 @@ endef
 
 define KERNEL_RULE
 $(OBJ)/kernel-$(1)/%.o: engine/src/kernel/%.c
-	$$(call COMPILE,-Iengine/include -Iengine/src -DQM_ISA=$(1) $$(ISA_FLAGS_$(1)))
+	$$(call COMPILE,-Iengine/include -Iengine/src -Wno-psabi -DQM_ISA=$(1) $$(ISA_FLAGS_$(1)))
 endef
 $(foreach isa,$(KERNEL_ISAS),$(eval $(call KERNEL_RULE,$(isa))))
 
