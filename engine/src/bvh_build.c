@@ -4,10 +4,9 @@
 #include <float.h>
 #include <string.h>
 
-#include "bvh_tree.h"
 #include "hilbert.h"
+#include "kernel.h"
 #include "radix.h"
-#include "tri_point.h"
 
 static size_t facet_count(const qm_mesh *mesh)
 {
@@ -116,17 +115,6 @@ static void fill_lanes(qm_bvh *bvh, const uint64_t *order, size_t count)
     }
 }
 
-void qm_pack_set_lane(qm_pack *pack, int lane, qm_vec a, qm_vec b, qm_vec c)
-{
-    qm_triangle t = qm_triangle_make(a, b, c);
-    const double value[QM_ROW_COUNT] = {
-        t.origin.x, t.origin.y, t.origin.z, t.x.x,    t.x.y, t.x.z, t.y.x,        t.y.y,        t.y.z,
-        t.z.x,      t.z.y,      t.z.z,      t.length, t.cx,  t.cy,  t.inverse_c2, t.inverse_d2,
-    };
-    for (int row = 0; row < QM_ROW_COUNT; row++)
-        pack->row[row][lane] = value[row];
-}
-
 /** |c0 - c1 + c2 - c3| / 4 of a quad, rounded up: how far the patch leaves its two triangles at most. */
 static double quad_twist(const qm_bvh *bvh, uint32_t face)
 {
@@ -149,7 +137,7 @@ static void fill_twist(qm_bvh *bvh, size_t pack)
 }
 
 /** Fills one pack and widens box (min and max of x, y, z) to its vertices. */
-static void fill_pack(qm_bvh *bvh, size_t index, qm_box *box)
+static void fill_pack(const qm_kernel *kernel, qm_bvh *bvh, size_t index, qm_box *box)
 {
     const qm_pack_lanes *lanes = &bvh->lanes[index];
     qm_vec vertex[3 * QM_PACK_LANES];
@@ -162,10 +150,16 @@ static void fill_pack(qm_bvh *bvh, size_t index, qm_box *box)
             if (p[k] > box->max[k]) box->max[k] = p[k];
         }
     }
+    _Alignas(64) double corner[3][3][QM_PACK_LANES];
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-        const uint8_t *corner = lanes->corner[lane < lanes->lane_count ? lane : 0];
-        qm_pack_set_lane(&bvh->packs[index], lane, vertex[corner[0]], vertex[corner[1]], vertex[corner[2]]);
+        const uint8_t *place = lanes->corner[lane < lanes->lane_count ? lane : 0];
+        for (int i = 0; i < 3; i++) {
+            corner[i][0][lane] = vertex[place[i]].x;
+            corner[i][1][lane] = vertex[place[i]].y;
+            corner[i][2][lane] = vertex[place[i]].z;
+        }
     }
+    kernel->fill_pack(&bvh->packs[index], corner);
     for (int lane = lanes->lane_count; lane < QM_PACK_LANES; lane++)
         bvh->lanes[index].face[lane] = lanes->face[0];
 }
@@ -180,10 +174,11 @@ static void set_group_box(qm_box_group *group, int member, const qm_box *box)
 
 static qm_status fill_packs(qm_context *ctx, qm_bvh *bvh)
 {
+    const qm_kernel *kernel = qm_kernel_get();
     for (size_t i = 0; i < bvh->pack_count; i++) {
         if (i % 4096 == 0 && qm_context_canceled(ctx)) return QM_E_CANCELED;
         qm_box box;
-        fill_pack(bvh, i, &box);
+        fill_pack(kernel, bvh, i, &box);
         if (bvh->twist) fill_twist(bvh, i);
         set_group_box(&bvh->groups[1][i / 8], (int)(i % 8), &box);
         for (int k = 0; k < 3; k++)

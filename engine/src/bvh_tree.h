@@ -122,7 +122,4 @@ static inline int qm_bvh_load_face(const qm_bvh *bvh, uint32_t face, qm_vec corn
     return count;
 }
 
-/** Writes one triangle into a lane of a pack. */
-void qm_pack_set_lane(qm_pack *pack, int lane, qm_vec a, qm_vec b, qm_vec c);
-
 #endif

@@ -24,11 +24,13 @@ typedef struct qm_patch_hit {
     double uv[2];
 } qm_patch_hit;
 
-/** The candidates that a piece is covered with. thr2 holds for each lane what squared distance is allowed. */
+/** The candidates that a piece is covered with: what lanes stand for, and how near a point must be to each.
+ */
 typedef struct qm_candidates {
     int count;
     const qm_pack *pack[QM_COVER_PACKS];
-    _Alignas(64) double allowed2[QM_COVER_PACKS][QM_PACK_LANES];
+    _Alignas(64) double allowed2[QM_COVER_PACKS][QM_PACK_LANES]; /* squared distance; -1 for never */
+    double twist[QM_COVER_PACKS][QM_PACK_LANES]; /* how far the surface may be from the lane's triangle */
 } qm_candidates;
 
 /** A convex polygon of a piece of the source; in_reach has a bit for each lane within the allowed distance.
@@ -41,6 +43,10 @@ typedef struct qm_polygon {
 
 typedef struct qm_kernel {
     const char *name;
+
+    /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
+     * pack. */
+    void (*fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 
     /** Squared distances from p to the eight triangles of a pack. */
     void (*pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);
@@ -61,12 +67,14 @@ typedef struct qm_kernel {
      */
     int (*gather)(const qm_bvh *bvh, const qm_box *box, double reach, int capacity, uint32_t *packs);
 
+    /** Bits of the lanes within their allowed distance of p, counted through the packs. */
+    uint64_t (*in_reach)(const qm_candidates *candidates, qm_vec p);
+
     /**
-     * For each point: bits of the lanes within their allowed distance, and the least squared distance over
-     * all lanes (best_lane counts lanes through the packs). The rows of distances go to d2 when it is not
-     * NULL.
+     * The least over all lanes of the greatest distance of count points: an upper bound for every point of
+     * their convex hull. *place is the candidate whose lane gives it.
      */
-    uint64_t (*in_reach)(const qm_candidates *candidates, qm_vec p, double (*d2)[QM_PACK_LANES]);
+    double (*hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place);
 
     /**
      * Tries to cover a convex polygon by convex sets {x : d(x, T_k) <= allowed_k}, cutting off as large a

@@ -10,21 +10,43 @@
 #define MIN_PROGRESS 0.02 /* share of an edge that a cut must gain, or the label is not tried again */
 #define ROOT_STEPS 5
 
-uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p, double (*d2)[QM_PACK_LANES])
+uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p)
 {
     qm_splat s = qm_splat_make(p);
     uint64_t bits = 0;
     for (int k = 0; k < candidates->count; k++) {
         unsigned here = 0;
         for (int part = 0; part < QM_PARTS; part++) {
-            qm_vd distance2 = qm_pack_part_d2(candidates->pack[k], part, s.x, s.y, s.z);
+            qm_vd d2 = qm_pack_part_d2(candidates->pack[k], part, s.x, s.y, s.z);
             qm_vd allowed2 = qm_vd_load(&candidates->allowed2[k][part * QM_WIDTH]);
-            here |= qm_vl_bits(distance2 <= allowed2) << (part * QM_WIDTH);
-            if (d2) qm_vd_store(&d2[k][part * QM_WIDTH], distance2);
+            here |= qm_vl_bits(d2 <= allowed2) << (part * QM_WIDTH);
         }
         bits |= (uint64_t)here << (8 * k);
     }
     return bits;
+}
+
+double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place)
+{
+    double upper = INFINITY;
+    *place = 0;
+    for (int k = 0; k < candidates->count; k++) {
+        for (int part = 0; part < QM_PARTS; part++) {
+            qm_vd greatest2 = qm_vd_set(0.0);
+            for (int i = 0; i < count; i++) {
+                qm_splat s = qm_splat_make(point[i]);
+                greatest2 = qm_vd_max(qm_pack_part_d2(candidates->pack[k], part, s.x, s.y, s.z), greatest2);
+            }
+            for (int lane = 0; lane < QM_WIDTH; lane++) {
+                double here = sqrt(greatest2[lane]) + candidates->twist[k][part * QM_WIDTH + lane];
+                if (here < upper) {
+                    upper = here;
+                    *place = k;
+                }
+            }
+        }
+    }
+    return upper;
 }
 
 /** One lane as seen from a segment: coordinates in the triangle's frame run linearly from start to start +
@@ -55,6 +77,11 @@ static lane_segment lane_segment_make(const qm_pack *pack, int lane, qm_vec a, q
 #undef ROW
 }
 
+static double least(double a, double b)
+{
+    return a < b ? a : b;
+}
+
 static double lane_segment_d2(const lane_segment *s, double t)
 {
     double x = s->start[0] + t * s->step[0], y = s->start[1] + t * s->step[1],
@@ -66,7 +93,7 @@ static double lane_segment_d2(const lane_segment *s, double t)
     double bx = x - r * s->cx, by = y - r * s->cy;
     double q = qm_clamp((xl * ex + y * s->cy) * s->inverse_d2, 0.0, 1.0);
     double gx = xl - q * ex, gy = y - q * s->cy;
-    double edge2 = fmin(fmin(ax * ax + y * y, bx * bx + by * by), gx * gx + gy * gy);
+    double edge2 = least(ax * ax + y * y, least(bx * bx + by * by, gx * gx + gy * gy));
     return edge2 + z * z;
 }
 
@@ -136,9 +163,9 @@ static void cut_off(const qm_candidates *candidates, qm_polygon *p, corner_run r
         rest.in_reach[rest.count++] = p->in_reach[from];
     }
     rest.corner[rest.count] = before;
-    rest.in_reach[rest.count++] = QM_KERNEL(in_reach)(candidates, before, NULL);
+    rest.in_reach[rest.count++] = QM_KERNEL(in_reach)(candidates, before);
     rest.corner[rest.count] = after;
-    rest.in_reach[rest.count++] = QM_KERNEL(in_reach)(candidates, after, NULL);
+    rest.in_reach[rest.count++] = QM_KERNEL(in_reach)(candidates, after);
     *p = rest;
 }
 

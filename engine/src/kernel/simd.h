@@ -75,6 +75,17 @@ static inline qm_vd qm_vd_max(qm_vd a, qm_vd b)
 #endif
 }
 
+static inline qm_vd qm_vd_sqrt(qm_vd a)
+{
+#if defined(__AVX512F__)
+    return (qm_vd)_mm512_sqrt_pd((__m512d)a);
+#elif defined(__AVX__)
+    return (qm_vd)_mm256_sqrt_pd((__m256d)a);
+#else
+    return (qm_vd){__builtin_sqrt(a[0]), __builtin_sqrt(a[1])};
+#endif
+}
+
 /** One bit a lane, set where the mask is all ones. */
 static inline unsigned qm_vl_bits(qm_vl mask)
 {
