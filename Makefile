@@ -23,7 +23,7 @@ endif
 
 # No contraction of a * b + c: every kernel then gives the same bits on every machine.
 WARNINGS := -Wall -Wextra -Wshadow -Wconversion -Werror
-CFLAGS   := -std=c17 $(WARNINGS) $(CONFIG_FLAGS) -ffp-contract=off -fno-math-errno $(CFLAGS_EXTRA)
+CFLAGS   := -std=c17 -D_POSIX_C_SOURCE=200809L $(WARNINGS) $(CONFIG_FLAGS) -ffp-contract=off -fno-math-errno $(CFLAGS_EXTRA)
 CXXFLAGS := -std=c++17 $(WARNINGS) $(CONFIG_FLAGS) $(CFLAGS_EXTRA)
 LDFLAGS  := $(filter -fsanitize% --coverage,$(CONFIG_FLAGS))
 
@@ -42,6 +42,7 @@ SUPPORT_SOURCES := $(wildcard tests/support/*.c)
 # The kernels are compiled once for each instruction set; engine/src/kernel.c picks one at run time.
 KERNEL_ISAS := portable avx2 avx512
 ISA_FLAGS_portable :=
+# -Wno-psabi: wide vectors are only passed between inline functions.
 ISA_FLAGS_avx2     := -mavx2 -mbmi2
 ISA_FLAGS_avx512   := -mavx512f -mavx512vl -mavx512dq -mavx512bw -mbmi2 -mprefer-vector-width=512
 
@@ -80,21 +81,21 @@ endef
 
 define KERNEL_RULE
 $(OBJ)/kernel-$(1)/%.o: engine/src/kernel/%.c
-	$$(call COMPILE,-Iengine/include -Iengine/src -DQM_ISA=$(1) $$(ISA_FLAGS_$(1)))
+	$$(call COMPILE,-Iengine/include -Iengine/src -Wno-psabi -DQM_ISA=$(1) $$(ISA_FLAGS_$(1)))
 endef
 $(foreach isa,$(KERNEL_ISAS),$(eval $(call KERNEL_RULE,$(isa))))
 
 $(OBJ)/engine/%.o: engine/%.c
 	$(call COMPILE,-Iengine/include -Iengine/src)
 $(OBJ)/server/%.o: server/%.c
-	$(call COMPILE,-Iengine/include -Iserver -D_GNU_SOURCE $(LIBRARY_CFLAGS))
+	$(call COMPILE,-Iengine/include -Iserver -U_POSIX_C_SOURCE -D_GNU_SOURCE $(LIBRARY_CFLAGS))
 $(OBJ)/server/%.o: server/%.cc
 	@mkdir -p $(@D)
 	$(CXX) $(CXXFLAGS) -MMD -MP -Iengine/include -Iserver -c $< -o $@
 $(OBJ)/clients/%.o: clients/%.c
-	$(call COMPILE,-Iengine/include -Iserver -D_GNU_SOURCE $(LIBRARY_CFLAGS))
+	$(call COMPILE,-Iengine/include -Iserver -U_POSIX_C_SOURCE -D_GNU_SOURCE $(LIBRARY_CFLAGS))
 $(OBJ)/tests/%.o: tests/%.c
-	$(call COMPILE,-Iengine/include -Iengine/src -Iserver -Itests/support -D_GNU_SOURCE $(LIBRARY_CFLAGS))
+	$(call COMPILE,-Iengine/include -Iengine/src -Iserver -Itests/support -U_POSIX_C_SOURCE -D_GNU_SOURCE $(LIBRARY_CFLAGS))
 
 # Runs the unit tests of this config; `make test` (tests/run.sh) runs everything.
 unit: $(UNIT_PROGRAMS)

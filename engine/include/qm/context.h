@@ -51,4 +51,8 @@ void *qm_context_resize(qm_context *ctx, void *block, size_t old_count, size_t n
 /** Frees what the two calls above gave; count and width as allocated. NULL is fine. */
 void qm_context_free(qm_context *ctx, void *block, size_t count, size_t width);
 
+/** The same two calls for blocks that start at a multiple of 64 bytes, as wide vectors like it. */
+void *qm_context_alloc_aligned(qm_context *ctx, size_t count, size_t width);
+void qm_context_free_aligned(qm_context *ctx, void *block, size_t count, size_t width);
+
 #endif

@@ -1,0 +1,247 @@
+#include "bilinear_point.h"
+
+#include <stdbool.h>
+
+#include "tri_point.h"
+
+#define MAX_DEPTH 26 /* quarters: |w| 4^-26 / 4 is below any rounding */
+#define MAX_STEPS 60 /* of one descent; more are never needed when f is convex */
+
+/** Parameter rectangle [low, high] in s and t. */
+typedef struct rectangle {
+    double low[2], high[2];
+} rectangle;
+
+/** The query: patch and p - o, and what does not depend on the rectangle. */
+typedef struct query {
+    const qm_patch *patch;
+    qm_vec r;                     /* p - o */
+    double rw, e12, e1w, e2w, ww; /* dot products of r, e1, e2, w */
+    double error;
+} query;
+
+/** f and its derivatives at a point. */
+typedef struct slope {
+    double distance2;
+    double gradient[2];
+    double hessian[3]; /* ss, st, tt */
+} slope;
+
+static slope slope_at(const query *q, const double x[2])
+{
+    const qm_patch *patch = q->patch;
+    qm_vec along_s = qm_vec_axpy(patch->e1, x[1], patch->w);
+    qm_vec along_t = qm_vec_axpy(patch->e2, x[0], patch->w);
+    qm_vec gap = qm_vec_sub(qm_vec_axpy(qm_vec_scale(x[1], patch->e2), x[0], along_s), q->r);
+    return (slope){
+        .distance2 = qm_vec_norm2(gap),
+        .gradient = {qm_vec_dot(gap, along_s), qm_vec_dot(gap, along_t)},
+        .hessian = {qm_vec_norm2(along_s), qm_vec_dot(along_s, along_t) + qm_vec_dot(gap, patch->w),
+                    qm_vec_norm2(along_t)},
+    };
+}
+
+/** Least |e + x w|^2 for x in [low, high]. */
+static double least_side2(qm_vec e, double ew, qm_vec w, double ww, double low, double high)
+{
+    double x = ww > 0.0 ? qm_clamp(-ew / ww, low, high) : low;
+    return qm_vec_norm2(qm_vec_axpy(e, x, w));
+}
+
+/** Smallest eigenvalue that the second derivative can have on the rectangle; <= 0 when it may not be convex.
+ */
+static double least_curvature(const query *q, const rectangle *box)
+{
+    const qm_patch *patch = q->patch;
+    double ss = least_side2(patch->e1, q->e1w, patch->w, q->ww, box->low[1], box->high[1]);
+    double tt = least_side2(patch->e2, q->e2w, patch->w, q->ww, box->low[0], box->high[0]);
+    double greatest = 0.0;
+    for (int corner = 0; corner < 4; corner++) {
+        double s = corner & 1 ? box->high[0] : box->low[0], t = corner & 2 ? box->high[1] : box->low[1];
+        double k = q->e12 + 2.0 * (s * q->e1w + t * q->e2w + s * t * q->ww);
+        greatest = fmax(greatest, fabs(k - q->rw));
+    }
+    double determinant = ss * tt * (1.0 - 1e-9) - greatest * greatest;
+    return determinant > 0.0 ? determinant / (ss + tt) : 0.0;
+}
+
+/** Twice the most that f can fall below its value at x, by the linear and the quadratic lower model. */
+static double twice_gap(const slope *at, const double x[2], const rectangle *box, double curvature)
+{
+    double linear = 0.0, steep2 = 0.0;
+    for (int i = 0; i < 2; i++) {
+        double g = at->gradient[i];
+        double room = g > 0.0 ? x[i] - box->low[i] : box->high[i] - x[i];
+        linear += fabs(g) * room;
+        if (room > 0.0) steep2 += g * g;
+    }
+    return fmin(2.0 * linear, steep2 / curvature);
+}
+
+static double value_at(const query *q, const double x[2])
+{
+    return slope_at(q, x).distance2;
+}
+
+/** Best s for a given t (axis 0) or best t for a given s (axis 1): f is quadratic in each. */
+static void minimise_along(const query *q, double x[2], int axis, const rectangle *box)
+{
+    x[axis] = box->low[axis];
+    slope at = slope_at(q, x);
+    double curvature = at.hessian[axis == 0 ? 0 : 2];
+    double step = curvature > 0.0 ? -at.gradient[axis] / curvature : 0.0;
+    x[axis] = qm_clamp(x[axis] + step, box->low[axis], box->high[axis]);
+}
+
+/** One step of active-set Newton, or of exact alternating minimisation where the second derivative is not
+ * safe. */
+static void descend(const query *q, const slope *at, double x[2], const rectangle *box)
+{
+    const double *h = at->hessian, *g = at->gradient;
+    double determinant = h[0] * h[2] - h[1] * h[1];
+    if (determinant > 1e-3 * h[0] * h[2]) {
+        double s = x[0] - (h[2] * g[0] - h[1] * g[1]) / determinant;
+        double t = x[1] - (h[0] * g[1] - h[1] * g[0]) / determinant;
+        bool inside = s >= box->low[0] && s <= box->high[0] && t >= box->low[1] && t <= box->high[1];
+        double newton[2] = {s, t};
+        if (inside && value_at(q, newton) <= at->distance2) {
+            x[0] = s;
+            x[1] = t;
+            return;
+        }
+        double first[2] = {qm_clamp(s, box->low[0], box->high[0]), x[1]};
+        double second[2] = {x[0], qm_clamp(t, box->low[1], box->high[1])};
+        minimise_along(q, first, 1, box);
+        minimise_along(q, second, 0, box);
+        const double *better = value_at(q, first) < value_at(q, second) ? first : second;
+        if (value_at(q, better) < at->distance2) {
+            x[0] = better[0];
+            x[1] = better[1];
+            return;
+        }
+    }
+    minimise_along(q, x, 0, box);
+    minimise_along(q, x, 1, box);
+}
+
+/** Keeps the best point found so far. */
+static void keep_best(qm_patch_foot *best, double distance, const double x[2])
+{
+    if (distance < best->distance) {
+        best->distance = distance;
+        best->uv[0] = x[0];
+        best->uv[1] = x[1];
+    }
+}
+
+/** Minimises a convex f over the rectangle; returns a certified lower bound of the distance to that part. */
+static double minimise_convex(const query *q, const rectangle *box, double curvature, qm_patch_foot *best)
+{
+    double x[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
+    double lower = 0.0;
+    for (int step = 0; step < MAX_STEPS; step++) {
+        slope at = slope_at(q, x);
+        double distance = sqrt(at.distance2);
+        keep_best(best, distance, x);
+        double below = at.distance2 - twice_gap(&at, x, box, curvature);
+        if (below > 0.0) lower = fmax(lower, sqrt(below));
+        if (distance - lower <= q->error) break;
+        descend(q, &at, x, box);
+    }
+    return lower;
+}
+
+/** Lower bound of the distance to a part: its two triangles, less what the patch can leave them by. */
+static double part_lower(const query *q, const rectangle *box, double twist)
+{
+    const qm_patch *patch = q->patch;
+    qm_vec p = qm_vec_add(patch->origin, q->r);
+    qm_vec a = qm_patch_at(patch, box->low[0], box->low[1]),
+           b = qm_patch_at(patch, box->high[0], box->low[1]);
+    qm_vec c = qm_patch_at(patch, box->high[0], box->high[1]),
+           d = qm_patch_at(patch, box->low[0], box->high[1]);
+    qm_triangle first = qm_triangle_make(a, b, c), second = qm_triangle_make(a, c, d);
+    double d2 = fmin(qm_triangle_distance2(&first, p), qm_triangle_distance2(&second, p));
+    return fmax(0.0, sqrt(d2) - twist);
+}
+
+/** Certified minimum over parts of the square, depth first, nearest parts cut first by their bounds. */
+static double minimise_parts(const query *q, qm_patch_foot *best, double stop_above)
+{
+    struct part {
+        rectangle box;
+        int depth;
+    } stack[3 * MAX_DEPTH + 4];
+    int height = 0;
+    double twist = 0.25 * sqrt(q->ww), lower = INFINITY;
+    stack[height++] = (struct part){{{0.0, 0.0}, {1.0, 1.0}}, 0};
+    while (height > 0) {
+        struct part part = stack[--height];
+        double part_twist = ldexp(twist, -2 * part.depth);
+        double here = part.depth == 0 ? 0.0 : part_lower(q, &part.box, part_twist);
+        if (here >= fmin(best->distance, stop_above) - q->error || part.depth == MAX_DEPTH) {
+            lower = fmin(lower, here);
+            continue;
+        }
+        double curvature = least_curvature(q, &part.box);
+        if (curvature > 0.0) {
+            lower = fmin(lower, minimise_convex(q, &part.box, curvature, best));
+            continue;
+        }
+        double middle[2] = {0.5 * (part.box.low[0] + part.box.high[0]),
+                            0.5 * (part.box.low[1] + part.box.high[1])};
+        keep_best(best, sqrt(value_at(q, middle)), middle);
+        for (int quarter = 0; quarter < 4; quarter++) {
+            rectangle box = part.box;
+            for (int i = 0; i < 2; i++)
+                *(quarter >> i & 1 ? &box.low[i] : &box.high[i]) = middle[i];
+            stack[height++] = (struct part){box, part.depth + 1};
+        }
+    }
+    return lower;
+}
+
+static query query_make(const qm_patch *patch, qm_vec p, double error)
+{
+    query q = {.patch = patch, .r = qm_vec_sub(p, patch->origin), .error = error};
+    q.rw = qm_vec_dot(q.r, patch->w);
+    q.e12 = qm_vec_dot(patch->e1, patch->e2);
+    q.e1w = qm_vec_dot(patch->e1, patch->w);
+    q.e2w = qm_vec_dot(patch->e2, patch->w);
+    q.ww = qm_vec_norm2(patch->w);
+    return q;
+}
+
+qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, double stop_above)
+{
+    query q = query_make(patch, p, error);
+    const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
+    qm_patch_foot best = {.distance = INFINITY};
+    double curvature = least_curvature(&q, &square);
+    double lower;
+    if (curvature > 0.0) {
+        lower = minimise_convex(&q, &square, curvature, &best);
+    } else {
+        best = qm_patch_descend(patch, p);
+        lower = minimise_parts(&q, &best, stop_above);
+    }
+    best.lower = fmin(lower, best.distance);
+    return best;
+}
+
+qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p)
+{
+    query q = query_make(patch, p, 0.0);
+    const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
+    qm_patch_foot best = {.distance = INFINITY};
+    double x[2] = {0.5, 0.5}, last = INFINITY;
+    for (int step = 0; step < MAX_STEPS; step++) {
+        slope at = slope_at(&q, x);
+        double distance = sqrt(at.distance2);
+        keep_best(&best, distance, x);
+        if (distance >= last * (1.0 - 1e-9)) break;
+        last = distance;
+        descend(&q, &at, x, &square);
+    }
+    return best;
+}

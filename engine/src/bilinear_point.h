@@ -1,0 +1,52 @@
+/**
+ * bilinear_point.h: distance from a point to a bilinear patch, certified.
+ *
+ * Q(s, t) = o + s e1 + t e2 + s t w over the unit square. f = |p - Q|^2 / 2 has f_ss = |Q_s|^2, f_tt =
+ * |Q_t|^2 and f_st = K(s, t) - (p - o).w with K = Q_s.Q_t + (Q - o).w bilinear, so that over any rectangle
+ * the range of f_st is found at its corners. Where |f_st|^2 < f_ss f_tt throughout, f is convex on the
+ * rectangle and one minimum is the minimum; elsewhere the rectangle is cut in quarters, each bounded below by
+ * its two triangles less |w| ds dt / 4.
+ */
+#ifndef QM_BILINEAR_POINT_H
+#define QM_BILINEAR_POINT_H
+
+#include "vec.h"
+
+typedef struct qm_patch {
+    qm_vec origin, e1, e2, w;
+} qm_patch;
+
+/** Corners in turn: (0,0), (1,0), (1,1), (0,1). */
+static inline qm_patch qm_patch_make(const qm_vec corner[4])
+{
+    return (qm_patch){
+        .origin = corner[0],
+        .e1 = qm_vec_sub(corner[1], corner[0]),
+        .e2 = qm_vec_sub(corner[3], corner[0]),
+        .w = qm_vec_add(qm_vec_sub(corner[0], corner[1]), qm_vec_sub(corner[2], corner[3])),
+    };
+}
+
+static inline qm_vec qm_patch_at(const qm_patch *patch, double s, double t)
+{
+    qm_vec along_s = qm_vec_axpy(patch->e1, t, patch->w);
+    return qm_vec_axpy(qm_vec_axpy(patch->origin, t, patch->e2), s, along_s);
+}
+
+/** A point of the patch and what it proves: lower <= d(p, patch) <= distance = |p - Q(uv)|. */
+typedef struct qm_patch_foot {
+    double distance, lower;
+    double uv[2];
+} qm_patch_foot;
+
+/**
+ * Nearest point of the patch with distance - lower <= error, unless the patch is proven to lie beyond
+ * stop_above: then lower >= stop_above is all that is promised. error > 0 is at least a few roundings of the
+ * coordinates.
+ */
+qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, double stop_above);
+
+/** A good point of the patch, found by descent from the middle: distance is valid, lower is 0. Cheap. */
+qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p);
+
+#endif

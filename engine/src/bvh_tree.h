@@ -1,0 +1,125 @@
+/**
+ * bvh_tree.h: the inside of a tree, shared by its builder, the kernels and the searches.
+ *
+ * Faces lie in Hilbert order of their centroids; eight lanes (triangles; a quad takes two neighbouring lanes
+ * of one pack) make a pack. Level 0 counts packs; level k holds groups of eight members of level k - 1, up to
+ * one group.
+ *
+ *     level 2        [ 0 ........................ ]          one record of eight boxes a group
+ *     level 1   [ 0 ....... ][ 1 ....... ] ... [ 7 ]         box j of group g is the box of member 8 g + j
+ * below level 0   packs 0..7    8..15 ...
+ */
+#ifndef QM_BVH_TREE_H
+#define QM_BVH_TREE_H
+
+#include "qm/bvh.h"
+#include "vec.h"
+
+#define QM_PACK_LANES 8
+#define QM_TREE_LEVELS 12     /* 8^12 packs are more than fit in memory */
+#define QM_BOX_MARGIN 0x1p-22 /* boxes reach this far beyond what they hold, in local lengths */
+
+/**
+ * Local frame of a tree: local = (world - origin) * scale. scale is a power of two, so that scaling is exact
+ * and squared lengths neither overflow nor vanish; the mesh then lies within [-1, 1] in each coordinate.
+ */
+typedef struct qm_frame {
+    qm_vec origin;
+    double scale, inverse_scale;
+} qm_frame;
+
+static inline qm_vec qm_frame_local(const qm_frame *frame, const double *world)
+{
+    return qm_vec_scale(frame->scale, qm_vec_sub(qm_vec_load(world), frame->origin));
+}
+
+static inline qm_vec qm_frame_world(const qm_frame *frame, qm_vec local)
+{
+    return qm_vec_axpy(frame->origin, frame->inverse_scale, local);
+}
+
+/**
+ * Rows of a pack. A triangle is kept by an orthonormal frame: origin at an end of its longest edge, X along
+ * that edge, Y in the plane towards the third corner, Z = X x Y. In it the corners are (0, 0), (L, 0) and
+ * (CX, CY). Distances computed this way are exact for a triangle within a few roundings of the true one,
+ * whatever its shape; barycentric formulas lose all digits on slivers.
+ */
+enum {
+    QM_ROW_OX,
+    QM_ROW_OY,
+    QM_ROW_OZ,
+    QM_ROW_XX,
+    QM_ROW_XY,
+    QM_ROW_XZ,
+    QM_ROW_YX,
+    QM_ROW_YY,
+    QM_ROW_YZ,
+    QM_ROW_ZX,
+    QM_ROW_ZY,
+    QM_ROW_ZZ,
+    QM_ROW_L,
+    QM_ROW_CX,
+    QM_ROW_CY,
+    QM_ROW_INVERSE_C2, /* 1 / |(CX, CY)|^2, 0 for an edge of no length */
+    QM_ROW_INVERSE_D2, /* 1 / |(CX - L, CY)|^2, likewise */
+    QM_ROW_COUNT
+};
+
+typedef struct qm_pack {
+    _Alignas(64) double row[QM_ROW_COUNT][QM_PACK_LANES];
+} qm_pack;
+
+/** What a pack stands for in the mesh. Lanes past lane_count repeat lane 0 and are never looked at by
+ * sources. */
+typedef struct qm_pack_lanes {
+    uint32_t face[QM_PACK_LANES];
+    uint32_t vertex[3 * QM_PACK_LANES]; /* the different vertices of the pack, vertex_count of them */
+    uint8_t corner[QM_PACK_LANES][3];   /* corners of each lane, as places in vertex[] */
+    uint8_t lane_count, vertex_count;
+    uint8_t
+        second; /* bit j: lane j is the second triangle (c0 c2 c3) of a quad, whose first one is lane j - 1 */
+} qm_pack_lanes;
+
+/** Boxes of up to eight members, in local floats, reaching QM_BOX_MARGIN outward. */
+typedef struct qm_box_group {
+    _Alignas(32) float low[3][QM_PACK_LANES], high[3][QM_PACK_LANES];
+} qm_box_group;
+
+struct qm_bvh {
+    const qm_mesh *mesh;
+    qm_frame frame;
+    double reach;     /* greatest local coordinate of the surface, by magnitude: at most 1 */
+    double max_twist; /* greatest |c0 - c1 + c2 - c3| / 4 of a quad, local */
+    size_t pack_count;
+    qm_pack *packs;
+    qm_pack_lanes *lanes;
+    float (*twist)[QM_PACK_LANES]; /* |w| / 4 of each lane's quad rounded up, local; NULL when the mesh has no
+                                      quad */
+    int level_count;               /* levels of groups: 1 at least; level k is groups[k], k >= 1 */
+    size_t group_count[QM_TREE_LEVELS];   /* [0] is pack_count */
+    qm_box_group *groups[QM_TREE_LEVELS]; /* [0] is NULL */
+};
+
+/** Number of members (1 to 8) of a group. */
+static inline int qm_bvh_member_count(const qm_bvh *bvh, int level, size_t group)
+{
+    size_t rest = bvh->group_count[level - 1] - 8 * group;
+    return rest < 8 ? (int)rest : 8;
+}
+
+/** Corners of a face in the local frame; returns 3 or 4. */
+static inline int qm_bvh_load_face(const qm_bvh *bvh, uint32_t face, qm_vec corner[4])
+{
+    const qm_mesh *mesh = bvh->mesh;
+    if (mesh->face_count == 0) {
+        corner[0] = corner[1] = corner[2] = qm_frame_local(&bvh->frame, mesh->positions + 3 * (size_t)face);
+        return 3;
+    }
+    const uint32_t *index = mesh->faces + 4 * (size_t)face;
+    int count = index[3] == QM_NO_INDEX ? 3 : 4;
+    for (int i = 0; i < count; i++)
+        corner[i] = qm_frame_local(&bvh->frame, mesh->positions + 3 * (size_t)index[i]);
+    return count;
+}
+
+#endif

@@ -1,0 +1,89 @@
+#include "hausdorff_queue.h"
+
+void qm_queue_init(qm_queue *queue)
+{
+    *queue = (qm_queue){.free_head = QM_NO_INDEX};
+}
+
+void qm_queue_reset(qm_context *ctx, qm_queue *queue)
+{
+    qm_context_free(ctx, queue->heap, queue->capacity, sizeof *queue->heap);
+    qm_context_free(ctx, queue->pool, queue->pool_capacity, sizeof *queue->pool);
+    qm_queue_init(queue);
+}
+
+static bool grow_heap(qm_context *ctx, qm_queue *queue)
+{
+    size_t capacity = queue->capacity ? 2 * queue->capacity : 256;
+    qm_entry *heap = qm_context_resize(ctx, queue->heap, queue->capacity, capacity, sizeof *heap);
+    if (!heap) return false;
+    queue->heap = heap;
+    queue->capacity = capacity;
+    return true;
+}
+
+static bool grow_pool(qm_context *ctx, qm_queue *queue)
+{
+    size_t old = queue->pool_capacity, capacity = old ? 2 * old : 64;
+    if (capacity >= QM_NO_INDEX) return false;
+    qm_piece *pool = qm_context_resize(ctx, queue->pool, old, capacity, sizeof *pool);
+    if (!pool) return false;
+    for (size_t i = capacity; i-- > old;) {
+        pool[i].next_free = queue->free_head;
+        queue->free_head = (uint32_t)i;
+    }
+    queue->pool = pool;
+    queue->pool_capacity = capacity;
+    return true;
+}
+
+static uint32_t take_place(qm_queue *queue)
+{
+    uint32_t place = queue->free_head;
+    queue->free_head = queue->pool[place].next_free;
+    return place;
+}
+
+bool qm_queue_push(qm_context *ctx, qm_queue *queue, qm_entry entry, const qm_piece *piece)
+{
+    if (queue->count == queue->capacity && !grow_heap(ctx, queue)) return false;
+    if (piece) {
+        if (queue->free_head == QM_NO_INDEX && !grow_pool(ctx, queue)) return false;
+        entry.index = take_place(queue);
+        queue->pool[entry.index] = *piece;
+    }
+    size_t at = queue->count++;
+    for (size_t parent; at > 0 && queue->heap[parent = (at - 1) / 4].upper < entry.upper; at = parent)
+        queue->heap[at] = queue->heap[parent];
+    queue->heap[at] = entry;
+    return true;
+}
+
+/** Index of the child with the greatest bound, or count when there is none. Four children a place. */
+static size_t greatest_child(const qm_queue *queue, size_t at)
+{
+    size_t first = 4 * at + 1, end = first + 4 < queue->count ? first + 4 : queue->count;
+    if (first >= queue->count) return queue->count;
+    size_t best = first;
+    for (size_t i = first + 1; i < end; i++)
+        if (queue->heap[i].upper > queue->heap[best].upper) best = i;
+    return best;
+}
+
+qm_entry qm_queue_pop(qm_queue *queue, qm_piece *piece)
+{
+    qm_entry top = queue->heap[0];
+    qm_entry last = queue->heap[--queue->count];
+    size_t at = 0;
+    for (size_t child;
+         (child = greatest_child(queue, at)) < queue->count && queue->heap[child].upper > last.upper;
+         at = child)
+        queue->heap[at] = queue->heap[child];
+    queue->heap[at] = last;
+    if (top.kind == QM_ENTRY_PIECE) {
+        *piece = queue->pool[top.index];
+        queue->pool[top.index].next_free = queue->free_head;
+        queue->free_head = top.index;
+    }
+    return top;
+}

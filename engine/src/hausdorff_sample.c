@@ -1,0 +1,65 @@
+#include "hausdorff_search.h"
+
+#define PATCH_ERROR_SHARE 0.02 /* of the tolerance: certified error of a patch distance */
+
+double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p)
+{
+    double d2[QM_PACK_LANES], upper = INFINITY;
+    search->kernel->pack_distances(&side->target->packs[pack], p, d2);
+    for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
+        upper = fmin(upper, sqrt(d2[lane]) + qm_side_twist(side, pack, lane));
+    return upper;
+}
+
+/** Raises the shared lower bound, and keeps the point as this worker's witness when it did. */
+static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, uint32_t face, double distance)
+{
+    qm_search *search = worker->search;
+    double world = distance * side->inverse_scale;
+    double lower = atomic_load_explicit(&search->lower, memory_order_relaxed);
+    while (world > lower && !atomic_compare_exchange_weak(&search->lower, &lower, world))
+        continue;
+    if (world > lower || worker->witness < 0.0) {
+        worker->witness = world;
+        worker->witness_side = (int)(side - search->side);
+        worker->witness_face = face;
+        worker->witness_point = p;
+    }
+}
+
+double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
+                        uint32_t *hint)
+{
+    const qm_search *search = worker->search;
+    qm_hit hit = {.d2 = INFINITY, .pack = *hint};
+    worker->projections++;
+    search->kernel->closest(side->target, p, &hit);
+    *hint = hit.pack;
+    double upper = sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane), lower = upper;
+    double known = atomic_load_explicit(&search->lower, memory_order_relaxed) * side->scale;
+    if (side->target_patches && upper - slack > known) {
+        qm_patch_hit patch;
+        double error = fmax(PATCH_ERROR_SHARE * search->tolerance * side->scale, 0x1p-46 * side->reach);
+        search->kernel->closest_patch(side->target, p, hit.pack, error, &patch);
+        *hint = patch.pack;
+        upper = patch.distance;
+        lower = patch.lower;
+    }
+    if (lower - slack > known || worker->witness < 0.0)
+        raise_lower(worker, side, p, face, fmax(0.0, lower - slack));
+    return upper;
+}
+
+void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const uint32_t *packs, int count,
+                        double allowed)
+{
+    candidates->count = count;
+    for (int k = 0; k < count; k++) {
+        candidates->pack[k] = &side->target->packs[packs[k]];
+        for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++) {
+            double twist = qm_side_twist(side, packs[k], lane), rest = allowed - twist;
+            candidates->twist[k][lane] = twist;
+            candidates->allowed2[k][lane] = rest >= 0.0 ? rest * rest : -1.0;
+        }
+    }
+}

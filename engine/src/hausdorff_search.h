@@ -1,0 +1,136 @@
+/**
+ * hausdorff_search.h: the state that the stages of a search share, and the stages.
+ *
+ * Lengths in the queue and in the bounds are in world units. Each side (direction) computes in the local
+ * frame of its target, whose scale is a power of two, so that going over costs no rounding.
+ *
+ *   groups and packs   hausdorff_source.c   one search a node: ball test; packs: a single label for each face
+ *   pieces             hausdorff_piece.c    cover by several labels, else split
+ *   points             hausdorff_sample.c   nearest points, which raise the lower bound
+ */
+#ifndef QM_HAUSDORFF_SEARCH_H
+#define QM_HAUSDORFF_SEARCH_H
+
+#include <stdatomic.h>
+#include <threads.h>
+
+#include "hausdorff_queue.h"
+#include "qm/hausdorff.h"
+
+/** Values of qm_search.stop beside the reasons of qm_hausdorff_stop. */
+enum { QM_SEARCH_RUNNING = -1, QM_SEARCH_OUT_OF_MEMORY = -2 };
+
+/** One direction: the points of source, measured to target. */
+typedef struct qm_side {
+    const qm_bvh *source, *target;
+    double scale, inverse_scale; /* local = world * scale */
+    double factor;               /* from the source's local frame to the target's: p -> factor p + shift */
+    qm_vec shift;
+    double reach;        /* greatest local coordinate of either surface */
+    bool target_patches; /* read the target's quads as bilinear patches */
+    bool source_patches;
+} qm_side;
+
+/** What all workers of a search share. Written by several threads: lower only; the rest is set before they
+ * start. */
+typedef struct qm_search {
+    qm_side side[2];
+    int side_count;
+    const qm_kernel *kernel;
+    double eta;            /* no computed distance is off by more, world units */
+    double tolerance;      /* of the search itself: the caller's less the roundings */
+    double floor;          /* bounds at or below this are of no interest (threshold), or 0 */
+    _Atomic double lower;  /* greatest certified distance of a point of a source so far */
+    atomic_int stop;       /* set by whoever sees a reason; the workers then leave */
+    atomic_int busy_count; /* workers that hold an entry which is in no queue */
+    atomic_flag reporting; /* held by the worker that reports progress or looks at the limits */
+    _Atomic uint64_t iterations, projections;
+    int worker_count;
+    struct qm_worker *workers;
+    const qm_hausdorff_options *options;
+    double start_ms;
+    double reported_ms, reported_gap, reported_upper; /* guarded by reporting */
+} qm_search;
+
+/** Lock rule: queue and top belong to lock; to take two locks, take the one of the lower index first. */
+typedef struct qm_worker {
+    qm_context *ctx;
+    qm_search *search;
+    int index;
+    mtx_t lock; /* used only when there are several workers */
+    qm_queue queue;
+    double top;               /* greatest upper bound of what this worker holds; -1 for nothing */
+    _Atomic double discarded; /* greatest upper bound of what this worker has let go */
+    double witness;           /* distance of the witness, world units; -1 for none */
+    int witness_side;
+    uint32_t witness_face;
+    qm_vec witness_point; /* local to the target of the side */
+    uint64_t iterations, projections;
+    size_t max_queue;
+    qm_status status;
+} qm_worker;
+
+/** Anything at or below this can be let go, world units. */
+static inline double qm_search_allowed(const qm_search *search)
+{
+    double lower = atomic_load_explicit(&search->lower, memory_order_relaxed);
+    return fmax(lower + search->tolerance, search->floor);
+}
+
+/** Remembers that something with this upper bound is not looked at any more. */
+static inline void qm_worker_discard(qm_worker *worker, double upper)
+{
+    if (upper > atomic_load_explicit(&worker->discarded, memory_order_relaxed))
+        atomic_store_explicit(&worker->discarded, upper, memory_order_relaxed);
+}
+
+/** Puts an entry in the worker's queue; lets it go at once when its bound allows it. */
+void qm_worker_push(qm_worker *worker, qm_entry entry, const qm_piece *piece);
+
+/** A vertex of the source in the local frame of the target. */
+static inline qm_vec qm_side_vertex(const qm_side *side, uint32_t vertex)
+{
+    return qm_frame_local(&side->target->frame, side->source->mesh->positions + 3 * (size_t)vertex);
+}
+
+/** How far the surface of a lane's face can be from the lane's triangle: 0 unless patches are read. Local. */
+static inline double qm_side_twist(const qm_side *side, uint32_t pack, uint32_t lane)
+{
+    return side->target_patches ? (double)side->target->twist[pack][lane] : 0.0;
+}
+
+/**
+ * Upper bound (local) of the distance of p by one search of the nearest triangle from the hint, which moves
+ * on to the pack found. When the point may raise the lower bound, it is measured with certainty; face is what
+ * it lies on, and slack how far from the source's surface it may be.
+ */
+double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
+                        uint32_t *hint);
+
+/** Upper bound (local) of the distance of p by the triangles of one pack alone. */
+double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p);
+
+/** Creates the workers of a search; false when out of memory: nothing is then left behind. */
+bool qm_search_create_workers(qm_context *ctx, qm_search *search, int count);
+void qm_search_destroy_workers(qm_context *ctx, qm_search *search);
+
+/** The loop of one worker: takes entries, its own or another's, until nothing is left or a reason to stop is
+ * seen. */
+void qm_worker_run(qm_worker *worker);
+
+/** The upper bound that holds now, world units, without roundings. */
+double qm_search_upper(const qm_search *search);
+
+/** Milliseconds on a clock that never goes back. */
+double qm_clock_ms(void);
+
+/** Looks at one entry taken from the queue. */
+void qm_worker_group(qm_worker *worker, qm_entry entry);
+void qm_worker_pack(qm_worker *worker, qm_entry entry);
+void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
+
+/** Sets up the candidates of a list of packs, with what each lane is allowed (local), less slack. */
+void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const uint32_t *packs, int count,
+                        double allowed);
+
+#endif

@@ -1,0 +1,122 @@
+/**
+ * hausdorff_source.c: the upper stages. A group or pack of the source is let go when the ball round its box
+ * is near enough; a pack's faces when one triangle of the target reaches all corners of the face.
+ */
+#include "hausdorff_search.h"
+
+/** The ball round box member of a group, in the frame of the target. */
+static double member_ball(const qm_side *side, const qm_box_group *group, int member, qm_vec *centre)
+{
+    double middle[3], half2 = 0.0;
+    for (int k = 0; k < 3; k++) {
+        double low = (double)group->low[k][member], high = (double)group->high[k][member];
+        middle[k] = 0.5 * (low + high);
+        half2 += 0.25 * (high - low) * (high - low);
+    }
+    *centre = qm_vec_axpy(side->shift, side->factor, qm_vec_load(middle));
+    return side->factor * sqrt(half2);
+}
+
+void qm_worker_group(qm_worker *worker, qm_entry entry)
+{
+    const qm_search *search = worker->search;
+    const qm_side *side = &search->side[entry.side];
+    const qm_box_group *group = &side->source->groups[entry.level][entry.index];
+    int members = qm_bvh_member_count(side->source, entry.level, entry.index);
+    uint32_t hint = entry.hint;
+    for (int m = 0; m < members; m++) {
+        qm_vec centre;
+        double radius = member_ball(side, group, m, &centre);
+        double upper = qm_side_pack_upper(search, side, hint, centre) + radius;
+        if (upper * side->inverse_scale > qm_search_allowed(search)) {
+            qm_hit hit = {.d2 = INFINITY, .pack = hint};
+            search->kernel->closest(side->target, centre, &hit);
+            worker->projections++;
+            hint = hit.pack;
+            upper = fmin(upper, sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane) + radius);
+        }
+        qm_entry child = {
+            .upper = fmin(entry.upper, upper * side->inverse_scale),
+            .index = 8 * entry.index + (uint32_t)m,
+            .hint = hint,
+            .kind = entry.level > 1 ? QM_ENTRY_GROUP : QM_ENTRY_PACK,
+            .side = entry.side,
+            .level = (uint8_t)(entry.level - 1),
+        };
+        qm_worker_push(worker, child, NULL);
+    }
+}
+
+/** A pack of the source on its way: vertices in the target's frame and, for each, the lanes of one pack in
+ * reach. */
+typedef struct pack_work {
+    const qm_side *side;
+    const qm_pack_lanes *lanes;
+    qm_vec vertex[3 * QM_PACK_LANES];
+    uint64_t in_reach[3 * QM_PACK_LANES];
+    qm_candidates candidates;
+} pack_work;
+
+/** Corners of the face that starts at lane, as places in vertex[]; a patch is held whole, else each lane
+ * alone. */
+static int face_corners(const pack_work *work, int lane, int corner[4])
+{
+    const qm_pack_lanes *lanes = work->lanes;
+    for (int i = 0; i < 3; i++)
+        corner[i] = lanes->corner[lane][i];
+    bool is_patch =
+        work->side->source_patches && lane + 1 < lanes->lane_count && (lanes->second >> (lane + 1) & 1);
+    if (!is_patch) return 3;
+    corner[3] = lanes->corner[lane + 1][2];
+    return 4;
+}
+
+/** True when one lane of the candidates reaches all corners of a face. */
+static bool face_reached(const pack_work *work, const int *corner, int count)
+{
+    uint64_t labels = work->in_reach[corner[0]];
+    for (int i = 1; i < count; i++)
+        labels &= work->in_reach[corner[i]];
+    return labels != 0;
+}
+
+static void push_face(qm_worker *worker, const pack_work *work, const qm_entry *pack, int lane,
+                      const int *corner, int count)
+{
+    qm_piece piece = {
+        .high = {1.0, 1.0},
+        .face = work->lanes->face[lane],
+        .corner_count = (uint8_t)count,
+    };
+    for (int i = 0; i < count; i++)
+        piece.corner[i] = work->vertex[corner[i]];
+    int place;
+    double upper = worker->search->kernel->hull_upper(&work->candidates, piece.corner, count, &place);
+    qm_entry entry = {
+        .upper = fmin(pack->upper, upper * work->side->inverse_scale),
+        .hint = pack->hint,
+        .kind = QM_ENTRY_PIECE,
+        .side = pack->side,
+    };
+    qm_worker_push(worker, entry, &piece);
+}
+
+void qm_worker_pack(qm_worker *worker, qm_entry entry)
+{
+    const qm_search *search = worker->search;
+    pack_work work;
+    work.side = &search->side[entry.side];
+    work.lanes = &work.side->source->lanes[entry.index];
+    double allowed = qm_search_allowed(search);
+    qm_candidates_fill(&work.candidates, work.side, &entry.hint, 1, allowed * work.side->scale);
+    for (int i = 0; i < work.lanes->vertex_count; i++) {
+        work.vertex[i] = qm_side_vertex(work.side, work.lanes->vertex[i]);
+        work.in_reach[i] = search->kernel->in_reach(&work.candidates, work.vertex[i]);
+    }
+    qm_worker_discard(worker, allowed);
+    for (int lane = 0, count; lane < work.lanes->lane_count; lane += count - 2) {
+        int corner[4];
+        count = face_corners(&work, lane, corner);
+        if (!face_reached(&work, corner, count)) push_face(worker, &work, &entry, lane, corner, count);
+    }
+}

@@ -1,0 +1,220 @@
+/**
+ * hausdorff_worker.c: the workers of a search. Each keeps a queue of its own and shares only the lower bound;
+ * one that runs dry takes half of another's entries. With one worker no lock is touched and a run always
+ * takes the same path.
+ */
+#include <time.h>
+
+#include "hausdorff_search.h"
+
+#define LOOK_INTERVAL 16    /* entries between two looks at the clock and the cancel flag */
+#define REPORT_INTERVAL 100 /* milliseconds between two reports at most */
+#define MIN_STEAL 2         /* entries that make it worth to take half */
+
+double qm_clock_ms(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return 1e3 * (double)now.tv_sec + 1e-6 * (double)now.tv_nsec;
+}
+
+static bool is_shared(const qm_worker *worker)
+{
+    return worker->search->worker_count > 1;
+}
+
+static void lock(qm_worker *worker)
+{
+    if (is_shared(worker)) mtx_lock(&worker->lock);
+}
+
+static void unlock(qm_worker *worker)
+{
+    if (is_shared(worker)) mtx_unlock(&worker->lock);
+}
+
+bool qm_search_create_workers(qm_context *ctx, qm_search *search, int count)
+{
+    search->workers = qm_context_alloc(ctx, (size_t)count, sizeof *search->workers);
+    if (!search->workers) return false;
+    search->worker_count = count;
+    for (int i = 0; i < count; i++) {
+        qm_worker *worker = &search->workers[i];
+        *worker = (qm_worker){.ctx = ctx, .search = search, .index = i, .top = -1.0, .witness = -1.0};
+        mtx_init(&worker->lock, mtx_plain);
+        qm_queue_init(&worker->queue);
+    }
+    return true;
+}
+
+void qm_search_destroy_workers(qm_context *ctx, qm_search *search)
+{
+    for (int i = 0; i < search->worker_count; i++) {
+        qm_queue_reset(ctx, &search->workers[i].queue);
+        mtx_destroy(&search->workers[i].lock);
+    }
+    qm_context_free(ctx, search->workers, (size_t)search->worker_count, sizeof *search->workers);
+}
+
+void qm_worker_push(qm_worker *worker, qm_entry entry, const qm_piece *piece)
+{
+    if (entry.upper <= qm_search_allowed(worker->search)) {
+        qm_worker_discard(worker, entry.upper);
+        return;
+    }
+    lock(worker);
+    if (!qm_queue_push(worker->ctx, &worker->queue, entry, piece)) {
+        qm_worker_discard(worker, entry.upper);
+        atomic_store(&worker->search->stop, QM_SEARCH_OUT_OF_MEMORY);
+    }
+    if (worker->queue.count > worker->max_queue) worker->max_queue = worker->queue.count;
+    unlock(worker);
+}
+
+/** Takes the worker's own topmost entry, and says with top that it is held. */
+static bool take_own(qm_worker *worker, qm_entry *entry, qm_piece *piece)
+{
+    lock(worker);
+    bool taken = worker->queue.count > 0;
+    if (taken) {
+        *entry = qm_queue_pop(&worker->queue, piece);
+        worker->top = entry->upper;
+        atomic_fetch_add(&worker->search->busy_count, 1);
+    } else {
+        worker->top = -1.0;
+    }
+    unlock(worker);
+    return taken;
+}
+
+/** Moves half of the victim's entries over; the caller holds both locks. */
+static void move_half(qm_worker *thief, qm_worker *victim)
+{
+    for (size_t wanted = victim->queue.count / 2; wanted > 0; wanted--) {
+        qm_piece piece;
+        qm_entry entry = qm_queue_pop(&victim->queue, &piece);
+        if (entry.upper > thief->top) thief->top = entry.upper;
+        if (!qm_queue_push(thief->ctx, &thief->queue, entry, entry.kind == QM_ENTRY_PIECE ? &piece : NULL)) {
+            qm_worker_discard(thief, entry.upper);
+            atomic_store(&thief->search->stop, QM_SEARCH_OUT_OF_MEMORY);
+        }
+    }
+}
+
+static bool steal(qm_worker *thief)
+{
+    qm_search *search = thief->search;
+    for (int i = 1; i < search->worker_count; i++) {
+        qm_worker *victim = &search->workers[(thief->index + i) % search->worker_count];
+        qm_worker *first = victim->index < thief->index ? victim : thief;
+        qm_worker *second = first == victim ? thief : victim;
+        lock(first);
+        lock(second);
+        if (victim->queue.count >= MIN_STEAL) move_half(thief, victim);
+        bool stolen = thief->queue.count > 0;
+        unlock(second);
+        unlock(first);
+        if (stolen) return true;
+    }
+    return false;
+}
+
+double qm_search_upper(const qm_search *search)
+{
+    double upper = atomic_load(&search->lower);
+    for (int i = 0; i < search->worker_count; i++)
+        lock(&search->workers[i]);
+    for (int i = 0; i < search->worker_count; i++) {
+        qm_worker *worker = &search->workers[i];
+        upper = fmax(upper, fmax(worker->top, atomic_load(&worker->discarded)));
+        if (worker->queue.count > 0) upper = fmax(upper, worker->queue.heap[0].upper);
+    }
+    for (int i = search->worker_count; i-- > 0;)
+        unlock(&search->workers[i]);
+    return upper;
+}
+
+static void report(qm_search *search, double now, double upper)
+{
+    const qm_hausdorff_options *options = search->options;
+    double lower = fmax(0.0, atomic_load(&search->lower) - search->eta);
+    upper = fmin(search->reported_upper, upper + search->eta);
+    bool is_due = now - search->reported_ms >= REPORT_INTERVAL || upper - lower <= 0.5 * search->reported_gap;
+    if (!options->progress || !is_due) return;
+    size_t waiting = 0;
+    for (int i = 0; i < search->worker_count; i++) {
+        lock(&search->workers[i]);
+        waiting += search->workers[i].queue.count;
+        unlock(&search->workers[i]);
+    }
+    search->reported_ms = now;
+    search->reported_gap = upper - lower;
+    search->reported_upper = upper;
+    qm_hausdorff_progress progress = {
+        .elapsed_ms = now - search->start_ms,
+        .lower = lower,
+        .upper = upper,
+        .iterations = atomic_load(&search->iterations),
+        .projections = atomic_load(&search->projections),
+        .queue_count = waiting,
+    };
+    options->progress(options->progress_user, &progress);
+}
+
+/** Hands this worker's counts over, reports progress and looks for reasons to stop; one worker at a time does
+ * so. */
+static void look_around(qm_worker *worker, uint64_t iterations)
+{
+    qm_search *search = worker->search;
+    const qm_hausdorff_options *options = search->options;
+    atomic_fetch_add(&search->iterations, iterations);
+    atomic_fetch_add(&search->projections, worker->projections);
+    worker->projections = 0;
+    if (atomic_flag_test_and_set(&search->reporting)) return;
+    double now = qm_clock_ms();
+    report(search, now, qm_search_upper(search));
+    int reason = QM_SEARCH_RUNNING;
+    if (qm_context_canceled(worker->ctx)) reason = QM_STOP_CANCELED;
+    if (options->deadline_ms > 0.0 && now - search->start_ms >= options->deadline_ms)
+        reason = QM_STOP_DEADLINE;
+    if (options->work_limit > 0 && atomic_load(&search->iterations) >= options->work_limit)
+        reason = QM_STOP_DEADLINE;
+    if (atomic_load(&search->lower) - search->eta > options->threshold) reason = QM_STOP_THRESHOLD;
+    int running = QM_SEARCH_RUNNING;
+    if (reason != QM_SEARCH_RUNNING) atomic_compare_exchange_strong(&search->stop, &running, reason);
+    atomic_flag_clear(&search->reporting);
+}
+
+static void process(qm_worker *worker, qm_entry entry, qm_piece *piece)
+{
+    if (entry.upper <= qm_search_allowed(worker->search))
+        qm_worker_discard(worker, entry.upper);
+    else if (entry.kind == QM_ENTRY_GROUP)
+        qm_worker_group(worker, entry);
+    else if (entry.kind == QM_ENTRY_PACK)
+        qm_worker_pack(worker, entry);
+    else
+        qm_worker_piece(worker, entry, piece);
+}
+
+void qm_worker_run(qm_worker *worker)
+{
+    qm_search *search = worker->search;
+    qm_entry entry;
+    qm_piece piece;
+    uint64_t iterations = 0;
+    while (atomic_load_explicit(&search->stop, memory_order_relaxed) == QM_SEARCH_RUNNING) {
+        if (take_own(worker, &entry, &piece)) {
+            process(worker, entry, &piece);
+            atomic_fetch_sub(&search->busy_count, 1);
+            if (++iterations == LOOK_INTERVAL) {
+                look_around(worker, iterations);
+                iterations = 0;
+            }
+        } else if (!is_shared(worker) || !steal(worker)) {
+            if (atomic_load(&search->busy_count) == 0) break;
+            thrd_yield();
+        }
+    }
+    look_around(worker, iterations);
+}

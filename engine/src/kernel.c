@@ -1,0 +1,49 @@
+#include "kernel.h"
+
+#define DECLARE(isa)                                                                                         \
+    void qm_fill_pack_##isa(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);                        \
+    void qm_pack_distances_##isa(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);                   \
+    void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
+    void qm_closest_patch_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, double error,                   \
+                                qm_patch_hit *hit);                                                          \
+    int qm_gather_##isa(const qm_bvh *bvh, const qm_box *box, double reach, int capacity, uint32_t *packs);  \
+    uint64_t qm_in_reach_##isa(const qm_candidates *candidates, qm_vec p);                                   \
+    double qm_hull_upper_##isa(const qm_candidates *candidates, const qm_vec *point, int count, int *place); \
+    bool qm_cover_##isa(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);                  \
+    static const qm_kernel kernel_##isa = {                                                                  \
+        .name = #isa,                                                                                        \
+        .fill_pack = qm_fill_pack_##isa,                                                                     \
+        .pack_distances = qm_pack_distances_##isa,                                                           \
+        .closest = qm_closest_##isa,                                                                         \
+        .closest_patch = qm_closest_patch_##isa,                                                             \
+        .gather = qm_gather_##isa,                                                                           \
+        .in_reach = qm_in_reach_##isa,                                                                       \
+        .hull_upper = qm_hull_upper_##isa,                                                                   \
+        .cover = qm_cover_##isa,                                                                             \
+    }
+
+DECLARE(avx512);
+DECLARE(avx2);
+DECLARE(portable);
+
+static const qm_kernel *const with_avx512[] = {&kernel_avx512, &kernel_avx2, &kernel_portable, NULL};
+static const qm_kernel *const with_avx2[] = {&kernel_avx2, &kernel_portable, NULL};
+static const qm_kernel *const with_none[] = {&kernel_portable, NULL};
+
+const qm_kernel *const *qm_kernel_list(void)
+{
+    bool has_avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("bmi2");
+    bool has_avx512 = has_avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512vl") &&
+                      __builtin_cpu_supports("avx512dq") && __builtin_cpu_supports("avx512bw");
+    return has_avx512 ? with_avx512 : has_avx2 ? with_avx2 : with_none;
+}
+
+const qm_kernel *qm_kernel_get(void)
+{
+    return qm_kernel_list()[0];
+}
+
+const char *qm_kernel_name(void)
+{
+    return qm_kernel_get()->name;
+}

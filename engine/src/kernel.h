@@ -1,0 +1,93 @@
+/**
+ * kernel.h: the inner loops, compiled once for each instruction set and picked at run time. All geometry is
+ * in the local frame of one tree. Nothing here allocates.
+ */
+#ifndef QM_KERNEL_H
+#define QM_KERNEL_H
+
+#include "bvh_tree.h"
+
+/** A label of an upper bound: one lane of one of a piece's packs. */
+#define QM_COVER_PACKS 8    /* packs of candidates a piece; 64 lanes make one word of bits */
+#define QM_COVER_CORNERS 12 /* corners of the polygons on the way */
+
+/** Result of a search: the nearest triangle. */
+typedef struct qm_hit {
+    double d2;
+    uint32_t pack, lane;
+} qm_hit;
+
+/** Result of a search over bilinear patches. The distance d and its certified lower bound. */
+typedef struct qm_patch_hit {
+    double distance, lower;
+    uint32_t face, pack;
+    double uv[2];
+} qm_patch_hit;
+
+/** The candidates that a piece is covered with: what lanes stand for, and how near a point must be to each.
+ */
+typedef struct qm_candidates {
+    int count;
+    const qm_pack *pack[QM_COVER_PACKS];
+    _Alignas(64) double allowed2[QM_COVER_PACKS][QM_PACK_LANES]; /* squared distance; -1 for never */
+    double twist[QM_COVER_PACKS][QM_PACK_LANES]; /* how far the surface may be from the lane's triangle */
+} qm_candidates;
+
+/** A convex polygon of a piece of the source; in_reach has a bit for each lane within the allowed distance.
+ */
+typedef struct qm_polygon {
+    int count;
+    qm_vec corner[QM_COVER_CORNERS];
+    uint64_t in_reach[QM_COVER_CORNERS];
+} qm_polygon;
+
+typedef struct qm_kernel {
+    const char *name;
+
+    /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
+     * pack. */
+    void (*fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
+
+    /** Squared distances from p to the eight triangles of a pack. */
+    void (*pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);
+
+    /**
+     * Nearest triangle. hit->pack is a first guess and may be any pack; hit->d2 an upper bound already known
+     * or INFINITY. Of equally near triangles the one of the lowest face wins. hit->lane is QM_PACK_LANES when
+     * nothing is nearer than the bound given.
+     */
+    void (*closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit);
+
+    /** Nearest point of the patches, certified to within error; start is a first guess of a pack. */
+    void (*closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit);
+
+    /**
+     * Packs whose boxes come within reach of a box: the capacity nearest to the middle of it when there are
+     * more. Returns how many; nearest first.
+     */
+    int (*gather)(const qm_bvh *bvh, const qm_box *box, double reach, int capacity, uint32_t *packs);
+
+    /** Bits of the lanes within their allowed distance of p, counted through the packs. */
+    uint64_t (*in_reach)(const qm_candidates *candidates, qm_vec p);
+
+    /**
+     * The least over all lanes of the greatest distance of count points: an upper bound for every point of
+     * their convex hull. *place is the candidate whose lane gives it.
+     */
+    double (*hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place);
+
+    /**
+     * Tries to cover a convex polygon by convex sets {x : d(x, T_k) <= allowed_k}, cutting off as large a
+     * part as one label can take at a time. True when nothing is left; else *polygon is what is left, a
+     * convex part of the input, in_reach filled, and *moved tells whether anything was cut off.
+     */
+    bool (*cover)(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);
+} qm_kernel;
+
+/** The widest kernel that this processor runs. */
+const qm_kernel *qm_kernel_get(void);
+
+/** All kernels that this processor runs, widest first; NULL ends the list. For tests. */
+const qm_kernel *const *qm_kernel_list(void);
+
+#endif

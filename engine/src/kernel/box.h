@@ -1,0 +1,119 @@
+/**
+ * box.h: which of the eight boxes of a group come within a distance of a point or box, in single precision
+ * and never missing one.
+ *
+ * The boxes reach QM_BOX_MARGIN outward already. The query is widened by its own rounding before the
+ * subtraction, so that what is computed is at most the true distance times 1 + 4e-7; comparing with a limit
+ * raised by 1e-6 is safe.
+ */
+#ifndef QM_KERNEL_BOX_H
+#define QM_KERNEL_BOX_H
+
+#include "../kernel.h"
+#include "simd.h"
+
+typedef float qm_vf __attribute__((vector_size(32)));
+typedef int32_t qm_vi __attribute__((vector_size(32)));
+
+/** A box as the query of a group: low is compared with the boxes' high sides and the other way round. */
+typedef struct qm_box_query {
+    float low[3], high[3];
+} qm_box_query;
+
+static inline float qm_float_below(double x)
+{
+    float f = (float)x;
+    return f - (f < 0 ? -f : f) * 0x1p-23f - 0x1p-126f;
+}
+
+static inline float qm_float_above(double x)
+{
+    float f = (float)x;
+    return f + (f < 0 ? -f : f) * 0x1p-23f + 0x1p-126f;
+}
+
+static inline qm_box_query qm_box_query_make(const double low[3], const double high[3])
+{
+    qm_box_query query;
+    for (int k = 0; k < 3; k++) {
+        query.low[k] = qm_float_below(low[k]);
+        query.high[k] = qm_float_above(high[k]);
+    }
+    return query;
+}
+
+static inline qm_box_query qm_box_query_point(qm_vec p)
+{
+    const double point[3] = {p.x, p.y, p.z};
+    return qm_box_query_make(point, point);
+}
+
+/** A limit for comparisons with computed squared distances to boxes: raised, and rounded up to a float. */
+static inline float qm_box_limit(double d2)
+{
+    double raised = d2 * (1.0 + 1e-6);
+    return raised < 3e38 ? qm_float_above(raised) : __builtin_inff();
+}
+
+static inline qm_vf qm_vf_max(qm_vf a, qm_vf b)
+{
+#if defined(__AVX__)
+    return (qm_vf)_mm256_max_ps((__m256)a, (__m256)b);
+#else
+    qm_vi above = a > b;
+    return (qm_vf)(((qm_vi)a & above) | ((qm_vi)b & ~above));
+#endif
+}
+
+/** Squared distances from the query to the eight boxes; writes them and returns bits of those within the
+ * limit. */
+static inline unsigned qm_box_group_within(const qm_box_group *group, const qm_box_query *query, float limit,
+                                           float d2[QM_PACK_LANES])
+{
+    qm_vf sum = {0};
+    for (int k = 0; k < 3; k++) {
+        qm_vf below = *(const qm_vf *)(const void *)group->low[k] - query->high[k];
+        qm_vf above = query->low[k] - *(const qm_vf *)(const void *)group->high[k];
+        qm_vf gap = qm_vf_max(qm_vf_max(below, above), (qm_vf){0});
+        sum += gap * gap;
+    }
+    *(qm_vf *)(void *)d2 = sum;
+    qm_vi within = sum <= limit;
+#if defined(__AVX__)
+    return (unsigned)_mm256_movemask_ps((__m256)within);
+#else
+    unsigned bits = 0;
+    for (int i = 0; i < 8; i++)
+        bits |= (unsigned)(within[i] & 1) << i;
+    return bits;
+#endif
+}
+
+/** One entry of the stack of a descent: a pack (level 0) or a group. */
+typedef struct qm_stop {
+    float d2;
+    uint32_t level, index;
+} qm_stop;
+
+#define QM_STACK_SIZE (8 * QM_TREE_LEVELS)
+
+/** Puts the members of a group that are within the limit on the stack, nearest on top; returns the new
+ * height. */
+static inline int qm_box_group_push(const qm_bvh *bvh, const qm_box_query *query, float limit, qm_stop at,
+                                    qm_stop *stack, int height)
+{
+    _Alignas(32) float d2[QM_PACK_LANES];
+    unsigned within = qm_box_group_within(&bvh->groups[at.level][at.index], query, limit, d2);
+    within &= (1u << qm_bvh_member_count(bvh, (int)at.level, at.index)) - 1;
+    int base = height;
+    for (; within; within &= within - 1) {
+        int member = __builtin_ctz(within);
+        int place = height++;
+        for (; place > base && stack[place - 1].d2 < d2[member]; place--)
+            stack[place] = stack[place - 1];
+        stack[place] = (qm_stop){d2[member], at.level - 1, 8 * at.index + (uint32_t)member};
+    }
+    return height;
+}
+
+#endif

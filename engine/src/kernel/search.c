@@ -1,0 +1,161 @@
+/**
+ * search.c: nearest triangle or patch, and gathering of nearby packs, by descent from the root, nearest box
+ * first.
+ *
+ * Source: Roussopoulos, Kelley, Vincent, Nearest Neighbor Queries, SIGMOD 1995.
+ */
+#include "../bilinear_point.h"
+#include "box.h"
+#include "kernels.h"
+#include "pack.h"
+
+void QM_KERNEL(pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES])
+{
+    _Alignas(64) double row[QM_PACK_LANES];
+    qm_pack_d2(pack, p, row);
+    for (int lane = 0; lane < QM_PACK_LANES; lane++)
+        d2[lane] = row[lane];
+}
+
+/** Looks at a pack; of equal distances the lower face wins, so that the order of visits does not matter. */
+static inline void visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, qm_hit *hit)
+{
+    qm_vd d2[QM_PARTS];
+    qm_vl near = {0};
+    for (int part = 0; part < QM_PARTS; part++) {
+        d2[part] = qm_pack_part_d2(&bvh->packs[pack], part, p.x, p.y, p.z);
+        near |= d2[part] <= qm_vd_set(hit->d2);
+    }
+    if (!qm_vl_bits(near)) return;
+    const uint32_t *face = bvh->lanes[pack].face;
+    for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++) {
+        double here = d2[lane / QM_WIDTH][lane % QM_WIDTH];
+        if (here < hit->d2 || (here == hit->d2 && hit->lane < QM_PACK_LANES &&
+                               face[lane] < bvh->lanes[hit->pack].face[hit->lane])) {
+            hit->d2 = here;
+            hit->pack = pack;
+            hit->lane = lane;
+        }
+    }
+}
+
+void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit)
+{
+    qm_splat splat = qm_splat_make(p);
+    qm_box_query query = qm_box_query_point(p);
+    uint32_t start = hit->pack;
+    hit->lane = QM_PACK_LANES;
+    visit_pack(bvh, start, splat, hit);
+    float limit = qm_box_limit(hit->d2);
+    qm_stop stack[QM_STACK_SIZE];
+    int height = 0;
+    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->level_count, 0};
+    while (height > 0) {
+        qm_stop at = stack[--height];
+        if (!(at.d2 <= limit)) continue;
+        if (at.level > 0) {
+            height = qm_box_group_push(bvh, &query, limit, at, stack, height);
+        } else if (at.index != start) {
+            visit_pack(bvh, at.index, splat, hit);
+            limit = qm_box_limit(hit->d2);
+        }
+    }
+}
+
+/** Offers the surface of one lane to the best patch so far. */
+static void visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lane, qm_vec p, double d2, double error,
+                        qm_patch_hit *hit)
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    uint32_t face = lanes->face[lane];
+    qm_vec corner[4];
+    qm_patch_foot foot = {.distance = sqrt(d2), .lower = sqrt(d2)};
+    bool is_quad = bvh->twist && qm_bvh_load_face(bvh, face, corner) == 4;
+    if (is_quad) {
+        qm_patch patch = qm_patch_make(corner);
+        foot = qm_patch_project(&patch, p, error, hit->distance);
+    }
+    hit->lower = fmin(hit->lower, foot.lower);
+    if (foot.distance < hit->distance || (foot.distance == hit->distance && face < hit->face)) {
+        hit->distance = foot.distance;
+        hit->face = face;
+        hit->pack = pack;
+        hit->uv[0] = is_quad ? foot.uv[0] : -1.0; /* triangles: the caller finds the parameters */
+        hit->uv[1] = foot.uv[1];
+    }
+}
+
+/** A lane is worth a look when its triangle less its twist is nearer than the best; of a quad's two lanes the
+ * nearer. */
+static void visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, double error, qm_patch_hit *hit)
+{
+    _Alignas(64) double d2[QM_PACK_LANES];
+    qm_pack_d2(&bvh->packs[pack], p, d2);
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    for (uint32_t lane = 0; lane < lanes->lane_count; lane++) {
+        bool has_second = lane + 1u < lanes->lane_count && (lanes->second >> (lane + 1) & 1);
+        uint32_t nearer = has_second && d2[lane + 1] < d2[lane] ? lane + 1 : lane;
+        double twist = bvh->twist ? (double)bvh->twist[pack][lane] : 0.0;
+        if (sqrt(d2[nearer]) - twist <= hit->distance)
+            visit_patch(bvh, pack, nearer, p, d2[nearer], error, hit);
+        if (has_second) lane++;
+    }
+}
+
+void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit)
+{
+    qm_box_query query = qm_box_query_point(p);
+    *hit = (qm_patch_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
+    visit_patches(bvh, start, p, error, hit);
+    float limit = qm_box_limit(hit->distance * hit->distance);
+    qm_stop stack[QM_STACK_SIZE];
+    int height = 0;
+    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->level_count, 0};
+    while (height > 0) {
+        qm_stop at = stack[--height];
+        if (!(at.d2 <= limit)) continue;
+        if (at.level > 0) {
+            height = qm_box_group_push(bvh, &query, limit, at, stack, height);
+        } else if (at.index != start) {
+            visit_patches(bvh, at.index, p, error, hit);
+            limit = qm_box_limit(hit->distance * hit->distance);
+        }
+    }
+    hit->lower = fmin(hit->lower, hit->distance);
+}
+
+int QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, int capacity, uint32_t *packs)
+{
+    qm_box_query query = qm_box_query_make(box->min, box->max);
+    qm_vec middle = {0.5 * (box->min[0] + box->max[0]), 0.5 * (box->min[1] + box->max[1]),
+                     0.5 * (box->min[2] + box->max[2])};
+    qm_box_query centre = qm_box_query_point(middle);
+    float near[QM_COVER_PACKS], limit = qm_box_limit(reach * reach);
+    qm_stop stack[QM_STACK_SIZE];
+    int height = 0, count = 0;
+    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->level_count, 0};
+    while (height > 0) {
+        qm_stop at = stack[--height];
+        if (at.level > 1) {
+            height = qm_box_group_push(bvh, &query, limit, at, stack, height);
+            continue;
+        }
+        _Alignas(32) float d2[QM_PACK_LANES], centre_d2[QM_PACK_LANES];
+        const qm_box_group *group = &bvh->groups[1][at.index];
+        unsigned within = qm_box_group_within(group, &query, limit, d2);
+        within &= (1u << qm_bvh_member_count(bvh, 1, at.index)) - 1;
+        if (within) qm_box_group_within(group, &centre, limit, centre_d2);
+        for (; within; within &= within - 1) {
+            int member = __builtin_ctz(within);
+            if (count == capacity && !(centre_d2[member] < near[count - 1])) continue;
+            int place = count < capacity ? count++ : count - 1;
+            for (; place > 0 && near[place - 1] > centre_d2[member]; place--) {
+                near[place] = near[place - 1];
+                packs[place] = packs[place - 1];
+            }
+            near[place] = centre_d2[member];
+            packs[place] = 8 * at.index + (uint32_t)member;
+        }
+    }
+    return count;
+}

@@ -1,0 +1,115 @@
+/**
+ * project.c: batches of nearest points. The points are visited along a Hilbert curve, so that each search
+ * starts from the pack that the last one ended in; answers go back to the caller's order.
+ */
+#include "qm/project.h"
+
+#include "hilbert.h"
+#include "kernel.h"
+#include "radix.h"
+#include "surface.h"
+
+#define PATCH_ERROR 1e-13 /* certified error of patch distances, local lengths */
+#define BLOCK 1024        /* points between two looks at the cancel flag */
+
+typedef struct point_batch {
+    qm_context *ctx;
+    const qm_bvh *bvh;
+    qm_quad_reading reading;
+    const double *points;
+    const uint64_t *order;
+    size_t count;
+    int workers;
+    const qm_projection *out;
+} point_batch;
+
+static void write_foot(const qm_projection *out, size_t i, double distance, const qm_surface_point *foot)
+{
+    if (out->distance) out->distance[i] = distance;
+    if (out->position) qm_vec_store(out->position + 3 * i, qm_vec_load(foot->position));
+    if (out->face) out->face[i] = foot->face;
+    if (out->uv) {
+        out->uv[2 * i] = foot->uv[0];
+        out->uv[2 * i + 1] = foot->uv[1];
+    }
+}
+
+static void project_one(const point_batch *batch, const qm_kernel *kernel, size_t i, uint32_t *hint)
+{
+    const qm_bvh *bvh = batch->bvh;
+    qm_vec p = qm_frame_local(&bvh->frame, batch->points + 3 * i);
+    qm_hit hit = {.d2 = INFINITY, .pack = *hint};
+    kernel->closest(bvh, p, &hit);
+    *hint = hit.pack;
+    double distance = sqrt(hit.d2);
+    qm_surface_point foot;
+    bool needs_face = batch->out->position || batch->out->uv;
+    if (batch->reading == QM_QUADS_BILINEAR && bvh->twist) {
+        qm_patch_hit patch;
+        kernel->closest_patch(bvh, p, hit.pack, PATCH_ERROR, &patch);
+        distance = patch.distance;
+        foot.face = patch.face;
+        if (needs_face) foot = qm_surface_face_foot(bvh, batch->reading, patch.face, p, PATCH_ERROR);
+    } else {
+        foot.face = bvh->lanes[hit.pack].face[hit.lane];
+        if (needs_face) foot = qm_surface_triangle_foot(bvh, hit.pack, hit.lane, p);
+    }
+    write_foot(batch->out, i, distance * bvh->frame.inverse_scale, &foot);
+}
+
+static void project_range(void *data, int worker)
+{
+    const point_batch *batch = data;
+    const qm_kernel *kernel = qm_kernel_get();
+    size_t begin = batch->count * (size_t)worker / (size_t)batch->workers;
+    size_t end = batch->count * ((size_t)worker + 1) / (size_t)batch->workers;
+    uint32_t hint = 0;
+    for (size_t k = begin; k < end; k++) {
+        if ((k - begin) % BLOCK == 0 && qm_context_canceled(batch->ctx)) return;
+        project_one(batch, kernel, batch->order[k] & QM_RADIX_INDEX_MASK, &hint);
+    }
+}
+
+static qm_status fill_order(qm_context *ctx, const qm_bvh *bvh, const double *points, size_t count,
+                            uint64_t *order)
+{
+    qm_hilbert_table table;
+    qm_hilbert_table_init(&table);
+    for (size_t i = 0; i < count; i++) {
+        const double *p = points + 3 * i;
+        if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]))
+            return qm_context_fail(ctx, QM_E_NOT_FINITE, "point %zu has a coordinate that is not finite", i);
+        order[i] = qm_radix_entry(qm_hilbert_point_key(&table, qm_frame_local(&bvh->frame, p)), i);
+    }
+    return qm_radix_sort(ctx, order, count);
+}
+
+static qm_status project_chunk(qm_context *ctx, point_batch *batch, int thread_count)
+{
+    uint64_t *order = qm_context_alloc(ctx, batch->count, sizeof *order);
+    if (!order) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for %zu points", batch->count);
+    qm_status status = fill_order(ctx, batch->bvh, batch->points, batch->count, order);
+    if (status == QM_OK) {
+        batch->order = order;
+        batch->workers = ctx->parallel && thread_count > 1 ? thread_count : 1;
+        if (batch->workers > 1)
+            ctx->parallel(ctx->parallel_user, batch->workers, project_range, batch);
+        else
+            project_range(batch, 0);
+        if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "projection canceled");
+    }
+    qm_context_free(ctx, order, batch->count, sizeof *order);
+    return status;
+}
+
+qm_status qm_project_points(qm_context *ctx, const qm_bvh *bvh, qm_quad_reading reading, const double *points,
+                            size_t point_count, int thread_count, const qm_projection *out)
+{
+    if (point_count == 0) return QM_OK;
+    if (point_count > QM_RADIX_INDEX_MASK)
+        return qm_context_fail(ctx, QM_E_TOO_LARGE, "a batch holds at most %llu points",
+                               (unsigned long long)QM_RADIX_INDEX_MASK);
+    point_batch batch = {
+        .ctx = ctx, .bvh = bvh, .reading = reading, .points = points, .count = point_count, .out = out};
+    return project_chunk(ctx, &batch, thread_count);
+}

@@ -1,0 +1,83 @@
+/**
+ * vec.h: vectors of three doubles, shared by every kernel. All by value, all inline, no branches.
+ */
+#ifndef QM_VEC_H
+#define QM_VEC_H
+
+#include <math.h>
+
+typedef struct qm_vec {
+    double x, y, z;
+} qm_vec;
+
+static inline qm_vec qm_vec_load(const double *p)
+{
+    return (qm_vec){p[0], p[1], p[2]};
+}
+
+static inline void qm_vec_store(double *p, qm_vec a)
+{
+    p[0] = a.x;
+    p[1] = a.y;
+    p[2] = a.z;
+}
+
+static inline qm_vec qm_vec_add(qm_vec a, qm_vec b)
+{
+    return (qm_vec){a.x + b.x, a.y + b.y, a.z + b.z};
+}
+
+static inline qm_vec qm_vec_sub(qm_vec a, qm_vec b)
+{
+    return (qm_vec){a.x - b.x, a.y - b.y, a.z - b.z};
+}
+
+static inline qm_vec qm_vec_scale(double s, qm_vec a)
+{
+    return (qm_vec){s * a.x, s * a.y, s * a.z};
+}
+
+/** a + s b */
+static inline qm_vec qm_vec_axpy(qm_vec a, double s, qm_vec b)
+{
+    return (qm_vec){a.x + s * b.x, a.y + s * b.y, a.z + s * b.z};
+}
+
+/** (1 - t) a + t b, exact at both ends */
+static inline qm_vec qm_vec_mix(qm_vec a, qm_vec b, double t)
+{
+    double s = 1.0 - t;
+    return (qm_vec){s * a.x + t * b.x, s * a.y + t * b.y, s * a.z + t * b.z};
+}
+
+static inline double qm_vec_dot(qm_vec a, qm_vec b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+static inline qm_vec qm_vec_cross(qm_vec a, qm_vec b)
+{
+    return (qm_vec){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+static inline double qm_vec_norm2(qm_vec a)
+{
+    return qm_vec_dot(a, a);
+}
+
+static inline double qm_vec_norm(qm_vec a)
+{
+    return sqrt(qm_vec_norm2(a));
+}
+
+static inline double qm_vec_distance(qm_vec a, qm_vec b)
+{
+    return qm_vec_norm(qm_vec_sub(a, b));
+}
+
+static inline double qm_clamp(double x, double low, double high)
+{
+    return x < low ? low : x > high ? high : x;
+}
+
+#endif
