@@ -1,0 +1,226 @@
+/* The certified distance from a point to a bilinear patch, against the slow twin. */
+#include "check.h"
+
+#include "bilinear_point.h"
+#include "random.h"
+#include "slow_twin.h"
+
+#include <math.h>
+
+#define ERROR 1e-13 /* asked for; the patches measure about 1 */
+#define ROUND 1e-15 /* roundings of the engine's own arithmetic at that size */
+
+/** How the patches of a run are drawn. */
+typedef struct patch_case {
+    const char *name;
+    double twist; /* greatest |w| in edge lengths */
+    double width; /* of the second side, to the first */
+} patch_case;
+
+static const patch_case cases[] = {
+    {"parallelograms", 0, 1}, {"slightly twisted", 0.2, 1}, {"twisted", 1, 1},   {"folded", 2, 1},
+    {"wild", 6, 1},           {"narrow", 0.5, 1e-3},        {"needles", 1, 1e-7}};
+
+enum { CASE_COUNT = sizeof cases / sizeof *cases };
+
+static void draw_patch(qm_random *random, const patch_case *c, double corner[4][3])
+{
+    double side[2][3], move[3], moved = c->twist * qm_random_range(random, 0, 1);
+    qm_random_direction(random, side[0]);
+    qm_random_direction(random, side[1]);
+    qm_random_direction(random, move);
+    qm_random_point(random, -0.3, 0.3, corner[0]);
+    for (int k = 0; k < 3; ++k) {
+        double e1 = 0.5 * side[0][k], e2 = 0.5 * c->width * side[1][k];
+        corner[1][k] = corner[0][k] + e1;
+        corner[2][k] = corner[0][k] + e1 + e2 + 0.5 * c->width * moved * move[k];
+        corner[3][k] = corner[0][k] + e2;
+    }
+}
+
+static qm_patch engine_patch(const double corner[4][3])
+{
+    const qm_vec c[4] = {qm_vec_load(corner[0]), qm_vec_load(corner[1]), qm_vec_load(corner[2]),
+                         qm_vec_load(corner[3])};
+    return qm_patch_make(c);
+}
+
+/** On the patch, close to it, or anywhere: where the patch is thin and where it has several near places. */
+static void draw_query(qm_random *random, const qm_patch *patch, double p[3])
+{
+    double reach = (double[]){0, 1e-9, 0.1, 1, 5}[qm_random_below(random, 5)], off[3];
+    qm_random_direction(random, off);
+    qm_vec at = qm_patch_at(patch, qm_random_range(random, 0, 1), qm_random_range(random, 0, 1));
+    p[0] = at.x + reach * off[0];
+    p[1] = at.y + reach * off[1];
+    p[2] = at.z + reach * off[2];
+}
+
+static double foot_distance(const qm_patch *patch, const double uv[2], const double p[3])
+{
+    qm_vec gap = qm_vec_sub(qm_vec_load(p), qm_patch_at(patch, uv[0], uv[1]));
+    return sqrt(qm_vec_dot(gap, gap));
+}
+
+static void check_foot(const qm_patch *patch, const qm_patch_foot *foot, const double p[3], const char *name,
+                       uint64_t seed)
+{
+    QM_CHECK(foot->uv[0] >= 0 && foot->uv[0] <= 1 && foot->uv[1] >= 0 && foot->uv[1] <= 1,
+             "%s, seed %llu: (%.17g, %.17g)", name, (unsigned long long)seed, foot->uv[0], foot->uv[1]);
+    QM_CHECK(fabs(foot_distance(patch, foot->uv, p) - foot->distance) <= ROUND, "%s, seed %llu: %.17g, %.17g",
+             name, (unsigned long long)seed, foot_distance(patch, foot->uv, p), foot->distance);
+    QM_CHECK(foot->lower >= 0 && foot->lower <= foot->distance, "%s, seed %llu: [%.17g, %.17g]", name,
+             (unsigned long long)seed, foot->lower, foot->distance);
+}
+
+static void certified_distances_match_the_slow_twin(void **state)
+{
+    (void)state;
+    uint64_t count = qm_check_long() ? 100000 : 4200;
+    uint64_t open = 0;
+    for (uint64_t seed = 0; seed < count; ++seed) {
+        const patch_case *c = &cases[seed % CASE_COUNT];
+        qm_random random = qm_random_make(qm_check_seed(), seed);
+        double corner[4][3], p[3];
+        draw_patch(&random, c, corner);
+        qm_patch patch = engine_patch(corner);
+        draw_query(&random, &patch, p);
+        qm_patch_foot foot = qm_patch_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        check_foot(&patch, &foot, p, c->name, seed);
+        QM_CHECK(foot.distance - foot.lower <= ERROR, "%s, seed %llu: gap %g", c->name,
+                 (unsigned long long)seed, foot.distance - foot.lower);
+        qm_slow_bracket slow = qm_slow_patch_distance(p, corner, 1e-12);
+        open += !slow.finished;
+        double slack = ROUND * (1 + slow.upper);
+        QM_CHECK(foot.lower <= slow.upper + slack, "%s, seed %llu: lower %.17g, true at most %.17g", c->name,
+                 (unsigned long long)seed, foot.lower, slow.upper);
+        QM_CHECK(foot.distance >= slow.lower - slack, "%s, seed %llu: %.17g, true at least %.17g", c->name,
+                 (unsigned long long)seed, foot.distance, slow.lower);
+        QM_CHECK(foot.distance <= slow.upper + ERROR + slack, "%s, seed %llu: %.17g, true at most %.17g",
+                 c->name, (unsigned long long)seed, foot.distance, slow.upper);
+    }
+    QM_CHECK(open * 50 <= count, "the slow twin left %llu of %llu open", (unsigned long long)open,
+             (unsigned long long)count);
+}
+
+/** Many more queries than the slow twin can answer: no lattice point of the patch may be nearer. */
+static void no_lattice_point_is_nearer(void **state)
+{
+    (void)state;
+    enum { LATTICE = 12 };
+    for (uint64_t seed = 0; seed < 100000; ++seed) {
+        const patch_case *c = &cases[seed % CASE_COUNT];
+        qm_random random = qm_random_make(qm_check_seed(), seed);
+        double corner[4][3], p[3], least = INFINITY;
+        draw_patch(&random, c, corner);
+        qm_patch patch = engine_patch(corner);
+        draw_query(&random, &patch, p);
+        qm_patch_foot foot = qm_patch_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        check_foot(&patch, &foot, p, c->name, seed);
+        for (int i = 0; i <= LATTICE; ++i)
+            for (int j = 0; j <= LATTICE; ++j) {
+                const double uv[2] = {(double)i / LATTICE, (double)j / LATTICE};
+                least = fmin(least, foot_distance(&patch, uv, p));
+            }
+        QM_CHECK(foot.distance <= least + ERROR + ROUND, "%s, seed %llu: %.17g, but %.17g on the lattice",
+                 c->name, (unsigned long long)seed, foot.distance, least);
+    }
+}
+
+/** With a bound beyond which the answer does not matter, the promise is only about that bound. */
+static void a_bound_to_stop_at_keeps_its_promise(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < 2000; ++seed) {
+        const patch_case *c = &cases[seed % CASE_COUNT];
+        qm_random random = qm_random_make(qm_check_seed(), seed);
+        double corner[4][3], p[3];
+        draw_patch(&random, c, corner);
+        qm_patch patch = engine_patch(corner);
+        draw_query(&random, &patch, p);
+        qm_patch_foot whole = qm_patch_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        double stop = whole.distance * qm_random_range(&random, 0.5, 1.5);
+        qm_patch_foot foot = qm_patch_project(&patch, qm_vec_load(p), ERROR, stop);
+        check_foot(&patch, &foot, p, c->name, seed);
+        QM_CHECK(foot.lower <= whole.distance + ROUND, "%s, seed %llu: lower %.17g above %.17g", c->name,
+                 (unsigned long long)seed, foot.lower, whole.distance);
+        QM_CHECK(foot.distance - foot.lower <= ERROR || foot.lower >= stop,
+                 "%s, seed %llu: [%.17g, %.17g] at stop %.17g", c->name, (unsigned long long)seed, foot.lower,
+                 foot.distance, stop);
+    }
+}
+
+static void descents_are_points_of_the_patch(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < 5000; ++seed) {
+        const patch_case *c = &cases[seed % CASE_COUNT];
+        qm_random random = qm_random_make(qm_check_seed(), seed);
+        double corner[4][3], p[3];
+        draw_patch(&random, c, corner);
+        qm_patch patch = engine_patch(corner);
+        draw_query(&random, &patch, p);
+        qm_patch_foot foot = qm_patch_descend(&patch, qm_vec_load(p));
+        check_foot(&patch, &foot, p, c->name, seed);
+        assert_true(foot.lower == 0);
+    }
+}
+
+/** Points on the axis of symmetry of a saddle have two nearest points, or a whole neighbourhood at the
+ * centre of curvature: the worst case for any search. */
+static void saddles_are_certified_at_their_centres_of_curvature(void **state)
+{
+    (void)state;
+    const double corner[4][3] = {{-1, -1, 1}, {1, -1, -1}, {1, 1, 1}, {-1, 1, -1}};
+    qm_patch patch = engine_patch(corner);
+    for (int i = -40; i <= 40; ++i) {
+        const double p[3] = {0, 0, i / 20.0};
+        qm_patch_foot foot = qm_patch_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        /* On x = y: z = x^2, so |p - Q|^2 = 2 x^2 + (x^2 - h)^2, least at x^2 = |h| - 1 where that is > 0. */
+        double h = fabs(p[2]), square = fmin(1, fmax(0, h - 1));
+        double expected = sqrt(2 * square + (square - h) * (square - h));
+        QM_CHECK(fabs(foot.distance - expected) <= 1e-12, "height %g: %.17g, not %.17g", p[2], foot.distance,
+                 expected);
+        QM_CHECK(foot.distance - foot.lower <= ERROR, "height %g: gap %g", p[2], foot.distance - foot.lower);
+    }
+}
+
+/** Patches of no area: a point, a segment in several parametrizations, three equal corners. */
+static void degenerate_patches_are_segments_and_points(void **state)
+{
+    (void)state;
+    static const int orders[][4] = {{0, 0, 0, 0}, {0, 1, 1, 0}, {0, 0, 1, 1}, {0, 1, 0, 1},
+                                    {0, 0, 0, 1}, {0, 1, 1, 1}, {0, 0, 1, 0}};
+    for (size_t k = 0; k < sizeof orders / sizeof *orders; ++k)
+        for (uint64_t seed = 0; seed < 50; ++seed) {
+            qm_random random = qm_random_make(qm_check_seed(), seed);
+            double end[2][3], corner[4][3], p[3];
+            qm_random_point(&random, -0.5, 0.5, end[0]);
+            qm_random_point(&random, -0.5, 0.5, end[1]);
+            qm_random_point(&random, -1, 1, p);
+            for (int i = 0; i < 4; ++i)
+                for (int axis = 0; axis < 3; ++axis)
+                    corner[i][axis] = end[orders[k][i]][axis];
+            qm_patch patch = engine_patch(corner);
+            qm_patch_foot foot = qm_patch_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+            check_foot(&patch, &foot, p, "degenerate", seed);
+            double expected = qm_slow_triangle_distance(p, end[0], k == 0 ? end[0] : end[1], end[0]);
+            QM_CHECK(fabs(foot.distance - expected) <= 2 * ERROR, "order %zu, seed %llu: %.17g, not %.17g", k,
+                     (unsigned long long)seed, foot.distance, expected);
+            QM_CHECK(foot.distance - foot.lower <= ERROR, "order %zu, seed %llu: gap %g", k,
+                     (unsigned long long)seed, foot.distance - foot.lower);
+        }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(certified_distances_match_the_slow_twin),
+        cmocka_unit_test(no_lattice_point_is_nearer),
+        cmocka_unit_test(a_bound_to_stop_at_keeps_its_promise),
+        cmocka_unit_test(descents_are_points_of_the_patch),
+        cmocka_unit_test(saddles_are_certified_at_their_centres_of_curvature),
+        cmocka_unit_test(degenerate_patches_are_segments_and_points),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
