@@ -229,12 +229,28 @@ qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, do
     return best;
 }
 
+/** The best of nine points spread over the square: a start that is not lost on folded patches. */
+static void best_start(const query *q, double x[2])
+{
+    double least = INFINITY;
+    for (int i = 0; i < 9; i++) {
+        const double at[2] = {0.5 * (i % 3), 0.5 * (i / 3)};
+        double d2 = value_at(q, at);
+        if (d2 < least) {
+            least = d2;
+            x[0] = at[0];
+            x[1] = at[1];
+        }
+    }
+}
+
 qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p)
 {
     query q = query_make(patch, p, 0.0);
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
     qm_patch_foot best = {.distance = INFINITY};
-    double x[2] = {0.5, 0.5}, last = INFINITY;
+    double x[2], last = INFINITY;
+    best_start(&q, x);
     for (int step = 0; step < MAX_STEPS; step++) {
         slope at = slope_at(&q, x);
         double distance = sqrt(at.distance2);

@@ -46,7 +46,8 @@ typedef struct qm_patch_foot {
  */
 qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, double stop_above);
 
-/** A good point of the patch, found by descent from the middle: distance is valid, lower is 0. Cheap. */
+/** A good point of the patch, found by descent from the best of nine: distance is valid, lower is 0. Cheap.
+ */
 qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p);
 
 #endif

@@ -1,0 +1,162 @@
+/**
+ * hausdorff_candidates.c: the facets of the target that a piece may be covered with.
+ */
+#include <float.h>
+
+#include "hausdorff_piece.h"
+
+#define REFINED_MARGIN 0.1 /* by which refined labels reach beyond the feet of the part's corners */
+
+void qm_piece_fill_candidates(qm_piece_work *work)
+{
+    qm_candidates_fill(&work->candidates, work->side, work->packs, work->pack_count,
+                       qm_piece_allowed(work) - work->slack);
+    work->generation++;
+}
+
+void qm_piece_gather(qm_piece_work *work)
+{
+    qm_box box = {{DBL_MAX, DBL_MAX, DBL_MAX}, {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
+    for (int i = 0; i < work->piece.corner_count; i++) {
+        const double p[3] = {work->piece.corner[i].x, work->piece.corner[i].y, work->piece.corner[i].z};
+        for (int k = 0; k < 3; k++) {
+            if (p[k] < box.min[k]) box.min[k] = p[k];
+            if (p[k] > box.max[k]) box.max[k] = p[k];
+        }
+    }
+    work->pack_capacity = work->side->target_patches ? QM_COVER_PACKS - 1 : QM_COVER_PACKS;
+    work->pack_count = work->kernel->gather(work->side->target, &box, qm_piece_allowed(work),
+                                            work->pack_capacity, work->packs);
+    if (work->pack_count == 0) work->packs[work->pack_count++] = work->entry.hint;
+    qm_piece_fill_candidates(work);
+}
+
+/** Puts a pack among the candidates, in place of the last when they are full. False when it is there already.
+ */
+bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack)
+{
+    for (int k = 0; k < work->pack_count; k++)
+        if (work->packs[k] == pack) return false;
+    if (work->pack_count < work->pack_capacity) work->pack_count++;
+    for (int k = work->pack_count - 1; k > 0; k--)
+        work->packs[k] = work->packs[k - 1];
+    work->packs[0] = pack;
+    return true;
+}
+
+static void add_near_face(qm_near_faces *near, uint32_t face, double d2)
+{
+    int place = 0;
+    while (place < near->count && near->face[place] != face)
+        place++;
+    bool is_known = place < near->count;
+    if (is_known && near->d2[place] <= d2) return;
+    if (!is_known && near->count == QM_NEAR_FACES && near->d2[near->count - 1] <= d2) return;
+    if (!is_known) place = near->count < QM_NEAR_FACES ? near->count++ : near->count - 1;
+    for (; place > 0 && near->d2[place - 1] > d2; place--) {
+        near->d2[place] = near->d2[place - 1];
+        near->face[place] = near->face[place - 1];
+    }
+    near->d2[place] = d2;
+    near->face[place] = face;
+}
+
+static bool is_quad_lane(const qm_pack_lanes *lanes, int lane)
+{
+    return lanes->second >> lane & 1 || (lane + 1 < lanes->lane_count && (lanes->second >> (lane + 1) & 1));
+}
+
+qm_near_faces qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only)
+{
+    qm_near_faces near = {0};
+    for (int k = 0; k < work->pack_count; k++) {
+        const qm_pack_lanes *lanes = &work->side->target->lanes[work->packs[k]];
+        double d2[QM_PACK_LANES];
+        work->kernel->pack_distances(work->candidates.pack[k], p, d2);
+        for (int lane = 0; lane < lanes->lane_count; lane++)
+            if (is_quad_lane(lanes, lane) && (!twisted_only || work->candidates.twist[k][lane] > 0.0))
+                add_near_face(&near, lanes->face[lane], d2[lane]);
+    }
+    return near;
+}
+
+/** The parameters of a patch that lie under the corners of a polygon, with a margin. */
+static void feet_rectangle(const qm_patch *patch, const qm_polygon *polygon, double low[2], double high[2])
+{
+    low[0] = low[1] = 1.0;
+    high[0] = high[1] = 0.0;
+    for (int i = 0; i < polygon->count; i++) {
+        qm_patch_foot foot = qm_patch_descend(patch, polygon->corner[i]);
+        for (int k = 0; k < 2; k++) {
+            low[k] = fmin(low[k], foot.uv[k]);
+            high[k] = fmax(high[k], foot.uv[k]);
+        }
+    }
+    for (int k = 0; k < 2; k++) {
+        double margin = REFINED_MARGIN * (high[k] - low[k]);
+        low[k] = fmax(0.0, low[k] - margin);
+        high[k] = fmin(1.0, high[k] + margin);
+    }
+}
+
+/** Corners of eight triangles, as kernels take them. */
+typedef struct lane_corners {
+    _Alignas(64) double at[3][3][QM_PACK_LANES];
+} lane_corners;
+
+static void set_lane_corner(lane_corners *corners, int i, int lane, qm_vec p)
+{
+    corners->at[i][0][lane] = p.x;
+    corners->at[i][1][lane] = p.y;
+    corners->at[i][2][lane] = p.z;
+}
+
+/** The two triangles of a part of a patch as labels; that part leaves them by a ds dt share of the twist. */
+static void set_refined_lanes(qm_piece_work *work, lane_corners *corners, int lane, const qm_patch *patch,
+                              const double low[2], const double high[2])
+{
+    const qm_vec c[4] = {qm_patch_at(patch, low[0], low[1]), qm_patch_at(patch, high[0], low[1]),
+                         qm_patch_at(patch, high[0], high[1]), qm_patch_at(patch, low[0], high[1])};
+    double share = (high[0] - low[0]) * (high[1] - low[1]);
+    double twist = 0.25 * share * qm_vec_norm(patch->w) * (1.0 + 0x1p-20);
+    double rest = qm_piece_allowed(work) - work->slack - twist;
+    for (int half = 0; half < 2; half++) {
+        set_lane_corner(corners, 0, lane + half, c[0]);
+        set_lane_corner(corners, 1, lane + half, c[1 + half]);
+        set_lane_corner(corners, 2, lane + half, c[2 + half]);
+        work->candidates.twist[work->pack_count][lane + half] = twist;
+        work->candidates.allowed2[work->pack_count][lane + half] = rest >= 0.0 ? rest * rest : -1.0;
+    }
+}
+
+bool qm_piece_refine(qm_piece_work *work, qm_polygon *polygon)
+{
+    if (!work->side->target_patches) return false;
+    qm_vec middle = {0, 0, 0};
+    for (int i = 0; i < polygon->count; i++)
+        middle = qm_vec_axpy(middle, 1.0 / polygon->count, polygon->corner[i]);
+    qm_near_faces near = qm_piece_near_quads(work, middle, true);
+    if (near.count == 0) return false;
+    lane_corners corners;
+    for (int i = 0; i < QM_NEAR_FACES; i++) {
+        qm_vec corner[4];
+        double low[2], high[2];
+        qm_bvh_load_face(work->side->target, near.face[i < near.count ? i : 0], corner);
+        qm_patch patch = qm_patch_make(corner);
+        feet_rectangle(&patch, polygon, low, high);
+        set_refined_lanes(work, &corners, 2 * i, &patch, low, high);
+    }
+    work->kernel->fill_pack(&work->refined, corners.at);
+    work->candidates.pack[work->pack_count] = &work->refined;
+    work->candidates.count = work->pack_count + 1;
+    for (int i = 0; i < polygon->count; i++)
+        polygon->in_reach[i] = work->kernel->in_reach(&work->candidates, polygon->corner[i]);
+    return true;
+}
+
+void qm_piece_drop_refined(qm_piece_work *work, qm_polygon *polygon)
+{
+    work->candidates.count = work->pack_count;
+    for (int i = 0; i < polygon->count; i++)
+        polygon->in_reach[i] &= (UINT64_C(1) << (QM_PACK_LANES * work->pack_count)) - 1;
+}

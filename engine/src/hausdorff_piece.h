@@ -1,0 +1,108 @@
+/**
+ * hausdorff_piece.h: one piece on its way through the lower stage, shared by the files that work on it.
+ *
+ *   hausdorff_candidates.c   which facets of the target it may be covered with
+ *   hausdorff_triangle.c     triangles: cover, split, try again
+ *   hausdorff_rectangle.c    parameter rectangles of the source's bilinear patches
+ */
+#ifndef QM_HAUSDORFF_PIECE_H
+#define QM_HAUSDORFF_PIECE_H
+
+#include "bilinear_point.h"
+#include "hausdorff_search.h"
+
+#define QM_PART_STACK 128 /* parts of a piece that wait */
+#define QM_NEAR_FACES 4   /* patches of the target looked at for one part */
+#define QM_STRICT_DEPTH 8 /* from here on a corner must be reached with half the tolerance to spare */
+
+/** A triangle of the piece, with what is known of its corners; in_reach holds for one generation of
+ * candidates. */
+typedef struct qm_part {
+    qm_vec corner[3];
+    uint64_t in_reach[3];
+    unsigned generation;
+    uint8_t depth;
+} qm_part;
+
+typedef struct qm_piece_work {
+    qm_worker *worker;
+    const qm_search *search;
+    const qm_side *side;
+    const qm_kernel *kernel;
+    qm_entry entry;
+    qm_piece piece;
+    double slack; /* the parts lie within this distance of the source's surface */
+    uint32_t packs[QM_COVER_PACKS];
+    int pack_count, pack_capacity;
+    qm_candidates candidates;
+    unsigned generation; /* counts changes of the candidates */
+    qm_pack refined;     /* labels cut out of patches of the target, in the last place of the candidates */
+    qm_part stack[QM_PART_STACK];
+    int height;
+} qm_piece_work;
+
+/** Faces of the target, each once, nearest first. */
+typedef struct qm_near_faces {
+    int count;
+    uint32_t face[QM_NEAR_FACES];
+    double d2[QM_NEAR_FACES];
+} qm_near_faces;
+
+/** What a distance may be for a point to be let go, in the frame of the target. */
+static inline double qm_piece_allowed(const qm_piece_work *work)
+{
+    return qm_search_allowed(work->search) * work->side->scale;
+}
+
+/* hausdorff_candidates.c */
+
+/** The packs of the target that come near enough to the piece to matter; the entry's hint when there is none.
+ */
+void qm_piece_gather(qm_piece_work *work);
+
+/** Sets the candidates up from the list of packs, for the slack and the lower bound as they are now. */
+void qm_piece_fill_candidates(qm_piece_work *work);
+
+/** Puts a pack among the candidates, in place of the last when they are full. False when it is there already.
+ */
+bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack);
+
+/** Quads among the candidates that lie nearest to a point; with twisted_only not those that are flat. */
+qm_near_faces qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only);
+
+/**
+ * Labels of the target's patches lose their twist of the allowed distance. Where that is too much, parts of
+ * the nearest patches just under the polygon lose only their share, which falls with the square of its size.
+ * The refined labels stand behind the candidates until qm_piece_drop_refined. False when there is no twist to
+ * win back.
+ */
+bool qm_piece_refine(qm_piece_work *work, qm_polygon *polygon);
+void qm_piece_drop_refined(qm_piece_work *work, qm_polygon *polygon);
+
+/* hausdorff_triangle.c */
+
+/** Fills in_reach of all corners. */
+void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon);
+
+/** Covers a polygon by the candidates, then, when that is not enough, by refined ones too. */
+bool qm_piece_cover(qm_piece_work *work, qm_polygon *polygon, bool *moved);
+
+/** Measures the corners that need it. True when that found new candidates: in_reach is then made anew. */
+bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth);
+
+/** Queues a triangle or rectangle with the bound that its best single label gives. */
+void qm_piece_push(qm_piece_work *work, const qm_piece *piece);
+
+/** Puts a triangle of the piece on the stack of parts. */
+void qm_piece_keep_triangle(qm_piece_work *work, qm_vec a, qm_vec b, qm_vec c);
+
+/** Works through the stack of parts; what the budget of one visit leaves over goes to the queue. */
+void qm_piece_process_stack(qm_piece_work *work);
+
+/* hausdorff_rectangle.c */
+
+/** Covers a rectangle, or goes on with its two triangles when it is flat enough, or cuts it in two for the
+ * queue. */
+void qm_piece_process_rectangle(qm_piece_work *work);
+
+#endif

@@ -1,0 +1,182 @@
+/**
+ * hausdorff_rectangle.c: parameter rectangles of the source's bilinear patches. The part of the patch lies in
+ * the hull of its four corners, and within |w| ds dt / 4 of the two triangles between them.
+ */
+#include "hausdorff_piece.h"
+
+#define SLACK_SHARE 0.125 /* of the tolerance: a patch this flat goes on as triangles */
+#define CROSSING_STEPS 40
+#define CROSSING_MARGIN 1e-3 /* share of the rectangle that a cut must leave on both sides */
+
+static qm_patch source_patch(const qm_piece_work *work)
+{
+    const uint32_t *vertex = work->side->source->mesh->faces + 4 * (size_t)work->piece.face;
+    qm_vec corner[4];
+    for (int i = 0; i < 4; i++)
+        corner[i] = qm_side_vertex(work->side, vertex[i]);
+    return qm_patch_make(corner);
+}
+
+/** One label for the hull of the four corners, which holds that part of the patch. */
+static bool hull_reached(const qm_piece_work *work, qm_polygon *corners)
+{
+    uint64_t labels = ~UINT64_C(0);
+    corners->count = 4;
+    for (int i = 0; i < 4; i++) {
+        corners->corner[i] = work->piece.corner[i];
+        corners->in_reach[i] = work->kernel->in_reach(&work->candidates, work->piece.corner[i]);
+        labels &= corners->in_reach[i];
+    }
+    return labels != 0;
+}
+
+/** Covers the two triangles of a rectangle, with the slack by which the patch leaves them. */
+static bool triangles_reached(qm_piece_work *work, double slack)
+{
+    work->slack = slack;
+    qm_piece_fill_candidates(work);
+    bool covered = true, moved = false;
+    for (int half = 0; half < 2 && covered; half++) {
+        const qm_vec *c = work->piece.corner;
+        qm_polygon polygon = {.count = 3, .corner = {c[0], c[1 + half], c[2 + half]}};
+        qm_piece_reach_corners(work, &polygon);
+        covered = qm_piece_cover(work, &polygon, &moved);
+    }
+    work->slack = 0.0;
+    qm_piece_fill_candidates(work);
+    return covered;
+}
+
+static qm_patch target_patch(const qm_piece_work *work, uint32_t face)
+{
+    qm_vec corner[4];
+    qm_bvh_load_face(work->side->target, face, corner);
+    return qm_patch_make(corner);
+}
+
+static double greater(double a, double b)
+{
+    return a > b ? a : b;
+}
+
+/**
+ * Bound by matching the rectangle, corner by corner, with the points of one patch that lie under its corners.
+ * Between them the parameters s and t of the match are bilinear, so that the difference of the two surfaces
+ * is bilinear but for the term (s t - interpolated s t) w, which is at most |w| / 4 (|s_u t_u| + |s_v t_v|):
+ * nothing when the match runs along the parameters, as it does where two patches lie in one surface.
+ */
+static double match_upper(const qm_piece_work *work, uint32_t face)
+{
+    qm_patch patch = target_patch(work, face);
+    qm_patch_foot foot[4];
+    double farthest = 0.0;
+    for (int i = 0; i < 4; i++) {
+        foot[i] = qm_patch_descend(&patch, work->piece.corner[i]);
+        farthest = greater(farthest, foot[i].distance);
+    }
+    double along_u[2], along_v[2];
+    for (int k = 0; k < 2; k++) {
+        along_u[k] = greater(fabs(foot[1].uv[k] - foot[0].uv[k]), fabs(foot[2].uv[k] - foot[3].uv[k]));
+        along_v[k] = greater(fabs(foot[3].uv[k] - foot[0].uv[k]), fabs(foot[2].uv[k] - foot[1].uv[k]));
+    }
+    double skew = along_u[0] * along_u[1] + along_v[0] * along_v[1];
+    return farthest + 0.25 * skew * qm_vec_norm(patch.w);
+}
+
+static qm_vec rectangle_middle(const qm_piece *piece)
+{
+    qm_vec sum = qm_vec_add(qm_vec_add(piece->corner[0], piece->corner[1]),
+                            qm_vec_add(piece->corner[2], piece->corner[3]));
+    return qm_vec_scale(0.25, sum);
+}
+
+static bool match_reached(const qm_piece_work *work)
+{
+    if (!work->side->target_patches) return false;
+    qm_near_faces near = qm_piece_near_quads(work, rectangle_middle(&work->piece), false);
+    for (int i = 0; i < near.count; i++)
+        if (match_upper(work, near.face[i]) <= qm_piece_allowed(work)) return true;
+    return false;
+}
+
+/** How far along [from, to] the target's patch under the point at from reaches; from when it does not reach
+ * even that. */
+static double patch_reach(const qm_piece_work *work, const qm_patch *source, int axis, double from, double to)
+{
+    double at[2] = {0.5 * (work->piece.low[0] + work->piece.high[0]),
+                    0.5 * (work->piece.low[1] + work->piece.high[1])};
+    at[axis] = from;
+    qm_near_faces near = qm_piece_near_quads(work, qm_patch_at(source, at[0], at[1]), false);
+    if (near.count == 0) return from;
+    qm_patch target = target_patch(work, near.face[0]);
+    /* Half of what is allowed: the speed along this line may be up to twice as great at the rectangle's
+     * sides. */
+    double allowed = 0.5 * qm_piece_allowed(work), inside = from, outside = to;
+    for (int step = 0; step < CROSSING_STEPS; step++) {
+        at[axis] = step == 0 ? to : 0.5 * (inside + outside);
+        bool is_reached = qm_patch_descend(&target, qm_patch_at(source, at[0], at[1])).distance <= allowed;
+        if (is_reached && step == 0) return to;
+        *(is_reached ? &inside : &outside) = at[axis];
+    }
+    return inside;
+}
+
+/**
+ * Where to cut: the middle, but on every second level the place where the rectangle leaves the patch of the
+ * target under one of its ends. Where two surfaces lie in one another only such cuts come to an end.
+ */
+static double cutting_place(const qm_piece_work *work, const qm_patch *patch, int axis)
+{
+    double low = work->piece.low[axis], high = work->piece.high[axis],
+           margin = CROSSING_MARGIN * (high - low);
+    if (work->side->target_patches && work->piece.depth % 2 == 1) {
+        for (int end = 0; end < 2; end++) {
+            double place = patch_reach(work, patch, axis, end ? high : low, end ? low : high);
+            if (place > low + margin && place < high - margin) return place;
+        }
+    }
+    return 0.5 * (low + high);
+}
+
+/** Cuts a rectangle across its longer side. */
+static void split_rectangle(qm_piece_work *work, const qm_patch *patch)
+{
+    const qm_vec *c = work->piece.corner;
+    double along_s = qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]);
+    double along_t = qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2]);
+    int axis = along_s >= along_t ? 0 : 1;
+    double place = cutting_place(work, patch, axis);
+    for (int half = 0; half < 2; half++) {
+        qm_piece child = work->piece;
+        child.depth = (uint8_t)(child.depth < UINT8_MAX ? child.depth + 1 : UINT8_MAX);
+        *(half == 0 ? &child.high[axis] : &child.low[axis]) = place;
+        child.corner[0] = qm_patch_at(patch, child.low[0], child.low[1]);
+        child.corner[1] = qm_patch_at(patch, child.high[0], child.low[1]);
+        child.corner[2] = qm_patch_at(patch, child.high[0], child.high[1]);
+        child.corner[3] = qm_patch_at(patch, child.low[0], child.high[1]);
+        qm_piece_push(work, &child);
+    }
+}
+
+void qm_piece_process_rectangle(qm_piece_work *work)
+{
+    qm_polygon corners;
+    qm_worker_discard(work->worker, qm_search_allowed(work->search));
+    if (hull_reached(work, &corners)) return;
+    qm_patch patch = source_patch(work);
+    const qm_piece *piece = &work->piece;
+    double share = (piece->high[0] - piece->low[0]) * (piece->high[1] - piece->low[1]);
+    double slack = 0.25 * share * qm_vec_norm(patch.w) * (1.0 + 0x1p-20);
+    if (slack <= SLACK_SHARE * work->search->tolerance * work->side->scale) {
+        work->slack = slack;
+        qm_piece_fill_candidates(work);
+        qm_piece_keep_triangle(work, piece->corner[0], piece->corner[1], piece->corner[2]);
+        qm_piece_keep_triangle(work, piece->corner[0], piece->corner[2], piece->corner[3]);
+        qm_piece_process_stack(work);
+        return;
+    }
+    if (slack < qm_piece_allowed(work) && triangles_reached(work, slack)) return;
+    if (match_reached(work)) return;
+    qm_piece_sample_corners(work, &corners, QM_STRICT_DEPTH);
+    split_rectangle(work, &patch);
+}

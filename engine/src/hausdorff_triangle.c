@@ -1,0 +1,188 @@
+/**
+ * hausdorff_triangle.c: the lower stage. A part of a face is covered by convex sets round facets of the
+ * target; what is left of it is split and tried again at once, and goes back to the queue when the budget of
+ * one visit is used up.
+ *
+ * Termination: a corner that no candidate reaches is measured, which raises the lower bound to it and makes
+ * its nearest facet a candidate; from QM_STRICT_DEPTH on so is every corner that is not reached with half the
+ * tolerance to spare. A part of a diameter below that half is then covered by the nearest facet of any of its
+ * corners. Cuts never make a diameter larger, and from MIDPOINT_DEPTH on every second level halves it.
+ */
+#include "hausdorff_piece.h"
+
+#define MIDPOINT_DEPTH 40
+#define MAX_ATTEMPTS 4  /* covers of one part, each with candidates that the last one's corners brought */
+#define VISIT_BUDGET 64 /* parts looked at before the rest goes back to the queue */
+
+void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon)
+{
+    for (int i = 0; i < polygon->count; i++)
+        polygon->in_reach[i] = work->kernel->in_reach(&work->candidates, polygon->corner[i]);
+}
+
+bool qm_piece_cover(qm_piece_work *work, qm_polygon *polygon, bool *moved)
+{
+    bool cut;
+    bool covered = work->kernel->cover(&work->candidates, polygon, &cut);
+    *moved |= cut;
+    if (covered || !qm_piece_refine(work, polygon)) return covered;
+    covered = work->kernel->cover(&work->candidates, polygon, &cut);
+    *moved |= cut;
+    qm_piece_drop_refined(work, polygon);
+    return covered;
+}
+
+/** True when a corner has to be measured: no candidate reaches it, or, deep down, none with enough to spare.
+ */
+static bool needs_sample(const qm_piece_work *work, const qm_polygon *polygon, int i, int depth)
+{
+    if (depth < QM_STRICT_DEPTH) return polygon->in_reach[i] == 0;
+    int place;
+    double upper = work->kernel->hull_upper(&work->candidates, &polygon->corner[i], 1, &place) + work->slack;
+    return upper > qm_piece_allowed(work) - 0.5 * work->search->tolerance * work->side->scale;
+}
+
+bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth)
+{
+    bool found = false;
+    for (int i = 0; i < polygon->count; i++) {
+        if (!needs_sample(work, polygon, i, depth)) continue;
+        uint32_t hint = work->packs[0];
+        qm_worker_sample(work->worker, work->side, polygon->corner[i], work->slack, work->piece.face, &hint);
+        if (!qm_piece_add_candidate(work, hint)) continue;
+        qm_piece_fill_candidates(work);
+        found = true;
+    }
+    if (found) qm_piece_reach_corners(work, polygon);
+    return found;
+}
+
+void qm_piece_push(qm_piece_work *work, const qm_piece *piece)
+{
+    int place;
+    double upper = work->kernel->hull_upper(&work->candidates, piece->corner, piece->corner_count, &place);
+    qm_entry entry = work->entry;
+    entry.upper = fmin(entry.upper, (upper + piece->slack) * work->side->inverse_scale);
+    entry.hint = work->packs[place < work->pack_count ? place : 0];
+    qm_worker_push(work->worker, entry, piece);
+}
+
+static void push_part(qm_piece_work *work, const qm_part *from)
+{
+    qm_piece piece = work->piece;
+    piece.corner_count = 3;
+    piece.slack = work->slack;
+    piece.depth = from->depth;
+    for (int i = 0; i < 3; i++)
+        piece.corner[i] = from->corner[i];
+    qm_piece_push(work, &piece);
+}
+
+static void keep_part(qm_piece_work *work, const qm_polygon *polygon, int a, int b, int c, uint8_t depth)
+{
+    qm_part kept = {
+        .corner = {polygon->corner[a], polygon->corner[b], polygon->corner[c]},
+        .in_reach = {polygon->in_reach[a], polygon->in_reach[b], polygon->in_reach[c]},
+        .generation = work->generation,
+        .depth = depth,
+    };
+    if (work->height < QM_PART_STACK)
+        work->stack[work->height++] = kept;
+    else
+        push_part(work, &kept);
+}
+
+/** Keeps a triangle of a polygon in four parts, cut at the midpoints: each has half the diameter. */
+static void keep_quarters(qm_piece_work *work, const qm_polygon *polygon, int a, int b, int c, uint8_t depth)
+{
+    const int index[3] = {a, b, c};
+    qm_polygon six;
+    six.count = 6;
+    for (int i = 0; i < 3; i++) {
+        six.corner[i] = polygon->corner[index[i]];
+        six.in_reach[i] = polygon->in_reach[index[i]];
+        six.corner[3 + i] = qm_vec_mix(polygon->corner[index[i]], polygon->corner[index[(i + 1) % 3]], 0.5);
+        six.in_reach[3 + i] = work->kernel->in_reach(&work->candidates, six.corner[3 + i]);
+    }
+    keep_part(work, &six, 0, 3, 5, depth);
+    keep_part(work, &six, 3, 1, 4, depth);
+    keep_part(work, &six, 5, 4, 2, depth);
+    keep_part(work, &six, 4, 5, 3, depth);
+}
+
+static void split_rest(qm_piece_work *work, const qm_polygon *rest, bool moved, uint8_t depth)
+{
+    bool halve = !moved || (depth >= MIDPOINT_DEPTH && depth % 2 == 0);
+    uint8_t deeper = (uint8_t)(depth < UINT8_MAX ? depth + 1 : MIDPOINT_DEPTH);
+    for (int i = 1; i + 1 < rest->count; i++) {
+        if (halve)
+            keep_quarters(work, rest, 0, i, i + 1, deeper);
+        else
+            keep_part(work, rest, 0, i, i + 1, deeper);
+    }
+}
+
+static qm_polygon part_polygon(const qm_piece_work *work, const qm_part *from)
+{
+    qm_polygon polygon;
+    polygon.count = 3;
+    for (int i = 0; i < 3; i++) {
+        polygon.corner[i] = from->corner[i];
+        polygon.in_reach[i] = from->in_reach[i];
+    }
+    if (from->generation != work->generation) qm_piece_reach_corners(work, &polygon);
+    return polygon;
+}
+
+static void process_part(qm_piece_work *work, const qm_part *from)
+{
+    qm_polygon rest = part_polygon(work, from);
+    bool moved = false;
+    for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
+        if (qm_piece_cover(work, &rest, &moved)) return;
+        if (!qm_piece_sample_corners(work, &rest, from->depth)) break;
+    }
+    split_rest(work, &rest, moved, from->depth);
+}
+
+void qm_piece_process_stack(qm_piece_work *work)
+{
+    for (int budget = VISIT_BUDGET; work->height > 0; budget--) {
+        qm_part next = work->stack[--work->height];
+        if (budget > 0)
+            process_part(work, &next);
+        else
+            push_part(work, &next);
+    }
+    qm_worker_discard(work->worker, qm_search_allowed(work->search));
+}
+
+void qm_piece_keep_triangle(qm_piece_work *work, qm_vec a, qm_vec b, qm_vec c)
+{
+    work->stack[work->height++] = (qm_part){
+        .corner = {a, b, c},
+        .generation = work->generation - 1,
+        .depth = work->piece.depth,
+    };
+}
+
+void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
+{
+    qm_piece_work work;
+    work.worker = worker;
+    work.search = worker->search;
+    work.side = &worker->search->side[entry.side];
+    work.kernel = worker->search->kernel;
+    work.entry = entry;
+    work.piece = *piece;
+    work.slack = piece->slack;
+    work.generation = 1;
+    work.height = 0;
+    qm_piece_gather(&work);
+    if (piece->corner_count == 4) {
+        qm_piece_process_rectangle(&work);
+        return;
+    }
+    qm_piece_keep_triangle(&work, piece->corner[0], piece->corner[1], piece->corner[2]);
+    qm_piece_process_stack(&work);
+}

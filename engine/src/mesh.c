@@ -1,0 +1,95 @@
+#include "qm/mesh.h"
+
+#include <math.h>
+
+void qm_mesh_reset(qm_context *ctx, qm_mesh *mesh)
+{
+    qm_context_free(ctx, mesh->positions, mesh->vertex_count, 3 * sizeof *mesh->positions);
+    qm_context_free(ctx, mesh->faces, mesh->face_count, 4 * sizeof *mesh->faces);
+    qm_context_free(ctx, mesh->face_origin, mesh->face_count, sizeof *mesh->face_origin);
+    *mesh = (qm_mesh){0};
+}
+
+static qm_box box_empty(void)
+{
+    return (qm_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+}
+
+static void box_add(qm_box *box, const double *point)
+{
+    for (int axis = 0; axis < 3; ++axis) {
+        if (point[axis] < box->min[axis]) box->min[axis] = point[axis];
+        if (point[axis] > box->max[axis]) box->max[axis] = point[axis];
+    }
+}
+
+static qm_box box_of_vertices(const qm_mesh *mesh)
+{
+    qm_box box = box_empty();
+    for (size_t i = 0; i < mesh->vertex_count; ++i)
+        box_add(&box, mesh->positions + 3 * i);
+    return box;
+}
+
+qm_box qm_mesh_bounding_box(const qm_mesh *mesh)
+{
+    if (mesh->face_count == 0) return box_of_vertices(mesh);
+    qm_box box = box_empty();
+    for (size_t i = 0; i < 4 * mesh->face_count; ++i)
+        if (mesh->faces[i] != QM_NO_INDEX) box_add(&box, mesh->positions + 3 * (size_t)mesh->faces[i]);
+    return box;
+}
+
+double qm_box_diagonal(const qm_box *box)
+{
+    double extent[3], largest = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        extent[axis] = box->max[axis] - box->min[axis];
+        if (extent[axis] > largest) largest = extent[axis];
+    }
+    if (largest == 0 || !isfinite(largest)) return largest;
+
+    /* Scaled by a power of two, which is exact, the largest extent lies in [0.5, 1). */
+    int exponent;
+    frexp(largest, &exponent);
+    double sum = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        double scaled = ldexp(extent[axis], -exponent);
+        sum += scaled * scaled;
+    }
+    return ldexp(sqrt(sum), exponent);
+}
+
+static qm_status check_positions(qm_context *ctx, const qm_mesh *mesh)
+{
+    for (size_t i = 0; i < 3 * mesh->vertex_count; ++i)
+        if (!isfinite(mesh->positions[i]))
+            return qm_context_fail(ctx, QM_E_NOT_FINITE, "vertex %zu has a coordinate that is not finite",
+                                   i / 3);
+    qm_box box = box_of_vertices(mesh);
+    if (!isfinite(qm_box_diagonal(&box)))
+        return qm_context_fail(ctx, QM_E_NOT_FINITE,
+                               "the vertices lie so far apart that distances overflow double precision");
+    return QM_OK;
+}
+
+static qm_status check_faces(qm_context *ctx, const qm_mesh *mesh)
+{
+    for (size_t i = 0; i < 4 * mesh->face_count; ++i) {
+        uint32_t corner = mesh->faces[i];
+        bool absent = i % 4 == 3 && corner == QM_NO_INDEX;
+        if (!absent && corner >= mesh->vertex_count)
+            return qm_context_fail(ctx, QM_E_INDEX, "face %zu refers to vertex %u of %zu, counted from 0",
+                                   i / 4, corner, mesh->vertex_count);
+    }
+    return QM_OK;
+}
+
+qm_status qm_mesh_validate(qm_context *ctx, const qm_mesh *mesh)
+{
+    QM_ASSERT(ctx && mesh);
+    if (mesh->vertex_count == 0 && mesh->face_count == 0)
+        return qm_context_fail(ctx, QM_E_EMPTY, "the mesh has no vertex and no face");
+    qm_status status = check_positions(ctx, mesh);
+    return status == QM_OK ? check_faces(ctx, mesh) : status;
+}

@@ -1,0 +1,157 @@
+#include "codec.h"
+
+#include <strings.h>
+
+#include "codec_build.h"
+#include "codec_text.h"
+
+typedef struct format_facts {
+    qm_format format;
+    const char *name, *extension, *media_type;
+} format_facts;
+
+static const format_facts formats[] = {
+#define XX(suffix, name, extension, media) {QM_FORMAT_##suffix, name, extension, media},
+    QM_FORMAT_MAP(XX)
+#undef XX
+};
+
+#define FORMAT_COUNT (sizeof formats / sizeof *formats)
+
+static qm_decoder *const decoders[] = {
+    [QM_FORMAT_OBJ] = qm_codec_decode_obj, [QM_FORMAT_PLY] = qm_codec_decode_ply,
+    [QM_FORMAT_STL] = qm_codec_decode_stl, [QM_FORMAT_OFF] = qm_codec_decode_off,
+    [QM_FORMAT_GLB] = qm_codec_decode_glb, [QM_FORMAT_DRC] = qm_codec_decode_drc,
+    [QM_FORMAT_XYZ] = qm_codec_decode_xyz,
+};
+
+_Static_assert(sizeof decoders / sizeof *decoders == FORMAT_COUNT + 1, "each format has its decoder");
+
+qm_format qm_format_from_name(const char *name)
+{
+    for (size_t i = 0; i < FORMAT_COUNT; ++i)
+        if (strcasecmp(name, formats[i].name) == 0) return formats[i].format;
+    return QM_FORMAT_UNKNOWN;
+}
+
+qm_format qm_format_from_path(const char *path)
+{
+    const char *extension = strrchr(path, '.');
+    for (size_t i = 0; extension && i < FORMAT_COUNT; ++i)
+        if (strcasecmp(extension, formats[i].extension) == 0) return formats[i].format;
+    return QM_FORMAT_UNKNOWN;
+}
+
+qm_format qm_format_from_media_type(const char *media_type)
+{
+    size_t length = strcspn(media_type, "; \t");
+    for (size_t i = 0; i < FORMAT_COUNT; ++i)
+        if (strlen(formats[i].media_type) == length &&
+            strncasecmp(media_type, formats[i].media_type, length) == 0)
+            return formats[i].format;
+    return QM_FORMAT_UNKNOWN;
+}
+
+const char *qm_format_name(qm_format format)
+{
+    for (size_t i = 0; i < FORMAT_COUNT; ++i)
+        if (formats[i].format == format) return formats[i].name;
+    return "unknown";
+}
+
+static bool has_prefix(const uint8_t *bytes, size_t size, const char *prefix)
+{
+    size_t length = strlen(prefix);
+    return size >= length && memcmp(bytes, prefix, length) == 0;
+}
+
+/** Columns of numbers in a row, and whether all are plain digits; 0 if anything else stands in it. */
+static int count_columns(qm_text text, bool *only_digits)
+{
+    double number;
+    int count = 0;
+    *only_digits = true;
+    for (;; ++count) {
+        qm_text_skip_blanks(&text);
+        if (count > 0 && text.at < text.end && *text.at == ',') ++text.at;
+        qm_text_skip_blanks(&text);
+        if (qm_text_at_row_end(&text)) return count;
+        const uint8_t *from = text.at;
+        if (qm_text_read_number(&text, &number) != QM_OK) return 0;
+        for (; from < text.at; ++from)
+            *only_digits &= *from >= '0' && *from <= '9';
+    }
+}
+
+/** Three whole numbers first, then other ones: points, or an OFF without its keyword. Nobody can tell, so it
+ * is neither. */
+static qm_format sniff_numbers(qm_text text)
+{
+    bool first_is_digits, second_is_digits;
+    if (count_columns(text, &first_is_digits) < 3) return QM_FORMAT_UNKNOWN;
+    qm_text_skip_line(&text);
+    if (first_is_digits && qm_text_find_row(&text) &&
+        (count_columns(text, &second_is_digits) < 3 || !second_is_digits))
+        return QM_FORMAT_UNKNOWN;
+    return QM_FORMAT_XYZ;
+}
+
+static qm_format sniff_text(const uint8_t *bytes, size_t size)
+{
+    static const char *const obj_words[] = {"v", "vt", "vn", "f", "o", "g", "s", "mtllib", "usemtl"};
+    qm_codec_report ignored;
+    qm_text text = {.at = bytes, .end = bytes + size, .line = 1, .has_comma = true, .report = &ignored};
+    const uint8_t *word;
+    size_t word_size;
+    if (has_prefix(bytes, size, "\xef\xbb\xbf")) text.at += 3;
+    if (!qm_text_find_row(&text)) return QM_FORMAT_UNKNOWN;
+    qm_text row = text;
+    qm_text_read_word(&text, &word, &word_size);
+    for (size_t i = 0; i < sizeof obj_words / sizeof *obj_words; ++i)
+        if (qm_text_word_is(word, word_size, obj_words[i])) return QM_FORMAT_OBJ;
+    if (qm_text_word_is(word, word_size, "ply")) return QM_FORMAT_PLY;
+    if (qm_text_word_is(word, word_size, "solid")) return QM_FORMAT_STL;
+    if (word_size >= 3 && qm_text_word_is(word + word_size - 3, 3, "off")) return QM_FORMAT_OFF;
+    return sniff_numbers(row);
+}
+
+qm_format qm_format_sniff(const uint8_t *bytes, size_t size)
+{
+    if (has_prefix(bytes, size, "DRACO")) return QM_FORMAT_DRC;
+    if (has_prefix(bytes, size, "glTF")) return QM_FORMAT_GLB;
+    if (qm_codec_is_binary_stl(bytes, size)) return QM_FORMAT_STL;
+    return sniff_text(bytes, size);
+}
+
+/** A mesh has no place; a fault has one, and the words of its status if there are no better ones. */
+static void settle_report(qm_status status, qm_codec_report *report)
+{
+    if (status == QM_OK)
+        report->line = report->offset = QM_NO_PLACE;
+    else if (!report->detail[0])
+        qm_codec_fail(report, status, "%s", qm_status_text(status));
+}
+
+qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                          const qm_codec_limits *limits, qm_mesh *out, qm_codec_report *report)
+{
+    QM_ASSERT(ctx && limits && out && report && (bytes || size == 0));
+    *out = (qm_mesh){0};
+    report->line = report->offset = QM_NO_PLACE;
+    report->detail[0] = 0;
+    report->warning_count = 0;
+    if ((unsigned)format > FORMAT_COUNT || !decoders[format])
+        return qm_codec_fail(report, QM_E_UNSUPPORTED, "the format of the file is not known");
+    if (size == 0) {
+        bool is_text = format != QM_FORMAT_GLB && format != QM_FORMAT_DRC;
+        *(is_text ? &report->line : &report->offset) = is_text;
+        return qm_codec_fail(report, QM_E_EMPTY, "the file is empty");
+    }
+
+    qm_builder builder = {.ctx = ctx, .limits = limits, .report = report};
+    qm_status status = decoders[format](&builder, bytes, size);
+    if (status == QM_OK) status = qm_builder_finish(&builder, out);
+    qm_builder_free(&builder);
+    settle_report(status, report);
+    return status;
+}

@@ -1,0 +1,355 @@
+#include "codec_build.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+
+#include <sys/random.h>
+
+qm_status qm_codec_fail(qm_codec_report *report, qm_status status, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(report->detail, sizeof report->detail, format, arguments);
+    va_end(arguments);
+    return status;
+}
+
+void qm_codec_warn(qm_codec_report *report, const char *format, ...)
+{
+    QM_ASSERT(report->warning_count < QM_CODEC_WARNING_COUNT);
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(report->warnings[report->warning_count++], sizeof report->warnings[0], format, arguments);
+    va_end(arguments);
+}
+
+bool qm_array_reserve(qm_context *ctx, void **block, size_t *capacity, size_t needed, size_t width)
+{
+    if (needed <= *capacity) return true;
+    size_t grown = *capacity < 8 ? 16 : 2 * *capacity;
+    if (grown < needed) grown = needed;
+    void *moved = qm_context_resize(ctx, *block, *capacity, grown, width);
+    if (!moved) return false;
+    *block = moved;
+    *capacity = grown;
+    return true;
+}
+
+static qm_status reserve_vertices(qm_builder *builder, size_t needed)
+{
+    void *block = builder->positions;
+    if (!qm_array_reserve(builder->ctx, &block, &builder->vertex_capacity, needed,
+                          3 * sizeof *builder->positions))
+        return QM_E_NO_MEMORY;
+    builder->positions = block;
+    return QM_OK;
+}
+
+static qm_status reserve_faces(qm_builder *builder, size_t needed)
+{
+    void *block = builder->faces;
+    if (!qm_array_reserve(builder->ctx, &block, &builder->face_capacity, needed, 4 * sizeof *builder->faces))
+        return QM_E_NO_MEMORY;
+    builder->faces = block;
+    return QM_OK;
+}
+
+qm_status qm_builder_reserve_vertices(qm_builder *builder, uint64_t count)
+{
+    if (count > builder->limits->max_vertices - builder->vertex_count)
+        return qm_codec_fail(builder->report, QM_E_TOO_LARGE, "the file has more than %zu vertices",
+                             builder->limits->max_vertices);
+    return reserve_vertices(builder, builder->vertex_count + (size_t)count);
+}
+
+qm_status qm_builder_reserve_faces(qm_builder *builder, uint64_t count)
+{
+    if (count > builder->limits->max_faces - builder->face_count)
+        return qm_codec_fail(builder->report, QM_E_TOO_LARGE, "the file has more than %zu faces",
+                             builder->limits->max_faces);
+    return reserve_faces(builder, builder->face_count + (size_t)count);
+}
+
+qm_status qm_builder_grow_vertices(qm_builder *builder)
+{
+    if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
+    return qm_builder_reserve_vertices(builder, 1);
+}
+
+qm_status qm_builder_grow_corners(qm_builder *builder)
+{
+    void *block = builder->corners;
+    if (!qm_array_reserve(builder->ctx, &block, &builder->corner_capacity, builder->corner_count + 1,
+                          sizeof *builder->corners))
+        return QM_E_NO_MEMORY;
+    builder->corners = block;
+    return QM_OK;
+}
+
+/** Before the first polygon every face is its own origin, which is then written down. */
+static qm_status reserve_origins(qm_builder *builder)
+{
+    bool first = builder->face_origin == NULL;
+    void *block = builder->face_origin;
+    if (!qm_array_reserve(builder->ctx, &block, &builder->origin_capacity, builder->face_capacity,
+                          sizeof *builder->face_origin))
+        return QM_E_NO_MEMORY;
+    builder->face_origin = block;
+    for (size_t i = 0; first && i < builder->face_count; ++i)
+        builder->face_origin[i] = (uint32_t)i;
+    return QM_OK;
+}
+
+static void store_face(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c, uint32_t d)
+{
+    const uint32_t face[4] = {a, b, c, d};
+    memcpy(builder->faces + 4 * builder->face_count, face, sizeof face);
+    if (builder->face_origin) builder->face_origin[builder->face_count] = (uint32_t)builder->input_face_count;
+    ++builder->face_count;
+}
+
+/** A polygon whose fan has no such triangle may still name a vertex twice: it then only touches itself. */
+static bool repeats_corner(uint32_t a, uint32_t b, uint32_t c, uint32_t d)
+{
+    return a == b || b == c || c == a || (d != QM_NO_INDEX && (d == a || d == b || d == c));
+}
+
+static qm_status reserve_for_face(qm_builder *builder, size_t triangle_count)
+{
+    size_t needed = builder->face_count + triangle_count;
+    if ((builder->input_face_count & 0xffff) == 0 && qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
+    if (needed > builder->face_capacity || needed > builder->limits->max_faces) {
+        qm_status status = qm_builder_reserve_faces(builder, triangle_count);
+        if (status != QM_OK) return status;
+    }
+    bool wants_origins = builder->face_origin || triangle_count > 1;
+    return wants_origins && needed > builder->origin_capacity ? reserve_origins(builder) : QM_OK;
+}
+
+static qm_status end_polygon(qm_builder *builder)
+{
+    const uint32_t *corners = builder->corners;
+    qm_status status = reserve_for_face(builder, builder->corner_count - 2);
+    if (status != QM_OK) return status;
+    bool repeats = false;
+    for (size_t i = 2; i < builder->corner_count; ++i) {
+        repeats |= repeats_corner(corners[0], corners[i - 1], corners[i], QM_NO_INDEX);
+        store_face(builder, corners[0], corners[i - 1], corners[i], QM_NO_INDEX);
+    }
+    builder->repeated_count += repeats;
+    ++builder->polygon_count;
+    ++builder->input_face_count;
+    builder->corner_count = 0;
+    return QM_OK;
+}
+
+qm_status qm_builder_end_face(qm_builder *builder)
+{
+    const uint32_t *corners = builder->corners;
+    if (builder->corner_count < 3)
+        return qm_codec_fail(builder->report, QM_E_FORMAT, "a face has %zu corners, but it needs three",
+                             builder->corner_count);
+    if (builder->corner_count > 4) return end_polygon(builder);
+
+    qm_status status = reserve_for_face(builder, 1);
+    if (status != QM_OK) return status;
+    uint32_t last = builder->corner_count == 4 ? corners[3] : QM_NO_INDEX;
+    builder->repeated_count += repeats_corner(corners[0], corners[1], corners[2], last);
+    store_face(builder, corners[0], corners[1], corners[2], last);
+    ++builder->input_face_count;
+    builder->corner_count = 0;
+    return QM_OK;
+}
+
+qm_status qm_builder_add_triangle(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c)
+{
+    qm_status status = reserve_for_face(builder, 1);
+    if (status != QM_OK) return status;
+    builder->repeated_count += repeats_corner(a, b, c, QM_NO_INDEX);
+    store_face(builder, a, b, c, QM_NO_INDEX);
+    ++builder->input_face_count;
+    return QM_OK;
+}
+
+qm_status qm_builder_fail_index(qm_builder *builder, uint64_t vertex)
+{
+    return qm_codec_fail(builder->report, QM_E_INDEX,
+                         "face refers to vertex %llu, but the file has %zu vertices",
+                         (unsigned long long)vertex, builder->vertex_count);
+}
+
+static size_t count_unused(const qm_builder *builder, uint8_t *used)
+{
+    memset(used, 0, (builder->vertex_count + 7) / 8);
+    size_t unused = builder->vertex_count;
+    for (size_t i = 0; i < 4 * builder->face_count; ++i) {
+        uint32_t vertex = builder->faces[i];
+        if (vertex == QM_NO_INDEX) continue;
+        uint8_t bit = (uint8_t)(1u << (vertex & 7));
+        unused -= !(used[vertex >> 3] & bit);
+        used[vertex >> 3] |= bit;
+    }
+    return unused;
+}
+
+static qm_status warn_about_unused(qm_builder *builder)
+{
+    if (builder->face_count == 0) return QM_OK;
+    uint8_t *used = qm_context_alloc(builder->ctx, (builder->vertex_count + 7) / 8, 1);
+    if (!used) return QM_E_NO_MEMORY;
+    size_t unused = count_unused(builder, used);
+    qm_context_free(builder->ctx, used, (builder->vertex_count + 7) / 8, 1);
+    if (unused > 0)
+        qm_codec_warn(builder->report,
+                      "vertices that no face uses: %zu of %zu (kept, but no part of the surface)", unused,
+                      builder->vertex_count);
+    return QM_OK;
+}
+
+/** Gives the spare room of an array back; count may be 0. */
+static bool trim(qm_context *ctx, void **block, size_t *capacity, size_t count, size_t width)
+{
+    if (count == *capacity) return true;
+    if (count == 0) {
+        qm_context_free(ctx, *block, *capacity, width);
+        *block = NULL;
+    } else {
+        void *moved = qm_context_resize(ctx, *block, *capacity, count, width);
+        if (!moved) return false;
+        *block = moved;
+    }
+    *capacity = count;
+    return true;
+}
+
+static qm_status trim_arrays(qm_builder *builder)
+{
+    void *positions = builder->positions, *faces = builder->faces, *origins = builder->face_origin;
+    bool trimmed = trim(builder->ctx, &positions, &builder->vertex_capacity, builder->vertex_count,
+                        3 * sizeof *builder->positions);
+    builder->positions = positions;
+    trimmed = trimmed && trim(builder->ctx, &faces, &builder->face_capacity, builder->face_count,
+                              4 * sizeof *builder->faces);
+    builder->faces = faces;
+    if (trimmed && origins)
+        trimmed = trim(builder->ctx, &origins, &builder->origin_capacity, builder->face_count,
+                       sizeof *builder->face_origin);
+    builder->face_origin = origins;
+    return trimmed ? QM_OK : QM_E_NO_MEMORY;
+}
+
+qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out)
+{
+    if (builder->vertex_count == 0)
+        return qm_codec_fail(builder->report, QM_E_EMPTY, "the file has no vertex and no face");
+    if (builder->polygon_count > 0)
+        qm_codec_warn(
+            builder->report,
+            "polygons of five corners or more: %zu (held as fans of triangles from their first corner)",
+            builder->polygon_count);
+    if (builder->repeated_count > 0)
+        qm_codec_warn(builder->report, "faces that name a vertex twice: %zu (kept as they are)",
+                      builder->repeated_count);
+    qm_status status = warn_about_unused(builder);
+    if (status == QM_OK) status = trim_arrays(builder);
+    if (status != QM_OK) return status;
+
+    qm_mesh mesh = {.positions = builder->positions,
+                    .vertex_count = builder->vertex_count,
+                    .faces = builder->faces,
+                    .face_count = builder->face_count,
+                    .face_origin = builder->face_origin,
+                    .polygon_count = builder->polygon_count};
+    status = qm_mesh_validate(builder->ctx, &mesh);
+    if (status != QM_OK) return qm_codec_fail(builder->report, status, "%s", builder->ctx->message);
+    builder->positions = NULL;
+    builder->faces = builder->face_origin = NULL;
+    *out = mesh;
+    return QM_OK;
+}
+
+void qm_builder_free(qm_builder *builder)
+{
+    qm_context *ctx = builder->ctx;
+    qm_context_free(ctx, builder->positions, builder->vertex_capacity, 3 * sizeof *builder->positions);
+    qm_context_free(ctx, builder->faces, builder->face_capacity, 4 * sizeof *builder->faces);
+    qm_context_free(ctx, builder->face_origin, builder->origin_capacity, sizeof *builder->face_origin);
+    qm_context_free(ctx, builder->corners, builder->corner_capacity, sizeof *builder->corners);
+}
+
+#define FIRST_SLOT_COUNT 1024
+
+qm_status qm_welder_create(qm_builder *builder, qm_welder *welder)
+{
+    *welder = (qm_welder){.builder = builder, .slot_count = FIRST_SLOT_COUNT};
+    if (getrandom(&welder->seed, sizeof welder->seed, GRND_NONBLOCK) < 0) welder->seed = (uintptr_t)welder;
+    welder->slots = qm_context_alloc(builder->ctx, welder->slot_count, sizeof *welder->slots);
+    if (!welder->slots) return QM_E_NO_MEMORY;
+    memset(welder->slots, 0xff, welder->slot_count * sizeof *welder->slots);
+    return QM_OK;
+}
+
+void qm_welder_destroy(qm_welder *welder)
+{
+    qm_context_free(welder->builder->ctx, welder->slots, welder->slot_count, sizeof *welder->slots);
+}
+
+/** Multiplies and folds the 128-bit product, so that every bit of the input moves every bit of the hash. */
+static uint64_t mix(uint64_t a, uint64_t b)
+{
+    unsigned __int128 product = (unsigned __int128)a * b;
+    return (uint64_t)product ^ (uint64_t)(product >> 64);
+}
+
+static uint64_t hash_position(const qm_welder *welder, const double position[3])
+{
+    uint64_t bits[3];
+    memcpy(bits, position, sizeof bits);
+    uint64_t hash = mix(bits[0] ^ welder->seed, 0x9e3779b97f4a7c15u);
+    hash = mix(bits[1] ^ hash, 0xd6e8feb86659fd93u ^ welder->seed);
+    return mix(bits[2] ^ hash, 0xa0761d6478bd642fu);
+}
+
+static size_t find_slot(const qm_welder *welder, const double position[3])
+{
+    const double *positions = welder->builder->positions;
+    size_t mask = welder->slot_count - 1;
+    size_t slot = (size_t)hash_position(welder, position) & mask;
+    while (welder->slots[slot] != QM_NO_INDEX &&
+           memcmp(positions + 3 * (size_t)welder->slots[slot], position, 3 * sizeof *position) != 0)
+        slot = (slot + 1) & mask;
+    return slot;
+}
+
+static qm_status double_slots(qm_welder *welder)
+{
+    qm_context *ctx = welder->builder->ctx;
+    qm_welder grown = *welder;
+    grown.slot_count *= 2;
+    grown.slots = qm_context_alloc(ctx, grown.slot_count, sizeof *grown.slots);
+    if (!grown.slots) return QM_E_NO_MEMORY;
+    memset(grown.slots, 0xff, grown.slot_count * sizeof *grown.slots);
+    for (size_t i = 0; i < welder->slot_count; ++i) {
+        uint32_t vertex = welder->slots[i];
+        if (vertex == QM_NO_INDEX) continue;
+        grown.slots[find_slot(&grown, grown.builder->positions + 3 * (size_t)vertex)] = vertex;
+    }
+    qm_welder_destroy(welder);
+    *welder = grown;
+    return QM_OK;
+}
+
+qm_status qm_welder_find(qm_welder *welder, const double position[3], uint32_t *vertex)
+{
+    /* Adding zero turns -0 into 0, so that equal coordinates are equal bits. */
+    const double plain[3] = {position[0] + 0.0, position[1] + 0.0, position[2] + 0.0};
+    size_t slot = find_slot(welder, plain);
+    *vertex = welder->slots[slot];
+    if (*vertex != QM_NO_INDEX) return QM_OK;
+
+    *vertex = (uint32_t)welder->builder->vertex_count;
+    qm_status status = qm_builder_add_vertex(welder->builder, plain);
+    if (status != QM_OK) return status;
+    welder->slots[slot] = *vertex;
+    return 2 * welder->builder->vertex_count > welder->slot_count ? double_slots(welder) : QM_OK;
+}

@@ -1,0 +1,127 @@
+/**
+ * codec_build.h: what the decoders share: a mesh that grows as a file is read, words for faults and warnings,
+ * and bytes read in either order. For server/codec*.c only; others use codec.h.
+ *
+ * A decoder adds vertices and faces; the builder checks limits, cuts polygons in fans, counts what deserves a
+ * warning and trims the arrays at the end. Corner indices may refer to vertices that come later.
+ */
+#ifndef QM_CODEC_BUILD_H
+#define QM_CODEC_BUILD_H
+
+#include <string.h>
+
+#include "codec.h"
+
+typedef struct qm_builder {
+    qm_context *ctx;
+    const qm_codec_limits *limits;
+    qm_codec_report *report;
+    double *positions;
+    size_t vertex_count, vertex_capacity;
+    uint32_t *faces;
+    size_t face_count, face_capacity;
+    uint32_t *face_origin; /* NULL until the first polygon; capacity follows face_capacity from then on */
+    size_t origin_capacity;
+    uint32_t *corners; /* of the face that is being read */
+    size_t corner_count, corner_capacity;
+    size_t input_face_count, polygon_count, repeated_count;
+} qm_builder;
+
+/** Reads the whole file into the builder. In the report it sets the place where it stopped, whatever the
+ * outcome. */
+typedef qm_status qm_decoder(qm_builder *builder, const uint8_t *bytes, size_t size);
+
+qm_decoder qm_codec_decode_obj, qm_codec_decode_ply, qm_codec_decode_stl, qm_codec_decode_off,
+    qm_codec_decode_glb, qm_codec_decode_drc, qm_codec_decode_xyz;
+
+/** True for the bytes of a binary STL, told by the size that follows from its count, as text may begin alike.
+ */
+bool qm_codec_is_binary_stl(const uint8_t *bytes, size_t size);
+
+/** Writes the detail and returns status. */
+qm_status qm_codec_fail(qm_codec_report *report, qm_status status, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+/** Adds a warning. A decoder has fewer kinds of them than the report has room for. */
+void qm_codec_warn(qm_codec_report *report, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/** Makes room for at least needed elements, doubling; false when out of memory. */
+bool qm_array_reserve(qm_context *ctx, void **block, size_t *capacity, size_t needed, size_t width);
+
+/** Makes room for so many more vertices or faces at once: QM_E_TOO_LARGE, QM_E_NO_MEMORY. The caller has
+ * checked the count against the bytes of the file. */
+qm_status qm_builder_reserve_vertices(qm_builder *builder, uint64_t count);
+qm_status qm_builder_reserve_faces(qm_builder *builder, uint64_t count);
+
+/** Slow halves of the calls below: room for one more; QM_E_TOO_LARGE, QM_E_NO_MEMORY, QM_E_CANCELED. */
+qm_status qm_builder_grow_vertices(qm_builder *builder);
+qm_status qm_builder_grow_corners(qm_builder *builder);
+
+/** Adds a vertex. The coordinates are finite. */
+static inline qm_status qm_builder_add_vertex(qm_builder *builder, const double position[3])
+{
+    if (builder->vertex_count == builder->vertex_capacity || (builder->vertex_count & 0xffff) == 0) {
+        qm_status status = qm_builder_grow_vertices(builder);
+        if (status != QM_OK) return status;
+    }
+    memcpy(builder->positions + 3 * builder->vertex_count++, position, 3 * sizeof *position);
+    return QM_OK;
+}
+
+/** Adds a corner to the face that is being read. */
+static inline qm_status qm_builder_add_corner(qm_builder *builder, uint32_t vertex)
+{
+    if (builder->corner_count == builder->corner_capacity) {
+        qm_status status = qm_builder_grow_corners(builder);
+        if (status != QM_OK) return status;
+    }
+    builder->corners[builder->corner_count++] = vertex;
+    return QM_OK;
+}
+
+/** Ends the face: triangles and quads are stored as they are, polygons as fans. QM_E_FORMAT for fewer than
+ * three corners. */
+qm_status qm_builder_end_face(qm_builder *builder);
+
+/** The three calls above for a triangle. */
+qm_status qm_builder_add_triangle(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c);
+
+/** Says which vertex a face asked for in vain; both count as the format does. */
+qm_status qm_builder_fail_index(qm_builder *builder, uint64_t vertex);
+
+/**
+ * Ends the mesh: warns about polygons, repeated corners and vertices without a face, trims the arrays, hands
+ * them to out and checks the mesh. QM_E_EMPTY, QM_E_NOT_FINITE (span), QM_E_NO_MEMORY.
+ */
+qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out);
+
+/** Frees what finish did not hand over. */
+void qm_builder_free(qm_builder *builder);
+
+/** Vertices by position: the index of an equal vertex (-0 equals 0), or of a new one. */
+typedef struct qm_welder {
+    qm_builder *builder;
+    uint32_t *slots; /* open addressing, slot_count a power of two; QM_NO_INDEX is free */
+    size_t slot_count;
+    uint64_t seed; /* drawn for each file, so that no file can be made whose vertices all collide */
+} qm_welder;
+
+/** A failure leaves nothing to free. */
+qm_status qm_welder_create(qm_builder *builder, qm_welder *welder);
+qm_status qm_welder_find(qm_welder *welder, const double position[3], uint32_t *vertex);
+void qm_welder_destroy(qm_welder *welder);
+
+static inline uint32_t qm_read_u32_le(const uint8_t *bytes)
+{
+    return (uint32_t)bytes[0] | (uint32_t)bytes[1] << 8 | (uint32_t)bytes[2] << 16 | (uint32_t)bytes[3] << 24;
+}
+
+static inline float qm_read_f32_le(const uint8_t *bytes)
+{
+    uint32_t bits = qm_read_u32_le(bytes);
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+#endif

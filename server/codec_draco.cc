@@ -1,0 +1,161 @@
+// The one C++ file: takes Draco's objects apart into the arrays of codec_draco.h.
+#include "codec_draco.h"
+
+#include <cmath>
+#include <memory>
+#include <new>
+
+// Draco's headers are not clean under our warnings.
+#pragma GCC diagnostic push
+#pragma GCC diagnostic ignored "-Wshadow"
+#pragma GCC diagnostic ignored "-Wconversion"
+#pragma GCC diagnostic ignored "-Wsign-conversion"
+#pragma GCC diagnostic ignored "-Wunused-parameter"
+#include <draco/attributes/attribute_quantization_transform.h>
+#include <draco/compression/decode.h>
+#pragma GCC diagnostic pop
+
+namespace
+{
+
+struct Geometry {
+    std::unique_ptr<draco::PointCloud> cloud;
+    const draco::Mesh *mesh = nullptr; // the same object, if it is one
+};
+
+bool decode_geometry(draco::DecoderBuffer *buffer, Geometry *geometry)
+{
+    const auto type = draco::Decoder::GetEncodedGeometryType(buffer);
+    if (!type.ok()) return false;
+    draco::Decoder decoder;
+    decoder.SetSkipAttributeTransform(draco::GeometryAttribute::POSITION);
+    if (type.value() == draco::TRIANGULAR_MESH) {
+        auto decoded = decoder.DecodeMeshFromBuffer(buffer);
+        if (!decoded.ok()) return false;
+        auto mesh = std::move(decoded).value();
+        geometry->mesh = mesh.get();
+        geometry->cloud = std::move(mesh);
+    } else {
+        auto decoded = decoder.DecodePointCloudFromBuffer(buffer);
+        if (!decoded.ok()) return false;
+        geometry->cloud = std::move(decoded).value();
+    }
+    return geometry->cloud != nullptr;
+}
+
+// The attribute by which Draco's own tools mark the edges that cut polygons.
+const draco::PointAttribute *find_added_edges(const Geometry &geometry)
+{
+    if (!geometry.mesh || !geometry.cloud->GetMetadata()) return nullptr;
+    const int id = geometry.cloud->GetAttributeIdByMetadataEntry("name", "added_edges");
+    if (id < 0 || id >= geometry.cloud->num_attributes()) return nullptr;
+    const draco::PointAttribute *attribute = geometry.cloud->attribute(id);
+    const bool fits = attribute->attribute_type() == draco::GeometryAttribute::GENERIC &&
+                      attribute->num_components() == 1 && attribute->data_type() == draco::DT_UINT8;
+    return fits ? attribute : nullptr;
+}
+
+bool read_quantization(const draco::PointAttribute &positions,
+                       draco::AttributeQuantizationTransform *transform, qm_draco_facts *facts)
+{
+    const draco::AttributeTransformData *data = positions.GetAttributeTransformData();
+    if (!data || data->transform_type() == draco::ATTRIBUTE_INVALID_TRANSFORM) return true;
+    if (data->transform_type() != draco::ATTRIBUTE_QUANTIZATION_TRANSFORM ||
+        !transform->InitFromAttribute(positions) || transform->min_values().size() != 3 ||
+        transform->quantization_bits() < 1 || transform->quantization_bits() > 30)
+        return false;
+    facts->quantization_bits = transform->quantization_bits();
+    facts->range = transform->range();
+    for (const float low : transform->min_values())
+        facts->magnitude = std::fmax(facts->magnitude, std::fabs(double{low}) + facts->range);
+    return true;
+}
+
+bool copy_positions(const draco::PointAttribute &positions,
+                    const draco::AttributeQuantizationTransform &transform, const qm_draco_facts &facts,
+                    double *out)
+{
+    // In single precision like the library's own step, so that all tools see the same coordinates.
+    const float step = facts.quantization_bits == 0
+                           ? 1.0f
+                           : transform.range() / static_cast<float>((1u << facts.quantization_bits) - 1);
+    for (uint32_t i = 0; i < facts.vertex_count; ++i, out += 3) {
+        const draco::AttributeValueIndex index(i);
+        if (facts.quantization_bits == 0) {
+            if (!positions.ConvertValue<double>(index, 3, out)) return false;
+            continue;
+        }
+        int32_t steps[3];
+        if (!positions.ConvertValue<int32_t>(index, 3, steps)) return false;
+        for (int axis = 0; axis < 3; ++axis)
+            out[axis] = double{static_cast<float>(steps[axis]) * step + transform.min_value(axis)};
+    }
+    return true;
+}
+
+bool has_value(const draco::PointAttribute &attribute, draco::PointIndex point)
+{
+    return (attribute.is_mapping_identity() || point.value() < attribute.indices_map_size()) &&
+           attribute.mapped_index(point).value() < attribute.size();
+}
+
+bool copy_triangles(const Geometry &geometry, const draco::PointAttribute &positions,
+                    const draco::PointAttribute *added, const qm_draco_arrays &arrays)
+{
+    for (uint32_t t = 0; t < geometry.mesh->num_faces(); ++t) {
+        const draco::Mesh::Face &face = geometry.mesh->face(draco::FaceIndex(t));
+        for (uint32_t c = 0; c < 3; ++c) {
+            const size_t place = 3 * size_t{t} + c;
+            if (!has_value(positions, face[c])) return false;
+            arrays.triangles[place] = positions.mapped_index(face[c]).value();
+            if (!added) continue;
+            if (!has_value(*added, face[c])) return false;
+            added->GetValue(added->mapped_index(face[c]), arrays.added + place);
+        }
+    }
+    return true;
+}
+
+qm_draco_outcome take_apart(const Geometry &geometry, qm_draco_prepare *prepare, void *user)
+{
+    const draco::PointAttribute *positions =
+        geometry.cloud->GetNamedAttribute(draco::GeometryAttribute::POSITION);
+    if (!positions) return QM_DRACO_MALFORMED;
+    if (positions->num_components() != 3) return QM_DRACO_UNSUPPORTED;
+    const draco::PointAttribute *added = find_added_edges(geometry);
+
+    qm_draco_facts facts = {};
+    draco::AttributeQuantizationTransform transform;
+    facts.vertex_count = positions->size();
+    facts.triangle_count = geometry.mesh ? geometry.mesh->num_faces() : 0;
+    facts.has_added_edges = added != nullptr;
+    facts.has_split_points =
+        geometry.mesh && positions->is_mapping_identity() && geometry.cloud->num_attributes() > 1;
+    if (!read_quantization(*positions, &transform, &facts)) return QM_DRACO_MALFORMED;
+
+    qm_draco_arrays arrays = {};
+    if (!prepare(user, &facts, &arrays)) return QM_DRACO_STOPPED;
+    if (!copy_positions(*positions, transform, facts, arrays.positions)) return QM_DRACO_MALFORMED;
+    if (geometry.mesh && !copy_triangles(geometry, *positions, added, arrays)) return QM_DRACO_MALFORMED;
+    return QM_DRACO_DONE;
+}
+
+} // namespace
+
+extern "C" qm_draco_outcome qm_draco_decode(const uint8_t *bytes, size_t size, qm_draco_prepare *prepare,
+                                            void *user, size_t *consumed)
+{
+    draco::DecoderBuffer buffer;
+    *consumed = 0;
+    try {
+        Geometry geometry;
+        buffer.Init(reinterpret_cast<const char *>(bytes), size);
+        const bool decoded = decode_geometry(&buffer, &geometry);
+        *consumed = size - static_cast<size_t>(buffer.remaining_size());
+        return decoded ? take_apart(geometry, prepare, user) : QM_DRACO_MALFORMED;
+    } catch (const std::bad_alloc &) {
+        return QM_DRACO_NO_MEMORY;
+    } catch (...) {
+        return QM_DRACO_MALFORMED;
+    }
+}

@@ -1,0 +1,55 @@
+/**
+ * codec_draco.h: the door to the Draco library, plain enough for C and C++. Only codec_drc.c goes through it.
+ */
+#ifndef QM_CODEC_DRACO_H
+#define QM_CODEC_DRACO_H
+
+#ifdef __cplusplus
+#include <cstddef>
+#include <cstdint>
+extern "C" {
+#else
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#endif
+
+typedef enum qm_draco_outcome {
+    QM_DRACO_DONE,
+    QM_DRACO_MALFORMED,
+    QM_DRACO_UNSUPPORTED, /* positions that are not three numbers */
+    QM_DRACO_NO_MEMORY,   /* in the library */
+    QM_DRACO_STOPPED      /* prepare said no */
+} qm_draco_outcome;
+
+/** What the library found. A vertex is a value of the position attribute, not one of Draco's points. */
+typedef struct qm_draco_facts {
+    size_t vertex_count, triangle_count;
+    bool has_added_edges;    /* the triangles were cut from polygons */
+    bool has_split_points;   /* a vertex may stand there more than once, for its other attributes */
+    int quantization_bits;   /* 0: not quantised */
+    double range, magnitude; /* of the quantised box: its largest extent and coordinate */
+} qm_draco_facts;
+
+/** Arrays of the caller that the decoder fills: rows of three. added[3 * t + c] is 1 if the edge of triangle
+ * t opposite to its corner c was added; NULL without added edges. */
+typedef struct qm_draco_arrays {
+    double *positions;
+    uint32_t *triangles; /* each corner below vertex_count */
+    uint8_t *added;
+} qm_draco_arrays;
+
+/** Makes the arrays for the counts found; false stops the decoder. Nothing else of C is called. */
+typedef bool qm_draco_prepare(void *user, const qm_draco_facts *facts, qm_draco_arrays *arrays);
+
+/**
+ * Decodes a mesh or a point cloud. *consumed is where the library stopped reading, also after a fault.
+ * Memory inside the library comes from C++'s heap. Lets no exception out and keeps no state.
+ */
+qm_draco_outcome qm_draco_decode(const uint8_t *bytes, size_t size, qm_draco_prepare *prepare, void *user,
+                                 size_t *consumed);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

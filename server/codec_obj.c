@@ -1,0 +1,137 @@
+/*
+ * OBJ: one pass over the text. Faces may come before their vertices, so an index is checked against the count
+ * only at the end; the line of the largest one is kept for the message. Texture and normal indices are read
+ * and forgotten, as are the statements that carry no geometry.
+ */
+#include "codec_build.h"
+#include "codec_text.h"
+
+typedef struct obj_reader {
+    qm_text text;
+    qm_builder *builder;
+    uint32_t largest_index; /* from 1; 0 before the first face */
+    size_t largest_line;
+    size_t skipped_count; /* statements of geometry that no mesh can hold, or unknown ones */
+} obj_reader;
+
+static qm_status read_vertex(obj_reader *reader)
+{
+    double position[3];
+    qm_status status = qm_text_read_position(&reader->text, position);
+    if (status == QM_OK) status = qm_builder_add_vertex(reader->builder, position);
+    return status;
+}
+
+static qm_status fail_corner(obj_reader *reader)
+{
+    return qm_codec_fail(reader->text.report, QM_E_FORMAT,
+                         "a corner of a face is not of the form v, v/vt, v//vn or v/vt/vn");
+}
+
+/** Steps over "/vt", "//vn" or "/vt/vn". */
+static bool skip_attribute_indices(qm_text *text)
+{
+    for (int i = 0; i < 2 && text->at < text->end && *text->at == '/'; ++i) {
+        ++text->at;
+        int64_t index;
+        bool overflow;
+        if (!qm_text_scan_integer(text, &index, &overflow) && overflow) return false;
+    }
+    return qm_text_at_row_end(text) || qm_text_is_blank(*text->at) || *text->at == '\\';
+}
+
+/** Turns an index of the file, from 1 or from -1 backwards, into one from 0. */
+static qm_status resolve_index(obj_reader *reader, int64_t index, uint32_t *vertex)
+{
+    const qm_builder *builder = reader->builder;
+    if (index == 0)
+        return qm_codec_fail(builder->report, QM_E_INDEX,
+                             "face refers to vertex 0, but vertices count from 1");
+    if (index < 0 && (uint64_t)-index > builder->vertex_count)
+        return qm_codec_fail(builder->report, QM_E_INDEX,
+                             "face refers back to vertex %lld, but only %zu vertices come before it",
+                             (long long)index, builder->vertex_count);
+    if (index > (int64_t)builder->limits->max_vertices)
+        return qm_codec_fail(builder->report, QM_E_INDEX,
+                             "face refers to vertex %lld, but no file may have more than %zu vertices",
+                             (long long)index, builder->limits->max_vertices);
+    *vertex = (uint32_t)(index > 0 ? index - 1 : (int64_t)builder->vertex_count + index);
+    if (*vertex + 1 > reader->largest_index) {
+        reader->largest_index = *vertex + 1;
+        reader->largest_line = reader->text.line;
+    }
+    return QM_OK;
+}
+
+static qm_status read_corner(obj_reader *reader)
+{
+    int64_t index;
+    bool overflow;
+    if (!qm_text_scan_integer(&reader->text, &index, &overflow)) {
+        if (!overflow) return fail_corner(reader);
+        return qm_codec_fail(reader->text.report, QM_E_INDEX, "face refers to a vertex past 63 bits");
+    }
+    if (!skip_attribute_indices(&reader->text)) return fail_corner(reader);
+    uint32_t vertex = 0;
+    qm_status status = resolve_index(reader, index, &vertex);
+    return status == QM_OK ? qm_builder_add_corner(reader->builder, vertex) : status;
+}
+
+static qm_status read_face(obj_reader *reader)
+{
+    for (;;) {
+        qm_text_skip_blanks(&reader->text);
+        if (qm_text_at_row_end(&reader->text)) return qm_builder_end_face(reader->builder);
+        qm_status status = read_corner(reader);
+        if (status != QM_OK) return status;
+    }
+}
+
+/** Statements that say how a mesh looks or what it is called, and attributes of vertices. */
+static bool is_known_statement(const uint8_t *word, size_t size)
+{
+    static const char *const known[] = {"vt", "vn", "g", "o", "s", "mg", "usemtl", "mtllib", "usemap", "lod"};
+    for (size_t i = 0; i < sizeof known / sizeof *known; ++i)
+        if (qm_text_word_is(word, size, known[i])) return true;
+    return false;
+}
+
+static qm_status read_statement(obj_reader *reader)
+{
+    const uint8_t *word;
+    size_t size;
+    if (!qm_text_read_word(&reader->text, &word, &size)) return QM_OK;
+    if (size == 1 && *word == 'v') return read_vertex(reader);
+    if (size == 1 && *word == 'f') return read_face(reader);
+    if (!is_known_statement(word, size)) ++reader->skipped_count;
+    return QM_OK;
+}
+
+static qm_status read_statements(obj_reader *reader)
+{
+    qm_text *text = &reader->text;
+    while (qm_text_find_row(text)) {
+        qm_status status = read_statement(reader);
+        if (status != QM_OK) return status;
+        qm_text_skip_statement(text);
+    }
+    if (reader->largest_index > reader->builder->vertex_count) {
+        text->line = reader->largest_line;
+        return qm_builder_fail_index(reader->builder, reader->largest_index);
+    }
+    if (reader->skipped_count > 0)
+        qm_codec_warn(
+            text->report,
+            "statements that are neither vertices nor faces, such as lines and curves: %zu (left out)",
+            reader->skipped_count);
+    return QM_OK;
+}
+
+qm_status qm_codec_decode_obj(qm_builder *builder, const uint8_t *bytes, size_t size)
+{
+    obj_reader reader = {.builder = builder};
+    qm_status status = qm_text_open(&reader.text, bytes, size, builder->report);
+    if (status == QM_OK) status = read_statements(&reader);
+    builder->report->line = reader.text.line;
+    return status;
+}

@@ -1,0 +1,193 @@
+/*
+ * STL: triangles with their own corners, as text or binary; corners with the same coordinates are welded. A
+ * binary header may start with "solid" like a text, so the size that follows from the count decides first.
+ * Normals and attribute bytes are left out: corners and their order say the same.
+ */
+#include <math.h>
+
+#include "codec_build.h"
+#include "codec_text.h"
+
+#define HEADER_SIZE 80
+#define PREFIX_SIZE 84 /* header and count */
+#define TRIANGLE_SIZE 50
+#define NORMAL_SIZE 12
+#define CORNER_SIZE 12
+
+bool qm_codec_is_binary_stl(const uint8_t *bytes, size_t size)
+{
+    return size >= PREFIX_SIZE &&
+           (size - PREFIX_SIZE) == (uint64_t)qm_read_u32_le(bytes + HEADER_SIZE) * TRIANGLE_SIZE;
+}
+
+/** For files whose size settles nothing: text starts with "solid" and holds no NUL byte near its start. */
+static bool looks_like_text(const uint8_t *bytes, size_t size)
+{
+    size_t head = size < 512 ? size : 512;
+    qm_text text = {.at = bytes, .end = bytes + size, .line = 1};
+    const uint8_t *word;
+    size_t word_size;
+    return !memchr(bytes, 0, head) && qm_text_find_row(&text) &&
+           qm_text_read_word(&text, &word, &word_size) && qm_text_word_is(word, word_size, "solid");
+}
+
+static qm_status add_triangle(qm_welder *welder, const double corners[3][3])
+{
+    uint32_t vertices[3];
+    for (int i = 0; i < 3; ++i) {
+        qm_status status = qm_welder_find(welder, corners[i], &vertices[i]);
+        if (status != QM_OK) return status;
+    }
+    return qm_builder_add_triangle(welder->builder, vertices[0], vertices[1], vertices[2]);
+}
+
+/* Binary */
+
+static qm_status read_binary_triangle(qm_welder *welder, const uint8_t *at)
+{
+    double corners[3][3];
+    for (int i = 0; i < 9; ++i) {
+        corners[i / 3][i % 3] = qm_read_f32_le(at + NORMAL_SIZE + 4 * i);
+        if (!isfinite(corners[i / 3][i % 3]))
+            return qm_codec_fail(welder->builder->report, QM_E_NOT_FINITE,
+                                 "a coordinate is not a finite number");
+    }
+    return add_triangle(welder, corners);
+}
+
+static qm_status read_binary_triangles(qm_welder *welder, const uint8_t *bytes, size_t count)
+{
+    qm_codec_report *report = welder->builder->report;
+    for (size_t i = 0; i < count; ++i, report->offset += TRIANGLE_SIZE) {
+        qm_status status = read_binary_triangle(welder, bytes + report->offset);
+        if (status != QM_OK) return status;
+    }
+    return QM_OK;
+}
+
+static qm_status read_binary(qm_welder *welder, const uint8_t *bytes, size_t size)
+{
+    qm_codec_report *report = welder->builder->report;
+    report->offset = size;
+    if (size < PREFIX_SIZE)
+        return qm_codec_fail(report, QM_E_FORMAT,
+                             "the file is neither a text STL nor long enough for a binary one");
+    report->offset = HEADER_SIZE;
+    size_t count = qm_read_u32_le(bytes + HEADER_SIZE), room = (size - PREFIX_SIZE) / TRIANGLE_SIZE;
+    if (count > room)
+        return qm_codec_fail(report, QM_E_FORMAT, "the file announces %zu triangles, but has room for %zu",
+                             count, room);
+    if (count == 0) return qm_codec_fail(report, QM_E_EMPTY, "the file has no triangle");
+    size_t rest = size - PREFIX_SIZE - count * TRIANGLE_SIZE;
+    if (rest > 0) qm_codec_warn(report, "bytes after the last triangle: %zu (left out)", rest);
+    qm_status status = qm_builder_reserve_faces(welder->builder, count);
+    if (status != QM_OK) return status;
+    report->offset = PREFIX_SIZE;
+    return read_binary_triangles(welder, bytes, count);
+}
+
+/* Text */
+
+typedef struct stl_text {
+    qm_text text;
+    qm_welder *welder;
+    bool in_solid, in_facet;
+    int corner_count; /* of the facet */
+    double corners[3][3];
+} stl_text;
+
+static qm_status fail_text(stl_text *reader, const char *detail)
+{
+    return qm_codec_fail(reader->text.report, QM_E_FORMAT, "%s", detail);
+}
+
+static qm_status read_corner(stl_text *reader)
+{
+    if (!reader->in_facet) return fail_text(reader, "a vertex stands outside of a facet");
+    if (reader->corner_count == 3) return fail_text(reader, "a facet has more than three vertices");
+    return qm_text_read_position(&reader->text, reader->corners[reader->corner_count++]);
+}
+
+/** Begins a facet; its normal is stepped over unread, since writers put NaN in those of slivers. */
+static qm_status begin_facet(stl_text *reader)
+{
+    if (!reader->in_solid) return fail_text(reader, "a facet stands outside of a solid");
+    if (reader->in_facet) return fail_text(reader, "a facet begins within another one");
+    reader->in_facet = true;
+    reader->corner_count = 0;
+    const uint8_t *word;
+    size_t size;
+    if (!qm_text_read_word(&reader->text, &word, &size)) return QM_OK;
+    if (!qm_text_word_is(word, size, "normal")) return fail_text(reader, "a facet is followed by no normal");
+    for (int i = 0; i < 3; ++i)
+        if (!qm_text_read_word(&reader->text, &word, &size))
+            return fail_text(reader, "a normal has fewer than three numbers");
+    return QM_OK;
+}
+
+static qm_status end_facet(stl_text *reader)
+{
+    if (!reader->in_facet) return fail_text(reader, "a facet ends that never began");
+    if (reader->corner_count < 3) return fail_text(reader, "a facet has fewer than three vertices");
+    reader->in_facet = false;
+    return add_triangle(reader->welder, (const double(*)[3])reader->corners);
+}
+
+/** A name may follow and fills the rest of the line. */
+static qm_status change_solid(stl_text *reader, bool begins)
+{
+    if (reader->in_facet) return fail_text(reader, "a facet has no end");
+    if (reader->in_solid == begins)
+        return fail_text(reader,
+                         begins ? "a solid begins within another one" : "a solid ends that never began");
+    reader->in_solid = begins;
+    qm_text_skip_line(&reader->text);
+    return QM_OK;
+}
+
+static qm_status read_statement(stl_text *reader)
+{
+    const uint8_t *word;
+    size_t size;
+    qm_text_read_word(&reader->text, &word, &size);
+    if (qm_text_word_is(word, size, "vertex")) return read_corner(reader);
+    if (qm_text_word_is(word, size, "facet")) return begin_facet(reader);
+    if (qm_text_word_is(word, size, "endfacet")) return end_facet(reader);
+    if (qm_text_word_is(word, size, "solid")) return change_solid(reader, true);
+    if (qm_text_word_is(word, size, "endsolid")) return change_solid(reader, false);
+    if (qm_text_word_is(word, size, "outer") || qm_text_word_is(word, size, "loop") ||
+        qm_text_word_is(word, size, "endloop"))
+        return QM_OK;
+    return fail_text(reader, "a word stands here that STL does not know");
+}
+
+static qm_status read_statements(stl_text *reader)
+{
+    while (qm_text_find_row(&reader->text)) {
+        qm_status status = read_statement(reader);
+        if (status != QM_OK) return status;
+    }
+    if (reader->in_facet) return fail_text(reader, "the file ends within a facet");
+    if (reader->in_solid) qm_codec_warn(reader->text.report, "the file ends without endsolid");
+    return QM_OK;
+}
+
+static qm_status read_text(qm_welder *welder, const uint8_t *bytes, size_t size)
+{
+    stl_text reader = {.welder = welder};
+    qm_status status = qm_text_open(&reader.text, bytes, size, welder->builder->report);
+    if (status == QM_OK) status = read_statements(&reader);
+    welder->builder->report->line = reader.text.line;
+    return status;
+}
+
+qm_status qm_codec_decode_stl(qm_builder *builder, const uint8_t *bytes, size_t size)
+{
+    qm_welder welder;
+    qm_status status = qm_welder_create(builder, &welder);
+    if (status != QM_OK) return status;
+    bool is_text = !qm_codec_is_binary_stl(bytes, size) && looks_like_text(bytes, size);
+    status = is_text ? read_text(&welder, bytes, size) : read_binary(&welder, bytes, size);
+    qm_welder_destroy(&welder);
+    return status;
+}

@@ -1,0 +1,290 @@
+#include "codec_text.h"
+
+#include <locale.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "codec_build.h"
+
+static void skip_byte_order_mark(qm_text *text)
+{
+    static const uint8_t mark[3] = {0xef, 0xbb, 0xbf};
+    if (text->end - text->at >= 3 && memcmp(text->at, mark, sizeof mark) == 0) text->at += sizeof mark;
+}
+
+qm_status qm_text_open(qm_text *text, const uint8_t *bytes, size_t size, qm_codec_report *report)
+{
+    *text = (qm_text){.at = bytes, .end = bytes + size, .line = 1, .report = report};
+    const uint8_t *nul = memchr(bytes, 0, size);
+    if (nul) {
+        while (text->at < nul)
+            if (qm_text_is_line_end(*text->at))
+                qm_text_skip_line_end(text);
+            else
+                ++text->at;
+        return qm_codec_fail(report, QM_E_FORMAT, "the text holds a NUL byte");
+    }
+    skip_byte_order_mark(text);
+    return QM_OK;
+}
+
+bool qm_text_skip_joint(qm_text *text)
+{
+    const uint8_t *next = text->at + 1;
+    if (*text->at != '\\' || next == text->end || !qm_text_is_line_end(*next)) return false;
+    text->at = next;
+    qm_text_skip_line_end(text);
+    return true;
+}
+
+void qm_text_skip_line(qm_text *text)
+{
+    while (text->at < text->end && !qm_text_is_line_end(*text->at))
+        ++text->at;
+    if (text->at < text->end) qm_text_skip_line_end(text);
+}
+
+void qm_text_skip_statement(qm_text *text)
+{
+    while (text->at < text->end && !qm_text_is_line_end(*text->at))
+        if (*text->at != '\\' || !qm_text_skip_joint(text)) ++text->at;
+    if (text->at < text->end) qm_text_skip_line_end(text);
+}
+
+bool qm_text_find_row(qm_text *text)
+{
+    for (;;) {
+        qm_text_skip_blanks(text);
+        if (text->at == text->end) return false;
+        if (!qm_text_at_row_end(text)) return true;
+        qm_text_skip_line(text);
+    }
+}
+
+bool qm_text_read_word(qm_text *text, const uint8_t **word, size_t *size)
+{
+    qm_text_skip_blanks(text);
+    if (qm_text_at_row_end(text)) return false;
+    *word = text->at;
+    while (text->at < text->end && !qm_text_is_blank(*text->at) && !qm_text_is_line_end(*text->at))
+        ++text->at;
+    *size = (size_t)(text->at - *word);
+    return true;
+}
+
+static uint8_t to_lower(uint8_t c)
+{
+    return c >= 'A' && c <= 'Z' ? (uint8_t)(c | 0x20) : c;
+}
+
+bool qm_text_word_is(const uint8_t *word, size_t size, const char *lower)
+{
+    if (size != strlen(lower)) return false;
+    for (size_t i = 0; i < size; ++i)
+        if (to_lower(word[i]) != (uint8_t)lower[i]) return false;
+    return true;
+}
+
+static bool is_digit(uint8_t c)
+{
+    return c >= '0' && c <= '9';
+}
+
+/** True where a number may end. */
+static bool at_number_end(const qm_text *text, const uint8_t *at)
+{
+    return at == text->end || qm_text_is_blank(*at) || qm_text_is_line_end(*at) || *at == '#' ||
+           *at == '\\' || (*at == ',' && text->has_comma);
+}
+
+static bool starts_with(const qm_text *text, const uint8_t *at, const char *lower)
+{
+    size_t length = strlen(lower);
+    return (size_t)(text->end - at) >= length && qm_text_word_is(at, length, lower);
+}
+
+/** Finds words for what stands where a number should be. */
+static qm_status fail_number(qm_text *text)
+{
+    if (qm_text_at_row_end(text))
+        return qm_codec_fail(text->report, QM_E_FORMAT, "the line ends where a number should be");
+    const uint8_t *at = text->at;
+    if (*at == '-' || *at == '+') ++at;
+    if (starts_with(text, at, "nan") || starts_with(text, at, "inf"))
+        return qm_codec_fail(text->report, QM_E_NOT_FINITE, "a coordinate is not a finite number");
+    while (at < text->end && is_digit(*at))
+        ++at;
+    if (at < text->end && *at == ',')
+        return qm_codec_fail(text->report, QM_E_FORMAT,
+                             "a number has a comma in it; a decimal point is expected");
+    return qm_codec_fail(text->report, QM_E_FORMAT, "a number is expected, but something else stands there");
+}
+
+static const uint64_t integer_powers_of_ten[] = {1u,
+                                                 10u,
+                                                 100u,
+                                                 1000u,
+                                                 10000u,
+                                                 100000u,
+                                                 1000000u,
+                                                 10000000u,
+                                                 100000000u,
+                                                 1000000000u,
+                                                 10000000000u,
+                                                 100000000000u,
+                                                 1000000000000u,
+                                                 10000000000000u,
+                                                 100000000000000u,
+                                                 1000000000000000u,
+                                                 10000000000000000u,
+                                                 100000000000000000u,
+                                                 1000000000000000000u,
+                                                 10000000000000000000u};
+
+/** mantissa / 10^power with one rounding: the quotient has 63 bits or more, and its last bit also stands for
+ * everything below it, so that rounding to 53 bits sees a tie only where there is one. */
+static double divide_rounded(uint64_t mantissa, int power)
+{
+    int shift = __builtin_clzll(mantissa);
+    unsigned __int128 dividend = (unsigned __int128)(mantissa << shift) << 64;
+    uint64_t divisor = integer_powers_of_ten[power];
+    unsigned __int128 quotient = dividend / divisor;
+    quotient |= quotient * divisor != dividend;
+    return ldexp((double)quotient, -64 - shift);
+}
+
+/**
+ * mantissa * 10^power where that takes one rounding; false elsewhere.
+ * Source: Clinger, How to Read Floating Point Numbers Accurately, 1990, section 3, for the exact powers.
+ */
+static bool scale_fast(uint64_t mantissa, int64_t power, double *number)
+{
+    static const double exact_powers_of_ten[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
+                                                 1e8,  1e9,  1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
+                                                 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
+    if (mantissa <= (uint64_t)1 << 53) {
+        if (power < -22 || power > 22) return false;
+        *number = power < 0 ? (double)mantissa / exact_powers_of_ten[-power]
+                            : (double)mantissa * exact_powers_of_ten[power];
+        return true;
+    }
+    if (power < -19 || power > 19) return false;
+    *number = power < 0 ? divide_rounded(mantissa, (int)-power)
+                        : (double)((unsigned __int128)mantissa * integer_powers_of_ten[power]);
+    return true;
+}
+
+#define LONGEST_NUMBER 1200 /* digits of any double written in full, and then some */
+
+static qm_status scale_slow(qm_text *text, const uint8_t *from, const uint8_t *to, double *number)
+{
+    char copy[LONGEST_NUMBER + 1];
+    size_t length = (size_t)(to - from);
+    if (length > LONGEST_NUMBER)
+        return qm_codec_fail(text->report, QM_E_FORMAT, "a number has more than %d characters",
+                             LONGEST_NUMBER);
+    memcpy(copy, from, length);
+    copy[length] = 0;
+    locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
+    if (!plain) return QM_E_NO_MEMORY;
+    *number = strtod_l(copy, NULL, plain);
+    freelocale(plain);
+    if (!isfinite(*number))
+        return qm_codec_fail(text->report, QM_E_NOT_FINITE, "a number is too large for double precision");
+    return QM_OK;
+}
+
+/** Reads "e-12" if it stands there; false for an exponent with no digits. A huge one is cut short, but stays
+ * huge. */
+static bool scan_exponent(const qm_text *text, const uint8_t **at, int64_t *exponent)
+{
+    const uint8_t *p = *at;
+    if (p == text->end || (*p | 0x20) != 'e') return true;
+    ++p;
+    bool negative = p < text->end && *p == '-';
+    if (p < text->end && (*p == '-' || *p == '+')) ++p;
+    if (p == text->end || !is_digit(*p)) return false;
+    int64_t value = 0;
+    for (; p < text->end && is_digit(*p); ++p)
+        if (value < 100000) value = 10 * value + (*p - '0');
+    *exponent += negative ? -value : value;
+    *at = p;
+    return true;
+}
+
+qm_status qm_text_read_number(qm_text *text, double *number)
+{
+    qm_text_skip_blanks(text);
+    const uint8_t *p = text->at, *end = text->end;
+    bool negative = p < end && *p == '-';
+    if (p < end && (*p == '-' || *p == '+')) ++p;
+
+    const uint8_t *first = p;
+    uint64_t mantissa = 0; /* wraps beyond 19 digits and is then not used */
+    for (; p < end && is_digit(*p); ++p)
+        mantissa = 10 * mantissa + (uint64_t)(*p - '0');
+    int64_t digit_count = p - first, exponent = 0;
+    if (p < end && *p == '.') {
+        const uint8_t *fraction = ++p;
+        for (; p < end && is_digit(*p); ++p)
+            mantissa = 10 * mantissa + (uint64_t)(*p - '0');
+        exponent = fraction - p;
+        digit_count += p - fraction;
+    }
+    if (digit_count == 0 || !scan_exponent(text, &p, &exponent) || !at_number_end(text, p))
+        return fail_number(text);
+
+    if (digit_count > 19 || !scale_fast(mantissa, exponent, number)) {
+        qm_status status = scale_slow(text, first, p, number);
+        if (status != QM_OK) return status;
+    }
+    if (negative) *number = -*number;
+    text->at = p;
+    return QM_OK;
+}
+
+qm_status qm_text_read_position(qm_text *text, double position[3])
+{
+    qm_status status = qm_text_read_number(text, position);
+    if (status == QM_OK) status = qm_text_read_number(text, position + 1);
+    if (status == QM_OK) status = qm_text_read_number(text, position + 2);
+    return status;
+}
+
+bool qm_text_scan_integer(qm_text *text, int64_t *integer, bool *overflow)
+{
+    const uint8_t *p = text->at;
+    bool negative = p < text->end && *p == '-';
+    if (p < text->end && (*p == '-' || *p == '+')) ++p;
+    const uint8_t *first = p;
+    int64_t value = 0;
+    *overflow = false;
+    for (; p < text->end && is_digit(*p); ++p) {
+        if (value > (INT64_MAX - 9) / 10) {
+            *overflow = true;
+            return false;
+        }
+        value = 10 * value + (*p - '0');
+    }
+    if (p == first) return false;
+    *integer = negative ? -value : value;
+    text->at = p;
+    return true;
+}
+
+qm_status qm_text_read_integer(qm_text *text, int64_t *integer)
+{
+    qm_text_skip_blanks(text);
+    if (qm_text_at_row_end(text))
+        return qm_codec_fail(text->report, QM_E_FORMAT, "the line ends where a whole number should be");
+    bool overflow;
+    if (!qm_text_scan_integer(text, integer, &overflow))
+        return overflow ? qm_codec_fail(text->report, QM_E_FORMAT, "a whole number is too large")
+                        : qm_codec_fail(text->report, QM_E_FORMAT,
+                                        "a whole number is expected, but something else stands there");
+    if (!at_number_end(text, text->at))
+        return qm_codec_fail(text->report, QM_E_FORMAT,
+                             "a whole number is followed by something that is no blank");
+    return QM_OK;
+}

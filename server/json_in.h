@@ -1,0 +1,20 @@
+/**
+ * json_in.h: JSON requests to checked structs. The JSON tree ends here.
+ */
+#ifndef QM_JSON_IN_H
+#define QM_JSON_IN_H
+
+#include "job_kinds.h"
+#include "problem.h"
+
+#define QM_JSON_MAX_DEPTH 16
+
+/**
+ * Reads a job request. Unknown fields, wrong types and values out of range are refused with a pointer each.
+ *
+ * Returns true and fills *out, or false and fills *problem (400; 422 for values that are known but not
+ * available yet).
+ */
+bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem);
+
+#endif

@@ -1,0 +1,38 @@
+/**
+ * json_out.h: structs to JSON. Numbers are printed with the fewest digits that read back to the same double,
+ * in any locale; what is not finite becomes null.
+ */
+#ifndef QM_JSON_OUT_H
+#define QM_JSON_OUT_H
+
+#include "job_kinds.h"
+#include "problem.h"
+
+/** Enough for any double. Returns out. */
+#define QM_JSON_NUMBER_SIZE 32
+char *qm_json_number(double value, char out[QM_JSON_NUMBER_SIZE]);
+
+/** What the mesh resource shows besides the mesh itself. */
+typedef struct qm_mesh_label {
+    const char *id, *name;    /* id may be NULL: the member is then left out, as the command line does */
+    const char *content_hash; /* 64 hex digits, or NULL */
+    unsigned revision;
+    const char *created; /* RFC 3339, or NULL */
+} qm_mesh_label;
+
+/** The mesh resource of the contract, one JSON object without a line end. */
+void qm_json_write_mesh(qm_text *out, const qm_mesh_label *label, const qm_loaded_mesh *mesh);
+
+/** The problem document. */
+void qm_json_write_problem(qm_text *out, const qm_problem *problem);
+
+/** Direction, quads, tolerance ... of a request in a fixed order: also the key of the cache. */
+void qm_json_write_request(qm_text *out, const qm_job_request *request);
+
+/** The result object of a Hausdorff job: bounds, relative twins, witness, counters, times, verdict. */
+void qm_json_write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result);
+
+/** One event line without seq: {"event":"bounds",...}; diagonal makes the relative figures. */
+void qm_json_write_bounds(qm_text *out, const qm_hausdorff_progress *progress, double diagonal);
+
+#endif

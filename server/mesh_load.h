@@ -1,0 +1,42 @@
+/**
+ * mesh_load.h: the bytes of a file to a mesh that is ready for questions, with the time that each stage took.
+ * Shared by the daemon and the command line.
+ */
+#ifndef QM_MESH_LOAD_H
+#define QM_MESH_LOAD_H
+
+#include "codec.h"
+#include "qm/bvh.h"
+
+typedef struct qm_loaded_mesh {
+    qm_mesh mesh;
+    qm_bvh *bvh;
+    qm_mesh_facts facts;
+    qm_box box;
+    double diagonal;
+    qm_format format;
+    size_t file_size;
+    double parse_ms, topology_ms, bvh_ms;
+    char (*warnings)[QM_CODEC_DETAIL_SIZE]; /* of the decoder, then of the facts (degenerate faces, unused
+                                               vertices) */
+    size_t warning_count;
+} qm_loaded_mesh;
+
+/**
+ * Decodes (format QM_FORMAT_UNKNOWN: sniffed), finds the facts and builds the tree. On success *out is the
+ * caller's, for qm_loaded_mesh_reset with the same allocator.
+ *
+ * Returns QM_OK; or a status with report->detail and the place in the file. After an error *out is all zero.
+ */
+qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                       const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report);
+
+void qm_loaded_mesh_reset(qm_context *ctx, qm_loaded_mesh *mesh);
+
+/** Bytes of arrays and tree. */
+size_t qm_loaded_mesh_memory_size(const qm_loaded_mesh *mesh);
+
+/** "triangles", "quads", "mixed" or "points". */
+const char *qm_loaded_mesh_kind(const qm_loaded_mesh *mesh);
+
+#endif

@@ -1,0 +1,87 @@
+/**
+ * store.h: what survives a restart, behind one small interface: blobs, meshes, jobs. The store keeps
+ * documents (JSON text made elsewhere) and the columns that it searches by; it knows no geometry and no JSON.
+ *
+ * Durability: a call that returned QM_OK survives a kill -9 and a power cut. Threads: every call may come
+ * from any thread; the store takes a lock of its own.
+ */
+#ifndef QM_STORE_H
+#define QM_STORE_H
+
+#include "job_kinds.h"
+#include "text.h"
+
+#define QM_HASH_SIZE 65 /* sha-256 in hex, and a 0 */
+
+typedef struct qm_store qm_store;
+
+/**
+ * Opens the data folder, makes it when it is not there, sweeps half-written blobs. One process at a time
+ * holds a folder. Returns QM_OK, or a status with words in message (may name the folder: it goes to the log
+ * only).
+ */
+qm_status qm_store_open(const char *folder, qm_store **out, char message[QM_MESSAGE_SIZE]);
+void qm_store_close(qm_store *store);
+
+/** A blob on its way in: bytes go to a file of their own while the hash is taken. */
+typedef struct qm_blob_writer qm_blob_writer;
+qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out);
+qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size);
+/** fsync, rename to the name of its hash; the writer is gone afterwards, also after an error. */
+qm_status qm_blob_finish(qm_blob_writer *writer, char hash[QM_HASH_SIZE], size_t *size);
+void qm_blob_abort(qm_blob_writer *writer);
+/** Maps a blob for reading; release with qm_blob_unmap. QM_E_EMPTY when there is none of this hash. */
+qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size);
+void qm_blob_unmap(const uint8_t *bytes, size_t size);
+/** Removes a blob that no mesh refers to any more. */
+void qm_blob_remove(qm_store *store, const char *hash);
+
+/** A row of meshes. Strings of found rows are the caller's, for qm_store_mesh_reset. */
+typedef struct qm_store_mesh {
+    char id[QM_ID_SIZE];
+    char hash[QM_HASH_SIZE]; /* of the blob */
+    char *options; /* what, with the hash, makes an upload the same (name, format): the content index */
+    char *name;
+    char *document;   /* the mesh resource */
+    int format;       /* qm_format */
+    int64_t sequence; /* order of creation; given by the store */
+} qm_store_mesh;
+
+qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh);
+/** False when there is none. */
+bool qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
+bool qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
+                                   qm_store_mesh *out);
+/** Up to limit rows after a sequence number (0: from the first on), in order; returns how many. */
+size_t qm_store_list_meshes(qm_store *store, int64_t after, size_t limit, qm_store_mesh *out);
+/** Removes the row, and the blob when no other row has it. False when there is none. */
+bool qm_store_delete_mesh(qm_store *store, const char *id);
+void qm_store_mesh_reset(qm_store_mesh *mesh);
+
+/** A row of jobs. */
+typedef struct qm_store_job {
+    char id[QM_ID_SIZE];
+    char *key;             /* canonical request, meshes' hashes: jobs with one key have one answer */
+    char *idempotency_key; /* of the client, or NULL */
+    char *body;            /* the request as it came, to run it again after a restart */
+    char *document;        /* the job resource as of its end; NULL while it is queued or runs */
+    char *events;          /* NDJSON lines of the whole stream; NULL likewise */
+    int state;             /* qm_job_state of job.h */
+    int64_t sequence;      /* order of creation; given by the store */
+} qm_store_job;
+
+qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job);
+/** Writes state, document and events of a job that has ended. */
+qm_status qm_store_finish_job(qm_store *store, const char *id, int state, const char *document,
+                              const char *events);
+bool qm_store_find_job(qm_store *store, const char *id, qm_store_job *out);
+/** The newest job of a key in the given state. */
+bool qm_store_find_job_by_key(qm_store *store, const char *key, int state, qm_store_job *out);
+bool qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
+size_t qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out);
+/** Jobs without a document, oldest first: to run again after a restart. */
+size_t qm_store_list_unfinished_jobs(qm_store *store, size_t limit, qm_store_job *out);
+bool qm_store_delete_job(qm_store *store, const char *id);
+void qm_store_job_reset(qm_store_job *job);
+
+#endif
