@@ -41,6 +41,7 @@ static qm_hausdorff_options options_of(qm_direction direction, qm_quad_reading r
     options.direction = direction;
     options.quads = reading;
     options.tolerance = tolerance;
+    options.work_limit = 400000; /* far more than any of these shapes needs: a failure rather than a hang */
     return options;
 }
 
@@ -81,10 +82,11 @@ static void the_turned_spheres_are_one_minus_cosine_apart(void **state)
 {
     (void)state;
     qm_mesh a = qm_shape_sphere(0), b = qm_shape_sphere(M_PI / 100);
-    double expected = 1 - cos(M_PI / 100);
-    check_pair("spheres", &a, &b, 1e-8 * expected, expected, expected);
+    double expected = 1 - cos(M_PI / 100), diagonal = 3.46;
+    check_pair("spheres", &a, &b, 1e-8 * diagonal, expected, expected);
     qm_mesh split = qm_shape_triangulated(&a);
-    check_pair("sphere of triangles", &split, &b, 1e-8 * expected, expected, expected);
+    check_pair("sphere of triangles", &split, &b, 1e-8 * diagonal, expected, expected);
+    check_value("spheres, closely", &a, &b, QM_TWO_SIDED, QM_QUADS_TRIANGLES, 1e-8 * expected, expected);
     qm_shape_free(&a);
     qm_shape_free(&b);
     qm_shape_free(&split);
@@ -96,7 +98,7 @@ static void parallel_planes_are_their_offset_apart(void **state)
     static const double offsets[] = {0.25, 1e-3, 1e-9, 1e-12};
     for (size_t k = 0; k < 4; ++k) {
         qm_mesh low = qm_shape_plane(7, 0), high = qm_shape_plane(5, offsets[k]);
-        check_pair("planes", &low, &high, 1e-12, offsets[k], offsets[k]);
+        check_pair("planes", &low, &high, 1e-9, offsets[k], offsets[k]);
         qm_shape_free(&low);
         qm_shape_free(&high);
     }
@@ -195,8 +197,8 @@ static void single_facets_and_points_have_their_school_distances(void **state)
     check_pair("triangle and dot", &triangle, &dot, 1e-12, 4, 0);
     check_pair("segment and dot", &segment, &dot, 1e-12, 4, 0);
     check_pair("segment and flat quad", &segment, &flat, 1e-10, 0, 0);
-    check_pair("triangle and point", &triangle, &point, 1e-12, sqrt(12 * 12 + 25), 12);
-    check_pair("point and dot", &point, &dot, 1e-12, sqrt(160), sqrt(160));
+    check_pair("triangle and point", &triangle, &point, 1e-10, sqrt(12 * 12 + 25), 12);
+    check_pair("point and dot", &point, &dot, 1e-10, sqrt(160), sqrt(160));
     check_pair("point and itself", &point, &point, 1e-12, 0, 0);
     qm_mesh *all[] = {&triangle, &above, &segment, &dot, &flat, &point};
     for (size_t k = 0; k < 6; ++k)
@@ -267,7 +269,7 @@ static void limits_leave_a_bracket_that_holds(void **state)
     qm_mesh a = qm_shape_sphere(0), b = qm_shape_sphere(M_PI / 100);
     double distance = 1 - cos(M_PI / 100);
     for (int reading = 0; reading < 2; ++reading)
-        for (uint64_t limit = 1; limit < 1000000; limit *= 10) {
+        for (uint64_t limit = 1; limit < 100000; limit *= 10) {
             qm_hausdorff_options options = options_of(QM_TWO_SIDED, (qm_quad_reading)reading, 1e-13);
             options.work_limit = limit;
             qm_hausdorff_result r = measure_with(&a, &b, &options);
