@@ -101,12 +101,34 @@ $(OBJ)/tests/%.o: tests/%.c
 unit: $(UNIT_PROGRAMS)
 	@set -e; for program in $(UNIT_PROGRAMS); do $$program; done
 
+# Fuzzes the decoders with clang for FUZZ_SECONDS, from the files of FUZZ_DATA; findings are left in build/fuzz.
+FUZZ_CC      ?= clang
+FUZZ_CXX     ?= clang++
+FUZZ_SECONDS ?= 120
+FUZZ_DATA    ?= ../shared/data
+FUZZ_FLAGS   := -O1 -g -fno-omit-frame-pointer -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all
+FUZZ_SOURCES := tests/fuzz/fuzz_codec.c $(wildcard server/codec*.c) $(addprefix engine/src/,base.c context.c mesh.c)
+FUZZ_OBJECTS := $(FUZZ_SOURCES:%.c=build/obj/fuzz/%.o) build/obj/fuzz/server/codec_draco.o
+
+build/obj/fuzz/%.o: %.c
+	@mkdir -p $(@D)
+	$(FUZZ_CC) -std=c17 $(FUZZ_FLAGS) -Iengine/include -Iserver -D_GNU_SOURCE -MMD -MP -c $< -o $@
+build/obj/fuzz/%.o: %.cc
+	@mkdir -p $(@D)
+	$(FUZZ_CXX) -std=c++17 $(FUZZ_FLAGS) -Iserver -MMD -MP -c $< -o $@
+build/fuzz/fuzz_codec: $(FUZZ_OBJECTS)
+	@mkdir -p $(@D)
+	$(FUZZ_CXX) -fsanitize=fuzzer,address,undefined -o $@ $^ -lcjson -ldraco -lm
+fuzz: build/fuzz/fuzz_codec
+	tests/fuzz/fuzz_corpus.sh $(FUZZ_DATA) build/fuzz/corpus
+	cd build/fuzz && ./fuzz_codec -max_total_time=$(FUZZ_SECONDS) -max_len=20000 -rss_limit_mb=4096 corpus
+
 clean:
 	rm -rf build
 
 format:
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cc')
 
--include $(shell test -d $(OBJ) && find $(OBJ) -name '*.d')
-.PHONY: all unit clean format
+-include $(foreach folder,$(wildcard $(OBJ) build/obj/fuzz),$(shell find $(folder) -name '*.d'))
+.PHONY: all unit fuzz clean format
 .SECONDARY:

@@ -16,9 +16,14 @@ typedef struct setting {
     const char *help;
 } setting;
 
-#define TEXT(member, name, value, help) {name, offsetof(qm_config, member), value, 0, 0, 0, help}
+#define TEXT(member, name, value, help)                                                                      \
+    {                                                                                                        \
+        name, offsetof(qm_config, member), value, 0, 0, 0, help                                              \
+    }
 #define NUMBER(member, name, value, least, greatest, help)                                                   \
-    {name, offsetof(qm_config, member), NULL, value, least, greatest, help}
+    {                                                                                                        \
+        name, offsetof(qm_config, member), NULL, value, least, greatest, help                                \
+    }
 
 static const setting settings[] = {
     TEXT(listen, "listen", "127.0.0.1", "address to listen on; loopback only"),
@@ -63,8 +68,8 @@ static bool set(qm_config *config, const setting *s, const char *value, const ch
     char *end;
     double number = strtod(value, &end);
     if (end == value || *end || !(number >= s->least && number <= s->greatest) || number != floor(number)) {
-        fprintf(stderr, "quadmeshd: %s must be a whole number from %.15g to %.15g, got \"%s\"\n", origin, s->least,
-                s->greatest, value);
+        fprintf(stderr, "quadmeshd: %s must be a whole number from %.15g to %.15g, got \"%s\"\n", origin,
+                s->least, s->greatest, value);
         return false;
     }
     *(double *)(void *)member = number;
@@ -97,8 +102,9 @@ static bool is_loopback(const char *address)
 static bool check(const qm_config *config)
 {
     if (!is_loopback(config->listen)) {
-        fprintf(stderr, "quadmeshd: --listen takes a loopback address (127.0.0.1 or ::1): there is no authentication"
-                        " yet, so nobody else may reach the daemon\n");
+        fprintf(stderr,
+                "quadmeshd: --listen takes a loopback address (127.0.0.1 or ::1): there is no authentication"
+                " yet, so nobody else may reach the daemon\n");
         return false;
     }
     if (strcmp(config->log_format, "text") != 0 && strcmp(config->log_format, "json") != 0) {
@@ -124,7 +130,9 @@ qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
         if (strcmp(argv[i], "--version") == 0) return puts("quadmeshd " QM_VERSION), QM_CONFIG_EXIT_OK;
         const setting *s = find(argv[i]);
         if (!s || i + 1 == argc) {
-            fprintf(stderr, s ? "quadmeshd: %s needs a value\n" : "quadmeshd: unknown setting %s; see --help\n", argv[i]);
+            fprintf(stderr,
+                    s ? "quadmeshd: %s needs a value\n" : "quadmeshd: unknown setting %s; see --help\n",
+                    argv[i]);
             return QM_CONFIG_EXIT_USAGE;
         }
         if (!set(config, s, argv[i + 1], argv[i])) return QM_CONFIG_EXIT_USAGE;

@@ -21,7 +21,8 @@ struct qm_mesh_ref {
     qm_mesh_ref *next;
 };
 
-/** lock guards the list, references and states; changed tells of a state. A mesh that is READY is only read. */
+/** lock guards the list, references and states; changed tells of a state. A mesh that is READY is only read.
+ */
 struct qm_meshes {
     qm_store *store;
     qm_codec_limits limits;
@@ -113,7 +114,8 @@ static qm_mesh_ref *list_new(qm_meshes *meshes, const char *id)
     return ref;
 }
 
-static bool load_blob(const qm_meshes *meshes, const char *hash, qm_format format, qm_loaded_mesh *out, qm_problem *problem)
+static bool load_blob(const qm_meshes *meshes, const char *hash, qm_format format, qm_loaded_mesh *out,
+                      qm_problem *problem)
 {
     const uint8_t *bytes;
     size_t size;
@@ -149,7 +151,8 @@ static bool store_new(qm_meshes *meshes, qm_store_mesh *row, const qm_loaded_mes
 static char *make_options(const char *name, qm_format format)
 {
     qm_text options = {0};
-    qm_text_printf(&options, "format=%s name=%s", format == QM_FORMAT_UNKNOWN ? "auto" : qm_format_name(format), name);
+    qm_text_printf(&options, "format=%s name=%s",
+                   format == QM_FORMAT_UNKNOWN ? "auto" : qm_format_name(format), name);
     return qm_text_take(&options);
 }
 
@@ -168,8 +171,8 @@ static void keep_in_memory(qm_meshes *meshes, const char *id, const qm_loaded_me
     qm_loaded_mesh_reset(&ctx, &unused);
 }
 
-bool qm_meshes_add(qm_meshes *meshes, const char *hash, const char *name, qm_format format, qm_store_mesh *out,
-                   bool *is_new, qm_problem *problem)
+bool qm_meshes_add(qm_meshes *meshes, const char *hash, const char *name, qm_format format,
+                   qm_store_mesh *out, bool *is_new, qm_problem *problem)
 {
     *out = (qm_store_mesh){0};
     *is_new = false;

@@ -1,6 +1,6 @@
 /**
- * meshes.h: meshes in memory by id, each with its tree, counted by reference. One that is not in memory is read back from
- * its blob when it is asked for.
+ * meshes.h: meshes in memory by id, each with its tree, counted by reference. One that is not in memory is
+ * read back from its blob when it is asked for.
  */
 #ifndef QM_MESHES_H
 #define QM_MESHES_H
@@ -10,7 +10,8 @@
 
 typedef struct qm_meshes qm_meshes;
 
-/** A mesh in use; released with qm_meshes_release. It stays alive and unchanged until then, also when it is deleted. */
+/** A mesh in use; released with qm_meshes_release. It stays alive and unchanged until then, also when it is
+ * deleted. */
 typedef struct qm_mesh_ref qm_mesh_ref;
 
 qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits);
@@ -19,12 +20,12 @@ qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits);
 void qm_meshes_destroy(qm_meshes *meshes);
 
 /**
- * Takes a finished upload in: the same blob with the same options gives the mesh that is there (*is_new false). Decodes and
- * builds on the calling thread. document is the resource, for the caller to free. After a fault the blob is gone
- * unless another mesh has it.
+ * Takes a finished upload in: the same blob with the same options gives the mesh that is there (*is_new
+ * false). Decodes and builds on the calling thread. document is the resource, for the caller to free. After a
+ * fault the blob is gone unless another mesh has it.
  */
-bool qm_meshes_add(qm_meshes *meshes, const char *hash, const char *name, qm_format format, qm_store_mesh *out,
-                   bool *is_new, qm_problem *problem);
+bool qm_meshes_add(qm_meshes *meshes, const char *hash, const char *name, qm_format format,
+                   qm_store_mesh *out, bool *is_new, qm_problem *problem);
 
 /** Takes a reference; reads the mesh from its blob when needed. NULL with a problem when there is none. */
 qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem);
