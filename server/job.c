@@ -338,13 +338,11 @@ typedef struct progress_target {
     double diagonal;
 } progress_target;
 
-/** Strips the braces and the event's name off {"event":"bounds",...}: the members are framed anew with a seq.
- */
-static char *bare_members(char *line)
+/** The members of an object in place: its braces are cut off. */
+static char *bare_members(char *object)
 {
-    char *start = strchr(line, ',') + 1;
-    start[strlen(start) - 1] = '\0';
-    return start;
+    object[strlen(object) - 1] = '\0';
+    return object + 1;
 }
 
 static void on_progress(void *user, const qm_hausdorff_progress *progress)
