@@ -24,7 +24,7 @@ typedef struct qm_loaded_mesh {
 
 /**
  * Decodes (format QM_FORMAT_UNKNOWN: sniffed), finds the facts and builds the tree. On success *out is the
- * caller's, for qm_loaded_mesh_reset with the same allocator. It stays where it is: the tree points into it.
+ * caller's, for qm_loaded_mesh_reset with the same allocator.
  *
  * Returns QM_OK; or a status with report->detail and the place in the file. After an error *out is all zero.
  */
