@@ -1,10 +1,10 @@
 /**
  * http.c: the life of a request, from the first header to the log line.
  *
- * libmicrohttpd's own threads receive and send. A handler that may wait (route.h) runs on the app's pool
- * while its connection is suspended; the connection is then resumed and the reply queued. A fault that is
- * known before the body has come is answered at once where the library lets us, else when the body has been
- * read and thrown away.
+ * libmicrohttpd's own threads receive and send. A handler that may wait (route.h) runs on one of the app's
+ * pools while its connection is suspended; the connection is then resumed and the reply queued. A fault that
+ * is known before the body has come is answered at once where the library lets us, else when the body has
+ * been read and thrown away.
  */
 #include "http_internal.h"
 
@@ -20,8 +20,10 @@
 #define MAX_JSON_BODY (1u << 20)
 #define CONNECTION_MEMORY (128u << 10)
 #define CONNECTION_THREADS 2
+#define LINGER_MS 1000.0
 
 struct qm_http {
+    qm_app *app;
     struct MHD_Daemon *daemon;
     int port;
 };
@@ -201,27 +203,45 @@ static void receive(qm_request *request, const char *bytes, size_t size)
 
 /* ---- handling ---- */
 
+/** Hands a suspended request with its reply back to the thread of its connection. */
+static void hand_back(qm_request *request)
+{
+    request->stage = WAITING;
+    MHD_resume_connection(request->connection);
+}
+
 static void run_on_pool(void *data)
 {
     qm_request *request = data;
     request->route->handle(request);
-    request->stage = WAITING;
-    MHD_resume_connection(request->connection);
+    hand_back(request);
+}
+
+/** The pool takes nothing any more: the daemon stops, or memory is out. */
+static void refuse(qm_request *request)
+{
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the request cannot be queued");
+    problem.retry_after_s = 5;
+    qm_reply_problem(request, &problem);
+    hand_back(request);
+}
+
+static qm_pool *pool_of(const qm_request *request)
+{
+    return request->route->runs == QM_RUNS_LONG ? request->app->long_pool : request->app->pool;
 }
 
 static enum MHD_Result handle(qm_request *request)
 {
     if (request->has_problem) {
         qm_reply_problem(request, &request->problem);
-    } else if (!request->route->waits) {
+    } else if (request->route->runs == QM_RUNS_AT_ONCE) {
         request->route->handle(request);
     } else {
         request->stage = HANDLING;
         MHD_suspend_connection(request->connection);
-        if (qm_pool_submit(request->app->pool, run_on_pool, request)) return MHD_YES;
-        MHD_resume_connection(request->connection);
-        qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the request cannot be queued");
-        qm_reply_problem(request, &problem);
+        if (!qm_pool_submit(pool_of(request), run_on_pool, request)) refuse(request);
+        return MHD_YES;
     }
     return send_reply(request);
 }
@@ -241,6 +261,7 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
         snprintf(request->method, sizeof request->method, "%s", method);
         snprintf(request->path, sizeof request->path, "%s", url);
         *state = request;
+        atomic_fetch_add(&request->app->request_count, 1);
         begin(request);
         /* Without a body to come this is the only moment to answer before the client sends one. */
         return request->has_problem ? handle(request) : MHD_YES;
@@ -272,6 +293,7 @@ static void on_completed(void *cls, struct MHD_Connection *connection, void **st
     if (request->upload) qm_blob_abort(request->upload);
     if (request->reply.response) MHD_destroy_response(request->reply.response);
     qm_text_reset(&request->body);
+    atomic_fetch_sub(&request->app->request_count, 1);
     free(request);
     *state = NULL;
 }
@@ -313,6 +335,7 @@ qm_http *qm_http_start(qm_app *app)
         free(http);
         return NULL;
     }
+    http->app = app;
     unsigned flags = MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
     if (address.ss_family == AF_INET6) flags |= MHD_USE_IPv6;
     http->daemon = MHD_start_daemon(
@@ -345,6 +368,10 @@ void qm_http_quiesce(qm_http *http)
 void qm_http_stop(qm_http *http)
 {
     if (!http) return;
+    /* What is on its way out, the last lines of streams above all, may still arrive. */
+    double end = qm_now_ms() + LINGER_MS;
+    while (atomic_load(&http->app->request_count) > 0 && qm_now_ms() < end)
+        usleep(1000);
     MHD_stop_daemon(http->daemon);
     free(http);
 }

@@ -16,9 +16,10 @@ typedef struct qm_app {
     qm_store *store;
     qm_meshes *meshes;
     qm_jobs *jobs;
-    qm_pool *pool; /* runs the handlers that may wait for the disk or decode */
+    qm_pool *pool;      /* runs the handlers that wait for the disk */
+    qm_pool *long_pool; /* runs the handlers that decode, so that a large mesh holds up no other request */
     atomic_bool draining;
-    atomic_int stream_count;
+    atomic_int stream_count, request_count; /* open now */
 } qm_app;
 
 typedef struct qm_request qm_request;
@@ -69,7 +70,10 @@ int qm_http_port(const qm_http *http);
 /** No new connections. */
 void qm_http_quiesce(qm_http *http);
 
-/** Ends all connections; every stream has been woken before, because its job has ended or was interrupted. */
+/**
+ * Ends all connections, after a moment for the replies on their way. No request is suspended any more: every
+ * job has ended or was interrupted, which woke its streams, and the pools are closed.
+ */
 void qm_http_stop(qm_http *http);
 
 #endif

@@ -14,6 +14,7 @@
 #include "pool.h"
 
 #define HEARTBEAT_MS 10000.0
+#define DRAIN_STEP_MS 10
 
 struct qm_job {
     char id[QM_ID_SIZE];
@@ -715,8 +716,10 @@ void qm_jobs_drain(qm_jobs *jobs)
 {
     qm_jobs_close(jobs);
     double end = qm_now_ms() + jobs->limits.grace_ms;
-    while (qm_jobs_count(jobs).running > 0 && qm_now_ms() < end)
-        uv_sleep(10);
+    while (qm_jobs_count(jobs).running > 0 && qm_now_ms() < end) {
+        uv_sleep(DRAIN_STEP_MS);
+        qm_jobs_tick(jobs, qm_now_ms());
+    }
     uv_mutex_lock(&jobs->lock);
     for (qm_job *job = jobs->first; job; job = job->next)
         atomic_store(&job->cancel, true);

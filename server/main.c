@@ -13,6 +13,7 @@
 #include "log.h"
 
 #define REQUEST_THREADS 4
+#define UPLOAD_THREADS 2
 #define TICK_MS 50
 #define MS_PER_S 1e3
 
@@ -99,7 +100,8 @@ static bool start_parts(daemon_state *state, const qm_config *config)
                               .max_faces = (size_t)config->max_faces};
     app->meshes = qm_meshes_create(app->store, limits);
     app->pool = qm_pool_create(REQUEST_THREADS);
-    if (!app->meshes || !app->pool) return false;
+    app->long_pool = qm_pool_create(UPLOAD_THREADS);
+    if (!app->meshes || !app->pool || !app->long_pool) return false;
     app->jobs = qm_jobs_create(app->store, app->meshes,
                                (qm_job_limits){.workers = (int)config->workers,
                                                .queue = (int)config->queue,
@@ -110,15 +112,20 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     return state->http && write_port(config->port_file, qm_http_port(state->http));
 }
 
-/** Order matters: no new connections; jobs end, which wakes all streams; handlers end; then the connections.
+/**
+ * Order matters. While jobs get their grace time the daemon still answers, and refuses new work. Their end
+ * wakes all streams. Handlers end next, and then the connections, of which none is suspended any more.
  */
 static void stop_parts(daemon_state *state)
 {
     qm_app *app = &state->app;
-    if (state->http) qm_http_quiesce(state->http);
     if (app->jobs) qm_jobs_drain(app->jobs);
-    qm_pool_destroy(app->pool);
+    if (state->http) qm_http_quiesce(state->http);
+    if (app->pool) qm_pool_close(app->pool);
+    if (app->long_pool) qm_pool_close(app->long_pool);
     qm_http_stop(state->http);
+    qm_pool_destroy(app->pool);
+    qm_pool_destroy(app->long_pool);
     qm_jobs_destroy(app->jobs);
     qm_meshes_destroy(app->meshes);
     qm_store_close(app->store);

@@ -57,25 +57,35 @@ bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data)
     if (!added) return false;
     *added = (task){run, data, NULL};
     uv_mutex_lock(&pool->lock);
-    if (pool->last)
-        pool->last->next = added;
-    else
-        pool->first = added;
-    pool->last = added;
-    uv_cond_signal(&pool->changed);
+    bool is_open = !pool->closing;
+    if (is_open) {
+        if (pool->last)
+            pool->last->next = added;
+        else
+            pool->first = added;
+        pool->last = added;
+        uv_cond_signal(&pool->changed);
+    }
     uv_mutex_unlock(&pool->lock);
-    return true;
+    if (!is_open) free(added);
+    return is_open;
 }
 
-void qm_pool_destroy(qm_pool *pool)
+void qm_pool_close(qm_pool *pool)
 {
-    if (!pool) return;
     uv_mutex_lock(&pool->lock);
     pool->closing = true;
     uv_cond_broadcast(&pool->changed);
     uv_mutex_unlock(&pool->lock);
     for (int i = 0; i < pool->thread_count; i++)
         uv_thread_join(&pool->threads[i]);
+    pool->thread_count = 0;
+}
+
+void qm_pool_destroy(qm_pool *pool)
+{
+    if (!pool) return;
+    qm_pool_close(pool);
     uv_cond_destroy(&pool->changed);
     uv_mutex_destroy(&pool->lock);
     free(pool);

@@ -12,10 +12,13 @@ typedef void qm_task_fn(void *data);
 /** NULL when threads or memory run out. */
 qm_pool *qm_pool_create(int thread_count);
 
-/** Queues run(data). False when out of memory: it will then never run. */
+/** Queues run(data). False when out of memory or closed: it will then never run. */
 bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data);
 
-/** Waits until every queued task has run, then ends the threads. */
+/** Waits until every queued task has run, then ends the threads; from now on nothing can be queued. */
+void qm_pool_close(qm_pool *pool);
+
+/** Closes the pool if need be and frees it. NULL is fine. */
 void qm_pool_destroy(qm_pool *pool);
 
 #endif

@@ -8,12 +8,19 @@
 
 typedef enum qm_body { QM_BODY_NONE, QM_BODY_MEMORY, QM_BODY_SPOOL } qm_body;
 
+/** Where a handler runs: on the connection's own thread, or with the connection suspended on a pool. */
+typedef enum qm_runs {
+    QM_RUNS_AT_ONCE, /* neither waits nor computes */
+    QM_RUNS_SHORT,   /* waits for the disk */
+    QM_RUNS_LONG     /* decodes a mesh */
+} qm_runs;
+
 typedef struct qm_route {
     const char *method;
     const char *path; /* {id} stands for one segment of letters, digits and _ */
     void (*handle)(qm_request *request);
     qm_body body;
-    bool waits; /* may wait for disk or decode: runs on the pool, not on a thread of the connections */
+    qm_runs runs;
 } qm_route;
 
 /**
