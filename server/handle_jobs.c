@@ -7,6 +7,7 @@
 #include "json_in.h"
 
 #define MAX_WAIT_S 600.0
+#define MS_PER_S 1e3
 
 /** The framing that the Accept header asks for by name; false when it asks for none. */
 static bool wants_stream(const qm_request *request, qm_framing *framing)
@@ -33,6 +34,12 @@ static void reply_job(qm_request *request, int status, qm_job *job, bool is_cach
     char *document = qm_job_document(jobs, job, is_cached);
     qm_jobs_release(jobs, job);
     qm_reply_text(request, status, "application/json", document);
+}
+
+static void reply_when_done(qm_request *request, qm_job *job, double wait_s, int status_before)
+{
+    qm_reply_header(request, "Preference-Applied", "wait=%.15g", wait_s);
+    qm_reply_when_done(request, job, MS_PER_S * wait_s, status_before);
 }
 
 static bool check_type(qm_request *request)
@@ -71,27 +78,28 @@ void qm_handle_job_create(qm_request *request)
         qm_reply_problem(request, &problem);
         return;
     }
+    qm_framing framing;
+    bool streams = wants_stream(request, &framing);
     const char *caching = qm_request_header(request, "Cache-Control");
     qm_job_submission submission = {.request = &job_request,
                                     .body = body,
                                     .idempotency_key = qm_request_header(request, "Idempotency-Key"),
-                                    .use_cache = !(caching && strcasestr(caching, "no-cache"))};
+                                    .use_cache = !(caching && strcasestr(caching, "no-cache")),
+                                    .owns_job = streams && !job_request.detach};
     bool is_cached;
     qm_job *job = qm_jobs_submit(app->jobs, &submission, &is_cached, &problem);
     if (!job) {
         qm_reply_problem(request, &problem);
         return;
     }
-    qm_framing framing;
     double wait = preferred_wait(request);
     qm_reply_header(request, "Location", "/v1/jobs/%s", qm_job_id(job));
-    if (wants_stream(request, &framing)) {
-        qm_reply_stream(request, 200, job, 0, framing, !is_cached && !job_request.detach);
+    if (streams) {
+        qm_reply_stream(request, 200, job, 0, framing, submission.owns_job);
     } else if (is_cached) {
         reply_job(request, 200, job, true);
     } else if (wait > 0.0) {
-        qm_reply_header(request, "Preference-Applied", "wait=%.15g", wait);
-        qm_reply_when_done(request, job, 1e3 * wait);
+        reply_when_done(request, job, wait, 202);
     } else {
         reply_job(request, 202, job, false);
     }
@@ -129,7 +137,7 @@ void qm_handle_job_get(qm_request *request)
     if (!job) return;
     double wait = preferred_wait(request);
     if (wait > 0.0)
-        qm_reply_when_done(request, job, 1e3 * wait);
+        reply_when_done(request, job, wait, 200);
     else
         reply_job(request, 200, job, false);
 }

@@ -52,15 +52,16 @@ void qm_reply_header(qm_request *request, const char *name, const char *format, 
 
 /**
  * Replies with the stream of a job's events after seq; takes over the reference to the job. When owns_job is
- * set and the client leaves before the end, the job is cancelled.
+ * set, the client owns the job (qm_job_submission) and its leaving may end it.
  */
 void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t after, qm_framing framing,
                      bool owns_job);
 
 /**
- * Replies with the job's document when it ends (200) or when the time is up (202); takes over the reference.
+ * Replies with the job's document when it ends (200) or when the time is up (status_before); takes over the
+ * reference.
  */
-void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms);
+void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms, int status_before);
 
 /** Serves until qm_http_stop. Returns NULL with a log line when the address cannot be used. */
 typedef struct qm_http qm_http;

@@ -35,6 +35,7 @@ struct qm_request {
     enum { RECEIVING, HANDLING, WAITING, DONE } stage;
     qm_reply reply;
     qm_job *awaited; /* qm_reply_when_done */
+    int status_before;
     qm_reader reader;
 };
 

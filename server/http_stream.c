@@ -58,7 +58,7 @@ static ssize_t read_stream(void *user, uint64_t position, char *buffer, size_t s
 static void free_stream(void *user)
 {
     stream *s = user;
-    if (s->owns_job && !s->has_ended) qm_jobs_cancel(s->app->jobs, s->job);
+    if (s->owns_job && !s->has_ended) qm_jobs_disown(s->app->jobs, s->job);
     qm_job_leave(s->app->jobs, s->job, &s->reader);
     qm_jobs_release(s->app->jobs, s->job);
     atomic_fetch_sub(&s->app->stream_count, 1);
@@ -89,7 +89,7 @@ void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t afte
     qm_app *app = request->app;
     stream *s = take_place(app) ? calloc(1, sizeof *s) : NULL;
     if (!s) {
-        if (owns_job) qm_jobs_cancel(app->jobs, job);
+        if (owns_job) qm_jobs_disown(app->jobs, job);
         refuse_stream(request, job);
         return;
     }
@@ -120,9 +120,10 @@ static void suspend_request(void *user)
     MHD_suspend_connection(((qm_request *)user)->connection);
 }
 
-void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms)
+void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms, int status_before)
 {
     request->awaited = job;
+    request->status_before = status_before;
     request->reader =
         (qm_reader){.wake = resume_request, .user = request, .wake_at_ms = qm_now_ms() + wait_ms};
     qm_job_join(request->app->jobs, job, &request->reader);
@@ -138,6 +139,6 @@ bool qm_request_check_awaited(qm_request *request)
     bool ended;
     char *document = qm_job_document_now(jobs, job, &ended);
     qm_jobs_release(jobs, job);
-    qm_reply_text(request, ended ? 200 : 202, "application/json", document);
+    qm_reply_text(request, ended ? 200 : request->status_before, "application/json", document);
     return true;
 }

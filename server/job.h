@@ -43,11 +43,10 @@ typedef struct qm_job_limits {
 /** Starts the workers and queues again what the store holds unfinished. */
 qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_job_limits limits);
 
-/** No new work from now on. */
-void qm_jobs_close(qm_jobs *jobs);
-
-/** Ends the workers: running jobs get their grace time, then stop; unfinished ones run again at the next
- * start. */
+/**
+ * Takes no new work from now on and ends the workers: running jobs get their grace time, then stop;
+ * unfinished ones run again at the next start. What has ended can still be asked for.
+ */
 void qm_jobs_drain(qm_jobs *jobs);
 void qm_jobs_destroy(qm_jobs *jobs);
 
@@ -57,6 +56,7 @@ typedef struct qm_job_submission {
     const char *body;            /* as it came */
     const char *idempotency_key; /* or NULL */
     bool use_cache;
+    bool owns_job; /* the job ends when the client leaves: it streams it and has not said detach */
 } qm_job_submission;
 
 /**
@@ -73,13 +73,16 @@ void qm_jobs_release(qm_jobs *jobs, qm_job *job);
 /** A job asked to stop; it ends as cancelled with its last bounds. False when it had ended before. */
 bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job);
 
+/** A client that owns the job (see the submission) has left: cancels it when nobody else wants it. */
+void qm_jobs_disown(qm_jobs *jobs, qm_job *job);
+
 const char *qm_job_id(const qm_job *job);
 
 /** The job resource as it is now, for the caller to free; with the cached mark when asked for. NULL: out of
  * memory. */
 char *qm_job_document(qm_jobs *jobs, qm_job *job, bool is_cached);
 
-/** The same, and whether the job had ended at that moment. */
+/** The same without the mark, and whether the job had ended at that moment. */
 char *qm_job_document_now(qm_jobs *jobs, qm_job *job, bool *has_ended);
 
 /** The documents of a page of jobs after a sequence number, as members of a JSON array; *next is 0 on the
@@ -93,8 +96,8 @@ typedef enum qm_framing { QM_FRAMING_NDJSON, QM_FRAMING_SSE } qm_framing;
 typedef enum qm_news { QM_NEWS_SOME, QM_NEWS_NONE, QM_NEWS_END } qm_news;
 
 /**
- * Adds the events after *seq to out, framed, and moves *seq on. With none to add and the job still going,
- * puts the reader to sleep by calling suspend under the lock.
+ * Adds the events after *seq to out, framed, and moves *seq on; from the first one if there are not so many.
+ * With none to add and the job still going, puts the reader to sleep by calling suspend under the lock.
  */
 qm_news qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing framing, qm_text *out,
                     qm_reader *reader, void (*suspend)(void *user));

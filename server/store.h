@@ -64,6 +64,7 @@ typedef struct qm_store_job {
     char *key;             /* canonical request, meshes' hashes: jobs with one key have one answer */
     char *idempotency_key; /* of the client, or NULL */
     char *body;            /* the request as it came, to run it again after a restart */
+    char *created;         /* when it was asked for, RFC 3339 */
     char *document;        /* the job resource as of its end; NULL while it is queued or runs */
     char *events;          /* NDJSON lines of the whole stream; NULL likewise */
     int state;             /* qm_job_state of job.h */
@@ -78,9 +79,10 @@ bool qm_store_find_job(qm_store *store, const char *id, qm_store_job *out);
 /** The newest job of a key in the given state. */
 bool qm_store_find_job_by_key(qm_store *store, const char *key, int state, qm_store_job *out);
 bool qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
+/** Up to limit rows after a sequence number (0: from the first on), in order, without their events. */
 size_t qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out);
-/** Jobs without a document, oldest first: to run again after a restart. */
-size_t qm_store_list_unfinished_jobs(qm_store *store, size_t limit, qm_store_job *out);
+/** The same, only of jobs without a document: to run again after a restart. */
+size_t qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out);
 bool qm_store_delete_job(qm_store *store, const char *id);
 void qm_store_job_reset(qm_store_job *job);
 

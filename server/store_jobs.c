@@ -3,18 +3,20 @@
 
 #include "store_internal.h"
 
-#define COLUMNS "id, key, idempotency_key, body, document, events, state, sequence"
+#define COLUMNS_BUT_EVENTS "id, key, idempotency_key, body, created, state, sequence, document"
+#define COLUMNS COLUMNS_BUT_EVENTS ", events"
 
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
 {
     sqlite3_stmt *statement = qm_store_begin(
-        store, "INSERT INTO jobs (id, key, idempotency_key, body, state) VALUES (?, ?, ?, ?, ?)");
+        store, "INSERT INTO jobs (id, key, idempotency_key, body, created, state) VALUES (?, ?, ?, ?, ?, ?)");
     if (!statement) return QM_E_ARGUMENT;
     qm_store_bind_text(statement, 1, job->id);
     qm_store_bind_text(statement, 2, job->key);
     qm_store_bind_text(statement, 3, job->idempotency_key);
     qm_store_bind_text(statement, 4, job->body);
-    sqlite3_bind_int(statement, 5, job->state);
+    qm_store_bind_text(statement, 5, job->created);
+    sqlite3_bind_int(statement, 6, job->state);
     return qm_store_execute(store, statement);
 }
 
@@ -38,10 +40,11 @@ static void read_row(sqlite3_stmt *statement, qm_store_job *out)
     out->key = qm_store_column_text(statement, 1);
     out->idempotency_key = qm_store_column_text(statement, 2);
     out->body = qm_store_column_text(statement, 3);
-    out->document = qm_store_column_text(statement, 4);
-    out->events = qm_store_column_text(statement, 5);
-    out->state = sqlite3_column_int(statement, 6);
-    out->sequence = sqlite3_column_int64(statement, 7);
+    out->created = qm_store_column_text(statement, 4);
+    out->state = sqlite3_column_int(statement, 5);
+    out->sequence = sqlite3_column_int64(statement, 6);
+    out->document = qm_store_column_text(statement, 7);
+    out->events = sqlite3_column_count(statement) > 8 ? qm_store_column_text(statement, 8) : NULL;
 }
 
 /** The one row of a statement with one string, or two values. */
@@ -89,16 +92,16 @@ static size_t list(qm_store *store, const char *sql, int64_t after, size_t limit
 
 size_t qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out)
 {
-    return list(store, "SELECT " COLUMNS " FROM jobs WHERE sequence > ? ORDER BY sequence LIMIT ?", after,
-                limit, out);
+    return list(store, "SELECT " COLUMNS_BUT_EVENTS " FROM jobs WHERE sequence > ? ORDER BY sequence LIMIT ?",
+                after, limit, out);
 }
 
-size_t qm_store_list_unfinished_jobs(qm_store *store, size_t limit, qm_store_job *out)
+size_t qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out)
 {
     return list(store,
-                "SELECT " COLUMNS
+                "SELECT " COLUMNS_BUT_EVENTS
                 " FROM jobs WHERE document IS NULL AND sequence > ? ORDER BY sequence LIMIT ?",
-                0, limit, out);
+                after, limit, out);
 }
 
 bool qm_store_delete_job(qm_store *store, const char *id)
@@ -117,6 +120,7 @@ void qm_store_job_reset(qm_store_job *job)
     free(job->key);
     free(job->idempotency_key);
     free(job->body);
+    free(job->created);
     free(job->document);
     free(job->events);
     *job = (qm_store_job){0};

@@ -26,7 +26,8 @@ static const char schema[] =
     "CREATE INDEX IF NOT EXISTS meshes_by_content ON meshes (hash, options);"
     "CREATE TABLE IF NOT EXISTS jobs ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, key TEXT NOT NULL,"
-    "  idempotency_key TEXT UNIQUE, body TEXT NOT NULL, document TEXT, events TEXT, state INTEGER NOT NULL);"
+    "  idempotency_key TEXT UNIQUE, body TEXT NOT NULL, created TEXT NOT NULL, document TEXT, events TEXT,"
+    "  state INTEGER NOT NULL);"
     "CREATE INDEX IF NOT EXISTS jobs_by_key ON jobs (key, state);"
     "CREATE INDEX IF NOT EXISTS jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
     "PRAGMA user_version = 1;";

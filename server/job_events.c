@@ -1,0 +1,201 @@
+/**
+ * job_events.c: the events of a job, those who read them, and the job as a document.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "job_internal.h"
+#include "json_out.h"
+
+#define HEARTBEAT_MS 10000.0
+
+/* ---- events ---- */
+
+void qm_job_wake_readers(qm_job *job)
+{
+    for (qm_reader *reader = job->readers; reader; reader = reader->next) {
+        if (!reader->asleep) continue;
+        reader->asleep = false;
+        reader->wake(reader->user);
+    }
+}
+
+/** {"event":NAME,"seq":N,MEMBERS}; members comes without braces. NULL: out of memory. */
+static char *make_event(const char *name, size_t seq, const char *members)
+{
+    qm_text line = {0};
+    qm_text_printf(&line, "{\"event\":\"%s\",\"seq\":%zu,%s}", name, seq, members);
+    return qm_text_take(&line);
+}
+
+void qm_job_add_event(qm_job *job, const char *name, const char *members)
+{
+    if (job->event_count == job->event_capacity) {
+        size_t capacity = job->event_capacity ? 2 * job->event_capacity : 16;
+        char **events = realloc(job->events, capacity * sizeof *events);
+        if (!events) return;
+        job->events = events;
+        job->event_capacity = capacity;
+    }
+    char *line = make_event(name, job->event_count + 1, members);
+    if (line) job->events[job->event_count++] = line;
+    qm_job_wake_readers(job);
+}
+
+char *qm_job_join_events(const qm_job *job, const char *name, const char *members)
+{
+    qm_text all = {0};
+    for (size_t i = 0; i < job->event_count; i++)
+        qm_text_printf(&all, "%s\n", job->events[i]);
+    char *last = members ? make_event(name, job->event_count + 1, members) : NULL;
+    if (last) qm_text_printf(&all, "%s\n", last);
+    free(last);
+    return qm_text_take(&all);
+}
+
+static void frame(qm_text *out, qm_framing framing, uint64_t seq, const char *line)
+{
+    if (framing == QM_FRAMING_NDJSON) {
+        qm_text_printf(out, "%s\n", line);
+        return;
+    }
+    const char *name = line + strlen("{\"event\":\"");
+    qm_text_printf(out, "id: %llu\nevent: %.*s\ndata: %s\n\n", (unsigned long long)seq,
+                   (int)strcspn(name, "\""), name, line);
+}
+
+static void go_to_sleep(qm_reader *reader, void (*suspend)(void *user))
+{
+    reader->asleep = true;
+    suspend(reader->user);
+}
+
+qm_news qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing framing, qm_text *out,
+                    qm_reader *reader, void (*suspend)(void *user))
+{
+    uv_mutex_lock(&jobs->lock);
+    qm_news news = QM_NEWS_SOME;
+    double now = qm_now_ms();
+    /* A reader that counts further has read an earlier run, which the end of the daemon cut short. */
+    if (*seq > job->event_count) *seq = 0;
+    if (*seq < job->event_count) {
+        for (; *seq < job->event_count; ++*seq)
+            frame(out, framing, *seq + 1, job->events[*seq]);
+        reader->wake_at_ms = now + HEARTBEAT_MS;
+    } else if (qm_job_is_over(job)) {
+        news = QM_NEWS_END;
+    } else if (now >= reader->wake_at_ms) {
+        if (framing == QM_FRAMING_NDJSON)
+            qm_text_printf(out, "{\"event\":\"heartbeat\",\"seq\":%llu}\n", (unsigned long long)*seq);
+        else
+            qm_text_add_string(out, ": heartbeat\n\n");
+        reader->wake_at_ms = now + HEARTBEAT_MS;
+    } else {
+        news = QM_NEWS_NONE;
+        go_to_sleep(reader, suspend);
+    }
+    uv_mutex_unlock(&jobs->lock);
+    return news;
+}
+
+bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_reader *reader, void (*suspend)(void *user))
+{
+    uv_mutex_lock(&jobs->lock);
+    bool is_over = qm_job_is_over(job) || qm_now_ms() >= reader->wake_at_ms;
+    if (!is_over) go_to_sleep(reader, suspend);
+    uv_mutex_unlock(&jobs->lock);
+    return is_over;
+}
+
+void qm_job_join(qm_jobs *jobs, qm_job *job, qm_reader *reader)
+{
+    uv_mutex_lock(&jobs->lock);
+    job->references++;
+    reader->asleep = false;
+    reader->next = job->readers;
+    job->readers = reader;
+    uv_mutex_unlock(&jobs->lock);
+}
+
+void qm_job_leave(qm_jobs *jobs, qm_job *job, qm_reader *reader)
+{
+    uv_mutex_lock(&jobs->lock);
+    qm_reader **link = &job->readers;
+    while (*link && *link != reader)
+        link = &(*link)->next;
+    if (*link) *link = reader->next;
+    qm_job_drop_reference(job);
+    uv_mutex_unlock(&jobs->lock);
+}
+
+void qm_jobs_tick(qm_jobs *jobs, double now_ms)
+{
+    uv_mutex_lock(&jobs->lock);
+    for (qm_job *job = jobs->first; job; job = job->next) {
+        for (qm_reader *reader = job->readers; reader; reader = reader->next) {
+            if (!reader->asleep || now_ms < reader->wake_at_ms) continue;
+            reader->asleep = false;
+            reader->wake(reader->user);
+        }
+    }
+    uv_mutex_unlock(&jobs->lock);
+}
+
+void qm_job_restore_events(qm_job *job, const char *lines)
+{
+    for (const char *line = lines, *end; line && (end = strchr(line, '\n')); line = end + 1) {
+        char **events = realloc(job->events, (job->event_count + 1) * sizeof *events);
+        if (!events) return;
+        job->events = events;
+        if (!(events[job->event_count] = strndup(line, (size_t)(end - line)))) return;
+        job->event_count++;
+    }
+    job->event_capacity = job->event_count;
+}
+
+/* ---- documents ---- */
+
+const char *qm_job_state_name(qm_job_state state)
+{
+    static const char *const names[] = {"queued", "running", "succeeded", "failed", "cancelled"};
+    return names[state];
+}
+
+char *qm_job_write_document(const qm_job *job, qm_job_state state, const char *outcome)
+{
+    qm_text out = {0};
+    char now[QM_TIME_SIZE];
+    qm_format_time(now);
+    qm_text_printf(&out, "{\"id\":\"%s\",\"type\":\"hausdorff\",\"state\":\"%s\",\"created\":\"%s\"", job->id,
+                   qm_job_state_name(state), job->created);
+    if (job->started[0]) qm_text_printf(&out, ",\"started\":\"%s\"", job->started);
+    if (state > QM_JOB_RUNNING) qm_text_printf(&out, ",\"ended\":\"%s\"", now);
+    qm_text_add_string(&out, ",\"request\":");
+    qm_json_write_request(&out, &job->request);
+    if (job->last_bounds) qm_text_printf(&out, ",\"progress\":{%s}", job->last_bounds);
+    if (outcome) qm_text_printf(&out, ",%s", outcome);
+    qm_text_add_string(&out, "}");
+    return qm_text_take(&out);
+}
+
+char *qm_job_document_now(qm_jobs *jobs, qm_job *job, bool *has_ended)
+{
+    uv_mutex_lock(&jobs->lock);
+    char *document = job->document ? strdup(job->document) : qm_job_write_document(job, job->state, NULL);
+    *has_ended = job->state > QM_JOB_RUNNING;
+    uv_mutex_unlock(&jobs->lock);
+    return document;
+}
+
+char *qm_job_document(qm_jobs *jobs, qm_job *job, bool is_cached)
+{
+    bool ended;
+    char *document = qm_job_document_now(jobs, job, &ended);
+    if (!document || !is_cached) return document;
+    qm_text marked = {0};
+    qm_text_add(&marked, document, strlen(document) - 1);
+    qm_text_add_string(&marked, ",\"cached\":true}");
+    free(document);
+    return qm_text_take(&marked);
+}

@@ -1,0 +1,85 @@
+/**
+ * job_internal.h: what the files of the job table share: job.c (table, submission, start and stop),
+ * job_events.c (events, readers, documents), job_run.c (what a worker does with a job). "The lock" is
+ * qm_jobs.lock.
+ */
+#ifndef QM_JOB_INTERNAL_H
+#define QM_JOB_INTERNAL_H
+
+#include <uv.h>
+
+#include "job.h"
+#include "pool.h"
+
+struct qm_job {
+    char id[QM_ID_SIZE];
+    qm_job_request request;
+    char *key;
+    char created[QM_TIME_SIZE], started[QM_TIME_SIZE];
+    qm_job_state state;
+    atomic_bool cancel; /* what the engine looks at: raised by a client or by the end of the daemon */
+    bool is_cancelled;  /* by a client */
+    bool interrupted;   /* stopped by the end of the daemon: it will run again */
+    char **events;      /* lines without a line end; events[i] has seq i + 1 */
+    size_t event_count, event_capacity;
+    char *last_bounds; /* the newest bounds event's own members, for the document */
+    char *document;    /* once it has ended */
+    qm_reader *readers;
+    int owners;     /* clients that stream it and whose leaving ends it */
+    bool is_kept;   /* somebody wants it who does not stream it: nobody's leaving ends it */
+    int references; /* the table counts as one while it is listed */
+    bool listed;
+    qm_jobs *jobs;
+    qm_job *next;
+};
+
+struct qm_jobs {
+    qm_store *store;
+    qm_meshes *meshes;
+    qm_job_limits limits;
+    qm_pool *pool;
+    uv_mutex_t
+        submitting; /* taken before the lock: one submission at a time looks for an answer, else queues */
+    uv_mutex_t lock;
+    qm_job *first; /* jobs that have not ended, in no order */
+    size_t queued, running;
+    atomic_bool closed;
+};
+
+/** The caller of these holds the lock. */
+void qm_job_drop_reference(qm_job *job);
+void qm_job_unlist(qm_job *job);
+void qm_job_mark_running(qm_job *job);
+
+/** Looks again at what the sleeping readers wait for. The caller holds the lock. */
+void qm_job_wake_readers(qm_job *job);
+
+/** Adds an event and wakes the readers; members comes without braces. The caller holds the lock. */
+void qm_job_add_event(qm_job *job, const char *name, const char *members);
+
+/** All events and one to come (members NULL: none), a line each, for the caller to free. The caller holds the
+ * lock. */
+char *qm_job_join_events(const qm_job *job, const char *name, const char *members);
+
+/** Splits stored lines back into events. */
+void qm_job_restore_events(qm_job *job, const char *lines);
+
+const char *qm_job_state_name(qm_job_state state);
+
+/** The resource in a state; outcome is the members that only the end brings, or NULL. The caller holds the
+ * lock. */
+char *qm_job_write_document(const qm_job *job, qm_job_state state, const char *outcome);
+
+/** No event will be added any more. The caller holds the lock. */
+static inline bool qm_job_is_over(const qm_job *job)
+{
+    return job->state > QM_JOB_RUNNING || job->interrupted;
+}
+
+/** The task of a worker: runs the job if it is still to run, and gives back the worker's reference. */
+void qm_job_run(void *job);
+
+/** Ends a job that is marked as running with a problem. */
+void qm_job_finish_with_problem(qm_job *job, qm_job_state state, const qm_problem *problem);
+
+#endif

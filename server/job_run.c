@@ -1,0 +1,170 @@
+/**
+ * job_run.c: what a worker does with a job, and how a job ends.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "job_internal.h"
+#include "json_out.h"
+#include "log.h"
+#include "parallel.h"
+
+/* ---- the end of a job ---- */
+
+/** Stores the outcome, then tells the readers. name and members make the terminal event. Only who runs it
+ * ends a job. */
+static void finish(qm_job *job, qm_job_state state, const char *name, const char *members)
+{
+    qm_jobs *jobs = job->jobs;
+    qm_text outcome = {0};
+    qm_text_printf(&outcome, "\"state\":\"%s\",%s", qm_job_state_name(state), members);
+    char *event = qm_text_take(&outcome);
+    uv_mutex_lock(&jobs->lock);
+    char *document = qm_job_write_document(job, state, members);
+    char *events = qm_job_join_events(job, name, event);
+    uv_mutex_unlock(&jobs->lock);
+    bool stored =
+        document && events && qm_store_finish_job(jobs->store, job->id, state, document, events) == QM_OK;
+    if (!stored) qm_log("error", "the end of job %s could not be stored: it is kept in memory", job->id);
+    uv_mutex_lock(&jobs->lock);
+    jobs->running--;
+    job->state = state;
+    job->document = document;
+    qm_job_add_event(job, name, event ? event : members);
+    if (stored) qm_job_unlist(job);
+    uv_mutex_unlock(&jobs->lock);
+    free(events);
+    free(event);
+}
+
+void qm_job_finish_with_problem(qm_job *job, qm_job_state state, const qm_problem *problem)
+{
+    qm_text members = {0};
+    qm_text_add_string(&members, "\"problem\":");
+    qm_json_write_problem(&members, problem);
+    char *text = qm_text_take(&members);
+    finish(job, state, "error", text ? text : "\"problem\":null");
+    free(text);
+}
+
+static void finish_with_result(qm_job *job, qm_job_state state, const qm_job_result *result)
+{
+    qm_text members = {0};
+    qm_text_add_string(&members, "\"result\":");
+    qm_json_write_result(&members, &job->request, result);
+    char *text = qm_text_take(&members);
+    finish(job, state, "result", text ? text : "\"result\":null");
+    free(text);
+}
+
+/** The daemon ends: readers are told, the store keeps the job as one that has not run. */
+static void interrupt(qm_job *job)
+{
+    uv_mutex_lock(&job->jobs->lock);
+    job->interrupted = true;
+    qm_job_add_event(job, "server_shutdown",
+                     "\"detail\":\"the daemon is stopping; the job runs again when it is back\"");
+    qm_job_wake_readers(job);
+    uv_mutex_unlock(&job->jobs->lock);
+}
+
+/* ---- running ---- */
+
+typedef struct progress_target {
+    qm_job *job;
+    double diagonal;
+} progress_target;
+
+/** The members of an object in place: its braces are cut off. */
+static char *bare_members(char *object)
+{
+    object[strlen(object) - 1] = '\0';
+    return object + 1;
+}
+
+static void on_progress(void *user, const qm_hausdorff_progress *progress)
+{
+    const progress_target *target = user;
+    qm_text line = {0};
+    qm_json_write_bounds(&line, progress, target->diagonal);
+    char *text = qm_text_take(&line);
+    if (!text) return;
+    char *members = bare_members(text);
+    uv_mutex_lock(&target->job->jobs->lock);
+    free(target->job->last_bounds);
+    target->job->last_bounds = strdup(members);
+    qm_job_add_event(target->job, "bounds", members);
+    uv_mutex_unlock(&target->job->jobs->lock);
+    free(text);
+}
+
+static bool is_cancelled(qm_job *job)
+{
+    uv_mutex_lock(&job->jobs->lock);
+    bool cancelled = job->is_cancelled;
+    uv_mutex_unlock(&job->jobs->lock);
+    return cancelled;
+}
+
+static void measure(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
+{
+    qm_context ctx = qm_context_make();
+    ctx.cancel = &job->cancel;
+    ctx.parallel = qm_parallel_run;
+    qm_job_request request = job->request;
+    if (request.threads == 0) request.threads = job->jobs->limits.threads;
+    progress_target target = {job, a->diagonal};
+    qm_job_result result;
+    qm_status status = qm_job_run_hausdorff(&ctx, &request, a, b, on_progress, &target, &result);
+    bool canceled = status == QM_OK && result.hausdorff.stop == QM_STOP_CANCELED;
+    if (canceled && !is_cancelled(job)) {
+        interrupt(job);
+    } else if (status == QM_OK) {
+        finish_with_result(job, canceled ? QM_JOB_CANCELLED : QM_JOB_SUCCEEDED, &result);
+    } else {
+        qm_problem problem = qm_problem_from_status(status, ctx.message);
+        qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
+    }
+}
+
+void qm_job_mark_running(qm_job *job)
+{
+    job->state = QM_JOB_RUNNING;
+    job->jobs->queued--;
+    job->jobs->running++;
+}
+
+/** Moves a queued job to running. False when it is not to run: cancelled meanwhile, or the daemon ends. */
+static bool start(qm_job *job)
+{
+    qm_jobs *jobs = job->jobs;
+    uv_mutex_lock(&jobs->lock);
+    bool runs = job->state == QM_JOB_QUEUED && !jobs->closed;
+    if (runs) {
+        qm_job_mark_running(job);
+        qm_format_time(job->started);
+    }
+    bool stays = job->state == QM_JOB_QUEUED && jobs->closed;
+    uv_mutex_unlock(&jobs->lock);
+    if (stays) interrupt(job);
+    return runs;
+}
+
+void qm_job_run(void *data)
+{
+    qm_job *job = data;
+    qm_jobs *jobs = job->jobs;
+    if (start(job)) {
+        qm_problem problem;
+        qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, &problem);
+        qm_mesh_ref *b = a ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
+        if (a && b)
+            measure(job, qm_mesh_ref_get(a), qm_mesh_ref_get(b));
+        else
+            qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
+        qm_meshes_release(jobs->meshes, a);
+        qm_meshes_release(jobs->meshes, b);
+    }
+    qm_jobs_release(jobs, job);
+}
