@@ -4,8 +4,9 @@
 
 #include "tri_point.h"
 
-#define MAX_DEPTH 26 /* quarters: |w| 4^-26 / 4 is below any rounding */
-#define MAX_STEPS 60 /* of one descent; more are never needed when f is convex */
+#define MAX_DEPTH 26   /* quarters: |w| 4^-26 / 4 is below any rounding */
+#define MAX_PARTS 4000 /* of one query; beyond it what is left only lowers the certificate */
+#define MAX_STEPS 60   /* of one descent; more are never needed when f is convex */
 
 double qm_patch_twist(const qm_vec corner[4])
 {
@@ -117,7 +118,7 @@ static void descend(const query *q, const slope *at, double x[2], const rectangl
 {
     const double *h = at->hessian, *g = at->gradient;
     double determinant = h[0] * h[2] - h[1] * h[1];
-    if (determinant > 1e-3 * h[0] * h[2]) {
+    if (determinant > 1e-12 * h[0] * h[2]) {
         double s = x[0] - (h[2] * g[0] - h[1] * g[1]) / determinant;
         double t = x[1] - (h[0] * g[1] - h[1] * g[0]) / determinant;
         bool inside = s >= box->low[0] && s <= box->high[0] && t >= box->low[1] && t <= box->high[1];
@@ -169,6 +170,42 @@ static double minimise_convex(const query *q, const rectangle *box, double curva
     return lower;
 }
 
+/** The least and greatest Bernstein coefficient of a quadratic with these values at the ends and in the
+ * middle. */
+static void quadratic_range(double first, double middle, double last, double *least, double *greatest)
+{
+    double control = 2.0 * middle - 0.5 * (first + last);
+    *least = fmin(control, fmin(first, last));
+    *greatest = fmax(control, fmax(first, last));
+}
+
+/**
+ * Where f only rises, or only falls, across the rectangle along one axis, its minimum lies on one side, along
+ * which f is a convex quadratic. The derivative along an axis rises with that axis, and is quadratic in the
+ * other: so its sign on a side settles the whole rectangle. This ends minima on the border where f is not
+ * convex.
+ */
+static bool minimise_on_side(const query *q, const rectangle *box, qm_patch_foot *best, double *lower)
+{
+    for (int side = 0; side < 4; side++) {
+        int across = side >> 1, along = 1 - across;
+        double x[2], g[3], least, greatest;
+        x[across] = side & 1 ? box->high[across] : box->low[across];
+        for (int i = 0; i < 3; i++) {
+            x[along] = box->low[along] + 0.5 * i * (box->high[along] - box->low[along]);
+            g[i] = slope_at(q, x).gradient[across];
+        }
+        quadratic_range(g[0], g[1], g[2], &least, &greatest);
+        if (side & 1 ? greatest <= 0.0 : least >= 0.0) {
+            minimise_along(q, x, along, box);
+            *lower = sqrt(value_at(q, x));
+            keep_best(best, *lower, x);
+            return true;
+        }
+    }
+    return false;
+}
+
 /** Lower bound of the distance to a part: its two triangles, less what the patch can leave them by. */
 static double part_lower(const query *q, const rectangle *box, double twist)
 {
@@ -208,11 +245,12 @@ static double minimise_parts(const query *q, qm_patch_foot *best, double stop_ab
     int height = 0;
     double twist = 0.25 * sqrt(q->ww), lower = INFINITY;
     stack[height++] = (struct part){{{0.0, 0.0}, {1.0, 1.0}}, 0};
-    while (height > 0) {
+    for (int looked = 0; height > 0; looked++) {
         struct part part = stack[--height];
         double part_twist = ldexp(twist, -2 * part.depth);
         double here = part.depth == 0 ? 0.0 : part_lower(q, &part.box, part_twist);
-        if (here >= fmin(best->distance, stop_above) - q->error || part.depth == MAX_DEPTH) {
+        if (here >= fmin(best->distance, stop_above) - q->error || part.depth == MAX_DEPTH ||
+            looked > MAX_PARTS) {
             lower = fmin(lower, here);
             continue;
         }
@@ -223,6 +261,11 @@ static double minimise_parts(const query *q, qm_patch_foot *best, double stop_ab
                 lower = fmin(lower, certified);
                 continue;
             }
+        }
+        double on_side;
+        if (minimise_on_side(q, &part.box, best, &on_side)) {
+            lower = fmin(lower, on_side);
+            continue;
         }
         double middle[2] = {0.5 * (part.box.low[0] + part.box.high[0]),
                             0.5 * (part.box.low[1] + part.box.high[1])};
