@@ -23,6 +23,7 @@ static const cJSON *find(const qm_json *json, const char *path)
         if (length >= sizeof name) return NULL;
         memcpy(name, path, length);
         name[length] = '\0';
+        if (cJSON_IsArray(at)) at = at->child;
         at = cJSON_GetObjectItemCaseSensitive(at, name);
         path += length + (path[length] == '.');
     }

@@ -25,16 +25,22 @@ bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, qm_loaded_me
 /** Tells of a problem: words on stderr with the file's name, or the document on stdout. */
 void cli_complain(const char *path, const qm_problem *problem, bool as_json);
 
+/** The words of a problem on stderr; line and offset are NAN when there is none. */
+void cli_print_problem(const char *path, double line, double offset, const char *detail);
+
 /** The part of a path after the last slash. */
 const char *cli_base_name(const char *path);
 
-/** A line on a terminal that shows how the bounds close in; nothing when stderr is not one. */
+/**
+ * How the bounds close in, on stderr: one line that is drawn over on a terminal; elsewhere a line for each
+ * step when it was asked for, else nothing.
+ */
 typedef struct cli_bar {
-    bool is_terminal;
+    bool is_terminal, is_asked_for;
     double first_gap; /* of the first finite bracket; 0 before it */
     double tolerance;
 } cli_bar;
-cli_bar cli_bar_make(double tolerance);
+cli_bar cli_bar_make(double tolerance, bool is_asked_for);
 void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations);
 void cli_bar_clear(const cli_bar *bar);
 
@@ -43,8 +49,13 @@ typedef struct cli_question {
     const char *path_a, *path_b;
     const char *server; /* NULL: in this process */
     qm_job_request request;
-    bool as_json;
+    bool as_json, shows_progress;
 } cli_question;
+
+/** A bound in 9 digits, rounded down or up, so that the bracket printed holds the one computed. Returns out.
+ */
+#define CLI_BOUND_SIZE 32
+char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE]);
 
 /** Answer the question in this process, or by a daemon. Return the exit status. */
 int cli_measure_here(const cli_question *question);

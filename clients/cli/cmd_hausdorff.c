@@ -7,6 +7,8 @@
 #include "cli.h"
 #include "parallel.h"
 
+#define MAX_THREADS 256
+
 static const char usage[] =
     "usage: quadmesh hausdorff A B [options]\n"
     "\n"
@@ -19,6 +21,7 @@ static const char usage[] =
     "  --deadline-ms N  stop after this time with the bracket so far\n"
     "  --threads N      threads of the search (default 1)\n"
     "  --json           the result object of the API on standard output\n"
+    "  --progress       lines of progress on standard error also when that is no terminal\n"
     "  --server URL     ask a daemon instead of this process\n"
     "\n"
     "Exit status: 0 converged or verdict certain, 1 bad input, 2 wrong usage, 3 stopped before.\n";
@@ -53,12 +56,26 @@ static bool read_quads(const char *text, qm_quad_reading *out)
 static bool read_threads(const char *text, int *out)
 {
     double number;
-    if (!read_number("threads", text, 1.0, &number) || number > 256.0) return false;
-    *out = (int)number;
-    return true;
+    if (!read_number("threads", text, 1.0, &number)) return false;
+    *out = (int)fmin(number, MAX_THREADS + 1);
+    if (*out <= MAX_THREADS && *out == number) return true;
+    fprintf(stderr, "quadmesh: --threads takes a whole number from 1 to %d, got \"%s\"\n", MAX_THREADS, text);
+    return false;
 }
 
-enum { DIRECTION = 256, QUADS, TOLERANCE, ABSOLUTE, THRESHOLD, DEADLINE, THREADS, JSON, SERVER, HELP };
+enum {
+    DIRECTION = 256,
+    QUADS,
+    TOLERANCE,
+    ABSOLUTE,
+    THRESHOLD,
+    DEADLINE,
+    THREADS,
+    JSON,
+    PROGRESS,
+    SERVER,
+    HELP
+};
 
 static bool read_option(cli_question *question, int option)
 {
@@ -80,6 +97,8 @@ static bool read_option(cli_question *question, int option)
         return read_threads(optarg, &request->threads);
     case JSON:
         return question->as_json = true;
+    case PROGRESS:
+        return question->shows_progress = true;
     case SERVER:
         return question->server = optarg, true;
     default:
@@ -97,6 +116,7 @@ int cmd_hausdorff(int argc, char **argv)
                                             {"deadline-ms", required_argument, NULL, DEADLINE},
                                             {"threads", required_argument, NULL, THREADS},
                                             {"json", no_argument, NULL, JSON},
+                                            {"progress", no_argument, NULL, PROGRESS},
                                             {"server", required_argument, NULL, SERVER},
                                             {"help", no_argument, NULL, HELP},
                                             {0}};
@@ -105,7 +125,10 @@ int cmd_hausdorff(int argc, char **argv)
         if (option == HELP) return fputs(usage, stdout), EXIT_OK;
         if (!read_option(&question, option)) return fputs(usage, stderr), EXIT_USAGE;
     }
-    if (argc - optind != 2) return fputs(usage, stderr), EXIT_USAGE;
+    if (argc - optind != 2) {
+        fprintf(stderr, "quadmesh: hausdorff takes two files, got %d\n\n", argc - optind);
+        return fputs(usage, stderr), EXIT_USAGE;
+    }
     question.path_a = argv[optind];
     question.path_b = argv[optind + 1];
     return question.server ? cli_measure_there(&question) : cli_measure_here(&question);
@@ -124,7 +147,8 @@ static int measure_loaded(const cli_question *question, const qm_loaded_mesh *a,
     ctx.parallel = qm_parallel_run;
     ctx.cancel = &cli_interrupted;
     bool is_absolute = question->request.tolerance_is_absolute || a->diagonal == 0.0;
-    cli_bar bar = cli_bar_make(question->request.tolerance * (is_absolute ? 1.0 : a->diagonal));
+    cli_bar bar = cli_bar_make(question->request.tolerance * (is_absolute ? 1.0 : a->diagonal),
+                               question->shows_progress);
     qm_job_result result;
     qm_status status = qm_job_run_hausdorff(&ctx, &question->request, a, b, on_progress, &bar, &result);
     cli_bar_clear(&bar);
@@ -144,13 +168,16 @@ static int measure_loaded(const cli_question *question, const qm_loaded_mesh *a,
 int cli_measure_here(const cli_question *question)
 {
     qm_context ctx = qm_context_make();
+    ctx.cancel = &cli_interrupted;
     qm_loaded_mesh a, b;
-    if (!cli_load_mesh(&ctx, question->path_a, question->as_json, &a)) return EXIT_BAD_INPUT;
     int status = EXIT_BAD_INPUT;
-    if (cli_load_mesh(&ctx, question->path_b, question->as_json, &b)) {
-        status = measure_loaded(question, &a, &b);
-        qm_loaded_mesh_reset(&ctx, &b);
+    if (cli_load_mesh(&ctx, question->path_a, question->as_json, &a)) {
+        if (cli_load_mesh(&ctx, question->path_b, question->as_json, &b)) {
+            status = measure_loaded(question, &a, &b);
+            qm_loaded_mesh_reset(&ctx, &b);
+        }
+        qm_loaded_mesh_reset(&ctx, &a);
     }
-    qm_loaded_mesh_reset(&ctx, &a);
-    return status;
+    /* An interrupt while a file was read is no fault of the file. */
+    return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
 }

@@ -47,7 +47,10 @@ int cmd_info(int argc, char **argv)
         if (option != 'j') return fputs(usage, stderr), EXIT_USAGE;
         as_json = true;
     }
-    if (argc - optind != 1) return fputs(usage, stderr), EXIT_USAGE;
+    if (argc - optind != 1) {
+        fprintf(stderr, "quadmesh: info takes one file, got %d\n\n", argc - optind);
+        return fputs(usage, stderr), EXIT_USAGE;
+    }
     qm_context ctx = qm_context_make();
     qm_loaded_mesh mesh;
     if (!cli_load_mesh(&ctx, argv[optind], as_json, &mesh)) return EXIT_BAD_INPUT;

@@ -1,4 +1,5 @@
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -23,12 +24,18 @@ void cli_complain(const char *path, const qm_problem *problem, bool as_json)
         return;
     }
     const qm_problem_error *error = problem->error_count > 0 ? &problem->errors[0] : NULL;
-    if (error && error->line != QM_NO_PLACE)
-        fprintf(stderr, "quadmesh: %s:%zu: %s\n", path, error->line, problem->detail);
-    else if (error && error->offset != QM_NO_PLACE)
-        fprintf(stderr, "quadmesh: %s: byte %zu: %s\n", path, error->offset, problem->detail);
+    cli_print_problem(path, error && error->line != QM_NO_PLACE ? (double)error->line : NAN,
+                      error && error->offset != QM_NO_PLACE ? (double)error->offset : NAN, problem->detail);
+}
+
+void cli_print_problem(const char *path, double line, double offset, const char *detail)
+{
+    if (!isnan(line))
+        fprintf(stderr, "quadmesh: %s:%.0f: %s\n", path, line, detail);
+    else if (!isnan(offset))
+        fprintf(stderr, "quadmesh: %s: byte %.0f: %s\n", path, offset, detail);
     else
-        fprintf(stderr, "quadmesh: %s: %s\n", path, problem->detail);
+        fprintf(stderr, "quadmesh: %s: %s\n", path, detail);
 }
 
 /** Standard input may be a pipe, so that the size is not asked for before reading. */
@@ -56,6 +63,8 @@ uint8_t *cli_read_file(const char *path, size_t *size, bool as_json)
     uint8_t *bytes = NULL;
     errno = file ? 0 : errno;
     if (file && fstat(fileno(file), &facts) == 0 && S_ISDIR(facts.st_mode)) errno = EISDIR;
+    /* A device may never end. */
+    if (errno == 0 && !is_stdin && (S_ISCHR(facts.st_mode) || S_ISBLK(facts.st_mode))) errno = ENOTSUP;
     if (errno == 0) bytes = read_all(file, S_ISREG(facts.st_mode) ? (size_t)facts.st_size : 4096, size);
     if (!bytes || ferror(file)) {
         qm_problem problem =

@@ -22,11 +22,8 @@ static void on_interrupt(int number)
     atomic_store(&cli_interrupted, true);
 }
 
-int main(int argc, char **argv)
+static int run_command(int argc, char **argv)
 {
-    struct sigaction action = {.sa_handler = on_interrupt, .sa_flags = (int)SA_RESETHAND};
-    sigaction(SIGINT, &action, NULL);
-    signal(SIGPIPE, SIG_IGN);
     const char *command = argc > 1 ? argv[1] : "";
     if (strcmp(command, "hausdorff") == 0) return cmd_hausdorff(argc - 1, argv + 1);
     if (strcmp(command, "info") == 0) return cmd_info(argc - 1, argv + 1);
@@ -35,4 +32,16 @@ int main(int argc, char **argv)
     if (command[0]) fprintf(stderr, "quadmesh: unknown command \"%s\"\n\n", command);
     fputs(help, stderr);
     return EXIT_USAGE;
+}
+
+int main(int argc, char **argv)
+{
+    /* The second interrupt ends the program at once. */
+    struct sigaction action = {.sa_handler = on_interrupt, .sa_flags = (int)SA_RESETHAND};
+    sigaction(SIGINT, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);
+    int status = run_command(argc, argv);
+    if (fflush(stdout) == 0 && !ferror(stdout)) return status;
+    perror("quadmesh: the answer could not be written");
+    return EXIT_BAD_INPUT;
 }

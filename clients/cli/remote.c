@@ -6,15 +6,20 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "cli.h"
 #include "json_read.h"
+
+#define URL_SIZE 2048
 
 typedef struct conversation {
     CURL *curl;
     const cli_question *question;
     qm_text body; /* of a plain answer, or the unfinished line of a stream */
     bool is_stream;
+    char job[256]; /* path of the job, once the daemon has told */
+    bool is_cancelled;
     cli_bar bar;
     char *result;    /* the result object as the daemon wrote it */
     char *problem;   /* the problem document likewise */
@@ -61,20 +66,78 @@ static size_t on_bytes(char *bytes, size_t width, size_t count, void *user)
     return talk->body.failed ? 0 : size;
 }
 
-static int on_tick(void *user, curl_off_t a, curl_off_t b, curl_off_t c, curl_off_t d)
+/** Keeps the place of the job, so that it can be stopped. */
+static size_t on_header(char *bytes, size_t width, size_t count, void *user)
 {
-    (void)user, (void)a, (void)b, (void)c, (void)d;
-    return atomic_load(&cli_interrupted) ? 1 : 0;
+    static const char name[] = "Location: ";
+    conversation *talk = user;
+    size_t size = width * count, skip = sizeof name - 1;
+    if (talk->is_stream && size > skip && strncasecmp(bytes, name, skip) == 0) {
+        size_t length = strcspn(bytes + skip, "\r\n");
+        if (length < sizeof talk->job)
+            snprintf(talk->job, sizeof talk->job, "%.*s", (int)length, bytes + skip);
+    }
+    return size;
 }
 
-/** Posts bytes; returns the HTTP status, or 0 after words on stderr. */
-static long post(conversation *talk, const char *path, const void *bytes, size_t size, const char *header)
+/** The server's address with a path, without a slash too many. */
+static void make_url(const conversation *talk, const char *path, char *url, size_t size)
 {
-    char url[2048];
-    snprintf(url, sizeof url, "%s%s", talk->question->server, path);
-    struct curl_slist *headers = curl_slist_append(NULL, header);
-    headers = curl_slist_append(headers, "Content-Type: application/octet-stream");
-    if (strstr(path, "/jobs")) headers = curl_slist_append(headers, "Content-Type: application/json");
+    const char *server = talk->question->server;
+    size_t length = strlen(server);
+    while (length > 0 && server[length - 1] == '/')
+        length--;
+    snprintf(url, size, "%.*s%s", (int)length, server, path);
+}
+
+static size_t ignore_bytes(char *bytes, size_t width, size_t count, void *user)
+{
+    (void)bytes, (void)user;
+    return width * count;
+}
+
+/** Asks the daemon to stop the job; its stream then ends with the bracket so far. */
+static bool cancel_job(const conversation *talk)
+{
+    char url[URL_SIZE];
+    CURL *curl = curl_easy_init();
+    if (!curl) return false;
+    make_url(talk, talk->job, url, sizeof url);
+    curl_easy_setopt(curl, CURLOPT_URL, url);
+    curl_easy_setopt(curl, CURLOPT_CUSTOMREQUEST, "DELETE");
+    curl_easy_setopt(curl, CURLOPT_WRITEFUNCTION, ignore_bytes);
+    CURLcode code = curl_easy_perform(curl);
+    curl_easy_cleanup(curl);
+    return code == CURLE_OK;
+}
+
+/** Called now and then during a transfer. An interrupt stops the job; before there is one, the transfer. */
+static int on_tick(void *user, curl_off_t a, curl_off_t b, curl_off_t c, curl_off_t d)
+{
+    (void)a, (void)b, (void)c, (void)d;
+    conversation *talk = user;
+    if (!atomic_load(&cli_interrupted) || talk->is_cancelled) return 0;
+    if (!talk->job[0] || !cancel_job(talk)) return 1;
+    talk->is_cancelled = true;
+    return 0;
+}
+
+static void complain_of_transfer(const conversation *talk, const char *url, CURLcode code)
+{
+    bool is_interrupted = code == CURLE_ABORTED_BY_CALLBACK;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s",
+                                         is_interrupted ? "interrupted" : curl_easy_strerror(code));
+    cli_complain(url, &problem, talk->question->as_json);
+}
+
+/** Posts bytes; returns the HTTP status, or 0 after words or a problem. */
+static long post(conversation *talk, const char *path, const void *bytes, size_t size, const char *accept,
+                 const char *type)
+{
+    char url[URL_SIZE];
+    make_url(talk, path, url, sizeof url);
+    struct curl_slist *headers = curl_slist_append(NULL, accept);
+    headers = curl_slist_append(headers, type);
     qm_text_reset(&talk->body);
     curl_easy_setopt(talk->curl, CURLOPT_URL, url);
     curl_easy_setopt(talk->curl, CURLOPT_POSTFIELDS, bytes);
@@ -82,27 +145,44 @@ static long post(conversation *talk, const char *path, const void *bytes, size_t
     curl_easy_setopt(talk->curl, CURLOPT_HTTPHEADER, headers);
     curl_easy_setopt(talk->curl, CURLOPT_WRITEFUNCTION, on_bytes);
     curl_easy_setopt(talk->curl, CURLOPT_WRITEDATA, talk);
+    curl_easy_setopt(talk->curl, CURLOPT_HEADERFUNCTION, on_header);
+    curl_easy_setopt(talk->curl, CURLOPT_HEADERDATA, talk);
     curl_easy_setopt(talk->curl, CURLOPT_XFERINFOFUNCTION, on_tick);
+    curl_easy_setopt(talk->curl, CURLOPT_XFERINFODATA, talk);
     curl_easy_setopt(talk->curl, CURLOPT_NOPROGRESS, 0L);
     CURLcode code = curl_easy_perform(talk->curl);
+    curl_slist_free_all(headers);
     long status = 0;
     if (code == CURLE_OK)
         curl_easy_getinfo(talk->curl, CURLINFO_RESPONSE_CODE, &status);
-    else
-        fprintf(stderr, "quadmesh: %s: %s\n", url, curl_easy_strerror(code));
-    curl_slist_free_all(headers);
+    else if (!talk->result) /* all that was wanted of the stream is there */
+        complain_of_transfer(talk, url, code);
     return status;
 }
 
-static void print_problem(const conversation *talk, const char *path, const char *document)
+/** There is no problem document to pass on: the stream was cut, or some other server answers. */
+static void complain_of_answer(const conversation *talk, const char *path, long status)
 {
-    if (talk->question->as_json) {
-        puts(document);
-        return;
-    }
-    qm_json *problem = qm_json_parse(document);
+    bool is_cut = talk->is_stream && status == 200;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE,
+                                         is_cut ? "the stream ended without a result"
+                                                : "the answer, with status %ld, is not quadmeshd's",
+                                         status);
+    cli_complain(path, &problem, talk->question->as_json);
+}
+
+/** Tells of a problem document as cli_complain does of a problem. */
+static void print_problem(const conversation *talk, const char *path, const char *document, long status)
+{
+    qm_json *problem = document ? qm_json_parse(document) : NULL;
     const char *detail = qm_json_get_string(problem, "detail");
-    fprintf(stderr, "quadmesh: %s: %s\n", path, detail ? detail : document);
+    if (!detail)
+        complain_of_answer(talk, path, status);
+    else if (talk->question->as_json)
+        puts(document);
+    else
+        cli_print_problem(path, qm_json_get_number(problem, "errors.line"),
+                          qm_json_get_number(problem, "errors.offset"), detail);
     qm_json_free(problem);
 }
 
@@ -116,7 +196,8 @@ static bool upload(conversation *talk, const char *path, char id[QM_ID_SIZE])
     char *name = curl_easy_escape(talk->curl, cli_base_name(path), 0);
     snprintf(target, sizeof target, "/v1/meshes?name=%s", name ? name : "");
     curl_free(name);
-    long status = post(talk, target, bytes, size, "Accept: application/json");
+    long status =
+        post(talk, target, bytes, size, "Accept: application/json", "Content-Type: application/octet-stream");
     free(bytes);
     bool stored = status == 200 || status == 201;
     if (stored) {
@@ -126,7 +207,7 @@ static bool upload(conversation *talk, const char *path, char id[QM_ID_SIZE])
         if (talk->diagonal == 0.0) talk->diagonal = qm_json_get_number(mesh, "bounding_box.diagonal");
         qm_json_free(mesh);
     } else if (status != 0) {
-        print_problem(talk, path, talk->body.data ? talk->body.data : "");
+        print_problem(talk, path, talk->body.data, status);
     }
     return stored;
 }
@@ -138,16 +219,15 @@ static int stream_job(conversation *talk, const qm_job_request *request)
     char *body = qm_text_take(&text);
     if (!body) return EXIT_BAD_INPUT;
     talk->is_stream = true;
-    talk->bar = cli_bar_make(request->tolerance * (request->tolerance_is_absolute ? 1.0 : talk->diagonal));
-    long status = post(talk, "/v1/jobs", body, strlen(body), "Accept: application/x-ndjson");
+    talk->bar = cli_bar_make(request->tolerance * (request->tolerance_is_absolute ? 1.0 : talk->diagonal),
+                             talk->question->shows_progress);
+    long status = post(talk, "/v1/jobs", body, strlen(body), "Accept: application/x-ndjson",
+                       "Content-Type: application/json");
     cli_bar_clear(&talk->bar);
     free(body);
     if (talk->result) return cli_print_result(talk->result, talk->question->as_json);
     if (status != 0)
-        print_problem(talk, talk->question->server,
-                      talk->problem     ? talk->problem
-                      : talk->body.data ? talk->body.data
-                                        : "the stream was cut");
+        print_problem(talk, talk->question->server, talk->problem ? talk->problem : talk->body.data, status);
     return atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : EXIT_BAD_INPUT;
 }
 

@@ -10,10 +10,12 @@ static void print_words(const qm_json *result)
     printf("Hausdorff distance, %s, quads as %s\n", qm_json_get_string(result, "direction"),
            qm_json_get_string(result, "quads"));
     printf("  lower    %.17g\n  upper    %.17g\n", lower, upper);
+    char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
     double relative = qm_json_get_number(result, "upper_relative");
     if (isfinite(relative))
-        printf("  relative %.9g to %.9g of the diagonal of A\n", qm_json_get_number(result, "lower_relative"),
-               relative);
+        printf("  relative %s to %s of the diagonal of A\n",
+               cli_format_bound(qm_json_get_number(result, "lower_relative"), false, low),
+               cli_format_bound(relative, true, high));
     if (qm_json_has(result, "witness"))
         printf("  farthest on face %.0f of %s, nearest to it face %.0f of %s\n",
                qm_json_get_number(result, "witness.from.face"),
