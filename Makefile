@@ -101,6 +101,14 @@ $(OBJ)/tests/%.o: tests/%.c
 unit: $(UNIT_PROGRAMS)
 	@set -e; for program in $(UNIT_PROGRAMS); do $$program; done
 
+# Proves that the engine stands alone and that each outside library has its own files.
+check-layers: $(OBJ)/libengine.a
+	@CC="$(CC)" LDFLAGS="$(LDFLAGS)" tests/check_layers.sh $<
+
+# Installs what is missing, builds, and shows the daemon at work on loopback.
+demo:
+	@clients/demo/run.sh
+
 clean:
 	rm -rf build
 
@@ -108,5 +116,5 @@ format:
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cc')
 
 -include $(shell test -d $(OBJ) && find $(OBJ) -name '*.d')
-.PHONY: all unit clean format
+.PHONY: all unit check-layers demo clean format
 .SECONDARY:
