@@ -73,22 +73,26 @@ upload() {
     echo "  $2: $(member kind <"$folder/mesh.json"), $(member vertices <"$folder/mesh.json") vertices, id $mesh"
 }
 
-# measure A B QUADS: streams the bounds as they come; the events stay in $folder/events.
+# measure A B QUADS: streams the bounds as they come; the events stay in $folder/stream.
 measure() {
     request="{\"type\":\"hausdorff\",\"a\":\"$1\",\"b\":\"$2\",\"quads\":\"$3\"}"
     echo "  curl -N -H 'Accept: application/x-ndjson' $url/v1/jobs -d '$request'"
-    curl -sS --fail-with-body -N -H 'Accept: application/x-ndjson' "$url/v1/jobs" -d "$request" >"$folder/stream" &&
-        status=0 || status=$?
-    cat "$folder/stream"
-    [ "$status" -eq 0 ] || fail "the stream broke off"
+    {
+        status=0
+        curl -sS --fail-with-body -N -H 'Accept: application/x-ndjson' "$url/v1/jobs" -d "$request" || status=$?
+        echo "$status" >"$folder/status"
+    } | tee "$folder/stream"
+    [ "$(cat "$folder/status")" -eq 0 ] || fail "the stream broke off"
 }
 
 echo
 echo "1. Two spheres of quads, one turned by pi/100: the distance is 1 - cos(pi/100)"
 python3 clients/demo/models.py sphere 0 "$folder/sphere_a.off"
 python3 clients/demo/models.py sphere "$(python3 -c 'import math; print(math.pi / 100)')" "$folder/sphere_b.off"
-upload "$folder/sphere_a.off" sphere_a.off && a=$mesh
-upload "$folder/sphere_b.off" sphere_b.off && b=$mesh
+upload "$folder/sphere_a.off" sphere_a.off
+a=$mesh
+upload "$folder/sphere_b.off" sphere_b.off
+b=$mesh
 measure "$a" "$b" bilinear
 python3 clients/demo/check_stream.py --distance "1 - cos(pi/100)" <"$folder/stream"
 
@@ -96,8 +100,10 @@ echo
 echo "2. A scanned bunny and a coarser mesh of it"
 scan=/usr/share/glmark2/models/bunny.obj
 python3 clients/demo/models.py coarsen "$scan" "$folder/coarse.obj" 40
-upload "$scan" bunny.obj && a=$mesh
-upload "$folder/coarse.obj" bunny_coarse.obj && b=$mesh
+upload "$scan" bunny.obj
+a=$mesh
+upload "$folder/coarse.obj" bunny_coarse.obj
+b=$mesh
 measure "$a" "$b" triangles
 python3 clients/demo/check_stream.py <"$folder/stream"
 
