@@ -23,11 +23,14 @@ endif
 
 # No contraction of a * b + c: every kernel then gives the same bits on every machine.
 WARNINGS := -Wall -Wextra -Wshadow -Wconversion -Werror
-CFLAGS   := -std=c17 -D_POSIX_C_SOURCE=200809L $(WARNINGS) $(CONFIG_FLAGS) -ffp-contract=off -fno-math-errno $(CFLAGS_EXTRA)
+CFLAGS   := -std=c17 $(WARNINGS) $(CONFIG_FLAGS) -ffp-contract=off -fno-math-errno $(CFLAGS_EXTRA)
 CXXFLAGS := -std=c++17 $(WARNINGS) $(CONFIG_FLAGS) $(CFLAGS_EXTRA)
 LDFLAGS  := $(filter -fsanitize% --coverage,$(CONFIG_FLAGS))
 
-PACKAGES := libmicrohttpd libuv libcjson sqlite3 libcurl
+# The engine may use ISO C and the monotonic clock, and sees no header but its own.
+ENGINE_FLAGS := -D_POSIX_C_SOURCE=200809L -Iengine/include -Iengine/src
+
+PACKAGES := libmicrohttpd libuv libcjson sqlite3 nettle libcurl
 LIBRARY_CFLAGS = $(shell pkg-config --cflags $(PACKAGES))
 LIBRARY_LIBS   = $(shell pkg-config --libs $(PACKAGES)) -ldraco -lstdc++ -lm -lpthread
 
@@ -53,7 +56,18 @@ CLI_OBJECTS     := $(CLI_SOURCES:%.c=$(OBJ)/%.o)
 SUPPORT_OBJECTS := $(SUPPORT_SOURCES:%.c=$(OBJ)/%.o)
 UNIT_PROGRAMS   := $(UNIT_SOURCES:tests/unit/%.c=$(OUT)/tests/%)
 
-all: $(OUT)/quadmeshd $(OUT)/quadmesh
+# What the daemon serves at / and /openapi.yaml; it looks for this folder beside its program.
+PAGE_SOURCES := $(wildcard clients/dashboard/*) proto/openapi.yaml
+PAGE_FILES   := $(addprefix $(OUT)/dashboard/,$(notdir $(PAGE_SOURCES)))
+
+all: $(OUT)/quadmeshd $(OUT)/quadmesh $(PAGE_FILES)
+
+$(OUT)/dashboard/%: clients/dashboard/%
+	@mkdir -p $(@D)
+	cp $< $@
+$(OUT)/dashboard/%: proto/%
+	@mkdir -p $(@D)
+	cp $< $@
 
 $(OUT)/quadmeshd: $(OBJ)/server/main.o $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
@@ -81,21 +95,21 @@ endef
 
 define KERNEL_RULE
 $(OBJ)/kernel-$(1)/%.o: engine/src/kernel/%.c
-	$$(call COMPILE,-Iengine/include -Iengine/src -Wno-psabi -DQM_ISA=$(1) $$(ISA_FLAGS_$(1)))
+	$$(call COMPILE,$(ENGINE_FLAGS) -Wno-psabi -DQM_ISA=$(1) $$(ISA_FLAGS_$(1)))
 endef
 $(foreach isa,$(KERNEL_ISAS),$(eval $(call KERNEL_RULE,$(isa))))
 
 $(OBJ)/engine/%.o: engine/%.c
-	$(call COMPILE,-Iengine/include -Iengine/src)
+	$(call COMPILE,$(ENGINE_FLAGS))
 $(OBJ)/server/%.o: server/%.c
-	$(call COMPILE,-Iengine/include -Iserver -U_POSIX_C_SOURCE -D_GNU_SOURCE $(LIBRARY_CFLAGS))
+	$(call COMPILE,-Iengine/include -Iserver -D_GNU_SOURCE $(LIBRARY_CFLAGS))
 $(OBJ)/server/%.o: server/%.cc
 	@mkdir -p $(@D)
 	$(CXX) $(CXXFLAGS) -MMD -MP -Iengine/include -Iserver -c $< -o $@
 $(OBJ)/clients/%.o: clients/%.c
-	$(call COMPILE,-Iengine/include -Iserver -U_POSIX_C_SOURCE -D_GNU_SOURCE $(LIBRARY_CFLAGS))
+	$(call COMPILE,-Iengine/include -Iserver -D_GNU_SOURCE $(LIBRARY_CFLAGS))
 $(OBJ)/tests/%.o: tests/%.c
-	$(call COMPILE,-Iengine/include -Iengine/src -Iserver -Itests/support -U_POSIX_C_SOURCE -D_GNU_SOURCE $(LIBRARY_CFLAGS))
+	$(call COMPILE,-Iengine/include -Iengine/src -Iserver -Itests/support -D_GNU_SOURCE $(LIBRARY_CFLAGS))
 
 # Runs the unit tests of this config; `make test` (tests/run.sh) runs everything.
 unit: $(UNIT_PROGRAMS)
@@ -109,12 +123,34 @@ check-layers: $(OBJ)/libengine.a
 demo:
 	@clients/demo/run.sh
 
+# Fuzzes the decoders with clang for FUZZ_SECONDS, from the files of FUZZ_DATA; findings are left in build/fuzz.
+FUZZ_CC      ?= clang
+FUZZ_CXX     ?= clang++
+FUZZ_SECONDS ?= 120
+FUZZ_DATA    ?= ../shared/data
+FUZZ_FLAGS   := -O1 -g -fno-omit-frame-pointer -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=all
+FUZZ_SOURCES := tests/fuzz/fuzz_codec.c $(wildcard server/codec*.c) $(addprefix engine/src/,base.c context.c mesh.c)
+FUZZ_OBJECTS := $(FUZZ_SOURCES:%.c=build/obj/fuzz/%.o) build/obj/fuzz/server/codec_draco.o
+
+build/obj/fuzz/%.o: %.c
+	@mkdir -p $(@D)
+	$(FUZZ_CC) -std=c17 $(FUZZ_FLAGS) -Iengine/include -Iserver -D_GNU_SOURCE -MMD -MP -c $< -o $@
+build/obj/fuzz/%.o: %.cc
+	@mkdir -p $(@D)
+	$(FUZZ_CXX) -std=c++17 $(FUZZ_FLAGS) -Iserver -MMD -MP -c $< -o $@
+build/fuzz/fuzz_codec: $(FUZZ_OBJECTS)
+	@mkdir -p $(@D)
+	$(FUZZ_CXX) -fsanitize=fuzzer,address,undefined -o $@ $^ -lcjson -ldraco -lm
+fuzz: build/fuzz/fuzz_codec
+	tests/fuzz/fuzz_corpus.sh $(FUZZ_DATA) build/fuzz/corpus
+	cd build/fuzz && ./fuzz_codec -max_total_time=$(FUZZ_SECONDS) -max_len=20000 -rss_limit_mb=4096 corpus
+
 clean:
 	rm -rf build
 
 format:
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cc')
 
--include $(shell test -d $(OBJ) && find $(OBJ) -name '*.d')
-.PHONY: all unit check-layers demo clean format
+-include $(foreach folder,$(wildcard $(OBJ) build/obj/fuzz),$(shell find $(folder) -name '*.d'))
+.PHONY: all unit check-layers demo fuzz clean format
 .SECONDARY:

@@ -60,7 +60,9 @@ qm_status qm_builder_grow_corners(qm_builder *builder);
 /** Adds a vertex. The coordinates are finite. */
 static inline qm_status qm_builder_add_vertex(qm_builder *builder, const double position[3])
 {
-    if (builder->vertex_count == builder->vertex_capacity || (builder->vertex_count & 0xffff) == 0) {
+    size_t count = builder->vertex_count;
+    if (count == builder->vertex_capacity || count == builder->limits->max_vertices ||
+        (count & 0xffff) == 0) {
         qm_status status = qm_builder_grow_vertices(builder);
         if (status != QM_OK) return status;
     }

@@ -1,6 +1,7 @@
 // The one C++ file: takes Draco's objects apart into the arrays of codec_draco.h.
 #include "codec_draco.h"
 
+#include <algorithm>
 #include <cmath>
 #include <memory>
 #include <new>
@@ -43,6 +44,14 @@ bool decode_geometry(draco::DecoderBuffer *buffer, Geometry *geometry)
     return geometry->cloud != nullptr;
 }
 
+// True if every value of the attribute lies in its buffer, without gaps, as so many bytes. The file decides
+// about all of these, so nothing is read before.
+bool is_packed(const draco::PointAttribute &attribute, size_t value_size)
+{
+    return attribute.byte_offset() == 0 && attribute.byte_stride() == static_cast<int64_t>(value_size) &&
+           attribute.buffer() && attribute.buffer()->data_size() / value_size >= attribute.size();
+}
+
 // The attribute by which Draco's own tools mark the edges that cut polygons.
 const draco::PointAttribute *find_added_edges(const Geometry &geometry)
 {
@@ -51,7 +60,8 @@ const draco::PointAttribute *find_added_edges(const Geometry &geometry)
     if (id < 0 || id >= geometry.cloud->num_attributes()) return nullptr;
     const draco::PointAttribute *attribute = geometry.cloud->attribute(id);
     const bool fits = attribute->attribute_type() == draco::GeometryAttribute::GENERIC &&
-                      attribute->num_components() == 1 && attribute->data_type() == draco::DT_UINT8;
+                      attribute->num_components() == 1 && attribute->data_type() == draco::DT_UINT8 &&
+                      is_packed(*attribute, 1);
     return fits ? attribute : nullptr;
 }
 
@@ -71,22 +81,39 @@ bool read_quantization(const draco::PointAttribute &positions,
     return true;
 }
 
-bool copy_positions(const draco::PointAttribute &positions,
-                    const draco::AttributeQuantizationTransform &transform, const qm_draco_facts &facts,
-                    double *out)
+template <typename Number> void copy_values(const draco::PointAttribute &positions, double *out)
 {
+    for (uint32_t i = 0; i < positions.size(); ++i, out += 3) {
+        Number value[3];
+        positions.GetValue(draco::AttributeValueIndex(i), value);
+        std::copy(value, value + 3, out);
+    }
+}
+
+bool copy_plain_positions(const draco::PointAttribute &positions, double *out)
+{
+    if (positions.data_type() == draco::DT_FLOAT32 && is_packed(positions, 3 * sizeof(float)))
+        copy_values<float>(positions, out);
+    else if (positions.data_type() == draco::DT_FLOAT64 && is_packed(positions, 3 * sizeof(double)))
+        copy_values<double>(positions, out);
+    else if (positions.data_type() == draco::DT_INT32 && is_packed(positions, 3 * sizeof(int32_t)))
+        copy_values<int32_t>(positions, out);
+    else
+        return false;
+    return true;
+}
+
+bool copy_quantized_positions(const draco::PointAttribute &positions,
+                              const draco::AttributeQuantizationTransform &transform, double *out)
+{
+    const bool is_integer =
+        positions.data_type() == draco::DT_INT32 || positions.data_type() == draco::DT_UINT32;
+    if (!is_integer || !is_packed(positions, 3 * sizeof(int32_t))) return false;
     // In single precision like the library's own step, so that all tools see the same coordinates.
-    const float step = facts.quantization_bits == 0
-                           ? 1.0f
-                           : transform.range() / static_cast<float>((1u << facts.quantization_bits) - 1);
-    for (uint32_t i = 0; i < facts.vertex_count; ++i, out += 3) {
-        const draco::AttributeValueIndex index(i);
-        if (facts.quantization_bits == 0) {
-            if (!positions.ConvertValue<double>(index, 3, out)) return false;
-            continue;
-        }
+    const float step = transform.range() / static_cast<float>((1u << transform.quantization_bits()) - 1);
+    for (uint32_t i = 0; i < positions.size(); ++i, out += 3) {
         int32_t steps[3];
-        if (!positions.ConvertValue<int32_t>(index, 3, steps)) return false;
+        positions.GetValue(draco::AttributeValueIndex(i), steps);
         for (int axis = 0; axis < 3; ++axis)
             out[axis] = double{static_cast<float>(steps[axis]) * step + transform.min_value(axis)};
     }
@@ -135,7 +162,10 @@ qm_draco_outcome take_apart(const Geometry &geometry, qm_draco_prepare *prepare,
 
     qm_draco_arrays arrays = {};
     if (!prepare(user, &facts, &arrays)) return QM_DRACO_STOPPED;
-    if (!copy_positions(*positions, transform, facts, arrays.positions)) return QM_DRACO_MALFORMED;
+    const bool copied = facts.quantization_bits == 0
+                            ? copy_plain_positions(*positions, arrays.positions)
+                            : copy_quantized_positions(*positions, transform, arrays.positions);
+    if (!copied) return QM_DRACO_UNSUPPORTED;
     if (geometry.mesh && !copy_triangles(geometry, *positions, added, arrays)) return QM_DRACO_MALFORMED;
     return QM_DRACO_DONE;
 }

@@ -17,7 +17,7 @@ extern "C" {
 typedef enum qm_draco_outcome {
     QM_DRACO_DONE,
     QM_DRACO_MALFORMED,
-    QM_DRACO_UNSUPPORTED, /* positions that are not three numbers */
+    QM_DRACO_UNSUPPORTED, /* positions that are not three floats, doubles or ints */
     QM_DRACO_NO_MEMORY,   /* in the library */
     QM_DRACO_STOPPED      /* prepare said no */
 } qm_draco_outcome;

@@ -343,7 +343,7 @@ static qm_status explain_outcome(const drc_reader *reader, qm_draco_outcome outc
         return QM_E_NO_MEMORY;
     case QM_DRACO_UNSUPPORTED:
         return qm_codec_fail(report, QM_E_UNSUPPORTED,
-                             "positions other than three numbers are not supported");
+                             "positions other than three floats or integers are not supported");
     default:
         return qm_codec_fail(report, QM_E_FORMAT, "the Draco data is broken or cut short");
     }
@@ -378,7 +378,7 @@ static qm_status add_vertices(drc_reader *reader)
         if (!isfinite(reader->arrays.positions[i]))
             return qm_codec_fail(reader->builder->report, QM_E_NOT_FINITE,
                                  "a coordinate is not a finite number");
-    if (reader->facts.has_split_points) return weld_vertices(reader);
+    if (reader->facts.has_split_points && reader->facts.vertex_count > 0) return weld_vertices(reader);
     qm_status status = QM_OK;
     for (size_t i = 0; status == QM_OK && i < reader->facts.vertex_count; ++i)
         status = qm_builder_add_vertex(reader->builder, reader->arrays.positions + 3 * i);

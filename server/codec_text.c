@@ -113,9 +113,10 @@ static qm_status fail_number(qm_text *text)
     if (*at == '-' || *at == '+') ++at;
     if (starts_with(text, at, "nan") || starts_with(text, at, "inf"))
         return qm_codec_fail(text->report, QM_E_NOT_FINITE, "a coordinate is not a finite number");
+    const uint8_t *digits = at;
     while (at < text->end && is_digit(*at))
         ++at;
-    if (at < text->end && *at == ',')
+    if (at > digits && at < text->end && *at == ',')
         return qm_codec_fail(text->report, QM_E_FORMAT,
                              "a number has a comma in it; a decimal point is expected");
     return qm_codec_fail(text->report, QM_E_FORMAT, "a number is expected, but something else stands there");

@@ -30,7 +30,8 @@ qm_job_request qm_job_request_default(void);
 
 typedef struct qm_job_result {
     qm_hausdorff_result hausdorff;
-    double diagonal; /* of A's box: what relative figures refer to */
+    double diagonal;  /* of A's box: what relative figures refer to */
+    double tolerance; /* absolute */
     double prepare_a_ms, prepare_b_ms;
     uint32_t from_face, to_face; /* in the numbering of the input files */
 } qm_job_result;

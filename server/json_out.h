@@ -32,7 +32,8 @@ void qm_json_write_request(qm_text *out, const qm_job_request *request);
 /** The result object of a Hausdorff job: bounds, relative twins, witness, counters, times, verdict. */
 void qm_json_write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result);
 
-/** One event line without seq: {"event":"bounds",...}; diagonal makes the relative figures. */
+/** The members of a bounds event as one object, without event and seq; diagonal makes the relative figures.
+ */
 void qm_json_write_bounds(qm_text *out, const qm_hausdorff_progress *progress, double diagonal);
 
 #endif

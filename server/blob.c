@@ -1,0 +1,183 @@
+/**
+ * blob.c: bytes as files named by their hash, under blobs/ab/abcd...: written under incoming/, synced,
+ * renamed, and the folder synced, so that a name never stands for half a file.
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <nettle/sha2.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "store_internal.h"
+
+#define PATH_SIZE 4096
+
+struct qm_blob_writer {
+    qm_store *store;
+    struct sha256_ctx hash;
+    char path[PATH_SIZE];
+    int file;
+    size_t size;
+};
+
+static bool make_folder(const char *path)
+{
+    return mkdir(path, 0700) == 0 || errno == EEXIST;
+}
+
+static void sweep(const char *incoming)
+{
+    DIR *folder = opendir(incoming);
+    for (struct dirent *entry; folder && (entry = readdir(folder));) {
+        if (entry->d_name[0] != '.') unlinkat(dirfd(folder), entry->d_name, 0);
+    }
+    if (folder) closedir(folder);
+}
+
+bool qm_blob_prepare(const char *folder, char message[QM_MESSAGE_SIZE])
+{
+    char blobs[PATH_SIZE], incoming[PATH_SIZE];
+    snprintf(blobs, sizeof blobs, "%s/blobs", folder);
+    snprintf(incoming, sizeof incoming, "%s/incoming", folder);
+    if (!make_folder(folder) || !make_folder(blobs) || !make_folder(incoming)) {
+        snprintf(message, QM_MESSAGE_SIZE, "cannot make %.200s: %s", folder, strerror(errno));
+        return false;
+    }
+    if (access(incoming, W_OK) != 0) {
+        snprintf(message, QM_MESSAGE_SIZE, "cannot write in %.200s: %s", folder, strerror(errno));
+        return false;
+    }
+    sweep(incoming);
+    return true;
+}
+
+static void blob_folder(const qm_store *store, const char *hash, char out[PATH_SIZE])
+{
+    snprintf(out, PATH_SIZE, "%s/blobs/%.2s", store->folder, hash);
+}
+
+static void blob_path(const qm_store *store, const char *hash, char out[PATH_SIZE])
+{
+    snprintf(out, PATH_SIZE, "%s/blobs/%.2s/%s", store->folder, hash, hash);
+}
+
+qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
+{
+    *out = calloc(1, sizeof **out);
+    if (!*out) return QM_E_NO_MEMORY;
+    (*out)->store = store;
+    sha256_init(&(*out)->hash);
+    snprintf((*out)->path, PATH_SIZE, "%s/incoming/XXXXXX", store->folder);
+    (*out)->file = mkostemp((*out)->path, O_CLOEXEC);
+    if ((*out)->file >= 0) return QM_OK;
+    free(*out);
+    *out = NULL;
+    return QM_E_ARGUMENT;
+}
+
+qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
+{
+    sha256_update(&writer->hash, size, bytes);
+    writer->size += size;
+    for (const char *next = bytes; size > 0;) {
+        ssize_t written = write(writer->file, next, size);
+        if (written < 0 && errno == EINTR) continue;
+        if (written <= 0) return QM_E_ARGUMENT;
+        next += written;
+        size -= (size_t)written;
+    }
+    return QM_OK;
+}
+
+void qm_blob_abort(qm_blob_writer *writer)
+{
+    if (!writer) return;
+    close(writer->file);
+    unlink(writer->path);
+    free(writer);
+}
+
+static bool sync_folder(const char *path)
+{
+    int folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    bool synced = folder >= 0 && fsync(folder) == 0;
+    if (folder >= 0) close(folder);
+    return synced;
+}
+
+static void hex(const uint8_t *bytes, size_t size, char *out)
+{
+    for (size_t i = 0; i < size; i++)
+        snprintf(out + 2 * i, 3, "%02x", bytes[i]);
+}
+
+static bool move_into_place(const qm_blob_writer *writer, const char *hash)
+{
+    char folder[PATH_SIZE], path[PATH_SIZE], blobs[PATH_SIZE];
+    blob_folder(writer->store, hash, folder);
+    blob_path(writer->store, hash, path);
+    snprintf(blobs, sizeof blobs, "%s/blobs", writer->store->folder);
+    return make_folder(folder) && sync_folder(blobs) && rename(writer->path, path) == 0 &&
+           sync_folder(folder);
+}
+
+qm_status qm_blob_finish(qm_blob_writer *writer, char hash[QM_HASH_SIZE], size_t *size)
+{
+    uint8_t digest[SHA256_DIGEST_SIZE];
+    sha256_digest(&writer->hash, sizeof digest, digest);
+    hex(digest, sizeof digest, hash);
+    *size = writer->size;
+    bool stored = fsync(writer->file) == 0 && move_into_place(writer, hash);
+    if (!stored) {
+        qm_blob_abort(writer);
+        return QM_E_ARGUMENT;
+    }
+    close(writer->file);
+    free(writer);
+    return QM_OK;
+}
+
+qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size)
+{
+    static const uint8_t nothing[1];
+    char path[PATH_SIZE];
+    struct stat facts;
+    blob_path(store, hash, path);
+    int file = open(path, O_RDONLY | O_CLOEXEC);
+    if (file < 0) return QM_E_EMPTY;
+    void *map = MAP_FAILED;
+    if (fstat(file, &facts) == 0 && facts.st_size > 0)
+        map = mmap(NULL, (size_t)facts.st_size, PROT_READ, MAP_PRIVATE, file, 0);
+    close(file);
+    *size = (size_t)facts.st_size;
+    *bytes = *size > 0 ? map : nothing;
+    return *size > 0 && map == MAP_FAILED ? QM_E_NO_MEMORY : QM_OK;
+}
+
+void qm_blob_unmap(const uint8_t *bytes, size_t size)
+{
+    if (size > 0) munmap((void *)(uintptr_t)bytes, size);
+}
+
+static bool is_referred_to(qm_store *store, const char *hash)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "SELECT 1 FROM meshes WHERE hash = ? LIMIT 1");
+    if (!statement) return true;
+    qm_store_bind_text(statement, 1, hash);
+    bool found = sqlite3_step(statement) == SQLITE_ROW;
+    qm_store_end(store, statement);
+    return found;
+}
+
+void qm_blob_remove(qm_store *store, const char *hash)
+{
+    char path[PATH_SIZE];
+    if (is_referred_to(store, hash)) return;
+    blob_path(store, hash, path);
+    unlink(path);
+}

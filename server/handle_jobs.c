@@ -1,0 +1,178 @@
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "handlers.h"
+#include "json_in.h"
+
+#define MAX_WAIT_S 600.0
+
+/** The framing that the Accept header asks for by name; false when it asks for none. */
+static bool wants_stream(const qm_request *request, qm_framing *framing)
+{
+    const char *accept = qm_request_header(request, "Accept");
+    if (!accept) return false;
+    if (strcasestr(accept, "application/x-ndjson")) return *framing = QM_FRAMING_NDJSON, true;
+    if (strcasestr(accept, "text/event-stream")) return *framing = QM_FRAMING_SSE, true;
+    return false;
+}
+
+/** Seconds of Prefer: wait=N, or 0. */
+static double preferred_wait(const qm_request *request)
+{
+    const char *prefer = qm_request_header(request, "Prefer");
+    const char *wait = prefer ? strcasestr(prefer, "wait=") : NULL;
+    double seconds = wait ? strtod(wait + strlen("wait="), NULL) : 0.0;
+    return seconds > 0.0 ? fmin(seconds, MAX_WAIT_S) : 0.0;
+}
+
+static void reply_job(qm_request *request, int status, qm_job *job, bool is_cached)
+{
+    qm_jobs *jobs = qm_request_app(request)->jobs;
+    char *document = qm_job_document(jobs, job, is_cached);
+    qm_jobs_release(jobs, job);
+    qm_reply_text(request, status, "application/json", document);
+}
+
+static bool check_type(qm_request *request)
+{
+    const char *type = qm_request_header(request, "Content-Type");
+    /* curl -d says form data when it is not told otherwise; JSON is read for what it is. */
+    if (!type || strncasecmp(type, "application/json", 16) == 0 ||
+        strncasecmp(type, "application/x-www-form-urlencoded", 33) == 0)
+        return true;
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE, "a job is asked for in application/json");
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
+static bool check_accept(qm_request *request)
+{
+    qm_framing framing;
+    if (wants_stream(request, &framing) || qm_accepts(request, "application/json")) return true;
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE,
+                        "a job comes as application/json, application/x-ndjson or text/event-stream");
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
+void qm_handle_job_create(qm_request *request)
+{
+    qm_app *app = qm_request_app(request);
+    if (!check_type(request) || !check_accept(request)) return;
+    size_t size;
+    const char *body = qm_request_body(request, &size);
+    qm_job_request job_request;
+    qm_problem problem;
+    if (!qm_json_read_job(body, size, &job_request, &problem)) {
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    const char *caching = qm_request_header(request, "Cache-Control");
+    qm_job_submission submission = {.request = &job_request,
+                                    .body = body,
+                                    .idempotency_key = qm_request_header(request, "Idempotency-Key"),
+                                    .use_cache = !(caching && strcasestr(caching, "no-cache"))};
+    bool is_cached;
+    qm_job *job = qm_jobs_submit(app->jobs, &submission, &is_cached, &problem);
+    if (!job) {
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    qm_framing framing;
+    double wait = preferred_wait(request);
+    qm_reply_header(request, "Location", "/v1/jobs/%s", qm_job_id(job));
+    if (wants_stream(request, &framing)) {
+        qm_reply_stream(request, 200, job, 0, framing, !is_cached && !job_request.detach);
+    } else if (is_cached) {
+        reply_job(request, 200, job, true);
+    } else if (wait > 0.0) {
+        qm_reply_header(request, "Preference-Applied", "wait=%.15g", wait);
+        qm_reply_when_done(request, job, 1e3 * wait);
+    } else {
+        reply_job(request, 202, job, false);
+    }
+}
+
+void qm_handle_job_list(qm_request *request)
+{
+    size_t limit;
+    int64_t after, next;
+    if (!qm_read_paging(request, &limit, &after)) return;
+    qm_text out = {0};
+    qm_text_add_string(&out, "{\"jobs\":[");
+    if (!qm_jobs_list(qm_request_app(request)->jobs, after, limit, &out, &next)) out.failed = true;
+    if (next > 0)
+        qm_text_printf(&out, "],\"next\":\"%lld\"}", (long long)next);
+    else
+        qm_text_add_string(&out, "],\"next\":null}");
+    qm_reply_text(request, 200, "application/json", qm_text_take(&out));
+}
+
+/** The job of the path with a reference, or NULL after a 404. */
+static qm_job *find_job(qm_request *request)
+{
+    qm_job *job = qm_jobs_find(qm_request_app(request)->jobs, qm_request_id(request));
+    if (job) return job;
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_JOB_NOT_FOUND, "there is no job %s", qm_request_id(request));
+    qm_reply_problem(request, &problem);
+    return NULL;
+}
+
+void qm_handle_job_get(qm_request *request)
+{
+    qm_job *job = find_job(request);
+    if (!job) return;
+    double wait = preferred_wait(request);
+    if (wait > 0.0)
+        qm_reply_when_done(request, job, 1e3 * wait);
+    else
+        reply_job(request, 200, job, false);
+}
+
+void qm_handle_job_cancel(qm_request *request)
+{
+    qm_job *job = find_job(request);
+    if (!job) return;
+    qm_jobs *jobs = qm_request_app(request)->jobs;
+    if (qm_jobs_cancel(jobs, job)) {
+        reply_job(request, 202, job, false);
+        return;
+    }
+    qm_jobs_release(jobs, job);
+    qm_problem problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job has ended already");
+    qm_reply_problem(request, &problem);
+}
+
+/** Where to go on: ?after=, else Last-Event-ID, else from the first event. */
+static bool read_after(qm_request *request, uint64_t *after)
+{
+    const char *query = qm_request_query(request, "after");
+    const char *text = query ? query : qm_request_header(request, "Last-Event-ID");
+    char *end = NULL;
+    *after = text ? strtoull(text, &end, 10) : 0;
+    if (!text || (end != text && !*end && text[0] != '-')) return true;
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "after is the seq of an event, a whole number");
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
+void qm_handle_job_events(qm_request *request)
+{
+    uint64_t after;
+    if (!read_after(request, &after)) return;
+    qm_framing framing = QM_FRAMING_NDJSON;
+    if (!wants_stream(request, &framing) && !qm_accepts(request, "application/x-ndjson")) {
+        qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE,
+                                             "events come as application/x-ndjson or text/event-stream");
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    qm_job *job = find_job(request);
+    if (job) qm_reply_stream(request, 200, job, after, framing, false);
+}

@@ -1,0 +1,145 @@
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "handlers.h"
+
+#define NAME_SIZE 200
+
+/** Reads ?format=, else Content-Type, else the end of the name. False with a problem when a named one is
+ * unknown. */
+static bool read_format(const qm_request *request, qm_format *format, qm_problem *problem)
+{
+    const char *named = qm_request_query(request, "format");
+    *format = named ? qm_format_from_name(named) : QM_FORMAT_UNKNOWN;
+    if (named && *format == QM_FORMAT_UNKNOWN) {
+        *problem =
+            qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "format is obj, ply, stl, off, glb, drc or xyz");
+        return false;
+    }
+    if (*format != QM_FORMAT_UNKNOWN) return true;
+    static const char *const untyped[] = {"application/octet-stream", "application/x-www-form-urlencoded",
+                                          "text/plain", "model/mesh"};
+    const char *type = qm_request_header(request, "Content-Type");
+    if (type) *format = qm_format_from_media_type(type);
+    bool is_untyped = !type || *format != QM_FORMAT_UNKNOWN;
+    for (size_t i = 0; i < sizeof untyped / sizeof untyped[0]; i++)
+        if (type && strncmp(type, untyped[i], strlen(untyped[i])) == 0) is_untyped = true;
+    if (!is_untyped) {
+        *problem =
+            qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
+                            "send the raw file, as application/octet-stream or with the type of its format");
+        return false;
+    }
+    const char *name = qm_request_query(request, "name");
+    if (*format == QM_FORMAT_UNKNOWN && name) *format = qm_format_from_path(name);
+    return true;
+}
+
+/** A name is shown to people: any text but control characters. */
+static bool read_name(const qm_request *request, const char **name, qm_problem *problem)
+{
+    const char *given = qm_request_query(request, "name");
+    *name = given ? given : "";
+    bool is_clean = strlen(*name) < NAME_SIZE;
+    for (const char *c = *name; *c; c++)
+        if ((unsigned char)*c < 0x20 || *c == 0x7f) is_clean = false;
+    if (!is_clean)
+        *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                   "name may have %d characters and no control characters", NAME_SIZE - 1);
+    return is_clean;
+}
+
+static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
+{
+    qm_reply_header(request, "ETag", "\"%s-0\"", mesh->hash);
+    if (status != 201) {
+        const char *known = qm_request_header(request, "If-None-Match");
+        if (known && strstr(known, mesh->hash)) {
+            qm_store_mesh_reset(mesh);
+            qm_reply_empty(request, 304);
+            return;
+        }
+    }
+    if (status == 201 || mesh->id[0]) qm_reply_header(request, "Location", "/v1/meshes/%s", mesh->id);
+    qm_reply_text(request, status, "application/json", mesh->document);
+    mesh->document = NULL;
+    qm_store_mesh_reset(mesh);
+}
+
+void qm_handle_mesh_create(qm_request *request)
+{
+    qm_app *app = qm_request_app(request);
+    qm_problem problem;
+    const char *name;
+    qm_format format;
+    char hash[QM_HASH_SIZE];
+    size_t size;
+    qm_store_mesh mesh;
+    bool is_new;
+    if (atomic_load(&app->draining)) {
+        problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new meshes");
+        problem.retry_after_s = 5;
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    if (!read_format(request, &format, &problem) || !read_name(request, &name, &problem)) {
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    if (qm_request_finish_upload(request, hash, &size) != QM_OK) {
+        problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload could not be written to disk");
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    if (!qm_meshes_add(app->meshes, hash, name, format, &mesh, &is_new, &problem))
+        qm_reply_problem(request, &problem);
+    else
+        reply_mesh(request, is_new ? 201 : 200, &mesh);
+}
+
+void qm_handle_mesh_list(qm_request *request)
+{
+    qm_app *app = qm_request_app(request);
+    size_t limit;
+    int64_t after;
+    if (!qm_read_paging(request, &limit, &after)) return;
+    qm_store_mesh *rows = calloc(limit + 1, sizeof *rows);
+    size_t count = rows ? qm_store_list_meshes(app->store, after, limit + 1, rows) : 0;
+    qm_text out = {0};
+    qm_text_add_string(&out, "{\"meshes\":[");
+    for (size_t i = 0; i < count && i < limit; i++)
+        qm_text_printf(&out, "%s%s", i > 0 ? "," : "", rows[i].document);
+    if (count > limit)
+        qm_text_printf(&out, "],\"next\":\"%lld\"}", (long long)rows[limit - 1].sequence);
+    else
+        qm_text_add_string(&out, "],\"next\":null}");
+    for (size_t i = 0; i < count; i++)
+        qm_store_mesh_reset(&rows[i]);
+    free(rows);
+    qm_reply_text(request, 200, "application/json", qm_text_take(&out));
+}
+
+static void reply_not_found(qm_request *request)
+{
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh %s", qm_request_id(request));
+    qm_reply_problem(request, &problem);
+}
+
+void qm_handle_mesh_get(qm_request *request)
+{
+    qm_store_mesh mesh;
+    if (qm_store_find_mesh(qm_request_app(request)->store, qm_request_id(request), &mesh))
+        reply_mesh(request, 200, &mesh);
+    else
+        reply_not_found(request);
+}
+
+void qm_handle_mesh_delete(qm_request *request)
+{
+    if (qm_meshes_delete(qm_request_app(request)->meshes, qm_request_id(request)))
+        qm_reply_empty(request, 204);
+    else
+        reply_not_found(request);
+}

@@ -1,0 +1,142 @@
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "handlers.h"
+#include "qm/bvh.h"
+
+#define DEFAULT_LIMIT 100
+#define MAX_LIMIT 1000
+#define MAX_FILE_SIZE (8u << 20)
+
+bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after)
+{
+    const char *limit_text = qm_request_query(request, "limit"),
+               *cursor = qm_request_query(request, "cursor");
+    char *end;
+    qm_problem problem;
+    *limit = DEFAULT_LIMIT;
+    *after = 0;
+    if (limit_text) {
+        long value = strtol(limit_text, &end, 10);
+        if (end == limit_text || *end || value < 1 || value > MAX_LIMIT) {
+            problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "limit is a whole number from 1 to %d",
+                                      MAX_LIMIT);
+            qm_reply_problem(request, &problem);
+            return false;
+        }
+        *limit = (size_t)value;
+    }
+    if (cursor) {
+        errno = 0;
+        long long value = strtoll(cursor, &end, 10);
+        if (end == cursor || *end || value < 0 || errno) {
+            problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "cursor is the next of an earlier page");
+            qm_reply_problem(request, &problem);
+            return false;
+        }
+        *after = value;
+    }
+    return true;
+}
+
+bool qm_accepts(const qm_request *request, const char *type)
+{
+    const char *accept = qm_request_header(request, "Accept");
+    if (!accept || strstr(accept, "*/*")) return true;
+    char group[64];
+    snprintf(group, sizeof group, "%.*s*", (int)(strcspn(type, "/") + 1), type);
+    return strcasestr(accept, type) || strcasestr(accept, group);
+}
+
+void qm_handle_health(qm_request *request)
+{
+    qm_reply_static(request, 200, "application/json", "{\"status\":\"ok\"}");
+}
+
+void qm_handle_ready(qm_request *request)
+{
+    if (!atomic_load(&qm_request_app(request)->draining)) {
+        qm_reply_static(request, 200, "application/json", "{\"status\":\"ready\"}");
+        return;
+    }
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping");
+    problem.retry_after_s = 5;
+    qm_reply_problem(request, &problem);
+}
+
+void qm_handle_info(qm_request *request)
+{
+    const qm_config *config = qm_request_app(request)->config;
+    qm_job_counts counts = qm_jobs_count(qm_request_app(request)->jobs);
+    qm_text out = {0};
+    qm_text_printf(&out, "{\"name\":\"quadmeshd\",\"version\":\"%s\",\"kernel\":\"%s\",\"formats\":[",
+                   QM_VERSION, qm_kernel_name());
+#define XX(suffix, name, extension, media) qm_text_add_string(&out, "\"" name "\",");
+    QM_FORMAT_MAP(XX)
+#undef XX
+    if (out.size > 0) out.size--;
+    qm_text_printf(
+        &out,
+        "],\"jobs\":[\"hausdorff\"],\"accelerators\":[\"auto\",\"boxes\"],\"limits\":{\"body_bytes\":%.15g,"
+        "\"faces\":%.15g,\"queued_jobs\":%.15g,\"connections\":%.15g,\"streams\":%.15g},"
+        "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu}",
+        config->max_body, config->max_faces, config->queue, config->connections, config->streams,
+        config->workers, counts.queued, counts.running);
+    qm_reply_text(request, 200, "application/json", qm_text_take(&out));
+}
+
+/** The text of a file of the installation, or NULL. */
+static char *read_file(const char *path)
+{
+    FILE *file = fopen(path, "rb");
+    if (!file) return NULL;
+    char *text = malloc(MAX_FILE_SIZE);
+    size_t size = text ? fread(text, 1, MAX_FILE_SIZE - 1, file) : 0;
+    if (text) text[size] = '\0';
+    fclose(file);
+    return text;
+}
+
+static void reply_file(qm_request *request, const char *folder, const char *name, const char *content_type)
+{
+    char path[4096];
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    char *text = folder[0] ? read_file(path) : NULL;
+    if (text) {
+        qm_reply_header(request, "Cache-Control", "no-cache");
+        qm_reply_text(request, 200, content_type, text);
+        return;
+    }
+    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "this daemon was started without %s", name);
+    qm_reply_problem(request, &problem);
+}
+
+void qm_handle_openapi(qm_request *request)
+{
+    reply_file(request, qm_request_app(request)->config->dashboard, "openapi.yaml", "application/yaml");
+}
+
+/** Only files of this list are ever served: a path of a request names none. */
+void qm_handle_page(qm_request *request)
+{
+    static const struct {
+        const char *name, *type;
+    } files[] = {
+        {"index.html", "text/html; charset=utf-8"},
+        {"main.js", "text/javascript; charset=utf-8"},
+        {"style.css", "text/css; charset=utf-8"},
+    };
+    const char *id = qm_request_id(request), *wanted = id[0] ? id : "index.html";
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+        if (strcmp(files[i].name, wanted) != 0) continue;
+        qm_reply_header(request, "Content-Security-Policy",
+                        "default-src 'self'; base-uri 'none'; form-action 'none'");
+        reply_file(request, qm_request_app(request)->config->dashboard, wanted, files[i].type);
+        return;
+    }
+    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
+    qm_reply_problem(request, &problem);
+}

@@ -1,0 +1,32 @@
+/**
+ * handlers.h: one function a route (route.c), one file a resource.
+ */
+#ifndef QM_HANDLERS_H
+#define QM_HANDLERS_H
+
+#include "http.h"
+
+void qm_handle_mesh_create(qm_request *request);
+void qm_handle_mesh_list(qm_request *request);
+void qm_handle_mesh_get(qm_request *request);
+void qm_handle_mesh_delete(qm_request *request);
+
+void qm_handle_job_create(qm_request *request);
+void qm_handle_job_list(qm_request *request);
+void qm_handle_job_get(qm_request *request);
+void qm_handle_job_cancel(qm_request *request);
+void qm_handle_job_events(qm_request *request);
+
+void qm_handle_health(qm_request *request);
+void qm_handle_ready(qm_request *request);
+void qm_handle_info(qm_request *request);
+void qm_handle_openapi(qm_request *request);
+void qm_handle_page(qm_request *request);
+
+/** Reads ?limit= and ?cursor=; replies with a problem and returns false when they are not valid. */
+bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after);
+
+/** True when the Accept header takes the type, as a whole, by its group or by anything; absent takes all. */
+bool qm_accepts(const qm_request *request, const char *type);
+
+#endif

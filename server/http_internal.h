@@ -1,0 +1,44 @@
+/**
+ * http_internal.h: what http.c and http_stream.c share.
+ */
+#ifndef QM_HTTP_INTERNAL_H
+#define QM_HTTP_INTERNAL_H
+
+#include <arpa/inet.h>
+#include <microhttpd.h>
+#include <netinet/in.h>
+#include <sys/socket.h>
+#include <unistd.h>
+
+#include "route.h"
+
+typedef struct qm_reply {
+    int status;
+    struct MHD_Response *response;
+    char header[QM_REPLY_HEADERS][2][256];
+    int header_count;
+} qm_reply;
+
+/** A request from its first header to its end; belongs to its connection. */
+struct qm_request {
+    qm_app *app;
+    struct MHD_Connection *connection;
+    const qm_route *route;
+    char id[QM_ID_SIZE];
+    char method[16], path[256];
+    double start_ms;
+    qm_blob_writer *upload;
+    qm_text body;
+    size_t body_size;
+    qm_problem problem; /* found before the body had come: sent when it has */
+    bool has_problem;
+    enum { RECEIVING, HANDLING, WAITING, DONE } stage;
+    qm_reply reply;
+    qm_job *awaited; /* qm_reply_when_done */
+    qm_reader reader;
+};
+
+/** Looks whether the awaited job has ended; makes the reply, or goes to sleep and returns false. */
+bool qm_request_check_awaited(qm_request *request);
+
+#endif

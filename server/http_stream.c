@@ -1,0 +1,143 @@
+/**
+ * http_stream.c: replies that wait for a job: the stream of its events, or the answer once it has ended.
+ *
+ * A connection with nothing to send is suspended under the lock of the jobs (job.h) and resumed under it, so
+ * that no wake-up is lost and nothing is resumed that is not suspended.
+ */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "http_internal.h"
+
+#define BLOCK_SIZE 16384
+#define HEARTBEAT_MS 10000.0
+
+typedef struct stream {
+    qm_app *app;
+    struct MHD_Connection *connection;
+    qm_job *job;
+    qm_reader reader;
+    uint64_t seq;
+    qm_framing framing;
+    bool owns_job, has_ended;
+    qm_text pending; /* framed, not yet sent */
+    size_t sent;
+} stream;
+
+static void resume(void *user)
+{
+    MHD_resume_connection(((stream *)user)->connection);
+}
+
+static void suspend(void *user)
+{
+    MHD_suspend_connection(((stream *)user)->connection);
+}
+
+static ssize_t read_stream(void *user, uint64_t position, char *buffer, size_t size)
+{
+    (void)position;
+    stream *s = user;
+    if (s->sent == s->pending.size) {
+        qm_text_reset(&s->pending);
+        s->sent = 0;
+        qm_news news =
+            qm_job_read(s->app->jobs, s->job, &s->seq, s->framing, &s->pending, &s->reader, suspend);
+        if (news == QM_NEWS_NONE) return 0;
+        s->has_ended = news == QM_NEWS_END;
+        if (s->has_ended) return MHD_CONTENT_READER_END_OF_STREAM;
+        if (s->pending.failed) return MHD_CONTENT_READER_END_WITH_ERROR;
+    }
+    size_t rest = s->pending.size - s->sent, count = rest < size ? rest : size;
+    memcpy(buffer, s->pending.data + s->sent, count);
+    s->sent += count;
+    return (ssize_t)count;
+}
+
+static void free_stream(void *user)
+{
+    stream *s = user;
+    if (s->owns_job && !s->has_ended) qm_jobs_cancel(s->app->jobs, s->job);
+    qm_job_leave(s->app->jobs, s->job, &s->reader);
+    qm_jobs_release(s->app->jobs, s->job);
+    atomic_fetch_sub(&s->app->stream_count, 1);
+    qm_text_reset(&s->pending);
+    free(s);
+}
+
+/** Takes a place among the streams; false when all are taken. */
+static bool take_place(qm_app *app)
+{
+    if (atomic_fetch_add(&app->stream_count, 1) < (int)app->config->streams) return true;
+    atomic_fetch_sub(&app->stream_count, 1);
+    return false;
+}
+
+static void refuse_stream(qm_request *request, qm_job *job)
+{
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "all %.0f event streams are taken",
+                                         request->app->config->streams);
+    problem.retry_after_s = 1;
+    qm_jobs_release(request->app->jobs, job);
+    qm_reply_problem(request, &problem);
+}
+
+void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t after, qm_framing framing,
+                     bool owns_job)
+{
+    qm_app *app = request->app;
+    stream *s = take_place(app) ? calloc(1, sizeof *s) : NULL;
+    if (!s) {
+        if (owns_job) qm_jobs_cancel(app->jobs, job);
+        refuse_stream(request, job);
+        return;
+    }
+    *s = (stream){.app = app,
+                  .connection = request->connection,
+                  .job = job,
+                  .seq = after,
+                  .framing = framing,
+                  .owns_job = owns_job,
+                  .reader = {.wake = resume, .user = s, .wake_at_ms = qm_now_ms() + HEARTBEAT_MS}};
+    qm_job_join(app->jobs, job, &s->reader);
+    request->reply.status = status;
+    request->reply.response =
+        MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, BLOCK_SIZE, read_stream, s, free_stream);
+    qm_reply_header(request, "Content-Type", "%s",
+                    framing == QM_FRAMING_SSE ? "text/event-stream" : "application/x-ndjson");
+    qm_reply_header(request, "Cache-Control", "no-store, no-transform");
+    qm_reply_header(request, "X-Accel-Buffering", "no");
+}
+
+static void resume_request(void *user)
+{
+    MHD_resume_connection(((qm_request *)user)->connection);
+}
+
+static void suspend_request(void *user)
+{
+    MHD_suspend_connection(((qm_request *)user)->connection);
+}
+
+void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms)
+{
+    request->awaited = job;
+    request->reader =
+        (qm_reader){.wake = resume_request, .user = request, .wake_at_ms = qm_now_ms() + wait_ms};
+    qm_job_join(request->app->jobs, job, &request->reader);
+}
+
+bool qm_request_check_awaited(qm_request *request)
+{
+    qm_jobs *jobs = request->app->jobs;
+    qm_job *job = request->awaited;
+    if (!qm_job_await_end(jobs, job, &request->reader, suspend_request)) return false;
+    qm_job_leave(jobs, job, &request->reader);
+    request->awaited = NULL;
+    bool ended;
+    char *document = qm_job_document_now(jobs, job, &ended);
+    qm_jobs_release(jobs, job);
+    qm_reply_text(request, ended ? 200 : 202, "application/json", document);
+    return true;
+}

@@ -1,0 +1,149 @@
+/**
+ * main.c: starts the parts in order, waits for a signal, stops them in the opposite order.
+ */
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <uv.h>
+
+#include "http.h"
+#include "log.h"
+
+#define REQUEST_THREADS 4
+#define TICK_MS 50
+#define MS_PER_S 1e3
+
+typedef struct daemon_state {
+    qm_app app;
+    qm_http *http;
+    uv_loop_t loop;
+    uv_signal_t terminate, interrupt;
+    uv_timer_t tick;
+} daemon_state;
+
+static void on_signal(uv_signal_t *handle, int number)
+{
+    daemon_state *state = handle->data;
+    qm_log("info", "signal %d: draining", number);
+    atomic_store(&state->app.draining, true);
+    uv_stop(&state->loop);
+}
+
+static void on_tick(uv_timer_t *handle)
+{
+    qm_jobs_tick(((daemon_state *)handle->data)->app.jobs, qm_now_ms());
+}
+
+static void start_loop(daemon_state *state)
+{
+    uv_loop_init(&state->loop);
+    uv_signal_init(&state->loop, &state->terminate);
+    uv_signal_init(&state->loop, &state->interrupt);
+    uv_timer_init(&state->loop, &state->tick);
+    state->terminate.data = state->interrupt.data = state->tick.data = state;
+    uv_signal_start(&state->terminate, on_signal, SIGTERM);
+    uv_signal_start(&state->interrupt, on_signal, SIGINT);
+    uv_timer_start(&state->tick, on_tick, TICK_MS, TICK_MS);
+}
+
+static void stop_loop(daemon_state *state)
+{
+    uv_close((uv_handle_t *)&state->terminate, NULL);
+    uv_close((uv_handle_t *)&state->interrupt, NULL);
+    uv_close((uv_handle_t *)&state->tick, NULL);
+    uv_run(&state->loop, UV_RUN_DEFAULT);
+    uv_loop_close(&state->loop);
+}
+
+/** The folder of the page beside the program: in the source tree build/quadmeshd finds clients/dashboard. */
+static void find_dashboard(qm_config *config, char *found, size_t size)
+{
+    if (config->dashboard[0]) return;
+    char program[2048];
+    ssize_t length = readlink("/proc/self/exe", program, sizeof program - 1);
+    if (length <= 0) return;
+    program[length] = '\0';
+    *strrchr(program, '/') = '\0';
+    static const char *const places[] = {"dashboard", "../share/quadmeshd/dashboard"};
+    for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
+        snprintf(found, size, "%s/%s", program, places[i]);
+        if (access(found, R_OK) == 0) {
+            config->dashboard = found;
+            return;
+        }
+    }
+}
+
+static bool write_port(const char *path, int port)
+{
+    if (!path[0]) return true;
+    FILE *file = fopen(path, "w");
+    if (!file) return false;
+    fprintf(file, "%d\n", port);
+    return fclose(file) == 0;
+}
+
+static bool start_parts(daemon_state *state, const qm_config *config)
+{
+    qm_app *app = &state->app;
+    char message[QM_MESSAGE_SIZE];
+    app->config = config;
+    if (qm_store_open(config->data_dir, &app->store, message) != QM_OK) {
+        qm_log("error", "data folder: %s", message);
+        return false;
+    }
+    qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
+                              .max_faces = (size_t)config->max_faces};
+    app->meshes = qm_meshes_create(app->store, limits);
+    app->pool = qm_pool_create(REQUEST_THREADS);
+    if (!app->meshes || !app->pool) return false;
+    app->jobs = qm_jobs_create(app->store, app->meshes,
+                               (qm_job_limits){.workers = (int)config->workers,
+                                               .queue = (int)config->queue,
+                                               .threads = (int)config->job_threads,
+                                               .grace_ms = config->grace * MS_PER_S});
+    if (!app->jobs) return false;
+    state->http = qm_http_start(app);
+    return state->http && write_port(config->port_file, qm_http_port(state->http));
+}
+
+/** Order matters: no new connections; jobs end, which wakes all streams; handlers end; then the connections.
+ */
+static void stop_parts(daemon_state *state)
+{
+    qm_app *app = &state->app;
+    if (state->http) qm_http_quiesce(state->http);
+    if (app->jobs) qm_jobs_drain(app->jobs);
+    qm_pool_destroy(app->pool);
+    qm_http_stop(state->http);
+    qm_jobs_destroy(app->jobs);
+    qm_meshes_destroy(app->meshes);
+    qm_store_close(app->store);
+}
+
+int main(int argc, char **argv)
+{
+    qm_config config;
+    qm_config_outcome outcome = qm_config_read(&config, argc, argv);
+    if (outcome != QM_CONFIG_RUN) return outcome == QM_CONFIG_EXIT_OK ? 0 : 2;
+    qm_log_init(strcmp(config.log_format, "json") == 0);
+    signal(SIGPIPE, SIG_IGN);
+    char dashboard[4096];
+    find_dashboard(&config, dashboard, sizeof dashboard);
+    static daemon_state state;
+    start_loop(&state);
+    bool started = start_parts(&state, &config);
+    if (started) {
+        printf("quadmeshd %s listens on http://%s:%d/\n", QM_VERSION, config.listen,
+               qm_http_port(state.http));
+        fflush(stdout);
+        uv_run(&state.loop, UV_RUN_DEFAULT);
+    }
+    stop_parts(&state);
+    stop_loop(&state);
+    if (started) qm_log("info", "stopped");
+    return started ? 0 : 1;
+}

@@ -1,0 +1,104 @@
+#include "mesh_load.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#define FACT_WARNINGS 3
+
+static double now_ms(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return 1e3 * (double)now.tv_sec + 1e-6 * (double)now.tv_nsec;
+}
+
+static void add_warning(qm_loaded_mesh *mesh, const char *format, size_t count)
+{
+    snprintf(mesh->warnings[mesh->warning_count++], QM_CODEC_DETAIL_SIZE, format, count);
+}
+
+static bool mentions(const qm_codec_report *report, const char *word)
+{
+    for (size_t i = 0; i < report->warning_count; i++)
+        if (strstr(report->warnings[i], word)) return true;
+    return false;
+}
+
+static qm_status set_warnings(qm_loaded_mesh *out, const qm_codec_report *report)
+{
+    out->warnings = calloc(report->warning_count + FACT_WARNINGS, sizeof *out->warnings);
+    if (!out->warnings) return QM_E_NO_MEMORY;
+    for (size_t i = 0; i < report->warning_count; i++)
+        memcpy(out->warnings[out->warning_count++], report->warnings[i], QM_CODEC_DETAIL_SIZE);
+    if (out->facts.unused_vertices > 0 && !mentions(report, "no face"))
+        add_warning(out, "%zu vertices are used by no face; they are not part of the surface",
+                    out->facts.unused_vertices);
+    if (out->facts.repeated_corner_faces > 0 && !mentions(report, "twice"))
+        add_warning(out, "%zu faces name a vertex twice; they are kept", out->facts.repeated_corner_faces);
+    if (out->facts.nonmanifold_edges > 0)
+        add_warning(out, "%zu edges have three faces or more", out->facts.nonmanifold_edges);
+    return QM_OK;
+}
+
+static qm_status prepare(qm_context *ctx, qm_loaded_mesh *out)
+{
+    double start = now_ms();
+    qm_status status = qm_mesh_find_facts(ctx, &out->mesh, &out->facts);
+    out->box = qm_mesh_bounding_box(&out->mesh);
+    out->diagonal = qm_box_diagonal(&out->box);
+    double built = now_ms();
+    out->topology_ms = built - start;
+    if (status == QM_OK) status = qm_bvh_build(ctx, &out->mesh, &out->bvh);
+    out->bvh_ms = now_ms() - built;
+    return status;
+}
+
+qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                       const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report)
+{
+    *out = (qm_loaded_mesh){.file_size = size};
+    *report = (qm_codec_report){.line = QM_NO_PLACE, .offset = QM_NO_PLACE};
+    double start = now_ms();
+    out->format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format;
+    if (out->format == QM_FORMAT_UNKNOWN) {
+        snprintf(report->detail, sizeof report->detail,
+                 size == 0 ? "the file is empty"
+                           : "the format of the file is not known; name it with format=");
+        return size == 0 ? QM_E_EMPTY : QM_E_FORMAT;
+    }
+    qm_status status = qm_codec_decode(ctx, out->format, bytes, size, limits, &out->mesh, report);
+    out->parse_ms = now_ms() - start;
+    if (status == QM_OK) {
+        status = prepare(ctx, out);
+        if (status == QM_OK) status = set_warnings(out, report);
+        if (status != QM_OK) snprintf(report->detail, sizeof report->detail, "%s", qm_status_text(status));
+    }
+    if (status == QM_OK) return QM_OK;
+    qm_loaded_mesh_reset(ctx, out);
+    return status;
+}
+
+void qm_loaded_mesh_reset(qm_context *ctx, qm_loaded_mesh *mesh)
+{
+    qm_bvh_destroy(ctx, mesh->bvh);
+    qm_mesh_reset(ctx, &mesh->mesh);
+    free(mesh->warnings);
+    *mesh = (qm_loaded_mesh){0};
+}
+
+size_t qm_loaded_mesh_memory_size(const qm_loaded_mesh *mesh)
+{
+    size_t face_width =
+        4 * sizeof *mesh->mesh.faces + (mesh->mesh.face_origin ? sizeof *mesh->mesh.face_origin : 0);
+    return sizeof *mesh + 3 * sizeof *mesh->mesh.positions * mesh->mesh.vertex_count +
+           face_width * mesh->mesh.face_count + qm_bvh_memory_size(mesh->bvh);
+}
+
+const char *qm_loaded_mesh_kind(const qm_loaded_mesh *mesh)
+{
+    if (mesh->mesh.face_count == 0) return "points";
+    if (mesh->facts.quads == 0) return "triangles";
+    return mesh->facts.quads == mesh->mesh.face_count ? "quads" : "mixed";
+}

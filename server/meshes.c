@@ -1,0 +1,273 @@
+#include "meshes.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/random.h>
+#include <time.h>
+#include <uv.h>
+
+#include "json_out.h"
+#include "log.h"
+
+/** An entry lives while it is in the list or anybody holds a reference. */
+struct qm_mesh_ref {
+    char id[QM_ID_SIZE];
+    qm_loaded_mesh mesh;
+    enum { LOADING, READY, BROKEN } state;
+    int references; /* the list counts as one */
+    bool listed;
+    qm_problem problem; /* when broken */
+    qm_mesh_ref *next;
+};
+
+/** lock guards the list, references and states; changed tells of a state. A mesh that is READY is only read.
+ */
+struct qm_meshes {
+    qm_store *store;
+    qm_codec_limits limits;
+    uv_mutex_t lock;
+    uv_cond_t changed;
+    qm_mesh_ref *first;
+};
+
+void qm_make_id(char prefix, char out[QM_ID_SIZE])
+{
+    static const char alphabet[] = "abcdefghijklmnopqrstuvwxyz234567";
+    uint8_t random[20];
+    if (getrandom(random, sizeof random, 0) != (ssize_t)sizeof random) abort();
+    out[0] = prefix;
+    out[1] = '_';
+    for (size_t i = 0; i < sizeof random; i++)
+        out[2 + i] = alphabet[random[i] % 32];
+    out[2 + sizeof random] = '\0';
+}
+
+void qm_format_time(char out[QM_TIME_SIZE])
+{
+    struct timespec now;
+    struct tm utc;
+    clock_gettime(CLOCK_REALTIME, &now);
+    gmtime_r(&now.tv_sec, &utc);
+    size_t length = strftime(out, QM_TIME_SIZE, "%Y-%m-%dT%H:%M:%S", &utc);
+    snprintf(out + length, QM_TIME_SIZE - length, ".%03dZ", (int)(now.tv_nsec / 1000000));
+}
+
+qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits)
+{
+    qm_meshes *meshes = calloc(1, sizeof *meshes);
+    if (!meshes) return NULL;
+    meshes->store = store;
+    meshes->limits = limits;
+    uv_mutex_init(&meshes->lock);
+    uv_cond_init(&meshes->changed);
+    return meshes;
+}
+
+static void drop_reference(qm_mesh_ref *ref)
+{
+    if (--ref->references > 0) return;
+    qm_context ctx = qm_context_make();
+    qm_loaded_mesh_reset(&ctx, &ref->mesh);
+    free(ref);
+}
+
+void qm_meshes_destroy(qm_meshes *meshes)
+{
+    if (!meshes) return;
+    for (qm_mesh_ref *ref = meshes->first, *next; ref; ref = next) {
+        next = ref->next;
+        drop_reference(ref);
+    }
+    uv_cond_destroy(&meshes->changed);
+    uv_mutex_destroy(&meshes->lock);
+    free(meshes);
+}
+
+static qm_mesh_ref *find_listed(qm_meshes *meshes, const char *id)
+{
+    for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
+        if (strcmp(ref->id, id) == 0) return ref;
+    return NULL;
+}
+
+static void unlist(qm_meshes *meshes, qm_mesh_ref *ref)
+{
+    if (!ref->listed) return;
+    qm_mesh_ref **link = &meshes->first;
+    while (*link != ref)
+        link = &(*link)->next;
+    *link = ref->next;
+    ref->listed = false;
+    drop_reference(ref);
+}
+
+static qm_mesh_ref *list_new(qm_meshes *meshes, const char *id)
+{
+    qm_mesh_ref *ref = calloc(1, sizeof *ref);
+    if (!ref) return NULL;
+    snprintf(ref->id, sizeof ref->id, "%s", id);
+    ref->references = 1;
+    ref->listed = true;
+    ref->next = meshes->first;
+    meshes->first = ref;
+    return ref;
+}
+
+static bool load_blob(const qm_meshes *meshes, const char *hash, qm_format format, qm_loaded_mesh *out,
+                      qm_problem *problem)
+{
+    const uint8_t *bytes;
+    size_t size;
+    qm_status status = qm_blob_map(meshes->store, hash, &bytes, &size);
+    if (status != QM_OK) {
+        qm_log("error", "blob %s cannot be read", hash);
+        *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the mesh cannot be read");
+        return false;
+    }
+    qm_context ctx = qm_context_make();
+    qm_codec_report report;
+    status = qm_mesh_load(&ctx, format, bytes, size, &meshes->limits, out, &report);
+    qm_blob_unmap(bytes, size);
+    if (status != QM_OK) *problem = qm_problem_from_codec(status, &report);
+    return status == QM_OK;
+}
+
+/** The document of a new mesh, and its row; the mesh itself then waits in memory for its first job. */
+static bool store_new(qm_meshes *meshes, qm_store_mesh *row, const qm_loaded_mesh *mesh, qm_problem *problem)
+{
+    char created[QM_TIME_SIZE];
+    qm_format_time(created);
+    qm_mesh_label label = {
+        .id = row->id, .name = row->name, .content_hash = row->hash, .revision = 0, .created = created};
+    qm_text document = {0};
+    qm_json_write_mesh(&document, &label, mesh);
+    row->document = qm_text_take(&document);
+    if (row->document && qm_store_put_mesh(meshes->store, row) == QM_OK) return true;
+    *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the mesh could not be stored");
+    return false;
+}
+
+static char *make_options(const char *name, qm_format format)
+{
+    qm_text options = {0};
+    qm_text_printf(&options, "format=%s name=%s",
+                   format == QM_FORMAT_UNKNOWN ? "auto" : qm_format_name(format), name);
+    return qm_text_take(&options);
+}
+
+static void keep_in_memory(qm_meshes *meshes, const char *id, const qm_loaded_mesh *mesh)
+{
+    uv_mutex_lock(&meshes->lock);
+    qm_mesh_ref *ref = list_new(meshes, id);
+    if (ref) {
+        ref->mesh = *mesh;
+        ref->state = READY;
+    }
+    uv_mutex_unlock(&meshes->lock);
+    if (ref) return;
+    qm_context ctx = qm_context_make();
+    qm_loaded_mesh unused = *mesh;
+    qm_loaded_mesh_reset(&ctx, &unused);
+}
+
+bool qm_meshes_add(qm_meshes *meshes, const char *hash, const char *name, qm_format format,
+                   qm_store_mesh *out, bool *is_new, qm_problem *problem)
+{
+    *out = (qm_store_mesh){0};
+    *is_new = false;
+    char *options = make_options(name, format);
+    if (!options) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the upload");
+        return false;
+    }
+    if (qm_store_find_mesh_by_content(meshes->store, hash, options, out)) {
+        free(options);
+        return true;
+    }
+    qm_loaded_mesh mesh = {0};
+    qm_make_id('m', out->id);
+    snprintf(out->hash, sizeof out->hash, "%s", hash);
+    out->options = options;
+    out->name = strdup(name);
+    bool loaded = load_blob(meshes, hash, format, &mesh, problem);
+    out->format = (int)mesh.format;
+    if (loaded && store_new(meshes, out, &mesh, problem)) {
+        keep_in_memory(meshes, out->id, &mesh);
+        *is_new = true;
+        return true;
+    }
+    qm_context ctx = qm_context_make();
+    if (loaded) qm_loaded_mesh_reset(&ctx, &mesh);
+    qm_store_mesh_reset(out);
+    qm_blob_remove(meshes->store, hash);
+    return false;
+}
+
+/** Reads the mesh of a listed entry in; called without the lock. */
+static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
+{
+    qm_store_mesh row;
+    bool loaded = false;
+    if (qm_store_find_mesh(meshes->store, ref->id, &row)) {
+        loaded = load_blob(meshes, row.hash, (qm_format)row.format, &ref->mesh, &ref->problem);
+        qm_store_mesh_reset(&row);
+    } else {
+        ref->problem = qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh %s", ref->id);
+    }
+    uv_mutex_lock(&meshes->lock);
+    ref->state = loaded ? READY : BROKEN;
+    if (!loaded) unlist(meshes, ref);
+    uv_cond_broadcast(&meshes->changed);
+    uv_mutex_unlock(&meshes->lock);
+}
+
+qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem)
+{
+    uv_mutex_lock(&meshes->lock);
+    qm_mesh_ref *ref = find_listed(meshes, id);
+    bool is_mine = !ref;
+    if (is_mine && !(ref = list_new(meshes, id))) {
+        uv_mutex_unlock(&meshes->lock);
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for mesh %s", id);
+        return NULL;
+    }
+    ref->references++;
+    if (is_mine) {
+        uv_mutex_unlock(&meshes->lock);
+        load_listed(meshes, ref);
+        uv_mutex_lock(&meshes->lock);
+    }
+    while (ref->state == LOADING)
+        uv_cond_wait(&meshes->changed, &meshes->lock);
+    if (ref->state == BROKEN) {
+        *problem = ref->problem;
+        drop_reference(ref);
+        ref = NULL;
+    }
+    uv_mutex_unlock(&meshes->lock);
+    return ref;
+}
+
+const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref)
+{
+    return &ref->mesh;
+}
+
+void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref)
+{
+    if (!ref) return;
+    uv_mutex_lock(&meshes->lock);
+    drop_reference(ref);
+    uv_mutex_unlock(&meshes->lock);
+}
+
+bool qm_meshes_delete(qm_meshes *meshes, const char *id)
+{
+    bool deleted = qm_store_delete_mesh(meshes->store, id);
+    uv_mutex_lock(&meshes->lock);
+    qm_mesh_ref *ref = find_listed(meshes, id);
+    if (ref && deleted) unlist(meshes, ref);
+    uv_mutex_unlock(&meshes->lock);
+    return deleted;
+}

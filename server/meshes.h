@@ -1,0 +1,45 @@
+/**
+ * meshes.h: meshes in memory by id, each with its tree, counted by reference. One that is not in memory is
+ * read back from its blob when it is asked for.
+ */
+#ifndef QM_MESHES_H
+#define QM_MESHES_H
+
+#include "problem.h"
+#include "store.h"
+
+typedef struct qm_meshes qm_meshes;
+
+/** A mesh in use; released with qm_meshes_release. It stays alive and unchanged until then, also when it is
+ * deleted. */
+typedef struct qm_mesh_ref qm_mesh_ref;
+
+qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits);
+
+/** Frees every mesh. No reference is left. */
+void qm_meshes_destroy(qm_meshes *meshes);
+
+/**
+ * Takes a finished upload in: the same blob with the same options gives the mesh that is there (*is_new
+ * false). Decodes and builds on the calling thread. document is the resource, for the caller to free. After a
+ * fault the blob is gone unless another mesh has it.
+ */
+bool qm_meshes_add(qm_meshes *meshes, const char *hash, const char *name, qm_format format,
+                   qm_store_mesh *out, bool *is_new, qm_problem *problem);
+
+/** Takes a reference; reads the mesh from its blob when needed. NULL with a problem when there is none. */
+qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem);
+const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref);
+void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref);
+
+/** False when there is none of this id. */
+bool qm_meshes_delete(qm_meshes *meshes, const char *id);
+
+/** A new random id: prefix, then 20 characters of a to z and digits. */
+void qm_make_id(char prefix, char out[QM_ID_SIZE]);
+
+/** The time now as RFC 3339 in UTC, to the millisecond. */
+#define QM_TIME_SIZE 32
+void qm_format_time(char out[QM_TIME_SIZE]);
+
+#endif

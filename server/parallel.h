@@ -1,0 +1,12 @@
+/**
+ * parallel.h: the engine's hook for threads, on threads that are made for the call.
+ */
+#ifndef QM_PARALLEL_H
+#define QM_PARALLEL_H
+
+#include "qm/context.h"
+
+/** A qm_parallel_fn; user is not looked at. Workers that get no thread run on the caller's. */
+void qm_parallel_run(void *user, int worker_count, void (*task)(void *data, int worker), void *data);
+
+#endif

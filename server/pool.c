@@ -1,0 +1,82 @@
+#include "pool.h"
+
+#include <stdlib.h>
+#include <uv.h>
+
+typedef struct task {
+    qm_task_fn *run;
+    void *data;
+    struct task *next;
+} task;
+
+/** lock guards first, last and closing. */
+struct qm_pool {
+    uv_mutex_t lock;
+    uv_cond_t changed;
+    task *first, *last;
+    bool closing;
+    int thread_count;
+    uv_thread_t threads[];
+};
+
+static void work(void *data)
+{
+    qm_pool *pool = data;
+    uv_mutex_lock(&pool->lock);
+    for (;;) {
+        while (!pool->first && !pool->closing)
+            uv_cond_wait(&pool->changed, &pool->lock);
+        task *next = pool->first;
+        if (!next) break;
+        pool->first = next->next;
+        if (!pool->first) pool->last = NULL;
+        uv_mutex_unlock(&pool->lock);
+        next->run(next->data);
+        free(next);
+        uv_mutex_lock(&pool->lock);
+    }
+    uv_mutex_unlock(&pool->lock);
+}
+
+qm_pool *qm_pool_create(int thread_count)
+{
+    qm_pool *pool = calloc(1, sizeof *pool + (size_t)thread_count * sizeof pool->threads[0]);
+    if (!pool) return NULL;
+    uv_mutex_init(&pool->lock);
+    uv_cond_init(&pool->changed);
+    for (; pool->thread_count < thread_count; pool->thread_count++)
+        if (uv_thread_create(&pool->threads[pool->thread_count], work, pool) != 0) break;
+    if (pool->thread_count == thread_count) return pool;
+    qm_pool_destroy(pool);
+    return NULL;
+}
+
+bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data)
+{
+    task *added = malloc(sizeof *added);
+    if (!added) return false;
+    *added = (task){run, data, NULL};
+    uv_mutex_lock(&pool->lock);
+    if (pool->last)
+        pool->last->next = added;
+    else
+        pool->first = added;
+    pool->last = added;
+    uv_cond_signal(&pool->changed);
+    uv_mutex_unlock(&pool->lock);
+    return true;
+}
+
+void qm_pool_destroy(qm_pool *pool)
+{
+    if (!pool) return;
+    uv_mutex_lock(&pool->lock);
+    pool->closing = true;
+    uv_cond_broadcast(&pool->changed);
+    uv_mutex_unlock(&pool->lock);
+    for (int i = 0; i < pool->thread_count; i++)
+        uv_thread_join(&pool->threads[i]);
+    uv_cond_destroy(&pool->changed);
+    uv_mutex_destroy(&pool->lock);
+    free(pool);
+}

@@ -1,0 +1,69 @@
+#include "route.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "handlers.h"
+
+static const qm_route routes[] = {
+    {"POST", "/v1/meshes", qm_handle_mesh_create, QM_BODY_SPOOL, true},
+    {"GET", "/v1/meshes", qm_handle_mesh_list, QM_BODY_NONE, true},
+    {"GET", "/v1/meshes/{id}", qm_handle_mesh_get, QM_BODY_NONE, true},
+    {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, QM_BODY_NONE, true},
+    {"POST", "/v1/jobs", qm_handle_job_create, QM_BODY_MEMORY, true},
+    {"GET", "/v1/jobs", qm_handle_job_list, QM_BODY_NONE, true},
+    {"GET", "/v1/jobs/{id}", qm_handle_job_get, QM_BODY_NONE, true},
+    {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, QM_BODY_NONE, true},
+    {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, QM_BODY_NONE, true},
+    {"GET", "/v1/info", qm_handle_info, QM_BODY_NONE, false},
+    {"GET", "/healthz", qm_handle_health, QM_BODY_NONE, false},
+    {"GET", "/readyz", qm_handle_ready, QM_BODY_NONE, false},
+    {"GET", "/openapi.yaml", qm_handle_openapi, QM_BODY_NONE, true},
+    {"GET", "/", qm_handle_page, QM_BODY_NONE, true},
+    {"GET", "/dashboard/{id}", qm_handle_page, QM_BODY_NONE, true},
+};
+enum { ROUTE_COUNT = sizeof routes / sizeof routes[0] };
+
+static bool is_id_character(char c)
+{
+    return (c >= 'a' && c <= 'z') || (c >= 'A' && c <= 'Z') || (c >= '0' && c <= '9') || c == '_' ||
+           c == '.' || c == '-';
+}
+
+static bool matches(const char *pattern, const char *path, char id[QM_ID_SIZE])
+{
+    id[0] = '\0';
+    for (; *pattern; pattern++) {
+        if (*pattern != '{') {
+            if (*pattern != *path++) return false;
+            continue;
+        }
+        size_t length = 0;
+        for (; is_id_character(*path) && length + 1 < QM_ID_SIZE; path++)
+            id[length++] = *path;
+        id[length] = '\0';
+        if (length == 0) return false;
+        pattern = strchr(pattern, '}');
+    }
+    return *path == '\0';
+}
+
+const qm_route *qm_route_find(const char *method, const char *path, char id[QM_ID_SIZE], qm_problem *problem)
+{
+    const char *wanted = strcmp(method, "HEAD") == 0 ? "GET" : method;
+    char allow[64] = "";
+    for (size_t i = 0; i < ROUTE_COUNT; i++) {
+        if (!matches(routes[i].path, path, id)) continue;
+        if (strcmp(routes[i].method, wanted) == 0) return &routes[i];
+        size_t used = strlen(allow);
+        snprintf(allow + used, sizeof allow - used, "%s%s", used ? ", " : "",
+                 strcmp(routes[i].method, "GET") == 0 ? "GET, HEAD" : routes[i].method);
+    }
+    if (allow[0]) {
+        *problem = qm_problem_make(QM_PROBLEM_METHOD_NOT_ALLOWED, "this resource answers %s", allow);
+        snprintf(problem->allow, sizeof problem->allow, "%s", allow);
+    } else {
+        *problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
+    }
+    return NULL;
+}

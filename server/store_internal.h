@@ -1,0 +1,35 @@
+/**
+ * store_internal.h: what the files of the store share.
+ */
+#ifndef QM_STORE_INTERNAL_H
+#define QM_STORE_INTERNAL_H
+
+#include <pthread.h>
+#include <sqlite3.h>
+
+#include "store.h"
+
+struct qm_store {
+    char *folder;
+    int lock_file; /* held with flock: one process a folder */
+    sqlite3 *database;
+    pthread_mutex_t lock; /* guards the database connection */
+};
+
+/** Makes the folders and sweeps what was half written. False with words in message. */
+bool qm_blob_prepare(const char *folder, char message[QM_MESSAGE_SIZE]);
+
+/** A statement with the lock held until qm_store_end; NULL after a fault, with the lock given back. */
+sqlite3_stmt *qm_store_begin(qm_store *store, const char *sql);
+
+/** Steps a statement that returns no row and ends it. */
+qm_status qm_store_execute(qm_store *store, sqlite3_stmt *statement);
+void qm_store_end(qm_store *store, sqlite3_stmt *statement);
+
+/** The text of a column on the heap; NULL for an SQL null. */
+char *qm_store_column_text(sqlite3_stmt *statement, int column);
+
+/** Binds a string that outlives the statement; NULL binds an SQL null. */
+void qm_store_bind_text(sqlite3_stmt *statement, int place, const char *text);
+
+#endif

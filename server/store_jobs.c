@@ -1,0 +1,123 @@
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "store_internal.h"
+
+#define COLUMNS "id, key, idempotency_key, body, document, events, state, sequence"
+
+qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
+{
+    sqlite3_stmt *statement = qm_store_begin(
+        store, "INSERT INTO jobs (id, key, idempotency_key, body, state) VALUES (?, ?, ?, ?, ?)");
+    if (!statement) return QM_E_ARGUMENT;
+    qm_store_bind_text(statement, 1, job->id);
+    qm_store_bind_text(statement, 2, job->key);
+    qm_store_bind_text(statement, 3, job->idempotency_key);
+    qm_store_bind_text(statement, 4, job->body);
+    sqlite3_bind_int(statement, 5, job->state);
+    return qm_store_execute(store, statement);
+}
+
+qm_status qm_store_finish_job(qm_store *store, const char *id, int state, const char *document,
+                              const char *events)
+{
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "UPDATE jobs SET state = ?, document = ?, events = ? WHERE id = ?");
+    if (!statement) return QM_E_ARGUMENT;
+    sqlite3_bind_int(statement, 1, state);
+    qm_store_bind_text(statement, 2, document);
+    qm_store_bind_text(statement, 3, events);
+    qm_store_bind_text(statement, 4, id);
+    return qm_store_execute(store, statement);
+}
+
+static void read_row(sqlite3_stmt *statement, qm_store_job *out)
+{
+    *out = (qm_store_job){0};
+    snprintf(out->id, sizeof out->id, "%s", (const char *)sqlite3_column_text(statement, 0));
+    out->key = qm_store_column_text(statement, 1);
+    out->idempotency_key = qm_store_column_text(statement, 2);
+    out->body = qm_store_column_text(statement, 3);
+    out->document = qm_store_column_text(statement, 4);
+    out->events = qm_store_column_text(statement, 5);
+    out->state = sqlite3_column_int(statement, 6);
+    out->sequence = sqlite3_column_int64(statement, 7);
+}
+
+/** The one row of a statement with one string, or two values. */
+static bool find_one(qm_store *store, const char *sql, const char *text, const int *state, qm_store_job *out)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, sql);
+    if (!statement) return false;
+    qm_store_bind_text(statement, 1, text);
+    if (state) sqlite3_bind_int(statement, 2, *state);
+    bool found = sqlite3_step(statement) == SQLITE_ROW;
+    if (found) read_row(statement, out);
+    qm_store_end(store, statement);
+    return found;
+}
+
+bool qm_store_find_job(qm_store *store, const char *id, qm_store_job *out)
+{
+    return find_one(store, "SELECT " COLUMNS " FROM jobs WHERE id = ?", id, NULL, out);
+}
+
+bool qm_store_find_job_by_key(qm_store *store, const char *key, int state, qm_store_job *out)
+{
+    return find_one(store,
+                    "SELECT " COLUMNS " FROM jobs WHERE key = ? AND state = ? ORDER BY sequence DESC LIMIT 1",
+                    key, &state, out);
+}
+
+bool qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out)
+{
+    return find_one(store, "SELECT " COLUMNS " FROM jobs WHERE idempotency_key = ?", key, NULL, out);
+}
+
+static size_t list(qm_store *store, const char *sql, int64_t after, size_t limit, qm_store_job *out)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, sql);
+    if (!statement) return 0;
+    sqlite3_bind_int64(statement, 1, after);
+    sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
+    size_t count = 0;
+    while (count < limit && sqlite3_step(statement) == SQLITE_ROW)
+        read_row(statement, &out[count++]);
+    qm_store_end(store, statement);
+    return count;
+}
+
+size_t qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out)
+{
+    return list(store, "SELECT " COLUMNS " FROM jobs WHERE sequence > ? ORDER BY sequence LIMIT ?", after,
+                limit, out);
+}
+
+size_t qm_store_list_unfinished_jobs(qm_store *store, size_t limit, qm_store_job *out)
+{
+    return list(store,
+                "SELECT " COLUMNS
+                " FROM jobs WHERE document IS NULL AND sequence > ? ORDER BY sequence LIMIT ?",
+                0, limit, out);
+}
+
+bool qm_store_delete_job(qm_store *store, const char *id)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "DELETE FROM jobs WHERE id = ? RETURNING id");
+    if (!statement) return false;
+    qm_store_bind_text(statement, 1, id);
+    bool deleted = sqlite3_step(statement) == SQLITE_ROW;
+    if (deleted) sqlite3_step(statement);
+    qm_store_end(store, statement);
+    return deleted;
+}
+
+void qm_store_job_reset(qm_store_job *job)
+{
+    free(job->key);
+    free(job->idempotency_key);
+    free(job->body);
+    free(job->document);
+    free(job->events);
+    *job = (qm_store_job){0};
+}

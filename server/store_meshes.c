@@ -1,0 +1,96 @@
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "store_internal.h"
+
+#define COLUMNS "id, hash, options, name, document, format, sequence"
+
+qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
+{
+    sqlite3_stmt *statement = qm_store_begin(
+        store, "INSERT INTO meshes (id, hash, options, name, document, format) VALUES (?, ?, ?, ?, ?, ?)");
+    if (!statement) return QM_E_ARGUMENT;
+    qm_store_bind_text(statement, 1, mesh->id);
+    qm_store_bind_text(statement, 2, mesh->hash);
+    qm_store_bind_text(statement, 3, mesh->options);
+    qm_store_bind_text(statement, 4, mesh->name);
+    qm_store_bind_text(statement, 5, mesh->document);
+    sqlite3_bind_int(statement, 6, mesh->format);
+    return qm_store_execute(store, statement);
+}
+
+static void read_row(sqlite3_stmt *statement, qm_store_mesh *out)
+{
+    *out = (qm_store_mesh){0};
+    snprintf(out->id, sizeof out->id, "%s", (const char *)sqlite3_column_text(statement, 0));
+    snprintf(out->hash, sizeof out->hash, "%s", (const char *)sqlite3_column_text(statement, 1));
+    out->options = qm_store_column_text(statement, 2);
+    out->name = qm_store_column_text(statement, 3);
+    out->document = qm_store_column_text(statement, 4);
+    out->format = sqlite3_column_int(statement, 5);
+    out->sequence = sqlite3_column_int64(statement, 6);
+}
+
+/** Reads the one row of a statement and ends it. */
+static bool read_one(qm_store *store, sqlite3_stmt *statement, qm_store_mesh *out)
+{
+    bool found = sqlite3_step(statement) == SQLITE_ROW;
+    if (found) read_row(statement, out);
+    qm_store_end(store, statement);
+    return found;
+}
+
+bool qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "SELECT " COLUMNS " FROM meshes WHERE id = ?");
+    if (!statement) return false;
+    qm_store_bind_text(statement, 1, id);
+    return read_one(store, statement, out);
+}
+
+bool qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options, qm_store_mesh *out)
+{
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "SELECT " COLUMNS " FROM meshes WHERE hash = ? AND options = ? LIMIT 1");
+    if (!statement) return false;
+    qm_store_bind_text(statement, 1, hash);
+    qm_store_bind_text(statement, 2, options);
+    return read_one(store, statement, out);
+}
+
+size_t qm_store_list_meshes(qm_store *store, int64_t after, size_t limit, qm_store_mesh *out)
+{
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "SELECT " COLUMNS " FROM meshes WHERE sequence > ? ORDER BY sequence LIMIT ?");
+    if (!statement) return 0;
+    sqlite3_bind_int64(statement, 1, after);
+    sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
+    size_t count = 0;
+    while (count < limit && sqlite3_step(statement) == SQLITE_ROW)
+        read_row(statement, &out[count++]);
+    qm_store_end(store, statement);
+    return count;
+}
+
+bool qm_store_delete_mesh(qm_store *store, const char *id)
+{
+    qm_store_mesh row;
+    if (!qm_store_find_mesh(store, id, &row)) return false;
+    sqlite3_stmt *statement = qm_store_begin(store, "DELETE FROM meshes WHERE id = ?");
+    bool deleted = false;
+    if (statement) {
+        qm_store_bind_text(statement, 1, id);
+        deleted = qm_store_execute(store, statement) == QM_OK;
+    }
+    if (deleted) qm_blob_remove(store, row.hash);
+    qm_store_mesh_reset(&row);
+    return deleted;
+}
+
+void qm_store_mesh_reset(qm_store_mesh *mesh)
+{
+    free(mesh->options);
+    free(mesh->name);
+    free(mesh->document);
+    *mesh = (qm_store_mesh){0};
+}

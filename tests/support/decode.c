@@ -1,0 +1,99 @@
+#include "decode.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#include "check.h"
+
+qm_decoded qm_decode_limited(qm_format format, const void *bytes, size_t size, qm_codec_limits limits)
+{
+    qm_context ctx = qm_context_make();
+    qm_decoded decoded;
+    /* An exact copy on the heap lets the sanitizer see a read past the end. */
+    uint8_t *copy = malloc(size ? size : 1);
+    assert_non_null(copy);
+    memcpy(copy, bytes, size);
+    decoded.status = qm_codec_decode(&ctx, format, copy, size, &limits, &decoded.mesh, &decoded.report);
+    free(copy);
+    if (decoded.status == QM_OK) {
+        assert_int_equal(qm_mesh_validate(&ctx, &decoded.mesh), QM_OK);
+        assert_true(decoded.report.line == QM_NO_PLACE && decoded.report.offset == QM_NO_PLACE);
+    } else {
+        assert_null(decoded.mesh.positions);
+        assert_null(decoded.mesh.faces);
+        assert_true(decoded.report.detail[0] != 0);
+        assert_true((decoded.report.line == QM_NO_PLACE) != (decoded.report.offset == QM_NO_PLACE));
+    }
+    return decoded;
+}
+
+qm_decoded qm_decode(qm_format format, const void *bytes, size_t size)
+{
+    return qm_decode_limited(format, bytes, size, (qm_codec_limits){1000000, 1000000});
+}
+
+qm_decoded qm_decode_text(qm_format format, const char *text)
+{
+    return qm_decode(format, text, strlen(text));
+}
+
+void qm_decoded_free(qm_decoded *decoded)
+{
+    qm_context ctx = qm_context_make();
+    qm_mesh_reset(&ctx, &decoded->mesh);
+}
+
+bool qm_decoded_warns(const qm_decoded *decoded, const char *words)
+{
+    for (size_t i = 0; i < decoded->report.warning_count; ++i)
+        if (strstr(decoded->report.warnings[i], words)) return true;
+    return false;
+}
+
+void qm_check_refusals(qm_format format, const qm_refusal *refusals, size_t count)
+{
+    for (size_t i = 0; i < count; ++i) {
+        qm_decoded decoded = qm_decode_text(format, refusals[i].text);
+        size_t place = decoded.report.line != QM_NO_PLACE ? decoded.report.line : decoded.report.offset;
+        QM_CHECK(decoded.status == refusals[i].status, "case %zu: %s instead of %s: %s", i,
+                 qm_status_code(decoded.status), qm_status_code(refusals[i].status), decoded.report.detail);
+        QM_CHECK(place == refusals[i].place, "case %zu: at %zu instead of %zu", i, place, refusals[i].place);
+        QM_CHECK(strstr(decoded.report.detail, refusals[i].words), "case %zu: \"%s\" lacks \"%s\"", i,
+                 decoded.report.detail, refusals[i].words);
+        qm_decoded_free(&decoded);
+    }
+}
+
+void qm_bytes_add(qm_bytes *bytes, const void *data, size_t size)
+{
+    assert_true(size <= sizeof bytes->data - bytes->size);
+    memcpy(bytes->data + bytes->size, data, size);
+    bytes->size += size;
+}
+
+void qm_bytes_add_text(qm_bytes *bytes, const char *text)
+{
+    qm_bytes_add(bytes, text, strlen(text));
+}
+
+void qm_bytes_add_u32(qm_bytes *bytes, uint32_t value)
+{
+    const uint8_t data[4] = {(uint8_t)value, (uint8_t)(value >> 8), (uint8_t)(value >> 16),
+                             (uint8_t)(value >> 24)};
+    qm_bytes_add(bytes, data, sizeof data);
+}
+
+void qm_bytes_add_u16(qm_bytes *bytes, uint16_t value)
+{
+    const uint8_t data[2] = {(uint8_t)value, (uint8_t)(value >> 8)};
+    qm_bytes_add(bytes, data, sizeof data);
+}
+
+void qm_bytes_add_floats(qm_bytes *bytes, const float *values, size_t count)
+{
+    for (size_t i = 0; i < count; ++i) {
+        uint32_t bits;
+        memcpy(&bits, &values[i], sizeof bits);
+        qm_bytes_add_u32(bytes, bits);
+    }
+}

@@ -1,0 +1,139 @@
+/* Format names, sniffing, and what all decoders have in common: limits, cancelling, faults of the whole file.
+ */
+#include <string.h>
+
+#include "check.h"
+#include "decode.h"
+
+static void formats_are_found_by_name_path_and_media_type(void **state)
+{
+    (void)state;
+    assert_int_equal(qm_format_from_name("ply"), QM_FORMAT_PLY);
+    assert_int_equal(qm_format_from_name("OBJ"), QM_FORMAT_OBJ);
+    assert_int_equal(qm_format_from_name("pl"), QM_FORMAT_UNKNOWN);
+    assert_int_equal(qm_format_from_name(""), QM_FORMAT_UNKNOWN);
+    assert_int_equal(qm_format_from_path("a.b/part.STL"), QM_FORMAT_STL);
+    assert_int_equal(qm_format_from_path("no_extension"), QM_FORMAT_UNKNOWN);
+    assert_int_equal(qm_format_from_path("mesh.objx"), QM_FORMAT_UNKNOWN);
+    assert_int_equal(qm_format_from_media_type("model/gltf-binary"), QM_FORMAT_GLB);
+    assert_int_equal(qm_format_from_media_type("Model/OBJ; charset=utf-8"), QM_FORMAT_OBJ);
+    assert_int_equal(qm_format_from_media_type("model/ob"), QM_FORMAT_UNKNOWN);
+    assert_string_equal(qm_format_name(QM_FORMAT_XYZ), "xyz");
+    assert_string_equal(qm_format_name(QM_FORMAT_UNKNOWN), "unknown");
+}
+
+static void text_formats_are_told_by_their_first_row(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *text;
+        qm_format format;
+    } cases[] = {
+        {"DRACO\2\2", QM_FORMAT_DRC},
+        {"glTF\2", QM_FORMAT_GLB},
+        {"ply\nformat ascii 1.0\n", QM_FORMAT_PLY},
+        {"solid part\nfacet", QM_FORMAT_STL},
+        {"# from somewhere\n\nv 0 0 0\n", QM_FORMAT_OBJ},
+        {"\xef\xbb\xbfmtllib a.mtl\n", QM_FORMAT_OBJ},
+        {"OFF\n3 1 0\n", QM_FORMAT_OFF},
+        {"COFF 3 1 0\n", QM_FORMAT_OFF},
+        {"0.5 1 2\n", QM_FORMAT_XYZ},
+        {"1, 2, 3, 255\n4, 5, 6, 0\n", QM_FORMAT_XYZ},
+        {"1 2 3\n4 5 6\n", QM_FORMAT_XYZ},
+        {"3 1 0\n0.0 0 0\n", QM_FORMAT_UNKNOWN}, /* points, or OFF without its word */
+        {"1 2\n", QM_FORMAT_UNKNOWN},
+        {"hello\n", QM_FORMAT_UNKNOWN},
+        {"# only a comment", QM_FORMAT_UNKNOWN},
+        {"", QM_FORMAT_UNKNOWN},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        qm_format found = qm_format_sniff((const uint8_t *)cases[i].text, strlen(cases[i].text));
+        QM_CHECK(found == cases[i].format, "case %zu: %s", i, qm_format_name(found));
+    }
+}
+
+static void binary_stl_is_told_by_its_size(void **state)
+{
+    (void)state;
+    uint8_t file[84 + 50] = "solid, but binary";
+    file[80] = 1;
+    assert_int_equal(qm_format_sniff(file, sizeof file), QM_FORMAT_STL);
+    memset(file, 0, 80);
+    assert_int_equal(qm_format_sniff(file, sizeof file), QM_FORMAT_STL);
+    assert_int_equal(qm_format_sniff(file, sizeof file - 1), QM_FORMAT_UNKNOWN);
+}
+
+static void empty_and_unknown_files_are_refused(void **state)
+{
+    (void)state;
+    for (qm_format format = QM_FORMAT_OBJ; format <= QM_FORMAT_XYZ; ++format) {
+        qm_decoded decoded = qm_decode(format, "", 0);
+        assert_int_equal(decoded.status, QM_E_EMPTY);
+    }
+    qm_context ctx = qm_context_make();
+    qm_codec_limits limits = {1, 1};
+    qm_mesh mesh;
+    qm_codec_report report;
+    assert_int_equal(
+        qm_codec_decode(&ctx, QM_FORMAT_UNKNOWN, (const uint8_t *)"v", 1, &limits, &mesh, &report),
+        QM_E_UNSUPPORTED);
+    assert_non_null(strstr(report.detail, "not known"));
+}
+
+static void limits_are_kept(void **state)
+{
+    (void)state;
+    static const char triangle[] = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
+    static const char pentagon[] = "v 0 0 0\nv 1 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nf 1 2 3 4 5\n";
+    qm_decoded decoded =
+        qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){3, 1});
+    assert_int_equal(decoded.status, QM_OK);
+    qm_decoded_free(&decoded);
+    decoded = qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){2, 1});
+    assert_int_equal(decoded.status, QM_E_TOO_LARGE);
+    assert_int_equal(decoded.report.line, 3);
+    decoded = qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){3, 0});
+    assert_int_equal(decoded.status, QM_E_TOO_LARGE);
+    assert_int_equal(decoded.report.line, 4);
+    /* The fan of a pentagon counts as three. */
+    decoded = qm_decode_limited(QM_FORMAT_OBJ, pentagon, strlen(pentagon), (qm_codec_limits){5, 2});
+    assert_int_equal(decoded.status, QM_E_TOO_LARGE);
+}
+
+static void raised_flag_cancels(void **state)
+{
+    (void)state;
+    static const char text[] = "v 0 0 0\n";
+    atomic_bool cancel = true;
+    qm_context ctx = qm_context_make();
+    ctx.cancel = &cancel;
+    qm_codec_limits limits = {10, 10};
+    qm_mesh mesh;
+    qm_codec_report report;
+    assert_int_equal(
+        qm_codec_decode(&ctx, QM_FORMAT_OBJ, (const uint8_t *)text, strlen(text), &limits, &mesh, &report),
+        QM_E_CANCELED);
+    assert_null(mesh.positions);
+}
+
+static void span_that_overflows_is_refused(void **state)
+{
+    (void)state;
+    qm_decoded decoded = qm_decode_text(QM_FORMAT_XYZ, "-1.7e308 0 0\n1.7e308 0 0\n");
+    assert_int_equal(decoded.status, QM_E_NOT_FINITE);
+    assert_non_null(strstr(decoded.report.detail, "far apart"));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(formats_are_found_by_name_path_and_media_type),
+        cmocka_unit_test(text_formats_are_told_by_their_first_row),
+        cmocka_unit_test(binary_stl_is_told_by_its_size),
+        cmocka_unit_test(empty_and_unknown_files_are_refused),
+        cmocka_unit_test(limits_are_kept),
+        cmocka_unit_test(raised_flag_cancels),
+        cmocka_unit_test(span_that_overflows_is_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,297 @@
+/* glTF binary files by hand: transforms, modes, shared accessors, every fault. */
+#include <math.h>
+#include <string.h>
+
+#include "check.h"
+#include "decode.h"
+
+/** A binary part of a square: four positions (48 bytes), indices of two triangles as bytes, shorts and ints.
+ */
+static void add_square(qm_bytes *part)
+{
+    static const float positions[12] = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0};
+    static const uint8_t indices[6] = {0, 1, 2, 0, 2, 3};
+    qm_bytes_add_floats(part, positions, 12);
+    qm_bytes_add(part, indices, 6);
+    qm_bytes_add(part, "\0\0", 2);
+    for (int i = 0; i < 6; ++i)
+        qm_bytes_add_u16(part, indices[i]);
+    for (int i = 0; i < 6; ++i)
+        qm_bytes_add_u32(part, indices[i]);
+}
+
+#define VIEWS                                                                                                \
+    "\"buffers\":[{\"byteLength\":92}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},"                   \
+    "{\"buffer\":0,\"byteOffset\":48,\"byteLength\":6},{\"buffer\":0,\"byteOffset\":56,\"byteLength\":12},"  \
+    "{\"buffer\":0,\"byteOffset\":68,\"byteLength\":24}]"
+#define POSITIONS "{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}"
+#define ACCESSORS                                                                                            \
+    "\"accessors\":[" POSITIONS                                                                              \
+    ",{\"bufferView\":1,\"componentType\":5121,\"count\":6,\"type\":\"SCALAR\"},"                            \
+    "{\"bufferView\":2,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"},"                             \
+    "{\"bufferView\":3,\"componentType\":5125,\"count\":6,\"type\":\"SCALAR\"}]"
+#define SCENE "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}]"
+#define MESH(indices) "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}" indices "}]}]"
+
+static void add_file(qm_bytes *file, const char *json, const qm_bytes *part)
+{
+    file->size = 0;
+    qm_bytes_add_text(file, "glTF");
+    qm_bytes_add_u32(file, 2);
+    qm_bytes_add_u32(file, (uint32_t)(12 + 8 + strlen(json) + 8 + part->size));
+    qm_bytes_add_u32(file, (uint32_t)strlen(json));
+    qm_bytes_add_text(file, "JSON");
+    qm_bytes_add_text(file, json);
+    qm_bytes_add_u32(file, (uint32_t)part->size);
+    qm_bytes_add(file, "BIN", 4);
+    qm_bytes_add(file, part->data, part->size);
+}
+
+static qm_decoded decode_square(const char *json)
+{
+    qm_bytes file, part = {.size = 0};
+    add_square(&part);
+    add_file(&file, json, &part);
+    return qm_decode(QM_FORMAT_GLB, file.data, file.size);
+}
+
+static void check_faces(const char *json, const uint32_t (*faces)[4], size_t count)
+{
+    qm_decoded decoded = decode_square(json);
+    QM_CHECK(decoded.status == QM_OK, "%s: %s", json, decoded.report.detail);
+    assert_int_equal(decoded.mesh.face_count, count);
+    if (count > 0) assert_memory_equal(decoded.mesh.faces, faces, count * sizeof *faces);
+    qm_decoded_free(&decoded);
+}
+
+#define NONE QM_NO_INDEX
+
+static void indices_come_in_three_widths_or_not_at_all(void **state)
+{
+    (void)state;
+    static const uint32_t square[2][4] = {{0, 1, 2, NONE}, {0, 2, 3, NONE}};
+    check_faces("{" VIEWS "," ACCESSORS "," SCENE "," MESH(",\"indices\":1") "}", square, 2);
+    check_faces("{" VIEWS "," ACCESSORS "," SCENE "," MESH(",\"indices\":2") "}", square, 2);
+    check_faces("{" VIEWS "," ACCESSORS "," SCENE "," MESH(",\"indices\":3,\"mode\":4") "}", square, 2);
+    check_faces("{" VIEWS "," ACCESSORS "," SCENE "," MESH(",\"mode\":6") "}", square, 2);
+}
+
+static void strips_turn_every_second_triangle(void **state)
+{
+    (void)state;
+    static const uint32_t strip[2][4] = {{0, 1, 2, NONE}, {1, 3, 2, NONE}};
+    check_faces("{" VIEWS "," ACCESSORS "," SCENE "," MESH(",\"mode\":5") "}", strip, 2);
+    check_faces("{" VIEWS "," ACCESSORS "," SCENE "," MESH(",\"mode\":0") "}", NULL, 0);
+}
+
+static void nodes_place_their_meshes(void **state)
+{
+    (void)state;
+    static const char json[] =
+        "{" VIEWS "," ACCESSORS
+        "," MESH(",\"indices\":1") ",\"scenes\":[{},{\"nodes\":[1,0]}],\"scene\":1,"
+                                   "\"nodes\":[{\"mesh\":0,\"scale\":[-1,2,1]},{\"translation\":[10,0,0],"
+                                   "\"children\":[2,3]},"
+                                   "{\"mesh\":0,\"rotation\":[0,0,0.70710678118654752,0.70710678118654752]},"
+                                   "{\"mesh\":0,\"matrix\":[1,0,0,0,0,1,0,0,0,0,1,0,0,0,5,1]}]}";
+    /* The third corner of the square, (1, 1, 0), in each placement: root 1 with its children comes first. */
+    static const double corners[3][3] = {{9, 1, 0}, {11, 1, 5}, {-1, 2, 0}};
+    qm_decoded decoded = decode_square(json);
+    assert_int_equal(decoded.status, QM_OK);
+    assert_int_equal(decoded.mesh.vertex_count, 12);
+    assert_int_equal(decoded.mesh.face_count, 6);
+    for (size_t i = 0; i < 3; ++i)
+        for (size_t axis = 0; axis < 3; ++axis)
+            QM_CHECK(fabs(decoded.mesh.positions[3 * (4 * i + 2) + axis] - corners[i][axis]) < 1e-15,
+                     "placement %zu axis %zu: %.17g", i, axis,
+                     decoded.mesh.positions[3 * (4 * i + 2) + axis]);
+    /* The mirrored one is listed the other way round. */
+    static const uint32_t mirrored[4] = {8, 10, 9, NONE};
+    assert_memory_equal(decoded.mesh.faces + 4 * 4, mirrored, sizeof mirrored);
+    qm_decoded_free(&decoded);
+}
+
+static void shared_positions_are_added_once_a_mesh(void **state)
+{
+    (void)state;
+    qm_decoded decoded = decode_square(
+        "{" VIEWS "," ACCESSORS "," SCENE ",\"meshes\":[{\"primitives\":["
+        "{\"attributes\":{\"POSITION\":0},\"indices\":1},{\"attributes\":{\"POSITION\":0},\"indices\":2},"
+        "{\"attributes\":{\"POSITION\":0},\"mode\":1,\"targets\":[]}]}]}");
+    assert_int_equal(decoded.status, QM_OK);
+    assert_int_equal(decoded.mesh.vertex_count, 4);
+    assert_int_equal(decoded.mesh.face_count, 4);
+    assert_true(qm_decoded_warns(&decoded, "primitives of lines: 1"));
+    assert_true(qm_decoded_warns(&decoded, "morph targets"));
+    qm_decoded_free(&decoded);
+}
+
+static void strides_step_over_other_attributes(void **state)
+{
+    (void)state;
+    qm_bytes file, part = {.size = 0};
+    for (int i = 0; i < 3; ++i) {
+        const float row[4] = {(float)(i == 1), (float)(i == 2), 0, 99};
+        qm_bytes_add_floats(&part, row, i == 2 ? 3 : 4); /* the last row need not be whole */
+    }
+    add_file(&file,
+             "{\"buffers\":[{}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":44,\"byteStride\":16}],"
+             "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}]," SCENE
+             "," MESH("") "}",
+             &part);
+    qm_decoded decoded = qm_decode(QM_FORMAT_GLB, file.data, file.size);
+    static const double positions[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
+    assert_int_equal(decoded.status, QM_OK);
+    assert_memory_equal(decoded.mesh.positions, positions, sizeof positions);
+    qm_decoded_free(&decoded);
+}
+
+typedef struct json_case {
+    const char *json;
+    qm_status status;
+    const char *words;
+} json_case;
+
+static void json_faults_are_refused(void **state)
+{
+    (void)state;
+    static const json_case cases[] = {
+        {"", QM_E_FORMAT, "JSON part is broken"},
+        {"{\"a\":", QM_E_FORMAT, "JSON part is broken"},
+        {"[]", QM_E_FORMAT, "JSON part is broken"},
+        {"{}", QM_E_FORMAT, "no scene"},
+        {"{\"scenes\":[]}", QM_E_FORMAT, "no scene of the number"},
+        {"{\"scenes\":[{}],\"scene\":-1}", QM_E_FORMAT, "no whole number"},
+        {"{\"scenes\":[{}]}", QM_E_EMPTY, "no mesh"},
+        {"{\"scenes\":[{\"nodes\":[1]}],\"nodes\":[{}]}", QM_E_FORMAT, "does not exist"},
+        {"{\"scenes\":[{\"nodes\":[0,0]}],\"nodes\":[{}]}", QM_E_FORMAT, "two parents"},
+        {"{\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"children\":[0]}]}", QM_E_FORMAT, "two parents"},
+        {"{\"scenes\":[{\"nodes\":{}}],\"nodes\":[{}]}", QM_E_FORMAT, "no list"},
+        {"{\"nodes\":[1]}", QM_E_FORMAT, "no object"},
+        {"{\"nodes\":{}}", QM_E_FORMAT, "is none"},
+        {"{\"nodes\":[{\"mesh\":0}]}", QM_E_FORMAT, "mesh refers to entry 0 of 0"},
+        {"{\"nodes\":[{\"matrix\":[1,2]}]}", QM_E_FORMAT, "16 numbers"},
+        {"{\"nodes\":[{\"scale\":[1,2,\"x\"]}]}", QM_E_FORMAT, "3 numbers"},
+        {"{\"nodes\":[{\"rotation\":[0,0,0,0]}]}", QM_E_FORMAT, "quaternion"},
+        {"{\"bufferViews\":[{\"buffer\":0}]}", QM_E_FORMAT, "buffer refers to entry 0 of 0"},
+        {"{\"accessors\":[{\"count\":1.5}]}", QM_E_FORMAT, "count is no whole number"},
+        {"{\"meshes\":[{\"primitives\":{}}]}", QM_E_FORMAT, "no list"},
+        {"{\"meshes\":[{\"primitives\":[1]}]}", QM_E_FORMAT, "no object"},
+        {"{\"meshes\":[{\"primitives\":[{\"mode\":7}]}]}", QM_E_FORMAT, "mode above 6"},
+        {"{\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]}", QM_E_UNSUPPORTED, "Draco"},
+        {"{\"extensionsRequired\":[\"EXT_meshopt_compression\"]}", QM_E_UNSUPPORTED, "extension"},
+        {"{\"extensionsRequired\":[\"KHR_materials_unlit\"]}", QM_E_FORMAT, "no scene"},
+        {"{" VIEWS "," ACCESSORS "," SCENE ",\"meshes\":[{\"primitives\":[{}]}]}", QM_E_FORMAT,
+         "no positions"},
+        {"{" VIEWS "," ACCESSORS "," SCENE
+         ",\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":1}}]}]}",
+         QM_E_UNSUPPORTED, "three floats"},
+        {"{" VIEWS "," ACCESSORS "," SCENE "," MESH(",\"indices\":0") "}", QM_E_FORMAT, "unsigned"},
+        {"{" VIEWS "," ACCESSORS "," SCENE "," MESH("") "}", QM_E_FORMAT,
+         "4 corners make up no whole triangles"},
+        {"{" VIEWS "," ACCESSORS "," SCENE
+         "," MESH(",\"extensions\":{\"KHR_draco_mesh_compression\":{}}") "}",
+         QM_E_UNSUPPORTED, "Draco"},
+        {"{" VIEWS
+         ",\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":5,\"type\":\"VEC3\"}]," SCENE
+         "," MESH("") "}",
+         QM_E_FORMAT, "room for 4 elements of 5"},
+        {"{" VIEWS ",\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":9007199254740992,"
+         "\"type\":\"VEC3\"}]," SCENE "," MESH("") "}",
+         QM_E_FORMAT, "room for 4 elements"},
+        {"{" VIEWS ",\"accessors\":[{\"bufferView\":0,\"byteOffset\":9007199254740992,\"componentType\":5126,"
+         "\"count\":1,\"type\":\"VEC3\"}]," SCENE "," MESH("") "}",
+         QM_E_FORMAT, "room for 0 elements"},
+        {"{" VIEWS ",\"accessors\":[{\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}]," SCENE
+         "," MESH("") "}",
+         QM_E_UNSUPPORTED, "sparse"},
+        {"{" VIEWS ",\"accessors\":[{\"bufferView\":0,\"sparse\":{},\"componentType\":5126,\"count\":3,"
+         "\"type\":\"VEC3\"}]," SCENE "," MESH("") "}",
+         QM_E_UNSUPPORTED, "sparse"},
+        {"{\"buffers\":[{}],\"bufferViews\":[{\"buffer\":0,\"byteOffset\":80,\"byteLength\":48}],"
+         "\"accessors\":[" POSITIONS "]," SCENE "," MESH("") "}",
+         QM_E_FORMAT, "past the binary part"},
+        {"{\"buffers\":[{\"uri\":\"a.bin\"}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":48}],"
+         "\"accessors\":[" POSITIONS "]," SCENE "," MESH("") "}",
+         QM_E_UNSUPPORTED, "outside of the file"},
+        {"{\"buffers\":[{}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":48,\"byteStride\":4}],"
+         "\"accessors\":[" POSITIONS "]," SCENE "," MESH("") "}",
+         QM_E_FORMAT, "room for 0"},
+        {"{" VIEWS "," ACCESSORS "," MESH(",\"indices\":1") ",\"scenes\":[{\"nodes\":[0]}],"
+                                                            "\"nodes\":[{\"mesh\":0,\"scale\":[1e308,1e308,1]"
+                                                            ",\"translation\":[1e308,1e308,0]}]}",
+         QM_E_NOT_FINITE, "not a finite"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        qm_decoded decoded = decode_square(cases[i].json);
+        QM_CHECK(decoded.status == cases[i].status && strstr(decoded.report.detail, cases[i].words),
+                 "case %zu: %s: %s", i, qm_status_code(decoded.status), decoded.report.detail);
+        assert_true(decoded.report.offset != QM_NO_PLACE);
+    }
+}
+
+static void indices_past_their_vertices_are_refused(void **state)
+{
+    (void)state;
+    qm_bytes file, part = {.size = 0};
+    add_square(&part);
+    part.data[48 + 5] = 4;
+    add_file(&file, "{" VIEWS "," ACCESSORS "," SCENE "," MESH(",\"indices\":1") "}", &part);
+    qm_decoded decoded = qm_decode(QM_FORMAT_GLB, file.data, file.size);
+    assert_int_equal(decoded.status, QM_E_INDEX);
+    assert_non_null(strstr(decoded.report.detail, "vertex 4, but its primitive has 4"));
+    assert_int_equal(decoded.report.offset, file.size - part.size + 48 + 5);
+}
+
+static void broken_chunks_name_their_byte(void **state)
+{
+    (void)state;
+    qm_bytes file, part = {.size = 0};
+    add_square(&part);
+    add_file(&file, "{}", &part);
+    static const struct {
+        size_t at;
+        uint8_t value;
+        qm_status status;
+        size_t place;
+    } cases[] = {{0, 'G', QM_E_FORMAT, 0},    {4, 1, QM_E_UNSUPPORTED, 4}, {8, 255, QM_E_FORMAT, 8},
+                 {8, 21, QM_E_FORMAT, 12},    {8, 25, QM_E_FORMAT, 22},    {12, 255, QM_E_FORMAT, 12},
+                 {16, 'X', QM_E_FORMAT, 122}, {22, 255, QM_E_FORMAT, 22}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        uint8_t kept = file.data[cases[i].at];
+        file.data[cases[i].at] = cases[i].value;
+        qm_decoded decoded = qm_decode(QM_FORMAT_GLB, file.data, file.size);
+        QM_CHECK(decoded.status == cases[i].status && decoded.report.offset == cases[i].place,
+                 "case %zu: %zu: %s", i, decoded.report.offset, decoded.report.detail);
+        file.data[cases[i].at] = kept;
+    }
+}
+
+static void bytes_after_the_end_are_reported(void **state)
+{
+    (void)state;
+    qm_bytes file, part = {.size = 0};
+    add_square(&part);
+    add_file(&file, "{" VIEWS "," ACCESSORS "," SCENE "," MESH(",\"indices\":1") "}", &part);
+    qm_bytes_add(&file, "more", 4);
+    qm_decoded decoded = qm_decode(QM_FORMAT_GLB, file.data, file.size);
+    assert_int_equal(decoded.status, QM_OK);
+    assert_true(qm_decoded_warns(&decoded, "end of the file: 4"));
+    qm_decoded_free(&decoded);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(indices_come_in_three_widths_or_not_at_all),
+        cmocka_unit_test(strips_turn_every_second_triangle),
+        cmocka_unit_test(nodes_place_their_meshes),
+        cmocka_unit_test(shared_positions_are_added_once_a_mesh),
+        cmocka_unit_test(strides_step_over_other_attributes),
+        cmocka_unit_test(json_faults_are_refused),
+        cmocka_unit_test(indices_past_their_vertices_are_refused),
+        cmocka_unit_test(broken_chunks_name_their_byte),
+        cmocka_unit_test(bytes_after_the_end_are_reported),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,180 @@
+/* STL files by hand: welding, text against binary, every fault with its place. */
+#include <math.h>
+#include <string.h>
+
+#include "check.h"
+#include "decode.h"
+
+#define FACET(a, b, c)                                                                                       \
+    "facet normal 0 0 1\nouter loop\nvertex " a "\nvertex " b "\nvertex " c "\nendloop\nendfacet\n"
+
+static void text_corners_are_welded(void **state)
+{
+    (void)state;
+    static const char *const texts[] = {
+        "solid square\n" FACET("0 0 0", "1 0 0", "1 1 0")
+            FACET("-0 0 0", "1 1 -0", "0 1 0") "endsolid square\n",
+        "SOLID a\r\n" FACET("0 0 0", "1e0 0.0 0",
+                            "1 1 0") "ENDSOLID\r\nsolid b\r\n" FACET("0 0 0", "1 1 0", "0 1 0") "endsolid b",
+        "solid\nfacet normal nan nan nan outer loop vertex 0 0 0 vertex 1 0 0 vertex 1 1 0 endloop endfacet\n"
+        "facet\nouter loop\nvertex 0 0 0\nvertex 1 1 0\nvertex 0 1 0\nendloop\nendfacet\nendsolid\n",
+    };
+    static const uint32_t faces[2][4] = {{0, 1, 2, QM_NO_INDEX}, {0, 2, 3, QM_NO_INDEX}};
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; ++i) {
+        qm_decoded decoded = qm_decode_text(QM_FORMAT_STL, texts[i]);
+        QM_CHECK(decoded.status == QM_OK, "case %zu: %s", i, decoded.report.detail);
+        assert_int_equal(decoded.mesh.vertex_count, 4);
+        assert_int_equal(decoded.mesh.face_count, 2);
+        assert_memory_equal(decoded.mesh.faces, faces, sizeof faces);
+        assert_int_equal(decoded.report.warning_count, 0);
+        qm_decoded_free(&decoded);
+    }
+}
+
+static void missing_endsolid_is_a_warning(void **state)
+{
+    (void)state;
+    qm_decoded decoded = qm_decode_text(QM_FORMAT_STL, "solid x\n" FACET("0 0 0", "1 0 0", "1 1 0"));
+    assert_int_equal(decoded.status, QM_OK);
+    assert_true(qm_decoded_warns(&decoded, "endsolid"));
+    qm_decoded_free(&decoded);
+}
+
+static void add_head(qm_bytes *file, const char *head, uint32_t count)
+{
+    char padded[80] = {0};
+    memcpy(padded, head, strlen(head));
+    qm_bytes_add(file, padded, sizeof padded);
+    qm_bytes_add_u32(file, count);
+}
+
+/** A triangle of the grid: corners (i, 0, 0), (i + 1, 0, 0), (i, 1, 0); normal and attribute are noise. */
+static void add_triangle(qm_bytes *file, int i)
+{
+    float x = (float)i;
+    const float values[12] = {NAN, INFINITY, 0, x, -0.0f, 0, x + 1, 0, 0, x, 1, -0.0f};
+    qm_bytes_add_floats(file, values, 12);
+    qm_bytes_add_u16(file, 0xabcd);
+}
+
+static void binary_corners_are_welded(void **state)
+{
+    (void)state;
+    static const char *const heads[] = {"made by hand", "solid but binary", ""};
+    for (size_t i = 0; i < 3; ++i) {
+        qm_bytes file = {.size = 0};
+        add_head(&file, heads[i], 2);
+        add_triangle(&file, 0);
+        add_triangle(&file, 1);
+        qm_decoded decoded = qm_decode(QM_FORMAT_STL, file.data, file.size);
+        static const uint32_t faces[2][4] = {{0, 1, 2, QM_NO_INDEX}, {1, 3, 4, QM_NO_INDEX}};
+        assert_int_equal(decoded.status, QM_OK);
+        assert_int_equal(decoded.mesh.vertex_count, 5);
+        assert_memory_equal(decoded.mesh.faces, faces, sizeof faces);
+        assert_false(signbit(decoded.mesh.positions[1]));
+        qm_decoded_free(&decoded);
+
+        qm_bytes_add(&file, "more", 4);
+        decoded = qm_decode(QM_FORMAT_STL, file.data, file.size);
+        assert_int_equal(decoded.status, QM_OK);
+        assert_true(qm_decoded_warns(&decoded, "bytes after the last triangle: 4"));
+        qm_decoded_free(&decoded);
+    }
+}
+
+static void welding_survives_a_growing_table(void **state)
+{
+    (void)state;
+    enum { COUNT = 5000 };
+    static uint8_t file[84 + 50 * COUNT];
+    file[80] = COUNT & 0xff;
+    file[81] = COUNT >> 8;
+    for (int i = 0; i < COUNT; ++i) {
+        qm_bytes one = {.size = 0};
+        add_triangle(&one, i);
+        memcpy(file + 84 + 50 * i, one.data, 50);
+    }
+    qm_decoded decoded = qm_decode(QM_FORMAT_STL, file, sizeof file);
+    assert_int_equal(decoded.status, QM_OK);
+    assert_int_equal(decoded.mesh.vertex_count, 2 * COUNT + 1);
+    for (uint32_t i = 0; i + 1 < COUNT; ++i)
+        assert_int_equal(decoded.mesh.faces[4 * i + 1], decoded.mesh.faces[4 * i + 4]);
+    qm_decoded_free(&decoded);
+}
+
+static void triangle_of_one_point_is_kept_with_a_warning(void **state)
+{
+    (void)state;
+    qm_decoded decoded =
+        qm_decode_text(QM_FORMAT_STL, "solid x\n" FACET("1 2 3", "1 2 3", "1 2 3") "endsolid\n");
+    assert_int_equal(decoded.status, QM_OK);
+    assert_int_equal(decoded.mesh.vertex_count, 1);
+    assert_true(qm_decoded_warns(&decoded, "name a vertex twice: 1"));
+    qm_decoded_free(&decoded);
+}
+
+static void text_faults_name_their_line(void **state)
+{
+    (void)state;
+    static const qm_refusal refusals[] = {
+        {"solid x\nendsolid x\n", QM_E_EMPTY, 3, "no vertex"},
+        {"solid x\nfacet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nendloop\nendfacet\n",
+         QM_E_FORMAT, 7, "fewer than three"},
+        {"solid x\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 1 0 0\nvertex 1 1 0\n", QM_E_FORMAT, 6,
+         "more than three"},
+        {"solid x\nvertex 0 0 0\n", QM_E_FORMAT, 2, "outside of a facet"},
+        {"solid x\nfacet normal 0 0 1\nfacet\n", QM_E_FORMAT, 3, "within another"},
+        {"solid x\nfacet normal 0 0\n", QM_E_FORMAT, 2, "fewer than three numbers"},
+        {"solid x\nfacet 0 0 1\n", QM_E_FORMAT, 2, "no normal"},
+        {"solid x\nendfacet\n", QM_E_FORMAT, 2, "never began"},
+        {"solid x\nfacet\nendsolid\n", QM_E_FORMAT, 3, "no end"},
+        {"solid x\nfacet\nvertex 0 0 0\n", QM_E_FORMAT, 4, "within a facet"},
+        {"solid x\nsolid y\n", QM_E_FORMAT, 2, "within another"},
+        {"solid x\nendsolid\nendsolid\n", QM_E_FORMAT, 3, "never began"},
+        {"solid x\nendsolid\nfacet\n", QM_E_FORMAT, 3, "outside of a solid"},
+        {"solid x\nwhat\n", QM_E_FORMAT, 2, "does not know"},
+        {"solid x\nfacet\nvertex 0 0\n", QM_E_FORMAT, 3, "line ends"},
+        {"solid x\nfacet\nvertex 0 0 inf\n", QM_E_NOT_FINITE, 3, "not a finite"},
+        {"facet normal 0 0 1\n", QM_E_FORMAT, 19, "neither a text STL"},
+    };
+    QM_CHECK_REFUSALS(QM_FORMAT_STL, refusals);
+}
+
+static void binary_faults_name_their_byte(void **state)
+{
+    (void)state;
+    qm_bytes file = {.size = 0};
+    add_head(&file, "x", 2);
+    add_triangle(&file, 0);
+    add_triangle(&file, 1);
+    qm_decoded decoded = qm_decode(QM_FORMAT_STL, file.data, file.size - 1);
+    assert_int_equal(decoded.status, QM_E_FORMAT);
+    assert_int_equal(decoded.report.offset, 80);
+    assert_non_null(strstr(decoded.report.detail, "announces 2 triangles, but has room for 1"));
+
+    memset(file.data + 84 + 50 + 12, 0xff, 4);
+    decoded = qm_decode(QM_FORMAT_STL, file.data, file.size);
+    assert_int_equal(decoded.status, QM_E_NOT_FINITE);
+    assert_int_equal(decoded.report.offset, 134);
+
+    file.size = 0;
+    add_head(&file, "x", 0);
+    decoded = qm_decode(QM_FORMAT_STL, file.data, file.size);
+    assert_int_equal(decoded.status, QM_E_EMPTY);
+    decoded = qm_decode_limited(QM_FORMAT_STL, file.data, file.size, (qm_codec_limits){1, 1});
+    assert_int_equal(decoded.status, QM_E_EMPTY);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(text_corners_are_welded),
+        cmocka_unit_test(missing_endsolid_is_a_warning),
+        cmocka_unit_test(binary_corners_are_welded),
+        cmocka_unit_test(welding_survives_a_growing_table),
+        cmocka_unit_test(triangle_of_one_point_is_kept_with_a_warning),
+        cmocka_unit_test(text_faults_name_their_line),
+        cmocka_unit_test(binary_faults_name_their_byte),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

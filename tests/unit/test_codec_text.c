@@ -1,0 +1,227 @@
+/* The text scanner: numbers bit for bit against strtod, line ends, joined lines. */
+#include <inttypes.h>
+#include <locale.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "check.h"
+#include "codec_text.h"
+#include "random.h"
+
+static qm_status read_number(const char *word, double *number)
+{
+    qm_codec_report report;
+    qm_text text;
+    assert_int_equal(qm_text_open(&text, (const uint8_t *)word, strlen(word), &report), QM_OK);
+    return qm_text_read_number(&text, number);
+}
+
+static void check_like_strtod(const char *word, uint64_t seed)
+{
+    double number = 0, expected = strtod(word, NULL);
+    QM_CHECK(read_number(word, &number) == QM_OK, "%s refused, seed %" PRIu64, word, seed);
+    QM_CHECK(memcmp(&number, &expected, sizeof number) == 0, "%s gives %a instead of %a, seed %" PRIu64, word,
+             number, expected, seed);
+}
+
+static void hard_numbers_are_read_like_strtod(void **state)
+{
+    (void)state;
+    static const char *const words[] = {"0",
+                                        "-0",
+                                        "+1",
+                                        "1.",
+                                        ".5",
+                                        "-.5e1",
+                                        "1e22",
+                                        "1e23",
+                                        "9007199254740993",
+                                        "9007199254740992.5",
+                                        "9007199254740993e-1",
+                                        "1.7976931348623157e308",
+                                        "2.2250738585072014e-308",
+                                        "5e-324",
+                                        "1e-400",
+                                        "2.4703282292062327e-324",
+                                        "0.30000000000000004",
+                                        "123456789012345678e-19",
+                                        "18446744073709551615",
+                                        "9999999999999999999e-19",
+                                        "9999999999999999999e19",
+                                        "0000000000000000000000001.5",
+                                        "0.00000000000000000000000000012345",
+                                        "1.00000000000000011102230246251565404236316680908203125",
+                                        "1.00000000000000011102230246251565404236316680908203126",
+                                        "6.02214076E+23",
+                                        "1e0000000000000000001",
+                                        "0e99999999999"};
+    for (size_t i = 0; i < sizeof words / sizeof *words; ++i)
+        check_like_strtod(words[i], 0);
+}
+
+static void random_doubles_survive_printing(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 1);
+    for (int i = 0; i < 100000; ++i) {
+        char word[64];
+        uint64_t bits = qm_random_bits(&random);
+        double number;
+        memcpy(&number, &bits, sizeof number);
+        if (!(number - number == 0)) continue;
+        snprintf(word, sizeof word, "%.17g", number);
+        check_like_strtod(word, seed);
+        /* Sizes of coordinates, where the fast ways are taken. */
+        snprintf(word, sizeof word, "%.*f", (int)qm_random_below(&random, 19),
+                 qm_random_range(&random, -1000, 1000));
+        check_like_strtod(word, seed);
+    }
+}
+
+static void random_digits_are_read_like_strtod(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 2);
+    for (int i = 0; i < 200000; ++i) {
+        char word[64];
+        snprintf(word, sizeof word, "%" PRIu64 "e%d", qm_random_bits(&random) >> qm_random_below(&random, 64),
+                 (int)qm_random_below(&random, 60) - 30);
+        check_like_strtod(word, seed);
+    }
+}
+
+static void other_words_are_no_numbers(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *word;
+        qm_status status;
+    } cases[] = {
+        {"", QM_E_FORMAT},
+        {"x", QM_E_FORMAT},
+        {"-", QM_E_FORMAT},
+        {".", QM_E_FORMAT},
+        {"e5", QM_E_FORMAT},
+        {"1e", QM_E_FORMAT},
+        {"1e+", QM_E_FORMAT},
+        {"0x10", QM_E_FORMAT},
+        {"1.2.3", QM_E_FORMAT},
+        {"1,5", QM_E_FORMAT},
+        {"1f", QM_E_FORMAT},
+        {"--1", QM_E_FORMAT},
+        {"1/2", QM_E_FORMAT},
+        {"nan", QM_E_NOT_FINITE},
+        {"-NaN", QM_E_NOT_FINITE},
+        {"inf", QM_E_NOT_FINITE},
+        {"-Infinity", QM_E_NOT_FINITE},
+        {"1e999", QM_E_NOT_FINITE},
+        {"-1.8e308", QM_E_NOT_FINITE},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        double number;
+        QM_CHECK(read_number(cases[i].word, &number) == cases[i].status, "%s", cases[i].word);
+    }
+}
+
+static void very_long_number_is_refused(void **state)
+{
+    (void)state;
+    char word[2000];
+    double number;
+    memset(word, '1', sizeof word - 1);
+    word[sizeof word - 1] = 0;
+    word[1] = '.';
+    assert_int_equal(read_number(word, &number), QM_E_FORMAT);
+    word[1000] = 0;
+    check_like_strtod(word, 0);
+}
+
+static void comma_locale_changes_nothing(void **state)
+{
+    (void)state;
+    /* Any that is installed will do; where none is, the numbers are still checked. */
+    if (!setlocale(LC_NUMERIC, "de_DE.UTF-8") && !setlocale(LC_NUMERIC, "fr_FR.UTF-8"))
+        print_message("no locale with decimal commas is installed\n");
+    double fast = 0, slow = 0;
+    assert_int_equal(read_number("1.5", &fast), QM_OK);
+    assert_int_equal(read_number("1.50000000000000000000000000", &slow), QM_OK);
+    setlocale(LC_NUMERIC, "C");
+    assert_true(fast == 1.5 && slow == 1.5);
+}
+
+static void lines_are_counted_whatever_their_ends(void **state)
+{
+    (void)state;
+    static const char *const texts[] = {"a\nb\n\nc", "a\r\nb\r\n\r\nc", "a\rb\r\rc", "a\nb # x\n#y\nc"};
+    for (size_t i = 0; i < sizeof texts / sizeof *texts; ++i) {
+        qm_codec_report report;
+        qm_text text;
+        qm_text_open(&text, (const uint8_t *)texts[i], strlen(texts[i]), &report);
+        static const size_t lines[] = {1, 2, 4};
+        for (size_t row = 0; row < 3; ++row) {
+            assert_true(qm_text_find_row(&text));
+            assert_int_equal(text.line, lines[row]);
+            assert_int_equal(*text.at, 'a' + (int)row);
+            qm_text_skip_line(&text);
+        }
+        assert_false(qm_text_find_row(&text));
+    }
+}
+
+static void backslash_joins_lines_only_before_their_end(void **state)
+{
+    (void)state;
+    static const char source[] = "1 \\\r\n2\\\n3 \\x\n";
+    qm_codec_report report;
+    qm_text text;
+    double number = 0;
+    qm_text_open(&text, (const uint8_t *)source, strlen(source), &report);
+    for (int i = 1; i <= 3; ++i) {
+        assert_int_equal(qm_text_read_number(&text, &number), QM_OK);
+        assert_true(number == i);
+        assert_int_equal(text.line, i);
+    }
+    assert_int_equal(qm_text_read_number(&text, &number), QM_E_FORMAT);
+}
+
+static void integers_stop_at_63_bits(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *word;
+        qm_status status;
+        int64_t value;
+    } cases[] = {{"-12", QM_OK, -12},
+                 {"+7 ", QM_OK, 7},
+                 {"900000000000000000", QM_OK, 900000000000000000},
+                 {"9300000000000000000", QM_E_FORMAT, 0},
+                 {"1.0", QM_E_FORMAT, 0},
+                 {"x", QM_E_FORMAT, 0},
+                 {"", QM_E_FORMAT, 0}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        qm_codec_report report;
+        qm_text text;
+        int64_t value = 0;
+        qm_text_open(&text, (const uint8_t *)cases[i].word, strlen(cases[i].word), &report);
+        QM_CHECK(qm_text_read_integer(&text, &value) == cases[i].status, "%s", cases[i].word);
+        if (cases[i].status == QM_OK) assert_int_equal(value, cases[i].value);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(hard_numbers_are_read_like_strtod),
+        cmocka_unit_test(random_doubles_survive_printing),
+        cmocka_unit_test(random_digits_are_read_like_strtod),
+        cmocka_unit_test(other_words_are_no_numbers),
+        cmocka_unit_test(very_long_number_is_refused),
+        cmocka_unit_test(comma_locale_changes_nothing),
+        cmocka_unit_test(lines_are_counted_whatever_their_ends),
+        cmocka_unit_test(backslash_joins_lines_only_before_their_end),
+        cmocka_unit_test(integers_stop_at_63_bits),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,106 @@
+/* qm_mesh_validate, boxes and diagonals. */
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+#include "check.h"
+#include "qm/mesh.h"
+
+static qm_status validate(double *positions, size_t vertex_count, uint32_t *faces, size_t face_count,
+                          const char *words)
+{
+    qm_context ctx = qm_context_make();
+    qm_mesh mesh = {
+        .positions = positions, .vertex_count = vertex_count, .faces = faces, .face_count = face_count};
+    qm_status status = qm_mesh_validate(&ctx, &mesh);
+    if (words) QM_CHECK(strstr(ctx.message, words), "\"%s\" lacks \"%s\"", ctx.message, words);
+    return status;
+}
+
+static void faults_are_named(void **state)
+{
+    (void)state;
+    double positions[12] = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0};
+    uint32_t quad[8] = {0, 1, 2, 3, 0, 1, 2, QM_NO_INDEX};
+    assert_int_equal(validate(positions, 4, quad, 2, NULL), QM_OK);
+    assert_int_equal(validate(positions, 4, NULL, 0, NULL), QM_OK);
+    assert_int_equal(validate(NULL, 0, NULL, 0, "no vertex"), QM_E_EMPTY);
+    assert_int_equal(validate(positions, 3, quad, 1, "face 0 refers to vertex 3 of 3"), QM_E_INDEX);
+    assert_int_equal(validate(NULL, 0, quad, 1, "face 0"), QM_E_INDEX);
+    quad[6] = QM_NO_INDEX; /* only the fourth corner may be absent */
+    assert_int_equal(validate(positions, 4, quad, 2, "face 1"), QM_E_INDEX);
+    positions[7] = NAN;
+    assert_int_equal(validate(positions, 4, NULL, 0, "vertex 2"), QM_E_NOT_FINITE);
+    positions[7] = -INFINITY;
+    assert_int_equal(validate(positions, 4, NULL, 0, "vertex 2"), QM_E_NOT_FINITE);
+}
+
+static void span_must_not_overflow(void **state)
+{
+    (void)state;
+    double axis[6] = {-DBL_MAX, 0, 0, DBL_MAX, 0, 0};
+    assert_int_equal(validate(axis, 2, NULL, 0, "far apart"), QM_E_NOT_FINITE);
+    double diagonal[6] = {0, 0, 0, DBL_MAX, DBL_MAX, 0};
+    assert_int_equal(validate(diagonal, 2, NULL, 0, "far apart"), QM_E_NOT_FINITE);
+    double large[6] = {0, 0, 0, DBL_MAX, 0, 0};
+    assert_int_equal(validate(large, 2, NULL, 0, NULL), QM_OK);
+}
+
+static void box_holds_what_faces_use(void **state)
+{
+    (void)state;
+    double positions[15] = {0, 0, 0, 1, 0, 0, 1, 2, 0, 0, 2, 3, 99, 99, 99};
+    uint32_t faces[8] = {0, 1, 2, QM_NO_INDEX, 0, 1, 2, 3};
+    qm_mesh mesh = {.positions = positions, .vertex_count = 5, .faces = faces, .face_count = 1};
+    static const qm_box triangle = {{0, 0, 0}, {1, 2, 0}}, both = {{0, 0, 0}, {1, 2, 3}},
+                        all = {{0, 0, 0}, {99, 99, 99}};
+    qm_box box = qm_mesh_bounding_box(&mesh);
+    assert_memory_equal(&box, &triangle, sizeof box);
+    mesh.face_count = 2;
+    box = qm_mesh_bounding_box(&mesh);
+    assert_memory_equal(&box, &both, sizeof box);
+    mesh.face_count = 0;
+    box = qm_mesh_bounding_box(&mesh);
+    assert_memory_equal(&box, &all, sizeof box);
+}
+
+static void diagonal_keeps_its_digits_at_every_scale(void **state)
+{
+    (void)state;
+    static const int exponents[] = {0, 500, 1020, -500, -1020};
+    for (size_t i = 0; i < sizeof exponents / sizeof *exponents; ++i) {
+        double unit = ldexp(1, exponents[i]);
+        qm_box box = {{-unit, 0, 0}, {unit, 3 * unit, 6 * unit}};
+        assert_true(qm_box_diagonal(&box) == 7 * unit);
+    }
+    qm_box point = {{5, 5, 5}, {5, 5, 5}};
+    assert_true(qm_box_diagonal(&point) == 0);
+    qm_box smallest = {{0, 0, 0}, {DBL_TRUE_MIN, 0, 0}};
+    assert_true(qm_box_diagonal(&smallest) == DBL_TRUE_MIN);
+}
+
+static void reset_leaves_nothing(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_mesh mesh = {.vertex_count = 2, .face_count = 1};
+    mesh.positions = qm_context_alloc(&ctx, 6, sizeof(double));
+    mesh.faces = qm_context_alloc(&ctx, 4, sizeof(uint32_t));
+    mesh.face_origin = qm_context_alloc(&ctx, 1, sizeof(uint32_t));
+    qm_mesh_reset(&ctx, &mesh);
+    static const qm_mesh zero = {0};
+    assert_memory_equal(&mesh, &zero, sizeof mesh);
+    qm_mesh_reset(&ctx, &mesh);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(faults_are_named),
+        cmocka_unit_test(span_must_not_overflow),
+        cmocka_unit_test(box_holds_what_faces_use),
+        cmocka_unit_test(diagonal_keeps_its_digits_at_every_scale),
+        cmocka_unit_test(reset_leaves_nothing),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
