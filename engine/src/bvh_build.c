@@ -100,7 +100,7 @@ static void add_face(const qm_mesh *mesh, qm_pack_lanes *lanes, uint32_t face)
 
 static void fill_lanes(qm_bvh *bvh, const uint64_t *order, size_t count)
 {
-    const qm_mesh *mesh = bvh->mesh;
+    const qm_mesh *mesh = &bvh->mesh;
     qm_pack_lanes *lanes = bvh->lanes - 1;
     int used = QM_PACK_LANES;
     for (size_t i = 0; i < count; i++) {
@@ -143,7 +143,7 @@ static void fill_pack(const qm_kernel *kernel, qm_bvh *bvh, size_t index, qm_box
     qm_vec vertex[3 * QM_PACK_LANES];
     *box = (qm_box){{DBL_MAX, DBL_MAX, DBL_MAX}, {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
     for (int i = 0; i < lanes->vertex_count; i++) {
-        vertex[i] = qm_frame_local(&bvh->frame, bvh->mesh->positions + 3 * (size_t)lanes->vertex[i]);
+        vertex[i] = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * (size_t)lanes->vertex[i]);
         const double p[3] = {vertex[i].x, vertex[i].y, vertex[i].z};
         for (int k = 0; k < 3; k++) {
             if (p[k] < box->min[k]) box->min[k] = p[k];
@@ -228,7 +228,7 @@ static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, bool has_quads)
 static qm_status build_from_order(qm_context *ctx, qm_bvh *bvh, const uint64_t *order, size_t count)
 {
     bool has_quads;
-    bvh->pack_count = count_packs(bvh->mesh, order, count, &has_quads);
+    bvh->pack_count = count_packs(&bvh->mesh, order, count, &has_quads);
     bvh->lanes = qm_context_alloc(ctx, bvh->pack_count, sizeof *bvh->lanes);
     if (!bvh->lanes) return QM_E_NO_MEMORY;
     fill_lanes(bvh, order, count);
@@ -250,7 +250,7 @@ qm_status qm_bvh_build(qm_context *ctx, const qm_mesh *mesh, qm_bvh **out)
     qm_bvh *bvh = qm_context_alloc(ctx, 1, sizeof *bvh);
     uint64_t *order = qm_context_alloc(ctx, count, sizeof *order);
     qm_status status = QM_E_NO_MEMORY;
-    if (bvh) *bvh = (qm_bvh){.mesh = mesh};
+    if (bvh) *bvh = (qm_bvh){.mesh = *mesh};
     if (bvh && order) {
         qm_box box = qm_mesh_bounding_box(mesh);
         bvh->frame = make_frame(&box);
@@ -280,7 +280,7 @@ void qm_bvh_destroy(qm_context *ctx, qm_bvh *bvh)
 
 const qm_mesh *qm_bvh_mesh(const qm_bvh *bvh)
 {
-    return bvh->mesh;
+    return &bvh->mesh;
 }
 
 size_t qm_bvh_memory_size(const qm_bvh *bvh)

@@ -10,7 +10,7 @@
 
 static qm_patch source_patch(const qm_piece_work *work)
 {
-    const uint32_t *vertex = work->side->source->mesh->faces + 4 * (size_t)work->piece.face;
+    const uint32_t *vertex = work->side->source->mesh.faces + 4 * (size_t)work->piece.face;
     qm_vec corner[4];
     for (int i = 0; i < 4; i++)
         corner[i] = qm_side_vertex(work->side, vertex[i]);

@@ -1,0 +1,56 @@
+/**
+ * cli.h: what the parts of the command line share.
+ */
+#ifndef QM_CLI_H
+#define QM_CLI_H
+
+#include <stdatomic.h>
+
+#include "json_out.h"
+
+enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3 };
+
+/** Set by the first SIGINT: searches stop with the bounds they have. */
+extern atomic_bool cli_interrupted;
+
+int cmd_hausdorff(int argc, char **argv);
+int cmd_info(int argc, char **argv);
+
+/** Reads a whole file. NULL after words on stderr, or a problem on stdout when as_json. Free with free(). */
+uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
+
+/** Loads a mesh file for questions in this process. False after words or a problem as above. */
+bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, qm_loaded_mesh *out);
+
+/** Tells of a problem: words on stderr with the file's name, or the document on stdout. */
+void cli_complain(const char *path, const qm_problem *problem, bool as_json);
+
+/** The part of a path after the last slash. */
+const char *cli_base_name(const char *path);
+
+/** A line on a terminal that shows how the bounds close in; nothing when stderr is not one. */
+typedef struct cli_bar {
+    bool is_terminal;
+    double first_gap; /* of the first finite bracket; 0 before it */
+    double tolerance;
+} cli_bar;
+cli_bar cli_bar_make(double tolerance);
+void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations);
+void cli_bar_clear(const cli_bar *bar);
+
+/** Everything that `quadmesh hausdorff` was asked for. */
+typedef struct cli_question {
+    const char *path_a, *path_b;
+    const char *server; /* NULL: in this process */
+    qm_job_request request;
+    bool as_json;
+} cli_question;
+
+/** Answer the question in this process, or by a daemon. Return the exit status. */
+int cli_measure_here(const cli_question *question);
+int cli_measure_there(const cli_question *question);
+
+/** Prints a result object (JSON text) as it is, or in words. Returns the exit status that goes with it. */
+int cli_print_result(const char *json, bool as_json);
+
+#endif

@@ -1,0 +1,38 @@
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "cli.h"
+
+atomic_bool cli_interrupted;
+
+static const char help[] =
+    "quadmesh: answers geometric questions about meshes, with proof.\n"
+    "\n"
+    "usage: quadmesh hausdorff A B [options]   bounds of the Hausdorff distance between two meshes\n"
+    "       quadmesh info FILE [--json]        what a mesh file holds\n"
+    "       quadmesh --help | --version        `quadmesh COMMAND --help` tells the options\n"
+    "\n"
+    "Files: OBJ, PLY, STL, OFF, glTF binary, Draco, XYZ points.\n"
+    "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 stopped before the tolerance was reached.\n";
+
+static void on_interrupt(int number)
+{
+    (void)number;
+    atomic_store(&cli_interrupted, true);
+}
+
+int main(int argc, char **argv)
+{
+    struct sigaction action = {.sa_handler = on_interrupt, .sa_flags = (int)SA_RESETHAND};
+    sigaction(SIGINT, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);
+    const char *command = argc > 1 ? argv[1] : "";
+    if (strcmp(command, "hausdorff") == 0) return cmd_hausdorff(argc - 1, argv + 1);
+    if (strcmp(command, "info") == 0) return cmd_info(argc - 1, argv + 1);
+    if (strcmp(command, "--version") == 0) return puts("quadmesh " QM_VERSION), EXIT_OK;
+    if (strcmp(command, "--help") == 0) return fputs(help, stdout), EXIT_OK;
+    if (command[0]) fprintf(stderr, "quadmesh: unknown command \"%s\"\n\n", command);
+    fputs(help, stderr);
+    return EXIT_USAGE;
+}
