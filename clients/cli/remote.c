@@ -73,8 +73,8 @@ static long post(conversation *talk, const char *path, const void *bytes, size_t
     char url[2048];
     snprintf(url, sizeof url, "%s%s", talk->question->server, path);
     struct curl_slist *headers = curl_slist_append(NULL, header);
-    headers = curl_slist_append(headers, "Content-Type: application/octet-stream");
-    if (strstr(path, "/jobs")) headers = curl_slist_append(headers, "Content-Type: application/json");
+    headers = curl_slist_append(headers, strstr(path, "/jobs") ? "Content-Type: application/json"
+                                                               : "Content-Type: application/octet-stream");
     qm_text_reset(&talk->body);
     curl_easy_setopt(talk->curl, CURLOPT_URL, url);
     curl_easy_setopt(talk->curl, CURLOPT_POSTFIELDS, bytes);
