@@ -4,6 +4,7 @@
 #include <float.h>
 #include <string.h>
 
+#include "bilinear_point.h"
 #include "hilbert.h"
 #include "kernel.h"
 #include "radix.h"
@@ -21,6 +22,8 @@ static qm_frame make_frame(const qm_box *box)
         middle[k] = 0.5 * box->min[k] + 0.5 * box->max[k];
         half = fmax(half, fmax(box->max[k] - middle[k], middle[k] - box->min[k]));
     }
+    /* A single point has no size of its own; the place where it lies tells the scale that others come in. */
+    if (half == 0.0) half = fmax(fabs(middle[0]), fmax(fabs(middle[1]), fabs(middle[2])));
     int exponent = 0;
     if (half > 0.0) frexp(half, &exponent);
     exponent = exponent < -1000 ? -1000 : exponent > 1000 ? 1000 : exponent;
@@ -115,13 +118,11 @@ static void fill_lanes(qm_bvh *bvh, const uint64_t *order, size_t count)
     }
 }
 
-/** |c0 - c1 + c2 - c3| / 4 of a quad, rounded up: how far the patch leaves its two triangles at most. */
-static double quad_twist(const qm_bvh *bvh, uint32_t face)
+/** How far the patch of a quad leaves its two triangles at most; 0 for a triangle. Local. */
+static double face_twist(const qm_bvh *bvh, uint32_t face)
 {
-    qm_vec c[4];
-    if (qm_bvh_load_face(bvh, face, c) == 3) return 0.0;
-    qm_vec w = qm_vec_add(qm_vec_sub(c[0], c[1]), qm_vec_sub(c[2], c[3]));
-    return 0.25 * qm_vec_norm(w) * (1.0 + 0x1p-20);
+    qm_vec corner[4];
+    return qm_bvh_load_face(bvh, face, corner) == 3 ? 0.0 : qm_patch_twist(corner);
 }
 
 static void fill_twist(qm_bvh *bvh, size_t pack)
@@ -130,7 +131,7 @@ static void fill_twist(qm_bvh *bvh, size_t pack)
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
         bool is_first = lanes->second >> lane & 1;
         double twist = is_first ? bvh->twist[pack][lane - 1]
-                                : quad_twist(bvh, lanes->face[lane < lanes->lane_count ? lane : 0]);
+                                : face_twist(bvh, lanes->face[lane < lanes->lane_count ? lane : 0]);
         bvh->twist[pack][lane] = (float)twist;
         if (twist > bvh->max_twist) bvh->max_twist = bvh->twist[pack][lane];
     }

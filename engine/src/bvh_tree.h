@@ -89,7 +89,7 @@ struct qm_bvh {
     qm_mesh mesh; /* the arrays are borrowed */
     qm_frame frame;
     double reach;     /* greatest local coordinate of the surface, by magnitude: at most 1 */
-    double max_twist; /* greatest |c0 - c1 + c2 - c3| / 4 of a quad, local */
+    double max_twist; /* greatest twist of a quad, local */
     size_t pack_count;
     qm_pack *packs;
     qm_pack_lanes *lanes;
