@@ -206,18 +206,43 @@ static bool minimise_on_side(const query *q, const rectangle *box, qm_patch_foot
     return false;
 }
 
-/** Lower bound of the distance to a part: its two triangles, less what the patch can leave them by. */
+/** Thickness of the hull of four corners, rounded up: how far a point of it can be from its faces at most. */
+static double hull_thickness(const qm_vec c[4])
+{
+    qm_vec first = qm_vec_sub(c[2], c[0]), second = qm_vec_sub(c[3], c[1]),
+           normal = qm_vec_cross(first, second);
+    double length = qm_vec_norm(normal), longer = sqrt(fmax(qm_vec_norm2(first), qm_vec_norm2(second)));
+    if (longer == 0.0) return qm_vec_distance(c[0], c[1]);
+    double parallel =
+        length / longer; /* the shorter diagonal leaves the plane through the longer by no more */
+    if (length <= 1e-6 * longer * longer) return parallel + 0x1p-44 * longer;
+    double apart = fabs(qm_vec_dot(qm_vec_sub(c[1], c[0]), normal)) / length;
+    return fmin(parallel, apart) + 0x1p-44 * longer;
+}
+
+static double triangle_distance(qm_vec a, qm_vec b, qm_vec c, qm_vec p)
+{
+    qm_triangle triangle = qm_triangle_make(a, b, c);
+    return sqrt(qm_triangle_distance2(&triangle, p));
+}
+
+/**
+ * Lower bound of the distance to a part: its two triangles, less what the patch can leave them by; or, where
+ * the hull of its corners is thinner than that (flat, folded and collapsed patches), the four faces of the
+ * hull less its thickness.
+ */
 static double part_lower(const query *q, const rectangle *box, double twist)
 {
     const qm_patch *patch = q->patch;
     qm_vec p = qm_vec_add(patch->origin, q->r);
-    qm_vec a = qm_patch_at(patch, box->low[0], box->low[1]),
-           b = qm_patch_at(patch, box->high[0], box->low[1]);
-    qm_vec c = qm_patch_at(patch, box->high[0], box->high[1]),
-           d = qm_patch_at(patch, box->low[0], box->high[1]);
-    qm_triangle first = qm_triangle_make(a, b, c), second = qm_triangle_make(a, c, d);
-    double d2 = fmin(qm_triangle_distance2(&first, p), qm_triangle_distance2(&second, p));
-    return fmax(0.0, sqrt(d2) - twist);
+    const qm_vec c[4] = {
+        qm_patch_at(patch, box->low[0], box->low[1]), qm_patch_at(patch, box->high[0], box->low[1]),
+        qm_patch_at(patch, box->high[0], box->high[1]), qm_patch_at(patch, box->low[0], box->high[1])};
+    double split = fmin(triangle_distance(c[0], c[1], c[2], p), triangle_distance(c[0], c[2], c[3], p));
+    double thickness = twist > q->error ? hull_thickness(c) : twist;
+    if (thickness >= 0.25 * twist) return fmax(0.0, split - twist);
+    double other = fmin(triangle_distance(c[0], c[1], c[3], p), triangle_distance(c[1], c[2], c[3], p));
+    return fmax(0.0, fmax(split - twist, fmin(split, other) - thickness));
 }
 
 /** Goes down over the whole square as long as that helps, keeping the best point. */
