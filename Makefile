@@ -126,6 +126,14 @@ fuzz: build/fuzz/fuzz_codec
 	tests/fuzz/fuzz_corpus.sh $(FUZZ_DATA) build/fuzz/corpus
 	cd build/fuzz && ./fuzz_codec -max_total_time=$(FUZZ_SECONDS) -max_len=20000 -rss_limit_mb=4096 corpus
 
+# Proves that the engine stands alone and that each outside library has its own files.
+check-layers: $(OBJ)/libengine.a
+	@CC="$(CC)" LDFLAGS="$(LDFLAGS)" tests/check_layers.sh $<
+
+# Installs what is missing, builds, and shows the daemon at work on loopback.
+demo:
+	@clients/demo/run.sh
+
 clean:
 	rm -rf build
 
@@ -133,5 +141,5 @@ format:
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cc')
 
 -include $(foreach folder,$(wildcard $(OBJ) build/obj/fuzz),$(shell find $(folder) -name '*.d'))
-.PHONY: all unit fuzz clean format
+.PHONY: all unit check-layers demo fuzz clean format
 .SECONDARY:
