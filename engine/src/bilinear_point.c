@@ -7,6 +7,24 @@
 #define MAX_DEPTH 26 /* quarters: |w| 4^-26 / 4 is below any rounding */
 #define MAX_STEPS 60 /* of one descent; more are never needed when f is convex */
 
+double qm_patch_twist(const qm_vec corner[4])
+{
+    qm_patch patch = qm_patch_make(corner);
+    double twist = 0.25 * qm_vec_norm(patch.w);
+    qm_vec first = qm_vec_sub(corner[2], corner[0]), second = qm_vec_sub(corner[3], corner[1]);
+    qm_vec normal = qm_vec_cross(first, second);
+    double length = qm_vec_norm(normal), size2 = qm_vec_norm2(first) + qm_vec_norm2(second);
+    bool is_convex = length > 1e-6 * size2;
+    for (int i = 0; i < 4 && is_convex; i++) {
+        qm_vec before = qm_vec_sub(corner[(i + 1) % 4], corner[i]),
+               after = qm_vec_sub(corner[(i + 2) % 4], corner[(i + 1) % 4]);
+        is_convex = qm_vec_dot(qm_vec_cross(before, after), normal) > 1e-6 * size2 * length;
+    }
+    if (is_convex)
+        twist = fmin(twist, 0.5 * fabs(qm_vec_dot(patch.w, normal)) / length + 0x1p-44 * sqrt(size2));
+    return twist * (1.0 + 0x1p-20);
+}
+
 /** Parameter rectangle [low, high] in s and t. */
 typedef struct rectangle {
     double low[2], high[2];
@@ -165,6 +183,21 @@ static double part_lower(const query *q, const rectangle *box, double twist)
     return fmax(0.0, sqrt(d2) - twist);
 }
 
+/** Goes down over the whole square as long as that helps, keeping the best point. */
+static void descend_from(const query *q, const double start[2], qm_patch_foot *best)
+{
+    const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
+    double x[2] = {start[0], start[1]}, last = INFINITY;
+    for (int step = 0; step < MAX_STEPS; step++) {
+        slope at = slope_at(q, x);
+        double distance = sqrt(at.distance2);
+        keep_best(best, distance, x);
+        if (distance >= last * (1.0 - 1e-9)) break;
+        last = distance;
+        descend(q, &at, x, &square);
+    }
+}
+
 /** Certified minimum over parts of the square, depth first, nearest parts cut first by their bounds. */
 static double minimise_parts(const query *q, qm_patch_foot *best, double stop_above)
 {
@@ -185,12 +218,15 @@ static double minimise_parts(const query *q, qm_patch_foot *best, double stop_ab
         }
         double curvature = least_curvature(q, &part.box);
         if (curvature > 0.0) {
-            lower = fmin(lower, minimise_convex(q, &part.box, curvature, best));
-            continue;
+            double certified = fmax(here, minimise_convex(q, &part.box, curvature, best));
+            if (certified >= fmin(best->distance, stop_above) - q->error) {
+                lower = fmin(lower, certified);
+                continue;
+            }
         }
         double middle[2] = {0.5 * (part.box.low[0] + part.box.high[0]),
                             0.5 * (part.box.low[1] + part.box.high[1])};
-        keep_best(best, sqrt(value_at(q, middle)), middle);
+        if (sqrt(value_at(q, middle)) < best->distance) descend_from(q, middle, best);
         for (int quarter = 0; quarter < 4; quarter++) {
             rectangle box = part.box;
             for (int i = 0; i < 2; i++)
@@ -217,47 +253,31 @@ qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, do
     query q = query_make(patch, p, error);
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
     qm_patch_foot best = {.distance = INFINITY};
-    double curvature = least_curvature(&q, &square);
-    double lower;
-    if (curvature > 0.0) {
-        lower = minimise_convex(&q, &square, curvature, &best);
-    } else {
+    double curvature = least_curvature(&q, &square), lower = 0.0;
+    if (curvature > 0.0) lower = minimise_convex(&q, &square, curvature, &best);
+    if (!(best.distance - lower <= error)) {
         best = qm_patch_descend(patch, p);
-        lower = minimise_parts(&q, &best, stop_above);
+        lower = fmax(lower, minimise_parts(&q, &best, stop_above));
     }
     best.lower = fmin(lower, best.distance);
     return best;
 }
 
-/** The best of nine points spread over the square: a start that is not lost on folded patches. */
-static void best_start(const query *q, double x[2])
-{
-    double least = INFINITY;
-    for (int i = 0; i < 9; i++) {
-        const double at[2] = {0.5 * (i % 3), 0.5 * (i / 3)};
-        double d2 = value_at(q, at);
-        if (d2 < least) {
-            least = d2;
-            x[0] = at[0];
-            x[1] = at[1];
-        }
-    }
-}
-
 qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p)
 {
     query q = query_make(patch, p, 0.0);
-    const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
     qm_patch_foot best = {.distance = INFINITY};
-    double x[2], last = INFINITY;
-    best_start(&q, x);
-    for (int step = 0; step < MAX_STEPS; step++) {
-        slope at = slope_at(&q, x);
-        double distance = sqrt(at.distance2);
-        keep_best(&best, distance, x);
-        if (distance >= last * (1.0 - 1e-9)) break;
-        last = distance;
-        descend(&q, &at, x, &square);
+    double start[2] = {0.0, 0.0}, least = INFINITY;
+    for (int i = 0; i < 9;
+         i++) { /* nine points spread over the square: folded patches have several valleys */
+        const double at[2] = {0.5 * (i % 3), 0.5 * (i / 3)};
+        double d2 = value_at(&q, at);
+        if (d2 < least) {
+            least = d2;
+            start[0] = at[0];
+            start[1] = at[1];
+        }
     }
+    descend_from(&q, start, &best);
     return best;
 }

@@ -33,6 +33,14 @@ static inline qm_vec qm_patch_at(const qm_patch *patch, double s, double t)
     return qm_vec_axpy(qm_vec_axpy(patch->origin, t, patch->e2), s, along_s);
 }
 
+/**
+ * How far the patch and its two triangles (c0 c1 c2), (c0 c2 c3) are from one another at most, rounded up:
+ * |w| / 4, or, where the corners make a convex quad as seen along the common normal n of the diagonals, |w.n|
+ * / 2. In that view both surfaces fill the quad, and both lie between the heights of the two diagonals. So a
+ * flat convex quad has none.
+ */
+double qm_patch_twist(const qm_vec corner[4]);
+
 /** A point of the patch and what it proves: lower <= d(p, patch) <= distance = |p - Q(uv)|. */
 typedef struct qm_patch_foot {
     double distance, lower;

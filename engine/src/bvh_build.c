@@ -4,6 +4,7 @@
 #include <float.h>
 #include <string.h>
 
+#include "bilinear_point.h"
 #include "hilbert.h"
 #include "kernel.h"
 #include "radix.h"
@@ -21,6 +22,8 @@ static qm_frame make_frame(const qm_box *box)
         middle[k] = 0.5 * box->min[k] + 0.5 * box->max[k];
         half = fmax(half, fmax(box->max[k] - middle[k], middle[k] - box->min[k]));
     }
+    /* A single point has no size of its own; the place where it lies tells the scale that others come in. */
+    if (half == 0.0) half = fmax(fabs(middle[0]), fmax(fabs(middle[1]), fabs(middle[2])));
     int exponent = 0;
     if (half > 0.0) frexp(half, &exponent);
     exponent = exponent < -1000 ? -1000 : exponent > 1000 ? 1000 : exponent;
@@ -100,7 +103,7 @@ static void add_face(const qm_mesh *mesh, qm_pack_lanes *lanes, uint32_t face)
 
 static void fill_lanes(qm_bvh *bvh, const uint64_t *order, size_t count)
 {
-    const qm_mesh *mesh = bvh->mesh;
+    const qm_mesh *mesh = &bvh->mesh;
     qm_pack_lanes *lanes = bvh->lanes - 1;
     int used = QM_PACK_LANES;
     for (size_t i = 0; i < count; i++) {
@@ -115,13 +118,11 @@ static void fill_lanes(qm_bvh *bvh, const uint64_t *order, size_t count)
     }
 }
 
-/** |c0 - c1 + c2 - c3| / 4 of a quad, rounded up: how far the patch leaves its two triangles at most. */
-static double quad_twist(const qm_bvh *bvh, uint32_t face)
+/** How far the patch of a quad leaves its two triangles at most; 0 for a triangle. Local. */
+static double face_twist(const qm_bvh *bvh, uint32_t face)
 {
-    qm_vec c[4];
-    if (qm_bvh_load_face(bvh, face, c) == 3) return 0.0;
-    qm_vec w = qm_vec_add(qm_vec_sub(c[0], c[1]), qm_vec_sub(c[2], c[3]));
-    return 0.25 * qm_vec_norm(w) * (1.0 + 0x1p-20);
+    qm_vec corner[4];
+    return qm_bvh_load_face(bvh, face, corner) == 3 ? 0.0 : qm_patch_twist(corner);
 }
 
 static void fill_twist(qm_bvh *bvh, size_t pack)
@@ -130,7 +131,7 @@ static void fill_twist(qm_bvh *bvh, size_t pack)
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
         bool is_first = lanes->second >> lane & 1;
         double twist = is_first ? bvh->twist[pack][lane - 1]
-                                : quad_twist(bvh, lanes->face[lane < lanes->lane_count ? lane : 0]);
+                                : face_twist(bvh, lanes->face[lane < lanes->lane_count ? lane : 0]);
         bvh->twist[pack][lane] = (float)twist;
         if (twist > bvh->max_twist) bvh->max_twist = bvh->twist[pack][lane];
     }
@@ -143,7 +144,7 @@ static void fill_pack(const qm_kernel *kernel, qm_bvh *bvh, size_t index, qm_box
     qm_vec vertex[3 * QM_PACK_LANES];
     *box = (qm_box){{DBL_MAX, DBL_MAX, DBL_MAX}, {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
     for (int i = 0; i < lanes->vertex_count; i++) {
-        vertex[i] = qm_frame_local(&bvh->frame, bvh->mesh->positions + 3 * (size_t)lanes->vertex[i]);
+        vertex[i] = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * (size_t)lanes->vertex[i]);
         const double p[3] = {vertex[i].x, vertex[i].y, vertex[i].z};
         for (int k = 0; k < 3; k++) {
             if (p[k] < box->min[k]) box->min[k] = p[k];
@@ -228,7 +229,7 @@ static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, bool has_quads)
 static qm_status build_from_order(qm_context *ctx, qm_bvh *bvh, const uint64_t *order, size_t count)
 {
     bool has_quads;
-    bvh->pack_count = count_packs(bvh->mesh, order, count, &has_quads);
+    bvh->pack_count = count_packs(&bvh->mesh, order, count, &has_quads);
     bvh->lanes = qm_context_alloc(ctx, bvh->pack_count, sizeof *bvh->lanes);
     if (!bvh->lanes) return QM_E_NO_MEMORY;
     fill_lanes(bvh, order, count);
@@ -250,7 +251,7 @@ qm_status qm_bvh_build(qm_context *ctx, const qm_mesh *mesh, qm_bvh **out)
     qm_bvh *bvh = qm_context_alloc(ctx, 1, sizeof *bvh);
     uint64_t *order = qm_context_alloc(ctx, count, sizeof *order);
     qm_status status = QM_E_NO_MEMORY;
-    if (bvh) *bvh = (qm_bvh){.mesh = mesh};
+    if (bvh) *bvh = (qm_bvh){.mesh = *mesh};
     if (bvh && order) {
         qm_box box = qm_mesh_bounding_box(mesh);
         bvh->frame = make_frame(&box);
@@ -280,7 +281,7 @@ void qm_bvh_destroy(qm_context *ctx, qm_bvh *bvh)
 
 const qm_mesh *qm_bvh_mesh(const qm_bvh *bvh)
 {
-    return bvh->mesh;
+    return &bvh->mesh;
 }
 
 size_t qm_bvh_memory_size(const qm_bvh *bvh)

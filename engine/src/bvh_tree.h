@@ -86,10 +86,10 @@ typedef struct qm_box_group {
 } qm_box_group;
 
 struct qm_bvh {
-    const qm_mesh *mesh;
+    qm_mesh mesh; /* the arrays are borrowed */
     qm_frame frame;
     double reach;     /* greatest local coordinate of the surface, by magnitude: at most 1 */
-    double max_twist; /* greatest |c0 - c1 + c2 - c3| / 4 of a quad, local */
+    double max_twist; /* greatest twist of a quad, local */
     size_t pack_count;
     qm_pack *packs;
     qm_pack_lanes *lanes;
@@ -110,7 +110,7 @@ static inline int qm_bvh_member_count(const qm_bvh *bvh, int level, size_t group
 /** Corners of a face in the local frame; returns 3 or 4. */
 static inline int qm_bvh_load_face(const qm_bvh *bvh, uint32_t face, qm_vec corner[4])
 {
-    const qm_mesh *mesh = bvh->mesh;
+    const qm_mesh *mesh = &bvh->mesh;
     if (mesh->face_count == 0) {
         corner[0] = corner[1] = corner[2] = qm_frame_local(&bvh->frame, mesh->positions + 3 * (size_t)face);
         return 3;

@@ -137,15 +137,19 @@ static void set_witness(const qm_search *search, qm_hausdorff_result *out)
     qm_vec p = qm_frame_local(&side->target->frame, out->from.position);
     qm_hit hit = {.d2 = INFINITY};
     search->kernel->closest(side->target, p, &hit);
+    double certified = sqrt(hit.d2);
     if (side->target_patches) {
         qm_patch_hit patch;
         search->kernel->closest_patch(side->target, p, hit.pack, error, &patch);
+        certified = patch.lower;
         out->to = qm_surface_face_foot(side->target, quads, patch.face, p, error);
     } else {
         out->to = qm_surface_triangle_foot(side->target, hit.pack, hit.lane, p);
     }
     out->from_side = search->options->direction == QM_B_TO_A ? 1 : best->witness_side;
     out->has_witness = true;
+    double lower = certified * side->inverse_scale - search->eta;
+    if (lower > out->lower && lower <= out->upper) out->lower = lower;
 }
 
 static void set_result(const qm_search *search, qm_hausdorff_result *out)
@@ -159,6 +163,7 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
     for (int i = 0; i < search->worker_count; i++)
         out->max_queue += search->workers[i].max_queue;
     int reason = atomic_load(&search->stop);
+    set_witness(search, out);
     if (out->lower > options->threshold) out->verdict = 1;
     if (out->upper <= options->threshold) out->verdict = -1;
     bool converged = out->upper - out->lower <= options->tolerance;
@@ -166,7 +171,6 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
                 : out->verdict != 0           ? QM_STOP_THRESHOLD
                 : reason == QM_SEARCH_RUNNING ? QM_STOP_PRECISION
                                               : (qm_hausdorff_stop)reason;
-    set_witness(search, out);
 }
 
 qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,

@@ -5,7 +5,8 @@
 
 #include "hausdorff_piece.h"
 
-#define REFINED_MARGIN 0.1 /* by which refined labels reach beyond the feet of the part's corners */
+#define NEGLIGIBLE_TWIST 0.1 /* of the tolerance: labels with less are not refined */
+#define REFINED_MARGIN 0.1   /* by which refined labels reach beyond the feet of the part's corners */
 
 void qm_piece_fill_candidates(qm_piece_work *work)
 {
@@ -69,12 +70,13 @@ static bool is_quad_lane(const qm_pack_lanes *lanes, int lane)
 qm_near_faces qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only)
 {
     qm_near_faces near = {0};
+    double least_twist = NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale;
     for (int k = 0; k < work->pack_count; k++) {
         const qm_pack_lanes *lanes = &work->side->target->lanes[work->packs[k]];
         double d2[QM_PACK_LANES];
         work->kernel->pack_distances(work->candidates.pack[k], p, d2);
         for (int lane = 0; lane < lanes->lane_count; lane++)
-            if (is_quad_lane(lanes, lane) && (!twisted_only || work->candidates.twist[k][lane] > 0.0))
+            if (is_quad_lane(lanes, lane) && (!twisted_only || work->candidates.twist[k][lane] > least_twist))
                 add_near_face(&near, lanes->face[lane], d2[lane]);
     }
     return near;
@@ -111,14 +113,13 @@ static void set_lane_corner(lane_corners *corners, int i, int lane, qm_vec p)
     corners->at[i][2][lane] = p.z;
 }
 
-/** The two triangles of a part of a patch as labels; that part leaves them by a ds dt share of the twist. */
+/** The two triangles of a part of a patch as labels; that part leaves them by a twist of its own. */
 static void set_refined_lanes(qm_piece_work *work, lane_corners *corners, int lane, const qm_patch *patch,
                               const double low[2], const double high[2])
 {
     const qm_vec c[4] = {qm_patch_at(patch, low[0], low[1]), qm_patch_at(patch, high[0], low[1]),
                          qm_patch_at(patch, high[0], high[1]), qm_patch_at(patch, low[0], high[1])};
-    double share = (high[0] - low[0]) * (high[1] - low[1]);
-    double twist = 0.25 * share * qm_vec_norm(patch->w) * (1.0 + 0x1p-20);
+    double twist = qm_patch_twist(c);
     double rest = qm_piece_allowed(work) - work->slack - twist;
     for (int half = 0; half < 2; half++) {
         set_lane_corner(corners, 0, lane + half, c[0]);

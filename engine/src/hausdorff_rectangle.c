@@ -6,11 +6,12 @@
 
 #define SLACK_SHARE 0.125 /* of the tolerance: a patch this flat goes on as triangles */
 #define CROSSING_STEPS 40
+#define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
 #define CROSSING_MARGIN 1e-3 /* share of the rectangle that a cut must leave on both sides */
 
 static qm_patch source_patch(const qm_piece_work *work)
 {
-    const uint32_t *vertex = work->side->source->mesh->faces + 4 * (size_t)work->piece.face;
+    const uint32_t *vertex = work->side->source->mesh.faces + 4 * (size_t)work->piece.face;
     qm_vec corner[4];
     for (int i = 0; i < 4; i++)
         corner[i] = qm_side_vertex(work->side, vertex[i]);
@@ -99,16 +100,26 @@ static bool match_reached(const qm_piece_work *work)
     return false;
 }
 
+/** The quad of the target that lies under a point, or QM_NO_INDEX when it is a triangle. */
+static uint32_t quad_under(const qm_piece_work *work, qm_vec p)
+{
+    qm_hit hit = {.d2 = INFINITY, .pack = work->packs[0]};
+    work->kernel->closest(work->side->target, p, &hit);
+    uint32_t face = work->side->target->lanes[hit.pack].face[hit.lane];
+    qm_vec corner[4];
+    return qm_bvh_load_face(work->side->target, face, corner) == 4 ? face : QM_NO_INDEX;
+}
+
 /** How far along [from, to] the target's patch under the point at from reaches; from when it does not reach
  * even that. */
 static double patch_reach(const qm_piece_work *work, const qm_patch *source, int axis, double from, double to)
 {
     double at[2] = {0.5 * (work->piece.low[0] + work->piece.high[0]),
                     0.5 * (work->piece.low[1] + work->piece.high[1])};
-    at[axis] = from;
-    qm_near_faces near = qm_piece_near_quads(work, qm_patch_at(source, at[0], at[1]), false);
-    if (near.count == 0) return from;
-    qm_patch target = target_patch(work, near.face[0]);
+    at[axis] = from + INSET * (to - from); /* off the line where two patches meet */
+    uint32_t face = quad_under(work, qm_patch_at(source, at[0], at[1]));
+    if (face == QM_NO_INDEX) return from;
+    qm_patch target = target_patch(work, face);
     /* Half of what is allowed: the speed along this line may be up to twice as great at the rectangle's
      * sides. */
     double allowed = 0.5 * qm_piece_allowed(work), inside = from, outside = to;
@@ -165,8 +176,7 @@ void qm_piece_process_rectangle(qm_piece_work *work)
     if (hull_reached(work, &corners)) return;
     qm_patch patch = source_patch(work);
     const qm_piece *piece = &work->piece;
-    double share = (piece->high[0] - piece->low[0]) * (piece->high[1] - piece->low[1]);
-    double slack = 0.25 * share * qm_vec_norm(patch.w) * (1.0 + 0x1p-20);
+    double slack = qm_patch_twist(piece->corner);
     if (slack <= SLACK_SHARE * work->search->tolerance * work->side->scale) {
         work->slack = slack;
         qm_piece_fill_candidates(work);

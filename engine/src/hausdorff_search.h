@@ -90,7 +90,7 @@ void qm_worker_push(qm_worker *worker, qm_entry entry, const qm_piece *piece);
 /** A vertex of the source in the local frame of the target. */
 static inline qm_vec qm_side_vertex(const qm_side *side, uint32_t vertex)
 {
-    return qm_frame_local(&side->target->frame, side->source->mesh->positions + 3 * (size_t)vertex);
+    return qm_frame_local(&side->target->frame, side->source->mesh.positions + 3 * (size_t)vertex);
 }
 
 /** How far the surface of a lane's face can be from the lane's triangle: 0 unless patches are read. Local. */

@@ -21,7 +21,6 @@ typedef struct qm_hit {
 typedef struct qm_patch_hit {
     double distance, lower;
     uint32_t face, pack;
-    double uv[2];
 } qm_patch_hit;
 
 /** The candidates that a piece is covered with: what lanes stand for, and how near a point must be to each.

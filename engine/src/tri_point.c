@@ -54,7 +54,7 @@ static double plane_footpoint(const qm_triangle *t, double x, double y, double w
     if (y > 0.0 && t->cy * x - t->cx * y > 0.0 && ex * y - t->cy * xl > 0.0) {
         double third = qm_clamp(y / t->cy, 0.0, 1.0);
         double second = qm_clamp((x - third * t->cx) / t->length, 0.0, 1.0 - third);
-        weight[0] = 1.0 - second - third;
+        weight[0] = fmax(0.0, 1.0 - second - third);
         weight[1] = second;
         weight[2] = third;
         return 0.0;

@@ -400,6 +400,16 @@ qm_slow_bracket qm_slow_face_distance(const qm_mesh *mesh, size_t face, qm_quad_
     return close_bracket(d.lower, d.upper, eps);
 }
 
+bool qm_slow_face_within(const qm_mesh *mesh, size_t face, qm_quad_reading reading, const double p[3],
+                         double reach)
+{
+    target_face target = make_target(mesh, face, reading);
+    if (!target.is_patch) return target_distance(&target, load(p), 0).upper <= reach;
+    real d = label_distance(&target.labels[0], load(p)), slack = target.labels[0].slack;
+    if (d + slack <= reach || d - slack > reach) return d + slack <= reach;
+    return patch_distance(&target.patch, load(p), 1e-9L * reach).upper <= reach;
+}
+
 qm_slow_bracket qm_slow_distance(const qm_mesh *mesh, qm_quad_reading reading, const double p[3], double eps)
 {
     real lower = INFINITY, upper = INFINITY;

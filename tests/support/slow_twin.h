@@ -26,6 +26,11 @@ qm_slow_bracket qm_slow_patch_distance(const double p[3], const double corners[4
 qm_slow_bracket qm_slow_face_distance(const qm_mesh *mesh, size_t face, qm_quad_reading reading,
                                       const double p[3], double eps);
 
+/** True when the face is surely within reach of p; false when it is surely beyond, or so by less than 1e-9 of
+ * reach. */
+bool qm_slow_face_within(const qm_mesh *mesh, size_t face, qm_quad_reading reading, const double p[3],
+                         double reach);
+
 /** Distance from a point to the whole surface: the least over all faces. */
 qm_slow_bracket qm_slow_distance(const qm_mesh *mesh, qm_quad_reading reading, const double p[3], double eps);
 

@@ -25,7 +25,7 @@ qm_status qm_bvh_build(qm_context *ctx, const qm_mesh *mesh, qm_bvh **out);
 /** Frees a tree with the allocator that built it. NULL is fine. */
 void qm_bvh_destroy(qm_context *ctx, qm_bvh *bvh);
 
-/** The mesh that the tree was built over. */
+/** The mesh that the tree was built over; lives as long as the tree. */
 const qm_mesh *qm_bvh_mesh(const qm_bvh *bvh);
 
 /** Bytes that the tree holds, without the mesh. */

@@ -58,7 +58,7 @@ qm_hausdorff_options qm_hausdorff_options_default(void);
 typedef struct qm_hausdorff_result {
     double lower, upper;       /* lower <= distance <= upper */
     int from_side;             /* 0: the witness point lies on A and is projected on B; 1: the other way */
-    qm_surface_point from, to; /* witness: |from - to| is lower, to within rounding */
+    qm_surface_point from, to; /* witness: |from - to| is lower, to within a share of the tolerance */
     bool has_witness;          /* false only when the source is empty */
     uint64_t iterations, projections;
     size_t max_queue;

@@ -4,11 +4,12 @@
  * to a convex facet is convex, so it is enough to look at corners. Labels only decide how tight the cover is,
  * never whether it holds.
  */
+#include <math.h>
+
 #include "kernels.h"
 
 #define MAX_CUTS 48       /* parts cut off a piece before it is given back */
 #define MIN_PROGRESS 0.02 /* share of an edge that a cut must gain, or the label is not tried again */
-#define ROOT_STEPS 5
 
 uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p)
 {
@@ -49,83 +50,103 @@ double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *poin
     return upper;
 }
 
-/** One lane as seen from a segment: coordinates in the triangle's frame run linearly from start to start +
- * step. */
-typedef struct lane_segment {
-    double start[3], step[3];
-    double length, cx, cy, inverse_c2, inverse_d2;
-} lane_segment;
+/** Coordinates along a segment in a triangle's frame: start + t step. */
+typedef struct line {
+    double x, y, z;    /* start */
+    double ex, ey, ez; /* step */
+} line;
 
-static lane_segment lane_segment_make(const qm_pack *pack, int lane, qm_vec a, qm_vec b)
+static line line_in_lane(const qm_pack *pack, int lane, qm_vec a, qm_vec b)
 {
-#define ROW(name) pack->row[QM_ROW_##name][lane]
-    qm_vec d = {a.x - ROW(OX), a.y - ROW(OY), a.z - ROW(OZ)};
-    qm_vec e = qm_vec_sub(b, a);
-    lane_segment s;
-    for (int k = 0; k < 3; k++) {
-        qm_vec axis = {pack->row[QM_ROW_XX + 3 * k][lane], pack->row[QM_ROW_XY + 3 * k][lane],
-                       pack->row[QM_ROW_XZ + 3 * k][lane]};
-        s.start[k] = qm_vec_dot(d, axis);
-        s.step[k] = qm_vec_dot(e, axis);
-    }
-    s.length = ROW(L);
-    s.cx = ROW(CX);
-    s.cy = ROW(CY);
-    s.inverse_c2 = ROW(INVERSE_C2);
-    s.inverse_d2 = ROW(INVERSE_D2);
+#define AXIS(name)                                                                                           \
+    ((qm_vec){pack->row[QM_ROW_##name##X][lane], pack->row[QM_ROW_##name##Y][lane],                          \
+              pack->row[QM_ROW_##name##Z][lane]})
+    qm_vec start = qm_vec_sub(a, AXIS(O)), step = qm_vec_sub(b, a);
+    return (line){qm_vec_dot(start, AXIS(X)), qm_vec_dot(start, AXIS(Y)), qm_vec_dot(start, AXIS(Z)),
+                  qm_vec_dot(step, AXIS(X)),  qm_vec_dot(step, AXIS(Y)),  qm_vec_dot(step, AXIS(Z))};
+#undef AXIS
+}
+
+/** The part [from, to] of a line that lies in a convex set; empty when from > to. */
+typedef struct span {
+    double from, to;
+} span;
+
+/** Where a t^2 + 2 b t + c <= 0, a >= 0. */
+static span quadratic_span(double a, double b, double c)
+{
+    double discriminant = b * b - a * c;
+    if (!(discriminant >= 0.0)) return (span){1.0, 0.0};
+    if (!(a > 0.0)) return c <= 0.0 ? (span){-INFINITY, INFINITY} : (span){1.0, 0.0};
+    double root = sqrt(discriminant);
+    return (span){(-b - root) / a, (-b + root) / a};
+}
+
+/** Cuts a span down to where k + m t >= 0. */
+static span clip(span s, double k, double m)
+{
+    if (m > 0.0 && -k / m > s.from) s.from = -k / m;
+    if (m < 0.0 && -k / m < s.to) s.to = -k / m;
+    if (m == 0.0 && k < 0.0) s.to = -INFINITY;
     return s;
-#undef ROW
 }
 
-static double least(double a, double b)
+static span around_corner(const line *l, double x, double y, double reach2)
 {
-    return a < b ? a : b;
+    double dx = l->x - x, dy = l->y - y;
+    return quadratic_span(l->ex * l->ex + l->ey * l->ey + l->ez * l->ez,
+                          dx * l->ex + dy * l->ey + l->z * l->ez, dx * dx + dy * dy + l->z * l->z - reach2);
 }
 
-static double lane_segment_d2(const lane_segment *s, double t)
+/** Round the edge from (x, y) by (ux, uy), between its ends. */
+static span around_edge(const line *l, double x, double y, double ux, double uy, double inverse_u2,
+                        double reach2)
 {
-    double x = s->start[0] + t * s->step[0], y = s->start[1] + t * s->step[1],
-           z = s->start[2] + t * s->step[2];
-    double ex = s->cx - s->length, xl = x - s->length;
-    if (y > 0.0 && s->cy * x - s->cx * y > 0.0 && ex * y - s->cy * xl > 0.0) return z * z;
-    double ax = x - qm_clamp(x, 0.0, s->length);
-    double r = qm_clamp((x * s->cx + y * s->cy) * s->inverse_c2, 0.0, 1.0);
-    double bx = x - r * s->cx, by = y - r * s->cy;
-    double q = qm_clamp((xl * ex + y * s->cy) * s->inverse_d2, 0.0, 1.0);
-    double gx = xl - q * ex, gy = y - q * s->cy;
-    double edge2 = least(ax * ax + y * y, least(bx * bx + by * by, gx * gx + gy * gy));
-    return edge2 + z * z;
+    if (inverse_u2 == 0.0) return (span){1.0, 0.0};
+    double dx = l->x - x, dy = l->y - y;
+    double k = ux * dy - uy * dx,
+           m = ux * l->ey - uy * l->ex; /* height over the edge in the plane, times |u| */
+    span s = quadratic_span(m * m * inverse_u2 + l->ez * l->ez, k * m * inverse_u2 + l->z * l->ez,
+                            k * k * inverse_u2 + l->z * l->z - reach2);
+    double along = (ux * dx + uy * dy) * inverse_u2, step = (ux * l->ex + uy * l->ey) * inverse_u2;
+    return clip(clip(s, along, step), 1.0 - along, -step);
+}
+
+/** Over the inside of the triangle, both ways. */
+static span over_inside(const line *l, double length, double cx, double cy, double reach)
+{
+    double ex = cx - length;
+    span s = clip(clip((span){-INFINITY, INFINITY}, reach - l->z, -l->ez), reach + l->z, l->ez);
+    s = clip(s, l->y, l->ey);
+    s = clip(s, cy * l->x - cx * l->y, cy * l->ex - cx * l->ey);
+    return clip(s, ex * l->y - cy * (l->x - length), ex * l->ey - cy * l->ex);
+}
+
+static double farther(double reached, span s)
+{
+    return s.from <= s.to && s.to > reached ? s.to : reached;
 }
 
 /**
- * How far from a (within reach of the lane) towards b (beyond it) the lane still reaches: a parameter t in
- * [0, 1) whose point is within reach as far as rounding lets it. The distance is convex along the segment, so
- * the chord's root lies inside; Illinois weighting keeps the far end moving too.
+ * How far from a (within reach of the lane) towards b (beyond it) the lane still reaches: a parameter in [0,
+ * 1]. What lies within reach of a triangle is the union of a prism, three cylinders and three balls, and
+ * convex; so the line leaves it where it leaves the last of them.
  */
-static double reach_along(const qm_pack *pack, int lane, double allowed2, qm_vec a, qm_vec b)
+static double reach_along(const qm_pack *pack, int lane, double reach2, qm_vec a, qm_vec b)
 {
-    lane_segment s = lane_segment_make(pack, lane, a, b);
-    double allowed = sqrt(allowed2);
-    double inside = 0.0, outside = 1.0;
-    double f_inside = sqrt(lane_segment_d2(&s, 0.0)) - allowed,
-           f_outside = sqrt(lane_segment_d2(&s, 1.0)) - allowed;
-    for (int step = 0; step < ROOT_STEPS; step++) {
-        double slope = f_outside - f_inside;
-        double t = slope > 0.0 ? inside - f_inside * (outside - inside) / slope : 0.5 * (inside + outside);
-        if (!(t > inside && t < outside)) break;
-        double f = sqrt(lane_segment_d2(&s, t)) - allowed;
-        if (f <= 0.0) {
-            inside = t;
-            f_inside = f;
-            if (f > -1e-3 * allowed) break;
-            f_outside *= 0.5;
-        } else {
-            outside = t;
-            f_outside = f;
-            f_inside *= 0.5;
-        }
-    }
-    return inside;
+#define ROW(name) pack->row[QM_ROW_##name][lane]
+    double length = ROW(L), cx = ROW(CX), cy = ROW(CY);
+    double inverse_length2 = length > 0.0 ? 1.0 / (length * length) : 0.0;
+    line l = line_in_lane(pack, lane, a, b);
+    double reached = farther(0.0, over_inside(&l, length, cx, cy, sqrt(reach2)));
+    reached = farther(reached, around_edge(&l, 0.0, 0.0, length, 0.0, inverse_length2, reach2));
+    reached = farther(reached, around_edge(&l, 0.0, 0.0, cx, cy, ROW(INVERSE_C2), reach2));
+    reached = farther(reached, around_edge(&l, length, 0.0, cx - length, cy, ROW(INVERSE_D2), reach2));
+    reached = farther(reached, around_corner(&l, 0.0, 0.0, reach2));
+    reached = farther(reached, around_corner(&l, length, 0.0, reach2));
+    reached = farther(reached, around_corner(&l, cx, cy, reach2));
+    return reached < 1.0 ? reached * (1.0 - 0x1p-40) : 1.0;
+#undef ROW
 }
 
 /** The longest run of neighbouring corners that one label reaches. */

@@ -70,18 +70,20 @@ static void visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lane, qm_vec 
     uint32_t face = lanes->face[lane];
     qm_vec corner[4];
     qm_patch_foot foot = {.distance = sqrt(d2), .lower = sqrt(d2)};
-    bool is_quad = bvh->twist && qm_bvh_load_face(bvh, face, corner) == 4;
-    if (is_quad) {
+    double twist = bvh->twist ? (double)bvh->twist[pack][lane] : 0.0;
+    if (twist > 0.25 * error) {
+        qm_bvh_load_face(bvh, face, corner);
         qm_patch patch = qm_patch_make(corner);
         foot = qm_patch_project(&patch, p, error, hit->distance);
+    } else {
+        foot.distance += twist;
+        foot.lower -= twist;
     }
     hit->lower = fmin(hit->lower, foot.lower);
     if (foot.distance < hit->distance || (foot.distance == hit->distance && face < hit->face)) {
         hit->distance = foot.distance;
         hit->face = face;
         hit->pack = pack;
-        hit->uv[0] = is_quad ? foot.uv[0] : -1.0; /* triangles: the caller finds the parameters */
-        hit->uv[1] = foot.uv[1];
     }
 }
 

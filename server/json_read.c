@@ -1,0 +1,52 @@
+#include "json_read.h"
+
+#include <cjson/cJSON.h>
+#include <math.h>
+#include <string.h>
+
+qm_json *qm_json_parse(const char *text)
+{
+    return (qm_json *)cJSON_Parse(text);
+}
+
+void qm_json_free(qm_json *json)
+{
+    cJSON_Delete((cJSON *)json);
+}
+
+static const cJSON *find(const qm_json *json, const char *path)
+{
+    const cJSON *at = (const cJSON *)json;
+    while (at && *path) {
+        char name[64];
+        size_t length = strcspn(path, ".");
+        if (length >= sizeof name) return NULL;
+        memcpy(name, path, length);
+        name[length] = '\0';
+        at = cJSON_GetObjectItemCaseSensitive(at, name);
+        path += length + (path[length] == '.');
+    }
+    return at;
+}
+
+double qm_json_get_number(const qm_json *json, const char *path)
+{
+    const cJSON *found = find(json, path);
+    return cJSON_IsNumber(found) ? found->valuedouble : NAN;
+}
+
+const char *qm_json_get_string(const qm_json *json, const char *path)
+{
+    return cJSON_GetStringValue(find(json, path));
+}
+
+bool qm_json_is_true(const qm_json *json, const char *path)
+{
+    return cJSON_IsTrue(find(json, path));
+}
+
+bool qm_json_has(const qm_json *json, const char *path)
+{
+    const cJSON *found = find(json, path);
+    return found && !cJSON_IsNull(found);
+}

@@ -1,0 +1,439 @@
+/* The Hausdorff distance of shapes whose distance is known, and what the options promise. */
+#include "check.h"
+
+#include "failing_allocator.h"
+#include "parallel.h"
+#include "qm/hausdorff.h"
+#include "random.h"
+#include "shapes.h"
+
+#include <math.h>
+#include <string.h>
+
+static const qm_direction directions[] = {QM_TWO_SIDED, QM_A_TO_B, QM_B_TO_A};
+
+static qm_status measure_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
+                            const qm_hausdorff_options *options, qm_hausdorff_result *result)
+{
+    qm_bvh *tree_a = NULL, *tree_b = NULL;
+    qm_status status = qm_bvh_build(ctx, a, &tree_a);
+    if (status == QM_OK) status = qm_bvh_build(ctx, b, &tree_b);
+    if (status == QM_OK) status = qm_hausdorff_measure(ctx, tree_a, tree_b, options, result);
+    qm_bvh_destroy(ctx, tree_a);
+    qm_bvh_destroy(ctx, tree_b);
+    return status;
+}
+
+static qm_hausdorff_result measure_with(const qm_mesh *a, const qm_mesh *b,
+                                        const qm_hausdorff_options *options)
+{
+    qm_context ctx = qm_context_make();
+    if (options->thread_count > 1) ctx.parallel = qm_parallel_run;
+    qm_hausdorff_result result;
+    qm_status status = measure_in(&ctx, a, b, options, &result);
+    QM_CHECK(status == QM_OK, "status %s: %s", qm_status_code(status), ctx.message);
+    return result;
+}
+
+static qm_hausdorff_options options_of(qm_direction direction, qm_quad_reading reading, double tolerance)
+{
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    options.direction = direction;
+    options.quads = reading;
+    options.tolerance = tolerance;
+    options.work_limit = 400000; /* far more than any of these shapes needs: a failure rather than a hang */
+    return options;
+}
+
+static qm_hausdorff_result measure(const qm_mesh *a, const qm_mesh *b, qm_direction direction,
+                                   qm_quad_reading reading, double tolerance)
+{
+    qm_hausdorff_options options = options_of(direction, reading, tolerance);
+    return measure_with(a, b, &options);
+}
+
+/** The bracket holds the expected value, up to rounding of the input, and is as narrow as asked. */
+static void check_value(const char *name, const qm_mesh *a, const qm_mesh *b, qm_direction direction,
+                        qm_quad_reading reading, double tolerance, double expected)
+{
+    qm_hausdorff_result r = measure(a, b, direction, reading, tolerance);
+    double slack = 1e-15 * (1 + expected);
+    QM_CHECK(r.lower <= expected + slack && r.upper >= expected - slack,
+             "%s, direction %d, reading %d: [%.17g, %.17g], expected %.17g", name, (int)direction,
+             (int)reading, r.lower, r.upper, expected);
+    QM_CHECK(r.stop == QM_STOP_CONVERGED && r.upper - r.lower <= tolerance,
+             "%s, direction %d, reading %d: stop %d, width %g", name, (int)direction, (int)reading,
+             (int)r.stop, r.upper - r.lower);
+    assert_true(r.has_witness);
+}
+
+/** The same value in both readings; ab and ba one way, the greater of them both ways. */
+static void check_pair(const char *name, const qm_mesh *a, const qm_mesh *b, double tolerance, double ab,
+                       double ba)
+{
+    for (int reading = 0; reading < 2; ++reading) {
+        check_value(name, a, b, QM_A_TO_B, (qm_quad_reading)reading, tolerance, ab);
+        check_value(name, a, b, QM_B_TO_A, (qm_quad_reading)reading, tolerance, ba);
+        check_value(name, a, b, QM_TWO_SIDED, (qm_quad_reading)reading, tolerance, fmax(ab, ba));
+    }
+}
+
+static void the_turned_spheres_are_one_minus_cosine_apart(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_sphere(0), b = qm_shape_sphere(M_PI / 100);
+    double expected = 1 - cos(M_PI / 100), diagonal = 3.46;
+    check_pair("spheres", &a, &b, 1e-8 * diagonal, expected, expected);
+    qm_mesh split = qm_shape_triangulated(&a);
+    check_pair("sphere of triangles", &split, &b, 1e-8 * diagonal, expected, expected);
+    check_value("spheres, closely", &a, &b, QM_TWO_SIDED, QM_QUADS_TRIANGLES, 1e-8 * expected, expected);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+    qm_shape_free(&split);
+}
+
+static void parallel_planes_are_their_offset_apart(void **state)
+{
+    (void)state;
+    static const double offsets[] = {0.25, 1e-3, 1e-9, 1e-12};
+    for (size_t k = 0; k < 4; ++k) {
+        qm_mesh low = qm_shape_plane(7, 0), high = qm_shape_plane(5, offsets[k]);
+        check_pair("planes", &low, &high, 1e-9, offsets[k], offsets[k]);
+        qm_shape_free(&low);
+        qm_shape_free(&high);
+    }
+}
+
+static void moved_cubes_are_their_move_apart(void **state)
+{
+    (void)state;
+    qm_mesh cube = qm_shape_box(1, 1, 1), moved = qm_shape_box(1, 1, 1), inner = qm_shape_box(1, 1, 1);
+    qm_shape_move(&moved, 1, (const double[3]){2.5, 0, 0});
+    check_pair("moved cube", &cube, &moved, 1e-10, 2.5, 2.5);
+    /* Half the size about the same middle: a quarter from the sides, sqrt(3)/4 from the corners. */
+    qm_shape_move(&inner, 0.5, (const double[3]){0.25, 0.25, 0.25});
+    check_pair("cube in cube", &cube, &inner, 1e-9, sqrt(3) / 4, 0.25);
+    qm_shape_free(&cube);
+    qm_shape_free(&moved);
+    qm_shape_free(&inner);
+}
+
+static void saddles_are_one_surface_in_the_bilinear_reading(void **state)
+{
+    (void)state;
+    static const int sizes[] = {1, 4, 32};
+    for (int i = 0; i < 3; ++i)
+        for (int j = 0; j < 3; ++j)
+            for (int d = 0; d < 3; ++d) {
+                qm_mesh a = qm_shape_saddle(sizes[i]), b = qm_shape_saddle(sizes[j]);
+                check_value("saddles", &a, &b, directions[d], QM_QUADS_BILINEAR, 1e-6, 0);
+                qm_shape_free(&a);
+                qm_shape_free(&b);
+            }
+    /* One quad as two triangles: its middle lies at height 1, that of the 2 x 2 saddle at 0. The triangles'
+     * edge x = y, z = 1 and the vertex at the origin: the plane z = 1 - |x - y| is 1 / sqrt(3) away. */
+    qm_mesh one = qm_shape_saddle(1), two = qm_shape_saddle(2);
+    check_value("saddles of triangles", &two, &one, QM_A_TO_B, QM_QUADS_TRIANGLES, 1e-9, 1 / sqrt(3));
+    qm_shape_free(&one);
+    qm_shape_free(&two);
+}
+
+static void a_mesh_is_at_distance_zero_from_itself(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 0);
+    qm_mesh meshes[] = {qm_shape_sphere(0),
+                        qm_shape_torus(24, 12, 1, 0.4),
+                        qm_shape_strip(20, 3, 9),
+                        qm_shape_strip(2, 1, 9),
+                        qm_shape_box(1, 1, 0),
+                        qm_shape_copies(20),
+                        qm_shape_points(&random, 50),
+                        qm_shape_soup(&random, 30, QM_SOUP_MIXED, QM_SOUP_POOLED, 2),
+                        qm_shape_soup(&random, 30, QM_SOUP_MIXED, QM_SOUP_APART, 2)};
+    for (size_t k = 0; k < sizeof meshes / sizeof *meshes; ++k) {
+        for (int reading = 0; reading < 2; ++reading)
+            for (int d = 0; d < 3; ++d) {
+                qm_hausdorff_result r =
+                    measure(&meshes[k], &meshes[k], directions[d], (qm_quad_reading)reading, 1e-6);
+                QM_CHECK(r.lower <= 1e-15 && r.upper <= 1e-6 && r.stop == QM_STOP_CONVERGED,
+                         "mesh %zu, reading %d: [%g, %g]", k, reading, r.lower, r.upper);
+            }
+        qm_shape_free(&meshes[k]);
+    }
+}
+
+static void moved_twisted_quads_are_at_most_their_move_apart(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < 20; ++seed) {
+        qm_random random = qm_random_make(qm_check_seed(), seed);
+        qm_mesh a = qm_shape_soup(&random, 10, QM_SOUP_QUADS, QM_SOUP_APART, 1), b = qm_shape_copy(&a);
+        double move[3];
+        qm_random_direction(&random, move);
+        for (int k = 0; k < 3; ++k)
+            move[k] *= 1e-3;
+        qm_shape_move(&b, 1, move);
+        qm_hausdorff_result r = measure(&a, &b, QM_TWO_SIDED, QM_QUADS_BILINEAR, 1e-7);
+        QM_CHECK(r.lower <= 1e-3 + 1e-15 && r.upper <= 1e-3 + 1e-7, "seed %llu: [%.17g, %.17g]",
+                 (unsigned long long)seed, r.lower, r.upper);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
+static void single_facets_and_points_have_their_school_distances(void **state)
+{
+    (void)state;
+    qm_mesh triangle = qm_shape_face(3, (const double[][3]){{0, 0, 0}, {4, 0, 0}, {0, 3, 0}});
+    qm_mesh above = qm_shape_face(3, (const double[][3]){{0, 0, 2}, {4, 0, 2}, {0, 3, 2}});
+    qm_mesh segment = qm_shape_face(3, (const double[][3]){{0, 0, 0}, {4, 0, 0}, {4, 0, 0}});
+    qm_mesh dot = qm_shape_face(3, (const double[][3]){{0, 0, 0}, {0, 0, 0}, {0, 0, 0}});
+    qm_mesh flat = qm_shape_face(4, (const double[][3]){{0, 0, 0}, {2, 0, 0}, {4, 0, 0}, {1, 0, 0}});
+    qm_mesh point = qm_shape_make(1, 0);
+    memcpy(point.positions, (const double[]){4, 0, 12}, 24);
+    check_pair("triangles", &triangle, &above, 1e-12, 2, 2);
+    check_pair("triangle and segment", &triangle, &segment, 1e-12, 3, 0);
+    check_pair("triangle and dot", &triangle, &dot, 1e-12, 4, 0);
+    check_pair("segment and dot", &segment, &dot, 1e-12, 4, 0);
+    check_pair("segment and flat quad", &segment, &flat, 1e-10, 0, 0);
+    check_pair("triangle and point", &triangle, &point, 1e-10, sqrt(12 * 12 + 25), 12);
+    check_pair("point and dot", &point, &dot, 1e-10, sqrt(160), sqrt(160));
+    check_pair("point and itself", &point, &point, 1e-12, 0, 0);
+    qm_mesh *all[] = {&triangle, &above, &segment, &dot, &flat, &point};
+    for (size_t k = 0; k < 6; ++k)
+        qm_shape_free(all[k]);
+}
+
+static void point_sets_match_the_plain_loop(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 3);
+    qm_mesh a = qm_shape_points(&random, 400), b = qm_shape_points(&random, 300);
+    double sides[2] = {0, 0};
+    for (int side = 0; side < 2; ++side) {
+        const qm_mesh *from = side ? &b : &a, *to = side ? &a : &b;
+        for (size_t i = 0; i < from->vertex_count; ++i) {
+            double least = INFINITY;
+            for (size_t j = 0; j < to->vertex_count; ++j) {
+                const double *p = from->positions + 3 * i, *q = to->positions + 3 * j;
+                least = fmin(least, hypot(hypot(p[0] - q[0], p[1] - q[1]), p[2] - q[2]));
+            }
+            sides[side] = fmax(sides[side], least);
+        }
+    }
+    check_pair("point sets", &a, &b, 1e-12, sides[0], sides[1]);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void unused_vertices_do_not_matter(void **state)
+{
+    (void)state;
+    qm_mesh low = qm_shape_plane(4, 0), high = qm_shape_plane(4, 0.5);
+    qm_mesh padded = qm_shape_with_unused(&low, 5, (const double[3]){90, -80, 70});
+    check_pair("unused vertices", &padded, &high, 1e-10, 0.5, 0.5);
+    check_pair("unused vertices", &high, &padded, 1e-10, 0.5, 0.5);
+    qm_shape_free(&low);
+    qm_shape_free(&high);
+    qm_shape_free(&padded);
+}
+
+static void thresholds_give_a_verdict(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_sphere(0), b = qm_shape_sphere(M_PI / 100);
+    double distance = 1 - cos(M_PI / 100);
+    static const double factors[] = {0, 0.1, 0.99, 1.01, 10};
+    for (int d = 0; d < 3; ++d)
+        for (size_t k = 0; k < 5; ++k) {
+            qm_hausdorff_options options = options_of(directions[d], QM_QUADS_TRIANGLES, 1e-8);
+            options.threshold = factors[k] * distance;
+            qm_hausdorff_result r = measure_with(&a, &b, &options);
+            QM_CHECK(r.verdict == (factors[k] < 1 ? 1 : -1), "factor %g: verdict %d", factors[k], r.verdict);
+            QM_CHECK(r.lower <= distance && r.upper >= distance * (1 - 1e-12), "factor %g: [%.17g, %.17g]",
+                     factors[k], r.lower, r.upper);
+            QM_CHECK(factors[k] < 1 ? r.lower > options.threshold : r.upper <= options.threshold,
+                     "factor %g: [%.17g, %.17g] does not prove it", factors[k], r.lower, r.upper);
+            assert_true(r.stop == QM_STOP_THRESHOLD || r.stop == QM_STOP_CONVERGED);
+        }
+    qm_hausdorff_options plain = options_of(QM_TWO_SIDED, QM_QUADS_TRIANGLES, 1e-8);
+    assert_int_equal(measure_with(&a, &b, &plain).verdict, 0);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void limits_leave_a_bracket_that_holds(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_sphere(0), b = qm_shape_sphere(M_PI / 100);
+    double distance = 1 - cos(M_PI / 100);
+    for (int reading = 0; reading < 2; ++reading)
+        for (uint64_t limit = 1; limit < 100000; limit *= 10) {
+            qm_hausdorff_options options = options_of(QM_TWO_SIDED, (qm_quad_reading)reading, 1e-13);
+            options.work_limit = limit;
+            qm_hausdorff_result r = measure_with(&a, &b, &options);
+            QM_CHECK(r.lower <= distance + 1e-15 && r.upper >= distance - 1e-15, "limit %llu: [%.17g, %.17g]",
+                     (unsigned long long)limit, r.lower, r.upper);
+            QM_CHECK(r.stop == QM_STOP_DEADLINE || r.upper - r.lower <= 1e-13, "limit %llu: stop %d",
+                     (unsigned long long)limit, (int)r.stop);
+        }
+    qm_hausdorff_options options = options_of(QM_TWO_SIDED, QM_QUADS_BILINEAR, 1e-13);
+    options.deadline_ms = 1e-3;
+    qm_hausdorff_result r = measure_with(&a, &b, &options);
+    assert_true(r.lower <= distance + 1e-15 && r.upper >= distance - 1e-15);
+    assert_int_equal(r.stop, QM_STOP_DEADLINE);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void tolerances_below_precision_are_said_to_be_so(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_sphere(0), b = qm_shape_sphere(M_PI / 100);
+    double distance = 1 - cos(M_PI / 100);
+    for (int reading = 0; reading < 2; ++reading) {
+        qm_hausdorff_result r = measure(&a, &b, QM_A_TO_B, (qm_quad_reading)reading, 1e-300);
+        assert_int_equal(r.stop, QM_STOP_PRECISION);
+        assert_true(r.lower <= distance + 1e-15 && r.upper >= distance - 1e-15);
+        QM_CHECK(r.upper - r.lower <= 1e-10, "[%.17g, %.17g]", r.lower, r.upper);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+/** What the progress callback has seen: bounds may only get tighter and must hold the distance. */
+typedef struct watch {
+    qm_hausdorff_progress last;
+    double distance;
+    int calls;
+    bool valid;
+    atomic_bool *cancel; /* raised at the first call when given */
+} watch;
+
+static void look(void *user, const qm_hausdorff_progress *now)
+{
+    watch *w = user;
+    bool holds = now->lower <= w->distance + 1e-15 && now->upper >= w->distance - 1e-15;
+    bool tighter =
+        w->calls == 0 || (now->lower >= w->last.lower && now->upper <= w->last.upper &&
+                          now->elapsed_ms >= w->last.elapsed_ms && now->iterations >= w->last.iterations);
+    w->valid = w->valid && holds && tighter;
+    w->last = *now;
+    ++w->calls;
+    if (w->cancel) atomic_store(w->cancel, true);
+}
+
+static void progress_only_ever_tightens(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_sphere(0), b = qm_shape_sphere(M_PI / 100);
+    for (int threads = 1; threads <= 4; threads += 3)
+        for (int d = 0; d < 3; ++d) {
+            watch w = {.distance = 1 - cos(M_PI / 100), .valid = true};
+            qm_hausdorff_options options = options_of(directions[d], QM_QUADS_BILINEAR, 1e-9);
+            options.thread_count = threads;
+            options.progress = look;
+            options.progress_user = &w;
+            qm_hausdorff_result r = measure_with(&a, &b, &options);
+            QM_CHECK(w.valid, "threads %d, direction %d: a bound moved the wrong way", threads, d);
+            QM_CHECK(w.calls >= 3, "threads %d, direction %d: %d calls", threads, d, w.calls);
+            assert_true(r.lower >= w.last.lower && r.upper <= w.last.upper);
+        }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void a_raised_flag_ends_the_search_with_its_bracket(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_sphere(0), b = qm_shape_sphere(M_PI / 100);
+    double distance = 1 - cos(M_PI / 100);
+    atomic_bool cancel = false;
+    watch w = {.distance = distance, .valid = true, .cancel = &cancel};
+    qm_context ctx = qm_context_make();
+    ctx.cancel = &cancel;
+    qm_hausdorff_options options = options_of(QM_TWO_SIDED, QM_QUADS_TRIANGLES, 1e-12);
+    options.progress = look;
+    options.progress_user = &w;
+    qm_hausdorff_result r;
+    assert_int_equal(measure_in(&ctx, &a, &b, &options, &r), QM_OK);
+    assert_int_equal(r.stop, QM_STOP_CANCELED);
+    assert_true(r.lower <= distance + 1e-15 && r.upper >= distance - 1e-15);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void bad_options_are_refused_in_words(void **state)
+{
+    (void)state;
+    qm_mesh box = qm_shape_box(1, 1, 1);
+    qm_hausdorff_options good = options_of(QM_TWO_SIDED, QM_QUADS_TRIANGLES, 1e-6);
+    qm_hausdorff_options bad[7];
+    for (int k = 0; k < 7; ++k)
+        bad[k] = good;
+    bad[0].tolerance = 0;
+    bad[1].tolerance = -1;
+    bad[2].tolerance = NAN;
+    bad[3].tolerance = INFINITY;
+    bad[4].threshold = -1;
+    bad[5].thread_count = 0;
+    bad[6].thread_count = -3;
+    for (int k = 0; k < 7; ++k) {
+        qm_context ctx = qm_context_make();
+        qm_hausdorff_result r;
+        QM_CHECK(measure_in(&ctx, &box, &box, &bad[k], &r) == QM_E_ARGUMENT, "case %d is taken", k);
+        QM_CHECK(strlen(ctx.message) > 0, "case %d has no message", k);
+    }
+    qm_shape_free(&box);
+}
+
+/** Fails each allocation in turn. */
+static void running_out_of_memory_is_a_status_and_leaks_nothing(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_torus(16, 8, 1, 0.4), b = qm_shape_torus(12, 9, 1, 0.4);
+    for (int reading = 0; reading < 2; ++reading) {
+        qm_status status = QM_E_NO_MEMORY;
+        size_t fail_at = 0;
+        for (; status != QM_OK; ++fail_at) {
+            qm_failing_allocator memory = {.fail_at = fail_at};
+            qm_context ctx = qm_context_make();
+            ctx.allocator = qm_failing_allocator_hook(&memory);
+            qm_hausdorff_options options = options_of(QM_TWO_SIDED, (qm_quad_reading)reading, 1e-4);
+            qm_hausdorff_result r;
+            status = measure_in(&ctx, &a, &b, &options, &r);
+            QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: status %d", fail_at,
+                     (int)status);
+            QM_CHECK(memory.live_blocks == 0 && memory.live_bytes == 0, "call %zu: %zu blocks left", fail_at,
+                     memory.live_blocks);
+            QM_CHECK(!memory.mismatched, "call %zu: a block came back with another size", fail_at);
+        }
+        assert_true(fail_at >= 5);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_turned_spheres_are_one_minus_cosine_apart),
+        cmocka_unit_test(parallel_planes_are_their_offset_apart),
+        cmocka_unit_test(moved_cubes_are_their_move_apart),
+        cmocka_unit_test(saddles_are_one_surface_in_the_bilinear_reading),
+        cmocka_unit_test(a_mesh_is_at_distance_zero_from_itself),
+        cmocka_unit_test(moved_twisted_quads_are_at_most_their_move_apart),
+        cmocka_unit_test(single_facets_and_points_have_their_school_distances),
+        cmocka_unit_test(point_sets_match_the_plain_loop),
+        cmocka_unit_test(unused_vertices_do_not_matter),
+        cmocka_unit_test(thresholds_give_a_verdict),
+        cmocka_unit_test(limits_leave_a_bracket_that_holds),
+        cmocka_unit_test(tolerances_below_precision_are_said_to_be_so),
+        cmocka_unit_test(progress_only_ever_tightens),
+        cmocka_unit_test(a_raised_flag_ends_the_search_with_its_bracket),
+        cmocka_unit_test(bad_options_are_refused_in_words),
+        cmocka_unit_test(running_out_of_memory_is_a_status_and_leaks_nothing),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,237 @@
+/* The Hausdorff bracket on thousands of random small soups, against the slow twin's bracket. */
+#include "check.h"
+
+#include "parallel.h"
+#include "qm/hausdorff.h"
+#include "random.h"
+#include "shapes.h"
+#include "slow_twin.h"
+
+#include <math.h>
+#include <string.h>
+
+#define SEED_FORMAT "seed %llu, %s, %s"
+#define SEED_VALUES(pair)                                                                                    \
+    (unsigned long long)(pair)->seed, direction_names[(pair)->direction], reading_names[(pair)->reading]
+
+static const char *const direction_names[] = {"two-sided", "a to b", "b to a"};
+static const char *const reading_names[] = {"triangles", "bilinear"};
+
+/** Two soups, what to ask about them, and their common size. */
+typedef struct soup_pair {
+    uint64_t seed;
+    qm_mesh a, b;
+    qm_direction direction;
+    qm_quad_reading reading;
+    double size;
+} soup_pair;
+
+static double pair_size(const qm_mesh *a, const qm_mesh *b)
+{
+    double size = 0;
+    for (size_t i = 0; i < 3 * a->vertex_count; ++i)
+        size = fmax(size, fabs(a->positions[i]));
+    for (size_t i = 0; i < 3 * b->vertex_count; ++i)
+        size = fmax(size, fabs(b->positions[i]));
+    return size;
+}
+
+static qm_mesh draw_mesh(qm_random *random, qm_soup_style style)
+{
+    if (qm_random_below(random, 12) == 0) return qm_shape_points(random, 1 + qm_random_below(random, 6));
+    qm_soup_corners corners = (qm_soup_corners)qm_random_below(random, 3);
+    double twist = (double[]){0, 0.1, 0.5, 2}[qm_random_below(random, 4)];
+    return qm_shape_soup(random, 1 + qm_random_below(random, 8), corners, style, twist);
+}
+
+/** Half of the pairs are a soup and a shaken copy of it, as they are in practice. */
+static soup_pair draw_pair(uint64_t seed)
+{
+    qm_random random = qm_random_make(qm_check_seed(), seed);
+    qm_soup_style style = (qm_soup_style)qm_random_below(&random, QM_SOUP_STYLE_COUNT);
+    soup_pair pair = {.seed = seed, .a = draw_mesh(&random, style)};
+    if (qm_random_below(&random, 2) == 0) {
+        double amplitude = (double[]){0, 1e-9, 1e-3, 0.1}[qm_random_below(&random, 4)];
+        pair.b = qm_shape_copy(&pair.a);
+        qm_shape_shake(&pair.b, &random, amplitude);
+    } else {
+        pair.b = draw_mesh(&random, (qm_soup_style)qm_random_below(&random, QM_SOUP_STYLE_COUNT));
+    }
+    pair.direction = (qm_direction)qm_random_below(&random, 3);
+    pair.reading = (qm_quad_reading)qm_random_below(&random, 2);
+    pair.size = pair_size(&pair.a, &pair.b);
+    return pair;
+}
+
+static void free_pair(soup_pair *pair)
+{
+    qm_shape_free(&pair->a);
+    qm_shape_free(&pair->b);
+}
+
+static qm_hausdorff_options pair_options(const soup_pair *pair, double tolerance, int threads)
+{
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    options.direction = pair->direction;
+    options.quads = pair->reading;
+    options.tolerance = tolerance;
+    options.thread_count = threads;
+    options.work_limit = 200000;
+    return options;
+}
+
+static qm_hausdorff_result measure(const qm_mesh *a, const qm_mesh *b, const qm_hausdorff_options *options)
+{
+    qm_context ctx = qm_context_make();
+    if (options->thread_count > 1) ctx.parallel = qm_parallel_run;
+    qm_bvh *tree_a, *tree_b;
+    qm_hausdorff_result result;
+    assert_int_equal(qm_bvh_build(&ctx, a, &tree_a), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, b, &tree_b), QM_OK);
+    assert_int_equal(qm_hausdorff_measure(&ctx, tree_a, tree_b, options, &result), QM_OK);
+    qm_bvh_destroy(&ctx, tree_a);
+    qm_bvh_destroy(&ctx, tree_b);
+    return result;
+}
+
+static void check_against_slow(const soup_pair *pair, const qm_hausdorff_result *fast,
+                               const qm_slow_bracket *slow)
+{
+    double slack = 1e-12 * pair->size;
+    QM_CHECK(fast->lower <= fast->upper, SEED_FORMAT ": [%.17g, %.17g]", SEED_VALUES(pair), fast->lower,
+             fast->upper);
+    QM_CHECK(fast->lower <= slow->upper + slack, SEED_FORMAT ": lower %.17g, true at most %.17g",
+             SEED_VALUES(pair), fast->lower, slow->upper);
+    QM_CHECK(fast->upper >= slow->lower - slack, SEED_FORMAT ": upper %.17g, true at least %.17g",
+             SEED_VALUES(pair), fast->upper, slow->lower);
+}
+
+static double gap(const double a[3], const double b[3])
+{
+    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) +
+                (a[2] - b[2]) * (a[2] - b[2]));
+}
+
+/** The witness lies on its surface where its parameters say, and is as far from the other one as lower says.
+ */
+static void check_witness(const soup_pair *pair, const qm_hausdorff_result *fast)
+{
+    const qm_mesh *source = fast->from_side == 0 ? &pair->a : &pair->b;
+    const qm_mesh *target = fast->from_side == 0 ? &pair->b : &pair->a;
+    double slack = 1e-12 * pair->size, at[3];
+    assert_true(fast->has_witness);
+    QM_CHECK(pair->direction == QM_TWO_SIDED || fast->from_side == (pair->direction == QM_B_TO_A),
+             SEED_FORMAT ": witness from side %d", SEED_VALUES(pair), fast->from_side);
+    QM_CHECK(fabs(gap(fast->from.position, fast->to.position) - fast->lower) <= slack,
+             SEED_FORMAT ": %.17g apart, lower %.17g", SEED_VALUES(pair),
+             gap(fast->from.position, fast->to.position), fast->lower);
+    qm_slow_position(source, fast->from.face, pair->reading, fast->from.uv, at);
+    QM_CHECK(gap(at, fast->from.position) <= slack, SEED_FORMAT ": from is %g off its face %u",
+             SEED_VALUES(pair), gap(at, fast->from.position), fast->from.face);
+    qm_slow_position(target, fast->to.face, pair->reading, fast->to.uv, at);
+    QM_CHECK(gap(at, fast->to.position) <= slack, SEED_FORMAT ": to is %g off its face %u", SEED_VALUES(pair),
+             gap(at, fast->to.position), fast->to.face);
+    qm_slow_bracket d = qm_slow_distance(target, pair->reading, fast->from.position, 1e-12 * pair->size);
+    QM_CHECK(fast->lower <= d.upper + slack, SEED_FORMAT ": lower %.17g, the witness is only %.17g away",
+             SEED_VALUES(pair), fast->lower, d.upper);
+}
+
+static void brackets_meet_those_of_the_slow_twin(void **state)
+{
+    (void)state;
+    uint64_t count = qm_check_long() ? 100000 : 3000, converged = 0, closed = 0;
+    for (uint64_t seed = 0; seed < count; ++seed) {
+        soup_pair pair = draw_pair(seed);
+        double tolerance = pair.size * (double[]){1e-3, 1e-6, 1e-9}[seed % 3];
+        qm_hausdorff_options options = pair_options(&pair, tolerance, 1);
+        qm_hausdorff_result fast = measure(&pair.a, &pair.b, &options);
+        size_t limit = pair.reading == QM_QUADS_BILINEAR ? 100 : 400;
+        qm_slow_bracket slow =
+            qm_slow_hausdorff(&pair.a, &pair.b, pair.direction, pair.reading, 1e-9 * pair.size, limit);
+        check_against_slow(&pair, &fast, &slow);
+        check_witness(&pair, &fast);
+        if (fast.stop == QM_STOP_CONVERGED)
+            QM_CHECK(fast.upper - fast.lower <= tolerance, SEED_FORMAT ": width %g, tolerance %g",
+                     SEED_VALUES(&pair), fast.upper - fast.lower, tolerance);
+        converged += fast.stop == QM_STOP_CONVERGED;
+        closed += slow.upper - slow.lower <= 1e-3 * pair.size;
+        free_pair(&pair);
+    }
+    print_message("%llu pairs: the engine converged on %llu, the slow twin was within 1e-3 on %llu\n",
+                  (unsigned long long)count, (unsigned long long)converged, (unsigned long long)closed);
+    assert_true(converged * 100 >= count * 99);
+    assert_true(closed * 2 >= count);
+}
+
+static void brackets_hold_for_any_number_of_threads(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < 150; ++seed) {
+        soup_pair pair = draw_pair(1000000 + seed);
+        qm_slow_bracket slow =
+            qm_slow_hausdorff(&pair.a, &pair.b, pair.direction, pair.reading, 1e-9 * pair.size, 60);
+        for (int k = 0; k < 3; ++k) {
+            qm_hausdorff_options options = pair_options(&pair, 1e-6 * pair.size, (int[]){1, 2, 7}[k]);
+            qm_hausdorff_result fast = measure(&pair.a, &pair.b, &options);
+            check_against_slow(&pair, &fast, &slow);
+            check_witness(&pair, &fast);
+        }
+        free_pair(&pair);
+    }
+}
+
+static void one_thread_gives_the_same_bits_twice(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < 200; ++seed) {
+        soup_pair pair = draw_pair(2000000 + seed);
+        qm_hausdorff_options options = pair_options(&pair, 1e-6 * pair.size, 1);
+        qm_hausdorff_result first = measure(&pair.a, &pair.b, &options);
+        qm_hausdorff_result second = measure(&pair.a, &pair.b, &options);
+        bool same = first.lower == second.lower && first.upper == second.upper &&
+                    first.iterations == second.iterations && first.projections == second.projections &&
+                    first.from.face == second.from.face && first.to.face == second.to.face &&
+                    memcmp(first.from.position, second.from.position, sizeof first.from.position) == 0 &&
+                    memcmp(first.to.position, second.to.position, sizeof first.to.position) == 0;
+        QM_CHECK(same, SEED_FORMAT ": [%.17g, %.17g], then [%.17g, %.17g]", SEED_VALUES(&pair), first.lower,
+                 first.upper, second.lower, second.upper);
+        free_pair(&pair);
+    }
+}
+
+/** Moved and scaled copies: the bracket must overlap the moved bracket of the original. */
+static void brackets_move_and_scale_with_the_meshes(void **state)
+{
+    (void)state;
+    static const struct {
+        double scale, shift;
+    } moves[] = {{1, 1e7}, {1e-9, 0}, {1e-9, 1}, {1e-30, 0}, {1e30, 0}, {1e-150, 0}, {1e150, 0}, {3, -5}};
+    for (uint64_t seed = 0; seed < 400; ++seed) {
+        soup_pair pair = draw_pair(3000000 + seed);
+        qm_hausdorff_options options = pair_options(&pair, 1e-6 * pair.size, 1);
+        qm_hausdorff_result plain = measure(&pair.a, &pair.b, &options);
+        double scale = moves[seed % 8].scale, shift = moves[seed % 8].shift;
+        const double shifts[3] = {shift, -0.5 * shift, 0.25 * shift};
+        qm_shape_move(&pair.a, scale, shifts);
+        qm_shape_move(&pair.b, scale, shifts);
+        options.tolerance = fmax(1e-6 * pair.size * scale, 1e-12 * fabs(shift));
+        qm_hausdorff_result moved = measure(&pair.a, &pair.b, &options);
+        /* Rounding the moved corners changes the meshes themselves by this much. */
+        double slack = 4 * 0x1p-53 * (fabs(shift) + 4 * pair.size * scale) + 1e-12 * pair.size * scale;
+        QM_CHECK(moved.lower <= plain.upper * scale + slack && moved.upper >= plain.lower * scale - slack,
+                 SEED_FORMAT ", scale %g, shift %g: [%.17g, %.17g], was [%.17g, %.17g]", SEED_VALUES(&pair),
+                 scale, shift, moved.lower, moved.upper, plain.lower * scale, plain.upper * scale);
+        free_pair(&pair);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(brackets_meet_those_of_the_slow_twin),
+        cmocka_unit_test(brackets_hold_for_any_number_of_threads),
+        cmocka_unit_test(one_thread_gives_the_same_bits_twice),
+        cmocka_unit_test(brackets_move_and_scale_with_the_meshes),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
