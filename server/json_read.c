@@ -2,6 +2,7 @@
 
 #include <cjson/cJSON.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 qm_json *qm_json_parse(const char *text)
@@ -23,7 +24,8 @@ static const cJSON *find(const qm_json *json, const char *path)
         if (length >= sizeof name) return NULL;
         memcpy(name, path, length);
         name[length] = '\0';
-        at = cJSON_GetObjectItemCaseSensitive(at, name);
+        at = cJSON_IsArray(at) ? cJSON_GetArrayItem(at, atoi(name))
+                               : cJSON_GetObjectItemCaseSensitive(at, name);
         path += length + (path[length] == '.');
     }
     return at;

@@ -87,7 +87,7 @@ static bool perform(qm_remote *remote, CURL *curl, const qm_text *reply, qm_prob
     }
     curl_easy_getinfo(curl, CURLINFO_RESPONSE_CODE, &status);
     if (status < FIRST_REFUSAL) return true;
-    if (!reply->data || !qm_reply_read_problem(reply->data, reply->size, problem))
+    if (!reply->data || !qm_reply_read_problem(reply->data, problem))
         *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "%s answered with status %ld", remote->url, status);
     return false;
 }
@@ -131,7 +131,7 @@ bool qm_remote_upload(qm_remote *remote, const char *path, char id[QM_ID_SIZE], 
     bool is_done = send_file(remote, &file, &reply, problem);
     if (!is_done) {
         qm_cli_name_file(problem, path);
-    } else if (!qm_reply_read_mesh(reply.data ? reply.data : "", reply.size, id, diagonal)) {
+    } else if (!qm_reply_read_mesh(reply.data ? reply.data : "", id, diagonal)) {
         *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "%s did not answer with a mesh", remote->url);
         is_done = false;
     }
@@ -142,10 +142,10 @@ bool qm_remote_upload(qm_remote *remote, const char *path, char id[QM_ID_SIZE], 
 
 /* ---- the stream of a job ---- */
 
-static void take_line(exchange *e, const char *line, size_t size)
+static void take_line(exchange *e, const char *line)
 {
     qm_event event;
-    qm_reply_read_event(line, size, &event);
+    qm_reply_read_event(line, &event);
     if (event.kind == QM_EVENT_BOUNDS) {
         e->progress(e->progress_user, &event.progress);
     } else if (event.kind == QM_EVENT_RESULT) {
@@ -170,11 +170,11 @@ static size_t on_stream(char *bytes, size_t width, size_t count, void *user)
     if (status >= FIRST_REFUSAL) return width * count;
     size_t start = 0;
     for (char *end; (end = memchr(e->reply.data + start, '\n', e->reply.size - start));) {
-        size_t length = (size_t)(end - (e->reply.data + start));
-        take_line(e, e->reply.data + start, length);
-        start += length + 1;
+        *end = '\0';
+        take_line(e, e->reply.data + start);
+        start = (size_t)(end + 1 - e->reply.data);
     }
-    memmove(e->reply.data, e->reply.data + start, e->reply.size - start);
+    memmove(e->reply.data, e->reply.data + start, e->reply.size - start + 1);
     e->reply.size -= start;
     return width * count;
 }

@@ -23,13 +23,13 @@ typedef struct qm_event {
     qm_problem problem;             /* of ERROR */
 } qm_event;
 
-/** Reads one line of a stream of events. */
-void qm_reply_read_event(const char *line, size_t size, qm_event *out);
+/** Reads one line of a stream of events, without its line end. */
+void qm_reply_read_event(const char *line, qm_event *out);
 
 /** The id and the diagonal of a mesh resource; false when it is none. */
-bool qm_reply_read_mesh(const char *text, size_t size, char id[QM_ID_SIZE], double *diagonal);
+bool qm_reply_read_mesh(const char *text, char id[QM_ID_SIZE], double *diagonal);
 
 /** A problem document; false when the text is none. Codes that this version does not know become INTERNAL. */
-bool qm_reply_read_problem(const char *text, size_t size, qm_problem *out);
+bool qm_reply_read_problem(const char *text, qm_problem *out);
 
 #endif

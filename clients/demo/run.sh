@@ -73,9 +73,9 @@ upload() {
     echo "  $2: $(member kind <"$folder/mesh.json"), $(member vertices <"$folder/mesh.json") vertices, id $mesh"
 }
 
-# measure A B QUADS: streams the bounds as they come; the events stay in $folder/stream.
+# measure A B: streams the bounds as they come; the events stay in $folder/stream.
 measure() {
-    request="{\"type\":\"hausdorff\",\"a\":\"$1\",\"b\":\"$2\",\"quads\":\"$3\"}"
+    request="{\"type\":\"hausdorff\",\"a\":\"$1\",\"b\":\"$2\"}"
     echo "  curl -N -H 'Accept: application/x-ndjson' $url/v1/jobs -d '$request'"
     {
         status=0
@@ -93,7 +93,7 @@ upload "$folder/sphere_a.off" sphere_a.off
 a=$mesh
 upload "$folder/sphere_b.off" sphere_b.off
 b=$mesh
-measure "$a" "$b" bilinear
+measure "$a" "$b"
 python3 clients/demo/check_stream.py --distance "1 - cos(pi/100)" <"$folder/stream"
 
 echo
@@ -104,7 +104,7 @@ upload "$scan" bunny.obj
 a=$mesh
 upload "$folder/coarse.obj" bunny_coarse.obj
 b=$mesh
-measure "$a" "$b" triangles
+measure "$a" "$b"
 python3 clients/demo/check_stream.py <"$folder/stream"
 
 echo
