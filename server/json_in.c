@@ -7,10 +7,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "utf8.h"
+
 #define MAX_THREADS 256
 
-/** Depth of nesting before the parser sees the text: cJSON recurses. Brackets inside strings do not count. */
-static bool is_too_deep(const char *text, size_t size)
+/**
+ * The place where nesting goes too deep, or size. Looked for before the parser sees the text, because it
+ * recurses. Brackets inside strings do not count.
+ */
+static size_t find_too_deep(const char *text, size_t size)
 {
     int depth = 0;
     bool in_string = false;
@@ -22,12 +27,12 @@ static bool is_too_deep(const char *text, size_t size)
         } else if (c == '"') {
             in_string = true;
         } else if (c == '{' || c == '[') {
-            if (++depth > QM_JSON_MAX_DEPTH) return true;
+            if (++depth > QM_JSON_MAX_DEPTH) return i;
         } else if (c == '}' || c == ']') {
             depth--;
         }
     }
-    return false;
+    return size;
 }
 
 /** One field that a job may have: reads the value or says what it should be. */
@@ -36,6 +41,8 @@ typedef struct field {
     bool is_required;
     bool (*read)(const cJSON *value, qm_job_request *out);
     const char *expected;
+    const char *const
+        *later; /* values that the API knows and this version cannot serve; NULL-ended, or NULL */
 } field;
 
 static bool read_string(const cJSON *value, const char **out)
@@ -156,20 +163,23 @@ static bool read_bounds(const cJSON *value, qm_job_request *out)
     return find_name(value, names) >= 0;
 }
 
+static const char *const later_accelerators[] = {"grid", "tetra", NULL};
+static const char *const later_bounds[] = {"matching", NULL};
+
 static const field fields[] = {
-    {"type", true, read_type, "must be \"hausdorff\""},
-    {"a", true, read_a, "must be the id of a mesh"},
-    {"b", true, read_b, "must be the id of a mesh"},
-    {"direction", false, read_direction, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\""},
-    {"quads", false, read_quads, "must be \"triangles\" or \"bilinear\""},
-    {"tolerance", false, read_tolerance, "must be a number above 0"},
-    {"tolerance_unit", false, read_tolerance_unit, "must be \"relative\" or \"absolute\""},
-    {"threshold", false, read_threshold, "must be a number of 0 or more, or null"},
-    {"deadline_ms", false, read_deadline, "must be a number above 0"},
-    {"threads", false, read_threads, "must be a whole number from 1 to 256"},
-    {"detach", false, read_detach, "must be true or false"},
-    {"accelerator", false, read_accelerator, "must be \"auto\" or \"boxes\""},
-    {"bounds", false, read_bounds, "must be \"cells\""},
+    {"type", true, read_type, "must be \"hausdorff\"", NULL},
+    {"a", true, read_a, "must be the id of a mesh", NULL},
+    {"b", true, read_b, "must be the id of a mesh", NULL},
+    {"direction", false, read_direction, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\"", NULL},
+    {"quads", false, read_quads, "must be \"triangles\" or \"bilinear\"", NULL},
+    {"tolerance", false, read_tolerance, "must be a number above 0", NULL},
+    {"tolerance_unit", false, read_tolerance_unit, "must be \"relative\" or \"absolute\"", NULL},
+    {"threshold", false, read_threshold, "must be a number of 0 or more, or null", NULL},
+    {"deadline_ms", false, read_deadline, "must be a number above 0", NULL},
+    {"threads", false, read_threads, "must be a whole number from 1 to 256", NULL},
+    {"detach", false, read_detach, "must be true or false", NULL},
+    {"accelerator", false, read_accelerator, "must be \"auto\" or \"boxes\"", later_accelerators},
+    {"bounds", false, read_bounds, "must be \"cells\"", later_bounds},
 };
 enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };
 
@@ -199,13 +209,28 @@ static void make_pointer(char out[96], const char *name)
     out[length] = '\0';
 }
 
-static void complain(qm_problem *problem, const char *name, const char *words)
+/** Adds a fault. The problem as a whole takes code and words from its first one; a fault that is plainly
+ * invalid takes over from values that are only not available, as the request would stay refused. */
+static void complain(qm_problem *problem, qm_problem_code code, const char *name, const char *words)
 {
     char pointer[96];
     make_pointer(pointer, name);
-    if (problem->error_count == 0)
-        *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "%s %s", pointer + 1, words);
+    bool takes_over = code == QM_PROBLEM_INVALID_FIELD && problem->code != code;
+    if (problem->error_count == 0 || takes_over) {
+        problem->code = code;
+        snprintf(problem->detail, sizeof problem->detail, "%s %s", pointer + 1, words);
+    }
     qm_problem_add_pointer(problem, pointer, "%s", words);
+}
+
+/** Reads one member that is known and given for the first time. */
+static void read_member(const field *known, const cJSON *member, qm_job_request *out, qm_problem *problem)
+{
+    if (known->later && find_name(member, known->later) >= 0)
+        complain(problem, QM_PROBLEM_UNSUPPORTED_FEATURE, known->name,
+                 "has a value that is not available yet");
+    else if (!known->read(member, out))
+        complain(problem, QM_PROBLEM_INVALID_FIELD, known->name, known->expected);
 }
 
 static void read_members(const cJSON *object, qm_job_request *out, qm_problem *problem)
@@ -214,60 +239,91 @@ static void read_members(const cJSON *object, qm_job_request *out, qm_problem *p
     for (const cJSON *member = object->child; member; member = member->next) {
         const field *known = find_field(member->string);
         if (!known)
-            complain(problem, member->string, "is not a field of a job");
+            complain(problem, QM_PROBLEM_INVALID_FIELD, member->string, "is not a field of a job");
         else if (seen[known - fields])
-            complain(problem, member->string, "is given twice");
-        else if (!known->read(member, out))
-            complain(problem, member->string, known->expected);
+            complain(problem, QM_PROBLEM_INVALID_FIELD, member->string, "is given twice");
+        else
+            read_member(known, member, out, problem);
         if (known) seen[known - fields] = true;
     }
     for (size_t i = 0; i < FIELD_COUNT; i++)
-        if (fields[i].is_required && !seen[i]) complain(problem, fields[i].name, "is missing");
+        if (fields[i].is_required && !seen[i])
+            complain(problem, QM_PROBLEM_INVALID_FIELD, fields[i].name, "is missing");
 }
 
-static bool is_utf8(const char *text, size_t size)
+/** The place of the first byte that is not UTF-8, or size. */
+static size_t find_bad_utf8(const char *text, size_t size)
 {
     for (size_t i = 0; i < size;) {
-        unsigned char c = (unsigned char)text[i++];
-        int more = c < 0x80                ? 0
-                   : c >= 0xc2 && c < 0xe0 ? 1
-                   : c >= 0xe0 && c < 0xf0 ? 2
-                   : c >= 0xf0 && c < 0xf5 ? 3
-                                           : -1;
-        if (more < 0) return false;
-        for (; more > 0; more--, i++)
-            if (i == size || ((unsigned char)text[i] & 0xc0) != 0x80) return false;
+        size_t length = qm_utf8_length(text + i, size - i);
+        if (length == 0) return i;
+        i += length;
     }
-    return true;
+    return size;
+}
+
+/** The place of an escaped NUL, where the parser would cut the string off, or size. */
+static size_t find_escaped_nul(const char *text, size_t size)
+{
+    for (size_t i = 0; i + 1 < size; i++) {
+        if (text[i] != '\\') continue;
+        if (size - i >= 6 && memcmp(text + i, "\\u0000", 6) == 0) return i;
+        i++;
+    }
+    return size;
+}
+
+static qm_problem malformed_at(size_t place, const char *words)
+{
+    qm_problem problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "%s at byte %zu", words, place);
+    problem.error_count = 1;
+    problem.errors[0] = (qm_problem_error){.line = QM_NO_PLACE, .offset = place};
+    snprintf(problem.errors[0].detail, sizeof problem.errors[0].detail, "%s", words);
+    return problem;
+}
+
+/** What the parser must not see. */
+static bool check_text(const char *text, size_t size, qm_problem *problem)
+{
+    size_t place;
+    if ((place = find_bad_utf8(text, size)) < size)
+        *problem = malformed_at(place, "the body is not UTF-8");
+    else if ((place = find_too_deep(text, size)) < size)
+        *problem = malformed_at(place, "the JSON is nested too deep");
+    else if ((place = find_escaped_nul(text, size)) < size)
+        *problem = malformed_at(place, "a string holds a NUL character");
+    else
+        return true;
+    return false;
+}
+
+/** Parses the whole text; NULL with a problem when it is not one JSON value. */
+static cJSON *parse(const char *text, size_t size, qm_problem *problem)
+{
+    const char *end = text;
+    cJSON *tree = cJSON_ParseWithLengthOpts(text, size, &end, false);
+    const char *rest = end;
+    while (tree && rest < text + size && *rest && strchr(" \t\r\n", *rest))
+        rest++;
+    if (tree && rest == text + size) return tree;
+    *problem = malformed_at((size_t)((tree ? rest : end) - text), "the JSON cannot be read");
+    cJSON_Delete(tree);
+    return NULL;
 }
 
 bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem)
 {
     *out = qm_job_request_default();
     *problem = (qm_problem){0};
-    if (is_too_deep(text, size) || !is_utf8(text, size)) {
-        *problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON,
-                                   "the body must be UTF-8, nested at most %d deep", QM_JSON_MAX_DEPTH);
-        return false;
-    }
-    const char *end = NULL;
-    cJSON *tree = cJSON_ParseWithLengthOpts(text, size, &end, false);
-    const char *rest = end;
-    while (tree && rest < text + size && strchr(" \t\r\n", *rest) && *rest)
-        rest++;
-    if (!tree || rest != text + size) {
-        size_t place = end ? (size_t)(end - text) : 0;
-        *problem =
-            qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "the JSON ends to make sense at byte %zu", place);
-        problem->error_count = 1;
-        problem->errors[0] =
-            (qm_problem_error){.line = QM_NO_PLACE, .offset = place, .detail = "unexpected text"};
-    } else if (!cJSON_IsObject(tree)) {
+    if (!check_text(text, size, problem)) return false;
+    cJSON *tree = parse(text, size, problem);
+    if (!tree) return false;
+    if (cJSON_IsObject(tree)) {
+        read_members(tree, out, problem);
+    } else {
         *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "a job is a JSON object");
         qm_problem_add_pointer(problem, "", "must be an object");
-    } else {
-        read_members(tree, out, problem);
     }
     cJSON_Delete(tree);
-    return problem->detail[0] == '\0';
+    return problem->error_count == 0;
 }

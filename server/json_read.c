@@ -2,7 +2,6 @@
 
 #include <cjson/cJSON.h>
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 qm_json *qm_json_parse(const char *text)
@@ -24,8 +23,8 @@ static const cJSON *find(const qm_json *json, const char *path)
         if (length >= sizeof name) return NULL;
         memcpy(name, path, length);
         name[length] = '\0';
-        at = cJSON_IsArray(at) ? cJSON_GetArrayItem(at, atoi(name))
-                               : cJSON_GetObjectItemCaseSensitive(at, name);
+        if (cJSON_IsArray(at)) at = at->child;
+        at = cJSON_GetObjectItemCaseSensitive(at, name);
         path += length + (path[length] == '.');
     }
     return at;

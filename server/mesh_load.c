@@ -65,7 +65,7 @@ qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, 
     if (out->format == QM_FORMAT_UNKNOWN) {
         snprintf(report->detail, sizeof report->detail,
                  size == 0 ? "the file is empty"
-                           : "the format of the file is not known; name it with format=");
+                           : "neither the name nor the content of the file tells its format");
         return size == 0 ? QM_E_EMPTY : QM_E_FORMAT;
     }
     qm_status status = qm_codec_decode(ctx, out->format, bytes, size, limits, &out->mesh, report);

@@ -1,49 +1,67 @@
 /**
- * cli.h: what the commands of `quadmesh` share: exit statuses, input files, the interrupt, and how faults and
- * results are told.
+ * cli.h: what the parts of the command line share.
  */
 #ifndef QM_CLI_H
 #define QM_CLI_H
 
-#include "job_kinds.h"
-#include "problem.h"
+#include <stdatomic.h>
 
-typedef enum qm_exit {
-    QM_EXIT_OK = 0,
-    QM_EXIT_INPUT = 1,        /* a file or an answer of the daemon is at fault; a problem document tells it */
-    QM_EXIT_USAGE = 2,        /* the command line is at fault */
-    QM_EXIT_NOT_CONVERGED = 3 /* the bracket is valid but wider than was asked for */
-} qm_exit;
+#include "json_out.h"
 
-/** The commands; argv[0] is what messages begin with. */
-qm_exit qm_cli_hausdorff(int argc, char **argv);
-qm_exit qm_cli_info(int argc, char **argv);
+enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3 };
 
-/** Bytes of a whole file, malloc'ed. A path of "-" is standard input. */
-typedef struct qm_cli_file {
-    const char *path; /* as the user gave it */
-    const char *name; /* after the last slash */
-    uint8_t *bytes;
-    size_t size;
-} qm_cli_file;
+/** Set by the first SIGINT: searches stop with the bounds they have. */
+extern atomic_bool cli_interrupted;
 
-/** False with a problem that names the path. On success free(out->bytes). */
-bool qm_cli_read_file(const char *path, qm_cli_file *out, qm_problem *problem);
+int cmd_hausdorff(int argc, char **argv);
+int cmd_info(int argc, char **argv);
 
-/** Decodes and prepares a file; the format goes by the end of its name, else by its bytes. False with a
- * problem that names the path. */
-bool qm_cli_load(qm_context *ctx, const char *path, qm_loaded_mesh *out, qm_problem *problem);
+/** Reads a whole file. NULL after words on stderr, or a problem on stdout when as_json. Free with free(). */
+uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
 
-/** Puts the path before a problem's words, so that a reader of two files knows which one is meant. */
-void qm_cli_name_file(qm_problem *problem, const char *path);
+/** Loads a mesh file for questions in this process. False after words or a problem as above. */
+bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, qm_loaded_mesh *out);
 
-/** Raised by the first SIGINT; the second one ends the program. */
-const atomic_bool *qm_cli_catch_interrupt(void);
+/** Tells of a problem: words on stderr with the file's name, or the document on stdout. */
+void cli_complain(const char *path, const qm_problem *problem, bool as_json);
 
-/** Writes the text and a line end to stdout; false when memory ran out or it cannot be written. */
-bool qm_cli_print(qm_text *text);
+/** The words of a problem on stderr; line and offset are NAN when there is none. */
+void cli_print_problem(const char *path, double line, double offset, const char *detail);
 
-/** Tells a problem: the document on stdout when as_json, else words on stderr. Returns QM_EXIT_INPUT. */
-qm_exit qm_cli_fail(const qm_problem *problem, bool as_json);
+/** The part of a path after the last slash. */
+const char *cli_base_name(const char *path);
+
+/**
+ * How the bounds close in, on stderr: one line that is drawn over on a terminal; elsewhere a line for each
+ * step when it was asked for, else nothing.
+ */
+typedef struct cli_bar {
+    bool is_terminal, is_asked_for;
+    double first_gap; /* of the first finite bracket; 0 before it */
+    double tolerance;
+} cli_bar;
+cli_bar cli_bar_make(double tolerance, bool is_asked_for);
+void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations);
+void cli_bar_clear(const cli_bar *bar);
+
+/** Everything that `quadmesh hausdorff` was asked for. */
+typedef struct cli_question {
+    const char *path_a, *path_b;
+    const char *server; /* NULL: in this process */
+    qm_job_request request;
+    bool as_json, shows_progress;
+} cli_question;
+
+/** A bound in 9 digits, rounded down or up, so that the bracket printed holds the one computed. Returns out.
+ */
+#define CLI_BOUND_SIZE 32
+char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE]);
+
+/** Answer the question in this process, or by a daemon. Return the exit status. */
+int cli_measure_here(const cli_question *question);
+int cli_measure_there(const cli_question *question);
+
+/** Prints a result object (JSON text) as it is, or in words. Returns the exit status that goes with it. */
+int cli_print_result(const char *json, bool as_json);
 
 #endif

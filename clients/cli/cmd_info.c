@@ -1,82 +1,63 @@
-/**
- * cmd_info.c: `quadmesh info FILE`: what a file holds, as the daemon would tell it.
- */
 #include <getopt.h>
 #include <stdio.h>
-#include <string.h>
+#include <stdlib.h>
 
 #include "cli.h"
-#include "json_out.h"
 
-static const char help[] = "usage: quadmesh info [--json] FILE\n\n"
-                           "Tells what a mesh file holds. FILE is OBJ, PLY, STL, OFF, glTF binary, Draco or "
-                           "XYZ; - is standard input.\n\n"
-                           "  --json   the mesh resource of the service, or its problem document\n"
-                           "  --help   this text\n\n"
-                           "Exit status: 0; 1 the file is at fault; 2 usage.\n";
+static const char usage[] = "usage: quadmesh info FILE [--json]\n"
+                            "\n"
+                            "  --json   the mesh resource of the API, or the problem document\n";
 
-/** "min x y z" with digits that read back to the same numbers. */
-static void add_point(qm_text *out, const char *label, const double point[3])
+static void print_words(const char *path, const qm_loaded_mesh *mesh)
 {
-    qm_text_printf(out, "%s", label);
-    for (int i = 0; i < 3; i++) {
-        char number[QM_JSON_NUMBER_SIZE];
-        qm_text_printf(out, " %s", qm_json_number(point[i], number));
-    }
-}
-
-static void write_words(qm_text *out, const char *path, const qm_loaded_mesh *mesh)
-{
-    char diagonal[QM_JSON_NUMBER_SIZE];
     const qm_mesh_facts *facts = &mesh->facts;
-    qm_text_printf(out, "%s: %s\n", path, qm_loaded_mesh_kind(mesh));
-    qm_text_printf(out, "  vertices    %zu", mesh->mesh.vertex_count);
-    qm_text_printf(out, "\n  faces       %zu triangles, %zu quads, %zu polygons", facts->triangles,
-                   facts->quads, facts->polygons);
-    add_point(out, "\n  box         min", mesh->box.min);
-    add_point(out, ", max", mesh->box.max);
-    qm_text_printf(out, ", diagonal %s", qm_json_number(mesh->diagonal, diagonal));
-    qm_text_printf(
-        out, "\n  topology    %zu components, %zu boundary edges, %zu irregular vertices, %smanifold",
-        facts->components, facts->boundary_edges, facts->irregular_vertices, facts->manifold ? "" : "not ");
-    qm_text_printf(out, "\n  file        %s, %zu bytes; %zu bytes in memory", qm_format_name(mesh->format),
-                   mesh->file_size, qm_loaded_mesh_memory_size(mesh));
-    qm_text_printf(out, "\n  prepared    in %.1f ms: parse %.1f, topology %.1f, bvh %.1f",
-                   mesh->parse_ms + mesh->topology_ms + mesh->bvh_ms, mesh->parse_ms, mesh->topology_ms,
-                   mesh->bvh_ms);
+    printf("%s: %s, %s\n", path, qm_format_name(mesh->format), qm_loaded_mesh_kind(mesh));
+    printf("  vertices   %zu\n", mesh->mesh.vertex_count);
+    printf("  faces      %zu triangles, %zu quads, %zu polygons\n", facts->triangles, facts->quads,
+           facts->polygons);
+    printf("  topology   %zu components, %zu boundary edges, %zu irregular vertices, %s\n", facts->components,
+           facts->boundary_edges, facts->irregular_vertices, facts->manifold ? "manifold" : "not manifold");
+    printf("  box        %.9g %.9g %.9g to %.9g %.9g %.9g, diagonal %.9g\n", mesh->box.min[0],
+           mesh->box.min[1], mesh->box.min[2], mesh->box.max[0], mesh->box.max[1], mesh->box.max[2],
+           mesh->diagonal);
+    printf("  prepared   in %.1f ms: %.1f reading, %.1f topology, %.1f tree; %.1f MB\n",
+           mesh->parse_ms + mesh->topology_ms + mesh->bvh_ms, mesh->parse_ms, mesh->topology_ms, mesh->bvh_ms,
+           1e-6 * (double)qm_loaded_mesh_memory_size(mesh));
     for (size_t i = 0; i < mesh->warning_count; i++)
-        qm_text_printf(out, "\n  warning     %s", mesh->warnings[i]);
+        printf("  warning    %s\n", mesh->warnings[i]);
 }
 
-static qm_exit show(const char *path, bool as_json)
+static void print_json(const char *path, const qm_loaded_mesh *mesh)
 {
-    qm_context ctx = qm_context_make();
-    qm_loaded_mesh mesh;
-    qm_problem problem;
-    if (!qm_cli_load(&ctx, path, &mesh, &problem)) return qm_cli_fail(&problem, as_json);
-    const char *slash = strrchr(path, '/');
-    qm_text out = {0};
-    if (as_json)
-        qm_json_write_mesh(&out, &(qm_mesh_label){.name = slash ? slash + 1 : path}, &mesh);
-    else
-        write_words(&out, path, &mesh);
-    qm_loaded_mesh_reset(&ctx, &mesh);
-    return qm_cli_print(&out) ? QM_EXIT_OK : QM_EXIT_INPUT;
+    qm_mesh_label label = {.name = cli_base_name(path)};
+    qm_text text = {0};
+    qm_json_write_mesh(&text, &label, mesh);
+    char *document = qm_text_take(&text);
+    puts(document ? document : "{}");
+    free(document);
 }
 
-qm_exit qm_cli_info(int argc, char **argv)
+int cmd_info(int argc, char **argv)
 {
     static const struct option options[] = {
-        {"json", no_argument, NULL, 'j'}, {"help", no_argument, NULL, 'h'}, {NULL, 0, NULL, 0}};
+        {"json", no_argument, NULL, 'j'}, {"help", no_argument, NULL, 'h'}, {0}};
     bool as_json = false;
-    for (int option; (option = getopt_long(argc, argv, "jh", options, NULL)) != -1;) {
-        if (option == 'h') return fputs(help, stdout), QM_EXIT_OK;
-        if (option != 'j') return fputs(help, stderr), QM_EXIT_USAGE;
+    for (int option; (option = getopt_long(argc, argv, "", options, NULL)) != -1;) {
+        if (option == 'h') return fputs(usage, stdout), EXIT_OK;
+        if (option != 'j') return fputs(usage, stderr), EXIT_USAGE;
         as_json = true;
     }
-    if (optind + 1 != argc) {
-        fprintf(stderr, "%s: one FILE is needed\n%s", argv[0], help);
-        return QM_EXIT_USAGE;
+    if (argc - optind != 1) {
+        fprintf(stderr, "quadmesh: info takes one file, got %d\n\n", argc - optind);
+        return fputs(usage, stderr), EXIT_USAGE;
     }
-    return show(argv[optind], as_json);
+    qm_context ctx = qm_context_make();
+    qm_loaded_mesh mesh;
+    if (!cli_load_mesh(&ctx, argv[optind], as_json, &mesh)) return EXIT_BAD_INPUT;
+    if (as_json)
+        print_json(argv[optind], &mesh);
+    else
+        print_words(argv[optind], &mesh);
+    qm_loaded_mesh_reset(&ctx, &mesh);
+    return EXIT_OK;
 }

@@ -1,45 +1,47 @@
-/**
- * main.c: `quadmesh`, the questions of the daemon from a shell.
- */
+#include <signal.h>
 #include <stdio.h>
 #include <string.h>
 
 #include "cli.h"
 
-typedef struct command {
-    const char *name, *full_name; /* the second begins the messages of getopt */
-    qm_exit (*run)(int argc, char **argv);
-    const char *summary;
-} command;
+atomic_bool cli_interrupted;
 
-static const command commands[] = {
-    {"hausdorff", "quadmesh hausdorff", qm_cli_hausdorff,
-     "the distance between two surfaces, as proven bounds"},
-    {"info", "quadmesh info", qm_cli_info, "what a mesh file holds"},
-};
-enum { COMMAND_COUNT = sizeof commands / sizeof commands[0] };
+static const char help[] =
+    "quadmesh: answers geometric questions about meshes, with proof.\n"
+    "\n"
+    "usage: quadmesh hausdorff A B [options]   bounds of the Hausdorff distance between two meshes\n"
+    "       quadmesh info FILE [--json]        what a mesh file holds\n"
+    "       quadmesh --help | --version        `quadmesh COMMAND --help` tells the options\n"
+    "\n"
+    "Files: OBJ, PLY, STL, OFF, glTF binary, Draco, XYZ points.\n"
+    "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 stopped before the tolerance was reached.\n";
 
-static void print_help(FILE *out)
+static void on_interrupt(int number)
 {
-    fputs("quadmesh: answers geometric questions about meshes, with proof.\n\n"
-          "usage: quadmesh COMMAND [OPTION]... FILE...\n\n",
-          out);
-    for (size_t i = 0; i < COMMAND_COUNT; i++)
-        fprintf(out, "  %-12s %s\n", commands[i].name, commands[i].summary);
-    fputs("\n`quadmesh COMMAND --help` tells more; `quadmesh --version` tells the version.\n", out);
+    (void)number;
+    atomic_store(&cli_interrupted, true);
+}
+
+static int run_command(int argc, char **argv)
+{
+    const char *command = argc > 1 ? argv[1] : "";
+    if (strcmp(command, "hausdorff") == 0) return cmd_hausdorff(argc - 1, argv + 1);
+    if (strcmp(command, "info") == 0) return cmd_info(argc - 1, argv + 1);
+    if (strcmp(command, "--version") == 0) return puts("quadmesh " QM_VERSION), EXIT_OK;
+    if (strcmp(command, "--help") == 0) return fputs(help, stdout), EXIT_OK;
+    if (command[0]) fprintf(stderr, "quadmesh: unknown command \"%s\"\n\n", command);
+    fputs(help, stderr);
+    return EXIT_USAGE;
 }
 
 int main(int argc, char **argv)
 {
-    const char *name = argc > 1 ? argv[1] : "";
-    if (strcmp(name, "--help") == 0 || strcmp(name, "-h") == 0) return print_help(stdout), QM_EXIT_OK;
-    if (strcmp(name, "--version") == 0) return puts("quadmesh " QM_VERSION), QM_EXIT_OK;
-    for (size_t i = 0; i < COMMAND_COUNT; i++) {
-        if (strcmp(name, commands[i].name) != 0) continue;
-        argv[1] = (char *)(uintptr_t)commands[i].full_name;
-        return commands[i].run(argc - 1, argv + 1);
-    }
-    if (name[0]) fprintf(stderr, "quadmesh: there is no command \"%s\"\n", name);
-    print_help(stderr);
-    return QM_EXIT_USAGE;
+    /* The second interrupt ends the program at once. */
+    struct sigaction action = {.sa_handler = on_interrupt, .sa_flags = (int)SA_RESETHAND};
+    sigaction(SIGINT, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);
+    int status = run_command(argc, argv);
+    if (fflush(stdout) == 0 && !ferror(stdout)) return status;
+    perror("quadmesh: the answer could not be written");
+    return EXIT_BAD_INPUT;
 }

@@ -1,56 +1,54 @@
-#include "progress.h"
-
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <unistd.h>
 
+#include "cli.h"
+
 #define BAR_WIDTH 24
-#define BAR_EVERY_MS 80.0
-#define LINE_EVERY_MS 1000.0
 
-qm_progress_view qm_progress_view_make(double tolerance, double diagonal)
+cli_bar cli_bar_make(double tolerance, bool is_asked_for)
 {
-    bool is_terminal = isatty(STDERR_FILENO);
-    /* The first line waits for its time too: a search of a blink says nothing. */
-    return (qm_progress_view){.tolerance = tolerance, .diagonal = diagonal, .is_terminal = is_terminal};
+    return (cli_bar){
+        .is_terminal = isatty(STDERR_FILENO) == 1, .is_asked_for = is_asked_for, .tolerance = tolerance};
 }
 
-/** Gaps shrink by factors, so the bar goes by their logarithms. */
-static double share_done(const qm_progress_view *view, double gap)
+char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE])
 {
-    if (gap <= view->tolerance) return 1.0;
-    if (!(view->first_gap > view->tolerance) || !isfinite(gap)) return 0.0;
-    return fmax(0.0, log(view->first_gap / gap) / log(view->first_gap / view->tolerance));
+    snprintf(out, CLI_BOUND_SIZE, "%.9g", bound);
+    double printed = strtod(out, NULL);
+    if (!isfinite(bound) || (is_upper ? printed >= bound : printed <= bound)) return out;
+    /* One unit of the ninth digit outwards; floor may name the digit above at a power of ten: wider is right
+     * too. */
+    double unit = pow(10.0, floor(log10(fabs(bound))) - 8.0);
+    snprintf(out, CLI_BOUND_SIZE, "%.9g", is_upper ? printed + unit : printed - unit);
+    return out;
 }
 
-static void write_bar(const qm_progress_view *view, double gap)
+/** The share of the way from the first gap to the tolerance, on a log scale. */
+static double share_done(const cli_bar *bar, double gap)
 {
-    char bar[BAR_WIDTH + 1];
-    int full = (int)(share_done(view, gap) * BAR_WIDTH);
+    if (!(gap > bar->tolerance) || !(bar->first_gap > bar->tolerance)) return 1.0;
+    return log(bar->first_gap / gap) / log(bar->first_gap / bar->tolerance);
+}
+
+void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations)
+{
+    if (!(bar->is_terminal || bar->is_asked_for) || !isfinite(upper)) return;
+    double gap = upper - lower;
+    if (bar->first_gap == 0.0) bar->first_gap = gap;
+    char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
+    int filled = (int)(share_done(bar, gap) * BAR_WIDTH);
+    char drawn[BAR_WIDTH + 1];
     for (int i = 0; i < BAR_WIDTH; i++)
-        bar[i] = i < full ? '#' : '.';
-    bar[BAR_WIDTH] = '\0';
-    fprintf(stderr, "\r[%s] ", bar);
+        drawn[i] = i < filled ? '#' : '.';
+    drawn[BAR_WIDTH] = '\0';
+    fprintf(stderr, "%s[%s] %s .. %s  gap %.1e  %.0f/s%s", bar->is_terminal ? "\r" : "", drawn,
+            cli_format_bound(lower, false, low), cli_format_bound(upper, true, high), gap,
+            elapsed_ms > 0.0 ? 1e3 * iterations / elapsed_ms : 0.0, bar->is_terminal ? "\033[K" : "\n");
 }
 
-void qm_progress_view_show(qm_progress_view *view, const qm_hausdorff_progress *progress)
+void cli_bar_clear(const cli_bar *bar)
 {
-    double gap = progress->upper - progress->lower;
-    if (view->first_gap == 0.0 && isfinite(gap)) view->first_gap = gap;
-    if (progress->elapsed_ms - view->shown_ms < (view->is_terminal ? BAR_EVERY_MS : LINE_EVERY_MS)) return;
-    view->shown_ms = progress->elapsed_ms;
-    if (view->is_terminal) write_bar(view, gap);
-    fprintf(stderr, "%.9g <= h <= %.9g  gap %.2e", progress->lower, progress->upper,
-            view->diagonal > 0.0 ? gap / view->diagonal : gap);
-    fprintf(stderr, "  %.0f pieces/s", 1e3 * (double)progress->iterations / progress->elapsed_ms);
-    /* A shorter line must wipe the rest of a longer one. */
-    fputs(view->is_terminal ? "\033[K" : "\n", stderr);
-    view->has_bar = view->is_terminal;
-    fflush(stderr);
-}
-
-void qm_progress_view_end(qm_progress_view *view)
-{
-    if (view->has_bar) fputs("\r\033[K", stderr);
-    view->has_bar = false;
+    if (bar->is_terminal) fputs("\r\033[K", stderr);
 }

@@ -1,277 +1,248 @@
-#include "remote.h"
-
+/**
+ * remote.c: the same question asked of a daemon: both files are uploaded, the job is streamed.
+ */
 #include <curl/curl.h>
+#include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
-#include "json_out.h"
-#include "reply_in.h"
+#include "cli.h"
+#include "json_read.h"
 
 #define URL_SIZE 2048
-#define CONNECT_TIMEOUT_S 10L
-#define LOCATION_SIZE 128
-#define FIRST_REFUSAL 300 /* the first status that is not a success */
 
-struct qm_remote {
-    char url[URL_SIZE]; /* without a slash at the end */
-    char error[CURL_ERROR_SIZE];
-};
-
-/** A request on its way: the reply's text, or the lines of its stream. */
-typedef struct exchange {
-    qm_remote *remote;
+typedef struct conversation {
     CURL *curl;
-    qm_text reply;
-    char location[LOCATION_SIZE];
-    const atomic_bool *cancel;
-    bool asked_to_cancel;
-    bool has_result, has_problem;
-    qm_hausdorff_progress_fn *progress;
-    void *progress_user;
-    qm_job_result *out;
-    qm_problem *problem;
-} exchange;
+    const cli_question *question;
+    qm_text body; /* of a plain answer, or the unfinished line of a stream */
+    bool is_stream;
+    char job[256]; /* path of the job, once the daemon has told */
+    bool is_cancelled;
+    cli_bar bar;
+    char *result;    /* the result object as the daemon wrote it */
+    char *problem;   /* the problem document likewise */
+    double diagonal; /* of A */
+} conversation;
 
-qm_remote *qm_remote_create(const char *url)
+/** The text of an object that is the last member of a line {..., "name":{...}}. */
+static char *last_member(const char *line, const char *name)
 {
-    qm_remote *remote = calloc(1, sizeof *remote);
-    if (!remote || strlen(url) >= URL_SIZE || curl_global_init(CURL_GLOBAL_DEFAULT) != CURLE_OK) {
-        free(remote);
-        return NULL;
-    }
-    strcpy(remote->url, url);
-    size_t length = strlen(url);
-    while (length > 0 && remote->url[length - 1] == '/')
-        remote->url[--length] = '\0';
-    return remote;
+    char key[32];
+    snprintf(key, sizeof key, "\"%s\":", name);
+    const char *start = strstr(line, key);
+    if (!start) return NULL;
+    start += strlen(key);
+    return strndup(start, strlen(start) - 1);
 }
 
-void qm_remote_destroy(qm_remote *remote)
+static void read_line(conversation *talk, const char *line)
 {
-    if (remote) curl_global_cleanup();
-    free(remote);
+    qm_json *event = qm_json_parse(line);
+    const char *name = qm_json_get_string(event, "event");
+    if (!name) name = "";
+    if (strcmp(name, "bounds") == 0)
+        cli_bar_show(&talk->bar, qm_json_get_number(event, "lower"), qm_json_get_number(event, "upper"),
+                     qm_json_get_number(event, "elapsed_ms"), qm_json_get_number(event, "iterations"));
+    if (strcmp(name, "result") == 0) talk->result = last_member(line, "result");
+    if (strcmp(name, "error") == 0) talk->problem = last_member(line, "problem");
+    qm_json_free(event);
 }
 
-/** A handle for one request; path is put behind the daemon's address. NULL when out of memory. */
-static CURL *begin(qm_remote *remote, const char *path)
+static size_t on_bytes(char *bytes, size_t width, size_t count, void *user)
 {
-    char url[2 * URL_SIZE];
-    CURL *curl = curl_easy_init();
-    if (!curl) return NULL;
-    snprintf(url, sizeof url, "%s%s", remote->url, path);
-    remote->error[0] = '\0';
-    curl_easy_setopt(curl, CURLOPT_URL, url);
-    curl_easy_setopt(curl, CURLOPT_ERRORBUFFER, remote->error);
-    curl_easy_setopt(curl, CURLOPT_PROTOCOLS_STR, "http,https");
-    curl_easy_setopt(curl, CURLOPT_CONNECTTIMEOUT, CONNECT_TIMEOUT_S);
-    curl_easy_setopt(curl, CURLOPT_USERAGENT, "quadmesh/" QM_VERSION);
-    curl_easy_setopt(curl, CURLOPT_NOSIGNAL, 1L);
-    return curl;
-}
-
-static size_t gather(char *bytes, size_t width, size_t count, void *user)
-{
-    qm_text_add(user, bytes, width * count);
-    return ((qm_text *)user)->failed ? 0 : width * count;
-}
-
-/** Performs a request; false with a problem when it did not get through or was refused. */
-static bool perform(qm_remote *remote, CURL *curl, const qm_text *reply, qm_problem *problem)
-{
-    long status = 0;
-    CURLcode code = curl_easy_perform(curl);
-    if (code != CURLE_OK) {
-        *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s: %s", remote->url,
-                                   remote->error[0] ? remote->error : curl_easy_strerror(code));
-        return false;
-    }
-    curl_easy_getinfo(curl, CURLINFO_RESPONSE_CODE, &status);
-    if (status < FIRST_REFUSAL) return true;
-    if (!reply->data || !qm_reply_read_problem(reply->data, problem))
-        *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "%s answered with status %ld", remote->url, status);
-    return false;
-}
-
-/** "/v1/meshes?name=NAME", the name escaped. */
-static bool make_upload_path(CURL *curl, const char *name, char out[URL_SIZE])
-{
-    char *escaped = curl_easy_escape(curl, name, 0);
-    int length = escaped ? snprintf(out, URL_SIZE, "/v1/meshes?name=%s", escaped) : URL_SIZE;
-    curl_free(escaped);
-    return length < URL_SIZE;
-}
-
-static bool send_file(qm_remote *remote, const qm_cli_file *file, qm_text *reply, qm_problem *problem)
-{
-    char path[URL_SIZE];
-    bool is_named = make_upload_path(NULL, file->name, path);
-    CURL *curl = is_named ? begin(remote, path) : NULL;
-    if (!curl) {
-        *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%s: the name is too long", file->path);
-        return false;
-    }
-    struct curl_slist *headers = curl_slist_append(NULL, "Content-Type: application/octet-stream");
-    curl_easy_setopt(curl, CURLOPT_HTTPHEADER, headers);
-    curl_easy_setopt(curl, CURLOPT_POSTFIELDSIZE_LARGE, (curl_off_t)file->size);
-    curl_easy_setopt(curl, CURLOPT_POSTFIELDS, file->bytes ? (const char *)file->bytes : "");
-    curl_easy_setopt(curl, CURLOPT_WRITEFUNCTION, gather);
-    curl_easy_setopt(curl, CURLOPT_WRITEDATA, reply);
-    bool is_sent = perform(remote, curl, reply, problem);
-    curl_slist_free_all(headers);
-    curl_easy_cleanup(curl);
-    return is_sent;
-}
-
-bool qm_remote_upload(qm_remote *remote, const char *path, char id[QM_ID_SIZE], double *diagonal,
-                      qm_problem *problem)
-{
-    qm_cli_file file;
-    if (!qm_cli_read_file(path, &file, problem)) return false;
-    qm_text reply = {0};
-    bool is_done = send_file(remote, &file, &reply, problem);
-    if (!is_done) {
-        qm_cli_name_file(problem, path);
-    } else if (!qm_reply_read_mesh(reply.data ? reply.data : "", id, diagonal)) {
-        *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "%s did not answer with a mesh", remote->url);
-        is_done = false;
-    }
-    free(file.bytes);
-    qm_text_reset(&reply);
-    return is_done;
-}
-
-/* ---- the stream of a job ---- */
-
-static void take_line(exchange *e, const char *line)
-{
-    qm_event event;
-    qm_reply_read_event(line, &event);
-    if (event.kind == QM_EVENT_BOUNDS) {
-        e->progress(e->progress_user, &event.progress);
-    } else if (event.kind == QM_EVENT_RESULT) {
-        double diagonal = e->out->diagonal;
-        *e->out = event.result;
-        e->out->diagonal = diagonal;
-        e->has_result = true;
-    } else if (event.kind == QM_EVENT_ERROR) {
-        *e->problem = event.problem;
-        e->has_problem = true;
-    }
-}
-
-/** Takes whole lines out of what has come so far. */
-static size_t on_stream(char *bytes, size_t width, size_t count, void *user)
-{
-    exchange *e = user;
-    qm_text_add(&e->reply, bytes, width * count);
-    if (e->reply.failed) return 0;
-    long status = 0;
-    curl_easy_getinfo(e->curl, CURLINFO_RESPONSE_CODE, &status);
-    if (status >= FIRST_REFUSAL) return width * count;
-    size_t start = 0;
-    for (char *end; (end = memchr(e->reply.data + start, '\n', e->reply.size - start));) {
+    conversation *talk = user;
+    size_t size = width * count;
+    qm_text_add(&talk->body, bytes, size);
+    char *end;
+    while (talk->is_stream && !talk->body.failed && (end = memchr(talk->body.data, '\n', talk->body.size))) {
         *end = '\0';
-        take_line(e, e->reply.data + start);
-        start = (size_t)(end + 1 - e->reply.data);
+        read_line(talk, talk->body.data);
+        size_t used = (size_t)(end + 1 - talk->body.data);
+        talk->body.size -= used;
+        memmove(talk->body.data, end + 1, talk->body.size + 1);
     }
-    memmove(e->reply.data, e->reply.data + start, e->reply.size - start + 1);
-    e->reply.size -= start;
-    return width * count;
+    return talk->body.failed ? 0 : size;
 }
 
-/** Keeps Location: the job is cancelled there. */
+/** Keeps the place of the job, so that it can be stopped. */
 static size_t on_header(char *bytes, size_t width, size_t count, void *user)
 {
-    static const char name[] = "location:";
-    exchange *e = user;
+    static const char name[] = "Location: ";
+    conversation *talk = user;
     size_t size = width * count, skip = sizeof name - 1;
-    if (size <= skip || strncasecmp(bytes, name, skip) != 0) return size;
-    while (skip < size && bytes[skip] == ' ')
-        skip++;
-    while (size > skip && strchr("\r\n ", bytes[size - 1]))
-        size--;
-    if (size - skip < LOCATION_SIZE) {
-        memcpy(e->location, bytes + skip, size - skip);
-        e->location[size - skip] = '\0';
+    if (talk->is_stream && size > skip && strncasecmp(bytes, name, skip) == 0) {
+        size_t length = strcspn(bytes + skip, "\r\n");
+        if (length < sizeof talk->job)
+            snprintf(talk->job, sizeof talk->job, "%.*s", (int)length, bytes + skip);
     }
+    return size;
+}
+
+/** The server's address with a path, without a slash too many. */
+static void make_url(const conversation *talk, const char *path, char *url, size_t size)
+{
+    const char *server = talk->question->server;
+    size_t length = strlen(server);
+    while (length > 0 && server[length - 1] == '/')
+        length--;
+    snprintf(url, size, "%.*s%s", (int)length, server, path);
+}
+
+static size_t ignore_bytes(char *bytes, size_t width, size_t count, void *user)
+{
+    (void)bytes, (void)user;
     return width * count;
 }
 
-/** Asks the daemon to end the job; what it answers does not matter, the stream tells how it ended. */
-static void cancel_job(exchange *e)
+/** Asks the daemon to stop the job; its stream then ends with the bracket so far. */
+static bool cancel_job(const conversation *talk)
 {
-    qm_text ignored = {0};
-    CURL *curl = begin(e->remote, e->location);
-    if (curl) {
-        curl_easy_setopt(curl, CURLOPT_CUSTOMREQUEST, "DELETE");
-        curl_easy_setopt(curl, CURLOPT_WRITEFUNCTION, gather);
-        curl_easy_setopt(curl, CURLOPT_WRITEDATA, &ignored);
-        curl_easy_perform(curl);
-        curl_easy_cleanup(curl);
-    }
-    qm_text_reset(&ignored);
+    char url[URL_SIZE];
+    CURL *curl = curl_easy_init();
+    if (!curl) return false;
+    make_url(talk, talk->job, url, sizeof url);
+    curl_easy_setopt(curl, CURLOPT_URL, url);
+    curl_easy_setopt(curl, CURLOPT_CUSTOMREQUEST, "DELETE");
+    curl_easy_setopt(curl, CURLOPT_WRITEFUNCTION, ignore_bytes);
+    CURLcode code = curl_easy_perform(curl);
+    curl_easy_cleanup(curl);
+    return code == CURLE_OK;
 }
 
-/** Called by the library about once a second and whenever data comes. */
-static int on_tick(void *user, curl_off_t download, curl_off_t downloaded, curl_off_t upload,
-                   curl_off_t uploaded)
+/** Called now and then during a transfer. An interrupt stops the job; before there is one, the transfer. */
+static int on_tick(void *user, curl_off_t a, curl_off_t b, curl_off_t c, curl_off_t d)
 {
-    (void)download, (void)downloaded, (void)upload, (void)uploaded;
-    exchange *e = user;
-    if (e->asked_to_cancel || !atomic_load(e->cancel) || !e->location[0]) return 0;
-    e->asked_to_cancel = true;
-    cancel_job(e);
+    (void)a, (void)b, (void)c, (void)d;
+    conversation *talk = user;
+    if (!atomic_load(&cli_interrupted) || talk->is_cancelled) return 0;
+    if (!talk->job[0] || !cancel_job(talk)) return 1;
+    talk->is_cancelled = true;
     return 0;
 }
 
-static void set_stream_options(exchange *e, struct curl_slist *headers, const qm_text *body)
+static void complain_of_transfer(const conversation *talk, const char *url, CURLcode code)
 {
-    curl_easy_setopt(e->curl, CURLOPT_HTTPHEADER, headers);
-    curl_easy_setopt(e->curl, CURLOPT_POSTFIELDSIZE_LARGE, (curl_off_t)body->size);
-    curl_easy_setopt(e->curl, CURLOPT_POSTFIELDS, body->data);
-    curl_easy_setopt(e->curl, CURLOPT_WRITEFUNCTION, on_stream);
-    curl_easy_setopt(e->curl, CURLOPT_WRITEDATA, e);
-    curl_easy_setopt(e->curl, CURLOPT_HEADERFUNCTION, on_header);
-    curl_easy_setopt(e->curl, CURLOPT_HEADERDATA, e);
-    curl_easy_setopt(e->curl, CURLOPT_XFERINFOFUNCTION, on_tick);
-    curl_easy_setopt(e->curl, CURLOPT_XFERINFODATA, e);
-    curl_easy_setopt(e->curl, CURLOPT_NOPROGRESS, 0L);
+    bool is_interrupted = code == CURLE_ABORTED_BY_CALLBACK;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s",
+                                         is_interrupted ? "interrupted" : curl_easy_strerror(code));
+    cli_complain(url, &problem, talk->question->as_json);
 }
 
-static bool run_stream(exchange *e, const qm_text *body)
+/** Posts bytes; returns the HTTP status, or 0 after words or a problem. */
+static long post(conversation *talk, const char *path, const void *bytes, size_t size, const char *accept,
+                 const char *type)
 {
-    struct curl_slist *headers = curl_slist_append(NULL, "Content-Type: application/json");
-    struct curl_slist *accept = headers ? curl_slist_append(headers, "Accept: application/x-ndjson") : NULL;
-    e->curl = accept && !body->failed ? begin(e->remote, "/v1/jobs") : NULL;
-    bool is_done = false;
-    if (e->curl) {
-        set_stream_options(e, headers, body);
-        is_done = perform(e->remote, e->curl, &e->reply, e->problem);
-        curl_easy_cleanup(e->curl);
-    } else {
-        *e->problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the request");
-    }
+    char url[URL_SIZE];
+    make_url(talk, path, url, sizeof url);
+    struct curl_slist *headers = curl_slist_append(NULL, accept);
+    headers = curl_slist_append(headers, type);
+    qm_text_reset(&talk->body);
+    curl_easy_setopt(talk->curl, CURLOPT_URL, url);
+    curl_easy_setopt(talk->curl, CURLOPT_POSTFIELDS, bytes);
+    curl_easy_setopt(talk->curl, CURLOPT_POSTFIELDSIZE_LARGE, (curl_off_t)size);
+    curl_easy_setopt(talk->curl, CURLOPT_HTTPHEADER, headers);
+    curl_easy_setopt(talk->curl, CURLOPT_WRITEFUNCTION, on_bytes);
+    curl_easy_setopt(talk->curl, CURLOPT_WRITEDATA, talk);
+    curl_easy_setopt(talk->curl, CURLOPT_HEADERFUNCTION, on_header);
+    curl_easy_setopt(talk->curl, CURLOPT_HEADERDATA, talk);
+    curl_easy_setopt(talk->curl, CURLOPT_XFERINFOFUNCTION, on_tick);
+    curl_easy_setopt(talk->curl, CURLOPT_XFERINFODATA, talk);
+    curl_easy_setopt(talk->curl, CURLOPT_NOPROGRESS, 0L);
+    CURLcode code = curl_easy_perform(talk->curl);
     curl_slist_free_all(headers);
-    return is_done;
+    long status = 0;
+    if (code == CURLE_OK)
+        curl_easy_getinfo(talk->curl, CURLINFO_RESPONSE_CODE, &status);
+    else if (!talk->result) /* all that was wanted of the stream is there */
+        complain_of_transfer(talk, url, code);
+    return status;
 }
 
-bool qm_remote_run(qm_remote *remote, const qm_job_request *request, const atomic_bool *cancel,
-                   qm_hausdorff_progress_fn *progress, void *progress_user, qm_job_result *out,
-                   qm_problem *problem)
+/** There is no problem document to pass on: the stream was cut, or some other server answers. */
+static void complain_of_answer(const conversation *talk, const char *path, long status)
 {
-    exchange e = {.remote = remote,
-                  .cancel = cancel,
-                  .progress = progress,
-                  .progress_user = progress_user,
-                  .out = out,
-                  .problem = problem};
-    qm_text body = {0};
-    qm_json_write_request(&body, request);
-    bool is_done = run_stream(&e, &body);
-    qm_text_reset(&body);
-    qm_text_reset(&e.reply);
-    if (is_done && !e.has_result && !e.has_problem)
-        *problem =
-            qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s: the stream ended without a result", remote->url);
-    return is_done && e.has_result;
+    bool is_cut = talk->is_stream && status == 200;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE,
+                                         is_cut ? "the stream ended without a result"
+                                                : "the answer, with status %ld, is not quadmeshd's",
+                                         status);
+    cli_complain(path, &problem, talk->question->as_json);
+}
+
+/** Tells of a problem document as cli_complain does of a problem. */
+static void print_problem(const conversation *talk, const char *path, const char *document, long status)
+{
+    qm_json *problem = document ? qm_json_parse(document) : NULL;
+    const char *detail = qm_json_get_string(problem, "detail");
+    if (!detail)
+        complain_of_answer(talk, path, status);
+    else if (talk->question->as_json)
+        puts(document);
+    else
+        cli_print_problem(path, qm_json_get_number(problem, "errors.line"),
+                          qm_json_get_number(problem, "errors.offset"), detail);
+    qm_json_free(problem);
+}
+
+/** Uploads a file and writes its id; false after words or a problem. */
+static bool upload(conversation *talk, const char *path, char id[QM_ID_SIZE])
+{
+    size_t size;
+    uint8_t *bytes = cli_read_file(path, &size, talk->question->as_json);
+    if (!bytes) return false;
+    char target[1024];
+    char *name = curl_easy_escape(talk->curl, cli_base_name(path), 0);
+    snprintf(target, sizeof target, "/v1/meshes?name=%s", name ? name : "");
+    curl_free(name);
+    long status =
+        post(talk, target, bytes, size, "Accept: application/json", "Content-Type: application/octet-stream");
+    free(bytes);
+    bool stored = status == 200 || status == 201;
+    if (stored) {
+        qm_json *mesh = qm_json_parse(talk->body.data);
+        const char *given = qm_json_get_string(mesh, "id");
+        snprintf(id, QM_ID_SIZE, "%s", given ? given : "");
+        if (talk->diagonal == 0.0) talk->diagonal = qm_json_get_number(mesh, "bounding_box.diagonal");
+        qm_json_free(mesh);
+    } else if (status != 0) {
+        print_problem(talk, path, talk->body.data, status);
+    }
+    return stored;
+}
+
+static int stream_job(conversation *talk, const qm_job_request *request)
+{
+    qm_text text = {0};
+    qm_json_write_request(&text, request);
+    char *body = qm_text_take(&text);
+    if (!body) return EXIT_BAD_INPUT;
+    talk->is_stream = true;
+    talk->bar = cli_bar_make(request->tolerance * (request->tolerance_is_absolute ? 1.0 : talk->diagonal),
+                             talk->question->shows_progress);
+    long status = post(talk, "/v1/jobs", body, strlen(body), "Accept: application/x-ndjson",
+                       "Content-Type: application/json");
+    cli_bar_clear(&talk->bar);
+    free(body);
+    if (talk->result) return cli_print_result(talk->result, talk->question->as_json);
+    if (status != 0)
+        print_problem(talk, talk->question->server, talk->problem ? talk->problem : talk->body.data, status);
+    return atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : EXIT_BAD_INPUT;
+}
+
+int cli_measure_there(const cli_question *question)
+{
+    curl_global_init(CURL_GLOBAL_DEFAULT);
+    conversation talk = {.curl = curl_easy_init(), .question = question};
+    qm_job_request request = question->request;
+    int status = EXIT_BAD_INPUT;
+    if (talk.curl && upload(&talk, question->path_a, request.a) && upload(&talk, question->path_b, request.b))
+        status = stream_job(&talk, &request);
+    curl_easy_cleanup(talk.curl);
+    curl_global_cleanup();
+    qm_text_reset(&talk.body);
+    free(talk.result);
+    free(talk.problem);
+    return status;
 }

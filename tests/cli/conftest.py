@@ -1,0 +1,88 @@
+"""The command line and a daemon, from the folder QM_BUILD (default: build), and small meshes by formula."""
+
+import math
+import os
+import pathlib
+import subprocess
+import time
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BUILD = pathlib.Path(os.environ.get("QM_BUILD", ROOT / "build")).resolve()
+
+
+def write_torus(path, columns, rows, minor, turn=0.0):
+    """An OBJ file of columns x rows quads on the torus of radii 1 and minor."""
+    lines = []
+    for i in range(columns):
+        for j in range(rows):
+            u = 2 * math.pi * (i + turn) / columns
+            v = 2 * math.pi * (j + turn) / rows
+            ring = 1 + minor * math.cos(v)
+            lines.append(f"v {ring * math.cos(u)!r} {ring * math.sin(u)!r} {minor * math.sin(v)!r}")
+    for i in range(columns):
+        for j in range(rows):
+            corners = [(i, j), (i + 1, j), (i + 1, j + 1), (i, j + 1)]
+            lines.append("f " + " ".join(str(x % columns * rows + y % rows + 1) for x, y in corners))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
+def quadmesh(tmp_path):
+    """Runs `quadmesh` with arguments; keywords go to subprocess.run."""
+
+    def run(*arguments, **options):
+        options = {"capture_output": True, "text": True, "timeout": 60, "cwd": tmp_path} | options
+        return subprocess.run([BUILD / "quadmesh", *map(str, arguments)], **options)
+
+    run.program = BUILD / "quadmesh"
+    return run
+
+
+@pytest.fixture
+def square(tmp_path):
+    path = tmp_path / "square.obj"
+    path.write_text("v 0 0 0\nv 2 0 0\nv 2 2 0\nv 0 2 0\nf 1 2 3 4\n")
+    return path
+
+
+@pytest.fixture
+def raised(tmp_path):
+    """The square one unit higher: the distance between the two is exactly 1."""
+    path = tmp_path / "raised.obj"
+    path.write_text("v 0 0 1\nv 2 0 1\nv 2 2 1\nv 0 2 1\nf 1 2 3 4\n")
+    return path
+
+
+@pytest.fixture
+def slow_pair(tmp_path):
+    """Two tori whose distance takes a tolerance of 1e-13 very long."""
+    return (
+        write_torus(tmp_path / "slow_a.obj", 400, 200, 0.3),
+        write_torus(tmp_path / "slow_b.obj", 401, 201, 0.31, 0.37),
+    )
+
+
+@pytest.fixture(scope="session")
+def server(tmp_path_factory):
+    """The address of a daemon of our own."""
+    folder = tmp_path_factory.mktemp("daemon")
+    port_file = folder / "port"
+    with open(folder / "log", "wb") as log:
+        daemon = subprocess.Popen(
+            [BUILD / "quadmeshd", "--port", "0", "--port-file", port_file, "--data-dir", folder / "data"],
+            stdout=log,
+            stderr=log,
+        )
+    try:
+        end = time.monotonic() + 20
+        while not (port_file.exists() and port_file.read_text().strip()):
+            assert daemon.poll() is None, (folder / "log").read_text()
+            assert time.monotonic() < end, "the daemon does not come up"
+            time.sleep(0.02)
+        yield f"http://127.0.0.1:{port_file.read_text().strip()}"
+    finally:
+        daemon.terminate()
+        assert daemon.wait(20) == 0

@@ -1,0 +1,199 @@
+"""`quadmesh` as a shell sees it: standard output, standard error, exit status."""
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import time
+
+import pytest
+
+
+def bracket_holds(result, distance):
+    return result["lower"] <= distance <= result["upper"]
+
+
+@pytest.mark.parametrize("direction", ["a_to_b", "b_to_a", "two_sided"])
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+def test_a_distance_of_one(quadmesh, square, raised, direction, quads):
+    done = quadmesh("hausdorff", square, raised, "--direction", direction, "--quads", quads, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    result = json.loads(done.stdout)
+    assert bracket_holds(result, 1.0)
+    assert result["upper"] - result["lower"] <= 1e-6 * 8**0.5
+    assert result["converged"] is True
+    assert result["stopped_by"] == "converged"
+    assert result["verdict"] is None
+    assert (result["direction"], result["quads"]) == (direction, quads)
+    assert {result["witness"]["from"]["mesh"], result["witness"]["to"]["mesh"]} == {"a", "b"}
+    assert set(result["prepare_ms"]) == {"a", "b"}
+
+
+def test_words_for_people(quadmesh, square, raised):
+    done = quadmesh("hausdorff", square, raised, "--tolerance", "0.001", "--absolute", "--threads", "2")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith("Hausdorff distance, two_sided")
+
+
+@pytest.mark.parametrize("threshold, verdict", [("0.5", "above"), ("1.5", "below")])
+def test_a_threshold_gives_a_verdict(quadmesh, square, raised, threshold, verdict):
+    done = quadmesh("hausdorff", square, raised, "--threshold", threshold, "--json")
+    assert done.returncode == 0
+    assert json.loads(done.stdout)["verdict"] == verdict
+
+
+def test_a_deadline_leaves_a_bracket(quadmesh, slow_pair):
+    done = quadmesh("hausdorff", *slow_pair, "--tolerance", "1e-13", "--deadline-ms", "200", "--json")
+    assert done.returncode == 3
+    result = json.loads(done.stdout)
+    assert result["stopped_by"] == "deadline"
+    assert 0 < result["lower"] < result["upper"]
+
+
+@pytest.mark.parametrize("where", ["here", "there"])
+def test_an_interrupt_leaves_a_bracket(quadmesh, slow_pair, server, where):
+    options = ["--server", server] if where == "there" else []
+    command = [quadmesh.program, "hausdorff", *slow_pair, "--tolerance", "1e-13", "--quads", "bilinear", "--json"]
+    with subprocess.Popen([*command, "--progress", *options], stdout=-1, stderr=-1, text=True) as running:
+        assert running.stderr.readline().startswith("[")  # the search has begun
+        time.sleep(0.1)
+        running.send_signal(signal.SIGINT)
+        stdout, _ = running.communicate(timeout=30)
+    assert running.returncode == 3
+    result = json.loads(stdout)
+    assert result["stopped_by"] == "canceled"
+    assert result["lower"] < result["upper"]
+
+
+def test_progress_only_closes_in(quadmesh, slow_pair):
+    done = quadmesh("hausdorff", *slow_pair, "--tolerance", "1e-3", "--progress")
+    assert done.returncode == 0
+    brackets = [(float(w[1]), float(w[3])) for w in map(str.split, done.stderr.splitlines())]
+    assert len(brackets) >= 2
+    for (low, high), (next_low, next_high) in zip(brackets, brackets[1:]):
+        assert low <= next_low <= next_high <= high
+
+
+def test_a_terminal_gets_a_bar(quadmesh, slow_pair):
+    ours, theirs = pty.openpty()
+    done = quadmesh("hausdorff", *slow_pair, "--tolerance", "1e-3", capture_output=False, stdout=-1, stderr=theirs)
+    os.close(theirs)
+    drawn = os.read(ours, 65536).decode()
+    os.close(ours)
+    assert done.returncode == 0
+    assert "\r[" in drawn and "gap" in drawn
+    assert drawn.endswith("\r\x1b[K")
+
+
+def test_a_daemon_says_the_same(quadmesh, square, raised, server):
+    here = json.loads(quadmesh("hausdorff", square, raised, "--json").stdout)
+    done = quadmesh("hausdorff", square, raised, "--json", "--server", server + "/")
+    assert (done.returncode, done.stderr) == (0, "")
+    there = json.loads(done.stdout)
+    assert set(there) == set(here)
+    for name in ("lower", "upper", "lower_relative", "upper_relative", "iterations", "tolerance"):
+        assert there[name] == here[name]
+
+
+@pytest.mark.parametrize("where", ["here", "there"])
+def test_a_bad_file_names_its_line(quadmesh, tmp_path, square, server, where):
+    bad = tmp_path / "bad.obj"
+    bad.write_text("v 0 0 0\nv 1 0 nan\n")
+    options = ["--server", server] if where == "there" else []
+    words = quadmesh("hausdorff", square, bad, *options)
+    assert (words.returncode, words.stdout) == (1, "")
+    assert "bad.obj:2: " in words.stderr
+    done = quadmesh("hausdorff", square, bad, "--json", *options)
+    assert (done.returncode, done.stderr) == (1, "")
+    problem = json.loads(done.stdout)
+    assert (problem["status"], problem["code"]) == (422, "not_finite")
+    assert problem["errors"][0]["line"] == 2
+
+
+def test_no_daemon_is_a_problem(quadmesh, square, raised):
+    done = quadmesh("hausdorff", square, raised, "--json", "--server", "http://127.0.0.1:9")
+    assert (done.returncode, json.loads(done.stdout)["code"]) == (1, "unavailable")
+
+
+def test_info_is_the_mesh_resource(quadmesh, square):
+    done = quadmesh("info", square, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    mesh = json.loads(done.stdout)
+    assert mesh["name"] == "square.obj"
+    assert mesh["kind"] == "quads"
+    assert mesh["vertices"] == 4
+    assert mesh["faces"] == {"triangles": 0, "quads": 1, "polygons": 0}
+    assert mesh["boundary_edges"] == 4
+    assert mesh["bounding_box"] == {"min": [0, 0, 0], "max": [2, 2, 0], "diagonal": 8**0.5}
+    assert set(mesh["prepare_ms"]) == {"parse", "topology", "bvh"}
+    assert mesh["warnings"] == []
+
+
+def test_info_reads_standard_input(quadmesh, square):
+    done = quadmesh("info", "-", input=square.read_text())
+    assert done.returncode == 0
+    assert "quads" in done.stdout
+
+
+def test_an_empty_file_is_refused(quadmesh, tmp_path):
+    (tmp_path / "empty.obj").touch()
+    done = quadmesh("info", "empty.obj", "--json")
+    assert (done.returncode, json.loads(done.stdout)["code"]) == (1, "empty_mesh")
+
+
+@pytest.mark.parametrize("path", ["missing.obj", ".", "/dev/zero"])
+def test_what_is_no_file_is_refused(quadmesh, path):
+    done = quadmesh("info", path)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "cannot be read" in done.stderr
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["measure"],
+        ["hausdorff"],
+        ["hausdorff", "a"],
+        ["hausdorff", "a", "b", "c"],
+        ["hausdorff", "a", "b", "--what"],
+        ["hausdorff", "a", "b", "--direction", "up"],
+        ["hausdorff", "a", "b", "--quads", "flat"],
+        ["hausdorff", "a", "b", "--tolerance", "0"],
+        ["hausdorff", "a", "b", "--tolerance", "1e-6x"],
+        ["hausdorff", "a", "b", "--tolerance", "nan"],
+        ["hausdorff", "a", "b", "--threshold", "-1"],
+        ["hausdorff", "a", "b", "--deadline-ms", "0"],
+        ["hausdorff", "a", "b", "--threads", "0"],
+        ["hausdorff", "a", "b", "--threads", "1.5"],
+        ["hausdorff", "a", "b", "--threads", "257"],
+        ["info"],
+        ["info", "a", "b"],
+        ["info", "a", "--what"],
+    ],
+)
+def test_wrong_usage(quadmesh, arguments):
+    done = quadmesh(*arguments)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "usage:" in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["hausdorff", "--help"], ["info", "--help"]])
+def test_help_goes_to_standard_output(quadmesh, arguments):
+    done = quadmesh(*arguments)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert "usage:" in done.stdout
+
+
+def test_version(quadmesh):
+    done = quadmesh("--version")
+    assert done.returncode == 0
+    assert done.stdout.startswith("quadmesh ")
+
+
+def test_a_full_disk_is_no_success(quadmesh, square):
+    with open("/dev/full", "w") as full:
+        done = quadmesh("info", square, "--json", capture_output=False, stdout=full, stderr=subprocess.PIPE)
+    assert done.returncode == 1
+    assert "could not be written" in done.stderr

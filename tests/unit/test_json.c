@@ -1,0 +1,500 @@
+/*
+ * Numbers and documents to JSON, and job requests from it.
+ */
+#include <float.h>
+#include <locale.h>
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "check.h"
+#include "json_in.h"
+#include "json_out.h"
+#include "random.h"
+#include "utf8.h"
+
+/* ---- numbers ---- */
+
+static uint64_t bits_of(double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    return bits;
+}
+
+static double double_of(uint64_t bits)
+{
+    double value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static void check_number(double value, uint64_t seed)
+{
+    char text[QM_JSON_NUMBER_SIZE];
+    assert_ptr_equal(qm_json_number(value, text), text);
+    QM_CHECK(bits_of(strtod(text, NULL)) == bits_of(value), "seed %llu: %a became %s",
+             (unsigned long long)seed, value, text);
+    QM_CHECK(strspn(text, "0123456789+-.e") == strlen(text), "%s", text);
+}
+
+static void random_bits_survive(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 0);
+    int count = qm_check_long() ? 5000000 : 200000;
+    for (int i = 0; i < count; i++) {
+        uint64_t bits = qm_random_bits(&random);
+        if (i % 8 == 0) bits &= ~(0x7ffull << 52); /* subnormal */
+        if (isfinite(double_of(bits))) check_number(double_of(bits), seed);
+    }
+}
+
+static void edges_survive(void **state)
+{
+    (void)state;
+    static const double edges[] = {0.0,     -0.0,       DBL_TRUE_MIN, -DBL_TRUE_MIN, DBL_MIN,
+                                   DBL_MAX, -DBL_MAX,   1e308,        1e-308,        0.1,
+                                   1.0 / 3, 4.93439e-4, 1e22,         1e23,          9007199254740993.0};
+    for (size_t i = 0; i < sizeof edges / sizeof edges[0]; i++) {
+        check_number(edges[i], 0);
+        check_number(nextafter(edges[i], 0.0), 0);
+    }
+}
+
+static void numbers_are_short(void **state)
+{
+    (void)state;
+    char text[QM_JSON_NUMBER_SIZE];
+    assert_string_equal(qm_json_number(0.1, text), "0.1");
+    assert_string_equal(qm_json_number(1e-6, text), "1e-06");
+    assert_string_equal(qm_json_number(100.0, text), "100");
+    assert_string_equal(qm_json_number(DBL_TRUE_MIN, text), "5e-324");
+    assert_string_equal(qm_json_number(0.1 + 0.2, text), "0.30000000000000004");
+}
+
+static void not_finite_is_null(void **state)
+{
+    (void)state;
+    char text[QM_JSON_NUMBER_SIZE];
+    assert_string_equal(qm_json_number(NAN, text), "null");
+    assert_string_equal(qm_json_number(INFINITY, text), "null");
+    assert_string_equal(qm_json_number(-INFINITY, text), "null");
+}
+
+static void a_decimal_comma_stays_out(void **state)
+{
+    (void)state;
+    static const char *const names[] = {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8", "ko_KR.UTF-8@comma"};
+    bool found = false;
+    for (size_t i = 0; i < sizeof names / sizeof names[0] && !found; i++)
+        found = setlocale(LC_NUMERIC, names[i]) && localeconv()->decimal_point[0] == ',';
+    if (!found) skip(); /* no such locale on this machine */
+    char text[QM_JSON_NUMBER_SIZE];
+    qm_json_number(1.0 / 3, text);
+    qm_job_request request;
+    qm_problem problem;
+    static const char body[] = "{\"type\":\"hausdorff\",\"a\":\"m\",\"b\":\"m\",\"tolerance\":0.25}";
+    bool is_read = qm_json_read_job(body, strlen(body), &request, &problem);
+    setlocale(LC_NUMERIC, "C");
+    assert_string_equal(text, "0.3333333333333333");
+    assert_true(is_read);
+    assert_true(request.tolerance == 0.25);
+}
+
+/* ---- requests ---- */
+
+static bool read_job(const char *text, qm_job_request *request, qm_problem *problem)
+{
+    /* An exact block on the heap: a sanitizer sees any look past the end. */
+    size_t size = strlen(text);
+    char *copy = malloc(size > 0 ? size : 1);
+    assert_non_null(copy);
+    memcpy(copy, text, size);
+    bool ok = qm_json_read_job(copy, size, request, problem);
+    free(copy);
+    return ok;
+}
+
+static void every_field_is_read(void **state)
+{
+    (void)state;
+    qm_job_request request;
+    qm_problem problem;
+    assert_true(
+        read_job(" {\"type\":\"hausdorff\",\"a\":\"mesh-1\",\"b\":\"mesh-2\",\"direction\":\"b_to_a\","
+                 "\"quads\":\"bilinear\",\"tolerance\":1e-3,\"tolerance_unit\":\"absolute\","
+                 "\"threshold\":0,\"deadline_ms\":1500.5,\"threads\":2,\"accelerator\":\"boxes\","
+                 "\"bounds\":\"cells\",\"detach\":true}\r\n",
+                 &request, &problem));
+    assert_int_equal(request.kind, QM_JOB_HAUSDORFF);
+    assert_string_equal(request.a, "mesh-1");
+    assert_string_equal(request.b, "mesh-2");
+    assert_int_equal(request.direction, QM_B_TO_A);
+    assert_int_equal(request.quads, QM_QUADS_BILINEAR);
+    assert_true(request.tolerance == 1e-3);
+    assert_true(request.tolerance_is_absolute);
+    assert_true(request.threshold == 0.0);
+    assert_true(request.deadline_ms == 1500.5);
+    assert_int_equal(request.threads, 2);
+    assert_true(request.detach);
+}
+
+static void absent_fields_have_defaults(void **state)
+{
+    (void)state;
+    qm_job_request request;
+    qm_problem problem;
+    assert_true(
+        read_job("{\"type\":\"hausdorff\",\"a\":\"m\",\"b\":\"n\",\"threshold\":null}", &request, &problem));
+    assert_int_equal(request.direction, QM_TWO_SIDED);
+    assert_int_equal(request.quads, QM_QUADS_TRIANGLES);
+    assert_true(request.tolerance == 1e-6);
+    assert_false(request.tolerance_is_absolute);
+    assert_true(isnan(request.threshold));
+    assert_true(request.deadline_ms == 0.0);
+    assert_int_equal(request.threads, 0);
+    assert_false(request.detach);
+}
+
+/** A member added to a good request, the code of the refusal and the pointer of its first error. */
+typedef struct bad_member {
+    const char *member;
+    qm_problem_code code;
+    const char *pointer;
+} bad_member;
+
+static void bad_members_are_pointed_at(void **state)
+{
+    (void)state;
+    static const bad_member cases[] = {
+        {"\"direction\":\"up\"", QM_PROBLEM_INVALID_FIELD, "/direction"},
+        {"\"direction\":1", QM_PROBLEM_INVALID_FIELD, "/direction"},
+        {"\"direction\":null", QM_PROBLEM_INVALID_FIELD, "/direction"},
+        {"\"Direction\":\"a_to_b\"", QM_PROBLEM_INVALID_FIELD, "/Direction"},
+        {"\"quads\":true", QM_PROBLEM_INVALID_FIELD, "/quads"},
+        {"\"quads\":\"Bilinear\"", QM_PROBLEM_INVALID_FIELD, "/quads"},
+        {"\"tolerance\":0", QM_PROBLEM_INVALID_FIELD, "/tolerance"},
+        {"\"tolerance\":-1e-6", QM_PROBLEM_INVALID_FIELD, "/tolerance"},
+        {"\"tolerance\":\"1e-6\"", QM_PROBLEM_INVALID_FIELD, "/tolerance"},
+        {"\"tolerance\":1e999", QM_PROBLEM_INVALID_FIELD, "/tolerance"},
+        {"\"tolerance\":1e-999", QM_PROBLEM_INVALID_FIELD, "/tolerance"},
+        {"\"tolerance\":[1]", QM_PROBLEM_INVALID_FIELD, "/tolerance"},
+        {"\"tolerance_unit\":\"mm\"", QM_PROBLEM_INVALID_FIELD, "/tolerance_unit"},
+        {"\"threshold\":-1", QM_PROBLEM_INVALID_FIELD, "/threshold"},
+        {"\"threshold\":1e400", QM_PROBLEM_INVALID_FIELD, "/threshold"},
+        {"\"threshold\":{}", QM_PROBLEM_INVALID_FIELD, "/threshold"},
+        {"\"deadline_ms\":0", QM_PROBLEM_INVALID_FIELD, "/deadline_ms"},
+        {"\"deadline_ms\":false", QM_PROBLEM_INVALID_FIELD, "/deadline_ms"},
+        {"\"threads\":0", QM_PROBLEM_INVALID_FIELD, "/threads"},
+        {"\"threads\":1.5", QM_PROBLEM_INVALID_FIELD, "/threads"},
+        {"\"threads\":1e18", QM_PROBLEM_INVALID_FIELD, "/threads"},
+        {"\"threads\":-3", QM_PROBLEM_INVALID_FIELD, "/threads"},
+        {"\"detach\":1", QM_PROBLEM_INVALID_FIELD, "/detach"},
+        {"\"detach\":\"true\"", QM_PROBLEM_INVALID_FIELD, "/detach"},
+        {"\"accelerator\":\"octree\"", QM_PROBLEM_INVALID_FIELD, "/accelerator"},
+        {"\"accelerator\":\"grid\"", QM_PROBLEM_UNSUPPORTED_FEATURE, "/accelerator"},
+        {"\"accelerator\":\"tetra\"", QM_PROBLEM_UNSUPPORTED_FEATURE, "/accelerator"},
+        {"\"bounds\":\"matching\"", QM_PROBLEM_UNSUPPORTED_FEATURE, "/bounds"},
+        {"\"bounds\":\"loose\"", QM_PROBLEM_INVALID_FIELD, "/bounds"},
+        {"\"bounds\":\"matching\",\"threads\":0", QM_PROBLEM_INVALID_FIELD, "/bounds"},
+        {"\"colour\":\"red\"", QM_PROBLEM_INVALID_FIELD, "/colour"},
+        {"\"a/b~c\":1", QM_PROBLEM_INVALID_FIELD, "/a~1b~0c"},
+        {"\"\":1", QM_PROBLEM_INVALID_FIELD, "/"},
+        {"\"a\":\"again\"", QM_PROBLEM_INVALID_FIELD, "/a"},
+        {"\"threads\":1,\"threads\":1", QM_PROBLEM_INVALID_FIELD, "/threads"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char text[256];
+        snprintf(text, sizeof text, "{\"type\":\"hausdorff\",\"a\":\"m\",\"b\":\"n\",%s}", cases[i].member);
+        qm_job_request request;
+        qm_problem problem;
+        QM_CHECK(!read_job(text, &request, &problem), "%s was taken", text);
+        QM_CHECK(problem.code == cases[i].code, "%s: %s", text, qm_problem_name(problem.code));
+        QM_CHECK(problem.detail[0] && problem.errors[0].detail[0], "%s: no words", text);
+        QM_CHECK(problem.error_count >= 1 && strcmp(problem.errors[0].pointer, cases[i].pointer) == 0,
+                 "%s: %s", text, problem.errors[0].pointer);
+    }
+}
+
+static void what_is_missing_is_named(void **state)
+{
+    (void)state;
+    qm_job_request request;
+    qm_problem problem;
+    assert_false(read_job("{}", &request, &problem));
+    assert_int_equal(problem.code, QM_PROBLEM_INVALID_FIELD);
+    assert_int_equal(problem.error_count, 3);
+    assert_string_equal(problem.errors[0].pointer, "/type");
+    assert_string_equal(problem.errors[1].pointer, "/a");
+    assert_string_equal(problem.errors[2].pointer, "/b");
+    assert_false(read_job("{\"type\":\"collision\",\"a\":\"\",\"b\":7}", &request, &problem));
+    assert_int_equal(problem.error_count, 3);
+    assert_false(read_job("{\"type\":\"hausdorff\",\"a\":\"0123456789012345678901234567890123456789\","
+                          "\"b\":\"b\"}",
+                          &request, &problem));
+    assert_string_equal(problem.errors[0].pointer, "/a");
+}
+
+static void more_faults_than_fit_are_refused_too(void **state)
+{
+    (void)state;
+    qm_job_request request;
+    qm_problem problem;
+    assert_false(read_job("{\"1\":1,\"2\":2,\"3\":3,\"4\":4,\"5\":5,\"6\":6,\"7\":7,\"8\":8,\"9\":9}",
+                          &request, &problem));
+    assert_int_equal(problem.error_count, QM_PROBLEM_ERRORS);
+}
+
+/** A body that is not JSON, and the byte where it stops to be. */
+typedef struct bad_text {
+    const char *text;
+    size_t offset;
+} bad_text;
+
+static void malformed_text_is_refused(void **state)
+{
+    (void)state;
+    static const bad_text cases[] = {
+        {"", 0},
+        {"{", QM_NO_PLACE},
+        {"nonsense", 0},
+        {"{\"type\":\"hausdorff\"", QM_NO_PLACE},
+        {"{\"type\":\"hausdorff\",\"a\":\"m\",\"b\":\"n\"} x", 37},
+        {"{} {}", 3},
+        {"{\"a\":\"\xff\"}", 6},
+        {"{\"a\":\"\xc0\x80\"}", 6},
+        {"{\"a\":\"\xed\xa0\x80\"}", 6},
+        {"{\"a\":\"\xf4\x90\x80\x80\"}", 6},
+        {"{\"a\":\"\xe2\x82", 6},
+        {"{\"a\":\"m\\u0000n\"}", 7},
+        {"[[[[[[[[[[[[[[[[[]]]]]]]]]]]]]]]]]", 16},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        qm_job_request request;
+        qm_problem problem;
+        QM_CHECK(!read_job(cases[i].text, &request, &problem), "%s was taken", cases[i].text);
+        QM_CHECK(problem.code == QM_PROBLEM_MALFORMED_JSON, "%s: %s", cases[i].text,
+                 qm_problem_name(problem.code));
+        assert_int_equal(problem.error_count, 1);
+        if (cases[i].offset != QM_NO_PLACE) assert_int_equal(problem.errors[0].offset, cases[i].offset);
+    }
+}
+
+static void a_byte_of_zero_ends_nothing(void **state)
+{
+    (void)state;
+    static const char text[] = "{\"type\":\"hausdorff\",\"a\":\"m\",\"b\":\"n\"}\0{}";
+    qm_job_request request;
+    qm_problem problem;
+    assert_false(qm_json_read_job(text, sizeof text - 1, &request, &problem));
+    assert_int_equal(problem.code, QM_PROBLEM_MALFORMED_JSON);
+}
+
+static void other_values_are_no_job(void **state)
+{
+    (void)state;
+    static const char *const texts[] = {"[]", "null", "7", "\"hausdorff\"",
+                                        "[[[[[[[[[[[[[[[[]]]]]]]]]]]]]]]]"};
+    for (size_t i = 0; i < sizeof texts / sizeof texts[0]; i++) {
+        qm_job_request request;
+        qm_problem problem;
+        QM_CHECK(!read_job(texts[i], &request, &problem), "%s was taken", texts[i]);
+        QM_CHECK(problem.code == QM_PROBLEM_INVALID_FIELD, "%s: %s", texts[i], qm_problem_name(problem.code));
+    }
+}
+
+static void brackets_in_strings_are_text(void **state)
+{
+    (void)state;
+    qm_job_request request;
+    qm_problem problem;
+    assert_true(read_job("{\"type\":\"hausdorff\",\"a\":\"[[[[[[[[[[[[[[[[[[\\\"[[\",\"b\":\"}\"}", &request,
+                         &problem));
+    assert_string_equal(request.a, "[[[[[[[[[[[[[[[[[[\"[[");
+}
+
+static void damaged_requests_never_crash(void **state)
+{
+    (void)state;
+    static const char good[] = "{\"type\":\"hausdorff\",\"a\":\"m\",\"b\":\"n\",\"tolerance\":1e-3,"
+                               "\"threshold\":null,\"detach\":false,\"quads\":\"bilinear\"}";
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 1);
+    for (int i = 0; i < 20000; i++) {
+        char text[sizeof good];
+        memcpy(text, good, sizeof good);
+        for (size_t change = 0; change <= qm_random_below(&random, 3); change++)
+            text[qm_random_below(&random, sizeof good - 1)] = (char)(1 + qm_random_below(&random, 255));
+        qm_job_request request;
+        qm_problem problem;
+        bool ok = read_job(text, &request, &problem);
+        QM_CHECK(ok == (problem.error_count == 0) && ok == (problem.detail[0] == '\0'), "seed %llu: %s",
+                 (unsigned long long)seed, text);
+    }
+}
+
+/* ---- documents ---- */
+
+static void check_text(qm_text *text, const char *expected)
+{
+    char *data = qm_text_take(text);
+    assert_non_null(data);
+    assert_string_equal(data, expected);
+    free(data);
+}
+
+static void a_request_comes_back(void **state)
+{
+    (void)state;
+    qm_job_request request = qm_job_request_default(), again;
+    qm_problem problem;
+    strcpy(request.a, "m\"1");
+    strcpy(request.b, "m\\2");
+    request.direction = QM_A_TO_B;
+    request.tolerance = 0.1 + 0.2;
+    request.threshold = 1e308;
+    request.threads = 3;
+    qm_text text = {0};
+    qm_json_write_request(&text, &request);
+    assert_true(qm_json_read_job(text.data, text.size, &again, &problem));
+    assert_string_equal(again.a, request.a);
+    assert_string_equal(again.b, request.b);
+    assert_int_equal(again.direction, request.direction);
+    assert_true(again.tolerance == request.tolerance);
+    assert_true(again.threshold == request.threshold);
+    assert_int_equal(again.threads, request.threads);
+    qm_text_reset(&text);
+}
+
+static void a_problem_is_a_document(void **state)
+{
+    (void)state;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "a \"b\"\n\x01\xff\xc3\xa9");
+    qm_problem_add_pointer(&problem, "/a", "is %s", "missing");
+    problem.errors[problem.error_count++] =
+        (qm_problem_error){.line = 3, .offset = QM_NO_PLACE, .detail = "odd"};
+    qm_text text = {0};
+    qm_json_write_problem(&text, &problem);
+    check_text(&text,
+               "{\"type\":\"/problems/invalid_field\",\"title\":\"A field of the request is not valid\","
+               "\"status\":400,\"detail\":\"a \\\"b\\\"\\u000a\\u0001\xef\xbf\xbd\xc3\xa9\","
+               "\"code\":\"invalid_field\",\"errors\":[{\"pointer\":\"/a\",\"detail\":\"is missing\"},"
+               "{\"line\":3,\"detail\":\"odd\"}]}");
+}
+
+static void a_result_is_a_document(void **state)
+{
+    (void)state;
+    qm_job_request request = qm_job_request_default();
+    strcpy(request.b, "m2");
+    qm_job_result result = {.diagonal = 2.0, .tolerance = 0.5, .prepare_a_ms = 1, .prepare_b_ms = 2};
+    result.from_face = 7;
+    result.hausdorff = (qm_hausdorff_result){.lower = 0.0,
+                                             .upper = INFINITY,
+                                             .from_side = 1,
+                                             .has_witness = true,
+                                             .iterations = 5,
+                                             .projections = 6,
+                                             .max_queue = 4,
+                                             .elapsed_ms = 3,
+                                             .stop = QM_STOP_DEADLINE};
+    qm_text text = {0};
+    qm_json_write_result(&text, &request, &result);
+    check_text(&text,
+               "{\"lower\":0,\"upper\":null,\"lower_relative\":0,\"upper_relative\":null,\"witness\":"
+               "{\"from\":{\"mesh\":\"b\",\"id\":\"m2\",\"face\":7,\"uv\":[0,0],\"point\":[0,0,0]},"
+               "\"to\":{\"mesh\":\"a\",\"face\":0,\"uv\":[0,0],\"point\":[0,0,0]}},"
+               "\"direction\":\"two_sided\",\"quads\":\"triangles\",\"tolerance\":0.5,\"iterations\":5,"
+               "\"projections\":6,\"max_queue\":4,\"prepare_ms\":{\"a\":1,\"b\":2},\"elapsed_ms\":3,"
+               "\"converged\":false,\"stopped_by\":\"deadline\",\"verdict\":null}");
+}
+
+static void a_result_without_witness_says_so(void **state)
+{
+    (void)state;
+    qm_job_request request = qm_job_request_default();
+    qm_job_result result = {.diagonal = 0.0, .hausdorff = {.stop = QM_STOP_THRESHOLD, .verdict = -1}};
+    qm_text text = {0};
+    qm_json_write_result(&text, &request, &result);
+    assert_non_null(strstr(text.data, "\"lower_relative\":null,\"upper_relative\":null,\"witness\":null,"));
+    assert_non_null(strstr(text.data, "\"stopped_by\":\"threshold\",\"verdict\":\"below\"}"));
+    qm_text_reset(&text);
+}
+
+/** The number that follows "name": in a document. */
+static double number_of(const char *text, const char *name)
+{
+    char key[64];
+    snprintf(key, sizeof key, "\"%s\":", name);
+    const char *found = strstr(text, key);
+    QM_CHECK(found, "no %s in %s", name, text);
+    return strtod(found + strlen(key), NULL);
+}
+
+static void relative_bounds_are_rounded_outwards(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 2);
+    for (int i = 0; i < 20000; i++) {
+        qm_hausdorff_progress progress = {.lower = qm_random_range(&random, 0.0, 1.0)};
+        progress.upper = progress.lower;
+        double diagonal = qm_random_range(&random, 0.1, 10.0);
+        qm_text text = {0};
+        qm_json_write_bounds(&text, &progress, diagonal);
+        /* long double has 11 bits more: enough to see on which side of the true share a double lies. */
+        long double share = (long double)progress.lower / (long double)diagonal;
+        QM_CHECK((long double)number_of(text.data, "lower_relative") < share, "seed %llu: %s",
+                 (unsigned long long)seed, text.data);
+        QM_CHECK((long double)number_of(text.data, "upper_relative") > share, "seed %llu: %s",
+                 (unsigned long long)seed, text.data);
+        assert_true(number_of(text.data, "lower") == progress.lower);
+        assert_true(number_of(text.data, "upper") == progress.upper);
+        qm_text_reset(&text);
+    }
+}
+
+static void only_utf8_has_a_length(void **state)
+{
+    (void)state;
+    assert_int_equal(qm_utf8_length("a", 1), 1);
+    assert_int_equal(qm_utf8_length("\xc3\xa9", 2), 2);
+    assert_int_equal(qm_utf8_length("\xed\x9f\xbf", 3), 3);
+    assert_int_equal(qm_utf8_length("\xf4\x8f\xbf\xbf", 4), 4);
+    assert_int_equal(qm_utf8_length("\xc3\xa9", 1), 0);
+    assert_int_equal(qm_utf8_length("\xc1\xbf", 2), 0);
+    assert_int_equal(qm_utf8_length("\xe0\x9f\xbf", 3), 0);
+    assert_int_equal(qm_utf8_length("\xf0\x8f\xbf\xbf", 4), 0);
+    assert_int_equal(qm_utf8_length("\xe1\x80\x28", 3), 0);
+    assert_int_equal(qm_utf8_length("\x80", 1), 0);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(random_bits_survive),
+        cmocka_unit_test(edges_survive),
+        cmocka_unit_test(numbers_are_short),
+        cmocka_unit_test(not_finite_is_null),
+        cmocka_unit_test(a_decimal_comma_stays_out),
+        cmocka_unit_test(every_field_is_read),
+        cmocka_unit_test(absent_fields_have_defaults),
+        cmocka_unit_test(bad_members_are_pointed_at),
+        cmocka_unit_test(what_is_missing_is_named),
+        cmocka_unit_test(more_faults_than_fit_are_refused_too),
+        cmocka_unit_test(malformed_text_is_refused),
+        cmocka_unit_test(a_byte_of_zero_ends_nothing),
+        cmocka_unit_test(other_values_are_no_job),
+        cmocka_unit_test(brackets_in_strings_are_text),
+        cmocka_unit_test(damaged_requests_never_crash),
+        cmocka_unit_test(a_request_comes_back),
+        cmocka_unit_test(a_problem_is_a_document),
+        cmocka_unit_test(a_result_is_a_document),
+        cmocka_unit_test(a_result_without_witness_says_so),
+        cmocka_unit_test(relative_bounds_are_rounded_outwards),
+        cmocka_unit_test(only_utf8_has_a_length),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
