@@ -202,7 +202,7 @@ def test_too_many_streams_are_refused(make_daemon, slow_files):
                 assert int(refused.headers["retry-after"]) > 0
                 check_problem(refused, 503)
                 assert other.get("/healthz").status_code == 200
-        client.delete(f"/v1/jobs/{job['id']}")
+        assert client.delete(f"/v1/jobs/{job['id']}").status_code == 202
 
 
 def make_second_client(client):
