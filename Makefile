@@ -56,7 +56,18 @@ CLI_OBJECTS     := $(CLI_SOURCES:%.c=$(OBJ)/%.o)
 SUPPORT_OBJECTS := $(SUPPORT_SOURCES:%.c=$(OBJ)/%.o)
 UNIT_PROGRAMS   := $(UNIT_SOURCES:tests/unit/%.c=$(OUT)/tests/%)
 
-all: $(OUT)/quadmeshd $(OUT)/quadmesh
+# What the daemon serves at / and /openapi.yaml; it looks for this folder beside its program.
+PAGE_SOURCES := $(wildcard clients/dashboard/*) proto/openapi.yaml
+PAGE_FILES   := $(addprefix $(OUT)/dashboard/,$(notdir $(PAGE_SOURCES)))
+
+all: $(OUT)/quadmeshd $(OUT)/quadmesh $(PAGE_FILES)
+
+$(OUT)/dashboard/%: clients/dashboard/%
+	@mkdir -p $(@D)
+	cp $< $@
+$(OUT)/dashboard/%: proto/%
+	@mkdir -p $(@D)
+	cp $< $@
 
 $(OUT)/quadmeshd: $(OBJ)/server/main.o $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
@@ -104,6 +115,14 @@ $(OBJ)/tests/%.o: tests/%.c
 unit: $(UNIT_PROGRAMS)
 	@set -e; for program in $(UNIT_PROGRAMS); do $$program; done
 
+# Proves that the engine stands alone and that each outside library has its own files.
+check-layers: $(OBJ)/libengine.a
+	@CC="$(CC)" LDFLAGS="$(LDFLAGS)" tests/check_layers.sh $<
+
+# Installs what is missing, builds, and shows the daemon at work on loopback.
+demo:
+	@clients/demo/run.sh
+
 # Fuzzes the decoders with clang for FUZZ_SECONDS, from the files of FUZZ_DATA; findings are left in build/fuzz.
 FUZZ_CC      ?= clang
 FUZZ_CXX     ?= clang++
@@ -133,5 +152,5 @@ format:
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cc')
 
 -include $(foreach folder,$(wildcard $(OBJ) build/obj/fuzz),$(shell find $(folder) -name '*.d'))
-.PHONY: all unit fuzz clean format
+.PHONY: all unit check-layers demo fuzz clean format
 .SECONDARY:

@@ -1,3 +1,4 @@
+#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -162,8 +163,9 @@ static bool read_after(qm_request *request, uint64_t *after)
     const char *query = qm_request_query(request, "after");
     const char *text = query ? query : qm_request_header(request, "Last-Event-ID");
     char *end = NULL;
+    errno = 0;
     *after = text ? strtoull(text, &end, 10) : 0;
-    if (!text || (end != text && !*end && text[0] != '-')) return true;
+    if (!text || (end != text && !*end && text[0] != '-' && errno == 0)) return true;
     qm_problem problem =
         qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "after is the seq of an event, a whole number");
     qm_reply_problem(request, &problem);

@@ -4,8 +4,9 @@
 
 #include "tri_point.h"
 
-#define MAX_DEPTH 26 /* quarters: |w| 4^-26 / 4 is below any rounding */
-#define MAX_STEPS 60 /* of one descent; more are never needed when f is convex */
+#define MAX_DEPTH 26   /* quarters: |w| 4^-26 / 4 is below any rounding */
+#define MAX_PARTS 4000 /* of one query; beyond it what is left only lowers the certificate */
+#define MAX_STEPS 60   /* of one descent; more are never needed when f is convex */
 
 double qm_patch_twist(const qm_vec corner[4])
 {
@@ -117,7 +118,7 @@ static void descend(const query *q, const slope *at, double x[2], const rectangl
 {
     const double *h = at->hessian, *g = at->gradient;
     double determinant = h[0] * h[2] - h[1] * h[1];
-    if (determinant > 1e-3 * h[0] * h[2]) {
+    if (determinant > 1e-12 * h[0] * h[2]) {
         double s = x[0] - (h[2] * g[0] - h[1] * g[1]) / determinant;
         double t = x[1] - (h[0] * g[1] - h[1] * g[0]) / determinant;
         bool inside = s >= box->low[0] && s <= box->high[0] && t >= box->low[1] && t <= box->high[1];
@@ -169,18 +170,79 @@ static double minimise_convex(const query *q, const rectangle *box, double curva
     return lower;
 }
 
-/** Lower bound of the distance to a part: its two triangles, less what the patch can leave them by. */
+/** The least and greatest Bernstein coefficient of a quadratic with these values at the ends and in the
+ * middle. */
+static void quadratic_range(double first, double middle, double last, double *least, double *greatest)
+{
+    double control = 2.0 * middle - 0.5 * (first + last);
+    *least = fmin(control, fmin(first, last));
+    *greatest = fmax(control, fmax(first, last));
+}
+
+/**
+ * Where f only rises, or only falls, across the rectangle along one axis, its minimum lies on one side, along
+ * which f is a convex quadratic. The derivative along an axis rises with that axis, and is quadratic in the
+ * other: so its sign on a side settles the whole rectangle. This ends minima on the border where f is not
+ * convex.
+ */
+static bool minimise_on_side(const query *q, const rectangle *box, qm_patch_foot *best, double *lower)
+{
+    for (int side = 0; side < 4; side++) {
+        int across = side >> 1, along = 1 - across;
+        double x[2], g[3], least, greatest;
+        x[across] = side & 1 ? box->high[across] : box->low[across];
+        for (int i = 0; i < 3; i++) {
+            x[along] = box->low[along] + 0.5 * i * (box->high[along] - box->low[along]);
+            g[i] = slope_at(q, x).gradient[across];
+        }
+        quadratic_range(g[0], g[1], g[2], &least, &greatest);
+        if (side & 1 ? greatest <= 0.0 : least >= 0.0) {
+            minimise_along(q, x, along, box);
+            *lower = sqrt(value_at(q, x));
+            keep_best(best, *lower, x);
+            return true;
+        }
+    }
+    return false;
+}
+
+/** Thickness of the hull of four corners, rounded up: how far a point of it can be from its faces at most. */
+static double hull_thickness(const qm_vec c[4])
+{
+    qm_vec first = qm_vec_sub(c[2], c[0]), second = qm_vec_sub(c[3], c[1]),
+           normal = qm_vec_cross(first, second);
+    double length = qm_vec_norm(normal), longer = sqrt(fmax(qm_vec_norm2(first), qm_vec_norm2(second)));
+    if (longer == 0.0) return qm_vec_distance(c[0], c[1]);
+    double parallel =
+        length / longer; /* the shorter diagonal leaves the plane through the longer by no more */
+    if (length <= 1e-6 * longer * longer) return parallel + 0x1p-44 * longer;
+    double apart = fabs(qm_vec_dot(qm_vec_sub(c[1], c[0]), normal)) / length;
+    return fmin(parallel, apart) + 0x1p-44 * longer;
+}
+
+static double triangle_distance(qm_vec a, qm_vec b, qm_vec c, qm_vec p)
+{
+    qm_triangle triangle = qm_triangle_make(a, b, c);
+    return sqrt(qm_triangle_distance2(&triangle, p));
+}
+
+/**
+ * Lower bound of the distance to a part: its two triangles, less what the patch can leave them by; or, where
+ * the hull of its corners is thinner than that (flat, folded and collapsed patches), the four faces of the
+ * hull less its thickness.
+ */
 static double part_lower(const query *q, const rectangle *box, double twist)
 {
     const qm_patch *patch = q->patch;
     qm_vec p = qm_vec_add(patch->origin, q->r);
-    qm_vec a = qm_patch_at(patch, box->low[0], box->low[1]),
-           b = qm_patch_at(patch, box->high[0], box->low[1]);
-    qm_vec c = qm_patch_at(patch, box->high[0], box->high[1]),
-           d = qm_patch_at(patch, box->low[0], box->high[1]);
-    qm_triangle first = qm_triangle_make(a, b, c), second = qm_triangle_make(a, c, d);
-    double d2 = fmin(qm_triangle_distance2(&first, p), qm_triangle_distance2(&second, p));
-    return fmax(0.0, sqrt(d2) - twist);
+    const qm_vec c[4] = {
+        qm_patch_at(patch, box->low[0], box->low[1]), qm_patch_at(patch, box->high[0], box->low[1]),
+        qm_patch_at(patch, box->high[0], box->high[1]), qm_patch_at(patch, box->low[0], box->high[1])};
+    double split = fmin(triangle_distance(c[0], c[1], c[2], p), triangle_distance(c[0], c[2], c[3], p));
+    double thickness = twist > q->error ? hull_thickness(c) : twist;
+    if (thickness >= 0.25 * twist) return fmax(0.0, split - twist);
+    double other = fmin(triangle_distance(c[0], c[1], c[3], p), triangle_distance(c[1], c[2], c[3], p));
+    return fmax(0.0, fmax(split - twist, fmin(split, other) - thickness));
 }
 
 /** Goes down over the whole square as long as that helps, keeping the best point. */
@@ -208,11 +270,12 @@ static double minimise_parts(const query *q, qm_patch_foot *best, double stop_ab
     int height = 0;
     double twist = 0.25 * sqrt(q->ww), lower = INFINITY;
     stack[height++] = (struct part){{{0.0, 0.0}, {1.0, 1.0}}, 0};
-    while (height > 0) {
+    for (int looked = 0; height > 0; looked++) {
         struct part part = stack[--height];
         double part_twist = ldexp(twist, -2 * part.depth);
         double here = part.depth == 0 ? 0.0 : part_lower(q, &part.box, part_twist);
-        if (here >= fmin(best->distance, stop_above) - q->error || part.depth == MAX_DEPTH) {
+        if (here >= fmin(best->distance, stop_above) - q->error || part.depth == MAX_DEPTH ||
+            looked > MAX_PARTS) {
             lower = fmin(lower, here);
             continue;
         }
@@ -223,6 +286,11 @@ static double minimise_parts(const query *q, qm_patch_foot *best, double stop_ab
                 lower = fmin(lower, certified);
                 continue;
             }
+        }
+        double on_side;
+        if (minimise_on_side(q, &part.box, best, &on_side)) {
+            lower = fmin(lower, on_side);
+            continue;
         }
         double middle[2] = {0.5 * (part.box.low[0] + part.box.high[0]),
                             0.5 * (part.box.low[1] + part.box.high[1])};

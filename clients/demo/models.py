@@ -1,0 +1,89 @@
+#!/usr/bin/env python3
+"""Makes the demo's models with nothing but Python itself.
+
+models.py sphere TURN OUT.off        a sphere of quads, turned about its axis by TURN radians
+models.py coarsen IN.obj OUT.obj N   IN with one vertex for each cell of a grid, N cells along the longest side
+"""
+import math
+import sys
+
+PARALLELS = 49  # latitudes pi * i / 50; the poles stay open
+MERIDIANS = 100
+
+
+def write_sphere(turn, path):
+    """The unit sphere as quads between its parallels and meridians."""
+    with open(path, "w", encoding="ascii") as out:
+        out.write(f"OFF\n{PARALLELS * MERIDIANS} {(PARALLELS - 1) * MERIDIANS} 0\n")
+        for i in range(1, PARALLELS + 1):
+            polar = math.pi * i / (PARALLELS + 1)
+            for j in range(MERIDIANS):
+                azimuth = 2.0 * math.pi * j / MERIDIANS + turn
+                x, y = math.sin(polar) * math.cos(azimuth), math.sin(polar) * math.sin(azimuth)
+                out.write(f"{x!r} {y!r} {math.cos(polar)!r}\n")
+        for i in range(PARALLELS - 1):
+            for j in range(MERIDIANS):
+                here, below = i * MERIDIANS, (i + 1) * MERIDIANS
+                k = (j + 1) % MERIDIANS
+                out.write(f"4 {here + j} {below + j} {below + k} {here + k}\n")
+
+
+def read_obj(path):
+    """Vertices and triangles (indices from 0) of an OBJ file that holds nothing but triangles."""
+    vertices, triangles = [], []
+    with open(path, encoding="ascii") as lines:
+        for line in lines:
+            words = line.split()
+            if words[:1] == ["v"]:
+                vertices.append(tuple(float(word) for word in words[1:4]))
+            elif words[:1] == ["f"]:
+                triangles.append(tuple(int(word.split("/")[0]) - 1 for word in words[1:4]))
+    return vertices, triangles
+
+
+def cluster(vertices, cells):
+    """The cell of each vertex as an index, and the mean of the vertices of each cell."""
+    low = [min(v[axis] for v in vertices) for axis in range(3)]
+    size = max(max(v[axis] for v in vertices) - low[axis] for axis in range(3)) / cells
+    index_of_cell, members, cell_of_vertex = {}, [], []
+    for vertex in vertices:
+        cell = tuple(math.floor((vertex[axis] - low[axis]) / size) for axis in range(3))
+        index = index_of_cell.setdefault(cell, len(members))
+        if index == len(members):
+            members.append([])
+        members[index].append(vertex)
+        cell_of_vertex.append(index)
+    means = [tuple(sum(v[axis] for v in group) / len(group) for axis in range(3)) for group in members]
+    return cell_of_vertex, means
+
+
+def coarsen(source, path, cells):
+    """Vertex clustering: triangles whose corners fall into three cells stay, each once."""
+    vertices, triangles = read_obj(source)
+    cell_of_vertex, means = cluster(vertices, cells)
+    kept = {}
+    for triangle in triangles:
+        corners = tuple(cell_of_vertex[vertex] for vertex in triangle)
+        if len(set(corners)) == 3:
+            kept.setdefault(frozenset(corners), corners)
+    # A cell whose triangles all collapsed is left without a face, and so without a vertex.
+    used = sorted({corner for corners in kept.values() for corner in corners})
+    number = {corner: place + 1 for place, corner in enumerate(used)}
+    with open(path, "w", encoding="ascii") as out:
+        for corner in used:
+            out.write("v {!r} {!r} {!r}\n".format(*means[corner]))
+        for corners in kept.values():
+            out.write("f {} {} {}\n".format(*(number[corner] for corner in corners)))
+
+
+def main(arguments):
+    if len(arguments) == 3 and arguments[0] == "sphere":
+        write_sphere(float(arguments[1]), arguments[2])
+    elif len(arguments) == 4 and arguments[0] == "coarsen":
+        coarsen(arguments[1], arguments[2], int(arguments[3]))
+    else:
+        sys.exit(__doc__)
+
+
+if __name__ == "__main__":
+    main(sys.argv[1:])

@@ -1,0 +1,213 @@
+"""A real daemon for every test: started on a free port, stopped with SIGTERM, its log searched for findings."""
+import json
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import time
+
+import httpx
+import pytest
+
+import shapes
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+BUILD = ROOT / os.environ.get("QM_BUILD", "build")
+DATA = pathlib.Path(os.environ.get("QM_TEST_DATA", ROOT / "../shared/data"))
+# Sanitized builds need several times the time of a release.
+PATIENCE = 60.0
+FINDINGS = ("ERROR: AddressSanitizer", "ERROR: LeakSanitizer", "WARNING: ThreadSanitizer", "runtime error:")
+
+
+class Daemon:
+    """One process of quadmeshd over a data folder that may outlive it."""
+
+    def __init__(self, folder, *settings):
+        self.folder = pathlib.Path(folder)
+        self.settings = settings
+        self.log_path = self.folder / "log"
+        self.start()
+
+    def start(self):
+        port_file = self.folder / "port"
+        port_file.unlink(missing_ok=True)
+        with open(self.log_path, "ab") as log:
+            self.process = subprocess.Popen(
+                [BUILD / "quadmeshd", "--port", "0", "--port-file", port_file, "--data-dir", self.folder / "data",
+                 *map(str, self.settings)], stdout=log, stderr=log)
+        end = time.monotonic() + PATIENCE
+        while not self._is_ready(port_file):
+            assert self.process.poll() is None, f"the daemon ended at once:\n{self.log()}"
+            assert time.monotonic() < end, f"the daemon is not ready:\n{self.log()}"
+            time.sleep(0.02)
+
+    def _is_ready(self, port_file):
+        text = port_file.read_text() if port_file.exists() else ""
+        if not text.endswith("\n"):
+            return False
+        self.port = int(text)
+        self.url = f"http://127.0.0.1:{self.port}"
+        try:
+            return httpx.get(self.url + "/readyz", timeout=PATIENCE).status_code == 200
+        except httpx.TransportError:
+            return False
+
+    def log(self):
+        return self.log_path.read_text(errors="replace")
+
+    def stop(self, how=signal.SIGTERM):
+        """Ends the process and returns its exit status, once its log is known to hold no findings."""
+        if self.process.poll() is None:
+            self.process.send_signal(how)
+        status = self.process.wait(PATIENCE)
+        log = self.log()
+        assert not any(finding in log for finding in FINDINGS), log
+        return status
+
+    def client(self):
+        return Client(base_url=self.url, timeout=PATIENCE)
+
+
+class Client(httpx.Client):
+    """The calls that many tests make."""
+
+    def upload(self, content, **query):
+        """The resource of an uploaded mesh; content is a mesh of shapes.py or the bytes of a file."""
+        data = content if isinstance(content, bytes) else shapes.ply_little(content)
+        reply = self.post("/v1/meshes", params=query, content=data)
+        assert reply.status_code in (200, 201), reply.text
+        return reply.json()
+
+    def hausdorff(self, a, b, headers=(), **request):
+        """Runs a job to its end and returns its document."""
+        reply = self.post("/v1/jobs", json={"type": "hausdorff", "a": a, "b": b, **request},
+                          headers={"Prefer": "wait=60", **dict(headers)})
+        assert reply.status_code == 200, reply.text
+        return reply.json()
+
+    def start(self, a, b, headers=(), **request):
+        """Starts a job and returns its document at once."""
+        reply = self.post("/v1/jobs", json={"type": "hausdorff", "a": a, "b": b, **request}, headers=dict(headers))
+        assert reply.status_code == 202, reply.text
+        return reply.json()
+
+    def wait(self, job_id):
+        reply = self.get(f"/v1/jobs/{job_id}", headers={"Prefer": "wait=60"})
+        assert reply.status_code == 200, reply.text
+        assert reply.json()["state"] not in ("queued", "running"), reply.text
+        return reply.json()
+
+    def events(self, job_id, **query):
+        reply = self.get(f"/v1/jobs/{job_id}/events", params=query, headers={"Accept": "application/x-ndjson"})
+        assert reply.status_code == 200, reply.text
+        return ndjson(reply.text)
+
+
+def ndjson(text):
+    """The events of a stream without its heartbeats."""
+    events = [json.loads(line) for line in text.splitlines()]
+    return [event for event in events if event["event"] != "heartbeat"]
+
+
+def check_problem(reply, status, code=None):
+    """A refusal is a whole problem document that tells nothing of the inside."""
+    assert reply.status_code == status, reply.text
+    assert reply.headers["content-type"] == "application/problem+json"
+    problem = reply.json()
+    assert problem["status"] == status
+    assert problem["type"] and problem["title"] and problem["detail"]
+    if code:
+        assert problem["code"] == code, problem
+    assert "/tmp" not in reply.text and "0x" not in reply.text
+    return problem
+
+
+def check_bounds(events, result):
+    """Bounds never move the wrong way, seq counts on, and one terminal event is the last."""
+    lower, upper = 0.0, float("inf")
+    for event in events:
+        bounds = event.get("result") or event
+        if "lower" not in bounds:
+            continue
+        new_upper = float("inf") if bounds["upper"] is None else bounds["upper"]
+        assert lower <= bounds["lower"] <= new_upper <= upper, event
+        lower, upper = bounds["lower"], new_upper
+    first = events[0]["seq"]
+    assert [event["seq"] for event in events] == list(range(first, first + len(events)))
+    terminal = [event for event in events if event["event"] in ("result", "error")]
+    assert terminal == events[-1:]
+    if result is not None:
+        assert events[-1]["result"] == result
+
+
+@pytest.fixture(scope="session")
+def daemon(tmp_path_factory):
+    """One daemon for all tests that need nothing special of it."""
+    running = Daemon(tmp_path_factory.mktemp("daemon"))
+    yield running
+    assert running.stop() == 0, running.log()
+
+
+@pytest.fixture
+def client(daemon):
+    with daemon.client() as made:
+        yield made
+    assert daemon.process.poll() is None, daemon.log()
+
+
+@pytest.fixture
+def make_daemon(tmp_path):
+    """Daemons of a test's own: make_daemon("--setting", value, ...)."""
+    made = []
+
+    def make(*settings):
+        folder = tmp_path / f"daemon{len(made)}"
+        folder.mkdir()
+        made.append(Daemon(folder, *settings))
+        return made[-1]
+
+    yield make
+    for running in made:
+        if running.process.poll() is None:
+            assert running.stop() == 0, running.log()
+
+
+@pytest.fixture(scope="session")
+def spheres(daemon):
+    """The ids of the sphere and of the same sphere turned by half a quad."""
+    with daemon.client() as made:
+        return (made.upload(shapes.sphere(), name="sphere_a")["id"],
+                made.upload(shapes.sphere(shapes.SPHERE_TURN), name="sphere_b")["id"])
+
+
+@pytest.fixture(scope="session")
+def data():
+    """The folder of collected meshes, for tests that need it."""
+    if not DATA.is_dir():
+        pytest.skip("there is no folder of collected meshes")
+    return DATA
+
+
+@pytest.fixture(scope="session")
+def draco_encoder():
+    program = shutil.which("draco_encoder")
+    if not program:
+        pytest.skip("there is no draco_encoder")
+    return program
+
+
+@pytest.fixture(scope="session")
+def slow_files():
+    """Two plates whose distance takes many times longer than a test needs to step in."""
+    plate = shapes.rough(150, seed=1)
+    return shapes.ply_little(plate), shapes.ply_little(shapes.moved(plate, 0, 0, 1))
+
+
+SLOW = {"quads": "bilinear", "tolerance": 1e-12}
+
+
+@pytest.fixture(scope="session")
+def slow_pair(daemon, slow_files):
+    with daemon.client() as made:
+        return tuple(made.upload(content)["id"] for content in slow_files)

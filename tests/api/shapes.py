@@ -1,0 +1,162 @@
+"""Shapes by formula and writers for every format that the daemon reads.
+
+A mesh is a pair (vertices, faces): tuples of three floats, and tuples of three or more indices from 0.
+"""
+import json
+import math
+import random
+import struct
+
+SPHERE_TURN = math.pi / 100
+SPHERE_DISTANCE = 1 - math.cos(SPHERE_TURN)
+
+
+# ---- shapes ----
+
+
+def sphere(turn=0.0, parallels=50, meridians=100, radius=1.0):
+    """A UV sphere of quads without its poles, turned about its axis. Turned by half a meridian, its points
+    farthest from the unturned one lie on the equator, at 1 - cos(pi / meridians)."""
+    vertices = []
+    for i in range(1, parallels):
+        polar = math.pi * i / parallels
+        for j in range(meridians):
+            azimuth = 2 * math.pi * j / meridians + turn
+            vertices.append((radius * math.sin(polar) * math.cos(azimuth),
+                             radius * math.sin(polar) * math.sin(azimuth),
+                             radius * math.cos(polar)))
+    faces = []
+    for i in range(parallels - 2):
+        for j in range(meridians):
+            k = (j + 1) % meridians
+            faces.append((i * meridians + j, (i + 1) * meridians + j, (i + 1) * meridians + k, i * meridians + k))
+    return vertices, faces
+
+
+def cube(side=1.0, origin=(0.0, 0.0, 0.0)):
+    """Six quads with their corner at origin."""
+    x, y, z = origin
+    vertices = [(x + side * (i & 1), y + side * (i >> 1 & 1), z + side * (i >> 2 & 1)) for i in range(8)]
+    faces = [(0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)]
+    return vertices, faces
+
+
+def saddle(steps):
+    """z = xy over [-1, 1] squared, in steps x steps quads; as bilinear patches all of these are one surface."""
+    vertices = []
+    for i in range(steps + 1):
+        for j in range(steps + 1):
+            x, y = 2 * i / steps - 1, 2 * j / steps - 1
+            vertices.append((x, y, x * y))
+    row = steps + 1
+    faces = [(i * row + j, (i + 1) * row + j, (i + 1) * row + j + 1, i * row + j + 1)
+             for i in range(steps) for j in range(steps)]
+    return vertices, faces
+
+
+def rough(steps, seed, height=0.05):
+    """A plate of quads with random heights: no two corners of a quad lie in one plane."""
+    chance = random.Random(seed)
+    vertices = [(i / steps, j / steps, height * chance.random()) for i in range(steps + 1) for j in range(steps + 1)]
+    return vertices, saddle(steps)[1]
+
+
+def moved(mesh, x, y, z):
+    return [(v[0] + x, v[1] + y, v[2] + z) for v in mesh[0]], mesh[1]
+
+
+def triangles(mesh):
+    """Every face cut from its first corner."""
+    cut = [(f[0], f[i], f[i + 1]) for f in mesh[1] for i in range(1, len(f) - 1)]
+    return mesh[0], cut
+
+
+# ---- formats ----
+
+
+def obj(mesh):
+    lines = ["v {!r} {!r} {!r}".format(*v) for v in mesh[0]]
+    lines += ["f " + " ".join(str(i + 1) for i in f) for f in mesh[1]]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def off(mesh):
+    lines = ["OFF", f"{len(mesh[0])} {len(mesh[1])} 0"]
+    lines += ["{!r} {!r} {!r}".format(*v) for v in mesh[0]]
+    lines += [" ".join(map(str, (len(f), *f))) for f in mesh[1]]
+    return ("\n".join(lines) + "\n").encode()
+
+
+def xyz(mesh):
+    return "".join("{!r} {!r} {!r}\n".format(*v) for v in mesh[0]).encode()
+
+
+def _ply_header(kind, mesh):
+    return (f"ply\nformat {kind} 1.0\nelement vertex {len(mesh[0])}\nproperty double x\nproperty double y\n"
+            f"property double z\nelement face {len(mesh[1])}\nproperty list uchar int vertex_indices\n"
+            "end_header\n").encode()
+
+
+def ply_ascii(mesh):
+    lines = ["{!r} {!r} {!r}".format(*v) for v in mesh[0]]
+    lines += [" ".join(map(str, (len(f), *f))) for f in mesh[1]]
+    return _ply_header("ascii", mesh) + ("\n".join(lines) + "\n").encode()
+
+
+def _ply_binary(mesh, kind, order):
+    body = b"".join(struct.pack(order + "3d", *v) for v in mesh[0])
+    body += b"".join(struct.pack(f"{order}B{len(f)}i", len(f), *f) for f in mesh[1])
+    return _ply_header(kind, mesh) + body
+
+
+def ply_little(mesh):
+    return _ply_binary(mesh, "binary_little_endian", "<")
+
+
+def ply_big(mesh):
+    return _ply_binary(mesh, "binary_big_endian", ">")
+
+
+def stl_ascii(mesh):
+    vertices, faces = triangles(mesh)
+    text = "solid shape\n"
+    for face in faces:
+        text += "facet normal 0 0 0\nouter loop\n"
+        text += "".join("vertex {!r} {!r} {!r}\n".format(*vertices[i]) for i in face)
+        text += "endloop\nendfacet\n"
+    return (text + "endsolid shape\n").encode()
+
+
+def stl_binary(mesh):
+    vertices, faces = triangles(mesh)
+    data = b"made by formula".ljust(80) + struct.pack("<I", len(faces))
+    for face in faces:
+        data += struct.pack("<3f", 0, 0, 0) + b"".join(struct.pack("<3f", *vertices[i]) for i in face) + b"\0\0"
+    return data
+
+
+def glb(mesh):
+    """glTF binary: float positions, 32-bit indices, one buffer."""
+    vertices, faces = triangles(mesh)
+    indices = b"".join(struct.pack("<3I", *f) for f in faces)
+    positions = b"".join(struct.pack("<3f", *v) for v in vertices)
+    document = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 1}, "indices": 0, "mode": 4}]}],
+        "buffers": [{"byteLength": len(indices) + len(positions)}],
+        "bufferViews": [{"buffer": 0, "byteOffset": 0, "byteLength": len(indices)},
+                        {"buffer": 0, "byteOffset": len(indices), "byteLength": len(positions)}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5125, "count": 3 * len(faces), "type": "SCALAR"},
+            {"bufferView": 1, "componentType": 5126, "count": len(vertices), "type": "VEC3",
+             "min": [min(v[i] for v in vertices) for i in range(3)],
+             "max": [max(v[i] for v in vertices) for i in range(3)]}],
+    }
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    binary = indices + positions
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(binary), b"BIN\0") + binary
+    return b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks

@@ -1,0 +1,181 @@
+"""The life of a job: waiting, the cache, keys, cancelling, lists, a full queue."""
+import time
+
+import pytest
+
+from conftest import SLOW, check_bounds, check_problem
+
+
+def test_a_job_is_accepted_then_done(client, spheres):
+    request = {"type": "hausdorff", "a": spheres[0], "b": spheres[1], "tolerance": 3e-6}
+    reply = client.post("/v1/jobs", json=request)
+    assert reply.status_code == 202
+    job = reply.json()
+    assert reply.headers["location"] == f"/v1/jobs/{job['id']}"
+    assert job["type"] == "hausdorff" and job["state"] in ("queued", "running")
+    done = client.wait(job["id"])
+    assert done["state"] == "succeeded" and done["id"] == job["id"]
+    assert done["request"]["tolerance"] == 3e-6
+    assert done["created"] <= done["started"] <= done["ended"]
+    check_bounds(client.events(job["id"]), done["result"])
+    assert client.get(f"/v1/jobs/{job['id']}").json() == done
+
+
+def test_prefer_wait_gives_up_in_time(client, slow_pair):
+    start = time.monotonic()
+    reply = client.post("/v1/jobs", json={"type": "hausdorff", "a": slow_pair[0], "b": slow_pair[1], **SLOW},
+                        headers={"Prefer": "wait=1", "Cache-Control": "no-cache"})
+    assert reply.status_code == 202 and 0.9 < time.monotonic() - start < 10
+    job = reply.json()
+    assert job["state"] == "running"
+    # The bounds so far are part of the document.
+    assert job["progress"]["lower"] <= 1.0 <= job["progress"]["upper"]
+    client.delete(reply.headers["location"])
+    assert client.wait(job["id"])["state"] == "cancelled"
+
+
+def test_prefer_wait_answers_when_done(client, spheres):
+    reply = client.post("/v1/jobs", json={"type": "hausdorff", "a": spheres[0], "b": spheres[1], "tolerance": 4e-6},
+                        headers={"Prefer": "respond-async, wait=30"})
+    assert reply.status_code == 200 and reply.json()["state"] == "succeeded"
+    assert reply.headers["preference-applied"].startswith("wait=30")
+
+
+def test_a_job_asked_again_is_answered_from_the_first(client, spheres):
+    first = client.hausdorff(*spheres, tolerance=5e-6)
+    again = client.hausdorff(*spheres, tolerance=5e-6)
+    assert "cached" not in first or first["cached"] is False
+    assert again["cached"] is True
+    assert again["id"] == first["id"] and again["result"] == first["result"]
+    # Defaults that are spelled out are the same job.
+    spelled = client.hausdorff(*spheres, tolerance=5e-6, direction="two_sided", quads="triangles",
+                               tolerance_unit="relative")
+    assert spelled["id"] == first["id"]
+    other = client.hausdorff(*spheres, tolerance=5e-6, quads="bilinear")
+    assert other["id"] != first["id"]
+
+
+def test_no_cache_measures_anew(client, spheres):
+    first = client.hausdorff(*spheres, tolerance=6e-6)
+    again = client.hausdorff(*spheres, headers={"Cache-Control": "no-cache"}, tolerance=6e-6)
+    assert again["id"] != first["id"] and not again.get("cached")
+    for bound in ("lower", "upper", "witness"):
+        assert again["result"][bound] == first["result"][bound]
+
+
+def test_a_cached_job_streams_too(client, spheres):
+    first = client.hausdorff(*spheres, tolerance=7e-6)
+    reply = client.post("/v1/jobs", json={"type": "hausdorff", "a": spheres[0], "b": spheres[1], "tolerance": 7e-6},
+                        headers={"Accept": "application/x-ndjson"})
+    assert reply.headers["location"].endswith(first["id"])
+    assert [line for line in reply.text.splitlines() if '"event":"result"' in line]
+
+
+def test_idempotency_key(client, spheres, slow_pair):
+    headers = {"Idempotency-Key": "one-of-a-kind", "Cache-Control": "no-cache"}
+    request = {"type": "hausdorff", "a": slow_pair[0], "b": slow_pair[1], "deadline_ms": 700, **SLOW}
+    first = client.post("/v1/jobs", json=request, headers=headers)
+    again = client.post("/v1/jobs", json=request, headers=headers)
+    assert first.status_code == 202 and again.status_code in (200, 202)
+    assert first.json()["id"] == again.json()["id"]
+    client.wait(first.json()["id"])
+    late = client.post("/v1/jobs", json=request, headers=headers)
+    assert late.json()["id"] == first.json()["id"]
+    check_problem(client.post("/v1/jobs", json={**request, "deadline_ms": 701}, headers=headers), 422,
+                  "idempotency_mismatch")
+    other = client.post("/v1/jobs", json=request, headers={**headers, "Idempotency-Key": "another"})
+    assert other.json()["id"] != first.json()["id"]
+    client.delete(f"/v1/jobs/{other.json()['id']}")
+
+
+def test_cancelling_keeps_the_bounds(client, slow_pair):
+    job = client.start(*slow_pair, headers={"Cache-Control": "no-cache"}, **SLOW)
+    time.sleep(0.5)
+    reply = client.delete(f"/v1/jobs/{job['id']}")
+    assert reply.status_code == 202
+    done = client.wait(job["id"])
+    assert done["state"] == "cancelled"
+    result = done["result"]
+    assert result["converged"] is False
+    assert result["lower"] <= 1.0 <= result["upper"]
+    check_bounds(client.events(job["id"]), result)
+    check_problem(client.delete(f"/v1/jobs/{job['id']}"), 409, "conflict")
+
+
+def test_cancelling_a_job_that_waits(make_daemon, slow_files):
+    with make_daemon("--workers", 1).client() as client:
+        pair = [client.upload(content)["id"] for content in slow_files]
+        first = client.start(*pair, **SLOW)
+        second = client.start(*pair, direction="a_to_b", **SLOW)
+        assert client.get(f"/v1/jobs/{second['id']}").json()["state"] == "queued"
+        client.delete(f"/v1/jobs/{second['id']}")
+        done = client.wait(second["id"])
+        assert done["state"] == "cancelled" and "result" not in done
+        events = client.events(second["id"])
+        assert [event["event"] for event in events] == ["error"]
+        client.delete(f"/v1/jobs/{first['id']}")
+
+
+def test_a_cancelled_job_answers_no_other(client, slow_pair):
+    job = client.start(*slow_pair, tolerance=2e-12, quads="bilinear")
+    client.delete(f"/v1/jobs/{job['id']}")
+    client.wait(job["id"])
+    again = client.start(*slow_pair, tolerance=2e-12, quads="bilinear")
+    assert again["id"] != job["id"]
+    client.delete(f"/v1/jobs/{again['id']}")
+
+
+def test_a_full_queue_is_told(make_daemon, slow_files):
+    with make_daemon("--workers", 1, "--queue", 2).client() as client:
+        pair = [client.upload(content)["id"] for content in slow_files]
+        jobs = [client.start(*pair, **SLOW)]
+        while client.get(f"/v1/jobs/{jobs[0]['id']}").json()["state"] == "queued":
+            time.sleep(0.02)
+        jobs += [client.start(*pair, direction=direction, **SLOW) for direction in ("a_to_b", "b_to_a")]
+        request = {"type": "hausdorff", "a": pair[0], "b": pair[1], "tolerance": 0.5}
+        reply = client.post("/v1/jobs", json=request)
+        check_problem(reply, 429, "too_many_jobs")
+        assert int(reply.headers["retry-after"]) >= 1
+        for job in reversed(jobs):
+            client.delete(f"/v1/jobs/{job['id']}")
+            client.wait(job["id"])
+        assert client.post("/v1/jobs", json=request).status_code == 202
+
+
+def test_a_mesh_deleted_under_a_job(client, slow_files, make_daemon):
+    with make_daemon().client() as own:
+        pair = [own.upload(content)["id"] for content in slow_files]
+        job = own.start(*pair, deadline_ms=1500, **SLOW)
+        while own.get(f"/v1/jobs/{job['id']}").json()["state"] == "queued":
+            time.sleep(0.02)
+        for mesh in pair:
+            assert own.delete(f"/v1/meshes/{mesh}").status_code == 204
+        done = own.wait(job["id"])
+        assert done["state"] == "succeeded"
+        assert done["result"]["lower"] <= 1.0 <= done["result"]["upper"]
+
+
+def test_lists_come_in_pages(make_daemon):
+    with make_daemon().client() as client:
+        assert client.get("/v1/jobs").json() == {"jobs": [], "next": None}
+        mesh = client.upload(b"0 0 0\n1 1 1\n", format="xyz")["id"]
+        ids = [client.hausdorff(mesh, mesh, tolerance=10.0 ** -k)["id"] for k in range(1, 6)]
+        seen, cursor = [], None
+        for _ in range(3):
+            page = client.get("/v1/jobs", params={"limit": 2, **({"cursor": cursor} if cursor else {})}).json()
+            seen += [job["id"] for job in page["jobs"]]
+            cursor = page["next"]
+        assert seen == ids and cursor is None
+
+
+def test_unknown_jobs(client):
+    check_problem(client.get("/v1/jobs/j_none"), 404, "job_not_found")
+    check_problem(client.delete("/v1/jobs/j_none"), 404, "job_not_found")
+
+
+@pytest.mark.parametrize("count", [40])
+def test_many_jobs_at_once(client, spheres, count):
+    jobs = [client.start(*spheres, tolerance=1e-4 * (1 + k / 1000), direction="a_to_b") for k in range(count)]
+    assert len({job["id"] for job in jobs}) == count
+    for job in jobs:
+        assert client.wait(job["id"])["state"] == "succeeded"
