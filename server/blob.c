@@ -21,8 +21,8 @@ struct qm_blob_writer {
     qm_store *store;
     struct sha256_ctx hash;
     char path[PATH_SIZE];
+    char name[QM_HASH_SIZE]; /* the hash, once sealed */
     int file;
-    size_t size;
 };
 
 static bool make_folder(const char *path)
@@ -83,7 +83,6 @@ qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
 qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
 {
     sha256_update(&writer->hash, size, bytes);
-    writer->size += size;
     for (const char *next = bytes; size > 0;) {
         ssize_t written = write(writer->file, next, size);
         if (written < 0 && errno == EINTR) continue;
@@ -126,14 +125,18 @@ static bool move_into_place(const qm_blob_writer *writer, const char *hash)
            sync_folder(folder);
 }
 
-qm_status qm_blob_finish(qm_blob_writer *writer, char hash[QM_HASH_SIZE], size_t *size)
+qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
 {
     uint8_t digest[SHA256_DIGEST_SIZE];
     sha256_digest(&writer->hash, sizeof digest, digest);
-    hex(digest, sizeof digest, hash);
-    *size = writer->size;
-    bool stored = fsync(writer->file) == 0 && move_into_place(writer, hash);
-    if (!stored) {
+    hex(digest, sizeof digest, writer->name);
+    memcpy(hash, writer->name, QM_HASH_SIZE);
+    return fsync(writer->file) == 0 ? QM_OK : QM_E_ARGUMENT;
+}
+
+qm_status qm_blob_keep(qm_blob_writer *writer)
+{
+    if (!move_into_place(writer, writer->name)) {
         qm_blob_abort(writer);
         return QM_E_ARGUMENT;
     }
@@ -142,21 +145,34 @@ qm_status qm_blob_finish(qm_blob_writer *writer, char hash[QM_HASH_SIZE], size_t
     return QM_OK;
 }
 
-qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size)
+static qm_status map(int file, const uint8_t **bytes, size_t *size)
 {
     static const uint8_t nothing[1];
-    char path[PATH_SIZE];
     struct stat facts;
+    if (fstat(file, &facts) != 0) return QM_E_ARGUMENT;
+    *size = (size_t)facts.st_size;
+    *bytes = nothing;
+    if (*size == 0) return QM_OK;
+    void *mapped = mmap(NULL, *size, PROT_READ, MAP_PRIVATE, file, 0);
+    if (mapped == MAP_FAILED) return QM_E_NO_MEMORY;
+    *bytes = mapped;
+    return QM_OK;
+}
+
+qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size)
+{
+    return map(writer->file, bytes, size);
+}
+
+qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size)
+{
+    char path[PATH_SIZE];
     blob_path(store, hash, path);
     int file = open(path, O_RDONLY | O_CLOEXEC);
     if (file < 0) return QM_E_EMPTY;
-    void *map = MAP_FAILED;
-    if (fstat(file, &facts) == 0 && facts.st_size > 0)
-        map = mmap(NULL, (size_t)facts.st_size, PROT_READ, MAP_PRIVATE, file, 0);
+    qm_status status = map(file, bytes, size);
     close(file);
-    *size = (size_t)facts.st_size;
-    *bytes = *size > 0 ? map : nothing;
-    return *size > 0 && map == MAP_FAILED ? QM_E_NO_MEMORY : QM_OK;
+    return status;
 }
 
 void qm_blob_unmap(const uint8_t *bytes, size_t size)

@@ -73,8 +73,6 @@ void qm_handle_mesh_create(qm_request *request)
     qm_problem problem;
     const char *name;
     qm_format format;
-    char hash[QM_HASH_SIZE];
-    size_t size;
     qm_store_mesh mesh;
     bool is_new;
     if (atomic_load(&app->draining)) {
@@ -87,12 +85,8 @@ void qm_handle_mesh_create(qm_request *request)
         qm_reply_problem(request, &problem);
         return;
     }
-    if (qm_request_finish_upload(request, hash, &size) != QM_OK) {
-        problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload could not be written to disk");
-        qm_reply_problem(request, &problem);
-        return;
-    }
-    if (!qm_meshes_add(app->meshes, hash, name, format, &mesh, &is_new, &problem))
+    qm_blob_writer *upload = qm_request_take_upload(request);
+    if (!qm_meshes_add(app->meshes, upload, name, format, &mesh, &is_new, &problem))
         qm_reply_problem(request, &problem);
     else
         reply_mesh(request, is_new ? 201 : 200, &mesh);

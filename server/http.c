@@ -54,11 +54,11 @@ const char *qm_request_body(const qm_request *request, size_t *size)
     return request->body.data ? request->body.data : "";
 }
 
-qm_status qm_request_finish_upload(qm_request *request, char hash[QM_HASH_SIZE], size_t *size)
+qm_blob_writer *qm_request_take_upload(qm_request *request)
 {
     qm_blob_writer *upload = request->upload;
     request->upload = NULL;
-    return qm_blob_finish(upload, hash, size);
+    return upload;
 }
 
 /* ---- replies ---- */

@@ -36,8 +36,8 @@ const char *qm_request_query(const qm_request *request, const char *name);
 /** The body of a route that keeps it in memory; never NULL. */
 const char *qm_request_body(const qm_request *request, size_t *size);
 
-/** Ends the upload of a route that spools: the blob is then stored under its hash. */
-qm_status qm_request_finish_upload(qm_request *request, char hash[QM_HASH_SIZE], size_t *size);
+/** Hands over the upload of a route that spools, complete. */
+qm_blob_writer *qm_request_take_upload(qm_request *request);
 
 /** A reply. body is malloc'ed and given away, or static. */
 void qm_reply_text(qm_request *request, int status, const char *content_type, char *body);

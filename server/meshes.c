@@ -21,11 +21,15 @@ struct qm_mesh_ref {
     qm_mesh_ref *next;
 };
 
-/** lock guards the list, references and states; changed tells of a state. A mesh that is READY is only read.
+/**
+ * lock guards the list, references and states; changed tells of a state. A mesh that is READY is only read.
+ * filing is taken before lock, by who adds or removes a mesh in the store: so no two rows have the same
+ * content and options, no blob is removed that a row is about to name, and list and store agree.
  */
 struct qm_meshes {
     qm_store *store;
     qm_codec_limits limits;
+    uv_mutex_t filing;
     uv_mutex_t lock;
     uv_cond_t changed;
     qm_mesh_ref *first;
@@ -59,6 +63,7 @@ qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits)
     if (!meshes) return NULL;
     meshes->store = store;
     meshes->limits = limits;
+    uv_mutex_init(&meshes->filing);
     uv_mutex_init(&meshes->lock);
     uv_cond_init(&meshes->changed);
     return meshes;
@@ -81,6 +86,7 @@ void qm_meshes_destroy(qm_meshes *meshes)
     }
     uv_cond_destroy(&meshes->changed);
     uv_mutex_destroy(&meshes->lock);
+    uv_mutex_destroy(&meshes->filing);
     free(meshes);
 }
 
@@ -114,27 +120,43 @@ static qm_mesh_ref *list_new(qm_meshes *meshes, const char *id)
     return ref;
 }
 
-static bool load_blob(const qm_meshes *meshes, const char *hash, qm_format format, qm_loaded_mesh *out,
-                      qm_problem *problem)
+/** Decodes bytes that were mapped with this outcome, and unmaps them. */
+static bool load_mapped(const qm_meshes *meshes, qm_status mapped, const uint8_t *bytes, size_t size,
+                        qm_format format, qm_loaded_mesh *out, qm_problem *problem)
 {
-    const uint8_t *bytes;
-    size_t size;
-    qm_status status = qm_blob_map(meshes->store, hash, &bytes, &size);
-    if (status != QM_OK) {
-        qm_log("error", "blob %s cannot be read", hash);
+    if (mapped != QM_OK) {
         *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the mesh cannot be read");
         return false;
     }
     qm_context ctx = qm_context_make();
     qm_codec_report report;
-    status = qm_mesh_load(&ctx, format, bytes, size, &meshes->limits, out, &report);
+    qm_status status = qm_mesh_load(&ctx, format, bytes, size, &meshes->limits, out, &report);
     qm_blob_unmap(bytes, size);
     if (status != QM_OK) *problem = qm_problem_from_codec(status, &report);
     return status == QM_OK;
 }
 
-/** The document of a new mesh, and its row; the mesh itself then waits in memory for its first job. */
-static bool store_new(qm_meshes *meshes, qm_store_mesh *row, const qm_loaded_mesh *mesh, qm_problem *problem)
+static bool load_upload(const qm_meshes *meshes, const qm_blob_writer *upload, qm_format format,
+                        qm_loaded_mesh *out, qm_problem *problem)
+{
+    const uint8_t *bytes = NULL;
+    size_t size = 0;
+    qm_status mapped = qm_blob_map_sealed(upload, &bytes, &size);
+    return load_mapped(meshes, mapped, bytes, size, format, out, problem);
+}
+
+static bool load_blob(const qm_meshes *meshes, const char *hash, qm_format format, qm_loaded_mesh *out,
+                      qm_problem *problem)
+{
+    const uint8_t *bytes = NULL;
+    size_t size = 0;
+    qm_status mapped = qm_blob_map(meshes->store, hash, &bytes, &size);
+    if (mapped != QM_OK) qm_log("error", "blob %s cannot be read", hash);
+    return load_mapped(meshes, mapped, bytes, size, format, out, problem);
+}
+
+/** Makes the document of a new mesh. NULL: out of memory. */
+static char *make_document(const qm_store_mesh *row, const qm_loaded_mesh *mesh)
 {
     char created[QM_TIME_SIZE];
     qm_format_time(created);
@@ -142,10 +164,7 @@ static bool store_new(qm_meshes *meshes, qm_store_mesh *row, const qm_loaded_mes
         .id = row->id, .name = row->name, .content_hash = row->hash, .revision = 0, .created = created};
     qm_text document = {0};
     qm_json_write_mesh(&document, &label, mesh);
-    row->document = qm_text_take(&document);
-    if (row->document && qm_store_put_mesh(meshes->store, row) == QM_OK) return true;
-    *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the mesh could not be stored");
-    return false;
+    return qm_text_take(&document);
 }
 
 static char *make_options(const char *name, qm_format format)
@@ -156,7 +175,14 @@ static char *make_options(const char *name, qm_format format)
     return qm_text_take(&options);
 }
 
-static void keep_in_memory(qm_meshes *meshes, const char *id, const qm_loaded_mesh *mesh)
+static void free_loaded(qm_loaded_mesh *mesh)
+{
+    qm_context ctx = qm_context_make();
+    qm_loaded_mesh_reset(&ctx, mesh);
+}
+
+/** Lists a mesh that waits in memory for its first job. Without memory for that it is loaded again then. */
+static void keep_in_memory(qm_meshes *meshes, const char *id, qm_loaded_mesh *mesh)
 {
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = list_new(meshes, id);
@@ -165,43 +191,94 @@ static void keep_in_memory(qm_meshes *meshes, const char *id, const qm_loaded_me
         ref->state = READY;
     }
     uv_mutex_unlock(&meshes->lock);
-    if (ref) return;
-    qm_context ctx = qm_context_make();
-    qm_loaded_mesh unused = *mesh;
-    qm_loaded_mesh_reset(&ctx, &unused);
+    if (!ref) free_loaded(mesh);
 }
 
-bool qm_meshes_add(qm_meshes *meshes, const char *hash, const char *name, qm_format format,
-                   qm_store_mesh *out, bool *is_new, qm_problem *problem)
+/** Looks for a mesh of the same content and options. */
+static bool find_same(qm_meshes *meshes, const qm_store_mesh *wanted, qm_store_mesh *found)
 {
-    *out = (qm_store_mesh){0};
-    *is_new = false;
-    char *options = make_options(name, format);
-    if (!options) {
+    return qm_store_find_mesh_by_content(meshes->store, wanted->hash, wanted->options, found);
+}
+
+/** Gives the blob its name and the row its place; the upload is gone afterwards. filing is held. */
+static bool file_new(qm_meshes *meshes, qm_blob_writer *upload, const qm_store_mesh *row)
+{
+    if (qm_blob_keep(upload) != QM_OK) return false;
+    if (qm_store_put_mesh(meshes->store, row) == QM_OK) return true;
+    qm_blob_remove(meshes->store, row->hash);
+    return false;
+}
+
+/** Files a decoded upload, unless the same content was filed meanwhile. Takes over mesh and upload. */
+static bool file_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mesh *row, qm_loaded_mesh *mesh,
+                        bool *is_new, qm_problem *problem)
+{
+    qm_store_mesh same;
+    bool filed = false;
+    uv_mutex_lock(&meshes->filing);
+    bool found = find_same(meshes, row, &same);
+    if (found) {
+        qm_store_mesh_reset(row);
+        *row = same;
+        qm_blob_abort(upload);
+    } else {
+        filed = file_new(meshes, upload, row);
+        if (filed) keep_in_memory(meshes, row->id, mesh);
+    }
+    uv_mutex_unlock(&meshes->filing);
+    if (!filed) free_loaded(mesh);
+    if (!found && !filed) *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the mesh could not be stored");
+    *is_new = filed;
+    return found || filed;
+}
+
+/** The row of an upload with all but its document; false when out of memory or when it cannot be written. */
+static bool make_row(qm_blob_writer *upload, const char *name, qm_format format, qm_store_mesh *row,
+                     qm_problem *problem)
+{
+    qm_make_id('m', row->id);
+    row->options = make_options(name, format);
+    row->name = strdup(name);
+    if (!row->options || !row->name) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the upload");
         return false;
     }
-    if (qm_store_find_mesh_by_content(meshes->store, hash, options, out)) {
-        free(options);
-        return true;
-    }
-    qm_loaded_mesh mesh = {0};
-    qm_make_id('m', out->id);
-    snprintf(out->hash, sizeof out->hash, "%s", hash);
-    out->options = options;
-    out->name = strdup(name);
-    bool loaded = load_blob(meshes, hash, format, &mesh, problem);
-    out->format = (int)mesh.format;
-    if (loaded && store_new(meshes, out, &mesh, problem)) {
-        keep_in_memory(meshes, out->id, &mesh);
-        *is_new = true;
-        return true;
-    }
-    qm_context ctx = qm_context_make();
-    if (loaded) qm_loaded_mesh_reset(&ctx, &mesh);
-    qm_store_mesh_reset(out);
-    qm_blob_remove(meshes->store, hash);
+    if (qm_blob_seal(upload, row->hash) == QM_OK) return true;
+    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload could not be written to disk");
     return false;
+}
+
+/** Decodes the upload of a row and makes its document. */
+static bool prepare(qm_meshes *meshes, const qm_blob_writer *upload, qm_format format, qm_store_mesh *row,
+                    qm_loaded_mesh *mesh, qm_problem *problem)
+{
+    if (!load_upload(meshes, upload, format, mesh, problem)) return false;
+    row->format = (int)mesh->format;
+    row->document = make_document(row, mesh);
+    if (row->document) return true;
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the mesh");
+    free_loaded(mesh);
+    return false;
+}
+
+bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
+                   qm_store_mesh *out, bool *is_new, qm_problem *problem)
+{
+    qm_store_mesh row = {0};
+    qm_loaded_mesh mesh = {0};
+    *is_new = false;
+    bool sealed = make_row(upload, name, format, &row, problem);
+    if (sealed && find_same(meshes, &row, out)) {
+        qm_store_mesh_reset(&row);
+        qm_blob_abort(upload);
+        return true;
+    }
+    bool prepared = sealed && prepare(meshes, upload, format, &row, &mesh, problem);
+    if (!prepared) qm_blob_abort(upload);
+    bool added = prepared && file_loaded(meshes, upload, &row, &mesh, is_new, problem);
+    *out = row;
+    if (!added) qm_store_mesh_reset(out);
+    return added;
 }
 
 /** Reads the mesh of a listed entry in; called without the lock. */
@@ -264,10 +341,12 @@ void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref)
 
 bool qm_meshes_delete(qm_meshes *meshes, const char *id)
 {
+    uv_mutex_lock(&meshes->filing);
     bool deleted = qm_store_delete_mesh(meshes->store, id);
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
     if (ref && deleted) unlist(meshes, ref);
     uv_mutex_unlock(&meshes->lock);
+    uv_mutex_unlock(&meshes->filing);
     return deleted;
 }

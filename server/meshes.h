@@ -20,11 +20,11 @@ qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits);
 void qm_meshes_destroy(qm_meshes *meshes);
 
 /**
- * Takes a finished upload in: the same blob with the same options gives the mesh that is there (*is_new
- * false). Decodes and builds on the calling thread. document is the resource, for the caller to free. After a
- * fault the blob is gone unless another mesh has it.
+ * Takes an upload in, which is gone afterwards: the same bytes with the same options give the mesh that is
+ * there (*is_new false). Decodes and builds on the calling thread. Nothing of the upload is kept after a
+ * fault. out is the caller's, for qm_store_mesh_reset.
  */
-bool qm_meshes_add(qm_meshes *meshes, const char *hash, const char *name, qm_format format,
+bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
                    qm_store_mesh *out, bool *is_new, qm_problem *problem);
 
 /** Takes a reference; reads the mesh from its blob when needed. NULL with a problem when there is none. */

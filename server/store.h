@@ -27,13 +27,19 @@ void qm_store_close(qm_store *store);
 typedef struct qm_blob_writer qm_blob_writer;
 qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out);
 qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size);
-/** fsync, rename to the name of its hash; the writer is gone afterwards, also after an error. */
-qm_status qm_blob_finish(qm_blob_writer *writer, char hash[QM_HASH_SIZE], size_t *size);
+/** Ends the writing: the bytes are on disk afterwards, still without a name; tells their hash. */
+qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE]);
+/** Maps the bytes of a sealed blob for reading; release with qm_blob_unmap. */
+qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size);
+/** Gives a sealed blob the name of its hash; the writer is gone afterwards, also after an error. */
+qm_status qm_blob_keep(qm_blob_writer *writer);
+/** Drops a blob that is not kept. NULL is fine. */
 void qm_blob_abort(qm_blob_writer *writer);
 /** Maps a blob for reading; release with qm_blob_unmap. QM_E_EMPTY when there is none of this hash. */
 qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size);
 void qm_blob_unmap(const uint8_t *bytes, size_t size);
-/** Removes a blob that no mesh refers to any more. */
+/** Removes a blob unless a mesh refers to it. The caller sees to it that nobody is about to put such a mesh.
+ */
 void qm_blob_remove(qm_store *store, const char *hash);
 
 /** A row of meshes. Strings of found rows are the caller's, for qm_store_mesh_reset. */
