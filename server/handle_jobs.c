@@ -2,22 +2,20 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 #include "handlers.h"
 #include "json_in.h"
+#include "media.h"
 
 #define MAX_WAIT_S 600.0
 #define MS_PER_S 1e3
 
-/** The framing that the Accept header asks for by name; false when it asks for none. */
+/** The framing that the client chose; false when it prefers one document. */
 static bool wants_stream(const qm_request *request, qm_framing *framing)
 {
-    const char *accept = qm_request_header(request, "Accept");
-    if (!accept) return false;
-    if (strcasestr(accept, "application/x-ndjson")) return *framing = QM_FRAMING_NDJSON, true;
-    if (strcasestr(accept, "text/event-stream")) return *framing = QM_FRAMING_SSE, true;
-    return false;
+    const char *media = qm_request_media(request);
+    *framing = strcmp(media, QM_MEDIA_SSE) == 0 ? QM_FRAMING_SSE : QM_FRAMING_NDJSON;
+    return *framing == QM_FRAMING_SSE || strcmp(media, QM_MEDIA_NDJSON) == 0;
 }
 
 /** Seconds of Prefer: wait=N, or 0. */
@@ -47,8 +45,8 @@ static bool check_type(qm_request *request)
 {
     const char *type = qm_request_header(request, "Content-Type");
     /* curl -d says form data when it is not told otherwise; JSON is read for what it is. */
-    if (!type || strncasecmp(type, "application/json", 16) == 0 ||
-        strncasecmp(type, "application/x-www-form-urlencoded", 33) == 0)
+    if (!type || qm_media_is(type, "application/json") ||
+        qm_media_is(type, "application/x-www-form-urlencoded"))
         return true;
     qm_problem problem =
         qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE, "a job is asked for in application/json");
@@ -56,21 +54,10 @@ static bool check_type(qm_request *request)
     return false;
 }
 
-static bool check_accept(qm_request *request)
-{
-    qm_framing framing;
-    if (wants_stream(request, &framing) || qm_accepts(request, "application/json")) return true;
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE,
-                        "a job comes as application/json, application/x-ndjson or text/event-stream");
-    qm_reply_problem(request, &problem);
-    return false;
-}
-
 void qm_handle_job_create(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
-    if (!check_type(request) || !check_accept(request)) return;
+    if (!check_type(request)) return;
     size_t size;
     const char *body = qm_request_body(request, &size);
     qm_job_request job_request;
@@ -176,13 +163,8 @@ void qm_handle_job_events(qm_request *request)
 {
     uint64_t after;
     if (!read_after(request, &after)) return;
-    qm_framing framing = QM_FRAMING_NDJSON;
-    if (!wants_stream(request, &framing) && !qm_accepts(request, "application/x-ndjson")) {
-        qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE,
-                                             "events come as application/x-ndjson or text/event-stream");
-        qm_reply_problem(request, &problem);
-        return;
-    }
+    qm_framing framing;
+    wants_stream(request, &framing);
     qm_job *job = find_job(request);
     if (job) qm_reply_stream(request, 200, job, after, framing, false);
 }

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "handlers.h"
+#include "media.h"
 
 #define NAME_SIZE 200
 
@@ -24,7 +25,7 @@ static bool read_format(const qm_request *request, qm_format *format, qm_problem
     if (type) *format = qm_format_from_media_type(type);
     bool is_untyped = !type || *format != QM_FORMAT_UNKNOWN;
     for (size_t i = 0; i < sizeof untyped / sizeof untyped[0]; i++)
-        if (type && strncmp(type, untyped[i], strlen(untyped[i])) == 0) is_untyped = true;
+        if (type && qm_media_is(type, untyped[i])) is_untyped = true;
     if (!is_untyped) {
         *problem =
             qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,

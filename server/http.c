@@ -16,8 +16,10 @@
 
 #include "json_out.h"
 #include "log.h"
+#include "media.h"
 
 #define MAX_JSON_BODY (1u << 20)
+#define MAX_THROWN_AWAY (16u << 20)
 #define CONNECTION_MEMORY (128u << 10)
 #define CONNECTION_THREADS 2
 #define LINGER_MS 1000.0
@@ -46,6 +48,11 @@ const char *qm_request_header(const qm_request *request, const char *name)
 const char *qm_request_query(const qm_request *request, const char *name)
 {
     return MHD_lookup_connection_value(request->connection, MHD_GET_ARGUMENT_KIND, name);
+}
+
+const char *qm_request_media(const qm_request *request)
+{
+    return request->media;
 }
 
 const char *qm_request_body(const qm_request *request, size_t *size)
@@ -147,19 +154,52 @@ static size_t body_limit(const qm_request *request)
     return request->route->body == QM_BODY_SPOOL ? (size_t)request->app->config->max_body : MAX_JSON_BODY;
 }
 
+/** How often a request tells its length, and how. */
+typedef struct length_headers {
+    int lengths, codings;
+} length_headers;
+
+static enum MHD_Result count_header(void *user, enum MHD_ValueKind kind, const char *name, const char *value)
+{
+    (void)kind;
+    (void)value;
+    length_headers *found = user;
+    if (strcasecmp(name, "Content-Length") == 0) found->lengths++;
+    if (strcasecmp(name, "Transfer-Encoding") == 0) found->codings++;
+    return MHD_YES;
+}
+
 /** Two lengths, or a coding other than chunked, are how requests are smuggled past a proxy. */
 static bool check_framing(qm_request *request)
 {
+    length_headers found = {0};
+    MHD_get_connection_values(request->connection, MHD_HEADER_KIND, count_header, &found);
     const char *coding = qm_request_header(request, "Transfer-Encoding");
-    if (!coding) return true;
-    if (qm_request_header(request, "Content-Length"))
+    if (found.lengths + found.codings > 1)
         set_problem(request, qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
-                                             "the request has both Content-Length and Transfer-Encoding"));
-    else if (strcasecmp(coding, "chunked") != 0)
+                                             "the request has more than one of Content-Length and "
+                                             "Transfer-Encoding"));
+    else if (coding && strcasecmp(coding, "chunked") != 0)
         set_problem(request, qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
                                              "the only Transfer-Encoding taken is chunked"));
-    if (request->has_problem) qm_reply_header(request, "Connection", "close");
     return !request->has_problem;
+}
+
+static void check_accept(qm_request *request)
+{
+    const char *const *offers = request->route->produces;
+    if (!offers) return;
+    int chosen = qm_media_choose(qm_request_header(request, "Accept"), offers);
+    if (chosen >= 0) {
+        request->media = offers[chosen];
+        return;
+    }
+    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE, "this comes as %s", offers[0]);
+    for (size_t i = 1; offers[i]; i++) {
+        size_t used = strlen(problem.detail);
+        snprintf(problem.detail + used, sizeof problem.detail - used, " or %s", offers[i]);
+    }
+    set_problem(request, problem);
 }
 
 static void check_length(qm_request *request)
@@ -181,15 +221,15 @@ static void begin(qm_request *request)
         return;
     }
     check_length(request);
+    check_accept(request);
     if (!request->has_problem && request->route->body == QM_BODY_SPOOL &&
         qm_blob_begin(request->app->store, &request->upload) != QM_OK)
         set_problem(request, qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));
 }
 
-static void receive(qm_request *request, const char *bytes, size_t size)
+/** Where the bytes of a body go. */
+static void keep(qm_request *request, const char *bytes, size_t size)
 {
-    request->body_size += size;
-    if (request->has_problem || request->route->body == QM_BODY_NONE) return;
     if (request->body_size > body_limit(request)) {
         set_problem(request, qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body may have %zu bytes",
                                              body_limit(request)));
@@ -198,7 +238,24 @@ static void receive(qm_request *request, const char *bytes, size_t size)
             set_problem(request, qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));
     } else {
         qm_text_add(&request->body, bytes, size);
+        if (request->body.failed)
+            set_problem(request,
+                        qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the body"));
     }
+}
+
+/**
+ * Takes a part of the body. Once a reply is due that does not need the rest, the library lets us send it only
+ * after that rest, which is thrown away: up to a limit, beyond which the connection is cut (false).
+ */
+static bool receive(qm_request *request, const char *bytes, size_t size)
+{
+    request->body_size += size;
+    if (request->has_problem || request->route->body == QM_BODY_NONE)
+        request->thrown_away += size;
+    else
+        keep(request, bytes, size);
+    return request->thrown_away <= MAX_THROWN_AWAY;
 }
 
 /* ---- handling ---- */
@@ -246,6 +303,12 @@ static enum MHD_Result handle(qm_request *request)
     return send_reply(request);
 }
 
+static bool has_body(const qm_request *request)
+{
+    const char *length = qm_request_header(request, "Content-Length");
+    return (length && strcmp(length, "0") != 0) || qm_request_header(request, "Transfer-Encoding");
+}
+
 static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, const char *url,
                                   const char *method, const char *version, const char *data, size_t *size,
                                   void **state)
@@ -263,11 +326,13 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
         *state = request;
         atomic_fetch_add(&request->app->request_count, 1);
         begin(request);
-        /* Without a body to come this is the only moment to answer before the client sends one. */
-        return request->has_problem ? handle(request) : MHD_YES;
+        if (!request->has_problem) return MHD_YES;
+        /* The body has not come yet; what follows on this connection is not to be taken for a request. */
+        if (has_body(request)) qm_reply_header(request, "Connection", "close");
+        return handle(request);
     }
     if (*size > 0) {
-        receive(request, data, *size);
+        if (!receive(request, data, *size)) return MHD_NO;
         *size = 0;
         return MHD_YES;
     }

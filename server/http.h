@@ -33,6 +33,11 @@ const char *qm_request_id(const qm_request *request);
 const char *qm_request_header(const qm_request *request, const char *name);
 const char *qm_request_query(const qm_request *request, const char *name);
 
+/** Of the types that the route produces, the one that the client likes best (media.h). */
+#define QM_MEDIA_NDJSON "application/x-ndjson"
+#define QM_MEDIA_SSE "text/event-stream"
+const char *qm_request_media(const qm_request *request);
+
 /** The body of a route that keeps it in memory; never NULL. */
 const char *qm_request_body(const qm_request *request, size_t *size);
 

@@ -24,13 +24,14 @@ struct qm_request {
     qm_app *app;
     struct MHD_Connection *connection;
     const qm_route *route;
+    const char *media; /* of the route's types, the chosen one */
     char id[QM_ID_SIZE];
     char method[16], path[256];
     double start_ms;
     qm_blob_writer *upload;
     qm_text body;
-    size_t body_size;
-    qm_problem problem; /* found before the body had come: sent when it has */
+    size_t body_size, thrown_away; /* bytes that have come; of these, bytes nobody needed */
+    qm_problem problem;            /* found before the body had come: sent when it has */
     bool has_problem;
     enum { RECEIVING, HANDLING, WAITING, DONE } stage;
     qm_reply reply;

@@ -105,7 +105,7 @@ void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t afte
     request->reply.response =
         MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, BLOCK_SIZE, read_stream, s, free_stream);
     qm_reply_header(request, "Content-Type", "%s",
-                    framing == QM_FRAMING_SSE ? "text/event-stream" : "application/x-ndjson");
+                    framing == QM_FRAMING_SSE ? QM_MEDIA_SSE : QM_MEDIA_NDJSON);
     qm_reply_header(request, "Cache-Control", "no-store, no-transform");
     qm_reply_header(request, "X-Accel-Buffering", "no");
 }

@@ -5,22 +5,26 @@
 
 #include "handlers.h"
 
+static const char *const json[] = {"application/json", NULL};
+static const char *const events[] = {QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
+static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
+
 static const qm_route routes[] = {
-    {"POST", "/v1/meshes", qm_handle_mesh_create, QM_BODY_SPOOL, QM_RUNS_LONG},
-    {"GET", "/v1/meshes", qm_handle_mesh_list, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/v1/meshes/{id}", qm_handle_mesh_get, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"POST", "/v1/jobs", qm_handle_job_create, QM_BODY_MEMORY, QM_RUNS_SHORT},
-    {"GET", "/v1/jobs", qm_handle_job_list, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/v1/jobs/{id}", qm_handle_job_get, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/v1/info", qm_handle_info, QM_BODY_NONE, QM_RUNS_AT_ONCE},
-    {"GET", "/healthz", qm_handle_health, QM_BODY_NONE, QM_RUNS_AT_ONCE},
-    {"GET", "/readyz", qm_handle_ready, QM_BODY_NONE, QM_RUNS_AT_ONCE},
-    {"GET", "/openapi.yaml", qm_handle_openapi, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/", qm_handle_page, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/dashboard/{id}", qm_handle_page, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"POST", "/v1/meshes", qm_handle_mesh_create, json, QM_BODY_SPOOL, QM_RUNS_LONG},
+    {"GET", "/v1/meshes", qm_handle_mesh_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/v1/meshes/{id}", qm_handle_mesh_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"POST", "/v1/jobs", qm_handle_job_create, job_or_events, QM_BODY_MEMORY, QM_RUNS_SHORT},
+    {"GET", "/v1/jobs", qm_handle_job_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/v1/jobs/{id}", qm_handle_job_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, events, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/v1/info", qm_handle_info, json, QM_BODY_NONE, QM_RUNS_AT_ONCE},
+    {"GET", "/healthz", qm_handle_health, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
+    {"GET", "/readyz", qm_handle_ready, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
+    {"GET", "/openapi.yaml", qm_handle_openapi, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/dashboard/{id}", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
 };
 enum { ROUTE_COUNT = sizeof routes / sizeof routes[0] };
 

@@ -19,6 +19,7 @@ typedef struct qm_route {
     const char *method;
     const char *path; /* {id} stands for one segment of letters, digits and _ */
     void (*handle)(qm_request *request);
+    const char *const *produces; /* media types to choose from by Accept, NULL-ended; NULL: not negotiated */
     qm_body body;
     qm_runs runs;
 } qm_route;
