@@ -41,6 +41,7 @@ static const setting settings[] = {
     NUMBER(idle_timeout, "idle-timeout", 60, 1, 3600, "seconds before a silent connection is closed"),
     NUMBER(grace, "grace", 5, 0, 3600, "seconds that running jobs get to end at SIGTERM"),
     TEXT(log_format, "log-format", "text", "text or json"),
+    TEXT(log_level, "log-level", "info", "least urgent records that are shown: error, warn or info"),
 };
 enum { SETTING_COUNT = sizeof settings / sizeof settings[0] };
 
@@ -87,16 +88,28 @@ static bool set_from_environment(qm_config *config, const setting *s)
     return !value || set(config, s, value, name);
 }
 
+/** The setting that a flag names, in full or up to its "=". */
 static const setting *find(const char *flag)
 {
+    if (strncmp(flag, "--", 2) != 0) return NULL;
+    size_t length = strcspn(flag + 2, "=");
     for (size_t i = 0; i < SETTING_COUNT; i++)
-        if (strncmp(flag, "--", 2) == 0 && strcmp(flag + 2, settings[i].name) == 0) return &settings[i];
+        if (strlen(settings[i].name) == length && strncmp(flag + 2, settings[i].name, length) == 0)
+            return &settings[i];
     return NULL;
 }
 
 static bool is_loopback(const char *address)
 {
     return strncmp(address, "127.", 4) == 0 || strcmp(address, "::1") == 0;
+}
+
+static bool check_choice(const char *name, const char *value, const char *const *choices)
+{
+    for (size_t i = 0; choices[i]; i++)
+        if (strcmp(value, choices[i]) == 0) return true;
+    fprintf(stderr, "quadmeshd: --%s cannot be \"%s\"; see --help\n", name, value);
+    return false;
 }
 
 static bool check(const qm_config *config)
@@ -107,14 +120,13 @@ static bool check(const qm_config *config)
                 " yet, so nobody else may reach the daemon\n");
         return false;
     }
-    if (strcmp(config->log_format, "text") != 0 && strcmp(config->log_format, "json") != 0) {
-        fprintf(stderr, "quadmeshd: --log-format is text or json, got \"%s\"\n", config->log_format);
-        return false;
-    }
-    return true;
+    static const char *const formats[] = {"text", "json", NULL};
+    static const char *const levels[] = {"error", "warn", "info", NULL};
+    return check_choice("log-format", config->log_format, formats) &&
+           check_choice("log-level", config->log_level, levels);
 }
 
-qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
+static void set_defaults(qm_config *config)
 {
     for (size_t i = 0; i < SETTING_COUNT; i++) {
         char *member = (char *)config + settings[i].offset;
@@ -123,20 +135,36 @@ qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
         else
             *(double *)(void *)member = settings[i].number;
     }
+}
+
+/** Takes --name value or --name=value; *place moves on to the last argument taken. */
+static bool set_from_flag(qm_config *config, int argc, char **argv, int *place)
+{
+    const char *flag = argv[*place];
+    const setting *s = find(flag);
+    if (!s) {
+        fprintf(stderr, "quadmeshd: unknown setting %s; see --help\n", flag);
+        return false;
+    }
+    char name[64];
+    snprintf(name, sizeof name, "--%s", s->name);
+    if (flag[strlen(name)] == '=') return set(config, s, flag + strlen(name) + 1, name);
+    if (*place + 1 == argc) {
+        fprintf(stderr, "quadmeshd: %s needs a value\n", flag);
+        return false;
+    }
+    return set(config, s, argv[++*place], name);
+}
+
+qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
+{
+    set_defaults(config);
     for (size_t i = 0; i < SETTING_COUNT; i++)
         if (!set_from_environment(config, &settings[i])) return QM_CONFIG_EXIT_USAGE;
     for (int i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--help") == 0) return print_help(), QM_CONFIG_EXIT_OK;
         if (strcmp(argv[i], "--version") == 0) return puts("quadmeshd " QM_VERSION), QM_CONFIG_EXIT_OK;
-        const setting *s = find(argv[i]);
-        if (!s || i + 1 == argc) {
-            fprintf(stderr,
-                    s ? "quadmeshd: %s needs a value\n" : "quadmeshd: unknown setting %s; see --help\n",
-                    argv[i]);
-            return QM_CONFIG_EXIT_USAGE;
-        }
-        if (!set(config, s, argv[i + 1], argv[i])) return QM_CONFIG_EXIT_USAGE;
-        i++;
+        if (!set_from_flag(config, argc, argv, &i)) return QM_CONFIG_EXIT_USAGE;
     }
     return check(config) ? QM_CONFIG_RUN : QM_CONFIG_EXIT_USAGE;
 }

@@ -12,7 +12,7 @@ typedef struct qm_config {
     const char *data_dir;
     const char *port_file; /* the port is written there once the daemon listens; "" for none */
     const char *dashboard; /* folder of the page that is served at / */
-    const char *log_format;
+    const char *log_format, *log_level;
     double port;        /* 0: any free one */
     double workers;     /* jobs that run at once */
     double job_threads; /* threads of one job */

@@ -349,7 +349,7 @@ static void on_completed(void *cls, struct MHD_Connection *connection, void **st
     (void)connection;
     qm_request *request = *state;
     if (!request) return;
-    qm_log("info", "%s %s %d %.1f ms%s", request->method, request->path, request->reply.status,
+    qm_log(QM_LOG_INFO, "%s %s %d %.1f ms%s", request->method, request->path, request->reply.status,
            qm_now_ms() - request->start_ms, code == MHD_REQUEST_TERMINATED_COMPLETED_OK ? "" : " (cut off)");
     if (request->awaited) {
         qm_job_leave(request->app->jobs, request->awaited, &request->reader);
@@ -370,7 +370,7 @@ static void on_library_log(void *cls, const char *format, va_list arguments)
     (void)cls;
     char line[256];
     vsnprintf(line, sizeof line, format, arguments);
-    qm_log("warn", "http: %s", line);
+    qm_log(QM_LOG_WARN, "http: %s", line);
 }
 
 static bool make_address(const qm_config *config, struct sockaddr_storage *address)
@@ -396,7 +396,7 @@ qm_http *qm_http_start(qm_app *app)
     struct sockaddr_storage address;
     qm_http *http = calloc(1, sizeof *http);
     if (!http || !make_address(app->config, &address)) {
-        qm_log("error", "cannot listen on %s", app->config->listen);
+        qm_log(QM_LOG_ERROR, "cannot listen on %s", app->config->listen);
         free(http);
         return NULL;
     }
@@ -411,7 +411,7 @@ qm_http *qm_http_start(qm_app *app)
         MHD_OPTION_NOTIFY_COMPLETED, on_completed, NULL, MHD_OPTION_LISTENING_ADDRESS_REUSE, 1u,
         MHD_OPTION_END);
     if (!http->daemon) {
-        qm_log("error", "cannot listen on %s port %.0f", app->config->listen, app->config->port);
+        qm_log(QM_LOG_ERROR, "cannot listen on %s port %.0f", app->config->listen, app->config->port);
         free(http);
         return NULL;
     }

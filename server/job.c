@@ -354,7 +354,7 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     bool readable = qm_json_read_job(row->body, strlen(row->body), &request, &problem);
     qm_job *job = job_create(jobs, &request);
     if (!job) {
-        qm_log("error", "there is no memory to run job %s again", row->id);
+        qm_log(QM_LOG_ERROR, "there is no memory to run job %s again", row->id);
         return;
     }
     memcpy(job->id, row->id, sizeof job->id);
@@ -385,7 +385,7 @@ static void resume_unfinished(qm_jobs *jobs)
         }
         total += count;
     }
-    if (total > 0) qm_log("info", "%zu unfinished jobs queued again", total);
+    if (total > 0) qm_log(QM_LOG_INFO, "%zu unfinished jobs queued again", total);
 }
 
 qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_job_limits limits)

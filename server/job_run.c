@@ -26,7 +26,7 @@ static void finish(qm_job *job, qm_job_state state, const char *name, const char
     uv_mutex_unlock(&jobs->lock);
     bool stored =
         document && events && qm_store_finish_job(jobs->store, job->id, state, document, events) == QM_OK;
-    if (!stored) qm_log("error", "the end of job %s could not be stored: it is kept in memory", job->id);
+    if (!stored) qm_log(QM_LOG_ERROR, "the end of job %s could not be stored: it is kept in memory", job->id);
     uv_mutex_lock(&jobs->lock);
     jobs->running--;
     job->state = state;

@@ -6,9 +6,16 @@
 
 #include <stdbool.h>
 
-void qm_log_init(bool as_json);
+/** From the most to the least urgent. */
+typedef enum qm_log_level { QM_LOG_ERROR, QM_LOG_WARN, QM_LOG_INFO, QM_LOG_LEVEL_COUNT } qm_log_level;
 
-/** level is "info", "warn" or "error". */
-void qm_log(const char *level, const char *format, ...) __attribute__((format(printf, 2, 3)));
+/** "error", "warn" or "info". */
+const char *qm_log_level_name(qm_log_level level);
+
+/** Before the first thread: records less urgent than this are left out. */
+void qm_log_init(bool as_json, qm_log_level least);
+
+/** Adds a record. Quotes and control characters of the message are shown as blanks. */
+void qm_log(qm_log_level level, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
 #endif

@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 #include <unistd.h>
 #include <uv.h>
 
@@ -15,6 +16,7 @@
 #define REQUEST_THREADS 4
 #define UPLOAD_THREADS 2
 #define TICK_MS 50
+#define OWN_FILES 64
 #define MS_PER_S 1e3
 
 typedef struct daemon_state {
@@ -28,7 +30,7 @@ typedef struct daemon_state {
 static void on_signal(uv_signal_t *handle, int number)
 {
     daemon_state *state = handle->data;
-    qm_log("info", "signal %d: draining", number);
+    qm_log(QM_LOG_INFO, "signal %d: draining", number);
     atomic_store(&state->app.draining, true);
     uv_stop(&state->loop);
 }
@@ -93,7 +95,7 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     char message[QM_MESSAGE_SIZE];
     app->config = config;
     if (qm_store_open(config->data_dir, &app->store, message) != QM_OK) {
-        qm_log("error", "data folder: %s", message);
+        qm_log(QM_LOG_ERROR, "data folder: %s", message);
         return false;
     }
     qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
@@ -131,13 +133,34 @@ static void stop_parts(daemon_state *state)
     qm_store_close(app->store);
 }
 
+static qm_log_level read_level(const char *name)
+{
+    qm_log_level level = QM_LOG_ERROR;
+    while (strcmp(name, qm_log_level_name(level)) != 0)
+        level++;
+    return level;
+}
+
+/** Each connection takes a file, and the daemon needs some of its own. */
+static void allow_connections(const qm_config *config)
+{
+    struct rlimit files;
+    rlim_t needed = (rlim_t)config->connections + OWN_FILES;
+    if (getrlimit(RLIMIT_NOFILE, &files) != 0 || files.rlim_cur >= needed) return;
+    files.rlim_cur = needed < files.rlim_max ? needed : files.rlim_max;
+    if (setrlimit(RLIMIT_NOFILE, &files) != 0 || files.rlim_cur < needed)
+        qm_log(QM_LOG_WARN, "only %ju files may be open: fewer connections than --connections says",
+               (uintmax_t)files.rlim_cur);
+}
+
 int main(int argc, char **argv)
 {
     qm_config config;
     qm_config_outcome outcome = qm_config_read(&config, argc, argv);
     if (outcome != QM_CONFIG_RUN) return outcome == QM_CONFIG_EXIT_OK ? 0 : 2;
-    qm_log_init(strcmp(config.log_format, "json") == 0);
+    qm_log_init(strcmp(config.log_format, "json") == 0, read_level(config.log_level));
     signal(SIGPIPE, SIG_IGN);
+    allow_connections(&config);
     char dashboard[4096];
     find_dashboard(&config, dashboard, sizeof dashboard);
     static daemon_state state;
@@ -151,6 +174,6 @@ int main(int argc, char **argv)
     }
     stop_parts(&state);
     stop_loop(&state);
-    if (started) qm_log("info", "stopped");
+    if (started) qm_log(QM_LOG_INFO, "stopped");
     return started ? 0 : 1;
 }

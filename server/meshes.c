@@ -151,7 +151,7 @@ static bool load_blob(const qm_meshes *meshes, const char *hash, qm_format forma
     const uint8_t *bytes = NULL;
     size_t size = 0;
     qm_status mapped = qm_blob_map(meshes->store, hash, &bytes, &size);
-    if (mapped != QM_OK) qm_log("error", "blob %s cannot be read", hash);
+    if (mapped != QM_OK) qm_log(QM_LOG_ERROR, "blob %s cannot be read", hash);
     return load_mapped(meshes, mapped, bytes, size, format, out, problem);
 }
 

@@ -91,7 +91,7 @@ sqlite3_stmt *qm_store_begin(qm_store *store, const char *sql)
     sqlite3_stmt *statement = NULL;
     pthread_mutex_lock(&store->lock);
     if (sqlite3_prepare_v2(store->database, sql, -1, &statement, NULL) == SQLITE_OK) return statement;
-    qm_log("error", "database: %s", sqlite3_errmsg(store->database));
+    qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
     pthread_mutex_unlock(&store->lock);
     return NULL;
 }
@@ -105,7 +105,7 @@ void qm_store_end(qm_store *store, sqlite3_stmt *statement)
 qm_status qm_store_execute(qm_store *store, sqlite3_stmt *statement)
 {
     int result = sqlite3_step(statement);
-    if (result != SQLITE_DONE) qm_log("error", "database: %s", sqlite3_errmsg(store->database));
+    if (result != SQLITE_DONE) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
     qm_store_end(store, statement);
     return result == SQLITE_DONE ? QM_OK : QM_E_ARGUMENT;
 }
