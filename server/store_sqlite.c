@@ -15,6 +15,7 @@
 #include "store_internal.h"
 
 #define BUSY_TIMEOUT_MS 5000
+#define SCHEMA_VERSION "2"
 
 static const char schema[] =
     "PRAGMA journal_mode = WAL;"
@@ -30,7 +31,18 @@ static const char schema[] =
     "  state INTEGER NOT NULL);"
     "CREATE INDEX IF NOT EXISTS jobs_by_key ON jobs (key, state);"
     "CREATE INDEX IF NOT EXISTS jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
-    "PRAGMA user_version = 1;";
+    "PRAGMA user_version = " SCHEMA_VERSION ";";
+
+/** A new database tells 0. */
+static bool has_known_schema(sqlite3 *database)
+{
+    sqlite3_stmt *statement = NULL;
+    bool known = sqlite3_prepare_v2(database, "PRAGMA user_version", -1, &statement, NULL) == SQLITE_OK &&
+                 sqlite3_step(statement) == SQLITE_ROW;
+    int version = known ? sqlite3_column_int(statement, 0) : 0;
+    sqlite3_finalize(statement);
+    return version == 0 || version == atoi(SCHEMA_VERSION);
+}
 
 static qm_status open_database(qm_store *store, char message[QM_MESSAGE_SIZE])
 {
@@ -40,6 +52,10 @@ static qm_status open_database(qm_store *store, char message[QM_MESSAGE_SIZE])
                                  SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, NULL);
     if (result == SQLITE_OK) {
         sqlite3_busy_timeout(store->database, BUSY_TIMEOUT_MS);
+        if (!has_known_schema(store->database)) {
+            snprintf(message, QM_MESSAGE_SIZE, "database: written by another version of quadmeshd");
+            return QM_E_UNSUPPORTED;
+        }
         result = sqlite3_exec(store->database, schema, NULL, NULL, NULL);
     }
     if (result == SQLITE_OK) return QM_OK;
