@@ -9,7 +9,7 @@
 #include "problem.h"
 
 /** Enough for any double. Returns out. */
-#define QM_JSON_NUMBER_SIZE 32
+#define QM_JSON_NUMBER_SIZE 40
 char *qm_json_number(double value, char out[QM_JSON_NUMBER_SIZE]);
 
 /** What the mesh resource shows besides the mesh itself. */
