@@ -9,6 +9,7 @@
 
 #define MAX_WAIT_S 600.0
 #define MS_PER_S 1e3
+#define MAX_KEY_LENGTH 255
 
 /** The framing that the client chose; false when it prefers one document. */
 static bool wants_stream(const qm_request *request, qm_framing *framing)
@@ -54,10 +55,22 @@ static bool check_type(qm_request *request)
     return false;
 }
 
+/** Reads the Idempotency-Key, NULL when there is none; replies with a problem when it cannot be one. */
+static bool read_idempotency_key(qm_request *request, const char **key)
+{
+    *key = qm_request_header(request, "Idempotency-Key");
+    if (!*key || (**key && strlen(*key) <= MAX_KEY_LENGTH)) return true;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                         "Idempotency-Key has 1 to %d characters", MAX_KEY_LENGTH);
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
 void qm_handle_job_create(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
-    if (!check_type(request)) return;
+    const char *idempotency_key;
+    if (!check_type(request) || !read_idempotency_key(request, &idempotency_key)) return;
     size_t size;
     const char *body = qm_request_body(request, &size);
     qm_job_request job_request;
@@ -71,7 +84,7 @@ void qm_handle_job_create(qm_request *request)
     const char *caching = qm_request_header(request, "Cache-Control");
     qm_job_submission submission = {.request = &job_request,
                                     .body = body,
-                                    .idempotency_key = qm_request_header(request, "Idempotency-Key"),
+                                    .idempotency_key = idempotency_key,
                                     .use_cache = !(caching && strcasestr(caching, "no-cache")),
                                     .owns_job = streams && !job_request.detach};
     bool is_cached;
