@@ -78,7 +78,6 @@ void qm_handle_mesh_create(qm_request *request)
     bool is_new;
     if (atomic_load(&app->draining)) {
         problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new meshes");
-        problem.retry_after_s = 5;
         qm_reply_problem(request, &problem);
         return;
     }

@@ -53,7 +53,6 @@ void qm_handle_ready(qm_request *request)
         return;
     }
     qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping");
-    problem.retry_after_s = 5;
     qm_reply_problem(request, &problem);
 }
 

@@ -227,6 +227,12 @@ static void begin(qm_request *request)
         set_problem(request, qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));
 }
 
+static void drop_upload(qm_request *request)
+{
+    qm_blob_abort(request->upload);
+    request->upload = NULL;
+}
+
 /** Where the bytes of a body go. */
 static void keep(qm_request *request, const char *bytes, size_t size)
 {
@@ -255,6 +261,7 @@ static bool receive(qm_request *request, const char *bytes, size_t size)
         request->thrown_away += size;
     else
         keep(request, bytes, size);
+    if (request->has_problem) drop_upload(request);
     return request->thrown_away <= MAX_THROWN_AWAY;
 }
 
@@ -278,7 +285,6 @@ static void run_on_pool(void *data)
 static void refuse(qm_request *request)
 {
     qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the request cannot be queued");
-    problem.retry_after_s = 5;
     qm_reply_problem(request, &problem);
     hand_back(request);
 }
@@ -355,7 +361,7 @@ static void on_completed(void *cls, struct MHD_Connection *connection, void **st
         qm_job_leave(request->app->jobs, request->awaited, &request->reader);
         qm_jobs_release(request->app->jobs, request->awaited);
     }
-    if (request->upload) qm_blob_abort(request->upload);
+    drop_upload(request);
     if (request->reply.response) MHD_destroy_response(request->reply.response);
     qm_text_reset(&request->body);
     atomic_fetch_sub(&request->app->request_count, 1);

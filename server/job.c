@@ -191,7 +191,6 @@ static bool is_open(qm_jobs *jobs, qm_problem *problem)
 {
     if (!atomic_load(&jobs->closed)) return true;
     *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new jobs");
-    problem->retry_after_s = 5;
     return false;
 }
 
@@ -199,7 +198,6 @@ static bool has_room(qm_jobs *jobs, qm_problem *problem)
 {
     if (qm_jobs_count(jobs).queued < (size_t)jobs->limits.queue) return true;
     *problem = qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "%d jobs wait already", jobs->limits.queue);
-    problem->retry_after_s = 1;
     return false;
 }
 
@@ -231,7 +229,7 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, qm
     if (stored) qm_store_delete_job(jobs->store, job->id);
     withdraw(jobs, job);
     qm_jobs_release(jobs, job);
-    *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the job could not be stored");
+    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the job could not be stored");
     return NULL;
 }
 

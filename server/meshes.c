@@ -227,7 +227,7 @@ static bool file_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mesh
     }
     uv_mutex_unlock(&meshes->filing);
     if (!filed) free_loaded(mesh);
-    if (!found && !filed) *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the mesh could not be stored");
+    if (!found && !filed) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
     *is_new = filed;
     return found || filed;
 }

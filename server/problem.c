@@ -30,9 +30,15 @@ const char *qm_problem_title(qm_problem_code code)
     return rows[code].title;
 }
 
+/** What passes by itself may be tried again: a place in the queue soon, the daemon after a restart. */
+static int retry_after(qm_problem_code code)
+{
+    return code == QM_PROBLEM_TOO_MANY_JOBS ? 1 : code == QM_PROBLEM_UNAVAILABLE ? 5 : 0;
+}
+
 qm_problem qm_problem_make(qm_problem_code code, const char *format, ...)
 {
-    qm_problem problem = {.code = code};
+    qm_problem problem = {.code = code, .retry_after_s = retry_after(code)};
     va_list arguments;
     va_start(arguments, format);
     vsnprintf(problem.detail, sizeof problem.detail, format, arguments);

@@ -54,7 +54,7 @@ typedef struct qm_problem {
     char detail[QM_CODEC_DETAIL_SIZE];
     qm_problem_error errors[QM_PROBLEM_ERRORS];
     size_t error_count;
-    int retry_after_s; /* 0: no header */
+    int retry_after_s; /* set by the code; 0: no header */
     char allow[64];    /* methods for a 405, else "" */
 } qm_problem;
 

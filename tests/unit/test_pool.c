@@ -1,0 +1,81 @@
+/*
+ * Every task that was taken runs once, in the order of the queue, and none is taken after the end.
+ */
+#include <stdatomic.h>
+
+#include "check.h"
+#include "pool.h"
+
+enum { TASK_COUNT = 1000 };
+
+typedef struct tally {
+    atomic_int runs;
+    int order[TASK_COUNT];
+} tally;
+
+typedef struct numbered {
+    tally *tally;
+    int number;
+} numbered;
+
+static void note(void *data)
+{
+    const numbered *task = data;
+    task->tally->order[atomic_fetch_add(&task->tally->runs, 1)] = task->number;
+}
+
+static void run_all(int thread_count, tally *tally)
+{
+    static numbered tasks[TASK_COUNT];
+    qm_pool *pool = qm_pool_create(thread_count);
+    assert_non_null(pool);
+    for (int i = 0; i < TASK_COUNT; i++) {
+        tasks[i] = (numbered){tally, i};
+        assert_true(qm_pool_submit(pool, note, &tasks[i]));
+    }
+    qm_pool_close(pool);
+    assert_int_equal(atomic_load(&tally->runs), TASK_COUNT);
+    assert_false(qm_pool_submit(pool, note, &tasks[0]));
+    qm_pool_destroy(pool);
+    assert_int_equal(atomic_load(&tally->runs), TASK_COUNT);
+}
+
+static void test_one_thread_keeps_the_order(void **state)
+{
+    (void)state;
+    static tally tally;
+    run_all(1, &tally);
+    for (int i = 0; i < TASK_COUNT; i++)
+        assert_int_equal(tally.order[i], i);
+}
+
+static void test_many_threads_run_each_task_once(void **state)
+{
+    (void)state;
+    static tally tally;
+    static bool seen[TASK_COUNT];
+    run_all(7, &tally);
+    for (int i = 0; i < TASK_COUNT; i++) {
+        assert_false(seen[tally.order[i]]);
+        seen[tally.order[i]] = true;
+    }
+}
+
+static void test_an_idle_pool_ends(void **state)
+{
+    (void)state;
+    qm_pool *pool = qm_pool_create(3);
+    assert_non_null(pool);
+    qm_pool_destroy(pool);
+    qm_pool_destroy(NULL);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_one_thread_keeps_the_order),
+        cmocka_unit_test(test_many_threads_run_each_task_once),
+        cmocka_unit_test(test_an_idle_pool_ends),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
