@@ -24,40 +24,40 @@ static void note(void *data)
     task->tally->order[atomic_fetch_add(&task->tally->runs, 1)] = task->number;
 }
 
-static void run_all(int thread_count, tally *tally)
+static void run_all(int thread_count, tally *into)
 {
     static numbered tasks[TASK_COUNT];
     qm_pool *pool = qm_pool_create(thread_count);
     assert_non_null(pool);
     for (int i = 0; i < TASK_COUNT; i++) {
-        tasks[i] = (numbered){tally, i};
+        tasks[i] = (numbered){into, i};
         assert_true(qm_pool_submit(pool, note, &tasks[i]));
     }
     qm_pool_close(pool);
-    assert_int_equal(atomic_load(&tally->runs), TASK_COUNT);
+    assert_int_equal(atomic_load(&into->runs), TASK_COUNT);
     assert_false(qm_pool_submit(pool, note, &tasks[0]));
     qm_pool_destroy(pool);
-    assert_int_equal(atomic_load(&tally->runs), TASK_COUNT);
+    assert_int_equal(atomic_load(&into->runs), TASK_COUNT);
 }
 
 static void test_one_thread_keeps_the_order(void **state)
 {
     (void)state;
-    static tally tally;
-    run_all(1, &tally);
+    static tally done;
+    run_all(1, &done);
     for (int i = 0; i < TASK_COUNT; i++)
-        assert_int_equal(tally.order[i], i);
+        assert_int_equal(done.order[i], i);
 }
 
 static void test_many_threads_run_each_task_once(void **state)
 {
     (void)state;
-    static tally tally;
+    static tally done;
     static bool seen[TASK_COUNT];
-    run_all(7, &tally);
+    run_all(7, &done);
     for (int i = 0; i < TASK_COUNT; i++) {
-        assert_false(seen[tally.order[i]]);
-        seen[tally.order[i]] = true;
+        assert_false(seen[done.order[i]]);
+        seen[done.order[i]] = true;
     }
 }
 
