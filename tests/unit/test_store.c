@@ -1,9 +1,13 @@
 /*
  * What the store keeps is there again after it was opened anew; blobs are named by their hash.
  */
+#include <fcntl.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
 
 #include "check.h"
 #include "folder.h"
@@ -176,7 +180,7 @@ static void test_pages_of_meshes(void **state)
     fixture *f = *state;
     enum { COUNT = 7, PAGE = 3 };
     for (int i = 0; i < COUNT; i++) {
-        char id[8];
+        char id[16];
         snprintf(id, sizeof id, "m_%d", i);
         put_mesh(f, id, "", "");
     }
