@@ -13,14 +13,13 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "store_internal.h"
-
-#define PATH_SIZE 4096
+#include "blob.h"
+#include "log.h"
 
 struct qm_blob_writer {
     qm_store *store;
     struct sha256_ctx hash;
-    char path[PATH_SIZE];
+    char path[QM_STORE_PATH_SIZE];
     char name[QM_HASH_SIZE]; /* the hash, once sealed */
     int file;
 };
@@ -30,21 +29,38 @@ static bool make_folder(const char *path)
     return mkdir(path, 0700) == 0 || errno == EEXIST;
 }
 
-static void sweep(const char *incoming)
+static bool sync_folder(const char *path)
 {
-    DIR *folder = opendir(incoming);
-    for (struct dirent *entry; folder && (entry = readdir(folder));) {
-        if (entry->d_name[0] != '.') unlinkat(dirfd(folder), entry->d_name, 0);
-    }
-    if (folder) closedir(folder);
+    int folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    bool synced = folder >= 0 && fsync(folder) == 0;
+    if (folder >= 0) close(folder);
+    return synced;
 }
 
-bool qm_blob_prepare(const char *folder, char message[QM_MESSAGE_SIZE])
+/** The name of the folder that holds this one. */
+static void parent_of(const char *path, char out[QM_STORE_PATH_SIZE])
 {
-    char blobs[PATH_SIZE], incoming[PATH_SIZE];
+    const char *slash = strrchr(path, '/');
+    if (!slash)
+        snprintf(out, QM_STORE_PATH_SIZE, ".");
+    else
+        snprintf(out, QM_STORE_PATH_SIZE, "%.*s", slash == path ? 1 : (int)(slash - path), path);
+}
+
+static bool make_data_folder(const char *path)
+{
+    char parent[QM_STORE_PATH_SIZE];
+    if (mkdir(path, 0700) != 0) return errno == EEXIST;
+    parent_of(path, parent);
+    return sync_folder(parent);
+}
+
+bool qm_blob_make_folders(const char *folder, char message[QM_MESSAGE_SIZE])
+{
+    char blobs[QM_STORE_PATH_SIZE], incoming[QM_STORE_PATH_SIZE];
     snprintf(blobs, sizeof blobs, "%s/blobs", folder);
     snprintf(incoming, sizeof incoming, "%s/incoming", folder);
-    if (!make_folder(folder) || !make_folder(blobs) || !make_folder(incoming)) {
+    if (!make_data_folder(folder) || !make_folder(blobs) || !make_folder(incoming) || !sync_folder(folder)) {
         snprintf(message, QM_MESSAGE_SIZE, "cannot make %.200s: %s", folder, strerror(errno));
         return false;
     }
@@ -52,18 +68,28 @@ bool qm_blob_prepare(const char *folder, char message[QM_MESSAGE_SIZE])
         snprintf(message, QM_MESSAGE_SIZE, "cannot write in %.200s: %s", folder, strerror(errno));
         return false;
     }
-    sweep(incoming);
     return true;
 }
 
-static void blob_folder(const qm_store *store, const char *hash, char out[PATH_SIZE])
+void qm_blob_sweep(const char *folder)
 {
-    snprintf(out, PATH_SIZE, "%s/blobs/%.2s", store->folder, hash);
+    char incoming[QM_STORE_PATH_SIZE];
+    snprintf(incoming, sizeof incoming, "%s/incoming", folder);
+    DIR *files = opendir(incoming);
+    for (struct dirent *entry; files && (entry = readdir(files));) {
+        if (entry->d_name[0] != '.') unlinkat(dirfd(files), entry->d_name, 0);
+    }
+    if (files) closedir(files);
 }
 
-static void blob_path(const qm_store *store, const char *hash, char out[PATH_SIZE])
+static void blob_folder(const qm_store *store, const char *hash, char out[QM_STORE_PATH_SIZE])
 {
-    snprintf(out, PATH_SIZE, "%s/blobs/%.2s/%s", store->folder, hash, hash);
+    snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s", qm_store_folder(store), hash);
+}
+
+static void blob_path(const qm_store *store, const char *hash, char out[QM_STORE_PATH_SIZE])
+{
+    snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s/%s", qm_store_folder(store), hash, hash);
 }
 
 qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
@@ -72,7 +98,7 @@ qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
     if (!*out) return QM_E_NO_MEMORY;
     (*out)->store = store;
     sha256_init(&(*out)->hash);
-    snprintf((*out)->path, PATH_SIZE, "%s/incoming/XXXXXX", store->folder);
+    snprintf((*out)->path, QM_STORE_PATH_SIZE, "%s/incoming/XXXXXX", qm_store_folder(store));
     (*out)->file = mkostemp((*out)->path, O_CLOEXEC);
     if ((*out)->file >= 0) return QM_OK;
     free(*out);
@@ -101,14 +127,6 @@ void qm_blob_abort(qm_blob_writer *writer)
     free(writer);
 }
 
-static bool sync_folder(const char *path)
-{
-    int folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    bool synced = folder >= 0 && fsync(folder) == 0;
-    if (folder >= 0) close(folder);
-    return synced;
-}
-
 static void hex(const uint8_t *bytes, size_t size, char *out)
 {
     for (size_t i = 0; i < size; i++)
@@ -117,10 +135,10 @@ static void hex(const uint8_t *bytes, size_t size, char *out)
 
 static bool move_into_place(const qm_blob_writer *writer, const char *hash)
 {
-    char folder[PATH_SIZE], path[PATH_SIZE], blobs[PATH_SIZE];
+    char folder[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE], blobs[QM_STORE_PATH_SIZE];
     blob_folder(writer->store, hash, folder);
     blob_path(writer->store, hash, path);
-    snprintf(blobs, sizeof blobs, "%s/blobs", writer->store->folder);
+    snprintf(blobs, sizeof blobs, "%s/blobs", qm_store_folder(writer->store));
     return make_folder(folder) && sync_folder(blobs) && rename(writer->path, path) == 0 &&
            sync_folder(folder);
 }
@@ -166,7 +184,7 @@ qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes
 
 qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size)
 {
-    char path[PATH_SIZE];
+    char path[QM_STORE_PATH_SIZE];
     blob_path(store, hash, path);
     int file = open(path, O_RDONLY | O_CLOEXEC);
     if (file < 0) return QM_E_EMPTY;
@@ -180,20 +198,10 @@ void qm_blob_unmap(const uint8_t *bytes, size_t size)
     if (size > 0) munmap((void *)(uintptr_t)bytes, size);
 }
 
-static bool is_referred_to(qm_store *store, const char *hash)
-{
-    sqlite3_stmt *statement = qm_store_begin(store, "SELECT 1 FROM meshes WHERE hash = ? LIMIT 1");
-    if (!statement) return true;
-    qm_store_bind_text(statement, 1, hash);
-    bool found = sqlite3_step(statement) == SQLITE_ROW;
-    qm_store_end(store, statement);
-    return found;
-}
-
 void qm_blob_remove(qm_store *store, const char *hash)
 {
-    char path[PATH_SIZE];
-    if (is_referred_to(store, hash)) return;
+    char path[QM_STORE_PATH_SIZE];
+    if (qm_store_needs_blob(store, hash)) return;
     blob_path(store, hash, path);
     unlink(path);
 }

@@ -7,7 +7,7 @@
 #include <pthread.h>
 #include <sqlite3.h>
 
-#include "store.h"
+#include "blob.h"
 
 struct qm_store {
     char *folder;
@@ -15,9 +15,6 @@ struct qm_store {
     sqlite3 *database;
     pthread_mutex_t lock; /* guards the database connection */
 };
-
-/** Makes the folders and sweeps what was half written. False with words in message. */
-bool qm_blob_prepare(const char *folder, char message[QM_MESSAGE_SIZE]);
 
 /** A statement with the lock held until qm_store_end; NULL after a fault, with the lock given back. */
 sqlite3_stmt *qm_store_begin(qm_store *store, const char *sql);

@@ -87,6 +87,16 @@ bool qm_store_delete_mesh(qm_store *store, const char *id)
     return deleted;
 }
 
+bool qm_store_needs_blob(qm_store *store, const char *hash)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "SELECT 1 FROM meshes WHERE hash = ? LIMIT 1");
+    if (!statement) return true;
+    qm_store_bind_text(statement, 1, hash);
+    bool needed = sqlite3_step(statement) != SQLITE_DONE;
+    qm_store_end(store, statement);
+    return needed;
+}
+
 void qm_store_mesh_reset(qm_store_mesh *mesh)
 {
     free(mesh->options);

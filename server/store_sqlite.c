@@ -46,7 +46,7 @@ static bool has_known_schema(sqlite3 *database)
 
 static qm_status open_database(qm_store *store, char message[QM_MESSAGE_SIZE])
 {
-    char path[4096];
+    char path[QM_STORE_PATH_SIZE];
     snprintf(path, sizeof path, "%s/quadmeshd.sqlite", store->folder);
     int result = sqlite3_open_v2(path, &store->database,
                                  SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, NULL);
@@ -65,7 +65,7 @@ static qm_status open_database(qm_store *store, char message[QM_MESSAGE_SIZE])
 
 static qm_status lock_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
 {
-    char path[4096];
+    char path[QM_STORE_PATH_SIZE];
     snprintf(path, sizeof path, "%s/lock", store->folder);
     store->lock_file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
     if (store->lock_file >= 0 && flock(store->lock_file, LOCK_EX | LOCK_NB) == 0) return QM_OK;
@@ -74,22 +74,55 @@ static qm_status lock_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
     return QM_E_ARGUMENT;
 }
 
+/** Takes the folder over: nothing in it is touched before the lock is held. */
+static qm_status take_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
+{
+    if (!qm_blob_make_folders(store->folder, message)) return QM_E_ARGUMENT;
+    qm_status status = lock_folder(store, message);
+    if (status != QM_OK) return status;
+    qm_blob_sweep(store->folder);
+    return open_database(store, message);
+}
+
+/** A store with a folder that nobody looked at yet; NULL: out of memory. */
+static qm_store *create(const char *folder)
+{
+    qm_store *store = calloc(1, sizeof *store);
+    if (!store) return NULL;
+    store->lock_file = -1;
+    pthread_mutex_init(&store->lock, NULL);
+    size_t length = strlen(folder);
+    while (length > 1 && folder[length - 1] == '/')
+        length--;
+    store->folder = strndup(folder, length);
+    if (store->folder) return store;
+    qm_store_close(store);
+    return NULL;
+}
+
 qm_status qm_store_open(const char *folder, qm_store **out, char message[QM_MESSAGE_SIZE])
 {
     *out = NULL;
-    if (!qm_blob_prepare(folder, message)) return QM_E_ARGUMENT;
-    qm_store *store = calloc(1, sizeof *store);
-    if (!store) return QM_E_NO_MEMORY;
-    store->lock_file = -1;
-    store->folder = strdup(folder);
-    pthread_mutex_init(&store->lock, NULL);
-    qm_status status = store->folder ? lock_folder(store, message) : QM_E_NO_MEMORY;
-    if (status == QM_OK) status = open_database(store, message);
+    if (strlen(folder) >= QM_STORE_FOLDER_SIZE) {
+        snprintf(message, QM_MESSAGE_SIZE, "the name of the folder is too long");
+        return QM_E_ARGUMENT;
+    }
+    qm_store *store = create(folder);
+    if (!store) {
+        snprintf(message, QM_MESSAGE_SIZE, "%s", qm_status_text(QM_E_NO_MEMORY));
+        return QM_E_NO_MEMORY;
+    }
+    qm_status status = take_folder(store, message);
     if (status == QM_OK)
         *out = store;
     else
         qm_store_close(store);
     return status;
+}
+
+const char *qm_store_folder(const qm_store *store)
+{
+    return store->folder;
 }
 
 void qm_store_close(qm_store *store)

@@ -1,7 +1,6 @@
 /*
  * What the store keeps is there again after it was opened anew; blobs are named by their hash.
  */
-#include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -129,6 +128,18 @@ static void test_dropped_blobs_leave_nothing(void **state)
     qm_blob_abort(writer);
     assert_int_equal(count_files(f, "incoming") + count_files(f, "blobs"), 0);
     assert_int_equal(qm_blob_map(f->store, hash, &bytes, &size), QM_E_EMPTY);
+}
+
+static void test_unsealed_blobs_leave_nothing(void **state)
+{
+    fixture *f = *state;
+    qm_blob_writer *writer;
+    assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
+    assert_int_equal(qm_blob_write(writer, "half", 4), QM_OK);
+    assert_int_equal(count_files(f, "incoming"), 1);
+    qm_blob_abort(writer);
+    assert_int_equal(count_files(f, "incoming") + count_files(f, "blobs"), 0);
+    qm_blob_abort(NULL);
 }
 
 static void test_half_written_files_are_swept(void **state)
@@ -298,11 +309,84 @@ static void test_a_folder_has_one_owner(void **state)
     assert_non_null(strstr(message, "another process"));
 }
 
+/** Runs in a child process, and tells how it ended. */
+static int run_child(void (*task)(const char *folder), const char *folder)
+{
+    pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) {
+        task(folder);
+        _exit(0);
+    }
+    int end;
+    assert_int_equal(waitpid(child, &end, 0), child);
+    return end;
+}
+
+/** Exits with 0 when the folder is refused. */
+static void open_in_vain(const char *folder)
+{
+    qm_store *store;
+    char message[QM_MESSAGE_SIZE] = "";
+    if (qm_store_open(folder, &store, message) == QM_OK) _exit(1);
+    if (!strstr(message, "another process")) _exit(2);
+}
+
+static void test_a_refused_process_leaves_uploads_alone(void **state)
+{
+    fixture *f = *state;
+    qm_blob_writer *writer;
+    char hash[QM_HASH_SIZE];
+    assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
+    assert_int_equal(qm_blob_write(writer, "on its way", 10), QM_OK);
+    int end = run_child(open_in_vain, f->folder);
+    assert_true(WIFEXITED(end));
+    assert_int_equal(WEXITSTATUS(end), 0);
+    assert_int_equal(count_files(f, "incoming"), 1);
+    assert_int_equal(qm_blob_seal(writer, hash), QM_OK);
+    assert_int_equal(qm_blob_keep(writer), QM_OK);
+    check_blob(f, hash, "on its way");
+}
+
+static void write_and_die(const char *folder)
+{
+    fixture f = {.folder = (char *)folder};
+    char hash[QM_HASH_SIZE], message[QM_MESSAGE_SIZE];
+    qm_blob_writer *writer;
+    if (qm_store_open(folder, &f.store, message) != QM_OK) _exit(1);
+    keep_blob(&f, "kept", hash);
+    put_mesh(&f, "m_1", hash, "");
+    submit(&f, "j_1", "key", NULL);
+    if (qm_blob_begin(f.store, &writer) != QM_OK || qm_blob_write(writer, "half", 4) != QM_OK) _exit(2);
+    raise(SIGKILL);
+}
+
+static void test_what_was_stored_survives_a_kill(void **state)
+{
+    fixture *f = *state;
+    qm_store_close(f->store);
+    f->store = NULL;
+    int end = run_child(write_and_die, f->folder);
+    assert_true(WIFSIGNALED(end));
+    assert_int_equal(WTERMSIG(end), SIGKILL);
+    open_store(f);
+    qm_store_mesh mesh;
+    assert_true(qm_store_find_mesh(f->store, "m_1", &mesh));
+    check_blob(f, mesh.hash, "kept");
+    qm_store_mesh_reset(&mesh);
+    qm_store_job job;
+    assert_int_equal(qm_store_list_unfinished_jobs(f->store, 0, 1, &job), 1);
+    assert_string_equal(job.id, "j_1");
+    qm_store_job_reset(&job);
+    assert_int_equal(count_files(f, "incoming"), 0);
+}
+
 static void test_a_broken_database_is_refused(void **state)
 {
     fixture *f = *state;
     char path[256], message[QM_MESSAGE_SIZE] = "";
     qm_store_close(f->store);
+    f->store = NULL;
     snprintf(path, sizeof path, "%s/quadmeshd.sqlite", f->folder);
     FILE *file = fopen(path, "w");
     assert_non_null(file);
@@ -318,6 +402,7 @@ static void test_a_database_of_another_version_is_refused(void **state)
     fixture *f = *state;
     char path[256], message[QM_MESSAGE_SIZE] = "";
     qm_store_close(f->store);
+    f->store = NULL;
     snprintf(path, sizeof path, "%s/quadmeshd.sqlite", f->folder);
     FILE *file = fopen(path, "r+b");
     assert_non_null(file);
@@ -329,14 +414,54 @@ static void test_a_database_of_another_version_is_refused(void **state)
     assert_non_null(strstr(message, "another version"));
 }
 
+static void check_refused(const char *folder, const char *words)
+{
+    qm_store *store;
+    char message[QM_MESSAGE_SIZE] = "";
+    assert_int_not_equal(qm_store_open(folder, &store, message), QM_OK);
+    assert_null(store);
+    QM_CHECK(strstr(message, words), "%s", message);
+}
+
 static void test_a_folder_that_cannot_be_made(void **state)
 {
     (void)state;
-    qm_store *store;
-    char message[QM_MESSAGE_SIZE] = "";
-    assert_int_not_equal(qm_store_open("/proc/nowhere/data", &store, message), QM_OK);
-    assert_null(store);
-    assert_true(strlen(message) > 0);
+    check_refused("/proc/nowhere/data", "cannot make");
+}
+
+static void test_a_file_is_no_folder(void **state)
+{
+    fixture *f = *state;
+    char path[256];
+    snprintf(path, sizeof path, "%s/lock", f->folder);
+    check_refused(path, "cannot make");
+}
+
+/** A path so long that no name fits behind it, for a folder that is there. */
+static void test_a_name_that_is_too_long(void **state)
+{
+    fixture *f = *state;
+    char name[4095], hash[QM_HASH_SIZE];
+    keep_blob(f, "still here", hash);
+    size_t length = (size_t)snprintf(name, sizeof name, "%s", f->folder);
+    while (length + 2 < sizeof name)
+        length += (size_t)snprintf(name + length, sizeof name - length, "/.");
+    check_refused(name, "too long");
+    check_blob(f, hash, "still here");
+}
+
+/** Also when the name of the folder ends in slashes. */
+static void test_folders_are_made(void **state)
+{
+    fixture *f = *state;
+    fixture inner;
+    char path[256];
+    snprintf(path, sizeof path, "%s/inner//", f->folder);
+    inner.folder = path;
+    open_store(&inner);
+    reopen(&inner);
+    assert_int_equal(count_files(f, "inner/incoming"), 0);
+    qm_store_close(inner.store);
 }
 
 #define TEST(name) cmocka_unit_test_setup_teardown(name, set_up, tear_down)
@@ -347,6 +472,7 @@ int main(void)
         TEST(test_hashes),
         TEST(test_kept_blobs_survive),
         TEST(test_dropped_blobs_leave_nothing),
+        TEST(test_unsealed_blobs_leave_nothing),
         TEST(test_half_written_files_are_swept),
         TEST(test_meshes_survive),
         TEST(test_pages_of_meshes),
@@ -355,9 +481,14 @@ int main(void)
         TEST(test_unfinished_jobs),
         TEST(test_an_idempotency_key_names_one_job),
         TEST(test_a_folder_has_one_owner),
+        TEST(test_a_refused_process_leaves_uploads_alone),
+        TEST(test_what_was_stored_survives_a_kill),
         TEST(test_a_broken_database_is_refused),
         TEST(test_a_database_of_another_version_is_refused),
         cmocka_unit_test(test_a_folder_that_cannot_be_made),
+        TEST(test_a_file_is_no_folder),
+        TEST(test_a_name_that_is_too_long),
+        TEST(test_folders_are_made),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

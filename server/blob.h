@@ -1,0 +1,25 @@
+/**
+ * blob.h: what the files of blobs and the database of the store know of each other, without either's library.
+ */
+#ifndef QM_BLOB_H
+#define QM_BLOB_H
+
+#include "store.h"
+
+/** Room for every path below the data folder, whose own name is refused when it leaves no such room. */
+#define QM_STORE_PATH_SIZE 4096
+#define QM_STORE_FOLDER_SIZE (QM_STORE_PATH_SIZE - 128)
+
+/** Makes the data folder and those in it, and puts them on disk. False with words in message. */
+bool qm_blob_make_folders(const char *folder, char message[QM_MESSAGE_SIZE]);
+
+/** Removes what was half written. Only for the owner of the folder: others' uploads lie there too. */
+void qm_blob_sweep(const char *folder);
+
+/** The data folder, without a slash at its end. */
+const char *qm_store_folder(const qm_store *store);
+
+/** True when a mesh has this blob, and when that cannot be told. */
+bool qm_store_needs_blob(qm_store *store, const char *hash);
+
+#endif
