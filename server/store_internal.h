@@ -19,12 +19,18 @@ struct qm_store {
 /** A statement with the lock held until qm_store_end; NULL after a fault, with the lock given back. */
 sqlite3_stmt *qm_store_begin(qm_store *store, const char *sql);
 
+/** Steps to the next row. False after the last one, and after a fault, which is logged. */
+bool qm_store_step(qm_store *store, sqlite3_stmt *statement);
+
 /** Steps a statement that returns no row and ends it. */
 qm_status qm_store_execute(qm_store *store, sqlite3_stmt *statement);
 void qm_store_end(qm_store *store, sqlite3_stmt *statement);
 
-/** The text of a column on the heap; NULL for an SQL null. */
-char *qm_store_column_text(sqlite3_stmt *statement, int column);
+/** Copies a column to the heap; NULL for an SQL null. False, with a record in the log: out of memory. */
+bool qm_store_copy_text(sqlite3_stmt *statement, int column, char **out);
+
+/** The same for a text of which size - 1 bytes are enough, into room of the caller's. */
+bool qm_store_read_text(sqlite3_stmt *statement, int column, char *out, size_t size);
 
 /** Binds a string that outlives the statement; NULL binds an SQL null. */
 void qm_store_bind_text(sqlite3_stmt *statement, int place, const char *text);

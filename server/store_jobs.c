@@ -33,18 +33,21 @@ qm_status qm_store_finish_job(qm_store *store, const char *id, int state, const 
     return qm_store_execute(store, statement);
 }
 
-static void read_row(sqlite3_stmt *statement, qm_store_job *out)
+/** False, and nothing to reset: out of memory. */
+static bool read_row(sqlite3_stmt *statement, qm_store_job *out)
 {
-    *out = (qm_store_job){0};
-    snprintf(out->id, sizeof out->id, "%s", (const char *)sqlite3_column_text(statement, 0));
-    out->key = qm_store_column_text(statement, 1);
-    out->idempotency_key = qm_store_column_text(statement, 2);
-    out->body = qm_store_column_text(statement, 3);
-    out->created = qm_store_column_text(statement, 4);
-    out->state = sqlite3_column_int(statement, 5);
-    out->sequence = sqlite3_column_int64(statement, 6);
-    out->document = qm_store_column_text(statement, 7);
-    out->events = sqlite3_column_count(statement) > 8 ? qm_store_column_text(statement, 8) : NULL;
+    *out = (qm_store_job){.state = sqlite3_column_int(statement, 5),
+                          .sequence = sqlite3_column_int64(statement, 6)};
+    bool has_events = sqlite3_column_count(statement) > 8;
+    if (qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
+        qm_store_copy_text(statement, 1, &out->key) &&
+        qm_store_copy_text(statement, 2, &out->idempotency_key) &&
+        qm_store_copy_text(statement, 3, &out->body) && qm_store_copy_text(statement, 4, &out->created) &&
+        qm_store_copy_text(statement, 7, &out->document) &&
+        (!has_events || qm_store_copy_text(statement, 8, &out->events)))
+        return true;
+    qm_store_job_reset(out);
+    return false;
 }
 
 /** The one row of a statement with one string, or two values. */
@@ -54,8 +57,7 @@ static bool find_one(qm_store *store, const char *sql, const char *text, const i
     if (!statement) return false;
     qm_store_bind_text(statement, 1, text);
     if (state) sqlite3_bind_int(statement, 2, *state);
-    bool found = sqlite3_step(statement) == SQLITE_ROW;
-    if (found) read_row(statement, out);
+    bool found = qm_store_step(store, statement) && read_row(statement, out);
     qm_store_end(store, statement);
     return found;
 }
@@ -84,8 +86,8 @@ static size_t list(qm_store *store, const char *sql, int64_t after, size_t limit
     sqlite3_bind_int64(statement, 1, after);
     sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
     size_t count = 0;
-    while (count < limit && sqlite3_step(statement) == SQLITE_ROW)
-        read_row(statement, &out[count++]);
+    while (count < limit && qm_store_step(store, statement) && read_row(statement, &out[count]))
+        count++;
     qm_store_end(store, statement);
     return count;
 }
@@ -109,10 +111,11 @@ bool qm_store_delete_job(qm_store *store, const char *id)
     sqlite3_stmt *statement = qm_store_begin(store, "DELETE FROM jobs WHERE id = ? RETURNING id");
     if (!statement) return false;
     qm_store_bind_text(statement, 1, id);
-    bool deleted = sqlite3_step(statement) == SQLITE_ROW;
-    if (deleted) sqlite3_step(statement);
+    if (qm_store_step(store, statement))
+        /* The row is gone once the statement has ended: that is the commit. */
+        return qm_store_execute(store, statement) == QM_OK;
     qm_store_end(store, statement);
-    return deleted;
+    return false;
 }
 
 void qm_store_job_reset(qm_store_job *job)

@@ -19,23 +19,24 @@ qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
     return qm_store_execute(store, statement);
 }
 
-static void read_row(sqlite3_stmt *statement, qm_store_mesh *out)
+/** False, and nothing to reset: out of memory. */
+static bool read_row(sqlite3_stmt *statement, qm_store_mesh *out)
 {
-    *out = (qm_store_mesh){0};
-    snprintf(out->id, sizeof out->id, "%s", (const char *)sqlite3_column_text(statement, 0));
-    snprintf(out->hash, sizeof out->hash, "%s", (const char *)sqlite3_column_text(statement, 1));
-    out->options = qm_store_column_text(statement, 2);
-    out->name = qm_store_column_text(statement, 3);
-    out->document = qm_store_column_text(statement, 4);
-    out->format = sqlite3_column_int(statement, 5);
-    out->sequence = sqlite3_column_int64(statement, 6);
+    *out = (qm_store_mesh){.format = sqlite3_column_int(statement, 5),
+                           .sequence = sqlite3_column_int64(statement, 6)};
+    if (qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
+        qm_store_read_text(statement, 1, out->hash, sizeof out->hash) &&
+        qm_store_copy_text(statement, 2, &out->options) && qm_store_copy_text(statement, 3, &out->name) &&
+        qm_store_copy_text(statement, 4, &out->document))
+        return true;
+    qm_store_mesh_reset(out);
+    return false;
 }
 
 /** Reads the one row of a statement and ends it. */
 static bool read_one(qm_store *store, sqlite3_stmt *statement, qm_store_mesh *out)
 {
-    bool found = sqlite3_step(statement) == SQLITE_ROW;
-    if (found) read_row(statement, out);
+    bool found = qm_store_step(store, statement) && read_row(statement, out);
     qm_store_end(store, statement);
     return found;
 }
@@ -66,8 +67,8 @@ size_t qm_store_list_meshes(qm_store *store, int64_t after, size_t limit, qm_sto
     sqlite3_bind_int64(statement, 1, after);
     sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
     size_t count = 0;
-    while (count < limit && sqlite3_step(statement) == SQLITE_ROW)
-        read_row(statement, &out[count++]);
+    while (count < limit && qm_store_step(store, statement) && read_row(statement, &out[count]))
+        count++;
     qm_store_end(store, statement);
     return count;
 }

@@ -151,6 +151,14 @@ void qm_store_end(qm_store *store, sqlite3_stmt *statement)
     pthread_mutex_unlock(&store->lock);
 }
 
+bool qm_store_step(qm_store *store, sqlite3_stmt *statement)
+{
+    int result = sqlite3_step(statement);
+    if (result != SQLITE_ROW && result != SQLITE_DONE)
+        qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+    return result == SQLITE_ROW;
+}
+
 qm_status qm_store_execute(qm_store *store, sqlite3_stmt *statement)
 {
     int result = sqlite3_step(statement);
@@ -159,10 +167,27 @@ qm_status qm_store_execute(qm_store *store, sqlite3_stmt *statement)
     return result == SQLITE_DONE ? QM_OK : QM_E_ARGUMENT;
 }
 
-char *qm_store_column_text(sqlite3_stmt *statement, int column)
+static bool fail_to_read(void)
+{
+    qm_log(QM_LOG_ERROR, "database: there is no memory for a row");
+    return false;
+}
+
+bool qm_store_copy_text(sqlite3_stmt *statement, int column, char **out)
+{
+    *out = NULL;
+    if (sqlite3_column_type(statement, column) == SQLITE_NULL) return true;
+    const char *text = (const char *)sqlite3_column_text(statement, column);
+    if (text) *out = strdup(text);
+    return *out || fail_to_read();
+}
+
+bool qm_store_read_text(sqlite3_stmt *statement, int column, char *out, size_t size)
 {
     const char *text = (const char *)sqlite3_column_text(statement, column);
-    return text ? strdup(text) : NULL;
+    if (!text) return fail_to_read();
+    snprintf(out, size, "%s", text);
+    return true;
 }
 
 void qm_store_bind_text(sqlite3_stmt *statement, int place, const char *text)
