@@ -92,6 +92,13 @@ static void blob_path(const qm_store *store, const char *hash, char out[QM_STORE
     snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s/%s", qm_store_folder(store), hash, hash);
 }
 
+/** The cause belongs into the log; the client only hears that nothing was stored. */
+static qm_status fail_to_store(const char *step)
+{
+    qm_log(QM_LOG_ERROR, "blob: cannot %s: %s", step, strerror(errno));
+    return QM_E_ARGUMENT;
+}
+
 qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
 {
     *out = calloc(1, sizeof **out);
@@ -103,7 +110,7 @@ qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
     if ((*out)->file >= 0) return QM_OK;
     free(*out);
     *out = NULL;
-    return QM_E_ARGUMENT;
+    return fail_to_store("make a file");
 }
 
 qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
@@ -112,7 +119,7 @@ qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
     for (const char *next = bytes; size > 0;) {
         ssize_t written = write(writer->file, next, size);
         if (written < 0 && errno == EINTR) continue;
-        if (written <= 0) return QM_E_ARGUMENT;
+        if (written <= 0) return fail_to_store("write");
         next += written;
         size -= (size_t)written;
     }
@@ -149,18 +156,16 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
     sha256_digest(&writer->hash, sizeof digest, digest);
     hex(digest, sizeof digest, writer->name);
     memcpy(hash, writer->name, QM_HASH_SIZE);
-    return fsync(writer->file) == 0 ? QM_OK : QM_E_ARGUMENT;
+    return fsync(writer->file) == 0 ? QM_OK : fail_to_store("sync");
 }
 
 qm_status qm_blob_keep(qm_blob_writer *writer)
 {
-    if (!move_into_place(writer, writer->name)) {
-        qm_blob_abort(writer);
-        return QM_E_ARGUMENT;
-    }
+    qm_status status = move_into_place(writer, writer->name) ? QM_OK : fail_to_store("name a file");
+    if (status != QM_OK) unlink(writer->path);
     close(writer->file);
     free(writer);
-    return QM_OK;
+    return status;
 }
 
 static qm_status map(int file, const uint8_t **bytes, size_t *size)

@@ -1,6 +1,6 @@
 /**
- * store_sqlite.c: the database of the store. WAL with full synchronisation: a commit that has returned is on
- * disk.
+ * store_sqlite.c: the database of the store. A write-ahead log with full synchronisation: a commit that has
+ * returned is on disk.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -8,7 +8,6 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
-#include <sys/stat.h>
 #include <unistd.h>
 
 #include "log.h"
@@ -18,7 +17,6 @@
 #define SCHEMA_VERSION "2"
 
 static const char schema[] =
-    "PRAGMA journal_mode = WAL;"
     "PRAGMA synchronous = FULL;"
     "PRAGMA foreign_keys = ON;"
     "CREATE TABLE IF NOT EXISTS meshes ("
@@ -33,15 +31,40 @@ static const char schema[] =
     "CREATE INDEX IF NOT EXISTS jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
     "PRAGMA user_version = " SCHEMA_VERSION ";";
 
-/** A new database tells 0. */
-static bool has_known_schema(sqlite3 *database)
+/** What a pragma answers, in out; false, and "" in out, after a fault. */
+static bool ask(sqlite3 *database, const char *pragma, char out[16])
 {
     sqlite3_stmt *statement = NULL;
-    bool known = sqlite3_prepare_v2(database, "PRAGMA user_version", -1, &statement, NULL) == SQLITE_OK &&
-                 sqlite3_step(statement) == SQLITE_ROW;
-    int version = known ? sqlite3_column_int(statement, 0) : 0;
+    bool answered = sqlite3_prepare_v2(database, pragma, -1, &statement, NULL) == SQLITE_OK &&
+                    sqlite3_step(statement) == SQLITE_ROW;
+    const char *answer = answered ? (const char *)sqlite3_column_text(statement, 0) : NULL;
+    snprintf(out, 16, "%s", answer ? answer : "");
     sqlite3_finalize(statement);
-    return version == 0 || version == atoi(SCHEMA_VERSION);
+    return answer != NULL;
+}
+
+static qm_status fail_to_open(sqlite3 *database, char message[QM_MESSAGE_SIZE])
+{
+    snprintf(message, QM_MESSAGE_SIZE, "database: %s", sqlite3_errmsg(database));
+    return QM_E_ARGUMENT;
+}
+
+/** The version is looked at first: a database of another one is left as it is. */
+static qm_status set_up(sqlite3 *database, char message[QM_MESSAGE_SIZE])
+{
+    char version[16], mode[16];
+    if (!ask(database, "PRAGMA user_version", version)) return fail_to_open(database, message);
+    if (strcmp(version, "0") != 0 && strcmp(version, SCHEMA_VERSION) != 0) {
+        snprintf(message, QM_MESSAGE_SIZE, "database: written by another version of quadmeshd");
+        return QM_E_UNSUPPORTED;
+    }
+    if (!ask(database, "PRAGMA journal_mode = WAL", mode)) return fail_to_open(database, message);
+    if (strcmp(mode, "wal") != 0) {
+        snprintf(message, QM_MESSAGE_SIZE, "database: the file system does not allow a write-ahead log");
+        return QM_E_UNSUPPORTED;
+    }
+    bool made = sqlite3_exec(database, schema, NULL, NULL, NULL) == SQLITE_OK;
+    return made ? QM_OK : fail_to_open(database, message);
 }
 
 static qm_status open_database(qm_store *store, char message[QM_MESSAGE_SIZE])
@@ -50,17 +73,9 @@ static qm_status open_database(qm_store *store, char message[QM_MESSAGE_SIZE])
     snprintf(path, sizeof path, "%s/quadmeshd.sqlite", store->folder);
     int result = sqlite3_open_v2(path, &store->database,
                                  SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, NULL);
-    if (result == SQLITE_OK) {
-        sqlite3_busy_timeout(store->database, BUSY_TIMEOUT_MS);
-        if (!has_known_schema(store->database)) {
-            snprintf(message, QM_MESSAGE_SIZE, "database: written by another version of quadmeshd");
-            return QM_E_UNSUPPORTED;
-        }
-        result = sqlite3_exec(store->database, schema, NULL, NULL, NULL);
-    }
-    if (result == SQLITE_OK) return QM_OK;
-    snprintf(message, QM_MESSAGE_SIZE, "database: %s", sqlite3_errmsg(store->database));
-    return QM_E_ARGUMENT;
+    if (result != SQLITE_OK) return fail_to_open(store->database, message);
+    sqlite3_busy_timeout(store->database, BUSY_TIMEOUT_MS);
+    return set_up(store->database, message);
 }
 
 static qm_status lock_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
