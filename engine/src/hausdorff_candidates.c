@@ -45,26 +45,32 @@ bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack)
     return true;
 }
 
-static void add_near_face(qm_near_faces *near, uint32_t face, double d2)
+static void add_near_face(qm_near_faces *near, uint32_t face, double distance)
 {
-    int place = 0;
-    while (place < near->count && near->face[place] != face)
-        place++;
-    bool is_known = place < near->count;
-    if (is_known && near->d2[place] <= d2) return;
-    if (!is_known && near->count == QM_NEAR_FACES && near->d2[near->count - 1] <= d2) return;
-    if (!is_known) place = near->count < QM_NEAR_FACES ? near->count++ : near->count - 1;
-    for (; place > 0 && near->d2[place - 1] > d2; place--) {
-        near->d2[place] = near->d2[place - 1];
+    int place = near->count < QM_NEAR_FACES ? near->count++ : near->count - 1;
+    for (; place > 0 && near->distance[place - 1] > distance; place--) {
+        near->distance[place] = near->distance[place - 1];
         near->face[place] = near->face[place - 1];
     }
-    near->d2[place] = d2;
+    near->distance[place] = distance;
     near->face[place] = face;
 }
 
-static bool is_quad_lane(const qm_pack_lanes *lanes, int lane)
+/** Looks at the quad that starts at a lane: a twisted one is measured itself, since its triangles may lie far
+ * off. */
+static void visit_quad(const qm_piece_work *work, qm_near_faces *near, uint32_t face, double triangles,
+                       double twist, qm_vec p)
 {
-    return lanes->second >> lane & 1 || (lane + 1 < lanes->lane_count && (lanes->second >> (lane + 1) & 1));
+    bool is_full = near->count == QM_NEAR_FACES;
+    if (is_full && triangles - twist >= near->distance[QM_NEAR_FACES - 1]) return;
+    double distance = triangles;
+    if (twist > NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale) {
+        qm_vec corner[4];
+        qm_bvh_load_face(work->side->target, face, corner);
+        qm_patch patch = qm_patch_make(corner);
+        distance = qm_patch_descend(&patch, p).distance;
+    }
+    if (!is_full || distance < near->distance[QM_NEAR_FACES - 1]) add_near_face(near, face, distance);
 }
 
 qm_near_faces qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only)
@@ -75,9 +81,11 @@ qm_near_faces qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twis
         const qm_pack_lanes *lanes = &work->side->target->lanes[work->packs[k]];
         double d2[QM_PACK_LANES];
         work->kernel->pack_distances(work->candidates.pack[k], p, d2);
-        for (int lane = 0; lane < lanes->lane_count; lane++)
-            if (is_quad_lane(lanes, lane) && (!twisted_only || work->candidates.twist[k][lane] > least_twist))
-                add_near_face(&near, lanes->face[lane], d2[lane]);
+        for (int lane = 1; lane < lanes->lane_count; lane++) {
+            double twist = work->candidates.twist[k][lane];
+            if (!(lanes->second >> lane & 1) || (twisted_only && twist <= least_twist)) continue;
+            visit_quad(work, &near, lanes->face[lane], sqrt(fmin(d2[lane - 1], d2[lane])), twist, p);
+        }
     }
     return near;
 }

@@ -45,7 +45,7 @@ typedef struct qm_piece_work {
 typedef struct qm_near_faces {
     int count;
     uint32_t face[QM_NEAR_FACES];
-    double d2[QM_NEAR_FACES];
+    double distance[QM_NEAR_FACES];
 } qm_near_faces;
 
 /** What a distance may be for a point to be let go, in the frame of the target. */

@@ -64,10 +64,9 @@ typedef struct qm_worker {
     double witness;           /* distance of the witness, world units; -1 for none */
     int witness_side;
     uint32_t witness_face;
-    qm_vec witness_point; /* local to the target of the side */
-    uint64_t iterations, projections;
+    qm_vec witness_point;             /* local to the target of the side */
+    uint64_t iterations, projections; /* not handed over to the search yet */
     size_t max_queue;
-    qm_status status;
 } qm_worker;
 
 /** Anything at or below this can be let go, world units. */

@@ -149,6 +149,7 @@ void qm_piece_process_stack(qm_piece_work *work)
 {
     for (int budget = VISIT_BUDGET; work->height > 0; budget--) {
         qm_part next = work->stack[--work->height];
+        work->worker->iterations++;
         if (budget > 0)
             process_part(work, &next);
         else

@@ -7,7 +7,7 @@
 
 #include "hausdorff_search.h"
 
-#define LOOK_INTERVAL 16    /* entries between two looks at the clock and the cancel flag */
+#define LOOK_INTERVAL 16    /* entries and parts between two looks at the clock and the cancel flag */
 #define REPORT_INTERVAL 100 /* milliseconds between two reports at most */
 #define MIN_STEAL 2         /* entries that make it worth to take half */
 
@@ -163,13 +163,13 @@ static void report(qm_search *search, double now, double upper)
 
 /** Hands this worker's counts over, reports progress and looks for reasons to stop; one worker at a time does
  * so. */
-static void look_around(qm_worker *worker, uint64_t iterations)
+static void look_around(qm_worker *worker)
 {
     qm_search *search = worker->search;
     const qm_hausdorff_options *options = search->options;
-    atomic_fetch_add(&search->iterations, iterations);
+    atomic_fetch_add(&search->iterations, worker->iterations);
     atomic_fetch_add(&search->projections, worker->projections);
-    worker->projections = 0;
+    worker->iterations = worker->projections = 0;
     if (atomic_flag_test_and_set(&search->reporting)) return;
     double now = qm_clock_ms();
     report(search, now, qm_search_upper(search));
@@ -202,19 +202,15 @@ void qm_worker_run(qm_worker *worker)
     qm_search *search = worker->search;
     qm_entry entry;
     qm_piece piece;
-    uint64_t iterations = 0;
     while (atomic_load_explicit(&search->stop, memory_order_relaxed) == QM_SEARCH_RUNNING) {
         if (take_own(worker, &entry, &piece)) {
             process(worker, entry, &piece);
             atomic_fetch_sub(&search->busy_count, 1);
-            if (++iterations == LOOK_INTERVAL) {
-                look_around(worker, iterations);
-                iterations = 0;
-            }
+            if (++worker->iterations >= LOOK_INTERVAL) look_around(worker);
         } else if (!is_shared(worker) || !steal(worker)) {
             if (atomic_load(&search->busy_count) == 0) break;
             thrd_yield();
         }
     }
-    look_around(worker, iterations);
+    look_around(worker);
 }

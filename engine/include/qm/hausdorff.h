@@ -31,7 +31,7 @@ typedef enum qm_hausdorff_stop {
 typedef struct qm_hausdorff_progress {
     double elapsed_ms;
     double lower, upper;  /* upper is INFINITY until a first bound is known */
-    uint64_t iterations;  /* pieces and nodes taken from the queue so far */
+    uint64_t iterations;  /* nodes, packs and parts of faces looked at so far */
     uint64_t projections; /* searches of a nearest point so far */
     size_t queue_count;   /* pieces and nodes waiting */
 } qm_hausdorff_progress;
