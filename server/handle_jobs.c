@@ -52,7 +52,7 @@ static bool check_type(qm_request *request)
 static bool check_accept(qm_request *request)
 {
     qm_framing framing;
-    if (wants_stream(request, &framing) || qm_accepts(request, "application/json")) return true;
+    if (wants_stream(request, &framing) || qm_request_accepts(request, "application/json")) return true;
     qm_problem problem =
         qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE,
                         "a job comes as application/json, application/x-ndjson or text/event-stream");
@@ -169,7 +169,7 @@ void qm_handle_job_events(qm_request *request)
     uint64_t after;
     if (!read_after(request, &after)) return;
     qm_framing framing = QM_FRAMING_NDJSON;
-    if (!wants_stream(request, &framing) && !qm_accepts(request, "application/x-ndjson")) {
+    if (!wants_stream(request, &framing) && !qm_request_accepts(request, "application/x-ndjson")) {
         qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE,
                                              "events come as application/x-ndjson or text/event-stream");
         qm_reply_problem(request, &problem);

@@ -2,7 +2,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
 #include "handlers.h"
 #include "qm/bvh.h"
@@ -40,15 +39,6 @@ bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after)
         *after = value;
     }
     return true;
-}
-
-bool qm_accepts(const qm_request *request, const char *type)
-{
-    const char *accept = qm_request_header(request, "Accept");
-    if (!accept || strstr(accept, "*/*")) return true;
-    char group[64];
-    snprintf(group, sizeof group, "%.*s*", (int)(strcspn(type, "/") + 1), type);
-    return strcasestr(accept, type) || strcasestr(accept, group);
 }
 
 void qm_handle_health(qm_request *request)

@@ -26,7 +26,4 @@ void qm_handle_page(qm_request *request);
 /** Reads ?limit= and ?cursor=; replies with a problem and returns false when they are not valid. */
 bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after);
 
-/** True when the Accept header takes the type, as a whole, by its group or by anything; absent takes all. */
-bool qm_accepts(const qm_request *request, const char *type);
-
 #endif

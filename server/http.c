@@ -41,6 +41,15 @@ const char *qm_request_header(const qm_request *request, const char *name)
     return MHD_lookup_connection_value(request->connection, MHD_HEADER_KIND, name);
 }
 
+bool qm_request_accepts(const qm_request *request, const char *type)
+{
+    const char *accept = qm_request_header(request, "Accept");
+    if (!accept || strstr(accept, "*/*")) return true;
+    char group[64];
+    snprintf(group, sizeof group, "%.*s*", (int)(strcspn(type, "/") + 1), type);
+    return strcasestr(accept, type) || strcasestr(accept, group);
+}
+
 const char *qm_request_query(const qm_request *request, const char *name)
 {
     return MHD_lookup_connection_value(request->connection, MHD_GET_ARGUMENT_KIND, name);
@@ -160,6 +169,13 @@ static bool check_framing(qm_request *request)
     return !request->has_problem;
 }
 
+static void check_accept(qm_request *request)
+{
+    const char *type = request->route->type;
+    if (!type || qm_request_accepts(request, type)) return;
+    set_problem(request, qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE, "this resource comes as %s", type));
+}
+
 static void check_length(qm_request *request)
 {
     const char *length = qm_request_header(request, "Content-Length");
@@ -178,6 +194,7 @@ static void begin(qm_request *request)
         set_problem(request, problem);
         return;
     }
+    check_accept(request);
     check_length(request);
     if (!request->has_problem && request->route->body == QM_BODY_SPOOL &&
         qm_blob_begin(request->app->store, &request->upload) != QM_OK)

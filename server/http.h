@@ -32,6 +32,9 @@ const char *qm_request_id(const qm_request *request);
 const char *qm_request_header(const qm_request *request, const char *name);
 const char *qm_request_query(const qm_request *request, const char *name);
 
+/** True when the Accept header takes the type, as a whole, by its group or by anything; absent takes all. */
+bool qm_request_accepts(const qm_request *request, const char *type);
+
 /** The body of a route that keeps it in memory; never NULL. */
 const char *qm_request_body(const qm_request *request, size_t *size);
 

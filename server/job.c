@@ -22,6 +22,7 @@ struct qm_job {
     char created[QM_TIME_SIZE], started[QM_TIME_SIZE];
     qm_job_state state;
     atomic_bool cancel;
+    bool is_drained;  /* cancel was raised by the end of the daemon, not by a client */
     bool interrupted; /* stopped by the end of the daemon: it will run again */
     char **events;    /* lines without a line end; events[i] has seq i + 1 */
     size_t event_count, event_capacity;
@@ -361,6 +362,14 @@ static void on_progress(void *user, const qm_hausdorff_progress *progress)
     free(text);
 }
 
+static bool is_drained(qm_job *job)
+{
+    uv_mutex_lock(&job->jobs->lock);
+    bool is_so = job->is_drained;
+    uv_mutex_unlock(&job->jobs->lock);
+    return is_so;
+}
+
 static void measure(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
 {
     qm_context ctx = qm_context_make();
@@ -372,7 +381,7 @@ static void measure(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *
     qm_job_result result;
     qm_status status = qm_job_run_hausdorff(&ctx, &request, a, b, on_progress, &target, &result);
     bool canceled = status == QM_OK && result.hausdorff.stop == QM_STOP_CANCELED;
-    if (canceled && job->jobs->closed) {
+    if (canceled && is_drained(job)) {
         interrupt(job);
     } else if (status == QM_OK) {
         finish_with_result(job, canceled ? QM_JOB_CANCELLED : QM_JOB_SUCCEEDED, &result);
@@ -719,7 +728,7 @@ void qm_jobs_drain(qm_jobs *jobs)
         uv_sleep(10);
     uv_mutex_lock(&jobs->lock);
     for (qm_job *job = jobs->first; job; job = job->next)
-        atomic_store(&job->cancel, true);
+        job->is_drained = !atomic_exchange(&job->cancel, true);
     uv_mutex_unlock(&jobs->lock);
     qm_pool_destroy(jobs->pool);
     jobs->pool = NULL;

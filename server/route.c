@@ -5,22 +5,24 @@
 
 #include "handlers.h"
 
+#define JSON "application/json"
+
 static const qm_route routes[] = {
-    {"POST", "/v1/meshes", qm_handle_mesh_create, QM_BODY_SPOOL, true},
-    {"GET", "/v1/meshes", qm_handle_mesh_list, QM_BODY_NONE, true},
-    {"GET", "/v1/meshes/{id}", qm_handle_mesh_get, QM_BODY_NONE, true},
-    {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, QM_BODY_NONE, true},
-    {"POST", "/v1/jobs", qm_handle_job_create, QM_BODY_MEMORY, true},
-    {"GET", "/v1/jobs", qm_handle_job_list, QM_BODY_NONE, true},
-    {"GET", "/v1/jobs/{id}", qm_handle_job_get, QM_BODY_NONE, true},
-    {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, QM_BODY_NONE, true},
-    {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, QM_BODY_NONE, true},
-    {"GET", "/v1/info", qm_handle_info, QM_BODY_NONE, false},
-    {"GET", "/healthz", qm_handle_health, QM_BODY_NONE, false},
-    {"GET", "/readyz", qm_handle_ready, QM_BODY_NONE, false},
-    {"GET", "/openapi.yaml", qm_handle_openapi, QM_BODY_NONE, true},
-    {"GET", "/", qm_handle_page, QM_BODY_NONE, true},
-    {"GET", "/dashboard/{id}", qm_handle_page, QM_BODY_NONE, true},
+    {"POST", "/v1/meshes", qm_handle_mesh_create, JSON, QM_BODY_SPOOL, true},
+    {"GET", "/v1/meshes", qm_handle_mesh_list, JSON, QM_BODY_NONE, true},
+    {"GET", "/v1/meshes/{id}", qm_handle_mesh_get, JSON, QM_BODY_NONE, true},
+    {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, NULL, QM_BODY_NONE, true},
+    {"POST", "/v1/jobs", qm_handle_job_create, NULL, QM_BODY_MEMORY, true},
+    {"GET", "/v1/jobs", qm_handle_job_list, JSON, QM_BODY_NONE, true},
+    {"GET", "/v1/jobs/{id}", qm_handle_job_get, JSON, QM_BODY_NONE, true},
+    {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, NULL, QM_BODY_NONE, true},
+    {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, NULL, QM_BODY_NONE, true},
+    {"GET", "/v1/info", qm_handle_info, JSON, QM_BODY_NONE, false},
+    {"GET", "/healthz", qm_handle_health, NULL, QM_BODY_NONE, false},
+    {"GET", "/readyz", qm_handle_ready, NULL, QM_BODY_NONE, false},
+    {"GET", "/openapi.yaml", qm_handle_openapi, NULL, QM_BODY_NONE, true},
+    {"GET", "/", qm_handle_page, NULL, QM_BODY_NONE, true},
+    {"GET", "/dashboard/{id}", qm_handle_page, NULL, QM_BODY_NONE, true},
 };
 enum { ROUTE_COUNT = sizeof routes / sizeof routes[0] };
 

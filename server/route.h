@@ -12,6 +12,7 @@ typedef struct qm_route {
     const char *method;
     const char *path; /* {id} stands for one segment of letters, digits and _ */
     void (*handle)(qm_request *request);
+    const char *type; /* of the answer: clients that do not take it get 406; NULL: the handler looks */
     qm_body body;
     bool waits; /* may wait for disk or decode: runs on the pool, not on a thread of the connections */
 } qm_route;
