@@ -176,7 +176,7 @@ static void test_pages_of_meshes(void **state)
     fixture *f = *state;
     enum { COUNT = 7, PAGE = 3 };
     for (int i = 0; i < COUNT; i++) {
-        char id[8];
+        char id[16];
         snprintf(id, sizeof id, "m_%d", i);
         put_mesh(f, id, "", "");
     }
