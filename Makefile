@@ -111,7 +111,13 @@ $(OBJ)/clients/%.o: clients/%.c
 $(OBJ)/tests/%.o: tests/%.c
 	$(call COMPILE,-Iengine/include -Iengine/src -Iserver -Itests/support -D_GNU_SOURCE $(LIBRARY_CFLAGS))
 
-# Runs the unit tests of this config; `make test` (tests/run.sh) runs everything.
+unit-programs: $(UNIT_PROGRAMS)
+
+# Everything, from a bare Debian 12 on.
+test:
+	@sh tests/run.sh
+
+# Runs the unit tests of this config alone.
 unit: $(UNIT_PROGRAMS)
 	@set -e; for program in $(UNIT_PROGRAMS); do $$program; done
 
@@ -152,5 +158,5 @@ format:
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cc')
 
 -include $(foreach folder,$(wildcard $(OBJ) build/obj/fuzz),$(shell find $(folder) -name '*.d'))
-.PHONY: all unit check-layers demo fuzz clean format
+.PHONY: all test unit-programs unit check-layers demo fuzz clean format
 .SECONDARY:

@@ -414,8 +414,7 @@ qm_http *qm_http_start(qm_app *app)
         MHD_OPTION_SOCK_ADDR, (struct sockaddr *)&address, MHD_OPTION_THREAD_POOL_SIZE, CONNECTION_THREADS,
         MHD_OPTION_CONNECTION_LIMIT, (unsigned)app->config->connections, MHD_OPTION_CONNECTION_TIMEOUT,
         (unsigned)app->config->idle_timeout, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)CONNECTION_MEMORY,
-        MHD_OPTION_NOTIFY_COMPLETED, on_completed, NULL, MHD_OPTION_LISTENING_ADDRESS_REUSE, 1u,
-        MHD_OPTION_END);
+        MHD_OPTION_NOTIFY_COMPLETED, on_completed, NULL, MHD_OPTION_END);
     if (!http->daemon) {
         qm_log(QM_LOG_ERROR, "cannot listen on %s port %.0f", app->config->listen, app->config->port);
         free(http);

@@ -17,7 +17,7 @@ static const qm_route routes[] = {
     {"POST", "/v1/jobs", qm_handle_job_create, job_or_events, QM_BODY_MEMORY, QM_RUNS_SHORT},
     {"GET", "/v1/jobs", qm_handle_job_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}", qm_handle_job_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, events, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/info", qm_handle_info, json, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/healthz", qm_handle_health, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},

@@ -57,10 +57,25 @@ bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth
     return found;
 }
 
+/** Bound by the ball round the middle, measured to the patches themselves: it falls with the size, labels do
+ * not. */
+static double ball_upper(const qm_piece_work *work, const qm_piece *piece)
+{
+    qm_vec middle = {0, 0, 0};
+    double radius = 0.0;
+    for (int i = 0; i < piece->corner_count; i++)
+        middle = qm_vec_axpy(middle, 1.0 / piece->corner_count, piece->corner[i]);
+    for (int i = 0; i < piece->corner_count; i++)
+        radius = fmax(radius, qm_vec_distance(middle, piece->corner[i]));
+    qm_near_faces near = qm_piece_near_quads(work, middle, false);
+    return near.count > 0 ? near.distance[0] + radius : INFINITY;
+}
+
 void qm_piece_push(qm_piece_work *work, const qm_piece *piece)
 {
     int place;
     double upper = work->kernel->hull_upper(&work->candidates, piece->corner, piece->corner_count, &place);
+    if (work->side->target_patches) upper = fmin(upper, ball_upper(work, piece));
     qm_entry entry = work->entry;
     entry.upper = fmin(entry.upper, (upper + piece->slack) * work->side->inverse_scale);
     entry.hint = work->packs[place < work->pack_count ? place : 0];

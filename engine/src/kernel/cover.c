@@ -116,7 +116,8 @@ static span around_edge(const line *l, double x, double y, double ux, double uy,
 static span over_inside(const line *l, double length, double cx, double cy, double reach)
 {
     double ex = cx - length;
-    if (!(cy > 0.0)) return (span){1.0, 0.0}; /* no inside: the conditions below would let a half space through */
+    if (!(cy > 0.0))
+        return (span){1.0, 0.0}; /* no inside: the conditions below would let a half space through */
     span s = clip(clip((span){-INFINITY, INFINITY}, reach - l->z, -l->ez), reach + l->z, l->ez);
     s = clip(s, l->y, l->ey);
     s = clip(s, cy * l->x - cx * l->y, cy * l->ex - cx * l->ey);

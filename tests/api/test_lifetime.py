@@ -1,0 +1,199 @@
+"""What survives the daemon's end, whether it is asked to stop or killed, and how it starts and stops."""
+import signal
+import subprocess
+import threading
+import time
+
+import pytest
+
+import shapes
+from conftest import BUILD, PATIENCE, SLOW, check_bounds, check_problem
+
+
+def fill(client):
+    """Two meshes and a finished job over them."""
+    pair = [client.upload(shapes.sphere(turn), name="sphere")["id"] for turn in (0.0, shapes.SPHERE_TURN)]
+    return pair, client.hausdorff(*pair)
+
+
+def check_restored(running, meshes, pair, job, events):
+    """Everything is there as it was, and in use again."""
+    with running.client() as client:
+        assert client.get("/v1/meshes").json() == meshes
+        assert client.get(f"/v1/jobs/{job['id']}").json() == job
+        assert client.events(job["id"]) == events
+        again = client.hausdorff(*pair)
+        assert again["cached"] is True and again["result"] == job["result"]
+        # The raw bytes are back too: a new job reads the meshes from them.
+        new = client.hausdorff(*pair, headers={"Cache-Control": "no-cache"})["result"]
+        assert (new["lower"], new["upper"]) == (job["result"]["lower"], job["result"]["upper"])
+        same = client.post("/v1/meshes", params={"name": "sphere"}, content=shapes.ply_little(shapes.sphere()))
+        assert same.status_code == 200 and same.json()["id"] == pair[0]
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT, signal.SIGKILL])
+def test_meshes_and_jobs_come_back(make_daemon, how):
+    running = make_daemon()
+    with running.client() as client:
+        pair, job = fill(client)
+        job, events = client.get(f"/v1/jobs/{job['id']}").json(), client.events(job["id"])
+        meshes = client.get("/v1/meshes").json()
+    assert running.stop(how) == (-signal.SIGKILL if how == signal.SIGKILL else 0)
+    running.start()
+    check_restored(running, meshes, pair, job, events)
+
+
+@pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
+def test_unfinished_jobs_run_again(make_daemon, slow_files, how):
+    running = make_daemon("--workers", 1, "--grace", 0)
+    with running.client() as client:
+        slow = [client.upload(content)["id"] for content in slow_files]
+        point = client.upload(b"0 0 0\n1 1 1\n", format="xyz")["id"]
+        first = client.start(*slow, deadline_ms=3000, **SLOW)
+        second = client.start(point, point)
+    running.stop(how)
+    running.start()
+    with running.client() as client:
+        done = [client.wait(job["id"]) for job in (first, second)]
+        for job, old in zip(done, (first, second)):
+            assert job["state"] == "succeeded" and job["id"] == old["id"]
+            check_bounds(client.events(job["id"]), job["result"])
+
+
+def test_a_deleted_mesh_stays_deleted(make_daemon):
+    running = make_daemon()
+    with running.client() as client:
+        (kept, gone), _ = fill(client)
+        client.delete(f"/v1/meshes/{gone}")
+    running.stop(signal.SIGKILL)
+    running.start()
+    with running.client() as client:
+        assert [mesh["id"] for mesh in client.get("/v1/meshes").json()["meshes"]] == [kept]
+
+
+def test_killed_while_clients_upload(make_daemon):
+    """Whatever was answered with 201 is there afterwards, and nothing half."""
+    running = make_daemon()
+    answered = []
+
+    def upload():
+        with running.client() as client:
+            try:
+                for k in range(10_000):
+                    answered.append(client.upload(shapes.cube(side=1 + k))["id"])
+            except Exception:  # the daemon is gone: in whatever way, that is how the test ends
+                pass
+
+    thread = threading.Thread(target=upload)
+    thread.start()
+    while len(answered) < 20:
+        time.sleep(0.01)
+    running.stop(signal.SIGKILL)
+    thread.join()
+    running.start()
+    with running.client() as client:
+        for mesh in answered:
+            assert client.get(f"/v1/meshes/{mesh}").status_code == 200
+            assert client.hausdorff(mesh, mesh)["result"]["lower"] == 0
+    assert running.stop() == 0
+    assert not [path for path in (running.folder / "data" / "incoming").rglob("*") if path.is_file()]
+
+
+def test_sigterm_drains(make_daemon, slow_files):
+    """A running job gets its grace time; the stream is told; then the daemon is gone with status 0."""
+    running = make_daemon("--grace", 1)
+    with running.client() as client:
+        slow = [client.upload(content)["id"] for content in slow_files]
+        job = client.start(*slow, **SLOW)
+        heard = []
+        with client.stream("GET", f"/v1/jobs/{job['id']}/events", headers={"Accept": "application/x-ndjson"}) as reply:
+            lines = reply.iter_lines()
+            heard.append(next(lines))
+            start = time.monotonic()
+            running.process.send_signal(signal.SIGTERM)
+            heard += list(lines)
+        assert running.stop() == 0
+        assert 0.5 < time.monotonic() - start < PATIENCE / 2
+    assert '"event":"server_shutdown"' in heard[-1]
+
+
+def test_sigterm_lets_short_jobs_end(make_daemon, slow_files):
+    running = make_daemon("--grace", 30)
+    with running.client() as client:
+        slow = [client.upload(content)["id"] for content in slow_files]
+        job = client.start(*slow, deadline_ms=1500, **SLOW)
+        with client.stream("GET", f"/v1/jobs/{job['id']}/events", headers={"Accept": "application/x-ndjson"}) as reply:
+            lines = reply.iter_lines()
+            next(lines)
+            running.process.send_signal(signal.SIGTERM)
+            last = list(lines)[-1]
+        assert '"event":"result"' in last
+        assert running.stop() == 0
+    running.start()
+    with running.client() as client:
+        assert client.get(f"/v1/jobs/{job['id']}").json()["state"] == "succeeded"
+
+
+def test_a_client_cancel_outlives_the_stop(make_daemon, slow_files):
+    running = make_daemon("--grace", 0)
+    with running.client() as client:
+        slow = [client.upload(content)["id"] for content in slow_files]
+        job = client.start(*slow, **SLOW)
+        while client.get(f"/v1/jobs/{job['id']}").json()["state"] == "queued":
+            time.sleep(0.01)
+        assert client.delete(f"/v1/jobs/{job['id']}").status_code == 202
+        assert running.stop() == 0
+    running.start()
+    with running.client() as client:
+        assert client.wait(job["id"])["state"] == "cancelled"
+
+
+# ---- starting ----
+
+
+def run(*arguments):
+    return subprocess.run([BUILD / "quadmeshd", *map(str, arguments)], capture_output=True, text=True, timeout=PATIENCE)
+
+
+def test_help_and_version():
+    assert run("--help").returncode == 0 and "--data-dir" in run("--help").stdout
+    assert run("--version").stdout.startswith("quadmeshd ")
+
+
+@pytest.mark.parametrize("arguments", [("--no-such", "1"), ("--port",), ("--port", "x"), ("--port", "70000"),
+                                       ("--workers", "0"), ("--listen", "0.0.0.0"), ("--log-format", "xml")])
+def test_bad_settings_are_usage_errors(arguments):
+    done = run(*arguments)
+    assert done.returncode == 2 and done.stderr.startswith("quadmeshd: ")
+
+
+def test_one_daemon_a_folder(make_daemon):
+    running = make_daemon()
+    second = run("--port", 0, "--data-dir", running.folder / "data")
+    assert second.returncode == 1
+    with running.client() as client:
+        assert client.get("/healthz").status_code == 200
+
+
+def test_a_folder_that_cannot_be(tmp_path):
+    (tmp_path / "file").write_text("")
+    assert run("--port", 0, "--data-dir", tmp_path / "file" / "data").returncode == 1
+
+
+def test_a_port_that_is_taken(make_daemon, tmp_path):
+    assert run("--port", make_daemon().port, "--data-dir", tmp_path / "other").returncode == 1
+
+
+def test_readiness_ends_with_the_drain(make_daemon, slow_files):
+    """While the last job gets its grace, connections that are open hear that the daemon takes nothing new."""
+    running = make_daemon("--grace", 3)
+    with running.client() as client:
+        slow = [client.upload(content)["id"] for content in slow_files]
+        client.start(*slow, deadline_ms=2000, **SLOW)
+        running.process.send_signal(signal.SIGTERM)
+        time.sleep(0.3)
+        reply = client.get("/readyz")
+        check_problem(reply, 503)
+        check_problem(client.post("/v1/jobs", json={"type": "hausdorff", "a": slow[0], "b": slow[1]}), 503)
+        check_problem(client.post("/v1/meshes", content=b"0 0 0\n"), 503)
+    assert running.stop() == 0

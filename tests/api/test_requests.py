@@ -1,0 +1,195 @@
+"""HTTP itself: methods, media types, sizes, lengths told twice, and what a daemon tells of its state."""
+import json
+import socket
+import threading
+
+import httpx
+import pytest
+
+import shapes
+from conftest import check_problem
+
+METHODS = [
+    ("PUT", "/v1/meshes", {"GET", "HEAD", "POST"}), ("PATCH", "/v1/jobs", {"GET", "HEAD", "POST"}),
+    ("POST", "/v1/meshes/m_1", {"GET", "HEAD", "DELETE"}), ("POST", "/healthz", {"GET", "HEAD"}),
+    ("DELETE", "/v1/info", {"GET", "HEAD"}), ("PUT", "/v1/jobs/j_1/events", {"GET", "HEAD"}),
+]
+
+
+@pytest.mark.parametrize("method,path,allowed", METHODS)
+def test_wrong_methods(client, method, path, allowed):
+    reply = client.request(method, path)
+    check_problem(reply, 405, "method_not_allowed")
+    assert {name.strip() for name in reply.headers["allow"].split(",")} == allowed
+
+
+@pytest.mark.parametrize("path", ["/v1", "/v1/", "/v2/meshes", "/v1/meshes/", "/v1/meshes/a/b", "/v1/jobs/%00",
+                                  "/v1/meshes/..%2f..%2fetc%2fpasswd", "/dashboard/../quadmeshd", "/v1/jobs/" + "x" * 3000])
+def test_unknown_paths(client, path):
+    check_problem(client.get(path), 404)
+
+
+ACCEPT = [("GET", "/v1/info", "text/html"), ("GET", "/v1/meshes", "image/png"), ("GET", "/v1/jobs", "text/csv"),
+          ("POST", "/v1/jobs", "text/html")]
+
+
+@pytest.mark.parametrize("method,path,accept", ACCEPT)
+def test_not_acceptable(client, spheres, method, path, accept):
+    body = {"json": {"type": "hausdorff", "a": spheres[0], "b": spheres[1]}} if method == "POST" else {}
+    check_problem(client.request(method, path, headers={"Accept": accept}, **body), 406, "not_acceptable")
+
+
+def test_events_not_acceptable(client, spheres):
+    job = client.hausdorff(*spheres)
+    check_problem(client.get(f"/v1/jobs/{job['id']}/events", headers={"Accept": "image/png"}), 406)
+
+
+@pytest.mark.parametrize("accept", ["*/*", "application/*", "text/html, application/json;q=0.5"])
+def test_acceptable(client, accept):
+    assert client.get("/v1/info", headers={"Accept": accept}).status_code == 200
+
+
+@pytest.mark.parametrize("media_type", ["image/png", "application/json", "multipart/form-data; boundary=x"])
+def test_media_types_of_uploads(client, media_type):
+    reply = client.post("/v1/meshes", content=b"v 0 0 0", headers={"Content-Type": media_type})
+    check_problem(reply, 415, "unsupported_media_type")
+
+
+def test_media_type_of_jobs(client):
+    check_problem(client.post("/v1/jobs", content=b"{}", headers={"Content-Type": "text/xml"}), 415)
+
+
+def test_unknown_format_parameter(client):
+    check_problem(client.post("/v1/meshes", params={"format": "step"}, content=b"v 0 0 0"), 400, "invalid_parameter")
+
+
+def test_too_large_bodies(make_daemon):
+    with make_daemon("--max-body", 5000).client() as client:
+        small = shapes.obj(shapes.cube())
+        assert client.post("/v1/meshes", content=small).status_code == 201
+        check_problem(client.post("/v1/meshes", content=b"x" * 5001), 413, "too_large")
+        # Without a length the daemon finds out on the way; an answer or a cut connection are both fine.
+        try:
+            check_problem(client.post("/v1/meshes", content=(b"x" * 1000 for _ in range(50))), 413)
+        except httpx.TransportError:
+            pass
+        check_problem(client.post("/v1/jobs", content=b" " * (2 << 20)), 413)
+        assert client.post("/v1/meshes", content=small).status_code == 200
+
+
+def test_too_many_faces(make_daemon):
+    with make_daemon("--max-faces", 100).client() as client:
+        assert client.post("/v1/meshes", content=shapes.obj(shapes.cube())).status_code == 201
+        check_problem(client.post("/v1/meshes", content=shapes.obj(shapes.saddle(20))), 413, "too_large")
+
+
+# ---- by hand ----
+
+
+def talk(daemon, text, whole=True):
+    """Sends bytes as they are and returns all that comes back until the daemon closes or falls silent."""
+    with socket.create_connection(("127.0.0.1", daemon.port), timeout=5) as connection:
+        received = b""
+        try:
+            connection.sendall(text)
+            if whole:
+                connection.shutdown(socket.SHUT_WR)
+            while chunk := connection.recv(65536):
+                received += chunk
+        except OSError:
+            pass
+        return received
+
+
+SMUGGLED = (b"POST /v1/jobs HTTP/1.1\r\nHost: x\r\nContent-Length: 4\r\nTransfer-Encoding: chunked\r\n\r\n"
+            b"0\r\n\r\nGET /v1/info HTTP/1.1\r\nHost: x\r\n\r\n")
+
+
+def test_two_lengths_are_refused(daemon):
+    answer = talk(daemon, SMUGGLED)
+    assert answer.startswith(b"HTTP/1.1 400") and b"ambiguous_length" in answer
+    assert answer.count(b"HTTP/1.1 ") == 1, "the text behind it is not taken for a second request"
+
+
+def test_other_transfer_codings_are_refused(daemon):
+    answer = talk(daemon, b"POST /v1/meshes HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: gzip, chunked\r\n\r\n0\r\n\r\n")
+    assert answer.startswith(b"HTTP/1.1 400")
+
+
+NONSENSE = [b"\r\n\r\n", b"GET\r\n\r\n", b"\0" * 5000, b"GET / HTTP/9.9\r\n\r\n", b"A" * 300000,
+            b"GET / HTTP/1.1\r\nHost: x\r\nContent-Length: -5\r\n\r\n",
+            b"POST /v1/meshes HTTP/1.1\r\nHost: x\r\nContent-Length: 99999999999999999999999\r\n\r\n",
+            b"POST /v1/meshes HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n",
+            b"GET /v1/info HTTP/1.1\r\n" + b"X: y\r\n" * 50000 + b"\r\n"]
+
+
+@pytest.mark.parametrize("text", NONSENSE, ids=range(len(NONSENSE)))
+def test_nonsense_hurts_nobody(daemon, client, text):
+    answer = talk(daemon, text)
+    assert b"HTTP/1.1 2" not in answer
+    assert client.get("/healthz").status_code == 200
+
+
+def test_an_upload_that_breaks_off_leaves_nothing(make_daemon):
+    running = make_daemon()
+    head = b"POST /v1/meshes HTTP/1.1\r\nHost: x\r\nContent-Length: 1000000\r\n\r\n"
+    talk(running, head + b"v 0 0 0\n" * 1000)
+    with running.client() as client:
+        assert client.get("/v1/meshes").json()["meshes"] == []
+    assert running.stop() == 0
+    assert not [path for path in (running.folder / "data" / "incoming").rglob("*") if path.is_file()]
+
+
+def test_http_1_0(daemon, spheres):
+    body = json.dumps({"type": "hausdorff", "a": spheres[0], "b": spheres[1]}).encode()
+    answer = talk(daemon, b"POST /v1/jobs HTTP/1.0\r\nAccept: application/x-ndjson\r\nContent-Length: "
+                  + str(len(body)).encode() + b"\r\n\r\n" + body, whole=False)
+    head, _, events = answer.partition(b"\r\n\r\n")
+    assert b" 200 " in head.splitlines()[0] and b"chunked" not in head
+    assert json.loads(events.splitlines()[-1])["event"] == "result"
+
+
+def test_many_clients_at_once(daemon):
+    failures = []
+
+    def ask(number):
+        with daemon.client() as client:
+            mesh = client.upload(shapes.cube(side=1 + number % 4))
+            job = client.hausdorff(mesh["id"], mesh["id"], tolerance=1e-3)
+            if job["result"]["lower"] != 0 or client.get("/healthz").status_code != 200:
+                failures.append(number)
+
+    threads = [threading.Thread(target=ask, args=(number,)) for number in range(24)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failures
+
+
+# ---- what it tells of itself ----
+
+
+def test_health(client):
+    assert client.get("/healthz").status_code == 200
+    assert client.get("/readyz").status_code == 200
+
+
+def test_info(client):
+    info = client.get("/v1/info").json()
+    assert info["version"].count(".") == 2
+    assert {"obj", "ply", "stl", "off", "glb", "drc", "xyz"} <= set(info["formats"])
+    assert info["kernel"] in ("portable", "avx2", "avx512")
+    assert info["jobs"] == ["hausdorff"]
+    assert info["limits"]["body_bytes"] > 0 and info["limits"]["faces"] > 0
+
+
+def test_the_description_and_the_page_are_served(client):
+    assert client.get("/openapi.yaml").text.startswith("openapi: 3.1")
+    page = client.get("/")
+    assert page.status_code == 200 and "text/html" in page.headers["content-type"]
+
+
+def test_replies_may_not_be_guessed_at(client):
+    for path in ("/v1/info", "/", "/v1/none"):
+        assert client.get(path).headers["x-content-type-options"] == "nosniff"

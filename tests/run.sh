@@ -1,0 +1,83 @@
+#!/bin/sh
+# Everything that `make test` runs, from a bare Debian 12 on: installs what is missing, builds, checks, counts.
+#
+#   1. clang-format and the borders between the folders
+#   2. unit tests under ASan and UBSan; those that take long, or measure nothing but the engine, in the release build
+#   3. API and command-line tests against a real daemon under ASan and UBSan; the pairs of the data folder in release
+#
+# Exit status: 0 when everything passed. The last line counts: "N passed, N failed".
+set -u
+cd "$(dirname "$0")/.."
+
+sh docker/install-packages.sh test || exit 1
+jobs=$(nproc)
+make -j"$jobs" all >build-release.log 2>&1 || { cat build-release.log; exit 1; }
+make -j"$jobs" config=asan all unit-programs >build-asan.log 2>&1 || { cat build-asan.log; exit 1; }
+make -j"$jobs" unit-programs >>build-release.log 2>&1 || { cat build-release.log; exit 1; }
+rm -f build-release.log build-asan.log
+
+passed=0
+failed=0
+count() { # NAME STATUS
+    if [ "$2" -eq 0 ]; then passed=$((passed + 1)); else
+        failed=$((failed + 1))
+        echo "FAILED: $1"
+    fi
+}
+
+check() { # NAME COMMAND...
+    name=$1
+    shift
+    echo "== $name"
+    "$@"
+    count "$name" $?
+}
+
+format_check() {
+    git ls-files '*.c' '*.h' '*.cc' | xargs clang-format --dry-run -Werror
+}
+
+check "format" format_check
+check "layers" make -s check-layers
+
+# cmocka prints a line for each test; only what failed and the sums are shown.
+output=$(mktemp)
+trap 'rm -f "$output"' EXIT
+unit() { # PROGRAM
+    echo "== $1"
+    "$1" >"$output" 2>&1
+    status=$?
+    good=$(grep -c '^\[       OK ' "$output")
+    bad=$(sed -n 's/^\[  FAILED  \] \([0-9]*\) test(s), listed below:/\1/p' "$output" | tail -n 1)
+    if [ "$status" -ne 0 ] && [ "${bad:-0}" -eq 0 ]; then bad=1; fi
+    if [ "$status" -ne 0 ]; then cat "$output"; fi
+    passed=$((passed + good))
+    failed=$((failed + ${bad:-0}))
+}
+
+# These three search for long: the sanitizers would make minutes of it, and the release build is what users run.
+slow="test_hausdorff test_hausdorff_property test_pairs"
+for program in build/asan/tests/test_*; do
+    case "$program" in *.d | *.o) continue ;; esac
+    case " $slow " in *" $(basename "$program") "*) continue ;; esac
+    unit "$program"
+done
+for name in $slow; do unit "build/tests/$name"; done
+
+[ -x build/venv/bin/pytest ] || python3 -m venv build/venv
+build/venv/bin/pip install --quiet --disable-pip-version-check -r tests/api/requirements.txt || exit 1
+for folder in tests/api tests/cli; do
+    echo "== $folder"
+    QM_BUILD=build/asan build/venv/bin/pytest -q -p no:cacheprovider "$folder" --junitxml "$output.xml"
+    status=$?
+    sums=$(sed -n 's/.*<testsuite [^>]*errors="\([0-9]*\)" failures="\([0-9]*\)" skipped="\([0-9]*\)" tests="\([0-9]*\)".*/\1 \2 \3 \4/p' "$output.xml")
+    rm -f "$output.xml"
+    set -- ${sums:-1 0 0 1}
+    bad=$(($1 + $2))
+    if [ "$status" -ne 0 ] && [ "$bad" -eq 0 ]; then bad=1; fi
+    passed=$((passed + $4 - $3 - $1 - $2))
+    failed=$((failed + bad))
+done
+
+echo "$passed passed, $failed failed"
+[ "$failed" -eq 0 ]
