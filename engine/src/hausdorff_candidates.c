@@ -10,8 +10,9 @@
 
 void qm_piece_fill_candidates(qm_piece_work *work)
 {
+    work->filled_for = qm_piece_allowed(work);
     qm_candidates_fill(&work->candidates, work->side, work->packs, work->pack_count,
-                       qm_piece_allowed(work) - work->slack);
+                       work->filled_for - work->slack);
     work->generation++;
 }
 

@@ -35,6 +35,7 @@ typedef struct qm_piece_work {
     uint32_t packs[QM_COVER_PACKS];
     int pack_count, pack_capacity;
     qm_candidates candidates;
+    double filled_for;   /* what a distance was allowed to be when the candidates were set up */
     unsigned generation; /* counts changes of the candidates */
     qm_pack refined;     /* labels cut out of patches of the target, in the last place of the candidates */
     qm_part stack[QM_PART_STACK];
@@ -87,7 +88,10 @@ void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon);
 /** Covers a polygon by the candidates, then, when that is not enough, by refined ones too. */
 bool qm_piece_cover(qm_piece_work *work, qm_polygon *polygon, bool *moved);
 
-/** Measures the corners that need it. True when that found new candidates: in_reach is then made anew. */
+/**
+ * Measures the corners that need it. True when that found new candidates or raised the lower bound: in_reach
+ * is then made anew.
+ */
 bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth);
 
 /** Queues a triangle or rectangle with the bound that its best single label gives. */

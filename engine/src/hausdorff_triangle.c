@@ -49,11 +49,14 @@ bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth
         if (!needs_sample(work, polygon, i, depth)) continue;
         uint32_t hint = work->packs[0];
         qm_worker_sample(work->worker, work->side, polygon->corner[i], work->slack, work->piece.face, &hint);
-        if (!qm_piece_add_candidate(work, hint)) continue;
-        qm_piece_fill_candidates(work);
-        found = true;
+        found |= qm_piece_add_candidate(work, hint);
     }
-    if (found) qm_piece_reach_corners(work, polygon);
+    /* A corner that raised the lower bound is reached now, by the pack that was its nearest all along. */
+    found |= qm_piece_allowed(work) > work->filled_for;
+    if (found) {
+        qm_piece_fill_candidates(work);
+        qm_piece_reach_corners(work, polygon);
+    }
     return found;
 }
 
