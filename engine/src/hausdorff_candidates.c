@@ -16,21 +16,22 @@ void qm_piece_fill_candidates(qm_piece_work *work)
     work->generation++;
 }
 
-void qm_piece_gather(qm_piece_work *work)
+void qm_piece_narrow(qm_piece_work *work, const qm_near_packs *near)
 {
-    qm_box box = {{DBL_MAX, DBL_MAX, DBL_MAX}, {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
-    for (int i = 0; i < work->piece.corner_count; i++) {
-        const double p[3] = {work->piece.corner[i].x, work->piece.corner[i].y, work->piece.corner[i].z};
-        for (int k = 0; k < 3; k++) {
-            if (p[k] < box.min[k]) box.min[k] = p[k];
-            if (p[k] > box.max[k]) box.max[k] = p[k];
-        }
-    }
+    qm_box box = qm_vec_box(work->piece.corner, work->piece.corner_count);
     work->pack_capacity = work->side->target_patches ? QM_COVER_PACKS - 1 : QM_COVER_PACKS;
-    work->pack_count = work->kernel->gather(work->side->target, &box, qm_piece_allowed(work),
-                                            work->pack_capacity, work->packs);
+    work->pack_count =
+        work->kernel->narrow(near, &box, qm_piece_allowed(work), work->pack_capacity, work->packs);
     if (work->pack_count == 0) work->packs[work->pack_count++] = work->entry.hint;
     qm_piece_fill_candidates(work);
+}
+
+void qm_piece_gather(qm_piece_work *work)
+{
+    qm_box box = qm_vec_box(work->piece.corner, work->piece.corner_count);
+    qm_near_packs near;
+    work->kernel->gather(work->side->target, &box, qm_piece_allowed(work), &near);
+    qm_piece_narrow(work, &near);
 }
 
 /** Puts a pack among the candidates, in place of the last when they are full. False when it is there already.

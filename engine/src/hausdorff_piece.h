@@ -61,6 +61,9 @@ static inline double qm_piece_allowed(const qm_piece_work *work)
  */
 void qm_piece_gather(qm_piece_work *work);
 
+/** The same from the packs gathered for a neighbourhood of the piece. */
+void qm_piece_narrow(qm_piece_work *work, const qm_near_packs *near);
+
 /** Sets the candidates up from the list of packs, for the slack and the lower bound as they are now. */
 void qm_piece_fill_candidates(qm_piece_work *work);
 

@@ -59,7 +59,8 @@ void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const ui
         for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++) {
             double twist = qm_side_twist(side, packs[k], lane), rest = allowed - twist;
             candidates->twist[k][lane] = twist;
-            candidates->allowed2[k][lane] = rest >= 0.0 ? rest * rest : -1.0;
+            bool usable = lane < side->target->lanes[packs[k]].lane_count && rest >= 0.0;
+            candidates->allowed2[k][lane] = usable ? rest * rest : -1.0;
         }
     }
 }

@@ -11,7 +11,8 @@
 #include "hausdorff_piece.h"
 
 #define MIDPOINT_DEPTH 40
-#define MAX_ATTEMPTS 4  /* covers of one part, each with candidates that the last one's corners brought */
+#define MAX_ATTEMPTS 4 /* covers of one part, each with candidates that the last one's corners brought */
+#define FACE_ATTEMPTS 3
 #define VISIT_BUDGET 64 /* parts looked at before the rest goes back to the queue */
 
 void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon)
@@ -152,10 +153,31 @@ static qm_polygon part_polygon(const qm_piece_work *work, const qm_part *from)
     return polygon;
 }
 
+/** Covers a polygon by the candidates nearest to its middle: mostly enough, and much cheaper than by all. */
+static bool cover_by_nearest(qm_piece_work *work, qm_polygon *polygon, bool *moved)
+{
+    qm_vec sum = qm_vec_add(qm_vec_add(polygon->corner[0], polygon->corner[1]), polygon->corner[2]);
+    qm_pack pack;
+    qm_candidates near;
+    qm_vec middle = qm_vec_scale(1.0 / 3.0, sum);
+    double upper;
+    if (!work->kernel->shortlist(&work->candidates, middle, &pack, &near, &upper)) return false;
+    for (int i = 0; i < polygon->count; i++)
+        polygon->in_reach[i] = work->kernel->in_reach(&near, polygon->corner[i]);
+    return work->kernel->cover(&near, polygon, moved);
+}
+
 static void process_part(qm_piece_work *work, const qm_part *from)
 {
-    qm_polygon rest = part_polygon(work, from);
+    qm_polygon rest;
     bool moved = false;
+    if (from->generation == 0) {
+        rest = (qm_polygon){.count = 3, .corner = {from->corner[0], from->corner[1], from->corner[2]}};
+        if (cover_by_nearest(work, &rest, &moved)) return;
+        qm_piece_reach_corners(work, &rest);
+    } else {
+        rest = part_polygon(work, from);
+    }
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (qm_piece_cover(work, &rest, &moved)) return;
         if (!qm_piece_sample_corners(work, &rest, from->depth)) break;
@@ -180,23 +202,27 @@ void qm_piece_keep_triangle(qm_piece_work *work, qm_vec a, qm_vec b, qm_vec c)
 {
     work->stack[work->height++] = (qm_part){
         .corner = {a, b, c},
-        .generation = work->generation - 1,
         .depth = work->piece.depth,
     };
+}
+
+static void start_work(qm_piece_work *work, qm_worker *worker, qm_entry entry, const qm_piece *piece)
+{
+    work->worker = worker;
+    work->search = worker->search;
+    work->side = &worker->search->side[entry.side];
+    work->kernel = worker->search->kernel;
+    work->entry = entry;
+    work->piece = *piece;
+    work->slack = piece->slack;
+    work->generation = 1;
+    work->height = 0;
 }
 
 void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 {
     qm_piece_work work;
-    work.worker = worker;
-    work.search = worker->search;
-    work.side = &worker->search->side[entry.side];
-    work.kernel = worker->search->kernel;
-    work.entry = entry;
-    work.piece = *piece;
-    work.slack = piece->slack;
-    work.generation = 1;
-    work.height = 0;
+    start_work(&work, worker, entry, piece);
     qm_piece_gather(&work);
     if (piece->corner_count == 4) {
         qm_piece_process_rectangle(&work);
@@ -204,4 +230,42 @@ void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
     }
     qm_piece_keep_triangle(&work, piece->corner[0], piece->corner[1], piece->corner[2]);
     qm_piece_process_stack(&work);
+}
+
+/**
+ * Measures the middle of what is left of a face when the candidates do not reach it: likely as far as any
+ * point of the face. True when that raised the lower bound, so that another try may succeed.
+ */
+static bool sample_rest(qm_piece_work *work, const qm_polygon *rest)
+{
+    qm_vec middle = {0, 0, 0};
+    for (int i = 0; i < rest->count; i++)
+        middle = qm_vec_axpy(middle, 1.0 / rest->count, rest->corner[i]);
+    int place;
+    double upper = work->kernel->hull_upper(&work->candidates, &middle, 1, &place);
+    if (upper + work->slack <= qm_piece_allowed(work)) return false;
+    uint32_t hint = work->packs[place];
+    qm_worker_sample(work->worker, work->side, middle, work->slack, work->piece.face, &hint);
+    bool added = qm_piece_add_candidate(work, hint);
+    bool raised = qm_piece_allowed(work) > work->filled_for;
+    if (added || raised) qm_piece_fill_candidates(work);
+    return added || raised;
+}
+
+void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near)
+{
+    qm_piece_work work;
+    start_work(&work, worker, pack, face);
+    work.entry.kind = QM_ENTRY_PIECE;
+    qm_piece_narrow(&work, near);
+    if (work.kernel->hull_reached(&work.candidates, face->corner, face->corner_count)) return;
+    if (face->corner_count == 3) {
+        qm_polygon polygon = {.count = 3, .corner = {face->corner[0], face->corner[1], face->corner[2]}};
+        bool moved = false;
+        for (int attempt = 0; attempt < FACE_ATTEMPTS; attempt++) {
+            if (cover_by_nearest(&work, &polygon, &moved)) return;
+            if (!sample_rest(&work, &polygon)) break;
+        }
+    }
+    qm_piece_push(&work, face);
 }
