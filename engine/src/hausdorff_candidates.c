@@ -16,22 +16,16 @@ void qm_piece_fill_candidates(qm_piece_work *work)
     work->generation++;
 }
 
-void qm_piece_narrow(qm_piece_work *work, const qm_near_packs *near)
+void qm_piece_gather(qm_piece_work *work, qm_near_packs *near)
 {
     qm_box box = qm_vec_box(work->piece.corner, work->piece.corner_count);
+    work->kernel->gather(work->side->target, &box, qm_piece_allowed(work), near);
+    work->near = near;
     work->pack_capacity = work->side->target_patches ? QM_COVER_PACKS - 1 : QM_COVER_PACKS;
     work->pack_count =
-        work->kernel->narrow(near, &box, qm_piece_allowed(work), work->pack_capacity, work->packs);
+        work->kernel->narrow(work->near, &box, qm_piece_allowed(work), work->pack_capacity, work->packs);
     if (work->pack_count == 0) work->packs[work->pack_count++] = work->entry.hint;
     qm_piece_fill_candidates(work);
-}
-
-void qm_piece_gather(qm_piece_work *work)
-{
-    qm_box box = qm_vec_box(work->piece.corner, work->piece.corner_count);
-    qm_near_packs near;
-    work->kernel->gather(work->side->target, &box, qm_piece_allowed(work), &near);
-    qm_piece_narrow(work, &near);
 }
 
 /** Puts a pack among the candidates, in place of the last when they are full. False when it is there already.

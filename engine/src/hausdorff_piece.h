@@ -31,7 +31,8 @@ typedef struct qm_piece_work {
     const qm_kernel *kernel;
     qm_entry entry;
     qm_piece piece;
-    double slack; /* the parts lie within this distance of the source's surface */
+    double slack;              /* the parts lie within this distance of the source's surface */
+    const qm_near_packs *near; /* of a neighbourhood that holds the piece */
     uint32_t packs[QM_COVER_PACKS];
     int pack_count, pack_capacity;
     qm_candidates candidates;
@@ -57,12 +58,11 @@ static inline double qm_piece_allowed(const qm_piece_work *work)
 
 /* hausdorff_candidates.c */
 
-/** The packs of the target that come near enough to the piece to matter; the entry's hint when there is none.
+/**
+ * Gathers the packs within reach of the piece into near, which outlives work, and makes the nearest of them
+ * the candidates, or the entry's hint when there is none.
  */
-void qm_piece_gather(qm_piece_work *work);
-
-/** The same from the packs gathered for a neighbourhood of the piece. */
-void qm_piece_narrow(qm_piece_work *work, const qm_near_packs *near);
+void qm_piece_gather(qm_piece_work *work, qm_near_packs *near);
 
 /** Sets the candidates up from the list of packs, for the slack and the lower bound as they are now. */
 void qm_piece_fill_candidates(qm_piece_work *work);

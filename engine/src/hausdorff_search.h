@@ -141,6 +141,16 @@ void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
 /** Looks at a face of a pack: lets it go when it can be covered at little cost, else queues it as a piece. */
 void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near);
 
+/** Sets what a point may be away from a lane: the allowed distance less the twist of the lane's patch. Local.
+ */
+static inline void qm_candidates_allow(qm_candidates *candidates, int k, uint32_t lane, double twist,
+                                       double allowed)
+{
+    double rest = allowed - twist;
+    candidates->twist[k][lane] = twist;
+    candidates->allowed2[k][lane] = rest >= 0.0 ? rest * rest : -1.0;
+}
+
 /** Sets up the candidates of a list of packs, with what each lane is allowed (local), less slack. */
 void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const uint32_t *packs, int count,
                         double allowed);

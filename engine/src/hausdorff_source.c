@@ -4,6 +4,9 @@
  */
 #include "hausdorff_search.h"
 
+#define NEAR_SHARE 0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered   \
+                         */
+
 /** The ball round box member of a group, in the frame of the target. */
 static double member_ball(const qm_side *side, const qm_box_group *group, int member, qm_vec *centre)
 {
@@ -102,13 +105,20 @@ static bool face_reached(const pack_work *work, const int *corner, int count)
     return labels != 0;
 }
 
+/**
+ * Gathers the packs that the faces are most likely covered with: those about as near as the hint is to the
+ * middle. All that are within reach may be hundreds where the lower bound is great.
+ */
 static void gather_near(const qm_worker *worker, pack_work *work)
 {
     if (work->has_near) return;
     const qm_search *search = worker->search;
     qm_box box = qm_vec_box(work->vertex, work->lanes->vertex_count);
-    search->kernel->gather(work->side->target, &box, qm_search_allowed(search) * work->side->scale,
-                           &work->near);
+    qm_vec low = qm_vec_load(box.min), high = qm_vec_load(box.max);
+    double middle = qm_side_pack_upper(search, work->side, work->entry.hint, qm_vec_mix(low, high, 0.5));
+    double reach =
+        fmin(middle + NEAR_SHARE * qm_vec_distance(low, high), qm_search_allowed(search) * work->side->scale);
+    search->kernel->gather(work->side->target, &box, reach, &work->near);
     work->has_near = true;
 }
 

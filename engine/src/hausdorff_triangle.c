@@ -153,18 +153,26 @@ static qm_polygon part_polygon(const qm_piece_work *work, const qm_part *from)
     return polygon;
 }
 
-/** Covers a polygon by the candidates nearest to its middle: mostly enough, and much cheaper than by all. */
-static bool cover_by_nearest(qm_piece_work *work, qm_polygon *polygon, bool *moved)
+/** Covers a polygon by the facets nearest to its middle: mostly enough, and much cheaper than by all. */
+static bool cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 {
-    qm_vec sum = qm_vec_add(qm_vec_add(polygon->corner[0], polygon->corner[1]), polygon->corner[2]);
-    qm_pack pack;
-    qm_candidates near;
-    qm_vec middle = qm_vec_scale(1.0 / 3.0, sum);
-    double upper;
-    if (!work->kernel->shortlist(&work->candidates, middle, &pack, &near, &upper)) return false;
+    if (work->near->count == 0) return false;
+    qm_vec middle = {0, 0, 0};
     for (int i = 0; i < polygon->count; i++)
-        polygon->in_reach[i] = work->kernel->in_reach(&near, polygon->corner[i]);
-    return work->kernel->cover(&near, polygon, moved);
+        middle = qm_vec_axpy(middle, 1.0 / polygon->count, polygon->corner[i]);
+    qm_shortlist list;
+    work->kernel->shortlist(work->side->target, work->near, middle, &list);
+    qm_candidates nearest;
+    nearest.count = 1;
+    nearest.pack[0] = &list.pack;
+    double allowed = qm_piece_allowed(work) - work->slack;
+    for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
+        qm_candidates_allow(&nearest, 0, lane, qm_side_twist(work->side, list.origin[lane], list.lane[lane]),
+                            allowed);
+    uint64_t labels = ~UINT64_C(0);
+    for (int i = 0; i < polygon->count; i++)
+        labels &= polygon->in_reach[i] = work->kernel->in_reach(&nearest, polygon->corner[i]);
+    return labels != 0 || (polygon->count == 3 && work->kernel->cover(&nearest, polygon, moved));
 }
 
 static void process_part(qm_piece_work *work, const qm_part *from)
@@ -206,7 +214,8 @@ void qm_piece_keep_triangle(qm_piece_work *work, qm_vec a, qm_vec b, qm_vec c)
     };
 }
 
-static void start_work(qm_piece_work *work, qm_worker *worker, qm_entry entry, const qm_piece *piece)
+static void start_work(qm_piece_work *work, qm_worker *worker, qm_entry entry, const qm_piece *piece,
+                       const qm_near_packs *near)
 {
     work->worker = worker;
     work->search = worker->search;
@@ -217,13 +226,15 @@ static void start_work(qm_piece_work *work, qm_worker *worker, qm_entry entry, c
     work->slack = piece->slack;
     work->generation = 1;
     work->height = 0;
+    work->near = near;
 }
 
 void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 {
     qm_piece_work work;
-    start_work(&work, worker, entry, piece);
-    qm_piece_gather(&work);
+    qm_near_packs near;
+    start_work(&work, worker, entry, piece, &near);
+    qm_piece_gather(&work, &near);
     if (piece->corner_count == 4) {
         qm_piece_process_rectangle(&work);
         return;
@@ -255,17 +266,19 @@ static bool sample_rest(qm_piece_work *work, const qm_polygon *rest)
 void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near)
 {
     qm_piece_work work;
-    start_work(&work, worker, pack, face);
+    start_work(&work, worker, pack, face, near);
     work.entry.kind = QM_ENTRY_PIECE;
-    qm_piece_narrow(&work, near);
-    if (work.kernel->hull_reached(&work.candidates, face->corner, face->corner_count)) return;
-    if (face->corner_count == 3) {
-        qm_polygon polygon = {.count = 3, .corner = {face->corner[0], face->corner[1], face->corner[2]}};
-        bool moved = false;
-        for (int attempt = 0; attempt < FACE_ATTEMPTS; attempt++) {
-            if (cover_by_nearest(&work, &polygon, &moved)) return;
-            if (!sample_rest(&work, &polygon)) break;
-        }
+    qm_polygon polygon = {.count = face->corner_count};
+    for (int i = 0; i < polygon.count; i++)
+        polygon.corner[i] = face->corner[i];
+    bool moved = false;
+    if (cover_by_nearest(&work, &polygon, &moved)) return;
+    qm_near_packs all;
+    qm_piece_gather(&work, &all);
+    for (int attempt = 0; face->corner_count == 3 && attempt < FACE_ATTEMPTS; attempt++) {
+        qm_piece_reach_corners(&work, &polygon);
+        if (qm_piece_cover(&work, &polygon, &moved)) return;
+        if (!sample_rest(&work, &polygon)) break;
     }
     qm_piece_push(&work, face);
 }

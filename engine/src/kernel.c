@@ -11,8 +11,7 @@
                         uint32_t *packs);                                                                    \
     bool qm_hull_reached_##isa(const qm_candidates *candidates, const qm_vec *point, int count);             \
     uint64_t qm_in_reach_##isa(const qm_candidates *candidates, qm_vec p);                                   \
-    bool qm_shortlist_##isa(const qm_candidates *all, qm_vec p, qm_pack *pack, qm_candidates *near,          \
-                            double *upper);                                                                  \
+    void qm_shortlist_##isa(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);     \
     double qm_hull_upper_##isa(const qm_candidates *candidates, const qm_vec *point, int count, int *place); \
     bool qm_cover_##isa(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);                  \
     static const qm_kernel kernel_##isa = {                                                                  \

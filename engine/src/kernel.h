@@ -31,6 +31,14 @@ typedef struct qm_near_packs {
     qm_box_group box[QM_NEAR_PACKS / 8];
 } qm_near_packs;
 
+/** The lanes nearest to a point, copied into one pack; places past count repeat the first. */
+typedef struct qm_shortlist {
+    int count;
+    uint32_t origin[QM_PACK_LANES]; /* pack and lane that each is a copy of */
+    uint8_t lane[QM_PACK_LANES];
+    qm_pack pack;
+} qm_shortlist;
+
 /** The candidates that a piece is covered with: what lanes stand for, and how near a point must be to each.
  */
 typedef struct qm_candidates {
@@ -80,11 +88,8 @@ typedef struct qm_kernel {
     /** Bits of the lanes within their allowed distance of p, counted through the packs. */
     uint64_t (*in_reach)(const qm_candidates *candidates, qm_vec p);
 
-    /**
-     * The eight usable lanes nearest to p, nearest first, copied into pack, which becomes the only one of
-     * near. False when no lane is usable.
-     */
-    bool (*shortlist)(const qm_candidates *all, qm_vec p, qm_pack *pack, qm_candidates *near, double *upper);
+    /** The eight lanes of the packs that are nearest to p, nearest first. The list of packs is not empty. */
+    void (*shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);
 
     /**
      * The least over all lanes of the greatest distance of count points: an upper bound for every point of

@@ -15,8 +15,7 @@ int QM_KERNEL(narrow)(const qm_near_packs *near, const qm_box *box, double reach
                       uint32_t *packs);
 bool QM_KERNEL(hull_reached)(const qm_candidates *candidates, const qm_vec *point, int count);
 uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p);
-bool QM_KERNEL(shortlist)(const qm_candidates *all, qm_vec p, qm_pack *pack, qm_candidates *near,
-                          double *upper);
+void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);
 double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place);
 bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);
 
