@@ -39,6 +39,9 @@ static qm_status check_options(qm_context *ctx, const qm_hausdorff_options *opti
 static qm_status set_side(qm_context *ctx, qm_side *side, const qm_bvh *source, const qm_bvh *target,
                           qm_quad_reading quads)
 {
+    if (!qm_bvh_is_target(target, quads))
+        return qm_context_fail(ctx, QM_E_ARGUMENT,
+                               "the tree of the target lacks parts that this reading needs");
     *side = (qm_side){
         .source = source,
         .target = target,
@@ -46,7 +49,7 @@ static qm_status set_side(qm_context *ctx, qm_side *side, const qm_bvh *source, 
         .inverse_scale = target->frame.inverse_scale,
         .factor = source->frame.inverse_scale * target->frame.scale,
         .target_patches = quads == QM_QUADS_BILINEAR && target->twist,
-        .source_patches = quads == QM_QUADS_BILINEAR && source->twist,
+        .source_patches = quads == QM_QUADS_BILINEAR && source->has_quads,
     };
     side->shift = qm_vec_scale(side->scale, qm_vec_sub(source->frame.origin, target->frame.origin));
     double offset = fmax(fabs(side->shift.x), fmax(fabs(side->shift.y), fabs(side->shift.z)));

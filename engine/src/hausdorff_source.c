@@ -4,8 +4,9 @@
  */
 #include "hausdorff_search.h"
 
-#define NEAR_SHARE 0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered   \
-                         */
+#define NEAR_SHARE                                                                                           \
+    0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered                  \
+          */
 
 /** The ball round box member of a group, in the frame of the target. */
 static double member_ball(const qm_side *side, const qm_box_group *group, int member, qm_vec *centre)
