@@ -135,6 +135,19 @@ check-layers: $(OBJ)/libengine.a
 demo:
 	@clients/demo/run.sh
 
+# Times this engine and its peers side by side; BENCH="--quick --pairs bunny" and the like go to run.py.
+bench:
+	@python3 tests/bench/run.py $(BENCH)
+
+# The peers' own code is compiled for this very machine; CGAL's exact predicates need its rounding and no contraction.
+BENCH_PEER_FLAGS := -O3 -DNDEBUG -march=native -ffp-contract=off -Itests/bench
+build/bench/peer_cgal: tests/bench/peers/peer_cgal.cc tests/bench/arrays.h tests/bench/measure.h
+	@mkdir -p $(@D)
+	$(CXX) -std=c++17 -Wall -Wextra $(BENCH_PEER_FLAGS) -frounding-math -o $@ $< -lgmp -lmpfr
+build/bench/peer_embree: tests/bench/peers/peer_embree.c tests/bench/arrays.h tests/bench/measure.h
+	@mkdir -p $(@D)
+	$(CC) -std=c17 -D_GNU_SOURCE $(WARNINGS) $(BENCH_PEER_FLAGS) -o $@ $< -lembree3 -lm
+
 # Fuzzes the decoders with clang for FUZZ_SECONDS, from the files of FUZZ_DATA; findings are left in build/fuzz.
 FUZZ_CC      ?= clang
 FUZZ_CXX     ?= clang++
@@ -164,5 +177,5 @@ format:
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cc')
 
 -include $(foreach folder,$(wildcard $(OBJ) build/obj/fuzz),$(shell find $(folder) -name '*.d'))
-.PHONY: all test unit-programs unit check-layers demo fuzz clean format
+.PHONY: all test unit-programs unit check-layers demo bench fuzz clean format
 .SECONDARY:
