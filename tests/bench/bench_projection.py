@@ -10,6 +10,7 @@ import tables
 SETS = ("near", "mid", "far")
 # Points of the set that slow programs get; the order is random, so that the first ones stand for all.
 FEW = 100000
+LARGE = 20000  # triangles of a mesh worth the time
 SLOW = {"igl", "cgal"}
 # Largest difference of two programs' distances, as a share of the diagonal.
 SLACK = {"double": 1e-12, "float": 3e-6}
@@ -17,12 +18,12 @@ ROW_BYTES = 24
 
 
 def pick_meshes(pairs):
-    """The first mesh of the first pair of each model, once each; of these the spheres and the largest few."""
-    firsts = {}
-    for pair in pairs:
-        firsts.setdefault(pair.model, pair.a)
-    spheres, others = firsts.pop("spheres", None), sorted(firsts.values(), key=lambda path: -path.stat().st_size)
-    return ([spheres] if spheres else []) + sorted(others[:3])
+    """The spheres, and four of the other pairs' first meshes: the smallest, the largest and two between."""
+    spheres = [pair.a for pair in pairs if pair.model == "spheres"]
+    others = {pair.a: measuring.export(pair.a)[1]["triangles"] for pair in pairs if pair.model != "spheres"}
+    large = sorted((path for path, count in others.items() if count >= LARGE), key=others.get)
+    last = len(large) - 1
+    return spheres + list(dict.fromkeys(large[i] for i in (0, last // 3, 2 * last // 3, last) if large))
 
 
 def draw(settings, path):
@@ -108,7 +109,7 @@ def run(settings, programs, pairs, say):
             answer.pop("distances", None)
     names = [peer.name for peer in programs.projecting()]
     kinds = {peer.name: peer.project for peer in programs.projecting()}
-    print(f"\n## Projection\n\nMillions of points a second, one thread, {settings.points} points in random order "
+    print(f"## Projection\n\nMillions of points a second, one thread, {settings.points} points in random order "
           f"(seed {settings.seed}; {', '.join(sorted(SLOW))}: {FEW} of them), tree apart. Ours in double: distance and "
           "face, and with position and parameters (full). Ratio: ours over the fastest peer.\n")
     print(tables.table(["mesh", "triangles:", "points", "ours:", "full:",

@@ -55,7 +55,7 @@ def run(settings, programs, pairs, say):
     for path in pick_meshes(pairs):
         say(f"twins of {path.parent.name} {path.stem}")
         rows.append(ask_engine(settings, path))
-    print(f"\n## Near twins\n\nEach mesh against itself: shaken by up to {NOISE:g} of its diagonal in every coordinate "
+    print(f"## Near twins\n\nEach mesh against itself: shaken by up to {NOISE:g} of its diagonal in every coordinate "
           f"(the like pair), unchanged, and shifted by {SHIFT:g} of its diagonal. One thread, build and query in ms; "
           "over: times the like pair.\n")
     print(tables.table(["mesh", "triangles:", "like pair:", "same:", "over:", "shifted:", "over:"],

@@ -44,7 +44,7 @@ def run(settings, _programs, pairs, say):
         for direction in (pair, pair.swapped()):
             say(f"threads and patches, {direction}")
             rows.append(ask(settings, direction))
-    print("\n## Threads and patches\n\nBuild and query in ms. Gain: one thread over two, of all and of the query "
+    print("## Threads and patches\n\nBuild and query in ms. Gain: one thread over two, of all and of the query "
           "alone. Cost: bilinear over triangles, one thread.\n")
     print(tables.table(["pair", "triangles:", "one:", "two:", "gain:", "query gain:", "bilinear:", "cost:"],
                        [describe(row) for row in rows]))

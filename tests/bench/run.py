@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Times this engine and its peers side by side on this machine, and checks that they agree.
 
-    make bench                                   everything; an hour on two cores
+    make bench                                   everything; three quarters of an hour
     make bench BENCH="--quick"                   one run of a few pairs, to see that it works
     make bench BENCH="--only hausdorff --pairs dragon"
 
@@ -18,6 +18,7 @@ import dataclasses
 import json
 import os
 import platform
+import resource
 import subprocess
 import sys
 import time
@@ -96,10 +97,26 @@ def say(text):
     print(f"... {text}", file=sys.stderr, flush=True)
 
 
-def write_part(name, machine, settings, rows, seconds, load):
+def seconds_of_others():
+    """Processor time since the machine started that neither this run nor its programs used."""
+    with open("/proc/stat", encoding="ascii") as lines:
+        user, nice, system, _idle, _wait, irq, softirq, steal = map(int, lines.readline().split()[1:9])
+    busy = (user + nice + system + irq + softirq + steal) / os.sysconf("SC_CLK_TCK")
+    ours = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return busy - sum(usage.ru_utime + usage.ru_stime for usage in ours)
+
+
+def run_part(name, machine, settings, programs, pairs):
+    """Prints the tables and writes everything measured; returns what went wrong."""
+    start, others = time.monotonic(), seconds_of_others()
+    rows, faults = PARTS[name].run(settings, programs, pairs, say)
+    seconds = time.monotonic() - start
+    others = max(0.0, seconds_of_others() - others) / seconds
     document = {"machine": machine, "settings": dataclasses.asdict(settings), "seconds": seconds,
-                "load_average": load, "rows": rows}
+                "cores_of_others": others, "rows": rows}
     (catalogue.OUT / f"{name}.json").write_text(json.dumps(document, indent=1), encoding="ascii")
+    print(f"\n({name}: {seconds:.0f} s; other work on this machine kept {others:.2f} cores busy)\n", flush=True)
+    return faults
 
 
 def main():
@@ -114,15 +131,10 @@ def main():
     print_machine(machine)
     faults = []
     for name in given.only or PARTS:
-        start = time.monotonic()
-        rows, found = PARTS[name].run(settings, programs, pairs, say)
-        faults += found
-        seconds, load = time.monotonic() - start, os.getloadavg()
-        write_part(name, machine, settings, rows, seconds, load)
-        print(f"\n({name}: {seconds:.0f} s, load average at the end {load[0]:.2f})", flush=True)
+        faults += run_part(name, machine, settings, programs, pairs)
     for fault in faults:
-        print(f"\nDISAGREEMENT: {fault}")
-    print("\nAll programs agree." if not faults else f"\n{len(faults)} disagreements.")
+        print(f"DISAGREEMENT: {fault}\n")
+    print(f"{len(faults)} disagreements." if faults else "All programs agree.")
     return 1 if faults else 0
 
 
