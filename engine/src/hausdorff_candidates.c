@@ -10,24 +10,20 @@
 
 void qm_piece_fill_candidates(qm_piece_work *work)
 {
+    work->filled_for = qm_piece_allowed(work);
     qm_candidates_fill(&work->candidates, work->side, work->packs, work->pack_count,
-                       qm_piece_allowed(work) - work->slack);
+                       work->filled_for - work->slack);
     work->generation++;
 }
 
-void qm_piece_gather(qm_piece_work *work)
+void qm_piece_gather(qm_piece_work *work, qm_near_packs *near)
 {
-    qm_box box = {{DBL_MAX, DBL_MAX, DBL_MAX}, {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
-    for (int i = 0; i < work->piece.corner_count; i++) {
-        const double p[3] = {work->piece.corner[i].x, work->piece.corner[i].y, work->piece.corner[i].z};
-        for (int k = 0; k < 3; k++) {
-            if (p[k] < box.min[k]) box.min[k] = p[k];
-            if (p[k] > box.max[k]) box.max[k] = p[k];
-        }
-    }
+    qm_box box = qm_vec_box(work->piece.corner, work->piece.corner_count);
+    work->kernel->gather(work->side->target, &box, qm_piece_allowed(work), near);
+    work->near = near;
     work->pack_capacity = work->side->target_patches ? QM_COVER_PACKS - 1 : QM_COVER_PACKS;
-    work->pack_count = work->kernel->gather(work->side->target, &box, qm_piece_allowed(work),
-                                            work->pack_capacity, work->packs);
+    work->pack_count =
+        work->kernel->narrow(work->near, &box, qm_piece_allowed(work), work->pack_capacity, work->packs);
     if (work->pack_count == 0) work->packs[work->pack_count++] = work->entry.hint;
     qm_piece_fill_candidates(work);
 }

@@ -31,10 +31,12 @@ typedef struct qm_piece_work {
     const qm_kernel *kernel;
     qm_entry entry;
     qm_piece piece;
-    double slack; /* the parts lie within this distance of the source's surface */
+    double slack;              /* the parts lie within this distance of the source's surface */
+    const qm_near_packs *near; /* of a neighbourhood that holds the piece */
     uint32_t packs[QM_COVER_PACKS];
     int pack_count, pack_capacity;
     qm_candidates candidates;
+    double filled_for;   /* what a distance was allowed to be when the candidates were set up */
     unsigned generation; /* counts changes of the candidates */
     qm_pack refined;     /* labels cut out of patches of the target, in the last place of the candidates */
     qm_part stack[QM_PART_STACK];
@@ -56,9 +58,11 @@ static inline double qm_piece_allowed(const qm_piece_work *work)
 
 /* hausdorff_candidates.c */
 
-/** The packs of the target that come near enough to the piece to matter; the entry's hint when there is none.
+/**
+ * Gathers the packs within reach of the piece into near, which outlives work, and makes the nearest of them
+ * the candidates, or the entry's hint when there is none.
  */
-void qm_piece_gather(qm_piece_work *work);
+void qm_piece_gather(qm_piece_work *work, qm_near_packs *near);
 
 /** Sets the candidates up from the list of packs, for the slack and the lower bound as they are now. */
 void qm_piece_fill_candidates(qm_piece_work *work);
@@ -87,7 +91,10 @@ void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon);
 /** Covers a polygon by the candidates, then, when that is not enough, by refined ones too. */
 bool qm_piece_cover(qm_piece_work *work, qm_polygon *polygon, bool *moved);
 
-/** Measures the corners that need it. True when that found new candidates: in_reach is then made anew. */
+/**
+ * Measures the corners that need it. True when that found new candidates or raised the lower bound: in_reach
+ * is then made anew.
+ */
 bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth);
 
 /** Queues a triangle or rectangle with the bound that its best single label gives. */

@@ -56,10 +56,7 @@ void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const ui
     candidates->count = count;
     for (int k = 0; k < count; k++) {
         candidates->pack[k] = &side->target->packs[packs[k]];
-        for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++) {
-            double twist = qm_side_twist(side, packs[k], lane), rest = allowed - twist;
-            candidates->twist[k][lane] = twist;
-            candidates->allowed2[k][lane] = rest >= 0.0 ? rest * rest : -1.0;
-        }
+        for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
+            qm_candidates_allow(candidates, k, lane, qm_side_twist(side, packs[k], lane), allowed);
     }
 }

@@ -11,7 +11,8 @@
 #include "hausdorff_piece.h"
 
 #define MIDPOINT_DEPTH 40
-#define MAX_ATTEMPTS 4  /* covers of one part, each with candidates that the last one's corners brought */
+#define MAX_ATTEMPTS 4 /* covers of one part, each with candidates that the last one's corners brought */
+#define FACE_ATTEMPTS 3
 #define VISIT_BUDGET 64 /* parts looked at before the rest goes back to the queue */
 
 void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon)
@@ -49,11 +50,14 @@ bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth
         if (!needs_sample(work, polygon, i, depth)) continue;
         uint32_t hint = work->packs[0];
         qm_worker_sample(work->worker, work->side, polygon->corner[i], work->slack, work->piece.face, &hint);
-        if (!qm_piece_add_candidate(work, hint)) continue;
-        qm_piece_fill_candidates(work);
-        found = true;
+        found |= qm_piece_add_candidate(work, hint);
     }
-    if (found) qm_piece_reach_corners(work, polygon);
+    /* A corner that raised the lower bound is reached now, by the pack that was its nearest all along. */
+    found |= qm_piece_allowed(work) > work->filled_for;
+    if (found) {
+        qm_piece_fill_candidates(work);
+        qm_piece_reach_corners(work, polygon);
+    }
     return found;
 }
 
@@ -149,10 +153,39 @@ static qm_polygon part_polygon(const qm_piece_work *work, const qm_part *from)
     return polygon;
 }
 
+/** Covers a polygon by the facets nearest to its middle: mostly enough, and much cheaper than by all. */
+static bool cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
+{
+    if (work->near->count == 0) return false;
+    qm_vec middle = {0, 0, 0};
+    for (int i = 0; i < polygon->count; i++)
+        middle = qm_vec_axpy(middle, 1.0 / polygon->count, polygon->corner[i]);
+    qm_shortlist list;
+    work->kernel->shortlist(work->side->target, work->near, middle, &list);
+    qm_candidates nearest;
+    nearest.count = 1;
+    nearest.pack[0] = &list.pack;
+    double allowed = qm_piece_allowed(work) - work->slack;
+    for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
+        qm_candidates_allow(&nearest, 0, lane, qm_side_twist(work->side, list.origin[lane], list.lane[lane]),
+                            allowed);
+    uint64_t labels = ~UINT64_C(0);
+    for (int i = 0; i < polygon->count; i++)
+        labels &= polygon->in_reach[i] = work->kernel->in_reach(&nearest, polygon->corner[i]);
+    return labels != 0 || (polygon->count == 3 && work->kernel->cover(&nearest, polygon, moved));
+}
+
 static void process_part(qm_piece_work *work, const qm_part *from)
 {
-    qm_polygon rest = part_polygon(work, from);
+    qm_polygon rest;
     bool moved = false;
+    if (from->generation == 0) {
+        rest = (qm_polygon){.count = 3, .corner = {from->corner[0], from->corner[1], from->corner[2]}};
+        if (cover_by_nearest(work, &rest, &moved)) return;
+        qm_piece_reach_corners(work, &rest);
+    } else {
+        rest = part_polygon(work, from);
+    }
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (qm_piece_cover(work, &rest, &moved)) return;
         if (!qm_piece_sample_corners(work, &rest, from->depth)) break;
@@ -177,28 +210,75 @@ void qm_piece_keep_triangle(qm_piece_work *work, qm_vec a, qm_vec b, qm_vec c)
 {
     work->stack[work->height++] = (qm_part){
         .corner = {a, b, c},
-        .generation = work->generation - 1,
         .depth = work->piece.depth,
     };
+}
+
+static void start_work(qm_piece_work *work, qm_worker *worker, qm_entry entry, const qm_piece *piece,
+                       const qm_near_packs *near)
+{
+    work->worker = worker;
+    work->search = worker->search;
+    work->side = &worker->search->side[entry.side];
+    work->kernel = worker->search->kernel;
+    work->entry = entry;
+    work->piece = *piece;
+    work->slack = piece->slack;
+    work->generation = 1;
+    work->height = 0;
+    work->near = near;
 }
 
 void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 {
     qm_piece_work work;
-    work.worker = worker;
-    work.search = worker->search;
-    work.side = &worker->search->side[entry.side];
-    work.kernel = worker->search->kernel;
-    work.entry = entry;
-    work.piece = *piece;
-    work.slack = piece->slack;
-    work.generation = 1;
-    work.height = 0;
-    qm_piece_gather(&work);
+    qm_near_packs near;
+    start_work(&work, worker, entry, piece, &near);
+    qm_piece_gather(&work, &near);
     if (piece->corner_count == 4) {
         qm_piece_process_rectangle(&work);
         return;
     }
     qm_piece_keep_triangle(&work, piece->corner[0], piece->corner[1], piece->corner[2]);
     qm_piece_process_stack(&work);
+}
+
+/**
+ * Measures the middle of what is left of a face when the candidates do not reach it: likely as far as any
+ * point of the face. True when that raised the lower bound, so that another try may succeed.
+ */
+static bool sample_rest(qm_piece_work *work, const qm_polygon *rest)
+{
+    qm_vec middle = {0, 0, 0};
+    for (int i = 0; i < rest->count; i++)
+        middle = qm_vec_axpy(middle, 1.0 / rest->count, rest->corner[i]);
+    int place;
+    double upper = work->kernel->hull_upper(&work->candidates, &middle, 1, &place);
+    if (upper + work->slack <= qm_piece_allowed(work)) return false;
+    uint32_t hint = work->packs[place];
+    qm_worker_sample(work->worker, work->side, middle, work->slack, work->piece.face, &hint);
+    bool added = qm_piece_add_candidate(work, hint);
+    bool raised = qm_piece_allowed(work) > work->filled_for;
+    if (added || raised) qm_piece_fill_candidates(work);
+    return added || raised;
+}
+
+void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near)
+{
+    qm_piece_work work;
+    start_work(&work, worker, pack, face, near);
+    work.entry.kind = QM_ENTRY_PIECE;
+    qm_polygon polygon = {.count = face->corner_count};
+    for (int i = 0; i < polygon.count; i++)
+        polygon.corner[i] = face->corner[i];
+    bool moved = false;
+    if (cover_by_nearest(&work, &polygon, &moved)) return;
+    qm_near_packs all;
+    qm_piece_gather(&work, &all);
+    for (int attempt = 0; face->corner_count == 3 && attempt < FACE_ATTEMPTS; attempt++) {
+        qm_piece_reach_corners(&work, &polygon);
+        if (qm_piece_cover(&work, &polygon, &moved)) return;
+        if (!sample_rest(&work, &polygon)) break;
+    }
+    qm_piece_push(&work, face);
 }
