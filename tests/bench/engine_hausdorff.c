@@ -15,10 +15,13 @@ static run measure_once(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
 {
     run done;
     qm_bvh *tree_a, *tree_b;
+    qm_bvh_parts patches = options->quads == QM_QUADS_BILINEAR ? QM_BVH_PATCHES : 0;
     double start = qm_bench_now_ms();
-    if (qm_bvh_build(ctx, a, &tree_a) != QM_OK) bench_fail("tree of A", ctx->message);
+    if (qm_bvh_build(ctx, a, QM_BVH_SOURCE, options->thread_count, &tree_a) != QM_OK)
+        bench_fail("tree of A", ctx->message);
     double built_a = qm_bench_now_ms();
-    if (qm_bvh_build(ctx, b, &tree_b) != QM_OK) bench_fail("tree of B", ctx->message);
+    if (qm_bvh_build(ctx, b, QM_BVH_TARGET | patches, options->thread_count, &tree_b) != QM_OK)
+        bench_fail("tree of B", ctx->message);
     double built_b = qm_bench_now_ms();
     if (qm_hausdorff_measure(ctx, tree_a, tree_b, options, &done.result) != QM_OK)
         bench_fail("search", ctx->message);

@@ -19,7 +19,8 @@ static void measure_once(question *q, const qm_projection *out, qm_bench_times *
 {
     qm_bvh *tree;
     double start = qm_bench_now_ms();
-    if (qm_bvh_build(&q->ctx, &q->mesh, &tree) != QM_OK) bench_fail("tree", q->ctx.message);
+    if (qm_bvh_build(&q->ctx, &q->mesh, QM_BVH_TARGET, q->threads, &tree) != QM_OK)
+        bench_fail("tree", q->ctx.message);
     double built = qm_bench_now_ms();
     if (qm_project_points(&q->ctx, tree, QM_QUADS_TRIANGLES, q->points, q->point_count, q->threads, out) !=
         QM_OK)
