@@ -4,9 +4,12 @@
 
 #include "tri_point.h"
 
-#define MAX_DEPTH 26   /* quarters: |w| 4^-26 / 4 is below any rounding */
-#define MAX_PARTS 4000 /* of one query; beyond it what is left only lowers the certificate */
-#define MAX_STEPS 60   /* of one descent; more are never needed when f is convex */
+#define GRID 4 /* points a side that a descent looks for valleys from: folded patches have several */
+#define LEAST_SHARE 1e-2
+#define MUST_GAIN 0.999 /* of the squared distance: less is left to the other ways of going down */
+#define MAX_DEPTH 26    /* quarters: |w| 4^-26 / 4 is below any rounding */
+#define MAX_PARTS 4000  /* of one query; beyond it what is left only lowers the certificate */
+#define MAX_STEPS 60    /* of one descent; more are never needed when f is convex */
 
 double qm_patch_twist(const qm_vec corner[4])
 {
@@ -44,6 +47,7 @@ typedef struct slope {
     double distance2;
     double gradient[2];
     double hessian[3]; /* ss, st, tt */
+    double cross;      /* Q_s.Q_t: the st of a patch without its bend */
 } slope;
 
 static slope slope_at(const query *q, const double x[2])
@@ -52,11 +56,12 @@ static slope slope_at(const query *q, const double x[2])
     qm_vec along_s = qm_vec_axpy(patch->e1, x[1], patch->w);
     qm_vec along_t = qm_vec_axpy(patch->e2, x[0], patch->w);
     qm_vec gap = qm_vec_sub(qm_vec_axpy(qm_vec_scale(x[1], patch->e2), x[0], along_s), q->r);
+    double cross = qm_vec_dot(along_s, along_t);
     return (slope){
         .distance2 = qm_vec_norm2(gap),
         .gradient = {qm_vec_dot(gap, along_s), qm_vec_dot(gap, along_t)},
-        .hessian = {qm_vec_norm2(along_s), qm_vec_dot(along_s, along_t) + qm_vec_dot(gap, patch->w),
-                    qm_vec_norm2(along_t)},
+        .hessian = {qm_vec_norm2(along_s), cross + qm_vec_dot(gap, patch->w), qm_vec_norm2(along_t)},
+        .cross = cross,
     };
 }
 
@@ -114,6 +119,27 @@ static void minimise_along(const query *q, double x[2], int axis, const rectangl
     x[axis] = qm_clamp(x[axis] + step, box->low[axis], box->high[axis]);
 }
 
+/** Goes along the line to the nearest point of a tangent plane, as far as that helps. Ends long winding
+ * valleys, where Newton's matrix is not safe and single axes gain next to nothing. */
+static bool step_on_tangent(const query *q, const slope *at, double x[2], const rectangle *box)
+{
+    const double *h = at->hessian, *g = at->gradient;
+    double determinant = h[0] * h[2] * (1.0 + 1e-12) - at->cross * at->cross;
+    if (!(determinant > 0.0)) return false;
+    double s = -(h[2] * g[0] - at->cross * g[1]) / determinant;
+    double t = -(h[0] * g[1] - at->cross * g[0]) / determinant;
+    for (double share = 1.0; share > LEAST_SHARE; share *= 0.25) {
+        const double to[2] = {qm_clamp(x[0] + share * s, box->low[0], box->high[0]),
+                              qm_clamp(x[1] + share * t, box->low[1], box->high[1])};
+        if (value_at(q, to) < at->distance2 * MUST_GAIN) {
+            x[0] = to[0];
+            x[1] = to[1];
+            return true;
+        }
+    }
+    return false;
+}
+
 /** One step of active-set Newton, or of exact alternating minimisation where the second derivative is not
  * safe. */
 static void descend(const query *q, const slope *at, double x[2], const rectangle *box)
@@ -141,6 +167,7 @@ static void descend(const query *q, const slope *at, double x[2], const rectangl
             return;
         }
     }
+    if (step_on_tangent(q, at, x, box)) return;
     minimise_along(q, x, 0, box);
     minimise_along(q, x, 1, box);
 }
@@ -333,21 +360,35 @@ qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, do
     return best;
 }
 
+/** True when no neighbour in the grid of values is lower: a valley, most likely. */
+static bool is_grid_minimum(const double value[GRID][GRID], int i, int j)
+{
+    for (int di = -1; di <= 1; di++) {
+        for (int dj = -1; dj <= 1; dj++) {
+            int ni = i + di, nj = j + dj;
+            if (ni >= 0 && ni < GRID && nj >= 0 && nj < GRID && value[ni][nj] < value[i][j]) return false;
+        }
+    }
+    return true;
+}
+
 qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p)
 {
     query q = query_make(patch, p, 0.0);
     qm_patch_foot best = {.distance = INFINITY};
-    double start[2] = {0.0, 0.0}, least = INFINITY;
-    for (int i = 0; i < 9;
-         i++) { /* nine points spread over the square: folded patches have several valleys */
-        const double at[2] = {0.5 * (i % 3), 0.5 * (i / 3)};
-        double d2 = value_at(&q, at);
-        if (d2 < least) {
-            least = d2;
-            start[0] = at[0];
-            start[1] = at[1];
-        }
-    }
-    descend_from(&q, start, &best);
+    double value[GRID][GRID];
+    for (int i = 0; i < GRID; i++)
+        for (int j = 0; j < GRID; j++)
+            value[i][j] = value_at(&q, (const double[]){i / (GRID - 1.0), j / (GRID - 1.0)});
+    for (int i = 0; i < GRID; i++)
+        for (int j = 0; j < GRID; j++)
+            if (is_grid_minimum(value, i, j))
+                descend_from(&q, (const double[]){i / (GRID - 1.0), j / (GRID - 1.0)}, &best);
     return best;
+}
+
+void qm_patch_polish(const qm_patch *patch, qm_vec p, qm_patch_foot *foot)
+{
+    query q = query_make(patch, p, 0.0);
+    descend_from(&q, (const double[]){foot->uv[0], foot->uv[1]}, foot);
 }

@@ -54,8 +54,11 @@ typedef struct qm_patch_foot {
  */
 qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, double stop_above);
 
-/** A good point of the patch, found by descent from the best of nine: distance is valid, lower is 0. Cheap.
- */
+/** A good point of the patch, by descent into each valley that sixteen points show: distance is valid, lower
+ * is 0. */
 qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p);
+
+/** Goes down from a point of the patch as far as it goes: distance and uv get better, lower stays. */
+void qm_patch_polish(const qm_patch *patch, qm_vec p, qm_patch_foot *foot);
 
 #endif

@@ -6,6 +6,8 @@
 #include "hausdorff_piece.h"
 
 #define NEGLIGIBLE_TWIST 0.1 /* of the tolerance: labels with less are not refined */
+#define FOOT_ERROR_SHARE 0.1 /* of the allowed distance: error of feet that must not be missed */
+#define CERTAIN_DEPTH 16     /* from here on feet are certified */
 #define MIN_SINE 0.01        /* between the directions of a patch, for a ball to tell where feet lie */
 #define REFINED_MARGIN 1.1   /* by which refined labels reach beyond the piece, as seen from its middle */
 
@@ -41,40 +43,42 @@ bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack)
     return true;
 }
 
-/** Quads of the candidates by the distance of their triangles, nearest first. */
+enum { MAX_QUADS = QM_COVER_PACKS * QM_PACK_LANES / 2 };
+
+/** Quads of the candidates with the distance of their triangles. */
 typedef struct quad_list {
     int count;
-    struct {
+    struct listed_quad {
         double distance, twist;
         uint32_t face;
-    } at[QM_NEAR_QUADS];
+    } at[MAX_QUADS];
 } quad_list;
 
-static void list_quad(quad_list *list, double distance, double twist, uint32_t face)
+static void list_quads(const qm_piece_work *work, qm_vec p, double least_twist, quad_list *list)
 {
-    if (list->count == QM_NEAR_QUADS && distance >= list->at[QM_NEAR_QUADS - 1].distance) return;
-    int place = list->count < QM_NEAR_QUADS ? list->count++ : QM_NEAR_QUADS - 1;
-    for (; place > 0 && list->at[place - 1].distance > distance; place--)
-        list->at[place] = list->at[place - 1];
-    list->at[place].distance = distance;
-    list->at[place].twist = twist;
-    list->at[place].face = face;
-}
-
-static quad_list list_quads(const qm_piece_work *work, qm_vec p, double least_twist)
-{
-    quad_list list = {.count = 0};
+    list->count = 0;
     for (int k = 0; k < work->pack_count; k++) {
         const qm_pack_lanes *lanes = &work->side->target->lanes[work->packs[k]];
         double d2[QM_PACK_LANES];
         work->kernel->pack_distances(work->candidates.pack[k], p, d2);
         for (int lane = 1; lane < lanes->lane_count; lane++) {
             double twist = work->candidates.twist[k][lane];
-            if ((lanes->second >> lane & 1) && twist >= least_twist)
-                list_quad(&list, sqrt(fmin(d2[lane - 1], d2[lane])), twist, lanes->face[lane]);
+            if (!(lanes->second >> lane & 1) || twist < least_twist) continue;
+            list->at[list->count++] =
+                (struct listed_quad){sqrt(fmin(d2[lane - 1], d2[lane])), twist, lanes->face[lane]};
         }
     }
-    return list;
+}
+
+/** Takes the quad of the nearest triangles out of the list. */
+static struct listed_quad take_nearest(quad_list *list)
+{
+    int nearest = 0;
+    for (int i = 1; i < list->count; i++)
+        if (list->at[i].distance < list->at[nearest].distance) nearest = i;
+    struct listed_quad quad = list->at[nearest];
+    list->at[nearest] = list->at[--list->count];
+    return quad;
 }
 
 static qm_patch target_patch(const qm_piece_work *work, uint32_t face)
@@ -84,26 +88,44 @@ static qm_patch target_patch(const qm_piece_work *work, uint32_t face)
     return qm_patch_make(corner);
 }
 
+qm_patch_foot qm_piece_foot(const qm_piece_work *work, const qm_patch *patch, qm_vec p)
+{
+    if (work->depth < CERTAIN_DEPTH) return qm_patch_descend(patch, p);
+    qm_patch_foot foot = qm_patch_project(patch, p, FOOT_ERROR_SHARE * qm_piece_allowed(work), INFINITY);
+    qm_patch_polish(patch, p, &foot);
+    return foot;
+}
+
+/** Measures a listed quad and keeps it when it is among the nearest. */
+static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad listed, double negligible,
+                       qm_near_quads *near)
+{
+    qm_near_quad quad = {.face = listed.face, .distance = listed.distance, .twist = listed.twist};
+    quad.patch = target_patch(work, quad.face);
+    if (quad.twist >= negligible) {
+        qm_patch_foot foot = qm_piece_foot(work, &quad.patch, p);
+        quad.distance = foot.distance;
+        quad.uv[0] = foot.uv[0];
+        quad.uv[1] = foot.uv[1];
+    }
+    if (near->count == QM_NEAR_QUADS && quad.distance >= near->at[QM_NEAR_QUADS - 1].distance) return;
+    int place = near->count < QM_NEAR_QUADS ? near->count++ : QM_NEAR_QUADS - 1;
+    for (; place > 0 && near->at[place - 1].distance > quad.distance; place--)
+        near->at[place] = near->at[place - 1];
+    near->at[place] = quad;
+}
+
 qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only)
 {
     double negligible = NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale;
-    quad_list list = list_quads(work, p, twisted_only ? negligible : 0.0);
-    qm_near_quads near = {.count = list.count};
-    for (int i = 0; i < list.count; i++) {
-        qm_near_quad quad = {
-            .face = list.at[i].face, .distance = list.at[i].distance, .twist = list.at[i].twist};
-        quad.patch = target_patch(work, quad.face);
-        if (quad.twist >= negligible) {
-            qm_patch_foot foot = qm_patch_descend(&quad.patch, p);
-            quad.distance = foot.distance;
-            quad.uv[0] = foot.uv[0];
-            quad.uv[1] = foot.uv[1];
-        }
-        int place = i;
-        for (; place > 0 && near.at[place - 1].distance > quad.distance; place--)
-            near.at[place] = near.at[place - 1];
-        near.at[place] = quad;
-    }
+    quad_list list;
+    list_quads(work, p, twisted_only ? negligible : 0.0, &list);
+    qm_near_quads near = {.count = 0};
+    while (list.count > 0 && near.count < QM_NEAR_QUADS)
+        visit_quad(work, p, take_nearest(&list), negligible, &near);
+    for (int i = 0; i < list.count; i++) /* patches that leave their triangles may still be nearer */
+        if (list.at[i].distance - list.at[i].twist < near.at[QM_NEAR_QUADS - 1].distance)
+            visit_quad(work, p, list.at[i], negligible, &near);
     return near;
 }
 
@@ -125,11 +147,12 @@ static feet_rectangle feet_of_ball(const qm_near_quad *quad, double radius, cons
 }
 
 /** The parameters that lie under the corners of a piece, with a margin. */
-static feet_rectangle feet_of_corners(const qm_near_quad *quad, const qm_polygon *polygon)
+static feet_rectangle feet_of_corners(const qm_piece_work *work, const qm_near_quad *quad,
+                                      const qm_polygon *polygon)
 {
     feet_rectangle feet = {{1.0, 1.0}, {0.0, 0.0}};
     for (int i = 0; i < polygon->count; i++) {
-        qm_patch_foot foot = qm_patch_descend(&quad->patch, polygon->corner[i]);
+        qm_patch_foot foot = qm_piece_foot(work, &quad->patch, polygon->corner[i]);
         for (int k = 0; k < 2; k++) {
             feet.low[k] = fmin(feet.low[k], foot.uv[k]);
             feet.high[k] = fmax(feet.high[k], foot.uv[k]);
@@ -145,7 +168,8 @@ static feet_rectangle feet_of_corners(const qm_near_quad *quad, const qm_polygon
 
 /** Which parameters of a quad a piece lies over; where the parameters' directions fall together, by its
  * corners. */
-static feet_rectangle find_feet(const qm_near_quad *quad, const qm_polygon *polygon, double radius)
+static feet_rectangle find_feet(const qm_piece_work *work, const qm_near_quad *quad,
+                                const qm_polygon *polygon, double radius)
 {
     const qm_patch *patch = &quad->patch;
     qm_vec along_u = qm_vec_axpy(patch->e1, quad->uv[1], patch->w);
@@ -153,7 +177,7 @@ static feet_rectangle find_feet(const qm_near_quad *quad, const qm_polygon *poly
     const double speed[2] = {qm_vec_norm(along_u), qm_vec_norm(along_v)};
     double area = qm_vec_norm(qm_vec_cross(along_u, along_v));
     if (area > MIN_SINE * speed[0] * speed[1]) return feet_of_ball(quad, radius, speed, area);
-    return feet_of_corners(quad, polygon);
+    return feet_of_corners(work, quad, polygon);
 }
 
 /** Corners of eight triangles, as kernels take them. */
@@ -199,7 +223,7 @@ bool qm_piece_cover_refined(const qm_piece_work *work, qm_polygon *polygon, bool
     refined.pack[0] = &pack;
     for (int i = 0; i < QM_NEAR_QUADS; i++) {
         const qm_near_quad *quad = &near.at[i < near.count ? i : 0];
-        feet_rectangle feet = find_feet(quad, polygon, radius);
+        feet_rectangle feet = find_feet(work, quad, polygon, radius);
         set_refined_lanes(&refined, &corners, 2 * (uint32_t)i, &quad->patch, &feet, allowed);
     }
     work->kernel->fill_pack(&pack, corners.at);

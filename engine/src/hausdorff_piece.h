@@ -31,6 +31,7 @@ typedef struct qm_piece_work {
     const qm_kernel *kernel;
     qm_entry entry;
     qm_piece piece;
+    int depth;                 /* of the piece, or of the part at hand */
     double slack;              /* the parts lie within this distance of the source's surface */
     const qm_near_packs *near; /* of a neighbourhood that holds the piece */
     uint32_t packs[QM_COVER_PACKS];
@@ -86,6 +87,12 @@ void qm_piece_fill_candidates(qm_piece_work *work);
  */
 bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack);
 
+/**
+ * A point of a patch near p: a good one at first, the certified nearest for pieces that were cut often, which
+ * would else be cut for ever where patches are folded and a descent ends in the wrong valley.
+ */
+qm_patch_foot qm_piece_foot(const qm_piece_work *work, const qm_patch *patch, qm_vec p);
+
 /** Quads among the candidates that lie nearest to a point; with twisted_only not those that are flat. */
 qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only);
 
@@ -111,7 +118,7 @@ bool qm_piece_cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, b
  * Covers a polygon by all candidates, and by refined parts of patches: these first where the polygon is a
  * part of the piece (depth is greater). in_reach is not filled afterwards.
  */
-bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, int depth, bool *moved);
+bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, bool *moved);
 
 /**
  * Measures the corners that need it. True when that found new candidates or raised the lower bound: in_reach

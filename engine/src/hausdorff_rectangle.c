@@ -60,7 +60,7 @@ static bool triangles_reached(qm_piece_work *work, double slack)
         const qm_vec *c = work->piece.corner;
         qm_polygon polygon = {.count = 3, .corner = {c[0], c[1 + half], c[2 + half]}};
         qm_piece_reach_corners(work, &polygon);
-        covered = qm_piece_cover(work, &polygon, work->piece.depth, &moved);
+        covered = qm_piece_cover(work, &polygon, &moved);
     }
     work->slack = 0.0;
     qm_piece_fill_candidates(work);
@@ -90,7 +90,7 @@ static double match_upper(const qm_piece_work *work, const qm_patch *patch)
     qm_patch_foot foot[4];
     double farthest = 0.0;
     for (int i = 0; i < 4; i++) {
-        foot[i] = qm_patch_descend(patch, work->piece.corner[i]);
+        foot[i] = qm_piece_foot(work, patch, work->piece.corner[i]);
         farthest = greater(farthest, foot[i].distance);
     }
     double along_u[2], along_v[2];

@@ -30,9 +30,9 @@ static bool cover_by_refined(const qm_piece_work *work, qm_polygon *polygon, boo
     return false;
 }
 
-bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, int depth, bool *moved)
+bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 {
-    bool is_part = depth > 0;
+    bool is_part = work->depth > 0;
     if (is_part && cover_by_refined(work, polygon, moved)) return true;
     if (work->kernel->cover(&work->candidates, polygon, moved)) return true;
     return !is_part && cover_by_refined(work, polygon, moved);
@@ -180,6 +180,7 @@ static void process_part(qm_piece_work *work, const qm_part *from)
 {
     qm_polygon rest;
     bool moved = false;
+    work->depth = from->depth;
     if (from->generation == 0) {
         rest = (qm_polygon){.count = 3, .corner = {from->corner[0], from->corner[1], from->corner[2]}};
         if (qm_piece_cover_by_nearest(work, &rest, &moved)) return;
@@ -188,7 +189,7 @@ static void process_part(qm_piece_work *work, const qm_part *from)
         rest = part_polygon(work, from);
     }
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
-        if (qm_piece_cover(work, &rest, from->depth, &moved)) return;
+        if (qm_piece_cover(work, &rest, &moved)) return;
         if (!qm_piece_sample_corners(work, &rest, from->depth)) break;
     }
     split_rest(work, &rest, moved, from->depth);
@@ -224,6 +225,7 @@ static void start_work(qm_piece_work *work, qm_worker *worker, qm_entry entry, c
     work->kernel = worker->search->kernel;
     work->entry = entry;
     work->piece = *piece;
+    work->depth = piece->depth;
     work->slack = piece->slack;
     work->generation = 1;
     work->height = 0;
@@ -275,7 +277,7 @@ static void settle_triangle(qm_piece_work *work)
     qm_piece_gather(work, &all);
     for (int attempt = 0; attempt < FACE_ATTEMPTS; attempt++) {
         qm_piece_reach_corners(work, &polygon);
-        if (qm_piece_cover(work, &polygon, work->piece.depth, &moved)) return;
+        if (qm_piece_cover(work, &polygon, &moved)) return;
         /* The middle of what is left is likely as far as any point of the face. */
         if (!sample_unreached(work, qm_polygon_middle(&polygon))) break;
     }

@@ -166,24 +166,31 @@ static void a_mesh_is_at_distance_zero_from_itself(void **state)
 static void moved_twisted_quads_are_at_most_their_move_apart(void **state)
 {
     (void)state;
-    for (uint64_t seed = 0; seed < 20; ++seed) {
+    const double bends[] = {0.05, 0.3, 1.0, 2.0}; /* in edge lengths: the last ones fold over */
+    int folded = 0, converged = 0;
+    for (uint64_t seed = 0; seed < 40; ++seed) {
         qm_random random = qm_random_make(qm_check_seed(), seed);
-        /* Every second one is bent by up to an edge length: its bracket must hold, but need not close in the
-         * limit. */
-        bool is_bent = seed % 2 == 1;
-        qm_mesh a = qm_shape_soup(&random, 10, QM_SOUP_QUADS, QM_SOUP_APART, is_bent ? 1 : 0.05),
-                b = qm_shape_copy(&a);
+        double bend = bends[seed % 4];
+        qm_mesh a = qm_shape_soup(&random, 10, QM_SOUP_QUADS, QM_SOUP_APART, bend), b = qm_shape_copy(&a);
         double move[3];
         qm_random_direction(&random, move);
         for (int k = 0; k < 3; ++k)
             move[k] *= 1e-3;
         qm_shape_move(&b, 1, move);
-        qm_hausdorff_result r = measure(&a, &b, QM_TWO_SIDED, QM_QUADS_BILINEAR, 1e-7);
-        QM_CHECK(r.lower <= 1e-3 + 1e-15 && (is_bent || r.upper <= 1e-3 + 1e-7), "seed %llu: [%.17g, %.17g]",
-                 (unsigned long long)seed, r.lower, r.upper);
+        qm_hausdorff_options options = options_of(QM_A_TO_B, QM_QUADS_BILINEAR, 1e-7);
+        options.work_limit = 10000;
+        qm_hausdorff_result r = measure_with(&a, &b, &options);
+        bool is_closed = r.upper <= 1e-3 + 1e-7;
+        QM_CHECK(r.lower <= 1e-3 + 1e-15 && r.upper >= r.lower && (is_closed || bend >= 1.0),
+                 "seed %llu, bend %g: [%.17g, %.17g]", (unsigned long long)seed, bend, r.lower, r.upper);
+        folded += bend >= 1.0;
+        converged += bend >= 1.0 && is_closed;
         qm_shape_free(&a);
         qm_shape_free(&b);
     }
+    /* A fold that lies on its own moved copy may take more work than the limit; the bracket holds all the
+     * same. */
+    QM_CHECK(converged * 100 >= folded * 75, "%d of %d folded pairs converged", converged, folded);
 }
 
 static void single_facets_and_points_have_their_school_distances(void **state)
