@@ -134,12 +134,6 @@ void qm_blob_abort(qm_blob_writer *writer)
     free(writer);
 }
 
-static void hex(const uint8_t *bytes, size_t size, char *out)
-{
-    for (size_t i = 0; i < size; i++)
-        snprintf(out + 2 * i, 3, "%02x", bytes[i]);
-}
-
 static bool move_into_place(const qm_blob_writer *writer, const char *hash)
 {
     char folder[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE], blobs[QM_STORE_PATH_SIZE];
@@ -154,7 +148,7 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
 {
     uint8_t digest[SHA256_DIGEST_SIZE];
     sha256_digest(&writer->hash, sizeof digest, digest);
-    hex(digest, sizeof digest, writer->name);
+    qm_hash_print(digest, writer->name);
     memcpy(hash, writer->name, QM_HASH_SIZE);
     return fsync(writer->file) == 0 ? QM_OK : fail_to_store("sync");
 }

@@ -167,12 +167,12 @@ char *qm_job_write_document(const qm_job *job, qm_job_state state, const char *o
     qm_text out = {0};
     char now[QM_TIME_SIZE];
     qm_format_time(now);
-    qm_text_printf(&out, "{\"id\":\"%s\",\"type\":\"hausdorff\",\"state\":\"%s\",\"created\":\"%s\"", job->id,
-                   qm_job_state_name(state), job->created);
+    qm_text_printf(&out, "{\"id\":\"%s\",\"type\":\"%s\",\"state\":\"%s\",\"created\":\"%s\"", job->id,
+                   qm_job_type_of(job->request.kind)->name, qm_job_state_name(state), job->created);
     if (job->started[0]) qm_text_printf(&out, ",\"started\":\"%s\"", job->started);
     if (state > QM_JOB_RUNNING) qm_text_printf(&out, ",\"ended\":\"%s\"", now);
     qm_text_add_string(&out, ",\"request\":");
-    qm_json_write_request(&out, &job->request);
+    qm_json_write_request_briefly(&out, &job->request);
     if (job->last_bounds) qm_text_printf(&out, ",\"progress\":{%s}", job->last_bounds);
     if (outcome) qm_text_printf(&out, ",%s", outcome);
     qm_text_add_string(&out, "}");

@@ -1,6 +1,10 @@
 #include "job_kinds.h"
 
 #include <math.h>
+#include <stdlib.h>
+
+#include "clock.h"
+#include "qm/project.h"
 
 qm_job_request qm_job_request_default(void)
 {
@@ -13,28 +17,130 @@ qm_job_request qm_job_request_default(void)
     };
 }
 
-qm_status qm_job_run_hausdorff(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
-                               const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress,
-                               void *progress_user, qm_job_result *out)
+void qm_job_request_reset(qm_job_request *request)
 {
+    free(request->points);
+    request->points = NULL;
+    request->point_count = 0;
+}
+
+/** One question of any kind, with everything that its runner needs. */
+typedef struct question {
+    qm_context *ctx;
+    const qm_job_request *request;
+    const qm_loaded_mesh *a, *b;
+    qm_hausdorff_progress_fn *progress;
+    void *progress_user;
+    int threads;
+} question;
+
+/* ---- hausdorff ---- */
+
+static qm_status run_hausdorff(const question *q, qm_job_result *out)
+{
+    const qm_job_request *request = q->request;
     qm_hausdorff_options options = qm_hausdorff_options_default();
-    bool is_absolute = request->tolerance_is_absolute || a->diagonal == 0.0;
+    bool is_absolute = request->tolerance_is_absolute || q->a->diagonal == 0.0;
     options.direction = request->direction;
     options.quads = request->quads;
-    options.tolerance = is_absolute ? request->tolerance : request->tolerance * a->diagonal;
+    options.tolerance = is_absolute ? request->tolerance : request->tolerance * q->a->diagonal;
     options.threshold = request->threshold;
     options.deadline_ms = request->deadline_ms;
-    options.thread_count = request->threads > 0 ? request->threads : 1;
-    options.progress = progress;
-    options.progress_user = progress_user;
-    *out = (qm_job_result){.diagonal = a->diagonal,
-                           .tolerance = options.tolerance,
-                           .prepare_a_ms = a->parse_ms + a->topology_ms + a->bvh_ms,
-                           .prepare_b_ms = b->parse_ms + b->topology_ms + b->bvh_ms};
-    qm_status status = qm_hausdorff_measure(ctx, a->bvh, b->bvh, &options, &out->hausdorff);
+    options.thread_count = q->threads;
+    options.progress = q->progress;
+    options.progress_user = q->progress_user;
+    out->tolerance = options.tolerance;
+    qm_status status = qm_hausdorff_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->hausdorff);
     if (status != QM_OK) return status;
-    const qm_loaded_mesh *source = out->hausdorff.from_side == 0 ? a : b, *target = source == a ? b : a;
+    const qm_loaded_mesh *source = out->hausdorff.from_side == 0 ? q->a : q->b,
+                         *target = source == q->a ? q->b : q->a;
     out->from_face = qm_mesh_input_face(&source->mesh, out->hausdorff.from.face);
     out->to_face = qm_mesh_input_face(&target->mesh, out->hausdorff.to.face);
+    out->is_canceled = out->hausdorff.stop == QM_STOP_CANCELED;
     return QM_OK;
+}
+
+static void reset_hausdorff(qm_context *ctx, qm_job_result *result)
+{
+    (void)ctx, (void)result;
+}
+
+/* ---- project ---- */
+
+static void reset_project(qm_context *ctx, qm_job_result *result)
+{
+    qm_job_feet *feet = &result->feet;
+    qm_context_free(ctx, feet->distance, feet->count, sizeof *feet->distance);
+    qm_context_free(ctx, feet->position, feet->count, 3 * sizeof *feet->position);
+    qm_context_free(ctx, feet->uv, feet->count, 2 * sizeof *feet->uv);
+    qm_context_free(ctx, feet->face, feet->count, sizeof *feet->face);
+    *feet = (qm_job_feet){0};
+}
+
+static qm_status run_project(const question *q, qm_job_result *out)
+{
+    const qm_job_request *request = q->request;
+    qm_job_feet *feet = &out->feet;
+    feet->count = request->point_count;
+    if (feet->count == 0) return QM_OK;
+    feet->distance = qm_context_alloc(q->ctx, feet->count, sizeof *feet->distance);
+    feet->position = qm_context_alloc(q->ctx, feet->count, 3 * sizeof *feet->position);
+    feet->uv = qm_context_alloc(q->ctx, feet->count, 2 * sizeof *feet->uv);
+    feet->face = qm_context_alloc(q->ctx, feet->count, sizeof *feet->face);
+    qm_projection projection = {feet->distance, feet->position, feet->face, feet->uv};
+    qm_status status = QM_E_NO_MEMORY;
+    if (feet->distance && feet->position && feet->uv && feet->face)
+        status = qm_project_points(q->ctx, q->a->bvh, request->quads, request->points, feet->count,
+                                   q->threads, &projection);
+    else
+        qm_context_fail(q->ctx, status, "out of memory for %zu points", feet->count);
+    for (size_t i = 0; status == QM_OK && i < feet->count; i++)
+        feet->face[i] = qm_mesh_input_face(&q->a->mesh, feet->face[i]);
+    return status;
+}
+
+/* ---- any kind ---- */
+
+typedef struct runner {
+    qm_job_type type;
+    qm_status (*run)(const question *question, qm_job_result *out);
+    void (*reset)(qm_context *ctx, qm_job_result *result);
+} runner;
+
+static const runner runners[] = {
+#define XX(suffix, name, first, second) {{#name, {first, second}}, run_##name, reset_##name},
+    QM_JOB_MAP(XX)
+#undef XX
+};
+
+const qm_job_type *qm_job_type_of(qm_job_kind kind)
+{
+    return &runners[kind].type;
+}
+
+static double prepare_ms(const qm_loaded_mesh *mesh)
+{
+    return mesh ? mesh->parse_ms + mesh->topology_ms + mesh->bvh_ms : 0.0;
+}
+
+qm_status qm_job_answer(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
+                        const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
+                        qm_job_result *out)
+{
+    *out = (qm_job_result){.kind = request->kind,
+                           .diagonal = a->diagonal,
+                           .prepare_a_ms = prepare_ms(a),
+                           .prepare_b_ms = prepare_ms(b)};
+    question asked = {
+        ctx, request, a, b, progress, progress_user, request->threads > 0 ? request->threads : 1};
+    double start_ms = qm_now_ms();
+    qm_status status = runners[request->kind].run(&asked, out);
+    out->elapsed_ms = qm_now_ms() - start_ms;
+    if (status != QM_OK) qm_job_result_reset(ctx, out);
+    return status;
+}
+
+void qm_job_result_reset(qm_context *ctx, qm_job_result *result)
+{
+    runners[result->kind].reset(ctx, result);
 }

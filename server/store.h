@@ -8,10 +8,9 @@
 #ifndef QM_STORE_H
 #define QM_STORE_H
 
+#include "hash.h"
 #include "job_kinds.h"
 #include "text.h"
-
-#define QM_HASH_SIZE 65 /* sha-256 in hex, and a 0 */
 
 typedef struct qm_store qm_store;
 

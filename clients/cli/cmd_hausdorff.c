@@ -150,7 +150,7 @@ static int measure_loaded(const cli_question *question, const qm_loaded_mesh *a,
     cli_bar bar = cli_bar_make(question->request.tolerance * (is_absolute ? 1.0 : a->diagonal),
                                question->shows_progress);
     qm_job_result result;
-    qm_status status = qm_job_run_hausdorff(&ctx, &question->request, a, b, on_progress, &bar, &result);
+    qm_status status = qm_job_answer(&ctx, &question->request, a, b, on_progress, &bar, &result);
     cli_bar_clear(&bar);
     if (status != QM_OK) {
         qm_problem problem = qm_problem_from_status(status, ctx.message);
