@@ -22,6 +22,7 @@ struct qm_blob_writer {
     char path[QM_STORE_PATH_SIZE];
     char name[QM_HASH_SIZE]; /* the hash, once sealed */
     int file;
+    uint64_t size;
 };
 
 static bool make_folder(const char *path)
@@ -122,6 +123,25 @@ qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
         if (written <= 0) return fail_to_store("write");
         next += written;
         size -= (size_t)written;
+        writer->size += (uint64_t)written;
+    }
+    return QM_OK;
+}
+
+uint64_t qm_blob_size(const qm_blob_writer *writer)
+{
+    return writer->size;
+}
+
+qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *bytes, size_t size)
+{
+    for (char *next = bytes; size > 0;) {
+        ssize_t got = pread(writer->file, next, size, (off_t)offset);
+        if (got < 0 && errno == EINTR) continue;
+        if (got <= 0) return QM_E_ARGUMENT;
+        next += got;
+        size -= (size_t)got;
+        offset += (uint64_t)got;
     }
     return QM_OK;
 }

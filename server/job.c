@@ -328,32 +328,48 @@ static char *document_of_row(qm_jobs *jobs, const qm_store_job *row)
     return document;
 }
 
-/** Adds the documents of up to limit rows after *after, which moves on; *count tells how many there were. */
-static bool list_step(qm_jobs *jobs, int64_t *after, size_t limit, qm_text *out, size_t *count)
+/** A page that is made: its end is the limit of jobs or of bytes, whichever comes first. */
+typedef struct job_page {
+    qm_text *out;
+    size_t start; /* of the page in out */
+    size_t rest;  /* jobs that may follow */
+    int64_t after;
+} job_page;
+
+static bool has_room_for_more(const job_page *page)
+{
+    return page->rest > 0 && page->out->size - page->start < MAX_PAGE_SIZE && !page->out->failed;
+}
+
+/** Adds the next few jobs; false when there are no more. */
+static bool list_step(qm_jobs *jobs, job_page *page)
 {
     qm_store_job rows[LIST_STEP];
-    *count = qm_store_list_jobs(jobs->store, *after, limit < LIST_STEP ? limit : LIST_STEP, rows);
-    for (size_t i = 0; i < *count; i++) {
-        char *document = document_of_row(jobs, &rows[i]);
-        qm_json_add_comma(out);
-        qm_text_add_string(out, document ? document : "");
-        if (!document) out->failed = true;
-        free(document);
-        *after = rows[i].sequence;
+    size_t count = qm_store_list_jobs(jobs->store, page->after, LIST_STEP, rows);
+    for (size_t i = 0; i < count; i++) {
+        if (has_room_for_more(page)) {
+            char *document = document_of_row(jobs, &rows[i]);
+            qm_json_add_comma(page->out);
+            qm_text_add_string(page->out, document ? document : "");
+            if (!document) page->out->failed = true;
+            free(document);
+            page->after = rows[i].sequence;
+            page->rest--;
+        }
         qm_store_job_reset(&rows[i]);
     }
-    return *count > 0 && !out->failed;
+    return count > 0;
 }
 
 bool qm_jobs_list(qm_jobs *jobs, int64_t after, size_t limit, qm_text *out, int64_t *next)
 {
-    size_t count, start = out->size;
-    while (limit > 0 && out->size - start < MAX_PAGE_SIZE && list_step(jobs, &after, limit, out, &count))
-        limit -= count;
+    job_page page = {.out = out, .start = out->size, .rest = limit, .after = after};
+    while (has_room_for_more(&page) && list_step(jobs, &page))
+        continue;
     qm_store_job following;
-    bool is_last = qm_store_list_jobs(jobs->store, after, 1, &following) == 0;
+    bool is_last = qm_store_list_jobs(jobs->store, page.after, 1, &following) == 0;
     if (!is_last) qm_store_job_reset(&following);
-    *next = is_last ? 0 : after;
+    *next = is_last ? 0 : page.after;
     return !out->failed;
 }
 

@@ -4,7 +4,6 @@
 #include <stdlib.h>
 
 #include "clock.h"
-#include "qm/project.h"
 
 qm_job_request qm_job_request_default(void)
 {
@@ -69,34 +68,14 @@ static void reset_hausdorff(qm_context *ctx, qm_job_result *result)
 
 static void reset_project(qm_context *ctx, qm_job_result *result)
 {
-    qm_job_feet *feet = &result->feet;
-    qm_context_free(ctx, feet->distance, feet->count, sizeof *feet->distance);
-    qm_context_free(ctx, feet->position, feet->count, 3 * sizeof *feet->position);
-    qm_context_free(ctx, feet->uv, feet->count, 2 * sizeof *feet->uv);
-    qm_context_free(ctx, feet->face, feet->count, sizeof *feet->face);
-    *feet = (qm_job_feet){0};
+    qm_feet_reset(ctx, &result->feet);
 }
 
 static qm_status run_project(const question *q, qm_job_result *out)
 {
     const qm_job_request *request = q->request;
-    qm_job_feet *feet = &out->feet;
-    feet->count = request->point_count;
-    if (feet->count == 0) return QM_OK;
-    feet->distance = qm_context_alloc(q->ctx, feet->count, sizeof *feet->distance);
-    feet->position = qm_context_alloc(q->ctx, feet->count, 3 * sizeof *feet->position);
-    feet->uv = qm_context_alloc(q->ctx, feet->count, 2 * sizeof *feet->uv);
-    feet->face = qm_context_alloc(q->ctx, feet->count, sizeof *feet->face);
-    qm_projection projection = {feet->distance, feet->position, feet->face, feet->uv};
-    qm_status status = QM_E_NO_MEMORY;
-    if (feet->distance && feet->position && feet->uv && feet->face)
-        status = qm_project_points(q->ctx, q->a->bvh, request->quads, request->points, feet->count,
-                                   q->threads, &projection);
-    else
-        qm_context_fail(q->ctx, status, "out of memory for %zu points", feet->count);
-    for (size_t i = 0; status == QM_OK && i < feet->count; i++)
-        feet->face[i] = qm_mesh_input_face(&q->a->mesh, feet->face[i]);
-    return status;
+    return qm_feet_find(q->ctx, q->a, request->quads, request->points, request->point_count, q->threads,
+                        &out->feet);
 }
 
 /* ---- any kind ---- */

@@ -8,7 +8,7 @@
 #ifndef QM_JOB_KINDS_H
 #define QM_JOB_KINDS_H
 
-#include "mesh_load.h"
+#include "feet.h"
 #include "qm/hausdorff.h"
 
 #define QM_ID_SIZE 40
@@ -59,13 +59,6 @@ qm_job_request qm_job_request_default(void);
 /** Frees what the request owns. */
 void qm_job_request_reset(qm_job_request *request);
 
-/** What a project job finds: arrays on the allocator of the context that it ran in, one row a point. */
-typedef struct qm_job_feet {
-    size_t count;
-    double *distance, *position, *uv; /* rows of 1, 3, 2 */
-    uint32_t *face;                   /* in the numbering of the input file */
-} qm_job_feet;
-
 typedef struct qm_job_result {
     qm_job_kind kind;
     double diagonal; /* of A's box: what relative figures refer to */
@@ -79,7 +72,7 @@ typedef struct qm_job_result {
     uint32_t from_face, to_face; /* in the numbering of the input files */
 
     /* project */
-    qm_job_feet feet;
+    qm_feet feet;
 } qm_job_result;
 
 /**

@@ -123,28 +123,27 @@ static void write_project_request(qm_text *out, const qm_job_request *request, b
     qm_text_add_string(out, "]");
 }
 
-void qm_json_write_foot(qm_text *out, const qm_json_foot *foot, double diagonal)
+void qm_json_write_foot(qm_text *out, const qm_feet *feet, size_t i, double diagonal)
 {
+    double distance = feet->distance[i];
     qm_json_add_comma(out);
     qm_text_add_string(out, "{");
-    qm_json_add_number(out, "distance", foot->distance);
-    qm_json_add_number(out, "distance_relative", diagonal > 0.0 ? foot->distance / diagonal : INFINITY);
-    qm_json_add_numbers(out, "point", foot->position, 3);
-    qm_json_add_count(out, "face", foot->face);
-    qm_json_add_numbers(out, "uv", foot->uv, 2);
+    qm_json_add_number(out, "distance", distance);
+    qm_json_add_number(out, "distance_relative", diagonal > 0.0 ? distance / diagonal : INFINITY);
+    qm_json_add_numbers(out, "point", feet->position + 3 * i, 3);
+    qm_json_add_count(out, "face", feet->face[i]);
+    qm_json_add_numbers(out, "uv", feet->uv + 2 * i, 2);
     qm_text_add_string(out, "}");
 }
 
 static void write_project_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
-    const qm_job_feet *feet = &result->feet;
+    const qm_feet *feet = &result->feet;
     qm_json_add_string(out, "quads", quads_name(request->quads));
     qm_json_add_count(out, "point_count", feet->count);
     qm_json_open(out, "points", "[");
-    for (size_t i = 0; i < feet->count; i++) {
-        qm_json_foot foot = {feet->distance[i], feet->position + 3 * i, feet->face[i], feet->uv + 2 * i};
-        qm_json_write_foot(out, &foot, result->diagonal);
-    }
+    for (size_t i = 0; i < feet->count; i++)
+        qm_json_write_foot(out, feet, i, result->diagonal);
     qm_text_add_string(out, "]");
     qm_json_add_number(out, "prepare_ms", result->prepare_a_ms);
     qm_json_add_number(out, "elapsed_ms", result->elapsed_ms);

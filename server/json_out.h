@@ -29,14 +29,9 @@ void qm_json_write_request(qm_text *out, const qm_job_request *request);
 /** The same for people and lists: of long arrays only how many entries they have. */
 void qm_json_write_request_briefly(qm_text *out, const qm_job_request *request);
 
-/** The nearest point of a surface as one object, after a comma where one is due. */
-typedef struct qm_json_foot {
-    double distance;
-    const double *position; /* x y z */
-    uint32_t face;          /* in the numbering of the input file */
-    const double *uv;
-} qm_json_foot;
-void qm_json_write_foot(qm_text *out, const qm_json_foot *foot, double diagonal);
+/** A foot as one object, after a comma where one is due; diagonal, that of the mesh, makes the relative
+ * figure. */
+void qm_json_write_foot(qm_text *out, const qm_feet *feet, size_t i, double diagonal);
 
 /** The result object of a job of any kind. */
 void qm_json_write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result);

@@ -29,7 +29,7 @@ char *qm_json_number(double value, char out[QM_JSON_NUMBER_SIZE])
 
 void qm_json_add_comma(qm_text *out)
 {
-    if (out->size > 0 && !strchr("{[:", out->data[out->size - 1])) qm_text_add_string(out, ",");
+    if (out->size > 0 && !strchr("{[:,", out->data[out->size - 1])) qm_text_add_string(out, ",");
 }
 
 void qm_json_add_quoted(qm_text *out, const char *string)

@@ -13,6 +13,7 @@
     XX(INVALID_FIELD, 400, "invalid_field", "A field of the request is not valid")                           \
     XX(INVALID_PARAMETER, 400, "invalid_parameter", "A query parameter or header is not valid")              \
     XX(AMBIGUOUS_LENGTH, 400, "ambiguous_length", "The request tells its length in two ways")                \
+    XX(MALFORMED_BODY, 400, "malformed_body", "The request body does not have the form it should")           \
     XX(NOT_FOUND, 404, "not_found", "There is no such resource")                                             \
     XX(MESH_NOT_FOUND, 404, "mesh_not_found", "There is no such mesh")                                       \
     XX(JOB_NOT_FOUND, 404, "job_not_found", "There is no such job")                                          \

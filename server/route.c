@@ -6,6 +6,7 @@
 #include "handlers.h"
 
 static const char *const json[] = {"application/json", NULL};
+static const char *const rows[] = {QM_MEDIA_BINARY, QM_MEDIA_CSV, QM_MEDIA_JSON, NULL};
 static const char *const events[] = {QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
 static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
 
@@ -14,6 +15,7 @@ static const qm_route routes[] = {
     {"GET", "/v1/meshes", qm_handle_mesh_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/meshes/{id}", qm_handle_mesh_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
     {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"POST", "/v1/meshes/{id}/project", qm_handle_mesh_project, rows, QM_BODY_SPOOL, QM_RUNS_LONG},
     {"POST", "/v1/jobs", qm_handle_job_create, job_or_events, QM_BODY_MEMORY, QM_RUNS_SHORT},
     {"GET", "/v1/jobs", qm_handle_job_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}", qm_handle_job_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
