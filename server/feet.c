@@ -1,6 +1,7 @@
 #include "feet.h"
 
 #include <endian.h>
+#include <math.h>
 #include <string.h>
 
 #include "json_out.h"
@@ -33,6 +34,24 @@ qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, qm_quad_read
         out->face[i] = qm_mesh_input_face(&mesh->mesh, out->face[i]);
     if (status != QM_OK) qm_feet_reset(ctx, out);
     return status;
+}
+
+size_t qm_feet_find_bad(const double *numbers, size_t count)
+{
+    size_t place = 0;
+    while (place < count && isfinite(numbers[place]))
+        place++;
+    return place;
+}
+
+void qm_feet_turn_bytes(double *numbers, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        uint64_t bits;
+        memcpy(&bits, &numbers[i], sizeof bits);
+        bits = le64toh(bits);
+        memcpy(&numbers[i], &bits, sizeof bits);
+    }
 }
 
 void qm_feet_write_begin(qm_text *out, qm_rows rows)

@@ -24,6 +24,12 @@ qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, qm_quad_read
                        const double *points, size_t count, int threads, qm_feet *out);
 void qm_feet_reset(qm_context *ctx, qm_feet *feet);
 
+/** The place of the first of count numbers that is not finite, or count. */
+size_t qm_feet_find_bad(const double *numbers, size_t count);
+
+/** Doubles of this machine to little-endian ones, or back, in place: the same turn of bytes, or none. */
+void qm_feet_turn_bytes(double *numbers, size_t count);
+
 /** Points that are projected together and written before the next ones are: what bounds memory. */
 #define QM_FEET_BLOCK 65536
 

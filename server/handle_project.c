@@ -6,7 +6,6 @@
  * answer reads, projects and writes its own points.
  */
 #include <endian.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -46,23 +45,16 @@ static void end_projecting(void *user)
 /* ---- points ---- */
 
 /** In place, from the last one on: a float takes less room than the double that it becomes. */
-static void decode(number_type type, double *numbers, size_t count)
+static void decode_floats(double *numbers, size_t count)
 {
     const char *bytes = (const char *)numbers;
     for (size_t i = count; i-- > 0;) {
-        if (type == F64) {
-            uint64_t bits;
-            memcpy(&bits, bytes + i * sizeof bits, sizeof bits);
-            bits = le64toh(bits);
-            memcpy(&numbers[i], &bits, sizeof bits);
-        } else {
-            uint32_t bits;
-            float number;
-            memcpy(&bits, bytes + i * sizeof bits, sizeof bits);
-            bits = le32toh(bits);
-            memcpy(&number, &bits, sizeof bits);
-            numbers[i] = (double)number;
-        }
+        uint32_t bits;
+        float number;
+        memcpy(&bits, bytes + i * sizeof bits, sizeof bits);
+        bits = le32toh(bits);
+        memcpy(&number, &bits, sizeof bits);
+        numbers[i] = (double)number;
     }
 }
 
@@ -71,7 +63,10 @@ static bool read_points(const projecting *p, uint64_t first, size_t count, doubl
 {
     size_t width = row_size(p->type);
     if (qm_blob_read(p->upload, first * width, points, count * width) != QM_OK) return false;
-    decode(p->type, points, 3 * count);
+    if (p->type == F32)
+        decode_floats(points, 3 * count);
+    else
+        qm_feet_turn_bytes(points, 3 * count);
     return true;
 }
 
@@ -86,21 +81,16 @@ static double *make_block(const projecting *p, uint64_t first)
     return malloc((block_count(p, first) + 1) * 3 * sizeof(double));
 }
 
-/** False with the place of the first point that has no place in space. */
+/** False with the place of the first coordinate that is not finite. */
 static bool check_block(const projecting *p, uint64_t first, const double *points, qm_problem *problem)
 {
-    for (size_t i = 0; i < 3 * block_count(p, first); i++) {
-        if (isfinite(points[i])) continue;
-        uint64_t row = first + i / 3;
-        *problem = qm_problem_make(QM_PROBLEM_NOT_FINITE, "point %llu has a coordinate that is not finite",
-                                   (unsigned long long)row);
-        problem->error_count = 1;
-        problem->errors[0] = (qm_problem_error){
-            .line = QM_NO_PLACE, .offset = row * row_size(p->type) + i % 3 * row_size(p->type) / 3};
-        memcpy(problem->errors[0].detail, "is not a finite number", sizeof "is not a finite number");
-        return false;
-    }
-    return true;
+    size_t count = 3 * block_count(p, first), bad = qm_feet_find_bad(points, count);
+    if (bad == count) return true;
+    *problem = qm_problem_make(QM_PROBLEM_NOT_FINITE, "point %llu has a coordinate that is not finite",
+                               (unsigned long long)(first + bad / 3));
+    qm_problem_add_offset(problem, (size_t)(3 * first + bad) * row_size(p->type) / 3,
+                          "is not a finite number");
+    return false;
 }
 
 static bool check_points(const projecting *p, qm_problem *problem)

@@ -71,6 +71,9 @@ qm_problem qm_problem_make(qm_problem_code code, const char *format, ...)
 void qm_problem_add_pointer(qm_problem *problem, const char *pointer, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
+/** Adds the byte of a binary body or file where the fault lies. */
+void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *words);
+
 /** The problem of a status of the engine, with the context's message. */
 qm_problem qm_problem_from_status(qm_status status, const char *message);
 
