@@ -58,10 +58,12 @@ static bool make_data_folder(const char *path)
 
 bool qm_blob_make_folders(const char *folder, char message[QM_MESSAGE_SIZE])
 {
-    char blobs[QM_STORE_PATH_SIZE], incoming[QM_STORE_PATH_SIZE];
+    char blobs[QM_STORE_PATH_SIZE], incoming[QM_STORE_PATH_SIZE], results[QM_STORE_PATH_SIZE];
     snprintf(blobs, sizeof blobs, "%s/blobs", folder);
     snprintf(incoming, sizeof incoming, "%s/incoming", folder);
-    if (!make_data_folder(folder) || !make_folder(blobs) || !make_folder(incoming) || !sync_folder(folder)) {
+    snprintf(results, sizeof results, "%s/results", folder);
+    if (!make_data_folder(folder) || !make_folder(blobs) || !make_folder(incoming) || !make_folder(results) ||
+        !sync_folder(folder)) {
         snprintf(message, QM_MESSAGE_SIZE, "cannot make %.200s: %s", folder, strerror(errno));
         return false;
     }

@@ -86,6 +86,9 @@ char *qm_job_document(qm_jobs *jobs, qm_job *job, bool is_cached);
 /** The same without the mark, and whether the job had ended at that moment. */
 char *qm_job_document_now(qm_jobs *jobs, qm_job *job, bool *has_ended);
 
+/** The result object of a job that has one, for the caller to free; NULL otherwise. */
+char *qm_job_result_object(qm_jobs *jobs, qm_job *job);
+
 /**
  * The documents of a page of jobs after a sequence number, as members of the JSON array that out ends in. A
  * page of large documents ends before its limit. *next is 0 on the last page. False: out of memory.

@@ -188,6 +188,19 @@ char *qm_job_document_now(qm_jobs *jobs, qm_job *job, bool *has_ended)
     return document;
 }
 
+char *qm_job_result_object(qm_jobs *jobs, qm_job *job)
+{
+    static const char name[] = ",\"result\":";
+    bool has_ended;
+    char *document = qm_job_document_now(jobs, job, &has_ended), *result = NULL;
+    /* The outcome is the last member: strings before it hold no bare quotes. */
+    const char *start = document && has_ended ? strstr(document, name) : NULL;
+    if (start) start += strlen(name);
+    if (start) result = strndup(start, strlen(start) - 1);
+    free(document);
+    return result;
+}
+
 char *qm_job_document(qm_jobs *jobs, qm_job *job, bool is_cached)
 {
     bool ended;

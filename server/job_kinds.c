@@ -13,6 +13,11 @@ qm_job_request qm_job_request_default(void)
         .quads = QM_QUADS_TRIANGLES,
         .tolerance = 1e-6,
         .threshold = NAN,
+        .accuracy = 1e-2,
+        .pieces = 1u << 18,
+        .bins = 50,
+        .percentiles = {1, 5, 25, 50, 75, 90, 95, 99},
+        .percentile_count = 8,
     };
 }
 
@@ -33,16 +38,22 @@ typedef struct question {
     int threads;
 } question;
 
+/** What the request's tolerance is in the unit of the meshes. */
+static double absolute_tolerance(const question *q)
+{
+    bool is_absolute = q->request->tolerance_is_absolute || q->a->diagonal == 0.0;
+    return is_absolute ? q->request->tolerance : q->request->tolerance * q->a->diagonal;
+}
+
 /* ---- hausdorff ---- */
 
 static qm_status run_hausdorff(const question *q, qm_job_result *out)
 {
     const qm_job_request *request = q->request;
     qm_hausdorff_options options = qm_hausdorff_options_default();
-    bool is_absolute = request->tolerance_is_absolute || q->a->diagonal == 0.0;
     options.direction = request->direction;
     options.quads = request->quads;
-    options.tolerance = is_absolute ? request->tolerance : request->tolerance * q->a->diagonal;
+    options.tolerance = absolute_tolerance(q);
     options.threshold = request->threshold;
     options.deadline_ms = request->deadline_ms;
     options.thread_count = q->threads;
@@ -76,6 +87,31 @@ static qm_status run_project(const question *q, qm_job_result *out)
     const qm_job_request *request = q->request;
     return qm_feet_find(q->ctx, q->a, request->quads, request->points, request->point_count, q->threads,
                         &out->feet);
+}
+
+/* ---- deviation ---- */
+
+static void reset_deviation(qm_context *ctx, qm_job_result *result)
+{
+    qm_deviation_reset(ctx, &result->deviation);
+}
+
+static qm_status run_deviation(const question *q, qm_job_result *out)
+{
+    const qm_job_request *request = q->request;
+    qm_deviation_options options = qm_deviation_options_default();
+    options.quads = request->quads;
+    options.accuracy = request->accuracy;
+    options.tolerance = absolute_tolerance(q);
+    options.piece_limit = request->pieces;
+    options.percentile = request->percentiles;
+    options.percentile_count = request->percentile_count;
+    options.bin_count = request->bins;
+    options.thread_count = q->threads;
+    options.progress = q->progress;
+    options.progress_user = q->progress_user;
+    out->tolerance = options.tolerance;
+    return qm_deviation_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->deviation);
 }
 
 /* ---- any kind ---- */
@@ -117,6 +153,12 @@ qm_status qm_job_answer(qm_context *ctx, const qm_job_request *request, const qm
     out->elapsed_ms = qm_now_ms() - start_ms;
     if (status != QM_OK) qm_job_result_reset(ctx, out);
     return status;
+}
+
+const double *qm_job_result_array(const qm_job_result *result, size_t *count)
+{
+    *count = result->deviation.vertex_count;
+    return result->deviation.vertex_distance;
 }
 
 void qm_job_result_reset(qm_context *ctx, qm_job_result *result)

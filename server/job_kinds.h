@@ -9,14 +9,17 @@
 #define QM_JOB_KINDS_H
 
 #include "feet.h"
+#include "qm/deviation.h"
 #include "qm/hausdorff.h"
 
 #define QM_ID_SIZE 40
+#define QM_JOB_MAX_PERCENTILES 64
 
 /** XX(suffix, name in "type", field of the first mesh, field of the second or NULL). */
 #define QM_JOB_MAP(XX)                                                                                       \
     XX(HAUSDORFF, hausdorff, "a", "b")                                                                       \
-    XX(PROJECT, project, "mesh", NULL)
+    XX(PROJECT, project, "mesh", NULL)                                                                       \
+    XX(DEVIATION, deviation, "a", "b")
 
 typedef enum qm_job_kind {
 #define XX(suffix, name, first, second) QM_JOB_##suffix,
@@ -41,19 +44,28 @@ typedef struct qm_job_request {
     int threads; /* 0: as many as the host likes */
     bool detach; /* the job goes on when the client that streams it hangs up */
 
-    /* hausdorff */
-    qm_direction direction;
+    /* hausdorff, and deviation for its maximum */
     double tolerance;
     bool tolerance_is_absolute; /* else a share of the diagonal of A's box */
-    double threshold;           /* NAN: none */
-    double deadline_ms;         /* 0: none */
+
+    /* hausdorff */
+    qm_direction direction;
+    double threshold;   /* NAN: none */
+    double deadline_ms; /* 0: none */
 
     /* project */
     double *points; /* point_count rows of x y z; on malloc, the request's own */
     size_t point_count;
+
+    /* deviation */
+    double accuracy;
+    size_t pieces, bins;
+    double percentiles[QM_JOB_MAX_PERCENTILES];
+    size_t percentile_count;
 } qm_job_request;
 
-/** A Hausdorff job: two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points. */
+/** A Hausdorff job: two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
+ * Deviation: accuracy 1e-2, 2^18 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99. */
 qm_job_request qm_job_request_default(void);
 
 /** Frees what the request owns. */
@@ -66,13 +78,17 @@ typedef struct qm_job_result {
     double elapsed_ms;
     bool is_canceled; /* stopped by the context's flag; what is here holds all the same */
 
+    double tolerance; /* absolute; of kinds that have one */
+
     /* hausdorff */
     qm_hausdorff_result hausdorff;
-    double tolerance;            /* absolute */
     uint32_t from_face, to_face; /* in the numbering of the input files */
 
     /* project */
     qm_feet feet;
+
+    /* deviation */
+    qm_deviation deviation;
 } qm_job_result;
 
 /**
@@ -86,6 +102,10 @@ typedef struct qm_job_result {
 qm_status qm_job_answer(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
                         const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
                         qm_job_result *out);
+
+/** The array of a result that is too long for documents: a deviation's distances at A's vertices. NULL when
+ * the result has none. */
+const double *qm_job_result_array(const qm_job_result *result, size_t *count);
 
 void qm_job_result_reset(qm_context *ctx, qm_job_result *result);
 

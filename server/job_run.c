@@ -9,6 +9,7 @@
 #include "json_out.h"
 #include "log.h"
 #include "parallel.h"
+#include "result_file.h"
 
 /* ---- the end of a job ---- */
 
@@ -107,6 +108,14 @@ static bool is_cancelled(qm_job *job)
     return cancelled;
 }
 
+/** Puts the long array of a result, if it has one, where it is read from. */
+static bool store_array(const qm_job *job, const qm_job_result *result)
+{
+    size_t count;
+    const double *numbers = qm_job_result_array(result, &count);
+    return !numbers || qm_result_file_write(job->jobs->store, job->id, numbers, count) == QM_OK;
+}
+
 /** b is NULL for a kind of one mesh. */
 static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
 {
@@ -121,6 +130,9 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     bool canceled = status == QM_E_CANCELED || (status == QM_OK && result.is_canceled);
     if (canceled && !is_cancelled(job)) {
         interrupt(job);
+    } else if (status == QM_OK && !store_array(job, &result)) {
+        qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the result could not be stored");
+        qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else if (status == QM_OK) {
         finish_with_result(job, canceled ? QM_JOB_CANCELLED : QM_JOB_SUCCEEDED, &result);
     } else {

@@ -10,6 +10,8 @@
 #include "json_check.h"
 
 #define MAX_THREADS 256
+#define MAX_PIECES 1e7
+#define MAX_BINS 1e4
 #define POINTER_SIZE sizeof(((qm_problem_error *)NULL)->pointer)
 
 /** Where in an array a value is at fault: the places of its entries from the outside in. */
@@ -126,13 +128,50 @@ static bool read_deadline(const cJSON *value, qm_job_request *out)
     return read_number(value, &out->deadline_ms) && out->deadline_ms > 0.0;
 }
 
+static bool read_whole(const cJSON *value, double least, double greatest, double *out)
+{
+    return read_number(value, out) && *out >= least && *out <= greatest && *out == floor(*out);
+}
+
 static bool read_threads(const cJSON *value, qm_job_request *out)
 {
     double threads;
-    if (!read_number(value, &threads) || !(threads >= 1.0 && threads <= MAX_THREADS) ||
-        threads != floor(threads))
-        return false;
+    if (!read_whole(value, 1, MAX_THREADS, &threads)) return false;
     out->threads = (int)threads;
+    return true;
+}
+
+static bool read_accuracy(const cJSON *value, qm_job_request *out)
+{
+    return read_number(value, &out->accuracy) && out->accuracy > 0.0;
+}
+
+static bool read_pieces(const cJSON *value, qm_job_request *out)
+{
+    double pieces;
+    if (!read_whole(value, 0, MAX_PIECES, &pieces)) return false;
+    out->pieces = (size_t)pieces;
+    return true;
+}
+
+static bool read_bins(const cJSON *value, qm_job_request *out)
+{
+    double bins;
+    if (!read_whole(value, 0, MAX_BINS, &bins)) return false;
+    out->bins = (size_t)bins;
+    return true;
+}
+
+static bool read_percentiles(const cJSON *value, qm_job_request *out, fault *at)
+{
+    if (!cJSON_IsArray(value) || cJSON_GetArraySize(value) > QM_JOB_MAX_PERCENTILES) return false;
+    out->percentile_count = 0;
+    at->depth = 1;
+    for (const cJSON *number = value->child; number; number = number->next, at->index[0]++) {
+        double *percentile = &out->percentiles[out->percentile_count];
+        if (!read_number(number, percentile) || !(*percentile > 0.0 && *percentile <= 100.0)) return false;
+        out->percentile_count++;
+    }
     return true;
 }
 
@@ -185,7 +224,8 @@ enum {
     ALL = (1u << QM_JOB_KIND_COUNT) - 1,
     HAUSDORFF = 1u << QM_JOB_HAUSDORFF,
     PROJECT = 1u << QM_JOB_PROJECT,
-    PAIRS = HAUSDORFF
+    DEVIATION = 1u << QM_JOB_DEVIATION,
+    PAIRS = HAUSDORFF | DEVIATION
 };
 
 static const field fields[] = {
@@ -197,10 +237,15 @@ static const field fields[] = {
     {"direction", HAUSDORFF, 0, read_direction, NULL, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\"",
      NULL},
     {"quads", ALL, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\"", NULL},
-    {"tolerance", HAUSDORFF, 0, read_tolerance, NULL, "must be a number above 0", NULL},
-    {"tolerance_unit", HAUSDORFF, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\"", NULL},
+    {"tolerance", PAIRS, 0, read_tolerance, NULL, "must be a number above 0", NULL},
+    {"tolerance_unit", PAIRS, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\"", NULL},
     {"threshold", HAUSDORFF, 0, read_threshold, NULL, "must be a number of 0 or more, or null", NULL},
     {"deadline_ms", HAUSDORFF, 0, read_deadline, NULL, "must be a number above 0", NULL},
+    {"accuracy", DEVIATION, 0, read_accuracy, NULL, "must be a number above 0", NULL},
+    {"pieces", DEVIATION, 0, read_pieces, NULL, "must be a whole number from 0 to 10000000", NULL},
+    {"bins", DEVIATION, 0, read_bins, NULL, "must be a whole number from 0 to 10000", NULL},
+    {"percentiles", DEVIATION, 0, NULL, read_percentiles,
+     "must hold at most 64 numbers above 0, none above 100", NULL},
     {"threads", ALL, 0, read_threads, NULL, "must be a whole number from 1 to 256", NULL},
     {"detach", ALL, 0, read_detach, NULL, "must be true or false", NULL},
     {"accelerator", ALL, 0, read_accelerator, NULL, "must be \"auto\" or \"boxes\"", later_accelerators},

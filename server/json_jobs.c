@@ -16,14 +16,27 @@ static const char *quads_name(qm_quad_reading quads)
     return quads == QM_QUADS_BILINEAR ? "bilinear" : "triangles";
 }
 
+static void write_tolerance(qm_text *out, const qm_job_request *request)
+{
+    qm_json_add_number(out, "tolerance", request->tolerance);
+    qm_json_add_string(out, "tolerance_unit", request->tolerance_is_absolute ? "absolute" : "relative");
+}
+
+static void add_prepare_ms(qm_text *out, const qm_job_result *result)
+{
+    qm_json_open(out, "prepare_ms", "{");
+    qm_json_add_number(out, "a", result->prepare_a_ms);
+    qm_json_add_number(out, "b", result->prepare_b_ms);
+    qm_text_add_string(out, "}");
+}
+
 /* ---- hausdorff ---- */
 
 static void write_hausdorff_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
     (void)is_brief;
     qm_json_add_string(out, "direction", direction_name(request->direction));
-    qm_json_add_number(out, "tolerance", request->tolerance);
-    qm_json_add_string(out, "tolerance_unit", request->tolerance_is_absolute ? "absolute" : "relative");
+    write_tolerance(out, request);
     if (!isnan(request->threshold)) qm_json_add_number(out, "threshold", request->threshold);
     if (request->deadline_ms > 0.0) qm_json_add_number(out, "deadline_ms", request->deadline_ms);
 }
@@ -83,10 +96,7 @@ static void write_hausdorff_result(qm_text *out, const qm_job_request *request, 
     qm_json_add_count(out, "iterations", h->iterations);
     qm_json_add_count(out, "projections", h->projections);
     qm_json_add_count(out, "max_queue", h->max_queue);
-    qm_json_open(out, "prepare_ms", "{");
-    qm_json_add_number(out, "a", result->prepare_a_ms);
-    qm_json_add_number(out, "b", result->prepare_b_ms);
-    qm_text_add_string(out, "}");
+    add_prepare_ms(out, result);
     qm_json_add_number(out, "elapsed_ms", h->elapsed_ms);
     qm_json_add_bool(out, "converged", h->stop == QM_STOP_CONVERGED);
     qm_json_add_string(out, "stopped_by", stop_names[h->stop]);
@@ -146,6 +156,78 @@ static void write_project_result(qm_text *out, const qm_job_request *request, co
         qm_json_write_foot(out, feet, i, result->diagonal);
     qm_text_add_string(out, "]");
     qm_json_add_number(out, "prepare_ms", result->prepare_a_ms);
+    qm_json_add_number(out, "elapsed_ms", result->elapsed_ms);
+}
+
+/* ---- deviation ---- */
+
+static void write_deviation_request(qm_text *out, const qm_job_request *request, bool is_brief)
+{
+    (void)is_brief;
+    write_tolerance(out, request);
+    qm_json_add_number(out, "accuracy", request->accuracy);
+    qm_json_add_count(out, "pieces", request->pieces);
+    qm_json_add_count(out, "bins", request->bins);
+    qm_json_add_numbers(out, "percentiles", request->percentiles, (int)request->percentile_count);
+}
+
+/** An interval as an object; with a diagonal also as a share of it. */
+static void add_interval(qm_text *out, const char *name, qm_interval interval, double diagonal)
+{
+    qm_json_open(out, name, "{");
+    add_bounds(out, interval.lower, interval.upper, diagonal);
+    qm_text_add_string(out, "}");
+}
+
+static void add_percentiles(qm_text *out, const qm_job_request *request, const qm_job_result *result)
+{
+    qm_json_open(out, "percentiles", "[");
+    for (size_t i = 0; i < result->deviation.percentile_count; i++) {
+        qm_json_add_comma(out);
+        qm_text_add_string(out, "{");
+        qm_json_add_number(out, "percent", request->percentiles[i]);
+        add_bounds(out, result->deviation.percentile[i].lower, result->deviation.percentile[i].upper,
+                   result->diagonal);
+        qm_text_add_string(out, "}");
+    }
+    qm_text_add_string(out, "]");
+}
+
+/** Bins as rows [lower, upper] of shares: they are many. */
+static void add_histogram(qm_text *out, const qm_deviation *deviation)
+{
+    qm_json_open(out, "histogram", "{");
+    qm_json_add_number(out, "bin_width", deviation->bin_width);
+    qm_json_open(out, "shares", "[");
+    for (size_t i = 0; i < deviation->bin_count; i++) {
+        const double share[2] = {deviation->bin[i].lower, deviation->bin[i].upper};
+        qm_json_add_array(out, share, 2);
+    }
+    qm_text_add_string(out, "]}");
+}
+
+static void write_deviation_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
+{
+    static const char *const measures[] = {"area", "vertices", "points"};
+    const qm_deviation *deviation = &result->deviation;
+    qm_json_add_string(out, "over", measures[deviation->measure]);
+    qm_json_open(out, "size", "{");
+    qm_json_add_number(out, "lower", deviation->size.lower);
+    qm_json_add_number(out, "upper", deviation->size.upper);
+    qm_text_add_string(out, "}");
+    add_interval(out, "mean", deviation->mean, result->diagonal);
+    add_interval(out, "rms", deviation->rms, result->diagonal);
+    add_interval(out, "max", deviation->max, result->diagonal);
+    add_percentiles(out, request, result);
+    add_histogram(out, deviation);
+    qm_json_add_count(out, "vertex_count", deviation->vertex_count);
+    qm_json_add_string(out, "quads", quads_name(request->quads));
+    qm_json_add_number(out, "accuracy", request->accuracy);
+    qm_json_add_number(out, "tolerance", result->tolerance);
+    qm_json_add_bool(out, "accurate", deviation->is_accurate);
+    qm_json_add_count(out, "pieces", deviation->pieces);
+    qm_json_add_count(out, "projections", deviation->projections);
+    add_prepare_ms(out, result);
     qm_json_add_number(out, "elapsed_ms", result->elapsed_ms);
 }
 

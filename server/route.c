@@ -7,6 +7,7 @@
 
 static const char *const json[] = {"application/json", NULL};
 static const char *const rows[] = {QM_MEDIA_BINARY, QM_MEDIA_CSV, QM_MEDIA_JSON, NULL};
+static const char *const object_or_rows[] = {QM_MEDIA_JSON, QM_MEDIA_BINARY, QM_MEDIA_CSV, NULL};
 static const char *const events[] = {QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
 static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
 
@@ -21,6 +22,7 @@ static const qm_route routes[] = {
     {"GET", "/v1/jobs/{id}", qm_handle_job_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
     {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, events, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/v1/jobs/{id}/result", qm_handle_job_result, object_or_rows, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/info", qm_handle_info, json, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/healthz", qm_handle_health, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/readyz", qm_handle_ready, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},

@@ -241,14 +241,20 @@ static int exponent_of(double open)
     return open > 0.0 ? (int)qm_clamp(exponent + EXPONENT_BIAS, 0, EXPONENTS - 1) : 0;
 }
 
+/** Which pieces are cut: those above an exponent, and of those at it the first few. */
+typedef struct cut_choice {
+    int exponent;
+    size_t count, at_exponent;
+} cut_choice;
+
 /**
- * The exponent from which on pieces are cut: those below it together leave open no more than a share of the
- * accuracy, and the parts of those at or above it fit the limit. EXPONENTS when none is to be cut.
+ * Chooses the pieces that leave most open: the others together leave no more than a share of the accuracy, or
+ * there is no room for more parts.
  */
-static int find_threshold(const deviation_work *work, const qm_piece_totals *totals)
+static cut_choice choose_cuts(const deviation_work *work, const qm_piece_totals *totals)
 {
     double open[EXPONENTS] = {0}, sum = 0.0;
-    size_t count[EXPONENTS] = {0}, room = (work->limit - work->count) / 3, cut = 0;
+    size_t count[EXPONENTS] = {0}, room = (work->limit - work->count) / 3;
     for (size_t i = 0; i < work->count; i++) {
         double here = openness(&work->bounds[i], totals);
         int exponent = exponent_of(here);
@@ -256,30 +262,29 @@ static int find_threshold(const deviation_work *work, const qm_piece_totals *tot
         open[exponent] += here;
         count[exponent] += work->piece[i].depth < QM_PIECE_DEPTH;
     }
-    double kept = KEPT_SHARE * fmin(work->options->accuracy, sum), below = sum;
-    int threshold = EXPONENTS;
-    while (threshold > 1 && below > kept && cut + count[threshold - 1] <= room) {
-        threshold--;
-        cut += count[threshold];
-        below -= open[threshold];
+    double kept = KEPT_SHARE * fmin(work->options->accuracy, sum), rest = sum;
+    cut_choice choice = {.exponent = EXPONENTS};
+    while (choice.exponent > 1 && rest > kept && choice.count < room) {
+        size_t here = count[--choice.exponent], left = room - choice.count;
+        choice.at_exponent = here < left ? here : left;
+        choice.count += choice.at_exponent;
+        rest -= open[choice.exponent];
     }
-    return cut > 0 ? threshold : EXPONENTS;
+    return choice;
 }
 
-/** Replaces each piece at or above the threshold by its parts, which are to be bounded. */
-static qm_status cut_pieces(deviation_work *work, const qm_piece_totals *totals, int threshold)
+/** Replaces the chosen pieces by their parts, which are to be bounded. */
+static qm_status cut_pieces(deviation_work *work, const qm_piece_totals *totals, cut_choice choice)
 {
-    size_t old_count = work->count, cut = 0;
-    for (size_t i = 0; i < old_count; i++)
-        cut += work->piece[i].depth < QM_PIECE_DEPTH &&
-               exponent_of(openness(&work->bounds[i], totals)) >= threshold;
-    if (!reserve(work, old_count + 3 * cut, 4 * cut))
+    size_t old_count = work->count;
+    if (!reserve(work, old_count + 3 * choice.count, 4 * choice.count))
         return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
     work->todo_count = 0;
     for (size_t i = 0; i < old_count; i++) {
-        if (work->piece[i].depth >= QM_PIECE_DEPTH ||
-            exponent_of(openness(&work->bounds[i], totals)) < threshold)
-            continue;
+        if (work->piece[i].depth >= QM_PIECE_DEPTH) continue;
+        int exponent = exponent_of(openness(&work->bounds[i], totals));
+        if (exponent < choice.exponent || (exponent == choice.exponent && choice.at_exponent == 0)) continue;
+        if (exponent == choice.exponent) choice.at_exponent--;
         qm_source_piece part[4];
         int parts = qm_piece_cut(&work->maker, &work->piece[i], part);
         work->piece[i] = part[0];
@@ -294,17 +299,19 @@ static qm_status refine(deviation_work *work)
 {
     double greatest = work->out->max.upper * work->b->frame.scale;
     qm_status status = make_pieces(work);
+    work->maker.greatest = greatest;
     work->maker.patch_error = fmax(4.0 * work->maker.eta, PATCH_SHARE * work->options->accuracy * greatest);
     if (status == QM_OK) status = bound_pieces(work);
     for (int round = 0; status == QM_OK && round < MAX_ROUNDS; round++) {
         qm_piece_totals totals = qm_piece_sum(list_pieces(work));
         if (!(totals.area.lower > 0.5 * totals.area.upper)) break;
         work->out->is_accurate = is_narrow(work, totals.mean) && is_narrow(work, totals.rms);
-        int threshold = work->out->is_accurate ? EXPONENTS : find_threshold(work, &totals);
-        if (threshold == EXPONENTS) break;
+        if (work->out->is_accurate) break;
+        cut_choice choice = choose_cuts(work, &totals);
+        if (choice.count == 0) break;
         work->maker.patch_error =
             fmax(4.0 * work->maker.eta, PATCH_SHARE * work->options->accuracy * totals.mean.upper);
-        status = cut_pieces(work, &totals, threshold);
+        status = cut_pieces(work, &totals, choice);
         if (status == QM_OK) status = bound_pieces(work);
     }
     return status;

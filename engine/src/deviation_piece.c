@@ -415,7 +415,7 @@ static void bound_by_middle(piece_work *work)
     double sure = fmax(0.0, work->certain - work->radius);
     const double low[3] = {sure, sure, sure};
     offer_low(work, low);
-    double most = work->near + work->radius;
+    double most = fmin(work->near + work->radius, work->maker->greatest + work->slack);
     const double high[3] = {most, most, most};
     offer_high(work, high);
 }

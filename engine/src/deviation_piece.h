@@ -9,7 +9,8 @@
  * Let T be a facet of the target B, and d the distance to B.
  *
  * Upper. d <= d(., T), which is convex because T is. So over P: d <= the linear function with the values
- * d(p_i, T). Any T will do; the one with the least mean is taken.
+ * d(p_i, T). Any T will do; the one with the least mean is taken. The maximum over all of the source is a
+ * bound too.
  *
  * Lower, by facets. Let c be the middle of P, r = max |p_i - c|. The nearest facet of any p of P has d(c, T)
  * <= d(p, T) + r <= d(c, B) + 2 r. So d = min d(., T_k) over the facets within that ball, once all of them
@@ -62,6 +63,7 @@ typedef struct qm_piece_maker {
     bool source_patches, target_patches;
     double reach;       /* greatest local coordinate of either surface */
     double eta;         /* local */
+    double greatest;    /* no point of the source is farther from the target */
     double patch_error; /* what the cutting of patches may cost, local */
 } qm_piece_maker;
 
