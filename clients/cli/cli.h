@@ -14,6 +14,7 @@ enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3 }
 extern atomic_bool cli_interrupted;
 
 int cmd_hausdorff(int argc, char **argv);
+int cmd_deviation(int argc, char **argv);
 int cmd_project(int argc, char **argv);
 int cmd_info(int argc, char **argv);
 

@@ -118,7 +118,7 @@ static void place_patch(piece_work *work, const qm_source_piece *piece, const qm
     if (weights->low[0] <= 0.0 || weights->low[1] <= 0.0 || weights->low[2] <= 0.0)
         weights->low[0] = weights->low[1] = weights->low[2] = 0.0;
     work->slack = 0.25 * qm_vec_norm(patch.w) * spread(piece->u) * spread(piece->v);
-    weights->is_uniform = false;
+    weights->is_uniform = qm_vec_norm2(patch.w) == 0.0;
 }
 
 static void place(piece_work *work, const qm_source_piece *piece, piece_weights *weights)
