@@ -139,6 +139,32 @@ static void a_plane_through_another_is_folded_up(void **state)
     qm_shape_free(&b);
 }
 
+static void a_saddle_over_a_plane_is_balanced(void **state)
+{
+    (void)state;
+    /* z = x y over [-1, 1]^2, 3 above the plane: for each point there is one as far below 3 as it is above.
+     */
+    qm_mesh a = qm_shape_saddle(1);
+    static const double down[3] = {0, 0, 3};
+    qm_shape_move(&a, 1.0, down);
+    qm_mesh b = make_plane(-9, 9, level);
+    for (size_t limit = 0; limit <= 4000; limit = 10 * limit + 4) {
+        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-3);
+        options.accuracy = 1e-4;
+        options.piece_limit = limit;
+        qm_deviation found = measure(&a, &b, &options);
+        double width = limit < 4000 ? 8.0 : 0.01;
+        check_holds(found.mean, 3.0, width, "mean");
+        check_holds(found.percentile[3], 3.0, width, "median");
+        check_holds(found.max, 4.0, 1e-3, "max");
+        QM_CHECK(found.rms.lower < 3.02 && found.rms.upper > 3.0, "[%g, %g]", found.rms.lower,
+                 found.rms.upper);
+        release(&found);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 static void far_spheres_are_their_radii_apart(void **state)
 {
     (void)state;
@@ -529,6 +555,7 @@ int main(void)
         cmocka_unit_test(parallel_planes_are_as_far_as_they_are),
         cmocka_unit_test(a_tilted_plane_has_exact_moments),
         cmocka_unit_test(a_plane_through_another_is_folded_up),
+        cmocka_unit_test(a_saddle_over_a_plane_is_balanced),
         cmocka_unit_test(far_spheres_are_their_radii_apart),
         cmocka_unit_test(a_mesh_lies_on_itself),
         cmocka_unit_test(points_are_counted),
