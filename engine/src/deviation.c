@@ -254,7 +254,7 @@ typedef struct cut_choice {
 static cut_choice choose_cuts(const deviation_work *work, const qm_piece_totals *totals)
 {
     double open[EXPONENTS] = {0}, sum = 0.0;
-    size_t count[EXPONENTS] = {0}, room = (work->limit - work->count) / 3;
+    size_t count[EXPONENTS] = {0}, room = (work->limit - work->count) / 2;
     for (size_t i = 0; i < work->count; i++) {
         double here = openness(&work->bounds[i], totals);
         int exponent = exponent_of(here);
@@ -277,7 +277,7 @@ static cut_choice choose_cuts(const deviation_work *work, const qm_piece_totals 
 static qm_status cut_pieces(deviation_work *work, const qm_piece_totals *totals, cut_choice choice)
 {
     size_t old_count = work->count;
-    if (!reserve(work, old_count + 3 * choice.count, 4 * choice.count))
+    if (!reserve(work, old_count + 2 * choice.count, 3 * choice.count))
         return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
     work->todo_count = 0;
     for (size_t i = 0; i < old_count; i++) {
@@ -285,7 +285,7 @@ static qm_status cut_pieces(deviation_work *work, const qm_piece_totals *totals,
         int exponent = exponent_of(openness(&work->bounds[i], totals));
         if (exponent < choice.exponent || (exponent == choice.exponent && choice.at_exponent == 0)) continue;
         if (exponent == choice.exponent) choice.at_exponent--;
-        qm_source_piece part[4];
+        qm_source_piece part[3];
         int parts = qm_piece_cut(&work->maker, &work->piece[i], part);
         work->piece[i] = part[0];
         work->todo[work->todo_count++] = i;

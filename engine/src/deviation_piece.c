@@ -5,10 +5,9 @@
 #define EPSILON 0x1p-53
 #define DIRECTION_ROUNDINGS 32.0 /* in a vector between two points, of the greatest coordinate */
 #define AREA_ROUNDINGS 16.0
-#define CHANGE_STEPS 20 /* bisections of an edge */
+#define CHANGE_STEPS 30 /* bisections of an edge */
 #define INSET 1e-4      /* of the way to the middle */
 #define CUT_MARGIN 1e-3 /* of an edge: cuts nearer to its ends are not worth a piece */
-#define LONG_RATIO2 9.0 /* of squared edges: longer pieces are cut across */
 #define PATCH_CUTS 32   /* of all patches near a piece; then they are cut no further */
 
 /** A piece on its way to its bounds. */
@@ -526,8 +525,12 @@ qm_piece_bounds qm_piece_bound_point(double distance, double eta)
 typedef struct near_facet {
     qm_triangle triangle;
     uint32_t pack, lane, face;
-    double height; /* of the point over the facet's plane */
 } near_facet;
+
+static double height_over(const near_facet *facet, qm_vec p)
+{
+    return qm_vec_dot(qm_vec_sub(p, facet->triangle.origin), facet->triangle.z);
+}
 
 static near_facet find_facet(const qm_piece_maker *maker, qm_vec p, uint32_t *hint)
 {
@@ -538,7 +541,6 @@ static near_facet find_facet(const qm_piece_maker *maker, qm_vec p, uint32_t *hi
                         .pack = hit.pack,
                         .lane = hit.lane,
                         .face = maker->target->lanes[hit.pack].face[hit.lane]};
-    found.height = qm_vec_dot(qm_vec_sub(p, found.triangle.origin), found.triangle.z);
     return found;
 }
 
@@ -573,8 +575,9 @@ static double find_cut(const qm_piece_maker *maker, const near_facet *a, const n
         share = find_change(a, b, from, to);
         near_facet at = find_facet(maker, qm_vec_mix(from, to, share), &hint);
         if (!is_same_facet(maker, &at, a) && !is_same_facet(maker, &at, b)) share = 0.0;
-    } else if (a->height * b->height < 0.0) {
-        share = a->height / (a->height - b->height);
+    } else {
+        double from_height = height_over(a, from), to_height = height_over(a, to);
+        if (from_height * to_height < 0.0) share = from_height / (from_height - to_height);
     }
     return share > CUT_MARGIN && share < 1.0 - CUT_MARGIN ? share : 0.0;
 }
@@ -596,8 +599,8 @@ static qm_source_piece make_part(const qm_source_piece *piece, const part_corner
     return part;
 }
 
-/** Cuts a piece at a place on each edge whose share is not 0: one, two or all of them. */
-static int cut_at(const qm_source_piece *piece, const double share[3], qm_source_piece out[4])
+/** Cuts a piece at a place on each edge whose share is not 0: one or two of them. */
+static int cut_at(const qm_source_piece *piece, const double share[3], qm_source_piece out[3])
 {
     part_corners at;
     int cuts = 0, first = 0; /* the edge with the only cut, or the one that ends where the other begins */
@@ -617,15 +620,9 @@ static int cut_at(const qm_source_piece *piece, const double share[3], qm_source
         return 2;
     }
     out[0] = make_part(piece, &at, 3 + a, b, 3 + b);
-    if (cuts == 2) {
-        out[1] = make_part(piece, &at, a, 3 + a, 3 + b);
-        out[2] = make_part(piece, &at, a, 3 + b, c);
-        return 3;
-    }
-    out[1] = make_part(piece, &at, a, 3 + a, 3 + c);
-    out[2] = make_part(piece, &at, 3 + c, 3 + b, c);
-    out[3] = make_part(piece, &at, 3 + a, 3 + b, 3 + c);
-    return 4;
+    out[1] = make_part(piece, &at, a, 3 + a, 3 + b);
+    out[2] = make_part(piece, &at, a, 3 + b, c);
+    return 3;
 }
 
 /** Places on the edges where a piece is cut along the line between two facets of the target, or along the
@@ -647,7 +644,8 @@ static bool find_line(const piece_work *work, double share[3])
     for (int i = 0; i < 3; i++) {
         int next = (i + 1) % 3;
         bool may_cut = changes == 0 || !is_same_facet(maker, &facet[i], &facet[next]);
-        share[i] = may_cut ? find_cut(maker, &facet[i], &facet[next], inside[i], inside[next]) : 0.0;
+        share[i] =
+            may_cut ? find_cut(maker, &facet[i], &facet[next], work->corner[i], work->corner[next]) : 0.0;
         cuts += share[i] > 0.0;
     }
     return cuts > 0;
@@ -655,22 +653,25 @@ static bool find_line(const piece_work *work, double share[3])
 
 /**
  * Both bounds are tight over a single facet of the target and on one side of it: a piece over two facets is
- * cut along the line between them. Any other is made smaller, and so is every piece on every sixth level.
+ * cut along the line between them. Any other is halved across its longest edge, and so is every piece on
+ * every sixth level, which brings any piece to an end.
  */
-int qm_piece_cut(const qm_piece_maker *maker, const qm_source_piece *piece, qm_source_piece out[4])
+int qm_piece_cut(const qm_piece_maker *maker, const qm_source_piece *piece, qm_source_piece out[3])
 {
     piece_work work = {.maker = maker};
     piece_weights weights;
     place(&work, piece, &weights);
-    double edge2[3], share[3];
+    double share[3] = {0.0, 0.0, 0.0}, longest2 = -1.0;
     if (piece->depth % 6 != 5 && find_line(&work, share)) return cut_at(piece, share, out);
     int longest = 0; /* of the edges, each from its corner to the next */
     for (int i = 0; i < 3; i++) {
-        edge2[i] = qm_vec_norm2(qm_vec_sub(work.corner[i], work.corner[(i + 1) % 3]));
-        if (edge2[i] > edge2[longest]) longest = i;
+        double edge2 = qm_vec_norm2(qm_vec_sub(work.corner[i], work.corner[(i + 1) % 3]));
+        share[i] = 0.0;
+        if (edge2 > longest2) {
+            longest2 = edge2;
+            longest = i;
+        }
     }
-    bool is_long = edge2[longest] > LONG_RATIO2 * least(edge2);
-    for (int i = 0; i < 3; i++)
-        share[i] = is_long && i != longest ? 0.0 : 0.5;
+    share[longest] = 0.5;
     return cut_at(piece, share, out);
 }

@@ -74,7 +74,7 @@ unsigned qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piec
 /** Bounds of a single point of weight 1, at a distance known to within eta. */
 qm_piece_bounds qm_piece_bound_point(double distance, double eta);
 
-/** Cuts a piece in two or four, into out; returns how many. The piece has depth to spare. */
-int qm_piece_cut(const qm_piece_maker *maker, const qm_source_piece *piece, qm_source_piece out[4]);
+/** Cuts a piece in two or three, into out; returns how many. The piece has depth to spare. */
+int qm_piece_cut(const qm_piece_maker *maker, const qm_source_piece *piece, qm_source_piece out[3]);
 
 #endif
