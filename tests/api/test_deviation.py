@@ -64,7 +64,7 @@ def test_point_sets_are_counted(client, pair):
 
 def test_more_pieces_close_in(client, spheres):
     last = None
-    for pieces in (0, 5000, 50000):
+    for pieces in (0, 30000, 90000):
         mean = ask(client, *spheres, pieces=pieces, tolerance=1e-4, percentiles=[], bins=0)["result"]["mean"]
         if last:
             assert mean["upper"] - mean["lower"] < last["upper"] - last["lower"]
