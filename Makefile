@@ -1,4 +1,4 @@
-# quadmeshd: make [config=release|debug|asan|tsan|coverage] [all|test|demo|check-layers|format|clean]
+# quadmeshd: make [config=release|debug|asan|tsan|coverage] [all|test|demo|bench|check-layers|format|clean]
 #
 # release leaves build/quadmeshd and build/quadmesh; every other config builds in build/<config>/.
 # Local overrides (CC, CFLAGS_EXTRA, ...) go into Makefile.config, which is not kept under version control.
@@ -41,6 +41,7 @@ SHIM_SOURCES   := $(wildcard server/*.cc)
 CLI_SOURCES    := $(wildcard clients/cli/*.c)
 UNIT_SOURCES   := $(wildcard tests/unit/test_*.c)
 SUPPORT_SOURCES := $(wildcard tests/support/*.c)
+BENCH_SOURCES  := $(wildcard tests/bench/*.c)
 
 # The kernels are compiled once for each instruction set; engine/src/kernel.c picks one at run time.
 KERNEL_ISAS := portable avx2 avx512
@@ -54,6 +55,7 @@ ENGINE_OBJECTS := $(ENGINE_SOURCES:%.c=$(OBJ)/%.o) \
 SERVER_OBJECTS  := $(SERVER_SOURCES:%.c=$(OBJ)/%.o) $(SHIM_SOURCES:%.cc=$(OBJ)/%.o)
 CLI_OBJECTS     := $(CLI_SOURCES:%.c=$(OBJ)/%.o)
 SUPPORT_OBJECTS := $(SUPPORT_SOURCES:%.c=$(OBJ)/%.o)
+BENCH_OBJECTS   := $(BENCH_SOURCES:%.c=$(OBJ)/%.o) $(OBJ)/tests/support/random.o
 UNIT_PROGRAMS   := $(UNIT_SOURCES:tests/unit/%.c=$(OUT)/tests/%)
 
 # What the daemon serves at / and /openapi.yaml; it looks for this folder beside its program.
@@ -80,6 +82,10 @@ $(OUT)/quadmesh: $(CLI_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
 $(OUT)/tests/%: $(OBJ)/tests/unit/%.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(LIBRARY_LIBS)
+
+$(OUT)/bench/bench_engine: $(BENCH_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
+	@mkdir -p $(@D)
+	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
 
 $(OBJ)/libengine.a: $(ENGINE_OBJECTS)
 	@rm -f $@
@@ -129,6 +135,19 @@ check-layers: $(OBJ)/libengine.a
 demo:
 	@clients/demo/run.sh
 
+# Times this engine and its peers side by side; BENCH="--quick --pairs bunny" and the like go to run.py.
+bench:
+	@python3 tests/bench/run.py $(BENCH)
+
+# The peers' own code is compiled for this very machine; CGAL's exact predicates need its rounding and no contraction.
+BENCH_PEER_FLAGS := -O3 -DNDEBUG -march=native -ffp-contract=off -Itests/bench
+build/bench/peer_cgal: tests/bench/peers/peer_cgal.cc tests/bench/arrays.h tests/bench/measure.h
+	@mkdir -p $(@D)
+	$(CXX) -std=c++17 -Wall -Wextra $(BENCH_PEER_FLAGS) -frounding-math -o $@ $< -lgmp -lmpfr
+build/bench/peer_embree: tests/bench/peers/peer_embree.c tests/bench/arrays.h tests/bench/measure.h
+	@mkdir -p $(@D)
+	$(CC) -std=c17 -D_GNU_SOURCE $(WARNINGS) $(BENCH_PEER_FLAGS) -o $@ $< -lembree3 -lm
+
 # Fuzzes the decoders with clang for FUZZ_SECONDS, from the files of FUZZ_DATA; findings are left in build/fuzz.
 FUZZ_CC      ?= clang
 FUZZ_CXX     ?= clang++
@@ -158,5 +177,5 @@ format:
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cc')
 
 -include $(foreach folder,$(wildcard $(OBJ) build/obj/fuzz),$(shell find $(folder) -name '*.d'))
-.PHONY: all test unit-programs unit check-layers demo fuzz clean format
+.PHONY: all test unit-programs unit check-layers demo bench fuzz clean format
 .SECONDARY:

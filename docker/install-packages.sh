@@ -4,6 +4,7 @@
 #   install-packages.sh build   what `make` needs
 #   install-packages.sh test    ... and what `make test` needs
 #   install-packages.sh demo    ... and what `make demo` needs
+#   install-packages.sh bench   ... and what `make bench` compares with
 #
 # Exit status: 0 all there, 1 a package could not be installed, 2 usage.
 set -eu
@@ -14,13 +15,15 @@ build="gcc g++ make pkg-config libmicrohttpd-dev libuv1-dev libcjson-dev libsqli
 test="libcmocka-dev python3-venv clang-format draco git"
 # glmark2-data holds a scanned bunny (GPL-3+, no dependencies).
 demo="curl ca-certificates python3 glmark2-data"
+bench="python3-venv util-linux libcgal-dev libembree-dev"
 
 case "${1:-build}" in
 build) wanted="$build" ;;
 test) wanted="$build $test" ;;
 demo) wanted="$build $demo" ;;
+bench) wanted="$build $bench" ;;
 *)
-    echo "usage: install-packages.sh [build|test|demo]" >&2
+    echo "usage: install-packages.sh [build|test|demo|bench]" >&2
     exit 2
     ;;
 esac

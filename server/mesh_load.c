@@ -44,7 +44,7 @@ static qm_status prepare(qm_context *ctx, qm_loaded_mesh *out)
     out->diagonal = qm_box_diagonal(&out->box);
     double built = qm_now_ms();
     out->topology_ms = built - start;
-    if (status == QM_OK) status = qm_bvh_build(ctx, &out->mesh, &out->bvh);
+    if (status == QM_OK) status = qm_bvh_build(ctx, &out->mesh, QM_BVH_ALL, 1, &out->bvh);
     out->bvh_ms = qm_now_ms() - built;
     return status;
 }

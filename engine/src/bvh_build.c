@@ -1,121 +1,127 @@
 /**
- * bvh_build.c: mesh to tree in four stages: frame, Hilbert order, packs, boxes from the packs up.
+ * bvh_build.c: second half of building a tree: faces in order to packs, and boxes from the packs up.
  */
-#include <float.h>
 #include <string.h>
 
 #include "bilinear_point.h"
-#include "hilbert.h"
+#include "bvh_order.h"
 #include "kernel.h"
-#include "radix.h"
 
-static size_t facet_count(const qm_mesh *mesh)
+#define PREFETCH 16   /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
+#define MIN_PACKS 512 /* packs that make it worth to start another thread */
+
+/** Work on the packs, a range of them for each worker; a range starts at a multiple of eight. */
+typedef struct pack_builder {
+    qm_context *ctx;
+    const qm_kernel *kernel;
+    qm_bvh *bvh;
+    const uint64_t *order;
+    size_t count;
+    uint32_t
+        *first; /* place in the order of each pack's first face; NULL when all have QM_PACK_LANES faces */
+    int workers;
+} pack_builder;
+
+static uint32_t order_face(uint64_t entry)
 {
-    return mesh->face_count > 0 ? mesh->face_count : mesh->vertex_count;
+    return (uint32_t)(entry & QM_RADIX_INDEX_MASK);
 }
 
-static qm_frame make_frame(const qm_box *box)
+static int face_corners(const qm_mesh *mesh, uint32_t face)
 {
-    qm_frame frame;
-    double half = 0.0, middle[3];
-    for (int k = 0; k < 3; k++) {
-        middle[k] = 0.5 * box->min[k] + 0.5 * box->max[k];
-        half = fmax(half, fmax(box->max[k] - middle[k], middle[k] - box->min[k]));
-    }
-    /* A single point has no size of its own; the place where it lies tells the scale that others come in. */
-    if (half == 0.0) half = fmax(fabs(middle[0]), fmax(fabs(middle[1]), fabs(middle[2])));
-    int exponent = 0;
-    if (half > 0.0) frexp(half, &exponent);
-    exponent = exponent < -1000 ? -1000 : exponent > 1000 ? 1000 : exponent;
-    frame.origin = qm_vec_load(middle);
-    frame.scale = ldexp(1.0, -exponent);
-    frame.inverse_scale = ldexp(1.0, exponent);
-    return frame;
+    return mesh->faces[4 * (size_t)face + 3] == QM_NO_INDEX ? 3 : 4;
 }
 
-static void fill_keys(const qm_bvh *bvh, size_t count, uint64_t *order)
+static bool mesh_has_quads(const qm_mesh *mesh)
 {
-    qm_hilbert_table table;
-    qm_hilbert_table_init(&table);
-    for (size_t i = 0; i < count; i++) {
-        qm_vec corner[4];
-        int corners = qm_bvh_load_face(bvh, (uint32_t)i, corner);
-        qm_vec sum = qm_vec_add(qm_vec_add(corner[0], corner[1]), corner[2]);
-        if (corners == 4) sum = qm_vec_add(sum, corner[3]);
-        qm_vec centre = qm_vec_scale(corners == 4 ? 0.25 : 1.0 / 3.0, sum);
-        order[i] = qm_radix_entry(qm_hilbert_point_key(&table, centre), i);
-    }
+    for (size_t i = 0; i < mesh->face_count; i++)
+        if (face_corners(mesh, (uint32_t)i) == 4) return true;
+    return false;
 }
 
-static int face_lanes(const qm_mesh *mesh, uint64_t entry)
-{
-    uint32_t face = (uint32_t)(entry & QM_RADIX_INDEX_MASK);
-    return mesh->face_count > 0 && mesh->faces[4 * (size_t)face + 3] != QM_NO_INDEX ? 2 : 1;
-}
-
-/** Packs are filled in order; one with a single lane left closes before a quad. */
-static size_t count_packs(const qm_mesh *mesh, const uint64_t *order, size_t count, bool *has_quads)
+/** Fills packs in order; one with a single lane left closes before a quad. Returns how many there are. */
+static size_t set_first(const qm_mesh *mesh, const uint64_t *order, size_t count, uint32_t *first)
 {
     size_t packs = 0;
     int used = QM_PACK_LANES;
-    *has_quads = false;
     for (size_t i = 0; i < count; i++) {
-        int lanes = face_lanes(mesh, order[i]);
-        if (lanes == 2) *has_quads = true;
+        int lanes = face_corners(mesh, order_face(order[i])) - 2;
         if (used + lanes > QM_PACK_LANES) {
-            packs++;
+            first[packs++] = (uint32_t)i;
             used = 0;
         }
         used += lanes;
     }
+    first[packs] = (uint32_t)count;
     return packs;
 }
 
-static uint8_t pack_vertex(qm_pack_lanes *lanes, uint32_t vertex)
+static size_t pack_first(const pack_builder *builder, size_t pack)
 {
-    for (uint8_t i = 0; i < lanes->vertex_count; i++)
-        if (lanes->vertex[i] == vertex) return i;
-    lanes->vertex[lanes->vertex_count] = vertex;
-    return lanes->vertex_count++;
+    if (builder->first) return builder->first[pack];
+    return pack * QM_PACK_LANES < builder->count ? pack * QM_PACK_LANES : builder->count;
 }
 
-static void add_lane(qm_pack_lanes *lanes, uint32_t face, uint32_t a, uint32_t b, uint32_t c)
+/** The vertices of the pack at hand by their last bits: place + 1, 0 for none. */
+typedef struct vertex_slots {
+    uint8_t place[64];
+} vertex_slots;
+
+static uint8_t pack_vertex(qm_pack_lanes *lanes, vertex_slots *slots, uint32_t vertex)
+{
+    unsigned slot = vertex % 64;
+    for (; slots->place[slot]; slot = (slot + 1) % 64)
+        if (lanes->vertex[slots->place[slot] - 1] == vertex) return (uint8_t)(slots->place[slot] - 1);
+    lanes->vertex[lanes->vertex_count] = vertex;
+    slots->place[slot] = ++lanes->vertex_count;
+    return (uint8_t)(lanes->vertex_count - 1);
+}
+
+/** A quad takes two lanes, which share its first and third corner. */
+static void add_face(const qm_mesh *mesh, qm_pack_lanes *lanes, vertex_slots *slots, uint32_t face)
+{
+    uint8_t place[4];
+    int corners = face_corners(mesh, face);
+    for (int i = 0; i < corners; i++)
+        place[i] = pack_vertex(lanes, slots, mesh->faces[4 * (size_t)face + (size_t)i]);
+    for (int half = 0; half < corners - 2; half++) {
+        int lane = lanes->lane_count++;
+        lanes->face[lane] = face;
+        lanes->corner[lane][0] = place[0];
+        lanes->corner[lane][1] = place[1 + half];
+        lanes->corner[lane][2] = place[2 + half];
+        if (half == 1) lanes->second |= (uint8_t)(1u << lane);
+    }
+}
+
+/** A point of a point set: a triangle of no size. */
+static void add_point(qm_pack_lanes *lanes, uint32_t point)
 {
     int lane = lanes->lane_count++;
-    lanes->face[lane] = face;
-    lanes->corner[lane][0] = pack_vertex(lanes, a);
-    lanes->corner[lane][1] = pack_vertex(lanes, b);
-    lanes->corner[lane][2] = pack_vertex(lanes, c);
+    lanes->face[lane] = lanes->vertex[lane] = point;
+    lanes->vertex_count = lanes->lane_count;
+    for (int i = 0; i < 3; i++)
+        lanes->corner[lane][i] = (uint8_t)lane;
 }
 
-static void add_face(const qm_mesh *mesh, qm_pack_lanes *lanes, uint32_t face)
+static void fill_lanes(const pack_builder *builder, size_t pack)
 {
-    if (mesh->face_count == 0) {
-        add_lane(lanes, face, face, face, face);
-        return;
-    }
-    const uint32_t *corner = mesh->faces + 4 * (size_t)face;
-    add_lane(lanes, face, corner[0], corner[1], corner[2]);
-    if (corner[3] == QM_NO_INDEX) return;
-    lanes->second |= (uint8_t)(1u << lanes->lane_count);
-    add_lane(lanes, face, corner[0], corner[2], corner[3]);
-}
-
-static void fill_lanes(qm_bvh *bvh, const uint64_t *order, size_t count)
-{
-    const qm_mesh *mesh = &bvh->mesh;
-    qm_pack_lanes *lanes = bvh->lanes - 1;
-    int used = QM_PACK_LANES;
-    for (size_t i = 0; i < count; i++) {
-        int wanted = face_lanes(mesh, order[i]);
-        if (used + wanted > QM_PACK_LANES) {
-            lanes++;
-            lanes->lane_count = lanes->vertex_count = lanes->second = 0;
-            used = 0;
+    const qm_mesh *mesh = &builder->bvh->mesh;
+    qm_pack_lanes *lanes = &builder->bvh->lanes[pack];
+    lanes->lane_count = lanes->vertex_count = lanes->second = 0;
+    vertex_slots slots = {{0}};
+    size_t end = pack_first(builder, pack + 1);
+    for (size_t i = pack_first(builder, pack); i < end; i++) {
+        if (mesh->face_count == 0) {
+            add_point(lanes, order_face(builder->order[i]));
+            continue;
         }
-        add_face(mesh, lanes, (uint32_t)(order[i] & QM_RADIX_INDEX_MASK));
-        used += wanted;
+        if (i + PREFETCH < builder->count)
+            __builtin_prefetch(mesh->faces + 4 * (size_t)order_face(builder->order[i + PREFETCH]));
+        add_face(mesh, lanes, &slots, order_face(builder->order[i]));
     }
+    for (int lane = lanes->lane_count; lane < QM_PACK_LANES; lane++)
+        lanes->face[lane] = lanes->face[0];
 }
 
 /** How far the patch of a quad leaves its two triangles at most; 0 for a triangle. Local. */
@@ -129,28 +135,15 @@ static void fill_twist(qm_bvh *bvh, size_t pack)
 {
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-        bool is_first = lanes->second >> lane & 1;
-        double twist = is_first ? bvh->twist[pack][lane - 1]
-                                : face_twist(bvh, lanes->face[lane < lanes->lane_count ? lane : 0]);
-        bvh->twist[pack][lane] = (float)twist;
-        if (twist > bvh->max_twist) bvh->max_twist = bvh->twist[pack][lane];
+        bool is_second = lanes->second >> lane & 1;
+        bvh->twist[pack][lane] =
+            is_second ? bvh->twist[pack][lane - 1] : (float)face_twist(bvh, lanes->face[lane]);
     }
 }
 
-/** Fills one pack and widens box (min and max of x, y, z) to its vertices. */
-static void fill_pack(const qm_kernel *kernel, qm_bvh *bvh, size_t index, qm_box *box)
+static void fill_triangles(const pack_builder *builder, size_t pack, const qm_vec *vertex)
 {
-    const qm_pack_lanes *lanes = &bvh->lanes[index];
-    qm_vec vertex[3 * QM_PACK_LANES];
-    *box = (qm_box){{DBL_MAX, DBL_MAX, DBL_MAX}, {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
-    for (int i = 0; i < lanes->vertex_count; i++) {
-        vertex[i] = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * (size_t)lanes->vertex[i]);
-        const double p[3] = {vertex[i].x, vertex[i].y, vertex[i].z};
-        for (int k = 0; k < 3; k++) {
-            if (p[k] < box->min[k]) box->min[k] = p[k];
-            if (p[k] > box->max[k]) box->max[k] = p[k];
-        }
-    }
+    const qm_pack_lanes *lanes = &builder->bvh->lanes[pack];
     _Alignas(64) double corner[3][3][QM_PACK_LANES];
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
         const uint8_t *place = lanes->corner[lane < lanes->lane_count ? lane : 0];
@@ -160,9 +153,7 @@ static void fill_pack(const qm_kernel *kernel, qm_bvh *bvh, size_t index, qm_box
             corner[i][2][lane] = vertex[place[i]].z;
         }
     }
-    kernel->fill_pack(&bvh->packs[index], corner);
-    for (int lane = lanes->lane_count; lane < QM_PACK_LANES; lane++)
-        bvh->lanes[index].face[lane] = lanes->face[0];
+    builder->kernel->fill_pack(&builder->bvh->packs[pack], corner);
 }
 
 static void set_group_box(qm_box_group *group, int member, const qm_box *box)
@@ -173,19 +164,32 @@ static void set_group_box(qm_box_group *group, int member, const qm_box *box)
     }
 }
 
-static qm_status fill_packs(qm_context *ctx, qm_bvh *bvh)
+static void build_pack(const pack_builder *builder, size_t pack)
 {
-    const qm_kernel *kernel = qm_kernel_get();
-    for (size_t i = 0; i < bvh->pack_count; i++) {
-        if (i % 4096 == 0 && qm_context_canceled(ctx)) return QM_E_CANCELED;
-        qm_box box;
-        fill_pack(kernel, bvh, i, &box);
-        if (bvh->twist) fill_twist(bvh, i);
-        set_group_box(&bvh->groups[1][i / 8], (int)(i % 8), &box);
-        for (int k = 0; k < 3; k++)
-            bvh->reach = fmax(bvh->reach, fmax(-box.min[k], box.max[k]));
+    qm_bvh *bvh = builder->bvh;
+    fill_lanes(builder, pack);
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    qm_vec vertex[3 * QM_PACK_LANES];
+    int count = 0;
+    do
+        vertex[count] = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * (size_t)lanes->vertex[count]);
+    while (++count < lanes->vertex_count);
+    qm_box box = qm_vec_box(vertex, count);
+    set_group_box(&bvh->groups[1][pack / 8], (int)(pack % 8), &box);
+    if (bvh->packs) fill_triangles(builder, pack, vertex);
+    if (bvh->twist) fill_twist(bvh, pack);
+}
+
+static void build_own_packs(void *data, int worker)
+{
+    const pack_builder *builder = data;
+    size_t groups = (builder->bvh->pack_count + 7) / 8, workers = (size_t)builder->workers;
+    size_t begin = 8 * (groups * (size_t)worker / workers),
+           end = 8 * (groups * ((size_t)worker + 1) / workers);
+    for (size_t i = begin; i < end && i < builder->bvh->pack_count; i++) {
+        if (i % 4096 == 0 && qm_context_canceled(builder->ctx)) return;
+        build_pack(builder, i);
     }
-    return QM_OK;
 }
 
 /** Boxes of level k from those of level k - 1; floats are copied, so nothing is lost on the way up. */
@@ -207,13 +211,27 @@ static void fill_level(qm_bvh *bvh, int level)
     }
 }
 
-static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, bool has_quads)
+/** The greatest coordinate of any box, which holds the surface. */
+static double find_reach(const qm_bvh *bvh)
 {
-    bvh->packs = qm_context_alloc_aligned(ctx, bvh->pack_count, sizeof *bvh->packs);
-    if (!bvh->packs) return QM_E_NO_MEMORY;
-    if (has_quads && !(bvh->twist = qm_context_alloc(ctx, bvh->pack_count, sizeof *bvh->twist)))
-        return QM_E_NO_MEMORY;
+    const qm_box_group *top = &bvh->groups[bvh->level_count][0];
+    double reach = 0.0;
+    for (int m = 0; m < qm_bvh_member_count(bvh, bvh->level_count, 0); m++)
+        for (int k = 0; k < 3; k++)
+            reach = fmax(reach, fmax(-(double)top->low[k][m], (double)top->high[k][m]));
+    return fmin(reach, 1.0);
+}
+
+static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, bool has_quads)
+{
     size_t count = bvh->pack_count;
+    bvh->lanes = qm_context_alloc(ctx, count, sizeof *bvh->lanes);
+    if (!bvh->lanes) return QM_E_NO_MEMORY;
+    if ((parts & QM_BVH_TARGET) && !(bvh->packs = qm_context_alloc_aligned(ctx, count, sizeof *bvh->packs)))
+        return QM_E_NO_MEMORY;
+    if ((parts & QM_BVH_PATCHES) && has_quads &&
+        !(bvh->twist = qm_context_alloc(ctx, count, sizeof *bvh->twist)))
+        return QM_E_NO_MEMORY;
     bvh->group_count[0] = count;
     do {
         count = (count + 7) / 8;
@@ -226,38 +244,61 @@ static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, bool has_quads)
     return QM_OK;
 }
 
-static qm_status build_from_order(qm_context *ctx, qm_bvh *bvh, const uint64_t *order, size_t count)
+static qm_status build_tree(pack_builder *builder, qm_bvh_parts parts, bool has_quads)
 {
-    bool has_quads;
-    bvh->pack_count = count_packs(&bvh->mesh, order, count, &has_quads);
-    bvh->lanes = qm_context_alloc(ctx, bvh->pack_count, sizeof *bvh->lanes);
-    if (!bvh->lanes) return QM_E_NO_MEMORY;
-    fill_lanes(bvh, order, count);
-    qm_status status = allocate_tree(ctx, bvh, has_quads);
-    if (status == QM_OK) status = fill_packs(ctx, bvh);
-    for (int level = 2; status == QM_OK && level <= bvh->level_count; level++)
+    qm_bvh *bvh = builder->bvh;
+    qm_status status = allocate_tree(builder->ctx, bvh, parts, has_quads);
+    if (status != QM_OK) return status;
+    while (builder->workers > 1 && bvh->pack_count / (size_t)builder->workers < MIN_PACKS)
+        builder->workers--;
+    qm_context_parallel(builder->ctx, builder->workers, build_own_packs, builder);
+    if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
+    for (int level = 2; level <= bvh->level_count; level++)
         fill_level(bvh, level);
+    bvh->reach = find_reach(bvh);
+    return QM_OK;
+}
+
+static qm_status build_from_order(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, int thread_count,
+                                  const uint64_t *order)
+{
+    pack_builder builder = {.ctx = ctx,
+                            .kernel = qm_kernel_get(),
+                            .bvh = bvh,
+                            .order = order,
+                            .count = qm_mesh_facet_count(&bvh->mesh),
+                            .workers = thread_count};
+    bool has_quads = mesh_has_quads(&bvh->mesh);
+    bvh->has_quads = has_quads;
+    bvh->pack_count = (builder.count + QM_PACK_LANES - 1) / QM_PACK_LANES;
+    if (has_quads) {
+        builder.first = qm_context_alloc(ctx, builder.count + 1, sizeof *builder.first);
+        if (!builder.first) return QM_E_NO_MEMORY;
+        bvh->pack_count = set_first(&bvh->mesh, order, builder.count, builder.first);
+    }
+    qm_status status = build_tree(&builder, parts, has_quads);
+    qm_context_free(ctx, builder.first, builder.count + 1, sizeof *builder.first);
     return status;
 }
 
-qm_status qm_bvh_build(qm_context *ctx, const qm_mesh *mesh, qm_bvh **out)
+qm_status qm_bvh_build(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts, int thread_count,
+                       qm_bvh **out)
 {
     *out = NULL;
-    size_t count = facet_count(mesh);
+    size_t count = qm_mesh_facet_count(mesh);
     if (count == 0) return qm_context_fail(ctx, QM_E_EMPTY, "the mesh has no face and no vertex");
     if (count > QM_RADIX_INDEX_MASK)
         return qm_context_fail(ctx, QM_E_TOO_LARGE, "a tree holds at most %llu faces",
                                (unsigned long long)QM_RADIX_INDEX_MASK);
+    if (thread_count < 1)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "thread count must be 1 or more, got %d", thread_count);
     qm_bvh *bvh = qm_context_alloc(ctx, 1, sizeof *bvh);
     uint64_t *order = qm_context_alloc(ctx, count, sizeof *order);
     qm_status status = QM_E_NO_MEMORY;
     if (bvh) *bvh = (qm_bvh){.mesh = *mesh};
     if (bvh && order) {
-        qm_box box = qm_mesh_bounding_box(mesh);
-        bvh->frame = make_frame(&box);
-        fill_keys(bvh, count, order);
-        status = qm_radix_sort(ctx, order, count);
-        if (status == QM_OK) status = build_from_order(ctx, bvh, order, count);
+        status = qm_bvh_order(ctx, mesh, thread_count, &bvh->frame, order);
+        if (status == QM_OK) status = build_from_order(ctx, bvh, parts, thread_count, order);
     }
     qm_context_free(ctx, order, count, sizeof *order);
     if (status != QM_OK) {
@@ -286,7 +327,8 @@ const qm_mesh *qm_bvh_mesh(const qm_bvh *bvh)
 
 size_t qm_bvh_memory_size(const qm_bvh *bvh)
 {
-    size_t size = sizeof *bvh + bvh->pack_count * (sizeof *bvh->packs + sizeof *bvh->lanes);
+    size_t size = sizeof *bvh + bvh->pack_count * sizeof *bvh->lanes;
+    if (bvh->packs) size += bvh->pack_count * sizeof *bvh->packs;
     if (bvh->twist) size += bvh->pack_count * sizeof *bvh->twist;
     for (int level = 1; level <= bvh->level_count; level++)
         size += bvh->group_count[level] * sizeof *bvh->groups[level];

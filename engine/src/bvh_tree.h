@@ -88,17 +88,23 @@ typedef struct qm_box_group {
 struct qm_bvh {
     qm_mesh mesh; /* the arrays are borrowed */
     qm_frame frame;
-    double reach;     /* greatest local coordinate of the surface, by magnitude: at most 1 */
-    double max_twist; /* greatest twist of a quad, local */
+    double reach; /* greatest local coordinate of the surface, by magnitude: at most 1 */
     size_t pack_count;
-    qm_pack *packs;
+    qm_pack *packs; /* NULL when the tree is built as a source only */
     qm_pack_lanes *lanes;
-    float (*twist)[QM_PACK_LANES]; /* |w| / 4 of each lane's quad rounded up, local; NULL when the mesh has no
-                                      quad */
+    bool has_quads;
+    float (*twist)[QM_PACK_LANES]; /* |w| / 4 of each lane's quad rounded up, local; NULL without quads, or
+                                      when they are not to be read as patches */
     int level_count;               /* levels of groups: 1 at least; level k is groups[k], k >= 1 */
     size_t group_count[QM_TREE_LEVELS];   /* [0] is pack_count */
     qm_box_group *groups[QM_TREE_LEVELS]; /* [0] is NULL */
 };
+
+/** True when the tree was built with what it takes to search it in this reading. */
+static inline bool qm_bvh_is_target(const qm_bvh *bvh, qm_quad_reading reading)
+{
+    return bvh->packs && (reading == QM_QUADS_TRIANGLES || bvh->twist || !bvh->has_quads);
+}
 
 /** Number of members (1 to 8) of a group. */
 static inline int qm_bvh_member_count(const qm_bvh *bvh, int level, size_t group)

@@ -18,6 +18,16 @@ qm_status qm_context_fail(qm_context *ctx, qm_status status, const char *format,
     return status;
 }
 
+void qm_context_parallel(qm_context *ctx, int worker_count, void (*task)(void *data, int worker), void *data)
+{
+    if (worker_count > 1 && ctx->parallel) {
+        ctx->parallel(ctx->parallel_user, worker_count, task, data);
+        return;
+    }
+    for (int worker = 0; worker < worker_count; worker++)
+        task(data, worker);
+}
+
 void *qm_context_alloc(qm_context *ctx, size_t count, size_t width)
 {
     return qm_context_resize(ctx, NULL, 0, count, width);

@@ -75,10 +75,12 @@ static qm_status set_maker(deviation_work *work)
     if (!(reach <= MAX_SCALE_RATIO && factor >= 1.0 / MAX_SCALE_RATIO))
         return qm_context_fail(work->ctx, QM_E_SCALE,
                                "the meshes' sizes or places differ by more than 2^300");
+    if (!qm_bvh_is_target(b, work->options->quads))
+        return qm_context_fail(work->ctx, QM_E_ARGUMENT, "the tree of B was built without what this takes");
     work->maker = (qm_piece_maker){.source = a,
                                    .target = b,
                                    .kernel = qm_kernel_get(),
-                                   .source_patches = bilinear && a->twist,
+                                   .source_patches = bilinear && a->has_quads,
                                    .target_patches = bilinear && b->twist,
                                    .reach = reach,
                                    .eta = ETA_ROUNDINGS * 0x1p-53 * reach};

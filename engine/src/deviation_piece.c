@@ -360,17 +360,17 @@ static void bound_by_facets(piece_work *work, uint32_t hint)
     const qm_piece_maker *maker = work->maker;
     const qm_box point = {{work->middle.x, work->middle.y, work->middle.z},
                           {work->middle.x, work->middle.y, work->middle.z}};
-    uint32_t packs[QM_COVER_PACKS];
-    int count = maker->kernel->gather(maker->target, &point, work->ball, QM_COVER_PACKS, packs);
-    bool is_complete = count < QM_COVER_PACKS, has_hint = false;
-    for (int i = 0; i < count; i++) {
-        add_pack_uppers(work, packs[i]);
-        has_hint |= packs[i] == hint;
+    qm_near_packs near;
+    bool has_hint = false;
+    maker->kernel->gather(maker->target, &point, work->ball, &near);
+    for (int i = 0; i < near.count; i++) {
+        add_pack_uppers(work, near.pack[i]);
+        has_hint |= near.pack[i] == hint;
     }
     if (!has_hint) add_pack_uppers(work, hint);
-    if (!is_complete || count == 0) return;
-    for (int i = 0; i < count; i++)
-        add_pack_planes(work, packs[i]);
+    if (near.count == 0 || near.count == QM_NEAR_PACKS) return;
+    for (int i = 0; i < near.count; i++)
+        add_pack_planes(work, near.pack[i]);
     offer_low(work, work->facet);
 }
 

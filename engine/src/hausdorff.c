@@ -12,7 +12,6 @@
 #include "hausdorff_search.h"
 #include "surface.h"
 
-#define SEED_COUNT 128 /* vertices of the source measured first, spread along the Hilbert curve */
 #define ETA_ROUNDINGS 128.0
 #define MAX_SCALE_RATIO 0x1p300
 
@@ -40,6 +39,9 @@ static qm_status check_options(qm_context *ctx, const qm_hausdorff_options *opti
 static qm_status set_side(qm_context *ctx, qm_side *side, const qm_bvh *source, const qm_bvh *target,
                           qm_quad_reading quads)
 {
+    if (!qm_bvh_is_target(target, quads))
+        return qm_context_fail(ctx, QM_E_ARGUMENT,
+                               "the tree of the target lacks parts that this reading needs");
     *side = (qm_side){
         .source = source,
         .target = target,
@@ -47,7 +49,7 @@ static qm_status set_side(qm_context *ctx, qm_side *side, const qm_bvh *source, 
         .inverse_scale = target->frame.inverse_scale,
         .factor = source->frame.inverse_scale * target->frame.scale,
         .target_patches = quads == QM_QUADS_BILINEAR && target->twist,
-        .source_patches = quads == QM_QUADS_BILINEAR && source->twist,
+        .source_patches = quads == QM_QUADS_BILINEAR && source->has_quads,
     };
     side->shift = qm_vec_scale(side->scale, qm_vec_sub(source->frame.origin, target->frame.origin));
     double offset = fmax(fabs(side->shift.x), fmax(fabs(side->shift.y), fabs(side->shift.z)));
@@ -75,18 +77,12 @@ static qm_status set_sides(qm_context *ctx, qm_search *search, const qm_bvh *a, 
     return QM_OK;
 }
 
-/** Measures some vertices of the source and queues its root. */
+/** Looks for a good lower bound and queues the root of the source. */
 static void start_side(qm_worker *worker, int index)
 {
     const qm_search *search = worker->search;
     const qm_side *side = &search->side[index];
-    size_t packs = side->source->pack_count;
-    size_t step = packs > SEED_COUNT ? packs / SEED_COUNT : 1;
-    uint32_t hint = 0;
-    for (size_t i = 0; i < packs; i += step) {
-        const qm_pack_lanes *lanes = &side->source->lanes[i];
-        qm_worker_sample(worker, side, qm_side_vertex(side, lanes->vertex[0]), 0.0, lanes->face[0], &hint);
-    }
+    uint32_t hint = qm_worker_scout(worker, side);
     double radius = sqrt(3.0) * side->source->reach * side->factor;
     double upper = qm_side_pack_upper(search, side, hint, side->shift) + radius;
     qm_entry root = {

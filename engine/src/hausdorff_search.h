@@ -106,6 +106,16 @@ static inline double qm_side_twist(const qm_side *side, uint32_t pack, uint32_t 
 double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
                         uint32_t *hint);
 
+/**
+ * A point of the source, local to the target: the middle of the face that holds the lane, which moves to the
+ * face's first lane where patches are read.
+ */
+qm_vec qm_side_middle(const qm_side *side, uint32_t pack, int *lane, uint32_t *face);
+
+/** Raises the lower bound by a sparse sample of the source and a closer look where it is farthest. Returns
+ * a hint. */
+uint32_t qm_worker_scout(qm_worker *worker, const qm_side *side);
+
 /** Upper bound (local) of the distance of p by the triangles of one pack alone. */
 double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p);
 
@@ -127,6 +137,19 @@ double qm_clock_ms(void);
 void qm_worker_group(qm_worker *worker, qm_entry entry);
 void qm_worker_pack(qm_worker *worker, qm_entry entry);
 void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
+
+/** Looks at a face of a pack: lets it go when it can be covered at little cost, else queues it as a piece. */
+void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near);
+
+/** Sets what a point may be away from a lane: the allowed distance less the twist of the lane's patch. Local.
+ */
+static inline void qm_candidates_allow(qm_candidates *candidates, int k, uint32_t lane, double twist,
+                                       double allowed)
+{
+    double rest = allowed - twist;
+    candidates->twist[k][lane] = twist;
+    candidates->allowed2[k][lane] = rest >= 0.0 ? rest * rest : -1.0;
+}
 
 /** Sets up the candidates of a list of packs, with what each lane is allowed (local), less slack. */
 void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const uint32_t *packs, int count,

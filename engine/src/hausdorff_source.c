@@ -4,6 +4,10 @@
  */
 #include "hausdorff_search.h"
 
+#define NEAR_SHARE                                                                                           \
+    0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered                  \
+          */
+
 /** The ball round box member of a group, in the frame of the target. */
 static double member_ball(const qm_side *side, const qm_box_group *group, int member, qm_vec *centre)
 {
@@ -17,6 +21,20 @@ static double member_ball(const qm_side *side, const qm_box_group *group, int me
     return side->factor * sqrt(half2);
 }
 
+/** Radius of the ball round p that holds the box of a member, in the frame of the target. */
+static double member_reach(const qm_side *side, const qm_box_group *group, int member, qm_vec p)
+{
+    double far2 = 0.0;
+    const double shift[3] = {side->shift.x, side->shift.y, side->shift.z}, point[3] = {p.x, p.y, p.z};
+    for (int k = 0; k < 3; k++) {
+        double low = point[k] - (shift[k] + side->factor * (double)group->low[k][member]);
+        double high = shift[k] + side->factor * (double)group->high[k][member] - point[k];
+        double far = low > high ? low : high;
+        far2 += far * far;
+    }
+    return sqrt(far2);
+}
+
 void qm_worker_group(qm_worker *worker, qm_entry entry)
 {
     const qm_search *search = worker->search;
@@ -28,7 +46,13 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
         qm_vec centre;
         double radius = member_ball(side, group, m, &centre);
         double upper = qm_side_pack_upper(search, side, hint, centre) + radius;
-        if (upper * side->inverse_scale > qm_search_allowed(search)) {
+        if (upper * side->inverse_scale > qm_search_allowed(search) && entry.level == 1) {
+            uint32_t face, pack = 8 * entry.index + (uint32_t)m;
+            int lane = side->source->lanes[pack].lane_count / 2;
+            qm_vec p = qm_side_middle(side, pack, &lane, &face);
+            double distance = qm_worker_sample(worker, side, p, 0.0, face, &hint);
+            upper = fmin(upper, distance + member_reach(side, group, m, p));
+        } else if (upper * side->inverse_scale > qm_search_allowed(search)) {
             qm_hit hit = {.d2 = INFINITY, .pack = hint};
             search->kernel->closest(side->target, centre, &hit);
             worker->projections++;
@@ -50,11 +74,13 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
 /** A pack of the source on its way: vertices in the target's frame and, for each, the lanes of one pack in
  * reach. */
 typedef struct pack_work {
+    qm_entry entry;
     const qm_side *side;
     const qm_pack_lanes *lanes;
     qm_vec vertex[3 * QM_PACK_LANES];
     uint64_t in_reach[3 * QM_PACK_LANES];
-    qm_candidates candidates;
+    bool has_near;
+    qm_near_packs near; /* of the whole pack, once the first face asks for them */
 } pack_work;
 
 /** Corners of the face that starts at lane, as places in vertex[]; a patch is held whole, else each lane
@@ -80,43 +106,47 @@ static bool face_reached(const pack_work *work, const int *corner, int count)
     return labels != 0;
 }
 
-static void push_face(qm_worker *worker, const pack_work *work, const qm_entry *pack, int lane,
-                      const int *corner, int count)
+/**
+ * Gathers the packs that the faces are most likely covered with: those about as near as the hint is to the
+ * middle. All that are within reach may be hundreds where the lower bound is great.
+ */
+static void gather_near(const qm_worker *worker, pack_work *work)
 {
-    qm_piece piece = {
-        .high = {1.0, 1.0},
-        .face = work->lanes->face[lane],
-        .corner_count = (uint8_t)count,
-    };
-    for (int i = 0; i < count; i++)
-        piece.corner[i] = work->vertex[corner[i]];
-    int place;
-    double upper = worker->search->kernel->hull_upper(&work->candidates, piece.corner, count, &place);
-    qm_entry entry = {
-        .upper = fmin(pack->upper, upper * work->side->inverse_scale),
-        .hint = pack->hint,
-        .kind = QM_ENTRY_PIECE,
-        .side = pack->side,
-    };
-    qm_worker_push(worker, entry, &piece);
+    if (work->has_near) return;
+    const qm_search *search = worker->search;
+    qm_box box = qm_vec_box(work->vertex, work->lanes->vertex_count);
+    qm_vec low = qm_vec_load(box.min), high = qm_vec_load(box.max);
+    double middle = qm_side_pack_upper(search, work->side, work->entry.hint, qm_vec_mix(low, high, 0.5));
+    double reach =
+        fmin(middle + NEAR_SHARE * qm_vec_distance(low, high), qm_search_allowed(search) * work->side->scale);
+    search->kernel->gather(work->side->target, &box, reach, &work->near);
+    work->has_near = true;
 }
 
 void qm_worker_pack(qm_worker *worker, qm_entry entry)
 {
     const qm_search *search = worker->search;
     pack_work work;
+    work.entry = entry;
     work.side = &search->side[entry.side];
     work.lanes = &work.side->source->lanes[entry.index];
+    work.has_near = false;
     double allowed = qm_search_allowed(search);
-    qm_candidates_fill(&work.candidates, work.side, &entry.hint, 1, allowed * work.side->scale);
+    qm_candidates hinted;
+    qm_candidates_fill(&hinted, work.side, &entry.hint, 1, allowed * work.side->scale);
     for (int i = 0; i < work.lanes->vertex_count; i++) {
         work.vertex[i] = qm_side_vertex(work.side, work.lanes->vertex[i]);
-        work.in_reach[i] = search->kernel->in_reach(&work.candidates, work.vertex[i]);
+        work.in_reach[i] = search->kernel->in_reach(&hinted, work.vertex[i]);
     }
-    qm_worker_discard(worker, allowed);
     for (int lane = 0, count; lane < work.lanes->lane_count; lane += count - 2) {
         int corner[4];
         count = face_corners(&work, lane, corner);
-        if (!face_reached(&work, corner, count)) push_face(worker, &work, &entry, lane, corner, count);
+        if (face_reached(&work, corner, count)) continue;
+        gather_near(worker, &work);
+        qm_piece piece = {.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
+        for (int i = 0; i < count; i++)
+            piece.corner[i] = work.vertex[corner[i]];
+        qm_worker_face(worker, entry, &piece, &work.near);
     }
+    qm_worker_discard(worker, qm_search_allowed(search)); /* the lower bound may have risen on the way */
 }

@@ -46,11 +46,13 @@ void qm_hilbert_table_init(qm_hilbert_table *table)
     for (unsigned start = 0; start < QM_HILBERT_STATES; start++) {
         for (unsigned cell = 0; cell < 64; cell++) {
             unsigned state = start;
-            unsigned x = cell >> 4, y = cell >> 2 & 3, z = cell & 3;
-            unsigned high = step((x >> 1) << 2 | (y >> 1) << 1 | z >> 1, &state);
-            unsigned low = step((x & 1) << 2 | (y & 1) << 1 | (z & 1), &state);
-            table->key[start][cell] = (uint8_t)(high << 3 | low);
-            table->next[start][cell] = (uint8_t)state;
+            unsigned high = step(cell >> 3, &state), low = step(cell & 7, &state);
+            table->step[start << 6 | cell] = (uint16_t)(state << 6 | high << 3 | low);
         }
+    }
+    for (unsigned i = 0; i < 64; i++) {
+        table->spread[i] = 0;
+        for (unsigned bit = 0; bit < 6; bit++)
+            table->spread[i] |= (i >> bit & 1) << (3 * bit);
     }
 }

@@ -6,8 +6,12 @@
     void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
     void qm_closest_patch_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, double error,                   \
                                 qm_patch_hit *hit);                                                          \
-    int qm_gather_##isa(const qm_bvh *bvh, const qm_box *box, double reach, int capacity, uint32_t *packs);  \
+    void qm_gather_##isa(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);           \
+    int qm_narrow_##isa(const qm_near_packs *near, const qm_box *box, double reach, int capacity,            \
+                        uint32_t *packs);                                                                    \
+    bool qm_hull_reached_##isa(const qm_candidates *candidates, const qm_vec *point, int count);             \
     uint64_t qm_in_reach_##isa(const qm_candidates *candidates, qm_vec p);                                   \
+    void qm_shortlist_##isa(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);     \
     double qm_hull_upper_##isa(const qm_candidates *candidates, const qm_vec *point, int count, int *place); \
     bool qm_cover_##isa(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);                  \
     static const qm_kernel kernel_##isa = {                                                                  \
@@ -17,7 +21,10 @@
         .closest = qm_closest_##isa,                                                                         \
         .closest_patch = qm_closest_patch_##isa,                                                             \
         .gather = qm_gather_##isa,                                                                           \
+        .narrow = qm_narrow_##isa,                                                                           \
+        .hull_reached = qm_hull_reached_##isa,                                                               \
         .in_reach = qm_in_reach_##isa,                                                                       \
+        .shortlist = qm_shortlist_##isa,                                                                     \
         .hull_upper = qm_hull_upper_##isa,                                                                   \
         .cover = qm_cover_##isa,                                                                             \
     }

@@ -9,6 +9,7 @@
 
 /** A label of an upper bound: one lane of one of a piece's packs. */
 #define QM_COVER_PACKS 8    /* packs of candidates a piece; 64 lanes make one word of bits */
+#define QM_NEAR_PACKS 32    /* packs of a neighbourhood */
 #define QM_COVER_CORNERS 12 /* corners of the polygons on the way */
 
 /** Result of a search: the nearest triangle. */
@@ -22,6 +23,21 @@ typedef struct qm_patch_hit {
     double distance, lower;
     uint32_t face, pack;
 } qm_patch_hit;
+
+/** Packs near a part of the source, with their boxes. */
+typedef struct qm_near_packs {
+    int count;
+    uint32_t pack[QM_NEAR_PACKS];
+    qm_box_group box[QM_NEAR_PACKS / 8];
+} qm_near_packs;
+
+/** The lanes nearest to a point, copied into one pack; places past count repeat the first. */
+typedef struct qm_shortlist {
+    int count;
+    uint32_t origin[QM_PACK_LANES]; /* pack and lane that each is a copy of */
+    uint8_t lane[QM_PACK_LANES];
+    qm_pack pack;
+} qm_shortlist;
 
 /** The candidates that a piece is covered with: what lanes stand for, and how near a point must be to each.
  */
@@ -57,17 +73,26 @@ typedef struct qm_kernel {
      */
     void (*closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit);
 
-    /** Nearest point of the patches, certified to within error; start is a first guess of a pack. */
+    /**
+     * Nearest point of the patches, certified to within error; start is a first guess of a pack. With an
+     * error of INFINITY a good point only: its distance is valid, lower is not.
+     */
     void (*closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit);
 
-    /**
-     * Packs whose boxes come within reach of a box: the capacity nearest to the middle of it when there are
-     * more. Returns how many; nearest first.
-     */
-    int (*gather)(const qm_bvh *bvh, const qm_box *box, double reach, int capacity, uint32_t *packs);
+    /** Packs whose boxes come within reach of a box; when there are too many, those nearest to its middle. */
+    void (*gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);
+
+    /** The same from a list, for a box in it: at most capacity packs. Returns how many; nearest first. */
+    int (*narrow)(const qm_near_packs *near, const qm_box *box, double reach, int capacity, uint32_t *packs);
+
+    /** True when one lane of the candidates reaches all of count points, and so every point of their hull. */
+    bool (*hull_reached)(const qm_candidates *candidates, const qm_vec *point, int count);
 
     /** Bits of the lanes within their allowed distance of p, counted through the packs. */
     uint64_t (*in_reach)(const qm_candidates *candidates, qm_vec p);
+
+    /** The eight lanes of the packs that are nearest to p, nearest first. The list of packs is not empty. */
+    void (*shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);
 
     /**
      * The least over all lanes of the greatest distance of count points: an upper bound for every point of
@@ -78,7 +103,7 @@ typedef struct qm_kernel {
     /**
      * Tries to cover a convex polygon by convex sets {x : d(x, T_k) <= allowed_k}, cutting off as large a
      * part as one label can take at a time. True when nothing is left; else *polygon is what is left, a
-     * convex part of the input, in_reach filled, and *moved tells whether anything was cut off.
+     * convex part of the input, in_reach filled, and *moved is set when anything was cut off.
      */
     bool (*cover)(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);
 } qm_kernel;

@@ -15,11 +15,12 @@ static qm_box box_empty(void)
     return (qm_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
 }
 
-static void box_add(qm_box *box, const double *point)
+/** Selections, not branches: one instruction each. */
+static inline void box_add(qm_box *box, const double *point)
 {
     for (int axis = 0; axis < 3; ++axis) {
-        if (point[axis] < box->min[axis]) box->min[axis] = point[axis];
-        if (point[axis] > box->max[axis]) box->max[axis] = point[axis];
+        box->min[axis] = point[axis] < box->min[axis] ? point[axis] : box->min[axis];
+        box->max[axis] = point[axis] > box->max[axis] ? point[axis] : box->max[axis];
     }
 }
 

@@ -81,7 +81,7 @@ static qm_status fill_order(qm_context *ctx, const qm_bvh *bvh, const double *po
             return qm_context_fail(ctx, QM_E_NOT_FINITE, "point %zu has a coordinate that is not finite", i);
         order[i] = qm_radix_entry(qm_hilbert_point_key(&table, qm_frame_local(&bvh->frame, p)), i);
     }
-    return qm_radix_sort(ctx, order, count);
+    return qm_radix_sort(ctx, order, count, 1);
 }
 
 static qm_status project_chunk(qm_context *ctx, point_batch *batch, int thread_count)
@@ -106,6 +106,8 @@ qm_status qm_project_points(qm_context *ctx, const qm_bvh *bvh, qm_quad_reading 
                             size_t point_count, int thread_count, const qm_projection *out)
 {
     if (point_count == 0) return QM_OK;
+    if (!qm_bvh_is_target(bvh, reading))
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the tree lacks parts that this reading needs");
     if (point_count > QM_RADIX_INDEX_MASK)
         return qm_context_fail(ctx, QM_E_TOO_LARGE, "a batch holds at most %llu points",
                                (unsigned long long)QM_RADIX_INDEX_MASK);

@@ -14,7 +14,7 @@ static inline uint64_t qm_radix_entry(uint64_t key, uint64_t index)
     return key << QM_RADIX_INDEX_BITS | index;
 }
 
-/** Sorts entries by key, equal keys in the order given. Returns QM_OK or QM_E_NO_MEMORY. */
-qm_status qm_radix_sort(qm_context *ctx, uint64_t *entries, size_t count);
+/** Sorts entries, no two of them equal, on up to so many threads. Returns QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_radix_sort(qm_context *ctx, uint64_t *entries, size_t count, int workers);
 
 #endif

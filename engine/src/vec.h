@@ -6,6 +6,8 @@
 
 #include <math.h>
 
+#include "qm/mesh.h"
+
 typedef struct qm_vec {
     double x, y, z;
 } qm_vec;
@@ -73,6 +75,20 @@ static inline double qm_vec_norm(qm_vec a)
 static inline double qm_vec_distance(qm_vec a, qm_vec b)
 {
     return qm_vec_norm(qm_vec_sub(a, b));
+}
+
+/** Box of count points, count >= 1. */
+static inline qm_box qm_vec_box(const qm_vec *point, int count)
+{
+    qm_box box = {{point[0].x, point[0].y, point[0].z}, {point[0].x, point[0].y, point[0].z}};
+    for (int i = 1; i < count; i++) {
+        const double p[3] = {point[i].x, point[i].y, point[i].z};
+        for (int k = 0; k < 3; k++) {
+            box.min[k] = p[k] < box.min[k] ? p[k] : box.min[k];
+            box.max[k] = p[k] > box.max[k] ? p[k] : box.max[k];
+        }
+    }
+    return box;
 }
 
 static inline double qm_clamp(double x, double low, double high)

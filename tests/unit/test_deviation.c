@@ -33,8 +33,8 @@ static qm_status measure_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
 {
     qm_bvh *tree_a = NULL, *tree_b = NULL;
     memset(out, 0, sizeof *out);
-    qm_status status = qm_bvh_build(ctx, a, &tree_a);
-    if (status == QM_OK) status = qm_bvh_build(ctx, b, &tree_b);
+    qm_status status = qm_bvh_build(ctx, a, QM_BVH_ALL, 1, &tree_a);
+    if (status == QM_OK) status = qm_bvh_build(ctx, b, QM_BVH_ALL, 1, &tree_b);
     if (status == QM_OK) status = qm_deviation_measure(ctx, tree_a, tree_b, options, out);
     qm_bvh_destroy(ctx, tree_a);
     qm_bvh_destroy(ctx, tree_b);
@@ -514,7 +514,7 @@ static void a_cancelled_call_leaves_nothing(void **state)
     qm_mesh a = qm_shape_torus(24, 12, 1.0, 0.3);
     qm_context ctx = qm_context_make();
     qm_bvh *tree = NULL;
-    assert_int_equal(qm_bvh_build(&ctx, &a, &tree), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, &a, QM_BVH_ALL, 1, &tree), QM_OK);
     atomic_bool cancel = true;
     ctx.cancel = &cancel;
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-3);

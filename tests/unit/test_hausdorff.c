@@ -16,8 +16,8 @@ static qm_status measure_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
                             const qm_hausdorff_options *options, qm_hausdorff_result *result)
 {
     qm_bvh *tree_a = NULL, *tree_b = NULL;
-    qm_status status = qm_bvh_build(ctx, a, &tree_a);
-    if (status == QM_OK) status = qm_bvh_build(ctx, b, &tree_b);
+    qm_status status = qm_bvh_build(ctx, a, QM_BVH_ALL, 1, &tree_a);
+    if (status == QM_OK) status = qm_bvh_build(ctx, b, QM_BVH_ALL, 1, &tree_b);
     if (status == QM_OK) status = qm_hausdorff_measure(ctx, tree_a, tree_b, options, result);
     qm_bvh_destroy(ctx, tree_a);
     qm_bvh_destroy(ctx, tree_b);

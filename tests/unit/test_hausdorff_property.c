@@ -86,8 +86,8 @@ static qm_hausdorff_result measure(const qm_mesh *a, const qm_mesh *b, const qm_
     if (options->thread_count > 1) ctx.parallel = qm_parallel_run;
     qm_bvh *tree_a, *tree_b;
     qm_hausdorff_result result;
-    assert_int_equal(qm_bvh_build(&ctx, a, &tree_a), QM_OK);
-    assert_int_equal(qm_bvh_build(&ctx, b, &tree_b), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_ALL, 1, &tree_a), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_ALL, 1, &tree_b), QM_OK);
     assert_int_equal(qm_hausdorff_measure(&ctx, tree_a, tree_b, options, &result), QM_OK);
     qm_bvh_destroy(&ctx, tree_a);
     qm_bvh_destroy(&ctx, tree_b);

@@ -90,7 +90,7 @@ static void check_pair(size_t index, qm_quad_reading reading)
     }
     qm_bvh *tree[2];
     for (int i = 0; i < 2; ++i)
-        assert_int_equal(qm_bvh_build(&ctx, &mesh[i], &tree[i]), QM_OK);
+        assert_int_equal(qm_bvh_build(&ctx, &mesh[i], QM_BVH_ALL, 1, &tree[i]), QM_OK);
     qm_box box = qm_mesh_bounding_box(&mesh[0]);
     qm_hausdorff_options options = qm_hausdorff_options_default();
     options.quads = reading;

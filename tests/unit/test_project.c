@@ -28,7 +28,7 @@ static void project(batch *out, const qm_mesh *mesh, qm_quad_reading reading, in
     qm_context ctx = qm_context_make();
     if (threads > 1) ctx.parallel = qm_parallel_run;
     qm_bvh *tree;
-    assert_int_equal(qm_bvh_build(&ctx, mesh, &tree), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, mesh, QM_BVH_ALL, 1, &tree), QM_OK);
     qm_projection to = {out->distance, out->position, out->face, out->uv};
     assert_int_equal(qm_project_points(&ctx, tree, reading, out->points, out->count, threads, &to), QM_OK);
     qm_bvh_destroy(&ctx, tree);
@@ -304,7 +304,7 @@ static void arrays_that_are_not_asked_for_are_left_alone(void **state)
     qm_mesh box = qm_shape_box(1, 1, 1);
     qm_context ctx = qm_context_make();
     qm_bvh *tree;
-    assert_int_equal(qm_bvh_build(&ctx, &box, &tree), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, &box, QM_BVH_ALL, 1, &tree), QM_OK);
     const double p[3] = {2, 0.5, 0.5};
     double distance = -1;
     uint32_t face = 99;
@@ -325,7 +325,7 @@ static void points_that_are_not_finite_are_named(void **state)
     qm_mesh box = qm_shape_box(1, 1, 1);
     qm_context ctx = qm_context_make();
     qm_bvh *tree;
-    assert_int_equal(qm_bvh_build(&ctx, &box, &tree), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, &box, QM_BVH_ALL, 1, &tree), QM_OK);
     const double points[9] = {0, 0, 0, 1, 1, 1, 0, NAN, 0}, infinite[3] = {INFINITY, 0, 0};
     double distance[3];
     qm_projection out = {.distance = distance};
@@ -343,7 +343,7 @@ static void a_raised_flag_cancels(void **state)
     qm_mesh mesh = qm_shape_torus(24, 12, 1, 0.4);
     qm_context ctx = qm_context_make();
     qm_bvh *tree;
-    assert_int_equal(qm_bvh_build(&ctx, &mesh, &tree), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &tree), QM_OK);
     qm_random random = qm_random_make(qm_check_seed(), 6);
     draw_points(&first_batch, &random, &mesh, BATCH_LIMIT);
     atomic_bool cancel = true;
@@ -353,7 +353,7 @@ static void a_raised_flag_cancels(void **state)
         qm_project_points(&ctx, tree, QM_QUADS_TRIANGLES, first_batch.points, BATCH_LIMIT, 1, &out),
         QM_E_CANCELED);
     qm_bvh *refused = tree;
-    assert_int_equal(qm_bvh_build(&ctx, &mesh, &refused), QM_E_CANCELED);
+    assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &refused), QM_E_CANCELED);
     assert_null(refused);
     qm_bvh_destroy(&ctx, tree);
     qm_shape_free(&mesh);
@@ -373,7 +373,7 @@ static void running_out_of_memory_is_a_status_and_leaks_nothing(void **state)
         qm_context ctx = qm_context_make();
         ctx.allocator = qm_failing_allocator_hook(&memory);
         qm_bvh *tree = NULL;
-        status = qm_bvh_build(&ctx, &mesh, &tree);
+        status = qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &tree);
         qm_projection out = {.distance = first_batch.distance};
         if (status == QM_OK)
             status = qm_project_points(&ctx, tree, QM_QUADS_BILINEAR, first_batch.points, 200, 1, &out);

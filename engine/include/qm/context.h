@@ -35,6 +35,9 @@ qm_context qm_context_make(void);
 qm_status qm_context_fail(qm_context *ctx, qm_status status, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
+/** Runs the tasks through ctx->parallel, or one after the other without it. */
+void qm_context_parallel(qm_context *ctx, int worker_count, void (*task)(void *data, int worker), void *data);
+
 /** True once the host has raised the cancel flag. */
 static inline bool qm_context_canceled(const qm_context *ctx)
 {

@@ -72,7 +72,8 @@ typedef struct qm_hausdorff_result {
  *
  * Ownership: borrows everything; nothing of the call is left behind.
  * Returns:   QM_OK, also when the search was stopped early (out->stop says why, the bounds hold);
- *            QM_E_ARGUMENT (tolerance, threshold, threads); QM_E_NO_MEMORY; QM_E_SCALE.
+ *            QM_E_ARGUMENT (tolerance, threshold, threads; a tree that lacks the parts of a target);
+ * QM_E_NO_MEMORY; QM_E_SCALE.
  */
 qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                                const qm_hausdorff_options *options, qm_hausdorff_result *out);

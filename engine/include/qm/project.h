@@ -31,7 +31,8 @@ typedef struct qm_projection {
  * size thread_count 1 or more; more than one is used only with ctx->parallel
  *
  * Ownership: borrows every argument, keeps none.
- * Returns:   QM_OK; QM_E_NOT_FINITE (ctx->message names the row); QM_E_NO_MEMORY; QM_E_CANCELED. After an
+ * Returns:   QM_OK; QM_E_ARGUMENT (the tree was not built with QM_BVH_TARGET, or with QM_BVH_PATCHES for
+ * bilinear quads); QM_E_NOT_FINITE (ctx->message names the row); QM_E_NO_MEMORY; QM_E_CANCELED. After an
  * error the contents of out are unspecified. Source:    nearest box first: Roussopoulos, Kelley, Vincent,
  * Nearest Neighbor Queries, 1995.
  */

@@ -65,6 +65,29 @@ static inline qm_vf qm_vf_max(qm_vf a, qm_vf b)
 #endif
 }
 
+static inline qm_vf qm_vf_min(qm_vf a, qm_vf b)
+{
+#if defined(__AVX__)
+    return (qm_vf)_mm256_min_ps((__m256)a, (__m256)b);
+#else
+    qm_vi below = a < b;
+    return (qm_vf)(((qm_vi)a & below) | ((qm_vi)b & ~below));
+#endif
+}
+
+/** One bit a lane, set where the mask is all ones. */
+static inline unsigned qm_vi_bits(qm_vi mask)
+{
+#if defined(__AVX__)
+    return (unsigned)_mm256_movemask_ps((__m256)mask);
+#else
+    unsigned bits = 0;
+    for (int i = 0; i < 8; i++)
+        bits |= (unsigned)(mask[i] & 1) << i;
+    return bits;
+#endif
+}
+
 /** Squared distances from the query to the eight boxes; writes them and returns bits of those within the
  * limit. */
 static inline unsigned qm_box_group_within(const qm_box_group *group, const qm_box_query *query, float limit,
@@ -78,15 +101,7 @@ static inline unsigned qm_box_group_within(const qm_box_group *group, const qm_b
         sum += gap * gap;
     }
     *(qm_vf *)(void *)d2 = sum;
-    qm_vi within = sum <= limit;
-#if defined(__AVX__)
-    return (unsigned)_mm256_movemask_ps((__m256)within);
-#else
-    unsigned bits = 0;
-    for (int i = 0; i < 8; i++)
-        bits |= (unsigned)(within[i] & 1) << i;
-    return bits;
-#endif
+    return qm_vi_bits(sum <= limit);
 }
 
 /** One entry of the stack of a descent: a pack (level 0) or a group. */

@@ -1,6 +1,5 @@
 /**
- * search.c: nearest triangle or patch, and gathering of nearby packs, by descent from the root, nearest box
- * first.
+ * search.c: nearest triangle or patch, by descent from the root, nearest box first.
  *
  * Source: Roussopoulos, Kelley, Vincent, Nearest Neighbor Queries, SIGMOD 1995.
  */
@@ -75,6 +74,10 @@ static void visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lane, qm_vec 
         qm_bvh_load_face(bvh, face, corner);
         qm_patch patch = qm_patch_make(corner);
         foot = qm_patch_project(&patch, p, error, hit->distance);
+    } else if (twist > 0.0 && error == INFINITY) {
+        qm_bvh_load_face(bvh, face, corner);
+        qm_patch patch = qm_patch_make(corner);
+        foot = qm_patch_descend(&patch, p);
     } else {
         foot.distance += twist;
         foot.lower -= twist;
@@ -124,40 +127,4 @@ void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, doubl
         }
     }
     hit->lower = fmin(hit->lower, hit->distance);
-}
-
-int QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, int capacity, uint32_t *packs)
-{
-    qm_box_query query = qm_box_query_make(box->min, box->max);
-    qm_vec middle = {0.5 * (box->min[0] + box->max[0]), 0.5 * (box->min[1] + box->max[1]),
-                     0.5 * (box->min[2] + box->max[2])};
-    qm_box_query centre = qm_box_query_point(middle);
-    float near[QM_COVER_PACKS], limit = qm_box_limit(reach * reach);
-    qm_stop stack[QM_STACK_SIZE];
-    int height = 0, count = 0;
-    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->level_count, 0};
-    while (height > 0) {
-        qm_stop at = stack[--height];
-        if (at.level > 1) {
-            height = qm_box_group_push(bvh, &query, limit, at, stack, height);
-            continue;
-        }
-        _Alignas(32) float d2[QM_PACK_LANES], centre_d2[QM_PACK_LANES];
-        const qm_box_group *group = &bvh->groups[1][at.index];
-        unsigned within = qm_box_group_within(group, &query, limit, d2);
-        within &= (1u << qm_bvh_member_count(bvh, 1, at.index)) - 1;
-        if (within) qm_box_group_within(group, &centre, limit, centre_d2);
-        for (; within; within &= within - 1) {
-            int member = __builtin_ctz(within);
-            if (count == capacity && !(centre_d2[member] < near[count - 1])) continue;
-            int place = count < capacity ? count++ : count - 1;
-            for (; place > 0 && near[place - 1] > centre_d2[member]; place--) {
-                near[place] = near[place - 1];
-                packs[place] = packs[place - 1];
-            }
-            near[place] = centre_d2[member];
-            packs[place] = 8 * at.index + (uint32_t)member;
-        }
-    }
-    return count;
 }

@@ -1,0 +1,168 @@
+#include "bvh_order.h"
+
+#include <float.h>
+#include <string.h>
+
+#include "hilbert.h"
+
+#define MAX_WORKERS 64
+
+/**
+ * Vertices in whole numbers, three to a word, finer than the cells of the curve: sums of up to four fit their
+ * fields, so that the middles of faces come from a few additions.
+ */
+enum { FIELD_BITS = 20, FINE_BITS = QM_HILBERT_BITS + 4, FINE_ONES = (1 << FINE_BITS) - 1 };
+
+typedef struct order_work {
+    const qm_mesh *mesh;
+    qm_frame frame;
+    uint64_t *vertices; /* first a mark for each vertex that a face uses, then its fine coordinates */
+    uint64_t *order;
+    int workers;
+    qm_box box[MAX_WORKERS];
+} order_work;
+
+static void own_range(const order_work *work, size_t count, int worker, size_t *begin, size_t *end)
+{
+    *begin = count * (size_t)worker / (size_t)work->workers;
+    *end = count * ((size_t)worker + 1) / (size_t)work->workers;
+}
+
+static void mark(uint64_t *vertices, uint32_t vertex)
+{
+    __atomic_store_n(&vertices[vertex], 1, __ATOMIC_RELAXED);
+}
+
+static void mark_used(void *data, int worker)
+{
+    const order_work *work = data;
+    size_t begin, end;
+    own_range(work, work->mesh->face_count, worker, &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        const uint32_t *corner = work->mesh->faces + 4 * i;
+        for (int k = 0; k < 3; k++)
+            mark(work->vertices, corner[k]);
+        mark(work->vertices, corner[3] == QM_NO_INDEX ? corner[2] : corner[3]);
+    }
+}
+
+/** Box of the vertices that faces use: others would only cost precision. */
+static void find_box(void *data, int worker)
+{
+    order_work *work = data;
+    qm_box box = {{DBL_MAX, DBL_MAX, DBL_MAX}, {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
+    size_t begin, end;
+    own_range(work, work->mesh->vertex_count, worker, &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        if (!work->vertices[i]) continue;
+        const double *p = work->mesh->positions + 3 * i;
+        for (int k = 0; k < 3; k++) {
+            box.min[k] = p[k] < box.min[k] ? p[k] : box.min[k];
+            box.max[k] = p[k] > box.max[k] ? p[k] : box.max[k];
+        }
+    }
+    work->box[worker] = box;
+}
+
+static qm_frame make_frame(const qm_box *box)
+{
+    qm_frame frame;
+    double half = 0.0, middle[3];
+    for (int k = 0; k < 3; k++) {
+        middle[k] = 0.5 * box->min[k] + 0.5 * box->max[k];
+        half = fmax(half, fmax(box->max[k] - middle[k], middle[k] - box->min[k]));
+    }
+    /* A single point has no size of its own; the place where it lies tells the scale that others come in. */
+    if (half == 0.0) half = fmax(fabs(middle[0]), fmax(fabs(middle[1]), fabs(middle[2])));
+    int exponent = 0;
+    if (half > 0.0) frexp(half, &exponent);
+    exponent = exponent < -1000 ? -1000 : exponent > 1000 ? 1000 : exponent;
+    frame.origin = qm_vec_load(middle);
+    frame.scale = ldexp(1.0, -exponent);
+    frame.inverse_scale = ldexp(1.0, exponent);
+    return frame;
+}
+
+static uint64_t fine_coordinate(double local)
+{
+    double cell = (local + 1.0) * (1 << (FINE_BITS - 1));
+    cell = cell > 0.0 ? cell : 0.0;
+    return (uint64_t)(int64_t)(cell < FINE_ONES ? cell : FINE_ONES);
+}
+
+static void set_fine(void *data, int worker)
+{
+    const order_work *work = data;
+    size_t begin, end;
+    own_range(work, work->mesh->vertex_count, worker, &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        qm_vec p = qm_frame_local(&work->frame, work->mesh->positions + 3 * i);
+        work->vertices[i] = fine_coordinate(p.x) | fine_coordinate(p.y) << FIELD_BITS |
+                            fine_coordinate(p.z) << (2 * FIELD_BITS);
+    }
+}
+
+/** One coordinate of a sum of vertices as a cell of the curve; inverse is 2^24 over their number. */
+static uint32_t sum_cell(uint64_t sum, int field, uint32_t inverse)
+{
+    uint32_t fine = (uint32_t)(sum >> (field * FIELD_BITS)) & ((1u << FIELD_BITS) - 1);
+    return (uint32_t)((uint64_t)fine * inverse >> (24 + FINE_BITS - QM_HILBERT_BITS));
+}
+
+static uint64_t face_sum(const order_work *work, size_t face, uint32_t *inverse)
+{
+    const uint64_t *vertices = work->vertices;
+    *inverse = 1u << 24;
+    if (work->mesh->face_count == 0) return vertices[face];
+    const uint32_t *corner = work->mesh->faces + 4 * face;
+    bool is_quad = corner[3] != QM_NO_INDEX;
+    *inverse = is_quad ? (1u << 24) / 4 : (1u << 24) / 3;
+    uint64_t sum = vertices[corner[0]] + vertices[corner[1]] + vertices[corner[2]];
+    return is_quad ? sum + vertices[corner[3]] : sum;
+}
+
+static void set_keys(void *data, int worker)
+{
+    const order_work *work = data;
+    qm_hilbert_table table;
+    qm_hilbert_table_init(&table);
+    size_t begin, end;
+    own_range(work, qm_mesh_facet_count(work->mesh), worker, &begin, &end);
+    for (size_t i = begin; i < end; i++) {
+        uint32_t inverse;
+        uint64_t sum = face_sum(work, i, &inverse);
+        uint64_t key = qm_hilbert_key(&table, sum_cell(sum, 0, inverse), sum_cell(sum, 1, inverse),
+                                      sum_cell(sum, 2, inverse));
+        work->order[i] = qm_radix_entry(key, i);
+    }
+}
+
+static qm_box join_boxes(const order_work *work)
+{
+    qm_box box = work->box[0];
+    for (int i = 1; i < work->workers; i++) {
+        for (int k = 0; k < 3; k++) {
+            box.min[k] = fmin(box.min[k], work->box[i].min[k]);
+            box.max[k] = fmax(box.max[k], work->box[i].max[k]);
+        }
+    }
+    return box;
+}
+
+qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, int thread_count, qm_frame *frame,
+                       uint64_t *order)
+{
+    order_work work = {
+        .mesh = mesh, .order = order, .workers = thread_count < MAX_WORKERS ? thread_count : MAX_WORKERS};
+    work.vertices = qm_context_alloc(ctx, mesh->vertex_count, sizeof *work.vertices);
+    if (!work.vertices) return QM_E_NO_MEMORY;
+    memset(work.vertices, mesh->face_count == 0, mesh->vertex_count * sizeof *work.vertices);
+    qm_context_parallel(ctx, work.workers, mark_used, &work);
+    qm_context_parallel(ctx, work.workers, find_box, &work);
+    qm_box box = join_boxes(&work);
+    *frame = work.frame = make_frame(&box);
+    qm_context_parallel(ctx, work.workers, set_fine, &work);
+    qm_context_parallel(ctx, work.workers, set_keys, &work);
+    qm_context_free(ctx, work.vertices, mesh->vertex_count, sizeof *work.vertices);
+    return qm_radix_sort(ctx, order, qm_mesh_facet_count(mesh), work.workers);
+}

@@ -1,0 +1,25 @@
+/**
+ * bvh_order.h: first half of building a tree: the frame of a mesh and the order of its faces.
+ */
+#ifndef QM_BVH_ORDER_H
+#define QM_BVH_ORDER_H
+
+#include "bvh_tree.h"
+#include "radix.h"
+
+/** Faces of a mesh, or the points of a point set. */
+static inline size_t qm_mesh_facet_count(const qm_mesh *mesh)
+{
+    return mesh->face_count > 0 ? mesh->face_count : mesh->vertex_count;
+}
+
+/**
+ * Finds the frame and writes the faces in the order of their middles along a Hilbert curve; order has
+ * qm_mesh_facet_count entries, the index of the face in the low QM_RADIX_INDEX_BITS of each.
+ *
+ * Returns QM_OK or QM_E_NO_MEMORY.
+ */
+qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, int thread_count, qm_frame *frame,
+                       uint64_t *order);
+
+#endif

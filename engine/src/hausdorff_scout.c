@@ -1,0 +1,125 @@
+/**
+ * hausdorff_scout.c: a good lower bound before the search starts. Everything that the search does is the
+ * cheaper the nearer the lower bound is to the distance, and distances vary little from face to face: so a
+ * sparse sample of the whole source tells where to look closer.
+ */
+#include "bilinear_point.h"
+#include "hausdorff_search.h"
+
+#define SEED_COUNT 1024 /* packs measured at their middles, spread along the Hilbert curve */
+#define PEAK_COUNT 16   /* of the seeds, the farthest, round which more is measured */
+#define CLOSER_COUNT 16 /* packs round a peak measured at their middles */
+
+/** A pack of the source whose middle was measured. */
+typedef struct seed {
+    double distance;
+    uint32_t pack, hint;
+} seed;
+
+typedef struct seed_list {
+    int count;
+    seed at[PEAK_COUNT]; /* farthest first */
+} seed_list;
+
+static void keep_farthest(seed_list *list, seed s)
+{
+    if (list->count == PEAK_COUNT && s.distance <= list->at[PEAK_COUNT - 1].distance) return;
+    int place = list->count < PEAK_COUNT ? list->count++ : PEAK_COUNT - 1;
+    for (; place > 0 && list->at[place - 1].distance < s.distance; place--)
+        list->at[place] = list->at[place - 1];
+    list->at[place] = s;
+}
+
+/** Where a flat face lies farthest from a curved surface that its corners touch. */
+static qm_vec longest_edge_middle(const qm_vec corner[3])
+{
+    double longest2 = -1.0;
+    qm_vec middle = corner[0];
+    for (int i = 0; i < 3; i++) {
+        qm_vec from = corner[i], to = corner[(i + 1) % 3];
+        double length2 = qm_vec_norm2(qm_vec_sub(to, from));
+        if (length2 <= longest2) continue;
+        longest2 = length2;
+        middle = qm_vec_mix(from, to, 0.5);
+    }
+    return middle;
+}
+
+qm_vec qm_side_middle(const qm_side *side, uint32_t pack, int *lane, uint32_t *face)
+{
+    const qm_pack_lanes *lanes = &side->source->lanes[pack];
+    if (side->source_patches && (lanes->second >> *lane & 1)) --*lane;
+    int next = *lane + 1;
+    bool is_patch = side->source_patches && next < lanes->lane_count && (lanes->second >> next & 1);
+    qm_vec corner[4];
+    for (int i = 0; i < 3; i++)
+        corner[i] = qm_side_vertex(side, lanes->vertex[lanes->corner[*lane][i]]);
+    *face = lanes->face[*lane];
+    if (!is_patch) return longest_edge_middle(corner);
+    corner[3] = qm_side_vertex(side, lanes->vertex[lanes->corner[next][2]]);
+    qm_patch patch = qm_patch_make(corner);
+    return qm_patch_at(&patch, 0.5, 0.5);
+}
+
+static seed measure_middle(qm_worker *worker, const qm_side *side, uint32_t pack, uint32_t hint)
+{
+    uint32_t face;
+    int lane = side->source->lanes[pack].lane_count / 2;
+    qm_vec p = qm_side_middle(side, pack, &lane, &face);
+    double distance = qm_worker_sample(worker, side, p, 0.0, face, &hint);
+    return (seed){distance, pack, hint};
+}
+
+/** Measures a point when the pack of the hint does not show that it lies below the lower bound. */
+static void measure_point(qm_worker *worker, const qm_side *side, qm_vec p, uint32_t face, uint32_t *hint)
+{
+    double lower = atomic_load_explicit(&worker->search->lower, memory_order_relaxed) * side->scale;
+    if (qm_side_pack_upper(worker->search, side, *hint, p) > lower)
+        qm_worker_sample(worker, side, p, 0.0, face, hint);
+}
+
+/** Measures the vertices and the middles of all faces of a pack. */
+static void measure_pack(qm_worker *worker, const qm_side *side, seed s)
+{
+    const qm_pack_lanes *lanes = &side->source->lanes[s.pack];
+    for (int lane = 0; lane < lanes->lane_count; lane++) {
+        uint32_t face;
+        int first = lane;
+        qm_vec middle = qm_side_middle(side, s.pack, &first, &face);
+        measure_point(worker, side, middle, face, &s.hint);
+        for (int i = 0; i < 3; i++)
+            measure_point(worker, side, qm_side_vertex(side, lanes->vertex[lanes->corner[lane][i]]), face,
+                          &s.hint);
+    }
+}
+
+/** Goes from a peak of the sparse sample to the farthest pack near it on the curve. */
+static seed look_closer(qm_worker *worker, const qm_side *side, seed peak, size_t step)
+{
+    size_t count = side->source->pack_count, half = step / 2;
+    size_t begin = peak.pack > half ? peak.pack - half : 0;
+    size_t end = peak.pack + half < count ? peak.pack + half : count;
+    size_t stride = (end - begin) / CLOSER_COUNT + 1;
+    seed best = peak;
+    for (size_t i = begin; i < end; i += stride) {
+        seed s = measure_middle(worker, side, (uint32_t)i, best.hint);
+        if (s.distance > best.distance) best = s;
+    }
+    return best;
+}
+
+uint32_t qm_worker_scout(qm_worker *worker, const qm_side *side)
+{
+    size_t packs = side->source->pack_count;
+    size_t step = packs > SEED_COUNT ? packs / SEED_COUNT : 1;
+    seed_list peaks = {0};
+    uint32_t hint = 0;
+    for (size_t i = 0; i < packs; i += step) {
+        seed s = measure_middle(worker, side, (uint32_t)i, hint);
+        hint = s.hint;
+        keep_farthest(&peaks, s);
+    }
+    for (int i = 0; i < peaks.count; i++)
+        measure_pack(worker, side, step > 1 ? look_closer(worker, side, peaks.at[i], step) : peaks.at[i]);
+    return hint;
+}

@@ -1,0 +1,96 @@
+/**
+ * gather.c: the packs that lie near a box: from the tree once for a neighbourhood, and from that
+ * neighbourhood again for each smaller box in it.
+ */
+#include "box.h"
+#include "kernels.h"
+
+static qm_box_query query_middle(const qm_box *box)
+{
+    qm_vec middle = {0.5 * (box->min[0] + box->max[0]), 0.5 * (box->min[1] + box->max[1]),
+                     0.5 * (box->min[2] + box->max[2])};
+    return qm_box_query_point(middle);
+}
+
+static void copy_box(qm_near_packs *near, int place, const qm_box_group *from, int member)
+{
+    qm_box_group *to = &near->box[place / 8];
+    for (int k = 0; k < 3; k++) {
+        to->low[k][place % 8] = from->low[k][member];
+        to->high[k][place % 8] = from->high[k][member];
+    }
+}
+
+/** Where a pack at a distance goes: the next free place, or that of the farthest when all are taken; -1 for
+ * nowhere. */
+static int find_place(qm_near_packs *near, float distance[QM_NEAR_PACKS], float here)
+{
+    int place = near->count;
+    if (near->count < QM_NEAR_PACKS) {
+        near->count++;
+    } else {
+        place = 0;
+        for (int i = 1; i < QM_NEAR_PACKS; i++)
+            if (distance[i] > distance[place]) place = i;
+        if (!(here < distance[place])) return -1;
+    }
+    distance[place] = here;
+    return place;
+}
+
+void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near)
+{
+    qm_box_query query = qm_box_query_make(box->min, box->max), middle = query_middle(box);
+    float distance[QM_NEAR_PACKS], limit = qm_box_limit(reach * reach);
+    qm_stop stack[QM_STACK_SIZE];
+    int height = 0;
+    near->count = 0;
+    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->level_count, 0};
+    while (height > 0) {
+        qm_stop at = stack[--height];
+        if (at.level > 1) {
+            height = qm_box_group_push(bvh, &query, limit, at, stack, height);
+            continue;
+        }
+        _Alignas(32) float d2[QM_PACK_LANES], middle_d2[QM_PACK_LANES];
+        const qm_box_group *group = &bvh->groups[1][at.index];
+        unsigned within = qm_box_group_within(group, &query, limit, d2);
+        within &= (1u << qm_bvh_member_count(bvh, 1, at.index)) - 1;
+        if (within) qm_box_group_within(group, &middle, limit, middle_d2);
+        for (; within; within &= within - 1) {
+            int member = __builtin_ctz(within);
+            int place = find_place(near, distance, middle_d2[member]);
+            if (place < 0) continue;
+            near->pack[place] = 8 * at.index + (uint32_t)member;
+            copy_box(near, place, group, member);
+        }
+    }
+}
+
+int QM_KERNEL(narrow)(const qm_near_packs *near, const qm_box *box, double reach, int capacity,
+                      uint32_t *packs)
+{
+    qm_box_query query = qm_box_query_make(box->min, box->max), middle = query_middle(box);
+    float distance[QM_COVER_PACKS], limit = qm_box_limit(reach * reach);
+    int count = 0;
+    for (int first = 0; first < near->count; first += 8) {
+        _Alignas(32) float d2[QM_PACK_LANES], middle_d2[QM_PACK_LANES];
+        const qm_box_group *group = &near->box[first / 8];
+        int members = near->count - first < 8 ? near->count - first : 8;
+        unsigned within = qm_box_group_within(group, &query, limit, d2) & ((1u << members) - 1);
+        if (within) qm_box_group_within(group, &middle, limit, middle_d2);
+        for (; within; within &= within - 1) {
+            int member = __builtin_ctz(within);
+            float here = middle_d2[member];
+            if (count == capacity && !(here < distance[count - 1])) continue;
+            int place = count < capacity ? count++ : count - 1;
+            for (; place > 0 && distance[place - 1] > here; place--) {
+                distance[place] = distance[place - 1];
+                packs[place] = packs[place - 1];
+            }
+            distance[place] = here;
+            packs[place] = near->pack[first + member];
+        }
+    }
+    return count;
+}

@@ -1,0 +1,98 @@
+/*
+ * bench_engine: runs this engine for the benchmark. Every command prints one JSON object on one line; file
+ * reading is never part of a time.
+ */
+#include "engine.h"
+
+#include <getopt.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const char usage[] =
+    "usage: bench_engine hausdorff A B [--quads triangles|bilinear] [--tolerance X] [--threads N]\n"
+    "                                  [--shift X] [--noise X]      distance from A to B\n"
+    "       bench_engine project MESH POINTS [--threads N]          nearest points of a file of points\n"
+    "       bench_engine draw MESH PREFIX --count N --seed N        PREFIX.near, PREFIX.mid, PREFIX.far\n"
+    "       bench_engine export MESH PREFIX [--shift X] [--noise X] PREFIX.vertices, PREFIX.triangles\n"
+    "       bench_engine kernel                                     the instruction set in use\n"
+    "\n"
+    "  --tolerance X  a share of the diagonal of A (default 1e-8)\n"
+    "  --shift X      moves the last mesh along (1, 1, 1) by this share of its diagonal\n"
+    "  --noise X      moves its coordinates at random by up to this share of its diagonal\n";
+
+typedef struct settings {
+    bench_hausdorff_question hausdorff;
+    size_t count;
+    uint64_t seed;
+} settings;
+
+enum { QUADS = 256, TOLERANCE, THREADS, SHIFT, NOISE, COUNT, SEED };
+
+static bool read_option(settings *out, int option)
+{
+    bench_hausdorff_question *question = &out->hausdorff;
+    switch (option) {
+    case QUADS:
+        question->quads = strcmp(optarg, "bilinear") == 0 ? QM_QUADS_BILINEAR : QM_QUADS_TRIANGLES;
+        return question->quads == QM_QUADS_BILINEAR || strcmp(optarg, "triangles") == 0;
+    case TOLERANCE:
+        return (question->tolerance = atof(optarg)) > 0.0;
+    case THREADS:
+        return (question->threads = atoi(optarg)) > 0;
+    case SHIFT:
+        return isfinite(question->change_b.shift = atof(optarg));
+    case NOISE:
+        return (question->change_b.noise = atof(optarg)) >= 0.0;
+    case COUNT:
+        return (out->count = strtoul(optarg, NULL, 10)) > 0;
+    case SEED:
+        out->seed = strtoull(optarg, NULL, 10);
+        return true;
+    default:
+        return false;
+    }
+}
+
+static bool run(const char *command, char **operands, int operand_count, settings *given)
+{
+    const char *first = operand_count > 0 ? operands[0] : NULL,
+               *second = operand_count > 1 ? operands[1] : NULL;
+    bench_hausdorff_question *question = &given->hausdorff;
+    if (strcmp(command, "kernel") == 0 && operand_count == 0) {
+        printf("{\"kernel\": \"%s\", \"version\": \"%s\"}\n", qm_kernel_name(), QM_VERSION);
+        return true;
+    }
+    if (operand_count != 2) return false;
+    if (strcmp(command, "hausdorff") == 0) {
+        question->path_a = first;
+        question->path_b = second;
+        bench_hausdorff(question);
+    } else if (strcmp(command, "project") == 0) {
+        bench_project(first, second, question->threads);
+    } else if (strcmp(command, "draw") == 0) {
+        bench_draw(first, given->count, given->seed, second);
+    } else if (strcmp(command, "export") == 0) {
+        bench_export(first, &question->change_b, second);
+    } else {
+        return false;
+    }
+    return true;
+}
+
+int main(int argc, char **argv)
+{
+    static const struct option options[] = {
+        {"quads", required_argument, NULL, QUADS},     {"tolerance", required_argument, NULL, TOLERANCE},
+        {"threads", required_argument, NULL, THREADS}, {"shift", required_argument, NULL, SHIFT},
+        {"noise", required_argument, NULL, NOISE},     {"count", required_argument, NULL, COUNT},
+        {"seed", required_argument, NULL, SEED},       {0}};
+    settings given = {.hausdorff = {.tolerance = 1e-8, .threads = 1}, .count = 1000000, .seed = 1};
+    bool is_good = argc > 1;
+    for (int option; is_good && (option = getopt_long(argc - 1, argv + 1, "", options, NULL)) != -1;)
+        is_good = read_option(&given, option);
+    if (is_good && run(argv[1], argv + 1 + optind, argc - 1 - optind, &given)) return EXIT_SUCCESS;
+    fputs(usage, stderr);
+    return 2;
+}

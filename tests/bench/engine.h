@@ -1,0 +1,52 @@
+/**
+ * engine.h: the parts of bench_engine, the program that runs this engine for the benchmark.
+ *
+ * A part that cannot go on says why on standard error and ends the program with status 1.
+ */
+#ifndef QM_BENCH_ENGINE_H
+#define QM_BENCH_ENGINE_H
+
+#include "qm/bvh.h"
+
+/** A small disturbance of a mesh: makes a near twin out of it. */
+typedef struct bench_change {
+    double shift; /* moves along (1, 1, 1), by this share of the diagonal */
+    double noise; /* moves every coordinate of every vertex by up to this share of the diagonal */
+} bench_change;
+
+_Noreturn void bench_fail(const char *subject, const char *detail);
+
+/** Reads a mesh file of any format and disturbs it; the mesh is the caller's, for qm_mesh_reset. */
+qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *change);
+
+/** Memory that must be there; the caller's, for free. */
+void *bench_alloc(size_t count, size_t width);
+
+/** Writes rows of doubles or indices as they lie in memory. */
+void bench_write_array(const char *prefix, const char *suffix, const void *data, size_t count, size_t width);
+
+typedef struct bench_hausdorff_question {
+    const char *path_a, *path_b;
+    bench_change change_b;
+    qm_quad_reading quads;
+    double tolerance; /* a share of the diagonal of A */
+    int threads;
+} bench_hausdorff_question;
+
+/** Times the distance from A to B and prints it. */
+void bench_hausdorff(const bench_hausdorff_question *question);
+
+/** Writes PREFIX.vertices and PREFIX.triangles: used vertices only, quads split at their first corner. */
+void bench_export(const char *path, const bench_change *change, const char *prefix);
+
+/**
+ * Draws points in random order and writes them as PREFIX.near, PREFIX.mid and PREFIX.far: a point of the
+ * surface with normal noise of a thousandth of the diagonal; a point of the box; a point of the box three
+ * times as large.
+ */
+void bench_draw(const char *path, size_t count, uint64_t seed, const char *prefix);
+
+/** Times projections of a file of points and prints them; quads as triangles. */
+void bench_project(const char *path, const char *points_path, int threads);
+
+#endif

@@ -1,0 +1,120 @@
+/*
+ * peer_cgal: CGAL's answers for the benchmark.
+ *
+ *   peer_cgal hausdorff A B TOLERANCE   within TOLERANCE (in the unit of the meshes) of the distance from A
+ * to B peer_cgal project MESH POINTS       nearest points peer_cgal version
+ *
+ * A, B and MESH are prefixes of arrays (arrays.h). Reading and making the mesh structure is not timed.
+ */
+#include "arrays.h"
+#include "measure.h"
+
+#include <CGAL/AABB_face_graph_triangle_primitive.h>
+#include <CGAL/AABB_traits.h>
+#include <CGAL/AABB_tree.h>
+#include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
+#include <CGAL/Polygon_mesh_processing/distance.h>
+#include <CGAL/Surface_mesh.h>
+#include <CGAL/version.h>
+
+#include <cmath>
+#include <cstdint>
+#include <cstring>
+#include <vector>
+
+using Kernel = CGAL::Exact_predicates_inexact_constructions_kernel;
+using Mesh = CGAL::Surface_mesh<Kernel::Point_3>;
+using Primitive = CGAL::AABB_face_graph_triangle_primitive<Mesh>;
+using Tree = CGAL::AABB_tree<CGAL::AABB_traits<Kernel, Primitive>>;
+
+/** A face that repeats a corner or would make the surface non-manifold gets corners of its own: the same
+ * surface, as a soup. */
+static void add_face(Mesh &mesh, const Mesh::Vertex_index corner[3])
+{
+    const bool is_triangle = corner[0] != corner[1] && corner[1] != corner[2] && corner[2] != corner[0];
+    if (is_triangle && mesh.add_face(corner[0], corner[1], corner[2]) != Mesh::null_face()) return;
+    Mesh::Vertex_index own[3];
+    for (int k = 0; k < 3; k++)
+        own[k] = mesh.add_vertex(mesh.point(corner[k]));
+    mesh.add_face(own[0], own[1], own[2]);
+}
+
+static Mesh read_mesh(const char *prefix)
+{
+    std::size_t vertex_count, triangle_count;
+    auto *position = static_cast<double *>(qm_bench_read_part(prefix, "vertices", 24, &vertex_count));
+    auto *triangle =
+        static_cast<std::uint32_t *>(qm_bench_read_part(prefix, "triangles", 12, &triangle_count));
+    Mesh mesh;
+    for (std::size_t i = 0; i < vertex_count; i++)
+        mesh.add_vertex({position[3 * i], position[3 * i + 1], position[3 * i + 2]});
+    for (std::size_t i = 0; i < triangle_count; i++) {
+        const std::uint32_t *t = triangle + 3 * i;
+        const Mesh::Vertex_index corner[3] = {Mesh::Vertex_index(t[0]), Mesh::Vertex_index(t[1]),
+                                              Mesh::Vertex_index(t[2])};
+        add_face(mesh, corner);
+    }
+    std::free(position);
+    std::free(triangle);
+    return mesh;
+}
+
+static void measure_hausdorff(const char *a_prefix, const char *b_prefix, double tolerance)
+{
+    const Mesh a = read_mesh(a_prefix), b = read_mesh(b_prefix);
+    const long resting_kb = qm_bench_rest();
+    qm_bench_times times = {};
+    double distance;
+    do {
+        const double start = qm_bench_now_ms();
+        distance = CGAL::Polygon_mesh_processing::bounded_error_Hausdorff_distance<CGAL::Sequential_tag>(
+            a, b, tolerance);
+        qm_bench_add(&times, 0.0, qm_bench_now_ms() - start);
+    } while (qm_bench_wants_more(&times));
+    qm_bench_print_times(&times, resting_kb);
+    std::printf(", \"lower\": %.17g, \"upper\": %.17g}\n", std::fmax(distance - tolerance, 0.0),
+                distance + tolerance);
+}
+
+static void measure_projection(const char *prefix, const char *points_path)
+{
+    const Mesh mesh = read_mesh(prefix);
+    std::size_t count;
+    auto *point = static_cast<double *>(qm_bench_read_rows(points_path, 24, &count));
+    std::vector<double> distance(count);
+    const long resting_kb = qm_bench_rest();
+    qm_bench_times times = {};
+    do {
+        const double start = qm_bench_now_ms();
+        Tree tree(faces(mesh).begin(), faces(mesh).end(), mesh);
+        tree.build();
+        tree.accelerate_distance_queries();
+        const double built = qm_bench_now_ms();
+        for (std::size_t i = 0; i < count; i++) {
+            const Kernel::Point_3 p(point[3 * i], point[3 * i + 1], point[3 * i + 2]);
+            const auto nearest = tree.closest_point_and_primitive(p);
+            distance[i] = std::sqrt(CGAL::squared_distance(p, nearest.first));
+        }
+        qm_bench_add(&times, built - start, qm_bench_now_ms() - built);
+    } while (qm_bench_wants_more(&times));
+    qm_bench_print_times(&times, resting_kb);
+    std::printf(", ");
+    qm_bench_print_checks(distance.data(), count);
+    std::printf("}\n");
+    std::free(point);
+}
+
+int main(int argc, char **argv)
+{
+    if (argc == 5 && std::strcmp(argv[1], "hausdorff") == 0)
+        measure_hausdorff(argv[2], argv[3], std::atof(argv[4]));
+    else if (argc == 4 && std::strcmp(argv[1], "project") == 0)
+        measure_projection(argv[2], argv[3]);
+    else if (argc == 2 && std::strcmp(argv[1], "version") == 0)
+        std::printf("{\"version\": \"%s\"}\n", CGAL_VERSION_STR);
+    else {
+        std::fputs("usage: peer_cgal hausdorff A B TOLERANCE | project MESH POINTS | version\n", stderr);
+        return 2;
+    }
+    return EXIT_SUCCESS;
+}

@@ -1,0 +1,143 @@
+/* Trees: the same on any number of threads, only the parts that are asked for, and the sort below them. */
+#include "check.h"
+
+#include "bvh_tree.h"
+#include "parallel.h"
+#include "qm/hausdorff.h"
+#include "radix.h"
+#include "random.h"
+#include "shapes.h"
+
+#include <string.h>
+
+static qm_bvh *build(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts, int threads)
+{
+    qm_bvh *tree;
+    ctx->parallel = threads > 1 ? qm_parallel_run : NULL;
+    assert_int_equal(qm_bvh_build(ctx, mesh, parts, threads, &tree), QM_OK);
+    return tree;
+}
+
+static void check_same(const qm_bvh *a, const qm_bvh *b)
+{
+    assert_memory_equal(&a->frame, &b->frame, sizeof a->frame);
+    assert_true(a->reach == b->reach);
+    assert_int_equal(a->pack_count, b->pack_count);
+    assert_memory_equal(a->packs, b->packs, a->pack_count * sizeof *a->packs);
+    if (a->has_quads) assert_memory_equal(a->twist, b->twist, a->pack_count * sizeof *a->twist);
+    for (size_t i = 0; i < a->pack_count; i++) {
+        const qm_pack_lanes *one = &a->lanes[i], *other = &b->lanes[i];
+        assert_memory_equal(one->face, other->face, sizeof one->face);
+        assert_int_equal(one->lane_count, other->lane_count);
+        assert_int_equal(one->second, other->second);
+        assert_int_equal(one->vertex_count, other->vertex_count);
+        assert_memory_equal(one->vertex, other->vertex, one->vertex_count * sizeof *one->vertex);
+        assert_memory_equal(one->corner, other->corner, one->lane_count * sizeof *one->corner);
+    }
+    assert_int_equal(a->level_count, b->level_count);
+    for (int level = 1; level <= a->level_count; level++)
+        assert_memory_equal(a->groups[level], b->groups[level],
+                            a->group_count[level] * sizeof *a->groups[level]);
+}
+
+static void check_threads(qm_mesh mesh)
+{
+    qm_context ctx = qm_context_make();
+    qm_bvh *alone = build(&ctx, &mesh, QM_BVH_ALL, 1);
+    for (int threads = 2; threads <= 5; threads++) {
+        qm_bvh *tree = build(&ctx, &mesh, QM_BVH_ALL, threads);
+        check_same(alone, tree);
+        qm_bvh_destroy(&ctx, tree);
+    }
+    qm_bvh_destroy(&ctx, alone);
+    qm_shape_free(&mesh);
+}
+
+static void threads_build_the_same_tree(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 0);
+    check_threads(qm_shape_torus(400, 150, 2.0, 0.5));
+    check_threads(qm_shape_points(&random, 50000));
+    check_threads(qm_shape_copies(40000));
+    check_threads(qm_shape_box(1.0, 2.0, 0.0));
+}
+
+static void sources_hold_no_triangles_and_are_refused_as_targets(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_mesh mesh = qm_shape_saddle(20);
+    qm_bvh *source = build(&ctx, &mesh, QM_BVH_SOURCE, 1), *target = build(&ctx, &mesh, QM_BVH_TARGET, 1);
+    qm_bvh *all = build(&ctx, &mesh, QM_BVH_ALL, 1);
+    assert_true(qm_bvh_memory_size(source) < qm_bvh_memory_size(target) / 3);
+    assert_true(qm_bvh_memory_size(target) < qm_bvh_memory_size(all));
+
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    qm_hausdorff_result result;
+    options.tolerance = 1e-6;
+    options.direction = QM_A_TO_B;
+    assert_int_equal(qm_hausdorff_measure(&ctx, source, target, &options, &result), QM_OK);
+    assert_int_equal(qm_hausdorff_measure(&ctx, target, source, &options, &result), QM_E_ARGUMENT);
+    options.quads = QM_QUADS_BILINEAR;
+    assert_int_equal(qm_hausdorff_measure(&ctx, source, target, &options, &result), QM_E_ARGUMENT);
+    assert_int_equal(qm_hausdorff_measure(&ctx, source, all, &options, &result), QM_OK);
+    options.direction = QM_TWO_SIDED;
+    assert_int_equal(qm_hausdorff_measure(&ctx, source, all, &options, &result), QM_E_ARGUMENT);
+
+    const double point[3] = {0.1, 0.2, 0.3};
+    double distance;
+    qm_projection out = {.distance = &distance};
+    assert_int_equal(qm_project_points(&ctx, source, QM_QUADS_TRIANGLES, point, 1, 1, &out), QM_E_ARGUMENT);
+    assert_int_equal(qm_project_points(&ctx, target, QM_QUADS_BILINEAR, point, 1, 1, &out), QM_E_ARGUMENT);
+    assert_int_equal(qm_project_points(&ctx, target, QM_QUADS_TRIANGLES, point, 1, 1, &out), QM_OK);
+    assert_true(distance > 0.0);
+    qm_bvh_destroy(&ctx, source);
+    qm_bvh_destroy(&ctx, target);
+    qm_bvh_destroy(&ctx, all);
+    qm_shape_free(&mesh);
+}
+
+static int compare_entries(const void *a, const void *b)
+{
+    uint64_t first, second;
+    memcpy(&first, a, sizeof first);
+    memcpy(&second, b, sizeof second);
+    return (first > second) - (first < second);
+}
+
+static void entries_are_sorted_by_any_number_of_workers(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 0);
+    qm_context ctx = qm_context_make();
+    ctx.parallel = qm_parallel_run;
+    const size_t counts[] = {0, 1, 2, 1000, 16384, 50001, 70000};
+    for (size_t c = 0; c < sizeof counts / sizeof *counts; c++) {
+        size_t count = counts[c];
+        uint64_t *wanted = malloc((count + 1) * sizeof *wanted),
+                 *entries = malloc((count + 1) * sizeof *entries);
+        for (size_t i = 0; i < count; i++) /* few different keys, so that many are equal */
+            wanted[i] = qm_radix_entry((uint64_t)qm_random_below(&random, 500) << (c % 3 * 13), i);
+        for (int workers = 1; workers <= 6; workers++) {
+            memcpy(entries, wanted, count * sizeof *entries);
+            assert_int_equal(qm_radix_sort(&ctx, entries, count, workers), QM_OK);
+            if (workers == 1) qsort(wanted, count, sizeof *wanted, compare_entries);
+            QM_CHECK(memcmp(entries, wanted, count * sizeof *entries) == 0,
+                     "seed %llu, %zu entries, %d workers", (unsigned long long)seed, count, workers);
+        }
+        free(wanted);
+        free(entries);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(threads_build_the_same_tree),
+        cmocka_unit_test(sources_hold_no_triangles_and_are_refused_as_targets),
+        cmocka_unit_test(entries_are_sorted_by_any_number_of_workers),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
