@@ -430,7 +430,7 @@ static void random_soups_agree_with_sampling(void **state)
 static void random_patches_agree_with_sampling(void **state)
 {
     (void)state;
-    uint64_t count = qm_check_long() ? 300 : 12, seed = qm_check_seed();
+    uint64_t count = qm_check_long() ? 60 : 12, seed = qm_check_seed();
     print_message("seed %llu\n", (unsigned long long)seed);
     for (uint64_t i = 0; i < count; i++)
         one_soup(seed, 1000000 + i, QM_QUADS_BILINEAR);
