@@ -9,8 +9,10 @@
 #include "deviation_sum.h"
 #include "hausdorff_search.h"
 
-#define ETA_ROUNDINGS 128.0   /* see hausdorff.c */
-#define PATCH_ROUNDINGS 2e-13 /* what a certified distance to a patch may be off by, local (project.c) */
+#define ETA_ROUNDINGS 128.0    /* see hausdorff.c */
+#define PATCH_ROUNDINGS 2e-13  /* what a certified distance to a patch may be off by, local (project.c) */
+#define SEARCH_WORK (1u << 18) /* steps of the search for the maximum, which is one figure among others */
+#define SEARCH_WORK_PER_PACK 512
 #define MAX_SCALE_RATIO 0x1p300
 #define MAX_ROUNDS 64
 #define KEPT_SHARE 0.25 /* of the accuracy: pieces that together leave no more open are not cut */
@@ -97,6 +99,8 @@ static qm_status find_maximum(deviation_work *work)
     search.quads = options->quads;
     search.tolerance = options->tolerance;
     search.thread_count = options->thread_count;
+    search.work_limit =
+        SEARCH_WORK + SEARCH_WORK_PER_PACK * (uint64_t)(work->a->pack_count + work->b->pack_count);
     search.progress = options->progress;
     search.progress_user = options->progress_user;
     qm_hausdorff_result found;
