@@ -1,7 +1,7 @@
 /**
  * hausdorff_queue.h: what waits to be looked at, greatest upper bound first.
  *
- * Nodes and packs of the source tree fit in an entry; pieces of faces carry corners and candidates and lie in
+ * Nodes of the source tree fit in an entry; pieces of faces carry corners and candidates and lie in
  * a pool beside the heap.
  */
 #ifndef QM_HAUSDORFF_QUEUE_H
@@ -20,11 +20,11 @@ typedef struct qm_piece {
     uint32_t next_free; /* list of free places in the pool */
 } qm_piece;
 
-typedef enum qm_entry_kind { QM_ENTRY_GROUP, QM_ENTRY_PACK, QM_ENTRY_PIECE } qm_entry_kind;
+typedef enum qm_entry_kind { QM_ENTRY_GROUP, QM_ENTRY_PIECE } qm_entry_kind;
 
 typedef struct qm_entry {
     double upper;   /* no point of it is farther from the target, world units */
-    uint32_t index; /* group or pack of the source tree; place in the pool for a piece */
+    uint32_t index; /* group of the source tree; place in the pool for a piece */
     uint32_t hint;  /* pack of the target that is near */
     uint8_t kind, side, level;
 } qm_entry;

@@ -135,7 +135,6 @@ double qm_clock_ms(void);
 
 /** Looks at one entry taken from the queue. */
 void qm_worker_group(qm_worker *worker, qm_entry entry);
-void qm_worker_pack(qm_worker *worker, qm_entry entry);
 void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
 
 /** Looks at a face of a pack: lets it go when it can be covered at little cost, else queues it as a piece. */
