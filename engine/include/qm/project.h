@@ -4,7 +4,7 @@
 #ifndef QM_PROJECT_H
 #define QM_PROJECT_H
 
-#include "qm/bvh.h"
+#include "qm/locator.h"
 
 /** A point of a surface: face (of the mesh as stored), parameters (see mesh.h) and position. */
 typedef struct qm_surface_point {
@@ -38,5 +38,10 @@ typedef struct qm_projection {
  */
 qm_status qm_project_points(qm_context *ctx, const qm_bvh *bvh, qm_quad_reading reading, const double *points,
                             size_t point_count, int thread_count, const qm_projection *out);
+
+/** The same with a locator, which serves any number of batches. */
+qm_status qm_project_points_with(qm_context *ctx, const qm_locator *locator, qm_quad_reading reading,
+                                 const double *points, size_t point_count, int thread_count,
+                                 const qm_projection *out);
 
 #endif
