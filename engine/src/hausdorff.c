@@ -169,6 +169,35 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
                                               : (qm_hausdorff_stop)reason;
 }
 
+/** A call canceled meanwhile goes on with the tree alone: the workers see the flag, and the result is valid.
+ */
+static qm_status build_locators(qm_context *ctx, qm_search *search)
+{
+    qm_status status = QM_OK;
+    for (int i = 0; i < search->side_count && status == QM_OK; i++) {
+        qm_side *side = &search->side[i];
+        status = qm_locator_build(ctx, side->target, search->options->accelerator, &side->nearest);
+        if (status == QM_E_CANCELED)
+            status = qm_locator_build(ctx, side->target, QM_ACCELERATOR_BOXES, &side->nearest);
+    }
+    return status;
+}
+
+static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_result *out)
+{
+    if (!qm_search_create_workers(ctx, search, ctx->parallel ? search->options->thread_count : 1))
+        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the workers of a search");
+    qm_status status = QM_OK;
+    run(ctx, search);
+    if (atomic_load(&search->stop) == QM_SEARCH_OUT_OF_MEMORY)
+        status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the queue of a search");
+    else
+        set_result(search, out);
+    out->elapsed_ms = qm_clock_ms() - search->start_ms;
+    qm_search_destroy_workers(ctx, search);
+    return status;
+}
+
 qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                                const qm_hausdorff_options *options, qm_hausdorff_result *out)
 {
@@ -187,15 +216,9 @@ qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b
         .reported_upper = INFINITY,
     };
     status = set_sides(ctx, &search, a, b);
-    if (status != QM_OK) return status;
-    if (!qm_search_create_workers(ctx, &search, ctx->parallel ? options->thread_count : 1))
-        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the workers of a search");
-    run(ctx, &search);
-    if (atomic_load(&search.stop) == QM_SEARCH_OUT_OF_MEMORY)
-        status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the queue of a search");
-    else
-        set_result(&search, out);
-    out->elapsed_ms = qm_clock_ms() - search.start_ms;
-    qm_search_destroy_workers(ctx, &search);
+    if (status == QM_OK) status = build_locators(ctx, &search);
+    if (status == QM_OK) status = run_search(ctx, &search, out);
+    for (int i = 0; i < search.side_count; i++)
+        qm_locator_reset(ctx, &search.side[i].nearest);
     return status;
 }

@@ -33,14 +33,14 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
     const qm_search *search = worker->search;
     qm_hit hit = {.d2 = INFINITY, .pack = *hint};
     worker->projections++;
-    search->kernel->closest(side->target, p, &hit);
+    qm_nearest_triangle(search->kernel, &side->nearest, p, &hit);
     *hint = hit.pack;
     double upper = sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane), lower = upper;
     double known = atomic_load_explicit(&search->lower, memory_order_relaxed) * side->scale;
     if (side->target_patches && upper - slack > known) {
         qm_patch_hit patch;
         double error = fmax(PATCH_ERROR_SHARE * search->tolerance * side->scale, 0x1p-46 * side->reach);
-        search->kernel->closest_patch(side->target, p, hit.pack, error, &patch);
+        qm_nearest_patch(search->kernel, &side->nearest, p, hit.pack, error, &patch);
         *hint = patch.pack;
         upper = patch.distance;
         lower = patch.lower;

@@ -15,6 +15,7 @@
 #include <threads.h>
 
 #include "hausdorff_queue.h"
+#include "nearest.h"
 #include "qm/hausdorff.h"
 
 /** Values of qm_search.stop beside the reasons of qm_hausdorff_stop. */
@@ -23,6 +24,7 @@ enum { QM_SEARCH_RUNNING = -1, QM_SEARCH_OUT_OF_MEMORY = -2 };
 /** One direction: the points of source, measured to target. */
 typedef struct qm_side {
     const qm_bvh *source, *target;
+    qm_locator nearest;          /* over target: where the nearest points of samples are searched */
     double scale, inverse_scale; /* local = world * scale */
     double factor;               /* from the source's local frame to the target's: p -> factor p + shift */
     qm_vec shift;

@@ -54,7 +54,7 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
             upper = fmin(upper, distance + member_reach(side, group, m, p));
         } else if (upper * side->inverse_scale > qm_search_allowed(search)) {
             qm_hit hit = {.d2 = INFINITY, .pack = hint};
-            search->kernel->closest(side->target, centre, &hit);
+            qm_nearest_triangle(search->kernel, &side->nearest, centre, &hit);
             worker->projections++;
             hint = hit.pack;
             upper = fmin(upper, sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane) + radius);

@@ -4,7 +4,7 @@
 #include "failing_allocator.h"
 #include "kernel.h"
 #include "parallel.h"
-#include "qm/project.h"
+#include "qm/hausdorff.h"
 #include "random.h"
 #include "shapes.h"
 #include "slow_twin.h"
@@ -257,6 +257,59 @@ static void batches_are_the_same_with_each_accelerator(void **state)
     bench_free(&b);
 }
 
+static qm_status measure(bench *a, const bench *b, qm_accelerator accelerator, qm_quad_reading reading,
+                         qm_hausdorff_result *out)
+{
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    options.tolerance = 1e-6;
+    options.quads = reading;
+    options.accelerator = accelerator;
+    options.work_limit = 20000;
+    return qm_hausdorff_measure(&a->ctx, a->tree, b->tree, &options, out);
+}
+
+/** The same nearest points make the same search: every bound and every count. */
+static void distances_take_the_same_path_with_each_accelerator(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < 40; seed++) {
+        qm_random random = qm_random_make(qm_check_seed(), seed);
+        qm_mesh soup = qm_shape_soup(&random, 40, QM_SOUP_MIXED, QM_SOUP_POOLED, 0.1);
+        qm_mesh shaken = qm_shape_copy(&soup);
+        qm_shape_shake(&shaken, &random, 0.05);
+        bench a = bench_make("soup", seed, soup), b = bench_make("shaken soup", seed, shaken);
+        qm_hausdorff_result boxes, grid;
+        qm_quad_reading reading = (qm_quad_reading)(seed % 4 == 0);
+        assert_int_equal(measure(&a, &b, QM_ACCELERATOR_BOXES, reading, &boxes), QM_OK);
+        assert_int_equal(measure(&a, &b, QM_ACCELERATOR_GRID, reading, &grid), QM_OK);
+        QM_CHECK(boxes.lower <= grid.upper && grid.lower <= boxes.upper,
+                 "seed %llu: boxes [%.17g, %.17g], grid [%.17g, %.17g]", (unsigned long long)seed,
+                 boxes.lower, boxes.upper, grid.lower, grid.upper);
+        if (reading == QM_QUADS_TRIANGLES) {
+            assert_true(boxes.lower == grid.lower && boxes.upper == grid.upper);
+            assert_int_equal(boxes.iterations, grid.iterations);
+            assert_int_equal(boxes.projections, grid.projections);
+        }
+        bench_free(&a);
+        bench_free(&b);
+    }
+}
+
+/** Raised before the grid is built: the call still ends with valid bounds, as without a grid. */
+static void a_canceled_distance_is_a_valid_one(void **state)
+{
+    (void)state;
+    bench a = bench_make("cube", 0, qm_shape_box(1, 1, 1)), b = bench_make("box", 0, qm_shape_box(1, 1, 2));
+    atomic_bool cancel = true;
+    a.ctx.cancel = &cancel;
+    qm_hausdorff_result result;
+    assert_int_equal(measure(&a, &b, QM_ACCELERATOR_GRID, QM_QUADS_TRIANGLES, &result), QM_OK);
+    assert_true(result.lower <= 1 && result.upper >= 1);
+    assert_int_equal(measure(&a, &b, QM_ACCELERATOR_TETRA, QM_QUADS_TRIANGLES, &result), QM_E_UNSUPPORTED);
+    bench_free(&a);
+    bench_free(&b);
+}
+
 static void tetra_and_unknown_accelerators_are_refused(void **state)
 {
     (void)state;
@@ -332,6 +385,8 @@ int main(void)
         cmocka_unit_test(large_faces_do_not_blow_the_grid_up),
         cmocka_unit_test(a_large_face_beside_small_ones_keeps_the_cells_small),
         cmocka_unit_test(batches_are_the_same_with_each_accelerator),
+        cmocka_unit_test(distances_take_the_same_path_with_each_accelerator),
+        cmocka_unit_test(a_canceled_distance_is_a_valid_one),
         cmocka_unit_test(tetra_and_unknown_accelerators_are_refused),
         cmocka_unit_test(a_source_tree_is_refused),
         cmocka_unit_test(running_out_of_memory_is_a_status_at_every_place),
