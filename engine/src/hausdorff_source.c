@@ -142,10 +142,14 @@ void qm_worker_pack(qm_worker *worker, qm_entry entry)
         int corner[4];
         count = face_corners(&work, lane, corner);
         if (face_reached(&work, corner, count)) continue;
-        gather_near(worker, &work);
         qm_piece piece = {.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
         for (int i = 0; i < count; i++)
             piece.corner[i] = work.vertex[corner[i]];
+        if (qm_search_is_matching(search)) {
+            qm_matching_face(worker, entry, &piece);
+            continue;
+        }
+        gather_near(worker, &work);
         qm_worker_face(worker, entry, &piece, &work.near);
     }
     qm_worker_discard(worker, qm_search_allowed(search)); /* the lower bound may have risen on the way */

@@ -18,6 +18,13 @@
 
 typedef enum qm_direction { QM_TWO_SIDED, QM_A_TO_B, QM_B_TO_A } qm_direction;
 
+/** How a part of the source is bounded from above. Both are proven; they differ in how soon they are tight.
+ */
+typedef enum qm_bounds {
+    QM_BOUNDS_CELLS,   /* covers a part by cells, each near to one of many facets of the target around it */
+    QM_BOUNDS_MATCHING /* matches a part to the facets under its corners: chapter 5 of the source */
+} qm_bounds;
+
 /** Why a search ended. */
 typedef enum qm_hausdorff_stop {
     QM_STOP_CONVERGED, /* upper - lower <= tolerance */
@@ -49,6 +56,7 @@ typedef struct qm_hausdorff_options {
     uint64_t work_limit;        /* > 0: stop after so many iterations; 0: none */
     int thread_count;           /* 1 or more */
     qm_accelerator accelerator; /* of nearest points; one that has to be built is built by the call */
+    qm_bounds bounds;
     qm_hausdorff_progress_fn *progress; /* NULL: none */
     void *progress_user;
 } qm_hausdorff_options;
