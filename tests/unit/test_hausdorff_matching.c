@@ -79,7 +79,7 @@ static void check_overlap(const char *name, uint64_t seed, const qm_hausdorff_re
 static void brackets_hold_the_slow_twins_value(void **state)
 {
     (void)state;
-    uint64_t count = qm_check_long() ? 20000 : 800, converged = 0, asked = 0;
+    uint64_t count = qm_check_long() ? 20000 : 500, converged = 0, asked = 0;
     for (uint64_t seed = 0; seed < count; seed++) {
         soup_pair pair = draw_pair(seed);
         double tolerance = pair.size * (seed % 3 ? 1e-3 : 1e-6), slack = 1e-12 * pair.size;
@@ -88,7 +88,7 @@ static void brackets_hold_the_slow_twins_value(void **state)
         if (!is_slow || seed % 8 == 0 || qm_check_long()) {
             qm_hausdorff_options options = options_of(QM_BOUNDS_MATCHING, pair.reading, tolerance);
             options.direction = pair.direction;
-            options.work_limit = is_slow ? 4000 : 50000;
+            options.work_limit = is_slow ? 2000 : 20000;
             qm_hausdorff_result matching = measure(&pair.a, &pair.b, &options);
             options.bounds = QM_BOUNDS_CELLS;
             qm_hausdorff_result cells = measure(&pair.a, &pair.b, &options);
