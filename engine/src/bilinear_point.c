@@ -99,7 +99,9 @@ static double twice_gap(const slope *at, const double x[2], const rectangle *box
 
 static double value_at(const query *q, const double x[2])
 {
-    return slope_at(q, x).distance2;
+    const qm_patch *patch = q->patch;
+    qm_vec along_s = qm_vec_axpy(patch->e1, x[1], patch->w);
+    return qm_vec_norm2(qm_vec_sub(qm_vec_axpy(qm_vec_scale(x[1], patch->e2), x[0], along_s), q->r));
 }
 
 /** Best s for a given t (axis 0) or best t for a given s (axis 1): f is quadratic in each. */

@@ -6,7 +6,8 @@
 #include "hausdorff_piece.h"
 
 #define NEGLIGIBLE_TWIST 0.1 /* of the tolerance: labels with less are not refined */
-#define REFINED_MARGIN 0.1   /* by which refined labels reach beyond the feet of the part's corners */
+#define MIN_SINE 0.01        /* between the directions of a patch, for a ball to tell where feet lie */
+#define REFINED_MARGIN 1.1   /* by which refined labels reach beyond the piece, as seen from its middle */
 
 void qm_piece_fill_candidates(qm_piece_work *work)
 {
@@ -21,9 +22,8 @@ void qm_piece_gather(qm_piece_work *work, qm_near_packs *near)
     qm_box box = qm_vec_box(work->piece.corner, work->piece.corner_count);
     work->kernel->gather(work->side->target, &box, qm_piece_allowed(work), near);
     work->near = near;
-    work->pack_capacity = work->side->target_patches ? QM_COVER_PACKS - 1 : QM_COVER_PACKS;
     work->pack_count =
-        work->kernel->narrow(work->near, &box, qm_piece_allowed(work), work->pack_capacity, work->packs);
+        work->kernel->narrow(work->near, &box, qm_piece_allowed(work), QM_COVER_PACKS, work->packs);
     if (work->pack_count == 0) work->packs[work->pack_count++] = work->entry.hint;
     qm_piece_fill_candidates(work);
 }
@@ -34,75 +34,126 @@ bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack)
 {
     for (int k = 0; k < work->pack_count; k++)
         if (work->packs[k] == pack) return false;
-    if (work->pack_count < work->pack_capacity) work->pack_count++;
+    if (work->pack_count < QM_COVER_PACKS) work->pack_count++;
     for (int k = work->pack_count - 1; k > 0; k--)
         work->packs[k] = work->packs[k - 1];
     work->packs[0] = pack;
     return true;
 }
 
-static void add_near_face(qm_near_faces *near, uint32_t face, double distance)
+/** Quads of the candidates by the distance of their triangles, nearest first. */
+typedef struct quad_list {
+    int count;
+    struct {
+        double distance, twist;
+        uint32_t face;
+    } at[QM_NEAR_QUADS];
+} quad_list;
+
+static void list_quad(quad_list *list, double distance, double twist, uint32_t face)
 {
-    int place = near->count < QM_NEAR_FACES ? near->count++ : near->count - 1;
-    for (; place > 0 && near->distance[place - 1] > distance; place--) {
-        near->distance[place] = near->distance[place - 1];
-        near->face[place] = near->face[place - 1];
-    }
-    near->distance[place] = distance;
-    near->face[place] = face;
+    if (list->count == QM_NEAR_QUADS && distance >= list->at[QM_NEAR_QUADS - 1].distance) return;
+    int place = list->count < QM_NEAR_QUADS ? list->count++ : QM_NEAR_QUADS - 1;
+    for (; place > 0 && list->at[place - 1].distance > distance; place--)
+        list->at[place] = list->at[place - 1];
+    list->at[place].distance = distance;
+    list->at[place].twist = twist;
+    list->at[place].face = face;
 }
 
-/** Looks at the quad that starts at a lane: a twisted one is measured itself, since its triangles may lie far
- * off. */
-static void visit_quad(const qm_piece_work *work, qm_near_faces *near, uint32_t face, double triangles,
-                       double twist, qm_vec p)
+static quad_list list_quads(const qm_piece_work *work, qm_vec p, double least_twist)
 {
-    bool is_full = near->count == QM_NEAR_FACES;
-    if (is_full && triangles - twist >= near->distance[QM_NEAR_FACES - 1]) return;
-    double distance = triangles;
-    if (twist > NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale) {
-        qm_vec corner[4];
-        qm_bvh_load_face(work->side->target, face, corner);
-        qm_patch patch = qm_patch_make(corner);
-        distance = qm_patch_descend(&patch, p).distance;
-    }
-    if (!is_full || distance < near->distance[QM_NEAR_FACES - 1]) add_near_face(near, face, distance);
-}
-
-qm_near_faces qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only)
-{
-    qm_near_faces near = {0};
-    double least_twist = NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale;
+    quad_list list = {.count = 0};
     for (int k = 0; k < work->pack_count; k++) {
         const qm_pack_lanes *lanes = &work->side->target->lanes[work->packs[k]];
         double d2[QM_PACK_LANES];
         work->kernel->pack_distances(work->candidates.pack[k], p, d2);
         for (int lane = 1; lane < lanes->lane_count; lane++) {
             double twist = work->candidates.twist[k][lane];
-            if (!(lanes->second >> lane & 1) || (twisted_only && twist <= least_twist)) continue;
-            visit_quad(work, &near, lanes->face[lane], sqrt(fmin(d2[lane - 1], d2[lane])), twist, p);
+            if ((lanes->second >> lane & 1) && twist >= least_twist)
+                list_quad(&list, sqrt(fmin(d2[lane - 1], d2[lane])), twist, lanes->face[lane]);
         }
+    }
+    return list;
+}
+
+static qm_patch target_patch(const qm_piece_work *work, uint32_t face)
+{
+    qm_vec corner[4];
+    qm_bvh_load_face(work->side->target, face, corner);
+    return qm_patch_make(corner);
+}
+
+qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only)
+{
+    double negligible = NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale;
+    quad_list list = list_quads(work, p, twisted_only ? negligible : 0.0);
+    qm_near_quads near = {.count = list.count};
+    for (int i = 0; i < list.count; i++) {
+        qm_near_quad quad = {
+            .face = list.at[i].face, .distance = list.at[i].distance, .twist = list.at[i].twist};
+        quad.patch = target_patch(work, quad.face);
+        if (quad.twist >= negligible) {
+            qm_patch_foot foot = qm_patch_descend(&quad.patch, p);
+            quad.distance = foot.distance;
+            quad.uv[0] = foot.uv[0];
+            quad.uv[1] = foot.uv[1];
+        }
+        int place = i;
+        for (; place > 0 && near.at[place - 1].distance > quad.distance; place--)
+            near.at[place] = near.at[place - 1];
+        near.at[place] = quad;
     }
     return near;
 }
 
-/** The parameters of a patch that lie under the corners of a polygon, with a margin. */
-static void feet_rectangle(const qm_patch *patch, const qm_polygon *polygon, double low[2], double high[2])
+typedef struct feet_rectangle {
+    double low[2], high[2];
+} feet_rectangle;
+
+/** The parameters round the foot of a piece's middle that a piece of this radius lies over, with a margin. */
+static feet_rectangle feet_of_ball(const qm_near_quad *quad, double radius, const double speed[2],
+                                   double area)
 {
-    low[0] = low[1] = 1.0;
-    high[0] = high[1] = 0.0;
+    feet_rectangle feet;
+    for (int k = 0; k < 2; k++) {
+        double reach = REFINED_MARGIN * radius * speed[1 - k] / area;
+        feet.low[k] = fmax(0.0, quad->uv[k] - reach);
+        feet.high[k] = fmin(1.0, quad->uv[k] + reach);
+    }
+    return feet;
+}
+
+/** The parameters that lie under the corners of a piece, with a margin. */
+static feet_rectangle feet_of_corners(const qm_near_quad *quad, const qm_polygon *polygon)
+{
+    feet_rectangle feet = {{1.0, 1.0}, {0.0, 0.0}};
     for (int i = 0; i < polygon->count; i++) {
-        qm_patch_foot foot = qm_patch_descend(patch, polygon->corner[i]);
+        qm_patch_foot foot = qm_patch_descend(&quad->patch, polygon->corner[i]);
         for (int k = 0; k < 2; k++) {
-            low[k] = fmin(low[k], foot.uv[k]);
-            high[k] = fmax(high[k], foot.uv[k]);
+            feet.low[k] = fmin(feet.low[k], foot.uv[k]);
+            feet.high[k] = fmax(feet.high[k], foot.uv[k]);
         }
     }
     for (int k = 0; k < 2; k++) {
-        double margin = REFINED_MARGIN * (high[k] - low[k]);
-        low[k] = fmax(0.0, low[k] - margin);
-        high[k] = fmin(1.0, high[k] + margin);
+        double margin = (REFINED_MARGIN - 1.0) * (feet.high[k] - feet.low[k]);
+        feet.low[k] = fmax(0.0, feet.low[k] - margin);
+        feet.high[k] = fmin(1.0, feet.high[k] + margin);
     }
+    return feet;
+}
+
+/** Which parameters of a quad a piece lies over; where the parameters' directions fall together, by its
+ * corners. */
+static feet_rectangle find_feet(const qm_near_quad *quad, const qm_polygon *polygon, double radius)
+{
+    const qm_patch *patch = &quad->patch;
+    qm_vec along_u = qm_vec_axpy(patch->e1, quad->uv[1], patch->w);
+    qm_vec along_v = qm_vec_axpy(patch->e2, quad->uv[0], patch->w);
+    const double speed[2] = {qm_vec_norm(along_u), qm_vec_norm(along_v)};
+    double area = qm_vec_norm(qm_vec_cross(along_u, along_v));
+    if (area > MIN_SINE * speed[0] * speed[1]) return feet_of_ball(quad, radius, speed, area);
+    return feet_of_corners(quad, polygon);
 }
 
 /** Corners of eight triangles, as kernels take them. */
@@ -118,50 +169,41 @@ static void set_lane_corner(lane_corners *corners, int i, int lane, qm_vec p)
 }
 
 /** The two triangles of a part of a patch as labels; that part leaves them by a twist of its own. */
-static void set_refined_lanes(qm_piece_work *work, lane_corners *corners, int lane, const qm_patch *patch,
-                              const double low[2], const double high[2])
+static void set_refined_lanes(qm_candidates *refined, lane_corners *corners, uint32_t lane,
+                              const qm_patch *patch, const feet_rectangle *feet, double allowed)
 {
-    const qm_vec c[4] = {qm_patch_at(patch, low[0], low[1]), qm_patch_at(patch, high[0], low[1]),
-                         qm_patch_at(patch, high[0], high[1]), qm_patch_at(patch, low[0], high[1])};
+    const qm_vec c[4] = {
+        qm_patch_at(patch, feet->low[0], feet->low[1]), qm_patch_at(patch, feet->high[0], feet->low[1]),
+        qm_patch_at(patch, feet->high[0], feet->high[1]), qm_patch_at(patch, feet->low[0], feet->high[1])};
     double twist = qm_patch_twist(c);
-    double rest = qm_piece_allowed(work) - work->slack - twist;
-    for (int half = 0; half < 2; half++) {
-        set_lane_corner(corners, 0, lane + half, c[0]);
-        set_lane_corner(corners, 1, lane + half, c[1 + half]);
-        set_lane_corner(corners, 2, lane + half, c[2 + half]);
-        work->candidates.twist[work->pack_count][lane + half] = twist;
-        work->candidates.allowed2[work->pack_count][lane + half] = rest >= 0.0 ? rest * rest : -1.0;
+    for (uint32_t half = 0; half < 2; half++) {
+        set_lane_corner(corners, 0, (int)(lane + half), c[0]);
+        set_lane_corner(corners, 1, (int)(lane + half), c[1 + half]);
+        set_lane_corner(corners, 2, (int)(lane + half), c[2 + half]);
+        qm_candidates_allow(refined, 0, lane + half, twist, allowed);
     }
 }
 
-bool qm_piece_refine(qm_piece_work *work, qm_polygon *polygon)
+bool qm_piece_cover_refined(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 {
-    if (!work->side->target_patches) return false;
-    qm_vec middle = {0, 0, 0};
-    for (int i = 0; i < polygon->count; i++)
-        middle = qm_vec_axpy(middle, 1.0 / polygon->count, polygon->corner[i]);
-    qm_near_faces near = qm_piece_near_quads(work, middle, true);
+    qm_vec middle = qm_polygon_middle(polygon);
+    qm_near_quads near = qm_piece_near_quads(work, middle, true);
     if (near.count == 0) return false;
+    double radius = 0.0, allowed = qm_piece_allowed(work) - work->slack;
+    for (int i = 0; i < polygon->count; i++)
+        radius = fmax(radius, qm_vec_distance(middle, polygon->corner[i]));
     lane_corners corners;
-    for (int i = 0; i < QM_NEAR_FACES; i++) {
-        qm_vec corner[4];
-        double low[2], high[2];
-        qm_bvh_load_face(work->side->target, near.face[i < near.count ? i : 0], corner);
-        qm_patch patch = qm_patch_make(corner);
-        feet_rectangle(&patch, polygon, low, high);
-        set_refined_lanes(work, &corners, 2 * i, &patch, low, high);
+    qm_pack pack;
+    qm_candidates refined;
+    refined.count = 1;
+    refined.pack[0] = &pack;
+    for (int i = 0; i < QM_NEAR_QUADS; i++) {
+        const qm_near_quad *quad = &near.at[i < near.count ? i : 0];
+        feet_rectangle feet = find_feet(quad, polygon, radius);
+        set_refined_lanes(&refined, &corners, 2 * (uint32_t)i, &quad->patch, &feet, allowed);
     }
-    work->kernel->fill_pack(&work->refined, corners.at);
-    work->candidates.pack[work->pack_count] = &work->refined;
-    work->candidates.count = work->pack_count + 1;
+    work->kernel->fill_pack(&pack, corners.at);
     for (int i = 0; i < polygon->count; i++)
-        polygon->in_reach[i] = work->kernel->in_reach(&work->candidates, polygon->corner[i]);
-    return true;
-}
-
-void qm_piece_drop_refined(qm_piece_work *work, qm_polygon *polygon)
-{
-    work->candidates.count = work->pack_count;
-    for (int i = 0; i < polygon->count; i++)
-        polygon->in_reach[i] &= (UINT64_C(1) << (QM_PACK_LANES * work->pack_count)) - 1;
+        polygon->in_reach[i] = work->kernel->in_reach(&refined, polygon->corner[i]);
+    return work->kernel->cover(&refined, polygon, moved);
 }

@@ -12,7 +12,7 @@
 #include "hausdorff_search.h"
 
 #define QM_PART_STACK 128 /* parts of a piece that wait */
-#define QM_NEAR_FACES 4   /* patches of the target looked at for one part */
+#define QM_NEAR_QUADS 4   /* patches of the target looked at for one part */
 #define QM_STRICT_DEPTH 8 /* from here on a corner must be reached with half the tolerance to spare */
 
 /** A triangle of the piece, with what is known of its corners; in_reach holds for one generation of
@@ -34,26 +34,41 @@ typedef struct qm_piece_work {
     double slack;              /* the parts lie within this distance of the source's surface */
     const qm_near_packs *near; /* of a neighbourhood that holds the piece */
     uint32_t packs[QM_COVER_PACKS];
-    int pack_count, pack_capacity;
+    int pack_count;
     qm_candidates candidates;
     double filled_for;   /* what a distance was allowed to be when the candidates were set up */
     unsigned generation; /* counts changes of the candidates */
-    qm_pack refined;     /* labels cut out of patches of the target, in the last place of the candidates */
     qm_part stack[QM_PART_STACK];
     int height;
 } qm_piece_work;
 
-/** Faces of the target, each once, nearest first. */
-typedef struct qm_near_faces {
+/** A quad of the target near a point: how near, and where on it. */
+typedef struct qm_near_quad {
+    uint32_t face;
+    double distance; /* of the patch, or of its triangles where the twist is negligible */
+    double twist;
+    double uv[2]; /* set for twisted quads only */
+    qm_patch patch;
+} qm_near_quad;
+
+/** Quads of the target, each once, nearest first. */
+typedef struct qm_near_quads {
     int count;
-    uint32_t face[QM_NEAR_FACES];
-    double distance[QM_NEAR_FACES];
-} qm_near_faces;
+    qm_near_quad at[QM_NEAR_QUADS];
+} qm_near_quads;
 
 /** What a distance may be for a point to be let go, in the frame of the target. */
 static inline double qm_piece_allowed(const qm_piece_work *work)
 {
     return qm_search_allowed(work->search) * work->side->scale;
+}
+
+static inline qm_vec qm_polygon_middle(const qm_polygon *polygon)
+{
+    qm_vec middle = {0, 0, 0};
+    for (int i = 0; i < polygon->count; i++)
+        middle = qm_vec_axpy(middle, 1.0 / polygon->count, polygon->corner[i]);
+    return middle;
 }
 
 /* hausdorff_candidates.c */
@@ -72,24 +87,31 @@ void qm_piece_fill_candidates(qm_piece_work *work);
 bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack);
 
 /** Quads among the candidates that lie nearest to a point; with twisted_only not those that are flat. */
-qm_near_faces qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only);
+qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only);
 
 /**
- * Labels of the target's patches lose their twist of the allowed distance. Where that is too much, parts of
- * the nearest patches just under the polygon lose only their share, which falls with the square of its size.
- * The refined labels stand behind the candidates until qm_piece_drop_refined. False when there is no twist to
- * win back.
+ * Labels of the target's patches lose their twist of the allowed distance. This covers a polygon by parts of
+ * the nearest twisted patches just under it alone, which lose only their share: it falls with the square of
+ * the size. in_reach is not filled afterwards.
  */
-bool qm_piece_refine(qm_piece_work *work, qm_polygon *polygon);
-void qm_piece_drop_refined(qm_piece_work *work, qm_polygon *polygon);
+bool qm_piece_cover_refined(const qm_piece_work *work, qm_polygon *polygon, bool *moved);
 
 /* hausdorff_triangle.c */
 
 /** Fills in_reach of all corners. */
 void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon);
 
-/** Covers a polygon by the candidates, then, when that is not enough, by refined ones too. */
-bool qm_piece_cover(qm_piece_work *work, qm_polygon *polygon, bool *moved);
+/**
+ * Covers a polygon by the facets nearest to its middle: mostly enough, and much cheaper than by all. One
+ * label must take all of a polygon of four corners, which stands for a hull.
+ */
+bool qm_piece_cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, bool *moved);
+
+/**
+ * Covers a polygon by all candidates, and by refined parts of patches: these first where the polygon is a
+ * part of the piece (depth is greater). in_reach is not filled afterwards.
+ */
+bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, int depth, bool *moved);
 
 /**
  * Measures the corners that need it. True when that found new candidates or raised the lower bound: in_reach
@@ -107,6 +129,10 @@ void qm_piece_keep_triangle(qm_piece_work *work, qm_vec a, qm_vec b, qm_vec c);
 void qm_piece_process_stack(qm_piece_work *work);
 
 /* hausdorff_rectangle.c */
+
+/** Covers a rectangle by the facets nearest to it: its hull by one, or its two triangles with the slack of
+ * the patch. */
+bool qm_piece_rectangle_covered(qm_piece_work *work);
 
 /** Covers a rectangle, or goes on with its two triangles when it is flat enough, or cuts it in two for the
  * queue. */

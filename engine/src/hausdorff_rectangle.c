@@ -5,6 +5,8 @@
 #include "hausdorff_piece.h"
 
 #define SLACK_SHARE 0.125 /* of the tolerance: a patch this flat goes on as triangles */
+#define MAX_SLACK_SHARE                                                                                      \
+    0.5 /* of the allowed distance: a patch bent more is cut before its triangles are tried */
 #define CROSSING_STEPS 40
 #define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
 #define CROSSING_MARGIN 1e-3 /* share of the rectangle that a cut must leave on both sides */
@@ -31,6 +33,23 @@ static bool hull_reached(const qm_piece_work *work, qm_polygon *corners)
     return labels != 0;
 }
 
+bool qm_piece_rectangle_covered(qm_piece_work *work)
+{
+    const qm_vec *c = work->piece.corner;
+    qm_polygon hull = {.count = 4, .corner = {c[0], c[1], c[2], c[3]}};
+    bool moved = false, covered = qm_piece_cover_by_nearest(work, &hull, &moved);
+    double slack = covered ? 0.0 : qm_patch_twist(c);
+    if (covered || !(slack < MAX_SLACK_SHARE * qm_piece_allowed(work))) return covered;
+    work->slack = slack;
+    covered = true;
+    for (int half = 0; half < 2 && covered; half++) {
+        qm_polygon triangle = {.count = 3, .corner = {c[0], c[1 + half], c[2 + half]}};
+        covered = qm_piece_cover_by_nearest(work, &triangle, &moved);
+    }
+    work->slack = 0.0;
+    return covered;
+}
+
 /** Covers the two triangles of a rectangle, with the slack by which the patch leaves them. */
 static bool triangles_reached(qm_piece_work *work, double slack)
 {
@@ -41,7 +60,7 @@ static bool triangles_reached(qm_piece_work *work, double slack)
         const qm_vec *c = work->piece.corner;
         qm_polygon polygon = {.count = 3, .corner = {c[0], c[1 + half], c[2 + half]}};
         qm_piece_reach_corners(work, &polygon);
-        covered = qm_piece_cover(work, &polygon, &moved);
+        covered = qm_piece_cover(work, &polygon, work->piece.depth, &moved);
     }
     work->slack = 0.0;
     qm_piece_fill_candidates(work);
@@ -66,13 +85,12 @@ static double greater(double a, double b)
  * is bilinear but for the term (s t - interpolated s t) w, which is at most |w| / 4 (|s_u t_u| + |s_v t_v|):
  * nothing when the match runs along the parameters, as it does where two patches lie in one surface.
  */
-static double match_upper(const qm_piece_work *work, uint32_t face)
+static double match_upper(const qm_piece_work *work, const qm_patch *patch)
 {
-    qm_patch patch = target_patch(work, face);
     qm_patch_foot foot[4];
     double farthest = 0.0;
     for (int i = 0; i < 4; i++) {
-        foot[i] = qm_patch_descend(&patch, work->piece.corner[i]);
+        foot[i] = qm_patch_descend(patch, work->piece.corner[i]);
         farthest = greater(farthest, foot[i].distance);
     }
     double along_u[2], along_v[2];
@@ -81,7 +99,7 @@ static double match_upper(const qm_piece_work *work, uint32_t face)
         along_v[k] = greater(fabs(foot[3].uv[k] - foot[0].uv[k]), fabs(foot[2].uv[k] - foot[1].uv[k]));
     }
     double skew = along_u[0] * along_u[1] + along_v[0] * along_v[1];
-    return farthest + 0.25 * skew * qm_vec_norm(patch.w);
+    return farthest + 0.25 * skew * qm_vec_norm(patch->w);
 }
 
 static qm_vec rectangle_middle(const qm_piece *piece)
@@ -94,9 +112,9 @@ static qm_vec rectangle_middle(const qm_piece *piece)
 static bool match_reached(const qm_piece_work *work)
 {
     if (!work->side->target_patches) return false;
-    qm_near_faces near = qm_piece_near_quads(work, rectangle_middle(&work->piece), false);
+    qm_near_quads near = qm_piece_near_quads(work, rectangle_middle(&work->piece), false);
     for (int i = 0; i < near.count; i++)
-        if (match_upper(work, near.face[i]) <= qm_piece_allowed(work)) return true;
+        if (match_upper(work, &near.at[i].patch) <= qm_piece_allowed(work)) return true;
     return false;
 }
 
@@ -172,8 +190,10 @@ static void split_rectangle(qm_piece_work *work, const qm_patch *patch)
 void qm_piece_process_rectangle(qm_piece_work *work)
 {
     qm_polygon corners;
-    qm_worker_discard(work->worker, qm_search_allowed(work->search));
-    if (hull_reached(work, &corners)) return;
+    if (qm_piece_rectangle_covered(work) || hull_reached(work, &corners)) {
+        qm_worker_discard(work->worker, qm_search_allowed(work->search));
+        return;
+    }
     qm_patch patch = source_patch(work);
     const qm_piece *piece = &work->piece;
     double slack = qm_patch_twist(piece->corner);
@@ -185,8 +205,9 @@ void qm_piece_process_rectangle(qm_piece_work *work)
         qm_piece_process_stack(work);
         return;
     }
-    if (slack < qm_piece_allowed(work) && triangles_reached(work, slack)) return;
-    if (match_reached(work)) return;
+    bool reached = (slack < qm_piece_allowed(work) && triangles_reached(work, slack)) || match_reached(work);
+    qm_worker_discard(work->worker, qm_search_allowed(work->search));
+    if (reached) return;
     qm_piece_sample_corners(work, &corners, QM_STRICT_DEPTH);
     split_rectangle(work, &patch);
 }

@@ -1,5 +1,7 @@
 #include "hausdorff_search.h"
 
+#define CERTIFY_SHARE                                                                                        \
+    0.25 /* of the tolerance: the least rise of the lower bound that is worth a certificate */
 #define PATCH_ERROR_SHARE 0.02 /* of the tolerance: certified error of a patch distance */
 
 double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p)
@@ -38,9 +40,14 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
     double upper = sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane), lower = upper;
     double known = atomic_load_explicit(&search->lower, memory_order_relaxed) * side->scale;
     if (side->target_patches && upper - slack > known) {
+        /* A point of a patch that is near enough costs little to find; to certify that none is nearer costs
+         * much more, and is due only when the lower bound would rise by more than a crumb. */
         qm_patch_hit patch;
+        qm_nearest_patch(search->kernel, &side->nearest, p, hit.pack, INFINITY, &patch);
         double error = fmax(PATCH_ERROR_SHARE * search->tolerance * side->scale, 0x1p-46 * side->reach);
-        qm_nearest_patch(search->kernel, &side->nearest, p, hit.pack, error, &patch);
+        double worthwhile = known + CERTIFY_SHARE * search->tolerance * side->scale;
+        if (patch.distance - slack > worthwhile)
+            qm_nearest_patch(search->kernel, &side->nearest, p, patch.pack, error, &patch);
         *hint = patch.pack;
         upper = patch.distance;
         lower = patch.lower;

@@ -21,16 +21,21 @@ void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon)
         polygon->in_reach[i] = work->kernel->in_reach(&work->candidates, polygon->corner[i]);
 }
 
-bool qm_piece_cover(qm_piece_work *work, qm_polygon *polygon, bool *moved)
+/** Covers by refined parts of patches; in_reach is of the candidates again when something is left. */
+static bool cover_by_refined(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 {
-    bool cut;
-    bool covered = work->kernel->cover(&work->candidates, polygon, &cut);
-    *moved |= cut;
-    if (covered || !qm_piece_refine(work, polygon)) return covered;
-    covered = work->kernel->cover(&work->candidates, polygon, &cut);
-    *moved |= cut;
-    qm_piece_drop_refined(work, polygon);
-    return covered;
+    if (!work->side->target_patches) return false;
+    if (qm_piece_cover_refined(work, polygon, moved)) return true;
+    qm_piece_reach_corners(work, polygon);
+    return false;
+}
+
+bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, int depth, bool *moved)
+{
+    bool is_part = depth > 0;
+    if (is_part && cover_by_refined(work, polygon, moved)) return true;
+    if (work->kernel->cover(&work->candidates, polygon, moved)) return true;
+    return !is_part && cover_by_refined(work, polygon, moved);
 }
 
 /** True when a corner has to be measured: no candidate reaches it, or, deep down, none with enough to spare.
@@ -71,8 +76,8 @@ static double ball_upper(const qm_piece_work *work, const qm_piece *piece)
         middle = qm_vec_axpy(middle, 1.0 / piece->corner_count, piece->corner[i]);
     for (int i = 0; i < piece->corner_count; i++)
         radius = fmax(radius, qm_vec_distance(middle, piece->corner[i]));
-    qm_near_faces near = qm_piece_near_quads(work, middle, false);
-    return near.count > 0 ? near.distance[0] + radius : INFINITY;
+    qm_near_quads near = qm_piece_near_quads(work, middle, false);
+    return near.count > 0 ? near.at[0].distance + radius : INFINITY;
 }
 
 void qm_piece_push(qm_piece_work *work, const qm_piece *piece)
@@ -153,15 +158,11 @@ static qm_polygon part_polygon(const qm_piece_work *work, const qm_part *from)
     return polygon;
 }
 
-/** Covers a polygon by the facets nearest to its middle: mostly enough, and much cheaper than by all. */
-static bool cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
+bool qm_piece_cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 {
     if (work->near->count == 0) return false;
-    qm_vec middle = {0, 0, 0};
-    for (int i = 0; i < polygon->count; i++)
-        middle = qm_vec_axpy(middle, 1.0 / polygon->count, polygon->corner[i]);
     qm_shortlist list;
-    work->kernel->shortlist(work->side->target, work->near, middle, &list);
+    work->kernel->shortlist(work->side->target, work->near, qm_polygon_middle(polygon), &list);
     qm_candidates nearest;
     nearest.count = 1;
     nearest.pack[0] = &list.pack;
@@ -181,13 +182,13 @@ static void process_part(qm_piece_work *work, const qm_part *from)
     bool moved = false;
     if (from->generation == 0) {
         rest = (qm_polygon){.count = 3, .corner = {from->corner[0], from->corner[1], from->corner[2]}};
-        if (cover_by_nearest(work, &rest, &moved)) return;
+        if (qm_piece_cover_by_nearest(work, &rest, &moved)) return;
         qm_piece_reach_corners(work, &rest);
     } else {
         rest = part_polygon(work, from);
     }
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
-        if (qm_piece_cover(work, &rest, &moved)) return;
+        if (qm_piece_cover(work, &rest, from->depth, &moved)) return;
         if (!qm_piece_sample_corners(work, &rest, from->depth)) break;
     }
     split_rest(work, &rest, moved, from->depth);
@@ -244,23 +245,52 @@ void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 }
 
 /**
- * Measures the middle of what is left of a face when the candidates do not reach it: likely as far as any
- * point of the face. True when that raised the lower bound, so that another try may succeed.
+ * Measures a point of a face when the candidates do not reach it. True when that brought a candidate or
+ * raised the lower bound, so that another try may succeed.
  */
-static bool sample_rest(qm_piece_work *work, const qm_polygon *rest)
+static bool sample_unreached(qm_piece_work *work, qm_vec p)
 {
-    qm_vec middle = {0, 0, 0};
-    for (int i = 0; i < rest->count; i++)
-        middle = qm_vec_axpy(middle, 1.0 / rest->count, rest->corner[i]);
     int place;
-    double upper = work->kernel->hull_upper(&work->candidates, &middle, 1, &place);
+    double upper = work->kernel->hull_upper(&work->candidates, &p, 1, &place);
     if (upper + work->slack <= qm_piece_allowed(work)) return false;
     uint32_t hint = work->packs[place];
-    qm_worker_sample(work->worker, work->side, middle, work->slack, work->piece.face, &hint);
+    qm_worker_sample(work->worker, work->side, p, work->slack, work->piece.face, &hint);
     bool added = qm_piece_add_candidate(work, hint);
     bool raised = qm_piece_allowed(work) > work->filled_for;
     if (added || raised) qm_piece_fill_candidates(work);
     return added || raised;
+}
+
+/**
+ * Covers a triangle of the source by the nearest facets, then by all candidates, with what is found on the
+ * way; else queues it.
+ */
+static void settle_triangle(qm_piece_work *work)
+{
+    const qm_vec *corner = work->piece.corner;
+    qm_polygon polygon = {.count = 3, .corner = {corner[0], corner[1], corner[2]}};
+    bool moved = false;
+    if (qm_piece_cover_by_nearest(work, &polygon, &moved)) return;
+    qm_near_packs all;
+    qm_piece_gather(work, &all);
+    for (int attempt = 0; attempt < FACE_ATTEMPTS; attempt++) {
+        qm_piece_reach_corners(work, &polygon);
+        if (qm_piece_cover(work, &polygon, work->piece.depth, &moved)) return;
+        /* The middle of what is left is likely as far as any point of the face. */
+        if (!sample_unreached(work, qm_polygon_middle(&polygon))) break;
+    }
+    qm_piece_push(work, &work->piece);
+}
+
+/** The same of a patch of the source. */
+static void settle_rectangle(qm_piece_work *work)
+{
+    if (qm_piece_rectangle_covered(work)) return;
+    qm_near_packs all;
+    qm_piece_gather(work, &all);
+    qm_patch patch = qm_patch_make(work->piece.corner);
+    if (sample_unreached(work, qm_patch_at(&patch, 0.5, 0.5)) && qm_piece_rectangle_covered(work)) return;
+    qm_piece_push(work, &work->piece);
 }
 
 void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near)
@@ -268,17 +298,8 @@ void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, cons
     qm_piece_work work;
     start_work(&work, worker, pack, face, near);
     work.entry.kind = QM_ENTRY_PIECE;
-    qm_polygon polygon = {.count = face->corner_count};
-    for (int i = 0; i < polygon.count; i++)
-        polygon.corner[i] = face->corner[i];
-    bool moved = false;
-    if (cover_by_nearest(&work, &polygon, &moved)) return;
-    qm_near_packs all;
-    qm_piece_gather(&work, &all);
-    for (int attempt = 0; face->corner_count == 3 && attempt < FACE_ATTEMPTS; attempt++) {
-        qm_piece_reach_corners(&work, &polygon);
-        if (qm_piece_cover(&work, &polygon, &moved)) return;
-        if (!sample_rest(&work, &polygon)) break;
-    }
-    qm_piece_push(&work, face);
+    if (face->corner_count == 3)
+        settle_triangle(&work);
+    else
+        settle_rectangle(&work);
 }

@@ -74,7 +74,10 @@ typedef struct qm_kernel {
      */
     void (*closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit);
 
-    /** Nearest point of the patches, certified to within error; start is a first guess of a pack. */
+    /**
+     * Nearest point of the patches, certified to within error; start is a first guess of a pack. With an
+     * error of INFINITY a good point only: its distance is valid, lower is not.
+     */
     void (*closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit);
 
     /** The same two searches in a grid over the tree. */
@@ -106,7 +109,7 @@ typedef struct qm_kernel {
     /**
      * Tries to cover a convex polygon by convex sets {x : d(x, T_k) <= allowed_k}, cutting off as large a
      * part as one label can take at a time. True when nothing is left; else *polygon is what is left, a
-     * convex part of the input, in_reach filled, and *moved tells whether anything was cut off.
+     * convex part of the input, in_reach filled, and *moved is set when anything was cut off.
      */
     bool (*cover)(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);
 } qm_kernel;

@@ -116,15 +116,16 @@ static void entries_are_sorted_by_any_number_of_workers(void **state)
     const size_t counts[] = {0, 1, 2, 1000, 16384, 50001, 70000};
     for (size_t c = 0; c < sizeof counts / sizeof *counts; c++) {
         size_t count = counts[c];
-        uint64_t *wanted = malloc((count + 1) * sizeof *wanted), *entries = malloc((count + 1) * sizeof *entries);
+        uint64_t *wanted = malloc((count + 1) * sizeof *wanted),
+                 *entries = malloc((count + 1) * sizeof *entries);
         for (size_t i = 0; i < count; i++) /* few different keys, so that many are equal */
             wanted[i] = qm_radix_entry((uint64_t)qm_random_below(&random, 500) << (c % 3 * 13), i);
         for (int workers = 1; workers <= 6; workers++) {
             memcpy(entries, wanted, count * sizeof *entries);
             assert_int_equal(qm_radix_sort(&ctx, entries, count, workers), QM_OK);
             if (workers == 1) qsort(wanted, count, sizeof *wanted, compare_entries);
-            QM_CHECK(memcmp(entries, wanted, count * sizeof *entries) == 0, "seed %llu, %zu entries, %d workers",
-                     (unsigned long long)seed, count, workers);
+            QM_CHECK(memcmp(entries, wanted, count * sizeof *entries) == 0,
+                     "seed %llu, %zu entries, %d workers", (unsigned long long)seed, count, workers);
         }
         free(wanted);
         free(entries);

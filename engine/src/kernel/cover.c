@@ -211,7 +211,6 @@ static void cut_off(const qm_candidates *candidates, qm_polygon *p, corner_run r
 bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *p, bool *moved)
 {
     uint64_t banned = 0;
-    *moved = false;
     for (int cut = 0; cut < MAX_CUTS; cut++) {
         corner_run best = longest_run(p, banned);
         if (best.length == p->count) return true;

@@ -43,6 +43,10 @@ static inline void qm_visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lan
         qm_bvh_load_face(bvh, face, corner);
         qm_patch patch = qm_patch_make(corner);
         foot = qm_patch_project(&patch, p, error, hit->distance);
+    } else if (twist > 0.0 && error == INFINITY) {
+        qm_bvh_load_face(bvh, face, corner);
+        qm_patch patch = qm_patch_make(corner);
+        foot = qm_patch_descend(&patch, p);
     } else {
         foot.distance += twist;
         foot.lower -= twist;
