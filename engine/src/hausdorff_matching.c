@@ -97,13 +97,30 @@ static uint32_t nearest_place(const matching_work *work, uint32_t pack, qm_vec p
     return QM_PACK_LANES * pack + best;
 }
 
-/** Measures a corner of the piece, which may raise the lower bound, and notes the facet under it. */
-static void project_corner(matching_work *work, int i, uint32_t hint)
+/** A point of the source with what a piece keeps of its corners. */
+typedef struct measured {
+    qm_vec at;
+    double distance;
+    uint32_t foot;
+} measured;
+
+/** Measures a point of the piece, which may raise the lower bound, and finds the facet under it. */
+static measured measure_point(const matching_work *work, qm_vec p, uint32_t hint)
 {
-    qm_piece *piece = &work->piece;
-    piece->distance[i] =
-        qm_worker_sample(work->worker, work->side, piece->corner[i], 0.0, piece->face, &hint);
-    piece->foot[i] = nearest_place(work, hint, piece->corner[i]);
+    double distance = qm_worker_sample(work->worker, work->side, p, 0.0, work->piece.face, &hint);
+    return (measured){p, distance, nearest_place(work, hint, p)};
+}
+
+static measured load_corner(const qm_piece *piece, int i)
+{
+    return (measured){piece->corner[i], piece->distance[i], piece->foot[i]};
+}
+
+static void store_corner(qm_piece *piece, int i, measured point)
+{
+    piece->corner[i] = point.at;
+    piece->distance[i] = point.distance;
+    piece->foot[i] = point.foot;
 }
 
 static matched match_point(const matching_work *work, const facet *to, qm_vec p)
@@ -368,36 +385,21 @@ void qm_matching_face(qm_worker *worker, qm_entry pack, const qm_piece *face)
     start_work(&work, worker, pack, face);
     uint32_t hint = pack.hint;
     for (int i = 0; i < face->corner_count; i++) {
-        project_corner(&work, i, hint);
+        store_corner(&work.piece, i, measure_point(&work, face->corner[i], hint));
         hint = work.piece.foot[i] / QM_PACK_LANES;
     }
     push_piece(&work);
 }
 
-/** A point of a piece with what is known of it, and the same as a corner of a part. */
-static void copy_corner(qm_piece *to, int i, const qm_piece *from, int j)
-{
-    to->corner[i] = from->corner[j];
-    to->distance[i] = from->distance[j];
-    to->foot[i] = from->foot[j];
-}
-
-/** Measures the midpoints of the sides and, of a rectangle, the centre: new is laid out as middles[4],
- * centre. */
-static void project_middles(qm_worker *worker, qm_entry entry, const qm_piece *piece, qm_piece *middles,
-                            qm_piece *centre)
+/** Queues a part of a piece with the corners given, in turn. */
+static void push_part(qm_worker *worker, qm_entry entry, const qm_piece *piece, const measured corner[4])
 {
     matching_work work;
     start_work(&work, worker, entry, piece);
-    qm_vec at = piece_middles(piece, work.piece.corner);
+    work.piece.depth++;
     for (int i = 0; i < piece->corner_count; i++)
-        project_corner(&work, i, piece->foot[i] / QM_PACK_LANES);
-    *middles = work.piece;
-    *centre = work.piece;
-    if (piece->corner_count == 3) return;
-    work.piece.corner[0] = at;
-    project_corner(&work, 0, middles->foot[0] / QM_PACK_LANES);
-    copy_corner(centre, 0, &work.piece, 0);
+        store_corner(&work.piece, i, corner[i]);
+    push_piece(&work);
 }
 
 void qm_matching_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
@@ -406,23 +408,18 @@ void qm_matching_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
         qm_worker_discard(worker, entry.upper);
         return;
     }
-    qm_piece middles, centre;
-    project_middles(worker, entry, piece, &middles, &centre);
+    matching_work work;
+    start_work(&work, worker, entry, piece);
     int count = piece->corner_count;
-    for (int i = 0; i < 4; i++) {
-        matching_work work;
-        start_work(&work, worker, entry, piece);
-        qm_piece *part = &work.piece;
-        part->depth++;
-        if (i == 3 && count == 3) {
-            for (int k = 0; k < 3; k++)
-                copy_corner(part, k, &middles, k);
-        } else {
-            copy_corner(part, 0, piece, i);
-            copy_corner(part, 1, &middles, i);
-            if (count == 4) copy_corner(part, 2, &centre, 0);
-            copy_corner(part, count - 1, &middles, (i + count - 1) % count);
-        }
-        push_piece(&work);
+    qm_vec place[4], centre_place = piece_middles(piece, place);
+    measured middle[4], centre;
+    for (int i = 0; i < count; i++)
+        middle[i] = measure_point(&work, place[i], piece->foot[i] / QM_PACK_LANES);
+    if (count == 4) centre = measure_point(&work, centre_place, middle[0].foot / QM_PACK_LANES);
+    for (int i = 0; i < count; i++) {
+        measured before = middle[(i + count - 1) % count], corner = load_corner(piece, i);
+        const measured part[4] = {corner, middle[i], count == 4 ? centre : before, before};
+        push_part(worker, entry, piece, part);
     }
+    if (count == 3) push_part(worker, entry, piece, middle);
 }
