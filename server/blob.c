@@ -22,6 +22,7 @@ struct qm_blob_writer {
     char path[QM_STORE_PATH_SIZE];
     char name[QM_HASH_SIZE]; /* the hash, once sealed */
     int file;
+    uint64_t size;
 };
 
 static bool make_folder(const char *path)
@@ -57,10 +58,12 @@ static bool make_data_folder(const char *path)
 
 bool qm_blob_make_folders(const char *folder, char message[QM_MESSAGE_SIZE])
 {
-    char blobs[QM_STORE_PATH_SIZE], incoming[QM_STORE_PATH_SIZE];
+    char blobs[QM_STORE_PATH_SIZE], incoming[QM_STORE_PATH_SIZE], results[QM_STORE_PATH_SIZE];
     snprintf(blobs, sizeof blobs, "%s/blobs", folder);
     snprintf(incoming, sizeof incoming, "%s/incoming", folder);
-    if (!make_data_folder(folder) || !make_folder(blobs) || !make_folder(incoming) || !sync_folder(folder)) {
+    snprintf(results, sizeof results, "%s/results", folder);
+    if (!make_data_folder(folder) || !make_folder(blobs) || !make_folder(incoming) || !make_folder(results) ||
+        !sync_folder(folder)) {
         snprintf(message, QM_MESSAGE_SIZE, "cannot make %.200s: %s", folder, strerror(errno));
         return false;
     }
@@ -122,6 +125,25 @@ qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
         if (written <= 0) return fail_to_store("write");
         next += written;
         size -= (size_t)written;
+        writer->size += (uint64_t)written;
+    }
+    return QM_OK;
+}
+
+uint64_t qm_blob_size(const qm_blob_writer *writer)
+{
+    return writer->size;
+}
+
+qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *bytes, size_t size)
+{
+    for (char *next = bytes; size > 0;) {
+        ssize_t got = pread(writer->file, next, size, (off_t)offset);
+        if (got < 0 && errno == EINTR) continue;
+        if (got <= 0) return QM_E_ARGUMENT;
+        next += got;
+        size -= (size_t)got;
+        offset += (uint64_t)got;
     }
     return QM_OK;
 }
@@ -132,12 +154,6 @@ void qm_blob_abort(qm_blob_writer *writer)
     close(writer->file);
     unlink(writer->path);
     free(writer);
-}
-
-static void hex(const uint8_t *bytes, size_t size, char *out)
-{
-    for (size_t i = 0; i < size; i++)
-        snprintf(out + 2 * i, 3, "%02x", bytes[i]);
 }
 
 static bool move_into_place(const qm_blob_writer *writer, const char *hash)
@@ -154,7 +170,7 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
 {
     uint8_t digest[SHA256_DIGEST_SIZE];
     sha256_digest(&writer->hash, sizeof digest, digest);
-    hex(digest, sizeof digest, writer->name);
+    qm_hash_print(digest, writer->name);
     memcpy(hash, writer->name, QM_HASH_SIZE);
     return fsync(writer->file) == 0 ? QM_OK : fail_to_store("sync");
 }

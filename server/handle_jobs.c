@@ -89,6 +89,7 @@ void qm_handle_job_create(qm_request *request)
                                     .owns_job = streams && !job_request.detach};
     bool is_cached;
     qm_job *job = qm_jobs_submit(app->jobs, &submission, &is_cached, &problem);
+    qm_job_request_reset(&job_request);
     if (!job) {
         qm_reply_problem(request, &problem);
         return;

@@ -50,6 +50,22 @@ const char *qm_request_query(const qm_request *request, const char *name)
     return MHD_lookup_connection_value(request->connection, MHD_GET_ARGUMENT_KIND, name);
 }
 
+bool qm_request_choice(qm_request *request, const char *name, const char *const *choices, int *out)
+{
+    const char *given = qm_request_query(request, name);
+    *out = 0;
+    if (!given) return true;
+    for (; choices[*out]; (*out)++)
+        if (strcmp(given, choices[*out]) == 0) return true;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%s is %s", name, choices[0]);
+    for (int i = 1; choices[i]; i++) {
+        size_t used = strlen(problem.detail);
+        snprintf(problem.detail + used, sizeof problem.detail - used, " or %s", choices[i]);
+    }
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
 const char *qm_request_media(const qm_request *request)
 {
     return request->media;

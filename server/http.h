@@ -34,9 +34,16 @@ const char *qm_request_header(const qm_request *request, const char *name);
 const char *qm_request_query(const qm_request *request, const char *name);
 
 /** Of the types that the route produces, the one that the client likes best (media.h). */
+#define QM_MEDIA_JSON "application/json"
+#define QM_MEDIA_BINARY "application/octet-stream"
+#define QM_MEDIA_CSV "text/csv"
 #define QM_MEDIA_NDJSON "application/x-ndjson"
 #define QM_MEDIA_SSE "text/event-stream"
 const char *qm_request_media(const qm_request *request);
+
+/** Reads a query parameter that is one of some names (NULL-ended) and writes its place; 0 when it is absent.
+ * False, and replied with a problem, for any other value. */
+bool qm_request_choice(qm_request *request, const char *name, const char *const *choices, int *out);
 
 /** The body of a route that keeps it in memory; never NULL. */
 const char *qm_request_body(const qm_request *request, size_t *size);
@@ -67,6 +74,24 @@ void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t afte
  * reference.
  */
 void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms, int status_before);
+
+/** What a source of blocks has to say after each one. */
+typedef enum qm_block { QM_BLOCK_MORE, QM_BLOCK_LAST, QM_BLOCK_FAILED } qm_block;
+
+/** Makes the body of a reply a block at a time. */
+typedef struct qm_block_source {
+    qm_block (*next)(void *user, qm_text *out); /* adds bytes to the empty out; runs on the long pool */
+    void (*end)(void *user);                    /* called once, whether everything was sent or not */
+    void *user;
+} qm_block_source;
+
+/**
+ * Replies with what the source makes, in the memory of one block. size is that of the whole body, or
+ * QM_SIZE_UNKNOWN. A source that fails cuts the connection, so that the client sees the end missing.
+ */
+#define QM_SIZE_UNKNOWN UINT64_MAX
+void qm_reply_blocks(qm_request *request, int status, const char *content_type, uint64_t size,
+                     qm_block_source source);
 
 /** Serves until qm_http_stop. Returns NULL with a log line when the address cannot be used. */
 typedef struct qm_http qm_http;

@@ -43,4 +43,12 @@ struct qm_request {
 /** Looks whether the awaited job has ended; makes the reply, or goes to sleep and returns false. */
 bool qm_request_check_awaited(qm_request *request);
 
+/**
+ * Every reply that is sent while it comes about takes one of --streams places. take: false when all are
+ * taken; refuse: replies so.
+ */
+bool qm_request_take_place(qm_app *app);
+void qm_request_leave_place(qm_app *app);
+void qm_request_refuse_place(qm_request *request);
+
 #endif

@@ -61,25 +61,28 @@ static void free_stream(void *user)
     if (s->owns_job && !s->has_ended) qm_jobs_disown(s->app->jobs, s->job);
     qm_job_leave(s->app->jobs, s->job, &s->reader);
     qm_jobs_release(s->app->jobs, s->job);
-    atomic_fetch_sub(&s->app->stream_count, 1);
+    qm_request_leave_place(s->app);
     qm_text_reset(&s->pending);
     free(s);
 }
 
-/** Takes a place among the streams; false when all are taken. */
-static bool take_place(qm_app *app)
+bool qm_request_take_place(qm_app *app)
 {
     if (atomic_fetch_add(&app->stream_count, 1) < (int)app->config->streams) return true;
     atomic_fetch_sub(&app->stream_count, 1);
     return false;
 }
 
-static void refuse_stream(qm_request *request, qm_job *job)
+void qm_request_leave_place(qm_app *app)
 {
-    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "all %.0f event streams are taken",
-                                         request->app->config->streams);
+    atomic_fetch_sub(&app->stream_count, 1);
+}
+
+void qm_request_refuse_place(qm_request *request)
+{
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_UNAVAILABLE, "all %.0f streams are taken", request->app->config->streams);
     problem.retry_after_s = 1;
-    qm_jobs_release(request->app->jobs, job);
     qm_reply_problem(request, &problem);
 }
 
@@ -87,10 +90,11 @@ void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t afte
                      bool owns_job)
 {
     qm_app *app = request->app;
-    stream *s = take_place(app) ? calloc(1, sizeof *s) : NULL;
+    stream *s = qm_request_take_place(app) ? calloc(1, sizeof *s) : NULL;
     if (!s) {
         if (owns_job) qm_jobs_disown(app->jobs, job);
-        refuse_stream(request, job);
+        qm_jobs_release(app->jobs, job);
+        qm_request_refuse_place(request);
         return;
     }
     *s = (stream){.app = app,

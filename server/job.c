@@ -9,11 +9,8 @@
 
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
-
-double qm_now_ms(void)
-{
-    return (double)uv_hrtime() * 1e-6;
-}
+#define LIST_STEP 8              /* documents may be large: so many are in memory twice */
+#define MAX_PAGE_SIZE (8u << 20) /* bytes of documents after which a page ends before its limit */
 
 /* ---- references ---- */
 
@@ -25,6 +22,7 @@ static void free_job(qm_job *job)
     free(job->last_bounds);
     free(job->document);
     free(job->key);
+    qm_job_request_reset(&job->request);
     free(job);
 }
 
@@ -59,21 +57,31 @@ const char *qm_job_id(const qm_job *job)
 
 /* ---- submitting ---- */
 
+/** What jobs of the same answer have in common. A request may hold many points: its hash stands for it. */
 static char *make_key(const qm_job_request *request)
 {
-    qm_text key = {0};
-    qm_text_printf(&key, "%s ", QM_VERSION);
-    qm_json_write_request(&key, request);
+    qm_text written = {0}, key = {0};
+    char hash[QM_HASH_SIZE];
+    qm_json_write_request(&written, request);
+    if (!written.failed) {
+        qm_hash_text(written.data, written.size, hash);
+        qm_text_printf(&key, "%s %s %s", QM_VERSION, qm_job_type_of(request->kind)->name, hash);
+    }
+    key.failed |= written.failed;
+    qm_text_reset(&written);
     return qm_text_take(&key);
 }
 
-static qm_job *job_create(qm_jobs *jobs, const qm_job_request *request)
+/** Takes over what the request owns. */
+static qm_job *job_create(qm_jobs *jobs, qm_job_request *request)
 {
     qm_job *job = calloc(1, sizeof *job);
     if (!job) return NULL;
     job->jobs = jobs;
-    job->request = *request;
     job->key = make_key(request);
+    job->request = *request;
+    request->points = NULL;
+    request->point_count = 0;
     qm_make_id('j', job->id);
     qm_format_time(job->created);
     job->references = 1;
@@ -174,17 +182,25 @@ static qm_job *find_cached(qm_jobs *jobs, const char *key)
     return job;
 }
 
-static bool check_mesh(qm_jobs *jobs, const char *id, const char *pointer, qm_problem *problem)
+static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_problem *problem)
 {
     qm_store_mesh row;
     if (qm_store_find_mesh(jobs->store, id, &row)) {
         qm_store_mesh_reset(&row);
         return true;
     }
-    *problem =
-        qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh of the id given in %s", pointer + 1);
+    char pointer[32];
+    snprintf(pointer, sizeof pointer, "/%s", field);
+    *problem = qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh of the id given in %s", field);
     qm_problem_add_pointer(problem, pointer, "no such mesh");
     return false;
+}
+
+static bool check_meshes(qm_jobs *jobs, const qm_job_request *request, qm_problem *problem)
+{
+    const char *const *field = qm_job_type_of(request->kind)->mesh_field;
+    return check_mesh(jobs, request->a, field[0], problem) &&
+           (!field[1] || check_mesh(jobs, request->b, field[1], problem));
 }
 
 static bool is_open(qm_jobs *jobs, qm_problem *problem)
@@ -241,9 +257,7 @@ static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, c
         qm_job *same = find_by_idempotency_key(jobs, submission->idempotency_key, key, problem);
         if (same || problem->code != QM_PROBLEM_COUNT) return same;
     }
-    if (!check_mesh(jobs, submission->request->a, "/a", problem) ||
-        !check_mesh(jobs, submission->request->b, "/b", problem))
-        return NULL;
+    if (!check_meshes(jobs, submission->request, problem)) return NULL;
     qm_job *cached = submission->use_cache ? find_cached(jobs, key) : NULL;
     *is_cached = cached != NULL;
     return cached;
@@ -314,24 +328,49 @@ static char *document_of_row(qm_jobs *jobs, const qm_store_job *row)
     return document;
 }
 
-bool qm_jobs_list(qm_jobs *jobs, int64_t after, size_t limit, qm_text *out, int64_t *next)
+/** A page that is made: its end is the limit of jobs or of bytes, whichever comes first. */
+typedef struct job_page {
+    qm_text *out;
+    size_t start; /* of the page in out */
+    size_t rest;  /* jobs that may follow */
+    int64_t after;
+} job_page;
+
+static bool has_room_for_more(const job_page *page)
 {
-    qm_store_job *rows = calloc(limit + 1, sizeof *rows);
-    if (!rows) return false;
-    size_t count = qm_store_list_jobs(jobs->store, after, limit + 1, rows);
-    *next = 0;
+    return page->rest > 0 && page->out->size - page->start < MAX_PAGE_SIZE && !page->out->failed;
+}
+
+/** Adds the next few jobs; false when there are no more. */
+static bool list_step(qm_jobs *jobs, job_page *page)
+{
+    qm_store_job rows[LIST_STEP];
+    size_t count = qm_store_list_jobs(jobs->store, page->after, LIST_STEP, rows);
     for (size_t i = 0; i < count; i++) {
-        char *document = i < limit ? document_of_row(jobs, &rows[i]) : NULL;
-        if (document)
-            qm_text_printf(out, "%s%s", i > 0 ? "," : "", document);
-        else if (i < limit)
-            out->failed = true;
-        free(document);
-        if (i + 1 == limit && count > limit) *next = rows[i].sequence;
+        if (has_room_for_more(page)) {
+            char *document = document_of_row(jobs, &rows[i]);
+            qm_json_add_comma(page->out);
+            qm_text_add_string(page->out, document ? document : "");
+            if (!document) page->out->failed = true;
+            free(document);
+            page->after = rows[i].sequence;
+            page->rest--;
+        }
         qm_store_job_reset(&rows[i]);
     }
-    free(rows);
-    return true;
+    return count > 0;
+}
+
+bool qm_jobs_list(qm_jobs *jobs, int64_t after, size_t limit, qm_text *out, int64_t *next)
+{
+    job_page page = {.out = out, .start = out->size, .rest = limit, .after = after};
+    while (has_room_for_more(&page) && list_step(jobs, &page))
+        continue;
+    qm_store_job following;
+    bool is_last = qm_store_list_jobs(jobs->store, page.after, 1, &following) == 0;
+    if (!is_last) qm_store_job_reset(&following);
+    *next = is_last ? 0 : page.after;
+    return !out->failed;
 }
 
 qm_job_counts qm_jobs_count(qm_jobs *jobs)
@@ -351,6 +390,7 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     qm_problem problem;
     bool readable = qm_json_read_job(row->body, strlen(row->body), &request, &problem);
     qm_job *job = job_create(jobs, &request);
+    qm_job_request_reset(&request);
     if (!job) {
         qm_log(QM_LOG_ERROR, "there is no memory to run job %s again", row->id);
         return;

@@ -12,6 +12,7 @@
 #ifndef QM_JOB_H
 #define QM_JOB_H
 
+#include "clock.h"
 #include "meshes.h"
 
 typedef enum qm_job_state {
@@ -52,7 +53,7 @@ void qm_jobs_destroy(qm_jobs *jobs);
 
 /** How a request wants its job. */
 typedef struct qm_job_submission {
-    const qm_job_request *request;
+    qm_job_request *request;     /* what it owns goes over to a new job */
     const char *body;            /* as it came */
     const char *idempotency_key; /* or NULL */
     bool use_cache;
@@ -85,8 +86,13 @@ char *qm_job_document(qm_jobs *jobs, qm_job *job, bool is_cached);
 /** The same without the mark, and whether the job had ended at that moment. */
 char *qm_job_document_now(qm_jobs *jobs, qm_job *job, bool *has_ended);
 
-/** The documents of a page of jobs after a sequence number, as members of a JSON array; *next is 0 on the
- * last page. */
+/** The result object of a job that has one, for the caller to free; NULL otherwise. */
+char *qm_job_result_object(qm_jobs *jobs, qm_job *job);
+
+/**
+ * The documents of a page of jobs after a sequence number, as members of the JSON array that out ends in. A
+ * page of large documents ends before its limit. *next is 0 on the last page. False: out of memory.
+ */
 bool qm_jobs_list(qm_jobs *jobs, int64_t after, size_t limit, qm_text *out, int64_t *next);
 
 /** How an event is framed. */
@@ -111,9 +117,6 @@ void qm_job_leave(qm_jobs *jobs, qm_job *job, qm_reader *reader);
 
 /** Wakes the readers whose time has come; called by the loop's timer. */
 void qm_jobs_tick(qm_jobs *jobs, double now_ms);
-
-/** Monotonic milliseconds. */
-double qm_now_ms(void);
 
 typedef struct qm_job_counts {
     size_t queued, running;

@@ -167,12 +167,12 @@ char *qm_job_write_document(const qm_job *job, qm_job_state state, const char *o
     qm_text out = {0};
     char now[QM_TIME_SIZE];
     qm_format_time(now);
-    qm_text_printf(&out, "{\"id\":\"%s\",\"type\":\"hausdorff\",\"state\":\"%s\",\"created\":\"%s\"", job->id,
-                   qm_job_state_name(state), job->created);
+    qm_text_printf(&out, "{\"id\":\"%s\",\"type\":\"%s\",\"state\":\"%s\",\"created\":\"%s\"", job->id,
+                   qm_job_type_of(job->request.kind)->name, qm_job_state_name(state), job->created);
     if (job->started[0]) qm_text_printf(&out, ",\"started\":\"%s\"", job->started);
     if (state > QM_JOB_RUNNING) qm_text_printf(&out, ",\"ended\":\"%s\"", now);
     qm_text_add_string(&out, ",\"request\":");
-    qm_json_write_request(&out, &job->request);
+    qm_json_write_request_briefly(&out, &job->request);
     if (job->last_bounds) qm_text_printf(&out, ",\"progress\":{%s}", job->last_bounds);
     if (outcome) qm_text_printf(&out, ",%s", outcome);
     qm_text_add_string(&out, "}");
@@ -186,6 +186,19 @@ char *qm_job_document_now(qm_jobs *jobs, qm_job *job, bool *has_ended)
     *has_ended = job->state > QM_JOB_RUNNING;
     uv_mutex_unlock(&jobs->lock);
     return document;
+}
+
+char *qm_job_result_object(qm_jobs *jobs, qm_job *job)
+{
+    static const char name[] = ",\"result\":";
+    bool has_ended;
+    char *document = qm_job_document_now(jobs, job, &has_ended), *result = NULL;
+    /* The outcome is the last member: strings before it hold no bare quotes. */
+    const char *start = document && has_ended ? strstr(document, name) : NULL;
+    if (start) start += strlen(name);
+    if (start) result = strndup(start, strlen(start) - 1);
+    free(document);
+    return result;
 }
 
 char *qm_job_document(qm_jobs *jobs, qm_job *job, bool is_cached)

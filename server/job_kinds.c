@@ -1,6 +1,9 @@
 #include "job_kinds.h"
 
 #include <math.h>
+#include <stdlib.h>
+
+#include "clock.h"
 
 qm_job_request qm_job_request_default(void)
 {
@@ -10,31 +13,155 @@ qm_job_request qm_job_request_default(void)
         .quads = QM_QUADS_TRIANGLES,
         .tolerance = 1e-6,
         .threshold = NAN,
+        .accuracy = 1e-2,
+        .pieces = 1u << 18,
+        .bins = 50,
+        .percentiles = {1, 5, 25, 50, 75, 90, 95, 99},
+        .percentile_count = 8,
     };
 }
 
-qm_status qm_job_run_hausdorff(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
-                               const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress,
-                               void *progress_user, qm_job_result *out)
+void qm_job_request_reset(qm_job_request *request)
 {
+    free(request->points);
+    request->points = NULL;
+    request->point_count = 0;
+}
+
+/** One question of any kind, with everything that its runner needs. */
+typedef struct question {
+    qm_context *ctx;
+    const qm_job_request *request;
+    const qm_loaded_mesh *a, *b;
+    qm_hausdorff_progress_fn *progress;
+    void *progress_user;
+    int threads;
+} question;
+
+/** What the request's tolerance is in the unit of the meshes. */
+static double absolute_tolerance(const question *q)
+{
+    bool is_absolute = q->request->tolerance_is_absolute || q->a->diagonal == 0.0;
+    return is_absolute ? q->request->tolerance : q->request->tolerance * q->a->diagonal;
+}
+
+/* ---- hausdorff ---- */
+
+static qm_status run_hausdorff(const question *q, qm_job_result *out)
+{
+    const qm_job_request *request = q->request;
     qm_hausdorff_options options = qm_hausdorff_options_default();
-    bool is_absolute = request->tolerance_is_absolute || a->diagonal == 0.0;
     options.direction = request->direction;
     options.quads = request->quads;
-    options.tolerance = is_absolute ? request->tolerance : request->tolerance * a->diagonal;
+    options.tolerance = absolute_tolerance(q);
     options.threshold = request->threshold;
     options.deadline_ms = request->deadline_ms;
-    options.thread_count = request->threads > 0 ? request->threads : 1;
-    options.progress = progress;
-    options.progress_user = progress_user;
-    *out = (qm_job_result){.diagonal = a->diagonal,
-                           .tolerance = options.tolerance,
-                           .prepare_a_ms = a->parse_ms + a->topology_ms + a->bvh_ms,
-                           .prepare_b_ms = b->parse_ms + b->topology_ms + b->bvh_ms};
-    qm_status status = qm_hausdorff_measure(ctx, a->bvh, b->bvh, &options, &out->hausdorff);
+    options.thread_count = q->threads;
+    options.progress = q->progress;
+    options.progress_user = q->progress_user;
+    out->tolerance = options.tolerance;
+    qm_status status = qm_hausdorff_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->hausdorff);
     if (status != QM_OK) return status;
-    const qm_loaded_mesh *source = out->hausdorff.from_side == 0 ? a : b, *target = source == a ? b : a;
+    const qm_loaded_mesh *source = out->hausdorff.from_side == 0 ? q->a : q->b,
+                         *target = source == q->a ? q->b : q->a;
     out->from_face = qm_mesh_input_face(&source->mesh, out->hausdorff.from.face);
     out->to_face = qm_mesh_input_face(&target->mesh, out->hausdorff.to.face);
+    out->is_canceled = out->hausdorff.stop == QM_STOP_CANCELED;
     return QM_OK;
+}
+
+static void reset_hausdorff(qm_context *ctx, qm_job_result *result)
+{
+    (void)ctx, (void)result;
+}
+
+/* ---- project ---- */
+
+static void reset_project(qm_context *ctx, qm_job_result *result)
+{
+    qm_feet_reset(ctx, &result->feet);
+}
+
+static qm_status run_project(const question *q, qm_job_result *out)
+{
+    const qm_job_request *request = q->request;
+    return qm_feet_find(q->ctx, q->a, request->quads, request->points, request->point_count, q->threads,
+                        &out->feet);
+}
+
+/* ---- deviation ---- */
+
+static void reset_deviation(qm_context *ctx, qm_job_result *result)
+{
+    qm_deviation_reset(ctx, &result->deviation);
+}
+
+static qm_status run_deviation(const question *q, qm_job_result *out)
+{
+    const qm_job_request *request = q->request;
+    qm_deviation_options options = qm_deviation_options_default();
+    options.quads = request->quads;
+    options.accuracy = request->accuracy;
+    options.tolerance = absolute_tolerance(q);
+    options.piece_limit = request->pieces;
+    options.percentile = request->percentiles;
+    options.percentile_count = request->percentile_count;
+    options.bin_count = request->bins;
+    options.thread_count = q->threads;
+    options.progress = q->progress;
+    options.progress_user = q->progress_user;
+    out->tolerance = options.tolerance;
+    return qm_deviation_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->deviation);
+}
+
+/* ---- any kind ---- */
+
+typedef struct runner {
+    qm_job_type type;
+    qm_status (*run)(const question *question, qm_job_result *out);
+    void (*reset)(qm_context *ctx, qm_job_result *result);
+} runner;
+
+static const runner runners[] = {
+#define XX(suffix, name, first, second) {{#name, {first, second}}, run_##name, reset_##name},
+    QM_JOB_MAP(XX)
+#undef XX
+};
+
+const qm_job_type *qm_job_type_of(qm_job_kind kind)
+{
+    return &runners[kind].type;
+}
+
+static double prepare_ms(const qm_loaded_mesh *mesh)
+{
+    return mesh ? mesh->parse_ms + mesh->topology_ms + mesh->bvh_ms : 0.0;
+}
+
+qm_status qm_job_answer(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
+                        const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
+                        qm_job_result *out)
+{
+    *out = (qm_job_result){.kind = request->kind,
+                           .diagonal = a->diagonal,
+                           .prepare_a_ms = prepare_ms(a),
+                           .prepare_b_ms = prepare_ms(b)};
+    question asked = {
+        ctx, request, a, b, progress, progress_user, request->threads > 0 ? request->threads : 1};
+    double start_ms = qm_now_ms();
+    qm_status status = runners[request->kind].run(&asked, out);
+    out->elapsed_ms = qm_now_ms() - start_ms;
+    if (status != QM_OK) qm_job_result_reset(ctx, out);
+    return status;
+}
+
+const double *qm_job_result_array(const qm_job_result *result, size_t *count)
+{
+    *count = result->deviation.vertex_count;
+    return result->deviation.vertex_distance;
+}
+
+void qm_job_result_reset(qm_context *ctx, qm_job_result *result)
+{
+    runners[result->kind].reset(ctx, result);
 }

@@ -1,49 +1,112 @@
 /**
  * job_kinds.h: what a job asks for and what it finds, as plain structs, and the adapters from one to the
  * other. No HTTP, no JSON, no store: the command line runs jobs in process through the same functions.
+ *
+ * A kind is a row of QM_JOB_MAP. Three tables follow the list: how it runs (job_kinds.c), what fields it has
+ * (json_in.c), how its request and result are written (json_jobs.c).
  */
 #ifndef QM_JOB_KINDS_H
 #define QM_JOB_KINDS_H
 
-#include "mesh_load.h"
+#include "feet.h"
+#include "qm/deviation.h"
 #include "qm/hausdorff.h"
 
 #define QM_ID_SIZE 40
+#define QM_JOB_MAX_PERCENTILES 64
 
-typedef enum qm_job_kind { QM_JOB_HAUSDORFF } qm_job_kind;
+/** XX(suffix, name in "type", field of the first mesh, field of the second or NULL). */
+#define QM_JOB_MAP(XX)                                                                                       \
+    XX(HAUSDORFF, hausdorff, "a", "b")                                                                       \
+    XX(PROJECT, project, "mesh", NULL)                                                                       \
+    XX(DEVIATION, deviation, "a", "b")
 
+typedef enum qm_job_kind {
+#define XX(suffix, name, first, second) QM_JOB_##suffix,
+    QM_JOB_MAP(XX)
+#undef XX
+        QM_JOB_KIND_COUNT
+} qm_job_kind;
+
+/** What a kind is, whatever it asks for. */
+typedef struct qm_job_type {
+    const char *name;
+    const char *mesh_field[2]; /* where the request names its meshes; [1] is NULL for a kind of one mesh */
+} qm_job_type;
+const qm_job_type *qm_job_type_of(qm_job_kind kind);
+
+/** Fields that a kind does not have keep their defaults. */
 typedef struct qm_job_request {
     qm_job_kind kind;
-    char a[QM_ID_SIZE], b[QM_ID_SIZE]; /* ids of meshes; file names have no place here */
-    qm_direction direction;
+    char a[QM_ID_SIZE],
+        b[QM_ID_SIZE]; /* ids of meshes, b "" for a kind of one; file names have no place here */
     qm_quad_reading quads;
+    int threads; /* 0: as many as the host likes */
+    bool detach; /* the job goes on when the client that streams it hangs up */
+
+    /* hausdorff, and deviation for its maximum */
     double tolerance;
     bool tolerance_is_absolute; /* else a share of the diagonal of A's box */
-    double threshold;           /* NAN: none */
-    double deadline_ms;         /* 0: none */
-    int threads;                /* 0: as many as the host likes */
-    bool detach;                /* the job goes on when the client that streams it hangs up */
+
+    /* hausdorff */
+    qm_direction direction;
+    double threshold;   /* NAN: none */
+    double deadline_ms; /* 0: none */
+
+    /* project */
+    double *points; /* point_count rows of x y z; on malloc, the request's own */
+    size_t point_count;
+
+    /* deviation */
+    double accuracy;
+    size_t pieces, bins;
+    double percentiles[QM_JOB_MAX_PERCENTILES];
+    size_t percentile_count;
 } qm_job_request;
 
-/** Two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline. */
+/** A Hausdorff job: two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
+ * Deviation: accuracy 1e-2, 2^18 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99. */
 qm_job_request qm_job_request_default(void);
 
+/** Frees what the request owns. */
+void qm_job_request_reset(qm_job_request *request);
+
 typedef struct qm_job_result {
-    qm_hausdorff_result hausdorff;
-    double diagonal;  /* of A's box: what relative figures refer to */
-    double tolerance; /* absolute */
+    qm_job_kind kind;
+    double diagonal; /* of A's box: what relative figures refer to */
     double prepare_a_ms, prepare_b_ms;
+    double elapsed_ms;
+    bool is_canceled; /* stopped by the context's flag; what is here holds all the same */
+
+    double tolerance; /* absolute; of kinds that have one */
+
+    /* hausdorff */
+    qm_hausdorff_result hausdorff;
     uint32_t from_face, to_face; /* in the numbering of the input files */
+
+    /* project */
+    qm_feet feet;
+
+    /* deviation */
+    qm_deviation deviation;
 } qm_job_result;
 
 /**
- * Runs a Hausdorff job over two meshes. ctx carries threads and cancel flag; progress may be NULL. A diagonal
- * of 0 (a single point) makes a relative tolerance absolute.
+ * Answers a request about one mesh or two (b is NULL for a kind of one). ctx carries threads and cancel flag;
+ * progress may be NULL, and kinds without bounds on the way do not call it.
  *
- * Returns what qm_hausdorff_measure returns.
+ * Returns QM_OK with a result for qm_job_result_reset in the same context, also when it was canceled but has
+ * something to tell; QM_E_CANCELED when it has not; or what the engine's call returns. After an error there
+ * is nothing to reset.
  */
-qm_status qm_job_run_hausdorff(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
-                               const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress,
-                               void *progress_user, qm_job_result *out);
+qm_status qm_job_answer(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
+                        const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
+                        qm_job_result *out);
+
+/** The array of a result that is too long for documents: a deviation's distances at A's vertices. NULL when
+ * the result has none. */
+const double *qm_job_result_array(const qm_job_result *result, size_t *count);
+
+void qm_job_result_reset(qm_context *ctx, qm_job_result *result);
 
 #endif

@@ -9,6 +9,7 @@
 #include "json_out.h"
 #include "log.h"
 #include "parallel.h"
+#include "result_file.h"
 
 /* ---- the end of a job ---- */
 
@@ -107,7 +108,16 @@ static bool is_cancelled(qm_job *job)
     return cancelled;
 }
 
-static void measure(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
+/** Puts the long array of a result, if it has one, where it is read from. */
+static bool store_array(const qm_job *job, const qm_job_result *result)
+{
+    size_t count;
+    const double *numbers = qm_job_result_array(result, &count);
+    return !numbers || qm_result_file_write(job->jobs->store, job->id, numbers, count) == QM_OK;
+}
+
+/** b is NULL for a kind of one mesh. */
+static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
 {
     qm_context ctx = qm_context_make();
     ctx.cancel = &job->cancel;
@@ -116,16 +126,20 @@ static void measure(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *
     if (request.threads == 0) request.threads = job->jobs->limits.threads;
     progress_target target = {job, a->diagonal};
     qm_job_result result;
-    qm_status status = qm_job_run_hausdorff(&ctx, &request, a, b, on_progress, &target, &result);
-    bool canceled = status == QM_OK && result.hausdorff.stop == QM_STOP_CANCELED;
+    qm_status status = qm_job_answer(&ctx, &request, a, b, on_progress, &target, &result);
+    bool canceled = status == QM_E_CANCELED || (status == QM_OK && result.is_canceled);
     if (canceled && !is_cancelled(job)) {
         interrupt(job);
+    } else if (status == QM_OK && !store_array(job, &result)) {
+        qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the result could not be stored");
+        qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else if (status == QM_OK) {
         finish_with_result(job, canceled ? QM_JOB_CANCELLED : QM_JOB_SUCCEEDED, &result);
     } else {
         qm_problem problem = qm_problem_from_status(status, ctx.message);
-        qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
+        qm_job_finish_with_problem(job, canceled ? QM_JOB_CANCELLED : QM_JOB_FAILED, &problem);
     }
+    if (status == QM_OK) qm_job_result_reset(&ctx, &result);
 }
 
 void qm_job_mark_running(qm_job *job)
@@ -158,9 +172,10 @@ void qm_job_run(void *data)
     if (start(job)) {
         qm_problem problem;
         qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, &problem);
-        qm_mesh_ref *b = a ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
-        if (a && b)
-            measure(job, qm_mesh_ref_get(a), qm_mesh_ref_get(b));
+        bool has_b = qm_job_type_of(job->request.kind)->mesh_field[1];
+        qm_mesh_ref *b = a && has_b ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
+        if (a && (b || !has_b))
+            answer(job, qm_mesh_ref_get(a), b ? qm_mesh_ref_get(b) : NULL);
         else
             qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
         qm_meshes_release(jobs->meshes, a);

@@ -7,39 +7,26 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "utf8.h"
+#include "json_check.h"
 
 #define MAX_THREADS 256
+#define MAX_PIECES 1e7
+#define MAX_BINS 1e4
+#define POINTER_SIZE sizeof(((qm_problem_error *)NULL)->pointer)
 
-/**
- * The place where nesting goes too deep, or size. Looked for before the parser sees the text, because it
- * recurses. Brackets inside strings do not count.
- */
-static size_t find_too_deep(const char *text, size_t size)
-{
-    int depth = 0;
-    bool in_string = false;
-    for (size_t i = 0; i < size; i++) {
-        char c = text[i];
-        if (in_string) {
-            if (c == '\\') i++;
-            if (c == '"') in_string = false;
-        } else if (c == '"') {
-            in_string = true;
-        } else if (c == '{' || c == '[') {
-            if (++depth > QM_JSON_MAX_DEPTH) return i;
-        } else if (c == '}' || c == ']') {
-            depth--;
-        }
-    }
-    return size;
-}
+/** Where in an array a value is at fault: the places of its entries from the outside in. */
+typedef struct fault {
+    int depth;
+    size_t index[2];
+    bool no_memory; /* nothing is wrong but that */
+} fault;
 
-/** One field that a job may have: reads the value or says what it should be. */
+/** One field of a job: reads the value, or says what it should be and where in it the fault lies. */
 typedef struct field {
     const char *name;
-    bool is_required;
+    unsigned kinds, required; /* a bit for each kind that has it, and that must have it */
     bool (*read)(const cJSON *value, qm_job_request *out);
+    bool (*read_list)(const cJSON *value, qm_job_request *out, fault *at); /* for arrays, in place of read */
     const char *expected;
     const char *const
         *later; /* values that the API knows and this version cannot serve; NULL-ended, or NULL */
@@ -75,11 +62,19 @@ static int find_name(const cJSON *value, const char *const *names)
     return -1;
 }
 
+#define XX(suffix, name, first, second) " \"" #name "\""
+#define TYPE_NAMES QM_JOB_MAP(XX)
+
 static bool read_type(const cJSON *value, qm_job_request *out)
 {
-    static const char *const names[] = {"hausdorff", NULL};
-    out->kind = QM_JOB_HAUSDORFF;
-    return find_name(value, names) >= 0;
+    const char *given;
+    if (!read_string(value, &given)) return false;
+    for (int kind = 0; kind < QM_JOB_KIND_COUNT; kind++) {
+        if (strcmp(qm_job_type_of((qm_job_kind)kind)->name, given) != 0) continue;
+        out->kind = (qm_job_kind)kind;
+        return true;
+    }
+    return false;
 }
 
 static bool read_a(const cJSON *value, qm_job_request *out)
@@ -133,13 +128,50 @@ static bool read_deadline(const cJSON *value, qm_job_request *out)
     return read_number(value, &out->deadline_ms) && out->deadline_ms > 0.0;
 }
 
+static bool read_whole(const cJSON *value, double least, double greatest, double *out)
+{
+    return read_number(value, out) && *out >= least && *out <= greatest && *out == floor(*out);
+}
+
 static bool read_threads(const cJSON *value, qm_job_request *out)
 {
     double threads;
-    if (!read_number(value, &threads) || !(threads >= 1.0 && threads <= MAX_THREADS) ||
-        threads != floor(threads))
-        return false;
+    if (!read_whole(value, 1, MAX_THREADS, &threads)) return false;
     out->threads = (int)threads;
+    return true;
+}
+
+static bool read_accuracy(const cJSON *value, qm_job_request *out)
+{
+    return read_number(value, &out->accuracy) && out->accuracy > 0.0;
+}
+
+static bool read_pieces(const cJSON *value, qm_job_request *out)
+{
+    double pieces;
+    if (!read_whole(value, 0, MAX_PIECES, &pieces)) return false;
+    out->pieces = (size_t)pieces;
+    return true;
+}
+
+static bool read_bins(const cJSON *value, qm_job_request *out)
+{
+    double bins;
+    if (!read_whole(value, 0, MAX_BINS, &bins)) return false;
+    out->bins = (size_t)bins;
+    return true;
+}
+
+static bool read_percentiles(const cJSON *value, qm_job_request *out, fault *at)
+{
+    if (!cJSON_IsArray(value) || cJSON_GetArraySize(value) > QM_JOB_MAX_PERCENTILES) return false;
+    out->percentile_count = 0;
+    at->depth = 1;
+    for (const cJSON *number = value->child; number; number = number->next, at->index[0]++) {
+        double *percentile = &out->percentiles[out->percentile_count];
+        if (!read_number(number, percentile) || !(*percentile > 0.0 && *percentile <= 100.0)) return false;
+        out->percentile_count++;
+    }
     return true;
 }
 
@@ -163,23 +195,61 @@ static bool read_bounds(const cJSON *value, qm_job_request *out)
     return find_name(value, names) >= 0;
 }
 
+/** Rows of three numbers. */
+static bool read_points(const cJSON *value, qm_job_request *out, fault *at)
+{
+    if (!cJSON_IsArray(value)) return false;
+    size_t count = (size_t)cJSON_GetArraySize(value);
+    if (count == 0) return true;
+    out->points = malloc(count * 3 * sizeof *out->points);
+    if (!out->points) {
+        at->no_memory = true;
+        return false;
+    }
+    for (const cJSON *row = value->child; row; row = row->next) {
+        *at = (fault){.depth = 1, .index = {out->point_count}};
+        if (!cJSON_IsArray(row) || cJSON_GetArraySize(row) != 3) return false;
+        at->depth = 2;
+        for (const cJSON *number = row->child; number; number = number->next, at->index[1]++)
+            if (!read_number(number, &out->points[3 * out->point_count + at->index[1]])) return false;
+        out->point_count++;
+    }
+    return true;
+}
+
 static const char *const later_accelerators[] = {"grid", "tetra", NULL};
 static const char *const later_bounds[] = {"matching", NULL};
 
+enum {
+    ALL = (1u << QM_JOB_KIND_COUNT) - 1,
+    HAUSDORFF = 1u << QM_JOB_HAUSDORFF,
+    PROJECT = 1u << QM_JOB_PROJECT,
+    DEVIATION = 1u << QM_JOB_DEVIATION,
+    PAIRS = HAUSDORFF | DEVIATION
+};
+
 static const field fields[] = {
-    {"type", true, read_type, "must be \"hausdorff\"", NULL},
-    {"a", true, read_a, "must be the id of a mesh", NULL},
-    {"b", true, read_b, "must be the id of a mesh", NULL},
-    {"direction", false, read_direction, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\"", NULL},
-    {"quads", false, read_quads, "must be \"triangles\" or \"bilinear\"", NULL},
-    {"tolerance", false, read_tolerance, "must be a number above 0", NULL},
-    {"tolerance_unit", false, read_tolerance_unit, "must be \"relative\" or \"absolute\"", NULL},
-    {"threshold", false, read_threshold, "must be a number of 0 or more, or null", NULL},
-    {"deadline_ms", false, read_deadline, "must be a number above 0", NULL},
-    {"threads", false, read_threads, "must be a whole number from 1 to 256", NULL},
-    {"detach", false, read_detach, "must be true or false", NULL},
-    {"accelerator", false, read_accelerator, "must be \"auto\" or \"boxes\"", later_accelerators},
-    {"bounds", false, read_bounds, "must be \"cells\"", later_bounds},
+    {"type", ALL, ALL, read_type, NULL, "must be one of" TYPE_NAMES, NULL},
+    {"a", PAIRS, PAIRS, read_a, NULL, "must be the id of a mesh", NULL},
+    {"b", PAIRS, PAIRS, read_b, NULL, "must be the id of a mesh", NULL},
+    {"mesh", PROJECT, PROJECT, read_a, NULL, "must be the id of a mesh", NULL},
+    {"points", PROJECT, PROJECT, NULL, read_points, "must hold points, each of three finite numbers", NULL},
+    {"direction", HAUSDORFF, 0, read_direction, NULL, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\"",
+     NULL},
+    {"quads", ALL, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\"", NULL},
+    {"tolerance", PAIRS, 0, read_tolerance, NULL, "must be a number above 0", NULL},
+    {"tolerance_unit", PAIRS, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\"", NULL},
+    {"threshold", HAUSDORFF, 0, read_threshold, NULL, "must be a number of 0 or more, or null", NULL},
+    {"deadline_ms", HAUSDORFF, 0, read_deadline, NULL, "must be a number above 0", NULL},
+    {"accuracy", DEVIATION, 0, read_accuracy, NULL, "must be a number above 0", NULL},
+    {"pieces", DEVIATION, 0, read_pieces, NULL, "must be a whole number from 0 to 10000000", NULL},
+    {"bins", DEVIATION, 0, read_bins, NULL, "must be a whole number from 0 to 10000", NULL},
+    {"percentiles", DEVIATION, 0, NULL, read_percentiles,
+     "must hold at most 64 numbers above 0, none above 100", NULL},
+    {"threads", ALL, 0, read_threads, NULL, "must be a whole number from 1 to 256", NULL},
+    {"detach", ALL, 0, read_detach, NULL, "must be true or false", NULL},
+    {"accelerator", ALL, 0, read_accelerator, NULL, "must be \"auto\" or \"boxes\"", later_accelerators},
+    {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\"", later_bounds},
 };
 enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };
 
@@ -190,9 +260,9 @@ static const field *find_field(const char *name)
     return NULL;
 }
 
-/** A JSON pointer to a member: ~ and / of the name are written ~0 and ~1; long names and odd bytes are
- * shortened. */
-static void make_pointer(char out[96], const char *name)
+/** A JSON pointer to a member, or to an entry in it: ~ and / of the name are written ~0 and ~1; long names
+ * and odd bytes are shortened. */
+static void make_pointer(char out[POINTER_SIZE], const char *name, const fault *at)
 {
     size_t length = 0;
     out[length++] = '/';
@@ -207,14 +277,17 @@ static void make_pointer(char out[96], const char *name)
         }
     }
     out[length] = '\0';
+    for (int i = 0; i < at->depth; i++)
+        length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%zu", at->index[i]);
 }
 
 /** Adds a fault. The problem as a whole takes code and words from its first one; a fault that is plainly
  * invalid takes over from values that are only not available, as the request would stay refused. */
-static void complain(qm_problem *problem, qm_problem_code code, const char *name, const char *words)
+static void complain_of(qm_problem *problem, qm_problem_code code, const char *name, const fault *at,
+                        const char *words)
 {
-    char pointer[96];
-    make_pointer(pointer, name);
+    char pointer[POINTER_SIZE];
+    make_pointer(pointer, name, at);
     bool takes_over = code == QM_PROBLEM_INVALID_FIELD && problem->code != code;
     if (problem->error_count == 0 || takes_over) {
         problem->code = code;
@@ -223,23 +296,41 @@ static void complain(qm_problem *problem, qm_problem_code code, const char *name
     qm_problem_add_pointer(problem, pointer, "%s", words);
 }
 
+/** The same of a member as a whole. */
+static void complain(qm_problem *problem, qm_problem_code code, const char *name, const char *words)
+{
+    complain_of(problem, code, name, &(fault){0}, words);
+}
+
 /** Reads one member that is known and given for the first time. */
 static void read_member(const field *known, const cJSON *member, qm_job_request *out, qm_problem *problem)
 {
+    fault place = {0};
     if (known->later && find_name(member, known->later) >= 0)
         complain(problem, QM_PROBLEM_UNSUPPORTED_FEATURE, known->name,
                  "has a value that is not available yet");
-    else if (!known->read(member, out))
-        complain(problem, QM_PROBLEM_INVALID_FIELD, known->name, known->expected);
+    else if (!(known->read ? known->read(member, out) : known->read_list(member, out, &place)))
+        complain_of(problem, place.no_memory ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_INVALID_FIELD,
+                    known->name, &place,
+                    place.no_memory ? "needs more memory than there is" : known->expected);
+}
+
+/** The kind decides what the other members may be. Without a valid one they are held against the default. */
+static void find_kind(const cJSON *object, qm_job_request *out)
+{
+    const cJSON *type = cJSON_GetObjectItemCaseSensitive(object, "type");
+    if (type) read_type(type, out);
 }
 
 static void read_members(const cJSON *object, qm_job_request *out, qm_problem *problem)
 {
     bool seen[FIELD_COUNT] = {false};
+    find_kind(object, out);
+    unsigned kind = 1u << out->kind;
     for (const cJSON *member = object->child; member; member = member->next) {
         const field *known = find_field(member->string);
-        if (!known)
-            complain(problem, QM_PROBLEM_INVALID_FIELD, member->string, "is not a field of a job");
+        if (!known || !(known->kinds & kind))
+            complain(problem, QM_PROBLEM_INVALID_FIELD, member->string, "is not a field of this job");
         else if (seen[known - fields])
             complain(problem, QM_PROBLEM_INVALID_FIELD, member->string, "is given twice");
         else
@@ -247,30 +338,8 @@ static void read_members(const cJSON *object, qm_job_request *out, qm_problem *p
         if (known) seen[known - fields] = true;
     }
     for (size_t i = 0; i < FIELD_COUNT; i++)
-        if (fields[i].is_required && !seen[i])
+        if ((fields[i].required & kind) && !seen[i])
             complain(problem, QM_PROBLEM_INVALID_FIELD, fields[i].name, "is missing");
-}
-
-/** The place of the first byte that is not UTF-8, or size. */
-static size_t find_bad_utf8(const char *text, size_t size)
-{
-    for (size_t i = 0; i < size;) {
-        size_t length = qm_utf8_length(text + i, size - i);
-        if (length == 0) return i;
-        i += length;
-    }
-    return size;
-}
-
-/** The place of an escaped NUL, where the parser would cut the string off, or size. */
-static size_t find_escaped_nul(const char *text, size_t size)
-{
-    for (size_t i = 0; i + 1 < size; i++) {
-        if (text[i] != '\\') continue;
-        if (size - i >= 6 && memcmp(text + i, "\\u0000", 6) == 0) return i;
-        i++;
-    }
-    return size;
 }
 
 static qm_problem malformed_at(size_t place, const char *words)
@@ -280,21 +349,6 @@ static qm_problem malformed_at(size_t place, const char *words)
     problem.errors[0] = (qm_problem_error){.line = QM_NO_PLACE, .offset = place};
     snprintf(problem.errors[0].detail, sizeof problem.errors[0].detail, "%s", words);
     return problem;
-}
-
-/** What the parser must not see. */
-static bool check_text(const char *text, size_t size, qm_problem *problem)
-{
-    size_t place;
-    if ((place = find_bad_utf8(text, size)) < size)
-        *problem = malformed_at(place, "the body is not UTF-8");
-    else if ((place = find_too_deep(text, size)) < size)
-        *problem = malformed_at(place, "the JSON is nested too deep");
-    else if ((place = find_escaped_nul(text, size)) < size)
-        *problem = malformed_at(place, "a string holds a NUL character");
-    else
-        return true;
-    return false;
 }
 
 /** Parses the whole text; NULL with a problem when it is not one JSON value. */
@@ -315,7 +369,12 @@ bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_pro
 {
     *out = qm_job_request_default();
     *problem = (qm_problem){0};
-    if (!check_text(text, size, problem)) return false;
+    size_t place;
+    const char *words;
+    if (!qm_json_check_text(text, size, &place, &words)) {
+        *problem = malformed_at(place, words);
+        return false;
+    }
     cJSON *tree = parse(text, size, problem);
     if (!tree) return false;
     if (cJSON_IsObject(tree)) {
@@ -325,5 +384,7 @@ bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_pro
         qm_problem_add_pointer(problem, "", "must be an object");
     }
     cJSON_Delete(tree);
-    return problem->error_count == 0;
+    if (problem->error_count == 0) return true;
+    qm_job_request_reset(out);
+    return false;
 }

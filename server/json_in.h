@@ -7,13 +7,11 @@
 #include "job_kinds.h"
 #include "problem.h"
 
-#define QM_JSON_MAX_DEPTH 16
-
 /**
  * Reads a job request. Unknown fields, wrong types and values out of range are refused with a pointer each.
  *
- * Returns true and fills *out, or false and fills *problem (400; 422 for values that are known but not
- * available yet).
+ * Returns true and fills *out, which is the caller's for qm_job_request_reset; or false and fills *problem
+ * (400; 422 for values that are known but not available yet; 507).
  */
 bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem);
 

@@ -6,11 +6,8 @@
 #define QM_JSON_OUT_H
 
 #include "job_kinds.h"
+#include "json_write.h"
 #include "problem.h"
-
-/** Enough for any double. Returns out. */
-#define QM_JSON_NUMBER_SIZE 40
-char *qm_json_number(double value, char out[QM_JSON_NUMBER_SIZE]);
 
 /** What the mesh resource shows besides the mesh itself. */
 typedef struct qm_mesh_label {
@@ -26,10 +23,17 @@ void qm_json_write_mesh(qm_text *out, const qm_mesh_label *label, const qm_loade
 /** The problem document. */
 void qm_json_write_problem(qm_text *out, const qm_problem *problem);
 
-/** Direction, quads, tolerance ... of a request in a fixed order: also the key of the cache. */
+/** A request with all its fields in a fixed order: what is asked of a daemon, and the key of the cache. */
 void qm_json_write_request(qm_text *out, const qm_job_request *request);
 
-/** The result object of a Hausdorff job: bounds, relative twins, witness, counters, times, verdict. */
+/** The same for people and lists: of long arrays only how many entries they have. */
+void qm_json_write_request_briefly(qm_text *out, const qm_job_request *request);
+
+/** A foot as one object, after a comma where one is due; diagonal, that of the mesh, makes the relative
+ * figure. */
+void qm_json_write_foot(qm_text *out, const qm_feet *feet, size_t i, double diagonal);
+
+/** The result object of a job of any kind. */
 void qm_json_write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result);
 
 /** The members of a bounds event as one object, without event and seq; diagonal makes the relative figures.

@@ -2,6 +2,7 @@
 
 #include <cjson/cJSON.h>
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 qm_json *qm_json_parse(const char *text)
@@ -23,8 +24,13 @@ static const cJSON *find(const qm_json *json, const char *path)
         if (length >= sizeof name) return NULL;
         memcpy(name, path, length);
         name[length] = '\0';
-        if (cJSON_IsArray(at)) at = at->child;
-        at = cJSON_GetObjectItemCaseSensitive(at, name);
+        bool is_place = cJSON_IsArray(at) && name[0] >= '0' && name[0] <= '9';
+        if (is_place) {
+            at = cJSON_GetArrayItem(at, atoi(name));
+        } else {
+            if (cJSON_IsArray(at)) at = at->child;
+            at = cJSON_GetObjectItemCaseSensitive(at, name);
+        }
         path += length + (path[length] == '.');
     }
     return at;

@@ -14,8 +14,8 @@ qm_json *qm_json_parse(const char *text);
 void qm_json_free(qm_json *json);
 
 /**
- * A member by a path of names with dots ("witness.from.face"); of an array on the way the first entry is
- * meant. Numbers: NAN when absent; strings: NULL.
+ * A member by a path of names with dots ("witness.from.face"). A number is a place in an array; without one
+ * the first entry is meant. Numbers: NAN when absent; strings: NULL.
  */
 double qm_json_get_number(const qm_json *json, const char *path);
 const char *qm_json_get_string(const qm_json *json, const char *path);

@@ -3,16 +3,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
+
+#include "clock.h"
 
 #define FACT_WARNINGS 3
-
-static double now_ms(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return 1e3 * (double)now.tv_sec + 1e-6 * (double)now.tv_nsec;
-}
 
 static void add_warning(qm_loaded_mesh *mesh, const char *format, size_t count)
 {
@@ -44,14 +38,14 @@ static qm_status set_warnings(qm_loaded_mesh *out, const qm_codec_report *report
 
 static qm_status prepare(qm_context *ctx, qm_loaded_mesh *out)
 {
-    double start = now_ms();
+    double start = qm_now_ms();
     qm_status status = qm_mesh_find_facts(ctx, &out->mesh, &out->facts);
     out->box = qm_mesh_bounding_box(&out->mesh);
     out->diagonal = qm_box_diagonal(&out->box);
-    double built = now_ms();
+    double built = qm_now_ms();
     out->topology_ms = built - start;
     if (status == QM_OK) status = qm_bvh_build(ctx, &out->mesh, QM_BVH_ALL, 1, &out->bvh);
-    out->bvh_ms = now_ms() - built;
+    out->bvh_ms = qm_now_ms() - built;
     return status;
 }
 
@@ -60,7 +54,7 @@ qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, 
 {
     *out = (qm_loaded_mesh){.file_size = size};
     *report = (qm_codec_report){.line = QM_NO_PLACE, .offset = QM_NO_PLACE};
-    double start = now_ms();
+    double start = qm_now_ms();
     out->format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format;
     if (out->format == QM_FORMAT_UNKNOWN) {
         snprintf(report->detail, sizeof report->detail,
@@ -69,7 +63,7 @@ qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, 
         return size == 0 ? QM_E_EMPTY : QM_E_FORMAT;
     }
     qm_status status = qm_codec_decode(ctx, out->format, bytes, size, limits, &out->mesh, report);
-    out->parse_ms = now_ms() - start;
+    out->parse_ms = qm_now_ms() - start;
     if (status == QM_OK) {
         status = prepare(ctx, out);
         if (status == QM_OK) status = set_warnings(out, report);

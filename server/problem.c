@@ -58,6 +58,14 @@ void qm_problem_add_pointer(qm_problem *problem, const char *pointer, const char
     va_end(arguments);
 }
 
+void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *words)
+{
+    if (problem->error_count == QM_PROBLEM_ERRORS) return;
+    qm_problem_error *error = &problem->errors[problem->error_count++];
+    *error = (qm_problem_error){.line = QM_NO_PLACE, .offset = offset};
+    snprintf(error->detail, sizeof error->detail, "%s", words);
+}
+
 /** What a status of the engine is to a client; a new status asks for an answer here. */
 static const qm_problem_code code_of_status[] = {
     [QM_OK] = QM_PROBLEM_INTERNAL,

@@ -13,6 +13,7 @@
     XX(INVALID_FIELD, 400, "invalid_field", "A field of the request is not valid")                           \
     XX(INVALID_PARAMETER, 400, "invalid_parameter", "A query parameter or header is not valid")              \
     XX(AMBIGUOUS_LENGTH, 400, "ambiguous_length", "The request tells its length in two ways")                \
+    XX(MALFORMED_BODY, 400, "malformed_body", "The request body does not have the form it should")           \
     XX(NOT_FOUND, 404, "not_found", "There is no such resource")                                             \
     XX(MESH_NOT_FOUND, 404, "mesh_not_found", "There is no such mesh")                                       \
     XX(JOB_NOT_FOUND, 404, "job_not_found", "There is no such job")                                          \
@@ -69,6 +70,9 @@ qm_problem qm_problem_make(qm_problem_code code, const char *format, ...)
 /** Adds a place in the request's JSON, e.g. "/tolerance". Beyond QM_PROBLEM_ERRORS it is dropped. */
 void qm_problem_add_pointer(qm_problem *problem, const char *pointer, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
+
+/** Adds the byte of a binary body or file where the fault lies. */
+void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *words);
 
 /** The problem of a status of the engine, with the context's message. */
 qm_problem qm_problem_from_status(qm_status status, const char *message);

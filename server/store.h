@@ -8,10 +8,9 @@
 #ifndef QM_STORE_H
 #define QM_STORE_H
 
+#include "hash.h"
 #include "job_kinds.h"
 #include "text.h"
-
-#define QM_HASH_SIZE 65 /* sha-256 in hex, and a 0 */
 
 typedef struct qm_store qm_store;
 
@@ -33,6 +32,9 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE]);
 qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size);
 /** Gives a sealed blob the name of its hash; the writer is gone afterwards, also after an error. */
 qm_status qm_blob_keep(qm_blob_writer *writer);
+/** Bytes written so far, and reading them back from an offset: all of size, or not QM_OK. */
+uint64_t qm_blob_size(const qm_blob_writer *writer);
+qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *bytes, size_t size);
 /** Drops a blob that is not kept. NULL is fine. */
 void qm_blob_abort(qm_blob_writer *writer);
 /** Maps a blob for reading; release with qm_blob_unmap. QM_E_EMPTY when there is none of this hash. */

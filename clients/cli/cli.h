@@ -14,6 +14,8 @@ enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3 }
 extern atomic_bool cli_interrupted;
 
 int cmd_hausdorff(int argc, char **argv);
+int cmd_deviation(int argc, char **argv);
+int cmd_project(int argc, char **argv);
 int cmd_info(int argc, char **argv);
 
 /** Reads a whole file. NULL after words on stderr, or a problem on stdout when as_json. Free with free(). */
@@ -44,24 +46,18 @@ cli_bar cli_bar_make(double tolerance, bool is_asked_for);
 void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations);
 void cli_bar_clear(const cli_bar *bar);
 
-/** Everything that `quadmesh hausdorff` was asked for. */
-typedef struct cli_question {
-    const char *path_a, *path_b;
-    const char *server; /* NULL: in this process */
-    qm_job_request request;
-    bool as_json, shows_progress;
-} cli_question;
-
 /** A bound in 9 digits, rounded down or up, so that the bracket printed holds the one computed. Returns out.
  */
 #define CLI_BOUND_SIZE 32
 char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE]);
 
-/** Answer the question in this process, or by a daemon. Return the exit status. */
-int cli_measure_here(const cli_question *question);
-int cli_measure_there(const cli_question *question);
+/** Options that several commands have: each reads its value, or says on stderr what it should be. */
+bool cli_read_number(const char *name, const char *text, double least, double *out);
+bool cli_read_quads(const char *text, qm_quad_reading *out);
+bool cli_read_threads(const char *text, int *out);
 
-/** Prints a result object (JSON text) as it is, or in words. Returns the exit status that goes with it. */
+/** Prints the result object of a Hausdorff job (JSON text) as it is, or in words. Returns the exit status
+ * that goes with it. */
 int cli_print_result(const char *json, bool as_json);
 
 #endif

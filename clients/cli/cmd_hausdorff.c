@@ -6,8 +6,15 @@
 
 #include "cli.h"
 #include "parallel.h"
+#include "remote.h"
 
-#define MAX_THREADS 256
+/** Everything that was asked for. */
+typedef struct question {
+    const char *path_a, *path_b;
+    const char *server; /* NULL: in this process */
+    qm_job_request request;
+    bool as_json, shows_progress;
+} question;
 
 static const char usage[] =
     "usage: quadmesh hausdorff A B [options]\n"
@@ -26,40 +33,12 @@ static const char usage[] =
     "\n"
     "Exit status: 0 converged or verdict certain, 1 bad input, 2 wrong usage, 3 stopped before.\n";
 
-static bool read_number(const char *name, const char *text, double least, double *out)
-{
-    char *end;
-    *out = strtod(text, &end);
-    if (end != text && !*end && isfinite(*out) && *out >= least) return true;
-    fprintf(stderr, "quadmesh: --%s takes a number%s, got \"%s\"\n", name,
-            least > 0.0 ? " above 0" : " of 0 or more", text);
-    return false;
-}
-
 static bool read_direction(const char *text, qm_direction *out)
 {
     if (strcmp(text, "a_to_b") == 0) return *out = QM_A_TO_B, true;
     if (strcmp(text, "b_to_a") == 0) return *out = QM_B_TO_A, true;
     if (strcmp(text, "two_sided") == 0) return *out = QM_TWO_SIDED, true;
     fprintf(stderr, "quadmesh: --direction takes a_to_b, b_to_a or two_sided, got \"%s\"\n", text);
-    return false;
-}
-
-static bool read_quads(const char *text, qm_quad_reading *out)
-{
-    if (strcmp(text, "triangles") == 0) return *out = QM_QUADS_TRIANGLES, true;
-    if (strcmp(text, "bilinear") == 0) return *out = QM_QUADS_BILINEAR, true;
-    fprintf(stderr, "quadmesh: --quads takes triangles or bilinear, got \"%s\"\n", text);
-    return false;
-}
-
-static bool read_threads(const char *text, int *out)
-{
-    double number;
-    if (!read_number("threads", text, 1.0, &number)) return false;
-    *out = (int)fmin(number, MAX_THREADS + 1);
-    if (*out <= MAX_THREADS && *out == number) return true;
-    fprintf(stderr, "quadmesh: --threads takes a whole number from 1 to %d, got \"%s\"\n", MAX_THREADS, text);
     return false;
 }
 
@@ -77,33 +56,101 @@ enum {
     HELP
 };
 
-static bool read_option(cli_question *question, int option)
+static bool read_option(question *asked, int option)
 {
-    qm_job_request *request = &question->request;
+    qm_job_request *request = &asked->request;
     switch (option) {
     case DIRECTION:
         return read_direction(optarg, &request->direction);
     case QUADS:
-        return read_quads(optarg, &request->quads);
+        return cli_read_quads(optarg, &request->quads);
     case TOLERANCE:
-        return read_number("tolerance", optarg, 1e-300, &request->tolerance);
+        return cli_read_number("tolerance", optarg, 1e-300, &request->tolerance);
     case ABSOLUTE:
         return request->tolerance_is_absolute = true;
     case THRESHOLD:
-        return read_number("threshold", optarg, 0.0, &request->threshold);
+        return cli_read_number("threshold", optarg, 0.0, &request->threshold);
     case DEADLINE:
-        return read_number("deadline-ms", optarg, 1e-300, &request->deadline_ms);
+        return cli_read_number("deadline-ms", optarg, 1e-300, &request->deadline_ms);
     case THREADS:
-        return read_threads(optarg, &request->threads);
+        return cli_read_threads(optarg, &request->threads);
     case JSON:
-        return question->as_json = true;
+        return asked->as_json = true;
     case PROGRESS:
-        return question->shows_progress = true;
+        return asked->shows_progress = true;
     case SERVER:
-        return question->server = optarg, true;
+        return asked->server = optarg, true;
     default:
         return false;
     }
+}
+
+/* ---- in this process ---- */
+
+static void on_progress(void *user, const qm_hausdorff_progress *progress)
+{
+    cli_bar_show(user, progress->lower, progress->upper, progress->elapsed_ms, (double)progress->iterations);
+}
+
+static int measure_loaded(const question *asked, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
+{
+    qm_context ctx = qm_context_make();
+    ctx.parallel = qm_parallel_run;
+    ctx.cancel = &cli_interrupted;
+    bool is_absolute = asked->request.tolerance_is_absolute || a->diagonal == 0.0;
+    cli_bar bar =
+        cli_bar_make(asked->request.tolerance * (is_absolute ? 1.0 : a->diagonal), asked->shows_progress);
+    qm_job_result result;
+    qm_status status = qm_job_answer(&ctx, &asked->request, a, b, on_progress, &bar, &result);
+    cli_bar_clear(&bar);
+    if (status != QM_OK) {
+        qm_problem problem = qm_problem_from_status(status, ctx.message);
+        cli_complain(asked->path_a, &problem, asked->as_json);
+        return EXIT_BAD_INPUT;
+    }
+    qm_text text = {0};
+    qm_json_write_result(&text, &asked->request, &result);
+    char *json = qm_text_take(&text);
+    int exit_status = json ? cli_print_result(json, asked->as_json) : EXIT_BAD_INPUT;
+    free(json);
+    return exit_status;
+}
+
+static int measure_here(const question *asked)
+{
+    qm_context ctx = qm_context_make();
+    ctx.cancel = &cli_interrupted;
+    qm_loaded_mesh a, b;
+    int status = EXIT_BAD_INPUT;
+    if (cli_load_mesh(&ctx, asked->path_a, asked->as_json, &a)) {
+        if (cli_load_mesh(&ctx, asked->path_b, asked->as_json, &b)) {
+            status = measure_loaded(asked, &a, &b);
+            qm_loaded_mesh_reset(&ctx, &b);
+        }
+        qm_loaded_mesh_reset(&ctx, &a);
+    }
+    /* An interrupt while a file was read is no fault of the file. */
+    return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
+}
+
+/* ---- by a daemon ---- */
+
+static int measure_there(const question *asked)
+{
+    cli_talk *talk = cli_talk_open(asked->server, asked->as_json);
+    qm_job_request request = asked->request;
+    double diagonal = 0.0;
+    char *result = NULL;
+    if (talk && cli_talk_upload(talk, asked->path_a, request.a, &diagonal) &&
+        cli_talk_upload(talk, asked->path_b, request.b, NULL)) {
+        double tolerance = request.tolerance * (request.tolerance_is_absolute ? 1.0 : diagonal);
+        result = cli_talk_run_job(talk, &request, cli_bar_make(tolerance, asked->shows_progress));
+    }
+    cli_talk_close(talk);
+    if (!result) return atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : EXIT_BAD_INPUT;
+    int status = cli_print_result(result, asked->as_json);
+    free(result);
+    return status;
 }
 
 int cmd_hausdorff(int argc, char **argv)
@@ -120,64 +167,16 @@ int cmd_hausdorff(int argc, char **argv)
                                             {"server", required_argument, NULL, SERVER},
                                             {"help", no_argument, NULL, HELP},
                                             {0}};
-    cli_question question = {.request = qm_job_request_default()};
+    question asked = {.request = qm_job_request_default()};
     for (int option; (option = getopt_long(argc, argv, "", options, NULL)) != -1;) {
         if (option == HELP) return fputs(usage, stdout), EXIT_OK;
-        if (!read_option(&question, option)) return fputs(usage, stderr), EXIT_USAGE;
+        if (!read_option(&asked, option)) return fputs(usage, stderr), EXIT_USAGE;
     }
     if (argc - optind != 2) {
         fprintf(stderr, "quadmesh: hausdorff takes two files, got %d\n\n", argc - optind);
         return fputs(usage, stderr), EXIT_USAGE;
     }
-    question.path_a = argv[optind];
-    question.path_b = argv[optind + 1];
-    return question.server ? cli_measure_there(&question) : cli_measure_here(&question);
-}
-
-/* ---- in this process ---- */
-
-static void on_progress(void *user, const qm_hausdorff_progress *progress)
-{
-    cli_bar_show(user, progress->lower, progress->upper, progress->elapsed_ms, (double)progress->iterations);
-}
-
-static int measure_loaded(const cli_question *question, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
-{
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
-    ctx.cancel = &cli_interrupted;
-    bool is_absolute = question->request.tolerance_is_absolute || a->diagonal == 0.0;
-    cli_bar bar = cli_bar_make(question->request.tolerance * (is_absolute ? 1.0 : a->diagonal),
-                               question->shows_progress);
-    qm_job_result result;
-    qm_status status = qm_job_run_hausdorff(&ctx, &question->request, a, b, on_progress, &bar, &result);
-    cli_bar_clear(&bar);
-    if (status != QM_OK) {
-        qm_problem problem = qm_problem_from_status(status, ctx.message);
-        cli_complain(question->path_a, &problem, question->as_json);
-        return EXIT_BAD_INPUT;
-    }
-    qm_text text = {0};
-    qm_json_write_result(&text, &question->request, &result);
-    char *json = qm_text_take(&text);
-    int exit_status = json ? cli_print_result(json, question->as_json) : EXIT_BAD_INPUT;
-    free(json);
-    return exit_status;
-}
-
-int cli_measure_here(const cli_question *question)
-{
-    qm_context ctx = qm_context_make();
-    ctx.cancel = &cli_interrupted;
-    qm_loaded_mesh a, b;
-    int status = EXIT_BAD_INPUT;
-    if (cli_load_mesh(&ctx, question->path_a, question->as_json, &a)) {
-        if (cli_load_mesh(&ctx, question->path_b, question->as_json, &b)) {
-            status = measure_loaded(question, &a, &b);
-            qm_loaded_mesh_reset(&ctx, &b);
-        }
-        qm_loaded_mesh_reset(&ctx, &a);
-    }
-    /* An interrupt while a file was read is no fault of the file. */
-    return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
+    asked.path_a = argv[optind];
+    asked.path_b = argv[optind + 1];
+    return asked.server ? measure_there(&asked) : measure_here(&asked);
 }

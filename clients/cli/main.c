@@ -10,6 +10,9 @@ static const char help[] =
     "quadmesh: answers geometric questions about meshes, with proof.\n"
     "\n"
     "usage: quadmesh hausdorff A B [options]   bounds of the Hausdorff distance between two meshes\n"
+    "       quadmesh deviation A B [options]   mean, rms, percentiles of the distance from one mesh to "
+    "another\n"
+    "       quadmesh project MESH POINTS -o OUT [options]   the nearest point of a mesh for each of many\n"
     "       quadmesh info FILE [--json]        what a mesh file holds\n"
     "       quadmesh --help | --version        `quadmesh COMMAND --help` tells the options\n"
     "\n"
@@ -26,6 +29,8 @@ static int run_command(int argc, char **argv)
 {
     const char *command = argc > 1 ? argv[1] : "";
     if (strcmp(command, "hausdorff") == 0) return cmd_hausdorff(argc - 1, argv + 1);
+    if (strcmp(command, "deviation") == 0) return cmd_deviation(argc - 1, argv + 1);
+    if (strcmp(command, "project") == 0) return cmd_project(argc - 1, argv + 1);
     if (strcmp(command, "info") == 0) return cmd_info(argc - 1, argv + 1);
     if (strcmp(command, "--version") == 0) return puts("quadmesh " QM_VERSION), EXIT_OK;
     if (strcmp(command, "--help") == 0) return fputs(help, stdout), EXIT_OK;

@@ -1,30 +1,61 @@
-/**
- * remote.c: the same question asked of a daemon: both files are uploaded, the job is streamed.
- */
+#include "remote.h"
+
 #include <curl/curl.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 
-#include "cli.h"
 #include "json_read.h"
 
 #define URL_SIZE 2048
 
-typedef struct conversation {
+struct cli_talk {
     CURL *curl;
-    const cli_question *question;
+    const char *server;
+    bool as_json;
     qm_text body; /* of a plain answer, or the unfinished line of a stream */
     bool is_stream;
+    FILE *file;    /* where the body of a good answer goes, or NULL */
     char job[256]; /* path of the job, once the daemon has told */
     bool is_cancelled;
     cli_bar bar;
-    char *result;    /* the result object as the daemon wrote it */
-    char *problem;   /* the problem document likewise */
-    double diagonal; /* of A */
-} conversation;
+    char *result;  /* the result object as the daemon wrote it */
+    char *problem; /* the problem document likewise */
+};
+
+cli_talk *cli_talk_open(const char *server, bool as_json)
+{
+    curl_global_init(CURL_GLOBAL_DEFAULT);
+    cli_talk *talk = calloc(1, sizeof *talk);
+    CURL *curl = talk ? curl_easy_init() : NULL;
+    if (curl) {
+        *talk = (cli_talk){.curl = curl, .server = server, .as_json = as_json};
+        return talk;
+    }
+    free(talk);
+    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for a connection");
+    cli_complain(server, &problem, as_json);
+    return NULL;
+}
+
+void cli_talk_close(cli_talk *talk)
+{
+    if (!talk) return;
+    curl_easy_cleanup(talk->curl);
+    curl_global_cleanup();
+    qm_text_reset(&talk->body);
+    free(talk->result);
+    free(talk->problem);
+    free(talk);
+}
+
+const char *cli_talk_job_path(const cli_talk *talk)
+{
+    return talk->job;
+}
+
+/* ---- what comes ---- */
 
 /** The text of an object that is the last member of a line {..., "name":{...}}. */
 static char *last_member(const char *line, const char *name)
@@ -37,7 +68,7 @@ static char *last_member(const char *line, const char *name)
     return strndup(start, strlen(start) - 1);
 }
 
-static void read_line(conversation *talk, const char *line)
+static void read_line(cli_talk *talk, const char *line)
 {
     qm_json *event = qm_json_parse(line);
     const char *name = qm_json_get_string(event, "event");
@@ -50,10 +81,18 @@ static void read_line(conversation *talk, const char *line)
     qm_json_free(event);
 }
 
+static bool is_good(const cli_talk *talk)
+{
+    long status = 0;
+    curl_easy_getinfo(talk->curl, CURLINFO_RESPONSE_CODE, &status);
+    return status == 200;
+}
+
 static size_t on_bytes(char *bytes, size_t width, size_t count, void *user)
 {
-    conversation *talk = user;
+    cli_talk *talk = user;
     size_t size = width * count;
+    if (talk->file && is_good(talk)) return fwrite(bytes, 1, size, talk->file);
     qm_text_add(&talk->body, bytes, size);
     char *end;
     while (talk->is_stream && !talk->body.failed && (end = memchr(talk->body.data, '\n', talk->body.size))) {
@@ -70,7 +109,7 @@ static size_t on_bytes(char *bytes, size_t width, size_t count, void *user)
 static size_t on_header(char *bytes, size_t width, size_t count, void *user)
 {
     static const char name[] = "Location: ";
-    conversation *talk = user;
+    cli_talk *talk = user;
     size_t size = width * count, skip = sizeof name - 1;
     if (talk->is_stream && size > skip && strncasecmp(bytes, name, skip) == 0) {
         size_t length = strcspn(bytes + skip, "\r\n");
@@ -80,14 +119,15 @@ static size_t on_header(char *bytes, size_t width, size_t count, void *user)
     return size;
 }
 
+/* ---- what goes ---- */
+
 /** The server's address with a path, without a slash too many. */
-static void make_url(const conversation *talk, const char *path, char *url, size_t size)
+static void make_url(const cli_talk *talk, const char *path, char *url, size_t size)
 {
-    const char *server = talk->question->server;
-    size_t length = strlen(server);
-    while (length > 0 && server[length - 1] == '/')
+    size_t length = strlen(talk->server);
+    while (length > 0 && talk->server[length - 1] == '/')
         length--;
-    snprintf(url, size, "%.*s%s", (int)length, server, path);
+    snprintf(url, size, "%.*s%s", (int)length, talk->server, path);
 }
 
 static size_t ignore_bytes(char *bytes, size_t width, size_t count, void *user)
@@ -97,7 +137,7 @@ static size_t ignore_bytes(char *bytes, size_t width, size_t count, void *user)
 }
 
 /** Asks the daemon to stop the job; its stream then ends with the bracket so far. */
-static bool cancel_job(const conversation *talk)
+static bool cancel_job(const cli_talk *talk)
 {
     char url[URL_SIZE];
     CURL *curl = curl_easy_init();
@@ -111,37 +151,40 @@ static bool cancel_job(const conversation *talk)
     return code == CURLE_OK;
 }
 
-/** Called now and then during a transfer. An interrupt stops the job; before there is one, the transfer. */
+/** Called now and then during a transfer. An interrupt stops the job; where none runs, the transfer. */
 static int on_tick(void *user, curl_off_t a, curl_off_t b, curl_off_t c, curl_off_t d)
 {
     (void)a, (void)b, (void)c, (void)d;
-    conversation *talk = user;
+    cli_talk *talk = user;
     if (!atomic_load(&cli_interrupted) || talk->is_cancelled) return 0;
-    if (!talk->job[0] || !cancel_job(talk)) return 1;
+    if (!talk->is_stream || !talk->job[0] || !cancel_job(talk)) return 1;
     talk->is_cancelled = true;
     return 0;
 }
 
-static void complain_of_transfer(const conversation *talk, const char *url, CURLcode code)
+static void complain_of_transfer(const cli_talk *talk, const char *url, CURLcode code)
 {
     bool is_interrupted = code == CURLE_ABORTED_BY_CALLBACK;
     qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s",
                                          is_interrupted ? "interrupted" : curl_easy_strerror(code));
-    cli_complain(url, &problem, talk->question->as_json);
+    cli_complain(url, &problem, talk->as_json);
 }
 
-/** Posts bytes; returns the HTTP status, or 0 after words or a problem. */
-static long post(conversation *talk, const char *path, const void *bytes, size_t size, const char *accept,
-                 const char *type)
+/** Posts bytes, or gets when they are NULL; returns the HTTP status, or 0 after words or a problem. */
+static long transfer(cli_talk *talk, const char *path, const void *bytes, size_t size, const char *accept,
+                     const char *type)
 {
     char url[URL_SIZE];
     make_url(talk, path, url, sizeof url);
     struct curl_slist *headers = curl_slist_append(NULL, accept);
-    headers = curl_slist_append(headers, type);
+    if (bytes) headers = curl_slist_append(headers, type);
     qm_text_reset(&talk->body);
+    curl_easy_reset(talk->curl);
     curl_easy_setopt(talk->curl, CURLOPT_URL, url);
-    curl_easy_setopt(talk->curl, CURLOPT_POSTFIELDS, bytes);
-    curl_easy_setopt(talk->curl, CURLOPT_POSTFIELDSIZE_LARGE, (curl_off_t)size);
+    if (bytes) {
+        curl_easy_setopt(talk->curl, CURLOPT_POSTFIELDS, bytes);
+        curl_easy_setopt(talk->curl, CURLOPT_POSTFIELDSIZE_LARGE, (curl_off_t)size);
+    }
     curl_easy_setopt(talk->curl, CURLOPT_HTTPHEADER, headers);
     curl_easy_setopt(talk->curl, CURLOPT_WRITEFUNCTION, on_bytes);
     curl_easy_setopt(talk->curl, CURLOPT_WRITEDATA, talk);
@@ -155,30 +198,30 @@ static long post(conversation *talk, const char *path, const void *bytes, size_t
     long status = 0;
     if (code == CURLE_OK)
         curl_easy_getinfo(talk->curl, CURLINFO_RESPONSE_CODE, &status);
-    else if (!talk->result) /* all that was wanted of the stream is there */
+    else if (!talk->result || !talk->is_stream) /* else all that was wanted of the stream is there */
         complain_of_transfer(talk, url, code);
     return status;
 }
 
 /** There is no problem document to pass on: the stream was cut, or some other server answers. */
-static void complain_of_answer(const conversation *talk, const char *path, long status)
+static void complain_of_answer(const cli_talk *talk, const char *path, long status)
 {
     bool is_cut = talk->is_stream && status == 200;
     qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE,
                                          is_cut ? "the stream ended without a result"
                                                 : "the answer, with status %ld, is not quadmeshd's",
                                          status);
-    cli_complain(path, &problem, talk->question->as_json);
+    cli_complain(path, &problem, talk->as_json);
 }
 
 /** Tells of a problem document as cli_complain does of a problem. */
-static void print_problem(const conversation *talk, const char *path, const char *document, long status)
+static void print_problem(const cli_talk *talk, const char *path, const char *document, long status)
 {
     qm_json *problem = document ? qm_json_parse(document) : NULL;
     const char *detail = qm_json_get_string(problem, "detail");
     if (!detail)
         complain_of_answer(talk, path, status);
-    else if (talk->question->as_json)
+    else if (talk->as_json)
         puts(document);
     else
         cli_print_problem(path, qm_json_get_number(problem, "errors.line"),
@@ -186,25 +229,26 @@ static void print_problem(const conversation *talk, const char *path, const char
     qm_json_free(problem);
 }
 
-/** Uploads a file and writes its id; false after words or a problem. */
-static bool upload(conversation *talk, const char *path, char id[QM_ID_SIZE])
+/* ---- what is asked ---- */
+
+bool cli_talk_upload(cli_talk *talk, const char *path, char id[QM_ID_SIZE], double *diagonal)
 {
     size_t size;
-    uint8_t *bytes = cli_read_file(path, &size, talk->question->as_json);
+    uint8_t *bytes = cli_read_file(path, &size, talk->as_json);
     if (!bytes) return false;
     char target[1024];
     char *name = curl_easy_escape(talk->curl, cli_base_name(path), 0);
     snprintf(target, sizeof target, "/v1/meshes?name=%s", name ? name : "");
     curl_free(name);
-    long status =
-        post(talk, target, bytes, size, "Accept: application/json", "Content-Type: application/octet-stream");
+    long status = transfer(talk, target, bytes, size, "Accept: application/json",
+                           "Content-Type: application/octet-stream");
     free(bytes);
     bool stored = status == 200 || status == 201;
     if (stored) {
         qm_json *mesh = qm_json_parse(talk->body.data);
         const char *given = qm_json_get_string(mesh, "id");
         snprintf(id, QM_ID_SIZE, "%s", given ? given : "");
-        if (talk->diagonal == 0.0) talk->diagonal = qm_json_get_number(mesh, "bounding_box.diagonal");
+        if (diagonal) *diagonal = qm_json_get_number(mesh, "bounding_box.diagonal");
         qm_json_free(mesh);
     } else if (status != 0) {
         print_problem(talk, path, talk->body.data, status);
@@ -212,37 +256,34 @@ static bool upload(conversation *talk, const char *path, char id[QM_ID_SIZE])
     return stored;
 }
 
-static int stream_job(conversation *talk, const qm_job_request *request)
+char *cli_talk_run_job(cli_talk *talk, const qm_job_request *request, cli_bar bar)
 {
     qm_text text = {0};
     qm_json_write_request(&text, request);
     char *body = qm_text_take(&text);
-    if (!body) return EXIT_BAD_INPUT;
+    if (!body) return NULL;
     talk->is_stream = true;
-    talk->bar = cli_bar_make(request->tolerance * (request->tolerance_is_absolute ? 1.0 : talk->diagonal),
-                             talk->question->shows_progress);
-    long status = post(talk, "/v1/jobs", body, strlen(body), "Accept: application/x-ndjson",
-                       "Content-Type: application/json");
+    talk->bar = bar;
+    long status = transfer(talk, "/v1/jobs", body, strlen(body), "Accept: application/x-ndjson",
+                           "Content-Type: application/json");
     cli_bar_clear(&talk->bar);
     free(body);
-    if (talk->result) return cli_print_result(talk->result, talk->question->as_json);
-    if (status != 0)
-        print_problem(talk, talk->question->server, talk->problem ? talk->problem : talk->body.data, status);
-    return atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : EXIT_BAD_INPUT;
+    if (!talk->result && status != 0)
+        print_problem(talk, talk->server, talk->problem ? talk->problem : talk->body.data, status);
+    talk->is_stream = false;
+    char *result = talk->result;
+    talk->result = NULL;
+    return result;
 }
 
-int cli_measure_there(const cli_question *question)
+bool cli_talk_fetch(cli_talk *talk, const char *path, const void *bytes, size_t size, const char *media,
+                    const char *path_told, FILE *out)
 {
-    curl_global_init(CURL_GLOBAL_DEFAULT);
-    conversation talk = {.curl = curl_easy_init(), .question = question};
-    qm_job_request request = question->request;
-    int status = EXIT_BAD_INPUT;
-    if (talk.curl && upload(&talk, question->path_a, request.a) && upload(&talk, question->path_b, request.b))
-        status = stream_job(&talk, &request);
-    curl_easy_cleanup(talk.curl);
-    curl_global_cleanup();
-    qm_text_reset(&talk.body);
-    free(talk.result);
-    free(talk.problem);
-    return status;
+    char accept[96];
+    snprintf(accept, sizeof accept, "Accept: %s", media);
+    talk->file = out;
+    long status = transfer(talk, path, bytes, size, accept, "Content-Type: application/octet-stream");
+    talk->file = NULL;
+    if (status != 0 && status != 200) print_problem(talk, path_told, talk->body.data, status);
+    return status == 200;
 }

@@ -368,6 +368,59 @@ static void a_request_comes_back(void **state)
     qm_text_reset(&text);
 }
 
+static void points_are_read(void **state)
+{
+    (void)state;
+    qm_job_request request;
+    qm_problem problem;
+    static const double expected[] = {0, 1, 2, -1.5, 1e300, 4e-5};
+    assert_true(read_job("{\"points\":[[0,1,2],[-1.5,1e300,4e-5]],\"type\":\"project\",\"mesh\":\"m_1\"}",
+                         &request, &problem));
+    assert_int_equal(request.kind, QM_JOB_PROJECT);
+    assert_string_equal(request.a, "m_1");
+    assert_int_equal(request.point_count, 2);
+    assert_memory_equal(request.points, expected, sizeof expected);
+    qm_text text = {0};
+    qm_job_request again;
+    qm_json_write_request(&text, &request);
+    assert_true(read_job(text.data, &again, &problem));
+    assert_int_equal(again.point_count, 2);
+    assert_memory_equal(again.points, expected, sizeof expected);
+    qm_text_reset(&text);
+    qm_json_write_request_briefly(&text, &request);
+    assert_string_equal(text.data,
+                        "{\"type\":\"project\",\"mesh\":\"m_1\",\"quads\":\"triangles\",\"point_count\":2}");
+    qm_text_reset(&text);
+    qm_job_request_reset(&request);
+    qm_job_request_reset(&again);
+}
+
+static void bad_points_are_pointed_at(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *points, *pointer;
+    } cases[] = {
+        {"[[0,0,0],[0,1,1e999]]", "/points/1/2"},
+        {"[[0,0,0],[0,1]]", "/points/1"},
+        {"[[0,0,0,0]]", "/points/0"},
+        {"[[0,[],0]]", "/points/0/1"},
+        {"[0]", "/points/0"},
+        {"{}", "/points"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof cases[0]; i++) {
+        char text[128];
+        qm_job_request request;
+        qm_problem problem;
+        snprintf(text, sizeof text, "{\"type\":\"project\",\"mesh\":\"m\",\"points\":%s}", cases[i].points);
+        assert_false(read_job(text, &request, &problem));
+        assert_int_equal(problem.code, QM_PROBLEM_INVALID_FIELD);
+        assert_int_equal(problem.error_count, 1);
+        assert_string_equal(problem.errors[0].pointer, cases[i].pointer);
+        assert_null(request.points);
+    }
+}
+
 static void a_problem_is_a_document(void **state)
 {
     (void)state;
@@ -490,6 +543,8 @@ int main(void)
         cmocka_unit_test(brackets_in_strings_are_text),
         cmocka_unit_test(damaged_requests_never_crash),
         cmocka_unit_test(a_request_comes_back),
+        cmocka_unit_test(points_are_read),
+        cmocka_unit_test(bad_points_are_pointed_at),
         cmocka_unit_test(a_problem_is_a_document),
         cmocka_unit_test(a_result_is_a_document),
         cmocka_unit_test(a_result_without_witness_says_so),

@@ -1,0 +1,76 @@
+/**
+ * deviation.h: how far a surface A lies from a surface B: at A's vertices, and over A's whole surface as
+ * mean, root mean square, percentiles and histogram, each as an interval that is proven to hold the true
+ * value.
+ *
+ * Nothing is sampled. A is cut into pieces; over each piece the distance to B lies between two linear
+ * functions (deviation_piece.h has the proofs), whose integrals and level sets are known in closed form. The
+ * pieces that leave most in doubt are cut again until the accuracy is reached.
+ *
+ * What is averaged over:
+ *   a surface            its area; faces of no area then count nothing
+ *   a surface of no area its vertices that faces use, each alike (segments and points: needles, spikes)
+ *   a point set          its points, each alike
+ */
+#ifndef QM_DEVIATION_H
+#define QM_DEVIATION_H
+
+#include "qm/hausdorff.h"
+
+/** An interval that holds a true value. */
+typedef struct qm_interval {
+    double lower, upper;
+} qm_interval;
+
+typedef struct qm_deviation_options {
+    qm_quad_reading quads;
+    double accuracy;    /* > 0: mean and rms are narrowed until upper - lower <= accuracy * lower */
+    double tolerance;   /* > 0, unit of the meshes: width of the interval of the maximum; it stays wider when
+                           its search takes many times the work that such meshes need */
+    size_t piece_limit; /* pieces besides those that A's faces make; 0: none, so that nothing is cut */
+    const double *percentile; /* percentile_count numbers above 0, at most 100 */
+    size_t percentile_count;
+    size_t bin_count;                   /* of the histogram */
+    int thread_count;                   /* 1 or more */
+    qm_hausdorff_progress_fn *progress; /* of the search for the maximum; NULL: none */
+    void *progress_user;
+} qm_deviation_options;
+
+/** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^18 pieces, no percentiles, no bins, one thread.
+ */
+qm_deviation_options qm_deviation_options_default(void);
+
+typedef enum qm_measure { QM_OVER_AREA, QM_OVER_VERTICES, QM_OVER_POINTS } qm_measure;
+
+typedef struct qm_deviation {
+    qm_measure measure;
+    qm_interval size; /* the area in square units, or the count of vertices or points */
+    qm_interval mean, rms;
+    qm_interval max; /* over all of A, faces of no area included */
+    qm_interval
+        *percentile;  /* the least x such that the share of A with a distance of x or less is this much */
+    qm_interval *bin; /* shares of A, 0 to 1: bin i is [i, i + 1) * bin_width, the last one is closed */
+    double bin_width; /* max.upper / bin_count */
+    double *vertex_distance; /* vertex_count: at every vertex of A, used by a face or not */
+    size_t percentile_count, bin_count, vertex_count;
+    size_t pieces;
+    uint64_t projections; /* searches of a nearest point, those of the maximum included */
+    bool is_accurate;     /* the accuracy was reached, or what rounding leaves of it */
+    double elapsed_ms;
+} qm_deviation;
+
+/**
+ * Measures the deviation of A from B.
+ *
+ * Ownership: borrows everything but *out, which is the caller's, for qm_deviation_reset in the same context.
+ * Threads:   only reads the trees; splits its work with ctx->parallel.
+ * Returns:   QM_OK, also when the pieces ran out before the accuracy was reached; QM_E_ARGUMENT (accuracy,
+ *            tolerance, percentiles, threads); QM_E_NO_MEMORY; QM_E_CANCELED; QM_E_SCALE. After an error *out
+ *            is all zero.
+ */
+qm_status qm_deviation_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
+                               const qm_deviation_options *options, qm_deviation *out);
+
+void qm_deviation_reset(qm_context *ctx, qm_deviation *deviation);
+
+#endif

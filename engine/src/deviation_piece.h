@@ -1,0 +1,80 @@
+/**
+ * deviation_piece.h: two linear functions that hold the distance to a target between them over a piece of the
+ * source.
+ *
+ * A piece is a triangle of parameters on a face of the source. On a flat face it is a triangle P with corners
+ * p_i. On a bilinear patch the point of parameters l (barycentric in the piece) is within slack = |w| ds dt /
+ * 4 of sum l_i p_i, so that bounds over the flat triangle hold over the piece when opened by slack.
+ *
+ * Let T be a facet of the target B, and d the distance to B.
+ *
+ * Upper. d <= d(., T), which is convex because T is. So over P: d <= the linear function with the values
+ * d(p_i, T). Any T will do; the one with the least mean is taken. The maximum over all of the source is a
+ * bound too.
+ *
+ * Lower, by facets. Let c be the middle of P, r = max |p_i - c|. The nearest facet of any p of P has d(c, T)
+ * <= d(p, T) + r <= d(c, B) + 2 r. So d = min d(., T_k) over the facets within that ball, once all of them
+ * are known. With q_k the foot of c on T_k and g_k the unit vector from q_k to c, d(p, T_k) >= g_k (p - q_k)
+ * (T_k lies behind the plane through q_k at a right angle to g_k; 0 when c lies on T_k). A minimum of linear
+ * functions is concave, so it is at least the linear function with its values at the corners.
+ *
+ * Lower, by corners. d^2(p) - |p|^2 = min over b in B of |b|^2 - 2 b p is concave, so that
+ *     d^2(sum l_i p_i) >= sum l_i d_i^2 - sum_{i<j} l_i l_j |p_i - p_j|^2 >= sum l_i (d_i^2 - e^2 / 3),
+ * e the longest edge, as sum_{i<j} l_i l_j <= 1 / 3. Where all d_i^2 >= e^2 / 3 the root, being concave, is
+ * at least the linear function with the values sqrt(d_i^2 - e^2 / 3). Good where the surfaces are far apart.
+ *
+ * Lower, by the middle. d >= d(c, B) - r, a constant.
+ *
+ * A patch of a bilinear target is cut into rectangles near c, each of which is within its twist of two
+ * triangles; these are facets, and their bounds are opened by the twist.
+ *
+ * Roundings: every distance is off by at most eta (hausdorff.c), by which both functions are opened. The
+ * direction g of a short c - q is off by more, which is taken off explicitly.
+ */
+#ifndef QM_DEVIATION_PIECE_H
+#define QM_DEVIATION_PIECE_H
+
+#include "bilinear_point.h"
+#include "kernel.h"
+
+/** Cuts after which a piece is cut no more. */
+#define QM_PIECE_DEPTH 40
+
+typedef struct qm_source_piece {
+    uint32_t face;
+    uint8_t second; /* of a flat quad: the triangle (c0 c2 c3) */
+    uint8_t depth;
+    double u[3], v[3]; /* on the face's patch, or weights of the second and third corner of its triangle */
+} qm_source_piece;
+
+/** What is known of a piece. Areas and integrals are in local units of the target. */
+typedef struct qm_piece_bounds {
+    double low[3], high[3];           /* values at the corners of the linear functions; low may be negative */
+    double area_low, area_high;       /* of the piece itself */
+    double density_low, density_high; /* what a whole piece would have if its area were spread like there */
+    double mean_low, mean_high;       /* integral of the distance */
+    double square_low, square_high;   /* integral of its square */
+} qm_piece_bounds;
+
+/** What the bounds of all pieces share. */
+typedef struct qm_piece_maker {
+    const qm_bvh *source, *target;
+    const qm_kernel *kernel;
+    bool source_patches, target_patches;
+    double reach;       /* greatest local coordinate of either surface */
+    double eta;         /* local */
+    double greatest;    /* no point of the source is farther from the target */
+    double patch_error; /* what the cutting of patches may cost, local */
+} qm_piece_maker;
+
+/** Bounds a piece; hint is a pack of the target to start from, and moves on. Returns the searches it took. */
+unsigned qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, uint32_t *hint,
+                        qm_piece_bounds *out);
+
+/** Bounds of a single point of weight 1, at a distance known to within eta. */
+qm_piece_bounds qm_piece_bound_point(double distance, double eta);
+
+/** Cuts a piece in two or three, into out; returns how many. The piece has depth to spare. */
+int qm_piece_cut(const qm_piece_maker *maker, const qm_source_piece *piece, qm_source_piece out[3]);
+
+#endif

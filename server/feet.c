@@ -1,0 +1,99 @@
+#include "feet.h"
+
+#include <endian.h>
+#include <math.h>
+#include <string.h>
+
+#include "json_out.h"
+
+void qm_feet_reset(qm_context *ctx, qm_feet *feet)
+{
+    qm_context_free(ctx, feet->distance, feet->count, sizeof *feet->distance);
+    qm_context_free(ctx, feet->position, feet->count, 3 * sizeof *feet->position);
+    qm_context_free(ctx, feet->uv, feet->count, 2 * sizeof *feet->uv);
+    qm_context_free(ctx, feet->face, feet->count, sizeof *feet->face);
+    *feet = (qm_feet){0};
+}
+
+qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, qm_quad_reading quads,
+                       const double *points, size_t count, int threads, qm_feet *out)
+{
+    *out = (qm_feet){.count = count};
+    if (count == 0) return QM_OK;
+    out->distance = qm_context_alloc(ctx, count, sizeof *out->distance);
+    out->position = qm_context_alloc(ctx, count, 3 * sizeof *out->position);
+    out->uv = qm_context_alloc(ctx, count, 2 * sizeof *out->uv);
+    out->face = qm_context_alloc(ctx, count, sizeof *out->face);
+    qm_projection projection = {out->distance, out->position, out->face, out->uv};
+    qm_status status;
+    if (out->distance && out->position && out->uv && out->face)
+        status = qm_project_points(ctx, mesh->bvh, quads, points, count, threads, &projection);
+    else
+        status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for %zu points", count);
+    for (size_t i = 0; status == QM_OK && i < count; i++)
+        out->face[i] = qm_mesh_input_face(&mesh->mesh, out->face[i]);
+    if (status != QM_OK) qm_feet_reset(ctx, out);
+    return status;
+}
+
+size_t qm_feet_find_bad(const double *numbers, size_t count)
+{
+    size_t place = 0;
+    while (place < count && isfinite(numbers[place]))
+        place++;
+    return place;
+}
+
+void qm_feet_turn_bytes(double *numbers, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        uint64_t bits;
+        memcpy(&bits, &numbers[i], sizeof bits);
+        bits = le64toh(bits);
+        memcpy(&numbers[i], &bits, sizeof bits);
+    }
+}
+
+void qm_feet_write_begin(qm_text *out, qm_rows rows)
+{
+    static const char *const starts[] = {"", "distance,x,y,z,face,u,v\n", "{\"points\":["};
+    qm_text_add_string(out, starts[rows]);
+}
+
+void qm_feet_write_end(qm_text *out, qm_rows rows)
+{
+    if (rows == QM_ROWS_JSON) qm_text_add_string(out, "]}\n");
+}
+
+static void write_binary(qm_text *out, const double row[7])
+{
+    uint64_t bits[7];
+    memcpy(bits, row, sizeof bits);
+    for (int i = 0; i < 7; i++)
+        bits[i] = htole64(bits[i]);
+    qm_text_add(out, (const char *)bits, sizeof bits);
+}
+
+static void write_csv(qm_text *out, const double row[7])
+{
+    char number[QM_JSON_NUMBER_SIZE];
+    for (int i = 0; i < 7; i++) {
+        qm_text_add_string(out, qm_json_number(row[i], number));
+        qm_text_add_string(out, i < 6 ? "," : "\n");
+    }
+}
+
+void qm_feet_write(qm_text *out, qm_rows rows, const qm_feet *feet, double diagonal, bool is_first)
+{
+    if (rows == QM_ROWS_JSON && !is_first && feet->count > 0) qm_text_add_string(out, ",");
+    for (size_t i = 0; i < feet->count; i++) {
+        const double *p = feet->position + 3 * i, *uv = feet->uv + 2 * i;
+        const double row[7] = {feet->distance[i], p[0], p[1], p[2], (double)feet->face[i], uv[0], uv[1]};
+        if (rows == QM_ROWS_JSON)
+            qm_json_write_foot(out, feet, i, diagonal);
+        else if (rows == QM_ROWS_CSV)
+            write_csv(out, row);
+        else
+            write_binary(out, row);
+    }
+}

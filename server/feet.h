@@ -1,0 +1,52 @@
+/**
+ * feet.h: nearest points of a surface for a batch of points, and how they are written as rows. Shared by the
+ * jobs, the streaming projection and the command line.
+ */
+#ifndef QM_FEET_H
+#define QM_FEET_H
+
+#include "mesh_load.h"
+#include "qm/project.h"
+#include "text.h"
+
+/** A row for each point; arrays on the allocator of the context that found them. */
+typedef struct qm_feet {
+    size_t count;
+    double *distance, *position, *uv; /* rows of 1, 3, 2 */
+    uint32_t *face; /* in the numbering of the input file; for a point set the place of the point */
+} qm_feet;
+
+/**
+ * Finds the feet of count points; *out is the caller's, for qm_feet_reset in the same context. Returns what
+ * qm_project_points returns; after an error *out is all zero.
+ */
+qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, qm_quad_reading quads,
+                       const double *points, size_t count, int threads, qm_feet *out);
+void qm_feet_reset(qm_context *ctx, qm_feet *feet);
+
+/** The place of the first of count numbers that is not finite, or count. */
+size_t qm_feet_find_bad(const double *numbers, size_t count);
+
+/** Doubles of this machine to little-endian ones, or back, in place: the same turn of bytes, or none. */
+void qm_feet_turn_bytes(double *numbers, size_t count);
+
+/** Points that are projected together and written before the next ones are: what bounds memory. */
+#define QM_FEET_BLOCK 65536
+
+/** Bytes of a row in QM_ROWS_BINARY. */
+#define QM_FEET_ROW_SIZE (7 * sizeof(double))
+
+typedef enum qm_rows {
+    QM_ROWS_BINARY, /* seven little-endian doubles: distance, x, y, z, face, u, v */
+    QM_ROWS_CSV,    /* the same as numbers, after a line with their names */
+    QM_ROWS_JSON    /* one document with an array "points" */
+} qm_rows;
+
+/** What stands before the first block and after the last one. */
+void qm_feet_write_begin(qm_text *out, qm_rows rows);
+void qm_feet_write_end(qm_text *out, qm_rows rows);
+
+/** Writes the rows of a block. diagonal is that of the mesh; is_first tells JSON whether a comma is due. */
+void qm_feet_write(qm_text *out, qm_rows rows, const qm_feet *feet, double diagonal, bool is_first);
+
+#endif

@@ -1,0 +1,18 @@
+/**
+ * hash.h: SHA-256 of texts, in hex.
+ */
+#ifndef QM_HASH_H
+#define QM_HASH_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#define QM_HASH_SIZE 65 /* 64 digits and a 0 */
+
+/** The hash of a whole text. */
+void qm_hash_text(const char *text, size_t size, char out[QM_HASH_SIZE]);
+
+/** A digest that was taken elsewhere, in hex. */
+void qm_hash_print(const uint8_t digest[32], char out[QM_HASH_SIZE]);
+
+#endif

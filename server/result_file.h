@@ -1,0 +1,26 @@
+/**
+ * result_file.h: the long arrays of results, which documents and events leave out: little-endian doubles in
+ * results/ of the data folder, named by their job. A job writes its file before it ends, and one that runs
+ * again after a restart writes it again.
+ */
+#ifndef QM_RESULT_FILE_H
+#define QM_RESULT_FILE_H
+
+#include "store.h"
+
+/** Writes the array of a job: on disk, whole, when QM_OK is returned. */
+qm_status qm_result_file_write(qm_store *store, const char *job_id, const double *numbers, size_t count);
+
+typedef struct qm_result_file qm_result_file;
+
+/** Opens the array of a job for reading; NULL when there is none. */
+qm_result_file *qm_result_file_open(qm_store *store, const char *job_id);
+void qm_result_file_close(qm_result_file *file);
+
+/** Numbers that it holds. */
+uint64_t qm_result_file_count(const qm_result_file *file);
+
+/** Reads count numbers from a place on; false when that fails. */
+bool qm_result_file_read(const qm_result_file *file, uint64_t first, double *numbers, size_t count);
+
+#endif

@@ -1,0 +1,169 @@
+"""How far one surface lies from another: intervals of known values, and the distances at the vertices."""
+import array
+import math
+import struct
+import time
+
+import pytest
+
+import shapes
+from conftest import SLOW, check_problem, ndjson
+
+FLOOR = ([(-5, -5, 0), (6, -5, 0), (6, 6, 0), (-5, 6, 0)], [(0, 1, 2, 3)])
+RAMP = ([(0, 0, 1), (1, 0, 2), (1, 1, 2), (0, 1, 1)], [(0, 1, 2, 3)])
+
+
+def ask(client, a, b, headers=(), **fields):
+    reply = client.post("/v1/jobs", json={"type": "deviation", "a": a, "b": b, **fields},
+                        headers={"Prefer": "wait=60", **dict(headers)})
+    assert reply.status_code == 200, reply.text
+    return reply.json()
+
+
+@pytest.fixture(scope="module")
+def pair(daemon):
+    with daemon.client() as made:
+        return made.upload(RAMP, name="ramp")["id"], made.upload(FLOOR, name="floor")["id"]
+
+
+def check_interval(interval, value, width):
+    assert interval["lower"] <= value <= interval["upper"], interval
+    assert interval["upper"] - interval["lower"] <= width, interval
+    if "lower_relative" in interval:
+        assert interval["lower_relative"] <= interval["lower"] / math.sqrt(3) * (1 + 1e-15)
+        assert interval["upper_relative"] >= interval["upper"] / math.sqrt(3) * (1 - 1e-15)
+
+
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+def test_a_ramp_over_a_floor(client, pair, quads):
+    job = ask(client, *pair, quads=quads, percentiles=[100, 25], bins=4)
+    assert job["type"] == "deviation" and job["state"] == "succeeded"
+    assert job["request"]["percentiles"] == [100, 25] and job["request"]["accuracy"] == 0.01
+    result = job["result"]
+    assert result["over"] == "area" and result["accurate"] is True
+    check_interval(result["size"], math.sqrt(2), 1e-9)
+    check_interval(result["mean"], 1.5, 1e-6)
+    check_interval(result["rms"], math.sqrt(7 / 3), 1e-6)
+    check_interval(result["max"], 2, 1e-5)
+    assert [row["percent"] for row in result["percentiles"]] == [100, 25]
+    check_interval(result["percentiles"][0], 2, 1e-5)
+    check_interval(result["percentiles"][1], 1.25, 1e-5)
+    histogram = result["histogram"]
+    assert histogram["bin_width"] == pytest.approx(0.5, abs=1e-5)
+    for (low, high), share in zip(histogram["shares"], [0, 0, 0.5, 0.5], strict=True):
+        assert low - 1e-4 <= share <= high + 1e-4 and high - low < 1e-4
+    assert result["vertex_count"] == 4
+
+
+def test_point_sets_are_counted(client, pair):
+    points = client.upload(b"0 0 1\n0 1 2\n1 0 6\n", format="xyz")["id"]
+    result = ask(client, points, pair[1])["result"]
+    assert result["over"] == "points" and result["size"] == {"lower": 3, "upper": 3}
+    check_interval({k: v for k, v in result["mean"].items() if "_" not in k}, 3, 1e-9)
+
+
+def test_more_pieces_close_in(client, spheres):
+    last = None
+    for pieces in (0, 30000, 90000):
+        mean = ask(client, *spheres, pieces=pieces, tolerance=1e-4, percentiles=[], bins=0)["result"]["mean"]
+        if last:
+            assert mean["upper"] - mean["lower"] < last["upper"] - last["lower"]
+            assert mean["lower"] <= last["upper"] and last["lower"] <= mean["upper"]
+        last = mean
+
+
+def test_vertices_are_read_from_the_result(client, spheres):
+    job = ask(client, *spheres, pieces=0, tolerance=1e-3)
+    assert "vertex_distances" not in job["result"]
+    path = f"/v1/jobs/{job['id']}/result"
+    whole = client.get(path).json()
+    distances = whole.pop("vertex_distances")
+    assert whole == job["result"] and len(distances) == whole["vertex_count"]
+    reply = client.get(path, headers={"Accept": "application/octet-stream"})
+    assert int(reply.headers["content-length"]) == 8 * len(distances)
+    assert array.array("d", reply.content).tolist() == distances
+    head, *lines = client.get(path, headers={"Accept": "text/csv"}).text.splitlines()
+    assert head == "vertex,distance"
+    assert [line.split(",")[0] for line in lines] == [str(i) for i in range(len(distances))]
+    assert [float(line.split(",")[1]) for line in lines] == distances
+    assert max(distances) <= job["result"]["max"]["upper"] + 1e-12
+    # They are what a projection of the vertices finds.
+    points = [x for vertex in shapes.sphere()[0] for x in vertex]
+    rows = client.post(f"/v1/meshes/{spheres[1]}/project", content=array.array("d", points).tobytes())
+    assert [row[0] for row in struct.iter_unpack("<7d", rows.content)] == distances
+
+
+def test_events_leave_the_vertices_out(client, spheres):
+    reply = client.post("/v1/jobs", headers={"Accept": "application/x-ndjson", "Cache-Control": "no-cache"},
+                        json={"type": "deviation", "a": spheres[0], "b": spheres[1], "pieces": 0, "tolerance": 1e-3})
+    events = ndjson(reply.text)
+    assert {event["event"] for event in events[:-1]} <= {"bounds"} and events[-1]["event"] == "result"
+    assert "vertex_distances" not in events[-1]["result"] and len(reply.text) < 50000
+
+
+def test_every_result_can_be_read(client, pair):
+    done = client.hausdorff(*pair, tolerance=1e-3)
+    path = f"/v1/jobs/{done['id']}/result"
+    assert client.get(path).json() == done["result"]
+    check_problem(client.get(path, headers={"Accept": "text/csv"}), 406, "not_acceptable")
+    check_problem(client.get("/v1/jobs/j_none/result"), 404, "job_not_found")
+
+
+def test_there_is_no_result_before_the_end(client, slow_pair):
+    job = client.start(*slow_pair, **SLOW, headers={"Cache-Control": "no-cache"}, detach=True)
+    reply = client.get(f"/v1/jobs/{job['id']}/result")
+    if client.get(f"/v1/jobs/{job['id']}").json()["state"] in ("queued", "running"):
+        check_problem(reply, 409, "conflict")
+    client.delete(f"/v1/jobs/{job['id']}")
+
+
+def test_results_survive_a_restart(make_daemon):
+    daemon = make_daemon()
+    with daemon.client() as client:
+        a, b = client.upload(RAMP)["id"], client.upload(FLOOR)["id"]
+        done = ask(client, a, b)
+        before = client.get(f"/v1/jobs/{done['id']}/result").text
+    daemon.stop(9)
+    daemon.start()
+    with daemon.client() as client:
+        assert client.get(f"/v1/jobs/{done['id']}/result").text == before
+        assert ask(client, a, b)["cached"] is True
+        # The meshes are no longer needed.
+        client.delete(f"/v1/meshes/{a}")
+        assert client.get(f"/v1/jobs/{done['id']}/result").text == before
+
+
+def test_a_running_job_can_be_cancelled(client, slow_pair):
+    reply = client.post("/v1/jobs", json={"type": "deviation", "a": slow_pair[0], "b": slow_pair[1],
+                                          "quads": "bilinear", "accuracy": 1e-9, "pieces": 10000000})
+    job = reply.json()
+    while client.get(f"/v1/jobs/{job['id']}").json()["state"] == "queued":
+        time.sleep(0.02)
+    time.sleep(0.2)
+    reply = client.delete(f"/v1/jobs/{job['id']}")
+    assert reply.status_code == 202, reply.text
+    done = client.wait(job["id"])
+    assert done["state"] == "cancelled" and done["problem"]["code"] == "conflict"
+    check_problem(client.get(f"/v1/jobs/{job['id']}/result"), 409, "conflict")
+
+
+@pytest.mark.parametrize("field, value, pointer", [
+    ("accuracy", 0, "/accuracy"),
+    ("accuracy", "1", "/accuracy"),
+    ("pieces", -1, "/pieces"),
+    ("pieces", 1.5, "/pieces"),
+    ("pieces", 1e8, "/pieces"),
+    ("bins", 20000, "/bins"),
+    ("percentiles", [50, 0], "/percentiles/1"),
+    ("percentiles", [101], "/percentiles/0"),
+    ("percentiles", ["50"], "/percentiles/0"),
+    ("percentiles", 50, "/percentiles"),
+    ("percentiles", [1] * 65, "/percentiles"),
+    ("threshold", 1, "/threshold"),
+    ("direction", "a_to_b", "/direction"),
+    ("mesh", "m_1", "/mesh"),
+])
+def test_bad_fields_are_pointed_at(client, pair, field, value, pointer):
+    body = {"type": "deviation", "a": pair[0], "b": pair[1], field: value}
+    problem = check_problem(client.post("/v1/jobs", json=body), 400, "invalid_field")
+    assert [error["pointer"] for error in problem["errors"]] == [pointer]

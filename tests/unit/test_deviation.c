@@ -1,0 +1,572 @@
+/*
+ * Mean, rms, percentiles and histogram of distances: known values, and intervals held against a dense
+ * sampling that is itself an interval, as no distance changes faster than the place it is measured at.
+ */
+#include <math.h>
+#include <stdatomic.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "check.h"
+#include "failing_allocator.h"
+#include "parallel.h"
+#include "qm/deviation.h"
+#include "shapes.h"
+#include "slow_twin.h"
+
+static const double percents[] = {1, 5, 25, 50, 75, 95, 100};
+enum { PERCENTS = sizeof percents / sizeof percents[0], BINS = 8 };
+
+static qm_deviation_options options_for(qm_quad_reading quads, double tolerance)
+{
+    qm_deviation_options options = qm_deviation_options_default();
+    options.quads = quads;
+    options.tolerance = tolerance;
+    options.percentile = percents;
+    options.percentile_count = PERCENTS;
+    options.bin_count = BINS;
+    return options;
+}
+
+static qm_status measure_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
+                            const qm_deviation_options *options, qm_deviation *out)
+{
+    qm_bvh *tree_a = NULL, *tree_b = NULL;
+    memset(out, 0, sizeof *out);
+    qm_status status = qm_bvh_build(ctx, a, QM_BVH_ALL, 1, &tree_a);
+    if (status == QM_OK) status = qm_bvh_build(ctx, b, QM_BVH_ALL, 1, &tree_b);
+    if (status == QM_OK) status = qm_deviation_measure(ctx, tree_a, tree_b, options, out);
+    qm_bvh_destroy(ctx, tree_a);
+    qm_bvh_destroy(ctx, tree_b);
+    return status;
+}
+
+static qm_deviation measure(const qm_mesh *a, const qm_mesh *b, const qm_deviation_options *options)
+{
+    qm_context ctx = qm_context_make();
+    qm_deviation out;
+    assert_int_equal(measure_in(&ctx, a, b, options, &out), QM_OK);
+    return out;
+}
+
+static void release(qm_deviation *deviation)
+{
+    qm_context ctx = qm_context_make();
+    qm_deviation_reset(&ctx, deviation);
+}
+
+static void check_holds(qm_interval interval, double value, double width, const char *name)
+{
+    QM_CHECK(interval.lower <= value && value <= interval.upper, "%s: %.17g is not in [%.17g, %.17g]", name,
+             value, interval.lower, interval.upper);
+    QM_CHECK(interval.upper - interval.lower <= width, "%s: [%.17g, %.17g]", name, interval.lower,
+             interval.upper);
+}
+
+/* ---- known values ---- */
+
+static qm_mesh make_plane(double low, double high, const double height[4])
+{
+    const double corners[4][3] = {
+        {low, low, height[0]}, {high, low, height[1]}, {high, high, height[2]}, {low, high, height[3]}};
+    return qm_shape_face(4, corners);
+}
+
+static const double level[4] = {0, 0, 0, 0};
+
+static void parallel_planes_are_as_far_as_they_are(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_plane(5, 0.25), b = make_plane(-3, 4, level);
+    for (int reading = 0; reading < 2; reading++) {
+        qm_deviation_options options = options_for((qm_quad_reading)reading, 1e-9);
+        qm_deviation found = measure(&a, &b, &options);
+        assert_int_equal(found.measure, QM_OVER_AREA);
+        assert_true(found.is_accurate);
+        check_holds(found.size, 1.0, 1e-9, "area");
+        check_holds(found.mean, 0.25, 1e-9, "mean");
+        check_holds(found.rms, 0.25, 1e-9, "rms");
+        check_holds(found.max, 0.25, 1e-9, "max");
+        for (int i = 0; i < PERCENTS; i++)
+            check_holds(found.percentile[i], 0.25, 1e-8, "percentile");
+        assert_int_equal(found.vertex_count, a.vertex_count);
+        for (size_t i = 0; i < found.vertex_count; i++)
+            assert_true(fabs(found.vertex_distance[i] - 0.25) < 1e-12);
+        assert_int_equal(found.bin_count, BINS);
+        check_holds(found.bin[BINS - 1], 1.0, 1e-9, "last bin");
+        check_holds(found.bin[0], 0.0, 1e-9, "first bin");
+        release(&found);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void a_tilted_plane_has_exact_moments(void **state)
+{
+    (void)state;
+    static const double tilted[4] = {1, 1.5, 1.5, 1};
+    qm_mesh a = make_plane(0, 1, tilted), b = make_plane(-3, 4, level);
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
+    qm_deviation found = measure(&a, &b, &options);
+    check_holds(found.size, sqrt(1.25), 1e-9, "area");
+    check_holds(found.mean, 1.25, 1e-9, "mean");
+    check_holds(found.rms, sqrt(19.0 / 12.0), 1e-9, "rms");
+    for (int i = 0; i < PERCENTS; i++)
+        check_holds(found.percentile[i], 1.0 + 0.005 * percents[i], 1e-8, "percentile");
+    assert_true(found.bin_width == found.max.upper / BINS);
+    for (int i = 0; i < BINS; i++) {
+        double from = fmax(1.0, i * found.bin_width), to = fmin(1.5, (i + 1) * found.bin_width);
+        check_holds(found.bin[i], fmax(0.0, 2.0 * (to - from)), 1e-8, "bin");
+    }
+    release(&found);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void a_plane_through_another_is_folded_up(void **state)
+{
+    (void)state;
+    static const double tilted[4] = {-0.5, 0.5, 0.5, -0.5};
+    qm_mesh a = make_plane(0, 1, tilted), b = make_plane(-3, 4, level);
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
+    qm_deviation found = measure(&a, &b, &options);
+    assert_true(found.is_accurate);
+    check_holds(found.mean, 0.25, 0.0026, "mean");
+    check_holds(found.rms, sqrt(1.0 / 12.0), 0.003, "rms");
+    check_holds(found.percentile[3], 0.25, 0.01, "median");
+    release(&found);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void a_saddle_over_a_plane_is_balanced(void **state)
+{
+    (void)state;
+    /* z = x y over [-1, 1]^2, 3 above the plane: for each point there is one as far below 3 as it is above.
+     */
+    qm_mesh a = qm_shape_saddle(1);
+    static const double down[3] = {0, 0, 3};
+    qm_shape_move(&a, 1.0, down);
+    qm_mesh b = make_plane(-9, 9, level);
+    for (size_t limit = 0; limit <= 4000; limit = 10 * limit + 4) {
+        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-3);
+        options.accuracy = 1e-4;
+        options.piece_limit = limit;
+        qm_deviation found = measure(&a, &b, &options);
+        double width = limit < 4000 ? 8.0 : 0.01;
+        check_holds(found.mean, 3.0, width, "mean");
+        check_holds(found.percentile[3], 3.0, width, "median");
+        check_holds(found.max, 4.0, 1e-3, "max");
+        QM_CHECK(found.rms.lower < 3.02 && found.rms.upper > 3.0, "[%g, %g]", found.rms.lower,
+                 found.rms.upper);
+        release(&found);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void far_spheres_are_their_radii_apart(void **state)
+{
+    (void)state;
+    /* The inner one is finer than its distance: its points lie 9 to 9.01 from the outer one. */
+    qm_mesh a = qm_shape_sphere(0.0), b = qm_shape_sphere(0.0);
+    static const double nowhere[3] = {0, 0, 0};
+    qm_shape_move(&b, 10.0, nowhere);
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-3);
+    qm_deviation found = measure(&a, &b, &options);
+    assert_true(found.is_accurate);
+    QM_CHECK(found.mean.lower <= 9.02 && found.mean.upper >= 8.97, "[%g, %g]", found.mean.lower,
+             found.mean.upper);
+    QM_CHECK(found.rms.lower >= 0.98 * found.mean.lower && found.rms.upper <= 1.02 * found.mean.upper,
+             "[%g, %g]", found.rms.lower, found.rms.upper);
+    release(&found);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void a_mesh_lies_on_itself(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_torus(20, 10, 1.0, 0.3);
+    for (int reading = 0; reading < 2; reading++) {
+        qm_deviation_options options = options_for((qm_quad_reading)reading, 1e-3);
+        qm_deviation found = measure(&a, &a, &options);
+        QM_CHECK(found.mean.lower == 0.0 && found.mean.upper < (reading ? 0.05 : 1e-9), "[%g, %g]",
+                 found.mean.lower, found.mean.upper);
+        for (size_t i = 0; i < found.vertex_count; i++)
+            assert_true(found.vertex_distance[i] < 1e-12);
+        release(&found);
+    }
+    qm_shape_free(&a);
+}
+
+static void points_are_counted(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_make(4, 0), b = make_plane(-3, 4, level);
+    static const double positions[] = {0, 0, 1, 0, 1, 2, 1, 0, 3, 1, 1, 6};
+    memcpy(a.positions, positions, sizeof positions);
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
+    qm_deviation found = measure(&a, &b, &options);
+    assert_int_equal(found.measure, QM_OVER_POINTS);
+    assert_true(found.size.lower == 4.0 && found.size.upper == 4.0);
+    check_holds(found.mean, 3.0, 1e-10, "mean");
+    check_holds(found.rms, sqrt(12.5), 1e-10, "rms");
+    static const double expected[PERCENTS] = {1, 1, 1, 2, 3, 6, 6};
+    for (int i = 0; i < PERCENTS; i++)
+        check_holds(found.percentile[i], expected[i], i == 2 || i == 3 || i == 4 ? 6.0 : 1e-8, "percentile");
+    release(&found);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void needles_count_by_their_vertices(void **state)
+{
+    (void)state;
+    static const double corners[3][3] = {{0, 0, 1}, {1, 0, 2}, {2, 0, 3}};
+    qm_mesh a = qm_shape_face(3, corners), b = make_plane(-3, 4, level);
+    static const double far[3] = {0, 0, 50};
+    qm_mesh with_unused = qm_shape_with_unused(&a, 2, far);
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
+    qm_deviation found = measure(&with_unused, &b, &options);
+    assert_int_equal(found.measure, QM_OVER_VERTICES);
+    assert_true(found.size.lower == 3.0);
+    check_holds(found.mean, 2.0, 1e-10, "mean");
+    check_holds(found.max, 3.0, 1e-9, "max");
+    release(&found);
+    qm_shape_free(&with_unused);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+/* ---- against dense sampling ---- */
+
+/** A cell of the source: its area, and the interval of the distances in it. */
+typedef struct cell {
+    double area, low, high;
+} cell;
+
+typedef struct cell_list {
+    cell *cells;
+    size_t count;
+    double area;
+} cell_list;
+
+static double distance3(const double a[3], const double b[3])
+{
+    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) +
+                (a[2] - b[2]) * (a[2] - b[2]));
+}
+
+static double triangle_area(const double a[3], const double b[3], const double c[3])
+{
+    long double u[3], v[3];
+    for (int i = 0; i < 3; i++) {
+        u[i] = (long double)b[i] - (long double)a[i];
+        v[i] = (long double)c[i] - (long double)a[i];
+    }
+    long double x = u[1] * v[2] - u[2] * v[1], y = u[2] * v[0] - u[0] * v[2], z = u[0] * v[1] - u[1] * v[0];
+    return (double)(sqrtl(x * x + y * y + z * z) / 2);
+}
+
+static void add_cell(cell_list *list, const qm_mesh *b, qm_quad_reading reading, const double corner[4][3],
+                     int corners, double area, double bulge, double eps)
+{
+    double middle[3] = {0, 0, 0}, radius = 0.0;
+    for (int i = 0; i < corners; i++)
+        for (int k = 0; k < 3; k++)
+            middle[k] += corner[i][k] / corners;
+    for (int i = 0; i < corners; i++)
+        radius = fmax(radius, distance3(middle, corner[i]));
+    qm_slow_bracket distance = qm_slow_distance(b, reading, middle, eps);
+    radius += bulge;
+    list->cells[list->count++] = (cell){area, fmax(0.0, distance.lower - radius), distance.upper + radius};
+    list->area += area;
+}
+
+/** A flat triangle in n x n cells. */
+static void add_triangle(cell_list *list, const qm_mesh *b, qm_quad_reading reading, const double p[3][3],
+                         int n)
+{
+    double area = triangle_area(p[0], p[1], p[2]) / (n * n);
+    for (int i = 0; i < n; i++) {
+        for (int j = 0; j < 2 * (n - i) - 1; j++) {
+            double corner[4][3];
+            int column = j / 2;
+            bool is_up = j % 2 == 0;
+            const int u[3] = {i + !is_up, i + 1, i + (is_up ? 0 : 0)},
+                      v[3] = {column + !is_up, column, column + 1};
+            for (int c = 0; c < 3; c++)
+                for (int k = 0; k < 3; k++)
+                    corner[c][k] = p[0][k] + (p[1][k] - p[0][k]) * u[c] / n + (p[2][k] - p[0][k]) * v[c] / n;
+            add_cell(list, b, reading, corner, 3, area, 0.0, 1e-6);
+        }
+    }
+}
+
+/** A bilinear patch in n x n cells, which are near the quads of their corners. */
+static void add_patch(cell_list *list, const qm_mesh *a, size_t face, const qm_mesh *b, int n)
+{
+    static const int du[4] = {0, 1, 1, 0}, dv[4] = {0, 0, 1, 1};
+    for (int i = 0; i < n * n; i++) {
+        double corner[4][3], w = 0.0;
+        for (int c = 0; c < 4; c++) {
+            const double uv[2] = {(double)(i / n + du[c]) / n, (double)(i % n + dv[c]) / n};
+            qm_slow_position(a, face, QM_QUADS_BILINEAR, uv, corner[c]);
+        }
+        for (int k = 0; k < 3; k++)
+            w += fabs(corner[0][k] - corner[1][k] + corner[2][k] - corner[3][k]);
+        double area =
+            triangle_area(corner[0], corner[1], corner[2]) + triangle_area(corner[0], corner[2], corner[3]);
+        add_cell(list, b, QM_QUADS_BILINEAR, corner, 4, area, w, 1e-3);
+    }
+}
+
+static cell_list sample(const qm_mesh *a, const qm_mesh *b, qm_quad_reading reading, int n)
+{
+    cell_list list = {.cells = calloc(a->face_count * 2 * (size_t)(n * n), sizeof(cell))};
+    assert_non_null(list.cells);
+    for (size_t f = 0; f < a->face_count; f++) {
+        const uint32_t *index = a->faces + 4 * f;
+        if (index[3] != QM_NO_INDEX && reading == QM_QUADS_BILINEAR) {
+            add_patch(&list, a, f, b, n);
+            continue;
+        }
+        for (int half = 0; half < (index[3] == QM_NO_INDEX ? 1 : 2); half++) {
+            double p[3][3];
+            const uint32_t corner[3] = {index[0], index[1 + half], index[2 + half]};
+            for (int c = 0; c < 3; c++)
+                memcpy(p[c], a->positions + 3 * (size_t)corner[c], sizeof p[c]);
+            add_triangle(&list, b, reading, p, n);
+        }
+    }
+    return list;
+}
+
+/** Share of the area whose distance is surely (or possibly) within [from, to]. */
+static double share(const cell_list *list, double from, double to, bool surely)
+{
+    double area = 0.0;
+    for (size_t i = 0; i < list->count; i++) {
+        const cell *c = &list->cells[i];
+        bool counts = surely ? c->low >= from && c->high <= to : c->high >= from && c->low <= to;
+        if (counts) area += c->area;
+    }
+    return area / list->area;
+}
+
+/** Two intervals of one value have something in common; slack is what the areas of the sampling are off by.
+ */
+static void check_meet(qm_interval found, double low, double high, double slack, uint64_t seed,
+                       const char *name)
+{
+    QM_CHECK(found.lower <= found.upper && found.lower <= high + slack && found.upper >= low - slack,
+             "seed %llu: %s [%.12g, %.12g] against [%.12g, %.12g]", (unsigned long long)seed, name,
+             found.lower, found.upper, low, high);
+}
+
+static void check_against(const qm_deviation *found, const cell_list *list, double slack, uint64_t seed)
+{
+    double mean[2] = {0, 0}, square[2] = {0, 0}, greatest = 0.0;
+    for (size_t i = 0; i < list->count; i++) {
+        const cell *c = &list->cells[i];
+        double weight = c->area / list->area;
+        mean[0] += weight * c->low;
+        mean[1] += weight * c->high;
+        square[0] += weight * c->low * c->low;
+        square[1] += weight * c->high * c->high;
+        greatest = fmax(greatest, c->high);
+    }
+    check_meet(found->size, list->area, list->area, (slack + 1e-9) * list->area, seed, "area");
+    check_meet(found->mean, mean[0], mean[1], slack * greatest, seed, "mean");
+    check_meet(found->rms, sqrt(square[0]), sqrt(square[1]), slack * greatest, seed, "rms");
+    for (int i = 0; i < PERCENTS; i++) {
+        qm_interval p = found->percentile[i];
+        QM_CHECK(share(list, 0.0, p.upper, false) >= percents[i] / 100.0 - slack - 1e-9 &&
+                     share(list, 0.0, p.lower, true) <= percents[i] / 100.0 + slack + 1e-9,
+                 "seed %llu: percentile %g [%.12g, %.12g]", (unsigned long long)seed, percents[i], p.lower,
+                 p.upper);
+    }
+    for (int i = 0; i < BINS; i++) {
+        double from = i * found->bin_width, to = from + found->bin_width;
+        check_meet(found->bin[i], share(list, from, i + 1 < BINS ? nextafter(to, 0.0) : INFINITY, true),
+                   share(list, from, to, false), slack + 1e-9, seed, "bin");
+    }
+}
+
+static void one_soup(uint64_t seed, uint64_t stream, qm_quad_reading reading)
+{
+    qm_random random = qm_random_make(seed, stream);
+    bool is_bilinear = reading == QM_QUADS_BILINEAR;
+    qm_soup_corners corners = is_bilinear ? QM_SOUP_QUADS : (qm_soup_corners)qm_random_below(&random, 3);
+    qm_soup_style styles[2] = {(qm_soup_style)qm_random_below(&random, QM_SOUP_STYLE_COUNT),
+                               (qm_soup_style)qm_random_below(&random, QM_SOUP_STYLE_COUNT)};
+    qm_mesh a =
+        qm_shape_soup(&random, 1 + qm_random_below(&random, 3), corners, styles[0], is_bilinear ? 0.5 : 1.0);
+    qm_mesh b =
+        qm_shape_soup(&random, 1 + qm_random_below(&random, 8), corners, styles[1], is_bilinear ? 0.5 : 1.0);
+    qm_deviation_options options = options_for(reading, 1e-3);
+    options.piece_limit = 1000 * qm_random_below(&random, 10);
+    qm_deviation found = measure(&a, &b, &options);
+    if (found.measure == QM_OVER_AREA) {
+        cell_list list = sample(&a, &b, reading, is_bilinear ? 12 : 24);
+        check_against(&found, &list, is_bilinear ? 0.05 : 0.0, stream);
+        free(list.cells);
+    }
+    release(&found);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void random_soups_agree_with_sampling(void **state)
+{
+    (void)state;
+    uint64_t count = qm_check_long() ? 2000 : 60, seed = qm_check_seed();
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (uint64_t i = 0; i < count; i++)
+        one_soup(seed, i, QM_QUADS_TRIANGLES);
+}
+
+static void random_patches_agree_with_sampling(void **state)
+{
+    (void)state;
+    uint64_t count = qm_check_long() ? 60 : 12, seed = qm_check_seed();
+    print_message("seed %llu\n", (unsigned long long)seed);
+    for (uint64_t i = 0; i < count; i++)
+        one_soup(seed, 1000000 + i, QM_QUADS_BILINEAR);
+}
+
+static void more_pieces_only_narrow(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_sphere(0.0), b = qm_shape_sphere(0.0314159);
+    qm_interval last = {0.0, INFINITY};
+    for (size_t limit = 0; limit <= 40000; limit = 2 * limit + 10000) {
+        qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-3);
+        options.piece_limit = limit;
+        options.accuracy = 1e-4;
+        qm_deviation found = measure(&a, &b, &options);
+        assert_false(found.is_accurate);
+        assert_true(found.pieces <= 9600 + limit);
+        QM_CHECK(found.mean.lower <= last.upper && found.mean.upper >= last.lower &&
+                     found.mean.upper - found.mean.lower < last.upper - last.lower,
+                 "[%g, %g]", found.mean.lower, found.mean.upper);
+        last = found.mean;
+        release(&found);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+/* ---- the call ---- */
+
+static void threads_change_nothing(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_torus(24, 12, 1.0, 0.3), b = qm_shape_torus(20, 10, 1.0, 0.31);
+    qm_deviation found[3];
+    qm_context ctx = qm_context_make();
+    ctx.parallel = qm_parallel_run;
+    static const int threads[3] = {1, 2, 7};
+    for (int i = 0; i < 3; i++) {
+        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-2);
+        options.thread_count = threads[i];
+        options.piece_limit = 5000;
+        assert_int_equal(measure_in(&ctx, &a, &b, &options, &found[i]), QM_OK);
+        assert_memory_equal(&found[i].mean, &found[0].mean, sizeof found[0].mean);
+        assert_memory_equal(&found[i].rms, &found[0].rms, sizeof found[0].rms);
+        assert_int_equal(found[i].pieces, found[0].pieces);
+        assert_memory_equal(found[i].vertex_distance, found[0].vertex_distance,
+                            found[0].vertex_count * sizeof *found[0].vertex_distance);
+    }
+    for (int i = 0; i < 3; i++)
+        release(&found[i]);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void bad_options_are_refused(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_plane(2, 1.0);
+    qm_context ctx = qm_context_make();
+    static const double bad[] = {0.0, -1.0, 100.5, NAN};
+    qm_deviation found;
+    for (int i = 0; i < 4; i++) {
+        qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-3);
+        options.percentile = &bad[i];
+        options.percentile_count = 1;
+        assert_int_equal(measure_in(&ctx, &a, &a, &options, &found), QM_E_ARGUMENT);
+        assert_null(found.vertex_distance);
+        if (i == 2) continue;
+        options = options_for(QM_QUADS_TRIANGLES, 1e-3);
+        options.accuracy = bad[i];
+        assert_int_equal(measure_in(&ctx, &a, &a, &options, &found), QM_E_ARGUMENT);
+        options = options_for(QM_QUADS_TRIANGLES, bad[i]);
+        assert_int_equal(measure_in(&ctx, &a, &a, &options, &found), QM_E_ARGUMENT);
+    }
+    qm_shape_free(&a);
+}
+
+static void a_cancelled_call_leaves_nothing(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_torus(24, 12, 1.0, 0.3);
+    qm_context ctx = qm_context_make();
+    qm_bvh *tree = NULL;
+    assert_int_equal(qm_bvh_build(&ctx, &a, QM_BVH_ALL, 1, &tree), QM_OK);
+    atomic_bool cancel = true;
+    ctx.cancel = &cancel;
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-3);
+    qm_deviation found;
+    assert_int_equal(qm_deviation_measure(&ctx, tree, tree, &options, &found), QM_E_CANCELED);
+    assert_null(found.vertex_distance);
+    qm_bvh_destroy(&ctx, tree);
+    qm_shape_free(&a);
+}
+
+static void every_allocation_may_fail(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_torus(6, 4, 1.0, 0.3), b = qm_shape_torus(5, 4, 1.0, 0.35);
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-2);
+    options.piece_limit = 300;
+    bool succeeded = false;
+    for (size_t fail_at = 0; !succeeded; fail_at++) {
+        assert_true(fail_at < 10000);
+        qm_failing_allocator failing = {.fail_at = fail_at};
+        qm_context ctx = qm_context_make();
+        ctx.allocator = qm_failing_allocator_hook(&failing);
+        qm_deviation found;
+        qm_status status = measure_in(&ctx, &a, &b, &options, &found);
+        succeeded = status == QM_OK;
+        assert_true(succeeded || status == QM_E_NO_MEMORY);
+        qm_deviation_reset(&ctx, &found);
+        QM_CHECK(failing.live_blocks == 0 && !failing.mismatched, "call %zu: %zu blocks", fail_at,
+                 failing.live_blocks);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(parallel_planes_are_as_far_as_they_are),
+        cmocka_unit_test(a_tilted_plane_has_exact_moments),
+        cmocka_unit_test(a_plane_through_another_is_folded_up),
+        cmocka_unit_test(a_saddle_over_a_plane_is_balanced),
+        cmocka_unit_test(far_spheres_are_their_radii_apart),
+        cmocka_unit_test(a_mesh_lies_on_itself),
+        cmocka_unit_test(points_are_counted),
+        cmocka_unit_test(needles_count_by_their_vertices),
+        cmocka_unit_test(random_soups_agree_with_sampling),
+        cmocka_unit_test(random_patches_agree_with_sampling),
+        cmocka_unit_test(more_pieces_only_narrow),
+        cmocka_unit_test(threads_change_nothing),
+        cmocka_unit_test(bad_options_are_refused),
+        cmocka_unit_test(a_cancelled_call_leaves_nothing),
+        cmocka_unit_test(every_allocation_may_fail),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
