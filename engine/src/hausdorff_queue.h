@@ -13,8 +13,14 @@
 typedef struct qm_piece {
     qm_vec corner[4]; /* local to the target; three for a triangle, (s0,t0) (s1,t0) (s1,t1) (s0,t1) for a
                          rectangle */
-    double low[2], high[2]; /* rectangle in the parameters of the patch */
-    double slack;           /* the triangle lies within this distance of the source's surface; 0 mostly */
+    union {
+        struct {
+            double low[2], high[2]; /* by cells: rectangle in the parameters of the patch */
+        };
+        double distance[4]; /* by matching: upper bounds of the corners' distances, local */
+    };
+    uint32_t foot[4]; /* by matching: QM_PACK_LANES * pack + lane of the facet under each corner */
+    double slack;     /* the triangle lies within this distance of the source's surface; 0 mostly */
     uint32_t face;
     uint8_t corner_count, depth;
     uint32_t next_free; /* list of free places in the pool */

@@ -107,10 +107,14 @@ static void visit_pack(qm_worker *worker, qm_entry entry)
         int corner[4];
         count = face_corners(&work, lane, corner);
         if (face_reached(&work, corner, count)) continue;
-        gather_near(worker, &work);
         qm_piece piece = {.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
         for (int i = 0; i < count; i++)
             piece.corner[i] = work.vertex[corner[i]];
+        if (qm_search_is_matching(search)) {
+            qm_matching_face(worker, entry, &piece);
+            continue;
+        }
+        gather_near(worker, &work);
         qm_worker_face(worker, entry, &piece, &work.near);
     }
     qm_worker_discard(worker, qm_search_allowed(search)); /* the lower bound may have risen on the way */
@@ -131,7 +135,7 @@ static double bound_group(qm_worker *worker, const qm_side *side, qm_vec centre,
                           uint32_t *hint)
 {
     qm_hit hit = {.d2 = INFINITY, .pack = *hint};
-    worker->search->kernel->closest(side->target, centre, &hit);
+    qm_nearest_triangle(worker->search->kernel, &side->nearest, centre, &hit);
     worker->projections++;
     *hint = hit.pack;
     return sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane) + radius;
