@@ -67,8 +67,9 @@ typedef struct qm_worker {
     double witness;           /* distance of the witness, world units; -1 for none */
     int witness_side;
     uint32_t witness_face;
-    qm_vec witness_point;             /* local to the target of the side */
-    uint64_t iterations, projections; /* not handed over to the search yet */
+    qm_vec witness_point;                                       /* local to the target of the side */
+    uint64_t one_label_tries, one_label_probes, one_label_hits; /* how often a single label took a piece */
+    uint64_t iterations, projections;                           /* not handed over to the search yet */
     size_t max_queue;
 } qm_worker;
 

@@ -13,7 +13,10 @@
 #define MIDPOINT_DEPTH 40
 #define MAX_ATTEMPTS 4 /* covers of one part, each with candidates that the last one's corners brought */
 #define FACE_ATTEMPTS 3
-#define VISIT_BUDGET 64 /* parts looked at before the rest goes back to the queue */
+#define ONE_LABEL_PACKS 3 /* looked at for one label that takes all of a piece */
+#define PROBE_INTERVAL 16 /* pieces between two tries where one label seldom does */
+#define MIN_HIT_SHARE 2   /* of the tries, one in so many must succeed to go on */
+#define VISIT_BUDGET 64   /* parts looked at before the rest goes back to the queue */
 
 void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon)
 {
@@ -158,9 +161,37 @@ static qm_polygon part_polygon(const qm_piece_work *work, const qm_part *from)
     return polygon;
 }
 
+/** One label for the whole polygon, from the nearest packs in turn. */
+static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
+{
+    qm_box box = qm_vec_box(polygon->corner, polygon->count);
+    uint32_t packs[ONE_LABEL_PACKS];
+    int count = work->kernel->narrow(work->near, &box, qm_piece_allowed(work), ONE_LABEL_PACKS, packs);
+    qm_candidates candidates;
+    qm_candidates_fill(&candidates, work->side, packs, count, qm_piece_allowed(work) - work->slack);
+    return work->kernel->hull_reached(&candidates, polygon->corner, polygon->count);
+}
+
+/** Whether one label is worth a try: where surfaces nearly coincide hardly any face has one. */
+static bool try_one_label(const qm_piece_work *work, const qm_polygon *polygon)
+{
+    qm_worker *worker = work->worker;
+    bool is_due = worker->one_label_tries % PROBE_INTERVAL == 0;
+    if (!is_due && worker->one_label_hits * MIN_HIT_SHARE < worker->one_label_probes) {
+        worker->one_label_tries++;
+        return false;
+    }
+    bool is_covered = cover_by_one(work, polygon);
+    worker->one_label_tries++;
+    worker->one_label_probes++;
+    worker->one_label_hits += is_covered;
+    return is_covered;
+}
+
 bool qm_piece_cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 {
     if (work->near->count == 0) return false;
+    if (try_one_label(work, polygon)) return true;
     qm_shortlist list;
     work->kernel->shortlist(work->side->target, work->near, qm_polygon_middle(polygon), &list);
     qm_candidates nearest;
