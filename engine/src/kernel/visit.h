@@ -12,21 +12,24 @@
 static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, qm_hit *hit)
 {
     qm_vd d2[QM_PARTS];
-    qm_vl near = {0};
-    for (int part = 0; part < QM_PARTS; part++) {
+    for (int part = 0; part < QM_PARTS; part++)
         d2[part] = qm_pack_part_d2(&bvh->packs[pack], part, p.x, p.y, p.z);
-        near |= d2[part] <= qm_vd_set(hit->d2);
-    }
-    if (!qm_vl_bits(near)) return;
+    qm_vd low = d2[0];
+    for (int part = 1; part < QM_PARTS; part++)
+        low = qm_vd_min(d2[part], low);
+    double least = low[0];
+    for (int i = 1; i < QM_WIDTH; i++)
+        least = low[i] < least ? low[i] : least;
+    if (!(least <= hit->d2) || least == INFINITY) return;
+    unsigned bits = 0;
+    for (int part = 0; part < QM_PARTS; part++)
+        bits |= qm_vl_bits(d2[part] == qm_vd_set(least)) << (part * QM_WIDTH);
     const uint32_t *face = bvh->lanes[pack].face;
-    for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++) {
-        double here = d2[lane / QM_WIDTH][lane % QM_WIDTH];
-        if (here < hit->d2 || (here == hit->d2 && hit->lane < QM_PACK_LANES &&
-                               face[lane] < bvh->lanes[hit->pack].face[hit->lane])) {
-            hit->d2 = here;
-            hit->pack = pack;
-            hit->lane = lane;
-        }
+    for (; bits; bits &= bits - 1) {
+        uint32_t lane = (uint32_t)__builtin_ctz(bits);
+        if (least < hit->d2 ||
+            (hit->lane < QM_PACK_LANES && face[lane] < bvh->lanes[hit->pack].face[hit->lane]))
+            *hit = (qm_hit){least, pack, lane};
     }
 }
 
