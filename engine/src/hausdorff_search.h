@@ -4,6 +4,7 @@
  * Lengths in the queue and in the bounds are in world units. Each side (direction) computes in the local
  * frame of its target, whose scale is a power of two, so that going over costs no rounding.
  *
+ *   first samples      hausdorff_scout.c    a good lower bound before anything else
  *   groups and packs   hausdorff_source.c   one search a node: ball test; packs: a single label for each face
  *   pieces             hausdorff_piece.h    cover by several labels, else split; or, as an option,
  *                      hausdorff_matching.c matched to the facets under their corners, else split
