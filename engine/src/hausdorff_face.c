@@ -1,6 +1,6 @@
 /**
- * hausdorff_face.c: the way into the lower stage. A face of the source is tried with the facets nearest to it,
- * which settles most at little cost; the others become pieces in the queue and come back through
+ * hausdorff_face.c: the way into the lower stage. A face of the source is tried with the facets nearest to
+ * it, which settles most at little cost; the others become pieces in the queue and come back through
  * qm_worker_piece.
  */
 #include "hausdorff_piece.h"

@@ -32,9 +32,9 @@ typedef struct qm_near_packs {
     qm_box_group box[QM_NEAR_PACKS / 8];
 } qm_near_packs;
 
-/** The lanes nearest to a point, copied into one pack; places past count repeat the first. */
+/** The lanes nearest to a point, nearest first, copied into one pack; the first again where there are fewer.
+ */
 typedef struct qm_shortlist {
-    int count;
     uint32_t origin[QM_PACK_LANES]; /* pack and lane that each is a copy of */
     uint8_t lane[QM_PACK_LANES];
     qm_pack pack;
