@@ -10,10 +10,9 @@
 #define QM_KERNEL_BOX_H
 
 #include "../kernel.h"
-#include "simd.h"
+#include "keys.h"
 
 typedef float qm_vf __attribute__((vector_size(32)));
-typedef int32_t qm_vi __attribute__((vector_size(32)));
 
 /** A box as the query of a group: low is compared with the boxes' high sides and the other way round. */
 typedef struct qm_box_query {
@@ -120,13 +119,17 @@ static inline int qm_box_group_push(const qm_bvh *bvh, const qm_box_query *query
     _Alignas(32) float d2[QM_PACK_LANES];
     unsigned within = qm_box_group_within(&bvh->groups[at.level][at.index], query, limit, d2);
     within &= (1u << qm_bvh_member_count(bvh, (int)at.level, at.index)) - 1;
-    int base = height;
-    for (; within; within &= within - 1) {
-        int member = __builtin_ctz(within);
-        int place = height++;
-        for (; place > base && stack[place - 1].d2 < d2[member]; place--)
-            stack[place] = stack[place - 1];
-        stack[place] = (qm_stop){d2[member], at.level - 1, 8 * at.index + (uint32_t)member};
+    qm_vi keys = (qm_vi){0} + QM_NO_KEY;
+    int count = 0;
+    for (; within; within &= within - 1, count++) {
+        unsigned member = (unsigned)__builtin_ctz(within);
+        keys = qm_keys_insert(keys, qm_key_make(d2[member], member));
+    }
+    _Alignas(32) int32_t key[8];
+    memcpy(key, &keys, sizeof key);
+    while (count > 0) {
+        unsigned member = qm_key_place(key[--count]);
+        stack[height++] = (qm_stop){d2[member], at.level - 1, 8 * at.index + member};
     }
     return height;
 }

@@ -71,8 +71,8 @@ int QM_KERNEL(narrow)(const qm_near_packs *near, const qm_box *box, double reach
                       uint32_t *packs)
 {
     qm_box_query query = qm_box_query_make(box->min, box->max), middle = query_middle(box);
-    float distance[QM_COVER_PACKS], limit = qm_box_limit(reach * reach);
-    int count = 0;
+    float limit = qm_box_limit(reach * reach);
+    qm_vi keys = (qm_vi){0} + QM_NO_KEY;
     for (int first = 0; first < near->count; first += 8) {
         _Alignas(32) float d2[QM_PACK_LANES], middle_d2[QM_PACK_LANES];
         const qm_box_group *group = &near->box[first / 8];
@@ -80,17 +80,14 @@ int QM_KERNEL(narrow)(const qm_near_packs *near, const qm_box *box, double reach
         unsigned within = qm_box_group_within(group, &query, limit, d2) & ((1u << members) - 1);
         if (within) qm_box_group_within(group, &middle, limit, middle_d2);
         for (; within; within &= within - 1) {
-            int member = __builtin_ctz(within);
-            float here = middle_d2[member];
-            if (count == capacity && !(here < distance[count - 1])) continue;
-            int place = count < capacity ? count++ : count - 1;
-            for (; place > 0 && distance[place - 1] > here; place--) {
-                distance[place] = distance[place - 1];
-                packs[place] = packs[place - 1];
-            }
-            distance[place] = here;
-            packs[place] = near->pack[first + member];
+            unsigned member = (unsigned)__builtin_ctz(within);
+            keys = qm_keys_insert(keys, qm_key_make(middle_d2[member], (unsigned)first + member));
         }
     }
+    _Alignas(32) int32_t key[QM_COVER_PACKS];
+    memcpy(key, &keys, sizeof key);
+    int count = 0;
+    for (; count < capacity && key[count] != QM_NO_KEY; count++)
+        packs[count] = near->pack[qm_key_place(key[count])];
     return count;
 }
