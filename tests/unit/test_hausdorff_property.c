@@ -139,7 +139,7 @@ static void check_witness(const soup_pair *pair, const qm_hausdorff_result *fast
 static void brackets_meet_those_of_the_slow_twin(void **state)
 {
     (void)state;
-    uint64_t count = qm_check_long() ? 100000 : 1000, closed = 0, drawn[2] = {0}, converged[2] = {0};
+    uint64_t count = qm_check_long() ? 10000 : 1000, closed = 0, drawn[2] = {0}, converged[2] = {0};
     for (uint64_t seed = 0; seed < count; ++seed) {
         soup_pair pair = draw_pair(seed);
         /* The slow twin takes a tenth of a second for patches: the short run draws fewer of them. */
