@@ -2,7 +2,6 @@
 import json
 import os
 import pathlib
-import shutil
 import signal
 import subprocess
 import time
@@ -15,6 +14,8 @@ import shapes
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BUILD = ROOT / os.environ.get("QM_BUILD", "build")
 DATA = pathlib.Path(os.environ.get("QM_TEST_DATA", ROOT / "../shared/data"))
+# What is about the folder of collected meshes is there when the folder is.
+collect_ignore = [] if DATA.is_dir() else ["test_collection.py"]
 # Sanitized builds need several times the time of a release.
 PATIENCE = 60.0
 FINDINGS = ("ERROR: AddressSanitizer", "ERROR: LeakSanitizer", "WARNING: ThreadSanitizer", "runtime error:")
@@ -179,22 +180,6 @@ def spheres(daemon):
     with daemon.client() as made:
         return (made.upload(shapes.sphere(), name="sphere_a")["id"],
                 made.upload(shapes.sphere(shapes.SPHERE_TURN), name="sphere_b")["id"])
-
-
-@pytest.fixture(scope="session")
-def data():
-    """The folder of collected meshes, for tests that need it."""
-    if not DATA.is_dir():
-        pytest.skip("there is no folder of collected meshes")
-    return DATA
-
-
-@pytest.fixture(scope="session")
-def draco_encoder():
-    program = shutil.which("draco_encoder")
-    if not program:
-        pytest.skip("there is no draco_encoder")
-    return program
 
 
 SLOW = {"quads": "bilinear", "tolerance": 1e-12}
