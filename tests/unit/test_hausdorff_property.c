@@ -1,8 +1,7 @@
 /* The Hausdorff bracket on thousands of random small soups, against the slow twin's bracket. */
 #include "check.h"
 
-#include "parallel.h"
-#include "qm/hausdorff.h"
+#include "measured.h"
 #include "random.h"
 #include "shapes.h"
 #include "slow_twin.h"
@@ -25,16 +24,6 @@ typedef struct soup_pair {
     qm_quad_reading reading;
     double size;
 } soup_pair;
-
-static double pair_size(const qm_mesh *a, const qm_mesh *b)
-{
-    double size = 0;
-    for (size_t i = 0; i < 3 * a->vertex_count; ++i)
-        size = fmax(size, fabs(a->positions[i]));
-    for (size_t i = 0; i < 3 * b->vertex_count; ++i)
-        size = fmax(size, fabs(b->positions[i]));
-    return size;
-}
 
 static qm_mesh draw_mesh(qm_random *random, qm_soup_style style)
 {
@@ -59,7 +48,7 @@ static soup_pair draw_pair(uint64_t seed)
     }
     pair.direction = (qm_direction)qm_random_below(&random, 3);
     pair.reading = (qm_quad_reading)qm_random_below(&random, 2);
-    pair.size = pair_size(&pair.a, &pair.b);
+    pair.size = qm_measured_size(&pair.a, &pair.b);
     return pair;
 }
 
@@ -78,20 +67,6 @@ static qm_hausdorff_options pair_options(const soup_pair *pair, double tolerance
     options.thread_count = threads;
     options.work_limit = pair->reading == QM_QUADS_BILINEAR ? 4000 : 200000;
     return options;
-}
-
-static qm_hausdorff_result measure(const qm_mesh *a, const qm_mesh *b, const qm_hausdorff_options *options)
-{
-    qm_context ctx = qm_context_make();
-    if (options->thread_count > 1) ctx.parallel = qm_parallel_run;
-    qm_bvh *tree_a, *tree_b;
-    qm_hausdorff_result result;
-    assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_ALL, 1, &tree_a), QM_OK);
-    assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_ALL, 1, &tree_b), QM_OK);
-    assert_int_equal(qm_hausdorff_measure(&ctx, tree_a, tree_b, options, &result), QM_OK);
-    qm_bvh_destroy(&ctx, tree_a);
-    qm_bvh_destroy(&ctx, tree_b);
-    return result;
 }
 
 static void check_against_slow(const soup_pair *pair, const qm_hausdorff_result *fast,
@@ -152,7 +127,7 @@ static void brackets_meet_those_of_the_slow_twin(void **state)
         }
         double tolerance = pair.size * (double[]){1e-3, 1e-6, 1e-9}[seed % 3];
         qm_hausdorff_options options = pair_options(&pair, tolerance, 1);
-        qm_hausdorff_result fast = measure(&pair.a, &pair.b, &options);
+        qm_hausdorff_result fast = qm_measured(&pair.a, &pair.b, &options);
         size_t limit = pair.reading == QM_QUADS_BILINEAR ? 100 : 400;
         qm_slow_bracket slow =
             qm_slow_hausdorff(&pair.a, &pair.b, pair.direction, pair.reading, 1e-9 * pair.size, limit);
@@ -211,7 +186,7 @@ static void brackets_hold_for_any_number_of_threads(void **state)
             watch seen = {.upper = INFINITY};
             options.progress = look;
             options.progress_user = &seen;
-            qm_hausdorff_result fast = measure(&pair.a, &pair.b, &options);
+            qm_hausdorff_result fast = qm_measured(&pair.a, &pair.b, &options);
             check_against_slow(&pair, &fast, &slow);
             check_witness(&pair, &fast, tolerance);
             QM_CHECK(!seen.loosened && fast.lower >= seen.lower && fast.upper <= seen.upper,
@@ -231,8 +206,8 @@ static void one_thread_gives_the_same_bits_twice(void **state)
     for (uint64_t seed = 0; seed < 200; ++seed) {
         soup_pair pair = draw_pair(2000000 + seed);
         qm_hausdorff_options options = pair_options(&pair, 1e-6 * pair.size, 1);
-        qm_hausdorff_result first = measure(&pair.a, &pair.b, &options);
-        qm_hausdorff_result second = measure(&pair.a, &pair.b, &options);
+        qm_hausdorff_result first = qm_measured(&pair.a, &pair.b, &options);
+        qm_hausdorff_result second = qm_measured(&pair.a, &pair.b, &options);
         bool same = first.lower == second.lower && first.upper == second.upper &&
                     first.iterations == second.iterations && first.projections == second.projections &&
                     first.from.face == second.from.face && first.to.face == second.to.face &&
@@ -254,13 +229,13 @@ static void brackets_move_and_scale_with_the_meshes(void **state)
     for (uint64_t seed = 0; seed < 400; ++seed) {
         soup_pair pair = draw_pair(3000000 + seed);
         qm_hausdorff_options options = pair_options(&pair, 1e-6 * pair.size, 1);
-        qm_hausdorff_result plain = measure(&pair.a, &pair.b, &options);
+        qm_hausdorff_result plain = qm_measured(&pair.a, &pair.b, &options);
         double scale = moves[seed % 8].scale, shift = moves[seed % 8].shift;
         const double shifts[3] = {shift, -0.5 * shift, 0.25 * shift};
         qm_shape_move(&pair.a, scale, shifts);
         qm_shape_move(&pair.b, scale, shifts);
         options.tolerance = fmax(1e-6 * pair.size * scale, 1e-12 * fabs(shift));
-        qm_hausdorff_result moved = measure(&pair.a, &pair.b, &options);
+        qm_hausdorff_result moved = qm_measured(&pair.a, &pair.b, &options);
         /* Rounding the moved corners changes the meshes themselves by this much. */
         double slack = 4 * 0x1p-53 * (fabs(shift) + 4 * pair.size * scale) + 1e-12 * pair.size * scale;
         QM_CHECK(moved.lower <= plain.upper * scale + slack && moved.upper >= plain.lower * scale - slack,
