@@ -56,6 +56,8 @@ static qm_status run_hausdorff(const question *q, qm_job_result *out)
     options.tolerance = absolute_tolerance(q);
     options.threshold = request->threshold;
     options.deadline_ms = request->deadline_ms;
+    options.accelerator = request->accelerator;
+    options.bounds = request->bounds;
     options.thread_count = q->threads;
     options.progress = q->progress;
     options.progress_user = q->progress_user;

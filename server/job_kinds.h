@@ -52,6 +52,8 @@ typedef struct qm_job_request {
     qm_direction direction;
     double threshold;   /* NAN: none */
     double deadline_ms; /* 0: none */
+    qm_accelerator accelerator;
+    qm_bounds bounds;
 
     /* project */
     double *points; /* point_count rows of x y z; on malloc, the request's own */

@@ -183,16 +183,20 @@ static bool read_detach(const cJSON *value, qm_job_request *out)
 
 static bool read_accelerator(const cJSON *value, qm_job_request *out)
 {
-    static const char *const names[] = {"auto", "boxes", NULL};
-    (void)out;
-    return find_name(value, names) >= 0;
+    static const char *const names[] = {"auto", "boxes", "grid", NULL};
+    static const qm_accelerator accelerators[] = {QM_ACCELERATOR_AUTO, QM_ACCELERATOR_BOXES,
+                                                  QM_ACCELERATOR_GRID};
+    int place = find_name(value, names);
+    if (place >= 0) out->accelerator = accelerators[place];
+    return place >= 0;
 }
 
 static bool read_bounds(const cJSON *value, qm_job_request *out)
 {
-    static const char *const names[] = {"cells", NULL};
-    (void)out;
-    return find_name(value, names) >= 0;
+    static const char *const names[] = {"cells", "matching", NULL};
+    int place = find_name(value, names);
+    out->bounds = place == 1 ? QM_BOUNDS_MATCHING : QM_BOUNDS_CELLS;
+    return place >= 0;
 }
 
 /** Rows of three numbers. */
@@ -217,8 +221,8 @@ static bool read_points(const cJSON *value, qm_job_request *out, fault *at)
     return true;
 }
 
-static const char *const later_accelerators[] = {"grid", "tetra", NULL};
-static const char *const later_bounds[] = {"matching", NULL};
+static const char *const later_accelerators[] = {"tetra", NULL};
+static const char *const later_elsewhere[] = {"grid", "tetra", NULL};
 
 enum {
     ALL = (1u << QM_JOB_KIND_COUNT) - 1,
@@ -248,15 +252,19 @@ static const field fields[] = {
      "must hold at most 64 numbers above 0, none above 100", NULL},
     {"threads", ALL, 0, read_threads, NULL, "must be a whole number from 1 to 256", NULL},
     {"detach", ALL, 0, read_detach, NULL, "must be true or false", NULL},
-    {"accelerator", ALL, 0, read_accelerator, NULL, "must be \"auto\" or \"boxes\"", later_accelerators},
-    {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\"", later_bounds},
+    {"accelerator", HAUSDORFF, 0, read_accelerator, NULL, "must be \"auto\", \"boxes\" or \"grid\"",
+     later_accelerators},
+    {"accelerator", ALL & ~HAUSDORFF, 0, read_accelerator, NULL, "must be \"auto\" or \"boxes\"",
+     later_elsewhere},
+    {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\" or \"matching\"", NULL},
 };
 enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };
 
-static const field *find_field(const char *name)
+/** The field that a kind of job has under this name, or NULL. */
+static const field *find_field(const char *name, unsigned kind)
 {
     for (size_t i = 0; i < FIELD_COUNT; i++)
-        if (strcmp(fields[i].name, name) == 0) return &fields[i];
+        if ((fields[i].kinds & kind) && strcmp(fields[i].name, name) == 0) return &fields[i];
     return NULL;
 }
 
@@ -328,8 +336,8 @@ static void read_members(const cJSON *object, qm_job_request *out, qm_problem *p
     find_kind(object, out);
     unsigned kind = 1u << out->kind;
     for (const cJSON *member = object->child; member; member = member->next) {
-        const field *known = find_field(member->string);
-        if (!known || !(known->kinds & kind))
+        const field *known = find_field(member->string, kind);
+        if (!known)
             complain(problem, QM_PROBLEM_INVALID_FIELD, member->string, "is not a field of this job");
         else if (seen[known - fields])
             complain(problem, QM_PROBLEM_INVALID_FIELD, member->string, "is given twice");

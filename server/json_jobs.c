@@ -16,6 +16,9 @@ static const char *quads_name(qm_quad_reading quads)
     return quads == QM_QUADS_BILINEAR ? "bilinear" : "triangles";
 }
 
+/** In the order of qm_accelerator. */
+static const char *const accelerator_names[] = {"auto", "boxes", "tetra", "grid"};
+
 static void write_tolerance(qm_text *out, const qm_job_request *request)
 {
     qm_json_add_number(out, "tolerance", request->tolerance);
@@ -39,6 +42,9 @@ static void write_hausdorff_request(qm_text *out, const qm_job_request *request,
     write_tolerance(out, request);
     if (!isnan(request->threshold)) qm_json_add_number(out, "threshold", request->threshold);
     if (request->deadline_ms > 0.0) qm_json_add_number(out, "deadline_ms", request->deadline_ms);
+    if (request->accelerator != QM_ACCELERATOR_AUTO)
+        qm_json_add_string(out, "accelerator", accelerator_names[request->accelerator]);
+    if (request->bounds == QM_BOUNDS_MATCHING) qm_json_add_string(out, "bounds", "matching");
 }
 
 /** A bound as a share of the diagonal, rounded away from the inside of the bracket. */

@@ -27,6 +27,8 @@ static const char usage[] =
     "  --threshold X    stop as soon as it is certain whether the distance is above X\n"
     "  --deadline-ms N  stop after this time with the bracket so far\n"
     "  --threads N      threads of the search (default 1)\n"
+    "  --accelerator A  of nearest points: auto (default), boxes or grid\n"
+    "  --bounds B       how upper bounds are found: cells (default) or matching\n"
     "  --json           the result object of the API on standard output\n"
     "  --progress       lines of progress on standard error also when that is no terminal\n"
     "  --server URL     ask a daemon instead of this process\n"
@@ -42,6 +44,23 @@ static bool read_direction(const char *text, qm_direction *out)
     return false;
 }
 
+static bool read_accelerator(const char *text, qm_accelerator *out)
+{
+    if (strcmp(text, "auto") == 0) return *out = QM_ACCELERATOR_AUTO, true;
+    if (strcmp(text, "boxes") == 0) return *out = QM_ACCELERATOR_BOXES, true;
+    if (strcmp(text, "grid") == 0) return *out = QM_ACCELERATOR_GRID, true;
+    fprintf(stderr, "quadmesh: --accelerator takes auto, boxes or grid, got \"%s\"\n", text);
+    return false;
+}
+
+static bool read_bounds(const char *text, qm_bounds *out)
+{
+    if (strcmp(text, "cells") == 0) return *out = QM_BOUNDS_CELLS, true;
+    if (strcmp(text, "matching") == 0) return *out = QM_BOUNDS_MATCHING, true;
+    fprintf(stderr, "quadmesh: --bounds takes cells or matching, got \"%s\"\n", text);
+    return false;
+}
+
 enum {
     DIRECTION = 256,
     QUADS,
@@ -50,6 +69,8 @@ enum {
     THRESHOLD,
     DEADLINE,
     THREADS,
+    ACCELERATOR,
+    BOUNDS,
     JSON,
     PROGRESS,
     SERVER,
@@ -74,6 +95,10 @@ static bool read_option(question *asked, int option)
         return cli_read_number("deadline-ms", optarg, 1e-300, &request->deadline_ms);
     case THREADS:
         return cli_read_threads(optarg, &request->threads);
+    case ACCELERATOR:
+        return read_accelerator(optarg, &request->accelerator);
+    case BOUNDS:
+        return read_bounds(optarg, &request->bounds);
     case JSON:
         return asked->as_json = true;
     case PROGRESS:
@@ -162,6 +187,8 @@ int cmd_hausdorff(int argc, char **argv)
                                             {"threshold", required_argument, NULL, THRESHOLD},
                                             {"deadline-ms", required_argument, NULL, DEADLINE},
                                             {"threads", required_argument, NULL, THREADS},
+                                            {"accelerator", required_argument, NULL, ACCELERATOR},
+                                            {"bounds", required_argument, NULL, BOUNDS},
                                             {"json", no_argument, NULL, JSON},
                                             {"progress", no_argument, NULL, PROGRESS},
                                             {"server", required_argument, NULL, SERVER},

@@ -16,8 +16,9 @@
 #include "vec.h"
 
 #define QM_PACK_LANES 8
-#define QM_TREE_LEVELS 12     /* 8^12 packs are more than fit in memory */
-#define QM_BOX_MARGIN 0x1p-22 /* boxes reach this far beyond what they hold, in local lengths */
+#define QM_TREE_LEVELS 12          /* 8^12 packs are more than fit in memory */
+#define QM_MAX_SCALE_RATIO 0x1p300 /* of local lengths to 1: beyond it, squares would overflow or vanish */
+#define QM_BOX_MARGIN 0x1p-22      /* boxes reach this far beyond what they hold, in local lengths */
 
 /**
  * Local frame of a tree: local = (world - origin) * scale. scale is a power of two, so that scaling is exact

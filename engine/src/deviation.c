@@ -13,7 +13,6 @@
 #define PATCH_ROUNDINGS 2e-13  /* what a certified distance to a patch may be off by, local (project.c) */
 #define SEARCH_WORK (1u << 18) /* steps of the search for the maximum, which is one figure among others */
 #define SEARCH_WORK_PER_PACK 512
-#define MAX_SCALE_RATIO 0x1p300
 #define MAX_ROUNDS 64
 #define KEPT_SHARE 0.25 /* of the accuracy: pieces that together leave no more open are not cut */
 #define PATCH_SHARE 0.1 /* of the accuracy: what cutting the target's patches may cost */
@@ -74,7 +73,7 @@ static qm_status set_maker(deviation_work *work)
     const qm_bvh *a = work->a, *b = work->b;
     bool bilinear = work->options->quads == QM_QUADS_BILINEAR;
     double reach = find_reach(a, b), factor = a->frame.inverse_scale * b->frame.scale;
-    if (!(reach <= MAX_SCALE_RATIO && factor >= 1.0 / MAX_SCALE_RATIO))
+    if (!(reach <= QM_MAX_SCALE_RATIO && factor >= 1.0 / QM_MAX_SCALE_RATIO))
         return qm_context_fail(work->ctx, QM_E_SCALE,
                                "the meshes' sizes or places differ by more than 2^300");
     if (!qm_bvh_is_target(b, work->options->quads))

@@ -13,7 +13,6 @@
 #include "surface.h"
 
 #define ETA_ROUNDINGS 128.0
-#define MAX_SCALE_RATIO 0x1p300
 
 qm_hausdorff_options qm_hausdorff_options_default(void)
 {
@@ -54,8 +53,8 @@ static qm_status set_side(qm_context *ctx, qm_side *side, const qm_bvh *source, 
     side->shift = qm_vec_scale(side->scale, qm_vec_sub(source->frame.origin, target->frame.origin));
     double offset = fmax(fabs(side->shift.x), fmax(fabs(side->shift.y), fabs(side->shift.z)));
     side->reach = fmax(target->reach, offset + side->factor * source->reach);
-    if (!(side->factor >= 1.0 / MAX_SCALE_RATIO && side->factor <= MAX_SCALE_RATIO &&
-          offset <= MAX_SCALE_RATIO))
+    if (!(side->factor >= 1.0 / QM_MAX_SCALE_RATIO && side->factor <= QM_MAX_SCALE_RATIO &&
+          offset <= QM_MAX_SCALE_RATIO))
         return qm_context_fail(ctx, QM_E_SCALE, "the meshes' sizes or places differ by more than 2^300");
     return QM_OK;
 }
@@ -169,6 +168,35 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
                                               : (qm_hausdorff_stop)reason;
 }
 
+/** A call canceled meanwhile goes on with the tree alone: the workers see the flag, and the result is valid.
+ */
+static qm_status build_locators(qm_context *ctx, qm_search *search)
+{
+    qm_status status = QM_OK;
+    for (int i = 0; i < search->side_count && status == QM_OK; i++) {
+        qm_side *side = &search->side[i];
+        status = qm_locator_build(ctx, side->target, search->options->accelerator, &side->nearest);
+        if (status == QM_E_CANCELED)
+            status = qm_locator_build(ctx, side->target, QM_ACCELERATOR_BOXES, &side->nearest);
+    }
+    return status;
+}
+
+static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_result *out)
+{
+    if (!qm_search_create_workers(ctx, search, ctx->parallel ? search->options->thread_count : 1))
+        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the workers of a search");
+    qm_status status = QM_OK;
+    run(ctx, search);
+    if (atomic_load(&search->stop) == QM_SEARCH_OUT_OF_MEMORY)
+        status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the queue of a search");
+    else
+        set_result(search, out);
+    out->elapsed_ms = qm_clock_ms() - search->start_ms;
+    qm_search_destroy_workers(ctx, search);
+    return status;
+}
+
 qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                                const qm_hausdorff_options *options, qm_hausdorff_result *out)
 {
@@ -187,15 +215,9 @@ qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b
         .reported_upper = INFINITY,
     };
     status = set_sides(ctx, &search, a, b);
-    if (status != QM_OK) return status;
-    if (!qm_search_create_workers(ctx, &search, ctx->parallel ? options->thread_count : 1))
-        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the workers of a search");
-    run(ctx, &search);
-    if (atomic_load(&search.stop) == QM_SEARCH_OUT_OF_MEMORY)
-        status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the queue of a search");
-    else
-        set_result(&search, out);
-    out->elapsed_ms = qm_clock_ms() - search.start_ms;
-    qm_search_destroy_workers(ctx, &search);
+    if (status == QM_OK) status = build_locators(ctx, &search);
+    if (status == QM_OK) status = run_search(ctx, &search, out);
+    for (int i = 0; i < search.side_count; i++)
+        qm_locator_reset(ctx, &search.side[i].nearest);
     return status;
 }

@@ -1,6 +1,7 @@
 /**
  * hausdorff_piece.h: one piece on its way through the lower stage, shared by the files that work on it.
  *
+ *   hausdorff_face.c         whole faces, tried with the facets nearest to them; pieces that come back
  *   hausdorff_candidates.c   which facets of the target it may be covered with
  *   hausdorff_triangle.c     triangles: cover, split, try again
  *   hausdorff_rectangle.c    parameter rectangles of the source's bilinear patches
@@ -103,16 +104,18 @@ qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twis
  */
 bool qm_piece_cover_refined(const qm_piece_work *work, qm_polygon *polygon, bool *moved);
 
-/* hausdorff_triangle.c */
-
-/** Fills in_reach of all corners. */
-void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon);
+/* hausdorff_face.c */
 
 /**
  * Covers a polygon by the facets nearest to its middle: mostly enough, and much cheaper than by all. One
  * label must take all of a polygon of four corners, which stands for a hull.
  */
 bool qm_piece_cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, bool *moved);
+
+/* hausdorff_triangle.c */
+
+/** Fills in_reach of all corners. */
+void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon);
 
 /**
  * Covers a polygon by all candidates, and by refined parts of patches: these first where the polygon is a

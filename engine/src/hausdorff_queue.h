@@ -1,7 +1,7 @@
 /**
  * hausdorff_queue.h: what waits to be looked at, greatest upper bound first.
  *
- * Nodes and packs of the source tree fit in an entry; pieces of faces carry corners and candidates and lie in
+ * Nodes of the source tree fit in an entry; pieces of faces carry corners and candidates and lie in
  * a pool beside the heap.
  */
 #ifndef QM_HAUSDORFF_QUEUE_H
@@ -13,18 +13,24 @@
 typedef struct qm_piece {
     qm_vec corner[4]; /* local to the target; three for a triangle, (s0,t0) (s1,t0) (s1,t1) (s0,t1) for a
                          rectangle */
-    double low[2], high[2]; /* rectangle in the parameters of the patch */
-    double slack;           /* the triangle lies within this distance of the source's surface; 0 mostly */
+    union {
+        struct {
+            double low[2], high[2]; /* by cells: rectangle in the parameters of the patch */
+        };
+        double distance[4]; /* by matching: upper bounds of the corners' distances, local */
+    };
+    uint32_t foot[4]; /* by matching: QM_PACK_LANES * pack + lane of the facet under each corner */
+    double slack;     /* the triangle lies within this distance of the source's surface; 0 mostly */
     uint32_t face;
     uint8_t corner_count, depth;
     uint32_t next_free; /* list of free places in the pool */
 } qm_piece;
 
-typedef enum qm_entry_kind { QM_ENTRY_GROUP, QM_ENTRY_PACK, QM_ENTRY_PIECE } qm_entry_kind;
+typedef enum qm_entry_kind { QM_ENTRY_GROUP, QM_ENTRY_PIECE } qm_entry_kind;
 
 typedef struct qm_entry {
     double upper;   /* no point of it is farther from the target, world units */
-    uint32_t index; /* group or pack of the source tree; place in the pool for a piece */
+    uint32_t index; /* group of the source tree; place in the pool for a piece */
     uint32_t hint;  /* pack of the target that is near */
     uint8_t kind, side, level;
 } qm_entry;

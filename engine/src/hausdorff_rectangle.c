@@ -6,7 +6,8 @@
 
 #define SLACK_SHARE 0.125 /* of the tolerance: a patch this flat goes on as triangles */
 #define MAX_SLACK_SHARE                                                                                      \
-    0.5 /* of the allowed distance: a patch bent more is cut before its triangles are tried */
+    0.5                 /* of the allowed distance: a patch bent more is cut before its triangles are tried */
+#define MIDDLE_LEVELS 8 /* cut in the middle: grids refined by halves then meet line on line */
 #define CROSSING_STEPS 40
 #define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
 #define CROSSING_MARGIN 1e-3 /* share of the rectangle that a cut must leave on both sides */
@@ -151,14 +152,15 @@ static double patch_reach(const qm_piece_work *work, const qm_patch *source, int
 }
 
 /**
- * Where to cut: the middle, but on every second level the place where the rectangle leaves the patch of the
- * target under one of its ends. Where two surfaces lie in one another only such cuts come to an end.
+ * Where to cut: the middle, but deep down on every second level the place where the rectangle leaves the
+ * patch of the target under one of its ends. Where two surfaces lie in one another only such cuts come to an
+ * end.
  */
 static double cutting_place(const qm_piece_work *work, const qm_patch *patch, int axis)
 {
     double low = work->piece.low[axis], high = work->piece.high[axis],
            margin = CROSSING_MARGIN * (high - low);
-    if (work->side->target_patches && work->piece.depth % 2 == 1) {
+    if (work->side->target_patches && work->piece.depth > MIDDLE_LEVELS && work->piece.depth % 2 == 1) {
         for (int end = 0; end < 2; end++) {
             double place = patch_reach(work, patch, axis, end ? high : low, end ? low : high);
             if (place > low + margin && place < high - margin) return place;

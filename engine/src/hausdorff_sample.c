@@ -35,7 +35,7 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
     const qm_search *search = worker->search;
     qm_hit hit = {.d2 = INFINITY, .pack = *hint};
     worker->projections++;
-    search->kernel->closest(side->target, p, &hit);
+    qm_nearest_triangle(search->kernel, &side->nearest, p, &hit);
     *hint = hit.pack;
     double upper = sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane), lower = upper;
     double known = atomic_load_explicit(&search->lower, memory_order_relaxed) * side->scale;
@@ -43,11 +43,11 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
         /* A point of a patch that is near enough costs little to find; to certify that none is nearer costs
          * much more, and is due only when the lower bound would rise by more than a crumb. */
         qm_patch_hit patch;
-        search->kernel->closest_patch(side->target, p, hit.pack, INFINITY, &patch);
+        qm_nearest_patch(search->kernel, &side->nearest, p, hit.pack, INFINITY, &patch);
         double error = fmax(PATCH_ERROR_SHARE * search->tolerance * side->scale, 0x1p-46 * side->reach);
         double worthwhile = known + CERTIFY_SHARE * search->tolerance * side->scale;
         if (patch.distance - slack > worthwhile)
-            search->kernel->closest_patch(side->target, p, patch.pack, error, &patch);
+            qm_nearest_patch(search->kernel, &side->nearest, p, patch.pack, error, &patch);
         *hint = patch.pack;
         upper = patch.distance;
         lower = patch.lower;

@@ -4,8 +4,10 @@
  * Lengths in the queue and in the bounds are in world units. Each side (direction) computes in the local
  * frame of its target, whose scale is a power of two, so that going over costs no rounding.
  *
+ *   first samples      hausdorff_scout.c    a good lower bound before anything else
  *   groups and packs   hausdorff_source.c   one search a node: ball test; packs: a single label for each face
- *   pieces             hausdorff_piece.c    cover by several labels, else split
+ *   pieces             hausdorff_piece.h    cover by several labels, else split; or, as an option,
+ *                      hausdorff_matching.c matched to the facets under their corners, else split
  *   points             hausdorff_sample.c   nearest points, which raise the lower bound
  */
 #ifndef QM_HAUSDORFF_SEARCH_H
@@ -15,6 +17,7 @@
 #include <threads.h>
 
 #include "hausdorff_queue.h"
+#include "nearest.h"
 #include "qm/hausdorff.h"
 
 /** Values of qm_search.stop beside the reasons of qm_hausdorff_stop. */
@@ -23,6 +26,7 @@ enum { QM_SEARCH_RUNNING = -1, QM_SEARCH_OUT_OF_MEMORY = -2 };
 /** One direction: the points of source, measured to target. */
 typedef struct qm_side {
     const qm_bvh *source, *target;
+    qm_locator nearest;          /* over target: where the nearest points of samples are searched */
     double scale, inverse_scale; /* local = world * scale */
     double factor;               /* from the source's local frame to the target's: p -> factor p + shift */
     qm_vec shift;
@@ -64,8 +68,9 @@ typedef struct qm_worker {
     double witness;           /* distance of the witness, world units; -1 for none */
     int witness_side;
     uint32_t witness_face;
-    qm_vec witness_point;             /* local to the target of the side */
-    uint64_t iterations, projections; /* not handed over to the search yet */
+    qm_vec witness_point;                                       /* local to the target of the side */
+    uint64_t one_label_tries, one_label_probes, one_label_hits; /* how often a single label took a piece */
+    uint64_t iterations, projections;                           /* not handed over to the search yet */
     size_t max_queue;
 } qm_worker;
 
@@ -135,11 +140,20 @@ double qm_clock_ms(void);
 
 /** Looks at one entry taken from the queue. */
 void qm_worker_group(qm_worker *worker, qm_entry entry);
-void qm_worker_pack(qm_worker *worker, qm_entry entry);
 void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
 
 /** Looks at a face of a pack: lets it go when it can be covered at little cost, else queues it as a piece. */
 void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near);
+
+/** The same two by matching: face and piece are bounded by the facets under their corners, and split. */
+void qm_matching_face(qm_worker *worker, qm_entry pack, const qm_piece *face);
+void qm_matching_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
+
+/** True when pieces are bounded by matching. */
+static inline bool qm_search_is_matching(const qm_search *search)
+{
+    return search->options->bounds == QM_BOUNDS_MATCHING;
+}
 
 /** Sets what a point may be away from a lane: the allowed distance less the twist of the lane's patch. Local.
  */

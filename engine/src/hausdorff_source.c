@@ -35,42 +35,6 @@ static double member_reach(const qm_side *side, const qm_box_group *group, int m
     return sqrt(far2);
 }
 
-void qm_worker_group(qm_worker *worker, qm_entry entry)
-{
-    const qm_search *search = worker->search;
-    const qm_side *side = &search->side[entry.side];
-    const qm_box_group *group = &side->source->groups[entry.level][entry.index];
-    int members = qm_bvh_member_count(side->source, entry.level, entry.index);
-    uint32_t hint = entry.hint;
-    for (int m = 0; m < members; m++) {
-        qm_vec centre;
-        double radius = member_ball(side, group, m, &centre);
-        double upper = qm_side_pack_upper(search, side, hint, centre) + radius;
-        if (upper * side->inverse_scale > qm_search_allowed(search) && entry.level == 1) {
-            uint32_t face, pack = 8 * entry.index + (uint32_t)m;
-            int lane = side->source->lanes[pack].lane_count / 2;
-            qm_vec p = qm_side_middle(side, pack, &lane, &face);
-            double distance = qm_worker_sample(worker, side, p, 0.0, face, &hint);
-            upper = fmin(upper, distance + member_reach(side, group, m, p));
-        } else if (upper * side->inverse_scale > qm_search_allowed(search)) {
-            qm_hit hit = {.d2 = INFINITY, .pack = hint};
-            search->kernel->closest(side->target, centre, &hit);
-            worker->projections++;
-            hint = hit.pack;
-            upper = fmin(upper, sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane) + radius);
-        }
-        qm_entry child = {
-            .upper = fmin(entry.upper, upper * side->inverse_scale),
-            .index = 8 * entry.index + (uint32_t)m,
-            .hint = hint,
-            .kind = entry.level > 1 ? QM_ENTRY_GROUP : QM_ENTRY_PACK,
-            .side = entry.side,
-            .level = (uint8_t)(entry.level - 1),
-        };
-        qm_worker_push(worker, child, NULL);
-    }
-}
-
 /** A pack of the source on its way: vertices in the target's frame and, for each, the lanes of one pack in
  * reach. */
 typedef struct pack_work {
@@ -123,7 +87,8 @@ static void gather_near(const qm_worker *worker, pack_work *work)
     work->has_near = true;
 }
 
-void qm_worker_pack(qm_worker *worker, qm_entry entry)
+/** Settles the faces of a pack by the pack of its hint, or one by one. */
+static void visit_pack(qm_worker *worker, qm_entry entry)
 {
     const qm_search *search = worker->search;
     pack_work work;
@@ -142,11 +107,76 @@ void qm_worker_pack(qm_worker *worker, qm_entry entry)
         int corner[4];
         count = face_corners(&work, lane, corner);
         if (face_reached(&work, corner, count)) continue;
-        gather_near(worker, &work);
         qm_piece piece = {.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
         for (int i = 0; i < count; i++)
             piece.corner[i] = work.vertex[corner[i]];
+        if (qm_search_is_matching(search)) {
+            qm_matching_face(worker, entry, &piece);
+            continue;
+        }
+        gather_near(worker, &work);
         qm_worker_face(worker, entry, &piece, &work.near);
     }
     qm_worker_discard(worker, qm_search_allowed(search)); /* the lower bound may have risen on the way */
+}
+
+static qm_entry child_entry(const qm_entry *group, int member, double upper, uint32_t hint)
+{
+    qm_entry child = *group;
+    child.upper = fmin(group->upper, upper);
+    child.index = 8 * group->index + (uint32_t)member;
+    child.hint = hint;
+    child.level = (uint8_t)(group->level - 1);
+    return child;
+}
+
+/** Bound (local) of a group by the ball round its box; one search where the hint does not settle it. */
+static double bound_group(qm_worker *worker, const qm_side *side, qm_vec centre, double radius,
+                          uint32_t *hint)
+{
+    qm_hit hit = {.d2 = INFINITY, .pack = *hint};
+    qm_nearest_triangle(worker->search->kernel, &side->nearest, centre, &hit);
+    worker->projections++;
+    *hint = hit.pack;
+    return sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane) + radius;
+}
+
+/** The same of a pack, round a point of its surface, whose distance may raise the lower bound. */
+static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_group *group, int member,
+                         uint32_t pack, uint32_t *hint)
+{
+    uint32_t face;
+    int lane = side->source->lanes[pack].lane_count / 2;
+    qm_vec p = qm_side_middle(side, pack, &lane, &face);
+    return qm_worker_sample(worker, side, p, 0.0, face, hint) + member_reach(side, group, member, p);
+}
+
+void qm_worker_group(qm_worker *worker, qm_entry entry)
+{
+    const qm_search *search = worker->search;
+    const qm_side *side = &search->side[entry.side];
+    const qm_box_group *group = &side->source->groups[entry.level][entry.index];
+    int members = qm_bvh_member_count(side->source, entry.level, entry.index);
+    qm_entry child[QM_PACK_LANES];
+    uint32_t hint = entry.hint;
+    for (int m = 0; m < members; m++) {
+        qm_vec centre;
+        double radius = member_ball(side, group, m, &centre);
+        double upper = qm_side_pack_upper(search, side, hint, centre) + radius;
+        if (upper * side->inverse_scale > qm_search_allowed(search)) {
+            double nearer = entry.level > 1
+                                ? bound_group(worker, side, centre, radius, &hint)
+                                : bound_pack(worker, side, group, m, 8 * entry.index + (uint32_t)m, &hint);
+            upper = fmin(upper, nearer);
+        }
+        child[m] = child_entry(&entry, m, upper * side->inverse_scale, hint);
+    }
+    /* Packs are looked at once all eight have had their say on the lower bound, and while they are at hand.
+     */
+    for (int m = 0; m < members; m++) {
+        if (entry.level == 1 && child[m].upper > qm_search_allowed(search))
+            visit_pack(worker, child[m]);
+        else
+            qm_worker_push(worker, child[m], NULL);
+    }
 }

@@ -6,6 +6,9 @@
     void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
     void qm_closest_patch_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, double error,                   \
                                 qm_patch_hit *hit);                                                          \
+    void qm_grid_closest_##isa(const qm_grid *grid, qm_vec p, qm_hit *hit);                                  \
+    void qm_grid_closest_patch_##isa(const qm_grid *grid, qm_vec p, uint32_t start, double error,            \
+                                     qm_patch_hit *hit);                                                     \
     void qm_gather_##isa(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);           \
     int qm_narrow_##isa(const qm_near_packs *near, const qm_box *box, double reach, int capacity,            \
                         uint32_t *packs);                                                                    \
@@ -20,6 +23,8 @@
         .pack_distances = qm_pack_distances_##isa,                                                           \
         .closest = qm_closest_##isa,                                                                         \
         .closest_patch = qm_closest_patch_##isa,                                                             \
+        .grid_closest = qm_grid_closest_##isa,                                                               \
+        .grid_closest_patch = qm_grid_closest_patch_##isa,                                                   \
         .gather = qm_gather_##isa,                                                                           \
         .narrow = qm_narrow_##isa,                                                                           \
         .hull_reached = qm_hull_reached_##isa,                                                               \

@@ -6,6 +6,7 @@
 #define QM_KERNEL_H
 
 #include "bvh_tree.h"
+#include "qm/grid.h"
 
 /** A label of an upper bound: one lane of one of a piece's packs. */
 #define QM_COVER_PACKS 8    /* packs of candidates a piece; 64 lanes make one word of bits */
@@ -31,9 +32,9 @@ typedef struct qm_near_packs {
     qm_box_group box[QM_NEAR_PACKS / 8];
 } qm_near_packs;
 
-/** The lanes nearest to a point, copied into one pack; places past count repeat the first. */
+/** The lanes nearest to a point, nearest first, copied into one pack; the first again where there are fewer.
+ */
 typedef struct qm_shortlist {
-    int count;
     uint32_t origin[QM_PACK_LANES]; /* pack and lane that each is a copy of */
     uint8_t lane[QM_PACK_LANES];
     qm_pack pack;
@@ -78,6 +79,11 @@ typedef struct qm_kernel {
      * error of INFINITY a good point only: its distance is valid, lower is not.
      */
     void (*closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit);
+
+    /** The same two searches in a grid over the tree. */
+    void (*grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit);
+    void (*grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start, double error,
+                               qm_patch_hit *hit);
 
     /** Packs whose boxes come within reach of a box; when there are too many, those nearest to its middle. */
     void (*gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);

@@ -5,7 +5,7 @@
 #include "qm/project.h"
 
 #include "hilbert.h"
-#include "kernel.h"
+#include "nearest.h"
 #include "radix.h"
 #include "surface.h"
 
@@ -14,7 +14,7 @@
 
 typedef struct point_batch {
     qm_context *ctx;
-    const qm_bvh *bvh;
+    const qm_locator *locator;
     qm_quad_reading reading;
     const double *points;
     const uint64_t *order;
@@ -36,17 +36,17 @@ static void write_foot(const qm_projection *out, size_t i, double distance, cons
 
 static void project_one(const point_batch *batch, const qm_kernel *kernel, size_t i, uint32_t *hint)
 {
-    const qm_bvh *bvh = batch->bvh;
+    const qm_bvh *bvh = batch->locator->bvh;
     qm_vec p = qm_frame_local(&bvh->frame, batch->points + 3 * i);
     qm_hit hit = {.d2 = INFINITY, .pack = *hint};
-    kernel->closest(bvh, p, &hit);
+    qm_nearest_triangle(kernel, batch->locator, p, &hit);
     *hint = hit.pack;
     double distance = sqrt(hit.d2);
     qm_surface_point foot;
     bool needs_face = batch->out->position || batch->out->uv;
     if (batch->reading == QM_QUADS_BILINEAR && bvh->twist) {
         qm_patch_hit patch;
-        kernel->closest_patch(bvh, p, hit.pack, PATCH_ERROR, &patch);
+        qm_nearest_patch(kernel, batch->locator, p, hit.pack, PATCH_ERROR, &patch);
         distance = patch.distance;
         foot.face = patch.face;
         if (needs_face) foot = qm_surface_face_foot(bvh, batch->reading, patch.face, p, PATCH_ERROR);
@@ -79,7 +79,11 @@ static qm_status fill_order(qm_context *ctx, const qm_bvh *bvh, const double *po
         const double *p = points + 3 * i;
         if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]))
             return qm_context_fail(ctx, QM_E_NOT_FINITE, "point %zu has a coordinate that is not finite", i);
-        order[i] = qm_radix_entry(qm_hilbert_point_key(&table, qm_frame_local(&bvh->frame, p)), i);
+        qm_vec local = qm_frame_local(&bvh->frame, p);
+        if (!(fmax(fabs(local.x), fmax(fabs(local.y), fabs(local.z))) <= QM_MAX_SCALE_RATIO))
+            return qm_context_fail(ctx, QM_E_SCALE, "point %zu lies farther than 2^300 sizes from the mesh",
+                                   i);
+        order[i] = qm_radix_entry(qm_hilbert_point_key(&table, local), i);
     }
     return qm_radix_sort(ctx, order, count, 1);
 }
@@ -88,7 +92,7 @@ static qm_status project_chunk(qm_context *ctx, point_batch *batch, int thread_c
 {
     uint64_t *order = qm_context_alloc(ctx, batch->count, sizeof *order);
     if (!order) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for %zu points", batch->count);
-    qm_status status = fill_order(ctx, batch->bvh, batch->points, batch->count, order);
+    qm_status status = fill_order(ctx, batch->locator->bvh, batch->points, batch->count, order);
     if (status == QM_OK) {
         batch->order = order;
         batch->workers = ctx->parallel && thread_count > 1 ? thread_count : 1;
@@ -102,16 +106,28 @@ static qm_status project_chunk(qm_context *ctx, point_batch *batch, int thread_c
     return status;
 }
 
-qm_status qm_project_points(qm_context *ctx, const qm_bvh *bvh, qm_quad_reading reading, const double *points,
-                            size_t point_count, int thread_count, const qm_projection *out)
+qm_status qm_project_points_with(qm_context *ctx, const qm_locator *locator, qm_quad_reading reading,
+                                 const double *points, size_t point_count, int thread_count,
+                                 const qm_projection *out)
 {
     if (point_count == 0) return QM_OK;
-    if (!qm_bvh_is_target(bvh, reading))
+    if (!qm_bvh_is_target(locator->bvh, reading))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the tree lacks parts that this reading needs");
     if (point_count > QM_RADIX_INDEX_MASK)
         return qm_context_fail(ctx, QM_E_TOO_LARGE, "a batch holds at most %llu points",
                                (unsigned long long)QM_RADIX_INDEX_MASK);
-    point_batch batch = {
-        .ctx = ctx, .bvh = bvh, .reading = reading, .points = points, .count = point_count, .out = out};
+    point_batch batch = {.ctx = ctx,
+                         .locator = locator,
+                         .reading = reading,
+                         .points = points,
+                         .count = point_count,
+                         .out = out};
     return project_chunk(ctx, &batch, thread_count);
+}
+
+qm_status qm_project_points(qm_context *ctx, const qm_bvh *bvh, qm_quad_reading reading, const double *points,
+                            size_t point_count, int thread_count, const qm_projection *out)
+{
+    qm_locator boxes = {.bvh = bvh};
+    return qm_project_points_with(ctx, &boxes, reading, points, point_count, thread_count, out);
 }

@@ -180,6 +180,17 @@ def test_scales(client):
         assert result["converged"]
 
 
+@pytest.mark.parametrize("accelerator", ["auto", "boxes", "grid"])
+@pytest.mark.parametrize("bounds", ["cells", "matching"])
+def test_each_choice_gives_the_distance(client, spheres, accelerator, bounds):
+    job = client.hausdorff(*spheres, accelerator=accelerator, bounds=bounds, tolerance=1e-6)
+    result = job["result"]
+    assert job["request"].get("bounds", "cells") == bounds
+    assert job["request"].get("accelerator", "auto") == accelerator
+    assert result["converged"]
+    assert result["lower"] <= shapes.SPHERE_DISTANCE <= result["upper"]
+
+
 INVALID = [
     ({"type": "volume"}, "/type"), ({"a": 7}, "/a"), ({"a": ""}, "/a"), ({"b": None}, "/b"),
     ({"direction": "sideways"}, "/direction"), ({"quads": "cubic"}, "/quads"),

@@ -30,6 +30,14 @@ def test_a_distance_of_one(quadmesh, square, raised, direction, quads):
     assert set(result["prepare_ms"]) == {"a", "b"}
 
 
+@pytest.mark.parametrize("accelerator", ["auto", "boxes", "grid"])
+@pytest.mark.parametrize("bounds", ["cells", "matching"])
+def test_each_choice_gives_the_distance(quadmesh, square, raised, accelerator, bounds):
+    done = quadmesh("hausdorff", square, raised, "--accelerator", accelerator, "--bounds", bounds, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert bracket_holds(json.loads(done.stdout), 1.0)
+
+
 def test_words_for_people(quadmesh, square, raised):
     done = quadmesh("hausdorff", square, raised, "--tolerance", "0.001", "--absolute", "--threads", "2")
     assert (done.returncode, done.stderr) == (0, "")
@@ -161,6 +169,8 @@ def test_what_is_no_file_is_refused(quadmesh, path):
         ["hausdorff", "a", "b", "--what"],
         ["hausdorff", "a", "b", "--direction", "up"],
         ["hausdorff", "a", "b", "--quads", "flat"],
+        ["hausdorff", "a", "b", "--accelerator", "octree"],
+        ["hausdorff", "a", "b", "--bounds", "loose"],
         ["hausdorff", "a", "b", "--tolerance", "0"],
         ["hausdorff", "a", "b", "--tolerance", "1e-6x"],
         ["hausdorff", "a", "b", "--tolerance", "nan"],

@@ -135,8 +135,8 @@ static void every_field_is_read(void **state)
     assert_true(
         read_job(" {\"type\":\"hausdorff\",\"a\":\"mesh-1\",\"b\":\"mesh-2\",\"direction\":\"b_to_a\","
                  "\"quads\":\"bilinear\",\"tolerance\":1e-3,\"tolerance_unit\":\"absolute\","
-                 "\"threshold\":0,\"deadline_ms\":1500.5,\"threads\":2,\"accelerator\":\"boxes\","
-                 "\"bounds\":\"cells\",\"detach\":true}\r\n",
+                 "\"threshold\":0,\"deadline_ms\":1500.5,\"threads\":2,\"accelerator\":\"grid\","
+                 "\"bounds\":\"matching\",\"detach\":true}\r\n",
                  &request, &problem));
     assert_int_equal(request.kind, QM_JOB_HAUSDORFF);
     assert_string_equal(request.a, "mesh-1");
@@ -148,6 +148,8 @@ static void every_field_is_read(void **state)
     assert_true(request.threshold == 0.0);
     assert_true(request.deadline_ms == 1500.5);
     assert_int_equal(request.threads, 2);
+    assert_int_equal(request.accelerator, QM_ACCELERATOR_GRID);
+    assert_int_equal(request.bounds, QM_BOUNDS_MATCHING);
     assert_true(request.detach);
 }
 
@@ -165,6 +167,8 @@ static void absent_fields_have_defaults(void **state)
     assert_true(isnan(request.threshold));
     assert_true(request.deadline_ms == 0.0);
     assert_int_equal(request.threads, 0);
+    assert_int_equal(request.accelerator, QM_ACCELERATOR_AUTO);
+    assert_int_equal(request.bounds, QM_BOUNDS_CELLS);
     assert_false(request.detach);
 }
 
@@ -204,11 +208,9 @@ static void bad_members_are_pointed_at(void **state)
         {"\"detach\":1", QM_PROBLEM_INVALID_FIELD, "/detach"},
         {"\"detach\":\"true\"", QM_PROBLEM_INVALID_FIELD, "/detach"},
         {"\"accelerator\":\"octree\"", QM_PROBLEM_INVALID_FIELD, "/accelerator"},
-        {"\"accelerator\":\"grid\"", QM_PROBLEM_UNSUPPORTED_FEATURE, "/accelerator"},
         {"\"accelerator\":\"tetra\"", QM_PROBLEM_UNSUPPORTED_FEATURE, "/accelerator"},
-        {"\"bounds\":\"matching\"", QM_PROBLEM_UNSUPPORTED_FEATURE, "/bounds"},
         {"\"bounds\":\"loose\"", QM_PROBLEM_INVALID_FIELD, "/bounds"},
-        {"\"bounds\":\"matching\",\"threads\":0", QM_PROBLEM_INVALID_FIELD, "/bounds"},
+        {"\"accelerator\":\"tetra\",\"threads\":0", QM_PROBLEM_INVALID_FIELD, "/accelerator"},
         {"\"colour\":\"red\"", QM_PROBLEM_INVALID_FIELD, "/colour"},
         {"\"a/b~c\":1", QM_PROBLEM_INVALID_FIELD, "/a~1b~0c"},
         {"\"\":1", QM_PROBLEM_INVALID_FIELD, "/"},
@@ -366,6 +368,8 @@ static void a_request_comes_back(void **state)
     request.tolerance = 0.1 + 0.2;
     request.threshold = 1e308;
     request.threads = 3;
+    request.accelerator = QM_ACCELERATOR_GRID;
+    request.bounds = QM_BOUNDS_MATCHING;
     qm_text text = {0};
     qm_json_write_request(&text, &request);
     assert_true(qm_json_read_job(text.data, text.size, &again, &problem));
@@ -375,6 +379,8 @@ static void a_request_comes_back(void **state)
     assert_true(again.tolerance == request.tolerance);
     assert_true(again.threshold == request.threshold);
     assert_int_equal(again.threads, request.threads);
+    assert_int_equal(again.accelerator, request.accelerator);
+    assert_int_equal(again.bounds, request.bounds);
     qm_text_reset(&text);
 }
 
@@ -403,6 +409,21 @@ static void points_are_read(void **state)
     qm_text_reset(&text);
     qm_job_request_reset(&request);
     qm_job_request_reset(&again);
+}
+
+/** Only the Hausdorff distance has a choice that is served. */
+static void the_grid_is_not_available_for_points_yet(void **state)
+{
+    (void)state;
+    qm_job_request request;
+    qm_problem problem;
+    assert_true(read_job("{\"points\":[],\"type\":\"project\",\"mesh\":\"m_1\",\"accelerator\":\"boxes\"}",
+                         &request, &problem));
+    qm_job_request_reset(&request);
+    assert_false(read_job("{\"points\":[],\"type\":\"project\",\"mesh\":\"m_1\",\"accelerator\":\"grid\"}",
+                          &request, &problem));
+    assert_int_equal(problem.code, QM_PROBLEM_UNSUPPORTED_FEATURE);
+    assert_string_equal(problem.errors[0].pointer, "/accelerator");
 }
 
 static void bad_points_are_pointed_at(void **state)
@@ -554,6 +575,7 @@ int main(void)
         cmocka_unit_test(damaged_requests_never_crash),
         cmocka_unit_test(a_request_comes_back),
         cmocka_unit_test(points_are_read),
+        cmocka_unit_test(the_grid_is_not_available_for_points_yet),
         cmocka_unit_test(bad_points_are_pointed_at),
         cmocka_unit_test(a_problem_is_a_document),
         cmocka_unit_test(a_result_is_a_document),

@@ -319,6 +319,24 @@ static void arrays_that_are_not_asked_for_are_left_alone(void **state)
     qm_shape_free(&box);
 }
 
+static void points_too_far_to_be_squared_are_named(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_mesh box = qm_shape_box(1, 1, 1);
+    qm_bvh *tree;
+    assert_int_equal(qm_bvh_build(&ctx, &box, QM_BVH_ALL, 1, &tree), QM_OK);
+    const double points[] = {0, 0, 0, 0, 1e80, 0, 0, 0, -1e200};
+    double distance[3];
+    qm_projection out = {.distance = distance};
+    assert_int_equal(qm_project_points(&ctx, tree, QM_QUADS_TRIANGLES, points, 2, 1, &out), QM_OK);
+    assert_true(fabs(distance[1] - 1e80) <= 1e65);
+    assert_int_equal(qm_project_points(&ctx, tree, QM_QUADS_BILINEAR, points, 3, 1, &out), QM_E_SCALE);
+    assert_non_null(strstr(ctx.message, "point 2"));
+    qm_bvh_destroy(&ctx, tree);
+    qm_shape_free(&box);
+}
+
 static void points_that_are_not_finite_are_named(void **state)
 {
     (void)state;
@@ -403,6 +421,7 @@ int main(void)
         cmocka_unit_test(unused_vertices_do_not_attract),
         cmocka_unit_test(arrays_that_are_not_asked_for_are_left_alone),
         cmocka_unit_test(points_that_are_not_finite_are_named),
+        cmocka_unit_test(points_too_far_to_be_squared_are_named),
         cmocka_unit_test(a_raised_flag_cancels),
         cmocka_unit_test(running_out_of_memory_is_a_status_and_leaks_nothing),
     };

@@ -18,6 +18,13 @@
 
 typedef enum qm_direction { QM_TWO_SIDED, QM_A_TO_B, QM_B_TO_A } qm_direction;
 
+/** How a part of the source is bounded from above. Both are proven; they differ in how soon they are tight.
+ */
+typedef enum qm_bounds {
+    QM_BOUNDS_CELLS,   /* covers a part by cells, each near to one of many facets of the target around it */
+    QM_BOUNDS_MATCHING /* matches a part to the facets under its corners: chapter 5 of the source */
+} qm_bounds;
+
 /** Why a search ended. */
 typedef enum qm_hausdorff_stop {
     QM_STOP_CONVERGED, /* upper - lower <= tolerance */
@@ -43,11 +50,13 @@ typedef void qm_hausdorff_progress_fn(void *user, const qm_hausdorff_progress *p
 typedef struct qm_hausdorff_options {
     qm_direction direction;
     qm_quad_reading quads;
-    double tolerance;    /* > 0, unit of the meshes */
-    double threshold;    /* >= 0: stop once it is certain on which side the distance lies; NAN: none */
-    double deadline_ms;  /* > 0: stop after this time; 0: none */
-    uint64_t work_limit; /* > 0: stop after so many iterations; 0: none */
-    int thread_count;    /* 1 or more */
+    double tolerance;           /* > 0, unit of the meshes */
+    double threshold;           /* >= 0: stop once it is certain on which side the distance lies; NAN: none */
+    double deadline_ms;         /* > 0: stop after this time; 0: none */
+    uint64_t work_limit;        /* > 0: stop after so many iterations; 0: none */
+    int thread_count;           /* 1 or more */
+    qm_accelerator accelerator; /* of nearest points; one that has to be built is built by the call */
+    qm_bounds bounds;
     qm_hausdorff_progress_fn *progress; /* NULL: none */
     void *progress_user;
 } qm_hausdorff_options;
@@ -73,7 +82,7 @@ typedef struct qm_hausdorff_result {
  * Ownership: borrows everything; nothing of the call is left behind.
  * Returns:   QM_OK, also when the search was stopped early (out->stop says why, the bounds hold);
  *            QM_E_ARGUMENT (tolerance, threshold, threads; a tree that lacks the parts of a target);
- * QM_E_NO_MEMORY; QM_E_SCALE.
+ *            QM_E_UNSUPPORTED (the accelerator); QM_E_NO_MEMORY; QM_E_SCALE.
  */
 qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                                const qm_hausdorff_options *options, qm_hausdorff_result *out);

@@ -4,7 +4,7 @@
 #ifndef QM_PROJECT_H
 #define QM_PROJECT_H
 
-#include "qm/bvh.h"
+#include "qm/locator.h"
 
 /** A point of a surface: face (of the mesh as stored), parameters (see mesh.h) and position. */
 typedef struct qm_surface_point {
@@ -32,11 +32,16 @@ typedef struct qm_projection {
  *
  * Ownership: borrows every argument, keeps none.
  * Returns:   QM_OK; QM_E_ARGUMENT (the tree was not built with QM_BVH_TARGET, or with QM_BVH_PATCHES for
- * bilinear quads); QM_E_NOT_FINITE (ctx->message names the row); QM_E_NO_MEMORY; QM_E_CANCELED. After an
- * error the contents of out are unspecified. Source:    nearest box first: Roussopoulos, Kelley, Vincent,
- * Nearest Neighbor Queries, 1995.
+ * bilinear quads); QM_E_NOT_FINITE, QM_E_SCALE (ctx->message names the row); QM_E_NO_MEMORY; QM_E_CANCELED.
+ * After an error the contents of out are unspecified. Source:    nearest box first: Roussopoulos, Kelley,
+ * Vincent, Nearest Neighbor Queries, 1995.
  */
 qm_status qm_project_points(qm_context *ctx, const qm_bvh *bvh, qm_quad_reading reading, const double *points,
                             size_t point_count, int thread_count, const qm_projection *out);
+
+/** The same with a locator, which serves any number of batches. */
+qm_status qm_project_points_with(qm_context *ctx, const qm_locator *locator, qm_quad_reading reading,
+                                 const double *points, size_t point_count, int thread_count,
+                                 const qm_projection *out);
 
 #endif

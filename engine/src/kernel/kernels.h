@@ -10,6 +10,9 @@ void QM_KERNEL(fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES
 void QM_KERNEL(pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);
 void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit);
 void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit);
+void QM_KERNEL(grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit);
+void QM_KERNEL(grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start, double error,
+                                   qm_patch_hit *hit);
 void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);
 int QM_KERNEL(narrow)(const qm_near_packs *near, const qm_box *box, double reach, int capacity,
                       uint32_t *packs);

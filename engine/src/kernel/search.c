@@ -3,10 +3,9 @@
  *
  * Source: Roussopoulos, Kelley, Vincent, Nearest Neighbor Queries, SIGMOD 1995.
  */
-#include "../bilinear_point.h"
 #include "box.h"
 #include "kernels.h"
-#include "pack.h"
+#include "visit.h"
 
 void QM_KERNEL(pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES])
 {
@@ -16,35 +15,13 @@ void QM_KERNEL(pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_
         d2[lane] = row[lane];
 }
 
-/** Looks at a pack; of equal distances the lower face wins, so that the order of visits does not matter. */
-static inline void visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, qm_hit *hit)
-{
-    qm_vd d2[QM_PARTS];
-    qm_vl near = {0};
-    for (int part = 0; part < QM_PARTS; part++) {
-        d2[part] = qm_pack_part_d2(&bvh->packs[pack], part, p.x, p.y, p.z);
-        near |= d2[part] <= qm_vd_set(hit->d2);
-    }
-    if (!qm_vl_bits(near)) return;
-    const uint32_t *face = bvh->lanes[pack].face;
-    for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++) {
-        double here = d2[lane / QM_WIDTH][lane % QM_WIDTH];
-        if (here < hit->d2 || (here == hit->d2 && hit->lane < QM_PACK_LANES &&
-                               face[lane] < bvh->lanes[hit->pack].face[hit->lane])) {
-            hit->d2 = here;
-            hit->pack = pack;
-            hit->lane = lane;
-        }
-    }
-}
-
 void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit)
 {
     qm_splat splat = qm_splat_make(p);
     qm_box_query query = qm_box_query_point(p);
     uint32_t start = hit->pack;
     hit->lane = QM_PACK_LANES;
-    visit_pack(bvh, start, splat, hit);
+    qm_visit_pack(bvh, start, splat, hit);
     float limit = qm_box_limit(hit->d2);
     qm_stop stack[QM_STACK_SIZE];
     int height = 0;
@@ -55,55 +32,9 @@ void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit)
         if (at.level > 0) {
             height = qm_box_group_push(bvh, &query, limit, at, stack, height);
         } else if (at.index != start) {
-            visit_pack(bvh, at.index, splat, hit);
+            qm_visit_pack(bvh, at.index, splat, hit);
             limit = qm_box_limit(hit->d2);
         }
-    }
-}
-
-/** Offers the surface of one lane to the best patch so far. */
-static void visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lane, qm_vec p, double d2, double error,
-                        qm_patch_hit *hit)
-{
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    uint32_t face = lanes->face[lane];
-    qm_vec corner[4];
-    qm_patch_foot foot = {.distance = sqrt(d2), .lower = sqrt(d2)};
-    double twist = bvh->twist ? (double)bvh->twist[pack][lane] : 0.0;
-    if (twist > 0.25 * error) {
-        qm_bvh_load_face(bvh, face, corner);
-        qm_patch patch = qm_patch_make(corner);
-        foot = qm_patch_project(&patch, p, error, hit->distance);
-    } else if (twist > 0.0 && error == INFINITY) {
-        qm_bvh_load_face(bvh, face, corner);
-        qm_patch patch = qm_patch_make(corner);
-        foot = qm_patch_descend(&patch, p);
-    } else {
-        foot.distance += twist;
-        foot.lower -= twist;
-    }
-    hit->lower = fmin(hit->lower, foot.lower);
-    if (foot.distance < hit->distance || (foot.distance == hit->distance && face < hit->face)) {
-        hit->distance = foot.distance;
-        hit->face = face;
-        hit->pack = pack;
-    }
-}
-
-/** A lane is worth a look when its triangle less its twist is nearer than the best; of a quad's two lanes the
- * nearer. */
-static void visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, double error, qm_patch_hit *hit)
-{
-    _Alignas(64) double d2[QM_PACK_LANES];
-    qm_pack_d2(&bvh->packs[pack], p, d2);
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    for (uint32_t lane = 0; lane < lanes->lane_count; lane++) {
-        bool has_second = lane + 1u < lanes->lane_count && (lanes->second >> (lane + 1) & 1);
-        uint32_t nearer = has_second && d2[lane + 1] < d2[lane] ? lane + 1 : lane;
-        double twist = bvh->twist ? (double)bvh->twist[pack][lane] : 0.0;
-        if (sqrt(d2[nearer]) - twist <= hit->distance)
-            visit_patch(bvh, pack, nearer, p, d2[nearer], error, hit);
-        if (has_second) lane++;
     }
 }
 
@@ -111,7 +42,7 @@ void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, doubl
 {
     qm_box_query query = qm_box_query_point(p);
     *hit = (qm_patch_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
-    visit_patches(bvh, start, p, error, hit);
+    qm_visit_patches(bvh, start, p, error, hit);
     float limit = qm_box_limit(hit->distance * hit->distance);
     qm_stop stack[QM_STACK_SIZE];
     int height = 0;
@@ -122,7 +53,7 @@ void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, doubl
         if (at.level > 0) {
             height = qm_box_group_push(bvh, &query, limit, at, stack, height);
         } else if (at.index != start) {
-            visit_patches(bvh, at.index, p, error, hit);
+            qm_visit_patches(bvh, at.index, p, error, hit);
             limit = qm_box_limit(hit->distance * hit->distance);
         }
     }

@@ -1,0 +1,147 @@
+/**
+ * hausdorff_face.c: the way into the lower stage. A face of the source is tried with the facets nearest to
+ * it, which settles most at little cost; the others become pieces in the queue and come back through
+ * qm_worker_piece.
+ */
+#include "hausdorff_piece.h"
+
+#define FACE_ATTEMPTS 3   /* covers of one face, each with what the last one brought */
+#define ONE_LABEL_PACKS 3 /* looked at for one label that takes all of a piece */
+#define PROBE_INTERVAL 16 /* pieces between two tries where one label seldom does */
+#define MIN_HIT_SHARE 2   /* of the tries, one in so many must succeed to go on */
+
+/** One label for the whole polygon, from the nearest packs in turn. */
+static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
+{
+    qm_box box = qm_vec_box(polygon->corner, polygon->count);
+    uint32_t packs[ONE_LABEL_PACKS];
+    int count = work->kernel->narrow(work->near, &box, qm_piece_allowed(work), ONE_LABEL_PACKS, packs);
+    qm_candidates candidates;
+    qm_candidates_fill(&candidates, work->side, packs, count, qm_piece_allowed(work) - work->slack);
+    return work->kernel->hull_reached(&candidates, polygon->corner, polygon->count);
+}
+
+/** Whether one label is worth a try: where surfaces nearly coincide hardly any face has one. */
+static bool try_one_label(const qm_piece_work *work, const qm_polygon *polygon)
+{
+    qm_worker *worker = work->worker;
+    bool is_due = worker->one_label_tries % PROBE_INTERVAL == 0;
+    if (!is_due && worker->one_label_hits * MIN_HIT_SHARE < worker->one_label_probes) {
+        worker->one_label_tries++;
+        return false;
+    }
+    bool is_covered = cover_by_one(work, polygon);
+    worker->one_label_tries++;
+    worker->one_label_probes++;
+    worker->one_label_hits += is_covered;
+    return is_covered;
+}
+
+bool qm_piece_cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
+{
+    if (work->near->count == 0) return false;
+    if (try_one_label(work, polygon)) return true;
+    qm_shortlist list;
+    work->kernel->shortlist(work->side->target, work->near, qm_polygon_middle(polygon), &list);
+    qm_candidates nearest;
+    nearest.count = 1;
+    nearest.pack[0] = &list.pack;
+    double allowed = qm_piece_allowed(work) - work->slack;
+    for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
+        qm_candidates_allow(&nearest, 0, lane, qm_side_twist(work->side, list.origin[lane], list.lane[lane]),
+                            allowed);
+    uint64_t labels = ~UINT64_C(0);
+    for (int i = 0; i < polygon->count; i++)
+        labels &= polygon->in_reach[i] = work->kernel->in_reach(&nearest, polygon->corner[i]);
+    return labels != 0 || (polygon->count == 3 && work->kernel->cover(&nearest, polygon, moved));
+}
+
+static void start_work(qm_piece_work *work, qm_worker *worker, qm_entry entry, const qm_piece *piece,
+                       const qm_near_packs *near)
+{
+    work->worker = worker;
+    work->search = worker->search;
+    work->side = &worker->search->side[entry.side];
+    work->kernel = worker->search->kernel;
+    work->entry = entry;
+    work->piece = *piece;
+    work->depth = piece->depth;
+    work->slack = piece->slack;
+    work->generation = 1;
+    work->height = 0;
+    work->near = near;
+}
+
+void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
+{
+    qm_piece_work work;
+    qm_near_packs near;
+    start_work(&work, worker, entry, piece, &near);
+    qm_piece_gather(&work, &near);
+    if (piece->corner_count == 4) {
+        qm_piece_process_rectangle(&work);
+        return;
+    }
+    qm_piece_keep_triangle(&work, piece->corner[0], piece->corner[1], piece->corner[2]);
+    qm_piece_process_stack(&work);
+}
+
+/**
+ * Measures a point of a face when the candidates do not reach it. True when that brought a candidate or
+ * raised the lower bound, so that another try may succeed.
+ */
+static bool sample_unreached(qm_piece_work *work, qm_vec p)
+{
+    int place;
+    double upper = work->kernel->hull_upper(&work->candidates, &p, 1, &place);
+    if (upper + work->slack <= qm_piece_allowed(work)) return false;
+    uint32_t hint = work->packs[place];
+    qm_worker_sample(work->worker, work->side, p, work->slack, work->piece.face, &hint);
+    bool added = qm_piece_add_candidate(work, hint);
+    bool raised = qm_piece_allowed(work) > work->filled_for;
+    if (added || raised) qm_piece_fill_candidates(work);
+    return added || raised;
+}
+
+/**
+ * Covers a triangle of the source by the nearest facets, then by all candidates, with what is found on the
+ * way; else queues it.
+ */
+static void settle_triangle(qm_piece_work *work)
+{
+    const qm_vec *corner = work->piece.corner;
+    qm_polygon polygon = {.count = 3, .corner = {corner[0], corner[1], corner[2]}};
+    bool moved = false;
+    if (qm_piece_cover_by_nearest(work, &polygon, &moved)) return;
+    qm_near_packs all;
+    qm_piece_gather(work, &all);
+    for (int attempt = 0; attempt < FACE_ATTEMPTS; attempt++) {
+        qm_piece_reach_corners(work, &polygon);
+        if (qm_piece_cover(work, &polygon, &moved)) return;
+        /* The middle of what is left is likely as far as any point of the face. */
+        if (!sample_unreached(work, qm_polygon_middle(&polygon))) break;
+    }
+    qm_piece_push(work, &work->piece);
+}
+
+/** The same of a patch of the source. */
+static void settle_rectangle(qm_piece_work *work)
+{
+    if (qm_piece_rectangle_covered(work)) return;
+    qm_near_packs all;
+    qm_piece_gather(work, &all);
+    qm_patch patch = qm_patch_make(work->piece.corner);
+    if (sample_unreached(work, qm_patch_at(&patch, 0.5, 0.5)) && qm_piece_rectangle_covered(work)) return;
+    qm_piece_push(work, &work->piece);
+}
+
+void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near)
+{
+    qm_piece_work work;
+    start_work(&work, worker, pack, face, near);
+    work.entry.kind = QM_ENTRY_PIECE;
+    if (face->corner_count == 3)
+        settle_triangle(&work);
+    else
+        settle_rectangle(&work);
+}

@@ -1,0 +1,83 @@
+/**
+ * visit.h: what a search does with a pack that it comes to: offers its triangles or patches to the best so
+ * far. Shared by the searches of the tree and of the grid, so that both give the same answers.
+ */
+#ifndef QM_KERNEL_VISIT_H
+#define QM_KERNEL_VISIT_H
+
+#include "../bilinear_point.h"
+#include "pack.h"
+
+/** Looks at a pack; of equal distances the lower face wins, so that the order of visits does not matter. */
+static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, qm_hit *hit)
+{
+    qm_vd d2[QM_PARTS];
+    for (int part = 0; part < QM_PARTS; part++)
+        d2[part] = qm_pack_part_d2(&bvh->packs[pack], part, p.x, p.y, p.z);
+    qm_vd low = d2[0];
+    for (int part = 1; part < QM_PARTS; part++)
+        low = qm_vd_min(d2[part], low);
+    double least = low[0];
+    for (int i = 1; i < QM_WIDTH; i++)
+        least = low[i] < least ? low[i] : least;
+    if (!(least <= hit->d2) || least == INFINITY) return;
+    unsigned bits = 0;
+    for (int part = 0; part < QM_PARTS; part++)
+        bits |= qm_vl_bits(d2[part] == qm_vd_set(least)) << (part * QM_WIDTH);
+    const uint32_t *face = bvh->lanes[pack].face;
+    for (; bits; bits &= bits - 1) {
+        uint32_t lane = (uint32_t)__builtin_ctz(bits);
+        if (least < hit->d2 ||
+            (hit->lane < QM_PACK_LANES && face[lane] < bvh->lanes[hit->pack].face[hit->lane]))
+            *hit = (qm_hit){least, pack, lane};
+    }
+}
+
+/** Offers the surface of one lane to the best patch so far. */
+static inline void qm_visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lane, qm_vec p, double d2,
+                                  double error, qm_patch_hit *hit)
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    uint32_t face = lanes->face[lane];
+    qm_vec corner[4];
+    qm_patch_foot foot = {.distance = sqrt(d2), .lower = sqrt(d2)};
+    double twist = bvh->twist ? (double)bvh->twist[pack][lane] : 0.0;
+    if (twist > 0.25 * error) {
+        qm_bvh_load_face(bvh, face, corner);
+        qm_patch patch = qm_patch_make(corner);
+        foot = qm_patch_project(&patch, p, error, hit->distance);
+    } else if (twist > 0.0 && error == INFINITY) {
+        qm_bvh_load_face(bvh, face, corner);
+        qm_patch patch = qm_patch_make(corner);
+        foot = qm_patch_descend(&patch, p);
+    } else {
+        foot.distance += twist;
+        foot.lower -= twist;
+    }
+    hit->lower = fmin(hit->lower, foot.lower);
+    if (foot.distance < hit->distance || (foot.distance == hit->distance && face < hit->face)) {
+        hit->distance = foot.distance;
+        hit->face = face;
+        hit->pack = pack;
+    }
+}
+
+/** A lane is worth a look when its triangle less its twist is nearer than the best; of a quad's two lanes the
+ * nearer. */
+static inline void qm_visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, double error,
+                                    qm_patch_hit *hit)
+{
+    _Alignas(64) double d2[QM_PACK_LANES];
+    qm_pack_d2(&bvh->packs[pack], p, d2);
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    for (uint32_t lane = 0; lane < lanes->lane_count; lane++) {
+        bool has_second = lane + 1u < lanes->lane_count && (lanes->second >> (lane + 1) & 1);
+        uint32_t nearer = has_second && d2[lane + 1] < d2[lane] ? lane + 1 : lane;
+        double twist = bvh->twist ? (double)bvh->twist[pack][lane] : 0.0;
+        if (sqrt(d2[nearer]) - twist <= hit->distance)
+            qm_visit_patch(bvh, pack, nearer, p, d2[nearer], error, hit);
+        if (has_second) lane++;
+    }
+}
+
+#endif

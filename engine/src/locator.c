@@ -1,0 +1,33 @@
+#include "qm/locator.h"
+
+#include "bvh_tree.h"
+
+qm_status qm_locator_build(qm_context *ctx, const qm_bvh *bvh, qm_accelerator accelerator, qm_locator *out)
+{
+    *out = (qm_locator){0};
+    if (!bvh->packs)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "nearest points need a tree that is a target");
+    qm_grid *grid = NULL;
+    qm_status status = QM_OK;
+    switch (accelerator) {
+    case QM_ACCELERATOR_AUTO:
+    case QM_ACCELERATOR_BOXES:
+        break;
+    case QM_ACCELERATOR_GRID:
+        status = qm_grid_build(ctx, bvh, &grid);
+        break;
+    case QM_ACCELERATOR_TETRA:
+        return qm_context_fail(ctx, QM_E_UNSUPPORTED,
+                               "the accelerator tetra needs the patches of a semi-regular mesh");
+    default:
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "there is no accelerator %d", (int)accelerator);
+    }
+    if (status == QM_OK) *out = (qm_locator){.bvh = bvh, .grid = grid};
+    return status;
+}
+
+void qm_locator_reset(qm_context *ctx, qm_locator *locator)
+{
+    qm_grid_destroy(ctx, locator->grid);
+    *locator = (qm_locator){0};
+}

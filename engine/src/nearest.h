@@ -1,0 +1,28 @@
+/**
+ * nearest.h: the searches of a kernel, in whatever a locator stands for. See kernel.h for what they promise.
+ */
+#ifndef QM_NEAREST_H
+#define QM_NEAREST_H
+
+#include "kernel.h"
+#include "qm/locator.h"
+
+static inline void qm_nearest_triangle(const qm_kernel *kernel, const qm_locator *locator, qm_vec p,
+                                       qm_hit *hit)
+{
+    if (locator->grid)
+        kernel->grid_closest(locator->grid, p, hit);
+    else
+        kernel->closest(locator->bvh, p, hit);
+}
+
+static inline void qm_nearest_patch(const qm_kernel *kernel, const qm_locator *locator, qm_vec p,
+                                    uint32_t start, double error, qm_patch_hit *hit)
+{
+    if (locator->grid)
+        kernel->grid_closest_patch(locator->grid, p, start, error, hit);
+    else
+        kernel->closest_patch(locator->bvh, p, start, error, hit);
+}
+
+#endif
