@@ -93,6 +93,13 @@ class Client(httpx.Client):
         assert reply.status_code == 202, reply.text
         return reply.json()
 
+    def wait_until_running(self, job_id):
+        end = time.monotonic() + PATIENCE
+        while (state := self.get(f"/v1/jobs/{job_id}").json()["state"]) == "queued":
+            assert time.monotonic() < end, "the job does not start"
+            time.sleep(0.01)
+        assert state == "running", state
+
     def wait(self, job_id):
         reply = self.get(f"/v1/jobs/{job_id}", headers={"Prefer": "wait=60"})
         assert reply.status_code == 200, reply.text

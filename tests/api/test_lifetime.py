@@ -189,7 +189,7 @@ def test_readiness_ends_with_the_drain(make_daemon, slow_files):
     running = make_daemon("--grace", 3)
     with running.client() as client:
         slow = [client.upload(content)["id"] for content in slow_files]
-        client.start(*slow, deadline_ms=2000, **SLOW)
+        client.wait_until_running(client.start(*slow, deadline_ms=2000, **SLOW)["id"])
         running.process.send_signal(signal.SIGTERM)
         time.sleep(0.3)
         reply = client.get("/readyz")
