@@ -54,7 +54,7 @@ static void ask(const challenge *c, qm_direction direction, qm_quad_reading read
 {
     qm_hausdorff_options options = qm_hausdorff_options_default();
     double size = qm_measured_size(c->a, c->b), known = on_paper(c, direction);
-    double tolerance = c->tolerance > 0 ? c->tolerance : 1e-9 * size;
+    double tolerance = c->tolerance > 0 ? c->tolerance : size > 0 ? 1e-9 * size : 1e-9;
     qm_slow_bracket slow = {known, known, true};
     if (isnan(known))
         slow = qm_slow_hausdorff(c->a, c->b, direction, reading, 1e-10 * size,
@@ -97,13 +97,17 @@ static void slivers_and_needles(void **state)
         qm_mesh turned = qm_shape_face(3, (const double[][3]){{-1, -0.01, w}, {1, 0.01, 0}, {0, 0, -w}});
         qm_mesh blade = qm_shape_face(4, (const double[][3]){{-1, 0, 0}, {1, 0, w}, {1, w, 0}, {-1, w, w}});
         face_pair("slivers", &sliver, &turned);
-        face_pair("sliver and blade", &sliver, &blade);
-        face_pair("blade and sliver", &blade, &turned);
+        /* A long strip that is twisted by a quarter turn leaves its triangles all along its length. */
+        challenge strip = {.name = "sliver and blade", .a = &sliver, .b = &blade, .ab = NAN, .ba = NAN};
+        strip.may_stop = true;
+        face(&strip);
+        strip.a = &turned;
+        face(&strip);
         qm_shape_free(&sliver);
         qm_shape_free(&turned);
         qm_shape_free(&blade);
     }
-    for (uint64_t seed = 0; seed < 10; ++seed) {
+    for (uint64_t seed = 0; seed < (qm_check_long() ? 40u : 4u); ++seed) {
         qm_random random = qm_random_make(qm_check_seed(), seed);
         qm_mesh a = qm_shape_soup(&random, 6, QM_SOUP_MIXED, QM_SOUP_NEEDLES, 0);
         qm_mesh b = qm_shape_soup(&random, 4, QM_SOUP_MIXED, QM_SOUP_NEEDLES, 0);
@@ -180,7 +184,7 @@ static void plateaus(void **state)
 static void folded_patches(void **state)
 {
     (void)state;
-    for (uint64_t seed = 0; seed < 12; ++seed) {
+    for (uint64_t seed = 0; seed < (qm_check_long() ? 80u : 12u); ++seed) {
         qm_random random = qm_random_make(qm_check_seed(), 200 + seed);
         double twist = (double[]){0.25, 0.5, 1, 2}[seed % 4];
         qm_mesh a = qm_shape_soup(&random, 2, QM_SOUP_QUADS, QM_SOUP_APART, twist), moved = qm_shape_copy(&a);
@@ -198,6 +202,226 @@ static void folded_patches(void **state)
     }
 }
 
+/** Far from the origin, very large and very small: scales that are powers of two move the corners exactly. */
+static void far_and_tiny_coordinates(void **state)
+{
+    (void)state;
+    static const struct {
+        double scale, shift;
+    } moves[] = {{1, 0x1p23}, {0x1p23, 0}, {0x1p-30, 0}, {0x1p-30, 0x1p-7}, {0x1p23, -0x1p40}};
+    for (size_t k = 0; k < sizeof moves / sizeof *moves; ++k) {
+        const double shift[3] = {moves[k].shift, -moves[k].shift, moves[k].shift / 2};
+        double scale = moves[k].scale, unit = scale + fabs(moves[k].shift);
+        for (uint64_t seed = 0; seed < 4; ++seed) {
+            qm_random random = qm_random_make(qm_check_seed(), 300 + seed);
+            qm_mesh a = qm_shape_soup(&random, 4, QM_SOUP_MIXED, QM_SOUP_POOLED, 0.5);
+            qm_mesh b = qm_shape_copy(&a);
+            qm_shape_shake(&b, &random, 0.01);
+            qm_shape_move(&a, scale, shift);
+            qm_shape_move(&b, scale, shift);
+            face(&(challenge){.name = "moved soup",
+                              .a = &a,
+                              .b = &b,
+                              .ab = NAN,
+                              .ba = NAN,
+                              .tolerance = fmax(1e-7 * scale, 1e-12 * unit),
+                              .slow_cells = 100,
+                              .may_stop = true});
+            qm_shape_free(&a);
+            qm_shape_free(&b);
+        }
+        qm_mesh low = qm_shape_box(1, 1, 1), high = qm_shape_box(1, 1, 1);
+        qm_shape_move(&high, 1, (const double[3]){0, 0.25, 0});
+        qm_shape_move(&low, scale, shift);
+        qm_shape_move(&high, scale, shift);
+        face(&(challenge){.name = "moved boxes",
+                          .a = &low,
+                          .b = &high,
+                          .ab = 0.25 * scale,
+                          .ba = 0.25 * scale,
+                          .tolerance = fmax(1e-9 * scale, 1e-12 * unit)});
+        qm_shape_free(&low);
+        qm_shape_free(&high);
+    }
+}
+
+static void thousands_of_copies_of_one_triangle(void **state)
+{
+    (void)state;
+    qm_mesh one = qm_shape_copies(1), many = qm_shape_copies(100000), some = qm_shape_copies(5000);
+    qm_mesh raised = qm_shape_copies(1);
+    qm_shape_move(&raised, 1, (const double[3]){0, 0, 0x1p-6});
+    face_known("copies and one", &many, &one, 0, 0);
+    face_known("copies and copies", &some, &some, 0, 0);
+    /* Copies change nothing: what the slow twin says of one holds for all of them. */
+    for (int direction = 1; direction < 3; ++direction) {
+        qm_slow_bracket d =
+            qm_slow_hausdorff(&one, &raised, (qm_direction)direction, QM_QUADS_TRIANGLES, 1e-12, 500);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.direction = (qm_direction)direction;
+        options.tolerance = 1e-9;
+        challenge many_raised = {.name = "copies and one raised", .a = &many, .b = &raised};
+        check_interval(&many_raised, &options, d.lower, d.upper);
+    }
+    qm_mesh *all[] = {&one, &many, &some, &raised};
+    for (size_t k = 0; k < 4; ++k)
+        qm_shape_free(all[k]);
+}
+
+static void flat_boxes(void **state)
+{
+    (void)state;
+    qm_mesh boxes[] = {qm_shape_box(1, 1, 0), qm_shape_box(1, 0, 0), qm_shape_box(0, 0, 0),
+                       qm_shape_box(1, 1, 0x1p-20), qm_shape_box(1, 0.5, 0)};
+    enum { COUNT = sizeof boxes / sizeof *boxes };
+    for (size_t i = 0; i < COUNT; ++i)
+        for (size_t j = i; j < COUNT; ++j)
+            face_pair("flat boxes", &boxes[i], &boxes[j]);
+    face_known("flat and nearly flat", &boxes[0], &boxes[3], 0, 0x1p-20);
+    face_known("plate and half a plate", &boxes[0], &boxes[4], 0.5, 0);
+    face_known("plate and line", &boxes[0], &boxes[1], 1, 0);
+    face_known("line and dot", &boxes[1], &boxes[2], 1, 0);
+    for (size_t i = 0; i < COUNT; ++i)
+        qm_shape_free(&boxes[i]);
+}
+
+/** One face of each kind against each other, and points. */
+static void single_facets(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 400);
+    qm_mesh faces[] = {
+        qm_shape_face(3, (const double[][3]){{0, 0, 0}, {4, 0, 1}, {1, 3, 0}}),
+        qm_shape_face(3, (const double[][3]){{0, 1, 2}, {0, 1, 2}, {3, 1, 0}}),
+        qm_shape_face(4, (const double[][3]){{0, 0, 0}, {4, 0, 0}, {4, 3, 1}, {0, 3, 0}}),
+        qm_shape_face(4,
+                      (const double[][3]){{0, 0, 0}, {4, 0, 0}, {0, 3, 2}, {4, 3, 0}}), /* crosses itself */
+        qm_shape_face(4, (const double[][3]){{0, 0, 0}, {4, 0, 0}, {1, 1, 0}, {0, 4, 0}}), /* concave */
+        qm_shape_face(4,
+                      (const double[][3]){{0, 0, 0}, {4, 0, 0}, {4, 3, 0}, {4, 0, 0}}), /* folded on itself */
+        qm_shape_points(&random, 1),
+        qm_shape_points(&random, 12),
+    };
+    enum { COUNT = sizeof faces / sizeof *faces };
+    for (size_t i = 0; i < COUNT; ++i)
+        for (size_t j = i; j < COUNT; ++j)
+            face(&(challenge){.name = "single faces",
+                              .a = &faces[i],
+                              .b = &faces[j],
+                              .ab = NAN,
+                              .ba = NAN,
+                              .tolerance = 1e-6,
+                              .may_stop = true,
+                              .slow_cells = 150});
+    for (size_t i = 0; i < COUNT; ++i)
+        qm_shape_free(&faces[i]);
+}
+
+static void points_and_vertices_of_no_face(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 500);
+    qm_mesh cloud = qm_shape_points(&random, 60), few = qm_shape_points(&random, 3);
+    qm_mesh soup = qm_shape_soup(&random, 6, QM_SOUP_MIXED, QM_SOUP_POOLED, 0.5);
+    qm_mesh padded = qm_shape_with_unused(&soup, 4, (const double[3]){50, -50, 50});
+    face_pair("two clouds", &cloud, &few);
+    face_pair("cloud and soup", &cloud, &soup);
+    face_pair("few points and soup", &few, &soup);
+    face_known("soup and itself with more vertices", &soup, &padded, 0, 0);
+    face_pair("cloud and soup with more vertices", &cloud, &padded);
+    qm_mesh *all[] = {&cloud, &few, &soup, &padded};
+    for (size_t k = 0; k < 4; ++k)
+        qm_shape_free(all[k]);
+}
+
+/** Faces of very different sizes, and a target that lies inside one cell of the source. */
+static void huge_and_tiny_faces(void **state)
+{
+    (void)state;
+    const double huge[][3] = {
+        {-0x1p20, -0x1p20, 0}, {0x1p20, -0x1p20, 0}, {0x1p20, 0x1p20, 0}, {-0x1p20, 0x1p20, 0}};
+    qm_mesh sheet = qm_shape_face(4, huge), tiny = qm_shape_plane(4, 0), speck = qm_shape_plane(3, 0);
+    qm_shape_move(&tiny, 0x1p-10, (const double[3]){0.5, 0.5, 0});
+    qm_shape_move(&speck, 0x1p-10, (const double[3]){0.5, 0.5, 0x1p-12});
+    qm_mesh both = qm_shape_joined(&sheet, &speck);
+    double corner = 0x1p20 + 0.5, far = sqrt(2 * corner * corner + 0x1p-24);
+    challenge sheets = {.name = "sheet and speck", .a = &sheet, .b = &speck, .tolerance = 1e-6};
+    sheets.ab = far;
+    sheets.ba = 0x1p-12;
+    face(&sheets);
+    face_known("speck in a sheet", &tiny, &sheet, 0, sqrt(2) * corner);
+    face(&(challenge){
+        .name = "sheet with a speck", .a = &both, .b = &sheet, .ab = 0x1p-12, .ba = 0, .tolerance = 1e-6});
+    face(&(challenge){.name = "speck and sheet with a speck",
+                      .a = &tiny,
+                      .b = &both,
+                      .ab = 0,
+                      .ba = sqrt(2) * corner,
+                      .tolerance = 1e-6});
+    qm_mesh *all[] = {&sheet, &tiny, &speck, &both};
+    for (size_t k = 0; k < 4; ++k)
+        qm_shape_free(all[k]);
+    qm_mesh cell = qm_shape_face(3, (const double[][3]){{0, 0, 0}, {8, 0, 0}, {0, 8, 0}});
+    qm_mesh inside = qm_shape_torus(5, 4, 0.5, 0.125);
+    qm_shape_move(&inside, 1, (const double[3]){2, 2, 0});
+    face_pair("torus in a triangle", &cell, &inside);
+    qm_shape_free(&cell);
+    qm_shape_free(&inside);
+}
+
+static void meshes_far_apart(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < 4; ++seed) {
+        qm_random random = qm_random_make(qm_check_seed(), 600 + seed);
+        qm_mesh a = qm_shape_soup(&random, 4, QM_SOUP_MIXED, QM_SOUP_POOLED, 1);
+        qm_mesh b = qm_shape_soup(&random, 4, QM_SOUP_MIXED, QM_SOUP_APART, 1);
+        qm_shape_move(&b, 1, (const double[3]){2048, 1024 * (double)seed, 0});
+        face(&(challenge){.name = "far apart", .a = &a, .b = &b, .ab = NAN, .ba = NAN, .tolerance = 1e-6});
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
+/** Everything is a tie: mirrored meshes, middles, surfaces at one distance from a point. */
+static void ties_everywhere(void **state)
+{
+    (void)state;
+    qm_mesh cube = qm_shape_box(2, 2, 2), mirrored = qm_shape_box(2, 2, 2), small = qm_shape_box(1, 1, 1);
+    qm_shape_move(&cube, 1, (const double[3]){-1, -1, -1});
+    qm_shape_move(&mirrored, -1, (const double[3]){1, 1, 1});
+    qm_shape_move(&small, 1, (const double[3]){-0.5, -0.5, -0.5});
+    face_known("cube and its mirror image", &cube, &mirrored, 0, 0);
+    face_known("cube in cube", &cube, &small, sqrt(3) / 2, 0.5);
+    qm_mesh centre = qm_shape_make(1, 0),
+            pole = qm_shape_face(3, (const double[][3]){{0, 0, 0}, {0, 0, 0}, {0, 0, 0}});
+    face_known("cube and its centre", &cube, &centre, sqrt(3), 1);
+    qm_mesh tube = qm_shape_torus(12, 8, 1, 0.25);
+    face_pair("torus and its centre", &tube, &pole);
+    /* Two plates, and between them the plate of points that are equally far from both. */
+    qm_mesh low = qm_shape_plane(3, -0.5), high = qm_shape_plane(2, 0.5), middle = qm_shape_plane(4, 0);
+    qm_mesh both = qm_shape_joined(&low, &high);
+    face_known("plate between plates", &middle, &both, 0.5, 0.5);
+    qm_mesh *all[] = {&cube, &mirrored, &small, &centre, &pole, &tube, &low, &high, &middle, &both};
+    for (size_t k = 0; k < sizeof all / sizeof *all; ++k)
+        qm_shape_free(all[k]);
+}
+
+static void closed_against_open(void **state)
+{
+    (void)state;
+    qm_mesh closed = qm_shape_box(4, 2, 2), open = qm_shape_box(4, 2, 2), cut = qm_shape_triangulated(&open);
+    --open.face_count; /* any side of the box may be missing: its middle is 1 from the edges, the long way too
+                        */
+    qm_slow_bracket d = qm_slow_hausdorff(&closed, &open, QM_A_TO_B, QM_QUADS_TRIANGLES, 1e-3, 2000);
+    QM_CHECK(d.lower > 0.9 && d.upper < 1.1, "[%g, %g]", d.lower, d.upper);
+    face_known("closed and open box", &closed, &open, 1, 0);
+    face_known("triangles and open box", &cut, &open, 1, 0);
+    qm_shape_free(&closed);
+    qm_shape_free(&open);
+    qm_shape_free(&cut);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -205,6 +429,15 @@ int main(void)
         cmocka_unit_test(coplanar_and_identical_meshes),
         cmocka_unit_test(plateaus),
         cmocka_unit_test(folded_patches),
+        cmocka_unit_test(far_and_tiny_coordinates),
+        cmocka_unit_test(thousands_of_copies_of_one_triangle),
+        cmocka_unit_test(flat_boxes),
+        cmocka_unit_test(single_facets),
+        cmocka_unit_test(points_and_vertices_of_no_face),
+        cmocka_unit_test(huge_and_tiny_faces),
+        cmocka_unit_test(meshes_far_apart),
+        cmocka_unit_test(ties_everywhere),
+        cmocka_unit_test(closed_against_open),
     };
     print_message("seed %llu\n", (unsigned long long)qm_check_seed());
     return cmocka_run_group_tests(tests, NULL, NULL);
