@@ -1,11 +1,15 @@
 #include "bvh_tree.h"
-#include "reconstruct_work.h"
+#include "reconstruct_atlas.h"
 
 #include <string.h>
 
-#define START_ROUNDS 4 /* of placing, from the Coons patches on */
-#define START_FAIR 10  /* rounds of evening out before each of them */
-#define STEP_FAIR 4    /* the same before each step's placing */
+#define FIRST_PER_PATCH 300 /* samples for the first parameters */
+#define FIRST_LEAST 8000
+#define FIRST_MOST 60000
+#define FIRST_PER_QUAD 6    /* samples that a quad of the first grids needs */
+#define SAMPLES_PER_QUAD 12 /* the same in each step */
+#define START_FAIR 10       /* rounds of evening out after the first placing */
+#define STEP_FAIR 4         /* the same before each step's */
 
 enum { ROW = 3 * sizeof(double) };
 
@@ -57,18 +61,67 @@ static size_t working_quads(const qm_reconstruction *r)
     return quads;
 }
 
-/** Evens out and places the stale grids, a number of times with the same samples. */
-static qm_status refine(qm_context *ctx, qm_reconstruction *r, int rounds, int fair, qm_samples *samples,
+/** Evens the stale grids out and places their vertices again, by points projected on them. */
+static qm_status refine(qm_context *ctx, qm_reconstruction *r, int fair, qm_samples *samples,
                         qm_reconstruction_record *out)
 {
-    qm_status status = QM_OK;
-    for (int round = 0; round < rounds && status == QM_OK; round++) {
-        out->moved_vertices = out->holes_filled = 0;
-        qm_grids_fair(r, fair);
-        status = qm_samples_locate(ctx, r, samples);
-        if (status == QM_OK) status = qm_place_vertices(ctx, r, samples, out);
-    }
-    return status;
+    qm_status status = qm_grids_fair(ctx, r, fair);
+    if (status == QM_OK) status = qm_samples_locate(ctx, r, samples);
+    return status == QM_OK ? qm_place_vertices(ctx, r, samples, out) : status;
+}
+
+/** Samples for the first parameters. */
+static size_t first_samples(const qm_reconstruction *r)
+{
+    size_t wanted = r->layout.patch_count * FIRST_PER_PATCH;
+    return wanted < FIRST_LEAST ? FIRST_LEAST : wanted > FIRST_MOST ? FIRST_MOST : wanted;
+}
+
+/** Samples of each patch by their first parameters; a patch without any lies beside the surface. */
+static qm_status count_points(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples)
+{
+    for (size_t i = 0; i < samples->count; i++)
+        if (samples->place[i].distance < INFINITY) r->grids[samples->place[i].patch].points++;
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        if (r->grids[p].points == 0)
+            return qm_context_fail(ctx, QM_E_LAYOUT,
+                                   "patch %zu (curves %u, %u, %u, %u) has no point of the surface inside", p,
+                                   r->layout.curves[r->layout.patches[p].side[0]].id,
+                                   r->layout.curves[r->layout.patches[p].side[1]].id,
+                                   r->layout.curves[r->layout.patches[p].side[2]].id,
+                                   r->layout.curves[r->layout.patches[p].side[3]].id);
+    return QM_OK;
+}
+
+static void count_covered(qm_reconstruction *r, const qm_samples *samples)
+{
+    r->point_count = samples->count;
+    r->uncovered_count = 0;
+    for (size_t i = 0; i < samples->count; i++)
+        r->uncovered_count += samples->place[i].distance > qm_reconstruction_reach(r);
+}
+
+/** Grids by the first parameters: at the base count, then as fine as the samples allow where lines are long.
+ */
+static qm_status place_first(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
+{
+    qm_reconstruction_record record = {0};
+    qm_status status = qm_grids_create(ctx, r);
+    if (status == QM_OK) status = count_points(ctx, r, samples);
+    if (status == QM_OK) status = qm_place_vertices(ctx, r, samples, &record);
+    if (status != QM_OK) return status;
+    qm_chords_measure(r);
+    qm_chords_refine_work(r, samples->count / FIRST_PER_QUAD);
+    status = qm_tracks_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_grids_create(ctx, r);
+    if (status != QM_OK) return status;
+    qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
+    status = qm_place_vertices(ctx, r, samples, &record);
+    if (status == QM_OK) status = refine(ctx, r, START_FAIR, samples, &record);
+    if (status != QM_OK) return status;
+    count_covered(r, samples);
+    qm_chords_measure(r);
+    return QM_OK;
 }
 
 static qm_status build(qm_context *ctx, qm_reconstruction *r)
@@ -77,11 +130,14 @@ static qm_status build(qm_context *ctx, qm_reconstruction *r)
     if (status == QM_OK) status = qm_chords_find(ctx, r);
     if (status == QM_OK) status = qm_tracks_create(ctx, r);
     if (status == QM_OK) status = qm_tracks_set_vertices(ctx, r);
-    if (status == QM_OK) status = qm_grids_create(ctx, r);
+    if (status == QM_OK) status = qm_atlas_join_patches(ctx, r);
     qm_samples samples = {0};
-    qm_reconstruction_record record;
-    if (status == QM_OK) status = qm_samples_create(ctx, r, working_quads(r), &samples);
-    if (status == QM_OK) status = refine(ctx, r, START_ROUNDS, START_FAIR, &samples, &record);
+    qm_atlas_nodes nodes = {0};
+    if (status == QM_OK) status = qm_samples_create(ctx, r, first_samples(r), &samples);
+    if (status == QM_OK) status = qm_atlas_nodes_create(ctx, r, &samples, &nodes);
+    if (status == QM_OK) status = qm_atlas_locate(ctx, r, &nodes, &samples);
+    if (status == QM_OK) status = place_first(ctx, r, &samples);
+    qm_atlas_nodes_reset(ctx, &nodes);
     qm_samples_reset(ctx, &samples);
     return status;
 }
@@ -90,10 +146,16 @@ qm_status qm_reconstruction_create(qm_context *ctx, const qm_source *source, con
                                    const qm_reconstruction_options *options, qm_reconstruction **out)
 {
     *out = NULL;
+    if (!(options->cover_share > 0.0) || options->thread_count < 1)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the cover share must be above 0, threads 1 or more");
+    if (layout->patch_count == 0)
+        return qm_context_fail(ctx, QM_E_LAYOUT, "the layout has no patch: no four curves close a cell");
+    qm_status status = qm_layout_validate(ctx, layout, source->diagonal);
+    if (status != QM_OK) return status;
     qm_reconstruction *r = qm_context_alloc(ctx, 1, sizeof *r);
     if (!r) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the reconstruction");
     *r = (qm_reconstruction){.source = *source, .options = *options};
-    qm_status status = qm_layout_copy(ctx, layout, &r->layout);
+    status = qm_layout_copy(ctx, layout, &r->layout);
     if (status == QM_OK) status = build(ctx, r);
     if (status != QM_OK) {
         qm_reconstruction_destroy(ctx, r);
@@ -103,22 +165,42 @@ qm_status qm_reconstruction_create(qm_context *ctx, const qm_source *source, con
     return QM_OK;
 }
 
+static bool any_stale(const qm_reconstruction *r)
+{
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        if (r->grids[p].is_stale) return true;
+    return false;
+}
+
+static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
+                           qm_reconstruction_record *out)
+{
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        r->grids[p].is_stale = false;
+    qm_status status = qm_chords_double(ctx, r, max_quads, out);
+    if (status == QM_OK) status = qm_tracks_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_grids_double(ctx, r);
+    /* The first steps take vertices that are there already. */
+    if (status != QM_OK || !any_stale(r)) return status;
+    qm_samples samples = {0};
+    status = qm_samples_create(ctx, r, SAMPLES_PER_QUAD * working_quads(r), &samples);
+    if (status == QM_OK) status = refine(ctx, r, STEP_FAIR, &samples, out);
+    qm_samples_reset(ctx, &samples);
+    return status;
+}
+
 qm_status qm_reconstruction_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
                                  qm_reconstruction_record *out)
 {
     *out = (qm_reconstruction_record){0};
-    qm_status status = qm_chords_double(ctx, r, max_quads, out);
-    if (status == QM_OK) status = qm_tracks_set_vertices(ctx, r);
-    for (size_t p = 0; p < r->layout.patch_count; p++)
-        r->grids[p].is_stale = false;
-    if (status == QM_OK) status = qm_grids_double(ctx, r);
-    bool any = false;
-    for (size_t p = 0; p < r->layout.patch_count; p++)
-        any |= r->grids[p].is_stale;
-    qm_samples samples = {0};
-    if (status == QM_OK && any) status = qm_samples_create(ctx, r, working_quads(r), &samples);
-    if (status == QM_OK && any) status = refine(ctx, r, 1, STEP_FAIR, &samples, out);
-    qm_samples_reset(ctx, &samples);
+    qm_saved_state saved;
+    qm_status status = qm_state_save(ctx, r, &saved);
+    if (status != QM_OK) return status;
+    status = take_step(ctx, r, max_quads, out);
+    if (status == QM_OK)
+        qm_state_drop(ctx, r, &saved);
+    else
+        qm_state_restore(ctx, r, &saved);
     out->quads = qm_chords_quads(r);
     out->longest_edge = qm_chords_longest(r);
     return status;
@@ -132,4 +214,20 @@ qm_status qm_reconstruction_mesh(qm_context *ctx, const qm_reconstruction *r, qm
 size_t qm_reconstruction_patch_count(const qm_reconstruction *r)
 {
     return r->layout.patch_count;
+}
+
+qm_reconstruction_patch qm_reconstruction_get_patch(const qm_reconstruction *r, size_t patch)
+{
+    qm_reconstruction_patch out = {.columns = qm_patch_chord(r, patch, 0)->edges,
+                                   .rows = qm_patch_chord(r, patch, 1)->edges,
+                                   .points = r->grids[patch].points};
+    for (size_t p = 0; p < patch; p++)
+        out.first_face += (size_t)qm_patch_chord(r, p, 0)->edges * qm_patch_chord(r, p, 1)->edges;
+    return out;
+}
+
+void qm_reconstruction_coverage(const qm_reconstruction *r, size_t *points, size_t *uncovered)
+{
+    *points = r->point_count;
+    *uncovered = r->uncovered_count;
 }

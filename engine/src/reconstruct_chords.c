@@ -38,20 +38,6 @@ static void number_chords(qm_reconstruction *r, uint32_t *parent, const bool *is
     }
 }
 
-/** The longest side pair of each chord, from the lengths of its curves. */
-static void measure_chords(qm_reconstruction *r)
-{
-    for (size_t p = 0; p < r->layout.patch_count; p++) {
-        const uint32_t *side = r->layout.patches[p].side;
-        for (int k = 0; k < 2; k++) {
-            double length = 0.5 * (qm_curve_length(&r->layout.curves[side[k]]) +
-                                   qm_curve_length(&r->layout.curves[side[k + 2]]));
-            qm_chord *chord = qm_patch_chord(r, p, k);
-            chord->length = fmax(chord->length, length);
-        }
-    }
-}
-
 qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r)
 {
     size_t count = r->layout.curve_count;
@@ -64,7 +50,6 @@ qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r)
             is_used[i] = false;
         join_sides(&r->layout, parent, is_used);
         number_chords(r, parent, is_used, number);
-        measure_chords(r);
     }
     qm_context_free(ctx, parent, count, sizeof *parent);
     qm_context_free(ctx, number, count, sizeof *number);
@@ -78,6 +63,53 @@ size_t qm_chords_quads(const qm_reconstruction *r)
     for (size_t p = 0; p < r->layout.patch_count; p++)
         quads += (size_t)qm_patch_chord(r, p, 0)->edges * qm_patch_chord(r, p, 1)->edges;
     return quads;
+}
+
+/** Mean length of the grid lines of a patch that run with its columns (direction 0) or rows (1). */
+static double mean_line(const qm_patch_grid *grid, int direction)
+{
+    uint32_t lines = direction == 0 ? grid->rows + 1 : grid->columns + 1;
+    uint32_t edges = direction == 0 ? grid->columns : grid->rows;
+    double length = 0.0;
+    for (uint32_t line = 0; line < lines; line++) {
+        for (uint32_t k = 0; k < edges; k++) {
+            const double *from =
+                direction == 0 ? qm_grid_vertex(grid, k, line) : qm_grid_vertex(grid, line, k);
+            const double *to =
+                direction == 0 ? qm_grid_vertex(grid, k + 1, line) : qm_grid_vertex(grid, line, k + 1);
+            length += qm_vec_distance(qm_vec_load(from), qm_vec_load(to));
+        }
+    }
+    return length / lines;
+}
+
+void qm_chords_measure(qm_reconstruction *r)
+{
+    for (size_t i = 0; i < r->chord_count; i++)
+        r->chords[i].length = 0.0;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        for (int k = 0; k < 2; k++) {
+            qm_chord *chord = qm_patch_chord(r, p, k);
+            chord->length = fmax(chord->length, mean_line(&r->grids[p], k));
+        }
+    }
+}
+
+void qm_chords_refine_work(qm_reconstruction *r, size_t max_quads)
+{
+    for (;;) {
+        qm_chord *longest = &r->chords[0];
+        for (size_t i = 1; i < r->chord_count; i++)
+            if (r->chords[i].length / r->chords[i].work > longest->length / longest->work)
+                longest = &r->chords[i];
+        longest->work *= 2;
+        size_t quads = 0;
+        for (size_t p = 0; p < r->layout.patch_count; p++)
+            quads += (size_t)qm_patch_chord(r, p, 0)->work * qm_patch_chord(r, p, 1)->work;
+        if (quads <= max_quads) continue;
+        longest->work /= 2;
+        return;
+    }
 }
 
 static double edge_length(const qm_chord *chord)

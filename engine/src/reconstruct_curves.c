@@ -78,6 +78,16 @@ qm_status qm_tracks_create(qm_context *ctx, qm_reconstruction *r)
     return QM_OK;
 }
 
+void qm_track_at(const qm_track *track, double share, double position[3], qm_vec *tangent)
+{
+    size_t at = 0, last = track->point_count - 1;
+    qm_vec_store(position,
+                 point_along(track->points, track->arc, track->point_count, share * track->arc[last], &at));
+    *tangent = qm_vec_sub(qm_vec_load(track->points + 3 * at + 3), qm_vec_load(track->points + 3 * at));
+    double length = qm_vec_norm(*tangent);
+    if (length > 0.0) *tangent = qm_vec_scale(1.0 / length, *tangent);
+}
+
 /** Vertices at equal arc length. Where there are more of them than fine points, the surface is asked again.
  */
 static qm_status set_vertices(qm_context *ctx, const qm_reconstruction *r, qm_track *track, uint32_t edges)

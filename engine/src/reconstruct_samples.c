@@ -3,9 +3,6 @@
 
 #include <string.h>
 
-#define SAMPLES_PER_QUAD 16 /* of the working mesh */
-#define LEAST_SAMPLES 20000 /* so that a coarse grid has enough to choose from */
-
 enum { ROW = 3 * sizeof(double) };
 
 static qm_status no_memory(qm_context *ctx)
@@ -95,11 +92,9 @@ static void sample_cloud(const qm_mesh *cloud, size_t wanted, qm_samples *out)
     out->count = k;
 }
 
-qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t quads, qm_samples *out)
+qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t wanted, qm_samples *out)
 {
     const qm_mesh *mesh = &r->source.bvh->mesh;
-    size_t wanted = quads * SAMPLES_PER_QUAD;
-    if (wanted < LEAST_SAMPLES) wanted = LEAST_SAMPLES;
     if (r->source.is_cloud && wanted > mesh->vertex_count) wanted = mesh->vertex_count;
     /* A hashed share of the points may come out a little above what was wanted. */
     size_t capacity = wanted + wanted / 8 + 64;
@@ -115,6 +110,15 @@ qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t 
     else
         sample_mesh(mesh, mesh_area(mesh), out);
     return QM_OK;
+}
+
+void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base)
+{
+    for (size_t i = 0; i < samples->count; i++) {
+        const qm_patch_grid *grid = &r->grids[samples->place[i].patch];
+        samples->place[i].u *= (double)(grid->columns / base);
+        samples->place[i].v *= (double)(grid->rows / base);
+    }
 }
 
 void qm_samples_reset(qm_context *ctx, qm_samples *samples)

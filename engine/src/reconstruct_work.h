@@ -8,6 +8,8 @@
  *   reconstruct_samples.c  points of the surface, and their parameters in the grids
  *   reconstruct_place.c    inner vertices from the points that enclose them
  *   reconstruct_mesh.c     grids to meshes
+ *   reconstruct_state.c    copies to go back to when a step fails
+ *   reconstruct_atlas.c    first parameters of samples, along the surface
  *
  * Counts of two kinds: `edges` is that of the mesh, a power of two from 1 on; `work` is that of the grids, at
  * least the base. The mesh takes every (work / edges)th vertex.
@@ -21,7 +23,7 @@
 /** Curves that are doubled together. */
 typedef struct qm_chord {
     uint32_t edges, work;
-    double length; /* of the longest side pair, halved: the mean of two opposite curves */
+    double length; /* mean length of the lines along it, in the patch where that is greatest */
 } qm_chord;
 
 /** A curve on the surface. */
@@ -40,6 +42,7 @@ typedef struct qm_patch_grid {
     uint32_t columns, rows;
     double *vertices;
     bool is_stale; /* split in this step: its inner vertices are to be placed */
+    uint32_t part; /* of the layout: patches that curves connect */
     size_t points;
 } qm_patch_grid;
 
@@ -100,26 +103,45 @@ qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r);
 /** Chooses and doubles the chords of one step; fills chords_doubled and patches_split. */
 qm_status qm_chords_double(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
                            qm_reconstruction_record *out);
+/** Finds the chords' lengths from the grids; doubles the work of the longest while there are few enough
+ * quads. */
+void qm_chords_measure(qm_reconstruction *r);
+void qm_chords_refine_work(qm_reconstruction *r, size_t max_quads);
 size_t qm_chords_quads(const qm_reconstruction *r);
 double qm_chords_longest(const qm_reconstruction *r);
 
 /** Lays the curves on the surface; then vertices of each at its chord's count. */
 qm_status qm_tracks_create(qm_context *ctx, qm_reconstruction *r);
+/** Point and direction of a curve at a share of its length. */
+void qm_track_at(const qm_track *track, double share, double position[3], qm_vec *tangent);
 qm_status qm_tracks_set_vertices(qm_context *ctx, qm_reconstruction *r);
 
 /** Grids as Coons patches; doubled to their chords' counts; inner vertices evened out within the surface. */
 qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r);
 qm_status qm_grids_double(qm_context *ctx, qm_reconstruction *r);
-void qm_grids_fair(qm_reconstruction *r, int rounds);
+qm_status qm_grids_fair(qm_context *ctx, qm_reconstruction *r, int rounds);
 
-/** Samples for so many quads of the working mesh, and their places in the grids. */
-qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t quads, qm_samples *out);
+/** So many samples, or fewer where a point set has not as many; and their places in the grids. */
+qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t wanted, qm_samples *out);
 qm_status qm_samples_locate(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples);
+/** Makes parameters count the edges of the grids; before, a patch has base edges a side. */
+void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base);
 void qm_samples_reset(qm_context *ctx, qm_samples *samples);
 
 /** Places the inner vertices of stale grids. */
 qm_status qm_place_vertices(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples,
                             qm_reconstruction_record *out);
+
+/** What a step changes, copied before it: counts, vertices of curves and grids. */
+typedef struct qm_saved_state {
+    qm_chord *chords;
+    qm_track *tracks; /* only their vertices are copies */
+    qm_patch_grid *grids;
+} qm_saved_state;
+qm_status qm_state_save(qm_context *ctx, const qm_reconstruction *r, qm_saved_state *out);
+void qm_state_drop(qm_context *ctx, const qm_reconstruction *r, qm_saved_state *saved);
+/** Puts the copy back in place of what is there, and is gone afterwards. */
+void qm_state_restore(qm_context *ctx, qm_reconstruction *r, qm_saved_state *saved);
 
 /** The mesh of the working grids when fine, else that of the mesh's own counts. */
 qm_status qm_grids_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_mesh *out);
