@@ -9,6 +9,7 @@
 
 #define QUADRANT_POINTS 3 /* nearest points kept in each quadrant round a vertex */
 #define ENOUGH_POINTS 12  /* in a vertex's own cell; with fewer, those of the cells around join */
+#define MOST_MOVE 2.0     /* longest edges at a vertex: no move onto the surface is farther */
 #define BLEND_ROUNDS 20   /* of spreading the neighbours' moves into a hole */
 
 enum { ROW = 3 * sizeof(double), NEAR_POINTS = 4 * QUADRANT_POINTS };
@@ -206,6 +207,34 @@ static bool place_vertex(const qm_reconstruction *r, const vertex_bins *bins, co
     return interpolate(&near, samples, out);
 }
 
+/** The longest of the four edges at a vertex. */
+static double longest_edge(const qm_patch_grid *grid, uint32_t i, uint32_t j)
+{
+    qm_vec here = qm_vec_load(qm_grid_vertex(grid, i, j));
+    const double *around[4] = {qm_grid_vertex(grid, i - 1, j), qm_grid_vertex(grid, i + 1, j),
+                               qm_grid_vertex(grid, i, j - 1), qm_grid_vertex(grid, i, j + 1)};
+    double longest = 0.0;
+    for (int k = 0; k < 4; k++)
+        longest = fmax(longest, qm_vec_distance(here, qm_vec_load(around[k])));
+    return longest;
+}
+
+/** The move of a vertex onto the surface; false in a hole, or where it would go farther than projected points
+ * can tell: then it was an outlier that enclosed it. */
+static bool find_move(const qm_reconstruction *r, const vertex_bins *bins, const qm_samples *samples,
+                      size_t p, uint32_t i, uint32_t j, qm_vec *move)
+{
+    const qm_patch_grid *grid = &r->grids[p];
+    qm_vec to;
+    if (!place_vertex(r, bins, samples, p, i, j, &to)) return false;
+    qm_foothold foot;
+    double at[3];
+    qm_vec_store(at, to);
+    qm_source_pull(&r->source, at, &foot);
+    *move = qm_vec_sub(qm_vec_load(foot.position), qm_vec_load(qm_grid_vertex(grid, i, j)));
+    return !samples->is_projected || qm_vec_norm(*move) <= MOST_MOVE * longest_edge(grid, i, j);
+}
+
 /** Moves of the inner vertices of one grid; NAN in x marks a hole. */
 static void find_moves(const qm_reconstruction *r, const vertex_bins *bins, const qm_samples *samples,
                        size_t p, qm_vec *move, qm_reconstruction_record *out)
@@ -216,18 +245,10 @@ static void find_moves(const qm_reconstruction *r, const vertex_bins *bins, cons
     for (uint32_t j = 1; j < grid->rows; j++) {
         for (uint32_t i = 1; i < grid->columns; i++) {
             size_t k = (size_t)j * (grid->columns + 1) + i;
-            qm_vec to;
             out->moved_vertices++;
-            if (place_vertex(r, bins, samples, p, i, j, &to)) {
-                qm_foothold foot;
-                double at[3];
-                qm_vec_store(at, to);
-                qm_source_pull(&r->source, at, &foot);
-                move[k] = qm_vec_sub(qm_vec_load(foot.position), qm_vec_load(qm_grid_vertex(grid, i, j)));
-            } else {
-                move[k].x = NAN;
-                out->holes_filled++;
-            }
+            if (find_move(r, bins, samples, p, i, j, &move[k])) continue;
+            move[k].x = NAN;
+            out->holes_filled++;
         }
     }
 }

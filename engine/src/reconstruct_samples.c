@@ -194,6 +194,7 @@ qm_status qm_samples_locate(qm_context *ctx, const qm_reconstruction *r, qm_samp
     if (status == QM_OK) {
         set_first(r, first);
         set_places(r, first, &feet, samples);
+        samples->is_projected = true;
     }
     qm_context_free(ctx, feet.distance, count, sizeof *feet.distance);
     qm_context_free(ctx, feet.face, count, sizeof *feet.face);

@@ -57,6 +57,7 @@ typedef struct qm_samples {
     size_t count, capacity;
     double *positions; /* rows of x y z */
     qm_sample_place *place;
+    bool is_projected; /* places come from projection on the grids */
 } qm_samples;
 
 struct qm_reconstruction {
