@@ -1,8 +1,6 @@
-#include "qm/layout.h"
+#include "layout_work.h"
 
 #include <string.h>
-
-#include "vec.h"
 
 enum { ROW = 3 * sizeof(double) };
 
@@ -126,6 +124,32 @@ static bool follow_sides(const qm_layout *layout, qm_layout_patch *patch, bool f
     return at == start;
 }
 
+qm_status qm_layout_append_patch(qm_context *ctx, qm_layout *layout, const qm_layout_patch *patch)
+{
+    qm_layout_patch *patches = qm_context_resize(ctx, layout->patches, layout->patch_count,
+                                                 layout->patch_count + 1, sizeof *layout->patches);
+    if (!patches) return no_memory(ctx);
+    layout->patches = patches;
+    patches[layout->patch_count++] = *patch;
+    return QM_OK;
+}
+
+qm_status qm_layout_add_issue(qm_context *ctx, qm_layout_issues *issues, const qm_layout_issue *issue)
+{
+    qm_layout_issue *items =
+        qm_context_resize(ctx, issues->items, issues->count, issues->count + 1, sizeof *items);
+    if (!items) return no_memory(ctx);
+    issues->items = items;
+    items[issues->count++] = *issue;
+    return QM_OK;
+}
+
+void qm_layout_issues_reset(qm_context *ctx, qm_layout_issues *issues)
+{
+    qm_context_free(ctx, issues->items, issues->count, sizeof *issues->items);
+    *issues = (qm_layout_issues){0};
+}
+
 qm_status qm_layout_add_patch(qm_context *ctx, qm_layout *layout, const uint32_t id[4])
 {
     qm_layout_patch patch;
@@ -142,12 +166,7 @@ qm_status qm_layout_add_patch(qm_context *ctx, qm_layout *layout, const uint32_t
         return qm_context_fail(ctx, QM_E_ARGUMENT, "patch %zu does not close at its side %d, curve %u",
                                layout->patch_count, side, id[side]);
     }
-    qm_layout_patch *patches = qm_context_resize(ctx, layout->patches, layout->patch_count,
-                                                 layout->patch_count + 1, sizeof *layout->patches);
-    if (!patches) return no_memory(ctx);
-    layout->patches = patches;
-    patches[layout->patch_count++] = patch;
-    return QM_OK;
+    return qm_layout_append_patch(ctx, layout, &patch);
 }
 
 double qm_curve_length(const qm_curve *curve)

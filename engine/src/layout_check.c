@@ -1,6 +1,4 @@
-#include "vec.h"
-
-#include "qm/layout.h"
+#include "layout_work.h"
 
 #include <string.h>
 
@@ -45,6 +43,23 @@ static size_t count_sides(const qm_layout *layout, size_t curve)
     return count;
 }
 
+static qm_status check_crossings(qm_context *ctx, const qm_layout *layout)
+{
+    qm_layout_issues issues = {0};
+    qm_status status = qm_layout_find_crossings(ctx, layout, &issues);
+    if (status == QM_OK && issues.count > 0) {
+        const qm_layout_issue *issue = &issues.items[0];
+        const double *at = issue->position;
+        status = qm_context_fail(ctx, QM_E_LAYOUT, "curves %u and %u cross at %g %g %g without a node",
+                                 issue->curve[0], issue->curve[1], at[0], at[1], at[2]);
+        if (issue->curve[0] == issue->curve[1])
+            qm_context_fail(ctx, status, "curve %u crosses itself at %g %g %g", issue->curve[0], at[0], at[1],
+                            at[2]);
+    }
+    qm_layout_issues_reset(ctx, &issues);
+    return status;
+}
+
 qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double diagonal)
 {
     qm_status status = QM_OK;
@@ -56,5 +71,5 @@ qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double di
         if (count_sides(layout, i) > 2)
             status = qm_context_fail(ctx, QM_E_LAYOUT, "curve %u is a side of more than two patches",
                                      layout->curves[i].id);
-    return status;
+    return status == QM_OK ? check_crossings(ctx, layout) : status;
 }

@@ -17,7 +17,7 @@
 #ifndef QM_LAYOUT_H
 #define QM_LAYOUT_H
 
-#include "qm/mesh.h"
+#include "qm/source.h"
 
 typedef struct qm_curve {
     uint32_t id;
@@ -79,11 +79,49 @@ double qm_curve_length(const qm_curve *curve);
 
 /**
  * Checks what a reconstruction takes for granted, and says what is wrong by curve id or patch number: finite
- * points, ends at their nodes, sides of some length, patches that close and curves with two patches at most.
- * diagonal is that of the surface's box: a length below 1e-9 of it counts as none.
+ * points, ends at their nodes, sides of some length, patches that close, curves with two patches at most, and
+ * no curves that cross without a node. diagonal is that of the surface's box: a length below 1e-9 of it
+ * counts as none.
  *
  * Returns QM_OK; QM_E_NOT_FINITE, QM_E_LAYOUT (ctx->message says where).
  */
 qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double diagonal);
+
+/** What keeps a layout from bounding patches all over. */
+typedef enum qm_layout_fault {
+    QM_LAYOUT_DANGLING_END, /* curve[0] ends at node, where no other curve begins */
+    QM_LAYOUT_CELL_SIDES,   /* the cell to the left of curve[0] has another number of sides than four */
+    QM_LAYOUT_CROSSING,     /* curve[0] and curve[1] cross at position without a node */
+    QM_LAYOUT_FAULT_COUNT
+} qm_layout_fault;
+
+typedef struct qm_layout_issue {
+    qm_layout_fault fault;
+    uint32_t curve[2]; /* ids; QM_NO_INDEX where there is none */
+    uint32_t node;
+    uint32_t sides;
+    double position[3]; /* where to look */
+} qm_layout_issue;
+
+typedef struct qm_layout_issues {
+    qm_layout_issue *items;
+    size_t count;
+} qm_layout_issues;
+
+void qm_layout_issues_reset(qm_context *ctx, qm_layout_issues *issues);
+
+/**
+ * Finds the patches of a layout from how its curves lie on a surface, in place of those it has: orders the
+ * curves round each node in the surface's tangent plane, walks the cells that they bound, and takes those of
+ * four sides. Cells that reach round the outside of a drawing (corners of more than a straight angle in the
+ * mean) are none and no fault. out says what is amiss; it is the caller's.
+ *
+ * Returns QM_OK, also when there are faults; QM_E_NO_MEMORY.
+ */
+qm_status qm_layout_find_patches(qm_context *ctx, const qm_source *source, qm_layout *layout,
+                                 qm_layout_issues *out);
+
+/** Adds an issue for each pair of curves that cross, and each curve that crosses itself. */
+qm_status qm_layout_find_crossings(qm_context *ctx, const qm_layout *layout, qm_layout_issues *out);
 
 #endif
