@@ -57,7 +57,8 @@ qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r)
         *grid = (qm_patch_grid){.columns = qm_patch_chord(r, p, 0)->work,
                                 .rows = qm_patch_chord(r, p, 1)->work,
                                 .is_stale = true,
-                                .part = grid->part};
+                                .part = grid->part,
+                                .points = grid->points};
         grid->vertices = qm_context_alloc(ctx, qm_grid_vertex_count(grid), ROW);
         if (!grid->vertices) return no_memory(ctx);
         set_outline(r, p);
