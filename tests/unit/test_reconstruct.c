@@ -83,7 +83,7 @@ static double distance(const qm_mesh *mesh, const qm_mesh *truth)
 {
     qm_box box = qm_mesh_bounding_box(truth);
     qm_hausdorff_options options = qm_hausdorff_options_default();
-    options.tolerance = 2e-5 * qm_box_diagonal(&box);
+    options.tolerance = 5e-6 * qm_box_diagonal(&box);
     return qm_measured(mesh, truth, &options).upper / qm_box_diagonal(&box);
 }
 
