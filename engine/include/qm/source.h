@@ -42,4 +42,15 @@ void qm_source_pull(const qm_source *source, const double p[3], qm_foothold *out
  * thin sides count as a hundredth of its diagonal. 0 for a mesh. Source: Kang, section 6.1.1. */
 double qm_source_disc_radius(const qm_source *source);
 
+/**
+ * Normals of a point set: each that of the plane through its neighbours, all of a connected part on one side;
+ * in each part the point highest along z looks up.
+ *
+ * normals   rows of x y z, one a vertex; 0 0 0 where the neighbours lie on a line
+ *
+ * Returns QM_OK; QM_E_ARGUMENT (not a point set); QM_E_NO_MEMORY; QM_E_CANCELED.
+ * Source: Hoppe, DeRose, Duchamp, McDonald, Stuetzle, Surface reconstruction from unorganized points, 1992.
+ */
+qm_status qm_source_estimate_normals(qm_context *ctx, const qm_source *source, double *normals);
+
 #endif
