@@ -91,7 +91,7 @@ static void check_sphere(qm_mesh mesh, double tolerance)
     qm_random random = qm_random_make(qm_check_seed(), 7);
     for (int i = 0; i < 200; i++) {
         double p[3], window[2], at[3];
-        sphere_at(NULL, qm_random_range(&random, 0, 1), qm_random_range(&random, 0.65, 0.99), p);
+        sphere_at(NULL, qm_random_range(&random, 0, 1), qm_random_range(&random, 0.8, 0.99), p);
         window_of(&camera, qm_vec_load(p), window);
         bool found;
         assert_int_equal(qm_view_pick(&g.ctx, &view, window, at, &found), QM_OK);
