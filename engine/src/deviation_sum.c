@@ -5,6 +5,7 @@
 #define SUM_ERROR 1e-12 /* relative: long doubles, and fewer than 2^32 pieces */
 #define SECTIONS 8      /* parts that an interval of a percentile is cut in at a time */
 #define MAX_ROUNDS 16
+#define END_SHARE 0x1p-10 /* of a percentile's own interval: its ends are found no closer */
 
 static qm_interval opened(long double low, long double high)
 {
@@ -169,15 +170,23 @@ static void narrow(percentile_search *p, const double *x, const qm_interval *sha
     }
 }
 
+/** An end is found when what is left of its range hardly adds to the width of the interval. */
+static size_t add_open_end(double *x, size_t count, qm_interval range, double width)
+{
+    return range.upper - range.lower > END_SHARE * width ? add_sections(x, count, range) : count;
+}
+
 static void find_percentiles(qm_piece_list pieces, percentile_search *search, size_t count, double *x,
                              qm_interval *share, long double *work)
 {
     for (int round = 0; round < MAX_ROUNDS; round++) {
         size_t used = 0;
         for (size_t i = 0; i < count; i++) {
-            used = add_sections(x, used, search[i].lower);
-            used = add_sections(x, used, search[i].upper);
+            double width = fmax(0.0, search[i].upper.lower - search[i].lower.upper);
+            used = add_open_end(x, used, search[i].lower, width);
+            used = add_open_end(x, used, search[i].upper, width);
         }
+        if (used == 0) return;
         qsort(x, used, sizeof *x, compare_numbers);
         qm_piece_shares(pieces, x, used, work, share);
         for (size_t i = 0; i < count; i++)
