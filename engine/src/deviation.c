@@ -4,6 +4,7 @@
  */
 #include "qm/deviation.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 #include "deviation_sum.h"
@@ -14,16 +15,33 @@
 #define SEARCH_WORK (1u << 18) /* steps of the search for the maximum, which is one figure among others */
 #define SEARCH_WORK_PER_PACK 512
 #define MAX_ROUNDS 64
-#define KEPT_SHARE 0.25 /* of the accuracy: pieces that together leave no more open are not cut */
+#define KEPT_SHARE 0.7  /* of the accuracy: pieces that together leave no more open are not cut */
 #define PATCH_SHARE 0.1 /* of the accuracy: what cutting the target's patches may cost */
-#define CHUNK 64        /* pieces that a worker takes at a time */
-#define EXPONENTS 4096  /* of doubles */
+#define GAP_SHARE 0.05  /* of what is open: what cutting a piece along facets need not bring yet */
+#define PARTS_SHARE 4
+#define CHUNK 64  /* pieces that a worker takes at a time to bound */
+#define BATCH 256 /* pieces that are split before their parts are put in place */
+#define BATCH_CHUNK 4
+#define EXPONENTS 4096 /* of doubles */
 #define EXPONENT_BIAS 2100
 
 qm_deviation_options qm_deviation_options_default(void)
 {
     return (qm_deviation_options){.accuracy = 1e-2, .piece_limit = 1u << 18, .thread_count = 1};
 }
+
+/** A piece to split, and what it leaves open. */
+typedef struct open_piece {
+    size_t place;
+    double open;
+} open_piece;
+
+/** Parts of one piece. */
+typedef struct batch_part {
+    int count;
+    qm_source_piece piece[QM_PIECE_PARTS];
+    qm_piece_bounds bounds[QM_PIECE_PARTS];
+} batch_part;
 
 /** What the stages of a call share. */
 typedef struct deviation_work {
@@ -36,9 +54,11 @@ typedef struct deviation_work {
     qm_piece_bounds *bounds;
     size_t count, limit;
     size_t piece_capacity, bounds_capacity; /* allocated */
-    size_t *todo; /* places of the pieces to bound, todo_capacity of them allocated */
+    open_piece *todo;                       /* places of the pieces to split, todo_capacity allocated */
     size_t todo_count, todo_capacity;
-    atomic_size_t next; /* of todo */
+    size_t begin, end;  /* the batch: todo[begin] to todo[end - 1] */
+    batch_part *parts;  /* of each piece of the batch */
+    atomic_size_t next; /* piece to bound, or place of todo */
     _Atomic uint64_t searches;
 } deviation_work;
 
@@ -128,12 +148,13 @@ static qm_status find_vertex_distances(deviation_work *work)
 
 /* ---- pieces ---- */
 
-/** Makes an array larger when it has too few places. *array is moved, and as large as *capacity in any case.
- */
+/** Makes an array larger when it has too few places, by half at least. *array is moved, and as large as
+ * *capacity in any case. */
 static bool grow(qm_context *ctx, void *array, size_t *capacity, size_t count, size_t width)
 {
     void *old;
     if (count <= *capacity) return true;
+    if (count < *capacity + *capacity / 2) count = *capacity + *capacity / 2;
     memcpy(&old, array, sizeof old);
     void *larger = qm_context_resize(ctx, old, *capacity, count, width);
     if (!larger) return false;
@@ -142,18 +163,13 @@ static bool grow(qm_context *ctx, void *array, size_t *capacity, size_t count, s
     return true;
 }
 
-/** Room for so many pieces and places of them. */
-static bool reserve(deviation_work *work, size_t count, size_t todo)
+/** Room for so many pieces. */
+static qm_status reserve(deviation_work *work, size_t count)
 {
-    return grow(work->ctx, &work->todo, &work->todo_capacity, todo, sizeof *work->todo) &&
-           grow(work->ctx, &work->piece, &work->piece_capacity, count, sizeof *work->piece) &&
-           grow(work->ctx, &work->bounds, &work->bounds_capacity, count, sizeof *work->bounds);
-}
-
-static void add_piece(deviation_work *work, const qm_source_piece *piece)
-{
-    work->todo[work->todo_count++] = work->count;
-    work->piece[work->count++] = *piece;
+    qm_context *ctx = work->ctx;
+    bool has_room = grow(ctx, &work->piece, &work->piece_capacity, count, sizeof *work->piece) &&
+                    grow(ctx, &work->bounds, &work->bounds_capacity, count, sizeof *work->bounds);
+    return has_room ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
 }
 
 /** A triangle of a face: flat, or half of the parameters of a patch. */
@@ -167,7 +183,7 @@ static void add_lane(deviation_work *work, uint32_t face, bool second)
         piece.u[1] = piece.u[2] = piece.v[2] = 1.0;
     else
         piece.u[1] = piece.v[1] = piece.v[2] = 1.0;
-    add_piece(work, &piece);
+    work->piece[work->count++] = piece;
 }
 
 /** A piece for every triangle of the source, in the order of its tree, in which neighbours follow one
@@ -179,40 +195,58 @@ static qm_status make_pieces(deviation_work *work)
     for (size_t i = 0; i < a->pack_count; i++)
         lanes += a->lanes[i].lane_count;
     work->limit = lanes + work->options->piece_limit;
-    if (!reserve(work, lanes, lanes))
-        return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
+    qm_status status = reserve(work, lanes);
+    if (status != QM_OK) return status;
     for (size_t i = 0; i < a->pack_count; i++)
         for (uint32_t lane = 0; lane < a->lanes[i].lane_count; lane++)
             add_lane(work, a->lanes[i].face[lane], a->lanes[i].second >> lane & 1);
     return QM_OK;
 }
 
+/** Takes the next few of what all workers share; false when there are no more. */
+static bool take_chunk(deviation_work *work, size_t size, size_t limit, size_t *begin, size_t *end)
+{
+    *begin = atomic_fetch_add(&work->next, size);
+    if (*begin >= limit || qm_context_canceled(work->ctx)) return false;
+    *end = limit - *begin < size ? limit : *begin + size;
+    return true;
+}
+
 static void bound_chunks(void *data, int worker)
 {
     (void)worker;
     deviation_work *work = data;
-    uint32_t hint = 0;
-    uint64_t searches = 0;
-    for (;;) {
-        size_t begin = atomic_fetch_add(&work->next, CHUNK), end = begin + CHUNK;
-        if (begin >= work->todo_count || qm_context_canceled(work->ctx)) break;
-        if (end > work->todo_count) end = work->todo_count;
-        for (size_t i = begin; i < end; i++) {
-            size_t place = work->todo[i];
-            searches += qm_piece_bound(&work->maker, &work->piece[place], &hint, &work->bounds[place]);
-        }
-    }
-    atomic_fetch_add(&work->searches, searches);
+    qm_piece_desk desk;
+    desk.searches = 0;
+    for (size_t i, end; take_chunk(work, CHUNK, work->count, &i, &end);)
+        for (desk.hint = 0; i < end; i++)
+            qm_piece_bound(&work->maker, &work->piece[i], &desk, &work->bounds[i]);
+    atomic_fetch_add(&work->searches, desk.searches);
 }
 
-static qm_status bound_pieces(deviation_work *work)
+static void split_chunks(void *data, int worker)
+{
+    (void)worker;
+    deviation_work *work = data;
+    qm_piece_desk desk;
+    desk.searches = 0;
+    for (size_t i, end; take_chunk(work, BATCH_CHUNK, work->end - work->begin, &i, &end);)
+        for (desk.hint = 0; i < end; i++) {
+            batch_part *parts = &work->parts[i];
+            parts->count = qm_piece_split(&work->maker, &work->piece[work->todo[work->begin + i].place],
+                                          &desk, parts->piece, parts->bounds);
+        }
+    atomic_fetch_add(&work->searches, desk.searches);
+}
+
+static qm_status run_workers(deviation_work *work, void (*task)(void *data, int worker))
 {
     qm_context *ctx = work->ctx;
     atomic_store(&work->next, 0);
     if (ctx->parallel && work->options->thread_count > 1)
-        ctx->parallel(ctx->parallel_user, work->options->thread_count, bound_chunks, work);
+        ctx->parallel(ctx->parallel_user, work->options->thread_count, task, work);
     else
-        bound_chunks(work, 0);
+        task(work, 0);
     return qm_context_canceled(ctx) ? qm_context_fail(ctx, QM_E_CANCELED, "deviation canceled") : QM_OK;
 }
 
@@ -259,7 +293,8 @@ typedef struct cut_choice {
 static cut_choice choose_cuts(const deviation_work *work, const qm_piece_totals *totals)
 {
     double open[EXPONENTS] = {0}, sum = 0.0;
-    size_t count[EXPONENTS] = {0}, room = (work->limit - work->count) / 2;
+    size_t count[EXPONENTS] = {0};
+    size_t room = (work->limit - work->count) / 2;
     for (size_t i = 0; i < work->count; i++) {
         double here = openness(&work->bounds[i], totals);
         int exponent = exponent_of(here);
@@ -278,35 +313,95 @@ static cut_choice choose_cuts(const deviation_work *work, const qm_piece_totals 
     return choice;
 }
 
-/** Replaces the chosen pieces by their parts, which are to be bounded. */
-static qm_status cut_pieces(deviation_work *work, const qm_piece_totals *totals, cut_choice choice)
+static int compare_openness(const void *a, const void *b)
 {
-    size_t old_count = work->count;
-    if (!reserve(work, old_count + 2 * choice.count, 3 * choice.count))
+    const open_piece *one = a, *two = b;
+    if (one->open != two->open) return one->open > two->open ? -1 : 1;
+    return (one->place > two->place) - (one->place < two->place);
+}
+
+/** Lists the chosen pieces, those first that leave most open. */
+static qm_status list_cuts(deviation_work *work, const qm_piece_totals *totals, cut_choice choice)
+{
+    if (!grow(work->ctx, &work->todo, &work->todo_capacity, choice.count, sizeof *work->todo))
         return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
     work->todo_count = 0;
-    for (size_t i = 0; i < old_count; i++) {
+    for (size_t i = 0; i < work->count; i++) {
         if (work->piece[i].depth >= QM_PIECE_DEPTH) continue;
-        int exponent = exponent_of(openness(&work->bounds[i], totals));
+        double open = openness(&work->bounds[i], totals);
+        int exponent = exponent_of(open);
         if (exponent < choice.exponent || (exponent == choice.exponent && choice.at_exponent == 0)) continue;
         if (exponent == choice.exponent) choice.at_exponent--;
-        qm_source_piece part[3];
-        int parts = qm_piece_cut(&work->maker, &work->piece[i], part);
-        work->piece[i] = part[0];
-        work->todo[work->todo_count++] = i;
-        for (int k = 1; k < parts; k++)
-            add_piece(work, &part[k]);
+        work->todo[work->todo_count++] = (open_piece){i, open};
     }
+    qsort(work->todo, work->todo_count, sizeof *work->todo, compare_openness);
     return QM_OK;
 }
 
-static qm_status refine(deviation_work *work)
+/** Puts the parts of a batch in the places of their pieces and at the end, as long as there is room. */
+static void place_parts(deviation_work *work)
 {
-    double greatest = work->out->max.upper * work->b->frame.scale;
-    qm_status status = make_pieces(work);
-    work->maker.greatest = greatest;
-    work->maker.patch_error = fmax(4.0 * work->maker.eta, PATCH_SHARE * work->options->accuracy * greatest);
-    if (status == QM_OK) status = bound_pieces(work);
+    for (size_t i = work->begin; i < work->end; i++) {
+        const batch_part *parts = &work->parts[i - work->begin];
+        if (work->count + (size_t)parts->count - 1 > work->limit) continue;
+        size_t place = work->todo[i].place;
+        work->piece[place] = parts->piece[0];
+        work->bounds[place] = parts->bounds[0];
+        for (int k = 1; k < parts->count; k++) {
+            work->piece[work->count] = parts->piece[k];
+            work->bounds[work->count++] = parts->bounds[k];
+        }
+    }
+}
+
+/** Splits what is listed. */
+static qm_status split_pieces(deviation_work *work)
+{
+    qm_status status = QM_OK;
+    for (work->begin = 0; status == QM_OK && work->begin < work->todo_count; work->begin = work->end) {
+        size_t rest = work->todo_count - work->begin, needed = work->count;
+        work->end = work->begin + (rest < BATCH ? rest : BATCH);
+        status = run_workers(work, split_chunks);
+        for (size_t i = 0; status == QM_OK && i < work->end - work->begin; i++)
+            needed += (size_t)work->parts[i].count - 1;
+        if (status == QM_OK) status = reserve(work, needed < work->limit ? needed : work->limit);
+        if (status == QM_OK) place_parts(work);
+    }
+    return status;
+}
+
+/** The mean over the vertices, which tells about what the mean over the surface will be. */
+static double mean_of_vertices(const deviation_work *work)
+{
+    double sum = 0.0;
+    for (size_t i = 0; i < work->out->vertex_count; i++)
+        sum += work->out->vertex_distance[i];
+    return work->out->vertex_count > 0 ? sum / (double)work->out->vertex_count * work->b->frame.scale : 0.0;
+}
+
+/** What the next round need not care about, at a mean distance that is about typical. */
+static void set_errors(deviation_work *work, double typical, double gap)
+{
+    double open = work->options->accuracy * typical, least = 4.0 * work->maker.eta;
+    work->maker.patch_error = fmax(least, PATCH_SHARE * open);
+    work->maker.worth = fmax(least, fmax(open, GAP_SHARE * gap));
+}
+
+static qm_status run_round(deviation_work *work, const qm_piece_totals *totals, cut_choice choice)
+{
+    double facets = (double)QM_PACK_LANES * (double)(work->a->pack_count + work->b->pack_count);
+    size_t parts = 1 + PARTS_SHARE * (work->limit - work->count) / choice.count;
+    work->maker.part_limit = parts < QM_PIECE_PARTS ? (int)parts : QM_PIECE_PARTS;
+    work->maker.cell_area = totals->area.upper / facets;
+    set_errors(work, qm_clamp(mean_of_vertices(work), totals->mean.lower, totals->mean.upper),
+               totals->mean.upper - totals->mean.lower);
+    qm_status status = list_cuts(work, totals, choice);
+    return status == QM_OK ? split_pieces(work) : status;
+}
+
+static qm_status run_rounds(deviation_work *work)
+{
+    qm_status status = QM_OK;
     for (int round = 0; status == QM_OK && round < MAX_ROUNDS; round++) {
         qm_piece_totals totals = qm_piece_sum(list_pieces(work));
         if (!(totals.area.lower > 0.5 * totals.area.upper)) break;
@@ -314,11 +409,22 @@ static qm_status refine(deviation_work *work)
         if (work->out->is_accurate) break;
         cut_choice choice = choose_cuts(work, &totals);
         if (choice.count == 0) break;
-        work->maker.patch_error =
-            fmax(4.0 * work->maker.eta, PATCH_SHARE * work->options->accuracy * totals.mean.upper);
-        status = cut_pieces(work, &totals, choice);
-        if (status == QM_OK) status = bound_pieces(work);
+        status = run_round(work, &totals, choice);
     }
+    return status;
+}
+
+static qm_status refine(deviation_work *work)
+{
+    work->maker.greatest = work->out->max.upper * work->b->frame.scale;
+    set_errors(work, work->maker.greatest, 0.0);
+    qm_status status = make_pieces(work);
+    if (status == QM_OK) status = run_workers(work, bound_chunks);
+    if (status != QM_OK) return status;
+    work->parts = qm_context_alloc(work->ctx, BATCH, sizeof *work->parts);
+    if (!work->parts) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
+    status = run_rounds(work);
+    qm_context_free(work->ctx, work->parts, BATCH, sizeof *work->parts);
     return status;
 }
 
@@ -340,8 +446,8 @@ static qm_status take_points(deviation_work *work, qm_measure measure)
     double scale = work->b->frame.scale,
            eta = work->maker.eta + (work->maker.target_patches ? PATCH_ROUNDINGS : 0.0);
     work->count = 0;
-    bool has_memory = is_used && reserve(work, mesh->vertex_count, 0);
-    if (has_memory) {
+    qm_status status = is_used ? reserve(work, mesh->vertex_count) : QM_E_NO_MEMORY;
+    if (status == QM_OK) {
         mark_vertices(mesh, is_used);
         for (size_t i = 0; i < mesh->vertex_count; i++)
             if (is_used[i])
@@ -351,7 +457,7 @@ static qm_status take_points(deviation_work *work, qm_measure measure)
     qm_context_free(work->ctx, is_used, mesh->vertex_count, 1);
     work->out->measure = measure;
     work->out->is_accurate = true;
-    return has_memory ? QM_OK : qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the points");
+    return status == QM_OK ? QM_OK : qm_context_fail(work->ctx, status, "out of memory for the points");
 }
 
 /** True when rounding hides whether A has an area at all. */

@@ -34,11 +34,12 @@
 #ifndef QM_DEVIATION_PIECE_H
 #define QM_DEVIATION_PIECE_H
 
-#include "bilinear_point.h"
-#include "kernel.h"
+#include "deviation_near.h"
 
 /** Cuts after which a piece is cut no more. */
 #define QM_PIECE_DEPTH 40
+/** Parts that a piece is cut into at most. */
+#define QM_PIECE_PARTS 128
 
 typedef struct qm_source_piece {
     uint32_t face;
@@ -65,16 +66,34 @@ typedef struct qm_piece_maker {
     double eta;         /* local */
     double greatest;    /* no point of the source is farther from the target */
     double patch_error; /* what the cutting of patches may cost, local */
+    double worth;       /* cuts that bring corners nearer to their facets by less are not made, local */
+    int part_limit;     /* of a piece: 3 to QM_PIECE_PARTS */
+    double cell_area;   /* smaller parts than this may be off by more, so that all leave alike */
 } qm_piece_maker;
 
-/** Bounds a piece; hint is a pack of the target to start from, and moves on. Returns the searches it took. */
-unsigned qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, uint32_t *hint,
-                        qm_piece_bounds *out);
+/** What a worker needs for each piece anew. */
+typedef struct qm_piece_desk {
+    uint32_t hint;     /* a pack of the target to start from */
+    uint64_t searches; /* of the target's tree so far */
+    qm_near_facets near;
+} qm_piece_desk;
+
+/** Bounds a piece. */
+void qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, qm_piece_desk *desk,
+                    qm_piece_bounds *out);
 
 /** Bounds of a single point of weight 1, at a distance known to within eta. */
 qm_piece_bounds qm_piece_bound_point(double distance, double eta);
 
-/** Cuts a piece in two or three, into out; returns how many. The piece has depth to spare. */
-int qm_piece_cut(const qm_piece_maker *maker, const qm_source_piece *piece, qm_source_piece out[3]);
+/**
+ * Cuts a piece into parts and bounds them; returns how many, 2 to QM_PIECE_PARTS. The piece has depth to
+ * spare.
+ *
+ * A piece is cut along the borders of the facets under it, so that each part lies over one facet and on one
+ * side of it, where both bounds are tight. Where no such cut brings anything it is halved across its longest
+ * edge, and so is every piece on every fourth level, which brings any piece to an end.
+ */
+int qm_piece_split(const qm_piece_maker *maker, const qm_source_piece *piece, qm_piece_desk *desk,
+                   qm_source_piece part[QM_PIECE_PARTS], qm_piece_bounds bounds[QM_PIECE_PARTS]);
 
 #endif

@@ -1,0 +1,347 @@
+#include "deviation_bound.h"
+
+#define EPSILON 0x1p-53
+#define DIRECTION_ROUNDINGS 32.0 /* in a vector between two points, of the greatest coordinate */
+
+/** A piece on its way to its bounds. */
+typedef struct bound_work {
+    const qm_piece_maker *maker;
+    const qm_piece_shape *shape;
+    const qm_near_facets *near;
+    double at_middle, certain; /* distance of the middle, from above and below */
+    double ball;               /* no facet farther than this from the middle is nearest to any point */
+    double low[3], low_sum, high[3], high_sum;
+    double cap[3]; /* the least distance to a facet at each corner, from above and below */
+    double floor[3];
+    double facet[3]; /* the least of the facets' planes at each corner; cap, to begin with */
+} bound_work;
+
+static double lesser(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+static double greater(double a, double b)
+{
+    return a > b ? a : b;
+}
+
+/* ---- offers ---- */
+
+static void offer_high(bound_work *work, const double high[3])
+{
+    double sum = high[0] + high[1] + high[2];
+    if (!(sum < work->high_sum)) return;
+    work->high_sum = sum;
+    for (int i = 0; i < 3; i++)
+        work->high[i] = high[i];
+}
+
+static void offer_low(bound_work *work, const double low[3])
+{
+    double sum = low[0] + low[1] + low[2];
+    if (!(sum > work->low_sum)) return;
+    work->low_sum = sum;
+    for (int i = 0; i < 3; i++)
+        work->low[i] = low[i];
+}
+
+/* ---- distances to the list ---- */
+
+/** Distances of the middle from all facets of the list. */
+static void measure_middle(bound_work *work, double distance[QM_FACET_PACKS][QM_PACK_LANES])
+{
+    const qm_near_facets *near = work->near;
+    work->at_middle = work->certain = INFINITY;
+    for (int pack = 0; pack < near->pack_count; pack++) {
+        work->maker->kernel->pack_distances(&near->pack[pack], work->shape->middle, distance[pack]);
+        for (int lane = 0; lane < QM_PACK_LANES; lane++) {
+            double here = sqrt(distance[pack][lane]), slack = near->slack[pack][lane];
+            work->at_middle = lesser(work->at_middle, here + slack);
+            work->certain = lesser(work->certain, here - slack);
+            distance[pack][lane] = here - slack;
+        }
+    }
+}
+
+/** Upper bounds by the facets of a pack, and the corners' own distances. */
+static void offer_pack(bound_work *work, int pack)
+{
+    const qm_near_facets *near = work->near;
+    _Alignas(64) double d[3][QM_PACK_LANES];
+    for (int i = 0; i < 3; i++) {
+        work->maker->kernel->pack_distances(&near->pack[pack], work->shape->corner[i], d[i]);
+        for (int lane = 0; lane < QM_PACK_LANES; lane++) {
+            double here = sqrt(d[i][lane]), slack = near->slack[pack][lane];
+            work->floor[i] = lesser(work->floor[i], here - slack);
+            d[i][lane] = here + slack;
+            work->cap[i] = lesser(work->cap[i], d[i][lane]);
+        }
+    }
+    for (int lane = 0; lane < QM_PACK_LANES; lane++) {
+        const double high[3] = {d[0][lane], d[1][lane], d[2][lane]};
+        offer_high(work, high);
+    }
+}
+
+static bool has_any_within(const double distance[QM_PACK_LANES], double reach)
+{
+    bool any = false;
+    for (int lane = 0; lane < QM_PACK_LANES; lane++)
+        any |= distance[lane] <= reach;
+    return any;
+}
+
+/* ---- planes ---- */
+
+/** Heights of the corners over the plane of a facet, on the side that a point lies on. */
+static void heights_over_facet(const bound_work *work, const qm_triangle *facet, qm_vec from,
+                               double height[3])
+{
+    double side = qm_vec_dot(qm_vec_sub(from, facet->origin), facet->z) < 0.0 ? -1.0 : 1.0;
+    for (int i = 0; i < 3; i++)
+        height[i] = side * qm_vec_dot(qm_vec_sub(work->shape->corner[i], facet->origin), facet->z);
+}
+
+/** Heights of the corners over the plane that the facet lies behind as seen from a point of the piece. */
+static void heights_from(const bound_work *work, const qm_triangle *facet, qm_vec from, double height[3])
+{
+    double weight[3];
+    qm_triangle_footpoint(facet, from, weight);
+    /* Over the facet itself it is the plane of the facet, whose normal is exact however near the point is. */
+    if (weight[0] > 0.0 && weight[1] > 0.0 && weight[2] > 0.0) {
+        heights_over_facet(work, facet, from, height);
+        return;
+    }
+    double x = weight[1] * facet->length + weight[2] * facet->cx, y = weight[2] * facet->cy;
+    qm_vec foot = qm_vec_axpy(qm_vec_axpy(facet->origin, x, facet->x), y, facet->y);
+    qm_vec direction = qm_vec_sub(from, foot);
+    double distance = qm_vec_norm(direction), error = 0.0;
+    if (distance > work->maker->eta) {
+        direction = qm_vec_scale(1.0 / distance, direction);
+        error = DIRECTION_ROUNDINGS * EPSILON * work->maker->reach *
+                (3.0 * work->shape->radius + 2.0 * work->ball) / distance;
+    } else {
+        direction = (qm_vec){0, 0, 0};
+    }
+    for (int i = 0; i < 3; i++)
+        height[i] = qm_vec_dot(direction, qm_vec_sub(work->shape->corner[i], foot)) - error;
+}
+
+/** How much of what the corners' distances may be at most a linear function reaches. */
+static double score(const bound_work *work, const double height[3])
+{
+    double sum = 0.0;
+    for (int i = 0; i < 3; i++)
+        sum += lesser(height[i], work->cap[i]);
+    return sum;
+}
+
+/** True when the least of the planes is no less for a facet with these heights. */
+static bool hides_nothing(const bound_work *work, const double height[3], double slack)
+{
+    return height[0] - slack >= work->facet[0] && height[1] - slack >= work->facet[1] &&
+           height[2] - slack >= work->facet[2];
+}
+
+/** The corner where a linear function hides most. */
+static int find_worst(const bound_work *work, const double height[3])
+{
+    int worst = 0;
+    for (int i = 1; i < 3; i++)
+        if (work->cap[i] - height[i] > work->cap[worst] - height[worst]) worst = i;
+    return worst;
+}
+
+/**
+ * A facet takes part in the least of the planes with one plane of its own: that of the facet, or one seen
+ * from a corner or from the middle. Any is valid; the one that hides least is taken.
+ */
+static void add_plane(bound_work *work, const qm_triangle *facet, double slack)
+{
+    double best[3];
+    heights_over_facet(work, facet, work->shape->middle, best);
+    int worst = find_worst(work, best);
+    const qm_vec from[4] = {work->shape->corner[worst], work->shape->middle,
+                            work->shape->corner[(worst + 1) % 3], work->shape->corner[(worst + 2) % 3]};
+    double best_score = score(work, best);
+    for (int k = 0; k < 4 && !hides_nothing(work, best, slack); k++) {
+        double height[3];
+        heights_from(work, facet, from[k], height);
+        double here = score(work, height);
+        if (!(here > best_score)) continue;
+        best_score = here;
+        for (int i = 0; i < 3; i++)
+            best[i] = height[i];
+    }
+    for (int i = 0; i < 3; i++)
+        work->facet[i] = lesser(work->facet[i], best[i] - slack);
+}
+
+/** Planes of the facets of a pack that may be nearest to any point; a facet that is farther than the corners
+ * are, everywhere, can be no matter. */
+static void add_planes(bound_work *work, int pack, const double distance[QM_PACK_LANES])
+{
+    const qm_near_facets *near = work->near;
+    double most = greater(work->facet[0], greater(work->facet[1], work->facet[2]));
+    double reach = lesser(work->ball, most + work->shape->radius + 4.0 * work->maker->eta);
+    for (int lane = 0; lane < QM_PACK_LANES; lane++) {
+        if (pack * QM_PACK_LANES + lane >= near->count || distance[lane] > reach) continue;
+        qm_triangle facet = qm_pack_triangle(&near->pack[pack], lane);
+        add_plane(work, &facet, near->slack[pack][lane]);
+    }
+}
+
+/** Bounds by the facets of a complete list. */
+static void bound_by_facets(bound_work *work)
+{
+    const qm_near_facets *near = work->near;
+    _Alignas(64) double distance[QM_FACET_PACKS][QM_PACK_LANES];
+    measure_middle(work, distance);
+    work->ball = work->at_middle + 2.0 * work->shape->radius + 4.0 * work->maker->eta;
+    for (int pack = 0; pack < near->pack_count; pack++)
+        if (has_any_within(distance[pack], work->ball)) offer_pack(work, pack);
+    for (int i = 0; i < 3; i++)
+        work->facet[i] = work->cap[i];
+    for (int pack = 0; pack < near->pack_count; pack++)
+        if (has_any_within(distance[pack], work->ball)) add_planes(work, pack, distance[pack]);
+    offer_low(work, work->facet);
+}
+
+/* ---- without planes ---- */
+
+double qm_piece_search(const qm_piece_maker *maker, qm_piece_desk *desk, qm_vec p, double *certain)
+{
+    qm_hit hit = {.d2 = INFINITY, .pack = desk->hint};
+    maker->kernel->closest(maker->target, p, &hit);
+    desk->hint = hit.pack;
+    desk->searches++;
+    *certain = sqrt(hit.d2);
+    if (!maker->target_patches) return *certain;
+    qm_patch_hit patch;
+    maker->kernel->closest_patch(maker->target, p, hit.pack, maker->patch_error, &patch);
+    *certain = greater(0.0, patch.lower);
+    return patch.distance;
+}
+
+/** The distances of middle and corners by searches, and upper bounds by what is listed. */
+static void bound_by_searches(bound_work *work, qm_piece_desk *desk)
+{
+    work->at_middle = qm_piece_search(work->maker, desk, work->shape->middle, &work->certain);
+    for (int pack = 0; pack < work->near->pack_count; pack++)
+        offer_pack(work, pack);
+    for (int i = 0; i < 3; i++)
+        qm_piece_search(work->maker, desk, work->shape->corner[i], &work->floor[i]);
+}
+
+/** Lower bound by the distances of the corners. */
+static void bound_by_corners(bound_work *work)
+{
+    double third = work->shape->longest2 / 3.0, low[3];
+    for (int i = 0; i < 3; i++) {
+        double excess = work->floor[i] * work->floor[i] - third;
+        if (!(work->floor[i] > 0.0 && excess >= 0.0)) return;
+        low[i] = sqrt(excess);
+    }
+    offer_low(work, low);
+}
+
+static void bound_by_middle(bound_work *work)
+{
+    double sure = greater(0.0, work->certain - work->shape->radius);
+    const double low[3] = {sure, sure, sure};
+    offer_low(work, low);
+    double most = lesser(work->at_middle + work->shape->radius, work->maker->greatest + work->shape->slack);
+    const double high[3] = {most, most, most};
+    offer_high(work, high);
+}
+
+/* ---- integrals ---- */
+
+static double sum3(const double x[3])
+{
+    return x[0] + x[1] + x[2];
+}
+
+static double least(const double x[3])
+{
+    return lesser(x[0], lesser(x[1], x[2]));
+}
+
+static double greatest(const double x[3])
+{
+    return greater(x[0], greater(x[1], x[2]));
+}
+
+/** Mean over a triangle of the product of two linear functions. */
+static double mean_product(const double f[3], const double g[3])
+{
+    return (sum3(f) * sum3(g) + f[0] * g[0] + f[1] * g[1] + f[2] * g[2]) / 12.0;
+}
+
+/** Integral of max(f, 0)^2 from below. */
+static double square_below(const double f[3], const qm_piece_shape *w)
+{
+    double mean = greater(0.0, sum3(f) / 3.0);
+    double by_mean = least(w->low) * mean * mean;
+    if (least(f) < 0.0) return by_mean;
+    if (w->is_uniform) return w->low[0] * mean_product(f, f);
+    /* f^2 lies above its tangent at the middle, which is linear. */
+    double tangent[3];
+    for (int i = 0; i < 3; i++)
+        tangent[i] = (2.0 * f[i] - mean) * mean;
+    return least(tangent) < 0.0 ? by_mean : greater(by_mean, mean_product(tangent, w->low));
+}
+
+/** Integral of f^2, f >= 0, from above; f^2 is convex. */
+static double square_above(const double f[3], const qm_piece_shape *w)
+{
+    if (w->is_uniform) return w->high[0] * mean_product(f, f);
+    const double f2[3] = {f[0] * f[0], f[1] * f[1], f[2] * f[2]};
+    return mean_product(f2, w->high);
+}
+
+static void integrate(const qm_piece_shape *w, qm_piece_bounds *out)
+{
+    out->area_low = sum3(w->low) / 3.0;
+    out->area_high = sum3(w->high) / 3.0;
+    out->density_low = least(w->low);
+    out->density_high = greatest(w->high);
+    out->mean_low = least(out->low) >= 0.0 ? mean_product(out->low, w->low)
+                                           : out->density_low * greater(0.0, sum3(out->low) / 3.0);
+    out->mean_high = mean_product(out->high, w->high);
+    out->square_low = square_below(out->low, w);
+    out->square_high = square_above(out->high, w);
+}
+
+/* ---- the calls ---- */
+
+void qm_piece_list_near(const qm_piece_maker *maker, const qm_piece_shape *shape, qm_piece_desk *desk)
+{
+    double certain, distance = qm_piece_search(maker, desk, shape->middle, &certain);
+    qm_near_facets_find(maker->kernel, maker->target, maker->target_patches, maker->patch_error,
+                        shape->middle, qm_piece_reach(maker, shape, distance), &desk->near);
+}
+
+void qm_piece_bound_near(const qm_piece_maker *maker, const qm_piece_shape *shape, qm_piece_desk *desk,
+                         qm_piece_bounds *out)
+{
+    bound_work work = {.maker = maker,
+                       .shape = shape,
+                       .near = &desk->near,
+                       .low_sum = -INFINITY,
+                       .high_sum = INFINITY,
+                       .cap = {INFINITY, INFINITY, INFINITY},
+                       .floor = {INFINITY, INFINITY, INFINITY}};
+    if (desk->near.is_complete)
+        bound_by_facets(&work);
+    else
+        bound_by_searches(&work, desk);
+    bound_by_middle(&work);
+    bound_by_corners(&work);
+    for (int i = 0; i < 3; i++) {
+        out->low[i] = work.low[i] - shape->slack - maker->eta;
+        out->high[i] = work.high[i] + shape->slack + maker->eta;
+    }
+    integrate(shape, out);
+}
