@@ -2,6 +2,7 @@
  * main.c: starts the parts in order, waits for a signal, stops them in the opposite order.
  */
 #include <math.h>
+#include <pthread.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -52,8 +53,19 @@ static void start_loop(daemon_state *state)
     uv_timer_start(&state->tick, on_tick, TICK_MS, TICK_MS);
 }
 
+/** From here on a second signal changes nothing: closing the loop would give it back its power to kill. */
+static void ignore_signals(void)
+{
+    sigset_t set;
+    sigemptyset(&set);
+    sigaddset(&set, SIGTERM);
+    sigaddset(&set, SIGINT);
+    pthread_sigmask(SIG_BLOCK, &set, NULL);
+}
+
 static void stop_loop(daemon_state *state)
 {
+    ignore_signals();
     uv_close((uv_handle_t *)&state->terminate, NULL);
     uv_close((uv_handle_t *)&state->interrupt, NULL);
     uv_close((uv_handle_t *)&state->tick, NULL);

@@ -4,6 +4,7 @@
  */
 #include "hausdorff_search.h"
 
+#define HINT_SHARE 0.25 /* of the lower bound: below it the hint tells well enough how far a point is */
 #define NEAR_SHARE                                                                                           \
     0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered                  \
           */
@@ -141,13 +142,19 @@ static double bound_group(qm_worker *worker, const qm_side *side, qm_vec centre,
     return sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane) + radius;
 }
 
-/** The same of a pack, round a point of its surface, whose distance may raise the lower bound. */
+/**
+ * The same of a pack, round a point of its surface, which is searched for only when it may raise the lower
+ * bound: neighbours on the curve are near enough to the pack of one hint mostly.
+ */
 static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_group *group, int member,
                          uint32_t pack, uint32_t *hint)
 {
     uint32_t face;
     int lane = side->source->lanes[pack].lane_count / 2;
     qm_vec p = qm_side_middle(side, pack, &lane, &face);
+    double upper = qm_side_pack_upper(worker->search, side, *hint, p);
+    double lower = atomic_load_explicit(&worker->search->lower, memory_order_relaxed) * side->scale;
+    if (upper <= HINT_SHARE * lower) return upper + member_reach(side, group, member, p);
     return qm_worker_sample(worker, side, p, 0.0, face, hint) + member_reach(side, group, member, p);
 }
 

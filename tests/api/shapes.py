@@ -61,6 +61,21 @@ def rough(steps, seed, height=0.05):
     return vertices, saddle(steps)[1]
 
 
+def crumpled(count, seed, size=0.3):
+    """A flat square, and apart from it quads at random in a heap, with corners pushed out of their
+    parallelograms by about two sides: as bilinear patches they fold over."""
+    chance = random.Random(seed)
+    vertices, faces = [(9, 9, 9), (10, 9, 9), (10, 10, 9), (9, 10, 9)], [(0, 1, 2, 3)]
+    for _ in range(count):
+        corner = [chance.uniform(0, 3) for _ in range(3)]
+        right, up, push = ([chance.gauss(0, size) for _ in range(3)] for _ in range(3))
+        first = len(vertices)
+        for u, v, w in ((0, 0, 0), (1, 0, 0), (1, 1, 2), (0, 1, 0)):
+            vertices.append(tuple(corner[k] + u * right[k] + v * up[k] + w * push[k] for k in range(3)))
+        faces.append(tuple(range(first, first + 4)))
+    return vertices, faces
+
+
 def moved(mesh, x, y, z):
     return [(v[0] + x, v[1] + y, v[2] + z) for v in mesh[0]], mesh[1]
 

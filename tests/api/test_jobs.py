@@ -3,7 +3,7 @@ import time
 
 import pytest
 
-from conftest import SLOW, check_bounds, check_problem
+from conftest import SLOW, SLOW_DISTANCE, check_bounds, check_problem
 
 
 def test_a_job_is_accepted_then_done(client, spheres):
@@ -29,7 +29,7 @@ def test_prefer_wait_gives_up_in_time(client, slow_pair):
     job = reply.json()
     assert job["state"] == "running"
     # The bounds so far are part of the document.
-    assert job["progress"]["lower"] <= 1.0 <= job["progress"]["upper"]
+    assert job["progress"]["lower"] <= SLOW_DISTANCE <= job["progress"]["upper"]
     client.delete(reply.headers["location"])
     assert client.wait(job["id"])["state"] == "cancelled"
 
@@ -97,7 +97,7 @@ def test_cancelling_keeps_the_bounds(client, slow_pair):
     assert done["state"] == "cancelled"
     result = done["result"]
     assert result["converged"] is False
-    assert result["lower"] <= 1.0 <= result["upper"]
+    assert result["lower"] <= SLOW_DISTANCE <= result["upper"]
     check_bounds(client.events(job["id"]), result)
     check_problem(client.delete(f"/v1/jobs/{job['id']}"), 409, "conflict")
 
@@ -152,7 +152,7 @@ def test_a_mesh_deleted_under_a_job(client, slow_files, make_daemon):
             assert own.delete(f"/v1/meshes/{mesh}").status_code == 204
         done = own.wait(job["id"])
         assert done["state"] == "succeeded"
-        assert done["result"]["lower"] <= 1.0 <= done["result"]["upper"]
+        assert done["result"]["lower"] <= SLOW_DISTANCE <= done["result"]["upper"]
 
 
 def test_lists_come_in_pages(make_daemon):

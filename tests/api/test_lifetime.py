@@ -189,7 +189,7 @@ def test_readiness_ends_with_the_drain(make_daemon, slow_files):
     running = make_daemon("--grace", 3)
     with running.client() as client:
         slow = [client.upload(content)["id"] for content in slow_files]
-        client.start(*slow, deadline_ms=2000, **SLOW)
+        client.wait_until_running(client.start(*slow, deadline_ms=2000, **SLOW)["id"])
         running.process.send_signal(signal.SIGTERM)
         time.sleep(0.3)
         reply = client.get("/readyz")
@@ -197,3 +197,13 @@ def test_readiness_ends_with_the_drain(make_daemon, slow_files):
         check_problem(client.post("/v1/jobs", json={"type": "hausdorff", "a": slow[0], "b": slow[1]}), 503)
         check_problem(client.post("/v1/meshes", content=b"0 0 0\n"), 503)
     assert running.stop() == 0
+
+
+def test_a_second_sigterm_changes_nothing(make_daemon):
+    """Signals come at any instant of the end, the last ones included."""
+    for _ in range(10):
+        running = make_daemon()
+        while running.process.poll() is None:
+            running.process.send_signal(signal.SIGTERM)
+            time.sleep(0.0005)
+        assert running.process.wait() == 0

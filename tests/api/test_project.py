@@ -303,6 +303,7 @@ def test_a_client_may_leave(make_daemon, when):
                 raw.sendall(body[len(body) // 2:])
                 assert raw.recv(4096).startswith(b"HTTP/1.1 200 OK")
         wait_for_no_files(daemon)
+    with daemon.client() as client:  # the first one's connection was idle for too long meanwhile
         assert len(rows(project(client, mesh, body[:2400]))) == 100
 
 

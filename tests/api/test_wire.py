@@ -11,19 +11,6 @@ from conftest import PATIENCE, SLOW, check_problem
 HEALTH = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
 
-@pytest.fixture(scope="module")
-def endless_files():
-    """A bent plate and the same one above it: nearly every point is as far as any other."""
-    plate = shapes.saddle(150)
-    return shapes.ply_little(plate), shapes.ply_little(shapes.moved(plate, 0, 0, 1))
-
-
-@pytest.fixture(scope="module")
-def endless_pair(daemon, endless_files):
-    with daemon.client() as made:
-        return tuple(made.upload(content)["id"] for content in endless_files)
-
-
 def talk(daemon, *parts):
     """Everything that the daemon says to these bytes until it closes, or until it has been silent for a while."""
     said = b""
@@ -128,8 +115,8 @@ def test_a_refused_upload_takes_nothing_from_a_good_one(make_daemon):
         assert client.hausdorff(mesh["id"], mesh["id"])["state"] == "succeeded"
 
 
-def test_one_idempotency_key_at_the_same_time_makes_one_job(daemon, endless_pair):
-    a, b = endless_pair
+def test_one_idempotency_key_at_the_same_time_makes_one_job(daemon, slow_pair):
+    a, b = slow_pair
 
     def start(_):
         with daemon.client() as own:
@@ -144,10 +131,10 @@ def test_one_idempotency_key_at_the_same_time_makes_one_job(daemon, endless_pair
         assert own.wait(job_id)["state"] == "cancelled"
 
 
-def test_a_full_queue_still_gives_the_answers_that_it_has(make_daemon, endless_files):
+def test_a_full_queue_still_gives_the_answers_that_it_has(make_daemon, slow_files):
     running = make_daemon("--queue", 1, "--workers", 1, "--grace", 0)
     with running.client() as client:
-        a, b = (client.upload(content)["id"] for content in endless_files)
+        a, b = (client.upload(content)["id"] for content in slow_files)
         cheap = {"tolerance": 10.0}
         assert client.hausdorff(a, b, **cheap)["state"] == "succeeded"
         jobs = [client.start(a, b, headers={"Cache-Control": "no-cache"}, **SLOW)]
@@ -159,11 +146,11 @@ def test_a_full_queue_still_gives_the_answers_that_it_has(make_daemon, endless_f
         assert client.hausdorff(a, b, **cheap)["cached"] is True
 
 
-def test_all_unfinished_jobs_come_back_after_a_kill(make_daemon, endless_files):
+def test_all_unfinished_jobs_come_back_after_a_kill(make_daemon, slow_files):
     """The one that runs and the ones that wait are together more than the queue may hold."""
     running = make_daemon("--queue", 2, "--workers", 1)
     with running.client() as client:
-        a, b = (client.upload(content)["id"] for content in endless_files)
+        a, b = (client.upload(content)["id"] for content in slow_files)
         jobs = [client.start(a, b, **SLOW)]
         while client.get(f"/v1/jobs/{jobs[0]['id']}").json()["state"] == "queued":
             pass
@@ -187,9 +174,9 @@ def test_a_reader_of_an_earlier_run_gets_the_whole_new_one(client, spheres):
     assert client.events(job_id, after=len(events) + 1) == events
 
 
-def test_a_stream_that_somebody_else_asked_for_too_goes_on(daemon, client, endless_pair):
+def test_a_stream_that_somebody_else_asked_for_too_goes_on(daemon, client, slow_pair):
     """Two POSTs with one key own the job together; the leaving of one does not end it."""
-    a, b = endless_pair
+    a, b = slow_pair
     body = json.dumps({"type": "hausdorff", "a": a, "b": b, "direction": "a_to_b", **SLOW})
     headers = {"Accept": "application/x-ndjson", "Idempotency-Key": "shared", "Content-Type": "application/json"}
     with daemon.client() as own, own.stream("POST", "/v1/jobs", content=body, headers=headers) as stays:

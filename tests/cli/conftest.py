@@ -3,6 +3,7 @@
 import math
 import os
 import pathlib
+import random
 import subprocess
 import time
 
@@ -56,12 +57,33 @@ def raised(tmp_path):
     return path
 
 
+def write_heap(path, raised):
+    """An OBJ file of quads at random whose bilinear patches fold over, all of them raised by this much."""
+    chance = random.Random(1)
+    lines = []
+    for i in range(1500):
+        corner = [chance.uniform(0, 3) for _ in range(2)] + [chance.uniform(0, 3) + raised]
+        right, up, push = ([chance.gauss(0, 0.3) for _ in range(3)] for _ in range(3))
+        for u, v, w in ((0, 0, 0), (1, 0, 0), (1, 1, 2), (0, 1, 0)):
+            x, y, z = (corner[k] + u * right[k] + v * up[k] + w * push[k] for k in range(3))
+            lines.append(f"v {x!r} {y!r} {z!r}")
+        lines.append("f -4 -3 -2 -1")
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
 @pytest.fixture
 def slow_pair(tmp_path):
-    """Two tori whose distance takes a tolerance of 1e-13 very long."""
+    """Two heaps of folded patches, one above the other: as bilinear patches they take many minutes."""
+    return write_heap(tmp_path / "slow_a.obj", 0), write_heap(tmp_path / "slow_b.obj", 1 / 512)
+
+
+@pytest.fixture
+def large_pair(tmp_path):
+    """Two tori of eighty thousand quads each."""
     return (
-        write_torus(tmp_path / "slow_a.obj", 400, 200, 0.3),
-        write_torus(tmp_path / "slow_b.obj", 401, 201, 0.31, 0.37),
+        write_torus(tmp_path / "large_a.obj", 400, 200, 0.3),
+        write_torus(tmp_path / "large_b.obj", 401, 201, 0.31, 0.37),
     )
 
 

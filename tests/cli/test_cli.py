@@ -52,7 +52,8 @@ def test_a_threshold_gives_a_verdict(quadmesh, square, raised, threshold, verdic
 
 
 def test_a_deadline_leaves_a_bracket(quadmesh, slow_pair):
-    done = quadmesh("hausdorff", *slow_pair, "--tolerance", "1e-13", "--deadline-ms", "200", "--json")
+    options = ["--quads", "bilinear", "--tolerance", "1e-12", "--deadline-ms", "200", "--json"]
+    done = quadmesh("hausdorff", *slow_pair, *options)
     assert done.returncode == 3
     result = json.loads(done.stdout)
     assert result["stopped_by"] == "deadline"
@@ -62,7 +63,7 @@ def test_a_deadline_leaves_a_bracket(quadmesh, slow_pair):
 @pytest.mark.parametrize("where", ["here", "there"])
 def test_an_interrupt_leaves_a_bracket(quadmesh, slow_pair, server, where):
     options = ["--server", server] if where == "there" else []
-    command = [quadmesh.program, "hausdorff", *slow_pair, "--tolerance", "1e-13", "--quads", "bilinear", "--json"]
+    command = [quadmesh.program, "hausdorff", *slow_pair, "--tolerance", "1e-12", "--quads", "bilinear", "--json"]
     with subprocess.Popen([*command, "--progress", *options], stdout=-1, stderr=-1, text=True) as running:
         assert running.stderr.readline().startswith("[")  # the search has begun
         time.sleep(0.1)
@@ -74,8 +75,8 @@ def test_an_interrupt_leaves_a_bracket(quadmesh, slow_pair, server, where):
     assert result["lower"] < result["upper"]
 
 
-def test_progress_only_closes_in(quadmesh, slow_pair):
-    done = quadmesh("hausdorff", *slow_pair, "--tolerance", "1e-3", "--progress")
+def test_progress_only_closes_in(quadmesh, large_pair):
+    done = quadmesh("hausdorff", *large_pair, "--tolerance", "1e-3", "--progress")
     assert done.returncode == 0
     brackets = [(float(w[1]), float(w[3])) for w in map(str.split, done.stderr.splitlines())]
     assert len(brackets) >= 2
@@ -83,9 +84,9 @@ def test_progress_only_closes_in(quadmesh, slow_pair):
         assert low <= next_low <= next_high <= high
 
 
-def test_a_terminal_gets_a_bar(quadmesh, slow_pair):
+def test_a_terminal_gets_a_bar(quadmesh, large_pair):
     ours, theirs = pty.openpty()
-    done = quadmesh("hausdorff", *slow_pair, "--tolerance", "1e-3", capture_output=False, stdout=-1, stderr=theirs)
+    done = quadmesh("hausdorff", *large_pair, "--tolerance", "1e-3", capture_output=False, stdout=-1, stderr=theirs)
     os.close(theirs)
     drawn = os.read(ours, 65536).decode()
     os.close(ours)

@@ -75,12 +75,12 @@ def test_points_may_be_binary(quadmesh, square, tmp_path, where, name, options):
     check_feet(csv_rows(done.stdout))
 
 
-def test_many_points_keep_their_order(quadmesh, slow_pair, tmp_path, server):
+def test_many_points_keep_their_order(quadmesh, large_pair, tmp_path, server):
     chance = random.Random(7)
     numbers = array.array("d", [chance.uniform(-1, 1) for _ in range(3 * 150000)])
     (tmp_path / "p.f64").write_bytes(numbers.tobytes())
     for name, options in (("one", []), ("two", ["--threads", "2"]), ("there", ["--server", server])):
-        assert quadmesh("project", slow_pair[0], "p.f64", "-o", name, *options).returncode == 0
+        assert quadmesh("project", large_pair[0], "p.f64", "-o", name, *options).returncode == 0
     one = (tmp_path / "one").read_bytes()
     assert len(one) == 150000 * ROW.size
     assert one == (tmp_path / "two").read_bytes() == (tmp_path / "there").read_bytes()

@@ -2,8 +2,7 @@
 #include "check.h"
 
 #include "failing_allocator.h"
-#include "parallel.h"
-#include "qm/hausdorff.h"
+#include "measured.h"
 #include "random.h"
 #include "shapes.h"
 
@@ -24,17 +23,6 @@ static qm_status measure_in(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
     return status;
 }
 
-static qm_hausdorff_result measure_with(const qm_mesh *a, const qm_mesh *b,
-                                        const qm_hausdorff_options *options)
-{
-    qm_context ctx = qm_context_make();
-    if (options->thread_count > 1) ctx.parallel = qm_parallel_run;
-    qm_hausdorff_result result;
-    qm_status status = measure_in(&ctx, a, b, options, &result);
-    QM_CHECK(status == QM_OK, "status %s: %s", qm_status_code(status), ctx.message);
-    return result;
-}
-
 static qm_hausdorff_options options_of(qm_direction direction, qm_quad_reading reading, double tolerance)
 {
     qm_hausdorff_options options = qm_hausdorff_options_default();
@@ -49,7 +37,7 @@ static qm_hausdorff_result measure(const qm_mesh *a, const qm_mesh *b, qm_direct
                                    qm_quad_reading reading, double tolerance)
 {
     qm_hausdorff_options options = options_of(direction, reading, tolerance);
-    return measure_with(a, b, &options);
+    return qm_measured(a, b, &options);
 }
 
 /** The bracket holds the expected value, up to rounding of the input, and is as narrow as asked. */
@@ -179,7 +167,7 @@ static void moved_twisted_quads_are_at_most_their_move_apart(void **state)
         qm_shape_move(&b, 1, move);
         qm_hausdorff_options options = options_of(QM_A_TO_B, QM_QUADS_BILINEAR, 1e-7);
         options.work_limit = 10000;
-        qm_hausdorff_result r = measure_with(&a, &b, &options);
+        qm_hausdorff_result r = qm_measured(&a, &b, &options);
         bool is_closed = r.upper <= 1e-3 + 1e-7;
         QM_CHECK(r.lower <= 1e-3 + 1e-15 && r.upper >= r.lower && (is_closed || bend >= 1.0),
                  "seed %llu, bend %g: [%.17g, %.17g]", (unsigned long long)seed, bend, r.lower, r.upper);
@@ -260,7 +248,7 @@ static void thresholds_give_a_verdict(void **state)
         for (size_t k = 0; k < 5; ++k) {
             qm_hausdorff_options options = options_of(directions[d], QM_QUADS_TRIANGLES, 1e-8);
             options.threshold = factors[k] * distance;
-            qm_hausdorff_result r = measure_with(&a, &b, &options);
+            qm_hausdorff_result r = qm_measured(&a, &b, &options);
             QM_CHECK(r.verdict == (factors[k] < 1 ? 1 : -1), "factor %g: verdict %d", factors[k], r.verdict);
             QM_CHECK(r.lower <= distance && r.upper >= distance * (1 - 1e-12), "factor %g: [%.17g, %.17g]",
                      factors[k], r.lower, r.upper);
@@ -269,7 +257,7 @@ static void thresholds_give_a_verdict(void **state)
             assert_true(r.stop == QM_STOP_THRESHOLD || r.stop == QM_STOP_CONVERGED);
         }
     qm_hausdorff_options plain = options_of(QM_TWO_SIDED, QM_QUADS_TRIANGLES, 1e-8);
-    assert_int_equal(measure_with(&a, &b, &plain).verdict, 0);
+    assert_int_equal(qm_measured(&a, &b, &plain).verdict, 0);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -283,7 +271,7 @@ static void limits_leave_a_bracket_that_holds(void **state)
         for (uint64_t limit = 1; limit < 100000; limit *= 10) {
             qm_hausdorff_options options = options_of(QM_TWO_SIDED, (qm_quad_reading)reading, 1e-13);
             options.work_limit = limit;
-            qm_hausdorff_result r = measure_with(&a, &b, &options);
+            qm_hausdorff_result r = qm_measured(&a, &b, &options);
             QM_CHECK(r.lower <= distance + 1e-15 && r.upper >= distance - 1e-15, "limit %llu: [%.17g, %.17g]",
                      (unsigned long long)limit, r.lower, r.upper);
             QM_CHECK(r.stop == QM_STOP_DEADLINE || r.upper - r.lower <= 1e-13, "limit %llu: stop %d",
@@ -291,7 +279,7 @@ static void limits_leave_a_bracket_that_holds(void **state)
         }
     qm_hausdorff_options options = options_of(QM_TWO_SIDED, QM_QUADS_BILINEAR, 1e-13);
     options.deadline_ms = 1e-3;
-    qm_hausdorff_result r = measure_with(&a, &b, &options);
+    qm_hausdorff_result r = qm_measured(&a, &b, &options);
     assert_true(r.lower <= distance + 1e-15 && r.upper >= distance - 1e-15);
     assert_int_equal(r.stop, QM_STOP_DEADLINE);
     qm_shape_free(&a);
@@ -346,7 +334,7 @@ static void progress_only_ever_tightens(void **state)
             options.thread_count = threads;
             options.progress = look;
             options.progress_user = &w;
-            qm_hausdorff_result r = measure_with(&a, &b, &options);
+            qm_hausdorff_result r = qm_measured(&a, &b, &options);
             QM_CHECK(w.valid, "threads %d, direction %d: a bound moved the wrong way", threads, d);
             QM_CHECK(w.calls >= 3, "threads %d, direction %d: %d calls", threads, d, w.calls);
             assert_true(r.lower >= w.last.lower && r.upper <= w.last.upper);

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "check.h"
+#include "folder.h"
 #include "json_in.h"
 #include "json_out.h"
 #include "random.h"
@@ -83,14 +84,23 @@ static void not_finite_is_null(void **state)
     assert_string_equal(qm_json_number(-INFINITY, text), "null");
 }
 
+/** Makes a locale with a decimal comma, whatever the machine has, and sets it. */
+static void set_comma(void)
+{
+    char *folder = qm_folder_make(), command[512];
+    snprintf(command, sizeof command, "localedef -i de_DE -f UTF-8 %s/de_DE.UTF-8", folder);
+    int status = system(command);
+    QM_CHECK(status == 0, "%s: status %d (package locales)", command, status);
+    assert_int_equal(setenv("LOCPATH", folder, 1), 0);
+    assert_non_null(setlocale(LC_NUMERIC, "de_DE.UTF-8"));
+    qm_folder_remove(folder);
+    assert_string_equal(localeconv()->decimal_point, ",");
+}
+
 static void a_decimal_comma_stays_out(void **state)
 {
     (void)state;
-    static const char *const names[] = {"de_DE.UTF-8", "de_DE.utf8", "fr_FR.UTF-8", "ko_KR.UTF-8@comma"};
-    bool found = false;
-    for (size_t i = 0; i < sizeof names / sizeof names[0] && !found; i++)
-        found = setlocale(LC_NUMERIC, names[i]) && localeconv()->decimal_point[0] == ',';
-    if (!found) skip(); /* no such locale on this machine */
+    set_comma();
     char text[QM_JSON_NUMBER_SIZE];
     qm_json_number(1.0 / 3, text);
     qm_job_request request;

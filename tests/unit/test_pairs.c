@@ -13,6 +13,7 @@
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
+#include <unistd.h>
 
 #define SAMPLES 1000000
 
@@ -32,13 +33,12 @@ static const char *data_folder(void)
     return folder ? folder : "../shared/data";
 }
 
-/** False when the folder does not hold the file. */
-static bool read_mesh(qm_context *ctx, const char *name, qm_mesh *mesh)
+static void read_mesh(qm_context *ctx, const char *name, qm_mesh *mesh)
 {
     char path[512];
     snprintf(path, sizeof path, "%s/%s", data_folder(), name);
     FILE *file = fopen(path, "rb");
-    if (!file) return false;
+    QM_CHECK(file, "%s is missing", path);
     fseek(file, 0, SEEK_END);
     size_t size = (size_t)ftell(file);
     rewind(file);
@@ -51,7 +51,6 @@ static bool read_mesh(qm_context *ctx, const char *name, qm_mesh *mesh)
     qm_status status = qm_codec_decode(ctx, qm_format_from_path(name), bytes, size, &limits, mesh, &report);
     free(bytes);
     QM_CHECK(status == QM_OK, "%s: %s", name, report.detail);
-    return true;
 }
 
 static void check_samples(const char *name, const qm_mesh *from, const qm_mesh *to, qm_quad_reading reading,
@@ -83,11 +82,8 @@ static void check_pair(size_t index, qm_quad_reading reading)
 {
     qm_context ctx = qm_context_make();
     qm_mesh mesh[2] = {{0}};
-    if (!read_mesh(&ctx, pairs[index][0], &mesh[0]) || !read_mesh(&ctx, pairs[index][1], &mesh[1])) {
-        qm_mesh_reset(&ctx, &mesh[0]);
-        print_message("no data in %s\n", data_folder());
-        skip();
-    }
+    for (int i = 0; i < 2; ++i)
+        read_mesh(&ctx, pairs[index][i], &mesh[i]);
     qm_bvh *tree[2];
     for (int i = 0; i < 2; ++i)
         assert_int_equal(qm_bvh_build(&ctx, &mesh[i], QM_BVH_ALL, 1, &tree[i]), QM_OK);
@@ -148,8 +144,13 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_grid_tells_near_from_far),
+    };
+    const struct CMUnitTest data_tests[] = {
         cmocka_unit_test(no_sample_lies_above_upper_in_the_triangle_reading),
         cmocka_unit_test(no_sample_lies_above_upper_in_the_bilinear_reading),
     };
-    return cmocka_run_group_tests(tests, NULL, NULL);
+    int failed = cmocka_run_group_tests(tests, NULL, NULL);
+    if (access(data_folder(), R_OK) == 0) return failed + cmocka_run_group_tests(data_tests, NULL, NULL);
+    printf("there is no %s: the real pairs are left out\n", data_folder());
+    return failed;
 }

@@ -1,8 +1,8 @@
 /**
  * keys.h: the eight least of some distances, in order, in one vector.
  *
- * A key is a distance as a float, whose bits order like whole numbers, with the place that it belongs to in its
- * last bits. Inserting takes no branch, where a loop would mispredict most of them.
+ * A key is a distance as a float, whose bits order like whole numbers, with the place that it belongs to in
+ * its last bits. Inserting takes no branch, where a loop would mispredict most of them.
  */
 #ifndef QM_KERNEL_KEYS_H
 #define QM_KERNEL_KEYS_H
