@@ -14,7 +14,7 @@ qm_job_request qm_job_request_default(void)
         .tolerance = 1e-6,
         .threshold = NAN,
         .accuracy = 1e-2,
-        .pieces = 1u << 18,
+        .pieces = 1u << 20,
         .bins = 50,
         .percentiles = {1, 5, 25, 50, 75, 90, 95, 99},
         .percentile_count = 8,

@@ -19,7 +19,7 @@ static const char usage[] =
     "  --quads R        how quads are read: triangles (default) or bilinear\n"
     "  --accuracy X     width of the intervals of mean and rms at which to stop, as a share of them (default "
     "0.01)\n"
-    "  --pieces N       parts that A's faces may be cut into besides themselves (default 262144)\n"
+    "  --pieces N       parts that A's faces may be cut into besides themselves (default 1048576)\n"
     "  --tolerance X    width of the interval of the maximum, a share of the diagonal of A's box (default "
     "1e-6)\n"
     "  --absolute       the tolerance is in the unit of the meshes\n"

@@ -18,16 +18,17 @@
 #define KEPT_SHARE 0.7  /* of the accuracy: pieces that together leave no more open are not cut */
 #define PATCH_SHARE 0.1 /* of the accuracy: what cutting the target's patches may cost */
 #define GAP_SHARE 0.05  /* of what is open: what cutting a piece along facets need not bring yet */
-#define PARTS_SHARE 4
-#define CHUNK 64  /* pieces that a worker takes at a time to bound */
-#define BATCH 256 /* pieces that are split before their parts are put in place */
+#define CUT_ROOM 4      /* pieces that there must be room for, for each that is cut in a round */
+#define PARTS_ROOM 2    /* of the room for parts that each of them has on average: most need less */
+#define CHUNK 64        /* pieces that a worker takes at a time to bound */
+#define BATCH 256       /* pieces that are split before their parts are put in place */
 #define BATCH_CHUNK 4
 #define EXPONENTS 4096 /* of doubles */
 #define EXPONENT_BIAS 2100
 
 qm_deviation_options qm_deviation_options_default(void)
 {
-    return (qm_deviation_options){.accuracy = 1e-2, .piece_limit = 1u << 18, .thread_count = 1};
+    return (qm_deviation_options){.accuracy = 1e-2, .piece_limit = 1u << 20, .thread_count = 1};
 }
 
 /** A piece to split, and what it leaves open. */
@@ -294,7 +295,7 @@ static cut_choice choose_cuts(const deviation_work *work, const qm_piece_totals 
 {
     double open[EXPONENTS] = {0}, sum = 0.0;
     size_t count[EXPONENTS] = {0};
-    size_t room = (work->limit - work->count) / 2;
+    size_t room = (work->limit - work->count) / CUT_ROOM;
     for (size_t i = 0; i < work->count; i++) {
         double here = openness(&work->bounds[i], totals);
         int exponent = exponent_of(here);
@@ -390,7 +391,7 @@ static void set_errors(deviation_work *work, double typical, double gap)
 static qm_status run_round(deviation_work *work, const qm_piece_totals *totals, cut_choice choice)
 {
     double facets = (double)QM_PACK_LANES * (double)(work->a->pack_count + work->b->pack_count);
-    size_t parts = 1 + PARTS_SHARE * (work->limit - work->count) / choice.count;
+    size_t parts = 1 + PARTS_ROOM * (work->limit - work->count) / choice.count;
     work->maker.part_limit = parts < QM_PIECE_PARTS ? (int)parts : QM_PIECE_PARTS;
     work->maker.cell_area = totals->area.upper / facets;
     set_errors(work, qm_clamp(mean_of_vertices(work), totals->mean.lower, totals->mean.upper),

@@ -14,9 +14,13 @@
  *
  * Lower, by facets. Let c be the middle of P, r = max |p_i - c|. The nearest facet of any p of P has d(c, T)
  * <= d(p, T) + r <= d(c, B) + 2 r. So d = min d(., T_k) over the facets within that ball, once all of them
- * are known. With q_k the foot of c on T_k and g_k the unit vector from q_k to c, d(p, T_k) >= g_k (p - q_k)
- * (T_k lies behind the plane through q_k at a right angle to g_k; 0 when c lies on T_k). A minimum of linear
- * functions is concave, so it is at least the linear function with its values at the corners.
+ * are known (deviation_near.h). Each takes part with a linear function below its distance:
+ *     the height over its plane, on the side of c: the distance to a plane is no more than that to T;
+ *     g (p - q), with q the foot on T of any point x, g the unit vector from q to x: T is convex and lies
+ *     behind the plane through q at a right angle to g. At x it is d(x, T) itself.
+ * The least of linear functions is concave, so it is at least the linear function with its values at the
+ * corners. A facet with d(c, T) - r >= m, where the least of the others is at most m at every corner, changes
+ * nothing there and is left out.
  *
  * Lower, by corners. d^2(p) - |p|^2 = min over b in B of |b|^2 - 2 b p is concave, so that
  *     d^2(sum l_i p_i) >= sum l_i d_i^2 - sum_{i<j} l_i l_j |p_i - p_j|^2 >= sum l_i (d_i^2 - e^2 / 3),
@@ -25,8 +29,8 @@
  *
  * Lower, by the middle. d >= d(c, B) - r, a constant.
  *
- * A patch of a bilinear target is cut into rectangles near c, each of which is within its twist of two
- * triangles; these are facets, and their bounds are opened by the twist.
+ * Facets of a bilinear target stand for rectangles of its patches, within a slack by which their bounds are
+ * opened.
  *
  * Roundings: every distance is off by at most eta (hausdorff.c), by which both functions are opened. The
  * direction g of a short c - q is off by more, which is taken off explicitly.

@@ -458,6 +458,64 @@ static void more_pieces_only_narrow(void **state)
     qm_shape_free(&b);
 }
 
+/* ---- surfaces that nearly coincide ---- */
+
+/** Measures two tori that differ by a shift, a shake and how finely they are cut, and by dense sampling. */
+static void one_near_pair(int columns, int rows, double shift, double shake, qm_quad_reading reading, int n)
+{
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 77);
+    qm_mesh a = qm_shape_torus(8, 6, 1.0, 0.3), b = qm_shape_torus(columns, rows, 1.0, 0.3);
+    const double by[3] = {shift, -2.0 * shift, 0.5 * shift};
+    qm_shape_move(&b, 1.0, by);
+    qm_shape_shake(&b, &random, shake);
+    for (int side = 0; side < 2; side++) {
+        const qm_mesh *from = side ? &b : &a, *to = side ? &a : &b;
+        qm_deviation_options options = options_for(reading, 1e-6);
+        qm_deviation found = measure(from, to, &options);
+        assert_true(found.is_accurate);
+        cell_list list = sample(from, to, reading, n);
+        check_against(&found, &list, reading == QM_QUADS_BILINEAR ? 0.05 : 0.0, seed);
+        free(list.cells);
+        release(&found);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void moved_copies_agree_with_sampling(void **state)
+{
+    (void)state;
+    one_near_pair(8, 6, 1e-3, 0.0, QM_QUADS_TRIANGLES, 8);
+    one_near_pair(8, 6, 0.0, 1e-3, QM_QUADS_TRIANGLES, 8);
+    one_near_pair(8, 6, 1e-2, 1e-3, QM_QUADS_BILINEAR, 8);
+}
+
+static void finer_copies_agree_with_sampling(void **state)
+{
+    (void)state;
+    one_near_pair(16, 12, 0.0, 0.0, QM_QUADS_TRIANGLES, 6);
+    one_near_pair(13, 7, 1e-3, 1e-3, QM_QUADS_TRIANGLES, 6);
+}
+
+static void near_planes_of_other_facets_are_exact(void **state)
+{
+    (void)state;
+    static const double near[4] = {1e-4, 1e-4, 1e-4, 1e-4};
+    qm_mesh fine = qm_shape_plane(23, 0.0), coarse = make_plane(0, 1, near);
+    for (int side = 0; side < 2; side++) {
+        qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
+        options.accuracy = 1e-3;
+        qm_deviation found = side ? measure(&coarse, &fine, &options) : measure(&fine, &coarse, &options);
+        assert_true(found.is_accurate);
+        check_holds(found.mean, 1e-4, 1.1e-7, "mean");
+        check_holds(found.rms, 1e-4, 1.1e-7, "rms");
+        release(&found);
+    }
+    qm_shape_free(&fine);
+    qm_shape_free(&coarse);
+}
+
 /* ---- the call ---- */
 
 static void threads_change_nothing(void **state)
@@ -563,6 +621,9 @@ int main(void)
         cmocka_unit_test(random_soups_agree_with_sampling),
         cmocka_unit_test(random_patches_agree_with_sampling),
         cmocka_unit_test(more_pieces_only_narrow),
+        cmocka_unit_test(moved_copies_agree_with_sampling),
+        cmocka_unit_test(finer_copies_agree_with_sampling),
+        cmocka_unit_test(near_planes_of_other_facets_are_exact),
         cmocka_unit_test(threads_change_nothing),
         cmocka_unit_test(bad_options_are_refused),
         cmocka_unit_test(a_cancelled_call_leaves_nothing),

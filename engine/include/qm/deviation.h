@@ -36,8 +36,7 @@ typedef struct qm_deviation_options {
     void *progress_user;
 } qm_deviation_options;
 
-/** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^18 pieces, no percentiles, no bins, one thread.
- */
+/** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^20 pieces, no percentiles, no bins, one thread. */
 qm_deviation_options qm_deviation_options_default(void);
 
 typedef enum qm_measure { QM_OVER_AREA, QM_OVER_VERTICES, QM_OVER_POINTS } qm_measure;
