@@ -1,8 +1,5 @@
 #include "deviation_bound.h"
 
-#define EPSILON 0x1p-53
-#define DIRECTION_ROUNDINGS 32.0 /* in a vector between two points, of the greatest coordinate */
-
 /** A piece on its way to its bounds. */
 typedef struct bound_work {
     const qm_piece_maker *maker;
@@ -103,7 +100,7 @@ static void heights_over_facet(const bound_work *work, const qm_triangle *facet,
         height[i] = side * qm_vec_dot(qm_vec_sub(work->shape->corner[i], facet->origin), facet->z);
 }
 
-/** Heights of the corners over the plane that the facet lies behind as seen from a point of the piece. */
+/** Heights of the corners over the plane that the facet lies behind as seen from a point. */
 static void heights_from(const bound_work *work, const qm_triangle *facet, qm_vec from, double height[3])
 {
     double weight[3];
@@ -113,19 +110,18 @@ static void heights_from(const bound_work *work, const qm_triangle *facet, qm_ve
         heights_over_facet(work, facet, from, height);
         return;
     }
-    double x = weight[1] * facet->length + weight[2] * facet->cx, y = weight[2] * facet->cy;
-    qm_vec foot = qm_vec_axpy(qm_vec_axpy(facet->origin, x, facet->x), y, facet->y);
+    const qm_vec end = qm_vec_axpy(facet->origin, facet->length, facet->x);
+    const qm_vec third = qm_vec_axpy(qm_vec_axpy(facet->origin, facet->cx, facet->x), facet->cy, facet->y);
+    qm_vec foot = qm_vec_scale(weight[0], facet->origin);
+    foot = qm_vec_axpy(qm_vec_axpy(foot, weight[1], end), weight[2], third);
     qm_vec direction = qm_vec_sub(from, foot);
-    double distance = qm_vec_norm(direction), error = 0.0;
-    if (distance > work->maker->eta) {
-        direction = qm_vec_scale(1.0 / distance, direction);
-        error = DIRECTION_ROUNDINGS * EPSILON * work->maker->reach *
-                (3.0 * work->shape->radius + 2.0 * work->ball) / distance;
-    } else {
-        direction = (qm_vec){0, 0, 0};
-    }
+    double distance = qm_vec_norm(direction);
+    direction = distance > 0.0 ? qm_vec_scale(1.0 / distance, direction) : facet->z;
+    /* The foot may be off, the direction too; nothing of the facet lies beyond its farthest corner. */
+    double farthest = greater(0.0, greater(qm_vec_dot(direction, qm_vec_sub(end, facet->origin)),
+                                           qm_vec_dot(direction, qm_vec_sub(third, facet->origin))));
     for (int i = 0; i < 3; i++)
-        height[i] = qm_vec_dot(direction, qm_vec_sub(work->shape->corner[i], foot)) - error;
+        height[i] = qm_vec_dot(direction, qm_vec_sub(work->shape->corner[i], facet->origin)) - farthest;
 }
 
 /** How much of what the corners' distances may be at most a linear function reaches. */

@@ -16,8 +16,9 @@
  * <= d(p, T) + r <= d(c, B) + 2 r. So d = min d(., T_k) over the facets within that ball, once all of them
  * are known (deviation_near.h). Each takes part with a linear function below its distance:
  *     the height over its plane, on the side of c: the distance to a plane is no more than that to T;
- *     g (p - q), with q the foot on T of any point x, g the unit vector from q to x: T is convex and lies
- *     behind the plane through q at a right angle to g. At x it is d(x, T) itself.
+ *     g p - max g t over the corners t of T, g a unit vector: T lies behind the plane at a right angle to g
+ *     through its corner that is farthest along g. With g the direction from the foot of a point x to x it is
+ *     d(x, T) itself at x, as T is convex; a rounded g costs as little as it is off, and proves as much.
  * The least of linear functions is concave, so it is at least the linear function with its values at the
  * corners. A facet with d(c, T) - r >= m, where the least of the others is at most m at every corner, changes
  * nothing there and is left out.
@@ -32,8 +33,8 @@
  * Facets of a bilinear target stand for rectangles of its patches, within a slack by which their bounds are
  * opened.
  *
- * Roundings: every distance is off by at most eta (hausdorff.c), by which both functions are opened. The
- * direction g of a short c - q is off by more, which is taken off explicitly.
+ * Roundings: every distance and height is off by at most eta (hausdorff.c), by which both functions are
+ * opened.
  */
 #ifndef QM_DEVIATION_PIECE_H
 #define QM_DEVIATION_PIECE_H
