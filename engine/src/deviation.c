@@ -10,7 +10,6 @@
 #include "deviation_sum.h"
 #include "hausdorff_search.h"
 
-#define ETA_ROUNDINGS 128.0    /* see hausdorff.c */
 #define PATCH_ROUNDINGS 2e-13  /* what a certified distance to a patch may be off by, local (project.c) */
 #define SEARCH_WORK (1u << 18) /* steps of the search for the maximum, which is one figure among others */
 #define SEARCH_WORK_PER_PACK 512
@@ -74,38 +73,6 @@ static qm_status check_options(qm_context *ctx, const qm_deviation_options *opti
         if (!(options->percentile[i] > 0.0 && options->percentile[i] <= 100.0))
             return qm_context_fail(ctx, QM_E_ARGUMENT, "a percentile lies above 0 and at 100 at most, got %g",
                                    options->percentile[i]);
-    return QM_OK;
-}
-
-/** The greatest local coordinate that a search can meet. */
-static double find_reach(const qm_bvh *a, const qm_bvh *b)
-{
-    qm_box box = qm_mesh_bounding_box(&a->mesh);
-    qm_vec low = qm_frame_local(&b->frame, box.min), high = qm_frame_local(&b->frame, box.max);
-    double reach = b->reach;
-    const double ends[6] = {low.x, low.y, low.z, high.x, high.y, high.z};
-    for (int i = 0; i < 6; i++)
-        reach = fmax(reach, fabs(ends[i]));
-    return reach;
-}
-
-static qm_status set_maker(deviation_work *work)
-{
-    const qm_bvh *a = work->a, *b = work->b;
-    bool bilinear = work->options->quads == QM_QUADS_BILINEAR;
-    double reach = find_reach(a, b), factor = a->frame.inverse_scale * b->frame.scale;
-    if (!(reach <= QM_MAX_SCALE_RATIO && factor >= 1.0 / QM_MAX_SCALE_RATIO))
-        return qm_context_fail(work->ctx, QM_E_SCALE,
-                               "the meshes' sizes or places differ by more than 2^300");
-    if (!qm_bvh_is_target(b, work->options->quads))
-        return qm_context_fail(work->ctx, QM_E_ARGUMENT, "the tree of B was built without what this takes");
-    work->maker = (qm_piece_maker){.source = a,
-                                   .target = b,
-                                   .kernel = qm_kernel_get(),
-                                   .source_patches = bilinear && a->has_quads,
-                                   .target_patches = bilinear && b->twist,
-                                   .reach = reach,
-                                   .eta = ETA_ROUNDINGS * 0x1p-53 * reach};
     return QM_OK;
 }
 
@@ -173,20 +140,6 @@ static qm_status reserve(deviation_work *work, size_t count)
     return has_room ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
 }
 
-/** A triangle of a face: flat, or half of the parameters of a patch. */
-static void add_lane(deviation_work *work, uint32_t face, bool second)
-{
-    bool is_patch = work->maker.source_patches && work->a->mesh.faces[4 * (size_t)face + 3] != QM_NO_INDEX;
-    qm_source_piece piece = {.face = face, .second = second && !is_patch};
-    if (!is_patch)
-        piece.u[1] = piece.v[2] = 1.0;
-    else if (!second)
-        piece.u[1] = piece.u[2] = piece.v[2] = 1.0;
-    else
-        piece.u[1] = piece.v[1] = piece.v[2] = 1.0;
-    work->piece[work->count++] = piece;
-}
-
 /** A piece for every triangle of the source, in the order of its tree, in which neighbours follow one
  * another. */
 static qm_status make_pieces(deviation_work *work)
@@ -200,7 +153,8 @@ static qm_status make_pieces(deviation_work *work)
     if (status != QM_OK) return status;
     for (size_t i = 0; i < a->pack_count; i++)
         for (uint32_t lane = 0; lane < a->lanes[i].lane_count; lane++)
-            add_lane(work, a->lanes[i].face[lane], a->lanes[i].second >> lane & 1);
+            work->piece[work->count++] =
+                qm_piece_first(&work->maker, a->lanes[i].face[lane], a->lanes[i].second >> lane & 1);
     return QM_OK;
 }
 
@@ -518,7 +472,7 @@ static void set_totals(deviation_work *work)
 
 static qm_status run(deviation_work *work)
 {
-    qm_status status = set_maker(work);
+    qm_status status = qm_piece_maker_init(work->ctx, work->a, work->b, work->options->quads, &work->maker);
     if (status == QM_OK) status = find_maximum(work);
     if (status == QM_OK) status = find_vertex_distances(work);
     if (status != QM_OK) return status;

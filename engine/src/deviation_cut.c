@@ -94,6 +94,19 @@ static double area_of(const outline *o)
     return 0.5 * qm_vec_norm(doubled);
 }
 
+/** True when one chord of the outline separates the corners where a function is positive from those where it
+ * is negative: two borders between its signs, where a corner of value 0 is itself one. On a patch a function
+ * need not be so simple. */
+static bool has_one_chord(const outline *o, const double value[OUTLINE_CORNERS])
+{
+    int borders = 0;
+    for (int i = 0; i < o->count; i++) {
+        double here = value[i], next = value[(i + 1) % o->count];
+        borders += (here < 0.0 && next > 0.0) || (here > 0.0 && next < 0.0) || here == 0.0;
+    }
+    return borders == 2;
+}
+
 /**
  * Cuts an outline along the line where a function that is about linear is 0: what lies where it is positive
  * stays, the rest is put aside. False when too little lies on one side.
@@ -107,7 +120,7 @@ static bool cut(cut_work *work, outline *o, double value[OUTLINE_CORNERS])
         if (fabs(value[i]) <= SNAP * size) value[i] = 0.0;
     }
     bool has_room = work->cuts < work->cut_limit && o->count + 2 <= OUTLINE_CORNERS;
-    if (!has_room || -low <= MARGIN * size || high <= MARGIN * size) return false;
+    if (!has_room || -low <= MARGIN * size || high <= MARGIN * size || !has_one_chord(o, value)) return false;
     outline stays, *goes = &work->aside[work->count++];
     stays.count = goes->count = 0;
     for (int i = 0; i < o->count; i++) {

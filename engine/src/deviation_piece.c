@@ -3,7 +3,57 @@
 #include "deviation_bound.h"
 #include "deviation_cut.h"
 
-#define HALVED_LEVELS 4 /* on the last of so many levels each piece is halved */
+#define ETA_ROUNDINGS 128.0 /* see hausdorff.c */
+#define HALVED_LEVELS 4     /* on the last of so many levels each piece is halved */
+
+/** The greatest local coordinate that a search can meet. */
+static double find_reach(const qm_bvh *a, const qm_bvh *b)
+{
+    qm_box box = qm_mesh_bounding_box(&a->mesh);
+    qm_vec low = qm_frame_local(&b->frame, box.min), high = qm_frame_local(&b->frame, box.max);
+    double reach = b->reach;
+    const double ends[6] = {low.x, low.y, low.z, high.x, high.y, high.z};
+    for (int i = 0; i < 6; i++)
+        reach = fmax(reach, fabs(ends[i]));
+    return reach;
+}
+
+qm_status qm_piece_maker_init(qm_context *ctx, const qm_bvh *a, const qm_bvh *b, qm_quad_reading reading,
+                              qm_piece_maker *maker)
+{
+    bool bilinear = reading == QM_QUADS_BILINEAR;
+    double reach = find_reach(a, b), factor = a->frame.inverse_scale * b->frame.scale;
+    if (!(reach <= QM_MAX_SCALE_RATIO && factor >= 1.0 / QM_MAX_SCALE_RATIO))
+        return qm_context_fail(ctx, QM_E_SCALE, "the meshes' sizes or places differ by more than 2^300");
+    if (!qm_bvh_is_target(b, reading))
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the tree of B was built without what this takes");
+    double eta = ETA_ROUNDINGS * 0x1p-53 * reach;
+    *maker = (qm_piece_maker){.source = a,
+                              .target = b,
+                              .kernel = qm_kernel_get(),
+                              .source_patches = bilinear && a->has_quads,
+                              .target_patches = bilinear && b->twist,
+                              .reach = reach,
+                              .eta = eta,
+                              .greatest = INFINITY,
+                              .patch_error = 4.0 * eta,
+                              .worth = 4.0 * eta,
+                              .part_limit = QM_PIECE_PARTS};
+    return QM_OK;
+}
+
+qm_source_piece qm_piece_first(const qm_piece_maker *maker, uint32_t face, bool second)
+{
+    bool is_patch = maker->source_patches && maker->source->mesh.faces[4 * (size_t)face + 3] != QM_NO_INDEX;
+    qm_source_piece piece = {.face = face, .second = second && !is_patch};
+    if (!is_patch)
+        piece.u[1] = piece.v[2] = 1.0;
+    else if (!second)
+        piece.u[1] = piece.u[2] = piece.v[2] = 1.0;
+    else
+        piece.u[1] = piece.v[1] = piece.v[2] = 1.0;
+    return piece;
+}
 
 void qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, qm_piece_desk *desk,
                     qm_piece_bounds *out)

@@ -83,6 +83,17 @@ typedef struct qm_piece_desk {
     qm_near_facets near;
 } qm_piece_desk;
 
+/**
+ * Sets up what the bounds of a source and a target share; the settings for cuts stand for the closest ones.
+ * Returns QM_OK; QM_E_ARGUMENT (the target's tree lacks what this takes); QM_E_SCALE.
+ */
+qm_status qm_piece_maker_init(qm_context *ctx, const qm_bvh *a, const qm_bvh *b, qm_quad_reading reading,
+                              qm_piece_maker *maker);
+
+/** The first piece of a triangle of the source: flat, or half of the parameters of a patch; second is the
+ * other half of a quad. */
+qm_source_piece qm_piece_first(const qm_piece_maker *maker, uint32_t face, bool second);
+
 /** Bounds a piece. */
 void qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, qm_piece_desk *desk,
                     qm_piece_bounds *out);
