@@ -3,7 +3,8 @@
 #include <stdlib.h>
 
 #define SUM_ERROR 1e-12  /* relative: long doubles, and fewer than 2^32 pieces */
-#define PLACES 6         /* of an end of a percentile, looked at in a round */
+#define FIRST_PLACES 128 /* looked at in the first round, closer to one another where distances are small */
+#define PLACES 3         /* of an end of a percentile, looked at in each other round */
 #define NEAR_PART 0x1p-5 /* of a range: places this near to where the end is thought to be */
 #define MAX_ROUNDS 24
 #define END_SHARE 0x1p-6 /* of a percentile's own interval: its ends are found no closer */
@@ -162,16 +163,16 @@ static int compare_numbers(const void *a, const void *b)
 }
 
 /**
- * Places to look at next: one where the straight line through both ends reaches the share, one on each side
- * of it and near, and the quarters of the range in case that the function is far from straight. None when
- * what is left of the range hardly adds to the width of the interval.
+ * Places to look at next: one on each side of where the straight line through both ends reaches the share,
+ * and the middle of the range in case that the function is far from straight. None when what is left of the
+ * range hardly adds to the width of the interval.
  */
 static size_t add_places(double *x, size_t count, const crossing *at, double share, double width)
 {
     double range = at->x.upper - at->x.lower, rise = at->share.upper - at->share.lower;
     if (!(range > END_SHARE * width)) return count;
     double part = rise > 0.0 ? qm_clamp((share - at->share.lower) / rise, NEAR_PART, 1.0 - NEAR_PART) : 0.5;
-    const double parts[PLACES] = {0.25, 0.5, 0.75, part - 0.5 * NEAR_PART, part, part + 0.5 * NEAR_PART};
+    const double parts[PLACES] = {part - 0.5 * NEAR_PART, 0.5, part + 0.5 * NEAR_PART};
     for (int i = 0; i < PLACES; i++)
         x[count++] = at->x.lower + range * parts[i];
     return count;
@@ -199,13 +200,15 @@ static void narrow_all(percentile_search *search, size_t count, const double *x,
         }
 }
 
-/** x and share have room for PLACES for each end. The first round looks everywhere alike. */
+/** x and share have room for FIRST_PLACES and for PLACES for each end. */
 static void find_percentiles(qm_piece_list pieces, percentile_search *search, size_t count, double greatest,
                              double *x, qm_interval *share, long double *work)
 {
-    size_t used = 2 * PLACES * count;
-    for (size_t i = 0; i < used; i++)
-        x[i] = greatest * (double)(i + 1) / (double)(used + 1);
+    size_t used = FIRST_PLACES;
+    for (size_t i = 0; i < used; i++) {
+        double part = (double)(i + 1) / (double)(used + 1);
+        x[i] = greatest * part * part * part;
+    }
     for (int round = 0; round < MAX_ROUNDS && used > 0; round++) {
         qm_piece_shares(pieces, x, used, work, share);
         narrow_all(search, count, x, share, used);
@@ -224,7 +227,7 @@ qm_status qm_piece_percentiles(qm_context *ctx, qm_piece_list pieces, double gre
                                size_t count, qm_interval *out)
 {
     if (count == 0) return QM_OK;
-    size_t places = 2 * PLACES * count;
+    size_t places = 2 * PLACES * count > FIRST_PLACES ? 2 * PLACES * count : FIRST_PLACES;
     percentile_search *search = qm_context_alloc(ctx, count, sizeof *search);
     double *x = qm_context_alloc(ctx, places, sizeof *x);
     qm_interval *share = qm_context_alloc(ctx, places, sizeof *share);
