@@ -14,13 +14,13 @@
 #define SEARCH_WORK (1u << 18) /* steps of the search for the maximum, which is one figure among others */
 #define SEARCH_WORK_PER_PACK 512
 #define MAX_ROUNDS 64
-#define KEPT_SHARE 0.7  /* of the accuracy: pieces that together leave no more open are not cut */
-#define PATCH_SHARE 0.1 /* of the accuracy: what cutting the target's patches may cost */
-#define GAP_SHARE 0.05  /* of what is open: what cutting a piece along facets need not bring yet */
-#define CUT_ROOM 4      /* pieces that there must be room for, for each that is cut in a round */
-#define PARTS_ROOM 2    /* of the room for parts that each of them has on average: most need less */
-#define CHUNK 64        /* pieces that a worker takes at a time to bound */
-#define BATCH 256       /* pieces that are split before their parts are put in place */
+#define KEPT_SHARE 0.7   /* of the accuracy: pieces that together leave no more open are not cut */
+#define PATCH_SHARE 0.25 /* of the accuracy: what cutting the target's patches may cost */
+#define GAP_SHARE 0.05   /* of what is open: what cutting a piece along facets need not bring yet */
+#define CUT_ROOM 4       /* pieces that there must be room for, for each that is cut in a round */
+#define PARTS_ROOM 2     /* of the room for parts that each of them has on average: most need less */
+#define CHUNK 64         /* pieces that a worker takes at a time to bound */
+#define BATCH 256        /* pieces that are split before their parts are put in place */
 #define BATCH_CHUNK 4
 #define EXPONENTS 4096 /* of doubles */
 #define EXPONENT_BIAS 2100

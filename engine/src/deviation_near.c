@@ -1,8 +1,16 @@
 #include "deviation_near.h"
 
+#include <string.h>
+
 #include "bilinear_point.h"
 
-#define PATCH_CUTS 64 /* of all patches of a list; then they are cut no further */
+#define RECTANGLES 32 /* of all patches of a list; when there are so many they are cut no further */
+
+/** A part of a patch, which is within slack of its two triangles moved by shift. */
+typedef struct rectangle {
+    qm_vec corner[4], shift;
+    double slack;
+} rectangle;
 
 /** A list on its way. */
 typedef struct near_work {
@@ -10,7 +18,8 @@ typedef struct near_work {
     qm_near_facets *near;
     qm_vec middle;
     double reach, error;
-    int patch_cuts;
+    int rectangle_count;
+    rectangle rectangle[RECTANGLES];
 } near_work;
 
 static void copy_lane(qm_pack *to, int to_lane, const qm_pack *from, int from_lane)
@@ -84,57 +93,87 @@ static void add_triangle(near_work *work, const qm_triangle *t, double slack)
 
 /* ---- patches ---- */
 
-typedef struct rectangle {
-    qm_vec corner[4];
-} rectangle;
-
-/** The rectangle in halves, across its longer sides. A part of a bilinear patch is one. */
-static void halve(const rectangle *from, rectangle out[2])
+/** True when a rectangle, which lies within the ball round its middle through its farthest corner, may come
+ * within reach. */
+static bool is_near(const near_work *work, const qm_vec corner[4])
 {
-    const qm_vec *c = from->corner;
+    qm_vec ends = qm_vec_add(corner[0], corner[2]), others = qm_vec_add(corner[1], corner[3]);
+    qm_vec middle = qm_vec_scale(0.25, qm_vec_add(ends, others));
+    double radius2 = 0.0;
+    for (int i = 0; i < 4; i++)
+        radius2 = fmax(radius2, qm_vec_norm2(qm_vec_sub(corner[i], middle)));
+    return qm_vec_distance(work->middle, middle) - sqrt(radius2) <= work->reach;
+}
+
+/** Puts a rectangle in a place and finds how far it is from its two triangles, moved by shift. */
+static void set_rectangle(rectangle *to, const qm_vec corner[4])
+{
+    qm_vec w = qm_patch_make(corner).w;
+    double centred = 0.125 * qm_vec_norm(w) * (1.0 + 0x1p-20);
+    for (int i = 0; i < 4; i++)
+        to->corner[i] = corner[i];
+    to->slack = qm_patch_twist(corner);
+    to->shift = (qm_vec){0, 0, 0};
+    if (centred < to->slack) {
+        to->slack = centred;
+        to->shift = qm_vec_scale(-0.125, w);
+    }
+}
+
+static void add_rectangle(near_work *work, const qm_vec corner[4])
+{
+    if (!is_near(work, corner)) return;
+    if (work->rectangle_count < RECTANGLES)
+        set_rectangle(&work->rectangle[work->rectangle_count++], corner);
+    else
+        work->near->is_complete = false;
+}
+
+/** Puts the halves of a rectangle, across its longer sides, in its place and at the end. A part of a bilinear
+ * patch is one. */
+static void halve(near_work *work, rectangle *at)
+{
+    const qm_vec *c = at->corner;
     double along_s = qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]);
     double along_t = qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2]);
+    qm_vec half[2][4];
     if (along_s >= along_t) {
         qm_vec low = qm_vec_mix(c[0], c[1], 0.5), high = qm_vec_mix(c[3], c[2], 0.5);
-        out[0] = (rectangle){{c[0], low, high, c[3]}};
-        out[1] = (rectangle){{low, c[1], c[2], high}};
+        memcpy(half, (const qm_vec[2][4]){{c[0], low, high, c[3]}, {low, c[1], c[2], high}}, sizeof half);
     } else {
         qm_vec left = qm_vec_mix(c[0], c[3], 0.5), right = qm_vec_mix(c[1], c[2], 0.5);
-        out[0] = (rectangle){{c[0], c[1], right, left}};
-        out[1] = (rectangle){{left, right, c[2], c[3]}};
+        memcpy(half, (const qm_vec[2][4]){{c[0], c[1], right, left}, {left, right, c[2], c[3]}}, sizeof half);
+    }
+    set_rectangle(at, half[0]);
+    add_rectangle(work, half[1]);
+}
+
+/** Cuts the rectangles, those first that are farthest from their triangles, as long as there is room. */
+static void cut_rectangles(near_work *work)
+{
+    double limit = 0.0;
+    for (int i = 0; i < work->rectangle_count; i++)
+        limit = fmax(limit, work->rectangle[i].slack);
+    while (limit > work->error && work->rectangle_count < RECTANGLES) {
+        limit = fmax(0.5 * limit, work->error);
+        for (int i = 0; i < work->rectangle_count && work->rectangle_count < RECTANGLES; i++)
+            if (work->rectangle[i].slack > limit) halve(work, &work->rectangle[i]);
     }
 }
 
-/** Lists the two triangles of a rectangle that lie near, or its halves when it is too twisted; halves go on
- * the stack. */
-static int visit_rectangle(near_work *work, const rectangle *at, rectangle *stack)
+/** Lists the triangles of the rectangles. */
+static void add_rectangles(near_work *work)
 {
-    double twist = qm_patch_twist(at->corner);
-    const qm_triangle half[2] = {qm_triangle_make(at->corner[0], at->corner[1], at->corner[2]),
-                                 qm_triangle_make(at->corner[0], at->corner[2], at->corner[3])};
-    const bool is_near[2] = {
-        sqrt(qm_triangle_distance2(&half[0], work->middle)) - twist <= work->reach,
-        sqrt(qm_triangle_distance2(&half[1], work->middle)) - twist <= work->reach,
-    };
-    if (!is_near[0] && !is_near[1]) return 0;
-    if (twist > work->error && work->patch_cuts < PATCH_CUTS) {
-        work->patch_cuts++;
-        halve(at, stack);
-        return 2;
-    }
-    for (int i = 0; i < 2; i++)
-        if (is_near[i]) add_triangle(work, &half[i], twist);
-    return 0;
-}
-
-static void add_patch(near_work *work, const qm_vec corner[4])
-{
-    rectangle stack[PATCH_CUTS + 2];
-    int height = 1;
-    stack[0] = (rectangle){{corner[0], corner[1], corner[2], corner[3]}};
-    while (height > 0) {
-        rectangle at = stack[--height];
-        height += visit_rectangle(work, &at, stack + height);
+    for (int i = 0; i < work->rectangle_count; i++) {
+        const rectangle *at = &work->rectangle[i];
+        qm_vec c[4];
+        for (int k = 0; k < 4; k++)
+            c[k] = qm_vec_add(at->corner[k], at->shift);
+        for (int k = 0; k < 2; k++) {
+            qm_triangle half = qm_triangle_make(c[0], c[1 + k], c[2 + k]);
+            if (sqrt(qm_triangle_distance2(&half, work->middle)) - at->slack <= work->reach)
+                add_triangle(work, &half, at->slack);
+        }
     }
 }
 
@@ -152,7 +191,7 @@ static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bo
         if (twist > work->error) {
             qm_vec corner[4];
             qm_bvh_load_face(target, lanes->face[lane], corner);
-            add_patch(work, corner);
+            add_rectangle(work, corner);
             lane += has_second;
         } else if (sqrt(d2[lane]) - twist <= work->reach) {
             add_lane(work, &target->packs[pack], lane, twist);
@@ -177,13 +216,21 @@ void qm_near_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool pat
                          qm_vec middle, double reach, qm_near_facets *near)
 {
     const qm_box point = {{middle.x, middle.y, middle.z}, {middle.x, middle.y, middle.z}};
-    near_work work = {.target = target, .near = near, .middle = middle, .reach = reach, .error = error};
+    near_work work; /* large, and filled as it is used */
+    work.target = target;
+    work.near = near;
+    work.middle = middle;
+    work.reach = reach;
+    work.error = error;
+    work.rectangle_count = 0;
     qm_near_packs packs;
     kernel->gather(target, &point, reach, &packs);
     near->count = 0;
     near->is_complete = packs.count < QM_NEAR_PACKS;
     for (int i = 0; i < packs.count; i++)
         add_pack(&work, kernel, packs.pack[i], patches);
+    cut_rectangles(&work);
+    add_rectangles(&work);
     near->is_complete &= near->count > 0;
     pad(near);
 }
