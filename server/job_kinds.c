@@ -113,7 +113,9 @@ static qm_status run_deviation(const question *q, qm_job_result *out)
     options.progress = q->progress;
     options.progress_user = q->progress_user;
     out->tolerance = options.tolerance;
-    return qm_deviation_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->deviation);
+    qm_status status = qm_deviation_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->deviation);
+    out->is_canceled = status == QM_OK && out->deviation.is_canceled;
+    return status;
 }
 
 /* ---- any kind ---- */

@@ -1,5 +1,7 @@
 #include "deviation_bound.h"
 
+#include "deviation_integral.h"
+
 /** A piece on its way to its bounds. */
 typedef struct bound_work {
     const qm_piece_maker *maker;
@@ -12,16 +14,6 @@ typedef struct bound_work {
     double floor[3];
     double facet[3]; /* the least of the facets' planes at each corner; cap, to begin with */
 } bound_work;
-
-static double lesser(double a, double b)
-{
-    return a < b ? a : b;
-}
-
-static double greater(double a, double b)
-{
-    return a > b ? a : b;
-}
 
 /* ---- offers ---- */
 
@@ -54,8 +46,8 @@ static void measure_middle(bound_work *work, double distance[QM_FACET_PACKS][QM_
         work->maker->kernel->pack_distances(&near->pack[pack], work->shape->middle, distance[pack]);
         for (int lane = 0; lane < QM_PACK_LANES; lane++) {
             double here = sqrt(distance[pack][lane]), slack = near->slack[pack][lane];
-            work->at_middle = lesser(work->at_middle, here + slack);
-            work->certain = lesser(work->certain, here - slack);
+            work->at_middle = qm_lesser(work->at_middle, here + slack);
+            work->certain = qm_lesser(work->certain, here - slack);
             distance[pack][lane] = here - slack;
         }
     }
@@ -70,9 +62,9 @@ static void offer_pack(bound_work *work, int pack)
         work->maker->kernel->pack_distances(&near->pack[pack], work->shape->corner[i], d[i]);
         for (int lane = 0; lane < QM_PACK_LANES; lane++) {
             double here = sqrt(d[i][lane]), slack = near->slack[pack][lane];
-            work->floor[i] = lesser(work->floor[i], here - slack);
+            work->floor[i] = qm_lesser(work->floor[i], here - slack);
             d[i][lane] = here + slack;
-            work->cap[i] = lesser(work->cap[i], d[i][lane]);
+            work->cap[i] = qm_lesser(work->cap[i], d[i][lane]);
         }
     }
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
@@ -118,8 +110,8 @@ static void heights_from(const bound_work *work, const qm_triangle *facet, qm_ve
     double distance = qm_vec_norm(direction);
     direction = distance > 0.0 ? qm_vec_scale(1.0 / distance, direction) : facet->z;
     /* The foot may be off, the direction too; nothing of the facet lies beyond its farthest corner. */
-    double farthest = greater(0.0, greater(qm_vec_dot(direction, qm_vec_sub(end, facet->origin)),
-                                           qm_vec_dot(direction, qm_vec_sub(third, facet->origin))));
+    double farthest = qm_greater(0.0, qm_greater(qm_vec_dot(direction, qm_vec_sub(end, facet->origin)),
+                                                 qm_vec_dot(direction, qm_vec_sub(third, facet->origin))));
     for (int i = 0; i < 3; i++)
         height[i] = qm_vec_dot(direction, qm_vec_sub(work->shape->corner[i], facet->origin)) - farthest;
 }
@@ -129,7 +121,7 @@ static double score(const bound_work *work, const double height[3])
 {
     double sum = 0.0;
     for (int i = 0; i < 3; i++)
-        sum += lesser(height[i], work->cap[i]);
+        sum += qm_lesser(height[i], work->cap[i]);
     return sum;
 }
 
@@ -171,7 +163,7 @@ static void add_plane(bound_work *work, const qm_triangle *facet, double slack)
             best[i] = height[i];
     }
     for (int i = 0; i < 3; i++)
-        work->facet[i] = lesser(work->facet[i], best[i] - slack);
+        work->facet[i] = qm_lesser(work->facet[i], best[i] - slack);
 }
 
 /** Planes of the facets of a pack that may be nearest to any point; a facet that is farther than the corners
@@ -179,8 +171,8 @@ static void add_plane(bound_work *work, const qm_triangle *facet, double slack)
 static void add_planes(bound_work *work, int pack, const double distance[QM_PACK_LANES])
 {
     const qm_near_facets *near = work->near;
-    double most = greater(work->facet[0], greater(work->facet[1], work->facet[2]));
-    double reach = lesser(work->ball, most + work->shape->radius + 4.0 * work->maker->eta);
+    double most = qm_greater(work->facet[0], qm_greater(work->facet[1], work->facet[2]));
+    double reach = qm_lesser(work->ball, most + work->shape->radius + 4.0 * work->maker->eta);
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
         if (pack * QM_PACK_LANES + lane >= near->count || distance[lane] > reach) continue;
         qm_triangle facet = qm_pack_triangle(&near->pack[pack], lane);
@@ -216,7 +208,7 @@ double qm_piece_search(const qm_piece_maker *maker, qm_piece_desk *desk, qm_vec 
     if (!maker->target_patches) return *certain;
     qm_patch_hit patch;
     maker->kernel->closest_patch(maker->target, p, hit.pack, maker->patch_error, &patch);
-    *certain = greater(0.0, patch.lower);
+    *certain = qm_greater(0.0, patch.lower);
     return patch.distance;
 }
 
@@ -244,70 +236,13 @@ static void bound_by_corners(bound_work *work)
 
 static void bound_by_middle(bound_work *work)
 {
-    double sure = greater(0.0, work->certain - work->shape->radius);
+    double sure = qm_greater(0.0, work->certain - work->shape->radius);
     const double low[3] = {sure, sure, sure};
     offer_low(work, low);
-    double most = lesser(work->at_middle + work->shape->radius, work->maker->greatest + work->shape->slack);
+    double most =
+        qm_lesser(work->at_middle + work->shape->radius, work->maker->greatest + work->shape->slack);
     const double high[3] = {most, most, most};
     offer_high(work, high);
-}
-
-/* ---- integrals ---- */
-
-static double sum3(const double x[3])
-{
-    return x[0] + x[1] + x[2];
-}
-
-static double least(const double x[3])
-{
-    return lesser(x[0], lesser(x[1], x[2]));
-}
-
-static double greatest(const double x[3])
-{
-    return greater(x[0], greater(x[1], x[2]));
-}
-
-/** Mean over a triangle of the product of two linear functions. */
-static double mean_product(const double f[3], const double g[3])
-{
-    return (sum3(f) * sum3(g) + f[0] * g[0] + f[1] * g[1] + f[2] * g[2]) / 12.0;
-}
-
-/** Integral of max(f, 0)^2 from below. */
-static double square_below(const double f[3], const qm_piece_shape *w)
-{
-    double mean = greater(0.0, sum3(f) / 3.0);
-    double by_mean = least(w->low) * mean * mean;
-    if (least(f) < 0.0) return by_mean;
-    if (w->is_uniform) return w->low[0] * mean_product(f, f);
-    /* f^2 lies above its tangent at the middle, which is linear. */
-    double tangent[3];
-    for (int i = 0; i < 3; i++)
-        tangent[i] = (2.0 * f[i] - mean) * mean;
-    return least(tangent) < 0.0 ? by_mean : greater(by_mean, mean_product(tangent, w->low));
-}
-
-/** Integral of f^2, f >= 0, from above; f^2 is convex. */
-static double square_above(const double f[3], const qm_piece_shape *w)
-{
-    if (w->is_uniform) return w->high[0] * mean_product(f, f);
-    const double f2[3] = {f[0] * f[0], f[1] * f[1], f[2] * f[2]};
-    return mean_product(f2, w->high);
-}
-
-static void integrate(const qm_piece_shape *w, qm_piece_bounds *out)
-{
-    out->area_low = sum3(w->low) / 3.0;
-    out->area_high = sum3(w->high) / 3.0;
-    out->density_low = least(w->low);
-    out->density_high = greatest(w->high);
-    out->mean_low = least(out->low) >= 0.0 ? mean_product(out->low, w->low)
-                                           : out->density_low * greater(0.0, sum3(out->low) / 3.0);
-    out->mean_high = mean_product(out->high, w->high);
-    out->square_low = square_below(out->low, w);
-    out->square_high = square_above(out->high, w);
 }
 
 /* ---- the calls ---- */
@@ -339,5 +274,5 @@ void qm_piece_bound_near(const qm_piece_maker *maker, const qm_piece_shape *shap
         out->low[i] = work.low[i] - shape->slack - maker->eta;
         out->high[i] = work.high[i] + shape->slack + maker->eta;
     }
-    integrate(shape, out);
+    qm_piece_integrate(shape, out);
 }

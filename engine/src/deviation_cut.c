@@ -14,13 +14,6 @@ typedef struct outline {
     double area;
 } outline;
 
-/** The facet nearest to a point, of those that are listed. */
-typedef struct near_facet {
-    qm_triangle triangle;
-    double distance;
-    int place;
-} near_facet;
-
 typedef struct cut_work {
     const qm_piece_maker *maker;
     const qm_piece_face *face;
@@ -30,24 +23,9 @@ typedef struct cut_work {
     double worth; /* what a corner of the outline at work must be off for a cut */
 } cut_work;
 
-/* ---- facets ---- */
-
-static near_facet find_facet(const cut_work *work, qm_vec p)
+static qm_near_facet find_facet(const cut_work *work, qm_vec p)
 {
-    const qm_near_facets *near = work->near;
-    near_facet found = {.distance = INFINITY};
-    for (int pack = 0; pack < near->pack_count; pack++) {
-        _Alignas(64) double d2[QM_PACK_LANES];
-        work->maker->kernel->pack_distances(&near->pack[pack], p, d2);
-        for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-            if (!(d2[lane] < found.distance)) continue;
-            found.distance = d2[lane];
-            found.place = pack * QM_PACK_LANES + lane;
-        }
-    }
-    found.distance = sqrt(found.distance);
-    found.triangle = qm_pack_triangle(&near->pack[found.place / QM_PACK_LANES], found.place % QM_PACK_LANES);
-    return found;
+    return qm_near_facets_nearest(work->maker->kernel, work->near, p);
 }
 
 /* ---- outlines ---- */
@@ -152,13 +130,13 @@ static double height_over(const qm_triangle *t, qm_vec p)
 }
 
 /** True when a facet is not good enough at a corner: another is nearer by more than it is worth. */
-static bool is_bad_at(const cut_work *work, const outline *o, const near_facet *facet, int corner)
+static bool is_bad_at(const cut_work *work, const outline *o, const qm_near_facet *facet, int corner)
 {
     double distance = sqrt(qm_triangle_distance2(&facet->triangle, o->at[corner]));
     return distance - o->nearest[corner] > work->worth;
 }
 
-static bool is_good(const cut_work *work, const outline *o, const near_facet *facet)
+static bool is_good(const cut_work *work, const outline *o, const qm_near_facet *facet)
 {
     for (int i = 0; i < o->count; i++)
         if (is_bad_at(work, o, facet, i)) return false;
@@ -176,7 +154,7 @@ static void measure_walls(const qm_triangle *t, qm_vec p, double inside[3])
 }
 
 /** Cuts off what lies beyond the walls of a facet, where a corner is badly off there. */
-static void cut_walls(cut_work *work, outline *o, const near_facet *facet)
+static void cut_walls(cut_work *work, outline *o, const qm_near_facet *facet)
 {
     for (int wall = 0; wall < 3; wall++) {
         double value[OUTLINE_CORNERS];
@@ -193,10 +171,10 @@ static void cut_walls(cut_work *work, outline *o, const near_facet *facet)
 
 /** Cuts where the heights over two facets are alike, as seen from the side of o: for a corner that is nearer
  * to another facet. */
-static bool cut_valley(cut_work *work, outline *o, const near_facet *facet)
+static bool cut_valley(cut_work *work, outline *o, const qm_near_facet *facet)
 {
     for (int i = 0; i < o->count; i++) {
-        near_facet other = find_facet(work, o->at[i]);
+        qm_near_facet other = find_facet(work, o->at[i]);
         double here = height_over(&facet->triangle, o->at[i]), there = height_over(&other.triangle, o->at[i]);
         if (other.place == facet->place || !(fabs(here) - fabs(there) > work->worth)) continue;
         double sign[2] = {here < 0.0 ? -1.0 : 1.0, there < 0.0 ? -1.0 : 1.0}, value[OUTLINE_CORNERS];
@@ -209,7 +187,7 @@ static bool cut_valley(cut_work *work, outline *o, const near_facet *facet)
 }
 
 /** Cuts along the line where the outline passes through a facet. */
-static bool cut_through(cut_work *work, outline *o, const near_facet *facet)
+static bool cut_through(cut_work *work, outline *o, const qm_near_facet *facet)
 {
     double value[OUTLINE_CORNERS], low = 0.0, high = 0.0;
     for (int i = 0; i < o->count; i++) {
@@ -233,7 +211,7 @@ static qm_vec middle_of(const outline *o)
 /** Cuts an outline down to what belongs to the facet under its middle. */
 static void settle(cut_work *work, outline *o)
 {
-    near_facet facet = find_facet(work, middle_of(o));
+    qm_near_facet facet = find_facet(work, middle_of(o));
     work->worth = find_worth(work, o);
     cut_walls(work, o, &facet);
     if (!is_good(work, o, &facet)) cut_valley(work, o, &facet);

@@ -234,3 +234,20 @@ void qm_near_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool pat
     near->is_complete &= near->count > 0;
     pad(near);
 }
+
+qm_near_facet qm_near_facets_nearest(const qm_kernel *kernel, const qm_near_facets *near, qm_vec p)
+{
+    qm_near_facet found = {.distance = INFINITY};
+    for (int pack = 0; pack < near->pack_count; pack++) {
+        _Alignas(64) double d2[QM_PACK_LANES];
+        kernel->pack_distances(&near->pack[pack], p, d2);
+        for (int lane = 0; lane < QM_PACK_LANES; lane++) {
+            if (!(d2[lane] < found.distance)) continue;
+            found.distance = d2[lane];
+            found.place = pack * QM_PACK_LANES + lane;
+        }
+    }
+    found.distance = sqrt(found.distance);
+    found.triangle = qm_pack_triangle(&near->pack[found.place / QM_PACK_LANES], found.place % QM_PACK_LANES);
+    return found;
+}

@@ -34,7 +34,17 @@ typedef struct qm_near_facets {
 void qm_near_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, double error,
                          qm_vec middle, double reach, qm_near_facets *near);
 
-/** The facet at a place. */
+/** The facet at a lane of a pack. */
 qm_triangle qm_pack_triangle(const qm_pack *pack, int lane);
+
+/** One of the listed facets, its place among them, and its distance from a point. */
+typedef struct qm_near_facet {
+    qm_triangle triangle;
+    double distance;
+    int place;
+} qm_near_facet;
+
+/** The listed facet nearest to a point; the list is not empty. */
+qm_near_facet qm_near_facets_nearest(const qm_kernel *kernel, const qm_near_facets *near, qm_vec p);
 
 #endif
