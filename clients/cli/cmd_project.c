@@ -17,7 +17,7 @@ static const char usage[] =
     "  --binary          the same as little-endian float64: the default for other names\n"
     "  --json            one document, the default for names that end in .json; faults are documents too\n"
     "  --quads R         how quads are read: triangles (default) or bilinear\n"
-    "  --threads N       threads of the search (default 1)\n"
+    "  --threads N       threads (default: one for each processor; with --server what the daemon gives)\n"
     "  --server URL      ask a daemon instead of this process\n"
     "\n"
     "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 interrupted.\n";
@@ -110,8 +110,8 @@ static bool write_block(const question *asked, qm_context *ctx, const qm_loaded_
 {
     size_t rest = points->count - first, count = rest < QM_FEET_BLOCK ? rest : QM_FEET_BLOCK;
     qm_feet feet;
-    qm_status status = qm_feet_find(ctx, mesh, asked->quads, points->rows + 3 * first, count,
-                                    asked->threads > 0 ? asked->threads : 1, &feet);
+    qm_status status =
+        qm_feet_find(ctx, mesh, asked->quads, points->rows + 3 * first, count, asked->threads, &feet);
     if (status == QM_OK) {
         qm_feet_write(text, asked->rows, &feet, mesh->diagonal, first == 0);
         qm_feet_reset(ctx, &feet);
@@ -146,8 +146,9 @@ static bool project_here(const question *asked, const point_list *points, FILE *
     qm_context ctx = qm_context_make();
     ctx.parallel = qm_parallel_run;
     ctx.cancel = &cli_interrupted;
+    qm_preparation preparation = cli_prepare(true, asked->quads, asked->threads);
     qm_loaded_mesh mesh;
-    if (!cli_load_mesh(&ctx, asked->mesh, asked->as_json, &mesh)) return false;
+    if (!cli_load_mesh(&ctx, asked->mesh, asked->as_json, &preparation, &mesh)) return false;
     bool good = write_rows(asked, &ctx, &mesh, points, out);
     qm_loaded_mesh_reset(&ctx, &mesh);
     return good;
@@ -270,5 +271,6 @@ int cmd_project(int argc, char **argv)
         asked.rows = ends_in(asked.output, ".json")                                    ? QM_ROWS_JSON
                      : ends_in(asked.output, ".csv") || strcmp(asked.output, "-") == 0 ? QM_ROWS_CSV
                                                                                        : QM_ROWS_BINARY;
+    if (!asked.server) asked.threads = cli_count_threads(asked.threads);
     return project(&asked);
 }

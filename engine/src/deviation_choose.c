@@ -24,8 +24,8 @@ static int exponent_of(double open)
     return open > 0.0 ? (int)qm_clamp(exponent + EXPONENT_BIAS, 0, EXPONENTS - 1) : 0;
 }
 
-qm_cut_choice qm_cuts_choose(const qm_source_piece *piece, qm_piece_list pieces, const qm_piece_totals *totals,
-                             double accuracy, size_t room)
+qm_cut_choice qm_cuts_choose(const qm_source_piece *piece, qm_piece_list pieces,
+                             const qm_piece_totals *totals, double accuracy, size_t room)
 {
     double open[EXPONENTS] = {0}, sum = 0.0;
     size_t count[EXPONENTS] = {0};

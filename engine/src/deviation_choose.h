@@ -12,19 +12,20 @@ typedef struct qm_open_piece {
     double open;
 } qm_open_piece;
 
-/** Which pieces are cut: those that leave more open than an exponent of two says, and of those at it the first
- * few; count of them in all. */
+/** Which pieces are cut: those that leave more open than an exponent of two says, and of those at it the
+ * first few; count of them in all. */
 typedef struct qm_cut_choice {
     int exponent;
     size_t count, at_exponent;
 } qm_cut_choice;
 
 /**
- * Chooses the pieces that leave most open of mean, rms and area: the others together leave no more than a share
- * of the accuracy, or room for so many is all that there is. Pieces at their last depth are never chosen.
+ * Chooses the pieces that leave most open of mean, rms and area: the others together leave no more than a
+ * share of the accuracy, or room for so many is all that there is. Pieces at their last depth are never
+ * chosen.
  */
-qm_cut_choice qm_cuts_choose(const qm_source_piece *piece, qm_piece_list pieces, const qm_piece_totals *totals,
-                             double accuracy, size_t room);
+qm_cut_choice qm_cuts_choose(const qm_source_piece *piece, qm_piece_list pieces,
+                             const qm_piece_totals *totals, double accuracy, size_t room);
 
 /** Lists the chosen pieces, those first that leave most open; todo has room for choice.count. */
 void qm_cuts_list(const qm_source_piece *piece, qm_piece_list pieces, const qm_piece_totals *totals,

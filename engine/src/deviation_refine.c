@@ -141,7 +141,8 @@ static qm_status split_pieces(qm_refinement *work)
         status = run_workers(work, split_chunks);
         for (size_t i = 0; status == QM_OK && i < work->end - work->begin; i++)
             needed += (size_t)work->parts[i].count - 1;
-        if (status == QM_OK) status = qm_refinement_reserve(work, needed < work->limit ? needed : work->limit);
+        if (status == QM_OK)
+            status = qm_refinement_reserve(work, needed < work->limit ? needed : work->limit);
         if (status == QM_OK) place_parts(work);
     }
     return status;
