@@ -87,8 +87,13 @@ static void reset_project(qm_context *ctx, qm_job_result *result)
 static qm_status run_project(const question *q, qm_job_result *out)
 {
     const qm_job_request *request = q->request;
-    return qm_feet_find(q->ctx, q->a, request->quads, request->points, request->point_count, q->threads,
-                        &out->feet);
+    qm_locator locator;
+    qm_status status = qm_locator_build(q->ctx, q->a->bvh, request->accelerator, &locator);
+    if (status == QM_OK)
+        status = qm_feet_find(q->ctx, q->a, &locator, request->quads, request->points, request->point_count,
+                              q->threads, &out->feet);
+    qm_locator_reset(q->ctx, &locator);
+    return status;
 }
 
 /* ---- deviation ---- */

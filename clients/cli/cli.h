@@ -63,6 +63,7 @@ char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE]);
 bool cli_read_number(const char *name, const char *text, double least, double *out);
 bool cli_read_quads(const char *text, qm_quad_reading *out);
 bool cli_read_threads(const char *text, int *out);
+bool cli_read_accelerator(const char *text, qm_accelerator *out);
 
 /** Prints the result object of a Hausdorff job (JSON text) as it is, or in words. Returns the exit status
  * that goes with it. */

@@ -44,15 +44,6 @@ static bool read_direction(const char *text, qm_direction *out)
     return false;
 }
 
-static bool read_accelerator(const char *text, qm_accelerator *out)
-{
-    if (strcmp(text, "auto") == 0) return *out = QM_ACCELERATOR_AUTO, true;
-    if (strcmp(text, "boxes") == 0) return *out = QM_ACCELERATOR_BOXES, true;
-    if (strcmp(text, "grid") == 0) return *out = QM_ACCELERATOR_GRID, true;
-    fprintf(stderr, "quadmesh: --accelerator takes auto, boxes or grid, got \"%s\"\n", text);
-    return false;
-}
-
 static bool read_bounds(const char *text, qm_bounds *out)
 {
     if (strcmp(text, "cells") == 0) return *out = QM_BOUNDS_CELLS, true;
@@ -96,7 +87,7 @@ static bool read_option(question *asked, int option)
     case THREADS:
         return cli_read_threads(optarg, &request->threads);
     case ACCELERATOR:
-        return read_accelerator(optarg, &request->accelerator);
+        return cli_read_accelerator(optarg, &request->accelerator);
     case BOUNDS:
         return read_bounds(optarg, &request->bounds);
     case JSON:

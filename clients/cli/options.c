@@ -26,6 +26,15 @@ bool cli_read_quads(const char *text, qm_quad_reading *out)
     return false;
 }
 
+bool cli_read_accelerator(const char *text, qm_accelerator *out)
+{
+    if (strcmp(text, "auto") == 0) return *out = QM_ACCELERATOR_AUTO, true;
+    if (strcmp(text, "boxes") == 0) return *out = QM_ACCELERATOR_BOXES, true;
+    if (strcmp(text, "grid") == 0) return *out = QM_ACCELERATOR_GRID, true;
+    fprintf(stderr, "quadmesh: --accelerator takes auto, boxes or grid, got \"%s\"\n", text);
+    return false;
+}
+
 int cli_count_threads(int asked)
 {
     return asked > 0 ? asked : qm_parallel_available();
