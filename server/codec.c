@@ -59,6 +59,13 @@ const char *qm_format_name(qm_format format)
     return "unknown";
 }
 
+const char *qm_format_media_type(qm_format format)
+{
+    for (size_t i = 0; i < FORMAT_COUNT; ++i)
+        if (formats[i].format == format) return formats[i].media_type;
+    return "application/octet-stream";
+}
+
 static bool has_prefix(const uint8_t *bytes, size_t size, const char *prefix)
 {
     size_t length = strlen(prefix);

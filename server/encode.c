@@ -31,10 +31,11 @@ qm_status qm_encode_round_to_floats(qm_encoder *encoder)
         double square = 0.0;
         for (int axis = 0; axis < 3; axis++) {
             if (!(fabs(p[axis]) <= (double)FLT_MAX))
-                return qm_context_fail(encoder->ctx, QM_E_SCALE,
-                                       "vertex %zu has a coordinate beyond single precision, which is all that "
-                                       "the format has",
-                                       i);
+                return qm_context_fail(
+                    encoder->ctx, QM_E_SCALE,
+                    "vertex %zu has a coordinate beyond single precision, which is all that "
+                    "the format has",
+                    i);
             double off = p[axis] - (double)(float)p[axis];
             square += off * off;
         }

@@ -12,8 +12,8 @@
 
 /** What the file does not hold as the mesh does. */
 typedef struct qm_encode_losses {
-    double displacement;     /* no vertex lies farther from its place; 0 when each is where it was */
-    size_t cut_faces;        /* quads and polygons that are triangles in the file */
+    double displacement;      /* no vertex lies farther from its place; 0 when each is where it was */
+    size_t cut_faces;         /* quads and polygons that are triangles in the file */
     size_t left_out_vertices; /* used by no face */
 } qm_encode_losses;
 

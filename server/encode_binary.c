@@ -95,7 +95,8 @@ static qm_status fail_size(const qm_encoder *encoder)
 static qm_status prepare_stl(qm_encoder *encoder)
 {
     if (encoder->mesh->face_count == 0)
-        return qm_context_fail(encoder->ctx, QM_E_UNSUPPORTED, "stl holds triangles alone, and these are points");
+        return qm_context_fail(encoder->ctx, QM_E_UNSUPPORTED,
+                               "stl holds triangles alone, and these are points");
     if (encoder->triangles > UINT32_MAX) return fail_size(encoder);
     encoder->size = STL_HEAD_SIZE + 4 + 50 * (uint64_t)encoder->triangles;
     encoder->losses.cut_faces = encoder->facts->quads + encoder->facts->polygons;
@@ -217,7 +218,8 @@ static void write_glb_json(const qm_encoder *encoder, qm_text *json)
     uint64_t positions = positions_size(encoder), indices = indices_size(encoder);
     bool has_faces = indices > 0;
     qm_text_printf(json,
-                   "{\"asset\":{\"version\":\"2.0\",\"generator\":\"quadmeshd\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],"
+                   "{\"asset\":{\"version\":\"2.0\",\"generator\":\"quadmeshd\"},\"scene\":0,\"scenes\":[{"
+                   "\"nodes\":[0]}],"
                    "\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},%s"
                    "\"mode\":%d}]}],\"buffers\":[{\"byteLength\":%llu}],\"bufferViews\":[",
                    has_faces ? "\"indices\":1," : "", has_faces ? GLB_TRIANGLES : GLB_POINTS,

@@ -3,8 +3,8 @@
  * attribute "added_edges", as the library's own tools do, so that they and codec_drc.c find the faces again.
  *
  * The shorter of its two methods drops degenerate faces and vertices without a face and splits vertices where
- * the surface is not a manifold, so it is for manifolds without such. A cut that other faces have as an edge is
- * beyond such marks: a reader finds the triangles there.
+ * the surface is not a manifold, so it is for manifolds without such. A cut that other faces have as an edge
+ * is beyond such marks: a reader finds the triangles there.
  */
 #include <float.h>
 
@@ -92,8 +92,7 @@ static qm_status run_library(qm_encoder *encoder, const drc_arrays *arrays)
     if (outcome != QM_DRACO_DONE)
         return qm_context_fail(encoder->ctx, QM_E_UNSUPPORTED, "the mesh cannot be written as Draco");
     /* Rounded to single precision first, then to the steps: the two add up at most. */
-    encoder->losses.displacement =
-        (encoder->losses.displacement + displacement) * (1.0 + 8.0 * DBL_EPSILON);
+    encoder->losses.displacement = (encoder->losses.displacement + displacement) * (1.0 + 8.0 * DBL_EPSILON);
     encoder->size = encoder->whole.size;
     return QM_OK;
 }

@@ -1,6 +1,6 @@
 /**
- * encode_internal.h: what the files of the encoders share. A format writes a head, then rows of vertices, then
- * rows of faces; encode.c counts the rows out in blocks.
+ * encode_internal.h: what the files of the encoders share. A format writes a head, then rows of vertices,
+ * then rows of faces; encode.c counts the rows out in blocks.
  */
 #ifndef QM_ENCODE_INTERNAL_H
 #define QM_ENCODE_INTERNAL_H

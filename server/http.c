@@ -40,6 +40,11 @@ const char *qm_request_id(const qm_request *request)
     return request->id;
 }
 
+bool qm_request_only_reads(const qm_request *request)
+{
+    return strcmp(request->route->method, "GET") == 0;
+}
+
 const char *qm_request_header(const qm_request *request, const char *name)
 {
     return MHD_lookup_connection_value(request->connection, MHD_HEADER_KIND, name);
@@ -112,6 +117,17 @@ void qm_reply_static(qm_request *request, int status, const char *content_type, 
 void qm_reply_empty(qm_request *request, int status)
 {
     set_reply(request, status, NULL, (void *)(uintptr_t) "", 0, MHD_RESPMEM_PERSISTENT);
+}
+
+void qm_request_set_reader(qm_request *request, int status, uint64_t size, size_t piece_size,
+                           MHD_ContentReaderCallback read, void *user, MHD_ContentReaderFreeCallback end)
+{
+    request->reply.status = status;
+    request->reply.response = MHD_create_response_from_callback(size, piece_size, read, user, end);
+    /* libmicrohttpd 0.9.75 ends a chunked reply to HEAD with a last chunk, which the client takes for the
+     * start of the next reply. */
+    if (strcmp(request->method, "HEAD") == 0 && size == MHD_SIZE_UNKNOWN)
+        MHD_set_response_options(request->reply.response, MHD_RF_HTTP_1_0_COMPATIBLE_STRICT, MHD_RO_END);
 }
 
 void qm_reply_problem(qm_request *request, const qm_problem *problem)

@@ -29,6 +29,9 @@ qm_app *qm_request_app(const qm_request *request);
 /** The part of the path that stands for {id}; "" when the route has none. */
 const char *qm_request_id(const qm_request *request);
 
+/** True for GET and HEAD, which change nothing. */
+bool qm_request_only_reads(const qm_request *request);
+
 /** A header or query parameter, or NULL. Lives as long as the request. */
 const char *qm_request_header(const qm_request *request, const char *name);
 const char *qm_request_query(const qm_request *request, const char *name);
@@ -58,7 +61,7 @@ void qm_reply_problem(qm_request *request, const qm_problem *problem);
 void qm_reply_empty(qm_request *request, int status);
 
 /** Adds a header to the reply; the value is copied. At most QM_REPLY_HEADERS, more are a bug. */
-#define QM_REPLY_HEADERS 8
+#define QM_REPLY_HEADERS 12
 void qm_reply_header(qm_request *request, const char *name, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 

@@ -105,9 +105,7 @@ void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t afte
                   .owns_job = owns_job,
                   .reader = {.wake = resume, .user = s, .wake_at_ms = qm_now_ms() + HEARTBEAT_MS}};
     qm_job_join(app->jobs, job, &s->reader);
-    request->reply.status = status;
-    request->reply.response =
-        MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, BLOCK_SIZE, read_stream, s, free_stream);
+    qm_request_set_reader(request, status, MHD_SIZE_UNKNOWN, BLOCK_SIZE, read_stream, s, free_stream);
     qm_reply_header(request, "Content-Type", "%s",
                     framing == QM_FRAMING_SSE ? QM_MEDIA_SSE : QM_MEDIA_NDJSON);
     qm_reply_header(request, "Cache-Control", "no-store, no-transform");

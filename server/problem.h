@@ -20,6 +20,7 @@
     XX(METHOD_NOT_ALLOWED, 405, "method_not_allowed", "The resource does not have this method")              \
     XX(NOT_ACCEPTABLE, 406, "not_acceptable", "No representation fits the Accept header")                    \
     XX(CONFLICT, 409, "conflict", "The state of the resource does not allow this")                           \
+    XX(PRECONDITION_FAILED, 412, "precondition_failed", "The resource is not in the state asked for")        \
     XX(TOO_LARGE, 413, "too_large", "The input is larger than a limit allows")                               \
     XX(UNSUPPORTED_MEDIA_TYPE, 415, "unsupported_media_type", "The body has a type that is not supported")   \
     XX(MALFORMED_FILE, 422, "malformed_file", "The file does not follow its format")                         \

@@ -6,6 +6,10 @@
 #include "handlers.h"
 
 static const char *const json[] = {"application/json", NULL};
+/* PLY first, for who does not care: it is short and keeps everything. */
+static const char *const files[] = {
+    "application/x-ply", "model/obj",           "model/stl",  "application/x-off",
+    "model/gltf-binary", "application/x-draco", "text/x-xyz", NULL};
 static const char *const rows[] = {QM_MEDIA_BINARY, QM_MEDIA_CSV, QM_MEDIA_JSON, NULL};
 static const char *const object_or_rows[] = {QM_MEDIA_JSON, QM_MEDIA_BINARY, QM_MEDIA_CSV, NULL};
 static const char *const events[] = {QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
@@ -16,6 +20,7 @@ static const qm_route routes[] = {
     {"GET", "/v1/meshes", qm_handle_mesh_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/meshes/{id}", qm_handle_mesh_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
     {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/v1/meshes/{id}/content", qm_handle_mesh_content, files, QM_BODY_NONE, QM_RUNS_LONG},
     {"POST", "/v1/meshes/{id}/project", qm_handle_mesh_project, rows, QM_BODY_SPOOL, QM_RUNS_LONG},
     {"POST", "/v1/jobs", qm_handle_job_create, job_or_events, QM_BODY_MEMORY, QM_RUNS_SHORT},
     {"GET", "/v1/jobs", qm_handle_job_list, json, QM_BODY_NONE, QM_RUNS_SHORT},

@@ -261,8 +261,9 @@ static void test_draco_keeps_what_is_not_a_manifold(void **state)
 static void test_draco_keeps_polygons_and_points(void **state)
 {
     (void)state;
-    static const char obj[] = "v 0 0 0\nv 2 0 0\nv 3 1 0\nv 1 3 0\nv 0 2 0\nv -1 2 1\nv -2 1 1\nv -2 0 1\nv 4 0 0\n"
-                              "f 1 2 3 4 5\nf 1 5 6 7 8\nf 3 2 9\n";
+    static const char obj[] =
+        "v 0 0 0\nv 2 0 0\nv 3 1 0\nv 1 3 0\nv 0 2 0\nv -1 2 1\nv -2 1 1\nv -2 0 1\nv 4 0 0\n"
+        "f 1 2 3 4 5\nf 1 5 6 7 8\nf 3 2 9\n";
     qm_decoded original = qm_decode_text(QM_FORMAT_OBJ, obj);
     written file = write_mesh(&original.mesh, QM_FORMAT_DRC, 0);
     qm_decoded decoded = read_back(QM_FORMAT_DRC, &file);
