@@ -38,6 +38,7 @@ static const setting settings[] = {
     NUMBER(queue, "queue", 1000, 1, 1e6, "jobs that wait at most; more get 429"),
     NUMBER(connections, "connections", 1000, 8, 100000, "connections at most"),
     NUMBER(streams, "streams", 500, 1, 100000, "event streams at most; more get 503"),
+    NUMBER(heartbeat, "heartbeat", 10, 1, 600, "seconds of silence after which a stream says that it lives"),
     NUMBER(idle_timeout, "idle-timeout", 60, 1, 3600, "seconds before a silent connection is closed"),
     NUMBER(grace, "grace", 5, 0, 3600, "seconds that running jobs get to end at SIGTERM"),
     TEXT(log_format, "log-format", "text", "text or json"),

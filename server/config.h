@@ -21,6 +21,7 @@ typedef struct qm_config {
     double queue; /* jobs that wait */
     double connections;
     double streams;
+    double heartbeat;    /* seconds between the signs of life of a silent stream */
     double idle_timeout; /* seconds */
     double grace;        /* seconds that running jobs get at SIGTERM */
 } qm_config;

@@ -50,11 +50,11 @@ static bool read_bits(qm_request *request, qm_format format, int *bits)
     if (!given) return true;
     bool is_number = end != given && !*end && value >= 0 && value <= QM_ENCODE_MAX_BITS;
     if (is_number && (value == 0 || format == QM_FORMAT_DRC)) return true;
-    qm_problem problem =
-        is_number ? qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "only drc has a quantization")
-                  : qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
-                                    "quantization is a whole number of bits from 0 (none) to %d",
-                                    QM_ENCODE_MAX_BITS);
+    qm_problem problem = is_number
+                             ? qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "only drc has a quantization")
+                             : qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                               "quantization is a whole number of bits from 0 (none) to %d",
+                                               QM_ENCODE_MAX_BITS);
     qm_reply_problem(request, &problem);
     return false;
 }
@@ -85,8 +85,7 @@ static sending *begin(qm_request *request, qm_format format, int bits, qm_proble
     s->mesh = qm_meshes_acquire(s->meshes, qm_request_id(request), problem);
     if (s->mesh) {
         const qm_loaded_mesh *mesh = qm_mesh_ref_get(s->mesh);
-        qm_status status =
-            qm_encoder_create(&s->ctx, &mesh->mesh, &mesh->facts, format, bits, &s->encoder);
+        qm_status status = qm_encoder_create(&s->ctx, &mesh->mesh, &mesh->facts, format, bits, &s->encoder);
         if (status == QM_OK) return s;
         *problem = qm_problem_from_status(status, s->ctx.message);
     }
@@ -100,8 +99,7 @@ void qm_handle_mesh_content(qm_request *request)
     int bits;
     qm_problem problem;
     qm_store_mesh row;
-    if (!read_format(request, &format) || !read_bits(request, format, &bits) ||
-        !qm_find_mesh(request, &row))
+    if (!read_format(request, &format) || !read_bits(request, format, &bits) || !qm_find_mesh(request, &row))
         return;
     char suffix[32];
     snprintf(suffix, sizeof suffix, "-%s-%d", qm_format_name(format), bits);

@@ -21,6 +21,8 @@ void qm_handle_job_cancel(qm_request *request);
 void qm_handle_job_events(qm_request *request);
 void qm_handle_job_result(qm_request *request);
 
+void qm_handle_batch_create(qm_request *request);
+
 void qm_handle_health(qm_request *request);
 void qm_handle_ready(qm_request *request);
 void qm_handle_info(qm_request *request);

@@ -72,6 +72,9 @@ void qm_reply_header(qm_request *request, const char *name, const char *format, 
 void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t after, qm_framing framing,
                      bool owns_job);
 
+/** Replies with the answers of a batch of jobs, read from the upload, as they come (job_batch.h). */
+void qm_reply_batch(qm_request *request, qm_blob_writer *upload);
+
 /**
  * Replies with the job's document when it ends (200) or when the time is up (status_before); takes over the
  * reference.

@@ -55,4 +55,7 @@ bool qm_request_take_place(qm_app *app);
 void qm_request_leave_place(qm_app *app);
 void qm_request_refuse_place(qm_request *request);
 
+/** Replies that there is no memory for the reply. */
+void qm_request_refuse_memory(qm_request *request);
+
 #endif

@@ -120,7 +120,8 @@ static bool start_parts(daemon_state *state, const qm_config *config)
                                (qm_job_limits){.workers = (int)config->workers,
                                                .queue = (int)config->queue,
                                                .threads = (int)config->job_threads,
-                                               .grace_ms = config->grace * MS_PER_S});
+                                               .grace_ms = config->grace * MS_PER_S,
+                                               .heartbeat_ms = config->heartbeat * MS_PER_S});
     if (!app->jobs) return false;
     state->http = qm_http_start(app);
     return state->http && write_port(config->port_file, qm_http_port(state->http));

@@ -13,6 +13,7 @@ static const char *const files[] = {
 static const char *const rows[] = {QM_MEDIA_BINARY, QM_MEDIA_CSV, QM_MEDIA_JSON, NULL};
 static const char *const object_or_rows[] = {QM_MEDIA_JSON, QM_MEDIA_BINARY, QM_MEDIA_CSV, NULL};
 static const char *const events[] = {QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
+static const char *const lines[] = {QM_MEDIA_NDJSON, NULL};
 static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
 
 static const qm_route routes[] = {
@@ -28,6 +29,7 @@ static const qm_route routes[] = {
     {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, events, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}/result", qm_handle_job_result, object_or_rows, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"POST", "/v1/batches", qm_handle_batch_create, lines, QM_BODY_SPOOL, QM_RUNS_AT_ONCE},
     {"GET", "/v1/info", qm_handle_info, json, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/healthz", qm_handle_health, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/readyz", qm_handle_ready, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
