@@ -89,7 +89,7 @@ static void start_side(qm_worker *worker, int index)
         .hint = hint,
         .kind = QM_ENTRY_GROUP,
         .side = (uint8_t)index,
-        .level = (uint8_t)side->source->level_count,
+        .level = (uint8_t)side->source->boxes.level_count,
     };
     qm_worker_push(worker, root, NULL);
 }

@@ -113,12 +113,12 @@ typedef struct qm_stop {
 
 /** Puts the members of a group that are within the limit on the stack, nearest on top; returns the new
  * height. */
-static inline int qm_box_group_push(const qm_bvh *bvh, const qm_box_query *query, float limit, qm_stop at,
-                                    qm_stop *stack, int height)
+static inline int qm_box_group_push(const qm_box_tree *boxes, const qm_box_query *query, float limit,
+                                    qm_stop at, qm_stop *stack, int height)
 {
     _Alignas(32) float d2[QM_PACK_LANES];
-    unsigned within = qm_box_group_within(&bvh->groups[at.level][at.index], query, limit, d2);
-    within &= (1u << qm_bvh_member_count(bvh, (int)at.level, at.index)) - 1;
+    unsigned within = qm_box_group_within(&boxes->groups[at.level][at.index], query, limit, d2);
+    within &= (1u << qm_box_tree_member_count(boxes, (int)at.level, at.index)) - 1;
     qm_vi keys = (qm_vi){0} + QM_NO_KEY;
     int count = 0;
     for (; within; within &= within - 1, count++) {
