@@ -26,6 +26,6 @@ void qm_handle_batch_create(qm_request *request)
         return;
     }
     problem = qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
-                                         "a batch is lines of JSON in application/x-ndjson");
+                              "a batch is lines of JSON in application/x-ndjson");
     qm_reply_problem(request, &problem);
 }

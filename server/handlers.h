@@ -25,6 +25,7 @@ void qm_handle_batch_create(qm_request *request);
 
 void qm_handle_health(qm_request *request);
 void qm_handle_ready(qm_request *request);
+void qm_handle_metrics(qm_request *request);
 void qm_handle_info(qm_request *request);
 void qm_handle_openapi(qm_request *request);
 void qm_handle_page(qm_request *request);

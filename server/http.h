@@ -9,6 +9,7 @@
 #include "job.h"
 #include "pool.h"
 #include "problem.h"
+#include "tokens.h"
 
 /** What a handler may use; made by main.c, alive as long as the daemon. */
 typedef struct qm_app {
@@ -18,6 +19,8 @@ typedef struct qm_app {
     qm_jobs *jobs;
     qm_pool *pool;      /* runs the handlers that wait for the disk */
     qm_pool *long_pool; /* runs the handlers that decode, so that a large mesh holds up no other request */
+    qm_tokens *tokens;  /* none: everybody who reaches the daemon may do everything */
+    struct qm_http *http;
     atomic_bool draining;
     atomic_int stream_count, request_count; /* open now */
 } qm_app;
@@ -103,6 +106,10 @@ void qm_reply_blocks(qm_request *request, int status, const char *content_type, 
 typedef struct qm_http qm_http;
 qm_http *qm_http_start(qm_app *app);
 int qm_http_port(const qm_http *http);
+size_t qm_http_count_connections(qm_http *http);
+
+/** Ends the connections that keep the daemon waiting; called every second or so. */
+void qm_http_tick(qm_http *http, double now_ms);
 
 /** No new connections. */
 void qm_http_quiesce(qm_http *http);

@@ -6,6 +6,7 @@
 #include "json_in.h"
 #include "json_out.h"
 #include "log.h"
+#include "metrics.h"
 
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
@@ -286,6 +287,7 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
     if (is_open(jobs, problem)) job = find_answer(jobs, submission, key, is_cached, problem);
     if (!job && problem->code == QM_PROBLEM_COUNT && has_room(jobs, problem))
         job = submit_new(jobs, submission, problem);
+    if (*is_cached) qm_metrics_add(QM_METRICS_CACHED_ANSWERS, 1);
     if (job) add_owner(jobs, job, submission->owns_job);
     uv_mutex_unlock(&jobs->submitting);
     free(key);

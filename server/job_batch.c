@@ -6,12 +6,13 @@
 #include "job_internal.h"
 #include "json_in.h"
 #include "json_out.h"
+#include "metrics.h"
 
-#define LINES_A_WORKER 4           /* jobs at a time for each worker */
-#define MAX_LINE (1u << 20)        /* bytes */
-#define MAX_PENDING (256u << 10)   /* bytes of answers after which no more lines are read */
-#define PIECE_SIZE (64u << 10)     /* bytes that are read at a time */
-#define LINES_A_TURN 256           /* lines after which the pool gets a chance to do other things */
+#define LINES_A_WORKER 4         /* jobs at a time for each worker */
+#define MAX_LINE (1u << 20)      /* bytes */
+#define MAX_PENDING (256u << 10) /* bytes of answers after which no more lines are read */
+#define PIECE_SIZE (64u << 10)   /* bytes that are read at a time */
+#define LINES_A_TURN 256         /* lines after which the pool gets a chance to do other things */
 
 /**
  * The lock of the jobs guards all from reader on. One task at a time feeds lines, and what stands above is
@@ -173,6 +174,7 @@ static bool answer_from_store(qm_batch *batch, const qm_batch_line *line, const 
         qm_text_add_string(&members, result);
         answer(batch, line, "succeeded", &members);
     }
+    qm_metrics_add(QM_METRICS_CACHED_ANSWERS, result != NULL);
     free(result);
     qm_jobs_release(batch->jobs, job);
     return result != NULL;
@@ -225,6 +227,7 @@ static void take_line(qm_batch *batch)
     qm_problem problem;
     qm_batch_line line = {.batch = batch, .number = batch->line_number};
     bool taken = false;
+    qm_metrics_add(QM_METRICS_BATCH_LINES, 1);
     if (batch->line_is_too_long) {
         problem = qm_problem_make(QM_PROBLEM_TOO_LARGE, "a line may have %u bytes", MAX_LINE);
         qm_text_add_string(&key, "null");

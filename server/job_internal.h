@@ -23,6 +23,7 @@ struct qm_job {
     qm_job_request request;
     char *key;
     char created[QM_TIME_SIZE], started[QM_TIME_SIZE];
+    double started_ms; /* qm_now_ms when a worker or its end took it */
     qm_job_state state;
     atomic_bool cancel; /* what the engine looks at: raised by a client or by the end of the daemon */
     bool is_cancelled;  /* by a client */

@@ -8,8 +8,11 @@
 #include "job_internal.h"
 #include "json_out.h"
 #include "log.h"
+#include "metrics.h"
 #include "parallel.h"
 #include "result_file.h"
+
+#define MS_PER_S 1e3
 
 /* ---- the end of a job ---- */
 
@@ -18,6 +21,8 @@
 static void finish(qm_job *job, qm_job_state state, const char *name, const char *members)
 {
     qm_jobs *jobs = job->jobs;
+    qm_metrics_add_job(qm_job_type_of(job->request.kind)->name, qm_job_state_name(state),
+                       (qm_now_ms() - job->started_ms) / MS_PER_S);
     if (job->line.batch) {
         qm_batch_end_line(job, state, members);
         return;
@@ -158,6 +163,7 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
 void qm_job_mark_running(qm_job *job)
 {
     job->state = QM_JOB_RUNNING;
+    job->started_ms = qm_now_ms();
     job->jobs->queued--;
     job->jobs->running++;
 }

@@ -14,6 +14,8 @@
     XX(INVALID_PARAMETER, 400, "invalid_parameter", "A query parameter or header is not valid")              \
     XX(AMBIGUOUS_LENGTH, 400, "ambiguous_length", "The request tells its length in two ways")                \
     XX(MALFORMED_BODY, 400, "malformed_body", "The request body does not have the form it should")           \
+    XX(UNAUTHORIZED, 401, "unauthorized", "The request has no token that is known")                          \
+    XX(FORBIDDEN, 403, "forbidden", "The request is not allowed to do this")                                 \
     XX(NOT_FOUND, 404, "not_found", "There is no such resource")                                             \
     XX(MESH_NOT_FOUND, 404, "mesh_not_found", "There is no such mesh")                                       \
     XX(JOB_NOT_FOUND, 404, "job_not_found", "There is no such job")                                          \

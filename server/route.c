@@ -33,6 +33,7 @@ static const qm_route routes[] = {
     {"GET", "/v1/info", qm_handle_info, json, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/healthz", qm_handle_health, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/readyz", qm_handle_ready, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
+    {"GET", "/metrics", qm_handle_metrics, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/openapi.yaml", qm_handle_openapi, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/dashboard/{id}", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},

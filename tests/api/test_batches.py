@@ -115,7 +115,7 @@ def test_memory_does_not_grow_with_the_lines(make_daemon, monkeypatch):
     body = line.encode() * count
     before = resident(running)
     with socket.create_connection(("127.0.0.1", running.port), timeout=PATIENCE) as wire:
-        wire.sendall(b"POST /v1/batches HTTP/1.1\r\nHost: x\r\nConnection: close\r\nContent-Length: %d\r\n\r\n"
+        wire.sendall(b"POST /v1/batches HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Length: %d\r\n\r\n"
                      % len(body) + body)
         time.sleep(1.0)
         assert resident(running) < before + (32 << 20)
@@ -152,7 +152,7 @@ def test_the_end_of_the_daemon_cuts_a_batch_visibly(make_daemon, slow_files):
 
     def read():
         with socket.create_connection(("127.0.0.1", running.port), timeout=PATIENCE) as wire:
-            wire.sendall(b"POST /v1/batches HTTP/1.1\r\nHost: x\r\nContent-Length: %d\r\n\r\n" % (8 * len(line))
+            wire.sendall(b"POST /v1/batches HTTP/1.1\r\nHost: localhost\r\nContent-Length: %d\r\n\r\n" % (8 * len(line))
                          + 8 * line.encode())
             while piece := wire.recv(1 << 16):
                 received.append(piece)
