@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "json_check.h"
+#include "json_write.h"
 
 #define MAX_THREADS 256
 #define MAX_PIECES 1e7
@@ -377,26 +378,63 @@ static cJSON *parse(const char *text, size_t size, qm_problem *problem)
     return NULL;
 }
 
-bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem)
+/** The object of a request; NULL with a problem. */
+static cJSON *parse_object(const char *text, size_t size, qm_problem *problem)
 {
-    *out = qm_job_request_default();
     *problem = (qm_problem){0};
     size_t place;
     const char *words;
     if (!qm_json_check_text(text, size, &place, &words)) {
         *problem = malformed_at(place, words);
-        return false;
+        return NULL;
     }
     cJSON *tree = parse(text, size, problem);
-    if (!tree) return false;
-    if (cJSON_IsObject(tree)) {
-        read_members(tree, out, problem);
-    } else {
-        *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "a job is a JSON object");
-        qm_problem_add_pointer(problem, "", "must be an object");
-    }
+    if (!tree || cJSON_IsObject(tree)) return tree;
+    *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "a job is a JSON object");
+    qm_problem_add_pointer(problem, "", "must be an object");
     cJSON_Delete(tree);
+    return NULL;
+}
+
+/** Reads the members and gives the tree back. */
+static bool read_request(cJSON *object, qm_job_request *out, qm_problem *problem)
+{
+    read_members(object, out, problem);
+    cJSON_Delete(object);
     if (problem->error_count == 0) return true;
     qm_job_request_reset(out);
     return false;
+}
+
+bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem)
+{
+    *out = qm_job_request_default();
+    cJSON *object = parse_object(text, size, problem);
+    return object && read_request(object, out, problem);
+}
+
+/** Takes the key out of the object. */
+static void take_key(cJSON *object, qm_text *key, qm_problem *problem)
+{
+    cJSON *member = object ? cJSON_DetachItemFromObjectCaseSensitive(object, "key") : NULL;
+    const char *string = cJSON_GetStringValue(member);
+    char number[QM_JSON_NUMBER_SIZE];
+    if (string && strlen(string) <= QM_JSON_MAX_KEY) {
+        qm_json_add_quoted(key, string);
+    } else {
+        if (member && !cJSON_IsNumber(member) && !cJSON_IsNull(member))
+            complain(problem, QM_PROBLEM_INVALID_FIELD, "key", "must be a number or a short string");
+        double value = cJSON_IsNumber(member) ? cJSON_GetNumberValue(member) : NAN;
+        qm_text_add_string(key, qm_json_number(value, number));
+    }
+    cJSON_Delete(member);
+}
+
+bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job_request *out,
+                             qm_problem *problem)
+{
+    *out = qm_job_request_default();
+    cJSON *object = parse_object(text, size, problem);
+    take_key(object, key, problem);
+    return object && read_request(object, out, problem);
 }

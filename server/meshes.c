@@ -9,6 +9,7 @@
 
 #include "json_out.h"
 #include "log.h"
+#include "metrics.h"
 #include "parallel.h"
 
 /** An entry lives while it is in the list or anybody holds a reference. */
@@ -234,6 +235,7 @@ static bool file_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mesh
     if (!filed) free_loaded(mesh);
     if (!found && !filed) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
     *is_new = filed;
+    if (filed) qm_metrics_add(QM_METRICS_MESHES_ADDED, 1);
     return found || filed;
 }
 
@@ -297,6 +299,7 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
     } else {
         ref->problem = qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh %s", ref->id);
     }
+    qm_metrics_add(QM_METRICS_MESH_LOADS, loaded);
     uv_mutex_lock(&meshes->lock);
     ref->state = loaded ? READY : BROKEN;
     if (!loaded) unlist(meshes, ref);
