@@ -92,12 +92,13 @@ void qm_handle_info(qm_request *request)
     QM_JOB_MAP(XX)
 #undef XX
     if (out.size > 0) out.size--;
-    qm_text_printf(&out,
-                   "],\"accelerators\":[\"auto\",\"boxes\",\"grid\"],\"limits\":{\"body_bytes\":%.15g,"
-                   "\"faces\":%.15g,\"queued_jobs\":%.15g,\"connections\":%.15g,\"streams\":%.15g},"
-                   "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu}",
-                   config->max_body, config->max_faces, config->queue, config->connections, config->streams,
-                   config->workers, counts.queued, counts.running);
+    qm_text_printf(
+        &out,
+        "],\"accelerators\":[\"auto\",\"boxes\",\"tetra\",\"grid\"],\"limits\":{\"body_bytes\":%.15g,"
+        "\"faces\":%.15g,\"queued_jobs\":%.15g,\"connections\":%.15g,\"streams\":%.15g},"
+        "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu}",
+        config->max_body, config->max_faces, config->queue, config->connections, config->streams,
+        config->workers, counts.queued, counts.running);
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));
 }
 

@@ -134,7 +134,11 @@ static bool load_mapped(const qm_meshes *meshes, qm_status mapped, const uint8_t
     }
     qm_context ctx = qm_context_make();
     ctx.parallel = qm_parallel_run;
-    const qm_preparation all = {.has_facts = true, .parts = QM_BVH_ALL, .thread_count = meshes->threads};
+    const qm_preparation all = {.has_facts = true,
+                                .has_patches = true,
+                                .has_tetra = true,
+                                .parts = QM_BVH_ALL,
+                                .thread_count = meshes->threads};
     qm_codec_report report;
     qm_status status = qm_mesh_load(&ctx, format, bytes, size, &meshes->limits, &all, out, &report);
     qm_blob_unmap(bytes, size);
