@@ -49,6 +49,27 @@ typedef bool qm_draco_prepare(void *user, const qm_draco_facts *facts, qm_draco_
 qm_draco_outcome qm_draco_decode(const uint8_t *bytes, size_t size, qm_draco_prepare *prepare, void *user,
                                  size_t *consumed);
 
+/** A mesh or point cloud to encode. */
+typedef struct qm_draco_input {
+    const float *positions; /* vertex_count rows of three */
+    size_t vertex_count;
+    const uint32_t *triangles; /* triangle_count rows of three; none: a point cloud */
+    size_t triangle_count;
+    const uint8_t *added;  /* as qm_draco_arrays.added, or NULL when no triangle was cut from a larger face */
+    int quantization_bits; /* 0: positions stay as they are */
+    bool keeps_all;        /* faces and vertices exactly as they are, at the price of a longer file */
+} qm_draco_input;
+
+/** Takes the file, whole; false when there is no memory for it. Nothing else of C is called. */
+typedef bool qm_draco_write(void *user, const char *bytes, size_t size);
+
+/**
+ * Encodes. *displacement is the largest distance between a vertex given and the same vertex decoded, computed
+ * in double precision. QM_DRACO_MALFORMED when the library cannot encode the mesh.
+ */
+qm_draco_outcome qm_draco_encode(const qm_draco_input *input, qm_draco_write *write, void *user,
+                                 double *displacement);
+
 #ifdef __cplusplus
 }
 #endif

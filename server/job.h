@@ -39,6 +39,7 @@ typedef struct qm_reader {
 typedef struct qm_job_limits {
     int workers, queue, threads;
     double grace_ms;
+    double heartbeat_ms; /* of silence after which a stream says that it lives */
 } qm_job_limits;
 
 /** Starts the workers and queues again what the store holds unfinished. */
@@ -114,6 +115,8 @@ bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_reader *reader, void (*susp
 /** A reader is with the job from join to leave. */
 void qm_job_join(qm_jobs *jobs, qm_job *job, qm_reader *reader);
 void qm_job_leave(qm_jobs *jobs, qm_job *job, qm_reader *reader);
+
+double qm_jobs_heartbeat_ms(const qm_jobs *jobs);
 
 /** Wakes the readers whose time has come; called by the loop's timer. */
 void qm_jobs_tick(qm_jobs *jobs, double now_ms);

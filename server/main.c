@@ -13,10 +13,12 @@
 
 #include "http.h"
 #include "log.h"
+#include "parallel.h"
 
 #define REQUEST_THREADS 4
 #define UPLOAD_THREADS 2
 #define TICK_MS 50
+#define CONNECTIONS_MS 1000
 #define OWN_FILES 64
 #define MS_PER_S 1e3
 
@@ -24,8 +26,9 @@ typedef struct daemon_state {
     qm_app app;
     qm_http *http;
     uv_loop_t loop;
-    uv_signal_t terminate, interrupt;
+    uv_signal_t terminate, interrupt, hang_up;
     uv_timer_t tick;
+    double connections_checked_ms;
 } daemon_state;
 
 static void on_signal(uv_signal_t *handle, int number)
@@ -36,9 +39,33 @@ static void on_signal(uv_signal_t *handle, int number)
     uv_stop(&state->loop);
 }
 
+/** Reads the tokens; false with a record in the log, and then the old ones stay. */
+static bool load_tokens(const qm_app *app)
+{
+    char message[QM_TOKENS_MESSAGE_SIZE];
+    if (!app->config->token_file[0]) return true;
+    bool loaded = qm_tokens_load(app->tokens, app->config->token_file, message);
+    if (loaded)
+        qm_log(QM_LOG_INFO, "token file: %zu tokens", qm_tokens_count(app->tokens));
+    else
+        qm_log(QM_LOG_ERROR, "token file: %s", message);
+    return loaded;
+}
+
+static void on_hang_up(uv_signal_t *handle, int number)
+{
+    (void)number;
+    load_tokens(&((daemon_state *)handle->data)->app);
+}
+
 static void on_tick(uv_timer_t *handle)
 {
-    qm_jobs_tick(((daemon_state *)handle->data)->app.jobs, qm_now_ms());
+    daemon_state *state = handle->data;
+    double now = qm_now_ms();
+    qm_jobs_tick(state->app.jobs, now);
+    if (now < state->connections_checked_ms + CONNECTIONS_MS) return;
+    qm_http_tick(state->http, now);
+    state->connections_checked_ms = now;
 }
 
 static void start_loop(daemon_state *state)
@@ -46,10 +73,12 @@ static void start_loop(daemon_state *state)
     uv_loop_init(&state->loop);
     uv_signal_init(&state->loop, &state->terminate);
     uv_signal_init(&state->loop, &state->interrupt);
+    uv_signal_init(&state->loop, &state->hang_up);
     uv_timer_init(&state->loop, &state->tick);
-    state->terminate.data = state->interrupt.data = state->tick.data = state;
+    state->terminate.data = state->interrupt.data = state->hang_up.data = state->tick.data = state;
     uv_signal_start(&state->terminate, on_signal, SIGTERM);
     uv_signal_start(&state->interrupt, on_signal, SIGINT);
+    uv_signal_start(&state->hang_up, on_hang_up, SIGHUP);
     uv_timer_start(&state->tick, on_tick, TICK_MS, TICK_MS);
 }
 
@@ -60,6 +89,7 @@ static void ignore_signals(void)
     sigemptyset(&set);
     sigaddset(&set, SIGTERM);
     sigaddset(&set, SIGINT);
+    sigaddset(&set, SIGHUP);
     pthread_sigmask(SIG_BLOCK, &set, NULL);
 }
 
@@ -68,6 +98,7 @@ static void stop_loop(daemon_state *state)
     ignore_signals();
     uv_close((uv_handle_t *)&state->terminate, NULL);
     uv_close((uv_handle_t *)&state->interrupt, NULL);
+    uv_close((uv_handle_t *)&state->hang_up, NULL);
     uv_close((uv_handle_t *)&state->tick, NULL);
     uv_run(&state->loop, UV_RUN_DEFAULT);
     uv_loop_close(&state->loop);
@@ -106,13 +137,17 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     qm_app *app = &state->app;
     char message[QM_MESSAGE_SIZE];
     app->config = config;
+    app->tokens = qm_tokens_create();
+    if (!app->tokens || !load_tokens(app)) return false;
     if (qm_store_open(config->data_dir, &app->store, message) != QM_OK) {
         qm_log(QM_LOG_ERROR, "data folder: %s", message);
         return false;
     }
     qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
                               .max_faces = (size_t)config->max_faces};
-    app->meshes = qm_meshes_create(app->store, limits);
+    int prepare_threads =
+        config->prepare_threads > 0 ? (int)config->prepare_threads : qm_parallel_available();
+    app->meshes = qm_meshes_create(app->store, limits, prepare_threads);
     app->pool = qm_pool_create(REQUEST_THREADS);
     app->long_pool = qm_pool_create(UPLOAD_THREADS);
     if (!app->meshes || !app->pool || !app->long_pool) return false;
@@ -120,7 +155,8 @@ static bool start_parts(daemon_state *state, const qm_config *config)
                                (qm_job_limits){.workers = (int)config->workers,
                                                .queue = (int)config->queue,
                                                .threads = (int)config->job_threads,
-                                               .grace_ms = config->grace * MS_PER_S});
+                                               .grace_ms = config->grace * MS_PER_S,
+                                               .heartbeat_ms = config->heartbeat * MS_PER_S});
     if (!app->jobs) return false;
     state->http = qm_http_start(app);
     return state->http && write_port(config->port_file, qm_http_port(state->http));
@@ -143,6 +179,7 @@ static void stop_parts(daemon_state *state)
     qm_jobs_destroy(app->jobs);
     qm_meshes_destroy(app->meshes);
     qm_store_close(app->store);
+    qm_tokens_destroy(app->tokens);
 }
 
 static qm_log_level read_level(const char *name)

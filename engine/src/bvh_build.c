@@ -3,9 +3,9 @@
  */
 #include <string.h>
 
-#include "bilinear_point.h"
+#include "bits.h"
 #include "bvh_order.h"
-#include "kernel.h"
+#include "bvh_pack.h"
 
 #define PREFETCH 16   /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
 #define MIN_PACKS 512 /* packs that make it worth to start another thread */
@@ -124,60 +124,13 @@ static void fill_lanes(const pack_builder *builder, size_t pack)
         lanes->face[lane] = lanes->face[0];
 }
 
-/** How far the patch of a quad leaves its two triangles at most; 0 for a triangle. Local. */
-static double face_twist(const qm_bvh *bvh, uint32_t face)
-{
-    qm_vec corner[4];
-    return qm_bvh_load_face(bvh, face, corner) == 3 ? 0.0 : qm_patch_twist(corner);
-}
-
-static void fill_twist(qm_bvh *bvh, size_t pack)
-{
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-        bool is_second = lanes->second >> lane & 1;
-        bvh->twist[pack][lane] =
-            is_second ? bvh->twist[pack][lane - 1] : (float)face_twist(bvh, lanes->face[lane]);
-    }
-}
-
-static void fill_triangles(const pack_builder *builder, size_t pack, const qm_vec *vertex)
-{
-    const qm_pack_lanes *lanes = &builder->bvh->lanes[pack];
-    _Alignas(64) double corner[3][3][QM_PACK_LANES];
-    for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-        const uint8_t *place = lanes->corner[lane < lanes->lane_count ? lane : 0];
-        for (int i = 0; i < 3; i++) {
-            corner[i][0][lane] = vertex[place[i]].x;
-            corner[i][1][lane] = vertex[place[i]].y;
-            corner[i][2][lane] = vertex[place[i]].z;
-        }
-    }
-    builder->kernel->fill_pack(&builder->bvh->packs[pack], corner);
-}
-
-static void set_group_box(qm_box_group *group, int member, const qm_box *box)
-{
-    for (int k = 0; k < 3; k++) {
-        group->low[k][member] = (float)(box->min[k] - QM_BOX_MARGIN);
-        group->high[k][member] = (float)(box->max[k] + QM_BOX_MARGIN);
-    }
-}
-
 static void build_pack(const pack_builder *builder, size_t pack)
 {
     qm_bvh *bvh = builder->bvh;
     fill_lanes(builder, pack);
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
     qm_vec vertex[3 * QM_PACK_LANES];
-    int count = 0;
-    do
-        vertex[count] = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * (size_t)lanes->vertex[count]);
-    while (++count < lanes->vertex_count);
-    qm_box box = qm_vec_box(vertex, count);
-    set_group_box(&bvh->groups[1][pack / 8], (int)(pack % 8), &box);
-    if (bvh->packs) fill_triangles(builder, pack, vertex);
-    if (bvh->twist) fill_twist(bvh, pack);
+    qm_bvh_fit_pack(bvh, pack, vertex);
+    qm_bvh_fill_pack(builder->kernel, bvh, pack, vertex);
 }
 
 static void build_own_packs(void *data, int worker)
@@ -192,36 +145,6 @@ static void build_own_packs(void *data, int worker)
     }
 }
 
-/** Boxes of level k from those of level k - 1; floats are copied, so nothing is lost on the way up. */
-static void fill_level(qm_bvh *bvh, int level)
-{
-    for (size_t i = 0; i < bvh->group_count[level - 1]; i++) {
-        const qm_box_group *below = &bvh->groups[level - 1][i];
-        qm_box_group *here = &bvh->groups[level][i / 8];
-        int members = qm_bvh_member_count(bvh, level - 1, i);
-        for (int k = 0; k < 3; k++) {
-            float low = below->low[k][0], high = below->high[k][0];
-            for (int m = 1; m < members; m++) {
-                if (below->low[k][m] < low) low = below->low[k][m];
-                if (below->high[k][m] > high) high = below->high[k][m];
-            }
-            here->low[k][i % 8] = low;
-            here->high[k][i % 8] = high;
-        }
-    }
-}
-
-/** The greatest coordinate of any box, which holds the surface. */
-static double find_reach(const qm_bvh *bvh)
-{
-    const qm_box_group *top = &bvh->groups[bvh->level_count][0];
-    double reach = 0.0;
-    for (int m = 0; m < qm_bvh_member_count(bvh, bvh->level_count, 0); m++)
-        for (int k = 0; k < 3; k++)
-            reach = fmax(reach, fmax(-(double)top->low[k][m], (double)top->high[k][m]));
-    return fmin(reach, 1.0);
-}
-
 static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, bool has_quads)
 {
     size_t count = bvh->pack_count;
@@ -232,16 +155,7 @@ static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts,
     if ((parts & QM_BVH_PATCHES) && has_quads &&
         !(bvh->twist = qm_context_alloc(ctx, count, sizeof *bvh->twist)))
         return QM_E_NO_MEMORY;
-    bvh->group_count[0] = count;
-    do {
-        count = (count + 7) / 8;
-        int level = ++bvh->level_count;
-        bvh->group_count[level] = count;
-        bvh->groups[level] = qm_context_alloc_aligned(ctx, count, sizeof *bvh->groups[level]);
-        if (!bvh->groups[level]) return QM_E_NO_MEMORY;
-        memset(bvh->groups[level], 0, count * sizeof *bvh->groups[level]);
-    } while (count > 1);
-    return QM_OK;
+    return qm_box_tree_init(ctx, count, &bvh->boxes) ? QM_OK : QM_E_NO_MEMORY;
 }
 
 static qm_status build_tree(pack_builder *builder, qm_bvh_parts parts, bool has_quads)
@@ -253,9 +167,8 @@ static qm_status build_tree(pack_builder *builder, qm_bvh_parts parts, bool has_
         builder->workers--;
     qm_context_parallel(builder->ctx, builder->workers, build_own_packs, builder);
     if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
-    for (int level = 2; level <= bvh->level_count; level++)
-        fill_level(bvh, level);
-    bvh->reach = find_reach(bvh);
+    qm_box_tree_fill(&bvh->boxes);
+    bvh->reach = qm_box_tree_reach(&bvh->boxes);
     return QM_OK;
 }
 
@@ -312,8 +225,8 @@ qm_status qm_bvh_build(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts,
 void qm_bvh_destroy(qm_context *ctx, qm_bvh *bvh)
 {
     if (!bvh) return;
-    for (int level = 1; level <= bvh->level_count; level++)
-        qm_context_free_aligned(ctx, bvh->groups[level], bvh->group_count[level], sizeof *bvh->groups[level]);
+    qm_box_tree_reset(ctx, &bvh->boxes);
+    qm_bits_free(ctx, bvh->stale, bvh->pack_count);
     qm_context_free(ctx, bvh->twist, bvh->pack_count, sizeof *bvh->twist);
     qm_context_free_aligned(ctx, bvh->packs, bvh->pack_count, sizeof *bvh->packs);
     qm_context_free(ctx, bvh->lanes, bvh->pack_count, sizeof *bvh->lanes);
@@ -330,7 +243,5 @@ size_t qm_bvh_memory_size(const qm_bvh *bvh)
     size_t size = sizeof *bvh + bvh->pack_count * sizeof *bvh->lanes;
     if (bvh->packs) size += bvh->pack_count * sizeof *bvh->packs;
     if (bvh->twist) size += bvh->pack_count * sizeof *bvh->twist;
-    for (int level = 1; level <= bvh->level_count; level++)
-        size += bvh->group_count[level] * sizeof *bvh->groups[level];
-    return size;
+    return size + qm_box_tree_memory_size(&bvh->boxes);
 }

@@ -2,23 +2,16 @@
  * bvh_tree.h: the inside of a tree, shared by its builder, the kernels and the searches.
  *
  * Faces lie in Hilbert order of their centroids; eight lanes (triangles; a quad takes two neighbouring lanes
- * of one pack) make a pack. Level 0 counts packs; level k holds groups of eight members of level k - 1, up to
- * one group.
- *
- *     level 2        [ 0 ........................ ]          one record of eight boxes a group
- *     level 1   [ 0 ....... ][ 1 ....... ] ... [ 7 ]         box j of group g is the box of member 8 g + j
- * below level 0   packs 0..7    8..15 ...
+ * of one pack) make a pack, and a tree of boxes (box_tree.h) lies over the packs.
  */
 #ifndef QM_BVH_TREE_H
 #define QM_BVH_TREE_H
 
+#include "box_tree.h"
 #include "qm/bvh.h"
-#include "vec.h"
 
 #define QM_PACK_LANES 8
-#define QM_TREE_LEVELS 12          /* 8^12 packs are more than fit in memory */
 #define QM_MAX_SCALE_RATIO 0x1p300 /* of local lengths to 1: beyond it, squares would overflow or vanish */
-#define QM_BOX_MARGIN 0x1p-22      /* boxes reach this far beyond what they hold, in local lengths */
 
 /**
  * Local frame of a tree: local = (world - origin) * scale. scale is a power of two, so that scaling is exact
@@ -81,11 +74,6 @@ typedef struct qm_pack_lanes {
         second; /* bit j: lane j is the second triangle (c0 c2 c3) of a quad, whose first one is lane j - 1 */
 } qm_pack_lanes;
 
-/** Boxes of up to eight members, in local floats, reaching QM_BOX_MARGIN outward. */
-typedef struct qm_box_group {
-    _Alignas(32) float low[3][QM_PACK_LANES], high[3][QM_PACK_LANES];
-} qm_box_group;
-
 struct qm_bvh {
     qm_mesh mesh; /* the arrays are borrowed */
     qm_frame frame;
@@ -96,22 +84,14 @@ struct qm_bvh {
     bool has_quads;
     float (*twist)[QM_PACK_LANES]; /* |w| / 4 of each lane's quad rounded up, local; NULL without quads, or
                                       when they are not to be read as patches */
-    int level_count;               /* levels of groups: 1 at least; level k is groups[k], k >= 1 */
-    size_t group_count[QM_TREE_LEVELS];   /* [0] is pack_count */
-    qm_box_group *groups[QM_TREE_LEVELS]; /* [0] is NULL */
+    qm_box_tree boxes;             /* over the packs */
+    uint64_t *stale; /* a bit a pack whose rows and twists are not those of the mesh; NULL: none */
 };
 
 /** True when the tree was built with what it takes to search it in this reading. */
 static inline bool qm_bvh_is_target(const qm_bvh *bvh, qm_quad_reading reading)
 {
-    return bvh->packs && (reading == QM_QUADS_TRIANGLES || bvh->twist || !bvh->has_quads);
-}
-
-/** Number of members (1 to 8) of a group. */
-static inline int qm_bvh_member_count(const qm_bvh *bvh, int level, size_t group)
-{
-    size_t rest = bvh->group_count[level - 1] - 8 * group;
-    return rest < 8 ? (int)rest : 8;
+    return bvh->packs && !bvh->stale && (reading == QM_QUADS_TRIANGLES || bvh->twist || !bvh->has_quads);
 }
 
 /** Corners of a face in the local frame; returns 3 or 4. */

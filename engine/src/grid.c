@@ -210,8 +210,8 @@ static double cube_edge(const double extent[3], double count)
 /** The box of the surface as the tree has it: reaching QM_BOX_MARGIN outward, so never without extent. */
 static void tree_box(const qm_bvh *bvh, double low[3], double extent[3])
 {
-    const qm_box_group *top = &bvh->groups[bvh->level_count][0];
-    int members = qm_bvh_member_count(bvh, bvh->level_count, 0);
+    const qm_box_group *top = &bvh->boxes.groups[bvh->boxes.level_count][0];
+    int members = qm_box_tree_member_count(&bvh->boxes, bvh->boxes.level_count, 0);
     for (int k = 0; k < 3; k++) {
         double least = (double)top->low[k][0], greatest = (double)top->high[k][0];
         for (int m = 1; m < members; m++) {

@@ -162,8 +162,8 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
 {
     const qm_search *search = worker->search;
     const qm_side *side = &search->side[entry.side];
-    const qm_box_group *group = &side->source->groups[entry.level][entry.index];
-    int members = qm_bvh_member_count(side->source, entry.level, entry.index);
+    const qm_box_group *group = &side->source->boxes.groups[entry.level][entry.index];
+    int members = qm_box_tree_member_count(&side->source->boxes, entry.level, entry.index);
     qm_entry child[QM_PACK_LANES];
     uint32_t hint = entry.hint;
     for (int m = 0; m < members; m++) {

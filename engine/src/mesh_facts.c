@@ -11,9 +11,9 @@
  * corners is a triangle, and a face that is left with fewer than three corners, or folds back on itself, has
  * no edges. So a triangle that was collapsed to a segment does not part its two neighbours.
  */
-#include "qm/mesh.h"
-
 #include <string.h>
+
+#include "mesh_ring.h"
 
 #define CANCEL_STRIDE 65536
 
@@ -93,33 +93,6 @@ static bool join(uint32_t *parent, uint32_t i, uint32_t j)
     return true;
 }
 
-static int corner_count(const uint32_t face[4])
-{
-    return face[3] == QM_NO_INDEX ? 3 : 4;
-}
-
-static bool names_twice(const uint32_t face[4], int count)
-{
-    for (int i = 1; i < count; ++i)
-        for (int j = 0; j < i; ++j)
-            if (face[i] == face[j]) return true;
-    return false;
-}
-
-/** The corners without neighbours that are equal; 0 when that leaves no area. */
-static int find_ring(const uint32_t face[4], uint32_t ring[4])
-{
-    int count = corner_count(face);
-    if (!names_twice(face, count)) {
-        memcpy(ring, face, 4 * sizeof *ring);
-        return count;
-    }
-    int kept = 0;
-    for (int i = 0; i < count; ++i)
-        if (face[i] != face[(i + 1) % count]) ring[kept++] = face[i];
-    return kept >= 3 && !names_twice(ring, kept) ? kept : 0;
-}
-
 /** A face of a fan shares its number in the input with a neighbour in the list. */
 static bool is_fan_part(const qm_mesh *mesh, size_t face)
 {
@@ -132,7 +105,7 @@ static bool is_fan_part(const qm_mesh *mesh, size_t face)
 /** Marks the vertices of a face as used and as one component. */
 static void join_component(facts_work *work, const uint32_t face[4])
 {
-    for (int i = 0; i < corner_count(face); ++i) {
+    for (int i = 0; i < qm_face_corners(face); ++i) {
         if (work->component[face[i]] == QM_NO_INDEX) work->component[face[i]] = face[i];
         join(work->component, face[0], face[i]);
     }
@@ -145,13 +118,13 @@ static qm_status scan_faces(qm_context *ctx, const qm_mesh *mesh, facts_work *wo
         if (f % CANCEL_STRIDE == 0 && qm_context_canceled(ctx))
             return qm_context_fail(ctx, QM_E_CANCELED, "canceled while the faces were counted");
         const uint32_t *face = mesh->faces + 4 * f;
-        int count = corner_count(face);
+        int count = qm_face_corners(face);
         if (!is_fan_part(mesh, f)) ++*(count == 3 ? &facts->triangles : &facts->quads);
-        facts->repeated_corner_faces += names_twice(face, count);
+        facts->repeated_corner_faces += qm_face_names_twice(face, count);
         join_component(work, face);
 
         uint32_t ring[4];
-        int ring_count = find_ring(face, ring);
+        int ring_count = qm_face_ring(face, ring);
         for (int i = 0; i < ring_count; ++i)
             ++work->start[ring[i]];
         work->line_count += (size_t)ring_count;
@@ -177,7 +150,7 @@ static qm_status lay_out_lines(qm_context *ctx, const qm_mesh *mesh, facts_work 
         if (f % CANCEL_STRIDE == 0 && qm_context_canceled(ctx))
             return qm_context_fail(ctx, QM_E_CANCELED, "canceled while the edges were gathered");
         uint32_t ring[4];
-        int count = find_ring(mesh->faces + 4 * f, ring);
+        int count = qm_face_ring(mesh->faces + 4 * f, ring);
         for (int i = 0; i < count; ++i)
             work->lines[--work->start[ring[i]]] =
                 (link_line){ring[(i + count - 1) % count], ring[(i + 1) % count]};

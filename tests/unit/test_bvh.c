@@ -34,10 +34,10 @@ static void check_same(const qm_bvh *a, const qm_bvh *b)
         assert_memory_equal(one->vertex, other->vertex, one->vertex_count * sizeof *one->vertex);
         assert_memory_equal(one->corner, other->corner, one->lane_count * sizeof *one->corner);
     }
-    assert_int_equal(a->level_count, b->level_count);
-    for (int level = 1; level <= a->level_count; level++)
-        assert_memory_equal(a->groups[level], b->groups[level],
-                            a->group_count[level] * sizeof *a->groups[level]);
+    assert_int_equal(a->boxes.level_count, b->boxes.level_count);
+    for (int level = 1; level <= a->boxes.level_count; level++)
+        assert_memory_equal(a->boxes.groups[level], b->boxes.groups[level],
+                            a->boxes.group_count[level] * sizeof *a->boxes.groups[level]);
 }
 
 static void check_threads(qm_mesh mesh)

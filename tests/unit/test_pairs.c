@@ -4,7 +4,7 @@
  */
 #include "check.h"
 
-#include "codec.h"
+#include "data_mesh.h"
 #include "near_grid.h"
 #include "qm/hausdorff.h"
 #include "random.h"
@@ -12,8 +12,6 @@
 
 #include <math.h>
 #include <stdio.h>
-#include <string.h>
-#include <unistd.h>
 
 #define SAMPLES 1000000
 
@@ -26,32 +24,6 @@ static const char *const pairs[][2] = {
 enum { PAIR_COUNT = sizeof pairs / sizeof *pairs };
 
 static double samples[3 * SAMPLES];
-
-static const char *data_folder(void)
-{
-    const char *folder = getenv("QM_TEST_DATA");
-    return folder ? folder : "../shared/data";
-}
-
-static void read_mesh(qm_context *ctx, const char *name, qm_mesh *mesh)
-{
-    char path[512];
-    snprintf(path, sizeof path, "%s/%s", data_folder(), name);
-    FILE *file = fopen(path, "rb");
-    QM_CHECK(file, "%s is missing", path);
-    fseek(file, 0, SEEK_END);
-    size_t size = (size_t)ftell(file);
-    rewind(file);
-    uint8_t *bytes = malloc(size);
-    assert_non_null(bytes);
-    assert_int_equal(fread(bytes, 1, size, file), size);
-    fclose(file);
-    qm_codec_limits limits = {10000000, 10000000};
-    qm_codec_report report = {0};
-    qm_status status = qm_codec_decode(ctx, qm_format_from_path(name), bytes, size, &limits, mesh, &report);
-    free(bytes);
-    QM_CHECK(status == QM_OK, "%s: %s", name, report.detail);
-}
 
 static void check_samples(const char *name, const qm_mesh *from, const qm_mesh *to, qm_quad_reading reading,
                           const qm_hausdorff_result *r)
@@ -83,7 +55,7 @@ static void check_pair(size_t index, qm_quad_reading reading)
     qm_context ctx = qm_context_make();
     qm_mesh mesh[2] = {{0}};
     for (int i = 0; i < 2; ++i)
-        read_mesh(&ctx, pairs[index][i], &mesh[i]);
+        qm_data_mesh_read(&ctx, pairs[index][i], &mesh[i]);
     qm_bvh *tree[2];
     for (int i = 0; i < 2; ++i)
         assert_int_equal(qm_bvh_build(&ctx, &mesh[i], QM_BVH_ALL, 1, &tree[i]), QM_OK);
@@ -150,7 +122,7 @@ int main(void)
         cmocka_unit_test(no_sample_lies_above_upper_in_the_bilinear_reading),
     };
     int failed = cmocka_run_group_tests(tests, NULL, NULL);
-    if (access(data_folder(), R_OK) == 0) return failed + cmocka_run_group_tests(data_tests, NULL, NULL);
-    printf("there is no %s: the real pairs are left out\n", data_folder());
+    if (qm_data_is_there()) return failed + cmocka_run_group_tests(data_tests, NULL, NULL);
+    printf("there is no %s: the real pairs are left out\n", qm_data_folder());
     return failed;
 }

@@ -74,6 +74,13 @@ static inline qm_vf qm_vf_min(qm_vf a, qm_vf b)
 #endif
 }
 
+static inline float qm_vf_greatest(qm_vf a)
+{
+    a = qm_vf_max(a, __builtin_shuffle(a, (qm_vi){4, 5, 6, 7, 0, 1, 2, 3}));
+    a = qm_vf_max(a, __builtin_shuffle(a, (qm_vi){2, 3, 0, 1, 6, 7, 4, 5}));
+    return a[0] > a[1] ? a[0] : a[1];
+}
+
 /** One bit a lane, set where the mask is all ones. */
 static inline unsigned qm_vi_bits(qm_vi mask)
 {
@@ -113,12 +120,12 @@ typedef struct qm_stop {
 
 /** Puts the members of a group that are within the limit on the stack, nearest on top; returns the new
  * height. */
-static inline int qm_box_group_push(const qm_bvh *bvh, const qm_box_query *query, float limit, qm_stop at,
-                                    qm_stop *stack, int height)
+static inline int qm_box_group_push(const qm_box_tree *boxes, const qm_box_query *query, float limit,
+                                    qm_stop at, qm_stop *stack, int height)
 {
     _Alignas(32) float d2[QM_PACK_LANES];
-    unsigned within = qm_box_group_within(&bvh->groups[at.level][at.index], query, limit, d2);
-    within &= (1u << qm_bvh_member_count(bvh, (int)at.level, at.index)) - 1;
+    unsigned within = qm_box_group_within(&boxes->groups[at.level][at.index], query, limit, d2);
+    within &= (1u << qm_box_tree_member_count(boxes, (int)at.level, at.index)) - 1;
     qm_vi keys = (qm_vi){0} + QM_NO_KEY;
     int count = 0;
     for (; within; within &= within - 1, count++) {

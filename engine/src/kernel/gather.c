@@ -45,17 +45,17 @@ void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_ne
     qm_stop stack[QM_STACK_SIZE];
     int height = 0;
     near->count = 0;
-    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->level_count, 0};
+    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->boxes.level_count, 0};
     while (height > 0) {
         qm_stop at = stack[--height];
         if (at.level > 1) {
-            height = qm_box_group_push(bvh, &query, limit, at, stack, height);
+            height = qm_box_group_push(&bvh->boxes, &query, limit, at, stack, height);
             continue;
         }
         _Alignas(32) float d2[QM_PACK_LANES], middle_d2[QM_PACK_LANES];
-        const qm_box_group *group = &bvh->groups[1][at.index];
+        const qm_box_group *group = &bvh->boxes.groups[1][at.index];
         unsigned within = qm_box_group_within(group, &query, limit, d2);
-        within &= (1u << qm_bvh_member_count(bvh, 1, at.index)) - 1;
+        within &= (1u << qm_box_tree_member_count(&bvh->boxes, 1, at.index)) - 1;
         if (within) qm_box_group_within(group, &middle, limit, middle_d2);
         for (; within; within &= within - 1) {
             int member = __builtin_ctz(within);

@@ -25,12 +25,12 @@ void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit)
     float limit = qm_box_limit(hit->d2);
     qm_stop stack[QM_STACK_SIZE];
     int height = 0;
-    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->level_count, 0};
+    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->boxes.level_count, 0};
     while (height > 0) {
         qm_stop at = stack[--height];
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
-            height = qm_box_group_push(bvh, &query, limit, at, stack, height);
+            height = qm_box_group_push(&bvh->boxes, &query, limit, at, stack, height);
         } else if (at.index != start) {
             qm_visit_pack(bvh, at.index, splat, hit);
             limit = qm_box_limit(hit->d2);
@@ -46,12 +46,12 @@ void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, doubl
     float limit = qm_box_limit(hit->distance * hit->distance);
     qm_stop stack[QM_STACK_SIZE];
     int height = 0;
-    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->level_count, 0};
+    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->boxes.level_count, 0};
     while (height > 0) {
         qm_stop at = stack[--height];
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
-            height = qm_box_group_push(bvh, &query, limit, at, stack, height);
+            height = qm_box_group_push(&bvh->boxes, &query, limit, at, stack, height);
         } else if (at.index != start) {
             qm_visit_patches(bvh, at.index, p, error, hit);
             limit = qm_box_limit(hit->distance * hit->distance);

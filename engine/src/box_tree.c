@@ -1,0 +1,84 @@
+#include "box_tree.h"
+
+#include <string.h>
+
+bool qm_box_tree_init(qm_context *ctx, size_t count, qm_box_tree *out)
+{
+    *out = (qm_box_tree){.group_count = {count}};
+    do {
+        count = (count + 7) / 8;
+        int level = ++out->level_count;
+        out->group_count[level] = count;
+        out->groups[level] = qm_context_alloc_aligned(ctx, count, sizeof *out->groups[level]);
+        if (!out->groups[level]) return false;
+        memset(out->groups[level], 0, count * sizeof *out->groups[level]);
+    } while (count > 1);
+    return true;
+}
+
+void qm_box_tree_reset(qm_context *ctx, qm_box_tree *tree)
+{
+    for (int level = 1; level <= tree->level_count; level++)
+        qm_context_free_aligned(ctx, tree->groups[level], tree->group_count[level],
+                                sizeof *tree->groups[level]);
+    *tree = (qm_box_tree){0};
+}
+
+/** The box of group i of a level below, as a member of the level above; floats are copied, so nothing is lost
+ * on the way up. */
+static void fill_member(qm_box_tree *tree, int level, size_t i)
+{
+    const qm_box_group *below = &tree->groups[level - 1][i];
+    qm_box_group *here = &tree->groups[level][i / 8];
+    int members = qm_box_tree_member_count(tree, level - 1, i);
+    for (int k = 0; k < 3; k++) {
+        float low = below->low[k][0], high = below->high[k][0];
+        for (int m = 1; m < members; m++) {
+            if (below->low[k][m] < low) low = below->low[k][m];
+            if (below->high[k][m] > high) high = below->high[k][m];
+        }
+        here->low[k][i % 8] = low;
+        here->high[k][i % 8] = high;
+    }
+}
+
+void qm_box_tree_fill(qm_box_tree *tree)
+{
+    for (int level = 2; level <= tree->level_count; level++)
+        for (size_t i = 0; i < tree->group_count[level - 1]; i++)
+            fill_member(tree, level, i);
+}
+
+size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count)
+{
+    size_t made = 0;
+    for (int level = 2; level <= tree->level_count; level++) {
+        size_t kept = 0;
+        for (size_t i = 0; i < count; i++) {
+            uint32_t group = members[i] / 8;
+            if (kept > 0 && members[kept - 1] == group) continue;
+            members[kept++] = group;
+            fill_member(tree, level, group);
+        }
+        made += count = kept;
+    }
+    return made;
+}
+
+double qm_box_tree_reach(const qm_box_tree *tree)
+{
+    const qm_box_group *top = &tree->groups[tree->level_count][0];
+    double reach = 0.0;
+    for (int m = 0; m < qm_box_tree_member_count(tree, tree->level_count, 0); m++)
+        for (int k = 0; k < 3; k++)
+            reach = fmax(reach, fmax(-(double)top->low[k][m], (double)top->high[k][m]));
+    return fmin(reach, 1.0);
+}
+
+size_t qm_box_tree_memory_size(const qm_box_tree *tree)
+{
+    size_t size = 0;
+    for (int level = 1; level <= tree->level_count; level++)
+        size += tree->group_count[level] * sizeof *tree->groups[level];
+    return size;
+}

@@ -1,0 +1,163 @@
+/**
+ * patch_links.c: sides with the same two vertices are brought together by counting: all sides are laid out
+ * by their lower vertex, and within one vertex the upper ones are marked in arrays.
+ */
+#include "patch_links.h"
+
+#include <string.h>
+
+#include "mesh_ring.h"
+
+#define MAX_FACES ((size_t)1 << 29)
+#define CANCEL_STRIDE 65536
+#define NOT_A_QUAD (UINT32_C(1) << 31)
+
+/** One side of a face, filed under its lower vertex. */
+typedef struct filed_side {
+    uint32_t upper;
+    uint32_t place; /* face * 4 + side; NOT_A_QUAD for a side of anything else */
+} filed_side;
+
+typedef struct link_work {
+    const qm_mesh *mesh;
+    size_t side_count;
+    uint32_t *start; /* vertex_count + 1 */
+    filed_side *filed;
+    uint32_t *seen;  /* by upper vertex: the lower vertex that the two below belong to */
+    uint32_t *first; /* by upper vertex: place of the first side */
+    uint32_t *count; /* by upper vertex: sides so far */
+} link_work;
+
+static bool work_alloc(qm_context *ctx, const qm_mesh *mesh, link_work *work)
+{
+    size_t n = mesh->vertex_count;
+    *work = (link_work){.mesh = mesh};
+    work->start = qm_context_alloc(ctx, n + 1, sizeof *work->start);
+    work->seen = qm_context_alloc(ctx, n, sizeof *work->seen);
+    work->first = qm_context_alloc(ctx, n, sizeof *work->first);
+    work->count = qm_context_alloc(ctx, n, sizeof *work->count);
+    if (!work->start || !work->seen || !work->first || !work->count) return false;
+    memset(work->start, 0, (n + 1) * sizeof *work->start);
+    memset(work->seen, 0xff, n * sizeof *work->seen);
+    return true;
+}
+
+static void work_free(qm_context *ctx, link_work *work)
+{
+    size_t n = work->mesh->vertex_count;
+    qm_context_free(ctx, work->start, n + 1, sizeof *work->start);
+    qm_context_free(ctx, work->seen, n, sizeof *work->seen);
+    qm_context_free(ctx, work->first, n, sizeof *work->first);
+    qm_context_free(ctx, work->count, n, sizeof *work->count);
+    qm_context_free(ctx, work->filed, work->side_count, sizeof *work->filed);
+}
+
+static uint32_t lower_of(uint32_t a, uint32_t b)
+{
+    return a < b ? a : b;
+}
+
+static void count_sides(link_work *work)
+{
+    for (size_t f = 0; f < work->mesh->face_count; f++) {
+        uint32_t ring[4];
+        int corners = qm_face_ring(work->mesh->faces + 4 * f, ring);
+        for (int i = 0; i < corners; i++)
+            work->start[lower_of(ring[i], ring[(i + 1) % corners])]++;
+        work->side_count += (size_t)corners;
+    }
+    uint32_t end = 0;
+    for (size_t v = 0; v <= work->mesh->vertex_count; v++) {
+        end += work->start[v];
+        work->start[v] = end;
+    }
+}
+
+/** Filing from the last face on moves each start from the end of its vertex's sides to their beginning. */
+static void file_sides(link_work *work)
+{
+    for (size_t f = work->mesh->face_count; f-- > 0;) {
+        const uint32_t *face = work->mesh->faces + 4 * f;
+        uint32_t ring[4];
+        int corners = qm_face_ring(face, ring);
+        bool is_quad = corners == 4;
+        for (int i = 0; i < corners; i++) {
+            uint32_t a = ring[i], b = ring[(i + 1) % corners];
+            work->filed[--work->start[lower_of(a, b)]] =
+                (filed_side){a < b ? b : a, is_quad ? (uint32_t)(4 * f) + (uint32_t)i : NOT_A_QUAD};
+        }
+    }
+}
+
+static void link_sides(const link_work *work, qm_patch_links *links, uint32_t a, uint32_t b)
+{
+    const uint32_t *faces = work->mesh->faces;
+    bool same_way = faces[a] == faces[b];
+    links->across[a] = b << 1 | same_way;
+    links->across[b] = a << 1 | same_way;
+    links->cuts[a / 4] &= (uint8_t) ~(1u << a % 4);
+    links->cuts[b / 4] &= (uint8_t) ~(1u << b % 4);
+}
+
+/** Two passes over the sides of a vertex: the first counts, the second links those that are two. */
+static void link_vertex(link_work *work, qm_patch_links *links, uint32_t v)
+{
+    const filed_side *begin = work->filed + work->start[v], *end = work->filed + work->start[v + 1];
+    for (const filed_side *side = begin; side < end; side++) {
+        if (work->seen[side->upper] != v) {
+            work->seen[side->upper] = v;
+            work->count[side->upper] = 0;
+            work->first[side->upper] = side->place;
+        }
+        work->count[side->upper]++;
+    }
+    for (const filed_side *side = begin; side < end; side++) {
+        uint32_t first = work->first[side->upper];
+        if (work->count[side->upper] != 2 || side->place == first) continue;
+        if (!((side->place | first) & NOT_A_QUAD)) link_sides(work, links, first, side->place);
+    }
+}
+
+static qm_status link_all(qm_context *ctx, link_work *work, qm_patch_links *links)
+{
+    count_sides(work);
+    work->filed = qm_context_alloc(ctx, work->side_count, sizeof *work->filed);
+    if (!work->filed && work->side_count > 0)
+        return qm_context_fail(ctx, QM_E_NO_MEMORY, "no memory for the sides of %zu faces",
+                               work->mesh->face_count);
+    file_sides(work);
+    for (uint32_t v = 0; v < work->mesh->vertex_count; v++) {
+        if (v % CANCEL_STRIDE == 0 && qm_context_canceled(ctx))
+            return qm_context_fail(ctx, QM_E_CANCELED, "canceled while the quads were linked");
+        link_vertex(work, links, v);
+    }
+    return QM_OK;
+}
+
+qm_status qm_patch_links_find(qm_context *ctx, const qm_mesh *mesh, qm_patch_links *out)
+{
+    size_t n = mesh->face_count;
+    *out = (qm_patch_links){.face_count = n};
+    if (n >= MAX_FACES)
+        return qm_context_fail(ctx, QM_E_TOO_LARGE, "patches are found among at most 2^29 faces");
+    out->across = qm_context_alloc(ctx, 4 * n, sizeof *out->across);
+    out->cuts = qm_context_alloc(ctx, n, sizeof *out->cuts);
+    link_work work;
+    bool has_memory = work_alloc(ctx, mesh, &work) && out->across && out->cuts;
+    qm_status status =
+        has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "no memory to link %zu faces", n);
+    if (has_memory) {
+        memset(out->across, 0xff, 4 * n * sizeof *out->across);
+        memset(out->cuts, 0xf, n);
+        status = link_all(ctx, &work, out);
+    }
+    work_free(ctx, &work);
+    return status;
+}
+
+void qm_patch_links_reset(qm_context *ctx, qm_patch_links *links)
+{
+    qm_context_free(ctx, links->across, 4 * links->face_count, sizeof *links->across);
+    qm_context_free(ctx, links->cuts, links->face_count, sizeof *links->cuts);
+    *links = (qm_patch_links){0};
+}
