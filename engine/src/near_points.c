@@ -78,8 +78,8 @@ static void box_distances(const qm_box_group *group, qm_vec p, float d2[QM_PACK_
 static void visit_group(near_search *search, int level, size_t group)
 {
     float d2[QM_PACK_LANES];
-    int order[QM_PACK_LANES], members = qm_bvh_member_count(search->bvh, level, group);
-    box_distances(&search->bvh->groups[level][group], search->p, d2);
+    int order[QM_PACK_LANES], members = qm_box_tree_member_count(&search->bvh->boxes, level, group);
+    box_distances(&search->bvh->boxes.groups[level][group], search->p, d2);
     for (int i = 0; i < members; i++) {
         int place = i;
         for (; place > 0 && d2[order[place - 1]] > d2[i]; place--)
@@ -101,5 +101,5 @@ void qm_near_points_find(const qm_bvh *bvh, qm_vec p, int wanted, qm_near_points
 {
     near_search search = {.bvh = bvh, .p = p, .wanted = wanted, .out = out};
     out->count = 0;
-    visit_group(&search, bvh->level_count, 0);
+    visit_group(&search, bvh->boxes.level_count, 0);
 }

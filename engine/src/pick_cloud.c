@@ -80,9 +80,9 @@ static void look_at_point(search *s, uint32_t index, qm_vec p)
 
 static void look_at_group(search *s, int level, size_t group)
 {
-    int members = qm_bvh_member_count(s->bvh, level, group);
+    int members = qm_box_tree_member_count(&s->bvh->boxes, level, group);
     for (int i = 0; i < members && s->status == QM_OK; i++) {
-        if (!sees_box(s, &s->bvh->groups[level][group], i)) continue;
+        if (!sees_box(s, &s->bvh->boxes.groups[level][group], i)) continue;
         size_t member = 8 * group + (size_t)i;
         if (level > 1) {
             look_at_group(s, level - 1, member);
@@ -191,7 +191,7 @@ qm_status qm_pick_cloud(qm_context *ctx, const qm_view *view, const double windo
                 .x = qm_view_clip_x(view, window[0]),
                 .y = qm_view_clip_y(view, window[1])};
     set_planes(&s);
-    look_at_group(&s, s.bvh->level_count, 0);
+    look_at_group(&s, s.bvh->boxes.level_count, 0);
     candidate kept[MOST];
     int count = s.status == QM_OK ? keep_visible(&s, kept) : 0;
     *found = count > 0;

@@ -53,9 +53,9 @@ static double enter_box(const ray *r, const qm_box_group *group, int member)
 static void meet_group(ray *r, int level, size_t group)
 {
     double enter[QM_PACK_LANES];
-    int order[QM_PACK_LANES], count = 0, members = qm_bvh_member_count(r->bvh, level, group);
+    int order[QM_PACK_LANES], count = 0, members = qm_box_tree_member_count(&r->bvh->boxes, level, group);
     for (int i = 0; i < members; i++) {
-        enter[i] = enter_box(r, &r->bvh->groups[level][group], i);
+        enter[i] = enter_box(r, &r->bvh->boxes.groups[level][group], i);
         if (enter[i] == INFINITY) continue;
         int place = count++;
         for (; place > 0 && enter[order[place - 1]] > enter[i]; place--)
@@ -78,7 +78,7 @@ bool qm_pick_mesh(const qm_view *view, const double window[2], qm_vec *out)
     ray r = {.bvh = view->source->bvh, .origin = qm_view_unproject(view, x, y, -1.0), .t = INFINITY};
     r.direction = qm_vec_sub(qm_view_unproject(view, x, y, 1.0), r.origin);
     r.inverse = (qm_vec){1.0 / r.direction.x, 1.0 / r.direction.y, 1.0 / r.direction.z};
-    meet_group(&r, r.bvh->level_count, 0);
+    meet_group(&r, r.bvh->boxes.level_count, 0);
     if (!(r.t < INFINITY)) return false;
     *out = qm_vec_axpy(r.origin, r.t, r.direction);
     return true;
