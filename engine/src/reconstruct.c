@@ -231,3 +231,8 @@ void qm_reconstruction_coverage(const qm_reconstruction *r, size_t *points, size
     *points = r->point_count;
     *uncovered = r->uncovered_count;
 }
+
+double qm_reconstruction_cover_distance(const qm_reconstruction *r)
+{
+    return qm_reconstruction_reach(r);
+}

@@ -91,4 +91,7 @@ qm_reconstruction_patch qm_reconstruction_get_patch(const qm_reconstruction *rec
 /** Points or samples looked at, and those farther than the cover distance from all patches. */
 void qm_reconstruction_coverage(const qm_reconstruction *reconstruction, size_t *points, size_t *uncovered);
 
+/** What counts as covered: the cover share in the unit of the surface. */
+double qm_reconstruction_cover_distance(const qm_reconstruction *reconstruction);
+
 #endif
