@@ -46,6 +46,8 @@ static const setting settings[] = {
     NUMBER(job_threads, "job-threads", 1, 1, 256, "threads of one job that does not ask for a number"),
     NUMBER(max_body, "max-body", 1073741824.0, 1024, 1e12, "bytes of an upload at most"),
     NUMBER(max_faces, "max-faces", 5e7, 1, 2.6e8, "faces (and vertices) of a mesh at most"),
+    NUMBER(memory_budget, "memory-budget", 0, 0, 1e15,
+           "bytes for meshes and jobs; 0 takes half of the memory"),
     NUMBER(queue, "queue", 1000, 1, 1e6, "jobs that wait at most; more get 429"),
     NUMBER(connections, "connections", 1000, 8, 100000, "connections at most"),
     NUMBER(client_connections, "client-connections", 0, 0, 100000,

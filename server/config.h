@@ -25,7 +25,8 @@ typedef struct qm_config {
     double job_threads; /* threads of one job */
     double max_body;    /* bytes of an upload */
     double max_faces;
-    double queue; /* jobs that wait */
+    double memory_budget; /* bytes of meshes and jobs; 0: half of what there is */
+    double queue;         /* jobs that wait */
     double connections;
     double client_connections; /* of one address; 0: any number */
     double streams;

@@ -11,6 +11,7 @@
 #include <unistd.h>
 #include <uv.h>
 
+#include "budget.h"
 #include "http.h"
 #include "log.h"
 
@@ -144,7 +145,8 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     }
     qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
                               .max_faces = (size_t)config->max_faces};
-    app->meshes = qm_meshes_create(app->store, limits);
+    size_t memory = config->memory_budget > 0 ? (size_t)config->memory_budget : qm_budget_default_limit();
+    app->meshes = qm_meshes_create(app->store, limits, memory);
     app->pool = qm_pool_create(REQUEST_THREADS);
     app->long_pool = qm_pool_create(UPLOAD_THREADS);
     if (!app->meshes || !app->pool || !app->long_pool) return false;

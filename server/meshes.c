@@ -7,6 +7,7 @@
 #include <time.h>
 #include <uv.h>
 
+#include "budget.h"
 #include "json_out.h"
 #include "log.h"
 #include "metrics.h"
@@ -19,17 +20,20 @@ struct qm_mesh_ref {
     int references; /* the list counts as one */
     bool listed;
     qm_problem problem; /* when broken */
+    qm_meshes *meshes;
     qm_mesh_ref *next;
 };
 
 /**
- * lock guards the list, references and states; changed tells of a state. A mesh that is READY is only read.
- * filing is taken before lock, by who adds or removes a mesh in the store: so no two rows have the same
- * content and options, no blob is removed that a row is about to name, and list and store agree.
+ * lock guards the list, which has the most recently used mesh first, references and states; changed tells of
+ * a state. A mesh that is READY is only read. filing is taken before lock, by who adds or removes a mesh in
+ * the store: so no two rows have the same content and options, no blob is removed that a row is about to
+ * name, and list and store agree.
  */
 struct qm_meshes {
     qm_store *store;
     qm_codec_limits limits;
+    qm_budget budget;
     uv_mutex_t filing;
     uv_mutex_t lock;
     uv_cond_t changed;
@@ -58,12 +62,22 @@ void qm_format_time(char out[QM_TIME_SIZE])
     snprintf(out + length, QM_TIME_SIZE - length, ".%03dZ", (int)(now.tv_nsec / 1000000));
 }
 
-qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits)
+qm_context qm_meshes_context(qm_meshes *meshes)
+{
+    qm_context ctx = qm_context_make();
+    ctx.allocator = qm_budget_allocator(&meshes->budget);
+    return ctx;
+}
+
+static bool drop_coldest(void *user);
+
+qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memory_limit)
 {
     qm_meshes *meshes = calloc(1, sizeof *meshes);
     if (!meshes) return NULL;
     meshes->store = store;
     meshes->limits = limits;
+    meshes->budget = (qm_budget){.limit = memory_limit, .make_room = drop_coldest, .user = meshes};
     uv_mutex_init(&meshes->filing);
     uv_mutex_init(&meshes->lock);
     uv_cond_init(&meshes->changed);
@@ -73,7 +87,7 @@ qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits)
 static void drop_reference(qm_mesh_ref *ref)
 {
     if (--ref->references > 0) return;
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_meshes_context(ref->meshes);
     qm_loaded_mesh_reset(&ctx, &ref->mesh);
     free(ref);
 }
@@ -109,12 +123,48 @@ static void unlist(qm_meshes *meshes, qm_mesh_ref *ref)
     drop_reference(ref);
 }
 
+/** Drops the least recently used of the meshes that nobody uses. */
+static bool drop_coldest(void *user)
+{
+    qm_meshes *meshes = user;
+    qm_mesh_ref *coldest = NULL;
+    uv_mutex_lock(&meshes->lock);
+    for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
+        if (ref->references == 1 && ref->state == READY) coldest = ref;
+    if (coldest) unlist(meshes, coldest);
+    uv_mutex_unlock(&meshes->lock);
+    qm_metrics_add(QM_METRICS_MESH_EVICTIONS, coldest != NULL);
+    return coldest;
+}
+
+qm_meshes_memory qm_meshes_measure(qm_meshes *meshes)
+{
+    qm_meshes_memory memory = {.used = atomic_load(&meshes->budget.used), .limit = meshes->budget.limit};
+    uv_mutex_lock(&meshes->lock);
+    for (const qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
+        memory.loaded++;
+    uv_mutex_unlock(&meshes->lock);
+    return memory;
+}
+
+/** Moves a listed mesh to the front. */
+static void touch(qm_meshes *meshes, qm_mesh_ref *ref)
+{
+    qm_mesh_ref **link = &meshes->first;
+    while (*link != ref)
+        link = &(*link)->next;
+    *link = ref->next;
+    ref->next = meshes->first;
+    meshes->first = ref;
+}
+
 static qm_mesh_ref *list_new(qm_meshes *meshes, const char *id)
 {
     qm_mesh_ref *ref = calloc(1, sizeof *ref);
     if (!ref) return NULL;
     snprintf(ref->id, sizeof ref->id, "%s", id);
     ref->references = 1;
+    ref->meshes = meshes;
     ref->listed = true;
     ref->next = meshes->first;
     meshes->first = ref;
@@ -122,14 +172,14 @@ static qm_mesh_ref *list_new(qm_meshes *meshes, const char *id)
 }
 
 /** Decodes bytes that were mapped with this outcome, and unmaps them. */
-static bool load_mapped(const qm_meshes *meshes, qm_status mapped, const uint8_t *bytes, size_t size,
+static bool load_mapped(qm_meshes *meshes, qm_status mapped, const uint8_t *bytes, size_t size,
                         qm_format format, qm_loaded_mesh *out, qm_problem *problem)
 {
     if (mapped != QM_OK) {
         *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the mesh cannot be read");
         return false;
     }
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_meshes_context(meshes);
     qm_codec_report report;
     qm_status status = qm_mesh_load(&ctx, format, bytes, size, &meshes->limits, out, &report);
     qm_blob_unmap(bytes, size);
@@ -137,7 +187,7 @@ static bool load_mapped(const qm_meshes *meshes, qm_status mapped, const uint8_t
     return status == QM_OK;
 }
 
-static bool load_upload(const qm_meshes *meshes, const qm_blob_writer *upload, qm_format format,
+static bool load_upload(qm_meshes *meshes, const qm_blob_writer *upload, qm_format format,
                         qm_loaded_mesh *out, qm_problem *problem)
 {
     const uint8_t *bytes = NULL;
@@ -146,7 +196,7 @@ static bool load_upload(const qm_meshes *meshes, const qm_blob_writer *upload, q
     return load_mapped(meshes, mapped, bytes, size, format, out, problem);
 }
 
-static bool load_blob(const qm_meshes *meshes, const char *hash, qm_format format, qm_loaded_mesh *out,
+static bool load_blob(qm_meshes *meshes, const char *hash, qm_format format, qm_loaded_mesh *out,
                       qm_problem *problem)
 {
     const uint8_t *bytes = NULL;
@@ -176,9 +226,9 @@ static char *make_options(const char *name, qm_format format)
     return qm_text_take(&options);
 }
 
-static void free_loaded(qm_loaded_mesh *mesh)
+static void free_loaded(qm_meshes *meshes, qm_loaded_mesh *mesh)
 {
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_meshes_context(meshes);
     qm_loaded_mesh_reset(&ctx, mesh);
 }
 
@@ -192,7 +242,7 @@ static void keep_in_memory(qm_meshes *meshes, const char *id, qm_loaded_mesh *me
         ref->state = READY;
     }
     uv_mutex_unlock(&meshes->lock);
-    if (!ref) free_loaded(mesh);
+    if (!ref) free_loaded(meshes, mesh);
 }
 
 /** Looks for a mesh of the same content and options. */
@@ -227,7 +277,7 @@ static bool file_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mesh
         if (filed) keep_in_memory(meshes, row->id, mesh);
     }
     uv_mutex_unlock(&meshes->filing);
-    if (!filed) free_loaded(mesh);
+    if (!filed) free_loaded(meshes, mesh);
     if (!found && !filed) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
     *is_new = filed;
     if (filed) qm_metrics_add(QM_METRICS_MESHES_ADDED, 1);
@@ -259,7 +309,7 @@ static bool prepare(qm_meshes *meshes, const qm_blob_writer *upload, qm_format f
     row->document = make_document(row, mesh);
     if (row->document) return true;
     *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the mesh");
-    free_loaded(mesh);
+    free_loaded(meshes, mesh);
     return false;
 }
 
@@ -313,6 +363,7 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
         return NULL;
     }
     ref->references++;
+    touch(meshes, ref);
     if (is_mine) {
         uv_mutex_unlock(&meshes->lock);
         load_listed(meshes, ref);

@@ -1,6 +1,9 @@
 /**
  * meshes.h: meshes in memory by id, each with its tree, counted by reference. One that is not in memory is
  * read back from its blob when it is asked for.
+ *
+ * All of it, and what jobs need besides, stays within a budget of memory: meshes that nobody uses are dropped
+ * when it runs out, the least recently used first. What does not fit all the same is out of memory (507).
  */
 #ifndef QM_MESHES_H
 #define QM_MESHES_H
@@ -14,7 +17,17 @@ typedef struct qm_meshes qm_meshes;
  * deleted. */
 typedef struct qm_mesh_ref qm_mesh_ref;
 
-qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits);
+/** memory_limit in bytes. */
+qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memory_limit);
+
+/** A context whose memory counts in the budget. */
+qm_context qm_meshes_context(qm_meshes *meshes);
+
+typedef struct qm_meshes_memory {
+    size_t used, limit; /* bytes */
+    size_t loaded;      /* meshes */
+} qm_meshes_memory;
+qm_meshes_memory qm_meshes_measure(qm_meshes *meshes);
 
 /** Frees every mesh. No reference is left. */
 void qm_meshes_destroy(qm_meshes *meshes);
