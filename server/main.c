@@ -12,6 +12,7 @@
 #include <uv.h>
 
 #include "budget.h"
+#include "draco_child.h"
 #include "http.h"
 #include "log.h"
 
@@ -203,11 +204,13 @@ static void allow_connections(const qm_config *config)
 
 int main(int argc, char **argv)
 {
+    if (argc == 2 && strcmp(argv[1], QM_DRACO_CHILD_FLAG) == 0) return qm_draco_child_main();
     qm_config config;
     qm_config_outcome outcome = qm_config_read(&config, argc, argv);
     if (outcome != QM_CONFIG_RUN) return outcome == QM_CONFIG_EXIT_OK ? 0 : 2;
     qm_log_init(strcmp(config.log_format, "json") == 0, read_level(config.log_level));
     signal(SIGPIPE, SIG_IGN);
+    qm_codec_drc_set_decoder(qm_draco_child_decode);
     allow_connections(&config);
     char dashboard[4096];
     find_dashboard(&config, dashboard, sizeof dashboard);
