@@ -98,7 +98,7 @@ void qm_handle_info(qm_request *request)
     if (out.size > 0) out.size--;
     qm_text_printf(
         &out,
-        "],\"accelerators\":[\"auto\",\"boxes\"],\"limits\":{\"body_bytes\":%.15g,\"memory_bytes\":%zu,"
+        "],\"accelerators\":[\"auto\",\"boxes\",\"grid\"],\"limits\":{\"body_bytes\":%.15g,\"memory_bytes\":%zu,"
         "\"faces\":%.15g,\"queued_jobs\":%.15g,\"connections\":%.15g,\"streams\":%.15g},"
         "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu}",
         config->max_body, qm_meshes_measure(qm_request_app(request)->meshes).limit, config->max_faces,

@@ -15,6 +15,7 @@
 #include "draco_child.h"
 #include "http.h"
 #include "log.h"
+#include "parallel.h"
 
 #define REQUEST_THREADS 4
 #define UPLOAD_THREADS 2
@@ -147,7 +148,9 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
                               .max_faces = (size_t)config->max_faces};
     size_t memory = config->memory_budget > 0 ? (size_t)config->memory_budget : qm_budget_default_limit();
-    app->meshes = qm_meshes_create(app->store, limits, memory);
+    int prepare_threads =
+        config->prepare_threads > 0 ? (int)config->prepare_threads : qm_parallel_available();
+    app->meshes = qm_meshes_create(app->store, limits, memory, prepare_threads);
     app->pool = qm_pool_create(REQUEST_THREADS);
     app->long_pool = qm_pool_create(UPLOAD_THREADS);
     if (!app->meshes || !app->pool || !app->long_pool) return false;

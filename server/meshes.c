@@ -11,6 +11,7 @@
 #include "json_out.h"
 #include "log.h"
 #include "metrics.h"
+#include "parallel.h"
 
 /** An entry lives while it is in the list or anybody holds a reference. */
 struct qm_mesh_ref {
@@ -34,6 +35,7 @@ struct qm_meshes {
     qm_store *store;
     qm_codec_limits limits;
     qm_budget budget;
+    int threads; /* that prepare a mesh */
     uv_mutex_t filing;
     uv_mutex_t lock;
     uv_cond_t changed;
@@ -71,13 +73,14 @@ qm_context qm_meshes_context(qm_meshes *meshes)
 
 static bool drop_coldest(void *user);
 
-qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memory_limit)
+qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memory_limit, int threads)
 {
     qm_meshes *meshes = calloc(1, sizeof *meshes);
     if (!meshes) return NULL;
     meshes->store = store;
     meshes->limits = limits;
     meshes->budget = (qm_budget){.limit = memory_limit, .make_room = drop_coldest, .user = meshes};
+    meshes->threads = threads;
     uv_mutex_init(&meshes->filing);
     uv_mutex_init(&meshes->lock);
     uv_cond_init(&meshes->changed);
@@ -180,8 +183,10 @@ static bool load_mapped(qm_meshes *meshes, qm_status mapped, const uint8_t *byte
         return false;
     }
     qm_context ctx = qm_meshes_context(meshes);
+    ctx.parallel = qm_parallel_run;
+    const qm_preparation all = {.has_facts = true, .parts = QM_BVH_ALL, .thread_count = meshes->threads};
     qm_codec_report report;
-    qm_status status = qm_mesh_load(&ctx, format, bytes, size, &meshes->limits, out, &report);
+    qm_status status = qm_mesh_load(&ctx, format, bytes, size, &meshes->limits, &all, out, &report);
     qm_blob_unmap(bytes, size);
     if (status != QM_OK) *problem = qm_problem_from_codec(status, &report);
     return status == QM_OK;
