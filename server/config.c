@@ -51,6 +51,8 @@ static const setting settings[] = {
     NUMBER(memory_budget, "memory-budget", 0, 0, 1e15,
            "bytes for meshes and jobs; 0 takes half of the memory"),
     NUMBER(queue, "queue", 1000, 1, 1e6, "jobs that wait at most; more get 429"),
+    NUMBER(kept_jobs, "kept-jobs", 100000, 0, 1e9, "jobs that have ended and are kept, the newest ones"),
+    NUMBER(kept_hours, "kept-hours", 0, 0, 1e6, "hours that a job is kept; 0 for any time"),
     NUMBER(connections, "connections", 1000, 8, 100000, "connections at most"),
     NUMBER(client_connections, "client-connections", 0, 0, 100000,
            "connections of one address at most; 0 for any"),

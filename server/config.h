@@ -28,6 +28,8 @@ typedef struct qm_config {
     double max_faces;
     double memory_budget; /* bytes of meshes and jobs; 0: half of what there is */
     double queue;         /* jobs that wait */
+    double kept_jobs;     /* that have ended */
+    double kept_hours;    /* of a job; 0: any time */
     double connections;
     double client_connections; /* of one address; 0: any number */
     double streams;

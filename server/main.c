@@ -22,7 +22,9 @@
 #define TICK_MS 50
 #define CONNECTIONS_MS 1000
 #define OWN_FILES 64
+#define CLEANING_MS 60000
 #define MS_PER_S 1e3
+#define S_PER_H 3600.0
 
 typedef struct daemon_state {
     qm_app app;
@@ -30,7 +32,7 @@ typedef struct daemon_state {
     uv_loop_t loop;
     uv_signal_t terminate, interrupt, hang_up;
     uv_timer_t tick;
-    double connections_checked_ms;
+    double connections_checked_ms, cleaned_ms;
 } daemon_state;
 
 static void on_signal(uv_signal_t *handle, int number)
@@ -60,6 +62,11 @@ static void on_hang_up(uv_signal_t *handle, int number)
     load_tokens(&((daemon_state *)handle->data)->app);
 }
 
+static void clean(void *jobs)
+{
+    qm_jobs_drop_old(jobs);
+}
+
 static void on_tick(uv_timer_t *handle)
 {
     daemon_state *state = handle->data;
@@ -68,6 +75,9 @@ static void on_tick(uv_timer_t *handle)
     if (now < state->connections_checked_ms + CONNECTIONS_MS) return;
     qm_http_tick(state->http, now);
     state->connections_checked_ms = now;
+    if (now < state->cleaned_ms + CLEANING_MS) return;
+    qm_pool_submit(state->app.pool, clean, state->app.jobs);
+    state->cleaned_ms = now;
 }
 
 static void start_loop(daemon_state *state)
@@ -159,6 +169,8 @@ static bool start_parts(daemon_state *state, const qm_config *config)
                                                .queue = (int)config->queue,
                                                .threads = (int)config->job_threads,
                                                .grace_ms = config->grace * MS_PER_S,
+                                               .kept_jobs = (size_t)config->kept_jobs,
+                                               .kept_s = config->kept_hours * S_PER_H,
                                                .heartbeat_ms = config->heartbeat * MS_PER_S});
     if (!app->jobs) return false;
     state->http = qm_http_start(app);

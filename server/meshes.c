@@ -56,9 +56,15 @@ void qm_make_id(char prefix, char out[QM_ID_SIZE])
 
 void qm_format_time(char out[QM_TIME_SIZE])
 {
+    qm_format_past_time(0.0, out);
+}
+
+void qm_format_past_time(double seconds, char out[QM_TIME_SIZE])
+{
     struct timespec now;
     struct tm utc;
     clock_gettime(CLOCK_REALTIME, &now);
+    now.tv_sec -= (time_t)seconds;
     gmtime_r(&now.tv_sec, &utc);
     size_t length = strftime(out, QM_TIME_SIZE, "%Y-%m-%dT%H:%M:%S", &utc);
     snprintf(out + length, QM_TIME_SIZE - length, ".%03dZ", (int)(now.tv_nsec / 1000000));

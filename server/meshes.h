@@ -55,4 +55,7 @@ void qm_make_id(char prefix, char out[QM_ID_SIZE]);
 #define QM_TIME_SIZE 32
 void qm_format_time(char out[QM_TIME_SIZE]);
 
+/** The time so many seconds ago, likewise. */
+void qm_format_past_time(double seconds, char out[QM_TIME_SIZE]);
+
 #endif
