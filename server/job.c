@@ -7,9 +7,11 @@
 #include "json_out.h"
 #include "log.h"
 #include "metrics.h"
+#include "result_file.h"
 
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
+#define DROP_STEP 64
 #define LIST_STEP 8              /* documents may be large: so many are in memory twice */
 #define MAX_PAGE_SIZE (8u << 20) /* bytes of documents after which a page ends before its limit */
 
@@ -378,6 +380,20 @@ qm_job_counts qm_jobs_count(qm_jobs *jobs)
     qm_job_counts counts = {jobs->queued, jobs->running};
     uv_mutex_unlock(&jobs->lock);
     return counts;
+}
+
+void qm_jobs_drop_old(qm_jobs *jobs)
+{
+    char ids[DROP_STEP][QM_ID_SIZE], before[QM_TIME_SIZE] = "";
+    size_t total = 0, count;
+    if (jobs->limits.kept_s > 0.0) qm_format_past_time(jobs->limits.kept_s, before);
+    do {
+        count = qm_store_drop_old_jobs(jobs->store, jobs->limits.kept_jobs, before, DROP_STEP, ids);
+        for (size_t i = 0; i < count; i++)
+            qm_result_file_remove(jobs->store, ids[i]);
+        total += count;
+    } while (count == DROP_STEP);
+    if (total > 0) qm_log(QM_LOG_INFO, "%zu old jobs removed", total);
 }
 
 /* ---- start and stop ---- */

@@ -136,7 +136,7 @@ static bool store_array(const qm_job *job, const qm_job_result *result)
 /** b is NULL for a kind of one mesh. */
 static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
 {
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_meshes_context(job->jobs->meshes);
     ctx.cancel = &job->cancel;
     ctx.parallel = qm_parallel_run;
     qm_job_request request = job->request;

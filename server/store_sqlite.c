@@ -96,7 +96,9 @@ static qm_status take_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
     qm_status status = lock_folder(store, message);
     if (status != QM_OK) return status;
     qm_blob_sweep(store->folder);
-    return open_database(store, message);
+    status = open_database(store, message);
+    if (status == QM_OK) qm_blob_sweep_orphans(store);
+    return status;
 }
 
 /** A store with a folder that nobody looked at yet; NULL: out of memory. */
