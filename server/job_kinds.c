@@ -18,6 +18,7 @@ qm_job_request qm_job_request_default(void)
         .bins = 50,
         .percentiles = {1, 5, 25, 50, 75, 90, 95, 99},
         .percentile_count = 8,
+        .goal = {.measures = true},
     };
 }
 
@@ -125,6 +126,25 @@ static qm_status run_deviation(const question *q, qm_job_result *out)
     return status;
 }
 
+/* ---- reconstruction_step ---- */
+
+static void reset_reconstruction_step(qm_context *ctx, qm_job_result *result)
+{
+    (void)ctx, (void)result;
+}
+
+static qm_status run_reconstruction_step(const question *q, qm_job_result *out)
+{
+    const qm_job_refining *refining = q->request->refining;
+    qm_refine_goal goal = q->request->goal;
+    goal.hausdorff = q->request->hausdorff_relative * refining->source->diagonal;
+    goal.thread_count = q->threads;
+    qm_status status = qm_refine(q->ctx, refining->reconstruction, refining->source, &goal, refining->on_step,
+                                 refining->user, &out->refine_stop);
+    out->is_canceled = status == QM_OK && out->refine_stop == QM_REFINE_CANCELED;
+    return status;
+}
+
 /* ---- any kind ---- */
 
 typedef struct runner {
@@ -134,7 +154,8 @@ typedef struct runner {
 } runner;
 
 static const runner runners[] = {
-#define XX(suffix, name, first, second) {{#name, {first, second}}, run_##name, reset_##name},
+#define XX(suffix, name, first, second)                                                                      \
+    {{#name, {first, second}, QM_JOB_##suffix != QM_JOB_RECONSTRUCTION_STEP}, run_##name, reset_##name},
     QM_JOB_MAP(XX)
 #undef XX
 };
