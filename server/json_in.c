@@ -202,26 +202,31 @@ static bool read_bounds(const cJSON *value, qm_job_request *out)
     return place >= 0;
 }
 
-/** Rows of three numbers. */
-static bool read_points(const cJSON *value, qm_job_request *out, fault *at)
+/** Rows of three numbers, on the heap. */
+static bool read_rows(const cJSON *value, double **rows, size_t *row_count, fault *at)
 {
     if (!cJSON_IsArray(value)) return false;
     size_t count = (size_t)cJSON_GetArraySize(value);
     if (count == 0) return true;
-    out->points = malloc(count * 3 * sizeof *out->points);
-    if (!out->points) {
+    *rows = malloc(count * 3 * sizeof **rows);
+    if (!*rows) {
         at->no_memory = true;
         return false;
     }
     for (const cJSON *row = value->child; row; row = row->next) {
-        *at = (fault){.depth = 1, .index = {out->point_count}};
+        *at = (fault){.depth = 1, .index = {*row_count}};
         if (!cJSON_IsArray(row) || cJSON_GetArraySize(row) != 3) return false;
         at->depth = 2;
         for (const cJSON *number = row->child; number; number = number->next, at->index[1]++)
-            if (!read_number(number, &out->points[3 * out->point_count + at->index[1]])) return false;
-        out->point_count++;
+            if (!read_number(number, &(*rows)[3 * *row_count + at->index[1]])) return false;
+        ++*row_count;
     }
     return true;
+}
+
+static bool read_points(const cJSON *value, qm_job_request *out, fault *at)
+{
+    return read_rows(value, &out->points, &out->point_count, at);
 }
 
 enum {
@@ -427,4 +432,63 @@ bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job
     cJSON *object = parse_object(text, size, problem);
     take_key(object, key, problem);
     return object && read_request(object, out, problem);
+}
+
+/* ---- deformations ---- */
+
+static bool read_indices(const cJSON *value, qm_moved_vertices *out, size_t *count, fault *at)
+{
+    if (!cJSON_IsArray(value)) return false;
+    size_t size = (size_t)cJSON_GetArraySize(value);
+    out->indices = malloc((size + 1) * sizeof *out->indices);
+    at->no_memory = !out->indices;
+    if (at->no_memory) return false;
+    at->depth = 1;
+    for (const cJSON *number = value->child; number; number = number->next, at->index[0]++) {
+        double index;
+        if (!read_whole(number, 0, UINT32_MAX, &index)) return false;
+        out->indices[(*count)++] = (uint32_t)index;
+    }
+    return true;
+}
+
+static void complain_of_member(qm_problem *problem, const char *name, const fault *at, const char *words)
+{
+    complain_of(problem, at->no_memory ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_INVALID_FIELD, name, at,
+                at->no_memory ? "needs more memory than there is" : words);
+}
+
+static void read_moved(const cJSON *object, qm_moved_vertices *out, qm_problem *problem)
+{
+    size_t index_count = 0;
+    bool has_positions = false;
+    for (const cJSON *member = object->child; member; member = member->next) {
+        fault place = {0};
+        bool is_indices = strcmp(member->string, "indices") == 0;
+        bool is_positions = strcmp(member->string, "positions") == 0;
+        if ((!is_indices && !is_positions) || (is_indices && out->indices) || (is_positions && has_positions))
+            complain(problem, QM_PROBLEM_INVALID_FIELD, member->string, "is unknown, or given twice");
+        else if (is_indices && !read_indices(member, out, &index_count, &place))
+            complain_of_member(problem, "indices", &place, "must hold whole numbers of 0 or more");
+        else if (is_positions && !read_rows(member, &out->positions, &out->count, &place))
+            complain_of_member(problem, "positions", &place, "must hold rows of three finite numbers");
+        has_positions |= is_positions;
+    }
+    if (!has_positions) complain(problem, QM_PROBLEM_INVALID_FIELD, "positions", "is missing");
+    if (problem->error_count == 0 && out->indices && index_count != out->count)
+        complain(problem, QM_PROBLEM_INVALID_FIELD, "positions",
+                 "must have as many rows as there are indices");
+}
+
+bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertices *out, qm_problem *problem)
+{
+    *out = (qm_moved_vertices){0};
+    cJSON *object = parse_object(text, size, problem);
+    if (!object) return false;
+    *problem = (qm_problem){.code = QM_PROBLEM_INVALID_FIELD};
+    read_moved(object, out, problem);
+    cJSON_Delete(object);
+    if (problem->error_count == 0) return true;
+    qm_moved_vertices_reset(out);
+    return false;
 }
