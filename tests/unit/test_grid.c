@@ -83,10 +83,7 @@ static void check_triangle(const bench *b, int i, qm_vec p, uint32_t start)
     }
 }
 
-/**
- * Both brackets of the distance to the patches hold the same value, and the grid's is as narrow as asked, or
- * as the tree's where a patch is too twisted for that.
- */
+/** Both brackets of the distance to the patches hold the same value, and are as narrow as asked. */
 static void check_patch(const bench *b, int i, qm_vec p, uint32_t start)
 {
     const qm_kernel *kernel = qm_kernel_get();
@@ -97,7 +94,7 @@ static void check_patch(const bench *b, int i, qm_vec p, uint32_t start)
     QM_CHECK(grid.lower <= tree.distance + rounding && tree.lower <= grid.distance + rounding,
              "%s, seed %llu, point %d: grid [%.17g, %.17g], tree [%.17g, %.17g]", b->name,
              (unsigned long long)b->seed, i, grid.lower, grid.distance, tree.lower, tree.distance);
-    QM_CHECK(grid.distance - grid.lower <= 1.01 * fmax(error, tree.distance - tree.lower),
+    QM_CHECK(grid.distance - grid.lower <= 1.01 * error && tree.distance - tree.lower <= 1.01 * error,
              "%s, seed %llu, point %d: off by %g, the tree by %g", b->name, (unsigned long long)b->seed, i,
              grid.distance - grid.lower, tree.distance - tree.lower);
 }
