@@ -159,4 +159,40 @@ static inline double qm_tetra_lower(qm_v4_vec a, qm_vec p)
     return distance - 0x1p-18 * (distance + sqrt(sides.longest2));
 }
 
+/** The faces of a tetrahedron, ready to measure points to them: lane i has the corner i and the sides to its
+ * neighbours, which in a patch stand about upright. */
+typedef struct qm_tetra_faces {
+    qm_v4_vec a, e, g;
+    qm_v4 ee, eg, gg, inverse; /* 0 where there is nothing to divide by */
+} qm_tetra_faces;
+
+static inline qm_tetra_faces qm_tetra_faces_make(qm_v4_vec a)
+{
+    const qm_v4 zero = qm_v4_set(0.0), one = qm_v4_set(1.0);
+    qm_v4_vec next = qm_v4_vec_turn(a), before = qm_v4_vec_turn(qm_v4_vec_turn(next));
+    qm_tetra_faces faces = {.a = a, .e = qm_v4_vec_sub(next, a), .g = qm_v4_vec_sub(before, a)};
+    faces.ee = qm_v4_vec_dot(faces.e, faces.e);
+    faces.eg = qm_v4_vec_dot(faces.e, faces.g);
+    faces.gg = qm_v4_vec_dot(faces.g, faces.g);
+    qm_v4 area2 = faces.ee * faces.gg - faces.eg * faces.eg;
+    qm_v4l positive = area2 > zero;
+    faces.inverse = qm_v4_select(positive, one / qm_v4_select(positive, area2, one), zero);
+    return faces;
+}
+
+/**
+ * An upper bound of the squared distance from p to the faces: the distance to points of them, near to the
+ * feet. Whatever rounding does to the weights, they are those of a point of the face.
+ */
+static inline double qm_tetra_faces_upper2(const qm_tetra_faces *faces, qm_vec p)
+{
+    const qm_v4 zero = qm_v4_set(0.0), one = qm_v4_set(1.0);
+    qm_v4_vec w = qm_v4_vec_sub(qm_v4_vec_splat(p), faces->a);
+    qm_v4 we = qm_v4_vec_dot(w, faces->e), wg = qm_v4_vec_dot(w, faces->g);
+    qm_v4 s = qm_v4_min(qm_v4_max((we * faces->gg - wg * faces->eg) * faces->inverse, zero), one);
+    qm_v4 t = qm_v4_min(qm_v4_max((wg * faces->ee - we * faces->eg) * faces->inverse, zero), one - s);
+    qm_v4_vec gap = qm_v4_vec_axpy(qm_v4_vec_axpy(w, -s, faces->e), -t, faces->g);
+    return qm_v4_least(qm_v4_vec_dot(gap, gap));
+}
+
 #endif
