@@ -66,6 +66,9 @@ bool cli_read_quads(const char *text, qm_quad_reading *out);
 bool cli_read_threads(const char *text, int *out);
 bool cli_read_accelerator(const char *text, qm_accelerator *out);
 
+/** The name that the option above and the API know it by. */
+const char *cli_accelerator_name(qm_accelerator accelerator);
+
 /** Prints the result object of a Hausdorff job (JSON text) as it is, or in words. Returns the exit status
  * that goes with it. */
 int cli_print_result(const char *json, bool as_json);
