@@ -269,8 +269,8 @@ static void random_soups_hold_the_promise(void **state)
         qm_random random = qm_random_make(qm_check_seed(), 100 + stream);
         size_t faces = 1 + qm_random_below(&random, 60);
         qm_soup_corners corners = stream % 2 ? QM_SOUP_QUADS : QM_SOUP_MIXED;
-        qm_mesh mesh = qm_shape_soup(&random, faces, corners,
-                                     (qm_soup_style)(stream % QM_SOUP_STYLE_COUNT), 0.5);
+        qm_mesh mesh =
+            qm_shape_soup(&random, faces, corners, (qm_soup_style)(stream % QM_SOUP_STYLE_COUNT), 0.5);
         qm_patch_set set = find(&mesh);
         if (set.patch_count > 0) check(&mesh, &set);
         drop(&set);
@@ -311,10 +311,14 @@ static void real_meshes_hold_the_promise(void **state)
         const char *name;
         size_t most; /* patches */
     } meshes[] = {
-        {"grids/torus_96x48_quads.obj", 1},      {"grids/saddle_32x32_quads.obj", 1},
-        {"nasty/helical_torus.obj", 4},          {"nasty/helical_torus_separatrices.obj", 40},
-        {"nasty/moebius.obj", 1},                {"nasty/klein_figure8.obj", 4},
-        {"pairs/bunny/quad_semiregular.off", 0}, {"pairs/bunny/quad_qf.obj", 0},
+        {"grids/torus_96x48_quads.obj", 1},
+        {"grids/saddle_32x32_quads.obj", 1},
+        {"nasty/helical_torus.obj", 4},
+        {"nasty/helical_torus_separatrices.obj", 40},
+        {"nasty/moebius.obj", 1},
+        {"nasty/klein_figure8.obj", 4},
+        {"pairs/bunny/quad_semiregular.off", 0},
+        {"pairs/bunny/quad_qf.obj", 0},
         {"nasty/mixed_faces.obj", 0},
     };
     for (size_t i = 0; i < sizeof meshes / sizeof *meshes; i++) {
