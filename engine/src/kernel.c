@@ -17,6 +17,10 @@
     void qm_shortlist_##isa(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);     \
     double qm_hull_upper_##isa(const qm_candidates *candidates, const qm_vec *point, int count, int *place); \
     bool qm_cover_##isa(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);                  \
+    bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
+    void qm_finish_leaf_##isa(qm_leaf *leaf);                                                                \
+    bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, bool is_self,                           \
+                                 uint8_t near[QM_PACK_LANES]);                                               \
     static const qm_kernel kernel_##isa = {                                                                  \
         .name = #isa,                                                                                        \
         .fill_pack = qm_fill_pack_##isa,                                                                     \
@@ -32,6 +36,9 @@
         .shortlist = qm_shortlist_##isa,                                                                     \
         .hull_upper = qm_hull_upper_##isa,                                                                   \
         .cover = qm_cover_##isa,                                                                             \
+        .descend = qm_descend_##isa,                                                                         \
+        .finish_leaf = qm_finish_leaf_##isa,                                                                 \
+        .compare_leaves = qm_compare_leaves_##isa,                                                           \
     }
 
 DECLARE(avx512);

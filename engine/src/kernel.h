@@ -6,6 +6,7 @@
 #define QM_KERNEL_H
 
 #include "bvh_tree.h"
+#include "collide_leaf.h"
 #include "qm/grid.h"
 
 /** A label of an upper bound: one lane of one of a piece's packs. */
@@ -112,6 +113,20 @@ typedef struct qm_kernel {
      * convex part of the input, in_reach filled, and *moved is set when anything was cut off.
      */
     bool (*cover)(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);
+
+    /** Walks from a pair of nodes, whose boxes are taken to meet, to the pairs below that meet. False when
+     * take ended the walk. */
+    bool (*descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);
+
+    /** Makes what follows from the corners of a leaf: corner, vertex, middle, pack and lane_count are set. */
+    void (*finish_leaf)(qm_leaf *leaf);
+
+    /**
+     * For each lane of p the bits of those lanes of q that may meet it: all others are proven not to. In
+     * is_self both are of one mesh, corners of the same index and the edges between them don't count, and a
+     * leaf with itself gives each pair of lanes once. False when there are none.
+     */
+    bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, uint8_t near[QM_PACK_LANES]);
 } qm_kernel;
 
 /** The widest kernel that this processor runs. */

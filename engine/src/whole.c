@@ -114,8 +114,7 @@ void qm_whole_multiply(qm_whole *out, const qm_whole *a, const qm_whole *b)
     for (int i = 0; i < a->count; i++) {
         uint64_t carry = 0;
         for (int k = 0; k < b->count; k++) {
-            unsigned __int128 sum =
-                (unsigned __int128)a->limb[i] * b->limb[k] + out->limb[i + k] + carry;
+            unsigned __int128 sum = (unsigned __int128)a->limb[i] * b->limb[k] + out->limb[i + k] + carry;
             out->limb[i + k] = (uint64_t)sum;
             carry = (uint64_t)(sum >> 64);
         }

@@ -86,7 +86,7 @@ static triangle_pair random_pair(qm_random *random, int limit, int run)
     qm_whole_point pool[7];
     for (int i = 0; i < 7; i++) {
         pool[i] = random_whole(random, limit);
-        if (run % 4 == 1) pool[i].x[2] = pool[i].x[0] - pool[i].x[1]; /* in one plane */
+        if (run % 4 == 1) pool[i].x[2] = pool[i].x[0] - pool[i].x[1];  /* in one plane */
         if (run % 16 == 3) pool[i].x[1] = pool[i].x[2] = pool[i].x[0]; /* on one line */
     }
     double shift = run % 3 == 0 ? 1e6 : 0.0;
@@ -164,20 +164,20 @@ static void kinds_of_known_pairs(void **state)
         qm_vec corner[3];
         int kind; /* -1: apart */
     } cases[] = {
-        {{{1, 1, 0}, {1, 1, 2}, {2, 2, 2}}, QM_CONTACT_POINT},     /* a corner on the inside */
-        {{{1, 1, 0}, {2, 1, 0}, {1, 1, 2}}, QM_CONTACT_SEGMENT},   /* an edge on the inside */
-        {{{1, 1, -1}, {1, 1, 1}, {3, 3, 1}}, QM_CONTACT_SEGMENT},  /* through */
-        {{{2, 0, -1}, {2, 0, 1}, {2, -3, 0}}, QM_CONTACT_POINT},   /* edge across edge */
-        {{{4, 0, 0}, {5, 0, 0}, {5, 0, 1}}, QM_CONTACT_POINT},     /* corner to corner */
-        {{{0, 0, 0}, {4, 0, 0}, {2, 0, 3}}, QM_CONTACT_SEGMENT},   /* the same edge */
-        {{{1, 1, 0}, {2, 1, 0}, {1, 2, 0}}, QM_CONTACT_AREA},      /* inside in its plane */
-        {{{1, 0, 0}, {3, 0, 0}, {2, -4, 0}}, QM_CONTACT_SEGMENT},  /* along an edge in its plane */
-        {{{4, 4, 0}, {2, 2, 0}, {4, 3, 0}}, QM_CONTACT_POINT},     /* a corner on an edge in its plane */
-        {{{1, 1, 0}, {1, 1, 0}, {1, 1, 0}}, QM_CONTACT_POINT},     /* a point */
-        {{{1, -1, 0}, {1, 1, 0}, {1, 9, 0}}, QM_CONTACT_SEGMENT},  /* a segment in its plane */
-        {{{1, 1, 1}, {1, 1, 3}, {1, 1, 2}}, -1},                   /* a segment above */
-        {{{1, 1, 1}, {2, 1, 1}, {1, 2, 1}}, -1},                   /* parallel */
-        {{{5, 5, 0}, {2.5, 2, 0}, {5, 4, 0}}, -1},                 /* beside it in its plane */
+        {{{1, 1, 0}, {1, 1, 2}, {2, 2, 2}}, QM_CONTACT_POINT},    /* a corner on the inside */
+        {{{1, 1, 0}, {2, 1, 0}, {1, 1, 2}}, QM_CONTACT_SEGMENT},  /* an edge on the inside */
+        {{{1, 1, -1}, {1, 1, 1}, {3, 3, 1}}, QM_CONTACT_SEGMENT}, /* through */
+        {{{2, 0, -1}, {2, 0, 1}, {2, -3, 0}}, QM_CONTACT_POINT},  /* edge across edge */
+        {{{4, 0, 0}, {5, 0, 0}, {5, 0, 1}}, QM_CONTACT_POINT},    /* corner to corner */
+        {{{0, 0, 0}, {4, 0, 0}, {2, 0, 3}}, QM_CONTACT_SEGMENT},  /* the same edge */
+        {{{1, 1, 0}, {2, 1, 0}, {1, 2, 0}}, QM_CONTACT_AREA},     /* inside in its plane */
+        {{{1, 0, 0}, {3, 0, 0}, {2, -4, 0}}, QM_CONTACT_SEGMENT}, /* along an edge in its plane */
+        {{{4, 4, 0}, {2, 2, 0}, {4, 3, 0}}, QM_CONTACT_POINT},    /* a corner on an edge in its plane */
+        {{{1, 1, 0}, {1, 1, 0}, {1, 1, 0}}, QM_CONTACT_POINT},    /* a point */
+        {{{1, -1, 0}, {1, 1, 0}, {1, 9, 0}}, QM_CONTACT_SEGMENT}, /* a segment in its plane */
+        {{{1, 1, 1}, {1, 1, 3}, {1, 1, 2}}, -1},                  /* a segment above */
+        {{{1, 1, 1}, {2, 1, 1}, {1, 2, 1}}, -1},                  /* parallel */
+        {{{5, 5, 0}, {2.5, 2, 0}, {5, 4, 0}}, -1},                /* beside it in its plane */
     };
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         qm_contact contact = {.kind = QM_CONTACT_POINT};
