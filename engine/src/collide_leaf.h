@@ -15,7 +15,8 @@
 
 typedef struct qm_leaf {
     _Alignas(32) float corner[3][3][QM_PACK_LANES]; /* [corner][axis][lane], from the middle */
-    float normal[3][QM_PACK_LANES];                 /* (c1 - c0) x (c2 - c0) */
+    float plane[4][4][QM_PACK_LANES]; /* a normal and its product with a point of the plane: the triangle's
+                                         own, then those through its edges, looking away from it */
     float low[3][QM_PACK_LANES], high[3][QM_PACK_LANES];
     float size[QM_PACK_LANES];         /* the longest side of the lane's box and a little more */
     uint32_t vertex[3][QM_PACK_LANES]; /* the mesh's */

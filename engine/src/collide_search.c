@@ -51,8 +51,8 @@ static const qm_leaf *get_leaf(worker *w, int cache, const qm_bvh *bvh, uint32_t
 static const qm_leaf *get_second_leaf(worker *w, const qm_leaf *first, uint32_t pack)
 {
     const qm_collide_search *search = w->crew->search;
-    bool same_cache = search->is_self &&
-                      (pack == first->pack || pack % CACHED_LEAVES != first->pack % CACHED_LEAVES);
+    bool same_cache =
+        search->is_self && (pack == first->pack || pack % CACHED_LEAVES != first->pack % CACHED_LEAVES);
     return get_leaf(w, same_cache ? 0 : 1, search->bvh[1], pack);
 }
 

@@ -18,7 +18,7 @@
     double qm_hull_upper_##isa(const qm_candidates *candidates, const qm_vec *point, int count, int *place); \
     bool qm_cover_##isa(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);                  \
     bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
-    void qm_finish_leaf_##isa(qm_leaf *leaf);                                                                \
+    void qm_fill_leaf_##isa(qm_leaf *leaf, const float(*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);  \
     bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, bool is_self,                           \
                                  uint8_t near[QM_PACK_LANES]);                                               \
     static const qm_kernel kernel_##isa = {                                                                  \
@@ -37,7 +37,7 @@
         .hull_upper = qm_hull_upper_##isa,                                                                   \
         .cover = qm_cover_##isa,                                                                             \
         .descend = qm_descend_##isa,                                                                         \
-        .finish_leaf = qm_finish_leaf_##isa,                                                                 \
+        .fill_leaf = qm_fill_leaf_##isa,                                                                     \
         .compare_leaves = qm_compare_leaves_##isa,                                                           \
     }
 

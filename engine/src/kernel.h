@@ -118,8 +118,11 @@ typedef struct qm_kernel {
      * take ended the walk. */
     bool (*descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);
 
-    /** Makes what follows from the corners of a leaf: corner, vertex, middle, pack and lane_count are set. */
-    void (*finish_leaf)(qm_leaf *leaf);
+    /**
+     * Makes a leaf whose middle, pack and lane_count are set: vertex has rows of x y z from the middle and
+     * the index as bits, aligned to 16 bytes; place tells the row of each lane's corners, all lanes filled.
+     */
+    void (*fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
 
     /**
      * For each lane of p the bits of those lanes of q that may meet it: all others are proven not to. In

@@ -3,13 +3,14 @@
 #include "whole.h"
 
 /*
- * Relative error bounds, a little above (7 + 56 u) u and (3 + 16 u) u for u = 2^-53. Underflow adds to a
- * product of three at most a few times 2^-1074 * 2^301 * 2^301, which the second constants cover.
+ * Relative error bounds: a term of a determinant is rounded at most eight times in three dimensions and four
+ * times in two, by 2^-53 each; these are a little above. Underflow adds to a product of three at most a few
+ * times 2^-1074 * 2^301 * 2^301, to a product of two a few times 2^-1074, which the second constants cover.
  */
-#define ERROR3 8e-16
+#define ERROR3 1e-15
 #define UNDERFLOW3 0x1p-460
-#define ERROR2 4e-16
-#define UNDERFLOW2 0x1p-760
+#define ERROR2 5e-16
+#define UNDERFLOW2 0x1p-1060
 
 static int sign_of(double x)
 {
@@ -56,19 +57,35 @@ static int orient3d_exact(const double p[4][3])
     return sum.sign;
 }
 
+static int exact_side(const qm_vec plane[3], qm_vec p)
+{
+    const double points[4][3] = {{plane[0].x, plane[0].y, plane[0].z},
+                                 {plane[1].x, plane[1].y, plane[1].z},
+                                 {plane[2].x, plane[2].y, plane[2].z},
+                                 {p.x, p.y, p.z}};
+    return orient3d_exact(points);
+}
+
+void qm_orient3d_sides(const qm_vec plane[3], const qm_vec *point, int count, int *side)
+{
+    qm_vec u = qm_vec_sub(plane[1], plane[0]), v = qm_vec_sub(plane[2], plane[0]);
+    double yz = u.y * v.z, zy = u.z * v.y, zx = u.z * v.x, xz = u.x * v.z, xy = u.x * v.y, yx = u.y * v.x;
+    qm_vec normal = {yz - zy, zx - xz, xy - yx};
+    qm_vec size = {fabs(yz) + fabs(zy), fabs(zx) + fabs(xz), fabs(xy) + fabs(yx)};
+    for (int i = 0; i < count; i++) {
+        qm_vec w = qm_vec_sub(point[i], plane[0]);
+        double det = qm_vec_dot(normal, w);
+        double bound = ERROR3 * (size.x * fabs(w.x) + size.y * fabs(w.y) + size.z * fabs(w.z)) + UNDERFLOW3;
+        side[i] = det > bound || -det > bound ? sign_of(det) : exact_side(plane, point[i]);
+    }
+}
+
 int qm_orient3d(qm_vec a, qm_vec b, qm_vec c, qm_vec d)
 {
-    qm_vec u = qm_vec_sub(b, a), v = qm_vec_sub(c, a), w = qm_vec_sub(d, a);
-    double vxwy = v.x * w.y, wxvy = w.x * v.y;
-    double wxuy = w.x * u.y, uxwy = u.x * w.y;
-    double uxvy = u.x * v.y, vxuy = v.x * u.y;
-    double det = u.z * (vxwy - wxvy) + v.z * (wxuy - uxwy) + w.z * (uxvy - vxuy);
-    double size = fabs(u.z) * (fabs(vxwy) + fabs(wxvy)) + fabs(v.z) * (fabs(wxuy) + fabs(uxwy)) +
-                  fabs(w.z) * (fabs(uxvy) + fabs(vxuy));
-    double bound = ERROR3 * size + UNDERFLOW3;
-    if (det > bound || -det > bound) return sign_of(det);
-    const double p[4][3] = {{a.x, a.y, a.z}, {b.x, b.y, b.z}, {c.x, c.y, c.z}, {d.x, d.y, d.z}};
-    return orient3d_exact(p);
+    const qm_vec plane[3] = {a, b, c};
+    int side;
+    qm_orient3d_sides(plane, &d, 1, &side);
+    return side;
 }
 
 static int orient2d_exact(const double p[3][2])

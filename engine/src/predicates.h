@@ -20,6 +20,10 @@
 /** The sign, 1, 0 or -1, of (b - a) x (c - a) . (d - a): 1 when a, b, c turn left as seen from d. */
 int qm_orient3d(qm_vec a, qm_vec b, qm_vec c, qm_vec d);
 
+/** The signs for count points against one plane: side[i] is qm_orient3d(plane[0], plane[1], plane[2],
+ * point[i]). */
+void qm_orient3d_sides(const qm_vec plane[3], const qm_vec *point, int count, int *side);
+
 /** The sign of (b - a) x (c - a) in the plane that is left without this axis: the cyclic next two axes are
  * its x and y. */
 int qm_orient2d(qm_vec a, qm_vec b, qm_vec c, int dropped_axis);

@@ -187,8 +187,8 @@ static void meet_in_plane(meeting *m)
 static bool find_sides(const qm_vec plane[3], const qm_hull *hull, int side[3], bool *in_plane)
 {
     int above = 0, below = 0;
+    qm_orient3d_sides(plane, hull->corner, hull->count, side);
     for (int i = 0; i < hull->count; i++) {
-        side[i] = qm_orient3d(plane[0], plane[1], plane[2], hull->corner[i]);
         above += side[i] > 0;
         below += side[i] < 0;
     }
@@ -231,19 +231,52 @@ static void meet(meeting *m, const qm_hull *a, const qm_hull *b, int enough)
     meet_hulls(m);
 }
 
+static bool hulls_meet(const qm_hull *a, const qm_hull *b)
+{
+    meeting m;
+    meet(&m, a, b, 1);
+    return m.count > 0;
+}
+
+/** The corner that is alone on its side of a plane that all three lie off. */
+static int lonely_corner(const int side[3])
+{
+    return side[0] == side[1] ? 2 : side[0] == side[2] ? 1 : 0;
+}
+
+/**
+ * Proper triangles whose corners all lie off the other's plane, some on either side: each meets the line that
+ * the planes have in common in a segment, between the two edges from its lonely corner. Whether one segment
+ * ends before the other begins is the side of an edge of one to an edge of the other. With the triangles
+ * turned so that both lonely corners are below, q1 p1 is the edge of the first where its segment begins.
+ */
+static bool segments_overlap(const qm_vec a[3], const int side_a[3], const qm_vec b[3], const int side_b[3])
+{
+    int i = lonely_corner(side_a), k = lonely_corner(side_b);
+    int a_next = side_b[k] < 0 ? 1 : 2, b_next = side_a[i] < 0 ? 1 : 2;
+    qm_vec p1 = a[i], q1 = a[(i + a_next) % 3], r1 = a[(i + 3 - a_next) % 3];
+    qm_vec p2 = b[k], q2 = b[(k + b_next) % 3], r2 = b[(k + 3 - b_next) % 3];
+    return qm_orient3d(p1, q1, p2, q2) >= 0 && qm_orient3d(p1, r1, r2, p2) >= 0;
+}
+
+static bool has_zero(const int side[3])
+{
+    return side[0] == 0 || side[1] == 0 || side[2] == 0;
+}
+
 bool qm_tri_tri_meet(const qm_vec a[3], const qm_vec b[3])
 {
-    int side[3];
-    bool in_plane;
-    meeting m;
+    int side_a[3], side_b[3];
+    bool a_in_plane, b_in_plane;
     qm_hull hull_a = qm_hull_proper(a), hull_b = qm_hull_proper(b);
+    if (find_sides(a, &hull_b, side_b, &b_in_plane)) return false;
+    if (find_sides(b, &hull_a, side_a, &a_in_plane)) return false;
+    if (!a_in_plane && !b_in_plane && !has_zero(side_a) && !has_zero(side_b))
+        return segments_overlap(a, side_a, b, side_b);
     /* Whatever a degenerate triangle has on both sides of itself is 0: only then its true hull matters. */
-    if (find_sides(a, &hull_b, side, &in_plane)) return false;
-    if (in_plane) hull_a = qm_hull_make(a);
-    if (find_sides(b, &hull_a, side, &in_plane)) return false;
-    if (in_plane) hull_b = qm_hull_make(b);
-    meet(&m, &hull_a, &hull_b, 1);
-    return m.count > 0;
+    if (b_in_plane) hull_a = qm_hull_make(a);
+    if (a_in_plane) hull_b = qm_hull_make(b);
+    return hulls_meet(&hull_a, &hull_b);
 }
 
 static qm_contact contact_from(const meeting *m)
@@ -274,13 +307,6 @@ bool qm_tri_tri_contact(const qm_vec a[3], const qm_vec b[3], qm_contact *out)
 }
 
 /* ---- triangles that share corners ---- */
-
-static bool hulls_meet(const qm_hull *a, const qm_hull *b)
-{
-    meeting m;
-    meet(&m, a, b, 1);
-    return m.count > 0;
-}
 
 /** What is left of a triangle at a shared corner: the rays to its other corners. */
 typedef struct fan {

@@ -8,7 +8,6 @@
 #include "qm/collide.h"
 #include "shapes.h"
 
-
 /** A soup with corners that are whole numbers; triangles, quads and polygons, cut as the reader would. */
 typedef struct whole_soup {
     qm_mesh mesh;
