@@ -16,7 +16,7 @@ typedef struct sort_work {
     uint64_t *from, *to;
     size_t count, run; /* entries, and the length of the runs that are sorted already */
     int workers;
-    int low_bit, digits, digit_bits; /* what is sorted by */
+    int low_bit, digits, digit_bits; /* what is sorted by: entries have a low bit, numbers none */
 } sort_work;
 
 static size_t share(size_t count, int worker, int workers)
@@ -24,35 +24,40 @@ static size_t share(size_t count, int worker, int workers)
     return count * (size_t)worker / (size_t)workers;
 }
 
-static unsigned digit(const sort_work *work, uint64_t entry, int d)
-{
-    return (unsigned)(entry >> (work->low_bit + d * work->digit_bits)) & ((1u << work->digit_bits) - 1);
-}
-
 /** Least significant digit first, counting all digits in one pass. */
-static void sort_run(const sort_work *work, uint64_t *from, uint64_t *to, size_t count)
+static inline void sort_digits(uint64_t *from, uint64_t *to, size_t count, int low_bit, int digits,
+                               int digit_bits)
 {
     uint32_t place[MAX_DIGITS][1 << MAX_DIGIT_BITS];
-    int buckets = 1 << work->digit_bits;
-    memset(place, 0, (size_t)work->digits * sizeof place[0]);
+    const uint64_t mask = (UINT64_C(1) << digit_bits) - 1;
+    memset(place, 0, (size_t)digits * sizeof place[0]);
     for (size_t i = 0; i < count; i++)
-        for (int d = 0; d < work->digits; d++)
-            place[d][digit(work, from[i], d)]++;
+        for (int d = 0; d < digits; d++)
+            place[d][from[i] >> (low_bit + d * digit_bits) & mask]++;
     uint64_t *home = from;
-    for (int d = 0; d < work->digits; d++) {
+    for (int d = 0; d < digits; d++) {
         uint32_t start = 0;
-        for (int b = 0; b < buckets; b++) {
+        for (uint64_t b = 0; b <= mask; b++) {
             uint32_t here = place[d][b];
             place[d][b] = start;
             start += here;
         }
         for (size_t i = 0; i < count; i++)
-            to[place[d][digit(work, from[i], d)]++] = from[i];
+            to[place[d][from[i] >> (low_bit + d * digit_bits) & mask]++] = from[i];
         uint64_t *swap = from;
         from = to;
         to = swap;
     }
     if (from != home) memcpy(home, from, count * sizeof *home);
+}
+
+/** Entries have a loop of their own, in which the compiler knows the digits. */
+static void sort_run(const sort_work *work, uint64_t *from, uint64_t *to, size_t count)
+{
+    if (work->low_bit == QM_RADIX_INDEX_BITS)
+        sort_digits(from, to, count, QM_RADIX_INDEX_BITS, ENTRY_DIGITS, ENTRY_DIGIT_BITS);
+    else
+        sort_digits(from, to, count, 0, work->digits, work->digit_bits);
 }
 
 static void sort_own_run(void *data, int worker)
