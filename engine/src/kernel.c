@@ -9,6 +9,10 @@
     void qm_grid_closest_##isa(const qm_grid *grid, qm_vec p, qm_hit *hit);                                  \
     void qm_grid_closest_patch_##isa(const qm_grid *grid, qm_vec p, uint32_t start, double error,            \
                                      qm_patch_hit *hit);                                                     \
+    void qm_tetra_closest_##isa(const qm_tetra *tetra, qm_vec p, qm_hit *hit);                               \
+    void qm_tetra_closest_patch_##isa(const qm_tetra *tetra, qm_vec p, uint32_t start, double error,         \
+                                      qm_patch_hit *hit);                                                    \
+    size_t qm_tetra_fit_##isa(qm_tetra *tetra, size_t patch, const uint64_t *changed);                       \
     void qm_gather_##isa(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);           \
     int qm_narrow_##isa(const qm_near_packs *near, const qm_box *box, double reach, int capacity,            \
                         uint32_t *packs);                                                                    \
@@ -29,6 +33,9 @@
         .closest_patch = qm_closest_patch_##isa,                                                             \
         .grid_closest = qm_grid_closest_##isa,                                                               \
         .grid_closest_patch = qm_grid_closest_patch_##isa,                                                   \
+        .tetra_closest = qm_tetra_closest_##isa,                                                             \
+        .tetra_closest_patch = qm_tetra_closest_patch_##isa,                                                 \
+        .tetra_fit = qm_tetra_fit_##isa,                                                                     \
         .gather = qm_gather_##isa,                                                                           \
         .narrow = qm_narrow_##isa,                                                                           \
         .hull_reached = qm_hull_reached_##isa,                                                               \

@@ -8,6 +8,7 @@
 #include "bvh_tree.h"
 #include "collide_leaf.h"
 #include "qm/grid.h"
+#include "qm/tetra.h"
 
 /** A label of an upper bound: one lane of one of a piece's packs. */
 #define QM_COVER_PACKS 8    /* packs of candidates a piece; 64 lanes make one word of bits */
@@ -85,6 +86,17 @@ typedef struct qm_kernel {
     void (*grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit);
     void (*grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start, double error,
                                qm_patch_hit *hit);
+
+    /** The same two searches by offset tetrahedra over the tree. */
+    void (*tetra_closest)(const qm_tetra *tetra, qm_vec p, qm_hit *hit);
+    void (*tetra_closest_patch)(const qm_tetra *tetra, qm_vec p, uint32_t start, double error,
+                                qm_patch_hit *hit);
+
+    /**
+     * Finds the radii of a patch's nodes, and its box, from where the vertices are now. changed has a bit for
+     * each node that is to be looked at, with all above it; NULL for all. Returns how many radii were found.
+     */
+    size_t (*tetra_fit)(qm_tetra *tetra, size_t patch, const uint64_t *changed);
 
     /** Packs whose boxes come within reach of a box; when there are too many, those nearest to its middle. */
     void (*gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);

@@ -12,6 +12,8 @@ static inline void qm_nearest_triangle(const qm_kernel *kernel, const qm_locator
 {
     if (locator->grid)
         kernel->grid_closest(locator->grid, p, hit);
+    else if (locator->tetra)
+        kernel->tetra_closest(locator->tetra, p, hit);
     else
         kernel->closest(locator->bvh, p, hit);
 }
@@ -21,6 +23,8 @@ static inline void qm_nearest_patch(const qm_kernel *kernel, const qm_locator *l
 {
     if (locator->grid)
         kernel->grid_closest_patch(locator->grid, p, start, error, hit);
+    else if (locator->tetra)
+        kernel->tetra_closest_patch(locator->tetra, p, start, error, hit);
     else
         kernel->closest_patch(locator->bvh, p, start, error, hit);
 }

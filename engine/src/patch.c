@@ -5,7 +5,6 @@
  */
 #include "qm/patch.h"
 
-#include "mesh_ring.h"
 #include "patch_grid.h"
 #include "patch_merge.h"
 #include "patch_trace.h"
@@ -141,17 +140,10 @@ static qm_status find_patches(patch_finder *finder, qm_patch_set *out)
     return status == QM_OK ? write_patches(finder, out) : status;
 }
 
-static bool has_quads(const qm_mesh *mesh)
-{
-    for (size_t f = 0; f < mesh->face_count; f++)
-        if (qm_face_corners(mesh->faces + 4 * f) == 4) return true;
-    return false;
-}
-
 qm_status qm_patch_set_find(qm_context *ctx, const qm_mesh *mesh, qm_patch_set *out)
 {
     *out = (qm_patch_set){0};
-    if (!has_quads(mesh)) return QM_OK;
+    if (mesh->face_count == 0) return QM_OK;
     patch_finder finder = {.ctx = ctx, .mesh = mesh, .trace = {.ctx = ctx, .links = &finder.links}};
     qm_status status = find_patches(&finder, out);
     qm_patch_links_reset(ctx, &finder.links);

@@ -30,15 +30,13 @@ typedef struct qm_tetra_patch {
 struct qm_tetra {
     const qm_bvh *bvh;
     const qm_patch_set *set;
-    size_t patch_count, node_count, vertex_count, pack_count;
+    size_t patch_count, node_count, vertex_count, pack_count, pack_capacity;
     qm_tetra_patch *patches; /* in the order of the boxes above them: neighbours in space are near */
     uint32_t *set_patch;     /* patch_count: which patch of the set each one is */
     qm_tetra_node *nodes;
     uint32_t *vertices;
     uint32_t *packs;
-    int level_count;                      /* as in a box tree, with patches in place of packs */
-    size_t group_count[QM_TREE_LEVELS];   /* [0] is patch_count */
-    qm_box_group *groups[QM_TREE_LEVELS]; /* [0] is NULL */
+    qm_box_tree boxes; /* over the patches */
 };
 
 /** A part of a patch: rows and columns of quads from a corner on, and its node. */

@@ -7,11 +7,12 @@
 #define QM_LOCATOR_H
 
 #include "qm/grid.h"
+#include "qm/tetra.h"
 
 typedef enum qm_accelerator {
     QM_ACCELERATOR_AUTO,  /* what measures fastest: the boxes */
     QM_ACCELERATOR_BOXES, /* the box tree itself: nothing to build */
-    QM_ACCELERATOR_TETRA, /* offset tetrahedra over the patches of a semi-regular mesh: not supported yet */
+    QM_ACCELERATOR_TETRA, /* offset tetrahedra over the regular patches: cheap to refit after a deformation */
     QM_ACCELERATOR_GRID,  /* a uniform grid: good for points very near to the surface, slow for far ones */
     QM_ACCELERATOR_COUNT
 } qm_accelerator;
@@ -19,7 +20,9 @@ typedef enum qm_accelerator {
 /** One of the accelerators, ready to be asked. Only read while it is used, by any number of calls at once. */
 typedef struct qm_locator {
     const qm_bvh *bvh;
-    qm_grid *grid; /* NULL: the tree is searched */
+    qm_grid *grid;        /* NULL, or what is searched */
+    qm_tetra *tetra;      /* NULL, or what is searched; with neither it is the tree */
+    qm_patch_set patches; /* those below tetra, when the locator found them itself */
 } qm_locator;
 
 /**
@@ -27,8 +30,8 @@ typedef struct qm_locator {
  *
  * Ownership: borrows the tree, which must outlive the locator unchanged; *out is the caller's, for
  * qm_locator_reset.
- * Returns:   QM_OK; QM_E_ARGUMENT (the tree is no target; no such accelerator); QM_E_UNSUPPORTED (tetra);
- *            QM_E_NO_MEMORY; QM_E_CANCELED. After an error *out holds nothing.
+ * Returns:   QM_OK; QM_E_ARGUMENT (the tree is no target; no such accelerator); QM_E_UNSUPPORTED (tetra over
+ * a point set); QM_E_NO_MEMORY; QM_E_CANCELED. After an error *out holds nothing.
  */
 qm_status qm_locator_build(qm_context *ctx, const qm_bvh *bvh, qm_accelerator accelerator, qm_locator *out);
 

@@ -23,7 +23,7 @@ typedef struct qm_regular_patch {
     uint32_t rows, columns; /* 1 or more */
 } qm_regular_patch;
 
-/** The patches of a mesh, by their lowest face. A point set, and a mesh without quads, has none. */
+/** The patches of a mesh, by their lowest face. A point set has none. */
 typedef struct qm_patch_set {
     qm_regular_patch *patches; /* patch_count */
     uint32_t *faces;           /* face_count: every face of the mesh once, patch by patch */

@@ -19,13 +19,10 @@
 #define REACH_SHARE (1.0 + 0x1p-40)
 #define SEEN_COUNT 64 /* packs remembered so as not to be visited again, by their last bits */
 
-/** What a search does with a pack: returns the distance of the best so far, local. */
-typedef double visit_fn(void *best, uint32_t pack);
-
 typedef struct grid_walk {
     const qm_grid *grid;
     qm_box_query query;
-    visit_fn *visit;
+    qm_visit_fn *visit;
     void *best;
     double distance;     /* of the best so far, local */
     double at[3];        /* the point, in cells */
@@ -170,7 +167,7 @@ static inline void visit_shell(grid_walk *walk, int inner, int outer)
 }
 
 /** Visits every pack that comes through the ball of the best distance, from the pack start on. */
-static inline void walk_grid(const qm_grid *grid, qm_vec p, uint32_t start, visit_fn *visit, void *best)
+static inline void walk_grid(const qm_grid *grid, qm_vec p, uint32_t start, qm_visit_fn *visit, void *best)
 {
     qm_vec place = qm_grid_place(grid, p);
     grid_walk walk = {.grid = grid,
@@ -196,45 +193,18 @@ static inline void walk_grid(const qm_grid *grid, qm_vec p, uint32_t start, visi
         visit_shell(&walk, inner, 2 * inner - 1);
 }
 
-typedef struct triangle_search {
-    const qm_bvh *bvh;
-    qm_splat p;
-    qm_hit *hit;
-} triangle_search;
-
-static inline double visit_triangles(void *best, uint32_t pack)
-{
-    const triangle_search *search = best;
-    qm_visit_pack(search->bvh, pack, search->p, search->hit);
-    return sqrt(search->hit->d2);
-}
-
 void QM_KERNEL(grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit)
 {
-    triangle_search search = {grid->bvh, qm_splat_make(p), hit};
+    qm_triangle_search search = {grid->bvh, qm_splat_make(p), hit};
     hit->lane = QM_PACK_LANES;
-    walk_grid(grid, p, hit->pack, visit_triangles, &search);
-}
-
-typedef struct patch_search {
-    const qm_bvh *bvh;
-    qm_vec p;
-    double error;
-    qm_patch_hit *hit;
-} patch_search;
-
-static inline double visit_patches(void *best, uint32_t pack)
-{
-    const patch_search *search = best;
-    qm_visit_patches(search->bvh, pack, search->p, search->error, search->hit);
-    return search->hit->distance;
+    walk_grid(grid, p, hit->pack, qm_visit_triangles, &search);
 }
 
 void QM_KERNEL(grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start, double error,
                                    qm_patch_hit *hit)
 {
     *hit = (qm_patch_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
-    patch_search search = {grid->bvh, p, error, hit};
-    walk_grid(grid, p, start, visit_patches, &search);
+    qm_patch_search search = {grid->bvh, p, error, hit};
+    walk_grid(grid, p, start, qm_visit_all_patches, &search);
     hit->lower = fmin(hit->lower, hit->distance);
 }

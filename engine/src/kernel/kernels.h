@@ -13,6 +13,10 @@ void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, doubl
 void QM_KERNEL(grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit);
 void QM_KERNEL(grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start, double error,
                                    qm_patch_hit *hit);
+void QM_KERNEL(tetra_closest)(const qm_tetra *tetra, qm_vec p, qm_hit *hit);
+void QM_KERNEL(tetra_closest_patch)(const qm_tetra *tetra, qm_vec p, uint32_t start, double error,
+                                    qm_patch_hit *hit);
+size_t QM_KERNEL(tetra_fit)(qm_tetra *tetra, size_t patch, const uint64_t *changed);
 void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);
 int QM_KERNEL(narrow)(const qm_near_packs *near, const qm_box *box, double reach, int capacity,
                       uint32_t *packs);

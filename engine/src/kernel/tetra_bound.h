@@ -159,4 +159,46 @@ static inline double qm_tetra_lower(qm_v4_vec a, qm_vec p)
     return distance - 0x1p-18 * (distance + sqrt(sides.longest2));
 }
 
+/** The faces of a tetrahedron, ready to measure points to them. */
+typedef struct qm_tetra_faces {
+    qm_v4_vec a, e, g;
+    qm_v4 ee, eg, gg, inverse, inverse_ee; /* inverses 0 where there is nothing to divide by */
+} qm_tetra_faces;
+
+static inline qm_v4 qm_v4_inverse(qm_v4 x)
+{
+    const qm_v4 zero = qm_v4_set(0.0), one = qm_v4_set(1.0);
+    qm_v4l positive = x > zero;
+    return qm_v4_select(positive, one / qm_v4_select(positive, x, one), zero);
+}
+
+static inline qm_tetra_faces qm_tetra_faces_make(qm_v4_vec a)
+{
+    qm_v4_vec b = qm_v4_vec_turn(a), c = qm_v4_vec_turn(b);
+    qm_tetra_faces faces = {.a = a, .e = qm_v4_vec_sub(b, a), .g = qm_v4_vec_sub(c, a)};
+    faces.ee = qm_v4_vec_dot(faces.e, faces.e);
+    faces.eg = qm_v4_vec_dot(faces.e, faces.g);
+    faces.gg = qm_v4_vec_dot(faces.g, faces.g);
+    faces.inverse = qm_v4_inverse(faces.ee * faces.gg - faces.eg * faces.eg);
+    faces.inverse_ee = qm_v4_inverse(faces.ee);
+    return faces;
+}
+
+/**
+ * An upper bound of the squared distance from p to the faces: the distance to points of them, near to the
+ * feet. Whatever rounding does to the weights, they are those of a point of the face.
+ */
+static inline double qm_tetra_faces_upper2(const qm_tetra_faces *faces, qm_vec p)
+{
+    const qm_v4 zero = qm_v4_set(0.0), one = qm_v4_set(1.0);
+    qm_v4_vec w = qm_v4_vec_sub(qm_v4_vec_splat(p), faces->a);
+    qm_v4 we = qm_v4_vec_dot(w, faces->e), wg = qm_v4_vec_dot(w, faces->g);
+    qm_v4 s = qm_v4_min(qm_v4_max((we * faces->gg - wg * faces->eg) * faces->inverse, zero), one);
+    qm_v4 t = qm_v4_min(qm_v4_max((wg * faces->ee - we * faces->eg) * faces->inverse, zero), one - s);
+    qm_v4_vec gap = qm_v4_vec_axpy(qm_v4_vec_axpy(w, -s, faces->e), -t, faces->g);
+    qm_v4 side = qm_v4_min(qm_v4_max(we * faces->inverse_ee, zero), one);
+    qm_v4_vec side_gap = qm_v4_vec_axpy(w, -side, faces->e);
+    return qm_v4_least(qm_v4_min(qm_v4_vec_dot(gap, gap), qm_v4_vec_dot(side_gap, side_gap)));
+}
+
 #endif

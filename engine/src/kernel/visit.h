@@ -80,4 +80,36 @@ static inline void qm_visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, 
     }
 }
 
+/** What a walk over packs calls: visits a pack for the best so far, and returns its distance. */
+typedef double qm_visit_fn(void *best, uint32_t pack);
+
+/** The best triangle of a walk. */
+typedef struct qm_triangle_search {
+    const qm_bvh *bvh;
+    qm_splat p;
+    qm_hit *hit;
+} qm_triangle_search;
+
+static inline double qm_visit_triangles(void *best, uint32_t pack)
+{
+    const qm_triangle_search *search = best;
+    qm_visit_pack(search->bvh, pack, search->p, search->hit);
+    return sqrt(search->hit->d2);
+}
+
+/** The best patch of a walk. */
+typedef struct qm_patch_search {
+    const qm_bvh *bvh;
+    qm_vec p;
+    double error;
+    qm_patch_hit *hit;
+} qm_patch_search;
+
+static inline double qm_visit_all_patches(void *best, uint32_t pack)
+{
+    const qm_patch_search *search = best;
+    qm_visit_patches(search->bvh, pack, search->p, search->error, search->hit);
+    return search->hit->distance;
+}
+
 #endif

@@ -1,8 +1,8 @@
-/* The uniform grid against the box tree, bit for bit, and against brute force. */
+/* The uniform grid and the offset tetrahedra against the box tree, bit for bit, and against brute force. */
 #include "check.h"
 
 #include "failing_allocator.h"
-#include "kernel.h"
+#include "nearest.h"
 #include "parallel.h"
 #include "qm/hausdorff.h"
 #include "random.h"
@@ -14,14 +14,22 @@
 
 enum { POINT_COUNT = 40 };
 
-/** A mesh with its tree and grid, and where points are drawn. */
+/** What is built over a tree. */
+static const struct {
+    const char *name;
+    qm_accelerator accelerator;
+} others[] = {{"grid", QM_ACCELERATOR_GRID}, {"tetra", QM_ACCELERATOR_TETRA}};
+
+enum { OTHER_COUNT = sizeof others / sizeof *others };
+
+/** A mesh with its tree and what is built over it, and where points are drawn. */
 typedef struct bench {
     const char *name;
     uint64_t seed;
     qm_context ctx;
     qm_mesh mesh;
     qm_bvh *tree;
-    qm_grid *grid;
+    qm_locator locator[OTHER_COUNT]; /* without a tree where there is none of the kind */
     qm_box box;
     double size; /* greatest coordinate */
 } bench;
@@ -30,8 +38,11 @@ static bench bench_make(const char *name, uint64_t seed, qm_mesh mesh)
 {
     bench b = {.name = name, .seed = seed, .ctx = qm_context_make(), .mesh = mesh};
     assert_int_equal(qm_bvh_build(&b.ctx, &mesh, QM_BVH_ALL, 1, &b.tree), QM_OK);
-    qm_status status = qm_grid_build(&b.ctx, b.tree, &b.grid);
-    QM_CHECK(status == QM_OK, "%s: %s", name, b.ctx.message);
+    for (int i = 0; i < OTHER_COUNT; i++) {
+        qm_status status = qm_locator_build(&b.ctx, b.tree, others[i].accelerator, &b.locator[i]);
+        bool is_lacking = others[i].accelerator == QM_ACCELERATOR_TETRA && mesh.face_count == 0;
+        QM_CHECK(status == (is_lacking ? QM_E_UNSUPPORTED : QM_OK), "%s: %s", name, b.ctx.message);
+    }
     b.box = qm_mesh_bounding_box(&mesh);
     for (int k = 0; k < 3; k++)
         b.size = fmax(b.size, fmax(fabs(b.box.min[k]), fabs(b.box.max[k])));
@@ -40,7 +51,8 @@ static bench bench_make(const char *name, uint64_t seed, qm_mesh mesh)
 
 static void bench_free(bench *b)
 {
-    qm_grid_destroy(&b->ctx, b->grid);
+    for (int i = 0; i < OTHER_COUNT; i++)
+        qm_locator_reset(&b->ctx, &b->locator[i]);
     qm_bvh_destroy(&b->ctx, b->tree);
     qm_shape_free(&b->mesh);
 }
@@ -69,37 +81,38 @@ static void draw_point(const bench *b, qm_random *random, int i, double p[3])
     }
 }
 
-/** Both searches in every kernel: the same triangle at the same distance, whatever pack they start from. */
-static void check_triangle(const bench *b, int i, qm_vec p, uint32_t start)
+/** Every search in every kernel: the same triangle at the same distance, whatever pack they start from. */
+static void check_triangle(const bench *b, int other, int i, qm_vec p, uint32_t start)
 {
     for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
-        qm_hit tree = {.d2 = INFINITY, .pack = start}, grid = tree;
+        qm_hit tree = {.d2 = INFINITY, .pack = start}, hit = tree;
         (*kernel)->closest(b->tree, p, &tree);
-        (*kernel)->grid_closest(b->grid, p, &grid);
-        QM_CHECK(grid.d2 == tree.d2 && grid.pack == tree.pack && grid.lane == tree.lane,
-                 "%s, seed %llu, point %d, %s: grid %.17g in pack %u lane %u, tree %.17g in pack %u lane %u",
-                 b->name, (unsigned long long)b->seed, i, (*kernel)->name, sqrt(grid.d2), grid.pack,
-                 grid.lane, sqrt(tree.d2), tree.pack, tree.lane);
+        qm_nearest_triangle(*kernel, &b->locator[other], p, &hit);
+        QM_CHECK(hit.d2 == tree.d2 && hit.pack == tree.pack && hit.lane == tree.lane,
+                 "%s, seed %llu, point %d, %s: %s %.17g in pack %u lane %u, tree %.17g in pack %u lane %u",
+                 b->name, (unsigned long long)b->seed, i, (*kernel)->name, others[other].name, sqrt(hit.d2),
+                 hit.pack, hit.lane, sqrt(tree.d2), tree.pack, tree.lane);
     }
 }
 
 /**
- * Both brackets of the distance to the patches hold the same value, and the grid's is as narrow as asked, or
- * as the tree's where a patch is too twisted for that.
+ * Both brackets of the distance to the patches hold the same value, and each is as narrow as asked, or as the
+ * tree's where a patch is too twisted for that.
  */
-static void check_patch(const bench *b, int i, qm_vec p, uint32_t start)
+static void check_patch(const bench *b, int other, int i, qm_vec p, uint32_t start)
 {
     const qm_kernel *kernel = qm_kernel_get();
     double size = fmax(1.0, qm_vec_norm(p)), error = 1e-13 * size, rounding = 0x1p-46 * size;
-    qm_patch_hit tree, grid;
+    qm_patch_hit tree, hit;
     kernel->closest_patch(b->tree, p, start, error, &tree);
-    kernel->grid_closest_patch(b->grid, p, start, error, &grid);
-    QM_CHECK(grid.lower <= tree.distance + rounding && tree.lower <= grid.distance + rounding,
-             "%s, seed %llu, point %d: grid [%.17g, %.17g], tree [%.17g, %.17g]", b->name,
-             (unsigned long long)b->seed, i, grid.lower, grid.distance, tree.lower, tree.distance);
-    QM_CHECK(grid.distance - grid.lower <= 1.01 * fmax(error, tree.distance - tree.lower),
-             "%s, seed %llu, point %d: off by %g, the tree by %g", b->name, (unsigned long long)b->seed, i,
-             grid.distance - grid.lower, tree.distance - tree.lower);
+    qm_nearest_patch(kernel, &b->locator[other], p, start, error, &hit);
+    QM_CHECK(hit.lower <= tree.distance + rounding && tree.lower <= hit.distance + rounding,
+             "%s, seed %llu, point %d: %s [%.17g, %.17g], tree [%.17g, %.17g]", b->name,
+             (unsigned long long)b->seed, i, others[other].name, hit.lower, hit.distance, tree.lower,
+             tree.distance);
+    QM_CHECK(hit.distance - hit.lower <= 1.01 * fmax(error, tree.distance - tree.lower),
+             "%s, seed %llu, point %d: %s is off by %g, the tree by %g", b->name, (unsigned long long)b->seed,
+             i, others[other].name, hit.distance - hit.lower, tree.distance - tree.lower);
 }
 
 static void check_brute_force(const bench *b, int i, const double p[3], double distance,
@@ -112,6 +125,19 @@ static void check_brute_force(const bench *b, int i, const double p[3], double d
              (unsigned long long)b->seed, i, (int)reading, distance, slow.lower, slow.upper);
 }
 
+static void check_locator(const bench *b, const qm_locator *locator, int i, const double point[3],
+                          uint32_t start)
+{
+    qm_vec p = qm_frame_local(&b->tree->frame, point);
+    qm_hit hit = {.d2 = INFINITY, .pack = start};
+    qm_nearest_triangle(qm_kernel_get(), locator, p, &hit);
+    check_brute_force(b, i, point, sqrt(hit.d2) * b->tree->frame.inverse_scale, QM_QUADS_TRIANGLES);
+    if (i % 8) return;
+    qm_patch_hit patch;
+    qm_nearest_patch(qm_kernel_get(), locator, p, start, 1e-13, &patch);
+    check_brute_force(b, i, point, patch.distance * b->tree->frame.inverse_scale, QM_QUADS_BILINEAR);
+}
+
 static void check_points(const bench *b, int count, bool brute)
 {
     qm_random random = qm_random_make(qm_check_seed(), b->seed);
@@ -120,16 +146,13 @@ static void check_points(const bench *b, int count, bool brute)
         draw_point(b, &random, i, point);
         qm_vec p = qm_frame_local(&b->tree->frame, point);
         uint32_t start = (uint32_t)qm_random_below(&random, b->tree->pack_count);
-        check_triangle(b, i, p, start);
-        check_patch(b, i, p, start);
-        if (!brute) continue;
-        qm_hit hit = {.d2 = INFINITY, .pack = start};
-        qm_kernel_get()->grid_closest(b->grid, p, &hit);
-        check_brute_force(b, i, point, sqrt(hit.d2) * b->tree->frame.inverse_scale, QM_QUADS_TRIANGLES);
-        if (i % 8) continue;
-        qm_patch_hit patch;
-        qm_kernel_get()->grid_closest_patch(b->grid, p, start, 1e-13, &patch);
-        check_brute_force(b, i, point, patch.distance * b->tree->frame.inverse_scale, QM_QUADS_BILINEAR);
+        for (int other = 0; other < OTHER_COUNT; other++) {
+            const qm_locator *locator = &b->locator[other];
+            if (!locator->bvh) continue;
+            check_triangle(b, other, i, p, start);
+            check_patch(b, other, i, p, start);
+            if (brute) check_locator(b, locator, i, point, start);
+        }
     }
 }
 
@@ -195,8 +218,8 @@ static void large_faces_do_not_blow_the_grid_up(void **state)
     for (int i = 0; i < 2; i++) {
         bench b = bench_make(i == 0 ? "copies" : "needles", 0, meshes[i]);
         size_t bound = 4096 + 40 * 8 * b.tree->pack_count;
-        QM_CHECK(qm_grid_memory_size(b.grid) <= bound, "%s: %zu bytes, bound %zu", b.name,
-                 qm_grid_memory_size(b.grid), bound);
+        QM_CHECK(qm_grid_memory_size(b.locator[0].grid) <= bound, "%s: %zu bytes, bound %zu", b.name,
+                 qm_grid_memory_size(b.locator[0].grid), bound);
         check_points(&b, 7, false);
         bench_free(&b);
     }
@@ -211,8 +234,9 @@ static void a_large_face_beside_small_ones_keeps_the_cells_small(void **state)
     qm_mesh face = qm_shape_face(3, corner), both = qm_shape_joined(&torus, &face);
     bench apart = bench_make("torus", 0, torus), joined = bench_make("torus and face", 0, both);
     check_points(&joined, POINT_COUNT, false);
-    QM_CHECK(qm_grid_memory_size(joined.grid) > qm_grid_memory_size(apart.grid) / 2, "%zu bytes beside %zu",
-             qm_grid_memory_size(joined.grid), qm_grid_memory_size(apart.grid));
+    QM_CHECK(qm_grid_memory_size(joined.locator[0].grid) > qm_grid_memory_size(apart.locator[0].grid) / 2,
+             "%zu bytes beside %zu", qm_grid_memory_size(joined.locator[0].grid),
+             qm_grid_memory_size(apart.locator[0].grid));
     qm_shape_free(&face);
     bench_free(&apart);
     bench_free(&joined);
@@ -233,6 +257,7 @@ static void project_batch(bench *b, qm_accelerator accelerator, qm_quad_reading 
     assert_int_equal(qm_project_points_with(&b->ctx, &locator, reading, points, 1000, 2, &out), QM_OK);
     qm_locator_reset(&b->ctx, &locator);
     assert_null(locator.grid);
+    assert_null(locator.tetra);
 }
 
 static void batches_are_the_same_with_each_accelerator(void **state)
@@ -243,13 +268,14 @@ static void batches_are_the_same_with_each_accelerator(void **state)
     qm_random random = qm_random_make(qm_check_seed(), 1);
     for (int i = 0; i < 1000; i++)
         draw_point(&b, &random, i % 5, points + 3 * i);
-    for (int reading = 0; reading < 2; reading++) {
+    for (int which = 0; which < 2 * OTHER_COUNT; which++) {
+        int reading = which % 2, other = which / 2;
         project_batch(&b, QM_ACCELERATOR_AUTO, (qm_quad_reading)reading, points, 0);
-        project_batch(&b, QM_ACCELERATOR_GRID, (qm_quad_reading)reading, points, 1);
+        project_batch(&b, others[other].accelerator, (qm_quad_reading)reading, points, 1);
         for (int i = 0; i < 1000; i++)
             QM_CHECK(fabs(answers[0][i] - answers[1][i]) <= (reading == 0 ? 0 : 4e-13),
-                     "reading %d, point %d: %.17g by boxes, %.17g by the grid", reading, i, answers[0][i],
-                     answers[1][i]);
+                     "reading %d, point %d: %.17g by boxes, %.17g by %s", reading, i, answers[0][i],
+                     answers[1][i], others[other].name);
         if (reading == 1) continue;
         assert_memory_equal(answers[0], answers[1], sizeof answers[0]);
         assert_memory_equal(answer_faces[0], answer_faces[1], sizeof answer_faces[0]);
@@ -278,24 +304,25 @@ static void distances_take_the_same_path_with_each_accelerator(void **state)
         qm_mesh shaken = qm_shape_copy(&soup);
         qm_shape_shake(&shaken, &random, 0.05);
         bench a = bench_make("soup", seed, soup), b = bench_make("shaken soup", seed, shaken);
-        qm_hausdorff_result boxes, grid;
+        qm_hausdorff_result boxes, result;
         qm_quad_reading reading = (qm_quad_reading)(seed % 4 == 0);
         assert_int_equal(measure(&a, &b, QM_ACCELERATOR_BOXES, reading, &boxes), QM_OK);
-        assert_int_equal(measure(&a, &b, QM_ACCELERATOR_GRID, reading, &grid), QM_OK);
-        QM_CHECK(boxes.lower <= grid.upper && grid.lower <= boxes.upper,
-                 "seed %llu: boxes [%.17g, %.17g], grid [%.17g, %.17g]", (unsigned long long)seed,
-                 boxes.lower, boxes.upper, grid.lower, grid.upper);
-        if (reading == QM_QUADS_TRIANGLES) {
-            assert_true(boxes.lower == grid.lower && boxes.upper == grid.upper);
-            assert_int_equal(boxes.iterations, grid.iterations);
-            assert_int_equal(boxes.projections, grid.projections);
+        for (int other = 0; other < OTHER_COUNT; other++) {
+            assert_int_equal(measure(&a, &b, others[other].accelerator, reading, &result), QM_OK);
+            QM_CHECK(boxes.lower <= result.upper && result.lower <= boxes.upper,
+                     "seed %llu: boxes [%.17g, %.17g], %s [%.17g, %.17g]", (unsigned long long)seed,
+                     boxes.lower, boxes.upper, others[other].name, result.lower, result.upper);
+            if (reading != QM_QUADS_TRIANGLES) continue;
+            assert_true(boxes.lower == result.lower && boxes.upper == result.upper);
+            assert_int_equal(boxes.iterations, result.iterations);
+            assert_int_equal(boxes.projections, result.projections);
         }
         bench_free(&a);
         bench_free(&b);
     }
 }
 
-/** Raised before the grid is built: the call still ends with valid bounds, as without a grid. */
+/** Raised before anything is built: the call still ends with valid bounds, as without. */
 static void a_canceled_distance_is_a_valid_one(void **state)
 {
     (void)state;
@@ -303,23 +330,32 @@ static void a_canceled_distance_is_a_valid_one(void **state)
     atomic_bool cancel = true;
     a.ctx.cancel = &cancel;
     qm_hausdorff_result result;
-    assert_int_equal(measure(&a, &b, QM_ACCELERATOR_GRID, QM_QUADS_TRIANGLES, &result), QM_OK);
-    assert_true(result.lower <= 1 && result.upper >= 1);
-    assert_int_equal(measure(&a, &b, QM_ACCELERATOR_TETRA, QM_QUADS_TRIANGLES, &result), QM_E_UNSUPPORTED);
+    for (int other = 0; other < OTHER_COUNT; other++) {
+        assert_int_equal(measure(&a, &b, others[other].accelerator, QM_QUADS_TRIANGLES, &result), QM_OK);
+        assert_true(result.lower <= 1 && result.upper >= 1);
+    }
     bench_free(&a);
     bench_free(&b);
 }
 
-static void tetra_and_unknown_accelerators_are_refused(void **state)
+static void what_cannot_be_built_is_refused(void **state)
 {
     (void)state;
-    bench b = bench_make("cube", 0, qm_shape_box(1, 1, 1));
+    bench cube = bench_make("cube", 0, qm_shape_box(1, 1, 1));
+    qm_random random = qm_random_make(qm_check_seed(), 0);
+    bench points = bench_make("points", 0, qm_shape_points(&random, 10));
     qm_locator locator;
-    assert_int_equal(qm_locator_build(&b.ctx, b.tree, QM_ACCELERATOR_TETRA, &locator), QM_E_UNSUPPORTED);
-    assert_non_null(strstr(b.ctx.message, "patches"));
-    assert_int_equal(qm_locator_build(&b.ctx, b.tree, QM_ACCELERATOR_COUNT, &locator), QM_E_ARGUMENT);
+    qm_status status = qm_locator_build(&points.ctx, points.tree, QM_ACCELERATOR_TETRA, &locator);
+    assert_int_equal(status, QM_E_UNSUPPORTED);
+    assert_non_null(strstr(points.ctx.message, "patches"));
+    assert_int_equal(qm_locator_build(&cube.ctx, cube.tree, QM_ACCELERATOR_COUNT, &locator), QM_E_ARGUMENT);
     assert_null(locator.bvh);
-    bench_free(&b);
+    qm_tetra *tetra;
+    status = qm_tetra_build(&cube.ctx, cube.tree, &(qm_patch_set){0}, &tetra);
+    assert_int_equal(status, QM_E_ARGUMENT);
+    assert_null(tetra);
+    bench_free(&cube);
+    bench_free(&points);
 }
 
 static void a_source_tree_is_refused(void **state)
@@ -328,14 +364,31 @@ static void a_source_tree_is_refused(void **state)
     qm_context ctx = qm_context_make();
     qm_mesh cube = qm_shape_box(1, 1, 1);
     qm_bvh *tree;
-    qm_grid *grid;
     qm_locator locator;
     assert_int_equal(qm_bvh_build(&ctx, &cube, QM_BVH_SOURCE, 1, &tree), QM_OK);
-    assert_int_equal(qm_grid_build(&ctx, tree, &grid), QM_E_ARGUMENT);
-    assert_null(grid);
-    assert_int_equal(qm_locator_build(&ctx, tree, QM_ACCELERATOR_GRID, &locator), QM_E_ARGUMENT);
+    for (int i = 0; i < OTHER_COUNT; i++)
+        assert_int_equal(qm_locator_build(&ctx, tree, others[i].accelerator, &locator), QM_E_ARGUMENT);
     qm_bvh_destroy(&ctx, tree);
     qm_shape_free(&cube);
+}
+
+static void run_out_of_memory(const qm_bvh *tree, qm_accelerator accelerator)
+{
+    qm_status status = QM_E_NO_MEMORY;
+    size_t fail_at = 0;
+    for (; status != QM_OK && fail_at < 100; fail_at++) {
+        qm_failing_allocator memory = {.fail_at = fail_at};
+        qm_context ctx = qm_context_make();
+        ctx.allocator = qm_failing_allocator_hook(&memory);
+        qm_locator locator;
+        status = qm_locator_build(&ctx, tree, accelerator, &locator);
+        assert_true(status == QM_OK || (status == QM_E_NO_MEMORY && !locator.bvh));
+        qm_locator_reset(&ctx, &locator);
+        QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "call %zu: %zu blocks left", fail_at,
+                 memory.live_blocks);
+    }
+    assert_int_equal(status, QM_OK);
+    assert_true(fail_at > 3);
 }
 
 static void running_out_of_memory_is_a_status_at_every_place(void **state)
@@ -345,21 +398,8 @@ static void running_out_of_memory_is_a_status_at_every_place(void **state)
     qm_context plain = qm_context_make();
     qm_bvh *tree;
     assert_int_equal(qm_bvh_build(&plain, &mesh, QM_BVH_ALL, 1, &tree), QM_OK);
-    qm_status status = QM_E_NO_MEMORY;
-    size_t fail_at = 0;
-    for (; status != QM_OK && fail_at < 100; fail_at++) {
-        qm_failing_allocator memory = {.fail_at = fail_at};
-        qm_context ctx = qm_context_make();
-        ctx.allocator = qm_failing_allocator_hook(&memory);
-        qm_grid *grid;
-        status = qm_grid_build(&ctx, tree, &grid);
-        assert_true(status == QM_OK || (status == QM_E_NO_MEMORY && grid == NULL));
-        qm_grid_destroy(&ctx, grid);
-        QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "call %zu: %zu blocks left", fail_at,
-                 memory.live_blocks);
-    }
-    assert_int_equal(status, QM_OK);
-    assert_true(fail_at > 3);
+    for (int i = 0; i < OTHER_COUNT; i++)
+        run_out_of_memory(tree, others[i].accelerator);
     qm_bvh_destroy(&plain, tree);
     qm_shape_free(&mesh);
 }
@@ -370,9 +410,11 @@ static void a_raised_flag_cancels(void **state)
     bench b = bench_make("cube", 0, qm_shape_box(1, 1, 1));
     atomic_bool cancel = true;
     b.ctx.cancel = &cancel;
-    qm_grid *grid;
-    assert_int_equal(qm_grid_build(&b.ctx, b.tree, &grid), QM_E_CANCELED);
-    assert_null(grid);
+    for (int i = 0; i < OTHER_COUNT; i++) {
+        qm_locator locator;
+        assert_int_equal(qm_locator_build(&b.ctx, b.tree, others[i].accelerator, &locator), QM_E_CANCELED);
+        assert_null(locator.bvh);
+    }
     bench_free(&b);
 }
 
@@ -387,7 +429,7 @@ int main(void)
         cmocka_unit_test(batches_are_the_same_with_each_accelerator),
         cmocka_unit_test(distances_take_the_same_path_with_each_accelerator),
         cmocka_unit_test(a_canceled_distance_is_a_valid_one),
-        cmocka_unit_test(tetra_and_unknown_accelerators_are_refused),
+        cmocka_unit_test(what_cannot_be_built_is_refused),
         cmocka_unit_test(a_source_tree_is_refused),
         cmocka_unit_test(running_out_of_memory_is_a_status_at_every_place),
         cmocka_unit_test(a_raised_flag_cancels),

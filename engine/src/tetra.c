@@ -1,0 +1,211 @@
+/**
+ * tetra.c: building a hierarchy. Patches are put in the order of the packs of their first faces, which is
+ * their order along the space-filling curve; nodes and lists of packs are laid out; the kernel finds radii.
+ */
+#include "qm/tetra.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "kernel.h"
+#include "tetra_tree.h"
+
+typedef struct tetra_builder {
+    qm_context *ctx;
+    qm_tetra *tetra;
+    uint32_t *face_pack; /* by face: the pack of the tree that holds it */
+    size_t node_capacity, pack_capacity;
+} tetra_builder;
+
+static uint32_t *map_packs(qm_context *ctx, const qm_bvh *bvh)
+{
+    uint32_t *map = qm_context_alloc(ctx, bvh->mesh.face_count, sizeof *map);
+    for (size_t pack = 0; map && pack < bvh->pack_count; pack++)
+        for (int lane = 0; lane < bvh->lanes[pack].lane_count; lane++)
+            map[bvh->lanes[pack].face[lane]] = (uint32_t)pack;
+    return map;
+}
+
+/** Nodes of a patch: parts of more quads than a leaf holds have two halves. */
+static size_t count_nodes(const qm_tetra_part *part, size_t *leaf_faces)
+{
+    if (qm_tetra_part_is_leaf(part)) {
+        *leaf_faces += (size_t)part->rows * part->columns;
+        return 1;
+    }
+    qm_tetra_part half[2];
+    qm_tetra_part_cut(part, half);
+    return 1 + count_nodes(&half[0], leaf_faces) + count_nodes(&half[1], leaf_faces);
+}
+
+static void sort_patches(tetra_builder *builder, uint64_t *order)
+{
+    const qm_patch_set *set = builder->tetra->set;
+    for (size_t i = 0; i < set->patch_count; i++)
+        order[i] = (uint64_t)builder->face_pack[set->faces[set->patches[i].first]] << 32 | i;
+}
+
+static int compare_words(const void *a, const void *b)
+{
+    uint64_t one = *(const uint64_t *)a, other = *(const uint64_t *)b;
+    return one < other ? -1 : one > other;
+}
+
+static qm_status lay_out_patches(tetra_builder *builder)
+{
+    qm_tetra *tetra = builder->tetra;
+    const qm_patch_set *set = tetra->set;
+    uint64_t *order = qm_context_alloc(builder->ctx, set->patch_count, sizeof *order);
+    if (!order) return QM_E_NO_MEMORY;
+    sort_patches(builder, order);
+    qsort(order, set->patch_count, sizeof *order, compare_words);
+    for (size_t i = 0; i < set->patch_count; i++) {
+        uint32_t index = (uint32_t)order[i];
+        const qm_regular_patch *patch = &set->patches[index];
+        tetra->set_patch[i] = index;
+        tetra->patches[i] =
+            (qm_tetra_patch){patch->rows, patch->columns, (uint32_t)tetra->node_count, tetra->vertex_count};
+        qm_tetra_part whole = qm_tetra_part_whole(&tetra->patches[i]);
+        tetra->node_count += count_nodes(&whole, &builder->pack_capacity);
+        tetra->vertex_count += ((size_t)patch->rows + 1) * ((size_t)patch->columns + 1);
+    }
+    qm_context_free(builder->ctx, order, set->patch_count, sizeof *order);
+    return QM_OK;
+}
+
+/** A triangle stands for a quad whose last two corners are one. */
+static uint32_t patch_vertex(const qm_tetra *tetra, uint32_t patch, uint32_t row, uint32_t column)
+{
+    const qm_mesh *mesh = &tetra->bvh->mesh;
+    const uint32_t *face = mesh->faces + 4 * (size_t)tetra->set->faces[tetra->set->patches[patch].first];
+    if (face[3] == QM_NO_INDEX) return face[row == 0 ? column : 2];
+    return qm_patch_vertex(tetra->set, mesh, patch, row, column);
+}
+
+static void fill_vertices(qm_tetra *tetra, size_t at)
+{
+    const qm_tetra_patch *patch = &tetra->patches[at];
+    uint32_t *vertex = tetra->vertices + patch->vertices;
+    for (uint32_t r = 0; r <= patch->rows; r++)
+        for (uint32_t c = 0; c <= patch->columns; c++)
+            *vertex++ = patch_vertex(tetra, tetra->set_patch[at], r, c);
+}
+
+/** Lists each pack of a leaf's quads once. */
+static uint32_t add_leaf_packs(tetra_builder *builder, size_t at, const qm_tetra_part *part)
+{
+    qm_tetra *tetra = builder->tetra;
+    const qm_regular_patch *patch = &tetra->set->patches[tetra->set_patch[at]];
+    size_t first = tetra->pack_count;
+    for (uint32_t r = part->row; r < part->row + part->rows; r++) {
+        for (uint32_t c = part->column; c < part->column + part->columns; c++) {
+            uint32_t pack =
+                builder->face_pack[tetra->set->faces[patch->first + (size_t)r * patch->columns + c]];
+            size_t i = first;
+            while (i < tetra->pack_count && tetra->packs[i] != pack)
+                i++;
+            if (i == tetra->pack_count) tetra->packs[tetra->pack_count++] = pack;
+        }
+    }
+    return (uint32_t)(first << QM_TETRA_COUNT_BITS | (tetra->pack_count - first));
+}
+
+/** Lays the nodes of a part out in preorder; returns the next free one. */
+static uint32_t fill_nodes(tetra_builder *builder, size_t at, const qm_tetra_part *part)
+{
+    qm_tetra_node *node = &builder->tetra->nodes[part->node];
+    if (qm_tetra_part_is_leaf(part)) {
+        node->link = add_leaf_packs(builder, at, part);
+        return part->node + 1;
+    }
+    qm_tetra_part half[2];
+    qm_tetra_part_cut(part, half);
+    node->link = half[1].node = fill_nodes(builder, at, &half[0]);
+    return fill_nodes(builder, at, &half[1]);
+}
+
+static qm_status fill_patches(tetra_builder *builder)
+{
+    qm_tetra *tetra = builder->tetra;
+    const qm_kernel *kernel = qm_kernel_get();
+    for (size_t i = 0; i < tetra->patch_count; i++) {
+        if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
+        fill_vertices(tetra, i);
+        qm_tetra_part whole = qm_tetra_part_whole(&tetra->patches[i]);
+        fill_nodes(builder, i, &whole);
+        kernel->tetra_fit(tetra, i, NULL);
+    }
+    qm_box_tree_fill(&tetra->boxes);
+    return QM_OK;
+}
+
+static qm_status build(tetra_builder *builder)
+{
+    qm_context *ctx = builder->ctx;
+    qm_tetra *tetra = builder->tetra;
+    tetra->patches = qm_context_alloc(ctx, tetra->patch_count, sizeof *tetra->patches);
+    tetra->set_patch = qm_context_alloc(ctx, tetra->patch_count, sizeof *tetra->set_patch);
+    if (!tetra->patches || !tetra->set_patch || !builder->face_pack) return QM_E_NO_MEMORY;
+    qm_status status = lay_out_patches(builder);
+    if (status != QM_OK) return status;
+    tetra->pack_capacity = builder->pack_capacity;
+    tetra->nodes = qm_context_alloc(ctx, tetra->node_count, sizeof *tetra->nodes);
+    tetra->vertices = qm_context_alloc(ctx, tetra->vertex_count, sizeof *tetra->vertices);
+    tetra->packs = qm_context_alloc(ctx, tetra->pack_capacity, sizeof *tetra->packs);
+    bool has_boxes = qm_box_tree_init(ctx, tetra->patch_count, &tetra->boxes);
+    if (!tetra->nodes || !tetra->vertices || !tetra->packs || !has_boxes) return QM_E_NO_MEMORY;
+    status = fill_patches(builder);
+    if (status != QM_OK) return status;
+    uint32_t *packs =
+        qm_context_resize(ctx, tetra->packs, tetra->pack_capacity, tetra->pack_count, sizeof *packs);
+    if (packs) {
+        tetra->packs = packs;
+        tetra->pack_capacity = tetra->pack_count;
+    }
+    return QM_OK;
+}
+
+qm_status qm_tetra_build(qm_context *ctx, const qm_bvh *bvh, const qm_patch_set *patches, qm_tetra **out)
+{
+    *out = NULL;
+    size_t faces = bvh->mesh.face_count;
+    if (!bvh->packs)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "offset tetrahedra need a tree that is a target");
+    if (faces == 0)
+        return qm_context_fail(ctx, QM_E_UNSUPPORTED, "a point set has no patches for offset tetrahedra");
+    if (patches->face_count != faces)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the patches are those of another mesh");
+    qm_tetra *tetra = qm_context_alloc(ctx, 1, sizeof *tetra);
+    qm_status status = QM_E_NO_MEMORY;
+    if (tetra) {
+        *tetra = (qm_tetra){.bvh = bvh, .set = patches, .patch_count = patches->patch_count};
+        tetra_builder builder = {.ctx = ctx, .tetra = tetra, .face_pack = map_packs(ctx, bvh)};
+        status = build(&builder);
+        qm_context_free(ctx, builder.face_pack, faces, sizeof *builder.face_pack);
+    }
+    if (status != QM_OK) {
+        qm_tetra_destroy(ctx, tetra);
+        return qm_context_fail(ctx, status, "%s while building offset tetrahedra", qm_status_text(status));
+    }
+    *out = tetra;
+    return QM_OK;
+}
+
+void qm_tetra_destroy(qm_context *ctx, qm_tetra *tetra)
+{
+    if (!tetra) return;
+    qm_box_tree_reset(ctx, &tetra->boxes);
+    qm_context_free(ctx, tetra->patches, tetra->patch_count, sizeof *tetra->patches);
+    qm_context_free(ctx, tetra->set_patch, tetra->patch_count, sizeof *tetra->set_patch);
+    qm_context_free(ctx, tetra->nodes, tetra->node_count, sizeof *tetra->nodes);
+    qm_context_free(ctx, tetra->vertices, tetra->vertex_count, sizeof *tetra->vertices);
+    qm_context_free(ctx, tetra->packs, tetra->pack_capacity, sizeof *tetra->packs);
+    qm_context_free(ctx, tetra, 1, sizeof *tetra);
+}
+
+size_t qm_tetra_memory_size(const qm_tetra *tetra)
+{
+    return sizeof *tetra + tetra->patch_count * (sizeof *tetra->patches + sizeof *tetra->set_patch) +
+           tetra->node_count * sizeof *tetra->nodes + tetra->vertex_count * sizeof *tetra->vertices +
+           tetra->pack_capacity * sizeof *tetra->packs + qm_box_tree_memory_size(&tetra->boxes);
+}
