@@ -33,6 +33,8 @@ static const setting settings[] = {
     TEXT(dashboard, "dashboard", "", "folder of the page served at /; found beside the program when empty"),
     NUMBER(workers, "workers", 2, 1, 256, "jobs that run at the same time"),
     NUMBER(job_threads, "job-threads", 1, 1, 256, "threads of one job that does not ask for a number"),
+    NUMBER(prepare_threads, "prepare-threads", 0, 0, 256,
+           "threads that prepare one mesh; 0 for one a processor"),
     NUMBER(max_body, "max-body", 1073741824.0, 1024, 1e12, "bytes of an upload at most"),
     NUMBER(max_faces, "max-faces", 5e7, 1, 2.6e8, "faces (and vertices) of a mesh at most"),
     NUMBER(queue, "queue", 1000, 1, 1e6, "jobs that wait at most; more get 429"),

@@ -13,10 +13,11 @@ typedef struct qm_config {
     const char *port_file; /* the port is written there once the daemon listens; "" for none */
     const char *dashboard; /* folder of the page that is served at / */
     const char *log_format, *log_level;
-    double port;        /* 0: any free one */
-    double workers;     /* jobs that run at once */
-    double job_threads; /* threads of one job */
-    double max_body;    /* bytes of an upload */
+    double port;            /* 0: any free one */
+    double workers;         /* jobs that run at once */
+    double job_threads;     /* threads of one job */
+    double prepare_threads; /* threads that prepare one mesh; 0: one for each processor */
+    double max_body;        /* bytes of an upload */
     double max_faces;
     double queue; /* jobs that wait */
     double connections;

@@ -15,8 +15,8 @@ void qm_feet_reset(qm_context *ctx, qm_feet *feet)
     *feet = (qm_feet){0};
 }
 
-qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, qm_quad_reading quads,
-                       const double *points, size_t count, int threads, qm_feet *out)
+qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, const qm_locator *locator,
+                       qm_quad_reading quads, const double *points, size_t count, int threads, qm_feet *out)
 {
     *out = (qm_feet){.count = count};
     if (count == 0) return QM_OK;
@@ -27,7 +27,7 @@ qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, qm_quad_read
     qm_projection projection = {out->distance, out->position, out->face, out->uv};
     qm_status status;
     if (out->distance && out->position && out->uv && out->face)
-        status = qm_project_points(ctx, mesh->bvh, quads, points, count, threads, &projection);
+        status = qm_project_points_with(ctx, locator, quads, points, count, threads, &projection);
     else
         status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for %zu points", count);
     for (size_t i = 0; status == QM_OK && i < count; i++)

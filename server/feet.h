@@ -17,11 +17,11 @@ typedef struct qm_feet {
 } qm_feet;
 
 /**
- * Finds the feet of count points; *out is the caller's, for qm_feet_reset in the same context. Returns what
- * qm_project_points returns; after an error *out is all zero.
+ * Finds the feet of count points with a locator of the mesh; *out is the caller's, for qm_feet_reset in the
+ * same context. Returns what qm_project_points_with returns; after an error *out is all zero.
  */
-qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, qm_quad_reading quads,
-                       const double *points, size_t count, int threads, qm_feet *out);
+qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, const qm_locator *locator,
+                       qm_quad_reading quads, const double *points, size_t count, int threads, qm_feet *out);
 void qm_feet_reset(qm_context *ctx, qm_feet *feet);
 
 /** The place of the first of count numbers that is not finite, or count. */

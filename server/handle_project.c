@@ -21,6 +21,8 @@ typedef enum number_type { F64, F32 } number_type;
 typedef struct projecting {
     qm_meshes *meshes;
     qm_mesh_ref *mesh;
+    qm_accelerator accelerator;
+    qm_locator locator;
     qm_blob_writer *upload;
     number_type type;
     qm_quad_reading quads;
@@ -37,6 +39,8 @@ static size_t row_size(number_type type)
 static void end_projecting(void *user)
 {
     projecting *p = user;
+    qm_context ctx = qm_context_make();
+    qm_locator_reset(&ctx, &p->locator);
     qm_blob_abort(p->upload);
     qm_meshes_release(p->meshes, p->mesh);
     free(p);
@@ -117,7 +121,7 @@ static qm_status project_block(projecting *p, double *points, size_t count, qm_t
     qm_context ctx = qm_context_make();
     ctx.parallel = qm_parallel_run;
     qm_feet feet;
-    qm_status status = qm_feet_find(&ctx, mesh, p->quads, points, count, p->threads, &feet);
+    qm_status status = qm_feet_find(&ctx, mesh, &p->locator, p->quads, points, count, p->threads, &feet);
     if (status != QM_OK) return status;
     qm_feet_write(out, p->rows, &feet, mesh->diagonal, p->done == 0);
     qm_feet_reset(&ctx, &feet);
@@ -171,13 +175,17 @@ static bool read_parameters(qm_request *request, projecting *p)
 {
     static const char *const types[] = {"f64", "f32", NULL},
                              *const readings[] = {"triangles", "bilinear", NULL},
-                             *const orders[] = {"input", NULL};
-    int type, reading, order;
+                             *const orders[] = {"input", NULL},
+                             *const accelerators[] = {"auto", "boxes", "grid", NULL};
+    int type, reading, order, accelerator;
     if (!qm_request_choice(request, "dtype", types, &type) ||
         !qm_request_choice(request, "quads", readings, &reading) ||
-        !qm_request_choice(request, "order", orders, &order) || !read_threads(request, &p->threads))
+        !qm_request_choice(request, "order", orders, &order) ||
+        !qm_request_choice(request, "accelerator", accelerators, &accelerator) ||
+        !read_threads(request, &p->threads))
         return false;
     p->type = type == 1 ? F32 : F64;
+    p->accelerator = accelerator == 2 ? QM_ACCELERATOR_GRID : QM_ACCELERATOR_BOXES;
     p->quads = reading == 1 ? QM_QUADS_BILINEAR : QM_QUADS_TRIANGLES;
     const char *media = qm_request_media(request);
     p->rows = strcmp(media, QM_MEDIA_CSV) == 0    ? QM_ROWS_CSV
@@ -199,6 +207,14 @@ static bool take_points(qm_request *request, projecting *p, qm_problem *problem)
     return false;
 }
 
+static bool build_locator(projecting *p, qm_problem *problem)
+{
+    qm_context ctx = qm_context_make();
+    qm_status status = qm_locator_build(&ctx, qm_mesh_ref_get(p->mesh)->bvh, p->accelerator, &p->locator);
+    if (status != QM_OK) *problem = qm_problem_from_status(status, ctx.message);
+    return status == QM_OK;
+}
+
 void qm_handle_mesh_project(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
@@ -213,7 +229,7 @@ void qm_handle_mesh_project(qm_request *request)
     }
     *p = made;
     p->mesh = qm_meshes_acquire(app->meshes, qm_request_id(request), &problem);
-    if (!p->mesh || !take_points(request, p, &problem)) {
+    if (!p->mesh || !take_points(request, p, &problem) || !build_locator(p, &problem)) {
         end_projecting(p);
         qm_reply_problem(request, &problem);
         return;

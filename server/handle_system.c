@@ -73,7 +73,7 @@ void qm_handle_info(qm_request *request)
 #undef XX
     if (out.size > 0) out.size--;
     qm_text_printf(&out,
-                   "],\"accelerators\":[\"auto\",\"boxes\"],\"limits\":{\"body_bytes\":%.15g,"
+                   "],\"accelerators\":[\"auto\",\"boxes\",\"grid\"],\"limits\":{\"body_bytes\":%.15g,"
                    "\"faces\":%.15g,\"queued_jobs\":%.15g,\"connections\":%.15g,\"streams\":%.15g},"
                    "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu}",
                    config->max_body, config->max_faces, config->queue, config->connections, config->streams,

@@ -14,7 +14,7 @@ qm_job_request qm_job_request_default(void)
         .tolerance = 1e-6,
         .threshold = NAN,
         .accuracy = 1e-2,
-        .pieces = 1u << 18,
+        .pieces = 1u << 20,
         .bins = 50,
         .percentiles = {1, 5, 25, 50, 75, 90, 95, 99},
         .percentile_count = 8,
@@ -87,8 +87,13 @@ static void reset_project(qm_context *ctx, qm_job_result *result)
 static qm_status run_project(const question *q, qm_job_result *out)
 {
     const qm_job_request *request = q->request;
-    return qm_feet_find(q->ctx, q->a, request->quads, request->points, request->point_count, q->threads,
-                        &out->feet);
+    qm_locator locator;
+    qm_status status = qm_locator_build(q->ctx, q->a->bvh, request->accelerator, &locator);
+    if (status == QM_OK)
+        status = qm_feet_find(q->ctx, q->a, &locator, request->quads, request->points, request->point_count,
+                              q->threads, &out->feet);
+    qm_locator_reset(q->ctx, &locator);
+    return status;
 }
 
 /* ---- deviation ---- */
@@ -113,7 +118,9 @@ static qm_status run_deviation(const question *q, qm_job_result *out)
     options.progress = q->progress;
     options.progress_user = q->progress_user;
     out->tolerance = options.tolerance;
-    return qm_deviation_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->deviation);
+    qm_status status = qm_deviation_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->deviation);
+    out->is_canceled = status == QM_OK && out->deviation.is_canceled;
+    return status;
 }
 
 /* ---- any kind ---- */

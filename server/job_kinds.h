@@ -67,7 +67,7 @@ typedef struct qm_job_request {
 } qm_job_request;
 
 /** A Hausdorff job: two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
- * Deviation: accuracy 1e-2, 2^18 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99. */
+ * Deviation: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99. */
 qm_job_request qm_job_request_default(void);
 
 /** Frees what the request owns. */

@@ -191,6 +191,12 @@ static bool read_accelerator(const cJSON *value, qm_job_request *out)
     return place >= 0;
 }
 
+/** For a kind that has one way to search. */
+static bool read_boxes(const cJSON *value, qm_job_request *out)
+{
+    return read_accelerator(value, out) && out->accelerator != QM_ACCELERATOR_GRID;
+}
+
 static bool read_bounds(const cJSON *value, qm_job_request *out)
 {
     static const char *const names[] = {"cells", "matching", NULL};
@@ -222,7 +228,6 @@ static bool read_points(const cJSON *value, qm_job_request *out, fault *at)
 }
 
 static const char *const later_accelerators[] = {"tetra", NULL};
-static const char *const later_elsewhere[] = {"grid", "tetra", NULL};
 
 enum {
     ALL = (1u << QM_JOB_KIND_COUNT) - 1,
@@ -252,10 +257,9 @@ static const field fields[] = {
      "must hold at most 64 numbers above 0, none above 100", NULL},
     {"threads", ALL, 0, read_threads, NULL, "must be a whole number from 1 to 256", NULL},
     {"detach", ALL, 0, read_detach, NULL, "must be true or false", NULL},
-    {"accelerator", HAUSDORFF, 0, read_accelerator, NULL, "must be \"auto\", \"boxes\" or \"grid\"",
+    {"accelerator", ALL & ~DEVIATION, 0, read_accelerator, NULL, "must be \"auto\", \"boxes\" or \"grid\"",
      later_accelerators},
-    {"accelerator", ALL & ~HAUSDORFF, 0, read_accelerator, NULL, "must be \"auto\" or \"boxes\"",
-     later_elsewhere},
+    {"accelerator", DEVIATION, 0, read_boxes, NULL, "must be \"auto\" or \"boxes\"", NULL},
     {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\" or \"matching\"", NULL},
 };
 enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };

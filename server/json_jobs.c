@@ -35,6 +35,12 @@ static void add_prepare_ms(qm_text *out, const qm_job_result *result)
 
 /* ---- hausdorff ---- */
 
+static void write_accelerator(qm_text *out, const qm_job_request *request)
+{
+    if (request->accelerator != QM_ACCELERATOR_AUTO)
+        qm_json_add_string(out, "accelerator", accelerator_names[request->accelerator]);
+}
+
 static void write_hausdorff_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
     (void)is_brief;
@@ -42,8 +48,7 @@ static void write_hausdorff_request(qm_text *out, const qm_job_request *request,
     write_tolerance(out, request);
     if (!isnan(request->threshold)) qm_json_add_number(out, "threshold", request->threshold);
     if (request->deadline_ms > 0.0) qm_json_add_number(out, "deadline_ms", request->deadline_ms);
-    if (request->accelerator != QM_ACCELERATOR_AUTO)
-        qm_json_add_string(out, "accelerator", accelerator_names[request->accelerator]);
+    write_accelerator(out, request);
     if (request->bounds == QM_BOUNDS_MATCHING) qm_json_add_string(out, "bounds", "matching");
 }
 
@@ -129,6 +134,7 @@ void qm_json_write_bounds(qm_text *out, const qm_hausdorff_progress *progress, d
 
 static void write_project_request(qm_text *out, const qm_job_request *request, bool is_brief)
 {
+    write_accelerator(out, request);
     if (is_brief) {
         qm_json_add_count(out, "point_count", request->point_count);
         return;

@@ -13,6 +13,7 @@
 
 #include "http.h"
 #include "log.h"
+#include "parallel.h"
 
 #define REQUEST_THREADS 4
 #define UPLOAD_THREADS 2
@@ -112,7 +113,9 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     }
     qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
                               .max_faces = (size_t)config->max_faces};
-    app->meshes = qm_meshes_create(app->store, limits);
+    int prepare_threads =
+        config->prepare_threads > 0 ? (int)config->prepare_threads : qm_parallel_available();
+    app->meshes = qm_meshes_create(app->store, limits, prepare_threads);
     app->pool = qm_pool_create(REQUEST_THREADS);
     app->long_pool = qm_pool_create(UPLOAD_THREADS);
     if (!app->meshes || !app->pool || !app->long_pool) return false;

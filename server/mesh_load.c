@@ -36,21 +36,23 @@ static qm_status set_warnings(qm_loaded_mesh *out, const qm_codec_report *report
     return QM_OK;
 }
 
-static qm_status prepare(qm_context *ctx, qm_loaded_mesh *out)
+static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_loaded_mesh *out)
 {
     double start = qm_now_ms();
-    qm_status status = qm_mesh_find_facts(ctx, &out->mesh, &out->facts);
+    qm_status status = preparation->has_facts ? qm_mesh_find_facts(ctx, &out->mesh, &out->facts) : QM_OK;
     out->box = qm_mesh_bounding_box(&out->mesh);
     out->diagonal = qm_box_diagonal(&out->box);
     double built = qm_now_ms();
     out->topology_ms = built - start;
-    if (status == QM_OK) status = qm_bvh_build(ctx, &out->mesh, QM_BVH_ALL, 1, &out->bvh);
+    if (status == QM_OK)
+        status = qm_bvh_build(ctx, &out->mesh, preparation->parts, preparation->thread_count, &out->bvh);
     out->bvh_ms = qm_now_ms() - built;
     return status;
 }
 
 qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
-                       const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report)
+                       const qm_codec_limits *limits, const qm_preparation *preparation, qm_loaded_mesh *out,
+                       qm_codec_report *report)
 {
     *out = (qm_loaded_mesh){.file_size = size};
     *report = (qm_codec_report){.line = QM_NO_PLACE, .offset = QM_NO_PLACE};
@@ -65,7 +67,7 @@ qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, 
     qm_status status = qm_codec_decode(ctx, out->format, bytes, size, limits, &out->mesh, report);
     out->parse_ms = qm_now_ms() - start;
     if (status == QM_OK) {
-        status = prepare(ctx, out);
+        status = prepare(ctx, preparation, out);
         if (status == QM_OK) status = set_warnings(out, report);
         if (status != QM_OK) snprintf(report->detail, sizeof report->detail, "%s", qm_status_text(status));
     }

@@ -22,6 +22,13 @@ typedef struct qm_loaded_mesh {
     size_t warning_count;
 } qm_loaded_mesh;
 
+/** What a mesh is made ready for. What is not asked for costs neither time nor memory. */
+typedef struct qm_preparation {
+    bool has_facts;     /* counts facts, and warns of what they tell; otherwise facts are all zero */
+    qm_bvh_parts parts; /* of the tree */
+    int thread_count;   /* 1 or more; more than one is used only with ctx->parallel */
+} qm_preparation;
+
 /**
  * Decodes (format QM_FORMAT_UNKNOWN: sniffed), finds the facts and builds the tree. On success *out is the
  * caller's, for qm_loaded_mesh_reset with the same allocator.
@@ -29,7 +36,8 @@ typedef struct qm_loaded_mesh {
  * Returns QM_OK; or a status with report->detail and the place in the file. After an error *out is all zero.
  */
 qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
-                       const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report);
+                       const qm_codec_limits *limits, const qm_preparation *preparation, qm_loaded_mesh *out,
+                       qm_codec_report *report);
 
 void qm_loaded_mesh_reset(qm_context *ctx, qm_loaded_mesh *mesh);
 

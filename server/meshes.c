@@ -9,6 +9,7 @@
 
 #include "json_out.h"
 #include "log.h"
+#include "parallel.h"
 
 /** An entry lives while it is in the list or anybody holds a reference. */
 struct qm_mesh_ref {
@@ -29,6 +30,7 @@ struct qm_mesh_ref {
 struct qm_meshes {
     qm_store *store;
     qm_codec_limits limits;
+    int threads; /* that prepare a mesh */
     uv_mutex_t filing;
     uv_mutex_t lock;
     uv_cond_t changed;
@@ -57,12 +59,13 @@ void qm_format_time(char out[QM_TIME_SIZE])
     snprintf(out + length, QM_TIME_SIZE - length, ".%03dZ", (int)(now.tv_nsec / 1000000));
 }
 
-qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits)
+qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, int threads)
 {
     qm_meshes *meshes = calloc(1, sizeof *meshes);
     if (!meshes) return NULL;
     meshes->store = store;
     meshes->limits = limits;
+    meshes->threads = threads;
     uv_mutex_init(&meshes->filing);
     uv_mutex_init(&meshes->lock);
     uv_cond_init(&meshes->changed);
@@ -129,8 +132,10 @@ static bool load_mapped(const qm_meshes *meshes, qm_status mapped, const uint8_t
         return false;
     }
     qm_context ctx = qm_context_make();
+    ctx.parallel = qm_parallel_run;
+    const qm_preparation all = {.has_facts = true, .parts = QM_BVH_ALL, .thread_count = meshes->threads};
     qm_codec_report report;
-    qm_status status = qm_mesh_load(&ctx, format, bytes, size, &meshes->limits, out, &report);
+    qm_status status = qm_mesh_load(&ctx, format, bytes, size, &meshes->limits, &all, out, &report);
     qm_blob_unmap(bytes, size);
     if (status != QM_OK) *problem = qm_problem_from_codec(status, &report);
     return status == QM_OK;

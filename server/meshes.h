@@ -14,14 +14,15 @@ typedef struct qm_meshes qm_meshes;
  * deleted. */
 typedef struct qm_mesh_ref qm_mesh_ref;
 
-qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits);
+/** threads prepare a mesh that has come in, or comes back from its blob. */
+qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, int threads);
 
 /** Frees every mesh. No reference is left. */
 void qm_meshes_destroy(qm_meshes *meshes);
 
 /**
  * Takes an upload in, which is gone afterwards: the same bytes with the same options give the mesh that is
- * there (*is_new false). Decodes and builds on the calling thread. Nothing of the upload is kept after a
+ * there (*is_new false). Decodes on the calling thread. Nothing of the upload is kept after a
  * fault. out is the caller's, for qm_store_mesh_reset.
  */
 bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,

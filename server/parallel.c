@@ -1,6 +1,7 @@
 #include "parallel.h"
 
 #include <pthread.h>
+#include <sched.h>
 
 #define MAX_THREADS 256
 
@@ -33,4 +34,11 @@ void qm_parallel_run(void *user, int worker_count, void (*task)(void *data, int 
         task(data, worker);
     for (int i = 0; i < started; i++)
         pthread_join(threads[i], NULL);
+}
+
+int qm_parallel_available(void)
+{
+    cpu_set_t set;
+    int count = sched_getaffinity(0, sizeof set, &set) == 0 ? CPU_COUNT(&set) : 1;
+    return count < 1 ? 1 : count > MAX_THREADS ? MAX_THREADS : count;
 }

@@ -22,7 +22,15 @@ int cmd_info(int argc, char **argv);
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
 
 /** Loads a mesh file for questions in this process. False after words or a problem as above. */
-bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, qm_loaded_mesh *out);
+bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, const qm_preparation *preparation,
+                   qm_loaded_mesh *out);
+
+/** What a mesh is made ready for that is searched for nearest points, or else that only has its points
+ * measured. */
+qm_preparation cli_prepare(bool is_target, qm_quad_reading quads, int threads);
+
+/** The threads that were asked for, or else one for each processor. */
+int cli_count_threads(int asked);
 
 /** Tells of a problem: words on stderr with the file's name, or the document on stdout. */
 void cli_complain(const char *path, const qm_problem *problem, bool as_json);
@@ -55,6 +63,7 @@ char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE]);
 bool cli_read_number(const char *name, const char *text, double least, double *out);
 bool cli_read_quads(const char *text, qm_quad_reading *out);
 bool cli_read_threads(const char *text, int *out);
+bool cli_read_accelerator(const char *text, qm_accelerator *out);
 
 /** Prints the result object of a Hausdorff job (JSON text) as it is, or in words. Returns the exit status
  * that goes with it. */

@@ -19,13 +19,13 @@ static const char usage[] =
     "  --quads R        how quads are read: triangles (default) or bilinear\n"
     "  --accuracy X     width of the intervals of mean and rms at which to stop, as a share of them (default "
     "0.01)\n"
-    "  --pieces N       parts that A's faces may be cut into besides themselves (default 262144)\n"
+    "  --pieces N       parts that A's faces may be cut into besides themselves (default 1048576)\n"
     "  --tolerance X    width of the interval of the maximum, a share of the diagonal of A's box (default "
     "1e-6)\n"
     "  --absolute       the tolerance is in the unit of the meshes\n"
     "  --percentiles L  which percentiles, as numbers with commas between (default 1,5,25,50,75,90,95,99)\n"
     "  --bins N         bins of the histogram (default 50)\n"
-    "  --threads N      threads of the search (default 1)\n"
+    "  --threads N      threads (default: one for each processor; with --server what the daemon gives)\n"
     "  --json           the result object of the API on standard output\n"
     "  --progress       lines of progress on standard error also when that is no terminal\n"
     "  --server URL     ask a daemon instead of this process\n"
@@ -182,11 +182,15 @@ static int measure_loaded(const question *asked, const qm_loaded_mesh *a, const 
 static int measure_here(const question *asked)
 {
     qm_context ctx = qm_context_make();
+    ctx.parallel = qm_parallel_run;
     ctx.cancel = &cli_interrupted;
+    const qm_job_request *request = &asked->request;
+    qm_preparation for_a = cli_prepare(false, request->quads, request->threads);
+    qm_preparation for_b = cli_prepare(true, request->quads, request->threads);
     qm_loaded_mesh a, b;
     int status = EXIT_BAD_INPUT;
-    if (cli_load_mesh(&ctx, asked->path_a, asked->as_json, &a)) {
-        if (cli_load_mesh(&ctx, asked->path_b, asked->as_json, &b)) {
+    if (cli_load_mesh(&ctx, asked->path_a, asked->as_json, &for_a, &a)) {
+        if (cli_load_mesh(&ctx, asked->path_b, asked->as_json, &for_b, &b)) {
             status = measure_loaded(asked, &a, &b);
             qm_loaded_mesh_reset(&ctx, &b);
         }
@@ -226,9 +230,10 @@ static int finish_there(const question *asked, cli_talk *talk, const char *json)
     if (!asked->csv && !asked->ply) return show(asked, json);
     qm_context ctx = qm_context_make();
     qm_loaded_mesh mesh = {0};
+    qm_preparation for_positions = cli_prepare(false, asked->request.quads, 1);
     int status = EXIT_BAD_INPUT;
     if (fetch_distances(asked, talk, &distances) &&
-        cli_load_mesh(&ctx, asked->path_a, asked->as_json, &mesh)) {
+        cli_load_mesh(&ctx, asked->path_a, asked->as_json, &for_positions, &mesh)) {
         if (mesh.mesh.vertex_count == distances.count)
             status = finish(asked, json, &mesh.mesh, &distances);
         else
@@ -366,6 +371,7 @@ int cmd_deviation(int argc, char **argv)
     }
     asked.path_a = argv[optind];
     asked.path_b = argv[optind + 1];
+    if (!asked.server) asked.request.threads = cli_count_threads(asked.request.threads);
     int status = asked.server ? measure_there(&asked) : measure_here(&asked);
     return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
 }

@@ -26,7 +26,7 @@ static const char usage[] =
     "  --absolute       the tolerance is in the unit of the meshes\n"
     "  --threshold X    stop as soon as it is certain whether the distance is above X\n"
     "  --deadline-ms N  stop after this time with the bracket so far\n"
-    "  --threads N      threads of the search (default 1)\n"
+    "  --threads N      threads (default: one for each processor; with --server what the daemon gives)\n"
     "  --accelerator A  of nearest points: auto (default), boxes or grid\n"
     "  --bounds B       how upper bounds are found: cells (default) or matching\n"
     "  --json           the result object of the API on standard output\n"
@@ -41,15 +41,6 @@ static bool read_direction(const char *text, qm_direction *out)
     if (strcmp(text, "b_to_a") == 0) return *out = QM_B_TO_A, true;
     if (strcmp(text, "two_sided") == 0) return *out = QM_TWO_SIDED, true;
     fprintf(stderr, "quadmesh: --direction takes a_to_b, b_to_a or two_sided, got \"%s\"\n", text);
-    return false;
-}
-
-static bool read_accelerator(const char *text, qm_accelerator *out)
-{
-    if (strcmp(text, "auto") == 0) return *out = QM_ACCELERATOR_AUTO, true;
-    if (strcmp(text, "boxes") == 0) return *out = QM_ACCELERATOR_BOXES, true;
-    if (strcmp(text, "grid") == 0) return *out = QM_ACCELERATOR_GRID, true;
-    fprintf(stderr, "quadmesh: --accelerator takes auto, boxes or grid, got \"%s\"\n", text);
     return false;
 }
 
@@ -96,7 +87,7 @@ static bool read_option(question *asked, int option)
     case THREADS:
         return cli_read_threads(optarg, &request->threads);
     case ACCELERATOR:
-        return read_accelerator(optarg, &request->accelerator);
+        return cli_read_accelerator(optarg, &request->accelerator);
     case BOUNDS:
         return read_bounds(optarg, &request->bounds);
     case JSON:
@@ -144,11 +135,15 @@ static int measure_loaded(const question *asked, const qm_loaded_mesh *a, const 
 static int measure_here(const question *asked)
 {
     qm_context ctx = qm_context_make();
+    ctx.parallel = qm_parallel_run;
     ctx.cancel = &cli_interrupted;
+    const qm_job_request *request = &asked->request;
+    qm_preparation for_a = cli_prepare(request->direction != QM_A_TO_B, request->quads, request->threads);
+    qm_preparation for_b = cli_prepare(request->direction != QM_B_TO_A, request->quads, request->threads);
     qm_loaded_mesh a, b;
     int status = EXIT_BAD_INPUT;
-    if (cli_load_mesh(&ctx, asked->path_a, asked->as_json, &a)) {
-        if (cli_load_mesh(&ctx, asked->path_b, asked->as_json, &b)) {
+    if (cli_load_mesh(&ctx, asked->path_a, asked->as_json, &for_a, &a)) {
+        if (cli_load_mesh(&ctx, asked->path_b, asked->as_json, &for_b, &b)) {
             status = measure_loaded(asked, &a, &b);
             qm_loaded_mesh_reset(&ctx, &b);
         }
@@ -205,5 +200,7 @@ int cmd_hausdorff(int argc, char **argv)
     }
     asked.path_a = argv[optind];
     asked.path_b = argv[optind + 1];
-    return asked.server ? measure_there(&asked) : measure_here(&asked);
+    if (asked.server) return measure_there(&asked);
+    asked.request.threads = cli_count_threads(asked.request.threads);
+    return measure_here(&asked);
 }

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 
 #include "cli.h"
+#include "parallel.h"
 
 static const char usage[] = "usage: quadmesh info FILE [--json]\n"
                             "\n"
@@ -52,8 +53,10 @@ int cmd_info(int argc, char **argv)
         return fputs(usage, stderr), EXIT_USAGE;
     }
     qm_context ctx = qm_context_make();
+    ctx.parallel = qm_parallel_run;
+    const qm_preparation all = {.has_facts = true, .parts = QM_BVH_ALL, .thread_count = cli_count_threads(0)};
     qm_loaded_mesh mesh;
-    if (!cli_load_mesh(&ctx, argv[optind], as_json, &mesh)) return EXIT_BAD_INPUT;
+    if (!cli_load_mesh(&ctx, argv[optind], as_json, &all, &mesh)) return EXIT_BAD_INPUT;
     if (as_json)
         print_json(argv[optind], &mesh);
     else

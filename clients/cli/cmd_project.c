@@ -17,7 +17,8 @@ static const char usage[] =
     "  --binary          the same as little-endian float64: the default for other names\n"
     "  --json            one document, the default for names that end in .json; faults are documents too\n"
     "  --quads R         how quads are read: triangles (default) or bilinear\n"
-    "  --threads N       threads of the search (default 1)\n"
+    "  --threads N       threads (default: one for each processor; with --server what the daemon gives)\n"
+    "  --accelerator A   of nearest points: auto (default), boxes or grid\n"
     "  --server URL      ask a daemon instead of this process\n"
     "\n"
     "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 interrupted.\n";
@@ -33,6 +34,7 @@ typedef struct question {
     qm_rows rows;
     bool as_json;
     qm_quad_reading quads;
+    qm_accelerator accelerator;
     int threads;
 } question;
 
@@ -105,21 +107,32 @@ static bool read_points(const question *asked, point_list *out)
 
 /* ---- in this process ---- */
 
-static bool write_block(const question *asked, qm_context *ctx, const qm_loaded_mesh *mesh,
-                        const point_list *points, size_t first, qm_text *text, FILE *out)
+static void complain(const question *asked, qm_status status, const char *message)
+{
+    qm_problem problem = qm_problem_from_status(status, message);
+    cli_complain(asked->mesh, &problem, asked->as_json);
+}
+
+/** A mesh and what it is searched with. */
+typedef struct target {
+    qm_loaded_mesh mesh;
+    qm_locator locator;
+} target;
+
+static bool write_block(const question *asked, qm_context *ctx, const target *on, const point_list *points,
+                        size_t first, qm_text *text, FILE *out)
 {
     size_t rest = points->count - first, count = rest < QM_FEET_BLOCK ? rest : QM_FEET_BLOCK;
     qm_feet feet;
-    qm_status status = qm_feet_find(ctx, mesh, asked->quads, points->rows + 3 * first, count,
-                                    asked->threads > 0 ? asked->threads : 1, &feet);
+    qm_status status = qm_feet_find(ctx, &on->mesh, &on->locator, asked->quads, points->rows + 3 * first,
+                                    count, asked->threads, &feet);
     if (status == QM_OK) {
-        qm_feet_write(text, asked->rows, &feet, mesh->diagonal, first == 0);
+        qm_feet_write(text, asked->rows, &feet, on->mesh.diagonal, first == 0);
         qm_feet_reset(ctx, &feet);
         if (text->failed) status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the rows");
     }
     if (status != QM_OK) {
-        qm_problem problem = qm_problem_from_status(status, ctx->message);
-        cli_complain(asked->mesh, &problem, asked->as_json);
+        complain(asked, status, ctx->message);
         return false;
     }
     fwrite(text->data, 1, text->size, out);
@@ -127,14 +140,14 @@ static bool write_block(const question *asked, qm_context *ctx, const qm_loaded_
     return true;
 }
 
-static bool write_rows(const question *asked, qm_context *ctx, const qm_loaded_mesh *mesh,
-                       const point_list *points, FILE *out)
+static bool write_rows(const question *asked, qm_context *ctx, const target *on, const point_list *points,
+                       FILE *out)
 {
     qm_text text = {0};
     bool good = true;
     qm_feet_write_begin(&text, asked->rows);
     for (size_t first = 0; good && first < points->count; first += QM_FEET_BLOCK)
-        good = write_block(asked, ctx, mesh, points, first, &text, out);
+        good = write_block(asked, ctx, on, points, first, &text, out);
     qm_feet_write_end(&text, asked->rows);
     if (good && text.size > 0) fwrite(text.data, 1, text.size, out);
     qm_text_reset(&text);
@@ -146,10 +159,14 @@ static bool project_here(const question *asked, const point_list *points, FILE *
     qm_context ctx = qm_context_make();
     ctx.parallel = qm_parallel_run;
     ctx.cancel = &cli_interrupted;
-    qm_loaded_mesh mesh;
-    if (!cli_load_mesh(&ctx, asked->mesh, asked->as_json, &mesh)) return false;
-    bool good = write_rows(asked, &ctx, &mesh, points, out);
-    qm_loaded_mesh_reset(&ctx, &mesh);
+    qm_preparation preparation = cli_prepare(true, asked->quads, asked->threads);
+    target on;
+    if (!cli_load_mesh(&ctx, asked->mesh, asked->as_json, &preparation, &on.mesh)) return false;
+    qm_status status = qm_locator_build(&ctx, on.mesh.bvh, asked->accelerator, &on.locator);
+    if (status != QM_OK) complain(asked, status, ctx.message);
+    bool good = status == QM_OK && write_rows(asked, &ctx, &on, points, out);
+    qm_locator_reset(&ctx, &on.locator);
+    qm_loaded_mesh_reset(&ctx, &on.mesh);
     return good;
 }
 
@@ -163,8 +180,9 @@ static bool project_there(const question *asked, point_list *points, FILE *out)
     if (asked->threads > 0) snprintf(threads, sizeof threads, "&threads=%d", asked->threads);
     bool good = talk && cli_talk_upload(talk, asked->mesh, id, NULL);
     if (good) {
-        snprintf(path, sizeof path, "/v1/meshes/%s/project?quads=%s%s", id,
-                 asked->quads == QM_QUADS_BILINEAR ? "bilinear" : "triangles", threads);
+        snprintf(path, sizeof path, "/v1/meshes/%s/project?quads=%s%s%s", id,
+                 asked->quads == QM_QUADS_BILINEAR ? "bilinear" : "triangles",
+                 asked->accelerator == QM_ACCELERATOR_GRID ? "&accelerator=grid" : "", threads);
         qm_feet_turn_bytes(points->rows, 3 * points->count);
         good = cli_talk_fetch(talk, path, points->count > 0 ? (const void *)points->rows : "",
                               points->count * 3 * sizeof(double), media[asked->rows], asked->points, out);
@@ -217,7 +235,7 @@ static bool set_rows(question *asked, qm_rows rows)
     return asked->has_rows = true;
 }
 
-enum { FORMAT = 256, CSV, BINARY, JSON, QUADS, THREADS, SERVER, HELP };
+enum { FORMAT = 256, CSV, BINARY, JSON, QUADS, ACCELERATOR, THREADS, SERVER, HELP };
 
 static bool read_option(question *asked, int option)
 {
@@ -234,6 +252,8 @@ static bool read_option(question *asked, int option)
         return asked->as_json = set_rows(asked, QM_ROWS_JSON);
     case QUADS:
         return cli_read_quads(optarg, &asked->quads);
+    case ACCELERATOR:
+        return cli_read_accelerator(optarg, &asked->accelerator);
     case THREADS:
         return cli_read_threads(optarg, &asked->threads);
     case SERVER:
@@ -251,6 +271,7 @@ int cmd_project(int argc, char **argv)
                                             {"binary", no_argument, NULL, BINARY},
                                             {"json", no_argument, NULL, JSON},
                                             {"quads", required_argument, NULL, QUADS},
+                                            {"accelerator", required_argument, NULL, ACCELERATOR},
                                             {"threads", required_argument, NULL, THREADS},
                                             {"server", required_argument, NULL, SERVER},
                                             {"help", no_argument, NULL, HELP},
@@ -270,5 +291,6 @@ int cmd_project(int argc, char **argv)
         asked.rows = ends_in(asked.output, ".json")                                    ? QM_ROWS_JSON
                      : ends_in(asked.output, ".csv") || strcmp(asked.output, "-") == 0 ? QM_ROWS_CSV
                                                                                        : QM_ROWS_BINARY;
+    if (!asked.server) asked.threads = cli_count_threads(asked.threads);
     return project(&asked);
 }

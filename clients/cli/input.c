@@ -77,14 +77,22 @@ uint8_t *cli_read_file(const char *path, size_t *size, bool as_json)
     return bytes;
 }
 
-bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, qm_loaded_mesh *out)
+qm_preparation cli_prepare(bool is_target, qm_quad_reading quads, int threads)
+{
+    qm_bvh_parts target = quads == QM_QUADS_BILINEAR ? QM_BVH_ALL : QM_BVH_TARGET;
+    return (qm_preparation){.parts = is_target ? target : QM_BVH_SOURCE, .thread_count = threads};
+}
+
+bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, const qm_preparation *preparation,
+                   qm_loaded_mesh *out)
 {
     size_t size;
     uint8_t *bytes = cli_read_file(path, &size, as_json);
     if (!bytes) return false;
     const qm_codec_limits limits = {.max_vertices = QM_NO_INDEX - 1, .max_faces = QM_NO_INDEX - 1};
     qm_codec_report report;
-    qm_status status = qm_mesh_load(ctx, qm_format_from_path(path), bytes, size, &limits, out, &report);
+    qm_status status =
+        qm_mesh_load(ctx, qm_format_from_path(path), bytes, size, &limits, preparation, out, &report);
     free(bytes);
     if (status == QM_OK) return true;
     qm_problem problem = qm_problem_from_codec(status, &report);

@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "cli.h"
+#include "parallel.h"
 
 #define MAX_THREADS 256
 
@@ -23,6 +24,20 @@ bool cli_read_quads(const char *text, qm_quad_reading *out)
     if (strcmp(text, "bilinear") == 0) return *out = QM_QUADS_BILINEAR, true;
     fprintf(stderr, "quadmesh: --quads takes triangles or bilinear, got \"%s\"\n", text);
     return false;
+}
+
+bool cli_read_accelerator(const char *text, qm_accelerator *out)
+{
+    if (strcmp(text, "auto") == 0) return *out = QM_ACCELERATOR_AUTO, true;
+    if (strcmp(text, "boxes") == 0) return *out = QM_ACCELERATOR_BOXES, true;
+    if (strcmp(text, "grid") == 0) return *out = QM_ACCELERATOR_GRID, true;
+    fprintf(stderr, "quadmesh: --accelerator takes auto, boxes or grid, got \"%s\"\n", text);
+    return false;
+}
+
+int cli_count_threads(int asked)
+{
+    return asked > 0 ? asked : qm_parallel_available();
 }
 
 bool cli_read_threads(const char *text, int *out)

@@ -3,9 +3,9 @@
  */
 #include <string.h>
 
-#include "bilinear_point.h"
+#include "bits.h"
 #include "bvh_order.h"
-#include "kernel.h"
+#include "bvh_pack.h"
 
 #define PREFETCH 16   /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
 #define MIN_PACKS 512 /* packs that make it worth to start another thread */
@@ -124,52 +124,13 @@ static void fill_lanes(const pack_builder *builder, size_t pack)
         lanes->face[lane] = lanes->face[0];
 }
 
-/** How far the patch of a quad leaves its two triangles at most; 0 for a triangle. Local. */
-static double face_twist(const qm_bvh *bvh, uint32_t face)
-{
-    qm_vec corner[4];
-    return qm_bvh_load_face(bvh, face, corner) == 3 ? 0.0 : qm_patch_twist(corner);
-}
-
-static void fill_twist(qm_bvh *bvh, size_t pack)
-{
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-        bool is_second = lanes->second >> lane & 1;
-        bvh->twist[pack][lane] =
-            is_second ? bvh->twist[pack][lane - 1] : (float)face_twist(bvh, lanes->face[lane]);
-    }
-}
-
-static void fill_triangles(const pack_builder *builder, size_t pack, const qm_vec *vertex)
-{
-    const qm_pack_lanes *lanes = &builder->bvh->lanes[pack];
-    _Alignas(64) double corner[3][3][QM_PACK_LANES];
-    for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-        const uint8_t *place = lanes->corner[lane < lanes->lane_count ? lane : 0];
-        for (int i = 0; i < 3; i++) {
-            corner[i][0][lane] = vertex[place[i]].x;
-            corner[i][1][lane] = vertex[place[i]].y;
-            corner[i][2][lane] = vertex[place[i]].z;
-        }
-    }
-    builder->kernel->fill_pack(&builder->bvh->packs[pack], corner);
-}
-
 static void build_pack(const pack_builder *builder, size_t pack)
 {
     qm_bvh *bvh = builder->bvh;
     fill_lanes(builder, pack);
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
     qm_vec vertex[3 * QM_PACK_LANES];
-    int count = 0;
-    do
-        vertex[count] = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * (size_t)lanes->vertex[count]);
-    while (++count < lanes->vertex_count);
-    qm_box box = qm_vec_box(vertex, count);
-    qm_box_tree_set(&bvh->boxes, pack, &box);
-    if (bvh->packs) fill_triangles(builder, pack, vertex);
-    if (bvh->twist) fill_twist(bvh, pack);
+    qm_bvh_fit_pack(bvh, pack, vertex);
+    qm_bvh_fill_pack(builder->kernel, bvh, pack, vertex);
 }
 
 static void build_own_packs(void *data, int worker)
@@ -265,6 +226,7 @@ void qm_bvh_destroy(qm_context *ctx, qm_bvh *bvh)
 {
     if (!bvh) return;
     qm_box_tree_reset(ctx, &bvh->boxes);
+    qm_bits_free(ctx, bvh->stale, bvh->pack_count);
     qm_context_free(ctx, bvh->twist, bvh->pack_count, sizeof *bvh->twist);
     qm_context_free_aligned(ctx, bvh->packs, bvh->pack_count, sizeof *bvh->packs);
     qm_context_free(ctx, bvh->lanes, bvh->pack_count, sizeof *bvh->lanes);

@@ -64,7 +64,7 @@ static void find_box(void *data, int worker)
     work->box[worker] = box;
 }
 
-static qm_frame make_frame(const qm_box *box)
+qm_frame qm_frame_make(const qm_box *box)
 {
     qm_frame frame;
     double half = 0.0, middle[3];
@@ -160,7 +160,7 @@ qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, int thread_count, q
     qm_context_parallel(ctx, work.workers, mark_used, &work);
     qm_context_parallel(ctx, work.workers, find_box, &work);
     qm_box box = join_boxes(&work);
-    *frame = work.frame = make_frame(&box);
+    *frame = work.frame = qm_frame_make(&box);
     qm_context_parallel(ctx, work.workers, set_fine, &work);
     qm_context_parallel(ctx, work.workers, set_keys, &work);
     qm_context_free(ctx, work.vertices, mesh->vertex_count, sizeof *work.vertices);

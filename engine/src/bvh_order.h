@@ -13,6 +13,9 @@ static inline size_t qm_mesh_facet_count(const qm_mesh *mesh)
     return mesh->face_count > 0 ? mesh->face_count : mesh->vertex_count;
 }
 
+/** The frame of a mesh whose surface has this box. */
+qm_frame qm_frame_make(const qm_box *box);
+
 /**
  * Finds the frame and writes the faces in the order of their middles along a Hilbert curve; order has
  * qm_mesh_facet_count entries, the index of the face in the low QM_RADIX_INDEX_BITS of each.

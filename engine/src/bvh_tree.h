@@ -85,12 +85,13 @@ struct qm_bvh {
     float (*twist)[QM_PACK_LANES]; /* |w| / 4 of each lane's quad rounded up, local; NULL without quads, or
                                       when they are not to be read as patches */
     qm_box_tree boxes;             /* over the packs */
+    uint64_t *stale; /* a bit a pack whose rows and twists are not those of the mesh; NULL: none */
 };
 
 /** True when the tree was built with what it takes to search it in this reading. */
 static inline bool qm_bvh_is_target(const qm_bvh *bvh, qm_quad_reading reading)
 {
-    return bvh->packs && (reading == QM_QUADS_TRIANGLES || bvh->twist || !bvh->has_quads);
+    return bvh->packs && !bvh->stale && (reading == QM_QUADS_TRIANGLES || bvh->twist || !bvh->has_quads);
 }
 
 /** Corners of a face in the local frame; returns 3 or 4. */

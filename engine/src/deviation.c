@@ -6,24 +6,12 @@
 
 #include <string.h>
 
-#include "deviation_sum.h"
+#include "deviation_refine.h"
 #include "hausdorff_search.h"
 
-#define ETA_ROUNDINGS 128.0    /* see hausdorff.c */
 #define PATCH_ROUNDINGS 2e-13  /* what a certified distance to a patch may be off by, local (project.c) */
 #define SEARCH_WORK (1u << 18) /* steps of the search for the maximum, which is one figure among others */
 #define SEARCH_WORK_PER_PACK 512
-#define MAX_ROUNDS 64
-#define KEPT_SHARE 0.25 /* of the accuracy: pieces that together leave no more open are not cut */
-#define PATCH_SHARE 0.1 /* of the accuracy: what cutting the target's patches may cost */
-#define CHUNK 64        /* pieces that a worker takes at a time */
-#define EXPONENTS 4096  /* of doubles */
-#define EXPONENT_BIAS 2100
-
-qm_deviation_options qm_deviation_options_default(void)
-{
-    return (qm_deviation_options){.accuracy = 1e-2, .piece_limit = 1u << 18, .thread_count = 1};
-}
 
 /** What the stages of a call share. */
 typedef struct deviation_work {
@@ -31,16 +19,13 @@ typedef struct deviation_work {
     const qm_bvh *a, *b;
     const qm_deviation_options *options;
     qm_deviation *out;
-    qm_piece_maker maker;
-    qm_source_piece *piece;
-    qm_piece_bounds *bounds;
-    size_t count, limit;
-    size_t piece_capacity, bounds_capacity; /* allocated */
-    size_t *todo; /* places of the pieces to bound, todo_capacity of them allocated */
-    size_t todo_count, todo_capacity;
-    atomic_size_t next; /* of todo */
-    _Atomic uint64_t searches;
+    qm_refinement refinement;
 } deviation_work;
+
+qm_deviation_options qm_deviation_options_default(void)
+{
+    return (qm_deviation_options){.accuracy = 1e-2, .piece_limit = 1u << 20, .thread_count = 1};
+}
 
 /* ---- checks ---- */
 
@@ -53,38 +38,6 @@ static qm_status check_options(qm_context *ctx, const qm_deviation_options *opti
         if (!(options->percentile[i] > 0.0 && options->percentile[i] <= 100.0))
             return qm_context_fail(ctx, QM_E_ARGUMENT, "a percentile lies above 0 and at 100 at most, got %g",
                                    options->percentile[i]);
-    return QM_OK;
-}
-
-/** The greatest local coordinate that a search can meet. */
-static double find_reach(const qm_bvh *a, const qm_bvh *b)
-{
-    qm_box box = qm_mesh_bounding_box(&a->mesh);
-    qm_vec low = qm_frame_local(&b->frame, box.min), high = qm_frame_local(&b->frame, box.max);
-    double reach = b->reach;
-    const double ends[6] = {low.x, low.y, low.z, high.x, high.y, high.z};
-    for (int i = 0; i < 6; i++)
-        reach = fmax(reach, fabs(ends[i]));
-    return reach;
-}
-
-static qm_status set_maker(deviation_work *work)
-{
-    const qm_bvh *a = work->a, *b = work->b;
-    bool bilinear = work->options->quads == QM_QUADS_BILINEAR;
-    double reach = find_reach(a, b), factor = a->frame.inverse_scale * b->frame.scale;
-    if (!(reach <= QM_MAX_SCALE_RATIO && factor >= 1.0 / QM_MAX_SCALE_RATIO))
-        return qm_context_fail(work->ctx, QM_E_SCALE,
-                               "the meshes' sizes or places differ by more than 2^300");
-    if (!qm_bvh_is_target(b, work->options->quads))
-        return qm_context_fail(work->ctx, QM_E_ARGUMENT, "the tree of B was built without what this takes");
-    work->maker = (qm_piece_maker){.source = a,
-                                   .target = b,
-                                   .kernel = qm_kernel_get(),
-                                   .source_patches = bilinear && a->has_quads,
-                                   .target_patches = bilinear && b->twist,
-                                   .reach = reach,
-                                   .eta = ETA_ROUNDINGS * 0x1p-53 * reach};
     return QM_OK;
 }
 
@@ -108,7 +61,7 @@ static qm_status find_maximum(deviation_work *work)
     if (found.stop == QM_STOP_CANCELED)
         return qm_context_fail(work->ctx, QM_E_CANCELED, "deviation canceled");
     work->out->max = (qm_interval){found.lower, found.upper};
-    atomic_fetch_add(&work->searches, found.projections);
+    work->out->projections += found.projections;
     return QM_OK;
 }
 
@@ -121,204 +74,33 @@ static qm_status find_vertex_distances(deviation_work *work)
     if (!out->vertex_distance)
         return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the vertices");
     qm_projection projection = {.distance = out->vertex_distance};
-    atomic_fetch_add(&work->searches, mesh->vertex_count);
+    out->projections += mesh->vertex_count;
     return qm_project_points(work->ctx, work->b, work->options->quads, mesh->positions, mesh->vertex_count,
                              work->options->thread_count, &projection);
 }
 
-/* ---- pieces ---- */
+/* ---- the surface ---- */
 
-/** Makes an array larger when it has too few places. *array is moved, and as large as *capacity in any case.
- */
-static bool grow(qm_context *ctx, void *array, size_t *capacity, size_t count, size_t width)
+/** The mean over the vertices, which tells about what the mean over the surface will be. */
+static double mean_of_vertices(const deviation_work *work)
 {
-    void *old;
-    if (count <= *capacity) return true;
-    memcpy(&old, array, sizeof old);
-    void *larger = qm_context_resize(ctx, old, *capacity, count, width);
-    if (!larger) return false;
-    memcpy(array, &larger, sizeof larger);
-    *capacity = count;
-    return true;
-}
-
-/** Room for so many pieces and places of them. */
-static bool reserve(deviation_work *work, size_t count, size_t todo)
-{
-    return grow(work->ctx, &work->todo, &work->todo_capacity, todo, sizeof *work->todo) &&
-           grow(work->ctx, &work->piece, &work->piece_capacity, count, sizeof *work->piece) &&
-           grow(work->ctx, &work->bounds, &work->bounds_capacity, count, sizeof *work->bounds);
-}
-
-static void add_piece(deviation_work *work, const qm_source_piece *piece)
-{
-    work->todo[work->todo_count++] = work->count;
-    work->piece[work->count++] = *piece;
-}
-
-/** A triangle of a face: flat, or half of the parameters of a patch. */
-static void add_lane(deviation_work *work, uint32_t face, bool second)
-{
-    bool is_patch = work->maker.source_patches && work->a->mesh.faces[4 * (size_t)face + 3] != QM_NO_INDEX;
-    qm_source_piece piece = {.face = face, .second = second && !is_patch};
-    if (!is_patch)
-        piece.u[1] = piece.v[2] = 1.0;
-    else if (!second)
-        piece.u[1] = piece.u[2] = piece.v[2] = 1.0;
-    else
-        piece.u[1] = piece.v[1] = piece.v[2] = 1.0;
-    add_piece(work, &piece);
-}
-
-/** A piece for every triangle of the source, in the order of its tree, in which neighbours follow one
- * another. */
-static qm_status make_pieces(deviation_work *work)
-{
-    const qm_bvh *a = work->a;
-    size_t lanes = 0;
-    for (size_t i = 0; i < a->pack_count; i++)
-        lanes += a->lanes[i].lane_count;
-    work->limit = lanes + work->options->piece_limit;
-    if (!reserve(work, lanes, lanes))
-        return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
-    for (size_t i = 0; i < a->pack_count; i++)
-        for (uint32_t lane = 0; lane < a->lanes[i].lane_count; lane++)
-            add_lane(work, a->lanes[i].face[lane], a->lanes[i].second >> lane & 1);
-    return QM_OK;
-}
-
-static void bound_chunks(void *data, int worker)
-{
-    (void)worker;
-    deviation_work *work = data;
-    uint32_t hint = 0;
-    uint64_t searches = 0;
-    for (;;) {
-        size_t begin = atomic_fetch_add(&work->next, CHUNK), end = begin + CHUNK;
-        if (begin >= work->todo_count || qm_context_canceled(work->ctx)) break;
-        if (end > work->todo_count) end = work->todo_count;
-        for (size_t i = begin; i < end; i++) {
-            size_t place = work->todo[i];
-            searches += qm_piece_bound(&work->maker, &work->piece[place], &hint, &work->bounds[place]);
-        }
-    }
-    atomic_fetch_add(&work->searches, searches);
-}
-
-static qm_status bound_pieces(deviation_work *work)
-{
-    qm_context *ctx = work->ctx;
-    atomic_store(&work->next, 0);
-    if (ctx->parallel && work->options->thread_count > 1)
-        ctx->parallel(ctx->parallel_user, work->options->thread_count, bound_chunks, work);
-    else
-        bound_chunks(work, 0);
-    return qm_context_canceled(ctx) ? qm_context_fail(ctx, QM_E_CANCELED, "deviation canceled") : QM_OK;
-}
-
-static qm_piece_list list_pieces(const deviation_work *work)
-{
-    return (qm_piece_list){work->bounds, work->count};
-}
-
-/* ---- rounds ---- */
-
-static bool is_narrow(const deviation_work *work, qm_interval value)
-{
-    return value.upper - value.lower <= work->options->accuracy * value.lower + 8.0 * work->maker.eta;
-}
-
-/** What a piece leaves open of mean, rms and area, as shares of them. */
-static double openness(const qm_piece_bounds *piece, const qm_piece_totals *totals)
-{
-    double mean = 0.5 * (totals->mean.lower + totals->mean.upper);
-    double square = 0.5 * (totals->rms.lower * totals->rms.lower + totals->rms.upper * totals->rms.upper);
-    double open = 2.0 * (piece->area_high - piece->area_low);
-    if (mean > 0.0) open += (piece->mean_high - piece->mean_low) / mean;
-    if (square > 0.0) open += 0.5 * (piece->square_high - piece->square_low) / square;
-    return open / totals->area.upper;
-}
-
-static int exponent_of(double open)
-{
-    int exponent = 0;
-    if (open > 0.0) frexp(open, &exponent);
-    return open > 0.0 ? (int)qm_clamp(exponent + EXPONENT_BIAS, 0, EXPONENTS - 1) : 0;
-}
-
-/** Which pieces are cut: those above an exponent, and of those at it the first few. */
-typedef struct cut_choice {
-    int exponent;
-    size_t count, at_exponent;
-} cut_choice;
-
-/**
- * Chooses the pieces that leave most open: the others together leave no more than a share of the accuracy, or
- * there is no room for more parts.
- */
-static cut_choice choose_cuts(const deviation_work *work, const qm_piece_totals *totals)
-{
-    double open[EXPONENTS] = {0}, sum = 0.0;
-    size_t count[EXPONENTS] = {0}, room = (work->limit - work->count) / 2;
-    for (size_t i = 0; i < work->count; i++) {
-        double here = openness(&work->bounds[i], totals);
-        int exponent = exponent_of(here);
-        sum += here;
-        open[exponent] += here;
-        count[exponent] += work->piece[i].depth < QM_PIECE_DEPTH;
-    }
-    double kept = KEPT_SHARE * fmin(work->options->accuracy, sum), rest = sum;
-    cut_choice choice = {.exponent = EXPONENTS};
-    while (choice.exponent > 1 && rest > kept && choice.count < room) {
-        size_t here = count[--choice.exponent], left = room - choice.count;
-        choice.at_exponent = here < left ? here : left;
-        choice.count += choice.at_exponent;
-        rest -= open[choice.exponent];
-    }
-    return choice;
-}
-
-/** Replaces the chosen pieces by their parts, which are to be bounded. */
-static qm_status cut_pieces(deviation_work *work, const qm_piece_totals *totals, cut_choice choice)
-{
-    size_t old_count = work->count;
-    if (!reserve(work, old_count + 2 * choice.count, 3 * choice.count))
-        return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
-    work->todo_count = 0;
-    for (size_t i = 0; i < old_count; i++) {
-        if (work->piece[i].depth >= QM_PIECE_DEPTH) continue;
-        int exponent = exponent_of(openness(&work->bounds[i], totals));
-        if (exponent < choice.exponent || (exponent == choice.exponent && choice.at_exponent == 0)) continue;
-        if (exponent == choice.exponent) choice.at_exponent--;
-        qm_source_piece part[3];
-        int parts = qm_piece_cut(&work->maker, &work->piece[i], part);
-        work->piece[i] = part[0];
-        work->todo[work->todo_count++] = i;
-        for (int k = 1; k < parts; k++)
-            add_piece(work, &part[k]);
-    }
-    return QM_OK;
+    double sum = 0.0;
+    for (size_t i = 0; i < work->out->vertex_count; i++)
+        sum += work->out->vertex_distance[i];
+    return sum / (double)work->out->vertex_count * work->b->frame.scale;
 }
 
 static qm_status refine(deviation_work *work)
 {
-    double greatest = work->out->max.upper * work->b->frame.scale;
-    qm_status status = make_pieces(work);
-    work->maker.greatest = greatest;
-    work->maker.patch_error = fmax(4.0 * work->maker.eta, PATCH_SHARE * work->options->accuracy * greatest);
-    if (status == QM_OK) status = bound_pieces(work);
-    for (int round = 0; status == QM_OK && round < MAX_ROUNDS; round++) {
-        qm_piece_totals totals = qm_piece_sum(list_pieces(work));
-        if (!(totals.area.lower > 0.5 * totals.area.upper)) break;
-        work->out->is_accurate = is_narrow(work, totals.mean) && is_narrow(work, totals.rms);
-        if (work->out->is_accurate) break;
-        cut_choice choice = choose_cuts(work, &totals);
-        if (choice.count == 0) break;
-        work->maker.patch_error =
-            fmax(4.0 * work->maker.eta, PATCH_SHARE * work->options->accuracy * totals.mean.upper);
-        status = cut_pieces(work, &totals, choice);
-        if (status == QM_OK) status = bound_pieces(work);
-    }
+    qm_refinement *pieces = &work->refinement;
+    pieces->accuracy = work->options->accuracy;
+    pieces->typical = mean_of_vertices(work);
+    pieces->piece_limit = work->options->piece_limit;
+    pieces->thread_count = work->options->thread_count;
+    pieces->maker.greatest = work->out->max.upper * work->b->frame.scale;
+    qm_status status = qm_refinement_run(pieces);
+    work->out->is_accurate = pieces->is_accurate;
+    work->out->is_canceled = pieces->is_canceled;
     return status;
 }
 
@@ -337,27 +119,28 @@ static qm_status take_points(deviation_work *work, qm_measure measure)
 {
     const qm_mesh *mesh = &work->a->mesh;
     uint8_t *is_used = qm_context_alloc(work->ctx, mesh->vertex_count, 1);
-    double scale = work->b->frame.scale,
-           eta = work->maker.eta + (work->maker.target_patches ? PATCH_ROUNDINGS : 0.0);
-    work->count = 0;
-    bool has_memory = is_used && reserve(work, mesh->vertex_count, 0);
-    if (has_memory) {
+    qm_refinement *pieces = &work->refinement;
+    double scale = work->b->frame.scale;
+    double eta = pieces->maker.eta + (pieces->maker.target_patches ? PATCH_ROUNDINGS : 0.0);
+    pieces->count = 0;
+    qm_status status = is_used ? qm_refinement_reserve(pieces, mesh->vertex_count) : QM_E_NO_MEMORY;
+    if (status == QM_OK) {
         mark_vertices(mesh, is_used);
         for (size_t i = 0; i < mesh->vertex_count; i++)
             if (is_used[i])
-                work->bounds[work->count++] =
+                pieces->bounds[pieces->count++] =
                     qm_piece_bound_point(scale * work->out->vertex_distance[i], eta);
     }
     qm_context_free(work->ctx, is_used, mesh->vertex_count, 1);
     work->out->measure = measure;
     work->out->is_accurate = true;
-    return has_memory ? QM_OK : qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the points");
+    return status == QM_OK ? QM_OK : qm_context_fail(work->ctx, status, "out of memory for the points");
 }
 
 /** True when rounding hides whether A has an area at all. */
 static bool has_no_area(const deviation_work *work)
 {
-    qm_interval area = qm_piece_sum(list_pieces(work)).area;
+    qm_interval area = qm_piece_sum(qm_refinement_list(&work->refinement)).area;
     return !(area.lower > 0.5 * area.upper);
 }
 
@@ -381,10 +164,11 @@ static qm_status set_distribution(deviation_work *work)
     out->bin = qm_context_alloc(ctx, out->bin_count, sizeof *out->bin);
     if ((out->percentile_count > 0 && !out->percentile) || (out->bin_count > 0 && !out->bin))
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the distribution");
-    qm_status status = qm_piece_percentiles(ctx, list_pieces(work), greatest, options->percentile,
-                                            out->percentile_count, out->percentile);
+    qm_status status = qm_piece_percentiles(ctx, qm_refinement_list(&work->refinement), greatest,
+                                            options->percentile, out->percentile_count, out->percentile);
     if (status == QM_OK)
-        status = qm_piece_histogram(ctx, list_pieces(work), greatest, out->bin_count, out->bin);
+        status = qm_piece_histogram(ctx, qm_refinement_list(&work->refinement), greatest, out->bin_count,
+                                    out->bin);
     for (size_t i = 0; status == QM_OK && i < out->percentile_count; i++)
         scale_interval(&out->percentile[i], inverse_scale);
     if (out->bin_count > 0) out->bin_width = out->max.upper / (double)out->bin_count;
@@ -395,7 +179,7 @@ static void set_totals(deviation_work *work)
 {
     qm_deviation *out = work->out;
     double inverse_scale = work->b->frame.inverse_scale;
-    qm_piece_totals totals = qm_piece_sum(list_pieces(work));
+    qm_piece_totals totals = qm_piece_sum(qm_refinement_list(&work->refinement));
     out->mean = totals.mean;
     out->rms = totals.rms;
     out->size = totals.area;
@@ -404,23 +188,22 @@ static void set_totals(deviation_work *work)
     if (out->measure == QM_OVER_AREA)
         scale_interval(&out->size, inverse_scale * inverse_scale);
     else
-        out->size.lower = out->size.upper = (double)work->count;
-    out->pieces = work->count;
-    out->projections = atomic_load(&work->searches);
+        out->size.lower = out->size.upper = (double)work->refinement.count;
+    out->pieces = work->refinement.count;
+    out->projections += atomic_load(&work->refinement.searches);
 }
 
 static qm_status run(deviation_work *work)
 {
-    qm_status status = set_maker(work);
+    qm_status status =
+        qm_piece_maker_init(work->ctx, work->a, work->b, work->options->quads, &work->refinement.maker);
     if (status == QM_OK) status = find_maximum(work);
     if (status == QM_OK) status = find_vertex_distances(work);
-    if (status != QM_OK) return status;
-    if (work->a->mesh.face_count == 0) {
+    if (status == QM_OK && work->a->mesh.face_count > 0) status = refine(work);
+    if (status == QM_OK && work->a->mesh.face_count == 0)
         status = take_points(work, QM_OVER_POINTS);
-    } else {
-        status = refine(work);
-        if (status == QM_OK && has_no_area(work)) status = take_points(work, QM_OVER_VERTICES);
-    }
+    else if (status == QM_OK && has_no_area(work))
+        status = take_points(work, QM_OVER_VERTICES);
     if (status == QM_OK) status = set_distribution(work);
     if (status == QM_OK) set_totals(work);
     return status;
@@ -434,11 +217,9 @@ qm_status qm_deviation_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b
     qm_status status = check_options(ctx, options);
     if (status != QM_OK) return status;
     double start_ms = qm_clock_ms();
-    deviation_work work = {.ctx = ctx, .a = a, .b = b, .options = options, .out = out};
+    deviation_work work = {.ctx = ctx, .a = a, .b = b, .options = options, .out = out, .refinement.ctx = ctx};
     status = run(&work);
-    qm_context_free(ctx, work.piece, work.piece_capacity, sizeof *work.piece);
-    qm_context_free(ctx, work.bounds, work.bounds_capacity, sizeof *work.bounds);
-    qm_context_free(ctx, work.todo, work.todo_capacity, sizeof *work.todo);
+    qm_refinement_reset(&work.refinement);
     out->elapsed_ms = qm_clock_ms() - start_ms;
     if (status != QM_OK) qm_deviation_reset(ctx, out);
     return status;

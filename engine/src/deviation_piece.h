@@ -14,9 +14,14 @@
  *
  * Lower, by facets. Let c be the middle of P, r = max |p_i - c|. The nearest facet of any p of P has d(c, T)
  * <= d(p, T) + r <= d(c, B) + 2 r. So d = min d(., T_k) over the facets within that ball, once all of them
- * are known. With q_k the foot of c on T_k and g_k the unit vector from q_k to c, d(p, T_k) >= g_k (p - q_k)
- * (T_k lies behind the plane through q_k at a right angle to g_k; 0 when c lies on T_k). A minimum of linear
- * functions is concave, so it is at least the linear function with its values at the corners.
+ * are known (deviation_near.h). Each takes part with a linear function below its distance:
+ *     the height over its plane, on the side of c: the distance to a plane is no more than that to T;
+ *     g p - max g t over the corners t of T, g a unit vector: T lies behind the plane at a right angle to g
+ *     through its corner that is farthest along g. With g the direction from the foot of a point x to x it is
+ *     d(x, T) itself at x, as T is convex; a rounded g costs as little as it is off, and proves as much.
+ * The least of linear functions is concave, so it is at least the linear function with its values at the
+ * corners. A facet with d(c, T) - r >= m, where the least of the others is at most m at every corner, changes
+ * nothing there and is left out.
  *
  * Lower, by corners. d^2(p) - |p|^2 = min over b in B of |b|^2 - 2 b p is concave, so that
  *     d^2(sum l_i p_i) >= sum l_i d_i^2 - sum_{i<j} l_i l_j |p_i - p_j|^2 >= sum l_i (d_i^2 - e^2 / 3),
@@ -25,20 +30,21 @@
  *
  * Lower, by the middle. d >= d(c, B) - r, a constant.
  *
- * A patch of a bilinear target is cut into rectangles near c, each of which is within its twist of two
- * triangles; these are facets, and their bounds are opened by the twist.
+ * Facets of a bilinear target stand for rectangles of its patches, within a slack by which their bounds are
+ * opened.
  *
- * Roundings: every distance is off by at most eta (hausdorff.c), by which both functions are opened. The
- * direction g of a short c - q is off by more, which is taken off explicitly.
+ * Roundings: every distance and height is off by at most eta (hausdorff.c), by which both functions are
+ * opened.
  */
 #ifndef QM_DEVIATION_PIECE_H
 #define QM_DEVIATION_PIECE_H
 
-#include "bilinear_point.h"
-#include "kernel.h"
+#include "deviation_near.h"
 
 /** Cuts after which a piece is cut no more. */
 #define QM_PIECE_DEPTH 40
+/** Parts that a piece is cut into at most. */
+#define QM_PIECE_PARTS 128
 
 typedef struct qm_source_piece {
     uint32_t face;
@@ -65,16 +71,45 @@ typedef struct qm_piece_maker {
     double eta;         /* local */
     double greatest;    /* no point of the source is farther from the target */
     double patch_error; /* what the cutting of patches may cost, local */
+    double worth;       /* cuts that bring corners nearer to their facets by less are not made, local */
+    int part_limit;     /* of a piece: 3 to QM_PIECE_PARTS */
+    double cell_area;   /* smaller parts than this may be off by more, so that all leave alike */
 } qm_piece_maker;
 
-/** Bounds a piece; hint is a pack of the target to start from, and moves on. Returns the searches it took. */
-unsigned qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, uint32_t *hint,
-                        qm_piece_bounds *out);
+/** What a worker needs for each piece anew. */
+typedef struct qm_piece_desk {
+    uint32_t hint;     /* a pack of the target to start from */
+    uint64_t searches; /* of the target's tree so far */
+    qm_near_facets near;
+} qm_piece_desk;
+
+/**
+ * Sets up what the bounds of a source and a target share; the settings for cuts stand for the closest ones.
+ * Returns QM_OK; QM_E_ARGUMENT (the target's tree lacks what this takes); QM_E_SCALE.
+ */
+qm_status qm_piece_maker_init(qm_context *ctx, const qm_bvh *a, const qm_bvh *b, qm_quad_reading reading,
+                              qm_piece_maker *maker);
+
+/** The first piece of a triangle of the source: flat, or half of the parameters of a patch; second is the
+ * other half of a quad. */
+qm_source_piece qm_piece_first(const qm_piece_maker *maker, uint32_t face, bool second);
+
+/** Bounds a piece. */
+void qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, qm_piece_desk *desk,
+                    qm_piece_bounds *out);
 
 /** Bounds of a single point of weight 1, at a distance known to within eta. */
 qm_piece_bounds qm_piece_bound_point(double distance, double eta);
 
-/** Cuts a piece in two or three, into out; returns how many. The piece has depth to spare. */
-int qm_piece_cut(const qm_piece_maker *maker, const qm_source_piece *piece, qm_source_piece out[3]);
+/**
+ * Cuts a piece into parts and bounds them; returns how many, 2 to QM_PIECE_PARTS. The piece has depth to
+ * spare.
+ *
+ * A piece is cut along the borders of the facets under it, so that each part lies over one facet and on one
+ * side of it, where both bounds are tight. Where no such cut brings anything it is halved across its longest
+ * edge, and so is every piece on every fourth level, which brings any piece to an end.
+ */
+int qm_piece_split(const qm_piece_maker *maker, const qm_source_piece *piece, qm_piece_desk *desk,
+                   qm_source_piece part[QM_PIECE_PARTS], qm_piece_bounds bounds[QM_PIECE_PARTS]);
 
 #endif

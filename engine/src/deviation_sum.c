@@ -2,9 +2,12 @@
 
 #include <stdlib.h>
 
-#define SUM_ERROR 1e-12 /* relative: long doubles, and fewer than 2^32 pieces */
-#define SECTIONS 8      /* parts that an interval of a percentile is cut in at a time */
-#define MAX_ROUNDS 16
+#define SUM_ERROR 1e-12  /* relative: long doubles, and fewer than 2^32 pieces */
+#define FIRST_PLACES 128 /* looked at in the first round, closer to one another where distances are small */
+#define PLACES 3         /* of an end of a percentile, looked at in each other round */
+#define NEAR_PART 0x1p-5 /* of a range: places this near to where the end is thought to be */
+#define MAX_ROUNDS 24
+#define END_SHARE 0x1p-6 /* of a percentile's own interval: its ends are found no closer */
 
 static qm_interval opened(long double low, long double high)
 {
@@ -34,21 +37,27 @@ qm_piece_totals qm_piece_sum(qm_piece_list pieces)
 
 /* ---- shares ---- */
 
-/** The three values in order, and the share of a triangle in which the linear function is at most x. */
-static void sort3(const double v[3], double out[3])
+/** How the share of a triangle grows in which a linear function is at most x: value are its values at the
+ * corners in order, rise and fall what makes the squares of (x - value[0]) and (value[2] - x) shares. */
+typedef struct ramp {
+    double value[3], rise, fall;
+} ramp;
+
+static ramp make_ramp(const double v[3])
 {
-    double a = v[0], b = v[1], c = v[2], low = fmin(a, b), high = fmax(a, b);
-    out[0] = fmin(low, c);
-    out[1] = fmax(low, fmin(high, c));
-    out[2] = fmax(high, c);
+    double a = v[0], b = v[1], c = v[2], low = a < b ? a : b, high = a < b ? b : a;
+    double least = low < c ? low : c, most = high > c ? high : c;
+    double between = high < c ? high : low > c ? low : c;
+    double width = most - least;
+    return (ramp){{least, between, most},
+                  between > least ? 1.0 / ((between - least) * width) : 0.0,
+                  most > between ? 1.0 / ((most - between) * width) : 0.0};
 }
 
-static double share_within(const double v[3], double x)
+static double share_within(const ramp *r, double x)
 {
-    if (x < v[0]) return 0.0;
-    if (x >= v[2]) return 1.0;
-    if (x < v[1]) return (x - v[0]) / (v[1] - v[0]) * ((x - v[0]) / (v[2] - v[0]));
-    return 1.0 - (v[2] - x) / (v[2] - v[1]) * ((v[2] - x) / (v[2] - v[0]));
+    if (x < r->value[1]) return (x - r->value[0]) * (x - r->value[0]) * r->rise;
+    return 1.0 - (r->value[2] - x) * (r->value[2] - x) * r->fall;
 }
 
 /** The first place whose x is at least value. */
@@ -77,14 +86,17 @@ typedef struct share_sums {
 static void add_piece(const share_sums *sums, const double v[3], const double *x, size_t count,
                       const double whole[2], const double density[2])
 {
-    size_t begin = find_place(x, count, v[0]), end = find_place(x, count, v[2]);
+    ramp r = make_ramp(v);
+    size_t begin = find_place(x, count, r.value[0]);
+    size_t end = begin + find_place(x + begin, count - begin, r.value[2]);
     sums->beyond_steps[0] += (long double)whole[1];
     sums->beyond_steps[begin] -= (long double)whole[1];
     sums->within_steps[end] += (long double)whole[0];
     for (size_t i = begin; i < end; i++) {
-        double share = share_within(v, x[i]);
-        sums->within[i] += (long double)fmin(whole[0], share * density[0]);
-        sums->beyond[i] += (long double)fmin(whole[1], (1.0 - share) * density[1]);
+        double share = share_within(&r, x[i]);
+        double within = share * density[0], beyond = (1.0 - share) * density[1];
+        sums->within[i] += (long double)(within < whole[0] ? within : whole[0]);
+        sums->beyond[i] += (long double)(beyond < whole[1] ? beyond : whole[1]);
     }
 }
 
@@ -118,12 +130,9 @@ void qm_piece_shares(qm_piece_list pieces, const double *x, size_t count, long d
     share_sums low = make_sums(work, count), high = make_sums(work + 4 * (count + 1), count);
     for (size_t i = 0; i < pieces.count; i++) {
         const qm_piece_bounds *piece = &pieces.bounds[i];
-        double v[3];
-        sort3(piece->high, v);
-        add_piece(&low, v, x, count, (const double[2]){piece->area_low, piece->area_high},
+        add_piece(&low, piece->high, x, count, (const double[2]){piece->area_low, piece->area_high},
                   (const double[2]){piece->density_low, piece->density_high});
-        sort3(piece->low, v);
-        add_piece(&high, v, x, count, (const double[2]){piece->area_high, piece->area_low},
+        add_piece(&high, piece->low, x, count, (const double[2]){piece->area_high, piece->area_low},
                   (const double[2]){piece->density_high, piece->density_low});
     }
     add_up(&low, count);
@@ -135,11 +144,16 @@ void qm_piece_shares(qm_piece_list pieces, const double *x, size_t count, long d
 
 /* ---- percentiles ---- */
 
-/** What is known of a percentile: the least and greatest place of each end of its interval. */
+/** The place where a growing function first reaches a share, between two places where it is known. */
+typedef struct crossing {
+    qm_interval x, share;
+} crossing;
+
+/** Where the ends of a percentile's interval are: where the greatest share that is possible first reaches it,
+ * and where the least one does. */
 typedef struct percentile_search {
     double share;
-    qm_interval lower,
-        upper; /* of out->lower, where F_high first reaches the share; of out->upper likewise */
+    crossing lower, upper;
 } percentile_search;
 
 static int compare_numbers(const void *a, const void *b)
@@ -148,40 +162,64 @@ static int compare_numbers(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static size_t add_sections(double *x, size_t count, qm_interval range)
+/**
+ * Places to look at next: one on each side of where the straight line through both ends reaches the share,
+ * and the middle of the range in case that the function is far from straight. None when what is left of the
+ * range hardly adds to the width of the interval.
+ */
+static size_t add_places(double *x, size_t count, const crossing *at, double share, double width)
 {
-    for (int i = 1; i < SECTIONS; i++)
-        x[count++] = range.lower + (range.upper - range.lower) * i / SECTIONS;
+    double range = at->x.upper - at->x.lower, rise = at->share.upper - at->share.lower;
+    if (!(range > END_SHARE * width)) return count;
+    double part = rise > 0.0 ? qm_clamp((share - at->share.lower) / rise, NEAR_PART, 1.0 - NEAR_PART) : 0.5;
+    const double parts[PLACES] = {part - 0.5 * NEAR_PART, 0.5, part + 0.5 * NEAR_PART};
+    for (int i = 0; i < PLACES; i++)
+        x[count++] = at->x.lower + range * parts[i];
     return count;
 }
 
-static void narrow(percentile_search *p, const double *x, const qm_interval *share, size_t count)
+static void narrow(crossing *at, double share, double x, double here)
 {
-    for (size_t i = 0; i < count; i++) {
-        if (share[i].upper < p->share)
-            p->lower.lower = fmax(p->lower.lower, x[i]);
-        else
-            p->lower.upper = fmin(p->lower.upper, x[i]);
-        if (share[i].lower >= p->share)
-            p->upper.upper = fmin(p->upper.upper, x[i]);
-        else
-            p->upper.lower = fmax(p->upper.lower, x[i]);
+    if (here < share && x > at->x.lower) {
+        at->x.lower = x;
+        at->share.lower = here;
+    } else if (!(here < share) && x < at->x.upper) {
+        at->x.upper = x;
+        at->share.upper = here;
     }
 }
 
-static void find_percentiles(qm_piece_list pieces, percentile_search *search, size_t count, double *x,
-                             qm_interval *share, long double *work)
+/** Narrows all ends by the shares at places. */
+static void narrow_all(percentile_search *search, size_t count, const double *x, const qm_interval *share,
+                       size_t used)
 {
-    for (int round = 0; round < MAX_ROUNDS; round++) {
-        size_t used = 0;
+    for (size_t i = 0; i < count; i++)
+        for (size_t k = 0; k < used; k++) {
+            narrow(&search[i].lower, search[i].share, x[k], share[k].upper);
+            narrow(&search[i].upper, search[i].share, x[k], share[k].lower);
+        }
+}
+
+/** x and share have room for FIRST_PLACES and for PLACES for each end. */
+static void find_percentiles(qm_piece_list pieces, percentile_search *search, size_t count, double greatest,
+                             double *x, qm_interval *share, long double *work)
+{
+    size_t used = FIRST_PLACES;
+    for (size_t i = 0; i < used; i++) {
+        double part = (double)(i + 1) / (double)(used + 1);
+        x[i] = greatest * part * part * part;
+    }
+    for (int round = 0; round < MAX_ROUNDS && used > 0; round++) {
+        qm_piece_shares(pieces, x, used, work, share);
+        narrow_all(search, count, x, share, used);
+        used = 0;
         for (size_t i = 0; i < count; i++) {
-            used = add_sections(x, used, search[i].lower);
-            used = add_sections(x, used, search[i].upper);
+            percentile_search *p = &search[i];
+            double width = fmax(0.0, p->upper.x.lower - p->lower.x.upper);
+            used = add_places(x, used, &p->lower, p->share, width);
+            used = add_places(x, used, &p->upper, p->share, width);
         }
         qsort(x, used, sizeof *x, compare_numbers);
-        qm_piece_shares(pieces, x, used, work, share);
-        for (size_t i = 0; i < count; i++)
-            narrow(&search[i], x, share, used);
     }
 }
 
@@ -189,18 +227,19 @@ qm_status qm_piece_percentiles(qm_context *ctx, qm_piece_list pieces, double gre
                                size_t count, qm_interval *out)
 {
     if (count == 0) return QM_OK;
-    size_t places = 2 * (SECTIONS - 1) * count;
+    size_t places = 2 * PLACES * count > FIRST_PLACES ? 2 * PLACES * count : FIRST_PLACES;
     percentile_search *search = qm_context_alloc(ctx, count, sizeof *search);
     double *x = qm_context_alloc(ctx, places, sizeof *x);
     qm_interval *share = qm_context_alloc(ctx, places, sizeof *share);
     long double *work = qm_context_alloc(ctx, 8 * (places + 1), sizeof *work);
     bool has_memory = search && x && share && work;
     if (has_memory) {
+        const crossing whole = {{0.0, greatest}, {0.0, 1.0}};
         for (size_t i = 0; i < count; i++)
-            search[i] = (percentile_search){percent[i] / 100.0, {0.0, greatest}, {0.0, greatest}};
-        find_percentiles(pieces, search, count, x, share, work);
+            search[i] = (percentile_search){percent[i] / 100.0, whole, whole};
+        find_percentiles(pieces, search, count, greatest, x, share, work);
         for (size_t i = 0; i < count; i++)
-            out[i] = (qm_interval){search[i].lower.lower, search[i].upper.upper};
+            out[i] = (qm_interval){search[i].lower.x.lower, search[i].upper.x.upper};
     }
     qm_context_free(ctx, search, count, sizeof *search);
     qm_context_free(ctx, x, places, sizeof *x);

@@ -40,7 +40,7 @@ static size_t count_nodes(const qm_tetra_part *part, size_t *leaf_faces)
 
 static void sort_patches(tetra_builder *builder, uint64_t *order)
 {
-    const qm_patch_set *set = builder->tetra->set;
+    const qm_patch_set *set = &builder->tetra->set;
     for (size_t i = 0; i < set->patch_count; i++)
         order[i] = (uint64_t)builder->face_pack[set->faces[set->patches[i].first]] << 32 | i;
 }
@@ -54,7 +54,7 @@ static int compare_words(const void *a, const void *b)
 static qm_status lay_out_patches(tetra_builder *builder)
 {
     qm_tetra *tetra = builder->tetra;
-    const qm_patch_set *set = tetra->set;
+    const qm_patch_set *set = &tetra->set;
     uint64_t *order = qm_context_alloc(builder->ctx, set->patch_count, sizeof *order);
     if (!order) return QM_E_NO_MEMORY;
     sort_patches(builder, order);
@@ -77,9 +77,9 @@ static qm_status lay_out_patches(tetra_builder *builder)
 static uint32_t patch_vertex(const qm_tetra *tetra, uint32_t patch, uint32_t row, uint32_t column)
 {
     const qm_mesh *mesh = &tetra->bvh->mesh;
-    const uint32_t *face = mesh->faces + 4 * (size_t)tetra->set->faces[tetra->set->patches[patch].first];
+    const uint32_t *face = mesh->faces + 4 * (size_t)tetra->set.faces[tetra->set.patches[patch].first];
     if (face[3] == QM_NO_INDEX) return face[row == 0 ? column : 2];
-    return qm_patch_vertex(tetra->set, mesh, patch, row, column);
+    return qm_patch_vertex(&tetra->set, mesh, patch, row, column);
 }
 
 static void fill_vertices(qm_tetra *tetra, size_t at)
@@ -91,16 +91,26 @@ static void fill_vertices(qm_tetra *tetra, size_t at)
             *vertex++ = patch_vertex(tetra, tetra->set_patch[at], r, c);
 }
 
+static void map_faces(qm_tetra *tetra, size_t at)
+{
+    const qm_regular_patch *patch = &tetra->set.patches[tetra->set_patch[at]];
+    size_t end = patch->first + (size_t)patch->rows * patch->columns;
+    for (size_t place = patch->first; place < end; place++) {
+        tetra->face_place[tetra->set.faces[place]] = (uint32_t)place;
+        tetra->face_patch[tetra->set.faces[place]] = (uint32_t)at;
+    }
+}
+
 /** Lists each pack of a leaf's quads once. */
 static uint32_t add_leaf_packs(tetra_builder *builder, size_t at, const qm_tetra_part *part)
 {
     qm_tetra *tetra = builder->tetra;
-    const qm_regular_patch *patch = &tetra->set->patches[tetra->set_patch[at]];
+    const qm_regular_patch *patch = &tetra->set.patches[tetra->set_patch[at]];
     size_t first = tetra->pack_count;
     for (uint32_t r = part->row; r < part->row + part->rows; r++) {
         for (uint32_t c = part->column; c < part->column + part->columns; c++) {
             uint32_t pack =
-                builder->face_pack[tetra->set->faces[patch->first + (size_t)r * patch->columns + c]];
+                builder->face_pack[tetra->set.faces[patch->first + (size_t)r * patch->columns + c]];
             size_t i = first;
             while (i < tetra->pack_count && tetra->packs[i] != pack)
                 i++;
@@ -131,6 +141,7 @@ static qm_status fill_patches(tetra_builder *builder)
     for (size_t i = 0; i < tetra->patch_count; i++) {
         if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
         fill_vertices(tetra, i);
+        map_faces(tetra, i);
         qm_tetra_part whole = qm_tetra_part_whole(&tetra->patches[i]);
         fill_nodes(builder, i, &whole);
         kernel->tetra_fit(tetra, i, NULL);
@@ -145,7 +156,11 @@ static qm_status build(tetra_builder *builder)
     qm_tetra *tetra = builder->tetra;
     tetra->patches = qm_context_alloc(ctx, tetra->patch_count, sizeof *tetra->patches);
     tetra->set_patch = qm_context_alloc(ctx, tetra->patch_count, sizeof *tetra->set_patch);
-    if (!tetra->patches || !tetra->set_patch || !builder->face_pack) return QM_E_NO_MEMORY;
+    tetra->face_place = qm_context_alloc(ctx, tetra->set.face_count, sizeof *tetra->face_place);
+    tetra->face_patch = qm_context_alloc(ctx, tetra->set.face_count, sizeof *tetra->face_patch);
+    if (!tetra->patches || !tetra->set_patch || !tetra->face_place || !tetra->face_patch ||
+        !builder->face_pack)
+        return QM_E_NO_MEMORY;
     qm_status status = lay_out_patches(builder);
     if (status != QM_OK) return status;
     tetra->pack_capacity = builder->pack_capacity;
@@ -178,7 +193,8 @@ qm_status qm_tetra_build(qm_context *ctx, const qm_bvh *bvh, const qm_patch_set 
     qm_tetra *tetra = qm_context_alloc(ctx, 1, sizeof *tetra);
     qm_status status = QM_E_NO_MEMORY;
     if (tetra) {
-        *tetra = (qm_tetra){.bvh = bvh, .set = patches, .patch_count = patches->patch_count};
+        *tetra =
+            (qm_tetra){.bvh = bvh, .set = *patches, .frame = bvh->frame, .patch_count = patches->patch_count};
         tetra_builder builder = {.ctx = ctx, .tetra = tetra, .face_pack = map_packs(ctx, bvh)};
         status = build(&builder);
         qm_context_free(ctx, builder.face_pack, faces, sizeof *builder.face_pack);
@@ -197,6 +213,8 @@ void qm_tetra_destroy(qm_context *ctx, qm_tetra *tetra)
     qm_box_tree_reset(ctx, &tetra->boxes);
     qm_context_free(ctx, tetra->patches, tetra->patch_count, sizeof *tetra->patches);
     qm_context_free(ctx, tetra->set_patch, tetra->patch_count, sizeof *tetra->set_patch);
+    qm_context_free(ctx, tetra->face_place, tetra->set.face_count, sizeof *tetra->face_place);
+    qm_context_free(ctx, tetra->face_patch, tetra->set.face_count, sizeof *tetra->face_patch);
     qm_context_free(ctx, tetra->nodes, tetra->node_count, sizeof *tetra->nodes);
     qm_context_free(ctx, tetra->vertices, tetra->vertex_count, sizeof *tetra->vertices);
     qm_context_free(ctx, tetra->packs, tetra->pack_capacity, sizeof *tetra->packs);
@@ -207,5 +225,6 @@ size_t qm_tetra_memory_size(const qm_tetra *tetra)
 {
     return sizeof *tetra + tetra->patch_count * (sizeof *tetra->patches + sizeof *tetra->set_patch) +
            tetra->node_count * sizeof *tetra->nodes + tetra->vertex_count * sizeof *tetra->vertices +
+           tetra->set.face_count * (sizeof *tetra->face_place + sizeof *tetra->face_patch) +
            tetra->pack_capacity * sizeof *tetra->packs + qm_box_tree_memory_size(&tetra->boxes);
 }

@@ -29,14 +29,17 @@ typedef struct qm_tetra_patch {
 
 struct qm_tetra {
     const qm_bvh *bvh;
-    const qm_patch_set *set;
+    qm_patch_set set; /* the arrays are borrowed */
     size_t patch_count, node_count, vertex_count, pack_count, pack_capacity;
+    qm_frame frame;          /* of the tree when the radii were found */
     qm_tetra_patch *patches; /* in the order of the boxes above them: neighbours in space are near */
     uint32_t *set_patch;     /* patch_count: which patch of the set each one is */
     qm_tetra_node *nodes;
     uint32_t *vertices;
     uint32_t *packs;
-    qm_box_tree boxes; /* over the patches */
+    uint32_t *face_place; /* by face: its place in the set's faces */
+    uint32_t *face_patch; /* by face: its patch */
+    qm_box_tree boxes;    /* over the patches */
 };
 
 /** A part of a patch: rows and columns of quads from a corner on, and its node. */

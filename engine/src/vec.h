@@ -91,6 +91,16 @@ static inline qm_box qm_vec_box(const qm_vec *point, int count)
     return box;
 }
 
+static inline double qm_lesser(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+static inline double qm_greater(double a, double b)
+{
+    return a > b ? a : b;
+}
+
 static inline double qm_clamp(double x, double low, double high)
 {
     return x < low ? low : x > high ? high : x;

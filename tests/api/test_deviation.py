@@ -145,6 +145,26 @@ def test_a_running_job_can_be_cancelled(client, slow_pair):
     check_problem(client.get(f"/v1/jobs/{job['id']}/result"), 409, "conflict")
 
 
+def test_a_cancelled_job_keeps_its_bounds(client, spheres):
+    job = client.post("/v1/jobs", json={"type": "deviation", "a": spheres[0], "b": spheres[1], "accuracy": 1e-9,
+                                        "pieces": 10000000, "tolerance": 1e-2}).json()
+    with client.stream("GET", f"/v1/jobs/{job['id']}/events", headers={"Accept": "application/x-ndjson"}) as reply:
+        next(reply.iter_lines())
+    time.sleep(1)
+    client.delete(f"/v1/jobs/{job['id']}")
+    done = client.wait(job["id"])
+    assert done["state"] == "cancelled"
+    # Whether the pieces had bounds by then depends on the machine.
+    if "result" in done:
+        result = done["result"]
+        assert result["accurate"] is False
+        assert result["mean"]["lower"] < result["mean"]["upper"] <= result["max"]["upper"] * (1 + 1e-9)
+        numbers = client.get(f"/v1/jobs/{job['id']}/result", headers={"Accept": "application/octet-stream"}).content
+        assert len(numbers) == 8 * result["vertex_count"]
+    else:
+        assert done["problem"]["code"] == "conflict"
+
+
 @pytest.mark.parametrize("field, value, pointer", [
     ("accuracy", 0, "/accuracy"),
     ("accuracy", "1", "/accuracy"),
@@ -160,6 +180,7 @@ def test_a_running_job_can_be_cancelled(client, slow_pair):
     ("threshold", 1, "/threshold"),
     ("direction", "a_to_b", "/direction"),
     ("mesh", "m_1", "/mesh"),
+    ("accelerator", "grid", "/accelerator"),
 ])
 def test_bad_fields_are_pointed_at(client, pair, field, value, pointer):
     body = {"type": "deviation", "a": pair[0], "b": pair[1], field: value}

@@ -76,6 +76,18 @@ def test_a_job_finds_feet(client, square, quads):
     assert "patch" not in over
 
 
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+def test_each_accelerator_finds_the_same_feet(client, spheres, quads):
+    points = cloud(300, seed=3)
+    feet = ask(client, spheres[0], points, quads=quads)["result"]["points"]
+    for accelerator in ("boxes", "grid"):
+        job = ask(client, spheres[0], points, quads=quads, accelerator=accelerator)
+        assert job["request"]["accelerator"] == accelerator
+        assert job["result"]["points"] == feet
+        answer = project(client, spheres[0], floats(points), params={"quads": quads, "accelerator": accelerator})
+        assert rows(answer) == [as_row(foot) for foot in feet]
+
+
 def test_faces_count_as_in_the_file(client):
     # The pentagon is a fan of three triangles inside; the triangle after it is face 1 all the same.
     mesh = ([(0, 0, 0), (2, 0, 0), (3, 1, 0), (1, 2, 0), (0, 1, 0), (8, 0, 5), (9, 0, 5), (8, 1, 5)],
@@ -171,6 +183,7 @@ def test_info_lists_what_there_is(client):
     info = client.get("/v1/info").json()
     assert {"hausdorff", "project"} <= set(info["jobs"])
     assert info["kernel"] in ("portable", "avx2", "avx512")
+    assert info["accelerators"] == ["auto", "boxes", "grid"]
 
 
 # ---- the stream ----
@@ -226,7 +239,7 @@ def test_half_a_point_is_refused(client, square, size, dtype):
     assert f"{size} bytes" in problem["detail"]
 
 
-@pytest.mark.parametrize("parameters", [{"dtype": "f16"}, {"dtype": ""}, {"quads": "flat"}, {"order": "hilbert"},
+@pytest.mark.parametrize("parameters", [{"dtype": "f16"}, {"accelerator": "tetra"}, {"dtype": ""}, {"quads": "flat"}, {"order": "hilbert"},
                                         {"threads": "0"}, {"threads": "1.5"}, {"threads": "257"}, {"threads": ""}])
 def test_bad_parameters_are_refused(client, square, parameters):
     check_problem(project(client, square, b"", params=parameters), 400, "invalid_parameter")

@@ -58,6 +58,13 @@ def test_standard_output_gets_text(quadmesh, square, points, where):
     check_feet(csv_rows(done.stdout))
 
 
+@pytest.mark.parametrize("accelerator", ["auto", "boxes", "grid"])
+def test_each_accelerator_finds_the_feet(quadmesh, square, points, where, accelerator):
+    done = quadmesh("project", square, points, "-o", "-", "--accelerator", accelerator, *where)
+    assert (done.returncode, done.stderr) == (0, "")
+    check_feet(csv_rows(done.stdout))
+
+
 def test_flags_win_over_names(quadmesh, square, points, tmp_path, where):
     done = quadmesh("project", square, points, "--output", "out.csv", "--binary", *where)
     assert done.returncode == 0

@@ -458,6 +458,64 @@ static void more_pieces_only_narrow(void **state)
     qm_shape_free(&b);
 }
 
+/* ---- surfaces that nearly coincide ---- */
+
+/** Measures two tori that differ by a shift, a shake and how finely they are cut, and by dense sampling. */
+static void one_near_pair(int columns, int rows, double shift, double shake, qm_quad_reading reading, int n)
+{
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 77);
+    qm_mesh a = qm_shape_torus(8, 6, 1.0, 0.3), b = qm_shape_torus(columns, rows, 1.0, 0.3);
+    const double by[3] = {shift, -2.0 * shift, 0.5 * shift};
+    qm_shape_move(&b, 1.0, by);
+    qm_shape_shake(&b, &random, shake);
+    for (int side = 0; side < 2; side++) {
+        const qm_mesh *from = side ? &b : &a, *to = side ? &a : &b;
+        qm_deviation_options options = options_for(reading, 1e-6);
+        qm_deviation found = measure(from, to, &options);
+        assert_true(found.is_accurate);
+        cell_list list = sample(from, to, reading, n);
+        check_against(&found, &list, reading == QM_QUADS_BILINEAR ? 0.05 : 0.0, seed);
+        free(list.cells);
+        release(&found);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void moved_copies_agree_with_sampling(void **state)
+{
+    (void)state;
+    one_near_pair(8, 6, 1e-3, 0.0, QM_QUADS_TRIANGLES, 8);
+    one_near_pair(8, 6, 0.0, 1e-3, QM_QUADS_TRIANGLES, 8);
+    one_near_pair(8, 6, 1e-2, 1e-3, QM_QUADS_BILINEAR, 8);
+}
+
+static void finer_copies_agree_with_sampling(void **state)
+{
+    (void)state;
+    one_near_pair(16, 12, 0.0, 0.0, QM_QUADS_TRIANGLES, 6);
+    one_near_pair(13, 7, 1e-3, 1e-3, QM_QUADS_TRIANGLES, 6);
+}
+
+static void near_planes_of_other_facets_are_exact(void **state)
+{
+    (void)state;
+    static const double near[4] = {1e-4, 1e-4, 1e-4, 1e-4};
+    qm_mesh fine = qm_shape_plane(23, 0.0), coarse = make_plane(0, 1, near);
+    for (int side = 0; side < 2; side++) {
+        qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
+        options.accuracy = 1e-3;
+        qm_deviation found = side ? measure(&coarse, &fine, &options) : measure(&fine, &coarse, &options);
+        assert_true(found.is_accurate);
+        check_holds(found.mean, 1e-4, 1.1e-7, "mean");
+        check_holds(found.rms, 1e-4, 1.1e-7, "rms");
+        release(&found);
+    }
+    qm_shape_free(&fine);
+    qm_shape_free(&coarse);
+}
+
 /* ---- the call ---- */
 
 static void threads_change_nothing(void **state)
@@ -525,6 +583,62 @@ static void a_cancelled_call_leaves_nothing(void **state)
     qm_shape_free(&a);
 }
 
+/** Raises the flag at a call of the allocator, which is how far a call has come. */
+typedef struct cancelling_allocator {
+    atomic_bool cancel;
+    size_t calls, cancel_at;
+} cancelling_allocator;
+
+static void *cancelling_resize(void *user, void *block, size_t old_size, size_t new_size)
+{
+    cancelling_allocator *allocator = user;
+    if (new_size > 0 && allocator->calls++ == allocator->cancel_at) atomic_store(&allocator->cancel, true);
+    return qm_allocator_default.resize(qm_allocator_default.user, block, old_size, new_size);
+}
+
+/** Cancels a call when it asks for memory for the n-th time; adds the outcome to the counts. */
+static bool cancel_at(const qm_mesh *a, const qm_mesh *b, size_t n, const qm_deviation *truth, int counts[2])
+{
+    cancelling_allocator allocator = {.cancel_at = n};
+    qm_context ctx = qm_context_make();
+    ctx.allocator = (qm_allocator){cancelling_resize, &allocator};
+    ctx.cancel = &allocator.cancel;
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-4);
+    qm_deviation found;
+    qm_status status = measure_in(&ctx, a, b, &options, &found);
+    bool was_raised = atomic_load(&allocator.cancel);
+    if (status == QM_E_CANCELED) {
+        counts[0]++;
+        assert_null(found.vertex_distance);
+    } else {
+        assert_int_equal(status, QM_OK);
+        counts[1] += found.is_canceled;
+        QM_CHECK(found.mean.lower <= truth->mean.upper && found.mean.upper >= truth->mean.lower &&
+                     found.rms.lower <= truth->rms.upper && found.rms.upper >= truth->rms.lower,
+                 "canceled at %zu: mean [%g, %g]", n, found.mean.lower, found.mean.upper);
+        assert_true(found.is_accurate || found.is_canceled);
+        qm_deviation_reset(&ctx, &found);
+    }
+    return was_raised;
+}
+
+static void a_cancelled_call_tells_what_it_has(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_torus(24, 12, 1.0, 0.3), b = qm_shape_torus(20, 10, 1.0, 0.31);
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-4);
+    qm_deviation truth = measure(&a, &b, &options);
+    int counts[2] = {0, 0};
+    size_t n = 0;
+    while (cancel_at(&a, &b, n, &truth, counts))
+        n++;
+    /* Early on there is nothing to tell yet, later on there is. */
+    QM_CHECK(counts[0] > 0 && counts[1] > 0, "%d without, %d with bounds", counts[0], counts[1]);
+    release(&truth);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 static void every_allocation_may_fail(void **state)
 {
     (void)state;
@@ -563,9 +677,13 @@ int main(void)
         cmocka_unit_test(random_soups_agree_with_sampling),
         cmocka_unit_test(random_patches_agree_with_sampling),
         cmocka_unit_test(more_pieces_only_narrow),
+        cmocka_unit_test(moved_copies_agree_with_sampling),
+        cmocka_unit_test(finer_copies_agree_with_sampling),
+        cmocka_unit_test(near_planes_of_other_facets_are_exact),
         cmocka_unit_test(threads_change_nothing),
         cmocka_unit_test(bad_options_are_refused),
         cmocka_unit_test(a_cancelled_call_leaves_nothing),
+        cmocka_unit_test(a_cancelled_call_tells_what_it_has),
         cmocka_unit_test(every_allocation_may_fail),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

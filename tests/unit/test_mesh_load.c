@@ -9,6 +9,7 @@
 #include "job_kinds.h"
 
 static const qm_codec_limits limits = {1000000, 1000000};
+static const qm_preparation everything = {true, QM_BVH_ALL, 1};
 
 static const char cube[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
                            "f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";
@@ -16,7 +17,7 @@ static const char cube[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1
 static qm_status load(qm_context *ctx, qm_format format, const char *text, qm_loaded_mesh *out,
                       qm_codec_report *report)
 {
-    return qm_mesh_load(ctx, format, (const uint8_t *)text, strlen(text), &limits, out, report);
+    return qm_mesh_load(ctx, format, (const uint8_t *)text, strlen(text), &limits, &everything, out, report);
 }
 
 static void a_cube_is_ready(void **state)

@@ -36,8 +36,7 @@ typedef struct qm_deviation_options {
     void *progress_user;
 } qm_deviation_options;
 
-/** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^18 pieces, no percentiles, no bins, one thread.
- */
+/** Triangles, accuracy 1e-2, tolerance 0 (to be set), 2^20 pieces, no percentiles, no bins, one thread. */
 qm_deviation_options qm_deviation_options_default(void);
 
 typedef enum qm_measure { QM_OVER_AREA, QM_OVER_VERTICES, QM_OVER_POINTS } qm_measure;
@@ -56,6 +55,7 @@ typedef struct qm_deviation {
     size_t pieces;
     uint64_t projections; /* searches of a nearest point, those of the maximum included */
     bool is_accurate;     /* the accuracy was reached, or what rounding leaves of it */
+    bool is_canceled;     /* the context's flag was raised before that */
     double elapsed_ms;
 } qm_deviation;
 
@@ -64,9 +64,9 @@ typedef struct qm_deviation {
  *
  * Ownership: borrows everything but *out, which is the caller's, for qm_deviation_reset in the same context.
  * Threads:   only reads the trees; splits its work with ctx->parallel.
- * Returns:   QM_OK, also when the pieces ran out before the accuracy was reached; QM_E_ARGUMENT (accuracy,
- *            tolerance, percentiles, threads); QM_E_NO_MEMORY; QM_E_CANCELED; QM_E_SCALE. After an error *out
- *            is all zero.
+ * Returns:   QM_OK, also when the pieces ran out before the accuracy was reached, or the call was canceled
+ *            once there were bounds for all of A; QM_E_ARGUMENT (accuracy, tolerance, percentiles, threads);
+ *            QM_E_NO_MEMORY; QM_E_CANCELED; QM_E_SCALE. After an error *out is all zero.
  */
 qm_status qm_deviation_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                                const qm_deviation_options *options, qm_deviation *out);

@@ -74,6 +74,13 @@ static inline qm_vf qm_vf_min(qm_vf a, qm_vf b)
 #endif
 }
 
+static inline float qm_vf_greatest(qm_vf a)
+{
+    a = qm_vf_max(a, __builtin_shuffle(a, (qm_vi){4, 5, 6, 7, 0, 1, 2, 3}));
+    a = qm_vf_max(a, __builtin_shuffle(a, (qm_vi){2, 3, 0, 1, 6, 7, 4, 5}));
+    return a[0] > a[1] ? a[0] : a[1];
+}
+
 /** One bit a lane, set where the mask is all ones. */
 static inline unsigned qm_vi_bits(qm_vi mask)
 {

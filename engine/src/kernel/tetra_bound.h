@@ -159,28 +159,24 @@ static inline double qm_tetra_lower(qm_v4_vec a, qm_vec p)
     return distance - 0x1p-18 * (distance + sqrt(sides.longest2));
 }
 
-/** The faces of a tetrahedron, ready to measure points to them. */
+/** The faces of a tetrahedron, ready to measure points to them: lane i has the corner i and the sides to its
+ * neighbours, which in a patch stand about upright. */
 typedef struct qm_tetra_faces {
     qm_v4_vec a, e, g;
-    qm_v4 ee, eg, gg, inverse, inverse_ee; /* inverses 0 where there is nothing to divide by */
+    qm_v4 ee, eg, gg, inverse; /* 0 where there is nothing to divide by */
 } qm_tetra_faces;
-
-static inline qm_v4 qm_v4_inverse(qm_v4 x)
-{
-    const qm_v4 zero = qm_v4_set(0.0), one = qm_v4_set(1.0);
-    qm_v4l positive = x > zero;
-    return qm_v4_select(positive, one / qm_v4_select(positive, x, one), zero);
-}
 
 static inline qm_tetra_faces qm_tetra_faces_make(qm_v4_vec a)
 {
-    qm_v4_vec b = qm_v4_vec_turn(a), c = qm_v4_vec_turn(b);
-    qm_tetra_faces faces = {.a = a, .e = qm_v4_vec_sub(b, a), .g = qm_v4_vec_sub(c, a)};
+    const qm_v4 zero = qm_v4_set(0.0), one = qm_v4_set(1.0);
+    qm_v4_vec next = qm_v4_vec_turn(a), before = qm_v4_vec_turn(qm_v4_vec_turn(next));
+    qm_tetra_faces faces = {.a = a, .e = qm_v4_vec_sub(next, a), .g = qm_v4_vec_sub(before, a)};
     faces.ee = qm_v4_vec_dot(faces.e, faces.e);
     faces.eg = qm_v4_vec_dot(faces.e, faces.g);
     faces.gg = qm_v4_vec_dot(faces.g, faces.g);
-    faces.inverse = qm_v4_inverse(faces.ee * faces.gg - faces.eg * faces.eg);
-    faces.inverse_ee = qm_v4_inverse(faces.ee);
+    qm_v4 area2 = faces.ee * faces.gg - faces.eg * faces.eg;
+    qm_v4l positive = area2 > zero;
+    faces.inverse = qm_v4_select(positive, one / qm_v4_select(positive, area2, one), zero);
     return faces;
 }
 
@@ -196,9 +192,7 @@ static inline double qm_tetra_faces_upper2(const qm_tetra_faces *faces, qm_vec p
     qm_v4 s = qm_v4_min(qm_v4_max((we * faces->gg - wg * faces->eg) * faces->inverse, zero), one);
     qm_v4 t = qm_v4_min(qm_v4_max((wg * faces->ee - we * faces->eg) * faces->inverse, zero), one - s);
     qm_v4_vec gap = qm_v4_vec_axpy(qm_v4_vec_axpy(w, -s, faces->e), -t, faces->g);
-    qm_v4 side = qm_v4_min(qm_v4_max(we * faces->inverse_ee, zero), one);
-    qm_v4_vec side_gap = qm_v4_vec_axpy(w, -side, faces->e);
-    return qm_v4_least(qm_v4_min(qm_v4_vec_dot(gap, gap), qm_v4_vec_dot(side_gap, side_gap)));
+    return qm_v4_least(qm_v4_vec_dot(gap, gap));
 }
 
 #endif

@@ -1,0 +1,63 @@
+/**
+ * bvh_pack.h: what a pack holds of its faces' geometry, from where their vertices are now: shared by the
+ * builder and by refitting.
+ */
+#ifndef QM_BVH_PACK_H
+#define QM_BVH_PACK_H
+
+#include "bilinear_point.h"
+#include "kernel.h"
+
+/** Loads the vertices of a pack, local, and sets its box. */
+static inline void qm_bvh_fit_pack(qm_bvh *bvh, size_t pack, qm_vec vertex[3 * QM_PACK_LANES])
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    int count = 0;
+    do
+        vertex[count] = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * (size_t)lanes->vertex[count]);
+    while (++count < lanes->vertex_count);
+    qm_box box = qm_vec_box(vertex, count);
+    qm_box_tree_set(&bvh->boxes, pack, &box);
+}
+
+static inline void qm_bvh_fill_triangles(const qm_kernel *kernel, qm_bvh *bvh, size_t pack,
+                                         const qm_vec *vertex)
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    _Alignas(64) double corner[3][3][QM_PACK_LANES];
+    for (int lane = 0; lane < QM_PACK_LANES; lane++) {
+        const uint8_t *place = lanes->corner[lane < lanes->lane_count ? lane : 0];
+        for (int i = 0; i < 3; i++) {
+            corner[i][0][lane] = vertex[place[i]].x;
+            corner[i][1][lane] = vertex[place[i]].y;
+            corner[i][2][lane] = vertex[place[i]].z;
+        }
+    }
+    kernel->fill_pack(&bvh->packs[pack], corner);
+}
+
+/** How far the patch of a quad leaves its two triangles at most; 0 for a triangle. Local. */
+static inline double qm_bvh_face_twist(const qm_bvh *bvh, uint32_t face)
+{
+    qm_vec corner[4];
+    return qm_bvh_load_face(bvh, face, corner) == 3 ? 0.0 : qm_patch_twist(corner);
+}
+
+static inline void qm_bvh_fill_twist(qm_bvh *bvh, size_t pack)
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    for (int lane = 0; lane < QM_PACK_LANES; lane++) {
+        bool is_second = lanes->second >> lane & 1;
+        bvh->twist[pack][lane] =
+            is_second ? bvh->twist[pack][lane - 1] : (float)qm_bvh_face_twist(bvh, lanes->face[lane]);
+    }
+}
+
+/** Fills the rows and twists that the tree has, from the vertices of the pack. */
+static inline void qm_bvh_fill_pack(const qm_kernel *kernel, qm_bvh *bvh, size_t pack, const qm_vec *vertex)
+{
+    if (bvh->packs) qm_bvh_fill_triangles(kernel, bvh, pack, vertex);
+    if (bvh->twist) qm_bvh_fill_twist(bvh, pack);
+}
+
+#endif

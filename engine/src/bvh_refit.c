@@ -1,0 +1,140 @@
+/**
+ * bvh_refit.c: boxes of a tree whose vertices have moved, and later the frames of its triangles.
+ */
+#include "bits.h"
+#include "bvh_order.h"
+#include "bvh_pack.h"
+#include "deform.h"
+
+#define MIN_PACKS 512 /* packs that make it worth to start another thread */
+
+/** Packs to look at: a list of them, or all; a range for each worker. */
+typedef struct pack_work {
+    qm_bvh *bvh;
+    const uint32_t *packs; /* NULL: all */
+    size_t count;
+    int workers;
+} pack_work;
+
+static void each_pack(qm_context *ctx, pack_work *work, int thread_count, void (*task)(void *, int))
+{
+    work->workers = thread_count;
+    while (work->workers > 1 && work->count / (size_t)work->workers < MIN_PACKS)
+        work->workers--;
+    qm_context_parallel(ctx, work->workers, task, work);
+}
+
+static void fit_range(void *data, int worker)
+{
+    const pack_work *work = data;
+    size_t groups = (work->count + 7) / 8, workers = (size_t)work->workers;
+    size_t begin = 8 * (groups * (size_t)worker / workers), end = 8 * (groups * ((size_t)worker + 1) / workers);
+    qm_vec vertex[3 * QM_PACK_LANES];
+    for (size_t i = begin; i < end && i < work->count; i++)
+        qm_bvh_fit_pack(work->bvh, work->packs ? work->packs[i] : i, vertex);
+}
+
+static void refresh_range(void *data, int worker)
+{
+    const pack_work *work = data;
+    const qm_kernel *kernel = qm_kernel_get();
+    size_t words = qm_bits_words(work->count), workers = (size_t)work->workers;
+    qm_vec vertex[3 * QM_PACK_LANES];
+    for (size_t word = words * (size_t)worker / workers; word < words * ((size_t)worker + 1) / workers; word++) {
+        for (uint64_t rest = work->bvh->stale[word]; rest; rest &= rest - 1) {
+            size_t pack = 64 * word + (size_t)__builtin_ctzll(rest);
+            if (pack >= work->count) break;
+            qm_bvh_fit_pack(work->bvh, pack, vertex);
+            qm_bvh_fill_pack(kernel, work->bvh, pack, vertex);
+        }
+    }
+}
+
+/** True when the frame serves a mesh with this box: it is held, and not much smaller than the frame. */
+static bool frame_serves(const qm_frame *frame, const qm_box *box)
+{
+    double most = 0.0, size = 0.0;
+    qm_vec low = qm_frame_local(frame, box->min), high = qm_frame_local(frame, box->max);
+    most = fmax(most, fmax(fmax(fabs(low.x), fabs(high.x)), fmax(fabs(low.y), fabs(high.y))));
+    most = fmax(most, fmax(fabs(low.z), fabs(high.z)));
+    size = fmax(high.x - low.x, fmax(high.y - low.y, high.z - low.z));
+    return most <= 1.0 && size >= 0.25;
+}
+
+static bool face_in_frame(const qm_bvh *bvh, uint32_t face)
+{
+    qm_vec corner[4];
+    int count = qm_bvh_load_face(bvh, face, corner);
+    for (int i = 0; i < count; i++)
+        if (!(fmax(fabs(corner[i].x), fmax(fabs(corner[i].y), fabs(corner[i].z))) <= 1.0)) return false;
+    return true;
+}
+
+/** True when these faces, with their new vertices, lie in the frame. */
+static bool faces_in_frame(const qm_bvh *bvh, const uint32_t *faces, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (!face_in_frame(bvh, faces[i])) return false;
+    return true;
+}
+
+static size_t refit_all(qm_context *ctx, qm_bvh *bvh, int thread_count)
+{
+    qm_box box = qm_mesh_bounding_box(&bvh->mesh);
+    if (!frame_serves(&bvh->frame, &box)) bvh->frame = qm_frame_make(&box);
+    memset(bvh->stale, 0xff, qm_bits_words(bvh->pack_count) * sizeof *bvh->stale);
+    pack_work work = {.bvh = bvh, .count = bvh->pack_count};
+    each_pack(ctx, &work, thread_count, fit_range);
+    qm_box_tree_fill(&bvh->boxes);
+    size_t updated = 0;
+    for (int level = 0; level < bvh->boxes.level_count; level++)
+        updated += bvh->boxes.group_count[level];
+    return updated;
+}
+
+/** packs are those of the faces that changed, ascending; they are used up. */
+static size_t refit_packs(qm_context *ctx, qm_bvh *bvh, uint32_t *packs, size_t count)
+{
+    pack_work work = {.bvh = bvh, .packs = packs, .count = count};
+    each_pack(ctx, &work, 1, fit_range);
+    return count + qm_box_tree_refill(&bvh->boxes, packs, count);
+}
+
+qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer, const qm_mesh *mesh,
+                       const uint32_t *faces, size_t face_count, int thread_count, size_t *updated)
+{
+    *updated = 0;
+    size_t list_size = face_count < bvh->pack_count ? face_count : bvh->pack_count;
+    uint32_t *packs = faces ? qm_context_alloc(ctx, list_size, sizeof *packs) : NULL;
+    uint64_t *changed = faces ? qm_bits_create(ctx, bvh->pack_count) : NULL;
+    bool has_lists = !faces || face_count == 0 || (packs && changed);
+    uint64_t *stale = bvh->stale ? bvh->stale : qm_bits_create(ctx, bvh->pack_count);
+    qm_status status = has_lists && stale ? QM_OK : QM_E_NO_MEMORY;
+    if (status == QM_OK) bvh->stale = stale;
+    if (status != QM_OK) {
+        qm_context_fail(ctx, status, "out of memory to refit a tree");
+    } else if (!faces || (bvh->mesh = *mesh, !faces_in_frame(bvh, faces, face_count))) {
+        bvh->mesh = *mesh;
+        *updated = refit_all(ctx, bvh, thread_count);
+    } else if (face_count > 0) {
+        for (size_t i = 0; i < face_count; i++)
+            qm_bits_add(changed, deformer->face_pack[faces[i]]);
+        for (size_t i = 0; i < qm_bits_words(bvh->pack_count); i++)
+            bvh->stale[i] |= changed[i];
+        *updated = refit_packs(ctx, bvh, packs, qm_bits_list(changed, bvh->pack_count, packs));
+    }
+    if (status == QM_OK) bvh->reach = qm_box_tree_reach(&bvh->boxes);
+    if (status != QM_OK && !bvh->stale) qm_bits_free(ctx, stale, bvh->pack_count);
+    qm_context_free(ctx, packs, list_size, sizeof *packs);
+    qm_bits_free(ctx, changed, bvh->pack_count);
+    return status;
+}
+
+void qm_bvh_refresh(qm_context *ctx, qm_bvh *bvh, int thread_count)
+{
+    if (!bvh->stale) return;
+    pack_work work = {.bvh = bvh, .count = bvh->pack_count};
+    each_pack(ctx, &work, thread_count, refresh_range);
+    qm_bits_free(ctx, bvh->stale, bvh->pack_count);
+    bvh->stale = NULL;
+}

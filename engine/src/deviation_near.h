@@ -1,0 +1,50 @@
+/**
+ * deviation_near.h: the facets of a target that lie near a piece of the source, copied side by side, so that
+ * all parts of the piece are bounded and cut without another search of the tree.
+ *
+ * A piece lies within a ball of radius r round c. The facet nearest to a point p of it has
+ *     d(c, T) <= d(p, T) + r <= d(c, B) + 2 r.
+ * So once every facet within that reach of c is listed, the least distance to the list is the distance to B
+ * at every point of the piece, and at every point of its parts.
+ *
+ * A facet is a triangle of the target; a patch of a bilinear target is cut into rectangles, each of which is
+ * within its twist of two triangles. These are the facets then, and slack says how far the surface may be
+ * from each.
+ */
+#ifndef QM_DEVIATION_NEAR_H
+#define QM_DEVIATION_NEAR_H
+
+#include "kernel.h"
+#include "tri_point.h"
+
+#define QM_FACET_PACKS 40 /* of eight facets each */
+
+typedef struct qm_near_facets {
+    int count, pack_count;
+    bool is_complete; /* every facet within reach is listed; otherwise only some */
+    double slack[QM_FACET_PACKS][QM_PACK_LANES];
+    qm_pack pack[QM_FACET_PACKS]; /* places past count repeat the last facet */
+} qm_near_facets;
+
+/**
+ * Lists the facets within reach of a point.
+ *
+ * patches   whether the target's quads are bilinear patches; error  the twist below which they are not cut
+ */
+void qm_near_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, double error,
+                         qm_vec middle, double reach, qm_near_facets *near);
+
+/** The facet at a lane of a pack. */
+qm_triangle qm_pack_triangle(const qm_pack *pack, int lane);
+
+/** One of the listed facets, its place among them, and its distance from a point. */
+typedef struct qm_near_facet {
+    qm_triangle triangle;
+    double distance;
+    int place;
+} qm_near_facet;
+
+/** The listed facet nearest to a point; the list is not empty. */
+qm_near_facet qm_near_facets_nearest(const qm_kernel *kernel, const qm_near_facets *near, qm_vec p);
+
+#endif
