@@ -28,7 +28,8 @@ static void fit_range(void *data, int worker)
 {
     const pack_work *work = data;
     size_t groups = (work->count + 7) / 8, workers = (size_t)work->workers;
-    size_t begin = 8 * (groups * (size_t)worker / workers), end = 8 * (groups * ((size_t)worker + 1) / workers);
+    size_t begin = 8 * (groups * (size_t)worker / workers),
+           end = 8 * (groups * ((size_t)worker + 1) / workers);
     qm_vec vertex[3 * QM_PACK_LANES];
     for (size_t i = begin; i < end && i < work->count; i++)
         qm_bvh_fit_pack(work->bvh, work->packs ? work->packs[i] : i, vertex);
@@ -40,7 +41,8 @@ static void refresh_range(void *data, int worker)
     const qm_kernel *kernel = qm_kernel_get();
     size_t words = qm_bits_words(work->count), workers = (size_t)work->workers;
     qm_vec vertex[3 * QM_PACK_LANES];
-    for (size_t word = words * (size_t)worker / workers; word < words * ((size_t)worker + 1) / workers; word++) {
+    for (size_t word = words * (size_t)worker / workers; word < words * ((size_t)worker + 1) / workers;
+         word++) {
         for (uint64_t rest = work->bvh->stale[word]; rest; rest &= rest - 1) {
             size_t pack = 64 * word + (size_t)__builtin_ctzll(rest);
             if (pack >= work->count) break;

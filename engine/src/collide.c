@@ -42,7 +42,33 @@ static qm_status check(qm_context *ctx, const qm_collide_search *search)
     return QM_OK;
 }
 
-static qm_status collide(const qm_collide_search *search, qm_collision *out)
+/** What fails with words of its own is told by them. */
+static qm_status fail(qm_context *ctx, qm_status status, const qm_collide_options *options)
+{
+    if (status == QM_E_TOO_LARGE)
+        return qm_context_fail(ctx, status, "more than %zu pairs of faces meet", options->pair_limit);
+    if (status == QM_E_INDEX) return status;
+    return qm_context_fail(ctx, status, "%s while looking for collisions", qm_status_text(status));
+}
+
+static qm_status run(qm_collide_search *search, const qm_collide_changes *changes, qm_pair_list *list,
+                     qm_collision *out)
+{
+    qm_context *ctx = search->ctx;
+    qm_change_marks marks = {0};
+    qm_status status = QM_OK;
+    if (changes) {
+        status = qm_change_marks_set(ctx, search->bvh[0], changes, &marks);
+        if (status == QM_OK) status = qm_change_marks_keep(ctx, search->bvh[0], &marks, changes, list);
+        search->marks = &marks;
+    }
+    if (status == QM_OK) status = qm_collide_run(search, list, &out->tests);
+    if (changes) qm_change_marks_reset(ctx, search->bvh[0], &marks);
+    if (status == QM_OK) status = qm_pair_list_finish(ctx, list, search->options, out);
+    return status;
+}
+
+static qm_status collide(qm_collide_search *search, const qm_collide_changes *changes, qm_collision *out)
 {
     qm_context *ctx = search->ctx;
     double start_ms = now_ms();
@@ -50,16 +76,11 @@ static qm_status collide(const qm_collide_search *search, qm_collision *out)
     *out = (qm_collision){0};
     qm_status status = check(ctx, search);
     if (status != QM_OK) return status;
-    status = qm_collide_run(search, &list, &out->tests);
-    if (status == QM_OK) status = qm_pair_list_finish(ctx, &list, search->options->thread_count, out);
+    status = run(search, changes, &list, out);
     qm_pair_list_reset(ctx, &list);
-    if (status == QM_E_TOO_LARGE)
-        qm_context_fail(ctx, status, "more than %zu pairs of faces meet", search->options->pair_limit);
-    else if (status != QM_OK)
-        qm_context_fail(ctx, status, "%s while looking for collisions", qm_status_text(status));
     if (status != QM_OK) {
         qm_collision_reset(ctx, out);
-        return status;
+        return fail(ctx, status, search->options);
     }
     out->elapsed_ms = now_ms() - start_ms;
     return QM_OK;
@@ -69,14 +90,14 @@ qm_status qm_collide_meshes(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                             const qm_collide_options *options, qm_collision *out)
 {
     qm_collide_search search = {.ctx = ctx, .bvh = {a, b}, .options = options};
-    return collide(&search, out);
+    return collide(&search, NULL, out);
 }
 
 qm_status qm_collide_self(qm_context *ctx, const qm_bvh *bvh, const qm_collide_options *options,
-                          qm_collision *out)
+                          const qm_collide_changes *changes, qm_collision *out)
 {
     qm_collide_search search = {.ctx = ctx, .bvh = {bvh, bvh}, .is_self = true, .options = options};
-    return collide(&search, out);
+    return collide(&search, changes, out);
 }
 
 void qm_collision_reset(qm_context *ctx, qm_collision *collision)

@@ -43,9 +43,9 @@ typedef struct qm_frame_change {
 typedef struct qm_descent {
     const qm_box_tree *a, *b;
     qm_frame_change change;
-    bool is_self;                 /* a is b: every pair once, each node with itself too */
-    int stop_level;               /* pairs are handed out once both nodes are at this level or below it */
-    const uint8_t *const *marked; /* [level][index]: of a pair one must be marked; NULL: all are */
+    bool is_self;           /* a is b: every pair once, each node with itself too */
+    int stop_level;         /* pairs are handed out once both nodes are at this level or below it */
+    uint8_t *const *marked; /* [level][index]: of a pair one must be marked; NULL: all are */
     bool (*take)(void *user, const qm_node *a, const qm_node *b); /* false ends the walk */
     void *user;
 } qm_descent;

@@ -75,13 +75,15 @@ static void tell(const qm_pair_list *list, int b_bits, qm_collision *out)
     }
 }
 
-qm_status qm_pair_list_finish(qm_context *ctx, qm_pair_list *list, int thread_count, qm_collision *out)
+qm_status qm_pair_list_finish(qm_context *ctx, qm_pair_list *list, const qm_collide_options *options,
+                              qm_collision *out)
 {
     if (list->count == 0) return QM_OK;
     int bit_count, b_bits = squeeze(list, &bit_count);
-    qm_status status = qm_radix_sort_numbers(ctx, list->pairs, list->count, bit_count, thread_count);
+    qm_status status = qm_radix_sort_numbers(ctx, list->pairs, list->count, bit_count, options->thread_count);
     if (status != QM_OK) return status;
     size_t different = 1;
+    if (options->mode != QM_COLLIDE_ALL) list->count = 1;
     for (size_t i = 1; i < list->count; i++)
         different += list->pairs[i] != list->pairs[i - 1];
     out->pairs = qm_context_alloc(ctx, different, sizeof *out->pairs);

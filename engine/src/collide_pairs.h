@@ -20,7 +20,9 @@ bool qm_pair_list_join(qm_context *ctx, qm_pair_list *list, qm_pair_list *other)
 
 void qm_pair_list_reset(qm_context *ctx, qm_pair_list *list);
 
-/** Sorts the list and tells every pair once; the list is then of no more use. QM_OK or QM_E_NO_MEMORY. */
-qm_status qm_pair_list_finish(qm_context *ctx, qm_pair_list *list, int thread_count, qm_collision *out);
+/** Sorts the list and tells every pair once, or the least alone where one is asked for; the list is then of
+ * no more use. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_pair_list_finish(qm_context *ctx, qm_pair_list *list, const qm_collide_options *options,
+                              qm_collision *out);
 
 #endif

@@ -106,7 +106,6 @@ static bool test_lanes(worker *w, const qm_leaf *p, int i, const qm_leaf *q, int
 {
     const qm_collide_search *search = w->crew->search;
     uint32_t face_a = search->bvh[0]->lanes[p->pack].face[i], face_b = search->bvh[1]->lanes[q->pack].face[j];
-    if (search->face_changed && !search->face_changed[face_a] && !search->face_changed[face_b]) return true;
     uint32_t a = qm_mesh_input_face(&search->bvh[0]->mesh, face_a),
              b = qm_mesh_input_face(&search->bvh[1]->mesh, face_b);
     if (search->is_self) {
@@ -142,7 +141,12 @@ static bool take_leaves(void *user, const qm_node *a, const qm_node *b)
     const qm_leaf *p = get_leaf(w, 0, search->bvh[0], a->index), *q = get_second_leaf(w, p, b->index);
     size_t before = w->pairs.count;
     uint8_t near[QM_PACK_LANES];
-    if (w->crew->kernel->compare_leaves(p, q, search->is_self, near)) {
+    unsigned moved_p = 0xff, moved_q = 0xff;
+    if (search->marks) {
+        moved_p = search->marks->level[0][p->pack];
+        moved_q = search->marks->level[0][q->pack];
+    }
+    if (w->crew->kernel->compare_leaves(p, q, search->is_self, moved_p, moved_q, near)) {
         for (int i = 0; i < QM_PACK_LANES && !w->is_done; i++)
             for (unsigned bits = near[i]; bits && !w->is_done; bits &= bits - 1)
                 w->is_done = !test_lanes(w, p, i, q, __builtin_ctz(bits));
@@ -255,7 +259,7 @@ qm_status qm_collide_run(const qm_collide_search *search, qm_pair_list *list, ui
                           .b = &search->bvh[1]->boxes,
                           .change = make_change(&search->bvh[0]->frame, &search->bvh[1]->frame),
                           .is_self = search->is_self,
-                          .marked = search->marked}};
+                          .marked = search->marks ? search->marks->level : NULL}};
     deal_tasks(&c, workers);
     if (c.task_count < (size_t)workers) workers = c.task_count > 0 ? (int)c.task_count : 1;
     c.workers = qm_context_alloc(ctx, (size_t)workers, sizeof *c.workers);

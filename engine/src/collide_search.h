@@ -4,6 +4,7 @@
 #ifndef QM_COLLIDE_SEARCH_H
 #define QM_COLLIDE_SEARCH_H
 
+#include "collide_changes.h"
 #include "collide_leaf.h"
 #include "collide_pairs.h"
 
@@ -12,8 +13,7 @@ typedef struct qm_collide_search {
     const qm_bvh *bvh[2];
     bool is_self;
     const qm_collide_options *options;
-    const uint8_t *const *marked; /* nodes by [level][index]; NULL: everything is to be looked at */
-    const uint8_t *face_changed;  /* by face; of a pair one must be changed; NULL: all are */
+    const qm_change_marks *marks; /* of a pair one must have moved; NULL: everything is looked at */
 } qm_collide_search;
 
 /** Finds the pairs and adds them to list, each once or more; with a mode other than all, at most one. */

@@ -105,8 +105,10 @@ qm_status qm_deformer_find_faces(qm_context *ctx, const qm_deformer *deformer, c
     size_t count = status == QM_OK ? qm_bits_count(marks, deformer->face_count) : 0;
     if (count > 0) {
         *faces = qm_context_alloc(ctx, count, sizeof **faces);
-        if (*faces) *face_count = qm_bits_list(marks, deformer->face_count, *faces);
-        else status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a deformation");
+        if (*faces)
+            *face_count = qm_bits_list(marks, deformer->face_count, *faces);
+        else
+            status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a deformation");
     }
     qm_bits_free(ctx, marks, deformer->face_count);
     return status;

@@ -23,8 +23,8 @@
     bool qm_cover_##isa(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);                  \
     bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
     void qm_fill_leaf_##isa(qm_leaf *leaf, const float(*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);  \
-    bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, bool is_self,                           \
-                                 uint8_t near[QM_PACK_LANES]);                                               \
+    bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,         \
+                                 unsigned moved_q, uint8_t near[QM_PACK_LANES]);                             \
     static const qm_kernel kernel_##isa = {                                                                  \
         .name = #isa,                                                                                        \
         .fill_pack = qm_fill_pack_##isa,                                                                     \

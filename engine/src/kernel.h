@@ -139,9 +139,11 @@ typedef struct qm_kernel {
     /**
      * For each lane of p the bits of those lanes of q that may meet it: all others are proven not to. In
      * is_self both are of one mesh, corners of the same index and the edges between them don't count, and a
-     * leaf with itself gives each pair of lanes once. False when there are none.
+     * leaf with itself gives each pair of lanes once; of a pair one must have its bit in moved_p or moved_q.
+     * False when there are none.
      */
-    bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, uint8_t near[QM_PACK_LANES]);
+    bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+                           unsigned moved_q, uint8_t near[QM_PACK_LANES]);
 } qm_kernel;
 
 /** The widest kernel that this processor runs. */

@@ -121,7 +121,7 @@ static qm_collision collide(const qm_mesh *a, const qm_mesh *b, qm_collide_mode 
         assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_SOURCE, 1, &bvh_b), QM_OK);
         assert_int_equal(qm_collide_meshes(&ctx, bvh_a, bvh_b, &options, &found), QM_OK);
     } else {
-        assert_int_equal(qm_collide_self(&ctx, bvh_a, &options, &found), QM_OK);
+        assert_int_equal(qm_collide_self(&ctx, bvh_a, &options, NULL, &found), QM_OK);
     }
     qm_bvh_destroy(&ctx, bvh_a);
     qm_bvh_destroy(&ctx, bvh_b);
@@ -210,15 +210,15 @@ static void check_soups(whole_soup *a, whole_soup *b, unsigned run)
 static void soups_match_twin(void **state)
 {
     (void)state;
-    unsigned runs = qm_check_long() ? 400 : 80;
+    unsigned runs = qm_check_long() ? 400 : 60;
     size_t sum = 0;
     for (unsigned run = 0; run < runs; run++) {
         qm_random random = qm_random_make(qm_check_seed(), run);
-        size_t faces = 1 + qm_random_below(&random, 60);
+        size_t faces = 1 + qm_random_below(&random, 45);
         int limit = run % 3 == 0 ? 2 : run % 3 == 1 ? 10 : 400;
         size_t pool = 3 + qm_random_below(&random, 3 * faces);
         whole_soup a = make_soup(&random, faces, pool, limit, run % 2 == 1, run % 5 == 4),
-                   b = make_soup(&random, 1 + qm_random_below(&random, 60), pool, limit, run % 2 == 1,
+                   b = make_soup(&random, 1 + qm_random_below(&random, 45), pool, limit, run % 2 == 1,
                                  run % 5 == 4);
         check_soups(&a, &b, run);
         check_soups(&a, NULL, run);
@@ -299,12 +299,56 @@ static void order_of_faces_does_not_matter(void **state)
     }
 }
 
+/** Moves some vertices of a soup, and finds the pairs from those of before. */
+static void check_changes(whole_soup *soup, qm_random *random, int limit, size_t moved, int threads)
+{
+    qm_context ctx = qm_context_make();
+    ctx.parallel = qm_parallel_run;
+    qm_collide_options options = qm_collide_options_default();
+    options.thread_count = threads;
+    qm_collision before = collide(&soup->mesh, NULL, QM_COLLIDE_ALL, 1), after;
+    uint32_t *vertices = grab(moved, sizeof *vertices);
+    for (size_t i = 0; i < moved; i++) {
+        vertices[i] = (uint32_t)qm_random_below(random, soup->mesh.vertex_count);
+        for (int k = 0; k < 3; k++)
+            soup->corner[vertices[i]].x[k] =
+                (int64_t)qm_random_below(random, (size_t)(2 * limit + 1)) - limit;
+        set_position(soup, vertices[i], 1.0, (const double[3]){0, 0, 0});
+    }
+    qm_collide_changes changes = {vertices, moved, before.pairs, before.pair_count};
+    qm_bvh *bvh;
+    assert_int_equal(qm_bvh_build(&ctx, &soup->mesh, QM_BVH_SOURCE, 1, &bvh), QM_OK);
+    assert_int_equal(qm_collide_self(&ctx, bvh, &options, &changes, &after), QM_OK);
+    qm_bvh_destroy(&ctx, bvh);
+    qm_collision full = collide(&soup->mesh, NULL, QM_COLLIDE_ALL, 1);
+    check_same(&full, &after);
+    assert_true(after.tests <= full.tests);
+    free_collision(&before);
+    free_collision(&after);
+    free_collision(&full);
+    free(vertices);
+}
+
+static void changes_give_what_a_full_run_does(void **state)
+{
+    (void)state;
+    for (unsigned run = 0; run < 15; run++) {
+        qm_random random = qm_random_make(qm_check_seed(), 2000 + run);
+        int limit = run % 2 ? 30 : 300;
+        whole_soup soup = make_soup(&random, 150, 200, limit, run % 3 == 1, run % 5 == 2);
+        for (size_t moved = 0; moved < 60; moved = 3 * moved + 1)
+            check_changes(&soup, &random, limit, moved, run % 2 ? 3 : 1);
+        free_soup(&soup);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(soups_match_twin),
         cmocka_unit_test(thin_soups_match_twin),
         cmocka_unit_test(order_of_faces_does_not_matter),
+        cmocka_unit_test(changes_give_what_a_full_run_does),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -47,7 +47,8 @@ typedef struct qm_collide_options {
     qm_quad_reading quads;
     qm_collide_mode mode;
     int thread_count;  /* 1 or more */
-    size_t pair_limit; /* more pairs than this are an error: they would fill the memory */
+    size_t pair_limit; /* more pairs than this are an error: they would fill the memory; a pair of quads
+                          counts for each pair of its triangles that meets */
 } qm_collide_options;
 
 /** Triangles, all pairs, one thread, 2^27 pairs. */
@@ -72,9 +73,23 @@ typedef struct qm_collision {
 qm_status qm_collide_meshes(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                             const qm_collide_options *options, qm_collision *out);
 
-/** Finds the pairs of faces of one mesh that collide, as told above. */
+/** What has happened to a mesh since its pairs were found last. */
+typedef struct qm_collide_changes {
+    const uint32_t *vertices; /* vertex_count that have moved, in any order; other faces are as they were */
+    size_t vertex_count;
+    const qm_face_pair *pairs; /* all pairs from before, of the same mesh in the same reading */
+    size_t pair_count;
+} qm_collide_changes;
+
+/**
+ * Finds the pairs of faces of one mesh that collide, as told above. The tree holds the positions as they are
+ * now. With changes, only pairs with a face that has moved are looked for and those of before that have not
+ * are carried over: the same pairs in less time. Without (NULL) all pairs are looked for.
+ *
+ * Returns as above; QM_E_INDEX when the changes name a vertex or face that is not there.
+ */
 qm_status qm_collide_self(qm_context *ctx, const qm_bvh *bvh, const qm_collide_options *options,
-                          qm_collision *out);
+                          const qm_collide_changes *changes, qm_collision *out);
 
 void qm_collision_reset(qm_context *ctx, qm_collision *collision);
 

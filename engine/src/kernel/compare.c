@@ -315,7 +315,8 @@ static inline unsigned compare_lane(const against *g, int i, unsigned bits)
     return bits;
 }
 
-static inline bool compare(const qm_leaf *p, const qm_leaf *q, bool is_self, uint8_t near[QM_PACK_LANES])
+static inline bool compare(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+                           unsigned moved_q, uint8_t near[QM_PACK_LANES])
 {
     against g;
     set_against(&g, p, q, is_self);
@@ -326,6 +327,7 @@ static inline bool compare(const qm_leaf *p, const qm_leaf *q, bool is_self, uin
         int i = __builtin_ctz(lanes);
         unsigned bits = boxes_near(&g, i);
         if (is_same) bits &= ~0u << (i + 1);
+        if (!(moved_p >> i & 1)) bits &= moved_q;
         if (!bits) continue;
         bits = compare_lane(&g, i, bits);
         near[i] = (uint8_t)bits;
@@ -334,7 +336,8 @@ static inline bool compare(const qm_leaf *p, const qm_leaf *q, bool is_self, uin
     return any != 0;
 }
 
-bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, uint8_t near[QM_PACK_LANES])
+bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+                               unsigned moved_q, uint8_t near[QM_PACK_LANES])
 {
-    return is_self ? compare(p, q, true, near) : compare(p, q, false, near);
+    return is_self ? compare(p, q, true, moved_p, moved_q, near) : compare(p, q, false, 0xff, 0xff, near);
 }
