@@ -33,6 +33,8 @@ static qm_status check(qm_context *ctx, const qm_collide_search *search)
     if (options->thread_count < 1)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "thread count must be 1 or more, got %d",
                                options->thread_count);
+    if (options->quads == QM_QUADS_BILINEAR && !(options->tolerance > 0.0))
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "tolerance must be > 0, got %g", options->tolerance);
     for (int side = 0; side < 2; side++)
         if (!(greatest_coordinate(search->bvh[side]) < QM_PREDICATE_LIMIT))
             return qm_context_fail(ctx, QM_E_SCALE, "coordinates are too large to compare exactly");

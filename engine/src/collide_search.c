@@ -2,6 +2,7 @@
 
 #include <string.h>
 
+#include "collide_faces.h"
 #include "kernel.h"
 #include "tri_tri.h"
 
@@ -17,6 +18,7 @@ typedef struct node_pair {
 typedef struct crew {
     const qm_collide_search *search;
     const qm_kernel *kernel;
+    bool has_patches; /* some face is a quad, to be read as a patch */
     qm_descent descent;
     node_pair *tasks;
     size_t task_count, task_capacity;
@@ -101,24 +103,113 @@ static bool keep_pair(worker *w, uint32_t a, uint32_t b)
     return options->mode == QM_COLLIDE_ALL;
 }
 
+/** The faces of two lanes as a pair of faces of the input; false when they are one, or not wanted. */
+static bool make_pair(const worker *w, uint32_t face_a, uint32_t face_b, qm_face_pair *out)
+{
+    const qm_collide_search *search = w->crew->search;
+    uint32_t a = qm_mesh_input_face(&search->bvh[0]->mesh, face_a),
+             b = qm_mesh_input_face(&search->bvh[1]->mesh, face_b);
+    bool turns = search->is_self && a > b;
+    *out = (qm_face_pair){turns ? b : a, turns ? a : b};
+    return !(search->is_self && a == b) && ((uint64_t)out->a << 32 | out->b) < w->least;
+}
+
 /** Tests a pair of lanes exactly; false when the search may end. */
 static bool test_lanes(worker *w, const qm_leaf *p, int i, const qm_leaf *q, int j)
 {
     const qm_collide_search *search = w->crew->search;
-    uint32_t face_a = search->bvh[0]->lanes[p->pack].face[i], face_b = search->bvh[1]->lanes[q->pack].face[j];
-    uint32_t a = qm_mesh_input_face(&search->bvh[0]->mesh, face_a),
-             b = qm_mesh_input_face(&search->bvh[1]->mesh, face_b);
-    if (search->is_self) {
-        if (a == b) return true;
-        if (a > b) {
-            uint32_t swap = a;
-            a = b;
-            b = swap;
+    qm_face_pair pair;
+    if (!make_pair(w, search->bvh[0]->lanes[p->pack].face[i], search->bvh[1]->lanes[q->pack].face[j], &pair))
+        return true;
+    w->tests++;
+    return !lanes_meet(search, p, i, q, j) || keep_pair(w, pair.a, pair.b);
+}
+
+/** Compares two leaves as triangles; false when the search may end. */
+static bool test_leaves(worker *w, uint32_t pack_a, uint32_t pack_b, unsigned moved_a, unsigned moved_b)
+{
+    const qm_collide_search *search = w->crew->search;
+    const qm_leaf *p = get_leaf(w, 0, search->bvh[0], pack_a), *q = get_second_leaf(w, p, pack_b);
+    uint8_t near[QM_PACK_LANES];
+    if (!w->crew->kernel->compare_leaves(p, q, search->is_self, moved_a, moved_b, near)) return true;
+    for (int i = 0; i < QM_PACK_LANES; i++)
+        for (unsigned bits = near[i]; bits; bits &= bits - 1)
+            if (!test_lanes(w, p, i, q, __builtin_ctz(bits))) return false;
+    return true;
+}
+
+/* ---- quads as patches ---- */
+
+/** The faces of a pack with their boxes. */
+typedef struct pack_faces {
+    int count;
+    uint32_t face[QM_PACK_LANES];
+    unsigned moved; /* bits by place here */
+    qm_box box[QM_PACK_LANES];
+} pack_faces;
+
+static qm_box face_box(const qm_mesh *mesh, uint32_t face)
+{
+    qm_vec corner[4];
+    if (mesh->face_count == 0) {
+        corner[0] = qm_vec_load(mesh->positions + 3 * (size_t)face);
+        return qm_vec_box(corner, 1);
+    }
+    const uint32_t *index = mesh->faces + 4 * (size_t)face;
+    int count = index[3] == QM_NO_INDEX ? 3 : 4;
+    for (int i = 0; i < count; i++)
+        corner[i] = qm_vec_load(mesh->positions + 3 * (size_t)index[i]);
+    return qm_vec_box(corner, count);
+}
+
+static void load_faces(const qm_bvh *bvh, uint32_t pack, unsigned moved, pack_faces *out)
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    out->count = 0;
+    out->moved = 0;
+    for (int lane = 0; lane < lanes->lane_count; lane++) {
+        if (lanes->second >> lane & 1) continue;
+        out->face[out->count] = lanes->face[lane];
+        out->box[out->count] = face_box(&bvh->mesh, lanes->face[lane]);
+        out->moved |= (moved >> lane & 1) << out->count++;
+    }
+}
+
+static bool boxes_meet(const qm_box *a, const qm_box *b)
+{
+    for (int k = 0; k < 3; k++)
+        if (a->min[k] > b->max[k] || b->min[k] > a->max[k]) return false;
+    return true;
+}
+
+/** Triangles of a fan share edges as any do; only quads need the patches. */
+static bool faces_meet(const qm_collide_search *search, uint32_t face_a, uint32_t face_b)
+{
+    const qm_mesh *a = &search->bvh[0]->mesh, *b = &search->bvh[1]->mesh;
+    qm_faces faces = {.mesh = {a, b}, .face = {face_a, face_b}, .is_self = search->is_self};
+    if (qm_faces_have_quad(&faces)) return qm_faces_meet_bilinear(&faces, search->options->tolerance, NULL);
+    return qm_faces_meet_exactly(&faces);
+}
+
+/** Compares the faces of two packs one by one; false when the search may end. */
+static bool test_faces(worker *w, uint32_t pack_a, uint32_t pack_b, unsigned moved_a, unsigned moved_b)
+{
+    const qm_collide_search *search = w->crew->search;
+    pack_faces p, q;
+    load_faces(search->bvh[0], pack_a, moved_a, &p);
+    load_faces(search->bvh[1], pack_b, moved_b, &q);
+    bool is_same = search->is_self && pack_a == pack_b;
+    for (int i = 0; i < p.count; i++) {
+        for (int j = is_same ? i + 1 : 0; j < q.count; j++) {
+            qm_face_pair pair;
+            bool has_moved = (p.moved >> i | q.moved >> j) & 1;
+            if (!has_moved || !boxes_meet(&p.box[i], &q.box[j])) continue;
+            if (!make_pair(w, p.face[i], q.face[j], &pair)) continue;
+            w->tests++;
+            if (faces_meet(search, p.face[i], q.face[j]) && !keep_pair(w, pair.a, pair.b)) return false;
         }
     }
-    if (((uint64_t)a << 32 | b) >= w->least) return true;
-    w->tests++;
-    return !lanes_meet(search, p, i, q, j) || keep_pair(w, a, b);
+    return true;
 }
 
 /** Adds up the pairs of this pair of leaves with those of all workers, and looks for reasons to stop. */
@@ -137,21 +228,14 @@ static bool may_go_on(worker *w, size_t new_pairs)
 static bool take_leaves(void *user, const qm_node *a, const qm_node *b)
 {
     worker *w = user;
-    const qm_collide_search *search = w->crew->search;
-    const qm_leaf *p = get_leaf(w, 0, search->bvh[0], a->index), *q = get_second_leaf(w, p, b->index);
+    const qm_change_marks *marks = w->crew->search->marks;
+    unsigned moved_a = marks ? marks->level[0][a->index] : 0xff,
+             moved_b = marks ? marks->level[0][b->index] : 0xff;
     size_t before = w->pairs.count;
-    uint8_t near[QM_PACK_LANES];
-    unsigned moved_p = 0xff, moved_q = 0xff;
-    if (search->marks) {
-        moved_p = search->marks->level[0][p->pack];
-        moved_q = search->marks->level[0][q->pack];
-    }
-    if (w->crew->kernel->compare_leaves(p, q, search->is_self, moved_p, moved_q, near)) {
-        for (int i = 0; i < QM_PACK_LANES && !w->is_done; i++)
-            for (unsigned bits = near[i]; bits && !w->is_done; bits &= bits - 1)
-                w->is_done = !test_lanes(w, p, i, q, __builtin_ctz(bits));
-    }
-    return may_go_on(w, w->pairs.count - before) && !w->is_done;
+    bool goes_on = w->crew->has_patches ? test_faces(w, a->index, b->index, moved_a, moved_b)
+                                        : test_leaves(w, a->index, b->index, moved_a, moved_b);
+    w->is_done |= !goes_on;
+    return may_go_on(w, w->pairs.count - before) && goes_on;
 }
 
 static void work_off_tasks(void *data, int index)
@@ -255,6 +339,8 @@ qm_status qm_collide_run(const qm_collide_search *search, qm_pair_list *list, ui
     int workers = search->options->mode == QM_COLLIDE_ANY ? 1 : search->options->thread_count, made = 0;
     crew c = {.search = search,
               .kernel = qm_kernel_get(),
+              .has_patches = search->options->quads == QM_QUADS_BILINEAR &&
+                             (search->bvh[0]->has_quads || search->bvh[1]->has_quads),
               .descent = {.a = &search->bvh[0]->boxes,
                           .b = &search->bvh[1]->boxes,
                           .change = make_change(&search->bvh[0]->frame, &search->bvh[1]->frame),

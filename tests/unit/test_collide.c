@@ -172,9 +172,11 @@ static void check_modes(const whole_soup *a, const whole_soup *b, const qm_colli
 
 static void check_contacts(const whole_soup *a, const whole_soup *b, const qm_collision *found)
 {
+    qm_collide_options options = qm_collide_options_default();
     for (size_t i = 0; i < found->pair_count; i++) {
         qm_contact contact;
-        assert_true(qm_collide_contact(&a->mesh, b ? &b->mesh : &a->mesh, found->pairs[i], &contact));
+        assert_true(
+            qm_collide_contact(&a->mesh, b ? &b->mesh : &a->mesh, &options, found->pairs[i], &contact));
     }
 }
 

@@ -15,6 +15,11 @@
  * two. With quads as triangles this holds for the triangles, so that a quad's diagonal is one of its edges,
  * and the two triangles of a quad (all those of a polygon) are one face, which doesn't collide with itself.
  *
+ * With quads as bilinear patches, contact is found by cutting them up: faces that meet are always told, faces
+ * farther apart than the tolerance never, and in between it may be either, always the same. Neighbours then
+ * collide when they meet farther than the tolerance from what they share. Triangles stay exact. A pair so
+ * badly folded that its cutting doesn't end in time is told.
+ *
  * Source: pairs of nodes: Y. Kang, Hausdorff distance computation between triangle mesh and quad mesh,
  * sections 4.4 and 4.5; S. Gottschalk, M. Lin, D. Manocha, OBBTree, 1996.
  */
@@ -46,12 +51,13 @@ typedef enum qm_collide_mode {
 typedef struct qm_collide_options {
     qm_quad_reading quads;
     qm_collide_mode mode;
+    double tolerance;  /* > 0, unit of the meshes: of bilinear quads, see above; unused for triangles */
     int thread_count;  /* 1 or more */
     size_t pair_limit; /* more pairs than this are an error: they would fill the memory; a pair of quads
                           counts for each pair of its triangles that meets */
 } qm_collide_options;
 
-/** Triangles, all pairs, one thread, 2^27 pairs. */
+/** Triangles, all pairs, tolerance 0 (to be set for bilinear quads), one thread, 2^27 pairs. */
 qm_collide_options qm_collide_options_default(void);
 
 typedef struct qm_collision {
@@ -66,8 +72,8 @@ typedef struct qm_collision {
  *
  * Ownership: borrows everything but *out, which is the caller's, for qm_collision_reset in the same context.
  * Threads:   only reads the trees; splits its work with ctx->parallel.
- * Returns:   QM_OK; QM_E_ARGUMENT (threads); QM_E_TOO_LARGE (more pairs than the limit); QM_E_SCALE
- *            (coordinates beyond 2^300, or sizes of the meshes further apart than that); QM_E_NO_MEMORY;
+ * Returns:   QM_OK; QM_E_ARGUMENT (tolerance, threads); QM_E_TOO_LARGE (more pairs than the limit);
+ * QM_E_SCALE (coordinates beyond 2^300, or sizes of the meshes further apart than that); QM_E_NO_MEMORY;
  *            QM_E_CANCELED. After an error *out is all zero.
  */
 qm_status qm_collide_meshes(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
@@ -94,10 +100,12 @@ qm_status qm_collide_self(qm_context *ctx, const qm_bvh *bvh, const qm_collide_o
 void qm_collision_reset(qm_context *ctx, qm_collision *collision);
 
 /**
- * Where a pair of faces meets: of several places (a quad has two triangles) the largest. With the same mesh
- * twice the place includes what they share. False when they don't meet. The kind is exact, coordinates are
- * rounded.
+ * Where a pair of faces that was found meets: of several places (a quad has two triangles) the largest, of a
+ * polygon that of its first triangle. With the same mesh twice the place includes what they share. The kind
+ * is exact, coordinates are rounded; of bilinear quads one point is told, to within the tolerance. False when
+ * they don't meet.
  */
-bool qm_collide_contact(const qm_mesh *a, const qm_mesh *b, qm_face_pair pair, qm_contact *out);
+bool qm_collide_contact(const qm_mesh *a, const qm_mesh *b, const qm_collide_options *options,
+                        qm_face_pair pair, qm_contact *out);
 
 #endif
