@@ -4,7 +4,6 @@
 
 #include "collide_search.h"
 #include "predicates.h"
-#include "tri_tri.h"
 
 qm_collide_options qm_collide_options_default(void)
 {
@@ -27,21 +26,26 @@ static double greatest_coordinate(const qm_bvh *bvh)
     return origin + 2.0 * frame->inverse_scale;
 }
 
-static qm_status check(qm_context *ctx, const qm_collide_search *search)
+qm_status qm_collide_check_scale(qm_context *ctx, const qm_bvh *a, const qm_bvh *b)
 {
-    const qm_collide_options *options = search->options;
-    if (options->thread_count < 1)
-        return qm_context_fail(ctx, QM_E_ARGUMENT, "thread count must be 1 or more, got %d",
-                               options->thread_count);
-    if (options->quads == QM_QUADS_BILINEAR && !(options->tolerance > 0.0))
-        return qm_context_fail(ctx, QM_E_ARGUMENT, "tolerance must be > 0, got %g", options->tolerance);
-    for (int side = 0; side < 2; side++)
-        if (!(greatest_coordinate(search->bvh[side]) < QM_PREDICATE_LIMIT))
-            return qm_context_fail(ctx, QM_E_SCALE, "coordinates are too large to compare exactly");
-    double ratio = search->bvh[0]->frame.scale * search->bvh[1]->frame.inverse_scale;
+    if (!(greatest_coordinate(a) < QM_PREDICATE_LIMIT && greatest_coordinate(b) < QM_PREDICATE_LIMIT))
+        return qm_context_fail(ctx, QM_E_SCALE, "coordinates are too large to compare exactly");
+    double ratio = a->frame.scale * b->frame.inverse_scale;
     if (!(ratio <= QM_MAX_SCALE_RATIO && ratio >= 1.0 / QM_MAX_SCALE_RATIO))
         return qm_context_fail(ctx, QM_E_SCALE, "the sizes of the meshes differ beyond double precision");
     return QM_OK;
+}
+
+static qm_status check(const qm_collide_search *search)
+{
+    const qm_collide_options *options = search->options;
+    if (options->thread_count < 1)
+        return qm_context_fail(search->ctx, QM_E_ARGUMENT, "thread count must be 1 or more, got %d",
+                               options->thread_count);
+    if (options->quads == QM_QUADS_BILINEAR && !(options->tolerance > 0.0))
+        return qm_context_fail(search->ctx, QM_E_ARGUMENT, "tolerance must be > 0, got %g",
+                               options->tolerance);
+    return qm_collide_check_scale(search->ctx, search->bvh[0], search->bvh[1]);
 }
 
 /** What fails with words of its own is told by them. */
@@ -76,7 +80,7 @@ static qm_status collide(qm_collide_search *search, const qm_collide_changes *ch
     double start_ms = now_ms();
     qm_pair_list list = {0};
     *out = (qm_collision){0};
-    qm_status status = check(ctx, search);
+    qm_status status = check(search);
     if (status != QM_OK) return status;
     status = run(search, changes, &list, out);
     qm_pair_list_reset(ctx, &list);

@@ -28,16 +28,23 @@ static bool find_contact(const qm_faces *faces, const qm_collide_options *option
     return qm_faces_find_contact(faces, out);
 }
 
+bool qm_faces_find_pair(qm_faces *faces, const qm_collide_options *options, qm_face_pair pair,
+                        qm_contact *contact)
+{
+    const qm_mesh *a = faces->mesh[0], *b = faces->mesh[1];
+    for (uint32_t i = first_face(a, pair.a); is_of_face(a, i, pair.a); i++) {
+        for (uint32_t k = first_face(b, pair.b); is_of_face(b, k, pair.b); k++) {
+            faces->face[0] = i;
+            faces->face[1] = k;
+            if (find_contact(faces, options, contact)) return true;
+        }
+    }
+    return false;
+}
+
 bool qm_collide_contact(const qm_mesh *a, const qm_mesh *b, const qm_collide_options *options,
                         qm_face_pair pair, qm_contact *out)
 {
     qm_faces faces = {.mesh = {a, b}, .is_self = a == b};
-    for (uint32_t i = first_face(a, pair.a); is_of_face(a, i, pair.a); i++) {
-        for (uint32_t k = first_face(b, pair.b); is_of_face(b, k, pair.b); k++) {
-            faces.face[0] = i;
-            faces.face[1] = k;
-            if (find_contact(&faces, options, out)) return true;
-        }
-    }
-    return false;
+    return qm_faces_find_pair(&faces, options, pair, out);
 }

@@ -30,7 +30,8 @@ static qm_face_shape load_face(const qm_mesh *mesh, uint32_t face)
 
 bool qm_faces_meet_exactly(const qm_faces *faces)
 {
-    qm_face_shape a = load_face(faces->mesh[0], faces->face[0]), b = load_face(faces->mesh[1], faces->face[1]);
+    qm_face_shape a = load_face(faces->mesh[0], faces->face[0]),
+                  b = load_face(faces->mesh[1], faces->face[1]);
     return faces->is_self ? qm_tri_tri_cross(a.corner, a.vertex, b.corner, b.vertex)
                           : qm_tri_tri_meet(a.corner, b.corner);
 }
@@ -44,7 +45,8 @@ static bool is_larger(const qm_contact *a, const qm_contact *b)
 
 bool qm_faces_find_contact(const qm_faces *faces, qm_contact *contact)
 {
-    qm_face_shape a = load_face(faces->mesh[0], faces->face[0]), b = load_face(faces->mesh[1], faces->face[1]);
+    qm_face_shape a = load_face(faces->mesh[0], faces->face[0]),
+                  b = load_face(faces->mesh[1], faces->face[1]);
     bool found = false;
     for (int i = 0; i < a.count - 2; i++) {
         for (int k = 0; k < b.count - 2; k++) {
@@ -86,7 +88,8 @@ static double bring_near(qm_face_shape *a, qm_face_shape *b)
 
 bool qm_faces_meet_bilinear(const qm_faces *faces, double tolerance, qm_contact *contact)
 {
-    qm_face_shape a = load_face(faces->mesh[0], faces->face[0]), b = load_face(faces->mesh[1], faces->face[1]);
+    qm_face_shape a = load_face(faces->mesh[0], faces->face[0]),
+                  b = load_face(faces->mesh[1], faces->face[1]);
     qm_vec origin = a.corner[0];
     double scale = bring_near(&a, &b), scaled = fmax(tolerance * scale, LEAST_TOLERANCE);
     qm_patch_gap gap;

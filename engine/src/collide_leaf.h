@@ -58,4 +58,28 @@ static inline qm_node qm_node_root(const qm_box_tree *tree)
                      .high = {INFINITY, INFINITY, INFINITY}};
 }
 
+/** A member of a group, with its box. */
+static inline qm_node qm_node_child(const qm_box_tree *tree, const qm_node *node, int member)
+{
+    const qm_box_group *group = &tree->groups[node->level][node->index];
+    qm_node child = {.level = node->level - 1, .index = 8 * node->index + (uint32_t)member};
+    for (int k = 0; k < 3; k++) {
+        child.low[k] = group->low[k][member];
+        child.high[k] = group->high[k][member];
+    }
+    return child;
+}
+
+/** How two frames lie to each other. */
+static inline qm_frame_change qm_frame_change_make(const qm_frame *a, const qm_frame *b)
+{
+    qm_vec ab = qm_vec_sub(b->origin, a->origin);
+    return (qm_frame_change){
+        .scale_ab = a->scale * b->inverse_scale,
+        .scale_ba = b->scale * a->inverse_scale,
+        .shift_ab = {ab.x * a->scale, ab.y * a->scale, ab.z * a->scale},
+        .shift_ba = {-ab.x * b->scale, -ab.y * b->scale, -ab.z * b->scale},
+    };
+}
+
 #endif

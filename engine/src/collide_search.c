@@ -321,17 +321,6 @@ static qm_status join(crew *c, int workers, qm_pair_list *list, uint64_t *tests)
     return QM_OK;
 }
 
-static qm_frame_change make_change(const qm_frame *a, const qm_frame *b)
-{
-    qm_vec ab = qm_vec_sub(b->origin, a->origin);
-    return (qm_frame_change){
-        .scale_ab = a->scale * b->inverse_scale,
-        .scale_ba = b->scale * a->inverse_scale,
-        .shift_ab = {ab.x * a->scale, ab.y * a->scale, ab.z * a->scale},
-        .shift_ba = {-ab.x * b->scale, -ab.y * b->scale, -ab.z * b->scale},
-    };
-}
-
 qm_status qm_collide_run(const qm_collide_search *search, qm_pair_list *list, uint64_t *tests)
 {
     qm_context *ctx = search->ctx;
@@ -343,7 +332,7 @@ qm_status qm_collide_run(const qm_collide_search *search, qm_pair_list *list, ui
                              (search->bvh[0]->has_quads || search->bvh[1]->has_quads),
               .descent = {.a = &search->bvh[0]->boxes,
                           .b = &search->bvh[1]->boxes,
-                          .change = make_change(&search->bvh[0]->frame, &search->bvh[1]->frame),
+                          .change = qm_frame_change_make(&search->bvh[0]->frame, &search->bvh[1]->frame),
                           .is_self = search->is_self,
                           .marked = search->marks ? search->marks->level : NULL}};
     deal_tasks(&c, workers);

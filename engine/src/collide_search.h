@@ -16,6 +16,9 @@ typedef struct qm_collide_search {
     const qm_change_marks *marks; /* of a pair one must have moved; NULL: everything is looked at */
 } qm_collide_search;
 
+/** QM_OK, or QM_E_SCALE with words when coordinates are too large, or sizes too different, to compare. */
+qm_status qm_collide_check_scale(qm_context *ctx, const qm_bvh *a, const qm_bvh *b);
+
 /** Finds the pairs and adds them to list, each once or more; with a mode other than all, at most one. */
 qm_status qm_collide_run(const qm_collide_search *search, qm_pair_list *list, uint64_t *tests);
 

@@ -130,6 +130,12 @@ typedef struct qm_kernel {
      * take ended the walk. */
     bool (*descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);
 
+    /** Squared distances, in the frame of the tree that is split, of the members of one node of a pair from
+     * the other node; 1 + 4e-7 times the true ones at most, INFINITY beyond what floats hold. Returns a bit
+     * for each member. */
+    unsigned (*node_distances)(const qm_descent *descent, const qm_node *a, const qm_node *b, bool splits_a,
+                               float d2[QM_PACK_LANES]);
+
     /**
      * Makes a leaf whose middle, pack and lane_count are set: vertex has rows of x y z from the middle and
      * the index as bits, aligned to 16 bytes; place tells the row of each lane's corners, all lanes filled.

@@ -1,31 +1,33 @@
 #include "patch_patch.h"
 
-#include "patch_piece.h"
+#include "patch_part.h"
 
-#define MOST_PAIRS 20000 /* of parts looked at before what is left is told as it is */
+#define MOST_PAIRS 5000 /* of parts looked at before what is left is told as it is */
+
+#define ERROR_STEP 0.0625 /* from one pass to the next */
 
 /** Cuts until the question is answered. */
 typedef struct search {
-    const qm_piece *whole[2];
+    const qm_part *whole[2];
     double error, stop_above; /* parts proven to be as far are dropped */
     double enough;            /* a distance of at most this ends it */
     double tolerance;         /* parts this near to what is shared don't count */
     bool has_shared;
     int pairs;
-    bool is_done;
+    bool is_done, is_exhausted;
     qm_patch_gap gap;
 } search;
 
-static void offer(search *f, const qm_piece part[2], const qm_piece_gap *found)
+static void offer(search *f, const qm_part part[2], const qm_part_gap *found)
 {
     qm_patch_gap gap;
     for (int side = 0; side < 2; side++) {
-        qm_piece_uv(&part[side], found->uv[side], gap.uv[side]);
-        gap.point[side] = qm_piece_at(f->whole[side], gap.uv[side]);
+        qm_part_uv(&part[side], found->uv[side], gap.uv[side]);
+        gap.point[side] = qm_part_at(f->whole[side], gap.uv[side]);
     }
     gap.upper = qm_vec_distance(gap.point[0], gap.point[1]);
     if (!(gap.upper < f->gap.upper)) return;
-    if (f->has_shared && qm_piece_near_shared(f->whole, gap.point[0], f->tolerance)) return;
+    if (f->has_shared && qm_part_near_shared(f->whole, gap.point[0], f->tolerance)) return;
     gap.lower = f->gap.lower;
     f->gap = gap;
     f->is_done |= gap.upper <= f->enough;
@@ -44,19 +46,19 @@ static void drop(search *f, double lower)
 }
 
 typedef struct part_pair {
-    qm_piece part[2];
+    qm_part part[2];
     double lower;
 } part_pair;
 
 /** True when two parts need not be looked into: they are too far apart, or meet in what they share alone. */
 static bool is_settled(search *f, part_pair *pair)
 {
-    const qm_piece *p = &pair->part[0], *q = &pair->part[1];
-    if (f->has_shared && qm_piece_parted(p, q)) return true;
-    pair->lower = qm_piece_box_distance(p, q);
+    const qm_part *p = &pair->part[0], *q = &pair->part[1];
+    if (f->has_shared && qm_part_parted(p, q)) return true;
+    pair->lower = qm_part_box_distance(p, q);
     if (pair->lower <= limit(f)) {
-        qm_piece_gap found = qm_piece_distance(p, q);
-        pair->lower = fmax(found.distance - p->twist - q->twist - QM_PIECE_ERROR, 0.0);
+        qm_part_gap found = qm_part_distance(p, q);
+        pair->lower = fmax(found.distance - p->twist - q->twist - QM_PART_ERROR, 0.0);
         offer(f, pair->part, &found);
     }
     if (pair->lower <= limit(f)) return false;
@@ -66,23 +68,24 @@ static bool is_settled(search *f, part_pair *pair)
 
 static bool is_small(const search *f, const part_pair *pair)
 {
-    return f->has_shared && qm_piece_size(&pair->part[0]) < f->tolerance &&
-           qm_piece_size(&pair->part[1]) < f->tolerance &&
-           qm_piece_near_shared(f->whole, pair->part[0].corner[0], f->tolerance);
+    return f->has_shared && qm_part_size(&pair->part[0]) < f->tolerance &&
+           qm_part_size(&pair->part[1]) < f->tolerance &&
+           qm_part_near_shared(f->whole, pair->part[0].corner[0], f->tolerance);
 }
 
 /** The part to cut: the more twisted one, or of flat ones the larger. */
 static int choose_part(const part_pair *pair)
 {
-    const qm_piece *p = &pair->part[0], *q = &pair->part[1];
+    const qm_part *p = &pair->part[0], *q = &pair->part[1];
     if (p->twist != q->twist) return p->twist < q->twist;
-    return qm_piece_size(p) < qm_piece_size(q);
+    return qm_part_size(p) < qm_part_size(q);
 }
 
 static void cut(search *f, const part_pair *pair)
 {
     if (is_small(f, pair)) return;
     if (f->pairs >= MOST_PAIRS) {
+        f->is_exhausted = true;
         drop(f, pair->lower);
         return;
     }
@@ -92,7 +95,7 @@ static void cut(search *f, const part_pair *pair)
     int order[4], count = 0;
     for (int i = 0; i < 4; i++) {
         child[i].part[1 - side] = pair->part[1 - side];
-        child[i].part[side] = qm_piece_quarter(&pair->part[side], i);
+        child[i].part[side] = qm_part_quarter(&pair->part[side], i);
         if (f->is_done || is_settled(f, &child[i])) continue;
         int place = count++;
         for (; place > 0 && child[order[place - 1]].lower > child[i].lower; place--)
@@ -107,37 +110,58 @@ static void cut(search *f, const part_pair *pair)
     }
 }
 
-static qm_patch_gap run(search *f, const qm_piece *a, const qm_piece *b)
+/** One pass over the faces: when it ends in time, no part nearer than the limit is left. */
+static void pass(search *f, const qm_part *a, const qm_part *b)
+{
+    part_pair pair = {.part = {*a, *b}};
+    f->gap.lower = INFINITY;
+    f->pairs = 0;
+    if (!is_settled(f, &pair) && !f->is_done) cut(f, &pair);
+    if (f->is_done) f->gap.lower = 0.0;
+    f->gap.lower = fmin(f->gap.lower, f->gap.upper);
+}
+
+static void start(search *f, const qm_part *a, const qm_part *b)
 {
     f->whole[0] = a;
     f->whole[1] = b;
     f->gap = (qm_patch_gap){.lower = INFINITY, .upper = INFINITY};
-    part_pair pair = {.part = {*a, *b}};
-    if (!is_settled(f, &pair) && !f->is_done) cut(f, &pair);
-    if (f->is_done) f->gap.lower = 0.0;
-    f->gap.lower = fmin(f->gap.lower, f->gap.upper);
-    return f->gap;
 }
 
+/** Passes of ever smaller errors: a plateau of equal distances takes no more time than there is, and leaves
+ * the bounds of the last pass that ended. */
 qm_patch_gap qm_patch_patch_distance(const qm_face_shape *a, const qm_face_shape *b, double error,
                                      double stop_above)
 {
-    qm_piece piece_a = qm_piece_make(a), piece_b = qm_piece_make(b);
-    search f = {.error = error, .stop_above = stop_above, .enough = error};
-    return run(&f, &piece_a, &piece_b);
+    qm_part part_a = qm_part_make(a), part_b = qm_part_make(b);
+    search f = {.stop_above = stop_above, .enough = error};
+    start(&f, &part_a, &part_b);
+    double lower = 0.0;
+    f.error = fmax(part_a.twist + part_b.twist, error);
+    for (;;) {
+        pass(&f, &part_a, &part_b);
+        lower = fmax(lower, f.gap.lower);
+        bool is_beyond = lower >= stop_above;
+        if (f.is_done || f.is_exhausted || is_beyond || f.error <= error) break;
+        f.error = fmax(f.error * ERROR_STEP, error);
+    }
+    f.gap.lower = lower;
+    return f.gap;
 }
 
 /** Dropped parts are apart; parts left over when it took too long count as meeting. */
-static bool decide(search *f, const qm_piece *a, const qm_piece *b, qm_patch_gap *gap)
+static bool decide(search *f, const qm_part *a, const qm_part *b, qm_patch_gap *gap)
 {
     f->error = f->stop_above = 0.0;
     f->enough = f->tolerance;
-    *gap = run(f, a, b);
+    start(f, a, b);
+    pass(f, a, b);
+    *gap = f->gap;
     bool meets = f->is_done || gap->lower <= 0.0;
     if (meets && gap->upper == INFINITY) {
         /* It took too long and nothing was found off what is shared: any near points tell the place. */
-        const qm_piece part[2] = {*a, *b};
-        qm_piece_gap nearest = qm_piece_distance(a, b);
+        const qm_part part[2] = {*a, *b};
+        qm_part_gap nearest = qm_part_distance(a, b);
         f->has_shared = false;
         offer(f, part, &nearest);
         *gap = f->gap;
@@ -147,16 +171,15 @@ static bool decide(search *f, const qm_piece *a, const qm_piece *b, qm_patch_gap
 
 bool qm_patch_patch_meet(const qm_face_shape *a, const qm_face_shape *b, double tolerance, qm_patch_gap *gap)
 {
-    qm_piece piece_a = qm_piece_make(a), piece_b = qm_piece_make(b);
+    qm_part part_a = qm_part_make(a), part_b = qm_part_make(b);
     search f = {.tolerance = tolerance};
-    return decide(&f, &piece_a, &piece_b, gap);
+    return decide(&f, &part_a, &part_b, gap);
 }
 
-bool qm_patch_patch_cross(const qm_face_shape *a, const qm_face_shape *b, double tolerance,
-                          qm_patch_gap *gap)
+bool qm_patch_patch_cross(const qm_face_shape *a, const qm_face_shape *b, double tolerance, qm_patch_gap *gap)
 {
-    qm_piece piece_a = qm_piece_make(a), piece_b = qm_piece_make(b);
+    qm_part part_a = qm_part_make(a), part_b = qm_part_make(b);
     search f = {.tolerance = tolerance};
-    f.has_shared = qm_piece_share(a, b, &piece_a, &piece_b) > 0;
-    return decide(&f, &piece_a, &piece_b, gap);
+    f.has_shared = qm_part_share(a, b, &part_a, &part_b) > 0;
+    return decide(&f, &part_a, &part_b, gap);
 }

@@ -54,8 +54,7 @@ static double sample_distance(const qm_face_shape *a, const qm_face_shape *b, do
             longest = fmax(longest, qm_vec_distance(a->corner[i], a->corner[k]));
     for (int i = 0; i <= STEPS; i++)
         for (int k = 0; k <= (a->count == 3 ? STEPS - i : STEPS); k++)
-            least = fmin(least,
-                         slow_distance(b, point_of(a, (double)i / STEPS, (double)k / STEPS)).upper);
+            least = fmin(least, slow_distance(b, point_of(a, (double)i / STEPS, (double)k / STEPS)).upper);
     *step = longest / STEPS;
     return least;
 }
@@ -166,7 +165,7 @@ static void folds_are_found(void **state)
         check_pairs(mesh, step == 0 ? 1 : 0, "turned about an edge");
     }
     qm_mesh through = qm_shape_make(7, 2);
-    const double corner[7][3] = {{0, 0, 0},    {1, 0, 0.2},    {1, 1, 0},     {0, 1, 0.3},
+    const double corner[7][3] = {{0, 0, 0},    {1, 0, 0.2},   {1, 1, 0},    {0, 1, 0.3},
                                  {1, 0.4, -1}, {1.2, 0.5, 1}, {0.5, 0.6, 1}};
     const uint32_t face[8] = {0, 1, 2, 3, 0, 4, 5, 6};
     for (int i = 0; i < 21; i++)

@@ -21,17 +21,6 @@ static inline unsigned group_meets(const qm_box_group *group, const float low[3]
     return ~qm_vi_bits(apart) & 0xff;
 }
 
-static inline qm_node child_node(const qm_box_tree *tree, const qm_node *node, int member)
-{
-    const qm_box_group *group = &tree->groups[node->level][node->index];
-    qm_node child = {.level = node->level - 1, .index = 8 * node->index + (uint32_t)member};
-    for (int k = 0; k < 3; k++) {
-        child.low[k] = group->low[k][member];
-        child.high[k] = group->high[k][member];
-    }
-    return child;
-}
-
 static inline unsigned member_bits(const qm_box_tree *tree, const qm_node *node)
 {
     return (1u << qm_box_tree_member_count(tree, node->level, node->index)) - 1;
@@ -67,10 +56,10 @@ static bool descend_self(const qm_descent *d, const qm_node *node)
     const qm_box_group *group = &d->a->groups[node->level][node->index];
     unsigned members = member_bits(d->a, node);
     for (int i = 0; members >> i; i++) {
-        qm_node first = child_node(d->a, node, i);
+        qm_node first = qm_node_child(d->a, node, i);
         unsigned meets = group_meets(group, first.low, first.high) & members & ~0u << i;
         for (meets |= 1u << i; meets; meets &= meets - 1) {
-            qm_node second = child_node(d->a, node, __builtin_ctz(meets));
+            qm_node second = qm_node_child(d->a, node, __builtin_ctz(meets));
             if (!take_pair(d, &first, &second)) return false;
         }
     }
@@ -95,7 +84,7 @@ static bool descend(const qm_descent *d, const qm_node *a, const qm_node *b)
         meets = group_meets(group, low, high);
     }
     for (meets &= member_bits(tree, split); meets; meets &= meets - 1) {
-        qm_node child = child_node(tree, split, __builtin_ctz(meets));
+        qm_node child = qm_node_child(tree, split, __builtin_ctz(meets));
         if (!take_pair(d, splits_a ? &child : a, splits_a ? b : &child)) return false;
     }
     return true;
@@ -104,4 +93,18 @@ static bool descend(const qm_descent *d, const qm_node *a, const qm_node *b)
 bool QM_KERNEL(descend)(const qm_descent *d, const qm_node *a, const qm_node *b)
 {
     return take_pair(d, a, b);
+}
+
+unsigned QM_KERNEL(node_distances)(const qm_descent *d, const qm_node *a, const qm_node *b, bool splits_a,
+                                   float d2[QM_PACK_LANES])
+{
+    const qm_box_tree *tree = splits_a ? d->a : d->b;
+    const qm_node *split = splits_a ? a : b, *whole = splits_a ? b : a;
+    qm_box_query query;
+    change_box(whole, splits_a ? d->change.scale_ab : d->change.scale_ba,
+               splits_a ? d->change.shift_ab : d->change.shift_ba, query.low, query.high);
+    _Alignas(32) float squares[QM_PACK_LANES];
+    qm_box_group_within(&tree->groups[split->level][split->index], &query, 0.0f, squares);
+    memcpy(d2, squares, sizeof squares);
+    return member_bits(tree, split);
 }

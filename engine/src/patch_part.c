@@ -1,29 +1,29 @@
-#include "patch_piece.h"
+#include "patch_part.h"
 
 #include "bilinear_point.h"
 #include "tri_distance.h"
 #include "tri_point.h"
 #include "tri_tri.h"
 
-#define STRICTLY (1024.0 * QM_PIECE_ERROR) /* off a plane: far more than its corners are by rounding */
+#define STRICTLY (1024.0 * QM_PART_ERROR) /* off a plane: far more than its corners are by rounding */
 
 static const double corner_uv[2][4][2] = {{{0, 0}, {1, 0}, {0, 1}, {0, 1}}, {{0, 0}, {1, 0}, {1, 1}, {0, 1}}};
 
-static void set_twist(qm_piece *piece)
+static void set_twist(qm_part *part)
 {
-    piece->twist = piece->count == 4 ? qm_patch_twist(piece->corner) : 0.0;
+    part->twist = part->count == 4 ? qm_patch_twist(part->corner) : 0.0;
 }
 
-qm_piece qm_piece_make(const qm_face_shape *face)
+qm_part qm_part_make(const qm_face_shape *face)
 {
-    qm_piece piece = {.count = face->count};
+    qm_part part = {.count = face->count};
     for (int i = 0; i < face->count; i++) {
-        piece.corner[i] = face->corner[i];
+        part.corner[i] = face->corner[i];
         for (int k = 0; k < 2; k++)
-            piece.uv[i][k] = corner_uv[face->count - 3][i][k];
+            part.uv[i][k] = corner_uv[face->count - 3][i][k];
     }
-    set_twist(&piece);
-    return piece;
+    set_twist(&part);
+    return part;
 }
 
 static int find_vertex(const qm_face_shape *face, uint32_t vertex)
@@ -43,27 +43,27 @@ static bool has_edge(const qm_face_shape *face, uint32_t from, uint32_t to)
     return false;
 }
 
-static int mark_shared(const qm_face_shape *face, const qm_face_shape *other, qm_piece *piece)
+static int mark_shared(const qm_face_shape *face, const qm_face_shape *other, qm_part *part)
 {
     int count = 0;
     for (int i = 0; i < face->count; i++) {
-        piece->is_shared[i] = find_vertex(other, face->vertex[i]) >= 0;
-        piece->is_shared_edge[i] = has_edge(other, face->vertex[i], face->vertex[(i + 1) % face->count]);
-        count += piece->is_shared[i];
+        part->is_shared[i] = find_vertex(other, face->vertex[i]) >= 0;
+        part->is_shared_edge[i] = has_edge(other, face->vertex[i], face->vertex[(i + 1) % face->count]);
+        count += part->is_shared[i];
     }
     return count;
 }
 
-int qm_piece_share(const qm_face_shape *a, const qm_face_shape *b, qm_piece *piece_a, qm_piece *piece_b)
+int qm_part_share(const qm_face_shape *a, const qm_face_shape *b, qm_part *part_a, qm_part *part_b)
 {
-    mark_shared(b, a, piece_b);
-    return mark_shared(a, b, piece_a);
+    mark_shared(b, a, part_b);
+    return mark_shared(a, b, part_a);
 }
 
 /* ---- cutting ---- */
 
 /** Sets a corner of a part to the corner of the whole. */
-static void copy_corner(qm_piece *to, int at, const qm_piece *from, int i)
+static void copy_corner(qm_part *to, int at, const qm_part *from, int i)
 {
     to->corner[at] = from->corner[i];
     to->uv[at][0] = from->uv[i][0];
@@ -72,7 +72,7 @@ static void copy_corner(qm_piece *to, int at, const qm_piece *from, int i)
 }
 
 /** Sets a corner of a part to the middle of edge i of the whole. */
-static void copy_middle(qm_piece *to, int at, const qm_piece *from, int i)
+static void copy_middle(qm_part *to, int at, const qm_part *from, int i)
 {
     int k = (i + 1) % from->count;
     to->corner[at] = qm_vec_scale(0.5, qm_vec_add(from->corner[i], from->corner[k]));
@@ -81,7 +81,7 @@ static void copy_middle(qm_piece *to, int at, const qm_piece *from, int i)
     to->is_shared[at] = from->is_shared_edge[i];
 }
 
-static void set_centre(qm_piece *to, int at, const qm_piece *from)
+static void set_centre(qm_part *to, int at, const qm_part *from)
 {
     qm_vec sum = qm_vec_add(qm_vec_add(from->corner[0], from->corner[2]),
                             qm_vec_add(from->corner[1], from->corner[3]));
@@ -91,40 +91,40 @@ static void set_centre(qm_piece *to, int at, const qm_piece *from)
     to->is_shared[at] = false;
 }
 
-qm_piece qm_piece_quarter(const qm_piece *piece, int i)
+qm_part qm_part_quarter(const qm_part *part, int i)
 {
-    qm_piece part = {.count = piece->count};
-    if (piece->count == 3 && i == 3) {
+    qm_part quarter = {.count = part->count};
+    if (part->count == 3 && i == 3) {
         for (int k = 0; k < 3; k++)
-            copy_middle(&part, k, piece, k);
-        return part;
+            copy_middle(&quarter, k, part, k);
+        return quarter;
     }
-    int last = (i + piece->count - 1) % piece->count;
-    copy_corner(&part, 0, piece, i);
-    copy_middle(&part, 1, piece, i);
-    if (piece->count == 4) set_centre(&part, 2, piece);
-    copy_middle(&part, piece->count - 1, piece, last);
-    part.is_shared_edge[0] = piece->is_shared_edge[i];
-    part.is_shared_edge[piece->count - 1] = piece->is_shared_edge[last];
-    set_twist(&part);
-    return part;
+    int last = (i + part->count - 1) % part->count;
+    copy_corner(&quarter, 0, part, i);
+    copy_middle(&quarter, 1, part, i);
+    if (part->count == 4) set_centre(&quarter, 2, part);
+    copy_middle(&quarter, part->count - 1, part, last);
+    quarter.is_shared_edge[0] = part->is_shared_edge[i];
+    quarter.is_shared_edge[part->count - 1] = part->is_shared_edge[last];
+    set_twist(&quarter);
+    return quarter;
 }
 
-double qm_piece_size(const qm_piece *piece)
+double qm_part_size(const qm_part *part)
 {
-    qm_box box = qm_vec_box(piece->corner, piece->count);
+    qm_box box = qm_vec_box(part->corner, part->count);
     return fmax(box.max[0] - box.min[0], fmax(box.max[1] - box.min[1], box.max[2] - box.min[2]));
 }
 
-void qm_piece_uv(const qm_piece *piece, const double local[2], double uv[2])
+void qm_part_uv(const qm_part *part, const double local[2], double uv[2])
 {
-    const double(*corner)[2] = piece->uv;
+    const double(*corner)[2] = part->uv;
     for (int k = 0; k < 2; k++)
         uv[k] = corner[0][k] + local[0] * (corner[1][k] - corner[0][k]) +
-                local[1] * (corner[piece->count - 1][k] - corner[0][k]);
+                local[1] * (corner[part->count - 1][k] - corner[0][k]);
 }
 
-qm_vec qm_piece_at(const qm_piece *whole, const double uv[2])
+qm_vec qm_part_at(const qm_part *whole, const double uv[2])
 {
     if (whole->count == 4) {
         qm_patch patch = qm_patch_make(whole->corner);
@@ -136,7 +136,7 @@ qm_vec qm_piece_at(const qm_piece *whole, const double uv[2])
 
 /* ---- distance ---- */
 
-double qm_piece_box_distance(const qm_piece *p, const qm_piece *q)
+double qm_part_box_distance(const qm_part *p, const qm_part *q)
 {
     qm_box a = qm_vec_box(p->corner, p->count), b = qm_vec_box(q->corner, q->count);
     double sum = 0.0;
@@ -144,20 +144,20 @@ double qm_piece_box_distance(const qm_piece *p, const qm_piece *q)
         double gap = fmax(fmax(a.min[k] - b.max[k], b.min[k] - a.max[k]), 0.0);
         sum += gap * gap;
     }
-    return fmax(sqrt(sum) - QM_PIECE_ERROR, 0.0);
+    return fmax(sqrt(sum) - QM_PART_ERROR, 0.0);
 }
 
 /** Triangle t of a part: (c0 c1 c2), or (c0 c2 c3). */
-static void piece_triangle(const qm_piece *piece, int t, qm_vec corner[3])
+static void part_triangle(const qm_part *part, int t, qm_vec corner[3])
 {
-    corner[0] = piece->corner[0];
-    corner[1] = piece->corner[1 + t];
-    corner[2] = piece->corner[2 + t];
+    corner[0] = part->corner[0];
+    corner[1] = part->corner[1 + t];
+    corner[2] = part->corner[2 + t];
 }
 
-static void local_uv(const qm_piece *piece, int t, const double weight[3], double uv[2])
+static void local_uv(const qm_part *part, int t, const double weight[3], double uv[2])
 {
-    bool is_quad = piece->count == 4;
+    bool is_quad = part->count == 4;
     uv[0] = !is_quad ? weight[1] : t == 0 ? weight[1] + weight[2] : weight[1];
     uv[1] = !is_quad || t == 0 ? weight[2] : weight[1] + weight[2];
 }
@@ -175,21 +175,20 @@ static qm_tri_gap triangle_gap(const qm_vec a[3], const qm_vec b[3])
     if (!qm_tri_tri_meet(a, b)) return qm_tri_tri_distance(a, b);
     qm_tri_gap gap = {.distance = 0.0};
     qm_tri_tri_contact(a, b, &contact);
-    qm_vec middle =
-        qm_vec_mix(qm_vec_load(contact.point[0]), qm_vec_load(contact.point[1]), 0.5);
+    qm_vec middle = qm_vec_mix(qm_vec_load(contact.point[0]), qm_vec_load(contact.point[1]), 0.5);
     find_weights(a, middle, gap.weight[0]);
     find_weights(b, middle, gap.weight[1]);
     return gap;
 }
 
-qm_piece_gap qm_piece_distance(const qm_piece *p, const qm_piece *q)
+qm_part_gap qm_part_distance(const qm_part *p, const qm_part *q)
 {
-    qm_piece_gap least = {.distance = INFINITY};
+    qm_part_gap least = {.distance = INFINITY};
     for (int i = 0; i < p->count - 2; i++) {
         for (int k = 0; k < q->count - 2; k++) {
             qm_vec a[3], b[3];
-            piece_triangle(p, i, a);
-            piece_triangle(q, k, b);
+            part_triangle(p, i, a);
+            part_triangle(q, k, b);
             qm_tri_gap gap = triangle_gap(a, b);
             if (!(gap.distance < least.distance)) continue;
             least.distance = gap.distance;
@@ -210,9 +209,9 @@ static double segment_distance(qm_vec a, qm_vec b, qm_vec p)
     return qm_vec_norm(qm_vec_sub(from, qm_vec_scale(t, along)));
 }
 
-bool qm_piece_near_shared(const qm_piece *const whole[2], qm_vec point, double distance)
+bool qm_part_near_shared(const qm_part *const whole[2], qm_vec point, double distance)
 {
-    const qm_piece *p = whole[0];
+    const qm_part *p = whole[0];
     for (int i = 0; i < p->count; i++) {
         if (p->is_shared[i] && qm_vec_distance(p->corner[i], point) <= distance) return true;
         if (p->is_shared_edge[i] &&
@@ -223,15 +222,15 @@ bool qm_piece_near_shared(const qm_piece *const whole[2], qm_vec point, double d
 }
 
 /** The shared corner of a part that is farthest from a point; its distance, -1 when it has none. */
-static double farthest_shared(const qm_piece *piece, qm_vec from, qm_vec *out)
+static double farthest_shared(const qm_part *part, qm_vec from, qm_vec *out)
 {
     double farthest = -1.0;
-    for (int i = 0; i < piece->count; i++) {
-        if (!piece->is_shared[i]) continue;
-        double distance = qm_vec_distance(from, piece->corner[i]);
+    for (int i = 0; i < part->count; i++) {
+        if (!part->is_shared[i]) continue;
+        double distance = qm_vec_distance(from, part->corner[i]);
         if (!(distance > farthest)) continue;
         farthest = distance;
-        *out = piece->corner[i];
+        *out = part->corner[i];
     }
     return farthest;
 }
@@ -249,13 +248,13 @@ static qm_vec unit(qm_vec v)
 }
 
 /** The mean direction in which a part leaves the line of what is shared; false when none of it does. */
-static bool leaving_direction(const qm_piece *piece, qm_vec origin, qm_vec line, qm_vec *out)
+static bool leaving_direction(const qm_part *part, qm_vec origin, qm_vec line, qm_vec *out)
 {
     qm_vec sum = {0};
     int count = 0;
-    for (int i = 0; i < piece->count; i++) {
-        if (piece->is_shared[i]) continue;
-        sum = qm_vec_add(sum, unit(across(qm_vec_sub(piece->corner[i], origin), line)));
+    for (int i = 0; i < part->count; i++) {
+        if (part->is_shared[i]) continue;
+        sum = qm_vec_add(sum, unit(across(qm_vec_sub(part->corner[i], origin), line)));
         count++;
     }
     *out = unit(sum);
@@ -263,16 +262,16 @@ static bool leaving_direction(const qm_piece *piece, qm_vec origin, qm_vec line,
 }
 
 /** Shared corners lie in the plane, all others strictly beyond it. */
-static bool lies_beyond(const qm_piece *piece, qm_vec origin, qm_vec normal)
+static bool lies_beyond(const qm_part *part, qm_vec origin, qm_vec normal)
 {
-    for (int i = 0; i < piece->count; i++) {
-        double height = qm_vec_dot(normal, qm_vec_sub(piece->corner[i], origin));
-        if (piece->is_shared[i] ? fabs(height) > QM_PIECE_ERROR : height <= STRICTLY) return false;
+    for (int i = 0; i < part->count; i++) {
+        double height = qm_vec_dot(normal, qm_vec_sub(part->corner[i], origin));
+        if (part->is_shared[i] ? fabs(height) > QM_PART_ERROR : height <= STRICTLY) return false;
     }
     return true;
 }
 
-bool qm_piece_parted(const qm_piece *p, const qm_piece *q)
+bool qm_part_parted(const qm_part *p, const qm_part *q)
 {
     qm_vec origin, end_p = {0}, end_q = {0}, up_p, up_q;
     if (farthest_shared(p, p->corner[0], &origin) < 0.0) return false;
