@@ -85,6 +85,42 @@ void qm_blob_sweep(const char *folder)
     if (files) closedir(files);
 }
 
+/** Removes the files of a folder that the store knows nothing of; returns how many. */
+static size_t sweep_folder(qm_store *store, const char *path, bool (*is_needed)(qm_store *, const char *))
+{
+    size_t removed = 0;
+    DIR *files = opendir(path);
+    for (struct dirent *entry; files && (entry = readdir(files));) {
+        if (entry->d_name[0] == '.' || is_needed(store, entry->d_name)) continue;
+        removed += unlinkat(dirfd(files), entry->d_name, 0) == 0;
+    }
+    if (files) closedir(files);
+    return removed;
+}
+
+/** Arrays are named by their job; one that is half written has another ending. */
+static bool needs_result(qm_store *store, const char *name)
+{
+    char id[QM_ID_SIZE];
+    const char *ending = strchr(name, '.');
+    if (!ending || strcmp(ending, QM_RESULT_ENDING) != 0 || ending - name >= QM_ID_SIZE) return false;
+    snprintf(id, sizeof id, "%.*s", (int)(ending - name), name);
+    return qm_store_has_job(store, id);
+}
+
+void qm_blob_sweep_orphans(qm_store *store)
+{
+    char path[QM_STORE_PATH_SIZE];
+    size_t removed = 0;
+    for (int first = 0; first < 256; first++) {
+        snprintf(path, sizeof path, "%s/blobs/%02x", qm_store_folder(store), (unsigned)first);
+        removed += sweep_folder(store, path, qm_store_needs_blob);
+    }
+    snprintf(path, sizeof path, "%s/results", qm_store_folder(store));
+    removed += sweep_folder(store, path, needs_result);
+    if (removed > 0) qm_log(QM_LOG_INFO, "%zu files without a mesh or job removed", removed);
+}
+
 static void blob_folder(const qm_store *store, const char *hash, char out[QM_STORE_PATH_SIZE])
 {
     snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s", qm_store_folder(store), hash);

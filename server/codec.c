@@ -3,7 +3,7 @@
 #include <strings.h>
 
 #include "codec_build.h"
-#include "codec_text.h"
+#include "codec_scan.h"
 
 typedef struct format_facts {
     qm_format format;
@@ -59,6 +59,13 @@ const char *qm_format_name(qm_format format)
     return "unknown";
 }
 
+const char *qm_format_media_type(qm_format format)
+{
+    for (size_t i = 0; i < FORMAT_COUNT; ++i)
+        if (formats[i].format == format) return formats[i].media_type;
+    return "application/octet-stream";
+}
+
 static bool has_prefix(const uint8_t *bytes, size_t size, const char *prefix)
 {
     size_t length = strlen(prefix);
@@ -66,18 +73,18 @@ static bool has_prefix(const uint8_t *bytes, size_t size, const char *prefix)
 }
 
 /** Columns of numbers in a row, and whether all are plain digits; 0 if anything else stands in it. */
-static int count_columns(qm_text text, bool *only_digits)
+static int count_columns(qm_scan text, bool *only_digits)
 {
     double number;
     int count = 0;
     *only_digits = true;
     for (;; ++count) {
-        qm_text_skip_blanks(&text);
+        qm_scan_skip_blanks(&text);
         if (count > 0 && text.at < text.end && *text.at == ',') ++text.at;
-        qm_text_skip_blanks(&text);
-        if (qm_text_at_row_end(&text)) return count;
+        qm_scan_skip_blanks(&text);
+        if (qm_scan_at_row_end(&text)) return count;
         const uint8_t *from = text.at;
-        if (qm_text_read_number(&text, &number) != QM_OK) return 0;
+        if (qm_scan_read_number(&text, &number) != QM_OK) return 0;
         for (; from < text.at; ++from)
             *only_digits &= *from >= '0' && *from <= '9';
     }
@@ -85,12 +92,12 @@ static int count_columns(qm_text text, bool *only_digits)
 
 /** Three whole numbers first, then other ones: points, or an OFF without its keyword. Nobody can tell, so it
  * is neither. */
-static qm_format sniff_numbers(qm_text text)
+static qm_format sniff_numbers(qm_scan text)
 {
     bool first_is_digits, second_is_digits;
     if (count_columns(text, &first_is_digits) < 3) return QM_FORMAT_UNKNOWN;
-    qm_text_skip_line(&text);
-    if (first_is_digits && qm_text_find_row(&text) &&
+    qm_scan_skip_line(&text);
+    if (first_is_digits && qm_scan_find_row(&text) &&
         (count_columns(text, &second_is_digits) < 3 || !second_is_digits))
         return QM_FORMAT_UNKNOWN;
     return QM_FORMAT_XYZ;
@@ -100,18 +107,18 @@ static qm_format sniff_text(const uint8_t *bytes, size_t size)
 {
     static const char *const obj_words[] = {"v", "vt", "vn", "f", "o", "g", "s", "mtllib", "usemtl"};
     qm_codec_report ignored;
-    qm_text text = {.at = bytes, .end = bytes + size, .line = 1, .has_comma = true, .report = &ignored};
+    qm_scan text = {.at = bytes, .end = bytes + size, .line = 1, .has_comma = true, .report = &ignored};
     const uint8_t *word;
     size_t word_size;
     if (has_prefix(bytes, size, "\xef\xbb\xbf")) text.at += 3;
-    if (!qm_text_find_row(&text)) return QM_FORMAT_UNKNOWN;
-    qm_text row = text;
-    qm_text_read_word(&text, &word, &word_size);
+    if (!qm_scan_find_row(&text)) return QM_FORMAT_UNKNOWN;
+    qm_scan row = text;
+    qm_scan_read_word(&text, &word, &word_size);
     for (size_t i = 0; i < sizeof obj_words / sizeof *obj_words; ++i)
-        if (qm_text_word_is(word, word_size, obj_words[i])) return QM_FORMAT_OBJ;
-    if (qm_text_word_is(word, word_size, "ply")) return QM_FORMAT_PLY;
-    if (qm_text_word_is(word, word_size, "solid")) return QM_FORMAT_STL;
-    if (word_size >= 3 && qm_text_word_is(word + word_size - 3, 3, "off")) return QM_FORMAT_OFF;
+        if (qm_scan_word_is(word, word_size, obj_words[i])) return QM_FORMAT_OBJ;
+    if (qm_scan_word_is(word, word_size, "ply")) return QM_FORMAT_PLY;
+    if (qm_scan_word_is(word, word_size, "solid")) return QM_FORMAT_STL;
+    if (word_size >= 3 && qm_scan_word_is(word + word_size - 3, 3, "off")) return QM_FORMAT_OFF;
     return sniff_numbers(row);
 }
 

@@ -30,6 +30,10 @@ qm_format qm_format_from_name(const char *name);
 qm_format qm_format_from_path(const char *path);
 qm_format qm_format_from_media_type(const char *media_type);
 const char *qm_format_name(qm_format format);
+const char *qm_format_media_type(qm_format format);
+
+/** The names for people. */
+#define QM_FORMAT_NAMES "obj, ply, stl, off, glb, drc or xyz"
 
 /** By the first bytes of the file, and by size for binary STL; QM_FORMAT_UNKNOWN if nothing fits. */
 qm_format qm_format_sniff(const uint8_t *bytes, size_t size);

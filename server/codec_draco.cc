@@ -5,6 +5,7 @@
 #include <cmath>
 #include <memory>
 #include <new>
+#include <vector>
 
 // Draco's headers are not clean under our warnings.
 #pragma GCC diagnostic push
@@ -14,6 +15,8 @@
 #pragma GCC diagnostic ignored "-Wunused-parameter"
 #include <draco/attributes/attribute_quantization_transform.h>
 #include <draco/compression/decode.h>
+#include <draco/compression/encode.h>
+#include <draco/core/quantization_utils.h>
 #pragma GCC diagnostic pop
 
 namespace
@@ -170,7 +173,146 @@ qm_draco_outcome take_apart(const Geometry &geometry, qm_draco_prepare *prepare,
     return QM_DRACO_DONE;
 }
 
+// Fills an attribute whose values are rows of the input, one for each point unless points are mapped later.
+draco::PointAttribute *add_attribute(draco::PointCloud *cloud, draco::GeometryAttribute::Type type,
+                                     int8_t components, draco::DataType data_type, bool is_mapped,
+                                     const void *values, size_t count)
+{
+    draco::GeometryAttribute attribute;
+    const int64_t width = components * draco::DataTypeLength(data_type);
+    attribute.Init(type, nullptr, components, data_type, false, width, 0);
+    const int id = cloud->AddAttribute(attribute, !is_mapped, static_cast<uint32_t>(count));
+    draco::PointAttribute *added = cloud->attribute(id);
+    added->buffer()->Write(0, values, count * static_cast<size_t>(width));
+    return added;
+}
+
+// A point of the library is a vertex with a mark of added edges: vertex v without it is point v, and those
+// that some corner needs with it come behind. Returns the points that stand at the corners.
+std::vector<uint32_t> number_points(const qm_draco_input &input, std::vector<uint32_t> *vertex_of_point)
+{
+    constexpr uint32_t none = UINT32_MAX;
+    std::vector<uint32_t> marked(input.vertex_count, none), points(3 * input.triangle_count);
+    for (uint32_t v = 0; v < input.vertex_count; ++v)
+        vertex_of_point->push_back(v);
+    for (size_t i = 0; i < points.size(); ++i) {
+        const uint32_t vertex = input.triangles[i];
+        if (input.added[i] && marked[vertex] == none) {
+            marked[vertex] = static_cast<uint32_t>(vertex_of_point->size());
+            vertex_of_point->push_back(vertex);
+        }
+        points[i] = input.added[i] ? marked[vertex] : vertex;
+    }
+    return points;
+}
+
+void set_faces(draco::Mesh *mesh, const uint32_t *points, size_t count)
+{
+    mesh->SetNumFaces(count);
+    for (uint32_t t = 0; t < count; ++t) {
+        draco::Mesh::Face face;
+        for (uint32_t c = 0; c < 3; ++c)
+            face[c] = draco::PointIndex(points[3 * size_t{t} + c]);
+        mesh->SetFace(draco::FaceIndex(t), face);
+    }
+}
+
+void fill_cloud(const qm_draco_input &input, draco::PointCloud *cloud)
+{
+    cloud->set_num_points(static_cast<uint32_t>(input.vertex_count));
+    add_attribute(cloud, draco::GeometryAttribute::POSITION, 3, draco::DT_FLOAT32, false, input.positions,
+                  input.vertex_count);
+}
+
+void fill_marked_mesh(const qm_draco_input &input, draco::Mesh *mesh)
+{
+    static const uint8_t values[2] = {0, 1};
+    std::vector<uint32_t> vertex_of_point;
+    const std::vector<uint32_t> points = number_points(input, &vertex_of_point);
+    mesh->set_num_points(static_cast<uint32_t>(vertex_of_point.size()));
+    draco::PointAttribute *positions =
+        add_attribute(mesh, draco::GeometryAttribute::POSITION, 3, draco::DT_FLOAT32, true, input.positions,
+                      input.vertex_count);
+    draco::PointAttribute *marks =
+        add_attribute(mesh, draco::GeometryAttribute::GENERIC, 1, draco::DT_UINT8, true, values, 2);
+    for (uint32_t p = 0; p < vertex_of_point.size(); ++p) {
+        positions->SetPointMapEntry(draco::PointIndex(p), draco::AttributeValueIndex(vertex_of_point[p]));
+        marks->SetPointMapEntry(draco::PointIndex(p), draco::AttributeValueIndex(p >= input.vertex_count));
+    }
+    auto metadata = std::make_unique<draco::AttributeMetadata>();
+    metadata->AddEntryString("name", "added_edges");
+    mesh->AddAttributeMetadata(1, std::move(metadata));
+    set_faces(mesh, points.data(), input.triangle_count);
+}
+
+// What the library's steps do to a coordinate, with its own arithmetic; of the step and the smallest
+// coordinate the decoder above says the same.
+double find_displacement(const qm_draco_input &input, const draco::PointAttribute &positions)
+{
+    draco::AttributeQuantizationTransform transform;
+    if (!transform.ComputeParameters(positions, input.quantization_bits)) return INFINITY;
+    const int32_t most = (1 << input.quantization_bits) - 1;
+    const float step = transform.range() / static_cast<float>(most);
+    draco::Quantizer quantizer;
+    quantizer.Init(transform.range(), most);
+    double largest = 0.0;
+    for (size_t i = 0; i < input.vertex_count; ++i) {
+        double square = 0.0;
+        for (int axis = 0; axis < 3; ++axis) {
+            const float given = input.positions[3 * i + static_cast<size_t>(axis)];
+            const float low = transform.min_value(axis);
+            const float decoded = static_cast<float>(quantizer.QuantizeFloat(given - low)) * step + low;
+            const double off = double{decoded} - double{given};
+            square += off * off;
+        }
+        largest = std::fmax(largest, square);
+    }
+    return std::sqrt(largest);
+}
+
+qm_draco_outcome encode(const qm_draco_input &input, qm_draco_write *write, void *user, double *displacement)
+{
+    draco::Mesh mesh;
+    if (input.triangle_count > 0 && input.added) {
+        fill_marked_mesh(input, &mesh);
+    } else {
+        fill_cloud(input, &mesh);
+        set_faces(&mesh, input.triangles, input.triangle_count);
+    }
+    draco::Encoder encoder;
+    encoder.SetSpeedOptions(5, 5);
+    *displacement = 0.0;
+    if (input.quantization_bits > 0) {
+        encoder.SetAttributeQuantization(draco::GeometryAttribute::POSITION, input.quantization_bits);
+        *displacement = find_displacement(input, *mesh.attribute(0));
+    }
+    draco::EncoderBuffer buffer;
+    draco::Status status;
+    if (input.triangle_count == 0) {
+        encoder.SetEncodingMethod(draco::POINT_CLOUD_SEQUENTIAL_ENCODING);
+        status = encoder.EncodePointCloudToBuffer(mesh, &buffer);
+    } else {
+        encoder.SetEncodingMethod(input.keeps_all ? draco::MESH_SEQUENTIAL_ENCODING
+                                                  : draco::MESH_EDGEBREAKER_ENCODING);
+        status = encoder.EncodeMeshToBuffer(mesh, &buffer);
+    }
+    if (!status.ok() || !std::isfinite(*displacement)) return QM_DRACO_MALFORMED;
+    return write(user, buffer.data(), buffer.size()) ? QM_DRACO_DONE : QM_DRACO_NO_MEMORY;
+}
+
 } // namespace
+
+extern "C" qm_draco_outcome qm_draco_encode(const qm_draco_input *input, qm_draco_write *write, void *user,
+                                            double *displacement)
+{
+    try {
+        return encode(*input, write, user, displacement);
+    } catch (const std::bad_alloc &) {
+        return QM_DRACO_NO_MEMORY;
+    } catch (...) {
+        return QM_DRACO_MALFORMED;
+    }
+}
 
 extern "C" qm_draco_outcome qm_draco_decode(const uint8_t *bytes, size_t size, qm_draco_prepare *prepare,
                                             void *user, size_t *consumed)

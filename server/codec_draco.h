@@ -1,5 +1,6 @@
 /**
- * codec_draco.h: the door to the Draco library, plain enough for C and C++. Only codec_drc.c goes through it.
+ * codec_draco.h: the door to the Draco library, plain enough for C and C++. codec_drc.c,
+ * encode_drc.c and draco_child.c go through it.
  */
 #ifndef QM_CODEC_DRACO_H
 #define QM_CODEC_DRACO_H
@@ -42,12 +43,38 @@ typedef struct qm_draco_arrays {
 /** Makes the arrays for the counts found; false stops the decoder. Nothing else of C is called. */
 typedef bool qm_draco_prepare(void *user, const qm_draco_facts *facts, qm_draco_arrays *arrays);
 
+typedef qm_draco_outcome qm_draco_decode_fn(const uint8_t *bytes, size_t size, qm_draco_prepare *prepare,
+                                            void *user, size_t *consumed);
+
 /**
  * Decodes a mesh or a point cloud. *consumed is where the library stopped reading, also after a fault.
  * Memory inside the library comes from C++'s heap. Lets no exception out and keeps no state.
  */
-qm_draco_outcome qm_draco_decode(const uint8_t *bytes, size_t size, qm_draco_prepare *prepare, void *user,
-                                 size_t *consumed);
+qm_draco_decode_fn qm_draco_decode;
+
+/** Has codec_drc.c decode by another function than the one above; called before the first file. */
+void qm_codec_drc_set_decoder(qm_draco_decode_fn *decode);
+
+/** A mesh or point cloud to encode. */
+typedef struct qm_draco_input {
+    const float *positions; /* vertex_count rows of three */
+    size_t vertex_count;
+    const uint32_t *triangles; /* triangle_count rows of three; none: a point cloud */
+    size_t triangle_count;
+    const uint8_t *added;  /* as qm_draco_arrays.added, or NULL when no triangle was cut from a larger face */
+    int quantization_bits; /* 0: positions stay as they are */
+    bool keeps_all;        /* faces and vertices exactly as they are, at the price of a longer file */
+} qm_draco_input;
+
+/** Takes the file, whole; false when there is no memory for it. Nothing else of C is called. */
+typedef bool qm_draco_write(void *user, const char *bytes, size_t size);
+
+/**
+ * Encodes. *displacement is the largest distance between a vertex given and the same vertex decoded, computed
+ * in double precision. QM_DRACO_MALFORMED when the library cannot encode the mesh.
+ */
+qm_draco_outcome qm_draco_encode(const qm_draco_input *input, qm_draco_write *write, void *user,
+                                 double *displacement);
 
 #ifdef __cplusplus
 }

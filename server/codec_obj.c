@@ -4,10 +4,10 @@
  * and forgotten, as are the statements that carry no geometry.
  */
 #include "codec_build.h"
-#include "codec_text.h"
+#include "codec_scan.h"
 
 typedef struct obj_reader {
-    qm_text text;
+    qm_scan text;
     qm_builder *builder;
     uint32_t largest_index; /* from 1; 0 before the first face */
     size_t largest_line;
@@ -17,7 +17,7 @@ typedef struct obj_reader {
 static qm_status read_vertex(obj_reader *reader)
 {
     double position[3];
-    qm_status status = qm_text_read_position(&reader->text, position);
+    qm_status status = qm_scan_read_position(&reader->text, position);
     if (status == QM_OK) status = qm_builder_add_vertex(reader->builder, position);
     return status;
 }
@@ -29,15 +29,15 @@ static qm_status fail_corner(obj_reader *reader)
 }
 
 /** Steps over "/vt", "//vn" or "/vt/vn". */
-static bool skip_attribute_indices(qm_text *text)
+static bool skip_attribute_indices(qm_scan *text)
 {
     for (int i = 0; i < 2 && text->at < text->end && *text->at == '/'; ++i) {
         ++text->at;
         int64_t index;
         bool overflow;
-        if (!qm_text_scan_integer(text, &index, &overflow) && overflow) return false;
+        if (!qm_scan_bare_integer(text, &index, &overflow) && overflow) return false;
     }
-    return qm_text_at_row_end(text) || qm_text_is_blank(*text->at) || *text->at == '\\';
+    return qm_scan_at_row_end(text) || qm_scan_is_blank(*text->at) || *text->at == '\\';
 }
 
 /** Turns an index of the file, from 1 or from -1 backwards, into one from 0. */
@@ -67,7 +67,7 @@ static qm_status read_corner(obj_reader *reader)
 {
     int64_t index;
     bool overflow;
-    if (!qm_text_scan_integer(&reader->text, &index, &overflow)) {
+    if (!qm_scan_bare_integer(&reader->text, &index, &overflow)) {
         if (!overflow) return fail_corner(reader);
         return qm_codec_fail(reader->text.report, QM_E_INDEX, "face refers to a vertex past 63 bits");
     }
@@ -80,8 +80,8 @@ static qm_status read_corner(obj_reader *reader)
 static qm_status read_face(obj_reader *reader)
 {
     for (;;) {
-        qm_text_skip_blanks(&reader->text);
-        if (qm_text_at_row_end(&reader->text)) return qm_builder_end_face(reader->builder);
+        qm_scan_skip_blanks(&reader->text);
+        if (qm_scan_at_row_end(&reader->text)) return qm_builder_end_face(reader->builder);
         qm_status status = read_corner(reader);
         if (status != QM_OK) return status;
     }
@@ -92,7 +92,7 @@ static bool is_known_statement(const uint8_t *word, size_t size)
 {
     static const char *const known[] = {"vt", "vn", "g", "o", "s", "mg", "usemtl", "mtllib", "usemap", "lod"};
     for (size_t i = 0; i < sizeof known / sizeof *known; ++i)
-        if (qm_text_word_is(word, size, known[i])) return true;
+        if (qm_scan_word_is(word, size, known[i])) return true;
     return false;
 }
 
@@ -100,7 +100,7 @@ static qm_status read_statement(obj_reader *reader)
 {
     const uint8_t *word;
     size_t size;
-    if (!qm_text_read_word(&reader->text, &word, &size)) return QM_OK;
+    if (!qm_scan_read_word(&reader->text, &word, &size)) return QM_OK;
     if (size == 1 && *word == 'v') return read_vertex(reader);
     if (size == 1 && *word == 'f') return read_face(reader);
     if (!is_known_statement(word, size)) ++reader->skipped_count;
@@ -109,11 +109,11 @@ static qm_status read_statement(obj_reader *reader)
 
 static qm_status read_statements(obj_reader *reader)
 {
-    qm_text *text = &reader->text;
-    while (qm_text_find_row(text)) {
+    qm_scan *text = &reader->text;
+    while (qm_scan_find_row(text)) {
         qm_status status = read_statement(reader);
         if (status != QM_OK) return status;
-        qm_text_skip_statement(text);
+        qm_scan_skip_statement(text);
     }
     if (reader->largest_index > reader->builder->vertex_count) {
         text->line = reader->largest_line;
@@ -130,7 +130,7 @@ static qm_status read_statements(obj_reader *reader)
 qm_status qm_codec_decode_obj(qm_builder *builder, const uint8_t *bytes, size_t size)
 {
     obj_reader reader = {.builder = builder};
-    qm_status status = qm_text_open(&reader.text, bytes, size, builder->report);
+    qm_status status = qm_scan_open(&reader.text, bytes, size, builder->report);
     if (status == QM_OK) status = read_statements(&reader);
     builder->report->line = reader.text.line;
     return status;

@@ -4,7 +4,7 @@
  * Source: Geomview manual, OFF Files.
  */
 #include "codec_build.h"
-#include "codec_text.h"
+#include "codec_scan.h"
 
 #define SMALLEST_VERTEX_SIZE 5 /* "0 0 0" */
 #define SMALLEST_FACE_SIZE 7   /* "3 0 0 0" */
@@ -15,28 +15,28 @@ static bool is_plain_keyword(const uint8_t *word, size_t size)
     static const char *const keywords[] = {"off",   "coff",   "noff",   "cnoff",
                                            "stoff", "stcoff", "stnoff", "stcnoff"};
     for (size_t i = 0; i < sizeof keywords / sizeof *keywords; ++i)
-        if (qm_text_word_is(word, size, keywords[i])) return true;
+        if (qm_scan_word_is(word, size, keywords[i])) return true;
     return false;
 }
 
-static bool next_word_is_binary(qm_text ahead)
+static bool next_word_is_binary(qm_scan ahead)
 {
     const uint8_t *word;
     size_t size;
-    return qm_text_read_word(&ahead, &word, &size) && qm_text_word_is(word, size, "binary");
+    return qm_scan_read_word(&ahead, &word, &size) && qm_scan_word_is(word, size, "binary");
 }
 
-static qm_status read_keyword(qm_text *text)
+static qm_status read_keyword(qm_scan *text)
 {
     const uint8_t *word;
     size_t size;
-    if (!qm_text_find_row(text)) return qm_codec_fail(text->report, QM_E_EMPTY, "the file has no data");
-    qm_text_read_word(text, &word, &size);
+    if (!qm_scan_find_row(text)) return qm_codec_fail(text->report, QM_E_EMPTY, "the file has no data");
+    qm_scan_read_word(text, &word, &size);
     if (is_plain_keyword(word, size)) {
         if (!next_word_is_binary(*text)) return QM_OK;
         return qm_codec_fail(text->report, QM_E_UNSUPPORTED, "binary OFF is not supported");
     }
-    if (size > 3 && qm_text_word_is(word + size - 3, 3, "off"))
+    if (size > 3 && qm_scan_word_is(word + size - 3, 3, "off"))
         return qm_codec_fail(text->report, QM_E_UNSUPPORTED,
                              "OFF with other than three coordinates is not supported");
     if (*word < '0' || *word > '9')
@@ -46,7 +46,7 @@ static qm_status read_keyword(qm_text *text)
     return QM_OK;
 }
 
-static qm_status check_count(const qm_text *text, int64_t count, size_t smallest_size, const char *what)
+static qm_status check_count(const qm_scan *text, int64_t count, size_t smallest_size, const char *what)
 {
     if (count < 0) return qm_codec_fail(text->report, QM_E_FORMAT, "the count of %s is negative", what);
     size_t most = (size_t)(text->end - text->at) / smallest_size;
@@ -57,12 +57,12 @@ static qm_status check_count(const qm_text *text, int64_t count, size_t smallest
     return QM_OK;
 }
 
-static qm_status read_counts(qm_builder *builder, qm_text *text, size_t *vertex_count, size_t *face_count)
+static qm_status read_counts(qm_builder *builder, qm_scan *text, size_t *vertex_count, size_t *face_count)
 {
-    if (!qm_text_find_row(text)) return qm_codec_fail(text->report, QM_E_FORMAT, "the counts are missing");
+    if (!qm_scan_find_row(text)) return qm_codec_fail(text->report, QM_E_FORMAT, "the counts are missing");
     int64_t counts[2];
-    qm_status status = qm_text_read_integer(text, &counts[0]);
-    if (status == QM_OK) status = qm_text_read_integer(text, &counts[1]);
+    qm_status status = qm_scan_read_integer(text, &counts[0]);
+    if (status == QM_OK) status = qm_scan_read_integer(text, &counts[1]);
     if (status == QM_OK) status = check_count(text, counts[0], SMALLEST_VERTEX_SIZE, "vertices");
     if (status == QM_OK) status = check_count(text, counts[1], SMALLEST_FACE_SIZE, "faces");
     if (status == QM_OK) status = qm_builder_reserve_vertices(builder, (uint64_t)counts[0]);
@@ -70,33 +70,33 @@ static qm_status read_counts(qm_builder *builder, qm_text *text, size_t *vertex_
     if (status != QM_OK) return status;
     *vertex_count = (size_t)counts[0];
     *face_count = (size_t)counts[1];
-    qm_text_skip_line(text);
+    qm_scan_skip_line(text);
     return QM_OK;
 }
 
-static qm_status read_vertices(qm_builder *builder, qm_text *text, size_t count)
+static qm_status read_vertices(qm_builder *builder, qm_scan *text, size_t count)
 {
     for (size_t i = 0; i < count; ++i) {
-        if (!qm_text_find_row(text))
+        if (!qm_scan_find_row(text))
             return qm_codec_fail(text->report, QM_E_FORMAT, "the file ends after %zu of %zu vertices", i,
                                  count);
         double position[3];
-        qm_status status = qm_text_read_position(text, position);
+        qm_status status = qm_scan_read_position(text, position);
         if (status == QM_OK) status = qm_builder_add_vertex(builder, position);
         if (status != QM_OK) return status;
-        qm_text_skip_line(text);
+        qm_scan_skip_line(text);
     }
     return QM_OK;
 }
 
-static qm_status read_face(qm_builder *builder, qm_text *text)
+static qm_status read_face(qm_builder *builder, qm_scan *text)
 {
     int64_t corner_count;
-    qm_status status = qm_text_read_integer(text, &corner_count);
+    qm_status status = qm_scan_read_integer(text, &corner_count);
     if (status != QM_OK) return status;
     for (int64_t i = 0; i < corner_count; ++i) {
         int64_t vertex;
-        status = qm_text_read_integer(text, &vertex);
+        status = qm_scan_read_integer(text, &vertex);
         if (status != QM_OK) return status;
         if (vertex < 0)
             return qm_codec_fail(text->report, QM_E_INDEX, "face refers to vertex %lld", (long long)vertex);
@@ -110,22 +110,22 @@ static qm_status read_face(qm_builder *builder, qm_text *text)
     return qm_builder_end_face(builder);
 }
 
-static qm_status read_faces(qm_builder *builder, qm_text *text, size_t count)
+static qm_status read_faces(qm_builder *builder, qm_scan *text, size_t count)
 {
     for (size_t i = 0; i < count; ++i) {
-        if (!qm_text_find_row(text))
+        if (!qm_scan_find_row(text))
             return qm_codec_fail(text->report, QM_E_FORMAT, "the file ends after %zu of %zu faces", i, count);
         qm_status status = read_face(builder, text);
         if (status != QM_OK) return status;
-        qm_text_skip_line(text);
+        qm_scan_skip_line(text);
     }
-    if (qm_text_find_row(text))
+    if (qm_scan_find_row(text))
         qm_codec_warn(text->report, "line %zu and what follows come after the last face and were left out",
                       text->line);
     return QM_OK;
 }
 
-static qm_status read_file(qm_builder *builder, qm_text *text)
+static qm_status read_file(qm_builder *builder, qm_scan *text)
 {
     size_t vertex_count = 0, face_count = 0;
     qm_status status = read_keyword(text);
@@ -137,8 +137,8 @@ static qm_status read_file(qm_builder *builder, qm_text *text)
 
 qm_status qm_codec_decode_off(qm_builder *builder, const uint8_t *bytes, size_t size)
 {
-    qm_text text;
-    qm_status status = qm_text_open(&text, bytes, size, builder->report);
+    qm_scan text;
+    qm_status status = qm_scan_open(&text, bytes, size, builder->report);
     if (status == QM_OK) status = read_file(builder, &text);
     builder->report->line = text.line;
     return status;

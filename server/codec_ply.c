@@ -7,7 +7,7 @@
 #include <math.h>
 
 #include "codec_build.h"
-#include "codec_text.h"
+#include "codec_scan.h"
 
 typedef enum scalar_type {
     INT8,
@@ -50,7 +50,7 @@ typedef enum encoding { NO_ENCODING, ASCII, LITTLE_ENDIAN_BINARY, BIG_ENDIAN_BIN
 typedef struct ply_reader {
     qm_builder *builder;
     qm_codec_report *report;
-    qm_text text;         /* the header, and the rows of a text file */
+    qm_scan text;         /* the header, and the rows of a text file */
     const uint8_t *bytes; /* the whole file; rows of a binary file are read at text.at */
     encoding encoding;
     bool swaps_bytes;
@@ -71,8 +71,8 @@ static qm_status fail_header(ply_reader *reader, const char *detail)
 static scalar_type find_scalar_type(const uint8_t *word, size_t size)
 {
     for (int i = 0; i < NO_SCALAR; ++i)
-        if (qm_text_word_is(word, size, scalar_types[i].name) ||
-            qm_text_word_is(word, size, scalar_types[i].sized_name))
+        if (qm_scan_word_is(word, size, scalar_types[i].name) ||
+            qm_scan_word_is(word, size, scalar_types[i].sized_name))
             return (scalar_type)i;
     return NO_SCALAR;
 }
@@ -87,7 +87,7 @@ static qm_status read_scalar_type(ply_reader *reader, scalar_type *type)
     const uint8_t *word;
     size_t size;
     *type = NO_SCALAR;
-    if (qm_text_read_word(&reader->text, &word, &size)) *type = find_scalar_type(word, size);
+    if (qm_scan_read_word(&reader->text, &word, &size)) *type = find_scalar_type(word, size);
     return *type == NO_SCALAR ? fail_header(reader, "a property has no known type") : QM_OK;
 }
 
@@ -96,25 +96,25 @@ static qm_status read_format(ply_reader *reader)
     const uint8_t *word;
     size_t size;
     if (reader->encoding != NO_ENCODING) return fail_header(reader, "the header has a second format line");
-    if (!qm_text_read_word(&reader->text, &word, &size)) size = 0;
+    if (!qm_scan_read_word(&reader->text, &word, &size)) size = 0;
     if (size == 0) return fail_header(reader, "the format line names no format");
-    if (qm_text_word_is(word, size, "ascii")) reader->encoding = ASCII;
-    if (qm_text_word_is(word, size, "binary_little_endian")) reader->encoding = LITTLE_ENDIAN_BINARY;
-    if (qm_text_word_is(word, size, "binary_big_endian")) reader->encoding = BIG_ENDIAN_BINARY;
+    if (qm_scan_word_is(word, size, "ascii")) reader->encoding = ASCII;
+    if (qm_scan_word_is(word, size, "binary_little_endian")) reader->encoding = LITTLE_ENDIAN_BINARY;
+    if (qm_scan_word_is(word, size, "binary_big_endian")) reader->encoding = BIG_ENDIAN_BINARY;
     bool host_is_big = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
     reader->swaps_bytes = host_is_big != (reader->encoding == BIG_ENDIAN_BINARY);
     if (reader->encoding == NO_ENCODING)
         return fail_header(reader, "the format line names an unknown format");
-    if (qm_text_read_word(&reader->text, &word, &size) && qm_text_word_is(word, size, "1.0")) return QM_OK;
+    if (qm_scan_read_word(&reader->text, &word, &size) && qm_scan_word_is(word, size, "1.0")) return QM_OK;
     return fail_header(reader, "the format line does not name version 1.0");
 }
 
 static qm_status name_element(ply_reader *reader, const uint8_t *word, size_t size, element_kind *kind)
 {
     *kind = OTHERS;
-    if (qm_text_word_is(word, size, "vertex")) *kind = VERTICES;
-    if (qm_text_word_is(word, size, "face")) *kind = FACES;
-    if (qm_text_word_is(word, size, "tristrips"))
+    if (qm_scan_word_is(word, size, "vertex")) *kind = VERTICES;
+    if (qm_scan_word_is(word, size, "face")) *kind = FACES;
+    if (qm_scan_word_is(word, size, "tristrips"))
         return qm_codec_fail(reader->report, QM_E_UNSUPPORTED, "triangle strips in PLY are not supported");
     for (size_t i = 0; *kind != OTHERS && i < reader->element_count; ++i)
         if (reader->elements[i].kind == *kind)
@@ -127,10 +127,10 @@ static qm_status read_element(ply_reader *reader)
     const uint8_t *word;
     size_t size;
     ply_element element = {.first_property = reader->property_count};
-    if (!qm_text_read_word(&reader->text, &word, &size)) return fail_header(reader, "an element has no name");
+    if (!qm_scan_read_word(&reader->text, &word, &size)) return fail_header(reader, "an element has no name");
     qm_status status = name_element(reader, word, size, &element.kind);
     int64_t count;
-    if (status == QM_OK) status = qm_text_read_integer(&reader->text, &count);
+    if (status == QM_OK) status = qm_scan_read_integer(&reader->text, &count);
     if (status != QM_OK) return status;
     if (count < 0) return fail_header(reader, "the count of an element is negative");
     element.count = (uint64_t)count;
@@ -149,10 +149,10 @@ static int find_role(const ply_element *element, bool is_list, const uint8_t *wo
 {
     static const char *const axes[3] = {"x", "y", "z"};
     for (int axis = 0; axis < 3; ++axis)
-        if (element->kind == VERTICES && !is_list && qm_text_word_is(word, size, axes[axis]))
+        if (element->kind == VERTICES && !is_list && qm_scan_word_is(word, size, axes[axis]))
             return COORDINATE + axis;
     bool is_corners =
-        qm_text_word_is(word, size, "vertex_indices") || qm_text_word_is(word, size, "vertex_index");
+        qm_scan_word_is(word, size, "vertex_indices") || qm_scan_word_is(word, size, "vertex_index");
     return element->kind == FACES && is_list && is_corners ? CORNERS : OTHER;
 }
 
@@ -178,11 +178,11 @@ static qm_status read_property(ply_reader *reader)
     if (reader->element_count == 0) return fail_header(reader, "a property comes before the first element");
     ply_element *element = &reader->elements[reader->element_count - 1];
     ply_property property = {.count_type = NO_SCALAR};
-    qm_text ahead = reader->text;
+    qm_scan ahead = reader->text;
     const uint8_t *word;
     size_t size;
     qm_status status = QM_OK;
-    bool is_list = qm_text_read_word(&ahead, &word, &size) && qm_text_word_is(word, size, "list");
+    bool is_list = qm_scan_read_word(&ahead, &word, &size) && qm_scan_word_is(word, size, "list");
     if (is_list) {
         reader->text = ahead;
         status = read_scalar_type(reader, &property.count_type);
@@ -191,7 +191,7 @@ static qm_status read_property(ply_reader *reader)
     }
     if (status == QM_OK) status = read_scalar_type(reader, &property.type);
     if (status != QM_OK) return status;
-    if (!qm_text_read_word(&reader->text, &word, &size)) return fail_header(reader, "a property has no name");
+    if (!qm_scan_read_word(&reader->text, &word, &size)) return fail_header(reader, "a property has no name");
     property.role = find_role(element, is_list, word, size);
     return add_property(reader, element, property);
 }
@@ -204,19 +204,19 @@ static qm_status read_header_lines(ply_reader *reader)
         size_t size;
         if (reader->text.at == reader->text.end) return fail_header(reader, "the header has no end");
         qm_status status = QM_OK;
-        if (qm_text_read_word(&reader->text, &word, &size)) {
-            if (qm_text_word_is(word, size, "end_header")) return QM_OK;
-            if (qm_text_word_is(word, size, "format"))
+        if (qm_scan_read_word(&reader->text, &word, &size)) {
+            if (qm_scan_word_is(word, size, "end_header")) return QM_OK;
+            if (qm_scan_word_is(word, size, "format"))
                 status = read_format(reader);
-            else if (qm_text_word_is(word, size, "element"))
+            else if (qm_scan_word_is(word, size, "element"))
                 status = read_element(reader);
-            else if (qm_text_word_is(word, size, "property"))
+            else if (qm_scan_word_is(word, size, "property"))
                 status = read_property(reader);
-            else if (!qm_text_word_is(word, size, "comment") && !qm_text_word_is(word, size, "obj_info"))
+            else if (!qm_scan_word_is(word, size, "comment") && !qm_scan_word_is(word, size, "obj_info"))
                 status = fail_header(reader, "the header has a line of unknown meaning");
         }
         if (status != QM_OK) return status;
-        qm_text_skip_line(&reader->text);
+        qm_scan_skip_line(&reader->text);
     }
 }
 
@@ -247,13 +247,13 @@ static qm_status read_header(ply_reader *reader)
 {
     const uint8_t *word;
     size_t size;
-    if (!qm_text_read_word(&reader->text, &word, &size) || !qm_text_word_is(word, size, "ply"))
+    if (!qm_scan_read_word(&reader->text, &word, &size) || !qm_scan_word_is(word, size, "ply"))
         return fail_header(reader, "the file does not start with the word ply");
-    qm_text_skip_line(&reader->text);
+    qm_scan_skip_line(&reader->text);
     qm_status status = read_header_lines(reader);
     if (status != QM_OK) return status;
     if (reader->encoding == NO_ENCODING) return fail_header(reader, "the header has no format line");
-    qm_text_skip_line(&reader->text);
+    qm_scan_skip_line(&reader->text);
     return check_elements(reader);
 }
 
@@ -309,16 +309,16 @@ static qm_status end_row(ply_reader *reader, element_kind kind, const double pos
 static qm_status read_text_list(ply_reader *reader, const ply_property *property)
 {
     int64_t length;
-    qm_status status = qm_text_read_integer(&reader->text, &length);
+    qm_status status = qm_scan_read_integer(&reader->text, &length);
     if (status == QM_OK && length < 0) return fail_header(reader, "the length of a list is negative");
     for (int64_t i = 0; status == QM_OK && i < length; ++i) {
         int64_t vertex;
         double ignored;
         if (property->role != CORNERS) {
-            status = qm_text_read_number(&reader->text, &ignored);
+            status = qm_scan_read_number(&reader->text, &ignored);
             continue;
         }
-        status = qm_text_read_integer(&reader->text, &vertex);
+        status = qm_scan_read_integer(&reader->text, &vertex);
         if (status == QM_OK) status = add_corner(reader, vertex);
     }
     return status;
@@ -333,11 +333,11 @@ static qm_status read_text_row(ply_reader *reader, const ply_element *element)
         if (property->count_type != NO_SCALAR)
             status = read_text_list(reader, property);
         else
-            status = qm_text_read_number(&reader->text,
+            status = qm_scan_read_number(&reader->text,
                                          property->role < CORNERS ? &position[property->role] : &ignored);
     }
-    qm_text_skip_blanks(&reader->text);
-    if (status == QM_OK && !qm_text_at_row_end(&reader->text))
+    qm_scan_skip_blanks(&reader->text);
+    if (status == QM_OK && !qm_scan_at_row_end(&reader->text))
         return qm_codec_fail(reader->report, QM_E_FORMAT,
                              "the row has more values than the header describes");
     return status == QM_OK ? end_row(reader, element->kind, position) : status;
@@ -347,12 +347,12 @@ static qm_status read_text_rows(ply_reader *reader, const ply_element *element)
 {
     if (element->property_count == 0) return QM_OK;
     for (uint64_t i = 0; i < element->count; ++i) {
-        if (!qm_text_find_row(&reader->text))
+        if (!qm_scan_find_row(&reader->text))
             return qm_codec_fail(reader->report, QM_E_FORMAT, "the file ends after %llu of %llu rows",
                                  (unsigned long long)i, (unsigned long long)element->count);
         qm_status status = read_text_row(reader, element);
         if (status != QM_OK) return status;
-        qm_text_skip_line(&reader->text);
+        qm_scan_skip_line(&reader->text);
     }
     return QM_OK;
 }
@@ -472,7 +472,7 @@ static qm_status read_binary_rows(ply_reader *reader, const ply_element *element
 static void warn_about_rest(ply_reader *reader)
 {
     if (reader->encoding == ASCII) {
-        if (qm_text_find_row(&reader->text))
+        if (qm_scan_find_row(&reader->text))
             qm_codec_warn(reader->report,
                           "line %zu and what follows come after the last row and were left out",
                           reader->text.line);
@@ -499,8 +499,8 @@ static qm_status read_rows(ply_reader *reader)
 /** A text file is opened anew as text, which looks for NUL bytes in all of it, and stepped to its rows. */
 static qm_status reopen_as_text(ply_reader *reader, size_t size)
 {
-    qm_text header = reader->text;
-    qm_status status = qm_text_open(&reader->text, reader->bytes, size, reader->report);
+    qm_scan header = reader->text;
+    qm_status status = qm_scan_open(&reader->text, reader->bytes, size, reader->report);
     if (status == QM_OK) reader->text = header;
     return status;
 }

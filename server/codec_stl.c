@@ -6,7 +6,7 @@
 #include <math.h>
 
 #include "codec_build.h"
-#include "codec_text.h"
+#include "codec_scan.h"
 
 #define HEADER_SIZE 80
 #define PREFIX_SIZE 84 /* header and count */
@@ -24,11 +24,11 @@ bool qm_codec_is_binary_stl(const uint8_t *bytes, size_t size)
 static bool looks_like_text(const uint8_t *bytes, size_t size)
 {
     size_t head = size < 512 ? size : 512;
-    qm_text text = {.at = bytes, .end = bytes + size, .line = 1};
+    qm_scan text = {.at = bytes, .end = bytes + size, .line = 1};
     const uint8_t *word;
     size_t word_size;
-    return !memchr(bytes, 0, head) && qm_text_find_row(&text) &&
-           qm_text_read_word(&text, &word, &word_size) && qm_text_word_is(word, word_size, "solid");
+    return !memchr(bytes, 0, head) && qm_scan_find_row(&text) &&
+           qm_scan_read_word(&text, &word, &word_size) && qm_scan_word_is(word, word_size, "solid");
 }
 
 static qm_status add_triangle(qm_welder *welder, const double corners[3][3])
@@ -89,7 +89,7 @@ static qm_status read_binary(qm_welder *welder, const uint8_t *bytes, size_t siz
 /* Text */
 
 typedef struct stl_text {
-    qm_text text;
+    qm_scan text;
     qm_welder *welder;
     bool in_solid, in_facet;
     int corner_count; /* of the facet */
@@ -105,7 +105,7 @@ static qm_status read_corner(stl_text *reader)
 {
     if (!reader->in_facet) return fail_text(reader, "a vertex stands outside of a facet");
     if (reader->corner_count == 3) return fail_text(reader, "a facet has more than three vertices");
-    return qm_text_read_position(&reader->text, reader->corners[reader->corner_count++]);
+    return qm_scan_read_position(&reader->text, reader->corners[reader->corner_count++]);
 }
 
 /** Begins a facet; its normal is stepped over unread, since writers put NaN in those of slivers. */
@@ -117,10 +117,10 @@ static qm_status begin_facet(stl_text *reader)
     reader->corner_count = 0;
     const uint8_t *word;
     size_t size;
-    if (!qm_text_read_word(&reader->text, &word, &size)) return QM_OK;
-    if (!qm_text_word_is(word, size, "normal")) return fail_text(reader, "a facet is followed by no normal");
+    if (!qm_scan_read_word(&reader->text, &word, &size)) return QM_OK;
+    if (!qm_scan_word_is(word, size, "normal")) return fail_text(reader, "a facet is followed by no normal");
     for (int i = 0; i < 3; ++i)
-        if (!qm_text_read_word(&reader->text, &word, &size))
+        if (!qm_scan_read_word(&reader->text, &word, &size))
             return fail_text(reader, "a normal has fewer than three numbers");
     return QM_OK;
 }
@@ -141,7 +141,7 @@ static qm_status change_solid(stl_text *reader, bool begins)
         return fail_text(reader,
                          begins ? "a solid begins within another one" : "a solid ends that never began");
     reader->in_solid = begins;
-    qm_text_skip_line(&reader->text);
+    qm_scan_skip_line(&reader->text);
     return QM_OK;
 }
 
@@ -149,21 +149,21 @@ static qm_status read_statement(stl_text *reader)
 {
     const uint8_t *word;
     size_t size;
-    qm_text_read_word(&reader->text, &word, &size);
-    if (qm_text_word_is(word, size, "vertex")) return read_corner(reader);
-    if (qm_text_word_is(word, size, "facet")) return begin_facet(reader);
-    if (qm_text_word_is(word, size, "endfacet")) return end_facet(reader);
-    if (qm_text_word_is(word, size, "solid")) return change_solid(reader, true);
-    if (qm_text_word_is(word, size, "endsolid")) return change_solid(reader, false);
-    if (qm_text_word_is(word, size, "outer") || qm_text_word_is(word, size, "loop") ||
-        qm_text_word_is(word, size, "endloop"))
+    qm_scan_read_word(&reader->text, &word, &size);
+    if (qm_scan_word_is(word, size, "vertex")) return read_corner(reader);
+    if (qm_scan_word_is(word, size, "facet")) return begin_facet(reader);
+    if (qm_scan_word_is(word, size, "endfacet")) return end_facet(reader);
+    if (qm_scan_word_is(word, size, "solid")) return change_solid(reader, true);
+    if (qm_scan_word_is(word, size, "endsolid")) return change_solid(reader, false);
+    if (qm_scan_word_is(word, size, "outer") || qm_scan_word_is(word, size, "loop") ||
+        qm_scan_word_is(word, size, "endloop"))
         return QM_OK;
     return fail_text(reader, "a word stands here that STL does not know");
 }
 
 static qm_status read_statements(stl_text *reader)
 {
-    while (qm_text_find_row(&reader->text)) {
+    while (qm_scan_find_row(&reader->text)) {
         qm_status status = read_statement(reader);
         if (status != QM_OK) return status;
     }
@@ -175,7 +175,7 @@ static qm_status read_statements(stl_text *reader)
 static qm_status read_text(qm_welder *welder, const uint8_t *bytes, size_t size)
 {
     stl_text reader = {.welder = welder};
-    qm_status status = qm_text_open(&reader.text, bytes, size, welder->builder->report);
+    qm_status status = qm_scan_open(&reader.text, bytes, size, welder->builder->report);
     if (status == QM_OK) status = read_statements(&reader);
     welder->builder->report->line = reader.text.line;
     return status;

@@ -3,29 +3,29 @@
  * decimal commas must not pass as one with comma columns, so both gaps of a line have to look alike.
  */
 #include "codec_build.h"
-#include "codec_text.h"
+#include "codec_scan.h"
 
 typedef struct column_gap {
     bool has_comma, has_blank;
 } column_gap;
 
-static column_gap skip_gap(qm_text *text)
+static column_gap skip_gap(qm_scan *text)
 {
     const uint8_t *from = text->at;
-    qm_text_skip_blanks(text);
+    qm_scan_skip_blanks(text);
     bool has_comma = text->at < text->end && *text->at == ',';
     if (has_comma) ++text->at;
-    qm_text_skip_blanks(text);
+    qm_scan_skip_blanks(text);
     return (column_gap){has_comma, text->at > from + has_comma};
 }
 
-static qm_status read_point(qm_text *text, double position[3])
+static qm_status read_point(qm_scan *text, double position[3])
 {
     column_gap gaps[2];
-    qm_status status = qm_text_read_number(text, position);
+    qm_status status = qm_scan_read_number(text, position);
     for (int i = 0; status == QM_OK && i < 2; ++i) {
         gaps[i] = skip_gap(text);
-        status = qm_text_read_number(text, position + i + 1);
+        status = qm_scan_read_number(text, position + i + 1);
     }
     if (status != QM_OK) return status;
     if (gaps[0].has_comma != gaps[1].has_comma || gaps[0].has_blank != gaps[1].has_blank)
@@ -34,22 +34,22 @@ static qm_status read_point(qm_text *text, double position[3])
     return QM_OK;
 }
 
-static qm_status read_points(qm_builder *builder, qm_text *text)
+static qm_status read_points(qm_builder *builder, qm_scan *text)
 {
-    while (qm_text_find_row(text)) {
+    while (qm_scan_find_row(text)) {
         double position[3];
         qm_status status = read_point(text, position);
         if (status == QM_OK) status = qm_builder_add_vertex(builder, position);
         if (status != QM_OK) return status;
-        qm_text_skip_line(text);
+        qm_scan_skip_line(text);
     }
     return QM_OK;
 }
 
 qm_status qm_codec_decode_xyz(qm_builder *builder, const uint8_t *bytes, size_t size)
 {
-    qm_text text;
-    qm_status status = qm_text_open(&text, bytes, size, builder->report);
+    qm_scan text;
+    qm_status status = qm_scan_open(&text, bytes, size, builder->report);
     text.has_comma = true;
     if (status == QM_OK) status = read_points(builder, &text);
     builder->report->line = text.line;

@@ -1,12 +1,16 @@
 #include "config.h"
 
 #include <ctype.h>
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "qm/base.h"
+
+#define BLANK " \t\r"
+#define MAX_FILE_SIZE 65536
 
 typedef struct setting {
     const char *name; /* --name VALUE, QUADMESHD_NAME */
@@ -26,39 +30,78 @@ typedef struct setting {
     }
 
 static const setting settings[] = {
-    TEXT(listen, "listen", "127.0.0.1", "address to listen on; loopback only"),
+    TEXT(config, "config", "", "file of settings, a line each: name = value"),
+    TEXT(listen, "listen", "127.0.0.1", "address to listen on; other than loopback only with --token-file"),
     NUMBER(port, "port", 7878, 0, 65535, "port to listen on; 0 takes any free one"),
     TEXT(port_file, "port-file", "", "file to write the port to once listening"),
     TEXT(data_dir, "data-dir", "quadmeshd-data", "folder for meshes, jobs and results"),
     TEXT(dashboard, "dashboard", "", "folder of the page served at /; found beside the program when empty"),
+    TEXT(token_file, "token-file", "",
+         "file of tokens, a line each: read TOKEN or write TOKEN; SIGHUP reads it again"),
+    TEXT(cors_origins, "cors-origins", "", "origins whose pages may use the daemon, with commas; * for all"),
+    TEXT(hosts, "hosts", "", "names that Host may have without tokens, besides addresses and localhost"),
+    TEXT(health_listen, "health-listen", "127.0.0.1", "address of the listener for health and metrics"),
+    NUMBER(health_port, "health-port", 0, 0, 65535, "its port; 0 for none of its own"),
     NUMBER(workers, "workers", 2, 1, 256, "jobs that run at the same time"),
     NUMBER(job_threads, "job-threads", 1, 1, 256, "threads of one job that does not ask for a number"),
     NUMBER(prepare_threads, "prepare-threads", 0, 0, 256,
            "threads that prepare one mesh; 0 for one a processor"),
     NUMBER(max_body, "max-body", 1073741824.0, 1024, 1e12, "bytes of an upload at most"),
     NUMBER(max_faces, "max-faces", 5e7, 1, 2.6e8, "faces (and vertices) of a mesh at most"),
+    NUMBER(memory_budget, "memory-budget", 0, 0, 1e15,
+           "bytes for meshes and jobs; 0 takes half of the memory"),
     NUMBER(queue, "queue", 1000, 1, 1e6, "jobs that wait at most; more get 429"),
+    NUMBER(kept_jobs, "kept-jobs", 100000, 0, 1e9, "jobs that have ended and are kept, the newest ones"),
+    NUMBER(kept_hours, "kept-hours", 0, 0, 1e6, "hours that a job is kept; 0 for any time"),
     NUMBER(connections, "connections", 1000, 8, 100000, "connections at most"),
+    NUMBER(client_connections, "client-connections", 0, 0, 100000,
+           "connections of one address at most; 0 for any"),
     NUMBER(streams, "streams", 500, 1, 100000, "event streams at most; more get 503"),
-    NUMBER(idle_timeout, "idle-timeout", 60, 1, 3600, "seconds before a silent connection is closed"),
+    NUMBER(heartbeat, "heartbeat", 10, 1, 600, "seconds of silence after which a stream says that it lives"),
+    NUMBER(idle_timeout, "idle-timeout", 60, 1, 3600,
+           "seconds before a connection that is silent or has no request is closed"),
+    NUMBER(min_upload_rate, "min-upload-rate", 1000, 0, 1e9,
+           "bytes a second that a body must bring after ten seconds"),
     NUMBER(grace, "grace", 5, 0, 3600, "seconds that running jobs get to end at SIGTERM"),
     TEXT(log_format, "log-format", "text", "text or json"),
     TEXT(log_level, "log-level", "info", "least urgent records that are shown: error, warn or info"),
 };
 enum { SETTING_COUNT = sizeof settings / sizeof settings[0] };
 
+static const char *show_value(const char *text, double number, char out[32])
+{
+    if (text) return text;
+    snprintf(out, 32, "%.15g", number);
+    return out;
+}
+
 static void print_help(void)
 {
+    char value[32];
     puts("quadmeshd: answers geometric questions about meshes over HTTP, with proof.\n\n"
          "usage: quadmeshd [--SETTING VALUE]...\n");
+    for (size_t i = 0; i < SETTING_COUNT; i++)
+        printf("  --%-18s %s [%s]\n", settings[i].name, settings[i].help,
+               show_value(settings[i].text, settings[i].number, value));
+    puts(
+        "  --print-config       the settings as they are, as a file for --config\n"
+        "  --help               this text\n"
+        "  --version            the version\n\n"
+        "Every setting can also be given as QUADMESHD_NAME in the environment, and in the file of --config.\n"
+        "Flags win over the environment, and that over the file.");
+}
+
+static void print_config(const qm_config *config)
+{
     for (size_t i = 0; i < SETTING_COUNT; i++) {
+        const setting *s = &settings[i];
+        const char *member = (const char *)config + s->offset;
+        const char *text = s->text ? *(const char *const *)(const void *)member : NULL;
         char value[32];
-        snprintf(value, sizeof value, "%.15g", settings[i].number);
-        printf("  --%-14s %s [%s]\n", settings[i].name, settings[i].help,
-               settings[i].text ? settings[i].text : value);
+        if (strcmp(s->name, "config") == 0) continue;
+        printf("# %s\n%s = %s\n", s->help, s->name,
+               show_value(text, text ? 0.0 : *(const double *)(const void *)member, value));
     }
-    puts("  --help           this text\n  --version        the version\n\n"
-         "Every setting can also be given as QUADMESHD_NAME in the environment; flags win.");
 }
 
 static bool set(qm_config *config, const setting *s, const char *value, const char *origin)
@@ -90,16 +133,68 @@ static bool set_from_environment(qm_config *config, const setting *s)
     return !value || set(config, s, value, name);
 }
 
-/** The setting that a flag names, in full or up to its "=". */
-static const setting *find(const char *flag)
+/** The setting of a name that is so long. */
+static const setting *find(const char *name, size_t length)
 {
-    if (strncmp(flag, "--", 2) != 0) return NULL;
-    size_t length = strcspn(flag + 2, "=");
     for (size_t i = 0; i < SETTING_COUNT; i++)
-        if (strlen(settings[i].name) == length && strncmp(flag + 2, settings[i].name, length) == 0)
+        if (strlen(settings[i].name) == length && strncmp(name, settings[i].name, length) == 0)
             return &settings[i];
     return NULL;
 }
+
+/* ---- the file ---- */
+
+/** Cuts blanks off both ends, in place. */
+static char *trim(char *text)
+{
+    text += strspn(text, BLANK);
+    size_t length = strlen(text);
+    while (length > 0 && strchr(BLANK, text[length - 1]))
+        length--;
+    text[length] = '\0';
+    return text;
+}
+
+static bool set_from_line(qm_config *config, char *line, const char *path, int number)
+{
+    char origin[128];
+    snprintf(origin, sizeof origin, "%.100s line %d", path, number);
+    line = trim(line);
+    if (!*line || *line == '#') return true;
+    char *equals = strchr(line, '=');
+    if (equals) *equals = '\0';
+    const char *name = trim(line);
+    const setting *s = equals ? find(name, strlen(name)) : NULL;
+    if (s && strcmp(s->name, "config") != 0) return set(config, s, trim(equals + 1), origin);
+    fprintf(stderr, "quadmeshd: %s: there is no setting \"%s\"; see --help\n", origin, name);
+    return false;
+}
+
+/** Reads the whole file, which the settings then point into. */
+static char *read_file(const char *path)
+{
+    static char text[MAX_FILE_SIZE];
+    FILE *file = fopen(path, "re");
+    size_t size = file ? fread(text, 1, sizeof text - 1, file) : 0;
+    bool is_whole = file && !ferror(file) && size + 1 < sizeof text;
+    if (!file || !is_whole)
+        fprintf(stderr, "quadmeshd: cannot read %s: %s\n", path, file ? "it is too long" : strerror(errno));
+    if (file) fclose(file);
+    text[size] = '\0';
+    return is_whole ? text : NULL;
+}
+
+static bool set_from_file(qm_config *config, const char *path)
+{
+    char *text = read_file(path);
+    if (!text) return false;
+    int number = 0;
+    for (char *line; (line = strsep(&text, "\n"));)
+        if (!set_from_line(config, line, path, ++number)) return false;
+    return true;
+}
+
+/* ---- all together ---- */
 
 static bool is_loopback(const char *address)
 {
@@ -116,10 +211,11 @@ static bool check_choice(const char *name, const char *value, const char *const 
 
 static bool check(const qm_config *config)
 {
-    if (!is_loopback(config->listen)) {
-        fprintf(stderr,
-                "quadmeshd: --listen takes a loopback address (127.0.0.1 or ::1): there is no authentication"
-                " yet, so nobody else may reach the daemon\n");
+    if (!is_loopback(config->listen) && !config->token_file[0]) {
+        fprintf(
+            stderr,
+            "quadmeshd: --listen takes a loopback address (127.0.0.1 or ::1) unless --token-file says who may"
+            " reach the daemon from elsewhere\n");
         return false;
     }
     static const char *const formats[] = {"text", "json", NULL};
@@ -143,7 +239,7 @@ static void set_defaults(qm_config *config)
 static bool set_from_flag(qm_config *config, int argc, char **argv, int *place)
 {
     const char *flag = argv[*place];
-    const setting *s = find(flag);
+    const setting *s = strncmp(flag, "--", 2) == 0 ? find(flag + 2, strcspn(flag + 2, "=")) : NULL;
     if (!s) {
         fprintf(stderr, "quadmeshd: unknown setting %s; see --help\n", flag);
         return false;
@@ -158,15 +254,37 @@ static bool set_from_flag(qm_config *config, int argc, char **argv, int *place)
     return set(config, s, argv[++*place], name);
 }
 
+/** The file is named by the flags, else by the environment; its settings come first all the same. */
+static bool set_from_named_file(qm_config *config, int argc, char **argv)
+{
+    static const char flag[] = "--config";
+    const char *path = getenv("QUADMESHD_CONFIG");
+    for (int i = 1; i < argc; i++) {
+        if (strncmp(argv[i], flag, strlen(flag)) != 0) continue;
+        const char *rest = argv[i] + strlen(flag);
+        if (*rest == '=') path = rest + 1;
+        if (!*rest && i + 1 < argc) path = argv[i + 1];
+    }
+    return !path || !*path || set_from_file(config, path);
+}
+
 qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
 {
+    bool prints = false;
     set_defaults(config);
+    if (!set_from_named_file(config, argc, argv)) return QM_CONFIG_EXIT_USAGE;
     for (size_t i = 0; i < SETTING_COUNT; i++)
         if (!set_from_environment(config, &settings[i])) return QM_CONFIG_EXIT_USAGE;
     for (int i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--help") == 0) return print_help(), QM_CONFIG_EXIT_OK;
         if (strcmp(argv[i], "--version") == 0) return puts("quadmeshd " QM_VERSION), QM_CONFIG_EXIT_OK;
-        if (!set_from_flag(config, argc, argv, &i)) return QM_CONFIG_EXIT_USAGE;
+        if (strcmp(argv[i], "--print-config") == 0)
+            prints = true;
+        else if (!set_from_flag(config, argc, argv, &i))
+            return QM_CONFIG_EXIT_USAGE;
     }
-    return check(config) ? QM_CONFIG_RUN : QM_CONFIG_EXIT_USAGE;
+    if (!check(config)) return QM_CONFIG_EXIT_USAGE;
+    if (!prints) return QM_CONFIG_RUN;
+    print_config(config);
+    return QM_CONFIG_EXIT_OK;
 }

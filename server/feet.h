@@ -13,7 +13,8 @@
 typedef struct qm_feet {
     size_t count;
     double *distance, *position, *uv; /* rows of 1, 3, 2 */
-    uint32_t *face; /* in the numbering of the input file; for a point set the place of the point */
+    uint32_t *face;  /* in the numbering of the input file; for a point set the place of the point */
+    uint32_t *patch; /* that holds the face; NULL for a mesh without patches at hand */
 } qm_feet;
 
 /**

@@ -2,6 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "etag.h"
 #include "handlers.h"
 #include "media.h"
 
@@ -14,8 +15,7 @@ static bool read_format(const qm_request *request, qm_format *format, qm_problem
     const char *named = qm_request_query(request, "format");
     *format = named ? qm_format_from_name(named) : QM_FORMAT_UNKNOWN;
     if (named && *format == QM_FORMAT_UNKNOWN) {
-        *problem =
-            qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "format is obj, ply, stl, off, glb, drc or xyz");
+        *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "format is " QM_FORMAT_NAMES);
         return false;
     }
     if (*format != QM_FORMAT_UNKNOWN) return true;
@@ -51,21 +51,44 @@ static bool read_name(const qm_request *request, const char **name, qm_problem *
     return is_clean;
 }
 
+static void write_tag(const qm_store_mesh *mesh, const char *suffix, char tag[QM_ETAG_SIZE])
+{
+    snprintf(tag, QM_ETAG_SIZE, "\"%s-0%s\"", mesh->hash, suffix);
+}
+
+bool qm_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh, const char *suffix)
+{
+    char tag[QM_ETAG_SIZE];
+    write_tag(mesh, suffix, tag);
+    const char *wanted = qm_request_header(request, "If-Match");
+    if (wanted && !qm_etag_is_listed(wanted, tag, false)) {
+        qm_problem problem =
+            qm_problem_make(QM_PROBLEM_PRECONDITION_FAILED, "the mesh is not the one that If-Match names");
+        qm_reply_problem(request, &problem);
+        return false;
+    }
+    qm_reply_header(request, "ETag", "%s", tag);
+    bool is_known = qm_request_only_reads(request) &&
+                    qm_etag_is_listed(qm_request_header(request, "If-None-Match"), tag, true);
+    if (is_known) qm_reply_empty(request, 304);
+    return !is_known;
+}
+
 static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
 {
-    qm_reply_header(request, "ETag", "\"%s-0\"", mesh->hash);
-    if (status != 201) {
-        const char *known = qm_request_header(request, "If-None-Match");
-        if (known && strstr(known, mesh->hash)) {
-            qm_store_mesh_reset(mesh);
-            qm_reply_empty(request, 304);
-            return;
-        }
-    }
-    if (status == 201 || mesh->id[0]) qm_reply_header(request, "Location", "/v1/meshes/%s", mesh->id);
+    qm_reply_header(request, "Location", "/v1/meshes/%s", mesh->id);
     qm_reply_text(request, status, "application/json", mesh->document);
     mesh->document = NULL;
     qm_store_mesh_reset(mesh);
+}
+
+/** What a POST answers depends on no state that the client named. */
+static void reply_made_mesh(qm_request *request, int status, qm_store_mesh *mesh)
+{
+    char tag[QM_ETAG_SIZE];
+    write_tag(mesh, "", tag);
+    qm_reply_header(request, "ETag", "%s", tag);
+    reply_mesh(request, status, mesh);
 }
 
 void qm_handle_mesh_create(qm_request *request)
@@ -89,7 +112,7 @@ void qm_handle_mesh_create(qm_request *request)
     if (!qm_meshes_add(app->meshes, upload, name, format, &mesh, &is_new, &problem))
         qm_reply_problem(request, &problem);
     else
-        reply_mesh(request, is_new ? 201 : 200, &mesh);
+        reply_made_mesh(request, is_new ? 201 : 200, &mesh);
 }
 
 void qm_handle_mesh_list(qm_request *request)
@@ -121,17 +144,30 @@ static void reply_not_found(qm_request *request)
     qm_reply_problem(request, &problem);
 }
 
+bool qm_find_mesh(qm_request *request, qm_store_mesh *out)
+{
+    if (qm_store_find_mesh(qm_request_app(request)->store, qm_request_id(request), out)) return true;
+    reply_not_found(request);
+    return false;
+}
+
 void qm_handle_mesh_get(qm_request *request)
 {
     qm_store_mesh mesh;
-    if (qm_store_find_mesh(qm_request_app(request)->store, qm_request_id(request), &mesh))
+    if (!qm_find_mesh(request, &mesh)) return;
+    if (qm_check_mesh_tag(request, &mesh, ""))
         reply_mesh(request, 200, &mesh);
     else
-        reply_not_found(request);
+        qm_store_mesh_reset(&mesh);
 }
 
 void qm_handle_mesh_delete(qm_request *request)
 {
+    qm_store_mesh mesh;
+    if (!qm_find_mesh(request, &mesh)) return;
+    bool goes_on = qm_check_mesh_tag(request, &mesh, "");
+    qm_store_mesh_reset(&mesh);
+    if (!goes_on) return;
     if (qm_meshes_delete(qm_request_app(request)->meshes, qm_request_id(request)))
         qm_reply_empty(request, 204);
     else

@@ -176,7 +176,7 @@ static bool read_parameters(qm_request *request, projecting *p)
     static const char *const types[] = {"f64", "f32", NULL},
                              *const readings[] = {"triangles", "bilinear", NULL},
                              *const orders[] = {"input", NULL},
-                             *const accelerators[] = {"auto", "boxes", "grid", NULL};
+                             *const accelerators[] = {"auto", "boxes", "tetra", "grid", NULL};
     int type, reading, order, accelerator;
     if (!qm_request_choice(request, "dtype", types, &type) ||
         !qm_request_choice(request, "quads", readings, &reading) ||
@@ -185,7 +185,7 @@ static bool read_parameters(qm_request *request, projecting *p)
         !read_threads(request, &p->threads))
         return false;
     p->type = type == 1 ? F32 : F64;
-    p->accelerator = accelerator == 2 ? QM_ACCELERATOR_GRID : QM_ACCELERATOR_BOXES;
+    p->accelerator = (qm_accelerator)accelerator; /* the names are in its order */
     p->quads = reading == 1 ? QM_QUADS_BILINEAR : QM_QUADS_TRIANGLES;
     const char *media = qm_request_media(request);
     p->rows = strcmp(media, QM_MEDIA_CSV) == 0    ? QM_ROWS_CSV
@@ -210,7 +210,8 @@ static bool take_points(qm_request *request, projecting *p, qm_problem *problem)
 static bool build_locator(projecting *p, qm_problem *problem)
 {
     qm_context ctx = qm_context_make();
-    qm_status status = qm_locator_build(&ctx, qm_mesh_ref_get(p->mesh)->bvh, p->accelerator, &p->locator);
+    const qm_loaded_mesh *mesh = qm_mesh_ref_get(p->mesh);
+    qm_status status = qm_locator_build(&ctx, mesh->bvh, mesh->tetra, p->accelerator, &p->locator);
     if (status != QM_OK) *problem = qm_problem_from_status(status, ctx.message);
     return status == QM_OK;
 }

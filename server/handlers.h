@@ -11,6 +11,8 @@ void qm_handle_mesh_list(qm_request *request);
 void qm_handle_mesh_get(qm_request *request);
 void qm_handle_mesh_delete(qm_request *request);
 
+void qm_handle_mesh_content(qm_request *request);
+void qm_handle_mesh_patches(qm_request *request);
 void qm_handle_mesh_project(qm_request *request);
 
 void qm_handle_job_create(qm_request *request);
@@ -20,11 +22,23 @@ void qm_handle_job_cancel(qm_request *request);
 void qm_handle_job_events(qm_request *request);
 void qm_handle_job_result(qm_request *request);
 
+void qm_handle_batch_create(qm_request *request);
+
 void qm_handle_health(qm_request *request);
 void qm_handle_ready(qm_request *request);
+void qm_handle_metrics(qm_request *request);
 void qm_handle_info(qm_request *request);
 void qm_handle_openapi(qm_request *request);
 void qm_handle_page(qm_request *request);
+
+/** The row of the mesh in the path, for qm_store_mesh_reset; false after a 404. */
+bool qm_find_mesh(qm_request *request, qm_store_mesh *out);
+
+/**
+ * Gives the reply the entity tag of a mesh (content, revision, and what else tells representations apart) and
+ * compares it: false after a 304 (If-None-Match, on GET) or 412 (If-Match).
+ */
+bool qm_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh, const char *suffix);
 
 /** Reads ?limit= and ?cursor=; replies with a problem and returns false when they are not valid. */
 bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after);

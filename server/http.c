@@ -8,240 +8,23 @@
  */
 #include "http_internal.h"
 
+#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
-#include "json_out.h"
 #include "log.h"
-#include "media.h"
+#include "metrics.h"
 
-#define MAX_JSON_BODY (1u << 20)
 #define MAX_THROWN_AWAY (16u << 20)
 #define CONNECTION_MEMORY (128u << 10)
 #define CONNECTION_THREADS 2
+#define HEALTH_CONNECTIONS 64
 #define LINGER_MS 1000.0
-
-struct qm_http {
-    qm_app *app;
-    struct MHD_Daemon *daemon;
-    int port;
-};
-
-qm_app *qm_request_app(const qm_request *request)
-{
-    return request->app;
-}
-
-const char *qm_request_id(const qm_request *request)
-{
-    return request->id;
-}
-
-const char *qm_request_header(const qm_request *request, const char *name)
-{
-    return MHD_lookup_connection_value(request->connection, MHD_HEADER_KIND, name);
-}
-
-const char *qm_request_query(const qm_request *request, const char *name)
-{
-    return MHD_lookup_connection_value(request->connection, MHD_GET_ARGUMENT_KIND, name);
-}
-
-bool qm_request_choice(qm_request *request, const char *name, const char *const *choices, int *out)
-{
-    const char *given = qm_request_query(request, name);
-    *out = 0;
-    if (!given) return true;
-    for (; choices[*out]; (*out)++)
-        if (strcmp(given, choices[*out]) == 0) return true;
-    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%s is %s", name, choices[0]);
-    for (int i = 1; choices[i]; i++) {
-        size_t used = strlen(problem.detail);
-        snprintf(problem.detail + used, sizeof problem.detail - used, " or %s", choices[i]);
-    }
-    qm_reply_problem(request, &problem);
-    return false;
-}
-
-const char *qm_request_media(const qm_request *request)
-{
-    return request->media;
-}
-
-const char *qm_request_body(const qm_request *request, size_t *size)
-{
-    *size = request->body.size;
-    return request->body.data ? request->body.data : "";
-}
-
-qm_blob_writer *qm_request_take_upload(qm_request *request)
-{
-    qm_blob_writer *upload = request->upload;
-    request->upload = NULL;
-    return upload;
-}
-
-/* ---- replies ---- */
-
-static void set_reply(qm_request *request, int status, const char *content_type, void *body, size_t size,
-                      enum MHD_ResponseMemoryMode mode)
-{
-    request->reply.status = status;
-    request->reply.response = MHD_create_response_from_buffer(size, body, mode);
-    if (content_type) qm_reply_header(request, "Content-Type", "%s", content_type);
-}
-
-void qm_reply_text(qm_request *request, int status, const char *content_type, char *body)
-{
-    if (body) {
-        set_reply(request, status, content_type, body, strlen(body), MHD_RESPMEM_MUST_FREE);
-        return;
-    }
-    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply");
-    qm_reply_problem(request, &problem);
-}
-
-void qm_reply_static(qm_request *request, int status, const char *content_type, const char *body)
-{
-    set_reply(request, status, content_type, (void *)(uintptr_t)body, strlen(body), MHD_RESPMEM_PERSISTENT);
-}
-
-void qm_reply_empty(qm_request *request, int status)
-{
-    set_reply(request, status, NULL, (void *)(uintptr_t) "", 0, MHD_RESPMEM_PERSISTENT);
-}
-
-void qm_reply_problem(qm_request *request, const qm_problem *problem)
-{
-    static const char fallback[] = "{\"type\":\"about:blank\",\"title\":\"Out of memory\",\"status\":507}";
-    qm_text text = {0};
-    qm_json_write_problem(&text, problem);
-    char *body = qm_text_take(&text);
-    if (problem->allow[0]) qm_reply_header(request, "Allow", "%s", problem->allow);
-    if (problem->retry_after_s) qm_reply_header(request, "Retry-After", "%d", problem->retry_after_s);
-    if (body)
-        set_reply(request, qm_problem_status(problem->code), "application/problem+json", body, strlen(body),
-                  MHD_RESPMEM_MUST_FREE);
-    else
-        qm_reply_static(request, 507, "application/problem+json", fallback);
-}
-
-void qm_reply_header(qm_request *request, const char *name, const char *format, ...)
-{
-    qm_reply *reply = &request->reply;
-    QM_ASSERT(reply->header_count < QM_REPLY_HEADERS);
-    char(*header)[256] = reply->header[reply->header_count++];
-    snprintf(header[0], sizeof header[0], "%s", name);
-    va_list arguments;
-    va_start(arguments, format);
-    vsnprintf(header[1], sizeof header[1], format, arguments);
-    va_end(arguments);
-}
-
-static enum MHD_Result send_reply(qm_request *request)
-{
-    qm_reply *reply = &request->reply;
-    if (!reply->response) return MHD_NO;
-    for (int i = 0; i < reply->header_count; i++)
-        MHD_add_response_header(reply->response, reply->header[i][0], reply->header[i][1]);
-    MHD_add_response_header(reply->response, "X-Content-Type-Options", "nosniff");
-    enum MHD_Result result =
-        MHD_queue_response(request->connection, (unsigned)reply->status, reply->response);
-    MHD_destroy_response(reply->response);
-    reply->response = NULL;
-    request->stage = DONE;
-    return result;
-}
+#define MS_PER_S 1e3
 
 /* ---- receiving ---- */
-
-static void set_problem(qm_request *request, qm_problem problem)
-{
-    if (request->has_problem) return;
-    request->problem = problem;
-    request->has_problem = true;
-}
-
-static size_t body_limit(const qm_request *request)
-{
-    return request->route->body == QM_BODY_SPOOL ? (size_t)request->app->config->max_body : MAX_JSON_BODY;
-}
-
-/** How often a request tells its length, and how. */
-typedef struct length_headers {
-    int lengths, codings;
-} length_headers;
-
-static enum MHD_Result count_header(void *user, enum MHD_ValueKind kind, const char *name, const char *value)
-{
-    (void)kind;
-    (void)value;
-    length_headers *found = user;
-    if (strcasecmp(name, "Content-Length") == 0) found->lengths++;
-    if (strcasecmp(name, "Transfer-Encoding") == 0) found->codings++;
-    return MHD_YES;
-}
-
-/** Two lengths, or a coding other than chunked, are how requests are smuggled past a proxy. */
-static bool check_framing(qm_request *request)
-{
-    length_headers found = {0};
-    MHD_get_connection_values(request->connection, MHD_HEADER_KIND, count_header, &found);
-    const char *coding = qm_request_header(request, "Transfer-Encoding");
-    if (found.lengths + found.codings > 1)
-        set_problem(request, qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
-                                             "the request has more than one of Content-Length and "
-                                             "Transfer-Encoding"));
-    else if (coding && strcasecmp(coding, "chunked") != 0)
-        set_problem(request, qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
-                                             "the only Transfer-Encoding taken is chunked"));
-    return !request->has_problem;
-}
-
-static void check_accept(qm_request *request)
-{
-    const char *const *offers = request->route->produces;
-    if (!offers) return;
-    int chosen = qm_media_choose(qm_request_header(request, "Accept"), offers);
-    if (chosen >= 0) {
-        request->media = offers[chosen];
-        return;
-    }
-    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE, "this comes as %s", offers[0]);
-    for (size_t i = 1; offers[i]; i++) {
-        size_t used = strlen(problem.detail);
-        snprintf(problem.detail + used, sizeof problem.detail - used, " or %s", offers[i]);
-    }
-    set_problem(request, problem);
-}
-
-static void check_length(qm_request *request)
-{
-    const char *length = qm_request_header(request, "Content-Length");
-    if (!length || request->route->body == QM_BODY_NONE) return;
-    if (strtoull(length, NULL, 10) > body_limit(request))
-        set_problem(request, qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body may have %zu bytes",
-                                             body_limit(request)));
-}
-
-static void begin(qm_request *request)
-{
-    qm_problem problem;
-    if (!check_framing(request)) return;
-    request->route = qm_route_find(request->method, request->path, request->id, &problem);
-    if (!request->route) {
-        set_problem(request, problem);
-        return;
-    }
-    check_length(request);
-    check_accept(request);
-    if (!request->has_problem && request->route->body == QM_BODY_SPOOL &&
-        qm_blob_begin(request->app->store, &request->upload) != QM_OK)
-        set_problem(request, qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));
-}
 
 static void drop_upload(qm_request *request)
 {
@@ -252,17 +35,18 @@ static void drop_upload(qm_request *request)
 /** Where the bytes of a body go. */
 static void keep(qm_request *request, const char *bytes, size_t size)
 {
-    if (request->body_size > body_limit(request)) {
-        set_problem(request, qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body may have %zu bytes",
-                                             body_limit(request)));
+    if (request->body_size > qm_request_body_limit(request)) {
+        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body may have %zu bytes",
+                                                        qm_request_body_limit(request)));
     } else if (request->upload) {
         if (qm_blob_write(request->upload, bytes, size) != QM_OK)
-            set_problem(request, qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));
+            qm_request_set_problem(request,
+                                   qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));
     } else {
         qm_text_add(&request->body, bytes, size);
         if (request->body.failed)
-            set_problem(request,
-                        qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the body"));
+            qm_request_set_problem(
+                request, qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the body"));
     }
 }
 
@@ -273,6 +57,7 @@ static void keep(qm_request *request, const char *bytes, size_t size)
 static bool receive(qm_request *request, const char *bytes, size_t size)
 {
     request->body_size += size;
+    if (request->guarded) atomic_fetch_add(&request->guarded->received, size);
     if (request->has_problem || request->route->body == QM_BODY_NONE)
         request->thrown_away += size;
     else
@@ -312,6 +97,7 @@ static qm_pool *pool_of(const qm_request *request)
 
 static enum MHD_Result handle(qm_request *request)
 {
+    qm_guard_set_stage(&request->listener->guard, request->guarded, QM_CONNECTION_BUSY);
     if (request->has_problem) {
         qm_reply_problem(request, &request->problem);
     } else if (request->route->runs == QM_RUNS_AT_ONCE) {
@@ -322,13 +108,52 @@ static enum MHD_Result handle(qm_request *request)
         if (!qm_pool_submit(pool_of(request), run_on_pool, request)) refuse(request);
         return MHD_YES;
     }
-    return send_reply(request);
+    return qm_request_send_reply(request);
 }
 
 static bool has_body(const qm_request *request)
 {
     const char *length = qm_request_header(request, "Content-Length");
     return (length && strcmp(length, "0") != 0) || qm_request_header(request, "Transfer-Encoding");
+}
+
+/** Letters, digits and a few marks: what may be repeated in a header, a log and JSON as it is. */
+static bool is_plain_name(const char *name)
+{
+    static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-";
+    size_t length = strlen(name);
+    return length > 0 && length < QM_REQUEST_ID_SIZE && strspn(name, plain) == length;
+}
+
+/** The client's name for the request, or one of our own. */
+static void set_name(qm_request *request)
+{
+    const char *given = qm_request_header(request, "X-Request-Id");
+    if (given && is_plain_name(given)) {
+        snprintf(request->name, sizeof request->name, "%s", given);
+        return;
+    }
+    char id[QM_ID_SIZE];
+    qm_make_id('r', id);
+    snprintf(request->name, sizeof request->name, "%s", id);
+}
+
+static qm_request *begin(qm_listener *listener, struct MHD_Connection *connection, const char *url,
+                         const char *method)
+{
+    qm_request *request = calloc(1, sizeof *request);
+    if (!request) return NULL;
+    request->app = listener->app;
+    request->listener = listener;
+    request->connection = connection;
+    request->guarded = qm_guard_find(connection);
+    request->start_ms = qm_now_ms();
+    snprintf(request->method, sizeof request->method, "%s", method);
+    snprintf(request->path, sizeof request->path, "%s", url);
+    set_name(request);
+    atomic_fetch_add(&request->app->request_count, 1);
+    qm_guard_set_stage(&listener->guard, request->guarded, QM_CONNECTION_RECEIVING);
+    return request;
 }
 
 static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, const char *url,
@@ -338,16 +163,9 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
     (void)version;
     qm_request *request = *state;
     if (!request) {
-        request = calloc(1, sizeof *request);
+        *state = request = begin(cls, connection, url, method);
         if (!request) return MHD_NO;
-        request->app = cls;
-        request->connection = connection;
-        request->start_ms = qm_now_ms();
-        snprintf(request->method, sizeof request->method, "%s", method);
-        snprintf(request->path, sizeof request->path, "%s", url);
-        *state = request;
-        atomic_fetch_add(&request->app->request_count, 1);
-        begin(request);
+        qm_request_check(request);
         if (!request->has_problem) return MHD_YES;
         /* The body has not come yet; what follows on this connection is not to be taken for a request. */
         if (has_body(request)) qm_reply_header(request, "Connection", "close");
@@ -361,7 +179,25 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
     if (request->stage == RECEIVING) return handle(request);
     if (request->stage != WAITING) return MHD_YES;
     if (request->awaited && !qm_request_check_awaited(request)) return MHD_YES;
-    return send_reply(request);
+    return qm_request_send_reply(request);
+}
+
+static void log_request(const qm_request *request, bool is_whole)
+{
+    double ms = qm_now_ms() - request->start_ms;
+    const qm_log_field fields[] = {
+        {"request_id", request->name, 0},
+        {"method", request->method, 0},
+        {"path", request->path, 0},
+        {"status", NULL, request->reply.status},
+        {"duration_ms", NULL, rint(1e3 * ms) / 1e3},
+        {"received_bytes", NULL, (double)request->body_size},
+        {"cut_off", "true", 0},
+    };
+    qm_log_fields(QM_LOG_INFO, "request", fields, sizeof fields / sizeof fields[0] - is_whole);
+    qm_metrics_add_request(request->method, request->route ? request->route->path : "", request->reply.status,
+                           ms / 1e3);
+    qm_metrics_add(QM_METRICS_UPLOADED_BYTES, request->body_size);
 }
 
 static void on_completed(void *cls, struct MHD_Connection *connection, void **state,
@@ -371,8 +207,8 @@ static void on_completed(void *cls, struct MHD_Connection *connection, void **st
     (void)connection;
     qm_request *request = *state;
     if (!request) return;
-    qm_log(QM_LOG_INFO, "%s %s %d %.1f ms%s", request->method, request->path, request->reply.status,
-           qm_now_ms() - request->start_ms, code == MHD_REQUEST_TERMINATED_COMPLETED_OK ? "" : " (cut off)");
+    log_request(request, code == MHD_REQUEST_TERMINATED_COMPLETED_OK);
+    qm_guard_set_stage(&request->listener->guard, request->guarded, QM_CONNECTION_IDLE);
     if (request->awaited) {
         qm_job_leave(request->app->jobs, request->awaited, &request->reader);
         qm_jobs_release(request->app->jobs, request->awaited);
@@ -387,6 +223,12 @@ static void on_completed(void *cls, struct MHD_Connection *connection, void **st
 
 /* ---- the daemon ---- */
 
+struct qm_http {
+    qm_app *app;
+    qm_listener everything, health; /* the second only when asked for */
+    int port;
+};
+
 static void on_library_log(void *cls, const char *format, va_list arguments)
 {
     (void)cls;
@@ -395,48 +237,80 @@ static void on_library_log(void *cls, const char *format, va_list arguments)
     qm_log(QM_LOG_WARN, "http: %s", line);
 }
 
-static bool make_address(const qm_config *config, struct sockaddr_storage *address)
+static bool make_address(const char *name, double port, struct sockaddr_storage *address)
 {
     memset(address, 0, sizeof *address);
     struct sockaddr_in *v4 = (struct sockaddr_in *)address;
     struct sockaddr_in6 *v6 = (struct sockaddr_in6 *)address;
-    if (inet_pton(AF_INET, config->listen, &v4->sin_addr) == 1) {
+    if (inet_pton(AF_INET, name, &v4->sin_addr) == 1) {
         v4->sin_family = AF_INET;
-        v4->sin_port = htons((uint16_t)config->port);
+        v4->sin_port = htons((uint16_t)port);
         return true;
     }
-    if (inet_pton(AF_INET6, config->listen, &v6->sin6_addr) == 1) {
+    if (inet_pton(AF_INET6, name, &v6->sin6_addr) == 1) {
         v6->sin6_family = AF_INET6;
-        v6->sin6_port = htons((uint16_t)config->port);
+        v6->sin6_port = htons((uint16_t)port);
         return true;
     }
     return false;
 }
 
+/** Listens on an address; false with a record in the log. */
+static bool start_listener(qm_listener *listener, qm_app *app, const char *name, double port,
+                           unsigned connections)
+{
+    const qm_config *config = app->config;
+    struct sockaddr_storage address;
+    listener->app = app;
+    qm_guard_init(&listener->guard, MS_PER_S * config->idle_timeout, config->min_upload_rate);
+    unsigned flags = MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
+    if (make_address(name, port, &address)) {
+        if (address.ss_family == AF_INET6) flags |= MHD_USE_IPv6;
+        listener->daemon = MHD_start_daemon(
+            flags, 0, NULL, NULL, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_library_log, NULL,
+            MHD_OPTION_SOCK_ADDR, (struct sockaddr *)&address, MHD_OPTION_THREAD_POOL_SIZE,
+            (unsigned)(listener->is_private ? 0 : CONNECTION_THREADS), MHD_OPTION_CONNECTION_LIMIT,
+            connections, MHD_OPTION_PER_IP_CONNECTION_LIMIT, (unsigned)config->client_connections,
+            MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)config->idle_timeout, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+            (size_t)CONNECTION_MEMORY, MHD_OPTION_NOTIFY_CONNECTION, qm_guard_on_connection, &listener->guard,
+            MHD_OPTION_NOTIFY_COMPLETED, on_completed, NULL, MHD_OPTION_END);
+    }
+    if (listener->daemon) return true;
+    qm_log(QM_LOG_ERROR, "cannot listen on %s port %.0f", name, port);
+    qm_guard_reset(&listener->guard);
+    return false;
+}
+
+static void stop_listener(qm_listener *listener)
+{
+    if (!listener->daemon) return;
+    MHD_stop_daemon(listener->daemon);
+    qm_guard_reset(&listener->guard);
+}
+
+static bool start_listeners(qm_http *http, const qm_config *config)
+{
+    http->health.is_private = true;
+    if (!start_listener(&http->everything, http->app, config->listen, config->port,
+                        (unsigned)config->connections))
+        return false;
+    return config->health_port == 0 || start_listener(&http->health, http->app, config->health_listen,
+                                                      config->health_port, HEALTH_CONNECTIONS);
+}
+
 qm_http *qm_http_start(qm_app *app)
 {
-    struct sockaddr_storage address;
     qm_http *http = calloc(1, sizeof *http);
-    if (!http || !make_address(app->config, &address)) {
-        qm_log(QM_LOG_ERROR, "cannot listen on %s", app->config->listen);
-        free(http);
-        return NULL;
-    }
+    if (!http) return NULL;
     http->app = app;
-    unsigned flags = MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
-    if (address.ss_family == AF_INET6) flags |= MHD_USE_IPv6;
-    http->daemon = MHD_start_daemon(
-        flags, 0, NULL, NULL, on_request, app, MHD_OPTION_EXTERNAL_LOGGER, on_library_log, NULL,
-        MHD_OPTION_SOCK_ADDR, (struct sockaddr *)&address, MHD_OPTION_THREAD_POOL_SIZE, CONNECTION_THREADS,
-        MHD_OPTION_CONNECTION_LIMIT, (unsigned)app->config->connections, MHD_OPTION_CONNECTION_TIMEOUT,
-        (unsigned)app->config->idle_timeout, MHD_OPTION_CONNECTION_MEMORY_LIMIT, (size_t)CONNECTION_MEMORY,
-        MHD_OPTION_NOTIFY_COMPLETED, on_completed, NULL, MHD_OPTION_END);
-    if (!http->daemon) {
-        qm_log(QM_LOG_ERROR, "cannot listen on %s port %.0f", app->config->listen, app->config->port);
+    app->http = http;
+    if (!start_listeners(http, app->config)) {
+        app->http = NULL;
+        stop_listener(&http->everything);
         free(http);
         return NULL;
     }
-    http->port = MHD_get_daemon_info(http->daemon, MHD_DAEMON_INFO_BIND_PORT)->port;
+    http->port = MHD_get_daemon_info(http->everything.daemon, MHD_DAEMON_INFO_BIND_PORT)->port;
     return http;
 }
 
@@ -445,9 +319,20 @@ int qm_http_port(const qm_http *http)
     return http->port;
 }
 
+size_t qm_http_count_connections(qm_http *http)
+{
+    return qm_guard_count(&http->everything.guard);
+}
+
+void qm_http_tick(qm_http *http, double now_ms)
+{
+    qm_guard_tick(&http->everything.guard, now_ms);
+    if (http->health.daemon) qm_guard_tick(&http->health.guard, now_ms);
+}
+
 void qm_http_quiesce(qm_http *http)
 {
-    MHD_socket socket = MHD_quiesce_daemon(http->daemon);
+    MHD_socket socket = MHD_quiesce_daemon(http->everything.daemon);
     if (socket != MHD_INVALID_SOCKET) close(socket);
 }
 
@@ -458,6 +343,7 @@ void qm_http_stop(qm_http *http)
     double end = qm_now_ms() + LINGER_MS;
     while (atomic_load(&http->app->request_count) > 0 && qm_now_ms() < end)
         usleep(1000);
-    MHD_stop_daemon(http->daemon);
+    stop_listener(&http->everything);
+    stop_listener(&http->health);
     free(http);
 }

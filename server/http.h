@@ -9,6 +9,7 @@
 #include "job.h"
 #include "pool.h"
 #include "problem.h"
+#include "tokens.h"
 
 /** What a handler may use; made by main.c, alive as long as the daemon. */
 typedef struct qm_app {
@@ -18,6 +19,8 @@ typedef struct qm_app {
     qm_jobs *jobs;
     qm_pool *pool;      /* runs the handlers that wait for the disk */
     qm_pool *long_pool; /* runs the handlers that decode, so that a large mesh holds up no other request */
+    qm_tokens *tokens;  /* none: everybody who reaches the daemon may do everything */
+    struct qm_http *http;
     atomic_bool draining;
     atomic_int stream_count, request_count; /* open now */
 } qm_app;
@@ -28,6 +31,9 @@ qm_app *qm_request_app(const qm_request *request);
 
 /** The part of the path that stands for {id}; "" when the route has none. */
 const char *qm_request_id(const qm_request *request);
+
+/** True for GET and HEAD, which change nothing. */
+bool qm_request_only_reads(const qm_request *request);
 
 /** A header or query parameter, or NULL. Lives as long as the request. */
 const char *qm_request_header(const qm_request *request, const char *name);
@@ -58,7 +64,7 @@ void qm_reply_problem(qm_request *request, const qm_problem *problem);
 void qm_reply_empty(qm_request *request, int status);
 
 /** Adds a header to the reply; the value is copied. At most QM_REPLY_HEADERS, more are a bug. */
-#define QM_REPLY_HEADERS 8
+#define QM_REPLY_HEADERS 12
 void qm_reply_header(qm_request *request, const char *name, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
@@ -68,6 +74,9 @@ void qm_reply_header(qm_request *request, const char *name, const char *format, 
  */
 void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t after, qm_framing framing,
                      bool owns_job);
+
+/** Replies with the answers of a batch of jobs, read from the upload, as they come (job_batch.h). */
+void qm_reply_batch(qm_request *request, qm_blob_writer *upload);
 
 /**
  * Replies with the job's document when it ends (200) or when the time is up (status_before); takes over the
@@ -97,6 +106,10 @@ void qm_reply_blocks(qm_request *request, int status, const char *content_type, 
 typedef struct qm_http qm_http;
 qm_http *qm_http_start(qm_app *app);
 int qm_http_port(const qm_http *http);
+size_t qm_http_count_connections(qm_http *http);
+
+/** Ends the connections that keep the daemon waiting; called every second or so. */
+void qm_http_tick(qm_http *http, double now_ms);
 
 /** No new connections. */
 void qm_http_quiesce(qm_http *http);

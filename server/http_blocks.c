@@ -78,9 +78,8 @@ void qm_reply_blocks(qm_request *request, int status, const char *content_type, 
     }
     *reply = (block_reply){
         .app = app, .connection = request->connection, .source = source, .state = QM_BLOCK_MORE};
-    request->reply.status = status;
-    request->reply.response = MHD_create_response_from_callback(
-        size == QM_SIZE_UNKNOWN ? MHD_SIZE_UNKNOWN : size, PIECE_SIZE, read_block, reply, free_blocks);
+    qm_request_set_reader(request, status, size == QM_SIZE_UNKNOWN ? MHD_SIZE_UNKNOWN : size, PIECE_SIZE,
+                          read_block, reply, free_blocks);
     qm_reply_header(request, "Content-Type", "%s", content_type);
     qm_reply_header(request, "X-Accel-Buffering", "no");
 }

@@ -10,7 +10,18 @@
 #include <sys/socket.h>
 #include <unistd.h>
 
+#include "http_guard.h"
 #include "route.h"
+
+#define QM_REQUEST_ID_SIZE 65
+
+/** An address that is listened on. */
+typedef struct qm_listener {
+    qm_app *app;
+    qm_guard guard;
+    struct MHD_Daemon *daemon;
+    bool is_private; /* health and metrics alone, for whoever reaches it */
+} qm_listener;
 
 typedef struct qm_reply {
     int status;
@@ -22,9 +33,12 @@ typedef struct qm_reply {
 /** A request from its first header to its end; belongs to its connection. */
 struct qm_request {
     qm_app *app;
+    qm_listener *listener;
     struct MHD_Connection *connection;
+    qm_connection *guarded; /* the guard's record, or NULL */
     const qm_route *route;
-    const char *media; /* of the route's types, the chosen one */
+    char name[QM_REQUEST_ID_SIZE]; /* what the request is called in the log and the reply */
+    const char *media;             /* of the route's types, the chosen one */
     char id[QM_ID_SIZE];
     char method[16], path[256];
     double start_ms;
@@ -40,8 +54,27 @@ struct qm_request {
     qm_reader reader;
 };
 
+/** Finds the route and everything that is wrong before the body has come: sets the problem then. */
+void qm_request_check(qm_request *request);
+
+/** Notes a problem, of which the first is sent. */
+void qm_request_set_problem(qm_request *request, qm_problem problem);
+size_t qm_request_body_limit(const qm_request *request);
+
+/** Sends the reply that the handler has made. */
+enum MHD_Result qm_request_send_reply(qm_request *request);
+
+/** Headers that let pages of other origins use the reply, when they may; an OPTIONS request is answered here.
+ */
+void qm_request_add_cors(const qm_request *request, struct MHD_Response *response);
+void qm_request_answer_options(qm_request *request);
+
 /** Looks whether the awaited job has ended; makes the reply, or goes to sleep and returns false. */
 bool qm_request_check_awaited(qm_request *request);
+
+/** Makes the response of a body that is read while it is sent; size may be MHD_SIZE_UNKNOWN. */
+void qm_request_set_reader(qm_request *request, int status, uint64_t size, size_t piece_size,
+                           MHD_ContentReaderCallback read, void *user, MHD_ContentReaderFreeCallback end);
 
 /**
  * Every reply that is sent while it comes about takes one of --streams places. take: false when all are
@@ -50,5 +83,8 @@ bool qm_request_check_awaited(qm_request *request);
 bool qm_request_take_place(qm_app *app);
 void qm_request_leave_place(qm_app *app);
 void qm_request_refuse_place(qm_request *request);
+
+/** Replies that there is no memory for the reply. */
+void qm_request_refuse_memory(qm_request *request);
 
 #endif

@@ -1,5 +1,6 @@
 /**
- * http_stream.c: replies that wait for a job: the stream of its events, or the answer once it has ended.
+ * http_stream.c: replies that wait for jobs: the stream of one's events or of a batch's answers, or the
+ * document of a job once it has ended.
  *
  * A connection with nothing to send is suspended under the lock of the jobs (job.h) and resumed under it, so
  * that no wake-up is lost and nothing is resumed that is not suspended.
@@ -9,19 +10,27 @@
 #include <string.h>
 
 #include "http_internal.h"
+#include "job_batch.h"
 
 #define BLOCK_SIZE 16384
-#define HEARTBEAT_MS 10000.0
+
+/** Where the lines of a stream come from: the events of one job, or the answers of a batch. */
+typedef struct line_source {
+    /* Adds what is new, or puts the reader to sleep by suspend. */
+    qm_news (*read)(void *user, qm_text *out, void (*suspend)(void *user));
+    /* After QM_NEWS_END: the stream lacks what should have come. */
+    bool (*is_cut)(void *user);
+    void (*end)(void *user, bool has_ended);
+    void *user;
+} line_source;
 
 typedef struct stream {
     qm_app *app;
     struct MHD_Connection *connection;
-    qm_job *job;
+    line_source source;
     qm_reader reader;
-    uint64_t seq;
-    qm_framing framing;
-    bool owns_job, has_ended;
-    qm_text pending; /* framed, not yet sent */
+    bool has_ended;
+    qm_text pending; /* not yet sent */
     size_t sent;
 } stream;
 
@@ -42,12 +51,12 @@ static ssize_t read_stream(void *user, uint64_t position, char *buffer, size_t s
     if (s->sent == s->pending.size) {
         qm_text_reset(&s->pending);
         s->sent = 0;
-        qm_news news =
-            qm_job_read(s->app->jobs, s->job, &s->seq, s->framing, &s->pending, &s->reader, suspend);
+        qm_news news = s->source.read(s->source.user, &s->pending, suspend);
         if (news == QM_NEWS_NONE) return 0;
         s->has_ended = news == QM_NEWS_END;
+        bool is_broken = s->pending.failed || (s->has_ended && s->source.is_cut(s->source.user));
+        if (is_broken) return MHD_CONTENT_READER_END_WITH_ERROR;
         if (s->has_ended) return MHD_CONTENT_READER_END_OF_STREAM;
-        if (s->pending.failed) return MHD_CONTENT_READER_END_WITH_ERROR;
     }
     size_t rest = s->pending.size - s->sent, count = rest < size ? rest : size;
     memcpy(buffer, s->pending.data + s->sent, count);
@@ -58,9 +67,7 @@ static ssize_t read_stream(void *user, uint64_t position, char *buffer, size_t s
 static void free_stream(void *user)
 {
     stream *s = user;
-    if (s->owns_job && !s->has_ended) qm_jobs_disown(s->app->jobs, s->job);
-    qm_job_leave(s->app->jobs, s->job, &s->reader);
-    qm_jobs_release(s->app->jobs, s->job);
+    s->source.end(s->source.user, s->has_ended);
     qm_request_leave_place(s->app);
     qm_text_reset(&s->pending);
     free(s);
@@ -86,33 +93,126 @@ void qm_request_refuse_place(qm_request *request)
     qm_reply_problem(request, &problem);
 }
 
-void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t after, qm_framing framing,
-                     bool owns_job)
+void qm_request_refuse_memory(qm_request *request)
+{
+    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply");
+    qm_reply_problem(request, &problem);
+}
+
+/** A stream that has a place and lacks its source; NULL after a refusal. */
+static stream *make_stream(qm_request *request)
 {
     qm_app *app = request->app;
     stream *s = qm_request_take_place(app) ? calloc(1, sizeof *s) : NULL;
     if (!s) {
-        if (owns_job) qm_jobs_disown(app->jobs, job);
-        qm_jobs_release(app->jobs, job);
         qm_request_refuse_place(request);
-        return;
+        return NULL;
     }
-    *s = (stream){.app = app,
-                  .connection = request->connection,
-                  .job = job,
-                  .seq = after,
-                  .framing = framing,
-                  .owns_job = owns_job,
-                  .reader = {.wake = resume, .user = s, .wake_at_ms = qm_now_ms() + HEARTBEAT_MS}};
-    qm_job_join(app->jobs, job, &s->reader);
-    request->reply.status = status;
-    request->reply.response =
-        MHD_create_response_from_callback(MHD_SIZE_UNKNOWN, BLOCK_SIZE, read_stream, s, free_stream);
-    qm_reply_header(request, "Content-Type", "%s",
-                    framing == QM_FRAMING_SSE ? QM_MEDIA_SSE : QM_MEDIA_NDJSON);
+    *s = (stream){
+        .app = app,
+        .connection = request->connection,
+        .reader = {.wake = resume, .user = s, .wake_at_ms = qm_now_ms() + qm_jobs_heartbeat_ms(app->jobs)}};
+    return s;
+}
+
+static void reply_stream(qm_request *request, int status, const char *media, stream *s)
+{
+    qm_request_set_reader(request, status, MHD_SIZE_UNKNOWN, BLOCK_SIZE, read_stream, s, free_stream);
+    qm_reply_header(request, "Content-Type", "%s", media);
     qm_reply_header(request, "Cache-Control", "no-store, no-transform");
     qm_reply_header(request, "X-Accel-Buffering", "no");
 }
+
+/* ---- the events of a job ---- */
+
+typedef struct event_source {
+    qm_jobs *jobs;
+    qm_job *job;
+    qm_reader *reader;
+    uint64_t seq;
+    qm_framing framing;
+    bool owns_job;
+} event_source;
+
+static qm_news read_events(void *user, qm_text *out, void (*put_to_sleep)(void *user))
+{
+    event_source *e = user;
+    return qm_job_read(e->jobs, e->job, &e->seq, e->framing, out, e->reader, put_to_sleep);
+}
+
+/** The last event tells how a job ended. */
+static bool events_are_cut(void *user)
+{
+    (void)user;
+    return false;
+}
+
+static void end_events(void *user, bool has_ended)
+{
+    event_source *e = user;
+    if (e->owns_job && !has_ended) qm_jobs_disown(e->jobs, e->job);
+    qm_job_leave(e->jobs, e->job, e->reader);
+    qm_jobs_release(e->jobs, e->job);
+    free(e);
+}
+
+void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t after, qm_framing framing,
+                     bool owns_job)
+{
+    qm_jobs *jobs = request->app->jobs;
+    event_source *e = malloc(sizeof *e);
+    stream *s = e ? make_stream(request) : NULL;
+    if (!s) {
+        free(e);
+        if (owns_job) qm_jobs_disown(jobs, job);
+        qm_jobs_release(jobs, job);
+        if (!e) qm_request_refuse_memory(request);
+        return;
+    }
+    *e = (event_source){jobs, job, &s->reader, after, framing, owns_job};
+    s->source = (line_source){read_events, events_are_cut, end_events, e};
+    qm_job_join(jobs, job, &s->reader);
+    reply_stream(request, status, framing == QM_FRAMING_SSE ? QM_MEDIA_SSE : QM_MEDIA_NDJSON, s);
+}
+
+/* ---- the answers of a batch ---- */
+
+static qm_news read_batch(void *user, qm_text *out, void (*put_to_sleep)(void *user))
+{
+    return qm_batch_read(user, out, put_to_sleep);
+}
+
+static bool batch_is_cut(void *user)
+{
+    return qm_batch_is_cut(user);
+}
+
+static void end_batch(void *user, bool has_ended)
+{
+    (void)has_ended;
+    qm_batch_close(user);
+}
+
+void qm_reply_batch(qm_request *request, qm_blob_writer *upload)
+{
+    qm_app *app = request->app;
+    stream *s = make_stream(request);
+    if (!s) {
+        qm_blob_abort(upload);
+        return;
+    }
+    qm_batch *batch = qm_batch_create(app->jobs, app->pool, upload, &s->reader);
+    if (!batch) {
+        qm_request_leave_place(app);
+        free(s);
+        qm_request_refuse_memory(request);
+        return;
+    }
+    s->source = (line_source){read_batch, batch_is_cut, end_batch, batch};
+    reply_stream(request, 200, QM_MEDIA_NDJSON, s);
+}
+
+/* ---- the end of a job ---- */
 
 static void resume_request(void *user)
 {

@@ -6,9 +6,12 @@
 #include "json_in.h"
 #include "json_out.h"
 #include "log.h"
+#include "metrics.h"
+#include "result_file.h"
 
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
+#define DROP_STEP 64
 #define LIST_STEP 8              /* documents may be large: so many are in memory twice */
 #define MAX_PAGE_SIZE (8u << 20) /* bytes of documents after which a page ends before its limit */
 
@@ -23,6 +26,7 @@ static void free_job(qm_job *job)
     free(job->document);
     free(job->key);
     qm_job_request_reset(&job->request);
+    qm_batch_line_reset(&job->line);
     free(job);
 }
 
@@ -57,8 +61,8 @@ const char *qm_job_id(const qm_job *job)
 
 /* ---- submitting ---- */
 
-/** What jobs of the same answer have in common. A request may hold many points: its hash stands for it. */
-static char *make_key(const qm_job_request *request)
+/* A request may hold many points: its hash stands for it. */
+char *qm_job_make_key(const qm_job_request *request)
 {
     qm_text written = {0}, key = {0};
     char hash[QM_HASH_SIZE];
@@ -72,13 +76,12 @@ static char *make_key(const qm_job_request *request)
     return qm_text_take(&key);
 }
 
-/** Takes over what the request owns. */
-static qm_job *job_create(qm_jobs *jobs, qm_job_request *request)
+qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request)
 {
     qm_job *job = calloc(1, sizeof *job);
     if (!job) return NULL;
     job->jobs = jobs;
-    job->key = make_key(request);
+    job->key = qm_job_make_key(request);
     job->request = *request;
     request->points = NULL;
     request->point_count = 0;
@@ -88,8 +91,7 @@ static qm_job *job_create(qm_jobs *jobs, qm_job_request *request)
     return job;
 }
 
-/** Puts a queued job into the table. */
-static void enlist(qm_jobs *jobs, qm_job *job)
+void qm_job_enlist(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
     job->references++;
@@ -100,8 +102,7 @@ static void enlist(qm_jobs *jobs, qm_job *job)
     uv_mutex_unlock(&jobs->lock);
 }
 
-/** Takes a job that will not run out of the table again. */
-static void withdraw(qm_jobs *jobs, qm_job *job)
+void qm_job_withdraw(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
     if (job->state == QM_JOB_QUEUED) {
@@ -111,8 +112,7 @@ static void withdraw(qm_jobs *jobs, qm_job *job)
     uv_mutex_unlock(&jobs->lock);
 }
 
-/** Hands a listed job to the workers. */
-static bool enqueue(qm_jobs *jobs, qm_job *job)
+bool qm_job_enqueue(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
     job->references++;
@@ -173,7 +173,7 @@ static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const cha
     return job;
 }
 
-static qm_job *find_cached(qm_jobs *jobs, const char *key)
+qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key)
 {
     qm_store_job row;
     if (!qm_store_find_job_by_key(jobs->store, key, QM_JOB_SUCCEEDED, &row)) return NULL;
@@ -196,7 +196,7 @@ static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_prob
     return false;
 }
 
-static bool check_meshes(qm_jobs *jobs, const qm_job_request *request, qm_problem *problem)
+bool qm_job_check_meshes(qm_jobs *jobs, const qm_job_request *request, qm_problem *problem)
 {
     const char *const *field = qm_job_type_of(request->kind)->mesh_field;
     return check_mesh(jobs, request->a, field[0], problem) &&
@@ -234,16 +234,16 @@ static bool store_new(qm_jobs *jobs, qm_job *job, const qm_job_submission *submi
  */
 static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, qm_problem *problem)
 {
-    qm_job *job = job_create(jobs, submission->request);
+    qm_job *job = qm_job_create(jobs, submission->request);
     if (!job) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the job");
         return NULL;
     }
-    enlist(jobs, job);
+    qm_job_enlist(jobs, job);
     bool stored = store_new(jobs, job, submission);
-    if (stored && enqueue(jobs, job)) return job;
+    if (stored && qm_job_enqueue(jobs, job)) return job;
     if (stored) qm_store_delete_job(jobs->store, job->id);
-    withdraw(jobs, job);
+    qm_job_withdraw(jobs, job);
     qm_jobs_release(jobs, job);
     *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the job could not be stored");
     return NULL;
@@ -257,8 +257,8 @@ static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, c
         qm_job *same = find_by_idempotency_key(jobs, submission->idempotency_key, key, problem);
         if (same || problem->code != QM_PROBLEM_COUNT) return same;
     }
-    if (!check_meshes(jobs, submission->request, problem)) return NULL;
-    qm_job *cached = submission->use_cache ? find_cached(jobs, key) : NULL;
+    if (!qm_job_check_meshes(jobs, submission->request, problem)) return NULL;
+    qm_job *cached = submission->use_cache ? qm_job_find_cached(jobs, key) : NULL;
     *is_cached = cached != NULL;
     return cached;
 }
@@ -279,7 +279,7 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
 {
     *is_cached = false;
     *problem = (qm_problem){.code = QM_PROBLEM_COUNT};
-    char *key = make_key(submission->request);
+    char *key = qm_job_make_key(submission->request);
     if (!key) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the job");
         return NULL;
@@ -289,6 +289,7 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
     if (is_open(jobs, problem)) job = find_answer(jobs, submission, key, is_cached, problem);
     if (!job && problem->code == QM_PROBLEM_COUNT && has_room(jobs, problem))
         job = submit_new(jobs, submission, problem);
+    if (*is_cached) qm_metrics_add(QM_METRICS_CACHED_ANSWERS, 1);
     if (job) add_owner(jobs, job, submission->owns_job);
     uv_mutex_unlock(&jobs->submitting);
     free(key);
@@ -381,6 +382,20 @@ qm_job_counts qm_jobs_count(qm_jobs *jobs)
     return counts;
 }
 
+void qm_jobs_drop_old(qm_jobs *jobs)
+{
+    char ids[DROP_STEP][QM_ID_SIZE], before[QM_TIME_SIZE] = "";
+    size_t total = 0, count;
+    if (jobs->limits.kept_s > 0.0) qm_format_past_time(jobs->limits.kept_s, before);
+    do {
+        count = qm_store_drop_old_jobs(jobs->store, jobs->limits.kept_jobs, before, DROP_STEP, ids);
+        for (size_t i = 0; i < count; i++)
+            qm_result_file_remove(jobs->store, ids[i]);
+        total += count;
+    } while (count == DROP_STEP);
+    if (total > 0) qm_log(QM_LOG_INFO, "%zu old jobs removed", total);
+}
+
 /* ---- start and stop ---- */
 
 /** Takes a row that was queued or running when the daemon last ended back into the queue. */
@@ -389,7 +404,7 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     qm_job_request request;
     qm_problem problem;
     bool readable = qm_json_read_job(row->body, strlen(row->body), &request, &problem);
-    qm_job *job = job_create(jobs, &request);
+    qm_job *job = qm_job_create(jobs, &request);
     qm_job_request_reset(&request);
     if (!job) {
         qm_log(QM_LOG_ERROR, "there is no memory to run job %s again", row->id);
@@ -398,14 +413,14 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     memcpy(job->id, row->id, sizeof job->id);
     snprintf(job->created, sizeof job->created, "%s", row->created);
     job->is_kept = true; /* whoever streamed it has lost the stream with the daemon */
-    enlist(jobs, job);
+    qm_job_enlist(jobs, job);
     if (!readable) {
         uv_mutex_lock(&jobs->lock);
         qm_job_mark_running(job);
         uv_mutex_unlock(&jobs->lock);
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
-    } else if (!enqueue(jobs, job)) {
-        withdraw(jobs, job);
+    } else if (!qm_job_enqueue(jobs, job)) {
+        qm_job_withdraw(jobs, job);
     }
     qm_jobs_release(jobs, job);
 }

@@ -39,6 +39,9 @@ typedef struct qm_reader {
 typedef struct qm_job_limits {
     int workers, queue, threads;
     double grace_ms;
+    size_t kept_jobs;    /* that have ended */
+    double kept_s;       /* seconds that a job is kept; 0: any time */
+    double heartbeat_ms; /* of silence after which a stream says that it lives */
 } qm_job_limits;
 
 /** Starts the workers and queues again what the store holds unfinished. */
@@ -50,6 +53,9 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_job_limits limits
  */
 void qm_jobs_drain(qm_jobs *jobs);
 void qm_jobs_destroy(qm_jobs *jobs);
+
+/** Removes the jobs that have ended and are too old or too many, with their results. */
+void qm_jobs_drop_old(qm_jobs *jobs);
 
 /** How a request wants its job. */
 typedef struct qm_job_submission {
@@ -114,6 +120,8 @@ bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_reader *reader, void (*susp
 /** A reader is with the job from join to leave. */
 void qm_job_join(qm_jobs *jobs, qm_job *job, qm_reader *reader);
 void qm_job_leave(qm_jobs *jobs, qm_job *job, qm_reader *reader);
+
+double qm_jobs_heartbeat_ms(const qm_jobs *jobs);
 
 /** Wakes the readers whose time has come; called by the loop's timer. */
 void qm_jobs_tick(qm_jobs *jobs, double now_ms);

@@ -8,8 +8,6 @@
 #include "job_internal.h"
 #include "json_out.h"
 
-#define HEARTBEAT_MS 10000.0
-
 /* ---- events ---- */
 
 void qm_job_wake_readers(qm_job *job)
@@ -82,7 +80,7 @@ qm_news qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing framin
     if (*seq < job->event_count) {
         for (; *seq < job->event_count; ++*seq)
             frame(out, framing, *seq + 1, job->events[*seq]);
-        reader->wake_at_ms = now + HEARTBEAT_MS;
+        reader->wake_at_ms = now + jobs->limits.heartbeat_ms;
     } else if (qm_job_is_over(job)) {
         news = QM_NEWS_END;
     } else if (now >= reader->wake_at_ms) {
@@ -90,7 +88,7 @@ qm_news qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing framin
             qm_text_printf(out, "{\"event\":\"heartbeat\",\"seq\":%llu}\n", (unsigned long long)*seq);
         else
             qm_text_add_string(out, ": heartbeat\n\n");
-        reader->wake_at_ms = now + HEARTBEAT_MS;
+        reader->wake_at_ms = now + jobs->limits.heartbeat_ms;
     } else {
         news = QM_NEWS_NONE;
         go_to_sleep(reader, suspend);
@@ -108,37 +106,56 @@ bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_reader *reader, void (*susp
     return is_over;
 }
 
+void qm_readers_add(qm_reader **list, qm_reader *reader)
+{
+    reader->asleep = false;
+    reader->next = *list;
+    *list = reader;
+}
+
+void qm_readers_remove(qm_reader **list, qm_reader *reader)
+{
+    while (*list && *list != reader)
+        list = &(*list)->next;
+    if (*list) *list = reader->next;
+}
+
 void qm_job_join(qm_jobs *jobs, qm_job *job, qm_reader *reader)
 {
     uv_mutex_lock(&jobs->lock);
     job->references++;
-    reader->asleep = false;
-    reader->next = job->readers;
-    job->readers = reader;
+    qm_readers_add(&job->readers, reader);
     uv_mutex_unlock(&jobs->lock);
 }
 
 void qm_job_leave(qm_jobs *jobs, qm_job *job, qm_reader *reader)
 {
     uv_mutex_lock(&jobs->lock);
-    qm_reader **link = &job->readers;
-    while (*link && *link != reader)
-        link = &(*link)->next;
-    if (*link) *link = reader->next;
+    qm_readers_remove(&job->readers, reader);
     qm_job_drop_reference(job);
     uv_mutex_unlock(&jobs->lock);
+}
+
+double qm_jobs_heartbeat_ms(const qm_jobs *jobs)
+{
+    return jobs->limits.heartbeat_ms;
+}
+
+static void tick_readers(qm_reader *first, double now_ms)
+{
+    for (qm_reader *reader = first; reader; reader = reader->next) {
+        if (!reader->asleep || now_ms < reader->wake_at_ms) continue;
+        reader->asleep = false;
+        reader->wake(reader->user);
+    }
 }
 
 void qm_jobs_tick(qm_jobs *jobs, double now_ms)
 {
     uv_mutex_lock(&jobs->lock);
-    for (qm_job *job = jobs->first; job; job = job->next) {
-        for (qm_reader *reader = job->readers; reader; reader = reader->next) {
-            if (!reader->asleep || now_ms < reader->wake_at_ms) continue;
-            reader->asleep = false;
-            reader->wake(reader->user);
-        }
-    }
+    tick_readers(jobs->readers, now_ms);
+    for (qm_job *job = jobs->first; job; job = job->next)
+        tick_readers(job->readers, now_ms);
     uv_mutex_unlock(&jobs->lock);
 }
 

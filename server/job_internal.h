@@ -8,14 +8,22 @@
 
 #include <uv.h>
 
-#include "job.h"
-#include "pool.h"
+#include "job_batch.h"
+
+/** Where a job of a batch comes from. */
+typedef struct qm_batch_line {
+    qm_batch *batch; /* NULL: the job is none of a batch */
+    uint64_t number; /* from 1 */
+    char *key;       /* JSON */
+} qm_batch_line;
+void qm_batch_line_reset(qm_batch_line *line);
 
 struct qm_job {
     char id[QM_ID_SIZE];
     qm_job_request request;
     char *key;
     char created[QM_TIME_SIZE], started[QM_TIME_SIZE];
+    double started_ms; /* qm_now_ms when a worker or its end took it */
     qm_job_state state;
     atomic_bool cancel; /* what the engine looks at: raised by a client or by the end of the daemon */
     bool is_cancelled;  /* by a client */
@@ -29,6 +37,7 @@ struct qm_job {
     bool is_kept;   /* somebody wants it who does not stream it: nobody's leaving ends it */
     int references; /* the table counts as one while it is listed */
     bool listed;
+    qm_batch_line line;
     qm_jobs *jobs;
     qm_job *next;
 };
@@ -41,10 +50,36 @@ struct qm_jobs {
     uv_mutex_t
         submitting; /* taken before the lock: one submission at a time looks for an answer, else queues */
     uv_mutex_t lock;
-    qm_job *first; /* jobs that have not ended, in no order */
+    qm_job *first;      /* jobs that have not ended, in no order */
+    qm_reader *readers; /* those of batches */
     size_t queued, running;
     atomic_bool closed;
 };
+
+/** What jobs of the same answer have in common; NULL: out of memory. */
+char *qm_job_make_key(const qm_job_request *request);
+
+/** A job that nobody knows yet; takes over what the request owns. */
+qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request);
+
+/** Puts a queued job into the table, hands a listed one to the workers (false: it will not run), and takes
+ * one that will not run out of the table again. */
+void qm_job_enlist(qm_jobs *jobs, qm_job *job);
+bool qm_job_enqueue(qm_jobs *jobs, qm_job *job);
+void qm_job_withdraw(qm_jobs *jobs, qm_job *job);
+
+/** False with a problem when a mesh of the request does not exist. */
+bool qm_job_check_meshes(qm_jobs *jobs, const qm_job_request *request, qm_problem *problem);
+
+/** A finished job of the same key, or NULL. */
+qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key);
+
+/** Ends a job of a batch that is marked as running; members is what its answer says besides the state. */
+void qm_batch_end_line(qm_job *job, qm_job_state state, const char *members);
+
+/** Readers as a list. The caller holds the lock. */
+void qm_readers_add(qm_reader **list, qm_reader *reader);
+void qm_readers_remove(qm_reader **list, qm_reader *reader);
 
 /** The caller of these holds the lock. */
 void qm_job_drop_reference(qm_job *job);

@@ -8,8 +8,11 @@
 #include "job_internal.h"
 #include "json_out.h"
 #include "log.h"
+#include "metrics.h"
 #include "parallel.h"
 #include "result_file.h"
+
+#define MS_PER_S 1e3
 
 /* ---- the end of a job ---- */
 
@@ -18,6 +21,12 @@
 static void finish(qm_job *job, qm_job_state state, const char *name, const char *members)
 {
     qm_jobs *jobs = job->jobs;
+    qm_metrics_add_job(qm_job_type_of(job->request.kind)->name, qm_job_state_name(state),
+                       (qm_now_ms() - job->started_ms) / MS_PER_S);
+    if (job->line.batch) {
+        qm_batch_end_line(job, state, members);
+        return;
+    }
     qm_text outcome = {0};
     qm_text_printf(&outcome, "\"state\":\"%s\",%s", qm_job_state_name(state), members);
     char *event = qm_text_take(&outcome);
@@ -57,6 +66,13 @@ static void finish_with_result(qm_job *job, qm_job_state state, const qm_job_res
     char *text = qm_text_take(&members);
     finish(job, state, "result", text ? text : "\"result\":null");
     free(text);
+}
+
+/** A job of a batch ends with it, as it is not stored. */
+static void refuse(qm_job *job)
+{
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping");
+    qm_job_finish_with_problem(job, QM_JOB_CANCELLED, &problem);
 }
 
 /** The daemon ends: readers are told, the store keeps the job as one that has not run. */
@@ -108,28 +124,30 @@ static bool is_cancelled(qm_job *job)
     return cancelled;
 }
 
-/** Puts the long array of a result, if it has one, where it is read from. */
+/** Puts the long array of a result, if it has one, where it is read from. Nobody could ask for one of a
+ * batch, whose jobs have no id. */
 static bool store_array(const qm_job *job, const qm_job_result *result)
 {
     size_t count;
-    const double *numbers = qm_job_result_array(result, &count);
+    const double *numbers = job->line.batch ? NULL : qm_job_result_array(result, &count);
     return !numbers || qm_result_file_write(job->jobs->store, job->id, numbers, count) == QM_OK;
 }
 
 /** b is NULL for a kind of one mesh. */
 static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
 {
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_meshes_context(job->jobs->meshes);
     ctx.cancel = &job->cancel;
     ctx.parallel = qm_parallel_run;
     qm_job_request request = job->request;
     if (request.threads == 0) request.threads = job->jobs->limits.threads;
     progress_target target = {job, a->diagonal};
+    qm_hausdorff_progress_fn *progress = job->line.batch ? NULL : on_progress;
     qm_job_result result;
-    qm_status status = qm_job_answer(&ctx, &request, a, b, on_progress, &target, &result);
+    qm_status status = qm_job_answer(&ctx, &request, a, b, progress, &target, &result);
     bool canceled = status == QM_E_CANCELED || (status == QM_OK && result.is_canceled);
     if (canceled && !is_cancelled(job)) {
-        interrupt(job);
+        job->line.batch ? refuse(job) : interrupt(job);
     } else if (status == QM_OK && !store_array(job, &result)) {
         qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the result could not be stored");
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
@@ -145,6 +163,7 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
 void qm_job_mark_running(qm_job *job)
 {
     job->state = QM_JOB_RUNNING;
+    job->started_ms = qm_now_ms();
     job->jobs->queued--;
     job->jobs->running++;
 }
@@ -154,15 +173,20 @@ static bool start(qm_job *job)
 {
     qm_jobs *jobs = job->jobs;
     uv_mutex_lock(&jobs->lock);
-    bool runs = job->state == QM_JOB_QUEUED && !jobs->closed;
-    if (runs) {
+    bool is_queued = job->state == QM_JOB_QUEUED;
+    /* Nobody waits any more for what the reader of a batch has left behind. */
+    bool is_wanted = !jobs->closed && !(job->line.batch && job->is_cancelled);
+    bool is_refused = is_queued && !is_wanted && job->line.batch;
+    if (is_queued && (is_wanted || is_refused)) {
         qm_job_mark_running(job);
         qm_format_time(job->started);
     }
-    bool stays = job->state == QM_JOB_QUEUED && jobs->closed;
     uv_mutex_unlock(&jobs->lock);
-    if (stays) interrupt(job);
-    return runs;
+    if (is_refused)
+        refuse(job);
+    else if (is_queued && !is_wanted)
+        interrupt(job);
+    return is_queued && is_wanted;
 }
 
 void qm_job_run(void *data)

@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "json_check.h"
+#include "json_write.h"
 
 #define MAX_THREADS 256
 #define MAX_PIECES 1e7
@@ -28,8 +29,6 @@ typedef struct field {
     bool (*read)(const cJSON *value, qm_job_request *out);
     bool (*read_list)(const cJSON *value, qm_job_request *out, fault *at); /* for arrays, in place of read */
     const char *expected;
-    const char *const
-        *later; /* values that the API knows and this version cannot serve; NULL-ended, or NULL */
 } field;
 
 static bool read_string(const cJSON *value, const char **out)
@@ -183,18 +182,16 @@ static bool read_detach(const cJSON *value, qm_job_request *out)
 
 static bool read_accelerator(const cJSON *value, qm_job_request *out)
 {
-    static const char *const names[] = {"auto", "boxes", "grid", NULL};
-    static const qm_accelerator accelerators[] = {QM_ACCELERATOR_AUTO, QM_ACCELERATOR_BOXES,
-                                                  QM_ACCELERATOR_GRID};
+    static const char *const names[] = {"auto", "boxes", "tetra", "grid", NULL}; /* as in qm_accelerator */
     int place = find_name(value, names);
-    if (place >= 0) out->accelerator = accelerators[place];
+    if (place >= 0) out->accelerator = (qm_accelerator)place;
     return place >= 0;
 }
 
 /** For a kind that has one way to search. */
 static bool read_boxes(const cJSON *value, qm_job_request *out)
 {
-    return read_accelerator(value, out) && out->accelerator != QM_ACCELERATOR_GRID;
+    return read_accelerator(value, out) && out->accelerator <= QM_ACCELERATOR_BOXES;
 }
 
 static bool read_bounds(const cJSON *value, qm_job_request *out)
@@ -227,8 +224,6 @@ static bool read_points(const cJSON *value, qm_job_request *out, fault *at)
     return true;
 }
 
-static const char *const later_accelerators[] = {"tetra", NULL};
-
 enum {
     ALL = (1u << QM_JOB_KIND_COUNT) - 1,
     HAUSDORFF = 1u << QM_JOB_HAUSDORFF,
@@ -238,29 +233,28 @@ enum {
 };
 
 static const field fields[] = {
-    {"type", ALL, ALL, read_type, NULL, "must be one of" TYPE_NAMES, NULL},
-    {"a", PAIRS, PAIRS, read_a, NULL, "must be the id of a mesh", NULL},
-    {"b", PAIRS, PAIRS, read_b, NULL, "must be the id of a mesh", NULL},
-    {"mesh", PROJECT, PROJECT, read_a, NULL, "must be the id of a mesh", NULL},
-    {"points", PROJECT, PROJECT, NULL, read_points, "must hold points, each of three finite numbers", NULL},
-    {"direction", HAUSDORFF, 0, read_direction, NULL, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\"",
-     NULL},
-    {"quads", ALL, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\"", NULL},
-    {"tolerance", PAIRS, 0, read_tolerance, NULL, "must be a number above 0", NULL},
-    {"tolerance_unit", PAIRS, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\"", NULL},
-    {"threshold", HAUSDORFF, 0, read_threshold, NULL, "must be a number of 0 or more, or null", NULL},
-    {"deadline_ms", HAUSDORFF, 0, read_deadline, NULL, "must be a number above 0", NULL},
-    {"accuracy", DEVIATION, 0, read_accuracy, NULL, "must be a number above 0", NULL},
-    {"pieces", DEVIATION, 0, read_pieces, NULL, "must be a whole number from 0 to 10000000", NULL},
-    {"bins", DEVIATION, 0, read_bins, NULL, "must be a whole number from 0 to 10000", NULL},
+    {"type", ALL, ALL, read_type, NULL, "must be one of" TYPE_NAMES},
+    {"a", PAIRS, PAIRS, read_a, NULL, "must be the id of a mesh"},
+    {"b", PAIRS, PAIRS, read_b, NULL, "must be the id of a mesh"},
+    {"mesh", PROJECT, PROJECT, read_a, NULL, "must be the id of a mesh"},
+    {"points", PROJECT, PROJECT, NULL, read_points, "must hold points, each of three finite numbers"},
+    {"direction", HAUSDORFF, 0, read_direction, NULL, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\""},
+    {"quads", ALL, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\""},
+    {"tolerance", PAIRS, 0, read_tolerance, NULL, "must be a number above 0"},
+    {"tolerance_unit", PAIRS, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\""},
+    {"threshold", HAUSDORFF, 0, read_threshold, NULL, "must be a number of 0 or more, or null"},
+    {"deadline_ms", HAUSDORFF, 0, read_deadline, NULL, "must be a number above 0"},
+    {"accuracy", DEVIATION, 0, read_accuracy, NULL, "must be a number above 0"},
+    {"pieces", DEVIATION, 0, read_pieces, NULL, "must be a whole number from 0 to 10000000"},
+    {"bins", DEVIATION, 0, read_bins, NULL, "must be a whole number from 0 to 10000"},
     {"percentiles", DEVIATION, 0, NULL, read_percentiles,
-     "must hold at most 64 numbers above 0, none above 100", NULL},
-    {"threads", ALL, 0, read_threads, NULL, "must be a whole number from 1 to 256", NULL},
-    {"detach", ALL, 0, read_detach, NULL, "must be true or false", NULL},
-    {"accelerator", ALL & ~DEVIATION, 0, read_accelerator, NULL, "must be \"auto\", \"boxes\" or \"grid\"",
-     later_accelerators},
-    {"accelerator", DEVIATION, 0, read_boxes, NULL, "must be \"auto\" or \"boxes\"", NULL},
-    {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\" or \"matching\"", NULL},
+     "must hold at most 64 numbers above 0, none above 100"},
+    {"threads", ALL, 0, read_threads, NULL, "must be a whole number from 1 to 256"},
+    {"detach", ALL, 0, read_detach, NULL, "must be true or false"},
+    {"accelerator", ALL & ~DEVIATION, 0, read_accelerator, NULL,
+     "must be \"auto\", \"boxes\", \"tetra\" or \"grid\""},
+    {"accelerator", DEVIATION, 0, read_boxes, NULL, "must be \"auto\" or \"boxes\""},
+    {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\" or \"matching\""},
 };
 enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };
 
@@ -318,10 +312,7 @@ static void complain(qm_problem *problem, qm_problem_code code, const char *name
 static void read_member(const field *known, const cJSON *member, qm_job_request *out, qm_problem *problem)
 {
     fault place = {0};
-    if (known->later && find_name(member, known->later) >= 0)
-        complain(problem, QM_PROBLEM_UNSUPPORTED_FEATURE, known->name,
-                 "has a value that is not available yet");
-    else if (!(known->read ? known->read(member, out) : known->read_list(member, out, &place)))
+    if (!(known->read ? known->read(member, out) : known->read_list(member, out, &place)))
         complain_of(problem, place.no_memory ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_INVALID_FIELD,
                     known->name, &place,
                     place.no_memory ? "needs more memory than there is" : known->expected);
@@ -377,26 +368,63 @@ static cJSON *parse(const char *text, size_t size, qm_problem *problem)
     return NULL;
 }
 
-bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem)
+/** The object of a request; NULL with a problem. */
+static cJSON *parse_object(const char *text, size_t size, qm_problem *problem)
 {
-    *out = qm_job_request_default();
     *problem = (qm_problem){0};
     size_t place;
     const char *words;
     if (!qm_json_check_text(text, size, &place, &words)) {
         *problem = malformed_at(place, words);
-        return false;
+        return NULL;
     }
     cJSON *tree = parse(text, size, problem);
-    if (!tree) return false;
-    if (cJSON_IsObject(tree)) {
-        read_members(tree, out, problem);
-    } else {
-        *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "a job is a JSON object");
-        qm_problem_add_pointer(problem, "", "must be an object");
-    }
+    if (!tree || cJSON_IsObject(tree)) return tree;
+    *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "a job is a JSON object");
+    qm_problem_add_pointer(problem, "", "must be an object");
     cJSON_Delete(tree);
+    return NULL;
+}
+
+/** Reads the members and gives the tree back. */
+static bool read_request(cJSON *object, qm_job_request *out, qm_problem *problem)
+{
+    read_members(object, out, problem);
+    cJSON_Delete(object);
     if (problem->error_count == 0) return true;
     qm_job_request_reset(out);
     return false;
+}
+
+bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem)
+{
+    *out = qm_job_request_default();
+    cJSON *object = parse_object(text, size, problem);
+    return object && read_request(object, out, problem);
+}
+
+/** Takes the key out of the object. */
+static void take_key(cJSON *object, qm_text *key, qm_problem *problem)
+{
+    cJSON *member = object ? cJSON_DetachItemFromObjectCaseSensitive(object, "key") : NULL;
+    const char *string = cJSON_GetStringValue(member);
+    char number[QM_JSON_NUMBER_SIZE];
+    if (string && strlen(string) <= QM_JSON_MAX_KEY) {
+        qm_json_add_quoted(key, string);
+    } else {
+        if (member && !cJSON_IsNumber(member) && !cJSON_IsNull(member))
+            complain(problem, QM_PROBLEM_INVALID_FIELD, "key", "must be a number or a short string");
+        double value = cJSON_IsNumber(member) ? cJSON_GetNumberValue(member) : NAN;
+        qm_text_add_string(key, qm_json_number(value, number));
+    }
+    cJSON_Delete(member);
+}
+
+bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job_request *out,
+                             qm_problem *problem)
+{
+    *out = qm_job_request_default();
+    cJSON *object = parse_object(text, size, problem);
+    take_key(object, key, problem);
+    return object && read_request(object, out, problem);
 }

@@ -15,4 +15,12 @@
  */
 bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem);
 
+/**
+ * The same of a line of a batch, which may have a key: a string of up to QM_JSON_MAX_KEY bytes, or a number.
+ * It is added to key as JSON, whether the rest is valid or not; null when there is none.
+ */
+#define QM_JSON_MAX_KEY 255
+bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job_request *out,
+                             qm_problem *problem);
+
 #endif

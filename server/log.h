@@ -5,6 +5,7 @@
 #define QM_LOG_H
 
 #include <stdbool.h>
+#include <stddef.h>
 
 /** From the most to the least urgent. */
 typedef enum qm_log_level { QM_LOG_ERROR, QM_LOG_WARN, QM_LOG_INFO, QM_LOG_LEVEL_COUNT } qm_log_level;
@@ -17,5 +18,15 @@ void qm_log_init(bool as_json, qm_log_level least);
 
 /** Adds a record. Quotes and control characters of the message are shown as blanks. */
 void qm_log(qm_log_level level, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/** What a record says besides its message, for programs to search by: a text, or a number when text is NULL.
+ */
+typedef struct qm_log_field {
+    const char *name, *text;
+    double number;
+} qm_log_field;
+
+/** Adds a record with fields; what is too long for a line is cut. */
+void qm_log_fields(qm_log_level level, const char *message, const qm_log_field *fields, size_t count);
 
 #endif

@@ -11,6 +11,8 @@
 #include <unistd.h>
 #include <uv.h>
 
+#include "budget.h"
+#include "draco_child.h"
 #include "http.h"
 #include "log.h"
 #include "parallel.h"
@@ -18,15 +20,19 @@
 #define REQUEST_THREADS 4
 #define UPLOAD_THREADS 2
 #define TICK_MS 50
+#define CONNECTIONS_MS 1000
 #define OWN_FILES 64
+#define CLEANING_MS 60000
 #define MS_PER_S 1e3
+#define S_PER_H 3600.0
 
 typedef struct daemon_state {
     qm_app app;
     qm_http *http;
     uv_loop_t loop;
-    uv_signal_t terminate, interrupt;
+    uv_signal_t terminate, interrupt, hang_up;
     uv_timer_t tick;
+    double connections_checked_ms, cleaned_ms;
 } daemon_state;
 
 static void on_signal(uv_signal_t *handle, int number)
@@ -37,9 +43,41 @@ static void on_signal(uv_signal_t *handle, int number)
     uv_stop(&state->loop);
 }
 
+/** Reads the tokens; false with a record in the log, and then the old ones stay. */
+static bool load_tokens(const qm_app *app)
+{
+    char message[QM_TOKENS_MESSAGE_SIZE];
+    if (!app->config->token_file[0]) return true;
+    bool loaded = qm_tokens_load(app->tokens, app->config->token_file, message);
+    if (loaded)
+        qm_log(QM_LOG_INFO, "token file: %zu tokens", qm_tokens_count(app->tokens));
+    else
+        qm_log(QM_LOG_ERROR, "token file: %s", message);
+    return loaded;
+}
+
+static void on_hang_up(uv_signal_t *handle, int number)
+{
+    (void)number;
+    load_tokens(&((daemon_state *)handle->data)->app);
+}
+
+static void clean(void *jobs)
+{
+    qm_jobs_drop_old(jobs);
+}
+
 static void on_tick(uv_timer_t *handle)
 {
-    qm_jobs_tick(((daemon_state *)handle->data)->app.jobs, qm_now_ms());
+    daemon_state *state = handle->data;
+    double now = qm_now_ms();
+    qm_jobs_tick(state->app.jobs, now);
+    if (now < state->connections_checked_ms + CONNECTIONS_MS) return;
+    qm_http_tick(state->http, now);
+    state->connections_checked_ms = now;
+    if (now < state->cleaned_ms + CLEANING_MS) return;
+    qm_pool_submit(state->app.pool, clean, state->app.jobs);
+    state->cleaned_ms = now;
 }
 
 static void start_loop(daemon_state *state)
@@ -47,10 +85,12 @@ static void start_loop(daemon_state *state)
     uv_loop_init(&state->loop);
     uv_signal_init(&state->loop, &state->terminate);
     uv_signal_init(&state->loop, &state->interrupt);
+    uv_signal_init(&state->loop, &state->hang_up);
     uv_timer_init(&state->loop, &state->tick);
-    state->terminate.data = state->interrupt.data = state->tick.data = state;
+    state->terminate.data = state->interrupt.data = state->hang_up.data = state->tick.data = state;
     uv_signal_start(&state->terminate, on_signal, SIGTERM);
     uv_signal_start(&state->interrupt, on_signal, SIGINT);
+    uv_signal_start(&state->hang_up, on_hang_up, SIGHUP);
     uv_timer_start(&state->tick, on_tick, TICK_MS, TICK_MS);
 }
 
@@ -61,6 +101,7 @@ static void ignore_signals(void)
     sigemptyset(&set);
     sigaddset(&set, SIGTERM);
     sigaddset(&set, SIGINT);
+    sigaddset(&set, SIGHUP);
     pthread_sigmask(SIG_BLOCK, &set, NULL);
 }
 
@@ -69,6 +110,7 @@ static void stop_loop(daemon_state *state)
     ignore_signals();
     uv_close((uv_handle_t *)&state->terminate, NULL);
     uv_close((uv_handle_t *)&state->interrupt, NULL);
+    uv_close((uv_handle_t *)&state->hang_up, NULL);
     uv_close((uv_handle_t *)&state->tick, NULL);
     uv_run(&state->loop, UV_RUN_DEFAULT);
     uv_loop_close(&state->loop);
@@ -107,15 +149,18 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     qm_app *app = &state->app;
     char message[QM_MESSAGE_SIZE];
     app->config = config;
+    app->tokens = qm_tokens_create();
+    if (!app->tokens || !load_tokens(app)) return false;
     if (qm_store_open(config->data_dir, &app->store, message) != QM_OK) {
         qm_log(QM_LOG_ERROR, "data folder: %s", message);
         return false;
     }
     qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
                               .max_faces = (size_t)config->max_faces};
+    size_t memory = config->memory_budget > 0 ? (size_t)config->memory_budget : qm_budget_default_limit();
     int prepare_threads =
         config->prepare_threads > 0 ? (int)config->prepare_threads : qm_parallel_available();
-    app->meshes = qm_meshes_create(app->store, limits, prepare_threads);
+    app->meshes = qm_meshes_create(app->store, limits, memory, prepare_threads);
     app->pool = qm_pool_create(REQUEST_THREADS);
     app->long_pool = qm_pool_create(UPLOAD_THREADS);
     if (!app->meshes || !app->pool || !app->long_pool) return false;
@@ -123,7 +168,10 @@ static bool start_parts(daemon_state *state, const qm_config *config)
                                (qm_job_limits){.workers = (int)config->workers,
                                                .queue = (int)config->queue,
                                                .threads = (int)config->job_threads,
-                                               .grace_ms = config->grace * MS_PER_S});
+                                               .grace_ms = config->grace * MS_PER_S,
+                                               .kept_jobs = (size_t)config->kept_jobs,
+                                               .kept_s = config->kept_hours * S_PER_H,
+                                               .heartbeat_ms = config->heartbeat * MS_PER_S});
     if (!app->jobs) return false;
     state->http = qm_http_start(app);
     return state->http && write_port(config->port_file, qm_http_port(state->http));
@@ -146,6 +194,7 @@ static void stop_parts(daemon_state *state)
     qm_jobs_destroy(app->jobs);
     qm_meshes_destroy(app->meshes);
     qm_store_close(app->store);
+    qm_tokens_destroy(app->tokens);
 }
 
 static qm_log_level read_level(const char *name)
@@ -170,11 +219,13 @@ static void allow_connections(const qm_config *config)
 
 int main(int argc, char **argv)
 {
+    if (argc == 2 && strcmp(argv[1], QM_DRACO_CHILD_FLAG) == 0) return qm_draco_child_main();
     qm_config config;
     qm_config_outcome outcome = qm_config_read(&config, argc, argv);
     if (outcome != QM_CONFIG_RUN) return outcome == QM_CONFIG_EXIT_OK ? 0 : 2;
     qm_log_init(strcmp(config.log_format, "json") == 0, read_level(config.log_level));
     signal(SIGPIPE, SIG_IGN);
+    qm_codec_drc_set_decoder(qm_draco_child_decode);
     allow_connections(&config);
     char dashboard[4096];
     find_dashboard(&config, dashboard, sizeof dashboard);

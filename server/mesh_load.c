@@ -42,10 +42,16 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
     qm_status status = preparation->has_facts ? qm_mesh_find_facts(ctx, &out->mesh, &out->facts) : QM_OK;
     out->box = qm_mesh_bounding_box(&out->mesh);
     out->diagonal = qm_box_diagonal(&out->box);
+    double counted = qm_now_ms();
+    out->topology_ms = counted - start;
+    bool has_patches = status == QM_OK && preparation->has_patches && out->facts.quads > 0;
+    if (has_patches) status = qm_patch_set_find(ctx, &out->mesh, &out->patches);
     double built = qm_now_ms();
-    out->topology_ms = built - start;
+    out->patches_ms = built - counted;
     if (status == QM_OK)
         status = qm_bvh_build(ctx, &out->mesh, preparation->parts, preparation->thread_count, &out->bvh);
+    if (status == QM_OK && has_patches && preparation->has_tetra)
+        status = qm_tetra_build(ctx, out->bvh, &out->patches, &out->tetra);
     out->bvh_ms = qm_now_ms() - built;
     return status;
 }
@@ -78,6 +84,8 @@ qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, 
 
 void qm_loaded_mesh_reset(qm_context *ctx, qm_loaded_mesh *mesh)
 {
+    qm_tetra_destroy(ctx, mesh->tetra);
+    qm_patch_set_reset(ctx, &mesh->patches);
     qm_bvh_destroy(ctx, mesh->bvh);
     qm_mesh_reset(ctx, &mesh->mesh);
     free(mesh->warnings);
@@ -89,7 +97,23 @@ size_t qm_loaded_mesh_memory_size(const qm_loaded_mesh *mesh)
     size_t face_width =
         4 * sizeof *mesh->mesh.faces + (mesh->mesh.face_origin ? sizeof *mesh->mesh.face_origin : 0);
     return sizeof *mesh + 3 * sizeof *mesh->mesh.positions * mesh->mesh.vertex_count +
-           face_width * mesh->mesh.face_count + qm_bvh_memory_size(mesh->bvh);
+           face_width * mesh->mesh.face_count + qm_bvh_memory_size(mesh->bvh) +
+           qm_patch_set_memory_size(&mesh->patches) + (mesh->tetra ? qm_tetra_memory_size(mesh->tetra) : 0);
+}
+
+qm_regular_patch qm_loaded_mesh_largest_patch(const qm_loaded_mesh *mesh)
+{
+    qm_regular_patch largest = {0};
+    size_t most = 0;
+    for (size_t i = 0; i < mesh->patches.patch_count; i++) {
+        const qm_regular_patch *patch = &mesh->patches.patches[i];
+        size_t faces = (size_t)patch->rows * patch->columns;
+        if (faces > most) {
+            most = faces;
+            largest = *patch;
+        }
+    }
+    return largest;
 }
 
 const char *qm_loaded_mesh_kind(const qm_loaded_mesh *mesh)

@@ -6,17 +6,19 @@
 #define QM_MESH_LOAD_H
 
 #include "codec.h"
-#include "qm/bvh.h"
+#include "qm/tetra.h"
 
 typedef struct qm_loaded_mesh {
     qm_mesh mesh;
     qm_bvh *bvh;
+    qm_patch_set patches; /* none of a mesh without quads */
+    qm_tetra *tetra;      /* over them; NULL without quads or when it was not asked for */
     qm_mesh_facts facts;
     qm_box box;
     double diagonal;
     qm_format format;
     size_t file_size;
-    double parse_ms, topology_ms, bvh_ms;
+    double parse_ms, topology_ms, patches_ms, bvh_ms;
     char (*warnings)[QM_CODEC_DETAIL_SIZE]; /* of the decoder, then of the facts (degenerate faces, unused
                                                vertices) */
     size_t warning_count;
@@ -25,6 +27,8 @@ typedef struct qm_loaded_mesh {
 /** What a mesh is made ready for. What is not asked for costs neither time nor memory. */
 typedef struct qm_preparation {
     bool has_facts;     /* counts facts, and warns of what they tell; otherwise facts are all zero */
+    bool has_patches;   /* finds the patches of a mesh with quads; needs has_facts */
+    bool has_tetra;     /* builds offset tetrahedra over them; needs a tree that is a target */
     qm_bvh_parts parts; /* of the tree */
     int thread_count;   /* 1 or more; more than one is used only with ctx->parallel */
 } qm_preparation;
@@ -41,7 +45,10 @@ qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, 
 
 void qm_loaded_mesh_reset(qm_context *ctx, qm_loaded_mesh *mesh);
 
-/** Bytes of arrays and tree. */
+/** The patch that holds most faces; zero rows without patches. */
+qm_regular_patch qm_loaded_mesh_largest_patch(const qm_loaded_mesh *mesh);
+
+/** Bytes of arrays, tree and patches. */
 size_t qm_loaded_mesh_memory_size(const qm_loaded_mesh *mesh);
 
 /** "triangles", "quads", "mixed" or "points". */

@@ -7,8 +7,10 @@
 #include <time.h>
 #include <uv.h>
 
+#include "budget.h"
 #include "json_out.h"
 #include "log.h"
+#include "metrics.h"
 #include "parallel.h"
 
 /** An entry lives while it is in the list or anybody holds a reference. */
@@ -19,17 +21,20 @@ struct qm_mesh_ref {
     int references; /* the list counts as one */
     bool listed;
     qm_problem problem; /* when broken */
+    qm_meshes *meshes;
     qm_mesh_ref *next;
 };
 
 /**
- * lock guards the list, references and states; changed tells of a state. A mesh that is READY is only read.
- * filing is taken before lock, by who adds or removes a mesh in the store: so no two rows have the same
- * content and options, no blob is removed that a row is about to name, and list and store agree.
+ * lock guards the list, which has the most recently used mesh first, references and states; changed tells of
+ * a state. A mesh that is READY is only read. filing is taken before lock, by who adds or removes a mesh in
+ * the store: so no two rows have the same content and options, no blob is removed that a row is about to
+ * name, and list and store agree.
  */
 struct qm_meshes {
     qm_store *store;
     qm_codec_limits limits;
+    qm_budget budget;
     int threads; /* that prepare a mesh */
     uv_mutex_t filing;
     uv_mutex_t lock;
@@ -51,20 +56,36 @@ void qm_make_id(char prefix, char out[QM_ID_SIZE])
 
 void qm_format_time(char out[QM_TIME_SIZE])
 {
+    qm_format_past_time(0.0, out);
+}
+
+void qm_format_past_time(double seconds, char out[QM_TIME_SIZE])
+{
     struct timespec now;
     struct tm utc;
     clock_gettime(CLOCK_REALTIME, &now);
+    now.tv_sec -= (time_t)seconds;
     gmtime_r(&now.tv_sec, &utc);
     size_t length = strftime(out, QM_TIME_SIZE, "%Y-%m-%dT%H:%M:%S", &utc);
     snprintf(out + length, QM_TIME_SIZE - length, ".%03dZ", (int)(now.tv_nsec / 1000000));
 }
 
-qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, int threads)
+qm_context qm_meshes_context(qm_meshes *meshes)
+{
+    qm_context ctx = qm_context_make();
+    ctx.allocator = qm_budget_allocator(&meshes->budget);
+    return ctx;
+}
+
+static bool drop_coldest(void *user);
+
+qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memory_limit, int threads)
 {
     qm_meshes *meshes = calloc(1, sizeof *meshes);
     if (!meshes) return NULL;
     meshes->store = store;
     meshes->limits = limits;
+    meshes->budget = (qm_budget){.limit = memory_limit, .make_room = drop_coldest, .user = meshes};
     meshes->threads = threads;
     uv_mutex_init(&meshes->filing);
     uv_mutex_init(&meshes->lock);
@@ -75,7 +96,7 @@ qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, int threads
 static void drop_reference(qm_mesh_ref *ref)
 {
     if (--ref->references > 0) return;
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_meshes_context(ref->meshes);
     qm_loaded_mesh_reset(&ctx, &ref->mesh);
     free(ref);
 }
@@ -111,12 +132,48 @@ static void unlist(qm_meshes *meshes, qm_mesh_ref *ref)
     drop_reference(ref);
 }
 
+/** Drops the least recently used of the meshes that nobody uses. */
+static bool drop_coldest(void *user)
+{
+    qm_meshes *meshes = user;
+    qm_mesh_ref *coldest = NULL;
+    uv_mutex_lock(&meshes->lock);
+    for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
+        if (ref->references == 1 && ref->state == READY) coldest = ref;
+    if (coldest) unlist(meshes, coldest);
+    uv_mutex_unlock(&meshes->lock);
+    qm_metrics_add(QM_METRICS_MESH_EVICTIONS, coldest != NULL);
+    return coldest;
+}
+
+qm_meshes_memory qm_meshes_measure(qm_meshes *meshes)
+{
+    qm_meshes_memory memory = {.used = atomic_load(&meshes->budget.used), .limit = meshes->budget.limit};
+    uv_mutex_lock(&meshes->lock);
+    for (const qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
+        memory.loaded++;
+    uv_mutex_unlock(&meshes->lock);
+    return memory;
+}
+
+/** Moves a listed mesh to the front. */
+static void touch(qm_meshes *meshes, qm_mesh_ref *ref)
+{
+    qm_mesh_ref **link = &meshes->first;
+    while (*link != ref)
+        link = &(*link)->next;
+    *link = ref->next;
+    ref->next = meshes->first;
+    meshes->first = ref;
+}
+
 static qm_mesh_ref *list_new(qm_meshes *meshes, const char *id)
 {
     qm_mesh_ref *ref = calloc(1, sizeof *ref);
     if (!ref) return NULL;
     snprintf(ref->id, sizeof ref->id, "%s", id);
     ref->references = 1;
+    ref->meshes = meshes;
     ref->listed = true;
     ref->next = meshes->first;
     meshes->first = ref;
@@ -124,16 +181,20 @@ static qm_mesh_ref *list_new(qm_meshes *meshes, const char *id)
 }
 
 /** Decodes bytes that were mapped with this outcome, and unmaps them. */
-static bool load_mapped(const qm_meshes *meshes, qm_status mapped, const uint8_t *bytes, size_t size,
+static bool load_mapped(qm_meshes *meshes, qm_status mapped, const uint8_t *bytes, size_t size,
                         qm_format format, qm_loaded_mesh *out, qm_problem *problem)
 {
     if (mapped != QM_OK) {
         *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the mesh cannot be read");
         return false;
     }
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_meshes_context(meshes);
     ctx.parallel = qm_parallel_run;
-    const qm_preparation all = {.has_facts = true, .parts = QM_BVH_ALL, .thread_count = meshes->threads};
+    const qm_preparation all = {.has_facts = true,
+                                .has_patches = true,
+                                .has_tetra = true,
+                                .parts = QM_BVH_ALL,
+                                .thread_count = meshes->threads};
     qm_codec_report report;
     qm_status status = qm_mesh_load(&ctx, format, bytes, size, &meshes->limits, &all, out, &report);
     qm_blob_unmap(bytes, size);
@@ -141,7 +202,7 @@ static bool load_mapped(const qm_meshes *meshes, qm_status mapped, const uint8_t
     return status == QM_OK;
 }
 
-static bool load_upload(const qm_meshes *meshes, const qm_blob_writer *upload, qm_format format,
+static bool load_upload(qm_meshes *meshes, const qm_blob_writer *upload, qm_format format,
                         qm_loaded_mesh *out, qm_problem *problem)
 {
     const uint8_t *bytes = NULL;
@@ -150,7 +211,7 @@ static bool load_upload(const qm_meshes *meshes, const qm_blob_writer *upload, q
     return load_mapped(meshes, mapped, bytes, size, format, out, problem);
 }
 
-static bool load_blob(const qm_meshes *meshes, const char *hash, qm_format format, qm_loaded_mesh *out,
+static bool load_blob(qm_meshes *meshes, const char *hash, qm_format format, qm_loaded_mesh *out,
                       qm_problem *problem)
 {
     const uint8_t *bytes = NULL;
@@ -180,9 +241,9 @@ static char *make_options(const char *name, qm_format format)
     return qm_text_take(&options);
 }
 
-static void free_loaded(qm_loaded_mesh *mesh)
+static void free_loaded(qm_meshes *meshes, qm_loaded_mesh *mesh)
 {
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_meshes_context(meshes);
     qm_loaded_mesh_reset(&ctx, mesh);
 }
 
@@ -196,7 +257,7 @@ static void keep_in_memory(qm_meshes *meshes, const char *id, qm_loaded_mesh *me
         ref->state = READY;
     }
     uv_mutex_unlock(&meshes->lock);
-    if (!ref) free_loaded(mesh);
+    if (!ref) free_loaded(meshes, mesh);
 }
 
 /** Looks for a mesh of the same content and options. */
@@ -231,9 +292,10 @@ static bool file_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mesh
         if (filed) keep_in_memory(meshes, row->id, mesh);
     }
     uv_mutex_unlock(&meshes->filing);
-    if (!filed) free_loaded(mesh);
+    if (!filed) free_loaded(meshes, mesh);
     if (!found && !filed) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
     *is_new = filed;
+    if (filed) qm_metrics_add(QM_METRICS_MESHES_ADDED, 1);
     return found || filed;
 }
 
@@ -262,7 +324,7 @@ static bool prepare(qm_meshes *meshes, const qm_blob_writer *upload, qm_format f
     row->document = make_document(row, mesh);
     if (row->document) return true;
     *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the mesh");
-    free_loaded(mesh);
+    free_loaded(meshes, mesh);
     return false;
 }
 
@@ -297,6 +359,7 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
     } else {
         ref->problem = qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh %s", ref->id);
     }
+    qm_metrics_add(QM_METRICS_MESH_LOADS, loaded);
     uv_mutex_lock(&meshes->lock);
     ref->state = loaded ? READY : BROKEN;
     if (!loaded) unlist(meshes, ref);
@@ -315,6 +378,7 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
         return NULL;
     }
     ref->references++;
+    touch(meshes, ref);
     if (is_mine) {
         uv_mutex_unlock(&meshes->lock);
         load_listed(meshes, ref);

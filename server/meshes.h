@@ -1,6 +1,9 @@
 /**
  * meshes.h: meshes in memory by id, each with its tree, counted by reference. One that is not in memory is
  * read back from its blob when it is asked for.
+ *
+ * All of it, and what jobs need besides, stays within a budget of memory: meshes that nobody uses are dropped
+ * when it runs out, the least recently used first. What does not fit all the same is out of memory (507).
  */
 #ifndef QM_MESHES_H
 #define QM_MESHES_H
@@ -14,8 +17,17 @@ typedef struct qm_meshes qm_meshes;
  * deleted. */
 typedef struct qm_mesh_ref qm_mesh_ref;
 
-/** threads prepare a mesh that has come in, or comes back from its blob. */
-qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, int threads);
+/** memory_limit in bytes; threads prepare a mesh that has come in, or comes back from its blob. */
+qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memory_limit, int threads);
+
+/** A context whose memory counts in the budget. */
+qm_context qm_meshes_context(qm_meshes *meshes);
+
+typedef struct qm_meshes_memory {
+    size_t used, limit; /* bytes */
+    size_t loaded;      /* meshes */
+} qm_meshes_memory;
+qm_meshes_memory qm_meshes_measure(qm_meshes *meshes);
 
 /** Frees every mesh. No reference is left. */
 void qm_meshes_destroy(qm_meshes *meshes);
@@ -42,5 +54,8 @@ void qm_make_id(char prefix, char out[QM_ID_SIZE]);
 /** The time now as RFC 3339 in UTC, to the millisecond. */
 #define QM_TIME_SIZE 32
 void qm_format_time(char out[QM_TIME_SIZE]);
+
+/** The time so many seconds ago, likewise. */
+void qm_format_past_time(double seconds, char out[QM_TIME_SIZE]);
 
 #endif

@@ -14,12 +14,15 @@
     XX(INVALID_PARAMETER, 400, "invalid_parameter", "A query parameter or header is not valid")              \
     XX(AMBIGUOUS_LENGTH, 400, "ambiguous_length", "The request tells its length in two ways")                \
     XX(MALFORMED_BODY, 400, "malformed_body", "The request body does not have the form it should")           \
+    XX(UNAUTHORIZED, 401, "unauthorized", "The request has no token that is known")                          \
+    XX(FORBIDDEN, 403, "forbidden", "The request is not allowed to do this")                                 \
     XX(NOT_FOUND, 404, "not_found", "There is no such resource")                                             \
     XX(MESH_NOT_FOUND, 404, "mesh_not_found", "There is no such mesh")                                       \
     XX(JOB_NOT_FOUND, 404, "job_not_found", "There is no such job")                                          \
     XX(METHOD_NOT_ALLOWED, 405, "method_not_allowed", "The resource does not have this method")              \
     XX(NOT_ACCEPTABLE, 406, "not_acceptable", "No representation fits the Accept header")                    \
     XX(CONFLICT, 409, "conflict", "The state of the resource does not allow this")                           \
+    XX(PRECONDITION_FAILED, 412, "precondition_failed", "The resource is not in the state asked for")        \
     XX(TOO_LARGE, 413, "too_large", "The input is larger than a limit allows")                               \
     XX(UNSUPPORTED_MEDIA_TYPE, 415, "unsupported_media_type", "The body has a type that is not supported")   \
     XX(MALFORMED_FILE, 422, "malformed_file", "The file does not follow its format")                         \

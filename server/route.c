@@ -6,9 +6,14 @@
 #include "handlers.h"
 
 static const char *const json[] = {"application/json", NULL};
+/* PLY first, for who does not care: it is short and keeps everything. */
+static const char *const files[] = {
+    "application/x-ply", "model/obj",           "model/stl",  "application/x-off",
+    "model/gltf-binary", "application/x-draco", "text/x-xyz", NULL};
 static const char *const rows[] = {QM_MEDIA_BINARY, QM_MEDIA_CSV, QM_MEDIA_JSON, NULL};
 static const char *const object_or_rows[] = {QM_MEDIA_JSON, QM_MEDIA_BINARY, QM_MEDIA_CSV, NULL};
 static const char *const events[] = {QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
+static const char *const lines[] = {QM_MEDIA_NDJSON, NULL};
 static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
 
 static const qm_route routes[] = {
@@ -16,6 +21,8 @@ static const qm_route routes[] = {
     {"GET", "/v1/meshes", qm_handle_mesh_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/meshes/{id}", qm_handle_mesh_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
     {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/v1/meshes/{id}/content", qm_handle_mesh_content, files, QM_BODY_NONE, QM_RUNS_LONG},
+    {"GET", "/v1/meshes/{id}/patches", qm_handle_mesh_patches, json, QM_BODY_NONE, QM_RUNS_LONG},
     {"POST", "/v1/meshes/{id}/project", qm_handle_mesh_project, rows, QM_BODY_SPOOL, QM_RUNS_LONG},
     {"POST", "/v1/jobs", qm_handle_job_create, job_or_events, QM_BODY_MEMORY, QM_RUNS_SHORT},
     {"GET", "/v1/jobs", qm_handle_job_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
@@ -23,9 +30,11 @@ static const qm_route routes[] = {
     {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, events, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}/result", qm_handle_job_result, object_or_rows, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"POST", "/v1/batches", qm_handle_batch_create, lines, QM_BODY_SPOOL, QM_RUNS_AT_ONCE},
     {"GET", "/v1/info", qm_handle_info, json, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/healthz", qm_handle_health, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/readyz", qm_handle_ready, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
+    {"GET", "/metrics", qm_handle_metrics, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/openapi.yaml", qm_handle_openapi, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/dashboard/{id}", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},

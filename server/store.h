@@ -91,6 +91,12 @@ bool qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_s
 size_t qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out);
 /** The same, only of jobs without a document: to run again after a restart. */
 size_t qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out);
+/**
+ * Removes up to limit jobs that have ended, the oldest first: those asked for before a time (RFC 3339), and
+ * those that more than kept others are newer than. Writes their ids; returns how many.
+ */
+size_t qm_store_drop_old_jobs(qm_store *store, size_t kept, const char *before, size_t limit,
+                              char (*ids)[QM_ID_SIZE]);
 bool qm_store_delete_job(qm_store *store, const char *id);
 void qm_store_job_reset(qm_store_job *job);
 

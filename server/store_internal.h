@@ -9,14 +9,26 @@
 
 #include "blob.h"
 
+#define QM_STORE_STATEMENTS 64
+
+/** A statement that stays prepared; its text is a literal, told by its address. */
+typedef struct qm_store_statement {
+    const char *sql;
+    sqlite3_stmt *prepared;
+} qm_store_statement;
+
 struct qm_store {
     char *folder;
     int lock_file; /* held with flock: one process a folder */
     sqlite3 *database;
-    pthread_mutex_t lock; /* guards the database connection */
+    pthread_mutex_t lock; /* guards the database connection and what follows */
+    qm_store_statement statements[QM_STORE_STATEMENTS];
+    size_t statement_count;
 };
 
-/** A statement with the lock held until qm_store_end; NULL after a fault, with the lock given back. */
+/** A statement, a literal, with the lock held until qm_store_end; NULL after a fault, with the lock given
+ * back.
+ */
 sqlite3_stmt *qm_store_begin(qm_store *store, const char *sql);
 
 /** Steps to the next row. False after the last one, and after a fault, which is logged. */

@@ -106,6 +106,36 @@ size_t qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limi
                 after, limit, out);
 }
 
+bool qm_store_has_job(qm_store *store, const char *id)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "SELECT 1 FROM jobs WHERE id = ?");
+    if (!statement) return true;
+    qm_store_bind_text(statement, 1, id);
+    bool found = sqlite3_step(statement) != SQLITE_DONE;
+    qm_store_end(store, statement);
+    return found;
+}
+
+size_t qm_store_drop_old_jobs(qm_store *store, size_t kept, const char *before, size_t limit,
+                              char (*ids)[QM_ID_SIZE])
+{
+    sqlite3_stmt *statement = qm_store_begin(
+        store,
+        "DELETE FROM jobs WHERE id IN (SELECT id FROM jobs WHERE document IS NOT NULL AND"
+        " (created < ?1 OR sequence <= (SELECT sequence FROM jobs ORDER BY sequence DESC LIMIT 1 OFFSET ?2))"
+        " ORDER BY sequence LIMIT ?3) RETURNING id");
+    if (!statement) return 0;
+    qm_store_bind_text(statement, 1, before);
+    sqlite3_bind_int64(statement, 2, (sqlite3_int64)kept);
+    sqlite3_bind_int64(statement, 3, (sqlite3_int64)limit);
+    size_t count = 0;
+    while (count < limit && qm_store_step(store, statement) &&
+           qm_store_read_text(statement, 0, ids[count], QM_ID_SIZE))
+        count++;
+    qm_store_end(store, statement);
+    return count;
+}
+
 bool qm_store_delete_job(qm_store *store, const char *id)
 {
     sqlite3_stmt *statement = qm_store_begin(store, "DELETE FROM jobs WHERE id = ? RETURNING id");

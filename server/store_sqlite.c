@@ -96,7 +96,9 @@ static qm_status take_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
     qm_status status = lock_folder(store, message);
     if (status != QM_OK) return status;
     qm_blob_sweep(store->folder);
-    return open_database(store, message);
+    status = open_database(store, message);
+    if (status == QM_OK) qm_blob_sweep_orphans(store);
+    return status;
 }
 
 /** A store with a folder that nobody looked at yet; NULL: out of memory. */
@@ -143,6 +145,8 @@ const char *qm_store_folder(const qm_store *store)
 void qm_store_close(qm_store *store)
 {
     if (!store) return;
+    for (size_t i = 0; i < store->statement_count; i++)
+        sqlite3_finalize(store->statements[i].prepared);
     sqlite3_close(store->database);
     if (store->lock_file >= 0) close(store->lock_file);
     pthread_mutex_destroy(&store->lock);
@@ -150,11 +154,23 @@ void qm_store_close(qm_store *store)
     free(store);
 }
 
+/** Prepared once, which takes longer than running it. There are fewer statements in the code than places. */
+static sqlite3_stmt *prepare(qm_store *store, const char *sql)
+{
+    for (size_t i = 0; i < store->statement_count; i++)
+        if (store->statements[i].sql == sql) return store->statements[i].prepared;
+    if (store->statement_count == QM_STORE_STATEMENTS) abort();
+    sqlite3_stmt *statement = NULL;
+    if (sqlite3_prepare_v2(store->database, sql, -1, &statement, NULL) == SQLITE_OK)
+        store->statements[store->statement_count++] = (qm_store_statement){sql, statement};
+    return statement;
+}
+
 sqlite3_stmt *qm_store_begin(qm_store *store, const char *sql)
 {
-    sqlite3_stmt *statement = NULL;
     pthread_mutex_lock(&store->lock);
-    if (sqlite3_prepare_v2(store->database, sql, -1, &statement, NULL) == SQLITE_OK) return statement;
+    sqlite3_stmt *statement = prepare(store, sql);
+    if (statement) return statement;
     qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
     pthread_mutex_unlock(&store->lock);
     return NULL;
@@ -162,7 +178,8 @@ sqlite3_stmt *qm_store_begin(qm_store *store, const char *sql)
 
 void qm_store_end(qm_store *store, sqlite3_stmt *statement)
 {
-    sqlite3_finalize(statement);
+    sqlite3_reset(statement);
+    sqlite3_clear_bindings(statement);
     pthread_mutex_unlock(&store->lock);
 }
 

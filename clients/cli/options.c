@@ -30,8 +30,9 @@ bool cli_read_accelerator(const char *text, qm_accelerator *out)
 {
     if (strcmp(text, "auto") == 0) return *out = QM_ACCELERATOR_AUTO, true;
     if (strcmp(text, "boxes") == 0) return *out = QM_ACCELERATOR_BOXES, true;
+    if (strcmp(text, "tetra") == 0) return *out = QM_ACCELERATOR_TETRA, true;
     if (strcmp(text, "grid") == 0) return *out = QM_ACCELERATOR_GRID, true;
-    fprintf(stderr, "quadmesh: --accelerator takes auto, boxes or grid, got \"%s\"\n", text);
+    fprintf(stderr, "quadmesh: --accelerator takes auto, boxes, tetra or grid, got \"%s\"\n", text);
     return false;
 }
 

@@ -101,8 +101,8 @@ def talk(daemon, text, whole=True):
         return received
 
 
-SMUGGLED = (b"POST /v1/jobs HTTP/1.1\r\nHost: x\r\nContent-Length: 4\r\nTransfer-Encoding: chunked\r\n\r\n"
-            b"0\r\n\r\nGET /v1/info HTTP/1.1\r\nHost: x\r\n\r\n")
+SMUGGLED = (b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nContent-Length: 4\r\nTransfer-Encoding: chunked\r\n\r\n"
+            b"0\r\n\r\nGET /v1/info HTTP/1.1\r\nHost: localhost\r\n\r\n")
 
 
 def test_two_lengths_are_refused(daemon):
@@ -112,14 +112,14 @@ def test_two_lengths_are_refused(daemon):
 
 
 def test_other_transfer_codings_are_refused(daemon):
-    answer = talk(daemon, b"POST /v1/meshes HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: gzip, chunked\r\n\r\n0\r\n\r\n")
+    answer = talk(daemon, b"POST /v1/meshes HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: gzip, chunked\r\n\r\n0\r\n\r\n")
     assert answer.startswith(b"HTTP/1.1 400")
 
 
 NONSENSE = [b"\r\n\r\n", b"GET\r\n\r\n", b"\0" * 5000, b"GET / HTTP/9.9\r\n\r\n", b"A" * 300000,
-            b"GET / HTTP/1.1\r\nHost: x\r\nContent-Length: -5\r\n\r\n",
-            b"POST /v1/meshes HTTP/1.1\r\nHost: x\r\nContent-Length: 99999999999999999999999\r\n\r\n",
-            b"POST /v1/meshes HTTP/1.1\r\nHost: x\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n",
+            b"GET / HTTP/1.1\r\nHost: localhost\r\nContent-Length: -5\r\n\r\n",
+            b"POST /v1/meshes HTTP/1.1\r\nHost: localhost\r\nContent-Length: 99999999999999999999999\r\n\r\n",
+            b"POST /v1/meshes HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n",
             b"GET /v1/info HTTP/1.1\r\n" + b"X: y\r\n" * 50000 + b"\r\n"]
 
 
@@ -132,7 +132,7 @@ def test_nonsense_hurts_nobody(daemon, client, text):
 
 def test_an_upload_that_breaks_off_leaves_nothing(make_daemon):
     running = make_daemon()
-    head = b"POST /v1/meshes HTTP/1.1\r\nHost: x\r\nContent-Length: 1000000\r\n\r\n"
+    head = b"POST /v1/meshes HTTP/1.1\r\nHost: localhost\r\nContent-Length: 1000000\r\n\r\n"
     talk(running, head + b"v 0 0 0\n" * 1000)
     with running.client() as client:
         assert client.get("/v1/meshes").json()["meshes"] == []

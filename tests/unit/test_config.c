@@ -88,6 +88,14 @@ static void test_bad_flags_are_refused(void **state)
     assert_int_equal(READ(&config, "--port"), QM_CONFIG_EXIT_USAGE);
 }
 
+static void test_other_addresses_with_tokens(void **state)
+{
+    (void)state;
+    qm_config config;
+    assert_int_equal(READ(&config, "--listen", "0.0.0.0", "--token-file", "tokens"), QM_CONFIG_RUN);
+    assert_string_equal(config.token_file, "tokens");
+}
+
 static void test_help_and_version(void **state)
 {
     (void)state;
@@ -103,6 +111,7 @@ int main(void)
         cmocka_unit_test(test_flags),
         cmocka_unit_test(test_flags_win_over_the_environment),
         cmocka_unit_test(test_bad_flags_are_refused),
+        cmocka_unit_test(test_other_addresses_with_tokens),
         cmocka_unit_test(test_help_and_version),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -10,6 +10,7 @@
 
 #include "check.h"
 #include "folder.h"
+#include "result_file.h"
 #include "store.h"
 
 typedef struct fixture {
@@ -105,6 +106,15 @@ static void test_hashes(void **state)
     }
 }
 
+static void put_mesh(const fixture *f, const char *id, const char *hash, const char *options)
+{
+    qm_store_mesh mesh = {
+        .options = (char *)options, .name = (char *)"n\xc3\xa4me", .document = (char *)"{}", .format = 3};
+    snprintf(mesh.id, sizeof mesh.id, "%s", id);
+    snprintf(mesh.hash, sizeof mesh.hash, "%s", hash);
+    assert_int_equal(qm_store_put_mesh(f->store, &mesh), QM_OK);
+}
+
 static void test_kept_blobs_survive(void **state)
 {
     fixture *f = *state;
@@ -112,8 +122,29 @@ static void test_kept_blobs_survive(void **state)
     keep_blob(f, "a mesh", hash);
     keep_blob(f, "a mesh", hash);
     assert_int_equal(count_files(f, "blobs"), 1);
+    put_mesh(f, "m_1", hash, "");
     reopen(f);
     check_blob(f, hash, "a mesh");
+}
+
+/** Left by an end between a file and its row. */
+static void test_files_without_a_row_are_swept(void **state)
+{
+    fixture *f = *state;
+    char hash[QM_HASH_SIZE];
+    keep_blob(f, "nobody's", hash);
+    qm_store_job job = {.key = (char *)"k", .body = (char *)"{}", .created = (char *)"2030"};
+    snprintf(job.id, sizeof job.id, "j_here");
+    assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
+    assert_int_equal(qm_result_file_write(f->store, "j_here", (double[]){1.0}, 1), QM_OK);
+    assert_int_equal(qm_result_file_write(f->store, "j_gone", (double[]){1.0}, 1), QM_OK);
+    reopen(f);
+    assert_int_equal(count_files(f, "blobs"), 0);
+    assert_int_equal(count_files(f, "results"), 1);
+    qm_result_file *kept = qm_result_file_open(f->store, "j_here");
+    assert_non_null(kept);
+    assert_int_equal(qm_result_file_count(kept), 1);
+    qm_result_file_close(kept);
 }
 
 static void test_dropped_blobs_leave_nothing(void **state)
@@ -170,15 +201,6 @@ static void test_half_written_files_are_swept(void **state)
 }
 
 /* ---- meshes ---- */
-
-static void put_mesh(const fixture *f, const char *id, const char *hash, const char *options)
-{
-    qm_store_mesh mesh = {
-        .options = (char *)options, .name = (char *)"n\xc3\xa4me", .document = (char *)"{}", .format = 3};
-    snprintf(mesh.id, sizeof mesh.id, "%s", id);
-    snprintf(mesh.hash, sizeof mesh.hash, "%s", hash);
-    assert_int_equal(qm_store_put_mesh(f->store, &mesh), QM_OK);
-}
 
 static void test_meshes_survive(void **state)
 {
@@ -300,6 +322,41 @@ static void test_unfinished_jobs(void **state)
     assert_null(rows[1].events);
     qm_store_job_reset(&rows[0]);
     qm_store_job_reset(&rows[1]);
+}
+
+static void drop(const fixture *f, size_t kept, const char *before, size_t limit, const char *expected)
+{
+    char ids[8][QM_ID_SIZE], joined[400] = "";
+    size_t count = qm_store_drop_old_jobs(f->store, kept, before, limit, ids);
+    for (size_t i = 0; i < count; i++)
+        snprintf(joined + strlen(joined), sizeof joined - strlen(joined), "%s ", ids[i]);
+    assert_string_equal(joined, expected);
+}
+
+static void test_old_jobs_are_dropped(void **state)
+{
+    fixture *f = *state;
+    for (int i = 1; i <= 6; i++) {
+        qm_store_job job = {.key = (char *)"k", .body = (char *)"{}"};
+        char created[16];
+        snprintf(created, sizeof created, "20%d0", i);
+        job.created = created;
+        snprintf(job.id, sizeof job.id, "j_%d", i);
+        assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
+        if (i != 2) assert_int_equal(qm_store_finish_job(f->store, job.id, 2, "{}", "{}\n"), QM_OK);
+    }
+    drop(f, 100, "", 8, "");
+    drop(f, 100, "2010", 8, "");
+    drop(f, 100, "2015", 8, "j_1 ");
+    drop(f, 4, "", 8, "");
+    /* One that has not ended stays, however old. */
+    drop(f, 1, "", 1, "j_3 ");
+    drop(f, 2, "", 8, "j_4 ");
+    drop(f, 0, "", 8, "j_5 j_6 ");
+    qm_store_job rows[2];
+    assert_int_equal(qm_store_list_jobs(f->store, 0, 2, rows), 1);
+    assert_string_equal(rows[0].id, "j_2");
+    qm_store_job_reset(&rows[0]);
 }
 
 static void test_an_idempotency_key_names_one_job(void **state)
@@ -486,6 +543,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         TEST(test_hashes),
         TEST(test_kept_blobs_survive),
+        TEST(test_files_without_a_row_are_swept),
         TEST(test_dropped_blobs_leave_nothing),
         TEST(test_unsealed_blobs_leave_nothing),
         TEST(test_a_blob_that_cannot_be_named),
@@ -495,6 +553,7 @@ int main(void)
         TEST(test_a_blob_goes_with_its_last_mesh),
         TEST(test_jobs_survive),
         TEST(test_unfinished_jobs),
+        TEST(test_old_jobs_are_dropped),
         TEST(test_an_idempotency_key_names_one_job),
         TEST(test_a_folder_has_one_owner),
         TEST(test_a_refused_process_leaves_uploads_alone),

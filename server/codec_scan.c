@@ -1,4 +1,4 @@
-#include "codec_text.h"
+#include "codec_scan.h"
 
 #include <locale.h>
 #include <math.h>
@@ -7,20 +7,20 @@
 
 #include "codec_build.h"
 
-static void skip_byte_order_mark(qm_text *text)
+static void skip_byte_order_mark(qm_scan *text)
 {
     static const uint8_t mark[3] = {0xef, 0xbb, 0xbf};
     if (text->end - text->at >= 3 && memcmp(text->at, mark, sizeof mark) == 0) text->at += sizeof mark;
 }
 
-qm_status qm_text_open(qm_text *text, const uint8_t *bytes, size_t size, qm_codec_report *report)
+qm_status qm_scan_open(qm_scan *text, const uint8_t *bytes, size_t size, qm_codec_report *report)
 {
-    *text = (qm_text){.at = bytes, .end = bytes + size, .line = 1, .report = report};
+    *text = (qm_scan){.at = bytes, .end = bytes + size, .line = 1, .report = report};
     const uint8_t *nul = memchr(bytes, 0, size);
     if (nul) {
         while (text->at < nul)
-            if (qm_text_is_line_end(*text->at))
-                qm_text_skip_line_end(text);
+            if (qm_scan_is_line_end(*text->at))
+                qm_scan_skip_line_end(text);
             else
                 ++text->at;
         return qm_codec_fail(report, QM_E_FORMAT, "the text holds a NUL byte");
@@ -29,45 +29,45 @@ qm_status qm_text_open(qm_text *text, const uint8_t *bytes, size_t size, qm_code
     return QM_OK;
 }
 
-bool qm_text_skip_joint(qm_text *text)
+bool qm_scan_skip_joint(qm_scan *text)
 {
     const uint8_t *next = text->at + 1;
-    if (*text->at != '\\' || next == text->end || !qm_text_is_line_end(*next)) return false;
+    if (*text->at != '\\' || next == text->end || !qm_scan_is_line_end(*next)) return false;
     text->at = next;
-    qm_text_skip_line_end(text);
+    qm_scan_skip_line_end(text);
     return true;
 }
 
-void qm_text_skip_line(qm_text *text)
+void qm_scan_skip_line(qm_scan *text)
 {
-    while (text->at < text->end && !qm_text_is_line_end(*text->at))
+    while (text->at < text->end && !qm_scan_is_line_end(*text->at))
         ++text->at;
-    if (text->at < text->end) qm_text_skip_line_end(text);
+    if (text->at < text->end) qm_scan_skip_line_end(text);
 }
 
-void qm_text_skip_statement(qm_text *text)
+void qm_scan_skip_statement(qm_scan *text)
 {
-    while (text->at < text->end && !qm_text_is_line_end(*text->at))
-        if (*text->at != '\\' || !qm_text_skip_joint(text)) ++text->at;
-    if (text->at < text->end) qm_text_skip_line_end(text);
+    while (text->at < text->end && !qm_scan_is_line_end(*text->at))
+        if (*text->at != '\\' || !qm_scan_skip_joint(text)) ++text->at;
+    if (text->at < text->end) qm_scan_skip_line_end(text);
 }
 
-bool qm_text_find_row(qm_text *text)
+bool qm_scan_find_row(qm_scan *text)
 {
     for (;;) {
-        qm_text_skip_blanks(text);
+        qm_scan_skip_blanks(text);
         if (text->at == text->end) return false;
-        if (!qm_text_at_row_end(text)) return true;
-        qm_text_skip_line(text);
+        if (!qm_scan_at_row_end(text)) return true;
+        qm_scan_skip_line(text);
     }
 }
 
-bool qm_text_read_word(qm_text *text, const uint8_t **word, size_t *size)
+bool qm_scan_read_word(qm_scan *text, const uint8_t **word, size_t *size)
 {
-    qm_text_skip_blanks(text);
-    if (qm_text_at_row_end(text)) return false;
+    qm_scan_skip_blanks(text);
+    if (qm_scan_at_row_end(text)) return false;
     *word = text->at;
-    while (text->at < text->end && !qm_text_is_blank(*text->at) && !qm_text_is_line_end(*text->at))
+    while (text->at < text->end && !qm_scan_is_blank(*text->at) && !qm_scan_is_line_end(*text->at))
         ++text->at;
     *size = (size_t)(text->at - *word);
     return true;
@@ -78,7 +78,7 @@ static uint8_t to_lower(uint8_t c)
     return c >= 'A' && c <= 'Z' ? (uint8_t)(c | 0x20) : c;
 }
 
-bool qm_text_word_is(const uint8_t *word, size_t size, const char *lower)
+bool qm_scan_word_is(const uint8_t *word, size_t size, const char *lower)
 {
     if (size != strlen(lower)) return false;
     for (size_t i = 0; i < size; ++i)
@@ -92,22 +92,22 @@ static bool is_digit(uint8_t c)
 }
 
 /** True where a number may end. */
-static bool at_number_end(const qm_text *text, const uint8_t *at)
+static bool at_number_end(const qm_scan *text, const uint8_t *at)
 {
-    return at == text->end || qm_text_is_blank(*at) || qm_text_is_line_end(*at) || *at == '#' ||
+    return at == text->end || qm_scan_is_blank(*at) || qm_scan_is_line_end(*at) || *at == '#' ||
            *at == '\\' || (*at == ',' && text->has_comma);
 }
 
-static bool starts_with(const qm_text *text, const uint8_t *at, const char *lower)
+static bool starts_with(const qm_scan *text, const uint8_t *at, const char *lower)
 {
     size_t length = strlen(lower);
-    return (size_t)(text->end - at) >= length && qm_text_word_is(at, length, lower);
+    return (size_t)(text->end - at) >= length && qm_scan_word_is(at, length, lower);
 }
 
 /** Finds words for what stands where a number should be. */
-static qm_status fail_number(qm_text *text)
+static qm_status fail_number(qm_scan *text)
 {
-    if (qm_text_at_row_end(text))
+    if (qm_scan_at_row_end(text))
         return qm_codec_fail(text->report, QM_E_FORMAT, "the line ends where a number should be");
     const uint8_t *at = text->at;
     if (*at == '-' || *at == '+') ++at;
@@ -178,7 +178,7 @@ static bool scale_fast(uint64_t mantissa, int64_t power, double *number)
 
 #define LONGEST_NUMBER 1200 /* digits of any double written in full, and then some */
 
-static qm_status scale_slow(qm_text *text, const uint8_t *from, const uint8_t *to, double *number)
+static qm_status scale_slow(qm_scan *text, const uint8_t *from, const uint8_t *to, double *number)
 {
     char copy[LONGEST_NUMBER + 1];
     size_t length = (size_t)(to - from);
@@ -198,7 +198,7 @@ static qm_status scale_slow(qm_text *text, const uint8_t *from, const uint8_t *t
 
 /** Reads "e-12" if it stands there; false for an exponent with no digits. A huge one is cut short, but stays
  * huge. */
-static bool scan_exponent(const qm_text *text, const uint8_t **at, int64_t *exponent)
+static bool scan_exponent(const qm_scan *text, const uint8_t **at, int64_t *exponent)
 {
     const uint8_t *p = *at;
     if (p == text->end || (*p | 0x20) != 'e') return true;
@@ -214,9 +214,9 @@ static bool scan_exponent(const qm_text *text, const uint8_t **at, int64_t *expo
     return true;
 }
 
-qm_status qm_text_read_number(qm_text *text, double *number)
+qm_status qm_scan_read_number(qm_scan *text, double *number)
 {
-    qm_text_skip_blanks(text);
+    qm_scan_skip_blanks(text);
     const uint8_t *p = text->at, *end = text->end;
     bool negative = p < end && *p == '-';
     if (p < end && (*p == '-' || *p == '+')) ++p;
@@ -245,15 +245,15 @@ qm_status qm_text_read_number(qm_text *text, double *number)
     return QM_OK;
 }
 
-qm_status qm_text_read_position(qm_text *text, double position[3])
+qm_status qm_scan_read_position(qm_scan *text, double position[3])
 {
-    qm_status status = qm_text_read_number(text, position);
-    if (status == QM_OK) status = qm_text_read_number(text, position + 1);
-    if (status == QM_OK) status = qm_text_read_number(text, position + 2);
+    qm_status status = qm_scan_read_number(text, position);
+    if (status == QM_OK) status = qm_scan_read_number(text, position + 1);
+    if (status == QM_OK) status = qm_scan_read_number(text, position + 2);
     return status;
 }
 
-bool qm_text_scan_integer(qm_text *text, int64_t *integer, bool *overflow)
+bool qm_scan_bare_integer(qm_scan *text, int64_t *integer, bool *overflow)
 {
     const uint8_t *p = text->at;
     bool negative = p < text->end && *p == '-';
@@ -274,13 +274,13 @@ bool qm_text_scan_integer(qm_text *text, int64_t *integer, bool *overflow)
     return true;
 }
 
-qm_status qm_text_read_integer(qm_text *text, int64_t *integer)
+qm_status qm_scan_read_integer(qm_scan *text, int64_t *integer)
 {
-    qm_text_skip_blanks(text);
-    if (qm_text_at_row_end(text))
+    qm_scan_skip_blanks(text);
+    if (qm_scan_at_row_end(text))
         return qm_codec_fail(text->report, QM_E_FORMAT, "the line ends where a whole number should be");
     bool overflow;
-    if (!qm_text_scan_integer(text, integer, &overflow))
+    if (!qm_scan_bare_integer(text, integer, &overflow))
         return overflow ? qm_codec_fail(text->report, QM_E_FORMAT, "a whole number is too large")
                         : qm_codec_fail(text->report, QM_E_FORMAT,
                                         "a whole number is expected, but something else stands there");

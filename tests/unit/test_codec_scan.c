@@ -5,15 +5,15 @@
 #include <string.h>
 
 #include "check.h"
-#include "codec_text.h"
+#include "codec_scan.h"
 #include "random.h"
 
 static qm_status read_number(const char *word, double *number)
 {
     qm_codec_report report;
-    qm_text text;
-    assert_int_equal(qm_text_open(&text, (const uint8_t *)word, strlen(word), &report), QM_OK);
-    return qm_text_read_number(&text, number);
+    qm_scan text;
+    assert_int_equal(qm_scan_open(&text, (const uint8_t *)word, strlen(word), &report), QM_OK);
+    return qm_scan_read_number(&text, number);
 }
 
 static void check_like_strtod(const char *word, uint64_t seed)
@@ -157,16 +157,16 @@ static void lines_are_counted_whatever_their_ends(void **state)
     static const char *const texts[] = {"a\nb\n\nc", "a\r\nb\r\n\r\nc", "a\rb\r\rc", "a\nb # x\n#y\nc"};
     for (size_t i = 0; i < sizeof texts / sizeof *texts; ++i) {
         qm_codec_report report;
-        qm_text text;
-        qm_text_open(&text, (const uint8_t *)texts[i], strlen(texts[i]), &report);
+        qm_scan text;
+        qm_scan_open(&text, (const uint8_t *)texts[i], strlen(texts[i]), &report);
         static const size_t lines[] = {1, 2, 4};
         for (size_t row = 0; row < 3; ++row) {
-            assert_true(qm_text_find_row(&text));
+            assert_true(qm_scan_find_row(&text));
             assert_int_equal(text.line, lines[row]);
             assert_int_equal(*text.at, 'a' + (int)row);
-            qm_text_skip_line(&text);
+            qm_scan_skip_line(&text);
         }
-        assert_false(qm_text_find_row(&text));
+        assert_false(qm_scan_find_row(&text));
     }
 }
 
@@ -175,15 +175,15 @@ static void backslash_joins_lines_only_before_their_end(void **state)
     (void)state;
     static const char source[] = "1 \\\r\n2\\\n3 \\x\n";
     qm_codec_report report;
-    qm_text text;
+    qm_scan text;
     double number = 0;
-    qm_text_open(&text, (const uint8_t *)source, strlen(source), &report);
+    qm_scan_open(&text, (const uint8_t *)source, strlen(source), &report);
     for (int i = 1; i <= 3; ++i) {
-        assert_int_equal(qm_text_read_number(&text, &number), QM_OK);
+        assert_int_equal(qm_scan_read_number(&text, &number), QM_OK);
         assert_true(number == i);
         assert_int_equal(text.line, i);
     }
-    assert_int_equal(qm_text_read_number(&text, &number), QM_E_FORMAT);
+    assert_int_equal(qm_scan_read_number(&text, &number), QM_E_FORMAT);
 }
 
 static void integers_stop_at_63_bits(void **state)
@@ -202,10 +202,10 @@ static void integers_stop_at_63_bits(void **state)
                  {"", QM_E_FORMAT, 0}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
         qm_codec_report report;
-        qm_text text;
+        qm_scan text;
         int64_t value = 0;
-        qm_text_open(&text, (const uint8_t *)cases[i].word, strlen(cases[i].word), &report);
-        QM_CHECK(qm_text_read_integer(&text, &value) == cases[i].status, "%s", cases[i].word);
+        qm_scan_open(&text, (const uint8_t *)cases[i].word, strlen(cases[i].word), &report);
+        QM_CHECK(qm_scan_read_integer(&text, &value) == cases[i].status, "%s", cases[i].word);
         if (cases[i].status == QM_OK) assert_int_equal(value, cases[i].value);
     }
 }

@@ -1,0 +1,100 @@
+#include "encode_internal.h"
+
+#include <float.h>
+#include <math.h>
+
+#define BLOCK_SIZE 100000 /* bytes after which a block ends */
+
+static const qm_encode_format *const formats[] = {
+    [QM_FORMAT_OBJ] = &qm_encode_obj, [QM_FORMAT_PLY] = &qm_encode_ply, [QM_FORMAT_STL] = &qm_encode_stl,
+    [QM_FORMAT_OFF] = &qm_encode_off, [QM_FORMAT_GLB] = &qm_encode_glb, [QM_FORMAT_DRC] = &qm_encode_drc,
+    [QM_FORMAT_XYZ] = &qm_encode_xyz,
+};
+
+static void count_faces(qm_encoder *encoder)
+{
+    const qm_mesh *mesh = encoder->mesh;
+    for (uint32_t face = 0, end; face < mesh->face_count; face = end) {
+        end = qm_encode_face_end(mesh, face);
+        size_t corners = qm_encode_corner_count(mesh, face, end);
+        encoder->input_faces++;
+        encoder->triangles += corners - 2;
+        if (corners > encoder->most_corners) encoder->most_corners = corners;
+    }
+}
+
+qm_status qm_encode_round_to_floats(qm_encoder *encoder)
+{
+    const double *p = encoder->mesh->positions;
+    double largest = 0.0;
+    for (size_t i = 0; i < encoder->mesh->vertex_count; i++, p += 3) {
+        double square = 0.0;
+        for (int axis = 0; axis < 3; axis++) {
+            if (!(fabs(p[axis]) <= (double)FLT_MAX))
+                return qm_context_fail(
+                    encoder->ctx, QM_E_SCALE,
+                    "vertex %zu has a coordinate beyond single precision, which is all that "
+                    "the format has",
+                    i);
+            double off = p[axis] - (double)(float)p[axis];
+            square += off * off;
+        }
+        largest = fmax(largest, square);
+    }
+    /* The four roundings of the sum and the root are outweighed. */
+    encoder->losses.displacement = sqrt(largest) * (1.0 + 4.0 * DBL_EPSILON);
+    return QM_OK;
+}
+
+qm_status qm_encoder_create(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_facts *facts,
+                            qm_format format, int bits, qm_encoder **out)
+{
+    QM_ASSERT(format != QM_FORMAT_UNKNOWN && bits >= 0 && bits <= QM_ENCODE_MAX_BITS);
+    *out = qm_context_alloc(ctx, 1, sizeof **out);
+    if (!*out) return qm_context_fail(ctx, QM_E_NO_MEMORY, "there is no memory for the file");
+    **out = (qm_encoder){.ctx = ctx, .mesh = mesh, .facts = facts, .format = formats[format], .bits = bits};
+    count_faces(*out);
+    qm_status status = (*out)->format->prepare ? (*out)->format->prepare(*out) : QM_OK;
+    if (status == QM_OK) return QM_OK;
+    qm_encoder_destroy(*out);
+    *out = NULL;
+    return status;
+}
+
+void qm_encoder_destroy(qm_encoder *encoder)
+{
+    if (!encoder) return;
+    qm_text_reset(&encoder->whole);
+    qm_context_free(encoder->ctx, encoder, 1, sizeof *encoder);
+}
+
+qm_encode_losses qm_encoder_losses(const qm_encoder *encoder)
+{
+    return encoder->losses;
+}
+
+bool qm_encoder_size(const qm_encoder *encoder, uint64_t *size)
+{
+    *size = encoder->size;
+    return encoder->size > 0;
+}
+
+bool qm_encoder_next(qm_encoder *encoder, qm_text *out)
+{
+    const qm_encode_format *format = encoder->format;
+    const qm_mesh *mesh = encoder->mesh;
+    size_t end = out->size + BLOCK_SIZE;
+    if (!encoder->has_head) format->add_head(encoder, out);
+    encoder->has_head = true;
+    for (; format->add_vertex && encoder->vertex < mesh->vertex_count && out->size < end && !out->failed;
+         encoder->vertex++)
+        format->add_vertex(encoder, encoder->vertex, out);
+    while (format->add_face && encoder->face < mesh->face_count && out->size < end && !out->failed) {
+        uint32_t first = (uint32_t)encoder->face, last = qm_encode_face_end(mesh, first);
+        format->add_face(encoder, first, last, out);
+        encoder->face = last;
+    }
+    bool has_vertices = format->add_vertex && encoder->vertex < mesh->vertex_count;
+    bool has_faces = format->add_face && encoder->face < mesh->face_count;
+    return (has_vertices || has_faces) && !out->failed;
+}

@@ -1,0 +1,50 @@
+/**
+ * metrics.h: what the daemon counts, in Prometheus' text format (version 0.0.4).
+ *
+ * Counters live as long as the process and are raised from any thread, without a lock. What can be looked up
+ * when somebody asks (queued jobs, open streams) is not counted here: the handler hands it in.
+ */
+#ifndef QM_METRICS_H
+#define QM_METRICS_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#include "text.h"
+
+/** XX(suffix, name without the prefix, help). */
+#define QM_METRICS_COUNTER_MAP(XX)                                                                           \
+    XX(UPLOADED_BYTES, "uploaded_bytes_total", "Bytes of bodies that were received.")                        \
+    XX(MESHES_ADDED, "meshes_added_total", "Meshes that were new.")                                          \
+    XX(MESH_LOADS, "mesh_loads_total", "Meshes that were read back from their blob.")                        \
+    XX(MESH_EVICTIONS, "mesh_evictions_total", "Meshes that were dropped from memory for others.")           \
+    XX(CACHED_ANSWERS, "cached_answers_total", "Jobs that were answered from an earlier one.")               \
+    XX(BATCH_LINES, "batch_lines_total", "Lines of batches that were read.")                                 \
+    XX(REFUSED_TOKENS, "refused_tokens_total", "Requests without a token that allows them.")                 \
+    XX(SLOW_CLIENTS, "slow_clients_total", "Connections closed as they kept the daemon waiting.")
+
+typedef enum qm_metrics_counter {
+#define XX(suffix, name, help) QM_METRICS_##suffix,
+    QM_METRICS_COUNTER_MAP(XX)
+#undef XX
+        QM_METRICS_COUNTER_COUNT
+} qm_metrics_counter;
+
+void qm_metrics_add(qm_metrics_counter counter, uint64_t amount);
+
+/** A request that has ended; route is the pattern of its path, a literal, or "" when none fits. */
+void qm_metrics_add_request(const char *method, const char *route, int status, double seconds);
+
+/** A job that has ended; both names are literals. */
+void qm_metrics_add_job(const char *type, const char *state, double seconds);
+
+/** A value of this moment. */
+typedef struct qm_metrics_gauge {
+    const char *name, *help; /* without the prefix */
+    double value;
+} qm_metrics_gauge;
+
+/** Writes everything. */
+void qm_metrics_write(qm_text *out, const qm_metrics_gauge *gauges, size_t count);
+
+#endif

@@ -1,0 +1,139 @@
+#include "tokens.h"
+
+#include <errno.h>
+#include <nettle/memops.h>
+#include <nettle/sha2.h>
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#define MAX_TOKENS 1024
+#define MAX_LINE 1024
+#define BLANK " \t\r\n"
+
+typedef struct token {
+    uint8_t hash[SHA256_DIGEST_SIZE];
+    qm_scope scope;
+} token;
+
+/** lock guards list and count. */
+struct qm_tokens {
+    pthread_rwlock_t lock;
+    token *list;
+    size_t count;
+};
+
+qm_tokens *qm_tokens_create(void)
+{
+    qm_tokens *tokens = calloc(1, sizeof *tokens);
+    if (tokens) pthread_rwlock_init(&tokens->lock, NULL);
+    return tokens;
+}
+
+void qm_tokens_destroy(qm_tokens *tokens)
+{
+    if (!tokens) return;
+    pthread_rwlock_destroy(&tokens->lock);
+    free(tokens->list);
+    free(tokens);
+}
+
+static void hash_token(const char *text, size_t size, uint8_t out[SHA256_DIGEST_SIZE])
+{
+    struct sha256_ctx hash;
+    sha256_init(&hash);
+    sha256_update(&hash, size, (const uint8_t *)text);
+    sha256_digest(&hash, SHA256_DIGEST_SIZE, out);
+}
+
+/** Reads "scope token"; false with words. The words never hold the token. */
+static bool read_line(char *line, token *out, const char **words)
+{
+    char *rest = NULL, *scope = strtok_r(line, BLANK, &rest), *text = strtok_r(NULL, BLANK, &rest);
+    out->scope = strcmp(scope, "read") == 0    ? QM_SCOPE_READ
+                 : strcmp(scope, "write") == 0 ? QM_SCOPE_WRITE
+                                               : QM_SCOPE_NONE;
+    *words = out->scope == QM_SCOPE_NONE           ? "does not start with read or write"
+             : !text                               ? "has no token"
+             : strtok_r(NULL, BLANK, &rest)        ? "has more than a scope and a token"
+             : strlen(text) < QM_TOKENS_MIN_LENGTH ? "has a token that is too short"
+                                                   : NULL;
+    if (!*words) hash_token(text, strlen(text), out->hash);
+    return !*words;
+}
+
+/** Reads the lines into a list of MAX_TOKENS; returns how many, or 0 with a message. */
+static size_t read_lines(FILE *file, token *list, char message[QM_TOKENS_MESSAGE_SIZE])
+{
+    char line[MAX_LINE];
+    size_t count = 0;
+    const char *words = NULL;
+    int number = 0;
+    while (!words && fgets(line, sizeof line, file)) {
+        number++;
+        const char *start = line + strspn(line, BLANK);
+        if (strlen(line) + 1 == sizeof line)
+            words = "is too long";
+        else if (count == MAX_TOKENS)
+            words = "is one token too many";
+        else if (*start && *start != '#' && read_line(line, &list[count], &words))
+            count++;
+    }
+    explicit_bzero(line, sizeof line);
+    if (words)
+        snprintf(message, QM_TOKENS_MESSAGE_SIZE, "line %d %s", number, words);
+    else if (count == 0)
+        snprintf(message, QM_TOKENS_MESSAGE_SIZE, "it holds no token");
+    return words ? 0 : count;
+}
+
+bool qm_tokens_load(qm_tokens *tokens, const char *path, char message[QM_TOKENS_MESSAGE_SIZE])
+{
+    FILE *file = fopen(path, "re");
+    if (!file) {
+        snprintf(message, QM_TOKENS_MESSAGE_SIZE, "%s", strerror(errno));
+        return false;
+    }
+    token *list = calloc(MAX_TOKENS, sizeof *list);
+    size_t count = list ? read_lines(file, list, message) : 0;
+    if (!list) snprintf(message, QM_TOKENS_MESSAGE_SIZE, "there is no memory for it");
+    fclose(file);
+    if (count == 0) {
+        free(list);
+        return false;
+    }
+    pthread_rwlock_wrlock(&tokens->lock);
+    token *old = tokens->list;
+    tokens->list = list;
+    tokens->count = count;
+    pthread_rwlock_unlock(&tokens->lock);
+    free(old);
+    return true;
+}
+
+size_t qm_tokens_count(qm_tokens *tokens)
+{
+    pthread_rwlock_rdlock(&tokens->lock);
+    size_t count = tokens->count;
+    pthread_rwlock_unlock(&tokens->lock);
+    return count;
+}
+
+qm_scope qm_tokens_check(qm_tokens *tokens, const char *authorization)
+{
+    static const char scheme[] = "Bearer ";
+    if (!authorization || strncasecmp(authorization, scheme, strlen(scheme)) != 0) return QM_SCOPE_NONE;
+    const char *text = authorization + strlen(scheme);
+    text += strspn(text, BLANK);
+    uint8_t hash[SHA256_DIGEST_SIZE];
+    hash_token(text, strcspn(text, BLANK), hash);
+    qm_scope scope = QM_SCOPE_NONE;
+    pthread_rwlock_rdlock(&tokens->lock);
+    for (size_t i = 0; i < tokens->count; i++)
+        if (memeql_sec(hash, tokens->list[i].hash, sizeof hash) && tokens->list[i].scope > scope)
+            scope = tokens->list[i].scope;
+    pthread_rwlock_unlock(&tokens->lock);
+    return scope;
+}

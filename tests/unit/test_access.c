@@ -1,0 +1,155 @@
+/* Origins, hosts, entity tags and tokens, as headers have them. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "check.h"
+#include "etag.h"
+#include "origin.h"
+#include "tokens.h"
+
+static void test_lists_of_origins(void **state)
+{
+    (void)state;
+    assert_true(qm_origin_is_listed("https://a.example", "https://a.example"));
+    assert_true(qm_origin_is_listed(" http://b , https://a.example,", "https://A.example"));
+    assert_true(qm_origin_is_listed("*", "null"));
+    static const char *const others[] = {"https://a.exampl", "https://a.example.evil", "http://a.example",
+                                         ""};
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        QM_CHECK(!qm_origin_is_listed("https://a.example,http://b", others[i]), "%s", others[i]);
+    assert_false(qm_origin_is_listed("", "https://a.example"));
+}
+
+static void test_an_origin_is_that_of_its_host(void **state)
+{
+    (void)state;
+    assert_true(qm_origin_is_host("http://127.0.0.1:7878", "127.0.0.1:7878"));
+    assert_true(qm_origin_is_host("https://mesh.example", "Mesh.example"));
+    assert_false(qm_origin_is_host("http://127.0.0.1:7879", "127.0.0.1:7878"));
+    assert_false(qm_origin_is_host("null", "null"));
+    assert_false(qm_origin_is_host("http://a", NULL));
+}
+
+static void test_hosts(void **state)
+{
+    (void)state;
+    static const char *const plain[] = {
+        "", "localhost", "LocalHost:80", "127.0.0.1", "10.0.0.1:7878", "[::1]:7878", "[fe80::1]"};
+    static const char *const named[] = {"example.org", "localhost.", "127.0.0.1.example.org:80",
+                                        "[::1",        "1.2.3",      "localhost.example.org"};
+    for (size_t i = 0; i < sizeof plain / sizeof *plain; i++)
+        QM_CHECK(qm_origin_host_is_plain(plain[i]), "%s", plain[i]);
+    for (size_t i = 0; i < sizeof named / sizeof *named; i++)
+        QM_CHECK(!qm_origin_host_is_plain(named[i]), "%s", named[i]);
+    assert_true(qm_origin_host_is_plain(NULL));
+}
+
+static void test_entity_tags(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *list;
+        bool strong, weak;
+    } cases[] = {
+        {NULL, false, false},
+        {"", false, false},
+        {"*", true, true},
+        {"\"a\"", true, true},
+        {"W/\"a\"", false, true},
+        {" \"b\" , \"a\"", true, true},
+        {"\"b\", W/\"a\"", false, true},
+        {"\"b\",*", true, true},
+        {"a", false, false},
+        {"\"a", false, false},
+        {"\"aa\", \"\"", false, false},
+        {"\"b\" \"a\"", true, true},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        const char *list = cases[i].list ? cases[i].list : "(none)";
+        QM_CHECK(qm_etag_is_listed(cases[i].list, "\"a\"", false) == cases[i].strong, "%s", list);
+        QM_CHECK(qm_etag_is_listed(cases[i].list, "\"a\"", true) == cases[i].weak, "%s", list);
+    }
+}
+
+/** Loads a file of this text. */
+static bool load(qm_tokens *tokens, const char *text, char message[QM_TOKENS_MESSAGE_SIZE])
+{
+    char path[] = "/tmp/quadmeshd-tokens-XXXXXX";
+    int file = mkstemp(path);
+    assert_true(file >= 0 && write(file, text, strlen(text)) == (ssize_t)strlen(text));
+    close(file);
+    bool loaded = qm_tokens_load(tokens, path, message);
+    unlink(path);
+    return loaded;
+}
+
+static void test_tokens(void **state)
+{
+    (void)state;
+    char message[QM_TOKENS_MESSAGE_SIZE];
+    qm_tokens *tokens = qm_tokens_create();
+    assert_int_equal(qm_tokens_count(tokens), 0);
+    assert_int_equal(qm_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_NONE);
+    assert_true(load(tokens,
+                     "# x\n\n read 0123456789abcdef\nwrite\tfedcba9876543210\r\nread same0000same0000\n"
+                     "write same0000same0000",
+                     message));
+    assert_int_equal(qm_tokens_count(tokens), 4);
+    assert_int_equal(qm_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_READ);
+    assert_int_equal(qm_tokens_check(tokens, "bEARER   fedcba9876543210 "), QM_SCOPE_WRITE);
+    assert_int_equal(qm_tokens_check(tokens, "Bearer same0000same0000"), QM_SCOPE_WRITE);
+    static const char *const others[] = {"Bearer",
+                                         "Bearer ",
+                                         "Bearer 0123456789abcde",
+                                         "0123456789abcdef",
+                                         "Bearer 0123456789abcdef0",
+                                         "Basic fedcba9876543210",
+                                         ""};
+    for (size_t i = 0; i < sizeof others / sizeof *others; i++)
+        QM_CHECK(qm_tokens_check(tokens, others[i]) == QM_SCOPE_NONE, "%s", others[i]);
+    assert_int_equal(qm_tokens_check(tokens, NULL), QM_SCOPE_NONE);
+    qm_tokens_destroy(tokens);
+}
+
+static void test_a_faulty_file_changes_nothing(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *text, *words;
+    } cases[] = {
+        {"", "no token"},
+        {"# only\n", "no token"},
+        {"read 0123456789abcdef\nadmin 0123456789abcdef\n", "line 2 does not start"},
+        {"read\n", "line 1 has no token"},
+        {"write short\n", "too short"},
+        {"write 0123456789abcdef more\n", "more than"},
+    };
+    char message[QM_TOKENS_MESSAGE_SIZE], line[1100] = "write ";
+    qm_tokens *tokens = qm_tokens_create();
+    assert_true(load(tokens, "write 0123456789abcdef\n", message));
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        QM_CHECK(!load(tokens, cases[i].text, message), "%s", cases[i].text);
+        QM_CHECK(strstr(message, cases[i].words), "%s: %s", cases[i].text, message);
+    }
+    memset(line + 6, 'x', sizeof line - 7);
+    assert_false(load(tokens, line, message));
+    assert_non_null(strstr(message, "too long"));
+    assert_false(qm_tokens_load(tokens, "/nowhere/at/all", message));
+    assert_int_equal(qm_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_WRITE);
+    qm_tokens_destroy(tokens);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_lists_of_origins),
+        cmocka_unit_test(test_an_origin_is_that_of_its_host),
+        cmocka_unit_test(test_hosts),
+        cmocka_unit_test(test_entity_tags),
+        cmocka_unit_test(test_tokens),
+        cmocka_unit_test(test_a_faulty_file_changes_nothing),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
