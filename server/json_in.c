@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "json_check.h"
+#include "json_object.h"
 #include "json_write.h"
 
 #define MAX_THREADS 256
@@ -350,47 +350,6 @@ static void read_members(const cJSON *object, qm_job_request *out, qm_problem *p
             complain(problem, QM_PROBLEM_INVALID_FIELD, fields[i].name, "is missing");
 }
 
-static qm_problem malformed_at(size_t place, const char *words)
-{
-    qm_problem problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "%s at byte %zu", words, place);
-    problem.error_count = 1;
-    problem.errors[0] = (qm_problem_error){.line = QM_NO_PLACE, .offset = place};
-    snprintf(problem.errors[0].detail, sizeof problem.errors[0].detail, "%s", words);
-    return problem;
-}
-
-/** Parses the whole text; NULL with a problem when it is not one JSON value. */
-static cJSON *parse(const char *text, size_t size, qm_problem *problem)
-{
-    const char *end = text;
-    cJSON *tree = cJSON_ParseWithLengthOpts(text, size, &end, false);
-    const char *rest = end;
-    while (tree && rest < text + size && *rest && strchr(" \t\r\n", *rest))
-        rest++;
-    if (tree && rest == text + size) return tree;
-    *problem = malformed_at((size_t)((tree ? rest : end) - text), "the JSON cannot be read");
-    cJSON_Delete(tree);
-    return NULL;
-}
-
-/** The object of a request; NULL with a problem. */
-static cJSON *parse_object(const char *text, size_t size, qm_problem *problem)
-{
-    *problem = (qm_problem){0};
-    size_t place;
-    const char *words;
-    if (!qm_json_check_text(text, size, &place, &words)) {
-        *problem = malformed_at(place, words);
-        return NULL;
-    }
-    cJSON *tree = parse(text, size, problem);
-    if (!tree || cJSON_IsObject(tree)) return tree;
-    *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "a job is a JSON object");
-    qm_problem_add_pointer(problem, "", "must be an object");
-    cJSON_Delete(tree);
-    return NULL;
-}
-
 /** Reads the members and gives the tree back. */
 static bool read_request(cJSON *object, qm_job_request *out, qm_problem *problem)
 {
@@ -404,7 +363,7 @@ static bool read_request(cJSON *object, qm_job_request *out, qm_problem *problem
 bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem)
 {
     *out = qm_job_request_default();
-    cJSON *object = parse_object(text, size, problem);
+    cJSON *object = qm_json_parse_object(text, size, "a job", problem);
     return object && read_request(object, out, problem);
 }
 
@@ -429,7 +388,7 @@ bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job
                              qm_problem *problem)
 {
     *out = qm_job_request_default();
-    cJSON *object = parse_object(text, size, problem);
+    cJSON *object = qm_json_parse_object(text, size, "a job", problem);
     take_key(object, key, problem);
     return object && read_request(object, out, problem);
 }

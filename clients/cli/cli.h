@@ -18,6 +18,7 @@ int cmd_deviation(int argc, char **argv);
 int cmd_project(int argc, char **argv);
 int cmd_info(int argc, char **argv);
 int cmd_patches(int argc, char **argv);
+int cmd_reconstruct(int argc, char **argv);
 
 /** Reads a whole file. NULL after words on stderr, or a problem on stdout when as_json. Free with free(). */
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
