@@ -23,6 +23,7 @@ import subprocess
 import sys
 import time
 
+import bench_accelerators
 import bench_hausdorff
 import bench_projection
 import bench_twins
@@ -31,7 +32,8 @@ import measuring
 import pairs as meshes
 import programs as catalogue
 
-PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection}
+PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection,
+         "accelerators": bench_accelerators}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")
 
 
