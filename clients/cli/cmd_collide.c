@@ -23,7 +23,8 @@
     "  --csv FILE       all pairs as rows face_a,face_b (-o FILE is the same)\n"                             \
     "  --mode M         all pairs (default), the first one, or any\n"                                        \
     "  --limit N        pairs that are told with the place where they meet (default 1000; in words 10)\n"    \
-    "  --tolerance X    of bilinear quads, a share of the diagonal of A's box (default 1e-6): pairs nearer\n" \
+    "  --tolerance X    of bilinear quads, a share of the diagonal of A's box (default 1e-6): pairs "        \
+    "nearer\n"                                                                                               \
     "                   than this may be told too\n" COMMON_USAGE                                            \
     "Exit status: 0 clear, 1 bad input, 2 wrong usage, 3 interrupted, 4 colliding.\n"
 
@@ -31,11 +32,10 @@ static const char collide_usage[] = "usage: quadmesh collide A B [options]\n"
                                     "\n"
                                     "Which faces of A and B meet, touching included.\n"
                                     "\n" PAIRS_USAGE;
-static const char self_usage[] =
-    "usage: quadmesh self-collide MESH [options]\n"
-    "\n"
-    "Which faces of a mesh meet besides the corners and edges that they share.\n"
-    "\n" PAIRS_USAGE;
+static const char self_usage[] = "usage: quadmesh self-collide MESH [options]\n"
+                                 "\n"
+                                 "Which faces of a mesh meet besides the corners and edges that they share.\n"
+                                 "\n" PAIRS_USAGE;
 static const char distance_usage[] =
     "usage: quadmesh distance A B [options]\n"
     "\n"
@@ -150,8 +150,8 @@ static int tell(const question *asked, const qm_job_result *result)
     qm_json_write_result(&text, &asked->request, result);
     char *json = qm_text_take(&text);
     if (!json) return EXIT_BAD_INPUT;
-    int status = asked->csv && !write_csv(asked, &result->pairs.found) ? fail_to_write(asked->csv)
-                                                                       : show(asked, json);
+    int status =
+        asked->csv && !write_csv(asked, &result->pairs.found) ? fail_to_write(asked->csv) : show(asked, json);
     free(json);
     return status;
 }
@@ -183,8 +183,7 @@ static int answer_here(const question *asked)
     bool good = true;
     for (int i = 0; i < 2 && good && asked->path[i]; i++)
         good = cli_load_mesh(&ctx, asked->path[i], asked->as_json, &preparation, &mesh[i]);
-    int status =
-        good ? answer_loaded(asked, &mesh[0], asked->path[1] ? &mesh[1] : NULL) : EXIT_BAD_INPUT;
+    int status = good ? answer_loaded(asked, &mesh[0], asked->path[1] ? &mesh[1] : NULL) : EXIT_BAD_INPUT;
     for (int i = 0; i < 2; i++)
         qm_loaded_mesh_reset(&ctx, &mesh[i]);
     return status;
