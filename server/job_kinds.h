@@ -8,8 +8,10 @@
 #ifndef QM_JOB_KINDS_H
 #define QM_JOB_KINDS_H
 
+#include "collide_pairs.h"
 #include "feet.h"
 #include "qm/deviation.h"
+#include "qm/distance.h"
 #include "qm/hausdorff.h"
 
 #define QM_ID_SIZE 40
@@ -19,7 +21,10 @@
 #define QM_JOB_MAP(XX)                                                                                       \
     XX(HAUSDORFF, hausdorff, "a", "b")                                                                       \
     XX(PROJECT, project, "mesh", NULL)                                                                       \
-    XX(DEVIATION, deviation, "a", "b")
+    XX(DEVIATION, deviation, "a", "b")                                                                       \
+    XX(DISTANCE, distance, "a", "b")                                                                         \
+    XX(COLLISION, collision, "a", "b")                                                                       \
+    XX(SELF_COLLISION, self_collision, "mesh", NULL)
 
 typedef enum qm_job_kind {
 #define XX(suffix, name, first, second) QM_JOB_##suffix,
@@ -35,6 +40,19 @@ typedef struct qm_job_type {
 } qm_job_type;
 const qm_job_type *qm_job_type_of(qm_job_kind kind);
 
+/** The kind of this name; false when there is none. */
+bool qm_job_kind_find(const char *name, qm_job_kind *out);
+
+/** How the long array of a kind's results is told. */
+typedef struct qm_job_array {
+    const char *member; /* of the result in JSON */
+    const char *header; /* of the rows in CSV; a single column is numbered there */
+    int columns;
+} qm_job_array;
+
+/** NULL for kinds without one. */
+const qm_job_array *qm_job_array_of(qm_job_kind kind);
+
 /** Fields that a kind does not have keep their defaults. */
 typedef struct qm_job_request {
     qm_job_kind kind;
@@ -44,7 +62,7 @@ typedef struct qm_job_request {
     int threads; /* 0: as many as the host likes */
     bool detach; /* the job goes on when the client that streams it hangs up */
 
-    /* hausdorff, and deviation for its maximum */
+    /* hausdorff, deviation for its maximum, distance, and collisions of bilinear quads */
     double tolerance;
     bool tolerance_is_absolute; /* else a share of the diagonal of A's box */
 
@@ -64,10 +82,16 @@ typedef struct qm_job_request {
     size_t pieces, bins;
     double percentiles[QM_JOB_MAX_PERCENTILES];
     size_t percentile_count;
+
+    /* collision and self_collision */
+    qm_collide_mode mode;
+    size_t list_limit; /* pairs that the result object tells */
+    bool incremental;  /* self_collision: only what has moved since, where that is known */
 } qm_job_request;
 
 /** A Hausdorff job: two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
- * Deviation: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99. */
+ * Deviation: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99.
+ * Collisions: all pairs, 1000 of them told. */
 qm_job_request qm_job_request_default(void);
 
 /** Frees what the request owns. */
@@ -91,6 +115,12 @@ typedef struct qm_job_result {
 
     /* deviation */
     qm_deviation deviation;
+
+    /* distance; its faces in from_face and to_face */
+    qm_distance distance;
+
+    /* collision and self_collision */
+    qm_told_pairs pairs;
 } qm_job_result;
 
 /**
@@ -105,8 +135,8 @@ qm_status qm_job_answer(qm_context *ctx, const qm_job_request *request, const qm
                         const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
                         qm_job_result *out);
 
-/** The array of a result that is too long for documents: a deviation's distances at A's vertices. NULL when
- * the result has none. */
+/** The array of a result that is too long for documents: a deviation's distances at A's vertices, or the
+ * faces of all pairs that collide. NULL when the result has none. */
 const double *qm_job_result_array(const qm_job_result *result, size_t *count);
 
 void qm_job_result_reset(qm_context *ctx, qm_job_result *result);
