@@ -21,6 +21,7 @@ qm_job_request qm_job_request_default(void)
         .percentile_count = 8,
         .mode = QM_COLLIDE_ALL,
         .list_limit = 1000,
+        .goal = {.measures = true},
     };
 }
 
@@ -172,6 +173,25 @@ static qm_status run_self_collision(const question *q, qm_job_result *out)
     return run_collision(q, out);
 }
 
+/* ---- reconstruction_step ---- */
+
+static void reset_reconstruction_step(qm_context *ctx, qm_job_result *result)
+{
+    (void)ctx, (void)result;
+}
+
+static qm_status run_reconstruction_step(const question *q, qm_job_result *out)
+{
+    const qm_job_refining *refining = q->request->refining;
+    qm_refine_goal goal = q->request->goal;
+    goal.hausdorff = q->request->hausdorff_relative * refining->source->diagonal;
+    goal.thread_count = q->threads;
+    qm_status status = qm_refine(q->ctx, refining->reconstruction, refining->source, &goal, refining->on_step,
+                                 refining->user, &out->refine_stop);
+    out->is_canceled = status == QM_OK && out->refine_stop == QM_REFINE_CANCELED;
+    return status;
+}
+
 /* ---- any kind ---- */
 
 typedef struct runner {
@@ -181,7 +201,8 @@ typedef struct runner {
 } runner;
 
 static const runner runners[] = {
-#define XX(suffix, name, first, second) {{#name, {first, second}}, run_##name, reset_##name},
+#define XX(suffix, name, first, second)                                                                      \
+    {{#name, {first, second}, QM_JOB_##suffix != QM_JOB_RECONSTRUCTION_STEP}, run_##name, reset_##name},
     QM_JOB_MAP(XX)
 #undef XX
 };

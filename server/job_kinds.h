@@ -13,6 +13,7 @@
 #include "qm/deviation.h"
 #include "qm/distance.h"
 #include "qm/hausdorff.h"
+#include "refine.h"
 
 #define QM_ID_SIZE 40
 #define QM_JOB_MAX_PERCENTILES 64
@@ -24,7 +25,8 @@
     XX(DEVIATION, deviation, "a", "b")                                                                       \
     XX(DISTANCE, distance, "a", "b")                                                                         \
     XX(COLLISION, collision, "a", "b")                                                                       \
-    XX(SELF_COLLISION, self_collision, "mesh", NULL)
+    XX(SELF_COLLISION, self_collision, "mesh", NULL)                                                         \
+    XX(RECONSTRUCTION_STEP, reconstruction_step, "reconstruction", NULL)
 
 typedef enum qm_job_kind {
 #define XX(suffix, name, first, second) QM_JOB_##suffix,
@@ -37,6 +39,7 @@ typedef enum qm_job_kind {
 typedef struct qm_job_type {
     const char *name;
     const char *mesh_field[2]; /* where the request names its meshes; [1] is NULL for a kind of one mesh */
+    bool is_pure;              /* asked for again, the answer is the same: it may come from a job before */
 } qm_job_type;
 const qm_job_type *qm_job_type_of(qm_job_kind kind);
 
@@ -52,6 +55,13 @@ typedef struct qm_job_array {
 
 /** NULL for kinds without one. */
 const qm_job_array *qm_job_array_of(qm_job_kind kind);
+/** What a reconstruction_step works on, which is no mesh: set by who runs the job. */
+typedef struct qm_job_refining {
+    qm_reconstruction *reconstruction;
+    const qm_source *source;
+    qm_refine_fn *on_step; /* after each whole step */
+    void *user;
+} qm_job_refining;
 
 /** Fields that a kind does not have keep their defaults. */
 typedef struct qm_job_request {
@@ -87,6 +97,10 @@ typedef struct qm_job_request {
     qm_collide_mode mode;
     size_t list_limit; /* pairs that the result object tells */
     bool incremental;  /* self_collision: only what has moved since, where that is known */
+    /* reconstruction_step, whose a is the id of the reconstruction */
+    qm_refine_goal goal; /* hausdorff is set from the share below when it runs */
+    double hausdorff_relative;
+    const qm_job_refining *refining;
 } qm_job_request;
 
 /** A Hausdorff job: two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
@@ -121,6 +135,11 @@ typedef struct qm_job_result {
 
     /* collision and self_collision */
     qm_told_pairs pairs;
+    /* reconstruction_step */
+    qm_refine_stop refine_stop;
+    char mesh[QM_ID_SIZE]; /* the new mesh; set by who runs the job, with the counts and the records */
+    size_t quads, step_count;
+    const char *records; /* objects with commas between; borrowed */
 } qm_job_result;
 
 /**

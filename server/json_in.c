@@ -12,6 +12,7 @@
 
 #define MAX_THREADS 256
 #define MAX_PIECES 1e7
+#define MAX_STEPS 64
 #define MAX_BINS 1e4
 #define MAX_LISTED 1e5
 #define POINTER_SIZE sizeof(((qm_problem_error *)NULL)->pointer)
@@ -148,6 +149,39 @@ static bool read_pieces(const cJSON *value, qm_job_request *out)
     return true;
 }
 
+static bool read_steps(const cJSON *value, qm_job_request *out)
+{
+    double steps;
+    if (!read_whole(value, 1, MAX_STEPS, &steps)) return false;
+    out->goal.steps = (size_t)steps;
+    return true;
+}
+
+static bool read_until(const cJSON *value, qm_job_request *out)
+{
+    if (!cJSON_IsObject(value)) return false;
+    for (const cJSON *member = value->child; member; member = member->next) {
+        double quads;
+        bool good = false;
+        if (strcmp(member->string, "hausdorff_relative") == 0) {
+            good = read_number(member, &out->hausdorff_relative) && out->hausdorff_relative > 0.0;
+        } else if (strcmp(member->string, "edge_length") == 0) {
+            good = read_number(member, &out->goal.edge) && out->goal.edge > 0.0;
+        } else if (strcmp(member->string, "max_quads") == 0) {
+            good = read_whole(member, 1, QM_REFINE_MOST_QUADS, &quads);
+            if (good) out->goal.max_quads = (size_t)quads;
+        }
+        if (!good) return false;
+    }
+    return true;
+}
+
+static bool read_measure(const cJSON *value, qm_job_request *out)
+{
+    out->goal.measures = cJSON_IsTrue(value);
+    return cJSON_IsBool(value);
+}
+
 static bool read_bins(const cJSON *value, qm_job_request *out)
 {
     double bins;
@@ -255,7 +289,8 @@ enum {
     COLLISION = 1u << QM_JOB_COLLISION,
     SELF = 1u << QM_JOB_SELF_COLLISION,
     PAIRS = HAUSDORFF | DEVIATION | 1u << QM_JOB_DISTANCE | COLLISION,
-    SINGLE = PROJECT | SELF
+    SINGLE = PROJECT | SELF,
+    STEP = 1u << QM_JOB_RECONSTRUCTION_STEP
 };
 
 static const field fields[] = {
@@ -265,7 +300,12 @@ static const field fields[] = {
     {"mesh", SINGLE, SINGLE, read_a, NULL, "must be the id of a mesh"},
     {"points", PROJECT, PROJECT, NULL, read_points, "must hold points, each of three finite numbers"},
     {"direction", HAUSDORFF, 0, read_direction, NULL, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\""},
-    {"quads", ALL, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\""},
+    {"reconstruction", STEP, STEP, read_a, NULL, "must be the id of a reconstruction"},
+    {"steps", STEP, 0, read_steps, NULL, "must be a whole number from 1 to 64"},
+    {"until", STEP, 0, read_until, NULL,
+     "must be an object with hausdorff_relative, max_quads, edge_length, or some of them, each above 0"},
+    {"measure", STEP, 0, read_measure, NULL, "must be true or false"},
+    {"quads", ALL & ~STEP, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\""},
     {"tolerance", PAIRS | SELF, 0, read_tolerance, NULL, "must be a number above 0"},
     {"tolerance_unit", PAIRS | SELF, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\""},
     {"threshold", HAUSDORFF, 0, read_threshold, NULL, "must be a number of 0 or more, or null"},
@@ -282,7 +322,8 @@ static const field fields[] = {
     {"detach", ALL, 0, read_detach, NULL, "must be true or false"},
     {"accelerator", HAUSDORFF | PROJECT, 0, read_accelerator, NULL,
      "must be \"auto\", \"boxes\", \"tetra\" or \"grid\""},
-    {"accelerator", ALL & ~(HAUSDORFF | PROJECT), 0, read_boxes, NULL, "must be \"auto\" or \"boxes\""},
+    {"accelerator", ALL & ~(HAUSDORFF | PROJECT | STEP), 0, read_boxes, NULL,
+     "must be \"auto\" or \"boxes\""},
     {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\" or \"matching\""},
 };
 enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };

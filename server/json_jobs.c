@@ -333,6 +333,37 @@ static void write_self_collision_result(qm_text *out, const qm_job_request *requ
     qm_json_add_number(out, "elapsed_ms", result->pairs.found.elapsed_ms);
 }
 
+/* ---- reconstruction_step ---- */
+
+static void write_reconstruction_step_request(qm_text *out, const qm_job_request *request, bool is_brief)
+{
+    (void)is_brief;
+    const qm_refine_goal *goal = &request->goal;
+    if (goal->steps > 0) qm_json_add_count(out, "steps", goal->steps);
+    qm_json_open(out, "until", "{");
+    if (request->hausdorff_relative > 0.0)
+        qm_json_add_number(out, "hausdorff_relative", request->hausdorff_relative);
+    if (goal->max_quads > 0) qm_json_add_count(out, "max_quads", goal->max_quads);
+    if (goal->edge > 0.0) qm_json_add_number(out, "edge_length", goal->edge);
+    qm_text_add_string(out, "}");
+    qm_json_add_bool(out, "measure", goal->measures);
+}
+
+static void write_reconstruction_step_result(qm_text *out, const qm_job_request *request,
+                                             const qm_job_result *result)
+{
+    qm_json_add_string(out, "reconstruction", request->a);
+    qm_json_add_string(out, "mesh", result->mesh);
+    qm_json_add_count(out, "quads", result->quads);
+    qm_json_add_count(out, "step_count", result->step_count);
+    qm_json_add_string(out, "stopped_by", qm_refine_stop_name(result->refine_stop));
+    qm_json_open(out, "steps", "[");
+    qm_text_add_string(out, result->records);
+    qm_text_add_string(out, "]");
+    qm_json_add_number(out, "prepare_ms", result->prepare_a_ms);
+    qm_json_add_number(out, "elapsed_ms", result->elapsed_ms);
+}
+
 /* ---- any kind ---- */
 
 typedef struct writer {
@@ -353,7 +384,8 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     qm_json_add_string(out, "type", type->name);
     qm_json_add_string(out, type->mesh_field[0], request->a);
     if (type->mesh_field[1]) qm_json_add_string(out, type->mesh_field[1], request->b);
-    qm_json_add_string(out, "quads", quads_name(request->quads));
+    if (request->kind != QM_JOB_RECONSTRUCTION_STEP)
+        qm_json_add_string(out, "quads", quads_name(request->quads));
     if (request->threads > 0) qm_json_add_count(out, "threads", (uint64_t)request->threads);
     writers[request->kind].request(out, request, is_brief);
     qm_text_add_string(out, "}");

@@ -150,11 +150,11 @@ void bench_refit(const char *path, int threads)
     const struct {
         const char *name;
         const times *times;
-    } lists[] = {{"build_ms", &b.boxes_build},        {"query_ms", &b.boxes_all},
+    } lists[] = {{"build_ms", &b.boxes_build},         {"query_ms", &b.boxes_all},
                  {"patches_find_ms", &b.patches_find}, {"tetra_build_ms", &b.tetra_build},
-                 {"grid_build_ms", &b.grid_build},    {"deformer_build_ms", &b.deformer_build},
-                 {"boxes_part_ms", &b.boxes_part},    {"tetra_all_ms", &b.tetra_all},
-                 {"tetra_part_ms", &b.tetra_part},    {"refresh_all_ms", &b.refresh_all}};
+                 {"grid_build_ms", &b.grid_build},     {"deformer_build_ms", &b.deformer_build},
+                 {"boxes_part_ms", &b.boxes_part},     {"tetra_all_ms", &b.tetra_all},
+                 {"tetra_part_ms", &b.tetra_part},     {"refresh_all_ms", &b.refresh_all}};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         printf(", ");
         qm_bench_print_list(lists[i].name, lists[i].times->ms, REPEATS);
