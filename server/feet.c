@@ -11,6 +11,7 @@ void qm_feet_reset(qm_context *ctx, qm_feet *feet)
     qm_context_free(ctx, feet->distance, feet->count, sizeof *feet->distance);
     qm_context_free(ctx, feet->position, feet->count, 3 * sizeof *feet->position);
     qm_context_free(ctx, feet->uv, feet->count, 2 * sizeof *feet->uv);
+    qm_context_free(ctx, feet->patch, feet->count, sizeof *feet->patch);
     qm_context_free(ctx, feet->face, feet->count, sizeof *feet->face);
     *feet = (qm_feet){0};
 }
@@ -24,12 +25,16 @@ qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, const qm_loc
     out->position = qm_context_alloc(ctx, count, 3 * sizeof *out->position);
     out->uv = qm_context_alloc(ctx, count, 2 * sizeof *out->uv);
     out->face = qm_context_alloc(ctx, count, sizeof *out->face);
+    if (mesh->tetra) out->patch = qm_context_alloc(ctx, count, sizeof *out->patch);
+    bool has_patches = out->patch || !mesh->tetra;
     qm_projection projection = {out->distance, out->position, out->face, out->uv};
     qm_status status;
-    if (out->distance && out->position && out->uv && out->face)
+    if (out->distance && out->position && out->uv && out->face && has_patches)
         status = qm_project_points_with(ctx, locator, quads, points, count, threads, &projection);
     else
         status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for %zu points", count);
+    for (size_t i = 0; status == QM_OK && out->patch && i < count; i++)
+        out->patch[i] = (uint32_t)qm_tetra_find_patch(mesh->tetra, out->face[i]);
     for (size_t i = 0; status == QM_OK && i < count; i++)
         out->face[i] = qm_mesh_input_face(&mesh->mesh, out->face[i]);
     if (status != QM_OK) qm_feet_reset(ctx, out);
@@ -51,6 +56,19 @@ void qm_feet_turn_bytes(double *numbers, size_t count)
         memcpy(&bits, &numbers[i], sizeof bits);
         bits = le64toh(bits);
         memcpy(&numbers[i], &bits, sizeof bits);
+    }
+}
+
+void qm_feet_widen(double *numbers, size_t count)
+{
+    const char *bytes = (const char *)numbers;
+    for (size_t i = count; i-- > 0;) {
+        uint32_t bits;
+        float number;
+        memcpy(&bits, bytes + i * sizeof bits, sizeof bits);
+        bits = le32toh(bits);
+        memcpy(&number, &bits, sizeof bits);
+        numbers[i] = (double)number;
     }
 }
 

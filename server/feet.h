@@ -13,7 +13,8 @@
 typedef struct qm_feet {
     size_t count;
     double *distance, *position, *uv; /* rows of 1, 3, 2 */
-    uint32_t *face; /* in the numbering of the input file; for a point set the place of the point */
+    uint32_t *face;  /* in the numbering of the input file; for a point set the place of the point */
+    uint32_t *patch; /* that holds the face; NULL for a mesh without patches at hand */
 } qm_feet;
 
 /**
@@ -29,6 +30,9 @@ size_t qm_feet_find_bad(const double *numbers, size_t count);
 
 /** Doubles of this machine to little-endian ones, or back, in place: the same turn of bytes, or none. */
 void qm_feet_turn_bytes(double *numbers, size_t count);
+
+/** Little-endian floats at the start of the array to doubles of this machine, in place. */
+void qm_feet_widen(double *numbers, size_t count);
 
 /** Points that are projected together and written before the next ones are: what bounds memory. */
 #define QM_FEET_BLOCK 65536

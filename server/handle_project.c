@@ -48,27 +48,13 @@ static void end_projecting(void *user)
 
 /* ---- points ---- */
 
-/** In place, from the last one on: a float takes less room than the double that it becomes. */
-static void decode_floats(double *numbers, size_t count)
-{
-    const char *bytes = (const char *)numbers;
-    for (size_t i = count; i-- > 0;) {
-        uint32_t bits;
-        float number;
-        memcpy(&bits, bytes + i * sizeof bits, sizeof bits);
-        bits = le32toh(bits);
-        memcpy(&number, &bits, sizeof bits);
-        numbers[i] = (double)number;
-    }
-}
-
 /** Reads points of the body; the array has room for three doubles each. */
 static bool read_points(const projecting *p, uint64_t first, size_t count, double *points)
 {
     size_t width = row_size(p->type);
     if (qm_blob_read(p->upload, first * width, points, count * width) != QM_OK) return false;
     if (p->type == F32)
-        decode_floats(points, 3 * count);
+        qm_feet_widen(points, 3 * count);
     else
         qm_feet_turn_bytes(points, 3 * count);
     return true;
@@ -176,7 +162,7 @@ static bool read_parameters(qm_request *request, projecting *p)
     static const char *const types[] = {"f64", "f32", NULL},
                              *const readings[] = {"triangles", "bilinear", NULL},
                              *const orders[] = {"input", NULL},
-                             *const accelerators[] = {"auto", "boxes", "grid", NULL};
+                             *const accelerators[] = {"auto", "boxes", "tetra", "grid", NULL};
     int type, reading, order, accelerator;
     if (!qm_request_choice(request, "dtype", types, &type) ||
         !qm_request_choice(request, "quads", readings, &reading) ||
@@ -185,7 +171,7 @@ static bool read_parameters(qm_request *request, projecting *p)
         !read_threads(request, &p->threads))
         return false;
     p->type = type == 1 ? F32 : F64;
-    p->accelerator = accelerator == 2 ? QM_ACCELERATOR_GRID : QM_ACCELERATOR_BOXES;
+    p->accelerator = (qm_accelerator)accelerator; /* the names are in its order */
     p->quads = reading == 1 ? QM_QUADS_BILINEAR : QM_QUADS_TRIANGLES;
     const char *media = qm_request_media(request);
     p->rows = strcmp(media, QM_MEDIA_CSV) == 0    ? QM_ROWS_CSV
@@ -210,7 +196,8 @@ static bool take_points(qm_request *request, projecting *p, qm_problem *problem)
 static bool build_locator(projecting *p, qm_problem *problem)
 {
     qm_context ctx = qm_context_make();
-    qm_status status = qm_locator_build(&ctx, qm_mesh_ref_get(p->mesh)->bvh, p->accelerator, &p->locator);
+    const qm_loaded_mesh *mesh = qm_mesh_ref_get(p->mesh);
+    qm_status status = qm_locator_build(&ctx, mesh->bvh, mesh->tetra, p->accelerator, &p->locator);
     if (status != QM_OK) *problem = qm_problem_from_status(status, ctx.message);
     return status == QM_OK;
 }

@@ -12,6 +12,8 @@ void qm_handle_mesh_get(qm_request *request);
 void qm_handle_mesh_delete(qm_request *request);
 
 void qm_handle_mesh_content(qm_request *request);
+void qm_handle_mesh_patches(qm_request *request);
+void qm_handle_mesh_deform(qm_request *request);
 void qm_handle_mesh_project(qm_request *request);
 
 void qm_handle_job_create(qm_request *request);

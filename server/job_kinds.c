@@ -57,6 +57,8 @@ static qm_status run_hausdorff(const question *q, qm_job_result *out)
     options.threshold = request->threshold;
     options.deadline_ms = request->deadline_ms;
     options.accelerator = request->accelerator;
+    options.tetra[0] = q->a->tetra;
+    options.tetra[1] = q->b->tetra;
     options.bounds = request->bounds;
     options.thread_count = q->threads;
     options.progress = q->progress;
@@ -88,7 +90,7 @@ static qm_status run_project(const question *q, qm_job_result *out)
 {
     const qm_job_request *request = q->request;
     qm_locator locator;
-    qm_status status = qm_locator_build(q->ctx, q->a->bvh, request->accelerator, &locator);
+    qm_status status = qm_locator_build(q->ctx, q->a->bvh, q->a->tetra, request->accelerator, &locator);
     if (status == QM_OK)
         status = qm_feet_find(q->ctx, q->a, &locator, request->quads, request->points, request->point_count,
                               q->threads, &out->feet);

@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "json_check.h"
+#include "json_object.h"
 #include "json_write.h"
 
 #define MAX_THREADS 256
@@ -29,8 +29,6 @@ typedef struct field {
     bool (*read)(const cJSON *value, qm_job_request *out);
     bool (*read_list)(const cJSON *value, qm_job_request *out, fault *at); /* for arrays, in place of read */
     const char *expected;
-    const char *const
-        *later; /* values that the API knows and this version cannot serve; NULL-ended, or NULL */
 } field;
 
 static bool read_string(const cJSON *value, const char **out)
@@ -184,18 +182,16 @@ static bool read_detach(const cJSON *value, qm_job_request *out)
 
 static bool read_accelerator(const cJSON *value, qm_job_request *out)
 {
-    static const char *const names[] = {"auto", "boxes", "grid", NULL};
-    static const qm_accelerator accelerators[] = {QM_ACCELERATOR_AUTO, QM_ACCELERATOR_BOXES,
-                                                  QM_ACCELERATOR_GRID};
+    static const char *const names[] = {"auto", "boxes", "tetra", "grid", NULL}; /* as in qm_accelerator */
     int place = find_name(value, names);
-    if (place >= 0) out->accelerator = accelerators[place];
+    if (place >= 0) out->accelerator = (qm_accelerator)place;
     return place >= 0;
 }
 
 /** For a kind that has one way to search. */
 static bool read_boxes(const cJSON *value, qm_job_request *out)
 {
-    return read_accelerator(value, out) && out->accelerator != QM_ACCELERATOR_GRID;
+    return read_accelerator(value, out) && out->accelerator <= QM_ACCELERATOR_BOXES;
 }
 
 static bool read_bounds(const cJSON *value, qm_job_request *out)
@@ -206,29 +202,32 @@ static bool read_bounds(const cJSON *value, qm_job_request *out)
     return place >= 0;
 }
 
-/** Rows of three numbers. */
-static bool read_points(const cJSON *value, qm_job_request *out, fault *at)
+/** Rows of three numbers, on the heap. */
+static bool read_rows(const cJSON *value, double **rows, size_t *row_count, fault *at)
 {
     if (!cJSON_IsArray(value)) return false;
     size_t count = (size_t)cJSON_GetArraySize(value);
     if (count == 0) return true;
-    out->points = malloc(count * 3 * sizeof *out->points);
-    if (!out->points) {
+    *rows = malloc(count * 3 * sizeof **rows);
+    if (!*rows) {
         at->no_memory = true;
         return false;
     }
     for (const cJSON *row = value->child; row; row = row->next) {
-        *at = (fault){.depth = 1, .index = {out->point_count}};
+        *at = (fault){.depth = 1, .index = {*row_count}};
         if (!cJSON_IsArray(row) || cJSON_GetArraySize(row) != 3) return false;
         at->depth = 2;
         for (const cJSON *number = row->child; number; number = number->next, at->index[1]++)
-            if (!read_number(number, &out->points[3 * out->point_count + at->index[1]])) return false;
-        out->point_count++;
+            if (!read_number(number, &(*rows)[3 * *row_count + at->index[1]])) return false;
+        ++*row_count;
     }
     return true;
 }
 
-static const char *const later_accelerators[] = {"tetra", NULL};
+static bool read_points(const cJSON *value, qm_job_request *out, fault *at)
+{
+    return read_rows(value, &out->points, &out->point_count, at);
+}
 
 enum {
     ALL = (1u << QM_JOB_KIND_COUNT) - 1,
@@ -239,29 +238,28 @@ enum {
 };
 
 static const field fields[] = {
-    {"type", ALL, ALL, read_type, NULL, "must be one of" TYPE_NAMES, NULL},
-    {"a", PAIRS, PAIRS, read_a, NULL, "must be the id of a mesh", NULL},
-    {"b", PAIRS, PAIRS, read_b, NULL, "must be the id of a mesh", NULL},
-    {"mesh", PROJECT, PROJECT, read_a, NULL, "must be the id of a mesh", NULL},
-    {"points", PROJECT, PROJECT, NULL, read_points, "must hold points, each of three finite numbers", NULL},
-    {"direction", HAUSDORFF, 0, read_direction, NULL, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\"",
-     NULL},
-    {"quads", ALL, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\"", NULL},
-    {"tolerance", PAIRS, 0, read_tolerance, NULL, "must be a number above 0", NULL},
-    {"tolerance_unit", PAIRS, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\"", NULL},
-    {"threshold", HAUSDORFF, 0, read_threshold, NULL, "must be a number of 0 or more, or null", NULL},
-    {"deadline_ms", HAUSDORFF, 0, read_deadline, NULL, "must be a number above 0", NULL},
-    {"accuracy", DEVIATION, 0, read_accuracy, NULL, "must be a number above 0", NULL},
-    {"pieces", DEVIATION, 0, read_pieces, NULL, "must be a whole number from 0 to 10000000", NULL},
-    {"bins", DEVIATION, 0, read_bins, NULL, "must be a whole number from 0 to 10000", NULL},
+    {"type", ALL, ALL, read_type, NULL, "must be one of" TYPE_NAMES},
+    {"a", PAIRS, PAIRS, read_a, NULL, "must be the id of a mesh"},
+    {"b", PAIRS, PAIRS, read_b, NULL, "must be the id of a mesh"},
+    {"mesh", PROJECT, PROJECT, read_a, NULL, "must be the id of a mesh"},
+    {"points", PROJECT, PROJECT, NULL, read_points, "must hold points, each of three finite numbers"},
+    {"direction", HAUSDORFF, 0, read_direction, NULL, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\""},
+    {"quads", ALL, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\""},
+    {"tolerance", PAIRS, 0, read_tolerance, NULL, "must be a number above 0"},
+    {"tolerance_unit", PAIRS, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\""},
+    {"threshold", HAUSDORFF, 0, read_threshold, NULL, "must be a number of 0 or more, or null"},
+    {"deadline_ms", HAUSDORFF, 0, read_deadline, NULL, "must be a number above 0"},
+    {"accuracy", DEVIATION, 0, read_accuracy, NULL, "must be a number above 0"},
+    {"pieces", DEVIATION, 0, read_pieces, NULL, "must be a whole number from 0 to 10000000"},
+    {"bins", DEVIATION, 0, read_bins, NULL, "must be a whole number from 0 to 10000"},
     {"percentiles", DEVIATION, 0, NULL, read_percentiles,
-     "must hold at most 64 numbers above 0, none above 100", NULL},
-    {"threads", ALL, 0, read_threads, NULL, "must be a whole number from 1 to 256", NULL},
-    {"detach", ALL, 0, read_detach, NULL, "must be true or false", NULL},
-    {"accelerator", ALL & ~DEVIATION, 0, read_accelerator, NULL, "must be \"auto\", \"boxes\" or \"grid\"",
-     later_accelerators},
-    {"accelerator", DEVIATION, 0, read_boxes, NULL, "must be \"auto\" or \"boxes\"", NULL},
-    {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\" or \"matching\"", NULL},
+     "must hold at most 64 numbers above 0, none above 100"},
+    {"threads", ALL, 0, read_threads, NULL, "must be a whole number from 1 to 256"},
+    {"detach", ALL, 0, read_detach, NULL, "must be true or false"},
+    {"accelerator", ALL & ~DEVIATION, 0, read_accelerator, NULL,
+     "must be \"auto\", \"boxes\", \"tetra\" or \"grid\""},
+    {"accelerator", DEVIATION, 0, read_boxes, NULL, "must be \"auto\" or \"boxes\""},
+    {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\" or \"matching\""},
 };
 enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };
 
@@ -319,10 +317,7 @@ static void complain(qm_problem *problem, qm_problem_code code, const char *name
 static void read_member(const field *known, const cJSON *member, qm_job_request *out, qm_problem *problem)
 {
     fault place = {0};
-    if (known->later && find_name(member, known->later) >= 0)
-        complain(problem, QM_PROBLEM_UNSUPPORTED_FEATURE, known->name,
-                 "has a value that is not available yet");
-    else if (!(known->read ? known->read(member, out) : known->read_list(member, out, &place)))
+    if (!(known->read ? known->read(member, out) : known->read_list(member, out, &place)))
         complain_of(problem, place.no_memory ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_INVALID_FIELD,
                     known->name, &place,
                     place.no_memory ? "needs more memory than there is" : known->expected);
@@ -355,47 +350,6 @@ static void read_members(const cJSON *object, qm_job_request *out, qm_problem *p
             complain(problem, QM_PROBLEM_INVALID_FIELD, fields[i].name, "is missing");
 }
 
-static qm_problem malformed_at(size_t place, const char *words)
-{
-    qm_problem problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "%s at byte %zu", words, place);
-    problem.error_count = 1;
-    problem.errors[0] = (qm_problem_error){.line = QM_NO_PLACE, .offset = place};
-    snprintf(problem.errors[0].detail, sizeof problem.errors[0].detail, "%s", words);
-    return problem;
-}
-
-/** Parses the whole text; NULL with a problem when it is not one JSON value. */
-static cJSON *parse(const char *text, size_t size, qm_problem *problem)
-{
-    const char *end = text;
-    cJSON *tree = cJSON_ParseWithLengthOpts(text, size, &end, false);
-    const char *rest = end;
-    while (tree && rest < text + size && *rest && strchr(" \t\r\n", *rest))
-        rest++;
-    if (tree && rest == text + size) return tree;
-    *problem = malformed_at((size_t)((tree ? rest : end) - text), "the JSON cannot be read");
-    cJSON_Delete(tree);
-    return NULL;
-}
-
-/** The object of a request; NULL with a problem. */
-static cJSON *parse_object(const char *text, size_t size, qm_problem *problem)
-{
-    *problem = (qm_problem){0};
-    size_t place;
-    const char *words;
-    if (!qm_json_check_text(text, size, &place, &words)) {
-        *problem = malformed_at(place, words);
-        return NULL;
-    }
-    cJSON *tree = parse(text, size, problem);
-    if (!tree || cJSON_IsObject(tree)) return tree;
-    *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "a job is a JSON object");
-    qm_problem_add_pointer(problem, "", "must be an object");
-    cJSON_Delete(tree);
-    return NULL;
-}
-
 /** Reads the members and gives the tree back. */
 static bool read_request(cJSON *object, qm_job_request *out, qm_problem *problem)
 {
@@ -409,7 +363,7 @@ static bool read_request(cJSON *object, qm_job_request *out, qm_problem *problem
 bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem)
 {
     *out = qm_job_request_default();
-    cJSON *object = parse_object(text, size, problem);
+    cJSON *object = qm_json_parse_object(text, size, "a job", problem);
     return object && read_request(object, out, problem);
 }
 
@@ -434,7 +388,66 @@ bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job
                              qm_problem *problem)
 {
     *out = qm_job_request_default();
-    cJSON *object = parse_object(text, size, problem);
+    cJSON *object = qm_json_parse_object(text, size, "a job", problem);
     take_key(object, key, problem);
     return object && read_request(object, out, problem);
+}
+
+/* ---- deformations ---- */
+
+static bool read_indices(const cJSON *value, qm_moved_vertices *out, size_t *count, fault *at)
+{
+    if (!cJSON_IsArray(value)) return false;
+    size_t size = (size_t)cJSON_GetArraySize(value);
+    out->indices = malloc((size + 1) * sizeof *out->indices);
+    at->no_memory = !out->indices;
+    if (at->no_memory) return false;
+    at->depth = 1;
+    for (const cJSON *number = value->child; number; number = number->next, at->index[0]++) {
+        double index;
+        if (!read_whole(number, 0, UINT32_MAX, &index)) return false;
+        out->indices[(*count)++] = (uint32_t)index;
+    }
+    return true;
+}
+
+static void complain_of_member(qm_problem *problem, const char *name, const fault *at, const char *words)
+{
+    complain_of(problem, at->no_memory ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_INVALID_FIELD, name, at,
+                at->no_memory ? "needs more memory than there is" : words);
+}
+
+static void read_moved(const cJSON *object, qm_moved_vertices *out, qm_problem *problem)
+{
+    size_t index_count = 0;
+    bool has_positions = false;
+    for (const cJSON *member = object->child; member; member = member->next) {
+        fault place = {0};
+        bool is_indices = strcmp(member->string, "indices") == 0;
+        bool is_positions = strcmp(member->string, "positions") == 0;
+        if ((!is_indices && !is_positions) || (is_indices && out->indices) || (is_positions && has_positions))
+            complain(problem, QM_PROBLEM_INVALID_FIELD, member->string, "is unknown, or given twice");
+        else if (is_indices && !read_indices(member, out, &index_count, &place))
+            complain_of_member(problem, "indices", &place, "must hold whole numbers of 0 or more");
+        else if (is_positions && !read_rows(member, &out->positions, &out->count, &place))
+            complain_of_member(problem, "positions", &place, "must hold rows of three finite numbers");
+        has_positions |= is_positions;
+    }
+    if (!has_positions) complain(problem, QM_PROBLEM_INVALID_FIELD, "positions", "is missing");
+    if (problem->error_count == 0 && out->indices && index_count != out->count)
+        complain(problem, QM_PROBLEM_INVALID_FIELD, "positions",
+                 "must have as many rows as there are indices");
+}
+
+bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertices *out, qm_problem *problem)
+{
+    *out = (qm_moved_vertices){0};
+    cJSON *object = parse_object(text, size, problem);
+    if (!object) return false;
+    *problem = (qm_problem){.code = QM_PROBLEM_INVALID_FIELD};
+    read_moved(object, out, problem);
+    cJSON_Delete(object);
+    if (problem->error_count == 0) return true;
+    qm_moved_vertices_reset(out);
+    return false;
 }

@@ -154,6 +154,7 @@ void qm_json_write_foot(qm_text *out, const qm_feet *feet, size_t i, double diag
     qm_json_add_number(out, "distance_relative", diagonal > 0.0 ? distance / diagonal : INFINITY);
     qm_json_add_numbers(out, "point", feet->position + 3 * i, 3);
     qm_json_add_count(out, "face", feet->face[i]);
+    if (feet->patch) qm_json_add_count(out, "patch", feet->patch[i]);
     qm_json_add_numbers(out, "uv", feet->uv + 2 * i, 2);
     qm_text_add_string(out, "}");
 }

@@ -15,6 +15,19 @@ static void add_faces(qm_text *out, const qm_loaded_mesh *mesh)
     qm_text_add_string(out, "}");
 }
 
+static void add_largest_patch(qm_text *out, const qm_loaded_mesh *mesh)
+{
+    qm_regular_patch largest = qm_loaded_mesh_largest_patch(mesh);
+    if (largest.rows == 0) {
+        qm_json_add_word(out, "largest_patch", "null");
+        return;
+    }
+    qm_json_open(out, "largest_patch", "{");
+    qm_json_add_count(out, "rows", largest.rows);
+    qm_json_add_count(out, "columns", largest.columns);
+    qm_text_add_string(out, "}");
+}
+
 static void add_box(qm_text *out, const qm_loaded_mesh *mesh)
 {
     qm_json_open(out, "bounding_box", "{");
@@ -29,6 +42,7 @@ static void add_times(qm_text *out, const qm_loaded_mesh *mesh)
     qm_json_open(out, "prepare_ms", "{");
     qm_json_add_number(out, "parse", mesh->parse_ms);
     qm_json_add_number(out, "topology", mesh->topology_ms);
+    qm_json_add_number(out, "patches", mesh->patches_ms);
     qm_json_add_number(out, "bvh", mesh->bvh_ms);
     qm_text_add_string(out, "}");
 }
@@ -42,6 +56,8 @@ void qm_json_write_mesh(qm_text *out, const qm_mesh_label *label, const qm_loade
     qm_json_add_count(out, "vertices", mesh->mesh.vertex_count);
     add_faces(out, mesh);
     qm_json_add_count(out, "irregular_vertices", mesh->facts.irregular_vertices);
+    qm_json_add_count(out, "patches", mesh->patches.patch_count);
+    add_largest_patch(out, mesh);
     qm_json_add_count(out, "boundary_edges", mesh->facts.boundary_edges);
     qm_json_add_count(out, "components", mesh->facts.components);
     qm_json_add_bool(out, "manifold", mesh->facts.manifold);

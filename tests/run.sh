@@ -58,7 +58,7 @@ unit() { # PROGRAM
 
 # These search for long: the sanitizers would make minutes of it, and the release build is what users run. The sandbox
 # forbids what sanitizers do.
-slow="test_sandbox test_hausdorff test_hausdorff_adversarial test_hausdorff_invariance test_hausdorff_property test_pairs"
+slow="test_sandbox test_reconstruct test_hausdorff test_hausdorff_adversarial test_hausdorff_invariance test_hausdorff_property test_locator test_pairs"
 for program in build/asan/tests/test_*; do
     case "$program" in *.d | *.o) continue ;; esac
     case " $slow " in *" $(basename "$program") "*) continue ;; esac

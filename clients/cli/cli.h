@@ -17,6 +17,8 @@ int cmd_hausdorff(int argc, char **argv);
 int cmd_deviation(int argc, char **argv);
 int cmd_project(int argc, char **argv);
 int cmd_info(int argc, char **argv);
+int cmd_patches(int argc, char **argv);
+int cmd_reconstruct(int argc, char **argv);
 
 /** Reads a whole file. NULL after words on stderr, or a problem on stdout when as_json. Free with free(). */
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
@@ -64,6 +66,9 @@ bool cli_read_number(const char *name, const char *text, double least, double *o
 bool cli_read_quads(const char *text, qm_quad_reading *out);
 bool cli_read_threads(const char *text, int *out);
 bool cli_read_accelerator(const char *text, qm_accelerator *out);
+
+/** The name that the option above and the API know it by. */
+const char *cli_accelerator_name(qm_accelerator accelerator);
 
 /** Prints the result object of a Hausdorff job (JSON text) as it is, or in words. Returns the exit status
  * that goes with it. */

@@ -27,7 +27,7 @@ static const char usage[] =
     "  --threshold X    stop as soon as it is certain whether the distance is above X\n"
     "  --deadline-ms N  stop after this time with the bracket so far\n"
     "  --threads N      threads (default: one for each processor; with --server what the daemon gives)\n"
-    "  --accelerator A  of nearest points: auto (default), boxes or grid\n"
+    "  --accelerator A  of nearest points: auto (default), boxes, tetra or grid\n"
     "  --bounds B       how upper bounds are found: cells (default) or matching\n"
     "  --json           the result object of the API on standard output\n"
     "  --progress       lines of progress on standard error also when that is no terminal\n"

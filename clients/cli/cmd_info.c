@@ -18,11 +18,17 @@ static void print_words(const char *path, const qm_loaded_mesh *mesh)
            facts->polygons);
     printf("  topology   %zu components, %zu boundary edges, %zu irregular vertices, %s\n", facts->components,
            facts->boundary_edges, facts->irregular_vertices, facts->manifold ? "manifold" : "not manifold");
+    if (mesh->patches.patch_count > 0) {
+        qm_regular_patch largest = qm_loaded_mesh_largest_patch(mesh);
+        printf("  patches    %zu regular ones, the largest %u x %u\n", mesh->patches.patch_count,
+               largest.rows, largest.columns);
+    }
     printf("  box        %.9g %.9g %.9g to %.9g %.9g %.9g, diagonal %.9g\n", mesh->box.min[0],
            mesh->box.min[1], mesh->box.min[2], mesh->box.max[0], mesh->box.max[1], mesh->box.max[2],
            mesh->diagonal);
-    printf("  prepared   in %.1f ms: %.1f reading, %.1f topology, %.1f tree; %.1f MB\n",
-           mesh->parse_ms + mesh->topology_ms + mesh->bvh_ms, mesh->parse_ms, mesh->topology_ms, mesh->bvh_ms,
+    printf("  prepared   in %.1f ms: %.1f reading, %.1f topology, %.1f patches, %.1f tree; %.1f MB\n",
+           mesh->parse_ms + mesh->topology_ms + mesh->patches_ms + mesh->bvh_ms, mesh->parse_ms,
+           mesh->topology_ms, mesh->patches_ms, mesh->bvh_ms,
            1e-6 * (double)qm_loaded_mesh_memory_size(mesh));
     for (size_t i = 0; i < mesh->warning_count; i++)
         printf("  warning    %s\n", mesh->warnings[i]);
@@ -54,7 +60,8 @@ int cmd_info(int argc, char **argv)
     }
     qm_context ctx = qm_context_make();
     ctx.parallel = qm_parallel_run;
-    const qm_preparation all = {.has_facts = true, .parts = QM_BVH_ALL, .thread_count = cli_count_threads(0)};
+    const qm_preparation all = {
+        .has_facts = true, .has_patches = true, .parts = QM_BVH_ALL, .thread_count = cli_count_threads(0)};
     qm_loaded_mesh mesh;
     if (!cli_load_mesh(&ctx, argv[optind], as_json, &all, &mesh)) return EXIT_BAD_INPUT;
     if (as_json)

@@ -18,7 +18,7 @@ static const char usage[] =
     "  --json            one document, the default for names that end in .json; faults are documents too\n"
     "  --quads R         how quads are read: triangles (default) or bilinear\n"
     "  --threads N       threads (default: one for each processor; with --server what the daemon gives)\n"
-    "  --accelerator A   of nearest points: auto (default), boxes or grid\n"
+    "  --accelerator A   of nearest points: auto (default), boxes, tetra or grid\n"
     "  --server URL      ask a daemon instead of this process\n"
     "\n"
     "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 interrupted.\n";
@@ -162,7 +162,7 @@ static bool project_here(const question *asked, const point_list *points, FILE *
     qm_preparation preparation = cli_prepare(true, asked->quads, asked->threads);
     target on;
     if (!cli_load_mesh(&ctx, asked->mesh, asked->as_json, &preparation, &on.mesh)) return false;
-    qm_status status = qm_locator_build(&ctx, on.mesh.bvh, asked->accelerator, &on.locator);
+    qm_status status = qm_locator_build(&ctx, on.mesh.bvh, NULL, asked->accelerator, &on.locator);
     if (status != QM_OK) complain(asked, status, ctx.message);
     bool good = status == QM_OK && write_rows(asked, &ctx, &on, points, out);
     qm_locator_reset(&ctx, &on.locator);
@@ -180,9 +180,9 @@ static bool project_there(const question *asked, point_list *points, FILE *out)
     if (asked->threads > 0) snprintf(threads, sizeof threads, "&threads=%d", asked->threads);
     bool good = talk && cli_talk_upload(talk, asked->mesh, id, NULL);
     if (good) {
-        snprintf(path, sizeof path, "/v1/meshes/%s/project?quads=%s%s%s", id,
+        snprintf(path, sizeof path, "/v1/meshes/%s/project?quads=%s&accelerator=%s%s", id,
                  asked->quads == QM_QUADS_BILINEAR ? "bilinear" : "triangles",
-                 asked->accelerator == QM_ACCELERATOR_GRID ? "&accelerator=grid" : "", threads);
+                 cli_accelerator_name(asked->accelerator), threads);
         qm_feet_turn_bytes(points->rows, 3 * points->count);
         good = cli_talk_fetch(talk, path, points->count > 0 ? (const void *)points->rows : "",
                               points->count * 3 * sizeof(double), media[asked->rows], asked->points, out);

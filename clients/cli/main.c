@@ -14,6 +14,8 @@ static const char help[] =
     "another\n"
     "       quadmesh project MESH POINTS -o OUT [options]   the nearest point of a mesh for each of many\n"
     "       quadmesh info FILE [--json]        what a mesh file holds\n"
+    "       quadmesh patches FILE [-o OUT]     the regular patches of a mesh of quads\n"
+    "       quadmesh reconstruct SURFACE LAYOUT -o OUT [options]   a quad mesh from a layout of curves\n"
     "       quadmesh --help | --version        `quadmesh COMMAND --help` tells the options\n"
     "\n"
     "Files: OBJ, PLY, STL, OFF, glTF binary, Draco, XYZ points.\n"
@@ -32,6 +34,8 @@ static int run_command(int argc, char **argv)
     if (strcmp(command, "deviation") == 0) return cmd_deviation(argc - 1, argv + 1);
     if (strcmp(command, "project") == 0) return cmd_project(argc - 1, argv + 1);
     if (strcmp(command, "info") == 0) return cmd_info(argc - 1, argv + 1);
+    if (strcmp(command, "patches") == 0) return cmd_patches(argc - 1, argv + 1);
+    if (strcmp(command, "reconstruct") == 0) return cmd_reconstruct(argc - 1, argv + 1);
     if (strcmp(command, "--version") == 0) return puts("quadmesh " QM_VERSION), EXIT_OK;
     if (strcmp(command, "--help") == 0) return fputs(help, stdout), EXIT_OK;
     if (command[0]) fprintf(stderr, "quadmesh: unknown command \"%s\"\n\n", command);

@@ -88,10 +88,7 @@ static size_t refit_all(qm_context *ctx, qm_bvh *bvh, int thread_count)
     pack_work work = {.bvh = bvh, .count = bvh->pack_count};
     each_pack(ctx, &work, thread_count, fit_range);
     qm_box_tree_fill(&bvh->boxes);
-    size_t updated = 0;
-    for (int level = 0; level < bvh->boxes.level_count; level++)
-        updated += bvh->boxes.group_count[level];
-    return updated;
+    return qm_bvh_box_count(bvh);
 }
 
 /** packs are those of the faces that changed, ascending; they are used up. */
@@ -130,6 +127,19 @@ qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer
     qm_context_free(ctx, packs, list_size, sizeof *packs);
     qm_bits_free(ctx, changed, bvh->pack_count);
     return status;
+}
+
+bool qm_bvh_is_stale(const qm_bvh *bvh)
+{
+    return bvh->stale != NULL;
+}
+
+size_t qm_bvh_box_count(const qm_bvh *bvh)
+{
+    size_t count = 0;
+    for (int level = 0; level < bvh->boxes.level_count; level++)
+        count += bvh->boxes.group_count[level];
+    return count;
 }
 
 void qm_bvh_refresh(qm_context *ctx, qm_bvh *bvh, int thread_count)

@@ -168,6 +168,14 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
                                               : (qm_hausdorff_stop)reason;
 }
 
+/** The hierarchy at hand over a target, or NULL. */
+static const qm_tetra *tetra_over(const qm_hausdorff_options *options, const qm_bvh *target)
+{
+    for (int i = 0; i < 2; i++)
+        if (options->tetra[i] && qm_tetra_bvh(options->tetra[i]) == target) return options->tetra[i];
+    return NULL;
+}
+
 /** A call canceled meanwhile goes on with the tree alone: the workers see the flag, and the result is valid.
  */
 static qm_status build_locators(qm_context *ctx, qm_search *search)
@@ -175,9 +183,10 @@ static qm_status build_locators(qm_context *ctx, qm_search *search)
     qm_status status = QM_OK;
     for (int i = 0; i < search->side_count && status == QM_OK; i++) {
         qm_side *side = &search->side[i];
-        status = qm_locator_build(ctx, side->target, search->options->accelerator, &side->nearest);
+        status = qm_locator_build(ctx, side->target, tetra_over(search->options, side->target),
+                                  search->options->accelerator, &side->nearest);
         if (status == QM_E_CANCELED)
-            status = qm_locator_build(ctx, side->target, QM_ACCELERATOR_BOXES, &side->nearest);
+            status = qm_locator_build(ctx, side->target, NULL, QM_ACCELERATOR_BOXES, &side->nearest);
     }
     return status;
 }

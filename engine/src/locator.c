@@ -2,10 +2,20 @@
 
 #include "bvh_tree.h"
 
-qm_status qm_locator_build(qm_context *ctx, const qm_bvh *bvh, qm_accelerator accelerator, qm_locator *out)
+static qm_status build_tetra(qm_context *ctx, qm_locator *locator)
+{
+    qm_status status = qm_patch_set_find(ctx, &locator->bvh->mesh, &locator->own_patches);
+    if (status == QM_OK)
+        status = qm_tetra_build(ctx, locator->bvh, &locator->own_patches, &locator->own_tetra);
+    locator->tetra = locator->own_tetra;
+    return status;
+}
+
+qm_status qm_locator_build(qm_context *ctx, const qm_bvh *bvh, const qm_tetra *tetra,
+                           qm_accelerator accelerator, qm_locator *out)
 {
     *out = (qm_locator){0};
-    if (!bvh->packs)
+    if (!qm_bvh_is_target(bvh, QM_QUADS_TRIANGLES))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "nearest points need a tree that is a target");
     qm_locator locator = {.bvh = bvh};
     qm_status status = QM_OK;
@@ -17,8 +27,8 @@ qm_status qm_locator_build(qm_context *ctx, const qm_bvh *bvh, qm_accelerator ac
         status = qm_grid_build(ctx, bvh, &locator.grid);
         break;
     case QM_ACCELERATOR_TETRA:
-        status = qm_patch_set_find(ctx, &bvh->mesh, &locator.patches);
-        if (status == QM_OK) status = qm_tetra_build(ctx, bvh, &locator.patches, &locator.tetra);
+        locator.tetra = tetra;
+        if (!tetra) status = build_tetra(ctx, &locator);
         break;
     default:
         return qm_context_fail(ctx, QM_E_ARGUMENT, "there is no accelerator %d", (int)accelerator);
@@ -33,7 +43,7 @@ qm_status qm_locator_build(qm_context *ctx, const qm_bvh *bvh, qm_accelerator ac
 void qm_locator_reset(qm_context *ctx, qm_locator *locator)
 {
     qm_grid_destroy(ctx, locator->grid);
-    qm_tetra_destroy(ctx, locator->tetra);
-    qm_patch_set_reset(ctx, &locator->patches);
+    qm_tetra_destroy(ctx, locator->own_tetra);
+    qm_patch_set_reset(ctx, &locator->own_patches);
     *locator = (qm_locator){0};
 }

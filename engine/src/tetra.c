@@ -221,6 +221,16 @@ void qm_tetra_destroy(qm_context *ctx, qm_tetra *tetra)
     qm_context_free(ctx, tetra, 1, sizeof *tetra);
 }
 
+const qm_bvh *qm_tetra_bvh(const qm_tetra *tetra)
+{
+    return tetra->bvh;
+}
+
+size_t qm_tetra_find_patch(const qm_tetra *tetra, uint32_t face)
+{
+    return tetra->set_patch[tetra->face_patch[face]];
+}
+
 size_t qm_tetra_memory_size(const qm_tetra *tetra)
 {
     return sizeof *tetra + tetra->patch_count * (sizeof *tetra->patches + sizeof *tetra->set_patch) +

@@ -73,14 +73,14 @@ def test_a_job_finds_feet(client, square, quads):
     assert beside["distance"] == pytest.approx(1, abs=1e-12)
     assert beside["point"] == pytest.approx([2, 1, 0], abs=1e-12)
     assert on["distance"] == pytest.approx(0, abs=1e-12)
-    assert "patch" not in over
+    assert over["patch"] == beside["patch"] == 1
 
 
 @pytest.mark.parametrize("quads", ["triangles", "bilinear"])
 def test_each_accelerator_finds_the_same_feet(client, spheres, quads):
     points = cloud(300, seed=3)
     feet = ask(client, spheres[0], points, quads=quads)["result"]["points"]
-    for accelerator in ("boxes", "grid"):
+    for accelerator in ("boxes", "tetra", "grid"):
         job = ask(client, spheres[0], points, quads=quads, accelerator=accelerator)
         assert job["request"]["accelerator"] == accelerator
         assert job["result"]["points"] == feet
@@ -183,7 +183,7 @@ def test_info_lists_what_there_is(client):
     info = client.get("/v1/info").json()
     assert {"hausdorff", "project"} <= set(info["jobs"])
     assert info["kernel"] in ("portable", "avx2", "avx512")
-    assert info["accelerators"] == ["auto", "boxes", "grid"]
+    assert info["accelerators"] == ["auto", "boxes", "tetra", "grid"]
 
 
 # ---- the stream ----
@@ -239,7 +239,7 @@ def test_half_a_point_is_refused(client, square, size, dtype):
     assert f"{size} bytes" in problem["detail"]
 
 
-@pytest.mark.parametrize("parameters", [{"dtype": "f16"}, {"accelerator": "tetra"}, {"dtype": ""}, {"quads": "flat"}, {"order": "hilbert"},
+@pytest.mark.parametrize("parameters", [{"dtype": "f16"}, {"accelerator": "octree"}, {"dtype": ""}, {"quads": "flat"}, {"order": "hilbert"},
                                         {"threads": "0"}, {"threads": "1.5"}, {"threads": "257"}, {"threads": ""}])
 def test_bad_parameters_are_refused(client, square, parameters):
     check_problem(project(client, square, b"", params=parameters), 400, "invalid_parameter")

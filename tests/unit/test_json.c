@@ -208,9 +208,8 @@ static void bad_members_are_pointed_at(void **state)
         {"\"detach\":1", QM_PROBLEM_INVALID_FIELD, "/detach"},
         {"\"detach\":\"true\"", QM_PROBLEM_INVALID_FIELD, "/detach"},
         {"\"accelerator\":\"octree\"", QM_PROBLEM_INVALID_FIELD, "/accelerator"},
-        {"\"accelerator\":\"tetra\"", QM_PROBLEM_UNSUPPORTED_FEATURE, "/accelerator"},
         {"\"bounds\":\"loose\"", QM_PROBLEM_INVALID_FIELD, "/bounds"},
-        {"\"accelerator\":\"tetra\",\"threads\":0", QM_PROBLEM_INVALID_FIELD, "/accelerator"},
+        {"\"accelerator\":\"octree\",\"threads\":0", QM_PROBLEM_INVALID_FIELD, "/accelerator"},
         {"\"colour\":\"red\"", QM_PROBLEM_INVALID_FIELD, "/colour"},
         {"\"a/b~c\":1", QM_PROBLEM_INVALID_FIELD, "/a~1b~0c"},
         {"\"\":1", QM_PROBLEM_INVALID_FIELD, "/"},
@@ -412,18 +411,20 @@ static void points_are_read(void **state)
 }
 
 /** Only the Hausdorff distance has a choice that is served. */
-static void the_grid_is_not_available_for_points_yet(void **state)
+static void points_may_be_searched_with_any_accelerator(void **state)
 {
     (void)state;
-    qm_job_request request;
-    qm_problem problem;
-    assert_true(read_job("{\"points\":[],\"type\":\"project\",\"mesh\":\"m_1\",\"accelerator\":\"boxes\"}",
-                         &request, &problem));
-    qm_job_request_reset(&request);
-    assert_false(read_job("{\"points\":[],\"type\":\"project\",\"mesh\":\"m_1\",\"accelerator\":\"grid\"}",
-                          &request, &problem));
-    assert_int_equal(problem.code, QM_PROBLEM_UNSUPPORTED_FEATURE);
-    assert_string_equal(problem.errors[0].pointer, "/accelerator");
+    static const char *const names[] = {"auto", "boxes", "tetra", "grid"};
+    for (int i = 0; i < QM_ACCELERATOR_COUNT; i++) {
+        qm_job_request request;
+        qm_problem problem;
+        char text[128];
+        snprintf(text, sizeof text,
+                 "{\"points\":[],\"type\":\"project\",\"mesh\":\"m_1\",\"accelerator\":\"%s\"}", names[i]);
+        assert_true(read_job(text, &request, &problem));
+        assert_int_equal(request.accelerator, i);
+        qm_job_request_reset(&request);
+    }
 }
 
 static void bad_points_are_pointed_at(void **state)
@@ -575,7 +576,7 @@ int main(void)
         cmocka_unit_test(damaged_requests_never_crash),
         cmocka_unit_test(a_request_comes_back),
         cmocka_unit_test(points_are_read),
-        cmocka_unit_test(the_grid_is_not_available_for_points_yet),
+        cmocka_unit_test(points_may_be_searched_with_any_accelerator),
         cmocka_unit_test(bad_points_are_pointed_at),
         cmocka_unit_test(a_problem_is_a_document),
         cmocka_unit_test(a_result_is_a_document),

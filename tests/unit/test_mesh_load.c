@@ -9,7 +9,7 @@
 #include "job_kinds.h"
 
 static const qm_codec_limits limits = {1000000, 1000000};
-static const qm_preparation everything = {true, QM_BVH_ALL, 1};
+static const qm_preparation everything = {.has_facts = true, .parts = QM_BVH_ALL, .thread_count = 1};
 
 static const char cube[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
                            "f 1 4 3 2\nf 5 6 7 8\nf 1 2 6 5\nf 2 3 7 6\nf 3 4 8 7\nf 4 1 5 8\n";

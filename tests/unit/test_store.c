@@ -108,8 +108,11 @@ static void test_hashes(void **state)
 
 static void put_mesh(const fixture *f, const char *id, const char *hash, const char *options)
 {
-    qm_store_mesh mesh = {
-        .options = (char *)options, .name = (char *)"n\xc3\xa4me", .document = (char *)"{}", .format = 3};
+    qm_store_mesh mesh = {.options = (char *)options,
+                          .name = (char *)"n\xc3\xa4me",
+                          .document = (char *)"{}",
+                          .created = (char *)"2026-01-02T03:04:05.678Z",
+                          .format = 3};
     snprintf(mesh.id, sizeof mesh.id, "%s", id);
     snprintf(mesh.hash, sizeof mesh.hash, "%s", hash);
     assert_int_equal(qm_store_put_mesh(f->store, &mesh), QM_OK);
@@ -223,6 +226,44 @@ static void test_meshes_survive(void **state)
     assert_false(qm_store_find_mesh(f->store, "m_1' OR 1 --", &found));
 }
 
+static void test_a_revision_takes_the_place_of_the_one_before(void **state)
+{
+    fixture *f = *state;
+    char file[QM_HASH_SIZE], first[QM_HASH_SIZE], second[QM_HASH_SIZE];
+    keep_blob(f, "file", file);
+    keep_blob(f, "first", first);
+    keep_blob(f, "second", second);
+    put_mesh(f, "m_1", file, "options");
+    qm_store_mesh mesh;
+    assert_true(qm_store_find_mesh(f->store, "m_1", &mesh));
+    assert_int_equal(mesh.revision, 0);
+    assert_string_equal(mesh.positions, "");
+    free(mesh.options);
+    mesh.options = strdup("deformed");
+    mesh.revision = 1;
+    memcpy(mesh.positions, first, sizeof first);
+    assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_OK);
+    assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_E_ARGUMENT);
+    mesh.revision = 2;
+    memcpy(mesh.positions, second, sizeof second);
+    assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_OK);
+    qm_store_mesh_reset(&mesh);
+
+    assert_false(qm_store_find_mesh_by_content(f->store, file, "options", &mesh));
+    assert_true(qm_store_find_mesh(f->store, "m_1", &mesh));
+    assert_int_equal(mesh.revision, 2);
+    assert_string_equal(mesh.positions, second);
+    assert_string_equal(mesh.created, "2026-01-02T03:04:05.678Z");
+    qm_store_mesh_reset(&mesh);
+    const uint8_t *bytes;
+    size_t size;
+    assert_int_equal(qm_blob_map(f->store, first, &bytes, &size), QM_E_EMPTY);
+    check_blob(f, second, "second");
+    assert_true(qm_store_delete_mesh(f->store, "m_1"));
+    assert_int_equal(qm_blob_map(f->store, second, &bytes, &size), QM_E_EMPTY);
+    assert_int_equal(qm_blob_map(f->store, file, &bytes, &size), QM_E_EMPTY);
+}
+
 static void test_pages_of_meshes(void **state)
 {
     fixture *f = *state;
@@ -279,7 +320,7 @@ static void test_jobs_survive(void **state)
     assert_int_equal(submit(f, "j_1", "key", "client's"), QM_OK);
     assert_int_equal(submit(f, "j_2", "key", NULL), QM_OK);
     assert_int_equal(submit(f, "j_3", "other", NULL), QM_OK);
-    assert_int_equal(qm_store_finish_job(f->store, "j_2", 2, "{\"done\":1}", "{}\n{}\n"), QM_OK);
+    assert_int_equal(qm_store_finish_job(f->store, "j_2", 2, "{\"done\":1}", "{}\n{}\n", "0 3"), QM_OK);
     reopen(f);
     qm_store_job found;
     assert_true(qm_store_find_job(f->store, "j_2", &found));
@@ -288,10 +329,10 @@ static void test_jobs_survive(void **state)
     assert_string_equal(found.events, "{}\n{}\n");
     assert_null(found.idempotency_key);
     qm_store_job_reset(&found);
-    assert_true(qm_store_find_job_by_key(f->store, "key", 2, &found));
+    assert_true(qm_store_find_job_by_key(f->store, "key", "0 3", 2, &found));
     assert_string_equal(found.id, "j_2");
     qm_store_job_reset(&found);
-    assert_false(qm_store_find_job_by_key(f->store, "other", 2, &found));
+    assert_false(qm_store_find_job_by_key(f->store, "other", "0 3", 2, &found));
     assert_true(qm_store_find_job_by_idempotency_key(f->store, "client's", &found));
     assert_string_equal(found.id, "j_1");
     assert_null(found.document);
@@ -306,7 +347,7 @@ static void test_unfinished_jobs(void **state)
     submit(f, "j_1", "k", NULL);
     submit(f, "j_2", "k", NULL);
     submit(f, "j_3", "k", NULL);
-    qm_store_finish_job(f->store, "j_2", 3, "{}", "{}\n");
+    qm_store_finish_job(f->store, "j_2", 3, "{}", "{}\n", "");
     qm_store_job rows[4];
     assert_int_equal(qm_store_list_unfinished_jobs(f->store, 0, 4, rows), 2);
     assert_string_equal(rows[0].id, "j_1");
@@ -343,7 +384,7 @@ static void test_old_jobs_are_dropped(void **state)
         job.created = created;
         snprintf(job.id, sizeof job.id, "j_%d", i);
         assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
-        if (i != 2) assert_int_equal(qm_store_finish_job(f->store, job.id, 2, "{}", "{}\n"), QM_OK);
+        if (i != 2) assert_int_equal(qm_store_finish_job(f->store, job.id, 2, "{}", "{}\n", ""), QM_OK);
     }
     drop(f, 100, "", 8, "");
     drop(f, 100, "2010", 8, "");
@@ -549,6 +590,7 @@ int main(void)
         TEST(test_a_blob_that_cannot_be_named),
         TEST(test_half_written_files_are_swept),
         TEST(test_meshes_survive),
+        TEST(test_a_revision_takes_the_place_of_the_one_before),
         TEST(test_pages_of_meshes),
         TEST(test_a_blob_goes_with_its_last_mesh),
         TEST(test_jobs_survive),

@@ -56,6 +56,7 @@ typedef struct qm_hausdorff_options {
     uint64_t work_limit;        /* > 0: stop after so many iterations; 0: none */
     int thread_count;           /* 1 or more */
     qm_accelerator accelerator; /* of nearest points; one that has to be built is built by the call */
+    const qm_tetra *tetra[2];   /* over a and over b, for QM_ACCELERATOR_TETRA, when at hand; or NULL */
     qm_bounds bounds;
     qm_hausdorff_progress_fn *progress; /* NULL: none */
     void *progress_user;

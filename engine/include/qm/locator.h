@@ -20,20 +20,23 @@ typedef enum qm_accelerator {
 /** One of the accelerators, ready to be asked. Only read while it is used, by any number of calls at once. */
 typedef struct qm_locator {
     const qm_bvh *bvh;
-    qm_grid *grid;        /* NULL, or what is searched */
-    qm_tetra *tetra;      /* NULL, or what is searched; with neither it is the tree */
-    qm_patch_set patches; /* those below tetra, when the locator found them itself */
+    qm_grid *grid;         /* NULL, or what is searched */
+    const qm_tetra *tetra; /* NULL, or what is searched; with neither it is the tree */
+    qm_tetra *own_tetra;   /* the same when the locator built it, over patches of its own */
+    qm_patch_set own_patches;
 } qm_locator;
 
 /**
- * Makes the locator that a choice stands for, over a tree that was built with QM_BVH_TARGET.
+ * Makes the locator that a choice stands for, over a tree that was built with QM_BVH_TARGET. tetra is a
+ * hierarchy over the same tree when one is at hand; with NULL one is built where it is asked for.
  *
- * Ownership: borrows the tree, which must outlive the locator unchanged; *out is the caller's, for
+ * Ownership: borrows tree and hierarchy, which must outlive the locator unchanged; *out is the caller's, for
  * qm_locator_reset.
  * Returns:   QM_OK; QM_E_ARGUMENT (the tree is no target; no such accelerator); QM_E_UNSUPPORTED (tetra over
  * a point set); QM_E_NO_MEMORY; QM_E_CANCELED. After an error *out holds nothing.
  */
-qm_status qm_locator_build(qm_context *ctx, const qm_bvh *bvh, qm_accelerator accelerator, qm_locator *out);
+qm_status qm_locator_build(qm_context *ctx, const qm_bvh *bvh, const qm_tetra *tetra,
+                           qm_accelerator accelerator, qm_locator *out);
 
 /** Frees what the locator built, with the allocator that built it. The tree is left alone. */
 void qm_locator_reset(qm_context *ctx, qm_locator *locator);

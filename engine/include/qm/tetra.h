@@ -41,6 +41,12 @@ qm_status qm_tetra_build(qm_context *ctx, const qm_bvh *bvh, const qm_patch_set 
 /** Frees a hierarchy with the allocator that built it. NULL is fine. */
 void qm_tetra_destroy(qm_context *ctx, qm_tetra *tetra);
 
+/** The tree that the hierarchy lies over. */
+const qm_bvh *qm_tetra_bvh(const qm_tetra *tetra);
+
+/** The patch that holds a face, by its place in the patch set. */
+size_t qm_tetra_find_patch(const qm_tetra *tetra, uint32_t face);
+
 /** Bytes that the hierarchy holds, without tree and patches. */
 size_t qm_tetra_memory_size(const qm_tetra *tetra);
 
