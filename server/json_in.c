@@ -442,7 +442,7 @@ static void read_moved(const cJSON *object, qm_moved_vertices *out, qm_problem *
 bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertices *out, qm_problem *problem)
 {
     *out = (qm_moved_vertices){0};
-    cJSON *object = parse_object(text, size, problem);
+    cJSON *object = qm_json_parse_object(text, size, "a deformation", problem);
     if (!object) return false;
     *problem = (qm_problem){.code = QM_PROBLEM_INVALID_FIELD};
     read_moved(object, out, problem);
