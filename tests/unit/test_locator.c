@@ -163,7 +163,7 @@ static void check_mesh(const char *name, uint64_t seed, qm_mesh mesh, bool brute
 static void soups_match_the_tree_and_brute_force(void **state)
 {
     (void)state;
-    uint64_t count = qm_check_long() ? 10000 : 400;
+    uint64_t count = qm_check_long() ? 10000 : 150;
     for (uint64_t seed = 0; seed < count; seed++) {
         qm_random random = qm_random_make(qm_check_seed(), seed);
         qm_soup_style style = (qm_soup_style)(seed % QM_SOUP_STYLE_COUNT);
