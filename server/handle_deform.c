@@ -33,8 +33,8 @@ static bool read_numbers(char *bytes, size_t size, bool is_float, qm_moved_verti
     if (size % (3 * width) != 0) {
         free(bytes);
         *problem = qm_problem_make(QM_PROBLEM_MALFORMED_BODY,
-                                   "the body has %zu bytes, which is no multiple of the %zu of a vertex", size,
-                                   3 * width);
+                                   "the body has %zu bytes, which is no multiple of the %zu of a vertex",
+                                   size, 3 * width);
         return false;
     }
     out->positions = (double *)(void *)bytes;
@@ -49,8 +49,9 @@ static bool read_moved(qm_request *request, const qm_blob_writer *upload, bool i
     bool is_json = type && qm_media_is(type, "application/json");
     *out = (qm_moved_vertices){0};
     if (type && !is_json && !qm_media_is(type, "application/octet-stream")) {
-        *problem = qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
-                                   "vertices come as application/json, or as application/octet-stream for all");
+        *problem =
+            qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
+                            "vertices come as application/json, or as application/octet-stream for all");
         return false;
     }
     size_t size;

@@ -66,8 +66,9 @@ static bool move_some(deforming *work)
 static bool move_all(deforming *work)
 {
     if (work->moved->count != vertex_count(work)) {
-        *work->problem = qm_problem_make(QM_PROBLEM_MALFORMED_BODY, "the body has %zu rows, the mesh %zu vertices",
-                                         work->moved->count, vertex_count(work));
+        *work->problem =
+            qm_problem_make(QM_PROBLEM_MALFORMED_BODY, "the body has %zu rows, the mesh %zu vertices",
+                            work->moved->count, vertex_count(work));
         return false;
     }
     memcpy(work->positions, work->moved->positions, work->moved->count * 3 * sizeof(double));
@@ -186,9 +187,9 @@ static void follow(deforming *work, qm_context *ctx)
 {
     double start = qm_now_ms();
     if (take_alone(work)) {
-        qm_status status = qm_loaded_mesh_deform(ctx, &work->ref->mesh, work->positions, work->moved->indices,
-                                                 work->moved->count, work->meshes->threads,
-                                                 &work->out->updated_nodes);
+        qm_status status =
+            qm_loaded_mesh_deform(ctx, &work->ref->mesh, work->positions, work->moved->indices,
+                                  work->moved->count, work->meshes->threads, &work->out->updated_nodes);
         work->positions = NULL;
         if (status != QM_OK) qm_log(QM_LOG_ERROR, "mesh %s could not follow in memory", work->row.id);
         let_go(work, status == QM_OK);

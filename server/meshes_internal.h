@@ -15,7 +15,7 @@ struct qm_mesh_ref {
     char id[QM_ID_SIZE];
     qm_loaded_mesh mesh;
     enum { QM_MESH_LOADING, QM_MESH_READY, QM_MESH_BROKEN } state; /* loading, or being changed in place */
-    int references; /* the list counts as one */
+    int references;                                                /* the list counts as one */
     bool listed;
     qm_problem problem; /* when broken */
     qm_meshes *meshes;

@@ -14,7 +14,8 @@
 #define BOX_SLACK (1.0 - 1e-6) /* of distances of boxes, which are computed in floats */
 #define FARTHEST_BOX 1e18      /* float squares end beyond it: nothing larger is claimed */
 
-/** More than rounding takes from or adds to a distance in the search's frame, where no coordinate exceeds 2. */
+/** More than rounding takes from or adds to a distance in the search's frame, where no coordinate exceeds 2.
+ */
 #define ERROR (8.0 * QM_TRI_DISTANCE_ERROR)
 #define LEAST_PATCH_ERROR 1e-13
 #define FOOT_ERROR 1e-13 /* of the parameters of the points that are told, local */
@@ -115,7 +116,8 @@ static void measure_triangles(search *s, const near_face *a, const near_face *b)
 
 static void measure_patches(search *s, const near_face *a, const near_face *b)
 {
-    qm_patch_gap gap = qm_patch_patch_distance(&a->shape, &b->shape, fmax(0.25 * s->tolerance, LEAST_PATCH_ERROR), s->best);
+    qm_patch_gap gap =
+        qm_patch_patch_distance(&a->shape, &b->shape, fmax(0.25 * s->tolerance, LEAST_PATCH_ERROR), s->best);
     s->lowest = fmin(s->lowest, gap.lower);
     offer(s, a, b, gap.upper, gap.point[0], gap.point[1]);
 }
@@ -239,14 +241,13 @@ qm_status qm_distance_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
     *out = (qm_distance){0};
     if (!(options->tolerance > 0.0))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "tolerance must be > 0, got %g", options->tolerance);
-    search s = {.ctx = ctx,
-                .bvh = {a, b},
-                .options = options,
-                .descent = {.a = &a->boxes,
-                            .b = &b->boxes,
-                            .change = qm_frame_change_make(&a->frame, &b->frame)},
-                .best = INFINITY,
-                .lowest = INFINITY};
+    search s = {
+        .ctx = ctx,
+        .bvh = {a, b},
+        .options = options,
+        .descent = {.a = &a->boxes, .b = &b->boxes, .change = qm_frame_change_make(&a->frame, &b->frame)},
+        .best = INFINITY,
+        .lowest = INFINITY};
     bool meets = false, has_patches = options->quads == QM_QUADS_BILINEAR && (a->has_quads || b->has_quads);
     qm_status status = qm_collide_check_scale(ctx, a, b);
     if (status == QM_OK && !has_patches) status = look_for_contact(&s, out, &meets);

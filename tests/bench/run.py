@@ -25,13 +25,15 @@ import time
 
 import bench_hausdorff
 import bench_projection
+import bench_service
 import bench_twins
 import bench_variants
 import measuring
 import pairs as meshes
 import programs as catalogue
 
-PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection}
+PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection,
+         "service": bench_service}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")
 
 

@@ -17,7 +17,7 @@ typedef struct qm_distance_options {
 } qm_distance_options;
 
 typedef struct qm_distance {
-    double lower, upper; /* both 0 when the surfaces are proven to meet */
+    double lower, upper;       /* both 0 when the surfaces are proven to meet */
     qm_surface_point from, to; /* of a and of b, upper apart but for rounding; faces as stored */
     uint64_t pairs;            /* of faces measured */
     bool is_converged;         /* upper - lower is at most the tolerance */
