@@ -23,6 +23,26 @@ void qm_handle_job_cancel(qm_request *request);
 void qm_handle_job_events(qm_request *request);
 void qm_handle_job_result(qm_request *request);
 
+void qm_handle_layout_create(qm_request *request);
+void qm_handle_layout_list(qm_request *request);
+void qm_handle_layout_get(qm_request *request);
+void qm_handle_layout_delete(qm_request *request);
+void qm_handle_layout_stroke(qm_request *request);
+void qm_handle_layout_undo(qm_request *request);
+void qm_handle_layout_redo(qm_request *request);
+void qm_handle_curve_merge(qm_request *request);
+void qm_handle_curve_split(qm_request *request);
+void qm_handle_curve_snap(qm_request *request);
+void qm_handle_curve_redraw(qm_request *request);
+void qm_handle_curve_delete(qm_request *request);
+
+void qm_handle_reconstruction_create(qm_request *request);
+void qm_handle_reconstruction_list(qm_request *request);
+void qm_handle_reconstruction_get(qm_request *request);
+void qm_handle_reconstruction_delete(qm_request *request);
+void qm_handle_reconstruction_mesh(qm_request *request);
+void qm_handle_reconstruction_patches(qm_request *request);
+
 void qm_handle_batch_create(qm_request *request);
 
 void qm_handle_health(qm_request *request);

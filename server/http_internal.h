@@ -39,7 +39,7 @@ struct qm_request {
     const qm_route *route;
     char name[QM_REQUEST_ID_SIZE]; /* what the request is called in the log and the reply */
     const char *media;             /* of the route's types, the chosen one */
-    char id[QM_ID_SIZE];
+    char ids[2][QM_ID_SIZE];       /* of the path */
     char method[16], path[256];
     double start_ms;
     qm_blob_writer *upload;

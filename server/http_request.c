@@ -16,7 +16,12 @@ qm_app *qm_request_app(const qm_request *request)
 
 const char *qm_request_id(const qm_request *request)
 {
-    return request->id;
+    return request->ids[0];
+}
+
+const char *qm_request_second_id(const qm_request *request)
+{
+    return request->ids[1];
 }
 
 bool qm_request_only_reads(const qm_request *request)

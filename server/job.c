@@ -203,9 +203,22 @@ void qm_job_write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
     snprintf(out, QM_REVISIONS_SIZE, "%llu %llu", (unsigned long long)a, (unsigned long long)b);
 }
 
+static bool check_reconstruction(qm_jobs *jobs, const char *id, qm_problem *problem)
+{
+    qm_store_reconstruction row;
+    if (qm_store_find_reconstruction(jobs->store, id, &row)) {
+        qm_store_reconstruction_reset(&row);
+        return true;
+    }
+    *problem = qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "there is no reconstruction of this id");
+    qm_problem_add_pointer(problem, "/reconstruction", "no such reconstruction");
+    return false;
+}
+
 bool qm_job_check_meshes(qm_jobs *jobs, const qm_job_request *request, char revisions[QM_REVISIONS_SIZE],
                          qm_problem *problem)
 {
+    if (request->kind == QM_JOB_RECONSTRUCTION_STEP) return check_reconstruction(jobs, request->a, problem);
     const char *const *field = qm_job_type_of(request->kind)->mesh_field;
     uint64_t a = 0, b = 0;
     bool are_there = check_mesh(jobs, request->a, field[0], &a, problem) &&
@@ -270,7 +283,8 @@ static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, c
     }
     char revisions[QM_REVISIONS_SIZE];
     if (!qm_job_check_meshes(jobs, submission->request, revisions, problem)) return NULL;
-    qm_job *cached = submission->use_cache ? qm_job_find_cached(jobs, key, revisions) : NULL;
+    bool may_be_cached = submission->use_cache && qm_job_type_of(submission->request->kind)->is_pure;
+    qm_job *cached = may_be_cached ? qm_job_find_cached(jobs, key, revisions) : NULL;
     *is_cached = cached != NULL;
     return cached;
 }
@@ -453,12 +467,14 @@ static void resume_unfinished(qm_jobs *jobs)
     if (total > 0) qm_log(QM_LOG_INFO, "%zu unfinished jobs queued again", total);
 }
 
-qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_job_limits limits)
+qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *reconstructions,
+                        qm_job_limits limits)
 {
     qm_jobs *jobs = calloc(1, sizeof *jobs);
     if (!jobs) return NULL;
     jobs->store = store;
     jobs->meshes = meshes;
+    jobs->reconstructions = reconstructions;
     jobs->limits = limits;
     uv_mutex_init(&jobs->submitting);
     uv_mutex_init(&jobs->lock);

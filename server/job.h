@@ -13,7 +13,7 @@
 #define QM_JOB_H
 
 #include "clock.h"
-#include "meshes.h"
+#include "reconstructions.h"
 
 typedef enum qm_job_state {
     QM_JOB_QUEUED,
@@ -45,7 +45,8 @@ typedef struct qm_job_limits {
 } qm_job_limits;
 
 /** Starts the workers and queues again what the store holds unfinished. */
-qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_job_limits limits);
+qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *reconstructions,
+                        qm_job_limits limits);
 
 /**
  * Takes no new work from now on and ends the workers: running jobs get their grace time, then stop;

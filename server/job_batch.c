@@ -215,8 +215,10 @@ static bool take_request(qm_batch *batch, qm_batch_line *line, qm_job_request *r
 {
     char *key = qm_job_make_key(request), revisions[QM_REVISIONS_SIZE];
     *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the job could not be queued");
-    bool taken = key && qm_job_check_meshes(batch->jobs, request, revisions, problem) &&
-                 (answer_from_store(batch, line, key, revisions) || queue_line(batch, line, request));
+    bool is_pure = qm_job_type_of(request->kind)->is_pure;
+    bool taken =
+        key && qm_job_check_meshes(batch->jobs, request, revisions, problem) &&
+        ((is_pure && answer_from_store(batch, line, key, revisions)) || queue_line(batch, line, request));
     free(key);
     return taken;
 }

@@ -48,6 +48,7 @@ struct qm_job {
 struct qm_jobs {
     qm_store *store;
     qm_meshes *meshes;
+    qm_reconstructions *reconstructions;
     qm_job_limits limits;
     qm_pool *pool;
     uv_mutex_t
@@ -117,6 +118,18 @@ static inline bool qm_job_is_over(const qm_job *job)
 {
     return job->state > QM_JOB_RUNNING || job->interrupted;
 }
+
+/** Runs a reconstruction_step that is marked as running to its end. */
+void qm_job_run_steps(qm_job *job);
+
+/** The end of a job with a result; it is stored before anybody hears of it. */
+void qm_job_finish_with_result(qm_job *job, qm_job_state state, const qm_job_result *result);
+
+/** The end of a job that the end of the daemon stopped: it runs again at the next start. */
+void qm_job_interrupt(qm_job *job);
+
+/** True when a client has asked the job to stop. */
+bool qm_job_is_cancelled(qm_job *job);
 
 /** The task of a worker: runs the job if it is still to run, and gives back the worker's reference. */
 void qm_job_run(void *job);

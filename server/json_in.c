@@ -12,7 +12,9 @@
 
 #define MAX_THREADS 256
 #define MAX_PIECES 1e7
+#define MAX_STEPS 64
 #define MAX_BINS 1e4
+#define MAX_LISTED 1e5
 #define POINTER_SIZE sizeof(((qm_problem_error *)NULL)->pointer)
 
 /** Where in an array a value is at fault: the places of its entries from the outside in. */
@@ -67,13 +69,7 @@ static int find_name(const cJSON *value, const char *const *names)
 static bool read_type(const cJSON *value, qm_job_request *out)
 {
     const char *given;
-    if (!read_string(value, &given)) return false;
-    for (int kind = 0; kind < QM_JOB_KIND_COUNT; kind++) {
-        if (strcmp(qm_job_type_of((qm_job_kind)kind)->name, given) != 0) continue;
-        out->kind = (qm_job_kind)kind;
-        return true;
-    }
-    return false;
+    return read_string(value, &given) && qm_job_kind_find(given, &out->kind);
 }
 
 static bool read_a(const cJSON *value, qm_job_request *out)
@@ -153,6 +149,39 @@ static bool read_pieces(const cJSON *value, qm_job_request *out)
     return true;
 }
 
+static bool read_steps(const cJSON *value, qm_job_request *out)
+{
+    double steps;
+    if (!read_whole(value, 1, MAX_STEPS, &steps)) return false;
+    out->goal.steps = (size_t)steps;
+    return true;
+}
+
+static bool read_until(const cJSON *value, qm_job_request *out)
+{
+    if (!cJSON_IsObject(value)) return false;
+    for (const cJSON *member = value->child; member; member = member->next) {
+        double quads;
+        bool good = false;
+        if (strcmp(member->string, "hausdorff_relative") == 0) {
+            good = read_number(member, &out->hausdorff_relative) && out->hausdorff_relative > 0.0;
+        } else if (strcmp(member->string, "edge_length") == 0) {
+            good = read_number(member, &out->goal.edge) && out->goal.edge > 0.0;
+        } else if (strcmp(member->string, "max_quads") == 0) {
+            good = read_whole(member, 1, QM_REFINE_MOST_QUADS, &quads);
+            if (good) out->goal.max_quads = (size_t)quads;
+        }
+        if (!good) return false;
+    }
+    return true;
+}
+
+static bool read_measure(const cJSON *value, qm_job_request *out)
+{
+    out->goal.measures = cJSON_IsTrue(value);
+    return cJSON_IsBool(value);
+}
+
 static bool read_bins(const cJSON *value, qm_job_request *out)
 {
     double bins;
@@ -172,6 +201,29 @@ static bool read_percentiles(const cJSON *value, qm_job_request *out, fault *at)
         out->percentile_count++;
     }
     return true;
+}
+
+static bool read_mode(const cJSON *value, qm_job_request *out)
+{
+    static const char *const names[] = {"all", "first", "any", NULL};
+    static const qm_collide_mode modes[] = {QM_COLLIDE_ALL, QM_COLLIDE_FIRST, QM_COLLIDE_ANY};
+    int place = find_name(value, names);
+    if (place >= 0) out->mode = modes[place];
+    return place >= 0;
+}
+
+static bool read_limit(const cJSON *value, qm_job_request *out)
+{
+    double limit;
+    if (!read_whole(value, 0, MAX_LISTED, &limit)) return false;
+    out->list_limit = (size_t)limit;
+    return true;
+}
+
+static bool read_incremental(const cJSON *value, qm_job_request *out)
+{
+    out->incremental = cJSON_IsTrue(value);
+    return cJSON_IsBool(value);
 }
 
 static bool read_detach(const cJSON *value, qm_job_request *out)
@@ -234,19 +286,28 @@ enum {
     HAUSDORFF = 1u << QM_JOB_HAUSDORFF,
     PROJECT = 1u << QM_JOB_PROJECT,
     DEVIATION = 1u << QM_JOB_DEVIATION,
-    PAIRS = HAUSDORFF | DEVIATION
+    COLLISION = 1u << QM_JOB_COLLISION,
+    SELF = 1u << QM_JOB_SELF_COLLISION,
+    PAIRS = HAUSDORFF | DEVIATION | 1u << QM_JOB_DISTANCE | COLLISION,
+    SINGLE = PROJECT | SELF,
+    STEP = 1u << QM_JOB_RECONSTRUCTION_STEP
 };
 
 static const field fields[] = {
     {"type", ALL, ALL, read_type, NULL, "must be one of" TYPE_NAMES},
     {"a", PAIRS, PAIRS, read_a, NULL, "must be the id of a mesh"},
     {"b", PAIRS, PAIRS, read_b, NULL, "must be the id of a mesh"},
-    {"mesh", PROJECT, PROJECT, read_a, NULL, "must be the id of a mesh"},
+    {"mesh", SINGLE, SINGLE, read_a, NULL, "must be the id of a mesh"},
     {"points", PROJECT, PROJECT, NULL, read_points, "must hold points, each of three finite numbers"},
     {"direction", HAUSDORFF, 0, read_direction, NULL, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\""},
-    {"quads", ALL, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\""},
-    {"tolerance", PAIRS, 0, read_tolerance, NULL, "must be a number above 0"},
-    {"tolerance_unit", PAIRS, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\""},
+    {"reconstruction", STEP, STEP, read_a, NULL, "must be the id of a reconstruction"},
+    {"steps", STEP, 0, read_steps, NULL, "must be a whole number from 1 to 64"},
+    {"until", STEP, 0, read_until, NULL,
+     "must be an object with hausdorff_relative, max_quads, edge_length, or some of them, each above 0"},
+    {"measure", STEP, 0, read_measure, NULL, "must be true or false"},
+    {"quads", ALL & ~STEP, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\""},
+    {"tolerance", PAIRS | SELF, 0, read_tolerance, NULL, "must be a number above 0"},
+    {"tolerance_unit", PAIRS | SELF, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\""},
     {"threshold", HAUSDORFF, 0, read_threshold, NULL, "must be a number of 0 or more, or null"},
     {"deadline_ms", HAUSDORFF, 0, read_deadline, NULL, "must be a number above 0"},
     {"accuracy", DEVIATION, 0, read_accuracy, NULL, "must be a number above 0"},
@@ -254,11 +315,15 @@ static const field fields[] = {
     {"bins", DEVIATION, 0, read_bins, NULL, "must be a whole number from 0 to 10000"},
     {"percentiles", DEVIATION, 0, NULL, read_percentiles,
      "must hold at most 64 numbers above 0, none above 100"},
+    {"mode", COLLISION | SELF, 0, read_mode, NULL, "must be \"all\", \"first\" or \"any\""},
+    {"limit", COLLISION | SELF, 0, read_limit, NULL, "must be a whole number from 0 to 100000"},
+    {"incremental", SELF, 0, read_incremental, NULL, "must be true or false"},
     {"threads", ALL, 0, read_threads, NULL, "must be a whole number from 1 to 256"},
     {"detach", ALL, 0, read_detach, NULL, "must be true or false"},
-    {"accelerator", ALL & ~DEVIATION, 0, read_accelerator, NULL,
+    {"accelerator", HAUSDORFF | PROJECT, 0, read_accelerator, NULL,
      "must be \"auto\", \"boxes\", \"tetra\" or \"grid\""},
-    {"accelerator", DEVIATION, 0, read_boxes, NULL, "must be \"auto\" or \"boxes\""},
+    {"accelerator", ALL & ~(HAUSDORFF | PROJECT | STEP), 0, read_boxes, NULL,
+     "must be \"auto\" or \"boxes\""},
     {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\" or \"matching\""},
 };
 enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };

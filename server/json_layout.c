@@ -186,12 +186,14 @@ static bool read_patches(qm_context *ctx, const cJSON *value, qm_layout *out, qm
     return true;
 }
 
-static bool read_mesh_id(const cJSON *value, char mesh[QM_LAYOUT_MESH_SIZE], qm_problem *problem)
+static bool read_id(const cJSON *object, const char *name, char out[QM_LAYOUT_MESH_SIZE], qm_problem *problem)
 {
-    const char *id = cJSON_GetStringValue(value);
-    if (!id || !*id || strlen(id) >= QM_LAYOUT_MESH_SIZE)
-        return refuse(problem, "must be the id of a mesh", "/mesh", 0, 0);
-    snprintf(mesh, QM_LAYOUT_MESH_SIZE, "%s", id);
+    const char *id = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, name));
+    char pointer[32], words[48];
+    snprintf(pointer, sizeof pointer, "/%s", name);
+    snprintf(words, sizeof words, "must be the id of a %s", strcmp(name, "layout") == 0 ? name : "mesh");
+    if (!id || !*id || strlen(id) >= QM_LAYOUT_MESH_SIZE) return refuse(problem, words, pointer, 0, 0);
+    snprintf(out, QM_LAYOUT_MESH_SIZE, "%s", id);
     return true;
 }
 
@@ -206,7 +208,7 @@ bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char me
     const cJSON *patches = cJSON_GetObjectItemCaseSensitive(object, "patches");
     *has_patches = patches != NULL;
     bool good = check_names(object, mesh ? with_mesh : alone, problem) &&
-                (!mesh || read_mesh_id(cJSON_GetObjectItemCaseSensitive(object, "mesh"), mesh, problem)) &&
+                (!mesh || read_id(object, "mesh", mesh, problem)) &&
                 read_nodes(ctx, cJSON_GetObjectItemCaseSensitive(object, "nodes"), out, problem) &&
                 read_curves(ctx, cJSON_GetObjectItemCaseSensitive(object, "curves"), out, problem) &&
                 read_patches(ctx, patches, out, problem);
@@ -375,5 +377,34 @@ bool qm_json_read_layout_edit(const char *text, size_t size, qm_layout_edit_kind
     bool good = readers[kind](object, out, problem);
     cJSON_Delete(object);
     if (!good) qm_layout_edit_reset(out);
+    return good;
+}
+
+/* ---- reconstructions ---- */
+
+static bool read_options(const cJSON *object, qm_reconstruction_options *out, qm_problem *problem)
+{
+    const cJSON *share = cJSON_GetObjectItemCaseSensitive(object, "cover_share");
+    const cJSON *pull = cJSON_GetObjectItemCaseSensitive(object, "pull_curves");
+    *out = qm_reconstruction_options_default();
+    if (share && (!read_number(share, &out->cover_share) || !(out->cover_share > 0.0)))
+        return refuse(problem, "must be a number above 0", "/cover_share", 0, 0);
+    if (pull && !cJSON_IsBool(pull)) return refuse(problem, "must be true or false", "/pull_curves", 0, 0);
+    if (pull) out->pull_curves = cJSON_IsTrue(pull);
+    return true;
+}
+
+bool qm_json_read_reconstruction(const char *text, size_t size, qm_json_reconstruction *out,
+                                 qm_problem *problem)
+{
+    static const char *const names[] = {"source", "layout", "cover_share", "pull_curves", NULL};
+    *out = (qm_json_reconstruction){0};
+    cJSON *object = qm_json_parse_object(text, size, "a reconstruction", problem);
+    if (!object) return false;
+    bool has_source = cJSON_HasObjectItem(object, "source");
+    bool good = check_names(object, names, problem) && read_id(object, "layout", out->layout, problem) &&
+                (!has_source || read_id(object, "source", out->source, problem)) &&
+                read_options(object, &out->options, problem);
+    cJSON_Delete(object);
     return good;
 }

@@ -7,6 +7,7 @@
 #include "problem.h"
 #include "qm/layout.h"
 #include "qm/pick.h"
+#include "qm/reconstruct.h"
 #include "text.h"
 
 #define QM_LAYOUT_MESH_SIZE 40
@@ -53,5 +54,16 @@ typedef struct qm_layout_edit {
 bool qm_json_read_layout_edit(const char *text, size_t size, qm_layout_edit_kind kind, qm_layout_edit *out,
                               qm_problem *problem);
 void qm_layout_edit_reset(qm_layout_edit *edit);
+
+/** What POST /v1/reconstructions asks for. */
+typedef struct qm_json_reconstruction {
+    char layout[QM_LAYOUT_MESH_SIZE];
+    char source[QM_LAYOUT_MESH_SIZE]; /* "" when it is the layout's own mesh */
+    qm_reconstruction_options options;
+} qm_json_reconstruction;
+
+/** False with a problem (400). */
+bool qm_json_read_reconstruction(const char *text, size_t size, qm_json_reconstruction *out,
+                                 qm_problem *problem);
 
 #endif

@@ -164,8 +164,9 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     app->meshes = qm_meshes_create(app->store, limits, memory, prepare_threads);
     app->pool = qm_pool_create(REQUEST_THREADS);
     app->long_pool = qm_pool_create(UPLOAD_THREADS);
-    if (!app->meshes || !app->pool || !app->long_pool) return false;
-    app->jobs = qm_jobs_create(app->store, app->meshes,
+    app->reconstructions = qm_reconstructions_create(app->store, app->meshes);
+    if (!app->meshes || !app->reconstructions || !app->pool || !app->long_pool) return false;
+    app->jobs = qm_jobs_create(app->store, app->meshes, app->reconstructions,
                                (qm_job_limits){.workers = (int)config->workers,
                                                .queue = (int)config->queue,
                                                .threads = (int)config->job_threads,
@@ -193,6 +194,7 @@ static void stop_parts(daemon_state *state)
     qm_pool_destroy(app->pool);
     qm_pool_destroy(app->long_pool);
     qm_jobs_destroy(app->jobs);
+    qm_reconstructions_destroy(app->reconstructions);
     qm_meshes_destroy(app->meshes);
     qm_store_close(app->store);
     qm_tokens_destroy(app->tokens);

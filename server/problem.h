@@ -19,6 +19,9 @@
     XX(NOT_FOUND, 404, "not_found", "There is no such resource")                                             \
     XX(MESH_NOT_FOUND, 404, "mesh_not_found", "There is no such mesh")                                       \
     XX(JOB_NOT_FOUND, 404, "job_not_found", "There is no such job")                                          \
+    XX(LAYOUT_NOT_FOUND, 404, "layout_not_found", "There is no such layout")                                 \
+    XX(CURVE_NOT_FOUND, 404, "curve_not_found", "The layout has no such curve")                              \
+    XX(RECONSTRUCTION_NOT_FOUND, 404, "reconstruction_not_found", "There is no such reconstruction")         \
     XX(METHOD_NOT_ALLOWED, 405, "method_not_allowed", "The resource does not have this method")              \
     XX(NOT_ACCEPTABLE, 406, "not_acceptable", "No representation fits the Accept header")                    \
     XX(CONFLICT, 409, "conflict", "The state of the resource does not allow this")                           \

@@ -31,6 +31,30 @@ static const qm_route routes[] = {
     {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, events, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}/result", qm_handle_job_result, object_or_rows, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"POST", "/v1/layouts", qm_handle_layout_create, json, QM_BODY_MEMORY, QM_RUNS_LONG},
+    {"GET", "/v1/layouts", qm_handle_layout_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/v1/layouts/{id}", qm_handle_layout_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"DELETE", "/v1/layouts/{id}", qm_handle_layout_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"POST", "/v1/layouts/{id}/strokes", qm_handle_layout_stroke, json, QM_BODY_MEMORY, QM_RUNS_LONG},
+    {"POST", "/v1/layouts/{id}/undo", qm_handle_layout_undo, json, QM_BODY_MEMORY, QM_RUNS_SHORT},
+    {"POST", "/v1/layouts/{id}/redo", qm_handle_layout_redo, json, QM_BODY_MEMORY, QM_RUNS_SHORT},
+    {"POST", "/v1/layouts/{id}/curves/merge", qm_handle_curve_merge, json, QM_BODY_MEMORY, QM_RUNS_LONG},
+    {"POST", "/v1/layouts/{id}/curves/{curve}/split", qm_handle_curve_split, json, QM_BODY_MEMORY,
+     QM_RUNS_LONG},
+    {"POST", "/v1/layouts/{id}/curves/{curve}/snap", qm_handle_curve_snap, json, QM_BODY_MEMORY,
+     QM_RUNS_LONG},
+    {"POST", "/v1/layouts/{id}/curves/{curve}/redraw", qm_handle_curve_redraw, json, QM_BODY_MEMORY,
+     QM_RUNS_LONG},
+    {"DELETE", "/v1/layouts/{id}/curves/{curve}", qm_handle_curve_delete, json, QM_BODY_NONE, QM_RUNS_LONG},
+    {"POST", "/v1/reconstructions", qm_handle_reconstruction_create, json, QM_BODY_MEMORY, QM_RUNS_LONG},
+    {"GET", "/v1/reconstructions", qm_handle_reconstruction_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/v1/reconstructions/{id}", qm_handle_reconstruction_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"DELETE", "/v1/reconstructions/{id}", qm_handle_reconstruction_delete, NULL, QM_BODY_NONE,
+     QM_RUNS_SHORT},
+    {"GET", "/v1/reconstructions/{id}/mesh", qm_handle_reconstruction_mesh, files, QM_BODY_NONE,
+     QM_RUNS_SHORT},
+    {"GET", "/v1/reconstructions/{id}/patches", qm_handle_reconstruction_patches, json, QM_BODY_NONE,
+     QM_RUNS_LONG},
     {"POST", "/v1/batches", qm_handle_batch_create, lines, QM_BODY_SPOOL, QM_RUNS_AT_ONCE},
     {"GET", "/v1/info", qm_handle_info, json, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/healthz", qm_handle_health, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
@@ -49,9 +73,10 @@ static bool is_id_character(char c)
            c == '.' || c == '-';
 }
 
-static bool matches(const char *pattern, const char *path, char id[QM_ID_SIZE])
+static bool matches(const char *pattern, const char *path, char ids[2][QM_ID_SIZE])
 {
-    id[0] = '\0';
+    char *id = ids[0];
+    ids[0][0] = ids[1][0] = '\0';
     for (; *pattern; pattern++) {
         if (*pattern != '{') {
             if (*pattern != *path++) return false;
@@ -63,16 +88,18 @@ static bool matches(const char *pattern, const char *path, char id[QM_ID_SIZE])
         id[length] = '\0';
         if (length == 0) return false;
         pattern = strchr(pattern, '}');
+        id = ids[1];
     }
     return *path == '\0';
 }
 
-const qm_route *qm_route_find(const char *method, const char *path, char id[QM_ID_SIZE], qm_problem *problem)
+const qm_route *qm_route_find(const char *method, const char *path, char ids[2][QM_ID_SIZE],
+                              qm_problem *problem)
 {
     const char *wanted = strcmp(method, "HEAD") == 0 ? "GET" : method;
     char allow[64] = "";
     for (size_t i = 0; i < ROUTE_COUNT; i++) {
-        if (!matches(routes[i].path, path, id)) continue;
+        if (!matches(routes[i].path, path, ids)) continue;
         if (strcmp(routes[i].method, wanted) == 0) return &routes[i];
         size_t used = strlen(allow);
         snprintf(allow + used, sizeof allow - used, "%s%s", used ? ", " : "",

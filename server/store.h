@@ -111,4 +111,55 @@ size_t qm_store_drop_old_jobs(qm_store *store, size_t kept, const char *before, 
 bool qm_store_delete_job(qm_store *store, const char *id);
 void qm_store_job_reset(qm_store_job *job);
 
+/**
+ * A layout as of one of its revisions, which are numbered from 0. Undo and redo go back and forth between
+ * those that are kept. Strings of found rows are the caller's, for qm_store_layout_reset.
+ */
+typedef struct qm_store_layout {
+    char id[QM_ID_SIZE];
+    char mesh[QM_ID_SIZE];
+    char *created;
+    int64_t revision, first, latest; /* the one at hand, and those that can be gone to */
+    char *layout;                    /* {nodes, curves, patches} */
+    char *issues;                    /* [...] */
+    int64_t next_curve;              /* id */
+    int64_t sequence;
+} qm_store_layout;
+
+/** Stores a new layout with its revision 0. */
+qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout);
+bool qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out);
+size_t qm_store_list_layouts(qm_store *store, int64_t after, size_t limit, qm_store_layout *out);
+/** Adds the revision after layout->revision, in place of what was undone. QM_E_CANCELED when the layout has
+ * been edited meanwhile. */
+qm_status qm_store_edit_layout(qm_store *store, const qm_store_layout *layout);
+/** Goes from one revision to another that is kept; QM_E_CANCELED as above. */
+qm_status qm_store_move_layout(qm_store *store, const char *id, int64_t from, int64_t to);
+bool qm_store_delete_layout(qm_store *store, const char *id);
+void qm_store_layout_reset(qm_store_layout *layout);
+
+/** A reconstruction: what it was made of, the steps it has taken, and its mesh now. */
+typedef struct qm_store_reconstruction {
+    char id[QM_ID_SIZE];
+    char source[QM_ID_SIZE], layout_id[QM_ID_SIZE], mesh[QM_ID_SIZE];
+    char *layout;   /* {nodes, curves, patches}, as of its start */
+    char *document; /* members of the resource that do not change */
+    char *steps;    /* "LIMIT:COUNT LIMIT:COUNT ...": how many steps with which limit of quads */
+    char *records;  /* what came of them: objects with commas between */
+    char *state;    /* members of the resource that steps change */
+    double cover_share;
+    bool pull_curves;
+    int64_t revision; /* counts its changes */
+    int64_t sequence;
+} qm_store_reconstruction;
+
+qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction);
+bool qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out);
+size_t qm_store_list_reconstructions(qm_store *store, int64_t after, size_t limit,
+                                     qm_store_reconstruction *out);
+/** Writes mesh, layout, steps, records, state and revision. */
+qm_status qm_store_update_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction);
+bool qm_store_delete_reconstruction(qm_store *store, const char *id);
+void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction);
+
 #endif

@@ -31,6 +31,17 @@ static const char schema[] =
     "  state INTEGER NOT NULL, revisions TEXT NOT NULL);"
     "CREATE INDEX IF NOT EXISTS jobs_by_key ON jobs (key, revisions, state);"
     "CREATE INDEX IF NOT EXISTS jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
+    "CREATE TABLE IF NOT EXISTS layouts ("
+    "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, mesh TEXT NOT NULL,"
+    "  created TEXT NOT NULL, revision INTEGER NOT NULL);"
+    "CREATE TABLE IF NOT EXISTS layout_revisions ("
+    "  id TEXT NOT NULL REFERENCES layouts (id) ON DELETE CASCADE, revision INTEGER NOT NULL,"
+    "  layout TEXT NOT NULL, issues TEXT NOT NULL, next_curve INTEGER NOT NULL, PRIMARY KEY (id, revision));"
+    "CREATE TABLE IF NOT EXISTS reconstructions ("
+    "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, source TEXT NOT NULL,"
+    "  layout_id TEXT NOT NULL, mesh TEXT NOT NULL, layout TEXT NOT NULL, document TEXT NOT NULL,"
+    "  steps TEXT NOT NULL, records TEXT NOT NULL, state TEXT NOT NULL, revision INTEGER NOT NULL,"
+    "  cover_share REAL NOT NULL, pull_curves INTEGER NOT NULL);"
     "PRAGMA user_version = " SCHEMA_VERSION ";";
 
 /** What a pragma answers, in out; false, and "" in out, after a fault. */

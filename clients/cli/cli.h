@@ -8,7 +8,7 @@
 
 #include "json_out.h"
 
-enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3 };
+enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3, EXIT_COLLIDING = 4 };
 
 /** Set by the first SIGINT: searches stop with the bounds they have. */
 extern atomic_bool cli_interrupted;
@@ -16,6 +16,9 @@ extern atomic_bool cli_interrupted;
 int cmd_hausdorff(int argc, char **argv);
 int cmd_deviation(int argc, char **argv);
 int cmd_project(int argc, char **argv);
+int cmd_collide(int argc, char **argv);
+int cmd_self_collide(int argc, char **argv);
+int cmd_distance(int argc, char **argv);
 int cmd_info(int argc, char **argv);
 int cmd_patches(int argc, char **argv);
 int cmd_reconstruct(int argc, char **argv);

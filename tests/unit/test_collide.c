@@ -4,6 +4,7 @@
 #include "check.h"
 #include "data_mesh.h"
 #include "exact_twin.h"
+#include "failing_allocator.h"
 #include "parallel.h"
 #include "qm/collide.h"
 #include "shapes.h"
@@ -344,6 +345,116 @@ static void changes_give_what_a_full_run_does(void **state)
     }
 }
 
+/** How many pairs of real meshes meet in both readings; b is NULL for a mesh with itself. */
+static void check_data(const char *name_a, const char *name_b, bool meets)
+{
+    for (int reading = 0; reading < 2; reading++) {
+        qm_context ctx = qm_context_make();
+        qm_mesh a, b = {0};
+        qm_bvh *bvh_a, *bvh_b = NULL;
+        qm_collision found;
+        qm_collide_options options = qm_collide_options_default();
+        options.quads = reading == 0 ? QM_QUADS_TRIANGLES : QM_QUADS_BILINEAR;
+        options.tolerance = 1e-7;
+        qm_data_mesh_read(&ctx, name_a, &a);
+        assert_int_equal(qm_bvh_build(&ctx, &a, QM_BVH_SOURCE, 1, &bvh_a), QM_OK);
+        if (name_b) {
+            qm_data_mesh_read(&ctx, name_b, &b);
+            assert_int_equal(qm_bvh_build(&ctx, &b, QM_BVH_SOURCE, 1, &bvh_b), QM_OK);
+        }
+        assert_int_equal(name_b ? qm_collide_meshes(&ctx, bvh_a, bvh_b, &options, &found)
+                                : qm_collide_self(&ctx, bvh_a, &options, NULL, &found),
+                         QM_OK);
+        QM_CHECK((found.pair_count > 0) == meets, "%s, reading %d: %zu pairs", name_a, reading,
+                 found.pair_count);
+        qm_collision_reset(&ctx, &found);
+        qm_bvh_destroy(&ctx, bvh_a);
+        qm_bvh_destroy(&ctx, bvh_b);
+        qm_mesh_reset(&ctx, &a);
+        qm_mesh_reset(&ctx, &b);
+    }
+}
+
+static void grids_are_as_they_were_made(void **state)
+{
+    (void)state;
+    if (!qm_data_is_there()) return;
+    check_data("grids/cloth_fold_apart_quads.obj", NULL, false);
+    check_data("grids/cloth_fold_through_quads.obj", NULL, true);
+    check_data("grids/cloth_pair_A_quads.obj", "grids/cloth_pair_B_apart_quads.obj", false);
+    check_data("grids/cloth_pair_A_quads.obj", "grids/cloth_pair_B_quads.obj", true);
+    check_data("grids/plate_low_quads.obj", "grids/plate_cross_quads.obj", true);
+    check_data("grids/plate_low_quads.obj", "grids/plate_touch_quads.obj", true);
+    check_data("grids/torus_96x48_quads.obj", NULL, false);
+    check_data("grids/saddle_32x32_quads.obj", NULL, false);
+}
+
+/** Every allocation fails in turn: a status, and nothing is left behind. */
+static void out_of_memory_is_a_status(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 9);
+    whole_soup soup = make_soup(&random, 200, 300, 20, true, false);
+    qm_context plain = qm_context_make();
+    qm_bvh *bvh;
+    assert_int_equal(qm_bvh_build(&plain, &soup.mesh, QM_BVH_SOURCE, 1, &bvh), QM_OK);
+    qm_collide_options options = qm_collide_options_default();
+    qm_collision all = collide(&soup.mesh, NULL, QM_COLLIDE_ALL, 1), found;
+    const uint32_t moved = 3;
+    qm_collide_changes changes = {&moved, 1, all.pairs, all.pair_count};
+    for (int form = 0; form < 3; form++) {
+        qm_status status = QM_E_NO_MEMORY;
+        size_t fail_at = 0;
+        for (; status == QM_E_NO_MEMORY; fail_at++) {
+            qm_failing_allocator failing = {.fail_at = fail_at};
+            qm_context ctx = qm_context_make();
+            ctx.allocator = qm_failing_allocator_hook(&failing);
+            status = form == 0 ? qm_collide_meshes(&ctx, bvh, bvh, &options, &found)
+                               : qm_collide_self(&ctx, bvh, &options, form == 1 ? NULL : &changes, &found);
+            if (status == QM_OK) qm_collision_reset(&ctx, &found);
+            assert_true(failing.live_blocks == 0 && !failing.mismatched);
+        }
+        assert_int_equal(status, QM_OK);
+        assert_true(fail_at > 4);
+    }
+    free_collision(&all);
+    qm_bvh_destroy(&plain, bvh);
+    free_soup(&soup);
+}
+
+static void faults_are_told(void **state)
+{
+    (void)state;
+    qm_mesh box = qm_shape_box(1, 1, 1), huge = qm_shape_box(1, 1, 1);
+    qm_shape_move(&huge, 0x1p310, (const double[3]){0, 0, 0});
+    qm_context ctx = qm_context_make();
+    qm_bvh *bvh, *huge_bvh;
+    assert_int_equal(qm_bvh_build(&ctx, &box, QM_BVH_SOURCE, 1, &bvh), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, &huge, QM_BVH_SOURCE, 1, &huge_bvh), QM_OK);
+    qm_collide_options options = qm_collide_options_default();
+    qm_collision found;
+    assert_int_equal(qm_collide_meshes(&ctx, bvh, huge_bvh, &options, &found), QM_E_SCALE);
+    options.pair_limit = 2;
+    assert_int_equal(qm_collide_meshes(&ctx, bvh, bvh, &options, &found), QM_E_TOO_LARGE);
+    assert_string_equal(ctx.message, "more than 2 pairs of faces meet");
+    options.thread_count = 0;
+    assert_int_equal(qm_collide_self(&ctx, bvh, &options, NULL, &found), QM_E_ARGUMENT);
+    options = qm_collide_options_default();
+    options.quads = QM_QUADS_BILINEAR;
+    assert_int_equal(qm_collide_self(&ctx, bvh, &options, NULL, &found), QM_E_ARGUMENT);
+    options.quads = QM_QUADS_TRIANGLES;
+    const uint32_t nowhere = 8;
+    const qm_face_pair no_faces = {0, 6};
+    qm_collide_changes changes = {&nowhere, 1, NULL, 0};
+    assert_int_equal(qm_collide_self(&ctx, bvh, &options, &changes, &found), QM_E_INDEX);
+    changes = (qm_collide_changes){NULL, 0, &no_faces, 1};
+    assert_int_equal(qm_collide_self(&ctx, bvh, &options, &changes, &found), QM_E_INDEX);
+    qm_bvh_destroy(&ctx, bvh);
+    qm_bvh_destroy(&ctx, huge_bvh);
+    qm_shape_free(&box);
+    qm_shape_free(&huge);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -351,6 +462,9 @@ int main(void)
         cmocka_unit_test(thin_soups_match_twin),
         cmocka_unit_test(order_of_faces_does_not_matter),
         cmocka_unit_test(changes_give_what_a_full_run_does),
+        cmocka_unit_test(grids_are_as_they_were_made),
+        cmocka_unit_test(out_of_memory_is_a_status),
+        cmocka_unit_test(faults_are_told),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
