@@ -229,6 +229,7 @@ int main(int argc, char **argv)
     if (outcome != QM_CONFIG_RUN) return outcome == QM_CONFIG_EXIT_OK ? 0 : 2;
     qm_log_init(strcmp(config.log_format, "json") == 0, read_level(config.log_level));
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a failed write, as on a full disk */
     qm_codec_drc_set_decoder(qm_draco_child_decode);
     allow_connections(&config);
     char dashboard[4096];
