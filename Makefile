@@ -62,6 +62,13 @@ UNIT_PROGRAMS   := $(UNIT_SOURCES:tests/unit/%.c=$(OUT)/tests/%)
 PAGE_SOURCES := $(wildcard clients/dashboard/*) proto/openapi.yaml
 PAGE_FILES   := $(addprefix $(OUT)/dashboard/,$(notdir $(PAGE_SOURCES)))
 
+# The viewer of the description at /docs comes from npm, pinned by its lock file, and without npm there is none.
+VIEWER       := build/npm/docs/node_modules/swagger-ui-dist
+VIEWER_NAMES := swagger-ui-bundle.js swagger-ui.css
+ifneq ($(shell command -v npm),)
+PAGE_FILES   += $(addprefix $(OUT)/dashboard/,$(VIEWER_NAMES) docs.html docs.js)
+endif
+
 all: $(OUT)/quadmeshd $(OUT)/quadmesh $(PAGE_FILES)
 
 $(OUT)/dashboard/%: clients/dashboard/%
@@ -70,6 +77,16 @@ $(OUT)/dashboard/%: clients/dashboard/%
 $(OUT)/dashboard/%: proto/%
 	@mkdir -p $(@D)
 	cp $< $@
+$(OUT)/dashboard/docs.%: clients/docs/docs.%
+	@mkdir -p $(@D)
+	cp $< $@
+$(addprefix $(OUT)/dashboard/,$(VIEWER_NAMES)): $(OUT)/dashboard/%: build/npm/docs/package-lock.json
+	@mkdir -p $(@D)
+	cp $(VIEWER)/$* $@
+build/npm/docs/package-lock.json: clients/docs/package-lock.json clients/docs/package.json
+	@mkdir -p $(@D)
+	cp $^ $(@D)
+	npm ci --prefix $(@D) --ignore-scripts --no-audit --no-fund --silent || { rm -f $@; exit 1; }
 
 $(OUT)/quadmeshd: $(OBJ)/server/main.o $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)

@@ -138,6 +138,16 @@ void qm_handle_openapi(qm_request *request)
     reply_file(request, qm_request_app(request)->config->dashboard, "openapi.yaml", "application/yaml");
 }
 
+/** The viewer sets styles of elements by itself; no script but those of the daemon runs. */
+void qm_handle_docs(qm_request *request)
+{
+    qm_reply_header(
+        request, "Content-Security-Policy",
+        "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; base-uri 'none'; "
+        "form-action 'none'; frame-ancestors 'none'");
+    reply_file(request, qm_request_app(request)->config->dashboard, "docs.html", "text/html; charset=utf-8");
+}
+
 /** Only files of this list are ever served: a path of a request names none. */
 void qm_handle_page(qm_request *request)
 {
@@ -147,6 +157,9 @@ void qm_handle_page(qm_request *request)
         {"index.html", "text/html; charset=utf-8"},
         {"main.js", "text/javascript; charset=utf-8"},
         {"style.css", "text/css; charset=utf-8"},
+        {"docs.js", "text/javascript; charset=utf-8"},
+        {"swagger-ui-bundle.js", "text/javascript; charset=utf-8"},
+        {"swagger-ui.css", "text/css; charset=utf-8"},
     };
     const char *id = qm_request_id(request), *wanted = id[0] ? id : "index.html";
     for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {

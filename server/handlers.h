@@ -50,6 +50,7 @@ void qm_handle_ready(qm_request *request);
 void qm_handle_metrics(qm_request *request);
 void qm_handle_info(qm_request *request);
 void qm_handle_openapi(qm_request *request);
+void qm_handle_docs(qm_request *request);
 void qm_handle_page(qm_request *request);
 
 /** The row of the mesh in the path, for qm_store_mesh_reset; false after a 404. */

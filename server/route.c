@@ -61,6 +61,7 @@ static const qm_route routes[] = {
     {"GET", "/readyz", qm_handle_ready, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/metrics", qm_handle_metrics, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/openapi.yaml", qm_handle_openapi, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/docs", qm_handle_docs, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/dashboard/{id}", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
 };
@@ -111,4 +112,14 @@ const qm_route *qm_route_find(const char *method, const char *path, char ids[2][
         *problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
     }
     return NULL;
+}
+
+void qm_route_print_all(void)
+{
+    for (size_t i = 0; i < ROUTE_COUNT; i++) {
+        printf("%s %s", routes[i].method, routes[i].path);
+        for (const char *const *type = routes[i].produces; type && *type; type++)
+            printf(" %s", *type);
+        printf("\n");
+    }
 }

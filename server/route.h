@@ -31,4 +31,7 @@ typedef struct qm_route {
 const qm_route *qm_route_find(const char *method, const char *path, char ids[2][QM_ID_SIZE],
                               qm_problem *problem);
 
+/** Prints a line for each route: method, path, and the media types to choose from. */
+void qm_route_print_all(void);
+
 #endif

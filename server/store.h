@@ -26,11 +26,12 @@ void qm_store_close(qm_store *store);
 typedef struct qm_blob_writer qm_blob_writer;
 qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out);
 qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size);
-/** Ends the writing: the bytes are on disk afterwards, still without a name; tells their hash. */
+/** Ends the writing; tells the hash. */
 qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE]);
 /** Maps the bytes of a sealed blob for reading; release with qm_blob_unmap. */
 qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size);
-/** Gives a sealed blob the name of its hash; the writer is gone afterwards, also after an error. */
+/** Gives a sealed blob the name of its hash: it is on disk afterwards. The writer is gone, also after an
+ * error. */
 qm_status qm_blob_keep(qm_blob_writer *writer);
 /** Bytes written so far, and reading them back from an offset: all of size, or not QM_OK. */
 uint64_t qm_blob_size(const qm_blob_writer *writer);

@@ -164,12 +164,49 @@ static void test_dropped_blobs_leave_nothing(void **state)
     assert_int_equal(qm_blob_map(f->store, hash, &bytes, &size), QM_E_EMPTY);
 }
 
+/** Writes a size of bytes 0, 1, 2 ... in pieces of 1000. */
+static qm_blob_writer *write_long(const fixture *f, size_t size)
+{
+    qm_blob_writer *writer;
+    uint8_t piece[1000];
+    assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
+    for (size_t done = 0; done < size;) {
+        size_t part = size - done < sizeof piece ? size - done : sizeof piece;
+        for (size_t i = 0; i < part; i++)
+            piece[i] = (uint8_t)(done + i);
+        assert_int_equal(qm_blob_write(writer, piece, part), QM_OK);
+        done += part;
+    }
+    assert_int_equal(qm_blob_size(writer), size);
+    return writer;
+}
+
+/** A few bytes wait in memory and many in a file; either way they can be read back from any place. */
+static void test_bytes_are_read_back_while_they_come(void **state)
+{
+    fixture *f = *state;
+    static const size_t sizes[] = {0, 1, 65000, 65536, 65537, 200001};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        qm_blob_writer *writer = write_long(f, sizes[i]);
+        QM_CHECK(count_files(f, "incoming") == (sizes[i] > 65536), "%zu bytes", sizes[i]);
+        for (size_t place = 0; place + 10 < sizes[i]; place += 7919) {
+            uint8_t got[10];
+            assert_int_equal(qm_blob_read(writer, place, got, sizeof got), QM_OK);
+            for (size_t k = 0; k < sizeof got; k++)
+                assert_int_equal(got[k], (uint8_t)(place + k));
+        }
+        uint8_t beyond[2];
+        assert_int_not_equal(qm_blob_read(writer, sizes[i], beyond, 1), QM_OK);
+        assert_int_not_equal(qm_blob_read(writer, sizes[i] - (sizes[i] > 0), beyond, 2), QM_OK);
+        qm_blob_abort(writer);
+        assert_int_equal(count_files(f, "incoming"), 0);
+    }
+}
+
 static void test_unsealed_blobs_leave_nothing(void **state)
 {
     fixture *f = *state;
-    qm_blob_writer *writer;
-    assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
-    assert_int_equal(qm_blob_write(writer, "half", 4), QM_OK);
+    qm_blob_writer *writer = write_long(f, 100000);
     assert_int_equal(count_files(f, "incoming"), 1);
     qm_blob_abort(writer);
     assert_int_equal(count_files(f, "incoming") + count_files(f, "blobs"), 0);
@@ -450,13 +487,11 @@ static void test_a_refused_process_leaves_uploads_alone(void **state)
     fixture *f = *state;
     qm_blob_writer *writer;
     char hash[QM_HASH_SIZE];
-    assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
-    assert_int_equal(qm_blob_write(writer, "on its way", 10), QM_OK);
+    writer = write_blob(f, "on its way", hash);
     int end = run_child(open_in_vain, f->folder);
     assert_true(WIFEXITED(end));
     assert_int_equal(WEXITSTATUS(end), 0);
     assert_int_equal(count_files(f, "incoming"), 1);
-    assert_int_equal(qm_blob_seal(writer, hash), QM_OK);
     assert_int_equal(qm_blob_keep(writer), QM_OK);
     check_blob(f, hash, "on its way");
 }
@@ -586,6 +621,7 @@ int main(void)
         TEST(test_kept_blobs_survive),
         TEST(test_files_without_a_row_are_swept),
         TEST(test_dropped_blobs_leave_nothing),
+        TEST(test_bytes_are_read_back_while_they_come),
         TEST(test_unsealed_blobs_leave_nothing),
         TEST(test_a_blob_that_cannot_be_named),
         TEST(test_half_written_files_are_swept),
