@@ -17,7 +17,7 @@ typedef enum qm_runs {
 
 typedef struct qm_route {
     const char *method;
-    const char *path; /* {id} stands for one segment of letters, digits and _ */
+    const char *path; /* {id} stands for a segment of letters, digits and _.-, {path} for several */
     void (*handle)(qm_request *request);
     const char *const *produces; /* media types to choose from by Accept, NULL-ended; NULL: not negotiated */
     qm_body body;
@@ -25,8 +25,8 @@ typedef struct qm_route {
 } qm_route;
 
 /**
- * The route of a method and path; writes what stands for {id}. NULL with a problem: 404, or 405 with the
- * methods that the path has. HEAD goes with GET.
+ * The route of a method and path; writes what stands for {id} or {path}. NULL with a problem: 404, or 405
+ * with the methods that the path has. HEAD goes with GET.
  */
 const qm_route *qm_route_find(const char *method, const char *path, char id[QM_ID_SIZE], qm_problem *problem);
 
