@@ -13,6 +13,7 @@ void qm_handle_mesh_delete(qm_request *request);
 
 void qm_handle_mesh_content(qm_request *request);
 void qm_handle_mesh_patches(qm_request *request);
+void qm_handle_mesh_deform(qm_request *request);
 void qm_handle_mesh_project(qm_request *request);
 
 void qm_handle_job_create(qm_request *request);
@@ -49,6 +50,7 @@ void qm_handle_ready(qm_request *request);
 void qm_handle_metrics(qm_request *request);
 void qm_handle_info(qm_request *request);
 void qm_handle_openapi(qm_request *request);
+void qm_handle_docs(qm_request *request);
 void qm_handle_page(qm_request *request);
 
 /** The row of the mesh in the path, for qm_store_mesh_reset; false after a 404. */

@@ -83,6 +83,11 @@ static void set_reply(qm_request *request, int status, const char *content_type,
     if (content_type) qm_reply_header(request, "Content-Type", "%s", content_type);
 }
 
+void qm_request_set_buffer(qm_request *request, int status, char *body, size_t size)
+{
+    set_reply(request, status, NULL, body, size, MHD_RESPMEM_MUST_FREE);
+}
+
 void qm_reply_text(qm_request *request, int status, const char *content_type, char *body)
 {
     if (body) {

@@ -173,19 +173,21 @@ static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const cha
     return job;
 }
 
-qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key)
+qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions)
 {
     qm_store_job row;
-    if (!qm_store_find_job_by_key(jobs->store, key, QM_JOB_SUCCEEDED, &row)) return NULL;
+    if (!qm_store_find_job_by_key(jobs->store, key, revisions, QM_JOB_SUCCEEDED, &row)) return NULL;
     qm_job *job = job_from_row(jobs, &row);
     qm_store_job_reset(&row);
     return job;
 }
 
-static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_problem *problem)
+static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_t *revision,
+                       qm_problem *problem)
 {
     qm_store_mesh row;
     if (qm_store_find_mesh(jobs->store, id, &row)) {
+        *revision = row.revision;
         qm_store_mesh_reset(&row);
         return true;
     }
@@ -194,6 +196,11 @@ static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_prob
     *problem = qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh of the id given in %s", field);
     qm_problem_add_pointer(problem, pointer, "no such mesh");
     return false;
+}
+
+void qm_job_write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
+{
+    snprintf(out, QM_REVISIONS_SIZE, "%llu %llu", (unsigned long long)a, (unsigned long long)b);
 }
 
 static bool check_reconstruction(qm_jobs *jobs, const char *id, qm_problem *problem)
@@ -208,12 +215,16 @@ static bool check_reconstruction(qm_jobs *jobs, const char *id, qm_problem *prob
     return false;
 }
 
-bool qm_job_check_meshes(qm_jobs *jobs, const qm_job_request *request, qm_problem *problem)
+bool qm_job_check_meshes(qm_jobs *jobs, const qm_job_request *request, char revisions[QM_REVISIONS_SIZE],
+                         qm_problem *problem)
 {
     if (request->kind == QM_JOB_RECONSTRUCTION_STEP) return check_reconstruction(jobs, request->a, problem);
     const char *const *field = qm_job_type_of(request->kind)->mesh_field;
-    return check_mesh(jobs, request->a, field[0], problem) &&
-           (!field[1] || check_mesh(jobs, request->b, field[1], problem));
+    uint64_t a = 0, b = 0;
+    bool are_there = check_mesh(jobs, request->a, field[0], &a, problem) &&
+                     (!field[1] || check_mesh(jobs, request->b, field[1], &b, problem));
+    qm_job_write_revisions(a, b, revisions);
+    return are_there;
 }
 
 static bool is_open(qm_jobs *jobs, qm_problem *problem)
@@ -270,9 +281,10 @@ static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, c
         qm_job *same = find_by_idempotency_key(jobs, submission->idempotency_key, key, problem);
         if (same || problem->code != QM_PROBLEM_COUNT) return same;
     }
-    if (!qm_job_check_meshes(jobs, submission->request, problem)) return NULL;
+    char revisions[QM_REVISIONS_SIZE];
+    if (!qm_job_check_meshes(jobs, submission->request, revisions, problem)) return NULL;
     bool may_be_cached = submission->use_cache && qm_job_type_of(submission->request->kind)->is_pure;
-    qm_job *cached = may_be_cached ? qm_job_find_cached(jobs, key) : NULL;
+    qm_job *cached = may_be_cached ? qm_job_find_cached(jobs, key, revisions) : NULL;
     *is_cached = cached != NULL;
     return cached;
 }

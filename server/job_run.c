@@ -34,8 +34,8 @@ static void finish(qm_job *job, qm_job_state state, const char *name, const char
     char *document = qm_job_write_document(job, state, members);
     char *events = qm_job_join_events(job, name, event);
     uv_mutex_unlock(&jobs->lock);
-    bool stored =
-        document && events && qm_store_finish_job(jobs->store, job->id, state, document, events) == QM_OK;
+    bool stored = document && events &&
+                  qm_store_finish_job(jobs->store, job->id, state, document, events, job->revisions) == QM_OK;
     if (!stored) qm_log(QM_LOG_ERROR, "the end of job %s could not be stored: it is kept in memory", job->id);
     uv_mutex_lock(&jobs->lock);
     jobs->running--;
@@ -144,6 +144,7 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     ctx.cancel = &job->cancel;
     ctx.parallel = qm_parallel_run;
     qm_job_request request = job->request;
+    qm_job_write_revisions(a->revision, b ? b->revision : 0, job->revisions);
     if (request.threads == 0) request.threads = job->jobs->limits.threads;
     progress_target target = {job, a->diagonal};
     qm_hausdorff_progress_fn *progress = job->line.batch ? NULL : on_progress;
@@ -199,9 +200,12 @@ static void run_on_meshes(qm_job *job)
     qm_problem problem;
     qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, &problem);
     bool has_b = qm_job_type_of(job->request.kind)->mesh_field[1];
-    qm_mesh_ref *b = a && has_b ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
-    if (a && (b || !has_b))
-        answer(job, qm_mesh_ref_get(a), b ? qm_mesh_ref_get(b) : NULL);
+    /* A mesh held against itself is one revision of it. */
+    bool is_same = has_b && strcmp(job->request.a, job->request.b) == 0;
+    qm_mesh_ref *b =
+        a && has_b && !is_same ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
+    if (a && (b || !has_b || is_same))
+        answer(job, qm_mesh_ref_get(a), b ? qm_mesh_ref_get(b) : is_same ? qm_mesh_ref_get(a) : NULL);
     else
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     qm_meshes_release(jobs->meshes, a);

@@ -16,6 +16,7 @@
 #include "http.h"
 #include "log.h"
 #include "parallel.h"
+#include "route.h"
 
 #define REQUEST_THREADS 4
 #define UPLOAD_THREADS 2
@@ -222,11 +223,13 @@ static void allow_connections(const qm_config *config)
 int main(int argc, char **argv)
 {
     if (argc == 2 && strcmp(argv[1], QM_DRACO_CHILD_FLAG) == 0) return qm_draco_child_main();
+    if (argc == 2 && strcmp(argv[1], "--print-routes") == 0) return qm_route_print_all(), 0;
     qm_config config;
     qm_config_outcome outcome = qm_config_read(&config, argc, argv);
     if (outcome != QM_CONFIG_RUN) return outcome == QM_CONFIG_EXIT_OK ? 0 : 2;
     qm_log_init(strcmp(config.log_format, "json") == 0, read_level(config.log_level));
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a failed write, as on a full disk */
     qm_codec_drc_set_decoder(qm_draco_child_decode);
     allow_connections(&config);
     char dashboard[4096];

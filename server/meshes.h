@@ -45,6 +45,30 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
 const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref);
 void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref);
 
+/** New places of vertices: of all, in order, or of some. */
+typedef struct qm_moved_vertices {
+    uint32_t *indices; /* count, each once or more, the last place counts; NULL: all vertices */
+    double *positions; /* count rows of x y z; both on the heap */
+    size_t count;
+} qm_moved_vertices;
+
+void qm_moved_vertices_reset(qm_moved_vertices *moved);
+
+typedef struct qm_deformed {
+    uint64_t revision;
+    size_t updated_nodes; /* boxes and radii that were found anew */
+    double refit_ms;      /* to find them; reading and storing left out */
+    char hash[QM_HASH_SIZE];
+} qm_deformed;
+
+/**
+ * Makes the next revision of a mesh: on disk before it returns, and in memory. Who holds a reference keeps
+ * the revision that it has. if_match is a list of entity tags that the mesh must be among, or NULL. False
+ * with a problem, and then nothing has changed.
+ */
+bool qm_meshes_deform(qm_meshes *meshes, const char *id, const qm_moved_vertices *moved, const char *if_match,
+                      qm_deformed *out, qm_problem *problem);
+
 /** False when there is none of this id. */
 bool qm_meshes_delete(qm_meshes *meshes, const char *id);
 

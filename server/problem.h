@@ -32,7 +32,7 @@
     XX(UNSUPPORTED_FEATURE, 422, "unsupported_feature", "The file or request uses what is not supported")    \
     XX(EMPTY_MESH, 422, "empty_mesh", "The mesh holds no surface and no point")                              \
     XX(NOT_FINITE, 422, "not_finite", "A coordinate is not a finite number")                                 \
-    XX(INDEX_OUT_OF_RANGE, 422, "index_out_of_range", "A face refers to a vertex that does not exist")       \
+    XX(INDEX_OUT_OF_RANGE, 422, "index_out_of_range", "An index names a vertex that does not exist")         \
     XX(SCALE_OUT_OF_RANGE, 422, "scale_out_of_range", "The sizes of the meshes differ beyond precision")     \
     XX(INVALID_LAYOUT, 422, "invalid_layout", "The layout does not bound patches of four sides")             \
     XX(IDEMPOTENCY_MISMATCH, 422, "idempotency_mismatch", "The key was used for another request")            \

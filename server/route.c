@@ -23,6 +23,7 @@ static const qm_route routes[] = {
     {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/meshes/{id}/content", qm_handle_mesh_content, files, QM_BODY_NONE, QM_RUNS_LONG},
     {"GET", "/v1/meshes/{id}/patches", qm_handle_mesh_patches, json, QM_BODY_NONE, QM_RUNS_LONG},
+    {"PATCH", "/v1/meshes/{id}/vertices", qm_handle_mesh_deform, json, QM_BODY_SPOOL, QM_RUNS_LONG},
     {"POST", "/v1/meshes/{id}/project", qm_handle_mesh_project, rows, QM_BODY_SPOOL, QM_RUNS_LONG},
     {"POST", "/v1/jobs", qm_handle_job_create, job_or_events, QM_BODY_MEMORY, QM_RUNS_SHORT},
     {"GET", "/v1/jobs", qm_handle_job_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
@@ -60,8 +61,9 @@ static const qm_route routes[] = {
     {"GET", "/readyz", qm_handle_ready, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/metrics", qm_handle_metrics, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/openapi.yaml", qm_handle_openapi, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/docs", qm_handle_docs, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/dashboard/{id}", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/dashboard/{path}", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
 };
 enum { ROUTE_COUNT = sizeof routes / sizeof routes[0] };
 
@@ -71,6 +73,8 @@ static bool is_id_character(char c)
            c == '.' || c == '-';
 }
 
+/** {id} and a second name in braces stand for one segment each, {path} for any number of them, of which none
+ * begins with a dot. */
 static bool matches(const char *pattern, const char *path, char ids[2][QM_ID_SIZE])
 {
     char *id = ids[0];
@@ -80,9 +84,15 @@ static bool matches(const char *pattern, const char *path, char ids[2][QM_ID_SIZ
             if (*pattern != *path++) return false;
             continue;
         }
+        bool takes_segments = strncmp(pattern, "{path}", strlen("{path}")) == 0;
         size_t length = 0;
-        for (; is_id_character(*path) && length + 1 < QM_ID_SIZE; path++)
+        for (; length + 1 < QM_ID_SIZE; path++) {
+            bool starts_segment = takes_segments && (length == 0 || path[-1] == '/');
+            bool fits = starts_segment ? is_id_character(*path) && *path != '.'
+                                       : is_id_character(*path) || (takes_segments && *path == '/');
+            if (!fits) break;
             id[length++] = *path;
+        }
         id[length] = '\0';
         if (length == 0) return false;
         pattern = strchr(pattern, '}');
@@ -110,4 +120,14 @@ const qm_route *qm_route_find(const char *method, const char *path, char ids[2][
         *problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
     }
     return NULL;
+}
+
+void qm_route_print_all(void)
+{
+    for (size_t i = 0; i < ROUTE_COUNT; i++) {
+        printf("%s %s", routes[i].method, routes[i].path);
+        for (const char *const *type = routes[i].produces; type && *type; type++)
+            printf(" %s", *type);
+        printf("\n");
+    }
 }

@@ -26,11 +26,12 @@ void qm_store_close(qm_store *store);
 typedef struct qm_blob_writer qm_blob_writer;
 qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out);
 qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size);
-/** Ends the writing: the bytes are on disk afterwards, still without a name; tells their hash. */
+/** Ends the writing; tells the hash. */
 qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE]);
 /** Maps the bytes of a sealed blob for reading; release with qm_blob_unmap. */
 qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size);
-/** Gives a sealed blob the name of its hash; the writer is gone afterwards, also after an error. */
+/** Gives a sealed blob the name of its hash: it is on disk afterwards. The writer is gone, also after an
+ * error. */
 qm_status qm_blob_keep(qm_blob_writer *writer);
 /** Bytes written so far, and reading them back from an offset: all of size, or not QM_OK. */
 uint64_t qm_blob_size(const qm_blob_writer *writer);
@@ -50,9 +51,13 @@ typedef struct qm_store_mesh {
     char hash[QM_HASH_SIZE]; /* of the blob */
     char *options; /* what, with the hash, makes an upload the same (name, format): the content index */
     char *name;
-    char *document;   /* the mesh resource */
-    int format;       /* qm_format */
-    int64_t sequence; /* order of creation; given by the store */
+    char *document;               /* the mesh resource */
+    char *created;                /* RFC 3339 */
+    int format;                   /* qm_format */
+    uint64_t revision;            /* deformations so far */
+    char positions[QM_HASH_SIZE]; /* of the blob with the vertices of this revision: rows of three doubles
+                                     as this machine writes them; "" for those of the file */
+    int64_t sequence;             /* order of creation; given by the store */
 } qm_store_mesh;
 
 qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh);
@@ -62,7 +67,12 @@ bool qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char
                                    qm_store_mesh *out);
 /** Up to limit rows after a sequence number (0: from the first on), in order; returns how many. */
 size_t qm_store_list_meshes(qm_store *store, int64_t after, size_t limit, qm_store_mesh *out);
-/** Removes the row, and the blob when no other row has it. False when there is none. */
+/**
+ * Puts the next revision of a mesh in the place of the one before it: revision, positions, options, document.
+ * The blob of the positions before is removed. QM_E_ARGUMENT when the mesh has another revision by now.
+ */
+qm_status qm_store_deform_mesh(qm_store *store, const qm_store_mesh *mesh);
+/** Removes the row, and the blobs when no other row has them. False when there is none. */
 bool qm_store_delete_mesh(qm_store *store, const char *id);
 void qm_store_mesh_reset(qm_store_mesh *mesh);
 
@@ -80,12 +90,13 @@ typedef struct qm_store_job {
 } qm_store_job;
 
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job);
-/** Writes state, document and events of a job that has ended. */
+/** Writes state, document, events and the revisions of the meshes, as text, of a job that has ended. */
 qm_status qm_store_finish_job(qm_store *store, const char *id, int state, const char *document,
-                              const char *events);
+                              const char *events, const char *revisions);
 bool qm_store_find_job(qm_store *store, const char *id, qm_store_job *out);
-/** The newest job of a key in the given state. */
-bool qm_store_find_job_by_key(qm_store *store, const char *key, int state, qm_store_job *out);
+/** The newest job of a key that ran on these revisions, in the given state. */
+bool qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions, int state,
+                              qm_store_job *out);
 bool qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
 /** Up to limit rows after a sequence number (0: from the first on), in order, without their events. */
 size_t qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out);

@@ -14,20 +14,22 @@
 #include "store_internal.h"
 
 #define BUSY_TIMEOUT_MS 5000
-#define SCHEMA_VERSION "2"
+#define SCHEMA_VERSION "3"
 
 static const char schema[] =
     "PRAGMA synchronous = FULL;"
     "PRAGMA foreign_keys = ON;"
     "CREATE TABLE IF NOT EXISTS meshes ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, hash TEXT NOT NULL,"
-    "  options TEXT NOT NULL, name TEXT NOT NULL, document TEXT NOT NULL, format INTEGER NOT NULL);"
+    "  options TEXT NOT NULL, name TEXT NOT NULL, document TEXT NOT NULL, format INTEGER NOT NULL,"
+    "  revision INTEGER NOT NULL, positions TEXT NOT NULL, created TEXT NOT NULL);"
     "CREATE INDEX IF NOT EXISTS meshes_by_content ON meshes (hash, options);"
+    "CREATE INDEX IF NOT EXISTS meshes_by_positions ON meshes (positions);"
     "CREATE TABLE IF NOT EXISTS jobs ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, key TEXT NOT NULL,"
     "  idempotency_key TEXT UNIQUE, body TEXT NOT NULL, created TEXT NOT NULL, document TEXT, events TEXT,"
-    "  state INTEGER NOT NULL);"
-    "CREATE INDEX IF NOT EXISTS jobs_by_key ON jobs (key, state);"
+    "  state INTEGER NOT NULL, revisions TEXT NOT NULL);"
+    "CREATE INDEX IF NOT EXISTS jobs_by_key ON jobs (key, revisions, state);"
     "CREATE INDEX IF NOT EXISTS jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
     "CREATE TABLE IF NOT EXISTS layouts ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, mesh TEXT NOT NULL,"

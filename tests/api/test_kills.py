@@ -116,6 +116,10 @@ def test_kills_at_random_instants(make_daemon):
     for kill in range(KILLS):
         with Load(running, sides) as load:
             load.meshes.update(list(meshes.items())[-4:])
+            # Now and then before the first answer, else when the load is under way.
+            known = len(load.meshes)
+            while kill % 4 and len(load.meshes) == known:
+                time.sleep(0.001)
             time.sleep(chance.uniform(0.0, 0.15))
             running.process.send_signal(signal.SIGKILL)
         running.process.wait()
@@ -126,7 +130,7 @@ def test_kills_at_random_instants(make_daemon):
         assert not any((running.folder / "data/incoming").iterdir()), f"seed {SEED}, kill {kill}"
         listed, states = check_everything(running, meshes, deleted, maybe_deleted, load.jobs)
         total += sum(states.values())
-    assert len(meshes) > KILLS and total > 0
+    assert len(meshes) > KILLS / 2 and total > 0
     with running.client() as client:
         hashes = {mesh["content_hash"] for mesh in list_all(client, "meshes")}
         # What is stored is there whole: a fresh job reads it.

@@ -23,9 +23,11 @@ import subprocess
 import sys
 import time
 
+import bench_accelerators
 import bench_hausdorff
 import bench_projection
 import bench_reconstruct
+import bench_service
 import bench_twins
 import bench_variants
 import measuring
@@ -33,7 +35,7 @@ import pairs as meshes
 import programs as catalogue
 
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection,
-         "reconstruct": bench_reconstruct}
+         "accelerators": bench_accelerators, "service": bench_service, "reconstruct": bench_reconstruct}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")
 
 
