@@ -10,7 +10,7 @@
 #include "heap.h"
 #include "surface_graph.h"
 
-#define JUMP 2.5      /* mean spacings of the fine points: two that lie farther apart have jumped */
+#define JUMP 2.5     /* mean spacings of the fine points: two that lie farther apart have jumped */
 #define LONGEST 20.0 /* jumps: no detour is longer */
 #define SMOOTH_ROUNDS 6
 #define MOST_DETOURS 4 /* a curve */

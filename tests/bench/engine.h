@@ -57,7 +57,8 @@ void bench_project(const char *path, const char *points_path, qm_accelerator acc
 /** Times how trees follow the vertices of a mesh, and prints that beside their building and memory. */
 void bench_refit(const char *path, int threads);
 
-/** Times a reconstruction from a layout file up to so many quads, and picks on the surface, and prints them. */
+/** Times a reconstruction from a layout file up to so many quads, and picks on the surface, and prints them.
+ */
 void bench_reconstruct(const char *path, const char *layout_path, size_t max_quads, int threads);
 
 #endif

@@ -49,7 +49,8 @@ static void disturb(qm_mesh *mesh, const bench_change *change)
 qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *change)
 {
     qm_mesh mesh = bench_read_any(ctx, path);
-    if (mesh.face_count == 0) bench_fail(path, "is a set of points; this part of the benchmark takes surfaces");
+    if (mesh.face_count == 0)
+        bench_fail(path, "is a set of points; this part of the benchmark takes surfaces");
     if (change->shift != 0.0 || change->noise != 0.0) disturb(&mesh, change);
     return mesh;
 }
