@@ -9,6 +9,7 @@
 #define FIRST_PER_QUAD 6    /* samples that a quad of the first grids needs */
 #define SAMPLES_PER_QUAD 12 /* the same in each step */
 #define START_FAIR 10       /* rounds of evening out after the first placing */
+#define EDIT_ROUNDS 2       /* of placing what an edit has touched */
 #define STEP_FAIR 4         /* the same before each step's */
 
 enum { ROW = 3 * sizeof(double) };
@@ -124,27 +125,62 @@ static qm_status place_first(qm_context *ctx, qm_reconstruction *r, qm_samples *
     return QM_OK;
 }
 
-static qm_status build(qm_context *ctx, qm_reconstruction *r)
+/** Curves on the surface, chords and first parameters of samples; old is the one before an edit, or NULL. */
+static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old,
+                         qm_samples *samples)
 {
     qm_status status = allocate(ctx, r);
     if (status == QM_OK) status = qm_chords_find(ctx, r);
     if (status == QM_OK) status = qm_tracks_create(ctx, r);
     if (status == QM_OK) status = qm_tracks_detour(ctx, r, first_samples(r));
+    if (status == QM_OK && old) {
+        qm_edit_inherit_counts(r, old);
+        qm_edit_inherit_tracks(r, old);
+    }
     if (status == QM_OK) status = qm_tracks_set_vertices(ctx, r);
     if (status == QM_OK) status = qm_atlas_join_patches(ctx, r);
-    qm_samples samples = {0};
     qm_atlas_nodes nodes = {0};
-    if (status == QM_OK) status = qm_samples_create(ctx, r, first_samples(r), &samples);
-    if (status == QM_OK) status = qm_atlas_nodes_create(ctx, r, &samples, &nodes);
-    if (status == QM_OK) status = qm_atlas_locate(ctx, r, &nodes, &samples);
-    if (status == QM_OK) status = place_first(ctx, r, &samples);
+    if (status == QM_OK) status = qm_samples_create(ctx, r, first_samples(r), samples);
+    if (status == QM_OK) status = qm_atlas_nodes_create(ctx, r, samples, &nodes);
+    if (status == QM_OK) status = qm_atlas_locate(ctx, r, &nodes, samples);
     qm_atlas_nodes_reset(ctx, &nodes);
+    return status;
+}
+
+static qm_status build(qm_context *ctx, qm_reconstruction *r)
+{
+    qm_samples samples = {0};
+    qm_status status = prepare(ctx, r, NULL, &samples);
+    if (status == QM_OK) status = place_first(ctx, r, &samples);
     qm_samples_reset(ctx, &samples);
     return status;
 }
 
-qm_status qm_reconstruction_create(qm_context *ctx, const qm_source *source, const qm_layout *layout,
-                                   const qm_reconstruction_options *options, qm_reconstruction **out)
+/** Places the grids that an edit has touched: by the first parameters, which may be too few for as fine a
+ * grid as that, then by as many samples as it needs. */
+static qm_status place_touched(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old,
+                               qm_samples *samples, size_t *redone)
+{
+    qm_reconstruction_record record = {0};
+    qm_status status = qm_grids_create(ctx, r);
+    if (status == QM_OK) status = count_points(ctx, r, samples);
+    if (status != QM_OK) return status;
+    qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
+    *redone = qm_edit_keep_grids(r, old);
+    status = qm_place_vertices(ctx, r, samples, &record);
+    qm_samples_reset(ctx, samples);
+    if (status == QM_OK) status = qm_samples_create(ctx, r, SAMPLES_PER_QUAD * working_quads(r), samples);
+    for (int round = 0; round < EDIT_ROUNDS && status == QM_OK; round++)
+        status = refine(ctx, r, round == 0 ? START_FAIR : STEP_FAIR, samples, &record);
+    if (status != QM_OK) return status;
+    count_covered(r, samples);
+    qm_chords_measure(r);
+    return QM_OK;
+}
+
+/** A reconstruction with a copy of a layout that can be one, and nothing else yet; NULL with a status. */
+static qm_status begin(qm_context *ctx, const qm_source *source, const qm_layout *layout,
+                       const qm_reconstruction_options *options, qm_reconstruction **out)
 {
     *out = NULL;
     if (!(options->cover_share > 0.0) || options->thread_count < 1)
@@ -157,13 +193,36 @@ qm_status qm_reconstruction_create(qm_context *ctx, const qm_source *source, con
     if (!r) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the reconstruction");
     *r = (qm_reconstruction){.source = *source, .options = *options};
     status = qm_layout_copy(ctx, layout, &r->layout);
-    if (status == QM_OK) status = build(ctx, r);
-    if (status != QM_OK) {
-        qm_reconstruction_destroy(ctx, r);
-        return status;
-    }
-    *out = r;
-    return QM_OK;
+    if (status == QM_OK)
+        *out = r;
+    else
+        qm_context_free(ctx, r, 1, sizeof *r);
+    return status;
+}
+
+qm_status qm_reconstruction_create(qm_context *ctx, const qm_source *source, const qm_layout *layout,
+                                   const qm_reconstruction_options *options, qm_reconstruction **out)
+{
+    qm_status status = begin(ctx, source, layout, options, out);
+    if (status == QM_OK) status = build(ctx, *out);
+    if (status == QM_OK) return QM_OK;
+    qm_reconstruction_destroy(ctx, *out);
+    *out = NULL;
+    return status;
+}
+
+qm_status qm_reconstruction_edit(qm_context *ctx, const qm_reconstruction *old, const qm_layout *layout,
+                                 qm_reconstruction **out, size_t *redone_patches)
+{
+    qm_samples samples = {0};
+    qm_status status = begin(ctx, &old->source, layout, &old->options, out);
+    if (status == QM_OK) status = prepare(ctx, *out, old, &samples);
+    if (status == QM_OK) status = place_touched(ctx, *out, old, &samples, redone_patches);
+    qm_samples_reset(ctx, &samples);
+    if (status == QM_OK) return QM_OK;
+    qm_reconstruction_destroy(ctx, *out);
+    *out = NULL;
+    return status;
 }
 
 static bool any_stale(const qm_reconstruction *r)

@@ -10,6 +10,7 @@
  *   reconstruct_place.c    inner vertices from the points that enclose them
  *   reconstruct_mesh.c     grids to meshes
  *   reconstruct_state.c    copies to go back to when a step fails
+ *   reconstruct_edit.c     what stays when the layout is edited
  *   reconstruct_atlas.c    first parameters of samples, along the surface
  *
  * Counts of two kinds: `edges` is that of the mesh, a power of two from 1 on; `work` is that of the grids, at
@@ -151,6 +152,13 @@ qm_status qm_state_save(qm_context *ctx, const qm_reconstruction *r, qm_saved_st
 void qm_state_drop(qm_context *ctx, const qm_reconstruction *r, qm_saved_state *saved);
 /** Puts the copy back in place of what is there, and is gone afterwards. */
 void qm_state_restore(qm_context *ctx, qm_reconstruction *r, qm_saved_state *saved);
+
+/** What is taken over from the reconstruction of the layout before an edit: counts of chords; tracks of
+ * curves that run as they did; grids of patches of such curves. The last tells how many grids are still to be
+ * made. */
+void qm_edit_inherit_counts(qm_reconstruction *r, const qm_reconstruction *old);
+void qm_edit_inherit_tracks(qm_reconstruction *r, const qm_reconstruction *old);
+size_t qm_edit_keep_grids(qm_reconstruction *r, const qm_reconstruction *old);
 
 /** The mesh of the working grids when fine, else that of the mesh's own counts. */
 qm_status qm_grids_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_mesh *out);

@@ -390,6 +390,74 @@ static void what_no_patch_covers_is_counted(void **state)
     ground_free(&g);
 }
 
+/** Faces of a patch of one mesh that have the same corners, bit for bit, as that patch's of another. */
+static bool has_same_patch(const qm_mesh *a, const qm_mesh *b, const qm_reconstruction_patch *patch)
+{
+    for (size_t f = patch->first_face; f < patch->first_face + (size_t)patch->columns * patch->rows; f++)
+        for (int k = 0; k < 4; k++)
+            if (memcmp(a->positions + 3 * (size_t)a->faces[4 * f + (size_t)k],
+                       b->positions + 3 * (size_t)b->faces[4 * f + (size_t)k], 24) != 0)
+                return false;
+    return true;
+}
+
+static void an_edit_redoes_only_the_patches_that_it_touches(void **state)
+{
+    (void)state;
+    ground g;
+    ground_make(&g, qm_shape_saddle(64));
+    qm_layout layout = qm_layout_of_grid(3, 2, false, false, 8, qm_saddle_at, NULL);
+    qm_reconstruction *r = start(&g, &layout), *edited;
+    step_to(&g, r, 1536);
+    qm_mesh before = mesh_of(&g, r);
+
+    /* The curve between the first two patches, drawn with a bend. */
+    uint32_t middle = layout.patches[0].side[1];
+    for (size_t k = 1; k + 1 < layout.curves[middle].point_count; k++) {
+        double *p = layout.curves[middle].points + 3 * k;
+        p[0] += 0.1 * sin(3.141592653589793 * (double)k / (double)(layout.curves[middle].point_count - 1));
+        p[2] = p[0] * p[1];
+    }
+    /* The fourth patch begins at another corner, which changes nothing. */
+    qm_layout_patch turned = layout.patches[3];
+    for (int k = 0; k < 4; k++) {
+        layout.patches[3].side[k] = turned.side[(k + 1) % 4];
+        layout.patches[3].against[k] = turned.against[(k + 1) % 4];
+    }
+    size_t redone;
+    qm_status status = qm_reconstruction_edit(&g.ctx, r, &layout, &edited, &redone);
+    QM_CHECK(status == QM_OK, "%s", g.ctx.message);
+    assert_int_equal(redone, 2);
+    qm_mesh after = mesh_of(&g, edited);
+    assert_int_equal(after.face_count, before.face_count);
+    for (size_t p = 0; p < qm_reconstruction_patch_count(edited); p++) {
+        qm_reconstruction_patch patch = qm_reconstruction_get_patch(edited, p);
+        if (p != 3) QM_CHECK(has_same_patch(&before, &after, &patch) == (p > 1), "patch %zu", p);
+    }
+    assert_true(least_jacobian(&after) > 0.5);
+    QM_CHECK(distance(&after, &g.mesh) < 1e-3, "%g", distance(&after, &g.mesh));
+    qm_reconstruction_record record;
+    assert_int_equal(qm_reconstruction_step(&g.ctx, edited, 1 << 14, &record), QM_OK);
+    assert_true(record.quads > after.face_count);
+
+    layout.patch_count = 5; /* one patch less: the others stay */
+    qm_reconstruction *fewer;
+    assert_int_equal(qm_reconstruction_edit(&g.ctx, edited, &layout, &fewer, &redone), QM_OK);
+    assert_int_equal(redone, 0);
+    layout.patch_count = 6;
+    qm_reconstruction *again; /* and when it comes back, it alone is made */
+    assert_int_equal(qm_reconstruction_edit(&g.ctx, fewer, &layout, &again, &redone), QM_OK);
+    assert_int_equal(redone, 1);
+    qm_reconstruction_destroy(&g.ctx, again);
+    qm_reconstruction_destroy(&g.ctx, fewer);
+    qm_reconstruction_destroy(&g.ctx, edited);
+    qm_reconstruction_destroy(&g.ctx, r);
+    qm_shape_free(&before);
+    qm_shape_free(&after);
+    qm_layout_free(&layout);
+    ground_free(&g);
+}
+
 static qm_status run_once(qm_context *ctx, const qm_source *source, const qm_layout *layout)
 {
     qm_reconstruction_options options = qm_reconstruction_options_default();
@@ -401,6 +469,10 @@ static qm_status run_once(qm_context *ctx, const qm_source *source, const qm_lay
     qm_mesh mesh = {0};
     if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &mesh);
     qm_mesh_reset(ctx, &mesh);
+    qm_reconstruction *edited = NULL;
+    size_t redone;
+    if (status == QM_OK) status = qm_reconstruction_edit(ctx, r, layout, &edited, &redone);
+    qm_reconstruction_destroy(ctx, edited);
     qm_reconstruction_destroy(ctx, r);
     return status;
 }
@@ -435,6 +507,7 @@ int main(void)
         cmocka_unit_test(layouts_that_do_not_fit_are_named),
         cmocka_unit_test(clouds_made_worse_still_give_meshes),
         cmocka_unit_test(what_no_patch_covers_is_counted),
+        cmocka_unit_test(an_edit_redoes_only_the_patches_that_it_touches),
         cmocka_unit_test(running_out_of_memory_is_a_status_at_every_place),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

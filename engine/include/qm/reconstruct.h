@@ -74,6 +74,17 @@ typedef struct qm_reconstruction_record {
 qm_status qm_reconstruction_step(qm_context *ctx, qm_reconstruction *reconstruction, size_t max_quads,
                                  qm_reconstruction_record *out);
 
+/**
+ * The same reconstruction after its layout was edited: chords keep their counts, by the ids of their curves,
+ * and patches whose four curves are as they were keep their vertices, bit for bit. The others are made anew,
+ * with as many columns and rows as their chords now have. *redone_patches tells how many.
+ *
+ * Ownership: the old one stays as it is and the caller's; *out is another one, over the same source.
+ * Returns:   as qm_reconstruction_create.
+ */
+qm_status qm_reconstruction_edit(qm_context *ctx, const qm_reconstruction *reconstruction,
+                                 const qm_layout *layout, qm_reconstruction **out, size_t *redone_patches);
+
 /** The mesh as it is now: for qm_mesh_reset. Faces go patch by patch, row by row, so that a patch's own are
  * known without search (qm_reconstruction_patch). */
 qm_status qm_reconstruction_mesh(qm_context *ctx, const qm_reconstruction *reconstruction, qm_mesh *out);
