@@ -30,19 +30,23 @@ static void write_row(qm_text *out, const qm_store_reconstruction *row, bool is_
     qm_text_add_string(out, "}");
 }
 
-static void reply_row(qm_request *request, int status, const qm_store_reconstruction *row)
+/** more, where there is some, is a member besides. */
+static void reply_row(qm_request *request, int status, const qm_store_reconstruction *row, const char *more)
 {
     qm_text out = {0};
     write_row(&out, row, false);
+    if (more && !out.failed) {
+        out.size--; /* goes on before the last brace */
+        qm_text_printf(&out, ",%s}", more);
+    }
     qm_reply_header(request, "ETag", "\"%s-%lld\"", row->id, (long long)row->revision);
     qm_reply_text(request, status, "application/json", qm_text_take(&out));
 }
 
-/** Takes the layout of the request as it is now; false with a problem. */
-static bool take_layout(qm_app *app, const qm_json_reconstruction *asked, qm_store_layout *out,
-                        qm_problem *problem)
+/** Takes a layout as it is now; false with a problem. */
+static bool take_layout(qm_app *app, const char *id, qm_store_layout *out, qm_problem *problem)
 {
-    if (qm_store_find_layout(app->store, asked->layout, out)) return true;
+    if (qm_store_find_layout(app->store, id, out)) return true;
     *problem = qm_problem_make(QM_PROBLEM_LAYOUT_NOT_FOUND, "there is no layout of the id given in layout");
     qm_problem_add_pointer(problem, "/layout", "no such layout");
     return false;
@@ -57,7 +61,7 @@ void qm_handle_reconstruction_create(qm_request *request)
     qm_problem problem;
     qm_store_layout layout;
     if (!qm_json_read_reconstruction(body, size, &asked, &problem) ||
-        !take_layout(app, &asked, &layout, &problem)) {
+        !take_layout(app, asked.layout, &layout, &problem)) {
         qm_reply_problem(request, &problem);
         return;
     }
@@ -65,7 +69,7 @@ void qm_handle_reconstruction_create(qm_request *request)
     if (qm_reconstructions_add(app->reconstructions, asked.source[0] ? asked.source : layout.mesh, layout.id,
                                layout.layout, &asked.options, &row, &problem)) {
         qm_reply_header(request, "Location", "/v1/reconstructions/%s", row.id);
-        reply_row(request, 201, &row);
+        reply_row(request, 201, &row, NULL);
         qm_store_reconstruction_reset(&row);
     } else {
         qm_reply_problem(request, &problem);
@@ -100,7 +104,7 @@ void qm_handle_reconstruction_get(qm_request *request)
 {
     qm_store_reconstruction row;
     if (!find_row(request, &row)) return;
-    reply_row(request, 200, &row);
+    reply_row(request, 200, &row, NULL);
     qm_store_reconstruction_reset(&row);
 }
 
@@ -113,6 +117,34 @@ void qm_handle_reconstruction_delete(qm_request *request)
     qm_problem problem = qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "there is no reconstruction %s",
                                          qm_request_id(request));
     qm_reply_problem(request, &problem);
+}
+
+/** The layout may have been edited since: what that has touched is made anew. */
+void qm_handle_reconstruction_edit(qm_request *request)
+{
+    qm_app *app = qm_request_app(request);
+    size_t size;
+    const char *body = qm_request_body(request, &size);
+    qm_json_reconstruction asked;
+    qm_problem problem;
+    qm_store_layout layout;
+    if (!qm_json_read_layout_choice(body, size, &asked, &problem) ||
+        !take_layout(app, asked.layout, &layout, &problem)) {
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    qm_store_reconstruction row;
+    size_t redone;
+    if (qm_reconstructions_edit(app->reconstructions, qm_request_id(request), layout.layout, &row, &redone,
+                                &problem)) {
+        char more[48];
+        snprintf(more, sizeof more, "\"redone_patches\":%zu", redone);
+        reply_row(request, 200, &row, more);
+        qm_store_reconstruction_reset(&row);
+    } else {
+        qm_reply_problem(request, &problem);
+    }
+    qm_store_layout_reset(&layout);
 }
 
 /** The mesh is an ordinary one: whoever asks is sent there, with what it was asked as. */

@@ -39,6 +39,7 @@ void qm_handle_curve_delete(qm_request *request);
 void qm_handle_reconstruction_create(qm_request *request);
 void qm_handle_reconstruction_list(qm_request *request);
 void qm_handle_reconstruction_get(qm_request *request);
+void qm_handle_reconstruction_edit(qm_request *request);
 void qm_handle_reconstruction_delete(qm_request *request);
 void qm_handle_reconstruction_mesh(qm_request *request);
 void qm_handle_reconstruction_patches(qm_request *request);

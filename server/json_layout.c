@@ -408,3 +408,15 @@ bool qm_json_read_reconstruction(const char *text, size_t size, qm_json_reconstr
     cJSON_Delete(object);
     return good;
 }
+
+bool qm_json_read_layout_choice(const char *text, size_t size, qm_json_reconstruction *out,
+                                qm_problem *problem)
+{
+    static const char *const names[] = {"layout", NULL};
+    *out = (qm_json_reconstruction){0};
+    cJSON *object = qm_json_parse_object(text, size, "the choice of a layout", problem);
+    if (!object) return false;
+    bool good = check_names(object, names, problem) && read_id(object, "layout", out->layout, problem);
+    cJSON_Delete(object);
+    return good;
+}

@@ -66,4 +66,8 @@ typedef struct qm_json_reconstruction {
 bool qm_json_read_reconstruction(const char *text, size_t size, qm_json_reconstruction *out,
                                  qm_problem *problem);
 
+/** Reads {layout} alone, as PUT /v1/reconstructions/{id}/layout has it. */
+bool qm_json_read_layout_choice(const char *text, size_t size, qm_json_reconstruction *out,
+                                qm_problem *problem);
+
 #endif

@@ -9,6 +9,7 @@
 #include "json_layout.h"
 #include "json_write.h"
 
+#define EDIT_WORD "EDIT"
 #define KEPT_IDLE 4 /* reconstructions in memory that nobody works on */
 
 typedef struct entry {
@@ -80,8 +81,8 @@ static entry *begin(qm_reconstructions *rs, const char *source, const char *layo
     r->mesh = qm_meshes_acquire(rs->meshes, source, problem);
     qm_layout layout = {0};
     bool has_patches;
-    bool good = r->mesh && qm_json_read_layout(&r->ctx, layout_text, strlen(layout_text), NULL, &layout,
-                                               &has_patches, problem);
+    bool good = r->mesh && qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL,
+                                               &layout, &has_patches, problem);
     if (good) {
         qm_status status = qm_source_init(&r->ctx, qm_mesh_ref_get(r->mesh)->bvh, &r->source);
         if (status == QM_OK)
@@ -95,24 +96,57 @@ static entry *begin(qm_reconstructions *rs, const char *source, const char *layo
     return NULL;
 }
 
-/** Takes the steps again that a row tells of. */
-static bool replay(entry *e, const char *steps, qm_problem *problem)
+/** Puts the reconstruction of an edited layout in the place of the one before it. */
+static bool edit(qm_refining *r, const char *layout_text, size_t *redone, qm_problem *problem)
 {
-    for (const char *at = steps; *at;) {
-        char *end;
-        size_t limit = strtoull(at, &end, 10), count = *end == ':' ? strtoull(end + 1, &end, 10) : 0;
-        for (size_t k = 0; k < count; k++) {
-            qm_reconstruction_record record;
-            qm_status status =
-                qm_reconstruction_step(&e->refining.ctx, e->refining.reconstruction, limit, &record);
-            if (status == QM_OK) continue;
-            *problem = qm_problem_from_status(status, e->refining.ctx.message);
-            return false;
-        }
-        at = *end == ' ' ? end + 1 : end;
-        if (at == end && *at) break;
+    qm_layout layout;
+    bool has_patches;
+    if (!qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL, &layout, &has_patches,
+                             problem))
+        return false;
+    qm_reconstruction *edited;
+    qm_status status = qm_reconstruction_edit(&r->ctx, r->reconstruction, &layout, &edited, redone);
+    qm_layout_reset(&r->ctx, &layout);
+    if (status != QM_OK) {
+        *problem = qm_problem_from_status(status, r->ctx.message);
+        return false;
+    }
+    qm_reconstruction_destroy(&r->ctx, r->reconstruction);
+    r->reconstruction = edited;
+    return true;
+}
+
+/** Takes so many steps with a limit of quads. */
+static bool take_steps(qm_refining *r, size_t limit, size_t count, qm_problem *problem)
+{
+    for (size_t k = 0; k < count; k++) {
+        qm_reconstruction_record record;
+        qm_status status = qm_reconstruction_step(&r->ctx, r->reconstruction, limit, &record);
+        if (status == QM_OK) continue;
+        *problem = qm_problem_from_status(status, r->ctx.message);
+        return false;
     }
     return true;
+}
+
+/** Does again what a row tells of: steps, and edits, for which the next lines have the layouts. */
+static bool replay(entry *e, const qm_store_reconstruction *row, qm_problem *problem)
+{
+    const char *layout = row->layout;
+    bool good = true;
+    for (const char *word = row->steps; *word && good; word += strcspn(word, " "), word += *word == ' ') {
+        if (*word == EDIT_WORD[0]) {
+            size_t redone;
+            layout += strcspn(layout, "\n");
+            layout += *layout == '\n';
+            good = edit(&e->refining, layout, &redone, problem);
+            continue;
+        }
+        char *end;
+        size_t limit = strtoull(word, &end, 10), count = *end == ':' ? strtoull(end + 1, NULL, 10) : 0;
+        good = take_steps(&e->refining, limit, count, problem);
+    }
+    return good;
 }
 
 static qm_reconstruction_options options_of(double cover_share, bool pull_curves)
@@ -134,7 +168,7 @@ static entry *make_again(qm_reconstructions *rs, const char *id, qm_problem *pro
     const qm_reconstruction_options options = options_of(row.cover_share, row.pull_curves);
     entry *e = begin(rs, row.source, row.layout, &options, problem);
     if (e) memcpy(e->refining.id, row.id, sizeof e->refining.id);
-    if (e && !replay(e, row.steps, problem)) {
+    if (e && !replay(e, &row, problem)) {
         free_entry(rs, e);
         e = NULL;
     }
@@ -389,6 +423,48 @@ bool qm_reconstructions_commit(qm_reconstructions *rs, qm_refining *refining, si
         free(next.state);
     }
     qm_store_reconstruction_reset(&row);
+    return good;
+}
+
+/** The row after an edit of the layout, whose mesh is there already; stored. */
+static bool store_edit(qm_reconstructions *rs, const char *mesh, size_t quads, const char *layout_text,
+                       qm_store_reconstruction *row, qm_problem *problem)
+{
+    qm_text layouts = {0}, steps = {0};
+    qm_text_printf(&layouts, "%s\n%s", row->layout, layout_text);
+    qm_text_printf(&steps, "%s%s" EDIT_WORD, row->steps, row->steps[0] ? " " : "");
+    free(row->layout);
+    free(row->steps);
+    free(row->state);
+    row->layout = qm_text_take(&layouts);
+    row->steps = qm_text_take(&steps);
+    row->state = row->steps ? make_state(mesh, quads, count_steps(row->steps)) : NULL;
+    row->revision++;
+    memcpy(row->mesh, mesh, sizeof row->mesh);
+    if (row->layout && row->steps && row->state && qm_store_update_reconstruction(rs->store, row) == QM_OK)
+        return true;
+    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the reconstruction could not be stored");
+    return false;
+}
+
+bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char *layout_text,
+                             qm_store_reconstruction *out, size_t *redone, qm_problem *problem)
+{
+    *out = (qm_store_reconstruction){0};
+    qm_refining *r = qm_reconstructions_take(rs, id, problem);
+    if (!r) return false;
+    char mesh[QM_ID_SIZE];
+    size_t quads;
+    bool edited = edit(r, layout_text, redone, problem);
+    bool good = edited && add_mesh(rs, r, mesh, &quads, problem);
+    if (good && !qm_store_find_reconstruction(rs->store, id, out)) {
+        *problem =
+            qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "the reconstruction was deleted meanwhile");
+        good = false;
+    }
+    good = good && store_edit(rs, mesh, quads, layout_text, out, problem);
+    qm_reconstructions_release(rs, r, good || !edited);
+    if (!good) qm_store_reconstruction_reset(out);
     return good;
 }
 

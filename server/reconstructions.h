@@ -48,6 +48,13 @@ bool qm_reconstructions_commit(qm_reconstructions *reconstructions, qm_refining 
                                size_t step_count, const char *records, char mesh[QM_ID_SIZE],
                                qm_problem *problem);
 
+/**
+ * Goes over to an edited layout, in which only what the edit has touched is made anew: redone tells how many
+ * patches. Stores it with its mesh. out as above. False with a problem; nothing has changed then.
+ */
+bool qm_reconstructions_edit(qm_reconstructions *reconstructions, const char *id, const char *layout_text,
+                             qm_store_reconstruction *out, size_t *redone, qm_problem *problem);
+
 bool qm_reconstructions_delete(qm_reconstructions *reconstructions, const char *id);
 
 /** Quads of the mesh as it is now. */

@@ -51,6 +51,8 @@ static const qm_route routes[] = {
     {"GET", "/v1/reconstructions/{id}", qm_handle_reconstruction_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
     {"DELETE", "/v1/reconstructions/{id}", qm_handle_reconstruction_delete, NULL, QM_BODY_NONE,
      QM_RUNS_SHORT},
+    {"PUT", "/v1/reconstructions/{id}/layout", qm_handle_reconstruction_edit, json, QM_BODY_MEMORY,
+     QM_RUNS_LONG},
     {"GET", "/v1/reconstructions/{id}/mesh", qm_handle_reconstruction_mesh, files, QM_BODY_NONE,
      QM_RUNS_SHORT},
     {"GET", "/v1/reconstructions/{id}/patches", qm_handle_reconstruction_patches, json, QM_BODY_NONE,

@@ -142,11 +142,11 @@ void qm_store_layout_reset(qm_store_layout *layout);
 typedef struct qm_store_reconstruction {
     char id[QM_ID_SIZE];
     char source[QM_ID_SIZE], layout_id[QM_ID_SIZE], mesh[QM_ID_SIZE];
-    char *layout;   /* {nodes, curves, patches}, as of its start */
+    char *layout;   /* {nodes, curves, patches}, a line as of its start and one for each edit since */
     char *document; /* members of the resource that do not change */
-    char *steps;    /* "LIMIT:COUNT LIMIT:COUNT ...": how many steps with which limit of quads */
-    char *records;  /* what came of them: objects with commas between */
-    char *state;    /* members of the resource that steps change */
+    char *steps; /* words: LIMIT:COUNT for so many steps with that limit of quads, EDIT for the next layout */
+    char *records; /* what came of the steps: objects with commas between */
+    char *state;   /* members of the resource that steps change */
     double cover_share;
     bool pull_curves;
     int64_t revision; /* counts its changes */

@@ -14,7 +14,8 @@ static uint32_t old_curve(const qm_reconstruction *r, const qm_reconstruction *o
 }
 
 /** True for a curve that runs as it did. */
-static bool is_same_curve(const qm_reconstruction *r, const qm_reconstruction *old, size_t curve, uint32_t before)
+static bool is_same_curve(const qm_reconstruction *r, const qm_reconstruction *old, size_t curve,
+                          uint32_t before)
 {
     const qm_curve *a = &r->layout.curves[curve], *b = &old->layout.curves[before];
     return a->point_count == b->point_count && memcmp(a->points, b->points, a->point_count * ROW) == 0;
@@ -44,8 +45,8 @@ void qm_edit_inherit_tracks(qm_reconstruction *r, const qm_reconstruction *old)
     }
 }
 
-/** By how many sides a patch is turned against one of the old layout whose curves are the same and run as they
- * did; -1 when it is another patch. */
+/** By how many sides a patch is turned against one of the old layout whose curves are the same and run as
+ * they did; -1 when it is another patch. */
 static int find_turn(const qm_reconstruction *r, const qm_layout_patch *patch, const qm_reconstruction *old,
                      const qm_layout_patch *other)
 {
@@ -68,7 +69,8 @@ static int find_turn(const qm_reconstruction *r, const qm_layout_patch *patch, c
 static bool copy_grid(const qm_patch_grid *from, int turn, qm_patch_grid *to)
 {
     bool is_crossed = turn % 2;
-    uint32_t columns = is_crossed ? from->rows : from->columns, rows = is_crossed ? from->columns : from->rows;
+    uint32_t columns = is_crossed ? from->rows : from->columns,
+             rows = is_crossed ? from->columns : from->rows;
     if (to->columns != columns || to->rows != rows) return false;
     for (uint32_t j = 0; j <= rows; j++) {
         for (uint32_t i = 0; i <= columns; i++) {

@@ -148,6 +148,52 @@ def test_steps_go_on_after_a_kill_to_the_same_bits(make_daemon):
     assert meshes[0] == meshes[1]
 
 
+def bend(client, layout_id):
+    """Draws curve 0, which bounds the first patch alone, anew."""
+    line = [on_saddle(-1 + k / 8, -1 + 0.05 * k * (8 - k) / 16) for k in range(9)]
+    return edit(client, {"id": layout_id}, "curves/0/redraw", points=line)
+
+
+def test_an_edit_redoes_only_what_it_touches(client, saddle):
+    made = start(client, saddle)
+    refine(client, made, until={"max_quads": 512}, measure=False)
+    bend(client, made["layout"])
+    reply = client.put(f"/v1/reconstructions/{made['id']}/layout", json={"layout": made["layout"]})
+    assert reply.status_code == 200, reply.text
+    now = reply.json()
+    assert now["redone_patches"] == 1 and now["quads"] == 512 and now["step_count"] == len(now["steps"]) and now["revision"] == 2
+    assert now["mesh"] != made["mesh"]
+    again = client.put(f"/v1/reconstructions/{made['id']}/layout", json={"layout": made["layout"]}).json()
+    assert again["redone_patches"] == 0
+    assert refine(client, made, steps=1, measure=False)["result"]["quads"] > 512
+    check_problem(client.put(f"/v1/reconstructions/{made['id']}/layout", json={"layout": "l_none"}), 404,
+                  "layout_not_found")
+    check_problem(client.put("/v1/reconstructions/r_none/layout", json={"layout": made["layout"]}), 404,
+                  "reconstruction_not_found")
+    client.delete(f"/v1/layouts/{made['layout']}/curves/1")
+    client.delete(f"/v1/layouts/{made['layout']}/curves/0")
+    check_problem(client.put(f"/v1/reconstructions/{made['id']}/layout", json={"layout": made["layout"]}), 422,
+                  "invalid_layout")
+
+
+def test_edits_survive_a_kill(make_daemon):
+    meshes = []
+    for is_killed in (False, True):
+        running = make_daemon()
+        with running.client() as client:
+            made = start(client, client.upload(shapes.saddle(24))["id"])
+            refine(client, made, until={"max_quads": 300}, measure=False)
+            bend(client, made["layout"])
+            client.put(f"/v1/reconstructions/{made['id']}/layout", json={"layout": made["layout"]})
+        if is_killed:
+            running.stop(signal.SIGKILL)
+            running.start()
+        with running.client() as client:
+            result = refine(client, made, until={"max_quads": 1100}, measure=False)["result"]
+            meshes.append(client.get(f"/v1/meshes/{result['mesh']}/content?format=ply").content)
+    assert meshes[0] == meshes[1]
+
+
 def test_bad_requests_are_refused(client, saddle):
     check_problem(client.post("/v1/reconstructions", json={}), 400, "invalid_field")
     check_problem(client.post("/v1/reconstructions", json={"layout": "l_none"}), 404, "layout_not_found")
