@@ -59,34 +59,53 @@ BENCH_OBJECTS   := $(BENCH_SOURCES:%.c=$(OBJ)/%.o) $(OBJ)/tests/support/random.o
 UNIT_PROGRAMS   := $(UNIT_SOURCES:tests/unit/%.c=$(OUT)/tests/%)
 
 # What the daemon serves at / and /openapi.yaml; it looks for this folder beside its program.
-PAGE_SOURCES := $(wildcard clients/dashboard/*) proto/openapi.yaml
-PAGE_FILES   := $(addprefix $(OUT)/dashboard/,$(notdir $(PAGE_SOURCES)))
+PAGE := $(OUT)/dashboard
+PAGE_SOURCES  := $(foreach kind,html css js svg,$(wildcard clients/dashboard/*.$(kind) clients/dashboard/*/*.$(kind)))
+CLIENT_SOURCES := $(wildcard clients/js/*.js)
+VENDOR_FILES  := three.module.js three.core.js OrbitControls.js mesh-bvh.js
+PAGE_FILES    := $(PAGE_SOURCES:clients/dashboard/%=$(PAGE)/%) $(CLIENT_SOURCES:clients/js/%=$(PAGE)/js/%) \
+    $(PAGE)/openapi.yaml $(PAGE)/docs.html $(PAGE)/docs.js
+# The viewer of the description at /docs.
+VIEWER_FILES  := swagger-ui-bundle.js swagger-ui.css
 
-# The viewer of the description at /docs comes from npm, pinned by its lock file, and without npm there is none.
-VIEWER       := build/npm/docs/node_modules/swagger-ui-dist
-VIEWER_NAMES := swagger-ui-bundle.js swagger-ui.css
-ifneq ($(shell command -v npm),)
-PAGE_FILES   += $(addprefix $(OUT)/dashboard/,$(VIEWER_NAMES) docs.html docs.js)
-endif
+all: $(OUT)/quadmeshd $(OUT)/quadmesh page
 
-all: $(OUT)/quadmeshd $(OUT)/quadmesh $(PAGE_FILES)
+# Without npm or its registry the page has everything but its 3D view, and /docs is empty; make says so.
+page: $(PAGE_FILES)
+	@$(MAKE) -s $(VENDOR_FILES:%=$(PAGE)/vendor/%) $(VIEWER_FILES:%=$(PAGE)/%) || \
+	    echo "make: npm could not fetch three.js and swagger-ui: / will have no 3D view, /docs no text" >&2
 
-$(OUT)/dashboard/%: clients/dashboard/%
+define COPY
+@mkdir -p $(@D)
+cp $< $@
+endef
+
+$(PAGE)/openapi.yaml: proto/openapi.yaml
+	$(COPY)
+$(PAGE)/js/%: clients/js/%
+	$(COPY)
+$(PAGE)/docs.%: clients/docs/docs.%
+	$(COPY)
+$(PAGE)/%: clients/dashboard/%
+	$(COPY)
+
+# Fetches what a package.json pins, exactly as its lock file has it; npm writes the target last.
+%/node_modules/.package-lock.json: %/package-lock.json
+	npm ci --prefix $* --ignore-scripts --no-audit --no-fund --loglevel=error
+	@touch $@
+npm: $(addsuffix /node_modules/.package-lock.json,clients/js clients/dashboard clients/docs tests/browser)
+
+MODULES := clients/dashboard/node_modules
+VENDOR_three.module.js := three/build/three.module.js
+VENDOR_three.core.js   := three/build/three.core.js
+VENDOR_OrbitControls.js    := three/examples/jsm/controls/OrbitControls.js
+VENDOR_mesh-bvh.js         := three-mesh-bvh/build/index.module.js
+$(PAGE)/vendor/%: $(MODULES)/.package-lock.json
 	@mkdir -p $(@D)
-	cp $< $@
-$(OUT)/dashboard/%: proto/%
+	cp $(MODULES)/$(VENDOR_$*) $@
+$(VIEWER_FILES:%=$(PAGE)/%): $(PAGE)/%: clients/docs/node_modules/.package-lock.json
 	@mkdir -p $(@D)
-	cp $< $@
-$(OUT)/dashboard/docs.%: clients/docs/docs.%
-	@mkdir -p $(@D)
-	cp $< $@
-$(addprefix $(OUT)/dashboard/,$(VIEWER_NAMES)): $(OUT)/dashboard/%: build/npm/docs/package-lock.json
-	@mkdir -p $(@D)
-	cp $(VIEWER)/$* $@
-build/npm/docs/package-lock.json: clients/docs/package-lock.json clients/docs/package.json
-	@mkdir -p $(@D)
-	cp $^ $(@D)
-	npm ci --prefix $(@D) --ignore-scripts --no-audit --no-fund --silent || { rm -f $@; exit 1; }
+	cp clients/docs/node_modules/swagger-ui-dist/$* $@
 
 $(OUT)/quadmeshd: $(OBJ)/server/main.o $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
@@ -194,5 +213,10 @@ format:
 	clang-format -i $$(git ls-files '*.c' '*.h' '*.cc')
 
 -include $(foreach folder,$(wildcard $(OBJ) build/obj/fuzz),$(shell find $(folder) -name '*.d'))
-.PHONY: all test unit-programs unit check-layers demo bench fuzz clean format
+# The types of the client and of the page.
+check-types: npm
+	clients/js/node_modules/.bin/tsc -p clients/js
+	clients/js/node_modules/.bin/tsc -p clients/dashboard
+
+.PHONY: all page npm check-types test unit-programs unit check-layers demo bench fuzz clean format
 .SECONDARY:

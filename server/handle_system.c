@@ -1,5 +1,4 @@
 #include <errno.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -9,7 +8,6 @@
 
 #define DEFAULT_LIMIT 100
 #define MAX_LIMIT 1000
-#define MAX_FILE_SIZE (8u << 20)
 
 bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after)
 {
@@ -105,70 +103,4 @@ void qm_handle_info(qm_request *request)
         config->max_body, qm_meshes_measure(qm_request_app(request)->meshes).limit, config->max_faces,
         config->queue, config->connections, config->streams, config->workers, counts.queued, counts.running);
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));
-}
-
-/** The text of a file of the installation, or NULL. */
-static char *read_file(const char *path)
-{
-    FILE *file = fopen(path, "rb");
-    if (!file) return NULL;
-    char *text = malloc(MAX_FILE_SIZE);
-    size_t size = text ? fread(text, 1, MAX_FILE_SIZE - 1, file) : 0;
-    if (text) text[size] = '\0';
-    fclose(file);
-    return text;
-}
-
-static void reply_file(qm_request *request, const char *folder, const char *name, const char *content_type)
-{
-    char path[4096];
-    snprintf(path, sizeof path, "%s/%s", folder, name);
-    char *text = folder[0] ? read_file(path) : NULL;
-    if (text) {
-        qm_reply_header(request, "Cache-Control", "no-cache");
-        qm_reply_text(request, 200, content_type, text);
-        return;
-    }
-    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "this daemon was started without %s", name);
-    qm_reply_problem(request, &problem);
-}
-
-void qm_handle_openapi(qm_request *request)
-{
-    reply_file(request, qm_request_app(request)->config->dashboard, "openapi.yaml", "application/yaml");
-}
-
-/** The viewer sets styles of elements by itself; no script but those of the daemon runs. */
-void qm_handle_docs(qm_request *request)
-{
-    qm_reply_header(
-        request, "Content-Security-Policy",
-        "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; base-uri 'none'; "
-        "form-action 'none'; frame-ancestors 'none'");
-    reply_file(request, qm_request_app(request)->config->dashboard, "docs.html", "text/html; charset=utf-8");
-}
-
-/** Only files of this list are ever served: a path of a request names none. */
-void qm_handle_page(qm_request *request)
-{
-    static const struct {
-        const char *name, *type;
-    } files[] = {
-        {"index.html", "text/html; charset=utf-8"},
-        {"main.js", "text/javascript; charset=utf-8"},
-        {"style.css", "text/css; charset=utf-8"},
-        {"docs.js", "text/javascript; charset=utf-8"},
-        {"swagger-ui-bundle.js", "text/javascript; charset=utf-8"},
-        {"swagger-ui.css", "text/css; charset=utf-8"},
-    };
-    const char *id = qm_request_id(request), *wanted = id[0] ? id : "index.html";
-    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
-        if (strcmp(files[i].name, wanted) != 0) continue;
-        qm_reply_header(request, "Content-Security-Policy",
-                        "default-src 'self'; base-uri 'none'; form-action 'none'");
-        reply_file(request, qm_request_app(request)->config->dashboard, wanted, files[i].type);
-        return;
-    }
-    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
-    qm_reply_problem(request, &problem);
 }

@@ -1,5 +1,5 @@
 /**
- * hash.h: SHA-256 of texts, in hex.
+ * hash.h: SHA-256 of texts.
  */
 #ifndef QM_HASH_H
 #define QM_HASH_H
@@ -11,6 +11,10 @@
 
 /** The hash of a whole text. */
 void qm_hash_text(const char *text, size_t size, char out[QM_HASH_SIZE]);
+
+/** The same in base64, as a Content-Security-Policy has it. */
+#define QM_HASH_BASE64_SIZE 45
+void qm_hash_text_base64(const char *text, size_t size, char out[QM_HASH_BASE64_SIZE]);
 
 /** A digest that was taken elsewhere, in hex. */
 void qm_hash_print(const uint8_t digest[32], char out[QM_HASH_SIZE]);

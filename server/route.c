@@ -63,7 +63,7 @@ static const qm_route routes[] = {
     {"GET", "/openapi.yaml", qm_handle_openapi, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/docs", qm_handle_docs, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/dashboard/{id}", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/dashboard/{path}", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
 };
 enum { ROUTE_COUNT = sizeof routes / sizeof routes[0] };
 
@@ -73,6 +73,8 @@ static bool is_id_character(char c)
            c == '.' || c == '-';
 }
 
+/** {id} and a second name in braces stand for one segment each, {path} for any number of them, of which none
+ * begins with a dot. */
 static bool matches(const char *pattern, const char *path, char ids[2][QM_ID_SIZE])
 {
     char *id = ids[0];
@@ -82,9 +84,15 @@ static bool matches(const char *pattern, const char *path, char ids[2][QM_ID_SIZ
             if (*pattern != *path++) return false;
             continue;
         }
+        bool takes_segments = strncmp(pattern, "{path}", strlen("{path}")) == 0;
         size_t length = 0;
-        for (; is_id_character(*path) && length + 1 < QM_ID_SIZE; path++)
+        for (; length + 1 < QM_ID_SIZE; path++) {
+            bool starts_segment = takes_segments && (length == 0 || path[-1] == '/');
+            bool fits = starts_segment ? is_id_character(*path) && *path != '.'
+                                       : is_id_character(*path) || (takes_segments && *path == '/');
+            if (!fits) break;
             id[length++] = *path;
+        }
         id[length] = '\0';
         if (length == 0) return false;
         pattern = strchr(pattern, '}');

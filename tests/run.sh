@@ -4,6 +4,7 @@
 #   1. clang-format and the borders between the folders
 #   2. unit tests under ASan and UBSan; those that take long, or measure nothing but the engine, in the release build
 #   3. API and command-line tests against a real daemon under ASan and UBSan; the pairs of the data folder in release
+#   4. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
 #
 # Exit status: 0 when everything passed. The last line counts: "N passed, N failed".
 set -u
@@ -84,6 +85,21 @@ api() { # BUILD FOLDER
 api build/asan tests/api
 api build/asan tests/cli
 if [ -d "${QM_TEST_DATA:-../shared/data}/pairs" ]; then api build tests/pairs; fi
+
+make -s npm || exit 1
+check "types" make -s check-types
+# Each test file has its own daemon and, for the page, its own browser.
+for file in tests/browser/*.test.js; do
+    echo "== $file"
+    QM_BUILD=build/asan node --test --test-reporter=tap "$file" >"$output" 2>&1
+    status=$?
+    good=$(sed -n 's/^# pass //p' "$output")
+    bad=$(awk '/^# (fail|cancelled|skipped|todo) / { sum += $3 } END { print sum + 0 }' "$output")
+    if [ "$status" -ne 0 ] && [ "$bad" -eq 0 ]; then bad=1; fi
+    if [ "$bad" -ne 0 ]; then cat "$output"; fi
+    passed=$((passed + ${good:-0}))
+    failed=$((failed + bad))
+done
 
 echo "$passed passed, $failed failed"
 [ "$failed" -eq 0 ]

@@ -22,6 +22,8 @@ static void test_known_paths(void **state)
     assert_string_equal(id_of("HEAD", "/v1/meshes/m_abc2"), "m_abc2");
     assert_string_equal(id_of("GET", "/v1/jobs/j_1/events"), "j_1");
     assert_string_equal(id_of("GET", "/"), "");
+    assert_string_equal(id_of("GET", "/dashboard/main.js"), "main.js");
+    assert_string_equal(id_of("GET", "/dashboard/js/index.js"), "js/index.js");
 }
 
 static void test_paths_of_two_names(void **state)
@@ -40,11 +42,12 @@ static void test_paths_of_two_names(void **state)
 static void test_unknown_paths(void **state)
 {
     (void)state;
-    static const char *const paths[] = {"", "/v1", "/v1/meshes/", "/v1/meshes/a/b", "/v1/meshes/a%",
-                                        "/v1/meshes/\xc3\xa4", "//v1/meshes", "/v1/jobs/j_1/events/",
-                                        "/v1/jobs//events", "/v1/meshesx", "/dashboard/../etc",
-                                        /* one character more than an id may have */
-                                        "/v1/meshes/0123456789012345678901234567890123456789"};
+    static const char *const paths[] = {
+        "", "/v1", "/v1/meshes/", "/v1/meshes/a/b", "/v1/meshes/a%", "/v1/meshes/\xc3\xa4", "//v1/meshes",
+        "/v1/jobs/j_1/events/", "/v1/jobs//events", "/v1/meshesx", "/dashboard/../etc",
+        "/dashboard/js/../../etc", "/dashboard//etc", "/dashboard/.git", "/dashboard/js/.x", "/dashboard/",
+        /* one character more than an id may have */
+        "/v1/meshes/0123456789012345678901234567890123456789"};
     for (size_t i = 0; i < sizeof paths / sizeof paths[0]; i++) {
         char ids[2][QM_ID_SIZE];
         qm_problem problem;

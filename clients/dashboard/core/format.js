@@ -1,0 +1,60 @@
+// Numbers in words that line up.
+
+const NONE = "–";
+
+/** @param {number | null | undefined} value a count */
+export const count = (value) => (value === null || value === undefined ? NONE : value.toLocaleString("en"));
+
+/**
+ * A length or bound with a fixed number of digits, so that what converges can be read off.
+ * @param {number | null | undefined} value
+ * @param {number} [digits] significant ones
+ */
+export function length(value, digits = 9) {
+  if (value === null || value === undefined || Number.isNaN(value)) return NONE;
+  if (value === 0) return "0";
+  if (!Number.isFinite(value)) return "∞";
+  const size = Math.abs(value);
+  return size >= 1e-4 && size < 1e7 ? value.toPrecision(digits) : value.toExponential(digits - 1);
+}
+
+/** @param {number | null | undefined} value small numbers, such as gaps */
+export const small = (value) => (value === null || value === undefined ? NONE : value === 0 ? "0" : value.toExponential(2));
+
+/** @param {number | null | undefined} share */
+export const percent = (share) => (share === null || share === undefined ? NONE : `${(share * 100).toPrecision(3)} %`);
+
+/** @param {number} ms */
+export function duration(ms) {
+  if (ms < 1000) return `${ms < 10 ? ms.toFixed(1) : Math.round(ms)} ms`;
+  if (ms < 60000) return `${(ms / 1000).toFixed(1)} s`;
+  const seconds = Math.round(ms / 1000);
+  return seconds < 3600 ? `${Math.floor(seconds / 60)} min ${seconds % 60} s`
+    : `${Math.floor(seconds / 3600)} h ${Math.floor((seconds % 3600) / 60)} min`;
+}
+
+/** @param {number} size */
+export function bytes(size) {
+  const units = ["B", "kB", "MB", "GB"];
+  let place = 0;
+  for (; size >= 1000 && place + 1 < units.length; place++) size /= 1000;
+  return `${place === 0 ? size : size.toPrecision(3)} ${units[place]}`;
+}
+
+/** @param {string} iso */
+export function time(iso) {
+  const then = new Date(iso);
+  const isToday = then.toDateString() === new Date().toDateString();
+  const clock = then.toLocaleTimeString("en-GB");
+  return isToday ? clock : `${then.toLocaleDateString("en-CA")} ${clock}`;
+}
+
+/** @param {{ triangles: number, quads: number, polygons: number }} faces */
+export const faceCount = (faces) => faces.triangles + faces.quads + faces.polygons;
+
+/** @param {import("../../js/types.js").Mesh} mesh */
+export function summary(mesh) {
+  if (mesh.kind === "points") return `${count(mesh.vertices)} points`;
+  const parts = [["triangles", mesh.faces.triangles], ["quads", mesh.faces.quads], ["polygons", mesh.faces.polygons]];
+  return parts.filter(([, number]) => Number(number) > 0).map(([name, number]) => `${count(Number(number))} ${name}`).join(", ");
+}

@@ -1,0 +1,40 @@
+// The page and its choices in the address: #compare?a=m_1&b=m_2. A link brings somebody else to the same view.
+
+import { changed, state } from "./state.js";
+
+/** @type {URLSearchParams} of the address when the page was entered */
+let parameters = new URLSearchParams();
+
+/** Reads the address. @param {string[]} pages the known ones, the first one by default */
+export function readAddress(pages) {
+  const [page, query = ""] = location.hash.slice(1).split("?");
+  state.page = pages.includes(page) ? page : pages[0];
+  parameters = new URLSearchParams(query);
+  state.a = parameters.get("a") ?? state.a;
+  state.b = parameters.get("b") ?? state.b;
+  state.shown = parameters.get("mesh") ?? state.shown;
+  changed("page", "choice");
+}
+
+/** A choice that came with the address. @param {string} name */
+export const parameter = (name) => parameters.get(name);
+
+/**
+ * Puts choices into the address without a new entry in the history.
+ * @param {Record<string, string | number | null | undefined>} choices null takes one out
+ */
+export function setParameters(choices) {
+  for (const [name, value] of Object.entries(choices)) {
+    if (value === null || value === undefined || value === "") parameters.delete(name);
+    else parameters.set(name, String(value));
+  }
+  history.replaceState(null, "", address());
+}
+
+/** The address of what is on the page now, with more choices. @param {Record<string, string>} [more] */
+export function address(more = {}) {
+  const all = new URLSearchParams(parameters);
+  for (const [name, value] of Object.entries(more)) all.set(name, value);
+  const query = all.toString().replaceAll("%2C", ",");
+  return `${location.pathname}#${state.page}${query ? `?${query}` : ""}`;
+}

@@ -1,0 +1,30 @@
+// The dialog for a bearer token. The token lives in the client's memory alone and is gone with the page.
+
+import { h } from "./dom.js";
+
+/** @type {HTMLDialogElement | null} */
+let open = null;
+
+/**
+ * @param {string} words why
+ * @param {(token: string | null) => void} onToken null: without one
+ */
+export function askForToken(words, onToken) {
+  if (open) return;
+  const input = h("input", { type: "password", id: "token-input", autocomplete: "off", spellcheck: false });
+  const form = h("form", { method: "dialog" },
+    h("h2", { id: "token-title" }, "Token"),
+    h("p", { className: "muted" }, `${words}. It is kept in memory until this page is closed, and nowhere else.`),
+    h("label", { for: "token-input" }, "Bearer token"), input,
+    h("div", { className: "row" }, h("button", { type: "submit", className: "primary" }, "Use it")));
+  const dialog = h("dialog", { "aria-labelledby": "token-title" }, form);
+  open = dialog;
+  dialog.addEventListener("close", () => {
+    const token = input.value.trim();
+    dialog.remove();
+    open = null;
+    onToken(token === "" ? null : token);
+  });
+  document.body.append(dialog);
+  dialog.showModal();
+}

@@ -1,0 +1,48 @@
+// The page of meshes: upload, list, and what is known of the one that is shown.
+
+import { meshOf, on, state } from "../core/state.js";
+import { h } from "../core/dom.js";
+import { setParameters } from "../core/route.js";
+import { drawTools } from "../view/tools.js";
+import { look, setLook, show } from "../view/view.js";
+import { drawFacts } from "./facts.js";
+import { drawList } from "./list.js";
+import { noteShown } from "./thumbnails.js";
+import { makeUpload } from "./upload.js";
+
+/** @param {HTMLElement} panel */
+export function showMeshes(panel) {
+  const list = h("ul", { className: "meshes", "aria-label": "Meshes" });
+  const facts = h("section", { className: "section", "aria-labelledby": "facts-title" });
+  panel.append(
+    makeUpload(),
+    h("section", { className: "section", "aria-labelledby": "list-title" },
+      h("header", {}, h("h2", { id: "list-title" }, "Meshes")), list),
+    facts);
+  /** @type {string | null} */
+  let drawn = null;
+
+  function drawView() {
+    const mesh = meshOf(state.shown);
+    const key = mesh ? `${mesh.id} ${mesh.revision} ${look.bilinear}` : "";
+    if (key === drawn) return;
+    drawn = key;
+    setParameters({ mesh: mesh?.id });
+    drawTools(mesh ? [mesh] : [], { onReading: drawView, hasStructure: true });
+    const words = state.meshes.length > 0 ? "Choose a mesh to see it here." : "Drop a mesh file on the page to begin.";
+    show(mesh ? [{ mesh, role: "a", isBilinear: look.bilinear }] : [], words).then((isShown) => {
+      if (isShown && mesh) noteShown(mesh);
+    });
+  }
+
+  function draw() {
+    if (state.shown === null && state.meshes.length > 0) state.shown = state.meshes[state.meshes.length - 1].id;
+    drawList(list);
+    drawFacts(facts, meshOf(state.shown));
+    drawView();
+  }
+
+  setLook({ heat: false, structure: true });
+  draw();
+  return on(["meshes", "choice", "info"], draw);
+}

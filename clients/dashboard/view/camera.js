@@ -1,0 +1,115 @@
+// Where one looks from: turning and zooming by mouse, touch and keys, flights, and a text for links.
+
+import { PerspectiveCamera, Spherical, Vector3 } from "three";
+import { OrbitControls } from "three/addons/controls/OrbitControls.js";
+
+const FLIGHT_MS = 600;
+const TURN = Math.PI / 24;
+const START = new Vector3(0.55, 0.4, 1).normalize();
+
+export class Eye {
+  /**
+   * @param {HTMLCanvasElement} canvas
+   * @param {() => void} onChange
+   */
+  constructor(canvas, onChange) {
+    this.camera = new PerspectiveCamera(35, 1, 0.001, 100);
+    this.controls = new OrbitControls(this.camera, canvas);
+    this.controls.addEventListener("change", onChange);
+    this.controls.zoomToCursor = true;
+    this.controls.minDistance = 1e-4;
+    this.controls.maxDistance = 50;
+    this.onChange = onChange;
+    /** A flight that has not arrived. @type {number} */
+    this.flight = 0;
+    this.fit();
+    canvas.addEventListener("keydown", (event) => this.onKey(event));
+    canvas.addEventListener("pointerdown", () => { this.flight = 0; });
+  }
+
+  /** Sees all of what is about one unit large. */
+  fit(radius = 0.5) {
+    const narrow = Math.min(1, this.camera.aspect || 1);
+    const distance = (0.98 * radius) / Math.sin((this.camera.fov * Math.PI) / 360) / narrow;
+    this.controls.target.set(0, 0, 0);
+    this.camera.position.copy(START).multiplyScalar(distance);
+    this.controls.update();
+  }
+
+  /**
+   * Flies to look at a point from a distance, from the side where one is, unless a direction is given.
+   * @param {Vector3} target
+   * @param {number} distance
+   * @param {Vector3} [direction]
+   */
+  flyTo(target, distance, direction) {
+    const { camera, controls } = this;
+    const from = camera.position.clone();
+    const fromTarget = controls.target.clone();
+    const side = (direction ?? from.clone().sub(fromTarget)).normalize();
+    const to = target.clone().addScaledVector(side, distance);
+    const start = performance.now();
+    const isStill = matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const step = (/** @type {number} */ now) => {
+      const share = isStill ? 1 : Math.min(1, Math.max(0, (now - start) / FLIGHT_MS));
+      const eased = share * share * (3 - 2 * share);
+      camera.position.lerpVectors(from, to, eased);
+      controls.target.lerpVectors(fromTarget, target, eased);
+      controls.update();
+      if (share < 1 && this.flight !== 0) this.flight = requestAnimationFrame(step);
+      else this.flight = 0;
+    };
+    this.flight = requestAnimationFrame(step);
+  }
+
+  /** @param {KeyboardEvent} event */
+  onKey(event) {
+    const turns = /** @type {Record<string, [number, number]>} */ ({
+      ArrowLeft: [-TURN, 0], ArrowRight: [TURN, 0], ArrowUp: [0, -TURN], ArrowDown: [0, TURN] });
+    const zooms = /** @type {Record<string, number>} */ ({ "+": 0.85, "=": 0.85, "-": 1 / 0.85 });
+    if (turns[event.key]) this.turn(...turns[event.key]);
+    else if (zooms[event.key]) this.zoom(zooms[event.key]);
+    else if (event.key === "f") this.fit();
+    else return;
+    event.preventDefault();
+  }
+
+  /** @param {number} sideways @param {number} upward */
+  turn(sideways, upward) {
+    const place = new Spherical().setFromVector3(this.camera.position.clone().sub(this.controls.target));
+    place.theta += sideways;
+    place.phi += upward;
+    place.makeSafe();
+    this.camera.position.setFromSpherical(place).add(this.controls.target);
+    this.controls.update();
+  }
+
+  /** @param {number} factor */
+  zoom(factor) {
+    this.camera.position.sub(this.controls.target).multiplyScalar(factor).add(this.controls.target);
+    this.controls.update();
+  }
+
+  /** Position and target, in units of the scene. */
+  toText() {
+    return [...this.camera.position.toArray(), ...this.controls.target.toArray()].map((x) => Number(x.toFixed(5))).join(",");
+  }
+
+  /** @param {string} text */
+  fromText(text) {
+    const numbers = text.split(",").map(Number);
+    if (numbers.length !== 6 || !numbers.every(Number.isFinite)) return;
+    this.camera.position.fromArray(numbers);
+    this.controls.target.fromArray(numbers, 3);
+    this.controls.update();
+  }
+
+  /** Planes that are as near and far as they must be. */
+  setPlanes() {
+    const distance = this.camera.position.length();
+    const reach = this.camera.position.distanceTo(this.controls.target);
+    this.camera.near = Math.max(reach / 100, distance - 4, 1e-6);
+    this.camera.far = distance + 4;
+    this.camera.updateProjectionMatrix();
+  }
+}

@@ -1,0 +1,156 @@
+// How surfaces and points are shaded. Colours are those of the screen from the start, not linear ones.
+
+import { DataTexture, DoubleSide, GLSL3, LinearFilter, RGBAFormat, ShaderMaterial, Vector3 } from "three";
+
+import { scaleTable } from "./colours.js";
+
+const LIGHT = /* glsl */ `
+  vec3 shade(vec3 base, vec3 n, float strength) {
+    float key = 0.5 + 0.5 * dot(n, normalize(vec3(0.35, 0.6, 0.7)));
+    float fill = max(dot(n, normalize(vec3(-0.8, 0.0, 0.5))), 0.0);
+    float shine = pow(max(dot(n, normalize(vec3(0.25, 0.35, 0.95))), 0.0), 40.0);
+    return mix(base, base * (0.3 + 0.78 * key * key + 0.12 * fill), strength) + 0.06 * shine * strength;
+  }
+`;
+
+const SURFACE_VERTEX = /* glsl */ `
+  in vec4 edge;
+  in vec4 tint;
+  in float value;
+  out vec3 vNormal;
+  out vec3 vEdge;
+  out vec3 vTint;
+  out float vValue;
+  void main() {
+    vNormal = normalMatrix * normal;
+    vEdge = edge.xyz;
+    vTint = tint.rgb;
+    vValue = value;
+    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  }
+`;
+
+const SURFACE_FRAGMENT = /* glsl */ `
+  precision highp float;
+  uniform vec3 base;
+  uniform vec3 line;
+  uniform float opacity;
+  uniform float wire;
+  uniform float tinted;
+  uniform float heated;
+  uniform float top;
+  uniform sampler2D scale;
+  in vec3 vNormal;
+  in vec3 vEdge;
+  in vec3 vTint;
+  in float vValue;
+  out vec4 colour;
+  ${LIGHT}
+  void main() {
+    vec3 n = normalize(vNormal);
+    if (!gl_FrontFacing) n = -n;
+    vec3 flat_colour = mix(base, vTint, tinted);
+    if (!gl_FrontFacing) flat_colour = mix(flat_colour, vec3(dot(flat_colour, vec3(0.33))), 0.6) * 0.85;
+    float share = clamp(vValue / top, 0.0, 1.0);
+    flat_colour = mix(flat_colour, texture(scale, vec2((share * 255.0 + 0.5) / 256.0, 0.5)).rgb, heated);
+    vec3 lit = shade(flat_colour, n, heated > 0.5 ? 0.6 : 1.0);
+    vec3 width = fwidth(vEdge);
+    vec3 clear = smoothstep(0.35 * width, 1.25 * width, vEdge);
+    float far = smoothstep(0.2, 0.7, max(width.x, max(width.y, width.z)));
+    float drawn = wire * (1.0 - min(clear.x, min(clear.y, clear.z))) * mix(0.8, 0.25, far);
+    colour = vec4(mix(lit, line, drawn), opacity);
+  }
+`;
+
+const DISC_VERTEX = /* glsl */ `
+  uniform float radius;
+  uniform float height;
+  uniform float least;
+  uniform float lift;
+  in vec4 facing;
+  in float value;
+  out vec3 vNormal;
+  out float vValue;
+  void main() {
+    vNormal = normalMatrix * facing.xyz;
+    vValue = value;
+    vec4 place = modelViewMatrix * vec4(position, 1.0);
+    gl_Position = projectionMatrix * place;
+    float size = length(modelViewMatrix[0].xyz) * radius * height * projectionMatrix[1][1] / gl_Position.w;
+    gl_Position.z -= lift * gl_Position.w;
+    gl_PointSize = max(least, size);
+  }
+`;
+
+// A disc seen at an angle is an ellipse: what of the square lies over the disc's plane within its radius.
+const DISC_FRAGMENT = /* glsl */ `
+  precision highp float;
+  uniform vec3 base;
+  in vec3 vNormal;
+  out vec4 colour;
+  ${LIGHT}
+  void main() {
+    vec2 place = vec2(2.0, -2.0) * gl_PointCoord + vec2(-1.0, 1.0);
+    vec3 n = dot(vNormal, vNormal) > 0.01 ? normalize(vNormal) : vec3(0.0, 0.0, 1.0);
+    if (n.z < 0.0) n = -n;
+    float depth = -dot(n.xy, place) / max(n.z, 0.15);
+    if (dot(place, place) + depth * depth > 1.0) discard;
+    colour = vec4(shade(base, n, 1.0), 1.0);
+  }
+`;
+
+const MARK_FRAGMENT = /* glsl */ `
+  precision highp float;
+  uniform vec3 low;
+  uniform vec3 high;
+  uniform vec3 ring;
+  in vec3 vNormal;
+  in float vValue;
+  out vec4 colour;
+  void main() {
+    float r = length(2.0 * gl_PointCoord - 1.0);
+    if (r > 1.0) discard;
+    colour = vec4(r > 0.72 ? ring : (vValue < 4.0 ? low : high), 1.0);
+  }
+`;
+
+/** @type {DataTexture | undefined} */
+let scaleTexture;
+function scale() {
+  if (!scaleTexture) {
+    scaleTexture = new DataTexture(scaleTable(), 256, 1, RGBAFormat);
+    scaleTexture.minFilter = scaleTexture.magFilter = LinearFilter;
+    scaleTexture.needsUpdate = true;
+  }
+  return scaleTexture;
+}
+
+export function makeSurface() {
+  return new ShaderMaterial({
+    glslVersion: GLSL3, vertexShader: SURFACE_VERTEX, fragmentShader: SURFACE_FRAGMENT, side: DoubleSide,
+    uniforms: {
+      base: { value: new Vector3() }, line: { value: new Vector3() }, opacity: { value: 1 }, wire: { value: 0 },
+      tinted: { value: 0 }, heated: { value: 0 }, top: { value: 1 }, scale: { value: scale() },
+    },
+  });
+}
+
+export function makeDiscs() {
+  return new ShaderMaterial({
+    glslVersion: GLSL3, vertexShader: DISC_VERTEX, fragmentShader: DISC_FRAGMENT,
+    uniforms: { base: { value: new Vector3() }, radius: { value: 0 }, height: { value: 1 }, least: { value: 1.5 },
+      lift: { value: 0 } },
+  });
+}
+
+/** Marks of irregular vertices: one colour below valence four, one above. */
+export function makeMarks() {
+  return new ShaderMaterial({
+    glslVersion: GLSL3, vertexShader: DISC_VERTEX, fragmentShader: MARK_FRAGMENT, depthTest: true,
+    uniforms: {
+      radius: { value: 0 }, height: { value: 1 }, least: { value: 9 },
+      lift: { value: 0.002 }, low: { value: new Vector3(0.15, 0.45, 0.95) },
+      high: { value: new Vector3(0.9, 0.2, 0.2) }, ring: { value: new Vector3(1, 1, 1) },
+    },
+  });
+}

@@ -1,0 +1,106 @@
+// One mesh or point set in the scene: its pieces as they come from the worker.
+
+import {
+  BufferAttribute, BufferGeometry, Group, Mesh as Drawn, Points, Sphere, Vector3,
+} from "three";
+
+import { makeDiscs, makeMarks, makeSurface } from "./materials.js";
+
+/** @import { ShaderMaterial } from "three" */
+/** @import { Mesh } from "../../js/types.js" */
+
+// Positions lie within half a unit of the centre: no piece needs a look to know its bounds.
+const BOUNDS = new Sphere(new Vector3(), 1);
+
+export class Model {
+  /**
+   * @param {Mesh} mesh
+   * @param {boolean} isBilinear
+   */
+  constructor(mesh, isBilinear) {
+    this.mesh = mesh;
+    this.isBilinear = isBilinear;
+    const { min, max, diagonal } = mesh.bounding_box;
+    this.frame = { centre: min.map((low, k) => low / 2 + max[k] / 2), scale: diagonal > 0 ? 1 / diagonal : 1 };
+    this.group = new Group();
+    this.surface = makeSurface();
+    this.discs = makeDiscs();
+    this.marks = makeMarks();
+    this.isWhole = false;
+    /** @type {(Drawn | Points)[]} */
+    this.pieces = [];
+    /** About the distance of neighbouring points. */
+    this.spacing = 1 / Math.sqrt(Math.max(1, mesh.vertices));
+    /** @type {Points | null} */
+    this.irregular = null;
+  }
+
+  /** Puts the model where it is in the frame of another. @param {{ centre: number[], scale: number }} frame */
+  place(frame) {
+    const own = this.frame;
+    this.group.scale.setScalar(frame.scale / own.scale);
+    this.group.position.fromArray(own.centre.map((value, k) => (value - frame.centre[k]) * frame.scale));
+  }
+
+  /** @param {{ position: Float32Array, normal: Int8Array, edge: Uint8Array, tint: Uint8Array }} piece */
+  addPiece({ position, normal, edge, tint }) {
+    const geometry = makeGeometry(position);
+    geometry.setAttribute("normal", new BufferAttribute(normal, 4, true));
+    geometry.setAttribute("edge", new BufferAttribute(edge, 4, true));
+    geometry.setAttribute("tint", new BufferAttribute(tint, 4, true));
+    this.add(new Drawn(geometry, this.surface));
+  }
+
+  /** @param {Float32Array} position */
+  addPoints(position) {
+    this.add(new Points(makeGeometry(position), this.discs));
+  }
+
+  /** @param {Drawn | Points} piece */
+  add(piece) {
+    piece.frustumCulled = false;
+    this.pieces.push(piece);
+    this.group.add(piece);
+  }
+
+  /** @param {number} place @param {Int8Array} normal @param {number} spacing */
+  setNormals(place, normal, spacing) {
+    this.spacing = spacing;
+    this.pieces[place].geometry.setAttribute("facing", new BufferAttribute(normal, 4, true));
+  }
+
+  /** @param {number} place @param {Float32Array} value */
+  setValues(place, value) {
+    this.pieces[place].geometry.setAttribute("value", new BufferAttribute(value, 1));
+  }
+
+  /** @param {Float32Array} position @param {Float32Array} valence */
+  setIrregular(position, valence) {
+    const geometry = makeGeometry(position);
+    geometry.setAttribute("value", new BufferAttribute(valence, 1));
+    this.irregular = new Points(geometry, this.marks);
+    this.irregular.frustumCulled = false;
+    this.irregular.renderOrder = 1;
+    this.group.add(this.irregular);
+  }
+
+  /** @returns {ShaderMaterial[]} */
+  materials() {
+    return [this.surface, this.discs, this.marks];
+  }
+
+  dispose() {
+    this.group.removeFromParent();
+    for (const piece of this.pieces) piece.geometry.dispose();
+    this.irregular?.geometry.dispose();
+    for (const material of this.materials()) material.dispose();
+  }
+}
+
+/** @param {Float32Array} position */
+function makeGeometry(position) {
+  const geometry = new BufferGeometry();
+  geometry.setAttribute("position", new BufferAttribute(position, 3));
+  geometry.boundingSphere = BOUNDS;
+  return geometry;
+}

@@ -1,0 +1,202 @@
+// The 3D view: which models are there, how they are drawn, and when. Loaded on demand, for three.js is large.
+
+import { Color, Scene, Vector3, WebGLRenderer } from "three";
+
+import { colour } from "../core/dom.js";
+import { Eye } from "./camera.js";
+import { forget, load } from "./loader.js";
+import { Model } from "./model.js";
+import { Pair } from "./pair.js";
+
+/** @import { Mesh } from "../../js/types.js" */
+/** @typedef {"a" | "b"} Role b is the one to compare with */
+/** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean }} Wish */
+/** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, top: number }} Look */
+
+export class Stage {
+  /**
+   * @param {HTMLElement} place
+   * @param {(words: string, share: number) => void} onProgress
+   */
+  constructor(place, onProgress) {
+    this.renderer = new WebGLRenderer({ antialias: true, alpha: false, preserveDrawingBuffer: true });
+    this.canvas = this.renderer.domElement;
+    this.canvas.tabIndex = 0;
+    this.canvas.setAttribute("role", "img");
+    this.canvas.setAttribute("aria-label", "The meshes in 3D. Arrow keys turn, plus and minus zoom, F shows all.");
+    place.replaceChildren(this.canvas);
+    this.place = place;
+    this.onProgress = onProgress;
+    this.scene = new Scene();
+    this.eye = new Eye(this.canvas, () => this.draw());
+    this.pair = new Pair(this.scene);
+    /** @type {Map<Role, Model>} */
+    this.models = new Map();
+    /** @type {Wish[]} */
+    this.wishes = [];
+    this.frame = { centre: [0, 0, 0], scale: 1 };
+    /** @type {Look} */
+    this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, top: 1 };
+    this.isWaiting = false;
+    /** Frames drawn, for tests and the curious. */
+    this.frames = 0;
+    new ResizeObserver(() => this.resize()).observe(place);
+    this.resize();
+  }
+
+  resize() {
+    const { clientWidth: width, clientHeight: height } = this.place;
+    if (width === 0 || height === 0) return;
+    this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
+    this.renderer.setSize(width, height, false);
+    this.eye.camera.aspect = width / height;
+    this.drawNow();
+  }
+
+  /**
+   * Shows these meshes and no others. Resolves when they are whole.
+   * @param {Wish[]} wishes the first one gives the frame
+   */
+  async show(wishes) {
+    this.wishes = wishes;
+    const before = this.frameId;
+    const [first] = wishes;
+    for (const [role, model] of this.models) {
+      const wish = wishes.find((other) => other.role === role);
+      if (!wish || !isSame(model, wish)) this.remove(role);
+    }
+    const loading = wishes.filter(({ role }) => !this.models.has(role)).map((wish) => this.add(wish));
+    if (first) {
+      this.frame = /** @type {Model} */ (this.models.get(first.role)).frame;
+      this.frameId = first.mesh.id;
+      if (this.frameId !== before) this.eye.fit();
+    }
+    this.placeAll();
+    this.apply();
+    await Promise.all(loading);
+  }
+
+  /** @param {Wish} wish */
+  add({ mesh, role, isBilinear }) {
+    const model = new Model(mesh, isBilinear);
+    this.models.set(role, model);
+    this.scene.add(model.group);
+    const total = mesh.kind === "points" ? mesh.vertices : Math.max(1, mesh.faces.triangles + mesh.faces.quads);
+    this.onProgress(`Reading ${mesh.name || mesh.id}`, 0);
+    return load(model, () => {
+      this.apply();
+      this.onProgress(model.isWhole ? "" : `Reading ${mesh.name || mesh.id}`, Math.min(1, model.pieces.length * 5e4 / total));
+    }).catch((error) => {
+      this.onProgress("", 1);
+      throw error;
+    });
+  }
+
+  /** @param {Role} role */
+  remove(role) {
+    const model = this.models.get(role);
+    if (!model) return;
+    forget(model);
+    model.dispose();
+    this.models.delete(role);
+  }
+
+  placeAll() {
+    for (const model of this.models.values()) model.place(this.frame);
+  }
+
+  /** Puts the look into the materials. */
+  apply() {
+    const line = toVector(colour("--ink"));
+    this.scene.background = new Color(...toVector(colour("--ground")).toArray()).convertSRGBToLinear();
+    for (const wish of this.wishes) {
+      const model = this.models.get(wish.role);
+      if (!model) continue;
+      const base = toVector(colour(wish.role === "a" ? "--mesh-a" : "--mesh-b"));
+      const { surface, discs } = model;
+      const isGhost = Boolean(wish.isGhost);
+      surface.uniforms.base.value = base;
+      surface.uniforms.line.value = line;
+      surface.uniforms.wire.value = this.look.wire ? 1 : 0;
+      surface.uniforms.tinted.value = this.look.structure && this.look.patches && model.mesh.patches > 0 ? 1 : 0;
+      surface.uniforms.heated.value = this.look.heat && wish.role === "a" ? 1 : 0;
+      surface.uniforms.top.value = this.look.top;
+      surface.uniforms.opacity.value = isGhost ? 0.28 : 1;
+      surface.transparent = isGhost;
+      surface.depthWrite = !isGhost;
+      discs.uniforms.base.value = base;
+      discs.uniforms.radius.value = 1.6 * model.spacing * this.look.disc;
+      model.group.visible = !wish.isHidden;
+      model.group.renderOrder = isGhost ? 1 : 0;
+      if (model.irregular) model.irregular.visible = this.look.structure && this.look.irregular;
+    }
+    this.draw();
+  }
+
+  /** @param {Partial<Look>} look */
+  setLook(look) {
+    Object.assign(this.look, look);
+    this.apply();
+  }
+
+  /** A point of the meshes' own space in that of the scene. @param {number[]} point */
+  toScene(point) {
+    return new Vector3(...point.map((value, k) => (value - this.frame.centre[k]) * this.frame.scale));
+  }
+
+  /**
+   * Shows two points and the line between them; null takes them away.
+   * @param {{ from: number[], to: number[] } | null} points
+   */
+  setPair(points) {
+    if (points) this.pair.set(this.toScene(points.from), this.toScene(points.to), toVector(colour("--upper")));
+    this.pair.group.visible = points !== null;
+    this.draw();
+  }
+
+  /** Flies to the pair, to see it from the side that its line leads away from the middle. */
+  flyToPair() {
+    const { from, to } = this.pair;
+    const middle = from.clone().lerp(to, 0.5);
+    const along = to.clone().sub(from).normalize();
+    const outward = middle.lengthSq() > 0 ? middle.clone().normalize() : this.eye.camera.position.clone().normalize();
+    const direction = outward.addScaledVector(along, -0.8 * outward.dot(along));
+    this.eye.flyTo(middle, Math.max(10 * from.distanceTo(to), 0.3), direction);
+  }
+
+  draw() {
+    if (this.isWaiting) return;
+    this.isWaiting = true;
+    requestAnimationFrame(() => this.drawNow());
+  }
+
+  drawNow() {
+    this.isWaiting = false;
+    this.eye.setPlanes();
+    const height = this.renderer.domElement.height;
+    for (const model of this.models.values()) {
+      for (const material of model.materials()) if (material.uniforms.height) material.uniforms.height.value = height;
+    }
+    this.pair.setHeight(height);
+    this.renderer.render(this.scene, this.eye.camera);
+    this.frames += 1;
+  }
+
+  /** The view as a PNG. @returns {Promise<Blob>} */
+  toPng() {
+    this.drawNow();
+    return new Promise((resolve, reject) => this.canvas.toBlob(
+      (blob) => (blob ? resolve(blob) : reject(new Error("the browser made no picture"))), "image/png"));
+  }
+}
+
+/** @param {Model} model @param {Wish} wish */
+function isSame({ mesh, isBilinear }, wish) {
+  return mesh.id === wish.mesh.id && mesh.revision === wish.mesh.revision && isBilinear === wish.isBilinear;
+}
+
+/** A colour "rgb(1, 2, 3)" or "color(srgb 0.1 0.2 0.3)" as numbers from 0 to 1. @param {string} text */
+function toVector(text) {
+  const numbers = (text.match(/[\d.]+/g) ?? []).map(Number);
+  return new Vector3(...numbers.slice(0, 3)).multiplyScalar(text.startsWith("rgb") ? 1 / 255 : 1);
+}

@@ -1,0 +1,101 @@
+// Fetches and decodes meshes away from the page, and sends them in pieces.
+
+import { Client } from "../js/index.js";
+import { cloudNormals } from "./cloud.js";
+import { patchTint } from "./colours.js";
+import { readPly } from "./ply.js";
+import { buildPiece, buildValues, gridSteps, pieces } from "./soup.js";
+import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "./topology.js";
+
+/** @import { Shape } from "./ply.js" */
+/** @import { Frame } from "./soup.js" */
+/** @typedef {{ task: number, id: string, token: string | null, frame: Frame, isBilinear: boolean,
+ *   wantsPatches: boolean }} LoadRequest */
+
+const CLOUD_PIECE = 131072;
+
+/** @type {Map<number, { shape: Shape, steps: number }>} what values may be asked of, by task */
+const kept = new Map();
+
+const post = (/** @type {any} */ message, /** @type {Transferable[]} */ transfer = []) =>
+  /** @type {any} */ (self).postMessage(message, transfer);
+
+/** @param {LoadRequest} request */
+async function load({ task, id, token, frame, isBilinear, wantsPatches }) {
+  const client = new Client({ token });
+  const [{ bytes }, patches] = await Promise.all([
+    client.meshes.content(id, { format: "ply" }), wantsPatches ? client.meshes.patches(id) : null]);
+  const shape = readPly(bytes);
+  const faceCount = shape.starts.length - 1;
+  if (faceCount === 0) return sendCloud(task, shape, frame);
+  let quadCount = 0;
+  for (let face = 0; face < faceCount; face++) if (shape.starts[face + 1] - shape.starts[face] === 4) quadCount++;
+  const steps = gridSteps(quadCount, isBilinear);
+  kept.set(task, { shape, steps });
+  const around = facesOfVertices(shape);
+  const normals = cornerNormals(shape, faceNormals(shape), around);
+  const tints = patches && tintFaces(patches, faceCount);
+  for (const run of pieces(shape, steps)) {
+    const piece = buildPiece(shape, normals, tints, frame, steps, run);
+    post({ task, kind: "piece", ...piece }, [piece.position.buffer, piece.normal.buffer, piece.edge.buffer, piece.tint.buffer]);
+  }
+  if (quadCount > 0) sendIrregular(task, shape, irregularVertices(shape, around), frame);
+  return post({ task, kind: "done" });
+}
+
+/** @param {import("../js/types.js").Patches} patches @param {number} faceCount */
+function tintFaces({ patches }, faceCount) {
+  const tints = new Uint8Array(3 * faceCount).fill(190);
+  patches.forEach((patch, place) => {
+    const tint = patchTint(place);
+    for (const face of patch.faces) tints.set(tint, 3 * face);
+  });
+  return tints;
+}
+
+/** @param {number} task @param {Shape} shape @param {{ vertices: number[], valences: number[] }} found @param {Frame} frame */
+function sendIrregular(task, { points }, { vertices, valences }, { centre, scale }) {
+  const position = new Float32Array(3 * vertices.length);
+  vertices.forEach((vertex, place) => {
+    for (let k = 0; k < 3; k++) position[3 * place + k] = (points[3 * vertex + k] - centre[k]) * scale;
+  });
+  post({ task, kind: "irregular", position, valence: Float32Array.from(valences) });
+}
+
+/** Points at once, then their normals. @param {number} task @param {Shape} shape @param {Frame} frame */
+function sendCloud(task, { points }, { centre, scale }) {
+  const position = new Float32Array(points.length);
+  for (let i = 0; i < points.length; i++) position[i] = (points[i] - centre[i % 3]) * scale;
+  for (let from = 0; from < position.length; from += 3 * CLOUD_PIECE) {
+    const part = position.slice(from, from + 3 * CLOUD_PIECE);
+    post({ task, kind: "points", position: part }, [part.buffer]);
+  }
+  const { normals, spacing } = cloudNormals(position);
+  for (let from = 0, place = 0; from < normals.length; from += 4 * CLOUD_PIECE, place++) {
+    const normal = normals.slice(from, from + 4 * CLOUD_PIECE);
+    post({ task, kind: "normals", place, normal, spacing }, [normal.buffer]);
+  }
+  post({ task, kind: "done" });
+}
+
+/** @param {{ task: number, values: Float64Array }} request */
+function paint({ task, values }) {
+  const found = kept.get(task);
+  if (!found) return;
+  let place = 0;
+  for (const run of pieces(found.shape, found.steps)) {
+    const value = buildValues(found.shape, found.steps, run, values);
+    post({ task, kind: "values", place: place++, value }, [value.buffer]);
+  }
+  post({ task, kind: "painted" });
+}
+
+self.addEventListener("message", ({ data }) => {
+  if (data.kind === "load") {
+    load(data).catch((error) => post({ task: data.task, kind: "fault", words: error.message }));
+  } else if (data.kind === "paint") {
+    paint(data);
+  } else if (data.kind === "forget") {
+    kept.delete(data.task);
+  }
+});

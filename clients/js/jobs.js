@@ -1,0 +1,154 @@
+// /v1/jobs and /v1/batches: questions about meshes, and their answers.
+
+import { ConnectionError, ProblemError } from "./problem.js";
+import { readPages } from "./pages.js";
+import { pause, readLines } from "./stream.js";
+
+/** @import { BatchAnswer, Job, JobEvent, JobRequest, JobResult } from "./types.js" */
+/** @import { Transport } from "./transport.js" */
+/** @typedef {{ signal?: AbortSignal }} Options */
+
+/** @param {string} id */
+const pathOf = (id) => `/v1/jobs/${encodeURIComponent(id)}`;
+const FIRST_PAUSE_MS = 200;
+const LONGEST_PAUSE_MS = 5000;
+const STREAM = { Accept: "application/x-ndjson" };
+
+export class Jobs {
+  /** @param {Transport} transport */
+  constructor(transport) {
+    this.transport = transport;
+  }
+
+  /**
+   * Asks a question.
+   * @param {JobRequest} request
+   * @param {Options & { wait?: number, fresh?: boolean, idempotencyKey?: string }} [options] wait: seconds to wait for
+   *   the end; fresh: not from an earlier answer
+   * @returns {Promise<Job>} as it is then
+   */
+  create(request, { wait, fresh, idempotencyKey, signal } = {}) {
+    return this.transport.json("/v1/jobs", {
+      method: "POST", body: JSON.stringify(request), signal,
+      headers: {
+        "Content-Type": "application/json", "Idempotency-Key": idempotencyKey,
+        Prefer: wait === undefined ? undefined : `wait=${wait}`, "Cache-Control": fresh ? "no-cache" : undefined,
+      },
+    });
+  }
+
+  /**
+   * Asks a question and reads its events over the one connection. A reader who leaves, or a connection that breaks,
+   * cancels the job, unless `detach` is true.
+   * @param {JobRequest} request
+   * @param {Options & { fresh?: boolean }} [options]
+   * @returns {AsyncGenerator<JobEvent, void>}
+   */
+  async *stream(request, { fresh, signal } = {}) {
+    const headers = { ...STREAM, "Content-Type": "application/json", "Cache-Control": fresh ? "no-cache" : undefined };
+    const body = JSON.stringify(request);
+    yield* readEvents(await this.transport.send("/v1/jobs", { method: "POST", headers, body, signal }), signal);
+  }
+
+  /**
+   * All jobs in order of creation.
+   * @param {Options & { pageSize?: number }} [options]
+   * @returns {AsyncGenerator<Job, void>}
+   */
+  list(options = {}) {
+    return readPages(this.transport, "/v1/jobs", "jobs", options);
+  }
+
+  /**
+   * @param {string} id
+   * @param {Options & { wait?: number }} [options] wait: seconds to wait for the end
+   * @returns {Promise<Job>}
+   */
+  get(id, { wait, signal } = {}) {
+    return this.transport.json(pathOf(id), { headers: { Prefer: wait === undefined ? undefined : `wait=${wait}` }, signal });
+  }
+
+  /**
+   * Tells a job to stop; it ends with what it has. One that has ended already is refused with 409.
+   * @param {string} id
+   * @param {Options} [options]
+   * @returns {Promise<Job>}
+   */
+  cancel(id, { signal } = {}) {
+    return this.transport.json(pathOf(id), { method: "DELETE", signal });
+  }
+
+  /**
+   * A job's events, from the first or after one, to the end. A stream that breaks is taken up again where it was, for
+   * as long as `signal` lets it, also when the daemon was started anew meanwhile; onBreak is told of each attempt.
+   * @param {string} id
+   * @param {Options & { after?: number, onBreak?: (error: Error, attempt: number) => void, onOpen?: () => void }} [options]
+   * @returns {AsyncGenerator<JobEvent, void>}
+   */
+  async *events(id, { after = 0, onBreak, onOpen, signal } = {}) {
+    for (let attempt = 0; ;) {
+      try {
+        const response = await this.transport.send(`${pathOf(id)}/events`, { query: { after }, headers: STREAM, signal });
+        onOpen?.();
+        for await (const event of readEvents(response, signal)) {
+          attempt = 0;
+          after = event.seq;
+          yield event;
+        }
+        return;
+      } catch (error) {
+        const passes = error instanceof ConnectionError || (error instanceof ProblemError && error.isTemporary);
+        if (!passes) throw error;
+        onBreak?.(error, ++attempt);
+        await pause(Math.min(FIRST_PAUSE_MS * 2 ** (attempt - 1), LONGEST_PAUSE_MS), signal);
+      }
+    }
+  }
+
+  /**
+   * The whole result; that of a deviation with the distances at A's vertices.
+   * @param {string} id
+   * @param {Options} [options]
+   * @returns {Promise<JobResult>}
+   */
+  result(id, { signal } = {}) {
+    return this.transport.json(`${pathOf(id)}/result`, { signal });
+  }
+
+  /**
+   * The distances at A's vertices of a deviation, in the order of the file.
+   * @param {string} id
+   * @param {Options} [options]
+   */
+  async distances(id, { signal } = {}) {
+    const headers = { Accept: "application/octet-stream" };
+    return new Float64Array(await this.transport.bytes(`${pathOf(id)}/result`, { headers, signal }));
+  }
+
+  /**
+   * Asks many questions; their answers come in the order in which they end.
+   * @param {Iterable<JobRequest & { key?: string | number }>} requests
+   * @param {Options} [options]
+   * @returns {AsyncGenerator<BatchAnswer, void>}
+   */
+  async *batch(requests, { signal } = {}) {
+    const body = new Blob(Array.from(requests, (request) => `${JSON.stringify(request)}\n`));
+    const headers = { ...STREAM, "Content-Type": "application/x-ndjson" };
+    const response = await this.transport.send("/v1/batches", { method: "POST", headers, body, signal });
+    for await (const answer of readLines(response, signal)) if (!answer.event) yield answer;
+  }
+}
+
+/**
+ * @param {Response} response
+ * @param {AbortSignal} [signal]
+ * @returns {AsyncGenerator<JobEvent, void>} up to the terminal event; a stream without one throws ConnectionError
+ */
+async function* readEvents(response, signal) {
+  for await (const event of readLines(response, signal)) {
+    if (event.event === "server_shutdown") throw new ConnectionError("the daemon stops; the job will run again");
+    if (event.event === "bounds" || event.event === "result" || event.event === "error") yield event;
+    if (event.event === "result" || event.event === "error") return;
+  }
+  throw new ConnectionError("the stream broke off");
+}

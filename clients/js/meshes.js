@@ -1,0 +1,112 @@
+// /v1/meshes: triangle meshes, quad meshes, mixtures of both, and point sets.
+
+import { readPages } from "./pages.js";
+import { readRows } from "./stream.js";
+import { uploadWithProgress } from "./upload.js";
+
+/** @import { Accelerator, Format, Mesh, Patches, QuadReading } from "./types.js" */
+/** @import { Transport } from "./transport.js" */
+/** @import { OnProgress } from "./upload.js" */
+
+/** @param {string} id */
+const pathOf = (id) => `/v1/meshes/${encodeURIComponent(id)}`;
+
+/** The numbers of a row of `project`: distance, x, y, z of the nearest point, face, u, v. */
+export const FOOT_WIDTH = 7;
+
+export class Meshes {
+  /** @param {Transport} transport */
+  constructor(transport) {
+    this.transport = transport;
+  }
+
+  /**
+   * Uploads a file. The same bytes with the same name and format give the same mesh again.
+   * @param {Blob | ArrayBuffer | Uint8Array<ArrayBuffer> | string} file the raw bytes
+   * @param {{ name?: string, format?: Format, onProgress?: OnProgress, signal?: AbortSignal }} [options] onProgress is
+   *   called where the platform can tell: in a browser
+   * @returns {Promise<{ mesh: Mesh, isNew: boolean }>}
+   */
+  async create(file, { name, format, onProgress, signal } = {}) {
+    const query = { name, format };
+    const headers = { "Content-Type": "application/octet-stream", Accept: "application/json" };
+    if (onProgress && globalThis.XMLHttpRequest) {
+      const body = file instanceof Blob ? file : new Blob([file]);
+      const reply = await uploadWithProgress(this.transport, "/v1/meshes", { query, headers, body, onProgress, signal });
+      return { mesh: JSON.parse(reply.text), isNew: reply.status === 201 };
+    }
+    const response = await this.transport.send("/v1/meshes", { method: "POST", query, headers, body: file, signal });
+    return { mesh: await response.json(), isNew: response.status === 201 };
+  }
+
+  /**
+   * All meshes in order of creation.
+   * @param {{ pageSize?: number, signal?: AbortSignal }} [options]
+   * @returns {AsyncGenerator<Mesh, void>}
+   */
+  list(options = {}) {
+    return readPages(this.transport, "/v1/meshes", "meshes", options);
+  }
+
+  /**
+   * @param {string} id
+   * @param {{ signal?: AbortSignal }} [options]
+   * @returns {Promise<Mesh>}
+   */
+  get(id, { signal } = {}) {
+    return this.transport.json(pathOf(id), { signal });
+  }
+
+  /**
+   * The mesh as a file.
+   * @param {string} id
+   * @param {{ format?: Format, quantization?: number, signal?: AbortSignal }} [options]
+   * @returns {Promise<{ bytes: ArrayBuffer, name: string, displacement: number, cutFaces: number,
+   *   leftOutVertices: number }>} with what the format could not keep
+   */
+  async content(id, { format, quantization, signal } = {}) {
+    const response = await this.transport.send(`${pathOf(id)}/content`, { query: { format, quantization }, signal });
+    const number = (/** @type {string} */ header) => Number(response.headers.get(header) ?? 0);
+    return {
+      bytes: await response.arrayBuffer(),
+      name: /filename="([^"]*)"/.exec(response.headers.get("Content-Disposition") ?? "")?.[1] ?? `${id}.${format ?? "ply"}`,
+      displacement: number("Mesh-Displacement"),
+      cutFaces: number("Mesh-Cut-Faces"),
+      leftOutVertices: number("Mesh-Left-Out-Vertices"),
+    };
+  }
+
+  /**
+   * The regular patches of the quads.
+   * @param {string} id
+   * @param {{ signal?: AbortSignal }} [options]
+   * @returns {Promise<Patches>}
+   */
+  patches(id, { signal } = {}) {
+    return this.transport.json(`${pathOf(id)}/patches`, { signal });
+  }
+
+  /**
+   * The nearest points of the mesh, as rows of FOOT_WIDTH numbers in the order of the input.
+   * @param {string} id
+   * @param {Float64Array<ArrayBuffer> | Float32Array<ArrayBuffer>} points rows of x, y, z
+   * @param {{ quads?: QuadReading, threads?: number, accelerator?: Accelerator, signal?: AbortSignal }} [options]
+   * @returns {AsyncGenerator<Float64Array, void>} whole rows, some at a time
+   */
+  async *project(id, points, { signal, ...options } = {}) {
+    const dtype = points instanceof Float32Array ? "f32" : "f64";
+    const response = await this.transport.send(`${pathOf(id)}/project`, {
+      method: "POST", query: { dtype, ...options }, body: points, signal,
+      headers: { "Content-Type": "application/octet-stream", Accept: "application/octet-stream" },
+    });
+    yield* readRows(response, FOOT_WIDTH, signal);
+  }
+
+  /**
+   * @param {string} id
+   * @param {{ ifMatch?: string, signal?: AbortSignal }} [options]
+   */
+  async delete(id, { ifMatch, signal } = {}) {
+    await this.transport.send(pathOf(id), { method: "DELETE", headers: { "If-Match": ifMatch }, signal });
+  }
+}

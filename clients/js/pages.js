@@ -1,0 +1,21 @@
+// Lists that come in pages.
+
+/** @import { Transport } from "./transport.js" */
+
+/**
+ * Every entry of a list, page by page as they are wanted.
+ * @param {Transport} transport
+ * @param {string} path
+ * @param {string} member the array's name in the reply
+ * @param {{ pageSize?: number, signal?: AbortSignal }} options
+ * @returns {AsyncGenerator<any, void>}
+ */
+export async function* readPages(transport, path, member, { pageSize, signal }) {
+  /** @type {string | null} */
+  let cursor = null;
+  do {
+    const page = await transport.json(path, { query: { limit: pageSize, cursor }, signal });
+    yield* page[member];
+    cursor = page.next;
+  } while (cursor !== null);
+}

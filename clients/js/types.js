@@ -1,0 +1,73 @@
+// The shapes of requests and replies, as proto/openapi.yaml has them.
+
+/** @typedef {"obj" | "ply" | "stl" | "off" | "glb" | "drc" | "xyz"} Format */
+/** @typedef {"triangles" | "bilinear"} QuadReading */
+/** @typedef {"two_sided" | "a_to_b" | "b_to_a"} Direction */
+/** @typedef {"auto" | "boxes" | "tetra" | "grid"} Accelerator */
+/** @typedef {[number, number, number]} Point */
+/** @typedef {"queued" | "running" | "succeeded" | "failed" | "cancelled"} JobState */
+
+/** @typedef {{ pointer?: string, line?: number, offset?: number, detail: string }} ProblemPlace */
+/** @typedef {{ type: string, title: string, status: number, code: string, detail: string, instance?: string,
+ *   errors?: ProblemPlace[] }} Problem */
+
+/** @typedef {{ id: string, name: string, kind: "triangles" | "quads" | "mixed" | "points", format: Format,
+ *   vertices: number, faces: { triangles: number, quads: number, polygons: number }, irregular_vertices: number,
+ *   patches: number, largest_patch: { rows: number, columns: number } | null, boundary_edges: number,
+ *   components: number, manifold: boolean, bounding_box: { min: Point, max: Point, diagonal: number },
+ *   size_bytes: number, memory_bytes: number, prepare_ms: Record<string, number>, revision: number,
+ *   content_hash: string, created: string, warnings: string[] }} Mesh */
+
+/** @typedef {{ rows: number, columns: number, faces: number[] }} Patch */
+/** @typedef {{ patch_count: number, irregular_vertices: number, patches: Patch[] }} Patches */
+
+/** @typedef {{ quads?: QuadReading, threads?: number, accelerator?: Accelerator, detach?: boolean }} CommonRequest */
+/** @typedef {CommonRequest & { type: "hausdorff", a: string, b: string, direction?: Direction, tolerance?: number,
+ *   tolerance_unit?: "relative" | "absolute", threshold?: number | null, deadline_ms?: number,
+ *   bounds?: "cells" | "matching" }} HausdorffRequest */
+/** @typedef {CommonRequest & { type: "project", mesh: string, points: Point[] }} ProjectRequest */
+/** @typedef {CommonRequest & { type: "deviation", a: string, b: string, accuracy?: number, pieces?: number,
+ *   tolerance?: number, tolerance_unit?: "relative" | "absolute", percentiles?: number[],
+ *   bins?: number }} DeviationRequest */
+/** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest} JobRequest */
+
+/** @typedef {{ elapsed_ms: number, lower: number, upper: number | null, lower_relative: number | null,
+ *   upper_relative: number | null, gap_relative: number | null, iterations: number, projections: number,
+ *   queue: number }} Bounds */
+/** @typedef {{ mesh: "a" | "b", id: string, face: number, uv: [number, number], point: Point }} SurfacePoint */
+/** @typedef {{ lower: number, upper: number | null, lower_relative: number | null, upper_relative: number | null,
+ *   witness?: { from: SurfacePoint, to: SurfacePoint }, direction: Direction, quads: QuadReading, tolerance: number,
+ *   iterations: number, projections: number, max_queue: number, prepare_ms: { a: number, b: number },
+ *   elapsed_ms: number, converged: boolean,
+ *   stopped_by: "converged" | "threshold" | "deadline" | "canceled" | "precision",
+ *   verdict: "above" | "below" | null }} HausdorffResult */
+/** @typedef {{ distance: number, distance_relative: number | null, point: Point, face: number, patch?: number,
+ *   uv: [number, number] }} Foot */
+/** @typedef {{ quads: QuadReading, point_count: number, points: Foot[], prepare_ms: number,
+ *   elapsed_ms: number }} ProjectResult */
+/** @typedef {{ lower: number, upper: number }} Interval */
+/** @typedef {Interval & { lower_relative: number | null, upper_relative: number | null }} LengthInterval */
+/** @typedef {{ over: "area" | "vertices" | "points", size: Interval, mean: LengthInterval, rms: LengthInterval,
+ *   max: LengthInterval, percentiles: (LengthInterval & { percent: number })[],
+ *   histogram: { bin_width: number, shares: [number, number][] }, vertex_count: number, vertex_distances?: number[],
+ *   quads: QuadReading, accuracy: number, tolerance: number, accurate: boolean, pieces: number, projections: number,
+ *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} DeviationResult */
+/** @typedef {HausdorffResult | ProjectResult | DeviationResult} JobResult */
+
+/** @typedef {{ id: string, type: string, state: JobState, created: string, started?: string, ended?: string,
+ *   request: Record<string, any> & { type: string }, progress?: Bounds, result?: JobResult, problem?: Problem,
+ *   cached?: true }} Job */
+
+/** @typedef {Bounds & { event: "bounds", seq: number }} BoundsEvent */
+/** @typedef {{ event: "result", seq: number, state: "succeeded" | "cancelled", result: JobResult }} ResultEvent */
+/** @typedef {{ event: "error", seq: number, state: "failed" | "cancelled", problem: Problem }} ErrorEvent */
+/** @typedef {BoundsEvent | ResultEvent | ErrorEvent} JobEvent */
+
+/** @typedef {{ key: string | number | null, line: number, state: "succeeded" | "failed" | "cancelled",
+ *   cached?: true, result?: JobResult, problem?: Problem }} BatchAnswer */
+
+/** @typedef {{ name: string, version: string, kernel: string, formats: Format[], jobs: string[],
+ *   accelerators: Accelerator[], limits: { body_bytes: number, faces: number, queued_jobs: number,
+ *   connections: number, streams: number }, workers: number, queued: number, running: number }} Info */
+
+export {};

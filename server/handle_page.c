@@ -1,0 +1,130 @@
+/**
+ * handle_page.c: the page at /, its modules under /dashboard/, and the API's description: text files of one
+ * folder.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "etag.h"
+#include "handlers.h"
+#include "hash.h"
+
+#define MAX_FILE_SIZE (8u << 20)
+
+/** Only files of these kinds are ever served. The route has seen to it that no path leads out of the folder.
+ */
+static const struct {
+    const char *ending, *type;
+} kinds[] = {
+    {".html", "text/html; charset=utf-8"},
+    {".js", "text/javascript; charset=utf-8"},
+    {".css", "text/css; charset=utf-8"},
+    {".svg", "image/svg+xml"},
+};
+
+static const char *type_of(const char *path)
+{
+    const char *ending = strrchr(path, '.');
+    for (size_t i = 0; ending && i < sizeof kinds / sizeof kinds[0]; i++)
+        if (strcmp(kinds[i].ending, ending) == 0) return kinds[i].type;
+    return NULL;
+}
+
+/** The text of a file of the installation, or NULL. */
+static char *read_file(const char *path)
+{
+    FILE *file = fopen(path, "rb");
+    if (!file) return NULL;
+    char *text = malloc(MAX_FILE_SIZE);
+    size_t size = text ? fread(text, 1, MAX_FILE_SIZE - 1, file) : 0;
+    if (text) text[size] = '\0';
+    fclose(file);
+    return text;
+}
+
+/** Takes the text. A browser asks again each time, and gets a 304 for what it has. */
+static void reply_file(qm_request *request, const char *content_type, char *text)
+{
+    char hash[QM_HASH_SIZE], tag[QM_HASH_SIZE + 2];
+    qm_hash_text(text, strlen(text), hash);
+    snprintf(tag, sizeof tag, "\"%s\"", hash);
+    qm_reply_header(request, "Cache-Control", "no-cache");
+    qm_reply_header(request, "ETag", "%s", tag);
+    if (!qm_etag_is_listed(qm_request_header(request, "If-None-Match"), tag, true)) {
+        qm_reply_text(request, 200, content_type, text);
+        return;
+    }
+    free(text);
+    qm_reply_empty(request, 304);
+}
+
+static void reply_not_found(qm_request *request)
+{
+    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
+    qm_reply_problem(request, &problem);
+}
+
+/** A file of the folder, or NULL. */
+static char *read_named(const qm_request *request, const char *name)
+{
+    char path[4096];
+    const char *folder = qm_request_app(request)->config->dashboard;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    return folder[0] ? read_file(path) : NULL;
+}
+
+void qm_handle_openapi(qm_request *request)
+{
+    char *text = read_named(request, "openapi.yaml");
+    if (text)
+        reply_file(request, "application/yaml", text);
+    else
+        reply_not_found(request);
+}
+
+/** No script but the daemon's own files, and the one import map in the page, which cannot be a file. */
+static void add_policy(qm_request *request, const char *page)
+{
+    static const char before[] = "<script type=\"importmap\">";
+    const char *map = strstr(page, before), *end = map ? strstr(map, "</script>") : NULL;
+    char script[QM_HASH_BASE64_SIZE + 16] = "";
+    if (end) {
+        char hash[QM_HASH_BASE64_SIZE];
+        map += strlen(before);
+        qm_hash_text_base64(map, (size_t)(end - map), hash);
+        snprintf(script, sizeof script, " 'sha256-%s'", hash);
+    }
+    qm_reply_header(request, "Content-Security-Policy",
+                    "default-src 'self'; script-src 'self'%s; img-src 'self' blob:; object-src 'none'; "
+                    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+                    script);
+    qm_reply_header(request, "Referrer-Policy", "no-referrer");
+}
+
+/** The viewer sets styles of elements by itself; no script but those of the daemon runs. */
+void qm_handle_docs(qm_request *request)
+{
+    char *text = read_named(request, "docs.html");
+    if (!text) {
+        reply_not_found(request);
+        return;
+    }
+    qm_reply_header(
+        request, "Content-Security-Policy",
+        "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; base-uri 'none'; "
+        "form-action 'none'; frame-ancestors 'none'");
+    reply_file(request, type_of("docs.html"), text);
+}
+
+void qm_handle_page(qm_request *request)
+{
+    const char *id = qm_request_id(request), *name = id[0] ? id : "index.html", *type = type_of(name);
+    char *text = type ? read_named(request, name) : NULL;
+    if (!text) {
+        reply_not_found(request);
+        return;
+    }
+    if (strcmp(name, "index.html") == 0) add_policy(request, text);
+    reply_file(request, type, text);
+}

@@ -1,0 +1,203 @@
+// clients/js from Node against a real daemon: every call, streams that break, refusals.
+
+import assert from "node:assert/strict";
+import { writeFileSync } from "node:fs";
+import path from "node:path";
+import { after, before, test } from "node:test";
+
+import { Client, ConnectionError, FOOT_WIDTH, ProblemError } from "../../clients/js/index.js";
+import { Daemon, until } from "./support/daemon.js";
+import { HEAP_DISTANCE, SLOW, SPHERE_DISTANCE, SPHERE_TURN, heap, off, ply, sphere } from "./support/shapes.js";
+
+let daemon;
+let client;
+let a;
+let b;
+
+before(async () => {
+  daemon = await Daemon.start();
+  client = daemon.client();
+  a = (await client.meshes.create(off(sphere()), { name: "a.off" })).mesh;
+  b = (await client.meshes.create(ply(sphere(SPHERE_TURN)), { name: "b.ply", format: "ply" })).mesh;
+});
+after(() => daemon.remove());
+
+async function collect(iterator) {
+  const all = [];
+  for await (const item of iterator) all.push(item);
+  return all;
+}
+
+async function slowJob(of, more = {}) {
+  const meshes = [];
+  for (const raised of [0, HEAP_DISTANCE]) {
+    meshes.push((await of.meshes.create(off(heap(1500, 1, raised)), { name: "heap.off" })).mesh.id);
+  }
+  const [first, second] = meshes;
+  return of.jobs.create({ type: "hausdorff", a: first, b: second, ...SLOW, ...more });
+}
+
+function checkBounds(events) {
+  let lower = 0;
+  let upper = Infinity;
+  for (const { lower: l, upper: u } of events.map((event) => event.result ?? event)) {
+    assert(l >= lower && (u ?? Infinity) <= upper, "bounds moved the wrong way");
+    [lower, upper] = [l, u ?? Infinity];
+  }
+}
+
+test("meshes: upload, list, show, download, patches, delete", async () => {
+  assert.deepEqual(a.faces, { triangles: 0, quads: 4800, polygons: 0 });
+  const again = await client.meshes.create(off(sphere()), { name: "a.off" });
+  assert.deepEqual([again.isNew, again.mesh.id], [false, a.id]);
+  assert.deepEqual(await client.meshes.get(a.id), a);
+  const listed = await collect(client.meshes.list({ pageSize: 1 }));
+  assert(listed.length >= 2 && listed.some((mesh) => mesh.id === b.id));
+
+  const file = await client.meshes.content(a.id, { format: "off" });
+  const back = await client.meshes.create(file.bytes, { name: "back", format: "off" });
+  assert.equal(back.mesh.vertices, a.vertices);
+  assert.equal(file.name, `${a.id}.off`);
+  const stl = await client.meshes.content(a.id, { format: "stl" });
+  assert.equal(stl.cutFaces, 4800);
+  assert(stl.displacement > 0 && stl.displacement < 1e-6);
+
+  const patches = await client.meshes.patches(a.id);
+  assert.equal(patches.patch_count, patches.patches.length);
+  assert.equal(patches.patches.reduce((sum, patch) => sum + patch.faces.length, 0), 4800);
+
+  await client.meshes.delete(back.mesh.id);
+  await assert.rejects(client.meshes.get(back.mesh.id), { code: "mesh_not_found", status: 404 });
+});
+
+test("nearest points come as rows, of float64 and float32 alike", async () => {
+  for (const points of [new Float64Array([0, 0, 3, 2, 0, 0]), new Float32Array([0, 0, 3, 2, 0, 0])]) {
+    const rows = (await collect(client.meshes.project(a.id, points))).flatMap((block) => [...block]);
+    assert.equal(rows.length, 2 * FOOT_WIDTH);
+    assert(Math.abs(rows[0] - Math.hypot(3 - Math.cos(Math.PI / 50), Math.sin(Math.PI / 50))) < 1e-2);
+    assert(Math.abs(rows[FOOT_WIDTH] - 1) < 1e-3);
+  }
+});
+
+test("a job: events to the end, the result, the list", async () => {
+  const job = await client.jobs.create({ type: "hausdorff", a: a.id, b: b.id });
+  const events = await collect(client.jobs.events(job.id));
+  checkBounds(events);
+  assert.deepEqual(events.map((event) => event.seq), events.map((_, place) => place + 1));
+  const last = events.at(-1);
+  assert.equal(last.event, "result");
+  assert(last.result.lower <= SPHERE_DISTANCE + 1e-7 && last.result.upper >= SPHERE_DISTANCE - 1e-7);
+  const ended = await client.jobs.get(job.id, { wait: 10 });
+  assert.equal(ended.state, "succeeded");
+  assert.deepEqual(ended.result, last.result);
+  assert.deepEqual(await client.jobs.result(job.id), last.result);
+  assert((await collect(client.jobs.list())).some((listed) => listed.id === job.id));
+
+  const later = await collect(client.jobs.events(job.id, { after: events.length - 1 }));
+  assert.deepEqual(later, [last]);
+  const streamed = await collect(client.jobs.stream({ type: "hausdorff", a: a.id, b: b.id, direction: "a_to_b" }));
+  assert.equal(streamed.at(-1).event, "result");
+  const asked = await client.jobs.create({ type: "hausdorff", a: a.id, b: b.id }, { wait: 10 });
+  assert.equal(asked.cached, true);
+  const fresh = await client.jobs.create({ type: "hausdorff", a: a.id, b: b.id }, { wait: 30, fresh: true });
+  assert.notEqual(fresh.id, job.id);
+  const [once, twice] = await Promise.all([1, 2].map(() => client.jobs.create(
+    { type: "project", mesh: a.id, points: [[0, 0, 3]] }, { idempotencyKey: "k", wait: 10 })));
+  assert.equal(once.id, twice.id);
+  assert.equal(once.result.points.length, 1);
+});
+
+test("a deviation has a distance for each vertex", async () => {
+  const job = await client.jobs.create({ type: "deviation", a: a.id, b: b.id, pieces: 5000 }, { wait: 60 });
+  const distances = await client.jobs.distances(job.id);
+  assert.equal(distances.length, a.vertices);
+  assert(Math.max(...distances) <= job.result.max.upper);
+});
+
+test("a batch answers every line", async () => {
+  const answers = await collect(client.jobs.batch([
+    { key: "one", type: "project", mesh: a.id, points: [[0, 0, 3]] },
+    { key: 2, type: "hausdorff", a: a.id, b: "m_none" },
+  ]));
+  assert.deepEqual(new Set(answers.map((answer) => answer.key)), new Set(["one", 2]));
+  assert.equal(answers.find((answer) => answer.key === "one").state, "succeeded");
+  assert.equal(answers.find((answer) => answer.key === 2).problem.code, "mesh_not_found");
+});
+
+test("a job can be told to stop, and a reader can leave", async () => {
+  const job = await slowJob(client);
+  const left = new AbortController();
+  await assert.rejects(async () => {
+    for await (const event of client.jobs.events(job.id, { signal: left.signal })) {
+      assert.equal(event.event, "bounds");
+      left.abort();
+    }
+  }, { name: "AbortError" });
+  await client.jobs.cancel(job.id);
+  const events = await collect(client.jobs.events(job.id));
+  assert.equal(events.at(-1).state, "cancelled");
+  checkBounds(events);
+  await assert.rejects(client.jobs.cancel(job.id), { status: 409 });
+});
+
+test("refusals are told with their place", async () => {
+  await assert.rejects(client.meshes.create("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", { format: "obj" }), (error) => {
+    assert(error instanceof ProblemError);
+    assert.deepEqual([error.status, error.code, error.places[0].line], [422, "index_out_of_range", 4]);
+    assert.match(error.message, /vertex 4/);
+    return true;
+  });
+  await assert.rejects(client.jobs.create({ type: "hausdorff", a: a.id, b: b.id, tolerance: -1 }),
+    (error) => error.places[0].pointer === "/tolerance");
+  const nobody = new Client({ base: "http://127.0.0.1:1" });
+  await assert.rejects(nobody.system.info(), (error) => error instanceof ConnectionError);
+});
+
+test("the system's calls", async () => {
+  const info = await client.system.info();
+  assert.equal(info.name, "quadmeshd");
+  assert.equal((await client.system.health()).status, "ok");
+  assert.equal((await client.system.ready()).status, "ready");
+  assert.match(await client.system.metrics(), /^# /m);
+  assert.match(await client.system.description(), /^openapi: 3\.1/);
+});
+
+test("a stream goes on over restarts of the daemon", async () => {
+  const own = await Daemon.start();
+  try {
+    const job = await slowJob(own.client());
+    let breaks = 0;
+    let events = 0;
+    let terminal;
+    for await (const event of own.client().jobs.events(job.id, { onBreak: () => { breaks += 1; } })) {
+      events += 1;
+      if (event.event !== "bounds") terminal = event;
+      if (events === 2) {
+        await own.stop("SIGKILL");
+        await own.start();
+      } else if (breaks > 0 && !terminal) {
+        await own.client().jobs.cancel(job.id).catch((error) => assert.equal(error.status, 409));
+      }
+    }
+    assert(breaks > 0);
+    assert.equal(terminal.state, "cancelled");
+  } finally {
+    await own.remove();
+  }
+});
+
+test("a token opens a daemon that wants one", async () => {
+  const token = "w".repeat(20);
+  const file = path.join(daemon.folder, "tokens");
+  writeFileSync(file, `write ${token}\n`, { mode: 0o600 });
+  const own = await Daemon.start("--token-file", file);
+  try {
+    const guest = own.client();
+    await assert.rejects(guest.system.info(), { code: "unauthorized" });
+    guest.token = token;
+    assert.equal((await guest.system.info()).name, "quadmeshd");
+    await until(async () => (await guest.system.ready()).status === "ready", "readiness");
+  } finally {
+    await own.remove();
+  }
+});

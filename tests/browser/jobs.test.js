@@ -1,0 +1,108 @@
+// The page of jobs; a daemon that goes away and comes back; a daemon that wants a token.
+
+import assert from "node:assert/strict";
+import { writeFileSync } from "node:fs";
+import path from "node:path";
+import { after, before, test } from "node:test";
+
+import { Daemon, until } from "./support/daemon.js";
+import { Browser, finish, upload, waitForView } from "./support/page.js";
+import { HEAP_DISTANCE, SLOW, box, heap, off } from "./support/shapes.js";
+
+let browser;
+before(async () => { browser = await Browser.launch(); });
+after(() => browser.close());
+
+async function withDaemon(settings, action) {
+  const daemon = await Daemon.start(...settings);
+  try {
+    await action(daemon);
+  } finally {
+    await daemon.remove();
+  }
+}
+
+async function slowRequest(client) {
+  const [a, b] = await Promise.all([0, HEAP_DISTANCE].map(async (raised) =>
+    (await client.meshes.create(off(heap(1500, 1, raised)), { name: `heap ${raised}` })).mesh.id));
+  return { type: "hausdorff", a, b, ...SLOW };
+}
+
+test("jobs are listed with their state, cancelled, and shown again", () => withDaemon(["--workers", "1"], async (daemon) => {
+  const client = daemon.client();
+  const page = await browser.open(`${daemon.url}/#jobs`);
+  await page.getByText("Nothing was asked yet").waitFor();
+  const request = await slowRequest(client);
+  const first = await client.jobs.create(request);
+  const second = await client.jobs.create({ ...request, direction: "a_to_b" });
+  await page.locator(".state.running").waitFor();
+  await page.locator(".state.queued").waitFor();
+  assert.equal(await page.locator("h2").innerText(), "Jobs, 2 open");
+  assert.match(await page.locator("tbody tr").first().innerText(), /A to B, bilinear/); // the newest first
+  for (const state of [".queued", ".running"]) {
+    await page.locator("tr", { has: page.locator(state) }).getByRole("button", { name: /Cancel/ }).click();
+    await page.locator(`.state${state}`).waitFor({ state: "detached" });
+  }
+  await page.locator(".state.cancelled").nth(1).waitFor();
+  assert.equal((await client.jobs.get(first.id)).state, "cancelled");
+  assert.equal((await client.jobs.get(second.id)).state, "cancelled");
+  await page.locator("tbody tr").last().getByRole("link").click();
+  await page.locator("#outcome", { hasText: "Stopped; the bounds hold" }).waitFor();
+  assert.equal(await page.locator("select[name=quads]").inputValue(), "bilinear");
+  await finish(page);
+}));
+
+test("a stream is taken up again when the daemon is back", () => withDaemon([], async (daemon) => {
+  const { a, b } = await slowRequest(daemon.client());
+  const page = await browser.open(`${daemon.url}/#compare?a=${a}&b=${b}&quads=bilinear&tolerance=1e-12`);
+  await page.getByRole("button", { name: "Measure" }).click();
+  await page.waitForFunction(() => document.querySelector("#upper .value").textContent !== "–");
+  await daemon.stop("SIGKILL");
+  await page.locator(".connection.lost").waitFor();
+  await page.locator("#outcome", { hasText: "the search goes on when the daemon is back" }).waitFor();
+  await daemon.start();
+  await page.locator(".connection.open").waitFor();
+  await page.locator("#outcome", { hasText: "Searching" }).waitFor();
+  await page.getByRole("button", { name: "Stop" }).click();
+  await page.locator("#outcome", { hasText: "Stopped; the bounds hold" }).waitFor();
+  page.faults = page.faults.filter((fault) => !fault.includes("ERR_"));
+  await finish(page);
+}));
+
+test("a token is asked for, refused when wrong, and kept in memory only", () => withDaemon([], async (plain) => {
+  const token = "w".repeat(20);
+  const file = path.join(plain.folder, "tokens");
+  writeFileSync(file, `write ${token}\n`, { mode: 0o600 });
+  await withDaemon(["--token-file", file], async (daemon) => {
+    const page = await browser.open(daemon.url);
+    const enter = async (words) => {
+      await page.getByLabel("Bearer token").fill(words);
+      await page.getByRole("button", { name: "Use it" }).click();
+    };
+    await enter("wrong".repeat(5));
+    await page.getByText("this token is not known").waitFor();
+    await enter(token);
+    await page.getByText("There is no mesh yet").waitFor();
+    await upload(page, { name: "box.off", content: off(box()) });
+    await waitForView(page); // its worker has the token too
+    const kept = await page.evaluate(() => JSON.stringify([{ ...localStorage }, { ...sessionStorage }, document.cookie, location.href]));
+    assert(!kept.includes(token));
+    await page.reload();
+    await page.getByLabel("Bearer token").waitFor();
+    await finish(page);
+  });
+}));
+
+test("a daemon that comes late is found", () => withDaemon([], async (daemon) => {
+  const page = await browser.open(daemon.url);
+  await page.locator(".connection.open").waitFor();
+  await daemon.stop();
+  await until(async () => {
+    await page.evaluate(() => document.getElementById("token").focus());
+    return page.locator(".connection.lost").isVisible();
+  }, "the loss to be seen");
+  await daemon.start();
+  await page.locator(".connection.open").waitFor();
+  page.faults = page.faults.filter((fault) => !fault.includes("ERR_"));
+  await finish(page);
+}));

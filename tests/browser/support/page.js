@@ -1,0 +1,79 @@
+// A browser with the daemon's page in it. Every test fails on an error that the page did not expect.
+
+import assert from "node:assert/strict";
+
+import { chromium } from "playwright-core";
+
+const PATIENCE_MS = 30000;
+
+export class Browser {
+  static async launch() {
+    const browser = new Browser();
+    browser.process = await chromium.launch({
+      executablePath: process.env.QM_CHROMIUM ?? "/usr/bin/chromium",
+      // Root may only run it without its sandbox; SwiftShader draws where there is no graphics card.
+      args: ["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"],
+    });
+    return browser;
+  }
+
+  /**
+   * A page of its own, with what it complained of in `page.faults`.
+   * @param {string} url
+   * @param {import("playwright-core").BrowserContextOptions} [options]
+   */
+  async open(url, options = {}) {
+    const context = await this.process.newContext({ viewport: { width: 1000, height: 700 }, acceptDownloads: true, ...options });
+    const page = await context.newPage();
+    page.setDefaultTimeout(PATIENCE_MS);
+    page.faults = [];
+    page.on("pageerror", (error) => page.faults.push(error.stack ?? String(error)));
+    page.on("console", (message) => {
+      // A refused request is told by the page; the console tells of it as well.
+      const isExpected = message.text().startsWith("Failed to load resource") || message.text().includes("GPU stall");
+      if (["error", "warning"].includes(message.type()) && !isExpected) page.faults.push(message.text());
+    });
+    await page.goto(url);
+    return page;
+  }
+
+  close() {
+    return this.process.close();
+  }
+}
+
+/** Ends a page that has nothing to complain of. */
+export async function finish(page) {
+  assert.deepEqual(page.faults, []);
+  await page.context().close();
+}
+
+/** Chooses files in the page's input: { name, content } each. */
+export async function upload(page, ...files) {
+  await page.locator("#files").setInputFiles(files.map(({ name, content }) => ({
+    name, mimeType: "application/octet-stream", buffer: Buffer.from(content) })));
+  for (const { name } of files) await page.locator(".meshes .name", { hasText: name }).waitFor();
+}
+
+/** Waits for the view to hold a whole mesh, and returns how many frames it has drawn. */
+export function waitForView(page) {
+  return page.waitForFunction(() => document.querySelector(".canvas canvas") !== null
+    && document.getElementById("stage-progress").textContent === "" && document.getElementById("stage-empty").hidden);
+}
+
+/** How much of the view has another colour than its corner: 0 when nothing is drawn. */
+export function drawnShare(page) {
+  return page.evaluate(() => {
+    const canvas = document.querySelector(".canvas canvas");
+    const copy = document.createElement("canvas");
+    [copy.width, copy.height] = [200, 120];
+    const context = copy.getContext("2d");
+    context.drawImage(canvas, 0, 0, 200, 120);
+    const { data } = context.getImageData(0, 0, 200, 120);
+    let other = 0;
+    for (let i = 0; i < data.length; i += 4) {
+      if (Math.abs(data[i] - data[0]) + Math.abs(data[i + 1] - data[1]) + Math.abs(data[i + 2] - data[2]) > 24) other++;
+    }
+    return other / (data.length / 4);
+  });
+}

@@ -1,0 +1,143 @@
+// Shapes by formula, as { vertices, faces }, and writers of files.
+
+export const SPHERE_TURN = Math.PI / 100;
+export const SPHERE_DISTANCE = 1 - Math.cos(SPHERE_TURN);
+
+/** A UV sphere of quads without its poles, turned about its axis. Turned by half a meridian, its points farthest from the
+ * unturned one lie on the equator, at 1 - cos(pi / meridians). */
+export function sphere(turn = 0, parallels = 50, meridians = 100) {
+  const vertices = [];
+  const faces = [];
+  for (let i = 1; i < parallels; i++) {
+    const polar = (Math.PI * i) / parallels;
+    for (let j = 0; j < meridians; j++) {
+      const azimuth = (2 * Math.PI * j) / meridians + turn;
+      vertices.push([Math.sin(polar) * Math.cos(azimuth), Math.sin(polar) * Math.sin(azimuth), Math.cos(polar)]);
+    }
+  }
+  for (let i = 0; i < parallels - 2; i++) {
+    for (let j = 0; j < meridians; j++) {
+      const k = (j + 1) % meridians;
+      faces.push([i * meridians + j, (i + 1) * meridians + j, (i + 1) * meridians + k, i * meridians + k]);
+    }
+  }
+  return { vertices, faces };
+}
+
+/** The sides of a box, each a patch of its own: eight irregular vertices. */
+export function box(steps = 8, size = 1) {
+  const vertices = [];
+  const faces = [];
+  const places = new Map();
+  const at = (point) => {
+    const key = point.join();
+    if (!places.has(key)) {
+      places.set(key, vertices.length);
+      vertices.push(point.map((value) => (value / steps) * size));
+    }
+    return places.get(key);
+  };
+  for (const [u, v, w] of [[0, 1, 2], [1, 2, 0], [2, 0, 1]]) {
+    for (const side of [0, steps]) {
+      for (let i = 0; i < steps; i++) {
+        for (let j = 0; j < steps; j++) {
+          const corners = [[0, 0], [1, 0], [1, 1], [0, 1]].map(([di, dj]) => {
+            const point = [0, 0, 0];
+            point[u] = i + di;
+            point[v] = j + dj;
+            point[w] = side;
+            return at(point);
+          });
+          faces.push(side ? corners : corners.reverse());
+        }
+      }
+    }
+  }
+  return { vertices, faces };
+}
+
+/** Numbers from 0 to 1 by a 32-bit shift register (Marsaglia 2003), the same for the same seed. */
+export function chance(seed) {
+  let state = (seed * 2654435761) >>> 0 || 1;
+  return () => {
+    state ^= state << 13;
+    state >>>= 0;
+    state ^= state >>> 17;
+    state ^= state << 5;
+    state >>>= 0;
+    return state / 2 ** 32;
+  };
+}
+
+/** A flat square, and apart from it a heap of quads with corners pushed out of their planes. Against itself raised by
+ * HEAP_DISTANCE, as bilinear patches and to 1e-12, the search takes many minutes. */
+export const HEAP_DISTANCE = 1 / 512;
+export function heap(count = 1500, seed = 1, raised = 0) {
+  const random = chance(seed);
+  const spread = (size) => (random() + random() + random() + random() - 2) * 1.7 * size;
+  const vertices = [[9, 9, 9], [10, 9, 9], [10, 10, 9], [9, 10, 9]];
+  const faces = [[0, 1, 2, 3]];
+  for (let n = 0; n < count; n++) {
+    const corner = [0, 1, 2].map(() => 3 * random());
+    const [right, up, push] = [0, 1, 2].map(() => [0, 1, 2].map(() => spread(0.3)));
+    const first = vertices.length;
+    for (const [u, v, w] of [[0, 0, 0], [1, 0, 0], [1, 1, 2], [0, 1, 0]]) {
+      vertices.push([0, 1, 2].map((k) => corner[k] + u * right[k] + v * up[k] + w * push[k]));
+    }
+    faces.push([first, first + 1, first + 2, first + 3]);
+  }
+  return { vertices: vertices.map(([x, y, z]) => [x, y, z + raised]), faces };
+}
+export const SLOW = { quads: "bilinear", tolerance: 1e-12 };
+
+/** A wavy sheet of 2 * columns * rows triangles. */
+export function sheet(columns, rows) {
+  const vertices = [];
+  const faces = [];
+  for (let i = 0; i <= rows; i++) {
+    for (let j = 0; j <= columns; j++) {
+      vertices.push([j / columns, i / rows, 0.05 * Math.sin((12 * j) / columns) * Math.cos((9 * i) / rows)]);
+    }
+  }
+  for (let i = 0; i < rows; i++) {
+    for (let j = 0; j < columns; j++) {
+      const k = i * (columns + 1) + j;
+      faces.push([k, k + 1, k + columns + 2], [k, k + columns + 2, k + columns + 1]);
+    }
+  }
+  return { vertices, faces };
+}
+
+/** Points on a torus. */
+export function torusPoints(count, seed = 1) {
+  const random = chance(seed);
+  const vertices = [];
+  for (let n = 0; n < count; n++) {
+    const u = 2 * Math.PI * random();
+    const v = 2 * Math.PI * random();
+    const radius = 1 + 0.4 * Math.cos(v);
+    vertices.push([radius * Math.cos(u), radius * Math.sin(u), 0.4 * Math.sin(v)]);
+  }
+  return { vertices, faces: [] };
+}
+
+export function off({ vertices, faces }) {
+  return ["OFF", `${vertices.length} ${faces.length} 0`, ...vertices.map((point) => point.join(" ")),
+    ...faces.map((corners) => `${corners.length} ${corners.join(" ")}`), ""].join("\n");
+}
+
+/** Binary PLY with float positions. */
+export function ply({ vertices, faces }) {
+  const header = `ply\nformat binary_little_endian 1.0\nelement vertex ${vertices.length}\n`
+    + "property float x\nproperty float y\nproperty float z\n"
+    + (faces.length > 0 ? `element face ${faces.length}\nproperty list uchar int vertex_indices\n` : "") + "end_header\n";
+  const size = header.length + 12 * vertices.length + faces.reduce((sum, corners) => sum + 1 + 4 * corners.length, 0);
+  const bytes = Buffer.alloc(size);
+  let at = bytes.write(header, "latin1");
+  for (const point of vertices) for (const value of point) at = bytes.writeFloatLE(value, at);
+  for (const corners of faces) {
+    at = bytes.writeUInt8(corners.length, at);
+    for (const corner of corners) at = bytes.writeInt32LE(corner, at);
+  }
+  return bytes;
+}
