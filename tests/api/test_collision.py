@@ -154,15 +154,16 @@ def test_incremental_after_deformations_is_a_full_run(client, request, quads):
     chance = random.Random(7)
     vertices, faces = shapes.saddle(12)
     mesh = client.upload(shapes.obj((vertices, faces)), name=request.node.name, format="obj")["id"]
-    client.post("/v1/jobs", json={"type": "self_collision", "mesh": mesh, "quads": quads}, headers={"Prefer": "wait=60"})
+    fields = {"mesh": mesh, "quads": quads, "tolerance": 1e-6, "tolerance_unit": "absolute"}
+    ask(client, "self_collision", **fields)
     found = 0
     for _ in range(6):
         moved = chance.sample(range(len(vertices)), 5)
         places = [[x + chance.uniform(-0.5, 0.5) for x in vertices[i]] for i in moved]
         reply = client.patch(f"/v1/meshes/{mesh}/vertices", json={"indices": moved, "positions": places})
         assert reply.status_code == 200, reply.text
-        some = ask(client, "self_collision", mesh=mesh, quads=quads, incremental=True)["result"]
-        every = ask(client, "self_collision", mesh=mesh, quads=quads)["result"]
+        some = ask(client, "self_collision", incremental=True, **fields)["result"]
+        every = ask(client, "self_collision", **fields)["result"]
         assert some["incremental"] is True and every["incremental"] is False
         assert [pair["faces"] for pair in some["pairs"]] == [pair["faces"] for pair in every["pairs"]]
         found += some["count"]
