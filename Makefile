@@ -64,14 +64,16 @@ PAGE_SOURCES  := $(foreach kind,html css js svg,$(wildcard clients/dashboard/*.$
 CLIENT_SOURCES := $(wildcard clients/js/*.js)
 VENDOR_FILES  := three.module.js three.core.js OrbitControls.js mesh-bvh.js
 PAGE_FILES    := $(PAGE_SOURCES:clients/dashboard/%=$(PAGE)/%) $(CLIENT_SOURCES:clients/js/%=$(PAGE)/js/%) \
-    $(PAGE)/openapi.yaml
+    $(PAGE)/openapi.yaml $(PAGE)/docs.html $(PAGE)/docs.js
+# The viewer of the description at /docs.
+VIEWER_FILES  := swagger-ui-bundle.js swagger-ui.css
 
 all: $(OUT)/quadmeshd $(OUT)/quadmesh page
 
-# Without npm or its registry the page has everything but its 3D view, and says so.
+# Without npm or its registry the page has everything but its 3D view, and /docs is empty; make says so.
 page: $(PAGE_FILES)
-	@$(MAKE) -s $(VENDOR_FILES:%=$(PAGE)/vendor/%) || \
-	    echo "make: three.js could not be fetched (is npm there?): the page at / will have no 3D view" >&2
+	@$(MAKE) -s $(VENDOR_FILES:%=$(PAGE)/vendor/%) $(VIEWER_FILES:%=$(PAGE)/%) || \
+	    echo "make: npm could not fetch three.js and swagger-ui: / will have no 3D view, /docs no text" >&2
 
 define COPY
 @mkdir -p $(@D)
@@ -82,6 +84,8 @@ $(PAGE)/openapi.yaml: proto/openapi.yaml
 	$(COPY)
 $(PAGE)/js/%: clients/js/%
 	$(COPY)
+$(PAGE)/docs.%: clients/docs/docs.%
+	$(COPY)
 $(PAGE)/%: clients/dashboard/%
 	$(COPY)
 
@@ -89,7 +93,7 @@ $(PAGE)/%: clients/dashboard/%
 %/node_modules/.package-lock.json: %/package-lock.json
 	npm ci --prefix $* --ignore-scripts --no-audit --no-fund --loglevel=error
 	@touch $@
-npm: $(addsuffix /node_modules/.package-lock.json,clients/js clients/dashboard tests/browser)
+npm: $(addsuffix /node_modules/.package-lock.json,clients/js clients/dashboard clients/docs tests/browser)
 
 MODULES := clients/dashboard/node_modules
 VENDOR_three.module.js := three/build/three.module.js
@@ -99,6 +103,9 @@ VENDOR_mesh-bvh.js         := three-mesh-bvh/build/index.module.js
 $(PAGE)/vendor/%: $(MODULES)/.package-lock.json
 	@mkdir -p $(@D)
 	cp $(MODULES)/$(VENDOR_$*) $@
+$(VIEWER_FILES:%=$(PAGE)/%): $(PAGE)/%: clients/docs/node_modules/.package-lock.json
+	@mkdir -p $(@D)
+	cp clients/docs/node_modules/swagger-ui-dist/$* $@
 
 $(OUT)/quadmeshd: $(OBJ)/server/main.o $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)

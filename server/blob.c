@@ -1,6 +1,7 @@
 /**
  * blob.c: bytes as files named by their hash, under blobs/ab/abcd...: written under incoming/, synced,
- * renamed, and the folder synced, so that a name never stands for half a file.
+ * renamed, and the folder synced, so that a name never stands for half a file. A few bytes wait in memory
+ * until it is known that they are to stay: most small bodies are questions.
  */
 #include <dirent.h>
 #include <errno.h>
@@ -16,13 +17,17 @@
 #include "blob.h"
 #include "log.h"
 
+#define MAX_HELD (64u << 10) /* bytes that wait in memory */
+#define START_SIZE (8u << 20)
+
 struct qm_blob_writer {
     qm_store *store;
     struct sha256_ctx hash;
     char path[QM_STORE_PATH_SIZE];
     char name[QM_HASH_SIZE]; /* the hash, once sealed */
-    int file;
-    uint64_t size;
+    int file;                /* -1 while the bytes are few and in memory */
+    qm_text held;            /* those */
+    uint64_t size, started;  /* bytes; those that the disk was told to take */
 };
 
 static bool make_folder(const char *path)
@@ -85,6 +90,42 @@ void qm_blob_sweep(const char *folder)
     if (files) closedir(files);
 }
 
+/** Removes the files of a folder that the store knows nothing of; returns how many. */
+static size_t sweep_folder(qm_store *store, const char *path, bool (*is_needed)(qm_store *, const char *))
+{
+    size_t removed = 0;
+    DIR *files = opendir(path);
+    for (struct dirent *entry; files && (entry = readdir(files));) {
+        if (entry->d_name[0] == '.' || is_needed(store, entry->d_name)) continue;
+        removed += unlinkat(dirfd(files), entry->d_name, 0) == 0;
+    }
+    if (files) closedir(files);
+    return removed;
+}
+
+/** Arrays are named by their job; one that is half written has another ending. */
+static bool needs_result(qm_store *store, const char *name)
+{
+    char id[QM_ID_SIZE];
+    const char *ending = strchr(name, '.');
+    if (!ending || strcmp(ending, QM_RESULT_ENDING) != 0 || ending - name >= QM_ID_SIZE) return false;
+    snprintf(id, sizeof id, "%.*s", (int)(ending - name), name);
+    return qm_store_has_job(store, id);
+}
+
+void qm_blob_sweep_orphans(qm_store *store)
+{
+    char path[QM_STORE_PATH_SIZE];
+    size_t removed = 0;
+    for (int first = 0; first < 256; first++) {
+        snprintf(path, sizeof path, "%s/blobs/%02x", qm_store_folder(store), (unsigned)first);
+        removed += sweep_folder(store, path, qm_store_needs_blob);
+    }
+    snprintf(path, sizeof path, "%s/results", qm_store_folder(store));
+    removed += sweep_folder(store, path, needs_result);
+    if (removed > 0) qm_log(QM_LOG_INFO, "%zu files without a mesh or job removed", removed);
+}
+
 static void blob_folder(const qm_store *store, const char *hash, char out[QM_STORE_PATH_SIZE])
 {
     snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s", qm_store_folder(store), hash);
@@ -108,25 +149,54 @@ qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
     if (!*out) return QM_E_NO_MEMORY;
     (*out)->store = store;
     sha256_init(&(*out)->hash);
-    snprintf((*out)->path, QM_STORE_PATH_SIZE, "%s/incoming/XXXXXX", qm_store_folder(store));
-    (*out)->file = mkostemp((*out)->path, O_CLOEXEC);
-    if ((*out)->file >= 0) return QM_OK;
-    free(*out);
-    *out = NULL;
-    return fail_to_store("make a file");
+    (*out)->file = -1;
+    return QM_OK;
+}
+
+static bool write_all(int file, const char *bytes, size_t size)
+{
+    while (size > 0) {
+        ssize_t written = write(file, bytes, size);
+        if (written < 0 && errno == EINTR) continue;
+        if (written <= 0) return false;
+        bytes += written;
+        size -= (size_t)written;
+    }
+    return true;
+}
+
+/** Moves the bytes from memory to a file, unless they are there already. */
+static qm_status make_file(qm_blob_writer *writer)
+{
+    if (writer->file >= 0) return QM_OK;
+    snprintf(writer->path, QM_STORE_PATH_SIZE, "%s/incoming/XXXXXX", qm_store_folder(writer->store));
+    writer->file = mkostemp(writer->path, O_CLOEXEC);
+    if (writer->file < 0) return fail_to_store("make a file");
+    if (!write_all(writer->file, writer->held.data, writer->held.size)) return fail_to_store("write");
+    qm_text_reset(&writer->held);
+    return QM_OK;
+}
+
+/** Has the disk begin with what was written, so that less is left when the blob is to stay. */
+static void start_writing(qm_blob_writer *writer)
+{
+    sync_file_range(writer->file, (off_t)writer->started, (off_t)(writer->size - writer->started),
+                    SYNC_FILE_RANGE_WRITE);
+    writer->started = writer->size;
 }
 
 qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
 {
     sha256_update(&writer->hash, size, bytes);
-    for (const char *next = bytes; size > 0;) {
-        ssize_t written = write(writer->file, next, size);
-        if (written < 0 && errno == EINTR) continue;
-        if (written <= 0) return fail_to_store("write");
-        next += written;
-        size -= (size_t)written;
-        writer->size += (uint64_t)written;
+    writer->size += size;
+    if (writer->file < 0 && writer->size <= MAX_HELD) {
+        qm_text_add(&writer->held, bytes, size);
+        return writer->held.failed ? QM_E_NO_MEMORY : QM_OK;
     }
+    qm_status status = make_file(writer);
+    if (status != QM_OK) return status;
+    if (!write_all(writer->file, bytes, size)) return fail_to_store("write");
+    if (writer->size - writer->started > START_SIZE) start_writing(writer);
     return QM_OK;
 }
 
@@ -137,6 +207,11 @@ uint64_t qm_blob_size(const qm_blob_writer *writer)
 
 qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *bytes, size_t size)
 {
+    if (writer->file < 0) {
+        if (offset > writer->size || size > writer->size - offset) return QM_E_ARGUMENT;
+        if (size > 0) memcpy(bytes, writer->held.data + offset, size);
+        return QM_OK;
+    }
     for (char *next = bytes; size > 0;) {
         ssize_t got = pread(writer->file, next, size, (off_t)offset);
         if (got < 0 && errno == EINTR) continue;
@@ -151,8 +226,11 @@ qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *byte
 void qm_blob_abort(qm_blob_writer *writer)
 {
     if (!writer) return;
-    close(writer->file);
-    unlink(writer->path);
+    if (writer->file >= 0) {
+        close(writer->file);
+        unlink(writer->path);
+    }
+    qm_text_reset(&writer->held);
     free(writer);
 }
 
@@ -172,12 +250,16 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
     sha256_digest(&writer->hash, sizeof digest, digest);
     qm_hash_print(digest, writer->name);
     memcpy(hash, writer->name, QM_HASH_SIZE);
-    return fsync(writer->file) == 0 ? QM_OK : fail_to_store("sync");
+    qm_status status = make_file(writer);
+    if (status != QM_OK) return status;
+    start_writing(writer);
+    return QM_OK;
 }
 
 qm_status qm_blob_keep(qm_blob_writer *writer)
 {
-    qm_status status = move_into_place(writer, writer->name) ? QM_OK : fail_to_store("name a file");
+    qm_status status = fsync(writer->file) == 0 ? QM_OK : fail_to_store("sync");
+    if (status == QM_OK && !move_into_place(writer, writer->name)) status = fail_to_store("name a file");
     if (status != QM_OK) unlink(writer->path);
     close(writer->file);
     free(writer);

@@ -1,5 +1,6 @@
 /**
- * codec_draco.h: the door to the Draco library, plain enough for C and C++. Only codec_drc.c goes through it.
+ * codec_draco.h: the door to the Draco library, plain enough for C and C++. codec_drc.c,
+ * encode_drc.c and draco_child.c go through it.
  */
 #ifndef QM_CODEC_DRACO_H
 #define QM_CODEC_DRACO_H
@@ -42,12 +43,17 @@ typedef struct qm_draco_arrays {
 /** Makes the arrays for the counts found; false stops the decoder. Nothing else of C is called. */
 typedef bool qm_draco_prepare(void *user, const qm_draco_facts *facts, qm_draco_arrays *arrays);
 
+typedef qm_draco_outcome qm_draco_decode_fn(const uint8_t *bytes, size_t size, qm_draco_prepare *prepare,
+                                            void *user, size_t *consumed);
+
 /**
  * Decodes a mesh or a point cloud. *consumed is where the library stopped reading, also after a fault.
  * Memory inside the library comes from C++'s heap. Lets no exception out and keeps no state.
  */
-qm_draco_outcome qm_draco_decode(const uint8_t *bytes, size_t size, qm_draco_prepare *prepare, void *user,
-                                 size_t *consumed);
+qm_draco_decode_fn qm_draco_decode;
+
+/** Has codec_drc.c decode by another function than the one above; called before the first file. */
+void qm_codec_drc_set_decoder(qm_draco_decode_fn *decode);
 
 /** A mesh or point cloud to encode. */
 typedef struct qm_draco_input {

@@ -300,6 +300,13 @@ static qm_status join_triangles(drc_reader *reader)
 
 /* File */
 
+static qm_draco_decode_fn *decode_draco = qm_draco_decode;
+
+void qm_codec_drc_set_decoder(qm_draco_decode_fn *decode)
+{
+    decode_draco = decode;
+}
+
 static bool prepare_arrays(void *user, const qm_draco_facts *facts, qm_draco_arrays *arrays)
 {
     drc_reader *reader = user;
@@ -416,7 +423,7 @@ static qm_status read_file(drc_reader *reader, const uint8_t *bytes, size_t size
     qm_codec_report *report = reader->builder->report;
     qm_status status = check_head(reader->builder, bytes, size);
     if (status != QM_OK) return status;
-    qm_draco_outcome outcome = qm_draco_decode(bytes, size, prepare_arrays, reader, &report->offset);
+    qm_draco_outcome outcome = decode_draco(bytes, size, prepare_arrays, reader, &report->offset);
     status = explain_outcome(reader, outcome);
     if (status == QM_OK) status = add_vertices(reader);
     if (status == QM_OK) status = add_faces(reader);

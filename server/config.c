@@ -48,7 +48,11 @@ static const setting settings[] = {
            "threads that prepare one mesh; 0 for one a processor"),
     NUMBER(max_body, "max-body", 1073741824.0, 1024, 1e12, "bytes of an upload at most"),
     NUMBER(max_faces, "max-faces", 5e7, 1, 2.6e8, "faces (and vertices) of a mesh at most"),
+    NUMBER(memory_budget, "memory-budget", 0, 0, 1e15,
+           "bytes for meshes and jobs; 0 takes half of the memory"),
     NUMBER(queue, "queue", 1000, 1, 1e6, "jobs that wait at most; more get 429"),
+    NUMBER(kept_jobs, "kept-jobs", 100000, 0, 1e9, "jobs that have ended and are kept, the newest ones"),
+    NUMBER(kept_hours, "kept-hours", 0, 0, 1e6, "hours that a job is kept; 0 for any time"),
     NUMBER(connections, "connections", 1000, 8, 100000, "connections at most"),
     NUMBER(client_connections, "client-connections", 0, 0, 100000,
            "connections of one address at most; 0 for any"),
@@ -81,6 +85,7 @@ static void print_help(void)
                show_value(settings[i].text, settings[i].number, value));
     puts(
         "  --print-config       the settings as they are, as a file for --config\n"
+        "  --print-routes       what the daemon answers: method, path, types\n"
         "  --help               this text\n"
         "  --version            the version\n\n"
         "Every setting can also be given as QUADMESHD_NAME in the environment, and in the file of --config.\n"

@@ -26,7 +26,10 @@ typedef struct qm_config {
     double prepare_threads; /* threads that prepare one mesh; 0: one for each processor */
     double max_body;        /* bytes of an upload */
     double max_faces;
-    double queue; /* jobs that wait */
+    double memory_budget; /* bytes of meshes and jobs; 0: half of what there is */
+    double queue;         /* jobs that wait */
+    double kept_jobs;     /* that have ended */
+    double kept_hours;    /* of a job; 0: any time */
     double connections;
     double client_connections; /* of one address; 0: any number */
     double streams;

@@ -1,5 +1,7 @@
 #include "etag.h"
 
+#include <stdio.h>
+
 #include <string.h>
 
 #define BLANK " \t,"
@@ -21,4 +23,9 @@ bool qm_etag_is_listed(const char *list, const char *etag, bool weak)
         list = end;
     }
     return false;
+}
+
+void qm_etag_write_mesh(const char *hash, uint64_t revision, const char *suffix, char out[QM_ETAG_SIZE])
+{
+    snprintf(out, QM_ETAG_SIZE, "\"%s-%llu%s\"", hash, (unsigned long long)revision, suffix);
 }

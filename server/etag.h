@@ -5,8 +5,12 @@
 #define QM_ETAG_H
 
 #include <stdbool.h>
+#include <stdint.h>
 
 #define QM_ETAG_SIZE 128
+
+/** The strong tag of a revision of a mesh; suffix tells representations of it apart. */
+void qm_etag_write_mesh(const char *hash, uint64_t revision, const char *suffix, char out[QM_ETAG_SIZE]);
 
 /**
  * True when a list of tags, as If-Match and If-None-Match have it, names this one or is "*".

@@ -59,6 +59,19 @@ void qm_feet_turn_bytes(double *numbers, size_t count)
     }
 }
 
+void qm_feet_widen(double *numbers, size_t count)
+{
+    const char *bytes = (const char *)numbers;
+    for (size_t i = count; i-- > 0;) {
+        uint32_t bits;
+        float number;
+        memcpy(&bits, bytes + i * sizeof bits, sizeof bits);
+        bits = le32toh(bits);
+        memcpy(&number, &bits, sizeof bits);
+        numbers[i] = (double)number;
+    }
+}
+
 void qm_feet_write_begin(qm_text *out, qm_rows rows)
 {
     static const char *const starts[] = {"", "distance,x,y,z,face,u,v\n", "{\"points\":["};

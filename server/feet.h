@@ -31,6 +31,9 @@ size_t qm_feet_find_bad(const double *numbers, size_t count);
 /** Doubles of this machine to little-endian ones, or back, in place: the same turn of bytes, or none. */
 void qm_feet_turn_bytes(double *numbers, size_t count);
 
+/** Little-endian floats at the start of the array to doubles of this machine, in place. */
+void qm_feet_widen(double *numbers, size_t count);
+
 /** Points that are projected together and written before the next ones are: what bounds memory. */
 #define QM_FEET_BLOCK 65536
 

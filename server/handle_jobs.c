@@ -10,6 +10,9 @@
 #define MAX_WAIT_S 600.0
 #define MS_PER_S 1e3
 #define MAX_KEY_LENGTH 255
+#define MAX_SEQ                                                                                              \
+    ((UINT64_C(1) << 53) - 1) /* beyond it clients on doubles could not tell one from the next               \
+                               */
 
 /** The framing that the client chose; false when it prefers one document. */
 static bool wants_stream(const qm_request *request, qm_framing *framing)
@@ -158,15 +161,21 @@ void qm_handle_job_cancel(qm_request *request)
     qm_reply_problem(request, &problem);
 }
 
+static bool read_seq(const char *text, uint64_t *seq)
+{
+    char *end;
+    errno = 0;
+    *seq = strtoull(text, &end, 10);
+    return end != text && !*end && text[0] != '-' && errno == 0 && *seq <= MAX_SEQ;
+}
+
 /** Where to go on: ?after=, else Last-Event-ID, else from the first event. */
 static bool read_after(qm_request *request, uint64_t *after)
 {
-    const char *query = qm_request_query(request, "after");
-    const char *text = query ? query : qm_request_header(request, "Last-Event-ID");
-    char *end = NULL;
-    errno = 0;
-    *after = text ? strtoull(text, &end, 10) : 0;
-    if (!text || (end != text && !*end && text[0] != '-' && errno == 0)) return true;
+    const char *query = qm_request_query(request, "after"),
+               *header = qm_request_header(request, "Last-Event-ID");
+    *after = 0;
+    if ((!header || read_seq(header, after)) && (!query || read_seq(query, after))) return true;
     qm_problem problem =
         qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "after is the seq of an event, a whole number");
     qm_reply_problem(request, &problem);

@@ -51,15 +51,10 @@ static bool read_name(const qm_request *request, const char **name, qm_problem *
     return is_clean;
 }
 
-static void write_tag(const qm_store_mesh *mesh, const char *suffix, char tag[QM_ETAG_SIZE])
-{
-    snprintf(tag, QM_ETAG_SIZE, "\"%s-0%s\"", mesh->hash, suffix);
-}
-
 bool qm_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh, const char *suffix)
 {
     char tag[QM_ETAG_SIZE];
-    write_tag(mesh, suffix, tag);
+    qm_etag_write_mesh(mesh->hash, mesh->revision, suffix, tag);
     const char *wanted = qm_request_header(request, "If-Match");
     if (wanted && !qm_etag_is_listed(wanted, tag, false)) {
         qm_problem problem =
@@ -86,7 +81,7 @@ static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
 static void reply_made_mesh(qm_request *request, int status, qm_store_mesh *mesh)
 {
     char tag[QM_ETAG_SIZE];
-    write_tag(mesh, "", tag);
+    qm_etag_write_mesh(mesh->hash, mesh->revision, "", tag);
     qm_reply_header(request, "ETag", "%s", tag);
     reply_mesh(request, status, mesh);
 }

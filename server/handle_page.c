@@ -102,6 +102,21 @@ static void add_policy(qm_request *request, const char *page)
     qm_reply_header(request, "Referrer-Policy", "no-referrer");
 }
 
+/** The viewer sets styles of elements by itself; no script but those of the daemon runs. */
+void qm_handle_docs(qm_request *request)
+{
+    char *text = read_named(request, "docs.html");
+    if (!text) {
+        reply_not_found(request);
+        return;
+    }
+    qm_reply_header(
+        request, "Content-Security-Policy",
+        "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; base-uri 'none'; "
+        "form-action 'none'; frame-ancestors 'none'");
+    reply_file(request, type_of("docs.html"), text);
+}
+
 void qm_handle_page(qm_request *request)
 {
     const char *id = qm_request_id(request), *name = id[0] ? id : "index.html", *type = type_of(name);

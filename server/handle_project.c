@@ -48,27 +48,13 @@ static void end_projecting(void *user)
 
 /* ---- points ---- */
 
-/** In place, from the last one on: a float takes less room than the double that it becomes. */
-static void decode_floats(double *numbers, size_t count)
-{
-    const char *bytes = (const char *)numbers;
-    for (size_t i = count; i-- > 0;) {
-        uint32_t bits;
-        float number;
-        memcpy(&bits, bytes + i * sizeof bits, sizeof bits);
-        bits = le32toh(bits);
-        memcpy(&number, &bits, sizeof bits);
-        numbers[i] = (double)number;
-    }
-}
-
 /** Reads points of the body; the array has room for three doubles each. */
 static bool read_points(const projecting *p, uint64_t first, size_t count, double *points)
 {
     size_t width = row_size(p->type);
     if (qm_blob_read(p->upload, first * width, points, count * width) != QM_OK) return false;
     if (p->type == F32)
-        decode_floats(points, 3 * count);
+        qm_feet_widen(points, 3 * count);
     else
         qm_feet_turn_bytes(points, 3 * count);
     return true;

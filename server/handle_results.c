@@ -8,16 +8,18 @@
 
 #include "handlers.h"
 #include "json_out.h"
+#include "json_read.h"
 #include "result_file.h"
 
-#define BLOCK 16384 /* numbers */
+#define BLOCK 16384 /* numbers: whole rows */
 
 /** What is sent: in JSON the result object first, its last brace cut off. */
 typedef struct sending {
     qm_result_file *file;
+    const qm_job_array *array;
     qm_rows rows;
     char *result;
-    uint64_t count, done;
+    uint64_t count, done; /* numbers */
 } sending;
 
 static void end_sending(void *user)
@@ -30,21 +32,37 @@ static void end_sending(void *user)
 
 static void write_begin(const sending *s, qm_text *out)
 {
-    if (s->rows == QM_ROWS_CSV) qm_text_add_string(out, "vertex,distance\n");
+    if (s->rows == QM_ROWS_CSV) qm_text_printf(out, "%s\n", s->array->header);
     if (s->rows != QM_ROWS_JSON) return;
     qm_text_add(out, s->result, strlen(s->result) - 1);
-    qm_json_open(out, "vertex_distances", "[");
+    qm_json_open(out, s->array->member, "[");
 }
 
-static void write_number(const sending *s, uint64_t place, double number, qm_text *out)
+/** One row as text: a single column is numbered in CSV and bare in JSON. */
+static void write_row(const sending *s, uint64_t row, const double *number, qm_text *out)
 {
     char text[QM_JSON_NUMBER_SIZE];
-    if (s->rows == QM_ROWS_BINARY)
-        qm_text_add(out, (const char *)&number, sizeof number);
-    else if (s->rows == QM_ROWS_CSV)
-        qm_text_printf(out, "%llu,%s\n", (unsigned long long)place, qm_json_number(number, text));
-    else
-        qm_text_printf(out, "%s%s", place > 0 ? "," : "", qm_json_number(number, text));
+    int columns = s->array->columns;
+    bool is_csv = s->rows == QM_ROWS_CSV;
+    if (!is_csv && row > 0) qm_text_add_string(out, ",");
+    if (!is_csv && columns > 1) qm_text_add_string(out, "[");
+    if (is_csv && columns == 1) qm_text_printf(out, "%llu,", (unsigned long long)row);
+    for (int i = 0; i < columns; i++)
+        qm_text_printf(out, "%s%s", i > 0 ? "," : "", qm_json_number(number[i], text));
+    if (!is_csv && columns > 1) qm_text_add_string(out, "]");
+    if (is_csv) qm_text_add_string(out, "\n");
+}
+
+static void write_block(const sending *s, double *numbers, size_t count, qm_text *out)
+{
+    if (s->rows == QM_ROWS_BINARY) {
+        qm_feet_turn_bytes(numbers, count);
+        qm_text_add(out, (const char *)numbers, count * sizeof *numbers);
+        return;
+    }
+    size_t columns = (size_t)s->array->columns;
+    for (size_t i = 0; i < count; i += columns)
+        write_row(s, (s->done + i) / columns, numbers + i, out);
 }
 
 static qm_block next_block(void *user, qm_text *out)
@@ -54,9 +72,7 @@ static qm_block next_block(void *user, qm_text *out)
     size_t count = s->count - s->done < BLOCK ? (size_t)(s->count - s->done) : BLOCK;
     if (!qm_result_file_read(s->file, s->done, numbers, count)) return QM_BLOCK_FAILED;
     if (s->done == 0) write_begin(s, out);
-    if (s->rows == QM_ROWS_BINARY) qm_feet_turn_bytes(numbers, count);
-    for (size_t i = 0; i < count; i++)
-        write_number(s, s->done + i, numbers[i], out);
+    write_block(s, numbers, count, out);
     s->done += count;
     if (s->done < s->count) return QM_BLOCK_MORE;
     if (s->rows == QM_ROWS_JSON) qm_text_add_string(out, "]}");
@@ -84,7 +100,7 @@ static void reply_object(qm_request *request, char *result)
     qm_reply_problem(request, &problem);
 }
 
-static void reply_array(qm_request *request, qm_result_file *file, char *result)
+static void reply_array(qm_request *request, const qm_job_array *array, qm_result_file *file, char *result)
 {
     sending *s = malloc(sizeof *s);
     if (!s) {
@@ -94,11 +110,28 @@ static void reply_array(qm_request *request, qm_result_file *file, char *result)
         qm_reply_problem(request, &problem);
         return;
     }
-    *s = (sending){
-        .file = file, .rows = chosen_rows(request), .result = result, .count = qm_result_file_count(file)};
+    *s = (sending){.file = file,
+                   .array = array,
+                   .rows = chosen_rows(request),
+                   .result = result,
+                   .count = qm_result_file_count(file)};
     uint64_t size = s->rows == QM_ROWS_BINARY ? s->count * sizeof(double) : QM_SIZE_UNKNOWN;
     qm_reply_blocks(request, 200, qm_request_media(request), size,
                     (qm_block_source){next_block, end_sending, s});
+}
+
+/** How the array of a job is told; the kind of one that has ended is in its document. */
+static const qm_job_array *find_array(qm_jobs *jobs, qm_job *job)
+{
+    bool has_ended;
+    char *text = qm_job_document_now(jobs, job, &has_ended);
+    qm_json *document = text ? qm_json_parse(text) : NULL;
+    const char *name = document ? qm_json_get_string(document, "type") : NULL;
+    qm_job_kind kind;
+    const qm_job_array *array = name && qm_job_kind_find(name, &kind) ? qm_job_array_of(kind) : NULL;
+    qm_json_free(document);
+    free(text);
+    return array;
 }
 
 void qm_handle_job_result(qm_request *request)
@@ -113,15 +146,16 @@ void qm_handle_job_result(qm_request *request)
         return;
     }
     char *result = qm_job_result_object(app->jobs, job);
+    const qm_job_array *array = result ? find_array(app->jobs, job) : NULL;
     qm_jobs_release(app->jobs, job);
     if (!result) {
         problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job has no result, or none yet");
         qm_reply_problem(request, &problem);
         return;
     }
-    qm_result_file *file = qm_result_file_open(app->store, id);
+    qm_result_file *file = array ? qm_result_file_open(app->store, id) : NULL;
     if (file)
-        reply_array(request, file, result);
+        reply_array(request, array, file, result);
     else
         reply_object(request, result);
 }

@@ -59,6 +59,7 @@ void qm_handle_metrics(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
     qm_job_counts jobs = qm_jobs_count(app->jobs);
+    qm_meshes_memory memory = qm_meshes_measure(app->meshes);
     const qm_metrics_gauge gauges[] = {
         {"jobs_queued", "Jobs that wait.", (double)jobs.queued},
         {"jobs_running", "Jobs that workers have.", (double)jobs.running},
@@ -67,6 +68,9 @@ void qm_handle_metrics(qm_request *request)
         {"streams_limit", "Such replies that there may be.", app->config->streams},
         {"connections_open", "Connections.", (double)qm_http_count_connections(app->http)},
         {"connections_limit", "Connections that there may be.", app->config->connections},
+        {"memory_bytes", "Memory of meshes and jobs.", (double)memory.used},
+        {"memory_limit_bytes", "Memory that they may have.", (double)memory.limit},
+        {"meshes_loaded", "Meshes in memory.", (double)memory.loaded},
         {"requests_open", "Requests without the end of their reply.", atomic_load(&app->request_count)},
     };
     qm_text out = {0};
@@ -93,9 +97,10 @@ void qm_handle_info(qm_request *request)
     qm_text_printf(
         &out,
         "],\"accelerators\":[\"auto\",\"boxes\",\"tetra\",\"grid\"],\"limits\":{\"body_bytes\":%.15g,"
+        "\"memory_bytes\":%zu,"
         "\"faces\":%.15g,\"queued_jobs\":%.15g,\"connections\":%.15g,\"streams\":%.15g},"
         "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu}",
-        config->max_body, config->max_faces, config->queue, config->connections, config->streams,
-        config->workers, counts.queued, counts.running);
+        config->max_body, qm_meshes_measure(qm_request_app(request)->meshes).limit, config->max_faces,
+        config->queue, config->connections, config->streams, config->workers, counts.queued, counts.running);
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));
 }

@@ -13,6 +13,7 @@ void qm_handle_mesh_delete(qm_request *request);
 
 void qm_handle_mesh_content(qm_request *request);
 void qm_handle_mesh_patches(qm_request *request);
+void qm_handle_mesh_deform(qm_request *request);
 void qm_handle_mesh_project(qm_request *request);
 
 void qm_handle_job_create(qm_request *request);
@@ -22,6 +23,26 @@ void qm_handle_job_cancel(qm_request *request);
 void qm_handle_job_events(qm_request *request);
 void qm_handle_job_result(qm_request *request);
 
+void qm_handle_layout_create(qm_request *request);
+void qm_handle_layout_list(qm_request *request);
+void qm_handle_layout_get(qm_request *request);
+void qm_handle_layout_delete(qm_request *request);
+void qm_handle_layout_stroke(qm_request *request);
+void qm_handle_layout_undo(qm_request *request);
+void qm_handle_layout_redo(qm_request *request);
+void qm_handle_curve_merge(qm_request *request);
+void qm_handle_curve_split(qm_request *request);
+void qm_handle_curve_snap(qm_request *request);
+void qm_handle_curve_redraw(qm_request *request);
+void qm_handle_curve_delete(qm_request *request);
+
+void qm_handle_reconstruction_create(qm_request *request);
+void qm_handle_reconstruction_list(qm_request *request);
+void qm_handle_reconstruction_get(qm_request *request);
+void qm_handle_reconstruction_delete(qm_request *request);
+void qm_handle_reconstruction_mesh(qm_request *request);
+void qm_handle_reconstruction_patches(qm_request *request);
+
 void qm_handle_batch_create(qm_request *request);
 
 void qm_handle_health(qm_request *request);
@@ -29,6 +50,7 @@ void qm_handle_ready(qm_request *request);
 void qm_handle_metrics(qm_request *request);
 void qm_handle_info(qm_request *request);
 void qm_handle_openapi(qm_request *request);
+void qm_handle_docs(qm_request *request);
 void qm_handle_page(qm_request *request);
 
 /** The row of the mesh in the path, for qm_store_mesh_reset; false after a 404. */

@@ -18,6 +18,7 @@
 #include "metrics.h"
 
 #define MAX_THROWN_AWAY (16u << 20)
+#define MAX_READ_AND_DROPPED (64u << 10) /* of the body of a request that is refused by its headers */
 #define CONNECTION_MEMORY (128u << 10)
 #define CONNECTION_THREADS 2
 #define HEALTH_CONNECTIONS 64
@@ -117,6 +118,19 @@ static bool has_body(const qm_request *request)
     return (length && strcmp(length, "0") != 0) || qm_request_header(request, "Transfer-Encoding");
 }
 
+/**
+ * True for a body that is not worth a refusal before it: bytes that nobody has read when the connection is
+ * closed would make the system reset it, and the reply may be lost with that.
+ */
+static bool has_little_body(const qm_request *request)
+{
+    const char *length = qm_request_header(request, "Content-Length");
+    if (!length || request->problem.code == QM_PROBLEM_AMBIGUOUS_LENGTH ||
+        qm_request_header(request, "Expect"))
+        return false;
+    return strtoull(length, NULL, 10) <= MAX_READ_AND_DROPPED;
+}
+
 /** Letters, digits and a few marks: what may be repeated in a header, a log and JSON as it is. */
 static bool is_plain_name(const char *name)
 {
@@ -169,7 +183,7 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
         if (!request->has_problem) return MHD_YES;
         /* The body has not come yet; what follows on this connection is not to be taken for a request. */
         if (has_body(request)) qm_reply_header(request, "Connection", "close");
-        return handle(request);
+        return has_little_body(request) ? MHD_YES : handle(request);
     }
     if (*size > 0) {
         if (!receive(request, data, *size)) return MHD_NO;

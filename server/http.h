@@ -9,6 +9,7 @@
 #include "job.h"
 #include "pool.h"
 #include "problem.h"
+#include "reconstructions.h"
 #include "tokens.h"
 
 /** What a handler may use; made by main.c, alive as long as the daemon. */
@@ -17,6 +18,7 @@ typedef struct qm_app {
     qm_store *store;
     qm_meshes *meshes;
     qm_jobs *jobs;
+    qm_reconstructions *reconstructions;
     qm_pool *pool;      /* runs the handlers that wait for the disk */
     qm_pool *long_pool; /* runs the handlers that decode, so that a large mesh holds up no other request */
     qm_tokens *tokens;  /* none: everybody who reaches the daemon may do everything */
@@ -31,6 +33,9 @@ qm_app *qm_request_app(const qm_request *request);
 
 /** The part of the path that stands for {id}; "" when the route has none. */
 const char *qm_request_id(const qm_request *request);
+
+/** The part that stands for a second name in braces; "" likewise. */
+const char *qm_request_second_id(const qm_request *request);
 
 /** True for GET and HEAD, which change nothing. */
 bool qm_request_only_reads(const qm_request *request);

@@ -1,10 +1,11 @@
 /**
  * http_blocks.c: replies that are made while they are sent, a block at a time.
  *
- * The connection is suspended while a block is made on the long pool, and resumed with it. The next one is
- * made when the client has taken all of the last: a slow reader costs one block of memory, and one that has
- * left is noticed at the first write after it did. While a block is made nobody else touches the reply, for
- * the library ends no connection that is suspended.
+ * The first block is made by the handler's thread; often it is all there is. For the others the connection is
+ * suspended while they are made on the long pool, and resumed with them. The next one is made when the client
+ * has taken all of the last: a slow reader costs one block of memory, and one that has left is noticed at the
+ * first write after it did. While a block is made nobody else touches the reply, for the library ends no
+ * connection that is suspended.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -66,18 +67,45 @@ static void free_blocks(void *user)
     free(reply);
 }
 
+/** Nothing was sent yet: what fails here can still be said. */
+static void reply_whole(qm_request *request, int status, const char *content_type, qm_block state,
+                        qm_text *body)
+{
+    if (state == QM_BLOCK_FAILED) {
+        qm_text_reset(body);
+        request->reply.header_count = 0; /* those of what was to be sent */
+        qm_request_refuse_memory(request);
+        return;
+    }
+    size_t size = body->size;
+    qm_request_set_buffer(request, status, qm_text_take(body), size);
+    qm_reply_header(request, "Content-Type", "%s", content_type);
+}
+
 void qm_reply_blocks(qm_request *request, int status, const char *content_type, uint64_t size,
                      qm_block_source source)
 {
     qm_app *app = request->app;
+    qm_text first = {0};
+    qm_block state = QM_BLOCK_MORE;
+    if (strcmp(request->method, "HEAD") != 0) {
+        state = source.next(source.user, &first);
+        if (first.failed) state = QM_BLOCK_FAILED;
+    }
+    if (state != QM_BLOCK_MORE) {
+        source.end(source.user);
+        reply_whole(request, status, content_type, state, &first);
+        return;
+    }
     block_reply *reply = qm_request_take_place(app) ? calloc(1, sizeof *reply) : NULL;
     if (!reply) {
+        qm_text_reset(&first);
         source.end(source.user);
         qm_request_refuse_place(request);
         return;
     }
     *reply = (block_reply){
-        .app = app, .connection = request->connection, .source = source, .state = QM_BLOCK_MORE};
+        .app = app, .connection = request->connection, .source = source, .block = first, .state = state};
     qm_request_set_reader(request, status, size == QM_SIZE_UNKNOWN ? MHD_SIZE_UNKNOWN : size, PIECE_SIZE,
                           read_block, reply, free_blocks);
     qm_reply_header(request, "Content-Type", "%s", content_type);

@@ -164,7 +164,7 @@ static const qm_route options_route = {"OPTIONS", "",           qm_request_answe
 static bool find_route(qm_request *request)
 {
     qm_problem problem;
-    request->route = qm_route_find(request->method, request->path, request->id, &problem);
+    request->route = qm_route_find(request->method, request->path, request->ids, &problem);
     if (!request->route && strcmp(request->method, "OPTIONS") == 0 && problem.allow[0]) {
         qm_reply_header(request, "Allow", "%s, OPTIONS", problem.allow);
         request->route = &options_route;

@@ -39,7 +39,7 @@ struct qm_request {
     const qm_route *route;
     char name[QM_REQUEST_ID_SIZE]; /* what the request is called in the log and the reply */
     const char *media;             /* of the route's types, the chosen one */
-    char id[QM_ID_SIZE];
+    char ids[2][QM_ID_SIZE];       /* of the path */
     char method[16], path[256];
     double start_ms;
     qm_blob_writer *upload;
@@ -71,6 +71,9 @@ void qm_request_answer_options(qm_request *request);
 
 /** Looks whether the awaited job has ended; makes the reply, or goes to sleep and returns false. */
 bool qm_request_check_awaited(qm_request *request);
+
+/** Makes the response of a whole body, on malloc, which is given away. */
+void qm_request_set_buffer(qm_request *request, int status, char *body, size_t size);
 
 /** Makes the response of a body that is read while it is sent; size may be MHD_SIZE_UNKNOWN. */
 void qm_request_set_reader(qm_request *request, int status, uint64_t size, size_t piece_size,

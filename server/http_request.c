@@ -16,7 +16,12 @@ qm_app *qm_request_app(const qm_request *request)
 
 const char *qm_request_id(const qm_request *request)
 {
-    return request->id;
+    return request->ids[0];
+}
+
+const char *qm_request_second_id(const qm_request *request)
+{
+    return request->ids[1];
 }
 
 bool qm_request_only_reads(const qm_request *request)
@@ -76,6 +81,11 @@ static void set_reply(qm_request *request, int status, const char *content_type,
     request->reply.status = status;
     request->reply.response = MHD_create_response_from_buffer(size, body, mode);
     if (content_type) qm_reply_header(request, "Content-Type", "%s", content_type);
+}
+
+void qm_request_set_buffer(qm_request *request, int status, char *body, size_t size)
+{
+    set_reply(request, status, NULL, body, size, MHD_RESPMEM_MUST_FREE);
 }
 
 void qm_reply_text(qm_request *request, int status, const char *content_type, char *body)

@@ -7,9 +7,11 @@
 #include "json_out.h"
 #include "log.h"
 #include "metrics.h"
+#include "result_file.h"
 
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
+#define DROP_STEP 64
 #define LIST_STEP 8              /* documents may be large: so many are in memory twice */
 #define MAX_PAGE_SIZE (8u << 20) /* bytes of documents after which a page ends before its limit */
 
@@ -171,19 +173,21 @@ static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const cha
     return job;
 }
 
-qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key)
+qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions)
 {
     qm_store_job row;
-    if (!qm_store_find_job_by_key(jobs->store, key, QM_JOB_SUCCEEDED, &row)) return NULL;
+    if (!qm_store_find_job_by_key(jobs->store, key, revisions, QM_JOB_SUCCEEDED, &row)) return NULL;
     qm_job *job = job_from_row(jobs, &row);
     qm_store_job_reset(&row);
     return job;
 }
 
-static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_problem *problem)
+static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_t *revision,
+                       qm_problem *problem)
 {
     qm_store_mesh row;
     if (qm_store_find_mesh(jobs->store, id, &row)) {
+        *revision = row.revision;
         qm_store_mesh_reset(&row);
         return true;
     }
@@ -194,11 +198,33 @@ static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, qm_prob
     return false;
 }
 
-bool qm_job_check_meshes(qm_jobs *jobs, const qm_job_request *request, qm_problem *problem)
+void qm_job_write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
 {
+    snprintf(out, QM_REVISIONS_SIZE, "%llu %llu", (unsigned long long)a, (unsigned long long)b);
+}
+
+static bool check_reconstruction(qm_jobs *jobs, const char *id, qm_problem *problem)
+{
+    qm_store_reconstruction row;
+    if (qm_store_find_reconstruction(jobs->store, id, &row)) {
+        qm_store_reconstruction_reset(&row);
+        return true;
+    }
+    *problem = qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "there is no reconstruction of this id");
+    qm_problem_add_pointer(problem, "/reconstruction", "no such reconstruction");
+    return false;
+}
+
+bool qm_job_check_meshes(qm_jobs *jobs, const qm_job_request *request, char revisions[QM_REVISIONS_SIZE],
+                         qm_problem *problem)
+{
+    if (request->kind == QM_JOB_RECONSTRUCTION_STEP) return check_reconstruction(jobs, request->a, problem);
     const char *const *field = qm_job_type_of(request->kind)->mesh_field;
-    return check_mesh(jobs, request->a, field[0], problem) &&
-           (!field[1] || check_mesh(jobs, request->b, field[1], problem));
+    uint64_t a = 0, b = 0;
+    bool are_there = check_mesh(jobs, request->a, field[0], &a, problem) &&
+                     (!field[1] || check_mesh(jobs, request->b, field[1], &b, problem));
+    qm_job_write_revisions(a, b, revisions);
+    return are_there;
 }
 
 static bool is_open(qm_jobs *jobs, qm_problem *problem)
@@ -255,8 +281,10 @@ static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, c
         qm_job *same = find_by_idempotency_key(jobs, submission->idempotency_key, key, problem);
         if (same || problem->code != QM_PROBLEM_COUNT) return same;
     }
-    if (!qm_job_check_meshes(jobs, submission->request, problem)) return NULL;
-    qm_job *cached = submission->use_cache ? qm_job_find_cached(jobs, key) : NULL;
+    char revisions[QM_REVISIONS_SIZE];
+    if (!qm_job_check_meshes(jobs, submission->request, revisions, problem)) return NULL;
+    bool may_be_cached = submission->use_cache && qm_job_type_of(submission->request->kind)->is_pure;
+    qm_job *cached = may_be_cached ? qm_job_find_cached(jobs, key, revisions) : NULL;
     *is_cached = cached != NULL;
     return cached;
 }
@@ -380,6 +408,20 @@ qm_job_counts qm_jobs_count(qm_jobs *jobs)
     return counts;
 }
 
+void qm_jobs_drop_old(qm_jobs *jobs)
+{
+    char ids[DROP_STEP][QM_ID_SIZE], before[QM_TIME_SIZE] = "";
+    size_t total = 0, count;
+    if (jobs->limits.kept_s > 0.0) qm_format_past_time(jobs->limits.kept_s, before);
+    do {
+        count = qm_store_drop_old_jobs(jobs->store, jobs->limits.kept_jobs, before, DROP_STEP, ids);
+        for (size_t i = 0; i < count; i++)
+            qm_result_file_remove(jobs->store, ids[i]);
+        total += count;
+    } while (count == DROP_STEP);
+    if (total > 0) qm_log(QM_LOG_INFO, "%zu old jobs removed", total);
+}
+
 /* ---- start and stop ---- */
 
 /** Takes a row that was queued or running when the daemon last ended back into the queue. */
@@ -425,12 +467,14 @@ static void resume_unfinished(qm_jobs *jobs)
     if (total > 0) qm_log(QM_LOG_INFO, "%zu unfinished jobs queued again", total);
 }
 
-qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_job_limits limits)
+qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *reconstructions,
+                        qm_job_limits limits)
 {
     qm_jobs *jobs = calloc(1, sizeof *jobs);
     if (!jobs) return NULL;
     jobs->store = store;
     jobs->meshes = meshes;
+    jobs->reconstructions = reconstructions;
     jobs->limits = limits;
     uv_mutex_init(&jobs->submitting);
     uv_mutex_init(&jobs->lock);

@@ -13,7 +13,7 @@
 #define QM_JOB_H
 
 #include "clock.h"
-#include "meshes.h"
+#include "reconstructions.h"
 
 typedef enum qm_job_state {
     QM_JOB_QUEUED,
@@ -39,11 +39,14 @@ typedef struct qm_reader {
 typedef struct qm_job_limits {
     int workers, queue, threads;
     double grace_ms;
+    size_t kept_jobs;    /* that have ended */
+    double kept_s;       /* seconds that a job is kept; 0: any time */
     double heartbeat_ms; /* of silence after which a stream says that it lives */
 } qm_job_limits;
 
 /** Starts the workers and queues again what the store holds unfinished. */
-qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_job_limits limits);
+qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *reconstructions,
+                        qm_job_limits limits);
 
 /**
  * Takes no new work from now on and ends the workers: running jobs get their grace time, then stop;
@@ -51,6 +54,9 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_job_limits limits
  */
 void qm_jobs_drain(qm_jobs *jobs);
 void qm_jobs_destroy(qm_jobs *jobs);
+
+/** Removes the jobs that have ended and are too old or too many, with their results. */
+void qm_jobs_drop_old(qm_jobs *jobs);
 
 /** How a request wants its job. */
 typedef struct qm_job_submission {

@@ -164,9 +164,10 @@ static void answer_with_problem(qm_batch *batch, const qm_batch_line *line, cons
 }
 
 /** Answers from a finished job; false when there is none. */
-static bool answer_from_store(qm_batch *batch, const qm_batch_line *line, const char *key)
+static bool answer_from_store(qm_batch *batch, const qm_batch_line *line, const char *key,
+                              const char *revisions)
 {
-    qm_job *job = qm_job_find_cached(batch->jobs, key);
+    qm_job *job = qm_job_find_cached(batch->jobs, key, revisions);
     char *result = job ? qm_job_result_object(batch->jobs, job) : NULL;
     qm_text members = {0};
     if (result) {
@@ -212,10 +213,12 @@ static bool queue_line(qm_batch *batch, qm_batch_line *line, qm_job_request *req
 /** Answers a request or puts it among the jobs; false with a problem. */
 static bool take_request(qm_batch *batch, qm_batch_line *line, qm_job_request *request, qm_problem *problem)
 {
-    char *key = qm_job_make_key(request);
+    char *key = qm_job_make_key(request), revisions[QM_REVISIONS_SIZE];
     *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the job could not be queued");
-    bool taken = key && qm_job_check_meshes(batch->jobs, request, problem) &&
-                 (answer_from_store(batch, line, key) || queue_line(batch, line, request));
+    bool is_pure = qm_job_type_of(request->kind)->is_pure;
+    bool taken =
+        key && qm_job_check_meshes(batch->jobs, request, revisions, problem) &&
+        ((is_pure && answer_from_store(batch, line, key, revisions)) || queue_line(batch, line, request));
     free(key);
     return taken;
 }

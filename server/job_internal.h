@@ -18,6 +18,8 @@ typedef struct qm_batch_line {
 } qm_batch_line;
 void qm_batch_line_reset(qm_batch_line *line);
 
+#define QM_REVISIONS_SIZE 44 /* two numbers of up to 20 digits */
+
 struct qm_job {
     char id[QM_ID_SIZE];
     qm_job_request request;
@@ -30,8 +32,9 @@ struct qm_job {
     bool interrupted;   /* stopped by the end of the daemon: it will run again */
     char **events;      /* lines without a line end; events[i] has seq i + 1 */
     size_t event_count, event_capacity;
-    char *last_bounds; /* the newest bounds event's own members, for the document */
-    char *document;    /* once it has ended */
+    char *last_bounds;                 /* the newest bounds event's own members, for the document */
+    char *document;                    /* once it has ended */
+    char revisions[QM_REVISIONS_SIZE]; /* of the meshes that it runs on; "" before */
     qm_reader *readers;
     int owners;     /* clients that stream it and whose leaving ends it */
     bool is_kept;   /* somebody wants it who does not stream it: nobody's leaving ends it */
@@ -45,6 +48,7 @@ struct qm_job {
 struct qm_jobs {
     qm_store *store;
     qm_meshes *meshes;
+    qm_reconstructions *reconstructions;
     qm_job_limits limits;
     qm_pool *pool;
     uv_mutex_t
@@ -69,10 +73,14 @@ bool qm_job_enqueue(qm_jobs *jobs, qm_job *job);
 void qm_job_withdraw(qm_jobs *jobs, qm_job *job);
 
 /** False with a problem when a mesh of the request does not exist. */
-bool qm_job_check_meshes(qm_jobs *jobs, const qm_job_request *request, qm_problem *problem);
+bool qm_job_check_meshes(qm_jobs *jobs, const qm_job_request *request, char revisions[QM_REVISIONS_SIZE],
+                         qm_problem *problem);
+
+/** Revisions of both meshes as text; 0 for a mesh that there is not. */
+void qm_job_write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE]);
 
 /** A finished job of the same key, or NULL. */
-qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key);
+qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions);
 
 /** Ends a job of a batch that is marked as running; members is what its answer says besides the state. */
 void qm_batch_end_line(qm_job *job, qm_job_state state, const char *members);
@@ -110,6 +118,18 @@ static inline bool qm_job_is_over(const qm_job *job)
 {
     return job->state > QM_JOB_RUNNING || job->interrupted;
 }
+
+/** Runs a reconstruction_step that is marked as running to its end. */
+void qm_job_run_steps(qm_job *job);
+
+/** The end of a job with a result; it is stored before anybody hears of it. */
+void qm_job_finish_with_result(qm_job *job, qm_job_state state, const qm_job_result *result);
+
+/** The end of a job that the end of the daemon stopped: it runs again at the next start. */
+void qm_job_interrupt(qm_job *job);
+
+/** True when a client has asked the job to stop. */
+bool qm_job_is_cancelled(qm_job *job);
 
 /** The task of a worker: runs the job if it is still to run, and gives back the worker's reference. */
 void qm_job_run(void *job);

@@ -2,6 +2,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "clock.h"
 
@@ -18,6 +19,9 @@ qm_job_request qm_job_request_default(void)
         .bins = 50,
         .percentiles = {1, 5, 25, 50, 75, 90, 95, 99},
         .percentile_count = 8,
+        .mode = QM_COLLIDE_ALL,
+        .list_limit = 1000,
+        .goal = {.measures = true},
     };
 }
 
@@ -125,6 +129,69 @@ static qm_status run_deviation(const question *q, qm_job_result *out)
     return status;
 }
 
+/* ---- distance ---- */
+
+static void reset_distance(qm_context *ctx, qm_job_result *result)
+{
+    (void)ctx, (void)result;
+}
+
+static qm_status run_distance(const question *q, qm_job_result *out)
+{
+    qm_distance_options options = {.quads = q->request->quads, .tolerance = absolute_tolerance(q)};
+    out->tolerance = options.tolerance;
+    qm_status status = qm_distance_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->distance);
+    out->from_face = qm_mesh_input_face(&q->a->mesh, out->distance.from.face);
+    out->to_face = qm_mesh_input_face(&q->b->mesh, out->distance.to.face);
+    return status;
+}
+
+/* ---- collision, self_collision ---- */
+
+static void reset_collision(qm_context *ctx, qm_job_result *result)
+{
+    qm_told_pairs_reset(ctx, &result->pairs);
+}
+
+static qm_status run_collision(const question *q, qm_job_result *out)
+{
+    qm_collide_options options = qm_collide_options_default();
+    options.quads = q->request->quads;
+    options.mode = q->request->mode;
+    options.tolerance = out->tolerance = absolute_tolerance(q);
+    options.thread_count = q->threads;
+    return qm_told_pairs_find(q->ctx, q->a, q->b, &options, q->request->list_limit, &out->pairs);
+}
+
+static void reset_self_collision(qm_context *ctx, qm_job_result *result)
+{
+    reset_collision(ctx, result);
+}
+
+static qm_status run_self_collision(const question *q, qm_job_result *out)
+{
+    return run_collision(q, out);
+}
+
+/* ---- reconstruction_step ---- */
+
+static void reset_reconstruction_step(qm_context *ctx, qm_job_result *result)
+{
+    (void)ctx, (void)result;
+}
+
+static qm_status run_reconstruction_step(const question *q, qm_job_result *out)
+{
+    const qm_job_refining *refining = q->request->refining;
+    qm_refine_goal goal = q->request->goal;
+    goal.hausdorff = q->request->hausdorff_relative * refining->source->diagonal;
+    goal.thread_count = q->threads;
+    qm_status status = qm_refine(q->ctx, refining->reconstruction, refining->source, &goal, refining->on_step,
+                                 refining->user, &out->refine_stop);
+    out->is_canceled = status == QM_OK && out->refine_stop == QM_REFINE_CANCELED;
+    return status;
+}
+
 /* ---- any kind ---- */
 
 typedef struct runner {
@@ -134,7 +201,8 @@ typedef struct runner {
 } runner;
 
 static const runner runners[] = {
-#define XX(suffix, name, first, second) {{#name, {first, second}}, run_##name, reset_##name},
+#define XX(suffix, name, first, second)                                                                      \
+    {{#name, {first, second}, QM_JOB_##suffix != QM_JOB_RECONSTRUCTION_STEP}, run_##name, reset_##name},
     QM_JOB_MAP(XX)
 #undef XX
 };
@@ -142,6 +210,24 @@ static const runner runners[] = {
 const qm_job_type *qm_job_type_of(qm_job_kind kind)
 {
     return &runners[kind].type;
+}
+
+bool qm_job_kind_find(const char *name, qm_job_kind *out)
+{
+    for (int kind = 0; kind < QM_JOB_KIND_COUNT; kind++) {
+        if (strcmp(runners[kind].type.name, name) != 0) continue;
+        *out = (qm_job_kind)kind;
+        return true;
+    }
+    return false;
+}
+
+const qm_job_array *qm_job_array_of(qm_job_kind kind)
+{
+    static const qm_job_array distances = {"vertex_distances", "vertex,distance", 1};
+    static const qm_job_array pairs = {"all_pairs", "face_a,face_b", 2};
+    bool has_pairs = kind == QM_JOB_COLLISION || kind == QM_JOB_SELF_COLLISION;
+    return kind == QM_JOB_DEVIATION ? &distances : has_pairs ? &pairs : NULL;
 }
 
 static double prepare_ms(const qm_loaded_mesh *mesh)
@@ -168,6 +254,10 @@ qm_status qm_job_answer(qm_context *ctx, const qm_job_request *request, const qm
 
 const double *qm_job_result_array(const qm_job_result *result, size_t *count)
 {
+    if (result->pairs.rows) {
+        *count = 2 * result->pairs.found.pair_count;
+        return result->pairs.rows;
+    }
     *count = result->deviation.vertex_count;
     return result->deviation.vertex_distance;
 }

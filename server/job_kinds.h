@@ -8,9 +8,12 @@
 #ifndef QM_JOB_KINDS_H
 #define QM_JOB_KINDS_H
 
+#include "collide_pairs.h"
 #include "feet.h"
 #include "qm/deviation.h"
+#include "qm/distance.h"
 #include "qm/hausdorff.h"
+#include "refine.h"
 
 #define QM_ID_SIZE 40
 #define QM_JOB_MAX_PERCENTILES 64
@@ -19,7 +22,11 @@
 #define QM_JOB_MAP(XX)                                                                                       \
     XX(HAUSDORFF, hausdorff, "a", "b")                                                                       \
     XX(PROJECT, project, "mesh", NULL)                                                                       \
-    XX(DEVIATION, deviation, "a", "b")
+    XX(DEVIATION, deviation, "a", "b")                                                                       \
+    XX(DISTANCE, distance, "a", "b")                                                                         \
+    XX(COLLISION, collision, "a", "b")                                                                       \
+    XX(SELF_COLLISION, self_collision, "mesh", NULL)                                                         \
+    XX(RECONSTRUCTION_STEP, reconstruction_step, "reconstruction", NULL)
 
 typedef enum qm_job_kind {
 #define XX(suffix, name, first, second) QM_JOB_##suffix,
@@ -32,8 +39,29 @@ typedef enum qm_job_kind {
 typedef struct qm_job_type {
     const char *name;
     const char *mesh_field[2]; /* where the request names its meshes; [1] is NULL for a kind of one mesh */
+    bool is_pure;              /* asked for again, the answer is the same: it may come from a job before */
 } qm_job_type;
 const qm_job_type *qm_job_type_of(qm_job_kind kind);
+
+/** The kind of this name; false when there is none. */
+bool qm_job_kind_find(const char *name, qm_job_kind *out);
+
+/** How the long array of a kind's results is told. */
+typedef struct qm_job_array {
+    const char *member; /* of the result in JSON */
+    const char *header; /* of the rows in CSV; a single column is numbered there */
+    int columns;
+} qm_job_array;
+
+/** NULL for kinds without one. */
+const qm_job_array *qm_job_array_of(qm_job_kind kind);
+/** What a reconstruction_step works on, which is no mesh: set by who runs the job. */
+typedef struct qm_job_refining {
+    qm_reconstruction *reconstruction;
+    const qm_source *source;
+    qm_refine_fn *on_step; /* after each whole step */
+    void *user;
+} qm_job_refining;
 
 /** Fields that a kind does not have keep their defaults. */
 typedef struct qm_job_request {
@@ -44,7 +72,7 @@ typedef struct qm_job_request {
     int threads; /* 0: as many as the host likes */
     bool detach; /* the job goes on when the client that streams it hangs up */
 
-    /* hausdorff, and deviation for its maximum */
+    /* hausdorff, deviation for its maximum, distance, and collisions of bilinear quads */
     double tolerance;
     bool tolerance_is_absolute; /* else a share of the diagonal of A's box */
 
@@ -64,10 +92,20 @@ typedef struct qm_job_request {
     size_t pieces, bins;
     double percentiles[QM_JOB_MAX_PERCENTILES];
     size_t percentile_count;
+
+    /* collision and self_collision */
+    qm_collide_mode mode;
+    size_t list_limit; /* pairs that the result object tells */
+    bool incremental;  /* self_collision: only what has moved since, where that is known */
+    /* reconstruction_step, whose a is the id of the reconstruction */
+    qm_refine_goal goal; /* hausdorff is set from the share below when it runs */
+    double hausdorff_relative;
+    const qm_job_refining *refining;
 } qm_job_request;
 
 /** A Hausdorff job: two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
- * Deviation: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99. */
+ * Deviation: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99.
+ * Collisions: all pairs, 1000 of them told. */
 qm_job_request qm_job_request_default(void);
 
 /** Frees what the request owns. */
@@ -91,6 +129,17 @@ typedef struct qm_job_result {
 
     /* deviation */
     qm_deviation deviation;
+
+    /* distance; its faces in from_face and to_face */
+    qm_distance distance;
+
+    /* collision and self_collision */
+    qm_told_pairs pairs;
+    /* reconstruction_step */
+    qm_refine_stop refine_stop;
+    char mesh[QM_ID_SIZE]; /* the new mesh; set by who runs the job, with the counts and the records */
+    size_t quads, step_count;
+    const char *records; /* objects with commas between; borrowed */
 } qm_job_result;
 
 /**
@@ -105,8 +154,8 @@ qm_status qm_job_answer(qm_context *ctx, const qm_job_request *request, const qm
                         const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
                         qm_job_result *out);
 
-/** The array of a result that is too long for documents: a deviation's distances at A's vertices. NULL when
- * the result has none. */
+/** The array of a result that is too long for documents: a deviation's distances at A's vertices, or the
+ * faces of all pairs that collide. NULL when the result has none. */
 const double *qm_job_result_array(const qm_job_result *result, size_t *count);
 
 void qm_job_result_reset(qm_context *ctx, qm_job_result *result);

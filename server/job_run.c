@@ -34,8 +34,8 @@ static void finish(qm_job *job, qm_job_state state, const char *name, const char
     char *document = qm_job_write_document(job, state, members);
     char *events = qm_job_join_events(job, name, event);
     uv_mutex_unlock(&jobs->lock);
-    bool stored =
-        document && events && qm_store_finish_job(jobs->store, job->id, state, document, events) == QM_OK;
+    bool stored = document && events &&
+                  qm_store_finish_job(jobs->store, job->id, state, document, events, job->revisions) == QM_OK;
     if (!stored) qm_log(QM_LOG_ERROR, "the end of job %s could not be stored: it is kept in memory", job->id);
     uv_mutex_lock(&jobs->lock);
     jobs->running--;
@@ -58,7 +58,7 @@ void qm_job_finish_with_problem(qm_job *job, qm_job_state state, const qm_proble
     free(text);
 }
 
-static void finish_with_result(qm_job *job, qm_job_state state, const qm_job_result *result)
+void qm_job_finish_with_result(qm_job *job, qm_job_state state, const qm_job_result *result)
 {
     qm_text members = {0};
     qm_text_add_string(&members, "\"result\":");
@@ -76,8 +76,12 @@ static void refuse(qm_job *job)
 }
 
 /** The daemon ends: readers are told, the store keeps the job as one that has not run. */
-static void interrupt(qm_job *job)
+void qm_job_interrupt(qm_job *job)
 {
+    if (job->line.batch) {
+        refuse(job);
+        return;
+    }
     uv_mutex_lock(&job->jobs->lock);
     job->interrupted = true;
     qm_job_add_event(job, "server_shutdown",
@@ -116,7 +120,7 @@ static void on_progress(void *user, const qm_hausdorff_progress *progress)
     free(text);
 }
 
-static bool is_cancelled(qm_job *job)
+bool qm_job_is_cancelled(qm_job *job)
 {
     uv_mutex_lock(&job->jobs->lock);
     bool cancelled = job->is_cancelled;
@@ -136,23 +140,24 @@ static bool store_array(const qm_job *job, const qm_job_result *result)
 /** b is NULL for a kind of one mesh. */
 static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
 {
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_meshes_context(job->jobs->meshes);
     ctx.cancel = &job->cancel;
     ctx.parallel = qm_parallel_run;
     qm_job_request request = job->request;
+    qm_job_write_revisions(a->revision, b ? b->revision : 0, job->revisions);
     if (request.threads == 0) request.threads = job->jobs->limits.threads;
     progress_target target = {job, a->diagonal};
     qm_hausdorff_progress_fn *progress = job->line.batch ? NULL : on_progress;
     qm_job_result result;
     qm_status status = qm_job_answer(&ctx, &request, a, b, progress, &target, &result);
     bool canceled = status == QM_E_CANCELED || (status == QM_OK && result.is_canceled);
-    if (canceled && !is_cancelled(job)) {
-        job->line.batch ? refuse(job) : interrupt(job);
+    if (canceled && !qm_job_is_cancelled(job)) {
+        qm_job_interrupt(job);
     } else if (status == QM_OK && !store_array(job, &result)) {
         qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the result could not be stored");
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else if (status == QM_OK) {
-        finish_with_result(job, canceled ? QM_JOB_CANCELLED : QM_JOB_SUCCEEDED, &result);
+        qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELLED : QM_JOB_SUCCEEDED, &result);
     } else {
         qm_problem problem = qm_problem_from_status(status, ctx.message);
         qm_job_finish_with_problem(job, canceled ? QM_JOB_CANCELLED : QM_JOB_FAILED, &problem);
@@ -185,25 +190,32 @@ static bool start(qm_job *job)
     if (is_refused)
         refuse(job);
     else if (is_queued && !is_wanted)
-        interrupt(job);
+        qm_job_interrupt(job);
     return is_queued && is_wanted;
+}
+
+static void run_on_meshes(qm_job *job)
+{
+    qm_jobs *jobs = job->jobs;
+    qm_problem problem;
+    qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, &problem);
+    bool has_b = qm_job_type_of(job->request.kind)->mesh_field[1];
+    /* A mesh held against itself is one revision of it. */
+    bool is_same = has_b && strcmp(job->request.a, job->request.b) == 0;
+    qm_mesh_ref *b =
+        a && has_b && !is_same ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
+    if (a && (b || !has_b || is_same))
+        answer(job, qm_mesh_ref_get(a), b ? qm_mesh_ref_get(b) : is_same ? qm_mesh_ref_get(a) : NULL);
+    else
+        qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
+    qm_meshes_release(jobs->meshes, a);
+    qm_meshes_release(jobs->meshes, b);
 }
 
 void qm_job_run(void *data)
 {
     qm_job *job = data;
     qm_jobs *jobs = job->jobs;
-    if (start(job)) {
-        qm_problem problem;
-        qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, &problem);
-        bool has_b = qm_job_type_of(job->request.kind)->mesh_field[1];
-        qm_mesh_ref *b = a && has_b ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
-        if (a && (b || !has_b))
-            answer(job, qm_mesh_ref_get(a), b ? qm_mesh_ref_get(b) : NULL);
-        else
-            qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
-        qm_meshes_release(jobs->meshes, a);
-        qm_meshes_release(jobs->meshes, b);
-    }
+    if (start(job)) (job->request.kind == QM_JOB_RECONSTRUCTION_STEP ? qm_job_run_steps : run_on_meshes)(job);
     qm_jobs_release(jobs, job);
 }

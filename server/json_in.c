@@ -7,12 +7,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "json_check.h"
+#include "json_object.h"
 #include "json_write.h"
 
 #define MAX_THREADS 256
 #define MAX_PIECES 1e7
+#define MAX_STEPS 64
 #define MAX_BINS 1e4
+#define MAX_LISTED 1e5
 #define POINTER_SIZE sizeof(((qm_problem_error *)NULL)->pointer)
 
 /** Where in an array a value is at fault: the places of its entries from the outside in. */
@@ -67,13 +69,7 @@ static int find_name(const cJSON *value, const char *const *names)
 static bool read_type(const cJSON *value, qm_job_request *out)
 {
     const char *given;
-    if (!read_string(value, &given)) return false;
-    for (int kind = 0; kind < QM_JOB_KIND_COUNT; kind++) {
-        if (strcmp(qm_job_type_of((qm_job_kind)kind)->name, given) != 0) continue;
-        out->kind = (qm_job_kind)kind;
-        return true;
-    }
-    return false;
+    return read_string(value, &given) && qm_job_kind_find(given, &out->kind);
 }
 
 static bool read_a(const cJSON *value, qm_job_request *out)
@@ -153,6 +149,39 @@ static bool read_pieces(const cJSON *value, qm_job_request *out)
     return true;
 }
 
+static bool read_steps(const cJSON *value, qm_job_request *out)
+{
+    double steps;
+    if (!read_whole(value, 1, MAX_STEPS, &steps)) return false;
+    out->goal.steps = (size_t)steps;
+    return true;
+}
+
+static bool read_until(const cJSON *value, qm_job_request *out)
+{
+    if (!cJSON_IsObject(value)) return false;
+    for (const cJSON *member = value->child; member; member = member->next) {
+        double quads;
+        bool good = false;
+        if (strcmp(member->string, "hausdorff_relative") == 0) {
+            good = read_number(member, &out->hausdorff_relative) && out->hausdorff_relative > 0.0;
+        } else if (strcmp(member->string, "edge_length") == 0) {
+            good = read_number(member, &out->goal.edge) && out->goal.edge > 0.0;
+        } else if (strcmp(member->string, "max_quads") == 0) {
+            good = read_whole(member, 1, QM_REFINE_MOST_QUADS, &quads);
+            if (good) out->goal.max_quads = (size_t)quads;
+        }
+        if (!good) return false;
+    }
+    return true;
+}
+
+static bool read_measure(const cJSON *value, qm_job_request *out)
+{
+    out->goal.measures = cJSON_IsTrue(value);
+    return cJSON_IsBool(value);
+}
+
 static bool read_bins(const cJSON *value, qm_job_request *out)
 {
     double bins;
@@ -172,6 +201,29 @@ static bool read_percentiles(const cJSON *value, qm_job_request *out, fault *at)
         out->percentile_count++;
     }
     return true;
+}
+
+static bool read_mode(const cJSON *value, qm_job_request *out)
+{
+    static const char *const names[] = {"all", "first", "any", NULL};
+    static const qm_collide_mode modes[] = {QM_COLLIDE_ALL, QM_COLLIDE_FIRST, QM_COLLIDE_ANY};
+    int place = find_name(value, names);
+    if (place >= 0) out->mode = modes[place];
+    return place >= 0;
+}
+
+static bool read_limit(const cJSON *value, qm_job_request *out)
+{
+    double limit;
+    if (!read_whole(value, 0, MAX_LISTED, &limit)) return false;
+    out->list_limit = (size_t)limit;
+    return true;
+}
+
+static bool read_incremental(const cJSON *value, qm_job_request *out)
+{
+    out->incremental = cJSON_IsTrue(value);
+    return cJSON_IsBool(value);
 }
 
 static bool read_detach(const cJSON *value, qm_job_request *out)
@@ -202,26 +254,31 @@ static bool read_bounds(const cJSON *value, qm_job_request *out)
     return place >= 0;
 }
 
-/** Rows of three numbers. */
-static bool read_points(const cJSON *value, qm_job_request *out, fault *at)
+/** Rows of three numbers, on the heap. */
+static bool read_rows(const cJSON *value, double **rows, size_t *row_count, fault *at)
 {
     if (!cJSON_IsArray(value)) return false;
     size_t count = (size_t)cJSON_GetArraySize(value);
     if (count == 0) return true;
-    out->points = malloc(count * 3 * sizeof *out->points);
-    if (!out->points) {
+    *rows = malloc(count * 3 * sizeof **rows);
+    if (!*rows) {
         at->no_memory = true;
         return false;
     }
     for (const cJSON *row = value->child; row; row = row->next) {
-        *at = (fault){.depth = 1, .index = {out->point_count}};
+        *at = (fault){.depth = 1, .index = {*row_count}};
         if (!cJSON_IsArray(row) || cJSON_GetArraySize(row) != 3) return false;
         at->depth = 2;
         for (const cJSON *number = row->child; number; number = number->next, at->index[1]++)
-            if (!read_number(number, &out->points[3 * out->point_count + at->index[1]])) return false;
-        out->point_count++;
+            if (!read_number(number, &(*rows)[3 * *row_count + at->index[1]])) return false;
+        ++*row_count;
     }
     return true;
+}
+
+static bool read_points(const cJSON *value, qm_job_request *out, fault *at)
+{
+    return read_rows(value, &out->points, &out->point_count, at);
 }
 
 enum {
@@ -229,19 +286,28 @@ enum {
     HAUSDORFF = 1u << QM_JOB_HAUSDORFF,
     PROJECT = 1u << QM_JOB_PROJECT,
     DEVIATION = 1u << QM_JOB_DEVIATION,
-    PAIRS = HAUSDORFF | DEVIATION
+    COLLISION = 1u << QM_JOB_COLLISION,
+    SELF = 1u << QM_JOB_SELF_COLLISION,
+    PAIRS = HAUSDORFF | DEVIATION | 1u << QM_JOB_DISTANCE | COLLISION,
+    SINGLE = PROJECT | SELF,
+    STEP = 1u << QM_JOB_RECONSTRUCTION_STEP
 };
 
 static const field fields[] = {
     {"type", ALL, ALL, read_type, NULL, "must be one of" TYPE_NAMES},
     {"a", PAIRS, PAIRS, read_a, NULL, "must be the id of a mesh"},
     {"b", PAIRS, PAIRS, read_b, NULL, "must be the id of a mesh"},
-    {"mesh", PROJECT, PROJECT, read_a, NULL, "must be the id of a mesh"},
+    {"mesh", SINGLE, SINGLE, read_a, NULL, "must be the id of a mesh"},
     {"points", PROJECT, PROJECT, NULL, read_points, "must hold points, each of three finite numbers"},
     {"direction", HAUSDORFF, 0, read_direction, NULL, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\""},
-    {"quads", ALL, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\""},
-    {"tolerance", PAIRS, 0, read_tolerance, NULL, "must be a number above 0"},
-    {"tolerance_unit", PAIRS, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\""},
+    {"reconstruction", STEP, STEP, read_a, NULL, "must be the id of a reconstruction"},
+    {"steps", STEP, 0, read_steps, NULL, "must be a whole number from 1 to 64"},
+    {"until", STEP, 0, read_until, NULL,
+     "must be an object with hausdorff_relative, max_quads, edge_length, or some of them, each above 0"},
+    {"measure", STEP, 0, read_measure, NULL, "must be true or false"},
+    {"quads", ALL & ~STEP, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\""},
+    {"tolerance", PAIRS | SELF, 0, read_tolerance, NULL, "must be a number above 0"},
+    {"tolerance_unit", PAIRS | SELF, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\""},
     {"threshold", HAUSDORFF, 0, read_threshold, NULL, "must be a number of 0 or more, or null"},
     {"deadline_ms", HAUSDORFF, 0, read_deadline, NULL, "must be a number above 0"},
     {"accuracy", DEVIATION, 0, read_accuracy, NULL, "must be a number above 0"},
@@ -249,11 +315,15 @@ static const field fields[] = {
     {"bins", DEVIATION, 0, read_bins, NULL, "must be a whole number from 0 to 10000"},
     {"percentiles", DEVIATION, 0, NULL, read_percentiles,
      "must hold at most 64 numbers above 0, none above 100"},
+    {"mode", COLLISION | SELF, 0, read_mode, NULL, "must be \"all\", \"first\" or \"any\""},
+    {"limit", COLLISION | SELF, 0, read_limit, NULL, "must be a whole number from 0 to 100000"},
+    {"incremental", SELF, 0, read_incremental, NULL, "must be true or false"},
     {"threads", ALL, 0, read_threads, NULL, "must be a whole number from 1 to 256"},
     {"detach", ALL, 0, read_detach, NULL, "must be true or false"},
-    {"accelerator", ALL & ~DEVIATION, 0, read_accelerator, NULL,
+    {"accelerator", HAUSDORFF | PROJECT, 0, read_accelerator, NULL,
      "must be \"auto\", \"boxes\", \"tetra\" or \"grid\""},
-    {"accelerator", DEVIATION, 0, read_boxes, NULL, "must be \"auto\" or \"boxes\""},
+    {"accelerator", ALL & ~(HAUSDORFF | PROJECT | STEP), 0, read_boxes, NULL,
+     "must be \"auto\" or \"boxes\""},
     {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\" or \"matching\""},
 };
 enum { FIELD_COUNT = sizeof fields / sizeof fields[0] };
@@ -345,47 +415,6 @@ static void read_members(const cJSON *object, qm_job_request *out, qm_problem *p
             complain(problem, QM_PROBLEM_INVALID_FIELD, fields[i].name, "is missing");
 }
 
-static qm_problem malformed_at(size_t place, const char *words)
-{
-    qm_problem problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "%s at byte %zu", words, place);
-    problem.error_count = 1;
-    problem.errors[0] = (qm_problem_error){.line = QM_NO_PLACE, .offset = place};
-    snprintf(problem.errors[0].detail, sizeof problem.errors[0].detail, "%s", words);
-    return problem;
-}
-
-/** Parses the whole text; NULL with a problem when it is not one JSON value. */
-static cJSON *parse(const char *text, size_t size, qm_problem *problem)
-{
-    const char *end = text;
-    cJSON *tree = cJSON_ParseWithLengthOpts(text, size, &end, false);
-    const char *rest = end;
-    while (tree && rest < text + size && *rest && strchr(" \t\r\n", *rest))
-        rest++;
-    if (tree && rest == text + size) return tree;
-    *problem = malformed_at((size_t)((tree ? rest : end) - text), "the JSON cannot be read");
-    cJSON_Delete(tree);
-    return NULL;
-}
-
-/** The object of a request; NULL with a problem. */
-static cJSON *parse_object(const char *text, size_t size, qm_problem *problem)
-{
-    *problem = (qm_problem){0};
-    size_t place;
-    const char *words;
-    if (!qm_json_check_text(text, size, &place, &words)) {
-        *problem = malformed_at(place, words);
-        return NULL;
-    }
-    cJSON *tree = parse(text, size, problem);
-    if (!tree || cJSON_IsObject(tree)) return tree;
-    *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "a job is a JSON object");
-    qm_problem_add_pointer(problem, "", "must be an object");
-    cJSON_Delete(tree);
-    return NULL;
-}
-
 /** Reads the members and gives the tree back. */
 static bool read_request(cJSON *object, qm_job_request *out, qm_problem *problem)
 {
@@ -399,7 +428,7 @@ static bool read_request(cJSON *object, qm_job_request *out, qm_problem *problem
 bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem)
 {
     *out = qm_job_request_default();
-    cJSON *object = parse_object(text, size, problem);
+    cJSON *object = qm_json_parse_object(text, size, "a job", problem);
     return object && read_request(object, out, problem);
 }
 
@@ -424,7 +453,66 @@ bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job
                              qm_problem *problem)
 {
     *out = qm_job_request_default();
-    cJSON *object = parse_object(text, size, problem);
+    cJSON *object = qm_json_parse_object(text, size, "a job", problem);
     take_key(object, key, problem);
     return object && read_request(object, out, problem);
+}
+
+/* ---- deformations ---- */
+
+static bool read_indices(const cJSON *value, qm_moved_vertices *out, size_t *count, fault *at)
+{
+    if (!cJSON_IsArray(value)) return false;
+    size_t size = (size_t)cJSON_GetArraySize(value);
+    out->indices = malloc((size + 1) * sizeof *out->indices);
+    at->no_memory = !out->indices;
+    if (at->no_memory) return false;
+    at->depth = 1;
+    for (const cJSON *number = value->child; number; number = number->next, at->index[0]++) {
+        double index;
+        if (!read_whole(number, 0, UINT32_MAX, &index)) return false;
+        out->indices[(*count)++] = (uint32_t)index;
+    }
+    return true;
+}
+
+static void complain_of_member(qm_problem *problem, const char *name, const fault *at, const char *words)
+{
+    complain_of(problem, at->no_memory ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_INVALID_FIELD, name, at,
+                at->no_memory ? "needs more memory than there is" : words);
+}
+
+static void read_moved(const cJSON *object, qm_moved_vertices *out, qm_problem *problem)
+{
+    size_t index_count = 0;
+    bool has_positions = false;
+    for (const cJSON *member = object->child; member; member = member->next) {
+        fault place = {0};
+        bool is_indices = strcmp(member->string, "indices") == 0;
+        bool is_positions = strcmp(member->string, "positions") == 0;
+        if ((!is_indices && !is_positions) || (is_indices && out->indices) || (is_positions && has_positions))
+            complain(problem, QM_PROBLEM_INVALID_FIELD, member->string, "is unknown, or given twice");
+        else if (is_indices && !read_indices(member, out, &index_count, &place))
+            complain_of_member(problem, "indices", &place, "must hold whole numbers of 0 or more");
+        else if (is_positions && !read_rows(member, &out->positions, &out->count, &place))
+            complain_of_member(problem, "positions", &place, "must hold rows of three finite numbers");
+        has_positions |= is_positions;
+    }
+    if (!has_positions) complain(problem, QM_PROBLEM_INVALID_FIELD, "positions", "is missing");
+    if (problem->error_count == 0 && out->indices && index_count != out->count)
+        complain(problem, QM_PROBLEM_INVALID_FIELD, "positions",
+                 "must have as many rows as there are indices");
+}
+
+bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertices *out, qm_problem *problem)
+{
+    *out = (qm_moved_vertices){0};
+    cJSON *object = qm_json_parse_object(text, size, "a deformation", problem);
+    if (!object) return false;
+    *problem = (qm_problem){.code = QM_PROBLEM_INVALID_FIELD};
+    read_moved(object, out, problem);
+    cJSON_Delete(object);
+    if (problem->error_count == 0) return true;
+    qm_moved_vertices_reset(out);
+    return false;
 }

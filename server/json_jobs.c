@@ -244,6 +244,126 @@ static void write_deviation_result(qm_text *out, const qm_job_request *request, 
     qm_json_add_number(out, "elapsed_ms", result->elapsed_ms);
 }
 
+/* ---- distance ---- */
+
+static void write_distance_request(qm_text *out, const qm_job_request *request, bool is_brief)
+{
+    (void)is_brief;
+    write_tolerance(out, request);
+}
+
+static void write_distance_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
+{
+    const qm_distance *distance = &result->distance;
+    add_bounds(out, distance->lower, distance->upper, result->diagonal);
+    qm_json_open(out, "witness", "{");
+    add_surface_point(out, "from", "a", request->a, result->from_face, &distance->from);
+    add_surface_point(out, "to", "b", request->b, result->to_face, &distance->to);
+    qm_text_add_string(out, "}");
+    qm_json_add_bool(out, "collides", distance->upper == 0.0);
+    qm_json_add_string(out, "quads", quads_name(request->quads));
+    qm_json_add_number(out, "tolerance", result->tolerance);
+    qm_json_add_bool(out, "converged", distance->is_converged);
+    qm_json_add_count(out, "face_pairs", distance->pairs);
+    add_prepare_ms(out, result);
+    qm_json_add_number(out, "elapsed_ms", distance->elapsed_ms);
+}
+
+/* ---- collision, self_collision ---- */
+
+/** In the order of qm_collide_mode. */
+static const char *const mode_names[] = {"all", "first", "any"};
+
+static void write_collision_request(qm_text *out, const qm_job_request *request, bool is_brief)
+{
+    (void)is_brief;
+    qm_json_add_string(out, "mode", mode_names[request->mode]);
+    qm_json_add_count(out, "limit", request->list_limit);
+    write_tolerance(out, request);
+}
+
+static void write_self_collision_request(qm_text *out, const qm_job_request *request, bool is_brief)
+{
+    write_collision_request(out, request, is_brief);
+    if (request->incremental) qm_json_add_bool(out, "incremental", true);
+}
+
+static void add_pair(qm_text *out, qm_face_pair pair, const qm_contact *contact)
+{
+    static const char *const kinds[] = {"point", "segment", "area"};
+    const double faces[2] = {pair.a, pair.b};
+    qm_json_add_comma(out);
+    qm_text_add_string(out, "{");
+    qm_json_add_numbers(out, "faces", faces, 2);
+    qm_json_add_string(out, "contact", kinds[contact->kind]);
+    qm_json_open(out, "points", "[");
+    for (int i = 0; i < (contact->kind == QM_CONTACT_POINT ? 1 : 2); i++)
+        qm_json_add_array(out, contact->point[i], 3);
+    qm_text_add_string(out, "]}");
+}
+
+static void write_pairs(qm_text *out, const qm_job_request *request, const qm_job_result *result)
+{
+    const qm_told_pairs *told = &result->pairs;
+    qm_json_add_bool(out, "collides", told->found.pair_count > 0);
+    qm_json_add_count(out, "count", told->found.pair_count);
+    qm_json_open(out, "pairs", "[");
+    for (size_t i = 0; i < told->listed_count; i++)
+        add_pair(out, told->found.pairs[i], &told->contacts[i]);
+    qm_text_add_string(out, "]");
+    qm_json_add_string(out, "mode", mode_names[request->mode]);
+    qm_json_add_string(out, "quads", quads_name(request->quads));
+    if (request->quads == QM_QUADS_BILINEAR) qm_json_add_number(out, "tolerance", result->tolerance);
+    qm_json_add_count(out, "tests", told->found.tests);
+}
+
+static void write_collision_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
+{
+    write_pairs(out, request, result);
+    add_prepare_ms(out, result);
+    qm_json_add_number(out, "elapsed_ms", result->pairs.found.elapsed_ms);
+}
+
+static void write_self_collision_result(qm_text *out, const qm_job_request *request,
+                                        const qm_job_result *result)
+{
+    write_pairs(out, request, result);
+    qm_json_add_bool(out, "incremental", false);
+    qm_json_add_number(out, "prepare_ms", result->prepare_a_ms);
+    qm_json_add_number(out, "elapsed_ms", result->pairs.found.elapsed_ms);
+}
+
+/* ---- reconstruction_step ---- */
+
+static void write_reconstruction_step_request(qm_text *out, const qm_job_request *request, bool is_brief)
+{
+    (void)is_brief;
+    const qm_refine_goal *goal = &request->goal;
+    if (goal->steps > 0) qm_json_add_count(out, "steps", goal->steps);
+    qm_json_open(out, "until", "{");
+    if (request->hausdorff_relative > 0.0)
+        qm_json_add_number(out, "hausdorff_relative", request->hausdorff_relative);
+    if (goal->max_quads > 0) qm_json_add_count(out, "max_quads", goal->max_quads);
+    if (goal->edge > 0.0) qm_json_add_number(out, "edge_length", goal->edge);
+    qm_text_add_string(out, "}");
+    qm_json_add_bool(out, "measure", goal->measures);
+}
+
+static void write_reconstruction_step_result(qm_text *out, const qm_job_request *request,
+                                             const qm_job_result *result)
+{
+    qm_json_add_string(out, "reconstruction", request->a);
+    qm_json_add_string(out, "mesh", result->mesh);
+    qm_json_add_count(out, "quads", result->quads);
+    qm_json_add_count(out, "step_count", result->step_count);
+    qm_json_add_string(out, "stopped_by", qm_refine_stop_name(result->refine_stop));
+    qm_json_open(out, "steps", "[");
+    qm_text_add_string(out, result->records);
+    qm_text_add_string(out, "]");
+    qm_json_add_number(out, "prepare_ms", result->prepare_a_ms);
+    qm_json_add_number(out, "elapsed_ms", result->elapsed_ms);
+}
+
 /* ---- any kind ---- */
 
 typedef struct writer {
@@ -264,7 +384,8 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     qm_json_add_string(out, "type", type->name);
     qm_json_add_string(out, type->mesh_field[0], request->a);
     if (type->mesh_field[1]) qm_json_add_string(out, type->mesh_field[1], request->b);
-    qm_json_add_string(out, "quads", quads_name(request->quads));
+    if (request->kind != QM_JOB_RECONSTRUCTION_STEP)
+        qm_json_add_string(out, "quads", quads_name(request->quads));
     if (request->threads > 0) qm_json_add_count(out, "threads", (uint64_t)request->threads);
     writers[request->kind].request(out, request, is_brief);
     qm_text_add_string(out, "}");

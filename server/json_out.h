@@ -13,7 +13,7 @@
 typedef struct qm_mesh_label {
     const char *id, *name;    /* id may be NULL: the member is then left out, as the command line does */
     const char *content_hash; /* 64 hex digits, or NULL */
-    unsigned revision;
+    uint64_t revision;
     const char *created; /* RFC 3339, or NULL */
 } qm_mesh_label;
 

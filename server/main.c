@@ -11,16 +11,21 @@
 #include <unistd.h>
 #include <uv.h>
 
+#include "budget.h"
+#include "draco_child.h"
 #include "http.h"
 #include "log.h"
 #include "parallel.h"
+#include "route.h"
 
 #define REQUEST_THREADS 4
 #define UPLOAD_THREADS 2
 #define TICK_MS 50
 #define CONNECTIONS_MS 1000
 #define OWN_FILES 64
+#define CLEANING_MS 60000
 #define MS_PER_S 1e3
+#define S_PER_H 3600.0
 
 typedef struct daemon_state {
     qm_app app;
@@ -28,7 +33,7 @@ typedef struct daemon_state {
     uv_loop_t loop;
     uv_signal_t terminate, interrupt, hang_up;
     uv_timer_t tick;
-    double connections_checked_ms;
+    double connections_checked_ms, cleaned_ms;
 } daemon_state;
 
 static void on_signal(uv_signal_t *handle, int number)
@@ -58,6 +63,11 @@ static void on_hang_up(uv_signal_t *handle, int number)
     load_tokens(&((daemon_state *)handle->data)->app);
 }
 
+static void clean(void *jobs)
+{
+    qm_jobs_drop_old(jobs);
+}
+
 static void on_tick(uv_timer_t *handle)
 {
     daemon_state *state = handle->data;
@@ -66,6 +76,9 @@ static void on_tick(uv_timer_t *handle)
     if (now < state->connections_checked_ms + CONNECTIONS_MS) return;
     qm_http_tick(state->http, now);
     state->connections_checked_ms = now;
+    if (now < state->cleaned_ms + CLEANING_MS) return;
+    qm_pool_submit(state->app.pool, clean, state->app.jobs);
+    state->cleaned_ms = now;
 }
 
 static void start_loop(daemon_state *state)
@@ -145,17 +158,21 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     }
     qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
                               .max_faces = (size_t)config->max_faces};
+    size_t memory = config->memory_budget > 0 ? (size_t)config->memory_budget : qm_budget_default_limit();
     int prepare_threads =
         config->prepare_threads > 0 ? (int)config->prepare_threads : qm_parallel_available();
-    app->meshes = qm_meshes_create(app->store, limits, prepare_threads);
+    app->meshes = qm_meshes_create(app->store, limits, memory, prepare_threads);
     app->pool = qm_pool_create(REQUEST_THREADS);
     app->long_pool = qm_pool_create(UPLOAD_THREADS);
-    if (!app->meshes || !app->pool || !app->long_pool) return false;
-    app->jobs = qm_jobs_create(app->store, app->meshes,
+    app->reconstructions = qm_reconstructions_create(app->store, app->meshes);
+    if (!app->meshes || !app->reconstructions || !app->pool || !app->long_pool) return false;
+    app->jobs = qm_jobs_create(app->store, app->meshes, app->reconstructions,
                                (qm_job_limits){.workers = (int)config->workers,
                                                .queue = (int)config->queue,
                                                .threads = (int)config->job_threads,
                                                .grace_ms = config->grace * MS_PER_S,
+                                               .kept_jobs = (size_t)config->kept_jobs,
+                                               .kept_s = config->kept_hours * S_PER_H,
                                                .heartbeat_ms = config->heartbeat * MS_PER_S});
     if (!app->jobs) return false;
     state->http = qm_http_start(app);
@@ -177,6 +194,7 @@ static void stop_parts(daemon_state *state)
     qm_pool_destroy(app->pool);
     qm_pool_destroy(app->long_pool);
     qm_jobs_destroy(app->jobs);
+    qm_reconstructions_destroy(app->reconstructions);
     qm_meshes_destroy(app->meshes);
     qm_store_close(app->store);
     qm_tokens_destroy(app->tokens);
@@ -204,11 +222,15 @@ static void allow_connections(const qm_config *config)
 
 int main(int argc, char **argv)
 {
+    if (argc == 2 && strcmp(argv[1], QM_DRACO_CHILD_FLAG) == 0) return qm_draco_child_main();
+    if (argc == 2 && strcmp(argv[1], "--print-routes") == 0) return qm_route_print_all(), 0;
     qm_config config;
     qm_config_outcome outcome = qm_config_read(&config, argc, argv);
     if (outcome != QM_CONFIG_RUN) return outcome == QM_CONFIG_EXIT_OK ? 0 : 2;
     qm_log_init(strcmp(config.log_format, "json") == 0, read_level(config.log_level));
     signal(SIGPIPE, SIG_IGN);
+    signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a failed write, as on a full disk */
+    qm_codec_drc_set_decoder(qm_draco_child_decode);
     allow_connections(&config);
     char dashboard[4096];
     find_dashboard(&config, dashboard, sizeof dashboard);

@@ -56,6 +56,20 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
     return status;
 }
 
+/** Puts the positions of a revision in the place of the file's. */
+static qm_status set_positions(qm_context *ctx, const qm_preparation *preparation, qm_mesh *mesh,
+                               qm_codec_report *report)
+{
+    qm_status status = QM_E_FORMAT;
+    if (preparation->position_count == mesh->vertex_count) {
+        memcpy(mesh->positions, preparation->positions, 3 * sizeof *mesh->positions * mesh->vertex_count);
+        status = qm_mesh_validate(ctx, mesh);
+    }
+    if (status != QM_OK)
+        snprintf(report->detail, sizeof report->detail, "the positions of the revision do not fit the mesh");
+    return status;
+}
+
 qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
                        const qm_codec_limits *limits, const qm_preparation *preparation, qm_loaded_mesh *out,
                        qm_codec_report *report)
@@ -72,6 +86,8 @@ qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, 
     }
     qm_status status = qm_codec_decode(ctx, out->format, bytes, size, limits, &out->mesh, report);
     out->parse_ms = qm_now_ms() - start;
+    if (status == QM_OK && preparation->positions)
+        status = set_positions(ctx, preparation, &out->mesh, report);
     if (status == QM_OK) {
         status = prepare(ctx, preparation, out);
         if (status == QM_OK) status = set_warnings(out, report);
@@ -82,8 +98,73 @@ qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, 
     return status;
 }
 
+static qm_status copy_arrays(qm_context *ctx, const qm_loaded_mesh *from, qm_loaded_mesh *to)
+{
+    const qm_mesh *mesh = &from->mesh;
+    to->mesh.faces = qm_context_alloc(ctx, mesh->face_count, 4 * sizeof *mesh->faces);
+    if (mesh->face_origin)
+        to->mesh.face_origin = qm_context_alloc(ctx, mesh->face_count, sizeof *mesh->face_origin);
+    to->warnings = calloc(from->warning_count + 1, sizeof *to->warnings);
+    bool has_faces = to->mesh.faces || mesh->face_count == 0;
+    if (!has_faces || (mesh->face_origin && !to->mesh.face_origin) || !to->warnings) return QM_E_NO_MEMORY;
+    if (mesh->face_count > 0) memcpy(to->mesh.faces, mesh->faces, mesh->face_count * 4 * sizeof *mesh->faces);
+    if (mesh->face_origin)
+        memcpy(to->mesh.face_origin, mesh->face_origin, mesh->face_count * sizeof *mesh->face_origin);
+    memcpy(to->warnings, from->warnings, from->warning_count * sizeof *to->warnings);
+    to->warning_count = from->warning_count;
+    return QM_OK;
+}
+
+qm_status qm_loaded_mesh_copy(qm_context *ctx, const qm_loaded_mesh *mesh, double *positions,
+                              const qm_preparation *preparation, qm_loaded_mesh *out)
+{
+    *out = (qm_loaded_mesh){.mesh = mesh->mesh,
+                            .format = mesh->format,
+                            .file_size = mesh->file_size,
+                            .parse_ms = mesh->parse_ms,
+                            .revision = mesh->revision + 1};
+    out->mesh.positions = NULL;
+    out->mesh.faces = NULL;
+    out->mesh.face_origin = NULL;
+    qm_status status = copy_arrays(ctx, mesh, out);
+    if (status == QM_OK) {
+        out->mesh.positions = positions;
+        status = prepare(ctx, preparation, out);
+    }
+    if (status == QM_OK) return QM_OK;
+    out->mesh.positions = NULL;
+    qm_loaded_mesh_reset(ctx, out);
+    return status;
+}
+
+qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *positions,
+                                const uint32_t *vertices, size_t vertex_count, int thread_count,
+                                size_t *updated)
+{
+    uint32_t *faces = NULL;
+    size_t face_count = 0, boxes = 0, radii = 0;
+    qm_context_free(ctx, mesh->mesh.positions, mesh->mesh.vertex_count, 3 * sizeof *positions);
+    mesh->mesh.positions = positions;
+    mesh->box = qm_mesh_bounding_box(&mesh->mesh);
+    mesh->diagonal = qm_box_diagonal(&mesh->box);
+    mesh->revision++;
+    qm_status status = mesh->deformer ? QM_OK : qm_deformer_build(ctx, mesh->bvh, &mesh->deformer);
+    if (status == QM_OK && vertices)
+        status = qm_deformer_find_faces(ctx, mesh->deformer, vertices, vertex_count, &faces, &face_count);
+    /* Vertices that no face uses move no face: the trees only learn where the positions are. */
+    const uint32_t none = 0, *list = vertices && !faces ? &none : faces;
+    if (status == QM_OK)
+        status =
+            qm_bvh_refit(ctx, mesh->bvh, mesh->deformer, &mesh->mesh, list, face_count, thread_count, &boxes);
+    if (status == QM_OK && mesh->tetra) status = qm_tetra_refit(ctx, mesh->tetra, list, face_count, &radii);
+    qm_context_free(ctx, faces, face_count, sizeof *faces);
+    *updated = boxes + radii;
+    return status;
+}
+
 void qm_loaded_mesh_reset(qm_context *ctx, qm_loaded_mesh *mesh)
 {
+    qm_deformer_destroy(ctx, mesh->deformer);
     qm_tetra_destroy(ctx, mesh->tetra);
     qm_patch_set_reset(ctx, &mesh->patches);
     qm_bvh_destroy(ctx, mesh->bvh);
@@ -98,7 +179,8 @@ size_t qm_loaded_mesh_memory_size(const qm_loaded_mesh *mesh)
         4 * sizeof *mesh->mesh.faces + (mesh->mesh.face_origin ? sizeof *mesh->mesh.face_origin : 0);
     return sizeof *mesh + 3 * sizeof *mesh->mesh.positions * mesh->mesh.vertex_count +
            face_width * mesh->mesh.face_count + qm_bvh_memory_size(mesh->bvh) +
-           qm_patch_set_memory_size(&mesh->patches) + (mesh->tetra ? qm_tetra_memory_size(mesh->tetra) : 0);
+           qm_patch_set_memory_size(&mesh->patches) + (mesh->tetra ? qm_tetra_memory_size(mesh->tetra) : 0) +
+           (mesh->deformer ? qm_deformer_memory_size(mesh->deformer) : 0);
 }
 
 qm_regular_patch qm_loaded_mesh_largest_patch(const qm_loaded_mesh *mesh)

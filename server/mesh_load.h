@@ -6,7 +6,7 @@
 #define QM_MESH_LOAD_H
 
 #include "codec.h"
-#include "qm/tetra.h"
+#include "qm/deform.h"
 
 typedef struct qm_loaded_mesh {
     qm_mesh mesh;
@@ -16,6 +16,8 @@ typedef struct qm_loaded_mesh {
     qm_mesh_facts facts;
     qm_box box;
     double diagonal;
+    uint64_t revision;     /* deformations of the file's mesh so far */
+    qm_deformer *deformer; /* made by the first deformation in memory; NULL before */
     qm_format format;
     size_t file_size;
     double parse_ms, topology_ms, patches_ms, bvh_ms;
@@ -31,6 +33,9 @@ typedef struct qm_preparation {
     bool has_tetra;     /* builds offset tetrahedra over them; needs a tree that is a target */
     qm_bvh_parts parts; /* of the tree */
     int thread_count;   /* 1 or more; more than one is used only with ctx->parallel */
+    const double
+        *positions;        /* of a revision, in place of those of the file; NULL: the file's. Rows of x y z */
+    size_t position_count; /* rows */
 } qm_preparation;
 
 /**
@@ -42,6 +47,24 @@ typedef struct qm_preparation {
 qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
                        const qm_codec_limits *limits, const qm_preparation *preparation, qm_loaded_mesh *out,
                        qm_codec_report *report);
+
+/**
+ * Makes a mesh of the same faces, facts and warnings with other positions, which it takes over: rows of x y z
+ * for every vertex, on the allocator of the context. They have passed qm_mesh_validate.
+ *
+ * Returns QM_OK or a status; after an error *out is all zero, and positions are still the caller's.
+ */
+qm_status qm_loaded_mesh_copy(qm_context *ctx, const qm_loaded_mesh *mesh, double *positions,
+                              const qm_preparation *preparation, qm_loaded_mesh *out);
+
+/**
+ * Moves the vertices of a mesh that nobody else uses: takes positions over as above, and lets trees follow.
+ * vertices are those that moved, NULL for all. *updated counts the boxes and radii that were found anew.
+ * After an error the mesh must not be used but for qm_loaded_mesh_reset; positions are gone.
+ */
+qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *positions,
+                                const uint32_t *vertices, size_t vertex_count, int thread_count,
+                                size_t *updated);
 
 void qm_loaded_mesh_reset(qm_context *ctx, qm_loaded_mesh *mesh);
 

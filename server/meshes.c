@@ -1,42 +1,15 @@
-#include "meshes.h"
+#include "meshes_internal.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/random.h>
 #include <time.h>
-#include <uv.h>
 
 #include "json_out.h"
 #include "log.h"
 #include "metrics.h"
 #include "parallel.h"
-
-/** An entry lives while it is in the list or anybody holds a reference. */
-struct qm_mesh_ref {
-    char id[QM_ID_SIZE];
-    qm_loaded_mesh mesh;
-    enum { LOADING, READY, BROKEN } state;
-    int references; /* the list counts as one */
-    bool listed;
-    qm_problem problem; /* when broken */
-    qm_mesh_ref *next;
-};
-
-/**
- * lock guards the list, references and states; changed tells of a state. A mesh that is READY is only read.
- * filing is taken before lock, by who adds or removes a mesh in the store: so no two rows have the same
- * content and options, no blob is removed that a row is about to name, and list and store agree.
- */
-struct qm_meshes {
-    qm_store *store;
-    qm_codec_limits limits;
-    int threads; /* that prepare a mesh */
-    uv_mutex_t filing;
-    uv_mutex_t lock;
-    uv_cond_t changed;
-    qm_mesh_ref *first;
-};
 
 void qm_make_id(char prefix, char out[QM_ID_SIZE])
 {
@@ -52,20 +25,42 @@ void qm_make_id(char prefix, char out[QM_ID_SIZE])
 
 void qm_format_time(char out[QM_TIME_SIZE])
 {
+    qm_format_past_time(0.0, out);
+}
+
+void qm_format_past_time(double seconds, char out[QM_TIME_SIZE])
+{
     struct timespec now;
     struct tm utc;
     clock_gettime(CLOCK_REALTIME, &now);
+    now.tv_sec -= (time_t)seconds;
     gmtime_r(&now.tv_sec, &utc);
     size_t length = strftime(out, QM_TIME_SIZE, "%Y-%m-%dT%H:%M:%S", &utc);
     snprintf(out + length, QM_TIME_SIZE - length, ".%03dZ", (int)(now.tv_nsec / 1000000));
 }
 
-qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, int threads)
+qm_context qm_meshes_context(qm_meshes *meshes)
+{
+    qm_context ctx = qm_context_make();
+    ctx.allocator = qm_budget_allocator(&meshes->budget);
+    return ctx;
+}
+
+static bool drop_coldest(void *user);
+
+/** A file in memory. */
+typedef struct mapped_bytes {
+    const uint8_t *bytes;
+    size_t size;
+} mapped_bytes;
+
+qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memory_limit, int threads)
 {
     qm_meshes *meshes = calloc(1, sizeof *meshes);
     if (!meshes) return NULL;
     meshes->store = store;
     meshes->limits = limits;
+    meshes->budget = (qm_budget){.limit = memory_limit, .make_room = drop_coldest, .user = meshes};
     meshes->threads = threads;
     uv_mutex_init(&meshes->filing);
     uv_mutex_init(&meshes->lock);
@@ -73,10 +68,10 @@ qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, int threads
     return meshes;
 }
 
-static void drop_reference(qm_mesh_ref *ref)
+void qm_meshes_drop_reference(qm_mesh_ref *ref)
 {
     if (--ref->references > 0) return;
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_meshes_context(ref->meshes);
     qm_loaded_mesh_reset(&ctx, &ref->mesh);
     free(ref);
 }
@@ -86,7 +81,7 @@ void qm_meshes_destroy(qm_meshes *meshes)
     if (!meshes) return;
     for (qm_mesh_ref *ref = meshes->first, *next; ref; ref = next) {
         next = ref->next;
-        drop_reference(ref);
+        qm_meshes_drop_reference(ref);
     }
     uv_cond_destroy(&meshes->changed);
     uv_mutex_destroy(&meshes->lock);
@@ -101,7 +96,7 @@ static qm_mesh_ref *find_listed(qm_meshes *meshes, const char *id)
     return NULL;
 }
 
-static void unlist(qm_meshes *meshes, qm_mesh_ref *ref)
+void qm_meshes_unlist(qm_meshes *meshes, qm_mesh_ref *ref)
 {
     if (!ref->listed) return;
     qm_mesh_ref **link = &meshes->first;
@@ -109,69 +104,122 @@ static void unlist(qm_meshes *meshes, qm_mesh_ref *ref)
         link = &(*link)->next;
     *link = ref->next;
     ref->listed = false;
-    drop_reference(ref);
+    qm_meshes_drop_reference(ref);
 }
 
-static qm_mesh_ref *list_new(qm_meshes *meshes, const char *id)
+/** Drops the least recently used of the meshes that nobody uses. */
+static bool drop_coldest(void *user)
+{
+    qm_meshes *meshes = user;
+    qm_mesh_ref *coldest = NULL;
+    uv_mutex_lock(&meshes->lock);
+    for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
+        if (ref->references == 1 && ref->state == QM_MESH_READY) coldest = ref;
+    if (coldest) qm_meshes_unlist(meshes, coldest);
+    uv_mutex_unlock(&meshes->lock);
+    qm_metrics_add(QM_METRICS_MESH_EVICTIONS, coldest != NULL);
+    return coldest;
+}
+
+qm_meshes_memory qm_meshes_measure(qm_meshes *meshes)
+{
+    qm_meshes_memory memory = {.used = atomic_load(&meshes->budget.used), .limit = meshes->budget.limit};
+    uv_mutex_lock(&meshes->lock);
+    for (const qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
+        memory.loaded++;
+    uv_mutex_unlock(&meshes->lock);
+    return memory;
+}
+
+/** Moves a listed mesh to the front. */
+static void touch(qm_meshes *meshes, qm_mesh_ref *ref)
+{
+    qm_mesh_ref **link = &meshes->first;
+    while (*link != ref)
+        link = &(*link)->next;
+    *link = ref->next;
+    ref->next = meshes->first;
+    meshes->first = ref;
+}
+
+qm_mesh_ref *qm_meshes_list(qm_meshes *meshes, const char *id)
 {
     qm_mesh_ref *ref = calloc(1, sizeof *ref);
     if (!ref) return NULL;
     snprintf(ref->id, sizeof ref->id, "%s", id);
     ref->references = 1;
+    ref->meshes = meshes;
     ref->listed = true;
     ref->next = meshes->first;
     meshes->first = ref;
     return ref;
 }
 
-/** Decodes bytes that were mapped with this outcome, and unmaps them. */
-static bool load_mapped(const qm_meshes *meshes, qm_status mapped, const uint8_t *bytes, size_t size,
-                        qm_format format, qm_loaded_mesh *out, qm_problem *problem)
+qm_preparation qm_meshes_preparation(const qm_meshes *meshes)
 {
-    if (mapped != QM_OK) {
-        *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the mesh cannot be read");
-        return false;
-    }
-    qm_context ctx = qm_context_make();
+    return (qm_preparation){.has_facts = true,
+                            .has_patches = true,
+                            .has_tetra = true,
+                            .parts = QM_BVH_ALL,
+                            .thread_count = meshes->threads};
+}
+
+/** Decodes the bytes of a file and makes the mesh ready; positions are those of a revision, or none. */
+static bool load_bytes(qm_meshes *meshes, mapped_bytes file, mapped_bytes positions, qm_format format,
+                       qm_loaded_mesh *out, qm_problem *problem)
+{
+    qm_context ctx = qm_meshes_context(meshes);
     ctx.parallel = qm_parallel_run;
-    const qm_preparation all = {.has_facts = true,
-                                .has_patches = true,
-                                .has_tetra = true,
-                                .parts = QM_BVH_ALL,
-                                .thread_count = meshes->threads};
+    qm_preparation preparation = qm_meshes_preparation(meshes);
+    preparation.positions = (const double *)(const void *)positions.bytes;
+    preparation.position_count = positions.size / (3 * sizeof(double));
     qm_codec_report report;
-    qm_status status = qm_mesh_load(&ctx, format, bytes, size, &meshes->limits, &all, out, &report);
-    qm_blob_unmap(bytes, size);
+    qm_status status =
+        qm_mesh_load(&ctx, format, file.bytes, file.size, &meshes->limits, &preparation, out, &report);
     if (status != QM_OK) *problem = qm_problem_from_codec(status, &report);
     return status == QM_OK;
 }
 
-static bool load_upload(const qm_meshes *meshes, const qm_blob_writer *upload, qm_format format,
+static bool load_upload(qm_meshes *meshes, const qm_blob_writer *upload, qm_format format,
                         qm_loaded_mesh *out, qm_problem *problem)
 {
-    const uint8_t *bytes = NULL;
-    size_t size = 0;
-    qm_status mapped = qm_blob_map_sealed(upload, &bytes, &size);
-    return load_mapped(meshes, mapped, bytes, size, format, out, problem);
+    mapped_bytes file = {0};
+    *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the upload cannot be read");
+    bool loaded = qm_blob_map_sealed(upload, &file.bytes, &file.size) == QM_OK &&
+                  load_bytes(meshes, file, (mapped_bytes){0}, format, out, problem);
+    qm_blob_unmap(file.bytes, file.size);
+    return loaded;
 }
 
-static bool load_blob(const qm_meshes *meshes, const char *hash, qm_format format, qm_loaded_mesh *out,
-                      qm_problem *problem)
+/** Maps a blob that is there; "" gives no bytes. */
+static bool map_blob(qm_meshes *meshes, const char *hash, mapped_bytes *out)
 {
-    const uint8_t *bytes = NULL;
-    size_t size = 0;
-    qm_status mapped = qm_blob_map(meshes->store, hash, &bytes, &size);
-    if (mapped != QM_OK) qm_log(QM_LOG_ERROR, "blob %s cannot be read", hash);
-    return load_mapped(meshes, mapped, bytes, size, format, out, problem);
+    *out = (mapped_bytes){0};
+    if (!hash[0] || qm_blob_map(meshes->store, hash, &out->bytes, &out->size) == QM_OK) return true;
+    qm_log(QM_LOG_ERROR, "blob %s cannot be read", hash);
+    return false;
 }
 
-/** Makes the document of a new mesh. NULL: out of memory. */
-static char *make_document(const qm_store_mesh *row, const qm_loaded_mesh *mesh)
+/** Reads a mesh back as its row tells. */
+static bool load_row(qm_meshes *meshes, const qm_store_mesh *row, qm_loaded_mesh *out, qm_problem *problem)
 {
-    char created[QM_TIME_SIZE];
-    qm_format_time(created);
-    qm_mesh_label label = {
-        .id = row->id, .name = row->name, .content_hash = row->hash, .revision = 0, .created = created};
+    mapped_bytes file = {0}, positions = {0};
+    *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the mesh cannot be read");
+    bool loaded = map_blob(meshes, row->hash, &file) && map_blob(meshes, row->positions, &positions) &&
+                  load_bytes(meshes, file, positions, (qm_format)row->format, out, problem);
+    qm_blob_unmap(file.bytes, file.size);
+    qm_blob_unmap(positions.bytes, positions.size);
+    if (loaded) out->revision = row->revision;
+    return loaded;
+}
+
+char *qm_meshes_make_document(const qm_store_mesh *row, const qm_loaded_mesh *mesh)
+{
+    qm_mesh_label label = {.id = row->id,
+                           .name = row->name,
+                           .content_hash = row->hash,
+                           .revision = mesh->revision,
+                           .created = row->created};
     qm_text document = {0};
     qm_json_write_mesh(&document, &label, mesh);
     return qm_text_take(&document);
@@ -185,9 +233,9 @@ static char *make_options(const char *name, qm_format format)
     return qm_text_take(&options);
 }
 
-static void free_loaded(qm_loaded_mesh *mesh)
+static void free_loaded(qm_meshes *meshes, qm_loaded_mesh *mesh)
 {
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_meshes_context(meshes);
     qm_loaded_mesh_reset(&ctx, mesh);
 }
 
@@ -195,13 +243,13 @@ static void free_loaded(qm_loaded_mesh *mesh)
 static void keep_in_memory(qm_meshes *meshes, const char *id, qm_loaded_mesh *mesh)
 {
     uv_mutex_lock(&meshes->lock);
-    qm_mesh_ref *ref = list_new(meshes, id);
+    qm_mesh_ref *ref = qm_meshes_list(meshes, id);
     if (ref) {
         ref->mesh = *mesh;
-        ref->state = READY;
+        ref->state = QM_MESH_READY;
     }
     uv_mutex_unlock(&meshes->lock);
-    if (!ref) free_loaded(mesh);
+    if (!ref) free_loaded(meshes, mesh);
 }
 
 /** Looks for a mesh of the same content and options. */
@@ -236,7 +284,7 @@ static bool file_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mesh
         if (filed) keep_in_memory(meshes, row->id, mesh);
     }
     uv_mutex_unlock(&meshes->filing);
-    if (!filed) free_loaded(mesh);
+    if (!filed) free_loaded(meshes, mesh);
     if (!found && !filed) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
     *is_new = filed;
     if (filed) qm_metrics_add(QM_METRICS_MESHES_ADDED, 1);
@@ -250,7 +298,10 @@ static bool make_row(qm_blob_writer *upload, const char *name, qm_format format,
     qm_make_id('m', row->id);
     row->options = make_options(name, format);
     row->name = strdup(name);
-    if (!row->options || !row->name) {
+    char created[QM_TIME_SIZE];
+    qm_format_time(created);
+    row->created = strdup(created);
+    if (!row->options || !row->name || !row->created) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the upload");
         return false;
     }
@@ -265,10 +316,10 @@ static bool prepare(qm_meshes *meshes, const qm_blob_writer *upload, qm_format f
 {
     if (!load_upload(meshes, upload, format, mesh, problem)) return false;
     row->format = (int)mesh->format;
-    row->document = make_document(row, mesh);
+    row->document = qm_meshes_make_document(row, mesh);
     if (row->document) return true;
     *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the mesh");
-    free_loaded(mesh);
+    free_loaded(meshes, mesh);
     return false;
 }
 
@@ -298,17 +349,31 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
     qm_store_mesh row;
     bool loaded = false;
     if (qm_store_find_mesh(meshes->store, ref->id, &row)) {
-        loaded = load_blob(meshes, row.hash, (qm_format)row.format, &ref->mesh, &ref->problem);
+        loaded = load_row(meshes, &row, &ref->mesh, &ref->problem);
         qm_store_mesh_reset(&row);
     } else {
         ref->problem = qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh %s", ref->id);
     }
     qm_metrics_add(QM_METRICS_MESH_LOADS, loaded);
     uv_mutex_lock(&meshes->lock);
-    ref->state = loaded ? READY : BROKEN;
-    if (!loaded) unlist(meshes, ref);
+    ref->state = loaded ? QM_MESH_READY : QM_MESH_BROKEN;
+    if (!loaded) qm_meshes_unlist(meshes, ref);
     uv_cond_broadcast(&meshes->changed);
     uv_mutex_unlock(&meshes->lock);
+}
+
+/** Makes ready what a deformation has left for the first who asks: nobody else has come by this revision yet.
+ * The lock is given back meanwhile. */
+static void refresh(qm_meshes *meshes, qm_mesh_ref *ref)
+{
+    ref->state = QM_MESH_LOADING;
+    uv_mutex_unlock(&meshes->lock);
+    qm_context ctx = qm_meshes_context(meshes);
+    ctx.parallel = qm_parallel_run;
+    qm_bvh_refresh(&ctx, ref->mesh.bvh, meshes->threads);
+    uv_mutex_lock(&meshes->lock);
+    ref->state = QM_MESH_READY;
+    uv_cond_broadcast(&meshes->changed);
 }
 
 qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem)
@@ -316,22 +381,24 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
     bool is_mine = !ref;
-    if (is_mine && !(ref = list_new(meshes, id))) {
+    if (is_mine && !(ref = qm_meshes_list(meshes, id))) {
         uv_mutex_unlock(&meshes->lock);
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for mesh %s", id);
         return NULL;
     }
     ref->references++;
+    touch(meshes, ref);
     if (is_mine) {
         uv_mutex_unlock(&meshes->lock);
         load_listed(meshes, ref);
         uv_mutex_lock(&meshes->lock);
     }
-    while (ref->state == LOADING)
+    while (ref->state == QM_MESH_LOADING)
         uv_cond_wait(&meshes->changed, &meshes->lock);
-    if (ref->state == BROKEN) {
+    if (ref->state == QM_MESH_READY && qm_bvh_is_stale(ref->mesh.bvh)) refresh(meshes, ref);
+    if (ref->state == QM_MESH_BROKEN) {
         *problem = ref->problem;
-        drop_reference(ref);
+        qm_meshes_drop_reference(ref);
         ref = NULL;
     }
     uv_mutex_unlock(&meshes->lock);
@@ -347,7 +414,7 @@ void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref)
 {
     if (!ref) return;
     uv_mutex_lock(&meshes->lock);
-    drop_reference(ref);
+    qm_meshes_drop_reference(ref);
     uv_mutex_unlock(&meshes->lock);
 }
 
@@ -357,7 +424,7 @@ bool qm_meshes_delete(qm_meshes *meshes, const char *id)
     bool deleted = qm_store_delete_mesh(meshes->store, id);
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
-    if (ref && deleted) unlist(meshes, ref);
+    if (ref && deleted) qm_meshes_unlist(meshes, ref);
     uv_mutex_unlock(&meshes->lock);
     uv_mutex_unlock(&meshes->filing);
     return deleted;

@@ -79,6 +79,7 @@ static const qm_problem_code code_of_status[] = {
     [QM_E_UNSUPPORTED] = QM_PROBLEM_UNSUPPORTED_FEATURE,
     [QM_E_TOO_LARGE] = QM_PROBLEM_TOO_LARGE,
     [QM_E_SCALE] = QM_PROBLEM_SCALE_OUT_OF_RANGE,
+    [QM_E_LAYOUT] = QM_PROBLEM_INVALID_LAYOUT,
 };
 _Static_assert(sizeof code_of_status / sizeof code_of_status[0] == QM_STATUS_COUNT,
                "a status has no problem code");

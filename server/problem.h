@@ -19,6 +19,9 @@
     XX(NOT_FOUND, 404, "not_found", "There is no such resource")                                             \
     XX(MESH_NOT_FOUND, 404, "mesh_not_found", "There is no such mesh")                                       \
     XX(JOB_NOT_FOUND, 404, "job_not_found", "There is no such job")                                          \
+    XX(LAYOUT_NOT_FOUND, 404, "layout_not_found", "There is no such layout")                                 \
+    XX(CURVE_NOT_FOUND, 404, "curve_not_found", "The layout has no such curve")                              \
+    XX(RECONSTRUCTION_NOT_FOUND, 404, "reconstruction_not_found", "There is no such reconstruction")         \
     XX(METHOD_NOT_ALLOWED, 405, "method_not_allowed", "The resource does not have this method")              \
     XX(NOT_ACCEPTABLE, 406, "not_acceptable", "No representation fits the Accept header")                    \
     XX(CONFLICT, 409, "conflict", "The state of the resource does not allow this")                           \
@@ -29,8 +32,9 @@
     XX(UNSUPPORTED_FEATURE, 422, "unsupported_feature", "The file or request uses what is not supported")    \
     XX(EMPTY_MESH, 422, "empty_mesh", "The mesh holds no surface and no point")                              \
     XX(NOT_FINITE, 422, "not_finite", "A coordinate is not a finite number")                                 \
-    XX(INDEX_OUT_OF_RANGE, 422, "index_out_of_range", "A face refers to a vertex that does not exist")       \
+    XX(INDEX_OUT_OF_RANGE, 422, "index_out_of_range", "An index names a vertex that does not exist")         \
     XX(SCALE_OUT_OF_RANGE, 422, "scale_out_of_range", "The sizes of the meshes differ beyond precision")     \
+    XX(INVALID_LAYOUT, 422, "invalid_layout", "The layout does not bound patches of four sides")             \
     XX(IDEMPOTENCY_MISMATCH, 422, "idempotency_mismatch", "The key was used for another request")            \
     XX(TOO_MANY_JOBS, 429, "too_many_jobs", "The queue of jobs is full")                                     \
     XX(INTERNAL, 500, "internal", "The daemon failed to carry this out")                                     \

@@ -64,7 +64,7 @@ qm_status qm_result_file_write(qm_store *store, const char *job_id, const double
 {
     char part[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE];
     make_path(store, job_id, ".part", part);
-    make_path(store, job_id, ".f64", path);
+    make_path(store, job_id, QM_RESULT_ENDING, path);
     int file = open(part, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
     bool written = file >= 0 && write_numbers(file, numbers, count) && fsync(file) == 0;
     if (file >= 0) close(file);
@@ -74,11 +74,18 @@ qm_status qm_result_file_write(qm_store *store, const char *job_id, const double
     return QM_E_ARGUMENT;
 }
 
+void qm_result_file_remove(qm_store *store, const char *job_id)
+{
+    char path[QM_STORE_PATH_SIZE];
+    make_path(store, job_id, QM_RESULT_ENDING, path);
+    unlink(path);
+}
+
 qm_result_file *qm_result_file_open(qm_store *store, const char *job_id)
 {
     char path[QM_STORE_PATH_SIZE];
     struct stat facts;
-    make_path(store, job_id, ".f64", path);
+    make_path(store, job_id, QM_RESULT_ENDING, path);
     qm_result_file *opened = calloc(1, sizeof *opened);
     if (!opened) return NULL;
     opened->file = open(path, O_RDONLY | O_CLOEXEC);

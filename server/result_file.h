@@ -11,6 +11,9 @@
 /** Writes the array of a job: on disk, whole, when QM_OK is returned. */
 qm_status qm_result_file_write(qm_store *store, const char *job_id, const double *numbers, size_t count);
 
+/** Removes the array of a job, if it has one; who reads it still reads it to its end. */
+void qm_result_file_remove(qm_store *store, const char *job_id);
+
 typedef struct qm_result_file qm_result_file;
 
 /** Opens the array of a job for reading; NULL when there is none. */

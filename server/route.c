@@ -23,6 +23,7 @@ static const qm_route routes[] = {
     {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/meshes/{id}/content", qm_handle_mesh_content, files, QM_BODY_NONE, QM_RUNS_LONG},
     {"GET", "/v1/meshes/{id}/patches", qm_handle_mesh_patches, json, QM_BODY_NONE, QM_RUNS_LONG},
+    {"PATCH", "/v1/meshes/{id}/vertices", qm_handle_mesh_deform, json, QM_BODY_SPOOL, QM_RUNS_LONG},
     {"POST", "/v1/meshes/{id}/project", qm_handle_mesh_project, rows, QM_BODY_SPOOL, QM_RUNS_LONG},
     {"POST", "/v1/jobs", qm_handle_job_create, job_or_events, QM_BODY_MEMORY, QM_RUNS_SHORT},
     {"GET", "/v1/jobs", qm_handle_job_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
@@ -30,12 +31,37 @@ static const qm_route routes[] = {
     {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, events, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/jobs/{id}/result", qm_handle_job_result, object_or_rows, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"POST", "/v1/layouts", qm_handle_layout_create, json, QM_BODY_MEMORY, QM_RUNS_LONG},
+    {"GET", "/v1/layouts", qm_handle_layout_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/v1/layouts/{id}", qm_handle_layout_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"DELETE", "/v1/layouts/{id}", qm_handle_layout_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"POST", "/v1/layouts/{id}/strokes", qm_handle_layout_stroke, json, QM_BODY_MEMORY, QM_RUNS_LONG},
+    {"POST", "/v1/layouts/{id}/undo", qm_handle_layout_undo, json, QM_BODY_MEMORY, QM_RUNS_SHORT},
+    {"POST", "/v1/layouts/{id}/redo", qm_handle_layout_redo, json, QM_BODY_MEMORY, QM_RUNS_SHORT},
+    {"POST", "/v1/layouts/{id}/curves/merge", qm_handle_curve_merge, json, QM_BODY_MEMORY, QM_RUNS_LONG},
+    {"POST", "/v1/layouts/{id}/curves/{curve}/split", qm_handle_curve_split, json, QM_BODY_MEMORY,
+     QM_RUNS_LONG},
+    {"POST", "/v1/layouts/{id}/curves/{curve}/snap", qm_handle_curve_snap, json, QM_BODY_MEMORY,
+     QM_RUNS_LONG},
+    {"POST", "/v1/layouts/{id}/curves/{curve}/redraw", qm_handle_curve_redraw, json, QM_BODY_MEMORY,
+     QM_RUNS_LONG},
+    {"DELETE", "/v1/layouts/{id}/curves/{curve}", qm_handle_curve_delete, json, QM_BODY_NONE, QM_RUNS_LONG},
+    {"POST", "/v1/reconstructions", qm_handle_reconstruction_create, json, QM_BODY_MEMORY, QM_RUNS_LONG},
+    {"GET", "/v1/reconstructions", qm_handle_reconstruction_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/v1/reconstructions/{id}", qm_handle_reconstruction_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"DELETE", "/v1/reconstructions/{id}", qm_handle_reconstruction_delete, NULL, QM_BODY_NONE,
+     QM_RUNS_SHORT},
+    {"GET", "/v1/reconstructions/{id}/mesh", qm_handle_reconstruction_mesh, files, QM_BODY_NONE,
+     QM_RUNS_SHORT},
+    {"GET", "/v1/reconstructions/{id}/patches", qm_handle_reconstruction_patches, json, QM_BODY_NONE,
+     QM_RUNS_LONG},
     {"POST", "/v1/batches", qm_handle_batch_create, lines, QM_BODY_SPOOL, QM_RUNS_AT_ONCE},
     {"GET", "/v1/info", qm_handle_info, json, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/healthz", qm_handle_health, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/readyz", qm_handle_ready, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/metrics", qm_handle_metrics, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
     {"GET", "/openapi.yaml", qm_handle_openapi, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+    {"GET", "/docs", qm_handle_docs, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/dashboard/{path}", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
 };
@@ -47,10 +73,12 @@ static bool is_id_character(char c)
            c == '.' || c == '-';
 }
 
-/** {id} stands for one segment, {path} for any number of them, of which none begins with a dot. */
-static bool matches(const char *pattern, const char *path, char id[QM_ID_SIZE])
+/** {id} and a second name in braces stand for one segment each, {path} for any number of them, of which none
+ * begins with a dot. */
+static bool matches(const char *pattern, const char *path, char ids[2][QM_ID_SIZE])
 {
-    id[0] = '\0';
+    char *id = ids[0];
+    ids[0][0] = ids[1][0] = '\0';
     for (; *pattern; pattern++) {
         if (*pattern != '{') {
             if (*pattern != *path++) return false;
@@ -68,16 +96,18 @@ static bool matches(const char *pattern, const char *path, char id[QM_ID_SIZE])
         id[length] = '\0';
         if (length == 0) return false;
         pattern = strchr(pattern, '}');
+        id = ids[1];
     }
     return *path == '\0';
 }
 
-const qm_route *qm_route_find(const char *method, const char *path, char id[QM_ID_SIZE], qm_problem *problem)
+const qm_route *qm_route_find(const char *method, const char *path, char ids[2][QM_ID_SIZE],
+                              qm_problem *problem)
 {
     const char *wanted = strcmp(method, "HEAD") == 0 ? "GET" : method;
     char allow[64] = "";
     for (size_t i = 0; i < ROUTE_COUNT; i++) {
-        if (!matches(routes[i].path, path, id)) continue;
+        if (!matches(routes[i].path, path, ids)) continue;
         if (strcmp(routes[i].method, wanted) == 0) return &routes[i];
         size_t used = strlen(allow);
         snprintf(allow + used, sizeof allow - used, "%s%s", used ? ", " : "",
@@ -90,4 +120,14 @@ const qm_route *qm_route_find(const char *method, const char *path, char id[QM_I
         *problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
     }
     return NULL;
+}
+
+void qm_route_print_all(void)
+{
+    for (size_t i = 0; i < ROUTE_COUNT; i++) {
+        printf("%s %s", routes[i].method, routes[i].path);
+        for (const char *const *type = routes[i].produces; type && *type; type++)
+            printf(" %s", *type);
+        printf("\n");
+    }
 }

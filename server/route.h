@@ -17,7 +17,8 @@ typedef enum qm_runs {
 
 typedef struct qm_route {
     const char *method;
-    const char *path; /* {id} stands for a segment of letters, digits and _.-, {path} for several */
+    const char *path; /* {id}, and a second name in braces, stand for one segment of letters, digits and _.-;
+                         {path} for several */
     void (*handle)(qm_request *request);
     const char *const *produces; /* media types to choose from by Accept, NULL-ended; NULL: not negotiated */
     qm_body body;
@@ -25,9 +26,14 @@ typedef struct qm_route {
 } qm_route;
 
 /**
- * The route of a method and path; writes what stands for {id} or {path}. NULL with a problem: 404, or 405
- * with the methods that the path has. HEAD goes with GET.
+ * The route of a method and path; writes what stands for {id} or {path} and for a second name in braces, ""
+ * where there is none. NULL with a problem: 404, or 405 with the methods that the path has. HEAD goes with
+ * GET.
  */
-const qm_route *qm_route_find(const char *method, const char *path, char id[QM_ID_SIZE], qm_problem *problem);
+const qm_route *qm_route_find(const char *method, const char *path, char ids[2][QM_ID_SIZE],
+                              qm_problem *problem);
+
+/** Prints a line for each route: method, path, and the media types to choose from. */
+void qm_route_print_all(void);
 
 #endif

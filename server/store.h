@@ -26,11 +26,12 @@ void qm_store_close(qm_store *store);
 typedef struct qm_blob_writer qm_blob_writer;
 qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out);
 qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size);
-/** Ends the writing: the bytes are on disk afterwards, still without a name; tells their hash. */
+/** Ends the writing; tells the hash. */
 qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE]);
 /** Maps the bytes of a sealed blob for reading; release with qm_blob_unmap. */
 qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size);
-/** Gives a sealed blob the name of its hash; the writer is gone afterwards, also after an error. */
+/** Gives a sealed blob the name of its hash: it is on disk afterwards. The writer is gone, also after an
+ * error. */
 qm_status qm_blob_keep(qm_blob_writer *writer);
 /** Bytes written so far, and reading them back from an offset: all of size, or not QM_OK. */
 uint64_t qm_blob_size(const qm_blob_writer *writer);
@@ -50,9 +51,13 @@ typedef struct qm_store_mesh {
     char hash[QM_HASH_SIZE]; /* of the blob */
     char *options; /* what, with the hash, makes an upload the same (name, format): the content index */
     char *name;
-    char *document;   /* the mesh resource */
-    int format;       /* qm_format */
-    int64_t sequence; /* order of creation; given by the store */
+    char *document;               /* the mesh resource */
+    char *created;                /* RFC 3339 */
+    int format;                   /* qm_format */
+    uint64_t revision;            /* deformations so far */
+    char positions[QM_HASH_SIZE]; /* of the blob with the vertices of this revision: rows of three doubles
+                                     as this machine writes them; "" for those of the file */
+    int64_t sequence;             /* order of creation; given by the store */
 } qm_store_mesh;
 
 qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh);
@@ -62,7 +67,12 @@ bool qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char
                                    qm_store_mesh *out);
 /** Up to limit rows after a sequence number (0: from the first on), in order; returns how many. */
 size_t qm_store_list_meshes(qm_store *store, int64_t after, size_t limit, qm_store_mesh *out);
-/** Removes the row, and the blob when no other row has it. False when there is none. */
+/**
+ * Puts the next revision of a mesh in the place of the one before it: revision, positions, options, document.
+ * The blob of the positions before is removed. QM_E_ARGUMENT when the mesh has another revision by now.
+ */
+qm_status qm_store_deform_mesh(qm_store *store, const qm_store_mesh *mesh);
+/** Removes the row, and the blobs when no other row has them. False when there is none. */
 bool qm_store_delete_mesh(qm_store *store, const char *id);
 void qm_store_mesh_reset(qm_store_mesh *mesh);
 
@@ -80,18 +90,76 @@ typedef struct qm_store_job {
 } qm_store_job;
 
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job);
-/** Writes state, document and events of a job that has ended. */
+/** Writes state, document, events and the revisions of the meshes, as text, of a job that has ended. */
 qm_status qm_store_finish_job(qm_store *store, const char *id, int state, const char *document,
-                              const char *events);
+                              const char *events, const char *revisions);
 bool qm_store_find_job(qm_store *store, const char *id, qm_store_job *out);
-/** The newest job of a key in the given state. */
-bool qm_store_find_job_by_key(qm_store *store, const char *key, int state, qm_store_job *out);
+/** The newest job of a key that ran on these revisions, in the given state. */
+bool qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions, int state,
+                              qm_store_job *out);
 bool qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
 /** Up to limit rows after a sequence number (0: from the first on), in order, without their events. */
 size_t qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out);
 /** The same, only of jobs without a document: to run again after a restart. */
 size_t qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out);
+/**
+ * Removes up to limit jobs that have ended, the oldest first: those asked for before a time (RFC 3339), and
+ * those that more than kept others are newer than. Writes their ids; returns how many.
+ */
+size_t qm_store_drop_old_jobs(qm_store *store, size_t kept, const char *before, size_t limit,
+                              char (*ids)[QM_ID_SIZE]);
 bool qm_store_delete_job(qm_store *store, const char *id);
 void qm_store_job_reset(qm_store_job *job);
+
+/**
+ * A layout as of one of its revisions, which are numbered from 0. Undo and redo go back and forth between
+ * those that are kept. Strings of found rows are the caller's, for qm_store_layout_reset.
+ */
+typedef struct qm_store_layout {
+    char id[QM_ID_SIZE];
+    char mesh[QM_ID_SIZE];
+    char *created;
+    int64_t revision, first, latest; /* the one at hand, and those that can be gone to */
+    char *layout;                    /* {nodes, curves, patches} */
+    char *issues;                    /* [...] */
+    int64_t next_curve;              /* id */
+    int64_t sequence;
+} qm_store_layout;
+
+/** Stores a new layout with its revision 0. */
+qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout);
+bool qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out);
+size_t qm_store_list_layouts(qm_store *store, int64_t after, size_t limit, qm_store_layout *out);
+/** Adds the revision after layout->revision, in place of what was undone. QM_E_CANCELED when the layout has
+ * been edited meanwhile. */
+qm_status qm_store_edit_layout(qm_store *store, const qm_store_layout *layout);
+/** Goes from one revision to another that is kept; QM_E_CANCELED as above. */
+qm_status qm_store_move_layout(qm_store *store, const char *id, int64_t from, int64_t to);
+bool qm_store_delete_layout(qm_store *store, const char *id);
+void qm_store_layout_reset(qm_store_layout *layout);
+
+/** A reconstruction: what it was made of, the steps it has taken, and its mesh now. */
+typedef struct qm_store_reconstruction {
+    char id[QM_ID_SIZE];
+    char source[QM_ID_SIZE], layout_id[QM_ID_SIZE], mesh[QM_ID_SIZE];
+    char *layout;   /* {nodes, curves, patches}, as of its start */
+    char *document; /* members of the resource that do not change */
+    char *steps;    /* "LIMIT:COUNT LIMIT:COUNT ...": how many steps with which limit of quads */
+    char *records;  /* what came of them: objects with commas between */
+    char *state;    /* members of the resource that steps change */
+    double cover_share;
+    bool pull_curves;
+    int64_t revision; /* counts its changes */
+    int64_t sequence;
+} qm_store_reconstruction;
+
+qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction);
+bool qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out);
+size_t qm_store_list_reconstructions(qm_store *store, int64_t after, size_t limit,
+                                     qm_store_reconstruction *out);
+/** Writes mesh, layout, steps, records, state and revision. */
+qm_status qm_store_update_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction);
+bool qm_store_delete_reconstruction(qm_store *store, const char *id);
+void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction);
 
 #endif

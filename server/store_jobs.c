@@ -8,8 +8,9 @@
 
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
 {
-    sqlite3_stmt *statement = qm_store_begin(
-        store, "INSERT INTO jobs (id, key, idempotency_key, body, created, state) VALUES (?, ?, ?, ?, ?, ?)");
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "INSERT INTO jobs (id, key, idempotency_key, body, created, state, revisions)"
+                              " VALUES (?, ?, ?, ?, ?, ?, '')");
     if (!statement) return QM_E_ARGUMENT;
     qm_store_bind_text(statement, 1, job->id);
     qm_store_bind_text(statement, 2, job->key);
@@ -21,15 +22,16 @@ qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
 }
 
 qm_status qm_store_finish_job(qm_store *store, const char *id, int state, const char *document,
-                              const char *events)
+                              const char *events, const char *revisions)
 {
-    sqlite3_stmt *statement =
-        qm_store_begin(store, "UPDATE jobs SET state = ?, document = ?, events = ? WHERE id = ?");
+    sqlite3_stmt *statement = qm_store_begin(
+        store, "UPDATE jobs SET state = ?, document = ?, events = ?, revisions = ? WHERE id = ?");
     if (!statement) return QM_E_ARGUMENT;
     sqlite3_bind_int(statement, 1, state);
     qm_store_bind_text(statement, 2, document);
     qm_store_bind_text(statement, 3, events);
-    qm_store_bind_text(statement, 4, id);
+    qm_store_bind_text(statement, 4, revisions);
+    qm_store_bind_text(statement, 5, id);
     return qm_store_execute(store, statement);
 }
 
@@ -50,33 +52,44 @@ static bool read_row(sqlite3_stmt *statement, qm_store_job *out)
     return false;
 }
 
-/** The one row of a statement with one string, or two values. */
-static bool find_one(qm_store *store, const char *sql, const char *text, const int *state, qm_store_job *out)
+/** Reads the one row of a statement and ends it. */
+static bool read_one(qm_store *store, sqlite3_stmt *statement, qm_store_job *out)
 {
-    sqlite3_stmt *statement = qm_store_begin(store, sql);
-    if (!statement) return false;
-    qm_store_bind_text(statement, 1, text);
-    if (state) sqlite3_bind_int(statement, 2, *state);
     bool found = qm_store_step(store, statement) && read_row(statement, out);
     qm_store_end(store, statement);
     return found;
 }
 
-bool qm_store_find_job(qm_store *store, const char *id, qm_store_job *out)
+/** The one row of a statement with one string. */
+static bool find_one(qm_store *store, const char *sql, const char *text, qm_store_job *out)
 {
-    return find_one(store, "SELECT " COLUMNS " FROM jobs WHERE id = ?", id, NULL, out);
+    sqlite3_stmt *statement = qm_store_begin(store, sql);
+    if (!statement) return false;
+    qm_store_bind_text(statement, 1, text);
+    return read_one(store, statement, out);
 }
 
-bool qm_store_find_job_by_key(qm_store *store, const char *key, int state, qm_store_job *out)
+bool qm_store_find_job(qm_store *store, const char *id, qm_store_job *out)
 {
-    return find_one(store,
-                    "SELECT " COLUMNS " FROM jobs WHERE key = ? AND state = ? ORDER BY sequence DESC LIMIT 1",
-                    key, &state, out);
+    return find_one(store, "SELECT " COLUMNS " FROM jobs WHERE id = ?", id, out);
+}
+
+bool qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions, int state,
+                              qm_store_job *out)
+{
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "SELECT " COLUMNS " FROM jobs WHERE key = ? AND revisions = ?"
+                              " AND state = ? ORDER BY sequence DESC LIMIT 1");
+    if (!statement) return false;
+    qm_store_bind_text(statement, 1, key);
+    qm_store_bind_text(statement, 2, revisions);
+    sqlite3_bind_int(statement, 3, state);
+    return read_one(store, statement, out);
 }
 
 bool qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out)
 {
-    return find_one(store, "SELECT " COLUMNS " FROM jobs WHERE idempotency_key = ?", key, NULL, out);
+    return find_one(store, "SELECT " COLUMNS " FROM jobs WHERE idempotency_key = ?", key, out);
 }
 
 static size_t list(qm_store *store, const char *sql, int64_t after, size_t limit, qm_store_job *out)
@@ -104,6 +117,36 @@ size_t qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limi
                 "SELECT " COLUMNS_BUT_EVENTS
                 " FROM jobs WHERE document IS NULL AND sequence > ? ORDER BY sequence LIMIT ?",
                 after, limit, out);
+}
+
+bool qm_store_has_job(qm_store *store, const char *id)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "SELECT 1 FROM jobs WHERE id = ?");
+    if (!statement) return true;
+    qm_store_bind_text(statement, 1, id);
+    bool found = sqlite3_step(statement) != SQLITE_DONE;
+    qm_store_end(store, statement);
+    return found;
+}
+
+size_t qm_store_drop_old_jobs(qm_store *store, size_t kept, const char *before, size_t limit,
+                              char (*ids)[QM_ID_SIZE])
+{
+    sqlite3_stmt *statement = qm_store_begin(
+        store,
+        "DELETE FROM jobs WHERE id IN (SELECT id FROM jobs WHERE document IS NOT NULL AND"
+        " (created < ?1 OR sequence <= (SELECT sequence FROM jobs ORDER BY sequence DESC LIMIT 1 OFFSET ?2))"
+        " ORDER BY sequence LIMIT ?3) RETURNING id");
+    if (!statement) return 0;
+    qm_store_bind_text(statement, 1, before);
+    sqlite3_bind_int64(statement, 2, (sqlite3_int64)kept);
+    sqlite3_bind_int64(statement, 3, (sqlite3_int64)limit);
+    size_t count = 0;
+    while (count < limit && qm_store_step(store, statement) &&
+           qm_store_read_text(statement, 0, ids[count], QM_ID_SIZE))
+        count++;
+    qm_store_end(store, statement);
+    return count;
 }
 
 bool qm_store_delete_job(qm_store *store, const char *id)

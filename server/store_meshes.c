@@ -3,12 +3,13 @@
 
 #include "store_internal.h"
 
-#define COLUMNS "id, hash, options, name, document, format, sequence"
+#define COLUMNS "id, hash, options, name, document, format, sequence, revision, positions, created"
 
 qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
     sqlite3_stmt *statement = qm_store_begin(
-        store, "INSERT INTO meshes (id, hash, options, name, document, format) VALUES (?, ?, ?, ?, ?, ?)");
+        store, "INSERT INTO meshes (id, hash, options, name, document, format, revision, positions, created)"
+               " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)");
     if (!statement) return QM_E_ARGUMENT;
     qm_store_bind_text(statement, 1, mesh->id);
     qm_store_bind_text(statement, 2, mesh->hash);
@@ -16,6 +17,9 @@ qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
     qm_store_bind_text(statement, 4, mesh->name);
     qm_store_bind_text(statement, 5, mesh->document);
     sqlite3_bind_int(statement, 6, mesh->format);
+    sqlite3_bind_int64(statement, 7, (sqlite3_int64)mesh->revision);
+    qm_store_bind_text(statement, 8, mesh->positions);
+    qm_store_bind_text(statement, 9, mesh->created);
     return qm_store_execute(store, statement);
 }
 
@@ -23,11 +27,14 @@ qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
 static bool read_row(sqlite3_stmt *statement, qm_store_mesh *out)
 {
     *out = (qm_store_mesh){.format = sqlite3_column_int(statement, 5),
-                           .sequence = sqlite3_column_int64(statement, 6)};
+                           .sequence = sqlite3_column_int64(statement, 6),
+                           .revision = (uint64_t)sqlite3_column_int64(statement, 7)};
     if (qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
         qm_store_read_text(statement, 1, out->hash, sizeof out->hash) &&
         qm_store_copy_text(statement, 2, &out->options) && qm_store_copy_text(statement, 3, &out->name) &&
-        qm_store_copy_text(statement, 4, &out->document))
+        qm_store_copy_text(statement, 4, &out->document) &&
+        qm_store_read_text(statement, 8, out->positions, sizeof out->positions) &&
+        qm_store_copy_text(statement, 9, &out->created))
         return true;
     qm_store_mesh_reset(out);
     return false;
@@ -84,13 +91,39 @@ bool qm_store_delete_mesh(qm_store *store, const char *id)
         deleted = qm_store_execute(store, statement) == QM_OK;
     }
     if (deleted) qm_blob_remove(store, row.hash);
+    if (deleted && row.positions[0]) qm_blob_remove(store, row.positions);
     qm_store_mesh_reset(&row);
     return deleted;
 }
 
+static bool update_revision(qm_store *store, const qm_store_mesh *mesh)
+{
+    sqlite3_stmt *statement = qm_store_begin(
+        store, "UPDATE meshes SET revision = ?, positions = ?, options = ?, document = ? WHERE id = ?");
+    if (!statement) return false;
+    sqlite3_bind_int64(statement, 1, (sqlite3_int64)mesh->revision);
+    qm_store_bind_text(statement, 2, mesh->positions);
+    qm_store_bind_text(statement, 3, mesh->options);
+    qm_store_bind_text(statement, 4, mesh->document);
+    qm_store_bind_text(statement, 5, mesh->id);
+    return qm_store_execute(store, statement) == QM_OK;
+}
+
+qm_status qm_store_deform_mesh(qm_store *store, const qm_store_mesh *mesh)
+{
+    qm_store_mesh before;
+    if (!qm_store_find_mesh(store, mesh->id, &before)) return QM_E_ARGUMENT;
+    bool follows = before.revision + 1 == mesh->revision;
+    bool updated = follows && update_revision(store, mesh);
+    if (updated && before.positions[0]) qm_blob_remove(store, before.positions);
+    qm_store_mesh_reset(&before);
+    return updated ? QM_OK : QM_E_ARGUMENT;
+}
+
 bool qm_store_needs_blob(qm_store *store, const char *hash)
 {
-    sqlite3_stmt *statement = qm_store_begin(store, "SELECT 1 FROM meshes WHERE hash = ? LIMIT 1");
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "SELECT 1 FROM meshes WHERE hash = ?1 OR positions = ?1 LIMIT 1");
     if (!statement) return true;
     qm_store_bind_text(statement, 1, hash);
     bool needed = sqlite3_step(statement) != SQLITE_DONE;
@@ -103,5 +136,6 @@ void qm_store_mesh_reset(qm_store_mesh *mesh)
     free(mesh->options);
     free(mesh->name);
     free(mesh->document);
+    free(mesh->created);
     *mesh = (qm_store_mesh){0};
 }

@@ -14,21 +14,34 @@
 #include "store_internal.h"
 
 #define BUSY_TIMEOUT_MS 5000
-#define SCHEMA_VERSION "2"
+#define SCHEMA_VERSION "3"
 
 static const char schema[] =
     "PRAGMA synchronous = FULL;"
     "PRAGMA foreign_keys = ON;"
     "CREATE TABLE IF NOT EXISTS meshes ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, hash TEXT NOT NULL,"
-    "  options TEXT NOT NULL, name TEXT NOT NULL, document TEXT NOT NULL, format INTEGER NOT NULL);"
+    "  options TEXT NOT NULL, name TEXT NOT NULL, document TEXT NOT NULL, format INTEGER NOT NULL,"
+    "  revision INTEGER NOT NULL, positions TEXT NOT NULL, created TEXT NOT NULL);"
     "CREATE INDEX IF NOT EXISTS meshes_by_content ON meshes (hash, options);"
+    "CREATE INDEX IF NOT EXISTS meshes_by_positions ON meshes (positions);"
     "CREATE TABLE IF NOT EXISTS jobs ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, key TEXT NOT NULL,"
     "  idempotency_key TEXT UNIQUE, body TEXT NOT NULL, created TEXT NOT NULL, document TEXT, events TEXT,"
-    "  state INTEGER NOT NULL);"
-    "CREATE INDEX IF NOT EXISTS jobs_by_key ON jobs (key, state);"
+    "  state INTEGER NOT NULL, revisions TEXT NOT NULL);"
+    "CREATE INDEX IF NOT EXISTS jobs_by_key ON jobs (key, revisions, state);"
     "CREATE INDEX IF NOT EXISTS jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
+    "CREATE TABLE IF NOT EXISTS layouts ("
+    "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, mesh TEXT NOT NULL,"
+    "  created TEXT NOT NULL, revision INTEGER NOT NULL);"
+    "CREATE TABLE IF NOT EXISTS layout_revisions ("
+    "  id TEXT NOT NULL REFERENCES layouts (id) ON DELETE CASCADE, revision INTEGER NOT NULL,"
+    "  layout TEXT NOT NULL, issues TEXT NOT NULL, next_curve INTEGER NOT NULL, PRIMARY KEY (id, revision));"
+    "CREATE TABLE IF NOT EXISTS reconstructions ("
+    "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, source TEXT NOT NULL,"
+    "  layout_id TEXT NOT NULL, mesh TEXT NOT NULL, layout TEXT NOT NULL, document TEXT NOT NULL,"
+    "  steps TEXT NOT NULL, records TEXT NOT NULL, state TEXT NOT NULL, revision INTEGER NOT NULL,"
+    "  cover_share REAL NOT NULL, pull_curves INTEGER NOT NULL);"
     "PRAGMA user_version = " SCHEMA_VERSION ";";
 
 /** What a pragma answers, in out; false, and "" in out, after a fault. */
@@ -96,7 +109,9 @@ static qm_status take_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
     qm_status status = lock_folder(store, message);
     if (status != QM_OK) return status;
     qm_blob_sweep(store->folder);
-    return open_database(store, message);
+    status = open_database(store, message);
+    if (status == QM_OK) qm_blob_sweep_orphans(store);
+    return status;
 }
 
 /** A store with a folder that nobody looked at yet; NULL: out of memory. */

@@ -8,7 +8,7 @@
 
 #include "json_out.h"
 
-enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3 };
+enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3, EXIT_COLLIDING = 4 };
 
 /** Set by the first SIGINT: searches stop with the bounds they have. */
 extern atomic_bool cli_interrupted;
@@ -16,8 +16,12 @@ extern atomic_bool cli_interrupted;
 int cmd_hausdorff(int argc, char **argv);
 int cmd_deviation(int argc, char **argv);
 int cmd_project(int argc, char **argv);
+int cmd_collide(int argc, char **argv);
+int cmd_self_collide(int argc, char **argv);
+int cmd_distance(int argc, char **argv);
 int cmd_info(int argc, char **argv);
 int cmd_patches(int argc, char **argv);
+int cmd_reconstruct(int argc, char **argv);
 
 /** Reads a whole file. NULL after words on stderr, or a problem on stdout when as_json. Free with free(). */
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
@@ -65,6 +69,9 @@ bool cli_read_number(const char *name, const char *text, double least, double *o
 bool cli_read_quads(const char *text, qm_quad_reading *out);
 bool cli_read_threads(const char *text, int *out);
 bool cli_read_accelerator(const char *text, qm_accelerator *out);
+
+/** The name that the option above and the API know it by. */
+const char *cli_accelerator_name(qm_accelerator accelerator);
 
 /** Prints the result object of a Hausdorff job (JSON text) as it is, or in words. Returns the exit status
  * that goes with it. */

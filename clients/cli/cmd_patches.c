@@ -47,8 +47,8 @@ static bool write_file(const question *asked, const qm_loaded_mesh *mesh)
     if (out && out != stdout && fclose(out) != 0) written = false;
     free(bytes);
     if (!written) {
-        qm_problem problem =
-            qm_problem_make(QM_PROBLEM_UNAVAILABLE, "cannot be written: %s", strerror(errno ? errno : ENOMEM));
+        qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "cannot be written: %s",
+                                             strerror(errno ? errno : ENOMEM));
         cli_complain(asked->output, &problem, asked->as_json);
     }
     return written;

@@ -13,12 +13,17 @@ static const char help[] =
     "       quadmesh deviation A B [options]   mean, rms, percentiles of the distance from one mesh to "
     "another\n"
     "       quadmesh project MESH POINTS -o OUT [options]   the nearest point of a mesh for each of many\n"
+    "       quadmesh distance A B [options]    bounds of the least distance between two meshes\n"
+    "       quadmesh collide A B [options]     which faces of two meshes meet\n"
+    "       quadmesh self-collide MESH [options]   which faces of a mesh meet that should not\n"
     "       quadmesh info FILE [--json]        what a mesh file holds\n"
     "       quadmesh patches FILE [-o OUT]     the regular patches of a mesh of quads\n"
+    "       quadmesh reconstruct SURFACE LAYOUT -o OUT [options]   a quad mesh from a layout of curves\n"
     "       quadmesh --help | --version        `quadmesh COMMAND --help` tells the options\n"
     "\n"
     "Files: OBJ, PLY, STL, OFF, glTF binary, Draco, XYZ points.\n"
-    "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 stopped before the tolerance was reached.\n";
+    "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 stopped before the tolerance was reached,\n"
+    "4 colliding (collide and self-collide).\n";
 
 static void on_interrupt(int number)
 {
@@ -32,8 +37,12 @@ static int run_command(int argc, char **argv)
     if (strcmp(command, "hausdorff") == 0) return cmd_hausdorff(argc - 1, argv + 1);
     if (strcmp(command, "deviation") == 0) return cmd_deviation(argc - 1, argv + 1);
     if (strcmp(command, "project") == 0) return cmd_project(argc - 1, argv + 1);
+    if (strcmp(command, "distance") == 0) return cmd_distance(argc - 1, argv + 1);
+    if (strcmp(command, "collide") == 0) return cmd_collide(argc - 1, argv + 1);
+    if (strcmp(command, "self-collide") == 0) return cmd_self_collide(argc - 1, argv + 1);
     if (strcmp(command, "info") == 0) return cmd_info(argc - 1, argv + 1);
     if (strcmp(command, "patches") == 0) return cmd_patches(argc - 1, argv + 1);
+    if (strcmp(command, "reconstruct") == 0) return cmd_reconstruct(argc - 1, argv + 1);
     if (strcmp(command, "--version") == 0) return puts("quadmesh " QM_VERSION), EXIT_OK;
     if (strcmp(command, "--help") == 0) return fputs(help, stdout), EXIT_OK;
     if (command[0]) fprintf(stderr, "quadmesh: unknown command \"%s\"\n\n", command);

@@ -26,14 +26,20 @@ bool cli_read_quads(const char *text, qm_quad_reading *out)
     return false;
 }
 
+/** In the order of qm_accelerator. */
+static const char *const accelerators[] = {"auto", "boxes", "tetra", "grid"};
+
 bool cli_read_accelerator(const char *text, qm_accelerator *out)
 {
-    if (strcmp(text, "auto") == 0) return *out = QM_ACCELERATOR_AUTO, true;
-    if (strcmp(text, "boxes") == 0) return *out = QM_ACCELERATOR_BOXES, true;
-    if (strcmp(text, "tetra") == 0) return *out = QM_ACCELERATOR_TETRA, true;
-    if (strcmp(text, "grid") == 0) return *out = QM_ACCELERATOR_GRID, true;
+    for (int i = 0; i < QM_ACCELERATOR_COUNT; i++)
+        if (strcmp(text, accelerators[i]) == 0) return *out = (qm_accelerator)i, true;
     fprintf(stderr, "quadmesh: --accelerator takes auto, boxes, tetra or grid, got \"%s\"\n", text);
     return false;
+}
+
+const char *cli_accelerator_name(qm_accelerator accelerator)
+{
+    return accelerators[accelerator];
 }
 
 int cli_count_threads(int asked)

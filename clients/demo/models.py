@@ -3,8 +3,11 @@
 
 models.py sphere TURN OUT.off        a sphere of quads, turned about its axis by TURN radians
 models.py coarsen IN.obj OUT.obj N   IN with one vertex for each cell of a grid, N cells along the longest side
+models.py ring N OUT.xyz OUT.json    N random points of a wavy ring, and a layout of 12 patches drawn over it
 """
+import json
 import math
+import random
 import sys
 
 PARALLELS = 49  # latitudes pi * i / 50; the poles stay open
@@ -76,11 +79,41 @@ def coarsen(source, path, cells):
             out.write("f {} {} {}\n".format(*(number[corner] for corner in corners)))
 
 
+def on_ring(u, v):
+    """A ring whose tube swells three times on its way round; u and v go from 0 to 1 round ring and tube."""
+    around, across = 2.0 * math.pi * u, 2.0 * math.pi * v
+    tube = 0.35 + 0.1 * math.cos(3.0 * around)
+    reach = 1.0 + tube * math.cos(across)
+    return reach * math.cos(around), reach * math.sin(around), tube * math.sin(across)
+
+
+def write_ring(count, points, layout, columns=6, rows=2, pieces=24):
+    """The points have no order, no normals and no faces; patches are not named, so that they are to be found."""
+    chance = random.Random(7)
+    with open(points, "w", encoding="ascii") as out:
+        for _ in range(count):
+            out.write("{!r} {!r} {!r}\n".format(*on_ring(chance.random(), chance.random())))
+    curves = []
+    for i in range(columns):
+        for j in range(rows):
+            for di, dj in ((1, 0), (0, 1)):
+                steps = [k / pieces for k in range(pieces + 1)]
+                line = [on_ring((i + di * t) / columns, (j + dj * t) / rows) for t in steps]
+                start, end = i * rows + j, (i + di) % columns * rows + (j + dj) % rows
+                line[-1] = on_ring(end // rows / columns, end % rows / rows)
+                curves.append({"id": len(curves), "from": start, "to": end, "points": line})
+    nodes = [on_ring(i / columns, j / rows) for i in range(columns) for j in range(rows)]
+    with open(layout, "w", encoding="ascii") as out:
+        json.dump({"nodes": nodes, "curves": curves}, out)
+
+
 def main(arguments):
     if len(arguments) == 3 and arguments[0] == "sphere":
         write_sphere(float(arguments[1]), arguments[2])
     elif len(arguments) == 4 and arguments[0] == "coarsen":
         coarsen(arguments[1], arguments[2], int(arguments[3]))
+    elif len(arguments) == 4 and arguments[0] == "ring":
+        write_ring(int(arguments[1]), arguments[2], arguments[3])
     else:
         sys.exit(__doc__)
 

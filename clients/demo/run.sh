@@ -1,8 +1,10 @@
 #!/bin/sh
-# The demo: from a bare Debian 12 to two Hausdorff distances with proven bounds.
+# The demo: from a bare Debian 12 to two Hausdorff distances with proven bounds, and to a quad mesh made of points.
 #
 # Installs what is missing, builds, starts the daemon on a free loopback port with a temporary data folder,
-# uploads two pairs of meshes, streams the bounds of each with curl, checks them, and stops the daemon.
+# uploads two pairs of meshes, streams the bounds of each with curl, and checks them. Then it uploads points and a
+# layout of curves, streams how they become a quad mesh, measures that mesh against the points, and leaves it and a
+# picture of it in build/. It stops the daemon in the end.
 # With KEEP=1 the daemon stays until Ctrl-C, for a look at its page.
 #
 # Exit status: 0 when every step worked and the bounds hold, else 1.
@@ -106,6 +108,35 @@ upload "$folder/coarse.obj" bunny_coarse.obj
 b=$mesh
 measure "$a" "$b"
 python3 clients/demo/check_stream.py <"$folder/stream"
+
+echo
+echo "3. 40000 points of a ring and a layout of curves over them, to a quad mesh"
+python3 clients/demo/models.py ring 40000 "$folder/ring.xyz" "$folder/ring.json"
+upload "$folder/ring.xyz" ring.xyz
+a=$mesh
+sed "s/^{/{\"mesh\":\"$a\",/" "$folder/ring.json" >"$folder/request.json"
+curl -sS --fail-with-body -d "@$folder/request.json" "$url/v1/layouts" >"$folder/layout.json" ||
+    fail "the layout was refused: $(cat "$folder/layout.json")"
+patches=$(python3 -c 'import json, sys; print(len(json.load(sys.stdin)["patches"]))' <"$folder/layout.json")
+echo "  the layout: $patches patches found"
+layout=$(member id <"$folder/layout.json")
+curl -sS --fail-with-body -d "{\"layout\":\"$layout\"}" "$url/v1/reconstructions" >"$folder/made.json" ||
+    fail "the reconstruction was refused: $(cat "$folder/made.json")"
+made=$(member id <"$folder/made.json")
+request="{\"type\":\"reconstruction_step\",\"reconstruction\":\"$made\",\"until\":{\"max_quads\":6000}}"
+echo "  curl -N -H 'Accept: application/x-ndjson' $url/v1/jobs -d '$request'"
+curl -sS --fail-with-body -N -H 'Accept: application/x-ndjson' "$url/v1/jobs" -d "$request" | tee "$folder/steps"
+tail -n 1 "$folder/steps" | grep -q '"state":"succeeded"' || fail "the reconstruction broke off"
+b=$(curl -sS "$url/v1/reconstructions/$made" | member mesh)
+curl -sSL -o build/demo-ring.obj "$url/v1/reconstructions/$made/mesh?format=obj"
+echo "  how far the points are from the mesh, and the mesh from the points:"
+measure "$a" "$b"
+python3 clients/demo/check_stream.py <"$folder/stream"
+build/quadmesh reconstruct "$folder/ring.xyz" "$folder/ring.json" -o "$folder/ring.obj" --quads 6000 --no-measure \
+    --picture build/demo-ring.png >"$folder/words" || fail "the command line does not make the same mesh"
+grep '^[vf] ' build/demo-ring.obj >"$folder/one"
+grep '^[vf] ' "$folder/ring.obj" | cmp -s "$folder/one" - || fail "the command line makes another mesh"
+echo "  build/demo-ring.obj, and a picture of it: build/demo-ring.png"
 
 echo
 curl -sSf -o "$folder/page" "$url/" || fail "the dashboard does not answer"

@@ -2,7 +2,7 @@
 
 #include <stdbool.h>
 
-#include "tri_point.h"
+#include "bilinear_hull.h"
 
 #define GRID 4 /* points a side that a descent looks for valleys from: folded patches have several */
 #define LEAST_SHARE 1e-2
@@ -235,43 +235,19 @@ static bool minimise_on_side(const query *q, const rectangle *box, qm_patch_foot
     return false;
 }
 
-/** Thickness of the hull of four corners, rounded up: how far a point of it can be from its faces at most. */
-static double hull_thickness(const qm_vec c[4])
-{
-    qm_vec first = qm_vec_sub(c[2], c[0]), second = qm_vec_sub(c[3], c[1]),
-           normal = qm_vec_cross(first, second);
-    double length = qm_vec_norm(normal), longer = sqrt(fmax(qm_vec_norm2(first), qm_vec_norm2(second)));
-    if (longer == 0.0) return qm_vec_distance(c[0], c[1]);
-    double parallel =
-        length / longer; /* the shorter diagonal leaves the plane through the longer by no more */
-    if (length <= 1e-6 * longer * longer) return parallel + 0x1p-44 * longer;
-    double apart = fabs(qm_vec_dot(qm_vec_sub(c[1], c[0]), normal)) / length;
-    return fmin(parallel, apart) + 0x1p-44 * longer;
-}
-
-static double triangle_distance(qm_vec a, qm_vec b, qm_vec c, qm_vec p)
-{
-    qm_triangle triangle = qm_triangle_make(a, b, c);
-    return sqrt(qm_triangle_distance2(&triangle, p));
-}
-
-/**
- * Lower bound of the distance to a part: its two triangles, less what the patch can leave them by; or, where
- * the hull of its corners is thinner than that (flat, folded and collapsed patches), the four faces of the
- * hull less its thickness.
- */
-static double part_lower(const query *q, const rectangle *box, double twist)
+/** Lower bound of the distance to a part; where it is not enough, guess is near to the nearest point, the
+ * nearer the smaller the part. */
+static double part_lower(const query *q, const rectangle *box, double twist, double enough, double guess[2])
 {
     const qm_patch *patch = q->patch;
-    qm_vec p = qm_vec_add(patch->origin, q->r);
     const qm_vec c[4] = {
         qm_patch_at(patch, box->low[0], box->low[1]), qm_patch_at(patch, box->high[0], box->low[1]),
         qm_patch_at(patch, box->high[0], box->high[1]), qm_patch_at(patch, box->low[0], box->high[1])};
-    double split = fmin(triangle_distance(c[0], c[1], c[2], p), triangle_distance(c[0], c[2], c[3], p));
-    double thickness = twist > q->error ? hull_thickness(c) : twist;
-    if (thickness >= 0.25 * twist) return fmax(0.0, split - twist);
-    double other = fmin(triangle_distance(c[0], c[1], c[3], p), triangle_distance(c[1], c[2], c[3], p));
-    return fmax(0.0, fmax(split - twist, fmin(split, other) - thickness));
+    double share[2], asked = twist > q->error ? enough : 0.0;
+    double lower = qm_hull_lower(c, qm_vec_add(patch->origin, q->r), twist, asked, share);
+    for (int i = 0; i < 2; i++)
+        guess[i] = box->low[i] + share[i] * (box->high[i] - box->low[i]);
+    return lower;
 }
 
 /** Goes down over the whole square as long as that helps, keeping the best point. */
@@ -289,47 +265,64 @@ static void descend_from(const query *q, const double start[2], qm_patch_foot *b
     }
 }
 
-/** Certified minimum over parts of the square, depth first, nearest parts cut first by their bounds. */
+/** A part of the square that may hold the nearest point. */
+typedef struct part {
+    rectangle box;
+    int depth;
+    double lower; /* of the distance to it */
+} part;
+
+/** Makes the quarters of a part, the nearest last, and goes down from where they may be nearer than the best.
+ */
+static void make_quarters(const query *q, const part *whole, double twist, double reach, part quarter[4],
+                          qm_patch_foot *best)
+{
+    const rectangle *box = &whole->box;
+    const double middle[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
+    for (int k = 0; k < 4; k++) {
+        part made = {.box = *box, .depth = whole->depth + 1};
+        double guess[2];
+        for (int i = 0; i < 2; i++)
+            *(k >> i & 1 ? &made.box.low[i] : &made.box.high[i]) = middle[i];
+        double enough = fmin(best->distance, reach) - q->error;
+        made.lower = part_lower(q, &made.box, ldexp(twist, -2 * made.depth), enough, guess);
+        if (made.lower < enough && sqrt(value_at(q, guess)) < best->distance) descend_from(q, guess, best);
+        int place = k;
+        for (; place > 0 && quarter[place - 1].lower < made.lower; place--)
+            quarter[place] = quarter[place - 1];
+        quarter[place] = made;
+    }
+}
+
+/** Finishes a part without cutting it, where its minimum can be found directly: *lower is a bound then. */
+static bool minimise_whole(const query *q, const part *at, double reach, qm_patch_foot *best, double *lower)
+{
+    double curvature = least_curvature(q, &at->box);
+    if (curvature > 0.0) {
+        *lower = fmax(at->lower, minimise_convex(q, &at->box, curvature, best));
+        if (*lower >= fmin(best->distance, reach) - q->error) return true;
+    }
+    return minimise_on_side(q, &at->box, best, lower);
+}
+
+/** Certified minimum over parts of the square, depth first, the nearest quarter first. */
 static double minimise_parts(const query *q, qm_patch_foot *best, double stop_above)
 {
-    struct part {
-        rectangle box;
-        int depth;
-    } stack[3 * MAX_DEPTH + 4];
+    part stack[3 * MAX_DEPTH + 4];
     int height = 0;
     double twist = 0.25 * sqrt(q->ww), lower = INFINITY;
-    stack[height++] = (struct part){{{0.0, 0.0}, {1.0, 1.0}}, 0};
+    stack[height++] = (part){.box = {{0.0, 0.0}, {1.0, 1.0}}};
     for (int looked = 0; height > 0; looked++) {
-        struct part part = stack[--height];
-        double part_twist = ldexp(twist, -2 * part.depth);
-        double here = part.depth == 0 ? 0.0 : part_lower(q, &part.box, part_twist);
-        if (here >= fmin(best->distance, stop_above) - q->error || part.depth == MAX_DEPTH ||
-            looked > MAX_PARTS) {
+        const part at = stack[--height];
+        bool is_far = at.lower >= fmin(best->distance, stop_above) - q->error;
+        double here = at.lower;
+        if (is_far || at.depth == MAX_DEPTH || looked > MAX_PARTS ||
+            minimise_whole(q, &at, stop_above, best, &here)) {
             lower = fmin(lower, here);
             continue;
         }
-        double curvature = least_curvature(q, &part.box);
-        if (curvature > 0.0) {
-            double certified = fmax(here, minimise_convex(q, &part.box, curvature, best));
-            if (certified >= fmin(best->distance, stop_above) - q->error) {
-                lower = fmin(lower, certified);
-                continue;
-            }
-        }
-        double on_side;
-        if (minimise_on_side(q, &part.box, best, &on_side)) {
-            lower = fmin(lower, on_side);
-            continue;
-        }
-        double middle[2] = {0.5 * (part.box.low[0] + part.box.high[0]),
-                            0.5 * (part.box.low[1] + part.box.high[1])};
-        if (sqrt(value_at(q, middle)) < best->distance) descend_from(q, middle, best);
-        for (int quarter = 0; quarter < 4; quarter++) {
-            rectangle box = part.box;
-            for (int i = 0; i < 2; i++)
-                *(quarter >> i & 1 ? &box.low[i] : &box.high[i]) = middle[i];
-            stack[height++] = (struct part){box, part.depth + 1};
-        }
+        make_quarters(q, &at, twist, stop_above, stack + height, best);
+        height += 4;
     }
     return lower;
 }

@@ -49,8 +49,8 @@ typedef struct qm_patch_foot {
 
 /**
  * Nearest point of the patch with distance - lower <= error, unless the patch is proven to lie beyond
- * stop_above: then lower >= stop_above is all that is promised. error > 0 is at least a few roundings of the
- * coordinates.
+ * stop_above, or short of it by no more than error: then lower >= stop_above - error is all that is promised.
+ * error > 0 is at least a few roundings of the coordinates.
  */
 qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, double stop_above);
 

@@ -129,7 +129,8 @@ static void build_pack(const pack_builder *builder, size_t pack)
     qm_bvh *bvh = builder->bvh;
     fill_lanes(builder, pack);
     qm_vec vertex[3 * QM_PACK_LANES];
-    qm_bvh_fit_pack(bvh, pack, vertex);
+    qm_box box = qm_vec_box(vertex, qm_bvh_load_pack(bvh, pack, vertex));
+    qm_box_tree_set(&bvh->boxes, pack, &box);
     qm_bvh_fill_pack(builder->kernel, bvh, pack, vertex);
 }
 

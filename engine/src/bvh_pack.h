@@ -8,16 +8,15 @@
 #include "bilinear_point.h"
 #include "kernel.h"
 
-/** Loads the vertices of a pack, local, and sets its box. */
-static inline void qm_bvh_fit_pack(qm_bvh *bvh, size_t pack, qm_vec vertex[3 * QM_PACK_LANES])
+/** Loads the vertices of a pack, local; returns how many there are. */
+static inline int qm_bvh_load_pack(const qm_bvh *bvh, size_t pack, qm_vec vertex[3 * QM_PACK_LANES])
 {
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     int count = 0;
     do
         vertex[count] = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * (size_t)lanes->vertex[count]);
     while (++count < lanes->vertex_count);
-    qm_box box = qm_vec_box(vertex, count);
-    qm_box_tree_set(&bvh->boxes, pack, &box);
+    return count;
 }
 
 static inline void qm_bvh_fill_triangles(const qm_kernel *kernel, qm_bvh *bvh, size_t pack,

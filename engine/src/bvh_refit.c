@@ -7,6 +7,27 @@
 #include "deform.h"
 
 #define MIN_PACKS 512 /* packs that make it worth to start another thread */
+#define AHEAD 12      /* packs ahead of the one at hand whose vertices are fetched */
+
+typedef double pair __attribute__((vector_size(16)));
+
+static inline pair pair_min(pair a, pair b)
+{
+#if defined(__SSE2__)
+    return __builtin_ia32_minpd(a, b);
+#else
+    return (pair){fmin(a[0], b[0]), fmin(a[1], b[1])};
+#endif
+}
+
+static inline pair pair_max(pair a, pair b)
+{
+#if defined(__SSE2__)
+    return __builtin_ia32_maxpd(a, b);
+#else
+    return (pair){fmax(a[0], b[0]), fmax(a[1], b[1])};
+#endif
+}
 
 /** Packs to look at: a list of them, or all; a range for each worker. */
 typedef struct pack_work {
@@ -24,15 +45,51 @@ static void each_pack(qm_context *ctx, pack_work *work, int thread_count, void (
     qm_context_parallel(ctx, work->workers, task, work);
 }
 
+static size_t pack_at(const pack_work *work, size_t i)
+{
+    return work->packs ? work->packs[i] : i;
+}
+
+static void fetch_vertices(const qm_bvh *bvh, size_t pack)
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    for (int i = 0; i < lanes->vertex_count; i++)
+        __builtin_prefetch(bvh->mesh.positions + 3 * (size_t)lanes->vertex[i]);
+}
+
+/** Finds the box of a pack as it lies in the mesh; made local, it is that of the local vertices, since
+ * rounding keeps order. */
+static void fit_box(qm_bvh *bvh, size_t pack)
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    const double *p = bvh->mesh.positions + 3 * (size_t)lanes->vertex[0];
+    pair low_xy = {p[0], p[1]}, high_xy = low_xy;
+    double low_z = p[2], high_z = p[2];
+    for (int i = 1; i < lanes->vertex_count; i++) {
+        p = bvh->mesh.positions + 3 * (size_t)lanes->vertex[i];
+        pair xy = {p[0], p[1]};
+        low_xy = pair_min(low_xy, xy);
+        high_xy = pair_max(high_xy, xy);
+        low_z = p[2] < low_z ? p[2] : low_z;
+        high_z = p[2] > high_z ? p[2] : high_z;
+    }
+    const double low[3] = {low_xy[0], low_xy[1], low_z}, high[3] = {high_xy[0], high_xy[1], high_z};
+    qm_vec from = qm_frame_local(&bvh->frame, low), to = qm_frame_local(&bvh->frame, high);
+    qm_box box = {{from.x, from.y, from.z}, {to.x, to.y, to.z}};
+    qm_box_tree_set(&bvh->boxes, pack, &box);
+}
+
 static void fit_range(void *data, int worker)
 {
     const pack_work *work = data;
     size_t groups = (work->count + 7) / 8, workers = (size_t)work->workers;
     size_t begin = 8 * (groups * (size_t)worker / workers),
            end = 8 * (groups * ((size_t)worker + 1) / workers);
-    qm_vec vertex[3 * QM_PACK_LANES];
-    for (size_t i = begin; i < end && i < work->count; i++)
-        qm_bvh_fit_pack(work->bvh, work->packs ? work->packs[i] : i, vertex);
+    end = end < work->count ? end : work->count;
+    for (size_t i = begin; i < end; i++) {
+        if (i + AHEAD < end) fetch_vertices(work->bvh, pack_at(work, i + AHEAD));
+        fit_box(work->bvh, pack_at(work, i));
+    }
 }
 
 static void refresh_range(void *data, int worker)
@@ -46,7 +103,7 @@ static void refresh_range(void *data, int worker)
         for (uint64_t rest = work->bvh->stale[word]; rest; rest &= rest - 1) {
             size_t pack = 64 * word + (size_t)__builtin_ctzll(rest);
             if (pack >= work->count) break;
-            qm_bvh_fit_pack(work->bvh, pack, vertex);
+            qm_bvh_load_pack(work->bvh, pack, vertex);
             qm_bvh_fill_pack(kernel, work->bvh, pack, vertex);
         }
     }
@@ -88,10 +145,7 @@ static size_t refit_all(qm_context *ctx, qm_bvh *bvh, int thread_count)
     pack_work work = {.bvh = bvh, .count = bvh->pack_count};
     each_pack(ctx, &work, thread_count, fit_range);
     qm_box_tree_fill(&bvh->boxes);
-    size_t updated = 0;
-    for (int level = 0; level < bvh->boxes.level_count; level++)
-        updated += bvh->boxes.group_count[level];
-    return updated;
+    return qm_bvh_box_count(bvh);
 }
 
 /** packs are those of the faces that changed, ascending; they are used up. */
@@ -130,6 +184,19 @@ qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer
     qm_context_free(ctx, packs, list_size, sizeof *packs);
     qm_bits_free(ctx, changed, bvh->pack_count);
     return status;
+}
+
+bool qm_bvh_is_stale(const qm_bvh *bvh)
+{
+    return bvh->stale != NULL;
+}
+
+size_t qm_bvh_box_count(const qm_bvh *bvh)
+{
+    size_t count = 0;
+    for (int level = 0; level < bvh->boxes.level_count; level++)
+        count += bvh->boxes.group_count[level];
+    return count;
 }
 
 void qm_bvh_refresh(qm_context *ctx, qm_bvh *bvh, int thread_count)

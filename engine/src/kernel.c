@@ -21,6 +21,12 @@
     void qm_shortlist_##isa(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);     \
     double qm_hull_upper_##isa(const qm_candidates *candidates, const qm_vec *point, int count, int *place); \
     bool qm_cover_##isa(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);                  \
+    unsigned qm_node_distances_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b,          \
+                                     bool splits_a, float d2[QM_PACK_LANES]);                                \
+    bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
+    void qm_fill_leaf_##isa(qm_leaf *leaf, const float(*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);  \
+    bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,         \
+                                 unsigned moved_q, uint8_t near[QM_PACK_LANES]);                             \
     static const qm_kernel kernel_##isa = {                                                                  \
         .name = #isa,                                                                                        \
         .fill_pack = qm_fill_pack_##isa,                                                                     \
@@ -39,6 +45,10 @@
         .shortlist = qm_shortlist_##isa,                                                                     \
         .hull_upper = qm_hull_upper_##isa,                                                                   \
         .cover = qm_cover_##isa,                                                                             \
+        .node_distances = qm_node_distances_##isa,                                                           \
+        .descend = qm_descend_##isa,                                                                         \
+        .fill_leaf = qm_fill_leaf_##isa,                                                                     \
+        .compare_leaves = qm_compare_leaves_##isa,                                                           \
     }
 
 DECLARE(avx512);

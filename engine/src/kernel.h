@@ -6,6 +6,7 @@
 #define QM_KERNEL_H
 
 #include "bvh_tree.h"
+#include "collide_leaf.h"
 #include "qm/grid.h"
 #include "qm/tetra.h"
 
@@ -124,6 +125,31 @@ typedef struct qm_kernel {
      * convex part of the input, in_reach filled, and *moved is set when anything was cut off.
      */
     bool (*cover)(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);
+
+    /** Walks from a pair of nodes, whose boxes are taken to meet, to the pairs below that meet. False when
+     * take ended the walk. */
+    bool (*descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);
+
+    /** Squared distances, in the frame of the tree that is split, of the members of one node of a pair from
+     * the other node; 1 + 4e-7 times the true ones at most, INFINITY beyond what floats hold. Returns a bit
+     * for each member. */
+    unsigned (*node_distances)(const qm_descent *descent, const qm_node *a, const qm_node *b, bool splits_a,
+                               float d2[QM_PACK_LANES]);
+
+    /**
+     * Makes a leaf whose middle, pack and lane_count are set: vertex has rows of x y z from the middle and
+     * the index as bits, aligned to 16 bytes; place tells the row of each lane's corners, all lanes filled.
+     */
+    void (*fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
+
+    /**
+     * For each lane of p the bits of those lanes of q that may meet it: all others are proven not to. In
+     * is_self both are of one mesh, corners of the same index and the edges between them don't count, and a
+     * leaf with itself gives each pair of lanes once; of a pair one must have its bit in moved_p or moved_q.
+     * False when there are none.
+     */
+    bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+                           unsigned moved_q, uint8_t near[QM_PACK_LANES]);
 } qm_kernel;
 
 /** The widest kernel that this processor runs. */

@@ -3,10 +3,10 @@
 #include <assert.h>
 #include <string.h>
 
-#define DIGIT_BITS 9
-enum { DIGITS = (64 - QM_RADIX_INDEX_BITS) / DIGIT_BITS, BUCKETS = 1 << DIGIT_BITS };
-static_assert(DIGITS % 2 == 0, "an even number of passes ends where it began");
-static_assert(DIGITS * DIGIT_BITS == 64 - QM_RADIX_INDEX_BITS, "the digits make up the key");
+#define MAX_DIGIT_BITS 12
+#define MAX_DIGITS 6
+enum { ENTRY_DIGIT_BITS = 9, ENTRY_DIGITS = (64 - QM_RADIX_INDEX_BITS) / ENTRY_DIGIT_BITS };
+static_assert(ENTRY_DIGITS * ENTRY_DIGIT_BITS == 64 - QM_RADIX_INDEX_BITS, "the digits make up the key");
 
 #define MIN_RUN 8192 /* entries that make it worth to start another thread */
 
@@ -16,6 +16,7 @@ typedef struct sort_work {
     uint64_t *from, *to;
     size_t count, run; /* entries, and the length of the runs that are sorted already */
     int workers;
+    int low_bit, digits, digit_bits; /* what is sorted by: entries have a low bit, numbers none */
 } sort_work;
 
 static size_t share(size_t count, int worker, int workers)
@@ -23,31 +24,40 @@ static size_t share(size_t count, int worker, int workers)
     return count * (size_t)worker / (size_t)workers;
 }
 
-static unsigned digit(uint64_t entry, int d)
-{
-    return (unsigned)(entry >> (QM_RADIX_INDEX_BITS + d * DIGIT_BITS)) & (BUCKETS - 1);
-}
-
 /** Least significant digit first, counting all digits in one pass. */
-static void sort_run(uint64_t *from, uint64_t *to, size_t count)
+static inline void sort_digits(uint64_t *from, uint64_t *to, size_t count, int low_bit, int digits,
+                               int digit_bits)
 {
-    uint32_t place[DIGITS][BUCKETS] = {{0}};
+    uint32_t place[MAX_DIGITS][1 << MAX_DIGIT_BITS];
+    const uint64_t mask = (UINT64_C(1) << digit_bits) - 1;
+    memset(place, 0, (size_t)digits * sizeof place[0]);
     for (size_t i = 0; i < count; i++)
-        for (int d = 0; d < DIGITS; d++)
-            place[d][digit(from[i], d)]++;
-    for (int d = 0; d < DIGITS; d++) {
+        for (int d = 0; d < digits; d++)
+            place[d][from[i] >> (low_bit + d * digit_bits) & mask]++;
+    uint64_t *home = from;
+    for (int d = 0; d < digits; d++) {
         uint32_t start = 0;
-        for (int b = 0; b < BUCKETS; b++) {
+        for (uint64_t b = 0; b <= mask; b++) {
             uint32_t here = place[d][b];
             place[d][b] = start;
             start += here;
         }
         for (size_t i = 0; i < count; i++)
-            to[place[d][digit(from[i], d)]++] = from[i];
+            to[place[d][from[i] >> (low_bit + d * digit_bits) & mask]++] = from[i];
         uint64_t *swap = from;
         from = to;
         to = swap;
     }
+    if (from != home) memcpy(home, from, count * sizeof *home);
+}
+
+/** Entries have a loop of their own, in which the compiler knows the digits. */
+static void sort_run(const sort_work *work, uint64_t *from, uint64_t *to, size_t count)
+{
+    if (work->low_bit == QM_RADIX_INDEX_BITS)
+        sort_digits(from, to, count, QM_RADIX_INDEX_BITS, ENTRY_DIGITS, ENTRY_DIGIT_BITS);
+    else
+        sort_digits(from, to, count, 0, work->digits, work->digit_bits);
 }
 
 static void sort_own_run(void *data, int worker)
@@ -55,10 +65,10 @@ static void sort_own_run(void *data, int worker)
     const sort_work *work = data;
     size_t begin = work->run * (size_t)worker;
     size_t end = begin + work->run < work->count ? begin + work->run : work->count;
-    if (begin < end) sort_run(work->from + begin, work->to + begin, end - begin);
+    if (begin < end) sort_run(work, work->from + begin, work->to + begin, end - begin);
 }
 
-/** How many of the first place entries of a merge come from a; equal entries do not occur. */
+/** How many of the first place entries of a merge come from a; of equal entries those of b come first. */
 static size_t merge_rank(const uint64_t *a, size_t a_count, const uint64_t *b, size_t b_count, size_t place)
 {
     size_t low = place > b_count ? place - b_count : 0, high = place < a_count ? place : a_count;
@@ -97,23 +107,43 @@ static void merge_own_slice(void *data, int worker)
     }
 }
 
-qm_status qm_radix_sort(qm_context *ctx, uint64_t *entries, size_t count, int workers)
+static qm_status sort(qm_context *ctx, sort_work work)
 {
-    if (count < 2) return QM_OK;
-    uint64_t *spare = qm_context_alloc(ctx, count, sizeof *spare);
+    if (work.count < 2) return QM_OK;
+    uint64_t *entries = work.from, *spare = qm_context_alloc(ctx, work.count, sizeof *spare);
     if (!spare) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory while sorting");
-    while (workers > 1 && count / (size_t)workers < MIN_RUN)
-        workers--;
-    sort_work work = {.from = entries, .to = spare, .count = count, .workers = workers};
-    work.run = (count + (size_t)workers - 1) / (size_t)workers;
-    qm_context_parallel(ctx, workers, sort_own_run, &work);
-    for (; work.run < count; work.run *= 2) {
-        qm_context_parallel(ctx, workers, merge_own_slice, &work);
+    while (work.workers > 1 && work.count / (size_t)work.workers < MIN_RUN)
+        work.workers--;
+    work.to = spare;
+    work.run = (work.count + (size_t)work.workers - 1) / (size_t)work.workers;
+    qm_context_parallel(ctx, work.workers, sort_own_run, &work);
+    for (; work.run < work.count; work.run *= 2) {
+        qm_context_parallel(ctx, work.workers, merge_own_slice, &work);
         uint64_t *swap = work.from;
         work.from = work.to;
         work.to = swap;
     }
-    if (work.from != entries) memcpy(entries, work.from, count * sizeof *entries);
-    qm_context_free(ctx, spare, count, sizeof *spare);
+    if (work.from != entries) memcpy(entries, work.from, work.count * sizeof *entries);
+    qm_context_free(ctx, spare, work.count, sizeof *spare);
     return QM_OK;
+}
+
+qm_status qm_radix_sort(qm_context *ctx, uint64_t *entries, size_t count, int workers)
+{
+    return sort(ctx, (sort_work){.from = entries,
+                                 .count = count,
+                                 .workers = workers,
+                                 .low_bit = QM_RADIX_INDEX_BITS,
+                                 .digits = ENTRY_DIGITS,
+                                 .digit_bits = ENTRY_DIGIT_BITS});
+}
+
+qm_status qm_radix_sort_numbers(qm_context *ctx, uint64_t *numbers, size_t count, int bit_count, int workers)
+{
+    int digits = (bit_count + MAX_DIGIT_BITS - 1) / MAX_DIGIT_BITS;
+    return sort(ctx, (sort_work){.from = numbers,
+                                 .count = count,
+                                 .workers = workers,
+                                 .digits = digits,
+                                 .digit_bits = digits > 0 ? (bit_count + digits - 1) / digits : 0});
 }

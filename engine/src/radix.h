@@ -1,5 +1,6 @@
 /**
- * radix.h: sorting of indices by Hilbert key, shared by the tree builder and batch projection.
+ * radix.h: sorting of whole numbers: indices by Hilbert key for the tree builder and batch projection, and
+ * pairs of faces for collision.
  */
 #ifndef QM_RADIX_H
 #define QM_RADIX_H
@@ -16,5 +17,8 @@ static inline uint64_t qm_radix_entry(uint64_t key, uint64_t index)
 
 /** Sorts entries, no two of them equal, on up to so many threads. Returns QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_radix_sort(qm_context *ctx, uint64_t *entries, size_t count, int workers);
+
+/** Sorts whole numbers below 2^bit_count, equal ones too. */
+qm_status qm_radix_sort_numbers(qm_context *ctx, uint64_t *numbers, size_t count, int bit_count, int workers);
 
 #endif

@@ -1,4 +1,5 @@
 """What survives the daemon's end, whether it is asked to stop or killed, and how it starts and stops."""
+import resource
 import signal
 import subprocess
 import threading
@@ -207,3 +208,25 @@ def test_a_second_sigterm_changes_nothing(make_daemon):
             running.process.send_signal(signal.SIGTERM)
             time.sleep(0.0005)
         assert running.process.wait() == 0
+
+
+def test_a_full_disk_refuses_and_the_daemon_lives(make_daemon):
+    """Files that may not grow any more stand for it. Reading goes on, and so does writing when there is room again."""
+    running = make_daemon("--log-level", "error")
+    with running.client() as client:
+        mesh = client.upload(shapes.cube())["id"]
+        kept = client.hausdorff(mesh, mesh)
+        resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (100_000, resource.RLIM_INFINITY))
+        for side in range(2, 5):
+            content = shapes.ply_little(shapes.rough(100, seed=side))
+            check_problem(client.post("/v1/meshes", content=content), 503, "unavailable")
+        assert client.get(f"/v1/jobs/{kept['id']}").json() == kept
+        assert not any((running.folder / "data/incoming").iterdir())
+        # Nor does the database grow.
+        resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (1, resource.RLIM_INFINITY))
+        refused = client.post("/v1/jobs", json={"type": "project", "mesh": mesh, "points": []})
+        check_problem(refused, 503, "unavailable")
+        check_problem(client.post("/v1/meshes", content=shapes.obj(shapes.cube(side=5.5))), 503, "unavailable")
+        resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+        assert client.upload(shapes.rough(100, seed=9))["id"]
+        assert client.hausdorff(mesh, mesh, tolerance=0.5)["state"] == "succeeded"

@@ -352,9 +352,11 @@ def test_streams_are_counted(make_daemon):
             raw.sendall(request_head(mesh, len(body)))
             raw.sendall(body)
             assert raw.recv(4096).startswith(b"HTTP/1.1 200 OK")
-            reply = project(client, mesh, floats([(0, 0, 0)]))
+            reply = project(client, mesh, body)
             check_problem(reply, 503, "unavailable")
             assert reply.headers["retry-after"] == "1"
+            # What is answered in one block takes no place.
+            assert project(client, mesh, floats([(0, 0, 0)])).status_code == 200
 
 
 def test_a_stop_cuts_the_stream(make_daemon):

@@ -12,8 +12,10 @@
 
 static const char usage[] =
     "usage: bench_engine hausdorff A B [--quads triangles|bilinear] [--tolerance X] [--threads N]\n"
-    "                                  [--shift X] [--noise X]      distance from A to B\n"
-    "       bench_engine project MESH POINTS [--threads N]          nearest points of a file of points\n"
+    "                                  [--shift X] [--noise X] [--accelerator A]  distance from A to B\n"
+    "       bench_engine project MESH POINTS [--threads N] [--accelerator A]\n"
+    "                                                               nearest points of a file of points\n"
+    "       bench_engine refit MESH [--threads N]                   trees that follow moving vertices\n"
     "       bench_engine draw MESH PREFIX --count N --seed N        PREFIX.near, PREFIX.mid, PREFIX.far\n"
     "       bench_engine export MESH PREFIX [--shift X] [--noise X] PREFIX.vertices, PREFIX.triangles\n"
     "       bench_engine kernel                                     the instruction set in use\n"
@@ -28,7 +30,18 @@ typedef struct settings {
     uint64_t seed;
 } settings;
 
-enum { QUADS = 256, TOLERANCE, THREADS, SHIFT, NOISE, COUNT, SEED };
+enum { QUADS = 256, TOLERANCE, THREADS, SHIFT, NOISE, COUNT, SEED, ACCELERATOR };
+
+static bool read_accelerator(const char *name, qm_accelerator *out)
+{
+    static const char *const names[] = {"auto", "boxes", "tetra", "grid"}; /* as in qm_accelerator */
+    for (int i = 0; i < QM_ACCELERATOR_COUNT; i++) {
+        if (strcmp(name, names[i]) != 0) continue;
+        *out = (qm_accelerator)i;
+        return true;
+    }
+    return false;
+}
 
 static bool read_option(settings *out, int option)
 {
@@ -45,6 +58,8 @@ static bool read_option(settings *out, int option)
         return isfinite(question->change_b.shift = atof(optarg));
     case NOISE:
         return (question->change_b.noise = atof(optarg)) >= 0.0;
+    case ACCELERATOR:
+        return read_accelerator(optarg, &question->accelerator);
     case COUNT:
         return (out->count = strtoul(optarg, NULL, 10)) > 0;
     case SEED:
@@ -64,13 +79,17 @@ static bool run(const char *command, char **operands, int operand_count, setting
         printf("{\"kernel\": \"%s\", \"version\": \"%s\"}\n", qm_kernel_name(), QM_VERSION);
         return true;
     }
+    if (strcmp(command, "refit") == 0 && operand_count == 1) {
+        bench_refit(first, question->threads);
+        return true;
+    }
     if (operand_count != 2) return false;
     if (strcmp(command, "hausdorff") == 0) {
         question->path_a = first;
         question->path_b = second;
         bench_hausdorff(question);
     } else if (strcmp(command, "project") == 0) {
-        bench_project(first, second, question->threads);
+        bench_project(first, second, question->accelerator, question->threads);
     } else if (strcmp(command, "draw") == 0) {
         bench_draw(first, given->count, given->seed, second);
     } else if (strcmp(command, "export") == 0) {
@@ -83,11 +102,15 @@ static bool run(const char *command, char **operands, int operand_count, setting
 
 int main(int argc, char **argv)
 {
-    static const struct option options[] = {
-        {"quads", required_argument, NULL, QUADS},     {"tolerance", required_argument, NULL, TOLERANCE},
-        {"threads", required_argument, NULL, THREADS}, {"shift", required_argument, NULL, SHIFT},
-        {"noise", required_argument, NULL, NOISE},     {"count", required_argument, NULL, COUNT},
-        {"seed", required_argument, NULL, SEED},       {0}};
+    static const struct option options[] = {{"quads", required_argument, NULL, QUADS},
+                                            {"tolerance", required_argument, NULL, TOLERANCE},
+                                            {"threads", required_argument, NULL, THREADS},
+                                            {"shift", required_argument, NULL, SHIFT},
+                                            {"noise", required_argument, NULL, NOISE},
+                                            {"count", required_argument, NULL, COUNT},
+                                            {"seed", required_argument, NULL, SEED},
+                                            {"accelerator", required_argument, NULL, ACCELERATOR},
+                                            {0}};
     settings given = {.hausdorff = {.tolerance = 1e-8, .threads = 1}, .count = 1000000, .seed = 1};
     bool is_good = argc > 1;
     for (int option; is_good && (option = getopt_long(argc - 1, argv + 1, "", options, NULL)) != -1;)

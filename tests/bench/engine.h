@@ -6,7 +6,7 @@
 #ifndef QM_BENCH_ENGINE_H
 #define QM_BENCH_ENGINE_H
 
-#include "qm/bvh.h"
+#include "qm/locator.h"
 
 /** A small disturbance of a mesh: makes a near twin out of it. */
 typedef struct bench_change {
@@ -31,6 +31,7 @@ typedef struct bench_hausdorff_question {
     qm_quad_reading quads;
     double tolerance; /* a share of the diagonal of A */
     int threads;
+    qm_accelerator accelerator;
 } bench_hausdorff_question;
 
 /** Times the distance from A to B and prints it. */
@@ -46,7 +47,11 @@ void bench_export(const char *path, const bench_change *change, const char *pref
  */
 void bench_draw(const char *path, size_t count, uint64_t seed, const char *prefix);
 
-/** Times projections of a file of points and prints them; quads as triangles. */
-void bench_project(const char *path, const char *points_path, int threads);
+/** Times projections of a file of points and prints them; quads as triangles. The accelerator counts as part
+ * of the tree. */
+void bench_project(const char *path, const char *points_path, qm_accelerator accelerator, int threads);
+
+/** Times how trees follow the vertices of a mesh, and prints that beside their building and memory. */
+void bench_refit(const char *path, int threads);
 
 #endif

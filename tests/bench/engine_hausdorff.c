@@ -43,6 +43,7 @@ void bench_hausdorff(const bench_hausdorff_question *question)
     qm_hausdorff_options options = qm_hausdorff_options_default();
     options.direction = QM_A_TO_B;
     options.quads = question->quads;
+    options.accelerator = question->accelerator;
     options.tolerance = question->tolerance * qm_box_diagonal(&box);
     options.thread_count = question->threads;
 

@@ -12,6 +12,7 @@ typedef struct question {
     double *points;
     size_t point_count;
     int threads;
+    qm_accelerator accelerator;
     qm_projection out;
 } question;
 
@@ -21,17 +22,21 @@ static void measure_once(question *q, const qm_projection *out, qm_bench_times *
     double start = qm_bench_now_ms();
     if (qm_bvh_build(&q->ctx, &q->mesh, QM_BVH_TARGET, q->threads, &tree) != QM_OK)
         bench_fail("tree", q->ctx.message);
+    qm_locator locator;
+    if (qm_locator_build(&q->ctx, tree, NULL, q->accelerator, &locator) != QM_OK)
+        bench_fail("accelerator", q->ctx.message);
     double built = qm_bench_now_ms();
-    if (qm_project_points(&q->ctx, tree, QM_QUADS_TRIANGLES, q->points, q->point_count, q->threads, out) !=
-        QM_OK)
+    if (qm_project_points_with(&q->ctx, &locator, QM_QUADS_TRIANGLES, q->points, q->point_count, q->threads,
+                               out) != QM_OK)
         bench_fail("projection", q->ctx.message);
     qm_bench_add(times, built - start, qm_bench_now_ms() - built);
+    qm_locator_reset(&q->ctx, &locator);
     qm_bvh_destroy(&q->ctx, tree);
 }
 
-void bench_project(const char *path, const char *points_path, int threads)
+void bench_project(const char *path, const char *points_path, qm_accelerator accelerator, int threads)
 {
-    question q = {.ctx = qm_context_make(), .threads = threads};
+    question q = {.ctx = qm_context_make(), .threads = threads, .accelerator = accelerator};
     q.ctx.parallel = qm_parallel_run;
     q.mesh = bench_read_mesh(&q.ctx, path, &(bench_change){0});
     q.points = qm_bench_read_rows(points_path, 3 * sizeof *q.points, &q.point_count);

@@ -23,15 +23,18 @@ import subprocess
 import sys
 import time
 
+import bench_accelerators
 import bench_hausdorff
 import bench_projection
+import bench_service
 import bench_twins
 import bench_variants
 import measuring
 import pairs as meshes
 import programs as catalogue
 
-PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection}
+PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection,
+         "accelerators": bench_accelerators, "service": bench_service}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")
 
 

@@ -135,7 +135,7 @@ def test_info_is_the_mesh_resource(quadmesh, square):
     assert mesh["faces"] == {"triangles": 0, "quads": 1, "polygons": 0}
     assert mesh["boundary_edges"] == 4
     assert mesh["bounding_box"] == {"min": [0, 0, 0], "max": [2, 2, 0], "diagonal": 8**0.5}
-    assert set(mesh["prepare_ms"]) == {"parse", "topology", "bvh"}
+    assert set(mesh["prepare_ms"]) == {"parse", "topology", "patches", "bvh"}
     assert mesh["warnings"] == []
 
 

@@ -58,7 +58,7 @@ def test_standard_output_gets_text(quadmesh, square, points, where):
     check_feet(csv_rows(done.stdout))
 
 
-@pytest.mark.parametrize("accelerator", ["auto", "boxes", "grid"])
+@pytest.mark.parametrize("accelerator", ["auto", "boxes", "tetra", "grid"])
 def test_each_accelerator_finds_the_feet(quadmesh, square, points, where, accelerator):
     done = quadmesh("project", square, points, "-o", "-", "--accelerator", accelerator, *where)
     assert (done.returncode, done.stderr) == (0, "")

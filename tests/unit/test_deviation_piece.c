@@ -165,13 +165,13 @@ static void check_soups(qm_quad_reading reading, uint64_t count, int levels)
 static void pieces_of_triangles_hold(void **state)
 {
     (void)state;
-    check_soups(QM_QUADS_TRIANGLES, qm_check_long() ? 10000 : 250, 3);
+    check_soups(QM_QUADS_TRIANGLES, qm_check_long() ? 10000 : 120, 3);
 }
 
 static void pieces_of_patches_hold(void **state)
 {
     (void)state;
-    check_soups(QM_QUADS_BILINEAR, qm_check_long() ? 1000 : 12, 2);
+    check_soups(QM_QUADS_BILINEAR, qm_check_long() ? 1000 : 8, 2);
 }
 
 int main(void)

@@ -240,7 +240,7 @@ static void what_is_missing_is_named(void **state)
     assert_string_equal(problem.errors[0].pointer, "/type");
     assert_string_equal(problem.errors[1].pointer, "/a");
     assert_string_equal(problem.errors[2].pointer, "/b");
-    assert_false(read_job("{\"type\":\"collision\",\"a\":\"\",\"b\":7}", &request, &problem));
+    assert_false(read_job("{\"type\":\"fitting\",\"a\":\"\",\"b\":7}", &request, &problem));
     assert_int_equal(problem.error_count, 3);
     assert_false(read_job("{\"type\":\"hausdorff\",\"a\":\"0123456789012345678901234567890123456789\","
                           "\"b\":\"b\"}",

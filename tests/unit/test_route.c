@@ -9,9 +9,9 @@
 
 static const char *id_of(const char *method, const char *path)
 {
-    static char id[QM_ID_SIZE];
+    static char ids[2][QM_ID_SIZE];
     qm_problem problem;
-    return qm_route_find(method, path, id, &problem) ? id : NULL;
+    return qm_route_find(method, path, ids, &problem) ? ids[0] : NULL;
 }
 
 static void test_known_paths(void **state)
@@ -26,6 +26,19 @@ static void test_known_paths(void **state)
     assert_string_equal(id_of("GET", "/dashboard/js/index.js"), "js/index.js");
 }
 
+static void test_paths_of_two_names(void **state)
+{
+    (void)state;
+    char ids[2][QM_ID_SIZE];
+    qm_problem problem;
+    assert_non_null(qm_route_find("POST", "/v1/layouts/l_1/curves/17/split", ids, &problem));
+    assert_string_equal(ids[0], "l_1");
+    assert_string_equal(ids[1], "17");
+    assert_non_null(qm_route_find("POST", "/v1/layouts/l_1/curves/merge", ids, &problem));
+    assert_string_equal(ids[0], "l_1");
+    assert_string_equal(ids[1], "");
+}
+
 static void test_unknown_paths(void **state)
 {
     (void)state;
@@ -36,18 +49,18 @@ static void test_unknown_paths(void **state)
         /* one character more than an id may have */
         "/v1/meshes/0123456789012345678901234567890123456789"};
     for (size_t i = 0; i < sizeof paths / sizeof paths[0]; i++) {
-        char id[QM_ID_SIZE];
+        char ids[2][QM_ID_SIZE];
         qm_problem problem;
-        QM_CHECK(!qm_route_find("GET", paths[i], id, &problem), "%s", paths[i]);
+        QM_CHECK(!qm_route_find("GET", paths[i], ids, &problem), "%s", paths[i]);
         QM_CHECK(problem.code == QM_PROBLEM_NOT_FOUND, "%s: %d", paths[i], (int)problem.code);
     }
 }
 
 static void check_allow(const char *method, const char *path, const char *allow)
 {
-    char id[QM_ID_SIZE];
+    char ids[2][QM_ID_SIZE];
     qm_problem problem;
-    assert_null(qm_route_find(method, path, id, &problem));
+    assert_null(qm_route_find(method, path, ids, &problem));
     assert_int_equal(problem.code, QM_PROBLEM_METHOD_NOT_ALLOWED);
     assert_string_equal(problem.allow, allow);
 }
@@ -112,11 +125,9 @@ static void test_accept(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_known_paths),
-        cmocka_unit_test(test_unknown_paths),
-        cmocka_unit_test(test_other_methods_name_the_allowed_ones),
-        cmocka_unit_test(test_content_types),
-        cmocka_unit_test(test_accept),
+        cmocka_unit_test(test_known_paths),   cmocka_unit_test(test_paths_of_two_names),
+        cmocka_unit_test(test_unknown_paths), cmocka_unit_test(test_other_methods_name_the_allowed_ones),
+        cmocka_unit_test(test_content_types), cmocka_unit_test(test_accept),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

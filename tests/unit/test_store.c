@@ -10,6 +10,7 @@
 
 #include "check.h"
 #include "folder.h"
+#include "result_file.h"
 #include "store.h"
 
 typedef struct fixture {
@@ -105,6 +106,18 @@ static void test_hashes(void **state)
     }
 }
 
+static void put_mesh(const fixture *f, const char *id, const char *hash, const char *options)
+{
+    qm_store_mesh mesh = {.options = (char *)options,
+                          .name = (char *)"n\xc3\xa4me",
+                          .document = (char *)"{}",
+                          .created = (char *)"2026-01-02T03:04:05.678Z",
+                          .format = 3};
+    snprintf(mesh.id, sizeof mesh.id, "%s", id);
+    snprintf(mesh.hash, sizeof mesh.hash, "%s", hash);
+    assert_int_equal(qm_store_put_mesh(f->store, &mesh), QM_OK);
+}
+
 static void test_kept_blobs_survive(void **state)
 {
     fixture *f = *state;
@@ -112,8 +125,29 @@ static void test_kept_blobs_survive(void **state)
     keep_blob(f, "a mesh", hash);
     keep_blob(f, "a mesh", hash);
     assert_int_equal(count_files(f, "blobs"), 1);
+    put_mesh(f, "m_1", hash, "");
     reopen(f);
     check_blob(f, hash, "a mesh");
+}
+
+/** Left by an end between a file and its row. */
+static void test_files_without_a_row_are_swept(void **state)
+{
+    fixture *f = *state;
+    char hash[QM_HASH_SIZE];
+    keep_blob(f, "nobody's", hash);
+    qm_store_job job = {.key = (char *)"k", .body = (char *)"{}", .created = (char *)"2030"};
+    snprintf(job.id, sizeof job.id, "j_here");
+    assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
+    assert_int_equal(qm_result_file_write(f->store, "j_here", (double[]){1.0}, 1), QM_OK);
+    assert_int_equal(qm_result_file_write(f->store, "j_gone", (double[]){1.0}, 1), QM_OK);
+    reopen(f);
+    assert_int_equal(count_files(f, "blobs"), 0);
+    assert_int_equal(count_files(f, "results"), 1);
+    qm_result_file *kept = qm_result_file_open(f->store, "j_here");
+    assert_non_null(kept);
+    assert_int_equal(qm_result_file_count(kept), 1);
+    qm_result_file_close(kept);
 }
 
 static void test_dropped_blobs_leave_nothing(void **state)
@@ -130,12 +164,49 @@ static void test_dropped_blobs_leave_nothing(void **state)
     assert_int_equal(qm_blob_map(f->store, hash, &bytes, &size), QM_E_EMPTY);
 }
 
+/** Writes a size of bytes 0, 1, 2 ... in pieces of 1000. */
+static qm_blob_writer *write_long(const fixture *f, size_t size)
+{
+    qm_blob_writer *writer;
+    uint8_t piece[1000];
+    assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
+    for (size_t done = 0; done < size;) {
+        size_t part = size - done < sizeof piece ? size - done : sizeof piece;
+        for (size_t i = 0; i < part; i++)
+            piece[i] = (uint8_t)(done + i);
+        assert_int_equal(qm_blob_write(writer, piece, part), QM_OK);
+        done += part;
+    }
+    assert_int_equal(qm_blob_size(writer), size);
+    return writer;
+}
+
+/** A few bytes wait in memory and many in a file; either way they can be read back from any place. */
+static void test_bytes_are_read_back_while_they_come(void **state)
+{
+    fixture *f = *state;
+    static const size_t sizes[] = {0, 1, 65000, 65536, 65537, 200001};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        qm_blob_writer *writer = write_long(f, sizes[i]);
+        QM_CHECK(count_files(f, "incoming") == (sizes[i] > 65536), "%zu bytes", sizes[i]);
+        for (size_t place = 0; place + 10 < sizes[i]; place += 7919) {
+            uint8_t got[10];
+            assert_int_equal(qm_blob_read(writer, place, got, sizeof got), QM_OK);
+            for (size_t k = 0; k < sizeof got; k++)
+                assert_int_equal(got[k], (uint8_t)(place + k));
+        }
+        uint8_t beyond[2];
+        assert_int_not_equal(qm_blob_read(writer, sizes[i], beyond, 1), QM_OK);
+        assert_int_not_equal(qm_blob_read(writer, sizes[i] - (sizes[i] > 0), beyond, 2), QM_OK);
+        qm_blob_abort(writer);
+        assert_int_equal(count_files(f, "incoming"), 0);
+    }
+}
+
 static void test_unsealed_blobs_leave_nothing(void **state)
 {
     fixture *f = *state;
-    qm_blob_writer *writer;
-    assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
-    assert_int_equal(qm_blob_write(writer, "half", 4), QM_OK);
+    qm_blob_writer *writer = write_long(f, 100000);
     assert_int_equal(count_files(f, "incoming"), 1);
     qm_blob_abort(writer);
     assert_int_equal(count_files(f, "incoming") + count_files(f, "blobs"), 0);
@@ -171,15 +242,6 @@ static void test_half_written_files_are_swept(void **state)
 
 /* ---- meshes ---- */
 
-static void put_mesh(const fixture *f, const char *id, const char *hash, const char *options)
-{
-    qm_store_mesh mesh = {
-        .options = (char *)options, .name = (char *)"n\xc3\xa4me", .document = (char *)"{}", .format = 3};
-    snprintf(mesh.id, sizeof mesh.id, "%s", id);
-    snprintf(mesh.hash, sizeof mesh.hash, "%s", hash);
-    assert_int_equal(qm_store_put_mesh(f->store, &mesh), QM_OK);
-}
-
 static void test_meshes_survive(void **state)
 {
     fixture *f = *state;
@@ -199,6 +261,44 @@ static void test_meshes_survive(void **state)
     qm_store_mesh_reset(&found);
     assert_false(qm_store_find_mesh_by_content(f->store, hash, "format=ply name=", &found));
     assert_false(qm_store_find_mesh(f->store, "m_1' OR 1 --", &found));
+}
+
+static void test_a_revision_takes_the_place_of_the_one_before(void **state)
+{
+    fixture *f = *state;
+    char file[QM_HASH_SIZE], first[QM_HASH_SIZE], second[QM_HASH_SIZE];
+    keep_blob(f, "file", file);
+    keep_blob(f, "first", first);
+    keep_blob(f, "second", second);
+    put_mesh(f, "m_1", file, "options");
+    qm_store_mesh mesh;
+    assert_true(qm_store_find_mesh(f->store, "m_1", &mesh));
+    assert_int_equal(mesh.revision, 0);
+    assert_string_equal(mesh.positions, "");
+    free(mesh.options);
+    mesh.options = strdup("deformed");
+    mesh.revision = 1;
+    memcpy(mesh.positions, first, sizeof first);
+    assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_OK);
+    assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_E_ARGUMENT);
+    mesh.revision = 2;
+    memcpy(mesh.positions, second, sizeof second);
+    assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_OK);
+    qm_store_mesh_reset(&mesh);
+
+    assert_false(qm_store_find_mesh_by_content(f->store, file, "options", &mesh));
+    assert_true(qm_store_find_mesh(f->store, "m_1", &mesh));
+    assert_int_equal(mesh.revision, 2);
+    assert_string_equal(mesh.positions, second);
+    assert_string_equal(mesh.created, "2026-01-02T03:04:05.678Z");
+    qm_store_mesh_reset(&mesh);
+    const uint8_t *bytes;
+    size_t size;
+    assert_int_equal(qm_blob_map(f->store, first, &bytes, &size), QM_E_EMPTY);
+    check_blob(f, second, "second");
+    assert_true(qm_store_delete_mesh(f->store, "m_1"));
+    assert_int_equal(qm_blob_map(f->store, second, &bytes, &size), QM_E_EMPTY);
+    assert_int_equal(qm_blob_map(f->store, file, &bytes, &size), QM_E_EMPTY);
 }
 
 static void test_pages_of_meshes(void **state)
@@ -257,7 +357,7 @@ static void test_jobs_survive(void **state)
     assert_int_equal(submit(f, "j_1", "key", "client's"), QM_OK);
     assert_int_equal(submit(f, "j_2", "key", NULL), QM_OK);
     assert_int_equal(submit(f, "j_3", "other", NULL), QM_OK);
-    assert_int_equal(qm_store_finish_job(f->store, "j_2", 2, "{\"done\":1}", "{}\n{}\n"), QM_OK);
+    assert_int_equal(qm_store_finish_job(f->store, "j_2", 2, "{\"done\":1}", "{}\n{}\n", "0 3"), QM_OK);
     reopen(f);
     qm_store_job found;
     assert_true(qm_store_find_job(f->store, "j_2", &found));
@@ -266,10 +366,10 @@ static void test_jobs_survive(void **state)
     assert_string_equal(found.events, "{}\n{}\n");
     assert_null(found.idempotency_key);
     qm_store_job_reset(&found);
-    assert_true(qm_store_find_job_by_key(f->store, "key", 2, &found));
+    assert_true(qm_store_find_job_by_key(f->store, "key", "0 3", 2, &found));
     assert_string_equal(found.id, "j_2");
     qm_store_job_reset(&found);
-    assert_false(qm_store_find_job_by_key(f->store, "other", 2, &found));
+    assert_false(qm_store_find_job_by_key(f->store, "other", "0 3", 2, &found));
     assert_true(qm_store_find_job_by_idempotency_key(f->store, "client's", &found));
     assert_string_equal(found.id, "j_1");
     assert_null(found.document);
@@ -284,7 +384,7 @@ static void test_unfinished_jobs(void **state)
     submit(f, "j_1", "k", NULL);
     submit(f, "j_2", "k", NULL);
     submit(f, "j_3", "k", NULL);
-    qm_store_finish_job(f->store, "j_2", 3, "{}", "{}\n");
+    qm_store_finish_job(f->store, "j_2", 3, "{}", "{}\n", "");
     qm_store_job rows[4];
     assert_int_equal(qm_store_list_unfinished_jobs(f->store, 0, 4, rows), 2);
     assert_string_equal(rows[0].id, "j_1");
@@ -300,6 +400,41 @@ static void test_unfinished_jobs(void **state)
     assert_null(rows[1].events);
     qm_store_job_reset(&rows[0]);
     qm_store_job_reset(&rows[1]);
+}
+
+static void drop(const fixture *f, size_t kept, const char *before, size_t limit, const char *expected)
+{
+    char ids[8][QM_ID_SIZE], joined[400] = "";
+    size_t count = qm_store_drop_old_jobs(f->store, kept, before, limit, ids);
+    for (size_t i = 0; i < count; i++)
+        snprintf(joined + strlen(joined), sizeof joined - strlen(joined), "%s ", ids[i]);
+    assert_string_equal(joined, expected);
+}
+
+static void test_old_jobs_are_dropped(void **state)
+{
+    fixture *f = *state;
+    for (int i = 1; i <= 6; i++) {
+        qm_store_job job = {.key = (char *)"k", .body = (char *)"{}"};
+        char created[16];
+        snprintf(created, sizeof created, "20%d0", i);
+        job.created = created;
+        snprintf(job.id, sizeof job.id, "j_%d", i);
+        assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
+        if (i != 2) assert_int_equal(qm_store_finish_job(f->store, job.id, 2, "{}", "{}\n", ""), QM_OK);
+    }
+    drop(f, 100, "", 8, "");
+    drop(f, 100, "2010", 8, "");
+    drop(f, 100, "2015", 8, "j_1 ");
+    drop(f, 4, "", 8, "");
+    /* One that has not ended stays, however old. */
+    drop(f, 1, "", 1, "j_3 ");
+    drop(f, 2, "", 8, "j_4 ");
+    drop(f, 0, "", 8, "j_5 j_6 ");
+    qm_store_job rows[2];
+    assert_int_equal(qm_store_list_jobs(f->store, 0, 2, rows), 1);
+    assert_string_equal(rows[0].id, "j_2");
+    qm_store_job_reset(&rows[0]);
 }
 
 static void test_an_idempotency_key_names_one_job(void **state)
@@ -352,13 +487,11 @@ static void test_a_refused_process_leaves_uploads_alone(void **state)
     fixture *f = *state;
     qm_blob_writer *writer;
     char hash[QM_HASH_SIZE];
-    assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
-    assert_int_equal(qm_blob_write(writer, "on its way", 10), QM_OK);
+    writer = write_blob(f, "on its way", hash);
     int end = run_child(open_in_vain, f->folder);
     assert_true(WIFEXITED(end));
     assert_int_equal(WEXITSTATUS(end), 0);
     assert_int_equal(count_files(f, "incoming"), 1);
-    assert_int_equal(qm_blob_seal(writer, hash), QM_OK);
     assert_int_equal(qm_blob_keep(writer), QM_OK);
     check_blob(f, hash, "on its way");
 }
@@ -486,15 +619,19 @@ int main(void)
     const struct CMUnitTest tests[] = {
         TEST(test_hashes),
         TEST(test_kept_blobs_survive),
+        TEST(test_files_without_a_row_are_swept),
         TEST(test_dropped_blobs_leave_nothing),
+        TEST(test_bytes_are_read_back_while_they_come),
         TEST(test_unsealed_blobs_leave_nothing),
         TEST(test_a_blob_that_cannot_be_named),
         TEST(test_half_written_files_are_swept),
         TEST(test_meshes_survive),
+        TEST(test_a_revision_takes_the_place_of_the_one_before),
         TEST(test_pages_of_meshes),
         TEST(test_a_blob_goes_with_its_last_mesh),
         TEST(test_jobs_survive),
         TEST(test_unfinished_jobs),
+        TEST(test_old_jobs_are_dropped),
         TEST(test_an_idempotency_key_names_one_job),
         TEST(test_a_folder_has_one_owner),
         TEST(test_a_refused_process_leaves_uploads_alone),

@@ -46,6 +46,12 @@ qm_status qm_deformer_find_faces(qm_context *ctx, const qm_deformer *deformer, c
 qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer, const qm_mesh *mesh,
                        const uint32_t *faces, size_t face_count, int thread_count, size_t *updated);
 
+/** True from a refit that moved anything on, until qm_bvh_refresh. */
+bool qm_bvh_is_stale(const qm_bvh *bvh);
+
+/** Boxes of a tree: those of its packs and of the groups above them. */
+size_t qm_bvh_box_count(const qm_bvh *bvh);
+
 /** Makes what is stale, so that the tree is a target again. Nobody else uses the tree meanwhile. */
 void qm_bvh_refresh(qm_context *ctx, qm_bvh *bvh, int thread_count);
 

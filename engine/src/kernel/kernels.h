@@ -25,5 +25,11 @@ uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p);
 void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);
 double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place);
 bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);
+unsigned QM_KERNEL(node_distances)(const qm_descent *descent, const qm_node *a, const qm_node *b,
+                                   bool splits_a, float d2[QM_PACK_LANES]);
+bool QM_KERNEL(descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);
+void QM_KERNEL(fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
+bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+                               unsigned moved_q, uint8_t near[QM_PACK_LANES]);
 
 #endif

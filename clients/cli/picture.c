@@ -1,0 +1,263 @@
+/**
+ * picture.c: triangles into a depth buffer, the edges of faces over them, and the rows into a PNG of stored
+ * blocks. Sources: W3C, Portable Network Graphics, 2003; RFC 1950 and 1951 (stored blocks, Adler-32).
+ */
+#include "picture.h"
+
+#include <errno.h>
+#include <float.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { WIDTH = 1000, HEIGHT = 800, ROW_SIZE = 1 + 3 * WIDTH, BLOCK = 65535 };
+
+#define MARGIN 0.92 /* share of the picture that the mesh takes */
+#define EDGE_LIFT                                                                                            \
+    0.004 /* edges are drawn over faces up to this share of the mesh's size in front of them                 \
+           */
+
+typedef struct canvas {
+    double right[3], up[3], towards[3]; /* the viewer's axes */
+    double middle[3], scale;            /* pixels a length */
+    double lift;
+    uint8_t *rows; /* HEIGHT rows, each a filter byte and WIDTH colours */
+    double *depth;
+} canvas;
+
+typedef struct spot {
+    double x, y, z;
+} spot;
+
+static double dot(const double *a, const double *b)
+{
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+static void cross(const double *a, const double *b, double out[3])
+{
+    out[0] = a[1] * b[2] - a[2] * b[1];
+    out[1] = a[2] * b[0] - a[0] * b[2];
+    out[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+static void normalise(double v[3])
+{
+    double length = sqrt(dot(v, v));
+    for (int k = 0; k < 3 && length > 0.0; k++)
+        v[k] /= length;
+}
+
+static spot place(const canvas *c, const double *p)
+{
+    const double d[3] = {p[0] - c->middle[0], p[1] - c->middle[1], p[2] - c->middle[2]};
+    return (spot){0.5 * WIDTH + c->scale * dot(d, c->right), 0.5 * HEIGHT - c->scale * dot(d, c->up),
+                  c->scale * dot(d, c->towards)};
+}
+
+/** Looks along the shortest side of the box, a little from above and from the side. */
+static void set_view(canvas *c, const qm_mesh *mesh)
+{
+    qm_box box = qm_mesh_bounding_box(mesh);
+    int shortest = 0, tallest = 1;
+    for (int k = 0; k < 3; k++) {
+        c->middle[k] = 0.5 * (box.min[k] + box.max[k]);
+        if (box.max[k] - box.min[k] < box.max[shortest] - box.min[shortest]) shortest = k;
+    }
+    if (shortest == 1) tallest = 2;
+    for (int k = 0; k < 3; k++) {
+        c->towards[k] = k == shortest ? 1.0 : k == tallest ? 0.35 : 0.45;
+        c->up[k] = k == tallest;
+    }
+    normalise(c->towards);
+    cross(c->up, c->towards, c->right);
+    normalise(c->right);
+    cross(c->towards, c->right, c->up);
+    double wide = 0.0, high = 0.0;
+    c->scale = 1.0;
+    for (size_t i = 0; i < mesh->vertex_count; i++) {
+        spot s = place(c, mesh->positions + 3 * i);
+        wide = fmax(wide, fabs(s.x - 0.5 * WIDTH));
+        high = fmax(high, fabs(s.y - 0.5 * HEIGHT));
+    }
+    c->scale = MARGIN * fmin(0.5 * WIDTH / fmax(wide, DBL_MIN), 0.5 * HEIGHT / fmax(high, DBL_MIN));
+    c->lift = EDGE_LIFT * c->scale * qm_box_diagonal(&box);
+}
+
+static void put(canvas *c, int x, int y, const uint8_t colour[3])
+{
+    memcpy(c->rows + (size_t)y * ROW_SIZE + 1 + 3 * (size_t)x, colour, 3);
+}
+
+static int clamp(double x, int most)
+{
+    return x < 0.0 ? 0 : x > most ? most : (int)x;
+}
+
+static void fill_triangle(canvas *c, const spot *a, const spot *b, const spot *d, const uint8_t colour[3])
+{
+    double area = (b->x - a->x) * (d->y - a->y) - (d->x - a->x) * (b->y - a->y);
+    if (area == 0.0) return;
+    int left = clamp(floor(fmin(a->x, fmin(b->x, d->x))), WIDTH - 1),
+        right = clamp(ceil(fmax(a->x, fmax(b->x, d->x))), WIDTH - 1),
+        top = clamp(floor(fmin(a->y, fmin(b->y, d->y))), HEIGHT - 1),
+        bottom = clamp(ceil(fmax(a->y, fmax(b->y, d->y))), HEIGHT - 1);
+    for (int y = top; y <= bottom; y++) {
+        for (int x = left; x <= right; x++) {
+            double v = ((x - a->x) * (d->y - a->y) - (d->x - a->x) * (y - a->y)) / area;
+            double w = ((b->x - a->x) * (y - a->y) - (x - a->x) * (b->y - a->y)) / area;
+            double z = a->z + v * (b->z - a->z) + w * (d->z - a->z);
+            size_t at = (size_t)y * WIDTH + (size_t)x;
+            if (v < 0.0 || w < 0.0 || v + w > 1.0 || z <= c->depth[at]) continue;
+            c->depth[at] = z;
+            put(c, x, y, colour);
+        }
+    }
+}
+
+static void draw_edge(canvas *c, const spot *a, const spot *b)
+{
+    static const uint8_t ink[3] = {30, 40, 70};
+    int steps = (int)fmax(fabs(b->x - a->x), fabs(b->y - a->y)) + 1;
+    for (int k = 0; k <= steps; k++) {
+        double t = (double)k / steps;
+        int x = clamp(a->x + t * (b->x - a->x), WIDTH - 1), y = clamp(a->y + t * (b->y - a->y), HEIGHT - 1);
+        if (a->z + t * (b->z - a->z) + c->lift >= c->depth[(size_t)y * WIDTH + (size_t)x]) put(c, x, y, ink);
+    }
+}
+
+/** Grey by the angle to a light beside the viewer; both sides of a face look the same. */
+static void shade(const canvas *c, const double *a, const double *b, const double *d, uint8_t colour[3])
+{
+    double e[3], f[3], normal[3], light[3];
+    for (int k = 0; k < 3; k++) {
+        e[k] = b[k] - a[k];
+        f[k] = d[k] - a[k];
+        light[k] = c->towards[k] + 0.4 * c->up[k] - 0.3 * c->right[k];
+    }
+    cross(e, f, normal);
+    normalise(normal);
+    normalise(light);
+    double shine = 0.25 + 0.75 * fabs(dot(normal, light));
+    const double base[3] = {215, 225, 245};
+    for (int k = 0; k < 3; k++)
+        colour[k] = (uint8_t)(shine * base[k]);
+}
+
+static void draw(canvas *c, const qm_mesh *mesh)
+{
+    for (int edges = 0; edges < 2; edges++) {
+        for (size_t f = 0; f < mesh->face_count; f++) {
+            const uint32_t *index = mesh->faces + 4 * f;
+            int count = index[3] == QM_NO_INDEX ? 3 : 4;
+            spot at[4];
+            for (int k = 0; k < count; k++)
+                at[k] = place(c, mesh->positions + 3 * (size_t)index[k]);
+            for (int k = 0; edges && k < count; k++)
+                draw_edge(c, &at[k], &at[(k + 1) % count]);
+            for (int k = 1; !edges && k + 1 < count; k++) {
+                uint8_t colour[3];
+                shade(c, mesh->positions + 3 * (size_t)index[0], mesh->positions + 3 * (size_t)index[k],
+                      mesh->positions + 3 * (size_t)index[k + 1], colour);
+                fill_triangle(c, &at[0], &at[k], &at[k + 1], colour);
+            }
+        }
+    }
+}
+
+/* ---- PNG ---- */
+
+static void add_u32(uint8_t *out, uint32_t value)
+{
+    for (int k = 0; k < 4; k++)
+        out[k] = (uint8_t)(value >> (24 - 8 * k));
+}
+
+/** CRC-32 bit by bit: the picture is written once. */
+static uint32_t add_crc(uint32_t crc, const uint8_t *bytes, size_t size)
+{
+    for (size_t i = 0; i < size; i++) {
+        crc ^= bytes[i];
+        for (int bit = 0; bit < 8; bit++)
+            crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
+    }
+    return crc;
+}
+
+static bool write_chunk(FILE *file, const char *type, const uint8_t *bytes, size_t size)
+{
+    uint8_t number[4];
+    add_u32(number, (uint32_t)size);
+    bool good = fwrite(number, 1, 4, file) == 4 && fwrite(type, 1, 4, file) == 4 &&
+                fwrite(bytes, 1, size, file) == size;
+    add_u32(number, ~add_crc(add_crc(~0u, (const uint8_t *)type, 4), bytes, size));
+    return good && fwrite(number, 1, 4, file) == 4;
+}
+
+/** A zlib stream of stored blocks; returns its size. */
+static size_t store(const uint8_t *bytes, size_t size, uint8_t *out)
+{
+    size_t length = 0;
+    uint32_t a = 1, b = 0;
+    out[length++] = 0x78;
+    out[length++] = 0x01;
+    for (size_t done = 0; done < size;) {
+        size_t block = size - done < BLOCK ? size - done : BLOCK;
+        out[length++] = done + block == size;
+        out[length++] = (uint8_t)(block & 0xff);
+        out[length++] = (uint8_t)(block >> 8);
+        out[length++] = (uint8_t)(~block & 0xff);
+        out[length++] = (uint8_t)(~block >> 8 & 0xff);
+        memcpy(out + length, bytes + done, block);
+        length += block;
+        done += block;
+    }
+    for (size_t i = 0; i < size; i++) {
+        a = (a + bytes[i]) % 65521;
+        b = (b + a) % 65521;
+    }
+    add_u32(out + length, b << 16 | a);
+    return length + 4;
+}
+
+static bool write_png(const char *path, const uint8_t *rows)
+{
+    const size_t size = (size_t)HEIGHT * ROW_SIZE;
+    uint8_t *stream = malloc(size + 5 * (size / BLOCK + 1) + 16);
+    FILE *file = stream ? fopen(path, "wb") : NULL;
+    if (!file) {
+        free(stream);
+        return false;
+    }
+    uint8_t header[13] = {[8] = 8, [9] = 2};
+    add_u32(header, WIDTH);
+    add_u32(header + 4, HEIGHT);
+    bool good =
+        fwrite("\x89PNG\r\n\x1a\n", 1, 8, file) == 8 && write_chunk(file, "IHDR", header, sizeof header) &&
+        write_chunk(file, "IDAT", stream, store(rows, size, stream)) && write_chunk(file, "IEND", header, 0);
+    free(stream);
+    return fclose(file) == 0 && good;
+}
+
+bool picture_write(const char *path, const qm_mesh *mesh)
+{
+    canvas c = {.rows = malloc((size_t)HEIGHT * ROW_SIZE),
+                .depth = malloc((size_t)WIDTH * HEIGHT * sizeof(double))};
+    bool good = c.rows && c.depth;
+    if (good) {
+        memset(c.rows, 255, (size_t)HEIGHT * ROW_SIZE);
+        for (size_t y = 0; y < HEIGHT; y++)
+            c.rows[y * ROW_SIZE] = 0;
+        for (size_t i = 0; i < (size_t)WIDTH * HEIGHT; i++)
+            c.depth[i] = -DBL_MAX;
+        set_view(&c, mesh);
+        draw(&c, mesh);
+        good = write_png(path, c.rows);
+    } else {
+        errno = ENOMEM;
+    }
+    free(c.rows);
+    free(c.depth);
+    return good;
+}

@@ -1,0 +1,88 @@
+#include "bilinear_hull.h"
+
+#include "tri_point.h"
+
+#define THIN 0.25 /* of what a patch can leave its triangles by: a hull this thin bounds it better */
+
+/** The four faces of the hull, first the triangles of the patch. */
+static const int faces[4][3] = {{0, 1, 2}, {0, 2, 3}, {0, 1, 3}, {1, 2, 3}};
+
+/** The face nearest to p of those looked at so far. */
+typedef struct nearest_face {
+    double distance2;
+    int face;
+    qm_triangle triangle;
+} nearest_face;
+
+static void look_at(const qm_vec c[4], int face, qm_vec p, nearest_face *nearest)
+{
+    const int *corner = faces[face];
+    qm_triangle triangle = qm_triangle_make(c[corner[0]], c[corner[1]], c[corner[2]]);
+    double here = qm_triangle_distance2(&triangle, p);
+    if (here < nearest->distance2) *nearest = (nearest_face){here, face, triangle};
+}
+
+/** Thickness of the hull, rounded up: how far a point of it can be from its faces at most. */
+static double thickness_of(const qm_vec c[4])
+{
+    qm_vec first = qm_vec_sub(c[2], c[0]), second = qm_vec_sub(c[3], c[1]);
+    qm_vec normal = qm_vec_cross(first, second);
+    double length = qm_vec_norm(normal), longer = sqrt(fmax(qm_vec_norm2(first), qm_vec_norm2(second)));
+    if (longer == 0.0) return qm_vec_distance(c[0], c[1]);
+    double parallel =
+        length / longer; /* the shorter diagonal leaves the plane through the longer by no more */
+    if (length <= 1e-6 * longer * longer) return parallel + 0x1p-44 * longer;
+    double apart = fabs(qm_vec_dot(qm_vec_sub(c[1], c[0]), normal)) / length;
+    return fmin(parallel, apart) + 0x1p-44 * longer;
+}
+
+/** The foot of p on a face: its place, and the parameters that go with it. */
+static qm_vec foot_on(const qm_vec c[4], const nearest_face *nearest, qm_vec p, double share[2])
+{
+    double weight[3];
+    qm_vec foot = {0, 0, 0};
+    qm_triangle_footpoint(&nearest->triangle, p, weight);
+    share[0] = share[1] = 0.0;
+    for (int i = 0; i < 3; i++) {
+        int k = faces[nearest->face][i];
+        foot = qm_vec_axpy(foot, weight[i], c[k]);
+        if (k == 1 || k == 2) share[0] += weight[i];
+        if (k >= 2) share[1] += weight[i];
+    }
+    for (int i = 0; i < 2; i++)
+        share[i] = qm_clamp(share[i], 0.0, 1.0);
+    return foot;
+}
+
+/** How far p lies beyond the farthest corner in the direction away from a point: no more than the distance to
+ * the hull, whatever the point is, and as much when it is the nearest of the hull. */
+static double distance_beyond(const qm_vec c[4], qm_vec from, qm_vec p)
+{
+    qm_vec away = qm_vec_sub(p, from);
+    double length = qm_vec_norm(away), least = INFINITY;
+    if (!(length > 0.0)) return 0.0;
+    away = qm_vec_scale(1.0 / length, away);
+    for (int i = 0; i < 4; i++)
+        least = fmin(least, qm_vec_dot(away, qm_vec_sub(p, c[i])));
+    return least;
+}
+
+double qm_hull_lower(const qm_vec corner[4], qm_vec p, double twist, double enough, double share[2])
+{
+    nearest_face nearest = {.distance2 = INFINITY};
+    look_at(corner, 0, p, &nearest);
+    look_at(corner, 1, p, &nearest);
+    double lower = sqrt(nearest.distance2) - twist;
+    share[0] = share[1] = 0.5;
+    if (lower >= enough) return fmax(0.0, lower);
+    double thickness = thickness_of(corner);
+    if (thickness < THIN * twist) {
+        look_at(corner, 2, p, &nearest);
+        look_at(corner, 3, p, &nearest);
+        lower = fmax(lower, sqrt(nearest.distance2) - thickness);
+        lower = fmax(lower, distance_beyond(corner, foot_on(corner, &nearest, p, share), p));
+    } else {
+        foot_on(corner, &nearest, p, share);
+    }
+    return fmax(0.0, lower);
+}

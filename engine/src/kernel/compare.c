@@ -1,0 +1,343 @@
+/**
+ * compare.c: leaves of the collision search, and which lanes of two leaves may meet: one triangle against
+ * eight. What is told apart here is apart; the rest is for exact tests.
+ *
+ * Triangles are told apart by planes: that of either triangle, and those through the edges of either at a
+ * right angle to it. Where those corners of a triangle that are not shared lie strictly beyond a plane that
+ * the shared ones lie in, and that the other triangle doesn't cross, only the hull of the shared ones can
+ * meet it: a corner or an edge that both have.
+ *
+ * Errors: let e bound the error of every coordinate, E the size of the triangle whose plane it is, and W how
+ * far the other's corners lie from it along an axis: at most both sizes when their boxes meet. Edges are then
+ * wrong by at most 3 e, normals by 18 E e and what is computed for a corner by 78 E W e + 54 E^2 e, which is
+ * below 128 e E (E + W); sizes are enlarged by 4 e for what is of second order. For planes through edges the
+ * same count gives 228 E^2 W e + 72 E^3 e, below 256 e E^2 (E + W).
+ */
+#include "../collide_leaf.h"
+#include "box.h"
+#include "kernels.h"
+
+#define COORDINATE_ROUNDING 0x1p-23f /* of a coordinate in single precision, relative; twice what is */
+#define MIDDLE_ROUNDING 0x1p-50      /* of a coordinate in the frame of the search, relative */
+#define LARGEST_REACH 1e8f           /* larger leaves are left to exact tests: products might overflow */
+#define UNDERFLOW 1e-36f             /* more than what products lose to underflow */
+
+typedef struct wide {
+    qm_vf x, y, z;
+} wide;
+
+static inline qm_vf load(const float *p)
+{
+    return *(const qm_vf *)(const void *)p;
+}
+
+static inline void store(float *p, qm_vf a)
+{
+    *(qm_vf *)(void *)p = a;
+}
+
+static inline wide wide_load(const float row[3][QM_PACK_LANES])
+{
+    return (wide){load(row[0]), load(row[1]), load(row[2])};
+}
+
+/** a + shift + margin along each axis */
+static inline wide wide_shift(wide a, const float shift[3], float margin)
+{
+    return (wide){a.x + (shift[0] + margin), a.y + (shift[1] + margin), a.z + (shift[2] + margin)};
+}
+
+static inline wide wide_sub(wide a, wide b)
+{
+    return (wide){a.x - b.x, a.y - b.y, a.z - b.z};
+}
+
+static inline wide wide_cross(wide a, wide b)
+{
+    return (wide){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
+}
+
+static inline qm_vf wide_dot(wide a, wide b)
+{
+    return a.x * b.x + a.y * b.y + a.z * b.z;
+}
+
+/* ---- leaves ---- */
+
+static inline float least(qm_vf a)
+{
+    float low = a[0];
+    for (int i = 1; i < QM_PACK_LANES; i++)
+        low = a[i] < low ? a[i] : low;
+    return low;
+}
+
+/** The boxes of the lanes and of all; returns the greatest coordinate by magnitude. */
+static inline float set_boxes(qm_leaf *leaf, qm_vf *size)
+{
+    float reach = 0.0f;
+    *size = (qm_vf){0};
+    for (int k = 0; k < 3; k++) {
+        qm_vf x = load(leaf->corner[0][k]), y = load(leaf->corner[1][k]), z = load(leaf->corner[2][k]);
+        qm_vf low = qm_vf_min(x, qm_vf_min(y, z)), high = qm_vf_max(x, qm_vf_max(y, z));
+        store(leaf->low[k], low);
+        store(leaf->high[k], high);
+        *size = qm_vf_max(*size, high - low);
+        leaf->box_low[k] = least(low);
+        leaf->box_high[k] = -least(-high);
+        float far = -leaf->box_low[k] > leaf->box_high[k] ? -leaf->box_low[k] : leaf->box_high[k];
+        reach = far > reach ? far : reach;
+    }
+    return reach;
+}
+
+static inline void set_plane(qm_leaf *leaf, int plane, wide normal, wide point)
+{
+    store(leaf->plane[plane][0], normal.x);
+    store(leaf->plane[plane][1], normal.y);
+    store(leaf->plane[plane][2], normal.z);
+    store(leaf->plane[plane][3], wide_dot(normal, point));
+}
+
+/** Rows of a corner from the vertices of the lanes: x, y, z and the index, which travels as a float's bits.
+ */
+static inline void set_corner(qm_leaf *leaf, int corner, const float (*vertex)[4], const uint8_t *place)
+{
+    typedef float four __attribute__((vector_size(16)));
+    qm_vf lane[4];
+    for (int i = 0; i < 4; i++) {
+        four low = *(const four *)(const void *)vertex[place[3 * i + corner]],
+             high = *(const four *)(const void *)vertex[place[3 * (i + 4) + corner]];
+        lane[i] = __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
+    }
+    qm_vf xy01 = __builtin_shufflevector(lane[0], lane[1], 0, 8, 1, 9, 4, 12, 5, 13),
+          xy23 = __builtin_shufflevector(lane[2], lane[3], 0, 8, 1, 9, 4, 12, 5, 13),
+          zi01 = __builtin_shufflevector(lane[0], lane[1], 2, 10, 3, 11, 6, 14, 7, 15),
+          zi23 = __builtin_shufflevector(lane[2], lane[3], 2, 10, 3, 11, 6, 14, 7, 15);
+    store(leaf->corner[corner][0], __builtin_shufflevector(xy01, xy23, 0, 1, 8, 9, 4, 5, 12, 13));
+    store(leaf->corner[corner][1], __builtin_shufflevector(xy01, xy23, 2, 3, 10, 11, 6, 7, 14, 15));
+    store(leaf->corner[corner][2], __builtin_shufflevector(zi01, zi23, 0, 1, 8, 9, 4, 5, 12, 13));
+    qm_vf index = __builtin_shufflevector(zi01, zi23, 2, 3, 10, 11, 6, 7, 14, 15);
+    memcpy(leaf->vertex[corner], &index, sizeof index);
+}
+
+void QM_KERNEL(fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3])
+{
+    for (int i = 0; i < 3; i++)
+        set_corner(leaf, i, vertex, place[0]);
+    wide c[3] = {wide_load(leaf->corner[0]), wide_load(leaf->corner[1]), wide_load(leaf->corner[2])};
+    wide edge[3] = {wide_sub(c[1], c[0]), wide_sub(c[2], c[1]), wide_sub(c[0], c[2])};
+    wide normal = wide_cross(edge[1], edge[2]);
+    set_plane(leaf, 0, normal, c[0]);
+    for (int i = 0; i < 3; i++)
+        set_plane(leaf, 1 + i, wide_cross(edge[i], normal), c[i]);
+    qm_vf size;
+    leaf->reach = set_boxes(leaf, &size);
+    double x = fabs(leaf->middle.x), y = fabs(leaf->middle.y), z = fabs(leaf->middle.z);
+    double middle = x > y ? x : y;
+    middle = z > middle ? z : middle;
+    leaf->error = leaf->reach * COORDINATE_ROUNDING + (float)(middle * MIDDLE_ROUNDING) + UNDERFLOW;
+    if (!(leaf->reach < LARGEST_REACH)) leaf->error = INFINITY;
+    store(leaf->size, size + 4.0f * leaf->error);
+}
+
+/* ---- pairs of leaves ---- */
+
+/** The corners of q as seen from p's middle, with what bounds the errors of both. */
+typedef struct against {
+    const qm_leaf *p, *q;
+    wide corner[3], low, high; /* the boxes of q's lanes reach as far out as both may be wrong */
+    float shift[3], error;
+    bool is_self;
+} against;
+
+static inline void set_against(against *g, const qm_leaf *p, const qm_leaf *q, bool is_self)
+{
+    g->p = p;
+    g->q = q;
+    g->is_self = is_self;
+    g->shift[0] = (float)(q->middle.x - p->middle.x);
+    g->shift[1] = (float)(q->middle.y - p->middle.y);
+    g->shift[2] = (float)(q->middle.z - p->middle.z);
+    float far = fabsf(g->shift[0]) + fabsf(g->shift[1]) + fabsf(g->shift[2]);
+    g->error = p->error + q->error + 2.0f * COORDINATE_ROUNDING * (far + q->reach + p->reach);
+    for (int i = 0; i < 3; i++)
+        g->corner[i] = wide_shift(wide_load(q->corner[i]), g->shift, 0.0f);
+    g->low = wide_shift(wide_load(q->low), g->shift, -2.0f * g->error);
+    g->high = wide_shift(wide_load(q->high), g->shift, 2.0f * g->error);
+}
+
+/** Bits of p's lanes whose boxes meet that of q. */
+static inline unsigned lanes_near(const against *g)
+{
+    const qm_leaf *p = g->p, *q = g->q;
+    qm_vi apart = {0};
+    float margin = 2.0f * g->error;
+    for (int k = 0; k < 3; k++) {
+        float low = q->box_low[k] + g->shift[k] - margin, high = q->box_high[k] + g->shift[k] + margin;
+        apart |= (load(p->low[k]) > high) | (load(p->high[k]) < low);
+    }
+    return ~qm_vi_bits(apart) & ((1u << p->lane_count) - 1);
+}
+
+/** Bits of q's lanes whose boxes meet that of p's lane i. */
+static inline unsigned boxes_near(const against *g, int i)
+{
+    const qm_leaf *p = g->p;
+    qm_vi apart = (g->low.x > p->high[0][i]) | (g->high.x < p->low[0][i]);
+    apart |= (g->low.y > p->high[1][i]) | (g->high.y < p->low[1][i]);
+    apart |= (g->low.z > p->high[2][i]) | (g->high.z < p->low[2][i]);
+    return ~qm_vi_bits(apart) & ((1u << g->q->lane_count) - 1);
+}
+
+/** Which corners of q's lanes are corners of p's lane i in the mesh: same[corner of p][corner of q]. */
+typedef struct shared_corners {
+    qm_vi same[3][3];
+} shared_corners;
+
+static inline shared_corners find_shared(const against *g, int i)
+{
+    shared_corners s = {{{{0}}}};
+    if (!g->is_self) return s;
+    for (int c = 0; c < 3; c++) {
+        qm_vi own = (qm_vi){0} + (int32_t)g->p->vertex[c][i];
+        for (int k = 0; k < 3; k++)
+            s.same[c][k] = *(const qm_vi *)(const void *)g->q->vertex[k] == own;
+    }
+    return s;
+}
+
+/** What is computed for lane i of p against all of q. */
+typedef struct lane_against {
+    const against *g;
+    int i;
+    shared_corners shared;
+    qm_vf size, own_size, tolerance; /* of the plane of lane i */
+} lane_against;
+
+static inline lane_against make_lane(const against *g, int i)
+{
+    lane_against l = {.g = g, .i = i, .shared = find_shared(g, i)};
+    l.size = load(g->q->size);
+    l.own_size = (qm_vf){0} + g->p->size[i];
+    l.tolerance = 128.0f * g->error * l.own_size * (l.own_size + l.own_size + l.size) + UNDERFLOW;
+    return l;
+}
+
+static inline qm_vf own_height(const lane_against *l, int plane, int corner)
+{
+    const float(*row)[QM_PACK_LANES] = l->g->p->plane[plane];
+    wide c = l->g->corner[corner];
+    return c.x * row[0][l->i] + c.y * row[1][l->i] + c.z * row[2][l->i];
+}
+
+/** All three strictly above, or all three strictly below; shared corners count as both, unless all are. */
+static inline qm_vi one_sided(const qm_vf height[3], qm_vf low, qm_vf high, const qm_vi shared[3])
+{
+    qm_vi above = shared[0] | (height[0] > high), below = shared[0] | (height[0] < low);
+    for (int k = 1; k < 3; k++) {
+        above &= shared[k] | (height[k] > high);
+        below &= shared[k] | (height[k] < low);
+    }
+    return (above | below) & ~(shared[0] & shared[1] & shared[2]);
+}
+
+/** Lanes of q on one side of the plane of lane i. */
+static inline qm_vi apart_by_own_plane(const lane_against *l)
+{
+    const qm_vi(*same)[3] = l->shared.same;
+    const qm_vi shared[3] = {same[0][0] | same[1][0] | same[2][0], same[0][1] | same[1][1] | same[2][1],
+                             same[0][2] | same[1][2] | same[2][2]};
+    const qm_vf height[3] = {own_height(l, 0, 0), own_height(l, 0, 1), own_height(l, 0, 2)};
+    float at = l->g->p->plane[0][3][l->i];
+    return one_sided(height, at - l->tolerance, at + l->tolerance, shared);
+}
+
+/** Lanes of q beyond an edge of lane i. */
+static inline qm_vi apart_by_own_edges(const lane_against *l)
+{
+    const qm_vi(*same)[3] = l->shared.same;
+    qm_vf tolerance = 2.0f * l->own_size * l->tolerance + UNDERFLOW;
+    qm_vi apart = {0};
+    for (int c = 0; c < 3; c++) {
+        int next = (c + 1) % 3;
+        qm_vf limit = l->g->p->plane[1 + c][3][l->i] + tolerance;
+        qm_vi beyond = ~(qm_vi){0};
+        for (int k = 0; k < 3; k++)
+            beyond &= same[c][k] | same[next][k] | (own_height(l, 1 + c, k) > limit);
+        apart |= beyond;
+    }
+    return apart;
+}
+
+/** A corner of lane i as seen from q's middle. */
+static inline wide own_corner(const lane_against *l, int corner)
+{
+    const qm_vf zero = {0};
+    const float(*row)[QM_PACK_LANES] = l->g->p->corner[corner];
+    const float *shift = l->g->shift;
+    return (wide){zero + (row[0][l->i] - shift[0]), zero + (row[1][l->i] - shift[1]),
+                  zero + (row[2][l->i] - shift[2])};
+}
+
+/** Lanes of q that have lane i on one side of their planes, or beyond one of their edges. */
+static inline qm_vi apart_by_other_planes(const lane_against *l)
+{
+    const qm_leaf *q = l->g->q;
+    const qm_vi(*same)[3] = l->shared.same;
+    wide own[3] = {own_corner(l, 0), own_corner(l, 1), own_corner(l, 2)};
+    qm_vf tolerance = 128.0f * l->g->error * l->size * (l->size + l->size + l->own_size) + UNDERFLOW;
+    const qm_vi shared[3] = {same[0][0] | same[0][1] | same[0][2], same[1][0] | same[1][1] | same[1][2],
+                             same[2][0] | same[2][1] | same[2][2]};
+    wide normal = wide_load(q->plane[0]);
+    const qm_vf height[3] = {wide_dot(normal, own[0]), wide_dot(normal, own[1]), wide_dot(normal, own[2])};
+    qm_vf at = load(q->plane[0][3]);
+    qm_vi apart = one_sided(height, at - tolerance, at + tolerance, shared);
+    qm_vf edge_tolerance = 2.0f * l->size * tolerance + UNDERFLOW;
+    for (int k = 0; k < 3; k++) {
+        int next = (k + 1) % 3;
+        wide out = wide_load(q->plane[1 + k]);
+        qm_vf limit = load(q->plane[1 + k][3]) + edge_tolerance;
+        qm_vi beyond = ~(qm_vi){0};
+        for (int c = 0; c < 3; c++)
+            beyond &= same[c][k] | same[c][next] | (wide_dot(out, own[c]) > limit);
+        apart |= beyond;
+    }
+    return apart;
+}
+
+static inline unsigned compare_lane(const against *g, int i, unsigned bits)
+{
+    lane_against l = make_lane(g, i);
+    bits &= ~qm_vi_bits(apart_by_own_plane(&l));
+    if (bits) bits &= ~qm_vi_bits(apart_by_own_edges(&l));
+    if (bits) bits &= ~qm_vi_bits(apart_by_other_planes(&l));
+    return bits;
+}
+
+static inline bool compare(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+                           unsigned moved_q, uint8_t near[QM_PACK_LANES])
+{
+    against g;
+    set_against(&g, p, q, is_self);
+    bool is_same = is_self && p->pack == q->pack;
+    unsigned any = 0;
+    memset(near, 0, QM_PACK_LANES);
+    for (unsigned lanes = lanes_near(&g); lanes; lanes &= lanes - 1) {
+        int i = __builtin_ctz(lanes);
+        unsigned bits = boxes_near(&g, i);
+        if (is_same) bits &= ~0u << (i + 1);
+        if (!(moved_p >> i & 1)) bits &= moved_q;
+        if (!bits) continue;
+        bits = compare_lane(&g, i, bits);
+        near[i] = (uint8_t)bits;
+        any |= bits;
+    }
+    return any != 0;
+}
+
+bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+                               unsigned moved_q, uint8_t near[QM_PACK_LANES])
+{
+    return is_self ? compare(p, q, true, moved_p, moved_q, near) : compare(p, q, false, 0xff, 0xff, near);
+}

@@ -1,0 +1,115 @@
+#include "predicates.h"
+
+#include "whole.h"
+
+/*
+ * Relative error bounds: a term of a determinant is rounded at most eight times in three dimensions and four
+ * times in two, by 2^-53 each; these are a little above. Underflow adds to a product of three at most a few
+ * times 2^-1074 * 2^301 * 2^301, to a product of two a few times 2^-1074, which the second constants cover.
+ */
+#define ERROR3 1e-15
+#define UNDERFLOW3 0x1p-460
+#define ERROR2 5e-16
+#define UNDERFLOW2 0x1p-1060
+
+static int sign_of(double x)
+{
+    return (x > 0.0) - (x < 0.0);
+}
+
+/** Out = (p - a) of one coordinate, in units of 2^low. */
+static void difference(qm_whole *out, double p, double a, int low)
+{
+    qm_whole other;
+    qm_whole_set(out, p, low);
+    qm_whole_set(&other, a, low);
+    qm_whole_add(out, out, &other, 1);
+}
+
+/** x0 y1 - x1 y0 */
+static void minor(qm_whole *out, const qm_whole *x0, const qm_whole *y0, const qm_whole *x1,
+                  const qm_whole *y1)
+{
+    qm_whole other;
+    qm_whole_multiply(out, x0, y1);
+    qm_whole_multiply(&other, x1, y0);
+    qm_whole_add(out, out, &other, 1);
+}
+
+/** Each axis has a unit of its own: that scales the determinant and leaves its sign. */
+static int orient3d_exact(const double p[4][3])
+{
+    qm_whole edge[3][3], part, product, sum;
+    for (int k = 0; k < 3; k++) {
+        int low = 0, high;
+        const double column[4] = {p[0][k], p[1][k], p[2][k], p[3][k]};
+        if (!qm_whole_span(column, 4, &low, &high)) return 0;
+        for (int i = 0; i < 3; i++)
+            difference(&edge[i][k], p[i + 1][k], p[0][k], low);
+    }
+    sum.sign = sum.count = 0;
+    for (int i = 0; i < 3; i++) {
+        const qm_whole *next = edge[(i + 1) % 3], *last = edge[(i + 2) % 3];
+        minor(&part, &next[0], &next[1], &last[0], &last[1]);
+        qm_whole_multiply(&product, &part, &edge[i][2]);
+        qm_whole_add(&sum, &sum, &product, 0);
+    }
+    return sum.sign;
+}
+
+static int exact_side(const qm_vec plane[3], qm_vec p)
+{
+    const double points[4][3] = {{plane[0].x, plane[0].y, plane[0].z},
+                                 {plane[1].x, plane[1].y, plane[1].z},
+                                 {plane[2].x, plane[2].y, plane[2].z},
+                                 {p.x, p.y, p.z}};
+    return orient3d_exact(points);
+}
+
+void qm_orient3d_sides(const qm_vec plane[3], const qm_vec *point, int count, int *side)
+{
+    qm_vec u = qm_vec_sub(plane[1], plane[0]), v = qm_vec_sub(plane[2], plane[0]);
+    double yz = u.y * v.z, zy = u.z * v.y, zx = u.z * v.x, xz = u.x * v.z, xy = u.x * v.y, yx = u.y * v.x;
+    qm_vec normal = {yz - zy, zx - xz, xy - yx};
+    qm_vec size = {fabs(yz) + fabs(zy), fabs(zx) + fabs(xz), fabs(xy) + fabs(yx)};
+    for (int i = 0; i < count; i++) {
+        qm_vec w = qm_vec_sub(point[i], plane[0]);
+        double det = qm_vec_dot(normal, w);
+        double bound = ERROR3 * (size.x * fabs(w.x) + size.y * fabs(w.y) + size.z * fabs(w.z)) + UNDERFLOW3;
+        side[i] = det > bound || -det > bound ? sign_of(det) : exact_side(plane, point[i]);
+    }
+}
+
+int qm_orient3d(qm_vec a, qm_vec b, qm_vec c, qm_vec d)
+{
+    const qm_vec plane[3] = {a, b, c};
+    int side;
+    qm_orient3d_sides(plane, &d, 1, &side);
+    return side;
+}
+
+static int orient2d_exact(const double p[3][2])
+{
+    qm_whole edge[2][2], sum;
+    for (int k = 0; k < 2; k++) {
+        int low = 0, high;
+        const double column[3] = {p[0][k], p[1][k], p[2][k]};
+        if (!qm_whole_span(column, 3, &low, &high)) return 0;
+        for (int i = 0; i < 2; i++)
+            difference(&edge[i][k], p[i + 1][k], p[0][k], low);
+    }
+    minor(&sum, &edge[0][0], &edge[0][1], &edge[1][0], &edge[1][1]);
+    return sum.sign;
+}
+
+int qm_orient2d(qm_vec a, qm_vec b, qm_vec c, int dropped_axis)
+{
+    const double from[3][3] = {{a.x, a.y, a.z}, {b.x, b.y, b.z}, {c.x, c.y, c.z}};
+    int x = (dropped_axis + 1) % 3, y = (dropped_axis + 2) % 3;
+    const double p[3][2] = {{from[0][x], from[0][y]}, {from[1][x], from[1][y]}, {from[2][x], from[2][y]}};
+    double left = (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]);
+    double right = (p[2][0] - p[0][0]) * (p[1][1] - p[0][1]);
+    double det = left - right, bound = ERROR2 * (fabs(left) + fabs(right)) + UNDERFLOW2;
+    if (det > bound || -det > bound) return sign_of(det);
+    return orient2d_exact(p);
+}

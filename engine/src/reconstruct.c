@@ -1,0 +1,238 @@
+#include "bvh_tree.h"
+#include "reconstruct_atlas.h"
+
+#include <string.h>
+
+#define FIRST_PER_PATCH 300 /* samples for the first parameters */
+#define FIRST_LEAST 8000
+#define FIRST_MOST 60000
+#define FIRST_PER_QUAD 6    /* samples that a quad of the first grids needs */
+#define SAMPLES_PER_QUAD 12 /* the same in each step */
+#define START_FAIR 10       /* rounds of evening out after the first placing */
+#define STEP_FAIR 4         /* the same before each step's */
+
+enum { ROW = 3 * sizeof(double) };
+
+qm_reconstruction_options qm_reconstruction_options_default(void)
+{
+    return (qm_reconstruction_options){.cover_share = 0.02, .pull_curves = true, .thread_count = 1};
+}
+
+static void free_state(qm_context *ctx, qm_reconstruction *r)
+{
+    for (size_t i = 0; i < r->layout.curve_count && r->tracks; i++) {
+        qm_track *track = &r->tracks[i];
+        qm_context_free(ctx, track->points, track->point_count, ROW);
+        qm_context_free(ctx, track->arc, track->point_count, sizeof *track->arc);
+        qm_context_free(ctx, track->vertices, (size_t)track->vertex_edges + 1, ROW);
+    }
+    for (size_t p = 0; p < r->layout.patch_count && r->grids; p++)
+        qm_context_free(ctx, r->grids[p].vertices, qm_grid_vertex_count(&r->grids[p]), ROW);
+    qm_context_free(ctx, r->tracks, r->layout.curve_count, sizeof *r->tracks);
+    qm_context_free(ctx, r->grids, r->layout.patch_count, sizeof *r->grids);
+    qm_context_free(ctx, r->chords, r->layout.curve_count, sizeof *r->chords);
+}
+
+void qm_reconstruction_destroy(qm_context *ctx, qm_reconstruction *r)
+{
+    if (!r) return;
+    free_state(ctx, r);
+    qm_layout_reset(ctx, &r->layout);
+    qm_context_free(ctx, r, 1, sizeof *r);
+}
+
+static qm_status allocate(qm_context *ctx, qm_reconstruction *r)
+{
+    size_t curves = r->layout.curve_count, patches = r->layout.patch_count;
+    r->tracks = qm_context_alloc(ctx, curves, sizeof *r->tracks);
+    if (r->tracks) memset(r->tracks, 0, curves * sizeof *r->tracks);
+    r->grids = qm_context_alloc(ctx, patches, sizeof *r->grids);
+    if (r->grids) memset(r->grids, 0, patches * sizeof *r->grids);
+    r->chords = qm_context_alloc(ctx, curves, sizeof *r->chords);
+    if (r->tracks && r->grids && r->chords) return QM_OK;
+    return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the reconstruction");
+}
+
+static size_t working_quads(const qm_reconstruction *r)
+{
+    size_t quads = 0;
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        quads += (size_t)r->grids[p].columns * r->grids[p].rows;
+    return quads;
+}
+
+/** Evens the stale grids out and places their vertices again, by points projected on them. */
+static qm_status refine(qm_context *ctx, qm_reconstruction *r, int fair, qm_samples *samples,
+                        qm_reconstruction_record *out)
+{
+    qm_status status = qm_grids_fair(ctx, r, fair);
+    if (status == QM_OK) status = qm_samples_locate(ctx, r, samples);
+    return status == QM_OK ? qm_place_vertices(ctx, r, samples, out) : status;
+}
+
+/** Samples for the first parameters. */
+static size_t first_samples(const qm_reconstruction *r)
+{
+    size_t wanted = r->layout.patch_count * FIRST_PER_PATCH;
+    return wanted < FIRST_LEAST ? FIRST_LEAST : wanted > FIRST_MOST ? FIRST_MOST : wanted;
+}
+
+/** Samples of each patch by their first parameters; a patch without any lies beside the surface. */
+static qm_status count_points(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples)
+{
+    for (size_t i = 0; i < samples->count; i++)
+        if (samples->place[i].distance < INFINITY) r->grids[samples->place[i].patch].points++;
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        if (r->grids[p].points == 0)
+            return qm_context_fail(ctx, QM_E_LAYOUT,
+                                   "patch %zu (curves %u, %u, %u, %u) has no point of the surface inside", p,
+                                   r->layout.curves[r->layout.patches[p].side[0]].id,
+                                   r->layout.curves[r->layout.patches[p].side[1]].id,
+                                   r->layout.curves[r->layout.patches[p].side[2]].id,
+                                   r->layout.curves[r->layout.patches[p].side[3]].id);
+    return QM_OK;
+}
+
+static void count_covered(qm_reconstruction *r, const qm_samples *samples)
+{
+    r->point_count = samples->count;
+    r->uncovered_count = 0;
+    for (size_t i = 0; i < samples->count; i++)
+        r->uncovered_count += samples->place[i].distance > qm_reconstruction_reach(r);
+}
+
+/** Grids by the first parameters: at the base count, then as fine as the samples allow where lines are long.
+ */
+static qm_status place_first(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
+{
+    qm_reconstruction_record record = {0};
+    qm_status status = qm_grids_create(ctx, r);
+    if (status == QM_OK) status = count_points(ctx, r, samples);
+    if (status == QM_OK) status = qm_place_vertices(ctx, r, samples, &record);
+    if (status != QM_OK) return status;
+    qm_chords_measure(r);
+    qm_chords_refine_work(r, samples->count / FIRST_PER_QUAD);
+    status = qm_tracks_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_grids_create(ctx, r);
+    if (status != QM_OK) return status;
+    qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
+    status = qm_place_vertices(ctx, r, samples, &record);
+    if (status == QM_OK) status = refine(ctx, r, START_FAIR, samples, &record);
+    if (status != QM_OK) return status;
+    count_covered(r, samples);
+    qm_chords_measure(r);
+    return QM_OK;
+}
+
+static qm_status build(qm_context *ctx, qm_reconstruction *r)
+{
+    qm_status status = allocate(ctx, r);
+    if (status == QM_OK) status = qm_chords_find(ctx, r);
+    if (status == QM_OK) status = qm_tracks_create(ctx, r);
+    if (status == QM_OK) status = qm_tracks_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_atlas_join_patches(ctx, r);
+    qm_samples samples = {0};
+    qm_atlas_nodes nodes = {0};
+    if (status == QM_OK) status = qm_samples_create(ctx, r, first_samples(r), &samples);
+    if (status == QM_OK) status = qm_atlas_nodes_create(ctx, r, &samples, &nodes);
+    if (status == QM_OK) status = qm_atlas_locate(ctx, r, &nodes, &samples);
+    if (status == QM_OK) status = place_first(ctx, r, &samples);
+    qm_atlas_nodes_reset(ctx, &nodes);
+    qm_samples_reset(ctx, &samples);
+    return status;
+}
+
+qm_status qm_reconstruction_create(qm_context *ctx, const qm_source *source, const qm_layout *layout,
+                                   const qm_reconstruction_options *options, qm_reconstruction **out)
+{
+    *out = NULL;
+    if (!(options->cover_share > 0.0) || options->thread_count < 1)
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the cover share must be above 0, threads 1 or more");
+    if (layout->patch_count == 0)
+        return qm_context_fail(ctx, QM_E_LAYOUT, "the layout has no patch: no four curves close a cell");
+    qm_status status = qm_layout_validate(ctx, layout, source->diagonal);
+    if (status != QM_OK) return status;
+    qm_reconstruction *r = qm_context_alloc(ctx, 1, sizeof *r);
+    if (!r) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the reconstruction");
+    *r = (qm_reconstruction){.source = *source, .options = *options};
+    status = qm_layout_copy(ctx, layout, &r->layout);
+    if (status == QM_OK) status = build(ctx, r);
+    if (status != QM_OK) {
+        qm_reconstruction_destroy(ctx, r);
+        return status;
+    }
+    *out = r;
+    return QM_OK;
+}
+
+static bool any_stale(const qm_reconstruction *r)
+{
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        if (r->grids[p].is_stale) return true;
+    return false;
+}
+
+static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
+                           qm_reconstruction_record *out)
+{
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        r->grids[p].is_stale = false;
+    qm_status status = qm_chords_double(ctx, r, max_quads, out);
+    if (status == QM_OK) status = qm_tracks_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_grids_double(ctx, r);
+    /* The first steps take vertices that are there already. */
+    if (status != QM_OK || !any_stale(r)) return status;
+    qm_samples samples = {0};
+    status = qm_samples_create(ctx, r, SAMPLES_PER_QUAD * working_quads(r), &samples);
+    if (status == QM_OK) status = refine(ctx, r, STEP_FAIR, &samples, out);
+    qm_samples_reset(ctx, &samples);
+    return status;
+}
+
+qm_status qm_reconstruction_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
+                                 qm_reconstruction_record *out)
+{
+    *out = (qm_reconstruction_record){0};
+    qm_saved_state saved;
+    qm_status status = qm_state_save(ctx, r, &saved);
+    if (status != QM_OK) return status;
+    status = take_step(ctx, r, max_quads, out);
+    if (status == QM_OK)
+        qm_state_drop(ctx, r, &saved);
+    else
+        qm_state_restore(ctx, r, &saved);
+    out->quads = qm_chords_quads(r);
+    out->longest_edge = qm_chords_longest(r);
+    return status;
+}
+
+qm_status qm_reconstruction_mesh(qm_context *ctx, const qm_reconstruction *r, qm_mesh *out)
+{
+    return qm_grids_mesh(ctx, r, false, out);
+}
+
+size_t qm_reconstruction_patch_count(const qm_reconstruction *r)
+{
+    return r->layout.patch_count;
+}
+
+qm_reconstruction_patch qm_reconstruction_get_patch(const qm_reconstruction *r, size_t patch)
+{
+    qm_reconstruction_patch out = {.columns = qm_patch_chord(r, patch, 0)->edges,
+                                   .rows = qm_patch_chord(r, patch, 1)->edges,
+                                   .points = r->grids[patch].points};
+    for (size_t p = 0; p < patch; p++)
+        out.first_face += (size_t)qm_patch_chord(r, p, 0)->edges * qm_patch_chord(r, p, 1)->edges;
+    return out;
+}
+
+void qm_reconstruction_coverage(const qm_reconstruction *r, size_t *points, size_t *uncovered)
+{
+    *points = r->point_count;
+    *uncovered = r->uncovered_count;
+}
+
+double qm_reconstruction_cover_distance(const qm_reconstruction *r)
+{
+    return qm_reconstruction_reach(r);
+}

@@ -1,0 +1,121 @@
+#include "reconstruct_work.h"
+
+#include <string.h>
+
+#define FINE_EDGES 64 /* pieces of the fine polyline at least */
+
+enum { ROW = 3 * sizeof(double) };
+
+static qm_status no_memory(qm_context *ctx)
+{
+    return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the curves");
+}
+
+/** Pulls a point of a curve onto the surface, unless that is so far away that there may be a hole. */
+static void pull(const qm_reconstruction *r, double p[3])
+{
+    if (!r->options.pull_curves) return;
+    qm_foothold foot;
+    qm_source_pull(&r->source, p, &foot);
+    if (foot.distance <= qm_reconstruction_reach(r)) memcpy(p, foot.position, ROW);
+}
+
+/** Point of a polyline at a length along it, which lies in piece *at or later; ends are exact. */
+static qm_vec point_along(const double *points, const double *arc, size_t count, double length, size_t *at)
+{
+    while (*at + 2 < count && arc[*at + 1] < length)
+        ++*at;
+    double piece = arc[*at + 1] - arc[*at];
+    double t = piece > 0.0 ? qm_clamp((length - arc[*at]) / piece, 0.0, 1.0) : 0.0;
+    return qm_vec_mix(qm_vec_load(points + 3 * *at), qm_vec_load(points + 3 * *at + 3), t);
+}
+
+static void set_arc(const double *points, size_t count, double *arc)
+{
+    arc[0] = 0.0;
+    for (size_t i = 1; i < count; i++)
+        arc[i] = arc[i - 1] + qm_vec_distance(qm_vec_load(points + 3 * i - 3), qm_vec_load(points + 3 * i));
+}
+
+/** Fine points at equal length along the drawn curve, then on the surface. */
+static void lay_track(const qm_reconstruction *r, const qm_curve *curve, const double *arc, qm_track *track)
+{
+    size_t at = 0, last = track->point_count - 1;
+    for (size_t i = 0; i <= last; i++) {
+        double length = arc[curve->point_count - 1] * ((double)i / (double)last);
+        qm_vec_store(track->points + 3 * i,
+                     i == last ? qm_vec_load(curve->points + 3 * (curve->point_count - 1))
+                               : point_along(curve->points, arc, curve->point_count, length, &at));
+        pull(r, track->points + 3 * i);
+    }
+    set_arc(track->points, track->point_count, track->arc);
+}
+
+static qm_status create_track(qm_context *ctx, qm_reconstruction *r, size_t place)
+{
+    const qm_curve *curve = &r->layout.curves[place];
+    qm_track *track = &r->tracks[place];
+    size_t count = 2 * (curve->point_count - 1);
+    track->point_count = (count < FINE_EDGES ? FINE_EDGES : count) + 1;
+    track->points = qm_context_alloc(ctx, track->point_count, ROW);
+    track->arc = qm_context_alloc(ctx, track->point_count, sizeof *track->arc);
+    double *arc = qm_context_alloc(ctx, curve->point_count, sizeof *arc);
+    qm_status status = track->points && track->arc && arc ? QM_OK : no_memory(ctx);
+    if (status == QM_OK) {
+        set_arc(curve->points, curve->point_count, arc);
+        lay_track(r, curve, arc, track);
+    }
+    qm_context_free(ctx, arc, curve->point_count, sizeof *arc);
+    return status;
+}
+
+qm_status qm_tracks_create(qm_context *ctx, qm_reconstruction *r)
+{
+    for (size_t i = 0; i < r->layout.curve_count; i++) {
+        qm_status status = create_track(ctx, r, i);
+        if (status != QM_OK) return status;
+    }
+    return QM_OK;
+}
+
+void qm_track_at(const qm_track *track, double share, double position[3], qm_vec *tangent)
+{
+    size_t at = 0, last = track->point_count - 1;
+    qm_vec_store(position,
+                 point_along(track->points, track->arc, track->point_count, share * track->arc[last], &at));
+    *tangent = qm_vec_sub(qm_vec_load(track->points + 3 * at + 3), qm_vec_load(track->points + 3 * at));
+    double length = qm_vec_norm(*tangent);
+    if (length > 0.0) *tangent = qm_vec_scale(1.0 / length, *tangent);
+}
+
+/** Vertices at equal arc length. Where there are more of them than fine points, the surface is asked again.
+ */
+static qm_status set_vertices(qm_context *ctx, const qm_reconstruction *r, qm_track *track, uint32_t edges)
+{
+    double *vertices = qm_context_alloc(ctx, (size_t)edges + 1, ROW);
+    if (!vertices) return no_memory(ctx);
+    size_t at = 0, last = track->point_count - 1;
+    for (uint32_t i = 1; i < edges; i++) {
+        double length = track->arc[last] * ((double)i / edges);
+        qm_vec_store(vertices + 3 * (size_t)i,
+                     point_along(track->points, track->arc, track->point_count, length, &at));
+        pull(r, vertices + 3 * (size_t)i);
+    }
+    memcpy(vertices, track->points, ROW);
+    memcpy(vertices + 3 * (size_t)edges, track->points + 3 * last, ROW);
+    qm_context_free(ctx, track->vertices, (size_t)track->vertex_edges + 1, ROW);
+    track->vertices = vertices;
+    track->vertex_edges = edges;
+    return QM_OK;
+}
+
+qm_status qm_tracks_set_vertices(qm_context *ctx, qm_reconstruction *r)
+{
+    for (size_t i = 0; i < r->layout.curve_count; i++) {
+        qm_track *track = &r->tracks[i];
+        if (track->chord == QM_NO_INDEX || r->chords[track->chord].work == track->vertex_edges) continue;
+        qm_status status = set_vertices(ctx, r, track, r->chords[track->chord].work);
+        if (status != QM_OK) return status;
+    }
+    return QM_OK;
+}

@@ -1,0 +1,150 @@
+/**
+ * reconstruct_work.h: the inside of a reconstruction, shared by its stages.
+ *
+ *   reconstruct.c          creation, the step
+ *   reconstruct_chords.c   which curves are doubled together, and which go first
+ *   reconstruct_curves.c   curves on the surface, vertices at equal arc length
+ *   reconstruct_grids.c    grids of vertices: Coons patches, doubling, fairing
+ *   reconstruct_samples.c  points of the surface, and their parameters in the grids
+ *   reconstruct_place.c    inner vertices from the points that enclose them
+ *   reconstruct_mesh.c     grids to meshes
+ *   reconstruct_state.c    copies to go back to when a step fails
+ *   reconstruct_atlas.c    first parameters of samples, along the surface
+ *
+ * Counts of two kinds: `edges` is that of the mesh, a power of two from 1 on; `work` is that of the grids, at
+ * least the base. The mesh takes every (work / edges)th vertex.
+ */
+#ifndef QM_RECONSTRUCT_WORK_H
+#define QM_RECONSTRUCT_WORK_H
+
+#include "qm/reconstruct.h"
+#include "vec.h"
+
+/** Curves that are doubled together. */
+typedef struct qm_chord {
+    uint32_t edges, work;
+    double length; /* mean length of the lines along it, in the patch where that is greatest */
+} qm_chord;
+
+/** A curve on the surface. */
+typedef struct qm_track {
+    uint32_t chord;        /* QM_NO_INDEX: no patch has this curve */
+    size_t point_count;    /* of the fine polyline */
+    double *points;        /* rows of x y z, on the surface where curves are pulled */
+    double *arc;           /* length up to each point */
+    double *vertices;      /* work + 1 rows at equal arc length */
+    uint32_t vertex_edges; /* how many edges the vertices make: work of the chord */
+} qm_track;
+
+/** Vertices of a patch: (rows + 1) rows of (columns + 1) points; (0, 0) is corner 0, columns go along side 0.
+ */
+typedef struct qm_patch_grid {
+    uint32_t columns, rows;
+    double *vertices;
+    bool is_stale; /* split in this step: its inner vertices are to be placed */
+    uint32_t part; /* of the layout: patches that curves connect */
+    size_t points;
+} qm_patch_grid;
+
+/** Where a point lies in the grids: parameters count edges of the grid from corner 0. */
+typedef struct qm_sample_place {
+    double u, v, distance;
+    uint32_t patch;
+} qm_sample_place;
+
+/** Points of the surface: an even spread over a mesh, or a share of a point set. */
+typedef struct qm_samples {
+    size_t count, capacity;
+    double *positions; /* rows of x y z */
+    qm_sample_place *place;
+    bool is_projected; /* places come from projection on the grids */
+} qm_samples;
+
+struct qm_reconstruction {
+    qm_source source;
+    qm_reconstruction_options options;
+    qm_layout layout;
+    qm_chord *chords; /* room for curve_count of them */
+    size_t chord_count;
+    qm_track *tracks;     /* layout.curve_count of them */
+    qm_patch_grid *grids; /* layout.patch_count of them */
+    size_t point_count, uncovered_count;
+};
+
+static inline double qm_reconstruction_reach(const qm_reconstruction *r)
+{
+    return r->options.cover_share * r->source.diagonal;
+}
+
+static inline double *qm_grid_vertex(const qm_patch_grid *grid, uint32_t column, uint32_t row)
+{
+    return grid->vertices + 3 * ((size_t)row * (grid->columns + 1) + column);
+}
+
+static inline size_t qm_grid_vertex_count(const qm_patch_grid *grid)
+{
+    return ((size_t)grid->rows + 1) * ((size_t)grid->columns + 1);
+}
+
+/** Vertex k, counted along the side (0 at corner `side`), of a side of a patch. */
+static inline const double *qm_side_vertex(const qm_reconstruction *r, const qm_layout_patch *patch, int side,
+                                           uint32_t k)
+{
+    const qm_track *track = &r->tracks[patch->side[side]];
+    return track->vertices + 3 * (size_t)(patch->against[side] ? track->vertex_edges - k : k);
+}
+
+/** Chord of the columns (direction 0) or rows (direction 1) of a patch. */
+static inline qm_chord *qm_patch_chord(const qm_reconstruction *r, size_t patch, int direction)
+{
+    return &r->chords[r->tracks[r->layout.patches[patch].side[direction]].chord];
+}
+
+qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r);
+/** Chooses and doubles the chords of one step; fills chords_doubled and patches_split. */
+qm_status qm_chords_double(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
+                           qm_reconstruction_record *out);
+/** Finds the chords' lengths from the grids; doubles the work of the longest while there are few enough
+ * quads. */
+void qm_chords_measure(qm_reconstruction *r);
+void qm_chords_refine_work(qm_reconstruction *r, size_t max_quads);
+size_t qm_chords_quads(const qm_reconstruction *r);
+double qm_chords_longest(const qm_reconstruction *r);
+
+/** Lays the curves on the surface; then vertices of each at its chord's count. */
+qm_status qm_tracks_create(qm_context *ctx, qm_reconstruction *r);
+/** Point and direction of a curve at a share of its length. */
+void qm_track_at(const qm_track *track, double share, double position[3], qm_vec *tangent);
+qm_status qm_tracks_set_vertices(qm_context *ctx, qm_reconstruction *r);
+
+/** Grids as Coons patches; doubled to their chords' counts; inner vertices evened out within the surface. */
+qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r);
+qm_status qm_grids_double(qm_context *ctx, qm_reconstruction *r);
+qm_status qm_grids_fair(qm_context *ctx, qm_reconstruction *r, int rounds);
+
+/** So many samples, or fewer where a point set has not as many; and their places in the grids. */
+qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t wanted, qm_samples *out);
+qm_status qm_samples_locate(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples);
+/** Makes parameters count the edges of the grids; before, a patch has base edges a side. */
+void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base);
+void qm_samples_reset(qm_context *ctx, qm_samples *samples);
+
+/** Places the inner vertices of stale grids. */
+qm_status qm_place_vertices(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples,
+                            qm_reconstruction_record *out);
+
+/** What a step changes, copied before it: counts, vertices of curves and grids. */
+typedef struct qm_saved_state {
+    qm_chord *chords;
+    qm_track *tracks; /* only their vertices are copies */
+    qm_patch_grid *grids;
+} qm_saved_state;
+qm_status qm_state_save(qm_context *ctx, const qm_reconstruction *r, qm_saved_state *out);
+void qm_state_drop(qm_context *ctx, const qm_reconstruction *r, qm_saved_state *saved);
+/** Puts the copy back in place of what is there, and is gone afterwards. */
+void qm_state_restore(qm_context *ctx, qm_reconstruction *r, qm_saved_state *saved);
+
+/** The mesh of the working grids when fine, else that of the mesh's own counts. */
+qm_status qm_grids_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_mesh *out);
+
+#endif

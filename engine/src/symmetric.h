@@ -1,0 +1,28 @@
+/**
+ * symmetric.h: small symmetric matrices: eigenvectors of 3 x 3, and normal equations of least squares.
+ */
+#ifndef QM_SYMMETRIC_H
+#define QM_SYMMETRIC_H
+
+#include "vec.h"
+
+/**
+ * Eigenvalues, ascending, and orthonormal eigenvectors of {xx, xy, xz, yy, yz, zz} by rotations.
+ * Source: Golub, Van Loan, Matrix Computations, 1996, section 8.4 (Jacobi).
+ */
+void qm_symmetric_eigen(const double matrix[6], double value[3], qm_vec vector[3]);
+
+#define QM_LEAST_SQUARES_MAX 6
+
+/** Sums of weighted equations row . x = right. */
+typedef struct qm_least_squares {
+    int count; /* of unknowns, at most QM_LEAST_SQUARES_MAX */
+    double matrix[QM_LEAST_SQUARES_MAX][QM_LEAST_SQUARES_MAX], right[QM_LEAST_SQUARES_MAX];
+} qm_least_squares;
+
+void qm_least_squares_add(qm_least_squares *sums, const double *row, double right, double weight);
+
+/** Solves by Cholesky's way. False when the equations do not tell all unknowns apart. */
+bool qm_least_squares_solve(const qm_least_squares *sums, double *x);
+
+#endif

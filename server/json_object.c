@@ -1,0 +1,47 @@
+#include "json_object.h"
+
+#include <cjson/cJSON.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "json_check.h"
+
+static qm_problem malformed_at(size_t place, const char *words)
+{
+    qm_problem problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "%s at byte %zu", words, place);
+    problem.error_count = 1;
+    problem.errors[0] = (qm_problem_error){.line = QM_NO_PLACE, .offset = place};
+    snprintf(problem.errors[0].detail, sizeof problem.errors[0].detail, "%s", words);
+    return problem;
+}
+
+/** Parses the whole text; NULL with a problem when it is not one JSON value. */
+static cJSON *parse(const char *text, size_t size, qm_problem *problem)
+{
+    const char *end = text;
+    cJSON *tree = cJSON_ParseWithLengthOpts(text, size, &end, false);
+    const char *rest = end;
+    while (tree && rest < text + size && *rest && strchr(" \t\r\n", *rest))
+        rest++;
+    if (tree && rest == text + size) return tree;
+    *problem = malformed_at((size_t)((tree ? rest : end) - text), "the JSON cannot be read");
+    cJSON_Delete(tree);
+    return NULL;
+}
+
+cJSON *qm_json_parse_object(const char *text, size_t size, const char *what, qm_problem *problem)
+{
+    *problem = (qm_problem){0};
+    size_t place;
+    const char *words;
+    if (!qm_json_check_text(text, size, &place, &words)) {
+        *problem = malformed_at(place, words);
+        return NULL;
+    }
+    cJSON *tree = parse(text, size, problem);
+    if (!tree || cJSON_IsObject(tree)) return tree;
+    *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "%s is a JSON object", what);
+    qm_problem_add_pointer(problem, "", "must be an object");
+    cJSON_Delete(tree);
+    return NULL;
+}

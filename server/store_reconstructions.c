@@ -1,0 +1,102 @@
+#include <stdlib.h>
+
+#include "store_internal.h"
+
+#define COLUMNS                                                                                              \
+    "id, source, layout_id, mesh, layout, document, steps, records, state, revision, sequence, cover_share," \
+    " pull_curves"
+
+qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *r)
+{
+    sqlite3_stmt *statement = qm_store_begin(
+        store,
+        "INSERT INTO reconstructions (id, source, layout_id, mesh, layout, document, steps, records, state,"
+        " revision, cover_share, pull_curves) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+    if (!statement) return QM_E_ARGUMENT;
+    const char *const texts[] = {r->id,       r->source, r->layout_id, r->mesh, r->layout,
+                                 r->document, r->steps,  r->records,   r->state};
+    for (int i = 0; i < 9; i++)
+        qm_store_bind_text(statement, i + 1, texts[i]);
+    sqlite3_bind_int64(statement, 10, r->revision);
+    sqlite3_bind_double(statement, 11, r->cover_share);
+    sqlite3_bind_int(statement, 12, r->pull_curves);
+    return qm_store_execute(store, statement);
+}
+
+qm_status qm_store_update_reconstruction(qm_store *store, const qm_store_reconstruction *r)
+{
+    sqlite3_stmt *statement = qm_store_begin(
+        store, "UPDATE reconstructions SET mesh = ?, layout = ?, steps = ?, records = ?, state = ?,"
+               " revision = ? WHERE id = ?");
+    if (!statement) return QM_E_ARGUMENT;
+    const char *const texts[] = {r->mesh, r->layout, r->steps, r->records, r->state};
+    for (int i = 0; i < 5; i++)
+        qm_store_bind_text(statement, i + 1, texts[i]);
+    sqlite3_bind_int64(statement, 6, r->revision);
+    qm_store_bind_text(statement, 7, r->id);
+    return qm_store_execute(store, statement);
+}
+
+static bool read_row(sqlite3_stmt *statement, qm_store_reconstruction *out)
+{
+    *out = (qm_store_reconstruction){.revision = sqlite3_column_int64(statement, 9),
+                                     .sequence = sqlite3_column_int64(statement, 10),
+                                     .cover_share = sqlite3_column_double(statement, 11),
+                                     .pull_curves = sqlite3_column_int(statement, 12) != 0};
+    if (qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
+        qm_store_read_text(statement, 1, out->source, sizeof out->source) &&
+        qm_store_read_text(statement, 2, out->layout_id, sizeof out->layout_id) &&
+        qm_store_read_text(statement, 3, out->mesh, sizeof out->mesh) &&
+        qm_store_copy_text(statement, 4, &out->layout) && qm_store_copy_text(statement, 5, &out->document) &&
+        qm_store_copy_text(statement, 6, &out->steps) && qm_store_copy_text(statement, 7, &out->records) &&
+        qm_store_copy_text(statement, 8, &out->state))
+        return true;
+    qm_store_reconstruction_reset(out);
+    return false;
+}
+
+bool qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "SELECT " COLUMNS " FROM reconstructions WHERE id = ?");
+    if (!statement) return false;
+    qm_store_bind_text(statement, 1, id);
+    bool found = qm_store_step(store, statement) && read_row(statement, out);
+    qm_store_end(store, statement);
+    return found;
+}
+
+size_t qm_store_list_reconstructions(qm_store *store, int64_t after, size_t limit,
+                                     qm_store_reconstruction *out)
+{
+    sqlite3_stmt *statement = qm_store_begin(
+        store, "SELECT " COLUMNS " FROM reconstructions WHERE sequence > ? ORDER BY sequence LIMIT ?");
+    if (!statement) return 0;
+    sqlite3_bind_int64(statement, 1, after);
+    sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
+    size_t count = 0;
+    while (count < limit && qm_store_step(store, statement) && read_row(statement, &out[count]))
+        count++;
+    qm_store_end(store, statement);
+    return count;
+}
+
+bool qm_store_delete_reconstruction(qm_store *store, const char *id)
+{
+    qm_store_reconstruction row;
+    if (!qm_store_find_reconstruction(store, id, &row)) return false;
+    qm_store_reconstruction_reset(&row);
+    sqlite3_stmt *statement = qm_store_begin(store, "DELETE FROM reconstructions WHERE id = ?");
+    if (!statement) return false;
+    qm_store_bind_text(statement, 1, id);
+    return qm_store_execute(store, statement) == QM_OK;
+}
+
+void qm_store_reconstruction_reset(qm_store_reconstruction *r)
+{
+    free(r->layout);
+    free(r->document);
+    free(r->steps);
+    free(r->records);
+    free(r->state);
+    *r = (qm_store_reconstruction){0};
+}

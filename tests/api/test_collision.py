@@ -1,0 +1,146 @@
+"""Where surfaces meet and how far they are apart: known pairs, definitions, bounds, and all pairs as rows."""
+import math
+import struct
+
+import pytest
+
+from conftest import check_problem
+
+FLOOR = ([(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], [(0, 1, 2, 3)])
+# A wall of two quads through the middle of the floor, the second above it.
+WALL = ([(1, -1, -1), (1, 3, -1), (1, 3, 1), (1, -1, 1), (1, 3, 2), (1, -1, 2)], [(0, 1, 2, 3), (3, 2, 4, 5)])
+
+
+def ask(client, kind, headers=(), **fields):
+    reply = client.post("/v1/jobs", json={"type": kind, **fields}, headers={"Prefer": "wait=60", **dict(headers)})
+    assert reply.status_code == 200, reply.text
+    job = reply.json()
+    assert job["state"] == "succeeded", job
+    return job
+
+
+@pytest.fixture(scope="module")
+def pair(daemon):
+    with daemon.client() as made:
+        return made.upload(FLOOR, name="floor")["id"], made.upload(WALL, name="wall")["id"]
+
+
+def grid(columns, rows, at):
+    vertices = [at(i, j) for i in range(columns + 1) for j in range(rows + 1)]
+    corner = lambda i, j: i * (rows + 1) + j
+    faces = [(corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1))
+             for i in range(columns) for j in range(rows)]
+    return vertices, faces
+
+
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+def test_a_wall_meets_the_floor(client, pair, quads):
+    job = ask(client, "collision", a=pair[0], b=pair[1], quads=quads)
+    assert job["request"]["mode"] == "all" and job["request"]["limit"] == 1000
+    result = job["result"]
+    assert result["collides"] is True and result["count"] == 1 and result["quads"] == quads
+    (found,) = result["pairs"]
+    assert found["faces"] == [0, 0]
+    assert found["contact"] == ("segment" if quads == "triangles" else "point")
+    for point in found["points"]:
+        assert point[0] == pytest.approx(1) and point[2] == pytest.approx(0, abs=1e-5) and 0 <= point[1] <= 2
+    assert ("tolerance" in result) == (quads == "bilinear")
+
+
+@pytest.mark.parametrize("mode", ["first", "any"])
+def test_one_pair_is_enough(client, pair, mode):
+    result = ask(client, "collision", a=pair[0], b=pair[1], mode=mode)["result"]
+    assert result["count"] == 1 and result["mode"] == mode and result["pairs"][0]["faces"] == [0, 0]
+
+
+def test_all_pairs_come_as_rows(client):
+    """Two grids crossing at a right angle along x = 0.5: each face of the column meets its neighbours' too."""
+    flat = client.upload(grid(1, 40, lambda i, j: (i, j, 0)))["id"]
+    upright = client.upload(grid(1, 40, lambda i, j: (0.5, j, i - 0.5)))["id"]
+    job = ask(client, "collision", a=flat, b=upright, limit=5)
+    expected = [[i, j] for i in range(40) for j in range(max(i - 1, 0), min(i + 2, 40))]
+    result = job["result"]
+    assert result["count"] == len(expected)
+    assert [row["faces"] for row in result["pairs"]] == expected[:5] and "all_pairs" not in result
+    path = f"/v1/jobs/{job['id']}/result"
+    whole = client.get(path)
+    assert whole.json()["all_pairs"] == expected and whole.json()["count"] == len(expected)
+    rows = client.get(path, headers={"Accept": "application/octet-stream"}).content
+    assert struct.unpack(f"<{2 * len(expected)}d", rows) == tuple(float(x) for row in expected for x in row)
+    text = client.get(path, headers={"Accept": "text/csv"}).text
+    assert text == "face_a,face_b\n" + "".join(f"{a},{b}\n" for a, b in expected)
+
+
+def test_none_is_an_answer_too(client, pair):
+    far = client.upload(([(9, 9, 9), (10, 9, 9), (9, 10, 9)], [(0, 1, 2)]))["id"]
+    job = ask(client, "collision", a=pair[0], b=far)
+    assert job["result"]["collides"] is False and job["result"]["count"] == 0 and job["result"]["pairs"] == []
+    path = f"/v1/jobs/{job['id']}/result"
+    assert client.get(path, headers={"Accept": "text/csv"}).text == "face_a,face_b\n"
+    assert client.get(path).json()["all_pairs"] == []
+
+
+FOLDS = {
+    # name: (mesh, pairs)
+    "a flat grid": (grid(4, 4, lambda i, j: (i, j, 0)), 0),
+    "folded by a right angle": (([(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 1, 2), (1, 0, 3)]), 0),
+    "folded down in its plane": (([(0, 0, 0), (2, 0, 0), (0, 2, 0), (1, 1, 0)], [(0, 1, 2), (1, 0, 3)]), 1),
+    "through a neighbour at a corner": (
+        ([(0, 0, 0), (2, 0, 0), (0, 2, 0), (1, 0.5, -1), (1, 0.5, 1)], [(0, 1, 2), (0, 3, 4)]), 1),
+    "touching a neighbour's neighbour": (
+        ([(0, 0, 0), (2, 0, 0), (0, 2, 0), (0.5, 0.5, 0), (0.5, 0.5, 1), (1, 1, 1)], [(0, 1, 2), (3, 4, 5)]), 1),
+    "the same triangle twice": (([(0, 0, 0), (2, 0, 0), (0, 2, 0)], [(0, 1, 2), (2, 1, 0)]), 1),
+    "a segment twice": (([(0, 0, 0), (2, 0, 0), (1, 0, 0)], [(0, 1, 2), (2, 1, 0)]), 0),
+    "a quad folded over its own diagonal": (
+        ([(0, 0, 0), (2, 0, 0), (1, 1, 0), (2, 0.5, 0)], [(0, 1, 2, 3)]), 0),
+    "not welded": (
+        ([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], [(0, 1, 2), (3, 5, 4)]), 1),
+}
+
+
+@pytest.mark.parametrize("name", FOLDS)
+def test_what_counts_as_self_collision(client, name):
+    mesh, pairs = FOLDS[name]
+    result = ask(client, "self_collision", mesh=client.upload(mesh)["id"])["result"]
+    assert result["count"] == pairs and result["collides"] is (pairs > 0)
+    assert [row["faces"] for row in result["pairs"]] == [[0, 1]] * pairs
+
+
+def test_incremental_is_a_full_run_while_nothing_has_moved(client, pair):
+    job = ask(client, "self_collision", mesh=pair[1], incremental=True)
+    assert job["request"]["incremental"] is True and job["result"]["incremental"] is False
+    assert job["result"]["count"] == 0
+
+
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+def test_least_distance(client, pair, quads):
+    above = client.upload(([(0, 0, 0.5), (1, 0, 0.75), (1, 1, 1), (0, 1, 0.75)], [(0, 1, 2, 3)]))["id"]
+    job = ask(client, "distance", a=pair[0], b=above, quads=quads, tolerance=1e-9, tolerance_unit="absolute")
+    result = job["result"]
+    assert result["lower"] <= 0.5 <= result["upper"] and result["converged"] is True
+    assert result["upper"] - result["lower"] <= 1e-9
+    assert result["lower_relative"] == pytest.approx(0.5 / math.sqrt(8))
+    assert result["collides"] is False and result["quads"] == quads
+    start, end = result["witness"]["from"], result["witness"]["to"]
+    assert start["mesh"] == "a" and start["id"] == pair[0] and end["mesh"] == "b" and end["id"] == above
+    assert start["point"] == pytest.approx([0, 0, 0], abs=1e-6) and end["point"] == pytest.approx([0, 0, 0.5], abs=1e-6)
+
+
+def test_surfaces_that_meet_are_at_distance_zero(client, pair):
+    result = ask(client, "distance", a=pair[0], b=pair[1])["result"]
+    assert result["lower"] == 0 and result["upper"] == 0 and result["collides"] is True
+    assert result["witness"]["from"]["point"] == pytest.approx(result["witness"]["to"]["point"])
+
+
+@pytest.mark.parametrize("fields, pointer", [
+    ({"mode": "some"}, "/mode"),
+    ({"limit": -1}, "/limit"),
+    ({"limit": 1e9}, "/limit"),
+    ({"tolerance": 0}, "/tolerance"),
+    ({"incremental": True}, "/incremental"),
+    ({"accelerator": "grid"}, "/accelerator"),
+])
+def test_bad_fields_are_named(client, pair, fields, pointer):
+    reply = client.post("/v1/jobs", json={"type": "collision", "a": pair[0], "b": pair[1], **fields})
+    problem = check_problem(reply, 400, "invalid_field")
+    assert problem["errors"][0]["pointer"] == pointer

@@ -1,0 +1,164 @@
+"""What docker/ holds, tried with the programs that read it: nginx with TLS in front of a daemon, systemd's own checks."""
+import json
+import os
+import re
+import socket
+import ssl
+import subprocess
+import time
+
+import httpx
+import pytest
+import yaml
+
+import shapes
+from conftest import BUILD, PATIENCE, ROOT, SLOW, check_problem
+
+TOKEN = "t" * 32
+
+
+def free_port():
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+@pytest.fixture(scope="module")
+def guarded(tmp_path_factory):
+    from conftest import Daemon
+    folder = tmp_path_factory.mktemp("behind")
+    (folder / "tokens").write_text(f"write {TOKEN}\n")
+    running = Daemon(folder, "--token-file", folder / "tokens")
+    yield running
+    assert running.stop() == 0
+
+
+@pytest.fixture(scope="module")
+def nginx(guarded, tmp_path_factory):
+    """The configuration as it is, but for names, ports and paths of this machine."""
+    folder = tmp_path_factory.mktemp("nginx")
+    key, certificate, port = folder / "key.pem", folder / "cert.pem", free_port()
+    subprocess.run(["openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "2", "-subj", "/CN=localhost",
+                    "-addext", "subjectAltName=DNS:localhost", "-keyout", key, "-out", certificate], check=True,
+                   capture_output=True)
+    site = (ROOT / "docker/nginx.conf").read_text()
+    for old, new in (("server quadmeshd:7878;", f"server 127.0.0.1:{guarded.port};"),
+                     ("listen 443 ssl;", f"listen 127.0.0.1:{port} ssl;"), ("/run/secrets/cert.pem", str(certificate)),
+                     ("/run/secrets/key.pem", str(key))):
+        assert site.count(old) == 1, old
+        site = site.replace(old, new)
+    (folder / "site.conf").write_text(site)
+    temporary = "".join(f"{name}_temp_path {folder}/{name};\n" for name in
+                        ("client_body", "proxy", "fastcgi", "uwsgi", "scgi"))
+    (folder / "nginx.conf").write_text(
+        f"daemon off; pid {folder}/pid; error_log {folder}/error.log; events {{}}\n"
+        f"http {{ access_log off; {temporary} include {folder}/site.conf; }}\n")
+    program = next(path for path in ("/usr/sbin/nginx", "/usr/bin/nginx") if os.path.exists(path))
+    command = [program, "-p", folder, "-e", folder / "error.log", "-c", folder / "nginx.conf"]
+    subprocess.run([*command, "-t"], check=True, capture_output=True)
+    process = subprocess.Popen(command)
+    client = httpx.Client(base_url=f"https://localhost:{port}", verify=ssl.create_default_context(cafile=certificate),
+                          headers={"Authorization": f"Bearer {TOKEN}"}, timeout=PATIENCE)
+    end = time.monotonic() + PATIENCE
+    while True:
+        try:
+            client.get("/healthz")
+            break
+        except httpx.TransportError:
+            assert process.poll() is None and time.monotonic() < end
+            time.sleep(0.02)
+    yield client
+    client.close()
+    process.terminate()
+    assert process.wait(PATIENCE) == 0
+
+
+def upload(client, content):
+    reply = client.post("/v1/meshes", content=content)
+    assert reply.status_code in (200, 201), reply.text
+    return reply.json()["id"]
+
+
+def test_calls_pass_through_tls(nginx):
+    assert nginx.get("/v1/info").json()["name"] == "quadmeshd"
+    bare = httpx.Client(base_url=nginx.base_url, verify=False)
+    check_problem(bare.get("/v1/info"), 401, "unauthorized")
+    mesh = upload(nginx, shapes.obj(shapes.cube(side=3.25)))
+    reply = nginx.get(f"/v1/meshes/{mesh}", headers={"X-Request-Id": "through"})
+    assert reply.headers["x-request-id"] == "through" and "etag" in reply.headers
+    assert reply.headers["strict-transport-security"]
+    content = nginx.get(f"/v1/meshes/{mesh}/content?format=obj")
+    assert content.status_code == 200 and content.text.count("\nf ") == 6
+    assert nginx.delete(f"/v1/meshes/{mesh}").status_code == 204
+
+
+def test_metrics_stay_inside(nginx):
+    assert nginx.get("/metrics").status_code == 404
+
+
+def test_uploads_may_be_larger_than_nginx_likes(nginx):
+    """Its own limit is a megabyte; chunked, too."""
+    content = shapes.ply_little(shapes.rough(250, seed=8))
+    assert len(content) > 2 << 20
+    mesh = upload(nginx, content)
+    assert upload(nginx, (content[i:i + 65536] for i in range(0, len(content), 65536))) == mesh
+
+
+def test_events_come_one_by_one(nginx, slow_files):
+    pair = [upload(nginx, content) for content in slow_files]
+    request = {"type": "hausdorff", "a": pair[0], "b": pair[1], "deadline_ms": 2000, **SLOW}
+    for accept in ("application/x-ndjson", "text/event-stream"):
+        start, seen = time.monotonic(), []
+        headers = {"Accept": accept, "Cache-Control": "no-cache"}
+        with nginx.stream("POST", "/v1/jobs", json=request, headers=headers) as reply:
+            assert reply.headers["content-type"].startswith(accept)
+            for line in reply.iter_lines():
+                if '"bounds"' in line or '"result"' in line:
+                    seen.append(time.monotonic() - start)
+        # Held back by a proxy they would all come at the end.
+        assert len(seen) > 3 and seen[-1] - seen[0] > 0.5
+
+
+def test_who_hangs_up_at_nginx_ends_the_job(nginx, slow_files):
+    pair = [upload(nginx, content) for content in slow_files]
+    headers = {"Accept": "application/x-ndjson", "Cache-Control": "no-cache"}
+    with nginx.stream("POST", "/v1/jobs", json={"type": "hausdorff", "a": pair[0], "b": pair[1], **SLOW},
+                      headers=headers) as reply:
+        path = reply.headers["location"]
+        next(reply.iter_lines())
+    end = time.monotonic() + PATIENCE
+    while nginx.get(path).json()["state"] == "running":
+        assert time.monotonic() < end
+        time.sleep(0.05)
+    assert nginx.get(path).json()["state"] == "cancelled"
+
+
+def test_the_unit_is_tight(tmp_path):
+    text = (ROOT / "docker/quadmeshd.service").read_text()
+    unit = tmp_path / "quadmeshd.service"
+    unit.write_text(text.replace("/usr/local/bin/quadmeshd", str(BUILD / "quadmeshd")))
+    verified = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True)
+    assert verified.returncode == 0 and "quadmeshd.service" not in verified.stderr, verified.stderr
+    rated = subprocess.run(["systemd-analyze", "security", "--offline=true", "--threshold=20", unit],
+                           capture_output=True, text=True)
+    # Of 100, where 0 is closest; a unit without any of these settings has 96.
+    assert rated.returncode == 0, rated.stdout[-300:]
+
+
+def test_compose_and_prometheus_agree_with_the_image():
+    image = (ROOT / "docker/Dockerfile").read_text()
+    compose = yaml.safe_load((ROOT / "docker/compose.yaml").read_text())
+    scrape = yaml.safe_load((ROOT / "docker/prometheus.yml").read_text())
+    port = re.search(r"QUADMESHD_HEALTH_PORT=(\d+)", image).group(1)
+    assert scrape["scrape_configs"][0]["static_configs"][0]["targets"] == [f"quadmeshd:{port}"]
+    assert f"/dev/tcp/127.0.0.1/{port}" in image and "USER quadmeshd" in image
+    assert re.search(r"EXPOSE (.*)", image).group(1).split() == ["7878", port]
+    # What the image says is what the daemon takes.
+    names = set(re.findall(r"QUADMESHD_([A-Z_]+)=", image))
+    known = subprocess.run([BUILD / "quadmeshd", "--print-config"], capture_output=True, text=True).stdout
+    for name in names:
+        assert re.search(f"^{name.lower().replace('_', '-')} = ", known, re.M), name
+    command = json.loads(re.search(r"^CMD (\[.*\])$", image, re.M).group(1))
+    assert command[:2] == ["--listen", "0.0.0.0"] and command[2] == "--token-file"
+    secret = command[3].removeprefix("/run/secrets/")
+    assert compose["services"]["quadmeshd"]["secrets"] == [secret] and secret in compose["secrets"]
+    assert set(compose["services"]["nginx"]["secrets"]) <= set(compose["secrets"])

@@ -1,0 +1,167 @@
+"""The description (proto/openapi.yaml) and the daemon agree: routes, types, examples, problem codes, and what a
+generator of requests makes of it.
+
+The generator's seed comes from the clock and is printed; QM_TEST_SEED repeats a run.
+"""
+import json
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import time
+
+import pytest
+import yaml
+
+import shapes
+from conftest import BUILD, PATIENCE, ROOT, check_problem
+
+DESCRIPTION = yaml.safe_load((ROOT / "proto/openapi.yaml").read_text())
+METHODS = ("get", "post", "put", "patch", "delete")
+SEED = int(os.environ.get("QM_TEST_SEED", time.time_ns() % 2**31))
+CASES = 5000
+# Two runs at the same time, as the generator keeps one processor busy. Together they try every operation.
+PARTS = ("--include-path-regex", "--exclude-path-regex")
+
+
+def operations():
+    return {(method.upper(), path): operation for path, item in DESCRIPTION["paths"].items()
+            for method, operation in item.items() if method in METHODS}
+
+
+def routes():
+    done = subprocess.run([BUILD / "quadmeshd", "--print-routes"], capture_output=True, text=True, check=True)
+    return {tuple(line.split()[:2]): set(line.split()[2:]) for line in done.stdout.splitlines()}
+
+
+def test_every_route_is_described_and_every_description_is_served():
+    assert set(routes()) == set(operations())
+
+
+def resolve(value):
+    while "$ref" in value:
+        node = DESCRIPTION
+        for part in value["$ref"].removeprefix("#/").split("/"):
+            node = node[part]
+        value = node
+    return value
+
+
+@pytest.mark.parametrize("route", [route for route, types in routes().items() if types], ids=" ".join)
+def test_the_types_that_are_offered_are_described(route):
+    described = set()
+    for status, response in operations()[route]["responses"].items():
+        if status.startswith("2"):
+            described |= set(resolve(response).get("content", {}))
+    assert described == routes()[route]
+
+
+def test_every_refusal_is_a_problem_document():
+    for route, operation in operations().items():
+        for status, response in operation["responses"].items():
+            if status >= "400":
+                assert list(resolve(response)["content"]) == ["application/problem+json"], (route, status)
+
+
+def problems():
+    """(status, code) of the daemon's own list."""
+    text = (ROOT / "server/problem.h").read_text()
+    found = re.findall(r'XX\(\w+, (\d+), "(\w+)",', text)
+    assert found
+    return {(int(status), code) for status, code in found}
+
+
+def test_problem_codes_agree():
+    described = DESCRIPTION["components"]["schemas"]["ProblemCode"]
+    assert {code for _, code in problems()} == set(described["enum"])
+    told = {(int(status), code) for status, codes in re.findall(r"(\d{3})\s+([a-z_, \n]+)", described["description"])
+            for code in re.findall(r"[a-z_]+", codes.replace("with", ""))}
+    assert told == problems()
+
+
+def test_every_problem_code_is_met_by_a_test():
+    met = "".join(path.read_text() for path in pathlib.Path(__file__).parent.glob("test_*.py"))
+    missing = [code for _, code in problems() if f'"{code}"' not in met]
+    assert not missing
+
+
+def test_a_mesh_whose_bytes_are_gone_is_an_internal_fault(make_daemon):
+    running = make_daemon("--log-level", "error")
+    with running.client() as client:
+        mesh = client.upload(shapes.cube())["id"]
+    running.stop()
+    for blob in (running.folder / "data/blobs").rglob("*"):
+        if blob.is_file():
+            blob.unlink()
+    running.start()
+    with running.client() as client:
+        check_problem(client.get(f"/v1/meshes/{mesh}/content"), 500, "internal")
+        assert client.get("/healthz").status_code == 200
+
+
+# ---- examples ----
+
+
+def examples():
+    for (method, path), operation in operations().items():
+        for media, content in operation.get("requestBody", {}).get("content", {}).items():
+            for name, example in content.get("examples", {}).items():
+                yield pytest.param(method, path, media, example["value"], id=f"{path} {name}")
+
+
+@pytest.mark.parametrize("method, path, media, value", examples())
+def test_examples_work(client, spheres, method, path, media, value):
+    """With the ids of meshes that are there in place of the made-up ones."""
+    text = value if isinstance(value, str) else json.dumps(value)
+    for made_up, real in zip(sorted(set(re.findall(r"m_[a-z0-9]{20}", text))), spheres):
+        text = text.replace(made_up, real)
+    reply = client.request(method, path, content=text, headers={"Content-Type": media, "Prefer": "wait=60"})
+    assert reply.status_code in (200, 201), reply.text
+    assert '"failed"' not in reply.text
+
+
+# ---- generated requests ----
+
+
+def fill(client):
+    """Little meshes of each kind, and a job of each kind about them."""
+    files = (shapes.obj(shapes.cube()), shapes.obj(shapes.rough(2, seed=1)), b"0 0 0\n1 2 3\n")
+    meshes = [client.post("/v1/meshes", content=file).json()["id"] for file in files]
+    requests = ({"type": "hausdorff", "a": meshes[0], "b": meshes[1]},
+                {"type": "project", "mesh": meshes[0], "points": [[1, 2, 3]]},
+                {"type": "deviation", "a": meshes[1], "b": meshes[0]})
+    jobs = [client.post("/v1/jobs", json=request, headers={"Prefer": "wait=60"}).json()["id"] for request in requests]
+    return meshes, jobs
+
+
+def start_generator(running, meshes, jobs, place, folder):
+    command = [pathlib.Path(sys.executable).parent / "schemathesis",
+               "--config-file", ROOT / "tests/api/schemathesis/schemathesis.toml", "run", ROOT / "proto/openapi.yaml",
+               "-u", running.url, "--seed", str(SEED + place), "--no-shrink",
+               PARTS[place], "^/v1/meshes"]
+    environment = {**os.environ, "SCHEMATHESIS_HOOKS": "hooks", "QM_MESHES": ",".join(meshes), "QM_JOBS": ",".join(jobs),
+                   "QM_SEED": str(SEED + place), "PYTHONPATH": str(ROOT / "tests/api/schemathesis"),
+                   "PYTHONHASHSEED": "0", "COLUMNS": "160"}
+    return subprocess.Popen(command, cwd=folder, env=environment, text=True, stdout=subprocess.PIPE,
+                            stderr=subprocess.STDOUT)
+
+
+@pytest.mark.timeout(400)
+def test_generated_requests_find_no_fault(make_daemon, tmp_path, capsys):
+    running = make_daemon("--log-level", "warn", "--kept-jobs", 100000)
+    with running.client() as client:
+        meshes, jobs = fill(client)
+    with capsys.disabled():
+        print(f" schemathesis seed {SEED}", end=" ", flush=True)
+    runs = [start_generator(running, meshes, jobs, place, tmp_path) for place in range(len(PARTS))]
+    said = [run.communicate(timeout=390)[0] for run in runs]
+    with running.client() as client:
+        (tmp_path / "metrics").write_text(client.get("/metrics").text)
+    cases = sum(int(re.search(r"(\d+) generated", text).group(1)) for text in said if "generated" in text)
+    for run, text in zip(runs, said):
+        assert run.returncode == 0, f"seed {SEED}\n{text}"
+    with capsys.disabled():
+        print(f"{cases} cases", end=" ", flush=True)
+    assert cases >= CASES, f"seed {SEED}: only {cases} cases"
+    assert running.process.poll() is None, running.log()

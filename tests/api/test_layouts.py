@@ -1,0 +1,243 @@
+"""Layouts: given whole or stroke by stroke, edited, undone, and still there after a kill."""
+import json
+import math
+import signal
+
+import pytest
+
+import shapes
+from conftest import check_problem
+
+# A quad over [-1, 1] squared on the saddle, cut in two by the curve from node 1 to node 4.
+PLACES = [(-1, -1), (0, -1), (1, -1), (1, 1), (0, 1), (-1, 1)]
+ENDS = [(0, 1), (1, 2), (2, 3), (3, 4), (4, 5), (5, 0), (1, 4)]
+PATCHES = [[0, 6, 4, 5], [1, 2, 3, 6]]
+
+
+def on_saddle(x, y):
+    return [x, y, x * y]
+
+
+def curve(a, b, pieces=8):
+    (x, y), (v, w) = a, b
+    return [on_saddle(x + (v - x) * k / pieces, y + (w - y) * k / pieces) for k in range(pieces + 1)]
+
+
+def saddle_layout():
+    return {"nodes": [on_saddle(*place) for place in PLACES],
+            "curves": [{"id": k, "from": a, "to": b, "points": curve(PLACES[a], PLACES[b])}
+                       for k, (a, b) in enumerate(ENDS)],
+            "patches": PATCHES}
+
+
+@pytest.fixture(scope="module")
+def saddle(daemon):
+    with daemon.client() as made:
+        return made.upload(shapes.saddle(24), name="saddle")["id"]
+
+
+@pytest.fixture
+def layout(client, saddle):
+    reply = client.post("/v1/layouts", json={"mesh": saddle, **saddle_layout()})
+    assert reply.status_code == 201, reply.text
+    assert reply.headers["location"] == "/v1/layouts/" + reply.json()["id"]
+    return reply.json()
+
+
+def sides(layout):
+    return sorted(sorted(patch) for patch in layout["patches"])
+
+
+def edit(client, layout, path, **fields):
+    reply = client.post(f"/v1/layouts/{layout['id']}/{path}", json=fields)
+    assert reply.status_code == 200, reply.text
+    return reply.json()
+
+
+def camera(distance=6.0, width=800, height=600):
+    """An eye above the origin."""
+    near, far, half = 1.0, 20.0, 0.5
+    aspect = width / height
+    return {"view": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, -distance, 1],
+            "projection": [near / (half * aspect), 0, 0, 0, 0, near / half, 0, 0,
+                           0, 0, -(far + near) / (far - near), -1, 0, 0, -2 * far * near / (far - near), 0],
+            "viewport": [0, 0, width, height]}
+
+
+def window(point, distance=6.0, width=800, height=600):
+    x, y, z = point
+    depth = distance - z
+    return [width / 2 * (1 + x / depth * 2 * height / width), height / 2 * (1 - y / depth * 2)]
+
+
+def stroke(points):
+    return {"points": [window(point) for point in points], **camera()}
+
+
+def test_a_whole_layout(client, layout, saddle):
+    assert layout["mesh"] == saddle and layout["revision"] == 0
+    assert layout["patches"] == PATCHES and layout["issues"] == [] and layout["complete"]
+    assert not layout["can_undo"] and not layout["can_redo"]
+    assert client.get("/v1/layouts/" + layout["id"]).json() == layout
+
+
+def test_patches_are_found_when_none_are_named(client, saddle):
+    whole = saddle_layout()
+    del whole["patches"]
+    reply = client.post("/v1/layouts", json={"mesh": saddle, **whole})
+    assert reply.status_code == 201
+    assert sides(reply.json()) == sorted(sorted(patch) for patch in PATCHES)
+
+
+def test_lists_have_pages(client, saddle):
+    for _ in range(3):
+        client.post("/v1/layouts", json={"mesh": saddle})
+    page = client.get("/v1/layouts", params={"limit": 2}).json()
+    assert len(page["layouts"]) == 2 and page["next"]
+    rest = client.get("/v1/layouts", params={"limit": 2, "cursor": page["next"]}).json()
+    assert rest["layouts"][0]["id"] not in [one["id"] for one in page["layouts"]]
+    assert "curves" not in page["layouts"][0]
+
+
+def test_a_layout_drawn_stroke_by_stroke(client, saddle):
+    layout = client.post("/v1/layouts", json={"mesh": saddle}).json()
+    assert layout["curves"] == []
+    inside = [(0.9 * x, 0.9 * y) for x, y in PLACES]
+    for count, (a, b) in enumerate([(0, 2), (2, 3), (3, 5), (5, 0)], 1):
+        layout = edit(client, layout, "strokes", **stroke(curve(inside[a], inside[b])))
+        assert layout["stroke"]["missed_points"] == 0
+        assert len(layout["curves"]) == count and layout["revision"] == count
+        assert layout["changed"]["added_curves"] == [layout["stroke"]["curve"]]
+    assert len(layout["nodes"]) == 4 and len(layout["patches"]) == 1 and layout["complete"]
+    for row in layout["curves"][0]["points"]:
+        assert math.isclose(row[2], row[0] * row[1], abs_tol=2e-3), row
+    # A stroke across splits the two curves that it begins and ends on.
+    layout = edit(client, layout, "strokes", **stroke(curve(inside[1], inside[4])))
+    assert len(layout["curves"]) == 7 and len(layout["patches"]) == 2 and layout["issues"] == []
+
+
+def test_the_same_stroke_gives_the_same_curve(client, saddle):
+    line = stroke(curve((-0.5, -0.3), (0.6, 0.2), 20))
+    drawn = []
+    for _ in range(2):
+        layout = client.post("/v1/layouts", json={"mesh": saddle}).json()
+        drawn.append(edit(client, layout, "strokes", **line)["curves"])
+    assert drawn[0] == drawn[1]
+
+
+def test_strokes_that_go_on_are_joined(client, saddle):
+    layout = client.post("/v1/layouts", json={"mesh": saddle}).json()
+    layout = edit(client, layout, "strokes", **stroke(curve((-0.8, 0), (0, 0))))
+    first = layout["stroke"]["curve"]
+    layout = edit(client, layout, "strokes", **stroke(curve((0.01, 0), (0.8, 0.1))))
+    assert layout["stroke"]["curve"] == first and len(layout["curves"]) == 1
+    assert layout["changed"] == {"added_curves": [], "changed_curves": [first], "removed_curves": []}
+    kinds = [issue["kind"] for issue in layout["issues"]]
+    assert kinds.count("dangling_end") == 2
+
+
+def test_a_stroke_beside_the_surface_is_refused(client, layout):
+    beside = {**camera(), "points": [[1, 1], [2, 2], [3, 3]]}
+    problem = check_problem(client.post(f"/v1/layouts/{layout['id']}/strokes", json=beside), 422, "invalid_layout")
+    assert "meets the surface at 0" in problem["detail"]
+    flat = stroke(curve((0, 0), (1, 0))) | {"projection": [0] * 16}
+    check_problem(client.post(f"/v1/layouts/{layout['id']}/strokes", json=flat), 422, "invalid_layout")
+    assert client.get("/v1/layouts/" + layout["id"]).json() == layout
+
+
+def test_edits_are_undone_and_redone(client, layout):
+    split = edit(client, layout, "curves/6/split", point=[0, 0.1, 0])
+    assert split["changed"] == {"added_curves": [7], "changed_curves": [6], "removed_curves": []}
+    assert [issue["sides"] for issue in split["issues"]] == [5, 5]
+    merged = edit(client, split, "curves/merge", first=6, second=7)
+    assert sides(merged) == sides(layout) and merged["revision"] == 2 and merged["complete"]
+    gone = client.delete(f"/v1/layouts/{layout['id']}/curves/6").json()
+    assert gone["changed"]["removed_curves"] == [6] and gone["issues"][0]["sides"] == 6
+
+    for revision in (2, 1, 0):
+        back = client.post(f"/v1/layouts/{layout['id']}/undo").json()
+        assert back["revision"] == revision and back["can_redo"]
+    assert back["curves"] == layout["curves"] and not back["can_undo"]
+    check_problem(client.post(f"/v1/layouts/{layout['id']}/undo"), 409, "conflict")
+    assert client.post(f"/v1/layouts/{layout['id']}/redo").json()["curves"] == split["curves"]
+    # An edit takes the place of what was undone.
+    other = edit(client, layout, "curves/5/redraw", points=curve(PLACES[5], PLACES[0], 3))
+    assert other["revision"] == 2 and not other["can_redo"]
+    assert len(other["curves"][5]["points"]) == 4
+    check_problem(client.post(f"/v1/layouts/{layout['id']}/redo"), 409, "conflict")
+
+
+def test_an_end_is_snapped(client, saddle):
+    whole = saddle_layout()
+    whole["nodes"].append(on_saddle(0.1, 0.8))
+    whole["curves"][6] = {"id": 6, "from": 1, "to": 6, "points": curve(PLACES[1], (0.1, 0.8))}
+    del whole["patches"]
+    layout = client.post("/v1/layouts", json={"mesh": saddle, **whole}).json()
+    assert not layout["complete"]
+    far = {"end": "to", "point": [0, 0, 5], "radius": 0.1}
+    check_problem(client.post(f"/v1/layouts/{layout['id']}/curves/6/snap", json=far), 422, "invalid_layout")
+    layout = edit(client, layout, "curves/6/snap", end="to", point=on_saddle(0, 1), radius=0.1)
+    assert layout["complete"] and len(layout["nodes"]) == 6 and len(layout["patches"]) == 2
+
+
+@pytest.mark.parametrize("change, pointer", [
+    (lambda body: body.pop("mesh"), "/mesh"),
+    (lambda body: body.update(more=1), "/more"),
+    (lambda body: body["nodes"].append([1, 2]), "/nodes/6"),
+    (lambda body: body["curves"][2].update({"from": 17}), "/curves/2/from"),
+    (lambda body: body["curves"][3].update(id=2), "/curves/3/id"),
+    (lambda body: body["curves"][1]["points"].clear(), "/curves/1/points"),
+    (lambda body: body["curves"][1]["points"].reverse(), "/curves/1/points"),
+    (lambda body: body["patches"].append([0, 6, 4]), "/patches/2"),
+    (lambda body: body["patches"].append([0, 1, 2, 3]), "/patches/2"),
+])
+def test_malformed_layouts_are_refused_with_their_place(client, saddle, change, pointer):
+    body = {"mesh": saddle, **json.loads(json.dumps(saddle_layout()))}
+    change(body)
+    problem = check_problem(client.post("/v1/layouts", json=body), 400, "invalid_field")
+    assert problem["errors"][0]["pointer"] == pointer, problem
+
+
+def test_impossible_layouts_are_refused_by_name(client, saddle):
+    body = {"mesh": saddle, **saddle_layout()}
+    body["curves"].append({"id": 7, "from": 0, "to": 2, "points": [on_saddle(-1, -1), on_saddle(0.1, 0.3),
+                                                                  on_saddle(1, -1)]})
+    problem = check_problem(client.post("/v1/layouts", json=body), 422, "invalid_layout")
+    assert "curves 6 and 7 cross" in problem["detail"]
+    body = {"mesh": saddle, **saddle_layout()}
+    body["curves"][1]["points"] = [body["nodes"][1]] * 2
+    body["curves"][1]["to"] = 1
+    body["patches"] = []
+    problem = check_problem(client.post("/v1/layouts", json=body), 422, "invalid_layout")
+    assert "curve 1 has no length" in problem["detail"]
+    check_problem(client.post("/v1/layouts", json={"mesh": "m_none"}), 404, "mesh_not_found")
+
+
+def test_what_is_not_there_is_not_found(client, layout):
+    check_problem(client.get("/v1/layouts/l_none"), 404, "layout_not_found")
+    check_problem(client.delete("/v1/layouts/l_none"), 404, "layout_not_found")
+    check_problem(client.post("/v1/layouts/l_none/undo"), 404, "layout_not_found")
+    path = f"/v1/layouts/{layout['id']}/curves/"
+    for name in ("99", "x1", "4294967296", "-1"):
+        check_problem(client.delete(path + name), 404, "curve_not_found")
+    check_problem(client.post(path + "6/split", json={"point": [0, 0]}), 400, "invalid_field")
+    problem = check_problem(client.post(path + "6/split", json={"point": on_saddle(0, 1)}), 422, "invalid_layout")
+    assert "curve 6" in problem["detail"]
+    assert client.delete("/v1/layouts/" + layout["id"]).status_code == 204
+    check_problem(client.get("/v1/layouts/" + layout["id"]), 404, "layout_not_found")
+
+
+def test_every_answered_revision_survives_a_kill(make_daemon):
+    running = make_daemon()
+    with running.client() as client:
+        mesh = client.upload(shapes.saddle(24))["id"]
+        layout = client.post("/v1/layouts", json={"mesh": mesh, **saddle_layout()}).json()
+        split = edit(client, layout, "curves/6/split", point=[0, 0.1, 0])
+    running.stop(signal.SIGKILL)
+    running.start()
+    with running.client() as client:
+        again = client.get("/v1/layouts/" + layout["id"]).json()
+        assert again["curves"] == split["curves"] and again["issues"] == split["issues"]
+        assert edit(client, layout, "curves/merge", first=6, second=7)["changed"]["removed_curves"] == [7]
+        assert client.post(f"/v1/layouts/{layout['id']}/undo").json()["curves"] == split["curves"]
+        assert client.post(f"/v1/layouts/{layout['id']}/undo").json()["curves"] == layout["curves"]

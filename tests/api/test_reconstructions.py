@@ -1,0 +1,197 @@
+"""Reconstructions: a layout on a mesh or a point set becomes a quad mesh, step by step."""
+import random
+import signal
+import time
+
+import pytest
+
+import shapes
+from conftest import check_problem, ndjson
+from test_layouts import edit, on_saddle, saddle_layout, saddle  # noqa: F401 (saddle is a fixture)
+
+
+def points(count, seed):
+    chance = random.Random(seed)
+    rows = (on_saddle(chance.uniform(-1, 1), chance.uniform(-1, 1)) for _ in range(count))
+    return "".join("%.9f %.9f %.9f\n" % tuple(row) for row in rows).encode()
+
+
+def start(client, mesh, **options):
+    layout = client.post("/v1/layouts", json={"mesh": mesh, **saddle_layout()}).json()
+    reply = client.post("/v1/reconstructions", json={"layout": layout["id"], **options})
+    assert reply.status_code == 201, reply.text
+    assert reply.headers["location"] == "/v1/reconstructions/" + reply.json()["id"]
+    return reply.json()
+
+
+def refine(client, reconstruction, **fields):
+    reply = client.post("/v1/jobs", headers={"Prefer": "wait=60"},
+                        json={"type": "reconstruction_step", "reconstruction": reconstruction["id"], **fields})
+    assert reply.status_code == 200, reply.text
+    return reply.json()
+
+
+def test_a_mesh_becomes_quads(client, saddle):
+    made = start(client, saddle)
+    assert made["quads"] == 2 and made["patch_count"] == 2 and made["step_count"] == 0
+    assert made["coverage"]["uncovered_samples"] == 0
+    job = refine(client, made, until={"max_quads": 512})
+    result = job["result"]
+    assert job["state"] == "succeeded" and result["stopped_by"] == "max_quads" and result["quads"] == 512
+    bounds = [step["hausdorff"] for step in result["steps"]]
+    assert all(b["lower"] <= b["upper"] for b in bounds)
+    assert bounds[-1]["upper_relative"] < 2e-3
+    assert all(later["upper"] < sooner["upper"] for sooner, later in zip(bounds, bounds[2:]))
+
+    mesh = client.get("/v1/meshes/" + result["mesh"]).json()
+    assert mesh["faces"] == {"triangles": 0, "quads": 512, "polygons": 0}
+    assert mesh["irregular_vertices"] == 0 and mesh["manifold"] and mesh["components"] == 1
+    distance = client.hausdorff(saddle, result["mesh"], tolerance=1e-4)["result"]
+    assert distance["lower"] <= bounds[-1]["upper"] and bounds[-1]["lower"] <= distance["upper"]
+
+    now = client.get("/v1/reconstructions/" + made["id"]).json()
+    assert now["mesh"] == result["mesh"] and now["quads"] == 512 and now["steps"] == result["steps"]
+    patches = client.get(f"/v1/reconstructions/{made['id']}/patches").json()
+    assert sum(p["columns"] * p["rows"] for p in patches["patches"]) == patches["quads"] == 512
+    assert [p["first_face"] for p in patches["patches"]] == [0, 256]
+    found = client.get(f"/v1/meshes/{result['mesh']}/patches").json()
+    assert found["patch_count"] == 1  # no node is irregular, so the two go on into one another
+
+
+def test_a_point_set_becomes_quads(client):
+    cloud = client.upload(points(6000, seed=3), format="xyz")["id"]
+    made = start(client, cloud)
+    steps = refine(client, made, until={"hausdorff_relative": 0.003})["result"]
+    assert steps["stopped_by"] == "hausdorff"
+    last = steps["steps"][-1]
+    assert last["hausdorff"]["upper_relative"] <= 0.003
+    assert last["mesh_to_points"]["upper"] >= last["mesh_to_points"]["lower"] > 0
+    assert last["uncovered_points"] == 0
+
+
+def test_steps_are_streamed(client, saddle):
+    made = start(client, saddle)
+    request = {"type": "reconstruction_step", "reconstruction": made["id"], "steps": 4}
+    reply = client.post("/v1/jobs", json=request, headers={"Accept": "application/x-ndjson"})
+    events = ndjson(reply.text)
+    assert [event["event"] for event in events] == ["step"] * 4 + ["result"]
+    assert [event["seq"] for event in events] == [1, 2, 3, 4, 5]
+    assert [event["quads"] for event in events[:-1]] == sorted(event["quads"] for event in events[:-1])
+    assert events[-1]["result"]["stopped_by"] == "steps"
+    # Asked again it goes on: such a job is never answered from one before.
+    again = refine(client, made, steps=1, measure=False)
+    assert "cached" not in again and again["result"]["quads"] > events[-1]["result"]["quads"]
+    assert again["result"]["steps"][0]["hausdorff"] is None
+
+
+def test_goals_of_edge_length_and_limits(client, saddle):
+    made = start(client, saddle)
+    result = refine(client, made, until={"edge_length": 0.3}, measure=False)["result"]
+    assert result["stopped_by"] == "edge_length"
+    assert result["steps"][-1]["longest_edge"] <= 0.3 < result["steps"][-2]["longest_edge"]
+    # Nothing fits any more: no step, the same mesh.
+    none = refine(client, made, until={"max_quads": result["quads"]})["result"]
+    assert none["steps"] == [] and none["mesh"] == result["mesh"] and none["quads"] == result["quads"]
+
+
+def test_the_content_is_redirected(client, saddle):
+    made = start(client, saddle)
+    reply = client.get(f"/v1/reconstructions/{made['id']}/mesh", params={"format": "off"})
+    assert reply.status_code == 307
+    assert reply.headers["location"] == f"/v1/meshes/{made['mesh']}/content?format=off"
+    body = client.get(f"/v1/reconstructions/{made['id']}/mesh?format=off", follow_redirects=True)
+    assert body.text.startswith("OFF")
+
+
+def test_a_cancelled_job_keeps_the_last_whole_step(client, saddle):
+    made = start(client, saddle)
+    request = {"type": "reconstruction_step", "reconstruction": made["id"], "until": {"max_quads": 4000000},
+               "measure": False}
+    job = client.post("/v1/jobs", json=request).json()
+    end = time.monotonic() + 60
+    while not any(event["event"] == "step" for event in stream_so_far(client, job)):
+        assert time.monotonic() < end
+    busy = client.post("/v1/jobs", headers={"Prefer": "wait=60"},
+                       json={"type": "reconstruction_step", "reconstruction": made["id"], "steps": 1}).json()
+    assert client.delete("/v1/jobs/" + job["id"]).status_code in (202, 409)
+    ended = client.wait(job["id"])
+    assert ended["state"] in ("cancelled", "succeeded")
+    if busy["state"] == "failed":
+        assert busy["problem"]["code"] == "conflict"
+    now = client.get("/v1/reconstructions/" + made["id"]).json()
+    mesh = client.get("/v1/meshes/" + now["mesh"]).json()
+    assert mesh["faces"]["quads"] == now["quads"] >= ended["result"]["quads"]
+    assert ended["result"]["steps"][-1]["quads"] == ended["result"]["quads"]
+
+
+def stream_so_far(client, job):
+    with client.stream("GET", f"/v1/jobs/{job['id']}/events",
+                       headers={"Accept": "application/x-ndjson"}) as reply:
+        for line in reply.iter_lines():
+            return ndjson(line)
+    return []
+
+
+def test_steps_go_on_after_a_kill_to_the_same_bits(make_daemon):
+    meshes = []
+    for is_killed in (False, True):
+        running = make_daemon()
+        with running.client() as client:
+            made = start(client, client.upload(shapes.saddle(24))["id"])
+            refine(client, made, until={"max_quads": 600}, measure=False)
+        if is_killed:
+            running.stop(signal.SIGKILL)
+            running.start()
+        with running.client() as client:
+            result = refine(client, made, until={"max_quads": 3000}, measure=False)["result"]
+            meshes.append(client.get(f"/v1/meshes/{result['mesh']}/content?format=ply").content)
+    assert meshes[0] == meshes[1]
+
+
+def test_bad_requests_are_refused(client, saddle):
+    check_problem(client.post("/v1/reconstructions", json={}), 400, "invalid_field")
+    check_problem(client.post("/v1/reconstructions", json={"layout": "l_none"}), 404, "layout_not_found")
+    empty = client.post("/v1/layouts", json={"mesh": saddle}).json()
+    problem = check_problem(client.post("/v1/reconstructions", json={"layout": empty["id"]}), 422, "invalid_layout")
+    assert "no patch" in problem["detail"]
+    made = start(client, saddle)
+    layout = {"layout": made["layout"]}
+    check_problem(client.post("/v1/reconstructions", json={**layout, "cover_share": 0}), 400, "invalid_field")
+    check_problem(client.post("/v1/reconstructions", json={**layout, "source": "m_none"}), 404, "mesh_not_found")
+    # A surface that the layout does not lie on.
+    far = client.upload(shapes.cube(origin=(50, 50, 50)))["id"]
+    problem = check_problem(client.post("/v1/reconstructions", json={**layout, "source": far}), 422, "invalid_layout")
+    assert "patch" in problem["detail"]
+    check_problem(client.get("/v1/reconstructions/r_none"), 404, "reconstruction_not_found")
+    for fields in ({"steps": 0}, {"until": {"max_quads": 0}}, {"until": {"quads": 7}}, {"until": 7},
+                   {"quads": "bilinear"}, {"measure": 1}):
+        reply = client.post("/v1/jobs", json={"type": "reconstruction_step", "reconstruction": made["id"], **fields})
+        check_problem(reply, 400, "invalid_field")
+    reply = client.post("/v1/jobs", json={"type": "reconstruction_step", "reconstruction": "r_none"})
+    check_problem(reply, 404, "reconstruction_not_found")
+    assert client.delete("/v1/reconstructions/" + made["id"]).status_code == 204
+    check_problem(client.get("/v1/reconstructions/" + made["id"]), 404, "reconstruction_not_found")
+
+
+@pytest.mark.parametrize("spoil", ["hole", "twice", "outliers", "apart"])
+def test_point_sets_made_worse(client, spoil):
+    rows = points(6000, seed=5).decode().splitlines()
+    chance = random.Random(6)
+    if spoil == "hole":
+        rows = [row for row in rows if not (abs(float(row.split()[0]) - 0.5) < 0.15)]
+    if spoil == "twice":
+        rows = rows[:3000] * 2
+    if spoil == "outliers":
+        rows += ["%f %f %f" % tuple(chance.uniform(-2, 2) for _ in range(3)) for _ in range(60)]
+    if spoil == "apart":
+        rows += ["%f %f 30" % (chance.random(), chance.random()) for _ in range(2000)]
+    made = start(client, client.upload("\n".join(rows).encode(), format="xyz")["id"])
+    result = refine(client, made, until={"max_quads": 512})["result"]
+    mesh = client.get("/v1/meshes/" + result["mesh"]).json()
+    assert mesh["faces"]["quads"] == 512
+    for axis in range(3):
+        assert -1.2 < mesh["bounding_box"]["min"][axis] and mesh["bounding_box"]["max"][axis] < 1.2
+    if spoil == "hole":
+        assert any(step["holes_filled"] > 0 for step in result["steps"])
+    if spoil in ("outliers", "apart"):
+        assert made["coverage"]["uncovered_samples"] > 0

@@ -1,0 +1,306 @@
+/* Layouts: patches found from the embedding, faults named, edits one at a time. */
+#include "check.h"
+
+#include "failing_allocator.h"
+#include "layouts.h"
+#include "qm/layout_edit.h"
+
+#include <math.h>
+#include <string.h>
+
+/** A mesh with its tree, to find patches on. */
+typedef struct ground {
+    qm_context ctx;
+    qm_mesh mesh;
+    qm_bvh *tree;
+    qm_source source;
+} ground;
+
+static void ground_make(ground *g, qm_mesh mesh)
+{
+    *g = (ground){.ctx = qm_context_make(), .mesh = mesh};
+    assert_int_equal(qm_bvh_build(&g->ctx, &g->mesh, QM_BVH_TARGET, 1, &g->tree), QM_OK);
+    assert_int_equal(qm_source_init(&g->ctx, g->tree, &g->source), QM_OK);
+}
+
+static void ground_free(ground *g)
+{
+    qm_bvh_destroy(&g->ctx, g->tree);
+    qm_shape_free(&g->mesh);
+}
+
+/** The mesh without its faces. */
+static qm_mesh points_of(qm_mesh mesh)
+{
+    qm_mesh points = qm_shape_make(mesh.vertex_count, 0);
+    memcpy(points.positions, mesh.positions, 3 * sizeof(double) * mesh.vertex_count);
+    qm_shape_free(&mesh);
+    return points;
+}
+
+static bool has_side(const qm_layout_patch *patch, uint32_t curve)
+{
+    return patch->side[0] == curve || patch->side[1] == curve || patch->side[2] == curve ||
+           patch->side[3] == curve;
+}
+
+/** How many patches of one layout have the same four sides as one of the other. */
+static size_t count_shared(const qm_layout *a, const qm_layout *b)
+{
+    size_t shared = 0;
+    for (size_t i = 0; i < a->patch_count; i++)
+        for (size_t k = 0; k < b->patch_count; k++) {
+            int sides = 0;
+            for (int s = 0; s < 4; s++)
+                sides += has_side(&b->patches[k], a->patches[i].side[s]);
+            shared += sides == 4;
+        }
+    return shared;
+}
+
+static void check_found(qm_mesh mesh, qm_layout layout)
+{
+    ground g;
+    ground_make(&g, mesh);
+    qm_layout found;
+    qm_layout_issues issues;
+    assert_int_equal(qm_layout_copy(&g.ctx, &layout, &found), QM_OK);
+    assert_int_equal(qm_layout_find_patches(&g.ctx, &g.source, &found, &issues), QM_OK);
+    assert_int_equal(issues.count, 0);
+    assert_int_equal(found.patch_count, layout.patch_count);
+    assert_int_equal(count_shared(&layout, &found), layout.patch_count);
+    assert_int_equal(qm_layout_validate(&g.ctx, &found, g.source.diagonal), QM_OK);
+    qm_layout_issues_reset(&g.ctx, &issues);
+    qm_layout_free(&found);
+    qm_layout_free(&layout);
+    ground_free(&g);
+}
+
+static void patches_are_found_on_meshes_and_points(void **state)
+{
+    (void)state;
+    check_found(qm_shape_torus(48, 24, 1.0, 0.35),
+                qm_layout_of_grid(6, 4, true, true, 12, qm_torus_at, NULL));
+    check_found(qm_shape_torus(48, 24, 1.0, 0.35),
+                qm_layout_of_grid(2, 2, true, true, 30, qm_torus_at, NULL));
+    check_found(points_of(qm_shape_torus(96, 48, 1.0, 0.35)),
+                qm_layout_of_grid(3, 3, true, true, 12, qm_torus_at, NULL));
+    check_found(qm_shape_saddle(20), qm_layout_of_grid(3, 2, false, false, 5, qm_saddle_at, NULL));
+    /* The outside of a single patch has four sides too, and is none. */
+    check_found(qm_shape_plane(8, 0.0), qm_layout_of_grid(1, 1, false, false, 4, qm_square_at, NULL));
+}
+
+static void cells_that_are_no_patch_are_explained(void **state)
+{
+    (void)state;
+    ground g;
+    ground_make(&g, qm_shape_plane(8, 0.0));
+    qm_layout layout = qm_layout_of_grid(2, 1, false, false, 4, qm_square_at, NULL);
+    /* Without the curve between them, two patches are one cell of six sides. */
+    assert_int_equal(qm_layout_delete_curve(&g.ctx, &layout, 5), QM_OK);
+    qm_layout_issues issues;
+    assert_int_equal(qm_layout_find_patches(&g.ctx, &g.source, &layout, &issues), QM_OK);
+    assert_int_equal(layout.patch_count, 0);
+    assert_int_equal(issues.count, 1);
+    assert_int_equal(issues.items[0].fault, QM_LAYOUT_CELL_SIDES);
+    assert_int_equal(issues.items[0].sides, 6);
+    qm_layout_issues_reset(&g.ctx, &issues);
+
+    const double stub[] = {0.0, 0.0, 0.0, 0.2, 0.3, 0.0};
+    uint32_t id;
+    assert_int_equal(qm_layout_add_stroke(&g.ctx, &layout, stub, 2, 0.01, &id), QM_OK);
+    assert_int_equal(qm_layout_find_patches(&g.ctx, &g.source, &layout, &issues), QM_OK);
+    bool is_dangling = false;
+    for (size_t i = 0; i < issues.count; i++)
+        is_dangling |= issues.items[i].fault == QM_LAYOUT_DANGLING_END && issues.items[i].curve[0] == id;
+    assert_true(is_dangling);
+    qm_layout_issues_reset(&g.ctx, &issues);
+    qm_layout_free(&layout);
+    ground_free(&g);
+}
+
+static void crossing_curves_are_named(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_layout layout = qm_layout_of_grid(1, 1, false, false, 4, qm_square_at, NULL);
+    const double across[] = {0.0, 0.5, 0.0, 0.4, 0.5, 0.0, 1.2, 0.55, 0.0};
+    for (int k = 0; k < 3; k += 2)
+        assert_int_equal(qm_layout_add_node(&ctx, &layout, across + 3 * k), QM_OK);
+    assert_int_equal(qm_layout_add_curve(&ctx, &layout, 4, 5, across, 3), QM_OK);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.4), QM_E_LAYOUT);
+    assert_non_null(strstr(ctx.message, "curves 3 and 4 cross"));
+    qm_layout_free(&layout);
+
+    layout = (qm_layout){0};
+    const double loop[] = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0.5, 1, 0, 0.5, -1, 0};
+    assert_int_equal(qm_layout_add_node(&ctx, &layout, loop), QM_OK);
+    assert_int_equal(qm_layout_add_node(&ctx, &layout, loop + 12), QM_OK);
+    assert_int_equal(qm_layout_add_curve(&ctx, &layout, 0, 1, loop, 5), QM_OK);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.4), QM_E_LAYOUT);
+    assert_non_null(strstr(ctx.message, "curve 0 crosses itself"));
+    qm_layout_free(&layout);
+}
+
+static void bad_layouts_are_refused_by_name(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_layout layout = qm_layout_of_grid(2, 1, false, false, 2, qm_square_at, NULL);
+    qm_curve *curve = &layout.curves[1];
+    double kept = curve->points[4];
+    curve->points[4] = NAN;
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0), QM_E_NOT_FINITE);
+    assert_non_null(strstr(ctx.message, "point 1 of curve 1"));
+    curve->points[4] = kept;
+
+    const uint32_t open[4] = {0, 5, 1, 4};
+    assert_int_equal(qm_layout_add_patch(&ctx, &layout, open), QM_E_ARGUMENT);
+    assert_non_null(strstr(ctx.message, "patch 2 does not close"));
+    const uint32_t unknown[4] = {0, 5, 77, 4};
+    assert_int_equal(qm_layout_add_patch(&ctx, &layout, unknown), QM_E_ARGUMENT);
+    assert_non_null(strstr(ctx.message, "curve 77"));
+
+    const uint32_t again[4] = {0, 5, 2, 4};
+    for (int k = 0; k < 2; k++)
+        assert_int_equal(qm_layout_add_patch(&ctx, &layout, again), QM_OK);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0), QM_E_LAYOUT);
+    assert_non_null(strstr(ctx.message, "more than two patches"));
+    qm_layout_clear_patches(&ctx, &layout);
+
+    for (size_t k = 0; k < curve->point_count; k++)
+        memcpy(curve->points + 3 * k, layout.nodes + 3 * (size_t)curve->from, 3 * sizeof(double));
+    curve->to = curve->from;
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0), QM_E_LAYOUT);
+    assert_non_null(strstr(ctx.message, "curve 1 has no length"));
+    qm_layout_free(&layout);
+}
+
+static void split_and_merge_undo_one_another(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_layout layout = {0};
+    const double line[] = {0, 0, 0, 1, 0, 0, 2, 0, 0};
+    uint32_t id, part;
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, line, 3, 0.1, &id), QM_OK);
+    assert_int_equal(qm_layout_split_curve(&ctx, &layout, id, (const double[]){1.5, 0.3, 0}), QM_OK);
+    assert_int_equal(layout.curve_count, 2);
+    assert_int_equal(layout.node_count, 3);
+    assert_int_equal(layout.curves[0].point_count, 3);
+    assert_true(layout.curves[0].points[6] == 1.5 && layout.curves[1].points[0] == 1.5);
+    part = layout.curves[1].id;
+    assert_int_equal(qm_layout_split_curve(&ctx, &layout, part, (const double[]){3, 0, 0}), QM_E_ARGUMENT);
+
+    assert_int_equal(qm_layout_merge_curves(&ctx, &layout, part, id), QM_OK);
+    assert_int_equal(layout.curve_count, 1);
+    assert_int_equal(layout.node_count, 2);
+    assert_int_equal(layout.curves[0].id, part);
+    assert_true(qm_curve_length(&layout.curves[0]) == 2.0);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0), QM_OK);
+    assert_int_equal(qm_layout_merge_curves(&ctx, &layout, part, part), QM_E_ARGUMENT);
+    assert_int_equal(qm_layout_merge_curves(&ctx, &layout, part, 99), QM_E_ARGUMENT);
+    assert_int_equal(qm_layout_delete_curve(&ctx, &layout, part), QM_OK);
+    assert_int_equal(layout.node_count, 0);
+    assert_int_equal(qm_layout_delete_curve(&ctx, &layout, part), QM_E_ARGUMENT);
+    qm_layout_free(&layout);
+}
+
+static void strokes_snap_merge_and_split(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_layout layout = {0};
+    uint32_t first, next;
+    const double line[] = {0, 0, 0, 1, 0, 0}, on[] = {1.05, 0.02, 0, 2, 0.1, 0};
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, line, 2, 0.1, &first), QM_OK);
+    /* Goes on nearly straight: one curve. */
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, on, 2, 0.1, &next), QM_OK);
+    assert_int_equal(next, first);
+    assert_int_equal(layout.curve_count, 1);
+    assert_int_equal(layout.node_count, 2);
+    /* Turns off at a right angle: two curves that share a node. */
+    const double off[] = {2, 0.05, 0, 2, 1, 0};
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, off, 2, 0.1, &next), QM_OK);
+    assert_int_not_equal(next, first);
+    assert_int_equal(layout.curve_count, 2);
+    assert_int_equal(layout.node_count, 3);
+    /* Begins in the middle of the first: that is split, and nothing is joined at the new node of three. */
+    const double branch[] = {0.5, -0.05, 0, 0.5, -1, 0};
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, branch, 2, 0.1, &next), QM_OK);
+    assert_int_equal(layout.curve_count, 4);
+    assert_int_equal(layout.node_count, 5);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 2.0), QM_OK);
+
+    /* An end that hangs free is put on a curve, and on nothing where there is nothing. */
+    assert_int_equal(qm_layout_snap_end(&ctx, &layout, next, 1, (const double[]){9, 9, 9}, 0.5),
+                     QM_E_ARGUMENT);
+    assert_int_equal(qm_layout_snap_end(&ctx, &layout, next, 1, (const double[]){0.25, 0, 0}, 0.1), QM_OK);
+    assert_int_equal(layout.curve_count, 5);
+    assert_int_equal(layout.node_count, 5);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 2.0), QM_OK);
+
+    const double detour[] = {7, 7, 7, 0.4, -0.6, 0, 7, 7, 7};
+    assert_int_equal(qm_layout_redraw_curve(&ctx, &layout, next, detour, 3), QM_OK);
+    const qm_curve *drawn = &layout.curves[qm_layout_find_curve(&layout, next)];
+    assert_int_equal(drawn->point_count, 3);
+    assert_true(drawn->points[3] == 0.4 && drawn->points[0] == 0.5);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 2.0), QM_OK);
+    qm_layout_free(&layout);
+}
+
+/** Every edit and the search for patches with an allocator that fails at each call in turn. */
+static qm_status run_all(qm_context *ctx, const qm_source *source, qm_layout *layout)
+{
+    const double stroke[] = {0.25, 0, 0, 0.25, 1, 0};
+    uint32_t id;
+    qm_layout_issues issues = {0};
+    qm_status status = qm_layout_add_stroke(ctx, layout, stroke, 2, 0.01, &id);
+    if (status == QM_OK) status = qm_layout_split_curve(ctx, layout, id, (const double[]){0.25, 0.5, 0});
+    if (status == QM_OK) status = qm_layout_merge_curves(ctx, layout, id, layout->next_id - 1);
+    if (status == QM_OK) status = qm_layout_redraw_curve(ctx, layout, id, stroke, 2);
+    if (status == QM_OK) status = qm_layout_find_patches(ctx, source, layout, &issues);
+    if (status == QM_OK) assert_int_equal(layout->patch_count, 3);
+    qm_layout_issues_reset(ctx, &issues);
+    if (status == QM_OK) status = qm_layout_delete_curve(ctx, layout, id);
+    return status;
+}
+
+static void running_out_of_memory_leaves_a_whole_layout(void **state)
+{
+    (void)state;
+    ground g;
+    ground_make(&g, qm_shape_plane(4, 0.0));
+    qm_layout whole = qm_layout_of_grid(2, 1, false, false, 2, qm_square_at, NULL);
+    qm_status status = QM_E_NO_MEMORY;
+    for (size_t fail_at = 0; status != QM_OK; fail_at++) {
+        qm_failing_allocator memory = {.fail_at = SIZE_MAX};
+        qm_context ctx = {.allocator = qm_failing_allocator_hook(&memory)};
+        qm_layout layout;
+        assert_int_equal(qm_layout_copy(&ctx, &whole, &layout), QM_OK);
+        memory.fail_at = memory.calls + fail_at;
+        status = run_all(&ctx, &g.source, &layout);
+        QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %s", fail_at, ctx.message);
+        qm_context plain = qm_context_make();
+        QM_CHECK(qm_layout_validate(&plain, &layout, 1.0) == QM_OK, "call %zu: %s", fail_at, plain.message);
+        qm_layout_reset(&ctx, &layout);
+        QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "call %zu leaves %zu blocks", fail_at,
+                 memory.live_blocks);
+    }
+    qm_layout_free(&whole);
+    ground_free(&g);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(patches_are_found_on_meshes_and_points),
+        cmocka_unit_test(cells_that_are_no_patch_are_explained),
+        cmocka_unit_test(crossing_curves_are_named),
+        cmocka_unit_test(bad_layouts_are_refused_by_name),
+        cmocka_unit_test(split_and_merge_undo_one_another),
+        cmocka_unit_test(strokes_snap_merge_and_split),
+        cmocka_unit_test(running_out_of_memory_leaves_a_whole_layout),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

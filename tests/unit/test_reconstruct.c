@@ -1,0 +1,441 @@
+/* Reconstruction: structure of the mesh, distance that falls, the same bits, faults, lack of memory. */
+#include "check.h"
+
+#include "failing_allocator.h"
+#include "layouts.h"
+#include "measured.h"
+#include "parallel.h"
+#include "qm/reconstruct.h"
+#include "vec.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/** A surface with its tree. */
+typedef struct ground {
+    qm_context ctx;
+    qm_mesh mesh;
+    qm_bvh *tree;
+    qm_source source;
+} ground;
+
+static void ground_make(ground *g, qm_mesh mesh)
+{
+    *g = (ground){.ctx = qm_context_make(), .mesh = mesh};
+    assert_int_equal(qm_bvh_build(&g->ctx, &g->mesh, QM_BVH_TARGET, 1, &g->tree), QM_OK);
+    assert_int_equal(qm_source_init(&g->ctx, g->tree, &g->source), QM_OK);
+}
+
+static void ground_free(ground *g)
+{
+    qm_bvh_destroy(&g->ctx, g->tree);
+    qm_shape_free(&g->mesh);
+}
+
+/** count random points of a surface by formula, with Gaussian noise along every axis. */
+static qm_mesh sample_points(qm_shape_fn *at, size_t count, double noise, uint64_t stream)
+{
+    qm_random random = qm_random_make(qm_check_seed(), stream);
+    qm_mesh points = qm_shape_make(count, 0);
+    for (size_t i = 0; i < count; i++) {
+        at(NULL, qm_random_range(&random, 0, 1), qm_random_range(&random, 0, 1), points.positions + 3 * i);
+        for (int k = 0; k < 3; k++) {
+            double sum = -6.0;
+            for (int n = 0; n < 12; n++)
+                sum += qm_random_range(&random, 0, 1);
+            points.positions[3 * i + (size_t)k] += noise * sum;
+        }
+    }
+    return points;
+}
+
+static qm_reconstruction *start(ground *g, const qm_layout *layout)
+{
+    qm_reconstruction_options options = qm_reconstruction_options_default();
+    qm_reconstruction *r;
+    qm_status status = qm_reconstruction_create(&g->ctx, &g->source, layout, &options, &r);
+    QM_CHECK(status == QM_OK, "%s", g->ctx.message);
+    return r;
+}
+
+/** Steps until nothing more fits; returns the quads that there are then. */
+static size_t step_to(ground *g, qm_reconstruction *r, size_t max_quads)
+{
+    qm_reconstruction_record record;
+    do
+        assert_int_equal(qm_reconstruction_step(&g->ctx, r, max_quads, &record), QM_OK);
+    while (record.chords_doubled > 0);
+    assert_true(record.quads <= max_quads);
+    return record.quads;
+}
+
+static qm_mesh mesh_of(ground *g, const qm_reconstruction *r)
+{
+    qm_mesh mesh;
+    assert_int_equal(qm_reconstruction_mesh(&g->ctx, r, &mesh), QM_OK);
+    assert_int_equal(qm_mesh_validate(&g->ctx, &mesh), QM_OK);
+    return mesh;
+}
+
+/** The two-sided distance as a share of the second mesh's diagonal. */
+static double distance(const qm_mesh *mesh, const qm_mesh *truth)
+{
+    qm_box box = qm_mesh_bounding_box(truth);
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    options.tolerance = 5e-6 * qm_box_diagonal(&box);
+    return qm_measured(mesh, truth, &options).upper / qm_box_diagonal(&box);
+}
+
+static qm_vec corner_at(const qm_mesh *mesh, size_t face, int k)
+{
+    return qm_vec_load(mesh->positions + 3 * (size_t)mesh->faces[4 * face + (size_t)k]);
+}
+
+/** Least over the faces of the sine at a corner, seen along the face's normal: above 0 when no quad folds. */
+static double least_jacobian(const qm_mesh *mesh)
+{
+    double least = INFINITY;
+    for (size_t face = 0; face < mesh->face_count; face++) {
+        qm_vec normal = qm_vec_cross(qm_vec_sub(corner_at(mesh, face, 2), corner_at(mesh, face, 0)),
+                                     qm_vec_sub(corner_at(mesh, face, 3), corner_at(mesh, face, 1)));
+        for (int k = 0; k < 4; k++) {
+            qm_vec here = corner_at(mesh, face, k);
+            qm_vec on = qm_vec_sub(corner_at(mesh, face, (k + 1) % 4), here);
+            qm_vec back = qm_vec_sub(corner_at(mesh, face, (k + 3) % 4), here);
+            double sine = qm_vec_dot(qm_vec_cross(on, back), normal) /
+                          (qm_vec_norm(on) * qm_vec_norm(back) * qm_vec_norm(normal));
+            least = fmin(least, sine);
+        }
+    }
+    return least;
+}
+
+static void meshes_are_semi_regular(void **state)
+{
+    (void)state;
+    ground g;
+    ground_make(&g, qm_shape_torus(96, 48, 1.0, 0.35));
+    qm_layout layout = qm_layout_of_grid(6, 4, true, true, 12, qm_torus_at, NULL);
+    qm_reconstruction *r = start(&g, &layout);
+    qm_mesh mesh = mesh_of(&g, r);
+    assert_int_equal(mesh.face_count, 24);
+    assert_int_equal(mesh.vertex_count, 24);
+    qm_shape_free(&mesh);
+    for (size_t limit = 100; limit <= 6400; limit *= 4) {
+        step_to(&g, r, limit);
+        mesh = mesh_of(&g, r);
+        qm_mesh_facts facts;
+        assert_int_equal(qm_mesh_find_facts(&g.ctx, &mesh, &facts), QM_OK);
+        assert_int_equal(facts.boundary_edges, 0);
+        assert_int_equal(facts.irregular_vertices, 0);
+        assert_int_equal(facts.components, 1);
+        assert_true(facts.manifold);
+        assert_int_equal(facts.quads, mesh.face_count);
+        assert_int_equal(mesh.vertex_count, mesh.face_count);
+        QM_CHECK(least_jacobian(&mesh) > 0.9, "%zu quads: %g", mesh.face_count, least_jacobian(&mesh));
+        qm_shape_free(&mesh);
+    }
+    qm_reconstruction_destroy(&g.ctx, r);
+    qm_layout_free(&layout);
+    ground_free(&g);
+}
+
+/** Doubles until the mesh has the most quads; the distance falls at least so many times each fourfold. */
+static void check_order(qm_mesh surface, qm_layout layout, size_t first, size_t last, double least_fall)
+{
+    ground g;
+    ground_make(&g, surface);
+    qm_reconstruction *r = start(&g, &layout);
+    double before = INFINITY;
+    for (size_t limit = first; limit <= last; limit *= 4) {
+        size_t quads = step_to(&g, r, limit);
+        assert_int_equal(quads, limit);
+        qm_mesh mesh = mesh_of(&g, r);
+        double now = distance(&mesh, &g.mesh);
+        QM_CHECK(now * least_fall <= before, "%zu quads: %g after %g", quads, now, before);
+        before = now;
+        qm_shape_free(&mesh);
+    }
+    qm_reconstruction_destroy(&g.ctx, r);
+    qm_layout_free(&layout);
+    ground_free(&g);
+}
+
+static void distances_fall_by_the_square(void **state)
+{
+    (void)state;
+    check_order(qm_shape_saddle(128), qm_layout_of_grid(3, 2, false, false, 8, qm_saddle_at, NULL), 96, 6144,
+                3.2);
+    check_order(qm_shape_torus(256, 128, 1.0, 0.35),
+                qm_layout_of_grid(6, 4, true, true, 24, qm_torus_at, NULL), 96, 6144, 3.0);
+    /* The four corners of each of these patches lie on one line. */
+    check_order(qm_shape_torus(256, 128, 1.0, 0.35),
+                qm_layout_of_grid(2, 2, true, true, 60, qm_torus_at, NULL), 256, 4096, 3.0);
+}
+
+static void noise_is_averaged_away(void **state)
+{
+    (void)state;
+    qm_mesh truth = qm_shape_torus(192, 96, 1.0, 0.35);
+    qm_box box = qm_mesh_bounding_box(&truth);
+    double noise = 0.002 * qm_box_diagonal(&box);
+    ground g;
+    ground_make(&g, sample_points(qm_torus_at, 30000, noise, 1));
+    qm_layout layout = qm_layout_of_grid(6, 4, true, true, 24, qm_torus_at, NULL);
+    qm_reconstruction *r = start(&g, &layout);
+    step_to(&g, r, 6144);
+    qm_mesh mesh = mesh_of(&g, r);
+    double now = distance(&mesh, &truth);
+    QM_CHECK(now <= 3.0 * 0.002, "%g of the diagonal", now);
+    qm_shape_free(&mesh);
+    qm_reconstruction_destroy(&g.ctx, r);
+    qm_layout_free(&layout);
+    ground_free(&g);
+    qm_shape_free(&truth);
+}
+
+static void same_bits(const qm_mesh *a, const qm_mesh *b)
+{
+    assert_int_equal(a->vertex_count, b->vertex_count);
+    assert_int_equal(a->face_count, b->face_count);
+    assert_memory_equal(a->positions, b->positions, 3 * sizeof(double) * a->vertex_count);
+    assert_memory_equal(a->faces, b->faces, 4 * sizeof(uint32_t) * a->face_count);
+}
+
+static void threads_and_pauses_do_not_change_a_bit(void **state)
+{
+    (void)state;
+    ground g;
+    ground_make(&g, qm_shape_torus(64, 32, 1.0, 0.35));
+    qm_layout layout = qm_layout_of_grid(3, 2, true, true, 16, qm_torus_at, NULL);
+    qm_reconstruction *one = start(&g, &layout), *many;
+    step_to(&g, one, 1536);
+    qm_mesh expected = mesh_of(&g, one);
+    for (int threads = 2; threads <= 7; threads += 5) {
+        qm_reconstruction_options options = qm_reconstruction_options_default();
+        options.thread_count = threads;
+        g.ctx.parallel = qm_parallel_run;
+        assert_int_equal(qm_reconstruction_create(&g.ctx, &g.source, &layout, &options, &many), QM_OK);
+        step_to(&g, many, 1536);
+        qm_mesh mesh = mesh_of(&g, many);
+        same_bits(&mesh, &expected);
+        qm_shape_free(&mesh);
+        qm_reconstruction_destroy(&g.ctx, many);
+    }
+    qm_shape_free(&expected);
+    qm_reconstruction_destroy(&g.ctx, one);
+    qm_layout_free(&layout);
+    ground_free(&g);
+}
+
+static void a_cancelled_step_leaves_the_last_whole_one(void **state)
+{
+    (void)state;
+    ground g;
+    ground_make(&g, qm_shape_torus(64, 32, 1.0, 0.35));
+    qm_layout layout = qm_layout_of_grid(3, 2, true, true, 16, qm_torus_at, NULL);
+    qm_reconstruction *r = start(&g, &layout);
+    step_to(&g, r, 6 * 64);
+    qm_mesh before = mesh_of(&g, r);
+    atomic_bool cancel = true;
+    g.ctx.cancel = &cancel;
+    qm_reconstruction_record record;
+    qm_status status;
+    do /* steps that take vertices of the first grids have nothing to cancel */
+        status = qm_reconstruction_step(&g.ctx, r, 1 << 20, &record);
+    while (status == QM_OK);
+    assert_int_equal(status, QM_E_CANCELED);
+    g.ctx.cancel = NULL;
+    qm_mesh after = mesh_of(&g, r);
+    assert_true(after.face_count >= before.face_count);
+    assert_int_equal(after.face_count, record.quads);
+    size_t quads = record.quads;
+    assert_int_equal(qm_reconstruction_step(&g.ctx, r, 1 << 20, &record), QM_OK);
+    assert_true(record.quads > quads);
+    qm_shape_free(&before);
+    qm_shape_free(&after);
+    qm_reconstruction_destroy(&g.ctx, r);
+    qm_layout_free(&layout);
+    ground_free(&g);
+}
+
+/** Creation on a bad input: refused with words, or a mesh of finite vertices. */
+static void check_refused(qm_mesh surface, qm_layout layout, qm_status expected, const char *words)
+{
+    ground g;
+    ground_make(&g, surface);
+    qm_reconstruction_options options = qm_reconstruction_options_default();
+    qm_reconstruction *r;
+    qm_status status = qm_reconstruction_create(&g.ctx, &g.source, &layout, &options, &r);
+    QM_CHECK(status == expected, "status %d: %s", (int)status, g.ctx.message);
+    QM_CHECK(strstr(g.ctx.message, words) != NULL, "\"%s\" lacks \"%s\"", g.ctx.message, words);
+    assert_null(r);
+    qm_layout_free(&layout);
+    ground_free(&g);
+}
+
+static void layouts_that_do_not_fit_are_named(void **state)
+{
+    (void)state;
+    check_refused(qm_shape_plane(8, 0.0), (qm_layout){0}, QM_E_LAYOUT, "no patch");
+    qm_layout collapsed = qm_layout_of_grid(1, 1, false, false, 4, qm_square_at, NULL);
+    for (size_t k = 0; k < collapsed.curves[1].point_count; k++)
+        memcpy(collapsed.curves[1].points + 3 * k, collapsed.nodes + 3 * (size_t)collapsed.curves[1].from,
+               24);
+    check_refused(qm_shape_plane(8, 0.0), collapsed, QM_E_LAYOUT, "curve 1");
+    /* A second patch beside the surface, which ends at x = 1. */
+    qm_layout beyond = qm_layout_of_grid(2, 1, false, false, 4, qm_square_at, NULL);
+    for (size_t c = 0; c < beyond.curve_count; c++)
+        for (size_t k = 0; k < beyond.curves[c].point_count; k++)
+            beyond.curves[c].points[3 * k] *= 2.0;
+    for (size_t n = 0; n < beyond.node_count; n++)
+        beyond.nodes[3 * n] *= 2.0;
+    check_refused(qm_shape_plane(8, 0.0), beyond, QM_E_LAYOUT, "patch 1");
+}
+
+/** A reconstruction that comes to its end with finite vertices; returns its distance to the truth. */
+static double survive(qm_mesh surface, const qm_layout *layout, const qm_mesh *truth, size_t *holes)
+{
+    ground g;
+    ground_make(&g, surface);
+    qm_reconstruction *r = start(&g, layout);
+    qm_reconstruction_record record;
+    *holes = 0;
+    do {
+        assert_int_equal(qm_reconstruction_step(&g.ctx, r, 1536, &record), QM_OK);
+        *holes += record.holes_filled;
+    } while (record.chords_doubled > 0);
+    qm_mesh mesh = mesh_of(&g, r);
+    double found = distance(&mesh, truth);
+    qm_shape_free(&mesh);
+    qm_reconstruction_destroy(&g.ctx, r);
+    ground_free(&g);
+    return found;
+}
+
+static qm_mesh keep_points(qm_mesh points, bool (*keeps)(const double *p))
+{
+    size_t count = 0;
+    for (size_t i = 0; i < points.vertex_count; i++)
+        if (keeps(points.positions + 3 * i))
+            memcpy(points.positions + 3 * count++, points.positions + 3 * i, 24);
+    points.vertex_count = count;
+    return points;
+}
+
+static bool outside_the_hole(const double *p)
+{
+    return hypot(p[0] - 0.2, p[1] - 0.3) > 0.2;
+}
+
+static void clouds_made_worse_still_give_meshes(void **state)
+{
+    (void)state;
+    qm_mesh truth = qm_shape_saddle(64);
+    qm_layout layout = qm_layout_of_grid(2, 2, false, false, 16, qm_saddle_at, NULL);
+    size_t holes;
+    double plain = survive(sample_points(qm_saddle_at, 8000, 0.0, 2), &layout, &truth, &holes);
+    QM_CHECK(plain < 2e-3, "plain %g", plain);
+
+    double found = survive(keep_points(sample_points(qm_saddle_at, 8000, 0.0, 3), outside_the_hole), &layout,
+                           &truth, &holes);
+    QM_CHECK(found < 0.02 && holes > 0, "hole: %g, %zu vertices filled", found, holes);
+
+    qm_mesh outliers = sample_points(qm_saddle_at, 8000, 0.0, 4);
+    qm_random random = qm_random_make(qm_check_seed(), 5);
+    for (size_t i = 0; i < outliers.vertex_count; i += 100)
+        qm_random_point(&random, -1.5, 1.5, outliers.positions + 3 * i);
+    found = survive(outliers, &layout, &truth, &holes);
+    QM_CHECK(found < 0.02, "outliers: %g", found);
+
+    qm_mesh twice = sample_points(qm_saddle_at, 8000, 0.0, 6);
+    memcpy(twice.positions, twice.positions + 3 * 4000, 4000 * 24);
+    found = survive(twice, &layout, &truth, &holes);
+    QM_CHECK(found < 4e-3, "duplicates: %g", found);
+
+    qm_mesh apart = sample_points(qm_saddle_at, 8000, 0.0, 7);
+    for (size_t i = 0; i < 2000; i++)
+        apart.positions[3 * i + 2] += 20.0;
+    found = survive(apart, &layout, &truth, &holes);
+    QM_CHECK(found < 4e-3, "two clouds: %g", found);
+    qm_layout_free(&layout);
+    qm_shape_free(&truth);
+}
+
+static void what_no_patch_covers_is_counted(void **state)
+{
+    (void)state;
+    ground g;
+    ground_make(&g, qm_shape_torus(96, 48, 1.0, 0.35));
+    qm_layout layout = qm_layout_of_grid(6, 4, true, true, 12, qm_torus_at, NULL);
+    layout.patch_count = 18; /* of 24; the last ones are dropped in place */
+    qm_reconstruction_options options = qm_reconstruction_options_default();
+    qm_reconstruction *r;
+    assert_int_equal(qm_reconstruction_create(&g.ctx, &g.source, &layout, &options, &r), QM_OK);
+    size_t points, uncovered;
+    qm_reconstruction_coverage(r, &points, &uncovered);
+    QM_CHECK(uncovered > points / 10 && uncovered < points / 3, "%zu of %zu", uncovered, points);
+    size_t sum = 0, first = 0;
+    for (size_t p = 0; p < qm_reconstruction_patch_count(r); p++) {
+        qm_reconstruction_patch patch = qm_reconstruction_get_patch(r, p);
+        assert_int_equal(patch.first_face, first);
+        first += (size_t)patch.columns * patch.rows;
+        sum += patch.points;
+    }
+    QM_CHECK(sum > points / 2 && sum < points, "%zu of %zu", sum, points);
+    qm_reconstruction_destroy(&g.ctx, r);
+    layout.patch_count = 24;
+    qm_layout_free(&layout);
+    ground_free(&g);
+}
+
+static qm_status run_once(qm_context *ctx, const qm_source *source, const qm_layout *layout)
+{
+    qm_reconstruction_options options = qm_reconstruction_options_default();
+    qm_reconstruction *r;
+    qm_status status = qm_reconstruction_create(ctx, source, layout, &options, &r);
+    qm_reconstruction_record record;
+    for (int k = 0; k < 10 && status == QM_OK; k++)
+        status = qm_reconstruction_step(ctx, r, 1 << 14, &record);
+    qm_mesh mesh = {0};
+    if (status == QM_OK) status = qm_reconstruction_mesh(ctx, r, &mesh);
+    qm_mesh_reset(ctx, &mesh);
+    qm_reconstruction_destroy(ctx, r);
+    return status;
+}
+
+static void running_out_of_memory_is_a_status_at_every_place(void **state)
+{
+    (void)state;
+    ground g;
+    ground_make(&g, qm_shape_plane(8, 0.0));
+    qm_layout layout = qm_layout_of_grid(1, 1, false, false, 2, qm_square_at, NULL);
+    qm_status status = QM_E_NO_MEMORY;
+    for (size_t fail_at = 0; status != QM_OK; fail_at += 1 + fail_at / 16) {
+        qm_failing_allocator memory = {.fail_at = fail_at};
+        qm_context ctx = {.allocator = qm_failing_allocator_hook(&memory)};
+        status = run_once(&ctx, &g.source, &layout);
+        QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %s", fail_at, ctx.message);
+        QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "call %zu leaves %zu blocks", fail_at,
+                 memory.live_blocks);
+    }
+    qm_layout_free(&layout);
+    ground_free(&g);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(meshes_are_semi_regular),
+        cmocka_unit_test(distances_fall_by_the_square),
+        cmocka_unit_test(noise_is_averaged_away),
+        cmocka_unit_test(threads_and_pauses_do_not_change_a_bit),
+        cmocka_unit_test(a_cancelled_step_leaves_the_last_whole_one),
+        cmocka_unit_test(layouts_that_do_not_fit_are_named),
+        cmocka_unit_test(clouds_made_worse_still_give_meshes),
+        cmocka_unit_test(what_no_patch_covers_is_counted),
+        cmocka_unit_test(running_out_of_memory_is_a_status_at_every_place),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
