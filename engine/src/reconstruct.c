@@ -129,6 +129,7 @@ static qm_status build(qm_context *ctx, qm_reconstruction *r)
     qm_status status = allocate(ctx, r);
     if (status == QM_OK) status = qm_chords_find(ctx, r);
     if (status == QM_OK) status = qm_tracks_create(ctx, r);
+    if (status == QM_OK) status = qm_tracks_detour(ctx, r, first_samples(r));
     if (status == QM_OK) status = qm_tracks_set_vertices(ctx, r);
     if (status == QM_OK) status = qm_atlas_join_patches(ctx, r);
     qm_samples samples = {0};

@@ -37,18 +37,29 @@ static void set_arc(const double *points, size_t count, double *arc)
         arc[i] = arc[i - 1] + qm_vec_distance(qm_vec_load(points + 3 * i - 3), qm_vec_load(points + 3 * i));
 }
 
-/** Fine points at equal length along the drawn curve, then on the surface. */
-static void lay_track(const qm_reconstruction *r, const qm_curve *curve, const double *arc, qm_track *track)
+/** Fine points at equal length along a polyline, then on the surface. */
+static void lay_points(const qm_reconstruction *r, const double *points, const double *arc, size_t count,
+                       qm_track *track)
 {
     size_t at = 0, last = track->point_count - 1;
     for (size_t i = 0; i <= last; i++) {
-        double length = arc[curve->point_count - 1] * ((double)i / (double)last);
-        qm_vec_store(track->points + 3 * i,
-                     i == last ? qm_vec_load(curve->points + 3 * (curve->point_count - 1))
-                               : point_along(curve->points, arc, curve->point_count, length, &at));
+        double length = arc[count - 1] * ((double)i / (double)last);
+        qm_vec_store(track->points + 3 * i, i == last ? qm_vec_load(points + 3 * (count - 1))
+                                                      : point_along(points, arc, count, length, &at));
         pull(r, track->points + 3 * i);
     }
     set_arc(track->points, track->point_count, track->arc);
+}
+
+qm_status qm_track_lay(qm_context *ctx, const qm_reconstruction *r, const double *points, size_t count,
+                       qm_track *track)
+{
+    double *arc = qm_context_alloc(ctx, count, sizeof *arc);
+    if (!arc) return no_memory(ctx);
+    set_arc(points, count, arc);
+    lay_points(r, points, arc, count, track);
+    qm_context_free(ctx, arc, count, sizeof *arc);
+    return QM_OK;
 }
 
 static qm_status create_track(qm_context *ctx, qm_reconstruction *r, size_t place)
@@ -59,14 +70,8 @@ static qm_status create_track(qm_context *ctx, qm_reconstruction *r, size_t plac
     track->point_count = (count < FINE_EDGES ? FINE_EDGES : count) + 1;
     track->points = qm_context_alloc(ctx, track->point_count, ROW);
     track->arc = qm_context_alloc(ctx, track->point_count, sizeof *track->arc);
-    double *arc = qm_context_alloc(ctx, curve->point_count, sizeof *arc);
-    qm_status status = track->points && track->arc && arc ? QM_OK : no_memory(ctx);
-    if (status == QM_OK) {
-        set_arc(curve->points, curve->point_count, arc);
-        lay_track(r, curve, arc, track);
-    }
-    qm_context_free(ctx, arc, curve->point_count, sizeof *arc);
-    return status;
+    if (!track->points || !track->arc) return no_memory(ctx);
+    return qm_track_lay(ctx, r, curve->points, curve->point_count, track);
 }
 
 qm_status qm_tracks_create(qm_context *ctx, qm_reconstruction *r)

@@ -4,6 +4,7 @@
  *   reconstruct.c          creation, the step
  *   reconstruct_chords.c   which curves are doubled together, and which go first
  *   reconstruct_curves.c   curves on the surface, vertices at equal arc length
+ *   reconstruct_detours.c  curves led round where they leave the surface for good
  *   reconstruct_grids.c    grids of vertices: Coons patches, doubling, fairing
  *   reconstruct_samples.c  points of the surface, and their parameters in the grids
  *   reconstruct_place.c    inner vertices from the points that enclose them
@@ -113,6 +114,13 @@ double qm_chords_longest(const qm_reconstruction *r);
 
 /** Lays the curves on the surface; then vertices of each at its chord's count. */
 qm_status qm_tracks_create(qm_context *ctx, qm_reconstruction *r);
+/** Lays the fine points of a track along a polyline. */
+qm_status qm_track_lay(qm_context *ctx, const qm_reconstruction *r, const double *points, size_t count,
+                       qm_track *track);
+
+/** Leads curves that jump from one sheet of the surface to another round along it, over so many samples. */
+qm_status qm_tracks_detour(qm_context *ctx, qm_reconstruction *r, size_t wanted);
+
 /** Point and direction of a curve at a share of its length. */
 void qm_track_at(const qm_track *track, double share, double position[3], qm_vec *tangent);
 qm_status qm_tracks_set_vertices(qm_context *ctx, qm_reconstruction *r);

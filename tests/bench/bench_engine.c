@@ -16,6 +16,7 @@ static const char usage[] =
     "       bench_engine project MESH POINTS [--threads N] [--accelerator A]\n"
     "                                                               nearest points of a file of points\n"
     "       bench_engine refit MESH [--threads N]                   trees that follow moving vertices\n"
+    "       bench_engine reconstruct SURFACE LAYOUT --count QUADS [--threads N]\n"
     "       bench_engine draw MESH PREFIX --count N --seed N        PREFIX.near, PREFIX.mid, PREFIX.far\n"
     "       bench_engine export MESH PREFIX [--shift X] [--noise X] PREFIX.vertices, PREFIX.triangles\n"
     "       bench_engine kernel                                     the instruction set in use\n"
@@ -90,6 +91,8 @@ static bool run(const char *command, char **operands, int operand_count, setting
         bench_hausdorff(question);
     } else if (strcmp(command, "project") == 0) {
         bench_project(first, second, question->accelerator, question->threads);
+    } else if (strcmp(command, "reconstruct") == 0) {
+        bench_reconstruct(first, second, given->count, question->threads);
     } else if (strcmp(command, "draw") == 0) {
         bench_draw(first, given->count, given->seed, second);
     } else if (strcmp(command, "export") == 0) {

@@ -16,6 +16,9 @@ typedef struct bench_change {
 
 _Noreturn void bench_fail(const char *subject, const char *detail);
 
+/** Reads a file of any format, which may be a point set; the mesh is the caller's, for qm_mesh_reset. */
+qm_mesh bench_read_any(qm_context *ctx, const char *path);
+
 /** Reads a mesh file of any format and disturbs it; the mesh is the caller's, for qm_mesh_reset. */
 qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *change);
 
@@ -53,5 +56,9 @@ void bench_project(const char *path, const char *points_path, qm_accelerator acc
 
 /** Times how trees follow the vertices of a mesh, and prints that beside their building and memory. */
 void bench_refit(const char *path, int threads);
+
+/** Times a reconstruction from a layout file up to so many quads, and picks on the surface, and prints them.
+ */
+void bench_reconstruct(const char *path, const char *layout_path, size_t max_quads, int threads);
 
 #endif

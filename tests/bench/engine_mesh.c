@@ -48,6 +48,15 @@ static void disturb(qm_mesh *mesh, const bench_change *change)
 
 qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *change)
 {
+    qm_mesh mesh = bench_read_any(ctx, path);
+    if (mesh.face_count == 0)
+        bench_fail(path, "is a set of points; this part of the benchmark takes surfaces");
+    if (change->shift != 0.0 || change->noise != 0.0) disturb(&mesh, change);
+    return mesh;
+}
+
+qm_mesh bench_read_any(qm_context *ctx, const char *path)
+{
     size_t size;
     uint8_t *bytes = read_file(path, &size);
     qm_codec_limits limits = {QM_NO_INDEX - 1, QM_NO_INDEX - 1};
@@ -59,8 +68,6 @@ qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *c
                         &limits, &mesh, &report);
     free(bytes);
     if (status != QM_OK) bench_fail(path, report.detail);
-    if (mesh.face_count == 0) bench_fail(path, "is a set of points; the benchmark takes surfaces");
-    if (change->shift != 0.0 || change->noise != 0.0) disturb(&mesh, change);
     return mesh;
 }
 

@@ -26,6 +26,7 @@ import time
 import bench_accelerators
 import bench_hausdorff
 import bench_projection
+import bench_reconstruct
 import bench_service
 import bench_twins
 import bench_variants
@@ -34,7 +35,9 @@ import pairs as meshes
 import programs as catalogue
 
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection,
-         "accelerators": bench_accelerators, "service": bench_service}
+         "accelerators": bench_accelerators, "service": bench_service,
+
+         "reconstruct": bench_reconstruct}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")
 
 

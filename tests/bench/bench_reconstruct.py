@@ -1,0 +1,85 @@
+"""Reconstructions: time by size on a ring of points, and what becomes of the layouts of the data folder."""
+import json
+import subprocess
+import sys
+
+import measuring
+import pairs as meshes
+import programs as catalogue
+import tables
+
+DEMO = catalogue.ROOT / "clients" / "demo" / "models.py"
+# Points, most quads, and the milliseconds that they may take on one core.
+SIZES = ((100000, 10000, 1000.0), (1000000, 40000, 8000.0))
+LAYOUTS = (("torus_6x4", "grids/torus_384x192_tris.ply"), ("torus_2x2", "grids/torus_384x192_tris.ply"),
+           ("torus_2x2", "clouds/torus_20k.xyz"), ("saddle_3x2", "grids/saddle_200x200_tris.ply"),
+           ("rounded_box_12_edges", "grids/rounded_box_tris.ply"), ("rounded_box_3x3x3", "grids/rounded_box_tris.ply"),
+           ("rounded_box_3x3x3", "clouds/rounded_box_20k_points.obj"), ("bunny_coarse", "pairs/bunny/tri.obj"),
+           ("bunny_coarse_sketched", "pairs/bunny/tri.obj"), ("bunny_coarse", "clouds/bunny_100k.ply"),
+           ("bunny_coarse", "clouds/bunny_40k_noise_0.2pct.ply"), ("spot_coarse", "pairs/spot/tri.obj"),
+           ("spot_coarse", "clouds/spot_10k.ascii.ply"))
+
+
+def time_ring(settings, points, quads):
+    folder = catalogue.OUT / "arrays"
+    folder.mkdir(parents=True, exist_ok=True)
+    surface, layout = folder / f"ring-{points}.xyz", folder / "ring.json"
+    if not surface.exists():
+        subprocess.run([sys.executable, DEMO, "ring", str(points), surface, layout], check=True)
+    command = measuring.engine("reconstruct", surface, layout, "--count", quads)
+    return measuring.by_turns(settings, [measuring.Question("ours", command, settings.runs)])["ours"]
+
+
+def describe_ring(points, answer):
+    if "failed" in answer:
+        return [str(points), answer["failed"], *[""] * 5]
+    return [str(points), str(answer["quads"]), tables.ms(answer["query_ms"]), tables.ms(answer["build_ms"]),
+            f"{answer['stroke_ms']:.4f}", f"{answer['pick_ms']:.4f}", f"{answer['slowest_pick_ms']:.4f}"]
+
+
+def refine(layout, surface):
+    """The steps of the command line; distances as shares of the diagonal."""
+    out = catalogue.OUT / "reconstruction.obj"
+    done = subprocess.run([catalogue.ROOT / "build" / "quadmesh", "reconstruct", surface, layout, "-o", out, "--quads",
+                           "30000", "--json"], capture_output=True, text=True, check=False)
+    if done.returncode != 0:
+        return {"failed": done.stderr.strip()[:200] or done.stdout.strip()[:200]}
+    return {"steps": [json.loads(line) for line in done.stdout.splitlines()]}
+
+
+def describe_layout(name, surface, row):
+    if "failed" in row:
+        return [name, surface, row["failed"], "", ""]
+    steps = [f"{step['quads']}: {step['hausdorff']['upper_relative']:.2e}" for step in row["steps"]]
+    holes = sum(step["holes_filled"] for step in row["steps"])
+    return [name, surface, ", ".join(steps), str(holes), tables.ms(sum(step["step_ms"] for step in row["steps"]))]
+
+
+def run(settings, programs, pairs, say):
+    del programs, pairs
+    rows, faults, lines = [], [], []
+    for points, quads, limit in SIZES:
+        say(f"reconstruction, {points} points")
+        answer = time_ring(settings, points, quads)
+        rows.append({"points": points, "limit_ms": limit, "answers": {"ours": answer}})
+        lines.append(describe_ring(points, answer))
+        if "failed" in answer:
+            faults.append(f"reconstruction of {points} points failed: {answer['failed']}")
+    print("## Reconstruction\n\nA ring of points with 12 patches, all steps together, one thread, ms; the tree over the "
+          "points apart; a stroke's set-up, a pick and the slowest of 2000 picks.\n")
+    print(tables.table(["points:", "quads:", "steps:", "tree:", "set-up:", "pick:", "slowest:"], lines))
+    lines = []
+    for name, surface in LAYOUTS:
+        layout, path = meshes.data_folder() / "layouts" / f"{name}.json", meshes.data_folder() / surface
+        if not layout.exists() or not path.exists():
+            continue
+        say(f"reconstruction, {name} on {surface}")
+        rows.append({"layout": name, "surface": surface, **refine(layout, path)})
+        lines.append(describe_layout(name, surface, rows[-1]))
+        if "failed" in rows[-1]:
+            faults.append(f"{name} on {surface}: {rows[-1]['failed']}")
+    if lines:
+        print("\nQuads and the distance after each step, as a share of the diagonal (two-sided on meshes, points to mesh "
+              "on point sets), vertices that no points enclose, and the steps' time in ms:\n")
+        print(tables.table(["layout", "surface", "quads: distance", "holes:", "ms:"], lines))
+    return rows, faults
