@@ -36,7 +36,6 @@ import programs as catalogue
 
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection,
          "accelerators": bench_accelerators, "service": bench_service,
-
          "reconstruct": bench_reconstruct}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")
 
