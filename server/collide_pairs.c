@@ -27,12 +27,29 @@ static qm_status tell(qm_context *ctx, const qm_mesh *a, const qm_mesh *b, const
     return QM_OK;
 }
 
+/** All pairs are kept for the next time; the first, or any, would not do. */
+static qm_status collide_self(qm_context *ctx, const qm_loaded_mesh *mesh, const qm_collide_options *options,
+                              bool incremental, qm_told_pairs *out)
+{
+    qm_collide_changes changes;
+    bool finds_all = options->mode == QM_COLLIDE_ALL && mesh->self_pairs;
+    out->is_incremental =
+        finds_all && incremental && qm_self_pairs_recall(mesh->self_pairs, options, &changes);
+    qm_status status =
+        qm_collide_self(ctx, mesh->bvh, options, out->is_incremental ? &changes : NULL, &out->found);
+    if (status == QM_OK && finds_all)
+        qm_self_pairs_keep(mesh->self_pairs, options, out->found.pairs, out->found.pair_count);
+    if (out->is_incremental) qm_self_pairs_release(&changes);
+    return status;
+}
+
 qm_status qm_told_pairs_find(qm_context *ctx, const qm_loaded_mesh *a, const qm_loaded_mesh *b,
-                             const qm_collide_options *options, size_t list_limit, qm_told_pairs *out)
+                             const qm_collide_options *options, bool incremental, size_t list_limit,
+                             qm_told_pairs *out)
 {
     *out = (qm_told_pairs){0};
     qm_status status = b ? qm_collide_meshes(ctx, a->bvh, b->bvh, options, &out->found)
-                         : qm_collide_self(ctx, a->bvh, options, NULL, &out->found);
+                         : collide_self(ctx, a, options, incremental, out);
     if (status == QM_OK) status = tell(ctx, &a->mesh, b ? &b->mesh : &a->mesh, options, list_limit, out);
     if (status != QM_OK) qm_told_pairs_reset(ctx, out);
     return status;

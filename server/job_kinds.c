@@ -160,7 +160,8 @@ static qm_status run_collision(const question *q, qm_job_result *out)
     options.mode = q->request->mode;
     options.tolerance = out->tolerance = absolute_tolerance(q);
     options.thread_count = q->threads;
-    return qm_told_pairs_find(q->ctx, q->a, q->b, &options, q->request->list_limit, &out->pairs);
+    return qm_told_pairs_find(q->ctx, q->a, q->b, &options, q->request->incremental, q->request->list_limit,
+                              &out->pairs);
 }
 
 static void reset_self_collision(qm_context *ctx, qm_job_result *result)

@@ -328,7 +328,7 @@ static void write_self_collision_result(qm_text *out, const qm_job_request *requ
                                         const qm_job_result *result)
 {
     write_pairs(out, request, result);
-    qm_json_add_bool(out, "incremental", false);
+    qm_json_add_bool(out, "incremental", result->pairs.is_incremental);
     qm_json_add_number(out, "prepare_ms", result->prepare_a_ms);
     qm_json_add_number(out, "elapsed_ms", result->pairs.found.elapsed_ms);
 }

@@ -52,6 +52,10 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
         status = qm_bvh_build(ctx, &out->mesh, preparation->parts, preparation->thread_count, &out->bvh);
     if (status == QM_OK && has_patches && preparation->has_tetra)
         status = qm_tetra_build(ctx, out->bvh, &out->patches, &out->tetra);
+    if (status == QM_OK && preparation->keeps_pairs) {
+        out->self_pairs = qm_self_pairs_create(out->mesh.vertex_count);
+        if (!out->self_pairs) status = QM_E_NO_MEMORY;
+    }
     out->bvh_ms = qm_now_ms() - built;
     return status;
 }
@@ -148,6 +152,7 @@ qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *p
     mesh->box = qm_mesh_bounding_box(&mesh->mesh);
     mesh->diagonal = qm_box_diagonal(&mesh->box);
     mesh->revision++;
+    if (mesh->self_pairs) qm_self_pairs_move(mesh->self_pairs, vertices, vertex_count);
     qm_status status = mesh->deformer ? QM_OK : qm_deformer_build(ctx, mesh->bvh, &mesh->deformer);
     if (status == QM_OK && vertices)
         status = qm_deformer_find_faces(ctx, mesh->deformer, vertices, vertex_count, &faces, &face_count);
@@ -165,6 +170,7 @@ qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *p
 void qm_loaded_mesh_reset(qm_context *ctx, qm_loaded_mesh *mesh)
 {
     qm_deformer_destroy(ctx, mesh->deformer);
+    qm_self_pairs_destroy(mesh->self_pairs);
     qm_tetra_destroy(ctx, mesh->tetra);
     qm_patch_set_reset(ctx, &mesh->patches);
     qm_bvh_destroy(ctx, mesh->bvh);

@@ -7,6 +7,7 @@
 
 #include "codec.h"
 #include "qm/deform.h"
+#include "self_pairs.h"
 
 typedef struct qm_loaded_mesh {
     qm_mesh mesh;
@@ -16,8 +17,9 @@ typedef struct qm_loaded_mesh {
     qm_mesh_facts facts;
     qm_box box;
     double diagonal;
-    uint64_t revision;     /* deformations of the file's mesh so far */
-    qm_deformer *deformer; /* made by the first deformation in memory; NULL before */
+    uint64_t revision;         /* deformations of the file's mesh so far */
+    qm_self_pairs *self_pairs; /* what is known of its own collisions; NULL when it is not to be kept */
+    qm_deformer *deformer;     /* made by the first deformation in memory; NULL before */
     qm_format format;
     size_t file_size;
     double parse_ms, topology_ms, patches_ms, bvh_ms;
@@ -30,6 +32,7 @@ typedef struct qm_loaded_mesh {
 typedef struct qm_preparation {
     bool has_facts;     /* counts facts, and warns of what they tell; otherwise facts are all zero */
     bool has_patches;   /* finds the patches of a mesh with quads; needs has_facts */
+    bool keeps_pairs;   /* of self-collisions, for those that come after a deformation */
     bool has_tetra;     /* builds offset tetrahedra over them; needs a tree that is a target */
     qm_bvh_parts parts; /* of the tree */
     int thread_count;   /* 1 or more; more than one is used only with ctx->parallel */

@@ -160,6 +160,7 @@ qm_preparation qm_meshes_preparation(const qm_meshes *meshes)
     return (qm_preparation){.has_facts = true,
                             .has_patches = true,
                             .has_tetra = true,
+                            .keeps_pairs = true,
                             .parts = QM_BVH_ALL,
                             .thread_count = meshes->threads};
 }

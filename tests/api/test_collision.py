@@ -1,9 +1,11 @@
 """Where surfaces meet and how far they are apart: known pairs, definitions, bounds, and all pairs as rows."""
 import math
+import random
 import struct
 
 import pytest
 
+import shapes
 from conftest import check_problem
 
 FLOOR = ([(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], [(0, 1, 2, 3)])
@@ -144,3 +146,25 @@ def test_bad_fields_are_named(client, pair, fields, pointer):
     reply = client.post("/v1/jobs", json={"type": "collision", "a": pair[0], "b": pair[1], **fields})
     problem = check_problem(reply, 400, "invalid_field")
     assert problem["errors"][0]["pointer"] == pointer
+
+
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+def test_incremental_after_deformations_is_a_full_run(client, request, quads):
+    # A sheet whose rows are drawn through one another step by step.
+    chance = random.Random(7)
+    vertices, faces = shapes.saddle(12)
+    mesh = client.upload(shapes.obj((vertices, faces)), name=request.node.name, format="obj")["id"]
+    fields = {"mesh": mesh, "quads": quads, "tolerance": 1e-6, "tolerance_unit": "absolute"}
+    ask(client, "self_collision", **fields)
+    found = 0
+    for _ in range(6):
+        moved = chance.sample(range(len(vertices)), 5)
+        places = [[x + chance.uniform(-0.5, 0.5) for x in vertices[i]] for i in moved]
+        reply = client.patch(f"/v1/meshes/{mesh}/vertices", json={"indices": moved, "positions": places})
+        assert reply.status_code == 200, reply.text
+        some = ask(client, "self_collision", incremental=True, **fields)["result"]
+        every = ask(client, "self_collision", **fields)["result"]
+        assert some["incremental"] is True and every["incremental"] is False
+        assert [pair["faces"] for pair in some["pairs"]] == [pair["faces"] for pair in every["pairs"]]
+        found += some["count"]
+    assert found > 0

@@ -54,7 +54,9 @@ def test_the_types_that_are_offered_are_described(route):
     for status, response in operations()[route]["responses"].items():
         if status.startswith("2"):
             described |= set(resolve(response).get("content", {}))
-    assert described == routes()[route]
+    # What only sends the client elsewhere has no content of its own.
+    only_redirects = all(not status.startswith("2") for status in operations()[route]["responses"])
+    assert described == (set() if only_redirects else routes()[route])
 
 
 def test_every_refusal_is_a_problem_document():

@@ -35,7 +35,8 @@ import pairs as meshes
 import programs as catalogue
 
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection,
-         "accelerators": bench_accelerators, "service": bench_service, "reconstruct": bench_reconstruct}
+         "accelerators": bench_accelerators, "service": bench_service,
+         "reconstruct": bench_reconstruct}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")
 
 

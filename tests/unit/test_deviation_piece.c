@@ -171,7 +171,7 @@ static void pieces_of_triangles_hold(void **state)
 static void pieces_of_patches_hold(void **state)
 {
     (void)state;
-    check_soups(QM_QUADS_BILINEAR, qm_check_long() ? 1000 : 8, 2);
+    check_soups(QM_QUADS_BILINEAR, qm_check_long() ? 300 : 8, 2);
 }
 
 int main(void)

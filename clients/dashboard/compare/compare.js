@@ -25,6 +25,7 @@ export function showCompare(panel) {
   let leaveDeviation = new AbortController();
   let redrawHistogram = () => {};
   let isFollowed = false;
+  let pairKey = "";
   let view = "nothing yet";
   setLook({ structure: false });
 
@@ -73,7 +74,10 @@ export function showCompare(panel) {
     const witness = measurement.result?.witness;
     const isSamePair = measurement.job?.request.a === state.a && measurement.job?.request.b === state.b;
     fly.disabled = !witness || !isSamePair || !currentStage();
-    currentStage()?.setPair(witness && isSamePair ? { from: witness.from.point, to: witness.to.point } : null);
+    const points = witness && isSamePair ? { from: witness.from.point, to: witness.to.point } : null;
+    const key = currentStage() ? JSON.stringify([points, currentStage()?.frame]) : "";
+    if (key !== pairKey) currentStage()?.setPair(points);
+    pairKey = key;
     if (!witness || !isSamePair || isFollowed || !currentStage()) return;
     isFollowed = true;
     if (!parameter("eye")) currentStage()?.flyToPair();
@@ -106,7 +110,6 @@ export function showCompare(panel) {
   function measure() {
     isFollowed = false;
     setParameters({ ...settings, a: state.a, b: state.b, job: null, eye: null });
-    currentStage()?.setPair(null);
     measurement.ask(readRequest()).then(() => setParameters({ job: measurement.job?.id }));
   }
 

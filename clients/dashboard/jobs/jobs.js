@@ -21,7 +21,7 @@ export function showJobs(panel) {
   const table = h("table", { "aria-labelledby": "jobs-title" },
     h("thead", {}, h("tr", {}, ...HEADS.map(([words, isNumber]) => h("th", { scope: "col", className: isNumber ? "number" : "" }, words)), h("td"))), body);
   panel.append(h("section", { className: "section", "aria-labelledby": "jobs-title" },
-    h("header", {}, title), h("div", { className: "scroll", tabIndex: 0, role: "region", "aria-labelledby": "jobs-title" }, table), empty));
+    h("header", {}, title), h("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "All jobs" }, table), empty));
   const draw = () => {
     const focused = body.contains(document.activeElement) ? document.activeElement?.getAttribute("data-key") : null;
     body.replaceChildren(...state.jobs.map(row));

@@ -22,15 +22,12 @@ export function thumbnailOf(mesh) {
 }
 
 /** Takes the picture of a mesh that fills the view by now. @param {Mesh} mesh */
-export function noteShown(mesh) {
+export async function noteShown(mesh) {
   const stage = currentStage();
   if (!stage || pictures.has(keyOf(mesh))) return;
-  stage.drawNow();
-  const { width, height } = stage.canvas;
-  const share = Math.min(width / WIDTH, height / HEIGHT);
+  const picture = await stage.toThumbnail(WIDTH, HEIGHT);
   const canvas = h("canvas", { width: WIDTH, height: HEIGHT });
-  canvas.getContext("2d")?.drawImage(stage.canvas, (width - share * WIDTH) / 2, (height - share * HEIGHT) / 2,
-    share * WIDTH, share * HEIGHT, 0, 0, WIDTH, HEIGHT);
+  canvas.getContext("2d")?.putImageData(picture, 0, 0);
   canvas.toBlob((blob) => {
     if (!blob) return;
     pictures.set(keyOf(mesh), URL.createObjectURL(blob));

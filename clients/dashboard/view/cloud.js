@@ -1,71 +1,94 @@
 // Normals of a point set: of each point, the direction in which its neighbours spread least (Hoppe et al. 1992, section
-// 3.1). The neighbours are found by a grid of cells.
+// 3.1). The points are sorted by the cells of a grid, row by row: the cells round one are three in each of nine rows, and
+// a sweep over all cells moves nine places onward through the sorted points.
 
-const MOST_NEIGHBOURS = 24;
+const MOST_NEIGHBOURS = 16;
+const MOST_CANDIDATES = 128;
+const CELL_SPACINGS = 2.2;
+const MOST_CELLS = 1500;
 
 /**
- * A grid whose cells hold a few points each on a surface.
+ * The order of keys, by three passes of eleven bits.
+ * @param {Uint32Array} keys
+ */
+function sortOrder(keys) {
+  let order = new Uint32Array(keys.length).map((_, place) => place);
+  let sorted = new Uint32Array(keys.length);
+  for (const shift of [0, 11, 22]) {
+    const next = new Uint32Array(2049);
+    for (const key of keys) next[((key >>> shift) & 2047) + 1]++;
+    for (let digit = 1; digit <= 2048; digit++) next[digit] += next[digit - 1];
+    for (const place of order) sorted[next[(keys[place] >>> shift) & 2047]++] = place;
+    [order, sorted] = [sorted, order];
+  }
+  return order;
+}
+
+/**
  * @param {Float32Array} points rows of x, y, z, about as large as 1
  */
 function makeGrid(points) {
   const count = points.length / 3;
   const low = [Infinity, Infinity, Infinity];
   const high = [-Infinity, -Infinity, -Infinity];
-  for (let i = 0; i < points.length; i++) {
-    const k = i % 3;
+  for (let i = 0, k = 0; i < points.length; i++, k = k === 2 ? 0 : k + 1) {
     if (points[i] < low[k]) low[k] = points[i];
     if (points[i] > high[k]) high[k] = points[i];
   }
   const extent = Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) || 1;
-  const size = (1.5 * extent) / Math.sqrt(count);
-  const tableSize = 2 ** Math.ceil(Math.log2(count + 1));
-  const first = new Uint32Array(tableSize + 1);
-  const cellOf = (/** @type {number} */ i, /** @type {number} */ j, /** @type {number} */ k) =>
-    ((Math.imul(i, 73856093) ^ Math.imul(j, 19349663) ^ Math.imul(k, 83492791)) >>> 0) % tableSize;
-  const placeOf = (/** @type {number} */ point, /** @type {number} */ k) => Math.floor((points[3 * point + k] - low[k]) / size);
-  const cells = new Uint32Array(count);
+  const spacing = extent / Math.sqrt(count);
+  const size = Math.max(CELL_SPACINGS * spacing, extent / MOST_CELLS);
+  // A margin of a cell on each side, so that no neighbour is in another row.
+  const sides = low.map((value, k) => Math.floor((high[k] - value) / size) + 3);
+  const keys = new Uint32Array(count);
   for (let p = 0; p < count; p++) {
-    cells[p] = cellOf(placeOf(p, 0), placeOf(p, 1), placeOf(p, 2));
-    first[cells[p] + 1]++;
+    const i = Math.floor((points[3 * p] - low[0]) / size), j = Math.floor((points[3 * p + 1] - low[1]) / size);
+    keys[p] = ((i + 1) * sides[1] + j + 1) * sides[2] + Math.floor((points[3 * p + 2] - low[2]) / size) + 1;
   }
-  for (let c = 1; c <= tableSize; c++) first[c] += first[c - 1];
-  const members = new Uint32Array(count);
-  const next = first.slice();
-  for (let p = 0; p < count; p++) members[next[cells[p]]++] = p;
-  return { first, members, size, cellOf, placeOf };
+  const order = sortOrder(keys);
+  const sortedKeys = keys.map((_, place) => keys[order[place]]);
+  const sorted = new Float32Array(points.length);
+  for (let place = 0; place < count; place++) {
+    for (let k = 0; k < 3; k++) sorted[3 * place + k] = points[3 * order[place] + k];
+  }
+  return { order, keys: sortedKeys, points: sorted, size, spacing, rowLength: sides[2], layerLength: sides[1] * sides[2] };
 }
 
 /**
- * @param {Float32Array} points
+ * @param {Float32Array} cloud rows of x, y, z
  * @returns {{ normals: Int8Array, spacing: number }} rows of four bytes; spacing: about the distance of neighbours
  */
-export function cloudNormals(points) {
-  const { first, members, size, cellOf, placeOf } = makeGrid(points);
-  const count = points.length / 3;
-  const normals = new Int8Array(4 * count);
+export function cloudNormals(cloud) {
+  const { order, keys, points, size, spacing, rowLength, layerLength } = makeGrid(cloud);
+  const normals = new Int8Array((4 * cloud.length) / 3);
+  const rows = [-1, 0, 1].flatMap((i) => [-1, 0, 1].map((j) => i * layerLength + j * rowLength));
+  const at = new Uint32Array(9);
+  const candidates = new Uint32Array(MOST_CANDIDATES);
   const near = new Uint32Array(MOST_NEIGHBOURS);
-  for (let p = 0; p < count; p++) {
-    const [ci, cj, ck] = [placeOf(p, 0), placeOf(p, 1), placeOf(p, 2)];
-    let found = 0;
-    for (let i = ci - 1; i <= ci + 1; i++) {
-      for (let j = cj - 1; j <= cj + 1; j++) {
-        for (let k = ck - 1; k <= ck + 1; k++) {
-          const cell = cellOf(i, j, k);
-          for (let m = first[cell]; m < first[cell + 1]; m++) {
-            const q = members[m];
-            const dx = points[3 * q] - points[3 * p], dy = points[3 * q + 1] - points[3 * p + 1];
-            const dz = points[3 * q + 2] - points[3 * p + 2];
-            if (dx * dx + dy * dy + dz * dz > size * size) continue;
-            // A crowded cell gives a sample of its points, spread over them.
-            if (found < MOST_NEIGHBOURS) near[found++] = q;
-            else near[Math.imul(q, 40503) % MOST_NEIGHBOURS & 15] = q;
-          }
-        }
-      }
+  for (let from = 0, to = 0; from < keys.length; from = to) {
+    const key = keys[from];
+    while (to < keys.length && keys[to] === key) to++;
+    let count = 0;
+    for (let row = 0; row < 9; row++) {
+      const first = key + rows[row] - 1;
+      let place = at[row];
+      while (place < keys.length && keys[place] < first) place++;
+      at[row] = place;
+      // Of a crowded row only some, so that each row has its share.
+      for (const end = count + 14; place < keys.length && keys[place] <= first + 2 && count < end; place++) candidates[count++] = place;
     }
-    writeNormal(points, near, found, normals, 4 * p);
+    for (let place = from; place < to; place++) {
+      const x = points[3 * place], y = points[3 * place + 1], z = points[3 * place + 2];
+      let found = 0;
+      for (let c = 0; c < count && found < MOST_NEIGHBOURS; c++) {
+        const q = 3 * candidates[c];
+        const dx = points[q] - x, dy = points[q + 1] - y, dz = points[q + 2] - z;
+        if (dx * dx + dy * dy + dz * dz <= size * size) near[found++] = candidates[c];
+      }
+      writeNormal(points, near, found, normals, 4 * order[place]);
+    }
   }
-  return { normals, spacing: size / 1.5 };
+  return { normals, spacing };
 }
 
 /**
@@ -107,7 +130,8 @@ function writeNormal(points, near, count, out, at) {
   const least = mean + 2 * spread * Math.cos(angle + (2 * Math.PI) / 3);
   const r0 = [xx - least, xy, xz], r1 = [xy, yy - least, yz], r2 = [xz, yz, zz - least];
   let best = 0;
-  for (const [u, v] of [[r0, r1], [r0, r2], [r1, r2]]) {
+  for (let pair = 0; pair < 3; pair++) {
+    const u = pair < 2 ? r0 : r1, v = pair === 0 ? r1 : r2;
     const x = u[1] * v[2] - u[2] * v[1], y = u[2] * v[0] - u[0] * v[2], z = u[0] * v[1] - u[1] * v[0];
     const length = Math.sqrt(x * x + y * y + z * z);
     if (length <= best) continue;

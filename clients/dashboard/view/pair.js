@@ -55,7 +55,7 @@ export class Pair {
     position.setXYZ(0, from.x, from.y, from.z);
     position.setXYZ(1, to.x, to.y, to.z);
     position.needsUpdate = true;
-    this.line.color.setRGB(base.x, base.y, base.z, "srgb");
+    this.line.color.setRGB(base.x, base.y, base.z);
     this.ends.uniforms.base.value = base;
   }
 

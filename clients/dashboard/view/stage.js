@@ -1,6 +1,6 @@
 // The 3D view: which models are there, how they are drawn, and when. Loaded on demand, for three.js is large.
 
-import { Color, Scene, Vector3, WebGLRenderer } from "three";
+import { Color, ColorManagement, LinearSRGBColorSpace, Scene, Vector3, WebGLRenderer, WebGLRenderTarget } from "three";
 
 import { colour } from "../core/dom.js";
 import { Eye } from "./camera.js";
@@ -13,6 +13,9 @@ import { Pair } from "./pair.js";
 /** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean }} Wish */
 /** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, top: number }} Look */
 
+// Colours go to the screen as they are.
+ColorManagement.enabled = false;
+
 export class Stage {
   /**
    * @param {HTMLElement} place
@@ -20,6 +23,7 @@ export class Stage {
    */
   constructor(place, onProgress) {
     this.renderer = new WebGLRenderer({ antialias: true, alpha: false, preserveDrawingBuffer: true });
+    this.renderer.outputColorSpace = LinearSRGBColorSpace;
     this.canvas = this.renderer.domElement;
     this.canvas.tabIndex = 0;
     this.canvas.setAttribute("role", "img");
@@ -38,8 +42,8 @@ export class Stage {
     /** @type {Look} */
     this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, top: 1 };
     this.isWaiting = false;
-    /** Frames drawn, for tests and the curious. */
-    this.frames = 0;
+    /** Signalled when the last frame is on the screen. @type {WebGLSync | null} */
+    this.last = null;
     new ResizeObserver(() => this.resize()).observe(place);
     this.resize();
   }
@@ -108,7 +112,7 @@ export class Stage {
   /** Puts the look into the materials. */
   apply() {
     const line = toVector(colour("--ink"));
-    this.scene.background = new Color(...toVector(colour("--ground")).toArray()).convertSRGBToLinear();
+    this.scene.background = new Color(...toVector(colour("--ground")).toArray());
     for (const wish of this.wishes) {
       const model = this.models.get(wish.role);
       if (!model) continue;
@@ -167,19 +171,71 @@ export class Stage {
   draw() {
     if (this.isWaiting) return;
     this.isWaiting = true;
-    requestAnimationFrame(() => this.drawNow());
+    requestAnimationFrame(() => this.drawWhenFree());
+  }
+
+  /** Frames that pile up before a slow graphics card would make the whole page wait. */
+  drawWhenFree() {
+    if (this.isBusy()) requestAnimationFrame(() => this.drawWhenFree());
+    else this.drawNow();
+  }
+
+  /** Is the graphics card still at the last frame? */
+  isBusy() {
+    const gl = /** @type {WebGL2RenderingContext} */ (this.renderer.getContext());
+    return this.last !== null && gl.clientWaitSync(this.last, 0, 0) === gl.TIMEOUT_EXPIRED;
   }
 
   drawNow() {
+    const gl = /** @type {WebGL2RenderingContext} */ (this.renderer.getContext());
     this.isWaiting = false;
     this.eye.setPlanes();
-    const height = this.renderer.domElement.height;
+    this.setHeight(this.renderer.domElement.height);
+    this.renderer.render(this.scene, this.eye.camera);
+    if (this.last) gl.deleteSync(this.last);
+    this.last = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
+    gl.flush();
+  }
+
+  /** Discs and marks have sizes in pixels. @param {number} height of the picture */
+  setHeight(height) {
     for (const model of this.models.values()) {
-      for (const material of model.materials()) if (material.uniforms.height) material.uniforms.height.value = height;
+      for (const { uniforms } of model.materials()) if (uniforms.height) uniforms.height.value = height;
     }
     this.pair.setHeight(height);
-    this.renderer.render(this.scene, this.eye.camera);
-    this.frames += 1;
+  }
+
+  /**
+   * A small picture on no ground, without making the page wait for it.
+   * @param {number} width
+   * @param {number} height
+   * @returns {Promise<ImageData>}
+   */
+  async toThumbnail(width, height) {
+    while (this.isBusy() || this.isWaiting) await new Promise((resolve) => { requestAnimationFrame(resolve); });
+    const { scene, renderer, eye: { camera } } = this;
+    const target = new WebGLRenderTarget(width, height, { samples: 4 });
+    const { background } = scene;
+    scene.background = null;
+    camera.aspect = width / height;
+    this.eye.setPlanes();
+    this.setHeight(height);
+    renderer.setRenderTarget(target);
+    renderer.setClearColor(0, 0);
+    renderer.clear();
+    renderer.render(scene, camera);
+    renderer.setRenderTarget(null);
+    scene.background = background;
+    camera.aspect = this.place.clientWidth / Math.max(1, this.place.clientHeight);
+    this.eye.setPlanes();
+    const pixels = new Uint8Array(4 * width * height);
+    await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height, pixels);
+    target.dispose();
+    const picture = new ImageData(width, height);
+    for (let row = 0; row < height; row++) { // the graphics card's first row is the lowest
+      picture.data.set(pixels.subarray(4 * width * row, 4 * width * (row + 1)), 4 * width * (height - 1 - row));
+    }
+    return picture;
   }
 
   /** The view as a PNG. @returns {Promise<Blob>} */

@@ -1,0 +1,111 @@
+// The page for everybody: axe-core on every view, dark and light, narrow and large; by keyboard alone; its policy and weight.
+
+import assert from "node:assert/strict";
+import { readFileSync } from "node:fs";
+import { createRequire } from "node:module";
+import { after, before, test } from "node:test";
+
+import { Daemon } from "./support/daemon.js";
+import { Browser, finish, waitForView } from "./support/page.js";
+import { SPHERE_TURN, off, sphere } from "./support/shapes.js";
+
+const AXE = readFileSync(createRequire(import.meta.url).resolve("axe-core/axe.min.js"), "utf8");
+let daemon;
+let browser;
+let ids;
+before(async () => {
+  daemon = await Daemon.start();
+  browser = await Browser.launch();
+  ids = [];
+  for (const turn of [0, SPHERE_TURN]) {
+    ids.push((await daemon.client().meshes.create(off(sphere(turn, 10, 20)), { name: `sphere_${turn.toFixed(2)}.off` })).mesh.id);
+  }
+  await daemon.client().jobs.create({ type: "hausdorff", a: ids[0], b: ids[1] }, { wait: 30 });
+});
+after(async () => {
+  await browser.close();
+  await daemon.remove();
+});
+
+async function violations(page) {
+  await page.evaluate(AXE); // the page's policy does not hold for the browser's driver
+  return page.evaluate(async () => {
+    const found = await globalThis.axe.run(document, { resultTypes: ["violations"] });
+    return found.violations.map(({ id, impact, nodes }) => `${impact} ${id}: ${nodes.slice(0, 3).map((node) => node.html).join(" | ")}`);
+  });
+}
+const views = { meshes: "#meshes", compare: "", jobs: "#jobs" };
+for (const [name, width, colorScheme] of [["light and large", 1300, "light"], ["dark and narrow", 360, "dark"]]) {
+  test(`no view has a violation, ${name}`, async () => {
+    views.compare = `#compare?a=${ids[0]}&b=${ids[1]}`;
+    const page = await browser.open("about:blank", { viewport: { width, height: 740 }, colorScheme });
+    for (const [view, hash] of Object.entries(views)) {
+      await page.goto(`${daemon.url}/${hash}`);
+      await page.reload();
+      await page.locator(".connection.open").waitFor();
+      if (view === "jobs") await page.locator("tbody tr").first().waitFor();
+      else await waitForView(page);
+      if (view === "compare") {
+        await page.getByRole("button", { name: "Measure" }).click();
+        await page.locator("#outcome", { hasText: "Done" }).waitFor();
+        await page.getByRole("button", { name: "Map the distances" }).click();
+        await page.locator("#deviation").waitFor();
+      }
+      assert.deepEqual(await violations(page), [], view);
+      const overflow = await page.evaluate(() => document.documentElement.scrollWidth - innerWidth);
+      assert(overflow <= 0, `${view} is ${overflow} px too wide`);
+    }
+    await finish(page);
+  });
+}
+
+test("two meshes are compared by keyboard alone", async () => {
+  const page = await browser.open(daemon.url);
+  await page.locator(".mesh").first().waitFor();
+  const press = async (name, key = "Enter") => {
+    for (let tabs = 0; tabs < 60; tabs++) {
+      await page.keyboard.press("Tab");
+      const label = await page.evaluate(() => {
+        const element = document.activeElement;
+        return element === document.body ? "" : element.getAttribute("aria-label") ?? element.textContent;
+      });
+      if (label !== name) continue;
+      await page.keyboard.press(key);
+      return;
+    }
+    assert.fail(`Tab does not reach ${name}`);
+  };
+  await press("sphere_0.00.off as A of the comparison");
+  await press("sphere_0.03.off as B of the comparison");
+  await press("Compare");
+  await press("Measure");
+  await page.locator("#outcome", { hasText: "Done" }).waitFor();
+  await finish(page);
+});
+
+test("the page brings its policy, and weighs little without three.js", async () => {
+  const reply = await fetch(daemon.url);
+  const policy = reply.headers.get("Content-Security-Policy");
+  assert.match(policy, /default-src 'self'; script-src 'self' 'sha256-[\w+/=]{44}'/);
+  assert(!policy.includes("unsafe"));
+  const html = await reply.text();
+  assert(!/\son\w+=|style=|<script>/.test(html), "nothing inline");
+
+  const page = await browser.open("about:blank");
+  let weight = 0;
+  let faults = 0;
+  page.on("response", async (response) => {
+    if (response.status() >= 400) faults += 1;
+    if (!response.url().includes("/vendor/") && !response.url().includes("/v1/")) weight += Number(response.headers()["content-length"] ?? 0);
+  });
+  await page.goto(daemon.url);
+  await waitForView(page);
+  assert.equal(faults, 0);
+  assert(weight > 10000 && weight < 200000, `${weight} bytes`);
+  const tag = (await fetch(`${daemon.url}/dashboard/main.js`)).headers.get("ETag");
+  assert.equal((await fetch(`${daemon.url}/dashboard/main.js`, { headers: { "If-None-Match": tag } })).status, 304);
+  for (const path of ["package.json", "js/../../quadmeshd", "js/none.js"]) {
+    assert.equal((await fetch(`${daemon.url}/dashboard/${path}`)).status, 404, path);
+  }
+  await finish(page);
+});

@@ -1,0 +1,121 @@
+// What the 3D view's worker computes, without a browser: triangles of faces, normals, irregular vertices, colours.
+
+import assert from "node:assert/strict";
+import { test } from "node:test";
+
+import { cloudNormals } from "../../clients/dashboard/view/cloud.js";
+import { patchTint, scaleColour } from "../../clients/dashboard/view/colours.js";
+import { buildPiece, buildValues, gridSteps, pieces } from "../../clients/dashboard/view/soup.js";
+import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "../../clients/dashboard/view/topology.js";
+import { box, chance, sheet, sphere } from "./support/shapes.js";
+
+function shapeOf({ vertices, faces }) {
+  const starts = new Uint32Array(faces.length + 1);
+  faces.forEach((corners, face) => { starts[face + 1] = starts[face] + corners.length; });
+  return { points: new Float64Array(vertices.flat()), corners: new Uint32Array(faces.flat()), starts };
+}
+
+const FRAME = { centre: [0.5, 0.5, 0.5], scale: 2 };
+
+function build(shape, steps) {
+  const normals = cornerNormals(shape, faceNormals(shape), facesOfVertices(shape));
+  return [...pieces(shape, steps)].map((run) => ({ run, ...buildPiece(shape, normals, null, FRAME, steps, run) }));
+}
+
+function areaOf(position) {
+  let area = 0;
+  for (let t = 0; t < position.length; t += 9) {
+    const [u, v] = [3, 6].map((k) => [0, 1, 2].map((d) => position[t + k + d] - position[t + d]));
+    area += Math.hypot(u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]) / 2;
+  }
+  return area;
+}
+
+test("a box keeps its area, its creases and its edges, as triangles and as patches", () => {
+  const shape = shapeOf(box(8));
+  for (const steps of [1, 3]) {
+    const [piece] = build(shape, steps);
+    assert.equal(piece.position.length, 384 * 2 * steps * steps * 9);
+    assert(Math.abs(areaOf(piece.position) - 6 * FRAME.scale ** 2) < 1e-5);
+    for (let n = 0; n < piece.normal.length; n += 4) {
+      assert.equal(Math.max(...[0, 1, 2].map((k) => Math.abs(piece.normal[n + k]))), 127);
+    }
+    // An edge of the face is drawn along a triangle's side where two of its corners have 0 for it.
+    let sides = 0;
+    for (let t = 0; t < piece.edge.length; t += 12) {
+      for (let k = 0; k < 3; k++) if ([0, 1, 2].filter((corner) => piece.edge[t + 4 * corner + k] === 0).length === 2) sides++;
+    }
+    assert.equal(sides, 384 * 4 * steps);
+  }
+});
+
+test("irregular vertices are the eight corners of a box, and none of a sheet or a sphere", () => {
+  const found = (mesh) => {
+    const shape = shapeOf(mesh);
+    return irregularVertices(shape, facesOfVertices(shape));
+  };
+  assert.deepEqual(found(box(4)).valences, [3, 3, 3, 3, 3, 3, 3, 3]);
+  assert.equal(found(sheet(4, 4)).vertices.length, 0);
+  assert.equal(found(sphere(0, 10, 20)).vertices.length, 0);
+});
+
+test("values of vertices come to the corners, and between them bilinearly", () => {
+  const shape = shapeOf({ vertices: [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], faces: [[0, 1, 2, 3]] });
+  const values = new Float64Array([0, 1, 3, 2]);
+  const [plain] = [...pieces(shape, 1)];
+  assert.deepEqual([...buildValues(shape, 1, plain, values)], [0, 1, 3, 0, 3, 2]);
+  const [fine] = [...pieces(shape, 2)];
+  const [{ position }] = build(shape, 2);
+  buildValues(shape, 2, fine, values).forEach((value, corner) => {
+    const [x, y] = [position[3 * corner] / 2 + 0.5, position[3 * corner + 1] / 2 + 0.5];
+    assert(Math.abs(value - (x + 2 * y)) < 1e-6);
+  });
+});
+
+test("large meshes come in pieces that together are whole", () => {
+  const shape = shapeOf(sheet(300, 200));
+  const runs = [...pieces(shape, 1)];
+  assert.equal(runs.length, 3);
+  assert.equal(runs.reduce((sum, run) => sum + run.triangles, 0), 120000);
+  runs.forEach((run, place) => assert.equal(run.from, place === 0 ? 0 : runs[place - 1].to));
+  assert.equal(gridSteps(100000, true), 2);
+  assert.equal(gridSteps(10, true), 8);
+  assert.equal(gridSteps(10, false), 1);
+});
+
+test("normals of points on a sphere point to its centre", () => {
+  const random = chance(3);
+  const points = new Float32Array(3 * 20000);
+  for (let p = 0; p < 20000; p++) {
+    const z = 2 * random() - 1;
+    const angle = 2 * Math.PI * random();
+    const radius = Math.sqrt(1 - z * z);
+    points.set([0.5 * radius * Math.cos(angle), 0.5 * radius * Math.sin(angle), 0.5 * z], 3 * p);
+  }
+  const { normals, spacing } = cloudNormals(points);
+  let known = 0;
+  let good = 0;
+  for (let p = 0; p < 20000; p++) {
+    const dot = [0, 1, 2].reduce((sum, k) => sum + (normals[4 * p + k] / 127) * (points[3 * p + k] / 0.5), 0);
+    if (dot !== 0) known++;
+    if (Math.abs(dot) > 0.97) good++;
+  }
+  assert(known > 19500 && good > 0.98 * known, `seed 3: ${known} ${good}`);
+  assert(spacing > 0.003 && spacing < 0.03);
+});
+
+test("few points, equal points and points on a line are no trouble", () => {
+  for (const points of [[], [1, 2, 3], new Array(300).fill(0.25), Array.from({ length: 300 }, (_, i) => (i % 3 ? 0 : i / 300))]) {
+    const { normals } = cloudNormals(Float32Array.from(points));
+    assert.equal(normals.length, (4 * points.length) / 3);
+  }
+});
+
+test("the scale's lightness only grows, and patches that are neighbours in number differ", () => {
+  const lightness = ([r, g, b]) => 0.2126 * r ** 2.2 + 0.7152 * g ** 2.2 + 0.0722 * b ** 2.2;
+  for (let i = 1; i <= 64; i++) assert(lightness(scaleColour(i / 64)) > lightness(scaleColour((i - 1) / 64)), `${i}`);
+  for (let i = 0; i < 50; i++) {
+    const [one, two] = [patchTint(i), patchTint(i + 1)];
+    assert(Math.hypot(...one.map((value, k) => value - two[k])) > 40);
+  }
+});
