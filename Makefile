@@ -177,9 +177,15 @@ bench:
 
 # The peers' own code is compiled for this very machine; CGAL's exact predicates need its rounding and no contraction.
 BENCH_PEER_FLAGS := -O3 -DNDEBUG -march=native -ffp-contract=off -Itests/bench
-build/bench/peer_cgal: tests/bench/peers/peer_cgal.cc tests/bench/arrays.h tests/bench/measure.h
+build/bench/peer_cgal: tests/bench/peers/peer_cgal.cc tests/bench/arrays.h tests/bench/measure.h tests/bench/pair_print.h
 	@mkdir -p $(@D)
 	$(CXX) -std=c++17 -Wall -Wextra $(BENCH_PEER_FLAGS) -frounding-math -o $@ $< -lgmp -lmpfr
+build/bench/peer_fcl: tests/bench/peers/peer_fcl.cc tests/bench/arrays.h tests/bench/measure.h tests/bench/pair_print.h
+	@mkdir -p $(@D)
+	$(CXX) -std=c++17 -Wall -Wextra $(BENCH_PEER_FLAGS) -isystem /usr/include/eigen3 -o $@ $< -lfcl -lccd
+build/bench/peer_embree_collide: tests/bench/peers/peer_embree_collide.c tests/bench/arrays.h tests/bench/measure.h tests/bench/pair_print.h
+	@mkdir -p $(@D)
+	$(CC) -std=c17 -D_GNU_SOURCE $(WARNINGS) $(BENCH_PEER_FLAGS) -o $@ $< -lembree3
 build/bench/peer_embree: tests/bench/peers/peer_embree.c tests/bench/arrays.h tests/bench/measure.h
 	@mkdir -p $(@D)
 	$(CC) -std=c17 -D_GNU_SOURCE $(WARNINGS) $(BENCH_PEER_FLAGS) -o $@ $< -lembree3 -lm

@@ -16,7 +16,7 @@ build="gcc g++ make pkg-config libmicrohttpd-dev libuv1-dev libcjson-dev libsqli
 test="libcmocka-dev python3-venv clang-format draco git locales nginx-light openssl systemd chromium"
 # glmark2-data holds a scanned bunny (GPL-3+, no dependencies).
 demo="curl ca-certificates python3 glmark2-data"
-bench="python3-venv wrk util-linux libcgal-dev libembree-dev"
+bench="python3-venv wrk util-linux libcgal-dev libembree-dev libfcl-dev"
 
 # npm fetches three.js for the page. Node from elsewhere brings its own npm and forbids Debian's.
 command -v npm >/dev/null || build="$build nodejs npm"

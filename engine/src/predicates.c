@@ -17,6 +17,41 @@ static int sign_of(double x)
     return (x > 0.0) - (x < 0.0);
 }
 
+/* ---- whole numbers of up to SMALL_BITS ---- */
+
+/** Differences then have a bit more, products of two of them twice that, and their differences one more: all
+ * fit 128 bits. */
+#define SMALL_BITS 60
+
+/** The sign of the sum of part[i] * z[i], in two pieces of which neither overflows. */
+static int small_dot_sign(const __int128 part[3], const int64_t z[3])
+{
+    const int split = 62;
+    const __int128 mask = ((__int128)1 << split) - 1;
+    __int128 high = 0, low = 0;
+    for (int i = 0; i < 3; i++) {
+        high += (part[i] >> split) * z[i];
+        low += (part[i] & mask) * z[i];
+    }
+    high += low >> split;
+    low &= mask;
+    return high > 0 ? 1 : high < 0 ? -1 : low != 0;
+}
+
+/** The sign of the determinant of three edges. */
+static int small_sign(const int64_t edge[3][3])
+{
+    __int128 part[3];
+    const int64_t z[3] = {edge[0][2], edge[1][2], edge[2][2]};
+    for (int i = 0; i < 3; i++) {
+        const int64_t *next = edge[(i + 1) % 3], *last = edge[(i + 2) % 3];
+        part[i] = (__int128)next[0] * last[1] - (__int128)last[0] * next[1];
+    }
+    return small_dot_sign(part, z);
+}
+
+/* ---- whole numbers of any size ---- */
+
 /** Out = (p - a) of one coordinate, in units of 2^low. */
 static void difference(qm_whole *out, double p, double a, int low)
 {
@@ -36,17 +71,12 @@ static void minor(qm_whole *out, const qm_whole *x0, const qm_whole *y0, const q
     qm_whole_add(out, out, &other, 1);
 }
 
-/** Each axis has a unit of its own: that scales the determinant and leaves its sign. */
-static int orient3d_exact(const double p[4][3])
+static int large_sign(const double p[4][3], const int low[3])
 {
     qm_whole edge[3][3], part, product, sum;
-    for (int k = 0; k < 3; k++) {
-        int low = 0, high;
-        const double column[4] = {p[0][k], p[1][k], p[2][k], p[3][k]};
-        if (!qm_whole_span(column, 4, &low, &high)) return 0;
+    for (int k = 0; k < 3; k++)
         for (int i = 0; i < 3; i++)
-            difference(&edge[i][k], p[i + 1][k], p[0][k], low);
-    }
+            difference(&edge[i][k], p[i + 1][k], p[0][k], low[k]);
     sum.sign = sum.count = 0;
     for (int i = 0; i < 3; i++) {
         const qm_whole *next = edge[(i + 1) % 3], *last = edge[(i + 2) % 3];
@@ -55,6 +85,26 @@ static int orient3d_exact(const double p[4][3])
         qm_whole_add(&sum, &sum, &product, 0);
     }
     return sum.sign;
+}
+
+/** Each axis has a unit of its own: that scales the determinant and leaves its sign. */
+static int orient3d_exact(const double p[4][3])
+{
+    int low[3] = {0}, bits = 0;
+    for (int k = 0; k < 3; k++) {
+        int high;
+        const double column[4] = {p[0][k], p[1][k], p[2][k], p[3][k]};
+        if (!qm_whole_span(column, 4, &low[k], &high)) return 0;
+        bits = high - low[k] + 1 > bits ? high - low[k] + 1 : bits;
+    }
+    if (bits > SMALL_BITS) return large_sign(p, low);
+    int64_t edge[3][3];
+    for (int k = 0; k < 3; k++) {
+        int64_t origin = qm_whole_small(p[0][k], low[k]);
+        for (int i = 0; i < 3; i++)
+            edge[i][k] = qm_whole_small(p[i + 1][k], low[k]) - origin;
+    }
+    return small_sign(edge);
 }
 
 static int exact_side(const qm_vec plane[3], qm_vec p)
@@ -90,16 +140,27 @@ int qm_orient3d(qm_vec a, qm_vec b, qm_vec c, qm_vec d)
 
 static int orient2d_exact(const double p[3][2])
 {
-    qm_whole edge[2][2], sum;
+    int low[2] = {0}, bits = 0;
     for (int k = 0; k < 2; k++) {
-        int low = 0, high;
+        int high;
         const double column[3] = {p[0][k], p[1][k], p[2][k]};
-        if (!qm_whole_span(column, 3, &low, &high)) return 0;
-        for (int i = 0; i < 2; i++)
-            difference(&edge[i][k], p[i + 1][k], p[0][k], low);
+        if (!qm_whole_span(column, 3, &low[k], &high)) return 0;
+        bits = high - low[k] + 1 > bits ? high - low[k] + 1 : bits;
     }
-    minor(&sum, &edge[0][0], &edge[0][1], &edge[1][0], &edge[1][1]);
-    return sum.sign;
+    if (bits > SMALL_BITS) {
+        qm_whole edge[2][2], sum;
+        for (int k = 0; k < 2; k++)
+            for (int i = 0; i < 2; i++)
+                difference(&edge[i][k], p[i + 1][k], p[0][k], low[k]);
+        minor(&sum, &edge[0][0], &edge[0][1], &edge[1][0], &edge[1][1]);
+        return sum.sign;
+    }
+    int64_t edge[2][2];
+    for (int k = 0; k < 2; k++)
+        for (int i = 0; i < 2; i++)
+            edge[i][k] = qm_whole_small(p[i + 1][k], low[k]) - qm_whole_small(p[0][k], low[k]);
+    __int128 det = (__int128)edge[0][0] * edge[1][1] - (__int128)edge[1][0] * edge[0][1];
+    return (det > 0) - (det < 0);
 }
 
 int qm_orient2d(qm_vec a, qm_vec b, qm_vec c, int dropped_axis)
@@ -107,9 +168,11 @@ int qm_orient2d(qm_vec a, qm_vec b, qm_vec c, int dropped_axis)
     const double from[3][3] = {{a.x, a.y, a.z}, {b.x, b.y, b.z}, {c.x, c.y, c.z}};
     int x = (dropped_axis + 1) % 3, y = (dropped_axis + 2) % 3;
     const double p[3][2] = {{from[0][x], from[0][y]}, {from[1][x], from[1][y]}, {from[2][x], from[2][y]}};
-    double left = (p[1][0] - p[0][0]) * (p[2][1] - p[0][1]);
-    double right = (p[2][0] - p[0][0]) * (p[1][1] - p[0][1]);
+    double ux = p[1][0] - p[0][0], uy = p[1][1] - p[0][1], vx = p[2][0] - p[0][0], vy = p[2][1] - p[0][1];
+    double left = ux * vy, right = vx * uy;
     double det = left - right, bound = ERROR2 * (fabs(left) + fabs(right)) + UNDERFLOW2;
     if (det > bound || -det > bound) return sign_of(det);
+    /* A difference is 0 only when it is exactly: edges along the axes are common. */
+    if ((ux == 0.0 || vy == 0.0) && (vx == 0.0 || uy == 0.0)) return 0;
     return orient2d_exact(p);
 }

@@ -33,6 +33,14 @@ int qm_whole_span(const double *values, int count, int *low, int *high)
     return found;
 }
 
+int64_t qm_whole_small(double value, int low)
+{
+    if (value == 0.0) return 0;
+    int exponent;
+    int64_t size = (int64_t)split(value, &exponent) << (exponent - low);
+    return value < 0.0 ? -size : size;
+}
+
 static void trim(qm_whole *out, int sign)
 {
     while (out->count > 0 && out->limb[out->count - 1] == 0)

@@ -20,6 +20,9 @@ typedef struct qm_whole {
  */
 int qm_whole_span(const double *values, int count, int *low, int *high);
 
+/** value / 2^low, which is whole and has at most 63 bits. */
+int64_t qm_whole_small(double value, int low);
+
 /** value / 2^low, which is whole. */
 void qm_whole_set(qm_whole *out, double value, int low);
 

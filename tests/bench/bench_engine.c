@@ -17,13 +17,17 @@ static const char usage[] =
     "                                                               nearest points of a file of points\n"
     "       bench_engine refit MESH [--threads N]                   trees that follow moving vertices\n"
     "       bench_engine reconstruct SURFACE LAYOUT --count QUADS [--threads N]\n"
+    "       bench_engine collide A B [--turn X]                     pairs of faces that meet\n"
+    "       bench_engine self MESH                                  the same of one mesh\n"
     "       bench_engine draw MESH PREFIX --count N --seed N        PREFIX.near, PREFIX.mid, PREFIX.far\n"
-    "       bench_engine export MESH PREFIX [--shift X] [--noise X] PREFIX.vertices, PREFIX.triangles\n"
+    "       bench_engine export MESH PREFIX [--shift X] [--noise X] [--turn X]\n"
+    "                                                               PREFIX.vertices, PREFIX.triangles\n"
     "       bench_engine kernel                                     the instruction set in use\n"
     "\n"
     "  --tolerance X  a share of the diagonal of A (default 1e-8)\n"
     "  --shift X      moves the last mesh along (1, 1, 1) by this share of its diagonal\n"
-    "  --noise X      moves its coordinates at random by up to this share of its diagonal\n";
+    "  --noise X      moves its coordinates at random by up to this share of its diagonal\n"
+    "  --turn X       turns it about its middle, in radians\n";
 
 typedef struct settings {
     bench_hausdorff_question hausdorff;
@@ -31,7 +35,7 @@ typedef struct settings {
     uint64_t seed;
 } settings;
 
-enum { QUADS = 256, TOLERANCE, THREADS, SHIFT, NOISE, COUNT, SEED, ACCELERATOR };
+enum { QUADS = 256, TOLERANCE, THREADS, SHIFT, NOISE, TURN, COUNT, SEED, ACCELERATOR };
 
 static bool read_accelerator(const char *name, qm_accelerator *out)
 {
@@ -61,6 +65,8 @@ static bool read_option(settings *out, int option)
         return (question->change_b.noise = atof(optarg)) >= 0.0;
     case ACCELERATOR:
         return read_accelerator(optarg, &question->accelerator);
+    case TURN:
+        return isfinite(question->change_b.turn = atof(optarg));
     case COUNT:
         return (out->count = strtoul(optarg, NULL, 10)) > 0;
     case SEED:
@@ -84,6 +90,10 @@ static bool run(const char *command, char **operands, int operand_count, setting
         bench_refit(first, question->threads);
         return true;
     }
+    if (strcmp(command, "self") == 0 && operand_count == 1) {
+        bench_collide(first, NULL, NULL);
+        return true;
+    }
     if (operand_count != 2) return false;
     if (strcmp(command, "hausdorff") == 0) {
         question->path_a = first;
@@ -93,6 +103,8 @@ static bool run(const char *command, char **operands, int operand_count, setting
         bench_project(first, second, question->accelerator, question->threads);
     } else if (strcmp(command, "reconstruct") == 0) {
         bench_reconstruct(first, second, given->count, question->threads);
+    } else if (strcmp(command, "collide") == 0) {
+        bench_collide(first, second, &question->change_b);
     } else if (strcmp(command, "draw") == 0) {
         bench_draw(first, given->count, given->seed, second);
     } else if (strcmp(command, "export") == 0) {
@@ -110,6 +122,7 @@ int main(int argc, char **argv)
                                             {"threads", required_argument, NULL, THREADS},
                                             {"shift", required_argument, NULL, SHIFT},
                                             {"noise", required_argument, NULL, NOISE},
+                                            {"turn", required_argument, NULL, TURN},
                                             {"count", required_argument, NULL, COUNT},
                                             {"seed", required_argument, NULL, SEED},
                                             {"accelerator", required_argument, NULL, ACCELERATOR},

@@ -12,6 +12,7 @@
 typedef struct bench_change {
     double shift; /* moves along (1, 1, 1), by this share of the diagonal */
     double noise; /* moves every coordinate of every vertex by up to this share of the diagonal */
+    double turn;  /* about the axis (1, 2, 3) through the middle of its box; radians */
 } bench_change;
 
 _Noreturn void bench_fail(const char *subject, const char *detail);
@@ -39,6 +40,9 @@ typedef struct bench_hausdorff_question {
 
 /** Times the distance from A to B and prints it. */
 void bench_hausdorff(const bench_hausdorff_question *question);
+
+/** Times pairs of faces that meet and prints how many; path_b is NULL for a mesh with itself. */
+void bench_collide(const char *path_a, const char *path_b, const bench_change *change_b);
 
 /** Writes PREFIX.vertices and PREFIX.triangles: used vertices only, quads split at their first corner. */
 void bench_export(const char *path, const bench_change *change, const char *prefix);

@@ -46,12 +46,33 @@ static void disturb(qm_mesh *mesh, const bench_change *change)
         mesh->positions[i] += step + qm_random_range(&random, -reach, reach);
 }
 
+/** Rodrigues' formula about the middle of the box. */
+static void turn(qm_mesh *mesh, double angle)
+{
+    qm_box box = qm_mesh_bounding_box(mesh);
+    double axis[3], length = sqrt(14.0), c = cos(angle), s = sin(angle);
+    for (int k = 0; k < 3; k++)
+        axis[k] = (k + 1) / length;
+    for (size_t i = 0; i < mesh->vertex_count; i++) {
+        double *p = mesh->positions + 3 * i, from[3], along = 0.0;
+        for (int k = 0; k < 3; k++) {
+            from[k] = p[k] - 0.5 * (box.min[k] + box.max[k]);
+            along += axis[k] * from[k];
+        }
+        for (int k = 0; k < 3; k++) {
+            double across = axis[(k + 1) % 3] * from[(k + 2) % 3] - axis[(k + 2) % 3] * from[(k + 1) % 3];
+            p[k] += (c - 1.0) * from[k] + s * across + (1.0 - c) * along * axis[k];
+        }
+    }
+}
+
 qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *change)
 {
     qm_mesh mesh = bench_read_any(ctx, path);
     if (mesh.face_count == 0)
         bench_fail(path, "is a set of points; this part of the benchmark takes surfaces");
     if (change->shift != 0.0 || change->noise != 0.0) disturb(&mesh, change);
+    if (change->turn != 0.0) turn(&mesh, change->turn);
     return mesh;
 }
 

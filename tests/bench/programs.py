@@ -17,12 +17,15 @@ ENGINE = OUT / "bench_engine"
 
 @dataclasses.dataclass(frozen=True)
 class Peer:
-    """A program that answers `COMMAND hausdorff A B TOLERANCE` or `COMMAND project MESH POINTS`, or both."""
+    """A program that answers `COMMAND hausdorff A B TOLERANCE`, `COMMAND project MESH POINTS`, `COMMAND collide A B` or
+    `COMMAND self MESH`, or several of them."""
     name: str
     command: typing.Sequence[object]
     package: str
     hausdorff: str = ""  # what its distance is worth: "guaranteed", "vertices only" or "samples"; "": it has none
     project: str = ""    # "double" or "float"; "": it has none
+    collide: str = ""    # what its pairs are worth: "exact" or "rounded"; "": it finds none
+    self: str = ""       # the same of one mesh with itself; "partly": leaves pairs with a common corner out
 
 
 @dataclasses.dataclass
@@ -40,6 +43,9 @@ class Programs:
     def projecting(self):
         return [peer for peer in self.peers if peer.project]
 
+    def colliding(self):
+        return [peer for peer in self.peers if peer.collide]
+
 
 def python_peer(name, package, **kinds):
     return Peer(name, (ENVIRONMENT / "bin/python", PEERS / f"peer_{name}.py"), package, **kinds)
@@ -49,11 +55,16 @@ PYTHON_PEERS = (
     python_peer("cub", "cascading-upper-bounds", hausdorff="guaranteed"),
     python_peer("fcpw", "fcpw", project="float"),
     python_peer("igl", "libigl", hausdorff="vertices only", project="double"),
+    python_peer("coal", "coal", collide="rounded"),
+    python_peer("trueform", "trueform", collide="rounded"),
     python_peer("meshlab", "pymeshlab", hausdorff="samples"),
 )
 COMPILED_PEERS = (
-    Peer("cgal", (OUT / "peer_cgal",), "CGAL", hausdorff="guaranteed", project="double"),
+    Peer("cgal", (OUT / "peer_cgal",), "CGAL", hausdorff="guaranteed", project="double", collide="exact",
+         self="exact"),
     Peer("embree", (OUT / "peer_embree",), "Embree", project="float"),
+    Peer("rtcCollide", (OUT / "peer_embree_collide",), "Embree", collide="rounded", self="partly"),
+    Peer("fcl", (OUT / "peer_fcl",), "FCL", collide="rounded"),
 )
 
 

@@ -24,6 +24,7 @@ import sys
 import time
 
 import bench_accelerators
+import bench_collide
 import bench_hausdorff
 import bench_projection
 import bench_reconstruct
@@ -35,6 +36,7 @@ import pairs as meshes
 import programs as catalogue
 
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection,
+         "collide": bench_collide,
          "accelerators": bench_accelerators, "service": bench_service,
          "reconstruct": bench_reconstruct}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")

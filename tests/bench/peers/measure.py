@@ -38,10 +38,19 @@ def rest():
     return memory_kb("VmRSS")
 
 
+def tell_pairs(a, b):
+    """Pairs of faces as pair_print.h tells them; a and b are arrays of indices."""
+    pairs = numpy.unique(a.astype(numpy.uint64) << numpy.uint64(32) | b.astype(numpy.uint64))
+    mixed = (pairs ^ pairs >> numpy.uint64(30)) * numpy.uint64(0xBF58476D1CE4E5B9)
+    mixed = (mixed ^ mixed >> numpy.uint64(27)) * numpy.uint64(0x94D049BB133111EB)
+    mixed ^= mixed >> numpy.uint64(31)
+    return {"pairs": len(pairs), "sum": f"{int(mixed.sum(dtype=numpy.uint64)):016x}"}
+
+
 def measure(build, query):
     """Runs build() and query(what build gave) until the times are worth a median, and prints them.
 
-    query returns what else the reply holds: bounds, or distances of points.
+    query returns what makes what else the reply holds: bounds, distances of points, or pairs of faces.
     """
     resting_kb = rest()
     build_ms, query_ms = [], []

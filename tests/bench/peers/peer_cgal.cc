@@ -2,21 +2,29 @@
  * peer_cgal: CGAL's answers for the benchmark.
  *
  *   peer_cgal hausdorff A B TOLERANCE   within TOLERANCE (in the unit of the meshes) of the distance from A
- * to B peer_cgal project MESH POINTS       nearest points peer_cgal version
+ * to B
+ *   peer_cgal project MESH POINTS       nearest points
+ *   peer_cgal collide A B               all pairs of triangles that meet
+ *   peer_cgal self MESH                 the same of one mesh, but for what neighbours share
+ *   peer_cgal version
  *
  * A, B and MESH are prefixes of arrays (arrays.h). Reading and making the mesh structure is not timed.
  */
 #include "arrays.h"
 #include "measure.h"
+#include "pair_print.h"
 
 #include <CGAL/AABB_face_graph_triangle_primitive.h>
 #include <CGAL/AABB_traits.h>
 #include <CGAL/AABB_tree.h>
 #include <CGAL/Exact_predicates_inexact_constructions_kernel.h>
 #include <CGAL/Polygon_mesh_processing/distance.h>
+#include <CGAL/Polygon_mesh_processing/self_intersections.h>
 #include <CGAL/Surface_mesh.h>
+#include <CGAL/box_intersection_d.h>
 #include <CGAL/version.h>
 
+#include <algorithm>
 #include <cmath>
 #include <cstdint>
 #include <cstring>
@@ -104,16 +112,94 @@ static void measure_projection(const char *prefix, const char *points_path)
     std::free(point);
 }
 
+static void print_pairs(const qm_bench_times &times, long resting_kb, std::vector<std::uint64_t> &pairs)
+{
+    qm_bench_print_times(&times, resting_kb);
+    std::printf(", ");
+    qm_bench_print_pairs(pairs.data(), pairs.size());
+    std::printf("}\n");
+}
+
+static void measure_self(const char *prefix)
+{
+    const Mesh mesh = read_mesh(prefix);
+    const long resting_kb = qm_bench_rest();
+    qm_bench_times times = {};
+    std::vector<std::pair<Mesh::Face_index, Mesh::Face_index>> found;
+    do {
+        found.clear();
+        const double start = qm_bench_now_ms();
+        CGAL::Polygon_mesh_processing::self_intersections<CGAL::Sequential_tag>(faces(mesh), mesh,
+                                                                                std::back_inserter(found));
+        qm_bench_add(&times, 0.0, qm_bench_now_ms() - start);
+    } while (qm_bench_wants_more(&times));
+    std::vector<std::uint64_t> pairs;
+    for (const auto &pair : found)
+        pairs.push_back(qm_bench_pair(std::min(pair.first, pair.second), std::max(pair.first, pair.second)));
+    print_pairs(times, resting_kb, pairs);
+}
+
+using Triangles = std::vector<Kernel::Triangle_3>;
+using Box = CGAL::Box_intersection_d::Box_with_handle_d<double, 3, Triangles::const_iterator>;
+
+static Triangles take_triangles(const Mesh &mesh)
+{
+    Triangles triangles;
+    for (const Mesh::Face_index face : faces(mesh)) {
+        const auto corner = mesh.halfedge(face);
+        triangles.emplace_back(mesh.point(mesh.source(corner)), mesh.point(mesh.target(corner)),
+                               mesh.point(mesh.target(mesh.next(corner))));
+    }
+    return triangles;
+}
+
+static std::vector<Box> take_boxes(const Triangles &triangles)
+{
+    std::vector<Box> boxes;
+    for (auto it = triangles.begin(); it != triangles.end(); ++it)
+        boxes.emplace_back(it->bbox(), it);
+    return boxes;
+}
+
+static void measure_collision(const char *a_prefix, const char *b_prefix)
+{
+    const Triangles a = take_triangles(read_mesh(a_prefix)), b = take_triangles(read_mesh(b_prefix));
+    const long resting_kb = qm_bench_rest();
+    qm_bench_times times = {};
+    std::vector<std::uint64_t> pairs;
+    do {
+        pairs.clear();
+        const double start = qm_bench_now_ms();
+        std::vector<Box> boxes_a = take_boxes(a), boxes_b = take_boxes(b);
+        const double built = qm_bench_now_ms();
+        const auto take = [&](const Box &x, const Box &y) {
+            if (CGAL::do_intersect(*x.handle(), *y.handle()))
+                pairs.push_back(qm_bench_pair(static_cast<std::uint32_t>(x.handle() - a.begin()),
+                                              static_cast<std::uint32_t>(y.handle() - b.begin())));
+        };
+        CGAL::box_intersection_d(boxes_a.begin(), boxes_a.end(), boxes_b.begin(), boxes_b.end(), take);
+        qm_bench_add(&times, built - start, qm_bench_now_ms() - built);
+    } while (qm_bench_wants_more(&times));
+    print_pairs(times, resting_kb, pairs);
+}
+
 int main(int argc, char **argv)
 {
     if (argc == 5 && std::strcmp(argv[1], "hausdorff") == 0)
         measure_hausdorff(argv[2], argv[3], std::atof(argv[4]));
     else if (argc == 4 && std::strcmp(argv[1], "project") == 0)
         measure_projection(argv[2], argv[3]);
+    else if (argc == 4 && std::strcmp(argv[1], "collide") == 0)
+        measure_collision(argv[2], argv[3]);
+    else if (argc == 3 && std::strcmp(argv[1], "self") == 0)
+        measure_self(argv[2]);
     else if (argc == 2 && std::strcmp(argv[1], "version") == 0)
         std::printf("{\"version\": \"%s\"}\n", CGAL_VERSION_STR);
     else {
-        std::fputs("usage: peer_cgal hausdorff A B TOLERANCE | project MESH POINTS | version\n", stderr);
+        std::fputs(
+            "usage: peer_cgal hausdorff A B TOLERANCE | project MESH POINTS | collide A B | self MESH | "
+            "version\n",
+            stderr);
         return 2;
     }
     return EXIT_SUCCESS;
