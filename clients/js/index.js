@@ -8,7 +8,9 @@
 // Refusals are thrown as ProblemError, lost connections as ConnectionError. Every call takes an AbortSignal.
 
 import { Jobs } from "./jobs.js";
+import { Layouts } from "./layouts.js";
 import { Meshes } from "./meshes.js";
+import { Reconstructions } from "./reconstructions.js";
 import { System } from "./system.js";
 import { Transport } from "./transport.js";
 
@@ -21,6 +23,8 @@ export class Client {
     this.transport = new Transport(options);
     this.meshes = new Meshes(this.transport);
     this.jobs = new Jobs(this.transport);
+    this.layouts = new Layouts(this.transport);
+    this.reconstructions = new Reconstructions(this.transport);
     this.system = new System(this.transport);
   }
 

@@ -126,6 +126,15 @@ export class Jobs {
   }
 
   /**
+   * All pairs of faces of a collision, two numbers each.
+   * @param {string} id
+   * @param {Options} [options]
+   */
+  pairs(id, options = {}) {
+    return this.distances(id, options);
+  }
+
+  /**
    * Asks many questions; their answers come in the order in which they end.
    * @param {Iterable<JobRequest & { key?: string | number }>} requests
    * @param {Options} [options]
@@ -147,7 +156,7 @@ export class Jobs {
 async function* readEvents(response, signal) {
   for await (const event of readLines(response, signal)) {
     if (event.event === "server_shutdown") throw new ConnectionError("the daemon stops; the job will run again");
-    if (event.event === "bounds" || event.event === "result" || event.event === "error") yield event;
+    if (["bounds", "step", "result", "error"].includes(event.event)) yield event;
     if (event.event === "result" || event.event === "error") return;
   }
   throw new ConnectionError("the stream broke off");

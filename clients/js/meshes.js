@@ -4,7 +4,7 @@ import { readPages } from "./pages.js";
 import { readRows } from "./stream.js";
 import { uploadWithProgress } from "./upload.js";
 
-/** @import { Accelerator, Format, Mesh, Patches, QuadReading } from "./types.js" */
+/** @import { Accelerator, Format, Mesh, Patches, Point, QuadReading } from "./types.js" */
 /** @import { Transport } from "./transport.js" */
 /** @import { OnProgress } from "./upload.js" */
 
@@ -100,6 +100,22 @@ export class Meshes {
       headers: { "Content-Type": "application/octet-stream", Accept: "application/octet-stream" },
     });
     yield* readRows(response, FOOT_WIDTH, signal);
+  }
+
+  /**
+   * Moves vertices: some, with their places, or all of them by rows of x, y, z.
+   * @param {string} id
+   * @param {{ indices: number[], positions: Point[] } | Float64Array<ArrayBuffer> | Float32Array<ArrayBuffer>} moved
+   * @param {{ ifMatch?: string, signal?: AbortSignal }} [options]
+   * @returns {Promise<{ revision: number, updated_nodes: number, refit_ms: number }>}
+   */
+  deform(id, moved, { ifMatch, signal } = {}) {
+    const isBinary = ArrayBuffer.isView(moved);
+    return this.transport.json(`${pathOf(id)}/vertices`, {
+      method: "PATCH", body: isBinary ? moved : JSON.stringify(moved), signal,
+      query: { dtype: moved instanceof Float32Array ? "f32" : undefined },
+      headers: { "Content-Type": isBinary ? "application/octet-stream" : "application/json", "If-Match": ifMatch },
+    });
   }
 
   /**

@@ -29,7 +29,16 @@
 /** @typedef {CommonRequest & { type: "deviation", a: string, b: string, accuracy?: number, pieces?: number,
  *   tolerance?: number, tolerance_unit?: "relative" | "absolute", percentiles?: number[],
  *   bins?: number }} DeviationRequest */
-/** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest} JobRequest */
+/** @typedef {CommonRequest & { type: "distance", a: string, b: string, tolerance?: number,
+ *   tolerance_unit?: "relative" | "absolute" }} DistanceRequest */
+/** @typedef {CommonRequest & { mode?: "all" | "first" | "any", limit?: number, tolerance?: number,
+ *   tolerance_unit?: "relative" | "absolute" }} AnyCollisionRequest */
+/** @typedef {AnyCollisionRequest & { type: "collision", a: string, b: string }} CollisionRequest */
+/** @typedef {AnyCollisionRequest & { type: "self_collision", mesh: string, incremental?: boolean }} SelfCollisionRequest */
+/** @typedef {{ type: "reconstruction_step", reconstruction: string, steps?: number, measure?: boolean, threads?: number,
+ *   until?: { hausdorff_relative?: number, max_quads?: number, edge_length?: number }, detach?: boolean }} StepRequest */
+/** @typedef {HausdorffRequest | ProjectRequest | DeviationRequest | DistanceRequest | CollisionRequest
+ *   | SelfCollisionRequest | StepRequest} JobRequest */
 
 /** @typedef {{ elapsed_ms: number, lower: number, upper: number | null, lower_relative: number | null,
  *   upper_relative: number | null, gap_relative: number | null, iterations: number, projections: number,
@@ -52,7 +61,39 @@
  *   histogram: { bin_width: number, shares: [number, number][] }, vertex_count: number, vertex_distances?: number[],
  *   quads: QuadReading, accuracy: number, tolerance: number, accurate: boolean, pieces: number, projections: number,
  *   prepare_ms: { a: number, b: number }, elapsed_ms: number }} DeviationResult */
-/** @typedef {HausdorffResult | ProjectResult | DeviationResult} JobResult */
+/** @typedef {{ lower: number, upper: number, lower_relative: number | null, upper_relative: number | null,
+ *   witness: { from: SurfacePoint, to: SurfacePoint }, collides: boolean, quads: QuadReading, tolerance: number,
+ *   converged: boolean, face_pairs: number, prepare_ms: { a: number, b: number }, elapsed_ms: number }} DistanceResult */
+/** @typedef {{ faces: [number, number], contact: "point" | "segment" | "area", points: Point[] }} CollisionPair */
+/** @typedef {{ collides: boolean, count: number, pairs: CollisionPair[], all_pairs?: [number, number][],
+ *   mode: "all" | "first" | "any", quads: QuadReading, tests: number, elapsed_ms: number,
+ *   incremental?: boolean }} CollisionResult */
+/** @typedef {{ step: number, quads: number, chords_doubled: number, patches_split: number, moved_vertices: number,
+ *   holes_filled: number, longest_edge: number, hausdorff: LengthInterval | null, covered?: LengthInterval,
+ *   mesh_to_points?: LengthInterval, uncovered_points?: number, step_ms: number, measure_ms: number }} StepRecord */
+/** @typedef {{ reconstruction: string, mesh: string, quads: number, step_count: number,
+ *   stopped_by: "steps" | "max_quads" | "edge_length" | "hausdorff" | "canceled", steps: StepRecord[],
+ *   elapsed_ms: number }} StepResult */
+/** @typedef {HausdorffResult | ProjectResult | DeviationResult | DistanceResult | CollisionResult | StepResult} JobResult */
+
+/** @typedef {{ id: number, from: number, to: number, points: Point[] }} Curve */
+/** @typedef {{ mesh: string, nodes?: Point[], curves?: Curve[], patches?: number[][] }} LayoutRequest */
+/** @typedef {{ id: string, mesh: string, revision: number, can_undo: boolean, can_redo: boolean, complete: boolean,
+ *   created: string }} LayoutBrief */
+/** @typedef {{ kind: "dangling_end" | "cell_sides" | "crossing", curve: number, other_curve?: number, node?: number,
+ *   sides?: number, point: Point, detail: string }} LayoutIssue */
+/** @typedef {LayoutBrief & { nodes: Point[], curves: Curve[], patches: number[][], issues: LayoutIssue[] }} Layout */
+/** @typedef {Layout & { changed: { added_curves: number[], changed_curves: number[], removed_curves: number[] },
+ *   stroke?: { curve: number, points: number, missed_points: number } }} EditedLayout */
+/** @typedef {{ points: [number, number][], view: number[], projection: number[], viewport: number[], radius_px?: number,
+ *   depth?: number, snap?: number }} Stroke */
+/** @typedef {{ layout: string, source?: string, cover_share?: number, pull_curves?: boolean }} ReconstructionRequest */
+/** @typedef {{ id: string, source: string, layout: string, patch_count: number, cover_share: number,
+ *   pull_curves: boolean, coverage: { samples: number, uncovered_samples: number }, created: string, mesh: string,
+ *   quads: number, step_count: number, revision: number }} ReconstructionBrief */
+/** @typedef {ReconstructionBrief & { steps: StepRecord[] }} Reconstruction */
+/** @typedef {{ quads: number, patches: { patch: number, first_face: number, columns: number, rows: number,
+ *   samples: number }[] }} ReconstructionPatches */
 
 /** @typedef {{ id: string, type: string, state: JobState, created: string, started?: string, ended?: string,
  *   request: Record<string, any> & { type: string }, progress?: Bounds, result?: JobResult, problem?: Problem,
@@ -61,7 +102,8 @@
 /** @typedef {Bounds & { event: "bounds", seq: number }} BoundsEvent */
 /** @typedef {{ event: "result", seq: number, state: "succeeded" | "cancelled", result: JobResult }} ResultEvent */
 /** @typedef {{ event: "error", seq: number, state: "failed" | "cancelled", problem: Problem }} ErrorEvent */
-/** @typedef {BoundsEvent | ResultEvent | ErrorEvent} JobEvent */
+/** @typedef {StepRecord & { event: "step", seq: number }} StepEvent */
+/** @typedef {BoundsEvent | StepEvent | ResultEvent | ErrorEvent} JobEvent */
 
 /** @typedef {{ key: string | number | null, line: number, state: "succeeded" | "failed" | "cancelled",
  *   cached?: true, result?: JobResult, problem?: Problem }} BatchAnswer */

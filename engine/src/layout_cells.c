@@ -138,18 +138,26 @@ static double turn(const cells *c, uint32_t from, uint32_t to)
     return angle;
 }
 
-/** The dart that comes next clockwise: the greatest turn of all, seen from the dart itself. */
+/** The order of darts round a node, of equal angles by their numbers: one order, however the angles are
+ * rounded. */
+static bool is_before(const cells *c, uint32_t dart, uint32_t other)
+{
+    return c->angle[dart] < c->angle[other] || (c->angle[dart] == c->angle[other] && dart < other);
+}
+
+/**
+ * The dart that comes next clockwise: the last one before this in their order, else the last of all. No two
+ * darts have the same next one, without which the walk round a cell would not come back to its start.
+ */
 static uint32_t clockwise(const cells *c, uint32_t dart)
 {
-    uint32_t best = dart, node = start_node(c->layout, dart);
-    double greatest = -1.0;
+    uint32_t before = dart, last = dart, node = start_node(c->layout, dart);
     for (uint32_t other = 0; other < c->dart_count; other++) {
-        if (other == dart || start_node(c->layout, other) != node) continue;
-        if (turn(c, dart, other) <= greatest) continue;
-        greatest = turn(c, dart, other);
-        best = other;
+        if (start_node(c->layout, other) != node) continue;
+        if (is_before(c, last, other)) last = other;
+        if (is_before(c, other, dart) && (before == dart || is_before(c, before, other))) before = other;
     }
-    return best;
+    return before != dart ? before : last;
 }
 
 /** A cell as it is walked. */

@@ -7,7 +7,9 @@ import { after, before, test } from "node:test";
 
 import { Client, ConnectionError, FOOT_WIDTH, ProblemError } from "../../clients/js/index.js";
 import { Daemon, until } from "./support/daemon.js";
-import { HEAP_DISTANCE, SLOW, SPHERE_DISTANCE, SPHERE_TURN, heap, off, ply, sphere } from "./support/shapes.js";
+import {
+  HEAP_DISTANCE, SLOW, SPHERE_DISTANCE, SPHERE_TURN, ball, ballLayout, box, boxLayout, heap, moved, off, ply, sphere,
+} from "./support/shapes.js";
 
 let daemon;
 let client;
@@ -138,6 +140,82 @@ test("a job can be told to stop, and a reader can leave", async () => {
   assert.equal(events.at(-1).state, "cancelled");
   checkBounds(events);
   await assert.rejects(client.jobs.cancel(job.id), { status: 409 });
+});
+
+test("moved vertices make a revision; collisions and least distances follow", async () => {
+  const one = (await client.meshes.create(off(box(4)), { name: "one.off" })).mesh;
+  const two = (await client.meshes.create(off(moved(box(4), [2, 0, 0])), { name: "two.off" })).mesh;
+  const asked = { a: one.id, b: two.id };
+  const apart = await client.jobs.create({ type: "distance", ...asked }, { wait: 30 });
+  assert(apart.result.lower <= 1 && apart.result.upper >= 1 && apart.result.lower > 0.999999);
+  const { revision } = await client.meshes.deform(two.id, Float64Array.from(moved(box(4), [0.75, 0, 0]).vertices.flat()));
+  assert.equal(revision, 1);
+  const found = await client.jobs.create({ type: "collision", ...asked }, { wait: 30 });
+  assert(found.result.collides);
+  const pairs = await client.jobs.pairs(found.id);
+  assert.equal(pairs.length, 2 * found.result.count);
+  assert.deepEqual([...pairs.slice(0, 2)], found.result.pairs[0].faces);
+
+  const before = await client.jobs.create({ type: "self_collision", mesh: one.id }, { wait: 30 });
+  assert.equal(before.result.count, 0);
+  const corner = box(4).vertices.findIndex((point) => point.every((x) => x === 0));
+  await client.meshes.deform(one.id, { indices: [corner], positions: [[2, 2, 2]] }, { ifMatch: "*" });
+  const after = await client.jobs.create({ type: "self_collision", mesh: one.id, incremental: true }, { wait: 30 });
+  assert(after.result.incremental && after.result.count > 0);
+});
+
+test("a layout is edited, undone, and grows into quads", async () => {
+  const { mesh } = await client.meshes.create(off(ball(24)), { name: "ball.off" });
+  const layout = await client.layouts.create({ mesh: mesh.id, ...ballLayout() });
+  assert(layout.complete && layout.patches.length === 6, JSON.stringify(layout.issues));
+  const cut = await client.layouts.split(layout.id, 0, layout.curves[0].points[4]);
+  assert.equal(cut.curves.length, 13);
+  assert(!cut.complete && cut.issues.length > 0);
+  const [first, second] = [...cut.changed.changed_curves, ...cut.changed.added_curves];
+  assert.equal((await client.layouts.merge(layout.id, first, second)).curves.length, 12);
+  assert.equal((await client.layouts.undo(layout.id)).curves.length, 13);
+  assert.equal((await client.layouts.redo(layout.id)).curves.length, 12);
+  assert.equal((await client.layouts.deleteCurve(layout.id, first)).curves.length, 11);
+  await client.layouts.undo(layout.id);
+  const redrawn = await client.layouts.redraw(layout.id, first, ballLayout(4).curves[0].points);
+  assert.equal(redrawn.curves.find((curve) => curve.id === first).points.length, 5);
+  assert((await collect(client.layouts.list())).some((listed) => listed.id === layout.id));
+
+  const grown = await client.reconstructions.create({ layout: layout.id });
+  assert.equal(grown.quads, 6);
+  const job = await client.jobs.create({ type: "reconstruction_step", reconstruction: grown.id, steps: 2 });
+  const events = await collect(client.jobs.events(job.id));
+  assert.deepEqual(events.map((event) => event.event), ["step", "step", "result"]);
+  const now = await client.reconstructions.get(grown.id);
+  assert.equal(now.quads, events.at(-1).result.quads);
+  assert((await collect(client.reconstructions.list())).length === 1);
+  assert.equal((await client.reconstructions.patches(grown.id)).patches.length, 6);
+  assert.match(new TextDecoder().decode(await client.reconstructions.mesh(grown.id, { format: "off" })), /^OFF/);
+  await client.reconstructions.delete(grown.id);
+  await client.layouts.delete(layout.id);
+  await assert.rejects(client.layouts.get(layout.id), { status: 404 });
+});
+
+test("curves along the normal of the surface are told as they lie", async () => {
+  // At a corner of a box one of the three edges may have no direction in the plane of the surface.
+  const { mesh } = await client.meshes.create(off(box(8)), { name: "box.off" });
+  const layout = await client.layouts.create({ mesh: mesh.id, ...boxLayout() });
+  assert.equal(layout.complete, layout.issues.length === 0);
+  await client.layouts.delete(layout.id);
+});
+
+test("a stroke in the window becomes a curve", async () => {
+  const { mesh } = await client.meshes.create(off(box(8)), { name: "box.off" });
+  const layout = await client.layouts.create({ mesh: mesh.id });
+  // Seen from above without perspective: x and y from -1 to 2 fill the window.
+  const view = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, -0.5, -0.5, -5, 1];
+  const projection = [2 / 3, 0, 0, 0, 0, 2 / 3, 0, 0, 0, 0, -0.2, 0, 0, 0, -1, 1];
+  const edited = await client.layouts.stroke(layout.id, {
+    points: [[110, 150], [150, 150], [190, 150]], view, projection, viewport: [0, 0, 300, 300], snap: 0.02 });
+  assert.equal(edited.curves.length, 1);
+  assert(edited.curves[0].points.every(([, y, z]) => Math.abs(y - 0.5) < 1e-9 && z === 1), JSON.stringify(edited.curves));
+  assert.equal(edited.stroke.missed_points, 0);
+  assert.equal(edited.issues.filter((issue) => issue.kind === "dangling_end").length, 2);
 });
 
 test("refusals are told with their place", async () => {

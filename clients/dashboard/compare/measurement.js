@@ -81,7 +81,7 @@ export class Measurement {
         this.samples.push(this.result);
         this.stage = event.state;
         this.words = ending(this.result);
-      } else {
+      } else if (event.event === "error") {
         this.stage = event.state;
         this.words = event.problem.detail;
       }

@@ -56,6 +56,32 @@ export function box(steps = 8, size = 1) {
   return { vertices, faces };
 }
 
+/** The twelve edges of a box as a layout: every side is a patch. */
+export function boxLayout(steps = 8) {
+  const nodes = [0, 1, 2, 3, 4, 5, 6, 7].map((n) => [n & 1, (n >> 1) & 1, (n >> 2) & 1]);
+  const curves = [];
+  for (let from = 0; from < 8; from++) {
+    for (const bit of [1, 2, 4]) {
+      if (from & bit) continue;
+      const points = Array.from({ length: steps + 1 }, (_, i) => nodes[from].map((x, k) => (1 << k === bit ? i / steps : x)));
+      curves.push({ id: curves.length, from, to: from | bit, points });
+    }
+  }
+  return { nodes, curves };
+}
+
+/** A point of a box from 0 to 1 on the ball round it, of radius 1 about 0. */
+const onBall = (point) => {
+  const from = point.map((x) => x - 0.5);
+  return from.map((x) => x / Math.hypot(...from));
+};
+/** A box blown up to a ball: still eight irregular vertices. */
+export const ball = (steps = 8) => ({ ...box(steps), vertices: box(steps).vertices.map(onBall) });
+export function ballLayout(steps = 8) {
+  const { nodes, curves } = boxLayout(steps);
+  return { nodes: nodes.map(onBall), curves: curves.map((curve) => ({ ...curve, points: curve.points.map(onBall) })) };
+}
+
 /** Numbers from 0 to 1 by a 32-bit shift register (Marsaglia 2003), the same for the same seed. */
 export function chance(seed) {
   let state = (seed * 2654435761) >>> 0 || 1;
@@ -120,6 +146,8 @@ export function torusPoints(count, seed = 1) {
   }
   return { vertices, faces: [] };
 }
+
+export const moved = ({ vertices, faces }, by) => ({ vertices: vertices.map((point) => point.map((x, k) => x + by[k])), faces });
 
 export function off({ vertices, faces }) {
   return ["OFF", `${vertices.length} ${faces.length} 0`, ...vertices.map((point) => point.join(" ")),
