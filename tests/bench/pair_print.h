@@ -30,8 +30,8 @@ static inline uint64_t qm_bench_mix(uint64_t x)
     return x ^ x >> 31;
 }
 
-/** Sorts the pairs, drops what comes twice and prints the members "pairs" and "sum", which is over what each is
- * mixed to. */
+/** Sorts the pairs, drops what comes twice and prints the members "pairs" and "sum", which is over what each
+ * is mixed to. */
 static inline void qm_bench_print_pairs(uint64_t *pairs, size_t count)
 {
     uint64_t sum = 0;

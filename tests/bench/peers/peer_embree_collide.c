@@ -5,8 +5,8 @@
  *   peer_embree_collide self MESH     the same of one mesh: pairs without a common corner
  *   peer_embree_collide version
  *
- * A, B and MESH are prefixes of arrays (arrays.h). Embree finds pairs of boxes and hands them over; whether the
- * triangles meet is the caller's to tell: here by the signs of tetrahedra in doubles, without exactness.
+ * A, B and MESH are prefixes of arrays (arrays.h). Embree finds pairs of boxes and hands them over; whether
+ * the triangles meet is the caller's to tell: here by the signs of tetrahedra in doubles, without exactness.
  */
 #include "arrays.h"
 #include "measure.h"
@@ -43,9 +43,12 @@ static void bound_triangle(const struct RTCBoundsFunctionArguments *arguments)
         low[k] = (float)least - 1e-7f;
         high[k] = (float)most + 1e-7f;
     }
-    *arguments->bounds_o = (struct RTCBounds){
-        .lower_x = low[0], .lower_y = low[1], .lower_z = low[2], .upper_x = high[0], .upper_y = high[1],
-        .upper_z = high[2]};
+    *arguments->bounds_o = (struct RTCBounds){.lower_x = low[0],
+                                              .lower_y = low[1],
+                                              .lower_z = low[2],
+                                              .upper_x = high[0],
+                                              .upper_y = high[1],
+                                              .upper_z = high[2]};
 }
 
 static double volume(const double *a, const double *b, const double *c, const double *d)
