@@ -37,7 +37,8 @@ int64_t qm_whole_small(double value, int low)
 {
     if (value == 0.0) return 0;
     int exponent;
-    int64_t size = (int64_t)split(value, &exponent) << (exponent - low);
+    uint64_t fraction = split(value, &exponent);
+    int64_t size = (int64_t)(fraction << (exponent - low));
     return value < 0.0 ? -size : size;
 }
 
