@@ -157,9 +157,10 @@ def test_revisions_survive_a_sudden_end(make_daemon):
     ({"positions": [[0, 0, 0], [1, 1, 1]], "indices": [3, 25]}, 422, "index_out_of_range", "/indices/1"),
     ({"positions": [[0, 0, 0]]}, 400, "malformed_body", None),
     (b"1234567", 400, "malformed_body", None),
+    (b"", 400, "malformed_body", None),
     (b"\x00" * 24, 400, "malformed_body", None),
     (raised(math.inf), 422, "not_finite", None),
-], ids=range(12))
+], ids=range(13))
 def test_bad_bodies_are_refused(client, plane, body, status, code, pointer):
     headers = {"Content-Type": "application/octet-stream"} if isinstance(body, bytes) else {}
     problem = deform(client, plane, body, headers=headers)
