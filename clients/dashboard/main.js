@@ -1,5 +1,6 @@
 // Starts the page: its views, the address, the daemon.
 
+import { showCollide } from "./collide/collide.js";
 import { showCompare } from "./compare/compare.js";
 import { client, connect } from "./core/connection.js";
 import { startData } from "./core/data.js";
@@ -8,6 +9,7 @@ import { readAddress } from "./core/route.js";
 import { on, state } from "./core/state.js";
 import { startTheme } from "./core/theme.js";
 import { askForToken } from "./core/token.js";
+import { showDeform } from "./deform/deform.js";
 import { showJobs } from "./jobs/jobs.js";
 import { showMeshes } from "./meshes/meshes.js";
 
@@ -18,6 +20,8 @@ import { showMeshes } from "./meshes/meshes.js";
 const pages = [
   { name: "meshes", words: "Meshes", show: showMeshes },
   { name: "compare", words: "Compare", show: showCompare },
+  { name: "collide", words: "Collide", show: showCollide },
+  { name: "deform", words: "Deform", show: showDeform },
   { name: "jobs", words: "Jobs", isWide: true, show: showJobs },
 ];
 

@@ -1,7 +1,8 @@
 // What to compare and how: the two meshes, direction, reading of quads, tolerance, threshold.
 
+import { choiceKey, meshChoice } from "../core/choice.js";
 import { h, select } from "../core/dom.js";
-import { changed, state } from "../core/state.js";
+import { state } from "../core/state.js";
 
 /** @import { HausdorffRequest } from "../../js/types.js" */
 /** @typedef {{ direction: string, quads: string, tolerance: string, threshold: string }} Settings */
@@ -35,9 +36,8 @@ export function makeForm({ onMeasure, onStop, onReading }) {
   let drawn = "";
   /** The meshes to choose from, and what may be done now. @param {boolean} isRunning */
   function draw(isRunning) {
-    const key = `${state.a} ${state.b} ${state.meshes.map(({ id, name }) => id + name)}`;
-    if (key !== drawn) sides.replaceChildren(side("a"), side("b"));
-    drawn = key;
+    if (choiceKey() !== drawn) sides.replaceChildren(meshChoice("a"), meshChoice("b"));
+    drawn = choiceKey();
     measure.disabled = state.a === null || state.b === null;
     stop.disabled = !isRunning;
   }
@@ -54,18 +54,6 @@ export function makeForm({ onMeasure, onStop, onReading }) {
 }
 
 const NUMBER = "\\s*[0-9]*\\.?[0-9]+([eE][\\-+]?[0-9]+)?\\s*";
-
-/** @param {"a" | "b"} which */
-function side(which) {
-  const options = /** @type {[string, string][]} */ ([["", state.meshes.length > 0 ? "choose a mesh" : "there is no mesh yet"],
-    ...state.meshes.map((mesh) => [mesh.id, mesh.name || mesh.id])]);
-  const choice = select(which, options, state[which] ?? "");
-  choice.addEventListener("change", () => {
-    state[which] = choice.value || null;
-    changed("choice");
-  });
-  return h("label", {}, h("span", {}, h("span", { className: `swatch ${which}` }), which.toUpperCase()), choice);
-}
 
 /** @returns {HausdorffRequest} of the form's settings */
 export function readRequest() {

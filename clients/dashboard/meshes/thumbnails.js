@@ -25,7 +25,8 @@ export function thumbnailOf(mesh) {
 export async function noteShown(mesh) {
   const stage = currentStage();
   if (!stage || pictures.has(keyOf(mesh))) return;
-  const picture = await stage.toThumbnail(WIDTH, HEIGHT);
+  const picture = await stage.toThumbnail(WIDTH, HEIGHT, mesh);
+  if (!picture) return;
   const canvas = h("canvas", { width: WIDTH, height: HEIGHT });
   canvas.getContext("2d")?.putImageData(picture, 0, 0);
   canvas.toBlob((blob) => {

@@ -11,6 +11,9 @@ let worker;
 const tasks = new Map();
 /** @type {Map<number, () => void>} */
 const paintings = new Map();
+/** Answers to single questions, by number. @type {Map<number, (data: any) => void>} */
+const answers = new Map();
+let nextRequest = 1;
 /** @type {WeakMap<Model, number>} */
 const taskOf = new WeakMap();
 let nextTask = 1;
@@ -32,11 +35,16 @@ function receive(data) {
     paintings.get(data.task)?.();
     paintings.delete(data.task);
   }
+  if (data.request !== undefined) {
+    answers.get(data.request)?.(data);
+    answers.delete(data.request);
+  }
   if (!task) return;
   const { model } = task;
   if (data.kind === "piece") model.addPiece(data);
   else if (data.kind === "points") model.addPoints(data.position);
   else if (data.kind === "normals") model.setNormals(data.place, data.normal, data.spacing);
+  else if (data.kind === "moved") model.movePiece(data.place, data.position, data.normal);
   else if (data.kind === "values") model.setValues(data.place, data.value);
   else if (data.kind === "irregular") model.setIrregular(data.position, data.valence);
   else if (data.kind === "fault") task.reject(new Error(data.words));
@@ -75,6 +83,39 @@ export function paint(model, values) {
     paintings.set(task, resolve);
     worker?.postMessage({ kind: "paint", task, values });
   });
+}
+
+/**
+ * @param {Model} model
+ * @param {Record<string, unknown>} question
+ * @returns {Promise<any>}
+ */
+function ask(model, question) {
+  const request = nextRequest++;
+  worker?.postMessage({ ...question, task: taskOf.get(model), request });
+  return new Promise((resolve) => { answers.set(request, resolve); });
+}
+
+/**
+ * The triangles of some faces of a whole model.
+ * @param {Model} model
+ * @param {Iterable<number>} faces
+ * @param {{ centre: number[], scale: number }} frame of the scene
+ * @returns {Promise<Float32Array>}
+ */
+export async function outline(model, faces, frame) {
+  return (await ask(model, { kind: "outline", faces: Uint32Array.from(faces), frame })).triangles;
+}
+
+/**
+ * Moves the vertices near a point of a whole model, on the screen; the daemon is told by who asked.
+ * @param {Model} model
+ * @param {{ centre: number[], radius: number, offset: number[], starts: boolean }} handle
+ * @returns {Promise<{ indices: number[], positions: [number, number, number][] }>} where they are now
+ */
+export async function moveNear(model, handle) {
+  const { indices, positions } = await ask(model, { kind: "deform", ...handle });
+  return { indices, positions };
 }
 
 /** @param {Model} model */

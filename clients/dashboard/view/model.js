@@ -69,6 +69,13 @@ export class Model {
     this.pieces[place].geometry.setAttribute("facing", new BufferAttribute(normal, 4, true));
   }
 
+  /** @param {number} place @param {Float32Array} position @param {Int8Array} normal */
+  movePiece(place, position, normal) {
+    const { geometry } = this.pieces[place];
+    geometry.setAttribute("position", new BufferAttribute(position, 3));
+    geometry.setAttribute("normal", new BufferAttribute(normal, 4, true));
+  }
+
   /** @param {number} place @param {Float32Array} value */
   setValues(place, value) {
     this.pieces[place].geometry.setAttribute("value", new BufferAttribute(value, 1));

@@ -6,6 +6,7 @@ import { colour } from "../core/dom.js";
 import { Eye } from "./camera.js";
 import { forget, load } from "./loader.js";
 import { Model } from "./model.js";
+import { Overlay } from "./overlay.js";
 import { Pair } from "./pair.js";
 
 /** @import { Mesh } from "../../js/types.js" */
@@ -34,6 +35,7 @@ export class Stage {
     this.scene = new Scene();
     this.eye = new Eye(this.canvas, () => this.draw());
     this.pair = new Pair(this.scene);
+    this.overlay = new Overlay(this.scene);
     /** @type {Map<Role, Model>} */
     this.models = new Map();
     /** @type {Wish[]} */
@@ -53,6 +55,7 @@ export class Stage {
     if (width === 0 || height === 0) return;
     this.renderer.setPixelRatio(Math.min(2, devicePixelRatio));
     this.renderer.setSize(width, height, false);
+    this.overlay.size.set(width, height);
     this.eye.camera.aspect = width / height;
     this.drawNow();
   }
@@ -168,6 +171,12 @@ export class Stage {
     this.eye.flyTo(middle, Math.max(10 * from.distanceTo(to), 0.3), direction);
   }
 
+  /** @param {Parameters<Overlay["set"]>[0]} [drawing] */
+  setOverlay(drawing) {
+    this.overlay.set(drawing);
+    this.draw();
+  }
+
   draw() {
     if (this.isWaiting) return;
     this.isWaiting = true;
@@ -209,11 +218,16 @@ export class Stage {
    * A small picture on no ground, without making the page wait for it.
    * @param {number} width
    * @param {number} height
-   * @returns {Promise<ImageData>}
+   * @param {Mesh} mesh what should be seen
+   * @returns {Promise<ImageData | null>} null when something else is shown by now
    */
-  async toThumbnail(width, height) {
+  async toThumbnail(width, height, mesh) {
     while (this.isBusy() || this.isWaiting) await new Promise((resolve) => { requestAnimationFrame(resolve); });
+    const model = this.models.get("a");
+    if (model?.mesh.id !== mesh.id || this.models.size !== 1 || !model.isWhole) return null;
     const { scene, renderer, eye: { camera } } = this;
+    const extras = [this.overlay.group, this.pair.group].filter((group) => group.visible);
+    for (const extra of extras) extra.visible = false;
     const target = new WebGLRenderTarget(width, height, { samples: 4 });
     const { background } = scene;
     scene.background = null;
@@ -226,6 +240,7 @@ export class Stage {
     renderer.render(scene, camera);
     renderer.setRenderTarget(null);
     scene.background = background;
+    for (const extra of extras) extra.visible = true;
     camera.aspect = this.place.clientWidth / Math.max(1, this.place.clientHeight);
     this.eye.setPlanes();
     const pixels = new Uint8Array(4 * width * height);
@@ -252,7 +267,7 @@ function isSame({ mesh, isBilinear }, wish) {
 }
 
 /** A colour "rgb(1, 2, 3)" or "color(srgb 0.1 0.2 0.3)" as numbers from 0 to 1. @param {string} text */
-function toVector(text) {
+export function toVector(text) {
   const numbers = (text.match(/[\d.]+/g) ?? []).map(Number);
   return new Vector3(...numbers.slice(0, 3)).multiplyScalar(text.startsWith("rgb") ? 1 / 255 : 1);
 }

@@ -3,6 +3,7 @@
 import { Client } from "../js/index.js";
 import { cloudNormals } from "./cloud.js";
 import { patchTint } from "./colours.js";
+import { moveVertices } from "./handle.js";
 import { readPly } from "./ply.js";
 import { buildPiece, buildValues, gridSteps, pieces } from "./soup.js";
 import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "./topology.js";
@@ -14,7 +15,9 @@ import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "
 
 const CLOUD_PIECE = 131072;
 
-/** @type {Map<number, { shape: Shape, steps: number }>} what values may be asked of, by task */
+/** @typedef {{ shape: Shape, steps: number, frame: Frame, tints: Uint8Array | null, before?: Float64Array }} Kept */
+
+/** @type {Map<number, Kept>} what may be asked of later, by task */
 const kept = new Map();
 
 const post = (/** @type {any} */ message, /** @type {Transferable[]} */ transfer = []) =>
@@ -31,10 +34,10 @@ async function load({ task, id, token, frame, isBilinear, wantsPatches }) {
   let quadCount = 0;
   for (let face = 0; face < faceCount; face++) if (shape.starts[face + 1] - shape.starts[face] === 4) quadCount++;
   const steps = gridSteps(quadCount, isBilinear);
-  kept.set(task, { shape, steps });
   const around = facesOfVertices(shape);
   const normals = cornerNormals(shape, faceNormals(shape), around);
   const tints = patches && tintFaces(patches, faceCount);
+  kept.set(task, { shape, steps, frame, tints });
   for (const run of pieces(shape, steps)) {
     const piece = buildPiece(shape, normals, tints, frame, steps, run);
     post({ task, kind: "piece", ...piece }, [piece.position.buffer, piece.normal.buffer, piece.edge.buffer, piece.tint.buffer]);
@@ -90,11 +93,64 @@ function paint({ task, values }) {
   post({ task, kind: "painted" });
 }
 
+/**
+ * The triangles of some faces, flat, where they are in the scene's unit.
+ * @param {{ task: number, faces: Uint32Array, frame: Frame, request: number }} request
+ */
+function outline({ task, faces, frame: { centre, scale }, request }) {
+  const shape = kept.get(task)?.shape;
+  /** @type {number[]} */
+  const out = [];
+  const put = (/** @type {number} */ corner) => {
+    for (let k = 0; k < 3; k++) out.push(((shape?.points[3 * shape.corners[corner] + k] ?? 0) - centre[k]) * scale);
+  };
+  for (const face of shape ? faces : []) {
+    const { starts } = /** @type {Shape} */ (shape);
+    for (let k = starts[face] + 1; k + 1 < starts[face + 1]; k++) [starts[face], k, k + 1].forEach(put);
+  }
+  post({ task, kind: "outline", request, triangles: Float32Array.from(out) });
+}
+
+/**
+ * Moves the vertices within a radius of a point, less the farther they are; sends their places and the pieces anew.
+ * @param {{ task: number, centre: number[], radius: number, offset: number[], request: number, starts: boolean }} request
+ *   starts: from where the vertices are now
+ */
+function deform({ task, centre, radius, offset, request, starts: isStart }) {
+  const found = kept.get(task);
+  if (!found) return;
+  const { points } = found.shape;
+  if (isStart || !found.before) found.before = points.slice();
+  const { indices, positions } = moveVertices(found.before, centre, radius, offset);
+  indices.forEach((vertex, place) => points.set(positions[place], 3 * vertex));
+  post({ task, kind: "deformed", request, indices, positions });
+  rebuild(task, new Set(indices));
+}
+
+/** Sends the pieces anew that have one of the vertices. @param {number} task @param {Set<number>} moved */
+function rebuild(task, moved) {
+  const { shape, steps, frame, tints } = /** @type {Kept} */ (kept.get(task));
+  const normals = cornerNormals(shape, faceNormals(shape), facesOfVertices(shape));
+  let place = 0;
+  for (const run of pieces(shape, steps)) {
+    const corners = shape.corners.subarray(shape.starts[run.from], shape.starts[run.to]);
+    if (corners.some((vertex) => moved.has(vertex))) {
+      const piece = buildPiece(shape, normals, tints, frame, steps, run);
+      post({ task, kind: "moved", place, position: piece.position, normal: piece.normal }, [piece.position.buffer, piece.normal.buffer]);
+    }
+    place++;
+  }
+}
+
 self.addEventListener("message", ({ data }) => {
   if (data.kind === "load") {
     load(data).catch((error) => post({ task: data.task, kind: "fault", words: error.message }));
   } else if (data.kind === "paint") {
     paint(data);
+  } else if (data.kind === "outline") {
+    outline(data);
+  } else if (data.kind === "deform") {
+    deform(data);
   } else if (data.kind === "forget") {
     kept.delete(data.task);
   }

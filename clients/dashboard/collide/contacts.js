@@ -1,0 +1,39 @@
+// Pairs of faces that meet, in the view: all of them lightly, the one that is looked at strongly.
+
+import { colour } from "../core/dom.js";
+import { outline } from "../view/loader.js";
+import { toVector } from "../view/stage.js";
+
+/** @import { CollisionPair } from "../../js/types.js" */
+/** @import { Stage } from "../view/stage.js" */
+
+/**
+ * @param {Stage} stage
+ * @param {{ pairs: Float64Array, isSelf: boolean, current: CollisionPair | null }} found
+ */
+export async function drawContacts(stage, { pairs, isSelf, current }) {
+  const a = stage.models.get("a");
+  const b = isSelf ? a : stage.models.get("b");
+  if (!a?.isWhole || !b?.isWhole) return;
+  const faces = [new Set(), new Set()];
+  pairs.forEach((face, place) => faces[isSelf ? 0 : place % 2].add(face));
+  const ask = (/** @type {typeof a} */ model, /** @type {Iterable<number>} */ of) => outline(model, of, stage.frame);
+  const [allA, allB, oneA, oneB] = await Promise.all([
+    ask(a, faces[0]), ask(b, faces[1]), ask(a, current ? [current.faces[0]] : []), ask(b, current ? [current.faces[1]] : [])]);
+  const [strong, light] = [toVector(colour("--fault")), toVector(colour("--upper"))];
+  const points = (current?.points ?? []).map((point) => stage.toScene(point));
+  stage.setOverlay({
+    fills: [{ triangles: allA, colour: light, opacity: 0.55 }, { triangles: allB, colour: light, opacity: 0.55 },
+      { triangles: oneA, colour: strong, opacity: 0.9 }, { triangles: oneB, colour: strong, opacity: 0.9 }],
+    ribbons: points.length > 1 ? [{ points, colour: strong, width: 2.5 }] : [],
+    dots: points.map((point) => ({ point, colour: strong, size: 11 })),
+  });
+}
+
+/** Flies to a contact. @param {Stage} stage @param {CollisionPair} pair */
+export function flyToContact(stage, pair) {
+  const points = pair.points.map((point) => stage.toScene(point));
+  const middle = points.reduce((sum, point) => sum.add(point), points[0].clone().multiplyScalar(0)).divideScalar(points.length);
+  const outward = middle.lengthSq() > 1e-6 ? middle.clone() : stage.eye.camera.position.clone();
+  stage.eye.flyTo(middle, 0.35, outward);
+}

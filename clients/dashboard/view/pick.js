@@ -1,0 +1,59 @@
+// Where a ray from the eye first meets a model: by a tree over each of its pieces, made when the view is idle.
+
+import { Raycaster, Vector2, Vector3 } from "three";
+import { MeshBVH } from "three-mesh-bvh";
+
+/** @import { BufferGeometry } from "three" */
+/** @import { Model } from "./model.js" */
+/** @import { Stage } from "./stage.js" */
+
+/** The trees, by the positions that they are over: a piece that moved gets another. @type {WeakMap<object, MeshBVH>} */
+const trees = new WeakMap();
+
+/** @param {BufferGeometry} geometry */
+function treeOf(geometry) {
+  const position = geometry.getAttribute("position");
+  let tree = trees.get(position);
+  if (!tree) {
+    // Indirect: the triangles keep their order, which other attributes follow.
+    tree = new MeshBVH(geometry, { indirect: true });
+    trees.set(position, tree);
+  }
+  return tree;
+}
+
+/** Makes the trees of a model before they are needed, one at a time. @param {Model} model */
+export async function prepare(model) {
+  for (const piece of model.pieces) {
+    await new Promise((resolve) => { setTimeout(resolve); });
+    treeOf(piece.geometry);
+  }
+}
+
+/**
+ * @param {Stage} stage
+ * @param {Model} model
+ * @param {number} x of the window, from the view's left edge
+ * @param {number} y from its top
+ * @returns {{ point: number[], normal: number[] } | null} in the mesh's own space
+ */
+export function pick(stage, model, x, y) {
+  const { clientWidth: width, clientHeight: height } = stage.canvas;
+  const caster = new Raycaster();
+  stage.eye.camera.updateMatrixWorld();
+  model.group.updateMatrixWorld();
+  caster.setFromCamera(new Vector2((2 * x) / width - 1, 1 - (2 * y) / height), stage.eye.camera);
+  const ray = caster.ray.clone().applyMatrix4(model.group.matrixWorld.clone().invert());
+  let nearest = Infinity;
+  /** @type {{ point: Vector3, normal: Vector3 } | null} */
+  let found = null;
+  for (const piece of model.pieces) {
+    const hit = treeOf(piece.geometry).raycastFirst(ray, 2);
+    if (!hit || hit.distance >= nearest) continue;
+    nearest = hit.distance;
+    found = { point: hit.point, normal: hit.face?.normal.clone() ?? new Vector3(0, 0, 1) };
+  }
+  if (!found) return null;
+  const { centre, scale } = model.frame;
+  return { point: found.point.toArray().map((value, k) => value / scale + centre[k]), normal: found.normal.toArray() };
+}
