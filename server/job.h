@@ -74,8 +74,8 @@ typedef struct qm_job_submission {
 qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool *is_cached,
                        qm_problem *problem);
 
-/** A counted reference; jobs that have ended come back from the store. NULL when there is none. */
-qm_job *qm_jobs_find(qm_jobs *jobs, const char *id);
+/** A counted reference; jobs that have ended come back from the store. NULL with a problem. */
+qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem);
 void qm_jobs_release(qm_jobs *jobs, qm_job *job);
 
 /** A job asked to stop; it ends as cancelled with its last bounds. False when it had ended before. */

@@ -67,7 +67,7 @@ class Daemon:
         return status
 
     def client(self):
-        return Client(base_url=self.url, timeout=PATIENCE)
+        return Client(base_url=self.url, timeout=PATIENCE, verify=False)  # plain HTTP: no certificates to load
 
 
 class Client(httpx.Client):
