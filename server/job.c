@@ -9,6 +9,7 @@
 #include "metrics.h"
 #include "result_file.h"
 
+#define JOB_NICENESS 5
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
 #define DROP_STEP 64
@@ -501,8 +502,8 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *
     jobs->limits = limits;
     uv_mutex_init(&jobs->submitting);
     uv_mutex_init(&jobs->lock);
-    jobs->pool = qm_pool_create(limits.workers);
-    if (!jobs->pool) {
+    jobs->pool = qm_pool_create(limits.workers, JOB_NICENESS);
+    if (!qm_waker_start(jobs) || !jobs->pool) {
         qm_jobs_destroy(jobs);
         return NULL;
     }
@@ -532,8 +533,10 @@ void qm_jobs_destroy(qm_jobs *jobs)
     if (!jobs) return;
     if (jobs->pool && !atomic_load(&jobs->closed)) qm_jobs_drain(jobs);
     qm_pool_destroy(jobs->pool);
+    qm_jobs_settle(jobs);
     while (jobs->first)
         qm_job_unlist(jobs->first);
+    uv_cond_destroy(&jobs->has_awake);
     uv_mutex_destroy(&jobs->lock);
     uv_mutex_destroy(&jobs->submitting);
     free(jobs);
