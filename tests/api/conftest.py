@@ -24,9 +24,11 @@ FINDINGS = ("ERROR: AddressSanitizer", "ERROR: LeakSanitizer", "WARNING: ThreadS
 class Daemon:
     """One process of quadmeshd over a data folder that may outlive it."""
 
-    def __init__(self, folder, *settings):
+    def __init__(self, folder, *settings, **user):
+        """user may have the ids `user` and `group` of whom it runs as."""
         self.folder = pathlib.Path(folder)
         self.settings = settings
+        self.user = user
         self.log_path = self.folder / "log"
         self.start()
 
@@ -36,7 +38,7 @@ class Daemon:
         with open(self.log_path, "ab") as log:
             self.process = subprocess.Popen(
                 [BUILD / "quadmeshd", "--port", "0", "--port-file", port_file, "--data-dir", self.folder / "data",
-                 *map(str, self.settings)], stdout=log, stderr=log)
+                 *map(str, self.settings)], stdout=log, stderr=log, **self.user)
         end = time.monotonic() + PATIENCE
         while not self._is_ready(port_file):
             assert self.process.poll() is None, f"the daemon ended at once:\n{self.log()}"
