@@ -12,6 +12,8 @@ import { askForToken } from "./core/token.js";
 import { showDeform } from "./deform/deform.js";
 import { showJobs } from "./jobs/jobs.js";
 import { showMeshes } from "./meshes/meshes.js";
+import { showRemesh } from "./remesh/remesh.js";
+import { showSketch } from "./sketch/sketch.js";
 
 /** @typedef {{ name: string, words: string, isWide?: boolean, show: (panel: HTMLElement) => () => void }} Page show fills
  *   the panel and returns what takes leave of it */
@@ -22,6 +24,8 @@ const pages = [
   { name: "compare", words: "Compare", show: showCompare },
   { name: "collide", words: "Collide", show: showCollide },
   { name: "deform", words: "Deform", show: showDeform },
+  { name: "sketch", words: "Sketch", show: showSketch },
+  { name: "remesh", words: "Remesh", show: showRemesh },
   { name: "jobs", words: "Jobs", isWide: true, show: showJobs },
 ];
 

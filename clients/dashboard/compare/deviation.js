@@ -81,8 +81,8 @@ function drawHistogram(canvas, { histogram: { bin_width: width, shares } }) {
   }
 }
 
-/** The colour bar of the heat map. @param {number} top */
-export function makeLegend(top) {
+/** The colour bar of the heat map. @param {number} top @param {string} [words] */
+export function makeLegend(top, words = "Distance of A's vertices from B") {
   const canvas = h("canvas", { width: 256, height: 1, role: "img", "aria-label": `Colours from 0 to ${length(top, 3)}` });
   const context = canvas.getContext("2d");
   for (let i = 0; context && i < 256; i++) {
@@ -90,6 +90,6 @@ export function makeLegend(top) {
     context.fillStyle = `rgb(${r} ${g} ${b})`;
     context.fillRect(i, 0, 1, 1);
   }
-  return h("div", { className: "legend" }, h("span", {}, "Distance of A's vertices from B"), canvas,
+  return h("div", { className: "legend" }, h("span", {}, words), canvas,
     h("div", { className: "ticks" }, ...[0, 0.5, 1].map((share) => h("span", {}, length(share * top, 3)))));
 }

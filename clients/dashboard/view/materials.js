@@ -75,9 +75,9 @@ const DISC_VERTEX = /* glsl */ `
     vNormal = normalMatrix * facing.xyz;
     vValue = value;
     vec4 place = modelViewMatrix * vec4(position, 1.0);
+    place.xyz *= 1.0 - lift;
     gl_Position = projectionMatrix * place;
     float size = length(modelViewMatrix[0].xyz) * radius * height * projectionMatrix[1][1] / gl_Position.w;
-    gl_Position.z -= lift * gl_Position.w;
     gl_PointSize = max(least, size);
   }
 `;
@@ -149,7 +149,7 @@ export function makeMarks() {
     glslVersion: GLSL3, vertexShader: DISC_VERTEX, fragmentShader: MARK_FRAGMENT, depthTest: true,
     uniforms: {
       radius: { value: 0 }, height: { value: 1 }, least: { value: 9 },
-      lift: { value: 0.002 }, low: { value: new Vector3(0.15, 0.45, 0.95) },
+      lift: { value: 0.004 }, low: { value: new Vector3(0.15, 0.45, 0.95) },
       high: { value: new Vector3(0.9, 0.2, 0.2) }, ring: { value: new Vector3(1, 1, 1) },
     },
   });

@@ -7,10 +7,12 @@ import {
 /** @import { Scene } from "three" */
 /** @typedef {{ points: Vector3[], colour: Vector3, width: number }} Ribbon width in pixels */
 /** @typedef {{ point: Vector3, colour: Vector3, size: number }} Dot size in pixels */
-/** @typedef {{ triangles: Float32Array, colour: Vector3, opacity: number }} Fill nine numbers a triangle */
+/** @typedef {{ triangles: Float32Array, colour: Vector3, opacity: number, lift?: number }} Fill nine numbers a triangle; lift:
+ *   how much nearer, as a share of the distance */
 
-// Somewhat nearer to the viewer than the surface that it lies on.
-const LIFT = 0.0015;
+// Somewhat nearer to the viewer than the surface that it lies on: shares of the distance.
+const LIFT = 0.003;
+const FILL_LIFT = 0.0015;
 
 const RIBBON_VERTEX = /* glsl */ `
   uniform vec2 size;
@@ -20,12 +22,11 @@ const RIBBON_VERTEX = /* glsl */ `
   out vec3 vTint;
   void main() {
     vTint = tint;
-    vec4 here = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-    vec4 there = projectionMatrix * modelViewMatrix * vec4(next, 1.0);
+    vec4 here = projectionMatrix * vec4((modelViewMatrix * vec4(position, 1.0)).xyz * ${1 - LIFT}, 1.0);
+    vec4 there = projectionMatrix * vec4((modelViewMatrix * vec4(next, 1.0)).xyz * ${1 - LIFT}, 1.0);
     vec2 along = (there.xy / there.w - here.xy / here.w) * size;
     along = length(along) > 1e-6 ? normalize(along) : vec2(1.0, 0.0);
     here.xy += (vec2(-along.y, along.x) * side.x - along * abs(side.x) * 0.4) * side.y / size * here.w;
-    here.z -= ${LIFT} * here.w;
     gl_Position = here;
   }
 `;
@@ -35,15 +36,14 @@ const DOT_VERTEX = /* glsl */ `
   out vec3 vTint;
   void main() {
     vTint = tint;
-    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-    gl_Position.z -= ${2 * LIFT} * gl_Position.w;
+    gl_Position = projectionMatrix * vec4((modelViewMatrix * vec4(position, 1.0)).xyz * ${1 - 2 * LIFT}, 1.0);
     gl_PointSize = size;
   }
 `;
 const FILL_VERTEX = /* glsl */ `
+  uniform float lift;
   void main() {
-    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-    gl_Position.z -= ${LIFT / 2} * gl_Position.w;
+    gl_Position = projectionMatrix * vec4((modelViewMatrix * vec4(position, 1.0)).xyz * (1.0 - lift), 1.0);
   }
 `;
 const PLAIN_FRAGMENT = /* glsl */ `
@@ -107,8 +107,8 @@ export class Overlay {
 }
 
 /** @param {Fill} fill */
-function fillMaterial({ colour, opacity }) {
-  const made = material(FILL_VERTEX, FILL_FRAGMENT, { base: { value: colour }, opacity: { value: opacity } });
+function fillMaterial({ colour, opacity, lift = FILL_LIFT }) {
+  const made = material(FILL_VERTEX, FILL_FRAGMENT, { base: { value: colour }, opacity: { value: opacity }, lift: { value: lift } });
   made.transparent = opacity < 1;
   made.depthWrite = false;
   return made;
