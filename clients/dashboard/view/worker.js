@@ -1,6 +1,7 @@
 // Fetches and decodes meshes away from the page, and sends them in pieces.
 
-import { Client } from "../js/index.js";
+import { Meshes } from "../js/meshes.js";
+import { Transport } from "../js/transport.js";
 import { cloudNormals } from "./cloud.js";
 import { patchTint } from "./colours.js";
 import { moveVertices } from "./handle.js";
@@ -25,9 +26,9 @@ const post = (/** @type {any} */ message, /** @type {Transferable[]} */ transfer
 
 /** @param {LoadRequest} request */
 async function load({ task, id, token, frame, isBilinear, wantsPatches }) {
-  const client = new Client({ token });
+  const meshes = new Meshes(new Transport({ token }));
   const [{ bytes }, patches] = await Promise.all([
-    client.meshes.content(id, { format: "ply" }), wantsPatches ? client.meshes.patches(id) : null]);
+    meshes.content(id, { format: "ply" }), wantsPatches ? meshes.patches(id) : null]);
   const shape = readPly(bytes);
   const faceCount = shape.starts.length - 1;
   if (faceCount === 0) return sendCloud(task, shape, frame);
