@@ -174,6 +174,7 @@ def test_a_curve_is_redrawn_by_a_stroke_from_either_end(client, layout):
     line = curve(inside[0], middle) + curve(middle, inside[1])[1:]
     for drawn in (line, line[::-1]):
         edited = edit(client, layout, "curves/6/redraw", **stroke(drawn))
+        client.post(f"/v1/layouts/{layout['id']}/undo")
         assert edited["changed"] == {"added_curves": [], "changed_curves": [6], "removed_curves": []}
         assert edited["stroke"] == {"curve": 6, "points": len(drawn), "missed_points": 0}
         points = edited["curves"][6]["points"]
