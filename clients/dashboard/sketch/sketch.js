@@ -1,101 +1,111 @@
 // The page that sketches: curves are drawn over a surface, patches shade in as they close, what is missing is told.
 
 import { choiceKey, meshChoice } from "../core/choice.js";
-import { client } from "../core/connection.js";
 import { h, select } from "../core/dom.js";
 import { count, time } from "../core/format.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { meshOf, on, state } from "../core/state.js";
-import { drawTools } from "../view/tools.js";
+import { drawTools, toggle } from "../view/tools.js";
 import { currentStage, setLook, show } from "../view/view.js";
+import { Editor } from "./editor.js";
 
-/** @import { EditedLayout, Layout, LayoutBrief, Point } from "../../js/types.js" */
-/** @import { Track } from "./pen.js" */
+/** @import { Layout, Point } from "../../js/types.js" */
+/** @import { DepthMap } from "../view/depth.js" */
+/** @import { Target } from "./window.js" */
 
 const SNAP_SHARE = 0.02;
+const GRIP_REACH = 14;
 
 /** @param {HTMLElement} panel */
 export function showSketch(panel) {
-  /** @type {LayoutBrief[]} */
-  let layouts = [];
-  /** @type {Layout | null} */
-  let layout = null;
-  /** The chosen curves, and where each was touched. @type {Map<number, Point>} */
-  const chosen = new Map();
-  let isRedrawing = false;
-  let putPenAway = () => {};
-  const modules = () => Promise.all([import("./pen.js"), import("./window.js"), import("./drawing.js")]);
+  const editor = new Editor(draw);
+  const modules = () => Promise.all([import("./pen.js"), import("./window.js"), import("./drawing.js"), import("../view/depth.js")]);
   /** @type {Awaited<ReturnType<typeof modules>> | null} */
   let tools = null;
+  /** @type {DepthMap | null} */
+  let depth = null;
+  /** @type {{ look: () => void, putAway: () => void } | null} */
+  let pen = null;
+  let isTurning = false;
 
-  const side = h("div", { className: "form whole" });
-  const outcome = h("p", { className: "outcome muted", id: "sketch", role: "status" });
-  const issues = h("ul", { className: "issues", "aria-label": "What is missing" });
-  const button = (/** @type {string} */ words, /** @type {() => Promise<unknown>} */ action, title = "") =>
-    h("button", { type: "button", title, disabled: true, onclick: () => run(action) }, words);
-  const undo = button("Undo", () => edit((id) => client.layouts.undo(id)), "Ctrl+Z");
-  const redo = button("Redo", () => edit((id) => client.layouts.redo(id)), "Ctrl+Shift+Z");
-  const split = button("Split", () => edit((id) => client.layouts.split(id, firstChosen(), /** @type {Point} */ (chosen.get(firstChosen())))), "Cut the chosen curve where it was touched");
-  const merge = button("Merge", () => {
-    const [first, second] = chosen.keys();
-    return edit((id) => client.layouts.merge(id, first, second));
-  }, "Join the two chosen curves");
-  const remove = button("Delete", removeChosen, "Delete");
+  const side = h("div", { className: "form" });
+  const summary = h("p", { className: "outcome", id: "sketch", role: "status" });
+  const words = h("p", { className: "outcome muted", id: "sketch-words", role: "status" });
+  const issues = h("ul", { className: "issues" });
+  const missing = h("section", { className: "section", "aria-labelledby": "missing-title", hidden: true },
+    h("h2", { id: "missing-title" }, "What is missing"), issues);
+  const button = (/** @type {string} */ name, /** @type {() => Promise<unknown>} */ action, title = "") =>
+    h("button", { type: "button", title, disabled: true, onclick: () => run(action) }, name);
+  const undo = button("Undo", () => editor.undo(), "Ctrl+Z");
+  const redo = button("Redo", () => editor.redo(), "Ctrl+Shift+Z");
+  const curve = h("select", { name: "curve" });
+  const split = button("Split", () => editor.split(), "Cut the chosen curve where it was touched");
+  const merge = button("Merge", () => editor.merge(), "Join the two chosen curves");
+  const remove = button("Delete", () => editor.delete(), "Delete");
   const redraw = button("Redraw", async () => {
-    isRedrawing = true;
-    outcome.textContent = "Draw the chosen curve anew.";
+    editor.isRedrawing = true;
+    words.textContent = "Draw the chosen curve anew; it stays between its nodes. Escape leaves it as it is.";
   }, "The next stroke takes the chosen curve's place");
-  const remesh = h("a", { className: "button", href: "#remesh", hidden: true }, "Remesh");
-  panel.append(h("section", { className: "section", "aria-labelledby": "sketch-title" },
-    h("header", {}, h("h2", { id: "sketch-title" }, "Sketch"), undo, redo),
-    h("div", { className: "form" }, side),
-    h("p", { className: "muted" }, "Draw boundary curves on the surface. The right button or two fingers turn the view; a click chooses a curve."),
-    h("div", { className: "row" }, split, merge, redraw, remove, remesh), outcome, issues));
-
-  const firstChosen = () => /** @type {number} */ (chosen.keys().next().value);
-
-  async function removeChosen() {
-    for (const curve of [...chosen.keys()]) await edit((id) => client.layouts.deleteCurve(id, curve));
-  }
-
-  /** Edits go one after the other. @type {Promise<unknown>} */
-  let before = Promise.resolve();
-  /** @param {(id: string) => Promise<Layout | EditedLayout>} action */
-  function edit(action) {
-    const next = before.then(async () => {
-      if (!layout) return;
-      take(await action(layout.id));
-    });
-    before = next.catch(() => {});
-    return next;
-  }
-
-  /** @param {Layout | EditedLayout} now */
-  function take(now) {
-    layout = now;
-    chosen.clear();
-    isRedrawing = false;
-    setParameters({ layout: now.id });
-    const missed = "stroke" in now && now.stroke ? now.stroke.missed_points : 0;
-    outcome.textContent = `${count(now.curves.length)} curves, ${count(now.patches.length)} patches`
-      + (now.complete && now.patches.length > 0 ? "; the layout is whole" : "") + (missed > 0 ? `; ${missed} points of the stroke met nothing` : "");
+  const discard = button("Delete layout", () => editor.discard().then(drawChoices));
+  const remesh = h("a", { className: "button primary", href: "#remesh", hidden: true }, "Remesh this layout");
+  panel.append(
+    h("section", { className: "section", "aria-labelledby": "sketch-title" },
+      h("header", {}, h("h2", { id: "sketch-title" }, "Sketch"), undo, redo), side,
+      h("p", { className: "muted small" }, "Draw boundary curves on the surface until cells of four sides cover it. The right button,"
+        + " or two fingers, turn the view. A click chooses a curve; the ends of a chosen one can be dragged.")),
+    h("section", { className: "section", "aria-label": "Curves" },
+      summary, words, h("div", { className: "row" }, h("label", { className: "inline" }, "Curve", curve)),
+      h("div", { className: "row" }, split, merge, redraw, remove), h("div", { className: "row" }, remesh, discard)),
+    missing);
+  curve.addEventListener("change", () => {
+    editor.chosen.clear();
+    const found = editor.layout?.curves.find(({ id }) => String(id) === curve.value);
+    if (found) editor.chosen.set(found.id, found.points[Math.floor(found.points.length / 2)]);
     draw();
-  }
+  });
 
   function draw() {
+    const { layout, chosen } = editor;
+    if (layout) setParameters({ layout: layout.id });
     undo.disabled = !layout?.can_undo;
     redo.disabled = !layout?.can_redo;
     split.disabled = redraw.disabled = chosen.size !== 1;
     merge.disabled = chosen.size !== 2;
     remove.disabled = chosen.size === 0;
+    discard.disabled = layout === null;
     remesh.hidden = !layout || layout.patches.length === 0;
     remesh.href = `#remesh?a=${state.a}&layout=${layout?.id}`;
+    summary.textContent = state.a === null ? "" : describe(layout);
+    words.textContent = editor.words;
+    drawCurves();
+    missing.hidden = !layout || layout.issues.length === 0;
     issues.replaceChildren(...(layout?.issues ?? []).map((issue) => h("li", {}, h("button", {
       type: "button", className: "quiet", onclick: () => flyTo(issue.point),
     }, issue.detail))));
+    if (layout && layouts() !== drawnLayouts) drawChoices();
+    drawView();
+  }
+
+  function drawCurves() {
+    const { layout, chosen } = editor;
+    const none = chosen.size === 2 ? [...chosen.keys()].join(" and ") : "none";
+    curve.replaceChildren(h("option", { value: "" }, none),
+      ...(layout?.curves ?? []).map(({ id }) => h("option", { value: String(id), selected: id === editor.curve }, String(id))));
+    curve.disabled = !layout || layout.curves.length === 0;
+  }
+
+  /** @type {Layout | null} */
+  let shaded = null;
+  function drawView() {
     const stage = currentStage();
-    if (stage && layout && tools) tools[2].drawLayout(stage, layout, new Set(chosen.keys()));
+    if (!stage || !tools || !stage.models.get("a")?.isWhole) return;
+    const { layout, chosen } = editor;
+    if (!layout) stage.setOverlay();
+    else tools[2].drawLayout(stage, layout, new Set(chosen.keys()));
+    if (shaded === layout) return;
+    shaded = layout;
+    run(() => /** @type {NonNullable<typeof tools>} */ (tools)[2].shadePatches(stage, layout ?? { ...EMPTY }));
   }
 
   /** @param {Point} point */
@@ -105,73 +115,83 @@ export function showSketch(panel) {
     if (stage && place) stage.eye.flyTo(place, 0.9, place.clone());
   }
 
-  /** @param {Track} track */
-  async function drawStroke(track) {
-    const stage = currentStage();
-    if (!stage || !tools || !layout) return;
-    if (isRedrawing) {
-      const { pick } = await import("../view/pick.js");
-      const model = stage.models.get("a");
-      const points = model ? track.map(([x, y]) => pick(stage, model, x, y)?.point).filter((point) => point !== undefined) : [];
-      if (points.length < 2) throw new Error("The stroke does not meet the surface; a curve over a point set is drawn anew by deleting it first.");
-      const curve = firstChosen();
-      await edit((id) => client.layouts.redraw(id, curve, /** @type {Point[]} */ (points)));
-      return;
-    }
-    const stroke = tools[1].strokeOf(stage, track);
-    const snap = SNAP_SHARE * (meshOf(state.a)?.bounding_box.diagonal ?? 1);
-    await edit((id) => client.layouts.stroke(id, { ...stroke, snap }));
-  }
-
   /** @param {number} x @param {number} y */
   function choose(x, y) {
     const stage = currentStage();
+    const { layout, chosen } = editor;
     if (!stage || !tools || !layout) return;
-    const found = tools[1].curveAt(stage, layout.curves, x, y);
+    const found = tools[1].curveAt(stage, layout.curves, x, y, isSeen);
+    editor.isRedrawing = false;
     if (!found) chosen.clear();
     else if (chosen.has(found.curve.id)) chosen.delete(found.curve.id);
-    else chosen.set(found.curve.id, found.point);
+    else {
+      if (chosen.size === 2) chosen.clear();
+      chosen.set(found.curve.id, found.point);
+    }
     draw();
+  }
+
+  const isSeen = (/** @type {import("three").Vector3} */ place) => depth?.isSeen(place) ?? true;
+  const snapRadius = () => SNAP_SHARE * (meshOf(state.a)?.bounding_box.diagonal ?? 1);
+
+  /** The end of the one chosen curve that is at a place of the window. @param {number} x @param {number} y */
+  function gripAt(x, y) {
+    const stage = currentStage();
+    const held = editor.layout?.curves.find(({ id }) => id === editor.curve);
+    if (!stage || !tools || !held || editor.isRedrawing) return null;
+    for (const end of /** @type {const} */ (["from", "to"])) {
+      const [ex, ey] = tools[1].toWindow(stage, held.points[end === "from" ? 0 : held.points.length - 1]);
+      if (Math.hypot(ex - x, ey - y) < GRIP_REACH) return end;
+    }
+    return null;
+  }
+
+  /** @param {"from" | "to"} end @param {Target | null} target */
+  async function dropEnd(end, target) {
+    if (!target) throw new Error("An end of a curve goes onto a node or another curve; there is neither.");
+    await editor.snap(end, target.point, snapRadius());
+  }
+
+  /** @param {boolean} isOn */
+  function setTurning(isOn) {
+    isTurning = isOn;
+    takeUp();
+  }
+
+  /** Takes up the pen, or puts it away to turn the view with it. */
+  function takeUp() {
+    const stage = currentStage();
+    pen?.putAway();
+    pen = null;
+    if (!stage || !tools || isTurning) return;
+    const { targetAt, strokeOf } = tools[1];
+    pen = tools[0].takePen(stage, {
+      onStroke: (track) => { run(() => editor.stroke({ ...strokeOf(stage, track), ...(editor.isRedrawing ? {} : { snap: snapRadius() }) })); },
+      onClick: choose, gripAt,
+      onDrop: (end, target) => { run(() => dropEnd(end, target)); },
+      targetAt: (x, y) => (editor.layout ? targetAt(stage, editor.layout, x, y, snapRadius(), isSeen) : null),
+    });
   }
 
   async function arm() {
     const stage = currentStage();
-    if (!stage) return;
+    if (!stage || state.a === null) return;
     tools ??= await modules();
-    putPenAway();
-    putPenAway = tools[0].takePen(stage, {
-      onStroke: (track) => { run(() => drawStroke(track)); }, onClick: choose,
-      snapAt: (x, y) => (tools && layout ? tools[1].nodeAt(stage, layout.nodes, x, y, SNAP_SHARE / stage.frame.scale) : null),
-    });
-    draw();
+    depth?.dispose();
+    depth = new tools[3].DepthMap(stage, () => pen?.look());
+    shaded = null;
+    takeUp();
+    drawView();
   }
 
-  /** The layouts of a mesh; the newest one, or the one of the address, is taken up. */
-  async function openLayouts() {
-    const mesh = state.a;
-    const all = [];
-    for await (const brief of client.layouts.list({ pageSize: 1000 })) if (brief.mesh === mesh) all.push(brief);
-    if (mesh !== state.a || mesh === null) return;
-    layouts = all;
-    const wanted = layouts.find(({ id }) => id === parameter("layout")) ?? layouts[layouts.length - 1];
-    take(wanted ? await client.layouts.get(wanted.id) : await client.layouts.create({ mesh }));
-    if (!wanted && layout) layouts.push(layout);
-    drawChoices();
-  }
-
-  async function startAnew() {
-    if (state.a === null) return;
-    const made = await client.layouts.create({ mesh: state.a });
-    layouts.push(made);
-    take(made);
-    drawChoices();
-  }
-
+  const layouts = () => `${editor.layout?.id} ${editor.layouts.map(({ id }) => id)}`;
+  let drawnLayouts = "";
   function drawChoices() {
-    const choice = select("layout", layouts.map((brief) => [brief.id, `${time(brief.created)}${brief.complete && brief.revision > 0 ? ", whole" : ""}`]), layout?.id ?? "");
-    choice.addEventListener("change", () => run(async () => take(await client.layouts.get(choice.value))));
-    side.replaceChildren(meshChoice("a", { words: "Surface" }), h("label", {}, "Layout", choice),
-      h("div", { className: "row whole" }, h("button", { type: "button", disabled: state.a === null, onclick: () => run(startAnew) }, "New layout")));
+    drawnLayouts = layouts();
+    const all = editor.layouts.map((brief) => /** @type {[string, string]} */ ([brief.id, `of ${time(brief.created)}`]));
+    const choice = select("layout", [["", "new"], ...all], editor.layout?.id ?? "");
+    choice.addEventListener("change", () => run(() => editor.choose(choice.value)));
+    side.replaceChildren(meshChoice("a", { words: "Surface" }), h("label", {}, "Layout", choice));
   }
 
   let drawn = "";
@@ -184,37 +204,55 @@ export function showSketch(panel) {
     const key = mesh ? `${mesh.id} ${mesh.revision}` : "";
     if (key === view) return;
     view = key;
-    layout = null;
     currentStage()?.setOverlay();
-    drawTools(mesh ? [mesh] : []);
+    drawTools(mesh ? [mesh] : [], { more: [toggle("Turn", "Turn the view instead of drawing (hold Space)", isTurning, setTurning)] });
     show(mesh ? [{ mesh, role: "a", isBilinear: false }] : [], "Choose a mesh or a point set to draw on.").then((isWhole) => { if (isWhole && mesh) run(arm); });
-    if (mesh) openLayouts().catch(sayFault);
+    editor.open(mesh?.id ?? null, parameter("layout")).then(drawChoices, sayFault);
   }
 
   /** @param {KeyboardEvent} event */
   function onKey(event) {
     if (event.target instanceof HTMLInputElement || event.target instanceof HTMLSelectElement) return;
-    const isZ = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z";
-    const isY = (event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "y";
-    if (isZ && !event.shiftKey) undo.click();
-    else if (isZ || isY) redo.click();
-    else if (event.key === "Delete" || event.key === "Backspace") remove.click();
-    else if (event.key === "Escape") {
-      chosen.clear();
-      isRedrawing = false;
+    const key = event.ctrlKey || event.metaKey ? `ctrl ${event.key.toLowerCase()}` : event.key;
+    if (key === "ctrl z" && !event.shiftKey) undo.click();
+    else if (key === "ctrl z" || key === "ctrl y") redo.click();
+    else if (key === "Delete" || key === "Backspace") remove.click();
+    else if (key === " " && !(event.target instanceof HTMLButtonElement)) {
+      if (!event.repeat) setTurning(true);
+    } else if (key === "Escape") {
+      editor.chosen.clear();
+      editor.isRedrawing = false;
+      editor.words = "";
       draw();
     } else return;
     event.preventDefault();
   }
+  /** @param {KeyboardEvent} event */
+  const onKeyUp = (event) => { if (event.key === " " && !(event.target instanceof HTMLButtonElement)) setTurning(false); };
 
   setLook({ heat: false, structure: false });
   addEventListener("keydown", onKey);
+  addEventListener("keyup", onKeyUp);
   onChoice();
+  draw();
   const off = [on(["meshes", "choice"], onChoice), on("theme", draw)];
   return () => {
     off.forEach((each) => each());
     removeEventListener("keydown", onKey);
-    putPenAway();
+    removeEventListener("keyup", onKeyUp);
+    pen?.putAway();
+    depth?.dispose();
+    currentStage()?.models.get("a")?.setRegions(null);
     currentStage()?.setOverlay();
   };
+}
+
+const EMPTY = /** @type {Layout} */ (/** @type {unknown} */ ({ nodes: [], curves: [], patches: [], issues: [] }));
+
+/** @param {Layout | null} layout */
+function describe(layout) {
+  if (!layout || layout.curves.length === 0) return "Nothing is drawn yet.";
+  const curves = `${count(layout.curves.length)} curve${layout.curves.length === 1 ? "" : "s"}`;
+  const patches = `${count(layout.patches.length)} patch${layout.patches.length === 1 ? "" : "es"}`;
+  return `${curves}, ${patches}${layout.complete && layout.patches.length > 0 ? "; the layout is whole" : ""}`;
 }

@@ -3,6 +3,7 @@
 import { client } from "../core/connection.js";
 
 /** @import { Model } from "./model.js" */
+/** @import { Plan } from "./regions.js" */
 /** @typedef {{ model: Model, onPiece: () => void, resolve: () => void, reject: (error: Error) => void }} Task */
 
 /** @type {Worker | undefined} */
@@ -105,6 +106,15 @@ function ask(model, question) {
  */
 export async function outline(model, faces, frame) {
   return (await ask(model, { kind: "outline", faces: Uint32Array.from(faces), frame })).triangles;
+}
+
+/**
+ * Colours the parts of a whole model that lie in the patches of a layout.
+ * @param {Model} model
+ * @param {Plan} plan
+ */
+export async function colourRegions(model, plan) {
+  model.setRegions(await ask(model, { kind: "regions", plan }));
 }
 
 /**

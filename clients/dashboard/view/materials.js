@@ -1,6 +1,6 @@
 // How surfaces and points are shaded. Colours are those of the screen from the start, not linear ones.
 
-import { DataTexture, DoubleSide, GLSL3, LinearFilter, RGBAFormat, ShaderMaterial, Vector3 } from "three";
+import { Data3DTexture, DataTexture, DoubleSide, GLSL3, LinearFilter, RGBAFormat, ShaderMaterial, Vector3 } from "three";
 
 import { scaleTable } from "./colours.js";
 
@@ -13,6 +13,20 @@ const LIGHT = /* glsl */ `
   }
 `;
 
+// Colours of cells, premultiplied, so that a mixture with cells that have none is the colour itself.
+const REGION = /* glsl */ `
+  precision highp sampler3D;
+  uniform float regioned;
+  uniform sampler3D regions;
+  uniform vec3 regionLow;
+  uniform vec3 regionSize;
+  vec3 inRegion(vec3 base, vec3 place) {
+    if (regioned < 0.5) return base;
+    vec4 found = texture(regions, (place - regionLow) / regionSize);
+    return found.a < 0.01 ? base : mix(base, found.rgb / found.a, 0.8 * smoothstep(0.25, 0.5, found.a));
+  }
+`;
+
 const SURFACE_VERTEX = /* glsl */ `
   in vec4 edge;
   in vec4 tint;
@@ -21,7 +35,9 @@ const SURFACE_VERTEX = /* glsl */ `
   out vec3 vEdge;
   out vec3 vTint;
   out float vValue;
+  out vec3 vPlace;
   void main() {
+    vPlace = position;
     vNormal = normalMatrix * normal;
     vEdge = edge.xyz;
     vTint = tint.rgb;
@@ -44,12 +60,14 @@ const SURFACE_FRAGMENT = /* glsl */ `
   in vec3 vEdge;
   in vec3 vTint;
   in float vValue;
+  in vec3 vPlace;
   out vec4 colour;
   ${LIGHT}
+  ${REGION}
   void main() {
     vec3 n = normalize(vNormal);
     if (!gl_FrontFacing) n = -n;
-    vec3 flat_colour = mix(base, vTint, tinted);
+    vec3 flat_colour = inRegion(mix(base, vTint, tinted), vPlace);
     if (!gl_FrontFacing) flat_colour = mix(flat_colour, vec3(dot(flat_colour, vec3(0.33))), 0.6) * 0.85;
     float share = clamp(vValue / top, 0.0, 1.0);
     flat_colour = mix(flat_colour, texture(scale, vec2((share * 255.0 + 0.5) / 256.0, 0.5)).rgb, heated);
@@ -71,7 +89,9 @@ const DISC_VERTEX = /* glsl */ `
   in float value;
   out vec3 vNormal;
   out float vValue;
+  out vec3 vPlace;
   void main() {
+    vPlace = position;
     vNormal = normalMatrix * facing.xyz;
     vValue = value;
     vec4 place = modelViewMatrix * vec4(position, 1.0);
@@ -87,15 +107,17 @@ const DISC_FRAGMENT = /* glsl */ `
   precision highp float;
   uniform vec3 base;
   in vec3 vNormal;
+  in vec3 vPlace;
   out vec4 colour;
   ${LIGHT}
+  ${REGION}
   void main() {
     vec2 place = vec2(2.0, -2.0) * gl_PointCoord + vec2(-1.0, 1.0);
     vec3 n = dot(vNormal, vNormal) > 0.01 ? normalize(vNormal) : vec3(0.0, 0.0, 1.0);
     if (n.z < 0.0) n = -n;
     float depth = -dot(n.xy, place) / max(n.z, 0.15);
     if (dot(place, place) + depth * depth > 1.0) discard;
-    colour = vec4(shade(base, n, 1.0), 1.0);
+    colour = vec4(shade(inRegion(base, vPlace), n, 1.0), 1.0);
   }
 `;
 
@@ -125,12 +147,29 @@ function scale() {
   return scaleTexture;
 }
 
+/** @param {Uint8Array} colours rows of r, g, b, a @param {number[]} sides */
+export function makeRegions(colours, [width, height, depth]) {
+  const texture = new Data3DTexture(colours, width, height, depth);
+  texture.format = RGBAFormat;
+  texture.minFilter = texture.magFilter = LinearFilter;
+  texture.needsUpdate = true;
+  return texture;
+}
+
+/** @type {Data3DTexture | undefined} */
+let noRegions;
+function regionUniforms() {
+  noRegions ??= makeRegions(new Uint8Array(4), [1, 1, 1]);
+  return { regioned: { value: 0 }, regions: { value: noRegions }, regionLow: { value: new Vector3() }, regionSize: { value: new Vector3(1, 1, 1) } };
+}
+
 export function makeSurface() {
   return new ShaderMaterial({
     glslVersion: GLSL3, vertexShader: SURFACE_VERTEX, fragmentShader: SURFACE_FRAGMENT, side: DoubleSide,
     uniforms: {
       base: { value: new Vector3() }, line: { value: new Vector3() }, opacity: { value: 1 }, wire: { value: 0 },
       tinted: { value: 0 }, heated: { value: 0 }, top: { value: 1 }, scale: { value: scale() },
+      ...regionUniforms(),
     },
   });
 }
@@ -139,7 +178,7 @@ export function makeDiscs() {
   return new ShaderMaterial({
     glslVersion: GLSL3, vertexShader: DISC_VERTEX, fragmentShader: DISC_FRAGMENT,
     uniforms: { base: { value: new Vector3() }, radius: { value: 0 }, height: { value: 1 }, least: { value: 1.5 },
-      lift: { value: 0 } },
+      lift: { value: 0 }, ...regionUniforms() },
   });
 }
 

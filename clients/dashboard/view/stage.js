@@ -132,7 +132,7 @@ export class Stage {
       surface.transparent = isGhost;
       surface.depthWrite = !isGhost;
       discs.uniforms.base.value = base;
-      discs.uniforms.radius.value = 1.6 * model.spacing * this.look.disc;
+      discs.uniforms.radius.value = 1.7 * model.spacing * this.look.disc;
       model.group.visible = !wish.isHidden;
       model.group.renderOrder = isGhost ? 1 : 0;
       if (model.irregular) model.irregular.visible = this.look.structure && this.look.irregular;
@@ -214,6 +214,19 @@ export class Stage {
     this.pair.setHeight(height);
   }
 
+  /** Draws the models alone, without what lies over them. @param {WebGLRenderTarget} target */
+  drawBare(target) {
+    const extras = [this.overlay.group, this.pair.group].filter((group) => group.visible);
+    for (const extra of extras) extra.visible = false;
+    this.eye.setPlanes();
+    this.setHeight(target.height);
+    this.renderer.setRenderTarget(target);
+    this.renderer.clear();
+    this.renderer.render(this.scene, this.eye.camera);
+    this.renderer.setRenderTarget(null);
+    for (const extra of extras) extra.visible = true;
+  }
+
   /**
    * A small picture on no ground, without making the page wait for it.
    * @param {number} width
@@ -226,21 +239,13 @@ export class Stage {
     const model = this.models.get("a");
     if (model?.mesh.id !== mesh.id || this.models.size !== 1 || !model.isWhole) return null;
     const { scene, renderer, eye: { camera } } = this;
-    const extras = [this.overlay.group, this.pair.group].filter((group) => group.visible);
-    for (const extra of extras) extra.visible = false;
     const target = new WebGLRenderTarget(width, height, { samples: 4 });
     const { background } = scene;
     scene.background = null;
-    camera.aspect = width / height;
-    this.eye.setPlanes();
-    this.setHeight(height);
-    renderer.setRenderTarget(target);
     renderer.setClearColor(0, 0);
-    renderer.clear();
-    renderer.render(scene, camera);
-    renderer.setRenderTarget(null);
+    camera.aspect = width / height;
+    this.drawBare(target);
     scene.background = background;
-    for (const extra of extras) extra.visible = true;
     camera.aspect = this.place.clientWidth / Math.max(1, this.place.clientHeight);
     this.eye.setPlanes();
     const pixels = new Uint8Array(4 * width * height);

@@ -6,17 +6,20 @@ import { cloudNormals } from "./cloud.js";
 import { patchTint } from "./colours.js";
 import { moveVertices } from "./handle.js";
 import { readPly } from "./ply.js";
+import { colourCells, fillCells } from "./regions.js";
 import { buildPiece, buildValues, gridSteps, pieces } from "./soup.js";
 import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "./topology.js";
 
 /** @import { Shape } from "./ply.js" */
+/** @import { Cells, Plan } from "./regions.js" */
 /** @import { Frame } from "./soup.js" */
 /** @typedef {{ task: number, id: string, token: string | null, frame: Frame, isBilinear: boolean,
  *   wantsPatches: boolean }} LoadRequest */
 
 const CLOUD_PIECE = 131072;
 
-/** @typedef {{ shape: Shape, steps: number, frame: Frame, tints: Uint8Array | null, before?: Float64Array }} Kept */
+/** @typedef {{ shape: Shape, steps: number, frame: Frame, tints: Uint8Array | null, before?: Float64Array,
+ *   cells?: Cells }} Kept */
 
 /** @type {Map<number, Kept>} what may be asked of later, by task */
 const kept = new Map();
@@ -31,7 +34,10 @@ async function load({ task, id, token, frame, isBilinear, wantsPatches }) {
     meshes.content(id, { format: "ply" }), wantsPatches ? meshes.patches(id) : null]);
   const shape = readPly(bytes);
   const faceCount = shape.starts.length - 1;
-  if (faceCount === 0) return sendCloud(task, shape, frame);
+  if (faceCount === 0) {
+    kept.set(task, { shape, steps: 1, frame, tints: null });
+    return sendCloud(task, shape, frame);
+  }
   let quadCount = 0;
   for (let face = 0; face < faceCount; face++) if (shape.starts[face + 1] - shape.starts[face] === 4) quadCount++;
   const steps = gridSteps(quadCount, isBilinear);
@@ -112,6 +118,15 @@ function outline({ task, faces, frame: { centre, scale }, request }) {
   post({ task, kind: "outline", request, triangles: Float32Array.from(out) });
 }
 
+/** Which part of the surface lies in which patch. @param {{ task: number, plan: Plan, request: number }} request */
+function regions({ task, plan, request }) {
+  const found = kept.get(task);
+  if (!found) return;
+  found.cells ??= fillCells(found.shape, found.frame);
+  const coloured = colourCells(found.cells, found.frame, plan);
+  post({ task, kind: "regions", request, ...coloured }, [coloured.colours.buffer]);
+}
+
 /**
  * Moves the vertices within a radius of a point, less the farther they are; sends their places and the pieces anew.
  * @param {{ task: number, centre: number[], radius: number, offset: number[], request: number, starts: boolean }} request
@@ -150,6 +165,8 @@ self.addEventListener("message", ({ data }) => {
     paint(data);
   } else if (data.kind === "outline") {
     outline(data);
+  } else if (data.kind === "regions") {
+    regions(data);
   } else if (data.kind === "deform") {
     deform(data);
   } else if (data.kind === "forget") {
