@@ -142,7 +142,7 @@ export function showCompare(panel) {
   async function paintValues(painted) {
     const model = currentStage()?.models.get("a");
     const top = painted.result.max.upper;
-    if (!model?.isWhole || model.mesh.vertices !== painted.distances.length || model.mesh.kind === "points") return;
+    if (!model?.isWhole || model.mesh.vertices !== painted.distances.length) return;
     await paint(model, painted.distances);
     if (painted !== deviation) return;
     setLook({ heat: true, top: top > 0 ? top : 1 });

@@ -1,10 +1,19 @@
 // The record of the steps of a reconstruction: quads and the proven distance to the source after each.
 
 import { colour, h } from "../core/dom.js";
-import { count, duration, percent } from "../core/format.js";
+import { count, duration, length, percent } from "../core/format.js";
 import { prepare } from "../compare/canvas.js";
 
 /** @import { StepRecord } from "../../js/types.js" */
+
+/** Both bounds of the distance after the last step. @param {HTMLElement} place @param {StepRecord | undefined} last */
+export function drawBounds(place, last) {
+  const { hausdorff } = last ?? { hausdorff: null };
+  const bound = (/** @type {"lower" | "upper"} */ name) => h("div", {},
+    h("dt", {}, h("span", { className: `swatch ${name}` }), `${name} bound`),
+    h("dd", {}, length(hausdorff?.[name], 6), h("div", { className: "relative" }, `${percent(hausdorff?.[`${name}_relative`])} of the diagonal`)));
+  place.replaceChildren(h("dl", { className: "bounds" }, bound("lower"), bound("upper")));
+}
 
 /** @param {StepRecord[]} steps */
 export function stepTable(steps) {

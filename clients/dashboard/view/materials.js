@@ -2,7 +2,7 @@
 
 import { Data3DTexture, DataTexture, DoubleSide, GLSL3, LinearFilter, RGBAFormat, ShaderMaterial, Vector3 } from "three";
 
-import { scaleTable } from "./colours.js";
+import { scaleTables } from "./colours.js";
 
 const LIGHT = /* glsl */ `
   vec3 shade(vec3 base, vec3 n, float strength) {
@@ -46,6 +46,19 @@ const SURFACE_VERTEX = /* glsl */ `
   }
 `;
 
+// From blue at 0 to yellow at the top; of signed values from blue over the middle to red.
+const HEAT = /* glsl */ `
+  uniform float heated;
+  uniform float signed_;
+  uniform float top;
+  uniform sampler2D scale;
+  vec3 inHeat(vec3 base, float value) {
+    float share = clamp(value / top, -1.0, 1.0);
+    float place = signed_ > 0.5 ? 0.5 + 0.5 * share : share;
+    return mix(base, texture(scale, vec2((clamp(place, 0.0, 1.0) * 255.0 + 0.5) / 256.0, signed_ > 0.5 ? 0.75 : 0.25)).rgb, heated);
+  }
+`;
+
 const SURFACE_FRAGMENT = /* glsl */ `
   precision highp float;
   uniform vec3 base;
@@ -53,9 +66,6 @@ const SURFACE_FRAGMENT = /* glsl */ `
   uniform float opacity;
   uniform float wire;
   uniform float tinted;
-  uniform float heated;
-  uniform float top;
-  uniform sampler2D scale;
   in vec3 vNormal;
   in vec3 vEdge;
   in vec3 vTint;
@@ -64,13 +74,13 @@ const SURFACE_FRAGMENT = /* glsl */ `
   out vec4 colour;
   ${LIGHT}
   ${REGION}
+  ${HEAT}
   void main() {
     vec3 n = normalize(vNormal);
     if (!gl_FrontFacing) n = -n;
     vec3 flat_colour = inRegion(mix(base, vTint, tinted), vPlace);
     if (!gl_FrontFacing) flat_colour = mix(flat_colour, vec3(dot(flat_colour, vec3(0.33))), 0.6) * 0.85;
-    float share = clamp(vValue / top, 0.0, 1.0);
-    flat_colour = mix(flat_colour, texture(scale, vec2((share * 255.0 + 0.5) / 256.0, 0.5)).rgb, heated);
+    flat_colour = inHeat(flat_colour, vValue);
     vec3 lit = shade(flat_colour, n, heated > 0.5 ? 0.6 : 1.0);
     vec3 width = fwidth(vEdge);
     vec3 clear = smoothstep(0.35 * width, 1.25 * width, vEdge);
@@ -108,16 +118,18 @@ const DISC_FRAGMENT = /* glsl */ `
   uniform vec3 base;
   in vec3 vNormal;
   in vec3 vPlace;
+  in float vValue;
   out vec4 colour;
   ${LIGHT}
   ${REGION}
+  ${HEAT}
   void main() {
     vec2 place = vec2(2.0, -2.0) * gl_PointCoord + vec2(-1.0, 1.0);
     vec3 n = dot(vNormal, vNormal) > 0.01 ? normalize(vNormal) : vec3(0.0, 0.0, 1.0);
     if (n.z < 0.0) n = -n;
     float depth = -dot(n.xy, place) / max(n.z, 0.15);
     if (dot(place, place) + depth * depth > 1.0) discard;
-    colour = vec4(shade(inRegion(base, vPlace), n, 1.0), 1.0);
+    colour = vec4(shade(inHeat(inRegion(base, vPlace), vValue), n, heated > 0.5 ? 0.6 : 1.0), 1.0);
   }
 `;
 
@@ -140,12 +152,14 @@ const MARK_FRAGMENT = /* glsl */ `
 let scaleTexture;
 function scale() {
   if (!scaleTexture) {
-    scaleTexture = new DataTexture(scaleTable(), 256, 1, RGBAFormat);
+    scaleTexture = new DataTexture(scaleTables(), 256, 2, RGBAFormat);
     scaleTexture.minFilter = scaleTexture.magFilter = LinearFilter;
     scaleTexture.needsUpdate = true;
   }
   return scaleTexture;
 }
+
+const heatUniforms = () => ({ heated: { value: 0 }, signed_: { value: 0 }, top: { value: 1 }, scale: { value: scale() } });
 
 /** @param {Uint8Array} colours rows of r, g, b, a @param {number[]} sides */
 export function makeRegions(colours, [width, height, depth]) {
@@ -168,8 +182,7 @@ export function makeSurface() {
     glslVersion: GLSL3, vertexShader: SURFACE_VERTEX, fragmentShader: SURFACE_FRAGMENT, side: DoubleSide,
     uniforms: {
       base: { value: new Vector3() }, line: { value: new Vector3() }, opacity: { value: 1 }, wire: { value: 0 },
-      tinted: { value: 0 }, heated: { value: 0 }, top: { value: 1 }, scale: { value: scale() },
-      ...regionUniforms(),
+      tinted: { value: 0 }, ...heatUniforms(), ...regionUniforms(),
     },
   });
 }
@@ -178,7 +191,7 @@ export function makeDiscs() {
   return new ShaderMaterial({
     glslVersion: GLSL3, vertexShader: DISC_VERTEX, fragmentShader: DISC_FRAGMENT,
     uniforms: { base: { value: new Vector3() }, radius: { value: 0 }, height: { value: 1 }, least: { value: 1.5 },
-      lift: { value: 0 }, ...regionUniforms() },
+      lift: { value: 0 }, ...heatUniforms(), ...regionUniforms() },
   });
 }
 

@@ -31,6 +31,8 @@ export class Model {
     this.pieces = [];
     /** About the distance of neighbouring points. */
     this.spacing = 1 / Math.sqrt(Math.max(1, mesh.vertices));
+    /** Of all triangles, those from one place to another are drawn. @type {[number, number]} */
+    this.range = [0, Infinity];
     /** @type {Points | null} */
     this.irregular = null;
     /** @type {Data3DTexture | null} */
@@ -63,6 +65,21 @@ export class Model {
     piece.frustumCulled = false;
     this.pieces.push(piece);
     this.group.add(piece);
+    this.setRange(...this.range);
+  }
+
+  /** Draws some of the triangles alone, in the order of the file. @param {number} from @param {number} to */
+  setRange(from, to) {
+    this.range = [from, to];
+    let first = 0;
+    for (const piece of this.pieces) {
+      if (piece instanceof Points) return;
+      const { geometry } = piece;
+      const count = geometry.getAttribute("position").count / 3;
+      const [start, end] = [from, to].map((place) => Math.max(0, Math.min(count, place - first)));
+      geometry.setDrawRange(3 * start, 3 * (end - start));
+      first += count;
+    }
   }
 
   /** @param {number} place @param {Int8Array} normal @param {number} spacing */
