@@ -1,6 +1,7 @@
 // What the view shows of a reconstruction: the quads as they grow, or the surface in the colours of its distance from them.
 
-import { measureDeviation, makeLegend } from "../compare/deviation.js";
+import { measureDeviation } from "../compare/deviation.js";
+import { makeLegend } from "../compare/legend.js";
 import { client } from "../core/connection.js";
 import { byId } from "../core/dom.js";
 import { paint } from "../view/loader.js";
@@ -75,9 +76,9 @@ export class Picture {
     const model = currentStage()?.models.get("a");
     if (!model?.isWhole || this.meshes !== meshes) return null;
     await paint(model, distances);
-    const top = result.max.upper;
-    setLook({ heat: true, signed: false, top: top > 0 ? top : 1 });
-    byId("stage-legend").replaceChildren(makeLegend(top, "Distance of the surface from the quads"));
+    const top = result.max.upper > 0 ? result.max.upper : 1;
+    setLook({ heat: true, signed: false, top });
+    byId("stage-legend").replaceChildren(makeLegend({ top, isSigned: false }, "Distance of the surface from the quads"));
     return result;
   }
 

@@ -57,9 +57,9 @@ function cellsOf(points, { low, high }, size) {
  * About how far neighbours are apart, as if they lay evenly on a surface: one of area A meets 1.5 A / s^2 cells of size s in
  * the mean over all directions.
  * @param {Float32Array} points
- * @param {ReturnType<typeof boxOf>} box
+ * @param {ReturnType<typeof boxOf>} [box]
  */
-function findSpacing(points, box) {
+export function findSpacing(points, box = boxOf(points)) {
   const count = points.length / 3;
   const size = Math.max((3 * box.extent) / Math.sqrt(count), box.extent / MOST_CELLS);
   const occupied = new Set(cellsOf(points, box, size).keys).size;

@@ -109,6 +109,19 @@ export async function outline(model, faces, frame) {
 }
 
 /**
+ * On which side of another whole model's surface the vertices of one lie: 1 outside, -1 inside.
+ * @param {Model} model
+ * @param {Model} other
+ * @param {"triangles" | "bilinear"} quads
+ * @returns {Promise<Int8Array>}
+ */
+export async function findSides(model, other, quads) {
+  const { signs, words } = await ask(model, { kind: "sides", other: taskOf.get(other), id: other.mesh.id, quads, token: client.transport.token });
+  if (!signs) throw new Error(words);
+  return signs;
+}
+
+/**
  * Colours the parts of a whole model that lie in the patches of a layout.
  * @param {Model} model
  * @param {Plan} plan

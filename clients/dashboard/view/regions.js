@@ -1,6 +1,8 @@
 // Which part of a surface lies in which patch of a layout: the surface fills cells of a grid, curves are walls of cells, and
 // what they part is flooded. The cells are coloured, for the graphics card to look up.
 
+import { findSpacing } from "./cloud.js";
+
 /** @import { Shape } from "./ply.js" */
 /** @import { Frame } from "./soup.js" */
 /** @typedef {{ curves: { id: number, points: number[][] }[], patches: { sides: number[], middle: number[], tint: number[] }[] }} Plan
@@ -8,8 +10,10 @@
 /** @typedef {{ sides: number[], low: number[], size: number, surface: Uint8Array }} Cells of the scene's box: how many along
  *   each axis, where they begin, how large they are, and which of them the surface meets */
 
-const CELL = 1 / 150;
-const CELL_SPACINGS = 2.5;
+const CELL = 1 / 170;
+const CELL_SPACINGS = 2;
+/** Walls reach this many cells beyond a curve: with one, regions meet across an edge that is sharp. */
+const WALL_REACH = 2;
 /** The share of a region's border that must be of its patch. */
 const LEAST_BORDER = 0.75;
 
@@ -21,7 +25,6 @@ const LEAST_BORDER = 0.75;
 export function fillCells({ points, corners, starts }, { centre, scale }) {
   const count = points.length / 3;
   const isCloud = starts.length <= 1;
-  const size = isCloud ? Math.max(CELL, CELL_SPACINGS / Math.sqrt(count)) : CELL;
   const place = new Float64Array(points.length);
   const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
   for (let i = 0; i < points.length; i++) {
@@ -30,8 +33,9 @@ export function fillCells({ points, corners, starts }, { centre, scale }) {
     low[k] = Math.min(low[k], place[i]);
     high[k] = Math.max(high[k], place[i]);
   }
-  const sides = low.map((value, k) => Math.floor((high[k] - value) / size) + 5);
-  const cells = { sides, low: low.map((value) => value - 2 * size), size, surface: new Uint8Array(sides[0] * sides[1] * sides[2]) };
+  const size = isCloud ? Math.max(CELL, CELL_SPACINGS * findSpacing(Float32Array.from(place))) : CELL;
+  const sides = low.map((value, k) => Math.floor((high[k] - value) / size) + 2 * WALL_REACH + 3);
+  const cells = { sides, low: low.map((value) => value - (WALL_REACH + 1) * size), size, surface: new Uint8Array(sides[0] * sides[1] * sides[2]) };
   if (isCloud) {
     for (let p = 0; p < count; p++) cells.surface[cellOf(cells, place[3 * p], place[3 * p + 1], place[3 * p + 2])] = 1;
     return cells;
@@ -62,9 +66,9 @@ function fillTriangle(cells, place, a, b, c) {
   }
 }
 
-/** How far the neighbours of a cell are in the array, itself among them. @param {Cells} cells */
-function neighbours({ sides }) {
-  const near = [-1, 0, 1];
+/** How far the cells within a reach of one are in the array, itself among them. @param {Cells} cells @param {number} reach */
+function neighbours({ sides }, reach = 1) {
+  const near = Array.from({ length: 2 * reach + 1 }, (_, place) => place - reach);
   return near.flatMap((k) => near.flatMap((j) => near.map((i) => (k * sides[1] + j) * sides[0] + i)));
 }
 
@@ -76,10 +80,10 @@ function neighbours({ sides }) {
  */
 function buildWalls(cells, { centre, scale }, curves) {
   const walls = new Int32Array(cells.surface.length);
-  const around = neighbours(cells);
-  const last = cells.sides.map((side) => side - 2);
+  const around = neighbours(cells, WALL_REACH);
   const put = (/** @type {number[]} */ point, /** @type {number} */ curve) => {
-    const inside = point.map((value, k) => Math.max(cells.low[k] + cells.size, Math.min(value, cells.low[k] + last[k] * cells.size)));
+    const inside = point.map((value, k) => Math.max(cells.low[k] + (WALL_REACH + 0.5) * cells.size,
+      Math.min(value, cells.low[k] + (cells.sides[k] - WALL_REACH - 0.5) * cells.size)));
     const cell = cellOf(cells, inside[0], inside[1], inside[2]);
     for (const step of around) walls[cell + step] = curve + 1;
   };
@@ -192,13 +196,13 @@ export function colourCells(cells, frame, plan) {
   const around = neighbours(cells);
   const inside = ring(cells);
   let region = flooded.region;
-  for (let pass = 0; pass < 3; pass++) {
+  for (let pass = 0; pass <= WALL_REACH + 1; pass++) {
     const wider = region.slice();
     for (let cell = 0; cell < region.length; cell++) {
       if (!region[cell] || !inside(cell)) continue;
       for (const step of around) {
         const next = cell + step;
-        if (region[next] === 0 && (pass === 2 || cells.surface[next])) wider[next] = region[cell];
+        if (region[next] === 0 && (pass > WALL_REACH || cells.surface[next])) wider[next] = region[cell];
       }
     }
     region = wider;

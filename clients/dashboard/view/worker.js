@@ -1,11 +1,12 @@
 // Fetches and decodes meshes away from the page, and sends them in pieces.
 
-import { Meshes } from "../js/meshes.js";
+import { FOOT_WIDTH, Meshes } from "../js/meshes.js";
 import { Transport } from "../js/transport.js";
 import { cloudNormals } from "./cloud.js";
 import { patchTint } from "./colours.js";
 import { moveVertices } from "./handle.js";
 import { readPly } from "./ply.js";
+import { Sides } from "./sides.js";
 import { colourCells, fillCells } from "./regions.js";
 import { buildPiece, buildValues, gridSteps, pieces } from "./soup.js";
 import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "./topology.js";
@@ -124,6 +125,27 @@ function outline({ task, faces, frame: { centre, scale }, request }) {
   post({ task, kind: "outline", request, triangles: Float32Array.from(out) });
 }
 
+/**
+ * On which side of another surface each vertex lies.
+ * @param {{ task: number, other: number, id: string, quads: "triangles" | "bilinear", token: string | null, request: number }} request
+ *   other, id: the other surface
+ */
+async function findSides({ task, other, id, quads, token, request }) {
+  const points = kept.get(task)?.shape.points;
+  const shape = kept.get(other)?.shape;
+  if (!points || !shape) return;
+  const sides = new Sides(shape);
+  const signs = new Int8Array(points.length / 3);
+  let vertex = 0;
+  for await (const rows of new Meshes(new Transport({ token })).project(id, points.slice(), { quads })) {
+    for (let at = 0; at < rows.length; at += FOOT_WIDTH, vertex++) {
+      const point = [points[3 * vertex], points[3 * vertex + 1], points[3 * vertex + 2]];
+      signs[vertex] = sides.sideOf(point, rows.subarray(at + 1, at + 4), rows[at + 4]);
+    }
+  }
+  post({ task, kind: "sides", request, signs }, [signs.buffer]);
+}
+
 /** Which part of the surface lies in which patch. @param {{ task: number, plan: Plan, request: number }} request */
 function regions({ task, plan, request }) {
   const found = kept.get(task);
@@ -171,6 +193,8 @@ self.addEventListener("message", ({ data }) => {
     paint(data);
   } else if (data.kind === "outline") {
     outline(data);
+  } else if (data.kind === "sides") {
+    findSides(data).catch((error) => post({ task: data.task, kind: "sides", request: data.request, words: error.message }));
   } else if (data.kind === "regions") {
     regions(data);
   } else if (data.kind === "deform") {
