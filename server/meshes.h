@@ -69,8 +69,8 @@ typedef struct qm_deformed {
 bool qm_meshes_deform(qm_meshes *meshes, const char *id, const qm_moved_vertices *moved, const char *if_match,
                       qm_deformed *out, qm_problem *problem);
 
-/** False when there is none of this id. */
-bool qm_meshes_delete(qm_meshes *meshes, const char *id);
+/** Deletes a mesh; if_match as above. False with a problem, and then nothing has changed. */
+bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem);
 
 /** A new random id: prefix, then 20 characters of a to z and digits. */
 void qm_make_id(char prefix, char out[QM_ID_SIZE]);
