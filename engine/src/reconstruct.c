@@ -104,8 +104,8 @@ static void count_covered(qm_reconstruction *r, const qm_samples *samples)
         r->uncovered_count += samples->place[i].distance > qm_reconstruction_reach(r);
 }
 
-/** Grids by the first parameters: at the base count, then as fine as the samples allow where lines are long.
- */
+/** Grids by the first parameters: at the base count, then as fine as the samples allow where lines are long;
+ * at last by as many samples as that needs. */
 static qm_status place_first(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
 {
     qm_reconstruction_record record = {0};
@@ -122,11 +122,11 @@ static qm_status place_first(qm_context *ctx, qm_reconstruction *r, qm_samples *
     status = qm_place_vertices(ctx, r, samples, &record);
     if (status == QM_OK) status = refine(ctx, r, START_FAIR, samples, &record);
     if (status != QM_OK) return status;
+    count_covered(r, samples);
     qm_samples_reset(ctx, samples);
     status = qm_samples_create(ctx, r, SAMPLES_PER_QUAD * working_quads(r), samples);
     if (status == QM_OK) status = refine(ctx, r, STEP_FAIR, samples, &record);
     if (status != QM_OK) return status;
-    count_covered(r, samples);
     qm_chords_measure(r);
     return QM_OK;
 }

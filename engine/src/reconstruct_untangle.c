@@ -1,6 +1,7 @@
 /**
- * reconstruct_untangle.c: quads that are folded or nearly so are smoothed out: their inner vertices, and those
- * around, go to the middle of their neighbours and back onto the surface, a few times, until none is left.
+ * reconstruct_untangle.c: quads that are folded or nearly so are smoothed out: their inner vertices, and
+ * those around, go to the middle of their neighbours and back onto the surface, a few times, until none is
+ * left.
  */
 #include "reconstruct_work.h"
 
