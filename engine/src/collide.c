@@ -2,6 +2,7 @@
 
 #include <time.h>
 
+#include "bvh_order.h"
 #include "collide_search.h"
 #include "predicates.h"
 
@@ -57,6 +58,11 @@ static qm_status fail(qm_context *ctx, qm_status status, const qm_collide_option
     return qm_context_fail(ctx, status, "%s while looking for collisions", qm_status_text(status));
 }
 
+static uint32_t last_input_face(const qm_bvh *bvh)
+{
+    return qm_mesh_input_face(&bvh->mesh, (uint32_t)(qm_mesh_facet_count(&bvh->mesh) - 1));
+}
+
 static qm_status run(qm_collide_search *search, const qm_collide_changes *changes, qm_pair_list *list,
                      qm_collision *out)
 {
@@ -70,7 +76,8 @@ static qm_status run(qm_collide_search *search, const qm_collide_changes *change
     }
     if (status == QM_OK) status = qm_collide_run(search, list, &out->tests);
     if (changes) qm_change_marks_reset(ctx, search->bvh[0], &marks);
-    if (status == QM_OK) status = qm_pair_list_finish(ctx, list, search->options, out);
+    const uint32_t last_face[2] = {last_input_face(search->bvh[0]), last_input_face(search->bvh[1])};
+    if (status == QM_OK) status = qm_pair_list_finish(ctx, list, last_face, search->options, out);
     return status;
 }
 

@@ -22,7 +22,7 @@ qm_status qm_collide_check_scale(qm_context *ctx, const qm_bvh *a, const qm_bvh 
 /** Finds the pairs and adds them to list, each once or more; with a mode other than all, at most one. */
 qm_status qm_collide_run(const qm_collide_search *search, qm_pair_list *list, uint64_t *tests);
 
-/** A leaf from a pack, in the frame given. */
-void qm_leaf_fill(const qm_bvh *bvh, const qm_frame *frame, uint32_t pack, qm_leaf *out);
+/** A leaf from a pack, in the frame given; is_self tells how its corners are marked. */
+void qm_leaf_fill(const qm_bvh *bvh, const qm_frame *frame, bool is_self, uint32_t pack, qm_leaf *out);
 
 #endif
