@@ -25,8 +25,9 @@ static void end_sending(void *user)
     free(s);
 }
 
-static qm_block next_block(void *user, qm_text *out)
+static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
 {
+    (void)problem; /* the encoder only runs out of memory, which out tells */
     return qm_encoder_next(((sending *)user)->encoder, out) ? QM_BLOCK_MORE : QM_BLOCK_LAST;
 }
 

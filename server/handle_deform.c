@@ -30,11 +30,11 @@ static bool read_numbers(char *bytes, size_t size, bool is_float, qm_moved_verti
 {
     size_t width = is_float ? sizeof(float) : sizeof(double);
     *out = (qm_moved_vertices){.count = size / (3 * width)};
-    if (size % (3 * width) != 0) {
+    if (size == 0 || size % (3 * width) != 0) {
         free(bytes);
-        *problem = qm_problem_make(QM_PROBLEM_MALFORMED_BODY,
-                                   "the body has %zu bytes, which is no multiple of the %zu of a vertex",
-                                   size, 3 * width);
+        *problem =
+            qm_problem_make(QM_PROBLEM_MALFORMED_BODY,
+                            "the body has %zu bytes, and not one or more vertices of %zu", size, 3 * width);
         return false;
     }
     out->positions = (double *)(void *)bytes;

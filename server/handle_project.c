@@ -48,11 +48,20 @@ static void end_projecting(void *user)
 
 /* ---- points ---- */
 
-/** Reads points of the body; the array has room for three doubles each. */
-static bool read_points(const projecting *p, uint64_t first, size_t count, double *points)
+static size_t block_count(const projecting *p, uint64_t first)
 {
-    size_t width = row_size(p->type);
-    if (qm_blob_read(p->upload, first * width, points, count * width) != QM_OK) return false;
+    uint64_t rest = p->count - first;
+    return rest < QM_FEET_BLOCK ? (size_t)rest : QM_FEET_BLOCK;
+}
+
+/** Reads points of the body; the array has room for three doubles each. */
+static bool read_block(const projecting *p, uint64_t first, double *points, qm_problem *problem)
+{
+    size_t width = row_size(p->type), count = block_count(p, first);
+    if (qm_blob_read(p->upload, first * width, points, count * width) != QM_OK) {
+        *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the points cannot be read back");
+        return false;
+    }
     if (p->type == F32)
         qm_feet_widen(points, 3 * count);
     else
@@ -60,22 +69,22 @@ static bool read_points(const projecting *p, uint64_t first, size_t count, doubl
     return true;
 }
 
-static size_t block_count(const projecting *p, uint64_t first)
-{
-    uint64_t rest = p->count - first;
-    return rest < QM_FEET_BLOCK ? (size_t)rest : QM_FEET_BLOCK;
-}
-
 static double *make_block(const projecting *p, uint64_t first)
 {
     return malloc((block_count(p, first) + 1) * 3 * sizeof(double));
 }
 
-/** False with the place of the first coordinate that is not finite. */
+/** False with the place of the first coordinate that is not finite, or of a point that is out of scale. */
 static bool check_block(const projecting *p, uint64_t first, const double *points, qm_problem *problem)
 {
     size_t count = 3 * block_count(p, first), bad = qm_feet_find_bad(points, count);
-    if (bad == count) return true;
+    if (bad == count) {
+        qm_context ctx = qm_context_make();
+        qm_status status =
+            qm_project_check(&ctx, qm_mesh_ref_get(p->mesh)->bvh, points, (size_t)first, count / 3);
+        if (status != QM_OK) *problem = qm_problem_from_status(status, ctx.message);
+        return status == QM_OK;
+    }
     *problem = qm_problem_make(QM_PROBLEM_NOT_FINITE, "point %llu has a coordinate that is not finite",
                                (unsigned long long)(first + bad / 3));
     qm_problem_add_offset(problem, (size_t)(3 * first + bad) * row_size(p->type) / 3,
@@ -88,40 +97,39 @@ static bool check_points(const projecting *p, qm_problem *problem)
     double *points = make_block(p, 0);
     bool good = points;
     if (!points) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the points");
-    for (uint64_t first = 0; good && first < p->count; first += block_count(p, first)) {
-        good = read_points(p, first, block_count(p, first), points);
-        if (good)
-            good = check_block(p, first, points, problem);
-        else
-            *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the points cannot be read back");
-    }
+    for (uint64_t first = 0; good && first < p->count; first += block_count(p, first))
+        good = read_block(p, first, points, problem) && check_block(p, first, points, problem);
     free(points);
     return good;
 }
 
 /* ---- the answer ---- */
 
-static qm_status project_block(projecting *p, double *points, size_t count, qm_text *out)
+static bool project_block(projecting *p, double *points, size_t count, qm_text *out, qm_problem *problem)
 {
     const qm_loaded_mesh *mesh = qm_mesh_ref_get(p->mesh);
     qm_context ctx = qm_context_make();
     ctx.parallel = qm_parallel_run;
     qm_feet feet;
     qm_status status = qm_feet_find(&ctx, mesh, &p->locator, p->quads, points, count, p->threads, &feet);
-    if (status != QM_OK) return status;
+    if (status != QM_OK) {
+        *problem = qm_problem_from_status(status, ctx.message);
+        return false;
+    }
     qm_feet_write(out, p->rows, &feet, mesh->diagonal, p->done == 0);
     qm_feet_reset(&ctx, &feet);
-    return QM_OK;
+    return true;
 }
 
-static qm_block next_block(void *user, qm_text *out)
+static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
 {
     projecting *p = user;
     size_t count = block_count(p, p->done);
     double *points = make_block(p, p->done);
     if (p->done == 0) qm_feet_write_begin(out, p->rows);
     bool good =
-        points && read_points(p, p->done, count, points) && project_block(p, points, count, out) == QM_OK;
+        points && read_block(p, p->done, points, problem) && project_block(p, points, count, out, problem);
+    if (!points) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the points");
     free(points);
     if (!good) return QM_BLOCK_FAILED;
     p->done += count;

@@ -65,12 +65,15 @@ static void write_block(const sending *s, double *numbers, size_t count, qm_text
         write_row(s, (s->done + i) / columns, numbers + i, out);
 }
 
-static qm_block next_block(void *user, qm_text *out)
+static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
 {
     sending *s = user;
     double numbers[BLOCK];
     size_t count = s->count - s->done < BLOCK ? (size_t)(s->count - s->done) : BLOCK;
-    if (!qm_result_file_read(s->file, s->done, numbers, count)) return QM_BLOCK_FAILED;
+    if (!qm_result_file_read(s->file, s->done, numbers, count)) {
+        *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the result cannot be read back");
+        return QM_BLOCK_FAILED;
+    }
     if (s->done == 0) write_begin(s, out);
     write_block(s, numbers, count, out);
     s->done += count;

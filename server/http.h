@@ -94,14 +94,16 @@ typedef enum qm_block { QM_BLOCK_MORE, QM_BLOCK_LAST, QM_BLOCK_FAILED } qm_block
 
 /** Makes the body of a reply a block at a time. */
 typedef struct qm_block_source {
-    qm_block (*next)(void *user, qm_text *out); /* adds bytes to the empty out; runs on the long pool */
-    void (*end)(void *user);                    /* called once, whether everything was sent or not */
+    /** Adds bytes to the empty out, on the long pool; QM_BLOCK_FAILED with the problem. */
+    qm_block (*next)(void *user, qm_text *out, qm_problem *problem);
+    void (*end)(void *user); /* called once, whether everything was sent or not */
     void *user;
 } qm_block_source;
 
 /**
  * Replies with what the source makes, in the memory of one block. size is that of the whole body, or
- * QM_SIZE_UNKNOWN. A source that fails cuts the connection, so that the client sees the end missing.
+ * QM_SIZE_UNKNOWN. A source that fails in its first block is answered with its problem; later ones cut the
+ * connection, so that the client sees the end missing, and the problem goes to the log.
  */
 #define QM_SIZE_UNKNOWN UINT64_MAX
 void qm_reply_blocks(qm_request *request, int status, const char *content_type, uint64_t size,

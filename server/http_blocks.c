@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "http_internal.h"
+#include "log.h"
 
 #define PIECE_SIZE 65536 /* bytes that the library asks for at a time */
 
@@ -23,11 +24,21 @@ typedef struct block_reply {
     qm_block state;
 } block_reply;
 
+/** The source's next block; what has no memory to stand in has failed too. */
+static qm_block next_block(qm_block_source source, qm_text *out, qm_problem *problem)
+{
+    qm_block state = source.next(source.user, out, problem);
+    if (!out->failed) return state;
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply");
+    return QM_BLOCK_FAILED;
+}
+
 static void make_block(void *user)
 {
     block_reply *reply = user;
-    reply->state = reply->source.next(reply->source.user, &reply->block);
-    if (reply->block.failed) reply->state = QM_BLOCK_FAILED;
+    qm_problem problem;
+    reply->state = next_block(reply->source, &reply->block, &problem);
+    if (reply->state == QM_BLOCK_FAILED) qm_log(QM_LOG_ERROR, "a reply is cut: %s", problem.detail);
     MHD_resume_connection(reply->connection);
 }
 
@@ -68,13 +79,13 @@ static void free_blocks(void *user)
 }
 
 /** Nothing was sent yet: what fails here can still be said. */
-static void reply_whole(qm_request *request, int status, const char *content_type, qm_block state,
+static void reply_whole(qm_request *request, int status, const char *content_type, const qm_problem *problem,
                         qm_text *body)
 {
-    if (state == QM_BLOCK_FAILED) {
+    if (problem) {
         qm_text_reset(body);
         request->reply.header_count = 0; /* those of what was to be sent */
-        qm_request_refuse_memory(request);
+        qm_reply_problem(request, problem);
         return;
     }
     size_t size = body->size;
@@ -88,13 +99,11 @@ void qm_reply_blocks(qm_request *request, int status, const char *content_type, 
     qm_app *app = request->app;
     qm_text first = {0};
     qm_block state = QM_BLOCK_MORE;
-    if (strcmp(request->method, "HEAD") != 0) {
-        state = source.next(source.user, &first);
-        if (first.failed) state = QM_BLOCK_FAILED;
-    }
+    qm_problem problem;
+    if (strcmp(request->method, "HEAD") != 0) state = next_block(source, &first, &problem);
     if (state != QM_BLOCK_MORE) {
         source.end(source.user);
-        reply_whole(request, status, content_type, state, &first);
+        reply_whole(request, status, content_type, state == QM_BLOCK_FAILED ? &problem : NULL, &first);
         return;
     }
     block_reply *reply = qm_request_take_place(app) ? calloc(1, sizeof *reply) : NULL;

@@ -70,6 +70,24 @@ static void project_range(void *data, int worker)
     }
 }
 
+static qm_status check_point(qm_context *ctx, const double *p, qm_vec local, size_t row)
+{
+    if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]))
+        return qm_context_fail(ctx, QM_E_NOT_FINITE, "point %zu has a coordinate that is not finite", row);
+    if (!(fmax(fabs(local.x), fmax(fabs(local.y), fabs(local.z))) <= QM_MAX_SCALE_RATIO))
+        return qm_context_fail(ctx, QM_E_SCALE, "point %zu lies farther than 2^300 sizes from the mesh", row);
+    return QM_OK;
+}
+
+qm_status qm_project_check(qm_context *ctx, const qm_bvh *bvh, const double *points, size_t first,
+                           size_t point_count)
+{
+    qm_status status = QM_OK;
+    for (size_t i = 0; status == QM_OK && i < point_count; i++)
+        status = check_point(ctx, points + 3 * i, qm_frame_local(&bvh->frame, points + 3 * i), first + i);
+    return status;
+}
+
 static qm_status fill_order(qm_context *ctx, const qm_bvh *bvh, const double *points, size_t count,
                             uint64_t *order)
 {
@@ -77,12 +95,9 @@ static qm_status fill_order(qm_context *ctx, const qm_bvh *bvh, const double *po
     qm_hilbert_table_init(&table);
     for (size_t i = 0; i < count; i++) {
         const double *p = points + 3 * i;
-        if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]))
-            return qm_context_fail(ctx, QM_E_NOT_FINITE, "point %zu has a coordinate that is not finite", i);
         qm_vec local = qm_frame_local(&bvh->frame, p);
-        if (!(fmax(fabs(local.x), fmax(fabs(local.y), fabs(local.z))) <= QM_MAX_SCALE_RATIO))
-            return qm_context_fail(ctx, QM_E_SCALE, "point %zu lies farther than 2^300 sizes from the mesh",
-                                   i);
+        qm_status status = check_point(ctx, p, local, i);
+        if (status != QM_OK) return status;
         order[i] = qm_radix_entry(qm_hilbert_point_key(&table, local), i);
     }
     return qm_radix_sort(ctx, order, count, 1);

@@ -177,6 +177,10 @@ def test_other_faults(client, plane):
     check_problem(deform(client, plane, raised(0), params={"dtype": "f16"}), 400, "invalid_parameter")
 
 
+def test_an_empty_body_is_refused_before_the_revision(client, plane):
+    check_problem(client.patch(f"/v1/meshes/{plane}/vertices", headers={"If-Match": '"none"'}), 400, "malformed_body")
+
+
 def test_point_sets_move_too(client):
     mesh = client.upload(b"0 0 0\n1 0 0\n0 4 0\n", name="moving points", format="xyz")["id"]
     assert deform(client, mesh, {"indices": [2], "positions": [[0, 3, 0]]}).json()["revision"] == 1

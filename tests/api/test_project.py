@@ -255,6 +255,13 @@ def test_a_row_that_is_no_point_is_named(client, square, row, bad):
     assert problem["errors"][0]["offset"] == 24 * row + 8
 
 
+@pytest.mark.parametrize("row", [0, 70000])
+def test_a_point_out_of_scale_is_named(client, square, row):
+    numbers = array.array("d", [0.0] * (3 * row) + [0.0, 1e200, 0.0])
+    problem = check_problem(project(client, square, numbers.tobytes()), 422, "scale_out_of_range")
+    assert f"point {row} " in problem["detail"]
+
+
 def test_other_bodies_and_meshes_are_refused(client, square):
     check_problem(project(client, square, b"{}", headers={"Content-Type": "application/json"}), 415)
     check_problem(project(client, "m_no", b""), 404, "mesh_not_found")

@@ -44,4 +44,11 @@ qm_status qm_project_points_with(qm_context *ctx, const qm_locator *locator, qm_
                                  const double *points, size_t point_count, int thread_count,
                                  const qm_projection *out);
 
+/**
+ * Checks points before they are projected, a part of a batch at a time: QM_OK, or QM_E_NOT_FINITE or
+ * QM_E_SCALE with the row in ctx->message, counted from first for the first of the points given.
+ */
+qm_status qm_project_check(qm_context *ctx, const qm_bvh *bvh, const double *points, size_t first,
+                           size_t point_count);
+
 #endif
