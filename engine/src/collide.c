@@ -37,16 +37,14 @@ qm_status qm_collide_check_scale(qm_context *ctx, const qm_bvh *a, const qm_bvh 
     return QM_OK;
 }
 
-static qm_status check(const qm_collide_search *search)
+qm_status qm_collide_check_options(qm_context *ctx, const qm_collide_options *options)
 {
-    const qm_collide_options *options = search->options;
     if (options->thread_count < 1)
-        return qm_context_fail(search->ctx, QM_E_ARGUMENT, "thread count must be 1 or more, got %d",
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "thread count must be 1 or more, got %d",
                                options->thread_count);
     if (options->quads == QM_QUADS_BILINEAR && !(options->tolerance > 0.0))
-        return qm_context_fail(search->ctx, QM_E_ARGUMENT, "tolerance must be > 0, got %g",
-                               options->tolerance);
-    return qm_collide_check_scale(search->ctx, search->bvh[0], search->bvh[1]);
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "tolerance must be > 0, got %g", options->tolerance);
+    return QM_OK;
 }
 
 /** What fails with words of its own is told by them. */
@@ -87,7 +85,8 @@ static qm_status collide(qm_collide_search *search, const qm_collide_changes *ch
     double start_ms = now_ms();
     qm_pair_list list = {0};
     *out = (qm_collision){0};
-    qm_status status = check(search);
+    qm_status status = qm_collide_check_options(ctx, search->options);
+    if (status == QM_OK) status = qm_collide_check_scale(ctx, search->bvh[0], search->bvh[1]);
     if (status != QM_OK) return status;
     status = run(search, changes, &list, out);
     qm_pair_list_reset(ctx, &list);

@@ -16,6 +16,9 @@ typedef struct qm_collide_search {
     const qm_change_marks *marks; /* of a pair one must have moved; NULL: everything is looked at */
 } qm_collide_search;
 
+/** QM_OK, or QM_E_ARGUMENT with words. */
+qm_status qm_collide_check_options(qm_context *ctx, const qm_collide_options *options);
+
 /** QM_OK, or QM_E_SCALE with words when coordinates are too large, or sizes too different, to compare. */
 qm_status qm_collide_check_scale(qm_context *ctx, const qm_bvh *a, const qm_bvh *b);
 
