@@ -1,8 +1,8 @@
 /**
  * collide_overlap.c: a grid lies over the box that both meshes have in common. The cells that the box of a
- * face reaches into are marked for one mesh, then looked up for the other: faces that reach no marked cell go,
- * and what is left of one mesh is compared with the other the same way. Coordinates become cells by the same
- * monotone steps for both meshes, so that boxes with a point in common have its cell in common.
+ * face reaches into are marked for one mesh, then looked up for the other: faces that reach no marked cell
+ * go, and what is left of one mesh is compared with the other the same way. Coordinates become cells by the
+ * same monotone steps for both meshes, so that boxes with a point in common have its cell in common.
  */
 #include "collide_overlap.h"
 
@@ -124,8 +124,8 @@ static inline bool face_cells(const overlap_grid *grid, const uint32_t *corner, 
     extend(out, cells[corner[1]]);
     extend(out, cells[corner[2]]);
     if (corner[3] != QM_NO_INDEX) extend(out, cells[corner[3]]);
-    cell beyond = (grid->count[0] + 1) << X_SHIFT | (grid->count[1] + 1) << Y_SHIFT |
-                  (grid->count[2] + 1) << Z_SHIFT;
+    cell beyond =
+        (grid->count[0] + 1) << X_SHIFT | (grid->count[1] + 1) << Y_SHIFT | (grid->count[2] + 1) << Z_SHIFT;
     return at_least(out->high, ONES) == TOPS && at_least(out->low, beyond) == 0;
 }
 
@@ -255,8 +255,7 @@ static qm_status find_parts(overlap_work *work)
         set_cells(&work->grid, work->mesh[side], work->cells[side]);
         memset(work->marks[side], 0, work->grid.row_count * sizeof *work->marks[side]);
     }
-    bool pays =
-        mark_faces(&work->grid, work->mesh[1], work->cells[1], work->marks[1]) && would_pay(work);
+    bool pays = mark_faces(&work->grid, work->mesh[1], work->cells[1], work->marks[1]) && would_pay(work);
     qm_status status = pays ? keep_near(work, 0) : QM_OK;
     return pays && status == QM_OK && !work->out->is_empty ? keep_near(work, 1) : status;
 }

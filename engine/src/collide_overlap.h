@@ -8,8 +8,8 @@
 #include "qm/mesh.h"
 
 typedef struct qm_overlap {
-    qm_mesh part[2]; /* faces that may meet the other mesh, positions borrowed; face_origin leads to the
-                        input */
+    qm_mesh part[2];    /* faces that may meet the other mesh, positions borrowed; face_origin leads to the
+                           input */
     size_t capacity[2]; /* faces that there is room for; 0 when the part is the mesh itself */
     bool is_empty;      /* no face can meet another; the parts are then of no use */
 } qm_overlap;

@@ -7,8 +7,7 @@ static qm_status collide_parts(qm_context *ctx, const qm_overlap *overlap, const
     qm_bvh *tree[2] = {NULL, NULL};
     qm_status status = QM_OK;
     for (int side = 0; side < 2 && status == QM_OK; side++)
-        status =
-            qm_bvh_build(ctx, &overlap->part[side], QM_BVH_SOURCE, options->thread_count, &tree[side]);
+        status = qm_bvh_build(ctx, &overlap->part[side], QM_BVH_SOURCE, options->thread_count, &tree[side]);
     if (status == QM_OK) status = qm_collide_meshes(ctx, tree[0], tree[1], options, out);
     qm_bvh_destroy(ctx, tree[1]);
     qm_bvh_destroy(ctx, tree[0]);
