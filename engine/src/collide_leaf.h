@@ -13,10 +13,10 @@
 
 #define QM_LEAF_NONE UINT32_MAX
 
-/** For each lane of one leaf, bits of lanes of another. */
+/** Pairs of lanes of two leaves: of lane i with the other's lane j bit 8 i + j. */
 typedef struct qm_near_lanes {
-    uint8_t near[QM_PACK_LANES];  /* may meet it: all others don't */
-    uint8_t alike[QM_PACK_LANES]; /* of those, ones that have a corner of the same mark, between two meshes */
+    uint64_t near;  /* may meet: all others don't */
+    uint64_t alike; /* of those, ones that have a corner of the same mark, between two meshes */
     /* [lane][other lane], set where they are alike: the corner of either, as 4 * its own + the other's */
     _Alignas(32) int32_t corners[QM_PACK_LANES][QM_PACK_LANES];
 } qm_near_lanes;

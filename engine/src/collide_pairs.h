@@ -16,19 +16,35 @@ typedef struct qm_pair_block {
 
 /** A list that grows by blocks; pairs lie in no order. All zero is an empty one. */
 typedef struct qm_pair_list {
-    qm_pair_block *first; /* only this one may have room */
+    qm_pair_block *first; /* this one alone is added to */
     size_t count;
 } qm_pair_list;
 
 /** Puts an empty block first; false when out of memory. */
 bool qm_pair_list_grow(qm_context *ctx, qm_pair_list *list);
 
+/** Room for count pairs, at most QM_PAIR_BLOCK, which qm_pair_list_take then adds as many of as there are;
+ * NULL when out of memory. */
+static inline qm_face_pair *qm_pair_list_room(qm_context *ctx, qm_pair_list *list, size_t count)
+{
+    if ((!list->first || list->first->count + count > QM_PAIR_BLOCK) && !qm_pair_list_grow(ctx, list))
+        return NULL;
+    return list->first->pairs + list->first->count;
+}
+
+static inline void qm_pair_list_take(qm_pair_list *list, size_t count)
+{
+    list->first->count += count;
+    list->count += count;
+}
+
 /** Adds a pair; false when out of memory. */
 static inline bool qm_pair_list_add(qm_context *ctx, qm_pair_list *list, qm_face_pair pair)
 {
-    if ((!list->first || list->first->count == QM_PAIR_BLOCK) && !qm_pair_list_grow(ctx, list)) return false;
-    list->first->pairs[list->first->count++] = pair;
-    list->count++;
+    qm_face_pair *room = qm_pair_list_room(ctx, list, 1);
+    if (!room) return false;
+    *room = pair;
+    qm_pair_list_take(list, 1);
     return true;
 }
 

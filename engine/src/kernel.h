@@ -144,7 +144,7 @@ typedef struct qm_kernel {
     void (*fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
 
     /**
-     * For each lane of p the bits of those lanes of q that may meet it: all others are proven not to. In
+     * Finds the pairs of a lane of p and one of q that may meet: all others are proven not to. In
      * is_self both are of one mesh, corners of the same mark and the edges between them don't count, and a
      * leaf with itself gives each pair of lanes once; of a pair one must have its bit in moved_p or moved_q.
      * False when there are none.

@@ -338,8 +338,8 @@ QM_INLINE static inline void compare_lane(const against *g, int i, unsigned bits
     }
     if (bits) bits &= ~qm_vi_bits(apart_by_own_edges(&l));
     if (bits) bits &= ~qm_vi_bits(apart_by_other_planes(&l));
-    out->near[i] = (uint8_t)(bits | alike);
-    out->alike[i] = (uint8_t)alike;
+    out->near |= (uint64_t)(bits | alike) << (QM_PACK_LANES * i);
+    out->alike |= (uint64_t)alike << (QM_PACK_LANES * i);
 }
 
 /** Inlined, so that neither kind of search pays for the other's. */
@@ -349,19 +349,15 @@ QM_INLINE static inline bool compare(const qm_leaf *p, const qm_leaf *q, bool is
     against g;
     set_against(&g, p, q, is_self);
     bool is_same = is_self && p->pack == q->pack;
-    unsigned any = 0;
-    memset(out->near, 0, sizeof out->near);
-    memset(out->alike, 0, sizeof out->alike);
+    out->near = out->alike = 0;
     for (unsigned lanes = lanes_near(&g); lanes; lanes &= lanes - 1) {
         int i = __builtin_ctz(lanes);
         unsigned bits = boxes_near(&g, i);
         if (is_same) bits &= ~0u << (i + 1);
         if (!(moved_p >> i & 1)) bits &= moved_q;
-        if (!bits) continue;
-        compare_lane(&g, i, bits, out);
-        any |= out->near[i];
+        if (bits) compare_lane(&g, i, bits, out);
     }
-    return any != 0;
+    return out->near != 0;
 }
 
 bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
