@@ -83,7 +83,7 @@ static sending *begin(qm_request *request, qm_format format, int bits, qm_proble
     }
     s->meshes = qm_request_app(request)->meshes;
     s->ctx = qm_context_make();
-    s->mesh = qm_meshes_acquire(s->meshes, qm_request_id(request), problem);
+    s->mesh = qm_meshes_acquire(s->meshes, qm_request_id(request), QM_MESH_SHAPE, problem);
     if (s->mesh) {
         const qm_loaded_mesh *mesh = qm_mesh_ref_get(s->mesh);
         qm_status status = qm_encoder_create(&s->ctx, &mesh->mesh, &mesh->facts, format, bits, &s->encoder);

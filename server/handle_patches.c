@@ -17,7 +17,7 @@ void qm_handle_mesh_patches(qm_request *request)
     bool goes_on = qm_check_mesh_tag(request, &row, "-patches");
     qm_store_mesh_reset(&row);
     if (!goes_on) return;
-    qm_mesh_ref *mesh = qm_meshes_acquire(app->meshes, qm_request_id(request), &problem);
+    qm_mesh_ref *mesh = qm_meshes_acquire(app->meshes, qm_request_id(request), QM_MESH_SHAPE, &problem);
     if (!mesh) {
         qm_reply_problem(request, &problem);
         return;
