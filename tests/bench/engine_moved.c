@@ -56,9 +56,9 @@ static void measure_once(moved_bench *b, qm_bench_times *all, qm_bench_times *pa
     check(b, qm_collide_self(&b->ctx, b->tree, &options, &changes, &after), "changed pairs");
     qm_bench_add(part, 0.0, qm_bench_now_ms() - middle);
     qm_bench_add(all, 0.0, middle - start);
-    bool same = anew.pair_count == after.pair_count &&
-                (anew.pair_count == 0 ||
-                 memcmp(anew.pairs, after.pairs, anew.pair_count * sizeof *anew.pairs) == 0);
+    bool same =
+        anew.pair_count == after.pair_count &&
+        (anew.pair_count == 0 || memcmp(anew.pairs, after.pairs, anew.pair_count * sizeof *anew.pairs) == 0);
     if (!same) bench_fail("changed pairs", "they are not those of a full run");
     qm_collision_reset(&b->ctx, &b->before);
     qm_collision_reset(&b->ctx, &anew);
