@@ -10,7 +10,7 @@
 #define WIDE_SELECT(mask, a, b) qm_vd_select(mask, a, b)
 #define WIDE_FLAT 0x1p-50
 #define WIDE_SHORT 0.0
-#include "frames.h"
+#include "frames.inc"
 
 static inline wide_vec load(const double corner[3][QM_PACK_LANES], int at)
 {

@@ -15,7 +15,7 @@
 #define WIDE_SELECT(mask, a, b) qm_vf_select(mask, a, b)
 #define WIDE_FLAT 0x1p-21
 #define WIDE_SHORT 0x1p-120
-#include "frames.h"
+#include "frames.inc"
 
 static inline wide_vec load(const float corner[3][QM_PACK_LANES])
 {
