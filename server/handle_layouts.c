@@ -41,7 +41,7 @@ static bool fail(const desk *d, qm_status status, qm_problem *problem)
 
 static bool take_mesh(desk *d, qm_problem *problem)
 {
-    d->mesh = qm_meshes_acquire(d->app->meshes, d->row.mesh, problem);
+    d->mesh = qm_meshes_acquire(d->app->meshes, d->row.mesh, QM_MESH_NEAREST, problem);
     if (!d->mesh) return false;
     qm_status status = qm_source_init(&d->ctx, qm_mesh_ref_get(d->mesh)->bvh, &d->source);
     return status == QM_OK || fail(d, status, problem);

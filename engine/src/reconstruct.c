@@ -68,7 +68,9 @@ static qm_status refine(qm_context *ctx, qm_reconstruction *r, int fair, qm_samp
 {
     qm_status status = qm_grids_fair(ctx, r, fair);
     if (status == QM_OK) status = qm_samples_locate(ctx, r, samples);
-    return status == QM_OK ? qm_place_vertices(ctx, r, samples, out) : status;
+    if (status == QM_OK) status = qm_place_vertices(ctx, r, samples, out);
+    if (status == QM_OK) qm_grids_untangle(r);
+    return status;
 }
 
 /** Samples for the first parameters. */
@@ -102,8 +104,8 @@ static void count_covered(qm_reconstruction *r, const qm_samples *samples)
         r->uncovered_count += samples->place[i].distance > qm_reconstruction_reach(r);
 }
 
-/** Grids by the first parameters: at the base count, then as fine as the samples allow where lines are long.
- */
+/** Grids by the first parameters: at the base count, then as fine as the samples allow where lines are long;
+ * at last by as many samples as that needs. */
 static qm_status place_first(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
 {
     qm_reconstruction_record record = {0};
@@ -121,6 +123,10 @@ static qm_status place_first(qm_context *ctx, qm_reconstruction *r, qm_samples *
     if (status == QM_OK) status = refine(ctx, r, START_FAIR, samples, &record);
     if (status != QM_OK) return status;
     count_covered(r, samples);
+    qm_samples_reset(ctx, samples);
+    status = qm_samples_create(ctx, r, SAMPLES_PER_QUAD * working_quads(r), samples);
+    if (status == QM_OK) status = refine(ctx, r, STEP_FAIR, samples, &record);
+    if (status != QM_OK) return status;
     qm_chords_measure(r);
     return QM_OK;
 }

@@ -170,6 +170,18 @@ static void fair_round(qm_patch_grid *grid, qm_vec *normal, double flat)
     }
 }
 
+/** Vertices that have slid off the surface would be projected on from the wrong side of a narrow gap. */
+static void pull_round(const qm_source *source, qm_patch_grid *grid)
+{
+    for (uint32_t j = 1; j < grid->rows; j++) {
+        for (uint32_t i = 1; i < grid->columns; i++) {
+            qm_foothold foot;
+            qm_source_pull(source, qm_grid_vertex(grid, i, j), &foot);
+            memcpy(qm_grid_vertex(grid, i, j), foot.position, ROW);
+        }
+    }
+}
+
 qm_status qm_grids_fair(qm_context *ctx, qm_reconstruction *r, int rounds)
 {
     size_t most = 0;
@@ -181,8 +193,11 @@ qm_status qm_grids_fair(qm_context *ctx, qm_reconstruction *r, int rounds)
     if (!normal) return no_memory(ctx);
     double flat = FLAT_TURN / r->source.diagonal;
     for (size_t p = 0; p < r->layout.patch_count; p++)
-        for (int round = 0; round < rounds && r->grids[p].is_stale; round++)
+        for (int round = 0; round < rounds && r->grids[p].is_stale; round++) {
             fair_round(&r->grids[p], normal, flat);
+            /* A point set may have noise, which would roughen the grid before anything is averaged. */
+            if (!r->source.is_cloud) pull_round(&r->source, &r->grids[p]);
+        }
     qm_context_free(ctx, normal, most, sizeof *normal);
     return QM_OK;
 }

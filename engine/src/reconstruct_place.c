@@ -235,32 +235,32 @@ static bool find_move(const qm_reconstruction *r, const vertex_bins *bins, const
     return !samples->is_projected || qm_vec_norm(*move) <= MOST_MOVE * longest_edge(grid, i, j);
 }
 
-/** Moves of the inner vertices of one grid; NAN in x marks a hole. */
+/** Moves of the inner vertices of one grid, and which of them lie in holes. */
 static void find_moves(const qm_reconstruction *r, const vertex_bins *bins, const qm_samples *samples,
-                       size_t p, qm_vec *move, qm_reconstruction_record *out)
+                       size_t p, qm_vec *move, bool *is_hole, qm_reconstruction_record *out)
 {
     const qm_patch_grid *grid = &r->grids[p];
-    for (size_t k = 0; k < qm_grid_vertex_count(grid); k++)
+    for (size_t k = 0; k < qm_grid_vertex_count(grid); k++) {
         move[k] = (qm_vec){0, 0, 0};
+        is_hole[k] = false;
+    }
     for (uint32_t j = 1; j < grid->rows; j++) {
         for (uint32_t i = 1; i < grid->columns; i++) {
             size_t k = (size_t)j * (grid->columns + 1) + i;
             out->moved_vertices++;
             if (find_move(r, bins, samples, p, i, j, &move[k])) continue;
-            move[k].x = NAN;
+            is_hole[k] = true;
             out->holes_filled++;
         }
     }
 }
 
 /** Spreads the moves around a hole into it: each takes the mean of its neighbours', over and over. */
-static void blend_holes(const qm_patch_grid *grid, qm_vec *move, bool *is_hole)
+static void blend_holes(const qm_patch_grid *grid, qm_vec *move, const bool *is_hole)
 {
     size_t count = qm_grid_vertex_count(grid), width = (size_t)grid->columns + 1;
-    for (size_t k = 0; k < count; k++) {
-        is_hole[k] = isnan(move[k].x);
+    for (size_t k = 0; k < count; k++)
         if (is_hole[k]) move[k] = (qm_vec){0, 0, 0};
-    }
     for (int round = 0; round < BLEND_ROUNDS; round++)
         for (size_t k = 0; k < count; k++)
             if (is_hole[k])
@@ -268,13 +268,24 @@ static void blend_holes(const qm_patch_grid *grid, qm_vec *move, bool *is_hole)
                                                         qm_vec_add(move[k - width], move[k + width])));
 }
 
+/** A blended vertex goes onto the surface where there is one: a mesh has no holes that samples tell of, and a
+ * point set has none where it lies among the points. */
+static void pull_blended(const qm_source *source, double vertex[3])
+{
+    qm_foothold foot;
+    qm_source_pull(source, vertex, &foot);
+    if (!source->is_cloud || foot.distance <= foot.spacing) memcpy(vertex, foot.position, ROW);
+}
+
 /** The outline is left alone, bit for bit. */
-static void apply_moves(qm_patch_grid *grid, const qm_vec *move)
+static void apply_moves(const qm_source *source, qm_patch_grid *grid, const qm_vec *move, const bool *is_hole)
 {
     for (uint32_t j = 1; j < grid->rows; j++) {
         for (uint32_t i = 1; i < grid->columns; i++) {
             double *vertex = qm_grid_vertex(grid, i, j);
-            qm_vec_store(vertex, qm_vec_add(qm_vec_load(vertex), move[(vertex - grid->vertices) / 3]));
+            size_t k = (size_t)j * (grid->columns + 1) + i;
+            qm_vec_store(vertex, qm_vec_add(qm_vec_load(vertex), move[k]));
+            if (is_hole[k]) pull_blended(source, vertex);
         }
     }
 }
@@ -288,9 +299,9 @@ static qm_status place_grid(qm_context *ctx, qm_reconstruction *r, const vertex_
     bool *is_hole = qm_context_alloc(ctx, count, sizeof *is_hole);
     bool has_memory = move && is_hole;
     if (has_memory) {
-        find_moves(r, bins, samples, p, move, out);
+        find_moves(r, bins, samples, p, move, is_hole, out);
         if (out->holes_filled > holes) blend_holes(grid, move, is_hole);
-        apply_moves(grid, move);
+        apply_moves(&r->source, grid, move, is_hole);
     }
     qm_context_free(ctx, move, count, sizeof *move);
     qm_context_free(ctx, is_hole, count, sizeof *is_hole);

@@ -8,6 +8,7 @@
  *   reconstruct_grids.c    grids of vertices: Coons patches, doubling, fairing
  *   reconstruct_samples.c  points of the surface, and their parameters in the grids
  *   reconstruct_place.c    inner vertices from the points that enclose them
+ *   reconstruct_untangle.c folded quads smoothed out
  *   reconstruct_mesh.c     grids to meshes
  *   reconstruct_state.c    copies to go back to when a step fails
  *   reconstruct_edit.c     what stays when the layout is edited
@@ -130,6 +131,9 @@ qm_status qm_tracks_set_vertices(qm_context *ctx, qm_reconstruction *r);
 qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r);
 qm_status qm_grids_double(qm_context *ctx, qm_reconstruction *r);
 qm_status qm_grids_fair(qm_context *ctx, qm_reconstruction *r, int rounds);
+
+/** Smooths folded quads of stale grids out. */
+void qm_grids_untangle(const qm_reconstruction *r);
 
 /** So many samples, or fewer where a point set has not as many; and their places in the grids. */
 qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t wanted, qm_samples *out);
