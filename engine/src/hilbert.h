@@ -21,7 +21,7 @@ typedef struct qm_hilbert_table {
     uint32_t spread[64]; /* bit i of the index at bit 3 i */
 } qm_hilbert_table;
 
-/** Fills the table; takes a few microseconds, so that callers can keep it on their stack. */
+/** Fills the table; takes about a microsecond, so that callers can keep it on their stack. */
 void qm_hilbert_table_init(qm_hilbert_table *table);
 
 /** The low 12 bits of x, two zeros after each. */
