@@ -49,16 +49,6 @@ size_t qm_feet_find_bad(const double *numbers, size_t count)
     return place;
 }
 
-void qm_feet_turn_bytes(double *numbers, size_t count)
-{
-    for (size_t i = 0; i < count; i++) {
-        uint64_t bits;
-        memcpy(&bits, &numbers[i], sizeof bits);
-        bits = le64toh(bits);
-        memcpy(&numbers[i], &bits, sizeof bits);
-    }
-}
-
 void qm_feet_widen(double *numbers, size_t count)
 {
     const char *bytes = (const char *)numbers;
@@ -83,35 +73,15 @@ void qm_feet_write_end(qm_text *out, qm_rows rows)
     if (rows == QM_ROWS_JSON) qm_text_add_string(out, "]}\n");
 }
 
-static void write_binary(qm_text *out, const double row[7])
-{
-    uint64_t bits[7];
-    memcpy(bits, row, sizeof bits);
-    for (int i = 0; i < 7; i++)
-        bits[i] = htole64(bits[i]);
-    qm_text_add(out, (const char *)bits, sizeof bits);
-}
-
-static void write_csv(qm_text *out, const double row[7])
-{
-    char number[QM_JSON_NUMBER_SIZE];
-    for (int i = 0; i < 7; i++) {
-        qm_text_add_string(out, qm_json_number(row[i], number));
-        qm_text_add_string(out, i < 6 ? "," : "\n");
-    }
-}
-
 void qm_feet_write(qm_text *out, qm_rows rows, const qm_feet *feet, double diagonal, bool is_first)
 {
     if (rows == QM_ROWS_JSON && !is_first && feet->count > 0) qm_text_add_string(out, ",");
     for (size_t i = 0; i < feet->count; i++) {
         const double *p = feet->position + 3 * i, *uv = feet->uv + 2 * i;
-        const double row[7] = {feet->distance[i], p[0], p[1], p[2], (double)feet->face[i], uv[0], uv[1]};
+        double row[7] = {feet->distance[i], p[0], p[1], p[2], (double)feet->face[i], uv[0], uv[1]};
         if (rows == QM_ROWS_JSON)
             qm_json_write_foot(out, feet, i, diagonal);
-        else if (rows == QM_ROWS_CSV)
-            write_csv(out, row);
         else
-            write_binary(out, row);
+            qm_rows_write(out, rows, 7, 0, row, 7);
     }
 }

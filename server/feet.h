@@ -7,7 +7,7 @@
 
 #include "mesh_load.h"
 #include "qm/project.h"
-#include "text.h"
+#include "rows.h"
 
 /** A row for each point; arrays on the allocator of the context that found them. */
 typedef struct qm_feet {
@@ -28,9 +28,6 @@ void qm_feet_reset(qm_context *ctx, qm_feet *feet);
 /** The place of the first of count numbers that is not finite, or count. */
 size_t qm_feet_find_bad(const double *numbers, size_t count);
 
-/** Doubles of this machine to little-endian ones, or back, in place: the same turn of bytes, or none. */
-void qm_feet_turn_bytes(double *numbers, size_t count);
-
 /** Little-endian floats at the start of the array to doubles of this machine, in place. */
 void qm_feet_widen(double *numbers, size_t count);
 
@@ -40,13 +37,8 @@ void qm_feet_widen(double *numbers, size_t count);
 /** Bytes of a row in QM_ROWS_BINARY. */
 #define QM_FEET_ROW_SIZE (7 * sizeof(double))
 
-typedef enum qm_rows {
-    QM_ROWS_BINARY, /* seven little-endian doubles: distance, x, y, z, face, u, v */
-    QM_ROWS_CSV,    /* the same as numbers, after a line with their names */
-    QM_ROWS_JSON    /* one document with an array "points" */
-} qm_rows;
-
-/** What stands before the first block and after the last one. */
+/** What stands before the first block and after the last one. A row has distance, x, y, z, face, u, v; JSON
+ * is one document with an array "points". */
 void qm_feet_write_begin(qm_text *out, qm_rows rows);
 void qm_feet_write_end(qm_text *out, qm_rows rows);
 

@@ -73,23 +73,20 @@ static void add_headers(qm_request *request, const sending *s, qm_format format,
         qm_reply_header(request, "Mesh-Left-Out-Vertices", "%zu", losses.left_out_vertices);
 }
 
-/** NULL with a problem. */
-static sending *begin(qm_request *request, qm_format format, int bits, qm_problem *problem)
+/** Takes over the reference; NULL with a problem. */
+static sending *begin(qm_meshes *meshes, qm_mesh_ref *ref, qm_format format, int bits, qm_problem *problem)
 {
     sending *s = calloc(1, sizeof *s);
     if (!s) {
+        qm_meshes_release(meshes, ref);
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply");
         return NULL;
     }
-    s->meshes = qm_request_app(request)->meshes;
-    s->ctx = qm_context_make();
-    s->mesh = qm_meshes_acquire(s->meshes, qm_request_id(request), problem);
-    if (s->mesh) {
-        const qm_loaded_mesh *mesh = qm_mesh_ref_get(s->mesh);
-        qm_status status = qm_encoder_create(&s->ctx, &mesh->mesh, &mesh->facts, format, bits, &s->encoder);
-        if (status == QM_OK) return s;
-        *problem = qm_problem_from_status(status, s->ctx.message);
-    }
+    *s = (sending){.meshes = meshes, .mesh = ref, .ctx = qm_context_make()};
+    const qm_loaded_mesh *mesh = qm_mesh_ref_get(ref);
+    qm_status status = qm_encoder_create(&s->ctx, &mesh->mesh, &mesh->facts, format, bits, &s->encoder);
+    if (status == QM_OK) return s;
+    *problem = qm_problem_from_status(status, s->ctx.message);
     end_sending(s);
     return NULL;
 }
@@ -99,15 +96,12 @@ void qm_handle_mesh_content(qm_request *request)
     qm_format format;
     int bits;
     qm_problem problem;
-    qm_store_mesh row;
-    if (!read_format(request, &format) || !read_bits(request, format, &bits) || !qm_find_mesh(request, &row))
-        return;
+    if (!read_format(request, &format) || !read_bits(request, format, &bits)) return;
     char suffix[32];
     snprintf(suffix, sizeof suffix, "-%s-%d", qm_format_name(format), bits);
-    bool goes_on = qm_check_mesh_tag(request, &row, suffix);
-    qm_store_mesh_reset(&row);
-    if (!goes_on) return;
-    sending *s = begin(request, format, bits, &problem);
+    qm_mesh_ref *mesh = qm_take_mesh(request, suffix);
+    if (!mesh) return;
+    sending *s = begin(qm_request_app(request)->meshes, mesh, format, bits, &problem);
     if (!s) {
         qm_reply_problem(request, &problem);
         return;

@@ -38,7 +38,7 @@ static bool read_numbers(char *bytes, size_t size, bool is_float, qm_moved_verti
         return false;
     }
     out->positions = (double *)(void *)bytes;
-    (is_float ? qm_feet_widen : qm_feet_turn_bytes)(out->positions, 3 * out->count);
+    (is_float ? qm_feet_widen : qm_rows_turn_bytes)(out->positions, 3 * out->count);
     return true;
 }
 

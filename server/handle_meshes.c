@@ -51,24 +51,6 @@ static bool read_name(const qm_request *request, const char **name, qm_problem *
     return is_clean;
 }
 
-bool qm_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh, const char *suffix)
-{
-    char tag[QM_ETAG_SIZE];
-    qm_etag_write_mesh(mesh->hash, mesh->revision, suffix, tag);
-    const char *wanted = qm_request_header(request, "If-Match");
-    if (wanted && !qm_etag_is_listed(wanted, tag, false)) {
-        qm_problem problem =
-            qm_problem_make(QM_PROBLEM_PRECONDITION_FAILED, "the mesh is not the one that If-Match names");
-        qm_reply_problem(request, &problem);
-        return false;
-    }
-    qm_reply_header(request, "ETag", "%s", tag);
-    bool is_known = qm_request_only_reads(request) &&
-                    qm_etag_is_listed(qm_request_header(request, "If-None-Match"), tag, true);
-    if (is_known) qm_reply_empty(request, 304);
-    return !is_known;
-}
-
 static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
 {
     qm_reply_header(request, "Location", "/v1/meshes/%s", mesh->id);
@@ -132,25 +114,11 @@ void qm_handle_mesh_list(qm_request *request)
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));
 }
 
-static void reply_not_found(qm_request *request)
-{
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh %s", qm_request_id(request));
-    qm_reply_problem(request, &problem);
-}
-
-bool qm_find_mesh(qm_request *request, qm_store_mesh *out)
-{
-    if (qm_store_find_mesh(qm_request_app(request)->store, qm_request_id(request), out)) return true;
-    reply_not_found(request);
-    return false;
-}
-
 void qm_handle_mesh_get(qm_request *request)
 {
     qm_store_mesh mesh;
     if (!qm_find_mesh(request, &mesh)) return;
-    if (qm_check_mesh_tag(request, &mesh, ""))
+    if (qm_check_mesh_tag(request, &mesh))
         reply_mesh(request, 200, &mesh);
     else
         qm_store_mesh_reset(&mesh);
@@ -158,13 +126,10 @@ void qm_handle_mesh_get(qm_request *request)
 
 void qm_handle_mesh_delete(qm_request *request)
 {
-    qm_store_mesh mesh;
-    if (!qm_find_mesh(request, &mesh)) return;
-    bool goes_on = qm_check_mesh_tag(request, &mesh, "");
-    qm_store_mesh_reset(&mesh);
-    if (!goes_on) return;
-    if (qm_meshes_delete(qm_request_app(request)->meshes, qm_request_id(request)))
+    qm_problem problem;
+    if (qm_meshes_delete(qm_request_app(request)->meshes, qm_request_id(request),
+                         qm_request_header(request, "If-Match"), &problem))
         qm_reply_empty(request, 204);
     else
-        reply_not_found(request);
+        qm_reply_problem(request, &problem);
 }

@@ -11,17 +11,8 @@ static char *write_patches(const qm_loaded_mesh *mesh)
 void qm_handle_mesh_patches(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
-    qm_store_mesh row;
-    qm_problem problem;
-    if (!qm_find_mesh(request, &row)) return;
-    bool goes_on = qm_check_mesh_tag(request, &row, "-patches");
-    qm_store_mesh_reset(&row);
-    if (!goes_on) return;
-    qm_mesh_ref *mesh = qm_meshes_acquire(app->meshes, qm_request_id(request), &problem);
-    if (!mesh) {
-        qm_reply_problem(request, &problem);
-        return;
-    }
+    qm_mesh_ref *mesh = qm_take_mesh(request, "-patches");
+    if (!mesh) return;
     char *document = write_patches(qm_mesh_ref_get(mesh));
     qm_meshes_release(app->meshes, mesh);
     qm_reply_text(request, 200, "application/json", document);

@@ -65,7 +65,7 @@ static bool read_block(const projecting *p, uint64_t first, double *points, qm_p
     if (p->type == F32)
         qm_feet_widen(points, 3 * count);
     else
-        qm_feet_turn_bytes(points, 3 * count);
+        qm_rows_turn_bytes(points, 3 * count);
     return true;
 }
 
@@ -181,10 +181,7 @@ static bool read_parameters(qm_request *request, projecting *p)
     p->type = type == 1 ? F32 : F64;
     p->accelerator = (qm_accelerator)accelerator; /* the names are in its order */
     p->quads = reading == 1 ? QM_QUADS_BILINEAR : QM_QUADS_TRIANGLES;
-    const char *media = qm_request_media(request);
-    p->rows = strcmp(media, QM_MEDIA_CSV) == 0    ? QM_ROWS_CSV
-              : strcmp(media, QM_MEDIA_JSON) == 0 ? QM_ROWS_JSON
-                                                  : QM_ROWS_BINARY;
+    p->rows = qm_request_rows(request);
     return true;
 }
 
@@ -223,7 +220,7 @@ void qm_handle_mesh_project(qm_request *request)
         return;
     }
     *p = made;
-    p->mesh = qm_meshes_acquire(app->meshes, qm_request_id(request), &problem);
+    p->mesh = qm_meshes_acquire(app->meshes, qm_request_id(request), QM_MESH_NEAREST, &problem);
     if (!p->mesh || !take_points(request, p, &problem) || !build_locator(p, &problem)) {
         end_projecting(p);
         qm_reply_problem(request, &problem);

@@ -2,7 +2,6 @@
  * handle_results.c: GET /v1/jobs/{id}/result: the result of a job with the long array that its document and
  * its events leave out, streamed from its file.
  */
-#include <endian.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -38,33 +37,6 @@ static void write_begin(const sending *s, qm_text *out)
     qm_json_open(out, s->array->member, "[");
 }
 
-/** One row as text: a single column is numbered in CSV and bare in JSON. */
-static void write_row(const sending *s, uint64_t row, const double *number, qm_text *out)
-{
-    char text[QM_JSON_NUMBER_SIZE];
-    int columns = s->array->columns;
-    bool is_csv = s->rows == QM_ROWS_CSV;
-    if (!is_csv && row > 0) qm_text_add_string(out, ",");
-    if (!is_csv && columns > 1) qm_text_add_string(out, "[");
-    if (is_csv && columns == 1) qm_text_printf(out, "%llu,", (unsigned long long)row);
-    for (int i = 0; i < columns; i++)
-        qm_text_printf(out, "%s%s", i > 0 ? "," : "", qm_json_number(number[i], text));
-    if (!is_csv && columns > 1) qm_text_add_string(out, "]");
-    if (is_csv) qm_text_add_string(out, "\n");
-}
-
-static void write_block(const sending *s, double *numbers, size_t count, qm_text *out)
-{
-    if (s->rows == QM_ROWS_BINARY) {
-        qm_feet_turn_bytes(numbers, count);
-        qm_text_add(out, (const char *)numbers, count * sizeof *numbers);
-        return;
-    }
-    size_t columns = (size_t)s->array->columns;
-    for (size_t i = 0; i < count; i += columns)
-        write_row(s, (s->done + i) / columns, numbers + i, out);
-}
-
 static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
 {
     sending *s = user;
@@ -75,25 +47,18 @@ static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
         return QM_BLOCK_FAILED;
     }
     if (s->done == 0) write_begin(s, out);
-    write_block(s, numbers, count, out);
+    int columns = s->array->columns;
+    qm_rows_write(out, s->rows, columns, s->done / (size_t)columns, numbers, count);
     s->done += count;
     if (s->done < s->count) return QM_BLOCK_MORE;
     if (s->rows == QM_ROWS_JSON) qm_text_add_string(out, "]}");
     return QM_BLOCK_LAST;
 }
 
-/** The rows that the client asked for. */
-static qm_rows chosen_rows(const qm_request *request)
-{
-    const char *media = qm_request_media(request);
-    if (strcmp(media, QM_MEDIA_BINARY) == 0) return QM_ROWS_BINARY;
-    return strcmp(media, QM_MEDIA_CSV) == 0 ? QM_ROWS_CSV : QM_ROWS_JSON;
-}
-
 /** Replies with a result that has no array: what there is of it is the object. */
 static void reply_object(qm_request *request, char *result)
 {
-    if (chosen_rows(request) == QM_ROWS_JSON) {
+    if (qm_request_rows(request) == QM_ROWS_JSON) {
         qm_reply_text(request, 200, QM_MEDIA_JSON, result);
         return;
     }
@@ -115,7 +80,7 @@ static void reply_array(qm_request *request, const qm_job_array *array, qm_resul
     }
     *s = (sending){.file = file,
                    .array = array,
-                   .rows = chosen_rows(request),
+                   .rows = qm_request_rows(request),
                    .result = result,
                    .count = qm_result_file_count(file)};
     uint64_t size = s->rows == QM_ROWS_BINARY ? s->count * sizeof(double) : QM_SIZE_UNKNOWN;

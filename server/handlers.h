@@ -12,6 +12,7 @@ void qm_handle_mesh_get(qm_request *request);
 void qm_handle_mesh_delete(qm_request *request);
 
 void qm_handle_mesh_content(qm_request *request);
+void qm_handle_mesh_vertices(qm_request *request);
 void qm_handle_mesh_patches(qm_request *request);
 void qm_handle_mesh_deform(qm_request *request);
 void qm_handle_mesh_project(qm_request *request);
@@ -58,10 +59,17 @@ void qm_handle_page(qm_request *request);
 bool qm_find_mesh(qm_request *request, qm_store_mesh *out);
 
 /**
- * Gives the reply the entity tag of a mesh (content, revision, and what else tells representations apart) and
- * compares it: false after a 304 (If-None-Match, on GET) or 412 (If-Match).
+ * Gives the reply the entity tag of a mesh (content and revision) and compares it: false after a 304
+ * (If-None-Match, on GET) or 412 (If-Match).
  */
-bool qm_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh, const char *suffix);
+bool qm_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh);
+
+/**
+ * Takes a reference to the mesh in the path, to reply with a representation of the very revision that the
+ * reply's tag names. suffix tells the representations of a mesh apart in the tag. NULL after a reply: 304,
+ * 404, 412, or what kept the mesh from being read.
+ */
+qm_mesh_ref *qm_take_mesh(qm_request *request, const char *suffix);
 
 /** Reads ?limit= and ?cursor=; replies with a problem and returns false when they are not valid. */
 bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after);

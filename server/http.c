@@ -241,6 +241,7 @@ struct qm_http {
     qm_app *app;
     qm_listener everything, health; /* the second only when asked for */
     int port;
+    MHD_socket quiet_socket; /* the listening one, once there are no new connections */
 };
 
 static void on_library_log(void *cls, const char *format, va_list arguments)
@@ -317,6 +318,7 @@ qm_http *qm_http_start(qm_app *app)
     qm_http *http = calloc(1, sizeof *http);
     if (!http) return NULL;
     http->app = app;
+    http->quiet_socket = MHD_INVALID_SOCKET;
     app->http = http;
     if (!start_listeners(http, app->config)) {
         app->http = NULL;
@@ -346,8 +348,10 @@ void qm_http_tick(qm_http *http, double now_ms)
 
 void qm_http_quiesce(qm_http *http)
 {
-    MHD_socket socket = MHD_quiesce_daemon(http->everything.daemon);
-    if (socket != MHD_INVALID_SOCKET) close(socket);
+    http->quiet_socket = MHD_quiesce_daemon(http->everything.daemon);
+    /* The library's threads may still ask about the socket: it refuses from now on, and is closed after them.
+     */
+    if (http->quiet_socket != MHD_INVALID_SOCKET) shutdown(http->quiet_socket, SHUT_RDWR);
 }
 
 void qm_http_stop(qm_http *http)
@@ -359,5 +363,6 @@ void qm_http_stop(qm_http *http)
         usleep(1000);
     stop_listener(&http->everything);
     stop_listener(&http->health);
+    if (http->quiet_socket != MHD_INVALID_SOCKET) close(http->quiet_socket);
     free(http);
 }

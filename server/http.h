@@ -10,6 +10,7 @@
 #include "pool.h"
 #include "problem.h"
 #include "reconstructions.h"
+#include "rows.h"
 #include "tokens.h"
 
 /** What a handler may use; made by main.c, alive as long as the daemon. */
@@ -51,6 +52,9 @@ const char *qm_request_query(const qm_request *request, const char *name);
 #define QM_MEDIA_NDJSON "application/x-ndjson"
 #define QM_MEDIA_SSE "text/event-stream"
 const char *qm_request_media(const qm_request *request);
+
+/** The rows of that type; JSON for every other. */
+qm_rows qm_request_rows(const qm_request *request);
 
 /** Reads a query parameter that is one of some names (NULL-ended) and writes its place; 0 when it is absent.
  * False, and replied with a problem, for any other value. */

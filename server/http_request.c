@@ -60,6 +60,12 @@ const char *qm_request_media(const qm_request *request)
     return request->media;
 }
 
+qm_rows qm_request_rows(const qm_request *request)
+{
+    if (strcmp(request->media, QM_MEDIA_BINARY) == 0) return QM_ROWS_BINARY;
+    return strcmp(request->media, QM_MEDIA_CSV) == 0 ? QM_ROWS_CSV : QM_ROWS_JSON;
+}
+
 const char *qm_request_body(const qm_request *request, size_t *size)
 {
     *size = request->body.size;

@@ -6,6 +6,7 @@
 #include <sys/random.h>
 #include <time.h>
 
+#include "etag.h"
 #include "json_out.h"
 #include "log.h"
 #include "metrics.h"
@@ -363,8 +364,8 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
     uv_mutex_unlock(&meshes->lock);
 }
 
-/** Makes ready what a deformation has left for the first who asks: nobody else has come by this revision yet.
- * The lock is given back meanwhile. */
+/** Makes ready what a deformation has left for the first who asks: who holds this revision already looks at
+ * its shape alone. The lock is given back meanwhile. */
 static void refresh(qm_meshes *meshes, qm_mesh_ref *ref)
 {
     ref->state = QM_MESH_LOADING;
@@ -377,7 +378,7 @@ static void refresh(qm_meshes *meshes, qm_mesh_ref *ref)
     uv_cond_broadcast(&meshes->changed);
 }
 
-qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem)
+qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_mesh_use use, qm_problem *problem)
 {
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
@@ -396,7 +397,8 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
     }
     while (ref->state == QM_MESH_LOADING)
         uv_cond_wait(&meshes->changed, &meshes->lock);
-    if (ref->state == QM_MESH_READY && qm_bvh_is_stale(ref->mesh.bvh)) refresh(meshes, ref);
+    if (use == QM_MESH_NEAREST && ref->state == QM_MESH_READY && qm_bvh_is_stale(ref->mesh.bvh))
+        refresh(meshes, ref);
     if (ref->state == QM_MESH_BROKEN) {
         *problem = ref->problem;
         qm_meshes_drop_reference(ref);
@@ -419,10 +421,36 @@ void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref)
     uv_mutex_unlock(&meshes->lock);
 }
 
-bool qm_meshes_delete(qm_meshes *meshes, const char *id)
+bool qm_meshes_find_row(qm_meshes *meshes, const char *id, const char *if_match, qm_store_mesh *out,
+                        qm_problem *problem)
+{
+    if (!qm_store_find_mesh(meshes->store, id, out)) {
+        *problem = qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh %s", id);
+        return false;
+    }
+    char tag[QM_ETAG_SIZE];
+    qm_etag_write_mesh(out->hash, out->revision, "", tag);
+    if (!if_match || qm_etag_is_listed(if_match, tag, false)) return true;
+    qm_store_mesh_reset(out);
+    *problem = qm_problem_make(QM_PROBLEM_PRECONDITION_FAILED, "the mesh is not the one that If-Match names");
+    return false;
+}
+
+/** filing is held. */
+static bool delete_row(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem)
+{
+    qm_store_mesh row;
+    if (!qm_meshes_find_row(meshes, id, if_match, &row, problem)) return false;
+    qm_store_mesh_reset(&row);
+    if (qm_store_delete_mesh(meshes->store, id)) return true;
+    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be deleted");
+    return false;
+}
+
+bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem)
 {
     uv_mutex_lock(&meshes->filing);
-    bool deleted = qm_store_delete_mesh(meshes->store, id);
+    bool deleted = delete_row(meshes, id, if_match, problem);
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
     if (ref && deleted) qm_meshes_unlist(meshes, ref);

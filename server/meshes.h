@@ -40,8 +40,12 @@ void qm_meshes_destroy(qm_meshes *meshes);
 bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
                    qm_store_mesh *out, bool *is_new, qm_problem *problem);
 
+/** What a holder of a mesh asks of it. After a deformation the first who asks for nearest points waits until
+ * the triangles' frames are made anew. */
+typedef enum qm_mesh_use { QM_MESH_SHAPE, QM_MESH_NEAREST } qm_mesh_use;
+
 /** Takes a reference; reads the mesh from its blob when needed. NULL with a problem when there is none. */
-qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem);
+qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_mesh_use use, qm_problem *problem);
 const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref);
 void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref);
 
@@ -69,8 +73,8 @@ typedef struct qm_deformed {
 bool qm_meshes_deform(qm_meshes *meshes, const char *id, const qm_moved_vertices *moved, const char *if_match,
                       qm_deformed *out, qm_problem *problem);
 
-/** False when there is none of this id. */
-bool qm_meshes_delete(qm_meshes *meshes, const char *id);
+/** Deletes a mesh; if_match as above. False with a problem, and then nothing has changed. */
+bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem);
 
 /** A new random id: prefix, then 20 characters of a to z and digits. */
 void qm_make_id(char prefix, char out[QM_ID_SIZE]);

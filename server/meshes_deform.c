@@ -6,7 +6,6 @@
 #include <string.h>
 
 #include "clock.h"
-#include "etag.h"
 #include "log.h"
 #include "meshes_internal.h"
 #include "parallel.h"
@@ -31,18 +30,6 @@ static bool fail(deforming *work, qm_problem_code code, const char *detail)
 {
     *work->problem = qm_problem_make(code, "%s", detail);
     return false;
-}
-
-static bool find_row(deforming *work, const char *id, const char *if_match)
-{
-    if (!qm_store_find_mesh(work->meshes->store, id, &work->row)) {
-        *work->problem = qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh %s", id);
-        return false;
-    }
-    char tag[QM_ETAG_SIZE];
-    qm_etag_write_mesh(work->row.hash, work->row.revision, "", tag);
-    if (!if_match || qm_etag_is_listed(if_match, tag, false)) return true;
-    return fail(work, QM_PROBLEM_PRECONDITION_FAILED, "the mesh is not the one that If-Match names");
 }
 
 static bool move_some(deforming *work)
@@ -203,8 +190,8 @@ static void follow(deforming *work, qm_context *ctx)
 
 static bool deform(deforming *work, const char *id, const char *if_match)
 {
-    if (!find_row(work, id, if_match)) return false;
-    work->ref = qm_meshes_acquire(work->meshes, id, work->problem);
+    if (!qm_meshes_find_row(work->meshes, id, if_match, &work->row, work->problem)) return false;
+    work->ref = qm_meshes_acquire(work->meshes, id, QM_MESH_SHAPE, work->problem);
     if (!work->ref) return false;
     qm_context ctx = qm_meshes_context(work->meshes);
     ctx.parallel = qm_parallel_run;

@@ -45,6 +45,11 @@ qm_context qm_meshes_context(qm_meshes *meshes);
 /** What a mesh of the table is made ready for. */
 qm_preparation qm_meshes_preparation(const qm_meshes *meshes);
 
+/** The row of a mesh, which must be among the entity tags of if_match, unless that is NULL: false with a
+ * problem. filing is held, so that it stays so. */
+bool qm_meshes_find_row(qm_meshes *meshes, const char *id, const char *if_match, qm_store_mesh *out,
+                        qm_problem *problem);
+
 /** The document of a mesh; NULL: out of memory. */
 char *qm_meshes_make_document(const qm_store_mesh *row, const qm_loaded_mesh *mesh);
 

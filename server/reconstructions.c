@@ -78,7 +78,7 @@ static entry *begin(qm_reconstructions *rs, const char *source, const char *layo
     }
     qm_refining *r = &e->refining;
     r->ctx = qm_meshes_context(rs->meshes);
-    r->mesh = qm_meshes_acquire(rs->meshes, source, problem);
+    r->mesh = qm_meshes_acquire(rs->meshes, source, QM_MESH_NEAREST, problem);
     qm_layout layout = {0};
     bool has_patches;
     bool good = r->mesh && qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL,

@@ -43,7 +43,7 @@ static bool write_numbers(int file, const double *numbers, size_t count)
     for (size_t done = 0; done < count;) {
         size_t part = count - done < BLOCK ? count - done : BLOCK;
         memcpy(block, numbers + done, part * sizeof *block);
-        qm_feet_turn_bytes(block, part);
+        qm_rows_turn_bytes(block, part);
         if (!write_all(file, block, part * sizeof *block)) return false;
         done += part;
     }
@@ -122,6 +122,6 @@ bool qm_result_file_read(const qm_result_file *file, uint64_t first, double *num
         size -= (size_t)got;
         offset += (uint64_t)got;
     }
-    qm_feet_turn_bytes(numbers, count);
+    qm_rows_turn_bytes(numbers, count);
     return true;
 }

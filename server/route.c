@@ -23,6 +23,7 @@ static const qm_route routes[] = {
     {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
     {"GET", "/v1/meshes/{id}/content", qm_handle_mesh_content, files, QM_BODY_NONE, QM_RUNS_LONG},
     {"GET", "/v1/meshes/{id}/patches", qm_handle_mesh_patches, json, QM_BODY_NONE, QM_RUNS_LONG},
+    {"GET", "/v1/meshes/{id}/vertices", qm_handle_mesh_vertices, rows, QM_BODY_NONE, QM_RUNS_LONG},
     {"PATCH", "/v1/meshes/{id}/vertices", qm_handle_mesh_deform, json, QM_BODY_SPOOL, QM_RUNS_LONG},
     {"POST", "/v1/meshes/{id}/project", qm_handle_mesh_project, rows, QM_BODY_SPOOL, QM_RUNS_LONG},
     {"POST", "/v1/jobs", qm_handle_job_create, job_or_events, QM_BODY_MEMORY, QM_RUNS_SHORT},

@@ -4,7 +4,8 @@
 #   1. clang-format and the borders between the folders
 #   2. unit tests under ASan and UBSan; those that take long, or measure nothing but the engine, in the release build
 #   3. API and command-line tests against a real daemon under ASan and UBSan; the pairs of the data folder in release
-#   4. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
+#   4. the fuzzers, a minute each (FUZZ_SECONDS), as many at a time as there are processors
+#   5. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
 #
 # Exit status: 0 when everything passed. The last line counts: "N passed, N failed".
 set -u
@@ -85,6 +86,14 @@ api() { # BUILD FOLDER
 api build/asan tests/api
 api build/asan tests/cli
 if [ -d "${QM_TEST_DATA:-../shared/data}/pairs" ]; then api build tests/pairs; fi
+
+make -s -j"$jobs" config=fuzz fuzz-programs >build-fuzz.log 2>&1 || { cat build-fuzz.log; exit 1; }
+rm -f build-fuzz.log
+echo "== fuzzers"
+FUZZ_JOBS=$jobs tests/fuzz/run.sh >"$output" 2>&1
+cat "$output"
+passed=$((passed + $(grep -c '^ok ' "$output")))
+failed=$((failed + $(grep -c '^FAILED ' "$output")))
 
 make -s npm || exit 1
 check "types" make -s check-types

@@ -219,7 +219,7 @@ static bool fetch_distances(const question *asked, cli_talk *talk, distance_list
     out->values = malloc((size_t)size + 1);
     good = good && out->values && fread(out->values, sizeof(double), out->count, file) == out->count;
     fclose(file);
-    if (good) qm_feet_turn_bytes(out->values, out->count);
+    if (good) qm_rows_turn_bytes(out->values, out->count);
     return good;
 }
 

@@ -60,7 +60,7 @@ static bool read_binary(const question *asked, uint8_t *bytes, size_t size, poin
         cli_complain(asked->points, &problem, asked->as_json);
         return false;
     }
-    qm_feet_turn_bytes(out->rows, 3 * out->count);
+    qm_rows_turn_bytes(out->rows, 3 * out->count);
     size_t bad = qm_feet_find_bad(out->rows, 3 * out->count);
     if (bad == 3 * out->count) return true;
     qm_problem problem =
@@ -183,7 +183,7 @@ static bool project_there(const question *asked, point_list *points, FILE *out)
         snprintf(path, sizeof path, "/v1/meshes/%s/project?quads=%s&accelerator=%s%s", id,
                  asked->quads == QM_QUADS_BILINEAR ? "bilinear" : "triangles",
                  cli_accelerator_name(asked->accelerator), threads);
-        qm_feet_turn_bytes(points->rows, 3 * points->count);
+        qm_rows_turn_bytes(points->rows, 3 * points->count);
         good = cli_talk_fetch(talk, path, points->count > 0 ? (const void *)points->rows : "",
                               points->count * 3 * sizeof(double), media[asked->rows], asked->points, out);
     }

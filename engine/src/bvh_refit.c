@@ -109,15 +109,38 @@ static void refresh_range(void *data, int worker)
     }
 }
 
-/** True when the frame serves a mesh with this box: it is held, and not much smaller than the frame. */
-static bool frame_serves(const qm_frame *frame, const qm_box *box)
+/** True when a frame serves a mesh with this local box: it is held, and not much smaller than the frame. */
+static bool frame_serves(const double low[3], const double high[3])
 {
     double most = 0.0, size = 0.0;
-    qm_vec low = qm_frame_local(frame, box->min), high = qm_frame_local(frame, box->max);
-    most = fmax(most, fmax(fmax(fabs(low.x), fabs(high.x)), fmax(fabs(low.y), fabs(high.y))));
-    most = fmax(most, fmax(fabs(low.z), fabs(high.z)));
-    size = fmax(high.x - low.x, fmax(high.y - low.y, high.z - low.z));
+    for (int k = 0; k < 3; k++) {
+        most = fmax(most, fmax(fabs(low[k]), fabs(high[k])));
+        size = fmax(size, high[k] - low[k]);
+    }
     return most <= 1.0 && size >= 0.25;
+}
+
+/** The boxes' word for it, who have all been found anew; they reach a little beyond the mesh. */
+static bool boxes_say_frame_serves(const qm_box_tree *boxes)
+{
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    const qm_box_group *top = &boxes->groups[boxes->level_count][0];
+    for (int m = 0; m < qm_box_tree_member_count(boxes, boxes->level_count, 0); m++) {
+        for (int k = 0; k < 3; k++) {
+            low[k] = fmin(low[k], (double)top->low[k][m] + QM_BOX_MARGIN);
+            high[k] = fmax(high[k], (double)top->high[k][m] - QM_BOX_MARGIN);
+        }
+    }
+    for (int k = 0; k < 3; k++)
+        if (!(fmax(-low[k], high[k]) <= 1.0 - QM_BOX_MARGIN)) return false;
+    return frame_serves(low, high);
+}
+
+static bool mesh_fits_frame(const qm_frame *frame, const qm_box *box)
+{
+    qm_vec from = qm_frame_local(frame, box->min), to = qm_frame_local(frame, box->max);
+    const double low[3] = {from.x, from.y, from.z}, high[3] = {to.x, to.y, to.z};
+    return frame_serves(low, high);
 }
 
 static bool face_in_frame(const qm_bvh *bvh, uint32_t face)
@@ -137,14 +160,25 @@ static bool faces_in_frame(const qm_bvh *bvh, const uint32_t *faces, size_t coun
     return true;
 }
 
-static size_t refit_all(qm_context *ctx, qm_bvh *bvh, int thread_count)
+static void fit_all(qm_context *ctx, qm_bvh *bvh, int thread_count)
 {
-    qm_box box = qm_mesh_bounding_box(&bvh->mesh);
-    if (!frame_serves(&bvh->frame, &box)) bvh->frame = qm_frame_make(&box);
-    memset(bvh->stale, 0xff, qm_bits_words(bvh->pack_count) * sizeof *bvh->stale);
     pack_work work = {.bvh = bvh, .count = bvh->pack_count};
     each_pack(ctx, &work, thread_count, fit_range);
     qm_box_tree_fill(&bvh->boxes);
+}
+
+/** A mesh rarely leaves its frame: boxes in the frame that is there tell, or else the mesh's own. */
+static size_t refit_all(qm_context *ctx, qm_bvh *bvh, int thread_count)
+{
+    memset(bvh->stale, 0xff, qm_bits_words(bvh->pack_count) * sizeof *bvh->stale);
+    fit_all(ctx, bvh, thread_count);
+    if (!boxes_say_frame_serves(&bvh->boxes)) {
+        qm_box box = qm_mesh_bounding_box(&bvh->mesh);
+        if (!mesh_fits_frame(&bvh->frame, &box)) {
+            bvh->frame = qm_frame_make(&box);
+            fit_all(ctx, bvh, thread_count);
+        }
+    }
     return qm_bvh_box_count(bvh);
 }
 

@@ -26,7 +26,8 @@
     bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
     void qm_fill_leaf_##isa(qm_leaf *leaf, const float(*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);  \
     bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,         \
-                                 unsigned moved_q, uint8_t near[QM_PACK_LANES]);                             \
+                                 unsigned moved_q, qm_near_lanes *out);                                      \
+    void qm_sort_few_##isa(uint64_t *numbers, int count);                                                    \
     static const qm_kernel kernel_##isa = {                                                                  \
         .name = #isa,                                                                                        \
         .fill_pack = qm_fill_pack_##isa,                                                                     \
@@ -49,6 +50,7 @@
         .descend = qm_descend_##isa,                                                                         \
         .fill_leaf = qm_fill_leaf_##isa,                                                                     \
         .compare_leaves = qm_compare_leaves_##isa,                                                           \
+        .sort_few = qm_sort_few_##isa,                                                                       \
     }
 
 DECLARE(avx512);

@@ -14,6 +14,7 @@
 #define QM_COVER_PACKS 8    /* packs of candidates a piece; 64 lanes make one word of bits */
 #define QM_NEAR_PACKS 32    /* packs of a neighbourhood */
 #define QM_COVER_CORNERS 12 /* corners of the polygons on the way */
+#define QM_SORT_FEW 32      /* numbers that sort_few takes at most */
 
 /** Result of a search: the nearest triangle. */
 typedef struct qm_hit {
@@ -138,18 +139,21 @@ typedef struct qm_kernel {
 
     /**
      * Makes a leaf whose middle, pack and lane_count are set: vertex has rows of x y z from the middle and
-     * the index as bits, aligned to 16 bytes; place tells the row of each lane's corners, all lanes filled.
+     * the mark as bits, aligned to 16 bytes; place tells the row of each lane's corners, all lanes filled.
      */
     void (*fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
 
     /**
-     * For each lane of p the bits of those lanes of q that may meet it: all others are proven not to. In
-     * is_self both are of one mesh, corners of the same index and the edges between them don't count, and a
+     * Finds the pairs of a lane of p and one of q that may meet: all others are proven not to. In
+     * is_self both are of one mesh, corners of the same mark and the edges between them don't count, and a
      * leaf with itself gives each pair of lanes once; of a pair one must have its bit in moved_p or moved_q.
      * False when there are none.
      */
     bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
-                           unsigned moved_q, uint8_t near[QM_PACK_LANES]);
+                           unsigned moved_q, qm_near_lanes *out);
+
+    /** Sorts up to QM_SORT_FEW numbers below 2^58, equal ones too. */
+    void (*sort_few)(uint64_t *numbers, int count);
 } qm_kernel;
 
 /** The widest kernel that this processor runs. */

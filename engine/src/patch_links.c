@@ -121,8 +121,9 @@ static void link_vertex(link_work *work, qm_patch_links *links, uint32_t v)
 static qm_status link_all(qm_context *ctx, link_work *work, qm_patch_links *links)
 {
     count_sides(work);
+    if (work->side_count == 0) return QM_OK;
     work->filed = qm_context_alloc(ctx, work->side_count, sizeof *work->filed);
-    if (!work->filed && work->side_count > 0)
+    if (!work->filed)
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "no memory for the sides of %zu faces",
                                work->mesh->face_count);
     file_sides(work);

@@ -1,7 +1,9 @@
 """Moving the vertices of a mesh: revisions, tags, answers by revision, and what a sudden end leaves."""
 import array
 import math
+import re
 import signal
+import threading
 
 import pytest
 
@@ -73,6 +75,17 @@ def test_every_accelerator_follows(client, plane, accelerator):
     assert [foot["distance"] for foot in job["result"]["points"]] == pytest.approx([0, 0, 1], abs=1e-12)
 
 
+def test_questions_of_shape_come_before_those_of_nearest_points(client, plane):
+    """Collisions take a revision as it is; who then asks for nearest points gets them on that revision."""
+    for z in (1.0, 2.0):
+        assert deform(client, plane, {"indices": [12], "positions": [[2, 2, z]]}).status_code == 200
+        for question in ({"type": "self_collision", "mesh": plane}, {"type": "distance", "a": plane, "b": plane}):
+            reply = client.post("/v1/jobs", json=question, headers={"Prefer": "wait=60"})
+            assert reply.json()["state"] == "succeeded", reply.text
+        assert client.get(f"/v1/meshes/{plane}/patches").status_code == 200
+        assert distance(client, plane, [2, 2, 3]) == pytest.approx(3 - z, abs=1e-12)
+
+
 def test_the_file_has_the_new_places(client, plane):
     deform(client, plane, {"indices": [12], "positions": [[2, 2, 0.125]]})
     text = client.get(f"/v1/meshes/{plane}/content", params={"format": "obj"}).text
@@ -99,6 +112,67 @@ def test_tags_guard_a_revision(client, plane):
     check_problem(deform(client, plane, move, headers={"If-Match": first}), 412, "precondition_failed")
     assert client.get(f"/v1/meshes/{plane}").json()["revision"] == 1
     assert deform(client, plane, move, headers={"If-Match": "*"}).json()["revision"] == 2
+
+
+def revision_of(tag):
+    return int(re.match(r'"[0-9a-f]{64}-(\d+)', tag).group(1))
+
+
+def test_a_tag_is_that_of_the_body_that_comes_with_it(daemon, client, plane):
+    """The height of the plane tells the revision, while one client moves it on and others read it."""
+    ended = threading.Event()
+
+    def move():
+        with daemon.client() as own:
+            for revision in range(1, 120):
+                assert deform(own, plane, raised(float(revision))).json()["revision"] == revision
+        ended.set()
+
+    mover = threading.Thread(target=move)
+    mover.start()
+    seen = set()
+    while not ended.is_set():
+        reply = client.get(f"/v1/meshes/{plane}/vertices")
+        assert array.array("d", reply.content)[2] == revision_of(reply.headers["etag"])
+        seen.add(reply.headers["etag"])
+        reply = client.get(f"/v1/meshes/{plane}/content", params={"format": "off"})
+        assert float(reply.text.splitlines()[2].split()[2]) == revision_of(reply.headers["etag"])
+    mover.join()
+    assert len(seen) > 1
+
+
+def test_where_the_vertices_are(client, plane):
+    path = f"/v1/meshes/{plane}/vertices"
+    rows = [[x, y, 0.1 + x / 3] for x, y, _ in PLANE[0]]
+    assert client.get(path).content == raised(0.0)
+    assert deform(client, plane, {"positions": rows}).status_code == 200
+    replies = {name: client.get(path, headers={"Accept": name})
+               for name in ("application/octet-stream", "text/csv", "application/json")}
+    for name, reply in replies.items():
+        assert reply.headers["content-type"] == name
+        known = client.get(path, headers={"Accept": name, "If-None-Match": reply.headers["etag"]})
+        assert known.status_code == 304 and revision_of(known.headers["etag"]) == 1
+    assert len({reply.headers["etag"] for reply in replies.values()}) == 3
+    binary, csv, as_json = replies.values()
+    assert binary.content == array.array("d", [c for row in rows for c in row]).tobytes()
+    assert csv.text.splitlines()[0] == "x,y,z"
+    assert [[float(c) for c in line.split(",")] for line in csv.text.splitlines()[1:]] == rows
+    assert as_json.json() == {"positions": rows}
+    # What was read can be sent back.
+    assert deform(client, plane, as_json.json()).json()["revision"] == 2
+    assert client.get(path).content == binary.content
+    check_problem(client.get("/v1/meshes/m_none/vertices"), 404, "mesh_not_found")
+    check_problem(client.get(path, headers={"Accept": "image/png"}), 406, "not_acceptable")
+    check_problem(client.get(path, headers={"If-Match": '"other"'}), 412, "precondition_failed")
+
+
+def test_vertices_come_in_blocks(client):
+    points = [(k / 7, -k, k * k) for k in range(20000)]
+    mesh = client.upload("".join(f"{x!r} {y} {z}\n" for x, y, z in points).encode(), format="xyz")["id"]
+    path = f"/v1/meshes/{mesh}/vertices"
+    assert client.get(path).content == array.array("d", [c for point in points for c in point]).tobytes()
+    assert client.get(path, headers={"Accept": "application/json"}).json()["positions"] == [list(p) for p in points]
+    assert len(client.get(path, headers={"Accept": "text/csv"}).text.splitlines()) == 20001
 
 
 def test_a_deformed_mesh_leaves_the_content_index(client, plane, request):

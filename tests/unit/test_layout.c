@@ -253,6 +253,11 @@ static void strokes_snap_merge_and_split(void **state)
     const qm_curve *drawn = &layout.curves[qm_layout_find_curve(&layout, next)];
     assert_int_equal(drawn->point_count, 3);
     assert_true(drawn->points[3] == 0.4 && drawn->points[0] == 0.5);
+    /* The same the other way round. */
+    const double back[] = {0.25, 0, 0, 0.3, -0.7, 0, 0.4, -0.6, 0, 0.5, -0.05, 0};
+    assert_int_equal(qm_layout_redraw_curve(&ctx, &layout, next, back, 4), QM_OK);
+    drawn = &layout.curves[qm_layout_find_curve(&layout, next)];
+    assert_true(drawn->points[0] == 0.5 && drawn->points[3] == 0.4 && drawn->points[6] == 0.3);
     assert_int_equal(qm_layout_validate(&ctx, &layout, 2.0), QM_OK);
     qm_layout_free(&layout);
 }

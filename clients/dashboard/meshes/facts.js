@@ -57,7 +57,7 @@ function sizeOf({ bounding_box: { min, max } }) {
 }
 
 /** @param {Mesh} mesh */
-function downloads(mesh) {
+export function downloads(mesh) {
   const formats = (state.info?.formats ?? []).filter((format) => (mesh.kind === "points" ? format !== "stl" : format !== "xyz"));
   const format = select("format", formats.map((name) => [name, name.toUpperCase()]), mesh.format);
   format.setAttribute("aria-label", "Format of the download");

@@ -4,9 +4,9 @@ import {
   BufferAttribute, BufferGeometry, Group, Mesh as Drawn, Points, Sphere, Vector3,
 } from "three";
 
-import { makeDiscs, makeMarks, makeSurface } from "./materials.js";
+import { makeDiscs, makeMarks, makeRegions, makeSurface } from "./materials.js";
 
-/** @import { ShaderMaterial } from "three" */
+/** @import { Data3DTexture, ShaderMaterial } from "three" */
 /** @import { Mesh } from "../../js/types.js" */
 
 // Positions lie within half a unit of the centre: no piece needs a look to know its bounds.
@@ -31,8 +31,12 @@ export class Model {
     this.pieces = [];
     /** About the distance of neighbouring points. */
     this.spacing = 1 / Math.sqrt(Math.max(1, mesh.vertices));
+    /** Of all triangles, those from one place to another are drawn. @type {[number, number]} */
+    this.range = [0, Infinity];
     /** @type {Points | null} */
     this.irregular = null;
+    /** @type {Data3DTexture | null} */
+    this.regions = null;
   }
 
   /** Puts the model where it is in the frame of another. @param {{ centre: number[], scale: number }} frame */
@@ -61,6 +65,21 @@ export class Model {
     piece.frustumCulled = false;
     this.pieces.push(piece);
     this.group.add(piece);
+    this.setRange(...this.range);
+  }
+
+  /** Draws some of the triangles alone, in the order of the file. @param {number} from @param {number} to */
+  setRange(from, to) {
+    this.range = [from, to];
+    let first = 0;
+    for (const piece of this.pieces) {
+      if (piece instanceof Points) return;
+      const { geometry } = piece;
+      const count = geometry.getAttribute("position").count / 3;
+      const [start, end] = [from, to].map((place) => Math.max(0, Math.min(count, place - first)));
+      geometry.setDrawRange(3 * start, 3 * (end - start));
+      first += count;
+    }
   }
 
   /** @param {number} place @param {Int8Array} normal @param {number} spacing */
@@ -91,6 +110,22 @@ export class Model {
     this.group.add(this.irregular);
   }
 
+  /**
+   * Colours by place; null takes them away.
+   * @param {{ colours: Uint8Array, sides: number[], low: number[], size: number } | null} regions
+   */
+  setRegions(regions) {
+    this.regions?.dispose();
+    this.regions = regions ? makeRegions(regions.colours, regions.sides) : null;
+    for (const { uniforms } of [this.surface, this.discs]) {
+      uniforms.regioned.value = regions ? 1 : 0;
+      if (!regions) continue;
+      uniforms.regions.value = this.regions;
+      uniforms.regionLow.value.fromArray(regions.low);
+      uniforms.regionSize.value.fromArray(regions.sides).multiplyScalar(regions.size);
+    }
+  }
+
   /** @returns {ShaderMaterial[]} */
   materials() {
     return [this.surface, this.discs, this.marks];
@@ -100,6 +135,7 @@ export class Model {
     this.group.removeFromParent();
     for (const piece of this.pieces) piece.geometry.dispose();
     this.irregular?.geometry.dispose();
+    this.regions?.dispose();
     for (const material of this.materials()) material.dispose();
   }
 }

@@ -11,8 +11,9 @@ import { Pair } from "./pair.js";
 
 /** @import { Mesh } from "../../js/types.js" */
 /** @typedef {"a" | "b"} Role b is the one to compare with */
-/** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean }} Wish */
-/** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, top: number }} Look */
+/** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean,
+ *   isGradual?: boolean }} Wish isGradual: what was there before stays until endChange, and nothing of the new one is drawn yet */
+/** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, top: number, signed: boolean }} Look */
 
 // Colours go to the screen as they are.
 ColorManagement.enabled = false;
@@ -38,11 +39,13 @@ export class Stage {
     this.overlay = new Overlay(this.scene);
     /** @type {Map<Role, Model>} */
     this.models = new Map();
+    /** Those that others take the place of by and by. @type {Map<Role, Model>} */
+    this.leaving = new Map();
     /** @type {Wish[]} */
     this.wishes = [];
     this.frame = { centre: [0, 0, 0], scale: 1 };
     /** @type {Look} */
-    this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, top: 1 };
+    this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, top: 1, signed: false };
     this.isWaiting = false;
     /** Signalled when the last frame is on the screen. @type {WebGLSync | null} */
     this.last = null;
@@ -70,7 +73,9 @@ export class Stage {
     const [first] = wishes;
     for (const [role, model] of this.models) {
       const wish = wishes.find((other) => other.role === role);
-      if (!wish || !isSame(model, wish)) this.remove(role);
+      if (wish && isSame(model, wish)) continue;
+      if (wish?.isGradual) this.startChange(role, model);
+      else this.remove(role);
     }
     const loading = wishes.filter(({ role }) => !this.models.has(role)).map((wish) => this.add(wish));
     if (first) {
@@ -86,6 +91,7 @@ export class Stage {
   /** @param {Wish} wish */
   add({ mesh, role, isBilinear }) {
     const model = new Model(mesh, isBilinear);
+    if (this.leaving.has(role)) model.setRange(0, 0);
     this.models.set(role, model);
     this.scene.add(model.group);
     const total = mesh.kind === "points" ? mesh.vertices : Math.max(1, mesh.faces.triangles + mesh.faces.quads);
@@ -99,8 +105,25 @@ export class Stage {
     });
   }
 
+  /** @param {Role} role @param {Model} model */
+  startChange(role, model) {
+    this.endChange(role);
+    forget(model);
+    this.leaving.set(role, model);
+    this.models.delete(role);
+  }
+
+  /** The new model alone is there. @param {Role} role */
+  endChange(role) {
+    this.leaving.get(role)?.dispose();
+    this.leaving.delete(role);
+    this.models.get(role)?.setRange(0, Infinity);
+    this.draw();
+  }
+
   /** @param {Role} role */
   remove(role) {
+    this.endChange(role);
     const model = this.models.get(role);
     if (!model) return;
     forget(model);
@@ -126,13 +149,16 @@ export class Stage {
       surface.uniforms.line.value = line;
       surface.uniforms.wire.value = this.look.wire ? 1 : 0;
       surface.uniforms.tinted.value = this.look.structure && this.look.patches && model.mesh.patches > 0 ? 1 : 0;
-      surface.uniforms.heated.value = this.look.heat && wish.role === "a" ? 1 : 0;
-      surface.uniforms.top.value = this.look.top;
+      for (const { uniforms } of [surface, discs]) {
+        uniforms.heated.value = this.look.heat && wish.role === "a" ? 1 : 0;
+        uniforms.signed_.value = this.look.signed ? 1 : 0;
+        uniforms.top.value = this.look.top;
+      }
       surface.uniforms.opacity.value = isGhost ? 0.28 : 1;
       surface.transparent = isGhost;
       surface.depthWrite = !isGhost;
       discs.uniforms.base.value = base;
-      discs.uniforms.radius.value = 1.6 * model.spacing * this.look.disc;
+      discs.uniforms.radius.value = 1.7 * model.spacing * this.look.disc;
       model.group.visible = !wish.isHidden;
       model.group.renderOrder = isGhost ? 1 : 0;
       if (model.irregular) model.irregular.visible = this.look.structure && this.look.irregular;
@@ -214,6 +240,19 @@ export class Stage {
     this.pair.setHeight(height);
   }
 
+  /** Draws the models alone, without what lies over them. @param {WebGLRenderTarget} target */
+  drawBare(target) {
+    const extras = [this.overlay.group, this.pair.group].filter((group) => group.visible);
+    for (const extra of extras) extra.visible = false;
+    this.eye.setPlanes();
+    this.setHeight(target.height);
+    this.renderer.setRenderTarget(target);
+    this.renderer.clear();
+    this.renderer.render(this.scene, this.eye.camera);
+    this.renderer.setRenderTarget(null);
+    for (const extra of extras) extra.visible = true;
+  }
+
   /**
    * A small picture on no ground, without making the page wait for it.
    * @param {number} width
@@ -226,21 +265,13 @@ export class Stage {
     const model = this.models.get("a");
     if (model?.mesh.id !== mesh.id || this.models.size !== 1 || !model.isWhole) return null;
     const { scene, renderer, eye: { camera } } = this;
-    const extras = [this.overlay.group, this.pair.group].filter((group) => group.visible);
-    for (const extra of extras) extra.visible = false;
     const target = new WebGLRenderTarget(width, height, { samples: 4 });
     const { background } = scene;
     scene.background = null;
-    camera.aspect = width / height;
-    this.eye.setPlanes();
-    this.setHeight(height);
-    renderer.setRenderTarget(target);
     renderer.setClearColor(0, 0);
-    renderer.clear();
-    renderer.render(scene, camera);
-    renderer.setRenderTarget(null);
+    camera.aspect = width / height;
+    this.drawBare(target);
     scene.background = background;
-    for (const extra of extras) extra.visible = true;
     camera.aspect = this.place.clientWidth / Math.max(1, this.place.clientHeight);
     this.eye.setPlanes();
     const pixels = new Uint8Array(4 * width * height);

@@ -76,8 +76,8 @@ static inline qm_vf qm_vf_min(qm_vf a, qm_vf b)
 
 static inline float qm_vf_greatest(qm_vf a)
 {
-    a = qm_vf_max(a, __builtin_shuffle(a, (qm_vi){4, 5, 6, 7, 0, 1, 2, 3}));
-    a = qm_vf_max(a, __builtin_shuffle(a, (qm_vi){2, 3, 0, 1, 6, 7, 4, 5}));
+    a = qm_vf_max(a, __builtin_shufflevector(a, a, 4, 5, 6, 7, 0, 1, 2, 3));
+    a = qm_vf_max(a, __builtin_shufflevector(a, a, 2, 3, 0, 1, 6, 7, 4, 5));
     return a[0] > a[1] ? a[0] : a[1];
 }
 

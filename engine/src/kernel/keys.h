@@ -39,8 +39,8 @@ static inline qm_vi qm_keys_max(qm_vi a, qm_vi b)
 /** Each key moves up when the one below it, or the new one, is greater. */
 static inline qm_vi qm_keys_insert(qm_vi keys, int32_t key)
 {
-    const qm_vi lowest = (qm_vi){0} + INT32_MIN, up = {8, 0, 1, 2, 3, 4, 5, 6};
-    qm_vi below = __builtin_shuffle(keys, lowest, up);
+    const qm_vi lowest = (qm_vi){0} + INT32_MIN;
+    qm_vi below = __builtin_shufflevector(keys, lowest, 8, 0, 1, 2, 3, 4, 5, 6);
     return qm_keys_min(keys, qm_keys_max(below, (qm_vi){0} + key));
 }
 

@@ -53,13 +53,13 @@ static inline qm_v4 qm_v4_max(qm_v4 a, qm_v4 b)
 
 static inline double qm_v4_least(qm_v4 a)
 {
-    qm_v4 b = qm_v4_min(a, __builtin_shuffle(a, (qm_v4l){2, 3, 0, 1}));
+    qm_v4 b = qm_v4_min(a, __builtin_shufflevector(a, a, 2, 3, 0, 1));
     return b[0] < b[1] ? b[0] : b[1];
 }
 
 static inline double qm_v4_greatest(qm_v4 a)
 {
-    qm_v4 b = qm_v4_max(a, __builtin_shuffle(a, (qm_v4l){2, 3, 0, 1}));
+    qm_v4 b = qm_v4_max(a, __builtin_shufflevector(a, a, 2, 3, 0, 1));
     return b[0] > b[1] ? b[0] : b[1];
 }
 
@@ -90,9 +90,9 @@ static inline qm_v4_vec qm_v4_vec_cross(qm_v4_vec a, qm_v4_vec b)
 
 static inline qm_v4_vec qm_v4_vec_turn(qm_v4_vec a)
 {
-    const qm_v4l turn = {1, 2, 3, 0};
-    return (qm_v4_vec){__builtin_shuffle(a.x, turn), __builtin_shuffle(a.y, turn),
-                       __builtin_shuffle(a.z, turn)};
+    return (qm_v4_vec){__builtin_shufflevector(a.x, a.x, 1, 2, 3, 0),
+                       __builtin_shufflevector(a.y, a.y, 1, 2, 3, 0),
+                       __builtin_shufflevector(a.z, a.z, 1, 2, 3, 0)};
 }
 
 static inline qm_v4_vec qm_tetra_corners(const qm_vec c[4])
