@@ -1,6 +1,6 @@
 /*
- * Whether all accelerators tell the same distances: of points near a mesh, in its box and far round it, in both
- * readings of quads.
+ * Whether all accelerators tell the same distances: of points near a mesh, in its box and far round it, in
+ * both readings of quads.
  */
 #include "engine.h"
 
