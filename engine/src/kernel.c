@@ -31,7 +31,7 @@
                                      bool splits_a, float d2[QM_PACK_LANES]);                                \
     bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
     void qm_fill_leaf_##isa(qm_leaf *leaf, const float(*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);  \
-    bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,         \
+    bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p, \
                                  unsigned moved_q, qm_near_lanes *out);                                      \
     void qm_sort_few_##isa(uint64_t *numbers, int count);                                                    \
     static const qm_kernel kernel_##isa = {                                                                  \

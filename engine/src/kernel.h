@@ -177,12 +177,12 @@ typedef struct qm_kernel {
     void (*fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
 
     /**
-     * Finds the pairs of a lane of p and one of q that may meet: all others are proven not to. In
-     * is_self both are of one mesh, corners of the same mark and the edges between them don't count, and a
-     * leaf with itself gives each pair of lanes once; of a pair one must have its bit in moved_p or moved_q.
-     * False when there are none.
+     * Finds the pairs of a lane of p and one of q that may meet: all others are proven not to. In SELF
+     * corners of the same mark and the edges between them don't count, and of a pair one must have its bit in
+     * moved_p or moved_q. But in TWO, a leaf with itself gives each pair of different lanes once. False when
+     * there are none.
      */
-    bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+    bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                            unsigned moved_q, qm_near_lanes *out);
 
     /** Sorts up to QM_SORT_FEW numbers below 2^58, equal ones too. */

@@ -35,7 +35,7 @@ unsigned QM_KERNEL(node_distances)(const qm_descent *descent, const qm_node *a, 
                                    bool splits_a, float d2[QM_PACK_LANES]);
 bool QM_KERNEL(descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);
 void QM_KERNEL(fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
-bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                                unsigned moved_q, qm_near_lanes *out);
 void QM_KERNEL(sort_few)(uint64_t *numbers, int count);
 
