@@ -105,6 +105,7 @@ $(PAGE)/%: clients/dashboard/%
 	@touch $@
 npm: $(addsuffix /node_modules/.package-lock.json,clients/js clients/dashboard clients/docs tests/browser)
 
+# They name three.js as it lies beside them, for workers have no import map.
 MODULES := clients/dashboard/node_modules
 VENDOR_three.module.js := three/build/three.module.js
 VENDOR_three.core.js   := three/build/three.core.js
@@ -112,7 +113,7 @@ VENDOR_OrbitControls.js    := three/examples/jsm/controls/OrbitControls.js
 VENDOR_mesh-bvh.js         := three-mesh-bvh/build/index.module.js
 $(PAGE)/vendor/%: $(MODULES)/.package-lock.json
 	@mkdir -p $(@D)
-	cp $(MODULES)/$(VENDOR_$*) $@
+	sed "s#from 'three';#from './three.module.js';#" $(MODULES)/$(VENDOR_$*) >$@
 $(VIEWER_FILES:%=$(PAGE)/%): $(PAGE)/%: clients/docs/node_modules/.package-lock.json
 	@mkdir -p $(@D)
 	cp clients/docs/node_modules/swagger-ui-dist/$* $@

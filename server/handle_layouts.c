@@ -41,7 +41,7 @@ static bool fail(const desk *d, qm_status status, qm_problem *problem)
 
 static bool take_mesh(desk *d, qm_problem *problem)
 {
-    d->mesh = qm_meshes_acquire(d->app->meshes, d->row.mesh, problem);
+    d->mesh = qm_meshes_acquire(d->app->meshes, d->row.mesh, QM_MESH_NEAREST, problem);
     if (!d->mesh) return false;
     qm_status status = qm_source_init(&d->ctx, qm_mesh_ref_get(d->mesh)->bvh, &d->source);
     return status == QM_OK || fail(d, status, problem);
@@ -403,34 +403,55 @@ static double snap_radius(const desk *d, const qm_layout_edit *edit)
     return edit->radius > 0.0 ? edit->radius : SNAP_SHARE * d->source.diagonal;
 }
 
+/** The places of a stroke on the surface. */
+typedef struct picked {
+    double *points; /* rows of x y z, on malloc */
+    size_t count, missed;
+} picked;
+
+static bool pick_stroke(desk *d, const qm_layout_edit *edit, picked *out, qm_problem *problem)
+{
+    *out = (picked){0};
+    qm_view view;
+    qm_status status = qm_view_init(&d->ctx, &d->source, &edit->camera, &edit->pick, &view);
+    if (status != QM_OK) return outcome(d, status, problem);
+    out->points = malloc(edit->point_count * 3 * sizeof *out->points);
+    if (!out->points) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the stroke");
+        return false;
+    }
+    status = qm_view_stroke(&d->ctx, &view, edit->points, edit->point_count, out->points, &out->count,
+                            &out->missed);
+    if (status == QM_OK && out->count < 2)
+        status =
+            qm_context_fail(&d->ctx, QM_E_ARGUMENT, "the stroke meets the surface at %zu of its %zu points",
+                            edit->point_count - out->missed, edit->point_count);
+    return outcome(d, status, problem);
+}
+
+static void add_stroke_facts(qm_text *out, uint32_t curve, const picked *stroke)
+{
+    qm_json_open(out, "stroke", "{");
+    qm_json_add_count(out, "curve", curve);
+    qm_json_add_count(out, "points", stroke->count);
+    qm_json_add_count(out, "missed_points", stroke->missed);
+    qm_text_add_string(out, "}");
+}
+
 static bool apply_stroke(desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
                          qm_problem *problem)
 {
     (void)curve;
-    qm_view view;
-    qm_status status = qm_view_init(&d->ctx, &d->source, &edit->camera, &edit->pick, &view);
-    if (status != QM_OK) return outcome(d, status, problem);
-    double *points = malloc(edit->point_count * 3 * sizeof *points);
-    if (!points) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the stroke");
-        return false;
-    }
-    size_t count, missed;
+    picked stroke;
     uint32_t id = QM_NO_INDEX;
-    status = qm_view_stroke(&d->ctx, &view, edit->points, edit->point_count, points, &count, &missed);
-    if (status == QM_OK && count < 2)
-        status =
-            qm_context_fail(&d->ctx, QM_E_ARGUMENT, "the stroke meets the surface at %zu of its %zu points",
-                            edit->point_count - missed, edit->point_count);
-    if (status == QM_OK)
-        status = qm_layout_add_stroke(&d->ctx, &d->layout, points, count, snap_radius(d, edit), &id);
-    free(points);
-    qm_json_open(more, "stroke", "{");
-    qm_json_add_count(more, "curve", id);
-    qm_json_add_count(more, "points", count);
-    qm_json_add_count(more, "missed_points", missed);
-    qm_text_add_string(more, "}");
-    return outcome(d, status, problem);
+    bool good = pick_stroke(d, edit, &stroke, problem) &&
+                outcome(d,
+                        qm_layout_add_stroke(&d->ctx, &d->layout, stroke.points, stroke.count,
+                                             snap_radius(d, edit), &id),
+                        problem);
+    if (good) add_stroke_facts(more, id, &stroke);
+    free(stroke.points);
+    return good;
 }
 
 static bool apply_split(desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
@@ -449,12 +470,21 @@ static bool apply_snap(desk *d, const qm_layout_edit *edit, uint32_t curve, qm_t
         problem);
 }
 
+static bool redraw(desk *d, uint32_t curve, const double *points, size_t count, qm_problem *problem)
+{
+    return outcome(d, qm_layout_redraw_curve(&d->ctx, &d->layout, curve, points, count), problem);
+}
+
 static bool apply_redraw(desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
                          qm_problem *problem)
 {
-    (void)more;
-    return outcome(d, qm_layout_redraw_curve(&d->ctx, &d->layout, curve, edit->points, edit->point_count),
-                   problem);
+    if (!edit->in_window) return redraw(d, curve, edit->points, edit->point_count, problem);
+    picked stroke;
+    bool good =
+        pick_stroke(d, edit, &stroke, problem) && redraw(d, curve, stroke.points, stroke.count, problem);
+    if (good) add_stroke_facts(more, curve, &stroke);
+    free(stroke.points);
+    return good;
 }
 
 static bool apply_merge(desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,

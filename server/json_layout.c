@@ -314,6 +314,7 @@ static bool read_stroke(const cJSON *object, qm_layout_edit *out, qm_problem *pr
 {
     static const char *const names[] = {"points",    "view",  "projection", "viewport",
                                         "radius_px", "depth", "snap",       NULL};
+    out->in_window = true;
     return check_names(object, names, problem) && read_array(object, "view", 16, out->camera.view, problem) &&
            read_array(object, "projection", 16, out->camera.projection, problem) &&
            read_array(object, "viewport", 4, out->camera.viewport, problem) &&
@@ -346,6 +347,7 @@ static bool read_snap(const cJSON *object, qm_layout_edit *out, qm_problem *prob
 static bool read_redraw(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
     static const char *const names[] = {"points", NULL};
+    if (cJSON_GetObjectItemCaseSensitive(object, "view")) return read_stroke(object, out, problem);
     return check_names(object, names, problem) &&
            read_rows(cJSON_GetObjectItemCaseSensitive(object, "points"), 3, 2, "points", &out->points,
                      &out->point_count, problem);

@@ -40,10 +40,11 @@ typedef enum qm_layout_edit_kind {
 
 /** What an edit asks for; the fields of other kinds are zero. */
 typedef struct qm_layout_edit {
-    double *points; /* stroke: rows of x y in the window; redraw: rows of x y z. On malloc */
+    double *points; /* rows of x y in the window, or of x y z. On malloc */
     size_t point_count;
-    qm_camera camera;       /* stroke */
-    qm_pick_options pick;   /* stroke */
+    bool in_window; /* stroke always, redraw perhaps: camera and pick tell how to pick */
+    qm_camera camera;
+    qm_pick_options pick;
     double radius;          /* stroke, snap: how far ends snap; 0 where it was not given */
     double point[3];        /* split, snap */
     int end;                /* snap: 0 from, 1 to */

@@ -78,7 +78,8 @@ static entry *begin(qm_reconstructions *rs, const char *source, const char *layo
     }
     qm_refining *r = &e->refining;
     r->ctx = qm_meshes_context(rs->meshes);
-    r->mesh = qm_meshes_acquire(rs->meshes, source, problem);
+    snprintf(r->source_id, sizeof r->source_id, "%s", source);
+    r->mesh = qm_meshes_acquire(rs->meshes, source, QM_MESH_NEAREST, problem);
     qm_layout layout = {0};
     bool has_patches;
     bool good = r->mesh && qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL,
@@ -216,6 +217,17 @@ static qm_blob_writer *write_upload(qm_reconstructions *rs, qm_refining *r, qm_p
     return NULL;
 }
 
+/** What a mesh of the reconstruction is called: by its source, where that has a name. */
+static char *name_mesh(qm_reconstructions *rs, const qm_refining *r, size_t quads)
+{
+    qm_store_mesh source;
+    bool is_there = qm_store_find_mesh(rs->store, r->source_id, &source);
+    qm_text name = {0};
+    qm_text_printf(&name, "%s, %zu quads", is_there && source.name[0] ? source.name : r->id, quads);
+    if (is_there) qm_store_mesh_reset(&source);
+    return qm_text_take(&name);
+}
+
 /** Makes an ordinary mesh of the reconstruction as it is; its id goes to out. */
 static bool add_mesh(qm_reconstructions *rs, qm_refining *r, char out[QM_ID_SIZE], size_t *quads,
                      qm_problem *problem)
@@ -223,11 +235,17 @@ static bool add_mesh(qm_reconstructions *rs, qm_refining *r, char out[QM_ID_SIZE
     qm_blob_writer *upload = write_upload(rs, r, problem);
     if (!upload) return false;
     *quads = qm_refining_quads(r);
-    char name[80];
-    snprintf(name, sizeof name, "%s, %zu quads", r->id, *quads);
+    char *name = name_mesh(rs, r, *quads);
+    if (!name) {
+        qm_blob_abort(upload);
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the mesh");
+        return false;
+    }
     qm_store_mesh row;
     bool is_new;
-    if (!qm_meshes_add(rs->meshes, upload, name, QM_FORMAT_PLY, &row, &is_new, problem)) return false;
+    bool added = qm_meshes_add(rs->meshes, upload, name, QM_FORMAT_PLY, &row, &is_new, problem);
+    free(name);
+    if (!added) return false;
     memcpy(out, row.id, QM_ID_SIZE);
     qm_store_mesh_reset(&row);
     return true;

@@ -19,6 +19,7 @@ void qm_reconstructions_destroy(qm_reconstructions *reconstructions);
 /** A reconstruction taken for work: released with qm_refining_release. */
 typedef struct qm_refining {
     char id[QM_ID_SIZE];
+    char source_id[QM_ID_SIZE];
     qm_context ctx;
     qm_source source;
     qm_reconstruction *reconstruction;

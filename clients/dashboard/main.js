@@ -1,47 +1,54 @@
-// Starts the page: its views, the address, the daemon.
+// Starts the page: its views, each fetched when it is first wanted, the address, the daemon.
 
-import { showCollide } from "./collide/collide.js";
-import { showCompare } from "./compare/compare.js";
 import { client, connect } from "./core/connection.js";
 import { startData } from "./core/data.js";
 import { byId, h } from "./core/dom.js";
+import { run } from "./core/messages.js";
 import { readAddress } from "./core/route.js";
 import { on, state } from "./core/state.js";
 import { startTheme } from "./core/theme.js";
 import { askForToken } from "./core/token.js";
-import { showDeform } from "./deform/deform.js";
-import { showJobs } from "./jobs/jobs.js";
-import { showMeshes } from "./meshes/meshes.js";
 
-/** @typedef {{ name: string, words: string, isWide?: boolean, show: (panel: HTMLElement) => () => void }} Page show fills
- *   the panel and returns what takes leave of it */
+/** @typedef {(panel: HTMLElement) => () => void} Show fills the panel and returns what takes leave of it */
+/** @typedef {{ name: string, words: string, isWide?: boolean, fetch: () => Promise<Show> }} Page */
 
 /** @type {Page[]} */
 const pages = [
-  { name: "meshes", words: "Meshes", show: showMeshes },
-  { name: "compare", words: "Compare", show: showCompare },
-  { name: "collide", words: "Collide", show: showCollide },
-  { name: "deform", words: "Deform", show: showDeform },
-  { name: "jobs", words: "Jobs", isWide: true, show: showJobs },
+  { name: "meshes", words: "Meshes", fetch: async () => (await import("./meshes/meshes.js")).showMeshes },
+  { name: "compare", words: "Compare", fetch: async () => (await import("./compare/compare.js")).showCompare },
+  { name: "collide", words: "Collide", fetch: async () => (await import("./collide/collide.js")).showCollide },
+  { name: "deform", words: "Deform", fetch: async () => (await import("./deform/deform.js")).showDeform },
+  { name: "sketch", words: "Sketch", fetch: async () => (await import("./sketch/sketch.js")).showSketch },
+  { name: "remesh", words: "Remesh", fetch: async () => (await import("./remesh/remesh.js")).showRemesh },
+  { name: "jobs", words: "Jobs", isWide: true, fetch: async () => (await import("./jobs/jobs.js")).showJobs },
 ];
 
 let leave = () => {};
+let turn = 0;
+/** Is what the address wants on the page? */
+let isShown = false;
 
-function showPage() {
+async function showPage() {
+  const mine = ++turn;
+  const page = pages.find(({ name }) => name === state.page) ?? pages[0];
   for (const link of byId("tabs").querySelectorAll("a")) {
-    if (link.hash === `#${state.page}`) link.setAttribute("aria-current", "page");
+    if (link.hash === `#${page.name}`) link.setAttribute("aria-current", "page");
     else link.removeAttribute("aria-current");
   }
-  leave();
-  const page = pages.find(({ name }) => name === state.page) ?? pages[0];
   document.title = `${page.words} – quadmeshd`;
+  leave();
+  leave = () => {};
+  isShown = false;
+  const show = await page.fetch().catch(() => { throw new Error(`The view “${page.words}” could not be fetched; it will be when the daemon is back.`); });
+  if (mine !== turn) return;
   document.body.dataset.page = page.name;
   document.body.toggleAttribute("data-wide", Boolean(page.isWide));
   const panel = byId("panel");
   panel.scrollTop = 0;
   panel.replaceChildren();
   byId("stage-legend").replaceChildren();
-  leave = page.show(panel);
+  leave = show(panel);
+  isShown = true;
 }
 
 byId("tabs").append(...pages.map(({ name, words }) => h("a", { href: `#${name}` }, words)));
@@ -49,7 +56,8 @@ byId("token").addEventListener("click", () => askForToken("A daemon with a token
   client.token = token;
   connect();
 }));
-on("page", showPage);
+on("page", () => run(showPage));
+on("connection", () => { if (state.connection === "open" && !isShown) run(showPage); });
 const names = pages.map(({ name }) => name);
 addEventListener("hashchange", () => readAddress(names));
 startTheme();

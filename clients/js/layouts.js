@@ -97,15 +97,15 @@ export class Layouts {
   }
 
   /**
-   * Draws a curve anew between its nodes.
+   * Draws a curve anew between its nodes, from either end.
    * @param {string} id
    * @param {number} curve
-   * @param {Point[]} points
+   * @param {Point[] | Stroke} line points in space, or a stroke in the window
    * @param {Options} [options]
    * @returns {Promise<EditedLayout>}
    */
-  redraw(id, curve, points, options = {}) {
-    return this.post(`${pathOf(id)}/curves/${curve}/redraw`, { points }, options);
+  redraw(id, curve, line, options = {}) {
+    return this.post(`${pathOf(id)}/curves/${curve}/redraw`, Array.isArray(line) ? { points: line } : line, options);
   }
 
   /**

@@ -45,6 +45,18 @@ export class Reconstructions {
   }
 
   /**
+   * Goes over to an edited layout; only the patches that the edits have touched are made anew.
+   * @param {string} id
+   * @param {string} layout
+   * @param {Options} [options]
+   * @returns {Promise<Reconstruction & { redone_patches: number }>}
+   */
+  takeLayout(id, layout, { signal } = {}) {
+    const headers = { "Content-Type": "application/json" };
+    return this.transport.json(`${pathOf(id)}/layout`, { method: "PUT", headers, body: JSON.stringify({ layout }), signal });
+  }
+
+  /**
    * The current mesh as a file.
    * @param {string} id
    * @param {Options & { format?: Format }} [options]

@@ -1,7 +1,9 @@
 #include "qm/collide.h"
 
+#include <string.h>
 #include <time.h>
 
+#include "bvh_order.h"
 #include "collide_search.h"
 #include "predicates.h"
 
@@ -36,16 +38,14 @@ qm_status qm_collide_check_scale(qm_context *ctx, const qm_bvh *a, const qm_bvh 
     return QM_OK;
 }
 
-static qm_status check(const qm_collide_search *search)
+qm_status qm_collide_check_options(qm_context *ctx, const qm_collide_options *options)
 {
-    const qm_collide_options *options = search->options;
     if (options->thread_count < 1)
-        return qm_context_fail(search->ctx, QM_E_ARGUMENT, "thread count must be 1 or more, got %d",
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "thread count must be 1 or more, got %d",
                                options->thread_count);
     if (options->quads == QM_QUADS_BILINEAR && !(options->tolerance > 0.0))
-        return qm_context_fail(search->ctx, QM_E_ARGUMENT, "tolerance must be > 0, got %g",
-                               options->tolerance);
-    return qm_collide_check_scale(search->ctx, search->bvh[0], search->bvh[1]);
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "tolerance must be > 0, got %g", options->tolerance);
+    return QM_OK;
 }
 
 /** What fails with words of its own is told by them. */
@@ -55,6 +55,11 @@ static qm_status fail(qm_context *ctx, qm_status status, const qm_collide_option
         return qm_context_fail(ctx, status, "more than %zu pairs of faces meet", options->pair_limit);
     if (status == QM_E_INDEX) return status;
     return qm_context_fail(ctx, status, "%s while looking for collisions", qm_status_text(status));
+}
+
+static uint32_t last_input_face(const qm_bvh *bvh)
+{
+    return qm_mesh_input_face(&bvh->mesh, (uint32_t)(qm_mesh_facet_count(&bvh->mesh) - 1));
 }
 
 static qm_status run(qm_collide_search *search, const qm_collide_changes *changes, qm_pair_list *list,
@@ -70,7 +75,8 @@ static qm_status run(qm_collide_search *search, const qm_collide_changes *change
     }
     if (status == QM_OK) status = qm_collide_run(search, list, &out->tests);
     if (changes) qm_change_marks_reset(ctx, search->bvh[0], &marks);
-    if (status == QM_OK) status = qm_pair_list_finish(ctx, list, search->options, out);
+    const uint32_t last_face[2] = {last_input_face(search->bvh[0]), last_input_face(search->bvh[1])};
+    if (status == QM_OK) status = qm_pair_list_finish(ctx, list, last_face, search->options, out);
     return status;
 }
 
@@ -80,7 +86,8 @@ static qm_status collide(qm_collide_search *search, const qm_collide_changes *ch
     double start_ms = now_ms();
     qm_pair_list list = {0};
     *out = (qm_collision){0};
-    qm_status status = check(search);
+    qm_status status = qm_collide_check_options(ctx, search->options);
+    if (status == QM_OK) status = qm_collide_check_scale(ctx, search->bvh[0], search->bvh[1]);
     if (status != QM_OK) return status;
     status = run(search, changes, &list, out);
     qm_pair_list_reset(ctx, &list);
@@ -92,17 +99,35 @@ static qm_status collide(qm_collide_search *search, const qm_collide_changes *ch
     return QM_OK;
 }
 
+static bool arrays_are_equal(const void *a, const void *b, size_t size)
+{
+    return a == b || (a && b && memcmp(a, b, size) == 0);
+}
+
+bool qm_collide_are_twins(const qm_mesh *a, const qm_mesh *b)
+{
+    return a->vertex_count == b->vertex_count && a->face_count == b->face_count &&
+           arrays_are_equal(a->faces, b->faces, a->face_count * 4 * sizeof *a->faces) &&
+           arrays_are_equal(a->face_origin, b->face_origin, a->face_count * sizeof *a->face_origin) &&
+           arrays_are_equal(a->positions, b->positions, a->vertex_count * 3 * sizeof *a->positions);
+}
+
 qm_status qm_collide_meshes(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                             const qm_collide_options *options, qm_collision *out)
 {
     qm_collide_search search = {.ctx = ctx, .bvh = {a, b}, .options = options};
+    bool has_patches = options->quads == QM_QUADS_BILINEAR && a->has_quads;
+    if (!has_patches && qm_collide_are_twins(&a->mesh, &b->mesh)) {
+        search.bvh[1] = a;
+        search.kind = QM_COLLIDE_TWIN;
+    }
     return collide(&search, NULL, out);
 }
 
 qm_status qm_collide_self(qm_context *ctx, const qm_bvh *bvh, const qm_collide_options *options,
                           const qm_collide_changes *changes, qm_collision *out)
 {
-    qm_collide_search search = {.ctx = ctx, .bvh = {bvh, bvh}, .is_self = true, .options = options};
+    qm_collide_search search = {.ctx = ctx, .bvh = {bvh, bvh}, .kind = QM_COLLIDE_SELF, .options = options};
     return collide(&search, changes, out);
 }
 

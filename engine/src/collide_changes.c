@@ -2,10 +2,7 @@
 
 #include <string.h>
 
-static size_t face_count(const qm_mesh *mesh)
-{
-    return mesh->face_count > 0 ? mesh->face_count : mesh->vertex_count;
-}
+#include "bvh_order.h"
 
 static uint8_t *alloc_zero(qm_context *ctx, size_t count)
 {
@@ -25,7 +22,7 @@ static bool face_has_moved(const qm_mesh *mesh, const uint8_t *moved, size_t fac
 /** Every face of an input face counts as moved when one of them has. */
 static void mark_faces(const qm_mesh *mesh, qm_change_marks *marks)
 {
-    for (size_t i = 0; i < face_count(mesh); i++)
+    for (size_t i = 0; i < qm_mesh_facet_count(mesh); i++)
         if (face_has_moved(mesh, marks->vertex, i)) marks->face[qm_mesh_input_face(mesh, (uint32_t)i)] = 1;
 }
 
@@ -48,7 +45,7 @@ qm_status qm_change_marks_set(qm_context *ctx, const qm_bvh *bvh, const qm_colli
 {
     const qm_mesh *mesh = &bvh->mesh;
     *out = (qm_change_marks){.vertex = alloc_zero(ctx, mesh->vertex_count),
-                             .face = alloc_zero(ctx, face_count(mesh))};
+                             .face = alloc_zero(ctx, qm_mesh_facet_count(mesh))};
     if (!out->vertex || !out->face) return QM_E_NO_MEMORY;
     for (int level = 0; level <= bvh->boxes.level_count; level++)
         if (!(out->level[level] = alloc_zero(ctx, bvh->boxes.group_count[level]))) return QM_E_NO_MEMORY;
@@ -66,7 +63,7 @@ qm_status qm_change_marks_set(qm_context *ctx, const qm_bvh *bvh, const qm_colli
 void qm_change_marks_reset(qm_context *ctx, const qm_bvh *bvh, qm_change_marks *marks)
 {
     qm_context_free(ctx, marks->vertex, bvh->mesh.vertex_count, 1);
-    qm_context_free(ctx, marks->face, face_count(&bvh->mesh), 1);
+    qm_context_free(ctx, marks->face, qm_mesh_facet_count(&bvh->mesh), 1);
     for (int level = 0; level <= bvh->boxes.level_count; level++)
         qm_context_free(ctx, marks->level[level], bvh->boxes.group_count[level], 1);
     *marks = (qm_change_marks){0};
@@ -75,13 +72,13 @@ void qm_change_marks_reset(qm_context *ctx, const qm_bvh *bvh, qm_change_marks *
 qm_status qm_change_marks_keep(qm_context *ctx, const qm_bvh *bvh, const qm_change_marks *marks,
                                const qm_collide_changes *changes, qm_pair_list *list)
 {
-    size_t count = face_count(&bvh->mesh);
+    size_t count = qm_mesh_facet_count(&bvh->mesh);
     for (size_t i = 0; i < changes->pair_count; i++) {
         qm_face_pair pair = changes->pairs[i];
         if (pair.a >= count || pair.b >= count)
             return qm_context_fail(ctx, QM_E_INDEX, "pair %zu of before names a face that is not there", i);
         if (marks->face[pair.a] || marks->face[pair.b]) continue;
-        if (!qm_pair_list_add(ctx, list, pair.a, pair.b)) return QM_E_NO_MEMORY;
+        if (!qm_pair_list_add(ctx, list, pair)) return QM_E_NO_MEMORY;
     }
     return QM_OK;
 }

@@ -13,16 +13,33 @@
 
 #define QM_LEAF_NONE UINT32_MAX
 
+/** Whose faces are compared. */
+typedef enum qm_collide_kind {
+    QM_COLLIDE_TWO,  /* those of two meshes */
+    QM_COLLIDE_TWIN, /* those of a mesh and an equal one: of one tree, where pairs count both ways */
+    QM_COLLIDE_SELF  /* those of one mesh, where neighbours may touch */
+} qm_collide_kind;
+
+/** Pairs of lanes of two leaves: of lane i with the other's lane j bit 8 i + j. */
+typedef struct qm_near_lanes {
+    uint64_t near;  /* may meet: all others don't */
+    uint64_t alike; /* of those, ones that have a corner of the same mark; none in SELF */
+    /* [lane][other lane], set where they are alike: the corner of either, as 4 * its own + the other's */
+    _Alignas(32) int32_t corners[QM_PACK_LANES][QM_PACK_LANES];
+} qm_near_lanes;
+
 typedef struct qm_leaf {
     _Alignas(32) float corner[3][3][QM_PACK_LANES]; /* [corner][axis][lane], from the middle */
     float plane[4][4][QM_PACK_LANES]; /* a normal and its product with a point of the plane: the triangle's
                                          own, then those through its edges, looking away from it */
     float low[3][QM_PACK_LANES], high[3][QM_PACK_LANES];
-    float size[QM_PACK_LANES];         /* the longest side of the lane's box and a little more */
-    uint32_t vertex[3][QM_PACK_LANES]; /* the mesh's */
-    qm_vec middle;                     /* in the frame of the search */
-    float box_low[3], box_high[3];     /* of all lanes, from the middle */
-    float reach;                       /* greatest coordinate of a corner by magnitude */
+    float size[QM_PACK_LANES];       /* the longest side of the lane's box and a little more */
+    uint32_t mark[3][QM_PACK_LANES]; /* equal for corners that are one: the vertex within one mesh;
+                                        between two, what its position is mixed to */
+    uint32_t face[QM_PACK_LANES];    /* in the numbering of the input */
+    qm_vec middle;                   /* in the frame of the search */
+    float box_low[3], box_high[3];   /* of all lanes, from the middle */
+    float reach;                     /* greatest coordinate of a corner by magnitude */
     float error; /* of every coordinate, middle included; INFINITY: out of the filter's range */
     uint32_t pack, lane_count;
 } qm_leaf;
@@ -43,7 +60,7 @@ typedef struct qm_frame_change {
 typedef struct qm_descent {
     const qm_box_tree *a, *b;
     qm_frame_change change;
-    bool is_self;           /* a is b: every pair once, each node with itself too */
+    bool is_one;            /* a is b: every pair once, each node with itself too */
     int stop_level;         /* pairs are handed out once both nodes are at this level or below it */
     uint8_t *const *marked; /* [level][index]: of a pair one must be marked; NULL: all are */
     bool (*take)(void *user, const qm_node *a, const qm_node *b); /* false ends the walk */

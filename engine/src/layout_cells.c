@@ -113,14 +113,38 @@ static double look_ahead(const cells *c, uint32_t node)
     return LOOK_AHEAD * shortest;
 }
 
+/**
+ * The mean normal between the darts of a node. At a corner of a box the face that happens to be taken at the
+ * node itself would have one of the edges run along its normal.
+ */
+static qm_vec mean_normal(const cells *c, uint32_t node, double length)
+{
+    qm_vec at_node = c->normal[node], start = qm_vec_load(c->layout->nodes + 3 * (size_t)node), sum = at_node;
+    for (uint32_t a = 0; a < c->dart_count; a++) {
+        if (start_node(c->layout, a) != node) continue;
+        for (uint32_t b = a + 1; b < c->dart_count; b++) {
+            if (start_node(c->layout, b) != node) continue;
+            qm_vec between =
+                qm_vec_add(dart_direction(c->layout, a, length), dart_direction(c->layout, b, length));
+            double at[3];
+            qm_vec_store(at, qm_vec_axpy(start, 0.5, between));
+            qm_vec here = surface_normal(c->source, at);
+            bool is_turned = c->source->is_cloud && qm_vec_dot(here, at_node) < 0.0;
+            sum = qm_vec_axpy(sum, is_turned ? -1.0 : 1.0, here);
+        }
+    }
+    double norm = qm_vec_norm(sum);
+    return norm > 1e-3 ? qm_vec_scale(1.0 / norm, sum) : at_node;
+}
+
 static void measure_angles(cells *c, uint32_t node)
 {
-    qm_vec normal = c->normal[node];
+    double length = look_ahead(c, node);
+    qm_vec normal = mean_normal(c, node, length);
     qm_vec x = fabs(normal.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
     x = qm_vec_axpy(x, -qm_vec_dot(x, normal), normal);
     x = qm_vec_scale(1.0 / qm_vec_norm(x), x);
     qm_vec y = qm_vec_cross(normal, x);
-    double length = look_ahead(c, node);
     for (uint32_t dart = 0; dart < c->dart_count; dart++) {
         if (start_node(c->layout, dart) != node) continue;
         qm_vec d = dart_direction(c->layout, dart, length);

@@ -235,6 +235,26 @@ qm_status qm_layout_merge_curves(qm_context *ctx, qm_layout *layout, uint32_t fi
     return settle(ctx, layout, &copy, join(ctx, &copy, a, b, node));
 }
 
+/** Do points run from a curve's last node to its first rather than forth? */
+static bool runs_back(const qm_layout *layout, const qm_curve *curve, const double *points, size_t count)
+{
+    qm_vec from = qm_vec_load(layout->nodes + 3 * (size_t)curve->from);
+    qm_vec to = qm_vec_load(layout->nodes + 3 * (size_t)curve->to);
+    qm_vec first = qm_vec_load(points), last = qm_vec_load(points + 3 * (count - 1));
+    return qm_vec_distance(first, to) + qm_vec_distance(last, from) <
+           qm_vec_distance(first, from) + qm_vec_distance(last, to);
+}
+
+static void reverse_points(qm_curve *curve)
+{
+    for (size_t i = 0, j = curve->point_count - 1; i < j; i++, j--) {
+        double swapped[3];
+        memcpy(swapped, curve->points + 3 * i, ROW);
+        memcpy(curve->points + 3 * i, curve->points + 3 * j, ROW);
+        memcpy(curve->points + 3 * j, swapped, ROW);
+    }
+}
+
 qm_status qm_layout_redraw_curve(qm_context *ctx, qm_layout *layout, uint32_t id, const double *points,
                                  size_t point_count)
 {
@@ -248,6 +268,7 @@ qm_status qm_layout_redraw_curve(qm_context *ctx, qm_layout *layout, uint32_t id
     qm_curve *curve = &copy.curves[place];
     status = set_points(ctx, curve, points, point_count);
     if (status == QM_OK) {
+        if (runs_back(&copy, curve, points, point_count)) reverse_points(curve);
         memcpy(curve->points, copy.nodes + 3 * (size_t)curve->from, ROW);
         memcpy(curve->points + 3 * (point_count - 1), copy.nodes + 3 * (size_t)curve->to, ROW);
     }

@@ -70,8 +70,9 @@ static double mean_line(const qm_patch_grid *grid, int direction)
 {
     uint32_t lines = direction == 0 ? grid->rows + 1 : grid->columns + 1;
     uint32_t edges = direction == 0 ? grid->columns : grid->rows;
-    double length = 0.0;
+    double longest = 0.0;
     for (uint32_t line = 0; line < lines; line++) {
+        double length = 0.0;
         for (uint32_t k = 0; k < edges; k++) {
             const double *from =
                 direction == 0 ? qm_grid_vertex(grid, k, line) : qm_grid_vertex(grid, line, k);
@@ -79,8 +80,9 @@ static double mean_line(const qm_patch_grid *grid, int direction)
                 direction == 0 ? qm_grid_vertex(grid, k + 1, line) : qm_grid_vertex(grid, line, k + 1);
             length += qm_vec_distance(qm_vec_load(from), qm_vec_load(to));
         }
+        longest = fmax(longest, length);
     }
-    return length / lines;
+    return longest;
 }
 
 void qm_chords_measure(qm_reconstruction *r)

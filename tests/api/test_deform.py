@@ -75,6 +75,17 @@ def test_every_accelerator_follows(client, plane, accelerator):
     assert [foot["distance"] for foot in job["result"]["points"]] == pytest.approx([0, 0, 1], abs=1e-12)
 
 
+def test_questions_of_shape_come_before_those_of_nearest_points(client, plane):
+    """Collisions take a revision as it is; who then asks for nearest points gets them on that revision."""
+    for z in (1.0, 2.0):
+        assert deform(client, plane, {"indices": [12], "positions": [[2, 2, z]]}).status_code == 200
+        for question in ({"type": "self_collision", "mesh": plane}, {"type": "distance", "a": plane, "b": plane}):
+            reply = client.post("/v1/jobs", json=question, headers={"Prefer": "wait=60"})
+            assert reply.json()["state"] == "succeeded", reply.text
+        assert client.get(f"/v1/meshes/{plane}/patches").status_code == 200
+        assert distance(client, plane, [2, 2, 3]) == pytest.approx(3 - z, abs=1e-12)
+
+
 def test_the_file_has_the_new_places(client, plane):
     deform(client, plane, {"indices": [12], "positions": [[2, 2, 0.125]]})
     text = client.get(f"/v1/meshes/{plane}/content", params={"format": "obj"}).text

@@ -167,6 +167,22 @@ def test_edits_are_undone_and_redone(client, layout):
     check_problem(client.post(f"/v1/layouts/{layout['id']}/redo"), 409, "conflict")
 
 
+def test_a_curve_is_redrawn_by_a_stroke_from_either_end(client, layout):
+    first, last = (layout["nodes"][layout["curves"][6][end]][:2] for end in ("from", "to"))
+    inside = [(0.9 * x, 0.9 * y) for x, y in (first, last)]
+    middle = (0.3, 0.0)
+    line = curve(inside[0], middle) + curve(middle, inside[1])[1:]
+    for drawn in (line, line[::-1]):
+        edited = edit(client, layout, "curves/6/redraw", **stroke(drawn))
+        client.post(f"/v1/layouts/{layout['id']}/undo")
+        assert edited["changed"] == {"added_curves": [], "changed_curves": [6], "removed_curves": []}
+        assert edited["stroke"] == {"curve": 6, "points": len(drawn), "missed_points": 0}
+        points = edited["curves"][6]["points"]
+        assert points[0][:2] == first and points[-1][:2] == last
+        assert math.dist(points[1][:2], first) < math.dist(points[1][:2], last)
+        assert max(row[0] for row in points) > 0.25 and edited["complete"]
+
+
 def test_an_end_is_snapped(client, saddle):
     whole = saddle_layout()
     whole["nodes"].append(on_saddle(0.1, 0.8))

@@ -26,6 +26,10 @@ qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *c
 /** Memory that must be there; the caller's, for free. */
 void *bench_alloc(size_t count, size_t width);
 
+/** The hundredth part of the vertices that is nearest to the first one: a part of the mesh that lies
+ * together. The caller's, for free. */
+uint32_t *bench_pick_part(const qm_mesh *mesh, size_t *count);
+
 /** Writes rows of doubles or indices as they lie in memory. */
 void bench_write_array(const char *prefix, const char *suffix, const void *data, size_t count, size_t width);
 
@@ -54,12 +58,22 @@ void bench_export(const char *path, const bench_change *change, const char *pref
  */
 void bench_draw(const char *path, size_t count, uint64_t seed, const char *prefix);
 
+/** The same points in memory: count rows for each of the three sets. */
+void bench_draw_sets(const qm_mesh *mesh, size_t count, uint64_t seed, double *out[3]);
+
+/** Projects count points of each set by every accelerator, in both readings, and prints how far their
+ * distances differ at most, as a share of the diagonal. */
+void bench_agree(const char *path, size_t count, uint64_t seed);
+
 /** Times projections of a file of points and prints them; quads as triangles. The accelerator counts as part
  * of the tree. */
 void bench_project(const char *path, const char *points_path, qm_accelerator accelerator, int threads);
 
 /** Times how trees follow the vertices of a mesh, and prints that beside their building and memory. */
 void bench_refit(const char *path, int threads);
+
+/** Times pairs of faces of a mesh that meet after a hundredth part of its vertices has moved. */
+void bench_moved(const char *path);
 
 /** Times a reconstruction from a layout file up to so many quads, and picks on the surface, and prints them.
  */

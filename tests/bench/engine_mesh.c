@@ -11,6 +11,8 @@
 /* The same twin on every machine. */
 #define NOISE_SEED 20240607
 
+#define PART 100 /* one vertex in so many is picked */
+
 _Noreturn void bench_fail(const char *subject, const char *detail)
 {
     fprintf(stderr, "bench_engine: %s: %s\n", subject, detail);
@@ -147,4 +149,24 @@ void bench_export(const char *path, const bench_change *change, const char *pref
     free(triangles);
     free(number);
     qm_mesh_reset(&ctx, &mesh);
+}
+
+uint32_t *bench_pick_part(const qm_mesh *mesh, size_t *count)
+{
+    qm_box box = qm_mesh_bounding_box(mesh);
+    size_t wanted = mesh->vertex_count / PART + 1;
+    uint32_t *part = bench_alloc(mesh->vertex_count, sizeof *part);
+    *count = 0;
+    for (double reach = 1e-3 * qm_box_diagonal(&box); *count < wanted; reach *= 1.05) {
+        *count = 0;
+        for (uint32_t v = 0; v < mesh->vertex_count && *count < wanted; v++) {
+            double d2 = 0.0;
+            for (int k = 0; k < 3; k++) {
+                double d = mesh->positions[3 * (size_t)v + (size_t)k] - mesh->positions[k];
+                d2 += d * d;
+            }
+            if (d2 <= reach * reach) part[(*count)++] = v;
+        }
+    }
+    return part;
 }

@@ -13,7 +13,6 @@
 #include <stdlib.h>
 
 #define REPEATS 5
-#define PART 100 /* one vertex in so many moves in the part */
 
 /** Times in ms of one thing, one for each repeat. */
 typedef struct times {
@@ -112,31 +111,12 @@ static void deform(refit_bench *b, int repeat)
     qm_bvh_refresh(&b->ctx, b->tree, b->threads);
 }
 
-/** The vertices nearest to the first one: a part of the mesh that lies together. */
-static void pick_part(refit_bench *b)
-{
-    qm_box box = qm_mesh_bounding_box(&b->mesh);
-    size_t wanted = b->mesh.vertex_count / PART + 1;
-    b->part = bench_alloc(b->mesh.vertex_count, sizeof *b->part);
-    for (double reach = 1e-3 * qm_box_diagonal(&box); b->part_count < wanted; reach *= 1.05) {
-        b->part_count = 0;
-        for (uint32_t v = 0; v < b->mesh.vertex_count && b->part_count < wanted; v++) {
-            double d2 = 0.0;
-            for (int k = 0; k < 3; k++) {
-                double d = b->mesh.positions[3 * (size_t)v + (size_t)k] - b->mesh.positions[k];
-                d2 += d * d;
-            }
-            if (d2 <= reach * reach) b->part[b->part_count++] = v;
-        }
-    }
-}
-
 void bench_refit(const char *path, int threads)
 {
     refit_bench b = {.ctx = qm_context_make(), .threads = threads};
     b.ctx.parallel = qm_parallel_run;
     b.mesh = bench_read_mesh(&b.ctx, path, &(bench_change){0});
-    pick_part(&b);
+    b.part = bench_pick_part(&b.mesh, &b.part_count);
     long resting_kb = qm_bench_rest();
     for (int repeat = 0; repeat < REPEATS; repeat++) {
         build(&b, repeat);

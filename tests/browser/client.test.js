@@ -191,6 +191,9 @@ test("a layout is edited, undone, and grows into quads", async () => {
   assert((await collect(client.reconstructions.list())).length === 1);
   assert.equal((await client.reconstructions.patches(grown.id)).patches.length, 6);
   assert.match(new TextDecoder().decode(await client.reconstructions.mesh(grown.id, { format: "off" })), /^OFF/);
+  const edited = await client.layouts.redraw(layout.id, first, ballLayout(4).curves[0].points.map(([x, y, z]) => [x, 1.01 * y, z]));
+  const taken = await client.reconstructions.takeLayout(grown.id, edited.id);
+  assert.deepEqual([taken.redone_patches, taken.quads], [2, now.quads]);
   await client.reconstructions.delete(grown.id);
   await client.layouts.delete(layout.id);
   await assert.rejects(client.layouts.get(layout.id), { status: 404 });

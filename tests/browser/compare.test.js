@@ -6,7 +6,7 @@ import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
 import { Browser, drawnShare, finish, waitForView } from "./support/page.js";
-import { HEAP_DISTANCE, SPHERE_DISTANCE, SPHERE_TURN, heap, off, sphere } from "./support/shapes.js";
+import { HEAP_DISTANCE, SPHERE_DISTANCE, SPHERE_TURN, ball, heap, moved, off, sphere } from "./support/shapes.js";
 
 let daemon;
 let browser;
@@ -110,6 +110,37 @@ test("the heat map comes with colour bar, histogram and percentiles; a link brin
   await other.getByRole("button", { name: "Copy link" }).click();
   const [here, there] = [await eye(page), await eye(other)].map((text) => text.split(",").map(Number));
   here.forEach((value, place) => assert(Math.abs(value - there[place]) < 1e-4, `${here} ${there}`));
+  await finish(page);
+  await finish(other);
+});
+
+test("signed distances tell inside from outside; a link brings the look back", async () => {
+  const [near, whole] = await Promise.all([moved(ball(8), [0.3, 0, 0]), ball(16)].map(async (mesh, place) =>
+    (await daemon.client().meshes.create(off(mesh), { name: `ball_${place}.off` })).mesh.id));
+  const page = await browser.open(`${daemon.url}/#compare?a=${near}&b=${whole}`);
+  await waitForView(page);
+  assert.equal(await page.getByRole("button", { name: "Signed" }).count(), 0);
+  await page.getByRole("button", { name: "Map the distances" }).click();
+  await page.locator("#deviation").waitFor();
+  await page.locator(".stage-tools").getByRole("button", { name: "Edges" }).click();
+  await page.getByRole("button", { name: "Signed" }).click();
+  await page.locator(".legend", { hasText: "inside B, or outside" }).waitFor();
+  const ticks = await page.locator(".legend .ticks span").allInnerTexts();
+  assert.deepEqual([Number(ticks[0]), ticks[1]], [-Number(ticks[2]), "0"]);
+  const [csv] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Distances, CSV" }).click()]);
+  const rows = readFileSync(await csv.path(), "utf8").trim().split("\n").slice(1).map((row) => row.split(","));
+  moved(ball(8), [0.3, 0, 0]).vertices.forEach((point, vertex) => {
+    const radius = Math.hypot(...point);
+    if (radius > 1.001 || radius < 0.97) assert.equal(rows[vertex][2], radius > 1 ? "outside" : "inside"); // between, facets decide
+  });
+  await page.getByRole("button", { name: "Copy link" }).click();
+  await page.waitForFunction(() => location.hash.includes("eye="));
+
+  const other = await browser.open(page.url());
+  await other.locator(".legend", { hasText: "inside B, or outside" }).waitFor();
+  const look = (where) => where.locator(".stage-tools button").evaluateAll((all) => all.map((one) => `${one.textContent} ${one.getAttribute("aria-pressed")}`));
+  assert.deepEqual(await look(other), await look(page));
+  assert((await look(page)).includes("Edges true") && (await look(page)).includes("B false"));
   await finish(page);
   await finish(other);
 });

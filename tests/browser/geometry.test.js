@@ -4,10 +4,12 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 
 import { cloudNormals } from "../../clients/dashboard/view/cloud.js";
-import { patchTint, scaleColour } from "../../clients/dashboard/view/colours.js";
+import { patchTint, scaleColour, signedColour } from "../../clients/dashboard/view/colours.js";
+import { colourCells, fillCells } from "../../clients/dashboard/view/regions.js";
+import { Sides } from "../../clients/dashboard/view/sides.js";
 import { buildPiece, buildValues, gridSteps, pieces } from "../../clients/dashboard/view/soup.js";
 import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "../../clients/dashboard/view/topology.js";
-import { box, chance, sheet, sphere } from "./support/shapes.js";
+import { box, boxLayout, chance, sheet, sphere } from "./support/shapes.js";
 
 function shapeOf({ vertices, faces }) {
   const starts = new Uint32Array(faces.length + 1);
@@ -118,4 +120,59 @@ test("the scale's lightness only grows, and patches that are neighbours in numbe
     const [one, two] = [patchTint(i), patchTint(i + 1)];
     assert(Math.hypot(...one.map((value, k) => value - two[k])) > 40);
   }
+});
+
+test("points lie inside or outside a box, also where their feet are on its edges and corners", () => {
+  const shape = shapeOf(box(3));
+  const sides = new Sides(shape);
+  const random = chance(5);
+  const counted = [0, 0];
+  for (let n = 0; n < 3000; n++) {
+    // Many coordinates beyond the box, so that feet fall on all kinds of places.
+    const point = [0, 1, 2].map(() => 2 * random() - 0.5);
+    const isInside = point.every((x) => x > 0 && x < 1);
+    const foot = point.map((x) => Math.max(0, Math.min(1, x)));
+    if (isInside) {
+      const depths = point.flatMap((x) => [x, 1 - x]);
+      const place = depths.indexOf(Math.min(...depths));
+      foot[place >> 1] = place & 1;
+    }
+    const isOn = (face) => shape.corners.subarray(shape.starts[face], shape.starts[face + 1]).reduce((low, vertex) =>
+      low.map(([least, most], k) => [Math.min(least, shape.points[3 * vertex + k]), Math.max(most, shape.points[3 * vertex + k])]),
+    [[2, -2], [2, -2], [2, -2]]).every(([least, most], k) => foot[k] >= least && foot[k] <= most);
+    const faces = [...Array(shape.starts.length - 1).keys()].filter(isOn);
+    assert(faces.length > 0);
+    for (const face of faces) assert.equal(sides.sideOf(point, foot, face), isInside ? -1 : 1, `${point}`);
+    counted[Number(isInside)]++;
+  }
+  assert(counted.every((count) => count > 200), `${counted}`);
+});
+
+test("the sides of a box are told apart by the curves of its layout, of a mesh and of points", () => {
+  const { curves, nodes } = boxLayout();
+  const frame = { centre: [0.5, 0.5, 0.5], scale: 1 / Math.sqrt(3) };
+  const shape = shapeOf(box(40));
+  const cloud = { ...shape, corners: new Uint32Array(0), starts: new Uint32Array(1) };
+  // The low and the high side along x.
+  const patches = [0, 1].map((x) => ({
+    sides: curves.filter(({ from, to }) => nodes[from][0] === x && nodes[to][0] === x).map(({ id }) => id),
+    middle: [x, 0.5, 0.5], tint: [10 + x, 0, 0] }));
+  for (const surface of [shape, cloud]) {
+    const { colours, sides, low, size } = colourCells(fillCells(surface, frame), frame, { curves, patches });
+    const tintAt = (point) => {
+      const [i, j, k] = point.map((value, axis) => Math.floor((0.999 * (value - 0.5) * frame.scale - low[axis]) / size));
+      return colours[4 * ((k * sides[1] + j) * sides[0] + i)];
+    };
+    for (const [y, z] of [[0.5, 0.5], [0.2, 0.7], [0.8, 0.15]]) {
+      assert.deepEqual([tintAt([0, y, z]), tintAt([1, y, z]), tintAt([y, 0, z]), tintAt([y, z, 1])], [10, 11, 0, 0]);
+    }
+  }
+});
+
+test("the scale of signed distances is grey in the middle and as dark on both sides", () => {
+  const light = (share) => signedColour(share).reduce((sum, value) => sum + value, 0);
+  const [r, g, b] = signedColour(0.5);
+  assert(Math.max(r, g, b) - Math.min(r, g, b) < 0.02);
+  for (const away of [0.1, 0.3, 0.5]) assert(light(0.5 + away) < light(0.5) && light(0.5 - away) < light(0.5));
+  assert(signedColour(0)[2] > signedColour(0)[0] && signedColour(1)[0] > signedColour(1)[2]);
 });

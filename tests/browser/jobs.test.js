@@ -98,8 +98,11 @@ test("a daemon that went away is found again", () => withDaemon([], async (daemo
   await page.locator(".connection.open").waitFor();
   await daemon.stop();
   await page.locator(".connection.lost").waitFor();
+  await page.getByRole("link", { name: "Collide" }).click(); // a view that was not fetched yet
+  await page.getByText("it will be when the daemon is back").waitFor();
   await daemon.start();
   await page.locator(".connection.open").waitFor();
+  await page.getByRole("button", { name: "Find collisions" }).waitFor();
   page.faults = page.faults.filter((fault) => !fault.includes("ERR_"));
   await finish(page);
 }));

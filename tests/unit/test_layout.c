@@ -2,32 +2,12 @@
 #include "check.h"
 
 #include "failing_allocator.h"
+#include "ground.h"
 #include "layouts.h"
 #include "qm/layout_edit.h"
 
 #include <math.h>
 #include <string.h>
-
-/** A mesh with its tree, to find patches on. */
-typedef struct ground {
-    qm_context ctx;
-    qm_mesh mesh;
-    qm_bvh *tree;
-    qm_source source;
-} ground;
-
-static void ground_make(ground *g, qm_mesh mesh)
-{
-    *g = (ground){.ctx = qm_context_make(), .mesh = mesh};
-    assert_int_equal(qm_bvh_build(&g->ctx, &g->mesh, QM_BVH_TARGET, 1, &g->tree), QM_OK);
-    assert_int_equal(qm_source_init(&g->ctx, g->tree, &g->source), QM_OK);
-}
-
-static void ground_free(ground *g)
-{
-    qm_bvh_destroy(&g->ctx, g->tree);
-    qm_shape_free(&g->mesh);
-}
 
 /** The mesh without its faces. */
 static qm_mesh points_of(qm_mesh mesh)
@@ -60,8 +40,8 @@ static size_t count_shared(const qm_layout *a, const qm_layout *b)
 
 static void check_found(qm_mesh mesh, qm_layout layout)
 {
-    ground g;
-    ground_make(&g, mesh);
+    qm_ground g;
+    qm_ground_make(&g, mesh);
     qm_layout found;
     qm_layout_issues issues;
     assert_int_equal(qm_layout_copy(&g.ctx, &layout, &found), QM_OK);
@@ -73,7 +53,7 @@ static void check_found(qm_mesh mesh, qm_layout layout)
     qm_layout_issues_reset(&g.ctx, &issues);
     qm_layout_free(&found);
     qm_layout_free(&layout);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 static void patches_are_found_on_meshes_and_points(void **state)
@@ -90,11 +70,39 @@ static void patches_are_found_on_meshes_and_points(void **state)
     check_found(qm_shape_plane(8, 0.0), qm_layout_of_grid(1, 1, false, false, 4, qm_square_at, NULL));
 }
 
+/** Curves along the edges of a box, whose corners have three faces and no one tangent plane. */
+static void patches_are_found_at_sharp_corners(void **state)
+{
+    (void)state;
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_box(1.0, 0.8, 0.6));
+    qm_layout layout = {0};
+    for (size_t v = 0; v < g.mesh.vertex_count; v++)
+        assert_int_equal(qm_layout_add_node(&g.ctx, &layout, g.mesh.positions + 3 * v), QM_OK);
+    for (size_t f = 0; f < g.mesh.face_count; f++) {
+        for (size_t k = 0; k < 4; k++) {
+            uint32_t from = g.mesh.faces[4 * f + k], to = g.mesh.faces[4 * f + (k + 1) % 4];
+            if (from > to) continue; /* the other face has it the other way round */
+            double ends[6];
+            memcpy(ends, layout.nodes + 3 * (size_t)from, 24);
+            memcpy(ends + 3, layout.nodes + 3 * (size_t)to, 24);
+            assert_int_equal(qm_layout_add_curve(&g.ctx, &layout, from, to, ends, 2), QM_OK);
+        }
+    }
+    assert_int_equal(layout.curve_count, 12);
+    qm_layout_issues issues;
+    assert_int_equal(qm_layout_find_patches(&g.ctx, &g.source, &layout, &issues), QM_OK);
+    assert_int_equal(layout.patch_count, 6);
+    assert_int_equal(issues.count, 0);
+    qm_layout_reset(&g.ctx, &layout);
+    qm_ground_free(&g);
+}
+
 static void cells_that_are_no_patch_are_explained(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, qm_shape_plane(8, 0.0));
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_plane(8, 0.0));
     qm_layout layout = qm_layout_of_grid(2, 1, false, false, 4, qm_square_at, NULL);
     /* Without the curve between them, two patches are one cell of six sides. */
     assert_int_equal(qm_layout_delete_curve(&g.ctx, &layout, 5), QM_OK);
@@ -116,7 +124,7 @@ static void cells_that_are_no_patch_are_explained(void **state)
     assert_true(is_dangling);
     qm_layout_issues_reset(&g.ctx, &issues);
     qm_layout_free(&layout);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 static void crossing_curves_are_named(void **state)
@@ -245,6 +253,11 @@ static void strokes_snap_merge_and_split(void **state)
     const qm_curve *drawn = &layout.curves[qm_layout_find_curve(&layout, next)];
     assert_int_equal(drawn->point_count, 3);
     assert_true(drawn->points[3] == 0.4 && drawn->points[0] == 0.5);
+    /* The same the other way round. */
+    const double back[] = {0.25, 0, 0, 0.3, -0.7, 0, 0.4, -0.6, 0, 0.5, -0.05, 0};
+    assert_int_equal(qm_layout_redraw_curve(&ctx, &layout, next, back, 4), QM_OK);
+    drawn = &layout.curves[qm_layout_find_curve(&layout, next)];
+    assert_true(drawn->points[0] == 0.5 && drawn->points[3] == 0.4 && drawn->points[6] == 0.3);
     assert_int_equal(qm_layout_validate(&ctx, &layout, 2.0), QM_OK);
     qm_layout_free(&layout);
 }
@@ -269,8 +282,8 @@ static qm_status run_all(qm_context *ctx, const qm_source *source, qm_layout *la
 static void running_out_of_memory_leaves_a_whole_layout(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, qm_shape_plane(4, 0.0));
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_plane(4, 0.0));
     qm_layout whole = qm_layout_of_grid(2, 1, false, false, 2, qm_square_at, NULL);
     qm_status status = QM_E_NO_MEMORY;
     for (size_t fail_at = 0; status != QM_OK; fail_at++) {
@@ -288,13 +301,14 @@ static void running_out_of_memory_leaves_a_whole_layout(void **state)
                  memory.live_blocks);
     }
     qm_layout_free(&whole);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(patches_are_found_on_meshes_and_points),
+        cmocka_unit_test(patches_are_found_at_sharp_corners),
         cmocka_unit_test(cells_that_are_no_patch_are_explained),
         cmocka_unit_test(crossing_curves_are_named),
         cmocka_unit_test(bad_layouts_are_refused_by_name),

@@ -2,42 +2,13 @@
 #include "check.h"
 
 #include "failing_allocator.h"
+#include "ground.h"
 #include "layouts.h"
 #include "qm/pick.h"
 #include "vec.h"
 
 #include <math.h>
 #include <string.h>
-
-typedef struct ground {
-    qm_context ctx;
-    qm_mesh mesh;
-    qm_bvh *tree;
-    qm_source source;
-} ground;
-
-static void ground_make(ground *g, qm_mesh mesh)
-{
-    *g = (ground){.ctx = qm_context_make(), .mesh = mesh};
-    assert_int_equal(qm_bvh_build(&g->ctx, &g->mesh, QM_BVH_TARGET, 1, &g->tree), QM_OK);
-    assert_int_equal(qm_source_init(&g->ctx, g->tree, &g->source), QM_OK);
-}
-
-static void ground_free(ground *g)
-{
-    qm_bvh_destroy(&g->ctx, g->tree);
-    qm_shape_free(&g->mesh);
-}
-
-/** Random points of a surface by formula. */
-static qm_mesh sample_points(qm_shape_fn *at, size_t count, uint64_t stream)
-{
-    qm_random random = qm_random_make(qm_check_seed(), stream);
-    qm_mesh points = qm_shape_make(count, 0);
-    for (size_t i = 0; i < count; i++)
-        at(NULL, qm_random_range(&random, 0, 1), qm_random_range(&random, 0, 1), points.positions + 3 * i);
-    return points;
-}
 
 static void sphere_at(const void *user, double u, double v, double out[3])
 {
@@ -64,7 +35,7 @@ static qm_camera camera_above(void)
     return camera;
 }
 
-static qm_view view_of(ground *g, const qm_camera *camera)
+static qm_view view_of(qm_ground *g, const qm_camera *camera)
 {
     qm_view view;
     const qm_pick_options options = {0};
@@ -84,8 +55,8 @@ static void window_of(const qm_camera *camera, qm_vec p, double window[2])
 /** Picks at where points of the upper half of the unit sphere appear, and finds them again. */
 static void check_sphere(qm_mesh mesh, double tolerance)
 {
-    ground g;
-    ground_make(&g, mesh);
+    qm_ground g;
+    qm_ground_make(&g, mesh);
     qm_camera camera = camera_above();
     qm_view view = view_of(&g, &camera);
     qm_random random = qm_random_make(qm_check_seed(), 7);
@@ -106,14 +77,14 @@ static void check_sphere(qm_mesh mesh, double tolerance)
     assert_false(found);
     assert_int_equal(qm_view_pick(&g.ctx, &view, nowhere, at, &found), QM_OK);
     assert_false(found);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 static void picks_find_the_visible_side(void **state)
 {
     (void)state;
     check_sphere(qm_shape_sphere(0.0), 1.2e-2);
-    check_sphere(sample_points(sphere_at, 40000, 1), 4e-2);
+    check_sphere(qm_ground_sample(sphere_at, 40000, 0.0, 1), 4e-2);
 }
 
 static void a_ray_meets_the_same_triangle_as_all_of_them_tried(void **state)
@@ -121,8 +92,8 @@ static void a_ray_meets_the_same_triangle_as_all_of_them_tried(void **state)
     (void)state;
     for (uint64_t seed = 1; seed <= 20; seed++) {
         qm_random random = qm_random_make(qm_check_seed(), seed);
-        ground g;
-        ground_make(&g, qm_shape_soup(&random, 200, QM_SOUP_MIXED, QM_SOUP_APART, 0.0));
+        qm_ground g;
+        qm_ground_make(&g, qm_shape_soup(&random, 200, QM_SOUP_MIXED, QM_SOUP_APART, 0.0));
         qm_camera camera = camera_above();
         qm_view view = view_of(&g, &camera);
         for (int i = 0; i < 40; i++) {
@@ -153,15 +124,15 @@ static void a_ray_meets_the_same_triangle_as_all_of_them_tried(void **state)
                      "seed %llu, ray %d: at depth %g, tried %g", (unsigned long long)seed, i, 5.0 - at[2],
                      first);
         }
-        ground_free(&g);
+        qm_ground_free(&g);
     }
 }
 
 static void the_same_stroke_gives_the_same_bits(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, sample_points(sphere_at, 20000, 2));
+    qm_ground g;
+    qm_ground_make(&g, qm_ground_sample(sphere_at, 20000, 0.0, 2));
     qm_camera camera = camera_above();
     double window[40], first[60], again[60];
     for (int i = 0; i < 20; i++) {
@@ -176,14 +147,14 @@ static void the_same_stroke_gives_the_same_bits(void **state)
     assert_int_equal(qm_view_stroke(&g.ctx, &view, window, 20, again, &count_again, &missed), QM_OK);
     assert_int_equal(count, count_again);
     assert_memory_equal(first, again, 24 * count);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 static void cameras_that_see_nothing_are_refused(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, qm_shape_plane(2, 0.0));
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_plane(2, 0.0));
     const qm_pick_options options = {0};
     qm_view view;
     qm_camera camera = camera_above();
@@ -196,14 +167,14 @@ static void cameras_that_see_nothing_are_refused(void **state)
     memset(camera.projection, 0, sizeof camera.projection);
     assert_int_equal(qm_view_init(&g.ctx, &g.source, &camera, &options, &view), QM_E_ARGUMENT);
     assert_non_null(strstr(g.ctx.message, "inverse"));
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 static void pulled_points_lie_on_the_sphere(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, sample_points(sphere_at, 20000, 3));
+    qm_ground g;
+    qm_ground_make(&g, qm_ground_sample(sphere_at, 20000, 0.0, 3));
     qm_random random = qm_random_make(qm_check_seed(), 8);
     for (int i = 0; i < 200; i++) {
         double p[3];
@@ -218,14 +189,14 @@ static void pulled_points_lie_on_the_sphere(void **state)
     }
     double radius = qm_source_disc_radius(&g.source);
     QM_CHECK(fabs(radius - 0.15 * cbrt(8.0 / 20000.0)) < 1e-3 * radius, "disc radius %g", radius);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 static void normals_are_estimated_on_one_side(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, sample_points(qm_torus_at, 20000, 4));
+    qm_ground g;
+    qm_ground_make(&g, qm_ground_sample(qm_torus_at, 20000, 0.0, 4));
     double *normals = malloc(3 * sizeof(double) * g.mesh.vertex_count);
     assert_non_null(normals);
     assert_int_equal(qm_source_estimate_normals(&g.ctx, &g.source, normals), QM_OK);
@@ -237,11 +208,11 @@ static void normals_are_estimated_on_one_side(void **state)
         QM_CHECK(cosine > 0.9, "point %zu: cosine %g", i, cosine);
     }
     free(normals);
-    ground_free(&g);
+    qm_ground_free(&g);
 
-    ground_make(&g, qm_shape_plane(2, 0.0));
+    qm_ground_make(&g, qm_shape_plane(2, 0.0));
     assert_int_equal(qm_source_estimate_normals(&g.ctx, &g.source, NULL), QM_E_ARGUMENT);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 static void sources_of_no_size_are_refused(void **state)
@@ -260,8 +231,8 @@ static void sources_of_no_size_are_refused(void **state)
 static void running_out_of_memory_is_a_status(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, sample_points(sphere_at, 2000, 5));
+    qm_ground g;
+    qm_ground_make(&g, qm_ground_sample(sphere_at, 2000, 0.0, 5));
     double *normals = malloc(3 * sizeof(double) * g.mesh.vertex_count), at[3];
     assert_non_null(normals);
     qm_camera camera = camera_above();
@@ -279,7 +250,7 @@ static void running_out_of_memory_is_a_status(void **state)
                  memory.live_blocks);
     }
     free(normals);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 int main(void)

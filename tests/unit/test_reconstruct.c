@@ -2,6 +2,7 @@
 #include "check.h"
 
 #include "failing_allocator.h"
+#include "ground.h"
 #include "layouts.h"
 #include "measured.h"
 #include "parallel.h"
@@ -12,45 +13,7 @@
 #include <stdio.h>
 #include <string.h>
 
-/** A surface with its tree. */
-typedef struct ground {
-    qm_context ctx;
-    qm_mesh mesh;
-    qm_bvh *tree;
-    qm_source source;
-} ground;
-
-static void ground_make(ground *g, qm_mesh mesh)
-{
-    *g = (ground){.ctx = qm_context_make(), .mesh = mesh};
-    assert_int_equal(qm_bvh_build(&g->ctx, &g->mesh, QM_BVH_TARGET, 1, &g->tree), QM_OK);
-    assert_int_equal(qm_source_init(&g->ctx, g->tree, &g->source), QM_OK);
-}
-
-static void ground_free(ground *g)
-{
-    qm_bvh_destroy(&g->ctx, g->tree);
-    qm_shape_free(&g->mesh);
-}
-
-/** count random points of a surface by formula, with Gaussian noise along every axis. */
-static qm_mesh sample_points(qm_shape_fn *at, size_t count, double noise, uint64_t stream)
-{
-    qm_random random = qm_random_make(qm_check_seed(), stream);
-    qm_mesh points = qm_shape_make(count, 0);
-    for (size_t i = 0; i < count; i++) {
-        at(NULL, qm_random_range(&random, 0, 1), qm_random_range(&random, 0, 1), points.positions + 3 * i);
-        for (int k = 0; k < 3; k++) {
-            double sum = -6.0;
-            for (int n = 0; n < 12; n++)
-                sum += qm_random_range(&random, 0, 1);
-            points.positions[3 * i + (size_t)k] += noise * sum;
-        }
-    }
-    return points;
-}
-
-static qm_reconstruction *start(ground *g, const qm_layout *layout)
+static qm_reconstruction *start(qm_ground *g, const qm_layout *layout)
 {
     qm_reconstruction_options options = qm_reconstruction_options_default();
     qm_reconstruction *r;
@@ -60,7 +23,7 @@ static qm_reconstruction *start(ground *g, const qm_layout *layout)
 }
 
 /** Steps until nothing more fits; returns the quads that there are then. */
-static size_t step_to(ground *g, qm_reconstruction *r, size_t max_quads)
+static size_t step_to(qm_ground *g, qm_reconstruction *r, size_t max_quads)
 {
     qm_reconstruction_record record;
     do
@@ -70,7 +33,7 @@ static size_t step_to(ground *g, qm_reconstruction *r, size_t max_quads)
     return record.quads;
 }
 
-static qm_mesh mesh_of(ground *g, const qm_reconstruction *r)
+static qm_mesh mesh_of(qm_ground *g, const qm_reconstruction *r)
 {
     qm_mesh mesh;
     assert_int_equal(qm_reconstruction_mesh(&g->ctx, r, &mesh), QM_OK);
@@ -114,8 +77,8 @@ static double least_jacobian(const qm_mesh *mesh)
 static void meshes_are_semi_regular(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, qm_shape_torus(96, 48, 1.0, 0.35));
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_torus(96, 48, 1.0, 0.35));
     qm_layout layout = qm_layout_of_grid(6, 4, true, true, 12, qm_torus_at, NULL);
     qm_reconstruction *r = start(&g, &layout);
     qm_mesh mesh = mesh_of(&g, r);
@@ -138,14 +101,14 @@ static void meshes_are_semi_regular(void **state)
     }
     qm_reconstruction_destroy(&g.ctx, r);
     qm_layout_free(&layout);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 /** Doubles until the mesh has the most quads; the distance falls at least so many times each fourfold. */
 static void check_order(qm_mesh surface, qm_layout layout, size_t first, size_t last, double least_fall)
 {
-    ground g;
-    ground_make(&g, surface);
+    qm_ground g;
+    qm_ground_make(&g, surface);
     qm_reconstruction *r = start(&g, &layout);
     double before = INFINITY;
     for (size_t limit = first; limit <= last; limit *= 4) {
@@ -159,7 +122,7 @@ static void check_order(qm_mesh surface, qm_layout layout, size_t first, size_t 
     }
     qm_reconstruction_destroy(&g.ctx, r);
     qm_layout_free(&layout);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 static void distances_fall_by_the_square(void **state)
@@ -180,8 +143,8 @@ static void noise_is_averaged_away(void **state)
     qm_mesh truth = qm_shape_torus(192, 96, 1.0, 0.35);
     qm_box box = qm_mesh_bounding_box(&truth);
     double noise = 0.002 * qm_box_diagonal(&box);
-    ground g;
-    ground_make(&g, sample_points(qm_torus_at, 30000, noise, 1));
+    qm_ground g;
+    qm_ground_make(&g, qm_ground_sample(qm_torus_at, 30000, noise, 1));
     qm_layout layout = qm_layout_of_grid(6, 4, true, true, 24, qm_torus_at, NULL);
     qm_reconstruction *r = start(&g, &layout);
     step_to(&g, r, 6144);
@@ -191,7 +154,7 @@ static void noise_is_averaged_away(void **state)
     qm_shape_free(&mesh);
     qm_reconstruction_destroy(&g.ctx, r);
     qm_layout_free(&layout);
-    ground_free(&g);
+    qm_ground_free(&g);
     qm_shape_free(&truth);
 }
 
@@ -206,8 +169,8 @@ static void same_bits(const qm_mesh *a, const qm_mesh *b)
 static void threads_and_pauses_do_not_change_a_bit(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, qm_shape_torus(64, 32, 1.0, 0.35));
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_torus(64, 32, 1.0, 0.35));
     qm_layout layout = qm_layout_of_grid(3, 2, true, true, 16, qm_torus_at, NULL);
     qm_reconstruction *one = start(&g, &layout), *many;
     step_to(&g, one, 1536);
@@ -226,14 +189,14 @@ static void threads_and_pauses_do_not_change_a_bit(void **state)
     qm_shape_free(&expected);
     qm_reconstruction_destroy(&g.ctx, one);
     qm_layout_free(&layout);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 static void a_cancelled_step_leaves_the_last_whole_one(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, qm_shape_torus(64, 32, 1.0, 0.35));
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_torus(64, 32, 1.0, 0.35));
     qm_layout layout = qm_layout_of_grid(3, 2, true, true, 16, qm_torus_at, NULL);
     qm_reconstruction *r = start(&g, &layout);
     step_to(&g, r, 6 * 64);
@@ -257,14 +220,14 @@ static void a_cancelled_step_leaves_the_last_whole_one(void **state)
     qm_shape_free(&after);
     qm_reconstruction_destroy(&g.ctx, r);
     qm_layout_free(&layout);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 /** Creation on a bad input: refused with words, or a mesh of finite vertices. */
 static void check_refused(qm_mesh surface, qm_layout layout, qm_status expected, const char *words)
 {
-    ground g;
-    ground_make(&g, surface);
+    qm_ground g;
+    qm_ground_make(&g, surface);
     qm_reconstruction_options options = qm_reconstruction_options_default();
     qm_reconstruction *r;
     qm_status status = qm_reconstruction_create(&g.ctx, &g.source, &layout, &options, &r);
@@ -272,7 +235,7 @@ static void check_refused(qm_mesh surface, qm_layout layout, qm_status expected,
     QM_CHECK(strstr(g.ctx.message, words) != NULL, "\"%s\" lacks \"%s\"", g.ctx.message, words);
     assert_null(r);
     qm_layout_free(&layout);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 static void layouts_that_do_not_fit_are_named(void **state)
@@ -297,8 +260,8 @@ static void layouts_that_do_not_fit_are_named(void **state)
 /** A reconstruction that comes to its end with finite vertices; returns its distance to the truth. */
 static double survive(qm_mesh surface, const qm_layout *layout, const qm_mesh *truth, size_t *holes)
 {
-    ground g;
-    ground_make(&g, surface);
+    qm_ground g;
+    qm_ground_make(&g, surface);
     qm_reconstruction *r = start(&g, layout);
     qm_reconstruction_record record;
     *holes = 0;
@@ -310,7 +273,7 @@ static double survive(qm_mesh surface, const qm_layout *layout, const qm_mesh *t
     double found = distance(&mesh, truth);
     qm_shape_free(&mesh);
     qm_reconstruction_destroy(&g.ctx, r);
-    ground_free(&g);
+    qm_ground_free(&g);
     return found;
 }
 
@@ -335,26 +298,26 @@ static void clouds_made_worse_still_give_meshes(void **state)
     qm_mesh truth = qm_shape_saddle(64);
     qm_layout layout = qm_layout_of_grid(2, 2, false, false, 16, qm_saddle_at, NULL);
     size_t holes;
-    double plain = survive(sample_points(qm_saddle_at, 8000, 0.0, 2), &layout, &truth, &holes);
+    double plain = survive(qm_ground_sample(qm_saddle_at, 8000, 0.0, 2), &layout, &truth, &holes);
     QM_CHECK(plain < 2e-3, "plain %g", plain);
 
-    double found = survive(keep_points(sample_points(qm_saddle_at, 8000, 0.0, 3), outside_the_hole), &layout,
-                           &truth, &holes);
+    double found = survive(keep_points(qm_ground_sample(qm_saddle_at, 8000, 0.0, 3), outside_the_hole),
+                           &layout, &truth, &holes);
     QM_CHECK(found < 0.02 && holes > 0, "hole: %g, %zu vertices filled", found, holes);
 
-    qm_mesh outliers = sample_points(qm_saddle_at, 8000, 0.0, 4);
+    qm_mesh outliers = qm_ground_sample(qm_saddle_at, 8000, 0.0, 4);
     qm_random random = qm_random_make(qm_check_seed(), 5);
     for (size_t i = 0; i < outliers.vertex_count; i += 100)
         qm_random_point(&random, -1.5, 1.5, outliers.positions + 3 * i);
     found = survive(outliers, &layout, &truth, &holes);
     QM_CHECK(found < 0.02, "outliers: %g", found);
 
-    qm_mesh twice = sample_points(qm_saddle_at, 8000, 0.0, 6);
+    qm_mesh twice = qm_ground_sample(qm_saddle_at, 8000, 0.0, 6);
     memcpy(twice.positions, twice.positions + 3 * 4000, 4000 * 24);
     found = survive(twice, &layout, &truth, &holes);
     QM_CHECK(found < 4e-3, "duplicates: %g", found);
 
-    qm_mesh apart = sample_points(qm_saddle_at, 8000, 0.0, 7);
+    qm_mesh apart = qm_ground_sample(qm_saddle_at, 8000, 0.0, 7);
     for (size_t i = 0; i < 2000; i++)
         apart.positions[3 * i + 2] += 20.0;
     found = survive(apart, &layout, &truth, &holes);
@@ -366,8 +329,8 @@ static void clouds_made_worse_still_give_meshes(void **state)
 static void what_no_patch_covers_is_counted(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, qm_shape_torus(96, 48, 1.0, 0.35));
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_torus(96, 48, 1.0, 0.35));
     qm_layout layout = qm_layout_of_grid(6, 4, true, true, 12, qm_torus_at, NULL);
     layout.patch_count = 18; /* of 24; the last ones are dropped in place */
     qm_reconstruction_options options = qm_reconstruction_options_default();
@@ -387,7 +350,7 @@ static void what_no_patch_covers_is_counted(void **state)
     qm_reconstruction_destroy(&g.ctx, r);
     layout.patch_count = 24;
     qm_layout_free(&layout);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 /** Faces of a patch of one mesh that have the same corners, bit for bit, as that patch's of another. */
@@ -404,8 +367,8 @@ static bool has_same_patch(const qm_mesh *a, const qm_mesh *b, const qm_reconstr
 static void an_edit_redoes_only_the_patches_that_it_touches(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, qm_shape_saddle(64));
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_saddle(64));
     qm_layout layout = qm_layout_of_grid(3, 2, false, false, 8, qm_saddle_at, NULL);
     qm_reconstruction *r = start(&g, &layout), *edited;
     step_to(&g, r, 1536);
@@ -455,7 +418,7 @@ static void an_edit_redoes_only_the_patches_that_it_touches(void **state)
     qm_shape_free(&before);
     qm_shape_free(&after);
     qm_layout_free(&layout);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 static qm_status run_once(qm_context *ctx, const qm_source *source, const qm_layout *layout)
@@ -480,8 +443,8 @@ static qm_status run_once(qm_context *ctx, const qm_source *source, const qm_lay
 static void running_out_of_memory_is_a_status_at_every_place(void **state)
 {
     (void)state;
-    ground g;
-    ground_make(&g, qm_shape_plane(8, 0.0));
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_plane(8, 0.0));
     qm_layout layout = qm_layout_of_grid(1, 1, false, false, 2, qm_square_at, NULL);
     qm_status status = QM_E_NO_MEMORY;
     for (size_t fail_at = 0; status != QM_OK; fail_at += 1 + fail_at / 16) {
@@ -493,7 +456,7 @@ static void running_out_of_memory_is_a_status_at_every_place(void **state)
                  memory.live_blocks);
     }
     qm_layout_free(&layout);
-    ground_free(&g);
+    qm_ground_free(&g);
 }
 
 int main(void)

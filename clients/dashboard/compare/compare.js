@@ -1,52 +1,59 @@
 // The page that compares two meshes: both bounds run towards each other, the farthest points, the heat map.
 
-import { byId, h } from "../core/dom.js";
+import { h } from "../core/dom.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
 import { meshOf, nameOf, on, state } from "../core/state.js";
-import { paint } from "../view/loader.js";
 import { drawTools, toggle } from "../view/tools.js";
-import { currentStage, setLook, show } from "../view/view.js";
-import { drawDeviation, makeLegend, measureDeviation } from "./deviation.js";
+import { currentStage, look, setLook, show } from "../view/view.js";
+import { drawDeviation } from "./deviation.js";
 import { copyLink, saveBounds, saveDistances, savePicture } from "./exports.js";
 import { makeForm, readRequest, settings } from "./form.js";
+import { Heat } from "./heat.js";
 import { Measurement } from "./measurement.js";
 import { makeOutcome } from "./outcome.js";
 
-/** @import { Deviation } from "./deviation.js" */
 /** @import { Wish } from "../view/stage.js" */
 
 /** @param {HTMLElement} panel */
 export function showCompare(panel) {
   for (const name of /** @type {const} */ (["direction", "quads", "tolerance", "threshold"])) settings[name] = parameter(name) ?? settings[name];
-  const shown = { a: true, b: true };
-  /** @type {Deviation | null} */
-  let deviation = null;
-  let leaveDeviation = new AbortController();
+  const hidden = (parameter("hide") ?? "").split("");
+  const shown = { a: !hidden.includes("a"), b: !hidden.includes("b") };
+  const heat = new Heat();
+  heat.isSigned = parameter("signed") === "1";
   let redrawHistogram = () => {};
   let isFollowed = false;
   let pairKey = "";
   let view = "nothing yet";
-  setLook({ structure: false });
+  setLook({ structure: false, ...(parameter("edges") ? { wire: true } : {}) });
 
   const measurement = new Measurement(() => requestDraw());
   const outcome = makeOutcome();
   const form = makeForm({ onMeasure: () => measure(), onStop: () => run(() => measurement.stop()), onReading: () => { drawView(); forgetHeat(); } });
   const fly = h("button", { type: "button", disabled: true, onclick: () => currentStage()?.flyToPair() }, "Show the farthest points");
-  const heat = h("button", { type: "button", onclick: () => run(() => paintHeat()) }, "Map the distances");
+  const map = h("button", { type: "button", onclick: () => run(() => paintHeat()) }, "Map the distances");
+  const sign = toggle("Signed", "Tell what lies outside B from what lies inside", heat.isSigned, (isOn) => {
+    heat.isSigned = isOn;
+    setParameters({ signed: isOn ? 1 : null });
+    run(async () => {
+      await heat.paint();
+      draw();
+    });
+  });
   const distances = h("div", { className: "section" });
   const csv = h("button", { type: "button", disabled: true, onclick: () => saveBounds(measurement) }, "Bounds, CSV");
-  const distancesCsv = h("button", { type: "button", disabled: true, onclick: () => deviation && saveDistances(deviation) }, "Distances, CSV");
+  const distancesCsv = h("button", { type: "button", disabled: true, onclick: () => saveDistances(heat) }, "Distances, CSV");
   panel.append(
     h("section", { className: "section", "aria-labelledby": "compare-title" }, h("header", {}, h("h2", { id: "compare-title" }, "Compare")), form.form),
     h("section", { className: "section", "aria-labelledby": "distance-title" },
       h("header", {}, h("h2", { id: "distance-title" }, "Hausdorff distance"), fly), outcome.element),
     h("section", { className: "section", "aria-labelledby": "deviation-title" },
-      h("header", {}, h("h2", { id: "deviation-title" }, "Deviation of A from B"), heat), distances),
+      h("header", {}, h("h2", { id: "deviation-title" }, "Deviation of A from B"), map), distances),
     h("section", { className: "section", "aria-labelledby": "take-title" },
       h("h2", { id: "take-title" }, "Take along"),
-      h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(copyLink) }, "Copy link"),
-        h("button", { type: "button", onclick: () => run(() => savePicture(deviation ? deviation.result.max.upper : null)) }, "Picture, PNG"),
+      h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(() => copyLink(lookOfLink())) }, "Copy link"),
+        h("button", { type: "button", onclick: () => run(() => savePicture(heat.scale)) }, "Picture, PNG"),
         csv, distancesCsv)));
 
   let isWaiting = false;
@@ -65,9 +72,16 @@ export function showCompare(panel) {
     const request = measurement.job?.request;
     outcome.draw(measurement, request?.threshold ?? (settings.threshold === "" ? null : Number(settings.threshold)));
     csv.disabled = measurement.samples.length === 0;
-    distancesCsv.disabled = deviation === null;
-    heat.disabled = state.a === null || state.b === null || heat.dataset.busy !== undefined;
+    distancesCsv.disabled = heat.deviation === null;
+    map.disabled = state.a === null || state.b === null || map.dataset.busy !== undefined;
+    sign.disabled = !heat.hasSides;
     showPair();
+  }
+
+  /** What a link says of the look. @returns {Record<string, string>} */
+  function lookOfLink() {
+    const away = (shown.a ? "" : "a") + (shown.b ? "" : "b");
+    return { ...(look.wire ? { edges: "1" } : {}), ...(away ? { hide: away } : {}) };
   }
 
   function showPair() {
@@ -102,8 +116,8 @@ export function showCompare(panel) {
       const eye = parameter("eye");
       if (eye) currentStage()?.eye.fromText(eye);
       showPair();
-      if (deviation) paintValues(deviation);
-      else if (parameter("heat") && heat.dataset.busy === undefined) run(() => paintHeat());
+      if (heat.deviation) run(() => heat.paint());
+      else if (parameter("heat") && map.dataset.busy === undefined) run(() => paintHeat());
     });
   }
 
@@ -115,46 +129,31 @@ export function showCompare(panel) {
 
   async function paintHeat() {
     if (state.a === null || state.b === null) return;
-    heat.dataset.busy = "yes";
-    heat.disabled = true;
+    map.dataset.busy = "yes";
+    map.disabled = true;
     distances.replaceChildren(h("p", { className: "muted", role: "status" }, "Measuring the distances over A …"));
-    leaveDeviation = new AbortController();
-    const { signal } = leaveDeviation;
     const names = { a: nameOf(state.a), b: nameOf(state.b) };
     try {
-      deviation = await measureDeviation({ a: state.a, b: state.b, quads: settings.quads }, signal);
-      const drawn = drawDeviation(deviation, names);
-      distances.replaceChildren(drawn.element);
+      const drawn = drawDeviation(await heat.measure({ a: state.a, b: state.b, quads: settings.quads }), names);
+      distances.replaceChildren(h("div", { className: "row" }, sign), drawn.element);
       redrawHistogram = drawn.redraw;
       drawn.redraw();
       setParameters({ heat: 1 });
-      await paintValues(deviation);
+      if (shown.a && !parameter("eye")) shown.b = false; // its ghost would dull the colours
+      drawView();
+      await heat.paint();
     } catch (error) {
       distances.replaceChildren();
       sayFault(error);
     } finally {
-      delete heat.dataset.busy;
+      delete map.dataset.busy;
       draw();
     }
   }
 
-  /** @param {Deviation} painted */
-  async function paintValues(painted) {
-    const model = currentStage()?.models.get("a");
-    const top = painted.result.max.upper;
-    if (!model?.isWhole || model.mesh.vertices !== painted.distances.length || model.mesh.kind === "points") return;
-    await paint(model, painted.distances);
-    if (painted !== deviation) return;
-    setLook({ heat: true, top: top > 0 ? top : 1 });
-    byId("stage-legend").replaceChildren(makeLegend(top));
-  }
-
   function forgetHeat() {
-    leaveDeviation.abort();
-    deviation = null;
+    heat.forget();
     distances.replaceChildren(h("p", { className: "muted" }, "How far each part of A lies from B: colours on A, a histogram and percentiles."));
-    byId("stage-legend").replaceChildren();
-    setLook({ heat: false });
   }
 
   let pair = "";

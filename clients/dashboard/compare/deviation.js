@@ -40,7 +40,7 @@ export function drawDeviation({ result }, names) {
   const canvas = h("canvas", { className: "drawing low", role: "img", "aria-label": "Histogram of the distances; its figures are in the table below" });
   const percentiles = h("table", {},
     h("caption", { className: "unseen" }, "Percentiles of the distance"),
-    h("thead", {}, h("tr", {}, h("th", { scope: "col" }, "Share of A"), h("th", { scope: "col", className: "number" }, "lies within"))),
+    h("thead", {}, h("tr", {}, h("th", { scope: "col", className: "number" }, "Share of A"), h("th", { scope: "col", className: "number" }, "lies within"))),
     h("tbody", {}, ...result.percentiles.map((entry) => h("tr", {},
       h("td", { className: "number" }, `${entry.percent} %`), h("td", { className: "number" }, interval(entry))))));
   const element = h("div", { className: "section", id: "deviation" },
@@ -79,17 +79,4 @@ function drawHistogram(canvas, { histogram: { bin_width: width, shares } }) {
     context.textAlign = align;
     context.fillText(length(share * width * shares.length, 3), share * right, height - 5);
   }
-}
-
-/** The colour bar of the heat map. @param {number} top */
-export function makeLegend(top) {
-  const canvas = h("canvas", { width: 256, height: 1, role: "img", "aria-label": `Colours from 0 to ${length(top, 3)}` });
-  const context = canvas.getContext("2d");
-  for (let i = 0; context && i < 256; i++) {
-    const [r, g, b] = scaleColour(i / 255).map((x) => Math.round(255 * x));
-    context.fillStyle = `rgb(${r} ${g} ${b})`;
-    context.fillRect(i, 0, 1, 1);
-  }
-  return h("div", { className: "legend" }, h("span", {}, "Distance of A's vertices from B"), canvas,
-    h("div", { className: "ticks" }, ...[0, 0.5, 1].map((share) => h("span", {}, length(share * top, 3)))));
 }

@@ -3,12 +3,12 @@
 import { download, h } from "../core/dom.js";
 import { say } from "../core/messages.js";
 import { address } from "../core/route.js";
-import { scaleColour } from "../view/colours.js";
 import { currentStage } from "../view/view.js";
-import { length } from "../core/format.js";
+import { drawBar } from "./legend.js";
 
+/** @import { Heat } from "./heat.js" */
+/** @import { Scale } from "./legend.js" */
 /** @import { Measurement } from "./measurement.js" */
-/** @import { Deviation } from "./deviation.js" */
 
 /** The bounds as they came, a line each. @param {Measurement} measurement */
 export function saveBounds(measurement) {
@@ -17,15 +17,15 @@ export function saveBounds(measurement) {
   download(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }), "bounds.csv");
 }
 
-/** The distances at A's vertices. @param {Deviation} deviation */
-export function saveDistances({ distances }) {
-  const lines = ["vertex,distance"];
-  distances.forEach((distance, vertex) => lines.push(`${vertex},${distance}`));
+/** The distances at A's vertices, with their sides where these are known. @param {Heat} heat */
+export function saveDistances({ deviation, sides }) {
+  const lines = [sides ? "vertex,distance,side" : "vertex,distance"];
+  deviation?.distances.forEach((distance, vertex) => lines.push(sides ? `${vertex},${distance},${sides[vertex] < 0 ? "inside" : "outside"}` : `${vertex},${distance}`));
   download(new Blob([`${lines.join("\n")}\n`], { type: "text/csv" }), "distances.csv");
 }
 
-/** The view, with the colour bar when there is a heat map. @param {number | null} top */
-export async function savePicture(top) {
+/** The view, with the colour bar when there is a heat map. @param {Scale | null} scale */
+export async function savePicture(scale) {
   const stage = currentStage();
   if (!stage) {
     say("There is no 3D view to take a picture of.", { isFault: true });
@@ -35,31 +35,14 @@ export async function savePicture(top) {
   const canvas = h("canvas", { width: view.width, height: view.height });
   const context = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
   context.drawImage(view, 0, 0);
-  if (top !== null) drawBar(context, view.width, view.height, top);
+  if (scale) drawBar(context, scale);
   canvas.toBlob((blob) => { if (blob) download(blob, "view.png"); }, "image/png");
 }
 
-/** @param {CanvasRenderingContext2D} context @param {number} width @param {number} height @param {number} top */
-function drawBar(context, width, height, top) {
-  const ratio = devicePixelRatio;
-  const size = Math.min(260 * ratio, width / 2);
-  const left = width - size - 16 * ratio;
-  const y = height - 40 * ratio;
-  for (let i = 0; i < size; i++) {
-    context.fillStyle = `rgb(${scaleColour(i / size).map((x) => Math.round(255 * x)).join(" ")})`;
-    context.fillRect(left + i, y, 1, 12 * ratio);
-  }
-  context.fillStyle = getComputedStyle(document.body).color;
-  context.font = `${12 * ratio}px system-ui, sans-serif`;
-  context.fillText("0", left, y + 28 * ratio);
-  context.textAlign = "right";
-  context.fillText(length(top, 3), left + size, y + 28 * ratio);
-}
-
-/** Copies an address that brings others to the same view. */
-export async function copyLink() {
+/** Copies an address that brings others to the same view. @param {Record<string, string>} look how it is drawn */
+export async function copyLink(look) {
   const stage = currentStage();
-  const link = new URL(address(stage ? { eye: stage.eye.toText() } : {}), location.href).href;
+  const link = new URL(address({ ...look, ...(stage ? { eye: stage.eye.toText() } : {}) }), location.href).href;
   history.replaceState(null, "", link);
   try {
     await navigator.clipboard.writeText(link);

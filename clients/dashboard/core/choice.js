@@ -1,6 +1,7 @@
 // Choices of meshes, for the forms.
 
 import { h, select } from "./dom.js";
+import { setParameters } from "./route.js";
 import { changed, state } from "./state.js";
 
 /** @import { Mesh } from "../js/types.js" */
@@ -17,6 +18,7 @@ export function meshChoice(which, { words = which.toUpperCase(), none = "choose 
   const choice = select(which, options, state[which] ?? "");
   choice.addEventListener("change", () => {
     state[which] = choice.value || null;
+    setParameters({ [which]: state[which] });
     changed("choice");
   });
   return h("label", {}, h("span", {}, h("span", { className: `swatch ${which}` }), words), choice);

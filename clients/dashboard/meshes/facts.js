@@ -57,7 +57,7 @@ function sizeOf({ bounding_box: { min, max } }) {
 }
 
 /** @param {Mesh} mesh */
-function downloads(mesh) {
+export function downloads(mesh) {
   const formats = (state.info?.formats ?? []).filter((format) => (mesh.kind === "points" ? format !== "stl" : format !== "xyz"));
   const format = select("format", formats.map((name) => [name, name.toUpperCase()]), mesh.format);
   format.setAttribute("aria-label", "Format of the download");
@@ -68,7 +68,7 @@ function downloads(mesh) {
 /** @param {Mesh} mesh @param {Format} format */
 async function fetchFile(mesh, format) {
   const file = await client.meshes.content(mesh.id, { format });
-  const stem = (mesh.name || mesh.id).replace(/\.[a-z]{3}$/i, "");
+  const stem = (mesh.name || mesh.id).replace(/\.[a-z]{3}(?=$|, \d+ quads$)/i, "");
   download(new Blob([file.bytes]), `${stem}.${format}`);
   const losses = [
     file.cutFaces > 0 && `${count(file.cutFaces)} faces became triangles`,

@@ -2,9 +2,11 @@
 // 3.1). The points are sorted by the cells of a grid, row by row: the cells round one are three in each of nine rows, and
 // a sweep over all cells moves nine places onward through the sorted points.
 
-const MOST_NEIGHBOURS = 16;
+const MOST_NEIGHBOURS = 24;
+const FEWEST_NEIGHBOURS = 6;
 const MOST_CANDIDATES = 128;
-const CELL_SPACINGS = 2.2;
+/** About eighteen points of a surface lie within this many spacings. */
+const CELL_SPACINGS = 2.4;
 const MOST_CELLS = 1500;
 
 /**
@@ -24,31 +26,56 @@ function sortOrder(keys) {
   return order;
 }
 
-/**
- * @param {Float32Array} points rows of x, y, z, about as large as 1
- */
-function makeGrid(points) {
-  const count = points.length / 3;
+/** The box of points. @param {Float32Array} points rows of x, y, z */
+function boxOf(points) {
   const low = [Infinity, Infinity, Infinity];
   const high = [-Infinity, -Infinity, -Infinity];
   for (let i = 0, k = 0; i < points.length; i++, k = k === 2 ? 0 : k + 1) {
     if (points[i] < low[k]) low[k] = points[i];
     if (points[i] > high[k]) high[k] = points[i];
   }
-  const extent = Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) || 1;
-  const spacing = extent / Math.sqrt(count);
-  const size = Math.max(CELL_SPACINGS * spacing, extent / MOST_CELLS);
-  // A margin of a cell on each side, so that no neighbour is in another row.
+  return { low, extent: Math.hypot(high[0] - low[0], high[1] - low[1], high[2] - low[2]) || 1, high };
+}
+
+/**
+ * The cell of each point, as one number. A margin of a cell on each side sees to it that no neighbour is in another row.
+ * @param {Float32Array} points
+ * @param {{ low: number[], high: number[] }} box
+ * @param {number} size
+ */
+function cellsOf(points, { low, high }, size) {
   const sides = low.map((value, k) => Math.floor((high[k] - value) / size) + 3);
-  const keys = new Uint32Array(count);
-  for (let p = 0; p < count; p++) {
+  const keys = new Uint32Array(points.length / 3);
+  for (let p = 0; p < keys.length; p++) {
     const i = Math.floor((points[3 * p] - low[0]) / size), j = Math.floor((points[3 * p + 1] - low[1]) / size);
     keys[p] = ((i + 1) * sides[1] + j + 1) * sides[2] + Math.floor((points[3 * p + 2] - low[2]) / size) + 1;
   }
+  return { keys, sides };
+}
+
+/**
+ * About how far neighbours are apart, as if they lay evenly on a surface: one of area A meets 1.5 A / s^2 cells of size s in
+ * the mean over all directions.
+ * @param {Float32Array} points
+ * @param {ReturnType<typeof boxOf>} [box]
+ */
+export function findSpacing(points, box = boxOf(points)) {
+  const count = points.length / 3;
+  const size = Math.max((3 * box.extent) / Math.sqrt(count), box.extent / MOST_CELLS);
+  const occupied = new Set(cellsOf(points, box, size).keys).size;
+  return Math.sqrt((occupied * size * size) / 1.5 / count);
+}
+
+/** @param {Float32Array} points rows of x, y, z, about as large as 1 */
+function makeGrid(points) {
+  const box = boxOf(points);
+  const spacing = findSpacing(points, box);
+  const size = Math.max(CELL_SPACINGS * spacing, box.extent / MOST_CELLS);
+  const { keys, sides } = cellsOf(points, box, size);
   const order = sortOrder(keys);
   const sortedKeys = keys.map((_, place) => keys[order[place]]);
   const sorted = new Float32Array(points.length);
-  for (let place = 0; place < count; place++) {
+  for (let place = 0; place < keys.length; place++) {
     for (let k = 0; k < 3; k++) sorted[3 * place + k] = points[3 * order[place] + k];
   }
   return { order, keys: sortedKeys, points: sorted, size, spacing, rowLength: sides[2], layerLength: sides[1] * sides[2] };
@@ -84,6 +111,10 @@ export function cloudNormals(cloud) {
         const q = 3 * candidates[c];
         const dx = points[q] - x, dy = points[q + 1] - y, dz = points[q + 2] - z;
         if (dx * dx + dy * dy + dz * dz <= size * size) near[found++] = candidates[c];
+      }
+      if (found < FEWEST_NEIGHBOURS) { // too few for a plane: those farther away as well
+        found = Math.min(count, MOST_NEIGHBOURS);
+        near.set(candidates.subarray(0, found));
       }
       writeNormal(points, near, found, normals, 4 * order[place]);
     }

@@ -31,10 +31,23 @@ export function scaleColour(share) {
   return fromOklab(0.34 + 0.6 * share, chroma * Math.cos(hue), chroma * Math.sin(hue));
 }
 
-/** The scale as rows of r, g, b, a. @param {number} [steps] */
-export function scaleTable(steps = 256) {
-  const table = new Uint8Array(4 * steps);
-  for (let i = 0; i < steps; i++) table.set([...scaleColour(i / (steps - 1)).map((x) => Math.round(255 * x)), 255], 4 * i);
+/**
+ * The scale of signed distances: a light grey in the middle, blue below and red above, alike in lightness on both sides.
+ * @param {number} share from 0 to 1
+ */
+export function signedColour(share) {
+  const away = Math.abs(2 * share - 1);
+  const hue = ((share < 0.5 ? 250 : 30) * Math.PI) / 180;
+  const chroma = 0.17 * away ** 0.8;
+  return fromOklab(0.93 - 0.45 * away, chroma * Math.cos(hue), chroma * Math.sin(hue));
+}
+
+/** Both scales, one after the other, as rows of r, g, b, a. */
+export function scaleTables(steps = 256) {
+  const table = new Uint8Array(8 * steps);
+  [scaleColour, signedColour].forEach((scale, row) => {
+    for (let i = 0; i < steps; i++) table.set([...scale(i / (steps - 1)).map((x) => Math.round(255 * x)), 255], 4 * (row * steps + i));
+  });
   return table;
 }
 

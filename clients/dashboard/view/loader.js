@@ -3,6 +3,7 @@
 import { client } from "../core/connection.js";
 
 /** @import { Model } from "./model.js" */
+/** @import { Plan } from "./regions.js" */
 /** @typedef {{ model: Model, onPiece: () => void, resolve: () => void, reject: (error: Error) => void }} Task */
 
 /** @type {Worker | undefined} */
@@ -105,6 +106,28 @@ function ask(model, question) {
  */
 export async function outline(model, faces, frame) {
   return (await ask(model, { kind: "outline", faces: Uint32Array.from(faces), frame })).triangles;
+}
+
+/**
+ * On which side of another whole model's surface the vertices of one lie: 1 outside, -1 inside.
+ * @param {Model} model
+ * @param {Model} other
+ * @param {"triangles" | "bilinear"} quads
+ * @returns {Promise<Int8Array>}
+ */
+export async function findSides(model, other, quads) {
+  const { signs, words } = await ask(model, { kind: "sides", other: taskOf.get(other), id: other.mesh.id, quads, token: client.transport.token });
+  if (!signs) throw new Error(words);
+  return signs;
+}
+
+/**
+ * Colours the parts of a whole model that lie in the patches of a layout.
+ * @param {Model} model
+ * @param {Plan} plan
+ */
+export async function colourRegions(model, plan) {
+  model.setRegions(await ask(model, { kind: "regions", plan }));
 }
 
 /**

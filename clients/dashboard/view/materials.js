@@ -1,8 +1,8 @@
 // How surfaces and points are shaded. Colours are those of the screen from the start, not linear ones.
 
-import { DataTexture, DoubleSide, GLSL3, LinearFilter, RGBAFormat, ShaderMaterial, Vector3 } from "three";
+import { Data3DTexture, DataTexture, DoubleSide, GLSL3, LinearFilter, RGBAFormat, ShaderMaterial, Vector3 } from "three";
 
-import { scaleTable } from "./colours.js";
+import { scaleTables } from "./colours.js";
 
 const LIGHT = /* glsl */ `
   vec3 shade(vec3 base, vec3 n, float strength) {
@@ -10,6 +10,20 @@ const LIGHT = /* glsl */ `
     float fill = max(dot(n, normalize(vec3(-0.8, 0.0, 0.5))), 0.0);
     float shine = pow(max(dot(n, normalize(vec3(0.25, 0.35, 0.95))), 0.0), 40.0);
     return mix(base, base * (0.3 + 0.78 * key * key + 0.12 * fill), strength) + 0.06 * shine * strength;
+  }
+`;
+
+// Colours of cells, premultiplied, so that a mixture with cells that have none is the colour itself.
+const REGION = /* glsl */ `
+  precision highp sampler3D;
+  uniform float regioned;
+  uniform sampler3D regions;
+  uniform vec3 regionLow;
+  uniform vec3 regionSize;
+  vec3 inRegion(vec3 base, vec3 place) {
+    if (regioned < 0.5) return base;
+    vec4 found = texture(regions, (place - regionLow) / regionSize);
+    return found.a < 0.01 ? base : mix(base, found.rgb / found.a, 0.8 * smoothstep(0.25, 0.5, found.a));
   }
 `;
 
@@ -21,12 +35,27 @@ const SURFACE_VERTEX = /* glsl */ `
   out vec3 vEdge;
   out vec3 vTint;
   out float vValue;
+  out vec3 vPlace;
   void main() {
+    vPlace = position;
     vNormal = normalMatrix * normal;
     vEdge = edge.xyz;
     vTint = tint.rgb;
     vValue = value;
     gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
+  }
+`;
+
+// From blue at 0 to yellow at the top; of signed values from blue over the middle to red.
+const HEAT = /* glsl */ `
+  uniform float heated;
+  uniform float signed_;
+  uniform float top;
+  uniform sampler2D scale;
+  vec3 inHeat(vec3 base, float value) {
+    float share = clamp(value / top, -1.0, 1.0);
+    float place = signed_ > 0.5 ? 0.5 + 0.5 * share : share;
+    return mix(base, texture(scale, vec2((clamp(place, 0.0, 1.0) * 255.0 + 0.5) / 256.0, signed_ > 0.5 ? 0.75 : 0.25)).rgb, heated);
   }
 `;
 
@@ -37,22 +66,21 @@ const SURFACE_FRAGMENT = /* glsl */ `
   uniform float opacity;
   uniform float wire;
   uniform float tinted;
-  uniform float heated;
-  uniform float top;
-  uniform sampler2D scale;
   in vec3 vNormal;
   in vec3 vEdge;
   in vec3 vTint;
   in float vValue;
+  in vec3 vPlace;
   out vec4 colour;
   ${LIGHT}
+  ${REGION}
+  ${HEAT}
   void main() {
     vec3 n = normalize(vNormal);
     if (!gl_FrontFacing) n = -n;
-    vec3 flat_colour = mix(base, vTint, tinted);
+    vec3 flat_colour = inRegion(mix(base, vTint, tinted), vPlace);
     if (!gl_FrontFacing) flat_colour = mix(flat_colour, vec3(dot(flat_colour, vec3(0.33))), 0.6) * 0.85;
-    float share = clamp(vValue / top, 0.0, 1.0);
-    flat_colour = mix(flat_colour, texture(scale, vec2((share * 255.0 + 0.5) / 256.0, 0.5)).rgb, heated);
+    flat_colour = inHeat(flat_colour, vValue);
     vec3 lit = shade(flat_colour, n, heated > 0.5 ? 0.6 : 1.0);
     vec3 width = fwidth(vEdge);
     vec3 clear = smoothstep(0.35 * width, 1.25 * width, vEdge);
@@ -71,13 +99,15 @@ const DISC_VERTEX = /* glsl */ `
   in float value;
   out vec3 vNormal;
   out float vValue;
+  out vec3 vPlace;
   void main() {
+    vPlace = position;
     vNormal = normalMatrix * facing.xyz;
     vValue = value;
     vec4 place = modelViewMatrix * vec4(position, 1.0);
+    place.xyz *= 1.0 - lift;
     gl_Position = projectionMatrix * place;
     float size = length(modelViewMatrix[0].xyz) * radius * height * projectionMatrix[1][1] / gl_Position.w;
-    gl_Position.z -= lift * gl_Position.w;
     gl_PointSize = max(least, size);
   }
 `;
@@ -87,15 +117,19 @@ const DISC_FRAGMENT = /* glsl */ `
   precision highp float;
   uniform vec3 base;
   in vec3 vNormal;
+  in vec3 vPlace;
+  in float vValue;
   out vec4 colour;
   ${LIGHT}
+  ${REGION}
+  ${HEAT}
   void main() {
     vec2 place = vec2(2.0, -2.0) * gl_PointCoord + vec2(-1.0, 1.0);
     vec3 n = dot(vNormal, vNormal) > 0.01 ? normalize(vNormal) : vec3(0.0, 0.0, 1.0);
     if (n.z < 0.0) n = -n;
     float depth = -dot(n.xy, place) / max(n.z, 0.15);
     if (dot(place, place) + depth * depth > 1.0) discard;
-    colour = vec4(shade(base, n, 1.0), 1.0);
+    colour = vec4(shade(inHeat(inRegion(base, vPlace), vValue), n, heated > 0.5 ? 0.6 : 1.0), 1.0);
   }
 `;
 
@@ -118,11 +152,29 @@ const MARK_FRAGMENT = /* glsl */ `
 let scaleTexture;
 function scale() {
   if (!scaleTexture) {
-    scaleTexture = new DataTexture(scaleTable(), 256, 1, RGBAFormat);
+    scaleTexture = new DataTexture(scaleTables(), 256, 2, RGBAFormat);
     scaleTexture.minFilter = scaleTexture.magFilter = LinearFilter;
     scaleTexture.needsUpdate = true;
   }
   return scaleTexture;
+}
+
+const heatUniforms = () => ({ heated: { value: 0 }, signed_: { value: 0 }, top: { value: 1 }, scale: { value: scale() } });
+
+/** @param {Uint8Array} colours rows of r, g, b, a @param {number[]} sides */
+export function makeRegions(colours, [width, height, depth]) {
+  const texture = new Data3DTexture(colours, width, height, depth);
+  texture.format = RGBAFormat;
+  texture.minFilter = texture.magFilter = LinearFilter;
+  texture.needsUpdate = true;
+  return texture;
+}
+
+/** @type {Data3DTexture | undefined} */
+let noRegions;
+function regionUniforms() {
+  noRegions ??= makeRegions(new Uint8Array(4), [1, 1, 1]);
+  return { regioned: { value: 0 }, regions: { value: noRegions }, regionLow: { value: new Vector3() }, regionSize: { value: new Vector3(1, 1, 1) } };
 }
 
 export function makeSurface() {
@@ -130,7 +182,7 @@ export function makeSurface() {
     glslVersion: GLSL3, vertexShader: SURFACE_VERTEX, fragmentShader: SURFACE_FRAGMENT, side: DoubleSide,
     uniforms: {
       base: { value: new Vector3() }, line: { value: new Vector3() }, opacity: { value: 1 }, wire: { value: 0 },
-      tinted: { value: 0 }, heated: { value: 0 }, top: { value: 1 }, scale: { value: scale() },
+      tinted: { value: 0 }, ...heatUniforms(), ...regionUniforms(),
     },
   });
 }
@@ -139,7 +191,7 @@ export function makeDiscs() {
   return new ShaderMaterial({
     glslVersion: GLSL3, vertexShader: DISC_VERTEX, fragmentShader: DISC_FRAGMENT,
     uniforms: { base: { value: new Vector3() }, radius: { value: 0 }, height: { value: 1 }, least: { value: 1.5 },
-      lift: { value: 0 } },
+      lift: { value: 0 }, ...heatUniforms(), ...regionUniforms() },
   });
 }
 
@@ -149,7 +201,7 @@ export function makeMarks() {
     glslVersion: GLSL3, vertexShader: DISC_VERTEX, fragmentShader: MARK_FRAGMENT, depthTest: true,
     uniforms: {
       radius: { value: 0 }, height: { value: 1 }, least: { value: 9 },
-      lift: { value: 0.002 }, low: { value: new Vector3(0.15, 0.45, 0.95) },
+      lift: { value: 0.004 }, low: { value: new Vector3(0.15, 0.45, 0.95) },
       high: { value: new Vector3(0.9, 0.2, 0.2) }, ring: { value: new Vector3(1, 1, 1) },
     },
   });

@@ -4,9 +4,9 @@ import {
   BufferAttribute, BufferGeometry, Group, Mesh as Drawn, Points, Sphere, Vector3,
 } from "three";
 
-import { makeDiscs, makeMarks, makeSurface } from "./materials.js";
+import { makeDiscs, makeMarks, makeRegions, makeSurface } from "./materials.js";
 
-/** @import { ShaderMaterial } from "three" */
+/** @import { Data3DTexture, ShaderMaterial } from "three" */
 /** @import { Mesh } from "../../js/types.js" */
 
 // Positions lie within half a unit of the centre: no piece needs a look to know its bounds.
@@ -29,10 +29,16 @@ export class Model {
     this.isWhole = false;
     /** @type {(Drawn | Points)[]} */
     this.pieces = [];
+    /** How many of them are drawn. */
+    this.inside = 0;
     /** About the distance of neighbouring points. */
     this.spacing = 1 / Math.sqrt(Math.max(1, mesh.vertices));
+    /** Of all triangles, those from one place to another are drawn. @type {[number, number]} */
+    this.range = [0, Infinity];
     /** @type {Points | null} */
     this.irregular = null;
+    /** @type {Data3DTexture | null} */
+    this.regions = null;
   }
 
   /** Puts the model where it is in the frame of another. @param {{ centre: number[], scale: number }} frame */
@@ -60,7 +66,35 @@ export class Model {
   add(piece) {
     piece.frustumCulled = false;
     this.pieces.push(piece);
-    this.group.add(piece);
+    this.setRange(...this.range);
+  }
+
+  /**
+   * Lets some more pieces be drawn: each is sent to the graphics card when it first is, and many at once would make the page
+   * wait.
+   * @param {number} [most]
+   * @returns {boolean} whether others wait
+   */
+  letIn(most = Infinity) {
+    for (const piece of this.pieces.slice(this.inside, this.inside + most)) {
+      this.group.add(piece);
+      this.inside++;
+    }
+    return this.inside < this.pieces.length;
+  }
+
+  /** Draws some of the triangles alone, in the order of the file. @param {number} from @param {number} to */
+  setRange(from, to) {
+    this.range = [from, to];
+    let first = 0;
+    for (const piece of this.pieces) {
+      if (piece instanceof Points) return;
+      const { geometry } = piece;
+      const count = geometry.getAttribute("position").count / 3;
+      const [start, end] = [from, to].map((place) => Math.max(0, Math.min(count, place - first)));
+      geometry.setDrawRange(3 * start, 3 * (end - start));
+      first += count;
+    }
   }
 
   /** @param {number} place @param {Int8Array} normal @param {number} spacing */
@@ -91,6 +125,22 @@ export class Model {
     this.group.add(this.irregular);
   }
 
+  /**
+   * Colours by place; null takes them away.
+   * @param {{ colours: Uint8Array, sides: number[], low: number[], size: number } | null} regions
+   */
+  setRegions(regions) {
+    this.regions?.dispose();
+    this.regions = regions ? makeRegions(regions.colours, regions.sides) : null;
+    for (const { uniforms } of [this.surface, this.discs]) {
+      uniforms.regioned.value = regions ? 1 : 0;
+      if (!regions) continue;
+      uniforms.regions.value = this.regions;
+      uniforms.regionLow.value.fromArray(regions.low);
+      uniforms.regionSize.value.fromArray(regions.sides).multiplyScalar(regions.size);
+    }
+  }
+
   /** @returns {ShaderMaterial[]} */
   materials() {
     return [this.surface, this.discs, this.marks];
@@ -100,6 +150,7 @@ export class Model {
     this.group.removeFromParent();
     for (const piece of this.pieces) piece.geometry.dispose();
     this.irregular?.geometry.dispose();
+    this.regions?.dispose();
     for (const material of this.materials()) material.dispose();
   }
 }
@@ -110,4 +161,11 @@ function makeGeometry(position) {
   geometry.setAttribute("position", new BufferAttribute(position, 3));
   geometry.boundingSphere = BOUNDS;
   return geometry;
+}
+
+/** Something of each kind, which is kept, and its programs with it. */
+export function makeSample() {
+  const geometry = makeGeometry(new Float32Array(9));
+  for (const name of ["normal", "edge", "tint", "facing"]) geometry.setAttribute(name, new BufferAttribute(new Uint8Array(12), 4, true));
+  return new Group().add(new Drawn(geometry, makeSurface()), new Points(geometry, makeDiscs()), new Points(geometry, makeMarks()));
 }

@@ -9,41 +9,42 @@ import {
 /** @typedef {{ point: Vector3, colour: Vector3, size: number }} Dot size in pixels */
 /** @typedef {{ triangles: Float32Array, colour: Vector3, opacity: number }} Fill nine numbers a triangle */
 
-// Somewhat nearer to the viewer than the surface that it lies on.
-const LIFT = 0.0015;
+// Somewhat nearer to the viewer than the surface that it lies on, or than the discs round its points: shares of the distance.
+const LIFT = 0.003;
+const CLOUD_LIFT = 0.015;
 
 const RIBBON_VERTEX = /* glsl */ `
   uniform vec2 size;
+  uniform float lift;
   in vec3 next;
   in vec3 tint;
   in vec2 side;
   out vec3 vTint;
   void main() {
     vTint = tint;
-    vec4 here = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-    vec4 there = projectionMatrix * modelViewMatrix * vec4(next, 1.0);
+    vec4 here = projectionMatrix * vec4((modelViewMatrix * vec4(position, 1.0)).xyz * (1.0 - lift), 1.0);
+    vec4 there = projectionMatrix * vec4((modelViewMatrix * vec4(next, 1.0)).xyz * (1.0 - lift), 1.0);
     vec2 along = (there.xy / there.w - here.xy / here.w) * size;
     along = length(along) > 1e-6 ? normalize(along) : vec2(1.0, 0.0);
     here.xy += (vec2(-along.y, along.x) * side.x - along * abs(side.x) * 0.4) * side.y / size * here.w;
-    here.z -= ${LIFT} * here.w;
     gl_Position = here;
   }
 `;
 const DOT_VERTEX = /* glsl */ `
+  uniform float lift;
   in vec3 tint;
   in float size;
   out vec3 vTint;
   void main() {
     vTint = tint;
-    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-    gl_Position.z -= ${2 * LIFT} * gl_Position.w;
+    gl_Position = projectionMatrix * vec4((modelViewMatrix * vec4(position, 1.0)).xyz * (1.0 - 1.5 * lift), 1.0);
     gl_PointSize = size;
   }
 `;
 const FILL_VERTEX = /* glsl */ `
+  uniform float lift;
   void main() {
-    gl_Position = projectionMatrix * modelViewMatrix * vec4(position, 1.0);
-    gl_Position.z -= ${LIFT / 2} * gl_Position.w;
+    gl_Position = projectionMatrix * vec4((modelViewMatrix * vec4(position, 1.0)).xyz * (1.0 - lift), 1.0);
   }
 `;
 const PLAIN_FRAGMENT = /* glsl */ `
@@ -81,12 +82,17 @@ export class Overlay {
     this.group.renderOrder = 3;
     scene.add(this.group);
     this.size = new Vector2(1, 1);
-    this.ribbon = material(RIBBON_VERTEX, PLAIN_FRAGMENT, { size: { value: this.size } });
-    this.dot = material(DOT_VERTEX, DOT_FRAGMENT);
+    this.lift = { value: LIFT };
+    this.ribbon = material(RIBBON_VERTEX, PLAIN_FRAGMENT, { size: { value: this.size }, lift: this.lift });
+    this.dot = material(DOT_VERTEX, DOT_FRAGMENT, { lift: this.lift });
   }
 
-  /** @param {{ ribbons?: Ribbon[], dots?: Dot[], fills?: Fill[] }} [drawing] what is left out is not there any more */
-  set({ ribbons = [], dots = [], fills = [] } = {}) {
+  /**
+   * @param {{ ribbons?: Ribbon[], dots?: Dot[], fills?: Fill[], isOverCloud?: boolean }} [drawing] what is left out is not there
+   *   any more
+   */
+  set({ ribbons = [], dots = [], fills = [], isOverCloud = false } = {}) {
+    this.lift.value = isOverCloud ? CLOUD_LIFT : LIFT;
     for (const child of [...this.group.children]) {
       const drawn = /** @type {Mesh} */ (child);
       drawn.geometry.dispose();
@@ -108,7 +114,7 @@ export class Overlay {
 
 /** @param {Fill} fill */
 function fillMaterial({ colour, opacity }) {
-  const made = material(FILL_VERTEX, FILL_FRAGMENT, { base: { value: colour }, opacity: { value: opacity } });
+  const made = material(FILL_VERTEX, FILL_FRAGMENT, { base: { value: colour }, opacity: { value: opacity }, lift: { value: LIFT / 2 } });
   made.transparent = opacity < 1;
   made.depthWrite = false;
   return made;

@@ -1,18 +1,22 @@
 // The 3D view: which models are there, how they are drawn, and when. Loaded on demand, for three.js is large.
 
-import { Color, ColorManagement, LinearSRGBColorSpace, Scene, Vector3, WebGLRenderer, WebGLRenderTarget } from "three";
+import { Color, ColorManagement, LinearSRGBColorSpace, Scene, Vector3, WebGLRenderer } from "three";
 
 import { colour } from "../core/dom.js";
 import { Eye } from "./camera.js";
 import { forget, load } from "./loader.js";
-import { Model } from "./model.js";
+import { Model, makeSample } from "./model.js";
 import { Overlay } from "./overlay.js";
 import { Pair } from "./pair.js";
 
+/** @import { WebGLRenderTarget } from "three" */
 /** @import { Mesh } from "../../js/types.js" */
 /** @typedef {"a" | "b"} Role b is the one to compare with */
-/** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean }} Wish */
-/** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, top: number }} Look */
+/** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean,
+ *   isGradual?: boolean }} Wish isGradual: what was there before stays until endChange, and nothing of the new one is drawn yet */
+/** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, top: number, signed: boolean }} Look */
+
+const PIECES_A_FRAME = 2;
 
 // Colours go to the screen as they are.
 ColorManagement.enabled = false;
@@ -38,16 +42,33 @@ export class Stage {
     this.overlay = new Overlay(this.scene);
     /** @type {Map<Role, Model>} */
     this.models = new Map();
+    /** Those that others take the place of by and by. @type {Map<Role, Model>} */
+    this.leaving = new Map();
     /** @type {Wish[]} */
     this.wishes = [];
     this.frame = { centre: [0, 0, 0], scale: 1 };
     /** @type {Look} */
-    this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, top: 1 };
+    this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, top: 1, signed: false };
     this.isWaiting = false;
+    /** Are the programs of the graphics card there? */
+    this.isReady = false;
     /** Signalled when the last frame is on the screen. @type {WebGLSync | null} */
     this.last = null;
     new ResizeObserver(() => this.resize()).observe(place);
     this.resize();
+    this.prepare();
+  }
+
+  /** Has the programs of all models compiled, for the first use of one would make the page wait. */
+  async prepare() {
+    const scene = new Scene();
+    scene.add(makeSample());
+    try {
+      await this.renderer.compileAsync(scene, this.eye.camera);
+    } finally {
+      this.isReady = true;
+      this.draw();
+    }
   }
 
   resize() {
@@ -70,7 +91,9 @@ export class Stage {
     const [first] = wishes;
     for (const [role, model] of this.models) {
       const wish = wishes.find((other) => other.role === role);
-      if (!wish || !isSame(model, wish)) this.remove(role);
+      if (wish && isSame(model, wish)) continue;
+      if (wish?.isGradual) this.startChange(role, model);
+      else this.remove(role);
     }
     const loading = wishes.filter(({ role }) => !this.models.has(role)).map((wish) => this.add(wish));
     if (first) {
@@ -86,6 +109,7 @@ export class Stage {
   /** @param {Wish} wish */
   add({ mesh, role, isBilinear }) {
     const model = new Model(mesh, isBilinear);
+    if (this.leaving.has(role)) model.setRange(0, 0);
     this.models.set(role, model);
     this.scene.add(model.group);
     const total = mesh.kind === "points" ? mesh.vertices : Math.max(1, mesh.faces.triangles + mesh.faces.quads);
@@ -99,8 +123,25 @@ export class Stage {
     });
   }
 
+  /** @param {Role} role @param {Model} model */
+  startChange(role, model) {
+    this.endChange(role);
+    forget(model);
+    this.leaving.set(role, model);
+    this.models.delete(role);
+  }
+
+  /** The new model alone is there. @param {Role} role */
+  endChange(role) {
+    this.leaving.get(role)?.dispose();
+    this.leaving.delete(role);
+    this.models.get(role)?.setRange(0, Infinity);
+    this.draw();
+  }
+
   /** @param {Role} role */
   remove(role) {
+    this.endChange(role);
     const model = this.models.get(role);
     if (!model) return;
     forget(model);
@@ -114,30 +155,36 @@ export class Stage {
 
   /** Puts the look into the materials. */
   apply() {
-    const line = toVector(colour("--ink"));
     this.scene.background = new Color(...toVector(colour("--ground")).toArray());
     for (const wish of this.wishes) {
       const model = this.models.get(wish.role);
       if (!model) continue;
-      const base = toVector(colour(wish.role === "a" ? "--mesh-a" : "--mesh-b"));
-      const { surface, discs } = model;
-      const isGhost = Boolean(wish.isGhost);
-      surface.uniforms.base.value = base;
-      surface.uniforms.line.value = line;
-      surface.uniforms.wire.value = this.look.wire ? 1 : 0;
-      surface.uniforms.tinted.value = this.look.structure && this.look.patches && model.mesh.patches > 0 ? 1 : 0;
-      surface.uniforms.heated.value = this.look.heat && wish.role === "a" ? 1 : 0;
-      surface.uniforms.top.value = this.look.top;
-      surface.uniforms.opacity.value = isGhost ? 0.28 : 1;
-      surface.transparent = isGhost;
-      surface.depthWrite = !isGhost;
-      discs.uniforms.base.value = base;
-      discs.uniforms.radius.value = 1.6 * model.spacing * this.look.disc;
+      this.dress(model, wish);
       model.group.visible = !wish.isHidden;
-      model.group.renderOrder = isGhost ? 1 : 0;
-      if (model.irregular) model.irregular.visible = this.look.structure && this.look.irregular;
     }
     this.draw();
+  }
+
+  /** Puts the look into the materials of a model. @param {Model} model @param {{ role: Role, isGhost?: boolean }} wish */
+  dress(model, { role, isGhost = false }) {
+    const base = toVector(colour(role === "a" ? "--mesh-a" : "--mesh-b"));
+    const { surface, discs } = model;
+    surface.uniforms.base.value = base;
+    surface.uniforms.line.value = toVector(colour("--ink"));
+    surface.uniforms.wire.value = this.look.wire ? 1 : 0;
+    surface.uniforms.tinted.value = this.look.structure && this.look.patches && model.mesh.patches > 0 ? 1 : 0;
+    for (const { uniforms } of [surface, discs]) {
+      uniforms.heated.value = this.look.heat && role === "a" ? 1 : 0;
+      uniforms.signed_.value = this.look.signed ? 1 : 0;
+      uniforms.top.value = this.look.top;
+    }
+    surface.uniforms.opacity.value = isGhost ? 0.28 : 1;
+    surface.transparent = isGhost;
+    surface.depthWrite = !isGhost;
+    discs.uniforms.base.value = base;
+    discs.uniforms.radius.value = 1.7 * model.spacing * this.look.disc;
+    model.group.renderOrder = isGhost ? 1 : 0;
+    if (model.irregular) model.irregular.visible = this.look.structure && this.look.irregular;
   }
 
   /** @param {Partial<Look>} look */
@@ -186,21 +233,30 @@ export class Stage {
   /** Frames that pile up before a slow graphics card would make the whole page wait. */
   drawWhenFree() {
     if (this.isBusy()) requestAnimationFrame(() => this.drawWhenFree());
-    else this.drawNow();
+    else this.drawNow(PIECES_A_FRAME);
   }
 
-  /** Is the graphics card still at the last frame? */
+  /** Is the graphics card still at the last frame, or not ready for one? */
   isBusy() {
+    if (!this.isReady) return true;
     const gl = /** @type {WebGL2RenderingContext} */ (this.renderer.getContext());
     return this.last !== null && gl.clientWaitSync(this.last, 0, 0) === gl.TIMEOUT_EXPIRED;
   }
 
-  drawNow() {
-    const gl = /** @type {WebGL2RenderingContext} */ (this.renderer.getContext());
+  /** @param {number} [morePieces] of each model at most */
+  drawNow(morePieces = Infinity) {
     this.isWaiting = false;
+    const others = [...this.models.values()].filter((model) => model.letIn(morePieces));
     this.eye.setPlanes();
     this.setHeight(this.renderer.domElement.height);
     this.renderer.render(this.scene, this.eye.camera);
+    this.mark();
+    if (others.length > 0) this.draw();
+  }
+
+  /** Notes that the graphics card has got something to do. */
+  mark() {
+    const gl = /** @type {WebGL2RenderingContext} */ (this.renderer.getContext());
     if (this.last) gl.deleteSync(this.last);
     this.last = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
@@ -214,43 +270,23 @@ export class Stage {
     this.pair.setHeight(height);
   }
 
-  /**
-   * A small picture on no ground, without making the page wait for it.
-   * @param {number} width
-   * @param {number} height
-   * @param {Mesh} mesh what should be seen
-   * @returns {Promise<ImageData | null>} null when something else is shown by now
-   */
-  async toThumbnail(width, height, mesh) {
+  /** Resolves when the graphics card has drawn what it was told to. */
+  async rest() {
     while (this.isBusy() || this.isWaiting) await new Promise((resolve) => { requestAnimationFrame(resolve); });
-    const model = this.models.get("a");
-    if (model?.mesh.id !== mesh.id || this.models.size !== 1 || !model.isWhole) return null;
-    const { scene, renderer, eye: { camera } } = this;
+  }
+
+  /** Draws the models alone, without what lies over them. @param {WebGLRenderTarget} target */
+  drawBare(target) {
     const extras = [this.overlay.group, this.pair.group].filter((group) => group.visible);
     for (const extra of extras) extra.visible = false;
-    const target = new WebGLRenderTarget(width, height, { samples: 4 });
-    const { background } = scene;
-    scene.background = null;
-    camera.aspect = width / height;
     this.eye.setPlanes();
-    this.setHeight(height);
-    renderer.setRenderTarget(target);
-    renderer.setClearColor(0, 0);
-    renderer.clear();
-    renderer.render(scene, camera);
-    renderer.setRenderTarget(null);
-    scene.background = background;
+    this.setHeight(target.height);
+    this.renderer.setRenderTarget(target);
+    this.renderer.clear();
+    this.renderer.render(this.scene, this.eye.camera);
+    this.renderer.setRenderTarget(null);
     for (const extra of extras) extra.visible = true;
-    camera.aspect = this.place.clientWidth / Math.max(1, this.place.clientHeight);
-    this.eye.setPlanes();
-    const pixels = new Uint8Array(4 * width * height);
-    await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height, pixels);
-    target.dispose();
-    const picture = new ImageData(width, height);
-    for (let row = 0; row < height; row++) { // the graphics card's first row is the lowest
-      picture.data.set(pixels.subarray(4 * width * row, 4 * width * (row + 1)), 4 * width * (height - 1 - row));
-    }
-    return picture;
+    this.mark();
   }
 
   /** The view as a PNG. @returns {Promise<Blob>} */

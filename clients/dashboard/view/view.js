@@ -7,7 +7,7 @@ import { changed, on } from "../core/state.js";
 /** @import { Stage, Wish } from "./stage.js" */
 
 /** What the tools of the view are set to. */
-export const look = { wire: false, patches: true, irregular: true, heat: false, disc: 1, top: 1, bilinear: false, structure: true };
+export const look = { wire: false, patches: true, irregular: true, heat: false, disc: 1, top: 1, bilinear: false, structure: true, signed: false };
 
 /** @type {Promise<Stage | null> | undefined} */
 let loading;

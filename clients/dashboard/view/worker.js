@@ -1,21 +1,26 @@
 // Fetches and decodes meshes away from the page, and sends them in pieces.
 
-import { Client } from "../js/index.js";
+import { FOOT_WIDTH, Meshes } from "../js/meshes.js";
+import { Transport } from "../js/transport.js";
 import { cloudNormals } from "./cloud.js";
 import { patchTint } from "./colours.js";
 import { moveVertices } from "./handle.js";
 import { readPly } from "./ply.js";
+import { Sides } from "./sides.js";
+import { colourCells, fillCells } from "./regions.js";
 import { buildPiece, buildValues, gridSteps, pieces } from "./soup.js";
 import { cornerNormals, faceNormals, facesOfVertices, irregularVertices } from "./topology.js";
 
 /** @import { Shape } from "./ply.js" */
+/** @import { Cells, Plan } from "./regions.js" */
 /** @import { Frame } from "./soup.js" */
 /** @typedef {{ task: number, id: string, token: string | null, frame: Frame, isBilinear: boolean,
  *   wantsPatches: boolean }} LoadRequest */
 
 const CLOUD_PIECE = 131072;
 
-/** @typedef {{ shape: Shape, steps: number, frame: Frame, tints: Uint8Array | null, before?: Float64Array }} Kept */
+/** @typedef {{ shape: Shape, steps: number, frame: Frame, tints: Uint8Array | null, before?: Float64Array,
+ *   cells?: Cells }} Kept */
 
 /** @type {Map<number, Kept>} what may be asked of later, by task */
 const kept = new Map();
@@ -25,12 +30,15 @@ const post = (/** @type {any} */ message, /** @type {Transferable[]} */ transfer
 
 /** @param {LoadRequest} request */
 async function load({ task, id, token, frame, isBilinear, wantsPatches }) {
-  const client = new Client({ token });
+  const meshes = new Meshes(new Transport({ token }));
   const [{ bytes }, patches] = await Promise.all([
-    client.meshes.content(id, { format: "ply" }), wantsPatches ? client.meshes.patches(id) : null]);
+    meshes.content(id, { format: "ply" }), wantsPatches ? meshes.patches(id) : null]);
   const shape = readPly(bytes);
   const faceCount = shape.starts.length - 1;
-  if (faceCount === 0) return sendCloud(task, shape, frame);
+  if (faceCount === 0) {
+    kept.set(task, { shape, steps: 1, frame, tints: null });
+    return sendCloud(task, shape, frame);
+  }
   let quadCount = 0;
   for (let face = 0; face < faceCount; face++) if (shape.starts[face + 1] - shape.starts[face] === 4) quadCount++;
   const steps = gridSteps(quadCount, isBilinear);
@@ -86,6 +94,12 @@ function paint({ task, values }) {
   const found = kept.get(task);
   if (!found) return;
   let place = 0;
+  if (found.shape.starts.length <= 1) {
+    for (let from = 0; from < values.length; from += CLOUD_PIECE) {
+      const value = Float32Array.from(values.subarray(from, from + CLOUD_PIECE));
+      post({ task, kind: "values", place: place++, value }, [value.buffer]);
+    }
+  }
   for (const run of pieces(found.shape, found.steps)) {
     const value = buildValues(found.shape, found.steps, run, values);
     post({ task, kind: "values", place: place++, value }, [value.buffer]);
@@ -109,6 +123,36 @@ function outline({ task, faces, frame: { centre, scale }, request }) {
     for (let k = starts[face] + 1; k + 1 < starts[face + 1]; k++) [starts[face], k, k + 1].forEach(put);
   }
   post({ task, kind: "outline", request, triangles: Float32Array.from(out) });
+}
+
+/**
+ * On which side of another surface each vertex lies.
+ * @param {{ task: number, other: number, id: string, quads: "triangles" | "bilinear", token: string | null, request: number }} request
+ *   other, id: the other surface
+ */
+async function findSides({ task, other, id, quads, token, request }) {
+  const points = kept.get(task)?.shape.points;
+  const shape = kept.get(other)?.shape;
+  if (!points || !shape) return;
+  const sides = new Sides(shape);
+  const signs = new Int8Array(points.length / 3);
+  let vertex = 0;
+  for await (const rows of new Meshes(new Transport({ token })).project(id, points.slice(), { quads })) {
+    for (let at = 0; at < rows.length; at += FOOT_WIDTH, vertex++) {
+      const point = [points[3 * vertex], points[3 * vertex + 1], points[3 * vertex + 2]];
+      signs[vertex] = sides.sideOf(point, rows.subarray(at + 1, at + 4), rows[at + 4]);
+    }
+  }
+  post({ task, kind: "sides", request, signs }, [signs.buffer]);
+}
+
+/** Which part of the surface lies in which patch. @param {{ task: number, plan: Plan, request: number }} request */
+function regions({ task, plan, request }) {
+  const found = kept.get(task);
+  if (!found) return;
+  found.cells ??= fillCells(found.shape, found.frame);
+  const coloured = colourCells(found.cells, found.frame, plan);
+  post({ task, kind: "regions", request, ...coloured }, [coloured.colours.buffer]);
 }
 
 /**
@@ -149,6 +193,10 @@ self.addEventListener("message", ({ data }) => {
     paint(data);
   } else if (data.kind === "outline") {
     outline(data);
+  } else if (data.kind === "sides") {
+    findSides(data).catch((error) => post({ task: data.task, kind: "sides", request: data.request, words: error.message }));
+  } else if (data.kind === "regions") {
+    regions(data);
   } else if (data.kind === "deform") {
     deform(data);
   } else if (data.kind === "forget") {

@@ -79,6 +79,15 @@ typedef struct qm_collision {
 qm_status qm_collide_meshes(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                             const qm_collide_options *options, qm_collision *out);
 
+/**
+ * The same for meshes that have no trees: makes trees of those faces alone that lie near the other mesh,
+ * which often are few. The meshes pass qm_mesh_validate. elapsed_ms counts the search without the trees.
+ *
+ * Returns as above; QM_E_EMPTY; QM_E_TOO_LARGE also for more faces than a tree holds.
+ */
+qm_status qm_collide_surfaces(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
+                              const qm_collide_options *options, qm_collision *out);
+
 /** What has happened to a mesh since its pairs were found last. */
 typedef struct qm_collide_changes {
     const uint32_t *vertices; /* vertex_count that have moved, in any order; other faces are as they were */

@@ -20,7 +20,8 @@ qm_status qm_layout_split_curve(qm_context *ctx, qm_layout *layout, uint32_t id,
 /** Joins two curves at a node that they share and no other curve has; first keeps its id, second goes. */
 qm_status qm_layout_merge_curves(qm_context *ctx, qm_layout *layout, uint32_t first, uint32_t second);
 
-/** Draws a curve anew between its two nodes; the first and last of the points are replaced by these. */
+/** Draws a curve anew between its two nodes; the first and last of the points are replaced by these, the
+ * other way round when that moves them less. */
 qm_status qm_layout_redraw_curve(qm_context *ctx, qm_layout *layout, uint32_t id, const double *points,
                                  size_t point_count);
 

@@ -22,6 +22,9 @@
 #define LARGEST_REACH 1e8f           /* larger leaves are left to exact tests: products might overflow */
 #define UNDERFLOW 1e-36f             /* more than what products lose to underflow */
 
+/** Everything is inlined into the two kinds of search, so that neither pays for the other. */
+#define QM_INLINE __attribute__((always_inline))
+
 typedef struct wide {
     qm_vf x, y, z;
 } wide;
@@ -99,8 +102,7 @@ static inline void set_plane(qm_leaf *leaf, int plane, wide normal, wide point)
     store(leaf->plane[plane][3], wide_dot(normal, point));
 }
 
-/** Rows of a corner from the vertices of the lanes: x, y, z and the index, which travels as a float's bits.
- */
+/** Rows of a corner from the vertices of the lanes: x, y, z and the mark, which travels as a float's bits. */
 static inline void set_corner(qm_leaf *leaf, int corner, const float (*vertex)[4], const uint8_t *place)
 {
     typedef float four __attribute__((vector_size(16)));
@@ -117,8 +119,8 @@ static inline void set_corner(qm_leaf *leaf, int corner, const float (*vertex)[4
     store(leaf->corner[corner][0], __builtin_shufflevector(xy01, xy23, 0, 1, 8, 9, 4, 5, 12, 13));
     store(leaf->corner[corner][1], __builtin_shufflevector(xy01, xy23, 2, 3, 10, 11, 6, 7, 14, 15));
     store(leaf->corner[corner][2], __builtin_shufflevector(zi01, zi23, 0, 1, 8, 9, 4, 5, 12, 13));
-    qm_vf index = __builtin_shufflevector(zi01, zi23, 2, 3, 10, 11, 6, 7, 14, 15);
-    memcpy(leaf->vertex[corner], &index, sizeof index);
+    qm_vf mark = __builtin_shufflevector(zi01, zi23, 2, 3, 10, 11, 6, 7, 14, 15);
+    memcpy(leaf->mark[corner], &mark, sizeof mark);
 }
 
 void QM_KERNEL(fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3])
@@ -148,14 +150,14 @@ typedef struct against {
     const qm_leaf *p, *q;
     wide corner[3], low, high; /* the boxes of q's lanes reach as far out as both may be wrong */
     float shift[3], error;
-    bool is_self;
+    qm_collide_kind kind;
 } against;
 
-static inline void set_against(against *g, const qm_leaf *p, const qm_leaf *q, bool is_self)
+static inline void set_against(against *g, const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind)
 {
     g->p = p;
     g->q = q;
-    g->is_self = is_self;
+    g->kind = kind;
     g->shift[0] = (float)(q->middle.x - p->middle.x);
     g->shift[1] = (float)(q->middle.y - p->middle.y);
     g->shift[2] = (float)(q->middle.z - p->middle.z);
@@ -190,21 +192,39 @@ static inline unsigned boxes_near(const against *g, int i)
     return ~qm_vi_bits(apart) & ((1u << g->q->lane_count) - 1);
 }
 
+static inline qm_vi equal_marks(const against *g, int i, int corner_p, int corner_q)
+{
+    return *(const qm_vi *)(const void *)g->q->mark[corner_q] == (int32_t)g->p->mark[corner_p][i];
+}
+
 /** Which corners of q's lanes are corners of p's lane i in the mesh: same[corner of p][corner of q]. */
 typedef struct shared_corners {
     qm_vi same[3][3];
 } shared_corners;
 
-static inline shared_corners find_shared(const against *g, int i)
+QM_INLINE static inline shared_corners find_shared(const against *g, int i)
 {
     shared_corners s = {{{{0}}}};
-    if (!g->is_self) return s;
-    for (int c = 0; c < 3; c++) {
-        qm_vi own = (qm_vi){0} + (int32_t)g->p->vertex[c][i];
+    if (g->kind != QM_COLLIDE_SELF) return s;
+    for (int c = 0; c < 3; c++)
         for (int k = 0; k < 3; k++)
-            s.same[c][k] = *(const qm_vi *)(const void *)g->q->vertex[k] == own;
-    }
+            s.same[c][k] = equal_marks(g, i, c, k);
     return s;
+}
+
+/** Bits of q's lanes that have any corner of the same mark as one of p's lane i, and which corners. */
+static inline unsigned lanes_alike(const against *g, int i, int32_t corners[QM_PACK_LANES])
+{
+    qm_vi any = {0}, which = {0};
+    for (int c = 0; c < 3; c++) {
+        for (int k = 0; k < 3; k++) {
+            qm_vi here = equal_marks(g, i, c, k);
+            any |= here;
+            which = qm_keys_max(which, here & (4 * c + k));
+        }
+    }
+    *(qm_vi *)(void *)corners = which;
+    return qm_vi_bits(any);
 }
 
 /** What is computed for lane i of p against all of q. */
@@ -215,7 +235,7 @@ typedef struct lane_against {
     qm_vf size, own_size, tolerance; /* of the plane of lane i */
 } lane_against;
 
-static inline lane_against make_lane(const against *g, int i)
+QM_INLINE static inline lane_against make_lane(const against *g, int i)
 {
     lane_against l = {.g = g, .i = i, .shared = find_shared(g, i)};
     l.size = load(g->q->size);
@@ -243,7 +263,7 @@ static inline qm_vi one_sided(const qm_vf height[3], qm_vf low, qm_vf high, cons
 }
 
 /** Lanes of q on one side of the plane of lane i. */
-static inline qm_vi apart_by_own_plane(const lane_against *l)
+QM_INLINE static inline qm_vi apart_by_own_plane(const lane_against *l)
 {
     const qm_vi(*same)[3] = l->shared.same;
     const qm_vi shared[3] = {same[0][0] | same[1][0] | same[2][0], same[0][1] | same[1][1] | same[2][1],
@@ -254,7 +274,7 @@ static inline qm_vi apart_by_own_plane(const lane_against *l)
 }
 
 /** Lanes of q beyond an edge of lane i. */
-static inline qm_vi apart_by_own_edges(const lane_against *l)
+QM_INLINE static inline qm_vi apart_by_own_edges(const lane_against *l)
 {
     const qm_vi(*same)[3] = l->shared.same;
     qm_vf tolerance = 2.0f * l->own_size * l->tolerance + UNDERFLOW;
@@ -281,7 +301,7 @@ static inline wide own_corner(const lane_against *l, int corner)
 }
 
 /** Lanes of q that have lane i on one side of their planes, or beyond one of their edges. */
-static inline qm_vi apart_by_other_planes(const lane_against *l)
+QM_INLINE static inline qm_vi apart_by_other_planes(const lane_against *l)
 {
     const qm_leaf *q = l->g->q;
     const qm_vi(*same)[3] = l->shared.same;
@@ -306,38 +326,49 @@ static inline qm_vi apart_by_other_planes(const lane_against *l)
     return apart;
 }
 
-static inline unsigned compare_lane(const against *g, int i, unsigned bits)
+/** Of these lanes of q, those that may meet lane i of p. */
+QM_INLINE static inline void compare_lane(const against *g, int i, unsigned bits, qm_near_lanes *out)
 {
     lane_against l = make_lane(g, i);
+    unsigned alike = 0;
     bits &= ~qm_vi_bits(apart_by_own_plane(&l));
+    if (bits && g->kind != QM_COLLIDE_SELF) {
+        alike = bits & lanes_alike(g, i, out->corners[i]);
+        bits &= ~alike;
+    }
     if (bits) bits &= ~qm_vi_bits(apart_by_own_edges(&l));
     if (bits) bits &= ~qm_vi_bits(apart_by_other_planes(&l));
-    return bits;
+    out->near |= (uint64_t)(bits | alike) << (QM_PACK_LANES * i);
+    out->alike |= (uint64_t)alike << (QM_PACK_LANES * i);
 }
 
-static inline bool compare(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
-                           unsigned moved_q, uint8_t near[QM_PACK_LANES])
+/** Inlined, so that neither kind of search pays for the other's. */
+QM_INLINE static inline bool compare(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind,
+                                     unsigned moved_p, unsigned moved_q, qm_near_lanes *out)
 {
     against g;
-    set_against(&g, p, q, is_self);
-    bool is_same = is_self && p->pack == q->pack;
-    unsigned any = 0;
-    memset(near, 0, QM_PACK_LANES);
+    set_against(&g, p, q, kind);
+    bool is_same = kind != QM_COLLIDE_TWO && p->pack == q->pack;
+    out->near = out->alike = 0;
     for (unsigned lanes = lanes_near(&g); lanes; lanes &= lanes - 1) {
         int i = __builtin_ctz(lanes);
         unsigned bits = boxes_near(&g, i);
         if (is_same) bits &= ~0u << (i + 1);
         if (!(moved_p >> i & 1)) bits &= moved_q;
-        if (!bits) continue;
-        bits = compare_lane(&g, i, bits);
-        near[i] = (uint8_t)bits;
-        any |= bits;
+        if (bits) compare_lane(&g, i, bits, out);
     }
-    return any != 0;
+    return out->near != 0;
 }
 
-bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
-                               unsigned moved_q, uint8_t near[QM_PACK_LANES])
+bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
+                               unsigned moved_q, qm_near_lanes *out)
 {
-    return is_self ? compare(p, q, true, moved_p, moved_q, near) : compare(p, q, false, 0xff, 0xff, near);
+    switch (kind) {
+    case QM_COLLIDE_SELF:
+        return compare(p, q, QM_COLLIDE_SELF, moved_p, moved_q, out);
+    case QM_COLLIDE_TWIN:
+        return compare(p, q, QM_COLLIDE_TWIN, 0xff, 0xff, out);
+    default:
+        return compare(p, q, QM_COLLIDE_TWO, 0xff, 0xff, out);
+    }
 }

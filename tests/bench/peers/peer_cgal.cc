@@ -120,8 +120,30 @@ static void print_pairs(const qm_bench_times &times, long resting_kb, std::vecto
     std::printf("}\n");
 }
 
+/** Whether a face got corners of its own: they come after the vertices of the file. */
+static bool has_own_corners(const Mesh &mesh, std::size_t vertex_count, Mesh::Face_index face)
+{
+    return mesh.source(mesh.halfedge(face)) >= vertex_count;
+}
+
+/** Faces that have a corner at the same place and, one of them having its own, no common vertex. */
+static bool are_torn_apart(const Mesh &mesh, std::size_t vertex_count, Mesh::Face_index a, Mesh::Face_index b)
+{
+    if (!has_own_corners(mesh, vertex_count, a) && !has_own_corners(mesh, vertex_count, b)) return false;
+    bool has_common_place = false;
+    for (const Mesh::Vertex_index x : mesh.vertices_around_face(mesh.halfedge(a))) {
+        for (const Mesh::Vertex_index y : mesh.vertices_around_face(mesh.halfedge(b))) {
+            if (x == y) return false;
+            has_common_place |= mesh.point(x) == mesh.point(y);
+        }
+    }
+    return has_common_place;
+}
+
 static void measure_self(const char *prefix)
 {
+    std::size_t vertex_count;
+    std::free(qm_bench_read_part(prefix, "vertices", 24, &vertex_count));
     const Mesh mesh = read_mesh(prefix);
     const long resting_kb = qm_bench_rest();
     qm_bench_times times = {};
@@ -133,10 +155,20 @@ static void measure_self(const char *prefix)
                                                                                 std::back_inserter(found));
         qm_bench_add(&times, 0.0, qm_bench_now_ms() - start);
     } while (qm_bench_wants_more(&times));
+    /* Faces that had to get corners of their own meet their neighbours in them, which tells nothing. */
     std::vector<std::uint64_t> pairs;
-    for (const auto &pair : found)
-        pairs.push_back(qm_bench_pair(std::min(pair.first, pair.second), std::max(pair.first, pair.second)));
-    print_pairs(times, resting_kb, pairs);
+    std::size_t undecided = 0;
+    for (const auto &pair : found) {
+        if (are_torn_apart(mesh, vertex_count, pair.first, pair.second))
+            undecided++;
+        else
+            pairs.push_back(
+                qm_bench_pair(std::min(pair.first, pair.second), std::max(pair.first, pair.second)));
+    }
+    qm_bench_print_times(&times, resting_kb);
+    std::printf(", \"undecided\": %zu, ", undecided);
+    qm_bench_print_pairs(pairs.data(), pairs.size());
+    std::printf("}\n");
 }
 
 using Triangles = std::vector<Kernel::Triangle_3>;

@@ -11,7 +11,7 @@ import { fileURLToPath } from "node:url";
 import { Client } from "../../../clients/js/index.js";
 
 export const ROOT = path.resolve(path.dirname(fileURLToPath(import.meta.url)), "../../..");
-const BUILD = path.join(ROOT, process.env.QM_BUILD ?? "build");
+export const BUILD = path.join(ROOT, process.env.QM_BUILD ?? "build");
 const FINDINGS = ["ERROR: AddressSanitizer", "ERROR: LeakSanitizer", "WARNING: ThreadSanitizer", "runtime error:"];
 const PATIENCE_MS = 60000;
 

@@ -82,6 +82,20 @@ export function ballLayout(steps = 8) {
   return { nodes: nodes.map(onBall), curves: curves.map((curve) => ({ ...curve, points: curve.points.map(onBall) })) };
 }
 
+/** A point of a box from 0 to 1 on the box from -1 to 1 with edges and corners rounded off, with a radius of 0.4. */
+const onRoundedBox = (point) => {
+  const from = point.map((x) => 2 * x - 1);
+  const core = from.map((x) => Math.max(-0.6, Math.min(0.6, x)));
+  const away = from.map((x, k) => x - core[k]);
+  return core.map((x, k) => x + (0.4 * away[k]) / Math.hypot(...away));
+};
+export const roundedBox = (steps = 24) => ({ ...box(steps), vertices: box(steps).vertices.map(onRoundedBox) });
+/** Its twelve edges, along the middle of the rounding. */
+export function roundedBoxLayout(steps = 8) {
+  const { nodes, curves } = boxLayout(steps);
+  return { nodes: nodes.map(onRoundedBox), curves: curves.map((curve) => ({ ...curve, points: curve.points.map(onRoundedBox) })) };
+}
+
 /** Numbers from 0 to 1 by a 32-bit shift register (Marsaglia 2003), the same for the same seed. */
 export function chance(seed) {
   let state = (seed * 2654435761) >>> 0 || 1;

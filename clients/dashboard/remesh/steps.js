@@ -1,0 +1,71 @@
+// The record of the steps of a reconstruction: quads and the proven distance to the source after each.
+
+import { colour, h } from "../core/dom.js";
+import { count, duration, length, percent } from "../core/format.js";
+import { prepare } from "../compare/canvas.js";
+
+/** @import { StepRecord } from "../../js/types.js" */
+
+/** Both bounds of the distance after the last step. @param {HTMLElement} place @param {StepRecord | undefined} last */
+export function drawBounds(place, last) {
+  const { hausdorff } = last ?? { hausdorff: null };
+  const bound = (/** @type {"lower" | "upper"} */ name) => h("div", {},
+    h("dt", {}, h("span", { className: `swatch ${name}` }), `${name} bound`),
+    h("dd", {}, length(hausdorff?.[name], 6), h("div", { className: "relative" }, `${percent(hausdorff?.[`${name}_relative`])} of the diagonal`)));
+  place.replaceChildren(h("dl", { className: "bounds" }, bound("lower"), bound("upper")));
+}
+
+/** @param {StepRecord[]} steps */
+export function stepTable(steps) {
+  const heads = ["Step", "Quads", "Distance / diagonal", "Time"];
+  return h("table", {},
+    h("caption", { className: "unseen" }, "Steps of the reconstruction"),
+    h("thead", {}, h("tr", {}, ...heads.map((words) => h("th", { scope: "col", className: "number" }, words)))),
+    h("tbody", {}, ...steps.map((record, place) => h("tr", {},
+      h("td", { className: "number" }, String(place + 1)), h("td", { className: "number" }, count(record.quads)),
+      h("td", { className: "number" }, record.hausdorff ? `${percent(record.hausdorff.lower_relative)} – ${percent(record.hausdorff.upper_relative)}` : "not measured"),
+      h("td", { className: "number" }, duration(record.step_ms + record.measure_ms)))).reverse()));
+}
+
+/**
+ * The distance over the number of quads, both on logarithmic scales; bars from the lower to the upper bound.
+ * @param {HTMLCanvasElement} canvas
+ * @param {StepRecord[]} steps
+ */
+export function drawSteps(canvas, steps) {
+  const { context, width, height } = prepare(canvas);
+  const known = steps.flatMap(({ quads, hausdorff }) => (hausdorff && (hausdorff.upper_relative ?? 0) > 0
+    ? [{ quads, lower: hausdorff.lower_relative ?? 0, upper: /** @type {number} */ (hausdorff.upper_relative) }] : []));
+  if (known.length === 0) return;
+  const [left, right, top, bottom] = [58, 14, 10, 24];
+  const low = Math.floor(Math.log10(Math.min(...known.map(({ upper }) => upper))));
+  const high = Math.max(low + 1, Math.ceil(Math.log10(Math.max(...known.map(({ upper }) => upper)))));
+  const [least, most] = [known[0].quads, Math.max(known[0].quads * 2, ...known.map(({ quads }) => quads))].map(Math.log10);
+  const x = (/** @type {number} */ quads) => left + ((Math.log10(quads) - least) / (most - least)) * (width - left - right);
+  const y = (/** @type {number} */ value) => height - bottom - Math.max(0, (Math.log10(Math.max(value, 1e-300)) - low) / (high - low)) * (height - top - bottom);
+  context.font = "11px system-ui, sans-serif";
+  context.textAlign = "right";
+  context.textBaseline = "middle";
+  for (let power = low; power <= high; power++) {
+    context.fillStyle = colour("--line");
+    context.fillRect(left, y(10 ** power), width - left - right, 1);
+    context.fillStyle = colour("--muted");
+    context.fillText(percent(10 ** power).replace(/\.?0+ /, " "), left - 8, y(10 ** power));
+  }
+  context.textBaseline = "alphabetic";
+  context.textAlign = "left";
+  context.fillText(`${count(known[0].quads)} quads`, left, height - 7);
+  context.textAlign = "right";
+  context.fillText(count(Math.round(10 ** most)), width - right, height - 7);
+  context.strokeStyle = context.fillStyle = colour("--accent");
+  context.lineWidth = 2;
+  context.beginPath();
+  for (const { quads, upper } of known) context.lineTo(x(quads), y(upper));
+  context.stroke();
+  for (const { quads, lower, upper } of known) {
+    context.beginPath();
+    context.arc(x(quads), y(upper), 3.5, 0, 2 * Math.PI);
+    context.fill();
+    context.fillRect(x(quads) - 0.5, y(upper), 1, y(lower) - y(upper));
+  }
+}

@@ -1,0 +1,144 @@
+// A layout at work: what is chosen of it, its edits one after the other, and what the last one did.
+
+import { client } from "../core/connection.js";
+import { count } from "../core/format.js";
+
+/** @import { EditedLayout, Layout, LayoutBrief, Point, Stroke } from "../../js/types.js" */
+
+export class Editor {
+  /** @param {() => void} onChange */
+  constructor(onChange) {
+    this.onChange = onChange;
+    /** @type {string | null} */
+    this.mesh = null;
+    /** Those of the mesh. @type {LayoutBrief[]} */
+    this.layouts = [];
+    /** null before the first stroke. @type {Layout | null} */
+    this.layout = null;
+    /** The chosen curves, and where each was touched. @type {Map<number, Point>} */
+    this.chosen = new Map();
+    this.isRedrawing = false;
+    /** What the last edit did. */
+    this.words = "";
+    /** @type {Promise<unknown>} */
+    this.before = Promise.resolve();
+  }
+
+  /** Takes up the wanted layout of a mesh, else its newest one. @param {string | null} mesh @param {string | null} wanted */
+  async open(mesh, wanted) {
+    this.mesh = mesh;
+    this.layouts = [];
+    this.take(null);
+    if (mesh === null) return;
+    /** @type {LayoutBrief[]} */
+    const all = [];
+    for await (const brief of client.layouts.list({ pageSize: 1000 })) if (brief.mesh === mesh) all.push(brief);
+    const found = all.find(({ id }) => id === wanted) ?? all[all.length - 1];
+    const layout = found ? await client.layouts.get(found.id) : null;
+    if (this.mesh !== mesh) return;
+    this.layouts = all;
+    this.take(layout);
+  }
+
+  /** @param {Layout | null} layout @param {string} [words] */
+  take(layout, words = "") {
+    this.layout = layout;
+    this.chosen.clear();
+    this.isRedrawing = false;
+    this.words = words;
+    this.onChange();
+  }
+
+  /** @param {string} id */
+  async choose(id) {
+    this.take(id === "" ? null : await client.layouts.get(id));
+  }
+
+  /** The only curve that is chosen, or -1. */
+  get curve() {
+    return this.chosen.size === 1 ? /** @type {number} */ (this.chosen.keys().next().value) : -1;
+  }
+
+  /**
+   * @param {(id: string) => Promise<Layout | EditedLayout>} action
+   * @param {(now: Layout | EditedLayout) => string} describe
+   */
+  edit(action, describe) {
+    const next = this.before.then(async () => {
+      if (!this.layout && this.mesh !== null) {
+        this.layout = await client.layouts.create({ mesh: this.mesh });
+        this.layouts.push(this.layout);
+      }
+      if (!this.layout) return;
+      const now = await action(this.layout.id);
+      this.take(now, describe(now));
+    });
+    this.before = next.catch(() => {});
+    return next;
+  }
+
+  /** @param {Stroke} stroke */
+  stroke(stroke) {
+    if (!this.isRedrawing) return this.edit((id) => client.layouts.stroke(id, stroke), describeStroke);
+    const { curve } = this;
+    return this.edit((id) => client.layouts.redraw(id, curve, stroke), (now) => `Curve ${curve} is drawn anew.${describeMissed(now)}`);
+  }
+
+  split() {
+    const { curve } = this;
+    const point = /** @type {Point} */ (this.chosen.get(curve));
+    return this.edit((id) => client.layouts.split(id, curve, point), () => `Curve ${curve} is cut in two.`);
+  }
+
+  merge() {
+    const [first, second] = this.chosen.keys();
+    return this.edit((id) => client.layouts.merge(id, first, second), () => `Curves ${first} and ${second} are one now.`);
+  }
+
+  async delete() {
+    for (const curve of [...this.chosen.keys()]) {
+      await this.edit((id) => client.layouts.deleteCurve(id, curve), () => `Curve ${curve} is deleted.`);
+    }
+  }
+
+  /** @param {"from" | "to"} end @param {Point} point @param {number} radius */
+  snap(end, point, radius) {
+    const { curve } = this;
+    return this.edit((id) => client.layouts.snap(id, curve, { end, point, radius }), () => `Curve ${curve} ends elsewhere now.`);
+  }
+
+  undo() {
+    return this.edit((id) => client.layouts.undo(id), () => "Undone.");
+  }
+
+  redo() {
+    return this.edit((id) => client.layouts.redo(id), () => "Done again.");
+  }
+
+  /** Forgets the whole layout. */
+  async discard() {
+    const gone = this.layout?.id;
+    if (!gone) return;
+    await client.layouts.delete(gone);
+    this.layouts = this.layouts.filter(({ id }) => id !== gone);
+    this.take(null, "The layout is deleted.");
+  }
+}
+
+/** @param {Layout | EditedLayout} now */
+function describeStroke(now) {
+  if (!("stroke" in now) || !now.stroke) return "";
+  const { stroke: { curve }, changed: { added_curves: added, changed_curves: altered } } = now;
+  const cut = altered.filter((id) => id !== curve);
+  const parts = [
+    added.includes(curve) ? `Curve ${curve} is new` : `The stroke goes on from curve ${curve}: joined`,
+    ...(cut.length > 0 ? [`curve${cut.length > 1 ? "s" : ""} ${cut.join(" and ")} ${cut.length > 1 ? "are" : "is"} cut where it meets ${cut.length > 1 ? "them" : "it"}`] : []),
+  ];
+  return `${parts.join("; ")}.${describeMissed(now)}`;
+}
+
+/** @param {Layout | EditedLayout} now */
+function describeMissed(now) {
+  const missed = ("stroke" in now && now.stroke?.missed_points) || 0;
+  return missed > 0 ? ` ${count(missed)} of its points met nothing.` : "";
+}

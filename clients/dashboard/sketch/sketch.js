@@ -1,0 +1,258 @@
+// The page that sketches: curves are drawn over a surface, patches shade in as they close, what is missing is told.
+
+import { choiceKey, meshChoice } from "../core/choice.js";
+import { h, select } from "../core/dom.js";
+import { count, time } from "../core/format.js";
+import { run, sayFault } from "../core/messages.js";
+import { parameter, setParameters } from "../core/route.js";
+import { meshOf, on, state } from "../core/state.js";
+import { drawTools, toggle } from "../view/tools.js";
+import { currentStage, setLook, show } from "../view/view.js";
+import { Editor } from "./editor.js";
+
+/** @import { Layout, Point } from "../../js/types.js" */
+/** @import { DepthMap } from "../view/depth.js" */
+/** @import { Target } from "./window.js" */
+
+const SNAP_SHARE = 0.02;
+const GRIP_REACH = 14;
+
+/** @param {HTMLElement} panel */
+export function showSketch(panel) {
+  const editor = new Editor(draw);
+  const modules = () => Promise.all([import("./pen.js"), import("./window.js"), import("./drawing.js"), import("../view/depth.js")]);
+  /** @type {Awaited<ReturnType<typeof modules>> | null} */
+  let tools = null;
+  /** @type {DepthMap | null} */
+  let depth = null;
+  /** @type {{ look: () => void, putAway: () => void } | null} */
+  let pen = null;
+  let isTurning = false;
+
+  const side = h("div", { className: "form" });
+  const summary = h("p", { className: "outcome", id: "sketch", role: "status" });
+  const words = h("p", { className: "outcome muted", id: "sketch-words", role: "status" });
+  const issues = h("ul", { className: "issues" });
+  const missing = h("section", { className: "section", "aria-labelledby": "missing-title", hidden: true },
+    h("h2", { id: "missing-title" }, "What is missing"), issues);
+  const button = (/** @type {string} */ name, /** @type {() => Promise<unknown>} */ action, title = "") =>
+    h("button", { type: "button", title, disabled: true, onclick: () => run(action) }, name);
+  const undo = button("Undo", () => editor.undo(), "Ctrl+Z");
+  const redo = button("Redo", () => editor.redo(), "Ctrl+Shift+Z");
+  const curve = h("select", { name: "curve" });
+  const split = button("Split", () => editor.split(), "Cut the chosen curve where it was touched");
+  const merge = button("Merge", () => editor.merge(), "Join the two chosen curves");
+  const remove = button("Delete", () => editor.delete(), "Delete");
+  const redraw = button("Redraw", async () => {
+    editor.isRedrawing = true;
+    words.textContent = "Draw the chosen curve anew; it stays between its nodes. Escape leaves it as it is.";
+  }, "The next stroke takes the chosen curve's place");
+  const discard = button("Delete layout", () => editor.discard().then(drawChoices));
+  const remesh = h("a", { className: "button primary", href: "#remesh", hidden: true }, "Remesh this layout");
+  panel.append(
+    h("section", { className: "section", "aria-labelledby": "sketch-title" },
+      h("header", {}, h("h2", { id: "sketch-title" }, "Sketch"), undo, redo), side,
+      h("p", { className: "muted small" }, "Draw boundary curves on the surface until cells of four sides cover it. The right button,"
+        + " or two fingers, turn the view. A click chooses a curve; the ends of a chosen one can be dragged.")),
+    h("section", { className: "section", "aria-label": "Curves" },
+      summary, words, h("div", { className: "row" }, h("label", { className: "inline" }, "Curve", curve)),
+      h("div", { className: "row" }, split, merge, redraw, remove), h("div", { className: "row" }, remesh, discard)),
+    missing);
+  curve.addEventListener("change", () => {
+    editor.chosen.clear();
+    const found = editor.layout?.curves.find(({ id }) => String(id) === curve.value);
+    if (found) editor.chosen.set(found.id, found.points[Math.floor(found.points.length / 2)]);
+    draw();
+  });
+
+  function draw() {
+    const { layout, chosen } = editor;
+    if (layout) setParameters({ layout: layout.id });
+    undo.disabled = !layout?.can_undo;
+    redo.disabled = !layout?.can_redo;
+    split.disabled = redraw.disabled = chosen.size !== 1;
+    merge.disabled = chosen.size !== 2;
+    remove.disabled = chosen.size === 0;
+    discard.disabled = layout === null;
+    remesh.hidden = !layout || layout.patches.length === 0;
+    remesh.href = `#remesh?a=${state.a}&layout=${layout?.id}`;
+    summary.textContent = state.a === null ? "" : describe(layout);
+    words.textContent = editor.words;
+    drawCurves();
+    missing.hidden = !layout || layout.issues.length === 0;
+    issues.replaceChildren(...(layout?.issues ?? []).map((issue) => h("li", {}, h("button", {
+      type: "button", className: "quiet", onclick: () => flyTo(issue.point),
+    }, issue.detail))));
+    if (layout && layouts() !== drawnLayouts) drawChoices();
+    drawView();
+  }
+
+  function drawCurves() {
+    const { layout, chosen } = editor;
+    const none = chosen.size === 2 ? [...chosen.keys()].join(" and ") : "none";
+    curve.replaceChildren(h("option", { value: "" }, none),
+      ...(layout?.curves ?? []).map(({ id }) => h("option", { value: String(id), selected: id === editor.curve }, String(id))));
+    curve.disabled = !layout || layout.curves.length === 0;
+  }
+
+  /** @type {Layout | null} */
+  let shaded = null;
+  function drawView() {
+    const stage = currentStage();
+    if (!stage || !tools || !stage.models.get("a")?.isWhole) return;
+    const { layout, chosen } = editor;
+    if (!layout) stage.setOverlay();
+    else tools[2].drawLayout(stage, layout, new Set(chosen.keys()));
+    if (shaded === layout) return;
+    shaded = layout;
+    run(() => /** @type {NonNullable<typeof tools>} */ (tools)[2].shadePatches(stage, layout ?? { ...EMPTY }));
+  }
+
+  /** @param {Point} point */
+  function flyTo(point) {
+    const stage = currentStage();
+    const place = stage?.toScene(point);
+    if (stage && place) stage.eye.flyTo(place, 0.9, place.clone());
+  }
+
+  /** @param {number} x @param {number} y */
+  function choose(x, y) {
+    const stage = currentStage();
+    const { layout, chosen } = editor;
+    if (!stage || !tools || !layout) return;
+    const found = tools[1].curveAt(stage, layout.curves, x, y, isSeen);
+    editor.isRedrawing = false;
+    if (!found) chosen.clear();
+    else if (chosen.has(found.curve.id)) chosen.delete(found.curve.id);
+    else {
+      if (chosen.size === 2) chosen.clear();
+      chosen.set(found.curve.id, found.point);
+    }
+    draw();
+  }
+
+  const isSeen = (/** @type {import("three").Vector3} */ place) => depth?.isSeen(place) ?? true;
+  const snapRadius = () => SNAP_SHARE * (meshOf(state.a)?.bounding_box.diagonal ?? 1);
+
+  /** The end of the one chosen curve that is at a place of the window. @param {number} x @param {number} y */
+  function gripAt(x, y) {
+    const stage = currentStage();
+    const held = editor.layout?.curves.find(({ id }) => id === editor.curve);
+    if (!stage || !tools || !held || editor.isRedrawing) return null;
+    for (const end of /** @type {const} */ (["from", "to"])) {
+      const [ex, ey] = tools[1].toWindow(stage, held.points[end === "from" ? 0 : held.points.length - 1]);
+      if (Math.hypot(ex - x, ey - y) < GRIP_REACH) return end;
+    }
+    return null;
+  }
+
+  /** @param {"from" | "to"} end @param {Target | null} target */
+  async function dropEnd(end, target) {
+    if (!target) throw new Error("An end of a curve goes onto a node or another curve; there is neither.");
+    await editor.snap(end, target.point, snapRadius());
+  }
+
+  /** @param {boolean} isOn */
+  function setTurning(isOn) {
+    isTurning = isOn;
+    takeUp();
+  }
+
+  /** Takes up the pen, or puts it away to turn the view with it. */
+  function takeUp() {
+    const stage = currentStage();
+    pen?.putAway();
+    pen = null;
+    if (!stage || !tools || isTurning) return;
+    const { targetAt, strokeOf } = tools[1];
+    pen = tools[0].takePen(stage, {
+      onStroke: (track) => { run(() => editor.stroke({ ...strokeOf(stage, track), ...(editor.isRedrawing ? {} : { snap: snapRadius() }) })); },
+      onClick: choose, gripAt,
+      onDrop: (end, target) => { run(() => dropEnd(end, target)); },
+      targetAt: (x, y) => (editor.layout ? targetAt(stage, editor.layout, x, y, snapRadius(), isSeen) : null),
+    });
+  }
+
+  async function arm() {
+    const stage = currentStage();
+    if (!stage || state.a === null) return;
+    tools ??= await modules();
+    depth?.dispose();
+    depth = new tools[3].DepthMap(stage, () => pen?.look());
+    shaded = null;
+    takeUp();
+    drawView();
+  }
+
+  const layouts = () => `${editor.layout?.id} ${editor.layouts.map(({ id }) => id)}`;
+  let drawnLayouts = "";
+  function drawChoices() {
+    drawnLayouts = layouts();
+    const all = editor.layouts.map((brief) => /** @type {[string, string]} */ ([brief.id, `of ${time(brief.created)}`]));
+    const choice = select("layout", [["", "new"], ...all], editor.layout?.id ?? "");
+    choice.addEventListener("change", () => run(() => editor.choose(choice.value)));
+    side.replaceChildren(meshChoice("a", { words: "Surface" }), h("label", {}, "Layout", choice));
+  }
+
+  let drawn = "";
+  let view = "nothing yet";
+  function onChoice() {
+    if (choiceKey() === drawn) return;
+    drawn = choiceKey();
+    const mesh = meshOf(state.a);
+    drawChoices();
+    const key = mesh ? `${mesh.id} ${mesh.revision}` : "";
+    if (key === view) return;
+    view = key;
+    currentStage()?.setOverlay();
+    drawTools(mesh ? [mesh] : [], { more: [toggle("Turn", "Turn the view instead of drawing (hold Space)", isTurning, setTurning)] });
+    show(mesh ? [{ mesh, role: "a", isBilinear: false }] : [], "Choose a mesh or a point set to draw on.").then((isWhole) => { if (isWhole && mesh) run(arm); });
+    editor.open(mesh?.id ?? null, parameter("layout")).then(drawChoices, sayFault);
+  }
+
+  /** @param {KeyboardEvent} event */
+  function onKey(event) {
+    if (event.target instanceof HTMLInputElement || event.target instanceof HTMLSelectElement) return;
+    const key = event.ctrlKey || event.metaKey ? `ctrl ${event.key.toLowerCase()}` : event.key;
+    if (key === "ctrl z" && !event.shiftKey) undo.click();
+    else if (key === "ctrl z" || key === "ctrl y") redo.click();
+    else if (key === "Delete" || key === "Backspace") remove.click();
+    else if (key === " " && !(event.target instanceof HTMLButtonElement)) {
+      if (!event.repeat) setTurning(true);
+    } else if (key === "Escape") {
+      editor.chosen.clear();
+      editor.isRedrawing = false;
+      editor.words = "";
+      draw();
+    } else return;
+    event.preventDefault();
+  }
+  /** @param {KeyboardEvent} event */
+  const onKeyUp = (event) => { if (event.key === " " && !(event.target instanceof HTMLButtonElement)) setTurning(false); };
+
+  setLook({ heat: false, structure: false });
+  addEventListener("keydown", onKey);
+  addEventListener("keyup", onKeyUp);
+  onChoice();
+  draw();
+  const off = [on(["meshes", "choice"], onChoice), on("theme", draw)];
+  return () => {
+    off.forEach((each) => each());
+    removeEventListener("keydown", onKey);
+    removeEventListener("keyup", onKeyUp);
+    pen?.putAway();
+    depth?.dispose();
+    currentStage()?.models.get("a")?.setRegions(null);
+    currentStage()?.setOverlay();
+  };
+}
+
+const EMPTY = /** @type {Layout} */ (/** @type {unknown} */ ({ nodes: [], curves: [], patches: [], issues: [] }));
+
+/** @param {Layout | null} layout */
+function describe(layout) {
+  if (!layout || layout.curves.length === 0) return "Nothing is drawn yet.";
+  const curves = `${count(layout.curves.length)} curve${layout.curves.length === 1 ? "" : "s"}`;
+  const patches = `${count(layout.patches.length)} patch${layout.patches.length === 1 ? "" : "es"}`;
+  return `${curves}, ${patches}${layout.complete && layout.patches.length > 0 ? "; the layout is whole" : ""}`;
+}

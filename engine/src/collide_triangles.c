@@ -1,0 +1,142 @@
+/**
+ * collide_triangles.c: two packs of triangles: most pairs are told apart eight at a time, many between copies
+ * have a corner in common, and the rest is decided by exact signs.
+ */
+#include <string.h>
+
+#include "collide_worker.h"
+#include "tri_tri.h"
+
+static const qm_leaf *get_leaf(qm_collide_worker *w, int cache, int mesh, uint32_t pack)
+{
+    const qm_collide_search *search = w->search;
+    qm_leaf *leaf = &w->cache[cache][pack % QM_CACHED_LEAVES];
+    if (leaf->pack != pack) qm_leaf_fill(search->bvh[mesh], &search->bvh[0]->frame, search->kind, pack, leaf);
+    return leaf;
+}
+
+/** One tree needs the second cache only for leaves that want the same place in the first. */
+static const qm_leaf *get_second_leaf(qm_collide_worker *w, const qm_leaf *first, uint32_t pack)
+{
+    bool same_cache = w->search->kind != QM_COLLIDE_TWO &&
+                      (pack == first->pack || pack % QM_CACHED_LEAVES != first->pack % QM_CACHED_LEAVES);
+    return get_leaf(w, same_cache ? 0 : 1, 1, pack);
+}
+
+/** One of two packs that are compared. */
+typedef struct side {
+    const qm_leaf *leaf;
+    const qm_pack_lanes *lanes;
+    const double *positions; /* of the mesh */
+} side;
+
+static side make_side(const qm_bvh *bvh, const qm_leaf *leaf)
+{
+    return (side){leaf, &bvh->lanes[leaf->pack], bvh->mesh.positions};
+}
+
+static uint32_t corner_vertex(const side *s, int lane, int corner)
+{
+    return s->lanes->vertex[s->lanes->corner[lane][corner]];
+}
+
+/** Triangles of two meshes whose corners lie at the same place meet there. Bits are compared, which is quick:
+ * 0 and -0 are left to the exact test. */
+static bool corners_coincide(const side *a, int i, const side *b, int j, int32_t corners)
+{
+    uint64_t x[3], y[3];
+    memcpy(x, a->positions + 3 * (size_t)corner_vertex(a, i, corners >> 2), sizeof x);
+    memcpy(y, b->positions + 3 * (size_t)corner_vertex(b, j, corners & 3), sizeof y);
+    return ((x[0] ^ y[0]) | (x[1] ^ y[1]) | (x[2] ^ y[2])) == 0;
+}
+
+static void load_triangle(const side *s, int lane, uint32_t vertex[3], qm_vec corner[3])
+{
+    for (int i = 0; i < 3; i++) {
+        vertex[i] = corner_vertex(s, lane, i);
+        corner[i] = qm_vec_load(s->positions + 3 * (size_t)vertex[i]);
+    }
+}
+
+static bool triangles_meet(const side *a, int i, const side *b, int j, bool is_self)
+{
+    uint32_t a_vertex[3], b_vertex[3];
+    qm_vec p[3], q[3];
+    load_triangle(a, i, a_vertex, p);
+    load_triangle(b, j, b_vertex, q);
+    return is_self ? qm_tri_tri_cross(p, a_vertex, q, b_vertex) : qm_tri_tri_meet(p, q);
+}
+
+/** Keeps pairs of lanes that have a corner in common, where all pairs of two meshes are asked for, and takes
+ * them out of those that are left to test. In equal meshes equal marks are one vertex, and pairs count twice.
+ */
+static void take_coincident(qm_collide_worker *w, const side *a, const side *b, const qm_near_lanes *lanes,
+                            uint64_t *left)
+{
+    bool are_twins = w->search->kind == QM_COLLIDE_TWIN;
+    size_t count = 0;
+    qm_face_pair *room = qm_pair_list_room(w->search->ctx, &w->pairs, 2 * QM_PACK_LANES * QM_PACK_LANES);
+    if (!room) return; /* adding the pairs one by one will tell */
+    uint64_t taken = 0;
+    for (uint64_t alike = lanes->alike; alike; alike &= alike - 1) {
+        int place = __builtin_ctzll(alike), i = place / QM_PACK_LANES, j = place % QM_PACK_LANES;
+        qm_face_pair pair = {a->leaf->face[i], b->leaf->face[j]};
+        if (are_twins)
+            room[count++] = (qm_face_pair){pair.b, pair.a};
+        else if (!corners_coincide(a, i, b, j, lanes->corners[i][j]))
+            continue;
+        room[count++] = pair;
+        taken |= alike & -alike;
+    }
+    qm_pair_list_take(&w->pairs, count);
+    w->tests += count;
+    *left &= ~taken;
+}
+
+/** Keeps a pair of faces that meet, and for equal meshes the pair the other way round; false when the search
+ * may end. */
+static bool keep(qm_collide_worker *w, uint32_t face_a, uint32_t face_b)
+{
+    qm_face_pair pair;
+    if (qm_collide_wants(w, face_a, face_b, &pair) && !qm_collide_keep(w, pair)) return false;
+    bool turns = w->search->kind == QM_COLLIDE_TWIN && face_a != face_b;
+    return !turns || !qm_collide_wants(w, face_b, face_a, &pair) || qm_collide_keep(w, pair);
+}
+
+/** Equal meshes: every face meets itself. */
+static bool keep_own(qm_collide_worker *w, const qm_leaf *leaf)
+{
+    for (uint32_t i = 0; i < leaf->lane_count; i++)
+        if (!keep(w, leaf->face[i], leaf->face[i])) return false;
+    return true;
+}
+
+/** Tests a pair of lanes exactly; false when the search may end. */
+static bool test_lanes(qm_collide_worker *w, const side *a, int i, const side *b, int j)
+{
+    uint32_t face_a = a->leaf->face[i], face_b = b->leaf->face[j];
+    qm_collide_kind kind = w->search->kind;
+    qm_face_pair ahead, back;
+    bool is_wanted = qm_collide_wants(w, face_a, face_b, &ahead) ||
+                     (kind == QM_COLLIDE_TWIN && qm_collide_wants(w, face_b, face_a, &back));
+    if (!is_wanted) return true;
+    w->tests++;
+    return !triangles_meet(a, i, b, j, kind == QM_COLLIDE_SELF) || keep(w, face_a, face_b);
+}
+
+bool qm_collide_triangles(qm_collide_worker *w, const qm_pack_pair *packs)
+{
+    const qm_collide_search *search = w->search;
+    const qm_leaf *p = get_leaf(w, 0, 0, packs->pack[0]), *q = get_second_leaf(w, p, packs->pack[1]);
+    if (search->kind == QM_COLLIDE_TWIN && p == q && !keep_own(w, p)) return false;
+    qm_near_lanes lanes;
+    if (!w->kernel->compare_leaves(p, q, search->kind, packs->moved[0], packs->moved[1], &lanes)) return true;
+    side a = make_side(search->bvh[0], p), b = make_side(search->bvh[1], q);
+    uint64_t left = lanes.near;
+    if (lanes.alike && search->options->mode == QM_COLLIDE_ALL) take_coincident(w, &a, &b, &lanes, &left);
+    for (; left; left &= left - 1) {
+        int place = __builtin_ctzll(left);
+        if (!test_lanes(w, &a, place / QM_PACK_LANES, &b, place % QM_PACK_LANES)) return false;
+    }
+    return true;
+}

@@ -1,0 +1,185 @@
+// Sketching layouts by strokes of mouse, pen and finger, and growing one into quads.
+
+import assert from "node:assert/strict";
+import { execFileSync } from "node:child_process";
+import { readFileSync, writeFileSync } from "node:fs";
+import path from "node:path";
+import { after, before, test } from "node:test";
+
+import { BUILD, Daemon } from "./support/daemon.js";
+import { Browser, finish, waitForView } from "./support/page.js";
+import { draw, lookAt, waitForPen } from "./support/strokes.js";
+import { off, roundedBox, roundedBoxLayout } from "./support/shapes.js";
+
+let daemon;
+let browser;
+let mesh;
+const { nodes, curves } = roundedBoxLayout();
+before(async () => {
+  daemon = await Daemon.start();
+  browser = await Browser.launch();
+  ({ mesh } = await daemon.client().meshes.create(off(roundedBox()), { name: "box.off" }));
+});
+after(async () => {
+  await browser.close();
+  await daemon.remove();
+});
+
+const says = (page, words) => page.locator("#sketch", { hasText: words }).waitFor();
+const did = (page, words) => page.locator("#sketch-words", { hasText: words }).waitFor();
+
+/** How many colours other than the surface's own the view has: tints of patches. */
+const shadedShare = (page) => page.evaluate(async () => {
+  const { currentStage } = await import("/dashboard/view/view.js");
+  return [...currentStage().models.get("a").regions?.image.data ?? []].filter((value, place) => place % 4 === 3 && value > 0).length;
+});
+
+async function open(layout) {
+  const page = await browser.open(`${daemon.url}/#sketch?a=${mesh.id}${layout ? `&layout=${layout}` : ""}`);
+  await waitForPen(page);
+  return page;
+}
+
+test("a whole layout is drawn, undone and done again, and grown into a thousand quads", async () => {
+  const page = await open();
+  await says(page, "Nothing is drawn yet");
+  for (const [place, { points }] of curves.entries()) {
+    await draw(page, await lookAt(page, points[4], points));
+    await says(page, `${place + 1} curve`);
+    if (place === 0) assert.equal(await page.locator(".issues li").count(), 2); // both ends hang free
+  }
+  await says(page, "12 curves, 6 patches; the layout is whole");
+  assert.equal(await page.locator(".issues li").count(), 0);
+  await page.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().models.get("a").regions);
+  assert(await shadedShare(page) > 10000);
+  await page.keyboard.press("Control+z");
+  await says(page, "11 curves");
+  await page.keyboard.press("Control+Shift+z");
+  await says(page, "12 curves, 6 patches; the layout is whole");
+  await page.reload();
+  await says(page, "12 curves, 6 patches; the layout is whole");
+
+  await page.getByRole("link", { name: "Remesh this layout" }).click();
+  await page.getByRole("button", { name: "Start from the layout" }).click();
+  await page.locator("#remesh", { hasText: "One quad a patch" }).waitFor();
+  await page.getByRole("button", { name: "One step" }).click();
+  await page.locator("#remesh", { hasText: "Refined" }).waitFor();
+  assert.equal(await page.locator("tbody tr").count(), 1);
+  await page.getByRole("button", { name: "Run to the goal" }).click();
+  await page.locator("#remesh", { hasText: "more than 1,000 quads" }).waitFor();
+  const quads = Number((await page.locator(".figures dd").first().innerText()).replace(",", ""));
+  assert(quads > 250 && quads <= 1000, String(quads));
+  const [lower, upper] = (await page.locator("tbody tr td:nth-child(3)").first().innerText()).match(/[\d.]+(?= %)/g).map(Number);
+  await page.getByRole("button", { name: "Map the error" }).click();
+  await page.locator(".legend").waitFor();
+  await page.locator("#remesh", { hasText: "from the quads in the mean" }).waitFor();
+
+  await page.getByLabel("Format of the download").selectOption("off");
+  const [file] = await Promise.all([page.waitForEvent("download"), page.getByRole("button", { name: "Download" }).click()]);
+  const grown = path.join(daemon.folder, "grown.off");
+  const source = path.join(daemon.folder, "source.off");
+  writeFileSync(grown, readFileSync(await file.path()));
+  writeFileSync(source, off(roundedBox()));
+  const { upper_relative: checked } = JSON.parse(execFileSync(path.join(BUILD, "quadmesh"), ["hausdorff", source, grown, "--json"], { encoding: "utf8" }));
+  assert(100 * checked >= 0.995 * lower && 100 * checked <= 1.005 * upper, `${lower} ${upper} ${checked}`); // three digits
+
+  // The layout is touched up; only the two patches beside the curve are made anew.
+  const layout = (await daemon.client().layouts.list().next()).value;
+  const bent = curves[0].points.map(([x, y, z], k) => (k > 1 && k < 7 ? [x, y + 0.04, z + 0.04] : [x, y, z]));
+  await daemon.client().layouts.redraw(layout.id, (await daemon.client().layouts.get(layout.id)).curves[0].id, bent);
+  await page.getByRole("button", { name: "Take over edits" }).click();
+  await page.locator("#remesh", { hasText: "2 of 6 patches made anew" }).waitFor();
+  await finish(page);
+});
+
+test("what an end will snap to is shown; curves are chosen, split, merged, redrawn, moved and deleted", async () => {
+  const layout = await daemon.client().layouts.create({ mesh: mesh.id, nodes, curves });
+  const page = await open(layout.id);
+  const [node, quarter, middle] = await lookAt(page, curves[0].points[4], [nodes[0], curves[0].points[2], curves[0].points[4]]);
+  const snap = page.locator(".snap:not([hidden])");
+  await page.mouse.move(node[0] + 3, node[1] + 2);
+  await page.locator('.snap[data-kind="node"]:not([hidden])').waitFor();
+  await page.mouse.move(quarter[0] + 2, quarter[1] + 2);
+  await page.locator('.snap[data-kind="curve"]:not([hidden])').waitFor();
+  await page.mouse.move(5 + (await page.locator(".canvas canvas").boundingBox()).x, node[1]);
+  await snap.waitFor({ state: "detached" }).catch(() => {});
+  assert.equal(await snap.count(), 0);
+
+  await page.mouse.click(...middle);
+  await page.getByRole("button", { name: "Split" }).click();
+  await did(page, "cut in two");
+  await says(page, "13 curves");
+  assert.match(await page.locator(".issues").innerText(), /5 sides, not four/);
+  // Both halves, and one again.
+  await page.mouse.click(...quarter);
+  const half = curves[0].points[6];
+  await page.mouse.click(...(await lookAt(page, curves[0].points[4], [half]))[0]);
+  await page.getByRole("button", { name: "Merge" }).click();
+  await says(page, "12 curves, 6 patches; the layout is whole");
+
+  await page.mouse.click(...middle);
+  const before = (await daemon.client().layouts.get(layout.id)).curves[0].points.length;
+  await page.getByRole("button", { name: "Redraw" }).click();
+  const bent = curves[0].points.map(([x, y, z], k) => (k > 1 && k < 7 ? [x, y + 0.08, z + 0.08] : [x, y, z]));
+  await draw(page, (await lookAt(page, curves[0].points[4], bent)).reverse());
+  await did(page, "drawn anew");
+  await says(page, "12 curves, 6 patches; the layout is whole");
+  assert.notEqual((await daemon.client().layouts.get(layout.id)).curves[0].points.length, before);
+
+  // The one curve that the list chooses; one of its ends is dragged onto another curve, and back by a key.
+  await page.locator("select[name=curve]").selectOption("0");
+  const [end, other] = await lookAt(page, nodes[0], [nodes[0], curves[1].points[3]]);
+  await draw(page, [end, [(end[0] + other[0]) / 2, (end[1] + other[1]) / 2], other]);
+  await did(page, "ends elsewhere");
+  await says(page, "13 curves");
+  await page.keyboard.press("Control+z");
+  await says(page, "12 curves, 6 patches; the layout is whole");
+  await page.locator("select[name=curve]").selectOption("3");
+  await page.locator("h2").first().click();
+  await page.keyboard.press("Delete");
+  await says(page, "11 curves");
+  await page.locator(".issues button").first().click(); // flies there
+  await finish(page);
+});
+
+test("fingers and pens draw as mice do; strokes that go on are joined, and cut what they meet", async () => {
+  const page = await browser.open(`${daemon.url}/#sketch?a=${mesh.id}`, { hasTouch: true });
+  await waitForPen(page);
+  await page.locator("select[name=layout]").selectOption("");
+  await says(page, "Nothing is drawn yet");
+  const input = await page.context().newCDPSession(page);
+  const touch = (type, ...fingers) => input.send("Input.dispatchTouchEvent", {
+    type, touchPoints: fingers.map(([x, y], id) => ({ x, y, id })) });
+  const across = (from, to, level) => Array.from({ length: 9 }, (_, i) => [from + ((to - from) * i) / 8, level, 1]);
+  const place = (points) => lookAt(page, [0, 0, 1], points);
+
+  const [start, ...rest] = await place(across(-0.5, 0, 0.1));
+  await touch("touchStart", start);
+  for (const point of rest) await touch("touchMove", point);
+  await touch("touchEnd");
+  await did(page, "is new");
+  await says(page, "1 curve,");
+
+  const pen = (type, [x, y], buttons) => input.send("Input.dispatchMouseEvent", { type, x, y, button: "left", buttons, pointerType: "pen", clickCount: 1 });
+  const [first, ...more] = await place(across(0.01, 0.5, 0.1));
+  await pen("mousePressed", first, 1);
+  for (const point of more) await pen("mouseMoved", point, 1);
+  await pen("mouseReleased", more.at(-1), 0);
+  await did(page, "joined");
+  await says(page, "1 curve,");
+
+  await draw(page, await place([0.1, 0.2, 0.3, 0.4, 0.5].map((y) => [0.2, y, 1])));
+  await did(page, "is cut where it meets it");
+  await says(page, "3 curves");
+
+  // Two fingers turn the view and draw nothing.
+  const eye = () => page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().eye.toText());
+  const still = await eye();
+  const [x, y] = start;
+  await touch("touchStart", [x, y], [x + 60, y]);
+  for (let step = 1; step <= 4; step++) await touch("touchMove", [x + 8 * step, y + 5 * step], [x + 60 + 8 * step, y + 5 * step]);
+  await touch("touchEnd");
+  assert.notEqual(await eye(), still);
+  await says(page, "3 curves");
+  await finish(page);
+});

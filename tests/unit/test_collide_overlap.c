@@ -1,0 +1,160 @@
+/* Collision of the faces near the other mesh alone against that of trees of whole meshes. */
+#include <math.h>
+#include <string.h>
+
+#include "check.h"
+#include "collide_overlap.h"
+#include "failing_allocator.h"
+#include "parallel.h"
+#include "qm/collide.h"
+#include "shapes.h"
+
+static void check_same(const qm_mesh *a, const qm_mesh *b, qm_quad_reading quads, bool *has_pairs)
+{
+    qm_context ctx = qm_context_make();
+    ctx.parallel = qm_parallel_run;
+    qm_collide_options options = qm_collide_options_default();
+    options.quads = quads;
+    options.tolerance = 1e-6;
+    options.thread_count = 2;
+    qm_bvh *tree[2];
+    qm_collision whole, near;
+    assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_SOURCE, 1, &tree[0]), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_SOURCE, 1, &tree[1]), QM_OK);
+    assert_int_equal(qm_collide_meshes(&ctx, tree[0], tree[1], &options, &whole), QM_OK);
+    assert_int_equal(qm_collide_surfaces(&ctx, a, b, &options, &near), QM_OK);
+    assert_int_equal(whole.pair_count, near.pair_count);
+    if (whole.pair_count > 0)
+        assert_memory_equal(whole.pairs, near.pairs, whole.pair_count * sizeof *whole.pairs);
+    *has_pairs = whole.pair_count > 0;
+    qm_collision_reset(&ctx, &whole);
+    qm_collision_reset(&ctx, &near);
+    qm_bvh_destroy(&ctx, tree[0]);
+    qm_bvh_destroy(&ctx, tree[1]);
+}
+
+/** How many faces of both meshes are left in the parts. */
+static size_t count_near(const qm_mesh *a, const qm_mesh *b)
+{
+    qm_context ctx = qm_context_make();
+    qm_overlap overlap;
+    assert_int_equal(qm_overlap_find(&ctx, a, b, &overlap), QM_OK);
+    size_t count = overlap.is_empty ? 0 : overlap.part[0].face_count + overlap.part[1].face_count;
+    qm_overlap_reset(&ctx, &overlap);
+    return count;
+}
+
+static void parts_give_the_same_pairs(void **state)
+{
+    (void)state;
+    size_t with_pairs = 0, runs = qm_check_long() ? 200 : 25;
+    for (size_t run = 0; run < runs; run++) {
+        qm_random random = qm_random_make(qm_check_seed(), run);
+        qm_mesh torus = qm_shape_torus(60, 40, 1.0, 0.3), sphere = qm_shape_sphere(0.3);
+        const double shift[3] = {qm_random_range(&random, -2, 2), qm_random_range(&random, -2, 2),
+                                 qm_random_range(&random, -1, 1)};
+        qm_shape_move(&sphere, run % 3 ? 0.4 : 1.1, shift);
+        qm_mesh triangles = qm_shape_triangulated(&sphere);
+        bool has_pairs;
+        check_same(&torus, run % 2 ? &sphere : &triangles, QM_QUADS_TRIANGLES, &has_pairs);
+        with_pairs += has_pairs;
+        if (run % 5 == 0) check_same(&sphere, &torus, QM_QUADS_BILINEAR, &has_pairs);
+        qm_shape_free(&triangles);
+        qm_shape_free(&sphere);
+        qm_shape_free(&torus);
+    }
+    assert_in_range(with_pairs, runs / 4, runs);
+}
+
+/** Soups touch in every way; some have faces across the whole box, or vertices far out that no face uses. */
+static void parts_of_soups_give_the_same_pairs(void **state)
+{
+    (void)state;
+    size_t with_pairs = 0;
+    for (int run = 0; run < 2 * QM_SOUP_STYLE_COUNT; run++) {
+        qm_random random = qm_random_make(qm_check_seed(), 100 + (uint64_t)run);
+        qm_soup_style style = (qm_soup_style)(run % QM_SOUP_STYLE_COUNT);
+        qm_mesh plane = qm_shape_plane(35, 0.25), wide = qm_shape_plane(40, 0.0);
+        qm_mesh soup = qm_shape_soup(&random, 60, QM_SOUP_MIXED, style, 0.2);
+        qm_mesh a = qm_shape_joined(&plane, &soup);
+        const double far_out[3] = {1e6, -1e6, 30}, shift[3] = {run % 2 ? 0.5 : 0.01, 0.02, 0.25};
+        qm_shape_move(&wide, 0.7, shift);
+        qm_mesh b = qm_shape_with_unused(&wide, 5, far_out);
+        bool has_pairs;
+        check_same(&a, &b, QM_QUADS_TRIANGLES, &has_pairs);
+        with_pairs += has_pairs;
+        check_same(&b, &a, QM_QUADS_TRIANGLES, &has_pairs);
+        qm_mesh *const all[] = {&plane, &wide, &soup, &a, &b};
+        for (size_t i = 0; i < sizeof all / sizeof *all; i++)
+            qm_shape_free(all[i]);
+    }
+    assert_int_equal(with_pairs, 2 * QM_SOUP_STYLE_COUNT);
+}
+
+static void faces_far_away_are_left_out(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_sphere(0.0), b = qm_shape_sphere(0.0);
+    assert_int_equal(count_near(&a, &b), 2 * a.face_count);
+    qm_shape_move(&b, 1.0, (const double[3]){1.8, 0, 0});
+    size_t near = count_near(&a, &b);
+    assert_in_range(near, 100, a.face_count / 2);
+    /* One inside the other, with no face of either near one of the other. */
+    qm_shape_move(&b, 0.5, (const double[3]){-0.9, 0, 0});
+    assert_int_equal(count_near(&a, &b), 0);
+    qm_shape_move(&b, 1.0, (const double[3]){5, 0, 0});
+    assert_int_equal(count_near(&a, &b), 0);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+/** Planes at one height, of which the second begins where the first one ends. */
+static void touching_in_a_line_is_found(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_plane(40, 0.0), b = qm_shape_plane(40, 0.0);
+    qm_shape_move(&b, 1.0, (const double[3]){1, 0, 0});
+    bool has_pairs;
+    check_same(&a, &b, QM_QUADS_TRIANGLES, &has_pairs);
+    assert_true(has_pairs);
+    size_t near = count_near(&a, &b);
+    assert_in_range(near, 80, 400);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+static void out_of_memory_is_a_status(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_sphere(0.0), b = qm_shape_sphere(0.0);
+    qm_shape_move(&b, 1.0, (const double[3]){1.8, 0, 0});
+    qm_collide_options options = qm_collide_options_default();
+    qm_status status = QM_E_NO_MEMORY;
+    size_t fail_at = 0;
+    for (; status == QM_E_NO_MEMORY; fail_at++) {
+        qm_failing_allocator failing = {.fail_at = fail_at};
+        qm_context ctx = qm_context_make();
+        ctx.allocator = qm_failing_allocator_hook(&failing);
+        qm_collision found;
+        status = qm_collide_surfaces(&ctx, &a, &b, &options, &found);
+        if (status == QM_OK)
+            qm_collision_reset(&ctx, &found);
+        else
+            assert_true(strlen(ctx.message) > 0 && !found.pairs);
+        assert_true(failing.live_blocks == 0 && !failing.mismatched);
+    }
+    assert_int_equal(status, QM_OK);
+    assert_true(fail_at > 20);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(parts_give_the_same_pairs),   cmocka_unit_test(parts_of_soups_give_the_same_pairs),
+        cmocka_unit_test(faces_far_away_are_left_out), cmocka_unit_test(touching_in_a_line_is_found),
+        cmocka_unit_test(out_of_memory_is_a_status),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
