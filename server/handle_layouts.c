@@ -195,7 +195,7 @@ static void finish_edit(qm_request *request, desk *d, const char *more)
 
 /* ---- the resource ---- */
 
-static bool store_new(desk *d, qm_problem *problem)
+static bool store_new(desk *d, const qm_store_once *once, qm_problem *problem)
 {
     char created[QM_TIME_SIZE];
     qm_format_time(created);
@@ -208,7 +208,7 @@ static bool store_new(desk *d, qm_problem *problem)
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the layout");
         return false;
     }
-    if (qm_store_put_layout(d->app->store, &d->row) == QM_OK) return true;
+    if (qm_store_put_layout(d->app->store, &d->row, once) == QM_OK) return true;
     *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the layout could not be stored");
     return false;
 }
@@ -226,8 +226,30 @@ static bool set_patches(desk *d, bool has_patches, qm_problem *problem)
     return status == QM_OK || fail(d, status, problem);
 }
 
+/** Replies with the layout that the same request has made before, or with what is wrong; false for a new one.
+ */
+static bool reply_again(qm_request *request, const qm_store_once *once)
+{
+    char id[QM_ID_SIZE];
+    qm_once outcome = qm_find_once(request, once, qm_store_find_made_layout, id);
+    if (outcome != QM_ONCE_MADE) return outcome == QM_ONCE_REFUSED;
+    qm_store_layout row;
+    qm_status status = qm_store_find_layout(qm_request_app(request)->store, id, &row);
+    if (status == QM_OK) {
+        qm_reply_header(request, "Location", "/v1/layouts/%s", row.id);
+        reply_row(request, 201, &row, NULL);
+        qm_store_layout_reset(&row);
+    } else {
+        qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout %s", id);
+        qm_reply_problem(request, &problem);
+    }
+    return true;
+}
+
 void qm_handle_layout_create(qm_request *request)
 {
+    qm_store_once once;
+    if (!qm_read_once(request, &once) || reply_again(request, &once)) return;
     desk d = {.app = qm_request_app(request)};
     d.ctx = qm_meshes_context(d.app->meshes);
     size_t size;
@@ -235,10 +257,10 @@ void qm_handle_layout_create(qm_request *request)
     qm_problem problem;
     bool has_patches;
     if (qm_json_read_layout(&d.ctx, body, size, d.row.mesh, &d.layout, &has_patches, &problem) &&
-        take_mesh(&d, &problem) && set_patches(&d, has_patches, &problem) && store_new(&d, &problem)) {
+        take_mesh(&d, &problem) && set_patches(&d, has_patches, &problem) && store_new(&d, &once, &problem)) {
         qm_reply_header(request, "Location", "/v1/layouts/%s", d.row.id);
         reply_row(request, 201, &d.row, NULL);
-    } else {
+    } else if (!reply_again(request, &once)) { /* its twin may have come first */
         qm_reply_problem(request, &problem);
     }
     close_desk(&d);

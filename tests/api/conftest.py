@@ -1,4 +1,5 @@
 """A real daemon for every test: started on a free port, stopped with SIGTERM, its log searched for findings."""
+import concurrent.futures
 import json
 import os
 import pathlib
@@ -142,6 +143,12 @@ class Client(httpx.Client):
         reply = self.get(f"/v1/jobs/{job_id}/events", params=query, headers={"Accept": "application/x-ndjson"})
         assert reply.status_code == 200, reply.text
         return ndjson(reply.text)
+
+
+def together(count, work):
+    """What work gives for 0 to count - 1, all at the same time."""
+    with concurrent.futures.ThreadPoolExecutor(count) as pool:
+        return list(pool.map(work, range(count)))
 
 
 def ndjson(text):
