@@ -65,13 +65,26 @@ size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count)
     return made;
 }
 
-double qm_box_tree_reach(const qm_box_tree *tree)
+void qm_box_tree_bounds(const qm_box_tree *tree, double low[3], double high[3])
 {
     const qm_box_group *top = &tree->groups[tree->level_count][0];
-    double reach = 0.0;
-    for (int m = 0; m < qm_box_tree_member_count(tree, tree->level_count, 0); m++)
-        for (int k = 0; k < 3; k++)
-            reach = fmax(reach, fmax(-(double)top->low[k][m], (double)top->high[k][m]));
+    int members = qm_box_tree_member_count(tree, tree->level_count, 0);
+    for (int k = 0; k < 3; k++) {
+        low[k] = (double)top->low[k][0];
+        high[k] = (double)top->high[k][0];
+        for (int m = 1; m < members; m++) {
+            low[k] = fmin(low[k], (double)top->low[k][m]);
+            high[k] = fmax(high[k], (double)top->high[k][m]);
+        }
+    }
+}
+
+double qm_box_tree_reach(const qm_box_tree *tree)
+{
+    double low[3], high[3], reach = 0.0;
+    qm_box_tree_bounds(tree, low, high);
+    for (int k = 0; k < 3; k++)
+        reach = fmax(reach, fmax(-low[k], high[k]));
     return fmin(reach, 1.0);
 }
 

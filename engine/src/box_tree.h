@@ -55,6 +55,9 @@ void qm_box_tree_fill(qm_box_tree *tree);
  * used up. */
 size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count);
 
+/** The box of all boxes. */
+void qm_box_tree_bounds(const qm_box_tree *tree, double low[3], double high[3]);
+
 /** The greatest coordinate of any box by magnitude, at most 1. */
 double qm_box_tree_reach(const qm_box_tree *tree);
 
