@@ -65,26 +65,25 @@ size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count)
     return made;
 }
 
-void qm_box_tree_bounds(const qm_box_tree *tree, double low[3], double high[3])
+qm_box qm_box_tree_whole(const qm_box_tree *tree)
 {
     const qm_box_group *top = &tree->groups[tree->level_count][0];
-    int members = qm_box_tree_member_count(tree, tree->level_count, 0);
-    for (int k = 0; k < 3; k++) {
-        low[k] = (double)top->low[k][0];
-        high[k] = (double)top->high[k][0];
-        for (int m = 1; m < members; m++) {
-            low[k] = fmin(low[k], (double)top->low[k][m]);
-            high[k] = fmax(high[k], (double)top->high[k][m]);
+    qm_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (int m = 0; m < qm_box_tree_member_count(tree, tree->level_count, 0); m++) {
+        for (int k = 0; k < 3; k++) {
+            box.min[k] = fmin(box.min[k], (double)top->low[k][m]);
+            box.max[k] = fmax(box.max[k], (double)top->high[k][m]);
         }
     }
+    return box;
 }
 
 double qm_box_tree_reach(const qm_box_tree *tree)
 {
-    double low[3], high[3], reach = 0.0;
-    qm_box_tree_bounds(tree, low, high);
+    qm_box box = qm_box_tree_whole(tree);
+    double reach = 0.0;
     for (int k = 0; k < 3; k++)
-        reach = fmax(reach, fmax(-low[k], high[k]));
+        reach = fmax(reach, fmax(-box.min[k], box.max[k]));
     return fmin(reach, 1.0);
 }
 

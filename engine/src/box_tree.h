@@ -48,15 +48,15 @@ static inline int qm_box_tree_member_count(const qm_box_tree *tree, int level, s
     return rest < 8 ? (int)rest : 8;
 }
 
+/** The box of everything. */
+qm_box qm_box_tree_whole(const qm_box_tree *tree);
+
 /** Makes the boxes of levels 2 and up from those of level 1. */
 void qm_box_tree_fill(qm_box_tree *tree);
 
 /** The same above these members alone, which are ascending; returns how many boxes were made. The list is
  * used up. */
 size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count);
-
-/** The box of all boxes. */
-void qm_box_tree_bounds(const qm_box_tree *tree, double low[3], double high[3]);
 
 /** The greatest coordinate of any box by magnitude, at most 1. */
 double qm_box_tree_reach(const qm_box_tree *tree);

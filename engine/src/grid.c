@@ -210,10 +210,11 @@ static double cube_edge(const double extent[3], double count)
 /** The box of the surface as the tree has it: reaching QM_BOX_MARGIN outward, so never without extent. */
 static void tree_box(const qm_bvh *bvh, double low[3], double extent[3])
 {
-    double high[3];
-    qm_box_tree_bounds(&bvh->boxes, low, high);
-    for (int k = 0; k < 3; k++)
-        extent[k] = high[k] - low[k];
+    qm_box box = qm_box_tree_whole(&bvh->boxes);
+    for (int k = 0; k < 3; k++) {
+        low[k] = box.min[k];
+        extent[k] = box.max[k] - box.min[k];
+    }
 }
 
 double qm_grid_first_edge(const qm_bvh *bvh)

@@ -6,9 +6,9 @@
 #include "grid_cells.h"
 #include "qm/project.h"
 
-#define SAMPLE 64       /* points that are looked at */
-#define MOST_FAR 4      /* of them that may be farther than */
-#define NEAR_CELLS 0.2  /* of a cell's edge: from there on the boxes are as fast */
+#define SAMPLE 64      /* points that are looked at */
+#define MOST_FAR 4     /* of them that may be farther than */
+#define NEAR_CELLS 0.2 /* of a cell's edge: from there on the boxes are as fast */
 
 static bool are_near(const double *distance, size_t count, double limit)
 {
