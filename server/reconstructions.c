@@ -221,7 +221,7 @@ static qm_blob_writer *write_upload(qm_reconstructions *rs, qm_refining *r, qm_p
 static char *name_mesh(qm_reconstructions *rs, const qm_refining *r, size_t quads)
 {
     qm_store_mesh source;
-    bool is_there = qm_store_find_mesh(rs->store, r->source_id, &source);
+    bool is_there = qm_store_find_mesh(rs->store, r->source_id, &source) == QM_OK;
     qm_text name = {0};
     qm_text_printf(&name, "%s, %zu quads", is_there && source.name[0] ? source.name : r->id, quads);
     if (is_there) qm_store_mesh_reset(&source);

@@ -76,20 +76,16 @@ static bool frame_serves(const double low[3], const double high[3])
     return most <= 1.0 && size >= 0.25;
 }
 
-/** The boxes' word for it, who have all been found anew; they reach a little beyond the mesh. */
-static bool boxes_say_frame_serves(const qm_box_tree *boxes)
+/** The boxes' word for it, which have all been found anew; they reach a little beyond the mesh. */
+static bool boxes_fit_frame(const qm_box_tree *boxes)
 {
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    const qm_box_group *top = &boxes->groups[boxes->level_count][0];
-    for (int m = 0; m < qm_box_tree_member_count(boxes, boxes->level_count, 0); m++) {
-        for (int k = 0; k < 3; k++) {
-            low[k] = fmin(low[k], (double)top->low[k][m] + QM_BOX_MARGIN);
-            high[k] = fmax(high[k], (double)top->high[k][m] - QM_BOX_MARGIN);
-        }
+    qm_box box = qm_box_tree_whole(boxes);
+    for (int k = 0; k < 3; k++) {
+        if (!(fmax(-box.min[k], box.max[k]) <= 1.0)) return false;
+        box.min[k] += QM_BOX_MARGIN;
+        box.max[k] -= QM_BOX_MARGIN;
     }
-    for (int k = 0; k < 3; k++)
-        if (!(fmax(-low[k], high[k]) <= 1.0 - QM_BOX_MARGIN)) return false;
-    return frame_serves(low, high);
+    return frame_serves(box.min, box.max);
 }
 
 static bool mesh_fits_frame(const qm_frame *frame, const qm_box *box)
@@ -128,7 +124,7 @@ static size_t refit_all(qm_context *ctx, qm_bvh *bvh, int thread_count)
 {
     memset(bvh->stale, 0xff, qm_bits_words(bvh->pack_count) * sizeof *bvh->stale);
     fit_all(ctx, bvh, thread_count);
-    if (!boxes_say_frame_serves(&bvh->boxes)) {
+    if (!boxes_fit_frame(&bvh->boxes)) {
         qm_box box = qm_mesh_bounding_box(&bvh->mesh);
         if (!mesh_fits_frame(&bvh->frame, &box)) {
             bvh->frame = qm_frame_make(&box);

@@ -72,6 +72,9 @@ void bench_project(const char *path, const char *points_path, qm_accelerator acc
 /** Times how trees follow the vertices of a mesh, and prints that beside their building and memory. */
 void bench_refit(const char *path, int threads);
 
+/** Times the finding of regular patches and prints how many there are. */
+void bench_patches(const char *path);
+
 /** Times pairs of faces of a mesh that meet after a hundredth part of its vertices has moved. */
 void bench_moved(const char *path);
 

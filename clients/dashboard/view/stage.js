@@ -64,7 +64,8 @@ export class Stage {
     const scene = new Scene();
     scene.add(makeSample());
     try {
-      await this.renderer.compileAsync(scene, this.eye.camera);
+      // Without the extension nothing is compiled aside, and asking for it complains.
+      if (this.renderer.extensions.has("KHR_parallel_shader_compile")) await this.renderer.compileAsync(scene, this.eye.camera);
     } finally {
       this.isReady = true;
       this.draw();
