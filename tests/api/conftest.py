@@ -17,8 +17,9 @@ BUILD = ROOT / os.environ.get("QM_BUILD", "build")
 DATA = pathlib.Path(os.environ.get("QM_TEST_DATA", ROOT / "../shared/data"))
 # What is about the folder of collected meshes is there when the folder is.
 collect_ignore = [] if DATA.is_dir() else ["test_collection.py"]
-# Sanitized builds need several times the time of a release.
-PATIENCE = 60.0
+# Seconds. Sanitized builds need several times the time of a release; 600 are what the daemon would wait for at most.
+PATIENCE = float(os.environ.get("QM_PATIENCE", 60))
+WAIT = f"wait={PATIENCE:.0f}"
 FINDINGS = ("ERROR: AddressSanitizer", "ERROR: LeakSanitizer", "WARNING: ThreadSanitizer", "runtime error:")
 
 
@@ -70,7 +71,7 @@ class Daemon:
         return status
 
     def client(self):
-        return Client(base_url=self.url, timeout=PATIENCE, verify=False)  # plain HTTP: no certificates to load
+        return Client(base_url=self.url, timeout=PATIENCE + 10, verify=False)  # plain HTTP: no certificates to load
 
 
 # The codes of all problems that any test has met; test_description.py looks at them last.
@@ -108,7 +109,7 @@ class Client(httpx.Client):
     def hausdorff(self, a, b, headers=(), **request):
         """Runs a job to its end and returns its document."""
         reply = self.post("/v1/jobs", json={"type": "hausdorff", "a": a, "b": b, **request},
-                          headers={"Prefer": "wait=60", **dict(headers)})
+                          headers={"Prefer": WAIT, **dict(headers)})
         assert reply.status_code == 200, reply.text
         return reply.json()
 
@@ -134,7 +135,7 @@ class Client(httpx.Client):
         return document
 
     def wait(self, job_id):
-        reply = self.get(f"/v1/jobs/{job_id}", headers={"Prefer": "wait=60"})
+        reply = self.get(f"/v1/jobs/{job_id}", headers={"Prefer": WAIT})
         assert reply.status_code == 200, reply.text
         assert reply.json()["state"] not in ("queued", "running"), reply.text
         return reply.json()

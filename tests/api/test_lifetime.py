@@ -12,7 +12,7 @@ import time
 import pytest
 
 import shapes
-from conftest import BUILD, PATIENCE, SLOW, Daemon, check_bounds, check_problem
+from conftest import BUILD, PATIENCE, SLOW, WAIT, Daemon, check_bounds, check_problem
 
 
 def fill(client):
@@ -270,7 +270,7 @@ def test_a_folder_that_becomes_read_only(plain_folder):
             path.chmod(0o555)
         check_problem(client.post("/v1/meshes", content=shapes.obj(shapes.cube(side=3.0))), 503, "unavailable")
         failed = client.post("/v1/jobs", json={"type": "deviation", "a": pair[0], "b": pair[1]},
-                             headers={"Prefer": "wait=60"}).json()
+                             headers={"Prefer": WAIT}).json()
         assert failed["state"] == "failed" and failed["problem"]["code"] == "unavailable"
         assert client.get(f"/v1/meshes/{pair[0]}/content?format=obj").status_code == 200
         assert client.get("/readyz").status_code == 200
