@@ -10,7 +10,8 @@
 #define SNAP_SHARE 0.01 /* of the diagonal: how far ends snap unless the request tells */
 
 /** Makes one edit; more gets members for the reply. */
-typedef bool edit_fn(qm_desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more, qm_problem *problem);
+typedef bool edit_fn(qm_desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+                     qm_problem *problem);
 
 /** The curve of the path; false with a 404 when the layout has none of this id. */
 static bool find_curve(const qm_request *request, const qm_desk *d, uint32_t *curve, qm_problem *problem)

@@ -169,4 +169,3 @@ void qm_desk_finish(qm_request *request, qm_desk *d, const char *more)
     free(issues);
     free(words);
 }
-

@@ -1,7 +1,7 @@
 /**
- * layout_desk.h: a layout at work, between its row in the store and the reply: its curves, the surface under it,
- * and what to say of it. Every edit reads the layout as it is, changes a copy, finds the patches again and stores
- * the copy as the next revision; one that lost a race against another edit is a conflict.
+ * layout_desk.h: a layout at work, between its row in the store and the reply: its curves, the surface under
+ * it, and what to say of it. Every edit reads the layout as it is, changes a copy, finds the patches again
+ * and stores the copy as the next revision; one that lost a race against another edit is a conflict.
  */
 #ifndef QM_LAYOUT_DESK_H
 #define QM_LAYOUT_DESK_H
