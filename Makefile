@@ -118,11 +118,14 @@ $(VIEWER_FILES:%=$(PAGE)/%): $(PAGE)/%: clients/docs/node_modules/.package-lock.
 	@mkdir -p $(@D)
 	cp clients/docs/node_modules/swagger-ui-dist/$* $@
 
-$(OUT)/quadmeshd: $(OBJ)/server/main.o $(OBJ)/libserver.a $(OBJ)/libengine.a
+# The engine's locks are those of <threads.h>, which ThreadSanitizer does not see.
+PROGRAM_EXTRA := $(if $(filter tsan,$(config)),$(OBJ)/tests/support/tsan_locks.o)
+
+$(OUT)/quadmeshd: $(OBJ)/server/main.o $(PROGRAM_EXTRA) $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
 
-$(OUT)/quadmesh: $(CLI_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
+$(OUT)/quadmesh: $(CLI_OBJECTS) $(PROGRAM_EXTRA) $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
 

@@ -13,6 +13,20 @@ static void add_bounds(qm_text *out, const char *name, double lower, double uppe
     qm_text_add_string(out, "}");
 }
 
+static void add_quality(qm_text *out, const qm_quality *quality)
+{
+    qm_json_open(out, "quality", "{");
+    qm_json_add_count(out, "folded_quads", quality->folded);
+    qm_json_add_number(out, "least_jacobian", quality->least_jacobian);
+    qm_json_add_number(out, "mean_angle_deviation_deg", quality->mean_angle);
+    qm_json_add_number(out, "max_angle_deviation_deg", quality->max_angle);
+    qm_json_add_number(out, "mean_edge_ratio", quality->mean_edge_ratio);
+    qm_json_add_number(out, "max_edge_ratio", quality->max_edge_ratio);
+    qm_json_add_number(out, "mean_warp", quality->mean_warp);
+    qm_json_add_number(out, "max_warp", quality->max_warp);
+    qm_text_add_string(out, "}");
+}
+
 void qm_json_add_step(qm_text *out, const qm_refine_record *record, double diagonal)
 {
     const qm_reconstruction_record *step = &record->step;
@@ -22,6 +36,7 @@ void qm_json_add_step(qm_text *out, const qm_refine_record *record, double diago
     qm_json_add_count(out, "moved_vertices", step->moved_vertices);
     qm_json_add_count(out, "holes_filled", step->holes_filled);
     qm_json_add_number(out, "longest_edge", step->longest_edge);
+    add_quality(out, &record->quality);
     if (record->is_measured) {
         add_bounds(out, "hausdorff", record->lower, record->upper, diagonal);
         if (record->mesh_to_points_upper > 0.0) {

@@ -162,8 +162,10 @@ static qm_reconstruction_options options_of(double cover_share, bool pull_curves
 static entry *make_again(qm_reconstructions *rs, const char *id, qm_problem *problem)
 {
     qm_store_reconstruction row;
-    if (!qm_store_find_reconstruction(rs->store, id, &row)) {
-        *problem = qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "there is no reconstruction %s", id);
+    qm_status status = qm_store_find_reconstruction(rs->store, id, &row);
+    if (status != QM_OK) {
+        *problem =
+            qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
         return NULL;
     }
     const qm_reconstruction_options options = options_of(row.cover_share, row.pull_curves);
@@ -219,7 +221,7 @@ static qm_blob_writer *write_upload(qm_reconstructions *rs, qm_refining *r, qm_p
 static char *name_mesh(qm_reconstructions *rs, const qm_refining *r, size_t quads)
 {
     qm_store_mesh source;
-    bool is_there = qm_store_find_mesh(rs->store, r->source_id, &source);
+    bool is_there = qm_store_find_mesh(rs->store, r->source_id, &source) == QM_OK;
     qm_text name = {0};
     qm_text_printf(&name, "%s, %zu quads", is_there && source.name[0] ? source.name : r->id, quads);
     if (is_there) qm_store_mesh_reset(&source);
@@ -414,9 +416,10 @@ bool qm_reconstructions_commit(qm_reconstructions *rs, qm_refining *refining, si
                                qm_problem *problem)
 {
     qm_store_reconstruction row;
-    if (!qm_store_find_reconstruction(rs->store, refining->id, &row)) {
+    qm_status status = qm_store_find_reconstruction(rs->store, refining->id, &row);
+    if (status != QM_OK) {
         *problem =
-            qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "the reconstruction was deleted meanwhile");
+            qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction any more");
         return false;
     }
     memcpy(mesh, row.mesh, QM_ID_SIZE);
@@ -475,9 +478,10 @@ bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char 
     size_t quads;
     bool edited = edit(r, layout_text, redone, problem);
     bool good = edited && add_mesh(rs, r, mesh, &quads, problem);
-    if (good && !qm_store_find_reconstruction(rs->store, id, out)) {
+    qm_status status = good ? qm_store_find_reconstruction(rs->store, id, out) : QM_OK;
+    if (status != QM_OK) {
         *problem =
-            qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "the reconstruction was deleted meanwhile");
+            qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction any more");
         good = false;
     }
     good = good && store_edit(rs, mesh, quads, layout_text, out, problem);
@@ -486,9 +490,9 @@ bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char 
     return good;
 }
 
-bool qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
+qm_status qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
 {
-    bool deleted = qm_store_delete_reconstruction(rs->store, id);
+    qm_status status = qm_store_delete_reconstruction(rs->store, id);
     uv_mutex_lock(&rs->lock);
     entry *e = unlist(rs, id);
     /* Who works on it gives it back, and it is dropped then for want of a place among the idle. */
@@ -499,7 +503,7 @@ bool qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
     }
     uv_mutex_unlock(&rs->lock);
     if (e) free_entry(rs, e);
-    return deleted;
+    return status;
 }
 
 void qm_refining_add_patches(const qm_refining *refining, qm_text *out)

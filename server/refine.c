@@ -67,15 +67,10 @@ static qm_status measure_points(const refinement *r, const qm_bvh *mesh, qm_refi
     return status;
 }
 
-static qm_status measure_step(const refinement *r, const qm_reconstruction *reconstruction,
-                              qm_refine_record *record)
+static qm_status measure_distance(const refinement *r, const qm_mesh *mesh, qm_refine_record *record)
 {
-    double start = qm_now_ms();
-    qm_mesh mesh;
     qm_bvh *tree = NULL;
-    qm_status status = qm_reconstruction_mesh(r->ctx, reconstruction, &mesh);
-    if (status != QM_OK) return status;
-    status = qm_bvh_build(r->ctx, &mesh, QM_BVH_TARGET, r->goal->thread_count, &tree);
+    qm_status status = qm_bvh_build(r->ctx, mesh, QM_BVH_TARGET, r->goal->thread_count, &tree);
     if (status == QM_OK && r->source->is_cloud) {
         status = measure_points(r, tree, record);
         if (status == QM_OK)
@@ -85,8 +80,21 @@ static qm_status measure_step(const refinement *r, const qm_reconstruction *reco
         status = measure(r, tree, QM_TWO_SIDED, &record->lower, &record->upper);
     }
     qm_bvh_destroy(r->ctx, tree);
-    qm_mesh_reset(r->ctx, &mesh);
     record->is_measured = status == QM_OK;
+    return status;
+}
+
+/** The quads' shape, and the distance if it is wanted. */
+static qm_status measure_step(const refinement *r, const qm_reconstruction *reconstruction,
+                              qm_refine_record *record)
+{
+    double start = qm_now_ms();
+    qm_mesh mesh;
+    qm_status status = qm_reconstruction_mesh(r->ctx, reconstruction, &mesh);
+    if (status != QM_OK) return status;
+    qm_quality_measure(&mesh, &record->quality);
+    if (r->goal->measures || r->goal->hausdorff > 0.0) status = measure_distance(r, &mesh, record);
+    qm_mesh_reset(r->ctx, &mesh);
     record->measure_ms = qm_now_ms() - start;
     return status;
 }
@@ -128,7 +136,7 @@ qm_status qm_refine(qm_context *ctx, qm_reconstruction *reconstruction, const qm
         if (status == QM_E_CANCELED) return *stop = QM_REFINE_CANCELED, QM_OK;
         if (status != QM_OK) return status;
         if (record.step.chords_doubled == 0) return *stop = QM_REFINE_QUADS, QM_OK;
-        if (goal->measures || goal->hausdorff > 0.0) status = measure_step(&r, reconstruction, &record);
+        status = measure_step(&r, reconstruction, &record);
         /* A step whose distance was not measured to the end is whole all the same. */
         if (status != QM_OK && status != QM_E_CANCELED) return status;
         on_step(user, &record);

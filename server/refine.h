@@ -6,6 +6,7 @@
 #define QM_REFINE_H
 
 #include "mesh_load.h"
+#include "qm/quality.h"
 #include "qm/reconstruct.h"
 
 #define QM_REFINE_MOST_QUADS 4000000
@@ -28,6 +29,7 @@ typedef struct qm_refine_goal {
  */
 typedef struct qm_refine_record {
     qm_reconstruction_record step;
+    qm_quality quality;
     bool is_measured;
     double lower, upper; /* the distance that counts */
     double covered;      /* of a point set: that of the points within the cover distance */

@@ -6,11 +6,9 @@
 #define FIRST_PER_PATCH 300 /* samples for the first parameters */
 #define FIRST_LEAST 8000
 #define FIRST_MOST 60000
-#define FIRST_PER_QUAD 6    /* samples that a quad of the first grids needs */
-#define SAMPLES_PER_QUAD 12 /* the same in each step */
-#define START_FAIR 10       /* rounds of evening out after the first placing */
-#define EDIT_ROUNDS 2       /* of placing what an edit has touched */
-#define STEP_FAIR 4         /* the same before each step's */
+#define FIRST_PER_QUAD 6 /* samples that a quad of the first grids needs */
+#define START_FAIR 10    /* rounds of evening out after the first placing */
+#define EDIT_ROUNDS 2    /* of placing what an edit has touched */
 
 enum { ROW = 3 * sizeof(double) };
 
@@ -28,7 +26,7 @@ static void free_state(qm_context *ctx, qm_reconstruction *r)
         qm_context_free(ctx, track->vertices, (size_t)track->vertex_edges + 1, ROW);
     }
     for (size_t p = 0; p < r->layout.patch_count && r->grids; p++)
-        qm_context_free(ctx, r->grids[p].vertices, qm_grid_vertex_count(&r->grids[p]), ROW);
+        qm_grid_free(ctx, &r->grids[p]);
     qm_context_free(ctx, r->tracks, r->layout.curve_count, sizeof *r->tracks);
     qm_context_free(ctx, r->grids, r->layout.patch_count, sizeof *r->grids);
     qm_context_free(ctx, r->chords, r->layout.curve_count, sizeof *r->chords);
@@ -52,25 +50,6 @@ static qm_status allocate(qm_context *ctx, qm_reconstruction *r)
     r->chords = qm_context_alloc(ctx, curves, sizeof *r->chords);
     if (r->tracks && r->grids && r->chords) return QM_OK;
     return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the reconstruction");
-}
-
-static size_t working_quads(const qm_reconstruction *r)
-{
-    size_t quads = 0;
-    for (size_t p = 0; p < r->layout.patch_count; p++)
-        quads += (size_t)r->grids[p].columns * r->grids[p].rows;
-    return quads;
-}
-
-/** Evens the stale grids out and places their vertices again, by points projected on them. */
-static qm_status refine(qm_context *ctx, qm_reconstruction *r, int fair, qm_samples *samples,
-                        qm_reconstruction_record *out)
-{
-    qm_status status = qm_grids_fair(ctx, r, fair);
-    if (status == QM_OK) status = qm_samples_locate(ctx, r, samples);
-    if (status == QM_OK) status = qm_place_vertices(ctx, r, samples, out);
-    if (status == QM_OK) qm_grids_untangle(r);
-    return status;
 }
 
 /** Samples for the first parameters. */
@@ -108,10 +87,9 @@ static void count_covered(qm_reconstruction *r, const qm_samples *samples)
  * at last by as many samples as that needs. */
 static qm_status place_first(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
 {
-    qm_reconstruction_record record = {0};
     qm_status status = qm_grids_create(ctx, r);
     if (status == QM_OK) status = count_points(ctx, r, samples);
-    if (status == QM_OK) status = qm_place_vertices(ctx, r, samples, &record);
+    if (status == QM_OK) status = qm_place_vertices(ctx, r, samples);
     if (status != QM_OK) return status;
     qm_chords_measure(r);
     qm_chords_refine_work(r, samples->count / FIRST_PER_QUAD);
@@ -119,13 +97,13 @@ static qm_status place_first(qm_context *ctx, qm_reconstruction *r, qm_samples *
     if (status == QM_OK) status = qm_grids_create(ctx, r);
     if (status != QM_OK) return status;
     qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
-    status = qm_place_vertices(ctx, r, samples, &record);
-    if (status == QM_OK) status = refine(ctx, r, START_FAIR, samples, &record);
+    status = qm_place_vertices(ctx, r, samples);
+    if (status == QM_OK) status = qm_grids_refine(ctx, r, START_FAIR, samples);
     if (status != QM_OK) return status;
     count_covered(r, samples);
     qm_samples_reset(ctx, samples);
-    status = qm_samples_create(ctx, r, SAMPLES_PER_QUAD * working_quads(r), samples);
-    if (status == QM_OK) status = refine(ctx, r, STEP_FAIR, samples, &record);
+    status = qm_samples_create_fine(ctx, r, samples);
+    if (status == QM_OK) status = qm_grids_refine(ctx, r, QM_STEP_FAIR, samples);
     if (status != QM_OK) return status;
     qm_chords_measure(r);
     return QM_OK;
@@ -167,17 +145,16 @@ static qm_status build(qm_context *ctx, qm_reconstruction *r)
 static qm_status place_touched(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old,
                                qm_samples *samples, size_t *redone)
 {
-    qm_reconstruction_record record = {0};
     qm_status status = qm_grids_create(ctx, r);
     if (status == QM_OK) status = count_points(ctx, r, samples);
     if (status != QM_OK) return status;
     qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
     *redone = qm_edit_keep_grids(r, old);
-    status = qm_place_vertices(ctx, r, samples, &record);
+    status = qm_place_vertices(ctx, r, samples);
     qm_samples_reset(ctx, samples);
-    if (status == QM_OK) status = qm_samples_create(ctx, r, SAMPLES_PER_QUAD * working_quads(r), samples);
+    if (status == QM_OK) status = qm_samples_create_fine(ctx, r, samples);
     for (int round = 0; round < EDIT_ROUNDS && status == QM_OK; round++)
-        status = refine(ctx, r, round == 0 ? START_FAIR : STEP_FAIR, samples, &record);
+        status = qm_grids_refine(ctx, r, round == 0 ? START_FAIR : QM_STEP_FAIR, samples);
     if (status != QM_OK) return status;
     count_covered(r, samples);
     qm_chords_measure(r);
@@ -228,47 +205,6 @@ qm_status qm_reconstruction_edit(qm_context *ctx, const qm_reconstruction *old, 
     if (status == QM_OK) return QM_OK;
     qm_reconstruction_destroy(ctx, *out);
     *out = NULL;
-    return status;
-}
-
-static bool any_stale(const qm_reconstruction *r)
-{
-    for (size_t p = 0; p < r->layout.patch_count; p++)
-        if (r->grids[p].is_stale) return true;
-    return false;
-}
-
-static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
-                           qm_reconstruction_record *out)
-{
-    for (size_t p = 0; p < r->layout.patch_count; p++)
-        r->grids[p].is_stale = false;
-    qm_status status = qm_chords_double(ctx, r, max_quads, out);
-    if (status == QM_OK) status = qm_tracks_set_vertices(ctx, r);
-    if (status == QM_OK) status = qm_grids_double(ctx, r);
-    /* The first steps take vertices that are there already. */
-    if (status != QM_OK || !any_stale(r)) return status;
-    qm_samples samples = {0};
-    status = qm_samples_create(ctx, r, SAMPLES_PER_QUAD * working_quads(r), &samples);
-    if (status == QM_OK) status = refine(ctx, r, STEP_FAIR, &samples, out);
-    qm_samples_reset(ctx, &samples);
-    return status;
-}
-
-qm_status qm_reconstruction_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
-                                 qm_reconstruction_record *out)
-{
-    *out = (qm_reconstruction_record){0};
-    qm_saved_state saved;
-    qm_status status = qm_state_save(ctx, r, &saved);
-    if (status != QM_OK) return status;
-    status = take_step(ctx, r, max_quads, out);
-    if (status == QM_OK)
-        qm_state_drop(ctx, r, &saved);
-    else
-        qm_state_restore(ctx, r, &saved);
-    out->quads = qm_chords_quads(r);
-    out->longest_edge = qm_chords_longest(r);
     return status;
 }
 

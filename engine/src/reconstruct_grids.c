@@ -11,6 +11,28 @@ static qm_status no_memory(qm_context *ctx)
     return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the patches");
 }
 
+bool qm_grid_allocate(qm_context *ctx, qm_patch_grid *grid)
+{
+    size_t count = qm_grid_vertex_count(grid);
+    grid->vertices = qm_context_alloc(ctx, count, ROW);
+    grid->in_hole = qm_context_alloc(ctx, count, sizeof *grid->in_hole);
+    if (grid->vertices && grid->in_hole) {
+        memset(grid->in_hole, 0, count * sizeof *grid->in_hole);
+        return true;
+    }
+    qm_grid_free(ctx, grid);
+    return false;
+}
+
+void qm_grid_free(qm_context *ctx, qm_patch_grid *grid)
+{
+    size_t count = qm_grid_vertex_count(grid);
+    qm_context_free(ctx, grid->vertices, count, ROW);
+    qm_context_free(ctx, grid->in_hole, count, sizeof *grid->in_hole);
+    grid->vertices = NULL;
+    grid->in_hole = NULL;
+}
+
 /** Copies the vertices of the four curves to the outline of a grid. */
 static void set_outline(const qm_reconstruction *r, size_t p)
 {
@@ -53,14 +75,13 @@ qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r)
 {
     for (size_t p = 0; p < r->layout.patch_count; p++) {
         qm_patch_grid *grid = &r->grids[p];
-        qm_context_free(ctx, grid->vertices, qm_grid_vertex_count(grid), ROW);
+        qm_grid_free(ctx, grid);
         *grid = (qm_patch_grid){.columns = qm_patch_chord(r, p, 0)->work,
                                 .rows = qm_patch_chord(r, p, 1)->work,
                                 .is_stale = true,
                                 .part = grid->part,
                                 .points = grid->points};
-        grid->vertices = qm_context_alloc(ctx, qm_grid_vertex_count(grid), ROW);
-        if (!grid->vertices) return no_memory(ctx);
+        if (!qm_grid_allocate(ctx, grid)) return no_memory(ctx);
         set_outline(r, p);
         blend_coons(grid);
     }
@@ -89,10 +110,9 @@ static qm_status double_grid(qm_context *ctx, qm_reconstruction *r, size_t p, ui
     qm_patch_grid *grid = &r->grids[p];
     qm_patch_grid fine = {
         .columns = columns, .rows = rows, .is_stale = true, .part = grid->part, .points = grid->points};
-    fine.vertices = qm_context_alloc(ctx, qm_grid_vertex_count(&fine), ROW);
-    if (!fine.vertices) return no_memory(ctx);
+    if (!qm_grid_allocate(ctx, &fine)) return no_memory(ctx);
     fill_between(grid, &fine);
-    qm_context_free(ctx, grid->vertices, qm_grid_vertex_count(grid), ROW);
+    qm_grid_free(ctx, grid);
     *grid = fine;
     set_outline(r, p);
     return QM_OK;

@@ -235,35 +235,33 @@ static bool find_move(const qm_reconstruction *r, const vertex_bins *bins, const
     return !samples->is_projected || qm_vec_norm(*move) <= MOST_MOVE * longest_edge(grid, i, j);
 }
 
-/** Moves of the inner vertices of one grid, and which of them lie in holes. */
-static void find_moves(const qm_reconstruction *r, const vertex_bins *bins, const qm_samples *samples,
-                       size_t p, qm_vec *move, bool *is_hole, qm_reconstruction_record *out)
+/** Moves of the inner vertices of one grid; tells whether any lie in holes. */
+static bool find_moves(const qm_reconstruction *r, const vertex_bins *bins, const qm_samples *samples,
+                       size_t p, qm_vec *move)
 {
     const qm_patch_grid *grid = &r->grids[p];
-    for (size_t k = 0; k < qm_grid_vertex_count(grid); k++) {
+    bool has_hole = false;
+    for (size_t k = 0; k < qm_grid_vertex_count(grid); k++)
         move[k] = (qm_vec){0, 0, 0};
-        is_hole[k] = false;
-    }
     for (uint32_t j = 1; j < grid->rows; j++) {
         for (uint32_t i = 1; i < grid->columns; i++) {
-            size_t k = (size_t)j * (grid->columns + 1) + i;
-            out->moved_vertices++;
-            if (find_move(r, bins, samples, p, i, j, &move[k])) continue;
-            is_hole[k] = true;
-            out->holes_filled++;
+            size_t k = qm_grid_place(grid, i, j);
+            grid->in_hole[k] = !find_move(r, bins, samples, p, i, j, &move[k]);
+            has_hole |= grid->in_hole[k];
         }
     }
+    return has_hole;
 }
 
 /** Spreads the moves around a hole into it: each takes the mean of its neighbours', over and over. */
-static void blend_holes(const qm_patch_grid *grid, qm_vec *move, const bool *is_hole)
+static void blend_holes(const qm_patch_grid *grid, qm_vec *move)
 {
     size_t count = qm_grid_vertex_count(grid), width = (size_t)grid->columns + 1;
     for (size_t k = 0; k < count; k++)
-        if (is_hole[k]) move[k] = (qm_vec){0, 0, 0};
+        if (grid->in_hole[k]) move[k] = (qm_vec){0, 0, 0};
     for (int round = 0; round < BLEND_ROUNDS; round++)
         for (size_t k = 0; k < count; k++)
-            if (is_hole[k])
+            if (grid->in_hole[k])
                 move[k] = qm_vec_scale(0.25, qm_vec_add(qm_vec_add(move[k - 1], move[k + 1]),
                                                         qm_vec_add(move[k - width], move[k + width])));
 }
@@ -278,45 +276,39 @@ static void pull_blended(const qm_source *source, double vertex[3])
 }
 
 /** The outline is left alone, bit for bit. */
-static void apply_moves(const qm_source *source, qm_patch_grid *grid, const qm_vec *move, const bool *is_hole)
+static void apply_moves(const qm_source *source, qm_patch_grid *grid, const qm_vec *move)
 {
     for (uint32_t j = 1; j < grid->rows; j++) {
         for (uint32_t i = 1; i < grid->columns; i++) {
-            double *vertex = qm_grid_vertex(grid, i, j);
-            size_t k = (size_t)j * (grid->columns + 1) + i;
+            size_t k = qm_grid_place(grid, i, j);
+            double *vertex = grid->vertices + 3 * k;
             qm_vec_store(vertex, qm_vec_add(qm_vec_load(vertex), move[k]));
-            if (is_hole[k]) pull_blended(source, vertex);
+            if (grid->in_hole[k]) pull_blended(source, vertex);
         }
     }
 }
 
 static qm_status place_grid(qm_context *ctx, qm_reconstruction *r, const vertex_bins *bins,
-                            const qm_samples *samples, size_t p, qm_reconstruction_record *out)
+                            const qm_samples *samples, size_t p)
 {
     qm_patch_grid *grid = &r->grids[p];
-    size_t count = qm_grid_vertex_count(grid), holes = out->holes_filled;
+    size_t count = qm_grid_vertex_count(grid);
     qm_vec *move = qm_context_alloc(ctx, count, sizeof *move);
-    bool *is_hole = qm_context_alloc(ctx, count, sizeof *is_hole);
-    bool has_memory = move && is_hole;
-    if (has_memory) {
-        find_moves(r, bins, samples, p, move, is_hole, out);
-        if (out->holes_filled > holes) blend_holes(grid, move, is_hole);
-        apply_moves(&r->source, grid, move, is_hole);
-    }
+    if (!move) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a patch");
+    if (find_moves(r, bins, samples, p, move)) blend_holes(grid, move);
+    apply_moves(&r->source, grid, move);
     qm_context_free(ctx, move, count, sizeof *move);
-    qm_context_free(ctx, is_hole, count, sizeof *is_hole);
-    return has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a patch");
+    return QM_OK;
 }
 
-qm_status qm_place_vertices(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples,
-                            qm_reconstruction_record *out)
+qm_status qm_place_vertices(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples)
 {
     vertex_bins bins;
     qm_status status = make_bins(ctx, r, samples, &bins);
     if (status != QM_OK) return status;
     for (size_t p = 0; p < r->layout.patch_count && status == QM_OK; p++) {
         if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "reconstruction canceled");
-        if (status == QM_OK && r->grids[p].is_stale) status = place_grid(ctx, r, &bins, samples, p, out);
+        if (status == QM_OK && r->grids[p].is_stale) status = place_grid(ctx, r, &bins, samples, p);
     }
     free_bins(ctx, r, &bins);
     return status;

@@ -24,6 +24,16 @@ static void *copy_array(qm_context *ctx, const void *from, size_t count, size_t 
     return copy;
 }
 
+/** Gives the copy of a grid arrays of its own; none when it is false. */
+static bool copy_grid(qm_context *ctx, const qm_patch_grid *from, qm_patch_grid *to)
+{
+    size_t count = qm_grid_vertex_count(from);
+    if (!qm_grid_allocate(ctx, to)) return false;
+    memcpy(to->vertices, from->vertices, count * ROW);
+    memcpy(to->in_hole, from->in_hole, count * sizeof *from->in_hole);
+    return true;
+}
+
 /** Gives the copies vertices of their own. False when out of memory; what has none then has NULL. */
 static bool copy_vertices(qm_context *ctx, const qm_reconstruction *r, qm_saved_state *out)
 {
@@ -34,8 +44,7 @@ static bool copy_vertices(qm_context *ctx, const qm_reconstruction *r, qm_saved_
         has_memory &= !track->vertices || out->tracks[i].vertices;
     }
     for (size_t p = 0; p < r->layout.patch_count; p++) {
-        out->grids[p].vertices = copy_rows(ctx, r->grids[p].vertices, qm_grid_vertex_count(&r->grids[p]));
-        has_memory &= out->grids[p].vertices != NULL;
+        has_memory &= copy_grid(ctx, &r->grids[p], &out->grids[p]);
     }
     return has_memory;
 }
@@ -62,7 +71,7 @@ void qm_state_drop(qm_context *ctx, const qm_reconstruction *r, qm_saved_state *
     for (size_t i = 0; i < r->layout.curve_count; i++)
         qm_context_free(ctx, saved->tracks[i].vertices, track_rows(&saved->tracks[i]), ROW);
     for (size_t p = 0; p < r->layout.patch_count; p++)
-        qm_context_free(ctx, saved->grids[p].vertices, qm_grid_vertex_count(&saved->grids[p]), ROW);
+        qm_grid_free(ctx, &saved->grids[p]);
     qm_context_free(ctx, saved->chords, r->layout.curve_count, sizeof *saved->chords);
     qm_context_free(ctx, saved->tracks, r->layout.curve_count, sizeof *saved->tracks);
     qm_context_free(ctx, saved->grids, r->layout.patch_count, sizeof *saved->grids);

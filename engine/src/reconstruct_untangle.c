@@ -3,6 +3,7 @@
  * those around, go to the middle of their neighbours and back onto the surface, a few times, until none is
  * left.
  */
+#include "quad_shape.h"
 #include "reconstruct_work.h"
 
 #include <string.h>
@@ -17,26 +18,11 @@ static qm_vec vertex_at(const qm_patch_grid *grid, uint32_t i, uint32_t j)
     return qm_vec_load(qm_grid_vertex(grid, i, j));
 }
 
-/** The least sine at a corner of a quad, seen along its normal: below 0 when it is folded. */
-static double least_sine(const qm_vec corner[4])
-{
-    qm_vec normal = qm_vec_cross(qm_vec_sub(corner[2], corner[0]), qm_vec_sub(corner[3], corner[1]));
-    double length = qm_vec_norm(normal), least = 1.0;
-    for (int k = 0; k < 4; k++) {
-        qm_vec on = qm_vec_sub(corner[(k + 1) % 4], corner[k]);
-        qm_vec back = qm_vec_sub(corner[(k + 3) % 4], corner[k]);
-        double scale = length * qm_vec_norm(on) * qm_vec_norm(back);
-        if (!(scale > 0.0)) return -1.0;
-        least = fmin(least, qm_vec_dot(qm_vec_cross(on, back), normal) / scale);
-    }
-    return least;
-}
-
 static double quad_sine(const qm_patch_grid *grid, uint32_t i, uint32_t j)
 {
     const qm_vec corner[4] = {vertex_at(grid, i, j), vertex_at(grid, i + 1, j), vertex_at(grid, i + 1, j + 1),
                               vertex_at(grid, i, j + 1)};
-    return least_sine(corner);
+    return qm_quad_least_sine(corner);
 }
 
 /** The worst of the four quads round an inner vertex. */

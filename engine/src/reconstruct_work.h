@@ -1,7 +1,8 @@
 /**
  * reconstruct_work.h: the inside of a reconstruction, shared by its stages.
  *
- *   reconstruct.c          creation, the step
+ *   reconstruct.c          creation, edits, what is told of the result
+ *   reconstruct_step.c     the step
  *   reconstruct_chords.c   which curves are doubled together, and which go first
  *   reconstruct_curves.c   curves on the surface, vertices at equal arc length
  *   reconstruct_detours.c  curves led round where they leave the surface for good
@@ -44,6 +45,7 @@ typedef struct qm_track {
 typedef struct qm_patch_grid {
     uint32_t columns, rows;
     double *vertices;
+    bool *in_hole; /* of each vertex: no three samples enclosed it when it was placed */
     bool is_stale; /* split in this step: its inner vertices are to be placed */
     uint32_t part; /* of the layout: patches that curves connect */
     size_t points;
@@ -79,9 +81,14 @@ static inline double qm_reconstruction_reach(const qm_reconstruction *r)
     return r->options.cover_share * r->source.diagonal;
 }
 
+static inline size_t qm_grid_place(const qm_patch_grid *grid, uint32_t column, uint32_t row)
+{
+    return (size_t)row * (grid->columns + 1) + column;
+}
+
 static inline double *qm_grid_vertex(const qm_patch_grid *grid, uint32_t column, uint32_t row)
 {
-    return grid->vertices + 3 * ((size_t)row * (grid->columns + 1) + column);
+    return grid->vertices + 3 * qm_grid_place(grid, column, row);
 }
 
 static inline size_t qm_grid_vertex_count(const qm_patch_grid *grid)
@@ -127,6 +134,10 @@ qm_status qm_tracks_detour(qm_context *ctx, qm_reconstruction *r, size_t wanted)
 void qm_track_at(const qm_track *track, double share, double position[3], qm_vec *tangent);
 qm_status qm_tracks_set_vertices(qm_context *ctx, qm_reconstruction *r);
 
+/** Vertices of a grid with its counts, in no hole; false when out of memory, with nothing to free. */
+bool qm_grid_allocate(qm_context *ctx, qm_patch_grid *grid);
+void qm_grid_free(qm_context *ctx, qm_patch_grid *grid);
+
 /** Grids as Coons patches; doubled to their chords' counts; inner vertices evened out within the surface. */
 qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r);
 qm_status qm_grids_double(qm_context *ctx, qm_reconstruction *r);
@@ -138,13 +149,20 @@ void qm_grids_untangle(const qm_reconstruction *r);
 /** So many samples, or fewer where a point set has not as many; and their places in the grids. */
 qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t wanted, qm_samples *out);
 qm_status qm_samples_locate(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples);
+/** As many as the quads of the grids need. */
+qm_status qm_samples_create_fine(qm_context *ctx, const qm_reconstruction *r, qm_samples *out);
 /** Makes parameters count the edges of the grids; before, a patch has base edges a side. */
 void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base);
 void qm_samples_reset(qm_context *ctx, qm_samples *samples);
 
 /** Places the inner vertices of stale grids. */
-qm_status qm_place_vertices(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples,
-                            qm_reconstruction_record *out);
+qm_status qm_place_vertices(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples);
+
+#define QM_STEP_FAIR 4 /* rounds of evening out before the vertices of a step are placed */
+
+/** Evens the stale grids out in so many rounds and places their vertices again, by the samples projected on
+ * them. */
+qm_status qm_grids_refine(qm_context *ctx, qm_reconstruction *r, int fair, qm_samples *samples);
 
 /** What a step changes, copied before it: counts, vertices of curves and grids. */
 typedef struct qm_saved_state {

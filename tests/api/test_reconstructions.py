@@ -1,4 +1,5 @@
 """Reconstructions: a layout on a mesh or a point set becomes a quad mesh, step by step."""
+import math
 import random
 import signal
 import time
@@ -56,6 +57,43 @@ def test_a_mesh_becomes_quads(client, saddle):
     assert [p["first_face"] for p in patches["patches"]] == [0, 256]
     found = client.get(f"/v1/meshes/{result['mesh']}/patches").json()
     assert found["patch_count"] == 1  # no node is irregular, so the two go on into one another
+
+
+def subtract(a, b):
+    return [x - y for x, y in zip(a, b)]
+
+
+def cross(a, b):
+    return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+
+
+def corner_sines(quad):
+    """Sines at the corners, seen along the normal of the quad."""
+    normal = cross(subtract(quad[2], quad[0]), subtract(quad[3], quad[1]))
+    for k in range(4):
+        on, back = subtract(quad[(k + 1) % 4], quad[k]), subtract(quad[k - 1], quad[k])
+        yield sum(map(math.prod, zip(cross(on, back), normal))) / (math.hypot(*on) * math.hypot(*back) * math.hypot(*normal))
+
+
+def test_the_shape_of_the_quads_is_told(client, saddle):
+    made = start(client, saddle)
+    result = refine(client, made, until={"max_quads": 128}, measure=False)["result"]
+    told = result["steps"][-1]["quality"]
+    text = client.get(f"/v1/meshes/{result['mesh']}/content?format=off").text.split()
+    vertices, faces = int(text[1]), int(text[2])
+    places = [[float(x) for x in text[4 + 3 * i:7 + 3 * i]] for i in range(vertices)]
+    rows = [[int(x) for x in text[5 + 3 * vertices + 5 * i:9 + 3 * vertices + 5 * i]] for i in range(faces)]
+    quads = [[places[i] for i in row] for row in rows]
+    assert told["folded_quads"] == 0
+    assert told["least_jacobian"] == pytest.approx(min(sine for quad in quads for sine in corner_sines(quad)))
+    ratios = []
+    for quad in quads:
+        lengths = [math.dist(quad[k], quad[k - 1]) for k in range(4)]
+        ratios.append(max(lengths) / min(lengths))
+    assert told["max_edge_ratio"] == pytest.approx(max(ratios))
+    assert told["mean_edge_ratio"] == pytest.approx(sum(ratios) / len(ratios))
+    assert 0 < told["mean_warp"] < told["max_warp"] < 0.1
+    assert 0 < told["mean_angle_deviation_deg"] < told["max_angle_deviation_deg"] < 40
 
 
 def test_a_point_set_becomes_quads(client):

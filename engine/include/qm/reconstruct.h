@@ -59,7 +59,7 @@ typedef struct qm_reconstruction_record {
     size_t quads;          /* of the mesh after the step */
     size_t chords_doubled; /* 0: nothing could be doubled within the limit of quads */
     size_t patches_split;
-    size_t moved_vertices; /* placed anew */
+    size_t moved_vertices; /* inner ones of the patches that were split */
     size_t holes_filled; /* of these, the ones that no three points enclose: blended from their neighbours */
     double longest_edge; /* the longest mean edge of a chord afterwards */
 } qm_reconstruction_record;

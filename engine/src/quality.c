@@ -1,0 +1,69 @@
+#include "qm/quality.h"
+
+#include "quad_shape.h"
+
+/** The sum of the corners' differences from a right angle, in degrees; *worst the greatest so far. */
+static double angle_sum(const qm_vec corner[4], double *worst)
+{
+    const double degrees = 57.29577951308232;
+    double sum = 0.0;
+    for (int k = 0; k < 4; k++) {
+        qm_vec on = qm_vec_sub(corner[(k + 1) % 4], corner[k]);
+        qm_vec back = qm_vec_sub(corner[(k + 3) % 4], corner[k]);
+        double angle = degrees * atan2(qm_vec_norm(qm_vec_cross(on, back)), qm_vec_dot(on, back));
+        sum += fabs(angle - 90.0);
+        *worst = fmax(*worst, fabs(angle - 90.0));
+    }
+    return sum;
+}
+
+static double edge_ratio(const qm_vec corner[4])
+{
+    double shortest = INFINITY, longest = 0.0;
+    for (int k = 0; k < 4; k++) {
+        double length = qm_vec_distance(corner[k], corner[(k + 1) % 4]);
+        shortest = fmin(shortest, length);
+        longest = fmax(longest, length);
+    }
+    return longest < QM_QUALITY_MOST_RATIO * shortest ? longest / shortest : QM_QUALITY_MOST_RATIO;
+}
+
+/** How far the diagonals pass by one another, as a share of their mean length. */
+static double warp(const qm_vec corner[4])
+{
+    qm_vec first = qm_vec_sub(corner[2], corner[0]), second = qm_vec_sub(corner[3], corner[1]);
+    qm_vec normal = qm_vec_cross(first, second);
+    double length = qm_vec_norm(normal), mean = 0.5 * (qm_vec_norm(first) + qm_vec_norm(second));
+    if (!(length > 0.0)) return 0.0;
+    return fabs(qm_vec_dot(qm_vec_sub(corner[1], corner[0]), normal)) / (length * mean);
+}
+
+static void add_quad(const qm_vec corner[4], qm_quality *out)
+{
+    double sine = qm_quad_least_sine(corner), ratio = edge_ratio(corner), bend = warp(corner);
+    out->least_jacobian = out->quads == 0 ? sine : fmin(out->least_jacobian, sine);
+    out->quads++;
+    out->folded += !(sine > 0.0);
+    out->mean_angle += angle_sum(corner, &out->max_angle) / 4.0;
+    out->mean_edge_ratio += ratio;
+    out->max_edge_ratio = fmax(out->max_edge_ratio, ratio);
+    out->mean_warp += bend;
+    out->max_warp = fmax(out->max_warp, bend);
+}
+
+void qm_quality_measure(const qm_mesh *mesh, qm_quality *out)
+{
+    *out = (qm_quality){0};
+    for (size_t face = 0; face < mesh->face_count; face++) {
+        const uint32_t *index = mesh->faces + 4 * face;
+        if (index[3] == QM_NO_INDEX) continue;
+        qm_vec corner[4];
+        for (int k = 0; k < 4; k++)
+            corner[k] = qm_vec_load(mesh->positions + 3 * (size_t)index[k]);
+        add_quad(corner, out);
+    }
+    if (out->quads == 0) return;
+    out->mean_angle /= (double)out->quads;
+    out->mean_edge_ratio /= (double)out->quads;
+    out->mean_warp /= (double)out->quads;
+}
