@@ -1,7 +1,8 @@
 /*
  * PLY: a text header that describes elements and their properties, then their rows as text or as binary in
  * either byte order. The coordinates are the properties x, y, z of the element vertex, the corners the list
- * vertex_indices or vertex_index of the element face; everything else is stepped over by its declared size.
+ * vertex_indices or vertex_index of the element face. Of a point set the properties nx, ny, nz are kept too;
+ * everything else is stepped over by its declared size.
  * Source: Turk, The PLY Polygon File Format, 1994.
  */
 #include <math.h>
@@ -28,8 +29,8 @@ static const struct {
                     {"ushort", "uint16", 2}, {"int", "int32", 4},     {"uint", "uint32", 4},
                     {"float", "float32", 4}, {"double", "float64", 8}};
 
-/** What a property means for the mesh: COORDINATE + axis, the corner list, or nothing. */
-typedef enum property_role { COORDINATE, CORNERS = COORDINATE + 3, OTHER } property_role;
+/** What a property means for the mesh: COORDINATE + axis, NORMAL + axis, the corner list, or nothing. */
+typedef enum property_role { COORDINATE, NORMAL = COORDINATE + 3, CORNERS = NORMAL + 3, OTHER } property_role;
 
 typedef struct ply_property {
     scalar_type count_type; /* NO_SCALAR unless the property is a list */
@@ -59,6 +60,7 @@ typedef struct ply_reader {
     ply_property *properties;
     size_t property_count, property_capacity;
     uint64_t vertex_count; /* announced */
+    bool has_normals;      /* a point set with all three of them */
 } ply_reader;
 
 /* Header */
@@ -147,10 +149,9 @@ static qm_status read_element(ply_reader *reader)
 
 static int find_role(const ply_element *element, bool is_list, const uint8_t *word, size_t size)
 {
-    static const char *const axes[3] = {"x", "y", "z"};
-    for (int axis = 0; axis < 3; ++axis)
-        if (element->kind == VERTICES && !is_list && qm_scan_word_is(word, size, axes[axis]))
-            return COORDINATE + axis;
+    static const char *const names[CORNERS] = {"x", "y", "z", "nx", "ny", "nz"};
+    for (int role = 0; role < CORNERS; ++role)
+        if (element->kind == VERTICES && !is_list && qm_scan_word_is(word, size, names[role])) return role;
     bool is_corners =
         qm_scan_word_is(word, size, "vertex_indices") || qm_scan_word_is(word, size, "vertex_index");
     return element->kind == FACES && is_list && is_corners ? CORNERS : OTHER;
@@ -160,7 +161,7 @@ static qm_status add_property(ply_reader *reader, ply_element *element, ply_prop
 {
     for (size_t i = 0; property.role != OTHER && i < element->property_count; ++i)
         if (reader->properties[element->first_property + i].role == property.role)
-            return fail_header(reader, "the header names a coordinate or the corners twice");
+            return fail_header(reader, "the header names a coordinate, a normal or the corners twice");
     if (property.role == CORNERS && is_float(property.type))
         return fail_header(reader, "the corners of faces are not whole numbers");
     void *block = reader->properties;
@@ -222,22 +223,24 @@ static qm_status read_header_lines(ply_reader *reader)
 
 static qm_status check_elements(ply_reader *reader)
 {
-    unsigned coordinates = 0;
-    bool has_corners = false;
+    unsigned roles = 0;
+    bool has_corners = false, has_faces = false;
     size_t other_count = 0;
     for (size_t i = 0; i < reader->property_count; ++i) {
         int role = reader->properties[i].role;
-        if (role < CORNERS) coordinates |= 1u << role;
+        if (role < CORNERS) roles |= 1u << role;
         has_corners |= role == CORNERS;
     }
-    if (coordinates != 7)
+    if ((roles & 7) != 7)
         return fail_header(reader, "the header describes no element vertex with properties x, y and z");
     for (size_t i = 0; i < reader->element_count; ++i) {
         const ply_element *element = &reader->elements[i];
         if (element->kind == FACES && element->count > 0 && !has_corners)
             return fail_header(reader, "the faces have no list named vertex_indices or vertex_index");
         other_count += element->kind == OTHERS && element->count > 0;
+        has_faces |= element->kind == FACES && element->count > 0;
     }
+    reader->has_normals = roles == 63 && !has_faces;
     if (other_count > 0)
         qm_codec_warn(reader->report, "elements other than vertex and face: %zu (left out)", other_count);
     return QM_OK;
@@ -300,10 +303,14 @@ static qm_status add_corner(ply_reader *reader, int64_t vertex)
     return qm_builder_add_corner(reader->builder, (uint32_t)vertex);
 }
 
-static qm_status end_row(ply_reader *reader, element_kind kind, const double position[3])
+/** value holds the coordinates and the normal by their roles. */
+static qm_status end_row(ply_reader *reader, element_kind kind, const double value[CORNERS])
 {
     if (kind == FACES) return qm_builder_end_face(reader->builder);
-    return kind == VERTICES ? qm_builder_add_vertex(reader->builder, position) : QM_OK;
+    if (kind != VERTICES) return QM_OK;
+    qm_status status = qm_builder_add_vertex(reader->builder, value + COORDINATE);
+    if (status != QM_OK || !reader->has_normals) return status;
+    return qm_builder_set_normal(reader->builder, value + NORMAL);
 }
 
 static qm_status read_text_list(ply_reader *reader, const ply_property *property)
@@ -326,7 +333,7 @@ static qm_status read_text_list(ply_reader *reader, const ply_property *property
 
 static qm_status read_text_row(ply_reader *reader, const ply_element *element)
 {
-    double position[3] = {0}, ignored;
+    double value[CORNERS] = {0}, ignored;
     qm_status status = QM_OK;
     for (size_t i = 0; status == QM_OK && i < element->property_count; ++i) {
         const ply_property *property = &reader->properties[element->first_property + i];
@@ -334,13 +341,13 @@ static qm_status read_text_row(ply_reader *reader, const ply_element *element)
             status = read_text_list(reader, property);
         else
             status = qm_scan_read_number(&reader->text,
-                                         property->role < CORNERS ? &position[property->role] : &ignored);
+                                         property->role < CORNERS ? &value[property->role] : &ignored);
     }
     qm_scan_skip_blanks(&reader->text);
     if (status == QM_OK && !qm_scan_at_row_end(&reader->text))
         return qm_codec_fail(reader->report, QM_E_FORMAT,
                              "the row has more values than the header describes");
-    return status == QM_OK ? end_row(reader, element->kind, position) : status;
+    return status == QM_OK ? end_row(reader, element->kind, value) : status;
 }
 
 static qm_status read_text_rows(ply_reader *reader, const ply_element *element)
@@ -439,7 +446,7 @@ static qm_status read_binary_list(ply_reader *reader, const ply_property *proper
 
 static qm_status read_binary_row(ply_reader *reader, const ply_element *element)
 {
-    double position[3] = {0};
+    double value[CORNERS] = {0};
     const ply_property *property = reader->properties + element->first_property;
     for (const ply_property *end = property + element->property_count; property < end; ++property) {
         if (property->count_type != NO_SCALAR) {
@@ -450,13 +457,13 @@ static qm_status read_binary_row(ply_reader *reader, const ply_element *element)
         if (!has_bytes(reader, scalar_types[property->type].size)) return fail_short(reader);
         if (property->role < CORNERS) {
             double number = load_number(reader, property->type, reader->text.at);
-            if (!isfinite(number))
+            if (property->role < NORMAL && !isfinite(number))
                 return qm_codec_fail(reader->report, QM_E_NOT_FINITE, "a coordinate is not a finite number");
-            position[property->role] = number;
+            value[property->role] = number;
         }
         reader->text.at += scalar_types[property->type].size;
     }
-    return end_row(reader, element->kind, position);
+    return end_row(reader, element->kind, value);
 }
 
 static qm_status read_binary_rows(ply_reader *reader, const ply_element *element)

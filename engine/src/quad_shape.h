@@ -6,8 +6,8 @@
 
 #include "vec.h"
 
-/** The least sine at a corner of a quad, seen along its normal: its scaled Jacobian, 1 for a rectangle, not above
- * 0 for a folded quad, -1 for one with two corners in one place. */
+/** The least sine at a corner of a quad, seen along its normal: its scaled Jacobian, 1 for a rectangle, not
+ * above 0 for a folded quad, -1 for one with two corners in one place. */
 static inline double qm_quad_least_sine(const qm_vec corner[4])
 {
     qm_vec normal = qm_vec_cross(qm_vec_sub(corner[2], corner[0]), qm_vec_sub(corner[3], corner[1]));

@@ -8,6 +8,7 @@
  *   reconstruct_detours.c  curves led round where they leave the surface for good
  *   reconstruct_grids.c    grids of vertices: Coons patches, doubling, fairing
  *   reconstruct_samples.c  points of the surface, and their parameters in the grids
+ *   reconstruct_sides.c    samples on the wrong side, by their normals
  *   reconstruct_place.c    inner vertices from the points that enclose them
  *   reconstruct_untangle.c folded quads smoothed out
  *   reconstruct_mesh.c     grids to meshes
@@ -61,6 +62,8 @@ typedef struct qm_sample_place {
 typedef struct qm_samples {
     size_t count, capacity;
     double *positions; /* rows of x y z */
+    float *normals;    /* the same, of any length: of the faces, or what came with the points; NULL for points
+                          without */
     qm_sample_place *place;
     bool is_projected; /* places come from projection on the grids */
 } qm_samples;
@@ -151,6 +154,10 @@ qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t 
 qm_status qm_samples_locate(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples);
 /** As many as the quads of the grids need. */
 qm_status qm_samples_create_fine(qm_context *ctx, const qm_reconstruction *r, qm_samples *out);
+/** Takes the parameters of samples whose normals look the other way than the grid under them: these lie on
+ * the other wall of a gap or sheet. Only in patches where nearly all samples agree, as normals may be wrong.
+ * QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_samples_drop_turned(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples);
 /** Makes parameters count the edges of the grids; before, a patch has base edges a side. */
 void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base);
 void qm_samples_reset(qm_context *ctx, qm_samples *samples);

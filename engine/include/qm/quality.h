@@ -8,11 +8,12 @@
 
 /** Over the quads of a mesh; triangles do not count. All zero when there is no quad. */
 typedef struct qm_quality {
-    size_t quads, folded;        /* folded: with a corner whose sine is not above 0 */
-    double least_jacobian;       /* scaled: the least sine at a corner, seen along its quad's normal; 1 is best */
-    double mean_angle, max_angle; /* how far the corners' angles are from 90 degrees, in degrees */
+    size_t quads, folded;  /* folded: with a corner whose sine is not above 0 */
+    double least_jacobian; /* scaled: the least sine at a corner, seen along its quad's normal; 1 is best */
+    double mean_angle, max_angle;           /* how far the corners' angles are from 90 degrees, in degrees */
     double mean_edge_ratio, max_edge_ratio; /* of the longest edge of a quad to its shortest; 1 is best */
-    double mean_warp, max_warp; /* distance between the diagonals, as a share of their mean length; 0 is planar */
+    double mean_warp,
+        max_warp; /* distance between the diagonals, as a share of their mean length; 0 is planar */
 } qm_quality;
 
 /**
