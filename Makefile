@@ -105,6 +105,7 @@ $(PAGE)/%: clients/dashboard/%
 	@touch $@
 npm: $(addsuffix /node_modules/.package-lock.json,clients/js clients/dashboard clients/docs tests/browser)
 
+# They name three.js as it lies beside them, for workers have no import map.
 MODULES := clients/dashboard/node_modules
 VENDOR_three.module.js := three/build/three.module.js
 VENDOR_three.core.js   := three/build/three.core.js
@@ -112,16 +113,19 @@ VENDOR_OrbitControls.js    := three/examples/jsm/controls/OrbitControls.js
 VENDOR_mesh-bvh.js         := three-mesh-bvh/build/index.module.js
 $(PAGE)/vendor/%: $(MODULES)/.package-lock.json
 	@mkdir -p $(@D)
-	cp $(MODULES)/$(VENDOR_$*) $@
+	sed "s#from 'three';#from './three.module.js';#" $(MODULES)/$(VENDOR_$*) >$@
 $(VIEWER_FILES:%=$(PAGE)/%): $(PAGE)/%: clients/docs/node_modules/.package-lock.json
 	@mkdir -p $(@D)
 	cp clients/docs/node_modules/swagger-ui-dist/$* $@
 
-$(OUT)/quadmeshd: $(OBJ)/server/main.o $(OBJ)/libserver.a $(OBJ)/libengine.a
+# The engine's locks are those of <threads.h>, which ThreadSanitizer does not see.
+PROGRAM_EXTRA := $(if $(filter tsan,$(config)),$(OBJ)/tests/support/tsan_locks.o)
+
+$(OUT)/quadmeshd: $(OBJ)/server/main.o $(PROGRAM_EXTRA) $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
 
-$(OUT)/quadmesh: $(CLI_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
+$(OUT)/quadmesh: $(CLI_OBJECTS) $(PROGRAM_EXTRA) $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
 

@@ -7,6 +7,7 @@
 #include <cjson/cJSON.h>
 
 #include "codec_gltf.h"
+#include "json_parse.h"
 
 #define LARGEST_JSON ((size_t)16 << 20)   /* the tree takes some 30 times as much memory */
 #define LARGEST_NUMBER 9007199254740992.0 /* whole numbers are exact up to here */
@@ -337,11 +338,13 @@ qm_status qm_gltf_parse(qm_builder *builder, const uint8_t *json, size_t size, q
     if (size > LARGEST_JSON)
         return qm_codec_fail(builder->report, QM_E_TOO_LARGE, "the JSON part is larger than %zu bytes",
                              LARGEST_JSON);
-    const char *end = NULL;
-    cJSON *root = cJSON_ParseWithLengthOpts((const char *)json, size, &end, false);
+    const char *end;
+    bool no_memory;
+    cJSON *root = qm_json_parse_tree((const char *)json, size, &end, &no_memory);
     json_reader reader = {.builder = builder, .gltf = gltf, .root = root};
+    if (no_memory) return qm_codec_fail(builder->report, QM_E_NO_MEMORY, "no memory for the JSON part");
     if (!cJSON_IsObject(root)) {
-        if (!root && end) builder->report->offset += (size_t)(end - (const char *)json);
+        if (!root) builder->report->offset += (size_t)(end - (const char *)json);
         cJSON_Delete(root);
         return fail_json(&reader, "the JSON part is broken");
     }

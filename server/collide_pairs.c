@@ -27,6 +27,14 @@ static qm_status tell(qm_context *ctx, const qm_mesh *a, const qm_mesh *b, const
     return QM_OK;
 }
 
+/** Meshes that were loaded without trees need only those of the faces near each other. */
+static qm_status collide_two(qm_context *ctx, const qm_loaded_mesh *a, const qm_loaded_mesh *b,
+                             const qm_collide_options *options, qm_collision *out)
+{
+    if (a->bvh && b->bvh) return qm_collide_meshes(ctx, a->bvh, b->bvh, options, out);
+    return qm_collide_surfaces(ctx, &a->mesh, &b->mesh, options, out);
+}
+
 /** All pairs are kept for the next time; the first, or any, would not do. */
 static qm_status collide_self(qm_context *ctx, const qm_loaded_mesh *mesh, const qm_collide_options *options,
                               bool incremental, qm_told_pairs *out)
@@ -48,8 +56,8 @@ qm_status qm_told_pairs_find(qm_context *ctx, const qm_loaded_mesh *a, const qm_
                              qm_told_pairs *out)
 {
     *out = (qm_told_pairs){0};
-    qm_status status = b ? qm_collide_meshes(ctx, a->bvh, b->bvh, options, &out->found)
-                         : collide_self(ctx, a, options, incremental, out);
+    qm_status status =
+        b ? collide_two(ctx, a, b, options, &out->found) : collide_self(ctx, a, options, incremental, out);
     if (status == QM_OK) status = tell(ctx, &a->mesh, b ? &b->mesh : &a->mesh, options, list_limit, out);
     if (status != QM_OK) qm_told_pairs_reset(ctx, out);
     return status;

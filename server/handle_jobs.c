@@ -118,22 +118,17 @@ void qm_handle_job_list(qm_request *request)
     qm_text out = {0};
     qm_text_add_string(&out, "{\"jobs\":[");
     if (!qm_jobs_list(qm_request_app(request)->jobs, after, limit, &out, &next)) out.failed = true;
-    if (next > 0)
-        qm_text_printf(&out, "],\"next\":\"%lld\"}", (long long)next);
-    else
-        qm_text_add_string(&out, "],\"next\":null}");
+    qm_end_page(&out, next);
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));
 }
 
-/** The job of the path with a reference, or NULL after a 404. */
+/** The job of the path with a reference, or NULL after a refusal. */
 static qm_job *find_job(qm_request *request)
 {
-    qm_job *job = qm_jobs_find(qm_request_app(request)->jobs, qm_request_id(request));
-    if (job) return job;
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_JOB_NOT_FOUND, "there is no job %s", qm_request_id(request));
-    qm_reply_problem(request, &problem);
-    return NULL;
+    qm_problem problem;
+    qm_job *job = qm_jobs_find(qm_request_app(request)->jobs, qm_request_id(request), &problem);
+    if (!job) qm_reply_problem(request, &problem);
+    return job;
 }
 
 void qm_handle_job_get(qm_request *request)

@@ -50,9 +50,10 @@ static bool take_mesh(desk *d, qm_problem *problem)
 static bool find_row(qm_request *request, qm_store_layout *out, qm_problem *problem)
 {
     const char *id = qm_request_id(request);
-    if (qm_store_find_layout(qm_request_app(request)->store, id, out)) return true;
-    *problem = qm_problem_make(QM_PROBLEM_LAYOUT_NOT_FOUND, "there is no layout %s", id);
-    return false;
+    qm_status status = qm_store_find_layout(qm_request_app(request)->store, id, out);
+    if (status != QM_OK)
+        *problem = qm_problem_from_store(status, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout %s", id);
+    return status == QM_OK;
 }
 
 /** Lays out what an edit needs. False with a problem; close_desk either way. */
@@ -249,7 +250,15 @@ void qm_handle_layout_list(qm_request *request)
     int64_t after;
     if (!qm_read_paging(request, &limit, &after)) return;
     qm_store_layout *rows = calloc(limit + 1, sizeof *rows);
-    size_t count = rows ? qm_store_list_layouts(qm_request_app(request)->store, after, limit + 1, rows) : 0;
+    size_t count = 0;
+    qm_store *store = qm_request_app(request)->store;
+    qm_status status = rows ? qm_store_list_layouts(store, after, limit + 1, rows, &count) : QM_E_NO_MEMORY;
+    if (status != QM_OK) {
+        free(rows);
+        qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "layouts");
+        qm_reply_problem(request, &problem);
+        return;
+    }
     qm_text out = {0};
     qm_text_add_string(&out, "{");
     qm_json_open(&out, "layouts", "[");
@@ -259,10 +268,7 @@ void qm_handle_layout_list(qm_request *request)
         write_layout(&out, &rows[i], true);
         qm_text_add_string(&out, "}");
     }
-    if (count > limit)
-        qm_text_printf(&out, "],\"next\":\"%lld\"}", (long long)rows[limit - 1].sequence);
-    else
-        qm_text_add_string(&out, "],\"next\":null}");
+    qm_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
     for (size_t i = 0; i < count; i++)
         qm_store_layout_reset(&rows[i]);
     free(rows);
@@ -283,12 +289,13 @@ void qm_handle_layout_get(qm_request *request)
 
 void qm_handle_layout_delete(qm_request *request)
 {
-    if (qm_store_delete_layout(qm_request_app(request)->store, qm_request_id(request))) {
+    const char *id = qm_request_id(request);
+    qm_status status = qm_store_delete_layout(qm_request_app(request)->store, id);
+    if (status == QM_OK) {
         qm_reply_empty(request, 204);
         return;
     }
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_LAYOUT_NOT_FOUND, "there is no layout %s", qm_request_id(request));
+    qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout %s", id);
     qm_reply_problem(request, &problem);
 }
 

@@ -99,15 +99,20 @@ void qm_handle_mesh_list(qm_request *request)
     int64_t after;
     if (!qm_read_paging(request, &limit, &after)) return;
     qm_store_mesh *rows = calloc(limit + 1, sizeof *rows);
-    size_t count = rows ? qm_store_list_meshes(app->store, after, limit + 1, rows) : 0;
+    size_t count = 0;
+    qm_status status =
+        rows ? qm_store_list_meshes(app->store, after, limit + 1, rows, &count) : QM_E_NO_MEMORY;
+    if (status != QM_OK) {
+        free(rows);
+        qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "meshes");
+        qm_reply_problem(request, &problem);
+        return;
+    }
     qm_text out = {0};
     qm_text_add_string(&out, "{\"meshes\":[");
     for (size_t i = 0; i < count && i < limit; i++)
         qm_text_printf(&out, "%s%s", i > 0 ? "," : "", rows[i].document);
-    if (count > limit)
-        qm_text_printf(&out, "],\"next\":\"%lld\"}", (long long)rows[limit - 1].sequence);
-    else
-        qm_text_add_string(&out, "],\"next\":null}");
+    qm_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
     for (size_t i = 0; i < count; i++)
         qm_store_mesh_reset(&rows[i]);
     free(rows);

@@ -2,15 +2,15 @@
  * handle_page.c: the page at /, its modules under /dashboard/, and the API's description: text files of one
  * folder.
  */
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "etag.h"
 #include "handlers.h"
 #include "hash.h"
-
-#define MAX_FILE_SIZE (8u << 20)
 
 /** Only files of these kinds are ever served. The route has seen to it that no path leads out of the folder.
  */
@@ -31,16 +31,22 @@ static const char *type_of(const char *path)
     return NULL;
 }
 
-/** The text of a file of the installation, or NULL. */
-static char *read_file(const char *path)
+/** What reading a file came to. */
+typedef enum reading { READ, NOT_THERE, NO_MEMORY } reading;
+
+/** The text of a file of the installation, on malloc. */
+static reading read_file(const char *path, char **text)
 {
+    errno = 0;
     FILE *file = fopen(path, "rb");
-    if (!file) return NULL;
-    char *text = malloc(MAX_FILE_SIZE);
-    size_t size = text ? fread(text, 1, MAX_FILE_SIZE - 1, file) : 0;
-    if (text) text[size] = '\0';
+    if (!file) return errno == ENOMEM ? NO_MEMORY : NOT_THERE;
+    struct stat facts;
+    size_t room = fstat(fileno(file), &facts) == 0 ? (size_t)facts.st_size : 0;
+    *text = malloc(room + 1);
+    size_t size = *text ? fread(*text, 1, room, file) : 0;
+    if (*text) (*text)[size] = '\0';
     fclose(file);
-    return text;
+    return *text ? READ : NO_MEMORY;
 }
 
 /** Takes the text. A browser asks again each time, and gets a 304 for what it has. */
@@ -59,28 +65,31 @@ static void reply_file(qm_request *request, const char *content_type, char *text
     qm_reply_empty(request, 304);
 }
 
-static void reply_not_found(qm_request *request)
+static void reply_missing(qm_request *request, reading why)
 {
-    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
+    qm_problem problem = why == NO_MEMORY
+                             ? qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply")
+                             : qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
     qm_reply_problem(request, &problem);
 }
 
-/** A file of the folder, or NULL. */
-static char *read_named(const qm_request *request, const char *name)
+/** A file of the folder. */
+static reading read_named(const qm_request *request, const char *name, char **text)
 {
     char path[4096];
     const char *folder = qm_request_app(request)->config->dashboard;
     snprintf(path, sizeof path, "%s/%s", folder, name);
-    return folder[0] ? read_file(path) : NULL;
+    return folder[0] ? read_file(path, text) : NOT_THERE;
 }
 
 void qm_handle_openapi(qm_request *request)
 {
-    char *text = read_named(request, "openapi.yaml");
-    if (text)
+    char *text;
+    reading outcome = read_named(request, "openapi.yaml", &text);
+    if (outcome == READ)
         reply_file(request, "application/yaml", text);
     else
-        reply_not_found(request);
+        reply_missing(request, outcome);
 }
 
 /** No script but the daemon's own files, and the one import map in the page, which cannot be a file. */
@@ -105,9 +114,10 @@ static void add_policy(qm_request *request, const char *page)
 /** The viewer sets styles of elements by itself; no script but those of the daemon runs. */
 void qm_handle_docs(qm_request *request)
 {
-    char *text = read_named(request, "docs.html");
-    if (!text) {
-        reply_not_found(request);
+    char *text;
+    reading outcome = read_named(request, "docs.html", &text);
+    if (outcome != READ) {
+        reply_missing(request, outcome);
         return;
     }
     qm_reply_header(
@@ -120,9 +130,10 @@ void qm_handle_docs(qm_request *request)
 void qm_handle_page(qm_request *request)
 {
     const char *id = qm_request_id(request), *name = id[0] ? id : "index.html", *type = type_of(name);
-    char *text = type ? read_named(request, name) : NULL;
-    if (!text) {
-        reply_not_found(request);
+    char *text;
+    reading outcome = type ? read_named(request, name, &text) : NOT_THERE;
+    if (outcome != READ) {
+        reply_missing(request, outcome);
         return;
     }
     if (strcmp(name, "index.html") == 0) add_policy(request, text);

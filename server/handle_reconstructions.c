@@ -8,10 +8,11 @@
 
 static bool find_row(qm_request *request, qm_store_reconstruction *out)
 {
-    if (qm_store_find_reconstruction(qm_request_app(request)->store, qm_request_id(request), out))
-        return true;
-    qm_problem problem = qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "there is no reconstruction %s",
-                                         qm_request_id(request));
+    const char *id = qm_request_id(request);
+    qm_status status = qm_store_find_reconstruction(qm_request_app(request)->store, id, out);
+    if (status == QM_OK) return true;
+    qm_problem problem =
+        qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
     qm_reply_problem(request, &problem);
     return false;
 }
@@ -46,9 +47,10 @@ static void reply_row(qm_request *request, int status, const qm_store_reconstruc
 /** Takes a layout as it is now; false with a problem. */
 static bool take_layout(qm_app *app, const char *id, qm_store_layout *out, qm_problem *problem)
 {
-    if (qm_store_find_layout(app->store, id, out)) return true;
-    *problem = qm_problem_make(QM_PROBLEM_LAYOUT_NOT_FOUND, "there is no layout of the id given in layout");
-    qm_problem_add_pointer(problem, "/layout", "no such layout");
+    qm_status status = qm_store_find_layout(app->store, id, out);
+    if (status == QM_OK) return true;
+    *problem = qm_problem_from_store(status, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout of the id given in layout");
+    if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, "/layout", "no such layout");
     return false;
 }
 
@@ -84,16 +86,21 @@ void qm_handle_reconstruction_list(qm_request *request)
     if (!qm_read_paging(request, &limit, &after)) return;
     qm_store_reconstruction *rows = calloc(limit + 1, sizeof *rows);
     qm_store *store = qm_request_app(request)->store;
-    size_t count = rows ? qm_store_list_reconstructions(store, after, limit + 1, rows) : 0;
+    size_t count = 0;
+    qm_status status =
+        rows ? qm_store_list_reconstructions(store, after, limit + 1, rows, &count) : QM_E_NO_MEMORY;
+    if (status != QM_OK) {
+        free(rows);
+        qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "reconstructions");
+        qm_reply_problem(request, &problem);
+        return;
+    }
     qm_text out = {0};
     qm_text_add_string(&out, "{");
     qm_json_open(&out, "reconstructions", "[");
     for (size_t i = 0; i < count && i < limit; i++)
         write_row(&out, &rows[i], true);
-    if (count > limit)
-        qm_text_printf(&out, "],\"next\":\"%lld\"}", (long long)rows[limit - 1].sequence);
-    else
-        qm_text_add_string(&out, "],\"next\":null}");
+    qm_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
     for (size_t i = 0; i < count; i++)
         qm_store_reconstruction_reset(&rows[i]);
     free(rows);
@@ -110,12 +117,14 @@ void qm_handle_reconstruction_get(qm_request *request)
 
 void qm_handle_reconstruction_delete(qm_request *request)
 {
-    if (qm_reconstructions_delete(qm_request_app(request)->reconstructions, qm_request_id(request))) {
+    const char *id = qm_request_id(request);
+    qm_status status = qm_reconstructions_delete(qm_request_app(request)->reconstructions, id);
+    if (status == QM_OK) {
         qm_reply_empty(request, 204);
         return;
     }
-    qm_problem problem = qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "there is no reconstruction %s",
-                                         qm_request_id(request));
+    qm_problem problem =
+        qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
     qm_reply_problem(request, &problem);
 }
 

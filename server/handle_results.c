@@ -106,10 +106,9 @@ void qm_handle_job_result(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
     const char *id = qm_request_id(request);
-    qm_job *job = qm_jobs_find(app->jobs, id);
     qm_problem problem;
+    qm_job *job = qm_jobs_find(app->jobs, id, &problem);
     if (!job) {
-        problem = qm_problem_make(QM_PROBLEM_JOB_NOT_FOUND, "there is no job %s", id);
         qm_reply_problem(request, &problem);
         return;
     }

@@ -40,6 +40,14 @@ bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after)
     return true;
 }
 
+void qm_end_page(qm_text *out, int64_t next)
+{
+    if (next > 0)
+        qm_text_printf(out, "],\"next\":\"%lld\"}", (long long)next);
+    else
+        qm_text_add_string(out, "],\"next\":null}");
+}
+
 void qm_handle_health(qm_request *request)
 {
     qm_reply_static(request, 200, "application/json", "{\"status\":\"ok\"}");

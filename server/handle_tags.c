@@ -6,9 +6,10 @@
 
 bool qm_find_mesh(qm_request *request, qm_store_mesh *out)
 {
-    if (qm_store_find_mesh(qm_request_app(request)->store, qm_request_id(request), out)) return true;
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh %s", qm_request_id(request));
+    const char *id = qm_request_id(request);
+    qm_status status = qm_store_find_mesh(qm_request_app(request)->store, id, out);
+    if (status == QM_OK) return true;
+    qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
     qm_reply_problem(request, &problem);
     return false;
 }

@@ -55,7 +55,7 @@ void qm_handle_openapi(qm_request *request);
 void qm_handle_docs(qm_request *request);
 void qm_handle_page(qm_request *request);
 
-/** The row of the mesh in the path, for qm_store_mesh_reset; false after a 404. */
+/** The row of the mesh in the path, for qm_store_mesh_reset; false after a refusal. */
 bool qm_find_mesh(qm_request *request, qm_store_mesh *out);
 
 /**
@@ -70,6 +70,9 @@ bool qm_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh);
  * 404, 412, or what kept the mesh from being read.
  */
 qm_mesh_ref *qm_take_mesh(qm_request *request, const char *suffix);
+
+/** Ends a page of a list: closes its array and tells where the next page starts, 0 after the last one. */
+void qm_end_page(qm_text *out, int64_t next);
 
 /** Reads ?limit= and ?cursor=; replies with a problem and returns false when they are not valid. */
 bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after);

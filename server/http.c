@@ -10,6 +10,7 @@
 
 #include <math.h>
 #include <stdarg.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -155,8 +156,13 @@ static void set_name(qm_request *request)
 static qm_request *begin(qm_listener *listener, struct MHD_Connection *connection, const char *url,
                          const char *method)
 {
-    qm_request *request = calloc(1, sizeof *request);
+    qm_request *request = malloc(sizeof *request);
     if (!request) return NULL;
+    /* Not the rooms for a problem and for headers, which most requests leave empty. */
+    memset(request, 0, offsetof(qm_request, problem));
+    request->reply.status = 0;
+    request->reply.response = NULL;
+    request->reply.header_count = 0;
     request->app = listener->app;
     request->listener = listener;
     request->connection = connection;

@@ -26,8 +26,8 @@ typedef struct qm_listener {
 typedef struct qm_reply {
     int status;
     struct MHD_Response *response;
-    char header[QM_REPLY_HEADERS][2][256];
     int header_count;
+    char header[QM_REPLY_HEADERS][2][256]; /* so many of them are set */
 } qm_reply;
 
 /** A request from its first header to its end; belongs to its connection. */
@@ -45,13 +45,13 @@ struct qm_request {
     qm_blob_writer *upload;
     qm_text body;
     size_t body_size, thrown_away; /* bytes that have come; of these, bytes nobody needed */
-    qm_problem problem;            /* found before the body had come: sent when it has */
     bool has_problem;
     enum { RECEIVING, HANDLING, WAITING, DONE } stage;
-    qm_reply reply;
     qm_job *awaited; /* qm_reply_when_done */
     int status_before;
     qm_reader reader;
+    qm_problem problem; /* found before the body had come: sent when it has. Set with has_problem */
+    qm_reply reply;
 };
 
 /** Finds the route and everything that is wrong before the body has come: sets the problem then. */

@@ -86,6 +86,8 @@ static void set_reply(qm_request *request, int status, const char *content_type,
 {
     request->reply.status = status;
     request->reply.response = MHD_create_response_from_buffer(size, body, mode);
+    /* Without a response the connection is closed. */
+    if (!request->reply.response && mode == MHD_RESPMEM_MUST_FREE) free(body);
     if (content_type) qm_reply_header(request, "Content-Type", "%s", content_type);
 }
 
@@ -119,6 +121,10 @@ void qm_request_set_reader(qm_request *request, int status, uint64_t size, size_
 {
     request->reply.status = status;
     request->reply.response = MHD_create_response_from_callback(size, piece_size, read, user, end);
+    if (!request->reply.response) {
+        end(user);
+        return;
+    }
     /* libmicrohttpd 0.9.75 ends a chunked reply to HEAD with a last chunk, which the client takes for the
      * start of the next reply. */
     if (strcmp(request->method, "HEAD") == 0 && size == MHD_SIZE_UNKNOWN)

@@ -2,8 +2,9 @@
  * http_stream.c: replies that wait for jobs: the stream of one's events or of a batch's answers, or the
  * document of a job once it has ended.
  *
- * A connection with nothing to send is suspended under the lock of the jobs (job.h) and resumed under it, so
- * that no wake-up is lost and nothing is resumed that is not suspended.
+ * A connection with nothing to send is suspended under the lock of the jobs (job.h), and its reader is taken
+ * for awake under it before the connection is resumed: no wake-up is lost, and nothing is resumed that is not
+ * suspended.
  */
 #include <math.h>
 #include <stdlib.h>

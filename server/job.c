@@ -9,6 +9,7 @@
 #include "metrics.h"
 #include "result_file.h"
 
+#define JOB_NICENESS 5
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
 #define DROP_STEP 64
@@ -147,13 +148,19 @@ static qm_job *find_listed(qm_jobs *jobs, const char *id)
     return job;
 }
 
-qm_job *qm_jobs_find(qm_jobs *jobs, const char *id)
+qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem)
 {
     qm_store_job row;
     qm_job *job = find_listed(jobs, id);
-    if (job || !qm_store_find_job(jobs->store, id, &row)) return job;
+    if (job) return job;
+    qm_status status = qm_store_find_job(jobs->store, id, &row);
+    if (status != QM_OK) {
+        *problem = qm_problem_from_store(status, QM_PROBLEM_JOB_NOT_FOUND, "job %s", id);
+        return NULL;
+    }
     /* A row without a document came between the two looks: its job has been listed since. */
     job = row.document ? job_from_row(jobs, &row) : find_listed(jobs, id);
+    if (!job) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for job %s", id);
     qm_store_job_reset(&row);
     return job;
 }
@@ -162,10 +169,15 @@ static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const cha
                                        qm_problem *problem)
 {
     qm_store_job row;
-    if (!qm_store_find_job_by_idempotency_key(jobs->store, key, &row)) return NULL;
+    qm_status status = qm_store_find_job_by_idempotency_key(jobs->store, key, &row);
+    if (status != QM_OK) {
+        if (status != QM_E_EMPTY)
+            *problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "jobs of this key");
+        return NULL;
+    }
     qm_job *job = NULL;
     if (strcmp(row.key, request_key) == 0)
-        job = qm_jobs_find(jobs, row.id);
+        job = qm_jobs_find(jobs, row.id, problem);
     else
         *problem = qm_problem_make(QM_PROBLEM_IDEMPOTENCY_MISMATCH,
                                    "this Idempotency-Key came with another request");
@@ -176,7 +188,7 @@ static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const cha
 qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions)
 {
     qm_store_job row;
-    if (!qm_store_find_job_by_key(jobs->store, key, revisions, QM_JOB_SUCCEEDED, &row)) return NULL;
+    if (qm_store_find_job_by_key(jobs->store, key, revisions, QM_JOB_SUCCEEDED, &row) != QM_OK) return NULL;
     qm_job *job = job_from_row(jobs, &row);
     qm_store_job_reset(&row);
     return job;
@@ -186,15 +198,16 @@ static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_
                        qm_problem *problem)
 {
     qm_store_mesh row;
-    if (qm_store_find_mesh(jobs->store, id, &row)) {
+    qm_status status = qm_store_find_mesh(jobs->store, id, &row);
+    if (status == QM_OK) {
         *revision = row.revision;
         qm_store_mesh_reset(&row);
         return true;
     }
     char pointer[32];
     snprintf(pointer, sizeof pointer, "/%s", field);
-    *problem = qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh of the id given in %s", field);
-    qm_problem_add_pointer(problem, pointer, "no such mesh");
+    *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh of the id given in %s", field);
+    if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, pointer, "no such mesh");
     return false;
 }
 
@@ -206,12 +219,14 @@ void qm_job_write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
 static bool check_reconstruction(qm_jobs *jobs, const char *id, qm_problem *problem)
 {
     qm_store_reconstruction row;
-    if (qm_store_find_reconstruction(jobs->store, id, &row)) {
+    qm_status status = qm_store_find_reconstruction(jobs->store, id, &row);
+    if (status == QM_OK) {
         qm_store_reconstruction_reset(&row);
         return true;
     }
-    *problem = qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "there is no reconstruction of this id");
-    qm_problem_add_pointer(problem, "/reconstruction", "no such reconstruction");
+    *problem =
+        qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction of this id");
+    if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, "/reconstruction", "no such reconstruction");
     return false;
 }
 
@@ -349,7 +364,8 @@ void qm_jobs_disown(qm_jobs *jobs, qm_job *job)
 static char *document_of_row(qm_jobs *jobs, const qm_store_job *row)
 {
     if (row->document) return strdup(row->document);
-    qm_job *job = qm_jobs_find(jobs, row->id);
+    qm_problem problem;
+    qm_job *job = qm_jobs_find(jobs, row->id, &problem);
     char *document = job ? qm_job_document(jobs, job, false) : NULL;
     qm_jobs_release(jobs, job);
     return document;
@@ -372,7 +388,9 @@ static bool has_room_for_more(const job_page *page)
 static bool list_step(qm_jobs *jobs, job_page *page)
 {
     qm_store_job rows[LIST_STEP];
-    size_t count = qm_store_list_jobs(jobs->store, page->after, LIST_STEP, rows);
+    size_t count;
+    if (qm_store_list_jobs(jobs->store, page->after, LIST_STEP, rows, &count) != QM_OK)
+        page->out->failed = true;
     for (size_t i = 0; i < count; i++) {
         if (has_room_for_more(page)) {
             char *document = document_of_row(jobs, &rows[i]);
@@ -394,7 +412,9 @@ bool qm_jobs_list(qm_jobs *jobs, int64_t after, size_t limit, qm_text *out, int6
     while (has_room_for_more(&page) && list_step(jobs, &page))
         continue;
     qm_store_job following;
-    bool is_last = qm_store_list_jobs(jobs->store, page.after, 1, &following) == 0;
+    size_t count;
+    if (qm_store_list_jobs(jobs->store, page.after, 1, &following, &count) != QM_OK) out->failed = true;
+    bool is_last = count == 0;
     if (!is_last) qm_store_job_reset(&following);
     *next = is_last ? 0 : page.after;
     return !out->failed;
@@ -456,7 +476,9 @@ static void resume_unfinished(qm_jobs *jobs)
     qm_store_job rows[RESUME_STEP];
     int64_t after = 0;
     size_t total = 0, count;
-    while ((count = qm_store_list_unfinished_jobs(jobs->store, after, RESUME_STEP, rows)) > 0) {
+    qm_status status;
+    while ((status = qm_store_list_unfinished_jobs(jobs->store, after, RESUME_STEP, rows, &count)) == QM_OK &&
+           count > 0) {
         after = rows[count - 1].sequence;
         for (size_t i = 0; i < count; i++) {
             resume_row(jobs, &rows[i]);
@@ -464,6 +486,8 @@ static void resume_unfinished(qm_jobs *jobs)
         }
         total += count;
     }
+    if (status != QM_OK)
+        qm_log(QM_LOG_ERROR, "there may be more unfinished jobs: the next start looks for them");
     if (total > 0) qm_log(QM_LOG_INFO, "%zu unfinished jobs queued again", total);
 }
 
@@ -478,8 +502,8 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *
     jobs->limits = limits;
     uv_mutex_init(&jobs->submitting);
     uv_mutex_init(&jobs->lock);
-    jobs->pool = qm_pool_create(limits.workers);
-    if (!jobs->pool) {
+    jobs->pool = qm_pool_create(limits.workers, JOB_NICENESS);
+    if (!qm_waker_start(jobs) || !jobs->pool) {
         qm_jobs_destroy(jobs);
         return NULL;
     }
@@ -509,8 +533,10 @@ void qm_jobs_destroy(qm_jobs *jobs)
     if (!jobs) return;
     if (jobs->pool && !atomic_load(&jobs->closed)) qm_jobs_drain(jobs);
     qm_pool_destroy(jobs->pool);
+    qm_jobs_settle(jobs);
     while (jobs->first)
         qm_job_unlist(jobs->first);
+    uv_cond_destroy(&jobs->has_awake);
     uv_mutex_destroy(&jobs->lock);
     uv_mutex_destroy(&jobs->submitting);
     free(jobs);

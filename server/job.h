@@ -26,14 +26,14 @@ typedef enum qm_job_state {
 typedef struct qm_jobs qm_jobs;
 typedef struct qm_job qm_job;
 
-/** Somebody who waits for news of a job. wake is called under the lock, at most once for each time it went to
- * sleep. */
+/** Somebody who waits for news of a job. wake is called from a thread of its own, once for each time it went
+ * to sleep and before it leaves. */
 typedef struct qm_reader {
     void (*wake)(void *user);
     void *user;
     bool asleep;
-    double wake_at_ms; /* wake at this time at the latest (qm_now_ms), INFINITY for never */
-    struct qm_reader *next;
+    double wake_at_ms;                   /* wake at this time at the latest (qm_now_ms), INFINITY for never */
+    struct qm_reader *next, *next_awake; /* of the same job; of those that are about to be woken */
 } qm_reader;
 
 typedef struct qm_job_limits {
@@ -74,8 +74,8 @@ typedef struct qm_job_submission {
 qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool *is_cached,
                        qm_problem *problem);
 
-/** A counted reference; jobs that have ended come back from the store. NULL when there is none. */
-qm_job *qm_jobs_find(qm_jobs *jobs, const char *id);
+/** A counted reference; jobs that have ended come back from the store. NULL with a problem. */
+qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem);
 void qm_jobs_release(qm_jobs *jobs, qm_job *job);
 
 /** A job asked to stop; it ends as cancelled with its last bounds. False when it had ended before. */
@@ -126,6 +126,10 @@ double qm_jobs_heartbeat_ms(const qm_jobs *jobs);
 
 /** Wakes the readers whose time has come; called by the loop's timer. */
 void qm_jobs_tick(qm_jobs *jobs, double now_ms);
+
+/** Wakes whoever is to be woken still, and from now on everybody at once: called when the pools are closed,
+ * before the connections end. */
+void qm_jobs_settle(qm_jobs *jobs);
 
 typedef struct qm_job_counts {
     size_t queued, running;

@@ -52,9 +52,7 @@ static void drop_reference(qm_batch *batch)
 static void wake_reader(qm_batch *batch)
 {
     qm_reader *reader = batch->reader;
-    if (!reader || !reader->asleep) return;
-    reader->asleep = false;
-    reader->wake(reader->user);
+    if (reader) qm_reader_wake(batch->jobs, reader);
 }
 
 static void feed(void *data);

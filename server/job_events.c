@@ -12,11 +12,8 @@
 
 void qm_job_wake_readers(qm_job *job)
 {
-    for (qm_reader *reader = job->readers; reader; reader = reader->next) {
-        if (!reader->asleep) continue;
-        reader->asleep = false;
-        reader->wake(reader->user);
-    }
+    for (qm_reader *reader = job->readers; reader; reader = reader->next)
+        qm_reader_wake(job->jobs, reader);
 }
 
 /** {"event":NAME,"seq":N,MEMBERS}; members comes without braces. NULL: out of memory. */
@@ -141,21 +138,18 @@ double qm_jobs_heartbeat_ms(const qm_jobs *jobs)
     return jobs->limits.heartbeat_ms;
 }
 
-static void tick_readers(qm_reader *first, double now_ms)
+static void tick_readers(qm_jobs *jobs, qm_reader *first, double now_ms)
 {
-    for (qm_reader *reader = first; reader; reader = reader->next) {
-        if (!reader->asleep || now_ms < reader->wake_at_ms) continue;
-        reader->asleep = false;
-        reader->wake(reader->user);
-    }
+    for (qm_reader *reader = first; reader; reader = reader->next)
+        if (now_ms >= reader->wake_at_ms) qm_reader_wake(jobs, reader);
 }
 
 void qm_jobs_tick(qm_jobs *jobs, double now_ms)
 {
     uv_mutex_lock(&jobs->lock);
-    tick_readers(jobs->readers, now_ms);
+    tick_readers(jobs, jobs->readers, now_ms);
     for (qm_job *job = jobs->first; job; job = job->next)
-        tick_readers(job->readers, now_ms);
+        tick_readers(jobs, job->readers, now_ms);
     uv_mutex_unlock(&jobs->lock);
 }
 

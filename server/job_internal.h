@@ -56,9 +56,19 @@ struct qm_jobs {
     uv_mutex_t lock;
     qm_job *first;      /* jobs that have not ended, in no order */
     qm_reader *readers; /* those of batches */
+    qm_reader *awake;   /* no longer asleep, but not told so yet */
+    uv_cond_t has_awake;
+    uv_thread_t waker;
+    bool has_waker, waker_ends;
     size_t queued, running;
     atomic_bool closed;
 };
+
+/** The thread that wakes readers (job_waker.c); ended by qm_jobs_settle. */
+bool qm_waker_start(qm_jobs *jobs);
+
+/** Has a reader woken that sleeps. The caller holds the lock. */
+void qm_reader_wake(qm_jobs *jobs, qm_reader *reader);
 
 /** What jobs of the same answer have in common; NULL: out of memory. */
 char *qm_job_make_key(const qm_job_request *request);

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "json_check.h"
+#include "json_parse.h"
 
 static qm_problem malformed_at(size_t place, const char *words)
 {
@@ -18,13 +19,17 @@ static qm_problem malformed_at(size_t place, const char *words)
 /** Parses the whole text; NULL with a problem when it is not one JSON value. */
 static cJSON *parse(const char *text, size_t size, qm_problem *problem)
 {
-    const char *end = text;
-    cJSON *tree = cJSON_ParseWithLengthOpts(text, size, &end, false);
+    const char *end;
+    bool no_memory;
+    cJSON *tree = qm_json_parse_tree(text, size, &end, &no_memory);
     const char *rest = end;
     while (tree && rest < text + size && *rest && strchr(" \t\r\n", *rest))
         rest++;
     if (tree && rest == text + size) return tree;
-    *problem = malformed_at((size_t)((tree ? rest : end) - text), "the JSON cannot be read");
+    if (no_memory)
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory to read the JSON");
+    else
+        *problem = malformed_at((size_t)((tree ? rest : end) - text), "the JSON cannot be read");
     cJSON_Delete(tree);
     return NULL;
 }

@@ -5,9 +5,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "json_parse.h"
+
 qm_json *qm_json_parse(const char *text)
 {
-    return (qm_json *)cJSON_Parse(text);
+    const char *end;
+    bool no_memory;
+    return (qm_json *)qm_json_parse_tree(text, strlen(text), &end, &no_memory);
 }
 
 void qm_json_free(qm_json *json)

@@ -162,8 +162,8 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     int prepare_threads =
         config->prepare_threads > 0 ? (int)config->prepare_threads : qm_parallel_available();
     app->meshes = qm_meshes_create(app->store, limits, memory, prepare_threads);
-    app->pool = qm_pool_create(REQUEST_THREADS);
-    app->long_pool = qm_pool_create(UPLOAD_THREADS);
+    app->pool = qm_pool_create(REQUEST_THREADS, 0);
+    app->long_pool = qm_pool_create(UPLOAD_THREADS, 0);
     app->reconstructions = qm_reconstructions_create(app->store, app->meshes);
     if (!app->meshes || !app->reconstructions || !app->pool || !app->long_pool) return false;
     app->jobs = qm_jobs_create(app->store, app->meshes, app->reconstructions,
@@ -190,6 +190,7 @@ static void stop_parts(daemon_state *state)
     if (state->http) qm_http_quiesce(state->http);
     if (app->pool) qm_pool_close(app->pool);
     if (app->long_pool) qm_pool_close(app->long_pool);
+    if (app->jobs) qm_jobs_settle(app->jobs);
     qm_http_stop(state->http);
     qm_pool_destroy(app->pool);
     qm_pool_destroy(app->long_pool);

@@ -48,7 +48,7 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
     if (has_patches) status = qm_patch_set_find(ctx, &out->mesh, &out->patches);
     double built = qm_now_ms();
     out->patches_ms = built - counted;
-    if (status == QM_OK)
+    if (status == QM_OK && !preparation->has_no_tree)
         status = qm_bvh_build(ctx, &out->mesh, preparation->parts, preparation->thread_count, &out->bvh);
     if (status == QM_OK && has_patches && preparation->has_tetra)
         status = qm_tetra_build(ctx, out->bvh, &out->patches, &out->tetra);

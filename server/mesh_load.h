@@ -11,7 +11,7 @@
 
 typedef struct qm_loaded_mesh {
     qm_mesh mesh;
-    qm_bvh *bvh;
+    qm_bvh *bvh;          /* NULL when it was not to be built */
     qm_patch_set patches; /* none of a mesh without quads */
     qm_tetra *tetra;      /* over them; NULL without quads or when it was not asked for */
     qm_mesh_facts facts;
@@ -35,6 +35,7 @@ typedef struct qm_preparation {
     bool keeps_pairs;   /* of self-collisions, for those that come after a deformation */
     bool has_tetra;     /* builds offset tetrahedra over them; needs a tree that is a target */
     qm_bvh_parts parts; /* of the tree */
+    bool has_no_tree;   /* leaves it out: enough for the collision of two meshes */
     int thread_count;   /* 1 or more; more than one is used only with ctx->parallel */
     const double
         *positions;        /* of a revision, in place of those of the file; NULL: the file's. Rows of x y z */

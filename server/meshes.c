@@ -257,7 +257,7 @@ static void keep_in_memory(qm_meshes *meshes, const char *id, qm_loaded_mesh *me
 /** Looks for a mesh of the same content and options. */
 static bool find_same(qm_meshes *meshes, const qm_store_mesh *wanted, qm_store_mesh *found)
 {
-    return qm_store_find_mesh_by_content(meshes->store, wanted->hash, wanted->options, found);
+    return qm_store_find_mesh_by_content(meshes->store, wanted->hash, wanted->options, found) == QM_OK;
 }
 
 /** Gives the blob its name and the row its place; the upload is gone afterwards. filing is held. */
@@ -350,11 +350,12 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
 {
     qm_store_mesh row;
     bool loaded = false;
-    if (qm_store_find_mesh(meshes->store, ref->id, &row)) {
+    qm_status status = qm_store_find_mesh(meshes->store, ref->id, &row);
+    if (status == QM_OK) {
         loaded = load_row(meshes, &row, &ref->mesh, &ref->problem);
         qm_store_mesh_reset(&row);
     } else {
-        ref->problem = qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh %s", ref->id);
+        ref->problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", ref->id);
     }
     qm_metrics_add(QM_METRICS_MESH_LOADS, loaded);
     uv_mutex_lock(&meshes->lock);
@@ -424,8 +425,9 @@ void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref)
 bool qm_meshes_find_row(qm_meshes *meshes, const char *id, const char *if_match, qm_store_mesh *out,
                         qm_problem *problem)
 {
-    if (!qm_store_find_mesh(meshes->store, id, out)) {
-        *problem = qm_problem_make(QM_PROBLEM_MESH_NOT_FOUND, "there is no mesh %s", id);
+    qm_status status = qm_store_find_mesh(meshes->store, id, out);
+    if (status != QM_OK) {
+        *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
         return false;
     }
     char tag[QM_ETAG_SIZE];
@@ -442,9 +444,9 @@ static bool delete_row(qm_meshes *meshes, const char *id, const char *if_match, 
     qm_store_mesh row;
     if (!qm_meshes_find_row(meshes, id, if_match, &row, problem)) return false;
     qm_store_mesh_reset(&row);
-    if (qm_store_delete_mesh(meshes->store, id)) return true;
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be deleted");
-    return false;
+    qm_status status = qm_store_delete_mesh(meshes->store, id);
+    if (status != QM_OK) *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
+    return status == QM_OK;
 }
 
 bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem)

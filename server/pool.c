@@ -1,6 +1,8 @@
 #include "pool.h"
 
 #include <stdlib.h>
+#include <sys/resource.h>
+#include <unistd.h>
 #include <uv.h>
 
 typedef struct task {
@@ -15,6 +17,7 @@ struct qm_pool {
     uv_cond_t changed;
     task *first, *last;
     bool closing;
+    int niceness;
     int thread_count;
     uv_thread_t threads[];
 };
@@ -22,6 +25,7 @@ struct qm_pool {
 static void work(void *data)
 {
     qm_pool *pool = data;
+    if (pool->niceness > 0) setpriority(PRIO_PROCESS, (id_t)gettid(), pool->niceness);
     uv_mutex_lock(&pool->lock);
     for (;;) {
         while (!pool->first && !pool->closing)
@@ -38,10 +42,11 @@ static void work(void *data)
     uv_mutex_unlock(&pool->lock);
 }
 
-qm_pool *qm_pool_create(int thread_count)
+qm_pool *qm_pool_create(int thread_count, int niceness)
 {
     qm_pool *pool = calloc(1, sizeof *pool + (size_t)thread_count * sizeof pool->threads[0]);
     if (!pool) return NULL;
+    pool->niceness = niceness;
     uv_mutex_init(&pool->lock);
     uv_cond_init(&pool->changed);
     for (; pool->thread_count < thread_count; pool->thread_count++)

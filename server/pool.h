@@ -9,8 +9,9 @@
 typedef struct qm_pool qm_pool;
 typedef void qm_task_fn(void *data);
 
-/** NULL when threads or memory run out. */
-qm_pool *qm_pool_create(int thread_count);
+/** NULL when threads or memory run out. Threads that compute for long are nice to those that answer: they and
+ * the threads that they start stand back by so much (see nice(2)); 0 for others. */
+qm_pool *qm_pool_create(int thread_count, int niceness);
 
 /** Queues run(data). False when out of memory or closed: it will then never run. */
 bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data);

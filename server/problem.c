@@ -66,6 +66,19 @@ void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *words
     snprintf(error->detail, sizeof error->detail, "%s", words);
 }
 
+qm_problem qm_problem_from_store(qm_status status, qm_problem_code none, const char *format, ...)
+{
+    char what[128];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(what, sizeof what, format, arguments);
+    va_end(arguments);
+    if (status == QM_E_EMPTY) return qm_problem_make(none, "there is no %s", what);
+    if (status == QM_E_NO_MEMORY)
+        return qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory to look for %s", what);
+    return qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s cannot be looked for", what);
+}
+
 /** What a status of the engine is to a client; a new status asks for an answer here. */
 static const qm_problem_code code_of_status[] = {
     [QM_OK] = QM_PROBLEM_INTERNAL,

@@ -84,6 +84,11 @@ void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *words
 /** The problem of a status of the engine, with the context's message. */
 qm_problem qm_problem_from_status(qm_status status, const char *message);
 
+/** The problem of a row that the store does not give (store.h): of the code `none` when there is none of what
+ * the words say ("mesh m_7"), else of the fault. */
+qm_problem qm_problem_from_store(qm_status status, qm_problem_code none, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
 /** The problem of a decoder, with the line or byte of the fault. */
 qm_problem qm_problem_from_codec(qm_status status, const qm_codec_report *report);
 

@@ -78,6 +78,7 @@ static entry *begin(qm_reconstructions *rs, const char *source, const char *layo
     }
     qm_refining *r = &e->refining;
     r->ctx = qm_meshes_context(rs->meshes);
+    snprintf(r->source_id, sizeof r->source_id, "%s", source);
     r->mesh = qm_meshes_acquire(rs->meshes, source, QM_MESH_NEAREST, problem);
     qm_layout layout = {0};
     bool has_patches;
@@ -161,8 +162,10 @@ static qm_reconstruction_options options_of(double cover_share, bool pull_curves
 static entry *make_again(qm_reconstructions *rs, const char *id, qm_problem *problem)
 {
     qm_store_reconstruction row;
-    if (!qm_store_find_reconstruction(rs->store, id, &row)) {
-        *problem = qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "there is no reconstruction %s", id);
+    qm_status status = qm_store_find_reconstruction(rs->store, id, &row);
+    if (status != QM_OK) {
+        *problem =
+            qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
         return NULL;
     }
     const qm_reconstruction_options options = options_of(row.cover_share, row.pull_curves);
@@ -214,6 +217,17 @@ static qm_blob_writer *write_upload(qm_reconstructions *rs, qm_refining *r, qm_p
     return NULL;
 }
 
+/** What a mesh of the reconstruction is called: by its source, where that has a name. */
+static char *name_mesh(qm_reconstructions *rs, const qm_refining *r, size_t quads)
+{
+    qm_store_mesh source;
+    bool is_there = qm_store_find_mesh(rs->store, r->source_id, &source) == QM_OK;
+    qm_text name = {0};
+    qm_text_printf(&name, "%s, %zu quads", is_there && source.name[0] ? source.name : r->id, quads);
+    if (is_there) qm_store_mesh_reset(&source);
+    return qm_text_take(&name);
+}
+
 /** Makes an ordinary mesh of the reconstruction as it is; its id goes to out. */
 static bool add_mesh(qm_reconstructions *rs, qm_refining *r, char out[QM_ID_SIZE], size_t *quads,
                      qm_problem *problem)
@@ -221,11 +235,17 @@ static bool add_mesh(qm_reconstructions *rs, qm_refining *r, char out[QM_ID_SIZE
     qm_blob_writer *upload = write_upload(rs, r, problem);
     if (!upload) return false;
     *quads = qm_refining_quads(r);
-    char name[80];
-    snprintf(name, sizeof name, "%s, %zu quads", r->id, *quads);
+    char *name = name_mesh(rs, r, *quads);
+    if (!name) {
+        qm_blob_abort(upload);
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the mesh");
+        return false;
+    }
     qm_store_mesh row;
     bool is_new;
-    if (!qm_meshes_add(rs->meshes, upload, name, QM_FORMAT_PLY, &row, &is_new, problem)) return false;
+    bool added = qm_meshes_add(rs->meshes, upload, name, QM_FORMAT_PLY, &row, &is_new, problem);
+    free(name);
+    if (!added) return false;
     memcpy(out, row.id, QM_ID_SIZE);
     qm_store_mesh_reset(&row);
     return true;
@@ -396,9 +416,10 @@ bool qm_reconstructions_commit(qm_reconstructions *rs, qm_refining *refining, si
                                qm_problem *problem)
 {
     qm_store_reconstruction row;
-    if (!qm_store_find_reconstruction(rs->store, refining->id, &row)) {
+    qm_status status = qm_store_find_reconstruction(rs->store, refining->id, &row);
+    if (status != QM_OK) {
         *problem =
-            qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "the reconstruction was deleted meanwhile");
+            qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction any more");
         return false;
     }
     memcpy(mesh, row.mesh, QM_ID_SIZE);
@@ -457,9 +478,10 @@ bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char 
     size_t quads;
     bool edited = edit(r, layout_text, redone, problem);
     bool good = edited && add_mesh(rs, r, mesh, &quads, problem);
-    if (good && !qm_store_find_reconstruction(rs->store, id, out)) {
+    qm_status status = good ? qm_store_find_reconstruction(rs->store, id, out) : QM_OK;
+    if (status != QM_OK) {
         *problem =
-            qm_problem_make(QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "the reconstruction was deleted meanwhile");
+            qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction any more");
         good = false;
     }
     good = good && store_edit(rs, mesh, quads, layout_text, out, problem);
@@ -468,9 +490,9 @@ bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char 
     return good;
 }
 
-bool qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
+qm_status qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
 {
-    bool deleted = qm_store_delete_reconstruction(rs->store, id);
+    qm_status status = qm_store_delete_reconstruction(rs->store, id);
     uv_mutex_lock(&rs->lock);
     entry *e = unlist(rs, id);
     /* Who works on it gives it back, and it is dropped then for want of a place among the idle. */
@@ -481,7 +503,7 @@ bool qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
     }
     uv_mutex_unlock(&rs->lock);
     if (e) free_entry(rs, e);
-    return deleted;
+    return status;
 }
 
 void qm_refining_add_patches(const qm_refining *refining, qm_text *out)

@@ -19,6 +19,7 @@ void qm_reconstructions_destroy(qm_reconstructions *reconstructions);
 /** A reconstruction taken for work: released with qm_refining_release. */
 typedef struct qm_refining {
     char id[QM_ID_SIZE];
+    char source_id[QM_ID_SIZE];
     qm_context ctx;
     qm_source source;
     qm_reconstruction *reconstruction;
@@ -55,7 +56,7 @@ bool qm_reconstructions_commit(qm_reconstructions *reconstructions, qm_refining 
 bool qm_reconstructions_edit(qm_reconstructions *reconstructions, const char *id, const char *layout_text,
                              qm_store_reconstruction *out, size_t *redone, qm_problem *problem);
 
-bool qm_reconstructions_delete(qm_reconstructions *reconstructions, const char *id);
+qm_status qm_reconstructions_delete(qm_reconstructions *reconstructions, const char *id);
 
 /** Quads of the mesh as it is now. */
 size_t qm_refining_quads(const qm_refining *refining);

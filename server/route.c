@@ -109,8 +109,11 @@ const qm_route *qm_route_find(const char *method, const char *path, char ids[2][
 {
     const char *wanted = strcmp(method, "HEAD") == 0 ? "GET" : method;
     char allow[64] = "";
+    const char *resource = NULL; /* of patterns that match, the first listed is the resource */
     for (size_t i = 0; i < ROUTE_COUNT; i++) {
+        if (resource && strcmp(routes[i].path, resource) != 0) continue;
         if (!matches(routes[i].path, path, ids)) continue;
+        resource = routes[i].path;
         if (strcmp(routes[i].method, wanted) == 0) return &routes[i];
         size_t used = strlen(allow);
         snprintf(allow + used, sizeof allow - used, "%s%s", used ? ", " : "",

@@ -2,6 +2,11 @@
  * store.h: what survives a restart, behind one small interface: blobs, meshes, jobs. The store keeps
  * documents (JSON text made elsewhere) and the columns that it searches by; it knows no geometry and no JSON.
  *
+ * What looks for one row returns QM_OK, and the row is the caller's; QM_E_EMPTY when there is none;
+ * QM_E_NO_MEMORY or QM_E_ARGUMENT when that cannot be told. What lists rows writes up to limit of them after
+ * a sequence number (0: from the first on), in order, and how many; after a fault there are none. What
+ * deletes returns QM_OK, QM_E_EMPTY when there was none, or a fault.
+ *
  * Durability: a call that returned QM_OK survives a kill -9 and a power cut. Threads: every call may come
  * from any thread; the store takes a lock of its own.
  */
@@ -61,19 +66,18 @@ typedef struct qm_store_mesh {
 } qm_store_mesh;
 
 qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh);
-/** False when there is none. */
-bool qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
-bool qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
-                                   qm_store_mesh *out);
-/** Up to limit rows after a sequence number (0: from the first on), in order; returns how many. */
-size_t qm_store_list_meshes(qm_store *store, int64_t after, size_t limit, qm_store_mesh *out);
+qm_status qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
+qm_status qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
+                                        qm_store_mesh *out);
+qm_status qm_store_list_meshes(qm_store *store, int64_t after, size_t limit, qm_store_mesh *out,
+                               size_t *count);
 /**
  * Puts the next revision of a mesh in the place of the one before it: revision, positions, options, document.
  * The blob of the positions before is removed. QM_E_ARGUMENT when the mesh has another revision by now.
  */
 qm_status qm_store_deform_mesh(qm_store *store, const qm_store_mesh *mesh);
-/** Removes the row, and the blobs when no other row has them. False when there is none. */
-bool qm_store_delete_mesh(qm_store *store, const char *id);
+/** Removes the row, and the blobs when no other row has them. */
+qm_status qm_store_delete_mesh(qm_store *store, const char *id);
 void qm_store_mesh_reset(qm_store_mesh *mesh);
 
 /** A row of jobs. */
@@ -93,22 +97,23 @@ qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job);
 /** Writes state, document, events and the revisions of the meshes, as text, of a job that has ended. */
 qm_status qm_store_finish_job(qm_store *store, const char *id, int state, const char *document,
                               const char *events, const char *revisions);
-bool qm_store_find_job(qm_store *store, const char *id, qm_store_job *out);
+qm_status qm_store_find_job(qm_store *store, const char *id, qm_store_job *out);
 /** The newest job of a key that ran on these revisions, in the given state. */
-bool qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions, int state,
-                              qm_store_job *out);
-bool qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
-/** Up to limit rows after a sequence number (0: from the first on), in order, without their events. */
-size_t qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out);
+qm_status qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions, int state,
+                                   qm_store_job *out);
+qm_status qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
+/** Rows without their events. */
+qm_status qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out, size_t *count);
 /** The same, only of jobs without a document: to run again after a restart. */
-size_t qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out);
+qm_status qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out,
+                                        size_t *count);
 /**
  * Removes up to limit jobs that have ended, the oldest first: those asked for before a time (RFC 3339), and
  * those that more than kept others are newer than. Writes their ids; returns how many.
  */
 size_t qm_store_drop_old_jobs(qm_store *store, size_t kept, const char *before, size_t limit,
                               char (*ids)[QM_ID_SIZE]);
-bool qm_store_delete_job(qm_store *store, const char *id);
+qm_status qm_store_delete_job(qm_store *store, const char *id);
 void qm_store_job_reset(qm_store_job *job);
 
 /**
@@ -128,14 +133,15 @@ typedef struct qm_store_layout {
 
 /** Stores a new layout with its revision 0. */
 qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout);
-bool qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out);
-size_t qm_store_list_layouts(qm_store *store, int64_t after, size_t limit, qm_store_layout *out);
+qm_status qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out);
+qm_status qm_store_list_layouts(qm_store *store, int64_t after, size_t limit, qm_store_layout *out,
+                                size_t *count);
 /** Adds the revision after layout->revision, in place of what was undone. QM_E_CANCELED when the layout has
  * been edited meanwhile. */
 qm_status qm_store_edit_layout(qm_store *store, const qm_store_layout *layout);
 /** Goes from one revision to another that is kept; QM_E_CANCELED as above. */
 qm_status qm_store_move_layout(qm_store *store, const char *id, int64_t from, int64_t to);
-bool qm_store_delete_layout(qm_store *store, const char *id);
+qm_status qm_store_delete_layout(qm_store *store, const char *id);
 void qm_store_layout_reset(qm_store_layout *layout);
 
 /** A reconstruction: what it was made of, the steps it has taken, and its mesh now. */
@@ -154,12 +160,12 @@ typedef struct qm_store_reconstruction {
 } qm_store_reconstruction;
 
 qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction);
-bool qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out);
-size_t qm_store_list_reconstructions(qm_store *store, int64_t after, size_t limit,
-                                     qm_store_reconstruction *out);
+qm_status qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out);
+qm_status qm_store_list_reconstructions(qm_store *store, int64_t after, size_t limit,
+                                        qm_store_reconstruction *out, size_t *count);
 /** Writes mesh, layout, steps, records, state and revision. */
 qm_status qm_store_update_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction);
-bool qm_store_delete_reconstruction(qm_store *store, const char *id);
+qm_status qm_store_delete_reconstruction(qm_store *store, const char *id);
 void qm_store_reconstruction_reset(qm_store_reconstruction *reconstruction);
 
 #endif

@@ -31,6 +31,28 @@ struct qm_store {
  */
 sqlite3_stmt *qm_store_begin(qm_store *store, const char *sql);
 
+/** How rows of a table are read into structs of the caller. */
+typedef struct qm_store_table {
+    size_t size;                                      /* of a struct */
+    bool (*read)(sqlite3_stmt *statement, void *row); /* false, and nothing to reset: out of memory */
+    void (*reset)(void *row);
+} qm_store_table;
+
+/** Reads the one row of a statement and ends it; see store.h for the status. NULL for statement is a fault.
+ */
+qm_status qm_store_find_row(qm_store *store, sqlite3_stmt *statement, const qm_store_table *table, void *out);
+
+/** The same of the one row of a statement with one string. */
+qm_status qm_store_find_row_by(qm_store *store, const char *sql, const char *text,
+                               const qm_store_table *table, void *out);
+
+/** The rows of a statement with two numbers: those after a sequence number, and how many at most. */
+qm_status qm_store_list_rows(qm_store *store, const char *sql, int64_t after, size_t limit,
+                             const qm_store_table *table, void *out, size_t *count);
+
+/** Runs a statement that deletes the row of an id. */
+qm_status qm_store_delete_row(qm_store *store, const char *sql, const char *id);
+
 /** Steps to the next row. False after the last one, and after a fault, which is logged. */
 bool qm_store_step(qm_store *store, sqlite3_stmt *statement);
 

@@ -35,9 +35,9 @@ qm_status qm_store_finish_job(qm_store *store, const char *id, int state, const 
     return qm_store_execute(store, statement);
 }
 
-/** False, and nothing to reset: out of memory. */
-static bool read_row(sqlite3_stmt *statement, qm_store_job *out)
+static bool read_row(sqlite3_stmt *statement, void *row)
 {
+    qm_store_job *out = row;
     *out = (qm_store_job){.state = sqlite3_column_int(statement, 5),
                           .sequence = sqlite3_column_int64(statement, 6)};
     bool has_events = sqlite3_column_count(statement) > 8;
@@ -52,71 +52,51 @@ static bool read_row(sqlite3_stmt *statement, qm_store_job *out)
     return false;
 }
 
-/** Reads the one row of a statement and ends it. */
-static bool read_one(qm_store *store, sqlite3_stmt *statement, qm_store_job *out)
+static void reset_row(void *row)
 {
-    bool found = qm_store_step(store, statement) && read_row(statement, out);
-    qm_store_end(store, statement);
-    return found;
+    qm_store_job_reset(row);
 }
 
-/** The one row of a statement with one string. */
-static bool find_one(qm_store *store, const char *sql, const char *text, qm_store_job *out)
+static const qm_store_table table = {sizeof(qm_store_job), read_row, reset_row};
+
+qm_status qm_store_find_job(qm_store *store, const char *id, qm_store_job *out)
 {
-    sqlite3_stmt *statement = qm_store_begin(store, sql);
-    if (!statement) return false;
-    qm_store_bind_text(statement, 1, text);
-    return read_one(store, statement, out);
+    return qm_store_find_row_by(store, "SELECT " COLUMNS " FROM jobs WHERE id = ?", id, &table, out);
 }
 
-bool qm_store_find_job(qm_store *store, const char *id, qm_store_job *out)
-{
-    return find_one(store, "SELECT " COLUMNS " FROM jobs WHERE id = ?", id, out);
-}
-
-bool qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions, int state,
-                              qm_store_job *out)
+qm_status qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions, int state,
+                                   qm_store_job *out)
 {
     sqlite3_stmt *statement =
         qm_store_begin(store, "SELECT " COLUMNS " FROM jobs WHERE key = ? AND revisions = ?"
                               " AND state = ? ORDER BY sequence DESC LIMIT 1");
-    if (!statement) return false;
+    if (!statement) return QM_E_NO_MEMORY;
     qm_store_bind_text(statement, 1, key);
     qm_store_bind_text(statement, 2, revisions);
     sqlite3_bind_int(statement, 3, state);
-    return read_one(store, statement, out);
+    return qm_store_find_row(store, statement, &table, out);
 }
 
-bool qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out)
+qm_status qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out)
 {
-    return find_one(store, "SELECT " COLUMNS " FROM jobs WHERE idempotency_key = ?", key, out);
+    return qm_store_find_row_by(store, "SELECT " COLUMNS " FROM jobs WHERE idempotency_key = ?", key, &table,
+                                out);
 }
 
-static size_t list(qm_store *store, const char *sql, int64_t after, size_t limit, qm_store_job *out)
+qm_status qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out, size_t *count)
 {
-    sqlite3_stmt *statement = qm_store_begin(store, sql);
-    if (!statement) return 0;
-    sqlite3_bind_int64(statement, 1, after);
-    sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
-    size_t count = 0;
-    while (count < limit && qm_store_step(store, statement) && read_row(statement, &out[count]))
-        count++;
-    qm_store_end(store, statement);
-    return count;
+    return qm_store_list_rows(
+        store, "SELECT " COLUMNS_BUT_EVENTS " FROM jobs WHERE sequence > ? ORDER BY sequence LIMIT ?", after,
+        limit, &table, out, count);
 }
 
-size_t qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out)
+qm_status qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out,
+                                        size_t *count)
 {
-    return list(store, "SELECT " COLUMNS_BUT_EVENTS " FROM jobs WHERE sequence > ? ORDER BY sequence LIMIT ?",
-                after, limit, out);
-}
-
-size_t qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out)
-{
-    return list(store,
-                "SELECT " COLUMNS_BUT_EVENTS
-                " FROM jobs WHERE document IS NULL AND sequence > ? ORDER BY sequence LIMIT ?",
-                after, limit, out);
+    return qm_store_list_rows(store,
+                              "SELECT " COLUMNS_BUT_EVENTS
+                              " FROM jobs WHERE document IS NULL AND sequence > ? ORDER BY sequence LIMIT ?",
+                              after, limit, &table, out, count);
 }
 
 bool qm_store_has_job(qm_store *store, const char *id)
@@ -149,16 +129,9 @@ size_t qm_store_drop_old_jobs(qm_store *store, size_t kept, const char *before, 
     return count;
 }
 
-bool qm_store_delete_job(qm_store *store, const char *id)
+qm_status qm_store_delete_job(qm_store *store, const char *id)
 {
-    sqlite3_stmt *statement = qm_store_begin(store, "DELETE FROM jobs WHERE id = ? RETURNING id");
-    if (!statement) return false;
-    qm_store_bind_text(statement, 1, id);
-    if (qm_store_step(store, statement))
-        /* The row is gone once the statement has ended: that is the commit. */
-        return qm_store_execute(store, statement) == QM_OK;
-    qm_store_end(store, statement);
-    return false;
+    return qm_store_delete_row(store, "DELETE FROM jobs WHERE id = ?", id);
 }
 
 void qm_store_job_reset(qm_store_job *job)

@@ -102,8 +102,9 @@ qm_status qm_store_move_layout(qm_store *store, const char *id, int64_t from, in
     return !good ? QM_E_ARGUMENT : moved ? QM_OK : QM_E_CANCELED;
 }
 
-static bool read_row(sqlite3_stmt *statement, qm_store_layout *out)
+static bool read_row(sqlite3_stmt *statement, void *row)
 {
+    qm_store_layout *out = row;
     *out = (qm_store_layout){.revision = sqlite3_column_int64(statement, 5),
                              .next_curve = sqlite3_column_int64(statement, 6),
                              .sequence = sqlite3_column_int64(statement, 7),
@@ -118,37 +119,28 @@ static bool read_row(sqlite3_stmt *statement, qm_store_layout *out)
     return false;
 }
 
-bool qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out)
+static void reset_row(void *row)
 {
-    sqlite3_stmt *statement = qm_store_begin(store, SELECT "WHERE l.id = ?");
-    if (!statement) return false;
-    qm_store_bind_text(statement, 1, id);
-    bool found = qm_store_step(store, statement) && read_row(statement, out);
-    qm_store_end(store, statement);
-    return found;
+    qm_store_layout_reset(row);
 }
 
-size_t qm_store_list_layouts(qm_store *store, int64_t after, size_t limit, qm_store_layout *out)
+static const qm_store_table table = {sizeof(qm_store_layout), read_row, reset_row};
+
+qm_status qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out)
 {
-    sqlite3_stmt *statement =
-        qm_store_begin(store, SELECT "WHERE l.sequence > ? ORDER BY l.sequence LIMIT ?");
-    if (!statement) return 0;
-    sqlite3_bind_int64(statement, 1, after);
-    sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
-    size_t count = 0;
-    while (count < limit && qm_store_step(store, statement) && read_row(statement, &out[count]))
-        count++;
-    qm_store_end(store, statement);
-    return count;
+    return qm_store_find_row_by(store, SELECT "WHERE l.id = ?", id, &table, out);
 }
 
-bool qm_store_delete_layout(qm_store *store, const char *id)
+qm_status qm_store_list_layouts(qm_store *store, int64_t after, size_t limit, qm_store_layout *out,
+                                size_t *count)
 {
-    pthread_mutex_lock(&store->lock);
-    bool deleted =
-        run(store, "DELETE FROM layouts WHERE id = ?1", id, 0, 0) && sqlite3_changes(store->database) == 1;
-    pthread_mutex_unlock(&store->lock);
-    return deleted;
+    return qm_store_list_rows(store, SELECT "WHERE l.sequence > ? ORDER BY l.sequence LIMIT ?", after, limit,
+                              &table, out, count);
+}
+
+qm_status qm_store_delete_layout(qm_store *store, const char *id)
+{
+    return qm_store_delete_row(store, "DELETE FROM layouts WHERE id = ?", id);
 }
 
 void qm_store_layout_reset(qm_store_layout *layout)

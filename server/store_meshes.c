@@ -23,9 +23,9 @@ qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
     return qm_store_execute(store, statement);
 }
 
-/** False, and nothing to reset: out of memory. */
-static bool read_row(sqlite3_stmt *statement, qm_store_mesh *out)
+static bool read_row(sqlite3_stmt *statement, void *row)
 {
+    qm_store_mesh *out = row;
     *out = (qm_store_mesh){.format = sqlite3_column_int(statement, 5),
                            .sequence = sqlite3_column_int64(statement, 6),
                            .revision = (uint64_t)sqlite3_column_int64(statement, 7)};
@@ -40,60 +40,46 @@ static bool read_row(sqlite3_stmt *statement, qm_store_mesh *out)
     return false;
 }
 
-/** Reads the one row of a statement and ends it. */
-static bool read_one(qm_store *store, sqlite3_stmt *statement, qm_store_mesh *out)
+static void reset_row(void *row)
 {
-    bool found = qm_store_step(store, statement) && read_row(statement, out);
-    qm_store_end(store, statement);
-    return found;
+    qm_store_mesh_reset(row);
 }
 
-bool qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out)
+static const qm_store_table table = {sizeof(qm_store_mesh), read_row, reset_row};
+
+qm_status qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out)
 {
-    sqlite3_stmt *statement = qm_store_begin(store, "SELECT " COLUMNS " FROM meshes WHERE id = ?");
-    if (!statement) return false;
-    qm_store_bind_text(statement, 1, id);
-    return read_one(store, statement, out);
+    return qm_store_find_row_by(store, "SELECT " COLUMNS " FROM meshes WHERE id = ?", id, &table, out);
 }
 
-bool qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options, qm_store_mesh *out)
+qm_status qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
+                                        qm_store_mesh *out)
 {
     sqlite3_stmt *statement =
         qm_store_begin(store, "SELECT " COLUMNS " FROM meshes WHERE hash = ? AND options = ? LIMIT 1");
-    if (!statement) return false;
-    qm_store_bind_text(statement, 1, hash);
-    qm_store_bind_text(statement, 2, options);
-    return read_one(store, statement, out);
+    if (statement) qm_store_bind_text(statement, 1, hash);
+    if (statement) qm_store_bind_text(statement, 2, options);
+    return qm_store_find_row(store, statement, &table, out);
 }
 
-size_t qm_store_list_meshes(qm_store *store, int64_t after, size_t limit, qm_store_mesh *out)
+qm_status qm_store_list_meshes(qm_store *store, int64_t after, size_t limit, qm_store_mesh *out,
+                               size_t *count)
 {
-    sqlite3_stmt *statement =
-        qm_store_begin(store, "SELECT " COLUMNS " FROM meshes WHERE sequence > ? ORDER BY sequence LIMIT ?");
-    if (!statement) return 0;
-    sqlite3_bind_int64(statement, 1, after);
-    sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
-    size_t count = 0;
-    while (count < limit && qm_store_step(store, statement) && read_row(statement, &out[count]))
-        count++;
-    qm_store_end(store, statement);
-    return count;
+    return qm_store_list_rows(store,
+                              "SELECT " COLUMNS " FROM meshes WHERE sequence > ? ORDER BY sequence LIMIT ?",
+                              after, limit, &table, out, count);
 }
 
-bool qm_store_delete_mesh(qm_store *store, const char *id)
+qm_status qm_store_delete_mesh(qm_store *store, const char *id)
 {
     qm_store_mesh row;
-    if (!qm_store_find_mesh(store, id, &row)) return false;
-    sqlite3_stmt *statement = qm_store_begin(store, "DELETE FROM meshes WHERE id = ?");
-    bool deleted = false;
-    if (statement) {
-        qm_store_bind_text(statement, 1, id);
-        deleted = qm_store_execute(store, statement) == QM_OK;
-    }
-    if (deleted) qm_blob_remove(store, row.hash);
-    if (deleted && row.positions[0]) qm_blob_remove(store, row.positions);
+    qm_status status = qm_store_find_mesh(store, id, &row);
+    if (status != QM_OK) return status;
+    status = qm_store_delete_row(store, "DELETE FROM meshes WHERE id = ?", id);
+    if (status == QM_OK) qm_blob_remove(store, row.hash);
+    if (status == QM_OK && row.positions[0]) qm_blob_remove(store, row.positions);
     qm_store_mesh_reset(&row);
-    return deleted;
+    return status;
 }
 
 static bool update_revision(qm_store *store, const qm_store_mesh *mesh)
@@ -112,7 +98,7 @@ static bool update_revision(qm_store *store, const qm_store_mesh *mesh)
 qm_status qm_store_deform_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
     qm_store_mesh before;
-    if (!qm_store_find_mesh(store, mesh->id, &before)) return QM_E_ARGUMENT;
+    if (qm_store_find_mesh(store, mesh->id, &before) != QM_OK) return QM_E_ARGUMENT;
     bool follows = before.revision + 1 == mesh->revision;
     bool updated = follows && update_revision(store, mesh);
     if (updated && before.positions[0]) qm_blob_remove(store, before.positions);

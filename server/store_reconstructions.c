@@ -37,8 +37,9 @@ qm_status qm_store_update_reconstruction(qm_store *store, const qm_store_reconst
     return qm_store_execute(store, statement);
 }
 
-static bool read_row(sqlite3_stmt *statement, qm_store_reconstruction *out)
+static bool read_row(sqlite3_stmt *statement, void *row)
 {
+    qm_store_reconstruction *out = row;
     *out = (qm_store_reconstruction){.revision = sqlite3_column_int64(statement, 9),
                                      .sequence = sqlite3_column_int64(statement, 10),
                                      .cover_share = sqlite3_column_double(statement, 11),
@@ -55,40 +56,30 @@ static bool read_row(sqlite3_stmt *statement, qm_store_reconstruction *out)
     return false;
 }
 
-bool qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out)
+static void reset_row(void *row)
 {
-    sqlite3_stmt *statement = qm_store_begin(store, "SELECT " COLUMNS " FROM reconstructions WHERE id = ?");
-    if (!statement) return false;
-    qm_store_bind_text(statement, 1, id);
-    bool found = qm_store_step(store, statement) && read_row(statement, out);
-    qm_store_end(store, statement);
-    return found;
+    qm_store_reconstruction_reset(row);
 }
 
-size_t qm_store_list_reconstructions(qm_store *store, int64_t after, size_t limit,
-                                     qm_store_reconstruction *out)
+static const qm_store_table table = {sizeof(qm_store_reconstruction), read_row, reset_row};
+
+qm_status qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out)
 {
-    sqlite3_stmt *statement = qm_store_begin(
-        store, "SELECT " COLUMNS " FROM reconstructions WHERE sequence > ? ORDER BY sequence LIMIT ?");
-    if (!statement) return 0;
-    sqlite3_bind_int64(statement, 1, after);
-    sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
-    size_t count = 0;
-    while (count < limit && qm_store_step(store, statement) && read_row(statement, &out[count]))
-        count++;
-    qm_store_end(store, statement);
-    return count;
+    return qm_store_find_row_by(store, "SELECT " COLUMNS " FROM reconstructions WHERE id = ?", id, &table,
+                                out);
 }
 
-bool qm_store_delete_reconstruction(qm_store *store, const char *id)
+qm_status qm_store_list_reconstructions(qm_store *store, int64_t after, size_t limit,
+                                        qm_store_reconstruction *out, size_t *count)
 {
-    qm_store_reconstruction row;
-    if (!qm_store_find_reconstruction(store, id, &row)) return false;
-    qm_store_reconstruction_reset(&row);
-    sqlite3_stmt *statement = qm_store_begin(store, "DELETE FROM reconstructions WHERE id = ?");
-    if (!statement) return false;
-    qm_store_bind_text(statement, 1, id);
-    return qm_store_execute(store, statement) == QM_OK;
+    return qm_store_list_rows(
+        store, "SELECT " COLUMNS " FROM reconstructions WHERE sequence > ? ORDER BY sequence LIMIT ?", after,
+        limit, &table, out, count);
+}
+
+qm_status qm_store_delete_reconstruction(qm_store *store, const char *id)
+{
+    return qm_store_delete_row(store, "DELETE FROM reconstructions WHERE id = ?", id);
 }
 
 void qm_store_reconstruction_reset(qm_store_reconstruction *r)

@@ -212,6 +212,70 @@ qm_status qm_store_execute(qm_store *store, sqlite3_stmt *statement)
     return result == SQLITE_DONE ? QM_OK : QM_E_ARGUMENT;
 }
 
+static qm_status status_of(int result)
+{
+    return result == SQLITE_NOMEM ? QM_E_NO_MEMORY : QM_E_ARGUMENT;
+}
+
+qm_status qm_store_find_row(qm_store *store, sqlite3_stmt *statement, const qm_store_table *table, void *out)
+{
+    if (!statement) return QM_E_NO_MEMORY;
+    int result = sqlite3_step(statement);
+    qm_status status = QM_E_EMPTY;
+    if (result == SQLITE_ROW)
+        status = table->read(statement, out) ? QM_OK : QM_E_NO_MEMORY;
+    else if (result != SQLITE_DONE)
+        status = status_of(result);
+    if (status != QM_OK && status != QM_E_EMPTY)
+        qm_log(QM_LOG_ERROR, "database: a row cannot be read: %s", sqlite3_errmsg(store->database));
+    qm_store_end(store, statement);
+    return status;
+}
+
+qm_status qm_store_find_row_by(qm_store *store, const char *sql, const char *text,
+                               const qm_store_table *table, void *out)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, sql);
+    if (statement) qm_store_bind_text(statement, 1, text);
+    return qm_store_find_row(store, statement, table, out);
+}
+
+qm_status qm_store_list_rows(qm_store *store, const char *sql, int64_t after, size_t limit,
+                             const qm_store_table *table, void *out, size_t *count)
+{
+    *count = 0;
+    sqlite3_stmt *statement = qm_store_begin(store, sql);
+    if (!statement) return QM_E_NO_MEMORY;
+    sqlite3_bind_int64(statement, 1, after);
+    sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
+    int result = SQLITE_DONE;
+    qm_status status = QM_OK;
+    while (status == QM_OK && *count < limit && (result = sqlite3_step(statement)) == SQLITE_ROW) {
+        status = table->read(statement, (char *)out + *count * table->size) ? QM_OK : QM_E_NO_MEMORY;
+        if (status == QM_OK) ++*count;
+    }
+    if (status == QM_OK && result != SQLITE_ROW && result != SQLITE_DONE) status = status_of(result);
+    if (status != QM_OK) {
+        qm_log(QM_LOG_ERROR, "database: rows cannot be read: %s", sqlite3_errmsg(store->database));
+        while (*count > 0)
+            table->reset((char *)out + --*count * table->size);
+    }
+    qm_store_end(store, statement);
+    return status;
+}
+
+qm_status qm_store_delete_row(qm_store *store, const char *sql, const char *id)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, sql);
+    if (!statement) return QM_E_NO_MEMORY;
+    qm_store_bind_text(statement, 1, id);
+    int result = sqlite3_step(statement);
+    bool deleted = result == SQLITE_DONE && sqlite3_changes(store->database) > 0;
+    if (result != SQLITE_DONE) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+    qm_store_end(store, statement);
+    return deleted ? QM_OK : result == SQLITE_DONE ? QM_E_EMPTY : status_of(result);
+}
+
 static bool fail_to_read(void)
 {
     qm_log(QM_LOG_ERROR, "database: there is no memory for a row");

@@ -179,6 +179,7 @@ static int answer_here(const question *asked)
     ctx.parallel = qm_parallel_run;
     ctx.cancel = &cli_interrupted;
     qm_preparation preparation = cli_prepare(false, asked->request.quads, asked->request.threads);
+    preparation.has_no_tree = asked->request.kind == QM_JOB_COLLISION;
     qm_loaded_mesh mesh[2] = {0};
     bool good = true;
     for (int i = 0; i < 2 && good && asked->path[i]; i++)

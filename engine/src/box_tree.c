@@ -65,13 +65,25 @@ size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count)
     return made;
 }
 
-double qm_box_tree_reach(const qm_box_tree *tree)
+qm_box qm_box_tree_whole(const qm_box_tree *tree)
 {
     const qm_box_group *top = &tree->groups[tree->level_count][0];
+    qm_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (int m = 0; m < qm_box_tree_member_count(tree, tree->level_count, 0); m++) {
+        for (int k = 0; k < 3; k++) {
+            box.min[k] = fmin(box.min[k], (double)top->low[k][m]);
+            box.max[k] = fmax(box.max[k], (double)top->high[k][m]);
+        }
+    }
+    return box;
+}
+
+double qm_box_tree_reach(const qm_box_tree *tree)
+{
+    qm_box box = qm_box_tree_whole(tree);
     double reach = 0.0;
-    for (int m = 0; m < qm_box_tree_member_count(tree, tree->level_count, 0); m++)
-        for (int k = 0; k < 3; k++)
-            reach = fmax(reach, fmax(-(double)top->low[k][m], (double)top->high[k][m]));
+    for (int k = 0; k < 3; k++)
+        reach = fmax(reach, fmax(-box.min[k], box.max[k]));
     return fmin(reach, 1.0);
 }
 

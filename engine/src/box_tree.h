@@ -48,6 +48,9 @@ static inline int qm_box_tree_member_count(const qm_box_tree *tree, int level, s
     return rest < 8 ? (int)rest : 8;
 }
 
+/** The box of everything. */
+qm_box qm_box_tree_whole(const qm_box_tree *tree);
+
 /** Makes the boxes of levels 2 and up from those of level 1. */
 void qm_box_tree_fill(qm_box_tree *tree);
 

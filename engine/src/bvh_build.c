@@ -1,6 +1,7 @@
 /**
  * bvh_build.c: second half of building a tree: faces in order to packs, and boxes from the packs up.
  */
+#include <math.h>
 #include <string.h>
 
 #include "bits.h"
@@ -62,76 +63,58 @@ static size_t pack_first(const pack_builder *builder, size_t pack)
     return pack * QM_PACK_LANES < builder->count ? pack * QM_PACK_LANES : builder->count;
 }
 
-/** The vertices of the pack at hand by their last bits: place + 1, 0 for none. */
-typedef struct vertex_slots {
-    uint8_t place[64];
-} vertex_slots;
-
-static uint8_t pack_vertex(qm_pack_lanes *lanes, vertex_slots *slots, uint32_t vertex)
+/** A quad takes two lanes, which share its first and third corner. Returns how many lanes there are now. */
+static int add_face(const qm_mesh *mesh, qm_pack_lanes *lanes, int lane, uint32_t *vertex, uint32_t face)
 {
-    unsigned slot = vertex % 64;
-    for (; slots->place[slot]; slot = (slot + 1) % 64)
-        if (lanes->vertex[slots->place[slot] - 1] == vertex) return (uint8_t)(slots->place[slot] - 1);
-    lanes->vertex[lanes->vertex_count] = vertex;
-    slots->place[slot] = ++lanes->vertex_count;
-    return (uint8_t)(lanes->vertex_count - 1);
-}
-
-/** A quad takes two lanes, which share its first and third corner. */
-static void add_face(const qm_mesh *mesh, qm_pack_lanes *lanes, vertex_slots *slots, uint32_t face)
-{
-    uint8_t place[4];
-    int corners = face_corners(mesh, face);
-    for (int i = 0; i < corners; i++)
-        place[i] = pack_vertex(lanes, slots, mesh->faces[4 * (size_t)face + (size_t)i]);
-    for (int half = 0; half < corners - 2; half++) {
-        int lane = lanes->lane_count++;
-        lanes->face[lane] = face;
-        lanes->corner[lane][0] = place[0];
-        lanes->corner[lane][1] = place[1 + half];
-        lanes->corner[lane][2] = place[2 + half];
-        if (half == 1) lanes->second |= (uint8_t)(1u << lane);
-    }
+    const uint32_t *corner = mesh->faces + 4 * (size_t)face;
+    memcpy(vertex + 3 * lane, corner, 3 * sizeof *corner);
+    lanes->face[lane++] = face;
+    if (corner[3] == QM_NO_INDEX) return lane;
+    const uint32_t second[3] = {corner[0], corner[2], corner[3]};
+    memcpy(vertex + 3 * lane, second, sizeof second);
+    lanes->face[lane] = face;
+    lanes->second |= (uint8_t)(1u << lane);
+    return lane + 1;
 }
 
 /** A point of a point set: a triangle of no size. */
-static void add_point(qm_pack_lanes *lanes, uint32_t point)
+static int add_point(qm_pack_lanes *lanes, int lane, uint32_t *vertex, uint32_t point)
 {
-    int lane = lanes->lane_count++;
-    lanes->face[lane] = lanes->vertex[lane] = point;
-    lanes->vertex_count = lanes->lane_count;
+    lanes->face[lane] = point;
     for (int i = 0; i < 3; i++)
-        lanes->corner[lane][i] = (uint8_t)lane;
+        vertex[3 * lane + i] = point;
+    return lane + 1;
 }
 
 static void fill_lanes(const pack_builder *builder, size_t pack)
 {
     const qm_mesh *mesh = &builder->bvh->mesh;
     qm_pack_lanes *lanes = &builder->bvh->lanes[pack];
-    lanes->lane_count = lanes->vertex_count = lanes->second = 0;
-    vertex_slots slots = {{0}};
+    uint32_t vertex[3 * QM_PACK_LANES];
+    int lane = 0;
+    lanes->second = 0;
     size_t end = pack_first(builder, pack + 1);
     for (size_t i = pack_first(builder, pack); i < end; i++) {
-        if (mesh->face_count == 0) {
-            add_point(lanes, order_face(builder->order[i]));
-            continue;
-        }
-        if (i + PREFETCH < builder->count)
+        if (i + PREFETCH < builder->count && mesh->face_count > 0)
             __builtin_prefetch(mesh->faces + 4 * (size_t)order_face(builder->order[i + PREFETCH]));
-        add_face(mesh, lanes, &slots, order_face(builder->order[i]));
+        uint32_t facet = order_face(builder->order[i]);
+        lane = mesh->face_count > 0 ? add_face(mesh, lanes, lane, vertex, facet)
+                                    : add_point(lanes, lane, vertex, facet);
     }
-    for (int lane = lanes->lane_count; lane < QM_PACK_LANES; lane++)
+    lanes->lane_count = (uint8_t)lane;
+    for (; lane < QM_PACK_LANES; lane++) {
         lanes->face[lane] = lanes->face[0];
+        memcpy(vertex + 3 * lane, vertex, 3 * sizeof *vertex);
+    }
+    builder->kernel->share_corners(lanes, vertex);
 }
 
 static void build_pack(const pack_builder *builder, size_t pack)
 {
     qm_bvh *bvh = builder->bvh;
     fill_lanes(builder, pack);
-    qm_vec vertex[3 * QM_PACK_LANES];
-    qm_box box = qm_vec_box(vertex, qm_bvh_load_pack(bvh, pack, vertex));
-    qm_box_tree_set(&bvh->boxes, pack, &box);
-    qm_bvh_fill_pack(builder->kernel, bvh, pack, vertex);
+    qm_bvh_fit_box(bvh, pack);
+    qm_bvh_fill_pack(builder->kernel, bvh, pack);
 }
 
 static void build_own_packs(void *data, int worker)
@@ -152,6 +135,8 @@ static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts,
     bvh->lanes = qm_context_alloc(ctx, count, sizeof *bvh->lanes);
     if (!bvh->lanes) return QM_E_NO_MEMORY;
     if ((parts & QM_BVH_TARGET) && !(bvh->packs = qm_context_alloc_aligned(ctx, count, sizeof *bvh->packs)))
+        return QM_E_NO_MEMORY;
+    if (bvh->packs && !(bvh->float_packs = qm_context_alloc(ctx, count, sizeof *bvh->float_packs)))
         return QM_E_NO_MEMORY;
     if ((parts & QM_BVH_PATCHES) && has_quads &&
         !(bvh->twist = qm_context_alloc(ctx, count, sizeof *bvh->twist)))
@@ -195,6 +180,38 @@ static qm_status build_from_order(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts par
     return status;
 }
 
+/** True when the surface has much less than half the size of its frame: far vertices without a face made it.
+ */
+static bool frame_is_wide(const qm_bvh *bvh)
+{
+    qm_box box = qm_box_tree_whole(&bvh->boxes);
+    double half = 0.0;
+    for (int k = 0; k < 3; k++)
+        half = fmax(half, 0.5 * (box.max[k] - box.min[k]));
+    return half < 0.25;
+}
+
+static void reset_tree(qm_context *ctx, qm_bvh *bvh)
+{
+    qm_box_tree_reset(ctx, &bvh->boxes);
+    qm_bits_free(ctx, bvh->stale, bvh->pack_count);
+    qm_context_free(ctx, bvh->twist, bvh->pack_count, sizeof *bvh->twist);
+    qm_context_free(ctx, bvh->float_packs, bvh->pack_count, sizeof *bvh->float_packs);
+    qm_context_free_aligned(ctx, bvh->packs, bvh->pack_count, sizeof *bvh->packs);
+    qm_context_free(ctx, bvh->lanes, bvh->pack_count, sizeof *bvh->lanes);
+}
+
+static qm_status build(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, qm_frame_of of, int thread_count,
+                       uint64_t *order)
+{
+    qm_status status = qm_bvh_order(ctx, &bvh->mesh, of, thread_count, &bvh->frame, order);
+    if (status == QM_OK) status = build_from_order(ctx, bvh, parts, thread_count, order);
+    if (status != QM_OK || of == QM_FRAME_OF_SURFACE || !frame_is_wide(bvh)) return status;
+    reset_tree(ctx, bvh);
+    *bvh = (qm_bvh){.mesh = bvh->mesh};
+    return build(ctx, bvh, parts, QM_FRAME_OF_SURFACE, thread_count, order);
+}
+
 qm_status qm_bvh_build(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts, int thread_count,
                        qm_bvh **out)
 {
@@ -210,10 +227,7 @@ qm_status qm_bvh_build(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts,
     uint64_t *order = qm_context_alloc(ctx, count, sizeof *order);
     qm_status status = QM_E_NO_MEMORY;
     if (bvh) *bvh = (qm_bvh){.mesh = *mesh};
-    if (bvh && order) {
-        status = qm_bvh_order(ctx, mesh, thread_count, &bvh->frame, order);
-        if (status == QM_OK) status = build_from_order(ctx, bvh, parts, thread_count, order);
-    }
+    if (bvh && order) status = build(ctx, bvh, parts, QM_FRAME_OF_VERTICES, thread_count, order);
     qm_context_free(ctx, order, count, sizeof *order);
     if (status != QM_OK) {
         qm_bvh_destroy(ctx, bvh);
@@ -226,11 +240,7 @@ qm_status qm_bvh_build(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts,
 void qm_bvh_destroy(qm_context *ctx, qm_bvh *bvh)
 {
     if (!bvh) return;
-    qm_box_tree_reset(ctx, &bvh->boxes);
-    qm_bits_free(ctx, bvh->stale, bvh->pack_count);
-    qm_context_free(ctx, bvh->twist, bvh->pack_count, sizeof *bvh->twist);
-    qm_context_free_aligned(ctx, bvh->packs, bvh->pack_count, sizeof *bvh->packs);
-    qm_context_free(ctx, bvh->lanes, bvh->pack_count, sizeof *bvh->lanes);
+    reset_tree(ctx, bvh);
     qm_context_free(ctx, bvh, 1, sizeof *bvh);
 }
 
@@ -242,7 +252,7 @@ const qm_mesh *qm_bvh_mesh(const qm_bvh *bvh)
 size_t qm_bvh_memory_size(const qm_bvh *bvh)
 {
     size_t size = sizeof *bvh + bvh->pack_count * sizeof *bvh->lanes;
-    if (bvh->packs) size += bvh->pack_count * sizeof *bvh->packs;
+    if (bvh->packs) size += bvh->pack_count * (sizeof *bvh->packs + sizeof *bvh->float_packs);
     if (bvh->twist) size += bvh->pack_count * sizeof *bvh->twist;
     return size + qm_box_tree_memory_size(&bvh->boxes);
 }

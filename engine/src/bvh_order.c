@@ -6,6 +6,8 @@
 #include "hilbert.h"
 
 #define MAX_WORKERS 64
+#define MOST_BY_8_BITS 8192 /* faces: cells of a curve of 8 bits that a surface meets, over eight or so */
+#define MOST_BY_10_BITS (16 * MOST_BY_8_BITS)
 
 /**
  * Vertices in whole numbers, three to a word, finer than the cells of the curve: sums of up to four fit their
@@ -16,8 +18,10 @@ enum { FIELD_BITS = 20, FINE_BITS = QM_HILBERT_BITS + 4, FINE_ONES = (1 << FINE_
 typedef struct order_work {
     const qm_mesh *mesh;
     qm_frame frame;
-    uint64_t *vertices; /* first a mark for each vertex that a face uses, then its fine coordinates */
+    bool marks_used;
+    uint64_t *vertices; /* first, if asked for, a mark for each that a face uses; then fine coordinates */
     uint64_t *order;
+    int key_bits; /* an axis */
     int workers;
     qm_box box[MAX_WORKERS];
 } order_work;
@@ -46,7 +50,7 @@ static void mark_used(void *data, int worker)
     }
 }
 
-/** Box of the vertices that faces use: others would only cost precision. */
+/** Box of all vertices, or of those that faces use. */
 static void find_box(void *data, int worker)
 {
     order_work *work = data;
@@ -54,7 +58,7 @@ static void find_box(void *data, int worker)
     size_t begin, end;
     own_range(work, work->mesh->vertex_count, worker, &begin, &end);
     for (size_t i = begin; i < end; i++) {
-        if (!work->vertices[i]) continue;
+        if (work->marks_used && !work->vertices[i]) continue;
         const double *p = work->mesh->positions + 3 * i;
         for (int k = 0; k < 3; k++) {
             box.min[k] = p[k] < box.min[k] ? p[k] : box.min[k];
@@ -103,10 +107,10 @@ static void set_fine(void *data, int worker)
 }
 
 /** One coordinate of a sum of vertices as a cell of the curve; inverse is 2^24 over their number. */
-static uint32_t sum_cell(uint64_t sum, int field, uint32_t inverse)
+static inline uint32_t sum_cell(uint64_t sum, int field, uint32_t inverse, int bits)
 {
     uint32_t fine = (uint32_t)(sum >> (field * FIELD_BITS)) & ((1u << FIELD_BITS) - 1);
-    return (uint32_t)((uint64_t)fine * inverse >> (24 + FINE_BITS - QM_HILBERT_BITS));
+    return (uint32_t)((uint64_t)fine * inverse >> (24 + FINE_BITS - bits));
 }
 
 static uint64_t face_sum(const order_work *work, size_t face, uint32_t *inverse)
@@ -121,9 +125,8 @@ static uint64_t face_sum(const order_work *work, size_t face, uint32_t *inverse)
     return is_quad ? sum + vertices[corner[3]] : sum;
 }
 
-static void set_keys(void *data, int worker)
+static inline void set_own_keys(const order_work *work, int worker, int bits)
 {
-    const order_work *work = data;
     qm_hilbert_table table;
     qm_hilbert_table_init(&table);
     size_t begin, end;
@@ -131,10 +134,28 @@ static void set_keys(void *data, int worker)
     for (size_t i = begin; i < end; i++) {
         uint32_t inverse;
         uint64_t sum = face_sum(work, i, &inverse);
-        uint64_t key = qm_hilbert_key(&table, sum_cell(sum, 0, inverse), sum_cell(sum, 1, inverse),
-                                      sum_cell(sum, 2, inverse));
+        uint64_t key = qm_hilbert_key(&table, sum_cell(sum, 0, inverse, bits),
+                                      sum_cell(sum, 1, inverse, bits), sum_cell(sum, 2, inverse, bits), bits);
         work->order[i] = qm_radix_entry(key, i);
     }
+}
+
+/** Each number of bits has a loop of its own, which the compiler unrolls. */
+static void set_keys(void *data, int worker)
+{
+    const order_work *work = data;
+    if (work->key_bits == 8)
+        set_own_keys(work, worker, 8);
+    else if (work->key_bits == 10)
+        set_own_keys(work, worker, 10);
+    else
+        set_own_keys(work, worker, QM_HILBERT_BITS);
+}
+
+/** Bits that part the faces of a surface into cells of a few faces each; an even number. */
+static int choose_key_bits(size_t faces)
+{
+    return faces <= MOST_BY_8_BITS ? 8 : faces <= MOST_BY_10_BITS ? 10 : QM_HILBERT_BITS;
 }
 
 static qm_box join_boxes(const order_work *work)
@@ -149,20 +170,26 @@ static qm_box join_boxes(const order_work *work)
     return box;
 }
 
-qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, int thread_count, qm_frame *frame,
-                       uint64_t *order)
+qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, qm_frame_of of, int thread_count,
+                       qm_frame *frame, uint64_t *order)
 {
-    order_work work = {
-        .mesh = mesh, .order = order, .workers = thread_count < MAX_WORKERS ? thread_count : MAX_WORKERS};
+    size_t count = qm_mesh_facet_count(mesh);
+    order_work work = {.mesh = mesh,
+                       .marks_used = of == QM_FRAME_OF_SURFACE && mesh->face_count > 0,
+                       .order = order,
+                       .key_bits = choose_key_bits(count),
+                       .workers = thread_count < MAX_WORKERS ? thread_count : MAX_WORKERS};
     work.vertices = qm_context_alloc(ctx, mesh->vertex_count, sizeof *work.vertices);
     if (!work.vertices) return QM_E_NO_MEMORY;
-    memset(work.vertices, mesh->face_count == 0, mesh->vertex_count * sizeof *work.vertices);
-    qm_context_parallel(ctx, work.workers, mark_used, &work);
+    if (work.marks_used) {
+        memset(work.vertices, 0, mesh->vertex_count * sizeof *work.vertices);
+        qm_context_parallel(ctx, work.workers, mark_used, &work);
+    }
     qm_context_parallel(ctx, work.workers, find_box, &work);
     qm_box box = join_boxes(&work);
     *frame = work.frame = qm_frame_make(&box);
     qm_context_parallel(ctx, work.workers, set_fine, &work);
     qm_context_parallel(ctx, work.workers, set_keys, &work);
     qm_context_free(ctx, work.vertices, mesh->vertex_count, sizeof *work.vertices);
-    return qm_radix_sort(ctx, order, qm_mesh_facet_count(mesh), work.workers);
+    return qm_radix_sort(ctx, order, count, 3 * work.key_bits, work.workers);
 }

@@ -16,13 +16,16 @@ static inline size_t qm_mesh_facet_count(const qm_mesh *mesh)
 /** The frame of a mesh whose surface has this box. */
 qm_frame qm_frame_make(const qm_box *box);
 
+/** Which vertices tell the frame: finding out which of them the faces use takes a pass over the faces. */
+typedef enum qm_frame_of { QM_FRAME_OF_VERTICES, QM_FRAME_OF_SURFACE } qm_frame_of;
+
 /**
  * Finds the frame and writes the faces in the order of their middles along a Hilbert curve; order has
  * qm_mesh_facet_count entries, the index of the face in the low QM_RADIX_INDEX_BITS of each.
  *
  * Returns QM_OK or QM_E_NO_MEMORY.
  */
-qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, int thread_count, qm_frame *frame,
-                       uint64_t *order);
+qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, qm_frame_of of, int thread_count,
+                       qm_frame *frame, uint64_t *order);
 
 #endif

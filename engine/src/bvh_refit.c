@@ -9,26 +9,6 @@
 #define MIN_PACKS 512 /* packs that make it worth to start another thread */
 #define AHEAD 12      /* packs ahead of the one at hand whose vertices are fetched */
 
-typedef double pair __attribute__((vector_size(16)));
-
-static inline pair pair_min(pair a, pair b)
-{
-#if defined(__SSE2__)
-    return __builtin_ia32_minpd(a, b);
-#else
-    return (pair){fmin(a[0], b[0]), fmin(a[1], b[1])};
-#endif
-}
-
-static inline pair pair_max(pair a, pair b)
-{
-#if defined(__SSE2__)
-    return __builtin_ia32_maxpd(a, b);
-#else
-    return (pair){fmax(a[0], b[0]), fmax(a[1], b[1])};
-#endif
-}
-
 /** Packs to look at: a list of them, or all; a range for each worker. */
 typedef struct pack_work {
     qm_bvh *bvh;
@@ -57,28 +37,6 @@ static void fetch_vertices(const qm_bvh *bvh, size_t pack)
         __builtin_prefetch(bvh->mesh.positions + 3 * (size_t)lanes->vertex[i]);
 }
 
-/** Finds the box of a pack as it lies in the mesh; made local, it is that of the local vertices, since
- * rounding keeps order. */
-static void fit_box(qm_bvh *bvh, size_t pack)
-{
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    const double *p = bvh->mesh.positions + 3 * (size_t)lanes->vertex[0];
-    pair low_xy = {p[0], p[1]}, high_xy = low_xy;
-    double low_z = p[2], high_z = p[2];
-    for (int i = 1; i < lanes->vertex_count; i++) {
-        p = bvh->mesh.positions + 3 * (size_t)lanes->vertex[i];
-        pair xy = {p[0], p[1]};
-        low_xy = pair_min(low_xy, xy);
-        high_xy = pair_max(high_xy, xy);
-        low_z = p[2] < low_z ? p[2] : low_z;
-        high_z = p[2] > high_z ? p[2] : high_z;
-    }
-    const double low[3] = {low_xy[0], low_xy[1], low_z}, high[3] = {high_xy[0], high_xy[1], high_z};
-    qm_vec from = qm_frame_local(&bvh->frame, low), to = qm_frame_local(&bvh->frame, high);
-    qm_box box = {{from.x, from.y, from.z}, {to.x, to.y, to.z}};
-    qm_box_tree_set(&bvh->boxes, pack, &box);
-}
-
 static void fit_range(void *data, int worker)
 {
     const pack_work *work = data;
@@ -88,7 +46,7 @@ static void fit_range(void *data, int worker)
     end = end < work->count ? end : work->count;
     for (size_t i = begin; i < end; i++) {
         if (i + AHEAD < end) fetch_vertices(work->bvh, pack_at(work, i + AHEAD));
-        fit_box(work->bvh, pack_at(work, i));
+        qm_bvh_fit_box(work->bvh, pack_at(work, i));
     }
 }
 
@@ -97,14 +55,12 @@ static void refresh_range(void *data, int worker)
     const pack_work *work = data;
     const qm_kernel *kernel = qm_kernel_get();
     size_t words = qm_bits_words(work->count), workers = (size_t)work->workers;
-    qm_vec vertex[3 * QM_PACK_LANES];
     for (size_t word = words * (size_t)worker / workers; word < words * ((size_t)worker + 1) / workers;
          word++) {
         for (uint64_t rest = work->bvh->stale[word]; rest; rest &= rest - 1) {
             size_t pack = 64 * word + (size_t)__builtin_ctzll(rest);
             if (pack >= work->count) break;
-            qm_bvh_load_pack(work->bvh, pack, vertex);
-            qm_bvh_fill_pack(kernel, work->bvh, pack, vertex);
+            qm_bvh_fill_pack(kernel, work->bvh, pack);
         }
     }
 }
@@ -120,20 +76,16 @@ static bool frame_serves(const double low[3], const double high[3])
     return most <= 1.0 && size >= 0.25;
 }
 
-/** The boxes' word for it, who have all been found anew; they reach a little beyond the mesh. */
-static bool boxes_say_frame_serves(const qm_box_tree *boxes)
+/** The boxes' word for it, which have all been found anew; they reach a little beyond the mesh. */
+static bool boxes_fit_frame(const qm_box_tree *boxes)
 {
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    const qm_box_group *top = &boxes->groups[boxes->level_count][0];
-    for (int m = 0; m < qm_box_tree_member_count(boxes, boxes->level_count, 0); m++) {
-        for (int k = 0; k < 3; k++) {
-            low[k] = fmin(low[k], (double)top->low[k][m] + QM_BOX_MARGIN);
-            high[k] = fmax(high[k], (double)top->high[k][m] - QM_BOX_MARGIN);
-        }
+    qm_box box = qm_box_tree_whole(boxes);
+    for (int k = 0; k < 3; k++) {
+        if (!(fmax(-box.min[k], box.max[k]) <= 1.0)) return false;
+        box.min[k] += QM_BOX_MARGIN;
+        box.max[k] -= QM_BOX_MARGIN;
     }
-    for (int k = 0; k < 3; k++)
-        if (!(fmax(-low[k], high[k]) <= 1.0 - QM_BOX_MARGIN)) return false;
-    return frame_serves(low, high);
+    return frame_serves(box.min, box.max);
 }
 
 static bool mesh_fits_frame(const qm_frame *frame, const qm_box *box)
@@ -172,7 +124,7 @@ static size_t refit_all(qm_context *ctx, qm_bvh *bvh, int thread_count)
 {
     memset(bvh->stale, 0xff, qm_bits_words(bvh->pack_count) * sizeof *bvh->stale);
     fit_all(ctx, bvh, thread_count);
-    if (!boxes_say_frame_serves(&bvh->boxes)) {
+    if (!boxes_fit_frame(&bvh->boxes)) {
         qm_box box = qm_mesh_bounding_box(&bvh->mesh);
         if (!mesh_fits_frame(&bvh->frame, &box)) {
             bvh->frame = qm_frame_make(&box);

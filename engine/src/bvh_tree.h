@@ -8,6 +8,7 @@
 #define QM_BVH_TREE_H
 
 #include "box_tree.h"
+#include "float_pack.h"
 #include "qm/bvh.h"
 
 #define QM_PACK_LANES 8
@@ -79,7 +80,8 @@ struct qm_bvh {
     qm_frame frame;
     double reach; /* greatest local coordinate of the surface, by magnitude: at most 1 */
     size_t pack_count;
-    qm_pack *packs; /* NULL when the tree is built as a source only */
+    qm_pack *packs;             /* NULL when the tree is built as a source only */
+    qm_float_pack *float_packs; /* likewise: the same triangles in single precision */
     qm_pack_lanes *lanes;
     bool has_quads;
     float (*twist)[QM_PACK_LANES]; /* |w| / 4 of each lane's quad rounded up, local; NULL without quads, or

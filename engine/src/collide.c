@@ -1,5 +1,6 @@
 #include "qm/collide.h"
 
+#include <string.h>
 #include <time.h>
 
 #include "bvh_order.h"
@@ -98,17 +99,35 @@ static qm_status collide(qm_collide_search *search, const qm_collide_changes *ch
     return QM_OK;
 }
 
+static bool arrays_are_equal(const void *a, const void *b, size_t size)
+{
+    return a == b || (a && b && memcmp(a, b, size) == 0);
+}
+
+bool qm_collide_are_twins(const qm_mesh *a, const qm_mesh *b)
+{
+    return a->vertex_count == b->vertex_count && a->face_count == b->face_count &&
+           arrays_are_equal(a->faces, b->faces, a->face_count * 4 * sizeof *a->faces) &&
+           arrays_are_equal(a->face_origin, b->face_origin, a->face_count * sizeof *a->face_origin) &&
+           arrays_are_equal(a->positions, b->positions, a->vertex_count * 3 * sizeof *a->positions);
+}
+
 qm_status qm_collide_meshes(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                             const qm_collide_options *options, qm_collision *out)
 {
     qm_collide_search search = {.ctx = ctx, .bvh = {a, b}, .options = options};
+    bool has_patches = options->quads == QM_QUADS_BILINEAR && a->has_quads;
+    if (!has_patches && qm_collide_are_twins(&a->mesh, &b->mesh)) {
+        search.bvh[1] = a;
+        search.kind = QM_COLLIDE_TWIN;
+    }
     return collide(&search, NULL, out);
 }
 
 qm_status qm_collide_self(qm_context *ctx, const qm_bvh *bvh, const qm_collide_options *options,
                           const qm_collide_changes *changes, qm_collision *out)
 {
-    qm_collide_search search = {.ctx = ctx, .bvh = {bvh, bvh}, .is_self = true, .options = options};
+    qm_collide_search search = {.ctx = ctx, .bvh = {bvh, bvh}, .kind = QM_COLLIDE_SELF, .options = options};
     return collide(&search, changes, out);
 }
 

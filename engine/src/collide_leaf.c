@@ -17,13 +17,13 @@ static uint32_t mix_position(const double *position)
 }
 
 /** Any point in the midst of a leaf serves as its middle: the first vertex is at hand. */
-static void load_vertices(const qm_bvh *bvh, const qm_frame *frame, bool is_self, const qm_pack_lanes *lanes,
-                          qm_leaf *out, float (*vertex)[4])
+static void load_vertices(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind,
+                          const qm_pack_lanes *lanes, qm_leaf *out, float (*vertex)[4])
 {
     out->middle = qm_frame_local(frame, bvh->mesh.positions + 3 * (size_t)lanes->vertex[0]);
     for (int i = 0; i < lanes->vertex_count; i++) {
         const double *position = bvh->mesh.positions + 3 * (size_t)lanes->vertex[i];
-        uint32_t mark = is_self ? lanes->vertex[i] : mix_position(position);
+        uint32_t mark = kind == QM_COLLIDE_TWO ? mix_position(position) : lanes->vertex[i];
         qm_vec v = qm_frame_local(frame, position);
         vertex[i][0] = (float)(v.x - out->middle.x);
         vertex[i][1] = (float)(v.y - out->middle.y);
@@ -32,12 +32,12 @@ static void load_vertices(const qm_bvh *bvh, const qm_frame *frame, bool is_self
     }
 }
 
-void qm_leaf_fill(const qm_bvh *bvh, const qm_frame *frame, bool is_self, uint32_t pack, qm_leaf *out)
+void qm_leaf_fill(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack, qm_leaf *out)
 {
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     _Alignas(16) float vertex[3 * QM_PACK_LANES][4];
     uint8_t place[QM_PACK_LANES][3];
-    load_vertices(bvh, frame, is_self, lanes, out, vertex);
+    load_vertices(bvh, frame, kind, lanes, out, vertex);
     memcpy(place, lanes->corner, sizeof place);
     for (int lane = lanes->lane_count; lane < QM_PACK_LANES; lane++)
         memcpy(place[lane], place[0], sizeof place[0]);

@@ -13,10 +13,17 @@
 
 #define QM_LEAF_NONE UINT32_MAX
 
+/** Whose faces are compared. */
+typedef enum qm_collide_kind {
+    QM_COLLIDE_TWO,  /* those of two meshes */
+    QM_COLLIDE_TWIN, /* those of a mesh and an equal one: of one tree, where pairs count both ways */
+    QM_COLLIDE_SELF  /* those of one mesh, where neighbours may touch */
+} qm_collide_kind;
+
 /** Pairs of lanes of two leaves: of lane i with the other's lane j bit 8 i + j. */
 typedef struct qm_near_lanes {
     uint64_t near;  /* may meet: all others don't */
-    uint64_t alike; /* of those, ones that have a corner of the same mark, between two meshes */
+    uint64_t alike; /* of those, ones that have a corner of the same mark; none in SELF */
     /* [lane][other lane], set where they are alike: the corner of either, as 4 * its own + the other's */
     _Alignas(32) int32_t corners[QM_PACK_LANES][QM_PACK_LANES];
 } qm_near_lanes;
@@ -53,7 +60,7 @@ typedef struct qm_frame_change {
 typedef struct qm_descent {
     const qm_box_tree *a, *b;
     qm_frame_change change;
-    bool is_self;           /* a is b: every pair once, each node with itself too */
+    bool is_one;            /* a is b: every pair once, each node with itself too */
     int stop_level;         /* pairs are handed out once both nodes are at this level or below it */
     uint8_t *const *marked; /* [level][index]: of a pair one must be marked; NULL: all are */
     bool (*take)(void *user, const qm_node *a, const qm_node *b); /* false ends the walk */

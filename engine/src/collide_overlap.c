@@ -10,21 +10,24 @@
 #include <string.h>
 
 #define MOST_CELLS 120    /* along an axis: cells 0 to MOST_CELLS + 1 are seven bits */
+#define MOST_IN_ROW 62    /* along the shortest axis: a row is a word */
 #define FACES_A_CELL 3.0  /* the square root of the faces over it are the cells along the longest axis */
 #define MOST_ROWS 64      /* faces that reach into more rows of cells are not looked up: they stay */
 #define ROWS_A_FACE 16    /* on average; where faces are so large, the grid doesn't pay */
 #define FEWEST_FACES 2000 /* of both meshes; for fewer it doesn't pay either */
 #define SAMPLE_STEP 31    /* one face of so many tells what share would go */
 
-/** Cells 1 to count along each axis; 0 and count + 1 are all that is outside. */
+/** Cells 1 to count along each axis; 0 and count + 1 are all that is outside. The shortest axis comes last.
+ */
 typedef struct overlap_grid {
+    int axis[3]; /* the mesh's; all else is in this order */
     double low[3], high[3], scale[3];
     uint32_t count[3];
     size_t row_count;
 } overlap_grid;
 
 /** Marks of the cells along the last axis, a bit each. */
-typedef unsigned __int128 cell_row;
+typedef uint64_t cell_row;
 
 /** Three cells, one along each axis, a byte each: the last axis lowest. */
 typedef uint32_t cell;
@@ -57,21 +60,45 @@ static qm_box vertex_box(const qm_mesh *mesh)
     return box;
 }
 
-/** Lays the grid over what the boxes have in common; false when that is nothing. */
+/** Puts the shortest axis last. */
+static void order_axes(const qm_box *box, int axis[3])
+{
+    int last = 0;
+    for (int k = 1; k < 3; k++)
+        if (box->max[k] - box->min[k] < box->max[last] - box->min[last]) last = k;
+    axis[0] = (last + 1) % 3;
+    axis[1] = (last + 2) % 3;
+    axis[2] = last;
+}
+
+/** The box that two have in common; false when there is none. */
+static bool common_box(const qm_box *a, const qm_box *b, qm_box *out)
+{
+    bool is_there = true;
+    for (int k = 0; k < 3; k++) {
+        out->min[k] = fmax(a->min[k], b->min[k]);
+        out->max[k] = fmin(a->max[k], b->max[k]);
+        is_there &= out->min[k] <= out->max[k];
+    }
+    return is_there;
+}
+
+/** Lays the grid over what the meshes' boxes have in common; false when that is nothing. */
 static bool lay_grid(const qm_mesh *const mesh[2], overlap_grid *grid)
 {
-    qm_box a = vertex_box(mesh[0]), b = vertex_box(mesh[1]);
-    double longest = 0.0, faces = (double)(mesh[0]->face_count + mesh[1]->face_count) / 2.0;
-    for (int k = 0; k < 3; k++) {
-        grid->low[k] = fmax(a.min[k], b.min[k]);
-        grid->high[k] = fmin(a.max[k], b.max[k]);
-        if (grid->low[k] > grid->high[k]) return false;
-        longest = fmax(longest, grid->high[k] - grid->low[k]);
-    }
+    qm_box a = vertex_box(mesh[0]), b = vertex_box(mesh[1]), box;
+    if (!common_box(&a, &b, &box)) return false;
+    order_axes(&box, grid->axis);
+    double faces = (double)(mesh[0]->face_count + mesh[1]->face_count) / 2.0, longest = 0.0;
     double cells = fmin(sqrt(faces) / FACES_A_CELL, MOST_CELLS);
+    for (int k = 0; k < 3; k++)
+        longest = fmax(longest, box.max[k] - box.min[k]);
     for (int k = 0; k < 3; k++) {
+        grid->low[k] = box.min[grid->axis[k]];
+        grid->high[k] = box.max[grid->axis[k]];
         double length = grid->high[k] - grid->low[k];
-        double count = longest > 0.0 ? ceil(cells * (length / longest)) : 1.0;
+        double count =
+            longest > 0.0 ? fmin(ceil(cells * (length / longest)), k == 2 ? MOST_IN_ROW : MOST_CELLS) : 1.0;
         grid->count[k] = count > 1.0 ? (uint32_t)count : 1;
         grid->scale[k] = length > 0.0 ? grid->count[k] / length : 0.0;
         if (!(grid->scale[k] < INFINITY)) grid->scale[k] = 0.0;
@@ -92,8 +119,9 @@ static void set_cells(const overlap_grid *grid, const qm_mesh *mesh, cell *cells
 {
     for (size_t i = 0; i < mesh->vertex_count; i++) {
         const double *p = mesh->positions + 3 * i;
-        cells[i] = find_cell(grid, 0, p[0]) << X_SHIFT | find_cell(grid, 1, p[1]) << Y_SHIFT |
-                   find_cell(grid, 2, p[2]) << Z_SHIFT;
+        cells[i] = find_cell(grid, 0, p[grid->axis[0]]) << X_SHIFT |
+                   find_cell(grid, 1, p[grid->axis[1]]) << Y_SHIFT |
+                   find_cell(grid, 2, p[grid->axis[2]]) << Z_SHIFT;
     }
 }
 

@@ -51,7 +51,7 @@ static bool boxes_meet(const qm_box *a, const qm_box *b)
 static bool faces_meet(const qm_collide_search *search, uint32_t face_a, uint32_t face_b)
 {
     const qm_mesh *a = &search->bvh[0]->mesh, *b = &search->bvh[1]->mesh;
-    qm_faces faces = {.mesh = {a, b}, .face = {face_a, face_b}, .is_self = search->is_self};
+    qm_faces faces = {.mesh = {a, b}, .face = {face_a, face_b}, .is_self = search->kind == QM_COLLIDE_SELF};
     if (qm_faces_have_quad(&faces)) return qm_faces_meet_bilinear(&faces, search->options->tolerance, NULL);
     return qm_faces_meet_exactly(&faces);
 }
@@ -74,7 +74,7 @@ bool qm_collide_patches(qm_collide_worker *w, const qm_pack_pair *packs)
     pack_faces p, q;
     load_faces(search->bvh[0], packs->pack[0], packs->moved[0], &p);
     load_faces(search->bvh[1], packs->pack[1], packs->moved[1], &q);
-    bool is_same = search->is_self && packs->pack[0] == packs->pack[1];
+    bool is_same = search->kind == QM_COLLIDE_SELF && packs->pack[0] == packs->pack[1];
     for (int i = 0; i < p.count; i++) {
         for (int j = is_same ? i + 1 : 0; j < q.count; j++) {
             bool has_moved = (p.moved >> i | q.moved >> j) & 1;

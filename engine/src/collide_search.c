@@ -153,7 +153,7 @@ qm_status qm_collide_run(const qm_collide_search *search, qm_pair_list *list, ui
               .descent = {.a = &search->bvh[0]->boxes,
                           .b = &search->bvh[1]->boxes,
                           .change = qm_frame_change_make(&search->bvh[0]->frame, &search->bvh[1]->frame),
-                          .is_self = search->is_self,
+                          .is_one = search->kind != QM_COLLIDE_TWO,
                           .marked = search->marks ? search->marks->level : NULL}};
     deal_tasks(&c, workers);
     if (c.task_count < (size_t)workers) workers = c.task_count > 0 ? (int)c.task_count : 1;

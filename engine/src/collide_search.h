@@ -11,7 +11,7 @@
 typedef struct qm_collide_search {
     qm_context *ctx;
     const qm_bvh *bvh[2];
-    bool is_self;
+    qm_collide_kind kind; /* TWIN and SELF have the same tree twice */
     const qm_collide_options *options;
     const qm_change_marks *marks; /* of a pair one must have moved; NULL: everything is looked at */
 } qm_collide_search;
@@ -22,10 +22,14 @@ qm_status qm_collide_check_options(qm_context *ctx, const qm_collide_options *op
 /** QM_OK, or QM_E_SCALE with words when coordinates are too large, or sizes too different, to compare. */
 qm_status qm_collide_check_scale(qm_context *ctx, const qm_bvh *a, const qm_bvh *b);
 
+/** Whether two meshes are the same, bit by bit. */
+bool qm_collide_are_twins(const qm_mesh *a, const qm_mesh *b);
+
 /** Finds the pairs and adds them to list, each once or more; with a mode other than all, at most one. */
 qm_status qm_collide_run(const qm_collide_search *search, qm_pair_list *list, uint64_t *tests);
 
-/** A leaf from a pack, in the frame given; is_self tells how its corners are marked. */
-void qm_leaf_fill(const qm_bvh *bvh, const qm_frame *frame, bool is_self, uint32_t pack, qm_leaf *out);
+/** A leaf from a pack, in the frame given; the kind tells how its corners are marked. */
+void qm_leaf_fill(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,
+                  qm_leaf *out);
 
 #endif

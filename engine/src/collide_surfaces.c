@@ -1,6 +1,17 @@
 #include "collide_overlap.h"
 #include "collide_search.h"
 
+/** Equal meshes need one tree. */
+static qm_status collide_twins(qm_context *ctx, const qm_mesh *mesh, const qm_collide_options *options,
+                               qm_collision *out)
+{
+    qm_bvh *tree;
+    qm_status status = qm_bvh_build(ctx, mesh, QM_BVH_SOURCE, options->thread_count, &tree);
+    if (status == QM_OK) status = qm_collide_meshes(ctx, tree, tree, options, out);
+    qm_bvh_destroy(ctx, tree);
+    return status;
+}
+
 static qm_status collide_parts(qm_context *ctx, const qm_overlap *overlap, const qm_collide_options *options,
                                qm_collision *out)
 {
@@ -20,6 +31,7 @@ qm_status qm_collide_surfaces(qm_context *ctx, const qm_mesh *a, const qm_mesh *
     *out = (qm_collision){0};
     qm_status status = qm_collide_check_options(ctx, options);
     if (status != QM_OK) return status;
+    if (qm_collide_are_twins(a, b)) return collide_twins(ctx, a, options, out);
     qm_overlap overlap;
     status = qm_overlap_find(ctx, a, b, &overlap);
     if (status != QM_OK)

@@ -11,15 +11,14 @@ static const qm_leaf *get_leaf(qm_collide_worker *w, int cache, int mesh, uint32
 {
     const qm_collide_search *search = w->search;
     qm_leaf *leaf = &w->cache[cache][pack % QM_CACHED_LEAVES];
-    if (leaf->pack != pack)
-        qm_leaf_fill(search->bvh[mesh], &search->bvh[0]->frame, search->is_self, pack, leaf);
+    if (leaf->pack != pack) qm_leaf_fill(search->bvh[mesh], &search->bvh[0]->frame, search->kind, pack, leaf);
     return leaf;
 }
 
-/** One mesh needs the second cache only for leaves that want the same place in the first. */
+/** One tree needs the second cache only for leaves that want the same place in the first. */
 static const qm_leaf *get_second_leaf(qm_collide_worker *w, const qm_leaf *first, uint32_t pack)
 {
-    bool same_cache = w->search->is_self &&
+    bool same_cache = w->search->kind != QM_COLLIDE_TWO &&
                       (pack == first->pack || pack % QM_CACHED_LEAVES != first->pack % QM_CACHED_LEAVES);
     return get_leaf(w, same_cache ? 0 : 1, 1, pack);
 }
@@ -69,18 +68,24 @@ static bool triangles_meet(const side *a, int i, const side *b, int j, bool is_s
 }
 
 /** Keeps pairs of lanes that have a corner in common, where all pairs of two meshes are asked for, and takes
- * them out of those that are left to test. */
+ * them out of those that are left to test. In equal meshes equal marks are one vertex, and pairs count twice.
+ */
 static void take_coincident(qm_collide_worker *w, const side *a, const side *b, const qm_near_lanes *lanes,
                             uint64_t *left)
 {
-    qm_face_pair *room = qm_pair_list_room(w->search->ctx, &w->pairs, QM_PACK_LANES * QM_PACK_LANES);
+    bool are_twins = w->search->kind == QM_COLLIDE_TWIN;
+    size_t count = 0;
+    qm_face_pair *room = qm_pair_list_room(w->search->ctx, &w->pairs, 2 * QM_PACK_LANES * QM_PACK_LANES);
     if (!room) return; /* adding the pairs one by one will tell */
     uint64_t taken = 0;
-    size_t count = 0;
     for (uint64_t alike = lanes->alike; alike; alike &= alike - 1) {
         int place = __builtin_ctzll(alike), i = place / QM_PACK_LANES, j = place % QM_PACK_LANES;
-        if (!corners_coincide(a, i, b, j, lanes->corners[i][j])) continue;
-        room[count++] = (qm_face_pair){a->leaf->face[i], b->leaf->face[j]};
+        qm_face_pair pair = {a->leaf->face[i], b->leaf->face[j]};
+        if (are_twins)
+            room[count++] = (qm_face_pair){pair.b, pair.a};
+        else if (!corners_coincide(a, i, b, j, lanes->corners[i][j]))
+            continue;
+        room[count++] = pair;
         taken |= alike & -alike;
     }
     qm_pair_list_take(&w->pairs, count);
@@ -88,22 +93,44 @@ static void take_coincident(qm_collide_worker *w, const side *a, const side *b, 
     *left &= ~taken;
 }
 
+/** Keeps a pair of faces that meet, and for equal meshes the pair the other way round; false when the search
+ * may end. */
+static bool keep(qm_collide_worker *w, uint32_t face_a, uint32_t face_b)
+{
+    qm_face_pair pair;
+    if (qm_collide_wants(w, face_a, face_b, &pair) && !qm_collide_keep(w, pair)) return false;
+    bool turns = w->search->kind == QM_COLLIDE_TWIN && face_a != face_b;
+    return !turns || !qm_collide_wants(w, face_b, face_a, &pair) || qm_collide_keep(w, pair);
+}
+
+/** Equal meshes: every face meets itself. */
+static bool keep_own(qm_collide_worker *w, const qm_leaf *leaf)
+{
+    for (uint32_t i = 0; i < leaf->lane_count; i++)
+        if (!keep(w, leaf->face[i], leaf->face[i])) return false;
+    return true;
+}
+
 /** Tests a pair of lanes exactly; false when the search may end. */
 static bool test_lanes(qm_collide_worker *w, const side *a, int i, const side *b, int j)
 {
-    qm_face_pair faces;
-    if (!qm_collide_wants(w, a->leaf->face[i], b->leaf->face[j], &faces)) return true;
+    uint32_t face_a = a->leaf->face[i], face_b = b->leaf->face[j];
+    qm_collide_kind kind = w->search->kind;
+    qm_face_pair ahead, back;
+    bool is_wanted = qm_collide_wants(w, face_a, face_b, &ahead) ||
+                     (kind == QM_COLLIDE_TWIN && qm_collide_wants(w, face_b, face_a, &back));
+    if (!is_wanted) return true;
     w->tests++;
-    return !triangles_meet(a, i, b, j, w->search->is_self) || qm_collide_keep(w, faces);
+    return !triangles_meet(a, i, b, j, kind == QM_COLLIDE_SELF) || keep(w, face_a, face_b);
 }
 
 bool qm_collide_triangles(qm_collide_worker *w, const qm_pack_pair *packs)
 {
     const qm_collide_search *search = w->search;
     const qm_leaf *p = get_leaf(w, 0, 0, packs->pack[0]), *q = get_second_leaf(w, p, packs->pack[1]);
+    if (search->kind == QM_COLLIDE_TWIN && p == q && !keep_own(w, p)) return false;
     qm_near_lanes lanes;
-    if (!w->kernel->compare_leaves(p, q, search->is_self, packs->moved[0], packs->moved[1], &lanes))
-        return true;
+    if (!w->kernel->compare_leaves(p, q, search->kind, packs->moved[0], packs->moved[1], &lanes)) return true;
     side a = make_side(search->bvh[0], p), b = make_side(search->bvh[1], q);
     uint64_t left = lanes.near;
     if (lanes.alike && search->options->mode == QM_COLLIDE_ALL) take_coincident(w, &a, &b, &lanes, &left);

@@ -41,7 +41,7 @@ static inline void qm_collide_stop(atomic_int *search_status, qm_status status)
 /** Two faces in the numbering of the input as a pair; false when they are one, or not wanted. */
 static inline bool qm_collide_wants(const qm_collide_worker *w, uint32_t a, uint32_t b, qm_face_pair *out)
 {
-    bool is_self = w->search->is_self, turns = is_self && a > b;
+    bool is_self = w->search->kind == QM_COLLIDE_SELF, turns = is_self && a > b;
     *out = (qm_face_pair){turns ? b : a, turns ? a : b};
     return !(is_self && a == b) && ((uint64_t)out->a << 32 | out->b) < w->least;
 }

@@ -210,17 +210,18 @@ static double cube_edge(const double extent[3], double count)
 /** The box of the surface as the tree has it: reaching QM_BOX_MARGIN outward, so never without extent. */
 static void tree_box(const qm_bvh *bvh, double low[3], double extent[3])
 {
-    const qm_box_group *top = &bvh->boxes.groups[bvh->boxes.level_count][0];
-    int members = qm_box_tree_member_count(&bvh->boxes, bvh->boxes.level_count, 0);
+    qm_box box = qm_box_tree_whole(&bvh->boxes);
     for (int k = 0; k < 3; k++) {
-        double least = (double)top->low[k][0], greatest = (double)top->high[k][0];
-        for (int m = 1; m < members; m++) {
-            least = fmin(least, (double)top->low[k][m]);
-            greatest = fmax(greatest, (double)top->high[k][m]);
-        }
-        low[k] = least;
-        extent[k] = greatest - least;
+        low[k] = box.min[k];
+        extent[k] = box.max[k] - box.min[k];
     }
+}
+
+double qm_grid_first_edge(const qm_bvh *bvh)
+{
+    double low[3], extent[3], triangles = (double)(QM_PACK_LANES * bvh->pack_count);
+    tree_box(bvh, low, extent);
+    return cube_edge(extent, fmin(QM_GRID_DENSITY * triangles, MAX_CELLS));
 }
 
 static qm_status lay_out(qm_context *ctx, qm_grid *grid, const double extent[3], double edge)
@@ -248,7 +249,7 @@ static qm_status fill_grid(grid_builder *builder)
     double low[3], extent[3];
     tree_box(grid->bvh, low, extent);
     grid->low = qm_vec_load(low);
-    double edge = cube_edge(extent, fmin(QM_GRID_DENSITY * (double)triangles, MAX_CELLS));
+    double edge = qm_grid_first_edge(grid->bvh);
     qm_status status;
     do {
         status = lay_out(builder->ctx, grid, extent, edge);

@@ -96,7 +96,7 @@ static bool sample_unreached(qm_piece_work *work, qm_vec p)
     double upper = work->kernel->hull_upper(&work->candidates, &p, 1, &place);
     if (upper + work->slack <= qm_piece_allowed(work)) return false;
     uint32_t hint = work->packs[place];
-    qm_worker_sample(work->worker, work->side, p, work->slack, work->piece.face, &hint);
+    qm_worker_sample(work->worker, work->side, p, work->slack, work->piece.face, 0.0, &hint);
     bool added = qm_piece_add_candidate(work, hint);
     bool raised = qm_piece_allowed(work) > work->filled_for;
     if (added || raised) qm_piece_fill_candidates(work);

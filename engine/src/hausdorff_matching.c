@@ -29,7 +29,7 @@ typedef struct measured {
 /** Measures a point of the piece, which may raise the lower bound, and finds the facet under it. */
 static measured measure_point(const matching_work *work, qm_vec p, uint32_t hint)
 {
-    double distance = qm_worker_sample(work->worker, work->side, p, 0.0, work->piece.face, &hint);
+    double distance = qm_worker_sample(work->worker, work->side, p, 0.0, work->piece.face, 0.0, &hint);
     return (measured){p, distance, qm_matching_facet(work->worker->search, work->side, hint, p)};
 }
 

@@ -2,15 +2,12 @@
 
 #define CERTIFY_SHARE                                                                                        \
     0.25 /* of the tolerance: the least rise of the lower bound that is worth a certificate */
+#define FLOAT_FLOOR 0x1p-21    /* of the reach: a lower bound below it is lost in the margins of floats */
 #define PATCH_ERROR_SHARE 0.02 /* of the tolerance: certified error of a patch distance */
 
 double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p)
 {
-    double d2[QM_PACK_LANES], upper = INFINITY;
-    search->kernel->pack_distances(&side->target->packs[pack], p, d2);
-    for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
-        upper = fmin(upper, sqrt(d2[lane]) + qm_side_twist(side, pack, lane));
-    return upper;
+    return search->kernel->float_upper(&side->target->float_packs[pack], qm_side_twists(side, pack), p);
 }
 
 /** Raises the shared lower bound, and keeps the point as this worker's witness when it did. */
@@ -29,16 +26,29 @@ static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, uint32
     }
 }
 
+double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, uint32_t *hint)
+{
+    qm_float_hit hit = {.pack = *hint};
+    search->kernel->float_closest(side->target, p, enough, &hit);
+    *hint = hit.pack;
+    return hit.upper + qm_side_twist(side, hit.pack, hit.lane);
+}
+
 double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
-                        uint32_t *hint)
+                        double enough, uint32_t *hint)
 {
     const qm_search *search = worker->search;
-    qm_hit hit = {.d2 = INFINITY, .pack = *hint};
+    double known = atomic_load_explicit(&search->lower, memory_order_relaxed) * side->scale;
     worker->projections++;
+    bool by_boxes = !side->nearest.grid && !side->nearest.tetra;
+    if (by_boxes && known > FLOAT_FLOOR * side->reach && worker->witness >= 0.0) {
+        double nearly = qm_side_nearly(search, side, p, enough, hint);
+        if (nearly - slack <= known) return nearly;
+    }
+    qm_hit hit = {.d2 = INFINITY, .pack = *hint};
     qm_nearest_triangle(search->kernel, &side->nearest, p, &hit);
     *hint = hit.pack;
     double upper = sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane), lower = upper;
-    double known = atomic_load_explicit(&search->lower, memory_order_relaxed) * side->scale;
     if (side->target_patches && upper - slack > known) {
         /* A point of a patch that is near enough costs little to find; to certify that none is nearer costs
          * much more, and is due only when the lower bound would rise by more than a crumb. */

@@ -66,7 +66,7 @@ static seed measure_middle(qm_worker *worker, const qm_side *side, uint32_t pack
     uint32_t face;
     int lane = side->source->lanes[pack].lane_count / 2;
     qm_vec p = qm_side_middle(side, pack, &lane, &face);
-    double distance = qm_worker_sample(worker, side, p, 0.0, face, &hint);
+    double distance = qm_worker_sample(worker, side, p, 0.0, face, 0.0, &hint);
     return (seed){distance, pack, hint};
 }
 
@@ -75,7 +75,7 @@ static void measure_point(qm_worker *worker, const qm_side *side, qm_vec p, uint
 {
     double lower = atomic_load_explicit(&worker->search->lower, memory_order_relaxed) * side->scale;
     if (qm_side_pack_upper(worker->search, side, *hint, p) > lower)
-        qm_worker_sample(worker, side, p, 0.0, face, hint);
+        qm_worker_sample(worker, side, p, 0.0, face, 0.0, hint);
 }
 
 /** Measures the vertices and the middles of all faces of a pack. */

@@ -103,13 +103,24 @@ static inline double qm_side_twist(const qm_side *side, uint32_t pack, uint32_t 
     return side->target_patches ? (double)side->target->twist[pack][lane] : 0.0;
 }
 
+/** The same of all lanes; NULL for none. */
+static inline const float *qm_side_twists(const qm_side *side, uint32_t pack)
+{
+    return side->target_patches ? side->target->twist[pack] : NULL;
+}
+
 /**
- * Upper bound (local) of the distance of p by one search of the nearest triangle from the hint, which moves
- * on to the pack found. When the point may raise the lower bound, it is measured with certainty; face is what
- * it lies on, and slack how far from the source's surface it may be.
+ * Upper bound (local) of the distance of p by one search in single precision from the hint, which moves on to
+ * the pack found. The search ends as soon as the bound is enough.
+ */
+double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, uint32_t *hint);
+
+/**
+ * The same, but when the point may raise the lower bound, it is measured with certainty; face is what it lies
+ * on, and slack how far from the source's surface it may be. enough is at most the lower bound.
  */
 double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
-                        uint32_t *hint);
+                        double enough, uint32_t *hint);
 
 /**
  * A point of the source, local to the target: the middle of the face that holds the lane, which moves to the

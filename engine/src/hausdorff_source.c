@@ -41,9 +41,12 @@ static double member_reach(const qm_side *side, const qm_box_group *group, int m
 typedef struct pack_work {
     qm_entry entry;
     const qm_side *side;
+    const qm_kernel *kernel;
     const qm_pack_lanes *lanes;
     qm_vec vertex[3 * QM_PACK_LANES];
-    uint64_t in_reach[3 * QM_PACK_LANES];
+    qm_float_bits in_reach[3 * QM_PACK_LANES];
+    uint32_t measured;    /* a bit a vertex: in_reach is what double precision says */
+    qm_candidates hinted; /* the pack of the hint, for them */
     bool has_near;
     qm_near_packs near; /* of the whole pack, once the first face asks for them */
 } pack_work;
@@ -62,12 +65,63 @@ static int face_corners(const pack_work *work, int lane, int corner[4])
     return 4;
 }
 
-/** True when one lane of the candidates reaches all corners of a face. */
-static bool face_reached(const pack_work *work, const int *corner, int count)
+/** Where single precision leaves it open whether a lane reaches a vertex, as it does where the allowed
+ * distance is tiny or the source runs beside the target, double precision decides. */
+static void measure_vertex(pack_work *work, double allowed, int vertex)
 {
-    uint64_t labels = work->in_reach[corner[0]];
-    for (int i = 1; i < count; i++)
-        labels &= work->in_reach[corner[i]];
+    if (work->measured >> vertex & 1) return;
+    if (work->measured == 0) qm_candidates_fill(&work->hinted, work->side, &work->entry.hint, 1, allowed);
+    work->measured |= 1u << vertex;
+    uint8_t bits = (uint8_t)work->kernel->in_reach(&work->hinted, work->vertex[vertex]);
+    work->in_reach[vertex] = (qm_float_bits){bits, bits};
+}
+
+/** True when one lane of the pack of the hint reaches all corners of a face. */
+static bool face_reached(pack_work *work, double allowed, const int *corner, int count)
+{
+    unsigned certain = 0xff, possible = 0xff;
+    for (int i = 0; i < count; i++) {
+        certain &= work->in_reach[corner[i]].certain;
+        possible &= work->in_reach[corner[i]].possible;
+    }
+    if (certain || !possible) return certain != 0;
+    for (int i = 0; i < count; i++) {
+        measure_vertex(work, allowed, corner[i]);
+        possible &= work->in_reach[corner[i]].certain;
+    }
+    return possible != 0;
+}
+
+/** Bits of the lanes of a pack that reach a point each, for count points. */
+static void reach_by_pack(const pack_work *work, double allowed, uint32_t pack, const qm_vec *point,
+                          int count, qm_float_bits *bits)
+{
+    work->kernel->float_reach(&work->side->target->float_packs[pack], qm_side_twists(work->side, pack),
+                              allowed, point, count, bits);
+}
+
+/**
+ * Settles a face by the ball round its middle, or by one lane of the pack that is found there: *hint, which
+ * is the first guess for the next face.
+ */
+static bool face_is_near(qm_worker *worker, const pack_work *work, const qm_piece *face, uint32_t *hint)
+{
+    const qm_search *search = worker->search;
+    qm_vec middle = {0, 0, 0};
+    for (int i = 0; i < face->corner_count; i++)
+        middle = qm_vec_axpy(middle, 1.0 / face->corner_count, face->corner[i]);
+    double radius2 = 0.0;
+    for (int i = 0; i < face->corner_count; i++)
+        radius2 = fmax(radius2, qm_vec_norm2(qm_vec_sub(face->corner[i], middle)));
+    double allowed = qm_search_allowed(search) * work->side->scale, enough = allowed - sqrt(radius2);
+    if (!(enough > 0.0)) return false;
+    worker->projections++;
+    if (qm_side_nearly(search, work->side, middle, enough, hint) <= enough) return true;
+    qm_float_bits bits[4];
+    reach_by_pack(work, allowed, *hint, face->corner, face->corner_count, bits);
+    unsigned labels = 0xff;
+    for (int i = 0; i < face->corner_count; i++)
+        labels &= bits[i].certain;
     return labels != 0;
 }
 
@@ -96,21 +150,22 @@ static void visit_pack(qm_worker *worker, qm_entry entry)
     work.entry = entry;
     work.side = &search->side[entry.side];
     work.lanes = &work.side->source->lanes[entry.index];
+    work.kernel = search->kernel;
     work.has_near = false;
-    double allowed = qm_search_allowed(search);
-    qm_candidates hinted;
-    qm_candidates_fill(&hinted, work.side, &entry.hint, 1, allowed * work.side->scale);
-    for (int i = 0; i < work.lanes->vertex_count; i++) {
+    work.measured = 0;
+    double allowed = qm_search_allowed(search) * work.side->scale;
+    for (int i = 0; i < work.lanes->vertex_count; i++)
         work.vertex[i] = qm_side_vertex(work.side, work.lanes->vertex[i]);
-        work.in_reach[i] = search->kernel->in_reach(&hinted, work.vertex[i]);
-    }
+    reach_by_pack(&work, allowed, entry.hint, work.vertex, work.lanes->vertex_count, work.in_reach);
+    uint32_t hint = entry.hint;
     for (int lane = 0, count; lane < work.lanes->lane_count; lane += count - 2) {
         int corner[4];
         count = face_corners(&work, lane, corner);
-        if (face_reached(&work, corner, count)) continue;
+        if (face_reached(&work, allowed, corner, count)) continue;
         qm_piece piece = {.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
         for (int i = 0; i < count; i++)
             piece.corner[i] = work.vertex[corner[i]];
+        if (face_is_near(worker, &work, &piece, &hint)) continue;
         if (qm_search_is_matching(search)) {
             qm_matching_face(worker, entry, &piece);
             continue;
@@ -135,11 +190,9 @@ static qm_entry child_entry(const qm_entry *group, int member, double upper, uin
 static double bound_group(qm_worker *worker, const qm_side *side, qm_vec centre, double radius,
                           uint32_t *hint)
 {
-    qm_hit hit = {.d2 = INFINITY, .pack = *hint};
-    qm_nearest_triangle(worker->search->kernel, &side->nearest, centre, &hit);
+    double enough = qm_search_allowed(worker->search) * side->scale - radius;
     worker->projections++;
-    *hint = hit.pack;
-    return sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane) + radius;
+    return qm_side_nearly(worker->search, side, centre, enough, hint) + radius;
 }
 
 /**
@@ -155,7 +208,9 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_gr
     double upper = qm_side_pack_upper(worker->search, side, *hint, p);
     double lower = atomic_load_explicit(&worker->search->lower, memory_order_relaxed) * side->scale;
     if (upper <= HINT_SHARE * lower) return upper + member_reach(side, group, member, p);
-    return qm_worker_sample(worker, side, p, 0.0, face, hint) + member_reach(side, group, member, p);
+    double reach = member_reach(side, group, member, p);
+    double enough = qm_search_allowed(worker->search) * side->scale - reach;
+    return qm_worker_sample(worker, side, p, 0.0, face, fmin(enough, lower), hint) + reach;
 }
 
 void qm_worker_group(qm_worker *worker, qm_entry entry)

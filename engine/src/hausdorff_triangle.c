@@ -53,7 +53,8 @@ bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth
     for (int i = 0; i < polygon->count; i++) {
         if (!needs_sample(work, polygon, i, depth)) continue;
         uint32_t hint = work->packs[0];
-        qm_worker_sample(work->worker, work->side, polygon->corner[i], work->slack, work->piece.face, &hint);
+        qm_worker_sample(work->worker, work->side, polygon->corner[i], work->slack, work->piece.face, 0.0,
+                         &hint);
         found |= qm_piece_add_candidate(work, hint);
     }
     /* A corner that raised the lower bound is reached now, by the pack that was its nearest all along. */

@@ -43,12 +43,14 @@ static unsigned step(unsigned octant, unsigned *state)
 
 void qm_hilbert_table_init(qm_hilbert_table *table)
 {
-    for (unsigned start = 0; start < QM_HILBERT_STATES; start++) {
-        for (unsigned cell = 0; cell < 64; cell++) {
-            unsigned state = start;
-            unsigned high = step(cell >> 3, &state), low = step(cell & 7, &state);
-            table->step[start << 6 | cell] = (uint16_t)(state << 6 | high << 3 | low);
-        }
+    uint16_t one_level[QM_HILBERT_STATES * 8];
+    for (unsigned i = 0; i < QM_HILBERT_STATES * 8; i++) {
+        unsigned state = i >> 3, key = step(i & 7, &state);
+        one_level[i] = (uint16_t)(state << 3 | key);
+    }
+    for (unsigned i = 0; i < QM_HILBERT_STATES * 64; i++) {
+        unsigned high = one_level[i >> 3], low = one_level[(high & ~7u) | (i & 7)];
+        table->step[i] = (uint16_t)((low & ~7u) << 3 | (high & 7) << 3 | (low & 7));
     }
     for (unsigned i = 0; i < 64; i++) {
         table->spread[i] = 0;

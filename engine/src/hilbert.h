@@ -21,7 +21,7 @@ typedef struct qm_hilbert_table {
     uint32_t spread[64]; /* bit i of the index at bit 3 i */
 } qm_hilbert_table;
 
-/** Fills the table; takes a few microseconds, so that callers can keep it on their stack. */
+/** Fills the table; takes about a microsecond, so that callers can keep it on their stack. */
 void qm_hilbert_table_init(qm_hilbert_table *table);
 
 /** The low 12 bits of x, two zeros after each. */
@@ -30,14 +30,15 @@ static inline uint64_t qm_hilbert_spread(const qm_hilbert_table *table, uint32_t
     return (uint64_t)table->spread[x >> 6 & 63] << 18 | table->spread[x & 63];
 }
 
-/** Place along the curve of a cell; x, y, z below 2^QM_HILBERT_BITS. */
-static inline uint64_t qm_hilbert_key(const qm_hilbert_table *table, uint32_t x, uint32_t y, uint32_t z)
+/** Place along the curve of a cell; x, y, z below 2^bits, an even number up to QM_HILBERT_BITS. */
+static inline uint64_t qm_hilbert_key(const qm_hilbert_table *table, uint32_t x, uint32_t y, uint32_t z,
+                                      int bits)
 {
     uint64_t cells =
         qm_hilbert_spread(table, x) << 2 | qm_hilbert_spread(table, y) << 1 | qm_hilbert_spread(table, z);
     uint64_t key = 0;
     unsigned state = 0;
-    for (int shift = 3 * QM_HILBERT_BITS - 6; shift >= 0; shift -= 6) {
+    for (int shift = 3 * bits - 6; shift >= 0; shift -= 6) {
         unsigned step = table->step[state | (unsigned)(cells >> shift & 63)];
         key = key << 6 | (step & 63);
         state = step & ~63u;
@@ -55,8 +56,8 @@ static inline uint32_t qm_hilbert_quantise(double local)
 /** Place along the curve of a point; coordinates beyond [-1, 1] count as the nearest cell. */
 static inline uint64_t qm_hilbert_point_key(const qm_hilbert_table *table, qm_vec p)
 {
-    return qm_hilbert_key(table, qm_hilbert_quantise(p.x), qm_hilbert_quantise(p.y),
-                          qm_hilbert_quantise(p.z));
+    return qm_hilbert_key(table, qm_hilbert_quantise(p.x), qm_hilbert_quantise(p.y), qm_hilbert_quantise(p.z),
+                          QM_HILBERT_BITS);
 }
 
 #endif

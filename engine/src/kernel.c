@@ -1,11 +1,17 @@
 #include "kernel.h"
 
 #define DECLARE(isa)                                                                                         \
+    void qm_share_corners_##isa(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);             \
     void qm_fill_pack_##isa(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);                        \
     void qm_pack_distances_##isa(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);                   \
     void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
     void qm_closest_patch_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, double error,                   \
                                 qm_patch_hit *hit);                                                          \
+    void qm_fill_float_##isa(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES]);                  \
+    double qm_float_upper_##isa(const qm_float_pack *pack, const float *twist, qm_vec p);                    \
+    void qm_float_reach_##isa(const qm_float_pack *pack, const float *twist, double allowed,                 \
+                              const qm_vec *point, int count, qm_float_bits *bits);                          \
+    void qm_float_closest_##isa(const qm_bvh *bvh, qm_vec p, double enough, qm_float_hit *hit);              \
     void qm_grid_closest_##isa(const qm_grid *grid, qm_vec p, qm_hit *hit);                                  \
     void qm_grid_closest_patch_##isa(const qm_grid *grid, qm_vec p, uint32_t start, double error,            \
                                      qm_patch_hit *hit);                                                     \
@@ -25,15 +31,20 @@
                                      bool splits_a, float d2[QM_PACK_LANES]);                                \
     bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
     void qm_fill_leaf_##isa(qm_leaf *leaf, const float(*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);  \
-    bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,         \
+    bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p, \
                                  unsigned moved_q, qm_near_lanes *out);                                      \
     void qm_sort_few_##isa(uint64_t *numbers, int count);                                                    \
     static const qm_kernel kernel_##isa = {                                                                  \
         .name = #isa,                                                                                        \
+        .share_corners = qm_share_corners_##isa,                                                             \
         .fill_pack = qm_fill_pack_##isa,                                                                     \
         .pack_distances = qm_pack_distances_##isa,                                                           \
         .closest = qm_closest_##isa,                                                                         \
         .closest_patch = qm_closest_patch_##isa,                                                             \
+        .fill_float = qm_fill_float_##isa,                                                                   \
+        .float_upper = qm_float_upper_##isa,                                                                 \
+        .float_reach = qm_float_reach_##isa,                                                                 \
+        .float_closest = qm_float_closest_##isa,                                                             \
         .grid_closest = qm_grid_closest_##isa,                                                               \
         .grid_closest_patch = qm_grid_closest_patch_##isa,                                                   \
         .tetra_closest = qm_tetra_closest_##isa,                                                             \

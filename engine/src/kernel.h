@@ -22,6 +22,17 @@ typedef struct qm_hit {
     uint32_t pack, lane;
 } qm_hit;
 
+/** Result of a search in single precision: an upper bound of the distance to a triangle. */
+typedef struct qm_float_hit {
+    double upper;
+    uint32_t pack, lane;
+} qm_float_hit;
+
+/** Bits of the lanes of a pack, by what single precision can tell. */
+typedef struct qm_float_bits {
+    uint8_t certain, possible;
+} qm_float_bits;
+
 /** Result of a search over bilinear patches. The distance d and its certified lower bound. */
 typedef struct qm_patch_hit {
     double distance, lower;
@@ -63,6 +74,10 @@ typedef struct qm_polygon {
 typedef struct qm_kernel {
     const char *name;
 
+    /** Lists the different vertices of 3 QM_PACK_LANES corners, in the order in which they come, and tells
+     * each corner's place among them. */
+    void (*share_corners)(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);
+
     /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
      * pack. */
     void (*fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
@@ -82,6 +97,24 @@ typedef struct qm_kernel {
      * error of INFINITY a good point only: its distance is valid, lower is not.
      */
     void (*closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit);
+
+    /** Makes a float pack whose middle is set, from corners relative to it: corner[i][axis][lane]. */
+    void (*fill_float)(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES]);
+
+    /** Upper bound of the distance from p to the nearest surface of a pack: its triangles, or what is within
+     * twist of them. */
+    double (*float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p);
+
+    /** For each of count points the bits of the lanes that are proven to lie within the allowed distance, and
+     * of those that are not proven to lie beyond. */
+    void (*float_reach)(const qm_float_pack *pack, const float *twist, double allowed, const qm_vec *point,
+                        int count, qm_float_bits *bits);
+
+    /**
+     * A triangle at most 1.2 times as far from p as the nearest, by its upper bound; the search ends as soon
+     * as that is enough. hit->pack is a first guess. INFINITY when p is too far for single precision.
+     */
+    void (*float_closest)(const qm_bvh *bvh, qm_vec p, double enough, qm_float_hit *hit);
 
     /** The same two searches in a grid over the tree. */
     void (*grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit);
@@ -144,12 +177,12 @@ typedef struct qm_kernel {
     void (*fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
 
     /**
-     * Finds the pairs of a lane of p and one of q that may meet: all others are proven not to. In
-     * is_self both are of one mesh, corners of the same mark and the edges between them don't count, and a
-     * leaf with itself gives each pair of lanes once; of a pair one must have its bit in moved_p or moved_q.
-     * False when there are none.
+     * Finds the pairs of a lane of p and one of q that may meet: all others are proven not to. In SELF
+     * corners of the same mark and the edges between them don't count, and of a pair one must have its bit in
+     * moved_p or moved_q. But in TWO, a leaf with itself gives each pair of different lanes once. False when
+     * there are none.
      */
-    bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+    bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                            unsigned moved_q, qm_near_lanes *out);
 
     /** Sorts up to QM_SORT_FEW numbers below 2^58, equal ones too. */

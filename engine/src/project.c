@@ -100,7 +100,7 @@ static qm_status fill_order(qm_context *ctx, const qm_bvh *bvh, const double *po
         if (status != QM_OK) return status;
         order[i] = qm_radix_entry(qm_hilbert_point_key(&table, local), i);
     }
-    return qm_radix_sort(ctx, order, count, 1);
+    return qm_radix_sort(ctx, order, count, 3 * QM_HILBERT_BITS, 1);
 }
 
 static qm_status project_chunk(qm_context *ctx, point_batch *batch, int thread_count)

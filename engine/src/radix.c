@@ -5,10 +5,8 @@
 
 #define MAX_DIGIT_BITS 12
 #define MAX_DIGITS 6
-enum { ENTRY_DIGIT_BITS = 9, ENTRY_DIGITS = (64 - QM_RADIX_INDEX_BITS) / ENTRY_DIGIT_BITS };
-static_assert(ENTRY_DIGITS * ENTRY_DIGIT_BITS == 64 - QM_RADIX_INDEX_BITS, "the digits make up the key");
-
-#define MIN_RUN 8192 /* entries that make it worth to start another thread */
+#define ENTRY_DIGIT_BITS 10 /* at most: places that the first caches hold */
+#define MIN_RUN 8192        /* entries that make it worth to start another thread */
 
 /** Each worker sorts a run of its own; then runs are merged two by two, every worker a slice of the result.
  */
@@ -51,13 +49,17 @@ static inline void sort_digits(uint64_t *from, uint64_t *to, size_t count, int l
     if (from != home) memcpy(home, from, count * sizeof *home);
 }
 
-/** Entries have a loop of their own, in which the compiler knows the digits. */
+/** Entries have loops of their own, in which the compiler knows the digits. */
 static void sort_run(const sort_work *work, uint64_t *from, uint64_t *to, size_t count)
 {
-    if (work->low_bit == QM_RADIX_INDEX_BITS)
-        sort_digits(from, to, count, QM_RADIX_INDEX_BITS, ENTRY_DIGITS, ENTRY_DIGIT_BITS);
-    else
+    if (work->low_bit == 0)
         sort_digits(from, to, count, 0, work->digits, work->digit_bits);
+    else if (work->digits == 3 && work->digit_bits == 8)
+        sort_digits(from, to, count, QM_RADIX_INDEX_BITS, 3, 8);
+    else if (work->digits == 3 && work->digit_bits == 10)
+        sort_digits(from, to, count, QM_RADIX_INDEX_BITS, 3, 10);
+    else
+        sort_digits(from, to, count, QM_RADIX_INDEX_BITS, work->digits, work->digit_bits);
 }
 
 static void sort_own_run(void *data, int worker)
@@ -128,14 +130,15 @@ static qm_status sort(qm_context *ctx, sort_work work)
     return QM_OK;
 }
 
-qm_status qm_radix_sort(qm_context *ctx, uint64_t *entries, size_t count, int workers)
+qm_status qm_radix_sort(qm_context *ctx, uint64_t *entries, size_t count, int key_bits, int workers)
 {
+    int digits = (key_bits + ENTRY_DIGIT_BITS - 1) / ENTRY_DIGIT_BITS;
     return sort(ctx, (sort_work){.from = entries,
                                  .count = count,
                                  .workers = workers,
                                  .low_bit = QM_RADIX_INDEX_BITS,
-                                 .digits = ENTRY_DIGITS,
-                                 .digit_bits = ENTRY_DIGIT_BITS});
+                                 .digits = digits,
+                                 .digit_bits = (key_bits + digits - 1) / digits});
 }
 
 qm_status qm_radix_sort_numbers(qm_context *ctx, uint64_t *numbers, size_t count, int bit_count, int workers)

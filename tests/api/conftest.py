@@ -67,7 +67,7 @@ class Daemon:
         return status
 
     def client(self):
-        return Client(base_url=self.url, timeout=PATIENCE)
+        return Client(base_url=self.url, timeout=PATIENCE, verify=False)  # plain HTTP: no certificates to load
 
 
 class Client(httpx.Client):
@@ -99,6 +99,14 @@ class Client(httpx.Client):
             assert time.monotonic() < end, "the job does not start"
             time.sleep(0.01)
         assert state == "running", state
+
+    def wait_until_bounded(self, job_id):
+        """The document of a running job once it has its first bounds."""
+        end = time.monotonic() + PATIENCE
+        while "progress" not in (document := self.get(f"/v1/jobs/{job_id}").json()):
+            assert time.monotonic() < end, "the job has no bounds"
+            time.sleep(0.01)
+        return document
 
     def wait(self, job_id):
         reply = self.get(f"/v1/jobs/{job_id}", headers={"Prefer": "wait=60"})

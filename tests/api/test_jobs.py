@@ -26,7 +26,7 @@ def test_prefer_wait_gives_up_in_time(client, slow_pair):
     reply = client.post("/v1/jobs", json={"type": "hausdorff", "a": slow_pair[0], "b": slow_pair[1], **SLOW},
                         headers={"Prefer": "wait=1", "Cache-Control": "no-cache"})
     assert reply.status_code == 202 and 0.9 < time.monotonic() - start < 10
-    job = reply.json()
+    job = client.wait_until_bounded(reply.json()["id"])
     assert job["state"] == "running"
     # The bounds so far are part of the document.
     assert job["progress"]["lower"] <= SLOW_DISTANCE <= job["progress"]["upper"]
@@ -90,7 +90,7 @@ def test_idempotency_key(client, spheres, slow_pair):
 
 def test_cancelling_keeps_the_bounds(client, slow_pair):
     job = client.start(*slow_pair, headers={"Cache-Control": "no-cache"}, **SLOW)
-    time.sleep(0.5)
+    client.wait_until_bounded(job["id"])
     reply = client.delete(f"/v1/jobs/{job['id']}")
     assert reply.status_code == 202
     done = client.wait(job["id"])

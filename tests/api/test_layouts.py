@@ -262,3 +262,8 @@ def test_every_answered_revision_survives_a_kill(make_daemon):
         assert edit(client, layout, "curves/merge", first=6, second=7)["changed"]["removed_curves"] == [7]
         assert client.post(f"/v1/layouts/{layout['id']}/undo").json()["curves"] == split["curves"]
         assert client.post(f"/v1/layouts/{layout['id']}/undo").json()["curves"] == layout["curves"]
+
+
+def test_a_word_in_place_of_a_curve_is_a_resource_of_its_own(client):
+    assert client.options("/v1/layouts/l_none/curves/merge").headers["Allow"] == "POST, OPTIONS"
+    assert client.options("/v1/layouts/l_none/curves/3").headers["Allow"] == "DELETE, OPTIONS"

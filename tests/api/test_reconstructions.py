@@ -97,8 +97,9 @@ def test_the_shape_of_the_quads_is_told(client, saddle):
 
 
 def test_a_point_set_becomes_quads(client):
-    cloud = client.upload(points(6000, seed=3), format="xyz")["id"]
+    cloud = client.upload(points(6000, seed=3), format="xyz", name="cloud.xyz")["id"]
     made = start(client, cloud)
+    assert client.get("/v1/meshes/" + made["mesh"]).json()["name"] == "cloud.xyz, 2 quads"
     steps = refine(client, made, until={"hausdorff_relative": 0.003})["result"]
     assert steps["stopped_by"] == "hausdorff"
     last = steps["steps"][-1]

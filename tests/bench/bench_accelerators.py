@@ -1,4 +1,5 @@
-"""The accelerators beside one another: nearest points, Hausdorff distances, memory, and following a deformation."""
+"""The accelerators beside one another: nearest points, whether they agree, Hausdorff distances, memory, following a
+deformation; and the patches that one of them lies over."""
 import statistics
 
 import bench_projection
@@ -9,6 +10,8 @@ import tables
 
 NAMES = ("boxes", "tetra", "grid")
 SIDE = 1000  # of the torus that is refitted: a million quads
+AGREE_POINTS = 33334  # of each of the three sets
+AGREE_SLACK = 1e-12   # of the diagonal
 
 
 def pick_pairs(pairs):
@@ -54,11 +57,11 @@ def run_projections(settings, pairs, say):
             say(f"accelerators, {path.parent.name} {path.stem}, {name}")
             rows.append(ask_projection(settings, path, points, name))
     print(f"Projection of {bench_projection.FEW} points in random order, one thread: query, and in brackets what is built "
-          "for it (the tree, and what lies over it), in ms. Auto: times the best query.\n")
+          "for it (the tree, and what lies over it), in ms. Auto: times the best of both together.\n")
     print(tables.table(["mesh", "points", *(f"{name}:" for name in NAMES), "auto:"],
                        [[row["mesh"], row["set"],
                          *(f"{tables.cell(row['answers'][name], 'query_ms')} ({tables.cell(row['answers'][name], 'build_ms')})"
-                           for name in NAMES), slower(row["answers"], "query_ms")] for row in rows]))
+                           for name in NAMES), slower(row["answers"], "total_ms")] for row in rows]))
     return rows
 
 
@@ -99,9 +102,47 @@ def run_refit(settings, say):
     return {"mesh": path.stem, "answers": {"refit": answer}}
 
 
+def run_agreement(settings, pairs, say):
+    """All accelerators on all meshes of the pairs: they must tell the same distances."""
+    rows = []
+    for path in sorted({path for pair in pairs for path in (pair.a, pair.b)}, key=str):
+        say(f"accelerators agree, {path.parent.name} {path.stem}")
+        answer = child.run(measuring.engine("agree", path, "--count", AGREE_POINTS, "--seed", settings.seed), 1,
+                           10 * settings.limit_s, settings.limit_bytes)
+        rows.append({"mesh": f"{path.parent.name} {path.stem}", "answers": {"agree": answer}})
+    worst = max((worst_of(row) for row in rows), default=0.0)
+    print(f"Distances of {3 * AGREE_POINTS} points to each of {len(rows)} meshes by all accelerators, in both readings: they "
+          f"differ by at most {worst:.3g} of the diagonal.\n")
+    return rows
+
+
+def worst_of(row):
+    return max((value for key, value in row["answers"]["agree"].items() if key.startswith(("triangles_", "bilinear_"))),
+               default=0.0)
+
+
+def run_patches(settings, pairs, say):
+    rows = []
+    for path in sorted({pair.b for pair in pairs}, key=str):
+        say(f"patches, {path.parent.name} {path.stem}")
+        answers = measuring.by_turns(settings, [measuring.Question("patches", measuring.engine("patches", path),
+                                                                   settings.runs)])
+        rows.append({"mesh": f"{path.parent.name} {path.stem}", "answers": answers})
+    print("Regular patches, ms to find them.\n")
+    print(tables.table(["mesh", "quads:", "irregular vertices:", "patches:", "ms:"],
+                       [[row["mesh"], *(f"{row['answers']['patches'].get(key, '')}" for key in ("quads", "irregular", "patches")),
+                         tables.cell(row["answers"]["patches"])] for row in rows]))
+    return rows
+
+
 def run(settings, _programs, pairs, say):
     print("## Accelerators\n")
     pairs = pick_pairs(pairs)
     rows = run_projections(settings, pairs, say) + run_distances(settings, pairs, say)
     rows.append(run_refit(settings, say))
-    return rows, find_faults(rows)
+    rows += run_patches(settings, pairs, say)
+    agreement = run_agreement(settings, pairs, say)
+    wrong = [f"{row['mesh']}: accelerators differ by {worst_of(row):.3g} of the diagonal" for row in agreement
+             if worst_of(row) > AGREE_SLACK]
+    rows += agreement
+    return rows, find_faults(rows) + wrong

@@ -21,6 +21,8 @@ static const char usage[] =
     "       bench_engine self MESH                                  the same of one mesh\n"
     "       bench_engine moved MESH                                 the same after a part of it has moved\n"
     "       bench_engine draw MESH PREFIX --count N --seed N        PREFIX.near, PREFIX.mid, PREFIX.far\n"
+    "       bench_engine patches MESH                               regular patches\n"
+    "       bench_engine agree MESH --count N --seed N              accelerators against one another\n"
     "       bench_engine export MESH PREFIX [--shift X] [--noise X] [--turn X]\n"
     "                                                               PREFIX.vertices, PREFIX.triangles\n"
     "       bench_engine kernel                                     the instruction set in use\n"
@@ -89,6 +91,14 @@ static bool run(const char *command, char **operands, int operand_count, setting
     }
     if (strcmp(command, "refit") == 0 && operand_count == 1) {
         bench_refit(first, question->threads);
+        return true;
+    }
+    if (strcmp(command, "patches") == 0 && operand_count == 1) {
+        bench_patches(first);
+        return true;
+    }
+    if (strcmp(command, "agree") == 0 && operand_count == 1) {
+        bench_agree(first, given->count, given->seed);
         return true;
     }
     if (strcmp(command, "moved") == 0 && operand_count == 1) {

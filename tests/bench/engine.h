@@ -58,12 +58,22 @@ void bench_export(const char *path, const bench_change *change, const char *pref
  */
 void bench_draw(const char *path, size_t count, uint64_t seed, const char *prefix);
 
+/** The same points in memory: count rows for each of the three sets. */
+void bench_draw_sets(const qm_mesh *mesh, size_t count, uint64_t seed, double *out[3]);
+
+/** Projects count points of each set by every accelerator, in both readings, and prints how far their
+ * distances differ at most, as a share of the diagonal. */
+void bench_agree(const char *path, size_t count, uint64_t seed);
+
 /** Times projections of a file of points and prints them; quads as triangles. The accelerator counts as part
  * of the tree. */
 void bench_project(const char *path, const char *points_path, qm_accelerator accelerator, int threads);
 
 /** Times how trees follow the vertices of a mesh, and prints that beside their building and memory. */
 void bench_refit(const char *path, int threads);
+
+/** Times the finding of regular patches and prints how many there are. */
+void bench_patches(const char *path);
 
 /** Times pairs of faces of a mesh that meet after a hundredth part of its vertices has moved. */
 void bench_moved(const char *path);

@@ -91,27 +91,33 @@ static void draw_box(qm_random *random, const qm_box *box, double scale, double 
     }
 }
 
-void bench_draw(const char *path, size_t count, uint64_t seed, const char *prefix)
+void bench_draw_sets(const qm_mesh *mesh, size_t count, uint64_t seed, double *out[3])
 {
-    qm_context ctx = qm_context_make();
-    qm_mesh mesh = bench_read_mesh(&ctx, path, &(bench_change){0});
-    qm_box box = qm_mesh_bounding_box(&mesh);
+    qm_box box = qm_mesh_bounding_box(mesh);
     double deviation = NEAR_DEVIATION * qm_box_diagonal(&box);
-    double *sums = sum_areas(&mesh), *points = bench_alloc(count, 3 * sizeof *points);
-
+    double *sums = sum_areas(mesh);
     qm_random random = qm_random_make(seed, 0);
     for (size_t i = 0; i < count; i++)
-        draw_near(&random, &mesh, sums, deviation, points + 3 * i);
-    bench_write_array(prefix, "near", points, count, 3 * sizeof *points);
-    for (size_t i = 0; i < count; i++)
-        draw_box(&random, &box, 1.0, points + 3 * i);
-    bench_write_array(prefix, "mid", points, count, 3 * sizeof *points);
-    for (size_t i = 0; i < count; i++)
-        draw_box(&random, &box, FAR_BOXES, points + 3 * i);
-    bench_write_array(prefix, "far", points, count, 3 * sizeof *points);
-
-    printf("{\"points\": %zu, \"seed\": %llu}\n", count, (unsigned long long)seed);
-    free(points);
+        draw_near(&random, mesh, sums, deviation, out[0] + 3 * i);
+    for (int set = 1; set < 3; set++)
+        for (size_t i = 0; i < count; i++)
+            draw_box(&random, &box, set == 1 ? 1.0 : FAR_BOXES, out[set] + 3 * i);
     free(sums);
+}
+
+void bench_draw(const char *path, size_t count, uint64_t seed, const char *prefix)
+{
+    static const char *const names[3] = {"near", "mid", "far"};
+    qm_context ctx = qm_context_make();
+    qm_mesh mesh = bench_read_mesh(&ctx, path, &(bench_change){0});
+    double *points[3];
+    for (int set = 0; set < 3; set++)
+        points[set] = bench_alloc(count, 3 * sizeof *points[set]);
+    bench_draw_sets(&mesh, count, seed, points);
+    for (int set = 0; set < 3; set++) {
+        bench_write_array(prefix, names[set], points[set], count, 3 * sizeof *points[set]);
+        free(points[set]);
+    }
+    printf("{\"points\": %zu, \"seed\": %llu}\n", count, (unsigned long long)seed);
     qm_mesh_reset(&ctx, &mesh);
 }

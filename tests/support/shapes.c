@@ -242,6 +242,11 @@ qm_mesh qm_shape_copy(const qm_mesh *mesh)
     if (mesh->vertex_count > 0)
         memcpy(copy.positions, mesh->positions, 3 * mesh->vertex_count * sizeof *copy.positions);
     if (mesh->face_count > 0) memcpy(copy.faces, mesh->faces, 4 * mesh->face_count * sizeof *copy.faces);
+    if (mesh->face_origin) {
+        copy.face_origin = allocate(mesh->face_count, sizeof *copy.face_origin);
+        memcpy(copy.face_origin, mesh->face_origin, mesh->face_count * sizeof *copy.face_origin);
+    }
+    copy.polygon_count = mesh->polygon_count;
     return copy;
 }
 

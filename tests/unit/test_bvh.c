@@ -98,6 +98,24 @@ static void sources_hold_no_triangles_and_are_refused_as_targets(void **state)
     qm_shape_free(&mesh);
 }
 
+/** A far vertex that no face uses widens the frame at first; the surface must not lose its digits to it. */
+static void a_stray_vertex_costs_no_precision(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_mesh mesh = qm_shape_torus(12, 8, 0.8, 0.2);
+    qm_mesh stray = qm_shape_with_unused(&mesh, 1, (const double[3]){1e30, 1e30, 1e30});
+    qm_bvh *with, *without;
+    assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &without), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, &stray, QM_BVH_ALL, 1, &with), QM_OK);
+    assert_true(with->frame.scale == without->frame.scale);
+    assert_true(with->reach == without->reach);
+    qm_bvh_destroy(&ctx, with);
+    qm_bvh_destroy(&ctx, without);
+    qm_shape_free(&stray);
+    qm_shape_free(&mesh);
+}
+
 static int compare_entries(const void *a, const void *b)
 {
     uint64_t first, second;
@@ -119,13 +137,15 @@ static void entries_are_sorted_by_any_number_of_workers(void **state)
         uint64_t *wanted = malloc((count + 1) * sizeof *wanted),
                  *entries = malloc((count + 1) * sizeof *entries);
         for (size_t i = 0; i < count; i++) /* few different keys, so that many are equal */
-            wanted[i] = qm_radix_entry((uint64_t)qm_random_below(&random, 500) << (c % 3 * 13), i);
-        for (int workers = 1; workers <= 6; workers++) {
+            wanted[i] = qm_radix_entry((uint64_t)qm_random_below(&random, 500) << (c % 3 * 10), i);
+        for (int run = 0; run < 18; run++) {
+            int workers = 1 + run % 6, key_bits = 30 + run / 6 * 3;
             memcpy(entries, wanted, count * sizeof *entries);
-            assert_int_equal(qm_radix_sort(&ctx, entries, count, workers), QM_OK);
-            if (workers == 1) qsort(wanted, count, sizeof *wanted, compare_entries);
+            assert_int_equal(qm_radix_sort(&ctx, entries, count, key_bits, workers), QM_OK);
+            if (run == 0) qsort(wanted, count, sizeof *wanted, compare_entries);
             QM_CHECK(memcmp(entries, wanted, count * sizeof *entries) == 0,
-                     "seed %llu, %zu entries, %d workers", (unsigned long long)seed, count, workers);
+                     "seed %llu, %zu entries, keys of %d bits, %d workers", (unsigned long long)seed, count,
+                     key_bits, workers);
         }
         free(wanted);
         free(entries);
@@ -137,6 +157,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(threads_build_the_same_tree),
         cmocka_unit_test(sources_hold_no_triangles_and_are_refused_as_targets),
+        cmocka_unit_test(a_stray_vertex_costs_no_precision),
         cmocka_unit_test(entries_are_sorted_by_any_number_of_workers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

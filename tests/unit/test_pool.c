@@ -27,7 +27,7 @@ static void note(void *data)
 static void run_all(int thread_count, tally *into)
 {
     static numbered tasks[TASK_COUNT];
-    qm_pool *pool = qm_pool_create(thread_count);
+    qm_pool *pool = qm_pool_create(thread_count, 0);
     assert_non_null(pool);
     for (int i = 0; i < TASK_COUNT; i++) {
         tasks[i] = (numbered){into, i};
@@ -64,7 +64,7 @@ static void test_many_threads_run_each_task_once(void **state)
 static void test_an_idle_pool_ends(void **state)
 {
     (void)state;
-    qm_pool *pool = qm_pool_create(3);
+    qm_pool *pool = qm_pool_create(3, 1);
     assert_non_null(pool);
     qm_pool_destroy(pool);
     qm_pool_destroy(NULL);

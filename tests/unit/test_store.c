@@ -250,17 +250,17 @@ static void test_meshes_survive(void **state)
     put_mesh(f, "m_1", hash, "format=auto name=");
     reopen(f);
     qm_store_mesh found;
-    assert_true(qm_store_find_mesh(f->store, "m_1", &found));
+    assert_int_equal(QM_OK, qm_store_find_mesh(f->store, "m_1", &found));
     assert_string_equal(found.hash, hash);
     assert_string_equal(found.name, "n\xc3\xa4me");
     assert_string_equal(found.document, "{}");
     assert_int_equal(found.format, 3);
     qm_store_mesh_reset(&found);
-    assert_true(qm_store_find_mesh_by_content(f->store, hash, "format=auto name=", &found));
+    assert_int_equal(QM_OK, qm_store_find_mesh_by_content(f->store, hash, "format=auto name=", &found));
     assert_string_equal(found.id, "m_1");
     qm_store_mesh_reset(&found);
-    assert_false(qm_store_find_mesh_by_content(f->store, hash, "format=ply name=", &found));
-    assert_false(qm_store_find_mesh(f->store, "m_1' OR 1 --", &found));
+    assert_int_equal(QM_E_EMPTY, qm_store_find_mesh_by_content(f->store, hash, "format=ply name=", &found));
+    assert_int_equal(QM_E_EMPTY, qm_store_find_mesh(f->store, "m_1' OR 1 --", &found));
 }
 
 static void test_a_revision_takes_the_place_of_the_one_before(void **state)
@@ -272,7 +272,7 @@ static void test_a_revision_takes_the_place_of_the_one_before(void **state)
     keep_blob(f, "second", second);
     put_mesh(f, "m_1", file, "options");
     qm_store_mesh mesh;
-    assert_true(qm_store_find_mesh(f->store, "m_1", &mesh));
+    assert_int_equal(QM_OK, qm_store_find_mesh(f->store, "m_1", &mesh));
     assert_int_equal(mesh.revision, 0);
     assert_string_equal(mesh.positions, "");
     free(mesh.options);
@@ -286,8 +286,8 @@ static void test_a_revision_takes_the_place_of_the_one_before(void **state)
     assert_int_equal(qm_store_deform_mesh(f->store, &mesh), QM_OK);
     qm_store_mesh_reset(&mesh);
 
-    assert_false(qm_store_find_mesh_by_content(f->store, file, "options", &mesh));
-    assert_true(qm_store_find_mesh(f->store, "m_1", &mesh));
+    assert_int_equal(QM_E_EMPTY, qm_store_find_mesh_by_content(f->store, file, "options", &mesh));
+    assert_int_equal(QM_OK, qm_store_find_mesh(f->store, "m_1", &mesh));
     assert_int_equal(mesh.revision, 2);
     assert_string_equal(mesh.positions, second);
     assert_string_equal(mesh.created, "2026-01-02T03:04:05.678Z");
@@ -296,7 +296,7 @@ static void test_a_revision_takes_the_place_of_the_one_before(void **state)
     size_t size;
     assert_int_equal(qm_blob_map(f->store, first, &bytes, &size), QM_E_EMPTY);
     check_blob(f, second, "second");
-    assert_true(qm_store_delete_mesh(f->store, "m_1"));
+    assert_int_equal(QM_OK, qm_store_delete_mesh(f->store, "m_1"));
     assert_int_equal(qm_blob_map(f->store, second, &bytes, &size), QM_E_EMPTY);
     assert_int_equal(qm_blob_map(f->store, file, &bytes, &size), QM_E_EMPTY);
 }
@@ -313,7 +313,7 @@ static void test_pages_of_meshes(void **state)
     qm_store_mesh page[PAGE];
     int64_t after = 0;
     size_t total = 0, count;
-    while ((count = qm_store_list_meshes(f->store, after, PAGE, page)) > 0) {
+    while (qm_store_list_meshes(f->store, after, PAGE, page, &count) == QM_OK && count > 0) {
         for (size_t i = 0; i < count; i++) {
             assert_int_equal(page[i].id[2] - '0', total + i);
             assert_true(page[i].sequence > after);
@@ -332,10 +332,10 @@ static void test_a_blob_goes_with_its_last_mesh(void **state)
     keep_blob(f, "shared", hash);
     put_mesh(f, "m_1", hash, "a");
     put_mesh(f, "m_2", hash, "b");
-    assert_true(qm_store_delete_mesh(f->store, "m_1"));
-    assert_false(qm_store_delete_mesh(f->store, "m_1"));
+    assert_int_equal(QM_OK, qm_store_delete_mesh(f->store, "m_1"));
+    assert_int_equal(QM_E_EMPTY, qm_store_delete_mesh(f->store, "m_1"));
     check_blob(f, hash, "shared");
-    assert_true(qm_store_delete_mesh(f->store, "m_2"));
+    assert_int_equal(QM_OK, qm_store_delete_mesh(f->store, "m_2"));
     assert_int_equal(count_files(f, "blobs"), 0);
 }
 
@@ -360,17 +360,17 @@ static void test_jobs_survive(void **state)
     assert_int_equal(qm_store_finish_job(f->store, "j_2", 2, "{\"done\":1}", "{}\n{}\n", "0 3"), QM_OK);
     reopen(f);
     qm_store_job found;
-    assert_true(qm_store_find_job(f->store, "j_2", &found));
+    assert_int_equal(QM_OK, qm_store_find_job(f->store, "j_2", &found));
     assert_int_equal(found.state, 2);
     assert_string_equal(found.document, "{\"done\":1}");
     assert_string_equal(found.events, "{}\n{}\n");
     assert_null(found.idempotency_key);
     qm_store_job_reset(&found);
-    assert_true(qm_store_find_job_by_key(f->store, "key", "0 3", 2, &found));
+    assert_int_equal(QM_OK, qm_store_find_job_by_key(f->store, "key", "0 3", 2, &found));
     assert_string_equal(found.id, "j_2");
     qm_store_job_reset(&found);
-    assert_false(qm_store_find_job_by_key(f->store, "other", "0 3", 2, &found));
-    assert_true(qm_store_find_job_by_idempotency_key(f->store, "client's", &found));
+    assert_int_equal(QM_E_EMPTY, qm_store_find_job_by_key(f->store, "other", "0 3", 2, &found));
+    assert_int_equal(QM_OK, qm_store_find_job_by_idempotency_key(f->store, "client's", &found));
     assert_string_equal(found.id, "j_1");
     assert_null(found.document);
     assert_string_equal(found.body, "{\"type\":1}");
@@ -380,22 +380,26 @@ static void test_jobs_survive(void **state)
 
 static void test_unfinished_jobs(void **state)
 {
+    size_t listed;
     fixture *f = *state;
     submit(f, "j_1", "k", NULL);
     submit(f, "j_2", "k", NULL);
     submit(f, "j_3", "k", NULL);
     qm_store_finish_job(f->store, "j_2", 3, "{}", "{}\n", "");
     qm_store_job rows[4];
-    assert_int_equal(qm_store_list_unfinished_jobs(f->store, 0, 4, rows), 2);
+    assert_int_equal(QM_OK, qm_store_list_unfinished_jobs(f->store, 0, 4, rows, &listed));
+    assert_int_equal(listed, 2);
     assert_string_equal(rows[0].id, "j_1");
     assert_string_equal(rows[1].id, "j_3");
     int64_t first = rows[0].sequence;
     qm_store_job_reset(&rows[0]);
     qm_store_job_reset(&rows[1]);
-    assert_int_equal(qm_store_list_unfinished_jobs(f->store, first, 4, rows), 1);
+    assert_int_equal(QM_OK, qm_store_list_unfinished_jobs(f->store, first, 4, rows, &listed));
+    assert_int_equal(listed, 1);
     assert_string_equal(rows[0].id, "j_3");
     qm_store_job_reset(&rows[0]);
-    assert_int_equal(qm_store_list_jobs(f->store, 0, 2, rows), 2);
+    assert_int_equal(QM_OK, qm_store_list_jobs(f->store, 0, 2, rows, &listed));
+    assert_int_equal(listed, 2);
     assert_string_equal(rows[1].document, "{}");
     assert_null(rows[1].events);
     qm_store_job_reset(&rows[0]);
@@ -413,6 +417,7 @@ static void drop(const fixture *f, size_t kept, const char *before, size_t limit
 
 static void test_old_jobs_are_dropped(void **state)
 {
+    size_t listed;
     fixture *f = *state;
     for (int i = 1; i <= 6; i++) {
         qm_store_job job = {.key = (char *)"k", .body = (char *)"{}"};
@@ -432,7 +437,8 @@ static void test_old_jobs_are_dropped(void **state)
     drop(f, 2, "", 8, "j_4 ");
     drop(f, 0, "", 8, "j_5 j_6 ");
     qm_store_job rows[2];
-    assert_int_equal(qm_store_list_jobs(f->store, 0, 2, rows), 1);
+    assert_int_equal(QM_OK, qm_store_list_jobs(f->store, 0, 2, rows, &listed));
+    assert_int_equal(listed, 1);
     assert_string_equal(rows[0].id, "j_2");
     qm_store_job_reset(&rows[0]);
 }
@@ -442,8 +448,8 @@ static void test_an_idempotency_key_names_one_job(void **state)
     fixture *f = *state;
     assert_int_equal(submit(f, "j_1", "k", "same"), QM_OK);
     assert_int_not_equal(submit(f, "j_2", "k", "same"), QM_OK);
-    assert_true(qm_store_delete_job(f->store, "j_1"));
-    assert_false(qm_store_delete_job(f->store, "j_1"));
+    assert_int_equal(QM_OK, qm_store_delete_job(f->store, "j_1"));
+    assert_int_equal(QM_E_EMPTY, qm_store_delete_job(f->store, "j_1"));
     assert_int_equal(submit(f, "j_2", "k", "same"), QM_OK);
 }
 
@@ -511,6 +517,7 @@ static void write_and_die(const char *folder)
 
 static void test_what_was_stored_survives_a_kill(void **state)
 {
+    size_t listed;
     fixture *f = *state;
     qm_store_close(f->store);
     f->store = NULL;
@@ -519,11 +526,12 @@ static void test_what_was_stored_survives_a_kill(void **state)
     assert_int_equal(WTERMSIG(end), SIGKILL);
     open_store(f);
     qm_store_mesh mesh;
-    assert_true(qm_store_find_mesh(f->store, "m_1", &mesh));
+    assert_int_equal(QM_OK, qm_store_find_mesh(f->store, "m_1", &mesh));
     check_blob(f, mesh.hash, "kept");
     qm_store_mesh_reset(&mesh);
     qm_store_job job;
-    assert_int_equal(qm_store_list_unfinished_jobs(f->store, 0, 1, &job), 1);
+    assert_int_equal(QM_OK, qm_store_list_unfinished_jobs(f->store, 0, 1, &job, &listed));
+    assert_int_equal(listed, 1);
     assert_string_equal(job.id, "j_1");
     qm_store_job_reset(&job);
     assert_int_equal(count_files(f, "incoming"), 0);

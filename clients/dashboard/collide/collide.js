@@ -5,6 +5,7 @@ import { choiceKey, meshChoice } from "../core/choice.js";
 import { figures, h, select } from "../core/dom.js";
 import { count, duration, length } from "../core/format.js";
 import { run } from "../core/messages.js";
+import { parameter } from "../core/route.js";
 import { meshOf, on, state } from "../core/state.js";
 import { drawTools } from "../view/tools.js";
 import { currentStage, setLook, show } from "../view/view.js";
@@ -29,6 +30,7 @@ export function showCollide(panel) {
   let found = null;
   let place = 0;
   let asked = 0;
+  if (["triangles", "bilinear"].includes(parameter("quads") ?? "")) reading = /** @type {string} */ (parameter("quads"));
   const sides = h("div", { className: "form whole" });
   const quads = select("quads", [["triangles", "two triangles"], ["bilinear", "a bilinear patch"]], reading);
   const find = h("button", { type: "submit", className: "primary" }, "Find collisions");

@@ -23,7 +23,7 @@ export async function drawContacts(stage, { pairs, isSelf, current }) {
   const [strong, light] = [toVector(colour("--fault")), toVector(colour("--upper"))];
   const points = (current?.points ?? []).map((point) => stage.toScene(point));
   stage.setOverlay({
-    fills: [{ triangles: allA, colour: light, opacity: 0.55 }, { triangles: allB, colour: light, opacity: 0.55 },
+    fills: [{ triangles: allA, colour: light, opacity: 0.35 }, { triangles: allB, colour: light, opacity: 0.35 },
       { triangles: oneA, colour: strong, opacity: 0.9 }, { triangles: oneB, colour: strong, opacity: 0.9 }],
     ribbons: points.length > 1 ? [{ points, colour: strong, width: 2.5 }] : [],
     dots: points.map((point) => ({ point, colour: strong, size: 11 })),

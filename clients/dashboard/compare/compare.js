@@ -49,7 +49,7 @@ export function showCompare(panel) {
     h("section", { className: "section", "aria-labelledby": "distance-title" },
       h("header", {}, h("h2", { id: "distance-title" }, "Hausdorff distance"), fly), outcome.element),
     h("section", { className: "section", "aria-labelledby": "deviation-title" },
-      h("header", {}, h("h2", { id: "deviation-title" }, "Deviation of A from B"), sign, map), distances),
+      h("header", {}, h("h2", { id: "deviation-title" }, "Deviation of A from B"), map), distances),
     h("section", { className: "section", "aria-labelledby": "take-title" },
       h("h2", { id: "take-title" }, "Take along"),
       h("div", { className: "row" }, h("button", { type: "button", onclick: () => run(() => copyLink(lookOfLink())) }, "Copy link"),
@@ -135,7 +135,7 @@ export function showCompare(panel) {
     const names = { a: nameOf(state.a), b: nameOf(state.b) };
     try {
       const drawn = drawDeviation(await heat.measure({ a: state.a, b: state.b, quads: settings.quads }), names);
-      distances.replaceChildren(drawn.element);
+      distances.replaceChildren(h("div", { className: "row" }, sign), drawn.element);
       redrawHistogram = drawn.redraw;
       drawn.redraw();
       setParameters({ heat: 1 });

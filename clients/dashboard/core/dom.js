@@ -65,12 +65,21 @@ export function download(blob, name) {
   setTimeout(() => URL.revokeObjectURL(url), 60000);
 }
 
+/** @type {Map<string, string>} */
+const colours = new Map();
+
+/** The colours are others now. */
+export const forgetColours = () => colours.clear();
+
 /** A colour of the style sheet as it is now. @param {string} name */
 export function colour(name) {
+  const known = colours.get(name);
+  if (known) return known;
   const probe = h("span", { hidden: false });
   probe.style.color = `var(${name})`;
   document.body.append(probe);
   const value = getComputedStyle(probe).color;
   probe.remove();
+  colours.set(name, value);
   return value;
 }

@@ -3,11 +3,12 @@
 import { client } from "../core/connection.js";
 import { isOpen, refreshJobs } from "../core/data.js";
 import { h } from "../core/dom.js";
-import { count, duration, length, time } from "../core/format.js";
+import { duration, time } from "../core/format.js";
 import { run } from "../core/messages.js";
-import { nameOf, on, state } from "../core/state.js";
+import { on, state } from "../core/state.js";
+import { answerOf, meshesOf, questionOf, viewOf } from "./words.js";
 
-/** @import { DeviationResult, HausdorffResult, Job } from "../../js/types.js" */
+/** @import { Job } from "../../js/types.js" */
 
 /** The columns, and whether they hold numbers. */
 const HEADS = /** @type {[string, boolean][]} */ ([
@@ -16,10 +17,10 @@ const HEADS = /** @type {[string, boolean][]} */ ([
 /** @param {HTMLElement} panel */
 export function showJobs(panel) {
   const title = h("h2", { id: "jobs-title" }, "Jobs");
-  const body = h("tbody");
+  const body = h("tbody", { role: "rowgroup" });
   const empty = h("p", { className: "empty" });
-  const table = h("table", { "aria-labelledby": "jobs-title" },
-    h("thead", {}, h("tr", {}, ...HEADS.map(([words, isNumber]) => h("th", { scope: "col", className: isNumber ? "number" : "" }, words)), h("td"))), body);
+  const table = h("table", { className: "cards", role: "table", "aria-labelledby": "jobs-title" },
+    h("thead", { role: "rowgroup" }, h("tr", { role: "row" }, ...HEADS.map(([words, isNumber]) => h("th", { scope: "col", role: "columnheader", className: isNumber ? "number" : "" }, words)), h("td", { role: "cell" }))), body);
   panel.append(h("section", { className: "section", "aria-labelledby": "jobs-title" },
     h("header", {}, title), h("div", { className: "scroll", tabIndex: 0, role: "region", "aria-label": "All jobs" }, table), empty));
   const draw = () => {
@@ -39,34 +40,10 @@ export function showJobs(panel) {
 
 /** @param {Job} job */
 function row(job) {
-  const { a, b, mesh } = job.request;
-  const meshes = mesh ? nameOf(mesh) : `${nameOf(a)} → ${nameOf(b)}`;
-  return h("tr", {},
-    h("td", {}, time(job.created)), h("td", {}, question(job)), h("td", {}, meshes),
-    h("td", {}, h("span", { className: `state ${job.state}` }, job.state)),
-    h("td", { className: "number" }, answer(job)), h("td", { className: "number" }, elapsed(job)),
-    h("td", { className: "buttons" }, buttons(job)));
-}
-
-/** @param {Job} job */
-function question({ type, request }) {
-  const reading = request.quads === "bilinear" ? ", bilinear" : "";
-  const direction = request.direction === "a_to_b" ? ", A to B" : request.direction === "b_to_a" ? ", B to A" : "";
-  const words = /** @type {Record<string, string>} */ ({
-    hausdorff: "Hausdorff distance", deviation: "Deviation", project: `Nearest points, ${count(request.point_count)}` });
-  return `${words[type] ?? type}${direction}${reading}`;
-}
-
-/** @param {Job} job */
-function answer(job) {
-  if (job.problem) return job.problem.detail;
-  if (job.type === "deviation" && job.result) {
-    const { mean } = /** @type {DeviationResult} */ (job.result);
-    return `mean ${length(mean.lower, 5)} to ${length(mean.upper, 5)}`;
-  }
-  if (job.type === "project") return "";
-  const bounds = /** @type {HausdorffResult | undefined} */ (job.result) ?? job.progress;
-  return bounds && "lower" in bounds ? `${length(bounds.lower, 7)} to ${length(bounds.upper, 7)}` : "";
+  const cells = [time(job.created), questionOf(job), meshesOf(job), h("span", { className: `state ${job.state}` }, job.state), answerOf(job), elapsed(job)];
+  return h("tr", { role: "row" },
+    ...cells.map((cell, place) => h("td", { role: "cell", "data-head": HEADS[place][0], className: HEADS[place][1] ? "number" : "" }, cell)),
+    h("td", { role: "cell", className: "buttons" }, buttons(job)));
 }
 
 /** @param {Job} job */
@@ -86,8 +63,7 @@ function buttons(job) {
       await refreshJobs();
     }),
   }, "Cancel");
-  const { a, b } = job.request;
-  const link = job.type === "hausdorff"
-    && h("a", { className: "button", href: `#compare?a=${a}&b=${b}&job=${job.id}`, "aria-label": `Show the bounds ${about}` }, "Show");
+  const view = viewOf(job);
+  const link = view !== null && h("a", { className: "button", href: view, "aria-label": `Show the result ${about}` }, "Show");
   return h("span", { className: "row" }, isOpen(job) && cancel, link);
 }

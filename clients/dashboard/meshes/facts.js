@@ -68,7 +68,7 @@ export function downloads(mesh) {
 /** @param {Mesh} mesh @param {Format} format */
 async function fetchFile(mesh, format) {
   const file = await client.meshes.content(mesh.id, { format });
-  const stem = (mesh.name || mesh.id).replace(/\.[a-z]{3}$/i, "");
+  const stem = (mesh.name || mesh.id).replace(/\.[a-z]{3}(?=$|, \d+ quads$)/i, "");
   download(new Blob([file.bytes]), `${stem}.${format}`);
   const losses = [
     file.cutFaces > 0 && `${count(file.cutFaces)} faces became triangles`,

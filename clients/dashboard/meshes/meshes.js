@@ -7,7 +7,7 @@ import { drawTools } from "../view/tools.js";
 import { look, setLook, show } from "../view/view.js";
 import { drawFacts } from "./facts.js";
 import { drawList } from "./list.js";
-import { noteShown } from "./thumbnails.js";
+import { letThumbnailsDraw } from "./thumbnails.js";
 import { makeUpload } from "./upload.js";
 
 /** @param {HTMLElement} panel */
@@ -30,9 +30,8 @@ export function showMeshes(panel) {
     setParameters({ mesh: mesh?.id });
     drawTools(mesh ? [mesh] : [], { onReading: drawView, hasStructure: true });
     const words = state.meshes.length > 0 ? "Choose a mesh to see it here." : "Drop a mesh file on the page to begin.";
-    show(mesh ? [{ mesh, role: "a", isBilinear: look.bilinear }] : [], words).then((isShown) => {
-      if (isShown && mesh) noteShown(mesh);
-    });
+    letThumbnailsDraw(false);
+    show(mesh ? [{ mesh, role: "a", isBilinear: look.bilinear }] : [], words).then(letThumbnailsDraw);
   }
 
   function draw() {
@@ -44,5 +43,9 @@ export function showMeshes(panel) {
 
   setLook({ heat: false, structure: true });
   draw();
-  return on(["meshes", "choice", "info"], draw);
+  const off = on(["meshes", "choice", "info"], draw);
+  return () => {
+    off();
+    letThumbnailsDraw(false);
+  };
 }

@@ -7,10 +7,10 @@ import { figures, h, select } from "../core/dom.js";
 import { count, percent, time } from "../core/format.js";
 import { run, sayFault } from "../core/messages.js";
 import { parameter, setParameters } from "../core/route.js";
-import { meshOf, nameOf, on, state } from "../core/state.js";
+import { changed, meshOf, on, state } from "../core/state.js";
 import { downloads } from "../meshes/facts.js";
 import { drawTools, toggle } from "../view/tools.js";
-import { setLook } from "../view/view.js";
+import { look, setLook } from "../view/view.js";
 import { makeGoal } from "./goal.js";
 import { Picture } from "./picture.js";
 import { Runner } from "./runner.js";
@@ -43,7 +43,7 @@ export function showRemesh(panel) {
   const download = h("section", { className: "section", "aria-labelledby": "download-title" }, h("h2", { id: "download-title" }, "Download"), files);
   panel.append(
     h("section", { className: "section", "aria-labelledby": "remesh-title" },
-      h("header", {}, h("h2", { id: "remesh-title" }, "Remesh")), side, h("div", { className: "row" }, start, take, edit)),
+      h("header", {}, h("h2", { id: "remesh-title" }, "Remesh"), edit), side, h("div", { className: "row" }, start, take)),
     h("section", { className: "section", "aria-label": "Refinement" }, goal.form, outcome, grown), distance, download);
 
   const runner = new Runner(async ({ reconstruction }) => {
@@ -92,7 +92,7 @@ export function showRemesh(panel) {
     drawSteps(chart, now.steps);
     await refreshMeshes();
     const quads = meshOf(now.mesh) ?? await client.meshes.get(now.mesh);
-    files.replaceChildren(downloads({ ...quads, name: `${nameOf(now.source)} ${now.quads} quads` }));
+    files.replaceChildren(downloads(quads));
     const source = meshOf(now.source);
     drawTools(source ? [quads, source] : [quads], { hasStructure: true, more: [
       toggle("Surface", "Show the surface through the quads", picture.hasSource, (isOn) => { run(() => picture.setSource(isOn)); })] });
@@ -119,6 +119,15 @@ export function showRemesh(panel) {
   let all = [];
   const chosenLayout = () => side.querySelector("select[name=layout]") instanceof HTMLSelectElement
     ? /** @type {HTMLSelectElement} */ (side.querySelector("select[name=layout]")).value : "";
+
+  /** An address may name the quad mesh alone. */
+  async function findSource() {
+    const wanted = parameter("reconstruction");
+    if (wanted === null || parameter("a") !== null) return;
+    state.a = (await client.reconstructions.get(wanted)).source;
+    setParameters({ a: state.a });
+    changed("choice");
+  }
 
   async function openAll() {
     const source = state.a;
@@ -183,15 +192,17 @@ export function showRemesh(panel) {
     if (state.hasMeshes) openAll().catch(sayFault);
   }
 
-  setLook({ heat: false, structure: true });
+  const before = { wire: look.wire };
+  setLook({ heat: false, structure: true, wire: true });
   distance.hidden = download.hidden = true;
   drawChoices();
-  onChoice();
+  run(findSource).then(onChoice);
   const off = [on(["meshes", "choice"], onChoice), on("theme", () => { if (current) drawSteps(chart, current.steps); })];
   return () => {
     off.forEach((each) => each());
     runner.isStopped = true;
     picture.forgetError();
+    setLook(before);
   };
 }
 

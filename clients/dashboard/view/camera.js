@@ -5,7 +5,8 @@ import { OrbitControls } from "three/addons/controls/OrbitControls.js";
 
 const FLIGHT_MS = 600;
 const TURN = Math.PI / 24;
-const START = new Vector3(0.55, 0.4, 1).normalize();
+/** The side from which one sees at first. */
+export const START = new Vector3(0.55, 0.4, 1).normalize();
 
 export class Eye {
   /**

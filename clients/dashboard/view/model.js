@@ -29,6 +29,8 @@ export class Model {
     this.isWhole = false;
     /** @type {(Drawn | Points)[]} */
     this.pieces = [];
+    /** How many of them are drawn. */
+    this.inside = 0;
     /** About the distance of neighbouring points. */
     this.spacing = 1 / Math.sqrt(Math.max(1, mesh.vertices));
     /** Of all triangles, those from one place to another are drawn. @type {[number, number]} */
@@ -64,8 +66,21 @@ export class Model {
   add(piece) {
     piece.frustumCulled = false;
     this.pieces.push(piece);
-    this.group.add(piece);
     this.setRange(...this.range);
+  }
+
+  /**
+   * Lets some more pieces be drawn: each is sent to the graphics card when it first is, and many at once would make the page
+   * wait.
+   * @param {number} [most]
+   * @returns {boolean} whether others wait
+   */
+  letIn(most = Infinity) {
+    for (const piece of this.pieces.slice(this.inside, this.inside + most)) {
+      this.group.add(piece);
+      this.inside++;
+    }
+    return this.inside < this.pieces.length;
   }
 
   /** Draws some of the triangles alone, in the order of the file. @param {number} from @param {number} to */
@@ -146,4 +161,11 @@ function makeGeometry(position) {
   geometry.setAttribute("position", new BufferAttribute(position, 3));
   geometry.boundingSphere = BOUNDS;
   return geometry;
+}
+
+/** Something of each kind, which is kept, and its programs with it. */
+export function makeSample() {
+  const geometry = makeGeometry(new Float32Array(9));
+  for (const name of ["normal", "edge", "tint", "facing"]) geometry.setAttribute(name, new BufferAttribute(new Uint8Array(12), 4, true));
+  return new Group().add(new Drawn(geometry, makeSurface()), new Points(geometry, makeDiscs()), new Points(geometry, makeMarks()));
 }

@@ -1,4 +1,4 @@
-// Where a ray from the eye first meets a model: by a tree over each of its pieces, made when the view is idle.
+// Where a ray from the eye first meets a model: by a tree over each of its pieces, made by a worker.
 
 import { Raycaster, Vector2, Vector3 } from "three";
 import { MeshBVH } from "three-mesh-bvh";
@@ -9,25 +9,43 @@ import { MeshBVH } from "three-mesh-bvh";
 
 /** The trees, by the positions that they are over: a piece that moved gets another. @type {WeakMap<object, MeshBVH>} */
 const trees = new WeakMap();
+/** @type {Worker | undefined} */
+let worker;
+/** @type {Map<number, (tree: any) => void>} */
+const waiting = new Map();
+let nextRequest = 1;
+
+function start() {
+  worker = new Worker(new URL("./trees.js", import.meta.url), { type: "module" });
+  worker.addEventListener("message", ({ data: { request, tree } }) => {
+    waiting.get(request)?.(tree);
+    waiting.delete(request);
+  });
+  return worker;
+}
 
 /** @param {BufferGeometry} geometry */
 function treeOf(geometry) {
   const position = geometry.getAttribute("position");
   let tree = trees.get(position);
   if (!tree) {
-    // Indirect: the triangles keep their order, which other attributes follow.
     tree = new MeshBVH(geometry, { indirect: true });
     trees.set(position, tree);
   }
   return tree;
 }
 
-/** Makes the trees of a model before they are needed, one at a time. @param {Model} model */
+/** Has the trees of a model made by the worker, before they are needed. @param {Model} model */
 export async function prepare(model) {
-  for (const piece of model.pieces) {
-    await new Promise((resolve) => { setTimeout(resolve); });
-    treeOf(piece.geometry);
-  }
+  await Promise.all(model.pieces.map(async ({ geometry }) => {
+    const position = geometry.getAttribute("position");
+    if (trees.has(position)) return;
+    const request = nextRequest++;
+    const made = new Promise((resolve) => { waiting.set(request, resolve); });
+    (worker ?? start()).postMessage({ request, position: position.array });
+    const tree = await made;
+    if (!trees.has(position)) trees.set(position, MeshBVH.deserialize(tree, geometry, { setIndex: false }));
+  }));
 }
 
 /**

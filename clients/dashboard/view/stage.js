@@ -1,19 +1,22 @@
 // The 3D view: which models are there, how they are drawn, and when. Loaded on demand, for three.js is large.
 
-import { Color, ColorManagement, LinearSRGBColorSpace, Scene, Vector3, WebGLRenderer, WebGLRenderTarget } from "three";
+import { Color, ColorManagement, LinearSRGBColorSpace, Scene, Vector3, WebGLRenderer } from "three";
 
 import { colour } from "../core/dom.js";
 import { Eye } from "./camera.js";
 import { forget, load } from "./loader.js";
-import { Model } from "./model.js";
+import { Model, makeSample } from "./model.js";
 import { Overlay } from "./overlay.js";
 import { Pair } from "./pair.js";
 
+/** @import { WebGLRenderTarget } from "three" */
 /** @import { Mesh } from "../../js/types.js" */
 /** @typedef {"a" | "b"} Role b is the one to compare with */
 /** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean,
  *   isGradual?: boolean }} Wish isGradual: what was there before stays until endChange, and nothing of the new one is drawn yet */
 /** @typedef {{ wire: boolean, patches: boolean, irregular: boolean, heat: boolean, structure: boolean, disc: number, top: number, signed: boolean }} Look */
+
+const PIECES_A_FRAME = 2;
 
 // Colours go to the screen as they are.
 ColorManagement.enabled = false;
@@ -47,10 +50,26 @@ export class Stage {
     /** @type {Look} */
     this.look = { wire: false, patches: false, irregular: false, heat: false, structure: true, disc: 1, top: 1, signed: false };
     this.isWaiting = false;
+    /** Are the programs of the graphics card there? */
+    this.isReady = false;
     /** Signalled when the last frame is on the screen. @type {WebGLSync | null} */
     this.last = null;
     new ResizeObserver(() => this.resize()).observe(place);
     this.resize();
+    this.prepare();
+  }
+
+  /** Has the programs of all models compiled, for the first use of one would make the page wait. */
+  async prepare() {
+    const scene = new Scene();
+    scene.add(makeSample());
+    try {
+      // Without the extension nothing is compiled aside, and asking for it complains.
+      if (this.renderer.extensions.has("KHR_parallel_shader_compile")) await this.renderer.compileAsync(scene, this.eye.camera);
+    } finally {
+      this.isReady = true;
+      this.draw();
+    }
   }
 
   resize() {
@@ -137,33 +156,36 @@ export class Stage {
 
   /** Puts the look into the materials. */
   apply() {
-    const line = toVector(colour("--ink"));
     this.scene.background = new Color(...toVector(colour("--ground")).toArray());
     for (const wish of this.wishes) {
       const model = this.models.get(wish.role);
       if (!model) continue;
-      const base = toVector(colour(wish.role === "a" ? "--mesh-a" : "--mesh-b"));
-      const { surface, discs } = model;
-      const isGhost = Boolean(wish.isGhost);
-      surface.uniforms.base.value = base;
-      surface.uniforms.line.value = line;
-      surface.uniforms.wire.value = this.look.wire ? 1 : 0;
-      surface.uniforms.tinted.value = this.look.structure && this.look.patches && model.mesh.patches > 0 ? 1 : 0;
-      for (const { uniforms } of [surface, discs]) {
-        uniforms.heated.value = this.look.heat && wish.role === "a" ? 1 : 0;
-        uniforms.signed_.value = this.look.signed ? 1 : 0;
-        uniforms.top.value = this.look.top;
-      }
-      surface.uniforms.opacity.value = isGhost ? 0.28 : 1;
-      surface.transparent = isGhost;
-      surface.depthWrite = !isGhost;
-      discs.uniforms.base.value = base;
-      discs.uniforms.radius.value = 1.7 * model.spacing * this.look.disc;
+      this.dress(model, wish);
       model.group.visible = !wish.isHidden;
-      model.group.renderOrder = isGhost ? 1 : 0;
-      if (model.irregular) model.irregular.visible = this.look.structure && this.look.irregular;
     }
     this.draw();
+  }
+
+  /** Puts the look into the materials of a model. @param {Model} model @param {{ role: Role, isGhost?: boolean }} wish */
+  dress(model, { role, isGhost = false }) {
+    const base = toVector(colour(role === "a" ? "--mesh-a" : "--mesh-b"));
+    const { surface, discs } = model;
+    surface.uniforms.base.value = base;
+    surface.uniforms.line.value = toVector(colour("--ink"));
+    surface.uniforms.wire.value = this.look.wire ? 1 : 0;
+    surface.uniforms.tinted.value = this.look.structure && this.look.patches && model.mesh.patches > 0 ? 1 : 0;
+    for (const { uniforms } of [surface, discs]) {
+      uniforms.heated.value = this.look.heat && role === "a" ? 1 : 0;
+      uniforms.signed_.value = this.look.signed ? 1 : 0;
+      uniforms.top.value = this.look.top;
+    }
+    surface.uniforms.opacity.value = isGhost ? 0.28 : 1;
+    surface.transparent = isGhost;
+    surface.depthWrite = !isGhost;
+    discs.uniforms.base.value = base;
+    discs.uniforms.radius.value = 1.7 * model.spacing * this.look.disc;
+    model.group.renderOrder = isGhost ? 1 : 0;
+    if (model.irregular) model.irregular.visible = this.look.structure && this.look.irregular;
   }
 
   /** @param {Partial<Look>} look */
@@ -212,21 +234,30 @@ export class Stage {
   /** Frames that pile up before a slow graphics card would make the whole page wait. */
   drawWhenFree() {
     if (this.isBusy()) requestAnimationFrame(() => this.drawWhenFree());
-    else this.drawNow();
+    else this.drawNow(PIECES_A_FRAME);
   }
 
-  /** Is the graphics card still at the last frame? */
+  /** Is the graphics card still at the last frame, or not ready for one? */
   isBusy() {
+    if (!this.isReady) return true;
     const gl = /** @type {WebGL2RenderingContext} */ (this.renderer.getContext());
     return this.last !== null && gl.clientWaitSync(this.last, 0, 0) === gl.TIMEOUT_EXPIRED;
   }
 
-  drawNow() {
-    const gl = /** @type {WebGL2RenderingContext} */ (this.renderer.getContext());
+  /** @param {number} [morePieces] of each model at most */
+  drawNow(morePieces = Infinity) {
     this.isWaiting = false;
+    const others = [...this.models.values()].filter((model) => model.letIn(morePieces));
     this.eye.setPlanes();
     this.setHeight(this.renderer.domElement.height);
     this.renderer.render(this.scene, this.eye.camera);
+    this.mark();
+    if (others.length > 0) this.draw();
+  }
+
+  /** Notes that the graphics card has got something to do. */
+  mark() {
+    const gl = /** @type {WebGL2RenderingContext} */ (this.renderer.getContext());
     if (this.last) gl.deleteSync(this.last);
     this.last = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
@@ -240,6 +271,11 @@ export class Stage {
     this.pair.setHeight(height);
   }
 
+  /** Resolves when the graphics card has drawn what it was told to. */
+  async rest() {
+    while (this.isBusy() || this.isWaiting) await new Promise((resolve) => { requestAnimationFrame(resolve); });
+  }
+
   /** Draws the models alone, without what lies over them. @param {WebGLRenderTarget} target */
   drawBare(target) {
     const extras = [this.overlay.group, this.pair.group].filter((group) => group.visible);
@@ -251,37 +287,7 @@ export class Stage {
     this.renderer.render(this.scene, this.eye.camera);
     this.renderer.setRenderTarget(null);
     for (const extra of extras) extra.visible = true;
-  }
-
-  /**
-   * A small picture on no ground, without making the page wait for it.
-   * @param {number} width
-   * @param {number} height
-   * @param {Mesh} mesh what should be seen
-   * @returns {Promise<ImageData | null>} null when something else is shown by now
-   */
-  async toThumbnail(width, height, mesh) {
-    while (this.isBusy() || this.isWaiting) await new Promise((resolve) => { requestAnimationFrame(resolve); });
-    const model = this.models.get("a");
-    if (model?.mesh.id !== mesh.id || this.models.size !== 1 || !model.isWhole) return null;
-    const { scene, renderer, eye: { camera } } = this;
-    const target = new WebGLRenderTarget(width, height, { samples: 4 });
-    const { background } = scene;
-    scene.background = null;
-    renderer.setClearColor(0, 0);
-    camera.aspect = width / height;
-    this.drawBare(target);
-    scene.background = background;
-    camera.aspect = this.place.clientWidth / Math.max(1, this.place.clientHeight);
-    this.eye.setPlanes();
-    const pixels = new Uint8Array(4 * width * height);
-    await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height, pixels);
-    target.dispose();
-    const picture = new ImageData(width, height);
-    for (let row = 0; row < height; row++) { // the graphics card's first row is the lowest
-      picture.data.set(pixels.subarray(4 * width * row, 4 * width * (row + 1)), 4 * width * (height - 1 - row));
-    }
-    return picture;
+    this.mark();
   }
 
   /** The view as a PNG. @returns {Promise<Blob>} */

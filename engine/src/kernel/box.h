@@ -12,8 +12,6 @@
 #include "../kernel.h"
 #include "keys.h"
 
-typedef float qm_vf __attribute__((vector_size(32)));
-
 /** A box as the query of a group: low is compared with the boxes' high sides and the other way round. */
 typedef struct qm_box_query {
     float low[3], high[3];
@@ -94,10 +92,8 @@ static inline unsigned qm_vi_bits(qm_vi mask)
 #endif
 }
 
-/** Squared distances from the query to the eight boxes; writes them and returns bits of those within the
- * limit. */
-static inline unsigned qm_box_group_within(const qm_box_group *group, const qm_box_query *query, float limit,
-                                           float d2[QM_PACK_LANES])
+/** Squared distances from the query to the eight boxes. */
+static inline qm_vf qm_box_group_d2(const qm_box_group *group, const qm_box_query *query)
 {
     qm_vf sum = {0};
     for (int k = 0; k < 3; k++) {
@@ -106,39 +102,18 @@ static inline unsigned qm_box_group_within(const qm_box_group *group, const qm_b
         qm_vf gap = qm_vf_max(qm_vf_max(below, above), (qm_vf){0});
         sum += gap * gap;
     }
-    *(qm_vf *)(void *)d2 = sum;
-    return qm_vi_bits(sum <= limit);
+    return sum;
 }
 
-/** One entry of the stack of a descent: a pack (level 0) or a group. */
-typedef struct qm_stop {
-    float d2;
-    uint32_t level, index;
-} qm_stop;
-
-#define QM_STACK_SIZE (8 * QM_TREE_LEVELS)
-
-/** Puts the members of a group that are within the limit on the stack, nearest on top; returns the new
- * height. */
-static inline int qm_box_group_push(const qm_box_tree *boxes, const qm_box_query *query, float limit,
-                                    qm_stop at, qm_stop *stack, int height)
+/** Writes the squared distances from the query to the eight boxes, and returns bits of those within the
+ * limit.
+ */
+static inline unsigned qm_box_group_within(const qm_box_group *group, const qm_box_query *query, float limit,
+                                           float d2[QM_PACK_LANES])
 {
-    _Alignas(32) float d2[QM_PACK_LANES];
-    unsigned within = qm_box_group_within(&boxes->groups[at.level][at.index], query, limit, d2);
-    within &= (1u << qm_box_tree_member_count(boxes, (int)at.level, at.index)) - 1;
-    qm_vi keys = (qm_vi){0} + QM_NO_KEY;
-    int count = 0;
-    for (; within; within &= within - 1, count++) {
-        unsigned member = (unsigned)__builtin_ctz(within);
-        keys = qm_keys_insert(keys, qm_key_make(d2[member], member));
-    }
-    _Alignas(32) int32_t key[8];
-    memcpy(key, &keys, sizeof key);
-    while (count > 0) {
-        unsigned member = qm_key_place(key[--count]);
-        stack[height++] = (qm_stop){d2[member], at.level - 1, 8 * at.index + member};
-    }
-    return height;
+    qm_vf sum = qm_box_group_d2(group, query);
+    *(qm_vf *)(void *)d2 = sum;
+    return qm_vi_bits(sum <= limit);
 }
 
 #endif

@@ -150,14 +150,14 @@ typedef struct against {
     const qm_leaf *p, *q;
     wide corner[3], low, high; /* the boxes of q's lanes reach as far out as both may be wrong */
     float shift[3], error;
-    bool is_self;
+    qm_collide_kind kind;
 } against;
 
-static inline void set_against(against *g, const qm_leaf *p, const qm_leaf *q, bool is_self)
+static inline void set_against(against *g, const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind)
 {
     g->p = p;
     g->q = q;
-    g->is_self = is_self;
+    g->kind = kind;
     g->shift[0] = (float)(q->middle.x - p->middle.x);
     g->shift[1] = (float)(q->middle.y - p->middle.y);
     g->shift[2] = (float)(q->middle.z - p->middle.z);
@@ -205,7 +205,7 @@ typedef struct shared_corners {
 QM_INLINE static inline shared_corners find_shared(const against *g, int i)
 {
     shared_corners s = {{{{0}}}};
-    if (!g->is_self) return s;
+    if (g->kind != QM_COLLIDE_SELF) return s;
     for (int c = 0; c < 3; c++)
         for (int k = 0; k < 3; k++)
             s.same[c][k] = equal_marks(g, i, c, k);
@@ -332,7 +332,7 @@ QM_INLINE static inline void compare_lane(const against *g, int i, unsigned bits
     lane_against l = make_lane(g, i);
     unsigned alike = 0;
     bits &= ~qm_vi_bits(apart_by_own_plane(&l));
-    if (bits && !g->is_self) {
+    if (bits && g->kind != QM_COLLIDE_SELF) {
         alike = bits & lanes_alike(g, i, out->corners[i]);
         bits &= ~alike;
     }
@@ -343,12 +343,12 @@ QM_INLINE static inline void compare_lane(const against *g, int i, unsigned bits
 }
 
 /** Inlined, so that neither kind of search pays for the other's. */
-QM_INLINE static inline bool compare(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
-                                     unsigned moved_q, qm_near_lanes *out)
+QM_INLINE static inline bool compare(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind,
+                                     unsigned moved_p, unsigned moved_q, qm_near_lanes *out)
 {
     against g;
-    set_against(&g, p, q, is_self);
-    bool is_same = is_self && p->pack == q->pack;
+    set_against(&g, p, q, kind);
+    bool is_same = kind != QM_COLLIDE_TWO && p->pack == q->pack;
     out->near = out->alike = 0;
     for (unsigned lanes = lanes_near(&g); lanes; lanes &= lanes - 1) {
         int i = __builtin_ctz(lanes);
@@ -360,8 +360,15 @@ QM_INLINE static inline bool compare(const qm_leaf *p, const qm_leaf *q, bool is
     return out->near != 0;
 }
 
-bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                                unsigned moved_q, qm_near_lanes *out)
 {
-    return is_self ? compare(p, q, true, moved_p, moved_q, out) : compare(p, q, false, 0xff, 0xff, out);
+    switch (kind) {
+    case QM_COLLIDE_SELF:
+        return compare(p, q, QM_COLLIDE_SELF, moved_p, moved_q, out);
+    case QM_COLLIDE_TWIN:
+        return compare(p, q, QM_COLLIDE_TWIN, 0xff, 0xff, out);
+    default:
+        return compare(p, q, QM_COLLIDE_TWO, 0xff, 0xff, out);
+    }
 }

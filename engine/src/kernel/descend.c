@@ -69,13 +69,13 @@ static bool descend_self(const qm_descent *d, const qm_node *node)
 static bool descend(const qm_descent *d, const qm_node *a, const qm_node *b)
 {
     if (a->level <= d->stop_level && b->level <= d->stop_level) return d->take(d->user, a, b);
-    if (d->is_self && a->level == b->level && a->index == b->index) return descend_self(d, a);
+    if (d->is_one && a->level == b->level && a->index == b->index) return descend_self(d, a);
     bool splits_a = a->level >= b->level;
     const qm_box_tree *tree = splits_a ? d->a : d->b;
     const qm_node *split = splits_a ? a : b, *whole = splits_a ? b : a;
     const qm_box_group *group = &tree->groups[split->level][split->index];
     unsigned meets;
-    if (d->is_self) {
+    if (d->is_one) {
         meets = group_meets(group, whole->low, whole->high);
     } else {
         float low[3], high[3];

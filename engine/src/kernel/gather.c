@@ -2,8 +2,8 @@
  * gather.c: the packs that lie near a box: from the tree once for a neighbourhood, and from that
  * neighbourhood again for each smaller box in it.
  */
-#include "box.h"
 #include "kernels.h"
+#include "walk.h"
 
 static qm_box_query query_middle(const qm_box *box)
 {
@@ -21,35 +21,43 @@ static void copy_box(qm_near_packs *near, int place, const qm_box_group *from, i
     }
 }
 
+/** How far the packs of a full list lie, and which place is the farthest. */
+typedef struct places {
+    float distance[QM_NEAR_PACKS];
+    int farthest;
+} places;
+
+static void find_farthest(places *p)
+{
+    p->farthest = 0;
+    for (int i = 1; i < QM_NEAR_PACKS; i++)
+        if (p->distance[i] > p->distance[p->farthest]) p->farthest = i;
+}
+
 /** Where a pack at a distance goes: the next free place, or that of the farthest when all are taken; -1 for
  * nowhere. */
-static int find_place(qm_near_packs *near, float distance[QM_NEAR_PACKS], float here)
+static int find_place(qm_near_packs *near, places *p, float here)
 {
-    int place = near->count;
-    if (near->count < QM_NEAR_PACKS) {
-        near->count++;
-    } else {
-        place = 0;
-        for (int i = 1; i < QM_NEAR_PACKS; i++)
-            if (distance[i] > distance[place]) place = i;
-        if (!(here < distance[place])) return -1;
-    }
-    distance[place] = here;
+    bool is_full = near->count == QM_NEAR_PACKS;
+    if (is_full && !(here < p->distance[p->farthest])) return -1;
+    int place = is_full ? p->farthest : near->count++;
+    p->distance[place] = here;
+    if (near->count == QM_NEAR_PACKS) find_farthest(p);
     return place;
 }
 
 void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near)
 {
     qm_box_query query = qm_box_query_make(box->min, box->max), middle = query_middle(box);
-    float distance[QM_NEAR_PACKS], limit = qm_box_limit(reach * reach);
-    qm_stop stack[QM_STACK_SIZE];
-    int height = 0;
+    float limit = qm_box_limit(reach * reach);
+    places at_places = {.farthest = 0};
+    qm_walk walk;
     near->count = 0;
-    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->boxes.level_count, 0};
-    while (height > 0) {
-        qm_stop at = stack[--height];
+    qm_walk_start(&walk, &bvh->boxes);
+    while (walk.height > 0) {
+        qm_stop at = qm_walk_pop(&walk);
         if (at.level > 1) {
-            height = qm_box_group_push(&bvh->boxes, &query, limit, at, stack, height);
+            qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
             continue;
         }
         _Alignas(32) float d2[QM_PACK_LANES], middle_d2[QM_PACK_LANES];
@@ -59,7 +67,7 @@ void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_ne
         if (within) qm_box_group_within(group, &middle, limit, middle_d2);
         for (; within; within &= within - 1) {
             int member = __builtin_ctz(within);
-            int place = find_place(near, distance, middle_d2[member]);
+            int place = find_place(near, &at_places, middle_d2[member]);
             if (place < 0) continue;
             near->pack[place] = 8 * at.index + (uint32_t)member;
             copy_box(near, place, group, member);
@@ -74,20 +82,15 @@ int QM_KERNEL(narrow)(const qm_near_packs *near, const qm_box *box, double reach
     float limit = qm_box_limit(reach * reach);
     qm_vi keys = (qm_vi){0} + QM_NO_KEY;
     for (int first = 0; first < near->count; first += 8) {
-        _Alignas(32) float d2[QM_PACK_LANES], middle_d2[QM_PACK_LANES];
         const qm_box_group *group = &near->box[first / 8];
-        int members = near->count - first < 8 ? near->count - first : 8;
-        unsigned within = qm_box_group_within(group, &query, limit, d2) & ((1u << members) - 1);
-        if (within) qm_box_group_within(group, &middle, limit, middle_d2);
-        for (; within; within &= within - 1) {
-            unsigned member = (unsigned)__builtin_ctz(within);
-            keys = qm_keys_insert(keys, qm_key_make(middle_d2[member], (unsigned)first + member));
-        }
+        qm_vi within = (qm_box_group_d2(group, &query) <= limit) & qm_first_lanes(near->count - first);
+        keys =
+            qm_vi_keep_least(keys, qm_keys_sorted(qm_box_group_d2(group, &middle), (unsigned)first, within));
     }
     _Alignas(32) int32_t key[QM_COVER_PACKS];
     memcpy(key, &keys, sizeof key);
     int count = 0;
-    for (; count < capacity && key[count] != QM_NO_KEY; count++)
-        packs[count] = near->pack[qm_key_place(key[count])];
+    for (; count < capacity && key[QM_COVER_PACKS - 1 - count] != QM_NO_KEY; count++)
+        packs[count] = near->pack[qm_key_place(key[QM_COVER_PACKS - 1 - count])];
     return count;
 }

@@ -6,10 +6,16 @@
 
 #include "pack.h"
 
+void QM_KERNEL(share_corners)(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);
 void QM_KERNEL(fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 void QM_KERNEL(pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);
 void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit);
 void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit);
+void QM_KERNEL(fill_float)(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES]);
+double QM_KERNEL(float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p);
+void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double allowed,
+                            const qm_vec *point, int count, qm_float_bits *bits);
+void QM_KERNEL(float_closest)(const qm_bvh *bvh, qm_vec p, double enough, qm_float_hit *hit);
 void QM_KERNEL(grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit);
 void QM_KERNEL(grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start, double error,
                                    qm_patch_hit *hit);
@@ -29,7 +35,7 @@ unsigned QM_KERNEL(node_distances)(const qm_descent *descent, const qm_node *a, 
                                    bool splits_a, float d2[QM_PACK_LANES]);
 bool QM_KERNEL(descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);
 void QM_KERNEL(fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
-bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, bool is_self, unsigned moved_p,
+bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                                unsigned moved_q, qm_near_lanes *out);
 void QM_KERNEL(sort_few)(uint64_t *numbers, int count);
 

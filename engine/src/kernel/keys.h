@@ -12,6 +12,7 @@
 #include "simd.h"
 
 typedef int32_t qm_vi __attribute__((vector_size(32)));
+typedef float qm_vf __attribute__((vector_size(32)));
 
 #define QM_KEY_PLACE_BITS 8 /* of a key */
 #define QM_NO_KEY INT32_MAX
@@ -36,24 +37,69 @@ static inline qm_vi qm_keys_max(qm_vi a, qm_vi b)
 #endif
 }
 
-/** Each key moves up when the one below it, or the new one, is greater. */
-static inline qm_vi qm_keys_insert(qm_vi keys, int32_t key)
+/** a where the mask is all ones, b where it is all zeros */
+static inline qm_vi qm_vi_select(qm_vi mask, qm_vi a, qm_vi b)
 {
-    const qm_vi lowest = (qm_vi){0} + INT32_MIN;
-    qm_vi below = __builtin_shufflevector(keys, lowest, 8, 0, 1, 2, 3, 4, 5, 6);
-    return qm_keys_min(keys, qm_keys_max(below, (qm_vi){0} + key));
-}
-
-static inline int32_t qm_key_make(float distance, unsigned place)
-{
-    int32_t bits;
-    memcpy(&bits, &distance, sizeof bits);
-    return (int32_t)(((uint32_t)bits & ~((1u << QM_KEY_PLACE_BITS) - 1)) | place);
+#if defined(__AVX2__)
+    return (qm_vi)_mm256_blendv_epi8((__m256i)b, (__m256i)a, (__m256i)mask);
+#else
+    return (a & mask) | (b & ~mask);
+#endif
 }
 
 static inline unsigned qm_key_place(int32_t key)
 {
     return (unsigned)key & ((1u << QM_KEY_PLACE_BITS) - 1);
+}
+
+/** Of each lane and its partner the greater where greater has all ones, else the lesser. */
+#define QM_EXCHANGE(a, greater, ...)                                                                         \
+    do {                                                                                                     \
+        qm_vi partner = __builtin_shufflevector(a, a, __VA_ARGS__);                                          \
+        a = qm_vi_select(greater, qm_keys_max(a, partner), qm_keys_min(a, partner));                         \
+    } while (0)
+
+/** Eight numbers, greatest first: Batcher's bitonic network (Sorting Networks and their Applications, 1968),
+ * in the form in which all comparisons go one way. */
+static inline qm_vi qm_vi_sort(qm_vi a)
+{
+    const qm_vi odd = {-1, 0, -1, 0, -1, 0, -1, 0}, low = {-1, -1, 0, 0, -1, -1, 0, 0},
+                half = {-1, -1, -1, -1, 0, 0, 0, 0};
+    QM_EXCHANGE(a, odd, 1, 0, 3, 2, 5, 4, 7, 6);
+    QM_EXCHANGE(a, low, 3, 2, 1, 0, 7, 6, 5, 4);
+    QM_EXCHANGE(a, odd, 1, 0, 3, 2, 5, 4, 7, 6);
+    QM_EXCHANGE(a, half, 7, 6, 5, 4, 3, 2, 1, 0);
+    QM_EXCHANGE(a, low, 2, 3, 0, 1, 6, 7, 4, 5);
+    QM_EXCHANGE(a, odd, 1, 0, 3, 2, 5, 4, 7, 6);
+    return a;
+}
+
+/** The eight least of two lists that are sorted, greatest first; sorted as well. */
+static inline qm_vi qm_vi_keep_least(qm_vi a, qm_vi b)
+{
+    const qm_vi odd = {-1, 0, -1, 0, -1, 0, -1, 0}, low = {-1, -1, 0, 0, -1, -1, 0, 0},
+                half = {-1, -1, -1, -1, 0, 0, 0, 0};
+    a = qm_keys_min(a, __builtin_shufflevector(b, b, 7, 6, 5, 4, 3, 2, 1, 0));
+    QM_EXCHANGE(a, half, 4, 5, 6, 7, 0, 1, 2, 3);
+    QM_EXCHANGE(a, low, 2, 3, 0, 1, 6, 7, 4, 5);
+    QM_EXCHANGE(a, odd, 1, 0, 3, 2, 5, 4, 7, 6);
+    return a;
+}
+
+/** All ones in the first count lanes. */
+static inline qm_vi qm_first_lanes(int count)
+{
+    const qm_vi lane = {0, 1, 2, 3, 4, 5, 6, 7};
+    return lane < count;
+}
+
+/** Keys, sorted, of eight distances that are not negative, for places that follow on the first; those of
+ * lanes that are not there come first. */
+static inline qm_vi qm_keys_sorted(qm_vf distance, unsigned first, qm_vi there)
+{
+    const qm_vi lane = {0, 1, 2, 3, 4, 5, 6, 7};
+    qm_vi keys = ((qm_vi)distance & -(1 << QM_KEY_PLACE_BITS)) | (lane + (int32_t)first);
+    return qm_vi_sort(qm_vi_select(there, keys, (qm_vi){0} + QM_NO_KEY));
 }
 
 #endif

@@ -3,9 +3,9 @@
  *
  * Source: Roussopoulos, Kelley, Vincent, Nearest Neighbor Queries, SIGMOD 1995.
  */
-#include "box.h"
 #include "kernels.h"
 #include "visit.h"
+#include "walk.h"
 
 void QM_KERNEL(pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES])
 {
@@ -23,15 +23,14 @@ void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit)
     hit->lane = QM_PACK_LANES;
     qm_visit_pack(bvh, start, splat, hit);
     float limit = qm_box_limit(hit->d2);
-    qm_stop stack[QM_STACK_SIZE];
-    int height = 0;
-    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->boxes.level_count, 0};
-    while (height > 0) {
-        qm_stop at = stack[--height];
+    qm_walk walk;
+    qm_walk_start(&walk, &bvh->boxes);
+    while (walk.height > 0) {
+        qm_stop at = qm_walk_pop(&walk);
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
-            height = qm_box_group_push(&bvh->boxes, &query, limit, at, stack, height);
-        } else if (at.index != start) {
+            qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
+        } else if (at.index != start && !qm_pack_is_far(bvh, at.index, p, sqrt(hit->d2))) {
             qm_visit_pack(bvh, at.index, splat, hit);
             limit = qm_box_limit(hit->d2);
         }
@@ -44,14 +43,13 @@ void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, doubl
     *hit = (qm_patch_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
     qm_visit_patches(bvh, start, p, error, hit);
     float limit = qm_box_limit(hit->distance * hit->distance);
-    qm_stop stack[QM_STACK_SIZE];
-    int height = 0;
-    stack[height++] = (qm_stop){0.0f, (uint32_t)bvh->boxes.level_count, 0};
-    while (height > 0) {
-        qm_stop at = stack[--height];
+    qm_walk walk;
+    qm_walk_start(&walk, &bvh->boxes);
+    while (walk.height > 0) {
+        qm_stop at = qm_walk_pop(&walk);
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
-            height = qm_box_group_push(&bvh->boxes, &query, limit, at, stack, height);
+            qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
         } else if (at.index != start) {
             qm_visit_patches(bvh, at.index, p, error, hit);
             limit = qm_box_limit(hit->distance * hit->distance);

@@ -2,48 +2,45 @@
  * shortlist.c: the few facets that matter most for a small piece, side by side in one pack, so that a point
  * is compared with all of them at the price of one pack.
  */
-#include "box.h"
+#include "float_pack.h"
 #include "kernels.h"
 
-/** The eight packs whose boxes are nearest to p. */
+enum { LANE_BITS = 3 };
+
+/** The eight packs whose boxes are nearest to p, nearest last. */
 static qm_vi nearest_boxes(const qm_near_packs *near, qm_vec p)
 {
     qm_box_query query = qm_box_query_point(p);
     qm_vi keys = (qm_vi){0} + QM_NO_KEY;
-    for (int first = 0; first < near->count; first += 8) {
-        _Alignas(32) float d2[QM_PACK_LANES];
-        qm_box_group_within(&near->box[first / 8], &query, 0.0f, d2);
-        for (int i = 0; i < 8 && first + i < near->count; i++)
-            keys = qm_keys_insert(keys, qm_key_make(d2[i], (unsigned)(first + i)));
-    }
+    for (int first = 0; first < near->count; first += 8)
+        keys = qm_vi_keep_least(keys, qm_keys_sorted(qm_box_group_d2(&near->box[first / 8], &query),
+                                                     (unsigned)first, qm_first_lanes(near->count - first)));
     return keys;
 }
 
-/** Offers the lanes of the pack at a place of the list. */
-static qm_vi offer_lanes(qm_vi keys, const qm_bvh *bvh, uint32_t pack, unsigned place, qm_splat s)
+/** Single precision is enough to rank by: what the list decides is decided with its rows in double. */
+static inline qm_vf lane_distances(const qm_bvh *bvh, uint32_t pack, qm_vec p)
 {
-    _Alignas(64) double d2[QM_PACK_LANES];
-    for (int part = 0; part < QM_PARTS; part++)
-        qm_vd_store(d2 + part * QM_WIDTH, qm_pack_part_d2(&bvh->packs[pack], part, s.x, s.y, s.z));
-    for (unsigned lane = 0; lane < bvh->lanes[pack].lane_count; lane++)
-        keys = qm_keys_insert(keys, qm_key_make((float)d2[lane], place << 3 | lane));
-    return keys;
+    qm_float_point q = qm_float_point_make(&bvh->float_packs[pack], p);
+    return qm_float_pack_d2(&bvh->float_packs[pack], &q);
 }
 
 void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list)
 {
-    qm_splat s = qm_splat_make(p);
     qm_vi boxes = nearest_boxes(near, p), lanes = (qm_vi){0} + QM_NO_KEY;
-    for (int i = 0; i < 8 && boxes[i] != QM_NO_KEY; i++) {
+    for (int i = QM_PACK_LANES - 1; i >= 0 && boxes[i] != QM_NO_KEY; i--) {
+        if (boxes[i] > lanes[0]) break;
         unsigned place = qm_key_place(boxes[i]);
-        if (i > 0 && boxes[i] > lanes[QM_PACK_LANES - 1]) break;
-        lanes = offer_lanes(lanes, bvh, near->pack[place], place, s);
+        uint32_t pack = near->pack[place];
+        lanes = qm_vi_keep_least(lanes, qm_keys_sorted(lane_distances(bvh, pack, p), place << LANE_BITS,
+                                                       qm_first_lanes(bvh->lanes[pack].lane_count)));
     }
     const double *from[QM_PACK_LANES];
     for (int j = 0; j < QM_PACK_LANES; j++) {
-        unsigned place = qm_key_place(lanes[lanes[j] == QM_NO_KEY ? 0 : j]);
-        list->origin[j] = near->pack[place >> 3];
-        list->lane[j] = (uint8_t)(place & 7);
+        int32_t key = lanes[QM_PACK_LANES - 1 - j];
+        unsigned place = qm_key_place(key == QM_NO_KEY ? lanes[QM_PACK_LANES - 1] : key);
+        list->origin[j] = near->pack[place >> LANE_BITS];
+        list->lane[j] = (uint8_t)(place & ((1 << LANE_BITS) - 1));
         from[j] = &bvh->packs[list->origin[j]].row[0][list->lane[j]];
     }
     for (int r = 0; r < QM_ROW_COUNT; r++)

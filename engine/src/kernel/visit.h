@@ -6,7 +6,16 @@
 #define QM_KERNEL_VISIT_H
 
 #include "../bilinear_point.h"
+#include "float_pack.h"
 #include "pack.h"
+
+/** True when single precision shows that no triangle of a pack is as near as the best so far. */
+static inline bool qm_pack_is_far(const qm_bvh *bvh, uint32_t pack, qm_vec p, double best)
+{
+    qm_float_point q = qm_float_point_make(&bvh->float_packs[pack], p);
+    float least = qm_vf_least(qm_float_pack_d2(&bvh->float_packs[pack], &q));
+    return (double)__builtin_sqrtf(least) - (double)q.margin > best;
+}
 
 /** Looks at a pack; of equal distances the lower face wins, so that the order of visits does not matter. */
 static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, qm_hit *hit)

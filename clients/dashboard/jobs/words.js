@@ -1,0 +1,50 @@
+// Jobs in words: what was asked, of what, and the answer.
+
+import { count, length } from "../core/format.js";
+import { nameOf } from "../core/state.js";
+
+/** @import { CollisionResult, DeviationResult, Job, StepResult } from "../../js/types.js" */
+
+const KINDS = /** @type {Record<string, string>} */ ({
+  hausdorff: "Hausdorff distance", deviation: "Deviation", project: "Nearest points", collision: "Collisions",
+  self_collision: "Self-collisions", distance: "Least distance", reconstruction_step: "Remeshing" });
+
+/** @param {Job} job */
+export function questionOf({ type, request }) {
+  const points = type === "project" ? `, ${count(request.point_count)}` : "";
+  const reading = request.quads === "bilinear" ? ", bilinear" : "";
+  const direction = request.direction === "a_to_b" ? ", A to B" : request.direction === "b_to_a" ? ", B to A" : "";
+  return `${KINDS[type] ?? type}${points}${direction}${reading}`;
+}
+
+/** @param {Job} job */
+export function meshesOf({ type, request, result }) {
+  if (type === "reconstruction_step") return result ? nameOf(/** @type {StepResult} */ (result).mesh) : "";
+  return request.mesh ? nameOf(request.mesh) : `${nameOf(request.a)} → ${nameOf(request.b)}`;
+}
+
+/** @param {Job} job */
+export function answerOf(job) {
+  if (job.problem) return job.problem.detail;
+  if (job.type === "deviation" && job.result) {
+    const { mean } = /** @type {DeviationResult} */ (job.result);
+    return `mean ${length(mean.lower, 5)} to ${length(mean.upper, 5)}`;
+  }
+  if (job.type.endsWith("collision") && job.result) {
+    const { count: pairs } = /** @type {CollisionResult} */ (job.result);
+    return pairs === 0 ? "no faces meet" : `${count(pairs)} pair${pairs === 1 ? "" : "s"} of faces meet`;
+  }
+  if (job.type === "reconstruction_step" && job.result) return `${count(/** @type {StepResult} */ (job.result).quads)} quads`;
+  const bounds = job.result ?? job.progress;
+  return bounds && "lower" in bounds ? `${length(bounds.lower, 7)} to ${length(bounds.upper, 7)}` : "";
+}
+
+/** Where the page shows the result; null where it does not. @param {Job} job */
+export function viewOf({ id, type, request }) {
+  const { a, b, mesh, quads, reconstruction } = request;
+  const address = /** @type {Record<string, string>} */ ({
+    hausdorff: `#compare?a=${a}&b=${b}&job=${id}`, deviation: `#compare?a=${a}&b=${b}&quads=${quads}&heat=1`,
+    collision: `#collide?a=${a}&b=${b}&quads=${quads}`, distance: `#collide?a=${a}&b=${b}&quads=${quads}`,
+    self_collision: `#collide?a=${mesh}&b=${mesh}&quads=${quads}`, reconstruction_step: `#remesh?reconstruction=${reconstruction}` });
+  return address[type] ?? null;
+}

@@ -1,0 +1,100 @@
+/**
+ * float_pack.c: upper bounds of distances from packs in single precision.
+ */
+#include "float_pack.h"
+#include "walk.h"
+
+#define NEARLY_SHARE2 0.7 /* of the least squared distance so far: no box is looked at that is not nearer */
+
+#include <math.h>
+
+#define WIDE qm_vf
+#define WIDE_MASK qm_vi
+#define WIDE_SET(x) qm_vf_set((float)(x))
+#define WIDE_SQRT(a) qm_vf_sqrt(a)
+#define WIDE_SELECT(mask, a, b) qm_vf_select(mask, a, b)
+#define WIDE_FLAT 0x1p-21
+#define WIDE_SHORT 0x1p-120
+#include "frames.inc"
+
+static inline wide_vec load(const float corner[3][QM_PACK_LANES])
+{
+    return (wide_vec){qm_vf_load(corner[0]), qm_vf_load(corner[1]), qm_vf_load(corner[2])};
+}
+
+void QM_KERNEL(fill_float)(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES])
+{
+    wide_vec a = load(corner[0]), b = load(corner[1]), c = load(corner[2]);
+    wide_frame f = wide_frame_make(a, b, c);
+    const qm_vf row[QM_FLOAT_ROW_COUNT] = {f.origin.x, f.origin.y, f.origin.z, f.x.x,    f.x.y, f.x.z,
+                                           f.y.x,      f.y.y,      f.y.z,      f.length, f.cx,  f.cy};
+    memcpy(pack->row, row, sizeof row);
+    qm_vf far2 = qm_vf_max(wide_dot(a, a), qm_vf_max(wide_dot(b, b), wide_dot(c, c)));
+    pack->radius = 1.000001f * __builtin_sqrtf(qm_vf_greatest(far2));
+}
+
+/** Distances to the lanes' surfaces; twist may be NULL. */
+static inline qm_vf distance_row(const qm_float_pack *pack, const float *twist, const qm_float_point *q)
+{
+    qm_vf row = qm_vf_sqrt(qm_float_pack_d2(pack, q));
+    return twist ? row + qm_vf_load(twist) : row;
+}
+
+double QM_KERNEL(float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p)
+{
+    qm_float_point q = qm_float_point_make(pack, p);
+    double upper = ((double)qm_vf_least(distance_row(pack, twist, &q)) + (double)q.margin) * (1.0 + 0x1p-22);
+    return upper < INFINITY ? upper : INFINITY;
+}
+
+void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double allowed,
+                            const qm_vec *point, int count, qm_float_bits *bits)
+{
+    qm_vf least = qm_vf_set(qm_float_below(allowed)), most = qm_vf_set(qm_float_above(allowed));
+    for (int i = 0; i < count; i++) {
+        qm_float_point q = qm_float_point_make(pack, point[i]);
+        qm_vf row = distance_row(pack, twist, &q);
+        bits[i].certain = (uint8_t)qm_vi_bits(row + q.margin <= least);
+        bits[i].possible = (uint8_t)qm_vi_bits(row - q.margin <= most);
+    }
+}
+
+typedef struct float_search {
+    const qm_bvh *bvh;
+    qm_vec p;
+    qm_float_hit *hit;
+} float_search;
+
+static inline void visit(const float_search *search, uint32_t index)
+{
+    const qm_float_pack *pack = &search->bvh->float_packs[index];
+    qm_float_point q = qm_float_point_make(pack, search->p);
+    qm_vf d2 = qm_float_pack_d2(pack, &q);
+    float least = qm_vf_least(d2);
+    double upper = (double)__builtin_sqrtf(least) + (double)q.margin;
+    if (!(upper < search->hit->upper)) return;
+    unsigned lanes = qm_vi_bits(d2 == qm_vf_set(least));
+    *search->hit = (qm_float_hit){upper, index, (uint32_t)__builtin_ctz(lanes)};
+}
+
+void QM_KERNEL(float_closest)(const qm_bvh *bvh, qm_vec p, double enough, qm_float_hit *hit)
+{
+    const float_search search = {bvh, p, hit};
+    qm_box_query query = qm_box_query_point(p);
+    uint32_t start = hit->pack;
+    *hit = (qm_float_hit){INFINITY, start, 0};
+    visit(&search, start);
+    float limit = qm_box_limit(NEARLY_SHARE2 * hit->upper * hit->upper);
+    qm_walk walk;
+    qm_walk_start(&walk, &bvh->boxes);
+    while (walk.height > 0 && hit->upper > enough) {
+        qm_stop at = qm_walk_pop(&walk);
+        if (!(at.d2 <= limit)) continue;
+        if (at.level > 0) {
+            qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
+        } else if (at.index != start) {
+            visit(&search, at.index);
+            limit = qm_box_limit(NEARLY_SHARE2 * hit->upper * hit->upper);
+        }
+    }
+}

@@ -1,0 +1,68 @@
+/**
+ * walk.h: the stack of a descent through a tree of boxes, nearest box on top.
+ *
+ * The members of a group that are near enough are sorted and pushed together without a branch: how many there
+ * are and in which order is what a processor cannot predict.
+ */
+#ifndef QM_KERNEL_WALK_H
+#define QM_KERNEL_WALK_H
+
+#include <assert.h>
+
+#include "box.h"
+
+enum { QM_WALK_MEMBER_BITS = 3, QM_WALK_LEVEL_BITS = 4, QM_WALK_INDEX_BITS = 32 - QM_WALK_LEVEL_BITS };
+static_assert(QM_TREE_LEVELS < 1 << QM_WALK_LEVEL_BITS, "levels fit their bits");
+
+#define QM_WALK_SIZE (8 * (QM_TREE_LEVELS + 1))
+
+/** Entries: the bits of a squared distance, in its last ones the place among eight, and of these eight the
+ * level and the index of the first. */
+typedef struct qm_walk {
+    int height;
+    int32_t key[QM_WALK_SIZE];
+    uint32_t place[QM_WALK_SIZE];
+} qm_walk;
+
+/** A pack (level 0) or a group, with a lower bound of its squared distance. */
+typedef struct qm_stop {
+    float d2;
+    uint32_t level, index;
+} qm_stop;
+
+static inline void qm_walk_start(qm_walk *walk, const qm_box_tree *boxes)
+{
+    walk->height = 1;
+    walk->key[0] = 0;
+    walk->place[0] = (uint32_t)boxes->level_count << QM_WALK_INDEX_BITS;
+}
+
+static inline qm_stop qm_walk_pop(qm_walk *walk)
+{
+    const int32_t members = (1 << QM_WALK_MEMBER_BITS) - 1;
+    int32_t key = walk->key[--walk->height], bits = key & ~members;
+    uint32_t place = walk->place[walk->height];
+    qm_stop stop = {.level = place >> QM_WALK_INDEX_BITS,
+                    .index = (place & ((1u << QM_WALK_INDEX_BITS) - 1)) + (uint32_t)(key & members)};
+    memcpy(&stop.d2, &bits, sizeof bits);
+    return stop;
+}
+
+/** Pushes the members of a group that are within the limit, nearest on top. */
+static inline void qm_walk_push(qm_walk *walk, const qm_box_tree *boxes, const qm_box_query *query,
+                                float limit, qm_stop at)
+{
+    const qm_vi member = {0, 1, 2, 3, 4, 5, 6, 7};
+    qm_vf d2 = qm_box_group_d2(&boxes->groups[at.level][at.index], query);
+    qm_vi there = member < qm_box_tree_member_count(boxes, (int)at.level, at.index);
+    qm_vi within = (d2 <= limit) & there;
+    qm_vi keys = (((qm_vi)d2 & ~member[7]) | member) & within;
+    keys = qm_vi_sort(keys | ~within); /* all ones is less than any key */
+    uint32_t first = (at.level - 1) << QM_WALK_INDEX_BITS | 8 * at.index;
+    qm_vi place = (qm_vi){0} + (int32_t)first;
+    memcpy(walk->key + walk->height, &keys, sizeof keys);
+    memcpy(walk->place + walk->height, &place, sizeof place);
+    walk->height += __builtin_popcount(qm_vi_bits(within));
+}
+
+#endif
