@@ -25,8 +25,8 @@ static int sample_side(const qm_reconstruction *r, const qm_samples *samples, si
     if (row == grid->rows) row--;
     const double *a = qm_grid_vertex(grid, column, row), *b = qm_grid_vertex(grid, column + 1, row);
     const double *c = qm_grid_vertex(grid, column + 1, row + 1), *d = qm_grid_vertex(grid, column, row + 1);
-    qm_vec normal = qm_vec_cross(qm_vec_sub(qm_vec_load(c), qm_vec_load(a)),
-                                 qm_vec_sub(qm_vec_load(d), qm_vec_load(b)));
+    qm_vec normal =
+        qm_vec_cross(qm_vec_sub(qm_vec_load(c), qm_vec_load(a)), qm_vec_sub(qm_vec_load(d), qm_vec_load(b)));
     double dot = qm_vec_dot(normal, own_normal(samples, i));
     return (dot > 0.0) - (dot < 0.0);
 }
