@@ -146,7 +146,8 @@ qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r);
 qm_status qm_grids_double(qm_context *ctx, qm_reconstruction *r);
 qm_status qm_grids_fair(qm_context *ctx, qm_reconstruction *r, int rounds);
 
-/** Smooths folded quads of stale grids out. */
+/** Smooths folded quads out, of one grid and of all stale ones; outlines stay. */
+void qm_grid_untangle(const qm_source *source, const qm_patch_grid *grid);
 void qm_grids_untangle(const qm_reconstruction *r);
 
 /** So many samples, or fewer where a point set has not as many; and their places in the grids. */
@@ -189,7 +190,8 @@ void qm_edit_inherit_counts(qm_reconstruction *r, const qm_reconstruction *old);
 void qm_edit_inherit_tracks(qm_reconstruction *r, const qm_reconstruction *old);
 size_t qm_edit_keep_grids(qm_reconstruction *r, const qm_reconstruction *old);
 
-/** The mesh of the working grids when fine, else that of the mesh's own counts. */
+/** The mesh of the working grids when fine, else that of the mesh's own counts, free of folds where that can
+ * be. */
 qm_status qm_grids_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_mesh *out);
 
 #endif
