@@ -2,6 +2,7 @@
 
 #define DECLARE(isa)                                                                                         \
     void qm_share_corners_##isa(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);             \
+    void qm_fit_box_##isa(qm_bvh *bvh, size_t pack);                                                         \
     void qm_fill_pack_##isa(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);                        \
     void qm_pack_distances_##isa(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);                   \
     void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
@@ -41,6 +42,7 @@
     static const qm_kernel kernel_##isa = {                                                                  \
         .name = #isa,                                                                                        \
         .share_corners = qm_share_corners_##isa,                                                             \
+        .fit_box = qm_fit_box_##isa,                                                                         \
         .fill_pack = qm_fill_pack_##isa,                                                                     \
         .pack_distances = qm_pack_distances_##isa,                                                           \
         .closest = qm_closest_##isa,                                                                         \

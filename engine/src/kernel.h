@@ -79,6 +79,9 @@ typedef struct qm_kernel {
      * each corner's place among them. */
     void (*share_corners)(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);
 
+    /** Sets the box of a pack from where its vertices are now. */
+    void (*fit_box)(qm_bvh *bvh, size_t pack);
+
     /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
      * pack. */
     void (*fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
