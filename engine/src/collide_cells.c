@@ -6,9 +6,9 @@
 
 #include <math.h>
 
-#define MOST_CELLS 120   /* along an axis: cells 0 to MOST_CELLS + 1 are seven bits */
+#define MOST_CELLS 160   /* along an axis: cells 0 to MOST_CELLS + 1 are a byte */
 #define MOST_IN_ROW 62   /* along the shortest axis: a row is a word */
-#define FACES_A_CELL 3.0 /* the square root of the faces over it are the cells along the longest axis */
+#define FACES_A_CELL 2.0 /* the square root of the faces over it are the cells along the longest axis */
 
 static qm_box vertex_box(const qm_mesh *mesh)
 {

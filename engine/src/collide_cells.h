@@ -10,7 +10,7 @@
 #define QM_CELL_FACES 8 /* faces that are looked at together */
 #define QM_CELL_SPAN 24 /* cells along a row that a face may reach over to be looked up with others */
 
-/** Three cells, one along each axis, a byte each: the last axis lowest. A cell's top bit is not set. */
+/** Three cells, one along each axis, a byte each: the last axis lowest. */
 typedef uint32_t qm_cell;
 enum { QM_CELL_Z = 0, QM_CELL_Y = 8, QM_CELL_X = 16 }; /* how far each is shifted */
 

@@ -124,7 +124,7 @@ static void touching_in_a_line_is_found(void **state)
     qm_shape_free(&b);
 }
 
-enum { CELL_VERTICES = 50, CELL_SIDES = 122 };
+enum { CELL_VERTICES = 50, CELL_SIDES = 162 };
 
 /** A grid with marks, and eight faces whose vertices have random cells, mostly near one another. */
 typedef struct cell_trial {
@@ -148,7 +148,7 @@ static qm_cell random_cell(qm_random *random, const uint32_t count[3], const uin
 static void make_cell_trial(qm_random *random, int run, cell_trial *t)
 {
     for (int k = 0; k < 3; k++)
-        t->grid.count[k] = 1 + (uint32_t)qm_random_below(random, k == 2 ? 62 : 120);
+        t->grid.count[k] = 1 + (uint32_t)qm_random_below(random, k == 2 ? 62 : 160);
     t->grid.row_count = (t->grid.count[0] + 2) * (size_t)(t->grid.count[1] + 2);
     for (size_t i = 0; i < t->grid.row_count; i++)
         t->marks[i] = qm_random_below(random, 3) ? 0 : qm_random_bits(random) & qm_random_bits(random);
