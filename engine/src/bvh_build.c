@@ -7,6 +7,7 @@
 #include "bits.h"
 #include "bvh_order.h"
 #include "bvh_pack.h"
+#include "bvh_rows.h"
 
 #define PREFETCH 16   /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
 #define MIN_PACKS 512 /* packs that make it worth to start another thread */
@@ -113,6 +114,7 @@ static void build_pack(const pack_builder *builder, size_t pack)
 {
     qm_bvh *bvh = builder->bvh;
     fill_lanes(builder, pack);
+    qm_bvh_drop_rows(bvh, pack);
     qm_bvh_fit_box(bvh, pack);
     qm_bvh_fill_pack(builder->kernel, bvh, pack);
 }
@@ -134,10 +136,12 @@ static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts,
     size_t count = bvh->pack_count;
     bvh->lanes = qm_context_alloc(ctx, count, sizeof *bvh->lanes);
     if (!bvh->lanes) return QM_E_NO_MEMORY;
-    if ((parts & QM_BVH_TARGET) && !(bvh->packs = qm_context_alloc_aligned(ctx, count, sizeof *bvh->packs)))
-        return QM_E_NO_MEMORY;
-    if (bvh->packs && !(bvh->float_packs = qm_context_alloc(ctx, count, sizeof *bvh->float_packs)))
-        return QM_E_NO_MEMORY;
+    if (parts & QM_BVH_TARGET) {
+        bvh->float_packs = qm_context_alloc(ctx, count, sizeof *bvh->float_packs);
+        bvh->rows = qm_context_alloc_aligned(ctx, count, sizeof *bvh->rows);
+        bvh->rows_state = qm_context_alloc(ctx, count, sizeof *bvh->rows_state);
+        if (!bvh->float_packs || !bvh->rows || !bvh->rows_state) return QM_E_NO_MEMORY;
+    }
     if ((parts & QM_BVH_PATCHES) && has_quads &&
         !(bvh->twist = qm_context_alloc(ctx, count, sizeof *bvh->twist)))
         return QM_E_NO_MEMORY;
@@ -197,7 +201,8 @@ static void reset_tree(qm_context *ctx, qm_bvh *bvh)
     qm_bits_free(ctx, bvh->stale, bvh->pack_count);
     qm_context_free(ctx, bvh->twist, bvh->pack_count, sizeof *bvh->twist);
     qm_context_free(ctx, bvh->float_packs, bvh->pack_count, sizeof *bvh->float_packs);
-    qm_context_free_aligned(ctx, bvh->packs, bvh->pack_count, sizeof *bvh->packs);
+    qm_context_free(ctx, bvh->rows_state, bvh->pack_count, sizeof *bvh->rows_state);
+    qm_context_free_aligned(ctx, bvh->rows, bvh->pack_count, sizeof *bvh->rows);
     qm_context_free(ctx, bvh->lanes, bvh->pack_count, sizeof *bvh->lanes);
 }
 
@@ -252,7 +257,8 @@ const qm_mesh *qm_bvh_mesh(const qm_bvh *bvh)
 size_t qm_bvh_memory_size(const qm_bvh *bvh)
 {
     size_t size = sizeof *bvh + bvh->pack_count * sizeof *bvh->lanes;
-    if (bvh->packs) size += bvh->pack_count * (sizeof *bvh->packs + sizeof *bvh->float_packs);
+    if (bvh->rows)
+        size += bvh->pack_count * (sizeof *bvh->rows + sizeof *bvh->rows_state + sizeof *bvh->float_packs);
     if (bvh->twist) size += bvh->pack_count * sizeof *bvh->twist;
     return size + qm_box_tree_memory_size(&bvh->boxes);
 }
