@@ -7,7 +7,6 @@
 #include "bits.h"
 #include "bvh_order.h"
 #include "bvh_pack.h"
-#include "bvh_rows.h"
 
 #define PREFETCH 16   /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
 #define MIN_PACKS 512 /* packs that make it worth to start another thread */
@@ -114,7 +113,6 @@ static void build_pack(const pack_builder *builder, size_t pack)
 {
     qm_bvh *bvh = builder->bvh;
     fill_lanes(builder, pack);
-    qm_bvh_drop_rows(bvh, pack);
     qm_bvh_fit_box(bvh, pack);
     qm_bvh_fill_pack(builder->kernel, bvh, pack);
 }
@@ -139,8 +137,11 @@ static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts,
     if (parts & QM_BVH_TARGET) {
         bvh->float_packs = qm_context_alloc(ctx, count, sizeof *bvh->float_packs);
         bvh->rows = qm_context_alloc_aligned(ctx, count, sizeof *bvh->rows);
-        bvh->rows_state = qm_context_alloc(ctx, count, sizeof *bvh->rows_state);
-        if (!bvh->float_packs || !bvh->rows || !bvh->rows_state) return QM_E_NO_MEMORY;
+        bvh->rows_place = qm_context_alloc(ctx, count + 1, sizeof *bvh->rows_place);
+        if (!bvh->float_packs || !bvh->rows || !bvh->rows_place) return QM_E_NO_MEMORY;
+        memset(bvh->rows_place, 0xff, count * sizeof *bvh->rows_place); /* QM_ROWS_NONE */
+        bvh->rows_used = bvh->rows_place + count;
+        atomic_init(bvh->rows_used, 0);
     }
     if ((parts & QM_BVH_PATCHES) && has_quads &&
         !(bvh->twist = qm_context_alloc(ctx, count, sizeof *bvh->twist)))
@@ -201,7 +202,7 @@ static void reset_tree(qm_context *ctx, qm_bvh *bvh)
     qm_bits_free(ctx, bvh->stale, bvh->pack_count);
     qm_context_free(ctx, bvh->twist, bvh->pack_count, sizeof *bvh->twist);
     qm_context_free(ctx, bvh->float_packs, bvh->pack_count, sizeof *bvh->float_packs);
-    qm_context_free(ctx, bvh->rows_state, bvh->pack_count, sizeof *bvh->rows_state);
+    qm_context_free(ctx, bvh->rows_place, bvh->pack_count + 1, sizeof *bvh->rows_place);
     qm_context_free_aligned(ctx, bvh->rows, bvh->pack_count, sizeof *bvh->rows);
     qm_context_free(ctx, bvh->lanes, bvh->pack_count, sizeof *bvh->lanes);
 }
@@ -258,7 +259,7 @@ size_t qm_bvh_memory_size(const qm_bvh *bvh)
 {
     size_t size = sizeof *bvh + bvh->pack_count * sizeof *bvh->lanes;
     if (bvh->rows)
-        size += bvh->pack_count * (sizeof *bvh->rows + sizeof *bvh->rows_state + sizeof *bvh->float_packs);
+        size += bvh->pack_count * (sizeof *bvh->rows + sizeof *bvh->rows_place + sizeof *bvh->float_packs);
     if (bvh->twist) size += bvh->pack_count * sizeof *bvh->twist;
     return size + qm_box_tree_memory_size(&bvh->boxes);
 }

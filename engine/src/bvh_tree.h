@@ -84,7 +84,8 @@ struct qm_bvh {
     size_t pack_count;
     qm_float_pack *float_packs; /* NULL when the tree is built as a source only */
     qm_pack *rows;              /* likewise: the same triangles in double precision, by qm_bvh_rows alone */
-    atomic_uchar *rows_state;   /* a pack each */
+    atomic_uint *rows_place;    /* of each pack, see bvh_rows.h */
+    atomic_uint *rows_used;     /* how many are made; one past the places */
     qm_pack_lanes *lanes;
     bool has_quads;
     float (*twist)[QM_PACK_LANES]; /* |w| / 4 of each lane's quad rounded up, local; NULL without quads, or
