@@ -210,7 +210,7 @@ static void reset_tree(qm_context *ctx, qm_bvh *bvh)
 static qm_status build(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, qm_frame_of of, int thread_count,
                        uint64_t *order)
 {
-    qm_status status = qm_bvh_order(ctx, &bvh->mesh, of, thread_count, &bvh->frame, order);
+    qm_status status = qm_bvh_order(ctx, &bvh->mesh, parts, of, thread_count, &bvh->frame, order);
     if (status == QM_OK) status = build_from_order(ctx, bvh, parts, thread_count, order);
     if (status != QM_OK || of == QM_FRAME_OF_SURFACE || !frame_is_wide(bvh)) return status;
     reset_tree(ctx, bvh);
