@@ -33,22 +33,37 @@ static inline void qm_bvh_fill_float(const qm_kernel *kernel, qm_float_pack *pac
     kernel->fill_float(pack, about);
 }
 
-static inline void qm_bvh_fill_triangles(const qm_kernel *kernel, qm_bvh *bvh, size_t pack)
+/** The corners of a pack's lanes, local: at[corner][axis][lane]; lanes past the last repeat the first. */
+typedef struct qm_pack_corners {
+    _Alignas(64) double at[3][3][QM_PACK_LANES];
+} qm_pack_corners;
+
+/** Loads the corners of one lane of a pack, to be lane at of others. */
+static inline void qm_bvh_load_lane(const qm_bvh *bvh, size_t pack, int lane, int at, qm_pack_corners *out)
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    for (int i = 0; i < 3; i++) {
+        size_t vertex = lanes->vertex[lanes->corner[lane][i]];
+        qm_vec p = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * vertex);
+        out->at[i][0][at] = p.x;
+        out->at[i][1][at] = p.y;
+        out->at[i][2][at] = p.z;
+    }
+}
+
+static inline void qm_bvh_load_corners(const qm_bvh *bvh, size_t pack, qm_pack_corners *out)
 {
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     qm_vec vertex[3 * QM_PACK_LANES];
     qm_bvh_load_pack(bvh, pack, vertex);
-    _Alignas(64) double corner[3][3][QM_PACK_LANES];
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
         const uint8_t *place = lanes->corner[lane < lanes->lane_count ? lane : 0];
         for (int i = 0; i < 3; i++) {
-            corner[i][0][lane] = vertex[place[i]].x;
-            corner[i][1][lane] = vertex[place[i]].y;
-            corner[i][2][lane] = vertex[place[i]].z;
+            out->at[i][0][lane] = vertex[place[i]].x;
+            out->at[i][1][lane] = vertex[place[i]].y;
+            out->at[i][2][lane] = vertex[place[i]].z;
         }
     }
-    kernel->fill_pack(&bvh->packs[pack], corner);
-    qm_bvh_fill_float(kernel, &bvh->float_packs[pack], corner);
 }
 
 /** How far the patch of a quad leaves its two triangles at most; 0 for a triangle. Local. */
@@ -68,10 +83,14 @@ static inline void qm_bvh_fill_twist(qm_bvh *bvh, size_t pack)
     }
 }
 
-/** Fills the rows and twists that the tree has. */
+/** Fills the float pack and the twists that the tree has. */
 static inline void qm_bvh_fill_pack(const qm_kernel *kernel, qm_bvh *bvh, size_t pack)
 {
-    if (bvh->packs) qm_bvh_fill_triangles(kernel, bvh, pack);
+    if (bvh->float_packs) {
+        qm_pack_corners corners;
+        qm_bvh_load_corners(bvh, pack, &corners);
+        qm_bvh_fill_float(kernel, &bvh->float_packs[pack], corners.at);
+    }
     if (bvh->twist) qm_bvh_fill_twist(bvh, pack);
 }
 

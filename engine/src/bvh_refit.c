@@ -4,6 +4,7 @@
 #include "bits.h"
 #include "bvh_order.h"
 #include "bvh_pack.h"
+#include "bvh_rows.h"
 #include "deform.h"
 
 #define MIN_PACKS 512 /* packs that make it worth to start another thread */
@@ -48,6 +49,7 @@ static void fit_range(void *data, int worker)
     for (size_t i = begin; i < end; i++) {
         if (i + AHEAD < end) fetch_vertices(work->bvh, pack_at(work, i + AHEAD));
         kernel->fit_box(work->bvh, pack_at(work, i));
+        qm_bvh_drop_rows(work->bvh, pack_at(work, i));
     }
 }
 

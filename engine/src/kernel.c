@@ -23,7 +23,6 @@
     void qm_gather_##isa(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);           \
     int qm_narrow_##isa(const qm_near_packs *near, const qm_box *box, double reach, int capacity,            \
                         uint32_t *packs);                                                                    \
-    bool qm_hull_reached_##isa(const qm_candidates *candidates, const qm_vec *point, int count);             \
     uint64_t qm_in_reach_##isa(const qm_candidates *candidates, qm_vec p);                                   \
     void qm_shortlist_##isa(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);     \
     double qm_hull_upper_##isa(const qm_candidates *candidates, const qm_vec *point, int count, int *place); \
@@ -58,7 +57,6 @@
         .tetra_fit = qm_tetra_fit_##isa,                                                                     \
         .gather = qm_gather_##isa,                                                                           \
         .narrow = qm_narrow_##isa,                                                                           \
-        .hull_reached = qm_hull_reached_##isa,                                                               \
         .in_reach = qm_in_reach_##isa,                                                                       \
         .shortlist = qm_shortlist_##isa,                                                                     \
         .hull_upper = qm_hull_upper_##isa,                                                                   \

@@ -142,9 +142,6 @@ typedef struct qm_kernel {
     /** The same from a list, for a box in it: at most capacity packs. Returns how many; nearest first. */
     int (*narrow)(const qm_near_packs *near, const qm_box *box, double reach, int capacity, uint32_t *packs);
 
-    /** True when one lane of the candidates reaches all of count points, and so every point of their hull. */
-    bool (*hull_reached)(const qm_candidates *candidates, const qm_vec *point, int count);
-
     /** Bits of the lanes within their allowed distance of p, counted through the packs. */
     uint64_t (*in_reach)(const qm_candidates *candidates, qm_vec p);
 

@@ -27,7 +27,6 @@ size_t QM_KERNEL(tetra_fit)(qm_tetra *tetra, size_t patch, const uint64_t *chang
 void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);
 int QM_KERNEL(narrow)(const qm_near_packs *near, const qm_box *box, double reach, int capacity,
                       uint32_t *packs);
-bool QM_KERNEL(hull_reached)(const qm_candidates *candidates, const qm_vec *point, int count);
 uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p);
 void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);
 double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place);
