@@ -1,5 +1,6 @@
 #include "codec_build.h"
 
+#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 
@@ -74,6 +75,24 @@ qm_status qm_builder_grow_vertices(qm_builder *builder)
 {
     if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
     return qm_builder_reserve_vertices(builder, 1);
+}
+
+qm_status qm_builder_set_normal(qm_builder *builder, const double normal[3])
+{
+    void *block = builder->normals;
+    if (!qm_array_reserve(builder->ctx, &block, &builder->normal_capacity, builder->vertex_count,
+                          3 * sizeof *builder->normals))
+        return QM_E_NO_MEMORY;
+    builder->normals = block;
+    float *row = builder->normals + 3 * (builder->vertex_count - 1);
+    bool is_finite = true;
+    for (int k = 0; k < 3; k++) {
+        row[k] = (float)normal[k];
+        is_finite &= isfinite(row[k]) != 0;
+    }
+    if (!is_finite) row[0] = row[1] = row[2] = 0.0f;
+    builder->bad_normal_count += !is_finite;
+    return QM_OK;
 }
 
 qm_status qm_builder_grow_corners(qm_builder *builder)
@@ -231,6 +250,11 @@ static qm_status trim_arrays(qm_builder *builder)
         trimmed = trim(builder->ctx, &origins, &builder->origin_capacity, builder->face_count,
                        sizeof *builder->face_origin);
     builder->face_origin = origins;
+    void *normals = builder->normals;
+    if (trimmed && normals)
+        trimmed = trim(builder->ctx, &normals, &builder->normal_capacity, builder->vertex_count,
+                       3 * sizeof *builder->normals);
+    builder->normals = normals;
     return trimmed ? QM_OK : QM_E_NO_MEMORY;
 }
 
@@ -246,6 +270,9 @@ qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out)
     if (builder->repeated_count > 0)
         qm_codec_warn(builder->report, "faces that name a vertex twice: %zu (kept as they are)",
                       builder->repeated_count);
+    if (builder->bad_normal_count > 0)
+        qm_codec_warn(builder->report, "normals that are not finite: %zu (these points count as having none)",
+                      builder->bad_normal_count);
     qm_status status = warn_about_unused(builder);
     if (status == QM_OK) status = trim_arrays(builder);
     if (status != QM_OK) return status;
@@ -255,10 +282,12 @@ qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out)
                     .faces = builder->faces,
                     .face_count = builder->face_count,
                     .face_origin = builder->face_origin,
-                    .polygon_count = builder->polygon_count};
+                    .polygon_count = builder->polygon_count,
+                    .normals = builder->normals};
     status = qm_mesh_validate(builder->ctx, &mesh);
     if (status != QM_OK) return qm_codec_fail(builder->report, status, "%s", builder->ctx->message);
     builder->positions = NULL;
+    builder->normals = NULL;
     builder->faces = builder->face_origin = NULL;
     *out = mesh;
     return QM_OK;
@@ -268,6 +297,7 @@ void qm_builder_free(qm_builder *builder)
 {
     qm_context *ctx = builder->ctx;
     qm_context_free(ctx, builder->positions, builder->vertex_capacity, 3 * sizeof *builder->positions);
+    qm_context_free(ctx, builder->normals, builder->normal_capacity, 3 * sizeof *builder->normals);
     qm_context_free(ctx, builder->faces, builder->face_capacity, 4 * sizeof *builder->faces);
     qm_context_free(ctx, builder->face_origin, builder->origin_capacity, sizeof *builder->face_origin);
     qm_context_free(ctx, builder->corners, builder->corner_capacity, sizeof *builder->corners);

@@ -18,13 +18,15 @@ typedef struct qm_builder {
     qm_codec_report *report;
     double *positions;
     size_t vertex_count, vertex_capacity;
+    float *normals; /* NULL until the first one; then one for each vertex */
+    size_t normal_capacity;
     uint32_t *faces;
     size_t face_count, face_capacity;
     uint32_t *face_origin; /* NULL until the first polygon; capacity follows face_capacity from then on */
     size_t origin_capacity;
     uint32_t *corners; /* of the face that is being read */
     size_t corner_count, corner_capacity;
-    size_t input_face_count, polygon_count, repeated_count;
+    size_t input_face_count, polygon_count, repeated_count, bad_normal_count;
 } qm_builder;
 
 /** Reads the whole file into the builder. In the report it sets the place where it stopped, whatever the
@@ -69,6 +71,9 @@ static inline qm_status qm_builder_add_vertex(qm_builder *builder, const double 
     memcpy(builder->positions + 3 * builder->vertex_count++, position, 3 * sizeof *position);
     return QM_OK;
 }
+
+/** Gives the last vertex a normal; a file gives one to every vertex or to none. QM_E_NO_MEMORY. */
+qm_status qm_builder_set_normal(qm_builder *builder, const double normal[3]);
 
 /** Adds a corner to the face that is being read. */
 static inline qm_status qm_builder_add_corner(qm_builder *builder, uint32_t vertex)

@@ -1,7 +1,8 @@
 /*
  * PLY: a text header that describes elements and their properties, then their rows as text or as binary in
  * either byte order. The coordinates are the properties x, y, z of the element vertex, the corners the list
- * vertex_indices or vertex_index of the element face; everything else is stepped over by its declared size.
+ * vertex_indices or vertex_index of the element face. Of a point set the properties nx, ny, nz are kept too;
+ * everything else is stepped over by its declared size.
  */
 #include "codec_ply.h"
 
@@ -46,10 +47,13 @@ qm_status qm_ply_add_corner(qm_ply_reader *reader, int64_t vertex)
     return qm_builder_add_corner(reader->builder, (uint32_t)vertex);
 }
 
-qm_status qm_ply_end_row(qm_ply_reader *reader, qm_ply_kind kind, const double position[3])
+qm_status qm_ply_end_row(qm_ply_reader *reader, qm_ply_kind kind, const double value[QM_PLY_CORNERS])
 {
     if (kind == QM_PLY_FACES) return qm_builder_end_face(reader->builder);
-    return kind == QM_PLY_VERTICES ? qm_builder_add_vertex(reader->builder, position) : QM_OK;
+    if (kind != QM_PLY_VERTICES) return QM_OK;
+    qm_status status = qm_builder_add_vertex(reader->builder, value + QM_PLY_COORDINATE);
+    if (status != QM_OK || !reader->has_normals) return status;
+    return qm_builder_set_normal(reader->builder, value + QM_PLY_NORMAL);
 }
 
 static qm_status read_text_list(qm_ply_reader *reader, const qm_ply_property *property)
@@ -72,21 +76,21 @@ static qm_status read_text_list(qm_ply_reader *reader, const qm_ply_property *pr
 
 static qm_status read_text_row(qm_ply_reader *reader, const qm_ply_element *element)
 {
-    double position[3] = {0}, ignored;
+    double value[QM_PLY_CORNERS] = {0}, ignored;
     qm_status status = QM_OK;
     for (size_t i = 0; status == QM_OK && i < element->property_count; ++i) {
         const qm_ply_property *property = &reader->properties[element->first_property + i];
         if (property->count_type != QM_PLY_NO_SCALAR)
             status = read_text_list(reader, property);
         else
-            status = qm_scan_read_number(
-                &reader->text, property->role < QM_PLY_CORNERS ? &position[property->role] : &ignored);
+            status = qm_scan_read_number(&reader->text,
+                                         property->role < QM_PLY_CORNERS ? &value[property->role] : &ignored);
     }
     qm_scan_skip_blanks(&reader->text);
     if (status == QM_OK && !qm_scan_at_row_end(&reader->text))
         return qm_codec_fail(reader->report, QM_E_FORMAT,
                              "the row has more values than the header describes");
-    return status == QM_OK ? qm_ply_end_row(reader, element->kind, position) : status;
+    return status == QM_OK ? qm_ply_end_row(reader, element->kind, value) : status;
 }
 
 static qm_status read_text_rows(qm_ply_reader *reader, const qm_ply_element *element)

@@ -28,10 +28,12 @@ typedef struct qm_ply_scalar_facts {
 
 extern const qm_ply_scalar_facts qm_ply_scalars[QM_PLY_NO_SCALAR];
 
-/** What a property means for the mesh: QM_PLY_COORDINATE + axis, the corner list, or nothing. */
+/** What a property means for the mesh: QM_PLY_COORDINATE + axis, QM_PLY_NORMAL + axis, the corner list, or
+ * nothing. */
 typedef enum qm_ply_role {
     QM_PLY_COORDINATE,
-    QM_PLY_CORNERS = QM_PLY_COORDINATE + 3,
+    QM_PLY_NORMAL = QM_PLY_COORDINATE + 3,
+    QM_PLY_CORNERS = QM_PLY_NORMAL + 3,
     QM_PLY_OTHER
 } qm_ply_role;
 
@@ -68,6 +70,7 @@ typedef struct qm_ply_reader {
     qm_ply_property *properties;
     size_t property_count, property_capacity;
     uint64_t vertex_count; /* announced */
+    bool has_normals;      /* a point set with all three of them */
 } qm_ply_reader;
 
 static inline bool qm_ply_is_float(qm_ply_scalar type)
@@ -84,8 +87,9 @@ qm_status qm_ply_read_header(qm_ply_reader *reader);
 /** Adds a corner to the face that is being read, which must name a vertex that the header announces. */
 qm_status qm_ply_add_corner(qm_ply_reader *reader, int64_t vertex);
 
-/** Ends a row of an element: its face, or its vertex at this position, goes to the mesh. */
-qm_status qm_ply_end_row(qm_ply_reader *reader, qm_ply_kind kind, const double position[3]);
+/** Ends a row of an element: its face, or its vertex, goes to the mesh. value holds the coordinates and the
+ * normal by their roles. */
+qm_status qm_ply_end_row(qm_ply_reader *reader, qm_ply_kind kind, const double value[QM_PLY_CORNERS]);
 
 /** The rows of an element of a binary file. Every byte is checked to be there. */
 qm_status qm_ply_read_binary_rows(qm_ply_reader *reader, const qm_ply_element *element);

@@ -84,7 +84,7 @@ static qm_status read_binary_list(qm_ply_reader *reader, const qm_ply_property *
 
 static qm_status read_binary_row(qm_ply_reader *reader, const qm_ply_element *element)
 {
-    double position[3] = {0};
+    double value[QM_PLY_CORNERS] = {0};
     const qm_ply_property *property = reader->properties + element->first_property;
     for (const qm_ply_property *end = property + element->property_count; property < end; ++property) {
         if (property->count_type != QM_PLY_NO_SCALAR) {
@@ -95,13 +95,13 @@ static qm_status read_binary_row(qm_ply_reader *reader, const qm_ply_element *el
         if (!has_bytes(reader, qm_ply_scalars[property->type].size)) return fail_short(reader);
         if (property->role < QM_PLY_CORNERS) {
             double number = load_number(reader, property->type, reader->text.at);
-            if (!isfinite(number))
+            if (property->role < QM_PLY_NORMAL && !isfinite(number))
                 return qm_codec_fail(reader->report, QM_E_NOT_FINITE, "a coordinate is not a finite number");
-            position[property->role] = number;
+            value[property->role] = number;
         }
         reader->text.at += qm_ply_scalars[property->type].size;
     }
-    return qm_ply_end_row(reader, element->kind, position);
+    return qm_ply_end_row(reader, element->kind, value);
 }
 
 /** The commonest rows, for which a walk over the properties would take most of the time: three doubles or

@@ -84,10 +84,10 @@ static qm_status read_element(qm_ply_reader *reader)
 
 static int find_role(const qm_ply_element *element, bool is_list, const uint8_t *word, size_t size)
 {
-    static const char *const axes[3] = {"x", "y", "z"};
-    for (int axis = 0; axis < 3; ++axis)
-        if (element->kind == QM_PLY_VERTICES && !is_list && qm_scan_word_is(word, size, axes[axis]))
-            return QM_PLY_COORDINATE + axis;
+    static const char *const names[QM_PLY_CORNERS] = {"x", "y", "z", "nx", "ny", "nz"};
+    for (int role = 0; role < QM_PLY_CORNERS; ++role)
+        if (element->kind == QM_PLY_VERTICES && !is_list && qm_scan_word_is(word, size, names[role]))
+            return role;
     bool is_corners =
         qm_scan_word_is(word, size, "vertex_indices") || qm_scan_word_is(word, size, "vertex_index");
     return element->kind == QM_PLY_FACES && is_list && is_corners ? QM_PLY_CORNERS : QM_PLY_OTHER;
@@ -97,7 +97,7 @@ static qm_status add_property(qm_ply_reader *reader, qm_ply_element *element, qm
 {
     for (size_t i = 0; property.role != QM_PLY_OTHER && i < element->property_count; ++i)
         if (reader->properties[element->first_property + i].role == property.role)
-            return qm_ply_fail(reader, "the header names a coordinate or the corners twice");
+            return qm_ply_fail(reader, "the header names a coordinate, a normal or the corners twice");
     if (property.role == QM_PLY_CORNERS && qm_ply_is_float(property.type))
         return qm_ply_fail(reader, "the corners of faces are not whole numbers");
     void *block = reader->properties;
@@ -159,22 +159,24 @@ static qm_status read_header_lines(qm_ply_reader *reader)
 
 static qm_status check_elements(qm_ply_reader *reader)
 {
-    unsigned coordinates = 0;
-    bool has_corners = false;
+    unsigned roles = 0;
+    bool has_corners = false, has_faces = false;
     size_t other_count = 0;
     for (size_t i = 0; i < reader->property_count; ++i) {
         int role = reader->properties[i].role;
-        if (role < QM_PLY_CORNERS) coordinates |= 1u << role;
+        if (role < QM_PLY_CORNERS) roles |= 1u << role;
         has_corners |= role == QM_PLY_CORNERS;
     }
-    if (coordinates != 7)
+    if ((roles & 7) != 7)
         return qm_ply_fail(reader, "the header describes no element vertex with properties x, y and z");
     for (size_t i = 0; i < reader->element_count; ++i) {
         const qm_ply_element *element = &reader->elements[i];
         if (element->kind == QM_PLY_FACES && element->count > 0 && !has_corners)
             return qm_ply_fail(reader, "the faces have no list named vertex_indices or vertex_index");
         other_count += element->kind == QM_PLY_OTHERS && element->count > 0;
+        has_faces |= element->kind == QM_PLY_FACES && element->count > 0;
     }
+    reader->has_normals = roles == 63 && !has_faces;
     if (other_count > 0)
         qm_codec_warn(reader->report, "elements other than vertex and face: %zu (left out)", other_count);
     return QM_OK;

@@ -113,7 +113,7 @@ static void build_pack(const pack_builder *builder, size_t pack)
 {
     qm_bvh *bvh = builder->bvh;
     fill_lanes(builder, pack);
-    qm_bvh_fit_box(bvh, pack);
+    builder->kernel->fit_box(bvh, pack);
     qm_bvh_fill_pack(builder->kernel, bvh, pack);
 }
 

@@ -5,53 +5,8 @@
 #ifndef QM_BVH_PACK_H
 #define QM_BVH_PACK_H
 
-#include <math.h>
-
 #include "bilinear_point.h"
 #include "kernel.h"
-
-/** Two coordinates at a time, on every processor that this runs on. */
-typedef double qm_pair __attribute__((vector_size(16)));
-
-static inline qm_pair qm_pair_min(qm_pair a, qm_pair b)
-{
-#if defined(__SSE2__)
-    return __builtin_ia32_minpd(a, b);
-#else
-    return (qm_pair){fmin(a[0], b[0]), fmin(a[1], b[1])};
-#endif
-}
-
-static inline qm_pair qm_pair_max(qm_pair a, qm_pair b)
-{
-#if defined(__SSE2__)
-    return __builtin_ia32_maxpd(a, b);
-#else
-    return (qm_pair){fmax(a[0], b[0]), fmax(a[1], b[1])};
-#endif
-}
-
-/** Finds the box of a pack as it lies in the mesh; made local, it is that of the local vertices, since
- * rounding keeps order. */
-static inline void qm_bvh_fit_box(qm_bvh *bvh, size_t pack)
-{
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    const double *p = bvh->mesh.positions + 3 * (size_t)lanes->vertex[0];
-    qm_pair low_xy = {p[0], p[1]}, high_xy = low_xy;
-    double low_z = p[2], high_z = p[2];
-    for (int i = 1; i < lanes->vertex_count; i++) {
-        p = bvh->mesh.positions + 3 * (size_t)lanes->vertex[i];
-        qm_pair xy = {p[0], p[1]};
-        low_xy = qm_pair_min(low_xy, xy);
-        high_xy = qm_pair_max(high_xy, xy);
-        low_z = p[2] < low_z ? p[2] : low_z;
-        high_z = p[2] > high_z ? p[2] : high_z;
-    }
-    const double low[3] = {low_xy[0], low_xy[1], low_z}, high[3] = {high_xy[0], high_xy[1], high_z};
-    qm_vec from = qm_frame_local(&bvh->frame, low), to = qm_frame_local(&bvh->frame, high);
-    qm_box box = {{from.x, from.y, from.z}, {to.x, to.y, to.z}};
-    qm_box_tree_set(&bvh->boxes, pack, &box);
-}
 
 /** Loads the vertices of a pack, local; returns how many there are. */
 static inline int qm_bvh_load_pack(const qm_bvh *bvh, size_t pack, qm_vec vertex[3 * QM_PACK_LANES])

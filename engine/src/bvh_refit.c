@@ -40,13 +40,14 @@ static void fetch_vertices(const qm_bvh *bvh, size_t pack)
 static void fit_range(void *data, int worker)
 {
     const pack_work *work = data;
+    const qm_kernel *kernel = qm_kernel_get();
     size_t groups = (work->count + 7) / 8, workers = (size_t)work->workers;
     size_t begin = 8 * (groups * (size_t)worker / workers),
            end = 8 * (groups * ((size_t)worker + 1) / workers);
     end = end < work->count ? end : work->count;
     for (size_t i = begin; i < end; i++) {
         if (i + AHEAD < end) fetch_vertices(work->bvh, pack_at(work, i + AHEAD));
-        qm_bvh_fit_box(work->bvh, pack_at(work, i));
+        kernel->fit_box(work->bvh, pack_at(work, i));
     }
 }
 

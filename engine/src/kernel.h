@@ -6,6 +6,7 @@
 #define QM_KERNEL_H
 
 #include "bvh_tree.h"
+#include "collide_cells.h"
 #include "collide_leaf.h"
 #include "qm/grid.h"
 #include "qm/tetra.h"
@@ -77,6 +78,9 @@ typedef struct qm_kernel {
     /** Lists the different vertices of 3 QM_PACK_LANES corners, in the order in which they come, and tells
      * each corner's place among them. */
     void (*share_corners)(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);
+
+    /** Sets the box of a pack from where its vertices are now. */
+    void (*fit_box)(qm_bvh *bvh, size_t pack);
 
     /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
      * pack. */
@@ -184,6 +188,16 @@ typedef struct qm_kernel {
      */
     bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                            unsigned moved_q, qm_near_lanes *out);
+
+    /** Finds the cells that the boxes of QM_CELL_FACES faces, rows of four corners, reach into, from those of
+     * the vertices, fewer than 2^31. Returns bits of the faces that are not all outside on one side. */
+    unsigned (*cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,
+                           qm_cell_boxes *out);
+
+    /** Bits of the boxes that reach into a marked cell. Those over more than two by two rows, or more than
+     * QM_CELL_SPAN cells further, are not looked at: *large has their bits. */
+    unsigned (*cells_marked)(const qm_cell_grid *grid, const qm_cell_row *marks, const qm_cell_boxes *boxes,
+                             unsigned *large);
 
     /** Sorts up to QM_SORT_FEW numbers below 2^58, equal ones too. */
     void (*sort_few)(uint64_t *numbers, int count);

@@ -126,12 +126,12 @@ void qm_source_pull(const qm_source *source, const double p[3], qm_foothold *out
         pull_to_mesh(source, local, out);
 }
 
-double qm_source_disc_radius(const qm_source *source)
+double qm_mesh_disc_radius(const qm_mesh *mesh)
 {
-    if (!source->is_cloud) return 0.0;
-    qm_box box = qm_mesh_bounding_box(&source->bvh->mesh);
-    double volume = 1.0;
+    if (mesh->face_count > 0) return 0.0;
+    qm_box box = qm_mesh_bounding_box(mesh);
+    double root = 1.0, diagonal = qm_box_diagonal(&box); /* of the volume, which itself may overflow */
     for (int k = 0; k < 3; k++)
-        volume *= fmax(box.max[k] - box.min[k], THIN_SIDE * source->diagonal);
-    return 0.15 * cbrt(volume / (double)source->bvh->mesh.vertex_count);
+        root *= cbrt(fmax(box.max[k] - box.min[k], THIN_SIDE * diagonal));
+    return 0.15 * root / cbrt((double)mesh->vertex_count);
 }
