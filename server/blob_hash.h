@@ -1,6 +1,6 @@
 /**
- * blob_hash.h: the hash of a file that is being written, taken by a thread of its own behind the writer, so that
- * who receives the bytes has only to write them down.
+ * blob_hash.h: the hash of a file that is being written, taken by a thread of its own behind the writer, so
+ * that who receives the bytes has only to write them down.
  */
 #ifndef QM_BLOB_HASH_H
 #define QM_BLOB_HASH_H
