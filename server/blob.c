@@ -6,7 +6,6 @@
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
-#include <nettle/sha2.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -15,14 +14,16 @@
 #include <unistd.h>
 
 #include "blob.h"
+#include "blob_hash.h"
 #include "log.h"
 
 #define MAX_HELD (64u << 10) /* bytes that wait in memory */
 #define START_SIZE (8u << 20)
+#define MIN_FOLLOWED (1u << 20) /* bytes that make a thread for their hash worth while */
 
 struct qm_blob_writer {
     qm_store *store;
-    struct sha256_ctx hash; /* of what is in the file */
+    qm_blob_hash *hash; /* of what is in the file; NULL while the bytes are few */
     char path[QM_STORE_PATH_SIZE];
     char name[QM_HASH_SIZE]; /* the hash, once sealed */
     int file;                /* -1 while the bytes are few and in memory */
@@ -148,7 +149,6 @@ qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
     *out = calloc(1, sizeof **out);
     if (!*out) return QM_E_NO_MEMORY;
     (*out)->store = store;
-    sha256_init(&(*out)->hash);
     (*out)->file = -1;
     return QM_OK;
 }
@@ -165,13 +165,6 @@ static bool write_all(int file, const char *bytes, size_t size)
     return true;
 }
 
-/** What never gets into the file is never asked for its hash. */
-static bool append(qm_blob_writer *writer, const char *bytes, size_t size)
-{
-    sha256_update(&writer->hash, size, (const uint8_t *)bytes);
-    return write_all(writer->file, bytes, size);
-}
-
 /** Moves the bytes from memory to a file, unless they are there already. */
 static qm_status make_file(qm_blob_writer *writer)
 {
@@ -179,7 +172,7 @@ static qm_status make_file(qm_blob_writer *writer)
     snprintf(writer->path, QM_STORE_PATH_SIZE, "%s/incoming/XXXXXX", qm_store_folder(writer->store));
     writer->file = mkostemp(writer->path, O_CLOEXEC);
     if (writer->file < 0) return fail_to_store("make a file");
-    if (!append(writer, writer->held.data, writer->held.size)) return fail_to_store("write");
+    if (!write_all(writer->file, writer->held.data, writer->held.size)) return fail_to_store("write");
     qm_text_reset(&writer->held);
     return QM_OK;
 }
@@ -192,6 +185,14 @@ static void start_writing(qm_blob_writer *writer)
     writer->started = writer->size;
 }
 
+/** Has the hash taken of what was written to the file; false without memory. */
+static bool follow(qm_blob_writer *writer)
+{
+    if (!writer->hash) writer->hash = qm_blob_hash_start(writer->file);
+    if (writer->hash) qm_blob_hash_grow(writer->hash, writer->size);
+    return writer->hash;
+}
+
 qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
 {
     writer->size += size;
@@ -201,7 +202,8 @@ qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
     }
     qm_status status = make_file(writer);
     if (status != QM_OK) return status;
-    if (!append(writer, bytes, size)) return fail_to_store("write");
+    if (!write_all(writer->file, bytes, size)) return fail_to_store("write");
+    if (writer->size >= MIN_FOLLOWED && !follow(writer)) return QM_E_NO_MEMORY;
     if (writer->size - writer->started > START_SIZE) start_writing(writer);
     return QM_OK;
 }
@@ -232,6 +234,7 @@ qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *byte
 void qm_blob_abort(qm_blob_writer *writer)
 {
     if (!writer) return;
+    qm_blob_hash_abort(writer->hash);
     if (writer->file >= 0) {
         close(writer->file);
         unlink(writer->path);
@@ -250,16 +253,29 @@ static bool move_into_place(const qm_blob_writer *writer, const char *hash)
            sync_folder(folder);
 }
 
+/** The hash of all bytes, wherever they are. */
+static qm_status take_hash(qm_blob_writer *writer)
+{
+    uint8_t digest[QM_DIGEST_SIZE];
+    if (writer->file < 0) {
+        qm_hash_bytes(writer->held.data, writer->held.size, digest);
+    } else {
+        if (!follow(writer)) return QM_E_NO_MEMORY;
+        bool taken = qm_blob_hash_end(writer->hash, digest);
+        writer->hash = NULL;
+        if (!taken) return fail_to_store("read");
+    }
+    qm_hash_print(digest, writer->name);
+    return QM_OK;
+}
+
 qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
 {
-    uint8_t digest[SHA256_DIGEST_SIZE];
-    qm_status status = make_file(writer);
-    if (status != QM_OK) return status;
-    start_writing(writer);
-    sha256_digest(&writer->hash, sizeof digest, digest);
-    qm_hash_print(digest, writer->name);
+    if (writer->file >= 0) start_writing(writer);
+    qm_status status = take_hash(writer);
+    if (status == QM_OK) status = make_file(writer);
     memcpy(hash, writer->name, QM_HASH_SIZE);
-    return QM_OK;
+    return status;
 }
 
 qm_status qm_blob_keep(qm_blob_writer *writer)

@@ -1,5 +1,5 @@
 /**
- * hash.h: SHA-256 of texts.
+ * hash.h: SHA-256 of what is in memory.
  */
 #ifndef QM_HASH_H
 #define QM_HASH_H
@@ -7,7 +7,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#define QM_DIGEST_SIZE 32
 #define QM_HASH_SIZE 65 /* 64 digits and a 0 */
+
+void qm_hash_bytes(const void *bytes, size_t size, uint8_t digest[QM_DIGEST_SIZE]);
 
 /** The hash of a whole text. */
 void qm_hash_text(const char *text, size_t size, char out[QM_HASH_SIZE]);
@@ -17,6 +20,6 @@ void qm_hash_text(const char *text, size_t size, char out[QM_HASH_SIZE]);
 void qm_hash_text_base64(const char *text, size_t size, char out[QM_HASH_BASE64_SIZE]);
 
 /** A digest that was taken elsewhere, in hex. */
-void qm_hash_print(const uint8_t digest[32], char out[QM_HASH_SIZE]);
+void qm_hash_print(const uint8_t digest[QM_DIGEST_SIZE], char out[QM_HASH_SIZE]);
 
 #endif

@@ -203,6 +203,34 @@ static void test_bytes_are_read_back_while_they_come(void **state)
     }
 }
 
+/** In memory, in a file, and with a thread that takes the hash behind the writer; bytes in odd pieces. */
+static void test_hashes_of_all_sizes(void **state)
+{
+    fixture *f = *state;
+    static const size_t sizes[] = {65536, 65537, 262144, (1 << 20) - 1, 1 << 20, (1 << 20) + 1, 3500001};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        char hash[QM_HASH_SIZE], expected[QM_HASH_SIZE];
+        uint8_t digest[QM_DIGEST_SIZE], *bytes = malloc(sizes[i]);
+        assert_non_null(bytes);
+        for (size_t k = 0; k < sizes[i]; k++)
+            bytes[k] = (uint8_t)(k * k >> 7);
+        qm_hash_bytes(bytes, sizes[i], digest);
+        qm_hash_print(digest, expected);
+        qm_blob_writer *writer;
+        assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
+        for (size_t done = 0, piece; done < sizes[i]; done += piece) {
+            piece = sizes[i] - done < 47001 ? sizes[i] - done : 47001;
+            assert_int_equal(qm_blob_write(writer, bytes + done, piece), QM_OK);
+        }
+        assert_int_equal(qm_blob_seal(writer, hash), QM_OK);
+        QM_CHECK(strcmp(hash, expected) == 0, "%zu bytes", sizes[i]);
+        qm_blob_abort(writer);
+        free(bytes);
+    }
+    qm_blob_abort(write_long(f, 3500001)); /* while its hash is being taken */
+    assert_int_equal(count_files(f, "incoming"), 0);
+}
+
 static void test_unsealed_blobs_leave_nothing(void **state)
 {
     fixture *f = *state;
@@ -630,6 +658,7 @@ int main(void)
         TEST(test_files_without_a_row_are_swept),
         TEST(test_dropped_blobs_leave_nothing),
         TEST(test_bytes_are_read_back_while_they_come),
+        TEST(test_hashes_of_all_sizes),
         TEST(test_unsealed_blobs_leave_nothing),
         TEST(test_a_blob_that_cannot_be_named),
         TEST(test_half_written_files_are_swept),
