@@ -48,6 +48,7 @@ async function showPage() {
   panel.scrollTop = 0;
   panel.replaceChildren();
   byId("stage-legend").replaceChildren();
+  if (!["meshes", "jobs"].includes(page.name)) state.a ??= state.shown; // who goes on from a mesh means that one
   setParameters(Object.fromEntries((page.sides ?? []).map((side) => [side, state[side]])));
   leave = show(panel);
   isShown = true;
