@@ -1,5 +1,6 @@
 #include "codec_build.h"
 
+#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 
@@ -76,6 +77,24 @@ qm_status qm_builder_grow_vertices(qm_builder *builder)
     return qm_builder_reserve_vertices(builder, 1);
 }
 
+qm_status qm_builder_set_normal(qm_builder *builder, const double normal[3])
+{
+    void *block = builder->normals;
+    if (!qm_array_reserve(builder->ctx, &block, &builder->normal_capacity, builder->vertex_count,
+                          3 * sizeof *builder->normals))
+        return QM_E_NO_MEMORY;
+    builder->normals = block;
+    float *row = builder->normals + 3 * (builder->vertex_count - 1);
+    bool is_finite = true;
+    for (int k = 0; k < 3; k++) {
+        row[k] = (float)normal[k];
+        is_finite &= isfinite(row[k]) != 0;
+    }
+    if (!is_finite) row[0] = row[1] = row[2] = 0.0f;
+    builder->bad_normal_count += !is_finite;
+    return QM_OK;
+}
+
 qm_status qm_builder_grow_corners(qm_builder *builder)
 {
     void *block = builder->corners;
@@ -100,17 +119,17 @@ static qm_status reserve_origins(qm_builder *builder)
     return QM_OK;
 }
 
-static void store_face(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c, uint32_t d)
+static void store_face(qm_builder *builder, const uint32_t face[4])
 {
-    const uint32_t face[4] = {a, b, c, d};
-    memcpy(builder->faces + 4 * builder->face_count, face, sizeof face);
+    memcpy(builder->faces + 4 * builder->face_count, face, 4 * sizeof *face);
     if (builder->face_origin) builder->face_origin[builder->face_count] = (uint32_t)builder->input_face_count;
     ++builder->face_count;
 }
 
 /** A polygon whose fan has no such triangle may still name a vertex twice: it then only touches itself. */
-static bool repeats_corner(uint32_t a, uint32_t b, uint32_t c, uint32_t d)
+static bool repeats_corner(const uint32_t face[4])
 {
+    uint32_t a = face[0], b = face[1], c = face[2], d = face[3];
     return a == b || b == c || c == a || (d != QM_NO_INDEX && (d == a || d == b || d == c));
 }
 
@@ -133,8 +152,9 @@ static qm_status end_polygon(qm_builder *builder)
     if (status != QM_OK) return status;
     bool repeats = false;
     for (size_t i = 2; i < builder->corner_count; ++i) {
-        repeats |= repeats_corner(corners[0], corners[i - 1], corners[i], QM_NO_INDEX);
-        store_face(builder, corners[0], corners[i - 1], corners[i], QM_NO_INDEX);
+        const uint32_t part[4] = {corners[0], corners[i - 1], corners[i], QM_NO_INDEX};
+        repeats |= repeats_corner(part);
+        store_face(builder, part);
     }
     builder->repeated_count += repeats;
     ++builder->polygon_count;
@@ -145,28 +165,23 @@ static qm_status end_polygon(qm_builder *builder)
 
 qm_status qm_builder_end_face(qm_builder *builder)
 {
-    const uint32_t *corners = builder->corners;
     if (builder->corner_count < 3)
         return qm_codec_fail(builder->report, QM_E_FORMAT, "a face has %zu corners, but it needs three",
                              builder->corner_count);
     if (builder->corner_count > 4) return end_polygon(builder);
-
-    qm_status status = reserve_for_face(builder, 1);
-    if (status != QM_OK) return status;
-    uint32_t last = builder->corner_count == 4 ? corners[3] : QM_NO_INDEX;
-    builder->repeated_count += repeats_corner(corners[0], corners[1], corners[2], last);
-    store_face(builder, corners[0], corners[1], corners[2], last);
-    ++builder->input_face_count;
+    const uint32_t *corners = builder->corners;
+    const uint32_t face[4] = {corners[0], corners[1], corners[2],
+                              builder->corner_count == 4 ? corners[3] : QM_NO_INDEX};
     builder->corner_count = 0;
-    return QM_OK;
+    return qm_builder_add_face(builder, face);
 }
 
-qm_status qm_builder_add_triangle(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c)
+qm_status qm_builder_add_face(qm_builder *builder, const uint32_t corners[4])
 {
     qm_status status = reserve_for_face(builder, 1);
     if (status != QM_OK) return status;
-    builder->repeated_count += repeats_corner(a, b, c, QM_NO_INDEX);
-    store_face(builder, a, b, c, QM_NO_INDEX);
+    builder->repeated_count += repeats_corner(corners);
+    store_face(builder, corners);
     ++builder->input_face_count;
     return QM_OK;
 }
@@ -235,6 +250,11 @@ static qm_status trim_arrays(qm_builder *builder)
         trimmed = trim(builder->ctx, &origins, &builder->origin_capacity, builder->face_count,
                        sizeof *builder->face_origin);
     builder->face_origin = origins;
+    void *normals = builder->normals;
+    if (trimmed && normals)
+        trimmed = trim(builder->ctx, &normals, &builder->normal_capacity, builder->vertex_count,
+                       3 * sizeof *builder->normals);
+    builder->normals = normals;
     return trimmed ? QM_OK : QM_E_NO_MEMORY;
 }
 
@@ -250,6 +270,9 @@ qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out)
     if (builder->repeated_count > 0)
         qm_codec_warn(builder->report, "faces that name a vertex twice: %zu (kept as they are)",
                       builder->repeated_count);
+    if (builder->bad_normal_count > 0)
+        qm_codec_warn(builder->report, "normals that are not finite: %zu (these points count as having none)",
+                      builder->bad_normal_count);
     qm_status status = warn_about_unused(builder);
     if (status == QM_OK) status = trim_arrays(builder);
     if (status != QM_OK) return status;
@@ -259,10 +282,12 @@ qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out)
                     .faces = builder->faces,
                     .face_count = builder->face_count,
                     .face_origin = builder->face_origin,
-                    .polygon_count = builder->polygon_count};
+                    .polygon_count = builder->polygon_count,
+                    .normals = builder->normals};
     status = qm_mesh_validate(builder->ctx, &mesh);
     if (status != QM_OK) return qm_codec_fail(builder->report, status, "%s", builder->ctx->message);
     builder->positions = NULL;
+    builder->normals = NULL;
     builder->faces = builder->face_origin = NULL;
     *out = mesh;
     return QM_OK;
@@ -272,6 +297,7 @@ void qm_builder_free(qm_builder *builder)
 {
     qm_context *ctx = builder->ctx;
     qm_context_free(ctx, builder->positions, builder->vertex_capacity, 3 * sizeof *builder->positions);
+    qm_context_free(ctx, builder->normals, builder->normal_capacity, 3 * sizeof *builder->normals);
     qm_context_free(ctx, builder->faces, builder->face_capacity, 4 * sizeof *builder->faces);
     qm_context_free(ctx, builder->face_origin, builder->origin_capacity, sizeof *builder->face_origin);
     qm_context_free(ctx, builder->corners, builder->corner_capacity, sizeof *builder->corners);

@@ -18,13 +18,15 @@ typedef struct qm_builder {
     qm_codec_report *report;
     double *positions;
     size_t vertex_count, vertex_capacity;
+    float *normals; /* NULL until the first one; then one for each vertex */
+    size_t normal_capacity;
     uint32_t *faces;
     size_t face_count, face_capacity;
     uint32_t *face_origin; /* NULL until the first polygon; capacity follows face_capacity from then on */
     size_t origin_capacity;
     uint32_t *corners; /* of the face that is being read */
     size_t corner_count, corner_capacity;
-    size_t input_face_count, polygon_count, repeated_count;
+    size_t input_face_count, polygon_count, repeated_count, bad_normal_count;
 } qm_builder;
 
 /** Reads the whole file into the builder. In the report it sets the place where it stopped, whatever the
@@ -70,6 +72,9 @@ static inline qm_status qm_builder_add_vertex(qm_builder *builder, const double 
     return QM_OK;
 }
 
+/** Gives the last vertex a normal; a file gives one to every vertex or to none. QM_E_NO_MEMORY. */
+qm_status qm_builder_set_normal(qm_builder *builder, const double normal[3]);
+
 /** Adds a corner to the face that is being read. */
 static inline qm_status qm_builder_add_corner(qm_builder *builder, uint32_t vertex)
 {
@@ -85,8 +90,13 @@ static inline qm_status qm_builder_add_corner(qm_builder *builder, uint32_t vert
  * three corners. */
 qm_status qm_builder_end_face(qm_builder *builder);
 
-/** The three calls above for a triangle. */
-qm_status qm_builder_add_triangle(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c);
+/** The three calls above for a triangle or a quad at once; the fourth corner of a triangle is QM_NO_INDEX. */
+qm_status qm_builder_add_face(qm_builder *builder, const uint32_t corners[4]);
+
+static inline qm_status qm_builder_add_triangle(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c)
+{
+    return qm_builder_add_face(builder, (const uint32_t[4]){a, b, c, QM_NO_INDEX});
+}
 
 /** Says which vertex a face asked for in vain; both count as the format does. */
 qm_status qm_builder_fail_index(qm_builder *builder, uint64_t vertex);

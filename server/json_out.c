@@ -62,6 +62,10 @@ void qm_json_write_mesh(qm_text *out, const qm_mesh_label *label, const qm_loade
     qm_json_add_count(out, "components", mesh->facts.components);
     qm_json_add_bool(out, "manifold", mesh->facts.manifold);
     add_box(out, mesh);
+    if (mesh->mesh.face_count == 0) {
+        qm_json_add_bool(out, "has_normals", mesh->mesh.normals != NULL);
+        qm_json_add_number(out, "disc_radius", qm_mesh_disc_radius(&mesh->mesh));
+    }
     qm_json_add_string(out, "format", qm_format_name(mesh->format));
     qm_json_add_count(out, "size_bytes", mesh->file_size);
     qm_json_add_count(out, "memory_bytes", qm_loaded_mesh_memory_size(mesh));

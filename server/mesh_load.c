@@ -60,6 +60,13 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
     return status;
 }
 
+/** Normals do not outlive the positions that they belong to. */
+static void drop_normals(qm_context *ctx, qm_mesh *mesh)
+{
+    qm_context_free(ctx, mesh->normals, mesh->vertex_count, 3 * sizeof *mesh->normals);
+    mesh->normals = NULL;
+}
+
 /** Puts the positions of a revision in the place of the file's. */
 static qm_status set_positions(qm_context *ctx, const qm_preparation *preparation, qm_mesh *mesh,
                                qm_codec_report *report)
@@ -67,6 +74,7 @@ static qm_status set_positions(qm_context *ctx, const qm_preparation *preparatio
     qm_status status = QM_E_FORMAT;
     if (preparation->position_count == mesh->vertex_count) {
         memcpy(mesh->positions, preparation->positions, 3 * sizeof *mesh->positions * mesh->vertex_count);
+        drop_normals(ctx, mesh);
         status = qm_mesh_validate(ctx, mesh);
     }
     if (status != QM_OK)
@@ -130,6 +138,7 @@ qm_status qm_loaded_mesh_copy(qm_context *ctx, const qm_loaded_mesh *mesh, doubl
     out->mesh.positions = NULL;
     out->mesh.faces = NULL;
     out->mesh.face_origin = NULL;
+    out->mesh.normals = NULL;
     qm_status status = copy_arrays(ctx, mesh, out);
     if (status == QM_OK) {
         out->mesh.positions = positions;
@@ -149,6 +158,7 @@ qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *p
     size_t face_count = 0, boxes = 0, radii = 0;
     qm_context_free(ctx, mesh->mesh.positions, mesh->mesh.vertex_count, 3 * sizeof *positions);
     mesh->mesh.positions = positions;
+    drop_normals(ctx, &mesh->mesh);
     mesh->box = qm_mesh_bounding_box(&mesh->mesh);
     mesh->diagonal = qm_box_diagonal(&mesh->box);
     mesh->revision++;
@@ -183,7 +193,8 @@ size_t qm_loaded_mesh_memory_size(const qm_loaded_mesh *mesh)
 {
     size_t face_width =
         4 * sizeof *mesh->mesh.faces + (mesh->mesh.face_origin ? sizeof *mesh->mesh.face_origin : 0);
-    return sizeof *mesh + 3 * sizeof *mesh->mesh.positions * mesh->mesh.vertex_count +
+    size_t normal_width = mesh->mesh.normals ? 3 * sizeof *mesh->mesh.normals : 0;
+    return sizeof *mesh + (3 * sizeof *mesh->mesh.positions + normal_width) * mesh->mesh.vertex_count +
            face_width * mesh->mesh.face_count + qm_bvh_memory_size(mesh->bvh) +
            qm_patch_set_memory_size(&mesh->patches) + (mesh->tetra ? qm_tetra_memory_size(mesh->tetra) : 0) +
            (mesh->deformer ? qm_deformer_memory_size(mesh->deformer) : 0);

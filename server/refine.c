@@ -5,7 +5,7 @@
 
 #include "clock.h"
 
-#define TOLERANCE 1e-4      /* of the diagonal: how closely a distance is measured */
+#define TOLERANCE 1e-5      /* of the diagonal: how closely a distance is measured */
 #define GOAL_TOLERANCE 0.05 /* of the goal, when that is closer */
 #define UNCOVERED_SLACK                                                                                      \
     1e-3                   /* of all points: so many more may be out of reach, as samples told the share     \

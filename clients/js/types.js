@@ -13,6 +13,7 @@
 
 /** @typedef {{ id: string, name: string, kind: "triangles" | "quads" | "mixed" | "points", format: Format,
  *   vertices: number, faces: { triangles: number, quads: number, polygons: number }, irregular_vertices: number,
+ *   has_normals?: boolean, disc_radius?: number,
  *   patches: number, largest_patch: { rows: number, columns: number } | null, boundary_edges: number,
  *   components: number, manifold: boolean, bounding_box: { min: Point, max: Point, diagonal: number },
  *   size_bytes: number, memory_bytes: number, prepare_ms: Record<string, number>, revision: number,

@@ -76,7 +76,7 @@ static double pixels_of(const qm_view *view, double local_length)
 
 static void set_candidates(const qm_pick_options *options, qm_view *view)
 {
-    double length = DISC_RADII * qm_source_disc_radius(view->source);
+    double length = DISC_RADII * qm_mesh_disc_radius(&view->source->bvh->mesh);
     view->reach = options->depth > 0.0 ? options->depth : length;
     view->radius_px = options->radius_px;
     if (view->radius_px > 0.0) return;

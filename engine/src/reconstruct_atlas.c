@@ -271,7 +271,8 @@ static void write_places(const atlas *a, qm_samples *samples)
 
 static qm_status find_parameters(atlas *a, qm_samples *samples)
 {
-    qm_status status = qm_surface_graph_orient(a->ctx, &a->graph);
+    qm_status status = QM_OK;
+    if (!qm_samples_orient(samples, &a->graph)) status = qm_surface_graph_orient(a->ctx, &a->graph);
     if (status != QM_OK) return status;
     status = qm_atlas_turn_patches(a->ctx, a->r, a->nodes, &a->graph);
     if (status != QM_OK) return status;

@@ -29,6 +29,10 @@ qm_status qm_atlas_nodes_create(qm_context *ctx, const qm_reconstruction *r, con
                                 qm_atlas_nodes *out);
 void qm_atlas_nodes_reset(qm_context *ctx, qm_atlas_nodes *nodes);
 
+/** Turns the normals of a graph, the first nodes of which are the samples, to the side that the samples' own
+ * tell. False when they have none, or too many neighbours look to different sides. */
+bool qm_samples_orient(const qm_samples *samples, qm_surface_graph *graph);
+
 /** Turns patches so that those that share a curve go along it in opposite ways: all of a connected part then
  * turn the same way. */
 qm_status qm_atlas_join_patches(qm_context *ctx, qm_reconstruction *r);

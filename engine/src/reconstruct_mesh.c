@@ -70,17 +70,31 @@ static uint32_t grid_vertex(const numbering *n, const qm_layout_patch *patch, ui
     return first + (j - 1) * (columns - 1) + i - 1;
 }
 
-static void add_patch(const numbering *n, size_t p, uint32_t first, uint32_t *faces, double *positions)
+/** Every so manieth vertex of a patch. Quads that come out folded are smoothed out here: in the finer grid
+ * none may be. */
+static qm_status thin_grid(qm_context *ctx, const numbering *n, size_t p, qm_patch_grid *out)
 {
-    const qm_layout_patch *patch = &n->r->layout.patches[p];
     const qm_patch_grid *grid = &n->r->grids[p];
-    uint32_t columns = chord_count(n, qm_patch_chord(n->r, p, 0));
-    uint32_t rows = chord_count(n, qm_patch_chord(n->r, p, 1));
+    *out = (qm_patch_grid){.columns = chord_count(n, qm_patch_chord(n->r, p, 0)),
+                           .rows = chord_count(n, qm_patch_chord(n->r, p, 1))};
+    if (!qm_grid_allocate(ctx, out)) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a patch");
+    uint32_t across = grid->columns / out->columns, down = grid->rows / out->rows;
+    for (uint32_t j = 0; j <= out->rows; j++)
+        for (uint32_t i = 0; i <= out->columns; i++)
+            memcpy(qm_grid_vertex(out, i, j), qm_grid_vertex(grid, i * across, j * down), ROW);
+    if (across > 1 || down > 1) qm_grid_untangle(&n->r->source, out);
+    return QM_OK;
+}
+
+/** Vertices and faces of a patch; first is the number of its first inner vertex. */
+static void add_grid(const numbering *n, const qm_layout_patch *patch, const qm_patch_grid *grid,
+                     uint32_t first, uint32_t *faces, double *positions)
+{
+    uint32_t columns = grid->columns, rows = grid->rows;
     for (uint32_t j = 0; j <= rows; j++) {
         for (uint32_t i = 0; i <= columns; i++) {
             uint32_t vertex = grid_vertex(n, patch, columns, rows, first, i, j);
-            memcpy(positions + 3 * (size_t)vertex,
-                   qm_grid_vertex(grid, i * (grid->columns / columns), j * (grid->rows / rows)), ROW);
+            memcpy(positions + 3 * (size_t)vertex, qm_grid_vertex(grid, i, j), ROW);
             if (i == columns || j == rows) continue;
             uint32_t *face = faces + 4 * ((size_t)j * columns + i);
             face[0] = vertex;
@@ -91,16 +105,19 @@ static void add_patch(const numbering *n, size_t p, uint32_t first, uint32_t *fa
     }
 }
 
-static void fill_mesh(const numbering *n, uint32_t first, qm_mesh *out)
+static qm_status fill_mesh(qm_context *ctx, const numbering *n, uint32_t first, qm_mesh *out)
 {
     uint32_t *faces = out->faces;
     for (size_t p = 0; p < n->r->layout.patch_count; p++) {
-        size_t columns = chord_count(n, qm_patch_chord(n->r, p, 0));
-        size_t rows = chord_count(n, qm_patch_chord(n->r, p, 1));
-        add_patch(n, p, first, faces, out->positions);
-        first += (uint32_t)((columns - 1) * (rows - 1));
-        faces += 4 * columns * rows;
+        qm_patch_grid grid;
+        qm_status status = thin_grid(ctx, n, p, &grid);
+        if (status != QM_OK) return status;
+        add_grid(n, &n->r->layout.patches[p], &grid, first, faces, out->positions);
+        first += (grid.columns - 1) * (grid.rows - 1);
+        faces += 4 * (size_t)grid.columns * grid.rows;
+        qm_grid_free(ctx, &grid);
     }
+    return QM_OK;
 }
 
 static qm_status make_mesh(qm_context *ctx, numbering *n, qm_mesh *out)
@@ -120,8 +137,9 @@ static qm_status make_mesh(qm_context *ctx, numbering *n, qm_mesh *out)
         qm_mesh_reset(ctx, out);
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for %zu quads", n->face_count);
     }
-    fill_mesh(n, first, out);
-    return QM_OK;
+    qm_status status = fill_mesh(ctx, n, first, out);
+    if (status != QM_OK) qm_mesh_reset(ctx, out);
+    return status;
 }
 
 qm_status qm_grids_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_mesh *out)

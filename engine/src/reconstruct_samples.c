@@ -18,10 +18,24 @@ static void load_triangle(const qm_mesh *mesh, size_t face, int half, qm_vec cor
         corner[k] = qm_vec_load(mesh->positions + 3 * (size_t)of[k]);
 }
 
+/** As long as the triangle's area twice. */
+static qm_vec triangle_normal(const qm_vec corner[3])
+{
+    return qm_vec_cross(qm_vec_sub(corner[1], corner[0]), qm_vec_sub(corner[2], corner[0]));
+}
+
 static double triangle_area(const qm_vec corner[3])
 {
-    return 0.5 *
-           qm_vec_norm(qm_vec_cross(qm_vec_sub(corner[1], corner[0]), qm_vec_sub(corner[2], corner[0])));
+    return 0.5 * qm_vec_norm(triangle_normal(corner));
+}
+
+static void store_normal(float row[3], qm_vec normal)
+{
+    double length = qm_vec_norm(normal);
+    qm_vec unit = length > 0.0 ? qm_vec_scale(1.0 / length, normal) : (qm_vec){0, 0, 0};
+    row[0] = (float)unit.x;
+    row[1] = (float)unit.y;
+    row[2] = (float)unit.z;
 }
 
 /**
@@ -52,8 +66,10 @@ static void sample_mesh(const qm_mesh *mesh, double total, qm_samples *out)
             qm_vec corner[3];
             load_triangle(mesh, face, half, corner);
             done += triangle_area(corner);
-            for (; k < out->count && ((double)k + 0.5) * total <= done * (double)out->count; k++)
+            for (; k < out->count && ((double)k + 0.5) * total <= done * (double)out->count; k++) {
                 qm_vec_store(out->positions + 3 * k, triangle_sample(corner, k));
+                store_normal(out->normals + 3 * k, triangle_normal(corner));
+            }
         }
     }
     out->count = k;
@@ -87,8 +103,12 @@ static void sample_cloud(const qm_mesh *cloud, size_t wanted, qm_samples *out)
     double share = (double)wanted / (double)cloud->vertex_count;
     uint64_t limit = share >= 1.0 ? UINT64_C(1) << 32 : (uint64_t)(share * 0x1p32);
     size_t k = 0;
-    for (size_t i = 0; i < cloud->vertex_count && k < out->count; i++)
-        if (is_taken(i, limit)) memcpy(out->positions + 3 * k++, cloud->positions + 3 * i, ROW);
+    for (size_t i = 0; i < cloud->vertex_count && k < out->count; i++) {
+        if (!is_taken(i, limit)) continue;
+        memcpy(out->positions + 3 * k, cloud->positions + 3 * i, ROW);
+        if (out->normals) memcpy(out->normals + 3 * k, cloud->normals + 3 * i, 3 * sizeof *out->normals);
+        k++;
+    }
     out->count = k;
 }
 
@@ -101,7 +121,9 @@ qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t 
     *out = (qm_samples){.count = r->source.is_cloud ? capacity : wanted, .capacity = capacity};
     out->positions = qm_context_alloc(ctx, capacity, ROW);
     out->place = qm_context_alloc(ctx, capacity, sizeof *out->place);
-    if (!out->positions || !out->place) {
+    bool has_normals = !r->source.is_cloud || mesh->normals;
+    if (has_normals) out->normals = qm_context_alloc(ctx, capacity, 3 * sizeof *out->normals);
+    if (!out->positions || !out->place || (has_normals && !out->normals)) {
         qm_samples_reset(ctx, out);
         return no_memory(ctx);
     }
@@ -124,6 +146,7 @@ void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t 
 void qm_samples_reset(qm_context *ctx, qm_samples *samples)
 {
     qm_context_free(ctx, samples->positions, samples->capacity, ROW);
+    qm_context_free(ctx, samples->normals, samples->capacity, 3 * sizeof *samples->normals);
     qm_context_free(ctx, samples->place, samples->capacity, sizeof *samples->place);
     *samples = (qm_samples){0};
 }
@@ -195,6 +218,7 @@ qm_status qm_samples_locate(qm_context *ctx, const qm_reconstruction *r, qm_samp
         set_first(r, first);
         set_places(r, first, &feet, samples);
         samples->is_projected = true;
+        if (samples->normals) status = qm_samples_drop_turned(ctx, r, samples);
     }
     qm_context_free(ctx, feet.distance, count, sizeof *feet.distance);
     qm_context_free(ctx, feet.face, count, sizeof *feet.face);

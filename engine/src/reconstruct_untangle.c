@@ -1,7 +1,7 @@
 /**
  * reconstruct_untangle.c: quads that are folded or nearly so are smoothed out: their inner vertices, and
- * those around, go to the middle of their neighbours and back onto the surface, a few times, until none is
- * left.
+ * those around, go to the middle of their neighbours, or wherever else is better, and back onto the surface,
+ * a few times, until none is left.
  */
 #include "quad_shape.h"
 #include "reconstruct_work.h"
@@ -32,34 +32,72 @@ static double worst_around(const qm_patch_grid *grid, uint32_t i, uint32_t j)
                 fmin(quad_sine(grid, i - 1, j), quad_sine(grid, i, j)));
 }
 
-/** Moves a vertex towards the middle of its neighbours, on the surface, as far as that makes the worst of its
- * quads better. */
-static bool better_vertex(const qm_source *source, const qm_patch_grid *grid, uint32_t i, uint32_t j)
+/** A vertex and the worst of its quads, while better places are looked for. */
+typedef struct trial {
+    const qm_source *source;
+    const qm_patch_grid *grid;
+    uint32_t i, j;
+    double worst;
+} trial;
+
+/** Puts the vertex there, on the surface, when that makes its worst quad better. */
+static bool try_place(trial *t, qm_vec place)
 {
-    double *vertex = qm_grid_vertex(grid, i, j), worst = worst_around(grid, i, j), best[3], at[3];
-    if (worst > LEAST_SINE) return false;
-    qm_vec along = qm_vec_add(vertex_at(grid, i - 1, j), vertex_at(grid, i + 1, j));
-    qm_vec across = qm_vec_add(vertex_at(grid, i, j - 1), vertex_at(grid, i, j + 1));
-    qm_vec here = qm_vec_load(vertex), middle = qm_vec_scale(0.25, qm_vec_add(along, across));
-    bool is_better = false;
-    memcpy(best, vertex, ROW);
-    for (double share = 1.0; share >= 0.25; share /= 2.0) {
-        qm_foothold foot;
-        qm_vec_store(at, qm_vec_mix(here, middle, share));
-        qm_source_pull(source, at, &foot);
-        bool is_near = !source->is_cloud || foot.distance <= foot.spacing;
-        memcpy(vertex, is_near ? foot.position : at, ROW);
-        double now = worst_around(grid, i, j);
-        if (!(now > worst)) continue;
-        worst = now;
-        is_better = true;
-        memcpy(best, vertex, ROW);
+    double *vertex = qm_grid_vertex(t->grid, t->i, t->j), before[3], at[3];
+    qm_foothold foot;
+    memcpy(before, vertex, ROW);
+    qm_vec_store(at, place);
+    qm_source_pull(t->source, at, &foot);
+    bool is_near = !t->source->is_cloud || foot.distance <= foot.spacing;
+    memcpy(vertex, is_near ? foot.position : at, ROW);
+    double now = worst_around(t->grid, t->i, t->j);
+    if (now > t->worst) {
+        t->worst = now;
+        return true;
     }
-    memcpy(vertex, best, ROW);
+    memcpy(vertex, before, ROW);
+    return false;
+}
+
+/** Towards the middle of the neighbours. */
+static bool try_middle(trial *t)
+{
+    qm_vec along = qm_vec_add(vertex_at(t->grid, t->i - 1, t->j), vertex_at(t->grid, t->i + 1, t->j));
+    qm_vec across = qm_vec_add(vertex_at(t->grid, t->i, t->j - 1), vertex_at(t->grid, t->i, t->j + 1));
+    qm_vec here = vertex_at(t->grid, t->i, t->j), middle = qm_vec_scale(0.25, qm_vec_add(along, across));
+    bool is_better = false;
+    for (double share = 1.0; share >= 0.25; share /= 2.0)
+        is_better |= try_place(t, qm_vec_mix(here, middle, share));
     return is_better;
 }
 
-static void untangle_grid(const qm_source *source, const qm_patch_grid *grid)
+/** Eight ways off, by ever smaller shares of the edges: where curves bend sharply the middle may be no help.
+ */
+static bool try_around(trial *t)
+{
+    qm_vec along = qm_vec_sub(vertex_at(t->grid, t->i + 1, t->j), vertex_at(t->grid, t->i - 1, t->j));
+    qm_vec across = qm_vec_sub(vertex_at(t->grid, t->i, t->j + 1), vertex_at(t->grid, t->i, t->j - 1));
+    bool is_better = false;
+    for (double share = 0.25; share > 0.01; share /= 2.0) {
+        for (int way = 0; way < 9; way++) {
+            double u = share * (way % 3 - 1), v = share * (way / 3 - 1);
+            qm_vec here = vertex_at(t->grid, t->i, t->j);
+            if (way != 4) is_better |= try_place(t, qm_vec_axpy(qm_vec_axpy(here, u, along), v, across));
+        }
+    }
+    return is_better;
+}
+
+static bool better_vertex(const qm_source *source, const qm_patch_grid *grid, uint32_t i, uint32_t j)
+{
+    trial t = {source, grid, i, j, worst_around(grid, i, j)};
+    if (t.worst > LEAST_SINE) return false;
+    bool is_better = try_middle(&t);
+    if (t.worst <= LEAST_SINE) is_better |= try_around(&t);
+    return is_better;
+}
+
+void qm_grid_untangle(const qm_source *source, const qm_patch_grid *grid)
 {
     bool goes_on = true;
     for (int round = 0; round < ROUNDS && goes_on; round++) {
@@ -73,5 +111,5 @@ static void untangle_grid(const qm_source *source, const qm_patch_grid *grid)
 void qm_grids_untangle(const qm_reconstruction *r)
 {
     for (size_t p = 0; p < r->layout.patch_count; p++)
-        if (r->grids[p].is_stale) untangle_grid(&r->source, &r->grids[p]);
+        if (r->grids[p].is_stale) qm_grid_untangle(&r->source, &r->grids[p]);
 }

@@ -8,6 +8,7 @@
  *   reconstruct_detours.c  curves led round where they leave the surface for good
  *   reconstruct_grids.c    grids of vertices: Coons patches, doubling, fairing
  *   reconstruct_samples.c  points of the surface, and their parameters in the grids
+ *   reconstruct_sides.c    samples on the wrong side, by their normals
  *   reconstruct_place.c    inner vertices from the points that enclose them
  *   reconstruct_untangle.c folded quads smoothed out
  *   reconstruct_mesh.c     grids to meshes
@@ -61,6 +62,8 @@ typedef struct qm_sample_place {
 typedef struct qm_samples {
     size_t count, capacity;
     double *positions; /* rows of x y z */
+    float *normals;    /* the same, of any length: of the faces, or what came with the points; NULL for points
+                          without */
     qm_sample_place *place;
     bool is_projected; /* places come from projection on the grids */
 } qm_samples;
@@ -143,7 +146,8 @@ qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r);
 qm_status qm_grids_double(qm_context *ctx, qm_reconstruction *r);
 qm_status qm_grids_fair(qm_context *ctx, qm_reconstruction *r, int rounds);
 
-/** Smooths folded quads of stale grids out. */
+/** Smooths folded quads out, of one grid and of all stale ones; outlines stay. */
+void qm_grid_untangle(const qm_source *source, const qm_patch_grid *grid);
 void qm_grids_untangle(const qm_reconstruction *r);
 
 /** So many samples, or fewer where a point set has not as many; and their places in the grids. */
@@ -151,6 +155,10 @@ qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t 
 qm_status qm_samples_locate(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples);
 /** As many as the quads of the grids need. */
 qm_status qm_samples_create_fine(qm_context *ctx, const qm_reconstruction *r, qm_samples *out);
+/** Takes the parameters of samples whose normals look the other way than the grid under them: these lie on
+ * the other wall of a gap or sheet. Only in patches where nearly all samples agree, as normals may be wrong.
+ * QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_samples_drop_turned(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples);
 /** Makes parameters count the edges of the grids; before, a patch has base edges a side. */
 void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base);
 void qm_samples_reset(qm_context *ctx, qm_samples *samples);
@@ -182,7 +190,8 @@ void qm_edit_inherit_counts(qm_reconstruction *r, const qm_reconstruction *old);
 void qm_edit_inherit_tracks(qm_reconstruction *r, const qm_reconstruction *old);
 size_t qm_edit_keep_grids(qm_reconstruction *r, const qm_reconstruction *old);
 
-/** The mesh of the working grids when fine, else that of the mesh's own counts. */
+/** The mesh of the working grids when fine, else that of the mesh's own counts, free of folds where that can
+ * be. */
 qm_status qm_grids_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_mesh *out);
 
 #endif

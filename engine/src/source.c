@@ -1,5 +1,6 @@
 #include "qm/source.h"
 
+#include "bvh_rows.h"
 #include "near_points.h"
 #include "nearest.h"
 #include "surface.h"
@@ -26,7 +27,7 @@ static void pull_to_mesh(const qm_source *source, qm_vec p, qm_foothold *out)
     qm_kernel_get()->closest(bvh, p, &hit);
     qm_surface_point foot = qm_surface_triangle_foot(bvh, hit.pack, hit.lane, p);
     qm_vec_store(out->position, qm_vec_load(foot.position));
-    const qm_pack *rows = &bvh->packs[hit.pack];
+    const qm_pack *rows = qm_bvh_rows(bvh, hit.pack);
     qm_vec z = {rows->row[QM_ROW_ZX][hit.lane], rows->row[QM_ROW_ZY][hit.lane],
                 rows->row[QM_ROW_ZZ][hit.lane]};
     /* The frame of a triangle starts at its longest edge and turns the same way as its corners. */
@@ -126,12 +127,12 @@ void qm_source_pull(const qm_source *source, const double p[3], qm_foothold *out
         pull_to_mesh(source, local, out);
 }
 
-double qm_source_disc_radius(const qm_source *source)
+double qm_mesh_disc_radius(const qm_mesh *mesh)
 {
-    if (!source->is_cloud) return 0.0;
-    qm_box box = qm_mesh_bounding_box(&source->bvh->mesh);
-    double volume = 1.0;
+    if (mesh->face_count > 0) return 0.0;
+    qm_box box = qm_mesh_bounding_box(mesh);
+    double root = 1.0, diagonal = qm_box_diagonal(&box); /* of the volume, which itself may overflow */
     for (int k = 0; k < 3; k++)
-        volume *= fmax(box.max[k] - box.min[k], THIN_SIDE * source->diagonal);
-    return 0.15 * cbrt(volume / (double)source->bvh->mesh.vertex_count);
+        root *= cbrt(fmax(box.max[k] - box.min[k], THIN_SIDE * diagonal));
+    return 0.15 * root / cbrt((double)mesh->vertex_count);
 }

@@ -221,6 +221,11 @@ def test_impossible_layouts_are_refused_by_name(client, saddle):
     problem = check_problem(client.post("/v1/layouts", json=body), 422, "invalid_layout")
     assert "curves 6 and 7 cross" in problem["detail"]
     body = {"mesh": saddle, **saddle_layout()}
+    bends = ((0, -1), (0.3, 0.5), (0.3, 0), (-0.2, 0.4), (0, 1))
+    body["curves"][6]["points"] = sum((curve(*ends)[:-1] for ends in zip(bends, bends[1:])), []) + [on_saddle(0, 1)]
+    problem = check_problem(client.post("/v1/layouts", json=body), 422, "invalid_layout")
+    assert "curve 6 crosses itself" in problem["detail"]
+    body = {"mesh": saddle, **saddle_layout()}
     body["curves"][1]["points"] = [body["nodes"][1]] * 2
     body["curves"][1]["to"] = 1
     body["patches"] = []

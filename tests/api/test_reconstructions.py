@@ -7,7 +7,7 @@ import time
 import pytest
 
 import shapes
-from conftest import check_problem, ndjson
+from conftest import WAIT, check_problem, ndjson
 from test_layouts import edit, on_saddle, saddle_layout, saddle  # noqa: F401 (saddle is a fixture)
 
 
@@ -26,7 +26,7 @@ def start(client, mesh, **options):
 
 
 def refine(client, reconstruction, **fields):
-    reply = client.post("/v1/jobs", headers={"Prefer": "wait=60"},
+    reply = client.post("/v1/jobs", headers={"Prefer": WAIT},
                         json={"type": "reconstruction_step", "reconstruction": reconstruction["id"], **fields})
     assert reply.status_code == 200, reply.text
     return reply.json()
@@ -150,7 +150,7 @@ def test_a_cancelled_job_keeps_the_last_whole_step(client, saddle):
     end = time.monotonic() + 60
     while not any(event["event"] == "step" for event in stream_so_far(client, job)):
         assert time.monotonic() < end
-    busy = client.post("/v1/jobs", headers={"Prefer": "wait=60"},
+    busy = client.post("/v1/jobs", headers={"Prefer": WAIT},
                        json={"type": "reconstruction_step", "reconstruction": made["id"], "steps": 1}).json()
     assert client.delete("/v1/jobs/" + job["id"]).status_code in (202, 409)
     ended = client.wait(job["id"])
@@ -258,6 +258,56 @@ def test_bad_requests_are_refused(client, saddle):
     check_problem(client.get("/v1/reconstructions/" + made["id"]), 404, "reconstruction_not_found")
 
 
+def places(client, mesh):
+    """The vertices of a mesh."""
+    text = client.get(f"/v1/meshes/{mesh}/content?format=obj").text
+    return [[float(x) for x in line.split()[1:4]] for line in text.splitlines() if line.startswith("v ")]
+
+
+def with_normals(rows, sign):
+    """A PLY file of points on the saddle with its normals, times a sign drawn for each."""
+    lines = ["ply", "format ascii 1.0", f"element vertex {len(rows)}"]
+    lines += [f"property double {name}" for name in ("x", "y", "z", "nx", "ny", "nz")] + ["end_header"]
+    for row in rows:
+        x, y, _ = map(float, row.split())
+        side = sign()
+        lines.append(f"{row} {-side * y!r} {-side * x!r} {side}")
+    return ("\n".join(lines) + "\n").encode()
+
+
+def upward(client, mesh):
+    """How many quads of a mesh look up."""
+    vertices, count = places(client, mesh), 0
+    text = client.get(f"/v1/meshes/{mesh}/content?format=obj").text
+    for a, b, c, d in ([int(word) - 1 for word in line.split()[1:]] for line in text.splitlines() if line[:2] == "f "):
+        first, second = subtract(vertices[c], vertices[a]), subtract(vertices[d], vertices[b])
+        count += cross(first, second)[2] > 0
+    return count
+
+
+def test_normals_tell_the_side_unless_they_are_wrong(client):
+    rows = points(5000, seed=9).decode().splitlines()
+    chance = random.Random(10)
+    found = {}
+    for name, sign in (("up", lambda: 1), ("down", lambda: -1), ("wrong", lambda: chance.choice((1, -1)))):
+        mesh = client.upload(with_normals(rows, sign), format="ply")
+        assert mesh["kind"] == "points" and mesh["has_normals"] and mesh["disc_radius"] > 0
+        found[name] = refine(client, start(client, mesh["id"]), until={"max_quads": 200}, measure=False)["result"]["mesh"]
+    plain = client.upload("\n".join(rows).encode(), format="xyz")
+    assert not plain["has_normals"]
+    found["none"] = refine(client, start(client, plain["id"]), until={"max_quads": 200}, measure=False)["result"]["mesh"]
+    assert upward(client, found["up"]) == 192 and upward(client, found["down"]) == 0
+    assert places(client, found["wrong"]) == places(client, found["none"])
+
+
+def test_a_hole_over_a_whole_patch_is_named(client):
+    rows = [row for row in points(6000, seed=7).decode().splitlines() if float(row.split()[0]) < -0.02]
+    layout = client.post("/v1/layouts", json={"mesh": client.upload("\n".join(rows).encode(), format="xyz")["id"],
+                                              **saddle_layout()}).json()
+    problem = check_problem(client.post("/v1/reconstructions", json={"layout": layout["id"]}), 422, "invalid_layout")
+    assert "patch 1 (curves 1, 2, 3, 6)" in problem["detail"]
+
+
 @pytest.mark.parametrize("spoil", ["hole", "twice", "outliers", "apart"])
 def test_point_sets_made_worse(client, spoil):
     rows = points(6000, seed=5).decode().splitlines()
@@ -274,8 +324,7 @@ def test_point_sets_made_worse(client, spoil):
     result = refine(client, made, until={"max_quads": 512})["result"]
     mesh = client.get("/v1/meshes/" + result["mesh"]).json()
     assert mesh["faces"]["quads"] == 512
-    for axis in range(3):
-        assert -1.2 < mesh["bounding_box"]["min"][axis] and mesh["bounding_box"]["max"][axis] < 1.2
+    assert all(math.isfinite(x) and abs(x) < 1.2 for place in places(client, result["mesh"]) for x in place)
     if spoil == "hole":
         assert any(step["holes_filled"] > 0 for step in result["steps"])
     if spoil in ("outliers", "apart"):

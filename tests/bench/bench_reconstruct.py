@@ -9,6 +9,7 @@ import programs as catalogue
 import tables
 
 DEMO = catalogue.ROOT / "clients" / "demo" / "models.py"
+OURS = catalogue.ROOT / "tests" / "layouts"
 # Points, most quads, and the milliseconds that they may take on one core.
 SIZES = ((100000, 10000, 1000.0), (1000000, 40000, 8000.0))
 LAYOUTS = (("torus_6x4", "grids/torus_384x192_tris.ply"), ("torus_2x2", "grids/torus_384x192_tris.ply"),
@@ -17,7 +18,9 @@ LAYOUTS = (("torus_6x4", "grids/torus_384x192_tris.ply"), ("torus_2x2", "grids/t
            ("rounded_box_3x3x3", "clouds/rounded_box_20k_points.obj"), ("bunny_coarse", "pairs/bunny/tri.obj"),
            ("bunny_coarse_sketched", "pairs/bunny/tri.obj"), ("bunny_coarse", "clouds/bunny_100k.ply"),
            ("bunny_coarse", "clouds/bunny_40k_noise_0.2pct.ply"), ("spot_coarse", "pairs/spot/tri.obj"),
-           ("spot_coarse", "clouds/spot_10k.ascii.ply"))
+           ("spot_coarse", "clouds/spot_10k.ascii.ply"), ("bunny", "pairs/bunny/tri.obj"),
+           ("bunny", "clouds/bunny_100k.ply"), ("spot", "pairs/spot/tri.obj"))
+STEPS_SHOWN = 5
 
 
 def time_ring(settings, points, quads):
@@ -37,22 +40,50 @@ def describe_ring(points, answer):
             f"{answer['stroke_ms']:.4f}", f"{answer['pick_ms']:.4f}", f"{answer['slowest_pick_ms']:.4f}"]
 
 
-def refine(layout, surface):
-    """The steps of the command line; distances as shares of the diagonal."""
-    out = catalogue.OUT / "reconstruction.obj"
-    done = subprocess.run([catalogue.ROOT / "build" / "quadmesh", "reconstruct", surface, layout, "-o", out, "--quads",
-                           "30000", "--json"], capture_output=True, text=True, check=False)
+def quadmesh(*words):
+    """Lines of JSON that a command prints, or what it complains about."""
+    done = subprocess.run([catalogue.ROOT / "build" / "quadmesh", *map(str, words), "--json"], capture_output=True,
+                          text=True, check=False)
     if done.returncode != 0:
         return {"failed": done.stderr.strip()[:200] or done.stdout.strip()[:200]}
-    return {"steps": [json.loads(line) for line in done.stdout.splitlines()]}
+    return {"lines": [json.loads(line) for line in done.stdout.splitlines()]}
+
+
+def refine(layout, surface, quads):
+    """The steps of the command line; distances as shares of the diagonal."""
+    out = catalogue.OUT / "reconstruction.obj"
+    found = quadmesh("reconstruct", surface, layout, "-o", out, "--quads", quads)
+    return found if "failed" in found else {"steps": found["lines"]}
+
+
+def find_layout(name):
+    own = OURS / f"{name}.json"
+    return own if own.exists() else meshes.data_folder() / "layouts" / f"{name}.json"
+
+
+def compare(model):
+    """Ours at 8000 quads and an automatic quadrangulator's mesh, whose distance is scaled to as many."""
+    tri, automatic = (meshes.data_folder() / "pairs" / model / name for name in ("tri.obj", "quad_qf.obj"))
+    row = {"model": model, **refine(find_layout(model), tri, 8000)}
+    if "failed" in row:
+        return row, [model, row["failed"], "", ""]
+    ours, cells = row["steps"][-1]["quads"], [f"{model}, {row['steps'][-1]['quads']} quads"]
+    count = quadmesh("info", automatic)["lines"][0]["faces"]["quads"]
+    for quads in ("triangles", "bilinear"):
+        own, other = (quadmesh("hausdorff", tri, mesh, "--quads", quads, "--tolerance", "1e-4")["lines"][0]
+                      for mesh in (catalogue.OUT / "reconstruction.obj", automatic))
+        row[quads] = {"ours": own["upper_relative"], "scaled": other["lower_relative"] * count / ours}
+        cells.append(f"{row[quads]['ours']:.2e} / {row[quads]['scaled']:.2e}")
+    return row, [*cells, str(row["steps"][-1]["quality"]["folded_quads"])]
 
 
 def describe_layout(name, surface, row):
     if "failed" in row:
-        return [name, surface, row["failed"], "", ""]
-    steps = [f"{step['quads']}: {step['hausdorff']['upper_relative']:.2e}" for step in row["steps"]]
-    holes = sum(step["holes_filled"] for step in row["steps"])
-    return [name, surface, ", ".join(steps), str(holes), tables.ms(sum(step["step_ms"] for step in row["steps"]))]
+        return [name, surface, row["failed"], "", "", ""]
+    steps = [f"{step['quads']}: {step['hausdorff']['upper_relative']:.1e}" for step in row["steps"][-STEPS_SHOWN:]]
+    last = row["steps"][-1]
+    return [name, surface, ", ".join(steps), str(last["holes_filled"]), str(last["quality"]["folded_quads"]),
+            tables.ms(sum(step["step_ms"] for step in row["steps"]))]
 
 
 def run(settings, programs, pairs, say):
@@ -70,16 +101,30 @@ def run(settings, programs, pairs, say):
     print(tables.table(["points:", "quads:", "steps:", "tree:", "set-up:", "pick:", "slowest:"], lines))
     lines = []
     for name, surface in LAYOUTS:
-        layout, path = meshes.data_folder() / "layouts" / f"{name}.json", meshes.data_folder() / surface
+        layout, path = find_layout(name), meshes.data_folder() / surface
         if not layout.exists() or not path.exists():
             continue
         say(f"reconstruction, {name} on {surface}")
-        rows.append({"layout": name, "surface": surface, **refine(layout, path)})
+        rows.append({"layout": name, "surface": surface, **refine(layout, path, 30000)})
         lines.append(describe_layout(name, surface, rows[-1]))
         if "failed" in rows[-1]:
             faults.append(f"{name} on {surface}: {rows[-1]['failed']}")
     if lines:
-        print("\nQuads and the distance after each step, as a share of the diagonal (two-sided on meshes, points to mesh "
-              "on point sets), vertices that no points enclose, and the steps' time in ms:\n")
-        print(tables.table(["layout", "surface", "quads: distance", "holes:", "ms:"], lines))
+        print("\nQuads and the distance after the last steps, as a share of the diagonal (two-sided on meshes, points to "
+              "mesh on point sets); of the last step vertices that no points enclose, folded quads; the steps' time in "
+              "ms:\n")
+        print(tables.table(["layout", "surface", "quads: distance", "holes:", "folded:", "ms:"], lines))
+    lines = []
+    for model in ("spot", "bunny"):
+        if not (meshes.data_folder() / "pairs" / model).exists():
+            continue
+        say(f"reconstruction, {model} and QuadriFlow")
+        row, line = compare(model)
+        rows.append(row)
+        lines.append(line)
+        if "failed" in row:
+            faults.append(f"{model}: {row['failed']}")
+    if lines:
+        print("\nTwo-sided distance as a share of the diagonal, ours / QuadriFlow's scaled to as many quads:\n")
+        print(tables.table(["", "as triangles:", "bilinear:", "folded:"], lines))
     return rows, faults

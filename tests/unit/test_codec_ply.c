@@ -1,4 +1,5 @@
 /* PLY files by hand: all scalar types in all encodings, what is stepped over, every fault with its place. */
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -148,6 +149,45 @@ static void quads_polygons_and_points_are_kept(void **state)
     qm_decoded_free(&decoded);
 }
 
+#define NORMALS "property float nx\nproperty float ny\nproperty float nz\n"
+
+static void normals_of_points_are_kept(void **state)
+{
+    (void)state;
+    qm_bytes file = {.size = 0};
+    qm_bytes_add_text(&file,
+                      "ply\nformat binary_little_endian 1.0\nelement vertex 2\n" NORMALS XYZ "end_header\n");
+    static const float rows[12] = {0, 0, 2, 1, 2, 3, NAN, 1, 0, 4, 5, 6};
+    qm_bytes_add_floats(&file, rows, 12);
+    qm_decoded decoded = qm_decode(QM_FORMAT_PLY, file.data, file.size);
+    assert_int_equal(decoded.status, QM_OK);
+    static const float normals[6] = {0, 0, 2, 0, 0, 0};
+    assert_memory_equal(decoded.mesh.normals, normals, sizeof normals);
+    assert_true(decoded.mesh.positions[0] == 1.0 && decoded.mesh.positions[5] == 6.0);
+    assert_true(qm_decoded_warns(&decoded, "not finite: 1"));
+    qm_decoded_free(&decoded);
+
+    const char *text = "ply\nformat ascii 1.0\nelement vertex 1\n" XYZ NORMALS "end_header\n1 2 3 0 -1 0\n";
+    decoded = qm_decode_text(QM_FORMAT_PLY, text);
+    assert_int_equal(decoded.status, QM_OK);
+    assert_true(decoded.mesh.normals[1] == -1.0f);
+    qm_decoded_free(&decoded);
+
+    /* A mesh has faces to tell its normals, and two numbers are none. */
+    const char *mesh = "ply\nformat ascii 1.0\nelement vertex 3\n" XYZ NORMALS "element face 1\n" LIST
+                       "end_header\n0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1\n3 0 1 2\n";
+    decoded = qm_decode_text(QM_FORMAT_PLY, mesh);
+    assert_int_equal(decoded.status, QM_OK);
+    assert_null(decoded.mesh.normals);
+    qm_decoded_free(&decoded);
+    const char *two = "ply\nformat ascii 1.0\nelement vertex 1\n" XYZ "property float nx\nproperty float ny\n"
+                      "end_header\n1 2 3 0 -1\n";
+    decoded = qm_decode_text(QM_FORMAT_PLY, two);
+    assert_int_equal(decoded.status, QM_OK);
+    assert_null(decoded.mesh.normals);
+    qm_decoded_free(&decoded);
+}
+
 static void what_follows_the_last_row_is_reported(void **state)
 {
     (void)state;
@@ -266,6 +306,7 @@ int main(void)
         cmocka_unit_test(binary_files_take_every_type_in_both_orders),
         cmocka_unit_test(binary_rows_step_over_everything_else),
         cmocka_unit_test(quads_polygons_and_points_are_kept),
+        cmocka_unit_test(normals_of_points_are_kept),
         cmocka_unit_test(what_follows_the_last_row_is_reported),
         cmocka_unit_test(faults_name_their_line),
         cmocka_unit_test(binary_faults_name_their_byte),

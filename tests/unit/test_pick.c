@@ -187,7 +187,7 @@ static void pulled_points_lie_on_the_sphere(void **state)
         double turned = fabs(qm_vec_dot(qm_vec_load(foot.normal), truth));
         QM_CHECK(off < 2e-4 && turned > 0.998, "point %d: off by %g, cosine %g", i, off, turned);
     }
-    double radius = qm_source_disc_radius(&g.source);
+    double radius = qm_mesh_disc_radius(&g.mesh);
     QM_CHECK(fabs(radius - 0.15 * cbrt(8.0 / 20000.0)) < 1e-3 * radius, "disc radius %g", radius);
     qm_ground_free(&g);
 }

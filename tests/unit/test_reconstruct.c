@@ -11,6 +11,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 static qm_reconstruction *start(qm_ground *g, const qm_layout *layout)
@@ -326,6 +327,121 @@ static void clouds_made_worse_still_give_meshes(void **state)
     qm_shape_free(&truth);
 }
 
+#define THINNESS 0.1
+
+/** A torus flattened to a ring of two sheets, a fiftieth of its diagonal apart where they are farthest. */
+static void flat_ring_at(const void *user, double u, double v, double out[3])
+{
+    qm_torus_at(user, u, v, out);
+    out[2] *= THINNESS;
+}
+
+/** Gives points of the flat ring its outer normals: with the sign that a function tells. */
+static void set_ring_normals(qm_mesh *points, float (*sign)(qm_random *random))
+{
+    qm_random random = qm_random_make(qm_check_seed(), 20);
+    points->normals = malloc(3 * sizeof(float) * points->vertex_count);
+    assert_non_null(points->normals);
+    for (size_t i = 0; i < points->vertex_count; i++) {
+        const double *p = points->positions + 3 * i;
+        double away = hypot(p[0], p[1]), out = (away - 1.0) / away;
+        float side = sign(&random);
+        points->normals[3 * i] = side * (float)(p[0] * out);
+        points->normals[3 * i + 1] = side * (float)(p[1] * out);
+        points->normals[3 * i + 2] = side * (float)(p[2] / (THINNESS * THINNESS));
+    }
+}
+
+static float outward(qm_random *random)
+{
+    (void)random;
+    return 1.0f;
+}
+
+static float inward(qm_random *random)
+{
+    (void)random;
+    return -1.0f;
+}
+
+static float either_way(qm_random *random)
+{
+    return qm_random_below(random, 2) ? 1.0f : -1.0f;
+}
+
+/** Six times the volume that a closed mesh encloses; below 0 when its faces look inward. */
+static double enclosed(const qm_mesh *mesh)
+{
+    double sum = 0.0;
+    for (size_t face = 0; face < mesh->face_count; face++) {
+        qm_vec a = corner_at(mesh, face, 0), b = corner_at(mesh, face, 1), c = corner_at(mesh, face, 2);
+        qm_vec d = corner_at(mesh, face, 3);
+        sum += qm_vec_dot(a, qm_vec_cross(b, c)) + qm_vec_dot(a, qm_vec_cross(c, d));
+    }
+    return sum;
+}
+
+static qm_mesh ring_mesh(const qm_layout *layout, float (*sign)(qm_random *random))
+{
+    qm_ground g;
+    qm_mesh points = qm_ground_sample(flat_ring_at, 20000, 0.0, 21);
+    if (sign) set_ring_normals(&points, sign);
+    qm_ground_make(&g, points);
+    qm_reconstruction *r = start(&g, layout);
+    step_to(&g, r, 1536);
+    qm_mesh mesh = mesh_of(&g, r);
+    qm_reconstruction_destroy(&g.ctx, r);
+    free(g.mesh.normals);
+    g.mesh.normals = NULL;
+    qm_ground_free(&g);
+    return mesh;
+}
+
+static void normals_tell_the_sides_unless_they_are_wrong(void **state)
+{
+    (void)state;
+    qm_layout layout = qm_layout_of_grid(6, 4, true, true, 12, flat_ring_at, NULL);
+    qm_mesh truth = qm_shape_grid(192, 96, true, true, flat_ring_at, NULL);
+    qm_mesh out = ring_mesh(&layout, outward), in = ring_mesh(&layout, inward);
+    qm_mesh wrong = ring_mesh(&layout, either_way), none = ring_mesh(&layout, NULL);
+    QM_CHECK(enclosed(&out) > 0.0, "%g", enclosed(&out));
+    QM_CHECK(enclosed(&in) < 0.0, "%g", enclosed(&in));
+    QM_CHECK(distance(&out, &truth) < 0.02, "%g", distance(&out, &truth));
+    QM_CHECK(distance(&in, &truth) < 0.02, "%g", distance(&in, &truth));
+    same_bits(&wrong, &none);
+    qm_mesh *all[] = {&out, &in, &wrong, &none, &truth};
+    for (size_t i = 0; i < 5; i++)
+        qm_shape_free(all[i]);
+    qm_layout_free(&layout);
+}
+
+/** A trench across a strip, a twentieth of it wide and sixteen times as deep as its bottom is round. */
+static void trench_at(const void *user, double u, double v, double out[3])
+{
+    (void)user;
+    double x = 2.0 * u - 1.0;
+    out[0] = x + 0.15 * exp(-100.0 * x * x) * x;
+    out[1] = v;
+    out[2] = -0.8 * exp(-600.0 * x * x);
+}
+
+static void narrow_gaps_are_followed_without_folds(void **state)
+{
+    (void)state;
+    qm_ground g;
+    qm_ground_make(&g, qm_shape_grid(400, 40, false, false, trench_at, NULL));
+    qm_layout layout = qm_layout_of_grid(1, 1, false, false, 200, trench_at, NULL);
+    qm_reconstruction *r = start(&g, &layout);
+    step_to(&g, r, 2048);
+    qm_mesh mesh = mesh_of(&g, r);
+    QM_CHECK(least_jacobian(&mesh) > 0.0, "%g", least_jacobian(&mesh));
+    QM_CHECK(distance(&mesh, &g.mesh) < 2.5e-2, "%g", distance(&mesh, &g.mesh));
+    qm_shape_free(&mesh);
+    qm_reconstruction_destroy(&g.ctx, r);
+    qm_layout_free(&layout);
+    qm_ground_free(&g);
+}
+
 static void what_no_patch_covers_is_counted(void **state)
 {
     (void)state;
@@ -469,6 +585,8 @@ int main(void)
         cmocka_unit_test(a_cancelled_step_leaves_the_last_whole_one),
         cmocka_unit_test(layouts_that_do_not_fit_are_named),
         cmocka_unit_test(clouds_made_worse_still_give_meshes),
+        cmocka_unit_test(normals_tell_the_sides_unless_they_are_wrong),
+        cmocka_unit_test(narrow_gaps_are_followed_without_folds),
         cmocka_unit_test(what_no_patch_covers_is_counted),
         cmocka_unit_test(an_edit_redoes_only_the_patches_that_it_touches),
         cmocka_unit_test(running_out_of_memory_is_a_status_at_every_place),

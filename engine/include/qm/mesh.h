@@ -29,6 +29,8 @@ typedef struct qm_mesh {
     size_t face_count;     /* at most QM_NO_INDEX - 1 */
     uint32_t *face_origin; /* face_count entries, non-decreasing, or NULL */
     size_t polygon_count;  /* faces of the input with five corners or more */
+    float *normals; /* of a point set that came with them: vertex_count rows of x y z of any length, 0 0 0
+                       where there is none; or NULL */
 } qm_mesh;
 
 /** Frees the arrays and sets everything to zero. */

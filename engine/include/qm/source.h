@@ -40,7 +40,7 @@ void qm_source_pull(const qm_source *source, const double p[3], qm_foothold *out
 
 /** Radius to draw the points of a set with as discs: 0.15 (V / n)^(1/3), V the volume of its box, whose
  * thin sides count as a hundredth of its diagonal. 0 for a mesh. Source: Kang, section 6.1.1. */
-double qm_source_disc_radius(const qm_source *source);
+double qm_mesh_disc_radius(const qm_mesh *mesh);
 
 /**
  * Normals of a point set: each that of the plane through its neighbours, all of a connected part on one side;
