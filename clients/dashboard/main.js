@@ -3,22 +3,22 @@
 import { client, connect } from "./core/connection.js";
 import { startData } from "./core/data.js";
 import { byId, h } from "./core/dom.js";
-import { run } from "./core/messages.js";
-import { readAddress } from "./core/route.js";
+import { forgetMessages, run } from "./core/messages.js";
+import { readAddress, setParameters } from "./core/route.js";
 import { on, state } from "./core/state.js";
 import { startTheme } from "./core/theme.js";
 import { askForToken } from "./core/token.js";
 
 /** @typedef {(panel: HTMLElement) => () => void} Show fills the panel and returns what takes leave of it */
-/** @typedef {{ name: string, words: string, isWide?: boolean, fetch: () => Promise<Show> }} Page */
+/** @typedef {{ name: string, words: string, isWide?: boolean, sides?: ("a" | "b")[], fetch: () => Promise<Show> }} Page */
 
 /** @type {Page[]} */
 const pages = [
   { name: "meshes", words: "Meshes", fetch: async () => (await import("./meshes/meshes.js")).showMeshes },
-  { name: "compare", words: "Compare", fetch: async () => (await import("./compare/compare.js")).showCompare },
-  { name: "collide", words: "Collide", fetch: async () => (await import("./collide/collide.js")).showCollide },
-  { name: "deform", words: "Deform", fetch: async () => (await import("./deform/deform.js")).showDeform },
-  { name: "sketch", words: "Sketch", fetch: async () => (await import("./sketch/sketch.js")).showSketch },
+  { name: "compare", words: "Compare", sides: ["a", "b"], fetch: async () => (await import("./compare/compare.js")).showCompare },
+  { name: "collide", words: "Collide", sides: ["a", "b"], fetch: async () => (await import("./collide/collide.js")).showCollide },
+  { name: "deform", words: "Deform", sides: ["a"], fetch: async () => (await import("./deform/deform.js")).showDeform },
+  { name: "sketch", words: "Sketch", sides: ["a"], fetch: async () => (await import("./sketch/sketch.js")).showSketch },
   { name: "remesh", words: "Remesh", fetch: async () => (await import("./remesh/remesh.js")).showRemesh },
   { name: "jobs", words: "Jobs", isWide: true, fetch: async () => (await import("./jobs/jobs.js")).showJobs },
 ];
@@ -36,6 +36,7 @@ async function showPage() {
     else link.removeAttribute("aria-current");
   }
   document.title = `${page.words} – quadmeshd`;
+  if (document.body.dataset.page !== page.name) forgetMessages();
   leave();
   leave = () => {};
   isShown = false;
@@ -47,6 +48,8 @@ async function showPage() {
   panel.scrollTop = 0;
   panel.replaceChildren();
   byId("stage-legend").replaceChildren();
+  if (!["meshes", "jobs"].includes(page.name)) state.a ??= state.shown; // who goes on from a mesh means that one
+  setParameters(Object.fromEntries((page.sides ?? []).map((side) => [side, state[side]])));
   leave = show(panel);
   isShown = true;
 }
@@ -58,6 +61,7 @@ byId("token").addEventListener("click", () => askForToken("A daemon with a token
 }));
 on("page", () => run(showPage));
 on("connection", () => { if (state.connection === "open" && !isShown) run(showPage); });
+on(["meshes", "page"], () => { byId("stage-hint").hidden = state.meshes.length > 0 || !state.hasMeshes || state.page === "meshes"; });
 const names = pages.map(({ name }) => name);
 addEventListener("hashchange", () => readAddress(names));
 startTheme();

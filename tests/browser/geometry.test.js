@@ -169,6 +169,25 @@ test("the sides of a box are told apart by the curves of its layout, of a mesh a
   }
 });
 
+test("a patch one of whose curves leaves the surface is coloured where its four curves lead", () => {
+  const corners = [[0, 0.2, 0.2], [0, 0.8, 0.2], [0, 0.8, 0.8], [0, 0.2, 0.8]];
+  const curves = corners.map((from, id) => {
+    const to = corners[(id + 1) % 4];
+    const points = Array.from({ length: 21 }, (_, i) => from.map((value, k) => value + ((to[k] - value) * i) / 20));
+    if (id === 0) for (const point of points.slice(3, -3)) point[0] = 0.035; // under the surface
+    return { id, points: id % 2 ? points : points.reverse() };
+  });
+  const frame = { centre: [0.5, 0.5, 0.5], scale: 1 / Math.sqrt(3) };
+  const patches = [{ sides: [0, 1, 2, 3], middle: [0, 0.5, 0.5], tint: [9, 0, 0] }];
+  const { colours, sides, low, size } = colourCells(fillCells(shapeOf(box(40)), frame), frame, { curves, patches });
+  const tintAt = (point) => {
+    const [i, j, k] = point.map((value, axis) => Math.floor((0.999 * (value - 0.5) * frame.scale - low[axis]) / size));
+    return colours[4 * ((k * sides[1] + j) * sides[0] + i)];
+  };
+  assert.deepEqual([[0.5, 0.5], [0.3, 0.7], [0.7, 0.75], [0.1, 0.5], [0.5, 0.9]].map(([y, z]) => tintAt([0, y, z])), [9, 9, 9, 0, 0]);
+  assert.equal(tintAt([1, 0.5, 0.5]), 0);
+});
+
 test("the scale of signed distances is grey in the middle and as dark on both sides", () => {
   const light = (share) => signedColour(share).reduce((sum, value) => sum + value, 0);
   const [r, g, b] = signedColour(0.5);

@@ -79,6 +79,10 @@ test("a token is asked for, refused when wrong, and kept in memory only", () => 
       await page.getByLabel("Bearer token").fill(words);
       await page.getByRole("button", { name: "Use it" }).click();
     };
+    await page.getByLabel("Bearer token").waitFor();
+    await page.keyboard.press("Escape");
+    await page.getByText("The daemon wants a token").waitFor();
+    await page.getByRole("button", { name: "Token", exact: true }).click();
     await enter("wrong".repeat(5));
     await page.getByText("this token is not known").waitFor();
     await enter(token);

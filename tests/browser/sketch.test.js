@@ -48,16 +48,16 @@ test("a whole layout is drawn, undone and done again, and grown into a thousand 
     await says(page, `${place + 1} curve`);
     if (place === 0) assert.equal(await page.locator(".issues li").count(), 2); // both ends hang free
   }
-  await says(page, "12 curves, 6 patches; the layout is whole");
+  await says(page, "12 curves, 6 patches; every cell is closed");
   assert.equal(await page.locator(".issues li").count(), 0);
   await page.waitForFunction(async () => (await import("/dashboard/view/view.js")).currentStage().models.get("a").regions);
   assert(await shadedShare(page) > 10000);
   await page.keyboard.press("Control+z");
   await says(page, "11 curves");
   await page.keyboard.press("Control+Shift+z");
-  await says(page, "12 curves, 6 patches; the layout is whole");
+  await says(page, "12 curves, 6 patches; every cell is closed");
   await page.reload();
-  await says(page, "12 curves, 6 patches; the layout is whole");
+  await says(page, "12 curves, 6 patches; every cell is closed");
 
   await page.getByRole("link", { name: "Remesh this layout" }).click();
   await page.getByRole("button", { name: "Start from the layout" }).click();
@@ -115,16 +115,16 @@ test("what an end will snap to is shown; curves are chosen, split, merged, redra
   const half = curves[0].points[6];
   await page.mouse.click(...(await lookAt(page, curves[0].points[4], [half]))[0]);
   await page.getByRole("button", { name: "Merge" }).click();
-  await says(page, "12 curves, 6 patches; the layout is whole");
+  await says(page, "12 curves, 6 patches; every cell is closed");
 
   await page.mouse.click(...middle);
-  const before = (await daemon.client().layouts.get(layout.id)).curves[0].points.length;
+  const before = (await daemon.client().layouts.get(layout.id)).curves[0].points;
   await page.getByRole("button", { name: "Redraw" }).click();
   const bent = curves[0].points.map(([x, y, z], k) => (k > 1 && k < 7 ? [x, y + 0.08, z + 0.08] : [x, y, z]));
   await draw(page, (await lookAt(page, curves[0].points[4], bent)).reverse());
   await did(page, "drawn anew");
-  await says(page, "12 curves, 6 patches; the layout is whole");
-  assert.notEqual((await daemon.client().layouts.get(layout.id)).curves[0].points.length, before);
+  await says(page, "12 curves, 6 patches; every cell is closed");
+  assert.notDeepEqual((await daemon.client().layouts.get(layout.id)).curves[0].points, before);
 
   // The one curve that the list chooses; one of its ends is dragged onto another curve, and back by a key.
   await page.locator("select[name=curve]").selectOption("0");
@@ -133,7 +133,7 @@ test("what an end will snap to is shown; curves are chosen, split, merged, redra
   await did(page, "ends elsewhere");
   await says(page, "13 curves");
   await page.keyboard.press("Control+z");
-  await says(page, "12 curves, 6 patches; the layout is whole");
+  await says(page, "12 curves, 6 patches; every cell is closed");
   await page.locator("select[name=curve]").selectOption("3");
   await page.locator("h2").first().click();
   await page.keyboard.press("Delete");
@@ -171,6 +171,9 @@ test("fingers and pens draw as mice do; strokes that go on are joined, and cut w
   await draw(page, await place([0.1, 0.2, 0.3, 0.4, 0.5].map((y) => [0.2, y, 1])));
   await did(page, "is cut where it meets it");
   await says(page, "3 curves");
+  await draw(page, await place([-0.3, -0.1, 0.1, 0.3, 0.5].map((y) => [-0.2, y, 1]))); // straight across
+  await did(page, "is cut where it meets it");
+  await says(page, "6 curves");
 
   // Two fingers turn the view and draw nothing.
   const eye = () => page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage().eye.toText());
@@ -180,6 +183,6 @@ test("fingers and pens draw as mice do; strokes that go on are joined, and cut w
   for (let step = 1; step <= 4; step++) await touch("touchMove", [x + 8 * step, y + 5 * step], [x + 60 + 8 * step, y + 5 * step]);
   await touch("touchEnd");
   assert.notEqual(await eye(), still);
-  await says(page, "3 curves");
+  await says(page, "6 curves");
   await finish(page);
 });

@@ -40,13 +40,14 @@ function niceStep(span, most) {
 export function drawChart(canvas, samples, threshold) {
   const { context, width, height } = prepare(canvas);
   const { low, high } = range(samples, threshold);
-  const end = Math.max(1e-3, samples.at(-1)?.elapsed_ms ?? 0);
-  const x = (/** @type {number} */ ms) => LEFT + (ms / end) * (width - LEFT - RIGHT);
+  const begin = samples[0]?.elapsed_ms ?? 0; // what was waited for before is no part of it
+  const end = Math.max(begin + 1e-3, samples.at(-1)?.elapsed_ms ?? 0);
+  const x = (/** @type {number} */ ms) => LEFT + ((ms - begin) / (end - begin)) * (width - LEFT - RIGHT);
   const y = (/** @type {number} */ value) => {
     const place = value > 0 ? (Math.log10(value) - low) / (high - low) : 0;
     return height - BOTTOM - Math.max(0, Math.min(1, place)) * (height - TOP - BOTTOM);
   };
-  drawAxes(context, { x, y, low, high, end, width, height, isEmpty: samples.length === 0 });
+  drawAxes(context, { x, y, low, high, begin, end, width, height, isEmpty: samples.length === 0 });
   if (threshold !== null && threshold > 0) {
     context.strokeStyle = colour("--ink");
     context.setLineDash([5, 4]);
@@ -61,10 +62,10 @@ export function drawChart(canvas, samples, threshold) {
 
 /**
  * @param {CanvasRenderingContext2D} context
- * @param {{ x: (ms: number) => number, y: (value: number) => number, low: number, high: number, end: number,
+ * @param {{ x: (ms: number) => number, y: (value: number) => number, low: number, high: number, begin: number, end: number,
  *   width: number, height: number, isEmpty: boolean }} scale
  */
-function drawAxes(context, { x, y, low, high, end, width, height, isEmpty }) {
+function drawAxes(context, { x, y, low, high, begin, end, width, height, isEmpty }) {
   context.font = "11px system-ui, sans-serif";
   context.lineWidth = 1;
   context.strokeStyle = colour("--line");
@@ -79,9 +80,9 @@ function drawAxes(context, { x, y, low, high, end, width, height, isEmpty }) {
   if (isEmpty) return;
   context.textBaseline = "alphabetic";
   context.textAlign = "center";
-  const every = niceStep(end, 4);
-  for (let ms = 0; ms <= end * 1.0001; ms += every) {
-    context.textAlign = x(ms) > width - 40 ? "right" : ms === 0 ? "left" : "center";
+  const every = niceStep(end - begin, 4);
+  for (let ms = Math.ceil(begin / every) * every; ms <= end * 1.0001; ms += every) {
+    context.textAlign = x(ms) > width - 40 ? "right" : x(ms) < LEFT + 20 ? "left" : "center";
     context.fillText(ms === 0 ? "0" : duration(ms), x(ms), height - 7);
   }
 }

@@ -13,7 +13,7 @@ import { changed, state } from "./state.js";
  */
 export function meshChoice(which, { words = which.toUpperCase(), none = "choose a mesh", fits = () => true } = {}) {
   const meshes = state.meshes.filter(fits);
-  const options = /** @type {[string, string][]} */ ([["", meshes.length > 0 ? none : "there is no such mesh yet"],
+  const options = /** @type {[string, string][]} */ ([["", meshes.length > 0 ? none : "none yet"],
     ...meshes.map((mesh) => [mesh.id, mesh.name || mesh.id])]);
   const choice = select(which, options, state[which] ?? "");
   choice.addEventListener("change", () => {

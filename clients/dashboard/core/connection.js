@@ -12,15 +12,20 @@ const ASK_MS = 15000;
 /** @type {ReturnType<typeof setTimeout> | undefined} */
 let timer;
 
+let isLocked = false;
+
 /** Asks the daemon what it is; what was missed meanwhile is read by who listens to "connection". */
 export async function connect() {
   clearTimeout(timer);
   try {
     state.info = await client.system.info();
+    isLocked = false;
     set("open");
     timer = setTimeout(connect, ASK_MS);
   } catch (error) {
     if (error instanceof ProblemError && error.status === 401) {
+      state.info = null;
+      isLocked = true;
       set("waiting");
       askForToken(error.detail, (token) => {
         client.token = token;
@@ -54,6 +59,6 @@ on("info", () => {
   const { info, connection } = state;
   words.className = `connection ${connection}`;
   words.textContent = connection === "lost" ? "The daemon does not answer; trying again"
-    : connection === "waiting" || !info ? "Asking the daemon"
+    : connection === "waiting" || !info ? (isLocked ? "The daemon wants a token" : "Asking the daemon")
     : `${info.version}, ${info.kernel}, ${info.workers} worker${info.workers === 1 ? "" : "s"}`;
 });

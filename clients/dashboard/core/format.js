@@ -24,6 +24,9 @@ export const small = (value) => (value === null || value === undefined ? NONE : 
 /** @param {number | null | undefined} share */
 export const percent = (share) => (share === null || share === undefined ? NONE : `${(share * 100).toPrecision(3)} %`);
 
+/** @param {number} power of ten */
+export const percentOfPower = (power) => (power >= -5 ? `${Number(`1e${power + 2}`)} %` : `1e${power + 2} %`);
+
 /** @param {number} ms */
 export function duration(ms) {
   if (ms < 1000) return `${ms < 10 ? ms.toFixed(1) : Math.round(ms)} ms`;

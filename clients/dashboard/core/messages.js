@@ -18,6 +18,9 @@ export function say(words, { isFault = false, details = [] } = {}) {
   if (!isFault) setTimeout(() => box.remove(), NOTE_MS);
 }
 
+/** Puts away what was said of a view that is left. */
+export const forgetMessages = () => byId("messages").replaceChildren();
+
 /**
  * A fault in words, with its places.
  * @param {unknown} error

@@ -7,7 +7,7 @@ let open = null;
 
 /**
  * @param {string} words why
- * @param {(token: string | null) => void} onToken null: without one
+ * @param {(token: string | null) => void} onToken null: without one; not called when the dialog is put away
  */
 export function askForToken(words, onToken) {
   if (open) return;
@@ -16,14 +16,14 @@ export function askForToken(words, onToken) {
     h("h2", { id: "token-title" }, "Token"),
     h("p", { className: "muted" }, `${words}. It is kept in memory until this page is closed, and nowhere else.`),
     h("label", { for: "token-input" }, "Bearer token"), input,
-    h("div", { className: "row" }, h("button", { type: "submit", className: "primary" }, "Use it")));
+    h("div", { className: "row" }, h("button", { type: "submit", className: "primary", value: "use" }, "Use it")));
   const dialog = h("dialog", { "aria-labelledby": "token-title" }, form);
   open = dialog;
   dialog.addEventListener("close", () => {
     const token = input.value.trim();
     dialog.remove();
     open = null;
-    onToken(token === "" ? null : token);
+    if (dialog.returnValue === "use") onToken(token === "" ? null : token);
   });
   document.body.append(dialog);
   dialog.showModal();

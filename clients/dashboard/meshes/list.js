@@ -10,7 +10,7 @@ import { thumbnailOf } from "./thumbnails.js";
 /** @param {HTMLElement} list */
 export function drawList(list) {
   if (state.meshes.length === 0) {
-    const words = state.hasMeshes ? "There is no mesh yet. OBJ, PLY, STL, OFF, GLB, DRC and XYZ files are read." : "Asking the daemon.";
+    const words = state.hasMeshes ? "There is no mesh yet." : "Asking the daemon.";
     list.replaceChildren(h("li", { className: "empty" }, words));
     return;
   }

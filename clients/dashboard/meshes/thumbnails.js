@@ -56,7 +56,7 @@ async function drawNext() {
     const { drawThumbnail } = await import("../view/thumbnail.js");
     const picture = await drawThumbnail(stage, mesh, WIDTH, HEIGHT);
     const canvas = h("canvas", { width: WIDTH, height: HEIGHT });
-    canvas.getContext("2d")?.putImageData(picture, 0, 0);
+    canvas.getContext("2d", { willReadFrequently: true })?.putImageData(picture, 0, 0); // not by the graphics card, which is busy
     const blob = await new Promise((/** @type {BlobCallback} */ resolve) => { canvas.toBlob(resolve); });
     if (blob) pictures.set(keyOf(mesh), URL.createObjectURL(blob));
     changed("meshes");

@@ -17,7 +17,9 @@ export function makeUpload() {
     add([...(input.files ?? [])]);
     input.value = "";
   });
-  const drop = h("div", { className: "drop" }, h("label", { for: "files" }, "Drop mesh files here, or choose them"), input);
+  input.className = "unseen";
+  const drop = h("label", { className: "drop" }, h("strong", {}, "Drop meshes or scans here, or choose files"),
+    h("span", { className: "muted small" }, "OBJ, PLY, STL, OFF, GLB, DRC, XYZ"), input);
   return h("section", { className: "section", "aria-label": "Upload" }, drop, uploads);
 }
 

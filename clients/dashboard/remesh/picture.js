@@ -63,8 +63,11 @@ export class Picture {
     await show(this.wishes(false));
   }
 
-  /** Measures and paints how far each place of the surface lies from the quads. */
-  async showError() {
+  /**
+   * Measures and paints how far each place of the surface lies from the quads.
+   * @param {number | null} [most] what is colours' end; what lies farther away is not covered
+   */
+  async showError(most) {
     const { meshes } = this;
     if (!meshes?.source) return null;
     this.leave.abort();
@@ -76,9 +79,9 @@ export class Picture {
     const model = currentStage()?.models.get("a");
     if (!model?.isWhole || this.meshes !== meshes) return null;
     await paint(model, distances);
-    const top = result.max.upper > 0 ? result.max.upper : 1;
+    const top = Math.min(most || Infinity, result.max.upper) || 1;
     setLook({ heat: true, signed: false, top });
-    byId("stage-legend").replaceChildren(makeLegend({ top, isSigned: false }, "Distance of the surface from the quads"));
+    byId("stage-legend").replaceChildren(makeLegend({ top, isSigned: false }, top < result.max.upper ? "Distance from the quads, of what they cover" : "Distance of the surface from the quads"));
     return result;
   }
 

@@ -14,7 +14,7 @@ import { look, setLook } from "../view/view.js";
 import { makeGoal } from "./goal.js";
 import { Picture } from "./picture.js";
 import { Runner } from "./runner.js";
-import { drawBounds, drawSteps, stepTable } from "./steps.js";
+import { distanceOf, drawBounds, drawSteps, stepTable } from "./steps.js";
 
 /** @import { LayoutBrief, Reconstruction, ReconstructionBrief } from "../../js/types.js" */
 /** @import { Goal } from "./runner.js" */
@@ -52,10 +52,11 @@ export function showRemesh(panel) {
 
   /** @param {number} most @param {Goal} wanted */
   async function refine(most, wanted) {
-    if (!current) return;
     setRunning(true);
-    outcome.textContent = "Refining";
     try {
+      if (!current) await begin();
+      if (!current) return;
+      outcome.textContent = "Refining";
       outcome.textContent = endings(wanted)[await runner.run(current.id, most, wanted)];
     } finally {
       setRunning(false);
@@ -66,12 +67,13 @@ export function showRemesh(panel) {
   /** @param {boolean} now */
   function setRunning(now) {
     isRunning = now;
-    goal.draw(isRunning, current !== null);
     const layout = chosenLayout();
+    goal.draw(isRunning, current !== null || layout !== "");
     start.disabled = isRunning || layout === "";
     take.disabled = isRunning || layout === "" || !current;
-    edit.hidden = layout === "";
-    edit.href = `#sketch?a=${state.a}&layout=${layout}`;
+    edit.hidden = state.a === null;
+    edit.textContent = layout === "" ? "Sketch a layout" : "Edit the layout";
+    edit.href = `#sketch?a=${state.a}${layout === "" ? "" : `&layout=${layout}`}`;
     heat.disabled = isRunning || !current;
   }
 
@@ -84,7 +86,8 @@ export function showRemesh(panel) {
     const share = now.coverage.samples > 0 ? now.coverage.uncovered_samples / now.coverage.samples : 0;
     grown.replaceChildren(figures([
       ["Quads", count(now.quads)], ["Patches", count(now.patch_count)], ["Steps", count(now.step_count)],
-      ["Uncovered", percent(share)]]));
+      ["Uncovered", percent(share)], ["Folded quads", count(last?.quality.folded_quads)],
+      ["Corners off 90°", last ? `${last.quality.mean_angle_deviation_deg.toFixed(1)}°` : "–"]]));
     distance.hidden = !last;
     download.hidden = false;
     drawBounds(bounds, last);
@@ -107,10 +110,13 @@ export function showRemesh(panel) {
       return;
     }
     outcome.textContent = "Measuring how far the surface lies from the quads";
-    const result = await picture.showError();
+    const last = current?.steps.at(-1);
+    const result = await picture.showError(distanceOf(last)?.upper);
     if (!result) return;
     heat.setAttribute("aria-pressed", "true");
-    outcome.textContent = `The surface lies ${percent(result.mean.upper_relative)} of its diagonal from the quads in the mean, ${percent(result.max.upper_relative)} at most`;
+    const isPart = Boolean(last?.uncovered_points);
+    outcome.textContent = isPart ? "What no patch covers is beyond the scale."
+      : `The surface lies ${percent(result.mean.upper_relative)} of its diagonal from the quads in the mean, ${percent(result.max.upper_relative)} at most`;
   }
 
   /** @type {LayoutBrief[]} */
@@ -175,7 +181,8 @@ export function showRemesh(panel) {
 
   function drawChoices() {
     const before = chosenLayout() || (parameter("layout") ?? layouts.at(-1)?.id ?? "");
-    const layout = select("layout", layouts.map((brief) => [brief.id, `of ${time(brief.created)}${brief.complete ? ", whole" : ""}`]), before);
+    const none = /** @type {[string, string][]} */ (layouts.length > 0 ? [] : [["", "none yet"]]);
+    const layout = select("layout", [...none, ...layouts.map((brief) => /** @type {[string, string]} */ ([brief.id, `of ${time(brief.created)}${brief.complete ? ", closed" : ""}`]))], before);
     const options = /** @type {[string, string][]} */ (all.map((brief) => [brief.id, `of ${time(brief.created)}, ${count(brief.id === current?.id ? current.quads : brief.quads)} quads`]));
     const mesh = select("reconstruction", [["", "none yet"], ...options], current?.id ?? "");
     layout.addEventListener("change", () => setRunning(isRunning));

@@ -1,18 +1,31 @@
 // The record of the steps of a reconstruction: quads and the proven distance to the source after each.
 
 import { colour, h } from "../core/dom.js";
-import { count, duration, length, percent } from "../core/format.js";
+import { count, duration, length, percent, percentOfPower } from "../core/format.js";
 import { prepare } from "../compare/canvas.js";
 
 /** @import { StepRecord } from "../../js/types.js" */
 
+/** How far the surface lies from the quads; of a point set, as far as it is covered. @param {StepRecord | undefined} record */
+export const distanceOf = (record) => record?.covered ?? record?.hausdorff ?? null;
+
 /** Both bounds of the distance after the last step. @param {HTMLElement} place @param {StepRecord | undefined} last */
 export function drawBounds(place, last) {
-  const { hausdorff } = last ?? { hausdorff: null };
+  const hausdorff = distanceOf(last);
   const bound = (/** @type {"lower" | "upper"} */ name) => h("div", {},
     h("dt", {}, h("span", { className: `swatch ${name}` }), `${name} bound`),
     h("dd", {}, length(hausdorff?.[name], 6), h("div", { className: "relative" }, `${percent(hausdorff?.[`${name}_relative`])} of the diagonal`)));
-  place.replaceChildren(h("dl", { className: "bounds" }, bound("lower"), bound("upper")));
+  const { uncovered_points: others, mesh_to_points: back } = last ?? {};
+  const more = [others ? `${count(others)} points that no patch covers are left out` : "",
+    back ? `The quads lie ${percent(back.upper_relative)} from the points at most` : ""].filter((words) => words !== "");
+  place.replaceChildren(h("dl", { className: "bounds" }, bound("lower"), bound("upper")),
+    ...more.map((words) => h("p", { className: "muted small" }, `${words}.`)));
+}
+
+/** @param {StepRecord} record */
+function intervalOf(record) {
+  const distance = distanceOf(record);
+  return distance ? `${percent(distance.lower_relative)} – ${percent(distance.upper_relative)}` : "not measured";
 }
 
 /** @param {StepRecord[]} steps */
@@ -23,7 +36,7 @@ export function stepTable(steps) {
     h("thead", {}, h("tr", {}, ...heads.map((words) => h("th", { scope: "col", className: "number" }, words)))),
     h("tbody", {}, ...steps.map((record, place) => h("tr", {},
       h("td", { className: "number" }, String(place + 1)), h("td", { className: "number" }, count(record.quads)),
-      h("td", { className: "number" }, record.hausdorff ? `${percent(record.hausdorff.lower_relative)} – ${percent(record.hausdorff.upper_relative)}` : "not measured"),
+      h("td", { className: "number" }, intervalOf(record)),
       h("td", { className: "number" }, duration(record.step_ms + record.measure_ms)))).reverse()));
 }
 
@@ -34,8 +47,10 @@ export function stepTable(steps) {
  */
 export function drawSteps(canvas, steps) {
   const { context, width, height } = prepare(canvas);
-  const known = steps.flatMap(({ quads, hausdorff }) => (hausdorff && (hausdorff.upper_relative ?? 0) > 0
-    ? [{ quads, lower: hausdorff.lower_relative ?? 0, upper: /** @type {number} */ (hausdorff.upper_relative) }] : []));
+  const known = steps.flatMap((record) => {
+    const distance = distanceOf(record);
+    return distance?.upper_relative ? [{ quads: record.quads, lower: distance.lower_relative ?? 0, upper: distance.upper_relative }] : [];
+  });
   if (known.length === 0) return;
   const [left, right, top, bottom] = [58, 14, 10, 24];
   const low = Math.floor(Math.log10(Math.min(...known.map(({ upper }) => upper))));
@@ -50,7 +65,7 @@ export function drawSteps(canvas, steps) {
     context.fillStyle = colour("--line");
     context.fillRect(left, y(10 ** power), width - left - right, 1);
     context.fillStyle = colour("--muted");
-    context.fillText(percent(10 ** power).replace(/\.?0+ /, " "), left - 8, y(10 ** power));
+    context.fillText(percentOfPower(power), left - 8, y(10 ** power));
   }
   context.textBaseline = "alphabetic";
   context.textAlign = "left";

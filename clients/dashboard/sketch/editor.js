@@ -1,5 +1,6 @@
 // A layout at work: what is chosen of it, its edits one after the other, and what the last one did.
 
+import { ProblemError } from "../js/index.js";
 import { client } from "../core/connection.js";
 import { count } from "../core/format.js";
 
@@ -70,8 +71,12 @@ export class Editor {
         this.layouts.push(this.layout);
       }
       if (!this.layout) return;
-      const now = await action(this.layout.id);
-      this.take(now, describe(now));
+      const now = await action(this.layout.id).catch((error) => {
+        if (!(error instanceof ProblemError) || error.status !== 422) throw error;
+        this.words = `Nothing has changed: ${error.detail}.`;
+      });
+      if (now) this.take(now, describe(now));
+      else this.onChange();
     });
     this.before = next.catch(() => {});
     return next;

@@ -254,5 +254,5 @@ function describe(layout) {
   if (!layout || layout.curves.length === 0) return "Nothing is drawn yet.";
   const curves = `${count(layout.curves.length)} curve${layout.curves.length === 1 ? "" : "s"}`;
   const patches = `${count(layout.patches.length)} patch${layout.patches.length === 1 ? "" : "es"}`;
-  return `${curves}, ${patches}${layout.complete && layout.patches.length > 0 ? "; the layout is whole" : ""}`;
+  return `${curves}, ${patches}${layout.complete && layout.patches.length > 0 ? "; every cell is closed" : ""}`;
 }

@@ -64,8 +64,7 @@ export class DepthMap {
     stage.renderer.setRenderTarget(packed);
     stage.renderer.render(this.quad, this.flat);
     stage.renderer.setRenderTarget(null);
-    const bytes = new Uint8Array(4 * width * height);
-    await stage.renderer.readRenderTargetPixelsAsync(packed, 0, 0, width, height, bytes);
+    const bytes = await stage.read(packed);
     for (const target of [seen, packed]) target.dispose();
     if (this.isGone) return;
     this.map = { width, height, bytes, eye };

@@ -165,7 +165,11 @@ function makeGeometry(position) {
 
 /** Something of each kind, which is kept, and its programs with it. */
 export function makeSample() {
-  const geometry = makeGeometry(new Float32Array(9));
-  for (const name of ["normal", "edge", "tint", "facing"]) geometry.setAttribute(name, new BufferAttribute(new Uint8Array(12), 4, true));
-  return new Group().add(new Drawn(geometry, makeSurface()), new Points(geometry, makeDiscs()), new Points(geometry, makeMarks()));
+  const make = (/** @type {string[]} */ ...names) => { // a program depends on the attributes
+    const geometry = makeGeometry(new Float32Array(9));
+    for (const name of names) geometry.setAttribute(name, new BufferAttribute(new Uint8Array(12), 4, true));
+    return geometry;
+  };
+  return new Group().add(new Drawn(make("normal", "edge", "tint"), makeSurface()), new Points(make("facing"), makeDiscs()),
+    new Points(make("value"), makeMarks()));
 }

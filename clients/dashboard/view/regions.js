@@ -2,6 +2,7 @@
 // what they part is flooded. The cells are coloured, for the graphics card to look up.
 
 import { findSpacing } from "./cloud.js";
+import { coonsPoints } from "./coons.js";
 
 /** @import { Shape } from "./ply.js" */
 /** @import { Frame } from "./soup.js" */
@@ -14,6 +15,10 @@ const CELL = 1 / 170;
 const CELL_SPACINGS = 2;
 /** Walls reach this many cells beyond a curve: with one, regions meet across an edge that is sharp. */
 const WALL_REACH = 2;
+/** A region of more than half the surface, and so many times as large as its Coons patch, has a gap in its border. */
+const LEAK = 4;
+/** How far from its Coons patch the surface of a patch without a region is coloured, in cells. */
+const COONS_REACH = 3;
 /** The share of a region's border that must be of its patch. */
 const LEAST_BORDER = 0.75;
 
@@ -109,16 +114,20 @@ function flood(cells, walls) {
   const inside = ring(cells);
   /** How often the border of each region meets each curve. @type {Map<number, number>[]} */
   const borders = [];
+  /** Cells of each region. @type {number[]} */
+  const sizes = [];
   /** @type {number[]} */
   const stack = [];
   for (let start = 0; start < region.length; start++) {
     if (!cells.surface[start] || walls[start] || region[start]) continue;
     const border = new Map();
     borders.push(border);
+    sizes.push(0);
     region[start] = borders.length;
     stack.push(start);
     while (stack.length > 0) {
       const cell = /** @type {number} */ (stack.pop());
+      sizes[sizes.length - 1]++;
       for (const step of around) {
         const next = cell + step;
         if (!cells.surface[next] || region[next] || !inside(next)) continue;
@@ -131,7 +140,7 @@ function flood(cells, walls) {
       }
     }
   }
-  return { region, borders };
+  return { region, borders, sizes };
 }
 
 /** Whether a cell is none of the outermost, which have no neighbours all round. @param {Cells} cells */
@@ -146,11 +155,16 @@ function ring({ sides }) {
  * @param {ReturnType<typeof flood>} flooded
  * @param {Frame} frame
  * @param {Plan} plan
- * @returns {Map<number, number[]>} tints by region
+ * @returns {{ tints: Map<number, number[]>, lost: Plan["patches"] }} tints by region; the patches without one
  */
-function matchPatches(cells, { region, borders }, { centre, scale }, { curves, patches }) {
+function matchPatches(cells, { region, borders, sizes }, frame, { curves, patches }) {
+  const { centre, scale } = frame;
+  const total = sizes.reduce((sum, size) => sum + size, 0);
   const tints = new Map();
-  for (const { sides, middle, tint } of patches) {
+  /** @type {Plan["patches"]} */
+  const lost = [];
+  for (const patch of patches) {
+    const { sides, middle, tint } = patch;
     const own = new Set(sides.map((id) => curves.findIndex((curve) => curve.id === id)));
     const fitting = new Set(borders.flatMap((border, place) => {
       let all = 0, mine = 0;
@@ -162,9 +176,51 @@ function matchPatches(cells, { region, borders }, { centre, scale }, { curves, p
       return isBounded && mine >= LEAST_BORDER * all && !tints.has(place + 1) ? [place + 1] : [];
     }));
     const nearest = fitting.size < 2 ? [...fitting][0] : nearestRegion(cells, region, fitting, middle.map((value, k) => (value - centre[k]) * scale));
-    if (nearest !== undefined) tints.set(nearest, tint);
+    const hasLeaked = nearest !== undefined && 2 * sizes[nearest - 1] > total
+      && sizes[nearest - 1] > LEAK * coonsCells(cells, frame, curves, patch).size;
+    if (nearest !== undefined && !hasLeaked) tints.set(nearest, tint);
+    else lost.push(patch);
   }
-  return tints;
+  return { tints, lost };
+}
+
+/**
+ * The cells of the Coons patch of four curves.
+ * @param {Cells} cells
+ * @param {Frame} frame
+ * @param {Plan["curves"]} curves
+ * @param {Plan["patches"][0]} patch
+ */
+function coonsCells(cells, { centre, scale }, curves, { sides }) {
+  const lines = sides.map((id) => (curves.find((curve) => curve.id === id)?.points ?? []).map((point) => point.map((value, k) => (value - centre[k]) * scale)));
+  /** @type {Set<number>} */
+  const found = new Set();
+  for (const point of coonsPoints(lines, cells.size)) {
+    const isInside = point.every((value, k) => value >= cells.low[k] && value < cells.low[k] + cells.sides[k] * cells.size);
+    if (isInside) found.add(cellOf(cells, point[0], point[1], point[2]));
+  }
+  return found;
+}
+
+/**
+ * Colours what lies near the Coons patch of four curves and has no colour: curves that leap over a fold part no region off.
+ * @param {Cells} cells
+ * @param {Frame} frame
+ * @param {Plan["curves"]} curves
+ * @param {Plan["patches"][0]} patch
+ * @param {Uint8Array} colours
+ */
+function colourByCoons(cells, frame, curves, patch, colours) {
+  const { tint } = patch;
+  const [around, beside] = [neighbours(cells, COONS_REACH), neighbours(cells)];
+  const put = (/** @type {number} */ cell) => { if (!colours[4 * cell + 3]) colours.set([tint[0], tint[1], tint[2], 255], 4 * cell); };
+  for (const cell of coonsCells(cells, frame, curves, patch)) {
+    for (const step of around) {
+      const next = cell + step;
+      if (!cells.surface[next] || colours[4 * next + 3]) continue;
+      for (const one of beside) if (one === 0 || !cells.surface[next + one]) put(next + one);
+    }
+  }
 }
 
 /** @param {Cells} cells @param {Int32Array} region @param {Set<number>} among @param {number[]} middle */
@@ -192,7 +248,7 @@ function nearestRegion({ sides, low, size }, region, among, middle) {
 export function colourCells(cells, frame, plan) {
   const walls = buildWalls(cells, frame, plan.curves);
   const flooded = flood(cells, walls);
-  const tints = matchPatches(cells, flooded, frame, plan);
+  const { tints, lost } = matchPatches(cells, flooded, frame, plan);
   const around = neighbours(cells);
   const inside = ring(cells);
   let region = flooded.region;
@@ -212,5 +268,6 @@ export function colourCells(cells, frame, plan) {
     const tint = tints.get(region[cell]);
     if (tint) colours.set([tint[0], tint[1], tint[2], 255], 4 * cell);
   }
+  for (const patch of lost) colourByCoons(cells, frame, plan.curves, patch, colours);
   return { colours, sides: cells.sides, low: cells.low, size: cells.size };
 }

@@ -51,6 +51,8 @@ export class Stage {
     this.isWaiting = false;
     /** Are the programs of the graphics card there? */
     this.isReady = false;
+    /** How many pictures are being read back. */
+    this.readings = 0;
     /** Signalled when the last frame is on the screen. @type {WebGLSync | null} */
     this.last = null;
     new ResizeObserver(() => this.resize()).observe(place);
@@ -251,7 +253,23 @@ export class Stage {
 
   /** Is the graphics card still at the last frame, or not ready for one? */
   isBusy() {
-    return !this.isReady || this.isDrawing();
+    return !this.isReady || this.readings > 0 || this.isDrawing();
+  }
+
+  /**
+   * Reads back what was drawn, four bytes a pixel. Nothing else is drawn meanwhile: the bytes would wait for that, and the page
+   * for the bytes.
+   * @param {WebGLRenderTarget} target
+   */
+  async read(target) {
+    const bytes = new Uint8Array(4 * target.width * target.height);
+    this.readings++;
+    try {
+      await this.renderer.readRenderTargetPixelsAsync(target, 0, 0, target.width, target.height, bytes);
+    } finally {
+      this.readings--;
+    }
+    return bytes;
   }
 
   isDrawing() {

@@ -55,8 +55,7 @@ async function draw(stage, model, width, height) {
   home?.add(model.group);
   stage.mark();
   stage.apply();
-  const pixels = new Uint8Array(4 * width * height);
-  await renderer.readRenderTargetPixelsAsync(target, 0, 0, width, height, pixels);
+  const pixels = await stage.read(target);
   target.dispose();
   const picture = new ImageData(width, height);
   for (let row = 0; row < height; row++) { // the graphics card's first row is the lowest

@@ -4,7 +4,7 @@ import assert from "node:assert/strict";
 
 import { chromium } from "playwright-core";
 
-const PATIENCE_MS = 30000;
+const PATIENCE_MS = 60000;
 
 export class Browser {
   static async launch() {
