@@ -22,7 +22,7 @@
 
 struct qm_blob_writer {
     qm_store *store;
-    struct sha256_ctx hash;
+    struct sha256_ctx hash; /* of what is in the file */
     char path[QM_STORE_PATH_SIZE];
     char name[QM_HASH_SIZE]; /* the hash, once sealed */
     int file;                /* -1 while the bytes are few and in memory */
@@ -165,6 +165,13 @@ static bool write_all(int file, const char *bytes, size_t size)
     return true;
 }
 
+/** What never gets into the file is never asked for its hash. */
+static bool append(qm_blob_writer *writer, const char *bytes, size_t size)
+{
+    sha256_update(&writer->hash, size, (const uint8_t *)bytes);
+    return write_all(writer->file, bytes, size);
+}
+
 /** Moves the bytes from memory to a file, unless they are there already. */
 static qm_status make_file(qm_blob_writer *writer)
 {
@@ -172,7 +179,7 @@ static qm_status make_file(qm_blob_writer *writer)
     snprintf(writer->path, QM_STORE_PATH_SIZE, "%s/incoming/XXXXXX", qm_store_folder(writer->store));
     writer->file = mkostemp(writer->path, O_CLOEXEC);
     if (writer->file < 0) return fail_to_store("make a file");
-    if (!write_all(writer->file, writer->held.data, writer->held.size)) return fail_to_store("write");
+    if (!append(writer, writer->held.data, writer->held.size)) return fail_to_store("write");
     qm_text_reset(&writer->held);
     return QM_OK;
 }
@@ -187,7 +194,6 @@ static void start_writing(qm_blob_writer *writer)
 
 qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
 {
-    sha256_update(&writer->hash, size, bytes);
     writer->size += size;
     if (writer->file < 0 && writer->size <= MAX_HELD) {
         qm_text_add(&writer->held, bytes, size);
@@ -195,7 +201,7 @@ qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
     }
     qm_status status = make_file(writer);
     if (status != QM_OK) return status;
-    if (!write_all(writer->file, bytes, size)) return fail_to_store("write");
+    if (!append(writer, bytes, size)) return fail_to_store("write");
     if (writer->size - writer->started > START_SIZE) start_writing(writer);
     return QM_OK;
 }
@@ -247,12 +253,12 @@ static bool move_into_place(const qm_blob_writer *writer, const char *hash)
 qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
 {
     uint8_t digest[SHA256_DIGEST_SIZE];
-    sha256_digest(&writer->hash, sizeof digest, digest);
-    qm_hash_print(digest, writer->name);
-    memcpy(hash, writer->name, QM_HASH_SIZE);
     qm_status status = make_file(writer);
     if (status != QM_OK) return status;
     start_writing(writer);
+    sha256_digest(&writer->hash, sizeof digest, digest);
+    qm_hash_print(digest, writer->name);
+    memcpy(hash, writer->name, QM_HASH_SIZE);
     return QM_OK;
 }
 

@@ -119,17 +119,17 @@ static qm_status reserve_origins(qm_builder *builder)
     return QM_OK;
 }
 
-static void store_face(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c, uint32_t d)
+static void store_face(qm_builder *builder, const uint32_t face[4])
 {
-    const uint32_t face[4] = {a, b, c, d};
-    memcpy(builder->faces + 4 * builder->face_count, face, sizeof face);
+    memcpy(builder->faces + 4 * builder->face_count, face, 4 * sizeof *face);
     if (builder->face_origin) builder->face_origin[builder->face_count] = (uint32_t)builder->input_face_count;
     ++builder->face_count;
 }
 
 /** A polygon whose fan has no such triangle may still name a vertex twice: it then only touches itself. */
-static bool repeats_corner(uint32_t a, uint32_t b, uint32_t c, uint32_t d)
+static bool repeats_corner(const uint32_t face[4])
 {
+    uint32_t a = face[0], b = face[1], c = face[2], d = face[3];
     return a == b || b == c || c == a || (d != QM_NO_INDEX && (d == a || d == b || d == c));
 }
 
@@ -152,8 +152,9 @@ static qm_status end_polygon(qm_builder *builder)
     if (status != QM_OK) return status;
     bool repeats = false;
     for (size_t i = 2; i < builder->corner_count; ++i) {
-        repeats |= repeats_corner(corners[0], corners[i - 1], corners[i], QM_NO_INDEX);
-        store_face(builder, corners[0], corners[i - 1], corners[i], QM_NO_INDEX);
+        const uint32_t part[4] = {corners[0], corners[i - 1], corners[i], QM_NO_INDEX};
+        repeats |= repeats_corner(part);
+        store_face(builder, part);
     }
     builder->repeated_count += repeats;
     ++builder->polygon_count;
@@ -164,28 +165,23 @@ static qm_status end_polygon(qm_builder *builder)
 
 qm_status qm_builder_end_face(qm_builder *builder)
 {
-    const uint32_t *corners = builder->corners;
     if (builder->corner_count < 3)
         return qm_codec_fail(builder->report, QM_E_FORMAT, "a face has %zu corners, but it needs three",
                              builder->corner_count);
     if (builder->corner_count > 4) return end_polygon(builder);
-
-    qm_status status = reserve_for_face(builder, 1);
-    if (status != QM_OK) return status;
-    uint32_t last = builder->corner_count == 4 ? corners[3] : QM_NO_INDEX;
-    builder->repeated_count += repeats_corner(corners[0], corners[1], corners[2], last);
-    store_face(builder, corners[0], corners[1], corners[2], last);
-    ++builder->input_face_count;
+    const uint32_t *corners = builder->corners;
+    const uint32_t face[4] = {corners[0], corners[1], corners[2],
+                              builder->corner_count == 4 ? corners[3] : QM_NO_INDEX};
     builder->corner_count = 0;
-    return QM_OK;
+    return qm_builder_add_face(builder, face);
 }
 
-qm_status qm_builder_add_triangle(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c)
+qm_status qm_builder_add_face(qm_builder *builder, const uint32_t corners[4])
 {
     qm_status status = reserve_for_face(builder, 1);
     if (status != QM_OK) return status;
-    builder->repeated_count += repeats_corner(a, b, c, QM_NO_INDEX);
-    store_face(builder, a, b, c, QM_NO_INDEX);
+    builder->repeated_count += repeats_corner(corners);
+    store_face(builder, corners);
     ++builder->input_face_count;
     return QM_OK;
 }

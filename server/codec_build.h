@@ -90,8 +90,13 @@ static inline qm_status qm_builder_add_corner(qm_builder *builder, uint32_t vert
  * three corners. */
 qm_status qm_builder_end_face(qm_builder *builder);
 
-/** The three calls above for a triangle. */
-qm_status qm_builder_add_triangle(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c);
+/** The three calls above for a triangle or a quad at once; the fourth corner of a triangle is QM_NO_INDEX. */
+qm_status qm_builder_add_face(qm_builder *builder, const uint32_t corners[4]);
+
+static inline qm_status qm_builder_add_triangle(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c)
+{
+    return qm_builder_add_face(builder, (const uint32_t[4]){a, b, c, QM_NO_INDEX});
+}
 
 /** Says which vertex a face asked for in vain; both count as the format does. */
 qm_status qm_builder_fail_index(qm_builder *builder, uint64_t vertex);

@@ -1,5 +1,6 @@
 #include "codec_scan.h"
 
+#include <endian.h>
 #include <locale.h>
 #include <math.h>
 #include <stdlib.h>
@@ -214,6 +215,35 @@ static bool scan_exponent(const qm_scan *text, const uint8_t **at, int64_t *expo
     return true;
 }
 
+/** Puts the digits that stand there behind those of the number; returns where they end. */
+static inline const uint8_t *scan_digits(const uint8_t *p, const uint8_t *end, uint64_t *number)
+{
+    for (; p < end && is_digit(*p); ++p)
+        *number = 10 * *number + (uint64_t)(*p - '0');
+    return p;
+}
+
+/**
+ * The same for eight digits at once; false, and nothing done, if there are fewer. Neighbours are joined to
+ * numbers of two, four and eight digits, each step in all places of the word.
+ * Source: Lemire, Number Parsing at a Gigabyte per Second, Software: Practice and Experience 51, 2021.
+ */
+static inline bool read_eight_digits(const uint8_t *p, const uint8_t *end, uint64_t *number)
+{
+    uint64_t word;
+    if (end - p < (ptrdiff_t)sizeof word) return false;
+    memcpy(&word, p, sizeof word);
+    word = le64toh(word);
+    /* A digit keeps its high half when 6 is added to it; the characters after '9' do not. */
+    const uint64_t high = 0xf0f0f0f0f0f0f0f0u, zeros = 0x3030303030303030u;
+    if ((word & high) != zeros || ((word + 0x0606060606060606u) & high) != zeros) return false;
+    word -= zeros;
+    word = (10 * word + (word >> 8)) & 0x00ff00ff00ff00ffu;
+    word = (100 * word + (word >> 16)) & 0x0000ffff0000ffffu;
+    *number = 100000000 * *number + ((10000 * word + (word >> 32)) & 0xffffffffu);
+    return true;
+}
+
 qm_status qm_scan_read_number(qm_scan *text, double *number)
 {
     qm_scan_skip_blanks(text);
@@ -223,13 +253,13 @@ qm_status qm_scan_read_number(qm_scan *text, double *number)
 
     const uint8_t *first = p;
     uint64_t mantissa = 0; /* wraps beyond 19 digits and is then not used */
-    for (; p < end && is_digit(*p); ++p)
-        mantissa = 10 * mantissa + (uint64_t)(*p - '0');
+    p = scan_digits(p, end, &mantissa);
     int64_t digit_count = p - first, exponent = 0;
     if (p < end && *p == '.') {
         const uint8_t *fraction = ++p;
-        for (; p < end && is_digit(*p); ++p)
-            mantissa = 10 * mantissa + (uint64_t)(*p - '0');
+        while (read_eight_digits(p, end, &mantissa))
+            p += 8;
+        p = scan_digits(p, end, &mantissa);
         exponent = fraction - p;
         digit_count += p - fraction;
     }
@@ -253,23 +283,31 @@ qm_status qm_scan_read_position(qm_scan *text, double position[3])
     return status;
 }
 
+#define SAFE_DIGITS 18 /* of any whole number with so many, 63 bits hold the value */
+
+/** Whether they do of digits of which there may be more; the value wraps beyond 19. */
+static bool fits(const uint8_t *first, const uint8_t *end, uint64_t value)
+{
+    while (first < end && *first == '0')
+        ++first;
+    return end - first <= SAFE_DIGITS + 1 && value <= INT64_MAX;
+}
+
 bool qm_scan_bare_integer(qm_scan *text, int64_t *integer, bool *overflow)
 {
-    const uint8_t *p = text->at;
-    bool negative = p < text->end && *p == '-';
-    if (p < text->end && (*p == '-' || *p == '+')) ++p;
-    const uint8_t *first = p;
-    int64_t value = 0;
+    const uint8_t *p = text->at, *end = text->end;
+    bool negative = p < end && *p == '-';
     *overflow = false;
-    for (; p < text->end && is_digit(*p); ++p) {
-        if (value > (INT64_MAX - 9) / 10) {
-            *overflow = true;
-            return false;
-        }
-        value = 10 * value + (*p - '0');
-    }
+    if (p < end && (*p == '-' || *p == '+')) ++p;
+    const uint8_t *first = p;
+    uint64_t value = 0;
+    p = scan_digits(p, end, &value);
     if (p == first) return false;
-    *integer = negative ? -value : value;
+    if (p - first > SAFE_DIGITS && !fits(first, p, value)) {
+        *overflow = true;
+        return false;
+    }
+    *integer = negative ? -(int64_t)value : (int64_t)value;
     text->at = p;
     return true;
 }

@@ -9,7 +9,6 @@
 
 #define MAX_WAIT_S 600.0
 #define MS_PER_S 1e3
-#define MAX_KEY_LENGTH 255
 #define MAX_SEQ                                                                                              \
     ((UINT64_C(1) << 53) - 1) /* beyond it clients on doubles could not tell one from the next               \
                                */
@@ -58,22 +57,11 @@ static bool check_type(qm_request *request)
     return false;
 }
 
-/** Reads the Idempotency-Key, NULL when there is none; replies with a problem when it cannot be one. */
-static bool read_idempotency_key(qm_request *request, const char **key)
-{
-    *key = qm_request_header(request, "Idempotency-Key");
-    if (!*key || (**key && strlen(*key) <= MAX_KEY_LENGTH)) return true;
-    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
-                                         "Idempotency-Key has 1 to %d characters", MAX_KEY_LENGTH);
-    qm_reply_problem(request, &problem);
-    return false;
-}
-
 void qm_handle_job_create(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
     const char *idempotency_key;
-    if (!check_type(request) || !read_idempotency_key(request, &idempotency_key)) return;
+    if (!check_type(request) || !qm_read_idempotency_key(request, &idempotency_key)) return;
     size_t size;
     const char *body = qm_request_body(request, &size);
     qm_job_request job_request;

@@ -6,9 +6,8 @@
 #include "json_layout.h"
 #include "json_write.h"
 
-static bool find_row(qm_request *request, qm_store_reconstruction *out)
+static bool find_row(qm_request *request, const char *id, qm_store_reconstruction *out)
 {
-    const char *id = qm_request_id(request);
     qm_status status = qm_store_find_reconstruction(qm_request_app(request)->store, id, out);
     if (status == QM_OK) return true;
     qm_problem problem =
@@ -54,8 +53,24 @@ static bool take_layout(qm_app *app, const char *id, qm_store_layout *out, qm_pr
     return false;
 }
 
+/** Replies with what the same request has made before, or with what is wrong; false for a new one. */
+static bool reply_again(qm_request *request, const qm_store_once *once)
+{
+    char id[QM_ID_SIZE];
+    qm_once outcome = qm_find_once(request, once, qm_store_find_made_reconstruction, id);
+    if (outcome != QM_ONCE_MADE) return outcome == QM_ONCE_REFUSED;
+    qm_store_reconstruction row;
+    if (!find_row(request, id, &row)) return true;
+    qm_reply_header(request, "Location", "/v1/reconstructions/%s", row.id);
+    reply_row(request, 201, &row, NULL);
+    qm_store_reconstruction_reset(&row);
+    return true;
+}
+
 void qm_handle_reconstruction_create(qm_request *request)
 {
+    qm_store_once once;
+    if (!qm_read_once(request, &once) || reply_again(request, &once)) return;
     qm_app *app = qm_request_app(request);
     size_t size;
     const char *body = qm_request_body(request, &size);
@@ -69,11 +84,11 @@ void qm_handle_reconstruction_create(qm_request *request)
     }
     qm_store_reconstruction row;
     if (qm_reconstructions_add(app->reconstructions, asked.source[0] ? asked.source : layout.mesh, layout.id,
-                               layout.layout, &asked.options, &row, &problem)) {
+                               layout.layout, &asked.options, &once, &row, &problem)) {
         qm_reply_header(request, "Location", "/v1/reconstructions/%s", row.id);
         reply_row(request, 201, &row, NULL);
         qm_store_reconstruction_reset(&row);
-    } else {
+    } else if (!reply_again(request, &once)) { /* its twin may have come first */
         qm_reply_problem(request, &problem);
     }
     qm_store_layout_reset(&layout);
@@ -110,7 +125,7 @@ void qm_handle_reconstruction_list(qm_request *request)
 void qm_handle_reconstruction_get(qm_request *request)
 {
     qm_store_reconstruction row;
-    if (!find_row(request, &row)) return;
+    if (!find_row(request, qm_request_id(request), &row)) return;
     reply_row(request, 200, &row, NULL);
     qm_store_reconstruction_reset(&row);
 }
@@ -160,7 +175,7 @@ void qm_handle_reconstruction_edit(qm_request *request)
 void qm_handle_reconstruction_mesh(qm_request *request)
 {
     qm_store_reconstruction row;
-    if (!find_row(request, &row)) return;
+    if (!find_row(request, qm_request_id(request), &row)) return;
     const char *format = qm_request_query(request, "format");
     bool is_name = format && qm_format_from_name(format) != QM_FORMAT_UNKNOWN;
     qm_reply_header(request, "Location", "/v1/meshes/%s/content%s%s", row.mesh, is_name ? "?format=" : "",

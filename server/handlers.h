@@ -71,6 +71,22 @@ bool qm_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh);
  */
 qm_mesh_ref *qm_take_mesh(qm_request *request, const char *suffix);
 
+/** Reads the Idempotency-Key, NULL when there is none; false, and replied with a problem, when it cannot be
+ * one. */
+bool qm_read_idempotency_key(qm_request *request, const char **key);
+
+/** The same, with what tells the request from another one of that key. */
+bool qm_read_once(qm_request *request, qm_store_once *out);
+
+/** Whether a request has made something already. */
+typedef enum qm_once {
+    QM_ONCE_NEW,    /* it has not, or has no key */
+    QM_ONCE_MADE,   /* it has made the resource of this id */
+    QM_ONCE_REFUSED /* replied with a problem: the key came with another request */
+} qm_once;
+typedef qm_status qm_find_made(qm_store *store, const char *key, qm_store_made *out);
+qm_once qm_find_once(qm_request *request, const qm_store_once *once, qm_find_made *find, char id[QM_ID_SIZE]);
+
 /** Ends a page of a list: closes its array and tells where the next page starts, 0 after the last one. */
 void qm_end_page(qm_text *out, int64_t next);
 

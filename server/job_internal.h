@@ -1,7 +1,7 @@
 /**
- * job_internal.h: what the files of the job table share: job.c (table, submission, start and stop),
- * job_events.c (events, readers, documents), job_run.c (what a worker does with a job). "The lock" is
- * qm_jobs.lock.
+ * job_internal.h: what the files of the job table share: jobs.c (start and stop), job.c (table and
+ * submission), job_list.c (what the store has), job_events.c (events, readers, documents), job_run.c (what a
+ * worker does with a job), job_waker.c. "The lock" is qm_jobs.lock.
  */
 #ifndef QM_JOB_INTERNAL_H
 #define QM_JOB_INTERNAL_H

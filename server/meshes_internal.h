@@ -1,6 +1,6 @@
 /**
- * meshes_internal.h: what the files of the mesh table share: meshes.c (table, loading, budget) and
- * meshes_deform.c (revisions).
+ * meshes_internal.h: what the files of the mesh table share: meshes.c (table, loading, budget),
+ * meshes_add.c (uploads) and meshes_deform.c (revisions).
  */
 #ifndef QM_MESHES_INTERNAL_H
 #define QM_MESHES_INTERNAL_H
@@ -41,6 +41,17 @@ struct qm_meshes {
 
 /** A context on the budget of the table that prepares meshes. */
 qm_context qm_meshes_context(qm_meshes *meshes);
+
+/** A file in memory. */
+typedef struct qm_mapped_bytes {
+    const uint8_t *bytes;
+    size_t size;
+} qm_mapped_bytes;
+
+/** Decodes the bytes of a file and makes the mesh ready; positions are those of a revision, or none. False
+ * with a problem. */
+bool qm_meshes_load_bytes(qm_meshes *meshes, qm_mapped_bytes file, qm_mapped_bytes positions,
+                          qm_format format, qm_loaded_mesh *out, qm_problem *problem);
 
 /** What a mesh of the table is made ready for. */
 qm_preparation qm_meshes_preparation(const qm_meshes *meshes);

@@ -69,10 +69,13 @@ bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data)
         else
             pool->first = added;
         pool->last = added;
-        uv_cond_signal(&pool->changed);
     }
     uv_mutex_unlock(&pool->lock);
-    if (!is_open) free(added);
+    /* Whom this wakes finds the lock free. */
+    if (is_open)
+        uv_cond_signal(&pool->changed);
+    else
+        free(added);
     return is_open;
 }
 

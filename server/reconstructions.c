@@ -287,7 +287,7 @@ static char *make_document(const qm_refining *r, const qm_store_reconstruction *
 }
 
 static bool fill_row(qm_reconstructions *rs, qm_refining *r, const char *layout_text,
-                     qm_store_reconstruction *row, qm_problem *problem)
+                     const qm_store_once *once, qm_store_reconstruction *row, qm_problem *problem)
 {
     size_t quads;
     if (!add_mesh(rs, r, row->mesh, &quads, problem)) return false;
@@ -301,14 +301,14 @@ static bool fill_row(qm_reconstructions *rs, qm_refining *r, const char *layout_
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reconstruction");
         return false;
     }
-    if (qm_store_put_reconstruction(rs->store, row) == QM_OK) return true;
+    if (qm_store_put_reconstruction(rs->store, row, once) == QM_OK) return true;
     *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the reconstruction could not be stored");
     return false;
 }
 
 bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const char *layout_id,
                             const char *layout_text, const qm_reconstruction_options *options,
-                            qm_store_reconstruction *out, qm_problem *problem)
+                            const qm_store_once *once, qm_store_reconstruction *out, qm_problem *problem)
 {
     *out =
         (qm_store_reconstruction){.cover_share = options->cover_share, .pull_curves = options->pull_curves};
@@ -317,7 +317,7 @@ bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const ch
     entry *e = begin(rs, source, layout_text, options, problem);
     if (!e) return false;
     qm_make_id('r', e->refining.id);
-    if (!fill_row(rs, &e->refining, layout_text, out, problem)) {
+    if (!fill_row(rs, &e->refining, layout_text, once, out, problem)) {
         qm_store_reconstruction_reset(out);
         free_entry(rs, e);
         return false;

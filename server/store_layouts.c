@@ -39,14 +39,17 @@ static bool add_revision(qm_store *store, const qm_store_layout *layout, int64_t
     return done;
 }
 
-static bool add_layout(qm_store *store, const qm_store_layout *layout)
+static bool add_layout(qm_store *store, const qm_store_layout *layout, const qm_store_once *once)
 {
     sqlite3_stmt *statement = NULL;
-    static const char sql[] = "INSERT INTO layouts (id, mesh, created, revision) VALUES (?, ?, ?, 0)";
+    static const char sql[] = "INSERT INTO layouts (id, mesh, created, revision, idempotency_key, request) "
+                              "VALUES (?, ?, ?, 0, ?, ?)";
     if (sqlite3_prepare_v2(store->database, sql, -1, &statement, NULL) != SQLITE_OK) return false;
     qm_store_bind_text(statement, 1, layout->id);
     qm_store_bind_text(statement, 2, layout->mesh);
     qm_store_bind_text(statement, 3, layout->created);
+    qm_store_bind_text(statement, 4, once->key);
+    qm_store_bind_text(statement, 5, once->request);
     bool done = sqlite3_step(statement) == SQLITE_DONE;
     sqlite3_finalize(statement);
     return done && add_revision(store, layout, 0);
@@ -60,11 +63,11 @@ static bool close_transaction(qm_store *store, bool good)
     return good;
 }
 
-qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout)
+qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout, const qm_store_once *once)
 {
     pthread_mutex_lock(&store->lock);
-    bool good =
-        run(store, "BEGIN IMMEDIATE", NULL, 0, 0) && close_transaction(store, add_layout(store, layout));
+    bool good = run(store, "BEGIN IMMEDIATE", NULL, 0, 0) &&
+                close_transaction(store, add_layout(store, layout, once));
     pthread_mutex_unlock(&store->lock);
     return good ? QM_OK : QM_E_ARGUMENT;
 }

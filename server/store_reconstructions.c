@@ -6,12 +6,14 @@
     "id, source, layout_id, mesh, layout, document, steps, records, state, revision, sequence, cover_share," \
     " pull_curves"
 
-qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *r)
+qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *r,
+                                      const qm_store_once *once)
 {
     sqlite3_stmt *statement = qm_store_begin(
         store,
         "INSERT INTO reconstructions (id, source, layout_id, mesh, layout, document, steps, records, state,"
-        " revision, cover_share, pull_curves) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
+        " revision, cover_share, pull_curves, idempotency_key, request)"
+        " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
     if (!statement) return QM_E_ARGUMENT;
     const char *const texts[] = {r->id,       r->source, r->layout_id, r->mesh, r->layout,
                                  r->document, r->steps,  r->records,   r->state};
@@ -20,6 +22,8 @@ qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruc
     sqlite3_bind_int64(statement, 10, r->revision);
     sqlite3_bind_double(statement, 11, r->cover_share);
     sqlite3_bind_int(statement, 12, r->pull_curves);
+    qm_store_bind_text(statement, 13, once->key);
+    qm_store_bind_text(statement, 14, once->request);
     return qm_store_execute(store, statement);
 }
 

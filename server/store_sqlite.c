@@ -14,7 +14,7 @@
 #include "store_internal.h"
 
 #define BUSY_TIMEOUT_MS 5000
-#define SCHEMA_VERSION "3"
+#define SCHEMA_VERSION "4"
 
 static const char schema[] =
     "PRAGMA synchronous = FULL;"
@@ -33,7 +33,7 @@ static const char schema[] =
     "CREATE INDEX IF NOT EXISTS jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
     "CREATE TABLE IF NOT EXISTS layouts ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, mesh TEXT NOT NULL,"
-    "  created TEXT NOT NULL, revision INTEGER NOT NULL);"
+    "  created TEXT NOT NULL, revision INTEGER NOT NULL, idempotency_key TEXT UNIQUE, request TEXT NOT NULL);"
     "CREATE TABLE IF NOT EXISTS layout_revisions ("
     "  id TEXT NOT NULL REFERENCES layouts (id) ON DELETE CASCADE, revision INTEGER NOT NULL,"
     "  layout TEXT NOT NULL, issues TEXT NOT NULL, next_curve INTEGER NOT NULL, PRIMARY KEY (id, revision));"
@@ -41,7 +41,8 @@ static const char schema[] =
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, source TEXT NOT NULL,"
     "  layout_id TEXT NOT NULL, mesh TEXT NOT NULL, layout TEXT NOT NULL, document TEXT NOT NULL,"
     "  steps TEXT NOT NULL, records TEXT NOT NULL, state TEXT NOT NULL, revision INTEGER NOT NULL,"
-    "  cover_share REAL NOT NULL, pull_curves INTEGER NOT NULL);"
+    "  cover_share REAL NOT NULL, pull_curves INTEGER NOT NULL, idempotency_key TEXT UNIQUE,"
+    "  request TEXT NOT NULL);"
     "PRAGMA user_version = " SCHEMA_VERSION ";";
 
 /** What a pragma answers, in out; false, and "" in out, after a fault. */

@@ -113,7 +113,7 @@ static void build_pack(const pack_builder *builder, size_t pack)
 {
     qm_bvh *bvh = builder->bvh;
     fill_lanes(builder, pack);
-    qm_bvh_fit_box(bvh, pack);
+    builder->kernel->fit_box(bvh, pack);
     qm_bvh_fill_pack(builder->kernel, bvh, pack);
 }
 
@@ -134,10 +134,15 @@ static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts,
     size_t count = bvh->pack_count;
     bvh->lanes = qm_context_alloc(ctx, count, sizeof *bvh->lanes);
     if (!bvh->lanes) return QM_E_NO_MEMORY;
-    if ((parts & QM_BVH_TARGET) && !(bvh->packs = qm_context_alloc_aligned(ctx, count, sizeof *bvh->packs)))
-        return QM_E_NO_MEMORY;
-    if (bvh->packs && !(bvh->float_packs = qm_context_alloc(ctx, count, sizeof *bvh->float_packs)))
-        return QM_E_NO_MEMORY;
+    if (parts & QM_BVH_TARGET) {
+        bvh->float_packs = qm_context_alloc(ctx, count, sizeof *bvh->float_packs);
+        bvh->rows = qm_context_alloc_aligned(ctx, count, sizeof *bvh->rows);
+        bvh->rows_place = qm_context_alloc(ctx, count + 1, sizeof *bvh->rows_place);
+        if (!bvh->float_packs || !bvh->rows || !bvh->rows_place) return QM_E_NO_MEMORY;
+        memset(bvh->rows_place, 0xff, count * sizeof *bvh->rows_place); /* QM_ROWS_NONE */
+        bvh->rows_used = bvh->rows_place + count;
+        atomic_init(bvh->rows_used, 0);
+    }
     if ((parts & QM_BVH_PATCHES) && has_quads &&
         !(bvh->twist = qm_context_alloc(ctx, count, sizeof *bvh->twist)))
         return QM_E_NO_MEMORY;
@@ -197,14 +202,15 @@ static void reset_tree(qm_context *ctx, qm_bvh *bvh)
     qm_bits_free(ctx, bvh->stale, bvh->pack_count);
     qm_context_free(ctx, bvh->twist, bvh->pack_count, sizeof *bvh->twist);
     qm_context_free(ctx, bvh->float_packs, bvh->pack_count, sizeof *bvh->float_packs);
-    qm_context_free_aligned(ctx, bvh->packs, bvh->pack_count, sizeof *bvh->packs);
+    qm_context_free(ctx, bvh->rows_place, bvh->pack_count + 1, sizeof *bvh->rows_place);
+    qm_context_free_aligned(ctx, bvh->rows, bvh->pack_count, sizeof *bvh->rows);
     qm_context_free(ctx, bvh->lanes, bvh->pack_count, sizeof *bvh->lanes);
 }
 
 static qm_status build(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, qm_frame_of of, int thread_count,
                        uint64_t *order)
 {
-    qm_status status = qm_bvh_order(ctx, &bvh->mesh, of, thread_count, &bvh->frame, order);
+    qm_status status = qm_bvh_order(ctx, &bvh->mesh, parts, of, thread_count, &bvh->frame, order);
     if (status == QM_OK) status = build_from_order(ctx, bvh, parts, thread_count, order);
     if (status != QM_OK || of == QM_FRAME_OF_SURFACE || !frame_is_wide(bvh)) return status;
     reset_tree(ctx, bvh);
@@ -252,7 +258,8 @@ const qm_mesh *qm_bvh_mesh(const qm_bvh *bvh)
 size_t qm_bvh_memory_size(const qm_bvh *bvh)
 {
     size_t size = sizeof *bvh + bvh->pack_count * sizeof *bvh->lanes;
-    if (bvh->packs) size += bvh->pack_count * (sizeof *bvh->packs + sizeof *bvh->float_packs);
+    if (bvh->rows)
+        size += bvh->pack_count * (sizeof *bvh->rows + sizeof *bvh->rows_place + sizeof *bvh->float_packs);
     if (bvh->twist) size += bvh->pack_count * sizeof *bvh->twist;
     return size + qm_box_tree_memory_size(&bvh->boxes);
 }

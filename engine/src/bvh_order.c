@@ -8,6 +8,7 @@
 #define MAX_WORKERS 64
 #define MOST_BY_8_BITS 8192 /* faces: cells of a curve of 8 bits that a surface meets, over eight or so */
 #define MOST_BY_10_BITS (16 * MOST_BY_8_BITS)
+#define SOURCE_SHARE 16 /* so many times the faces do for a source, whose packs are not searched */
 
 /**
  * Vertices in whole numbers, three to a word, finer than the cells of the curve: sums of up to four fit their
@@ -21,7 +22,8 @@ typedef struct order_work {
     bool marks_used;
     uint64_t *vertices; /* first, if asked for, a mark for each that a face uses; then fine coordinates */
     uint64_t *order;
-    int key_bits; /* an axis */
+    int key_bits;   /* an axis */
+    double stretch; /* from the frame, which is up to twice as large as the mesh, to the cells */
     int workers;
     qm_box box[MAX_WORKERS];
 } order_work;
@@ -100,7 +102,7 @@ static void set_fine(void *data, int worker)
     size_t begin, end;
     own_range(work, work->mesh->vertex_count, worker, &begin, &end);
     for (size_t i = begin; i < end; i++) {
-        qm_vec p = qm_frame_local(&work->frame, work->mesh->positions + 3 * i);
+        qm_vec p = qm_vec_scale(work->stretch, qm_frame_local(&work->frame, work->mesh->positions + 3 * i));
         work->vertices[i] = fine_coordinate(p.x) | fine_coordinate(p.y) << FIELD_BITS |
                             fine_coordinate(p.z) << (2 * FIELD_BITS);
     }
@@ -153,8 +155,9 @@ static void set_keys(void *data, int worker)
 }
 
 /** Bits that part the faces of a surface into cells of a few faces each; an even number. */
-static int choose_key_bits(size_t faces)
+static int choose_key_bits(size_t faces, qm_bvh_parts parts)
 {
+    if (!(parts & QM_BVH_TARGET)) faces /= SOURCE_SHARE;
     return faces <= MOST_BY_8_BITS ? 8 : faces <= MOST_BY_10_BITS ? 10 : QM_HILBERT_BITS;
 }
 
@@ -170,14 +173,22 @@ static qm_box join_boxes(const order_work *work)
     return box;
 }
 
-qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, qm_frame_of of, int thread_count,
-                       qm_frame *frame, uint64_t *order)
+static double cell_stretch(const qm_frame *frame, const qm_box *box)
+{
+    double half = 0.0;
+    for (int k = 0; k < 3; k++)
+        half = fmax(half, (0.5 * box->max[k] - 0.5 * box->min[k]) * frame->scale);
+    return half >= 0.25 ? 1.0 / half : 1.0;
+}
+
+qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts, qm_frame_of of,
+                       int thread_count, qm_frame *frame, uint64_t *order)
 {
     size_t count = qm_mesh_facet_count(mesh);
     order_work work = {.mesh = mesh,
                        .marks_used = of == QM_FRAME_OF_SURFACE && mesh->face_count > 0,
                        .order = order,
-                       .key_bits = choose_key_bits(count),
+                       .key_bits = choose_key_bits(count, parts),
                        .workers = thread_count < MAX_WORKERS ? thread_count : MAX_WORKERS};
     work.vertices = qm_context_alloc(ctx, mesh->vertex_count, sizeof *work.vertices);
     if (!work.vertices) return QM_E_NO_MEMORY;
@@ -188,6 +199,7 @@ qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, qm_frame_of of, int
     qm_context_parallel(ctx, work.workers, find_box, &work);
     qm_box box = join_boxes(&work);
     *frame = work.frame = qm_frame_make(&box);
+    work.stretch = cell_stretch(frame, &box);
     qm_context_parallel(ctx, work.workers, set_fine, &work);
     qm_context_parallel(ctx, work.workers, set_keys, &work);
     qm_context_free(ctx, work.vertices, mesh->vertex_count, sizeof *work.vertices);

@@ -21,11 +21,12 @@ typedef enum qm_frame_of { QM_FRAME_OF_VERTICES, QM_FRAME_OF_SURFACE } qm_frame_
 
 /**
  * Finds the frame and writes the faces in the order of their middles along a Hilbert curve; order has
- * qm_mesh_facet_count entries, the index of the face in the low QM_RADIX_INDEX_BITS of each.
+ * qm_mesh_facet_count entries, the index of the face in the low QM_RADIX_INDEX_BITS of each. The cells of the
+ * curve are smaller for a tree that is to be a target.
  *
  * Returns QM_OK or QM_E_NO_MEMORY.
  */
-qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, qm_frame_of of, int thread_count,
-                       qm_frame *frame, uint64_t *order);
+qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts, qm_frame_of of,
+                       int thread_count, qm_frame *frame, uint64_t *order);
 
 #endif

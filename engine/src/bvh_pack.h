@@ -5,53 +5,8 @@
 #ifndef QM_BVH_PACK_H
 #define QM_BVH_PACK_H
 
-#include <math.h>
-
 #include "bilinear_point.h"
 #include "kernel.h"
-
-/** Two coordinates at a time, on every processor that this runs on. */
-typedef double qm_pair __attribute__((vector_size(16)));
-
-static inline qm_pair qm_pair_min(qm_pair a, qm_pair b)
-{
-#if defined(__SSE2__)
-    return __builtin_ia32_minpd(a, b);
-#else
-    return (qm_pair){fmin(a[0], b[0]), fmin(a[1], b[1])};
-#endif
-}
-
-static inline qm_pair qm_pair_max(qm_pair a, qm_pair b)
-{
-#if defined(__SSE2__)
-    return __builtin_ia32_maxpd(a, b);
-#else
-    return (qm_pair){fmax(a[0], b[0]), fmax(a[1], b[1])};
-#endif
-}
-
-/** Finds the box of a pack as it lies in the mesh; made local, it is that of the local vertices, since
- * rounding keeps order. */
-static inline void qm_bvh_fit_box(qm_bvh *bvh, size_t pack)
-{
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    const double *p = bvh->mesh.positions + 3 * (size_t)lanes->vertex[0];
-    qm_pair low_xy = {p[0], p[1]}, high_xy = low_xy;
-    double low_z = p[2], high_z = p[2];
-    for (int i = 1; i < lanes->vertex_count; i++) {
-        p = bvh->mesh.positions + 3 * (size_t)lanes->vertex[i];
-        qm_pair xy = {p[0], p[1]};
-        low_xy = qm_pair_min(low_xy, xy);
-        high_xy = qm_pair_max(high_xy, xy);
-        low_z = p[2] < low_z ? p[2] : low_z;
-        high_z = p[2] > high_z ? p[2] : high_z;
-    }
-    const double low[3] = {low_xy[0], low_xy[1], low_z}, high[3] = {high_xy[0], high_xy[1], high_z};
-    qm_vec from = qm_frame_local(&bvh->frame, low), to = qm_frame_local(&bvh->frame, high);
-    qm_box box = {{from.x, from.y, from.z}, {to.x, to.y, to.z}};
-    qm_box_tree_set(&bvh->boxes, pack, &box);
-}
 
 /** Loads the vertices of a pack, local; returns how many there are. */
 static inline int qm_bvh_load_pack(const qm_bvh *bvh, size_t pack, qm_vec vertex[3 * QM_PACK_LANES])
@@ -78,22 +33,37 @@ static inline void qm_bvh_fill_float(const qm_kernel *kernel, qm_float_pack *pac
     kernel->fill_float(pack, about);
 }
 
-static inline void qm_bvh_fill_triangles(const qm_kernel *kernel, qm_bvh *bvh, size_t pack)
+/** The corners of a pack's lanes, local: at[corner][axis][lane]; lanes past the last repeat the first. */
+typedef struct qm_pack_corners {
+    _Alignas(64) double at[3][3][QM_PACK_LANES];
+} qm_pack_corners;
+
+/** Loads the corners of one lane of a pack, to be lane at of others. */
+static inline void qm_bvh_load_lane(const qm_bvh *bvh, size_t pack, int lane, int at, qm_pack_corners *out)
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    for (int i = 0; i < 3; i++) {
+        size_t vertex = lanes->vertex[lanes->corner[lane][i]];
+        qm_vec p = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * vertex);
+        out->at[i][0][at] = p.x;
+        out->at[i][1][at] = p.y;
+        out->at[i][2][at] = p.z;
+    }
+}
+
+static inline void qm_bvh_load_corners(const qm_bvh *bvh, size_t pack, qm_pack_corners *out)
 {
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     qm_vec vertex[3 * QM_PACK_LANES];
     qm_bvh_load_pack(bvh, pack, vertex);
-    _Alignas(64) double corner[3][3][QM_PACK_LANES];
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
         const uint8_t *place = lanes->corner[lane < lanes->lane_count ? lane : 0];
         for (int i = 0; i < 3; i++) {
-            corner[i][0][lane] = vertex[place[i]].x;
-            corner[i][1][lane] = vertex[place[i]].y;
-            corner[i][2][lane] = vertex[place[i]].z;
+            out->at[i][0][lane] = vertex[place[i]].x;
+            out->at[i][1][lane] = vertex[place[i]].y;
+            out->at[i][2][lane] = vertex[place[i]].z;
         }
     }
-    kernel->fill_pack(&bvh->packs[pack], corner);
-    qm_bvh_fill_float(kernel, &bvh->float_packs[pack], corner);
 }
 
 /** How far the patch of a quad leaves its two triangles at most; 0 for a triangle. Local. */
@@ -113,10 +83,14 @@ static inline void qm_bvh_fill_twist(qm_bvh *bvh, size_t pack)
     }
 }
 
-/** Fills the rows and twists that the tree has. */
+/** Fills the float pack and the twists that the tree has. */
 static inline void qm_bvh_fill_pack(const qm_kernel *kernel, qm_bvh *bvh, size_t pack)
 {
-    if (bvh->packs) qm_bvh_fill_triangles(kernel, bvh, pack);
+    if (bvh->float_packs) {
+        qm_pack_corners corners;
+        qm_bvh_load_corners(bvh, pack, &corners);
+        qm_bvh_fill_float(kernel, &bvh->float_packs[pack], corners.at);
+    }
     if (bvh->twist) qm_bvh_fill_twist(bvh, pack);
 }
 

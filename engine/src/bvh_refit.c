@@ -4,6 +4,7 @@
 #include "bits.h"
 #include "bvh_order.h"
 #include "bvh_pack.h"
+#include "bvh_rows.h"
 #include "deform.h"
 
 #define MIN_PACKS 512 /* packs that make it worth to start another thread */
@@ -40,13 +41,15 @@ static void fetch_vertices(const qm_bvh *bvh, size_t pack)
 static void fit_range(void *data, int worker)
 {
     const pack_work *work = data;
+    const qm_kernel *kernel = qm_kernel_get();
     size_t groups = (work->count + 7) / 8, workers = (size_t)work->workers;
     size_t begin = 8 * (groups * (size_t)worker / workers),
            end = 8 * (groups * ((size_t)worker + 1) / workers);
     end = end < work->count ? end : work->count;
     for (size_t i = begin; i < end; i++) {
         if (i + AHEAD < end) fetch_vertices(work->bvh, pack_at(work, i + AHEAD));
-        qm_bvh_fit_box(work->bvh, pack_at(work, i));
+        kernel->fit_box(work->bvh, pack_at(work, i));
+        qm_bvh_drop_rows(work->bvh, pack_at(work, i));
     }
 }
 

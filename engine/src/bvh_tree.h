@@ -7,6 +7,8 @@
 #ifndef QM_BVH_TREE_H
 #define QM_BVH_TREE_H
 
+#include <stdatomic.h>
+
 #include "box_tree.h"
 #include "float_pack.h"
 #include "qm/bvh.h"
@@ -80,20 +82,22 @@ struct qm_bvh {
     qm_frame frame;
     double reach; /* greatest local coordinate of the surface, by magnitude: at most 1 */
     size_t pack_count;
-    qm_pack *packs;             /* NULL when the tree is built as a source only */
-    qm_float_pack *float_packs; /* likewise: the same triangles in single precision */
+    qm_float_pack *float_packs; /* NULL when the tree is built as a source only */
+    qm_pack *rows;              /* likewise: the same triangles in double precision, by qm_bvh_rows alone */
+    atomic_uint *rows_place;    /* of each pack, see bvh_rows.h */
+    atomic_uint *rows_used;     /* how many are made; one past the places */
     qm_pack_lanes *lanes;
     bool has_quads;
     float (*twist)[QM_PACK_LANES]; /* |w| / 4 of each lane's quad rounded up, local; NULL without quads, or
                                       when they are not to be read as patches */
     qm_box_tree boxes;             /* over the packs */
-    uint64_t *stale; /* a bit a pack whose rows and twists are not those of the mesh; NULL: none */
+    uint64_t *stale; /* a bit a pack whose float pack and twists are not those of the mesh; NULL: none */
 };
 
 /** True when the tree was built with what it takes to search it in this reading. */
 static inline bool qm_bvh_is_target(const qm_bvh *bvh, qm_quad_reading reading)
 {
-    return bvh->packs && !bvh->stale && (reading == QM_QUADS_TRIANGLES || bvh->twist || !bvh->has_quads);
+    return bvh->rows && !bvh->stale && (reading == QM_QUADS_TRIANGLES || bvh->twist || !bvh->has_quads);
 }
 
 /** Corners of a face in the local frame; returns 3 or 4. */

@@ -16,6 +16,13 @@ static uint32_t mix_position(const double *position)
     return (uint32_t)(mixed >> 32);
 }
 
+/** Fetches the positions of a pack all at once; they lie anywhere. */
+static void prefetch_vertices(const qm_bvh *bvh, const qm_pack_lanes *lanes)
+{
+    for (int i = 0; i < lanes->vertex_count; i++)
+        __builtin_prefetch(bvh->mesh.positions + 3 * (size_t)lanes->vertex[i]);
+}
+
 /** Any point in the midst of a leaf serves as its middle: the first vertex is at hand. */
 static void load_vertices(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind,
                           const qm_pack_lanes *lanes, qm_leaf *out, float (*vertex)[4])
@@ -37,6 +44,7 @@ void qm_leaf_fill(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     _Alignas(16) float vertex[3 * QM_PACK_LANES][4];
     uint8_t place[QM_PACK_LANES][3];
+    prefetch_vertices(bvh, lanes);
     load_vertices(bvh, frame, kind, lanes, out, vertex);
     memcpy(place, lanes->corner, sizeof place);
     for (int lane = lanes->lane_count; lane < QM_PACK_LANES; lane++)

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "bilinear_point.h"
+#include "bvh_rows.h"
 
 #define RECTANGLES 32 /* of all patches of a list; when there are so many they are cut no further */
 
@@ -184,7 +185,7 @@ static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bo
     const qm_bvh *target = work->target;
     const qm_pack_lanes *lanes = &target->lanes[pack];
     _Alignas(64) double d2[QM_PACK_LANES];
-    kernel->pack_distances(&target->packs[pack], work->middle, d2);
+    kernel->pack_distances(qm_bvh_rows(target, pack), work->middle, d2);
     for (int lane = 0; lane < lanes->lane_count; lane++) {
         double twist = patches ? (double)target->twist[pack][lane] : 0.0;
         bool has_second = lane + 1 < lanes->lane_count && (lanes->second >> (lane + 1) & 1);
@@ -194,7 +195,7 @@ static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bo
             add_rectangle(work, corner);
             lane += has_second;
         } else if (sqrt(d2[lane]) - twist <= work->reach) {
-            add_lane(work, &target->packs[pack], lane, twist);
+            add_lane(work, qm_bvh_rows(target, pack), lane, twist);
         }
     }
 }

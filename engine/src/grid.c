@@ -262,7 +262,7 @@ static qm_status fill_grid(grid_builder *builder)
 qm_status qm_grid_build(qm_context *ctx, const qm_bvh *bvh, qm_grid **out)
 {
     *out = NULL;
-    if (!bvh->packs) return qm_context_fail(ctx, QM_E_ARGUMENT, "a grid needs a tree that is a target");
+    if (!bvh->rows) return qm_context_fail(ctx, QM_E_ARGUMENT, "a grid needs a tree that is a target");
     qm_grid *grid = qm_context_alloc(ctx, 1, sizeof *grid);
     if (!grid) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a grid");
     *grid = (qm_grid){.bvh = bvh};

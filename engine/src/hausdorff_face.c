@@ -10,15 +10,24 @@
 #define PROBE_INTERVAL 16 /* pieces between two tries where one label seldom does */
 #define MIN_HIT_SHARE 2   /* of the tries, one in so many must succeed to go on */
 
-/** One label for the whole polygon, from the nearest packs in turn. */
+/** One label for the whole polygon, from the nearest packs in turn, as far as single precision is certain. */
 static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
 {
     qm_box box = qm_vec_box(polygon->corner, polygon->count);
     uint32_t packs[ONE_LABEL_PACKS];
-    int count = work->kernel->narrow(work->near, &box, qm_piece_allowed(work), ONE_LABEL_PACKS, packs);
-    qm_candidates candidates;
-    qm_candidates_fill(&candidates, work->side, packs, count, qm_piece_allowed(work) - work->slack);
-    return work->kernel->hull_reached(&candidates, polygon->corner, polygon->count);
+    double allowed = qm_piece_allowed(work);
+    int count = work->kernel->narrow(work->near, &box, allowed, ONE_LABEL_PACKS, packs);
+    for (int k = 0; k < count; k++) {
+        qm_float_bits bits[QM_COVER_CORNERS];
+        unsigned labels = 0xff;
+        work->kernel->float_reach(&work->side->target->float_packs[packs[k]],
+                                  qm_side_twists(work->side, packs[k]), allowed - work->slack,
+                                  polygon->corner, polygon->count, bits);
+        for (int i = 0; i < polygon->count; i++)
+            labels &= bits[i].certain;
+        if (labels) return true;
+    }
+    return false;
 }
 
 /** Whether one label is worth a try: where surfaces nearly coincide hardly any face has one. */

@@ -19,6 +19,7 @@
  *
  * Source: Y. Kang, Hausdorff distance computation between triangle mesh and quad mesh, sections 5.2 to 5.4.
  */
+#include "bvh_rows.h"
 #include "hausdorff_matching.h"
 
 #define MAX_FACETS 4 /* one a corner */
@@ -66,7 +67,7 @@ uint32_t qm_matching_facet(const qm_search *search, const qm_side *side, uint32_
 {
     double d2[QM_PACK_LANES], nearest = INFINITY;
     uint32_t best = 0, lane_count = side->target->lanes[pack].lane_count;
-    search->kernel->pack_distances(&side->target->packs[pack], p, d2);
+    search->kernel->pack_distances(qm_bvh_rows(side->target, pack), p, d2);
     for (uint32_t lane = 0, next; lane < lane_count; lane = next) {
         double distance = sqrt(d2[lane]);
         next = lane + 1;
@@ -91,7 +92,7 @@ static matched match_point(const matching *work, const facet *to, qm_vec p)
         return (matched){p, foot.distance, {foot.uv[0], foot.uv[1]}};
     }
     double d2[QM_PACK_LANES];
-    work->search->kernel->pack_distances(&work->side->target->packs[to->place / QM_PACK_LANES], p, d2);
+    work->search->kernel->pack_distances(qm_bvh_rows(work->side->target, to->place / QM_PACK_LANES), p, d2);
     return (matched){.corner = p, .distance = sqrt(d2[to->place % QM_PACK_LANES])};
 }
 

@@ -2,6 +2,7 @@
 
 #define DECLARE(isa)                                                                                         \
     void qm_share_corners_##isa(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);             \
+    void qm_fit_box_##isa(qm_bvh *bvh, size_t pack);                                                         \
     void qm_fill_pack_##isa(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);                        \
     void qm_pack_distances_##isa(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);                   \
     void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
@@ -22,7 +23,6 @@
     void qm_gather_##isa(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);           \
     int qm_narrow_##isa(const qm_near_packs *near, const qm_box *box, double reach, int capacity,            \
                         uint32_t *packs);                                                                    \
-    bool qm_hull_reached_##isa(const qm_candidates *candidates, const qm_vec *point, int count);             \
     uint64_t qm_in_reach_##isa(const qm_candidates *candidates, qm_vec p);                                   \
     void qm_shortlist_##isa(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);     \
     double qm_hull_upper_##isa(const qm_candidates *candidates, const qm_vec *point, int count, int *place); \
@@ -33,10 +33,15 @@
     void qm_fill_leaf_##isa(qm_leaf *leaf, const float(*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);  \
     bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p, \
                                  unsigned moved_q, qm_near_lanes *out);                                      \
+    unsigned qm_cell_boxes_##isa(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,      \
+                                 qm_cell_boxes *out);                                                        \
+    unsigned qm_cells_marked_##isa(const qm_cell_grid *grid, const qm_cell_row *marks,                       \
+                                   const qm_cell_boxes *boxes, unsigned *large);                             \
     void qm_sort_few_##isa(uint64_t *numbers, int count);                                                    \
     static const qm_kernel kernel_##isa = {                                                                  \
         .name = #isa,                                                                                        \
         .share_corners = qm_share_corners_##isa,                                                             \
+        .fit_box = qm_fit_box_##isa,                                                                         \
         .fill_pack = qm_fill_pack_##isa,                                                                     \
         .pack_distances = qm_pack_distances_##isa,                                                           \
         .closest = qm_closest_##isa,                                                                         \
@@ -52,7 +57,6 @@
         .tetra_fit = qm_tetra_fit_##isa,                                                                     \
         .gather = qm_gather_##isa,                                                                           \
         .narrow = qm_narrow_##isa,                                                                           \
-        .hull_reached = qm_hull_reached_##isa,                                                               \
         .in_reach = qm_in_reach_##isa,                                                                       \
         .shortlist = qm_shortlist_##isa,                                                                     \
         .hull_upper = qm_hull_upper_##isa,                                                                   \
@@ -61,6 +65,8 @@
         .descend = qm_descend_##isa,                                                                         \
         .fill_leaf = qm_fill_leaf_##isa,                                                                     \
         .compare_leaves = qm_compare_leaves_##isa,                                                           \
+        .cell_boxes = qm_cell_boxes_##isa,                                                                   \
+        .cells_marked = qm_cells_marked_##isa,                                                               \
         .sort_few = qm_sort_few_##isa,                                                                       \
     }
 

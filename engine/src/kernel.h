@@ -6,6 +6,7 @@
 #define QM_KERNEL_H
 
 #include "bvh_tree.h"
+#include "collide_cells.h"
 #include "collide_leaf.h"
 #include "qm/grid.h"
 #include "qm/tetra.h"
@@ -78,6 +79,9 @@ typedef struct qm_kernel {
      * each corner's place among them. */
     void (*share_corners)(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);
 
+    /** Sets the box of a pack from where its vertices are now. */
+    void (*fit_box)(qm_bvh *bvh, size_t pack);
+
     /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
      * pack. */
     void (*fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
@@ -138,9 +142,6 @@ typedef struct qm_kernel {
     /** The same from a list, for a box in it: at most capacity packs. Returns how many; nearest first. */
     int (*narrow)(const qm_near_packs *near, const qm_box *box, double reach, int capacity, uint32_t *packs);
 
-    /** True when one lane of the candidates reaches all of count points, and so every point of their hull. */
-    bool (*hull_reached)(const qm_candidates *candidates, const qm_vec *point, int count);
-
     /** Bits of the lanes within their allowed distance of p, counted through the packs. */
     uint64_t (*in_reach)(const qm_candidates *candidates, qm_vec p);
 
@@ -184,6 +185,16 @@ typedef struct qm_kernel {
      */
     bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                            unsigned moved_q, qm_near_lanes *out);
+
+    /** Finds the cells that the boxes of QM_CELL_FACES faces, rows of four corners, reach into, from those of
+     * the vertices, fewer than 2^31. Returns bits of the faces that are not all outside on one side. */
+    unsigned (*cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,
+                           qm_cell_boxes *out);
+
+    /** Bits of the boxes that reach into a marked cell. Those over more than two by two rows, or more than
+     * QM_CELL_SPAN cells further, are not looked at: *large has their bits. */
+    unsigned (*cells_marked)(const qm_cell_grid *grid, const qm_cell_row *marks, const qm_cell_boxes *boxes,
+                             unsigned *large);
 
     /** Sorts up to QM_SORT_FEW numbers below 2^58, equal ones too. */
     void (*sort_few)(uint64_t *numbers, int count);

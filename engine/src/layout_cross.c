@@ -5,8 +5,9 @@
  */
 #include "layout_work.h"
 
-#define NEAR 0.1   /* of the sum of two lengths: crossing pieces are nearer than that */
-#define TREMOR 0.1 /* of its length: a loop of a curve over fewer of its pieces is the hand's tremor */
+#define NEAR 0.1    /* of the sum of two lengths: crossing pieces are nearer than that */
+#define AT_END 1e-9 /* of a piece: curves may cross at a point of both */
+#define TREMOR 0.1  /* of its length: a loop of a curve over fewer of its pieces is the hand's tremor */
 
 typedef struct piece {
     double low, high; /* range along x */
@@ -49,13 +50,11 @@ static qm_vec piece_end(const qm_layout *layout, const piece *p, uint32_t end)
     return qm_vec_load(layout->curves[p->curve].points + 3 * (size_t)(p->place + end));
 }
 
-/** True for neighbours on one curve, and for pieces of two curves that share a node there. */
-static bool share_end(const qm_layout *layout, const piece *a, const piece *b)
+/** True when s of a piece is an end of its whole curve: one that touches another there does not cross it. */
+static bool ends_at(const qm_layout *layout, const piece *p, double s)
 {
-    for (uint32_t i = 0; i < 2; i++)
-        for (uint32_t k = 0; k < 2; k++)
-            if (qm_vec_distance(piece_end(layout, a, i), piece_end(layout, b, k)) == 0.0) return true;
-    return false;
+    return (s <= AT_END && p->place == 0) ||
+           (s >= 1.0 - AT_END && p->place + 2 == layout->curves[p->curve].point_count);
 }
 
 static bool cross(const qm_layout *layout, const piece *a, const piece *b, qm_vec *at)
@@ -67,10 +66,10 @@ static bool cross(const qm_layout *layout, const piece *a, const piece *b, qm_ve
            er = qm_vec_dot(e, r), det = dd * ee - de * de;
     if (!(det > 1e-6 * dd * ee)) return false; /* nearly parallel */
     double s = (de * er - ee * dr) / det, t = (dd * er - de * dr) / det;
-    if (s <= 0.0 || s >= 1.0 || t <= 0.0 || t >= 1.0) return false;
+    if (s < -AT_END || s > 1.0 + AT_END || t < -AT_END || t > 1.0 + AT_END) return false;
+    if (ends_at(layout, a, s) || ends_at(layout, b, t)) return false;
     *at = qm_vec_axpy(p, s, d);
-    return qm_vec_distance(*at, qm_vec_axpy(q, t, e)) < NEAR * (sqrt(dd) + sqrt(ee)) &&
-           !share_end(layout, a, b);
+    return qm_vec_distance(*at, qm_vec_axpy(q, t, e)) < NEAR * (sqrt(dd) + sqrt(ee));
 }
 
 /** One issue for each pair of curves, however often they cross. */

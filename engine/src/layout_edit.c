@@ -4,8 +4,9 @@
 
 #include "layout_work.h"
 
-#define OBTUSE (-0.85) /* cosine of the angle at which a stroke goes on from another */
-#define MIN_SHARE 1e-6 /* of a curve's length: nearer to an end is no place inside */
+#define OBTUSE (-0.85)   /* cosine of the angle at which a stroke goes on from another */
+#define MIN_SHARE 1e-6   /* of a curve's length: nearer to an end is no place inside */
+#define MOST_CROSSED 256 /* by one stroke; what it crosses beyond that stays as it is */
 
 enum { ROW = 3 * sizeof(double) };
 
@@ -115,7 +116,12 @@ static place_on nearest_on(const qm_curve *curve, const double near[3])
     return best;
 }
 
-/** Cuts a curve at a place inside it. The new node and the new curve are the last ones. */
+static bool is_at(const qm_curve *curve, size_t point, const double position[3])
+{
+    return qm_vec_distance(qm_vec_load(curve->points + 3 * point), qm_vec_load(position)) == 0.0;
+}
+
+/** Cuts a curve at a place inside it, no point twice. The new node and the new curve are the last ones. */
 static qm_status cut(qm_context *ctx, qm_layout *layout, uint32_t place, const place_on *at)
 {
     qm_status status = qm_layout_add_node(ctx, layout, at->position);
@@ -123,10 +129,11 @@ static qm_status cut(qm_context *ctx, qm_layout *layout, uint32_t place, const p
     uint32_t node = (uint32_t)layout->node_count - 1, to = layout->curves[place].to;
     const qm_curve *curve = &layout->curves[place];
     /* The point before the cut stands in for the node, which the call puts in its place. */
-    status = qm_layout_add_curve(ctx, layout, node, to, curve->points + 3 * at->piece,
-                                 curve->point_count - at->piece);
+    size_t start = at->piece + is_at(curve, at->piece + 1, at->position);
+    size_t kept = at->piece + 2 - is_at(curve, at->piece, at->position);
+    status =
+        qm_layout_add_curve(ctx, layout, node, to, curve->points + 3 * start, curve->point_count - start);
     if (status != QM_OK) return status;
-    size_t kept = at->piece + 2;
     double *points = qm_context_alloc(ctx, kept, ROW);
     if (!points) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the layout");
     qm_curve *first = &layout->curves[place];
@@ -365,6 +372,23 @@ static qm_status smart_merge(qm_context *ctx, qm_layout *layout, uint32_t *id, u
     return QM_OK;
 }
 
+/** Drops the points within radius of an end: what a hand draws there may cross what the end was put on. */
+static qm_status clear_end(qm_context *ctx, qm_curve *curve, bool at_to, double radius)
+{
+    size_t count = curve->point_count, gone = 0;
+    double *end = curve->points + 3 * (at_to ? count - 1 : 0);
+    for (; gone + 2 < count; gone++) {
+        const double *next = curve->points + 3 * (at_to ? count - 2 - gone : 1 + gone);
+        if (qm_vec_distance(qm_vec_load(next), qm_vec_load(end)) > radius) break;
+    }
+    if (gone == 0) return QM_OK;
+    if (at_to)
+        memcpy(end - 3 * gone, end, ROW);
+    else
+        memmove(end + 3, end + 3 + 3 * gone, (count - 1 - gone) * ROW);
+    return set_points(ctx, curve, curve->points, count - gone);
+}
+
 static qm_status end_node(qm_context *ctx, qm_layout *layout, const double near[3], double radius,
                           uint32_t *node)
 {
@@ -372,6 +396,88 @@ static qm_status end_node(qm_context *ctx, qm_layout *layout, const double near[
     if (status != QM_OK || *node != QM_NO_INDEX) return status;
     *node = (uint32_t)layout->node_count;
     return qm_layout_add_node(ctx, layout, near);
+}
+
+/** The end of a curve that lies within radius of a place; QM_NO_INDEX for neither. */
+static uint32_t end_near(const qm_layout *layout, const qm_curve *curve, const double near[3], double radius)
+{
+    double least = radius;
+    uint32_t best = QM_NO_INDEX;
+    for (int end = 0; end < 2; end++) {
+        uint32_t node = end == 0 ? curve->from : curve->to;
+        double distance = qm_vec_distance(qm_vec_load(near), qm_vec_load(layout->nodes + 3 * (size_t)node));
+        if (distance > least) continue;
+        least = distance;
+        best = node;
+    }
+    return best;
+}
+
+/** Cuts a curve where it passes a node, and leads it through that. */
+static qm_status cut_at_node(qm_context *ctx, qm_layout *layout, uint32_t place, uint32_t node, double radius,
+                             bool *was_cut)
+{
+    place_on at = nearest_on(&layout->curves[place], layout->nodes + 3 * (size_t)node);
+    *was_cut = lies_inside(&layout->curves[place], &at);
+    if (!*was_cut) return QM_OK;
+    qm_status status = cut(ctx, layout, place, &at);
+    if (status != QM_OK) return status;
+    qm_curve *first = &layout->curves[place], *second = &layout->curves[layout->curve_count - 1];
+    first->to = second->from = node;
+    memcpy(first->points + 3 * (first->point_count - 1), layout->nodes + 3 * (size_t)node, ROW);
+    memcpy(second->points, layout->nodes + 3 * (size_t)node, ROW);
+    status = clear_end(ctx, first, true, radius);
+    if (status == QM_OK) status = clear_end(ctx, second, false, radius);
+    return status == QM_OK ? drop_lone_nodes(ctx, layout) : status;
+}
+
+/** Gives two curves that cross a node there: the near end of the other one, else a new one. */
+static qm_status cut_crossing(qm_context *ctx, qm_layout *layout, uint32_t own, uint32_t other,
+                              const double at[3], double radius, bool *was_cut)
+{
+    uint32_t node = end_near(layout, &layout->curves[other], at, radius);
+    if (node == QM_NO_INDEX) {
+        place_on on = nearest_on(&layout->curves[other], at);
+        if (!lies_inside(&layout->curves[other], &on)) return QM_OK;
+        node = (uint32_t)layout->node_count;
+        qm_status status = cut(ctx, layout, other, &on);
+        if (status != QM_OK) return status;
+    } else if (node == layout->curves[own].from || node == layout->curves[own].to) {
+        return QM_OK; /* they meet there already */
+    }
+    return cut_at_node(ctx, layout, own, node, radius, was_cut);
+}
+
+static bool is_one_of(const uint32_t *ids, size_t count, uint32_t id)
+{
+    for (size_t i = 0; i < count; i++)
+        if (ids[i] == id) return true;
+    return false;
+}
+
+/** Cuts a curve and those that it crosses, at a node each. It keeps its id up to the first of them. */
+static qm_status cut_crossed(qm_context *ctx, qm_layout *layout, uint32_t id, double radius)
+{
+    uint32_t own[MOST_CROSSED + 1] = {id};
+    qm_status status = QM_OK;
+    bool was_cut = true;
+    for (size_t count = 1; status == QM_OK && was_cut && count <= MOST_CROSSED; count++) {
+        qm_layout_issues found = {0};
+        was_cut = false;
+        status = qm_layout_find_crossings(ctx, layout, &found);
+        for (size_t i = 0; i < found.count && status == QM_OK && !was_cut; i++) {
+            const qm_layout_issue *issue = &found.items[i];
+            bool first = is_one_of(own, count, issue->curve[0]),
+                 second = is_one_of(own, count, issue->curve[1]);
+            if (first == second) continue;
+            status = cut_crossing(ctx, layout, qm_layout_find_curve(layout, issue->curve[second]),
+                                  qm_layout_find_curve(layout, issue->curve[first]), issue->position, radius,
+                                  &was_cut);
+        }
+        own[count] = layout->next_id - 1;
+        qm_layout_issues_reset(ctx, &found);
+    }
+    return status;
 }
 
 static qm_status add_stroke(qm_context *ctx, qm_layout *layout, const double *points, size_t count,
@@ -383,7 +489,10 @@ static qm_status add_stroke(qm_context *ctx, qm_layout *layout, const double *po
     if (status != QM_OK) return status;
     if (from == to && count < 3)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "both ends of the stroke snap to node %u", from);
+    const bool snaps[2] = {has_curve(layout, from), has_curve(layout, to)};
     status = qm_layout_add_curve(ctx, layout, from, to, points, count);
+    for (int end = 0; end < 2 && from != to && status == QM_OK; end++)
+        if (snaps[end]) status = clear_end(ctx, &layout->curves[layout->curve_count - 1], end == 1, radius);
     if (status != QM_OK) return status;
     *id = layout->next_id - 1;
     size_t nodes = layout->node_count;
@@ -391,7 +500,7 @@ static qm_status add_stroke(qm_context *ctx, qm_layout *layout, const double *po
     /* A merge takes its node away, and those after it move up. */
     if (layout->node_count < nodes && to > from) to--;
     if (status == QM_OK && from != to) status = smart_merge(ctx, layout, id, to);
-    return status;
+    return status == QM_OK ? cut_crossed(ctx, layout, *id, radius) : status;
 }
 
 qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const double *points, size_t point_count,

@@ -11,6 +11,7 @@
 
 #define PATCH_ERROR 1e-13 /* certified error of patch distances, local lengths */
 #define BLOCK 1024        /* points between two looks at the cancel flag */
+#define MIN_ORDERED 256   /* points that make it worth to sort them */
 
 typedef struct point_batch {
     qm_context *ctx;
@@ -88,19 +89,27 @@ qm_status qm_project_check(qm_context *ctx, const qm_bvh *bvh, const double *poi
     return status;
 }
 
-static qm_status fill_order(qm_context *ctx, const qm_bvh *bvh, const double *points, size_t count,
-                            uint64_t *order)
+static qm_status sort_points(qm_context *ctx, const qm_bvh *bvh, const double *points, size_t count,
+                             uint64_t *order)
 {
     qm_hilbert_table table;
     qm_hilbert_table_init(&table);
     for (size_t i = 0; i < count; i++) {
-        const double *p = points + 3 * i;
-        qm_vec local = qm_frame_local(&bvh->frame, p);
-        qm_status status = check_point(ctx, p, local, i);
-        if (status != QM_OK) return status;
+        qm_vec local = qm_frame_local(&bvh->frame, points + 3 * i);
         order[i] = qm_radix_entry(qm_hilbert_point_key(&table, local), i);
     }
     return qm_radix_sort(ctx, order, count, 3 * QM_HILBERT_BITS, 1);
+}
+
+static qm_status fill_order(qm_context *ctx, const qm_bvh *bvh, const double *points, size_t count,
+                            uint64_t *order)
+{
+    qm_status status = qm_project_check(ctx, bvh, points, 0, count);
+    if (status != QM_OK || count >= MIN_ORDERED)
+        return status == QM_OK ? sort_points(ctx, bvh, points, count, order) : status;
+    for (size_t i = 0; i < count; i++)
+        order[i] = i;
+    return QM_OK;
 }
 
 static qm_status project_chunk(qm_context *ctx, point_batch *batch, int thread_count)

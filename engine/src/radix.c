@@ -5,8 +5,10 @@
 
 #define MAX_DIGIT_BITS 12
 #define MAX_DIGITS 6
-#define ENTRY_DIGIT_BITS 10 /* at most: places that the first caches hold */
-#define MIN_RUN 8192        /* entries that make it worth to start another thread */
+#define ENTRY_DIGIT_BITS 10 /* at most: places that the first caches hold; or */
+#define WIDE_DIGIT_BITS 12  /* for so many entries that a pass less is worth it: */
+#define MANY_ENTRIES 16384
+#define MIN_RUN 8192 /* entries that make it worth to start another thread */
 
 /** Each worker sorts a run of its own; then runs are merged two by two, every worker a slice of the result.
  */
@@ -56,6 +58,8 @@ static void sort_run(const sort_work *work, uint64_t *from, uint64_t *to, size_t
         sort_digits(from, to, count, 0, work->digits, work->digit_bits);
     else if (work->digits == 3 && work->digit_bits == 8)
         sort_digits(from, to, count, QM_RADIX_INDEX_BITS, 3, 8);
+    else if (work->digits == 2 && work->digit_bits == WIDE_DIGIT_BITS)
+        sort_digits(from, to, count, QM_RADIX_INDEX_BITS, 2, WIDE_DIGIT_BITS);
     else if (work->digits == 3 && work->digit_bits == 10)
         sort_digits(from, to, count, QM_RADIX_INDEX_BITS, 3, 10);
     else
@@ -132,7 +136,8 @@ static qm_status sort(qm_context *ctx, sort_work work)
 
 qm_status qm_radix_sort(qm_context *ctx, uint64_t *entries, size_t count, int key_bits, int workers)
 {
-    int digits = (key_bits + ENTRY_DIGIT_BITS - 1) / ENTRY_DIGIT_BITS;
+    bool is_wide = key_bits == 2 * WIDE_DIGIT_BITS && count > MANY_ENTRIES;
+    int most = is_wide ? WIDE_DIGIT_BITS : ENTRY_DIGIT_BITS, digits = (key_bits + most - 1) / most;
     return sort(ctx, (sort_work){.from = entries,
                                  .count = count,
                                  .workers = workers,

@@ -1,4 +1,5 @@
 """A real daemon for every test: started on a free port, stopped with SIGTERM, its log searched for findings."""
+import concurrent.futures
 import json
 import os
 import pathlib
@@ -16,17 +17,20 @@ BUILD = ROOT / os.environ.get("QM_BUILD", "build")
 DATA = pathlib.Path(os.environ.get("QM_TEST_DATA", ROOT / "../shared/data"))
 # What is about the folder of collected meshes is there when the folder is.
 collect_ignore = [] if DATA.is_dir() else ["test_collection.py"]
-# Sanitized builds need several times the time of a release.
-PATIENCE = 60.0
+# Seconds. Sanitized builds need several times the time of a release; 600 are what the daemon would wait for at most.
+PATIENCE = float(os.environ.get("QM_PATIENCE", 60))
+WAIT = f"wait={PATIENCE:.0f}"
 FINDINGS = ("ERROR: AddressSanitizer", "ERROR: LeakSanitizer", "WARNING: ThreadSanitizer", "runtime error:")
 
 
 class Daemon:
     """One process of quadmeshd over a data folder that may outlive it."""
 
-    def __init__(self, folder, *settings):
+    def __init__(self, folder, *settings, **user):
+        """user may have the ids `user` and `group` of whom it runs as."""
         self.folder = pathlib.Path(folder)
         self.settings = settings
+        self.user = user
         self.log_path = self.folder / "log"
         self.start()
 
@@ -36,7 +40,7 @@ class Daemon:
         with open(self.log_path, "ab") as log:
             self.process = subprocess.Popen(
                 [BUILD / "quadmeshd", "--port", "0", "--port-file", port_file, "--data-dir", self.folder / "data",
-                 *map(str, self.settings)], stdout=log, stderr=log)
+                 *map(str, self.settings)], stdout=log, stderr=log, **self.user)
         end = time.monotonic() + PATIENCE
         while not self._is_ready(port_file):
             assert self.process.poll() is None, f"the daemon ended at once:\n{self.log()}"
@@ -67,11 +71,33 @@ class Daemon:
         return status
 
     def client(self):
-        return Client(base_url=self.url, timeout=PATIENCE, verify=False)  # plain HTTP: no certificates to load
+        return Client(base_url=self.url, timeout=PATIENCE + 10, verify=False)  # plain HTTP: no certificates to load
+
+
+# The codes of all problems that any test has met; test_description.py looks at them last.
+MET_CODES = set()
+
+
+def note_problem(reply):
+    if reply.headers.get("content-type") == "application/problem+json" and reply.request.method != "HEAD":
+        reply.read()
+        MET_CODES.add(reply.json().get("code"))
+
+
+def pytest_collection_modifyitems(items):
+    """What looks back at the whole run comes last, and only after a whole run."""
+    last = [item for item in items if item.get_closest_marker("looks_back")]
+    items[:] = [item for item in items if item not in last]
+    files = {path.name for path in pathlib.Path(__file__).parent.glob("test_*.py")}
+    if {item.path.name for item in items} >= files:
+        items += last
 
 
 class Client(httpx.Client):
     """The calls that many tests make."""
+
+    def __init__(self, **settings):
+        super().__init__(event_hooks={"response": [note_problem]}, **settings)
 
     def upload(self, content, **query):
         """The resource of an uploaded mesh; content is a mesh of shapes.py or the bytes of a file."""
@@ -83,7 +109,7 @@ class Client(httpx.Client):
     def hausdorff(self, a, b, headers=(), **request):
         """Runs a job to its end and returns its document."""
         reply = self.post("/v1/jobs", json={"type": "hausdorff", "a": a, "b": b, **request},
-                          headers={"Prefer": "wait=60", **dict(headers)})
+                          headers={"Prefer": WAIT, **dict(headers)})
         assert reply.status_code == 200, reply.text
         return reply.json()
 
@@ -109,7 +135,7 @@ class Client(httpx.Client):
         return document
 
     def wait(self, job_id):
-        reply = self.get(f"/v1/jobs/{job_id}", headers={"Prefer": "wait=60"})
+        reply = self.get(f"/v1/jobs/{job_id}", headers={"Prefer": WAIT})
         assert reply.status_code == 200, reply.text
         assert reply.json()["state"] not in ("queued", "running"), reply.text
         return reply.json()
@@ -118,6 +144,12 @@ class Client(httpx.Client):
         reply = self.get(f"/v1/jobs/{job_id}/events", params=query, headers={"Accept": "application/x-ndjson"})
         assert reply.status_code == 200, reply.text
         return ndjson(reply.text)
+
+
+def together(count, work):
+    """What work gives for 0 to count - 1, all at the same time."""
+    with concurrent.futures.ThreadPoolExecutor(count) as pool:
+        return list(pool.map(work, range(count)))
 
 
 def ndjson(text):

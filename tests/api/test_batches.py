@@ -6,7 +6,7 @@ import threading
 import time
 
 import shapes
-from conftest import PATIENCE, SLOW, check_problem
+from conftest import PATIENCE, SLOW, WAIT, check_problem
 
 
 def run(client, lines, **options):
@@ -36,7 +36,7 @@ def test_each_line_is_answered_with_its_key(client, spheres):
                for answer in answers)
     for line, answer in zip(lines[:2], answers):
         line.pop("key")
-        alone = client.post("/v1/jobs", json=line, headers={"Prefer": "wait=60"}).json()["result"]
+        alone = client.post("/v1/jobs", json=line, headers={"Prefer": WAIT}).json()["result"]
         for key in ("lower", "upper", "points"):
             assert answer["result"].get(key) == alone.get(key)
 

@@ -6,7 +6,7 @@ import struct
 import pytest
 
 import shapes
-from conftest import check_problem
+from conftest import WAIT, check_problem
 
 FLOOR = ([(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], [(0, 1, 2, 3)])
 # A wall of two quads through the middle of the floor, the second above it.
@@ -14,7 +14,7 @@ WALL = ([(1, -1, -1), (1, 3, -1), (1, 3, 1), (1, -1, 1), (1, 3, 2), (1, -1, 2)],
 
 
 def ask(client, kind, headers=(), **fields):
-    reply = client.post("/v1/jobs", json={"type": kind, **fields}, headers={"Prefer": "wait=60", **dict(headers)})
+    reply = client.post("/v1/jobs", json={"type": kind, **fields}, headers={"Prefer": WAIT, **dict(headers)})
     assert reply.status_code == 200, reply.text
     job = reply.json()
     assert job["state"] == "succeeded", job

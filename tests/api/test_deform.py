@@ -8,7 +8,7 @@ import threading
 import pytest
 
 import shapes
-from conftest import check_problem
+from conftest import WAIT, check_problem
 
 PLANE = ([(x, y, 0.0) for y in range(5) for x in range(5)],
          [(5 * y + x, 5 * y + x + 1, 5 * y + x + 6, 5 * y + x + 5) for y in range(4) for x in range(4)])
@@ -27,7 +27,7 @@ def deform(client, mesh, body, **options):
 
 def distance(client, mesh, point, **headers):
     reply = client.post("/v1/jobs", json={"type": "project", "mesh": mesh, "points": [point]},
-                        headers={"Prefer": "wait=60", **headers})
+                        headers={"Prefer": WAIT, **headers})
     assert reply.status_code == 200, reply.text
     return reply.json()["result"]["points"][0]["distance"]
 
@@ -71,7 +71,7 @@ def test_all_vertices_move_by_json(client, plane):
 def test_every_accelerator_follows(client, plane, accelerator):
     deform(client, plane, {"indices": [0, 24], "positions": [[-3, -3, 2], [9, 9, -4]]})
     job = client.post("/v1/jobs", json={"type": "project", "mesh": plane, "points": [[-3, -3, 2], [9, 9, -4], [2, 2, 1]],
-                                        "accelerator": accelerator}, headers={"Prefer": "wait=60"}).json()
+                                        "accelerator": accelerator}, headers={"Prefer": WAIT}).json()
     assert [foot["distance"] for foot in job["result"]["points"]] == pytest.approx([0, 0, 1], abs=1e-12)
 
 
@@ -80,7 +80,7 @@ def test_questions_of_shape_come_before_those_of_nearest_points(client, plane):
     for z in (1.0, 2.0):
         assert deform(client, plane, {"indices": [12], "positions": [[2, 2, z]]}).status_code == 200
         for question in ({"type": "self_collision", "mesh": plane}, {"type": "distance", "a": plane, "b": plane}):
-            reply = client.post("/v1/jobs", json=question, headers={"Prefer": "wait=60"})
+            reply = client.post("/v1/jobs", json=question, headers={"Prefer": WAIT})
             assert reply.json()["state"] == "succeeded", reply.text
         assert client.get(f"/v1/meshes/{plane}/patches").status_code == 200
         assert distance(client, plane, [2, 2, 3]) == pytest.approx(3 - z, abs=1e-12)
@@ -96,7 +96,7 @@ def test_answers_are_kept_by_revision(client, plane):
     ask = {"type": "hausdorff", "a": plane, "b": plane, "tolerance": 1e-6}
 
     def cached():
-        return client.post("/v1/jobs", json=ask, headers={"Prefer": "wait=60"}).json().get("cached", False)
+        return client.post("/v1/jobs", json=ask, headers={"Prefer": WAIT}).json().get("cached", False)
 
     assert not cached() and cached()
     deform(client, plane, {"indices": [12], "positions": [[2, 2, 1]]})
@@ -199,7 +199,7 @@ def test_a_running_job_keeps_its_revision(make_daemon):
         if result.get("result"):
             assert result["result"]["lower"] < 2
         after = client.post("/v1/jobs", json={"type": "hausdorff", "a": rough, "b": other, "tolerance": 1e-3},
-                            headers={"Prefer": "wait=60"}).json()
+                            headers={"Prefer": WAIT}).json()
         assert after["result"]["lower"] > 4
 
 

@@ -7,7 +7,7 @@ import time
 import pytest
 
 import shapes
-from conftest import SLOW, check_problem, ndjson
+from conftest import SLOW, WAIT, check_problem, ndjson
 
 FLOOR = ([(-5, -5, 0), (6, -5, 0), (6, 6, 0), (-5, 6, 0)], [(0, 1, 2, 3)])
 RAMP = ([(0, 0, 1), (1, 0, 2), (1, 1, 2), (0, 1, 1)], [(0, 1, 2, 3)])
@@ -15,7 +15,7 @@ RAMP = ([(0, 0, 1), (1, 0, 2), (1, 1, 2), (0, 1, 1)], [(0, 1, 2, 3)])
 
 def ask(client, a, b, headers=(), **fields):
     reply = client.post("/v1/jobs", json={"type": "deviation", "a": a, "b": b, **fields},
-                        headers={"Prefer": "wait=60", **dict(headers)})
+                        headers={"Prefer": WAIT, **dict(headers)})
     assert reply.status_code == 200, reply.text
     return reply.json()
 

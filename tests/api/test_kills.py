@@ -12,7 +12,7 @@ import time
 import httpx
 
 import shapes
-from conftest import check_bounds
+from conftest import WAIT, check_bounds
 
 KILLS = 200 if os.environ.get("QM_TEST_LONG", "0") != "0" else 12
 SEED = int(os.environ.get("QM_TEST_SEED", "1"))
@@ -148,7 +148,7 @@ def test_what_no_row_names_is_swept(make_daemon):
     with running.client() as client:
         pair = [client.upload(shapes.cube(side=side))["id"] for side in (1.0, 2.0)]
         job = client.post("/v1/jobs", json={"type": "deviation", "a": pair[0], "b": pair[1]},
-                          headers={"Prefer": "wait=60"}).json()
+                          headers={"Prefer": WAIT}).json()
     running.stop(signal.SIGKILL)
     data = running.folder / "data"
     (data / "incoming/half").write_bytes(b"v 0 0")
@@ -169,7 +169,7 @@ def test_old_jobs_make_room(make_daemon):
     with running.client() as client:
         pair = [client.upload(shapes.cube(side=side))["id"] for side in (1.0, 2.0)]
         jobs = [client.post("/v1/jobs", json={"type": "deviation", "a": pair[0], "b": pair[1], "bins": bins},
-                            headers={"Prefer": "wait=60"}).json()["id"] for bins in range(1, 8)]
+                            headers={"Prefer": WAIT}).json()["id"] for bins in range(1, 8)]
     running.stop()
     running.start()
     with running.client() as client:

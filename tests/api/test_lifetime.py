@@ -1,14 +1,18 @@
 """What survives the daemon's end, whether it is asked to stop or killed, and how it starts and stops."""
+import os
+import pathlib
 import resource
+import shutil
 import signal
 import subprocess
+import tempfile
 import threading
 import time
 
 import pytest
 
 import shapes
-from conftest import BUILD, PATIENCE, SLOW, check_bounds, check_problem
+from conftest import BUILD, PATIENCE, SLOW, WAIT, Daemon, check_bounds, check_problem
 
 
 def fill(client):
@@ -230,3 +234,48 @@ def test_a_full_disk_refuses_and_the_daemon_lives(make_daemon):
         resource.prlimit(running.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
         assert client.upload(shapes.rough(100, seed=9))["id"]
         assert client.hausdorff(mesh, mesh, tolerance=0.5)["state"] == "succeeded"
+
+
+# ---- a folder that may only be read ----
+
+
+@pytest.fixture
+def plain_folder():
+    """A folder whose daemon runs as somebody who is not root, for root may write everywhere."""
+    folder = pathlib.Path(tempfile.mkdtemp(prefix="quadmeshd-"))
+    user = {"user": 65534, "group": 65534} if os.getuid() == 0 else {}
+    if user:
+        os.chown(folder, 65534, 65534)
+    yield folder, user
+    shutil.rmtree(folder)
+
+
+def test_a_folder_that_may_only_be_read(plain_folder):
+    folder, user = plain_folder
+    folder.chmod(0o555)
+    done = subprocess.run([BUILD / "quadmeshd", "--port", "0", "--data-dir", folder / "data"], capture_output=True,
+                          text=True, timeout=PATIENCE, **user)
+    assert done.returncode == 1
+    assert "data folder: " in done.stderr and "Permission denied" in done.stderr, done.stderr
+
+
+def test_a_folder_that_becomes_read_only(plain_folder):
+    """What is there is read and computed with; what has to be written is refused with words, until it can be."""
+    folder, user = plain_folder
+    running = Daemon(folder, "--log-level", "error", **user)
+    with running.client() as client:
+        pair = [client.upload(shapes.cube(side=side))["id"] for side in (1.0, 2.0)]
+        folders = [path for path in (folder / "data").rglob("*") if path.is_dir()]
+        for path in folders:
+            path.chmod(0o555)
+        check_problem(client.post("/v1/meshes", content=shapes.obj(shapes.cube(side=3.0))), 503, "unavailable")
+        failed = client.post("/v1/jobs", json={"type": "deviation", "a": pair[0], "b": pair[1]},
+                             headers={"Prefer": WAIT}).json()
+        assert failed["state"] == "failed" and failed["problem"]["code"] == "unavailable"
+        assert client.get(f"/v1/meshes/{pair[0]}/content?format=obj").status_code == 200
+        assert client.get("/readyz").status_code == 200
+        for path in folders:
+            path.chmod(0o755)
+        assert client.upload(shapes.cube(side=3.0))["id"]
+    assert "Permission denied" in running.log()
+    assert running.stop() == 0

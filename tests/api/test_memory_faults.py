@@ -13,7 +13,7 @@ import httpx
 import pytest
 
 import shapes
-from conftest import BUILD, ROOT, Daemon
+from conftest import BUILD, ROOT, WAIT, Daemon
 from test_layouts import saddle_layout
 
 STEP = 1000000 if os.environ.get("QM_TEST_LONG", "0") != "0" else 10
@@ -136,7 +136,7 @@ def test_jobs_of_two_meshes(frail, kind):
     a, b = mesh_of(running, shapes.cube()), mesh_of(running, shapes.cube(side=2.0))
     fail_each(running, faults, lambda client, place: client.post(
         "/v1/jobs", json={"type": kind, "a": a, "b": b, "tolerance": 1e-3 * (1 + place)},
-        headers={"Prefer": "wait=60", "Cache-Control": "no-cache"}))
+        headers={"Prefer": WAIT, "Cache-Control": "no-cache"}))
 
 
 def test_streams(frail):

@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 import shapes
-from conftest import PATIENCE, check_problem, ndjson
+from conftest import PATIENCE, WAIT, check_problem, ndjson
 
 BINARY = "application/octet-stream"
 ROW = struct.Struct("<7d")
@@ -38,7 +38,7 @@ def rows(reply):
 
 def ask(client, mesh, points, **fields):
     reply = client.post("/v1/jobs", json={"type": "project", "mesh": mesh, "points": points, **fields},
-                        headers={"Prefer": "wait=60"})
+                        headers={"Prefer": WAIT})
     assert reply.status_code == 200, reply.text
     return reply.json()
 

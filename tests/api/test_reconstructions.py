@@ -7,7 +7,7 @@ import time
 import pytest
 
 import shapes
-from conftest import check_problem, ndjson
+from conftest import WAIT, check_problem, ndjson
 from test_layouts import edit, on_saddle, saddle_layout, saddle  # noqa: F401 (saddle is a fixture)
 
 
@@ -26,7 +26,7 @@ def start(client, mesh, **options):
 
 
 def refine(client, reconstruction, **fields):
-    reply = client.post("/v1/jobs", headers={"Prefer": "wait=60"},
+    reply = client.post("/v1/jobs", headers={"Prefer": WAIT},
                         json={"type": "reconstruction_step", "reconstruction": reconstruction["id"], **fields})
     assert reply.status_code == 200, reply.text
     return reply.json()
@@ -150,7 +150,7 @@ def test_a_cancelled_job_keeps_the_last_whole_step(client, saddle):
     end = time.monotonic() + 60
     while not any(event["event"] == "step" for event in stream_so_far(client, job)):
         assert time.monotonic() < end
-    busy = client.post("/v1/jobs", headers={"Prefer": "wait=60"},
+    busy = client.post("/v1/jobs", headers={"Prefer": WAIT},
                        json={"type": "reconstruction_step", "reconstruction": made["id"], "steps": 1}).json()
     assert client.delete("/v1/jobs/" + job["id"]).status_code in (202, 409)
     ended = client.wait(job["id"])

@@ -1,12 +1,11 @@
 """Requests that no well-behaved client sends, byte by byte, and many clients at the same time."""
-import concurrent.futures
 import json
 import socket
 
 import pytest
 
 import shapes
-from conftest import PATIENCE, SLOW, check_problem
+from conftest import PATIENCE, SLOW, check_problem, together
 
 HEALTH = b"GET /healthz HTTP/1.1\r\nHost: localhost\r\n\r\n"
 
@@ -77,11 +76,6 @@ def test_the_best_of_the_accepted_types_is_sent(client, spheres):
     for method, path in (("POST", "/v1/jobs"), ("GET", "/v1/meshes"), ("GET", "/v1/info")):
         reply = client.request(method, path, headers={"Accept": "image/png, application/json;q=0"})
         check_problem(reply, 406, "not_acceptable")
-
-
-def together(count, work):
-    with concurrent.futures.ThreadPoolExecutor(count) as pool:
-        return list(pool.map(work, range(count)))
 
 
 def test_the_same_bytes_at_the_same_time_make_one_mesh(daemon):

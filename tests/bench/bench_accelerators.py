@@ -103,9 +103,9 @@ def run_refit(settings, say):
 
 
 def run_agreement(settings, pairs, say):
-    """All accelerators on all meshes of the pairs: they must tell the same distances."""
+    """All accelerators on all meshes: they must tell the same distances."""
     rows = []
-    for path in sorted({path for pair in pairs for path in (pair.a, pair.b)}, key=str):
+    for path in meshes.find_all(pairs):
         say(f"accelerators agree, {path.parent.name} {path.stem}")
         answer = child.run(measuring.engine("agree", path, "--count", AGREE_POINTS, "--seed", settings.seed), 1,
                            10 * settings.limit_s, settings.limit_bytes)
@@ -135,13 +135,13 @@ def run_patches(settings, pairs, say):
     return rows
 
 
-def run(settings, _programs, pairs, say):
+def run(settings, _programs, given, say):
     print("## Accelerators\n")
-    pairs = pick_pairs(pairs)
+    pairs = pick_pairs(given)
     rows = run_projections(settings, pairs, say) + run_distances(settings, pairs, say)
     rows.append(run_refit(settings, say))
     rows += run_patches(settings, pairs, say)
-    agreement = run_agreement(settings, pairs, say)
+    agreement = run_agreement(settings, given, say)
     wrong = [f"{row['mesh']}: accelerators differ by {worst_of(row):.3g} of the diagonal" for row in agreement
              if worst_of(row) > AGREE_SLACK]
     rows += agreement

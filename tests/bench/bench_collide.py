@@ -7,7 +7,6 @@ import tables
 TURN = 0.4  # radians
 LARGEST = 150000  # triangles of a mesh: exact peers take minutes for more
 MESHES = 3
-FOLDERS = ("pairs/*", "quads", "grids")  # of the data: meshes whose self-collisions are compared with CGAL's
 MOVED_SIDE = 1000  # of the torus of which a part moves, beside the meshes of the pairs: a million quads
 
 
@@ -78,11 +77,8 @@ def describe(row, names):
     return [*cells, tables.times(min(totals) / ours["total_ms"]) if totals and "failed" not in ours else "-"]
 
 
-def find_triangle_meshes(models):
-    """The meshes of the data that have triangles only: of these models, and those that stand alone."""
-    found = [path for folder in FOLDERS for path in meshes.data_folder().glob(f"{folder}/*")
-             if path.suffix in meshes.ENDINGS and (folder != "pairs/*" or path.parent.name in models)]
-    facts = {path: measuring.export(path)[1] for path in sorted(found)}
+def find_triangle_meshes(pairs):
+    facts = {path: measuring.export(path)[1] for path in meshes.find_all(pairs)}
     return [path for path, counts in facts.items() if counts["faces"] == counts["triangles"]]
 
 
@@ -151,7 +147,7 @@ def run(settings, programs, pairs, say):
           "peer's time by this engine's.\n")
     print(tables.table(describe_header(names), [describe(row, names) for row in rows]))
     for more, wrong in (run_moved(settings, pick_meshes(pairs), say),
-                        compare_with_cgal(settings, programs, find_triangle_meshes({pair.model for pair in pairs}), say)):
+                        compare_with_cgal(settings, programs, find_triangle_meshes(pairs), say)):
         rows += more
         faults += wrong
     return rows, faults

@@ -8,6 +8,7 @@ import sys
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 MADE = ROOT / "build/bench/formula"
+FOLDERS = ("pairs/*", "quads", "grids")  # of the data folder
 ENDINGS = {".obj", ".ply", ".off", ".stl"}
 # In another frame or on another surface than the rest of their folder (see the folder's own README).
 STRANGERS = {"bunny/tri_original.ply", "spot/tri_dense.ply"}
@@ -84,3 +85,11 @@ def find_pairs():
         quads = [path for path in meshes if path.name.startswith("quad")]
         pairs += [Pair(model.name, fine, coarse) for fine in triangles for coarse in quads]
     return pairs
+
+
+def find_all(pairs):
+    """The meshes of these pairs, all others of their models, and those that stand alone."""
+    models = {pair.model for pair in pairs}
+    found = {path for folder in FOLDERS for path in data_folder().glob(f"{folder}/*")
+             if path.suffix in ENDINGS and (folder != "pairs/*" or path.parent.name in models)}
+    return sorted(found | {path for pair in pairs for path in (pair.a, pair.b)}, key=str)

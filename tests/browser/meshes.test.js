@@ -5,7 +5,7 @@ import { readFileSync } from "node:fs";
 import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
-import { Browser, drawnShare, finish, upload, waitForView } from "./support/page.js";
+import { Browser, drawnShare, finish, rest, upload, waitForView } from "./support/page.js";
 import { box, off, ply, sphere, torusPoints } from "./support/shapes.js";
 
 let daemon;
@@ -66,14 +66,15 @@ test("every tool changes the picture, and quads can be read as bilinear patches"
   const page = await browser.open(daemon.url);
   await page.locator(".meshes .name", { hasText: "box.off" }).click();
   await waitForView(page);
-  const picture = () => page.evaluate(() => new Promise((resolve) => {
-    requestAnimationFrame(() => requestAnimationFrame(() => resolve(document.querySelector(".canvas canvas").toDataURL())));
-  }));
+  const picture = async () => {
+    await rest(page);
+    return page.evaluate(() => document.querySelector(".canvas canvas").toDataURL());
+  };
   let last = await picture();
   for (const name of ["Edges", "Patches", "Irregular"]) {
     await page.locator(".stage-tools").getByRole("button", { name }).click();
     const next = await picture();
-    assert.notEqual(next, last, name);
+    assert(next !== last, name);
     last = next;
   }
   await page.locator(".stage-tools").getByRole("button", { name: "Bilinear" }).click();
@@ -84,7 +85,7 @@ test("every tool changes the picture, and quads can be read as bilinear patches"
   for (const key of ["ArrowLeft", "ArrowDown", "+"]) {
     await page.keyboard.press(key);
     const next = await picture();
-    assert.notEqual(next, last, key);
+    assert(next !== last, key);
     last = next;
   }
   await finish(page);
@@ -97,8 +98,7 @@ test("points are drawn as discs with a size", async () => {
   assert.equal(await fact(page, "Points"), "20,000");
   const few = await drawnShare(page);
   await page.getByLabel("Size of the points").fill("3");
-  await page.waitForFunction((before) => document.querySelector(".canvas canvas") && before >= 0, few);
-  await page.waitForTimeout(200);
+  await rest(page);
   const many = await drawnShare(page);
   assert(few > 0.02 && many > few, `${few} ${many}`);
   await finish(page);

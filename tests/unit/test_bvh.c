@@ -1,13 +1,15 @@
 /* Trees: the same on any number of threads, only the parts that are asked for, and the sort below them. */
 #include "check.h"
 
-#include "bvh_tree.h"
+#include "bvh_rows.h"
+#include "kernel.h"
 #include "parallel.h"
 #include "qm/hausdorff.h"
 #include "radix.h"
 #include "random.h"
 #include "shapes.h"
 
+#include <math.h>
 #include <string.h>
 
 static qm_bvh *build(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts, int threads)
@@ -23,7 +25,8 @@ static void check_same(const qm_bvh *a, const qm_bvh *b)
     assert_memory_equal(&a->frame, &b->frame, sizeof a->frame);
     assert_true(a->reach == b->reach);
     assert_int_equal(a->pack_count, b->pack_count);
-    assert_memory_equal(a->packs, b->packs, a->pack_count * sizeof *a->packs);
+    for (size_t i = 0; i < a->pack_count; i++)
+        assert_memory_equal(qm_bvh_rows(a, i), qm_bvh_rows(b, i), sizeof *a->rows);
     if (a->has_quads) assert_memory_equal(a->twist, b->twist, a->pack_count * sizeof *a->twist);
     for (size_t i = 0; i < a->pack_count; i++) {
         const qm_pack_lanes *one = &a->lanes[i], *other = &b->lanes[i];
@@ -53,6 +56,31 @@ static void check_threads(qm_mesh mesh)
     qm_shape_free(&mesh);
 }
 
+static void ask_for_all_rows(void *data, int worker)
+{
+    (void)worker;
+    const qm_bvh *tree = data;
+    for (size_t i = 0; i < tree->pack_count; i++)
+        qm_bvh_rows(tree, i);
+}
+
+/** All threads come to the same pack at about the same time, again and again. */
+static void threads_make_the_same_rows(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_mesh mesh = qm_shape_torus(200, 50, 2.0, 0.5);
+    qm_bvh *alone = build(&ctx, &mesh, QM_BVH_ALL, 1), *shared = build(&ctx, &mesh, QM_BVH_ALL, 1);
+    qm_parallel_run(NULL, 4, ask_for_all_rows, shared);
+    for (size_t i = 0; i < shared->pack_count; i++)
+        assert_true(shared->rows_place[i] < shared->pack_count);
+    assert_int_equal(*shared->rows_used, shared->pack_count);
+    check_same(alone, shared);
+    qm_bvh_destroy(&ctx, shared);
+    qm_bvh_destroy(&ctx, alone);
+    qm_shape_free(&mesh);
+}
+
 static void threads_build_the_same_tree(void **state)
 {
     (void)state;
@@ -61,6 +89,44 @@ static void threads_build_the_same_tree(void **state)
     check_threads(qm_shape_points(&random, 50000));
     check_threads(qm_shape_copies(40000));
     check_threads(qm_shape_box(1.0, 2.0, 0.0));
+}
+
+/** The box of a pack's local vertices, as far out as boxes reach, must be what each kernel finds. */
+static void check_boxes(qm_bvh *tree, const qm_kernel *kernel)
+{
+    for (size_t pack = 0; pack < tree->pack_count; pack++) {
+        const qm_pack_lanes *lanes = &tree->lanes[pack];
+        const qm_box_group *group = &tree->boxes.groups[1][pack / 8];
+        kernel->fit_box(tree, pack);
+        for (int k = 0; k < 3; k++) {
+            double low = INFINITY, high = -INFINITY;
+            for (int i = 0; i < lanes->vertex_count; i++) {
+                const double *p = tree->mesh.positions + 3 * (size_t)lanes->vertex[i];
+                qm_vec local = qm_frame_local(&tree->frame, p);
+                const double at[3] = {local.x, local.y, local.z};
+                low = fmin(low, at[k]);
+                high = fmax(high, at[k]);
+            }
+            assert_true(group->low[k][pack % 8] == (float)(low - QM_BOX_MARGIN));
+            assert_true(group->high[k][pack % 8] == (float)(high + QM_BOX_MARGIN));
+        }
+    }
+}
+
+static void boxes_are_those_of_the_vertices(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_random random = qm_random_make(qm_check_seed(), 2);
+    qm_mesh meshes[] = {qm_shape_torus(40, 15, 2.0, 0.5),
+                        qm_shape_soup(&random, 300, QM_SOUP_MIXED, QM_SOUP_POOLED, 1.0)};
+    for (int i = 0; i < 2; i++) {
+        qm_bvh *tree = build(&ctx, &meshes[i], QM_BVH_SOURCE, 1);
+        for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++)
+            check_boxes(tree, *kernel);
+        qm_bvh_destroy(&ctx, tree);
+        qm_shape_free(&meshes[i]);
+    }
 }
 
 static void sources_hold_no_triangles_and_are_refused_as_targets(void **state)
@@ -156,6 +222,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(threads_build_the_same_tree),
+        cmocka_unit_test(threads_make_the_same_rows),
+        cmocka_unit_test(boxes_are_those_of_the_vertices),
         cmocka_unit_test(sources_hold_no_triangles_and_are_refused_as_targets),
         cmocka_unit_test(a_stray_vertex_costs_no_precision),
         cmocka_unit_test(entries_are_sorted_by_any_number_of_workers),

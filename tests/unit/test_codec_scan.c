@@ -125,6 +125,29 @@ static void other_words_are_no_numbers(void **state)
     }
 }
 
+static void any_byte_among_digits_is_seen(void **state)
+{
+    (void)state;
+    for (int byte = 1; byte < 256; ++byte)
+        for (int place = 0; place < 8; ++place) {
+            char word[] = "-0.12345678";
+            word[3 + place] = (char)byte;
+            bool is_digit = byte >= '0' && byte <= '9', ends = strchr(" \t\v\f\n\r#\\", byte) != NULL;
+            bool is_exponent = (byte == 'e' || byte == 'E') && place < 7;
+            if (is_exponent && place < 5) continue; /* too large */
+            if (is_digit || is_exponent)
+                check_like_strtod(word, 0);
+            else {
+                double number, expected;
+                QM_CHECK(read_number(word, &number) == (ends ? QM_OK : QM_E_FORMAT), "%s", word);
+                if (!ends) continue;
+                word[3 + place] = 0;
+                expected = strtod(word, NULL);
+                assert_memory_equal(&number, &expected, sizeof number);
+            }
+        }
+}
+
 static void very_long_number_is_refused(void **state)
 {
     (void)state;
@@ -196,7 +219,11 @@ static void integers_stop_at_63_bits(void **state)
     } cases[] = {{"-12", QM_OK, -12},
                  {"+7 ", QM_OK, 7},
                  {"900000000000000000", QM_OK, 900000000000000000},
-                 {"9300000000000000000", QM_E_FORMAT, 0},
+                 {"9223372036854775807", QM_OK, INT64_MAX},
+                 {"-0000000000000000000000000000012", QM_OK, -12},
+                 {"9223372036854775808", QM_E_FORMAT, 0},
+                 {"18446744073709551616", QM_E_FORMAT, 0},
+                 {"99999999999999999999999999999999999999999", QM_E_FORMAT, 0},
                  {"1.0", QM_E_FORMAT, 0},
                  {"x", QM_E_FORMAT, 0},
                  {"", QM_E_FORMAT, 0}};
@@ -217,6 +244,7 @@ int main(void)
         cmocka_unit_test(random_doubles_survive_printing),
         cmocka_unit_test(random_digits_are_read_like_strtod),
         cmocka_unit_test(other_words_are_no_numbers),
+        cmocka_unit_test(any_byte_among_digits_is_seen),
         cmocka_unit_test(very_long_number_is_refused),
         cmocka_unit_test(comma_locale_changes_nothing),
         cmocka_unit_test(lines_are_counted_whatever_their_ends),

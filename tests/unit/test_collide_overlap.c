@@ -5,6 +5,7 @@
 #include "check.h"
 #include "collide_overlap.h"
 #include "failing_allocator.h"
+#include "kernel.h"
 #include "parallel.h"
 #include "qm/collide.h"
 #include "shapes.h"
@@ -123,6 +124,93 @@ static void touching_in_a_line_is_found(void **state)
     qm_shape_free(&b);
 }
 
+enum { CELL_VERTICES = 50, CELL_SIDES = 162 };
+
+/** A grid with marks, and eight faces whose vertices have random cells, mostly near one another. */
+typedef struct cell_trial {
+    qm_cell_grid grid;
+    qm_cell_row marks[CELL_SIDES * CELL_SIDES + 1];
+    qm_cell cells[CELL_VERTICES];
+    uint32_t faces[QM_CELL_FACES][4];
+} cell_trial;
+
+static qm_cell random_cell(qm_random *random, const uint32_t count[3], const uint32_t middle[3],
+                           uint32_t reach)
+{
+    qm_cell cell = 0;
+    for (int k = 0; k < 3; k++) {
+        uint32_t at = middle[k] + (uint32_t)qm_random_below(random, reach);
+        cell = cell << 8 | (at < count[k] + 1 ? at : count[k] + 1);
+    }
+    return cell;
+}
+
+static void make_cell_trial(qm_random *random, int run, cell_trial *t)
+{
+    for (int k = 0; k < 3; k++)
+        t->grid.count[k] = 1 + (uint32_t)qm_random_below(random, k == 2 ? 62 : 160);
+    t->grid.row_count = (t->grid.count[0] + 2) * (size_t)(t->grid.count[1] + 2);
+    for (size_t i = 0; i < t->grid.row_count; i++)
+        t->marks[i] = qm_random_below(random, 3) ? 0 : qm_random_bits(random) & qm_random_bits(random);
+    uint32_t middle[3];
+    for (int k = 0; k < 3; k++)
+        middle[k] = (uint32_t)qm_random_below(random, t->grid.count[k] + 2);
+    for (int i = 0; i < CELL_VERTICES; i++)
+        t->cells[i] = random_cell(random, t->grid.count, middle, run % 3 == 0 ? 60 : 3);
+    for (int i = 0; i < QM_CELL_FACES; i++)
+        for (int k = 0; k < 4; k++)
+            t->faces[i][k] =
+                k == 3 && run % 2 ? QM_NO_INDEX : (uint32_t)qm_random_below(random, CELL_VERTICES);
+}
+
+/** The cells of one face along one axis: the least and the greatest. */
+static void slow_range(const cell_trial *t, int face, int axis, uint32_t range[2])
+{
+    range[0] = 255;
+    range[1] = 0;
+    for (int k = 0; k < 4; k++) {
+        if (t->faces[face][k] == QM_NO_INDEX) continue;
+        uint32_t cell = t->cells[t->faces[face][k]] >> (8 * (2 - axis)) & 0xff;
+        range[0] = cell < range[0] ? cell : range[0];
+        range[1] = cell > range[1] ? cell : range[1];
+    }
+}
+
+static void check_face(const cell_trial *t, const qm_kernel *kernel, int face)
+{
+    qm_cell_boxes boxes;
+    unsigned inside = kernel->cell_boxes(&t->grid, t->faces[0], t->cells, &boxes), large;
+    unsigned marked = kernel->cells_marked(&t->grid, t->marks, &boxes, &large);
+    uint32_t range[3][2];
+    bool is_inside = true, is_marked = false;
+    for (int k = 0; k < 3; k++) {
+        slow_range(t, face, k, range[k]);
+        is_inside &= range[k][1] >= 1 && range[k][0] <= t->grid.count[k];
+    }
+    bool is_large = range[0][1] - range[0][0] > 1 || range[1][1] - range[1][0] > 1 ||
+                    range[2][1] - range[2][0] > QM_CELL_SPAN;
+    for (uint32_t x = range[0][0]; x <= range[0][1]; x++)
+        for (uint32_t y = range[1][0]; y <= range[1][1]; y++)
+            for (uint32_t z = range[2][0]; z <= range[2][1]; z++)
+                is_marked |= t->marks[x * (t->grid.count[1] + 2) + y] >> z & 1;
+    QM_CHECK((inside >> face & 1) == is_inside, "%s: face %d", kernel->name, face);
+    QM_CHECK((large >> face & 1) == is_large, "%s: face %d", kernel->name, face);
+    QM_CHECK((marked >> face & 1) == (is_marked && !is_large), "%s: face %d", kernel->name, face);
+}
+
+static void cells_are_those_of_a_slow_twin(void **state)
+{
+    (void)state;
+    static cell_trial trial;
+    for (int run = 0; run < 1000; run++) {
+        qm_random random = qm_random_make(qm_check_seed(), 1000 + (uint64_t)run);
+        make_cell_trial(&random, run, &trial);
+        for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++)
+            for (int face = 0; face < QM_CELL_FACES; face++)
+                check_face(&trial, *kernel, face);
+    }
+}
+
 static void out_of_memory_is_a_status(void **state)
 {
     (void)state;
@@ -152,8 +240,11 @@ static void out_of_memory_is_a_status(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(parts_give_the_same_pairs),   cmocka_unit_test(parts_of_soups_give_the_same_pairs),
-        cmocka_unit_test(faces_far_away_are_left_out), cmocka_unit_test(touching_in_a_line_is_found),
+        cmocka_unit_test(parts_give_the_same_pairs),
+        cmocka_unit_test(parts_of_soups_give_the_same_pairs),
+        cmocka_unit_test(faces_far_away_are_left_out),
+        cmocka_unit_test(touching_in_a_line_is_found),
+        cmocka_unit_test(cells_are_those_of_a_slow_twin),
         cmocka_unit_test(out_of_memory_is_a_status),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

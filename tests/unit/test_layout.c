@@ -262,6 +262,49 @@ static void strokes_snap_merge_and_split(void **state)
     qm_layout_free(&layout);
 }
 
+static void strokes_cut_what_they_cross(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_layout layout = {0};
+    uint32_t id;
+    /* Three lines across; the last one has a point where the stroke has one, too. */
+    const double across[][9] = {
+        {1, -1, 0, 1, 0.5, 0, 1, 1, 0}, {2, -1, 0, 2, 0.7, 0, 2, 1, 0}, {3, -1, 0, 3, 0, 0, 3, 1, 0}};
+    for (int i = 0; i < 3; i++)
+        assert_int_equal(qm_layout_add_stroke(&ctx, &layout, across[i], 3, 0.1, &id), QM_OK);
+    assert_int_equal(layout.curve_count, 3);
+    const double stroke[] = {0, 0, 0, 0.9, 0, 0, 3, 0, 0, 4, 0, 0};
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, stroke, 4, 0.1, &id), QM_OK);
+    assert_int_equal(layout.curve_count, 3 + 4 + 3);
+    assert_int_equal(layout.node_count, 6 + 2 + 3);
+    qm_layout_issues crossings = {0};
+    assert_int_equal(qm_layout_find_crossings(&ctx, &layout, &crossings), QM_OK);
+    assert_int_equal(crossings.count, 0);
+    assert_int_equal(qm_layout_validate(&ctx, &layout, 5.0), QM_OK);
+    const qm_curve *own = &layout.curves[qm_layout_find_curve(&layout, id)];
+    assert_true(own->points[0] == 0.0 && own->points[3 * (own->point_count - 1)] == 1.0);
+    /* Another goes near the node in the middle, so through it: only itself is cut. */
+    const double oblique[] = {1.5, -0.5, 0, 2.04, 0, 0, 2.6, 0.5, 0};
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, oblique, 3, 0.1, &id), QM_OK);
+    assert_int_equal(layout.curve_count, 10 + 2);
+    assert_int_equal(layout.node_count, 11 + 2);
+    qm_layout_issues_reset(&ctx, &crossings);
+    assert_int_equal(qm_layout_find_crossings(&ctx, &layout, &crossings), QM_OK);
+    assert_int_equal(crossings.count, 0);
+    /* One that shoots past a node ends there, without crossing what it has passed. */
+    const double past[] = {4.5, 2, 0, 4.2, 0.5, 0, 4, 0.05, 0, 3.96, -0.06, 0, 3.95, 0.02, 0};
+    assert_int_equal(qm_layout_add_stroke(&ctx, &layout, past, 5, 0.1, &id), QM_OK);
+    assert_int_equal(layout.curve_count, 12 + 1);
+    assert_int_equal(layout.node_count, 13 + 1);
+    assert_int_equal(layout.curves[qm_layout_find_curve(&layout, id)].point_count, 3);
+    qm_layout_issues_reset(&ctx, &crossings);
+    assert_int_equal(qm_layout_find_crossings(&ctx, &layout, &crossings), QM_OK);
+    assert_int_equal(crossings.count, 0);
+    qm_layout_issues_reset(&ctx, &crossings);
+    qm_layout_free(&layout);
+}
+
 /** Every edit and the search for patches with an allocator that fails at each call in turn. */
 static qm_status run_all(qm_context *ctx, const qm_source *source, qm_layout *layout)
 {
@@ -276,6 +319,8 @@ static qm_status run_all(qm_context *ctx, const qm_source *source, qm_layout *la
     if (status == QM_OK) assert_int_equal(layout->patch_count, 3);
     qm_layout_issues_reset(ctx, &issues);
     if (status == QM_OK) status = qm_layout_delete_curve(ctx, layout, id);
+    const double across[] = {0, 0.5, 0, 0.495, 0.5, 0, 1, 0.5, 0};
+    if (status == QM_OK) status = qm_layout_add_stroke(ctx, layout, across, 3, 0.01, &id);
     return status;
 }
 
@@ -314,6 +359,7 @@ int main(void)
         cmocka_unit_test(bad_layouts_are_refused_by_name),
         cmocka_unit_test(split_and_merge_undo_one_another),
         cmocka_unit_test(strokes_snap_merge_and_split),
+        cmocka_unit_test(strokes_cut_what_they_cross),
         cmocka_unit_test(running_out_of_memory_leaves_a_whole_layout),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -12,15 +12,18 @@ export class Eye {
   /**
    * @param {HTMLCanvasElement} canvas
    * @param {() => void} onChange
+   * @param {() => void} onFit when all is to be seen
    */
-  constructor(canvas, onChange) {
+  constructor(canvas, onChange, onFit) {
     this.camera = new PerspectiveCamera(35, 1, 0.001, 100);
     this.controls = new OrbitControls(this.camera, canvas);
     this.controls.addEventListener("change", onChange);
     this.controls.zoomToCursor = true;
     this.controls.minDistance = 1e-4;
+    /** How far from the origin there is something to see. */
+    this.size = 1;
     this.controls.maxDistance = 50;
-    this.onChange = onChange;
+    this.onFit = onFit;
     /** A flight that has not arrived. @type {number} */
     this.flight = 0;
     this.fit();
@@ -28,12 +31,18 @@ export class Eye {
     canvas.addEventListener("pointerdown", () => { this.flight = 0; });
   }
 
-  /** Sees all of what is about one unit large. */
-  fit(radius = 0.5) {
+  /** @param {number} size */
+  setSize(size) {
+    this.size = size;
+    this.controls.maxDistance = 50 * size;
+  }
+
+  /** Sees all of a ball. @param {Vector3} [centre] @param {number} [radius] */
+  fit(centre = new Vector3(), radius = 0.5) {
     const narrow = Math.min(1, this.camera.aspect || 1);
     const distance = (0.98 * radius) / Math.sin((this.camera.fov * Math.PI) / 360) / narrow;
-    this.controls.target.set(0, 0, 0);
-    this.camera.position.copy(START).multiplyScalar(distance);
+    this.controls.target.copy(centre);
+    this.camera.position.copy(centre).addScaledVector(START, distance);
     this.controls.update();
   }
 
@@ -70,7 +79,7 @@ export class Eye {
     const zooms = /** @type {Record<string, number>} */ ({ "+": 0.85, "=": 0.85, "-": 1 / 0.85 });
     if (turns[event.key]) this.turn(...turns[event.key]);
     else if (zooms[event.key]) this.zoom(zooms[event.key]);
-    else if (event.key === "f") this.fit();
+    else if (event.key === "f") this.onFit();
     else return;
     event.preventDefault();
   }
@@ -109,8 +118,8 @@ export class Eye {
   setPlanes() {
     const distance = this.camera.position.length();
     const reach = this.camera.position.distanceTo(this.controls.target);
-    this.camera.near = Math.max(reach / 100, distance - 4, 1e-6);
-    this.camera.far = distance + 4;
+    this.camera.near = Math.max(reach / 100, distance - 2 * this.size, 1e-6);
+    this.camera.far = distance + 2 * this.size;
     this.camera.updateProjectionMatrix();
   }
 }

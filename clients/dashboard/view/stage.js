@@ -1,6 +1,6 @@
 // The 3D view: which models are there, how they are drawn, and when. Loaded on demand, for three.js is large.
 
-import { Color, ColorManagement, LinearSRGBColorSpace, Scene, Vector3, WebGLRenderer } from "three";
+import { Box3, Color, ColorManagement, LinearSRGBColorSpace, Scene, Vector3, WebGLRenderer, WebGLRenderTarget } from "three";
 
 import { colour } from "../core/dom.js";
 import { Eye } from "./camera.js";
@@ -9,7 +9,6 @@ import { Model, makeSample } from "./model.js";
 import { Overlay } from "./overlay.js";
 import { Pair } from "./pair.js";
 
-/** @import { WebGLRenderTarget } from "three" */
 /** @import { Mesh } from "../../js/types.js" */
 /** @typedef {"a" | "b"} Role b is the one to compare with */
 /** @typedef {{ mesh: Mesh, role: Role, isBilinear: boolean, isHidden?: boolean, isGhost?: boolean,
@@ -37,7 +36,7 @@ export class Stage {
     this.place = place;
     this.onProgress = onProgress;
     this.scene = new Scene();
-    this.eye = new Eye(this.canvas, () => this.draw());
+    this.eye = new Eye(this.canvas, () => this.draw(), () => this.fit());
     this.pair = new Pair(this.scene);
     this.overlay = new Overlay(this.scene);
     /** @type {Map<Role, Model>} */
@@ -59,17 +58,20 @@ export class Stage {
     this.prepare();
   }
 
-  /** Has the programs of all models compiled, for the first use of one would make the page wait. */
+  /** Has the programs of all models compiled: who uses one before it is, waits, and the whole page with it. */
   async prepare() {
     const scene = new Scene();
     scene.add(makeSample());
-    try {
-      // Without the extension nothing is compiled aside, and asking for it complains.
-      if (this.renderer.extensions.has("KHR_parallel_shader_compile")) await this.renderer.compileAsync(scene, this.eye.camera);
-    } finally {
-      this.isReady = true;
-      this.draw();
-    }
+    this.renderer.compile(scene, this.eye.camera);
+    this.mark();
+    while (this.isDrawing()) await new Promise((resolve) => { requestAnimationFrame(resolve); });
+    const target = new WebGLRenderTarget(1, 1); // the first use asks for what the compiler has to say
+    this.renderer.setRenderTarget(target);
+    this.renderer.render(scene, this.eye.camera);
+    this.renderer.setRenderTarget(null);
+    target.dispose();
+    this.isReady = true;
+    this.draw();
   }
 
   resize() {
@@ -100,7 +102,8 @@ export class Stage {
     if (first) {
       this.frame = /** @type {Model} */ (this.models.get(first.role)).frame;
       this.frameId = first.mesh.id;
-      if (this.frameId !== before) this.eye.fit();
+      this.eye.setSize(Math.max(1, ...wishes.flatMap(({ mesh: { bounding_box: { min, max } } }) => [min, max].map((corner) => this.toScene(corner).length()))));
+      if (this.frameId !== before) this.fit();
     }
     this.placeAll();
     this.apply();
@@ -148,6 +151,15 @@ export class Stage {
     forget(model);
     model.dispose();
     this.models.delete(role);
+  }
+
+  /** Sees all that is not hidden. */
+  fit() {
+    const all = new Box3();
+    for (const { mesh: { bounding_box: box }, isHidden } of this.wishes) {
+      if (!isHidden) for (const corner of [box.min, box.max]) all.expandByPoint(this.toScene(corner));
+    }
+    if (!all.isEmpty()) this.eye.fit(all.getCenter(new Vector3()), Math.max(all.min.distanceTo(all.max) / 2, 1e-6));
   }
 
   placeAll() {
@@ -239,7 +251,10 @@ export class Stage {
 
   /** Is the graphics card still at the last frame, or not ready for one? */
   isBusy() {
-    if (!this.isReady) return true;
+    return !this.isReady || this.isDrawing();
+  }
+
+  isDrawing() {
     const gl = /** @type {WebGL2RenderingContext} */ (this.renderer.getContext());
     return this.last !== null && gl.clientWaitSync(this.last, 0, 0) === gl.TIMEOUT_EXPIRED;
   }

@@ -35,7 +35,7 @@ export function drawTools(meshes, { onReading, hasStructure = false, more = [] }
   const hasPoints = meshes.some((mesh) => mesh.kind === "points");
   /** @type {(HTMLElement | false)[]} */
   const tools = [
-    h("button", { type: "button", title: "Show all (F)", onclick: () => { currentStage()?.eye.fit(); } }, "Fit"),
+    h("button", { type: "button", title: "Show all (F)", onclick: () => { currentStage()?.fit(); } }, "Fit"),
     hasFaces && toggle("Edges", "Draw the edges of the faces", look.wire, (wire) => setLook({ wire })),
     hasQuads && hasStructure && toggle("Patches", "Colour the regular patches", look.patches, (patches) => setLook({ patches })),
     hasQuads && hasStructure && toggle("Irregular", "Mark inner vertices without four quads: blue below four, red above", look.irregular,

@@ -33,9 +33,10 @@ qm_status qm_layout_snap_end(qm_context *ctx, qm_layout *layout, uint32_t id, in
 /**
  * Adds a drawn curve. Each end snaps to a node within radius, else splits a curve within radius, else makes a
  * node. Where the new curve then meets one other alone, at an obtuse angle (cosine below -0.85), the two are
- * joined, and the other one's id stays.
+ * joined, and the other one's id stays. Curves that it crosses are cut there, and so is it: at a node that
+ * such a curve has within radius, else at a new one.
  *
- * id   the curve that the stroke became or joined
+ * id   the curve that the stroke became or joined, up to the first cut
  */
 qm_status qm_layout_add_stroke(qm_context *ctx, qm_layout *layout, const double *points, size_t point_count,
                                double radius, uint32_t *id);

@@ -27,22 +27,6 @@ uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p)
     return bits;
 }
 
-bool QM_KERNEL(hull_reached)(const qm_candidates *candidates, const qm_vec *point, int count)
-{
-    for (int k = 0; k < candidates->count; k++) {
-        for (int part = 0; part < QM_PARTS; part++) {
-            qm_vd allowed2 = qm_vd_load(&candidates->allowed2[k][part * QM_WIDTH]);
-            qm_vl reached = allowed2 == allowed2;
-            for (int i = 0; i < count && qm_vl_bits(reached); i++) {
-                qm_splat s = qm_splat_make(point[i]);
-                reached &= qm_pack_part_d2(candidates->pack[k], part, s.x, s.y, s.z) <= allowed2;
-            }
-            if (qm_vl_bits(reached)) return true;
-        }
-    }
-    return false;
-}
-
 double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place)
 {
     double upper = INFINITY;

@@ -7,6 +7,7 @@
 #include "pack.h"
 
 void QM_KERNEL(share_corners)(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);
+void QM_KERNEL(fit_box)(qm_bvh *bvh, size_t pack);
 void QM_KERNEL(fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 void QM_KERNEL(pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);
 void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit);
@@ -26,7 +27,6 @@ size_t QM_KERNEL(tetra_fit)(qm_tetra *tetra, size_t patch, const uint64_t *chang
 void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);
 int QM_KERNEL(narrow)(const qm_near_packs *near, const qm_box *box, double reach, int capacity,
                       uint32_t *packs);
-bool QM_KERNEL(hull_reached)(const qm_candidates *candidates, const qm_vec *point, int count);
 uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p);
 void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);
 double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place);
@@ -37,6 +37,10 @@ bool QM_KERNEL(descend)(const qm_descent *descent, const qm_node *a, const qm_no
 void QM_KERNEL(fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
 bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                                unsigned moved_q, qm_near_lanes *out);
+unsigned QM_KERNEL(cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,
+                               qm_cell_boxes *out);
+unsigned QM_KERNEL(cells_marked)(const qm_cell_grid *grid, const qm_cell_row *marks,
+                                 const qm_cell_boxes *boxes, unsigned *large);
 void QM_KERNEL(sort_few)(uint64_t *numbers, int count);
 
 #endif

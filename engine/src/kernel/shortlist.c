@@ -2,6 +2,7 @@
  * shortlist.c: the few facets that matter most for a small piece, side by side in one pack, so that a point
  * is compared with all of them at the price of one pack.
  */
+#include "../bvh_pack.h"
 #include "float_pack.h"
 #include "kernels.h"
 
@@ -35,15 +36,13 @@ void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p
         lanes = qm_vi_keep_least(lanes, qm_keys_sorted(lane_distances(bvh, pack, p), place << LANE_BITS,
                                                        qm_first_lanes(bvh->lanes[pack].lane_count)));
     }
-    const double *from[QM_PACK_LANES];
+    qm_pack_corners corners;
     for (int j = 0; j < QM_PACK_LANES; j++) {
         int32_t key = lanes[QM_PACK_LANES - 1 - j];
         unsigned place = qm_key_place(key == QM_NO_KEY ? lanes[QM_PACK_LANES - 1] : key);
         list->origin[j] = near->pack[place >> LANE_BITS];
         list->lane[j] = (uint8_t)(place & ((1 << LANE_BITS) - 1));
-        from[j] = &bvh->packs[list->origin[j]].row[0][list->lane[j]];
+        qm_bvh_load_lane(bvh, list->origin[j], list->lane[j], j, &corners);
     }
-    for (int r = 0; r < QM_ROW_COUNT; r++)
-        for (int j = 0; j < QM_PACK_LANES; j++)
-            list->pack.row[r][j] = from[j][r * QM_PACK_LANES];
+    QM_KERNEL(fill_pack)(&list->pack, corners.at); /* cheaper than to look rows up, which lie far apart */
 }

@@ -6,6 +6,7 @@
 #define QM_KERNEL_VISIT_H
 
 #include "../bilinear_point.h"
+#include "../bvh_rows.h"
 #include "float_pack.h"
 #include "pack.h"
 
@@ -20,9 +21,10 @@ static inline bool qm_pack_is_far(const qm_bvh *bvh, uint32_t pack, qm_vec p, do
 /** Looks at a pack; of equal distances the lower face wins, so that the order of visits does not matter. */
 static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, qm_hit *hit)
 {
+    const qm_pack *rows = qm_bvh_rows(bvh, pack);
     qm_vd d2[QM_PARTS];
     for (int part = 0; part < QM_PARTS; part++)
-        d2[part] = qm_pack_part_d2(&bvh->packs[pack], part, p.x, p.y, p.z);
+        d2[part] = qm_pack_part_d2(rows, part, p.x, p.y, p.z);
     qm_vd low = d2[0];
     for (int part = 1; part < QM_PARTS; part++)
         low = qm_vd_min(d2[part], low);
@@ -77,7 +79,7 @@ static inline void qm_visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, 
                                     qm_patch_hit *hit)
 {
     _Alignas(64) double d2[QM_PACK_LANES];
-    qm_pack_d2(&bvh->packs[pack], p, d2);
+    qm_pack_d2(qm_bvh_rows(bvh, pack), p, d2);
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     for (uint32_t lane = 0; lane < lanes->lane_count; lane++) {
         bool has_second = lane + 1u < lanes->lane_count && (lanes->second >> (lane + 1) & 1);

@@ -23,7 +23,7 @@ export class Browser {
    * @param {import("playwright-core").BrowserContextOptions} [options]
    */
   async open(url, options = {}) {
-    const context = await this.process.newContext({ viewport: { width: 1000, height: 700 }, acceptDownloads: true, ...options });
+    const context = await this.process.newContext({ viewport: { width: 900, height: 620 }, acceptDownloads: true, ...options });
     const page = await context.newPage();
     page.setDefaultTimeout(PATIENCE_MS);
     page.faults = [];
@@ -55,10 +55,16 @@ export async function upload(page, ...files) {
   for (const { name } of files) await page.locator(".meshes .name", { hasText: name }).waitFor();
 }
 
-/** Waits for the view to hold a whole mesh, and returns how many frames it has drawn. */
-export function waitForView(page) {
-  return page.waitForFunction(() => document.querySelector(".canvas canvas") !== null
+/** Waits for the view to have drawn what it was told to. */
+export function rest(page) {
+  return page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage()?.rest());
+}
+
+/** Waits for the view to hold a whole mesh, and to have drawn it. */
+export async function waitForView(page) {
+  await page.waitForFunction(() => document.querySelector(".canvas canvas") !== null
     && document.getElementById("stage-progress").textContent === "" && document.getElementById("stage-empty").hidden);
+  await rest(page);
 }
 
 /** How much of the view has another colour than its corner: 0 when nothing is drawn. */

@@ -96,6 +96,18 @@ export function roundedBoxLayout(steps = 8) {
   return { nodes: nodes.map(onRoundedBox), curves: curves.map((curve) => ({ ...curve, points: curve.points.map(onRoundedBox) })) };
 }
 
+/** A ball with hills and hollows, of six patches, and the twelve curves between these. */
+const onHills = (point) => {
+  const [x, y, z] = onBall(point);
+  const radius = 1 + 0.16 * Math.sin(3 * x + 1) * Math.cos(2.5 * y) + 0.12 * Math.sin(4 * z + 2 * y);
+  return [1.3 * radius * x, radius * y, 0.9 * radius * z];
+};
+export const hills = (steps = 24) => ({ ...box(steps), vertices: box(steps).vertices.map(onHills) });
+export function hillsLayout(steps = 24) {
+  const { nodes, curves } = boxLayout(steps);
+  return { nodes: nodes.map(onHills), curves: curves.map((curve) => ({ ...curve, points: curve.points.map(onHills) })) };
+}
+
 /** Numbers from 0 to 1 by a 32-bit shift register (Marsaglia 2003), the same for the same seed. */
 export function chance(seed) {
   let state = (seed * 2654435761) >>> 0 || 1;

@@ -1,0 +1,22 @@
+#include "store_internal.h"
+
+static bool read_row(sqlite3_stmt *statement, void *row)
+{
+    qm_store_made *out = row;
+    return qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
+           qm_store_read_text(statement, 1, out->request, sizeof out->request);
+}
+
+static const qm_store_table table = {sizeof(qm_store_made), read_row, NULL};
+
+qm_status qm_store_find_made_layout(qm_store *store, const char *key, qm_store_made *out)
+{
+    return qm_store_find_row_by(store, "SELECT id, request FROM layouts WHERE idempotency_key = ?", key,
+                                &table, out);
+}
+
+qm_status qm_store_find_made_reconstruction(qm_store *store, const char *key, qm_store_made *out)
+{
+    return qm_store_find_row_by(store, "SELECT id, request FROM reconstructions WHERE idempotency_key = ?",
+                                key, &table, out);
+}
