@@ -8,9 +8,9 @@
 #define TOLERANCE 1e-5      /* of the diagonal: how closely a distance is measured */
 #define GOAL_TOLERANCE 0.05 /* of the goal, when that is closer */
 #define UNCOVERED_SLACK                                                                                      \
-    1e-3                   /* of all points: so many more may be out of reach, as samples told the share     \
-                            */
-#define DEADLINE_MS 5000.0 /* for the distance after one step; the bounds hold whenever it ends */
+    1e-3                    /* of all points: so many more may be out of reach, as samples told the share    \
+                             */
+#define DEADLINE_MS 20000.0 /* for the distance after one step; the bounds hold whenever it ends */
 
 typedef struct refinement {
     qm_context *ctx;

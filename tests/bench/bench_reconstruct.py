@@ -1,5 +1,6 @@
 """Reconstructions: time by size on a ring of points, and what becomes of the layouts of the data folder."""
 import json
+import math
 import subprocess
 import sys
 
@@ -20,7 +21,8 @@ LAYOUTS = (("torus_6x4", "grids/torus_384x192_tris.ply"), ("torus_2x2", "grids/t
            ("bunny_coarse", "clouds/bunny_40k_noise_0.2pct.ply"), ("spot_coarse", "pairs/spot/tri.obj"),
            ("spot_coarse", "clouds/spot_10k.ascii.ply"), ("bunny", "pairs/bunny/tri.obj"),
            ("bunny", "clouds/bunny_100k.ply"), ("spot", "pairs/spot/tri.obj"))
-STEPS_SHOWN = 5
+MOST_QUADS = 30000
+STEPS_SHOWN = 4
 
 
 def time_ring(settings, points, quads):
@@ -49,11 +51,26 @@ def quadmesh(*words):
     return {"lines": [json.loads(line) for line in done.stdout.splitlines()]}
 
 
-def refine(layout, surface, quads):
+OUT = catalogue.OUT / "reconstruction.obj"
+
+
+def refine(layout, surface, quads, *options):
     """The steps of the command line; distances as shares of the diagonal."""
-    out = catalogue.OUT / "reconstruction.obj"
-    found = quadmesh("reconstruct", surface, layout, "-o", out, "--quads", quads)
-    return found if "failed" in found else {"steps": found["lines"]}
+    found = quadmesh("reconstruct", surface, layout, "-o", OUT, "--quads", quads, *options)
+    return found if "failed" in found else {"steps": found["lines"], "mesh": quadmesh("info", OUT)["lines"][0]}
+
+
+def follow(layout, surface):
+    """The last steps with the distance after each. On meshes that is measured afterwards, as a step stops that at a
+    deadline; on point sets it is that of the points, and at hand."""
+    is_mesh = quadmesh("info", surface)["lines"][0]["kind"] != "points"
+    row = refine(layout, surface, MOST_QUADS, *["--no-measure"] * is_mesh)
+    for step in row.get("steps", [])[-STEPS_SHOWN:]:
+        if is_mesh:
+            refine(layout, surface, step["quads"], "--no-measure")
+            measured = quadmesh("hausdorff", surface, OUT, "--tolerance", "2e-6")["lines"][0]
+        step["distance"] = (measured if is_mesh else step["hausdorff"])["upper_relative"]
+    return row
 
 
 def find_layout(name):
@@ -64,26 +81,37 @@ def find_layout(name):
 def compare(model):
     """Ours at 8000 quads and an automatic quadrangulator's mesh, whose distance is scaled to as many."""
     tri, automatic = (meshes.data_folder() / "pairs" / model / name for name in ("tri.obj", "quad_qf.obj"))
-    row = {"model": model, **refine(find_layout(model), tri, 8000)}
+    row = {"model": model, **refine(find_layout(model), tri, 8000, "--no-measure")}
     if "failed" in row:
         return row, [model, row["failed"], "", ""]
     ours, cells = row["steps"][-1]["quads"], [f"{model}, {row['steps'][-1]['quads']} quads"]
     count = quadmesh("info", automatic)["lines"][0]["faces"]["quads"]
     for quads in ("triangles", "bilinear"):
         own, other = (quadmesh("hausdorff", tri, mesh, "--quads", quads, "--tolerance", "1e-4")["lines"][0]
-                      for mesh in (catalogue.OUT / "reconstruction.obj", automatic))
+                      for mesh in (OUT, automatic))
         row[quads] = {"ours": own["upper_relative"], "scaled": other["lower_relative"] * count / ours}
         cells.append(f"{row[quads]['ours']:.2e} / {row[quads]['scaled']:.2e}")
     return row, [*cells, str(row["steps"][-1]["quality"]["folded_quads"])]
 
 
+def describe_steps(steps):
+    """Quads, distance and, in brackets, how many times nearer four times the quads come at this step's pace."""
+    texts = []
+    for before, after in zip([None, *steps[-STEPS_SHOWN:]], steps[-STEPS_SHOWN:]):
+        text = f"{after['quads']}: {after['distance']:.1e}"
+        if before:
+            fall = math.log(before["distance"] / after["distance"]) / math.log(after["quads"] / before["quads"])
+            text += f" ({4 ** fall:.1f})"
+        texts.append(text)
+    return ", ".join(texts)
+
+
 def describe_layout(name, surface, row):
     if "failed" in row:
-        return [name, surface, row["failed"], "", "", ""]
-    steps = [f"{step['quads']}: {step['hausdorff']['upper_relative']:.1e}" for step in row["steps"][-STEPS_SHOWN:]]
-    last = row["steps"][-1]
-    return [name, surface, ", ".join(steps), str(last["holes_filled"]), str(last["quality"]["folded_quads"]),
-            tables.ms(sum(step["step_ms"] for step in row["steps"]))]
+        return [name, surface, row["failed"], *[""] * 3]
+    last, whole = row["steps"][-1], row["mesh"]["kind"] == "quads" and row["mesh"]["manifold"]
+    return [name, surface, describe_steps(row["steps"]), str(last["holes_filled"]),
+            str(last["quality"]["folded_quads"]), str(row["mesh"]["irregular_vertices"]) if whole else "broken"]
 
 
 def run(settings, programs, pairs, say):
@@ -105,15 +133,15 @@ def run(settings, programs, pairs, say):
         if not layout.exists() or not path.exists():
             continue
         say(f"reconstruction, {name} on {surface}")
-        rows.append({"layout": name, "surface": surface, **refine(layout, path, 30000)})
+        rows.append({"layout": name, "surface": surface, **follow(layout, path)})
         lines.append(describe_layout(name, surface, rows[-1]))
         if "failed" in rows[-1]:
             faults.append(f"{name} on {surface}: {rows[-1]['failed']}")
     if lines:
         print("\nQuads and the distance after the last steps, as a share of the diagonal (two-sided on meshes, points to "
-              "mesh on point sets); of the last step vertices that no points enclose, folded quads; the steps' time in "
-              "ms:\n")
-        print(tables.table(["layout", "surface", "quads: distance", "holes:", "folded:", "ms:"], lines))
+              "mesh on point sets), in brackets how many times nearer four times the quads come at that pace; at the end "
+              "vertices that no points enclose, folded quads, irregular vertices:\n")
+        print(tables.table(["layout", "surface", "quads: distance", "holes:", "folded:", "irregular:"], lines))
     lines = []
     for model in ("spot", "bunny"):
         if not (meshes.data_folder() / "pairs" / model).exists():

@@ -62,23 +62,25 @@ def test_a_layout_becomes_a_semi_regular_mesh(tmp_path, layout, surface, reach):
     assert found["boundary_edges"] == 0 or rim
     assert all(step["quality"]["folded_quads"] == 0 for step in steps)
     bounds = [step["hausdorff"] for step in steps]
-    assert bounds[-1]["upper_relative"] <= reach
+    # A step's distance to a mesh may be cut short by a deadline.
+    last = bounds[-1] if surface.startswith("clouds/") else distance(DATA / surface, tmp_path / "out.obj", "triangles")
+    assert last["upper_relative"] <= reach
     # Two steps double both directions.
     for before, after in zip(bounds, bounds[2:]):
         assert after["lower_relative"] <= before["upper_relative"] + 2e-3
 
 
-@pytest.mark.parametrize("layout, surface, counts, reach", [
-    ("saddle_3x2", "grids/saddle_200x200_tris.ply", (192, 768, 3072, 12288), 1e-4),
-    ("torus_6x4", "grids/torus_384x192_tris.ply", (192, 768, 3072, 12288), 2.2e-4)])
-def test_the_distance_falls_by_the_square_of_the_edges(tmp_path, layout, surface, counts, reach):
-    """Both directions doubled: four times nearer, within what the measurement leaves open."""
+@pytest.mark.parametrize("layout, surface, counts", [
+    ("saddle_3x2", "grids/saddle_200x200_tris.ply", (192, 768, 3072, 12288)),
+    ("torus_6x4", "grids/torus_384x192_tris.ply", (768, 3072, 12288, 49152))])
+def test_the_distance_falls_by_the_square_of_the_edges(tmp_path, layout, surface, counts):
+    """Both directions doubled: about four times nearer, down to a ten-thousandth of the diagonal."""
     file, out, found = DATA / "layouts" / f"{layout}.json", tmp_path / "out.obj", []
     for count in counts:
         assert reconstruct(surface, file, out, "--quads", count, "--no-measure")[-1]["quads"] == count
-        text = run("hausdorff", DATA / surface, out, "--tolerance", "1e-5", "--json")
+        text = run("hausdorff", DATA / surface, out, "--tolerance", "2e-6", "--json")
         found.append(json.loads(text))
-    assert found[-1]["upper_relative"] < reach
+    assert found[-1]["upper_relative"] < 1e-4
     for before, after in zip(found, found[1:]):
         assert before["upper_relative"] / after["lower_relative"] > 3.5
 
