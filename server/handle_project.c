@@ -15,7 +15,6 @@
 #include "parallel.h"
 
 #define MAX_THREADS 256
-#define SAMPLE 64 /* points that tell where the others lie */
 
 typedef enum number_type { F64, F32 } number_type;
 
@@ -30,8 +29,6 @@ typedef struct projecting {
     int threads;
     qm_rows rows;
     uint64_t count, done; /* points */
-    double sample[SAMPLE][3];
-    uint64_t sample_count;
 } projecting;
 
 static size_t row_size(number_type type)
@@ -95,25 +92,13 @@ static bool check_block(const projecting *p, uint64_t first, const double *point
     return false;
 }
 
-/** Keeps those points of a block that fall to the sample, which is spread over all. */
-static void take_sample(projecting *p, uint64_t first, const double *points)
-{
-    for (; p->sample_count < SAMPLE; p->sample_count++) {
-        uint64_t place = p->sample_count * p->count / SAMPLE - first;
-        if (place >= block_count(p, first)) break;
-        memcpy(p->sample[p->sample_count], points + 3 * place, sizeof *p->sample);
-    }
-}
-
-static bool check_points(projecting *p, qm_problem *problem)
+static bool check_points(const projecting *p, qm_problem *problem)
 {
     double *points = make_block(p, 0);
     bool good = points;
     if (!points) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the points");
-    for (uint64_t first = 0; good && first < p->count; first += block_count(p, first)) {
+    for (uint64_t first = 0; good && first < p->count; first += block_count(p, first))
         good = read_block(p, first, points, problem) && check_block(p, first, points, problem);
-        if (good) take_sample(p, first, points);
-    }
     free(points);
     return good;
 }
@@ -217,10 +202,7 @@ static bool build_locator(projecting *p, qm_problem *problem)
 {
     qm_context ctx = qm_context_make();
     const qm_loaded_mesh *mesh = qm_mesh_ref_get(p->mesh);
-    qm_accelerator accelerator = p->accelerator;
-    if (accelerator == QM_ACCELERATOR_AUTO)
-        accelerator = qm_locator_choose(&ctx, mesh->bvh, p->quads, p->sample[0], p->sample_count, p->count);
-    qm_status status = qm_locator_build(&ctx, mesh->bvh, mesh->tetra, accelerator, &p->locator);
+    qm_status status = qm_locator_build(&ctx, mesh->bvh, mesh->tetra, p->accelerator, &p->locator);
     if (status != QM_OK) *problem = qm_problem_from_status(status, ctx.message);
     return status == QM_OK;
 }

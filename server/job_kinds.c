@@ -93,12 +93,8 @@ static void reset_project(qm_context *ctx, qm_job_result *result)
 static qm_status run_project(const question *q, qm_job_result *out)
 {
     const qm_job_request *request = q->request;
-    qm_accelerator accelerator = request->accelerator;
-    if (accelerator == QM_ACCELERATOR_AUTO)
-        accelerator = qm_locator_choose(q->ctx, q->a->bvh, request->quads, request->points,
-                                        request->point_count, request->point_count);
     qm_locator locator;
-    qm_status status = qm_locator_build(q->ctx, q->a->bvh, q->a->tetra, accelerator, &locator);
+    qm_status status = qm_locator_build(q->ctx, q->a->bvh, q->a->tetra, request->accelerator, &locator);
     if (status == QM_OK)
         status = qm_feet_find(q->ctx, q->a, &locator, request->quads, request->points, request->point_count,
                               q->threads, &out->feet);

@@ -162,11 +162,7 @@ static bool project_here(const question *asked, const point_list *points, FILE *
     qm_preparation preparation = cli_prepare(true, asked->quads, asked->threads);
     target on;
     if (!cli_load_mesh(&ctx, asked->mesh, asked->as_json, &preparation, &on.mesh)) return false;
-    qm_accelerator accelerator = asked->accelerator;
-    if (accelerator == QM_ACCELERATOR_AUTO)
-        accelerator =
-            qm_locator_choose(&ctx, on.mesh.bvh, asked->quads, points->rows, points->count, points->count);
-    qm_status status = qm_locator_build(&ctx, on.mesh.bvh, NULL, accelerator, &on.locator);
+    qm_status status = qm_locator_build(&ctx, on.mesh.bvh, NULL, asked->accelerator, &on.locator);
     if (status != QM_OK) complain(asked, status, ctx.message);
     bool good = status == QM_OK && write_rows(asked, &ctx, &on, points, out);
     qm_locator_reset(&ctx, &on.locator);

@@ -79,12 +79,20 @@ static bool frame_serves(const double low[3], const double high[3])
     return most <= 1.0 && size >= 0.25;
 }
 
+/** True when this box lies in the frame. */
+static bool is_in_frame(const qm_box *box)
+{
+    for (int k = 0; k < 3; k++)
+        if (!(fmax(-box->min[k], box->max[k]) <= 1.0)) return false;
+    return true;
+}
+
 /** The boxes' word for it, which have all been found anew; they reach a little beyond the mesh. */
 static bool boxes_fit_frame(const qm_box_tree *boxes)
 {
     qm_box box = qm_box_tree_whole(boxes);
+    if (!is_in_frame(&box)) return false;
     for (int k = 0; k < 3; k++) {
-        if (!(fmax(-box.min[k], box.max[k]) <= 1.0)) return false;
         box.min[k] += QM_BOX_MARGIN;
         box.max[k] -= QM_BOX_MARGIN;
     }
@@ -107,9 +115,11 @@ static bool face_in_frame(const qm_bvh *bvh, uint32_t face)
     return true;
 }
 
-/** True when these faces, with their new vertices, lie in the frame. */
+/** True when these faces, with their new vertices, lie in the frame. Where the boxes do, so do the faces. */
 static bool faces_in_frame(const qm_bvh *bvh, const uint32_t *faces, size_t count)
 {
+    qm_box box = qm_box_tree_whole(&bvh->boxes);
+    if (is_in_frame(&box)) return true;
     for (size_t i = 0; i < count; i++)
         if (!face_in_frame(bvh, faces[i])) return false;
     return true;
@@ -155,11 +165,13 @@ qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer
     bool has_lists = !faces || face_count == 0 || (packs && changed);
     uint64_t *stale = bvh->stale ? bvh->stale : qm_bits_create(ctx, bvh->pack_count);
     qm_status status = has_lists && stale ? QM_OK : QM_E_NO_MEMORY;
-    if (status == QM_OK) bvh->stale = stale;
+    if (status == QM_OK) {
+        bvh->stale = stale;
+        bvh->mesh = *mesh;
+    }
     if (status != QM_OK) {
         qm_context_fail(ctx, status, "out of memory to refit a tree");
-    } else if (!faces || (bvh->mesh = *mesh, !faces_in_frame(bvh, faces, face_count))) {
-        bvh->mesh = *mesh;
+    } else if (!faces) {
         *updated = refit_all(ctx, bvh, thread_count);
     } else if (face_count > 0) {
         for (size_t i = 0; i < face_count; i++)
@@ -167,6 +179,7 @@ qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer
         for (size_t i = 0; i < qm_bits_words(bvh->pack_count); i++)
             bvh->stale[i] |= changed[i];
         *updated = refit_packs(ctx, bvh, packs, qm_bits_list(changed, bvh->pack_count, packs));
+        if (!faces_in_frame(bvh, faces, face_count)) *updated = refit_all(ctx, bvh, thread_count);
     }
     if (status == QM_OK) bvh->reach = qm_box_tree_reach(&bvh->boxes);
     if (status != QM_OK && !bvh->stale) qm_bits_free(ctx, stale, bvh->pack_count);

@@ -217,13 +217,6 @@ static void tree_box(const qm_bvh *bvh, double low[3], double extent[3])
     }
 }
 
-double qm_grid_first_edge(const qm_bvh *bvh)
-{
-    double low[3], extent[3], triangles = (double)(QM_PACK_LANES * bvh->pack_count);
-    tree_box(bvh, low, extent);
-    return cube_edge(extent, fmin(QM_GRID_DENSITY * triangles, MAX_CELLS));
-}
-
 static qm_status lay_out(qm_context *ctx, qm_grid *grid, const double extent[3], double edge)
 {
     qm_context_free(ctx, grid->block, grid->block_count, sizeof *grid->block);
@@ -249,7 +242,7 @@ static qm_status fill_grid(grid_builder *builder)
     double low[3], extent[3];
     tree_box(grid->bvh, low, extent);
     grid->low = qm_vec_load(low);
-    double edge = qm_grid_first_edge(grid->bvh);
+    double edge = cube_edge(extent, fmin(QM_GRID_DENSITY * (double)triangles, MAX_CELLS));
     qm_status status;
     do {
         status = lay_out(builder->ctx, grid, extent, edge);

@@ -34,10 +34,6 @@ struct qm_grid {
     uint32_t *packs;
 };
 
-/** The edge of the cells that a grid over a tree starts with, local: where there are too many of them they
- * are doubled. */
-double qm_grid_first_edge(const qm_bvh *bvh);
-
 /** The cell, from 0 to size - 1, that holds x or is nearest to it; 0 for what is not a number. */
 static inline int qm_grid_clamp(double x, int size)
 {

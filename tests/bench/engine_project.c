@@ -22,12 +22,8 @@ static void measure_once(question *q, const qm_projection *out, qm_bench_times *
     double start = qm_bench_now_ms();
     if (qm_bvh_build(&q->ctx, &q->mesh, QM_BVH_TARGET, q->threads, &tree) != QM_OK)
         bench_fail("tree", q->ctx.message);
-    qm_accelerator accelerator = q->accelerator;
-    if (accelerator == QM_ACCELERATOR_AUTO)
-        accelerator =
-            qm_locator_choose(&q->ctx, tree, QM_QUADS_TRIANGLES, q->points, q->point_count, q->point_count);
     qm_locator locator;
-    if (qm_locator_build(&q->ctx, tree, NULL, accelerator, &locator) != QM_OK)
+    if (qm_locator_build(&q->ctx, tree, NULL, q->accelerator, &locator) != QM_OK)
         bench_fail("accelerator", q->ctx.message);
     double built = qm_bench_now_ms();
     if (qm_project_points_with(&q->ctx, &locator, QM_QUADS_TRIANGLES, q->points, q->point_count, q->threads,

@@ -418,40 +418,6 @@ static void a_raised_flag_cancels(void **state)
     bench_free(&b);
 }
 
-/** Points off the vertices of a mesh, each so far along z; what AUTO then stands for. */
-static qm_accelerator choose(const qm_mesh *mesh, double off, size_t far_count, size_t count,
-                             qm_quad_reading reading)
-{
-    qm_context ctx = qm_context_make();
-    qm_bvh *tree;
-    assert_int_equal(qm_bvh_build(&ctx, mesh, QM_BVH_ALL, 1, &tree), QM_OK);
-    double *points = malloc(3 * count * sizeof *points);
-    assert_non_null(points);
-    for (size_t i = 0; i < count; i++) {
-        memcpy(points + 3 * i, mesh->positions + 3 * (i % mesh->vertex_count), 3 * sizeof *points);
-        points[3 * i + 2] += i < far_count ? 3.0 : off;
-    }
-    qm_accelerator chosen = qm_locator_choose(&ctx, tree, reading, points, count, count);
-    free(points);
-    qm_bvh_destroy(&ctx, tree);
-    return chosen;
-}
-
-static void auto_takes_the_grid_for_many_near_points(void **state)
-{
-    (void)state;
-    qm_mesh mesh = qm_shape_torus(40, 20, 1.0, 0.4);
-    size_t many = 4 * mesh.face_count, few = mesh.face_count / 2;
-    assert_int_equal(choose(&mesh, 1e-4, 0, many, QM_QUADS_TRIANGLES), QM_ACCELERATOR_GRID);
-    assert_int_equal(choose(&mesh, 1e-4, many / 50, many, QM_QUADS_TRIANGLES), QM_ACCELERATOR_GRID);
-    assert_int_equal(choose(&mesh, 1e-4, many / 5, many, QM_QUADS_TRIANGLES), QM_ACCELERATOR_BOXES);
-    assert_int_equal(choose(&mesh, 0.5, 0, many, QM_QUADS_TRIANGLES), QM_ACCELERATOR_BOXES);
-    assert_int_equal(choose(&mesh, NAN, 0, many, QM_QUADS_TRIANGLES), QM_ACCELERATOR_BOXES);
-    assert_int_equal(choose(&mesh, 1e-4, 0, few, QM_QUADS_TRIANGLES), QM_ACCELERATOR_BOXES);
-    assert_int_equal(choose(&mesh, 1e-4, 0, many, QM_QUADS_BILINEAR), QM_ACCELERATOR_BOXES);
-    qm_shape_free(&mesh);
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -467,7 +433,6 @@ int main(void)
         cmocka_unit_test(a_source_tree_is_refused),
         cmocka_unit_test(running_out_of_memory_is_a_status_at_every_place),
         cmocka_unit_test(a_raised_flag_cancels),
-        cmocka_unit_test(auto_takes_the_grid_for_many_near_points),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -10,7 +10,7 @@
 #include "qm/tetra.h"
 
 typedef enum qm_accelerator {
-    QM_ACCELERATOR_AUTO,  /* the boxes; for batches of points see qm_locator_choose */
+    QM_ACCELERATOR_AUTO,  /* what measures fastest: the boxes */
     QM_ACCELERATOR_BOXES, /* the box tree itself: nothing to build */
     QM_ACCELERATOR_TETRA, /* offset tetrahedra over the regular patches: cheap to refit after a deformation */
     QM_ACCELERATOR_GRID,  /* a uniform grid: good for points very near to the surface, slow for far ones */

@@ -45,14 +45,6 @@ qm_status qm_project_points_with(qm_context *ctx, const qm_locator *locator, qm_
                                  const qm_projection *out);
 
 /**
- * What QM_ACCELERATOR_AUTO comes to for a batch: the grid for many points of which nearly all lie very near
- * to the surface, or else the boxes. points are some of the batch, or all, which a few are taken from; what
- * is wrong with them the projection will tell.
- */
-qm_accelerator qm_locator_choose(qm_context *ctx, const qm_bvh *bvh, qm_quad_reading reading,
-                                 const double *points, size_t point_count, size_t total_count);
-
-/**
  * Checks points before they are projected, a part of a batch at a time: QM_OK, or QM_E_NOT_FINITE or
  * QM_E_SCALE with the row in ctx->message, counted from first for the first of the points given.
  */
