@@ -96,23 +96,6 @@ void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 }
 
 /**
- * Measures a point of a face when the candidates do not reach it. True when that brought a candidate or
- * raised the lower bound, so that another try may succeed.
- */
-static bool sample_unreached(qm_piece_work *work, qm_vec p)
-{
-    int place;
-    double upper = work->kernel->hull_upper(&work->candidates, &p, 1, &place);
-    if (upper + work->slack <= qm_piece_allowed(work)) return false;
-    uint32_t hint = work->packs[place];
-    qm_worker_sample(work->worker, work->side, p, work->slack, work->piece.face, 0.0, &hint);
-    bool added = qm_piece_add_candidate(work, hint);
-    bool raised = qm_piece_allowed(work) > work->filled_for;
-    if (added || raised) qm_piece_fill_candidates(work);
-    return added || raised;
-}
-
-/**
  * Covers a triangle of the source by the nearest facets, then by all candidates, with what is found on the
  * way; else queues it.
  */
@@ -128,7 +111,7 @@ static void settle_triangle(qm_piece_work *work)
         qm_piece_reach_corners(work, &polygon);
         if (qm_piece_cover(work, &polygon, &moved)) return;
         /* The middle of what is left is likely as far as any point of the face. */
-        if (!sample_unreached(work, qm_polygon_middle(&polygon))) break;
+        if (!qm_piece_sample_unreached(work, qm_polygon_middle(&polygon))) break;
     }
     qm_piece_push(work, &work->piece);
 }
@@ -140,7 +123,8 @@ static void settle_rectangle(qm_piece_work *work)
     qm_near_packs all;
     qm_piece_gather(work, &all);
     qm_patch patch = qm_patch_make(work->piece.corner);
-    if (sample_unreached(work, qm_patch_at(&patch, 0.5, 0.5)) && qm_piece_rectangle_covered(work)) return;
+    if (qm_piece_sample_unreached(work, qm_patch_at(&patch, 0.5, 0.5)) && qm_piece_rectangle_covered(work))
+        return;
     qm_piece_push(work, &work->piece);
 }
 

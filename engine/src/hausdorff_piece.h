@@ -129,6 +129,12 @@ bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
  */
 bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth);
 
+/**
+ * Measures a point of a piece when the candidates do not reach it. True when that brought a candidate or
+ * raised the lower bound, so that another try may succeed.
+ */
+bool qm_piece_sample_unreached(qm_piece_work *work, qm_vec p);
+
 /** Queues a triangle or rectangle with the bound that its best single label gives. */
 void qm_piece_push(qm_piece_work *work, const qm_piece *piece);
 

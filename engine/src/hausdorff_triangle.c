@@ -66,6 +66,19 @@ bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth
     return found;
 }
 
+bool qm_piece_sample_unreached(qm_piece_work *work, qm_vec p)
+{
+    int place;
+    double upper = work->kernel->hull_upper(&work->candidates, &p, 1, &place);
+    if (upper + work->slack <= qm_piece_allowed(work)) return false;
+    uint32_t hint = work->packs[place];
+    qm_worker_sample(work->worker, work->side, p, work->slack, work->piece.face, 0.0, &hint);
+    bool added = qm_piece_add_candidate(work, hint);
+    bool raised = qm_piece_allowed(work) > work->filled_for;
+    if (added || raised) qm_piece_fill_candidates(work);
+    return added || raised;
+}
+
 /** Bound by the ball round the middle, measured to the patches themselves: it falls with the size, labels do
  * not. */
 static double ball_upper(const qm_piece_work *work, const qm_piece *piece)
@@ -172,7 +185,10 @@ static void process_part(qm_piece_work *work, const qm_part *from)
     }
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (qm_piece_cover(work, &rest, &moved)) return;
-        if (!qm_piece_sample_corners(work, &rest, from->depth)) break;
+        if (qm_piece_sample_unreached(work, qm_polygon_middle(&rest)))
+            qm_piece_reach_corners(work, &rest);
+        else if (!qm_piece_sample_corners(work, &rest, from->depth))
+            break;
     }
     split_rest(work, &rest, moved, from->depth);
 }
