@@ -32,6 +32,16 @@ static double worst_around(const qm_patch_grid *grid, uint32_t i, uint32_t j)
                 fmin(quad_sine(grid, i - 1, j), quad_sine(grid, i, j)));
 }
 
+void qm_source_place(const qm_source *source, qm_vec place, double vertex[3])
+{
+    double at[3];
+    qm_foothold foot;
+    qm_vec_store(at, place);
+    qm_source_pull(source, at, &foot);
+    bool is_near = !source->is_cloud || foot.distance <= foot.spacing;
+    memcpy(vertex, is_near ? foot.position : at, ROW);
+}
+
 /** A vertex and the worst of its quads, while better places are looked for. */
 typedef struct trial {
     const qm_source *source;
@@ -43,13 +53,9 @@ typedef struct trial {
 /** Puts the vertex there, on the surface, when that makes its worst quad better. */
 static bool try_place(trial *t, qm_vec place)
 {
-    double *vertex = qm_grid_vertex(t->grid, t->i, t->j), before[3], at[3];
-    qm_foothold foot;
+    double *vertex = qm_grid_vertex(t->grid, t->i, t->j), before[3];
     memcpy(before, vertex, ROW);
-    qm_vec_store(at, place);
-    qm_source_pull(t->source, at, &foot);
-    bool is_near = !t->source->is_cloud || foot.distance <= foot.spacing;
-    memcpy(vertex, is_near ? foot.position : at, ROW);
+    qm_source_place(t->source, place, vertex);
     double now = worst_around(t->grid, t->i, t->j);
     if (now > t->worst) {
         t->worst = now;
@@ -97,7 +103,7 @@ static bool better_vertex(const qm_source *source, const qm_patch_grid *grid, ui
     return is_better;
 }
 
-void qm_grid_untangle(const qm_source *source, const qm_patch_grid *grid)
+static void smooth_folds(const qm_source *source, const qm_patch_grid *grid)
 {
     bool goes_on = true;
     for (int round = 0; round < ROUNDS && goes_on; round++) {
@@ -106,6 +112,12 @@ void qm_grid_untangle(const qm_source *source, const qm_patch_grid *grid)
             for (uint32_t i = 1; i < grid->columns; i++)
                 goes_on |= better_vertex(source, grid, i, j);
     }
+}
+
+void qm_grid_untangle(const qm_source *source, const qm_patch_grid *grid)
+{
+    smooth_folds(source, grid);
+    if (qm_grid_unturn(source, grid)) smooth_folds(source, grid);
 }
 
 void qm_grids_untangle(const qm_reconstruction *r)

@@ -11,6 +11,7 @@
  *   reconstruct_sides.c    samples on the wrong side, by their normals
  *   reconstruct_place.c    inner vertices from the points that enclose them
  *   reconstruct_untangle.c folded quads smoothed out
+ *   reconstruct_unturn.c   quads upside down laid anew
  *   reconstruct_mesh.c     grids to meshes
  *   reconstruct_state.c    copies to go back to when a step fails
  *   reconstruct_edit.c     what stays when the layout is edited
@@ -146,6 +147,11 @@ qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r);
 qm_status qm_grids_double(qm_context *ctx, qm_reconstruction *r);
 qm_status qm_grids_fair(qm_context *ctx, qm_reconstruction *r, int rounds);
 
+/** Puts a vertex at the surface's point for a place, or there where a point set has none nearby. */
+void qm_source_place(const qm_source *source, qm_vec place, double vertex[3]);
+/** Lays blocks round quads that are folded or lie upside down between their neighbours anew, where that
+ * leaves fewer of them; true when any vertex has moved. */
+bool qm_grid_unturn(const qm_source *source, const qm_patch_grid *grid);
 /** Smooths folded quads out, of one grid and of all stale ones; outlines stay. */
 void qm_grid_untangle(const qm_source *source, const qm_patch_grid *grid);
 void qm_grids_untangle(const qm_reconstruction *r);
