@@ -134,9 +134,10 @@ static qm_status locate_elements(glb_reader *reader, size_t index, element_range
             "accessor %zu reaches past its buffer view: it has room for %llu elements of %llu", index,
             (unsigned long long)most, (unsigned long long)accessor->count);
     range->offset = (size_t)(view->offset + accessor->offset);
-    range->first = reader->binary.bytes + range->offset;
-    range->offset += reader->binary.offset;
     range->count = (size_t)accessor->count;
+    /* Of nothing there may be no binary part either. */
+    range->first = range->count > 0 ? reader->binary.bytes + range->offset : NULL;
+    range->offset += reader->binary.offset;
     range->stride = (size_t)stride;
     return QM_OK;
 }

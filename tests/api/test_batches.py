@@ -136,7 +136,10 @@ def test_a_client_that_leaves_ends_its_batch(make_daemon, slow_files):
     lines = [{"type": "project", "mesh": a, "points": []}] + [{"type": "hausdorff", "a": a, "b": b, **SLOW}] * 20
     with running.client() as own, own.stream("POST", "/v1/batches", content="\n".join(map(json.dumps, lines))) as reply:
         next(reply.iter_lines())
-        assert client.get("/v1/info").json()["running"] > 0
+        end = time.monotonic() + PATIENCE
+        while client.get("/v1/info").json()["running"] == 0:
+            assert time.monotonic() < end, "no line of the batch starts"
+            time.sleep(0.01)
     end = time.monotonic() + PATIENCE
     while (info := client.get("/v1/info").json())["running"] or info["queued"]:
         assert time.monotonic() < end, info
