@@ -71,6 +71,17 @@ qm_status qm_builder_reserve_faces(qm_builder *builder, uint64_t count)
     return reserve_faces(builder, builder->face_count + (size_t)count);
 }
 
+qm_status qm_builder_add_grid(qm_builder *builder, qm_mesh_grid grid)
+{
+    void *block = builder->grids;
+    if (!qm_array_reserve(builder->ctx, &block, &builder->grid_capacity, builder->grid_count + 1,
+                          sizeof grid))
+        return QM_E_NO_MEMORY;
+    builder->grids = block;
+    builder->grids[builder->grid_count++] = grid;
+    return QM_OK;
+}
+
 qm_status qm_builder_grow_vertices(qm_builder *builder)
 {
     if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
@@ -255,6 +266,11 @@ static qm_status trim_arrays(qm_builder *builder)
         trimmed = trim(builder->ctx, &normals, &builder->normal_capacity, builder->vertex_count,
                        3 * sizeof *builder->normals);
     builder->normals = normals;
+    void *grids = builder->grids;
+    if (trimmed && grids)
+        trimmed =
+            trim(builder->ctx, &grids, &builder->grid_capacity, builder->grid_count, sizeof *builder->grids);
+    builder->grids = grids;
     return trimmed ? QM_OK : QM_E_NO_MEMORY;
 }
 
@@ -283,11 +299,14 @@ qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out)
                     .face_count = builder->face_count,
                     .face_origin = builder->face_origin,
                     .polygon_count = builder->polygon_count,
+                    .grids = builder->grids,
+                    .grid_count = builder->grid_count,
                     .normals = builder->normals};
     status = qm_mesh_validate(builder->ctx, &mesh);
     if (status != QM_OK) return qm_codec_fail(builder->report, status, "%s", builder->ctx->message);
     builder->positions = NULL;
     builder->normals = NULL;
+    builder->grids = NULL;
     builder->faces = builder->face_origin = NULL;
     *out = mesh;
     return QM_OK;
@@ -298,6 +317,7 @@ void qm_builder_free(qm_builder *builder)
     qm_context *ctx = builder->ctx;
     qm_context_free(ctx, builder->positions, builder->vertex_capacity, 3 * sizeof *builder->positions);
     qm_context_free(ctx, builder->normals, builder->normal_capacity, 3 * sizeof *builder->normals);
+    qm_context_free(ctx, builder->grids, builder->grid_capacity, sizeof *builder->grids);
     qm_context_free(ctx, builder->faces, builder->face_capacity, 4 * sizeof *builder->faces);
     qm_context_free(ctx, builder->face_origin, builder->origin_capacity, sizeof *builder->face_origin);
     qm_context_free(ctx, builder->corners, builder->corner_capacity, sizeof *builder->corners);

@@ -24,6 +24,8 @@ typedef struct qm_builder {
     size_t face_count, face_capacity;
     uint32_t *face_origin; /* NULL until the first polygon; capacity follows face_capacity from then on */
     size_t origin_capacity;
+    qm_mesh_grid *grids; /* that the file tells of */
+    size_t grid_count, grid_capacity;
     uint32_t *corners; /* of the face that is being read */
     size_t corner_count, corner_capacity;
     size_t input_face_count, polygon_count, repeated_count, bad_normal_count;
@@ -54,6 +56,9 @@ bool qm_array_reserve(qm_context *ctx, void **block, size_t *capacity, size_t ne
  * checked the count against the bytes of the file. */
 qm_status qm_builder_reserve_vertices(qm_builder *builder, uint64_t count);
 qm_status qm_builder_reserve_faces(qm_builder *builder, uint64_t count);
+
+/** Notes a grid of quads that the file says its faces were made of. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_builder_add_grid(qm_builder *builder, qm_mesh_grid grid);
 
 /** Slow halves of the calls below: room for one more; QM_E_TOO_LARGE, QM_E_NO_MEMORY, QM_E_CANCELED. */
 qm_status qm_builder_grow_vertices(qm_builder *builder);

@@ -133,6 +133,22 @@ static qm_status read_property(qm_ply_reader *reader)
     return add_property(reader, element, property);
 }
 
+/** "grid ROWS COLUMNS" in a comment tells what the faces were made of; any other comment is left out. */
+static qm_status read_comment(qm_ply_reader *reader)
+{
+    const uint8_t *word;
+    size_t size;
+    int64_t count[2];
+    if (!qm_scan_read_word(&reader->text, &word, &size) || !qm_scan_word_is(word, size, "grid")) return QM_OK;
+    for (int k = 0; k < 2; ++k) {
+        bool overflow;
+        qm_scan_skip_blanks(&reader->text);
+        if (!qm_scan_bare_integer(&reader->text, &count[k], &overflow)) return QM_OK;
+        if (count[k] < 1 || count[k] > UINT32_MAX) return QM_OK;
+    }
+    return qm_builder_add_grid(reader->builder, (qm_mesh_grid){(uint32_t)count[0], (uint32_t)count[1]});
+}
+
 /** Reads the header line by line up to and with end_header. */
 static qm_status read_header_lines(qm_ply_reader *reader)
 {
@@ -149,7 +165,9 @@ static qm_status read_header_lines(qm_ply_reader *reader)
                 status = read_element(reader);
             else if (qm_scan_word_is(word, size, "property"))
                 status = read_property(reader);
-            else if (!qm_scan_word_is(word, size, "comment") && !qm_scan_word_is(word, size, "obj_info"))
+            else if (qm_scan_word_is(word, size, "comment"))
+                status = read_comment(reader);
+            else if (!qm_scan_word_is(word, size, "obj_info"))
                 status = qm_ply_fail(reader, "the header has a line of unknown meaning");
         }
         if (status != QM_OK) return status;

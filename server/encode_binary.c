@@ -40,8 +40,12 @@ static bool has_byte_counts(const qm_encoder *encoder)
 
 static void add_ply_head(const qm_encoder *encoder, qm_text *out)
 {
+    qm_text_add_string(out, "ply\nformat binary_little_endian 1.0\n");
+    for (size_t i = 0; i < encoder->mesh->grid_count; i++)
+        qm_text_printf(out, "comment grid %u %u\n", encoder->mesh->grids[i].rows,
+                       encoder->mesh->grids[i].columns);
     qm_text_printf(out,
-                   "ply\nformat binary_little_endian 1.0\nelement vertex %zu\n"
+                   "element vertex %zu\n"
                    "property double x\nproperty double y\nproperty double z\n",
                    encoder->mesh->vertex_count);
     if (encoder->input_faces > 0)

@@ -36,6 +36,14 @@ static qm_status set_warnings(qm_loaded_mesh *out, const qm_codec_report *report
     return QM_OK;
 }
 
+/** They have served once the patches are found. */
+static void drop_grids(qm_context *ctx, qm_mesh *mesh)
+{
+    qm_context_free(ctx, mesh->grids, mesh->grid_count, sizeof *mesh->grids);
+    mesh->grids = NULL;
+    mesh->grid_count = 0;
+}
+
 static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_loaded_mesh *out)
 {
     double start = qm_now_ms();
@@ -46,6 +54,7 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
     out->topology_ms = counted - start;
     bool has_patches = status == QM_OK && preparation->has_patches && out->facts.quads > 0;
     if (has_patches) status = qm_patch_set_find(ctx, &out->mesh, &out->patches);
+    drop_grids(ctx, &out->mesh);
     double built = qm_now_ms();
     out->patches_ms = built - counted;
     if (status == QM_OK && !preparation->has_no_tree)

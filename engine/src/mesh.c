@@ -7,6 +7,7 @@ void qm_mesh_reset(qm_context *ctx, qm_mesh *mesh)
     qm_context_free(ctx, mesh->positions, mesh->vertex_count, 3 * sizeof *mesh->positions);
     qm_context_free(ctx, mesh->faces, mesh->face_count, 4 * sizeof *mesh->faces);
     qm_context_free(ctx, mesh->face_origin, mesh->face_count, sizeof *mesh->face_origin);
+    qm_context_free(ctx, mesh->grids, mesh->grid_count, sizeof *mesh->grids);
     qm_context_free(ctx, mesh->normals, mesh->vertex_count, 3 * sizeof *mesh->normals);
     *mesh = (qm_mesh){0};
 }

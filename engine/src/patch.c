@@ -6,6 +6,7 @@
 #include "qm/patch.h"
 
 #include "patch_grid.h"
+#include "patch_known.h"
 #include "patch_merge.h"
 #include "patch_trace.h"
 
@@ -144,6 +145,7 @@ qm_status qm_patch_set_find(qm_context *ctx, const qm_mesh *mesh, qm_patch_set *
 {
     *out = (qm_patch_set){0};
     if (mesh->face_count == 0) return QM_OK;
+    if (qm_patch_grids_hold(mesh)) return qm_patch_set_from_grids(ctx, mesh, out);
     patch_finder finder = {.ctx = ctx, .mesh = mesh, .trace = {.ctx = ctx, .links = &finder.links}};
     qm_status status = find_patches(&finder, out);
     qm_patch_links_reset(ctx, &finder.links);

@@ -112,6 +112,7 @@ static qm_status fill_mesh(qm_context *ctx, const numbering *n, uint32_t first, 
         qm_patch_grid grid;
         qm_status status = thin_grid(ctx, n, p, &grid);
         if (status != QM_OK) return status;
+        out->grids[p] = (qm_mesh_grid){grid.rows, grid.columns};
         add_grid(n, &n->r->layout.patches[p], &grid, first, faces, out->positions);
         first += (grid.columns - 1) * (grid.rows - 1);
         faces += 4 * (size_t)grid.columns * grid.rows;
@@ -133,7 +134,9 @@ static qm_status make_mesh(qm_context *ctx, numbering *n, qm_mesh *out)
     out->face_count = n->face_count;
     out->positions = qm_context_alloc(ctx, n->vertex_count, ROW);
     out->faces = qm_context_alloc(ctx, n->face_count, 4 * sizeof *out->faces);
-    if (!out->positions || !out->faces) {
+    out->grid_count = n->r->layout.patch_count;
+    out->grids = qm_context_alloc(ctx, out->grid_count, sizeof *out->grids);
+    if (!out->positions || !out->faces || !out->grids) {
         qm_mesh_reset(ctx, out);
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for %zu quads", n->face_count);
     }

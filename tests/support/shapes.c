@@ -17,6 +17,7 @@ static void *allocate(size_t count, size_t width)
 
 void qm_shape_free(qm_mesh *mesh)
 {
+    free(mesh->grids);
     free(mesh->positions);
     free(mesh->faces);
     free(mesh->face_origin);

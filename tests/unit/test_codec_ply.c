@@ -188,6 +188,21 @@ static void normals_of_points_are_kept(void **state)
     qm_decoded_free(&decoded);
 }
 
+static void grids_are_read_from_comments(void **state)
+{
+    (void)state;
+    const char *text =
+        "ply\ncomment grid 1 2\nformat ascii 1.0\ncomment grid\ncomment grid 3\ncomment grid 0 1\n"
+        "comment grid -1 2\ncomment grid one two\ncomment grid 99999999999 1\ncomment a grid 4 4\n"
+        "comment grid 5 6 of more\nelement vertex 1\n" XYZ "end_header\n1 2 3\n";
+    qm_decoded decoded = qm_decode_text(QM_FORMAT_PLY, text);
+    assert_int_equal(decoded.status, QM_OK);
+    assert_int_equal(decoded.mesh.grid_count, 2);
+    assert_true(decoded.mesh.grids[0].rows == 1 && decoded.mesh.grids[0].columns == 2);
+    assert_true(decoded.mesh.grids[1].rows == 5 && decoded.mesh.grids[1].columns == 6);
+    qm_decoded_free(&decoded);
+}
+
 static void what_follows_the_last_row_is_reported(void **state)
 {
     (void)state;
@@ -307,6 +322,7 @@ int main(void)
         cmocka_unit_test(binary_rows_step_over_everything_else),
         cmocka_unit_test(quads_polygons_and_points_are_kept),
         cmocka_unit_test(normals_of_points_are_kept),
+        cmocka_unit_test(grids_are_read_from_comments),
         cmocka_unit_test(what_follows_the_last_row_is_reported),
         cmocka_unit_test(faults_name_their_line),
         cmocka_unit_test(binary_faults_name_their_byte),

@@ -144,6 +144,38 @@ static void grids_are_one_patch(void **state)
     check_one(qm_shape_torus(3, 3, 2.0, 0.5), 3, 3);
 }
 
+/** How many patches a plane of 6 x 6 quads has that tells these grids. */
+static size_t count_told(qm_mesh_grid *grids, size_t count, uint32_t *first_rows)
+{
+    qm_mesh mesh = qm_shape_plane(6, 0.0);
+    mesh.grids = grids;
+    mesh.grid_count = count;
+    qm_patch_set set = find(&mesh);
+    check(&mesh, &set);
+    size_t found = set.patch_count;
+    *first_rows = set.patches[0].rows;
+    drop(&set);
+    mesh.grids = NULL;
+    qm_shape_free(&mesh);
+    return found;
+}
+
+static void grids_that_a_mesh_tells_are_its_patches(void **state)
+{
+    (void)state;
+    uint32_t rows;
+    assert_int_equal(count_told((qm_mesh_grid[]){{2, 6}, {1, 6}, {3, 6}}, 3, &rows), 3);
+    assert_int_equal(rows, 2);
+    assert_int_equal(count_told((qm_mesh_grid[]){{6, 6}}, 1, &rows), 1);
+    /* What the faces do not bear out is not believed: the wrong shape, too few, too many, none, overflow. */
+    assert_int_equal(count_told((qm_mesh_grid[]){{4, 9}}, 1, &rows), 1);
+    assert_int_equal(rows, 6);
+    assert_int_equal(count_told((qm_mesh_grid[]){{3, 6}, {2, 6}}, 2, &rows), 1);
+    assert_int_equal(count_told((qm_mesh_grid[]){{3, 6}, {4, 6}}, 2, &rows), 1);
+    assert_int_equal(count_told((qm_mesh_grid[]){{6, 6}, {0, 6}}, 2, &rows), 1);
+    assert_int_equal(count_told((qm_mesh_grid[]){{UINT32_MAX, UINT32_MAX}}, 1, &rows), 1);
+}
+
 /** A band of columns x rows whose ends are joined with a shift, after turning the end over when flip is set.
  */
 static qm_mesh joined_band(uint32_t columns, uint32_t rows, bool flip)
@@ -342,6 +374,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(grids_are_one_patch),
+        cmocka_unit_test(grids_that_a_mesh_tells_are_its_patches),
         cmocka_unit_test(bands_are_opened_by_one_cut),
         cmocka_unit_test(closed_surfaces_without_irregular_vertices_need_few),
         cmocka_unit_test(irregular_vertices_part_patches),

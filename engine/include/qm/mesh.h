@@ -17,6 +17,12 @@
 /** How a quad is read as a surface. */
 typedef enum qm_quad_reading { QM_QUADS_TRIANGLES, QM_QUADS_BILINEAR } qm_quad_reading;
 
+/** A rectangle of quads that a mesh was made of: faces row by row, the grids one after the other. Corner 0 of
+ * each quad is at the row's and the column's start, corner 1 at the next column, corner 3 at the next row. */
+typedef struct qm_mesh_grid {
+    uint32_t rows, columns;
+} qm_mesh_grid;
+
 /**
  * Arrays allocated through the same context's allocator that frees them. face_count 0 means a point set: the
  * points are the surface. Polygons of the input are held as fans of triangles, and face_origin then tells for
@@ -29,6 +35,8 @@ typedef struct qm_mesh {
     size_t face_count;     /* at most QM_NO_INDEX - 1 */
     uint32_t *face_origin; /* face_count entries, non-decreasing, or NULL */
     size_t polygon_count;  /* faces of the input with five corners or more */
+    qm_mesh_grid *grids;   /* grid_count entries: what the mesh was made of, or NULL */
+    size_t grid_count;
     float *normals; /* of a point set that came with them: vertex_count rows of x y z of any length, 0 0 0
                        where there is none; or NULL */
 } qm_mesh;
