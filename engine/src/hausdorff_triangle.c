@@ -6,7 +6,8 @@
  * Termination: a corner that no candidate reaches is measured, which raises the lower bound to it and makes
  * its nearest facet a candidate; from QM_STRICT_DEPTH on so is every corner that is not reached with half the
  * tolerance to spare. A part of a diameter below that half is then covered by the nearest facet of any of its
- * corners. Cuts never make a diameter larger, and from MIDPOINT_DEPTH on every second level halves it.
+ * corners, or of its middle, which is measured before them and does as well. Cuts never make a diameter
+ * larger, and from MIDPOINT_DEPTH on every second level halves it.
  */
 #include "hausdorff_piece.h"
 

@@ -15,8 +15,8 @@ static inline uint64_t qm_radix_entry(uint64_t key, uint64_t index)
     return key << QM_RADIX_INDEX_BITS | index;
 }
 
-/** Sorts entries, no two of them equal and their keys below 2^key_bits, on up to so many threads. Returns
- * QM_OK or QM_E_NO_MEMORY. */
+/** Sorts entries by key, those of equal keys by index if they come so, on up to so many threads; keys are
+ * below 2^key_bits. Returns QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_radix_sort(qm_context *ctx, uint64_t *entries, size_t count, int key_bits, int workers);
 
 /** Sorts whole numbers below 2^bit_count, equal ones too. */

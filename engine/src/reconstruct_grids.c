@@ -48,27 +48,24 @@ static void set_outline(const qm_reconstruction *r, size_t p)
     }
 }
 
-static qm_vec vertex_at(const qm_patch_grid *grid, uint32_t column, uint32_t row)
+/** Bilinearly blended: two ruled surfaces less the bilinear one of the corners (6.4 of the source). */
+qm_vec qm_grid_coons(const qm_patch_grid *grid, const qm_grid_block *block, uint32_t column, uint32_t row)
 {
-    return qm_vec_load(qm_grid_vertex(grid, column, row));
+    uint32_t left = block->low[0], right = block->high[0], first = block->low[1], last = block->high[1];
+    double u = (double)(column - left) / (right - left), v = (double)(row - first) / (last - first);
+    qm_vec across = qm_vec_mix(qm_grid_at(grid, column, first), qm_grid_at(grid, column, last), v);
+    qm_vec along = qm_vec_mix(qm_grid_at(grid, left, row), qm_grid_at(grid, right, row), u);
+    qm_vec bottom = qm_vec_mix(qm_grid_at(grid, left, first), qm_grid_at(grid, right, first), u);
+    qm_vec top = qm_vec_mix(qm_grid_at(grid, left, last), qm_grid_at(grid, right, last), u);
+    return qm_vec_sub(qm_vec_add(across, along), qm_vec_mix(bottom, top, v));
 }
 
-/** Bilinearly blended: two ruled surfaces less the bilinear one of the corners (6.4 of the source). */
 static void blend_coons(qm_patch_grid *grid)
 {
-    uint32_t n = grid->columns, m = grid->rows;
-    for (uint32_t j = 1; j < m; j++) {
-        double v = (double)j / m;
-        for (uint32_t i = 1; i < n; i++) {
-            double u = (double)i / n;
-            qm_vec across = qm_vec_mix(vertex_at(grid, i, 0), vertex_at(grid, i, m), v);
-            qm_vec along = qm_vec_mix(vertex_at(grid, 0, j), vertex_at(grid, n, j), u);
-            qm_vec bottom = qm_vec_mix(vertex_at(grid, 0, 0), vertex_at(grid, n, 0), u);
-            qm_vec top = qm_vec_mix(vertex_at(grid, 0, m), vertex_at(grid, n, m), u);
-            qm_vec blend = qm_vec_sub(qm_vec_add(across, along), qm_vec_mix(bottom, top, v));
-            qm_vec_store(qm_grid_vertex(grid, i, j), blend);
-        }
-    }
+    const qm_grid_block whole = {{0, 0}, {grid->columns, grid->rows}};
+    for (uint32_t j = 1; j < grid->rows; j++)
+        for (uint32_t i = 1; i < grid->columns; i++)
+            qm_vec_store(qm_grid_vertex(grid, i, j), qm_grid_coons(grid, &whole, i, j));
 }
 
 qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r)
@@ -98,8 +95,8 @@ static void fill_between(const qm_patch_grid *old, qm_patch_grid *fine)
         for (uint32_t i = 0; i <= fine->columns; i++) {
             uint32_t column = i / across, next = column < old->columns ? column + 1 : column;
             double u = (double)(i % across) / across;
-            qm_vec low = qm_vec_mix(vertex_at(old, column, row), vertex_at(old, next, row), u);
-            qm_vec high = qm_vec_mix(vertex_at(old, column, next_row), vertex_at(old, next, next_row), u);
+            qm_vec low = qm_vec_mix(qm_grid_at(old, column, row), qm_grid_at(old, next, row), u);
+            qm_vec high = qm_vec_mix(qm_grid_at(old, column, next_row), qm_grid_at(old, next, next_row), u);
             qm_vec_store(qm_grid_vertex(fine, i, j), qm_vec_mix(low, high, v));
         }
     }
@@ -134,8 +131,8 @@ static qm_vec grid_normal(const qm_patch_grid *grid, uint32_t i, uint32_t j)
 {
     uint32_t west = i > 0 ? i - 1 : i, east = i < grid->columns ? i + 1 : i;
     uint32_t south = j > 0 ? j - 1 : j, north = j < grid->rows ? j + 1 : j;
-    qm_vec normal = qm_vec_cross(qm_vec_sub(vertex_at(grid, east, j), vertex_at(grid, west, j)),
-                                 qm_vec_sub(vertex_at(grid, i, north), vertex_at(grid, i, south)));
+    qm_vec normal = qm_vec_cross(qm_vec_sub(qm_grid_at(grid, east, j), qm_grid_at(grid, west, j)),
+                                 qm_vec_sub(qm_grid_at(grid, i, north), qm_grid_at(grid, i, south)));
     double length = qm_vec_norm(normal);
     return length > 0.0 ? qm_vec_scale(1.0 / length, normal) : (qm_vec){0, 0, 0};
 }
@@ -169,7 +166,7 @@ static qm_vec even_out(const fair_point *before, const fair_point *here, const f
 
 static fair_point point_of(const qm_patch_grid *grid, const qm_vec *normal, uint32_t i, uint32_t j)
 {
-    return (fair_point){vertex_at(grid, i, j), normal[(size_t)j * (grid->columns + 1) + i]};
+    return (fair_point){qm_grid_at(grid, i, j), normal[(size_t)j * (grid->columns + 1) + i]};
 }
 
 /** Slides each vertex along its row and its column towards equal weights on both sides. */

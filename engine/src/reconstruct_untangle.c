@@ -3,7 +3,6 @@
  * those around, go to the middle of their neighbours, or wherever else is better, and back onto the surface,
  * a few times, until none is left.
  */
-#include "quad_shape.h"
 #include "reconstruct_work.h"
 
 #include <string.h>
@@ -13,23 +12,11 @@
 
 enum { ROW = 3 * sizeof(double) };
 
-static qm_vec vertex_at(const qm_patch_grid *grid, uint32_t i, uint32_t j)
-{
-    return qm_vec_load(qm_grid_vertex(grid, i, j));
-}
-
-static double quad_sine(const qm_patch_grid *grid, uint32_t i, uint32_t j)
-{
-    const qm_vec corner[4] = {vertex_at(grid, i, j), vertex_at(grid, i + 1, j), vertex_at(grid, i + 1, j + 1),
-                              vertex_at(grid, i, j + 1)};
-    return qm_quad_least_sine(corner);
-}
-
 /** The worst of the four quads round an inner vertex. */
 static double worst_around(const qm_patch_grid *grid, uint32_t i, uint32_t j)
 {
-    return fmin(fmin(quad_sine(grid, i - 1, j - 1), quad_sine(grid, i, j - 1)),
-                fmin(quad_sine(grid, i - 1, j), quad_sine(grid, i, j)));
+    return fmin(fmin(qm_grid_quad_sine(grid, i - 1, j - 1), qm_grid_quad_sine(grid, i, j - 1)),
+                fmin(qm_grid_quad_sine(grid, i - 1, j), qm_grid_quad_sine(grid, i, j)));
 }
 
 void qm_source_place(const qm_source *source, qm_vec place, double vertex[3])
@@ -68,9 +55,9 @@ static bool try_place(trial *t, qm_vec place)
 /** Towards the middle of the neighbours. */
 static bool try_middle(trial *t)
 {
-    qm_vec along = qm_vec_add(vertex_at(t->grid, t->i - 1, t->j), vertex_at(t->grid, t->i + 1, t->j));
-    qm_vec across = qm_vec_add(vertex_at(t->grid, t->i, t->j - 1), vertex_at(t->grid, t->i, t->j + 1));
-    qm_vec here = vertex_at(t->grid, t->i, t->j), middle = qm_vec_scale(0.25, qm_vec_add(along, across));
+    qm_vec along = qm_vec_add(qm_grid_at(t->grid, t->i - 1, t->j), qm_grid_at(t->grid, t->i + 1, t->j));
+    qm_vec across = qm_vec_add(qm_grid_at(t->grid, t->i, t->j - 1), qm_grid_at(t->grid, t->i, t->j + 1));
+    qm_vec here = qm_grid_at(t->grid, t->i, t->j), middle = qm_vec_scale(0.25, qm_vec_add(along, across));
     bool is_better = false;
     for (double share = 1.0; share >= 0.25; share /= 2.0)
         is_better |= try_place(t, qm_vec_mix(here, middle, share));
@@ -81,13 +68,13 @@ static bool try_middle(trial *t)
  */
 static bool try_around(trial *t)
 {
-    qm_vec along = qm_vec_sub(vertex_at(t->grid, t->i + 1, t->j), vertex_at(t->grid, t->i - 1, t->j));
-    qm_vec across = qm_vec_sub(vertex_at(t->grid, t->i, t->j + 1), vertex_at(t->grid, t->i, t->j - 1));
+    qm_vec along = qm_vec_sub(qm_grid_at(t->grid, t->i + 1, t->j), qm_grid_at(t->grid, t->i - 1, t->j));
+    qm_vec across = qm_vec_sub(qm_grid_at(t->grid, t->i, t->j + 1), qm_grid_at(t->grid, t->i, t->j - 1));
     bool is_better = false;
     for (double share = 0.25; share > 0.01; share /= 2.0) {
         for (int way = 0; way < 9; way++) {
             double u = share * (way % 3 - 1), v = share * (way / 3 - 1);
-            qm_vec here = vertex_at(t->grid, t->i, t->j);
+            qm_vec here = qm_grid_at(t->grid, t->i, t->j);
             if (way != 4) is_better |= try_place(t, qm_vec_axpy(qm_vec_axpy(here, u, along), v, across));
         }
     }

@@ -3,7 +3,6 @@
  * placed in the wrong order, and folds that smoothing left. No one vertex of them can move for the better, so
  * a block of the grid round them is laid anew between its border, which stays.
  */
-#include "quad_shape.h"
 #include "reconstruct_work.h"
 
 #include <string.h>
@@ -16,10 +15,9 @@ enum { ROW = 3 * sizeof(double), BLOCK_SIDE = LONGEST_RUN + 2 * WIDEST + 1 };
 
 static qm_vec quad_normal(const qm_patch_grid *grid, uint32_t i, uint32_t j)
 {
-    qm_vec a = qm_vec_load(qm_grid_vertex(grid, i, j)), b = qm_vec_load(qm_grid_vertex(grid, i + 1, j));
-    qm_vec c = qm_vec_load(qm_grid_vertex(grid, i + 1, j + 1)),
-           d = qm_vec_load(qm_grid_vertex(grid, i, j + 1));
-    return qm_vec_cross(qm_vec_sub(c, a), qm_vec_sub(d, b));
+    qm_vec first = qm_vec_sub(qm_grid_at(grid, i + 1, j + 1), qm_grid_at(grid, i, j));
+    qm_vec second = qm_vec_sub(qm_grid_at(grid, i, j + 1), qm_grid_at(grid, i + 1, j));
+    return qm_vec_cross(first, second);
 }
 
 static bool look_apart(qm_vec a, qm_vec b)
@@ -64,15 +62,10 @@ static uint32_t run_at(const qm_patch_grid *grid, uint32_t i, uint32_t j, bool a
     return run_length(&line);
 }
 
-/** Vertices [low, high] of a grid, both ways. */
-typedef struct block {
-    uint32_t low[2], high[2];
-} block;
-
-static block block_around(const qm_patch_grid *grid, const block *inner, uint32_t reach)
+static qm_grid_block block_around(const qm_patch_grid *grid, const qm_grid_block *inner, uint32_t reach)
 {
     const uint32_t most[2] = {grid->columns, grid->rows};
-    block out;
+    qm_grid_block out;
     for (int k = 0; k < 2; k++) {
         out.low[k] = inner->low[k] > reach ? inner->low[k] - reach : 0;
         out.high[k] = inner->high[k] + reach < most[k] ? inner->high[k] + reach : most[k];
@@ -82,14 +75,11 @@ static block block_around(const qm_patch_grid *grid, const block *inner, uint32_
 
 static bool is_folded(const qm_patch_grid *grid, uint32_t i, uint32_t j)
 {
-    const qm_vec corner[4] = {
-        qm_vec_load(qm_grid_vertex(grid, i, j)), qm_vec_load(qm_grid_vertex(grid, i + 1, j)),
-        qm_vec_load(qm_grid_vertex(grid, i + 1, j + 1)), qm_vec_load(qm_grid_vertex(grid, i, j + 1))};
-    return !(qm_quad_least_sine(corner) > 0.0);
+    return !(qm_grid_quad_sine(grid, i, j) > 0.0);
 }
 
 /** Quads of a block that are folded, or start a turned run. */
-static size_t count_bad(const qm_patch_grid *grid, const block *b)
+static size_t count_bad(const qm_patch_grid *grid, const qm_grid_block *b)
 {
     size_t bad = 0;
     for (uint32_t j = b->low[1]; j < b->high[1]; j++)
@@ -99,43 +89,28 @@ static size_t count_bad(const qm_patch_grid *grid, const block *b)
     return bad;
 }
 
-/** A vertex of the Coons patch over the border of a block [Coons 1967]. */
-static qm_vec coons_at(const qm_patch_grid *grid, const block *b, uint32_t i, uint32_t j)
-{
-    double u = (double)(i - b->low[0]) / (double)(b->high[0] - b->low[0]);
-    double v = (double)(j - b->low[1]) / (double)(b->high[1] - b->low[1]);
-#define AT(column, row) qm_vec_load(qm_grid_vertex(grid, column, row))
-    qm_vec across = qm_vec_mix(AT(b->low[0], j), AT(b->high[0], j), u);
-    qm_vec up = qm_vec_mix(AT(i, b->low[1]), AT(i, b->high[1]), v);
-    qm_vec flat = qm_vec_mix(qm_vec_mix(AT(b->low[0], b->low[1]), AT(b->high[0], b->low[1]), u),
-                             qm_vec_mix(AT(b->low[0], b->high[1]), AT(b->high[0], b->high[1]), u), v);
-#undef AT
-    return qm_vec_sub(qm_vec_add(across, up), flat);
-}
-
 /** Lays the inside of a block anew; keeps it when fewer quads are bad then, in and around it. */
-static bool lay_anew(const qm_source *source, const qm_patch_grid *grid, const block *b)
+static bool lay_anew(const qm_source *source, const qm_patch_grid *grid, const qm_grid_block *b)
 {
-    if (b->high[0] - b->low[0] >= BLOCK_SIDE || b->high[1] - b->low[1] >= BLOCK_SIDE) return false;
     double saved[BLOCK_SIDE][3 * BLOCK_SIDE];
-    size_t width = b->high[0] - b->low[0] > 1 ? b->high[0] - b->low[0] - 1 : 0;
-    block seen = block_around(grid, b, LONGEST_RUN + 1);
+    size_t width = b->high[0] - b->low[0] - 1;
+    qm_grid_block seen = block_around(grid, b, LONGEST_RUN + 1);
     size_t before = count_bad(grid, &seen);
     for (uint32_t j = b->low[1] + 1; j < b->high[1]; j++)
         memcpy(saved[j - b->low[1]], qm_grid_vertex(grid, b->low[0] + 1, j), width * ROW);
     for (uint32_t j = b->low[1] + 1; j < b->high[1]; j++)
         for (uint32_t i = b->low[0] + 1; i < b->high[0]; i++)
-            qm_source_place(source, coons_at(grid, b, i, j), qm_grid_vertex(grid, i, j));
+            qm_source_place(source, qm_grid_coons(grid, b, i, j), qm_grid_vertex(grid, i, j));
     if (count_bad(grid, &seen) < before) return true;
     for (uint32_t j = b->low[1] + 1; j < b->high[1]; j++)
         memcpy(qm_grid_vertex(grid, b->low[0] + 1, j), saved[j - b->low[1]], width * ROW);
     return false;
 }
 
-static bool unturn_run(const qm_source *source, const qm_patch_grid *grid, const block *run)
+static bool unturn_run(const qm_source *source, const qm_patch_grid *grid, const qm_grid_block *run)
 {
     for (uint32_t reach = 1; reach <= WIDEST; reach *= 2) {
-        block b = block_around(grid, run, reach);
+        qm_grid_block b = block_around(grid, run, reach);
         if (lay_anew(source, grid, &b)) return true;
     }
     return false;
@@ -147,7 +122,7 @@ bool qm_grid_unturn(const qm_source *source, const qm_patch_grid *grid)
     for (uint32_t j = 0; j < grid->rows; j++) {
         for (uint32_t i = 0; i < grid->columns; i++) {
             uint32_t across = run_at(grid, i, j, true), down = run_at(grid, i, j, false);
-            block run = {{i, j}, {i + (across > 0 ? across : 1), j + (down > 0 ? down : 1)}};
+            qm_grid_block run = {{i, j}, {i + (across > 0 ? across : 1), j + (down > 0 ? down : 1)}};
             if (across > 0 || down > 0 || is_folded(grid, i, j)) changed |= unturn_run(source, grid, &run);
         }
     }

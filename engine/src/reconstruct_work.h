@@ -24,6 +24,7 @@
 #define QM_RECONSTRUCT_WORK_H
 
 #include "qm/reconstruct.h"
+#include "quad_shape.h"
 #include "vec.h"
 
 /** Curves that are doubled together. */
@@ -95,6 +96,24 @@ static inline double *qm_grid_vertex(const qm_patch_grid *grid, uint32_t column,
     return grid->vertices + 3 * qm_grid_place(grid, column, row);
 }
 
+static inline qm_vec qm_grid_at(const qm_patch_grid *grid, uint32_t column, uint32_t row)
+{
+    return qm_vec_load(qm_grid_vertex(grid, column, row));
+}
+
+/** The least sine at a corner of a quad of a grid; not above 0 where it is folded. */
+static inline double qm_grid_quad_sine(const qm_patch_grid *grid, uint32_t column, uint32_t row)
+{
+    const qm_vec corner[4] = {qm_grid_at(grid, column, row), qm_grid_at(grid, column + 1, row),
+                              qm_grid_at(grid, column + 1, row + 1), qm_grid_at(grid, column, row + 1)};
+    return qm_quad_least_sine(corner);
+}
+
+/** Vertices from low to high of a grid: columns, then rows. */
+typedef struct qm_grid_block {
+    uint32_t low[2], high[2];
+} qm_grid_block;
+
 static inline size_t qm_grid_vertex_count(const qm_patch_grid *grid)
 {
     return ((size_t)grid->rows + 1) * ((size_t)grid->columns + 1);
@@ -141,6 +160,9 @@ qm_status qm_tracks_set_vertices(qm_context *ctx, qm_reconstruction *r);
 /** Vertices of a grid with its counts, in no hole; false when out of memory, with nothing to free. */
 bool qm_grid_allocate(qm_context *ctx, qm_patch_grid *grid);
 void qm_grid_free(qm_context *ctx, qm_patch_grid *grid);
+
+/** Where a vertex lies in the Coons patch over the border of a block. */
+qm_vec qm_grid_coons(const qm_patch_grid *grid, const qm_grid_block *block, uint32_t column, uint32_t row);
 
 /** Grids as Coons patches; doubled to their chords' counts; inner vertices evened out within the surface. */
 qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r);
