@@ -1,7 +1,5 @@
 /**
- * blob.c: bytes as files named by their hash, under blobs/ab/abcd...: written under incoming/, synced,
- * renamed, and the folder synced, so that a name never stands for half a file. A few bytes wait in memory
- * until it is known that they are to stay: most small bodies are questions.
+ * blob.c: the data folder, and the files in it that are named by the hash of their bytes: blobs/ab/abcd...
  */
 #include <dirent.h>
 #include <errno.h>
@@ -14,22 +12,7 @@
 #include <unistd.h>
 
 #include "blob.h"
-#include "blob_hash.h"
 #include "log.h"
-
-#define MAX_HELD (64u << 10) /* bytes that wait in memory */
-#define START_SIZE (8u << 20)
-#define MIN_FOLLOWED (1u << 20) /* bytes that make a thread for their hash worth while */
-
-struct qm_blob_writer {
-    qm_store *store;
-    qm_blob_hash *hash; /* of what is in the file; NULL while the bytes are few */
-    char path[QM_STORE_PATH_SIZE];
-    char name[QM_HASH_SIZE]; /* the hash, once sealed */
-    int file;                /* -1 while the bytes are few and in memory */
-    qm_text held;            /* those */
-    uint64_t size, started;  /* bytes; those that the disk was told to take */
-};
 
 static bool make_folder(const char *path)
 {
@@ -127,168 +110,21 @@ void qm_blob_sweep_orphans(qm_store *store)
     if (removed > 0) qm_log(QM_LOG_INFO, "%zu files without a mesh or job removed", removed);
 }
 
-static void blob_folder(const qm_store *store, const char *hash, char out[QM_STORE_PATH_SIZE])
-{
-    snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s", qm_store_folder(store), hash);
-}
-
-static void blob_path(const qm_store *store, const char *hash, char out[QM_STORE_PATH_SIZE])
+static void find_path(const qm_store *store, const char *hash, char out[QM_STORE_PATH_SIZE])
 {
     snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s/%s", qm_store_folder(store), hash, hash);
 }
 
-/** The cause belongs into the log; the client only hears that nothing was stored. */
-static qm_status fail_to_store(const char *step)
+bool qm_blob_put_in_place(const qm_store *store, const char *file, const char *hash)
 {
-    qm_log(QM_LOG_ERROR, "blob: cannot %s: %s", step, strerror(errno));
-    return QM_E_ARGUMENT;
+    char blobs[QM_STORE_PATH_SIZE], folder[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE];
+    snprintf(blobs, sizeof blobs, "%s/blobs", qm_store_folder(store));
+    snprintf(folder, sizeof folder, "%s/blobs/%.2s", qm_store_folder(store), hash);
+    find_path(store, hash, path);
+    return make_folder(folder) && sync_folder(blobs) && rename(file, path) == 0 && sync_folder(folder);
 }
 
-qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
-{
-    *out = calloc(1, sizeof **out);
-    if (!*out) return QM_E_NO_MEMORY;
-    (*out)->store = store;
-    (*out)->file = -1;
-    return QM_OK;
-}
-
-static bool write_all(int file, const char *bytes, size_t size)
-{
-    while (size > 0) {
-        ssize_t written = write(file, bytes, size);
-        if (written < 0 && errno == EINTR) continue;
-        if (written <= 0) return false;
-        bytes += written;
-        size -= (size_t)written;
-    }
-    return true;
-}
-
-/** Moves the bytes from memory to a file, unless they are there already. */
-static qm_status make_file(qm_blob_writer *writer)
-{
-    if (writer->file >= 0) return QM_OK;
-    snprintf(writer->path, QM_STORE_PATH_SIZE, "%s/incoming/XXXXXX", qm_store_folder(writer->store));
-    writer->file = mkostemp(writer->path, O_CLOEXEC);
-    if (writer->file < 0) return fail_to_store("make a file");
-    if (!write_all(writer->file, writer->held.data, writer->held.size)) return fail_to_store("write");
-    qm_text_reset(&writer->held);
-    return QM_OK;
-}
-
-/** Has the disk begin with what was written, so that less is left when the blob is to stay. */
-static void start_writing(qm_blob_writer *writer)
-{
-    sync_file_range(writer->file, (off_t)writer->started, (off_t)(writer->size - writer->started),
-                    SYNC_FILE_RANGE_WRITE);
-    writer->started = writer->size;
-}
-
-/** Has the hash taken of what was written to the file; false without memory. */
-static bool follow(qm_blob_writer *writer)
-{
-    if (!writer->hash) writer->hash = qm_blob_hash_start(writer->file);
-    if (writer->hash) qm_blob_hash_grow(writer->hash, writer->size);
-    return writer->hash;
-}
-
-qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
-{
-    writer->size += size;
-    if (writer->file < 0 && writer->size <= MAX_HELD) {
-        qm_text_add(&writer->held, bytes, size);
-        return writer->held.failed ? QM_E_NO_MEMORY : QM_OK;
-    }
-    qm_status status = make_file(writer);
-    if (status != QM_OK) return status;
-    if (!write_all(writer->file, bytes, size)) return fail_to_store("write");
-    if (writer->size >= MIN_FOLLOWED && !follow(writer)) return QM_E_NO_MEMORY;
-    if (writer->size - writer->started > START_SIZE) start_writing(writer);
-    return QM_OK;
-}
-
-uint64_t qm_blob_size(const qm_blob_writer *writer)
-{
-    return writer->size;
-}
-
-qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *bytes, size_t size)
-{
-    if (writer->file < 0) {
-        if (offset > writer->size || size > writer->size - offset) return QM_E_ARGUMENT;
-        if (size > 0) memcpy(bytes, writer->held.data + offset, size);
-        return QM_OK;
-    }
-    for (char *next = bytes; size > 0;) {
-        ssize_t got = pread(writer->file, next, size, (off_t)offset);
-        if (got < 0 && errno == EINTR) continue;
-        if (got <= 0) return QM_E_ARGUMENT;
-        next += got;
-        size -= (size_t)got;
-        offset += (uint64_t)got;
-    }
-    return QM_OK;
-}
-
-void qm_blob_abort(qm_blob_writer *writer)
-{
-    if (!writer) return;
-    qm_blob_hash_abort(writer->hash);
-    if (writer->file >= 0) {
-        close(writer->file);
-        unlink(writer->path);
-    }
-    qm_text_reset(&writer->held);
-    free(writer);
-}
-
-static bool move_into_place(const qm_blob_writer *writer, const char *hash)
-{
-    char folder[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE], blobs[QM_STORE_PATH_SIZE];
-    blob_folder(writer->store, hash, folder);
-    blob_path(writer->store, hash, path);
-    snprintf(blobs, sizeof blobs, "%s/blobs", qm_store_folder(writer->store));
-    return make_folder(folder) && sync_folder(blobs) && rename(writer->path, path) == 0 &&
-           sync_folder(folder);
-}
-
-/** The hash of all bytes, wherever they are. */
-static qm_status take_hash(qm_blob_writer *writer)
-{
-    uint8_t digest[QM_DIGEST_SIZE];
-    if (writer->file < 0) {
-        qm_hash_bytes(writer->held.data, writer->held.size, digest);
-    } else {
-        if (!follow(writer)) return QM_E_NO_MEMORY;
-        bool taken = qm_blob_hash_end(writer->hash, digest);
-        writer->hash = NULL;
-        if (!taken) return fail_to_store("read");
-    }
-    qm_hash_print(digest, writer->name);
-    return QM_OK;
-}
-
-qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
-{
-    if (writer->file >= 0) start_writing(writer);
-    qm_status status = take_hash(writer);
-    if (status == QM_OK) status = make_file(writer);
-    memcpy(hash, writer->name, QM_HASH_SIZE);
-    return status;
-}
-
-qm_status qm_blob_keep(qm_blob_writer *writer)
-{
-    qm_status status = fsync(writer->file) == 0 ? QM_OK : fail_to_store("sync");
-    if (status == QM_OK && !move_into_place(writer, writer->name)) status = fail_to_store("name a file");
-    if (status != QM_OK) unlink(writer->path);
-    close(writer->file);
-    free(writer);
-    return status;
-}
-
-static qm_status map(int file, const uint8_t **bytes, size_t *size)
+qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size)
 {
     static const uint8_t nothing[1];
     struct stat facts;
@@ -303,18 +139,13 @@ static qm_status map(int file, const uint8_t **bytes, size_t *size)
     return QM_OK;
 }
 
-qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size)
-{
-    return map(writer->file, bytes, size);
-}
-
 qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size)
 {
     char path[QM_STORE_PATH_SIZE];
-    blob_path(store, hash, path);
+    find_path(store, hash, path);
     int file = open(path, O_RDONLY | O_CLOEXEC);
     if (file < 0) return QM_E_EMPTY;
-    qm_status status = map(file, bytes, size);
+    qm_status status = qm_blob_map_file(file, bytes, size);
     close(file);
     return status;
 }
@@ -328,6 +159,6 @@ void qm_blob_remove(qm_store *store, const char *hash)
 {
     char path[QM_STORE_PATH_SIZE];
     if (qm_store_needs_blob(store, hash)) return;
-    blob_path(store, hash, path);
+    find_path(store, hash, path);
     unlink(path);
 }

@@ -23,6 +23,12 @@ void qm_blob_sweep(const char *folder);
  * to go with their row. For the start, when nobody else uses the store. */
 void qm_blob_sweep_orphans(qm_store *store);
 
+/** Gives a file that the disk has taken the name of a hash, and has the disk take that, too. */
+bool qm_blob_put_in_place(const qm_store *store, const char *file, const char *hash);
+
+/** Maps a whole open file for reading. */
+qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size);
+
 /** The data folder, without a slash at its end. */
 const char *qm_store_folder(const qm_store *store);
 

@@ -1,6 +1,6 @@
 /**
- * blob_hash.h: the hash of a file that is being written, taken by a thread of its own behind the writer, so
- * that who receives the bytes has only to write them down.
+ * blob_hash.h: a thread behind a file that is being written: it takes the hash and has the disk begin with
+ * the bytes, so that who receives them has only to write them down.
  */
 #ifndef QM_BLOB_HASH_H
 #define QM_BLOB_HASH_H
@@ -17,10 +17,10 @@ qm_blob_hash *qm_blob_hash_start(int file);
 /** Tells how many bytes the file has by now. */
 void qm_blob_hash_grow(qm_blob_hash *hash, uint64_t size);
 
-/** Waits for the hash of all of them and ends the thread. False when they cannot be read back. */
-bool qm_blob_hash_end(qm_blob_hash *hash, uint8_t digest[QM_DIGEST_SIZE]);
+/** Waits for the hash of all of them; once. False when they cannot be read back. */
+bool qm_blob_hash_take(qm_blob_hash *hash, uint8_t digest[QM_DIGEST_SIZE]);
 
-/** Ends the thread without a hash. NULL is fine. */
-void qm_blob_hash_abort(qm_blob_hash *hash);
+/** Ends the thread, whether or not the hash was taken. NULL is fine. */
+void qm_blob_hash_free(qm_blob_hash *hash);
 
 #endif
