@@ -130,20 +130,6 @@ static qm_status reserve_origins(qm_builder *builder)
     return QM_OK;
 }
 
-static void store_face(qm_builder *builder, const uint32_t face[4])
-{
-    memcpy(builder->faces + 4 * builder->face_count, face, 4 * sizeof *face);
-    if (builder->face_origin) builder->face_origin[builder->face_count] = (uint32_t)builder->input_face_count;
-    ++builder->face_count;
-}
-
-/** A polygon whose fan has no such triangle may still name a vertex twice: it then only touches itself. */
-static bool repeats_corner(const uint32_t face[4])
-{
-    uint32_t a = face[0], b = face[1], c = face[2], d = face[3];
-    return a == b || b == c || c == a || (d != QM_NO_INDEX && (d == a || d == b || d == c));
-}
-
 static qm_status reserve_for_face(qm_builder *builder, size_t triangle_count)
 {
     size_t needed = builder->face_count + triangle_count;
@@ -164,8 +150,8 @@ static qm_status end_polygon(qm_builder *builder)
     bool repeats = false;
     for (size_t i = 2; i < builder->corner_count; ++i) {
         const uint32_t part[4] = {corners[0], corners[i - 1], corners[i], QM_NO_INDEX};
-        repeats |= repeats_corner(part);
-        store_face(builder, part);
+        repeats |= qm_face_repeats_corner(part);
+        qm_builder_store_face(builder, part);
     }
     builder->repeated_count += repeats;
     ++builder->polygon_count;
@@ -187,14 +173,9 @@ qm_status qm_builder_end_face(qm_builder *builder)
     return qm_builder_add_face(builder, face);
 }
 
-qm_status qm_builder_add_face(qm_builder *builder, const uint32_t corners[4])
+qm_status qm_builder_grow_faces(qm_builder *builder)
 {
-    qm_status status = reserve_for_face(builder, 1);
-    if (status != QM_OK) return status;
-    builder->repeated_count += repeats_corner(corners);
-    store_face(builder, corners);
-    ++builder->input_face_count;
-    return QM_OK;
+    return reserve_for_face(builder, 1);
 }
 
 qm_status qm_builder_fail_index(qm_builder *builder, uint64_t vertex)
@@ -204,27 +185,28 @@ qm_status qm_builder_fail_index(qm_builder *builder, uint64_t vertex)
                          (unsigned long long)vertex, builder->vertex_count);
 }
 
+/** used has a byte for each vertex: bits would be smaller, and slower to set. */
 static size_t count_unused(const qm_builder *builder, uint8_t *used)
 {
-    memset(used, 0, (builder->vertex_count + 7) / 8);
-    size_t unused = builder->vertex_count;
-    for (size_t i = 0; i < 4 * builder->face_count; ++i) {
-        uint32_t vertex = builder->faces[i];
-        if (vertex == QM_NO_INDEX) continue;
-        uint8_t bit = (uint8_t)(1u << (vertex & 7));
-        unused -= !(used[vertex >> 3] & bit);
-        used[vertex >> 3] |= bit;
+    memset(used, 0, builder->vertex_count);
+    for (size_t i = 0; i < builder->face_count; ++i) {
+        const uint32_t *face = builder->faces + 4 * i;
+        used[face[0]] = used[face[1]] = used[face[2]] = 1;
+        if (face[3] != QM_NO_INDEX) used[face[3]] = 1;
     }
+    size_t unused = builder->vertex_count;
+    for (size_t i = 0; i < builder->vertex_count; ++i)
+        unused -= used[i];
     return unused;
 }
 
 static qm_status warn_about_unused(qm_builder *builder)
 {
     if (builder->face_count == 0) return QM_OK;
-    uint8_t *used = qm_context_alloc(builder->ctx, (builder->vertex_count + 7) / 8, 1);
+    uint8_t *used = qm_context_alloc(builder->ctx, builder->vertex_count, 1);
     if (!used) return QM_E_NO_MEMORY;
     size_t unused = count_unused(builder, used);
-    qm_context_free(builder->ctx, used, (builder->vertex_count + 7) / 8, 1);
+    qm_context_free(builder->ctx, used, builder->vertex_count, 1);
     if (unused > 0)
         qm_codec_warn(builder->report,
                       "vertices that no face uses: %zu of %zu (kept, but no part of the surface)", unused,
@@ -274,6 +256,19 @@ static qm_status trim_arrays(qm_builder *builder)
     return trimmed ? QM_OK : QM_E_NO_MEMORY;
 }
 
+static qm_mesh mesh_of(const qm_builder *builder)
+{
+    return (qm_mesh){.positions = builder->positions,
+                     .vertex_count = builder->vertex_count,
+                     .faces = builder->faces,
+                     .face_count = builder->face_count,
+                     .face_origin = builder->face_origin,
+                     .polygon_count = builder->polygon_count,
+                     .grids = builder->grids,
+                     .grid_count = builder->grid_count,
+                     .normals = builder->normals};
+}
+
 qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out)
 {
     if (builder->vertex_count == 0)
@@ -289,26 +284,17 @@ qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out)
     if (builder->bad_normal_count > 0)
         qm_codec_warn(builder->report, "normals that are not finite: %zu (these points count as having none)",
                       builder->bad_normal_count);
-    qm_status status = warn_about_unused(builder);
+    qm_mesh mesh = mesh_of(builder);
+    qm_status status = qm_mesh_validate(builder->ctx, &mesh);
+    if (status != QM_OK) return qm_codec_fail(builder->report, status, "%s", builder->ctx->message);
+    status = warn_about_unused(builder);
     if (status == QM_OK) status = trim_arrays(builder);
     if (status != QM_OK) return status;
-
-    qm_mesh mesh = {.positions = builder->positions,
-                    .vertex_count = builder->vertex_count,
-                    .faces = builder->faces,
-                    .face_count = builder->face_count,
-                    .face_origin = builder->face_origin,
-                    .polygon_count = builder->polygon_count,
-                    .grids = builder->grids,
-                    .grid_count = builder->grid_count,
-                    .normals = builder->normals};
-    status = qm_mesh_validate(builder->ctx, &mesh);
-    if (status != QM_OK) return qm_codec_fail(builder->report, status, "%s", builder->ctx->message);
+    *out = mesh_of(builder);
     builder->positions = NULL;
     builder->normals = NULL;
     builder->grids = NULL;
     builder->faces = builder->face_origin = NULL;
-    *out = mesh;
     return QM_OK;
 }
 

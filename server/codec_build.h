@@ -63,6 +63,7 @@ qm_status qm_builder_add_grid(qm_builder *builder, qm_mesh_grid grid);
 /** Slow halves of the calls below: room for one more; QM_E_TOO_LARGE, QM_E_NO_MEMORY, QM_E_CANCELED. */
 qm_status qm_builder_grow_vertices(qm_builder *builder);
 qm_status qm_builder_grow_corners(qm_builder *builder);
+qm_status qm_builder_grow_faces(qm_builder *builder);
 
 /** Adds a vertex. The coordinates are finite. */
 static inline qm_status qm_builder_add_vertex(qm_builder *builder, const double position[3])
@@ -95,8 +96,36 @@ static inline qm_status qm_builder_add_corner(qm_builder *builder, uint32_t vert
  * three corners. */
 qm_status qm_builder_end_face(qm_builder *builder);
 
-/** The three calls above for a triangle or a quad at once; the fourth corner of a triangle is QM_NO_INDEX. */
-qm_status qm_builder_add_face(qm_builder *builder, const uint32_t corners[4]);
+/** A polygon whose fan has no such triangle may still name a vertex twice: it then only touches itself. */
+static inline bool qm_face_repeats_corner(const uint32_t face[4])
+{
+    uint32_t a = face[0], b = face[1], c = face[2], d = face[3];
+    return (a == b) | (b == c) | (c == a) | (d == a) | (d == b) | (d == c);
+}
+
+/** Writes a face where there is room for it. */
+static inline void qm_builder_store_face(qm_builder *builder, const uint32_t face[4])
+{
+    memcpy(builder->faces + 4 * builder->face_count, face, 4 * sizeof *face);
+    if (builder->face_origin) builder->face_origin[builder->face_count] = (uint32_t)builder->input_face_count;
+    ++builder->face_count;
+}
+
+/** The three calls above for a triangle or a quad at once; the fourth corner of a triangle is QM_NO_INDEX,
+ * which no other corner is. */
+static inline qm_status qm_builder_add_face(qm_builder *builder, const uint32_t corners[4])
+{
+    size_t count = builder->face_count;
+    if (count == builder->face_capacity || count == builder->limits->max_faces || builder->face_origin ||
+        (builder->input_face_count & 0xffff) == 0) {
+        qm_status status = qm_builder_grow_faces(builder);
+        if (status != QM_OK) return status;
+    }
+    builder->repeated_count += qm_face_repeats_corner(corners);
+    qm_builder_store_face(builder, corners);
+    ++builder->input_face_count;
+    return QM_OK;
+}
 
 static inline qm_status qm_builder_add_triangle(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c)
 {

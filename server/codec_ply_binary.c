@@ -129,60 +129,70 @@ static plain_row find_plain(const qm_ply_reader *reader, const qm_ply_element *e
 }
 
 /** False for a row that is to be read, or refused, in the general way. */
-static bool load_plain_position(const qm_ply_reader *reader, plain_row plain, double position[3])
+static bool load_plain_position(plain_row plain, const uint8_t *at, double position[3])
 {
-    size_t size = plain == PLAIN_DOUBLES ? sizeof(double) : sizeof(float);
-    if (!has_bytes(reader, 3 * size)) return false;
     if (plain == PLAIN_DOUBLES) {
-        memcpy(position, reader->text.at, 3 * sizeof *position);
+        memcpy(position, at, 3 * sizeof *position);
     } else {
         float narrow[3];
-        memcpy(narrow, reader->text.at, sizeof narrow);
+        memcpy(narrow, at, sizeof narrow);
         for (int axis = 0; axis < 3; ++axis)
             position[axis] = (double)narrow[axis];
     }
     return isfinite(position[0]) && isfinite(position[1]) && isfinite(position[2]);
 }
 
-/** The same for a triangle or quad; corners[3] is QM_NO_INDEX for the former. */
-static bool load_plain_face(const qm_ply_reader *reader, uint32_t corners[4])
+/** Reads plain rows up to the first one that is not; *done counts them. */
+static qm_status read_plain_positions(qm_ply_reader *reader, plain_row plain, uint64_t count, uint64_t *done)
 {
-    const uint8_t *at = reader->text.at;
-    if (!has_bytes(reader, 1 + 4 * sizeof *corners) || (at[0] != 3 && at[0] != 4)) return false;
-    memcpy(corners, at + 1, 4 * sizeof *corners);
-    uint64_t count = reader->vertex_count;
-    bool is_quad = at[0] == 4, is_good = corners[0] < count && corners[1] < count && corners[2] < count;
-    if (is_quad) return is_good && corners[3] < count;
-    corners[3] = QM_NO_INDEX;
-    return is_good;
+    size_t size = 3 * (plain == PLAIN_DOUBLES ? sizeof(double) : sizeof(float));
+    qm_status status = QM_OK;
+    double position[3];
+    for (; *done < count && status == QM_OK && has_bytes(reader, size); ++*done) {
+        if (!load_plain_position(plain, reader->text.at, position)) break;
+        reader->text.at += size;
+        status = qm_builder_add_vertex(reader->builder, position);
+    }
+    return status;
 }
 
-/** Reads one row if it is plain; *done tells. */
-static qm_status read_plain_row(qm_ply_reader *reader, plain_row plain, bool *done)
+/** The same for a triangle or quad; corners[3] is QM_NO_INDEX for the former. */
+static inline bool load_plain_face(const uint8_t *at, uint64_t vertex_count, uint32_t corners[4])
 {
-    double position[3];
+    memcpy(corners, at + 1, 4 * sizeof *corners);
+    bool is_good = corners[0] < vertex_count && corners[1] < vertex_count && corners[2] < vertex_count;
+    if (at[0] == 4) return is_good && corners[3] < vertex_count;
+    corners[3] = QM_NO_INDEX;
+    return is_good && at[0] == 3;
+}
+
+static qm_status read_plain_faces(qm_ply_reader *reader, uint64_t count, uint64_t *done)
+{
+    qm_status status = QM_OK;
     uint32_t corners[4];
-    if (plain == PLAIN_CORNERS) {
-        *done = load_plain_face(reader, corners);
-        if (!*done) return QM_OK;
+    for (; *done < count && status == QM_OK && has_bytes(reader, 1 + sizeof corners); ++*done) {
+        if (!load_plain_face(reader->text.at, reader->vertex_count, corners)) break;
         reader->text.at += 1 + (corners[3] == QM_NO_INDEX ? 3 : 4) * sizeof *corners;
-        return qm_builder_add_face(reader->builder, corners);
+        status = qm_builder_add_face(reader->builder, corners);
     }
-    *done = load_plain_position(reader, plain, position);
-    if (!*done) return QM_OK;
-    reader->text.at += 3 * (plain == PLAIN_DOUBLES ? sizeof(double) : sizeof(float));
-    return qm_builder_add_vertex(reader->builder, position);
+    return status;
+}
+
+static qm_status read_plain_rows(qm_ply_reader *reader, plain_row plain, uint64_t count, uint64_t *done)
+{
+    if (plain == NOT_PLAIN) return QM_OK;
+    return plain == PLAIN_CORNERS ? read_plain_faces(reader, count, done)
+                                  : read_plain_positions(reader, plain, count, done);
 }
 
 qm_status qm_ply_read_binary_rows(qm_ply_reader *reader, const qm_ply_element *element)
 {
     if (element->property_count == 0) return QM_OK;
     plain_row plain = find_plain(reader, element);
-    for (uint64_t i = 0; i < element->count; ++i) {
-        bool done = false;
-        qm_status status = plain == NOT_PLAIN ? QM_OK : read_plain_row(reader, plain, &done);
-        if (status == QM_OK && !done) status = read_binary_row(reader, element);
-        if (status != QM_OK) return status;
+    qm_status status = QM_OK;
+    for (uint64_t done = 0; done < element->count && status == QM_OK; ++done) {
+        status = read_plain_rows(reader, plain, element->count, &done);
+        if (status == QM_OK && done < element->count) status = read_binary_row(reader, element);
     }
-    return QM_OK;
+    return status;
 }
