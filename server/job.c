@@ -123,6 +123,7 @@ static qm_job *job_from_row(qm_jobs *jobs, const qm_store_job *row)
     job->state = (qm_job_state)row->state;
     job->document = row->document ? strdup(row->document) : NULL;
     job->references = 1;
+    qm_job_set_restarts(job, row->restarts);
     qm_job_restore_events(job, row->events);
     return job;
 }

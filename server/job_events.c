@@ -8,6 +8,8 @@
 #include "job_internal.h"
 #include "json_out.h"
 
+#define SEQS_OF_A_RUN 1000000000u /* more events than any run has, few enough for exact doubles */
+
 /* ---- events ---- */
 
 void qm_job_wake_readers(qm_job *job)
@@ -17,11 +19,21 @@ void qm_job_wake_readers(qm_job *job)
 }
 
 /** {"event":NAME,"seq":N,MEMBERS}; members comes without braces. NULL: out of memory. */
-static char *make_event(const char *name, size_t seq, const char *members)
+static char *make_event(const char *name, uint64_t seq, const char *members)
 {
     qm_text line = {0};
-    qm_text_printf(&line, "{\"event\":\"%s\",\"seq\":%zu,%s}", name, seq, members);
+    qm_text_printf(&line, "{\"event\":\"%s\",\"seq\":%llu,%s}", name, (unsigned long long)seq, members);
     return qm_text_take(&line);
+}
+
+void qm_job_set_restarts(qm_job *job, int64_t restarts)
+{
+    job->seq_base = SEQS_OF_A_RUN * (uint64_t)restarts;
+}
+
+static uint64_t last_seq(const qm_job *job)
+{
+    return job->seq_base + job->event_count;
 }
 
 void qm_job_add_event(qm_job *job, const char *name, const char *members)
@@ -33,7 +45,7 @@ void qm_job_add_event(qm_job *job, const char *name, const char *members)
         job->events = events;
         job->event_capacity = capacity;
     }
-    char *line = make_event(name, job->event_count + 1, members);
+    char *line = make_event(name, last_seq(job) + 1, members);
     if (line) job->events[job->event_count++] = line;
     qm_job_wake_readers(job);
 }
@@ -43,7 +55,7 @@ char *qm_job_join_events(const qm_job *job, const char *name, const char *member
     qm_text all = {0};
     for (size_t i = 0; i < job->event_count; i++)
         qm_text_printf(&all, "%s\n", job->events[i]);
-    char *last = members ? make_event(name, job->event_count + 1, members) : NULL;
+    char *last = members ? make_event(name, last_seq(job) + 1, members) : NULL;
     if (last) qm_text_printf(&all, "%s\n", last);
     free(last);
     return qm_text_take(&all);
@@ -72,11 +84,11 @@ qm_news qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing framin
     uv_mutex_lock(&jobs->lock);
     qm_news news = QM_NEWS_SOME;
     double now = qm_now_ms();
-    /* A reader that counts further has read an earlier run, which the end of the daemon cut short. */
-    if (*seq > job->event_count) *seq = 0;
-    if (*seq < job->event_count) {
-        for (; *seq < job->event_count; ++*seq)
-            frame(out, framing, *seq + 1, job->events[*seq]);
+    /* Whoever has read an earlier run, or says so of events that never were, reads all of this one. */
+    if (*seq < job->seq_base || *seq > last_seq(job)) *seq = job->seq_base;
+    if (*seq < last_seq(job)) {
+        for (; *seq < last_seq(job); ++*seq)
+            frame(out, framing, *seq + 1, job->events[*seq - job->seq_base]);
         reader->wake_at_ms = now + jobs->limits.heartbeat_ms;
     } else if (qm_job_is_over(job)) {
         news = QM_NEWS_END;

@@ -30,7 +30,8 @@ struct qm_job {
     atomic_bool cancel; /* what the engine looks at: raised by a client or by the end of the daemon */
     bool is_cancelled;  /* by a client */
     bool interrupted;   /* stopped by the end of the daemon: it will run again */
-    char **events;      /* lines without a line end; events[i] has seq i + 1 */
+    uint64_t seq_base;  /* events before this number belong to runs that the daemon's end has cut short */
+    char **events;      /* lines without a line end; events[i] has seq seq_base + i + 1 */
     size_t event_count, event_capacity;
     char *last_bounds;                 /* the newest bounds event's own members, for the document */
     char *document;                    /* once it has ended */
@@ -116,6 +117,10 @@ char *qm_job_join_events(const qm_job *job, const char *name, const char *member
 
 /** Splits stored lines back into events. */
 void qm_job_restore_events(qm_job *job, const char *lines);
+
+/** Sets where the job's events are counted from: each run of it has numbers of its own, so that a reader of
+ * one run goes on with the next. */
+void qm_job_set_restarts(qm_job *job, int64_t restarts);
 
 const char *qm_job_state_name(qm_job_state state);
 

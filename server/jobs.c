@@ -27,6 +27,7 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     }
     memcpy(job->id, row->id, sizeof job->id);
     snprintf(job->created, sizeof job->created, "%s", row->created);
+    qm_job_set_restarts(job, row->restarts);
     job->is_kept = true; /* whoever streamed it has lost the stream with the daemon */
     qm_job_enlist(jobs, job);
     if (!readable) {
@@ -46,6 +47,9 @@ static void resume_unfinished(qm_jobs *jobs)
     int64_t after = 0;
     size_t total = 0, count;
     qm_status status;
+    if (qm_store_claim_jobs(jobs->store) != QM_OK)
+        qm_log(QM_LOG_ERROR,
+               "the jobs that run again could not be counted: their events may have old numbers");
     while ((status = qm_store_list_unfinished_jobs(jobs->store, after, RESUME_STEP, rows, &count)) == QM_OK &&
            count > 0) {
         after = rows[count - 1].sequence;

@@ -91,8 +91,14 @@ typedef struct qm_store_job {
     char *events;          /* NDJSON lines of the whole stream; NULL likewise */
     int state;             /* qm_job_state of job.h */
     int64_t sequence;      /* order of creation; given by the store */
+    int64_t restarts;      /* how often it was claimed: it begins anew each time */
 } qm_store_job;
 
+/**
+ * A job is submitted once and finished once: also one that is cancelled, or fails. Between the two it is the
+ * process that holds the folder which runs it. Its events are stored with its end, as what a sudden end cuts
+ * short begins anew.
+ */
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job);
 /** Writes state, document, events and the revisions of the meshes, as text, of a job that has ended. */
 qm_status qm_store_finish_job(qm_store *store, const char *id, int state, const char *document,
@@ -104,7 +110,9 @@ qm_status qm_store_find_job_by_key(qm_store *store, const char *key, const char 
 qm_status qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
 /** Rows without their events. */
 qm_status qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out, size_t *count);
-/** The same, only of jobs without a document: to run again after a restart. */
+/** Takes over the jobs that have not ended when their process did: counts one more restart of each. */
+qm_status qm_store_claim_jobs(qm_store *store);
+/** The rows of those, to be run. */
 qm_status qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out,
                                         size_t *count);
 /**

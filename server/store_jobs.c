@@ -3,7 +3,7 @@
 
 #include "store_internal.h"
 
-#define COLUMNS_BUT_EVENTS "id, key, idempotency_key, body, created, state, sequence, document"
+#define COLUMNS_BUT_EVENTS "id, key, idempotency_key, body, created, state, sequence, document, restarts"
 #define COLUMNS COLUMNS_BUT_EVENTS ", events"
 
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
@@ -39,14 +39,15 @@ static bool read_row(sqlite3_stmt *statement, void *row)
 {
     qm_store_job *out = row;
     *out = (qm_store_job){.state = sqlite3_column_int(statement, 5),
-                          .sequence = sqlite3_column_int64(statement, 6)};
-    bool has_events = sqlite3_column_count(statement) > 8;
+                          .sequence = sqlite3_column_int64(statement, 6),
+                          .restarts = sqlite3_column_int64(statement, 8)};
+    bool has_events = sqlite3_column_count(statement) > 9;
     if (qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
         qm_store_copy_text(statement, 1, &out->key) &&
         qm_store_copy_text(statement, 2, &out->idempotency_key) &&
         qm_store_copy_text(statement, 3, &out->body) && qm_store_copy_text(statement, 4, &out->created) &&
         qm_store_copy_text(statement, 7, &out->document) &&
-        (!has_events || qm_store_copy_text(statement, 8, &out->events)))
+        (!has_events || qm_store_copy_text(statement, 9, &out->events)))
         return true;
     qm_store_job_reset(out);
     return false;
@@ -88,6 +89,13 @@ qm_status qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_st
     return qm_store_list_rows(
         store, "SELECT " COLUMNS_BUT_EVENTS " FROM jobs WHERE sequence > ? ORDER BY sequence LIMIT ?", after,
         limit, &table, out, count);
+}
+
+qm_status qm_store_claim_jobs(qm_store *store)
+{
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "UPDATE jobs SET restarts = restarts + 1 WHERE document IS NULL");
+    return statement ? qm_store_execute(store, statement) : QM_E_ARGUMENT;
 }
 
 qm_status qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out,

@@ -14,7 +14,7 @@
 #include "store_internal.h"
 
 #define BUSY_TIMEOUT_MS 5000
-#define SCHEMA_VERSION "4"
+#define SCHEMA_VERSION "5"
 
 static const char schema[] =
     "PRAGMA synchronous = FULL;"
@@ -28,7 +28,7 @@ static const char schema[] =
     "CREATE TABLE IF NOT EXISTS jobs ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, key TEXT NOT NULL,"
     "  idempotency_key TEXT UNIQUE, body TEXT NOT NULL, created TEXT NOT NULL, document TEXT, events TEXT,"
-    "  state INTEGER NOT NULL, revisions TEXT NOT NULL);"
+    "  state INTEGER NOT NULL, revisions TEXT NOT NULL, restarts INTEGER NOT NULL DEFAULT 0);"
     "CREATE INDEX IF NOT EXISTS jobs_by_key ON jobs (key, revisions, state);"
     "CREATE INDEX IF NOT EXISTS jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
     "CREATE TABLE IF NOT EXISTS layouts ("

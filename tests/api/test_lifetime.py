@@ -1,4 +1,5 @@
 """What survives the daemon's end, whether it is asked to stop or killed, and how it starts and stops."""
+import json
 import os
 import pathlib
 import resource
@@ -48,6 +49,16 @@ def test_meshes_and_jobs_come_back(make_daemon, how):
     check_restored(running, meshes, pair, job, events)
 
 
+def read_some(client, job):
+    """The events of a job that runs, up to its third."""
+    with client.stream("GET", f"/v1/jobs/{job}/events") as reply:
+        events = []
+        for line in reply.iter_lines():
+            events.append(json.loads(line))
+            if len(events) == 3:
+                return events
+
+
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 def test_unfinished_jobs_run_again(make_daemon, slow_files, how):
     running = make_daemon("--workers", 1, "--grace", 0)
@@ -56,9 +67,14 @@ def test_unfinished_jobs_run_again(make_daemon, slow_files, how):
         point = client.upload(b"0 0 0\n1 1 1\n", format="xyz")["id"]
         first = client.start(*slow, deadline_ms=3000, **SLOW)
         second = client.start(point, point)
+        seen = read_some(client, first["id"])
     running.stop(how)
     running.start()
     with running.client() as client:
+        # Who was cut off goes on with what it had: all of the new run, and nothing is counted twice.
+        going_on = client.events(first["id"], after=seen[-1]["seq"])
+        assert [event["seq"] for event in seen] == list(range(1, len(seen) + 1))
+        assert going_on[0]["seq"] == 1000000001 and going_on == client.events(first["id"])
         done = [client.wait(job["id"]) for job in (first, second)]
         for job, old in zip(done, (first, second)):
             assert job["state"] == "succeeded" and job["id"] == old["id"]

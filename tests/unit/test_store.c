@@ -413,10 +413,16 @@ static void test_unfinished_jobs(void **state)
     submit(f, "j_1", "k", NULL);
     submit(f, "j_2", "k", NULL);
     submit(f, "j_3", "k", NULL);
+    assert_int_equal(QM_OK, qm_store_claim_jobs(f->store));
     qm_store_finish_job(f->store, "j_2", 3, "{}", "{}\n", "");
+    assert_int_equal(QM_OK, qm_store_claim_jobs(f->store));
     qm_store_job rows[4];
+    assert_int_equal(QM_OK, qm_store_find_job(f->store, "j_2", &rows[0]));
+    assert_int_equal(rows[0].restarts, 1);
+    qm_store_job_reset(&rows[0]);
     assert_int_equal(QM_OK, qm_store_list_unfinished_jobs(f->store, 0, 4, rows, &listed));
     assert_int_equal(listed, 2);
+    assert_int_equal(rows[0].restarts, 2);
     assert_string_equal(rows[0].id, "j_1");
     assert_string_equal(rows[1].id, "j_3");
     int64_t first = rows[0].sequence;
