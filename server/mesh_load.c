@@ -36,7 +36,7 @@ static qm_status set_warnings(qm_loaded_mesh *out, const qm_codec_report *report
     return QM_OK;
 }
 
-/** They have served once the patches are found. */
+/** They have served once the patches are found, or cannot be trusted. */
 static void drop_grids(qm_context *ctx, qm_mesh *mesh)
 {
     qm_context_free(ctx, mesh->grids, mesh->grid_count, sizeof *mesh->grids);
@@ -53,6 +53,8 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
     double counted = qm_now_ms();
     out->topology_ms = counted - start;
     bool has_patches = status == QM_OK && preparation->has_patches && out->facts.quads > 0;
+    /* A third face at an edge inside a grid is not seen by looking at the grid alone. */
+    if (!out->facts.manifold) drop_grids(ctx, &out->mesh);
     if (has_patches) status = qm_patch_set_find(ctx, &out->mesh, &out->patches);
     drop_grids(ctx, &out->mesh);
     double built = qm_now_ms();

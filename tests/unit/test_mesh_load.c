@@ -106,6 +106,45 @@ typedef struct refusal {
     size_t line;
 } refusal;
 
+#define STRIP_START(vertices, faces, grids)                                                                  \
+    "ply\nformat ascii 1.0\n" grids "element vertex " vertices                                               \
+    "\nproperty double x\nproperty double y\nproperty double z\nelement face " faces                         \
+    "\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n2 0 0\n0 1 0\n1 1 0\n2 1 0\n"
+#define STRIP_FACES "4 0 1 4 3\n4 1 2 5 4\n"
+
+/** Two quads side by side are one patch, or those that the file tells of: not with a third at their edge. */
+static void told_grids_are_believed_where_they_can_be(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *text;
+        size_t patches;
+    } cases[] = {
+        {STRIP_START("6", "2", "") STRIP_FACES, 1},
+        {STRIP_START("6", "2", "comment grid 1 2\n") STRIP_FACES, 1},
+        {STRIP_START("6", "2", "comment grid 1 1\ncomment grid 1 1\n") STRIP_FACES, 2},
+        {STRIP_START("6", "2", "comment grid 2 1\n") STRIP_FACES, 1},
+        {STRIP_START("8", "3", "comment grid 1 2\ncomment grid 1 1\n") "1 0 1\n1 1 1\n" STRIP_FACES
+                                                                       "4 1 4 7 6\n",
+         3},
+    };
+    qm_preparation preparation = everything;
+    preparation.has_patches = true;
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        qm_context ctx = qm_context_make();
+        qm_loaded_mesh mesh;
+        qm_codec_report report;
+        const uint8_t *bytes = (const uint8_t *)cases[i].text;
+        QM_CHECK(qm_mesh_load(&ctx, QM_FORMAT_PLY, bytes, strlen(cases[i].text), &limits, &preparation, &mesh,
+                              &report) == QM_OK,
+                 "case %zu: %s", i, report.detail);
+        QM_CHECK(mesh.patches.patch_count == cases[i].patches, "case %zu: %zu patches", i,
+                 mesh.patches.patch_count);
+        assert_null(mesh.mesh.grids);
+        qm_loaded_mesh_reset(&ctx, &mesh);
+    }
+}
+
 static void bad_files_name_the_place(void **state)
 {
     (void)state;
@@ -214,6 +253,7 @@ int main(void)
         cmocka_unit_test(a_cube_is_ready),
         cmocka_unit_test(kinds_are_told_apart),
         cmocka_unit_test(odd_meshes_come_with_warnings),
+        cmocka_unit_test(told_grids_are_believed_where_they_can_be),
         cmocka_unit_test(bad_files_name_the_place),
         cmocka_unit_test(running_out_of_memory_leaves_nothing_behind),
         cmocka_unit_test(a_raised_flag_stops_the_loading),

@@ -43,7 +43,8 @@ static inline unsigned qm_patch_corner(uint8_t turn, unsigned place)
 
 /**
  * Finds the patches. The mesh passes qm_mesh_validate. The result depends on the mesh alone. Where it tells
- * its grids, and its faces bear them out, these are its patches, and nothing is searched for.
+ * its grids, and its faces bear them out, these are its patches, and nothing is searched for; that no other
+ * faces use what lies inside them is the caller's to know (qm_mesh_facts, manifold).
  *
  * Cost:    linear in the faces but for the joining; memory of about 60 bytes a face, given back on return.
  * Returns: QM_OK; QM_E_TOO_LARGE (2^29 faces or more); QM_E_NO_MEMORY; QM_E_CANCELED. After an error *out is
