@@ -65,7 +65,7 @@ def test_unfinished_jobs_run_again(make_daemon, slow_files, how):
     with running.client() as client:
         slow = [client.upload(content)["id"] for content in slow_files]
         point = client.upload(b"0 0 0\n1 1 1\n", format="xyz")["id"]
-        first = client.start(*slow, deadline_ms=3000, **SLOW)
+        first = client.start(*slow, deadline_ms=50 * PATIENCE, **SLOW)
         second = client.start(point, point)
         seen = read_some(client, first["id"])
     running.stop(how)
