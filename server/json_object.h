@@ -1,5 +1,5 @@
 /**
- * json_object.h: the text of a request to the JSON tree of its object. For json_in.c and json_layout.c only.
+ * json_object.h: the text of a request to the JSON tree of its object. For the files that read requests only.
  */
 #ifndef QM_JSON_OBJECT_H
 #define QM_JSON_OBJECT_H
