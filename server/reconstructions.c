@@ -1,30 +1,14 @@
-#include "reconstructions.h"
+/**
+ * reconstructions.c: the table of those in memory: each belongs to who works on it, a few idle ones are kept.
+ */
+#include "reconstructions_internal.h"
 
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <uv.h>
 
-#include "encode.h"
-#include "json_layout.h"
 #include "json_write.h"
 
-#define EDIT_WORD "EDIT"
 #define KEPT_IDLE 4 /* reconstructions in memory that nobody works on */
-
-typedef struct entry {
-    qm_refining refining; /* first, so that one is the other */
-    bool in_work;
-    struct entry *next; /* the one used last comes first */
-} entry;
-
-/** lock guards the list and in_work; a reconstruction itself belongs to who works on it. */
-struct qm_reconstructions {
-    qm_store *store;
-    qm_meshes *meshes;
-    uv_mutex_t lock;
-    entry *first;
-};
 
 qm_reconstructions *qm_reconstructions_create(qm_store *store, qm_meshes *meshes)
 {
@@ -36,307 +20,41 @@ qm_reconstructions *qm_reconstructions_create(qm_store *store, qm_meshes *meshes
     return rs;
 }
 
-static void free_entry(qm_reconstructions *rs, entry *e)
-{
-    qm_reconstruction_destroy(&e->refining.ctx, e->refining.reconstruction);
-    qm_meshes_release(rs->meshes, e->refining.mesh);
-    free(e);
-}
-
 void qm_reconstructions_destroy(qm_reconstructions *rs)
 {
     if (!rs) return;
-    for (entry *e = rs->first, *next; e; e = next) {
+    for (qm_refining_entry *e = rs->first, *next; e; e = next) {
         next = e->next;
-        free_entry(rs, e);
+        qm_refining_free(rs, e);
     }
     uv_mutex_destroy(&rs->lock);
     free(rs);
 }
 
 /** Takes an entry out of the list; NULL when it is not there. The caller holds the lock. */
-static entry *unlist(qm_reconstructions *rs, const char *id)
+static qm_refining_entry *unlist(qm_reconstructions *rs, const char *id)
 {
-    entry **link = &rs->first;
+    qm_refining_entry **link = &rs->first;
     while (*link && strcmp((*link)->refining.id, id) != 0)
         link = &(*link)->next;
-    entry *found = *link;
+    qm_refining_entry *found = *link;
     if (found) *link = found->next;
     return found;
 }
 
-/* ---- making ---- */
-
-/** Starts a reconstruction of a layout on a mesh. NULL with a problem. */
-static entry *begin(qm_reconstructions *rs, const char *source, const char *layout_text,
-                    const qm_reconstruction_options *options, qm_problem *problem)
+void qm_reconstructions_list(qm_reconstructions *rs, qm_refining_entry *e)
 {
-    entry *e = calloc(1, sizeof *e);
-    if (!e) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reconstruction");
-        return NULL;
-    }
-    qm_refining *r = &e->refining;
-    r->ctx = qm_meshes_context(rs->meshes);
-    snprintf(r->source_id, sizeof r->source_id, "%s", source);
-    r->mesh = qm_meshes_acquire(rs->meshes, source, QM_MESH_NEAREST, problem);
-    qm_layout layout = {0};
-    bool has_patches;
-    bool good = r->mesh && qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL,
-                                               &layout, &has_patches, problem);
-    if (good) {
-        qm_status status = qm_source_init(&r->ctx, qm_mesh_ref_get(r->mesh)->bvh, &r->source);
-        if (status == QM_OK)
-            status = qm_reconstruction_create(&r->ctx, &r->source, &layout, options, &r->reconstruction);
-        if (status != QM_OK) *problem = qm_problem_from_status(status, r->ctx.message);
-        good = status == QM_OK;
-    }
-    qm_layout_reset(&r->ctx, &layout);
-    if (good) return e;
-    free_entry(rs, e);
-    return NULL;
-}
-
-/** Puts the reconstruction of an edited layout in the place of the one before it. */
-static bool edit(qm_refining *r, const char *layout_text, size_t *redone, qm_problem *problem)
-{
-    qm_layout layout;
-    bool has_patches;
-    if (!qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL, &layout, &has_patches,
-                             problem))
-        return false;
-    qm_reconstruction *edited;
-    qm_status status = qm_reconstruction_edit(&r->ctx, r->reconstruction, &layout, &edited, redone);
-    qm_layout_reset(&r->ctx, &layout);
-    if (status != QM_OK) {
-        *problem = qm_problem_from_status(status, r->ctx.message);
-        return false;
-    }
-    qm_reconstruction_destroy(&r->ctx, r->reconstruction);
-    r->reconstruction = edited;
-    return true;
-}
-
-/** Takes so many steps with a limit of quads. */
-static bool take_steps(qm_refining *r, size_t limit, size_t count, qm_problem *problem)
-{
-    for (size_t k = 0; k < count; k++) {
-        qm_reconstruction_record record;
-        qm_status status = qm_reconstruction_step(&r->ctx, r->reconstruction, limit, &record);
-        if (status == QM_OK) continue;
-        *problem = qm_problem_from_status(status, r->ctx.message);
-        return false;
-    }
-    return true;
-}
-
-/** Does again what a row tells of: steps, and edits, for which the next lines have the layouts. */
-static bool replay(entry *e, const qm_store_reconstruction *row, qm_problem *problem)
-{
-    const char *layout = row->layout;
-    bool good = true;
-    for (const char *word = row->steps; *word && good; word += strcspn(word, " "), word += *word == ' ') {
-        if (*word == EDIT_WORD[0]) {
-            size_t redone;
-            layout += strcspn(layout, "\n");
-            layout += *layout == '\n';
-            good = edit(&e->refining, layout, &redone, problem);
-            continue;
-        }
-        char *end;
-        size_t limit = strtoull(word, &end, 10), count = *end == ':' ? strtoull(end + 1, NULL, 10) : 0;
-        good = take_steps(&e->refining, limit, count, problem);
-    }
-    return good;
-}
-
-static qm_reconstruction_options options_of(double cover_share, bool pull_curves)
-{
-    qm_reconstruction_options options = qm_reconstruction_options_default();
-    options.cover_share = cover_share;
-    options.pull_curves = pull_curves;
-    return options;
-}
-
-/** Makes a reconstruction of the store again. */
-static entry *make_again(qm_reconstructions *rs, const char *id, qm_problem *problem)
-{
-    qm_store_reconstruction row;
-    qm_status status = qm_store_find_reconstruction(rs->store, id, &row);
-    if (status != QM_OK) {
-        *problem =
-            qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
-        return NULL;
-    }
-    const qm_reconstruction_options options = options_of(row.cover_share, row.pull_curves);
-    entry *e = begin(rs, row.source, row.layout, &options, problem);
-    if (e) memcpy(e->refining.id, row.id, sizeof e->refining.id);
-    if (e && !replay(e, &row, problem)) {
-        free_entry(rs, e);
-        e = NULL;
-    }
-    qm_store_reconstruction_reset(&row);
-    return e;
-}
-
-/* ---- the mesh ---- */
-
-size_t qm_refining_quads(const qm_refining *refining)
-{
-    size_t quads = 0;
-    for (size_t p = 0; p < qm_reconstruction_patch_count(refining->reconstruction); p++) {
-        qm_reconstruction_patch patch = qm_reconstruction_get_patch(refining->reconstruction, p);
-        quads += (size_t)patch.columns * patch.rows;
-    }
-    return quads;
-}
-
-/** The mesh as a PLY upload, which keeps every digit. NULL with a problem. */
-static qm_blob_writer *write_upload(qm_reconstructions *rs, qm_refining *r, qm_problem *problem)
-{
-    qm_mesh mesh;
-    qm_mesh_facts facts;
-    qm_encoder *encoder = NULL;
-    qm_blob_writer *upload = NULL;
-    qm_status status = qm_reconstruction_mesh(&r->ctx, r->reconstruction, &mesh);
-    if (status == QM_OK) status = qm_mesh_find_facts(&r->ctx, &mesh, &facts);
-    if (status == QM_OK) status = qm_encoder_create(&r->ctx, &mesh, &facts, QM_FORMAT_PLY, 0, &encoder);
-    if (status == QM_OK) status = qm_blob_begin(rs->store, &upload);
-    for (bool goes_on = status == QM_OK; goes_on;) {
-        qm_text block = {0};
-        goes_on = qm_encoder_next(encoder, &block);
-        status = block.failed ? QM_E_NO_MEMORY : qm_blob_write(upload, block.data, block.size);
-        goes_on = goes_on && status == QM_OK;
-        qm_text_reset(&block);
-    }
-    qm_encoder_destroy(encoder);
-    qm_mesh_reset(&r->ctx, &mesh);
-    if (status == QM_OK) return upload;
-    qm_blob_abort(upload);
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be written");
-    return NULL;
-}
-
-/** What a mesh of the reconstruction is called: by its source, where that has a name. */
-static char *name_mesh(qm_reconstructions *rs, const qm_refining *r, size_t quads)
-{
-    qm_store_mesh source;
-    bool is_there = qm_store_find_mesh(rs->store, r->source_id, &source) == QM_OK;
-    qm_text name = {0};
-    qm_text_printf(&name, "%s, %zu quads", is_there && source.name[0] ? source.name : r->id, quads);
-    if (is_there) qm_store_mesh_reset(&source);
-    return qm_text_take(&name);
-}
-
-/** Makes an ordinary mesh of the reconstruction as it is; its id goes to out. */
-static bool add_mesh(qm_reconstructions *rs, qm_refining *r, char out[QM_ID_SIZE], size_t *quads,
-                     qm_problem *problem)
-{
-    qm_blob_writer *upload = write_upload(rs, r, problem);
-    if (!upload) return false;
-    *quads = qm_refining_quads(r);
-    char *name = name_mesh(rs, r, *quads);
-    if (!name) {
-        qm_blob_abort(upload);
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the mesh");
-        return false;
-    }
-    qm_store_mesh row;
-    bool is_new;
-    bool added = qm_meshes_add(rs->meshes, upload, name, QM_FORMAT_PLY, &row, &is_new, problem);
-    free(name);
-    if (!added) return false;
-    memcpy(out, row.id, QM_ID_SIZE);
-    qm_store_mesh_reset(&row);
-    return true;
-}
-
-/* ---- rows ---- */
-
-static char *make_state(const char *mesh, size_t quads, size_t steps)
-{
-    qm_text text = {0};
-    qm_json_add_string(&text, "mesh", mesh);
-    qm_json_add_count(&text, "quads", quads);
-    qm_json_add_count(&text, "step_count", steps);
-    return qm_text_take(&text);
-}
-
-static char *make_document(const qm_refining *r, const qm_store_reconstruction *row)
-{
-    char created[QM_TIME_SIZE];
-    size_t points, uncovered;
-    qm_format_time(created);
-    qm_reconstruction_coverage(r->reconstruction, &points, &uncovered);
-    qm_text text = {0};
-    qm_json_add_string(&text, "id", r->id);
-    qm_json_add_string(&text, "source", row->source);
-    if (row->layout_id[0])
-        qm_json_add_string(&text, "layout", row->layout_id);
-    else
-        qm_json_add_word(&text, "layout", "null");
-    qm_json_add_count(&text, "patch_count", qm_reconstruction_patch_count(r->reconstruction));
-    qm_json_add_number(&text, "cover_share", row->cover_share);
-    qm_json_add_bool(&text, "pull_curves", row->pull_curves);
-    qm_json_open(&text, "coverage", "{");
-    qm_json_add_count(&text, "samples", points);
-    qm_json_add_count(&text, "uncovered_samples", uncovered);
-    qm_text_add_string(&text, "}");
-    qm_json_add_string(&text, "created", created);
-    return qm_text_take(&text);
-}
-
-static bool fill_row(qm_reconstructions *rs, qm_refining *r, const char *layout_text,
-                     const qm_store_once *once, qm_store_reconstruction *row, qm_problem *problem)
-{
-    size_t quads;
-    if (!add_mesh(rs, r, row->mesh, &quads, problem)) return false;
-    memcpy(row->id, r->id, sizeof row->id);
-    row->layout = strdup(layout_text);
-    row->steps = strdup("");
-    row->records = strdup("");
-    row->document = make_document(r, row);
-    row->state = make_state(row->mesh, quads, 0);
-    if (!row->layout || !row->steps || !row->records || !row->document || !row->state) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reconstruction");
-        return false;
-    }
-    if (qm_store_put_reconstruction(rs->store, row, once) == QM_OK) return true;
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the reconstruction could not be stored");
-    return false;
-}
-
-bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const char *layout_id,
-                            const char *layout_text, const qm_reconstruction_options *options,
-                            const qm_store_once *once, qm_store_reconstruction *out, qm_problem *problem)
-{
-    *out =
-        (qm_store_reconstruction){.cover_share = options->cover_share, .pull_curves = options->pull_curves};
-    snprintf(out->source, sizeof out->source, "%s", source);
-    snprintf(out->layout_id, sizeof out->layout_id, "%s", layout_id);
-    entry *e = begin(rs, source, layout_text, options, problem);
-    if (!e) return false;
-    qm_make_id('r', e->refining.id);
-    if (!fill_row(rs, &e->refining, layout_text, once, out, problem)) {
-        qm_store_reconstruction_reset(out);
-        free_entry(rs, e);
-        return false;
-    }
     e->in_work = true;
     uv_mutex_lock(&rs->lock);
     e->next = rs->first;
     rs->first = e;
     uv_mutex_unlock(&rs->lock);
-    qm_reconstructions_release(rs, &e->refining, true);
-    return true;
 }
-
-/* ---- work ---- */
 
 qm_refining *qm_reconstructions_take(qm_reconstructions *rs, const char *id, qm_problem *problem)
 {
     uv_mutex_lock(&rs->lock);
-    entry *e = rs->first;
+    qm_refining_entry *e = rs->first;
     while (e && strcmp(e->refining.id, id) != 0)
         e = e->next;
     bool is_mine = e && !e->in_work, is_taken = e && e->in_work;
@@ -347,11 +65,11 @@ qm_refining *qm_reconstructions_take(qm_reconstructions *rs, const char *id, qm_
         *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "another job works on the reconstruction");
         return NULL;
     }
-    e = make_again(rs, id, problem);
+    e = qm_refining_make_again(rs, id, problem);
     if (!e) return NULL;
     e->in_work = true;
     uv_mutex_lock(&rs->lock);
-    entry *other = rs->first;
+    qm_refining_entry *other = rs->first;
     while (other && strcmp(other->refining.id, id) != 0)
         other = other->next;
     if (!other) {
@@ -360,19 +78,19 @@ qm_refining *qm_reconstructions_take(qm_reconstructions *rs, const char *id, qm_
     }
     uv_mutex_unlock(&rs->lock);
     if (!other) return &e->refining;
-    free_entry(rs, e);
+    qm_refining_free(rs, e);
     *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "another job works on the reconstruction");
     return NULL;
 }
 
 /** The first idle entry beyond those that are kept, out of the list; NULL for none. The caller holds the
  * lock. */
-static entry *unlist_surplus(qm_reconstructions *rs)
+static qm_refining_entry *unlist_surplus(qm_reconstructions *rs)
 {
     int idle = 0;
-    for (entry **link = &rs->first; *link; link = &(*link)->next) {
+    for (qm_refining_entry **link = &rs->first; *link; link = &(*link)->next) {
         if ((*link)->in_work || ++idle <= KEPT_IDLE) continue;
-        entry *surplus = *link;
+        qm_refining_entry *surplus = *link;
         *link = surplus->next;
         return surplus;
     }
@@ -384,7 +102,7 @@ void qm_reconstructions_release(qm_reconstructions *rs, qm_refining *refining, b
     if (!refining) return;
     refining->ctx.cancel = NULL;
     uv_mutex_lock(&rs->lock);
-    entry *own = unlist(rs, refining->id), *dropped = own;
+    qm_refining_entry *own = unlist(rs, refining->id), *dropped = own;
     if (keeps) {
         own->in_work = false;
         own->next = rs->first;
@@ -392,109 +110,14 @@ void qm_reconstructions_release(qm_reconstructions *rs, qm_refining *refining, b
         dropped = unlist_surplus(rs);
     }
     uv_mutex_unlock(&rs->lock);
-    if (dropped) free_entry(rs, dropped);
-}
-
-/** The steps with these added. NULL: out of memory. */
-static char *add_steps(const char *steps, size_t max_quads, size_t count)
-{
-    qm_text text = {0};
-    qm_text_printf(&text, "%s%s%zu:%zu", steps, steps[0] ? " " : "", max_quads, count);
-    return qm_text_take(&text);
-}
-
-static size_t count_steps(const char *steps)
-{
-    size_t count = 0;
-    for (const char *at = strchr(steps, ':'); at; at = strchr(at + 1, ':'))
-        count += strtoull(at + 1, NULL, 10);
-    return count;
-}
-
-bool qm_reconstructions_commit(qm_reconstructions *rs, qm_refining *refining, size_t max_quads,
-                               size_t step_count, const char *records, char mesh[QM_ID_SIZE],
-                               qm_problem *problem)
-{
-    qm_store_reconstruction row;
-    qm_status status = qm_store_find_reconstruction(rs->store, refining->id, &row);
-    if (status != QM_OK) {
-        *problem =
-            qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction any more");
-        return false;
-    }
-    memcpy(mesh, row.mesh, QM_ID_SIZE);
-    bool good = true;
-    size_t quads;
-    if (step_count > 0) good = add_mesh(rs, refining, mesh, &quads, problem);
-    if (good && step_count > 0) {
-        qm_store_reconstruction next = row;
-        qm_text joined = {0};
-        qm_text_printf(&joined, "%s%s%s", row.records, row.records[0] ? "," : "", records);
-        memcpy(next.mesh, mesh, QM_ID_SIZE);
-        next.steps = add_steps(row.steps, max_quads, step_count);
-        next.records = qm_text_take(&joined);
-        next.state = next.steps ? make_state(mesh, quads, count_steps(next.steps)) : NULL;
-        next.revision++;
-        good = next.steps && next.records && next.state &&
-               qm_store_update_reconstruction(rs->store, &next) == QM_OK;
-        if (!good)
-            *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the reconstruction could not be stored");
-        free(next.steps);
-        free(next.records);
-        free(next.state);
-    }
-    qm_store_reconstruction_reset(&row);
-    return good;
-}
-
-/** The row after an edit of the layout, whose mesh is there already; stored. */
-static bool store_edit(qm_reconstructions *rs, const char *mesh, size_t quads, const char *layout_text,
-                       qm_store_reconstruction *row, qm_problem *problem)
-{
-    qm_text layouts = {0}, steps = {0};
-    qm_text_printf(&layouts, "%s\n%s", row->layout, layout_text);
-    qm_text_printf(&steps, "%s%s" EDIT_WORD, row->steps, row->steps[0] ? " " : "");
-    free(row->layout);
-    free(row->steps);
-    free(row->state);
-    row->layout = qm_text_take(&layouts);
-    row->steps = qm_text_take(&steps);
-    row->state = row->steps ? make_state(mesh, quads, count_steps(row->steps)) : NULL;
-    row->revision++;
-    memcpy(row->mesh, mesh, sizeof row->mesh);
-    if (row->layout && row->steps && row->state && qm_store_update_reconstruction(rs->store, row) == QM_OK)
-        return true;
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the reconstruction could not be stored");
-    return false;
-}
-
-bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char *layout_text,
-                             qm_store_reconstruction *out, size_t *redone, qm_problem *problem)
-{
-    *out = (qm_store_reconstruction){0};
-    qm_refining *r = qm_reconstructions_take(rs, id, problem);
-    if (!r) return false;
-    char mesh[QM_ID_SIZE];
-    size_t quads;
-    bool edited = edit(r, layout_text, redone, problem);
-    bool good = edited && add_mesh(rs, r, mesh, &quads, problem);
-    qm_status status = good ? qm_store_find_reconstruction(rs->store, id, out) : QM_OK;
-    if (status != QM_OK) {
-        *problem =
-            qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction any more");
-        good = false;
-    }
-    good = good && store_edit(rs, mesh, quads, layout_text, out, problem);
-    qm_reconstructions_release(rs, r, good || !edited);
-    if (!good) qm_store_reconstruction_reset(out);
-    return good;
+    if (dropped) qm_refining_free(rs, dropped);
 }
 
 qm_status qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
 {
     qm_status status = qm_store_delete_reconstruction(rs->store, id);
     uv_mutex_lock(&rs->lock);
-    entry *e = unlist(rs, id);
+    qm_refining_entry *e = unlist(rs, id);
     /* Who works on it gives it back, and it is dropped then for want of a place among the idle. */
     if (e && e->in_work) {
         e->next = rs->first;
@@ -502,8 +125,18 @@ qm_status qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
         e = NULL;
     }
     uv_mutex_unlock(&rs->lock);
-    if (e) free_entry(rs, e);
+    if (e) qm_refining_free(rs, e);
     return status;
+}
+
+size_t qm_refining_quads(const qm_refining *refining)
+{
+    size_t quads = 0;
+    for (size_t p = 0; p < qm_reconstruction_patch_count(refining->reconstruction); p++) {
+        qm_reconstruction_patch patch = qm_reconstruction_get_patch(refining->reconstruction, p);
+        quads += (size_t)patch.columns * patch.rows;
+    }
+    return quads;
 }
 
 void qm_refining_add_patches(const qm_refining *refining, qm_text *out)
