@@ -20,7 +20,7 @@
 
 #define MAX_THROWN_AWAY (16u << 20)
 #define MAX_READ_AND_DROPPED (64u << 10) /* of the body of a request that is refused by its headers */
-#define CONNECTION_MEMORY (128u << 10)
+#define CONNECTION_MEMORY (256u << 10)   /* of which half is what is read of a body at once */
 #define CONNECTION_THREADS 2
 #define HEALTH_CONNECTIONS 64
 #define LINGER_MS 1000.0
