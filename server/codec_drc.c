@@ -1,304 +1,17 @@
 /*
- * Draco: the library does the decoding behind codec_draco.h. Before that the counts in the file's head are
- * held against the limits, as a few bytes may announce a mesh that fills the memory. After it, triangles that
- * were cut from quads and polygons are joined again along the edges marked as added. Source: Draco bitstream
- * specification 2.2, sections 4 and 5, for the head.
+ * Draco: the library does the decoding behind codec_draco.h. Before that codec_drc_head.c looks at the counts
+ * that the file announces; after it codec_drc_join.c makes polygons of triangles again.
  */
 #include <math.h>
-#include <stdlib.h>
 
-#include "codec_build.h"
-#include "codec_draco.h"
-
-/* Head */
-
-typedef struct drc_head {
-    const uint8_t *at, *end;
-} drc_head;
-
-#define MAGIC "DRACO"
-#define HEAD_SIZE 11
-#define HAS_METADATA 0x8000
-#define DEEPEST_METADATA 64
-
-static bool skip_bytes(drc_head *head, uint64_t size)
-{
-    if ((uint64_t)(head->end - head->at) < size) return false;
-    head->at += size;
-    return true;
-}
-
-/** Seven bits a byte, the low ones first. */
-static bool read_varint(drc_head *head, uint64_t *number)
-{
-    *number = 0;
-    for (unsigned shift = 0; shift < 63; shift += 7) {
-        if (head->at == head->end) return false;
-        uint8_t byte = *head->at++;
-        *number |= (uint64_t)(byte & 0x7f) << shift;
-        if (!(byte & 0x80)) return true;
-    }
-    return false;
-}
-
-static bool skip_name(drc_head *head)
-{
-    return head->at < head->end && skip_bytes(head, 1 + (uint64_t)*head->at);
-}
-
-/** One table of named values, and the tables within it. */
-static bool skip_metadata(drc_head *head, int depth)
-{
-    uint64_t count, size;
-    if (depth > DEEPEST_METADATA || !read_varint(head, &count)) return false;
-    for (; count > 0; --count)
-        if (!skip_name(head) || !read_varint(head, &size) || !skip_bytes(head, size)) return false;
-    if (!read_varint(head, &count)) return false;
-    for (; count > 0; --count)
-        if (!skip_name(head) || !skip_metadata(head, depth + 1)) return false;
-    return true;
-}
-
-static bool skip_all_metadata(drc_head *head)
-{
-    uint64_t attribute_count, id;
-    if (!read_varint(head, &attribute_count)) return false;
-    for (; attribute_count > 0; --attribute_count)
-        if (!read_varint(head, &id) || !skip_metadata(head, 0)) return false;
-    return skip_metadata(head, 0);
-}
-
-/** Vertices and faces as the head announces them. */
-static bool read_counts(drc_head *head, bool is_mesh, bool is_edgebreaker, uint64_t *vertices,
-                        uint64_t *faces)
-{
-    *faces = 0;
-    if (!is_mesh) {
-        if (head->end - head->at < 4) return false;
-        *vertices = qm_read_u32_le(head->at);
-        return true;
-    }
-    if (!is_edgebreaker) return read_varint(head, faces) && read_varint(head, vertices);
-    return skip_bytes(head, 1) && read_varint(head, vertices) && read_varint(head, faces);
-}
-
-static qm_status check_head(qm_builder *builder, const uint8_t *bytes, size_t size)
-{
-    size_t *offset = &builder->report->offset;
-    *offset = 0;
-    if (size < HEAD_SIZE || memcmp(bytes, MAGIC, strlen(MAGIC)) != 0)
-        return qm_codec_fail(builder->report, QM_E_FORMAT, "the file does not start as a Draco file does");
-    *offset = strlen(MAGIC);
-    if (bytes[5] != 2 || bytes[6] < 2)
-        return qm_codec_fail(builder->report, QM_E_UNSUPPORTED,
-                             "only version 2.2 and later of the Draco format is supported");
-    drc_head head = {bytes + HEAD_SIZE, bytes + size};
-    bool has_metadata = (bytes[9] | bytes[10] << 8) & HAS_METADATA;
-    uint64_t vertices, faces;
-    bool whole = (!has_metadata || skip_all_metadata(&head)) &&
-                 read_counts(&head, bytes[7] == 1, bytes[8] == 1, &vertices, &faces);
-    *offset = (size_t)(head.at - bytes);
-    if (!whole) return qm_codec_fail(builder->report, QM_E_FORMAT, "the head of the file is broken");
-    if (vertices > builder->limits->max_vertices || faces > builder->limits->max_faces)
-        return qm_codec_fail(builder->report, QM_E_TOO_LARGE,
-                             "the file has more than %zu vertices or more than %zu faces",
-                             builder->limits->max_vertices, builder->limits->max_faces);
-    return QM_OK;
-}
-
-/* Polygons */
-
-/** Half-edge 3 * t + c of triangle t runs opposite to corner c. */
-typedef struct edge_side {
-    uint32_t low, high; /* its two vertices */
-    uint32_t half_edge;
-} edge_side;
+#include "codec_drc.h"
 
 typedef struct drc_reader {
     qm_builder *builder;
     qm_draco_facts facts;
     qm_draco_arrays arrays;
-    uint32_t *twins; /* for each half-edge: the one beyond an added edge, or QM_NO_INDEX */
-    uint8_t *done;   /* for each triangle: its polygon is stored */
     qm_status status;
 } drc_reader;
-
-static uint32_t next_half_edge(uint32_t half_edge)
-{
-    return half_edge % 3 == 2 ? half_edge - 2 : half_edge + 1;
-}
-
-/** The vertex where the half-edge begins: the corner after the one opposite. */
-static uint32_t start_of(const drc_reader *reader, uint32_t half_edge)
-{
-    return reader->arrays.triangles[next_half_edge(half_edge)];
-}
-
-static uint32_t end_of(const drc_reader *reader, uint32_t half_edge)
-{
-    return reader->arrays.triangles[next_half_edge(next_half_edge(half_edge))];
-}
-
-static int compare_sides(const void *left, const void *right)
-{
-    const edge_side *a = left, *b = right;
-    if (a->low != b->low) return a->low < b->low ? -1 : 1;
-    if (a->high != b->high) return a->high < b->high ? -1 : 1;
-    return a->half_edge < b->half_edge ? -1 : 1;
-}
-
-static void list_sides(const drc_reader *reader, edge_side *sides)
-{
-    for (uint32_t h = 0; h < 3 * reader->facts.triangle_count; ++h) {
-        uint32_t start = start_of(reader, h), end = end_of(reader, h);
-        sides[h] = (edge_side){start < end ? start : end, start < end ? end : start, h};
-    }
-}
-
-/**
- * Pairs the two sides of each added edge, of which one or both carry the mark. Where an edge has not exactly
- * two sides in opposite directions the marks mean nothing; returns how many do.
- */
-static size_t pair_sides(drc_reader *reader, edge_side *sides)
-{
-    size_t count = 3 * reader->facts.triangle_count, meaningless = 0;
-    list_sides(reader, sides);
-    qsort(sides, count, sizeof *sides, compare_sides);
-    for (size_t i = 0, next; i < count; i = next) {
-        size_t marks = 0;
-        for (next = i; next < count; ++next) {
-            if (sides[next].low != sides[i].low || sides[next].high != sides[i].high) break;
-            marks += reader->arrays.added[sides[next].half_edge] == 1;
-        }
-        if (marks == 0) continue;
-        uint32_t first = sides[i].half_edge, second = sides[next - 1].half_edge;
-        if (next - i != 2 || first / 3 == second / 3 || start_of(reader, first) != end_of(reader, second)) {
-            meaningless += marks;
-            continue;
-        }
-        reader->twins[first] = second;
-        reader->twins[second] = first;
-    }
-    return meaningless;
-}
-
-/** Walks round the polygon from an edge that was not added, adding corners; counts the edges met. */
-static qm_status walk_outline(drc_reader *reader, uint32_t first, size_t *edge_count)
-{
-    uint32_t half_edge = first;
-    *edge_count = 0;
-    do {
-        qm_status status = qm_builder_add_corner(reader->builder, start_of(reader, half_edge));
-        if (status != QM_OK) return status;
-        ++*edge_count;
-        half_edge = next_half_edge(half_edge);
-        while (reader->twins[half_edge] != QM_NO_INDEX)
-            half_edge = next_half_edge(reader->twins[half_edge]);
-    } while (half_edge != first);
-    return QM_OK;
-}
-
-/** Marks the triangles joined to one, listing them; returns their number and counts their outer edges. */
-static size_t gather_triangles(drc_reader *reader, uint32_t triangle, uint32_t *list, size_t *outer_count)
-{
-    size_t count = 0;
-    *outer_count = 0;
-    list[count++] = triangle;
-    reader->done[triangle] = 1;
-    for (size_t i = 0; i < count; ++i)
-        for (uint32_t h = 3 * list[i]; h < 3 * list[i] + 3; ++h) {
-            uint32_t twin = reader->twins[h];
-            *outer_count += twin == QM_NO_INDEX;
-            if (twin == QM_NO_INDEX || reader->done[twin / 3]) continue;
-            reader->done[twin / 3] = 1;
-            list[count++] = twin / 3;
-        }
-    return count;
-}
-
-static qm_status add_triangles(drc_reader *reader, const uint32_t *list, size_t count)
-{
-    const uint32_t *corners = reader->arrays.triangles;
-    qm_status status = QM_OK;
-    for (size_t i = 0; status == QM_OK && i < count; ++i) {
-        const uint32_t *c = corners + 3 * (size_t)list[i];
-        status = qm_builder_add_triangle(reader->builder, c[0], c[1], c[2]);
-    }
-    return status;
-}
-
-/**
- * An outer edge from which to walk: the one after an added edge, so that a quad starts on its diagonal and is
- * split again where it was split.
- */
-static uint32_t find_first_edge(const drc_reader *reader, const uint32_t *list, size_t count)
-{
-    uint32_t outer = QM_NO_INDEX;
-    for (size_t i = 0; i < count; ++i)
-        for (uint32_t h = 3 * list[i]; h < 3 * list[i] + 3; ++h) {
-            if (reader->twins[h] != QM_NO_INDEX) continue;
-            outer = h;
-            if (reader->twins[next_half_edge(next_half_edge(h))] != QM_NO_INDEX) return h;
-        }
-    return outer;
-}
-
-/** Adds the face that a triangle is part of; *whole is false if its triangles do not form one polygon. */
-static qm_status add_polygon(drc_reader *reader, uint32_t triangle, uint32_t *list, bool *whole)
-{
-    size_t outer_count, edge_count = 0;
-    size_t count = gather_triangles(reader, triangle, list, &outer_count);
-    *whole = true;
-    if (count == 1) return add_triangles(reader, list, 1);
-    uint32_t first = find_first_edge(reader, list, count);
-    qm_status status = first == QM_NO_INDEX ? QM_OK : walk_outline(reader, first, &edge_count);
-    if (status != QM_OK) return status;
-    *whole = edge_count == outer_count && outer_count == count + 2;
-    if (*whole) return qm_builder_end_face(reader->builder);
-    reader->builder->corner_count = 0;
-    return add_triangles(reader, list, count);
-}
-
-static qm_status add_polygons(drc_reader *reader, uint32_t *list, size_t meaningless)
-{
-    size_t broken = 0;
-    for (uint32_t t = 0; t < reader->facts.triangle_count; ++t) {
-        bool whole;
-        if (reader->done[t]) continue;
-        qm_status status = add_polygon(reader, t, list, &whole);
-        if (status != QM_OK) return status;
-        broken += !whole;
-    }
-    if (meaningless + broken > 0)
-        qm_codec_warn(
-            reader->builder->report,
-            "marks of edges added to cut polygons that make no sense: %zu (the triangles there were kept)",
-            meaningless + broken);
-    return QM_OK;
-}
-
-static qm_status join_triangles(drc_reader *reader)
-{
-    qm_context *ctx = reader->builder->ctx;
-    size_t triangle_count = reader->facts.triangle_count, corner_count = 3 * triangle_count;
-    edge_side *sides = qm_context_alloc(ctx, corner_count, sizeof *sides);
-    uint32_t *list = qm_context_alloc(ctx, triangle_count, sizeof *list);
-    reader->twins = qm_context_alloc(ctx, corner_count, sizeof *reader->twins);
-    reader->done = qm_context_alloc(ctx, triangle_count, sizeof *reader->done);
-    qm_status status = QM_E_NO_MEMORY;
-    if (sides && list && reader->twins && reader->done) {
-        memset(reader->twins, 0xff, corner_count * sizeof *reader->twins);
-        memset(reader->done, 0, triangle_count * sizeof *reader->done);
-        status = add_polygons(reader, list, pair_sides(reader, sides));
-    }
-    qm_context_free(ctx, sides, corner_count, sizeof *sides);
-    qm_context_free(ctx, list, triangle_count, sizeof *list);
-    qm_context_free(ctx, reader->twins, corner_count, sizeof *reader->twins);
-    qm_context_free(ctx, reader->done, triangle_count, sizeof *reader->done);
-    return status;
-}
-
-/* File */
 
 static qm_draco_decode_fn *decode_draco = qm_draco_decode;
 
@@ -395,7 +108,8 @@ static qm_status add_vertices(drc_reader *reader)
 static qm_status add_faces(drc_reader *reader)
 {
     if (reader->facts.triangle_count == 0) return QM_OK;
-    if (reader->facts.has_added_edges) return join_triangles(reader);
+    if (reader->facts.has_added_edges)
+        return qm_drc_join_triangles(reader->builder, &reader->facts, &reader->arrays);
     const uint32_t *corners = reader->arrays.triangles;
     qm_status status = QM_OK;
     for (size_t i = 0; status == QM_OK && i < reader->facts.triangle_count; ++i, corners += 3)
@@ -421,7 +135,7 @@ static void warn_about_quantization(const drc_reader *reader)
 static qm_status read_file(drc_reader *reader, const uint8_t *bytes, size_t size)
 {
     qm_codec_report *report = reader->builder->report;
-    qm_status status = check_head(reader->builder, bytes, size);
+    qm_status status = qm_drc_check_head(reader->builder, bytes, size);
     if (status != QM_OK) return status;
     qm_draco_outcome outcome = decode_draco(bytes, size, prepare_arrays, reader, &report->offset);
     status = explain_outcome(reader, outcome);
