@@ -82,7 +82,7 @@ only() {
     done <"$scratch/found"
 }
 only 'microhttpd\.h' 'server/http[a-z_]*\.[ch]'
-only '(cjson/)?cJSON\.h' 'server/(json_fault|json_in|json_job_fields|json_layout|json_moved|json_object|json_out|json_parse|json_read|codec_gltf_json)\.c'
+only '(cjson/)?cJSON\.h' 'server/(json_fault|json_in|json_job_fields|json_layout|json_layout_edits|json_moved|json_object|json_out|json_parse|json_read|json_value|codec_gltf_json)\.c'
 only 'sqlite3\.h' 'server/store_[a-z_]*\.[ch]'
 only 'draco/' 'server/codec_draco\.cc'
 

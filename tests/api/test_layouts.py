@@ -199,6 +199,7 @@ def test_an_end_is_snapped(client, saddle):
 @pytest.mark.parametrize("change, pointer", [
     (lambda body: body.pop("mesh"), "/mesh"),
     (lambda body: body.update(more=1), "/more"),
+    (lambda body: body.update({"n" * 39 + "\u00e9~/": 1}), "/" + "n" * 39 + "??~0~1"),
     (lambda body: body["nodes"].append([1, 2]), "/nodes/6"),
     (lambda body: body["curves"][2].update({"from": 17}), "/curves/2/from"),
     (lambda body: body["curves"][3].update(id=2), "/curves/3/id"),

@@ -78,7 +78,7 @@ def test_threads_do_not_change_the_mesh(quadmesh, surface, layout, tmp_path):
     ({"nodes": "none"}, "nodes must hold"),
     ({"patches": [[0, 1, 2]]}, "patches/0 must hold the ids of four curves"),
     ({"patches": []}, "no patch"),
-    ({"colour": 1}, "a field that is not known"),
+    ({"colour": 1}, "colour is not a field of this request"),
 ])
 def test_bad_layouts_are_told_of(quadmesh, surface, tmp_path, change, words):
     path = write_layout(tmp_path / "bad.json", change)
