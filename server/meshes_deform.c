@@ -154,6 +154,15 @@ static void list_copy(deforming *work, qm_loaded_mesh *copy)
     if (!next) qm_loaded_mesh_reset(&ctx, copy);
 }
 
+/** What is known of collisions goes with the revision, and who holds the one before keeps it, too. */
+static void take_pairs_along(const deforming *work, const qm_loaded_mesh *copy)
+{
+    qm_self_pairs *known = work->ref->mesh.self_pairs;
+    if (!copy->self_pairs || !known) return;
+    qm_self_pairs_inherit(copy->self_pairs, known);
+    qm_self_pairs_move(copy->self_pairs, work->moved->indices, work->moved->count);
+}
+
 /** Without memory for a copy the revision is read back from the store when it is asked for next. */
 static void follow_in_copy(deforming *work, qm_context *ctx)
 {
@@ -162,6 +171,7 @@ static void follow_in_copy(deforming *work, qm_context *ctx)
     if (qm_loaded_mesh_copy(ctx, &work->ref->mesh, work->positions, &preparation, &copy) == QM_OK) {
         work->positions = NULL;
         work->out->updated_nodes = qm_bvh_box_count(copy.bvh);
+        take_pairs_along(work, &copy);
         list_copy(work, &copy);
     } else {
         uv_mutex_lock(&work->meshes->lock);

@@ -75,6 +75,36 @@ static void *copy(const void *from, size_t size)
     return block;
 }
 
+/** A copy that shares nothing; without memory it knows nothing. */
+static known copy_known(const known *at, size_t vertex_count)
+{
+    known made = *at;
+    if (!at->is_known) return (known){0};
+    made.pairs = copy(at->pairs, at->pair_count * sizeof *at->pairs);
+    made.moved = malloc(vertex_count * sizeof *made.moved + 1);
+    made.is_moved = copy(at->is_moved, vertex_count);
+    if (made.pairs && made.moved && made.is_moved)
+        memcpy(made.moved, at->moved, at->moved_count * sizeof *made.moved);
+    else
+        forget(&made);
+    return made;
+}
+
+void qm_self_pairs_inherit(qm_self_pairs *memory, qm_self_pairs *other)
+{
+    known made[2];
+    uv_mutex_lock(&other->lock);
+    for (int reading = 0; reading < 2; reading++)
+        made[reading] = copy_known(&other->readings[reading], other->vertex_count);
+    uv_mutex_unlock(&other->lock);
+    uv_mutex_lock(&memory->lock);
+    for (int reading = 0; reading < 2; reading++) {
+        forget(&memory->readings[reading]);
+        memory->readings[reading] = made[reading];
+    }
+    uv_mutex_unlock(&memory->lock);
+}
+
 void qm_self_pairs_keep(qm_self_pairs *memory, const qm_collide_options *options, const qm_face_pair *pairs,
                         size_t count)
 {

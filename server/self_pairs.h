@@ -16,6 +16,9 @@ typedef struct qm_self_pairs qm_self_pairs;
 qm_self_pairs *qm_self_pairs_create(size_t vertex_count);
 void qm_self_pairs_destroy(qm_self_pairs *memory);
 
+/** Takes over all that another one knows of the same vertices and faces, as far as there is memory for it. */
+void qm_self_pairs_inherit(qm_self_pairs *memory, qm_self_pairs *other);
+
 /** Vertices have moved; NULL: all, and then nothing is known any more. */
 void qm_self_pairs_move(qm_self_pairs *memory, const uint32_t *vertices, size_t count);
 

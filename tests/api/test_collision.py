@@ -2,11 +2,12 @@
 import math
 import random
 import struct
+import time
 
 import pytest
 
 import shapes
-from conftest import WAIT, check_problem
+from conftest import SLOW, WAIT, check_problem
 
 FLOOR = ([(0, 0, 0), (2, 0, 0), (2, 2, 0), (0, 2, 0)], [(0, 1, 2, 3)])
 # A wall of two quads through the middle of the floor, the second above it.
@@ -168,3 +169,19 @@ def test_incremental_after_deformations_is_a_full_run(client, request, quads):
         assert [pair["faces"] for pair in some["pairs"]] == [pair["faces"] for pair in every["pairs"]]
         found += some["count"]
     assert found > 0
+
+
+def test_incremental_while_another_job_holds_the_mesh(client, slow_files):
+    """A revision that is made beside the one in use knows the pairs, too."""
+    mesh, other = (client.upload(content, name="held")["id"] for content in slow_files)
+    ask(client, "self_collision", mesh=mesh)
+    running = client.start(mesh, other, **SLOW)
+    while client.get(f"/v1/jobs/{running['id']}").json()["state"] == "queued":
+        time.sleep(0.01)
+    reply = client.patch(f"/v1/meshes/{mesh}/vertices", json={"indices": [3], "positions": [[0.5, 0.5, 0.5]]})
+    assert reply.status_code == 200, reply.text
+    some = ask(client, "self_collision", mesh=mesh, incremental=True)["result"]
+    assert client.delete(f"/v1/jobs/{running['id']}").status_code == 202
+    every = ask(client, "self_collision", mesh=mesh)["result"]
+    assert some["incremental"] is True and every["incremental"] is False
+    assert some["count"] == every["count"] > 0 and some["pairs"] == every["pairs"]
