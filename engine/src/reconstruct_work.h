@@ -153,6 +153,10 @@ qm_status qm_track_lay(qm_context *ctx, const qm_reconstruction *r, const double
 /** Leads curves that jump from one sheet of the surface to another round along it, over so many samples. */
 qm_status qm_tracks_detour(qm_context *ctx, qm_reconstruction *r, size_t wanted);
 
+/** Takes turns back out of the curves, which neighbouring points make when they are pulled past each other.
+ */
+void qm_tracks_straighten(qm_reconstruction *r);
+
 /** Point and direction of a curve at a share of its length. */
 void qm_track_at(const qm_track *track, double share, double position[3], qm_vec *tangent);
 qm_status qm_tracks_set_vertices(qm_context *ctx, qm_reconstruction *r);
