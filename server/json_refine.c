@@ -17,6 +17,7 @@ static void add_quality(qm_text *out, const qm_quality *quality)
 {
     qm_json_open(out, "quality", "{");
     qm_json_add_count(out, "folded_quads", quality->folded);
+    qm_json_add_count(out, "turned_quads", quality->turned);
     qm_json_add_number(out, "least_jacobian", quality->least_jacobian);
     qm_json_add_number(out, "mean_angle_deviation_deg", quality->mean_angle);
     qm_json_add_number(out, "max_angle_deviation_deg", quality->max_angle);

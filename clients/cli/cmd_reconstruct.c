@@ -163,9 +163,9 @@ static void on_step(void *user, const qm_refine_record *record)
         return;
     }
     char bound[CLI_BOUND_SIZE];
-    printf("%8zu quads, %3zu patches split, %6zu vertices placed, %4zu in holes, %zu folded",
+    printf("%8zu quads, %3zu patches split, %6zu vertices placed, %4zu in holes, %zu folded, %zu turned",
            record->step.quads, record->step.patches_split, record->step.moved_vertices,
-           record->step.holes_filled, record->quality.folded);
+           record->step.holes_filled, record->quality.folded, record->quality.turned);
     if (record->is_measured)
         printf(", distance at most %s of the diagonal",
                cli_format_bound(record->upper / p->diagonal, true, bound));

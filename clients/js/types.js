@@ -69,7 +69,7 @@
 /** @typedef {{ collides: boolean, count: number, pairs: CollisionPair[], all_pairs?: [number, number][],
  *   mode: "all" | "first" | "any", quads: QuadReading, tests: number, elapsed_ms: number,
  *   incremental?: boolean }} CollisionResult */
-/** @typedef {{ folded_quads: number, least_jacobian: number, mean_angle_deviation_deg: number,
+/** @typedef {{ folded_quads: number, turned_quads: number, least_jacobian: number, mean_angle_deviation_deg: number,
  *   max_angle_deviation_deg: number, mean_edge_ratio: number, max_edge_ratio: number, mean_warp: number,
  *   max_warp: number }} QuadQuality */
 /** @typedef {{ step: number, quads: number, chords_doubled: number, patches_split: number, moved_vertices: number,

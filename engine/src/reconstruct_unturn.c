@@ -7,24 +7,18 @@
 
 #include <string.h>
 
-#define TURNED_COSINE (-0.2) /* between the normals of neighbours, below which one may lie upside down */
-#define LONGEST_RUN 4        /* of quads side by side that lie upside down; a ridge has no end */
-#define WIDEST 8             /* quads that a block reaches beyond a run, doubled from 1 on */
-#define WIDEST_OFF 2         /* the same off the surface: a wider block would cut off what sticks out of it */
-#define ROUNDS 6             /* a block laid anew may free the next one */
+#define LONGEST_RUN 4 /* of quads side by side that lie upside down; a ridge has no end */
+#define WIDEST 8      /* quads that a block reaches beyond a run, doubled from 1 on */
+#define WIDEST_OFF 2  /* the same off the surface: a wider block would cut off what sticks out of it */
+#define ROUNDS 6      /* a block laid anew may free the next one */
 
 enum { ROW = 3 * sizeof(double), BLOCK_SIDE = LONGEST_RUN + 2 * WIDEST + 1 };
 
 static qm_vec quad_normal(const qm_patch_grid *grid, uint32_t i, uint32_t j)
 {
-    qm_vec first = qm_vec_sub(qm_grid_at(grid, i + 1, j + 1), qm_grid_at(grid, i, j));
-    qm_vec second = qm_vec_sub(qm_grid_at(grid, i, j + 1), qm_grid_at(grid, i + 1, j));
-    return qm_vec_cross(first, second);
-}
-
-static bool look_apart(qm_vec a, qm_vec b)
-{
-    return qm_vec_dot(a, b) < TURNED_COSINE * qm_vec_norm(a) * qm_vec_norm(b);
+    const qm_vec corner[4] = {qm_grid_at(grid, i, j), qm_grid_at(grid, i + 1, j),
+                              qm_grid_at(grid, i + 1, j + 1), qm_grid_at(grid, i, j + 1)};
+    return qm_quad_normal(corner);
 }
 
 /** A row or column of quads that crosses a quad, and the place of the quad in it. */
@@ -48,10 +42,10 @@ static uint32_t run_length(const quad_line *line)
 {
     if (line->place == 0) return 0;
     qm_vec before = normal_at(line, line->place - 1), last = normal_at(line, line->place);
-    if (!look_apart(before, last)) return 0;
+    if (!qm_quads_look_apart(before, last)) return 0;
     for (uint32_t length = 1; length <= LONGEST_RUN && line->place + length < line->count; length++) {
         qm_vec next = normal_at(line, line->place + length);
-        if (look_apart(last, next)) return qm_vec_dot(before, next) > 0.0 ? length : 0;
+        if (qm_quads_look_apart(last, next)) return qm_vec_dot(before, next) > 0.0 ? length : 0;
         last = next;
     }
     return 0;
@@ -89,7 +83,7 @@ static bool sticks_out(const qm_patch_grid *grid, uint32_t i, uint32_t j)
         uint32_t column = way == 0 ? i - 1 : way == 1 ? i + 1 : i; /* beyond all columns where i is 0 */
         uint32_t row = way == 2 ? j - 1 : way == 3 ? j + 1 : j;
         if (column < grid->columns && row < grid->rows)
-            apart += look_apart(here, quad_normal(grid, column, row));
+            apart += qm_quads_look_apart(here, quad_normal(grid, column, row));
     }
     return apart >= 3;
 }

@@ -88,7 +88,7 @@ def test_the_shape_of_the_quads_is_told(client, saddle):
     places = [[float(x) for x in text[4 + 3 * i:7 + 3 * i]] for i in range(vertices)]
     rows = [[int(x) for x in text[5 + 3 * vertices + 5 * i:9 + 3 * vertices + 5 * i]] for i in range(faces)]
     quads = [[places[i] for i in row] for row in rows]
-    assert told["folded_quads"] == 0
+    assert told["folded_quads"] == 0 and told["turned_quads"] == 0
     assert told["least_jacobian"] == pytest.approx(min(sine for quad in quads for sine in corner_sines(quad)))
     ratios = []
     for quad in quads:
