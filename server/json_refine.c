@@ -45,6 +45,7 @@ void qm_json_add_step(qm_text *out, const qm_refine_record *record, double diago
             add_bounds(out, "mesh_to_points", record->mesh_to_points_lower, record->mesh_to_points_upper,
                        diagonal);
             qm_json_add_count(out, "uncovered_points", record->uncovered);
+            qm_json_add_count(out, "beyond_points", record->beyond);
         }
     } else {
         qm_json_add_word(out, "hausdorff", "null");

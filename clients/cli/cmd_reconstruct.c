@@ -172,6 +172,9 @@ static void on_step(void *user, const qm_refine_record *record)
     if (record->is_measured)
         fprintf(p->out, ", distance at most %s of the diagonal",
                 cli_format_bound(record->upper / p->diagonal, true, bound));
+    if (record->is_measured && record->uncovered + record->beyond > 0)
+        fprintf(p->out, ", %s within what is drawn",
+                cli_format_bound(record->covered / p->diagonal, true, bound));
     fprintf(p->out, ", %.1f ms\n", record->step_ms);
 }
 

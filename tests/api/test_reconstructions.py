@@ -112,6 +112,23 @@ def test_a_point_set_becomes_quads(client):
     assert last["uncovered_points"] == 0
 
 
+def test_what_is_not_drawn_does_not_keep_a_goal_away(client):
+    """One of the two patches alone: points beyond its rim are told of, and the distance is that of the others."""
+    cloud = client.upload(points(6000, seed=11), format="xyz")["id"]
+    whole = saddle_layout()
+    first = whole["patches"][0]
+    half = {**whole, "curves": [line for line in whole["curves"] if line["id"] in first], "patches": [first]}
+    layout = client.post("/v1/layouts", json={"mesh": cloud, **half}).json()
+    assert len(layout["patches"]) == 1
+    made = client.post("/v1/reconstructions", json={"layout": layout["id"]}).json()
+    done = refine(client, made, until={"hausdorff_relative": 0.003, "max_quads": 5000})["result"]
+    last = done["steps"][-1]
+    assert done["stopped_by"] == "hausdorff" and last["covered"]["upper_relative"] <= 0.003
+    assert last["hausdorff"]["upper_relative"] > 0.2
+    assert last["uncovered_points"] + last["beyond_points"] == pytest.approx(3000, rel=0.1)
+    assert last["beyond_points"] > 0
+
+
 def test_steps_are_streamed(client, saddle):
     made = start(client, saddle)
     request = {"type": "reconstruction_step", "reconstruction": made["id"], "steps": 4}
