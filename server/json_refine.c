@@ -17,6 +17,7 @@ static void add_quality(qm_text *out, const qm_quality *quality)
 {
     qm_json_open(out, "quality", "{");
     qm_json_add_count(out, "folded_quads", quality->folded);
+    qm_json_add_count(out, "turned_quads", quality->turned);
     qm_json_add_number(out, "least_jacobian", quality->least_jacobian);
     qm_json_add_number(out, "mean_angle_deviation_deg", quality->mean_angle);
     qm_json_add_number(out, "max_angle_deviation_deg", quality->max_angle);
@@ -44,6 +45,7 @@ void qm_json_add_step(qm_text *out, const qm_refine_record *record, double diago
             add_bounds(out, "mesh_to_points", record->mesh_to_points_lower, record->mesh_to_points_upper,
                        diagonal);
             qm_json_add_count(out, "uncovered_points", record->uncovered);
+            qm_json_add_count(out, "beyond_points", record->beyond);
         }
     } else {
         qm_json_add_word(out, "hausdorff", "null");

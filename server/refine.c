@@ -15,6 +15,7 @@
 typedef struct refinement {
     qm_context *ctx;
     const qm_source *source;
+    const qm_reconstruction *reconstruction;
     const qm_refine_goal *goal;
     double reach;
     double uncovered_share; /* of the points, before the first step */
@@ -43,27 +44,75 @@ static qm_status measure(const refinement *r, const qm_bvh *mesh, qm_direction d
     return status;
 }
 
-/** The farthest of the points that are covered, and how many are not. */
+/** Where the points of a set lie nearest to the mesh of a step. */
+typedef struct point_feet {
+    size_t count;
+    qm_projection feet;
+    bool *on_rim;
+} point_feet;
+
+static void free_feet(qm_context *ctx, const point_feet *f)
+{
+    qm_context_free(ctx, f->feet.distance, f->count, sizeof *f->feet.distance);
+    qm_context_free(ctx, f->feet.face, f->count, sizeof *f->feet.face);
+    qm_context_free(ctx, f->feet.uv, f->count, 2 * sizeof *f->feet.uv);
+    qm_context_free(ctx, f->on_rim, f->count, sizeof *f->on_rim);
+}
+
+/** The feet of so many points, for free_feet whatever is returned. */
+static qm_status find_feet(const refinement *r, const qm_bvh *mesh, const double *points, size_t count,
+                           point_feet *f)
+{
+    *f = (point_feet){.count = count};
+    f->feet.distance = qm_context_alloc(r->ctx, count, sizeof *f->feet.distance);
+    f->feet.face = qm_context_alloc(r->ctx, count, sizeof *f->feet.face);
+    f->feet.uv = qm_context_alloc(r->ctx, count, 2 * sizeof *f->feet.uv);
+    f->on_rim = qm_context_alloc(r->ctx, count, sizeof *f->on_rim);
+    if (!f->feet.distance || !f->feet.face || !f->feet.uv || !f->on_rim)
+        return qm_context_fail(r->ctx, QM_E_NO_MEMORY, "out of memory for %zu distances", count);
+    qm_status status =
+        qm_project_points(r->ctx, mesh, QM_QUADS_TRIANGLES, points, count, r->goal->thread_count, &f->feet);
+    if (status != QM_OK) return status;
+    return qm_reconstruction_find_rim(r->ctx, r->reconstruction, f->feet.face, f->feet.uv, count, f->on_rim);
+}
+
+/** The farthest of the points, of those that are covered, and how many are not. */
 static qm_status measure_points(const refinement *r, const qm_bvh *mesh, qm_refine_record *record)
 {
     const qm_mesh *cloud = qm_bvh_mesh(r->source->bvh);
-    size_t count = cloud->vertex_count;
-    double *distance = qm_context_alloc(r->ctx, count, sizeof *distance);
-    if (!distance) return qm_context_fail(r->ctx, QM_E_NO_MEMORY, "out of memory for %zu distances", count);
-    qm_projection feet = {.distance = distance};
-    qm_status status = qm_project_points(r->ctx, mesh, QM_QUADS_TRIANGLES, cloud->positions, count,
-                                         r->goal->thread_count, &feet);
+    point_feet f;
+    qm_status status = find_feet(r, mesh, cloud->positions, cloud->vertex_count, &f);
     record->upper = record->covered = 0.0;
-    record->uncovered = 0;
-    for (size_t i = 0; i < count && status == QM_OK; i++) {
-        record->upper = fmax(record->upper, distance[i]);
-        if (distance[i] > r->reach)
+    record->uncovered = record->beyond = 0;
+    for (size_t i = 0; i < f.count && status == QM_OK; i++) {
+        double distance = f.feet.distance[i];
+        record->upper = fmax(record->upper, distance);
+        if (distance > r->reach)
             record->uncovered++;
+        else if (f.on_rim[i])
+            record->beyond++;
         else
-            record->covered = fmax(record->covered, distance[i]);
+            record->covered = fmax(record->covered, distance);
     }
     record->lower = record->upper;
-    qm_context_free(r->ctx, distance, count, sizeof *distance);
+    free_feet(r->ctx, &f);
+    return status;
+}
+
+/** A rim that coarse quads cut short leaves drawn points beyond the mesh: so the rim counts as it was drawn.
+ */
+static qm_status measure_rim(const refinement *r, const qm_bvh *mesh, qm_refine_record *record)
+{
+    double *points;
+    size_t count;
+    qm_status status = qm_reconstruction_rim(r->ctx, r->reconstruction, &points, &count);
+    if (status != QM_OK || count == 0) return status;
+    point_feet f;
+    status = find_feet(r, mesh, points, count, &f);
+    for (size_t i = 0; i < count && status == QM_OK; i++)
+        record->covered = fmax(record->covered, f.feet.distance[i]);
+    free_feet(r->ctx, &f);
+    qm_context_free(r->ctx, points, count, 3 * sizeof *points);
     return status;
 }
 
@@ -73,6 +122,7 @@ static qm_status measure_distance(const refinement *r, const qm_mesh *mesh, qm_r
     qm_status status = qm_bvh_build(r->ctx, mesh, QM_BVH_TARGET, r->goal->thread_count, &tree);
     if (status == QM_OK && r->source->is_cloud) {
         status = measure_points(r, tree, record);
+        if (status == QM_OK) status = measure_rim(r, tree, record);
         if (status == QM_OK)
             status =
                 measure(r, tree, QM_B_TO_A, &record->mesh_to_points_lower, &record->mesh_to_points_upper);
@@ -99,7 +149,7 @@ static qm_status measure_step(const refinement *r, const qm_reconstruction *reco
     return status;
 }
 
-/** True when all count but the points that no patch reached from the start. */
+/** True when all count but the points that no patch reached from the start, and those beyond the rim. */
 static bool is_near(const refinement *r, const qm_refine_record *record)
 {
     if (!record->is_measured) return false;
@@ -124,7 +174,11 @@ qm_status qm_refine(qm_context *ctx, qm_reconstruction *reconstruction, const qm
 {
     size_t points, uncovered;
     qm_reconstruction_coverage(reconstruction, &points, &uncovered);
-    refinement r = {ctx, source, goal, qm_reconstruction_cover_distance(reconstruction),
+    refinement r = {ctx,
+                    source,
+                    reconstruction,
+                    goal,
+                    qm_reconstruction_cover_distance(reconstruction),
                     (double)uncovered / (double)points};
     size_t max_quads = goal->max_quads > 0 ? goal->max_quads : QM_REFINE_MOST_QUADS;
     for (size_t steps = 1;; steps++) {

@@ -32,9 +32,11 @@ typedef struct qm_refine_record {
     qm_quality quality;
     bool is_measured;
     double lower, upper; /* the distance that counts */
-    double covered;      /* of a point set: that of the points within the cover distance */
+    double covered; /* of a point set: that of the points within the cover distance that do not lie beyond
+                       the rim of all patches, and of the rim as it was drawn */
     double mesh_to_points_lower, mesh_to_points_upper; /* of a point set */
     size_t uncovered;                                  /* points farther away than the cover distance */
+    size_t beyond; /* of the others, those beyond the rim of all patches */
     double step_ms, measure_ms;
 } qm_refine_record;
 

@@ -26,6 +26,10 @@ int cmd_reconstruct(int argc, char **argv);
 /** Reads a whole file. NULL after words on stderr, or a problem on stdout when as_json. Free with free(). */
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
 
+/** True for "-", and for a file that may be written or made; false after words. Asked before work that would
+ * be in vain. */
+bool cli_check_writable(const char *path, bool as_json);
+
 /** Loads a mesh file for questions in this process. False after words or a problem as above. */
 bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, const qm_preparation *preparation,
                    qm_loaded_mesh *out);

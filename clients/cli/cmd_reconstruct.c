@@ -21,7 +21,8 @@ static const char usage[] =
     "nodes,\n"
     "curves and patches; patches that are not given are found).\n"
     "\n"
-    "  -o, --output OUT    the mesh; the end of the name tells the format\n"
+    "  -o, --output OUT    the mesh; the end of the name tells the format, PLY without one; - is standard\n"
+    "                      output, and the lines about the steps then go to standard error\n"
     "  --quads N           no more quads than N; 10000 when nothing else is asked for\n"
     "  --hausdorff X       until the distance to the surface is at most X, a share of the surface's "
     "diagonal\n"
@@ -146,6 +147,7 @@ static bool load_layout(qm_context *ctx, const question *asked, const qm_source 
 /** What the lines about the steps are printed with. */
 typedef struct printer {
     const question *asked;
+    FILE *out; /* not where the mesh goes */
     double diagonal;
 } printer;
 
@@ -158,18 +160,22 @@ static void on_step(void *user, const qm_refine_record *record)
         qm_json_add_step(&text, record, p->diagonal);
         qm_text_add_string(&text, "}");
         char *line = qm_text_take(&text);
-        puts(line ? line : "{}");
+        fprintf(p->out, "%s\n", line ? line : "{}");
         free(line);
         return;
     }
     char bound[CLI_BOUND_SIZE];
-    printf("%8zu quads, %3zu patches split, %6zu vertices placed, %4zu in holes, %zu folded",
-           record->step.quads, record->step.patches_split, record->step.moved_vertices,
-           record->step.holes_filled, record->quality.folded);
+    fprintf(p->out,
+            "%8zu quads, %3zu patches split, %6zu vertices placed, %4zu in holes, %zu folded, %zu turned",
+            record->step.quads, record->step.patches_split, record->step.moved_vertices,
+            record->step.holes_filled, record->quality.folded, record->quality.turned);
     if (record->is_measured)
-        printf(", distance at most %s of the diagonal",
-               cli_format_bound(record->upper / p->diagonal, true, bound));
-    printf(", %.1f ms\n", record->step_ms);
+        fprintf(p->out, ", distance at most %s of the diagonal",
+                cli_format_bound(record->upper / p->diagonal, true, bound));
+    if (record->is_measured && record->uncovered + record->beyond > 0)
+        fprintf(p->out, ", %s within what is drawn",
+                cli_format_bound(record->covered / p->diagonal, true, bound));
+    fprintf(p->out, ", %.1f ms\n", record->step_ms);
 }
 
 static bool write_mesh(qm_context *ctx, const question *asked, const qm_mesh *mesh)
@@ -215,7 +221,7 @@ static bool write_picture(const question *asked, const qm_mesh *mesh)
 static int refine_and_write(qm_context *ctx, const question *asked, const qm_source *source,
                             qm_reconstruction *r)
 {
-    printer p = {asked, source->diagonal};
+    printer p = {asked, strcmp(asked->output, "-") == 0 ? stderr : stdout, source->diagonal};
     qm_refine_stop stop;
     qm_status status = qm_refine(ctx, r, source, &asked->goal, on_step, &p, &stop);
     ctx->cancel = NULL; /* what is done is written, also after an interrupt */
@@ -230,9 +236,9 @@ static int refine_and_write(qm_context *ctx, const question *asked, const qm_sou
     qm_reconstruction_coverage(r, &points, &uncovered);
     bool good = write_mesh(ctx, asked, &mesh) && write_picture(asked, &mesh);
     if (good && !asked->as_json)
-        printf("%s: %zu quads in %zu patches; %.2f %% of the surface is covered; stopped by %s\n",
-               asked->output, mesh.face_count, qm_reconstruction_patch_count(r),
-               100.0 * (double)(points - uncovered) / (double)points, qm_refine_stop_name(stop));
+        fprintf(p.out, "%s: %zu quads in %zu patches; %.2f %% of the surface is covered; stopped by %s\n",
+                asked->output, mesh.face_count, qm_reconstruction_patch_count(r),
+                100.0 * (double)(points - uncovered) / (double)points, qm_refine_stop_name(stop));
     qm_mesh_reset(ctx, &mesh);
     bool is_reached =
         stop != QM_REFINE_CANCELED && (!(asked->goal.hausdorff > 0.0) || stop == QM_REFINE_HAUSDORFF);
@@ -270,6 +276,8 @@ int cmd_reconstruct(int argc, char **argv)
     question asked = {.goal = {.measures = true, .thread_count = 1}};
     int status;
     if (!read_options(argc, argv, &asked, &status)) return status;
+    if (!cli_check_writable(asked.output, asked.as_json)) return EXIT_BAD_INPUT;
+    if (asked.picture && !cli_check_writable(asked.picture, asked.as_json)) return EXIT_BAD_INPUT;
     qm_context ctx = qm_context_make();
     ctx.parallel = qm_parallel_run;
     ctx.cancel = &cli_interrupted;

@@ -69,12 +69,12 @@
 /** @typedef {{ collides: boolean, count: number, pairs: CollisionPair[], all_pairs?: [number, number][],
  *   mode: "all" | "first" | "any", quads: QuadReading, tests: number, elapsed_ms: number,
  *   incremental?: boolean }} CollisionResult */
-/** @typedef {{ folded_quads: number, least_jacobian: number, mean_angle_deviation_deg: number,
+/** @typedef {{ folded_quads: number, turned_quads: number, least_jacobian: number, mean_angle_deviation_deg: number,
  *   max_angle_deviation_deg: number, mean_edge_ratio: number, max_edge_ratio: number, mean_warp: number,
  *   max_warp: number }} QuadQuality */
 /** @typedef {{ step: number, quads: number, chords_doubled: number, patches_split: number, moved_vertices: number,
  *   holes_filled: number, longest_edge: number, quality: QuadQuality, hausdorff: LengthInterval | null, covered?: LengthInterval,
- *   mesh_to_points?: LengthInterval, uncovered_points?: number, step_ms: number, measure_ms: number }} StepRecord */
+ *   mesh_to_points?: LengthInterval, uncovered_points?: number, beyond_points?: number, step_ms: number, measure_ms: number }} StepRecord */
 /** @typedef {{ reconstruction: string, mesh: string, quads: number, step_count: number,
  *   stopped_by: "steps" | "max_quads" | "edge_length" | "hausdorff" | "canceled", steps: StepRecord[],
  *   elapsed_ms: number }} StepResult */

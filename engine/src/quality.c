@@ -51,16 +51,52 @@ static void add_quad(const qm_vec corner[4], qm_quality *out)
     out->max_warp = fmax(out->max_warp, bend);
 }
 
+static void load_corners(const qm_mesh *mesh, size_t face, qm_vec corner[4])
+{
+    for (int k = 0; k < 4; k++)
+        corner[k] = qm_vec_load(mesh->positions + 3 * (size_t)mesh->faces[4 * face + (size_t)k]);
+}
+
+static bool look_apart(const qm_mesh *mesh, size_t a, size_t b)
+{
+    qm_vec one[4], other[4];
+    load_corners(mesh, a, one);
+    load_corners(mesh, b, other);
+    return qm_quads_look_apart(qm_quad_normal(one), qm_quad_normal(other));
+}
+
+/** Quads of a grid, the first of which is a face of the mesh, that lie upside down among those beside them.
+ */
+static size_t count_turned(const qm_mesh *mesh, const qm_mesh_grid *grid, size_t first)
+{
+    size_t turned = 0, columns = grid->columns;
+    for (size_t j = 0; j < grid->rows; j++) {
+        for (size_t i = 0; i < columns; i++) {
+            size_t face = first + j * columns + i;
+            int apart = 0;
+            if (i > 0) apart += look_apart(mesh, face, face - 1);
+            if (i + 1 < columns) apart += look_apart(mesh, face, face + 1);
+            if (j > 0) apart += look_apart(mesh, face, face - columns);
+            if (j + 1 < grid->rows) apart += look_apart(mesh, face, face + columns);
+            turned += apart >= 3;
+        }
+    }
+    return turned;
+}
+
 void qm_quality_measure(const qm_mesh *mesh, qm_quality *out)
 {
     *out = (qm_quality){0};
     for (size_t face = 0; face < mesh->face_count; face++) {
-        const uint32_t *index = mesh->faces + 4 * face;
-        if (index[3] == QM_NO_INDEX) continue;
+        if (mesh->faces[4 * face + 3] == QM_NO_INDEX) continue;
         qm_vec corner[4];
-        for (int k = 0; k < 4; k++)
-            corner[k] = qm_vec_load(mesh->positions + 3 * (size_t)index[k]);
+        load_corners(mesh, face, corner);
         add_quad(corner, out);
+    }
+    size_t first = 0;
+    for (size_t g = 0; g < mesh->grid_count; g++) {
+        out->turned += count_turned(mesh, &mesh->grids[g], first);
+        first += (size_t)mesh->grids[g].rows * mesh->grids[g].columns;
     }
     if (out->quads == 0) return;
     out->mean_angle /= (double)out->quads;

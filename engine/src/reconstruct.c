@@ -117,6 +117,7 @@ static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconst
     if (status == QM_OK) status = qm_chords_find(ctx, r);
     if (status == QM_OK) status = qm_tracks_create(ctx, r);
     if (status == QM_OK) status = qm_tracks_detour(ctx, r, first_samples(r));
+    if (status == QM_OK) qm_tracks_straighten(r);
     if (status == QM_OK && old) {
         qm_edit_inherit_counts(r, old);
         qm_edit_inherit_tracks(r, old);

@@ -2,7 +2,8 @@
 
 #include <string.h>
 
-#define FINE_EDGES 64 /* pieces of the fine polyline at least */
+#define FINE_EDGES 64        /* pieces of the fine polyline at least */
+#define STRAIGHTEN_ROUNDS 30 /* of evening out; what strays then is left */
 
 enum { ROW = 3 * sizeof(double) };
 
@@ -35,6 +36,55 @@ static void set_arc(const double *points, size_t count, double *arc)
     arc[0] = 0.0;
     for (size_t i = 1; i < count; i++)
         arc[i] = arc[i - 1] + qm_vec_distance(qm_vec_load(points + 3 * i - 3), qm_vec_load(points + 3 * i));
+}
+
+/** Edge i of a chain leads to point i. */
+static qm_vec edge_to(const double *points, size_t i)
+{
+    return qm_vec_sub(qm_vec_load(points + 3 * i), qm_vec_load(points + 3 * i - 3));
+}
+
+static bool go_apart(const double *points, size_t a, size_t b)
+{
+    return qm_vec_dot(edge_to(points, a), edge_to(points, b)) < 0.0;
+}
+
+/** True when a chain turns back at an inner point and goes on as before soon: round the rim of a sheet it
+ * does not. */
+static bool strays(const double *points, size_t last, size_t i)
+{
+    if (!go_apart(points, i, i + 1)) return false;
+    bool has_before = i > 1, has_after = i + 2 <= last;
+    return (has_before && !go_apart(points, i - 1, i + 1)) || (has_after && !go_apart(points, i, i + 2)) ||
+           (has_before && has_after && !go_apart(points, i - 1, i + 2));
+}
+
+/**
+ * Where points are few or noisy, neighbours of a chain may be pulled past each other, which would turn quads
+ * upside down: there they go to the middle of those beside them, on the surface or not. The ends stay.
+ */
+static bool straighten(double *points, size_t last)
+{
+    bool changed = false, goes_on = true;
+    for (int round = 0; round < STRAIGHTEN_ROUNDS && goes_on; round++) {
+        goes_on = false;
+        for (size_t i = 1; i < last; i++) {
+            double *p = points + 3 * i;
+            if (!strays(points, last, i)) continue;
+            qm_vec_store(p, qm_vec_mix(qm_vec_load(p - 3), qm_vec_load(p + 3), 0.5));
+            changed = goes_on = true;
+        }
+    }
+    return changed;
+}
+
+void qm_tracks_straighten(qm_reconstruction *r)
+{
+    for (size_t i = 0; i < r->layout.curve_count && r->options.pull_curves; i++) {
+        qm_track *track = &r->tracks[i];
+        if (straighten(track->points, track->point_count - 1))
+            set_arc(track->points, track->point_count, track->arc);
+    }
 }
 
 /** Fine points at equal length along a polyline, then on the surface. */
@@ -108,6 +158,7 @@ static qm_status set_vertices(qm_context *ctx, const qm_reconstruction *r, qm_tr
     }
     memcpy(vertices, track->points, ROW);
     memcpy(vertices + 3 * (size_t)edges, track->points + 3 * last, ROW);
+    if (r->options.pull_curves) straighten(vertices, edges);
     qm_context_free(ctx, track->vertices, (size_t)track->vertex_edges + 1, ROW);
     track->vertices = vertices;
     track->vertex_edges = edges;

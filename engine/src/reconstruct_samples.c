@@ -151,8 +151,7 @@ void qm_samples_reset(qm_context *ctx, qm_samples *samples)
     *samples = (qm_samples){0};
 }
 
-/** The patch that a face of the working mesh belongs to; first has the number of each patch's first face. */
-static size_t find_patch(const size_t *first, size_t patch_count, uint32_t face)
+size_t qm_patch_of_face(const size_t *first, size_t patch_count, uint32_t face)
 {
     size_t low = 0, high = patch_count;
     while (high - low > 1) {
@@ -169,7 +168,7 @@ static void set_places(const qm_reconstruction *r, const size_t *first, const qm
                        qm_samples *samples)
 {
     for (size_t i = 0; i < samples->count; i++) {
-        size_t patch = find_patch(first, r->layout.patch_count, feet->face[i]);
+        size_t patch = qm_patch_of_face(first, r->layout.patch_count, feet->face[i]);
         uint32_t columns = r->grids[patch].columns, place = feet->face[i] - (uint32_t)first[patch];
         samples->place[i] = (qm_sample_place){.patch = (uint32_t)patch,
                                               .u = place % columns + feet->uv[2 * i],

@@ -9,6 +9,7 @@
 
 #define LEAST_SINE 0.1 /* at a corner, seen along the quad's normal: below it a quad counts as folded */
 #define ROUNDS 12
+#define UNTURN_ROUNDS 3 /* of smoothing and of laying anew what that cannot mend */
 
 enum { ROW = 3 * sizeof(double) };
 
@@ -35,14 +36,18 @@ typedef struct trial {
     const qm_patch_grid *grid;
     uint32_t i, j;
     double worst;
+    bool pulls; /* places onto the surface */
 } trial;
 
-/** Puts the vertex there, on the surface, when that makes its worst quad better. */
+/** Puts the vertex there when that makes its worst quad better. */
 static bool try_place(trial *t, qm_vec place)
 {
     double *vertex = qm_grid_vertex(t->grid, t->i, t->j), before[3];
     memcpy(before, vertex, ROW);
-    qm_source_place(t->source, place, vertex);
+    if (t->pulls)
+        qm_source_place(t->source, place, vertex);
+    else
+        qm_vec_store(vertex, place);
     double now = worst_around(t->grid, t->i, t->j);
     if (now > t->worst) {
         t->worst = now;
@@ -81,13 +86,22 @@ static bool try_around(trial *t)
     return is_better;
 }
 
+static bool try_places(trial *t)
+{
+    bool is_better = try_middle(t);
+    if (t->worst <= LEAST_SINE) is_better |= try_around(t);
+    return is_better;
+}
+
+/** A point set may have too few points there to tell where its surface lies: rather off it than folded. */
 static bool better_vertex(const qm_source *source, const qm_patch_grid *grid, uint32_t i, uint32_t j)
 {
-    trial t = {source, grid, i, j, worst_around(grid, i, j)};
+    trial t = {source, grid, i, j, worst_around(grid, i, j), true};
     if (t.worst > LEAST_SINE) return false;
-    bool is_better = try_middle(&t);
-    if (t.worst <= LEAST_SINE) is_better |= try_around(&t);
-    return is_better;
+    bool is_better = try_places(&t);
+    if (t.worst > 0.0 || !source->is_cloud) return is_better;
+    t.pulls = false;
+    return try_places(&t) || is_better;
 }
 
 static void smooth_folds(const qm_source *source, const qm_patch_grid *grid)
@@ -103,8 +117,11 @@ static void smooth_folds(const qm_source *source, const qm_patch_grid *grid)
 
 void qm_grid_untangle(const qm_source *source, const qm_patch_grid *grid)
 {
-    smooth_folds(source, grid);
-    if (qm_grid_unturn(source, grid)) smooth_folds(source, grid);
+    bool changed = true;
+    for (int round = 0; round < UNTURN_ROUNDS && changed; round++) {
+        smooth_folds(source, grid);
+        changed = qm_grid_unturn(source, grid);
+    }
 }
 
 void qm_grids_untangle(const qm_reconstruction *r)

@@ -13,6 +13,7 @@
  *   reconstruct_untangle.c folded quads smoothed out
  *   reconstruct_unturn.c   quads upside down laid anew
  *   reconstruct_mesh.c     grids to meshes
+ *   reconstruct_rim.c      the rim of all patches, beyond which nothing was drawn
  *   reconstruct_state.c    copies to go back to when a step fails
  *   reconstruct_edit.c     what stays when the layout is edited
  *   reconstruct_atlas.c    first parameters of samples, along the surface
@@ -153,6 +154,10 @@ qm_status qm_track_lay(qm_context *ctx, const qm_reconstruction *r, const double
 /** Leads curves that jump from one sheet of the surface to another round along it, over so many samples. */
 qm_status qm_tracks_detour(qm_context *ctx, qm_reconstruction *r, size_t wanted);
 
+/** Takes turns back out of the curves, which neighbouring points make when they are pulled past each other.
+ */
+void qm_tracks_straighten(qm_reconstruction *r);
+
 /** Point and direction of a curve at a share of its length. */
 void qm_track_at(const qm_track *track, double share, double position[3], qm_vec *tangent);
 qm_status qm_tracks_set_vertices(qm_context *ctx, qm_reconstruction *r);
@@ -190,6 +195,9 @@ qm_status qm_samples_drop_turned(qm_context *ctx, const qm_reconstruction *r, qm
 /** Makes parameters count the edges of the grids; before, a patch has base edges a side. */
 void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base);
 void qm_samples_reset(qm_context *ctx, qm_samples *samples);
+/** The patch that a face of a mesh of the grids belongs to; first has the number of each patch's first face.
+ */
+size_t qm_patch_of_face(const size_t *first, size_t patch_count, uint32_t face);
 
 /** Places the inner vertices of stale grids. */
 qm_status qm_place_vertices(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples);

@@ -8,7 +8,7 @@ import pytest
 
 import shapes
 from conftest import WAIT, check_problem, ndjson
-from test_layouts import edit, on_saddle, saddle_layout, saddle  # noqa: F401 (saddle is a fixture)
+from test_layouts import PLACES, curve, edit, on_saddle, saddle_layout, saddle, stroke  # noqa: F401 (saddle is a fixture)
 
 
 def points(count, seed):
@@ -88,7 +88,7 @@ def test_the_shape_of_the_quads_is_told(client, saddle):
     places = [[float(x) for x in text[4 + 3 * i:7 + 3 * i]] for i in range(vertices)]
     rows = [[int(x) for x in text[5 + 3 * vertices + 5 * i:9 + 3 * vertices + 5 * i]] for i in range(faces)]
     quads = [[places[i] for i in row] for row in rows]
-    assert told["folded_quads"] == 0
+    assert told["folded_quads"] == 0 and told["turned_quads"] == 0
     assert told["least_jacobian"] == pytest.approx(min(sine for quad in quads for sine in corner_sines(quad)))
     ratios = []
     for quad in quads:
@@ -110,6 +110,46 @@ def test_a_point_set_becomes_quads(client):
     assert last["hausdorff"]["upper_relative"] <= 0.003
     assert last["mesh_to_points"]["upper"] >= last["mesh_to_points"]["lower"] > 0
     assert last["uncovered_points"] == 0
+
+
+def test_what_is_not_drawn_does_not_keep_a_goal_away(client):
+    """One of the two patches alone: points beyond its rim are told of, and the distance is that of the others."""
+    cloud = client.upload(points(6000, seed=11), format="xyz")["id"]
+    whole = saddle_layout()
+    first = whole["patches"][0]
+    half = {**whole, "curves": [line for line in whole["curves"] if line["id"] in first], "patches": [first]}
+    layout = client.post("/v1/layouts", json={"mesh": cloud, **half}).json()
+    assert len(layout["patches"]) == 1
+    made = client.post("/v1/reconstructions", json={"layout": layout["id"]}).json()
+    done = refine(client, made, until={"hausdorff_relative": 0.003, "max_quads": 5000})["result"]
+    last = done["steps"][-1]
+    assert done["stopped_by"] == "hausdorff" and last["covered"]["upper_relative"] <= 0.003
+    assert last["hausdorff"]["upper_relative"] > 0.2
+    assert last["uncovered_points"] + last["beyond_points"] == pytest.approx(3000, rel=0.1)
+    assert last["beyond_points"] > 0
+
+
+def test_strokes_over_points_become_quads(client):
+    """All by the window: five strokes over a point set, a goal of distance, a stroke that moves one border."""
+    cloud = client.upload(points(20000, seed=12), format="xyz")["id"]
+    layout = client.post("/v1/layouts", json={"mesh": cloud}).json()
+    inside = [(0.8 * x, 0.8 * y) for x, y in PLACES]
+    for a, b in [(0, 2), (2, 3), (3, 5), (5, 0), (1, 4)]:
+        layout = edit(client, layout, "strokes", **stroke(curve(inside[a], inside[b], 40)))
+    assert layout["complete"] and len(layout["patches"]) == 2
+    made = client.post("/v1/reconstructions", json={"layout": layout["id"]}).json()
+    done = refine(client, made, until={"hausdorff_relative": 2e-3, "max_quads": 20000})["result"]
+    last = done["steps"][-1]
+    assert done["stopped_by"] == "hausdorff" and last["covered"]["upper_relative"] <= 2e-3
+    assert last["quality"]["folded_quads"] == last["quality"]["turned_quads"] == 0
+    assert all(abs(z - x * y) < 0.01 for x, y, z in places(client, done["mesh"]))
+    rim = next(line for line in layout["curves"] if all(x < -0.7 for x, _, _ in line["points"]))
+    ends = [tuple(rim["points"][k][:2]) for k in (0, -1)]
+    bent = [(x - 0.1 * math.sin(math.pi * k / 40), y) for k, (x, y, _) in enumerate(curve(*ends, 40))]
+    layout = edit(client, layout, f"curves/{rim['id']}/redraw", **stroke([on_saddle(*place) for place in bent]))
+    now = client.put(f"/v1/reconstructions/{made['id']}/layout", json={"layout": layout["id"]}).json()
+    assert now["redone_patches"] == 1 and now["quads"] == done["quads"]
+    assert min(x for x, _, _ in places(client, now["mesh"])) < -0.88
 
 
 def test_steps_are_streamed(client, saddle):

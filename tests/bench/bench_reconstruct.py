@@ -78,6 +78,11 @@ def find_layout(name):
     return own if own.exists() else meshes.data_folder() / "layouts" / f"{name}.json"
 
 
+def count_bad(step):
+    """Quads that are folded or upside down."""
+    return str(step["quality"]["folded_quads"] + step["quality"]["turned_quads"])
+
+
 def compare(model):
     """Ours at 8000 quads and an automatic quadrangulator's mesh, whose distance is scaled to as many."""
     tri, automatic = (meshes.data_folder() / "pairs" / model / name for name in ("tri.obj", "quad_qf.obj"))
@@ -91,7 +96,7 @@ def compare(model):
                       for mesh in (OUT, automatic))
         row[quads] = {"ours": own["upper_relative"], "scaled": other["lower_relative"] * count / ours}
         cells.append(f"{row[quads]['ours']:.2e} / {row[quads]['scaled']:.2e}")
-    return row, [*cells, str(row["steps"][-1]["quality"]["folded_quads"])]
+    return row, [*cells, count_bad(row["steps"][-1])]
 
 
 def describe_steps(steps):
@@ -111,7 +116,7 @@ def describe_layout(name, surface, row):
         return [name, surface, row["failed"], *[""] * 3]
     last, whole = row["steps"][-1], row["mesh"]["kind"] == "quads" and row["mesh"]["manifold"]
     return [name, surface, describe_steps(row["steps"]), str(last["holes_filled"]),
-            str(last["quality"]["folded_quads"]), str(row["mesh"]["irregular_vertices"]) if whole else "broken"]
+            count_bad(last), str(row["mesh"]["irregular_vertices"]) if whole else "broken"]
 
 
 def run(settings, programs, pairs, say):
@@ -140,8 +145,8 @@ def run(settings, programs, pairs, say):
     if lines:
         print("\nQuads and the distance after the last steps, as a share of the diagonal (two-sided on meshes, points to "
               "mesh on point sets), in brackets how many times nearer four times the quads come at that pace; at the end "
-              "vertices that no points enclose, folded quads, irregular vertices:\n")
-        print(tables.table(["layout", "surface", "quads: distance", "holes:", "folded:", "irregular:"], lines))
+              "vertices that no points enclose, quads folded or upside down, irregular vertices:\n")
+        print(tables.table(["layout", "surface", "quads: distance", "holes:", "bad:", "irregular:"], lines))
     lines = []
     for model in ("spot", "bunny"):
         if not (meshes.data_folder() / "pairs" / model).exists():
@@ -154,5 +159,5 @@ def run(settings, programs, pairs, say):
             faults.append(f"{model}: {row['failed']}")
     if lines:
         print("\nTwo-sided distance as a share of the diagonal, ours / QuadriFlow's scaled to as many quads:\n")
-        print(tables.table(["", "as triangles:", "bilinear:", "folded:"], lines))
+        print(tables.table(["", "as triangles:", "bilinear:", "bad:"], lines))
     return rows, faults

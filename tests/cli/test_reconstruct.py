@@ -66,6 +66,14 @@ def test_goals_and_exit_status(quadmesh, surface, layout):
     assert len(steps) == 3 and steps[0]["hausdorff"] is None
 
 
+@pytest.mark.parametrize("form", [(), ("--json",)])
+def test_standard_output_holds_the_mesh_alone(quadmesh, surface, layout, tmp_path, form):
+    assert quadmesh("reconstruct", surface, layout, "-o", "out.ply", "--steps", 3).returncode == 0
+    done = quadmesh("reconstruct", surface, layout, "-o", "-", "--steps", 3, *form, text=False)
+    assert done.returncode == 0 and done.stdout == (tmp_path / "out.ply").read_bytes()
+    assert len(done.stderr.splitlines()) >= 3
+
+
 def test_threads_do_not_change_the_mesh(quadmesh, surface, layout, tmp_path):
     for threads in (1, 3):
         done = quadmesh("reconstruct", surface, layout, "-o", f"{threads}.ply", "--quads", 1100, "--threads", threads)
@@ -96,7 +104,10 @@ def test_bad_files_and_usage(quadmesh, surface, layout, tmp_path):
     assert quadmesh("reconstruct", surface, "nowhere.json", "-o", "out.obj").returncode == 1
     assert quadmesh("reconstruct", "nowhere.obj", layout, "-o", "out.obj").returncode == 1
     done = quadmesh("reconstruct", surface, layout, "-o", "no/such/folder.obj")
-    assert done.returncode == 1 and "cannot be written" in done.stderr
+    assert done.returncode == 1 and "cannot be written" in done.stderr and done.stdout == ""
+    done = quadmesh("reconstruct", surface, layout, "-o", "out.obj", "--picture", "no/such/picture.png")
+    assert done.returncode == 1 and "picture.png: cannot be written" in done.stderr and done.stdout == ""
+    assert not (tmp_path / "out.obj").exists()
     for arguments in ((surface, layout), (surface, "-o", "x"), (surface, layout, "-o", "x", "--quads", "0"),
                       (surface, layout, "-o", "x", "--quads", "1.5"), (surface, layout, "-o", "x", "--edge", "-1"),
                       (surface, layout, "-o", "x", "--colour")):

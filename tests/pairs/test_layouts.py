@@ -60,7 +60,7 @@ def test_a_layout_becomes_a_semi_regular_mesh(tmp_path, layout, surface, reach):
     irregular = sum(valence != 4 for node, valence in enumerate(degree) if node not in rim)
     assert found["irregular_vertices"] == irregular
     assert found["boundary_edges"] == 0 or rim
-    assert all(step["quality"]["folded_quads"] == 0 for step in steps)
+    assert all(step["quality"]["folded_quads"] + step["quality"]["turned_quads"] == 0 for step in steps)
     bounds = [step["hausdorff"] for step in steps]
     # A step's distance to a mesh may be cut short by a deadline.
     last = bounds[-1] if surface.startswith("clouds/") else distance(DATA / surface, tmp_path / "out.obj", "triangles")
@@ -68,6 +68,19 @@ def test_a_layout_becomes_a_semi_regular_mesh(tmp_path, layout, surface, reach):
     # Two steps double both directions.
     for before, after in zip(bounds, bounds[2:]):
         assert after["lower_relative"] <= before["upper_relative"] + 2e-3
+
+
+@pytest.mark.parametrize("layout", ["bunny_coarse", "bunny_coarse_sketched", "spot_coarse"])
+def test_no_quad_is_folded_or_upside_down_where_points_are_few(tmp_path, layout):
+    """About as many quads as points, or more of them."""
+    clouds = ["spot_10k.ascii.ply"] if layout == "spot_coarse" else [
+        f"bunny_{name}.ply" for name in ("100k", "40k_no_normals", "40k_noise_0.2pct", "40k_outliers_1pct", "uneven")]
+    for cloud in clouds:
+        steps = reconstruct("clouds/" + cloud, DATA / f"layouts/{layout}.json", tmp_path / "out.obj", "--quads", 30000,
+                            "--no-measure")
+        assert steps[-1]["quads"] > 20000
+        found = [(step["quality"]["folded_quads"], step["quality"]["turned_quads"]) for step in steps]
+        assert found == [(0, 0)] * len(steps), cloud
 
 
 @pytest.mark.parametrize("layout, surface, counts", [

@@ -97,13 +97,44 @@ static void means_are_over_all_quads(void **state)
     qm_shape_free(&other);
 }
 
+/** A grid of 5 by 3 unit squares, the middle one upside down: its corners are changed over from left to
+ * right. */
+static void quads_upside_down_are_counted(void **state)
+{
+    (void)state;
+    qm_mesh mesh = qm_shape_make(24, 15);
+    for (uint32_t v = 0; v < 24; v++) {
+        mesh.positions[3 * v] = v % 6;
+        mesh.positions[3 * v + 1] = v / 6;
+    }
+    for (uint32_t face = 0; face < 15; face++) {
+        uint32_t corner = face / 5 * 6 + face % 5;
+        const uint32_t index[4] = {corner, corner + 1, corner + 7, corner + 6};
+        memcpy(mesh.faces + 4 * face, index, sizeof index);
+    }
+    qm_mesh_grid grid = {.rows = 3, .columns = 5};
+    mesh.grids = &grid;
+    mesh.grid_count = 1;
+    qm_quality found;
+    qm_quality_measure(&mesh, &found);
+    assert_int_equal(found.turned, 0);
+    for (uint32_t row = 1; row < 3; row++) {
+        mesh.positions[3 * (6 * row + 2)] = 2.6;
+        mesh.positions[3 * (6 * row + 3)] = 2.4;
+    }
+    qm_quality_measure(&mesh, &found);
+    assert_int_equal(found.turned, 1);
+    mesh.grids = NULL;
+    mesh.grid_count = 0;
+    qm_shape_free(&mesh);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(known_quads_have_known_shapes),
-        cmocka_unit_test(bad_quads_are_counted),
-        cmocka_unit_test(triangles_do_not_count),
-        cmocka_unit_test(means_are_over_all_quads),
+        cmocka_unit_test(known_quads_have_known_shapes), cmocka_unit_test(bad_quads_are_counted),
+        cmocka_unit_test(triangles_do_not_count),        cmocka_unit_test(means_are_over_all_quads),
+        cmocka_unit_test(quads_upside_down_are_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

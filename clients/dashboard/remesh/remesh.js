@@ -114,7 +114,7 @@ export function showRemesh(panel) {
     const result = await picture.showError(distanceOf(last)?.upper);
     if (!result) return;
     heat.setAttribute("aria-pressed", "true");
-    const isPart = Boolean(last?.uncovered_points);
+    const isPart = Boolean(last?.uncovered_points || last?.beyond_points);
     outcome.textContent = isPart ? "What no patch covers is beyond the scale."
       : `The surface lies ${percent(result.mean.upper_relative)} of its diagonal from the quads in the mean, ${percent(result.max.upper_relative)} at most`;
   }

@@ -15,7 +15,8 @@ export function drawBounds(place, last) {
   const bound = (/** @type {"lower" | "upper"} */ name) => h("div", {},
     h("dt", {}, h("span", { className: `swatch ${name}` }), `${name} bound`),
     h("dd", {}, length(hausdorff?.[name], 6), h("div", { className: "relative" }, `${percent(hausdorff?.[`${name}_relative`])} of the diagonal`)));
-  const { uncovered_points: others, mesh_to_points: back } = last ?? {};
+  const { uncovered_points: uncovered = 0, beyond_points: beyond = 0, mesh_to_points: back } = last ?? {};
+  const others = uncovered + beyond;
   const more = [others ? `${count(others)} points that no patch covers are left out` : "",
     back ? `The quads lie ${percent(back.upper_relative)} from the points at most` : ""].filter((words) => words !== "");
   place.replaceChildren(h("dl", { className: "bounds" }, bound("lower"), bound("upper")),

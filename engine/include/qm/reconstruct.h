@@ -102,6 +102,25 @@ qm_reconstruction_patch qm_reconstruction_get_patch(const qm_reconstruction *rec
 /** Points or samples looked at, and those farther than the cover distance from all patches. */
 void qm_reconstruction_coverage(const qm_reconstruction *reconstruction, size_t *points, size_t *uncovered);
 
+/**
+ * The rim of all patches together: points of the curves that one patch alone has, on the surface.
+ *
+ * points   rows of x y z, the caller's, for qm_context_free; NULL where there is no rim
+ * Returns QM_OK; QM_E_NO_MEMORY.
+ */
+qm_status qm_reconstruction_rim(qm_context *ctx, const qm_reconstruction *reconstruction, double **points,
+                                size_t *count);
+
+/**
+ * Tells which places on the mesh as it is now lie on its rim. A point whose nearest place is one of them may
+ * lie anywhere beyond what was drawn.
+ *
+ * faces, uv   of the places, as projections tell them: faces of the mesh, rows of u v
+ * Returns QM_OK; QM_E_NO_MEMORY.
+ */
+qm_status qm_reconstruction_find_rim(qm_context *ctx, const qm_reconstruction *reconstruction,
+                                     const uint32_t *faces, const double *uv, size_t count, bool *on_rim);
+
 /** What counts as covered: the cover share in the unit of the surface. */
 double qm_reconstruction_cover_distance(const qm_reconstruction *reconstruction);
 
