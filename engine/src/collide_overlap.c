@@ -21,65 +21,10 @@ typedef struct overlap_work {
     const qm_kernel *kernel;
     const qm_mesh *mesh[2];
     qm_cell_grid grid;
-    qm_cell *cells[2];     /* of each vertex */
-    qm_cell_row *marks[2]; /* where each mesh has faces */
+    qm_cell *cells[2];       /* of each vertex */
+    qm_cell_marks *marks[2]; /* where each mesh has faces */
     qm_overlap *out;
 } overlap_work;
-
-/** Where the rows of a box lie. */
-typedef struct row_range {
-    uint32_t x[2], y[2];
-    qm_cell_row bits; /* of the cells in each */
-    bool is_small;    /* two by two rows at most, which then are taken without branches */
-} row_range;
-
-static inline uint32_t axis_cell(qm_cell c, int shift)
-{
-    return c >> shift & 0xff;
-}
-
-static inline row_range find_rows(const qm_cell_boxes *boxes, int i)
-{
-    qm_cell low = boxes->low[i], high = boxes->high[i];
-    row_range rows = {.x = {axis_cell(low, QM_CELL_X), axis_cell(high, QM_CELL_X)},
-                      .y = {axis_cell(low, QM_CELL_Y), axis_cell(high, QM_CELL_Y)}};
-    uint32_t first = axis_cell(low, QM_CELL_Z), last = axis_cell(high, QM_CELL_Z);
-    rows.bits = (((qm_cell_row)2 << (last - first)) - 1) << first;
-    rows.is_small = rows.x[1] - rows.x[0] < 2 && rows.y[1] - rows.y[0] < 2;
-    return rows;
-}
-
-static inline size_t row_place(const qm_cell_grid *grid, uint32_t x, uint32_t y)
-{
-    return x * (size_t)qm_cell_stride(grid) + y;
-}
-
-static inline size_t count_rows(const row_range *rows)
-{
-    return (rows->x[1] - rows->x[0] + 1) * (size_t)(rows->y[1] - rows->y[0] + 1);
-}
-
-static inline void mark_rows(const qm_cell_grid *grid, qm_cell_row *marks, const row_range *rows)
-{
-    if (rows->is_small) {
-        for (int i = 0; i < 4; i++)
-            marks[row_place(grid, rows->x[i / 2], rows->y[i % 2])] |= rows->bits;
-        return;
-    }
-    for (uint32_t x = rows->x[0]; x <= rows->x[1]; x++)
-        for (uint32_t y = rows->y[0]; y <= rows->y[1]; y++)
-            marks[row_place(grid, x, y)] |= rows->bits;
-}
-
-static bool rows_are_marked(const qm_cell_grid *grid, const qm_cell_row *marks, const row_range *rows)
-{
-    if (count_rows(rows) > MOST_ROWS) return true;
-    qm_cell_row found = 0;
-    for (uint32_t x = rows->x[0]; x <= rows->x[1]; x++)
-        for (uint32_t y = rows->y[0]; y <= rows->y[1]; y++)
-            found |= marks[row_place(grid, x, y)];
-    return (found & rows->bits) != 0;
-}
 
 /** The cells of up to QM_CELL_FACES faces from the first on; bits of those that are not all outside on one
  * side of the grid. */
@@ -100,12 +45,13 @@ static inline unsigned find_boxes(const overlap_work *work, int side, size_t fir
 static inline unsigned find_near(const overlap_work *work, int side, const qm_cell_boxes *boxes,
                                  unsigned faces)
 {
-    const qm_cell_row *marks = work->marks[1 - side];
+    const qm_cell_marks *marks = work->marks[1 - side];
     unsigned large, near = work->kernel->cells_marked(&work->grid, marks, boxes, &large);
     for (large &= faces; large; large &= large - 1) {
         int i = __builtin_ctz(large);
-        row_range rows = find_rows(boxes, i);
-        near |= (unsigned)rows_are_marked(&work->grid, marks, &rows) << i;
+        qm_cell_rows rows = qm_cell_rows_find(boxes->low[i], boxes->high[i]);
+        bool is_near = qm_cell_rows_count(&rows) > MOST_ROWS || qm_cell_marks_meet(&work->grid, marks, &rows);
+        near |= (unsigned)is_near << i;
     }
     return near & faces;
 }
@@ -117,12 +63,14 @@ static bool mark_faces(overlap_work *work)
     for (size_t first = 0; first < count; first += QM_CELL_FACES) {
         qm_cell_boxes boxes;
         for (unsigned faces = find_boxes(work, 1, first, &boxes); faces; faces &= faces - 1) {
-            row_range rows = find_rows(&boxes, __builtin_ctz(faces));
-            if (count_rows(&rows) > rows_left) return false;
-            rows_left -= count_rows(&rows);
-            mark_rows(&work->grid, work->marks[1], &rows);
+            int i = __builtin_ctz(faces);
+            qm_cell_rows rows = qm_cell_rows_find(boxes.low[i], boxes.high[i]);
+            if (qm_cell_rows_count(&rows) > rows_left) return false;
+            rows_left -= qm_cell_rows_count(&rows);
+            qm_cell_marks_add(&work->grid, work->marks[1], &rows);
         }
     }
+    qm_cell_marks_spread(&work->grid, work->marks[1]);
     return true;
 }
 
@@ -164,12 +112,13 @@ static qm_status keep_near(overlap_work *work, int side)
         for (faces = find_near(work, side, &boxes, faces); faces; faces &= faces - 1) {
             int i = __builtin_ctz(faces);
             size_t face = first + (size_t)i;
-            row_range rows = find_rows(&boxes, i);
-            if (side == 0) mark_rows(&work->grid, work->marks[0], &rows);
+            qm_cell_rows rows = qm_cell_rows_find(boxes.low[i], boxes.high[i]);
+            if (side == 0) qm_cell_marks_add(&work->grid, work->marks[0], &rows);
             memcpy(part->faces + 4 * part->face_count, mesh->faces + 4 * face, 4 * sizeof *part->faces);
             part->face_origin[part->face_count++] = qm_mesh_input_face(mesh, (uint32_t)face);
         }
     }
+    if (side == 0) qm_cell_marks_spread(&work->grid, work->marks[0]);
     work->out->is_empty |= part->face_count == 0;
     return QM_OK;
 }
@@ -177,7 +126,8 @@ static qm_status keep_near(overlap_work *work, int side)
 static qm_status find_parts(overlap_work *work)
 {
     for (int side = 0; side < 2; side++) {
-        qm_cell_grid_find(&work->grid, work->mesh[side], work->cells[side]);
+        work->kernel->vertex_cells(&work->grid, work->mesh[side]->positions, work->mesh[side]->vertex_count,
+                                   work->cells[side]);
         memset(work->marks[side], 0, (work->grid.row_count + 1) * sizeof *work->marks[side]);
     }
     bool pays = mark_faces(work) && would_pay(work);
@@ -188,17 +138,17 @@ static qm_status find_parts(overlap_work *work)
 static qm_status run(overlap_work *work)
 {
     qm_context *ctx = work->ctx;
-    size_t row_count = work->grid.row_count + 1; /* what is looked up may reach over the end */
+    size_t row_count = work->grid.row_count + 1; /* what is looked up at a time may reach over the end */
     bool has_memory = true;
     for (int side = 0; side < 2; side++) {
         work->cells[side] = qm_context_alloc(ctx, work->mesh[side]->vertex_count, sizeof(qm_cell));
-        work->marks[side] = qm_context_alloc_aligned(ctx, row_count, sizeof(qm_cell_row));
+        work->marks[side] = qm_context_alloc_aligned(ctx, row_count, sizeof(qm_cell_marks));
         has_memory &= work->cells[side] && work->marks[side];
     }
     qm_status status = has_memory ? find_parts(work) : QM_E_NO_MEMORY;
     for (int side = 0; side < 2; side++) {
         qm_context_free(ctx, work->cells[side], work->mesh[side]->vertex_count, sizeof(qm_cell));
-        qm_context_free_aligned(ctx, work->marks[side], row_count, sizeof(qm_cell_row));
+        qm_context_free_aligned(ctx, work->marks[side], row_count, sizeof(qm_cell_marks));
     }
     return status;
 }
