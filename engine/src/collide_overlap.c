@@ -16,6 +16,8 @@
 #define FEWEST_FACES 2000       /* of both meshes; for fewer it doesn't pay either */
 #define SAMPLE_STEP 31          /* eight faces of so many times eight tell what share would go */
 
+typedef uint8_t near_bits; /* of QM_CELL_FACES faces */
+
 typedef struct overlap_work {
     qm_context *ctx;
     const qm_kernel *kernel;
@@ -87,40 +89,58 @@ static bool would_pay(const overlap_work *work)
     return 3 * near <= 2 * looked_at;
 }
 
-static qm_status make_room(overlap_work *work, int side)
+/** Finds the faces of one mesh that are near marked cells of the other, a bit each, and marks their own cells
+ * where those will be looked up. Returns how many there are. */
+static size_t find_near_faces(overlap_work *work, int side, near_bits *near)
 {
-    size_t count = work->mesh[side]->face_count;
+    size_t count = work->mesh[side]->face_count, found = 0;
+    for (size_t first = 0; first < count; first += QM_CELL_FACES) {
+        qm_cell_boxes boxes;
+        unsigned faces = find_boxes(work, side, first, &boxes);
+        if (faces) faces = find_near(work, side, &boxes, faces);
+        near[first / QM_CELL_FACES] = (near_bits)faces;
+        found += (size_t)__builtin_popcount(faces);
+        for (; side == 0 && faces; faces &= faces - 1) {
+            int i = __builtin_ctz(faces);
+            qm_cell_rows rows = qm_cell_rows_find(boxes.low[i], boxes.high[i]);
+            qm_cell_marks_add(&work->grid, work->marks[0], &rows);
+        }
+    }
+    if (side == 0) qm_cell_marks_spread(&work->grid, work->marks[0]);
+    return found;
+}
+
+static qm_status copy_faces(const overlap_work *work, int side, const near_bits *near, size_t count)
+{
+    const qm_mesh *mesh = work->mesh[side];
     qm_mesh *part = &work->out->part[side];
     work->out->capacity[side] = count;
     part->faces = qm_context_alloc(work->ctx, count, 4 * sizeof *part->faces);
     part->face_origin = qm_context_alloc(work->ctx, count, sizeof *part->face_origin);
     part->face_count = 0;
-    return part->faces && part->face_origin ? QM_OK : QM_E_NO_MEMORY;
-}
-
-/** Keeps the faces of one mesh that are near marked cells of the other, and marks theirs. */
-static qm_status keep_near(overlap_work *work, int side)
-{
-    const qm_mesh *mesh = work->mesh[side];
-    qm_mesh *part = &work->out->part[side];
-    qm_status status = make_room(work, side);
-    if (status != QM_OK) return status;
+    if (!part->faces || !part->face_origin) return QM_E_NO_MEMORY;
     for (size_t first = 0; first < mesh->face_count; first += QM_CELL_FACES) {
-        qm_cell_boxes boxes;
-        unsigned faces = find_boxes(work, side, first, &boxes);
-        if (!faces) continue;
-        for (faces = find_near(work, side, &boxes, faces); faces; faces &= faces - 1) {
-            int i = __builtin_ctz(faces);
-            size_t face = first + (size_t)i;
-            qm_cell_rows rows = qm_cell_rows_find(boxes.low[i], boxes.high[i]);
-            if (side == 0) qm_cell_marks_add(&work->grid, work->marks[0], &rows);
+        for (unsigned faces = near[first / QM_CELL_FACES]; faces; faces &= faces - 1) {
+            size_t face = first + (size_t)__builtin_ctz(faces);
             memcpy(part->faces + 4 * part->face_count, mesh->faces + 4 * face, 4 * sizeof *part->faces);
             part->face_origin[part->face_count++] = qm_mesh_input_face(mesh, (uint32_t)face);
         }
     }
-    if (side == 0) qm_cell_marks_spread(&work->grid, work->marks[0]);
-    work->out->is_empty |= part->face_count == 0;
     return QM_OK;
+}
+
+/** Keeps the faces of one mesh that are near marked cells of the other. They are counted first: room for all
+ * of them would be memory that is asked for and given back each time. */
+static qm_status keep_near(overlap_work *work, int side)
+{
+    size_t blocks = (work->mesh[side]->face_count + QM_CELL_FACES - 1) / QM_CELL_FACES;
+    near_bits *near = qm_context_alloc(work->ctx, blocks, sizeof *near);
+    if (!near) return QM_E_NO_MEMORY;
+    size_t count = find_near_faces(work, side, near);
+    work->out->is_empty |= count == 0;
+    qm_status status = count > 0 ? copy_faces(work, side, near, count) : QM_OK;
+    qm_context_free(work->ctx, near, blocks, sizeof *near);
+    return status;
 }
 
 static qm_status find_parts(overlap_work *work)
