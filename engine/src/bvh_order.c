@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "hilbert.h"
+#include "kernel.h"
 
 #define MAX_WORKERS 64
 #define MOST_BY_8_BITS 8192 /* faces: cells of a curve of 8 bits that a surface meets, over eight or so */
@@ -52,22 +53,30 @@ static void mark_used(void *data, int worker)
     }
 }
 
-/** Box of all vertices, or of those that faces use. */
-static void find_box(void *data, int worker)
+/** Box of the vertices that faces use. */
+static qm_box box_of_used(const order_work *work, size_t begin, size_t end)
 {
-    order_work *work = data;
     qm_box box = {{DBL_MAX, DBL_MAX, DBL_MAX}, {-DBL_MAX, -DBL_MAX, -DBL_MAX}};
-    size_t begin, end;
-    own_range(work, work->mesh->vertex_count, worker, &begin, &end);
     for (size_t i = begin; i < end; i++) {
-        if (work->marks_used && !work->vertices[i]) continue;
+        if (!work->vertices[i]) continue;
         const double *p = work->mesh->positions + 3 * i;
         for (int k = 0; k < 3; k++) {
             box.min[k] = p[k] < box.min[k] ? p[k] : box.min[k];
             box.max[k] = p[k] > box.max[k] ? p[k] : box.max[k];
         }
     }
-    work->box[worker] = box;
+    return box;
+}
+
+static void find_box(void *data, int worker)
+{
+    order_work *work = data;
+    size_t begin, end;
+    own_range(work, work->mesh->vertex_count, worker, &begin, &end);
+    if (work->marks_used)
+        work->box[worker] = box_of_used(work, begin, end);
+    else
+        qm_kernel_get()->vertex_box(work->mesh->positions + 3 * begin, end - begin, &work->box[worker]);
 }
 
 qm_frame qm_frame_make(const qm_box *box)

@@ -107,9 +107,9 @@ static bool arrays_are_equal(const void *a, const void *b, size_t size)
 bool qm_collide_are_twins(const qm_mesh *a, const qm_mesh *b)
 {
     return a->vertex_count == b->vertex_count && a->face_count == b->face_count &&
+           arrays_are_equal(a->positions, b->positions, a->vertex_count * 3 * sizeof *a->positions) &&
            arrays_are_equal(a->faces, b->faces, a->face_count * 4 * sizeof *a->faces) &&
-           arrays_are_equal(a->face_origin, b->face_origin, a->face_count * sizeof *a->face_origin) &&
-           arrays_are_equal(a->positions, b->positions, a->vertex_count * 3 * sizeof *a->positions);
+           arrays_are_equal(a->face_origin, b->face_origin, a->face_count * sizeof *a->face_origin);
 }
 
 qm_status qm_collide_meshes(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,

@@ -6,22 +6,11 @@
 
 #include <math.h>
 
+#include "kernel.h"
+
 #define MOST_CELLS 160   /* along an axis: cells 0 to MOST_CELLS + 1 are a byte */
 #define MOST_IN_ROW 62   /* along the shortest axis: a row is a word */
-#define FACES_A_CELL 2.0 /* the square root of the faces over it are the cells along the longest axis */
-
-static qm_box vertex_box(const qm_mesh *mesh)
-{
-    qm_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (size_t i = 0; i < mesh->vertex_count; i++) {
-        for (int k = 0; k < 3; k++) {
-            double x = mesh->positions[3 * i + (size_t)k];
-            box.min[k] = x < box.min[k] ? x : box.min[k];
-            box.max[k] = x > box.max[k] ? x : box.max[k];
-        }
-    }
-    return box;
-}
+#define FACES_A_CELL 2.5 /* the square root of the faces over it are the cells along the longest axis */
 
 /** Puts the shortest axis last. */
 static void order_axes(const qm_box *box, int axis[3])
@@ -48,8 +37,10 @@ static bool common_box(const qm_box *a, const qm_box *b, qm_box *out)
 
 bool qm_cell_grid_lay(const qm_mesh *const mesh[2], qm_cell_grid *grid)
 {
-    qm_box a = vertex_box(mesh[0]), b = vertex_box(mesh[1]), box;
-    if (!common_box(&a, &b, &box)) return false;
+    qm_box own[2], box;
+    for (int side = 0; side < 2; side++)
+        qm_kernel_get()->vertex_box(mesh[side]->positions, mesh[side]->vertex_count, &own[side]);
+    if (!common_box(&own[0], &own[1], &box)) return false;
     order_axes(&box, grid->axis);
     double faces = (double)(mesh[0]->face_count + mesh[1]->face_count) / 2.0, longest = 0.0;
     double cells = fmin(sqrt(faces) / FACES_A_CELL, MOST_CELLS);
@@ -67,22 +58,4 @@ bool qm_cell_grid_lay(const qm_mesh *const mesh[2], qm_cell_grid *grid)
     }
     grid->row_count = (grid->count[0] + 2) * (size_t)(grid->count[1] + 2);
     return true;
-}
-
-static uint32_t find_cell(const qm_cell_grid *grid, int k, double x)
-{
-    double place = (x - grid->low[k]) * grid->scale[k], last = grid->count[k] - 1.0;
-    place = place > 0.0 ? place : 0.0;
-    uint32_t inside = 1 + (uint32_t)(int32_t)(place < last ? place : last);
-    return x < grid->low[k] ? 0 : x > grid->high[k] ? grid->count[k] + 1 : inside;
-}
-
-void qm_cell_grid_find(const qm_cell_grid *grid, const qm_mesh *mesh, qm_cell *cells)
-{
-    for (size_t i = 0; i < mesh->vertex_count; i++) {
-        const double *p = mesh->positions + 3 * i;
-        cells[i] = find_cell(grid, 0, p[grid->axis[0]]) << QM_CELL_X |
-                   find_cell(grid, 1, p[grid->axis[1]]) << QM_CELL_Y |
-                   find_cell(grid, 2, p[grid->axis[2]]) << QM_CELL_Z;
-    }
 }

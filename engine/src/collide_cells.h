@@ -34,9 +34,6 @@ typedef struct qm_cell_boxes {
 /** Lays the grid over what the boxes of two meshes' vertices have in common; false when that is nothing. */
 bool qm_cell_grid_lay(const qm_mesh *const mesh[2], qm_cell_grid *grid);
 
-/** Finds the cell of each vertex. */
-void qm_cell_grid_find(const qm_cell_grid *grid, const qm_mesh *mesh, qm_cell *cells);
-
 /** Rows from one x to the next are this many apart. */
 static inline uint32_t qm_cell_stride(const qm_cell_grid *grid)
 {

@@ -12,6 +12,8 @@
 #include "bvh_tree.h"
 
 #define QM_LEAF_NONE UINT32_MAX
+#define QM_LEAF_ROUNDING 0x1p-23f /* of a coordinate in single precision, relative; twice what is */
+#define QM_LEAF_UNDERFLOW 1e-36f  /* more than what products of coordinates lose to underflow */
 
 /** Whose faces are compared. */
 typedef enum qm_collide_kind {
@@ -36,7 +38,6 @@ typedef struct qm_leaf {
     float size[QM_PACK_LANES];       /* the longest side of the lane's box and a little more */
     uint32_t mark[3][QM_PACK_LANES]; /* equal for corners that are one: the vertex within one mesh;
                                         between two, what its position is mixed to */
-    uint32_t face[QM_PACK_LANES];    /* in the numbering of the input */
     qm_vec middle;                   /* in the frame of the search */
     float box_low[3], box_high[3];   /* of all lanes, from the middle */
     float reach;                     /* greatest coordinate of a corner by magnitude */

@@ -16,70 +16,17 @@
 #define FEWEST_FACES 2000       /* of both meshes; for fewer it doesn't pay either */
 #define SAMPLE_STEP 31          /* eight faces of so many times eight tell what share would go */
 
+typedef uint8_t near_bits; /* of QM_CELL_FACES faces */
+
 typedef struct overlap_work {
     qm_context *ctx;
     const qm_kernel *kernel;
     const qm_mesh *mesh[2];
     qm_cell_grid grid;
-    qm_cell *cells[2];     /* of each vertex */
-    qm_cell_row *marks[2]; /* where each mesh has faces */
+    qm_cell *cells[2];       /* of each vertex */
+    qm_cell_marks *marks[2]; /* where each mesh has faces */
     qm_overlap *out;
 } overlap_work;
-
-/** Where the rows of a box lie. */
-typedef struct row_range {
-    uint32_t x[2], y[2];
-    qm_cell_row bits; /* of the cells in each */
-    bool is_small;    /* two by two rows at most, which then are taken without branches */
-} row_range;
-
-static inline uint32_t axis_cell(qm_cell c, int shift)
-{
-    return c >> shift & 0xff;
-}
-
-static inline row_range find_rows(const qm_cell_boxes *boxes, int i)
-{
-    qm_cell low = boxes->low[i], high = boxes->high[i];
-    row_range rows = {.x = {axis_cell(low, QM_CELL_X), axis_cell(high, QM_CELL_X)},
-                      .y = {axis_cell(low, QM_CELL_Y), axis_cell(high, QM_CELL_Y)}};
-    uint32_t first = axis_cell(low, QM_CELL_Z), last = axis_cell(high, QM_CELL_Z);
-    rows.bits = (((qm_cell_row)2 << (last - first)) - 1) << first;
-    rows.is_small = rows.x[1] - rows.x[0] < 2 && rows.y[1] - rows.y[0] < 2;
-    return rows;
-}
-
-static inline size_t row_place(const qm_cell_grid *grid, uint32_t x, uint32_t y)
-{
-    return x * (size_t)qm_cell_stride(grid) + y;
-}
-
-static inline size_t count_rows(const row_range *rows)
-{
-    return (rows->x[1] - rows->x[0] + 1) * (size_t)(rows->y[1] - rows->y[0] + 1);
-}
-
-static inline void mark_rows(const qm_cell_grid *grid, qm_cell_row *marks, const row_range *rows)
-{
-    if (rows->is_small) {
-        for (int i = 0; i < 4; i++)
-            marks[row_place(grid, rows->x[i / 2], rows->y[i % 2])] |= rows->bits;
-        return;
-    }
-    for (uint32_t x = rows->x[0]; x <= rows->x[1]; x++)
-        for (uint32_t y = rows->y[0]; y <= rows->y[1]; y++)
-            marks[row_place(grid, x, y)] |= rows->bits;
-}
-
-static bool rows_are_marked(const qm_cell_grid *grid, const qm_cell_row *marks, const row_range *rows)
-{
-    if (count_rows(rows) > MOST_ROWS) return true;
-    qm_cell_row found = 0;
-    for (uint32_t x = rows->x[0]; x <= rows->x[1]; x++)
-        for (uint32_t y = rows->y[0]; y <= rows->y[1]; y++)
-            found |= marks[row_place(grid, x, y)];
-    return (found & rows->bits) != 0;
-}
 
 /** The cells of up to QM_CELL_FACES faces from the first on; bits of those that are not all outside on one
  * side of the grid. */
@@ -100,12 +47,13 @@ static inline unsigned find_boxes(const overlap_work *work, int side, size_t fir
 static inline unsigned find_near(const overlap_work *work, int side, const qm_cell_boxes *boxes,
                                  unsigned faces)
 {
-    const qm_cell_row *marks = work->marks[1 - side];
+    const qm_cell_marks *marks = work->marks[1 - side];
     unsigned large, near = work->kernel->cells_marked(&work->grid, marks, boxes, &large);
     for (large &= faces; large; large &= large - 1) {
         int i = __builtin_ctz(large);
-        row_range rows = find_rows(boxes, i);
-        near |= (unsigned)rows_are_marked(&work->grid, marks, &rows) << i;
+        qm_cell_rows rows = qm_cell_rows_find(boxes->low[i], boxes->high[i]);
+        bool is_near = qm_cell_rows_count(&rows) > MOST_ROWS || qm_cell_marks_meet(&work->grid, marks, &rows);
+        near |= (unsigned)is_near << i;
     }
     return near & faces;
 }
@@ -117,12 +65,14 @@ static bool mark_faces(overlap_work *work)
     for (size_t first = 0; first < count; first += QM_CELL_FACES) {
         qm_cell_boxes boxes;
         for (unsigned faces = find_boxes(work, 1, first, &boxes); faces; faces &= faces - 1) {
-            row_range rows = find_rows(&boxes, __builtin_ctz(faces));
-            if (count_rows(&rows) > rows_left) return false;
-            rows_left -= count_rows(&rows);
-            mark_rows(&work->grid, work->marks[1], &rows);
+            int i = __builtin_ctz(faces);
+            qm_cell_rows rows = qm_cell_rows_find(boxes.low[i], boxes.high[i]);
+            if (qm_cell_rows_count(&rows) > rows_left) return false;
+            rows_left -= qm_cell_rows_count(&rows);
+            qm_cell_marks_add(&work->grid, work->marks[1], &rows);
         }
     }
+    qm_cell_marks_spread(&work->grid, work->marks[1]);
     return true;
 }
 
@@ -139,45 +89,65 @@ static bool would_pay(const overlap_work *work)
     return 3 * near <= 2 * looked_at;
 }
 
-static qm_status make_room(overlap_work *work, int side)
+/** Finds the faces of one mesh that are near marked cells of the other, a bit each, and marks their own cells
+ * where those will be looked up. Returns how many there are. */
+static size_t find_near_faces(overlap_work *work, int side, near_bits *near)
 {
-    size_t count = work->mesh[side]->face_count;
+    size_t count = work->mesh[side]->face_count, found = 0;
+    for (size_t first = 0; first < count; first += QM_CELL_FACES) {
+        qm_cell_boxes boxes;
+        unsigned faces = find_boxes(work, side, first, &boxes);
+        if (faces) faces = find_near(work, side, &boxes, faces);
+        near[first / QM_CELL_FACES] = (near_bits)faces;
+        found += (size_t)__builtin_popcount(faces);
+        for (; side == 0 && faces; faces &= faces - 1) {
+            int i = __builtin_ctz(faces);
+            qm_cell_rows rows = qm_cell_rows_find(boxes.low[i], boxes.high[i]);
+            qm_cell_marks_add(&work->grid, work->marks[0], &rows);
+        }
+    }
+    if (side == 0) qm_cell_marks_spread(&work->grid, work->marks[0]);
+    return found;
+}
+
+static qm_status copy_faces(const overlap_work *work, int side, const near_bits *near, size_t count)
+{
+    const qm_mesh *mesh = work->mesh[side];
     qm_mesh *part = &work->out->part[side];
     work->out->capacity[side] = count;
     part->faces = qm_context_alloc(work->ctx, count, 4 * sizeof *part->faces);
     part->face_origin = qm_context_alloc(work->ctx, count, sizeof *part->face_origin);
     part->face_count = 0;
-    return part->faces && part->face_origin ? QM_OK : QM_E_NO_MEMORY;
-}
-
-/** Keeps the faces of one mesh that are near marked cells of the other, and marks theirs. */
-static qm_status keep_near(overlap_work *work, int side)
-{
-    const qm_mesh *mesh = work->mesh[side];
-    qm_mesh *part = &work->out->part[side];
-    qm_status status = make_room(work, side);
-    if (status != QM_OK) return status;
+    if (!part->faces || !part->face_origin) return QM_E_NO_MEMORY;
     for (size_t first = 0; first < mesh->face_count; first += QM_CELL_FACES) {
-        qm_cell_boxes boxes;
-        unsigned faces = find_boxes(work, side, first, &boxes);
-        if (!faces) continue;
-        for (faces = find_near(work, side, &boxes, faces); faces; faces &= faces - 1) {
-            int i = __builtin_ctz(faces);
-            size_t face = first + (size_t)i;
-            row_range rows = find_rows(&boxes, i);
-            if (side == 0) mark_rows(&work->grid, work->marks[0], &rows);
+        for (unsigned faces = near[first / QM_CELL_FACES]; faces; faces &= faces - 1) {
+            size_t face = first + (size_t)__builtin_ctz(faces);
             memcpy(part->faces + 4 * part->face_count, mesh->faces + 4 * face, 4 * sizeof *part->faces);
             part->face_origin[part->face_count++] = qm_mesh_input_face(mesh, (uint32_t)face);
         }
     }
-    work->out->is_empty |= part->face_count == 0;
     return QM_OK;
+}
+
+/** Keeps the faces of one mesh that are near marked cells of the other. They are counted first: room for all
+ * of them would be memory that is asked for and given back each time. */
+static qm_status keep_near(overlap_work *work, int side)
+{
+    size_t blocks = (work->mesh[side]->face_count + QM_CELL_FACES - 1) / QM_CELL_FACES;
+    near_bits *near = qm_context_alloc(work->ctx, blocks, sizeof *near);
+    if (!near) return QM_E_NO_MEMORY;
+    size_t count = find_near_faces(work, side, near);
+    work->out->is_empty |= count == 0;
+    qm_status status = count > 0 ? copy_faces(work, side, near, count) : QM_OK;
+    qm_context_free(work->ctx, near, blocks, sizeof *near);
+    return status;
 }
 
 static qm_status find_parts(overlap_work *work)
 {
     for (int side = 0; side < 2; side++) {
-        qm_cell_grid_find(&work->grid, work->mesh[side], work->cells[side]);
+        work->kernel->vertex_cells(&work->grid, work->mesh[side]->positions, work->mesh[side]->vertex_count,
+                                   work->cells[side]);
         memset(work->marks[side], 0, (work->grid.row_count + 1) * sizeof *work->marks[side]);
     }
     bool pays = mark_faces(work) && would_pay(work);
@@ -188,17 +158,17 @@ static qm_status find_parts(overlap_work *work)
 static qm_status run(overlap_work *work)
 {
     qm_context *ctx = work->ctx;
-    size_t row_count = work->grid.row_count + 1; /* what is looked up may reach over the end */
+    size_t row_count = work->grid.row_count + 1; /* what is looked up at a time may reach over the end */
     bool has_memory = true;
     for (int side = 0; side < 2; side++) {
         work->cells[side] = qm_context_alloc(ctx, work->mesh[side]->vertex_count, sizeof(qm_cell));
-        work->marks[side] = qm_context_alloc_aligned(ctx, row_count, sizeof(qm_cell_row));
+        work->marks[side] = qm_context_alloc_aligned(ctx, row_count, sizeof(qm_cell_marks));
         has_memory &= work->cells[side] && work->marks[side];
     }
     qm_status status = has_memory ? find_parts(work) : QM_E_NO_MEMORY;
     for (int side = 0; side < 2; side++) {
         qm_context_free(ctx, work->cells[side], work->mesh[side]->vertex_count, sizeof(qm_cell));
-        qm_context_free_aligned(ctx, work->marks[side], row_count, sizeof(qm_cell_row));
+        qm_context_free_aligned(ctx, work->marks[side], row_count, sizeof(qm_cell_marks));
     }
     return status;
 }

@@ -28,8 +28,4 @@ bool qm_collide_are_twins(const qm_mesh *a, const qm_mesh *b);
 /** Finds the pairs and adds them to list, each once or more; with a mode other than all, at most one. */
 qm_status qm_collide_run(const qm_collide_search *search, qm_pair_list *list, uint64_t *tests);
 
-/** A leaf from a pack, in the frame given; the kind tells how its corners are marked. */
-void qm_leaf_fill(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,
-                  qm_leaf *out);
-
 #endif

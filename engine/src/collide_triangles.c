@@ -11,7 +11,8 @@ static const qm_leaf *get_leaf(qm_collide_worker *w, int cache, int mesh, uint32
 {
     const qm_collide_search *search = w->search;
     qm_leaf *leaf = &w->cache[cache][pack % QM_CACHED_LEAVES];
-    if (leaf->pack != pack) qm_leaf_fill(search->bvh[mesh], &search->bvh[0]->frame, search->kind, pack, leaf);
+    if (leaf->pack != pack)
+        w->kernel->fill_leaf(search->bvh[mesh], &search->bvh[0]->frame, search->kind, pack, leaf);
     return leaf;
 }
 
@@ -27,12 +28,18 @@ static const qm_leaf *get_second_leaf(qm_collide_worker *w, const qm_leaf *first
 typedef struct side {
     const qm_leaf *leaf;
     const qm_pack_lanes *lanes;
-    const double *positions; /* of the mesh */
+    const qm_mesh *mesh;
 } side;
 
 static side make_side(const qm_bvh *bvh, const qm_leaf *leaf)
 {
-    return (side){leaf, &bvh->lanes[leaf->pack], bvh->mesh.positions};
+    return (side){leaf, &bvh->lanes[leaf->pack], &bvh->mesh};
+}
+
+/** In the numbering of the input. */
+static uint32_t lane_face(const side *s, int lane)
+{
+    return qm_mesh_input_face(s->mesh, s->lanes->face[lane]);
 }
 
 static uint32_t corner_vertex(const side *s, int lane, int corner)
@@ -45,8 +52,8 @@ static uint32_t corner_vertex(const side *s, int lane, int corner)
 static bool corners_coincide(const side *a, int i, const side *b, int j, int32_t corners)
 {
     uint64_t x[3], y[3];
-    memcpy(x, a->positions + 3 * (size_t)corner_vertex(a, i, corners >> 2), sizeof x);
-    memcpy(y, b->positions + 3 * (size_t)corner_vertex(b, j, corners & 3), sizeof y);
+    memcpy(x, a->mesh->positions + 3 * (size_t)corner_vertex(a, i, corners >> 2), sizeof x);
+    memcpy(y, b->mesh->positions + 3 * (size_t)corner_vertex(b, j, corners & 3), sizeof y);
     return ((x[0] ^ y[0]) | (x[1] ^ y[1]) | (x[2] ^ y[2])) == 0;
 }
 
@@ -54,7 +61,7 @@ static void load_triangle(const side *s, int lane, uint32_t vertex[3], qm_vec co
 {
     for (int i = 0; i < 3; i++) {
         vertex[i] = corner_vertex(s, lane, i);
-        corner[i] = qm_vec_load(s->positions + 3 * (size_t)vertex[i]);
+        corner[i] = qm_vec_load(s->mesh->positions + 3 * (size_t)vertex[i]);
     }
 }
 
@@ -80,7 +87,7 @@ static void take_coincident(qm_collide_worker *w, const side *a, const side *b, 
     uint64_t taken = 0;
     for (uint64_t alike = lanes->alike; alike; alike &= alike - 1) {
         int place = __builtin_ctzll(alike), i = place / QM_PACK_LANES, j = place % QM_PACK_LANES;
-        qm_face_pair pair = {a->leaf->face[i], b->leaf->face[j]};
+        qm_face_pair pair = {lane_face(a, i), lane_face(b, j)};
         if (are_twins)
             room[count++] = (qm_face_pair){pair.b, pair.a};
         else if (!corners_coincide(a, i, b, j, lanes->corners[i][j]))
@@ -104,17 +111,19 @@ static bool keep(qm_collide_worker *w, uint32_t face_a, uint32_t face_b)
 }
 
 /** Equal meshes: every face meets itself. */
-static bool keep_own(qm_collide_worker *w, const qm_leaf *leaf)
+static bool keep_own(qm_collide_worker *w, const side *s)
 {
-    for (uint32_t i = 0; i < leaf->lane_count; i++)
-        if (!keep(w, leaf->face[i], leaf->face[i])) return false;
+    for (int i = 0; i < s->lanes->lane_count; i++) {
+        uint32_t face = lane_face(s, i);
+        if (!keep(w, face, face)) return false;
+    }
     return true;
 }
 
 /** Tests a pair of lanes exactly; false when the search may end. */
 static bool test_lanes(qm_collide_worker *w, const side *a, int i, const side *b, int j)
 {
-    uint32_t face_a = a->leaf->face[i], face_b = b->leaf->face[j];
+    uint32_t face_a = lane_face(a, i), face_b = lane_face(b, j);
     qm_collide_kind kind = w->search->kind;
     qm_face_pair ahead, back;
     bool is_wanted = qm_collide_wants(w, face_a, face_b, &ahead) ||
@@ -128,10 +137,10 @@ bool qm_collide_triangles(qm_collide_worker *w, const qm_pack_pair *packs)
 {
     const qm_collide_search *search = w->search;
     const qm_leaf *p = get_leaf(w, 0, 0, packs->pack[0]), *q = get_second_leaf(w, p, packs->pack[1]);
-    if (search->kind == QM_COLLIDE_TWIN && p == q && !keep_own(w, p)) return false;
+    side a = make_side(search->bvh[0], p), b = make_side(search->bvh[1], q);
+    if (search->kind == QM_COLLIDE_TWIN && p == q && !keep_own(w, &a)) return false;
     qm_near_lanes lanes;
     if (!w->kernel->compare_leaves(p, q, search->kind, packs->moved[0], packs->moved[1], &lanes)) return true;
-    side a = make_side(search->bvh[0], p), b = make_side(search->bvh[1], q);
     uint64_t left = lanes.near;
     if (lanes.alike && search->options->mode == QM_COLLIDE_ALL) take_coincident(w, &a, &b, &lanes, &left);
     for (; left; left &= left - 1) {

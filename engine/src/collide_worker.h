@@ -8,13 +8,13 @@
 #include "collide_search.h"
 #include "kernel.h"
 
-#define QM_CACHED_LEAVES 256 /* of each mesh and worker: neighbours in the tree come up again soon */
+#define QM_CACHED_LEAVES 64 /* of each mesh and worker: neighbours in the tree come up again soon */
 
 typedef struct qm_collide_worker {
     const qm_collide_search *search;
     const qm_kernel *kernel;
     atomic_int *status; /* of all workers: the first that isn't QM_OK ends the search */
-    qm_leaf *cache[2];  /* QM_CACHED_LEAVES of each mesh */
+    qm_leaf *cache[2];  /* QM_CACHED_LEAVES 64of each mesh */
     qm_pair_list pairs;
     uint64_t least; /* mode first: the least pair so far */
     uint64_t tests, leaf_pairs;

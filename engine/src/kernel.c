@@ -30,12 +30,16 @@
     unsigned qm_node_distances_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b,          \
                                      bool splits_a, float d2[QM_PACK_LANES]);                                \
     bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
-    void qm_fill_leaf_##isa(qm_leaf *leaf, const float(*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);  \
+    void qm_fill_leaf_##isa(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,   \
+                            qm_leaf *leaf);                                                                  \
     bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p, \
                                  unsigned moved_q, qm_near_lanes *out);                                      \
+    void qm_vertex_box_##isa(const double *positions, size_t count, qm_box *box);                            \
+    void qm_vertex_cells_##isa(const qm_cell_grid *grid, const double *positions, size_t count,              \
+                               qm_cell *cells);                                                              \
     unsigned qm_cell_boxes_##isa(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,      \
                                  qm_cell_boxes *out);                                                        \
-    unsigned qm_cells_marked_##isa(const qm_cell_grid *grid, const qm_cell_row *marks,                       \
+    unsigned qm_cells_marked_##isa(const qm_cell_grid *grid, const qm_cell_marks *marks,                     \
                                    const qm_cell_boxes *boxes, unsigned *large);                             \
     void qm_sort_few_##isa(uint64_t *numbers, int count);                                                    \
     static const qm_kernel kernel_##isa = {                                                                  \
@@ -65,6 +69,8 @@
         .descend = qm_descend_##isa,                                                                         \
         .fill_leaf = qm_fill_leaf_##isa,                                                                     \
         .compare_leaves = qm_compare_leaves_##isa,                                                           \
+        .vertex_box = qm_vertex_box_##isa,                                                                   \
+        .vertex_cells = qm_vertex_cells_##isa,                                                               \
         .cell_boxes = qm_cell_boxes_##isa,                                                                   \
         .cells_marked = qm_cells_marked_##isa,                                                               \
         .sort_few = qm_sort_few_##isa,                                                                       \

@@ -6,8 +6,8 @@
 #define QM_KERNEL_H
 
 #include "bvh_tree.h"
-#include "collide_cells.h"
 #include "collide_leaf.h"
+#include "collide_marks.h"
 #include "qm/grid.h"
 #include "qm/tetra.h"
 
@@ -171,11 +171,9 @@ typedef struct qm_kernel {
     unsigned (*node_distances)(const qm_descent *descent, const qm_node *a, const qm_node *b, bool splits_a,
                                float d2[QM_PACK_LANES]);
 
-    /**
-     * Makes a leaf whose middle, pack and lane_count are set: vertex has rows of x y z from the middle and
-     * the mark as bits, aligned to 16 bytes; place tells the row of each lane's corners, all lanes filled.
-     */
-    void (*fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
+    /** Makes a leaf from a pack, in the frame given; the kind tells how its corners are marked. */
+    void (*fill_leaf)(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,
+                      qm_leaf *leaf);
 
     /**
      * Finds the pairs of a lane of p and one of q that may meet: all others are proven not to. In SELF
@@ -186,6 +184,12 @@ typedef struct qm_kernel {
     bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                            unsigned moved_q, qm_near_lanes *out);
 
+    /** The box of count positions, x y z each: an empty one of none. */
+    void (*vertex_box)(const double *positions, size_t count, qm_box *box);
+
+    /** Finds the cell of each position, by the same monotone steps wherever it stands. */
+    void (*vertex_cells)(const qm_cell_grid *grid, const double *positions, size_t count, qm_cell *cells);
+
     /** Finds the cells that the boxes of QM_CELL_FACES faces, rows of four corners, reach into, from those of
      * the vertices, fewer than 2^31. Returns bits of the faces that are not all outside on one side. */
     unsigned (*cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,
@@ -193,7 +197,7 @@ typedef struct qm_kernel {
 
     /** Bits of the boxes that reach into a marked cell. Those over more than two by two rows, or more than
      * QM_CELL_SPAN cells further, are not looked at: *large has their bits. */
-    unsigned (*cells_marked)(const qm_cell_grid *grid, const qm_cell_row *marks, const qm_cell_boxes *boxes,
+    unsigned (*cells_marked)(const qm_cell_grid *grid, const qm_cell_marks *marks, const qm_cell_boxes *boxes,
                              unsigned *large);
 
     /** Sorts up to QM_SORT_FEW numbers below 2^58, equal ones too. */

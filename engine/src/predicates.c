@@ -107,8 +107,17 @@ static int orient3d_exact(const double p[4][3])
     return small_sign(edge);
 }
 
+static bool is_same(qm_vec a, qm_vec b)
+{
+    return a.x == b.x && a.y == b.y && a.z == b.z;
+}
+
+/** Meshes whose parts share no vertices have corners at one place everywhere: then nothing is to be computed.
+ */
 static int exact_side(const qm_vec plane[3], qm_vec p)
 {
+    if (is_same(p, plane[0]) || is_same(p, plane[1]) || is_same(p, plane[2])) return 0;
+    if (is_same(plane[0], plane[1]) || is_same(plane[1], plane[2]) || is_same(plane[2], plane[0])) return 0;
     const double points[4][3] = {{plane[0].x, plane[0].y, plane[0].z},
                                  {plane[1].x, plane[1].y, plane[1].z},
                                  {plane[2].x, plane[2].y, plane[2].z},

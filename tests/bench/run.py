@@ -24,6 +24,7 @@ import sys
 import time
 
 import bench_accelerators
+import bench_agreement
 import bench_collide
 import bench_hausdorff
 import bench_projection
@@ -37,7 +38,7 @@ import programs as catalogue
 
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection,
          "collide": bench_collide,
-         "accelerators": bench_accelerators, "service": bench_service,
+         "accelerators": bench_accelerators, "agreement": bench_agreement, "service": bench_service,
          "reconstruct": bench_reconstruct}
 QUICK_PAIRS = ("spheres sphere", "torus fine", "bunny tri -> quad_qf")
 

@@ -129,7 +129,8 @@ enum { CELL_VERTICES = 50, CELL_SIDES = 162 };
 /** A grid with marks, and eight faces whose vertices have random cells, mostly near one another. */
 typedef struct cell_trial {
     qm_cell_grid grid;
-    qm_cell_row marks[CELL_SIDES * CELL_SIDES + 1];
+    qm_cell_row rows[CELL_SIDES * CELL_SIDES]; /* what is marked, a bit a cell */
+    qm_cell_marks marks[CELL_SIDES * CELL_SIDES + 1];
     qm_cell cells[CELL_VERTICES];
     uint32_t faces[QM_CELL_FACES][4];
 } cell_trial;
@@ -145,16 +146,37 @@ static qm_cell random_cell(qm_random *random, const uint32_t count[3], const uin
     return cell;
 }
 
+/** Marks a random box, in both ways. */
+static void mark_box(qm_random *random, const uint32_t middle[3], uint32_t reach, cell_trial *t)
+{
+    qm_cell a = random_cell(random, t->grid.count, middle, reach),
+            b = random_cell(random, t->grid.count, middle, reach), low = 0, high = 0;
+    for (int shift = 0; shift < 24; shift += 8) {
+        uint32_t x = qm_cell_axis(a, shift), y = qm_cell_axis(b, shift);
+        low |= (x < y ? x : y) << shift;
+        high |= (x < y ? y : x) << shift;
+    }
+    qm_cell_rows rows = qm_cell_rows_find(low, high);
+    qm_cell_marks_add(&t->grid, t->marks, &rows);
+    for (uint32_t x = qm_cell_axis(low, QM_CELL_X); x <= qm_cell_axis(high, QM_CELL_X); x++)
+        for (uint32_t y = qm_cell_axis(low, QM_CELL_Y); y <= qm_cell_axis(high, QM_CELL_Y); y++)
+            for (uint32_t z = qm_cell_axis(low, QM_CELL_Z); z <= qm_cell_axis(high, QM_CELL_Z); z++)
+                t->rows[x * (t->grid.count[1] + 2) + y] |= (qm_cell_row)1 << z;
+}
+
 static void make_cell_trial(qm_random *random, int run, cell_trial *t)
 {
     for (int k = 0; k < 3; k++)
         t->grid.count[k] = 1 + (uint32_t)qm_random_below(random, k == 2 ? 62 : 160);
     t->grid.row_count = (t->grid.count[0] + 2) * (size_t)(t->grid.count[1] + 2);
-    for (size_t i = 0; i < t->grid.row_count; i++)
-        t->marks[i] = qm_random_below(random, 3) ? 0 : qm_random_bits(random) & qm_random_bits(random);
+    memset(t->rows, 0, sizeof t->rows);
+    memset(t->marks, 0, sizeof t->marks);
     uint32_t middle[3];
     for (int k = 0; k < 3; k++)
         middle[k] = (uint32_t)qm_random_below(random, t->grid.count[k] + 2);
+    for (int i = 0; i < run % 5; i++)
+        mark_box(random, middle, i % 4 ? 3 : 10, t);
+    qm_cell_marks_spread(&t->grid, t->marks);
     for (int i = 0; i < CELL_VERTICES; i++)
         t->cells[i] = random_cell(random, t->grid.count, middle, run % 3 == 0 ? 60 : 3);
     for (int i = 0; i < QM_CELL_FACES; i++)
@@ -192,7 +214,9 @@ static void check_face(const cell_trial *t, const qm_kernel *kernel, int face)
     for (uint32_t x = range[0][0]; x <= range[0][1]; x++)
         for (uint32_t y = range[1][0]; y <= range[1][1]; y++)
             for (uint32_t z = range[2][0]; z <= range[2][1]; z++)
-                is_marked |= t->marks[x * (t->grid.count[1] + 2) + y] >> z & 1;
+                is_marked |= t->rows[x * (t->grid.count[1] + 2) + y] >> z & 1;
+    const qm_cell_rows rows = qm_cell_rows_find(boxes.low[face], boxes.high[face]);
+    QM_CHECK(qm_cell_marks_meet(&t->grid, t->marks, &rows) == is_marked, "face %d", face);
     QM_CHECK((inside >> face & 1) == is_inside, "%s: face %d", kernel->name, face);
     QM_CHECK((large >> face & 1) == is_large, "%s: face %d", kernel->name, face);
     QM_CHECK((marked >> face & 1) == (is_marked && !is_large), "%s: face %d", kernel->name, face);
@@ -208,6 +232,48 @@ static void cells_are_those_of_a_slow_twin(void **state)
         for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++)
             for (int face = 0; face < QM_CELL_FACES; face++)
                 check_face(&trial, *kernel, face);
+    }
+}
+
+static uint32_t slow_cell(const qm_cell_grid *grid, int k, double x)
+{
+    double place = (x - grid->low[k]) * grid->scale[k];
+    uint32_t cell = place > 0.0 ? 1 + (uint32_t)place : 1;
+    if (cell > grid->count[k]) cell = grid->count[k];
+    return x < grid->low[k] ? 0 : x > grid->high[k] ? grid->count[k] + 1 : cell;
+}
+
+/** Numbers of vertices that four don't divide, a flat axis, and vertices outside and on the border. */
+static void cells_of_vertices_are_those_of_a_slow_twin(void **state)
+{
+    (void)state;
+    for (size_t run = 0; run < 100; run++) {
+        qm_random random = qm_random_make(qm_check_seed(), 3000 + run);
+        enum { MOST = 23 };
+        double p[3 * MOST];
+        size_t count = 1 + qm_random_below(&random, MOST);
+        for (size_t i = 0; i < 3 * count; i++)
+            p[i] = run % 4 == 0 && i % 3 == 1 ? 0.5 : qm_random_range(&random, -1, 1);
+        qm_mesh points = {.positions = p, .vertex_count = count}, a = points, b = points;
+        a.face_count = 90;
+        b.face_count = 5000;
+        b.vertex_count = (count + 1) / 2;
+        qm_cell_grid grid;
+        assert_true(qm_cell_grid_lay((const qm_mesh *const[]){&a, &b}, &grid));
+        for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
+            qm_cell cells[MOST];
+            qm_box box, slow = qm_mesh_bounding_box(&points);
+            (*kernel)->vertex_box(p, count, &box);
+            assert_memory_equal(&box, &slow, sizeof box);
+            (*kernel)->vertex_cells(&grid, p, count, cells);
+            for (size_t i = 0; i < count; i++) {
+                const double *x = p + 3 * i;
+                qm_cell cell = slow_cell(&grid, 0, x[grid.axis[0]]) << QM_CELL_X |
+                               slow_cell(&grid, 1, x[grid.axis[1]]) << QM_CELL_Y |
+                               slow_cell(&grid, 2, x[grid.axis[2]]) << QM_CELL_Z;
+                QM_CHECK(cells[i] == cell, "%s: run %zu, vertex %zu", (*kernel)->name, run, i);
+            }
+        }
     }
 }
 
@@ -245,6 +311,7 @@ int main(void)
         cmocka_unit_test(faces_far_away_are_left_out),
         cmocka_unit_test(touching_in_a_line_is_found),
         cmocka_unit_test(cells_are_those_of_a_slow_twin),
+        cmocka_unit_test(cells_of_vertices_are_those_of_a_slow_twin),
         cmocka_unit_test(out_of_memory_is_a_status),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

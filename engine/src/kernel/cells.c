@@ -1,11 +1,12 @@
 /**
  * cells.c: the cells of a grid that eight faces reach into, and whether any of those is marked.
  */
-#include "../collide_cells.h"
+#include "../collide_marks.h"
 #include "box.h"
 #include "kernels.h"
 
 typedef uint8_t qm_vb __attribute__((vector_size(32)));
+typedef uint8_t qm_vs __attribute__((vector_size(16)));
 typedef uint32_t qm_vu __attribute__((vector_size(32)));
 
 static inline qm_vb bytes_min(qm_vb a, qm_vb b)
@@ -28,6 +29,33 @@ static inline qm_vb bytes_max(qm_vb a, qm_vb b)
 #endif
 }
 
+/** The same of fewer bytes. */
+static inline qm_vs some_min(qm_vs a, qm_vs b)
+{
+#if defined(__AVX2__)
+    return (qm_vs)_mm_min_epu8((__m128i)a, (__m128i)b);
+#else
+    qm_vs below = (qm_vs)(a < b);
+    return (a & below) | (b & ~below);
+#endif
+}
+
+static inline qm_vs some_max(qm_vs a, qm_vs b)
+{
+#if defined(__AVX2__)
+    return (qm_vs)_mm_max_epu8((__m128i)a, (__m128i)b);
+#else
+    qm_vs above = (qm_vs)(a > b);
+    return (a & above) | (b & ~above);
+#endif
+}
+
+static inline qm_vs cell_bytes(const qm_cell *cells, uint32_t vertex)
+{
+    typedef uint32_t four __attribute__((vector_size(16)));
+    return (qm_vs)(four){cells[vertex]};
+}
+
 /** Lanes in which no byte of a is greater than that of b. */
 static inline qm_vi at_most(qm_vb a, qm_vb b)
 {
@@ -44,51 +72,46 @@ static inline void store(uint32_t *p, qm_vb a)
     *(qm_vb *)(void *)p = a;
 }
 
-/** The corners of eight faces by corner; a triangle has its third one twice. */
-static inline void load_corners(const uint32_t *faces, qm_vu corner[4])
+/** The cells that the box of a face reaches into, in the first lanes. */
+typedef struct one_box {
+    qm_vs low, high;
+} one_box;
+
+/** One face at a time: their vertices lie anywhere, and no gather loads them faster. */
+static inline one_box box_of_face(const qm_cell *cells, const uint32_t *face)
 {
-    typedef uint32_t four __attribute__((vector_size(16), aligned(4)));
-    qm_vu row[4]; /* i and i + 4 */
-    for (int i = 0; i < 4; i++) {
-        four low = *(const four *)(const void *)(faces + 4 * i),
-             high = *(const four *)(const void *)(faces + 4 * (i + 4));
-        row[i] = __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
+    qm_vs a = cell_bytes(cells, face[0]), b = cell_bytes(cells, face[1]), c = cell_bytes(cells, face[2]);
+    one_box box = {some_min(a, some_min(b, c)), some_max(a, some_max(b, c))};
+    if (face[3] != QM_NO_INDEX) {
+        qm_vs d = cell_bytes(cells, face[3]);
+        box = (one_box){some_min(box.low, d), some_max(box.high, d)};
     }
-    qm_vu first01 = __builtin_shufflevector(row[0], row[1], 0, 8, 1, 9, 4, 12, 5, 13),
-          first23 = __builtin_shufflevector(row[2], row[3], 0, 8, 1, 9, 4, 12, 5, 13),
-          last01 = __builtin_shufflevector(row[0], row[1], 2, 10, 3, 11, 6, 14, 7, 15),
-          last23 = __builtin_shufflevector(row[2], row[3], 2, 10, 3, 11, 6, 14, 7, 15);
-    corner[0] = __builtin_shufflevector(first01, first23, 0, 1, 8, 9, 4, 5, 12, 13);
-    corner[1] = __builtin_shufflevector(first01, first23, 2, 3, 10, 11, 6, 7, 14, 15);
-    corner[2] = __builtin_shufflevector(last01, last23, 0, 1, 8, 9, 4, 5, 12, 13);
-    corner[3] = __builtin_shufflevector(last01, last23, 2, 3, 10, 11, 6, 7, 14, 15);
-    qm_vi is_missing = (qm_vi)(corner[3] == QM_NO_INDEX);
-    corner[3] = (qm_vu)qm_vi_select(is_missing, (qm_vi)corner[2], (qm_vi)corner[3]);
+    return box;
 }
 
-static inline qm_vb cells_of(const qm_cell *cells, qm_vu vertex)
+/** The first lanes of eight. */
+static inline qm_vb join_first(const qm_vs one[QM_CELL_FACES])
 {
-#if defined(__AVX2__)
-    return (qm_vb)_mm256_i32gather_epi32((const int *)cells, (__m256i)vertex, sizeof *cells);
-#else
-    qm_vu out;
-    for (int i = 0; i < QM_CELL_FACES; i++)
-        out[i] = cells[vertex[i]];
-    return (qm_vb)out;
-#endif
+    typedef uint32_t four __attribute__((vector_size(16)));
+    four pair[QM_CELL_FACES / 2], half[2];
+    for (int i = 0; i < QM_CELL_FACES / 2; i++)
+        pair[i] = __builtin_shufflevector((four)one[2 * i], (four)one[2 * i + 1], 0, 4, 1, 5);
+    for (int i = 0; i < 2; i++)
+        half[i] = __builtin_shufflevector(pair[2 * i], pair[2 * i + 1], 0, 1, 4, 5);
+    return (qm_vb)__builtin_shufflevector(half[0], half[1], 0, 1, 2, 3, 4, 5, 6, 7);
 }
 
 unsigned QM_KERNEL(cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,
                                qm_cell_boxes *out)
 {
-    qm_vu corner[4];
-    load_corners(faces, corner);
-    qm_vb low = cells_of(cells, corner[0]), high = low;
-    for (int i = 1; i < 4; i++) {
-        qm_vb cell = cells_of(cells, corner[i]);
-        low = bytes_min(low, cell);
-        high = bytes_max(high, cell);
+    qm_vs lows[QM_CELL_FACES], highs[QM_CELL_FACES];
+#pragma GCC unroll 8
+    for (int i = 0; i < QM_CELL_FACES; i++) {
+        one_box box = box_of_face(cells, faces + 4 * i);
+        lows[i] = box.low;
+        highs[i] = box.high;
     }
+    qm_vb low = join_first(lows), high = join_first(highs);
     store(out->low, low);
     store(out->high, high);
     const qm_cell first = 1 << QM_CELL_X | 1 << QM_CELL_Y | 1 << QM_CELL_Z;
@@ -98,31 +121,29 @@ unsigned QM_KERNEL(cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, 
     return qm_vi_bits(at_most((qm_vb)(zero + first), high) & at_most(low, (qm_vb)(zero + last)));
 }
 
-/** 32 marks of a row from the byte on that z lies in. */
-static inline qm_vu marks_of(const qm_cell_row *marks, qm_vu row, qm_vu z)
+/** 32 marks of a word from the byte on that z lies in. */
+static inline qm_vu marks_of(const qm_cell_marks *marks, qm_vu word, qm_vu z)
 {
 #if defined(__AVX2__)
-    qm_vu byte = row * (uint32_t)sizeof *marks + (z >> 3);
+    qm_vu byte = word * (uint32_t)sizeof(qm_cell_row) + (z >> 3);
     return (qm_vu)_mm256_i32gather_epi32((const int *)(const void *)marks, (__m256i)byte, 1);
 #else
     qm_vu out;
     for (int i = 0; i < QM_CELL_FACES; i++)
-        out[i] = (uint32_t)(marks[row[i]] >> (z[i] & ~7u));
+        out[i] = (uint32_t)(marks[word[i] / 4].over[word[i] % 4] >> (z[i] & ~7u));
     return out;
 #endif
 }
 
-unsigned QM_KERNEL(cells_marked)(const qm_cell_grid *grid, const qm_cell_row *marks,
+unsigned QM_KERNEL(cells_marked)(const qm_cell_grid *grid, const qm_cell_marks *marks,
                                  const qm_cell_boxes *boxes, unsigned *large)
 {
-    const qm_vu zero = {0}, low = load(boxes->low), high = load(boxes->high), span = high - low;
+    const qm_vu zero = {0}, low = load(boxes->low), span = load(boxes->high) - low;
     const qm_cell most = 1 << QM_CELL_X | 1 << QM_CELL_Y | QM_CELL_SPAN << QM_CELL_Z;
     qm_vi is_small = at_most((qm_vb)span, (qm_vb)(zero + most));
-    uint32_t stride = qm_cell_stride(grid);
-    qm_vu x[2] = {(low >> QM_CELL_X) * stride, (high >> QM_CELL_X) * stride},
-          y[2] = {low >> QM_CELL_Y & 0xff, high >> QM_CELL_Y & 0xff}, z = low & 0xff;
-    qm_vu found = marks_of(marks, x[0] + y[0], z) | marks_of(marks, x[0] + y[1], z) |
-                  marks_of(marks, x[1] + y[0], z) | marks_of(marks, x[1] + y[1], z);
+    qm_vu row = (low >> QM_CELL_X) * qm_cell_stride(grid) + (low >> QM_CELL_Y & 0xff), z = low & 0xff;
+    qm_vu more = (span >> (QM_CELL_X - 1) & 2) | (span >> QM_CELL_Y & 1);
+    qm_vu found = marks_of(marks, 4 * row + more, z);
     qm_vu wanted = (((zero + 2) << (span & 31)) - 1) << (z & 7);
     *large = ~qm_vi_bits(is_small) & 0xff;
     return qm_vi_bits((qm_vi)((found & wanted) != zero) & is_small);

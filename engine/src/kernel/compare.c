@@ -1,6 +1,6 @@
 /**
- * compare.c: leaves of the collision search, and which lanes of two leaves may meet: one triangle against
- * eight. What is told apart here is apart; the rest is for exact tests.
+ * compare.c: which lanes of two leaves of the collision search may meet: one triangle against eight. What is
+ * told apart here is apart; the rest is for exact tests.
  *
  * Triangles are told apart by planes: that of either triangle, and those through the edges of either at a
  * right angle to it. Where those corners of a triangle that are not shared lie strictly beyond a plane that
@@ -14,136 +14,17 @@
  * same count gives 228 E^2 W e + 72 E^3 e, below 256 e E^2 (E + W).
  */
 #include "../collide_leaf.h"
-#include "box.h"
 #include "kernels.h"
-
-#define COORDINATE_ROUNDING 0x1p-23f /* of a coordinate in single precision, relative; twice what is */
-#define MIDDLE_ROUNDING 0x1p-50      /* of a coordinate in the frame of the search, relative */
-#define LARGEST_REACH 1e8f           /* larger leaves are left to exact tests: products might overflow */
-#define UNDERFLOW 1e-36f             /* more than what products lose to underflow */
+#include "wide.h"
 
 /** Everything is inlined into the two kinds of search, so that neither pays for the other. */
 #define QM_INLINE __attribute__((always_inline))
-
-typedef struct wide {
-    qm_vf x, y, z;
-} wide;
-
-static inline qm_vf load(const float *p)
-{
-    return *(const qm_vf *)(const void *)p;
-}
-
-static inline void store(float *p, qm_vf a)
-{
-    *(qm_vf *)(void *)p = a;
-}
-
-static inline wide wide_load(const float row[3][QM_PACK_LANES])
-{
-    return (wide){load(row[0]), load(row[1]), load(row[2])};
-}
 
 /** a + shift + margin along each axis */
 static inline wide wide_shift(wide a, const float shift[3], float margin)
 {
     return (wide){a.x + (shift[0] + margin), a.y + (shift[1] + margin), a.z + (shift[2] + margin)};
 }
-
-static inline wide wide_sub(wide a, wide b)
-{
-    return (wide){a.x - b.x, a.y - b.y, a.z - b.z};
-}
-
-static inline wide wide_cross(wide a, wide b)
-{
-    return (wide){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
-}
-
-static inline qm_vf wide_dot(wide a, wide b)
-{
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-
-/* ---- leaves ---- */
-
-static inline float least(qm_vf a)
-{
-    float low = a[0];
-    for (int i = 1; i < QM_PACK_LANES; i++)
-        low = a[i] < low ? a[i] : low;
-    return low;
-}
-
-/** The boxes of the lanes and of all; returns the greatest coordinate by magnitude. */
-static inline float set_boxes(qm_leaf *leaf, qm_vf *size)
-{
-    float reach = 0.0f;
-    *size = (qm_vf){0};
-    for (int k = 0; k < 3; k++) {
-        qm_vf x = load(leaf->corner[0][k]), y = load(leaf->corner[1][k]), z = load(leaf->corner[2][k]);
-        qm_vf low = qm_vf_min(x, qm_vf_min(y, z)), high = qm_vf_max(x, qm_vf_max(y, z));
-        store(leaf->low[k], low);
-        store(leaf->high[k], high);
-        *size = qm_vf_max(*size, high - low);
-        leaf->box_low[k] = least(low);
-        leaf->box_high[k] = -least(-high);
-        float far = -leaf->box_low[k] > leaf->box_high[k] ? -leaf->box_low[k] : leaf->box_high[k];
-        reach = far > reach ? far : reach;
-    }
-    return reach;
-}
-
-static inline void set_plane(qm_leaf *leaf, int plane, wide normal, wide point)
-{
-    store(leaf->plane[plane][0], normal.x);
-    store(leaf->plane[plane][1], normal.y);
-    store(leaf->plane[plane][2], normal.z);
-    store(leaf->plane[plane][3], wide_dot(normal, point));
-}
-
-/** Rows of a corner from the vertices of the lanes: x, y, z and the mark, which travels as a float's bits. */
-static inline void set_corner(qm_leaf *leaf, int corner, const float (*vertex)[4], const uint8_t *place)
-{
-    typedef float four __attribute__((vector_size(16)));
-    qm_vf lane[4];
-    for (int i = 0; i < 4; i++) {
-        four low = *(const four *)(const void *)vertex[place[3 * i + corner]],
-             high = *(const four *)(const void *)vertex[place[3 * (i + 4) + corner]];
-        lane[i] = __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
-    }
-    qm_vf xy01 = __builtin_shufflevector(lane[0], lane[1], 0, 8, 1, 9, 4, 12, 5, 13),
-          xy23 = __builtin_shufflevector(lane[2], lane[3], 0, 8, 1, 9, 4, 12, 5, 13),
-          zi01 = __builtin_shufflevector(lane[0], lane[1], 2, 10, 3, 11, 6, 14, 7, 15),
-          zi23 = __builtin_shufflevector(lane[2], lane[3], 2, 10, 3, 11, 6, 14, 7, 15);
-    store(leaf->corner[corner][0], __builtin_shufflevector(xy01, xy23, 0, 1, 8, 9, 4, 5, 12, 13));
-    store(leaf->corner[corner][1], __builtin_shufflevector(xy01, xy23, 2, 3, 10, 11, 6, 7, 14, 15));
-    store(leaf->corner[corner][2], __builtin_shufflevector(zi01, zi23, 0, 1, 8, 9, 4, 5, 12, 13));
-    qm_vf mark = __builtin_shufflevector(zi01, zi23, 2, 3, 10, 11, 6, 7, 14, 15);
-    memcpy(leaf->mark[corner], &mark, sizeof mark);
-}
-
-void QM_KERNEL(fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3])
-{
-    for (int i = 0; i < 3; i++)
-        set_corner(leaf, i, vertex, place[0]);
-    wide c[3] = {wide_load(leaf->corner[0]), wide_load(leaf->corner[1]), wide_load(leaf->corner[2])};
-    wide edge[3] = {wide_sub(c[1], c[0]), wide_sub(c[2], c[1]), wide_sub(c[0], c[2])};
-    wide normal = wide_cross(edge[1], edge[2]);
-    set_plane(leaf, 0, normal, c[0]);
-    for (int i = 0; i < 3; i++)
-        set_plane(leaf, 1 + i, wide_cross(edge[i], normal), c[i]);
-    qm_vf size;
-    leaf->reach = set_boxes(leaf, &size);
-    double x = fabs(leaf->middle.x), y = fabs(leaf->middle.y), z = fabs(leaf->middle.z);
-    double middle = x > y ? x : y;
-    middle = z > middle ? z : middle;
-    leaf->error = leaf->reach * COORDINATE_ROUNDING + (float)(middle * MIDDLE_ROUNDING) + UNDERFLOW;
-    if (!(leaf->reach < LARGEST_REACH)) leaf->error = INFINITY;
-    store(leaf->size, size + 4.0f * leaf->error);
-}
-
-/* ---- pairs of leaves ---- */
 
 /** The corners of q as seen from p's middle, with what bounds the errors of both. */
 typedef struct against {
@@ -162,7 +43,7 @@ static inline void set_against(against *g, const qm_leaf *p, const qm_leaf *q, q
     g->shift[1] = (float)(q->middle.y - p->middle.y);
     g->shift[2] = (float)(q->middle.z - p->middle.z);
     float far = fabsf(g->shift[0]) + fabsf(g->shift[1]) + fabsf(g->shift[2]);
-    g->error = p->error + q->error + 2.0f * COORDINATE_ROUNDING * (far + q->reach + p->reach);
+    g->error = p->error + q->error + 2.0f * QM_LEAF_ROUNDING * (far + q->reach + p->reach);
     for (int i = 0; i < 3; i++)
         g->corner[i] = wide_shift(wide_load(q->corner[i]), g->shift, 0.0f);
     g->low = wide_shift(wide_load(q->low), g->shift, -2.0f * g->error);
@@ -177,7 +58,7 @@ static inline unsigned lanes_near(const against *g)
     float margin = 2.0f * g->error;
     for (int k = 0; k < 3; k++) {
         float low = q->box_low[k] + g->shift[k] - margin, high = q->box_high[k] + g->shift[k] + margin;
-        apart |= (load(p->low[k]) > high) | (load(p->high[k]) < low);
+        apart |= (wide_row(p->low[k]) > high) | (wide_row(p->high[k]) < low);
     }
     return ~qm_vi_bits(apart) & ((1u << p->lane_count) - 1);
 }
@@ -238,9 +119,9 @@ typedef struct lane_against {
 QM_INLINE static inline lane_against make_lane(const against *g, int i)
 {
     lane_against l = {.g = g, .i = i, .shared = find_shared(g, i)};
-    l.size = load(g->q->size);
+    l.size = wide_row(g->q->size);
     l.own_size = (qm_vf){0} + g->p->size[i];
-    l.tolerance = 128.0f * g->error * l.own_size * (l.own_size + l.own_size + l.size) + UNDERFLOW;
+    l.tolerance = 128.0f * g->error * l.own_size * (l.own_size + l.own_size + l.size) + QM_LEAF_UNDERFLOW;
     return l;
 }
 
@@ -277,7 +158,7 @@ QM_INLINE static inline qm_vi apart_by_own_plane(const lane_against *l)
 QM_INLINE static inline qm_vi apart_by_own_edges(const lane_against *l)
 {
     const qm_vi(*same)[3] = l->shared.same;
-    qm_vf tolerance = 2.0f * l->own_size * l->tolerance + UNDERFLOW;
+    qm_vf tolerance = 2.0f * l->own_size * l->tolerance + QM_LEAF_UNDERFLOW;
     qm_vi apart = {0};
     for (int c = 0; c < 3; c++) {
         int next = (c + 1) % 3;
@@ -306,18 +187,18 @@ QM_INLINE static inline qm_vi apart_by_other_planes(const lane_against *l)
     const qm_leaf *q = l->g->q;
     const qm_vi(*same)[3] = l->shared.same;
     wide own[3] = {own_corner(l, 0), own_corner(l, 1), own_corner(l, 2)};
-    qm_vf tolerance = 128.0f * l->g->error * l->size * (l->size + l->size + l->own_size) + UNDERFLOW;
+    qm_vf tolerance = 128.0f * l->g->error * l->size * (l->size + l->size + l->own_size) + QM_LEAF_UNDERFLOW;
     const qm_vi shared[3] = {same[0][0] | same[0][1] | same[0][2], same[1][0] | same[1][1] | same[1][2],
                              same[2][0] | same[2][1] | same[2][2]};
     wide normal = wide_load(q->plane[0]);
     const qm_vf height[3] = {wide_dot(normal, own[0]), wide_dot(normal, own[1]), wide_dot(normal, own[2])};
-    qm_vf at = load(q->plane[0][3]);
+    qm_vf at = wide_row(q->plane[0][3]);
     qm_vi apart = one_sided(height, at - tolerance, at + tolerance, shared);
-    qm_vf edge_tolerance = 2.0f * l->size * tolerance + UNDERFLOW;
+    qm_vf edge_tolerance = 2.0f * l->size * tolerance + QM_LEAF_UNDERFLOW;
     for (int k = 0; k < 3; k++) {
         int next = (k + 1) % 3;
         wide out = wide_load(q->plane[1 + k]);
-        qm_vf limit = load(q->plane[1 + k][3]) + edge_tolerance;
+        qm_vf limit = wide_row(q->plane[1 + k][3]) + edge_tolerance;
         qm_vi beyond = ~(qm_vi){0};
         for (int c = 0; c < 3; c++)
             beyond &= same[c][k] | same[c][next] | (wide_dot(out, own[c]) > limit);

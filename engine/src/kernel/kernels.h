@@ -34,12 +34,15 @@ bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *polygon, bool
 unsigned QM_KERNEL(node_distances)(const qm_descent *descent, const qm_node *a, const qm_node *b,
                                    bool splits_a, float d2[QM_PACK_LANES]);
 bool QM_KERNEL(descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);
-void QM_KERNEL(fill_leaf)(qm_leaf *leaf, const float (*vertex)[4], const uint8_t place[QM_PACK_LANES][3]);
+void QM_KERNEL(fill_leaf)(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,
+                          qm_leaf *leaf);
 bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                                unsigned moved_q, qm_near_lanes *out);
+void QM_KERNEL(vertex_box)(const double *positions, size_t count, qm_box *box);
+void QM_KERNEL(vertex_cells)(const qm_cell_grid *grid, const double *positions, size_t count, qm_cell *cells);
 unsigned QM_KERNEL(cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,
                                qm_cell_boxes *out);
-unsigned QM_KERNEL(cells_marked)(const qm_cell_grid *grid, const qm_cell_row *marks,
+unsigned QM_KERNEL(cells_marked)(const qm_cell_grid *grid, const qm_cell_marks *marks,
                                  const qm_cell_boxes *boxes, unsigned *large);
 void QM_KERNEL(sort_few)(uint64_t *numbers, int count);
 

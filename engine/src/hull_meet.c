@@ -1,0 +1,218 @@
+#include "hull_meet.h"
+
+/** Where a point lies in a hull: at corner i, inside edge EDGE + i (from corner i to i + 1), or inside. */
+enum { EDGE = 3, INSIDE = 6, OUTSIDE = 7 };
+
+static bool is_corner(const qm_hull_extreme *e)
+{
+    return e->place[0] < EDGE || e->place[1] < EDGE;
+}
+
+/** Adds an extreme point unless it is known: by its places, or by its position where corners coincide. */
+static void add(qm_hull_meeting *m, qm_hull_extreme e)
+{
+    for (int i = 0; i < m->count; i++) {
+        const qm_hull_extreme *known = &m->extreme[i];
+        if (known->place[0] == e.place[0] && known->place[1] == e.place[1]) return;
+        if (is_corner(known) && is_corner(&e) && qm_vec_compare(known->point, e.point) == 0) return;
+    }
+    m->extreme[m->count++] = e;
+}
+
+static bool has_enough(const qm_hull_meeting *m)
+{
+    return m->count >= m->enough;
+}
+
+static double volume(qm_vec a, qm_vec b, qm_vec c, qm_vec d)
+{
+    return qm_vec_dot(qm_vec_cross(qm_vec_sub(b, a), qm_vec_sub(c, a)), qm_vec_sub(d, a));
+}
+
+/** The point of the segment where a quantity that runs linearly from at_p to at_q is 0; rounded. */
+static qm_vec zero_between(qm_vec p, qm_vec q, double at_p, double at_q)
+{
+    double span = at_p - at_q, t = span != 0.0 ? at_p / span : 0.5;
+    return qm_vec_mix(p, q, qm_clamp(t, 0.0, 1.0));
+}
+
+/** The place in a triangle of a point from the signs of its three edges, all of them 0 or turn. */
+static int place_from_signs(const int sign[3])
+{
+    int zeros = 0, last = 0;
+    for (int i = 0; i < 3; i++)
+        if (sign[i] == 0) zeros++, last = i;
+    if (zeros == 0) return INSIDE;
+    if (zeros == 1) return EDGE + last;
+    return sign[0] != 0 ? 2 : sign[1] != 0 ? 0 : 1; /* the corner between the two edges */
+}
+
+/** Where an edge of one hull, not in the plane of the triangle that the other is, goes through it. */
+static void pierce_edge(qm_hull_meeting *m, int edge_hull, int i, const int *side)
+{
+    const qm_hull *edges = m->hull[edge_hull], *face = m->hull[1 - edge_hull];
+    int k = (i + 1) % edges->count, sign[3];
+    if (side[i] * side[k] > 0 || (side[i] == 0 && side[k] == 0)) return;
+    qm_vec p = edges->corner[i], q = edges->corner[k];
+    int positive = 0, negative = 0;
+    for (int n = 0; n < 3; n++) {
+        sign[n] = qm_orient3d(p, q, face->corner[n], face->corner[(n + 1) % 3]);
+        positive += sign[n] > 0;
+        negative += sign[n] < 0;
+        if (positive > 0 && negative > 0) return;
+    }
+    qm_hull_extreme e;
+    int place = place_from_signs(sign);
+    e.place[edge_hull] = side[i] == 0 ? i : side[k] == 0 ? k : EDGE + i;
+    e.place[1 - edge_hull] = place;
+    if (e.place[edge_hull] < EDGE)
+        e.point = edges->corner[e.place[edge_hull]];
+    else if (place < EDGE)
+        e.point = face->corner[place];
+    else
+        e.point = zero_between(p, q, volume(face->corner[0], face->corner[1], face->corner[2], p),
+                               volume(face->corner[0], face->corner[1], face->corner[2], q));
+    add(m, e);
+}
+
+static void pierce(qm_hull_meeting *m, int edge_hull, const int *side)
+{
+    int count = m->hull[edge_hull]->count, edges = count == 3 ? 3 : count - 1;
+    for (int i = 0; i < edges && !has_enough(m); i++)
+        pierce_edge(m, edge_hull, i, side);
+}
+
+/* ---- hulls in one plane ---- */
+
+/** The sign in the plane, which is looked at along the axis; 0 when all lies on one line (axis -1). */
+static int turn(qm_vec a, qm_vec b, qm_vec c, int axis)
+{
+    return axis < 0 ? 0 : qm_orient2d(a, b, c, axis);
+}
+
+static int place_in_segment(const qm_hull *hull, qm_vec p, int axis)
+{
+    int first = qm_vec_compare(p, hull->corner[0]), last = qm_vec_compare(p, hull->corner[hull->count - 1]);
+    if (first == 0) return 0;
+    if (last == 0) return hull->count - 1;
+    if (first * last > 0 || turn(hull->corner[0], hull->corner[1], p, axis) != 0) return OUTSIDE;
+    return EDGE;
+}
+
+/** The place in a hull of a point of the same plane. */
+static int place_in_hull(const qm_hull *hull, qm_vec p, int axis)
+{
+    if (hull->count < 3) return place_in_segment(hull, p, axis);
+    int positive = 0, negative = 0, sign[3];
+    for (int i = 0; i < 3; i++) {
+        sign[i] = turn(hull->corner[i], hull->corner[(i + 1) % 3], p, axis);
+        positive += sign[i] > 0;
+        negative += sign[i] < 0;
+        if (positive > 0 && negative > 0) return OUTSIDE;
+    }
+    return place_from_signs(sign);
+}
+
+static void add_corners(qm_hull_meeting *m, int side, int axis)
+{
+    const qm_hull *hull = m->hull[side];
+    for (int i = 0; i < hull->count && !has_enough(m); i++) {
+        qm_hull_extreme e = {.point = hull->corner[i]};
+        e.place[side] = i;
+        e.place[1 - side] = place_in_hull(m->hull[1 - side], e.point, axis);
+        if (e.place[1 - side] != OUTSIDE) add(m, e);
+    }
+}
+
+/** Crossings of two edges inside both; all others are corners. */
+static void add_crossing(qm_hull_meeting *m, int i, int k, int axis)
+{
+    const qm_hull *a = m->hull[0], *b = m->hull[1];
+    qm_vec p = a->corner[i], q = qm_hull_corner(a, i + 1), r = b->corner[k], s = qm_hull_corner(b, k + 1);
+    if (turn(p, q, r, axis) * turn(p, q, s, axis) >= 0 || turn(r, s, p, axis) * turn(r, s, q, axis) >= 0)
+        return;
+    qm_vec along = qm_vec_sub(s, r), normal = qm_vec_cross(qm_vec_sub(q, p), along);
+    qm_vec across = qm_vec_cross(normal, along);
+    double at_p = qm_vec_dot(across, qm_vec_sub(p, r)), at_q = qm_vec_dot(across, qm_vec_sub(q, r));
+    add(m, (qm_hull_extreme){{EDGE + i, EDGE + k}, zero_between(p, q, at_p, at_q)});
+}
+
+/** An axis to look along at all corners of two hulls in one plane; -1 when they lie on one line. */
+static int common_axis(const qm_hull *a, const qm_hull *b)
+{
+    const qm_hull *first = a->count >= b->count ? a : b, *other = first == a ? b : a;
+    if (first->count == 3) return qm_hull_axis(first->corner[0], first->corner[1], first->corner[2]);
+    for (int i = 0; i < other->count; i++) {
+        int axis = qm_hull_axis(first->corner[0], first->corner[1], other->corner[i]);
+        if (axis >= 0) return axis;
+    }
+    return -1;
+}
+
+static void meet_in_plane(qm_hull_meeting *m)
+{
+    const qm_hull *a = m->hull[0], *b = m->hull[1];
+    int axis = common_axis(a, b);
+    add_corners(m, 0, axis);
+    add_corners(m, 1, axis);
+    int a_edges = a->count == 3 ? 3 : a->count - 1, b_edges = b->count == 3 ? 3 : b->count - 1;
+    for (int i = 0; i < a_edges; i++)
+        for (int k = 0; k < b_edges && !has_enough(m); k++)
+            add_crossing(m, i, k, axis);
+}
+
+/* ---- hulls in space ---- */
+
+bool qm_hull_find_sides(const qm_vec plane[3], const qm_hull *hull, int side[3], bool *in_plane)
+{
+    int above = 0, below = 0;
+    qm_orient3d_sides(plane, hull->corner, hull->count, side);
+    for (int i = 0; i < hull->count; i++) {
+        above += side[i] > 0;
+        below += side[i] < 0;
+    }
+    *in_plane = above + below == 0;
+    return above == hull->count || below == hull->count;
+}
+
+static bool segments_are_skew(const qm_hull *a, const qm_hull *b)
+{
+    return a->count == 2 && b->count == 2 &&
+           qm_orient3d(a->corner[0], a->corner[1], b->corner[0], b->corner[1]) != 0;
+}
+
+/** Collects the extremes of what two hulls have in common. */
+static void meet_hulls(qm_hull_meeting *m)
+{
+    const qm_hull *a = m->hull[0], *b = m->hull[1];
+    int side_a[3], side_b[3];
+    bool a_in_plane = false, b_in_plane = false;
+    if (a->count < 3 && b->count < 3) {
+        if (!segments_are_skew(a, b)) meet_in_plane(m);
+        return;
+    }
+    if (a->count == 3 && qm_hull_find_sides(a->corner, b, side_b, &b_in_plane)) return;
+    if (b->count == 3 && qm_hull_find_sides(b->corner, a, side_a, &a_in_plane)) return;
+    if (a_in_plane || b_in_plane) {
+        meet_in_plane(m);
+        return;
+    }
+    if (a->count == 3) pierce(m, 1, side_b);
+    if (b->count == 3 && !has_enough(m)) pierce(m, 0, side_a);
+}
+
+void qm_hulls_collect(const qm_hull *a, const qm_hull *b, int enough, qm_hull_meeting *out)
+{
+    out->hull[0] = a;
+    out->hull[1] = b;
+    out->enough = enough;
+    out->count = 0;
+    meet_hulls(out);
+}
+
+bool qm_hulls_meet(const qm_hull *a, const qm_hull *b)
+{
+    qm_hull_meeting m;
+    qm_hulls_collect(a, b, 1, &m);
+    return m.count > 0;
+}

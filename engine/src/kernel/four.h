@@ -1,0 +1,52 @@
+/**
+ * four.h: vectors of four doubles on every instruction set: a position and one more, or a third of four
+ * positions.
+ */
+#ifndef QM_KERNEL_FOUR_H
+#define QM_KERNEL_FOUR_H
+
+#include "simd.h"
+
+typedef double qm_four __attribute__((vector_size(32)));
+typedef int64_t qm_four_mask __attribute__((vector_size(32)));
+
+/** a where the mask is all ones, b where it is all zeros */
+static inline qm_four qm_four_select(qm_four_mask mask, qm_four a, qm_four b)
+{
+#if defined(__AVX__)
+    return (qm_four)_mm256_blendv_pd((__m256d)b, (__m256d)a, (__m256d)mask);
+#else
+    return (qm_four)(((qm_four_mask)a & mask) | ((qm_four_mask)b & ~mask));
+#endif
+}
+
+/** a < b ? a : b in each lane, so b when either is not a number */
+static inline qm_four qm_four_min(qm_four a, qm_four b)
+{
+#if defined(__AVX__)
+    return (qm_four)_mm256_min_pd((__m256d)a, (__m256d)b);
+#else
+    return qm_four_select(a < b, a, b);
+#endif
+}
+
+static inline qm_four qm_four_max(qm_four a, qm_four b)
+{
+#if defined(__AVX__)
+    return (qm_four)_mm256_max_pd((__m256d)a, (__m256d)b);
+#else
+    return qm_four_select(a > b, a, b);
+#endif
+}
+
+/** x, y, z and nothing */
+static inline qm_four qm_four_position(const double *p)
+{
+#if defined(__AVX2__)
+    return (qm_four)_mm256_maskload_pd(p, _mm256_set_epi64x(0, -1, -1, -1));
+#else
+    return (qm_four){p[0], p[1], p[2], 0.0};
+#endif
+}
+
+#endif

@@ -1,0 +1,118 @@
+/**
+ * vertices.c: all vertices of a mesh, four at a time: twelve coordinates are three vectors, in each of which
+ * the axes come in another order.
+ */
+#include <string.h>
+
+#include "../collide_cells.h"
+#include "four.h"
+#include "kernels.h"
+
+enum { TOGETHER = 4, PARTS = 3 };
+
+typedef int32_t four_cells __attribute__((vector_size(16)));
+
+static inline qm_four load(const double *p)
+{
+    typedef double four __attribute__((vector_size(32), aligned(8)));
+    return (qm_four) * (const four *)(const void *)p;
+}
+
+/** A value for each axis as it comes in the twelve coordinates. */
+static inline void repeat(const double axis[3], qm_four part[PARTS])
+{
+    for (int i = 0; i < PARTS * TOGETHER; i++)
+        part[i / TOGETHER][i % TOGETHER] = axis[i % 3];
+}
+
+void QM_KERNEL(vertex_box)(const double *positions, size_t count, qm_box *box)
+{
+    qm_four low[PARTS], high[PARTS];
+    for (int part = 0; part < PARTS; part++) {
+        low[part] = (qm_four){INFINITY, INFINITY, INFINITY, INFINITY};
+        high[part] = -low[part];
+    }
+    size_t i = 0;
+    for (; i + TOGETHER <= count; i += TOGETHER) {
+        for (int part = 0; part < PARTS; part++) {
+            qm_four p = load(positions + 3 * i + TOGETHER * part);
+            low[part] = qm_four_min(p, low[part]);
+            high[part] = qm_four_max(p, high[part]);
+        }
+    }
+    *box = (qm_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (int k = 0; k < PARTS * TOGETHER; k++) {
+        box->min[k % 3] = fmin(box->min[k % 3], low[k / TOGETHER][k % TOGETHER]);
+        box->max[k % 3] = fmax(box->max[k % 3], high[k / TOGETHER][k % TOGETHER]);
+    }
+    for (; i < count; i++) {
+        for (int k = 0; k < 3; k++) {
+            box->min[k] = fmin(box->min[k], positions[3 * i + (size_t)k]);
+            box->max[k] = fmax(box->max[k], positions[3 * i + (size_t)k]);
+        }
+    }
+}
+
+/** The grid as it lies to the twelve coordinates. */
+typedef struct wide_grid {
+    qm_four low[PARTS], high[PARTS], scale[PARTS], count[PARTS];
+    four_cells shift[PARTS];
+} wide_grid;
+
+static inline void widen(const qm_cell_grid *grid, wide_grid *out)
+{
+    static const int shift_of[3] = {QM_CELL_X, QM_CELL_Y, QM_CELL_Z};
+    double low[3], high[3], scale[3], count[3];
+    int shift[3];
+    for (int k = 0; k < 3; k++) {
+        int axis = grid->axis[k];
+        low[axis] = grid->low[k];
+        high[axis] = grid->high[k];
+        scale[axis] = grid->scale[k];
+        count[axis] = grid->count[k];
+        shift[axis] = shift_of[k];
+    }
+    repeat(low, out->low);
+    repeat(high, out->high);
+    repeat(scale, out->scale);
+    repeat(count, out->count);
+    for (int i = 0; i < PARTS * TOGETHER; i++)
+        out->shift[i / TOGETHER][i % TOGETHER] = shift[i % 3];
+}
+
+/** Each coordinate's cell where it goes in the word. What is no number, from a grid of no length, counts as
+ * the first cell. */
+static inline four_cells find_cells(const wide_grid *grid, int part, qm_four p)
+{
+    const qm_four zero = {0}, none = zero - 1.0, count = grid->count[part];
+    qm_four place = qm_four_max((p - grid->low[part]) * grid->scale[part], zero);
+    place = qm_four_min(place, count - 1.0);
+    place = qm_four_select(p > grid->high[part], count, place);
+    place = qm_four_select(p < grid->low[part], none, place);
+    return (__builtin_convertvector(place, four_cells) + 1) << grid->shift[part];
+}
+
+static inline void find_four(const wide_grid *grid, const double *positions, qm_cell *cells)
+{
+    _Alignas(16) int32_t cell[PARTS * TOGETHER];
+    for (int part = 0; part < PARTS; part++)
+        *(four_cells *)(void *)(cell + TOGETHER * part) =
+            find_cells(grid, part, load(positions + TOGETHER * part));
+    for (int i = 0; i < TOGETHER; i++)
+        cells[i] = (qm_cell)(cell[3 * i] | cell[3 * i + 1] | cell[3 * i + 2]);
+}
+
+void QM_KERNEL(vertex_cells)(const qm_cell_grid *grid, const double *positions, size_t count, qm_cell *cells)
+{
+    wide_grid wide;
+    widen(grid, &wide);
+    size_t i = 0;
+    for (; i + TOGETHER <= count; i += TOGETHER)
+        find_four(&wide, positions + 3 * i, cells + i);
+    if (i == count) return;
+    double rest[3 * TOGETHER] = {0};
+    qm_cell found[TOGETHER];
+    memcpy(rest, positions + 3 * i, 3 * (count - i) * sizeof *rest);
+    find_four(&wide, rest, found);
+    memcpy(cells + i, found, (count - i) * sizeof *found);
+}
