@@ -210,7 +210,15 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_gr
     if (upper <= HINT_SHARE * lower) return upper + member_reach(side, group, member, p);
     double reach = member_reach(side, group, member, p);
     double enough = qm_search_allowed(worker->search) * side->scale - reach;
-    return qm_worker_sample(worker, side, p, 0.0, face, fmin(enough, lower), hint) + reach;
+    return qm_worker_sample(worker, side, p, 0.0, face, fmin(fmax(enough, HINT_SHARE * lower), lower), hint) + reach;
+}
+
+/** The vertices of a pack lie far apart in memory. */
+static void fetch_vertices(const qm_side *side, uint32_t pack)
+{
+    const qm_pack_lanes *lanes = &side->source->lanes[pack];
+    for (int i = 0; i < lanes->vertex_count; i++)
+        __builtin_prefetch(side->source->mesh.positions + 3 * (size_t)lanes->vertex[i]);
 }
 
 void qm_worker_group(qm_worker *worker, qm_entry entry)
@@ -222,6 +230,7 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
     qm_entry child[QM_PACK_LANES];
     uint32_t hint = entry.hint;
     for (int m = 0; m < members; m++) {
+        if (entry.level == 1 && m + 1 < members) fetch_vertices(side, 8 * entry.index + (uint32_t)m + 1);
         qm_vec centre;
         double radius = member_ball(side, group, m, &centre);
         double upper = qm_side_pack_upper(search, side, hint, centre) + radius;

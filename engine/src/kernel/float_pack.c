@@ -51,9 +51,11 @@ void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, doubl
                             const qm_vec *point, int count, qm_float_bits *bits)
 {
     qm_vf least = qm_vf_set(qm_float_below(allowed)), most = qm_vf_set(qm_float_above(allowed));
+    const qm_float_frames frames = qm_float_frames_make(pack);
+    const qm_vf leave = twist ? qm_vf_load(twist) : (qm_vf){0};
     for (int i = 0; i < count; i++) {
         qm_float_point q = qm_float_point_make(pack, point[i]);
-        qm_vf row = distance_row(pack, twist, &q);
+        qm_vf row = qm_vf_sqrt(qm_float_frames_d2(&frames, &q)) + leave;
         bits[i].certain = (uint8_t)qm_vi_bits(row + q.margin <= least);
         bits[i].possible = (uint8_t)qm_vi_bits(row - q.margin <= most);
     }
