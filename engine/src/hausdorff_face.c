@@ -19,13 +19,13 @@ static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
     int count = work->kernel->narrow(work->near, &box, allowed, ONE_LABEL_PACKS, packs);
     for (int k = 0; k < count; k++) {
         qm_float_bits bits[QM_COVER_CORNERS];
-        unsigned labels = 0xff;
+        unsigned labels = ~0u;
         work->kernel->float_reach(&work->side->target->float_packs[packs[k]],
                                   qm_side_twists(work->side, packs[k]), allowed - work->slack,
                                   polygon->corner, polygon->count, bits);
         for (int i = 0; i < polygon->count; i++)
-            labels &= bits[i].certain;
-        if (labels) return true;
+            labels &= bits[i];
+        if (qm_float_certain(labels)) return true;
     }
     return false;
 }

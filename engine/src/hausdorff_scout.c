@@ -66,7 +66,8 @@ static seed measure_middle(qm_worker *worker, const qm_side *side, uint32_t pack
     uint32_t face;
     int lane = side->source->lanes[pack].lane_count / 2;
     qm_vec p = qm_side_middle(side, pack, &lane, &face);
-    double distance = qm_worker_sample(worker, side, p, 0.0, face, 0.0, &hint);
+    double lower = atomic_load_explicit(&worker->search->lower, memory_order_relaxed) * side->scale;
+    double distance = qm_worker_sample(worker, side, p, 0.0, face, QM_NEAR_ENOUGH * lower, &hint);
     return (seed){distance, pack, hint};
 }
 

@@ -20,6 +20,8 @@
 #include "nearest.h"
 #include "qm/hausdorff.h"
 
+#define QM_NEAR_ENOUGH 0.25 /* of the lower bound: a facet within it tells well enough how far a point is */
+
 /** Values of qm_search.stop beside the reasons of qm_hausdorff_stop. */
 enum { QM_SEARCH_RUNNING = -1, QM_SEARCH_OUT_OF_MEMORY = -2 };
 

@@ -4,7 +4,6 @@
  */
 #include "hausdorff_search.h"
 
-#define HINT_SHARE 0.25 /* of the lower bound: below it the hint tells well enough how far a point is */
 #define NEAR_SHARE                                                                                           \
     0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered                  \
           */
@@ -72,24 +71,22 @@ static void measure_vertex(pack_work *work, double allowed, int vertex)
     if (work->measured >> vertex & 1) return;
     if (work->measured == 0) qm_candidates_fill(&work->hinted, work->side, &work->entry.hint, 1, allowed);
     work->measured |= 1u << vertex;
-    uint8_t bits = (uint8_t)work->kernel->in_reach(&work->hinted, work->vertex[vertex]);
-    work->in_reach[vertex] = (qm_float_bits){bits, bits};
+    unsigned bits = (unsigned)work->kernel->in_reach(&work->hinted, work->vertex[vertex]);
+    work->in_reach[vertex] = (qm_float_bits)(bits << 8 | bits);
 }
 
 /** True when one lane of the pack of the hint reaches all corners of a face. */
 static bool face_reached(pack_work *work, double allowed, const int *corner, int count)
 {
-    unsigned certain = 0xff, possible = 0xff;
-    for (int i = 0; i < count; i++) {
-        certain &= work->in_reach[corner[i]].certain;
-        possible &= work->in_reach[corner[i]].possible;
-    }
-    if (certain || !possible) return certain != 0;
+    unsigned bits = ~0u;
+    for (int i = 0; i < count; i++)
+        bits &= work->in_reach[corner[i]];
+    if (qm_float_certain(bits) || bits == 0) return bits != 0;
     for (int i = 0; i < count; i++) {
         measure_vertex(work, allowed, corner[i]);
-        possible &= work->in_reach[corner[i]].certain;
+        bits &= work->in_reach[corner[i]];
     }
-    return possible != 0;
+    return bits != 0;
 }
 
 /** Bits of the lanes of a pack that reach a point each, for count points. */
@@ -119,10 +116,10 @@ static bool face_is_near(qm_worker *worker, const pack_work *work, const qm_piec
     if (qm_side_nearly(search, work->side, middle, enough, hint) <= enough) return true;
     qm_float_bits bits[4];
     reach_by_pack(work, allowed, *hint, face->corner, face->corner_count, bits);
-    unsigned labels = 0xff;
+    unsigned labels = ~0u;
     for (int i = 0; i < face->corner_count; i++)
-        labels &= bits[i].certain;
-    return labels != 0;
+        labels &= bits[i];
+    return qm_float_certain(labels) != 0;
 }
 
 /**
@@ -190,7 +187,8 @@ static qm_entry child_entry(const qm_entry *group, int member, double upper, uin
 static double bound_group(qm_worker *worker, const qm_side *side, qm_vec centre, double radius,
                           uint32_t *hint)
 {
-    double enough = qm_search_allowed(worker->search) * side->scale - radius;
+    double lower = atomic_load_explicit(&worker->search->lower, memory_order_relaxed) * side->scale;
+    double enough = fmax(qm_search_allowed(worker->search) * side->scale - radius, QM_NEAR_ENOUGH * lower);
     worker->projections++;
     return qm_side_nearly(worker->search, side, centre, enough, hint) + radius;
 }
@@ -207,10 +205,10 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_gr
     qm_vec p = qm_side_middle(side, pack, &lane, &face);
     double upper = qm_side_pack_upper(worker->search, side, *hint, p);
     double lower = atomic_load_explicit(&worker->search->lower, memory_order_relaxed) * side->scale;
-    if (upper <= HINT_SHARE * lower) return upper + member_reach(side, group, member, p);
+    if (upper <= QM_NEAR_ENOUGH * lower) return upper + member_reach(side, group, member, p);
     double reach = member_reach(side, group, member, p);
     double enough = qm_search_allowed(worker->search) * side->scale - reach;
-    return qm_worker_sample(worker, side, p, 0.0, face, fmin(fmax(enough, HINT_SHARE * lower), lower), hint) + reach;
+    return qm_worker_sample(worker, side, p, 0.0, face, fmin(fmax(enough, QM_NEAR_ENOUGH * lower), lower), hint) + reach;
 }
 
 /** The vertices of a pack lie far apart in memory. */

@@ -29,10 +29,16 @@ typedef struct qm_float_hit {
     uint32_t pack, lane;
 } qm_float_hit;
 
-/** Bits of the lanes of a pack, by what single precision can tell. */
-typedef struct qm_float_bits {
-    uint8_t certain, possible;
-} qm_float_bits;
+/**
+ * Bits of the lanes of a pack, by what single precision can tell: in the low byte those proven to be within a
+ * distance, in the high byte those not proven to lie beyond it. What holds for several points is their & .
+ */
+typedef uint16_t qm_float_bits;
+
+static inline unsigned qm_float_certain(unsigned bits)
+{
+    return bits & 0xff;
+}
 
 /** Result of a search over bilinear patches. The distance d and its certified lower bound. */
 typedef struct qm_patch_hit {
@@ -109,8 +115,7 @@ typedef struct qm_kernel {
      * twist of them. */
     double (*float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p);
 
-    /** For each of count points the bits of the lanes that are proven to lie within the allowed distance, and
-     * of those that are not proven to lie beyond. */
+    /** For each of count points, 3 QM_PACK_LANES at most, the bits of the lanes by the allowed distance. */
     void (*float_reach)(const qm_float_pack *pack, const float *twist, double allowed, const qm_vec *point,
                         int count, qm_float_bits *bits);
 

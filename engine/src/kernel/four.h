@@ -1,0 +1,67 @@
+/**
+ * four.h: the three coordinates of a point at once, and nothing in a fourth.
+ */
+#ifndef QM_KERNEL_FOUR_H
+#define QM_KERNEL_FOUR_H
+
+#include "simd.h"
+
+typedef double qm_four __attribute__((vector_size(32)));
+typedef float qm_four_floats __attribute__((vector_size(16)));
+
+/** Reads the three and no more. */
+static inline qm_four qm_four_load(const double *p)
+{
+#if defined(__AVX2__)
+    return (qm_four)_mm256_maskload_pd(p, _mm256_set_epi64x(0, -1, -1, -1));
+#else
+    return (qm_four){p[0], p[1], p[2], 0.0};
+#endif
+}
+
+static inline qm_four qm_four_least(qm_four a, qm_four b)
+{
+#if defined(__AVX__)
+    return (qm_four)_mm256_min_pd((__m256d)a, (__m256d)b);
+#else
+    typedef int64_t mask __attribute__((vector_size(32)));
+    mask below = a < b;
+    return (qm_four)(((mask)a & below) | ((mask)b & ~below));
+#endif
+}
+
+static inline qm_four qm_four_greatest(qm_four a, qm_four b)
+{
+#if defined(__AVX__)
+    return (qm_four)_mm256_max_pd((__m256d)a, (__m256d)b);
+#else
+    typedef int64_t mask __attribute__((vector_size(32)));
+    mask above = a > b;
+    return (qm_four)(((mask)a & above) | ((mask)b & ~above));
+#endif
+}
+
+/** Rounded to single precision. */
+static inline qm_four_floats qm_four_round(qm_four a)
+{
+#if defined(__AVX__)
+    return (qm_four_floats)_mm256_cvtpd_ps((__m256d)a);
+#else
+    return (qm_four_floats){(float)a[0], (float)a[1], (float)a[2], (float)a[3]};
+#endif
+}
+
+/** The greater magnitude of each coordinate, the first one's being taken already. */
+static inline qm_four_floats qm_four_farther(qm_four_floats magnitude, qm_four_floats a)
+{
+    typedef int32_t mask __attribute__((vector_size(16)));
+    qm_four_floats other = (qm_four_floats)((mask)a & INT32_MAX);
+#if defined(__AVX__)
+    return (qm_four_floats)_mm_max_ps((__m128)magnitude, (__m128)other);
+#else
+    mask above = magnitude > other;
+    return (qm_four_floats)(((mask)magnitude & above) | ((mask)other & ~above));
+#endif
+}
+
+#endif
