@@ -112,13 +112,13 @@ void QM_KERNEL(float_closest)(const qm_bvh *bvh, qm_vec p, double enough, qm_flo
     visit(&search, start);
     float limit = qm_box_limit(NEARLY_SHARE2 * hit->upper * hit->upper);
     qm_walk walk;
-    qm_walk_start(&walk, &bvh->boxes);
-    while (walk.height > 0 && hit->upper > enough) {
+    qm_walk_start_at(&walk, start);
+    while (hit->upper > enough && qm_walk_climb(&walk, &bvh->boxes, &query, limit)) {
         qm_stop at = qm_walk_pop(&walk);
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
             qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
-        } else if (at.index != start) {
+        } else {
             visit(&search, at.index);
             limit = qm_box_limit(NEARLY_SHARE2 * hit->upper * hit->upper);
         }
