@@ -231,7 +231,8 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
         if (entry.level == 1 && m + 1 < members) fetch_vertices(side, 8 * entry.index + (uint32_t)m + 1);
         qm_vec centre;
         double radius = member_ball(side, group, m, &centre);
-        double upper = qm_side_pack_upper(search, side, hint, centre) + radius;
+        bool is_small = radius * side->inverse_scale <= qm_search_allowed(search);
+        double upper = is_small ? qm_side_pack_upper(search, side, hint, centre) + radius : INFINITY;
         if (upper * side->inverse_scale > qm_search_allowed(search)) {
             double nearer = entry.level > 1
                                 ? bound_group(worker, side, centre, radius, &hint)
