@@ -246,6 +246,8 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
     for (int m = 0; m < members; m++) {
         if (entry.level == 1 && child[m].upper > qm_search_allowed(search))
             visit_pack(worker, child[m]);
+        else if (entry.level == 2 && child[m].upper > qm_search_allowed(search))
+            qm_worker_group(worker, child[m]);
         else
             qm_worker_push(worker, child[m], NULL);
     }
