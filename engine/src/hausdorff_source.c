@@ -208,7 +208,9 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_gr
     if (upper <= QM_NEAR_ENOUGH * lower) return upper + member_reach(side, group, member, p);
     double reach = member_reach(side, group, member, p);
     double enough = qm_search_allowed(worker->search) * side->scale - reach;
-    return qm_worker_sample(worker, side, p, 0.0, face, fmin(fmax(enough, QM_NEAR_ENOUGH * lower), lower), hint) + reach;
+    return qm_worker_sample(worker, side, p, 0.0, face, fmin(fmax(enough, QM_NEAR_ENOUGH * lower), lower),
+                            hint) +
+           reach;
 }
 
 /** The vertices of a pack lie far apart in memory. */

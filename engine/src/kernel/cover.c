@@ -6,26 +6,12 @@
  */
 #include <math.h>
 
+#include "float_pack.h"
 #include "kernels.h"
 
 #define MAX_CUTS 48       /* parts cut off a piece before it is given back */
+#define MIN_MARGINS 16    /* of single precision that an allowed distance must have */
 #define MIN_PROGRESS 0.02 /* share of an edge that a cut must gain, or the label is not tried again */
-
-uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p)
-{
-    qm_splat s = qm_splat_make(p);
-    uint64_t bits = 0;
-    for (int k = 0; k < candidates->count; k++) {
-        unsigned here = 0;
-        for (int part = 0; part < QM_PARTS; part++) {
-            qm_vd d2 = qm_pack_part_d2(candidates->pack[k], part, s.x, s.y, s.z);
-            qm_vd allowed2 = qm_vd_load(&candidates->allowed2[k][part * QM_WIDTH]);
-            here |= qm_vl_bits(d2 <= allowed2) << (part * QM_WIDTH);
-        }
-        bits |= (uint64_t)here << (8 * k);
-    }
-    return bits;
-}
 
 double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place)
 {
@@ -50,31 +36,104 @@ double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *poin
     return upper;
 }
 
-/**
- * How far from a (within reach of the lane) towards b (beyond it) the lane still reaches at least: a parameter
- * in [0, 1]. The squared distance is convex along the way, so between two places where it is known it lies
- * below the chord.
- */
-static double reach_along(const qm_pack *pack, int lane, double reach2, qm_vec a, qm_vec b)
+uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p)
 {
-    enum { STEPS = QM_PACK_LANES - 1 };
-    _Alignas(64) static const double place[QM_PACK_LANES] = {0.0,         1.0 / STEPS, 2.0 / STEPS, 3.0 / STEPS,
-                                                             4.0 / STEPS, 5.0 / STEPS, 6.0 / STEPS, 1.0};
-    _Alignas(64) double d2[QM_PACK_LANES];
-    qm_vec step = qm_vec_sub(b, a);
+    qm_splat s = qm_splat_make(p);
+    uint64_t bits = 0;
+    for (int k = 0; k < candidates->count; k++) {
+        unsigned here = 0;
+        for (int part = 0; part < QM_PARTS; part++) {
+            qm_vd d2 = qm_pack_part_d2(candidates->pack[k], part, s.x, s.y, s.z);
+            qm_vd allowed2 = qm_vd_load(&candidates->allowed2[k][part * QM_WIDTH]);
+            here |= qm_vl_bits(d2 <= allowed2) << (part * QM_WIDTH);
+        }
+        bits |= (uint64_t)here << (8 * k);
+    }
+    return bits;
+}
+
+/** In single precision: the lanes of one pack, and the squared distances that are certain to be allowed. */
+typedef struct float_labels {
+    const qm_float_pack *pack;
+    qm_float_frames frames;
+    qm_vf allowed2;
+} float_labels;
+
+/** What a polygon is covered with: candidates, or labels in single precision. */
+typedef struct cover_work {
+    const qm_candidates *candidates;
+    const float_labels *floats;
+} cover_work;
+
+static inline uint64_t labels_at(const cover_work *work, qm_vec p)
+{
+    if (!work->floats) return QM_KERNEL(in_reach)(work->candidates, p);
+    qm_float_point q = qm_float_point_make(work->floats->pack, p);
+    return qm_vi_bits(qm_float_point_d2(&work->floats->frames, &q) <= work->floats->allowed2);
+}
+
+/** Places along a way that are measured. */
+enum { STEPS = QM_PACK_LANES - 1 };
+
+static const _Alignas(64) double places[QM_PACK_LANES] = {0.0,         1.0 / STEPS, 2.0 / STEPS, 3.0 / STEPS,
+                                                          4.0 / STEPS, 5.0 / STEPS, 6.0 / STEPS, 1.0};
+
+/** Measures a lane from those places; returns bits of those within reach. */
+static inline unsigned measure_way(const qm_pack *pack, int lane, double reach2, qm_vec a, qm_vec step,
+                                   double d2[QM_PACK_LANES])
+{
     unsigned within = 0;
     for (int at = 0; at < QM_PACK_LANES; at += QM_WIDTH) {
-        qm_vd t = qm_vd_load(place + at);
+        qm_vd t = qm_vd_load(places + at);
         qm_vd here = qm_pack_lanes_d2(pack, (qm_pack_lanes_of){lane, true}, a.x + t * step.x,
                                       a.y + t * step.y, a.z + t * step.z);
         qm_vd_store(d2 + at, here);
         within |= qm_vl_bits(here <= reach2) << at;
     }
+    return within;
+}
+
+/** The same in single precision. */
+static inline unsigned measure_float_way(const float_labels *labels, int lane, qm_vec a, qm_vec step,
+                                         double d2[QM_PACK_LANES])
+{
+    const qm_vf t = {0.0f,         1.0f / STEPS, 2.0f / STEPS, 3.0f / STEPS,
+                     4.0f / STEPS, 5.0f / STEPS, 6.0f / STEPS, 1.0f};
+    qm_float_point q = qm_float_point_make(labels->pack, a);
+    qm_float_frames frame = qm_float_frames_lane(&labels->frames, lane);
+    qm_vf here =
+        qm_float_frames_d2(&frame, q.x + t * (float)step.x, q.y + t * (float)step.y, q.z + t * (float)step.z);
+    for (int i = 0; i < QM_PACK_LANES; i++)
+        d2[i] = (double)here[i];
+    return qm_vi_bits(here <= qm_vf_set(labels->allowed2[lane]));
+}
+
+/**
+ * How far from a (within reach of the label) towards b (beyond it) the label still reaches at least: a
+ * parameter in [0, 1]. The squared distance is convex along the way, so between two places where it is known
+ * it lies below the chord. That holds with a margin m on computed distances c too: where the chord of c^2 is
+ * at (r - m)^2, the chord of (c + m)^2 is at r^2 at most, since the root is concave.
+ */
+static inline double reach_along(const cover_work *work, int label, qm_vec a, qm_vec b)
+{
+    _Alignas(64) double d2[QM_PACK_LANES];
+    int lane = label % QM_PACK_LANES;
+    qm_vec step = qm_vec_sub(b, a);
+    unsigned within;
+    double reach2;
+    if (work->floats) {
+        reach2 = (double)work->floats->allowed2[lane];
+        within = measure_float_way(work->floats, lane, a, step, d2);
+    } else {
+        int k = label / QM_PACK_LANES;
+        reach2 = work->candidates->allowed2[k][lane];
+        within = measure_way(work->candidates->pack[k], lane, reach2, a, step, d2);
+    }
     int first = __builtin_ctz(~within);
     if (first == QM_PACK_LANES) return 1.0;
     if (first == 0) return 0.0;
     double share = (reach2 - d2[first - 1]) / (d2[first] - d2[first - 1]);
-    return (place[first - 1] + share * (1.0 / STEPS)) * (1.0 - 0x1p-40);
+    return (places[first - 1] + share * (1.0 / STEPS)) * (1.0 - 0x1p-20);
 }
 
 /** The longest run of neighbouring corners that one label reaches. */
@@ -101,8 +160,7 @@ static corner_run longest_run(const qm_polygon *p, uint64_t banned)
 }
 
 /** Replaces the run's corners by the two cut points. */
-static void cut_off(const qm_candidates *candidates, qm_polygon *p, corner_run run, qm_vec before,
-                    qm_vec after)
+static inline void cut_off(const cover_work *work, qm_polygon *p, corner_run run, qm_vec before, qm_vec after)
 {
     qm_polygon rest;
     rest.count = 0;
@@ -112,34 +170,64 @@ static void cut_off(const qm_candidates *candidates, qm_polygon *p, corner_run r
         rest.in_reach[rest.count++] = p->in_reach[from];
     }
     rest.corner[rest.count] = before;
-    rest.in_reach[rest.count++] = QM_KERNEL(in_reach)(candidates, before);
+    rest.in_reach[rest.count++] = labels_at(work, before);
     rest.corner[rest.count] = after;
-    rest.in_reach[rest.count++] = QM_KERNEL(in_reach)(candidates, after);
+    rest.in_reach[rest.count++] = labels_at(work, after);
     *p = rest;
 }
 
-bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *p, bool *moved)
+static inline bool cover(const cover_work *work, qm_polygon *p, bool *moved)
 {
     uint64_t banned = 0;
     for (int cut = 0; cut < MAX_CUTS; cut++) {
         corner_run best = longest_run(p, banned);
         if (best.length == p->count) return true;
         if (best.length == 0 || p->count - best.length + 2 > QM_COVER_CORNERS) return false;
-        int label = __builtin_ctzll(best.labels), lane = label % QM_PACK_LANES;
-        const qm_pack *pack = candidates->pack[label / QM_PACK_LANES];
-        double allowed2 = candidates->allowed2[label / QM_PACK_LANES][lane];
+        int label = __builtin_ctzll(best.labels);
         int first = best.first, last = (best.first + best.length - 1) % p->count;
         int previous = (first + p->count - 1) % p->count, next = (last + 1) % p->count;
-        double back = reach_along(pack, lane, allowed2, p->corner[first], p->corner[previous]);
-        double forth = reach_along(pack, lane, allowed2, p->corner[last], p->corner[next]);
+        double back = reach_along(work, label, p->corner[first], p->corner[previous]);
+        double forth = reach_along(work, label, p->corner[last], p->corner[next]);
         if (back < MIN_PROGRESS && forth < MIN_PROGRESS) {
             banned |= UINT64_C(1) << label;
             continue;
         }
         qm_vec before = qm_vec_mix(p->corner[first], p->corner[previous], back);
         qm_vec after = qm_vec_mix(p->corner[last], p->corner[next], forth);
-        cut_off(candidates, p, best, before, after);
+        cut_off(work, p, best, before, after);
         *moved = true;
     }
     return false;
+}
+
+bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *p, bool *moved)
+{
+    return cover(&(cover_work){.candidates = candidates}, p, moved);
+}
+
+/** The margin that holds for all of a polygon, and for what is cut off it. */
+static inline float greatest_margin(const qm_float_pack *pack, const qm_polygon *p)
+{
+    float greatest = 0.0f;
+    for (int i = 0; i < p->count; i++) {
+        float margin = qm_float_point_make(pack, p->corner[i]).margin;
+        greatest = margin > greatest ? margin : greatest;
+    }
+    return greatest;
+}
+
+qm_float_verdict QM_KERNEL(float_cover)(const qm_float_pack *pack, const float *twist, double allowed,
+                                        qm_polygon *p, bool *moved)
+{
+    float margin = greatest_margin(pack, p), rest = qm_float_below(allowed) - margin;
+    if (!(rest > MIN_MARGINS * margin)) return QM_FLOAT_TOO_COARSE;
+    qm_vf reach = qm_vf_set(rest) - (twist ? qm_vf_load(twist) : (qm_vf){0});
+    qm_vf reach2 = qm_vf_select(reach > (qm_vf){0}, reach * reach * (1.0f - 0x1p-22f), qm_vf_set(-1.0f));
+    const float_labels labels = {pack, qm_float_frames_make(pack), reach2};
+    const cover_work work = {.floats = &labels};
+    uint64_t common = ~UINT64_C(0);
+    for (int i = 0; i < p->count; i++)
+        common &= p->in_reach[i] = labels_at(&work, p->corner[i]);
+    bool is_covered = common != 0 || (p->count == 3 && cover(&work, p, moved));
+    return is_covered ? QM_FLOAT_COVERED : QM_FLOAT_OPEN;
 }

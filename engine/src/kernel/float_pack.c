@@ -80,7 +80,7 @@ void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, doubl
           about2 = square(qm_float_above(allowed) + margin - leave);
     for (int i = 0; i < count; i++) {
         const qm_float_point q = {at[i][0], at[i][1], at[i][2], margin};
-        qm_vf d2 = qm_float_frames_d2(&frames, &q);
+        qm_vf d2 = qm_float_point_d2(&frames, &q);
         bits[i] = (qm_float_bits)(qm_vi_bits(d2 <= within2) | qm_vi_bits(d2 <= about2) << 8);
     }
 }

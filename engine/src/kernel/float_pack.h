@@ -116,11 +116,24 @@ static inline qm_vf qm_float_segment2(qm_vf x, qm_vf y, qm_vf ex, qm_vf ey, qm_v
     return dx * dx + dy * dy;
 }
 
-/** Squared distances to the triangles; see kernel/pack.h for the cases. */
-static inline qm_vf qm_float_frames_d2(const qm_float_frames *f, const qm_float_point *q)
+/** One lane's triangle in all lanes. */
+static inline qm_float_frames qm_float_frames_lane(const qm_float_frames *all, int lane)
+{
+#define SPREAD(name) .name = qm_vf_set(all->name[lane])
+    return (qm_float_frames){
+        SPREAD(ox), SPREAD(oy),       SPREAD(oz),       SPREAD(xx),       SPREAD(xy),
+        SPREAD(xz), SPREAD(yx),       SPREAD(yy),       SPREAD(yz),       SPREAD(zx),
+        SPREAD(zy), SPREAD(zz),       SPREAD(length),   SPREAD(cx),       SPREAD(cy),
+        SPREAD(ex), SPREAD(cx_share), SPREAD(cy_share), SPREAD(ex_share), SPREAD(ey_share),
+    };
+#undef SPREAD
+}
+
+/** Squared distances from a point in each lane to the triangles; see kernel/pack.h for the cases. */
+static inline qm_vf qm_float_frames_d2(const qm_float_frames *f, qm_vf px, qm_vf py, qm_vf pz)
 {
     const qm_vf zero = {0};
-    qm_vf rx = q->x - f->ox, ry = q->y - f->oy, rz = q->z - f->oz;
+    qm_vf rx = px - f->ox, ry = py - f->oy, rz = pz - f->oz;
     qm_vf x = rx * f->xx + ry * f->xy + rz * f->xz, y = rx * f->yx + ry * f->yy + rz * f->yz;
     qm_vf z = rx * f->zx + ry * f->zy + rz * f->zz;
 
@@ -134,11 +147,17 @@ static inline qm_vf qm_float_frames_d2(const qm_float_frames *f, const qm_float_
     return qm_vf_select(inside, zero, edge2) + z * z;
 }
 
+/** Squared distances from one point to all triangles. */
+static inline qm_vf qm_float_point_d2(const qm_float_frames *f, const qm_float_point *q)
+{
+    return qm_float_frames_d2(f, qm_vf_set(q->x), qm_vf_set(q->y), qm_vf_set(q->z));
+}
+
 /** Squared distances to the lanes of a pack that one point is compared with. */
 static inline qm_vf qm_float_pack_d2(const qm_float_pack *pack, const qm_float_point *q)
 {
     qm_float_frames frames = qm_float_frames_make(pack);
-    return qm_float_frames_d2(&frames, q);
+    return qm_float_point_d2(&frames, q);
 }
 
 #endif

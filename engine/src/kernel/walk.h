@@ -20,8 +20,8 @@ static_assert(QM_TREE_LEVELS < 1 << QM_WALK_LEVEL_BITS, "levels fit their bits")
  * level and the index of the first. */
 typedef struct qm_walk {
     int height;
-    uint32_t start;   /* climbing: the pack that the walk started at, */
-    int start_level;  /* and the level up to which all of its siblings have been pushed */
+    uint32_t start;  /* climbing: the pack that the walk started at, */
+    int start_level; /* and the level up to which all of its siblings have been pushed */
     int32_t key[QM_WALK_SIZE];
     uint32_t place[QM_WALK_SIZE];
 } qm_walk;
