@@ -222,8 +222,7 @@ qm_float_verdict QM_KERNEL(float_cover)(const qm_float_pack *pack, const float *
     float margin = greatest_margin(pack, p), rest = qm_float_below(allowed) - margin;
     if (!(rest > MIN_MARGINS * margin)) return QM_FLOAT_TOO_COARSE;
     qm_vf reach = qm_vf_set(rest) - (twist ? qm_vf_load(twist) : (qm_vf){0});
-    qm_vf reach2 = qm_vf_select(reach > (qm_vf){0}, reach * reach * (1.0f - 0x1p-22f), qm_vf_set(-1.0f));
-    const float_labels labels = {pack, qm_float_frames_make(pack), reach2};
+    const float_labels labels = {pack, qm_float_frames_make(pack), qm_float_reach2(reach)};
     const cover_work work = {.floats = &labels};
     uint64_t common = ~UINT64_C(0);
     for (int i = 0; i < p->count; i++)

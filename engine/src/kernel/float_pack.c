@@ -63,12 +63,6 @@ static inline float points_from_middle(const qm_float_pack *pack, const qm_vec *
     return QM_FLOAT_MARGIN * sum + QM_FLOAT_LEAST;
 }
 
-/** The square of what is positive; -1 of the rest, which no square is within. */
-static inline qm_vf square(qm_vf a)
-{
-    return qm_vf_select(a > (qm_vf){0}, a * a, qm_vf_set(-1.0f));
-}
-
 void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double allowed,
                             const qm_vec *point, int count, qm_float_bits *bits)
 {
@@ -76,8 +70,8 @@ void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, doubl
     const qm_vf leave = twist ? qm_vf_load(twist) : (qm_vf){0};
     float at[3 * QM_PACK_LANES][4];
     float margin = points_from_middle(pack, point, count, at);
-    qm_vf within2 = square(qm_float_below(allowed) - margin - leave),
-          about2 = square(qm_float_above(allowed) + margin - leave);
+    qm_vf within2 = qm_float_reach2(qm_float_below(allowed) - margin - leave),
+          about2 = qm_float_reach2(qm_float_above(allowed) + margin - leave);
     for (int i = 0; i < count; i++) {
         const qm_float_point q = {at[i][0], at[i][1], at[i][2], margin};
         qm_vf d2 = qm_float_point_d2(&frames, &q);

@@ -70,6 +70,14 @@ static inline qm_vf qm_vf_clamp01(qm_vf t)
     return qm_vf_min(qm_vf_max(t, (qm_vf){0}), qm_vf_set(1.0f));
 }
 
+/** The squares of distances that points may have: -1 where none may, and never so great that the overflow of
+ * a point's own square would pass. */
+static inline qm_vf qm_float_reach2(qm_vf reach)
+{
+    qm_vf square = qm_vf_min(reach * reach, qm_vf_set(0x1p127f));
+    return qm_vf_select(reach > (qm_vf){0}, square, qm_vf_set(-1.0f));
+}
+
 /** The triangles of a pack with what many points are compared by: the normal, and the edges that end at the
  * third corner as (x, y), both over their squared lengths too. */
 typedef struct qm_float_frames {
