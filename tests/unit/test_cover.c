@@ -44,12 +44,14 @@ static bool lies_in(const qm_polygon *polygon, qm_vec p)
 {
     qm_vec normal = {0, 0, 0};
     for (int i = 1; i + 1 < polygon->count; i++)
-        normal = qm_vec_axpy(normal, 1.0, qm_vec_cross(qm_vec_sub(polygon->corner[i], polygon->corner[0]),
-                                                       qm_vec_sub(polygon->corner[i + 1], polygon->corner[0])));
+        normal = qm_vec_axpy(normal, 1.0,
+                             qm_vec_cross(qm_vec_sub(polygon->corner[i], polygon->corner[0]),
+                                          qm_vec_sub(polygon->corner[i + 1], polygon->corner[0])));
     double size = qm_vec_norm(normal);
     for (int i = 0; i < polygon->count; i++) {
         qm_vec from = polygon->corner[i], along = qm_vec_sub(polygon->corner[(i + 1) % polygon->count], from);
-        if (qm_vec_dot(normal, qm_vec_cross(along, qm_vec_sub(p, from))) < -1e-12 * (size + 1e-12)) return false;
+        if (qm_vec_dot(normal, qm_vec_cross(along, qm_vec_sub(p, from))) < -1e-12 * (size + 1e-12))
+            return false;
     }
     return true;
 }
@@ -66,8 +68,8 @@ static void check_rest(const trial *t, bool is_covered, const qm_polygon *rest, 
         qm_vec p = qm_vec_axpy(t->corner[0], u, qm_vec_sub(t->corner[1], t->corner[0]));
         p = qm_vec_axpy(p, v, qm_vec_sub(t->corner[2], t->corner[0]));
         if (!is_covered && lies_in(rest, p)) continue;
-        QM_CHECK(within_reach(t, p), "seed %llu, %s, %s: a point at %g, %g of the piece is beyond %.17g", t->seed,
-                 t->kernel->name, how, u, v, t->allowed);
+        QM_CHECK(within_reach(t, p), "seed %llu, %s, %s: a point at %g, %g of the piece is beyond %.17g",
+                 t->seed, t->kernel->name, how, u, v, t->allowed);
     }
 }
 
@@ -124,7 +126,8 @@ static void covers_take_only_what_is_in_reach(void **state)
     qm_context ctx = qm_context_make();
     long taken[2] = {0, 0};
     for (int soup = 0; soup < SOUPS; soup++) {
-        qm_mesh mesh = qm_shape_soup(&random, FACES, QM_SOUP_TRIANGLES, (qm_soup_style)(soup % QM_SOUP_STYLE_COUNT), 0.0);
+        qm_mesh mesh = qm_shape_soup(&random, FACES, QM_SOUP_TRIANGLES,
+                                     (qm_soup_style)(soup % QM_SOUP_STYLE_COUNT), 0.0);
         qm_bvh *tree;
         assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &tree), QM_OK);
         for (int piece = 0; piece < PIECES; piece++) {

@@ -8,10 +8,12 @@
 
 #include "float_pack.h"
 #include "kernels.h"
+#include "reach.h"
 
-#define MAX_CUTS 48       /* parts cut off a piece before it is given back */
-#define MIN_MARGINS 16    /* of single precision that an allowed distance must have */
-#define MIN_PROGRESS 0.02 /* share of an edge that a cut must gain, or the label is not tried again */
+#define MAX_CUTS 48               /* parts cut off a piece before it is given back */
+#define STEPS (QM_PACK_LANES - 1) /* between the places along a line that single precision looks at */
+#define MIN_MARGINS 16            /* of single precision that an allowed distance must have */
+#define MIN_PROGRESS 0.02         /* share of an edge that a cut must gain, or the label is not tried again */
 
 double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place)
 {
@@ -72,68 +74,34 @@ static inline uint64_t labels_at(const cover_work *work, qm_vec p)
     return qm_vi_bits(qm_float_point_d2(&work->floats->frames, &q) <= work->floats->allowed2);
 }
 
-/** Places along a way that are measured. */
-enum { STEPS = QM_PACK_LANES - 1 };
-
-static const _Alignas(64) double places[QM_PACK_LANES] = {0.0,         1.0 / STEPS, 2.0 / STEPS, 3.0 / STEPS,
-                                                          4.0 / STEPS, 5.0 / STEPS, 6.0 / STEPS, 1.0};
-
-/** Measures a lane from those places; returns bits of those within reach. */
-static inline unsigned measure_way(const qm_pack *pack, int lane, double reach2, qm_vec a, qm_vec step,
-                                   double d2[QM_PACK_LANES])
-{
-    unsigned within = 0;
-    for (int at = 0; at < QM_PACK_LANES; at += QM_WIDTH) {
-        qm_vd t = qm_vd_load(places + at);
-        qm_vd here = qm_pack_lanes_d2(pack, (qm_pack_lanes_of){lane, true}, a.x + t * step.x,
-                                      a.y + t * step.y, a.z + t * step.z);
-        qm_vd_store(d2 + at, here);
-        within |= qm_vl_bits(here <= reach2) << at;
-    }
-    return within;
-}
-
-/** The same in single precision. */
-static inline unsigned measure_float_way(const float_labels *labels, int lane, qm_vec a, qm_vec step,
-                                         double d2[QM_PACK_LANES])
-{
-    const qm_vf t = {0.0f,         1.0f / STEPS, 2.0f / STEPS, 3.0f / STEPS,
-                     4.0f / STEPS, 5.0f / STEPS, 6.0f / STEPS, 1.0f};
-    qm_float_point q = qm_float_point_make(labels->pack, a);
-    qm_float_frames frame = qm_float_frames_lane(&labels->frames, lane);
-    qm_vf here =
-        qm_float_frames_d2(&frame, q.x + t * (float)step.x, q.y + t * (float)step.y, q.z + t * (float)step.z);
-    for (int i = 0; i < QM_PACK_LANES; i++)
-        d2[i] = (double)here[i];
-    return qm_vi_bits(here <= qm_vf_set(labels->allowed2[lane]));
-}
-
 /**
- * How far from a (within reach of the label) towards b (beyond it) the label still reaches at least: a
+ * How far from a (within reach of the lane) towards b (beyond it) the lane still reaches at least: a
  * parameter in [0, 1]. The squared distance is convex along the way, so between two places where it is known
  * it lies below the chord. That holds with a margin m on computed distances c too: where the chord of c^2 is
  * at (r - m)^2, the chord of (c + m)^2 is at r^2 at most, since the root is concave.
  */
+static inline double float_reach_along(const float_labels *labels, int lane, qm_vec a, qm_vec b)
+{
+    const qm_vf place = {0.0f,         1.0f / STEPS, 2.0f / STEPS, 3.0f / STEPS,
+                         4.0f / STEPS, 5.0f / STEPS, 6.0f / STEPS, 1.0f};
+    const qm_float_frames frame = qm_float_frames_lane(&labels->frames, lane);
+    const qm_float_point from = qm_float_point_make(labels->pack, a);
+    const float step[3] = {(float)(b.x - a.x), (float)(b.y - a.y), (float)(b.z - a.z)};
+    const float reach2 = labels->allowed2[lane];
+    qm_vf d2 = qm_float_frames_d2(&frame, from.x + place * step[0], from.y + place * step[1],
+                                  from.z + place * step[2]);
+    int beyond = __builtin_ctz(~qm_vi_bits(d2 <= qm_vf_set(reach2)));
+    if (beyond == 0) return 0.0;
+    if (beyond == QM_PACK_LANES) return 1.0;
+    float share = (reach2 - d2[beyond - 1]) / (d2[beyond] - d2[beyond - 1]);
+    return (double)(place[beyond - 1] + share / STEPS) * (1.0 - 0x1p-20);
+}
+
 static inline double reach_along(const cover_work *work, int label, qm_vec a, qm_vec b)
 {
-    _Alignas(64) double d2[QM_PACK_LANES];
-    int lane = label % QM_PACK_LANES;
-    qm_vec step = qm_vec_sub(b, a);
-    unsigned within;
-    double reach2;
-    if (work->floats) {
-        reach2 = (double)work->floats->allowed2[lane];
-        within = measure_float_way(work->floats, lane, a, step, d2);
-    } else {
-        int k = label / QM_PACK_LANES;
-        reach2 = work->candidates->allowed2[k][lane];
-        within = measure_way(work->candidates->pack[k], lane, reach2, a, step, d2);
-    }
-    int first = __builtin_ctz(~within);
-    if (first == QM_PACK_LANES) return 1.0;
-    if (first == 0) return 0.0;
-    double share = (reach2 - d2[first - 1]) / (d2[first] - d2[first - 1]);
-    return (places[first - 1] + share * (1.0 / STEPS)) * (1.0 - 0x1p-20);
+    int lane = label % QM_PACK_LANES, k = label / QM_PACK_LANES;
+    if (work->floats) return float_reach_along(work->floats, lane, a, b);
+    return qm_pack_reach_along(work->candidates->pack[k], lane, work->candidates->allowed2[k][lane], a, b);
 }
 
 /** The longest run of neighbouring corners that one label reaches. */

@@ -21,23 +21,9 @@ static inline qm_vd qm_vd_clamp01(qm_vd t)
     return qm_vd_min(qm_vd_max(t, qm_vd_set(0.0)), qm_vd_set(1.0));
 }
 
-/** Which numbers of a row one vector takes: a part of the lanes, or one lane over and over. */
-typedef struct qm_pack_lanes_of {
-    int first;
-    bool is_one;
-} qm_pack_lanes_of;
-
-static inline qm_vd qm_pack_row(const qm_pack *pack, qm_pack_lanes_of lanes, int row)
+static inline qm_vd qm_pack_part_d2(const qm_pack *pack, int part, qm_vd px, qm_vd py, qm_vd pz)
 {
-    const double *number = &pack->row[row][lanes.first];
-    return lanes.is_one ? qm_vd_set(*number) : qm_vd_load(number);
-}
-
-/** Squared distances from points, one a lane, to the triangles. */
-static inline qm_vd qm_pack_lanes_d2(const qm_pack *pack, qm_pack_lanes_of lanes, qm_vd px, qm_vd py,
-                                     qm_vd pz)
-{
-#define ROW(name) qm_pack_row(pack, lanes, QM_ROW_##name)
+#define ROW(name) qm_vd_load(&pack->row[QM_ROW_##name][part * QM_WIDTH])
     const qm_vd zero = qm_vd_set(0.0);
     qm_vd dx = px - ROW(OX), dy = py - ROW(OY), dz = pz - ROW(OZ);
     qm_vd x = dx * ROW(XX) + dy * ROW(XY) + dz * ROW(XZ);
@@ -60,11 +46,6 @@ static inline qm_vd qm_pack_lanes_d2(const qm_pack *pack, qm_pack_lanes_of lanes
     qm_vl inside = (y > zero) & (cy * x - cx * y > zero) & (ex * y - cy * xl > zero);
     return qm_vd_select(inside, zero, edge2) + z * z;
 #undef ROW
-}
-
-static inline qm_vd qm_pack_part_d2(const qm_pack *pack, int part, qm_vd px, qm_vd py, qm_vd pz)
-{
-    return qm_pack_lanes_d2(pack, (qm_pack_lanes_of){part * QM_WIDTH, false}, px, py, pz);
 }
 
 /** Splats a point for qm_pack_part_d2. */
