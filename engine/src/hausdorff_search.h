@@ -83,6 +83,12 @@ static inline double qm_search_allowed(const qm_search *search)
     return fmax(lower + search->tolerance, search->floor);
 }
 
+/** The lower bound, local. */
+static inline double qm_side_lower(const qm_search *search, const qm_side *side)
+{
+    return atomic_load_explicit(&search->lower, memory_order_relaxed) * side->scale;
+}
+
 /** Remembers that something with this upper bound is not looked at any more. */
 static inline void qm_worker_discard(qm_worker *worker, double upper)
 {

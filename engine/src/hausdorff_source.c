@@ -187,7 +187,7 @@ static qm_entry child_entry(const qm_entry *group, int member, double upper, uin
 static double bound_group(qm_worker *worker, const qm_side *side, qm_vec centre, double radius,
                           uint32_t *hint)
 {
-    double lower = atomic_load_explicit(&worker->search->lower, memory_order_relaxed) * side->scale;
+    double lower = qm_side_lower(worker->search, side);
     double enough = fmax(qm_search_allowed(worker->search) * side->scale - radius, QM_NEAR_ENOUGH * lower);
     worker->projections++;
     return qm_side_nearly(worker->search, side, centre, enough, hint) + radius;
@@ -204,16 +204,14 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_gr
     int lane = side->source->lanes[pack].lane_count / 2;
     qm_vec p = qm_side_middle(side, pack, &lane, &face);
     double upper = qm_side_pack_upper(worker->search, side, *hint, p);
-    double lower = atomic_load_explicit(&worker->search->lower, memory_order_relaxed) * side->scale;
-    if (upper <= QM_NEAR_ENOUGH * lower) return upper + member_reach(side, group, member, p);
-    double reach = member_reach(side, group, member, p);
+    double lower = qm_side_lower(worker->search, side), reach = member_reach(side, group, member, p);
+    if (upper <= QM_NEAR_ENOUGH * lower) return upper + reach;
     double enough = qm_search_allowed(worker->search) * side->scale - reach;
-    return qm_worker_sample(worker, side, p, 0.0, face, fmin(fmax(enough, QM_NEAR_ENOUGH * lower), lower),
-                            hint) +
-           reach;
+    enough = fmin(fmax(enough, QM_NEAR_ENOUGH * lower), lower);
+    return qm_worker_sample(worker, side, p, 0.0, face, enough, hint) + reach;
 }
 
-/** The vertices of a pack lie far apart in memory. */
+/** Fetches what a pack needs next: its vertices lie far apart in memory. */
 static void fetch_vertices(const qm_side *side, uint32_t pack)
 {
     const qm_pack_lanes *lanes = &side->source->lanes[pack];
@@ -233,6 +231,7 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
         if (entry.level == 1 && m + 1 < members) fetch_vertices(side, 8 * entry.index + (uint32_t)m + 1);
         qm_vec centre;
         double radius = member_ball(side, group, m, &centre);
+        /* A ball larger than what is allowed settles nothing, wherever its middle is. */
         bool is_small = radius * side->inverse_scale <= qm_search_allowed(search);
         double upper = is_small ? qm_side_pack_upper(search, side, hint, centre) + radius : INFINITY;
         if (upper * side->inverse_scale > qm_search_allowed(search)) {
@@ -243,8 +242,8 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
         }
         child[m] = child_entry(&entry, m, upper * side->inverse_scale, hint);
     }
-    /* Packs are looked at once all eight have had their say on the lower bound, and while they are at hand.
-     */
+    /* Packs are looked at once all eight have had their say on the lower bound, and while they are at hand;
+     * so are groups of packs, along the curve, where hints and vertices are still near. */
     for (int m = 0; m < members; m++) {
         if (entry.level == 1 && child[m].upper > qm_search_allowed(search))
             visit_pack(worker, child[m]);

@@ -58,7 +58,7 @@ static inline span around_corner(const line *l, double x, double y, double reach
 
 /** Round the edge from (x, y) by (ux, uy), between its ends. */
 static inline span around_edge(const line *l, double x, double y, double ux, double uy, double inverse_u2,
-                        double reach2)
+                               double reach2)
 {
     if (inverse_u2 == 0.0) return (span){1.0, 0.0};
     double dx = l->x - x, dy = l->y - y;
