@@ -11,10 +11,12 @@
  *     tilt by u length / width acts on lengths up to the width only).
  *   - q - origin and its three coordinates in the frame are off by at most 14 u rho together.
  *   - The distance in the plane is one to a point of the triangle or of an edge: parameters on the edges may
- *     be off by 5 u rho, products and sums by another 10 u rho.
+ *     be off by 7 u rho, products and sums by another 10 u rho.
  *   - A point taken to lie inside wrongly is within 8 u rho of an edge's line, and, because the longest edge
  *     is the base, within twice that of the triangle.
- * Together less than 56 u rho; the margin is 64 u (|qx| + |qy| + |qz| + R), and tests compare it with what
+ *   - A list of lanes moves them to another middle, a line is followed by whole steps of it, and allowed
+ *     distances are squared: 5 u rho.
+ * Together less than 63 u rho; the margin is 64 u (|qx| + |qy| + |qz| + R), and tests compare it with what
  * double precision says. What underflows is covered by an absolute term.
  */
 #ifndef QM_FLOAT_PACK_H

@@ -19,13 +19,13 @@ static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
     int count = work->kernel->narrow(work->near, &box, allowed, ONE_LABEL_PACKS, packs);
     for (int k = 0; k < count; k++) {
         qm_float_bits bits[QM_COVER_CORNERS];
-        unsigned labels = 0xff;
+        unsigned labels = ~0u;
         work->kernel->float_reach(&work->side->target->float_packs[packs[k]],
                                   qm_side_twists(work->side, packs[k]), allowed - work->slack,
                                   polygon->corner, polygon->count, bits);
         for (int i = 0; i < polygon->count; i++)
-            labels &= bits[i].certain;
-        if (labels) return true;
+            labels &= bits[i];
+        if (qm_float_certain(labels)) return true;
     }
     return false;
 }
@@ -46,23 +46,46 @@ static bool try_one_label(const qm_piece_work *work, const qm_polygon *polygon)
     return is_covered;
 }
 
+/** By the facets of a list, in single precision. */
+static qm_float_verdict cover_in_floats(const qm_piece_work *work, const qm_shortlist *list,
+                                        qm_polygon *polygon, bool *moved)
+{
+    qm_float_pack rows;
+    _Alignas(32) float twist[QM_PACK_LANES];
+    work->kernel->shortlist_floats(work->side->target, list, &rows);
+    for (int i = 0; work->side->target_patches && i < QM_PACK_LANES; i++)
+        twist[i] = work->side->target->twist[list->pack[i]][list->lane[i]];
+    return work->kernel->float_cover(&rows, work->side->target_patches ? twist : NULL,
+                                     qm_piece_allowed(work) - work->slack, polygon, moved);
+}
+
+/** The same in double precision. */
+static bool cover_in_doubles(const qm_piece_work *work, const qm_shortlist *list, qm_polygon *polygon,
+                             bool *moved)
+{
+    qm_pack rows;
+    qm_candidates nearest;
+    work->kernel->shortlist_rows(work->side->target, list, &rows);
+    nearest.count = 1;
+    nearest.pack[0] = &rows;
+    double allowed = qm_piece_allowed(work) - work->slack;
+    for (uint32_t i = 0; i < QM_PACK_LANES; i++)
+        qm_candidates_allow(&nearest, 0, i, qm_side_twist(work->side, list->pack[i], list->lane[i]), allowed);
+    uint64_t labels = ~UINT64_C(0);
+    for (int i = 0; i < polygon->count; i++)
+        labels &= polygon->in_reach[i] = work->kernel->in_reach(&nearest, polygon->corner[i]);
+    return labels != 0 || (polygon->count == 3 && work->kernel->cover(&nearest, polygon, moved));
+}
+
 bool qm_piece_cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 {
     if (work->near->count == 0) return false;
     if (try_one_label(work, polygon)) return true;
     qm_shortlist list;
     work->kernel->shortlist(work->side->target, work->near, qm_polygon_middle(polygon), &list);
-    qm_candidates nearest;
-    nearest.count = 1;
-    nearest.pack[0] = &list.pack;
-    double allowed = qm_piece_allowed(work) - work->slack;
-    for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
-        qm_candidates_allow(&nearest, 0, lane, qm_side_twist(work->side, list.origin[lane], list.lane[lane]),
-                            allowed);
-    uint64_t labels = ~UINT64_C(0);
-    for (int i = 0; i < polygon->count; i++)
-        labels &= polygon->in_reach[i] = work->kernel->in_reach(&nearest, polygon->corner[i]);
-    return labels != 0 || (polygon->count == 3 && work->kernel->cover(&nearest, polygon, moved));
+    qm_float_verdict verdict = cover_in_floats(work, &list, polygon, moved);
+    if (verdict != QM_FLOAT_TOO_COARSE) return verdict == QM_FLOAT_COVERED;
+    return cover_in_doubles(work, &list, polygon, moved);
 }
 
 static void start_work(qm_piece_work *work, qm_worker *worker, qm_entry entry, const qm_piece *piece,

@@ -39,7 +39,7 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
                         double enough, uint32_t *hint)
 {
     const qm_search *search = worker->search;
-    double known = atomic_load_explicit(&search->lower, memory_order_relaxed) * side->scale;
+    double known = qm_side_lower(search, side);
     worker->projections++;
     bool by_boxes = !side->nearest.grid && !side->nearest.tetra;
     if (by_boxes && known > FLOAT_FLOOR * side->reach && worker->witness >= 0.0) {

@@ -66,14 +66,15 @@ static seed measure_middle(qm_worker *worker, const qm_side *side, uint32_t pack
     uint32_t face;
     int lane = side->source->lanes[pack].lane_count / 2;
     qm_vec p = qm_side_middle(side, pack, &lane, &face);
-    double distance = qm_worker_sample(worker, side, p, 0.0, face, 0.0, &hint);
+    double lower = qm_side_lower(worker->search, side);
+    double distance = qm_worker_sample(worker, side, p, 0.0, face, QM_NEAR_ENOUGH * lower, &hint);
     return (seed){distance, pack, hint};
 }
 
 /** Measures a point when the pack of the hint does not show that it lies below the lower bound. */
 static void measure_point(qm_worker *worker, const qm_side *side, qm_vec p, uint32_t face, uint32_t *hint)
 {
-    double lower = atomic_load_explicit(&worker->search->lower, memory_order_relaxed) * side->scale;
+    double lower = qm_side_lower(worker->search, side);
     if (qm_side_pack_upper(worker->search, side, *hint, p) > lower)
         qm_worker_sample(worker, side, p, 0.0, face, 0.0, hint);
 }

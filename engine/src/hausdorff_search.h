@@ -20,6 +20,8 @@
 #include "nearest.h"
 #include "qm/hausdorff.h"
 
+#define QM_NEAR_ENOUGH 0.25 /* of the lower bound: a facet within it tells well enough how far a point is */
+
 /** Values of qm_search.stop beside the reasons of qm_hausdorff_stop. */
 enum { QM_SEARCH_RUNNING = -1, QM_SEARCH_OUT_OF_MEMORY = -2 };
 
@@ -79,6 +81,12 @@ static inline double qm_search_allowed(const qm_search *search)
 {
     double lower = atomic_load_explicit(&search->lower, memory_order_relaxed);
     return fmax(lower + search->tolerance, search->floor);
+}
+
+/** The lower bound, local. */
+static inline double qm_side_lower(const qm_search *search, const qm_side *side)
+{
+    return atomic_load_explicit(&search->lower, memory_order_relaxed) * side->scale;
 }
 
 /** Remembers that something with this upper bound is not looked at any more. */

@@ -4,7 +4,6 @@
  */
 #include "hausdorff_search.h"
 
-#define HINT_SHARE 0.25 /* of the lower bound: below it the hint tells well enough how far a point is */
 #define NEAR_SHARE                                                                                           \
     0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered                  \
           */
@@ -72,24 +71,22 @@ static void measure_vertex(pack_work *work, double allowed, int vertex)
     if (work->measured >> vertex & 1) return;
     if (work->measured == 0) qm_candidates_fill(&work->hinted, work->side, &work->entry.hint, 1, allowed);
     work->measured |= 1u << vertex;
-    uint8_t bits = (uint8_t)work->kernel->in_reach(&work->hinted, work->vertex[vertex]);
-    work->in_reach[vertex] = (qm_float_bits){bits, bits};
+    unsigned bits = (unsigned)work->kernel->in_reach(&work->hinted, work->vertex[vertex]);
+    work->in_reach[vertex] = (qm_float_bits)(bits << 8 | bits);
 }
 
 /** True when one lane of the pack of the hint reaches all corners of a face. */
 static bool face_reached(pack_work *work, double allowed, const int *corner, int count)
 {
-    unsigned certain = 0xff, possible = 0xff;
-    for (int i = 0; i < count; i++) {
-        certain &= work->in_reach[corner[i]].certain;
-        possible &= work->in_reach[corner[i]].possible;
-    }
-    if (certain || !possible) return certain != 0;
+    unsigned bits = ~0u;
+    for (int i = 0; i < count; i++)
+        bits &= work->in_reach[corner[i]];
+    if (qm_float_certain(bits) || bits == 0) return bits != 0;
     for (int i = 0; i < count; i++) {
         measure_vertex(work, allowed, corner[i]);
-        possible &= work->in_reach[corner[i]].certain;
+        bits &= work->in_reach[corner[i]];
     }
-    return possible != 0;
+    return bits != 0;
 }
 
 /** Bits of the lanes of a pack that reach a point each, for count points. */
@@ -119,10 +116,10 @@ static bool face_is_near(qm_worker *worker, const pack_work *work, const qm_piec
     if (qm_side_nearly(search, work->side, middle, enough, hint) <= enough) return true;
     qm_float_bits bits[4];
     reach_by_pack(work, allowed, *hint, face->corner, face->corner_count, bits);
-    unsigned labels = 0xff;
+    unsigned labels = ~0u;
     for (int i = 0; i < face->corner_count; i++)
-        labels &= bits[i].certain;
-    return labels != 0;
+        labels &= bits[i];
+    return qm_float_certain(labels) != 0;
 }
 
 /**
@@ -190,7 +187,8 @@ static qm_entry child_entry(const qm_entry *group, int member, double upper, uin
 static double bound_group(qm_worker *worker, const qm_side *side, qm_vec centre, double radius,
                           uint32_t *hint)
 {
-    double enough = qm_search_allowed(worker->search) * side->scale - radius;
+    double lower = qm_side_lower(worker->search, side);
+    double enough = fmax(qm_search_allowed(worker->search) * side->scale - radius, QM_NEAR_ENOUGH * lower);
     worker->projections++;
     return qm_side_nearly(worker->search, side, centre, enough, hint) + radius;
 }
@@ -206,11 +204,19 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_gr
     int lane = side->source->lanes[pack].lane_count / 2;
     qm_vec p = qm_side_middle(side, pack, &lane, &face);
     double upper = qm_side_pack_upper(worker->search, side, *hint, p);
-    double lower = atomic_load_explicit(&worker->search->lower, memory_order_relaxed) * side->scale;
-    if (upper <= HINT_SHARE * lower) return upper + member_reach(side, group, member, p);
-    double reach = member_reach(side, group, member, p);
+    double lower = qm_side_lower(worker->search, side), reach = member_reach(side, group, member, p);
+    if (upper <= QM_NEAR_ENOUGH * lower) return upper + reach;
     double enough = qm_search_allowed(worker->search) * side->scale - reach;
-    return qm_worker_sample(worker, side, p, 0.0, face, fmin(enough, lower), hint) + reach;
+    enough = fmin(fmax(enough, QM_NEAR_ENOUGH * lower), lower);
+    return qm_worker_sample(worker, side, p, 0.0, face, enough, hint) + reach;
+}
+
+/** Fetches what a pack needs next: its vertices lie far apart in memory. */
+static void fetch_vertices(const qm_side *side, uint32_t pack)
+{
+    const qm_pack_lanes *lanes = &side->source->lanes[pack];
+    for (int i = 0; i < lanes->vertex_count; i++)
+        __builtin_prefetch(side->source->mesh.positions + 3 * (size_t)lanes->vertex[i]);
 }
 
 void qm_worker_group(qm_worker *worker, qm_entry entry)
@@ -222,9 +228,12 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
     qm_entry child[QM_PACK_LANES];
     uint32_t hint = entry.hint;
     for (int m = 0; m < members; m++) {
+        if (entry.level == 1 && m + 1 < members) fetch_vertices(side, 8 * entry.index + (uint32_t)m + 1);
         qm_vec centre;
         double radius = member_ball(side, group, m, &centre);
-        double upper = qm_side_pack_upper(search, side, hint, centre) + radius;
+        /* A ball larger than what is allowed settles nothing, wherever its middle is. */
+        bool is_small = radius * side->inverse_scale <= qm_search_allowed(search);
+        double upper = is_small ? qm_side_pack_upper(search, side, hint, centre) + radius : INFINITY;
         if (upper * side->inverse_scale > qm_search_allowed(search)) {
             double nearer = entry.level > 1
                                 ? bound_group(worker, side, centre, radius, &hint)
@@ -233,11 +242,13 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
         }
         child[m] = child_entry(&entry, m, upper * side->inverse_scale, hint);
     }
-    /* Packs are looked at once all eight have had their say on the lower bound, and while they are at hand.
-     */
+    /* Packs are looked at once all eight have had their say on the lower bound, and while they are at hand;
+     * so are groups of packs, along the curve, where hints and vertices are still near. */
     for (int m = 0; m < members; m++) {
         if (entry.level == 1 && child[m].upper > qm_search_allowed(search))
             visit_pack(worker, child[m]);
+        else if (entry.level == 2 && child[m].upper > qm_search_allowed(search))
+            qm_worker_group(worker, child[m]);
         else
             qm_worker_push(worker, child[m], NULL);
     }

@@ -26,7 +26,11 @@
     uint64_t qm_in_reach_##isa(const qm_candidates *candidates, qm_vec p);                                   \
     void qm_shortlist_##isa(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);     \
     double qm_hull_upper_##isa(const qm_candidates *candidates, const qm_vec *point, int count, int *place); \
+    void qm_shortlist_rows_##isa(const qm_bvh *bvh, const qm_shortlist *list, qm_pack *rows);                \
+    void qm_shortlist_floats_##isa(const qm_bvh *bvh, const qm_shortlist *list, qm_float_pack *rows);        \
     bool qm_cover_##isa(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);                  \
+    qm_float_verdict qm_float_cover_##isa(const qm_float_pack *pack, const float *twist, double allowed,     \
+                                          qm_polygon *polygon, bool *moved);                                 \
     unsigned qm_node_distances_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b,          \
                                      bool splits_a, float d2[QM_PACK_LANES]);                                \
     bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
@@ -64,7 +68,10 @@
         .in_reach = qm_in_reach_##isa,                                                                       \
         .shortlist = qm_shortlist_##isa,                                                                     \
         .hull_upper = qm_hull_upper_##isa,                                                                   \
+        .shortlist_rows = qm_shortlist_rows_##isa,                                                           \
+        .shortlist_floats = qm_shortlist_floats_##isa,                                                       \
         .cover = qm_cover_##isa,                                                                             \
+        .float_cover = qm_float_cover_##isa,                                                                 \
         .node_distances = qm_node_distances_##isa,                                                           \
         .descend = qm_descend_##isa,                                                                         \
         .fill_leaf = qm_fill_leaf_##isa,                                                                     \

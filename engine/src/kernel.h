@@ -29,10 +29,16 @@ typedef struct qm_float_hit {
     uint32_t pack, lane;
 } qm_float_hit;
 
-/** Bits of the lanes of a pack, by what single precision can tell. */
-typedef struct qm_float_bits {
-    uint8_t certain, possible;
-} qm_float_bits;
+/**
+ * Bits of the lanes of a pack, by what single precision can tell: in the low byte those proven to be within a
+ * distance, in the high byte those not proven to lie beyond it. What holds for several points is their & .
+ */
+typedef uint16_t qm_float_bits;
+
+static inline unsigned qm_float_certain(unsigned bits)
+{
+    return bits & 0xff;
+}
 
 /** Result of a search over bilinear patches. The distance d and its certified lower bound. */
 typedef struct qm_patch_hit {
@@ -47,12 +53,10 @@ typedef struct qm_near_packs {
     qm_box_group box[QM_NEAR_PACKS / 8];
 } qm_near_packs;
 
-/** The lanes nearest to a point, nearest first, copied into one pack; the first again where there are fewer.
- */
+/** The lanes nearest to a point, nearest first; the first again where there are fewer. */
 typedef struct qm_shortlist {
-    uint32_t origin[QM_PACK_LANES]; /* pack and lane that each is a copy of */
+    uint32_t pack[QM_PACK_LANES];
     uint8_t lane[QM_PACK_LANES];
-    qm_pack pack;
 } qm_shortlist;
 
 /** The candidates that a piece is covered with: what lanes stand for, and how near a point must be to each.
@@ -63,6 +67,9 @@ typedef struct qm_candidates {
     _Alignas(64) double allowed2[QM_COVER_PACKS][QM_PACK_LANES]; /* squared distance; -1 for never */
     double twist[QM_COVER_PACKS][QM_PACK_LANES]; /* how far the surface may be from the lane's triangle */
 } qm_candidates;
+
+/** Whether single precision can tell that something is covered. */
+typedef enum qm_float_verdict { QM_FLOAT_OPEN, QM_FLOAT_COVERED, QM_FLOAT_TOO_COARSE } qm_float_verdict;
 
 /** A convex polygon of a piece of the source; in_reach has a bit for each lane within the allowed distance.
  */
@@ -109,8 +116,7 @@ typedef struct qm_kernel {
      * twist of them. */
     double (*float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p);
 
-    /** For each of count points the bits of the lanes that are proven to lie within the allowed distance, and
-     * of those that are not proven to lie beyond. */
+    /** For each of count points, 3 QM_PACK_LANES at most, the bits of the lanes by the allowed distance. */
     void (*float_reach)(const qm_float_pack *pack, const float *twist, double allowed, const qm_vec *point,
                         int count, qm_float_bits *bits);
 
@@ -148,6 +154,10 @@ typedef struct qm_kernel {
     /** The eight lanes of the packs that are nearest to p, nearest first. The list of packs is not empty. */
     void (*shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);
 
+    /** Their triangles as one pack. */
+    void (*shortlist_rows)(const qm_bvh *bvh, const qm_shortlist *list, qm_pack *rows);
+    void (*shortlist_floats)(const qm_bvh *bvh, const qm_shortlist *list, qm_float_pack *rows);
+
     /**
      * The least over all lanes of the greatest distance of count points: an upper bound for every point of
      * their convex hull. *place is the candidate whose lane gives it.
@@ -160,6 +170,13 @@ typedef struct qm_kernel {
      * convex part of the input, in_reach filled, and *moved is set when anything was cut off.
      */
     bool (*cover)(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);
+
+    /**
+     * The same in single precision, by the lanes of one pack, less their twists unless NULL. Fills in
+     * in_reach of the corners first; a polygon of more than three is covered by one label or not at all.
+     */
+    qm_float_verdict (*float_cover)(const qm_float_pack *pack, const float *twist, double allowed,
+                                    qm_polygon *polygon, bool *moved);
 
     /** Walks from a pair of nodes, whose boxes are taken to meet, to the pairs below that meet. False when
      * take ended the walk. */

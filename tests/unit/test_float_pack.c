@@ -97,12 +97,12 @@ static double check_pack(const trial *t, uint32_t pack)
         qm_float_bits bits;
         t->kernel->float_reach(rows, NULL, distance[lane] * (1.0 - 1e-12), &t->p, 1, &bits);
         for (int other = 0; other < QM_PACK_LANES; other++)
-            QM_CHECK(!(bits.certain >> other & 1) || distance[other] < distance[lane],
+            QM_CHECK(!(qm_float_certain(bits) >> other & 1) || distance[other] < distance[lane],
                      "seed %llu, %s: lane %d is not within %.17g", t->seed, t->kernel->name, other,
                      distance[lane]);
         t->kernel->float_reach(rows, NULL, distance[lane] * (1.0 + 1e-12), &t->p, 1, &bits);
         for (int other = 0; other < QM_PACK_LANES; other++)
-            QM_CHECK((bits.possible >> other & 1) || distance[other] > distance[lane],
+            QM_CHECK((bits >> (8 + other) & 1) || distance[other] > distance[lane],
                      "seed %llu, %s: lane %d is within %.17g", t->seed, t->kernel->name, other,
                      distance[lane]);
     }
@@ -166,7 +166,7 @@ static void twists_count(void **state)
         QM_CHECK(fabs(with - without - 0.25) < 1e-6, "%s: %g and %g", (*kernel)->name, with, without);
         qm_float_bits bits;
         (*kernel)->float_reach(tree->float_packs, twist, without + 0.2, &p, 1, &bits);
-        assert_int_equal(bits.certain, 0);
+        assert_int_equal(qm_float_certain(bits), 0);
     }
     qm_bvh_destroy(&ctx, tree);
     qm_shape_free(&mesh);
@@ -190,7 +190,43 @@ static void far_points_have_no_bound(void **state)
             assert_true(hit.upper >= distance && hit.pack < tree->pack_count && hit.lane < QM_PACK_LANES);
             qm_float_bits bits;
             (*kernel)->float_reach(tree->float_packs, NULL, 0.5 * distance, &far[i], 1, &bits);
-            assert_int_equal(bits.certain, 0);
+            assert_int_equal(qm_float_certain(bits), 0);
+        }
+    }
+    qm_bvh_destroy(&ctx, tree);
+    qm_shape_free(&mesh);
+}
+
+/** Wherever a search starts, it climbs over the whole tree. */
+static void searches_climb_from_any_start(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 1);
+    qm_context ctx = qm_context_make();
+    qm_mesh mesh = qm_shape_torus(90, 50, 0.7, 0.25);
+    qm_bvh *tree;
+    assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &tree), QM_OK);
+    assert_true(tree->boxes.level_count > 2);
+    for (int i = 0; i < 400; i++) {
+        qm_vec p = {qm_random_range(&random, -1.2, 1.2), qm_random_range(&random, -1.2, 1.2),
+                    qm_random_range(&random, -0.5, 0.5)};
+        uint32_t start = (uint32_t)qm_random_below(&random, (uint32_t)tree->pack_count);
+        qm_hit nearest = {.d2 = INFINITY, .pack = 0};
+        qm_kernel_get()->closest(tree, p, &nearest);
+        double distance = sqrt(nearest.d2), margin = 4.0 * 64.0 * 0x1p-24 * (2.0 + qm_vec_norm(p));
+        for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
+            qm_float_hit hit = {.pack = start};
+            (*kernel)->float_closest(tree, p, 0.0, &hit);
+            QM_CHECK(hit.upper >= distance && hit.upper <= 1.2 * distance + margin,
+                     "seed %llu, %s: %.17g for %.17g from pack %u", (unsigned long long)seed, (*kernel)->name,
+                     hit.upper, distance, start);
+            double enough = 3.0 * distance + margin;
+            hit = (qm_float_hit){.pack = start};
+            (*kernel)->float_closest(tree, p, enough, &hit);
+            QM_CHECK(hit.upper >= distance && hit.upper <= enough,
+                     "seed %llu, %s: %.17g is not enough for %.17g", (unsigned long long)seed,
+                     (*kernel)->name, hit.upper, enough);
         }
     }
     qm_bvh_destroy(&ctx, tree);
@@ -203,6 +239,7 @@ int main(void)
         cmocka_unit_test(bounds_hold_and_are_tight),
         cmocka_unit_test(twists_count),
         cmocka_unit_test(far_points_have_no_bound),
+        cmocka_unit_test(searches_climb_from_any_start),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -6,26 +6,14 @@
  */
 #include <math.h>
 
+#include "float_pack.h"
 #include "kernels.h"
+#include "reach.h"
 
-#define MAX_CUTS 48       /* parts cut off a piece before it is given back */
-#define MIN_PROGRESS 0.02 /* share of an edge that a cut must gain, or the label is not tried again */
-
-uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p)
-{
-    qm_splat s = qm_splat_make(p);
-    uint64_t bits = 0;
-    for (int k = 0; k < candidates->count; k++) {
-        unsigned here = 0;
-        for (int part = 0; part < QM_PARTS; part++) {
-            qm_vd d2 = qm_pack_part_d2(candidates->pack[k], part, s.x, s.y, s.z);
-            qm_vd allowed2 = qm_vd_load(&candidates->allowed2[k][part * QM_WIDTH]);
-            here |= qm_vl_bits(d2 <= allowed2) << (part * QM_WIDTH);
-        }
-        bits |= (uint64_t)here << (8 * k);
-    }
-    return bits;
-}
+#define MAX_CUTS 48               /* parts cut off a piece before it is given back */
+#define STEPS (QM_PACK_LANES - 1) /* between the places along a line that single precision looks at */
+#define MIN_MARGINS 16            /* of single precision that an allowed distance must have */
+#define MIN_PROGRESS 0.02         /* share of an edge that a cut must gain, or the label is not tried again */
 
 double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place)
 {
@@ -50,105 +38,70 @@ double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *poin
     return upper;
 }
 
-/** Coordinates along a segment in a triangle's frame: start + t step. */
-typedef struct line {
-    double x, y, z;    /* start */
-    double ex, ey, ez; /* step */
-} line;
-
-static line line_in_lane(const qm_pack *pack, int lane, qm_vec a, qm_vec b)
+uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p)
 {
-#define AXIS(name)                                                                                           \
-    ((qm_vec){pack->row[QM_ROW_##name##X][lane], pack->row[QM_ROW_##name##Y][lane],                          \
-              pack->row[QM_ROW_##name##Z][lane]})
-    qm_vec start = qm_vec_sub(a, AXIS(O)), step = qm_vec_sub(b, a);
-    return (line){qm_vec_dot(start, AXIS(X)), qm_vec_dot(start, AXIS(Y)), qm_vec_dot(start, AXIS(Z)),
-                  qm_vec_dot(step, AXIS(X)),  qm_vec_dot(step, AXIS(Y)),  qm_vec_dot(step, AXIS(Z))};
-#undef AXIS
+    qm_splat s = qm_splat_make(p);
+    uint64_t bits = 0;
+    for (int k = 0; k < candidates->count; k++) {
+        unsigned here = 0;
+        for (int part = 0; part < QM_PARTS; part++) {
+            qm_vd d2 = qm_pack_part_d2(candidates->pack[k], part, s.x, s.y, s.z);
+            qm_vd allowed2 = qm_vd_load(&candidates->allowed2[k][part * QM_WIDTH]);
+            here |= qm_vl_bits(d2 <= allowed2) << (part * QM_WIDTH);
+        }
+        bits |= (uint64_t)here << (8 * k);
+    }
+    return bits;
 }
 
-/** The part [from, to] of a line that lies in a convex set; empty when from > to. */
-typedef struct span {
-    double from, to;
-} span;
+/** In single precision: the lanes of one pack, and the squared distances that are certain to be allowed. */
+typedef struct float_labels {
+    const qm_float_pack *pack;
+    qm_float_frames frames;
+    qm_vf allowed2;
+} float_labels;
 
-/** Where a t^2 + 2 b t + c <= 0, a >= 0. */
-static span quadratic_span(double a, double b, double c)
-{
-    double discriminant = b * b - a * c;
-    if (!(discriminant >= 0.0)) return (span){1.0, 0.0};
-    if (!(a > 0.0)) return c <= 0.0 ? (span){-INFINITY, INFINITY} : (span){1.0, 0.0};
-    double root = sqrt(discriminant);
-    return (span){(-b - root) / a, (-b + root) / a};
-}
+/** What a polygon is covered with: candidates, or labels in single precision. */
+typedef struct cover_work {
+    const qm_candidates *candidates;
+    const float_labels *floats;
+} cover_work;
 
-/** Cuts a span down to where k + m t >= 0. */
-static span clip(span s, double k, double m)
+static inline uint64_t labels_at(const cover_work *work, qm_vec p)
 {
-    if (m > 0.0 && -k / m > s.from) s.from = -k / m;
-    if (m < 0.0 && -k / m < s.to) s.to = -k / m;
-    if (m == 0.0 && k < 0.0) s.to = -INFINITY;
-    return s;
-}
-
-static span around_corner(const line *l, double x, double y, double reach2)
-{
-    double dx = l->x - x, dy = l->y - y;
-    return quadratic_span(l->ex * l->ex + l->ey * l->ey + l->ez * l->ez,
-                          dx * l->ex + dy * l->ey + l->z * l->ez, dx * dx + dy * dy + l->z * l->z - reach2);
-}
-
-/** Round the edge from (x, y) by (ux, uy), between its ends. */
-static span around_edge(const line *l, double x, double y, double ux, double uy, double inverse_u2,
-                        double reach2)
-{
-    if (inverse_u2 == 0.0) return (span){1.0, 0.0};
-    double dx = l->x - x, dy = l->y - y;
-    double k = ux * dy - uy * dx,
-           m = ux * l->ey - uy * l->ex; /* height over the edge in the plane, times |u| */
-    span s = quadratic_span(m * m * inverse_u2 + l->ez * l->ez, k * m * inverse_u2 + l->z * l->ez,
-                            k * k * inverse_u2 + l->z * l->z - reach2);
-    double along = (ux * dx + uy * dy) * inverse_u2, step = (ux * l->ex + uy * l->ey) * inverse_u2;
-    return clip(clip(s, along, step), 1.0 - along, -step);
-}
-
-/** Over the inside of the triangle, both ways. */
-static span over_inside(const line *l, double length, double cx, double cy, double reach)
-{
-    double ex = cx - length;
-    if (!(cy > 0.0))
-        return (span){1.0, 0.0}; /* no inside: the conditions below would let a half space through */
-    span s = clip(clip((span){-INFINITY, INFINITY}, reach - l->z, -l->ez), reach + l->z, l->ez);
-    s = clip(s, l->y, l->ey);
-    s = clip(s, cy * l->x - cx * l->y, cy * l->ex - cx * l->ey);
-    return clip(s, ex * l->y - cy * (l->x - length), ex * l->ey - cy * l->ex);
-}
-
-static double farther(double reached, span s)
-{
-    return s.from <= s.to && s.to > reached ? s.to : reached;
+    if (!work->floats) return QM_KERNEL(in_reach)(work->candidates, p);
+    qm_float_point q = qm_float_point_make(work->floats->pack, p);
+    return qm_vi_bits(qm_float_point_d2(&work->floats->frames, &q) <= work->floats->allowed2);
 }
 
 /**
- * How far from a (within reach of the lane) towards b (beyond it) the lane still reaches: a parameter in [0,
- * 1]. What lies within reach of a triangle is the union of a prism, three cylinders and three balls, and
- * convex; so the line leaves it where it leaves the last of them.
+ * How far from a (within reach of the lane) towards b (beyond it) the lane still reaches at least: a
+ * parameter in [0, 1]. The squared distance is convex along the way, so between two places where it is known
+ * it lies below the chord. That holds with a margin m on computed distances c too: where the chord of c^2 is
+ * at (r - m)^2, the chord of (c + m)^2 is at r^2 at most, since the root is concave.
  */
-static double reach_along(const qm_pack *pack, int lane, double reach2, qm_vec a, qm_vec b)
+static inline double float_reach_along(const float_labels *labels, int lane, qm_vec a, qm_vec b)
 {
-#define ROW(name) pack->row[QM_ROW_##name][lane]
-    double length = ROW(L), cx = ROW(CX), cy = ROW(CY);
-    double inverse_length2 = length > 0.0 ? 1.0 / (length * length) : 0.0;
-    line l = line_in_lane(pack, lane, a, b);
-    double reached = farther(0.0, over_inside(&l, length, cx, cy, sqrt(reach2)));
-    reached = farther(reached, around_edge(&l, 0.0, 0.0, length, 0.0, inverse_length2, reach2));
-    reached = farther(reached, around_edge(&l, 0.0, 0.0, cx, cy, ROW(INVERSE_C2), reach2));
-    reached = farther(reached, around_edge(&l, length, 0.0, cx - length, cy, ROW(INVERSE_D2), reach2));
-    reached = farther(reached, around_corner(&l, 0.0, 0.0, reach2));
-    reached = farther(reached, around_corner(&l, length, 0.0, reach2));
-    reached = farther(reached, around_corner(&l, cx, cy, reach2));
-    return reached < 1.0 ? reached * (1.0 - 0x1p-40) : 1.0;
-#undef ROW
+    const qm_vf place = {0.0f,         1.0f / STEPS, 2.0f / STEPS, 3.0f / STEPS,
+                         4.0f / STEPS, 5.0f / STEPS, 6.0f / STEPS, 1.0f};
+    const qm_float_frames frame = qm_float_frames_lane(&labels->frames, lane);
+    const qm_float_point from = qm_float_point_make(labels->pack, a);
+    const float step[3] = {(float)(b.x - a.x), (float)(b.y - a.y), (float)(b.z - a.z)};
+    const float reach2 = labels->allowed2[lane];
+    qm_vf d2 = qm_float_frames_d2(&frame, from.x + place * step[0], from.y + place * step[1],
+                                  from.z + place * step[2]);
+    int beyond = __builtin_ctz(~qm_vi_bits(d2 <= qm_vf_set(reach2)));
+    if (beyond == 0) return 0.0;
+    if (beyond == QM_PACK_LANES) return 1.0;
+    float share = (reach2 - d2[beyond - 1]) / (d2[beyond] - d2[beyond - 1]);
+    return (double)(place[beyond - 1] + share / STEPS) * (1.0 - 0x1p-20);
+}
+
+static inline double reach_along(const cover_work *work, int label, qm_vec a, qm_vec b)
+{
+    int lane = label % QM_PACK_LANES, k = label / QM_PACK_LANES;
+    if (work->floats) return float_reach_along(work->floats, lane, a, b);
+    return qm_pack_reach_along(work->candidates->pack[k], lane, work->candidates->allowed2[k][lane], a, b);
 }
 
 /** The longest run of neighbouring corners that one label reaches. */
@@ -175,8 +128,7 @@ static corner_run longest_run(const qm_polygon *p, uint64_t banned)
 }
 
 /** Replaces the run's corners by the two cut points. */
-static void cut_off(const qm_candidates *candidates, qm_polygon *p, corner_run run, qm_vec before,
-                    qm_vec after)
+static inline void cut_off(const cover_work *work, qm_polygon *p, corner_run run, qm_vec before, qm_vec after)
 {
     qm_polygon rest;
     rest.count = 0;
@@ -186,34 +138,63 @@ static void cut_off(const qm_candidates *candidates, qm_polygon *p, corner_run r
         rest.in_reach[rest.count++] = p->in_reach[from];
     }
     rest.corner[rest.count] = before;
-    rest.in_reach[rest.count++] = QM_KERNEL(in_reach)(candidates, before);
+    rest.in_reach[rest.count++] = labels_at(work, before);
     rest.corner[rest.count] = after;
-    rest.in_reach[rest.count++] = QM_KERNEL(in_reach)(candidates, after);
+    rest.in_reach[rest.count++] = labels_at(work, after);
     *p = rest;
 }
 
-bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *p, bool *moved)
+static inline bool cover(const cover_work *work, qm_polygon *p, bool *moved)
 {
     uint64_t banned = 0;
     for (int cut = 0; cut < MAX_CUTS; cut++) {
         corner_run best = longest_run(p, banned);
         if (best.length == p->count) return true;
         if (best.length == 0 || p->count - best.length + 2 > QM_COVER_CORNERS) return false;
-        int label = __builtin_ctzll(best.labels), lane = label % QM_PACK_LANES;
-        const qm_pack *pack = candidates->pack[label / QM_PACK_LANES];
-        double allowed2 = candidates->allowed2[label / QM_PACK_LANES][lane];
+        int label = __builtin_ctzll(best.labels);
         int first = best.first, last = (best.first + best.length - 1) % p->count;
         int previous = (first + p->count - 1) % p->count, next = (last + 1) % p->count;
-        double back = reach_along(pack, lane, allowed2, p->corner[first], p->corner[previous]);
-        double forth = reach_along(pack, lane, allowed2, p->corner[last], p->corner[next]);
+        double back = reach_along(work, label, p->corner[first], p->corner[previous]);
+        double forth = reach_along(work, label, p->corner[last], p->corner[next]);
         if (back < MIN_PROGRESS && forth < MIN_PROGRESS) {
             banned |= UINT64_C(1) << label;
             continue;
         }
         qm_vec before = qm_vec_mix(p->corner[first], p->corner[previous], back);
         qm_vec after = qm_vec_mix(p->corner[last], p->corner[next], forth);
-        cut_off(candidates, p, best, before, after);
+        cut_off(work, p, best, before, after);
         *moved = true;
     }
     return false;
+}
+
+bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *p, bool *moved)
+{
+    return cover(&(cover_work){.candidates = candidates}, p, moved);
+}
+
+/** The margin that holds for all of a polygon, and for what is cut off it. */
+static inline float greatest_margin(const qm_float_pack *pack, const qm_polygon *p)
+{
+    float greatest = 0.0f;
+    for (int i = 0; i < p->count; i++) {
+        float margin = qm_float_point_make(pack, p->corner[i]).margin;
+        greatest = margin > greatest ? margin : greatest;
+    }
+    return greatest;
+}
+
+qm_float_verdict QM_KERNEL(float_cover)(const qm_float_pack *pack, const float *twist, double allowed,
+                                        qm_polygon *p, bool *moved)
+{
+    float margin = greatest_margin(pack, p), rest = qm_float_below(allowed) - margin;
+    if (!(rest > MIN_MARGINS * margin)) return QM_FLOAT_TOO_COARSE;
+    qm_vf reach = qm_vf_set(rest) - (twist ? qm_vf_load(twist) : (qm_vf){0});
+    const float_labels labels = {pack, qm_float_frames_make(pack), qm_float_reach2(reach)};
+    const cover_work work = {.floats = &labels};
+    uint64_t common = ~UINT64_C(0);
+    for (int i = 0; i < p->count; i++)
+        common &= p->in_reach[i] = labels_at(&work, p->corner[i]);
+    bool is_covered = common != 0 || (p->count == 3 && cover(&work, p, moved));
+    return is_covered ? QM_FLOAT_COVERED : QM_FLOAT_OPEN;
 }

@@ -2,6 +2,7 @@
  * float_pack.c: upper bounds of distances from packs in single precision.
  */
 #include "float_pack.h"
+#include "four.h"
 #include "walk.h"
 
 #define NEARLY_SHARE2 0.7 /* of the least squared distance so far: no box is looked at that is not nearer */
@@ -47,15 +48,34 @@ double QM_KERNEL(float_upper)(const qm_float_pack *pack, const float *twist, qm_
     return upper < INFINITY ? upper : INFINITY;
 }
 
+/** Points from the middle of a pack; returns the margin that holds for all of them. */
+static inline float points_from_middle(const qm_float_pack *pack, const qm_vec *point, int count,
+                                       float (*at)[4])
+{
+    const qm_four middle = {(double)pack->middle[0], (double)pack->middle[1], (double)pack->middle[2], 0.0};
+    qm_four_floats far = {0};
+    for (int i = 0; i < count; i++) {
+        qm_four_floats q = qm_four_round(qm_four_position(&point[i].x) - middle);
+        memcpy(at[i], &q, sizeof q);
+        far = qm_four_farther(far, q);
+    }
+    float sum = far[0] + far[1] + far[2] + pack->radius;
+    return QM_FLOAT_MARGIN * sum + QM_FLOAT_LEAST;
+}
+
 void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double allowed,
                             const qm_vec *point, int count, qm_float_bits *bits)
 {
-    qm_vf least = qm_vf_set(qm_float_below(allowed)), most = qm_vf_set(qm_float_above(allowed));
+    const qm_float_frames frames = qm_float_frames_make(pack);
+    const qm_vf leave = twist ? qm_vf_load(twist) : (qm_vf){0};
+    float at[3 * QM_PACK_LANES][4];
+    float margin = points_from_middle(pack, point, count, at);
+    qm_vf within2 = qm_float_reach2(qm_float_below(allowed) - margin - leave),
+          about2 = qm_float_reach2(qm_float_above(allowed) + margin - leave);
     for (int i = 0; i < count; i++) {
-        qm_float_point q = qm_float_point_make(pack, point[i]);
-        qm_vf row = distance_row(pack, twist, &q);
-        bits[i].certain = (uint8_t)qm_vi_bits(row + q.margin <= least);
-        bits[i].possible = (uint8_t)qm_vi_bits(row - q.margin <= most);
+        const qm_float_point q = {at[i][0], at[i][1], at[i][2], margin};
+        qm_vf d2 = qm_float_point_d2(&frames, &q);
+        bits[i] = (qm_float_bits)(qm_vi_bits(d2 <= within2) | qm_vi_bits(d2 <= about2) << 8);
     }
 }
 
@@ -86,13 +106,13 @@ void QM_KERNEL(float_closest)(const qm_bvh *bvh, qm_vec p, double enough, qm_flo
     visit(&search, start);
     float limit = qm_box_limit(NEARLY_SHARE2 * hit->upper * hit->upper);
     qm_walk walk;
-    qm_walk_start(&walk, &bvh->boxes);
-    while (walk.height > 0 && hit->upper > enough) {
+    qm_walk_start_at(&walk, start);
+    while (hit->upper > enough && qm_walk_climb(&walk, &bvh->boxes, &query, limit)) {
         qm_stop at = qm_walk_pop(&walk);
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
             qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
-        } else if (at.index != start) {
+        } else {
             visit(&search, at.index);
             limit = qm_box_limit(NEARLY_SHARE2 * hit->upper * hit->upper);
         }

@@ -70,35 +70,102 @@ static inline qm_vf qm_vf_clamp01(qm_vf t)
     return qm_vf_min(qm_vf_max(t, (qm_vf){0}), qm_vf_set(1.0f));
 }
 
-/** Squared distance from (x, y) to the segment from the origin to (ex, ey). */
-static inline qm_vf qm_float_segment2(qm_vf x, qm_vf y, qm_vf ex, qm_vf ey)
+/** The squares of distances that points may have: -1 where none may, and never so great that the overflow of
+ * a point's own square would pass. */
+static inline qm_vf qm_float_reach2(qm_vf reach)
 {
-    qm_vf length2 = qm_vf_max(ex * ex + ey * ey, qm_vf_set(0x1p-126f));
-    qm_vf t = qm_vf_clamp01((x * ex + y * ey) / length2);
+    qm_vf square = qm_vf_min(reach * reach, qm_vf_set(0x1p127f));
+    return qm_vf_select(reach > (qm_vf){0}, square, qm_vf_set(-1.0f));
+}
+
+/** The triangles of a pack with what many points are compared by: the normal, and the edges that end at the
+ * third corner as (x, y), both over their squared lengths too. */
+typedef struct qm_float_frames {
+    qm_vf ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz;
+    qm_vf length, cx, cy, ex;
+    qm_vf cx_share, cy_share, ex_share, ey_share;
+} qm_float_frames;
+
+static inline qm_vf qm_float_inverse(qm_vf length2)
+{
+    return qm_vf_set(1.0f) / qm_vf_max(length2, qm_vf_set(0x1p-126f));
+}
+
+static inline qm_float_frames qm_float_frames_make(const qm_float_pack *pack)
+{
+#define ROW(name) qm_vf_load(pack->row[QM_FLOAT_##name])
+    qm_float_frames f = {.ox = ROW(OX), .oy = ROW(OY), .oz = ROW(OZ), .xx = ROW(XX), .xy = ROW(XY)};
+    f.xz = ROW(XZ);
+    f.yx = ROW(YX);
+    f.yy = ROW(YY);
+    f.yz = ROW(YZ);
+    f.zx = f.xy * f.yz - f.xz * f.yy;
+    f.zy = f.xz * f.yx - f.xx * f.yz;
+    f.zz = f.xx * f.yy - f.xy * f.yx;
+    f.length = ROW(L);
+    f.cx = ROW(CX);
+    f.cy = ROW(CY);
+    f.ex = f.cx - f.length;
+#undef ROW
+    qm_vf inverse_c2 = qm_float_inverse(f.cx * f.cx + f.cy * f.cy),
+          inverse_e2 = qm_float_inverse(f.ex * f.ex + f.cy * f.cy);
+    f.cx_share = f.cx * inverse_c2;
+    f.cy_share = f.cy * inverse_c2;
+    f.ex_share = f.ex * inverse_e2;
+    f.ey_share = f.cy * inverse_e2;
+    return f;
+}
+
+/** Squared distance from (x, y) to the segment from the origin to (ex, ey). */
+static inline qm_vf qm_float_segment2(qm_vf x, qm_vf y, qm_vf ex, qm_vf ey, qm_vf ex_share, qm_vf ey_share)
+{
+    qm_vf t = qm_vf_clamp01(x * ex_share + y * ey_share);
     qm_vf dx = x - t * ex, dy = y - t * ey;
     return dx * dx + dy * dy;
 }
 
-/** Squared distances to the lanes; see kernel/pack.h for the cases. */
+/** One lane's triangle in all lanes. */
+static inline qm_float_frames qm_float_frames_lane(const qm_float_frames *all, int lane)
+{
+#define SPREAD(name) .name = qm_vf_set(all->name[lane])
+    return (qm_float_frames){
+        SPREAD(ox), SPREAD(oy),       SPREAD(oz),       SPREAD(xx),       SPREAD(xy),
+        SPREAD(xz), SPREAD(yx),       SPREAD(yy),       SPREAD(yz),       SPREAD(zx),
+        SPREAD(zy), SPREAD(zz),       SPREAD(length),   SPREAD(cx),       SPREAD(cy),
+        SPREAD(ex), SPREAD(cx_share), SPREAD(cy_share), SPREAD(ex_share), SPREAD(ey_share),
+    };
+#undef SPREAD
+}
+
+/** Squared distances from a point in each lane to the triangles; see kernel/pack.h for the cases. */
+static inline qm_vf qm_float_frames_d2(const qm_float_frames *f, qm_vf px, qm_vf py, qm_vf pz)
+{
+    const qm_vf zero = {0};
+    qm_vf rx = px - f->ox, ry = py - f->oy, rz = pz - f->oz;
+    qm_vf x = rx * f->xx + ry * f->xy + rz * f->xz, y = rx * f->yx + ry * f->yy + rz * f->yz;
+    qm_vf z = rx * f->zx + ry * f->zy + rz * f->zz;
+
+    qm_vf ax = x - qm_vf_min(qm_vf_max(x, zero), f->length);
+    qm_vf edge2 = ax * ax + y * y;
+    qm_vf xl = x - f->length;
+    edge2 = qm_vf_min(edge2, qm_float_segment2(x, y, f->cx, f->cy, f->cx_share, f->cy_share));
+    edge2 = qm_vf_min(edge2, qm_float_segment2(xl, y, f->ex, f->cy, f->ex_share, f->ey_share));
+
+    qm_vi inside = (y > zero) & (f->cy * x - f->cx * y > zero) & (f->ex * y - f->cy * xl > zero);
+    return qm_vf_select(inside, zero, edge2) + z * z;
+}
+
+/** Squared distances from one point to all triangles. */
+static inline qm_vf qm_float_point_d2(const qm_float_frames *f, const qm_float_point *q)
+{
+    return qm_float_frames_d2(f, qm_vf_set(q->x), qm_vf_set(q->y), qm_vf_set(q->z));
+}
+
+/** Squared distances to the lanes of a pack that one point is compared with. */
 static inline qm_vf qm_float_pack_d2(const qm_float_pack *pack, const qm_float_point *q)
 {
-#define ROW(name) qm_vf_load(pack->row[QM_FLOAT_##name])
-    const qm_vf zero = {0};
-    qm_vf rx = q->x - ROW(OX), ry = q->y - ROW(OY), rz = q->z - ROW(OZ);
-    qm_vf xx = ROW(XX), xy = ROW(XY), xz = ROW(XZ), yx = ROW(YX), yy = ROW(YY), yz = ROW(YZ);
-    qm_vf x = rx * xx + ry * xy + rz * xz, y = rx * yx + ry * yy + rz * yz;
-    qm_vf z = rx * (xy * yz - xz * yy) + ry * (xz * yx - xx * yz) + rz * (xx * yy - xy * yx);
-    qm_vf length = ROW(L), cx = ROW(CX), cy = ROW(CY);
-
-    qm_vf ax = x - qm_vf_min(qm_vf_max(x, zero), length);
-    qm_vf edge2 = ax * ax + y * y;
-    qm_vf ex = cx - length, xl = x - length;
-    edge2 = qm_vf_min(edge2, qm_float_segment2(x, y, cx, cy));
-    edge2 = qm_vf_min(edge2, qm_float_segment2(xl, y, ex, cy));
-
-    qm_vi inside = (y > zero) & (cy * x - cx * y > zero) & (ex * y - cy * xl > zero);
-    return qm_vf_select(inside, zero, edge2) + z * z;
-#undef ROW
+    qm_float_frames frames = qm_float_frames_make(pack);
+    return qm_float_point_d2(&frames, q);
 }
 
 #endif

@@ -30,7 +30,11 @@ int QM_KERNEL(narrow)(const qm_near_packs *near, const qm_box *box, double reach
 uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p);
 void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list);
 double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place);
+void QM_KERNEL(shortlist_rows)(const qm_bvh *bvh, const qm_shortlist *list, qm_pack *rows);
+void QM_KERNEL(shortlist_floats)(const qm_bvh *bvh, const qm_shortlist *list, qm_float_pack *rows);
 bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);
+qm_float_verdict QM_KERNEL(float_cover)(const qm_float_pack *pack, const float *twist, double allowed,
+                                        qm_polygon *polygon, bool *moved);
 unsigned QM_KERNEL(node_distances)(const qm_descent *descent, const qm_node *a, const qm_node *b,
                                    bool splits_a, float d2[QM_PACK_LANES]);
 bool QM_KERNEL(descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);

@@ -1,6 +1,9 @@
 /**
  * shortlist.c: the few facets that matter most for a small piece, side by side in one pack, so that a point
  * is compared with all of them at the price of one pack.
+ *
+ * Float packs are copied, moved to the middle of the first; their margin (../float_pack.h) has room for the
+ * two roundings of that, and the radius grows by how far the middles lie apart.
  */
 #include "../bvh_pack.h"
 #include "float_pack.h"
@@ -36,13 +39,37 @@ void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p
         lanes = qm_vi_keep_least(lanes, qm_keys_sorted(lane_distances(bvh, pack, p), place << LANE_BITS,
                                                        qm_first_lanes(bvh->lanes[pack].lane_count)));
     }
-    qm_pack_corners corners;
     for (int j = 0; j < QM_PACK_LANES; j++) {
         int32_t key = lanes[QM_PACK_LANES - 1 - j];
         unsigned place = qm_key_place(key == QM_NO_KEY ? lanes[QM_PACK_LANES - 1] : key);
-        list->origin[j] = near->pack[place >> LANE_BITS];
+        list->pack[j] = near->pack[place >> LANE_BITS];
         list->lane[j] = (uint8_t)(place & ((1 << LANE_BITS) - 1));
-        qm_bvh_load_lane(bvh, list->origin[j], list->lane[j], j, &corners);
     }
-    QM_KERNEL(fill_pack)(&list->pack, corners.at); /* cheaper than to look rows up, which lie far apart */
+}
+
+void QM_KERNEL(shortlist_rows)(const qm_bvh *bvh, const qm_shortlist *list, qm_pack *rows)
+{
+    qm_pack_corners corners;
+    for (int j = 0; j < QM_PACK_LANES; j++)
+        qm_bvh_load_lane(bvh, list->pack[j], list->lane[j], j, &corners);
+    QM_KERNEL(fill_pack)(rows, corners.at); /* cheaper than to look rows up, which lie far apart */
+}
+
+void QM_KERNEL(shortlist_floats)(const qm_bvh *bvh, const qm_shortlist *list, qm_float_pack *rows)
+{
+    const qm_float_pack *first = &bvh->float_packs[list->pack[0]];
+    memcpy(rows->middle, first->middle, sizeof rows->middle);
+    rows->radius = first->radius;
+    for (int j = 0; j < QM_PACK_LANES; j++) {
+        const qm_float_pack *from = &bvh->float_packs[list->pack[j]];
+        for (int row = 0; row < QM_FLOAT_ROW_COUNT; row++)
+            rows->row[row][j] = from->row[row][list->lane[j]];
+        float offset = 0.0f;
+        for (int k = 0; k < 3; k++) {
+            float shift = from->middle[k] - rows->middle[k];
+            rows->row[QM_FLOAT_OX + k][j] += shift;
+            offset += __builtin_fabsf(shift);
+        }
+        if (rows->radius < from->radius + offset) rows->radius = from->radius + offset;
+    }
 }

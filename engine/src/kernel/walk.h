@@ -20,6 +20,8 @@ static_assert(QM_TREE_LEVELS < 1 << QM_WALK_LEVEL_BITS, "levels fit their bits")
  * level and the index of the first. */
 typedef struct qm_walk {
     int height;
+    uint32_t start;  /* climbing: the pack that the walk started at, */
+    int start_level; /* and the level up to which all of its siblings have been pushed */
     int32_t key[QM_WALK_SIZE];
     uint32_t place[QM_WALK_SIZE];
 } qm_walk;
@@ -48,13 +50,15 @@ static inline qm_stop qm_walk_pop(qm_walk *walk)
     return stop;
 }
 
-/** Pushes the members of a group that are within the limit, nearest on top. */
-static inline void qm_walk_push(qm_walk *walk, const qm_box_tree *boxes, const qm_box_query *query,
-                                float limit, qm_stop at)
+enum { QM_NO_MEMBER = 8 };
+
+/** Pushes the members of a group that are within the limit but one, nearest on top. */
+static inline void qm_walk_push_others(qm_walk *walk, const qm_box_tree *boxes, const qm_box_query *query,
+                                       float limit, qm_stop at, int but)
 {
     const qm_vi member = {0, 1, 2, 3, 4, 5, 6, 7};
     qm_vf d2 = qm_box_group_d2(&boxes->groups[at.level][at.index], query);
-    qm_vi there = member < qm_box_tree_member_count(boxes, (int)at.level, at.index);
+    qm_vi there = (member < qm_box_tree_member_count(boxes, (int)at.level, at.index)) & (member != but);
     qm_vi within = (d2 <= limit) & there;
     qm_vi keys = (((qm_vi)d2 & ~member[7]) | member) & within;
     keys = qm_vi_sort(keys | ~within); /* all ones is less than any key */
@@ -63,6 +67,32 @@ static inline void qm_walk_push(qm_walk *walk, const qm_box_tree *boxes, const q
     memcpy(walk->key + walk->height, &keys, sizeof keys);
     memcpy(walk->place + walk->height, &place, sizeof place);
     walk->height += __builtin_popcount(qm_vi_bits(within));
+}
+
+static inline void qm_walk_push(qm_walk *walk, const qm_box_tree *boxes, const qm_box_query *query,
+                                float limit, qm_stop at)
+{
+    qm_walk_push_others(walk, boxes, query, limit, at, QM_NO_MEMBER);
+}
+
+/** Starts at a pack, which itself is taken to be looked at already. */
+static inline void qm_walk_start_at(qm_walk *walk, uint32_t pack)
+{
+    walk->height = 0;
+    walk->start = pack;
+    walk->start_level = 0;
+}
+
+/** Climbs to where there is something left to look at; false when there is nothing in the whole tree. */
+static inline bool qm_walk_climb(qm_walk *walk, const qm_box_tree *boxes, const qm_box_query *query,
+                                 float limit)
+{
+    while (walk->height == 0 && walk->start_level < boxes->level_count) {
+        int below = 3 * walk->start_level++;
+        qm_stop at = {.level = (uint32_t)walk->start_level, .index = walk->start >> (below + 3)};
+        qm_walk_push_others(walk, boxes, query, limit, at, (int)(walk->start >> below & 7));
+    }
+    return walk->height > 0;
 }
 
 #endif
