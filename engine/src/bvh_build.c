@@ -18,8 +18,8 @@ typedef struct pack_builder {
     qm_bvh *bvh;
     const uint64_t *order;
     size_t count;
-    uint32_t
-        *first; /* place in the order of each pack's first face; NULL when all have QM_PACK_LANES faces */
+    size_t stride;   /* faces of every pack but the last; 0 when faces of both kinds are mixed, and then */
+    uint32_t *first; /* the place in the order of each pack's first face */
     int workers;
 } pack_builder;
 
@@ -33,11 +33,12 @@ static int face_corners(const qm_mesh *mesh, uint32_t face)
     return mesh->faces[4 * (size_t)face + 3] == QM_NO_INDEX ? 3 : 4;
 }
 
-static bool mesh_has_quads(const qm_mesh *mesh)
+static size_t count_quads(const qm_mesh *mesh)
 {
+    size_t quads = 0;
     for (size_t i = 0; i < mesh->face_count; i++)
-        if (face_corners(mesh, (uint32_t)i) == 4) return true;
-    return false;
+        quads += mesh->faces[4 * i + 3] != QM_NO_INDEX;
+    return quads;
 }
 
 /** Fills packs in order; one with a single lane left closes before a quad. Returns how many there are. */
@@ -60,7 +61,7 @@ static size_t set_first(const qm_mesh *mesh, const uint64_t *order, size_t count
 static size_t pack_first(const pack_builder *builder, size_t pack)
 {
     if (builder->first) return builder->first[pack];
-    return pack * QM_PACK_LANES < builder->count ? pack * QM_PACK_LANES : builder->count;
+    return pack * builder->stride < builder->count ? pack * builder->stride : builder->count;
 }
 
 /** A quad takes two lanes, which share its first and third corner. Returns how many lanes there are now. */
@@ -129,7 +130,7 @@ static void build_own_packs(void *data, int worker)
     }
 }
 
-static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, bool has_quads)
+static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts)
 {
     size_t count = bvh->pack_count;
     bvh->lanes = qm_context_alloc(ctx, count, sizeof *bvh->lanes);
@@ -143,16 +144,16 @@ static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts,
         bvh->rows_used = bvh->rows_place + count;
         atomic_init(bvh->rows_used, 0);
     }
-    if ((parts & QM_BVH_PATCHES) && has_quads &&
+    if ((parts & QM_BVH_PATCHES) && bvh->has_quads &&
         !(bvh->twist = qm_context_alloc(ctx, count, sizeof *bvh->twist)))
         return QM_E_NO_MEMORY;
     return qm_box_tree_init(ctx, count, &bvh->boxes) ? QM_OK : QM_E_NO_MEMORY;
 }
 
-static qm_status build_tree(pack_builder *builder, qm_bvh_parts parts, bool has_quads)
+static qm_status build_tree(pack_builder *builder, qm_bvh_parts parts)
 {
     qm_bvh *bvh = builder->bvh;
-    qm_status status = allocate_tree(builder->ctx, bvh, parts, has_quads);
+    qm_status status = allocate_tree(builder->ctx, bvh, parts);
     if (status != QM_OK) return status;
     while (builder->workers > 1 && bvh->pack_count / (size_t)builder->workers < MIN_PACKS)
         builder->workers--;
@@ -172,15 +173,17 @@ static qm_status build_from_order(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts par
                             .order = order,
                             .count = qm_mesh_facet_count(&bvh->mesh),
                             .workers = thread_count};
-    bool has_quads = mesh_has_quads(&bvh->mesh);
-    bvh->has_quads = has_quads;
-    bvh->pack_count = (builder.count + QM_PACK_LANES - 1) / QM_PACK_LANES;
-    if (has_quads) {
+    size_t quads = count_quads(&bvh->mesh);
+    bvh->has_quads = quads > 0;
+    if (quads == 0 || quads == builder.count) {
+        builder.stride = quads > 0 ? QM_PACK_LANES / 2 : QM_PACK_LANES;
+        bvh->pack_count = (builder.count + builder.stride - 1) / builder.stride;
+    } else {
         builder.first = qm_context_alloc(ctx, builder.count + 1, sizeof *builder.first);
         if (!builder.first) return QM_E_NO_MEMORY;
         bvh->pack_count = set_first(&bvh->mesh, order, builder.count, builder.first);
     }
-    qm_status status = build_tree(&builder, parts, has_quads);
+    qm_status status = build_tree(&builder, parts);
     qm_context_free(ctx, builder.first, builder.count + 1, sizeof *builder.first);
     return status;
 }
