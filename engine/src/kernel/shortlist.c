@@ -22,11 +22,22 @@ static qm_vi nearest_boxes(const qm_near_packs *near, qm_vec p)
     return keys;
 }
 
-/** Single precision is enough to rank by: what the list decides is decided with its rows in double. */
-static inline qm_vf lane_distances(const qm_bvh *bvh, uint32_t pack, qm_vec p)
+/**
+ * Squared distances by which lanes are ranked: to the greatest rectangle on the longest edge inside each
+ * triangle, at a third of the price of the triangle's own. What the list decides is decided by its rows.
+ */
+static inline qm_vf lane_ranks(const qm_float_pack *pack, qm_vec p)
 {
-    qm_float_point q = qm_float_point_make(&bvh->float_packs[pack], p);
-    return qm_float_pack_d2(&bvh->float_packs[pack], &q);
+#define ROW(name) qm_vf_load(pack->row[QM_FLOAT_##name])
+    const qm_vf zero = {0};
+    qm_float_point q = qm_float_point_make(pack, p);
+    qm_vf rx = q.x - ROW(OX), ry = q.y - ROW(OY), rz = q.z - ROW(OZ);
+    qm_vf x = rx * ROW(XX) + ry * ROW(XY) + rz * ROW(XZ), y = rx * ROW(YX) + ry * ROW(YY) + rz * ROW(YZ);
+    qm_vf height2 = qm_vf_max(rx * rx + ry * ry + rz * rz - x * x - y * y, zero);
+    qm_vf left = 0.5f * ROW(CX), right = left + 0.5f * ROW(L), top = 0.5f * ROW(CY);
+    qm_vf dx = x - qm_vf_min(qm_vf_max(x, left), right), dy = y - qm_vf_min(qm_vf_max(y, zero), top);
+    return height2 + dx * dx + dy * dy;
+#undef ROW
 }
 
 void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p, qm_shortlist *list)
@@ -36,8 +47,9 @@ void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p
         if (boxes[i] > lanes[0]) break;
         unsigned place = qm_key_place(boxes[i]);
         uint32_t pack = near->pack[place];
-        lanes = qm_vi_keep_least(lanes, qm_keys_sorted(lane_distances(bvh, pack, p), place << LANE_BITS,
-                                                       qm_first_lanes(bvh->lanes[pack].lane_count)));
+        lanes =
+            qm_vi_keep_least(lanes, qm_keys_sorted(lane_ranks(&bvh->float_packs[pack], p), place << LANE_BITS,
+                                                   qm_first_lanes(bvh->lanes[pack].lane_count)));
     }
     for (int j = 0; j < QM_PACK_LANES; j++) {
         int32_t key = lanes[QM_PACK_LANES - 1 - j];
