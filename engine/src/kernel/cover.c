@@ -10,7 +10,8 @@
 #include "kernels.h"
 #include "reach.h"
 
-#define MAX_CUTS 48               /* parts cut off a piece before it is given back */
+#define MAX_CUTS 48 /* parts cut off a piece before it is given back */
+#define ROUNDS 2    /* of looking where a label ends: one alone cuts too little where distances hardly vary */
 #define STEPS (QM_PACK_LANES - 1) /* between the places along a line that single precision looks at */
 #define MIN_MARGINS 16            /* of single precision that an allowed distance must have */
 #define MIN_PROGRESS 0.02         /* share of an edge that a cut must gain, or the label is not tried again */
@@ -88,13 +89,19 @@ static inline double float_reach_along(const float_labels *labels, int lane, qm_
     const qm_float_point from = qm_float_point_make(labels->pack, a);
     const float step[3] = {(float)(b.x - a.x), (float)(b.y - a.y), (float)(b.z - a.z)};
     const float reach2 = labels->allowed2[lane];
-    qm_vf d2 = qm_float_frames_d2(&frame, from.x + place * step[0], from.y + place * step[1],
-                                  from.z + place * step[2]);
-    int beyond = __builtin_ctz(~qm_vi_bits(d2 <= qm_vf_set(reach2)));
-    if (beyond == 0) return 0.0;
-    if (beyond == QM_PACK_LANES) return 1.0;
-    float share = (reach2 - d2[beyond - 1]) / (d2[beyond] - d2[beyond - 1]);
-    return (double)(place[beyond - 1] + share / STEPS) * (1.0 - 0x1p-20);
+    float start = 0.0f, length = 1.0f, share = 0.0f;
+    for (int round = 0; round < ROUNDS; round++) {
+        qm_vf t = start + length * place;
+        qm_vf d2 =
+            qm_float_frames_d2(&frame, from.x + t * step[0], from.y + t * step[1], from.z + t * step[2]);
+        int beyond = __builtin_ctz(~qm_vi_bits(d2 <= qm_vf_set(reach2)));
+        if (beyond == 0) break;
+        if (beyond == QM_PACK_LANES) return (double)(start + length);
+        start = t[beyond - 1];
+        length = t[beyond] - start;
+        share = (reach2 - d2[beyond - 1]) / (d2[beyond] - d2[beyond - 1]);
+    }
+    return (double)(start + share * length) * (1.0 - 0x1p-20);
 }
 
 static inline double reach_along(const cover_work *work, int label, qm_vec a, qm_vec b)
