@@ -23,14 +23,18 @@ static qm_vi nearest_boxes(const qm_near_packs *near, qm_vec p)
 }
 
 /**
- * Squared distances by which lanes are ranked: to the greatest rectangle on the longest edge inside each
- * triangle, at a third of the price of the triangle's own. What the list decides is decided by its rows.
+ * Squared distances by which lanes are ranked, in single precision as the rows decide: to the greatest
+ * rectangle on the longest edge inside each triangle, at a third of the price of the triangle's own. Patches
+ * reach less far than their triangles, and small pieces over them are not covered for long where the nearest
+ * is not on the list: there the triangles themselves are ranked.
  */
-static inline qm_vf lane_ranks(const qm_float_pack *pack, qm_vec p)
+static inline qm_vf lane_ranks(const qm_bvh *bvh, uint32_t index, qm_vec p)
 {
+    const qm_float_pack *pack = &bvh->float_packs[index];
+    qm_float_point q = qm_float_point_make(pack, p);
+    if (bvh->twist) return qm_float_pack_d2(pack, &q);
 #define ROW(name) qm_vf_load(pack->row[QM_FLOAT_##name])
     const qm_vf zero = {0};
-    qm_float_point q = qm_float_point_make(pack, p);
     qm_vf rx = q.x - ROW(OX), ry = q.y - ROW(OY), rz = q.z - ROW(OZ);
     qm_vf x = rx * ROW(XX) + ry * ROW(XY) + rz * ROW(XZ), y = rx * ROW(YX) + ry * ROW(YY) + rz * ROW(YZ);
     qm_vf height2 = qm_vf_max(rx * rx + ry * ry + rz * rz - x * x - y * y, zero);
@@ -47,9 +51,8 @@ void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p
         if (boxes[i] > lanes[0]) break;
         unsigned place = qm_key_place(boxes[i]);
         uint32_t pack = near->pack[place];
-        lanes =
-            qm_vi_keep_least(lanes, qm_keys_sorted(lane_ranks(&bvh->float_packs[pack], p), place << LANE_BITS,
-                                                   qm_first_lanes(bvh->lanes[pack].lane_count)));
+        lanes = qm_vi_keep_least(lanes, qm_keys_sorted(lane_ranks(bvh, pack, p), place << LANE_BITS,
+                                                       qm_first_lanes(bvh->lanes[pack].lane_count)));
     }
     for (int j = 0; j < QM_PACK_LANES; j++) {
         int32_t key = lanes[QM_PACK_LANES - 1 - j];
