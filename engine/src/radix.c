@@ -75,8 +75,8 @@ static size_t share_begin(const sort_work *work, int worker)
 
 static uint32_t slice_of(const sort_work *work, uint64_t entry)
 {
-    int bits = work->digits * work->digit_bits, spare = bits > SLICE_BITS ? bits - SLICE_BITS : 0;
-    return (uint32_t)(entry >> (work->low_bit + spare));
+    int bits = work->digits * work->digit_bits, slice_bits = bits < SLICE_BITS ? bits : SLICE_BITS;
+    return (uint32_t)(entry >> (work->low_bit + bits - slice_bits)) & ((1u << slice_bits) - 1);
 }
 
 static void count_slices(void *data, int worker)
