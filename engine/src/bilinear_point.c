@@ -6,10 +6,11 @@
 
 #define GRID 4 /* points a side that a descent looks for valleys from: folded patches have several */
 #define LEAST_SHARE 1e-2
-#define MUST_GAIN 0.999 /* of the squared distance: less is left to the other ways of going down */
-#define MAX_DEPTH 26    /* quarters: |w| 4^-26 / 4 is below any rounding */
-#define MAX_PARTS 4000  /* of one query; beyond it what is left only lowers the certificate */
-#define MAX_STEPS 60    /* of one descent; more are never needed when f is convex */
+#define MUST_GAIN 0.999   /* of the squared distance: less is left to the other ways of going down */
+#define DESCENT_GAIN 1e-9 /* of the distance: a step that brings less ends a descent */
+#define MAX_DEPTH 26      /* quarters: |w| 4^-26 / 4 is below any rounding */
+#define MAX_PARTS 4000    /* of one query; beyond it what is left only lowers the certificate */
+#define MAX_STEPS 60      /* of one descent; more are never needed when f is convex */
 
 double qm_patch_twist(const qm_vec corner[4])
 {
@@ -182,8 +183,12 @@ static void keep_best(qm_patch_foot *best, double distance, const double x[2])
     }
 }
 
-/** Minimises a convex f over the rectangle; returns a certified lower bound of the distance to that part. */
-static double minimise_convex(const query *q, const rectangle *box, double curvature, qm_patch_foot *best)
+/**
+ * Minimises a convex f over the rectangle, unless it is proven to lie beyond stop_above; returns a certified
+ * lower bound of the distance to that part.
+ */
+static double minimise_convex(const query *q, const rectangle *box, double curvature, double stop_above,
+                              qm_patch_foot *best)
 {
     double x[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
     double lower = 0.0;
@@ -193,7 +198,7 @@ static double minimise_convex(const query *q, const rectangle *box, double curva
         keep_best(best, distance, x);
         double below = at.distance2 - twice_gap(&at, x, box, curvature);
         if (below > 0.0) lower = fmax(lower, sqrt(below));
-        if (distance - lower <= q->error) break;
+        if (distance - lower <= q->error || lower >= stop_above) break;
         descend(q, &at, x, box);
     }
     return lower;
@@ -259,7 +264,7 @@ static void descend_from(const query *q, const double start[2], qm_patch_foot *b
         slope at = slope_at(q, x);
         double distance = sqrt(at.distance2);
         keep_best(best, distance, x);
-        if (distance >= last * (1.0 - 1e-9)) break;
+        if (distance >= last * (1.0 - DESCENT_GAIN)) break;
         last = distance;
         descend(q, &at, x, &square);
     }
@@ -299,7 +304,7 @@ static bool minimise_whole(const query *q, const part *at, double reach, qm_patc
 {
     double curvature = least_curvature(q, &at->box);
     if (curvature > 0.0) {
-        *lower = fmax(at->lower, minimise_convex(q, &at->box, curvature, best));
+        *lower = fmax(at->lower, minimise_convex(q, &at->box, curvature, reach, best));
         if (*lower >= fmin(best->distance, reach) - q->error) return true;
     }
     return minimise_on_side(q, &at->box, best, lower);
@@ -344,9 +349,9 @@ qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, do
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
     qm_patch_foot best = {.distance = INFINITY};
     double curvature = least_curvature(&q, &square), lower = 0.0;
-    if (curvature > 0.0) lower = minimise_convex(&q, &square, curvature, &best);
-    if (!(best.distance - lower <= error)) {
-        best = qm_patch_descend(patch, p);
+    if (curvature > 0.0) lower = minimise_convex(&q, &square, curvature, stop_above, &best);
+    if (!(best.distance - lower <= error) && lower < stop_above) {
+        best = qm_patch_descend(patch, p, stop_above);
         lower = fmax(lower, minimise_parts(&q, &best, stop_above));
     }
     best.lower = fmin(lower, best.distance);
@@ -365,10 +370,31 @@ static bool is_grid_minimum(const double value[GRID][GRID], int i, int j)
     return true;
 }
 
-qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p)
+/** Goes down to the one minimum of a convex f, as far as that helps; true when it is where best is, or beyond
+ * stop_above. */
+static bool descend_convex(const query *q, double stop_above, qm_patch_foot *best)
+{
+    const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
+    double curvature = least_curvature(q, &square);
+    if (!(curvature > 0.0)) return false;
+    double x[2] = {0.5, 0.5}, last = INFINITY;
+    for (int step = 0; step < MAX_STEPS; step++) {
+        slope at = slope_at(q, x);
+        double distance = sqrt(at.distance2);
+        keep_best(best, distance, x);
+        if (distance >= last * (1.0 - DESCENT_GAIN)) break;
+        if (at.distance2 - twice_gap(&at, x, &square, curvature) >= stop_above * stop_above) break;
+        last = distance;
+        descend(q, &at, x, &square);
+    }
+    return true;
+}
+
+qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p, double stop_above)
 {
     query q = query_make(patch, p, 0.0);
     qm_patch_foot best = {.distance = INFINITY};
+    if (descend_convex(&q, stop_above, &best)) return best;
     double value[GRID][GRID];
     for (int i = 0; i < GRID; i++)
         for (int j = 0; j < GRID; j++)

@@ -54,9 +54,11 @@ typedef struct qm_patch_foot {
  */
 qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, double stop_above);
 
-/** A good point of the patch, by descent into each valley that sixteen points show: distance is valid, lower
- * is 0. */
-qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p);
+/**
+ * A good point of the patch, by descent into each valley that sixteen points show, or into the only one there
+ * is: distance is valid, lower is 0. Of a patch that is found to lie beyond stop_above any point.
+ */
+qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p, double stop_above);
 
 /** Goes down from a point of the patch as far as it goes: distance and uv get better, lower stays. */
 void qm_patch_polish(const qm_patch *patch, qm_vec p, qm_patch_foot *foot);

@@ -88,10 +88,10 @@ static qm_patch target_patch(const qm_piece_work *work, uint32_t face)
     return qm_patch_make(corner);
 }
 
-qm_patch_foot qm_piece_foot(const qm_piece_work *work, const qm_patch *patch, qm_vec p)
+qm_patch_foot qm_piece_foot(const qm_piece_work *work, const qm_patch *patch, qm_vec p, double stop_above)
 {
-    if (work->depth < CERTAIN_DEPTH) return qm_patch_descend(patch, p);
-    qm_patch_foot foot = qm_patch_project(patch, p, FOOT_ERROR_SHARE * qm_piece_allowed(work), INFINITY);
+    if (work->depth < CERTAIN_DEPTH) return qm_patch_descend(patch, p, stop_above);
+    qm_patch_foot foot = qm_patch_project(patch, p, FOOT_ERROR_SHARE * qm_piece_allowed(work), stop_above);
     qm_patch_polish(patch, p, &foot);
     return foot;
 }
@@ -103,7 +103,8 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
     qm_near_quad quad = {.face = listed.face, .distance = listed.distance, .twist = listed.twist};
     quad.patch = target_patch(work, quad.face);
     if (quad.twist >= negligible) {
-        qm_patch_foot foot = qm_piece_foot(work, &quad.patch, p);
+        double farthest = near->count == QM_NEAR_QUADS ? near->at[QM_NEAR_QUADS - 1].distance : INFINITY;
+        qm_patch_foot foot = qm_piece_foot(work, &quad.patch, p, farthest);
         quad.distance = foot.distance;
         quad.uv[0] = foot.uv[0];
         quad.uv[1] = foot.uv[1];
@@ -152,7 +153,7 @@ static feet_rectangle feet_of_corners(const qm_piece_work *work, const qm_near_q
 {
     feet_rectangle feet = {{1.0, 1.0}, {0.0, 0.0}};
     for (int i = 0; i < polygon->count; i++) {
-        qm_patch_foot foot = qm_piece_foot(work, &quad->patch, polygon->corner[i]);
+        qm_patch_foot foot = qm_piece_foot(work, &quad->patch, polygon->corner[i], INFINITY);
         for (int k = 0; k < 2; k++) {
             feet.low[k] = fmin(feet.low[k], foot.uv[k]);
             feet.high[k] = fmax(feet.high[k], foot.uv[k]);

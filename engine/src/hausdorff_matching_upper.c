@@ -76,7 +76,7 @@ uint32_t qm_matching_facet(const qm_search *search, const qm_side *side, uint32_
             distance = fmin(distance, sqrt(d2[lane + 1]));
             if (distance - qm_side_twist(side, pack, lane) >= nearest) continue;
             qm_patch patch = load_patch(side, pack, lane);
-            distance = qm_patch_descend(&patch, p).distance;
+            distance = qm_patch_descend(&patch, p, INFINITY).distance;
         }
         if (distance >= nearest) continue;
         nearest = distance;
@@ -88,7 +88,7 @@ uint32_t qm_matching_facet(const qm_search *search, const qm_side *side, uint32_
 static matched match_point(const matching *work, const facet *to, qm_vec p)
 {
     if (to->is_patch) {
-        qm_patch_foot foot = qm_patch_descend(&to->patch, p);
+        qm_patch_foot foot = qm_patch_descend(&to->patch, p, INFINITY);
         return (matched){p, foot.distance, {foot.uv[0], foot.uv[1]}};
     }
     double d2[QM_PACK_LANES];

@@ -90,9 +90,10 @@ bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack);
 
 /**
  * A point of a patch near p: a good one at first, the certified nearest for pieces that were cut often, which
- * would else be cut for ever where patches are folded and a descent ends in the wrong valley.
+ * would else be cut for ever where patches are folded and a descent ends in the wrong valley. Of a patch that
+ * is found to lie beyond stop_above any point.
  */
-qm_patch_foot qm_piece_foot(const qm_piece_work *work, const qm_patch *patch, qm_vec p);
+qm_patch_foot qm_piece_foot(const qm_piece_work *work, const qm_patch *patch, qm_vec p, double stop_above);
 
 /** Quads among the candidates that lie nearest to a point; with twisted_only not those that are flat. */
 qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only);

@@ -91,7 +91,7 @@ static double match_upper(const qm_piece_work *work, const qm_patch *patch)
     qm_patch_foot foot[4];
     double farthest = 0.0;
     for (int i = 0; i < 4; i++) {
-        foot[i] = qm_piece_foot(work, patch, work->piece.corner[i]);
+        foot[i] = qm_piece_foot(work, patch, work->piece.corner[i], INFINITY);
         farthest = greater(farthest, foot[i].distance);
     }
     double along_u[2], along_v[2];
@@ -144,7 +144,8 @@ static double patch_reach(const qm_piece_work *work, const qm_patch *source, int
     double allowed = 0.5 * qm_piece_allowed(work), inside = from, outside = to;
     for (int step = 0; step < CROSSING_STEPS; step++) {
         at[axis] = step == 0 ? to : 0.5 * (inside + outside);
-        bool is_reached = qm_patch_descend(&target, qm_patch_at(source, at[0], at[1])).distance <= allowed;
+        bool is_reached =
+            qm_patch_descend(&target, qm_patch_at(source, at[0], at[1]), allowed).distance <= allowed;
         if (is_reached && step == 0) return to;
         *(is_reached ? &inside : &outside) = at[axis];
     }

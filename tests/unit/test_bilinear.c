@@ -197,9 +197,16 @@ static void descents_are_points_of_the_patch(void **state)
         draw_patch(&random, c, corner);
         qm_patch patch = engine_patch(corner);
         draw_query(&random, &patch, p);
-        qm_patch_foot foot = qm_patch_descend(&patch, qm_vec_load(p));
+        qm_patch_foot foot = qm_patch_descend(&patch, qm_vec_load(p), INFINITY);
         check_foot(&patch, &foot, p, c->name, seed);
         assert_true(foot.lower == 0);
+        /* A bound to stop at may cost the best point, but only of a patch that lies beyond it. */
+        double stop = foot.distance * qm_random_range(&random, 0.5, 1.5);
+        qm_patch_foot stopped = qm_patch_descend(&patch, qm_vec_load(p), stop);
+        check_foot(&patch, &stopped, p, c->name, seed);
+        QM_CHECK(stopped.distance <= foot.distance || foot.distance >= stop - ROUND(stop),
+                 "%s, seed %llu: %.17g of %.17g at stop %.17g", c->name, (unsigned long long)seed,
+                 stopped.distance, foot.distance, stop);
     }
 }
 

@@ -60,7 +60,7 @@ static inline void qm_visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lan
     } else if (twist > 0.0 && error == INFINITY) {
         qm_bvh_load_face(bvh, face, corner);
         qm_patch patch = qm_patch_make(corner);
-        foot = qm_patch_descend(&patch, p);
+        foot = qm_patch_descend(&patch, p, hit->distance);
     } else {
         foot.distance += twist;
         foot.lower -= twist;
