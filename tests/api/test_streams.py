@@ -125,10 +125,10 @@ def test_events_come_while_the_search_runs(client, slow_pair):
         for line in reply.iter_lines():
             seen.append((time.monotonic() - start, json.loads(line)))
     bounds = [(when, event) for when, event in seen if event["event"] == "bounds"]
-    assert bounds[0][0] < PATIENCE / 60, "the first bounds come at once"
+    assert bounds[0][1]["elapsed_ms"] < seen[-1][1]["result"]["elapsed_ms"] / 4, "the first bounds come early"
     assert bounds[-1][0] - bounds[0][0] > 0.5, "the others come one by one"
     pauses = [b[1]["elapsed_ms"] - a[1]["elapsed_ms"] for a, b in zip(bounds, bounds[1:])]
-    assert max(pauses) < 1000, pauses
+    assert max(pauses) < 1000 * PATIENCE / 60, pauses
 
 
 def test_heartbeats(client, make_daemon, slow_files):
