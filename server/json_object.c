@@ -39,6 +39,10 @@ cJSON *qm_json_parse_object(const char *text, size_t size, const char *what, qm_
     *problem = (qm_problem){0};
     size_t place;
     const char *words;
+    if (size == 0) {
+        *problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "the body is empty; %s is a JSON object", what);
+        return NULL;
+    }
     if (!qm_json_check_text(text, size, &place, &words)) {
         *problem = malformed_at(place, words);
         return NULL;

@@ -45,6 +45,13 @@ def test_two_ways_to_tell_the_length_are_refused(daemon):
         check_refused_and_closed(said, 400)
 
 
+def test_a_request_has_one_host(daemon):
+    for hosts in ("", "Host: localhost\r\nHost: 127.0.0.1\r\n"):
+        said = talk(daemon, f"GET /healthz HTTP/1.1\r\n{hosts}Connection: close\r\n\r\n".encode())
+        check_refused_and_closed(said, 400)
+    assert talk(daemon, b"GET /healthz HTTP/1.0\r\n\r\n").startswith(b"HTTP/1.1 200 ")
+
+
 def test_the_body_of_a_refused_request_is_not_the_next_request(daemon):
     for method, path, status in (("POST", "/nowhere", 404), ("DELETE", "/nowhere", 404), ("PATCH", "/v1/jobs", 405)):
         said = talk(daemon, request(method, path, f"Content-Length: {len(HEALTH)}", body=HEALTH))
