@@ -64,6 +64,7 @@ static void check_accept(qm_request *request)
 {
     const char *const *offers = request->route->produces;
     if (!offers) return;
+    if (offers[1]) qm_reply_header(request, "Vary", "Accept");
     int chosen = qm_media_choose(qm_request_header(request, "Accept"), offers);
     if (chosen >= 0) {
         request->media = offers[chosen];

@@ -85,6 +85,12 @@ def test_the_best_of_the_accepted_types_is_sent(client, spheres):
         check_problem(reply, 406, "not_acceptable")
 
 
+def test_what_a_reply_hangs_on_is_told(client, spheres):
+    several, one = client.get(f"/v1/meshes/{spheres[0]}/vertices"), client.get(f"/v1/meshes/{spheres[0]}")
+    assert several.headers["vary"] == "Accept" and "vary" not in one.headers
+    assert client.get("/v1/jobs/j_1/result").headers["vary"] == "Accept"
+
+
 def test_the_same_bytes_at_the_same_time_make_one_mesh(daemon):
     content = shapes.ply_little(shapes.rough(60, seed=77))
 
