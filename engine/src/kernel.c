@@ -38,6 +38,7 @@
                             qm_leaf *leaf);                                                                  \
     bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p, \
                                  unsigned moved_q, qm_near_lanes *out);                                      \
+    void qm_hilbert_keys_##isa(const qm_hilbert_cells *cells, int count, int bits, uint64_t *keys);          \
     void qm_vertex_box_##isa(const double *positions, size_t count, qm_box *box);                            \
     void qm_vertex_cells_##isa(const qm_cell_grid *grid, const double *positions, size_t count,              \
                                qm_cell *cells);                                                              \
@@ -76,6 +77,7 @@
         .descend = qm_descend_##isa,                                                                         \
         .fill_leaf = qm_fill_leaf_##isa,                                                                     \
         .compare_leaves = qm_compare_leaves_##isa,                                                           \
+        .hilbert_keys = qm_hilbert_keys_##isa,                                                               \
         .vertex_box = qm_vertex_box_##isa,                                                                   \
         .vertex_cells = qm_vertex_cells_##isa,                                                               \
         .cell_boxes = qm_cell_boxes_##isa,                                                                   \
