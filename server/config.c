@@ -85,7 +85,7 @@ static void print_help(void)
                show_value(settings[i].text, settings[i].number, value));
     puts(
         "  --print-config       the settings as they are, as a file for --config\n"
-        "  --print-routes       what the daemon answers: method, path, types\n"
+        "  --print-routes       what the daemon answers: method, path, types, ?parameters\n"
         "  --help               this text\n"
         "  --version            the version\n\n"
         "Every setting can also be given as QUADMESHD_NAME in the environment, and in the file of --config.\n"

@@ -11,6 +11,7 @@
 
 #include "feet.h"
 #include "handlers.h"
+#include "job_names.h"
 #include "media.h"
 #include "parallel.h"
 
@@ -167,20 +168,17 @@ static bool read_threads(qm_request *request, int *out)
 
 static bool read_parameters(qm_request *request, projecting *p)
 {
-    static const char *const types[] = {"f64", "f32", NULL},
-                             *const readings[] = {"triangles", "bilinear", NULL},
-                             *const orders[] = {"input", NULL},
-                             *const accelerators[] = {"auto", "boxes", "tetra", "grid", NULL};
+    static const char *const types[] = {"f64", "f32", NULL}, *const orders[] = {"input", NULL};
     int type, reading, order, accelerator;
     if (!qm_request_choice(request, "dtype", types, &type) ||
-        !qm_request_choice(request, "quads", readings, &reading) ||
+        !qm_request_choice(request, "quads", qm_quads_names, &reading) ||
         !qm_request_choice(request, "order", orders, &order) ||
-        !qm_request_choice(request, "accelerator", accelerators, &accelerator) ||
+        !qm_request_choice(request, "accelerator", qm_accelerator_names, &accelerator) ||
         !read_threads(request, &p->threads))
         return false;
     p->type = type == 1 ? F32 : F64;
-    p->accelerator = (qm_accelerator)accelerator; /* the names are in its order */
-    p->quads = reading == 1 ? QM_QUADS_BILINEAR : QM_QUADS_TRIANGLES;
+    p->accelerator = (qm_accelerator)accelerator;
+    p->quads = (qm_quad_reading)reading;
     p->rows = qm_request_rows(request);
     return true;
 }

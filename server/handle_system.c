@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "handlers.h"
+#include "job_names.h"
 #include "metrics.h"
 #include "qm/bvh.h"
 
@@ -102,13 +103,16 @@ void qm_handle_info(qm_request *request)
     QM_JOB_MAP(XX)
 #undef XX
     if (out.size > 0) out.size--;
-    qm_text_printf(
-        &out,
-        "],\"accelerators\":[\"auto\",\"boxes\",\"tetra\",\"grid\"],\"limits\":{\"body_bytes\":%.15g,"
-        "\"memory_bytes\":%zu,"
-        "\"faces\":%.15g,\"queued_jobs\":%.15g,\"connections\":%.15g,\"streams\":%.15g},"
-        "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu}",
-        config->max_body, qm_meshes_measure(qm_request_app(request)->meshes).limit, config->max_faces,
-        config->queue, config->connections, config->streams, config->workers, counts.queued, counts.running);
+    qm_text_add_string(&out, "],\"accelerators\":[");
+    for (int i = 0; qm_accelerator_names[i]; i++)
+        qm_text_printf(&out, "%s\"%s\"", i > 0 ? "," : "", qm_accelerator_names[i]);
+    qm_text_printf(&out,
+                   "],\"limits\":{\"body_bytes\":%.15g,"
+                   "\"memory_bytes\":%zu,"
+                   "\"faces\":%.15g,\"queued_jobs\":%.15g,\"connections\":%.15g,\"streams\":%.15g},"
+                   "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu}",
+                   config->max_body, qm_meshes_measure(qm_request_app(request)->meshes).limit,
+                   config->max_faces, config->queue, config->connections, config->streams, config->workers,
+                   counts.queued, counts.running);
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));
 }

@@ -180,11 +180,11 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
                                   const char *method, const char *version, const char *data, size_t *size,
                                   void **state)
 {
-    (void)version;
     qm_request *request = *state;
     if (!request) {
         *state = request = begin(cls, connection, url, method);
         if (!request) return MHD_NO;
+        request->needs_host = strcmp(version, "HTTP/1.1") == 0;
         qm_request_check(request);
         if (!request->has_problem) return MHD_YES;
         /* The body has not come yet; what follows on this connection is not to be taken for a request. */

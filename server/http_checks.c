@@ -25,25 +25,26 @@ size_t qm_request_body_limit(const qm_request *request)
     return request->route->body == QM_BODY_SPOOL ? (size_t)request->app->config->max_body : MAX_JSON_BODY;
 }
 
-/** How often a request tells its length, and how. */
-typedef struct length_headers {
-    int lengths, codings;
-} length_headers;
+/** How often a request tells its length, and how, and whom it is for. */
+typedef struct counted_headers {
+    int lengths, codings, hosts;
+} counted_headers;
 
 static enum MHD_Result count_header(void *user, enum MHD_ValueKind kind, const char *name, const char *value)
 {
     (void)kind;
     (void)value;
-    length_headers *found = user;
+    counted_headers *found = user;
     if (strcasecmp(name, "Content-Length") == 0) found->lengths++;
     if (strcasecmp(name, "Transfer-Encoding") == 0) found->codings++;
+    if (strcasecmp(name, "Host") == 0) found->hosts++;
     return MHD_YES;
 }
 
-/** Two lengths, or a coding other than chunked, are how requests are smuggled past a proxy. */
+/** Two lengths, a coding other than chunked, or two hosts are how requests are smuggled past a proxy. */
 static bool check_framing(qm_request *request)
 {
-    length_headers found = {0};
+    counted_headers found = {0};
     MHD_get_connection_values(request->connection, MHD_HEADER_KIND, count_header, &found);
     const char *coding = qm_request_header(request, "Transfer-Encoding");
     if (found.lengths + found.codings > 1)
@@ -53,6 +54,9 @@ static bool check_framing(qm_request *request)
     else if (coding && strcasecmp(coding, "chunked") != 0)
         qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
                                                         "the only Transfer-Encoding taken is chunked"));
+    else if (found.hosts > 1 || (found.hosts == 0 && request->needs_host))
+        qm_request_set_problem(
+            request, qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "a request has one Host header"));
     return !request->has_problem;
 }
 
@@ -60,6 +64,7 @@ static void check_accept(qm_request *request)
 {
     const char *const *offers = request->route->produces;
     if (!offers) return;
+    if (offers[1]) qm_reply_header(request, "Vary", "Accept");
     int chosen = qm_media_choose(qm_request_header(request, "Accept"), offers);
     if (chosen >= 0) {
         request->media = offers[chosen];
@@ -71,6 +76,57 @@ static void check_accept(qm_request *request)
         snprintf(problem.detail + used, sizeof problem.detail - used, " or %s", offers[i]);
     }
     qm_request_set_problem(request, problem);
+}
+
+/** A search of the query for what a route does not have, and for what it has twice. */
+typedef struct query_check {
+    const char *const *known;
+    unsigned seen; /* a bit for each of these */
+    const char *fault, *words;
+} query_check;
+
+static enum MHD_Result check_argument(void *user, enum MHD_ValueKind kind, const char *name,
+                                      const char *value)
+{
+    (void)kind;
+    query_check *check = user;
+    if (!name[0] && !value) return MHD_YES; /* an ampersand too many */
+    unsigned place = 0;
+    while (check->known[place] && strcmp(check->known[place], name) != 0)
+        place++;
+    bool is_known = check->known[place];
+    if (is_known && !(check->seen & 1u << place)) {
+        check->seen |= 1u << place;
+        return MHD_YES;
+    }
+    check->fault = name;
+    check->words = is_known ? "is given twice to this operation" : "is no parameter of this operation";
+    return MHD_NO;
+}
+
+/** A name with a slip in it would be passed over, and the answer be one to another question. */
+static void check_query(qm_request *request)
+{
+    query_check check = {.known = request->route->query};
+    if (!check.known) return;
+    MHD_get_connection_values(request->connection, MHD_GET_ARGUMENT_KIND, check_argument, &check);
+    if (!check.fault) return;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%.60s %s", check.fault, check.words);
+    for (size_t i = 0; check.known[i]; i++) {
+        size_t used = strlen(problem.detail);
+        snprintf(problem.detail + used, sizeof problem.detail - used, "%s %s", i > 0 ? "," : "; it has",
+                 check.known[i]);
+    }
+    qm_request_set_problem(request, problem);
+}
+
+/** A body is taken as it is: one that is packed would be read for something else. */
+static void check_encoding(qm_request *request)
+{
+    const char *encoding = qm_request_header(request, "Content-Encoding");
+    if (!encoding || request->route->body == QM_BODY_NONE || strcasecmp(encoding, "identity") == 0) return;
+    qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
+                                                    "the body is to come without a Content-Encoding"));
 }
 
 static void check_length(qm_request *request)
@@ -158,8 +214,8 @@ static bool is_served(const qm_request *request)
 }
 
 /** OPTIONS is answered for every path by what its routes are. */
-static const qm_route options_route = {"OPTIONS", "",           qm_request_answer_options,
-                                       NULL,      QM_BODY_NONE, QM_RUNS_AT_ONCE};
+static const qm_route options_route = {"OPTIONS",       "",  qm_request_answer_options, NULL, QM_BODY_NONE,
+                                       QM_RUNS_AT_ONCE, NULL};
 
 static bool find_route(qm_request *request)
 {
@@ -181,6 +237,8 @@ void qm_request_check(qm_request *request)
 {
     if (!check_framing(request) || !find_route(request) || request->route == &options_route) return;
     check_access(request);
+    check_query(request);
+    check_encoding(request);
     check_length(request);
     check_accept(request);
     if (!request->has_problem && request->route->body == QM_BODY_SPOOL &&

@@ -41,6 +41,7 @@ struct qm_request {
     const char *media;             /* of the route's types, the chosen one */
     char ids[2][QM_ID_SIZE];       /* of the path */
     char method[16], path[256];
+    bool needs_host; /* as HTTP/1.1 does */
     double start_ms;
     qm_blob_writer *upload;
     qm_text body;

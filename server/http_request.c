@@ -131,6 +131,16 @@ void qm_request_set_reader(qm_request *request, int status, uint64_t size, size_
         MHD_set_response_options(request->reply.response, MHD_RF_HTTP_1_0_COMPATIBLE_STRICT, MHD_RO_END);
 }
 
+/** What a handler said of its reply before it failed. */
+static void drop_header(qm_reply *reply, const char *name)
+{
+    int kept = 0;
+    for (int i = 0; i < reply->header_count; i++)
+        if (strcmp(reply->header[i][0], name) != 0)
+            memmove(reply->header[kept++], reply->header[i], sizeof reply->header[i]);
+    reply->header_count = kept;
+}
+
 void qm_reply_problem(qm_request *request, const qm_problem *problem)
 {
     static const char fallback[] = "{\"type\":\"about:blank\",\"title\":\"Out of memory\",\"status\":507}";
@@ -141,6 +151,7 @@ void qm_reply_problem(qm_request *request, const qm_problem *problem)
         qm_text_printf(&text, ",\"instance\":\"urn:request:%s\"}", request->name);
     }
     char *body = qm_text_take(&text);
+    drop_header(&request->reply, "ETag");
     if (problem->allow[0]) qm_reply_header(request, "Allow", "%s", problem->allow);
     if (problem->retry_after_s) qm_reply_header(request, "Retry-After", "%d", problem->retry_after_s);
     if (body)

@@ -161,13 +161,18 @@ void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t afte
                      bool owns_job)
 {
     qm_jobs *jobs = request->app->jobs;
-    event_source *e = malloc(sizeof *e);
+    qm_problem problem;
+    bool is_readable = qm_job_fetch_events(job, &problem);
+    event_source *e = is_readable ? malloc(sizeof *e) : NULL;
     stream *s = e ? make_stream(request) : NULL;
     if (!s) {
-        free(e);
         if (owns_job) qm_jobs_disown(jobs, job);
         qm_jobs_release(jobs, job);
-        if (!e) qm_request_refuse_memory(request);
+        if (!is_readable)
+            qm_reply_problem(request, &problem);
+        else if (!e)
+            qm_request_refuse_memory(request);
+        free(e);
         return;
     }
     *e = (event_source){jobs, job, &s->reader, after, framing, owns_job};

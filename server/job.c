@@ -11,7 +11,7 @@
 static void free_job(qm_job *job)
 {
     for (size_t i = 0; i < job->event_count; i++)
-        free(job->events[i]);
+        free(job->events[i].line);
     free(job->events);
     free(job->last_bounds);
     free(job->document);
@@ -113,7 +113,8 @@ bool qm_job_enqueue(qm_jobs *jobs, qm_job *job)
     return queued;
 }
 
-/** A job of the store that has ended, as one in memory that belongs to the caller alone. */
+/** A job of the store that has ended, as one in memory that belongs to the caller alone. Its events are read
+ * when they are asked for. */
 static qm_job *job_from_row(qm_jobs *jobs, const qm_store_job *row)
 {
     qm_job *job = calloc(1, sizeof *job);
@@ -123,8 +124,8 @@ static qm_job *job_from_row(qm_jobs *jobs, const qm_store_job *row)
     job->state = (qm_job_state)row->state;
     job->document = row->document ? strdup(row->document) : NULL;
     job->references = 1;
+    job->is_stored = true;
     qm_job_set_restarts(job, row->restarts);
-    qm_job_restore_events(job, row->events);
     return job;
 }
 

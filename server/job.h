@@ -3,7 +3,9 @@
  *
  * A job's life: queued -> running -> succeeded, failed or cancelled. Each job has a list of events, one JSON
  * object a line with seq 1, 2, 3 ...; the last one is a result or an error, and there is exactly one of
- * these. A job that has ended is in the store with its document and events before anybody hears of it.
+ * these. A job that has ended is in the store with its document and events before anybody hears of it; the
+ * events of one that runs are stored from time to time. One that the end of the daemon has cut short runs
+ * again, with higher numbers, and keeps the events that were stored.
  *
  * Lock rule: one lock guards the table, the jobs' states and events, and the readers' lists. Readers are
  * woken under the lock, so that a reader which found nothing and went to sleep under the same lock is never
@@ -55,6 +57,9 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *
 void qm_jobs_drain(qm_jobs *jobs);
 void qm_jobs_destroy(qm_jobs *jobs);
 
+/** Stores the events that running jobs have so far. */
+void qm_jobs_save_events(qm_jobs *jobs);
+
 /** Removes the jobs that have ended and are too old or too many, with their results. */
 void qm_jobs_drop_old(qm_jobs *jobs);
 
@@ -74,8 +79,12 @@ typedef struct qm_job_submission {
 qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool *is_cached,
                        qm_problem *problem);
 
-/** A counted reference; jobs that have ended come back from the store. NULL with a problem. */
+/** A counted reference; jobs that have ended come back from the store, without their events. NULL with a
+ * problem. */
 qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem);
+
+/** Sees to it that the events of a job which nobody else has can be read. False with a problem. */
+bool qm_job_fetch_events(qm_job *job, qm_problem *problem);
 void qm_jobs_release(qm_jobs *jobs, qm_job *job);
 
 /** A job asked to stop; it ends as cancelled with its last bounds. False when it had ended before. */

@@ -18,14 +18,6 @@ void qm_job_wake_readers(qm_job *job)
         qm_reader_wake(job->jobs, reader);
 }
 
-/** {"event":NAME,"seq":N,MEMBERS}; members comes without braces. NULL: out of memory. */
-static char *make_event(const char *name, uint64_t seq, const char *members)
-{
-    qm_text line = {0};
-    qm_text_printf(&line, "{\"event\":\"%s\",\"seq\":%llu,%s}", name, (unsigned long long)seq, members);
-    return qm_text_take(&line);
-}
-
 void qm_job_set_restarts(qm_job *job, int64_t restarts)
 {
     job->seq_base = SEQS_OF_A_RUN * (uint64_t)restarts;
@@ -33,32 +25,69 @@ void qm_job_set_restarts(qm_job *job, int64_t restarts)
 
 static uint64_t last_seq(const qm_job *job)
 {
-    return job->seq_base + job->event_count;
+    return job->event_count > 0 ? job->events[job->event_count - 1].seq : 0;
+}
+
+static uint64_t next_seq(const qm_job *job)
+{
+    uint64_t last = last_seq(job);
+    return (last > job->seq_base ? last : job->seq_base) + 1;
+}
+
+char *qm_job_make_event(const qm_job *job, const char *name, const char *members)
+{
+    qm_text line = {0};
+    qm_text_printf(&line, "{\"event\":\"%s\",\"seq\":%llu,%s}", name, (unsigned long long)next_seq(job),
+                   members);
+    return qm_text_take(&line);
+}
+
+static bool make_room(qm_job *job)
+{
+    if (job->event_count < job->event_capacity) return true;
+    size_t capacity = job->event_capacity ? 2 * job->event_capacity : 16;
+    qm_job_event *events = realloc(job->events, capacity * sizeof *events);
+    if (!events) return false;
+    job->events = events;
+    job->event_capacity = capacity;
+    return true;
+}
+
+bool qm_job_put_event(qm_job *job, uint64_t seq, char *line)
+{
+    bool has_place = line && make_room(job);
+    if (has_place)
+        job->events[job->event_count++] = (qm_job_event){seq, line};
+    else
+        free(line);
+    return has_place;
 }
 
 void qm_job_add_event(qm_job *job, const char *name, const char *members)
 {
-    if (job->event_count == job->event_capacity) {
-        size_t capacity = job->event_capacity ? 2 * job->event_capacity : 16;
-        char **events = realloc(job->events, capacity * sizeof *events);
-        if (!events) return;
-        job->events = events;
-        job->event_capacity = capacity;
-    }
-    char *line = make_event(name, last_seq(job) + 1, members);
-    if (line) job->events[job->event_count++] = line;
+    qm_job_put_event(job, next_seq(job), qm_job_make_event(job, name, members));
     qm_job_wake_readers(job);
 }
 
-char *qm_job_join_events(const qm_job *job, const char *name, const char *members)
+uint64_t qm_job_join_unsaved(const qm_job *job, size_t end, qm_text *out)
 {
-    qm_text all = {0};
-    for (size_t i = 0; i < job->event_count; i++)
-        qm_text_printf(&all, "%s\n", job->events[i]);
-    char *last = members ? make_event(name, last_seq(job) + 1, members) : NULL;
-    if (last) qm_text_printf(&all, "%s\n", last);
-    free(last);
-    return qm_text_take(&all);
+    for (size_t i = job->saved_count; i < end; i++)
+        qm_text_printf(out, "%s\n", job->events[i].line);
+    return job->saved_count < end ? job->events[job->saved_count].seq : next_seq(job);
+}
+
+/** The place of the first event after a number. */
+static size_t find_after(const qm_job *job, uint64_t seq)
+{
+    size_t low = 0, high = job->event_count;
+    while (low < high) {
+        size_t middle = low + (high - low) / 2;
+        if (job->events[middle].seq <= seq)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
 }
 
 static void frame(qm_text *out, qm_framing framing, uint64_t seq, const char *line)
@@ -84,11 +113,13 @@ qm_news qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing framin
     uv_mutex_lock(&jobs->lock);
     qm_news news = QM_NEWS_SOME;
     double now = qm_now_ms();
-    /* Whoever has read an earlier run, or says so of events that never were, reads all of this one. */
-    if (*seq < job->seq_base || *seq > last_seq(job)) *seq = job->seq_base;
+    /* Whoever has read what the store lacks of an earlier run, or says so of events that never were, reads
+     * all of this one. */
+    if (*seq > last_seq(job)) *seq = job->seq_base;
     if (*seq < last_seq(job)) {
-        for (; *seq < last_seq(job); ++*seq)
-            frame(out, framing, *seq + 1, job->events[*seq - job->seq_base]);
+        for (size_t i = find_after(job, *seq); i < job->event_count; i++)
+            frame(out, framing, job->events[i].seq, job->events[i].line);
+        *seq = last_seq(job);
         reader->wake_at_ms = now + jobs->limits.heartbeat_ms;
     } else if (qm_job_is_over(job)) {
         news = QM_NEWS_END;
@@ -163,18 +194,6 @@ void qm_jobs_tick(qm_jobs *jobs, double now_ms)
     for (qm_job *job = jobs->first; job; job = job->next)
         tick_readers(jobs, job->readers, now_ms);
     uv_mutex_unlock(&jobs->lock);
-}
-
-void qm_job_restore_events(qm_job *job, const char *lines)
-{
-    for (const char *line = lines, *end; line && (end = strchr(line, '\n')); line = end + 1) {
-        char **events = realloc(job->events, (job->event_count + 1) * sizeof *events);
-        if (!events) return;
-        job->events = events;
-        if (!(events[job->event_count] = strndup(line, (size_t)(end - line)))) return;
-        job->event_count++;
-    }
-    job->event_capacity = job->event_count;
 }
 
 /* ---- documents ---- */

@@ -1,7 +1,8 @@
 /**
  * job_internal.h: what the files of the job table share: jobs.c (start and stop), job.c (table and
- * submission), job_list.c (what the store has), job_events.c (events, readers, documents), job_run.c (what a
- * worker does with a job), job_waker.c. "The lock" is qm_jobs.lock.
+ * submission), job_list.c (what the store has), job_events.c (events, readers, documents), job_saving.c
+ * (events on their way to the store and back), job_run.c (what a worker does with a job), job_waker.c. "The
+ * lock" is qm_jobs.lock.
  */
 #ifndef QM_JOB_INTERNAL_H
 #define QM_JOB_INTERNAL_H
@@ -20,6 +21,11 @@ void qm_batch_line_reset(qm_batch_line *line);
 
 #define QM_REVISIONS_SIZE 44 /* two numbers of up to 20 digits */
 
+typedef struct qm_job_event {
+    uint64_t seq;
+    char *line; /* without a line end */
+} qm_job_event;
+
 struct qm_job {
     char id[QM_ID_SIZE];
     qm_job_request request;
@@ -27,14 +33,16 @@ struct qm_job {
     char created[QM_TIME_SIZE], started[QM_TIME_SIZE];
     double started_ms; /* qm_now_ms when a worker or its end took it */
     qm_job_state state;
-    atomic_bool cancel; /* what the engine looks at: raised by a client or by the end of the daemon */
-    bool is_cancelled;  /* by a client */
-    bool interrupted;   /* stopped by the end of the daemon: it will run again */
-    uint64_t seq_base;  /* events before this number belong to runs that the daemon's end has cut short */
-    char **events;      /* lines without a line end; events[i] has seq seq_base + i + 1 */
+    atomic_bool cancel;   /* what the engine looks at: raised by a client or by the end of the daemon */
+    bool is_cancelled;    /* by a client */
+    bool interrupted;     /* stopped by the end of the daemon: it will run again */
+    uint64_t seq_base;    /* events up to this number belong to runs that the daemon's end has cut short */
+    qm_job_event *events; /* by seq */
     size_t event_count, event_capacity;
-    char *last_bounds;                 /* the newest bounds event's own members, for the document */
-    char *document;                    /* once it has ended */
+    size_t saved_count; /* so many of them are in the store */
+    bool is_stored;     /* made of a row of the store, without events until they are asked for */
+    char *last_bounds;  /* the newest bounds event's own members, for the document */
+    char *document;     /* once it has ended */
     char revisions[QM_REVISIONS_SIZE]; /* of the meshes that it runs on; "" before */
     qm_reader *readers;
     int owners;     /* clients that stream it and whose leaving ends it */
@@ -53,7 +61,8 @@ struct qm_jobs {
     qm_job_limits limits;
     qm_pool *pool;
     uv_mutex_t
-        submitting; /* taken before the lock: one submission at a time looks for an answer, else queues */
+        submitting;    /* taken before the lock: one submission at a time looks for an answer, else queues */
+    uv_mutex_t saving; /* taken before the lock: events are saved by one thread at a time */
     uv_mutex_t lock;
     qm_job *first;      /* jobs that have not ended, in no order */
     qm_reader *readers; /* those of batches */
@@ -111,12 +120,20 @@ void qm_job_wake_readers(qm_job *job);
 /** Adds an event and wakes the readers; members comes without braces. The caller holds the lock. */
 void qm_job_add_event(qm_job *job, const char *name, const char *members);
 
-/** All events and one to come (members NULL: none), a line each, for the caller to free. The caller holds the
- * lock. */
-char *qm_job_join_events(const qm_job *job, const char *name, const char *members);
+/** Puts an event behind the others and takes over its line, which may be NULL; false: out of memory. The
+ * caller holds the lock. */
+bool qm_job_put_event(qm_job *job, uint64_t seq, char *line);
 
-/** Splits stored lines back into events. */
-void qm_job_restore_events(qm_job *job, const char *lines);
+/** {"event":NAME,"seq":N,MEMBERS} of the event to come, for the caller to free; NULL: out of memory. The
+ * caller holds the lock. */
+char *qm_job_make_event(const qm_job *job, const char *name, const char *members);
+
+/** Adds the lines of the events from saved_count up to end to out; returns the seq of the first, or of the
+ * event to come. The caller holds the lock. */
+uint64_t qm_job_join_unsaved(const qm_job *job, size_t end, qm_text *out);
+
+/** Reads the events of a job back that the store has; not QM_OK: those that could be read are there. */
+qm_status qm_job_restore_events(qm_job *job);
 
 /** Sets where the job's events are counted from: each run of it has numbers of its own, so that a reader of
  * one run goes on with the next. */

@@ -3,7 +3,8 @@
  * other. No HTTP, no JSON, no store: the command line runs jobs in process through the same functions.
  *
  * A kind is a row of QM_JOB_MAP. Three tables follow the list: how it runs (job_kinds.c), what fields it has
- * (json_in.c), how its request and result are written (json_jobs.c).
+ * (json_in.c), how its request and result are written (json_requests.c,
+ * json_results.c).
  */
 #ifndef QM_JOB_KINDS_H
 #define QM_JOB_KINDS_H

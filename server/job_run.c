@@ -16,6 +16,25 @@
 
 /* ---- the end of a job ---- */
 
+/** Stores the document and what events the store lacks, the one to come included. */
+static bool store_end(qm_job *job, qm_job_state state, const char *document, const char *name,
+                      const char *members)
+{
+    qm_text lines = {0};
+    uv_mutex_lock(&job->jobs->lock);
+    uint64_t seq = qm_job_join_unsaved(job, job->event_count, &lines);
+    char *last = qm_job_make_event(job, name, members);
+    uv_mutex_unlock(&job->jobs->lock);
+    qm_text_printf(&lines, "%s\n", last ? last : "");
+    bool is_whole = last && !lines.failed;
+    qm_store_events events = {job->id, seq, lines.data};
+    bool stored =
+        is_whole && qm_store_finish_job(job->jobs->store, &events, state, document, job->revisions) == QM_OK;
+    qm_text_reset(&lines);
+    free(last);
+    return stored;
+}
+
 /** Stores the outcome, then tells the readers. name and members make the terminal event. Only who runs it
  * ends a job. */
 static void finish(qm_job *job, qm_job_state state, const char *name, const char *members)
@@ -32,10 +51,8 @@ static void finish(qm_job *job, qm_job_state state, const char *name, const char
     char *event = qm_text_take(&outcome);
     uv_mutex_lock(&jobs->lock);
     char *document = qm_job_write_document(job, state, members);
-    char *events = qm_job_join_events(job, name, event);
     uv_mutex_unlock(&jobs->lock);
-    bool stored = document && events &&
-                  qm_store_finish_job(jobs->store, job->id, state, document, events, job->revisions) == QM_OK;
+    bool stored = document && event && store_end(job, state, document, name, event);
     if (!stored) qm_log(QM_LOG_ERROR, "the end of job %s could not be stored: it is kept in memory", job->id);
     uv_mutex_lock(&jobs->lock);
     jobs->running--;
@@ -44,7 +61,6 @@ static void finish(qm_job *job, qm_job_state state, const char *name, const char
     qm_job_add_event(job, name, event ? event : members);
     if (stored) qm_job_unlist(job);
     uv_mutex_unlock(&jobs->lock);
-    free(events);
     free(event);
 }
 

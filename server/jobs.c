@@ -29,7 +29,13 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     snprintf(job->created, sizeof job->created, "%s", row->created);
     qm_job_set_restarts(job, row->restarts);
     job->is_kept = true; /* whoever streamed it has lost the stream with the daemon */
+    if (qm_job_restore_events(job) != QM_OK)
+        qm_log(QM_LOG_ERROR, "the events of job %s so far cannot be read", job->id);
     qm_job_enlist(jobs, job);
+    uv_mutex_lock(&jobs->lock);
+    qm_job_add_event(job, "server_restart",
+                     "\"detail\":\"the daemon was started again; the job begins anew\"");
+    uv_mutex_unlock(&jobs->lock);
     if (!readable) {
         uv_mutex_lock(&jobs->lock);
         qm_job_mark_running(job);
@@ -74,6 +80,7 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *
     jobs->reconstructions = reconstructions;
     jobs->limits = limits;
     uv_mutex_init(&jobs->submitting);
+    uv_mutex_init(&jobs->saving);
     uv_mutex_init(&jobs->lock);
     jobs->pool = qm_pool_create(limits.workers, JOB_NICENESS);
     if (!qm_waker_start(jobs) || !jobs->pool) {
@@ -99,6 +106,7 @@ void qm_jobs_drain(qm_jobs *jobs)
         atomic_store(&job->cancel, true);
     uv_mutex_unlock(&jobs->lock);
     qm_pool_close(jobs->pool);
+    qm_jobs_save_events(jobs);
 }
 
 void qm_jobs_destroy(qm_jobs *jobs)
@@ -111,6 +119,7 @@ void qm_jobs_destroy(qm_jobs *jobs)
         qm_job_unlist(jobs->first);
     uv_cond_destroy(&jobs->has_awake);
     uv_mutex_destroy(&jobs->lock);
+    uv_mutex_destroy(&jobs->saving);
     uv_mutex_destroy(&jobs->submitting);
     free(jobs);
 }

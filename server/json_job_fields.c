@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "job_names.h"
+
 #define MAX_THREADS 256
 #define MAX_PIECES 1e7
 #define MAX_STEPS 64
@@ -55,18 +57,15 @@ static bool read_b(const cJSON *value, qm_job_request *out)
 
 static bool read_direction(const cJSON *value, qm_job_request *out)
 {
-    static const char *const names[] = {"two_sided", "a_to_b", "b_to_a", NULL};
-    static const qm_direction directions[] = {QM_TWO_SIDED, QM_A_TO_B, QM_B_TO_A};
-    int place = find_name(value, names);
-    if (place >= 0) out->direction = directions[place];
+    int place = find_name(value, qm_direction_names);
+    if (place >= 0) out->direction = (qm_direction)place;
     return place >= 0;
 }
 
 static bool read_quads(const cJSON *value, qm_job_request *out)
 {
-    static const char *const names[] = {"triangles", "bilinear", NULL};
-    int place = find_name(value, names);
-    if (place >= 0) out->quads = place == 1 ? QM_QUADS_BILINEAR : QM_QUADS_TRIANGLES;
+    int place = find_name(value, qm_quads_names);
+    if (place >= 0) out->quads = (qm_quad_reading)place;
     return place >= 0;
 }
 
@@ -77,8 +76,7 @@ static bool read_tolerance(const cJSON *value, qm_job_request *out)
 
 static bool read_tolerance_unit(const cJSON *value, qm_job_request *out)
 {
-    static const char *const names[] = {"relative", "absolute", NULL};
-    int place = find_name(value, names);
+    int place = find_name(value, qm_tolerance_unit_names);
     out->tolerance_is_absolute = place == 1;
     return place >= 0;
 }
@@ -169,10 +167,8 @@ static bool read_percentiles(const cJSON *value, qm_job_request *out, qm_json_fa
 
 static bool read_mode(const cJSON *value, qm_job_request *out)
 {
-    static const char *const names[] = {"all", "first", "any", NULL};
-    static const qm_collide_mode modes[] = {QM_COLLIDE_ALL, QM_COLLIDE_FIRST, QM_COLLIDE_ANY};
-    int place = find_name(value, names);
-    if (place >= 0) out->mode = modes[place];
+    int place = find_name(value, qm_collide_mode_names);
+    if (place >= 0) out->mode = (qm_collide_mode)place;
     return place >= 0;
 }
 
@@ -195,8 +191,7 @@ static bool read_detach(const cJSON *value, qm_job_request *out)
 
 static bool read_accelerator(const cJSON *value, qm_job_request *out)
 {
-    static const char *const names[] = {"auto", "boxes", "tetra", "grid", NULL}; /* as in qm_accelerator */
-    int place = find_name(value, names);
+    int place = find_name(value, qm_accelerator_names);
     if (place >= 0) out->accelerator = (qm_accelerator)place;
     return place >= 0;
 }
@@ -209,9 +204,8 @@ static bool read_boxes(const cJSON *value, qm_job_request *out)
 
 static bool read_bounds(const cJSON *value, qm_job_request *out)
 {
-    static const char *const names[] = {"cells", "matching", NULL};
-    int place = find_name(value, names);
-    out->bounds = place == 1 ? QM_BOUNDS_MATCHING : QM_BOUNDS_CELLS;
+    int place = find_name(value, qm_bounds_names);
+    if (place >= 0) out->bounds = (qm_bounds)place;
     return place >= 0;
 }
 

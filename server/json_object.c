@@ -1,7 +1,6 @@
 #include "json_object.h"
 
 #include <cjson/cJSON.h>
-#include <stdio.h>
 #include <string.h>
 
 #include "json_check.h"
@@ -10,9 +9,7 @@
 static qm_problem malformed_at(size_t place, const char *words)
 {
     qm_problem problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "%s at byte %zu", words, place);
-    problem.error_count = 1;
-    problem.errors[0] = (qm_problem_error){.line = QM_NO_PLACE, .offset = place};
-    snprintf(problem.errors[0].detail, sizeof problem.errors[0].detail, "%s", words);
+    qm_problem_add_offset(&problem, place, words);
     return problem;
 }
 
@@ -39,6 +36,11 @@ cJSON *qm_json_parse_object(const char *text, size_t size, const char *what, qm_
     *problem = (qm_problem){0};
     size_t place;
     const char *words;
+    if (size == 0) {
+        *problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "the body is empty; %s is a JSON object", what);
+        qm_problem_add_offset(problem, 0, "nothing is here");
+        return NULL;
+    }
     if (!qm_json_check_text(text, size, &place, &words)) {
         *problem = malformed_at(place, words);
         return NULL;

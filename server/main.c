@@ -23,6 +23,7 @@
 #define TICK_MS 50
 #define CONNECTIONS_MS 1000
 #define OWN_FILES 64
+#define SAVING_MS 500
 #define CLEANING_MS 60000
 #define MS_PER_S 1e3
 #define S_PER_H 3600.0
@@ -33,7 +34,7 @@ typedef struct daemon_state {
     uv_loop_t loop;
     uv_signal_t terminate, interrupt, hang_up;
     uv_timer_t tick;
-    double connections_checked_ms, cleaned_ms;
+    double saved_ms, connections_checked_ms, cleaned_ms;
 } daemon_state;
 
 static void on_signal(uv_signal_t *handle, int number)
@@ -68,11 +69,19 @@ static void clean(void *jobs)
     qm_jobs_drop_old(jobs);
 }
 
+static void save(void *jobs)
+{
+    qm_jobs_save_events(jobs);
+}
+
 static void on_tick(uv_timer_t *handle)
 {
     daemon_state *state = handle->data;
     double now = qm_now_ms();
     qm_jobs_tick(state->app.jobs, now);
+    if (now < state->saved_ms + SAVING_MS) return;
+    qm_pool_submit(state->app.pool, save, state->app.jobs);
+    state->saved_ms = now;
     if (now < state->connections_checked_ms + CONNECTIONS_MS) return;
     qm_http_tick(state->http, now);
     state->connections_checked_ms = now;

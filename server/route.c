@@ -16,57 +16,76 @@ static const char *const events[] = {QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
 static const char *const lines[] = {QM_MEDIA_NDJSON, NULL};
 static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
 
+static const char *const no_query[] = {NULL};
+static const char *const page_query[] = {"limit", "cursor", NULL};
+static const char *const upload_query[] = {"name", "format", NULL};
+static const char *const format_query[] = {"format", NULL};
+static const char *const content_query[] = {"format", "quantization", NULL};
+static const char *const rows_query[] = {"dtype", NULL};
+static const char *const project_query[] = {"dtype", "quads", "order", "threads", "accelerator", NULL};
+static const char *const events_query[] = {"after", NULL};
+
 static const qm_route routes[] = {
-    {"POST", "/v1/meshes", qm_handle_mesh_create, json, QM_BODY_SPOOL, QM_RUNS_LONG},
-    {"GET", "/v1/meshes", qm_handle_mesh_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/v1/meshes/{id}", qm_handle_mesh_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/v1/meshes/{id}/content", qm_handle_mesh_content, files, QM_BODY_NONE, QM_RUNS_LONG},
-    {"GET", "/v1/meshes/{id}/patches", qm_handle_mesh_patches, json, QM_BODY_NONE, QM_RUNS_LONG},
-    {"GET", "/v1/meshes/{id}/vertices", qm_handle_mesh_vertices, rows, QM_BODY_NONE, QM_RUNS_LONG},
-    {"PATCH", "/v1/meshes/{id}/vertices", qm_handle_mesh_deform, json, QM_BODY_SPOOL, QM_RUNS_LONG},
-    {"POST", "/v1/meshes/{id}/project", qm_handle_mesh_project, rows, QM_BODY_SPOOL, QM_RUNS_LONG},
-    {"POST", "/v1/jobs", qm_handle_job_create, job_or_events, QM_BODY_MEMORY, QM_RUNS_SHORT},
-    {"GET", "/v1/jobs", qm_handle_job_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/v1/jobs/{id}", qm_handle_job_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, events, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/v1/jobs/{id}/result", qm_handle_job_result, object_or_rows, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"POST", "/v1/layouts", qm_handle_layout_create, json, QM_BODY_MEMORY, QM_RUNS_LONG},
-    {"GET", "/v1/layouts", qm_handle_layout_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/v1/layouts/{id}", qm_handle_layout_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"DELETE", "/v1/layouts/{id}", qm_handle_layout_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"POST", "/v1/layouts/{id}/strokes", qm_handle_layout_stroke, json, QM_BODY_MEMORY, QM_RUNS_LONG},
-    {"POST", "/v1/layouts/{id}/undo", qm_handle_layout_undo, json, QM_BODY_MEMORY, QM_RUNS_SHORT},
-    {"POST", "/v1/layouts/{id}/redo", qm_handle_layout_redo, json, QM_BODY_MEMORY, QM_RUNS_SHORT},
-    {"POST", "/v1/layouts/{id}/curves/merge", qm_handle_curve_merge, json, QM_BODY_MEMORY, QM_RUNS_LONG},
+    {"POST", "/v1/meshes", qm_handle_mesh_create, json, QM_BODY_SPOOL, QM_RUNS_LONG, upload_query},
+    {"GET", "/v1/meshes", qm_handle_mesh_list, json, QM_BODY_NONE, QM_RUNS_SHORT, page_query},
+    {"GET", "/v1/meshes/{id}", qm_handle_mesh_get, json, QM_BODY_NONE, QM_RUNS_SHORT, no_query},
+    {"DELETE", "/v1/meshes/{id}", qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT, no_query},
+    {"GET", "/v1/meshes/{id}/content", qm_handle_mesh_content, files, QM_BODY_NONE, QM_RUNS_LONG,
+     content_query},
+    {"GET", "/v1/meshes/{id}/patches", qm_handle_mesh_patches, json, QM_BODY_NONE, QM_RUNS_LONG, no_query},
+    {"GET", "/v1/meshes/{id}/vertices", qm_handle_mesh_vertices, rows, QM_BODY_NONE, QM_RUNS_LONG, no_query},
+    {"PATCH", "/v1/meshes/{id}/vertices", qm_handle_mesh_deform, json, QM_BODY_SPOOL, QM_RUNS_LONG,
+     rows_query},
+    {"POST", "/v1/meshes/{id}/project", qm_handle_mesh_project, rows, QM_BODY_SPOOL, QM_RUNS_LONG,
+     project_query},
+    {"POST", "/v1/jobs", qm_handle_job_create, job_or_events, QM_BODY_MEMORY, QM_RUNS_SHORT, no_query},
+    {"GET", "/v1/jobs", qm_handle_job_list, json, QM_BODY_NONE, QM_RUNS_SHORT, page_query},
+    {"GET", "/v1/jobs/{id}", qm_handle_job_get, json, QM_BODY_NONE, QM_RUNS_SHORT, no_query},
+    {"DELETE", "/v1/jobs/{id}", qm_handle_job_cancel, NULL, QM_BODY_NONE, QM_RUNS_SHORT, no_query},
+    {"GET", "/v1/jobs/{id}/events", qm_handle_job_events, events, QM_BODY_NONE, QM_RUNS_SHORT, events_query},
+    {"GET", "/v1/jobs/{id}/result", qm_handle_job_result, object_or_rows, QM_BODY_NONE, QM_RUNS_SHORT,
+     no_query},
+    {"POST", "/v1/layouts", qm_handle_layout_create, json, QM_BODY_MEMORY, QM_RUNS_LONG, no_query},
+    {"GET", "/v1/layouts", qm_handle_layout_list, json, QM_BODY_NONE, QM_RUNS_SHORT, page_query},
+    {"GET", "/v1/layouts/{id}", qm_handle_layout_get, json, QM_BODY_NONE, QM_RUNS_SHORT, no_query},
+    {"DELETE", "/v1/layouts/{id}", qm_handle_layout_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT, no_query},
+    {"POST", "/v1/layouts/{id}/strokes", qm_handle_layout_stroke, json, QM_BODY_MEMORY, QM_RUNS_LONG,
+     no_query},
+    {"POST", "/v1/layouts/{id}/undo", qm_handle_layout_undo, json, QM_BODY_MEMORY, QM_RUNS_SHORT, no_query},
+    {"POST", "/v1/layouts/{id}/redo", qm_handle_layout_redo, json, QM_BODY_MEMORY, QM_RUNS_SHORT, no_query},
+    {"POST", "/v1/layouts/{id}/curves/merge", qm_handle_curve_merge, json, QM_BODY_MEMORY, QM_RUNS_LONG,
+     no_query},
     {"POST", "/v1/layouts/{id}/curves/{curve}/split", qm_handle_curve_split, json, QM_BODY_MEMORY,
-     QM_RUNS_LONG},
-    {"POST", "/v1/layouts/{id}/curves/{curve}/snap", qm_handle_curve_snap, json, QM_BODY_MEMORY,
-     QM_RUNS_LONG},
+     QM_RUNS_LONG, no_query},
+    {"POST", "/v1/layouts/{id}/curves/{curve}/snap", qm_handle_curve_snap, json, QM_BODY_MEMORY, QM_RUNS_LONG,
+     no_query},
     {"POST", "/v1/layouts/{id}/curves/{curve}/redraw", qm_handle_curve_redraw, json, QM_BODY_MEMORY,
-     QM_RUNS_LONG},
-    {"DELETE", "/v1/layouts/{id}/curves/{curve}", qm_handle_curve_delete, json, QM_BODY_NONE, QM_RUNS_LONG},
-    {"POST", "/v1/reconstructions", qm_handle_reconstruction_create, json, QM_BODY_MEMORY, QM_RUNS_LONG},
-    {"GET", "/v1/reconstructions", qm_handle_reconstruction_list, json, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/v1/reconstructions/{id}", qm_handle_reconstruction_get, json, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"DELETE", "/v1/reconstructions/{id}", qm_handle_reconstruction_delete, NULL, QM_BODY_NONE,
-     QM_RUNS_SHORT},
+     QM_RUNS_LONG, no_query},
+    {"DELETE", "/v1/layouts/{id}/curves/{curve}", qm_handle_curve_delete, json, QM_BODY_NONE, QM_RUNS_LONG,
+     no_query},
+    {"POST", "/v1/reconstructions", qm_handle_reconstruction_create, json, QM_BODY_MEMORY, QM_RUNS_LONG,
+     no_query},
+    {"GET", "/v1/reconstructions", qm_handle_reconstruction_list, json, QM_BODY_NONE, QM_RUNS_SHORT,
+     page_query},
+    {"GET", "/v1/reconstructions/{id}", qm_handle_reconstruction_get, json, QM_BODY_NONE, QM_RUNS_SHORT,
+     no_query},
+    {"DELETE", "/v1/reconstructions/{id}", qm_handle_reconstruction_delete, NULL, QM_BODY_NONE, QM_RUNS_SHORT,
+     no_query},
     {"PUT", "/v1/reconstructions/{id}/layout", qm_handle_reconstruction_edit, json, QM_BODY_MEMORY,
-     QM_RUNS_LONG},
+     QM_RUNS_LONG, no_query},
     {"GET", "/v1/reconstructions/{id}/mesh", qm_handle_reconstruction_mesh, files, QM_BODY_NONE,
-     QM_RUNS_SHORT},
+     QM_RUNS_SHORT, format_query},
     {"GET", "/v1/reconstructions/{id}/patches", qm_handle_reconstruction_patches, json, QM_BODY_NONE,
-     QM_RUNS_LONG},
-    {"POST", "/v1/batches", qm_handle_batch_create, lines, QM_BODY_SPOOL, QM_RUNS_AT_ONCE},
-    {"GET", "/v1/info", qm_handle_info, json, QM_BODY_NONE, QM_RUNS_AT_ONCE},
-    {"GET", "/healthz", qm_handle_health, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
-    {"GET", "/readyz", qm_handle_ready, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
-    {"GET", "/metrics", qm_handle_metrics, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE},
-    {"GET", "/openapi.yaml", qm_handle_openapi, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/docs", qm_handle_docs, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
-    {"GET", "/dashboard/{path}", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT},
+     QM_RUNS_LONG, no_query},
+    {"POST", "/v1/batches", qm_handle_batch_create, lines, QM_BODY_SPOOL, QM_RUNS_AT_ONCE, no_query},
+    {"GET", "/v1/info", qm_handle_info, json, QM_BODY_NONE, QM_RUNS_AT_ONCE, no_query},
+    {"GET", "/healthz", qm_handle_health, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE, NULL},
+    {"GET", "/readyz", qm_handle_ready, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE, NULL},
+    {"GET", "/metrics", qm_handle_metrics, NULL, QM_BODY_NONE, QM_RUNS_AT_ONCE, NULL},
+    {"GET", "/openapi.yaml", qm_handle_openapi, NULL, QM_BODY_NONE, QM_RUNS_SHORT, NULL},
+    {"GET", "/docs", qm_handle_docs, NULL, QM_BODY_NONE, QM_RUNS_SHORT, NULL},
+    {"GET", "/", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT, NULL},
+    {"GET", "/dashboard/{path}", qm_handle_page, NULL, QM_BODY_NONE, QM_RUNS_SHORT, NULL},
 };
 enum { ROUTE_COUNT = sizeof routes / sizeof routes[0] };
 
@@ -134,6 +153,8 @@ void qm_route_print_all(void)
         printf("%s %s", routes[i].method, routes[i].path);
         for (const char *const *type = routes[i].produces; type && *type; type++)
             printf(" %s", *type);
+        for (const char *const *name = routes[i].query; name && *name; name++)
+            printf(" ?%s", *name);
         printf("\n");
     }
 }

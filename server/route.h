@@ -23,6 +23,7 @@ typedef struct qm_route {
     const char *const *produces; /* media types to choose from by Accept, NULL-ended; NULL: not negotiated */
     qm_body body;
     qm_runs runs;
+    const char *const *query; /* parameters that it has, NULL-ended; NULL: any, for nobody reads them */
 } qm_route;
 
 /**
@@ -33,7 +34,7 @@ typedef struct qm_route {
 const qm_route *qm_route_find(const char *method, const char *path, char ids[2][QM_ID_SIZE],
                               qm_problem *problem);
 
-/** Prints a line for each route: method, path, and the media types to choose from. */
+/** Prints a line for each route: method, path, the media types to choose from, ?parameters. */
 void qm_route_print_all(void);
 
 #endif

@@ -88,27 +88,40 @@ typedef struct qm_store_job {
     char *body;            /* the request as it came, to run it again after a restart */
     char *created;         /* when it was asked for, RFC 3339 */
     char *document;        /* the job resource as of its end; NULL while it is queued or runs */
-    char *events;          /* NDJSON lines of the whole stream; NULL likewise */
     int state;             /* qm_job_state of job.h */
     int64_t sequence;      /* order of creation; given by the store */
     int64_t restarts;      /* how often it was claimed: it begins anew each time */
 } qm_store_job;
 
+/** Some events of a job that follow one another. */
+typedef struct qm_store_events {
+    const char *job;   /* its id */
+    uint64_t seq;      /* of the first one */
+    const char *lines; /* NDJSON */
+} qm_store_events;
+
 /**
  * A job is submitted once and finished once: also one that is cancelled, or fails. Between the two it is the
- * process that holds the folder which runs it. Its events are stored with its end, as what a sudden end cuts
- * short begins anew.
+ * process that holds the folder which runs it, and appends what events it has from time to time.
  */
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job);
-/** Writes state, document, events and the revisions of the meshes, as text, of a job that has ended. */
-qm_status qm_store_finish_job(qm_store *store, const char *id, int state, const char *document,
-                              const char *events, const char *revisions);
+/**
+ * Appends events of several jobs, of all or of none. Events of a job with the same first seq take the place
+ * of those before, so that what could not be known to be stored is appended once more. A job that has ended,
+ * or that is not there, stays as it is.
+ */
+qm_status qm_store_append_events(qm_store *store, const qm_store_events *events, size_t count);
+/** Writes state, document and the revisions of the meshes, as text, of a job that has ended, and appends its
+ * last events. */
+qm_status qm_store_finish_job(qm_store *store, const qm_store_events *last, int state, const char *document,
+                              const char *revisions);
+/** Adds all events of a job to out, a line each; none of a job that is not there. */
+qm_status qm_store_read_events(qm_store *store, const char *id, qm_text *out);
 qm_status qm_store_find_job(qm_store *store, const char *id, qm_store_job *out);
 /** The newest job of a key that ran on these revisions, in the given state. */
 qm_status qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions, int state,
                                    qm_store_job *out);
 qm_status qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
-/** Rows without their events. */
 qm_status qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out, size_t *count);
 /** Takes over the jobs that have not ended when their process did: counts one more restart of each. */
 qm_status qm_store_claim_jobs(qm_store *store);

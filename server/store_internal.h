@@ -60,6 +60,19 @@ bool qm_store_step(qm_store *store, sqlite3_stmt *statement);
 qm_status qm_store_execute(qm_store *store, sqlite3_stmt *statement);
 void qm_store_end(qm_store *store, sqlite3_stmt *statement);
 
+/**
+ * A transaction: begin takes the lock and end gives it back, committing when all went well so far. False
+ * after a fault, which is logged; begin has given the lock back then.
+ */
+bool qm_store_begin_transaction(qm_store *store);
+bool qm_store_end_transaction(qm_store *store, bool good);
+
+/** A statement of a transaction, a literal; NULL after a fault, which is logged. */
+sqlite3_stmt *qm_store_prepare(qm_store *store, const char *sql);
+
+/** Runs one that returns no row. NULL is a fault. */
+bool qm_store_run(qm_store *store, sqlite3_stmt *statement);
+
 /** Copies a column to the heap; NULL for an SQL null. False, with a record in the log: out of memory. */
 bool qm_store_copy_text(sqlite3_stmt *statement, int column, char **out);
 

@@ -9,99 +9,86 @@
     "  (SELECT max(revision) FROM layout_revisions WHERE id = l.id)"                                         \
     " FROM layouts l JOIN layout_revisions r ON r.id = l.id AND r.revision = l.revision "
 
-/** Runs one statement of a transaction; the lock is held by qm_store_begin's caller for each. */
-static bool run(qm_store *store, const char *sql, const char *id, int64_t number, int64_t other)
-{
-    sqlite3_stmt *statement = NULL;
-    if (sqlite3_prepare_v2(store->database, sql, -1, &statement, NULL) != SQLITE_OK) return false;
-    int places = sqlite3_bind_parameter_count(statement);
-    if (places > 0) qm_store_bind_text(statement, 1, id);
-    if (places > 1) sqlite3_bind_int64(statement, 2, number);
-    if (places > 2) sqlite3_bind_int64(statement, 3, other);
-    bool done = sqlite3_step(statement) == SQLITE_DONE;
-    sqlite3_finalize(statement);
-    return done;
-}
+/* What follows up to the calls of store.h runs in a transaction. */
 
 static bool add_revision(qm_store *store, const qm_store_layout *layout, int64_t revision)
 {
-    sqlite3_stmt *statement = NULL;
-    static const char sql[] =
-        "INSERT INTO layout_revisions (id, revision, layout, issues, next_curve) VALUES (?, ?, ?, ?, ?)";
-    if (sqlite3_prepare_v2(store->database, sql, -1, &statement, NULL) != SQLITE_OK) return false;
+    sqlite3_stmt *statement = qm_store_prepare(
+        store,
+        "INSERT INTO layout_revisions (id, revision, layout, issues, next_curve) VALUES (?, ?, ?, ?, ?)");
+    if (!statement) return false;
     qm_store_bind_text(statement, 1, layout->id);
     sqlite3_bind_int64(statement, 2, revision);
     qm_store_bind_text(statement, 3, layout->layout);
     qm_store_bind_text(statement, 4, layout->issues);
     sqlite3_bind_int64(statement, 5, layout->next_curve);
-    bool done = sqlite3_step(statement) == SQLITE_DONE;
-    sqlite3_finalize(statement);
-    return done;
+    return qm_store_run(store, statement);
 }
 
 static bool add_layout(qm_store *store, const qm_store_layout *layout, const qm_store_once *once)
 {
-    sqlite3_stmt *statement = NULL;
-    static const char sql[] = "INSERT INTO layouts (id, mesh, created, revision, idempotency_key, request) "
-                              "VALUES (?, ?, ?, 0, ?, ?)";
-    if (sqlite3_prepare_v2(store->database, sql, -1, &statement, NULL) != SQLITE_OK) return false;
+    sqlite3_stmt *statement =
+        qm_store_prepare(store, "INSERT INTO layouts (id, mesh, created, revision, idempotency_key, request) "
+                                "VALUES (?, ?, ?, 0, ?, ?)");
+    if (!statement) return false;
     qm_store_bind_text(statement, 1, layout->id);
     qm_store_bind_text(statement, 2, layout->mesh);
     qm_store_bind_text(statement, 3, layout->created);
     qm_store_bind_text(statement, 4, once->key);
     qm_store_bind_text(statement, 5, once->request);
-    bool done = sqlite3_step(statement) == SQLITE_DONE;
-    sqlite3_finalize(statement);
-    return done && add_revision(store, layout, 0);
+    return qm_store_run(store, statement) && add_revision(store, layout, 0);
 }
 
-/** Ends the transaction one way or the other. */
-static bool close_transaction(qm_store *store, bool good)
+/** Drops what was undone, and what is too old to be kept beside the next revision. */
+static bool drop_revisions(qm_store *store, const qm_store_layout *layout)
 {
-    good = good && run(store, "COMMIT", NULL, 0, 0);
-    if (!good) run(store, "ROLLBACK", NULL, 0, 0);
-    return good;
-}
-
-qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout, const qm_store_once *once)
-{
-    pthread_mutex_lock(&store->lock);
-    bool good = run(store, "BEGIN IMMEDIATE", NULL, 0, 0) &&
-                close_transaction(store, add_layout(store, layout, once));
-    pthread_mutex_unlock(&store->lock);
-    return good ? QM_OK : QM_E_ARGUMENT;
+    sqlite3_stmt *statement = qm_store_prepare(
+        store, "DELETE FROM layout_revisions WHERE id = ?1 AND (revision > ?2 OR revision < ?3)");
+    if (!statement) return false;
+    qm_store_bind_text(statement, 1, layout->id);
+    sqlite3_bind_int64(statement, 2, layout->revision);
+    sqlite3_bind_int64(statement, 3, layout->revision + 1 - KEPT_REVISIONS);
+    return qm_store_run(store, statement);
 }
 
 /** Makes `to` the current revision if `from` still is; *moved tells. */
 static bool move(qm_store *store, const char *id, int64_t from, int64_t to, bool *moved)
 {
-    bool good = run(store, "UPDATE layouts SET revision = ?3 WHERE id = ?1 AND revision = ?2", id, from, to);
+    sqlite3_stmt *statement =
+        qm_store_prepare(store, "UPDATE layouts SET revision = ?3 WHERE id = ?1 AND revision = ?2");
+    *moved = false;
+    if (!statement) return false;
+    qm_store_bind_text(statement, 1, id);
+    sqlite3_bind_int64(statement, 2, from);
+    sqlite3_bind_int64(statement, 3, to);
+    bool good = qm_store_run(store, statement);
     *moved = good && sqlite3_changes(store->database) == 1;
     return good;
 }
 
+qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout, const qm_store_once *once)
+{
+    bool good =
+        qm_store_begin_transaction(store) && qm_store_end_transaction(store, add_layout(store, layout, once));
+    return good ? QM_OK : QM_E_ARGUMENT;
+}
+
 qm_status qm_store_edit_layout(qm_store *store, const qm_store_layout *layout)
 {
+    if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
     int64_t next = layout->revision + 1;
-    bool moved = false;
-    pthread_mutex_lock(&store->lock);
-    bool good = run(store, "BEGIN IMMEDIATE", NULL, 0, 0);
-    if (good) {
-        good = run(store, "DELETE FROM layout_revisions WHERE id = ?1 AND (revision > ?2 OR revision < ?3)",
-                   layout->id, layout->revision, next - KEPT_REVISIONS) &&
-               add_revision(store, layout, next) && move(store, layout->id, layout->revision, next, &moved);
-        good = close_transaction(store, good && moved);
-    }
-    pthread_mutex_unlock(&store->lock);
-    return good ? QM_OK : moved ? QM_E_ARGUMENT : QM_E_CANCELED;
+    bool moved;
+    bool good = move(store, layout->id, layout->revision, next, &moved), is_late = good && !moved;
+    good = good && moved && drop_revisions(store, layout) && add_revision(store, layout, next);
+    good = qm_store_end_transaction(store, good);
+    return good ? QM_OK : is_late ? QM_E_CANCELED : QM_E_ARGUMENT;
 }
 
 qm_status qm_store_move_layout(qm_store *store, const char *id, int64_t from, int64_t to)
 {
-    bool moved = false;
-    pthread_mutex_lock(&store->lock);
-    bool good = move(store, id, from, to, &moved);
-    pthread_mutex_unlock(&store->lock);
+    bool moved;
+    bool good = qm_store_begin_transaction(store) &&
+                qm_store_end_transaction(store, move(store, id, from, to, &moved));
     return !good ? QM_E_ARGUMENT : moved ? QM_OK : QM_E_CANCELED;
 }
 

@@ -6,6 +6,7 @@
 
 #include <stdatomic.h>
 
+#include "job_names.h"
 #include "json_out.h"
 
 enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3, EXIT_COLLIDING = 4 };
@@ -70,12 +71,10 @@ char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE]);
 
 /** Options that several commands have: each reads its value, or says on stderr what it should be. */
 bool cli_read_number(const char *name, const char *text, double least, double *out);
+bool cli_read_choice(const char *name, const char *text, const char *const *choices, int *out);
 bool cli_read_quads(const char *text, qm_quad_reading *out);
 bool cli_read_threads(const char *text, int *out);
 bool cli_read_accelerator(const char *text, qm_accelerator *out);
-
-/** The name that the option above and the API know it by. */
-const char *cli_accelerator_name(qm_accelerator accelerator);
 
 /** Prints the result object of a Hausdorff job (JSON text) as it is, or in words. Returns the exit status
  * that goes with it. */

@@ -226,11 +226,10 @@ static int answer_there(const question *asked)
 
 static bool read_mode(const char *text, qm_collide_mode *out)
 {
-    if (strcmp(text, "all") == 0) return *out = QM_COLLIDE_ALL, true;
-    if (strcmp(text, "first") == 0) return *out = QM_COLLIDE_FIRST, true;
-    if (strcmp(text, "any") == 0) return *out = QM_COLLIDE_ANY, true;
-    fprintf(stderr, "quadmesh: --mode takes all, first or any, got \"%s\"\n", text);
-    return false;
+    int place;
+    bool known = cli_read_choice("mode", text, qm_collide_mode_names, &place);
+    if (known) *out = (qm_collide_mode)place;
+    return known;
 }
 
 static bool read_limit(const char *text, size_t *out)

@@ -37,19 +37,18 @@ static const char usage[] =
 
 static bool read_direction(const char *text, qm_direction *out)
 {
-    if (strcmp(text, "a_to_b") == 0) return *out = QM_A_TO_B, true;
-    if (strcmp(text, "b_to_a") == 0) return *out = QM_B_TO_A, true;
-    if (strcmp(text, "two_sided") == 0) return *out = QM_TWO_SIDED, true;
-    fprintf(stderr, "quadmesh: --direction takes a_to_b, b_to_a or two_sided, got \"%s\"\n", text);
-    return false;
+    int place;
+    bool known = cli_read_choice("direction", text, qm_direction_names, &place);
+    if (known) *out = (qm_direction)place;
+    return known;
 }
 
 static bool read_bounds(const char *text, qm_bounds *out)
 {
-    if (strcmp(text, "cells") == 0) return *out = QM_BOUNDS_CELLS, true;
-    if (strcmp(text, "matching") == 0) return *out = QM_BOUNDS_MATCHING, true;
-    fprintf(stderr, "quadmesh: --bounds takes cells or matching, got \"%s\"\n", text);
-    return false;
+    int place;
+    bool known = cli_read_choice("bounds", text, qm_bounds_names, &place);
+    if (known) *out = (qm_bounds)place;
+    return known;
 }
 
 enum {

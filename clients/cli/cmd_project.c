@@ -181,8 +181,7 @@ static bool project_there(const question *asked, point_list *points, FILE *out)
     bool good = talk && cli_talk_upload(talk, asked->mesh, id, NULL);
     if (good) {
         snprintf(path, sizeof path, "/v1/meshes/%s/project?quads=%s&accelerator=%s%s", id,
-                 asked->quads == QM_QUADS_BILINEAR ? "bilinear" : "triangles",
-                 cli_accelerator_name(asked->accelerator), threads);
+                 qm_quads_names[asked->quads], qm_accelerator_names[asked->accelerator], threads);
         qm_rows_turn_bytes(points->rows, 3 * points->count);
         good = cli_talk_fetch(talk, path, points->count > 0 ? (const void *)points->rows : "",
                               points->count * 3 * sizeof(double), media[asked->rows], asked->points, out);

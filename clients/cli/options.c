@@ -18,28 +18,31 @@ bool cli_read_number(const char *name, const char *text, double least, double *o
     return false;
 }
 
-bool cli_read_quads(const char *text, qm_quad_reading *out)
+bool cli_read_choice(const char *name, const char *text, const char *const *choices, int *out)
 {
-    if (strcmp(text, "triangles") == 0) return *out = QM_QUADS_TRIANGLES, true;
-    if (strcmp(text, "bilinear") == 0) return *out = QM_QUADS_BILINEAR, true;
-    fprintf(stderr, "quadmesh: --quads takes triangles or bilinear, got \"%s\"\n", text);
+    for (*out = 0; choices[*out]; ++*out)
+        if (strcmp(text, choices[*out]) == 0) return true;
+    fprintf(stderr, "quadmesh: --%s takes %s", name, choices[0]);
+    for (int i = 1; choices[i]; i++)
+        fprintf(stderr, "%s%s", choices[i + 1] ? ", " : " or ", choices[i]);
+    fprintf(stderr, ", got \"%s\"\n", text);
     return false;
 }
 
-/** In the order of qm_accelerator. */
-static const char *const accelerators[] = {"auto", "boxes", "tetra", "grid"};
+bool cli_read_quads(const char *text, qm_quad_reading *out)
+{
+    int place;
+    bool known = cli_read_choice("quads", text, qm_quads_names, &place);
+    if (known) *out = (qm_quad_reading)place;
+    return known;
+}
 
 bool cli_read_accelerator(const char *text, qm_accelerator *out)
 {
-    for (int i = 0; i < QM_ACCELERATOR_COUNT; i++)
-        if (strcmp(text, accelerators[i]) == 0) return *out = (qm_accelerator)i, true;
-    fprintf(stderr, "quadmesh: --accelerator takes auto, boxes, tetra or grid, got \"%s\"\n", text);
-    return false;
-}
-
-const char *cli_accelerator_name(qm_accelerator accelerator)
-{
-    return accelerators[accelerator];
+    int place;
+    bool known = cli_read_choice("accelerator", text, qm_accelerator_names, &place);
+    if (known) *out = (qm_accelerator)place;
+    return known;
 }
 
 int cli_count_threads(int asked)

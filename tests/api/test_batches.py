@@ -72,8 +72,8 @@ def test_answers_come_in_the_order_of_completion(make_daemon, slow_files):
         point = client.upload(b"0 0 0\n1 1 1\n", format="xyz")["id"]
         lines = [{"key": "slow", "type": "hausdorff", "a": slow[0], "b": slow[1], "deadline_ms": 1500, **SLOW}]
         lines += [{"key": k, "type": "project", "mesh": point, "points": [[k, 0, 0]]} for k in range(50)]
-        answers = run(client, lines)
-        assert [answer["key"] for answer in answers][-1] == "slow"
+        answers = [answer for answer in run(client, lines) if "line" in answer]  # and no heartbeats
+        assert answers[-1]["key"] == "slow"
         assert sorted(answer["line"] for answer in answers) == list(range(1, 52))
         assert answers[-1]["result"]["stopped_by"] == "deadline"
 

@@ -86,7 +86,9 @@ def test_points_have_their_own_formats(client):
 
 def test_what_cannot_be_is_refused(client, sphere):
     path = f"/v1/meshes/{sphere['id']}/content"
-    check_problem(client.get(path + "?format=xyz"), 422, "unsupported_feature")
+    refused = client.get(path + "?format=xyz")
+    check_problem(refused, 422, "unsupported_feature")
+    assert "etag" not in refused.headers
     for query in ("format=step", "format=drc&quantization=25", "format=drc&quantization=x", "quantization=-1",
                   "format=drc&quantization=", "format=obj&quantization=8"):
         check_problem(client.get(f"{path}?{query}"), 400, "invalid_parameter")

@@ -36,8 +36,20 @@ def routes():
     return {tuple(line.split()[:2]): set(line.split()[2:]) for line in done.stdout.splitlines()}
 
 
+def types(route):
+    return {word for word in routes()[route] if not word.startswith("?")}
+
+
 def test_every_route_is_described_and_every_description_is_served():
     assert set(routes()) == set(operations())
+
+
+@pytest.mark.parametrize("route", routes(), ids=" ".join)
+def test_the_parameters_of_the_query_are_described(route):
+    item = DESCRIPTION["paths"][route[1]]
+    described = [resolve(one) for one in (*item.get("parameters", []), *operations()[route].get("parameters", []))]
+    read = {word[1:] for word in routes()[route] if word.startswith("?")}
+    assert {one["name"] for one in described if one["in"] == "query"} == read
 
 
 def resolve(value):
@@ -49,7 +61,7 @@ def resolve(value):
     return value
 
 
-@pytest.mark.parametrize("route", [route for route, types in routes().items() if types], ids=" ".join)
+@pytest.mark.parametrize("route", [route for route in routes() if types(route)], ids=" ".join)
 def test_the_types_that_are_offered_are_described(route):
     described = set()
     for status, response in operations()[route]["responses"].items():
@@ -57,7 +69,7 @@ def test_the_types_that_are_offered_are_described(route):
             described |= set(resolve(response).get("content", {}))
     # What only sends the client elsewhere has no content of its own.
     only_redirects = all(not status.startswith("2") for status in operations()[route]["responses"])
-    assert described == (set() if only_redirects else routes()[route])
+    assert described == (set() if only_redirects else types(route))
 
 
 def test_every_refusal_is_a_problem_document():

@@ -10,6 +10,7 @@ import threading
 import time
 
 import httpx
+import pytest
 
 import shapes
 from conftest import WAIT, check_bounds
@@ -21,10 +22,11 @@ SEED = int(os.environ.get("QM_TEST_SEED", "1"))
 class Load:
     """Clients that write down what they were told, and what they had asked when the answer did not come."""
 
-    def __init__(self, running, sides):
+    def __init__(self, running, sides, meshes):
+        """meshes are there already."""
         self.running, self.sides = running, sides
-        self.meshes, self.deleted, self.maybe_deleted, self.jobs = {}, set(), set(), {}
-        self.ended = False
+        self.meshes, self.deleted, self.maybe_deleted, self.jobs = dict(meshes), set(), set(), {}
+        self.ended, self.faults = False, []
         self.threads = [threading.Thread(target=self.run, args=(work,))
                         for work in (self.upload, self.upload, self.ask, self.delete)]
 
@@ -34,6 +36,9 @@ class Load:
                 try:
                     work(client)
                 except httpx.TransportError:
+                    return
+                except AssertionError as fault:
+                    self.faults.append(fault)
                     return
 
     def upload(self, client):
@@ -108,14 +113,15 @@ def blobs(running):
     return {path.name for path in (running.folder / "data/blobs").rglob("*") if path.is_file()}
 
 
+@pytest.mark.timeout(10 * max(KILLS, 12))
 def test_kills_at_random_instants(make_daemon):
     chance = random.Random(SEED)
     running = make_daemon("--log-level", "warn")
     sides = iter(range(1, 10**9))
     meshes, deleted, maybe_deleted, total = {}, set(), set(), 0
     for kill in range(KILLS):
-        with Load(running, sides) as load:
-            load.meshes.update(list(meshes.items())[-4:])
+        there = [item for item in meshes.items() if item[0] not in maybe_deleted]
+        with Load(running, sides, there[-4:]) as load:
             # Now and then before the first answer, else when the load is under way.
             known = len(load.meshes)
             while kill % 4 and len(load.meshes) == known:
@@ -123,6 +129,7 @@ def test_kills_at_random_instants(make_daemon):
             time.sleep(chance.uniform(0.0, 0.15))
             running.process.send_signal(signal.SIGKILL)
         running.process.wait()
+        assert not load.faults, f"seed {SEED}, kill {kill}"
         meshes.update(load.meshes)
         deleted |= load.deleted
         maybe_deleted |= load.maybe_deleted

@@ -1,10 +1,12 @@
 """What survives the daemon's end, whether it is asked to stop or killed, and how it starts and stops."""
+import contextlib
 import json
 import os
 import pathlib
 import resource
 import shutil
 import signal
+import sqlite3
 import subprocess
 import tempfile
 import threading
@@ -13,7 +15,7 @@ import time
 import pytest
 
 import shapes
-from conftest import BUILD, PATIENCE, SLOW, WAIT, Daemon, check_bounds, check_problem
+from conftest import BUILD, PATIENCE, SLOW, WAIT, Daemon, check_bounds, check_problem, split_runs
 
 
 def fill(client):
@@ -49,9 +51,9 @@ def test_meshes_and_jobs_come_back(make_daemon, how):
     check_restored(running, meshes, pair, job, events)
 
 
-def read_some(client, job):
-    """The events of a job that runs, up to its third."""
-    with client.stream("GET", f"/v1/jobs/{job}/events") as reply:
+def read_some(client, job, **query):
+    """The first three events of a job that runs."""
+    with client.stream("GET", f"/v1/jobs/{job}/events", params=query) as reply:
         events = []
         for line in reply.iter_lines():
             events.append(json.loads(line))
@@ -59,26 +61,47 @@ def read_some(client, job):
                 return events
 
 
+def wait_until_stored(running, event):
+    """Looks into the store, as nobody else can tell."""
+    end = time.monotonic() + PATIENCE
+    with contextlib.closing(sqlite3.connect(f"file:{running.folder}/data/quadmeshd.sqlite?mode=ro", uri=True)) as store:
+        while not store.execute("SELECT 1 FROM job_events WHERE lines LIKE ?", [f'%"seq":{event["seq"]},%']).fetchone():
+            assert time.monotonic() < end, "the event is not stored"
+            time.sleep(0.02)
+
+
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGKILL])
 def test_unfinished_jobs_run_again(make_daemon, slow_files, how):
+    """What a reader heard of a run stays readable, and every run has higher numbers than the one before."""
     running = make_daemon("--workers", 1, "--grace", 0)
     with running.client() as client:
         slow = [client.upload(content)["id"] for content in slow_files]
         point = client.upload(b"0 0 0\n1 1 1\n", format="xyz")["id"]
         first = client.start(*slow, deadline_ms=50 * PATIENCE, **SLOW)
         second = client.start(point, point)
-        seen = read_some(client, first["id"])
-    running.stop(how)
-    running.start()
+    seen = []
+    for _ in range(2):
+        with running.client() as client:
+            seen.append(read_some(client, first["id"], after=seen[-1][-1]["seq"] if seen else 0))
+        if how == signal.SIGKILL:
+            wait_until_stored(running, seen[-1][-1])
+        running.stop(how)
+        running.start()
     with running.client() as client:
-        # Who was cut off goes on with what it had: all of the new run, and nothing is counted twice.
-        going_on = client.events(first["id"], after=seen[-1]["seq"])
-        assert [event["seq"] for event in seen] == list(range(1, len(seen) + 1))
-        assert going_on[0]["seq"] == 1000000001 and going_on == client.events(first["id"])
-        done = [client.wait(job["id"]) for job in (first, second)]
-        for job, old in zip(done, (first, second)):
-            assert job["state"] == "succeeded" and job["id"] == old["id"]
-            check_bounds(client.events(job["id"]), job["result"])
+        events = client.events(first["id"])
+        runs = split_runs(events)
+        assert [run[0]["seq"] for run in runs] == [1, 1000000001, 2000000001]
+        assert [run[0]["event"] for run in runs] == ["bounds", "server_restart", "server_restart"]
+        # The reader went on in the second run where the first had ended, and was not there in the third.
+        assert runs[0][:3] == seen[0] and [*runs[0][3:], *runs[1]][:3] == seen[1]
+        # Who was cut off goes on with what it had, and one that had more than is stored gets all of the next run.
+        for after in (0, 2, seen[0][-1]["seq"], 999, 1000000001, seen[1][-1]["seq"]):
+            assert client.events(first["id"], after=after) == [event for event in events if event["seq"] > after]
+        assert client.events(first["id"], after=3000000001) == runs[-1]
+        for job in (first, second):
+            done = client.wait(job["id"])
+            assert done["state"] == "succeeded"
+            check_bounds(client.events(job["id"]), done["result"])
 
 
 def test_a_deleted_mesh_stays_deleted(make_daemon):

@@ -328,7 +328,7 @@ def test_a_client_may_leave(make_daemon, when):
 
 
 def test_a_slow_reader_holds_one_block(frees_at_once, make_daemon):
-    daemon = make_daemon()
+    daemon = make_daemon("--idle-timeout", 600)  # the last reader waits for the others
     with daemon.client() as client:
         mesh = client.upload(shapes.sphere())["id"]
         body = 50 * floats(cloud(10000, seed=6))

@@ -1,4 +1,5 @@
 """HTTP itself: methods, media types, sizes, lengths told twice, and what a daemon tells of its state."""
+import gzip
 import json
 import socket
 import threading
@@ -57,6 +58,32 @@ def test_media_types_of_uploads(client, media_type):
 
 def test_media_type_of_jobs(client):
     check_problem(client.post("/v1/jobs", content=b"{}", headers={"Content-Type": "text/xml"}), 415)
+
+
+@pytest.mark.parametrize("path, fault", [
+    ("/v1/meshes?limt=3", "limt is no parameter"), ("/v1/meshes?Limit=3", "Limit is no parameter"),
+    ("/v1/jobs/j_1?wait", "wait is no parameter"), ("/v1/jobs?limit=3&limit=4", "limit is given twice"),
+    ("/v1/info?%22%0a%ff", '"\n\ufffd is no parameter')])
+def test_slips_in_the_query_are_told(client, path, fault):
+    assert check_problem(client.get(path), 400, "invalid_parameter")["detail"].startswith(fault)
+
+
+@pytest.mark.parametrize("path", ["/v1/meshes?", "/v1/meshes?&limit=3&&", "/healthz?x=1", "/readyz?x=1", "/metrics?x=1", "/?job=j_1"])
+def test_nothing_is_wrong_with_these_queries(client, path):
+    assert client.get(path).status_code == 200
+
+
+def test_packed_bodies_are_refused(client):
+    content = shapes.obj(shapes.cube(side=7.25))
+    for path in ("/v1/meshes", "/v1/jobs", "/v1/layouts"):
+        reply = client.post(path, content=gzip.compress(content), headers={"Content-Encoding": "gzip"})
+        check_problem(reply, 415, "unsupported_media_type")
+    assert client.post("/v1/meshes", content=content, headers={"Content-Encoding": "identity"}).status_code == 201
+
+
+def test_empty_bodies_are_called_so(client):
+    for path in ("/v1/jobs", "/v1/layouts", "/v1/reconstructions"):
+        assert "the body is empty" in check_problem(client.post(path), 400, "malformed_json")["detail"]
 
 
 def test_unknown_format_parameter(client):

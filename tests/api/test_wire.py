@@ -45,6 +45,13 @@ def test_two_ways_to_tell_the_length_are_refused(daemon):
         check_refused_and_closed(said, 400)
 
 
+def test_a_request_has_one_host(daemon):
+    for hosts in ("", "Host: localhost\r\nHost: 127.0.0.1\r\n"):
+        said = talk(daemon, f"GET /healthz HTTP/1.1\r\n{hosts}Connection: close\r\n\r\n".encode())
+        check_refused_and_closed(said, 400)
+    assert talk(daemon, b"GET /healthz HTTP/1.0\r\n\r\n").startswith(b"HTTP/1.1 200 ")
+
+
 def test_the_body_of_a_refused_request_is_not_the_next_request(daemon):
     for method, path, status in (("POST", "/nowhere", 404), ("DELETE", "/nowhere", 404), ("PATCH", "/v1/jobs", 405)):
         said = talk(daemon, request(method, path, f"Content-Length: {len(HEALTH)}", body=HEALTH))
@@ -76,6 +83,12 @@ def test_the_best_of_the_accepted_types_is_sent(client, spheres):
     for method, path in (("POST", "/v1/jobs"), ("GET", "/v1/meshes"), ("GET", "/v1/info")):
         reply = client.request(method, path, headers={"Accept": "image/png, application/json;q=0"})
         check_problem(reply, 406, "not_acceptable")
+
+
+def test_what_a_reply_hangs_on_is_told(client, spheres):
+    several, one = client.get(f"/v1/meshes/{spheres[0]}/vertices"), client.get(f"/v1/meshes/{spheres[0]}")
+    assert several.headers["vary"] == "Accept" and "vary" not in one.headers
+    assert client.get("/v1/jobs/j_1/result").headers["vary"] == "Accept"
 
 
 def test_the_same_bytes_at_the_same_time_make_one_mesh(daemon):

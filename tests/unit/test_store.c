@@ -379,19 +379,25 @@ static qm_status submit(const fixture *f, const char *id, const char *key, const
     return qm_store_submit_job(f->store, &job);
 }
 
+static qm_status finish(const fixture *f, const char *id, int state, const char *document,
+                        const char *revisions)
+{
+    qm_store_events last = {id, 1000, "{\"last\":1}\n"};
+    return qm_store_finish_job(f->store, &last, state, document, revisions);
+}
+
 static void test_jobs_survive(void **state)
 {
     fixture *f = *state;
     assert_int_equal(submit(f, "j_1", "key", "client's"), QM_OK);
     assert_int_equal(submit(f, "j_2", "key", NULL), QM_OK);
     assert_int_equal(submit(f, "j_3", "other", NULL), QM_OK);
-    assert_int_equal(qm_store_finish_job(f->store, "j_2", 2, "{\"done\":1}", "{}\n{}\n", "0 3"), QM_OK);
+    assert_int_equal(finish(f, "j_2", 2, "{\"done\":1}", "0 3"), QM_OK);
     reopen(f);
     qm_store_job found;
     assert_int_equal(QM_OK, qm_store_find_job(f->store, "j_2", &found));
     assert_int_equal(found.state, 2);
     assert_string_equal(found.document, "{\"done\":1}");
-    assert_string_equal(found.events, "{}\n{}\n");
     assert_null(found.idempotency_key);
     qm_store_job_reset(&found);
     assert_int_equal(QM_OK, qm_store_find_job_by_key(f->store, "key", "0 3", 2, &found));
@@ -414,7 +420,7 @@ static void test_unfinished_jobs(void **state)
     submit(f, "j_2", "k", NULL);
     submit(f, "j_3", "k", NULL);
     assert_int_equal(QM_OK, qm_store_claim_jobs(f->store));
-    qm_store_finish_job(f->store, "j_2", 3, "{}", "{}\n", "");
+    finish(f, "j_2", 3, "{}", "");
     assert_int_equal(QM_OK, qm_store_claim_jobs(f->store));
     qm_store_job rows[4];
     assert_int_equal(QM_OK, qm_store_find_job(f->store, "j_2", &rows[0]));
@@ -435,9 +441,43 @@ static void test_unfinished_jobs(void **state)
     assert_int_equal(QM_OK, qm_store_list_jobs(f->store, 0, 2, rows, &listed));
     assert_int_equal(listed, 2);
     assert_string_equal(rows[1].document, "{}");
-    assert_null(rows[1].events);
     qm_store_job_reset(&rows[0]);
     qm_store_job_reset(&rows[1]);
+}
+
+static void check_events(const fixture *f, const char *id, const char *expected)
+{
+    qm_text all = {0};
+    assert_int_equal(qm_store_read_events(f->store, id, &all), QM_OK);
+    assert_string_equal(all.data ? all.data : "", expected);
+    qm_text_reset(&all);
+}
+
+static void test_events_are_appended(void **state)
+{
+    fixture *f = *state;
+    submit(f, "j_1", "k", NULL);
+    submit(f, "j_2", "k", NULL);
+    check_events(f, "j_1", "");
+    const qm_store_events first[] = {{"j_1", 1, "a\nb\n"}, {"j_2", 1, "x\n"}, {"j_none", 1, "?\n"}};
+    const qm_store_events second[] = {{"j_1", 10, "d\n"}, {"j_1", 3, "c\n"}};
+    assert_int_equal(qm_store_append_events(f->store, first, 3), QM_OK);
+    assert_int_equal(qm_store_append_events(f->store, second, 2), QM_OK);
+    reopen(f);
+    check_events(f, "j_1", "a\nb\nc\nd\n");
+    check_events(f, "j_2", "x\n");
+    check_events(f, "j_none", "");
+    /* What may have been stored already comes once more, with what followed; then the job has ended. */
+    const qm_store_events longer = {"j_1", 10, "d\ne\n"}, late = {"j_1", 10, "d\n"};
+    assert_int_equal(qm_store_finish_job(f->store, &longer, 2, "{}", ""), QM_OK);
+    assert_int_equal(qm_store_append_events(f->store, &late, 1), QM_OK);
+    check_events(f, "j_1", "a\nb\nc\nd\ne\n");
+    /* They go with their job; another one's stay. */
+    assert_int_equal(qm_store_delete_job(f->store, "j_1"), QM_OK);
+    check_events(f, "j_1", "");
+    submit(f, "j_1", "k", NULL);
+    check_events(f, "j_1", "");
+    check_events(f, "j_2", "x\n");
 }
 
 static void drop(const fixture *f, size_t kept, const char *before, size_t limit, const char *expected)
@@ -460,7 +500,7 @@ static void test_old_jobs_are_dropped(void **state)
         job.created = created;
         snprintf(job.id, sizeof job.id, "j_%d", i);
         assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
-        if (i != 2) assert_int_equal(qm_store_finish_job(f->store, job.id, 2, "{}", "{}\n", ""), QM_OK);
+        if (i != 2) assert_int_equal(finish(f, job.id, 2, "{}", ""), QM_OK);
     }
     drop(f, 100, "", 8, "");
     drop(f, 100, "2010", 8, "");
@@ -674,6 +714,7 @@ int main(void)
         TEST(test_a_blob_goes_with_its_last_mesh),
         TEST(test_jobs_survive),
         TEST(test_unfinished_jobs),
+        TEST(test_events_are_appended),
         TEST(test_old_jobs_are_dropped),
         TEST(test_an_idempotency_key_names_one_job),
         TEST(test_a_folder_has_one_owner),

@@ -1,29 +1,10 @@
 /**
- * json_jobs.c: requests and results of jobs as JSON, a pair of functions for each kind.
+ * json_results.c: results of jobs and their progress as JSON, a function for each kind.
  */
 #include <math.h>
 
+#include "job_names.h"
 #include "json_out.h"
-#include "json_write.h"
-
-static const char *direction_name(qm_direction direction)
-{
-    return direction == QM_A_TO_B ? "a_to_b" : direction == QM_B_TO_A ? "b_to_a" : "two_sided";
-}
-
-static const char *quads_name(qm_quad_reading quads)
-{
-    return quads == QM_QUADS_BILINEAR ? "bilinear" : "triangles";
-}
-
-/** In the order of qm_accelerator. */
-static const char *const accelerator_names[] = {"auto", "boxes", "tetra", "grid"};
-
-static void write_tolerance(qm_text *out, const qm_job_request *request)
-{
-    qm_json_add_number(out, "tolerance", request->tolerance);
-    qm_json_add_string(out, "tolerance_unit", request->tolerance_is_absolute ? "absolute" : "relative");
-}
 
 static void add_prepare_ms(qm_text *out, const qm_job_result *result)
 {
@@ -34,23 +15,6 @@ static void add_prepare_ms(qm_text *out, const qm_job_result *result)
 }
 
 /* ---- hausdorff ---- */
-
-static void write_accelerator(qm_text *out, const qm_job_request *request)
-{
-    if (request->accelerator != QM_ACCELERATOR_AUTO)
-        qm_json_add_string(out, "accelerator", accelerator_names[request->accelerator]);
-}
-
-static void write_hausdorff_request(qm_text *out, const qm_job_request *request, bool is_brief)
-{
-    (void)is_brief;
-    qm_json_add_string(out, "direction", direction_name(request->direction));
-    write_tolerance(out, request);
-    if (!isnan(request->threshold)) qm_json_add_number(out, "threshold", request->threshold);
-    if (request->deadline_ms > 0.0) qm_json_add_number(out, "deadline_ms", request->deadline_ms);
-    write_accelerator(out, request);
-    if (request->bounds == QM_BOUNDS_MATCHING) qm_json_add_string(out, "bounds", "matching");
-}
 
 /** A bound as a share of the diagonal, rounded away from the inside of the bracket. */
 static double relative_bound(double bound, double diagonal, double towards)
@@ -101,8 +65,8 @@ static void write_hausdorff_result(qm_text *out, const qm_job_request *request, 
         add_witness(out, request, result);
     else
         qm_json_add_word(out, "witness", "null");
-    qm_json_add_string(out, "direction", direction_name(request->direction));
-    qm_json_add_string(out, "quads", quads_name(request->quads));
+    qm_json_add_string(out, "direction", qm_direction_names[request->direction]);
+    qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     qm_json_add_number(out, "tolerance", result->tolerance);
     qm_json_add_count(out, "iterations", h->iterations);
     qm_json_add_count(out, "projections", h->projections);
@@ -132,19 +96,6 @@ void qm_json_write_bounds(qm_text *out, const qm_hausdorff_progress *progress, d
 
 /* ---- project ---- */
 
-static void write_project_request(qm_text *out, const qm_job_request *request, bool is_brief)
-{
-    write_accelerator(out, request);
-    if (is_brief) {
-        qm_json_add_count(out, "point_count", request->point_count);
-        return;
-    }
-    qm_json_open(out, "points", "[");
-    for (size_t i = 0; i < request->point_count; i++)
-        qm_json_add_array(out, request->points + 3 * i, 3);
-    qm_text_add_string(out, "]");
-}
-
 void qm_json_write_foot(qm_text *out, const qm_feet *feet, size_t i, double diagonal)
 {
     double distance = feet->distance[i];
@@ -162,7 +113,7 @@ void qm_json_write_foot(qm_text *out, const qm_feet *feet, size_t i, double diag
 static void write_project_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
     const qm_feet *feet = &result->feet;
-    qm_json_add_string(out, "quads", quads_name(request->quads));
+    qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     qm_json_add_count(out, "point_count", feet->count);
     qm_json_open(out, "points", "[");
     for (size_t i = 0; i < feet->count; i++)
@@ -173,16 +124,6 @@ static void write_project_result(qm_text *out, const qm_job_request *request, co
 }
 
 /* ---- deviation ---- */
-
-static void write_deviation_request(qm_text *out, const qm_job_request *request, bool is_brief)
-{
-    (void)is_brief;
-    write_tolerance(out, request);
-    qm_json_add_number(out, "accuracy", request->accuracy);
-    qm_json_add_count(out, "pieces", request->pieces);
-    qm_json_add_count(out, "bins", request->bins);
-    qm_json_add_numbers(out, "percentiles", request->percentiles, (int)request->percentile_count);
-}
 
 /** An interval as an object; with a diagonal also as a share of it. */
 static void add_interval(qm_text *out, const char *name, qm_interval interval, double diagonal)
@@ -234,7 +175,7 @@ static void write_deviation_result(qm_text *out, const qm_job_request *request, 
     add_percentiles(out, request, result);
     add_histogram(out, deviation);
     qm_json_add_count(out, "vertex_count", deviation->vertex_count);
-    qm_json_add_string(out, "quads", quads_name(request->quads));
+    qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     qm_json_add_number(out, "accuracy", request->accuracy);
     qm_json_add_number(out, "tolerance", result->tolerance);
     qm_json_add_bool(out, "accurate", deviation->is_accurate);
@@ -246,12 +187,6 @@ static void write_deviation_result(qm_text *out, const qm_job_request *request, 
 
 /* ---- distance ---- */
 
-static void write_distance_request(qm_text *out, const qm_job_request *request, bool is_brief)
-{
-    (void)is_brief;
-    write_tolerance(out, request);
-}
-
 static void write_distance_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
     const qm_distance *distance = &result->distance;
@@ -261,7 +196,7 @@ static void write_distance_result(qm_text *out, const qm_job_request *request, c
     add_surface_point(out, "to", "b", request->b, result->to_face, &distance->to);
     qm_text_add_string(out, "}");
     qm_json_add_bool(out, "collides", distance->upper == 0.0);
-    qm_json_add_string(out, "quads", quads_name(request->quads));
+    qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     qm_json_add_number(out, "tolerance", result->tolerance);
     qm_json_add_bool(out, "converged", distance->is_converged);
     qm_json_add_count(out, "face_pairs", distance->pairs);
@@ -270,23 +205,6 @@ static void write_distance_result(qm_text *out, const qm_job_request *request, c
 }
 
 /* ---- collision, self_collision ---- */
-
-/** In the order of qm_collide_mode. */
-static const char *const mode_names[] = {"all", "first", "any"};
-
-static void write_collision_request(qm_text *out, const qm_job_request *request, bool is_brief)
-{
-    (void)is_brief;
-    qm_json_add_string(out, "mode", mode_names[request->mode]);
-    qm_json_add_count(out, "limit", request->list_limit);
-    write_tolerance(out, request);
-}
-
-static void write_self_collision_request(qm_text *out, const qm_job_request *request, bool is_brief)
-{
-    write_collision_request(out, request, is_brief);
-    if (request->incremental) qm_json_add_bool(out, "incremental", true);
-}
 
 static void add_pair(qm_text *out, qm_face_pair pair, const qm_contact *contact)
 {
@@ -311,8 +229,8 @@ static void write_pairs(qm_text *out, const qm_job_request *request, const qm_jo
     for (size_t i = 0; i < told->listed_count; i++)
         add_pair(out, told->found.pairs[i], &told->contacts[i]);
     qm_text_add_string(out, "]");
-    qm_json_add_string(out, "mode", mode_names[request->mode]);
-    qm_json_add_string(out, "quads", quads_name(request->quads));
+    qm_json_add_string(out, "mode", qm_collide_mode_names[request->mode]);
+    qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     if (request->quads == QM_QUADS_BILINEAR) qm_json_add_number(out, "tolerance", result->tolerance);
     qm_json_add_count(out, "tests", told->found.tests);
 }
@@ -335,20 +253,6 @@ static void write_self_collision_result(qm_text *out, const qm_job_request *requ
 
 /* ---- reconstruction_step ---- */
 
-static void write_reconstruction_step_request(qm_text *out, const qm_job_request *request, bool is_brief)
-{
-    (void)is_brief;
-    const qm_refine_goal *goal = &request->goal;
-    if (goal->steps > 0) qm_json_add_count(out, "steps", goal->steps);
-    qm_json_open(out, "until", "{");
-    if (request->hausdorff_relative > 0.0)
-        qm_json_add_number(out, "hausdorff_relative", request->hausdorff_relative);
-    if (goal->max_quads > 0) qm_json_add_count(out, "max_quads", goal->max_quads);
-    if (goal->edge > 0.0) qm_json_add_number(out, "edge_length", goal->edge);
-    qm_text_add_string(out, "}");
-    qm_json_add_bool(out, "measure", goal->measures);
-}
-
 static void write_reconstruction_step_result(qm_text *out, const qm_job_request *request,
                                              const qm_job_result *result)
 {
@@ -366,44 +270,15 @@ static void write_reconstruction_step_result(qm_text *out, const qm_job_request 
 
 /* ---- any kind ---- */
 
-typedef struct writer {
-    void (*request)(qm_text *out, const qm_job_request *request, bool is_brief);
-    void (*result)(qm_text *out, const qm_job_request *request, const qm_job_result *result);
-} writer;
-
-static const writer writers[] = {
-#define XX(suffix, name, first, second) {write_##name##_request, write_##name##_result},
+static void (*const writers[])(qm_text *out, const qm_job_request *request, const qm_job_result *result) = {
+#define XX(suffix, name, first, second) write_##name##_result,
     QM_JOB_MAP(XX)
 #undef XX
 };
 
-static void write_request(qm_text *out, const qm_job_request *request, bool is_brief)
-{
-    const qm_job_type *type = qm_job_type_of(request->kind);
-    qm_text_add_string(out, "{");
-    qm_json_add_string(out, "type", type->name);
-    qm_json_add_string(out, type->mesh_field[0], request->a);
-    if (type->mesh_field[1]) qm_json_add_string(out, type->mesh_field[1], request->b);
-    if (request->kind != QM_JOB_RECONSTRUCTION_STEP)
-        qm_json_add_string(out, "quads", quads_name(request->quads));
-    if (request->threads > 0) qm_json_add_count(out, "threads", (uint64_t)request->threads);
-    writers[request->kind].request(out, request, is_brief);
-    qm_text_add_string(out, "}");
-}
-
-void qm_json_write_request(qm_text *out, const qm_job_request *request)
-{
-    write_request(out, request, false);
-}
-
-void qm_json_write_request_briefly(qm_text *out, const qm_job_request *request)
-{
-    write_request(out, request, true);
-}
-
 void qm_json_write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
     qm_text_add_string(out, "{");
-    writers[request->kind].result(out, request, result);
+    writers[request->kind](out, request, result);
     qm_text_add_string(out, "}");
 }
