@@ -36,6 +36,8 @@
     bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
     void qm_fill_leaf_##isa(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,   \
                             qm_leaf *leaf);                                                                  \
+    void qm_add_lane_pairs_##isa(const qm_leaf *p, const qm_leaf *q, qm_lane_pairs *pairs);                  \
+    void qm_decide_lane_pairs_##isa(const qm_lane_pairs *pairs, unsigned first, qm_pair_verdicts *out);      \
     bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p, \
                                  unsigned moved_q, qm_near_lanes *out);                                      \
     void qm_vertex_box_##isa(const double *positions, size_t count, qm_box *box);                            \
@@ -75,6 +77,8 @@
         .node_distances = qm_node_distances_##isa,                                                           \
         .descend = qm_descend_##isa,                                                                         \
         .fill_leaf = qm_fill_leaf_##isa,                                                                     \
+        .add_lane_pairs = qm_add_lane_pairs_##isa,                                                           \
+        .decide_lane_pairs = qm_decide_lane_pairs_##isa,                                                     \
         .compare_leaves = qm_compare_leaves_##isa,                                                           \
         .vertex_box = qm_vertex_box_##isa,                                                                   \
         .vertex_cells = qm_vertex_cells_##isa,                                                               \

@@ -192,11 +192,17 @@ typedef struct qm_kernel {
     void (*fill_leaf)(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,
                       qm_leaf *leaf);
 
+    /** Adds the pairs of a lane of p and one of q whose boxes meet; there is room for all. In TWO only. */
+    void (*add_lane_pairs)(const qm_leaf *p, const qm_leaf *q, qm_lane_pairs *pairs);
+
+    /** Tells whether eight pairs from the first on, a multiple of eight, meet; those that are there. */
+    void (*decide_lane_pairs)(const qm_lane_pairs *pairs, unsigned first, qm_pair_verdicts *out);
+
     /**
      * Finds the pairs of a lane of p and one of q that may meet: all others are proven not to. In SELF
      * corners of the same mark and the edges between them don't count, and of a pair one must have its bit in
-     * moved_p or moved_q. But in TWO, a leaf with itself gives each pair of different lanes once. False when
-     * there are none.
+     * moved_p or moved_q. A leaf with itself gives each pair of different lanes once. False when there are
+     * none. Not in TWO.
      */
     bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                            unsigned moved_q, qm_near_lanes *out);
