@@ -47,6 +47,8 @@
                                  qm_cell_boxes *out);                                                        \
     unsigned qm_cells_marked_##isa(const qm_cell_grid *grid, const qm_cell_marks *marks,                     \
                                    const qm_cell_boxes *boxes, unsigned *large);                             \
+    void qm_keep_cells_##isa(const qm_cell_boxes *boxes, uint32_t first, unsigned faces,                     \
+                             qm_cell_list *list);                                                            \
     void qm_sort_few_##isa(uint64_t *numbers, int count);                                                    \
     static const qm_kernel kernel_##isa = {                                                                  \
         .name = #isa,                                                                                        \
@@ -84,6 +86,7 @@
         .vertex_cells = qm_vertex_cells_##isa,                                                               \
         .cell_boxes = qm_cell_boxes_##isa,                                                                   \
         .cells_marked = qm_cells_marked_##isa,                                                               \
+        .keep_cells = qm_keep_cells_##isa,                                                                   \
         .sort_few = qm_sort_few_##isa,                                                                       \
     }
 

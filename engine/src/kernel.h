@@ -223,6 +223,9 @@ typedef struct qm_kernel {
     unsigned (*cells_marked)(const qm_cell_grid *grid, const qm_cell_marks *marks, const qm_cell_boxes *boxes,
                              unsigned *large);
 
+    /** Adds those of eight faces, the first of which is told, that have a bit to a list. */
+    void (*keep_cells)(const qm_cell_boxes *boxes, uint32_t first, unsigned faces, qm_cell_list *list);
+
     /** Sorts up to QM_SORT_FEW numbers below 2^58, equal ones too. */
     void (*sort_few)(uint64_t *numbers, int count);
 } qm_kernel;

@@ -1,11 +1,11 @@
 /**
- * decide.c: pairs of lanes of two leaves whose boxes meet are laid side by side, and what single precision can
- * tell of eight of them is told without a branch.
+ * decide.c: pairs of lanes of two leaves whose boxes meet are laid side by side, and what single precision
+ * can tell of eight of them is told without a branch.
  *
  * Triangles whose corners all lie off the other's plane, some on either side of it, meet when two edges pass
- * each other on the right side, as in tri_tri.c (Guigue, Devillers 2003). Where every sign is beyond its error,
- * that proves that they meet or don't; planes through the edges of either prove more pairs apart of those that
- * lie nearly in one plane.
+ * each other on the right side, as in tri_tri.c (Guigue, Devillers 2003). Where every sign is beyond its
+ * error, that proves that they meet or don't; planes through the edges of either prove more pairs apart of
+ * those that lie nearly in one plane.
  *
  * Errors: let e bound the error of every coordinate, E the size of the triangle whose plane it is, and S the
  * sizes of both together, beyond which no two corners are apart along an axis, as the boxes meet. Differences
@@ -89,8 +89,8 @@ static inline void load_triangles(triangles *t, const float (*const row[3])[4], 
     t->normal = wide_cross(wide_sub(c[1], c[0]), wide_sub(c[2], c[0]));
 }
 
-/** Finds where the corners of t lie to the plane of the other; returns the lanes in which all lie certainly on
- * one side. certain keeps the lanes in which every side is. */
+/** Finds where the corners of t lie to the plane of the other; returns the lanes in which all lie certainly
+ * on one side. certain keeps the lanes in which every side is. */
 static inline qm_vi find_heights(triangles *t, const triangles *other, qm_vi *certain)
 {
     qm_vi above_all = ~(qm_vi){0}, below_all = above_all;
@@ -121,7 +121,8 @@ static inline qm_vf choose(qm_vi first, qm_vi second, qm_vf a, qm_vf b, qm_vf c)
 static inline wide choose_corner(const triangles *t, qm_vi first, qm_vi second)
 {
     const wide *c = t->corner;
-    return (wide){choose(first, second, c[0].x, c[1].x, c[2].x), choose(first, second, c[0].y, c[1].y, c[2].y),
+    return (wide){choose(first, second, c[0].x, c[1].x, c[2].x),
+                  choose(first, second, c[0].y, c[1].y, c[2].y),
                   choose(first, second, c[0].z, c[1].z, c[2].z)};
 }
 

@@ -50,6 +50,7 @@ unsigned QM_KERNEL(cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, 
                                qm_cell_boxes *out);
 unsigned QM_KERNEL(cells_marked)(const qm_cell_grid *grid, const qm_cell_marks *marks,
                                  const qm_cell_boxes *boxes, unsigned *large);
+void QM_KERNEL(keep_cells)(const qm_cell_boxes *boxes, uint32_t first, unsigned faces, qm_cell_list *list);
 void QM_KERNEL(sort_few)(uint64_t *numbers, int count);
 
 #endif
