@@ -26,6 +26,8 @@ typedef enum qm_collide_kind {
 typedef struct qm_near_lanes {
     uint64_t near;  /* may meet: all others don't */
     uint64_t alike; /* of those, ones that have a corner of the same mark; none in SELF */
+    /* [lane][other lane], in TWO where they are alike: the corner of either, as 4 * its own + the other's */
+    _Alignas(32) int32_t corners[QM_PACK_LANES][QM_PACK_LANES];
 } qm_near_lanes;
 
 #define QM_PAIRS_ENOUGH 64 /* pairs of lanes that are decided together */
@@ -44,16 +46,17 @@ typedef struct qm_lane_pairs {
 /** What single precision tells about eight pairs of lanes, a bit each: those in neither don't meet. */
 typedef struct qm_pair_verdicts {
     unsigned meet, open; /* proven to meet; left to exact tests */
-    unsigned alike;      /* of those that are open, ones that have a corner of the same mark */
-    _Alignas(32) int32_t corners[QM_PACK_LANES]; /* where alike: 4 * the first one's corner + the second's */
 } qm_pair_verdicts;
 
 typedef struct qm_leaf {
     _Alignas(32) float corner[3][3][QM_PACK_LANES]; /* [corner][axis][lane], from the middle */
-    float vertex[3 * QM_PACK_LANES][4]; /* x, y, z from the middle and the mark, as a float's bits */
-    float plane[4][4][QM_PACK_LANES];   /* a normal and its product with a point of the plane: the triangle's
-                                           own, then those through its edges, looking away from it;
-                                           not in TWO */
+    union {
+        float vertex[3 * QM_PACK_LANES]
+                    [4]; /* in TWO: x, y, z from the middle and the mark, as a float's bits */
+        float plane[4][4][QM_PACK_LANES]; /* else: a normal and its product with a point of the plane: the
+                                             triangle's own, then those through its edges, looking away from
+                                             it */
+    };
     float low[3][QM_PACK_LANES], high[3][QM_PACK_LANES];
     float size[QM_PACK_LANES];       /* the longest side of the lane's box and a little more */
     uint32_t mark[3][QM_PACK_LANES]; /* equal for corners that are one: the vertex within one mesh;

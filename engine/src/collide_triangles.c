@@ -144,8 +144,23 @@ static bool compare_packs(qm_collide_worker *w, const qm_pack_pair *packs)
     return true;
 }
 
+/** Pairs of lanes that seem to have a corner in common meet when they do. */
+static bool take_alike(qm_collide_worker *w, const uint32_t pack[2], const qm_near_lanes *lanes)
+{
+    side a = make_side(w->search->bvh[0], pack[0]), b = make_side(w->search->bvh[1], pack[1]);
+    bool goes_on = true;
+    w->alike += (size_t)__builtin_popcountll(lanes->alike);
+    for (uint64_t alike = lanes->alike; alike && goes_on; alike &= alike - 1) {
+        int place = __builtin_ctzll(alike), i = place / QM_PACK_LANES, j = place % QM_PACK_LANES;
+        goes_on = corners_coincide(&a, i, &b, j, lanes->corners[i][j])
+                      ? keep(w, lane_face(&a, i), lane_face(&b, j))
+                      : test_lanes(w, &a, i, &b, j);
+    }
+    return goes_on;
+}
+
 /** Does what the verdict about a pair asks for; false when the search may end. */
-static bool take_pair(qm_collide_worker *w, unsigned pair, const qm_pair_verdicts *verdicts)
+static bool take_pair(qm_collide_worker *w, unsigned pair, bool meets)
 {
     const qm_lane_pairs *waiting = w->waiting;
     side s[2];
@@ -154,24 +169,28 @@ static bool take_pair(qm_collide_worker *w, unsigned pair, const qm_pair_verdict
         s[k] = make_side(w->search->bvh[k], waiting->lane[k][pair] / QM_PACK_LANES);
         lane[k] = (int)(waiting->lane[k][pair] % QM_PACK_LANES);
     }
-    unsigned place = pair % QM_PACK_LANES;
-    bool meets = verdicts->meet >> place & 1;
-    if (!meets && verdicts->alike >> place & 1)
-        meets = corners_coincide(&s[0], lane[0], &s[1], lane[1], verdicts->corners[place]);
     if (meets) return keep(w, lane_face(&s[0], lane[0]), lane_face(&s[1], lane[1]));
     return test_lanes(w, &s[0], lane[0], &s[1], lane[1]);
 }
 
+/** Where meshes are alike in places, looking for common corners settles most of what would be left open
+ * there; elsewhere it would settle nothing. */
 bool qm_collide_decide(qm_collide_worker *w)
 {
     bool goes_on = true;
+    size_t open = w->alike, count = w->alike + w->waiting->count;
     for (unsigned first = 0; first < w->waiting->count && goes_on; first += QM_PACK_LANES) {
         qm_pair_verdicts verdicts;
         w->kernel->decide_lane_pairs(w->waiting, first, &verdicts);
-        for (unsigned left = verdicts.meet | verdicts.open; left && goes_on; left &= left - 1)
-            goes_on = take_pair(w, first + (unsigned)__builtin_ctz(left), &verdicts);
+        open += (size_t)__builtin_popcount(verdicts.open);
+        for (unsigned left = verdicts.meet | verdicts.open; left && goes_on; left &= left - 1) {
+            unsigned i = (unsigned)__builtin_ctz(left);
+            goes_on = take_pair(w, first + i, verdicts.meet >> i & 1);
+        }
     }
     w->waiting->count = 0;
+    w->alike = 0;
+    w->seeks_alike = 4 * open > count;
     return goes_on;
 }
 
@@ -179,6 +198,8 @@ bool qm_collide_triangles(qm_collide_worker *w, const qm_pack_pair *packs)
 {
     if (w->search->kind != QM_COLLIDE_TWO) return compare_packs(w, packs);
     const qm_leaf *p = get_leaf(w, 0, 0, packs->pack[0]), *q = get_leaf(w, 1, 1, packs->pack[1]);
-    w->kernel->add_lane_pairs(p, q, w->waiting);
+    qm_near_lanes lanes;
+    w->kernel->add_lane_pairs(p, q, w->seeks_alike, w->waiting, &lanes);
+    if (lanes.alike && !take_alike(w, packs->pack, &lanes)) return false;
     return w->waiting->count < QM_PAIRS_ENOUGH || qm_collide_decide(w);
 }

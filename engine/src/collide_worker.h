@@ -16,6 +16,8 @@ typedef struct qm_collide_worker {
     atomic_int *status;     /* of all workers: the first that isn't QM_OK ends the search */
     qm_leaf *cache[2];      /* QM_CACHED_LEAVES of each mesh */
     qm_lane_pairs *waiting; /* in TWO: pairs of triangles that are not decided yet */
+    bool seeks_alike;       /* in TWO: whether to look for triangles with a common corner */
+    size_t alike;           /* how many were found since pairs were decided last */
     qm_pair_list pairs;
     uint64_t least; /* mode first: the least pair so far */
     uint64_t tests, leaf_pairs;

@@ -36,7 +36,8 @@
     bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
     void qm_fill_leaf_##isa(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,   \
                             qm_leaf *leaf);                                                                  \
-    void qm_add_lane_pairs_##isa(const qm_leaf *p, const qm_leaf *q, qm_lane_pairs *pairs);                  \
+    void qm_add_lane_pairs_##isa(const qm_leaf *p, const qm_leaf *q, bool seeks_alike, qm_lane_pairs *pairs, \
+                                 qm_near_lanes *out);                                                        \
     void qm_decide_lane_pairs_##isa(const qm_lane_pairs *pairs, unsigned first, qm_pair_verdicts *out);      \
     bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p, \
                                  unsigned moved_q, qm_near_lanes *out);                                      \

@@ -192,8 +192,10 @@ typedef struct qm_kernel {
     void (*fill_leaf)(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,
                       qm_leaf *leaf);
 
-    /** Adds the pairs of a lane of p and one of q whose boxes meet; there is room for all. In TWO only. */
-    void (*add_lane_pairs)(const qm_leaf *p, const qm_leaf *q, qm_lane_pairs *pairs);
+    /** Finds the pairs of a lane of p and one of q whose boxes meet, in TWO only, and adds those that are not
+     * alike, or all if none are to be told alike, to what waits to be decided; there is room for all. */
+    void (*add_lane_pairs)(const qm_leaf *p, const qm_leaf *q, bool seeks_alike, qm_lane_pairs *pairs,
+                           qm_near_lanes *out);
 
     /** Tells whether eight pairs from the first on, a multiple of eight, meet; those that are there. */
     void (*decide_lane_pairs)(const qm_lane_pairs *pairs, unsigned first, qm_pair_verdicts *out);

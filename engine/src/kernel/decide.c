@@ -33,19 +33,47 @@ static inline void add_pair(qm_lane_pairs *pairs, const qm_leaf *const leaf[2], 
     memcpy(pairs->shift[at], &shift, sizeof shift);
 }
 
-void QM_KERNEL(add_lane_pairs)(const qm_leaf *p, const qm_leaf *q, qm_lane_pairs *pairs)
+/** Where lanes have corners of the same mark: in meshes that are alike in places, most of those that are
+ * near. */
+static inline void find_alike(const qm_leaf *p, const qm_leaf *q, qm_near_lanes *out)
+{
+    for (int i = 0; i < QM_PACK_LANES; i++) {
+        qm_vi any = {0}, which = {0};
+        for (int c = 0; c < 3; c++) {
+            for (int k = 0; k < 3; k++) {
+                qm_vi here = *(const qm_vi *)(const void *)q->mark[k] == (int32_t)p->mark[c][i];
+                any |= here;
+                which = qm_keys_max(which, here & (4 * c + k));
+            }
+        }
+        memcpy(out->corners[i], &which, sizeof which);
+        out->alike |= (uint64_t)qm_vi_bits(any) << (QM_PACK_LANES * i);
+    }
+    out->alike &= out->near;
+}
+
+static inline uint64_t find_near(const leaf_boxes *boxes)
+{
+    uint64_t near = 0;
+    for (unsigned lanes = leaf_boxes_lanes(boxes); lanes; lanes &= lanes - 1) {
+        int i = __builtin_ctz(lanes);
+        near |= (uint64_t)leaf_boxes_near(boxes, i) << (QM_PACK_LANES * i);
+    }
+    return near;
+}
+
+void QM_KERNEL(add_lane_pairs)(const qm_leaf *p, const qm_leaf *q, bool seeks_alike, qm_lane_pairs *pairs,
+                               qm_near_lanes *out)
 {
     leaf_boxes boxes;
     leaf_boxes_set(&boxes, p, q);
-    uint64_t near = 0;
-    for (unsigned lanes = leaf_boxes_lanes(&boxes); lanes; lanes &= lanes - 1) {
-        int i = __builtin_ctz(lanes);
-        near |= (uint64_t)leaf_boxes_near(&boxes, i) << (QM_PACK_LANES * i);
-    }
+    out->near = find_near(&boxes);
+    out->alike = 0;
+    if (out->near && seeks_alike) find_alike(p, q, out);
     const qm_leaf *const leaf[2] = {p, q};
     const wide_part shift = {boxes.shift[0], boxes.shift[1], boxes.shift[2], boxes.error};
-    for (; near; near &= near - 1) {
-        int place = __builtin_ctzll(near);
+    for (uint64_t left = out->near & ~out->alike; left; left &= left - 1) {
+        int place = __builtin_ctzll(left);
         add_pair(pairs, leaf, (const int[2]){place / QM_PACK_LANES, place % QM_PACK_LANES}, shift);
     }
 }
@@ -53,7 +81,6 @@ void QM_KERNEL(add_lane_pairs)(const qm_leaf *p, const qm_leaf *q, qm_lane_pairs
 /** A triangle of each pair. */
 typedef struct triangles {
     wide corner[3], normal;
-    qm_vi mark[3];
     qm_vf size;      /* the longest side of its box and a little more */
     qm_vf tolerance; /* of heights above its plane */
     qm_vf height[3]; /* of its corners above the other's plane */
@@ -80,7 +107,6 @@ static inline void load_triangles(triangles *t, const float (*const row[3])[4], 
         qm_vf column[4];
         load_rows(row[i], column);
         t->corner[i] = wide_add((wide){column[0], column[1], column[2]}, shift);
-        t->mark[i] = (qm_vi)column[3];
     }
     const wide *c = t->corner;
     t->size = qm_vf_max(qm_vf_max(span(c[0].x, c[1].x, c[2].x), span(c[0].y, c[1].y, c[2].y)),
@@ -164,21 +190,6 @@ static inline qm_vi beyond_edges(const triangles *t, const triangles *other)
     return apart;
 }
 
-/** Where corners have the same mark: the greatest 4 i + k of corner i of p and k of q. */
-static inline qm_vi find_alike(const triangles *p, const triangles *q, qm_vi *which)
-{
-    qm_vi any = {0};
-    *which = any;
-    for (int i = 0; i < 3; i++) {
-        for (int k = 0; k < 3; k++) {
-            qm_vi here = p->mark[i] == q->mark[k];
-            any |= here;
-            *which = qm_keys_max(*which, here & (4 * i + k));
-        }
-    }
-    return any;
-}
-
 void QM_KERNEL(decide_lane_pairs)(const qm_lane_pairs *pairs, unsigned first, qm_pair_verdicts *out)
 {
     triangles p, q;
@@ -209,8 +220,5 @@ void QM_KERNEL(decide_lane_pairs)(const qm_lane_pairs *pairs, unsigned first, qm
     out->meet = qm_vi_bits(meet) & there;
     out->open = ~qm_vi_bits(meet | apart) & there;
     if (!out->open) return;
-    qm_vi which;
-    out->alike = qm_vi_bits(find_alike(&p, &q, &which)) & out->open;
-    memcpy(out->corners, &which, sizeof which);
-    out->open &= ~qm_vi_bits(beyond_edges(&p, &q) | beyond_edges(&q, &p)) | out->alike;
+    out->open &= ~qm_vi_bits(beyond_edges(&p, &q) | beyond_edges(&q, &p));
 }

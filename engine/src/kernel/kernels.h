@@ -40,7 +40,8 @@ unsigned QM_KERNEL(node_distances)(const qm_descent *descent, const qm_node *a, 
 bool QM_KERNEL(descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);
 void QM_KERNEL(fill_leaf)(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,
                           qm_leaf *leaf);
-void QM_KERNEL(add_lane_pairs)(const qm_leaf *p, const qm_leaf *q, qm_lane_pairs *pairs);
+void QM_KERNEL(add_lane_pairs)(const qm_leaf *p, const qm_leaf *q, bool seeks_alike, qm_lane_pairs *pairs,
+                               qm_near_lanes *out);
 void QM_KERNEL(decide_lane_pairs)(const qm_lane_pairs *pairs, unsigned first, qm_pair_verdicts *out);
 bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                                unsigned moved_q, qm_near_lanes *out);
