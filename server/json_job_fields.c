@@ -94,10 +94,18 @@ static bool read_deadline(const cJSON *value, qm_job_request *out)
     return qm_json_read_number(value, &out->deadline_ms) && out->deadline_ms > 0.0;
 }
 
+static bool read_count(const cJSON *value, double least, double greatest, size_t *out)
+{
+    double count;
+    if (!qm_json_read_whole(value, least, greatest, &count)) return false;
+    *out = (size_t)count;
+    return true;
+}
+
 static bool read_threads(const cJSON *value, qm_job_request *out)
 {
-    double threads;
-    if (!qm_json_read_whole(value, 1, MAX_THREADS, &threads)) return false;
+    size_t threads;
+    if (!read_count(value, 1, MAX_THREADS, &threads)) return false;
     out->threads = (int)threads;
     return true;
 }
@@ -109,33 +117,25 @@ static bool read_accuracy(const cJSON *value, qm_job_request *out)
 
 static bool read_pieces(const cJSON *value, qm_job_request *out)
 {
-    double pieces;
-    if (!qm_json_read_whole(value, 0, MAX_PIECES, &pieces)) return false;
-    out->pieces = (size_t)pieces;
-    return true;
+    return read_count(value, 0, MAX_PIECES, &out->pieces);
 }
 
 static bool read_steps(const cJSON *value, qm_job_request *out)
 {
-    double steps;
-    if (!qm_json_read_whole(value, 1, MAX_STEPS, &steps)) return false;
-    out->goal.steps = (size_t)steps;
-    return true;
+    return read_count(value, 1, MAX_STEPS, &out->goal.steps);
 }
 
 static bool read_until(const cJSON *value, qm_job_request *out)
 {
     if (!cJSON_IsObject(value)) return false;
     for (const cJSON *member = value->child; member; member = member->next) {
-        double quads;
         bool good = false;
         if (strcmp(member->string, "hausdorff_relative") == 0) {
             good = qm_json_read_number(member, &out->hausdorff_relative) && out->hausdorff_relative > 0.0;
         } else if (strcmp(member->string, "edge_length") == 0) {
             good = qm_json_read_number(member, &out->goal.edge) && out->goal.edge > 0.0;
         } else if (strcmp(member->string, "max_quads") == 0) {
-            good = qm_json_read_whole(member, 1, QM_REFINE_MOST_QUADS, &quads);
-            if (good) out->goal.max_quads = (size_t)quads;
+            good = read_count(member, 1, QM_REFINE_MOST_QUADS, &out->goal.max_quads);
         }
         if (!good) return false;
     }
@@ -150,10 +150,7 @@ static bool read_measure(const cJSON *value, qm_job_request *out)
 
 static bool read_bins(const cJSON *value, qm_job_request *out)
 {
-    double bins;
-    if (!qm_json_read_whole(value, 0, MAX_BINS, &bins)) return false;
-    out->bins = (size_t)bins;
-    return true;
+    return read_count(value, 0, MAX_BINS, &out->bins);
 }
 
 static bool read_percentiles(const cJSON *value, qm_job_request *out, qm_json_fault *at)
@@ -181,10 +178,7 @@ static bool read_mode(const cJSON *value, qm_job_request *out)
 
 static bool read_limit(const cJSON *value, qm_job_request *out)
 {
-    double limit;
-    if (!qm_json_read_whole(value, 0, MAX_LISTED, &limit)) return false;
-    out->list_limit = (size_t)limit;
-    return true;
+    return read_count(value, 0, MAX_LISTED, &out->list_limit);
 }
 
 static bool read_incremental(const cJSON *value, qm_job_request *out)
@@ -271,6 +265,7 @@ const qm_json_field qm_json_job_fields[QM_JSON_FIELD_COUNT] = {
      "must be \"auto\" or \"boxes\""},
     {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\" or \"matching\""},
 };
+
 const qm_json_field *qm_json_find_field(const char *name, unsigned kind)
 {
     for (size_t i = 0; i < QM_JSON_FIELD_COUNT; i++)

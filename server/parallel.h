@@ -1,5 +1,5 @@
 /**
- * parallel.h: the engine's hook for threads, on threads that are made for the call.
+ * parallel.h: the engine's hook for threads, on a team of threads that stays for the next call.
  */
 #ifndef QM_PARALLEL_H
 #define QM_PARALLEL_H

@@ -117,14 +117,8 @@ static void set_fine(void *data, int worker)
     }
 }
 
-/** One coordinate of a sum of vertices as a cell of the curve; inverse is 2^24 over their number. */
-static inline uint32_t sum_cell(uint64_t sum, int field, uint32_t inverse, int bits)
-{
-    uint32_t fine = (uint32_t)(sum >> (field * FIELD_BITS)) & ((1u << FIELD_BITS) - 1);
-    return (uint32_t)((uint64_t)fine * inverse >> (24 + FINE_BITS - bits));
-}
-
-static uint64_t face_sum(const order_work *work, size_t face, uint32_t *inverse)
+/** Sum of the corners of a face; inverse becomes 2^24 over their number. */
+static inline uint64_t face_sum(const order_work *work, size_t face, uint32_t *inverse)
 {
     const uint64_t *vertices = work->vertices;
     *inverse = 1u << 24;
@@ -136,34 +130,38 @@ static uint64_t face_sum(const order_work *work, size_t face, uint32_t *inverse)
     return is_quad ? sum + vertices[corner[3]] : sum;
 }
 
-static inline void set_own_keys(const order_work *work, int worker, int bits)
+/** Cells of the curve that the middles of faces lie in. */
+static inline void set_cells(const order_work *work, size_t first, int count, qm_hilbert_cells *cells)
 {
-    qm_hilbert_table table;
-    qm_hilbert_table_init(&table);
-    size_t begin, end;
-    own_range(work, qm_mesh_facet_count(work->mesh), worker, &begin, &end);
-    for (size_t i = begin; i < end; i++) {
+    int shift = 24 + FINE_BITS - work->key_bits;
+    for (int i = 0; i < count; i++) {
         uint32_t inverse;
-        uint64_t sum = face_sum(work, i, &inverse);
-        uint64_t key = qm_hilbert_key(&table, sum_cell(sum, 0, inverse, bits),
-                                      sum_cell(sum, 1, inverse, bits), sum_cell(sum, 2, inverse, bits), bits);
-        work->order[i] = qm_radix_entry(key, i);
+        uint64_t sum = face_sum(work, first + (size_t)i, &inverse);
+        for (int k = 0; k < 3; k++) {
+            uint64_t fine = sum >> (k * FIELD_BITS) & ((1u << FIELD_BITS) - 1);
+            cells->axis[k][i] = (uint32_t)(fine * inverse >> shift);
+        }
     }
 }
 
-/** Each number of bits has a loop of its own, which the compiler unrolls. */
 static void set_keys(void *data, int worker)
 {
     const order_work *work = data;
-    if (work->key_bits == 8)
-        set_own_keys(work, worker, 8);
-    else if (work->key_bits == 10)
-        set_own_keys(work, worker, 10);
-    else
-        set_own_keys(work, worker, QM_HILBERT_BITS);
+    const qm_kernel *kernel = qm_kernel_get();
+    qm_hilbert_cells cells;
+    uint64_t keys[QM_HILBERT_TOGETHER];
+    size_t begin, end;
+    own_range(work, qm_mesh_facet_count(work->mesh), worker, &begin, &end);
+    for (size_t first = begin; first < end; first += QM_HILBERT_TOGETHER) {
+        int count = end - first < QM_HILBERT_TOGETHER ? (int)(end - first) : QM_HILBERT_TOGETHER;
+        set_cells(work, first, count, &cells);
+        kernel->hilbert_keys(&cells, count, work->key_bits, keys);
+        for (int i = 0; i < count; i++)
+            work->order[first + (size_t)i] = qm_radix_entry(keys[i], first + (size_t)i);
+    }
 }
 
-/** Bits that part the faces of a surface into cells of a few faces each; an even number. */
+/** Bits that part the faces of a surface into cells of a few faces each. */
 static int choose_key_bits(size_t faces, qm_bvh_parts parts)
 {
     if (!(parts & QM_BVH_TARGET)) faces /= SOURCE_SHARE;

@@ -77,11 +77,10 @@ static qm_status set_sides(qm_context *ctx, qm_search *search, const qm_bvh *a, 
 }
 
 /** Looks for a good lower bound and queues the root of the source. */
-static void start_side(qm_worker *worker, int index)
+static void start_side(qm_context *ctx, qm_search *search, int index)
 {
-    const qm_search *search = worker->search;
     const qm_side *side = &search->side[index];
-    uint32_t hint = qm_worker_scout(worker, side);
+    uint32_t hint = qm_search_scout(ctx, search, side);
     double radius = sqrt(3.0) * side->source->reach * side->factor;
     double upper = qm_side_pack_upper(search, side, hint, side->shift) + radius;
     qm_entry root = {
@@ -91,7 +90,7 @@ static void start_side(qm_worker *worker, int index)
         .side = (uint8_t)index,
         .level = (uint8_t)side->source->boxes.level_count,
     };
-    qm_worker_push(worker, root, NULL);
+    qm_worker_push(&search->workers[0], root, NULL);
 }
 
 static void run_worker(void *data, int index)
@@ -102,11 +101,8 @@ static void run_worker(void *data, int index)
 static void run(qm_context *ctx, qm_search *search)
 {
     for (int i = 0; i < search->side_count; i++)
-        start_side(&search->workers[0], i);
-    if (search->worker_count > 1)
-        ctx->parallel(ctx->parallel_user, search->worker_count, run_worker, search);
-    else
-        run_worker(search, 0);
+        start_side(ctx, search, i);
+    qm_context_parallel(ctx, search->worker_count, run_worker, search);
 }
 
 static const qm_worker *best_witness(const qm_search *search)

@@ -21,6 +21,16 @@ typedef struct seed_list {
     seed at[PEAK_COUNT]; /* farthest first */
 } seed_list;
 
+/** What the workers share: each measures a range of the seeds, and then some of the peaks of all. */
+typedef struct scout {
+    qm_search *search;
+    const qm_side *side;
+    size_t step; /* packs from seed to seed */
+    mtx_t lock;
+    seed_list peaks; /* guarded by lock while seeds are measured */
+    uint32_t hint;   /* of the last seed */
+} scout;
+
 static void keep_farthest(seed_list *list, seed s)
 {
     if (list->count == PEAK_COUNT && s.distance <= list->at[PEAK_COUNT - 1].distance) return;
@@ -109,18 +119,44 @@ static seed look_closer(qm_worker *worker, const qm_side *side, seed peak, size_
     return best;
 }
 
-uint32_t qm_worker_scout(qm_worker *worker, const qm_side *side)
+static void measure_seeds(void *data, int index)
+{
+    scout *shared = data;
+    qm_search *search = shared->search;
+    size_t packs = shared->side->source->pack_count, seeds = (packs + shared->step - 1) / shared->step;
+    size_t workers = (size_t)search->worker_count;
+    size_t begin = seeds * (size_t)index / workers, end = seeds * ((size_t)index + 1) / workers;
+    seed_list own = {0};
+    seed s = {0};
+    for (size_t i = begin; i < end; i++) {
+        s = measure_middle(&search->workers[index], shared->side, (uint32_t)(i * shared->step), s.hint);
+        keep_farthest(&own, s);
+    }
+    mtx_lock(&shared->lock);
+    for (int i = 0; i < own.count; i++)
+        keep_farthest(&shared->peaks, own.at[i]);
+    if (end == seeds) shared->hint = s.hint;
+    mtx_unlock(&shared->lock);
+}
+
+static void measure_peaks(void *data, int index)
+{
+    const scout *shared = data;
+    qm_worker *worker = &shared->search->workers[index];
+    for (int i = index; i < shared->peaks.count; i += shared->search->worker_count) {
+        seed peak = shared->peaks.at[i];
+        if (shared->step > 1) peak = look_closer(worker, shared->side, peak, shared->step);
+        measure_pack(worker, shared->side, peak);
+    }
+}
+
+uint32_t qm_search_scout(qm_context *ctx, qm_search *search, const qm_side *side)
 {
     size_t packs = side->source->pack_count;
-    size_t step = packs > SEED_COUNT ? packs / SEED_COUNT : 1;
-    seed_list peaks = {0};
-    uint32_t hint = 0;
-    for (size_t i = 0; i < packs; i += step) {
-        seed s = measure_middle(worker, side, (uint32_t)i, hint);
-        hint = s.hint;
-        keep_farthest(&peaks, s);
-    }
-    for (int i = 0; i < peaks.count; i++)
-        measure_pack(worker, side, step > 1 ? look_closer(worker, side, peaks.at[i], step) : peaks.at[i]);
-    return hint;
+    scout shared = {.search = search, .side = side, .step = packs > SEED_COUNT ? packs / SEED_COUNT : 1};
+    mtx_init(&shared.lock, mtx_plain);
+    qm_context_parallel(ctx, search->worker_count, measure_seeds, &shared);
+    qm_context_parallel(ctx, search->worker_count, measure_peaks, &shared);
+    mtx_destroy(&shared.lock);
+    return shared.hint;
 }

@@ -20,6 +20,7 @@
 #include "nearest.h"
 #include "qm/hausdorff.h"
 
+#define QM_CACHE_LINE 64
 #define QM_NEAR_ENOUGH 0.25 /* of the lower bound: a facet within it tells well enough how far a point is */
 
 /** Values of qm_search.stop beside the reasons of qm_hausdorff_stop. */
@@ -43,24 +44,25 @@ typedef struct qm_search {
     qm_side side[2];
     int side_count;
     const qm_kernel *kernel;
-    double eta;            /* no computed distance is off by more, world units */
-    double tolerance;      /* of the search itself: the caller's less the roundings */
-    double floor;          /* bounds at or below this are of no interest (threshold), or 0 */
-    _Atomic double lower;  /* greatest certified distance of a point of a source so far */
-    atomic_int stop;       /* set by whoever sees a reason; the workers then leave */
-    atomic_int busy_count; /* workers that hold an entry which is in no queue */
-    atomic_flag reporting; /* held by the worker that reports progress or looks at the limits */
-    _Atomic uint64_t iterations, projections;
+    double eta;           /* no computed distance is off by more, world units */
+    double tolerance;     /* of the search itself: the caller's less the roundings */
+    double floor;         /* bounds at or below this are of no interest (threshold), or 0 */
+    _Atomic double lower; /* greatest certified distance of a point of a source so far */
+    atomic_int stop;      /* set by whoever sees a reason; the workers then leave */
     int worker_count;
     struct qm_worker *workers;
     const qm_hausdorff_options *options;
     double start_ms;
     double reported_ms, reported_gap, reported_upper; /* guarded by reporting */
+    /* Written all the time, so kept away from what every worker reads. */
+    _Alignas(QM_CACHE_LINE) atomic_int busy_count; /* workers that hold an entry which is in no queue */
+    atomic_flag reporting; /* held by the worker that reports progress or looks at the limits */
+    _Atomic uint64_t iterations, projections;
 } qm_search;
 
 /** Lock rule: queue and top belong to lock; to take two locks, take the one of the lower index first. */
 typedef struct qm_worker {
-    qm_context *ctx;
+    _Alignas(QM_CACHE_LINE) qm_context *ctx; /* so that no two workers write to one line */
     qm_search *search;
     int index;
     mtx_t lock; /* used only when there are several workers */
@@ -136,9 +138,9 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
  */
 qm_vec qm_side_middle(const qm_side *side, uint32_t pack, int *lane, uint32_t *face);
 
-/** Raises the lower bound by a sparse sample of the source and a closer look where it is farthest. Returns
- * a hint. */
-uint32_t qm_worker_scout(qm_worker *worker, const qm_side *side);
+/** Raises the lower bound by a sparse sample of the source and a closer look where it is farthest, with all
+ * workers. Returns a hint. */
+uint32_t qm_search_scout(qm_context *ctx, qm_search *search, const qm_side *side);
 
 /** Upper bound (local) of the distance of p by the triangles of one pack alone. */
 double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p);

@@ -245,11 +245,13 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
     /* Packs are looked at once all eight have had their say on the lower bound, and while they are at hand;
      * so are groups of packs, along the curve, where hints and vertices are still near. */
     for (int m = 0; m < members; m++) {
-        if (entry.level == 1 && child[m].upper > qm_search_allowed(search))
-            visit_pack(worker, child[m]);
-        else if (entry.level == 2 && child[m].upper > qm_search_allowed(search))
-            qm_worker_group(worker, child[m]);
-        else
+        if (entry.level > 2 || child[m].upper <= qm_search_allowed(search)) {
             qm_worker_push(worker, child[m], NULL);
+        } else if (entry.level == 2) {
+            worker->iterations++; /* as an entry of the queue: reports and limits come as often */
+            qm_worker_group(worker, child[m]);
+        } else {
+            visit_pack(worker, child[m]);
+        }
     }
 }

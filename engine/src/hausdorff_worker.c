@@ -35,7 +35,7 @@ static void unlock(qm_worker *worker)
 
 bool qm_search_create_workers(qm_context *ctx, qm_search *search, int count)
 {
-    search->workers = qm_context_alloc(ctx, (size_t)count, sizeof *search->workers);
+    search->workers = qm_context_alloc_aligned(ctx, (size_t)count, sizeof *search->workers);
     if (!search->workers) return false;
     search->worker_count = count;
     for (int i = 0; i < count; i++) {
@@ -53,7 +53,7 @@ void qm_search_destroy_workers(qm_context *ctx, qm_search *search)
         qm_queue_reset(ctx, &search->workers[i].queue);
         mtx_destroy(&search->workers[i].lock);
     }
-    qm_context_free(ctx, search->workers, (size_t)search->worker_count, sizeof *search->workers);
+    qm_context_free_aligned(ctx, search->workers, (size_t)search->worker_count, sizeof *search->workers);
 }
 
 void qm_worker_push(qm_worker *worker, qm_entry entry, const qm_piece *piece)

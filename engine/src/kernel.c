@@ -41,6 +41,7 @@
     void qm_decide_lane_pairs_##isa(const qm_lane_pairs *pairs, unsigned first, qm_pair_verdicts *out);      \
     bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p, \
                                  unsigned moved_q, qm_near_lanes *out);                                      \
+    void qm_hilbert_keys_##isa(const qm_hilbert_cells *cells, int count, int bits, uint64_t *keys);          \
     void qm_vertex_box_##isa(const double *positions, size_t count, qm_box *box);                            \
     void qm_vertex_cells_##isa(const qm_cell_grid *grid, const double *positions, size_t count,              \
                                qm_cell *cells);                                                              \
@@ -83,6 +84,7 @@
         .add_lane_pairs = qm_add_lane_pairs_##isa,                                                           \
         .decide_lane_pairs = qm_decide_lane_pairs_##isa,                                                     \
         .compare_leaves = qm_compare_leaves_##isa,                                                           \
+        .hilbert_keys = qm_hilbert_keys_##isa,                                                               \
         .vertex_box = qm_vertex_box_##isa,                                                                   \
         .vertex_cells = qm_vertex_cells_##isa,                                                               \
         .cell_boxes = qm_cell_boxes_##isa,                                                                   \

@@ -8,6 +8,7 @@
 #include "bvh_tree.h"
 #include "collide_leaf.h"
 #include "collide_marks.h"
+#include "hilbert.h"
 #include "qm/grid.h"
 #include "qm/tetra.h"
 
@@ -208,6 +209,10 @@ typedef struct qm_kernel {
      */
     bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                            unsigned moved_q, qm_near_lanes *out);
+
+    /** Places along the curve of up to QM_HILBERT_TOGETHER cells, whose coordinates are below 2^bits. keys
+     * has room for as many. */
+    void (*hilbert_keys)(const qm_hilbert_cells *cells, int count, int bits, uint64_t *keys);
 
     /** The box of count positions, x y z each: an empty one of none. */
     void (*vertex_box)(const double *positions, size_t count, qm_box *box);

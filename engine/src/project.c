@@ -92,11 +92,19 @@ qm_status qm_project_check(qm_context *ctx, const qm_bvh *bvh, const double *poi
 static qm_status sort_points(qm_context *ctx, const qm_bvh *bvh, const double *points, size_t count,
                              uint64_t *order)
 {
-    qm_hilbert_table table;
-    qm_hilbert_table_init(&table);
-    for (size_t i = 0; i < count; i++) {
-        qm_vec local = qm_frame_local(&bvh->frame, points + 3 * i);
-        order[i] = qm_radix_entry(qm_hilbert_point_key(&table, local), i);
+    qm_hilbert_cells cells;
+    uint64_t keys[QM_HILBERT_TOGETHER];
+    for (size_t first = 0; first < count; first += QM_HILBERT_TOGETHER) {
+        int together = count - first < QM_HILBERT_TOGETHER ? (int)(count - first) : QM_HILBERT_TOGETHER;
+        for (int i = 0; i < together; i++) {
+            qm_vec local = qm_frame_local(&bvh->frame, points + 3 * (first + (size_t)i));
+            cells.axis[0][i] = qm_hilbert_quantise(local.x);
+            cells.axis[1][i] = qm_hilbert_quantise(local.y);
+            cells.axis[2][i] = qm_hilbert_quantise(local.z);
+        }
+        qm_kernel_get()->hilbert_keys(&cells, together, QM_HILBERT_BITS, keys);
+        for (int i = 0; i < together; i++)
+            order[first + (size_t)i] = qm_radix_entry(keys[i], first + (size_t)i);
     }
     return qm_radix_sort(ctx, order, count, 3 * QM_HILBERT_BITS, 1);
 }

@@ -8,25 +8,28 @@
 #define ENTRY_DIGIT_BITS 10 /* at most: places that the first caches hold; or */
 #define WIDE_DIGIT_BITS 12  /* for so many entries that a pass less is worth it: */
 #define MANY_ENTRIES 16384
-#define MIN_RUN 8192 /* entries that make it worth to start another thread */
+#define MIN_SHARE 8192 /* entries that make it worth to start another thread */
+#define MAX_WORKERS 64
+#define SLICE_BITS 10 /* by so many leading bits entries are dealt out to workers */
+#define SLICES (1 << SLICE_BITS)
 
-/** Each worker sorts a run of its own; then runs are merged two by two, every worker a slice of the result.
+/**
+ * With more workers than one each counts a share of the entries by their leading bits. Then whole slices are
+ * dealt out: every worker moves its share to the ranges of those that sort them, and sorts its own range.
  */
 typedef struct sort_work {
     uint64_t *from, *to;
-    size_t count, run; /* entries, and the length of the runs that are sorted already */
+    size_t count;
     int workers;
     int low_bit, digits, digit_bits; /* what is sorted by: entries have a low bit, numbers none */
+    uint32_t (*slice_count)[SLICES]; /* for each worker, of its share */
+    uint8_t owner[SLICES];           /* who sorts the slice */
+    size_t range_begin[MAX_WORKERS + 1];
 } sort_work;
 
-static size_t share(size_t count, int worker, int workers)
-{
-    return count * (size_t)worker / (size_t)workers;
-}
-
-/** Least significant digit first, counting all digits in one pass. */
-static inline void sort_digits(uint64_t *from, uint64_t *to, size_t count, int low_bit, int digits,
-                               int digit_bits)
+/** Least significant digit first, counting all digits in one pass; to home, which is from or to. */
+static inline void sort_digits(uint64_t *from, uint64_t *to, uint64_t *home, size_t count, int low_bit,
+                               int digits, int digit_bits)
 {
     uint32_t place[MAX_DIGITS][1 << MAX_DIGIT_BITS];
     const uint64_t mask = (UINT64_C(1) << digit_bits) - 1;
@@ -34,7 +37,6 @@ static inline void sort_digits(uint64_t *from, uint64_t *to, size_t count, int l
     for (size_t i = 0; i < count; i++)
         for (int d = 0; d < digits; d++)
             place[d][from[i] >> (low_bit + d * digit_bits) & mask]++;
-    uint64_t *home = from;
     for (int d = 0; d < digits; d++) {
         uint32_t start = 0;
         for (uint64_t b = 0; b <= mask; b++) {
@@ -52,85 +54,99 @@ static inline void sort_digits(uint64_t *from, uint64_t *to, size_t count, int l
 }
 
 /** Entries have loops of their own, in which the compiler knows the digits. */
-static void sort_run(const sort_work *work, uint64_t *from, uint64_t *to, size_t count)
+static void sort_alone(const sort_work *work, uint64_t *from, uint64_t *to, uint64_t *home, size_t count)
 {
     if (work->low_bit == 0)
-        sort_digits(from, to, count, 0, work->digits, work->digit_bits);
+        sort_digits(from, to, home, count, 0, work->digits, work->digit_bits);
     else if (work->digits == 3 && work->digit_bits == 8)
-        sort_digits(from, to, count, QM_RADIX_INDEX_BITS, 3, 8);
+        sort_digits(from, to, home, count, QM_RADIX_INDEX_BITS, 3, 8);
     else if (work->digits == 2 && work->digit_bits == WIDE_DIGIT_BITS)
-        sort_digits(from, to, count, QM_RADIX_INDEX_BITS, 2, WIDE_DIGIT_BITS);
+        sort_digits(from, to, home, count, QM_RADIX_INDEX_BITS, 2, WIDE_DIGIT_BITS);
     else if (work->digits == 3 && work->digit_bits == 10)
-        sort_digits(from, to, count, QM_RADIX_INDEX_BITS, 3, 10);
+        sort_digits(from, to, home, count, QM_RADIX_INDEX_BITS, 3, 10);
     else
-        sort_digits(from, to, count, QM_RADIX_INDEX_BITS, work->digits, work->digit_bits);
+        sort_digits(from, to, home, count, QM_RADIX_INDEX_BITS, work->digits, work->digit_bits);
 }
 
-static void sort_own_run(void *data, int worker)
+static size_t share_begin(const sort_work *work, int worker)
+{
+    return work->count * (size_t)worker / (size_t)work->workers;
+}
+
+static uint32_t slice_of(const sort_work *work, uint64_t entry)
+{
+    int bits = work->digits * work->digit_bits, slice_bits = bits < SLICE_BITS ? bits : SLICE_BITS;
+    return (uint32_t)(entry >> (work->low_bit + bits - slice_bits)) & ((1u << slice_bits) - 1);
+}
+
+static void count_slices(void *data, int worker)
 {
     const sort_work *work = data;
-    size_t begin = work->run * (size_t)worker;
-    size_t end = begin + work->run < work->count ? begin + work->run : work->count;
-    if (begin < end) sort_run(work, work->from + begin, work->to + begin, end - begin);
+    uint32_t *count = work->slice_count[worker];
+    memset(count, 0, sizeof work->slice_count[worker]);
+    for (size_t i = share_begin(work, worker); i < share_begin(work, worker + 1); i++)
+        count[slice_of(work, work->from[i])]++;
 }
 
-/** How many of the first place entries of a merge come from a; of equal entries those of b come first. */
-static size_t merge_rank(const uint64_t *a, size_t a_count, const uint64_t *b, size_t b_count, size_t place)
+/** Gives each worker a range of slices with about as many entries as the others'. */
+static void deal_out(sort_work *work)
 {
-    size_t low = place > b_count ? place - b_count : 0, high = place < a_count ? place : a_count;
-    while (low < high) {
-        size_t middle = (low + high) / 2;
-        if (a[middle] < b[place - middle - 1])
-            low = middle + 1;
-        else
-            high = middle;
+    size_t begin = 0;
+    int owner = 0;
+    for (int slice = 0; slice < SLICES; slice++) {
+        while (owner + 1 < work->workers && begin >= share_begin(work, owner + 1))
+            work->range_begin[++owner] = begin;
+        work->owner[slice] = (uint8_t)owner;
+        for (int worker = 0; worker < work->workers; worker++)
+            begin += work->slice_count[worker][slice];
     }
-    return low;
+    while (owner < work->workers)
+        work->range_begin[++owner] = begin;
 }
 
-/** Entries [begin, end) of the merge of a and b. */
-static void merge_slice(const uint64_t *a, size_t a_count, const uint64_t *b, size_t b_count, uint64_t *out,
-                        size_t begin, size_t end)
-{
-    size_t i = merge_rank(a, a_count, b, b_count, begin), j = begin - i;
-    for (size_t k = begin; k < end; k++)
-        out[k] = j == b_count || (i < a_count && a[i] < b[j]) ? a[i++] : b[j++];
-}
-
-static void merge_own_slice(void *data, int worker)
+/** Moves a share of the entries to the ranges that they belong to, after those of the shares before it. */
+static void move_share(void *data, int worker)
 {
     const sort_work *work = data;
-    size_t begin = share(work->count, worker, work->workers),
-           end = share(work->count, worker + 1, work->workers);
-    size_t pair = 2 * work->run;
-    for (size_t start = begin / pair * pair; start < end; start += pair) {
-        size_t left = work->count - start, a_count = left < work->run ? left : work->run;
-        size_t b_count = left - a_count < work->run ? left - a_count : work->run;
-        size_t first = begin > start ? begin - start : 0;
-        size_t last = end - start < a_count + b_count ? end - start : a_count + b_count;
-        merge_slice(work->from + start, a_count, work->from + start + a_count, b_count, work->to + start,
-                    first, last);
-    }
+    size_t place[MAX_WORKERS];
+    memcpy(place, work->range_begin, (size_t)work->workers * sizeof *place);
+    for (int before = 0; before < worker; before++)
+        for (int slice = 0; slice < SLICES; slice++)
+            place[work->owner[slice]] += work->slice_count[before][slice];
+    for (size_t i = share_begin(work, worker); i < share_begin(work, worker + 1); i++)
+        work->to[place[work->owner[slice_of(work, work->from[i])]]++] = work->from[i];
+}
+
+static void sort_range(void *data, int worker)
+{
+    const sort_work *work = data;
+    size_t begin = work->range_begin[worker], end = work->range_begin[worker + 1];
+    uint64_t *home = work->from + begin;
+    sort_alone(work, work->to + begin, home, home, end - begin);
+}
+
+static qm_status sort_together(qm_context *ctx, sort_work *work)
+{
+    work->slice_count = qm_context_alloc(ctx, (size_t)work->workers, sizeof *work->slice_count);
+    if (!work->slice_count) return QM_E_NO_MEMORY;
+    qm_context_parallel(ctx, work->workers, count_slices, work);
+    deal_out(work);
+    qm_context_parallel(ctx, work->workers, move_share, work);
+    qm_context_parallel(ctx, work->workers, sort_range, work);
+    qm_context_free(ctx, work->slice_count, (size_t)work->workers, sizeof *work->slice_count);
+    return QM_OK;
 }
 
 static qm_status sort(qm_context *ctx, sort_work work)
 {
     if (work.count < 2) return QM_OK;
-    uint64_t *entries = work.from, *spare = qm_context_alloc(ctx, work.count, sizeof *spare);
-    if (!spare) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory while sorting");
-    while (work.workers > 1 && work.count / (size_t)work.workers < MIN_RUN)
-        work.workers--;
-    work.to = spare;
-    work.run = (work.count + (size_t)work.workers - 1) / (size_t)work.workers;
-    qm_context_parallel(ctx, work.workers, sort_own_run, &work);
-    for (; work.run < work.count; work.run *= 2) {
-        qm_context_parallel(ctx, work.workers, merge_own_slice, &work);
-        uint64_t *swap = work.from;
-        work.from = work.to;
-        work.to = swap;
-    }
-    if (work.from != entries) memcpy(entries, work.from, work.count * sizeof *entries);
-    qm_context_free(ctx, spare, work.count, sizeof *spare);
+    work.to = qm_context_alloc(ctx, work.count, sizeof *work.to);
+    if (!work.to) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory while sorting");
+    int most = (int)(work.count / MIN_SHARE < MAX_WORKERS ? work.count / MIN_SHARE : MAX_WORKERS);
+    if (work.workers > most) work.workers = most > 1 ? most : 1;
+    if (work.workers == 1 || sort_together(ctx, &work) != QM_OK)
+        sort_alone(&work, work.from, work.to, work.from, work.count);
+    qm_context_free(ctx, work.to, work.count, sizeof *work.to);
     return QM_OK;
 }
 

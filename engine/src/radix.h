@@ -19,7 +19,7 @@ static inline uint64_t qm_radix_entry(uint64_t key, uint64_t index)
  * below 2^key_bits. Returns QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_radix_sort(qm_context *ctx, uint64_t *entries, size_t count, int key_bits, int workers);
 
-/** Sorts whole numbers below 2^bit_count, equal ones too. */
+/** Sorts whole numbers, equal ones too, by their low bit_count bits; those above are the same in all. */
 qm_status qm_radix_sort_numbers(qm_context *ctx, uint64_t *numbers, size_t count, int bit_count, int workers);
 
 #endif

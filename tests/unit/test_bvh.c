@@ -227,6 +227,39 @@ static void entries_are_sorted_by_any_number_of_workers(void **state)
     }
 }
 
+/** Numbers that have their high bits in common, as the pairs of one face do. */
+static void check_numbers(qm_context *ctx, qm_random *random, size_t count, int bit_count)
+{
+    uint64_t *given = malloc(count * sizeof *given), *wanted = malloc(count * sizeof *wanted),
+             *numbers = malloc(count * sizeof *numbers);
+    for (size_t i = 0; i < count; i++)
+        given[i] = UINT64_C(0x2b) << bit_count | qm_random_bits(random) >> (64 - bit_count);
+    memcpy(wanted, given, count * sizeof *wanted);
+    qsort(wanted, count, sizeof *wanted, compare_entries);
+    for (int workers = 1; workers <= 6; workers++) {
+        memcpy(numbers, given, count * sizeof *numbers);
+        assert_int_equal(qm_radix_sort_numbers(ctx, numbers, count, bit_count, workers), QM_OK);
+        QM_CHECK(memcmp(numbers, wanted, count * sizeof *numbers) == 0,
+                 "seed %llu, %zu numbers of %d bits, %d workers", (unsigned long long)qm_check_seed(), count,
+                 bit_count, workers);
+    }
+    free(given);
+    free(wanted);
+    free(numbers);
+}
+
+static void numbers_are_sorted_below_bits_in_common(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 1);
+    qm_context ctx = qm_context_make();
+    ctx.parallel = qm_parallel_run;
+    for (int bit_count = 1; bit_count <= 40; bit_count += 3) {
+        check_numbers(&ctx, &random, 3, bit_count);
+        check_numbers(&ctx, &random, 60000, bit_count);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -236,6 +269,7 @@ int main(void)
         cmocka_unit_test(sources_hold_no_triangles_and_are_refused_as_targets),
         cmocka_unit_test(a_stray_vertex_costs_no_precision),
         cmocka_unit_test(entries_are_sorted_by_any_number_of_workers),
+        cmocka_unit_test(numbers_are_sorted_below_bits_in_common),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -520,7 +520,15 @@ static void near_planes_of_other_facets_are_exact(void **state)
 
 /* ---- the call ---- */
 
-static void threads_change_nothing(void **state)
+/** The maximum, which caps all bounds, is known to within its tolerance, and lies elsewhere in it with other
+ * threads. */
+static void check_same(qm_interval found, qm_interval with_one, double tolerance)
+{
+    assert_true(fabs(found.lower - with_one.lower) <= tolerance);
+    assert_true(fabs(found.upper - with_one.upper) <= tolerance);
+}
+
+static void threads_change_no_more_than_the_maximum_may(void **state)
 {
     (void)state;
     qm_mesh a = qm_shape_torus(24, 12, 1.0, 0.3), b = qm_shape_torus(20, 10, 1.0, 0.31);
@@ -529,13 +537,13 @@ static void threads_change_nothing(void **state)
     ctx.parallel = qm_parallel_run;
     static const int threads[3] = {1, 2, 7};
     for (int i = 0; i < 3; i++) {
-        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-2);
+        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-9);
         options.thread_count = threads[i];
         options.piece_limit = 5000;
         assert_int_equal(measure_in(&ctx, &a, &b, &options, &found[i]), QM_OK);
-        assert_memory_equal(&found[i].mean, &found[0].mean, sizeof found[0].mean);
-        assert_memory_equal(&found[i].rms, &found[0].rms, sizeof found[0].rms);
-        assert_int_equal(found[i].pieces, found[0].pieces);
+        check_same(found[i].mean, found[0].mean, options.tolerance);
+        check_same(found[i].rms, found[0].rms, options.tolerance);
+        check_same(found[i].max, found[0].max, options.tolerance);
         assert_memory_equal(found[i].vertex_distance, found[0].vertex_distance,
                             found[0].vertex_count * sizeof *found[0].vertex_distance);
     }
@@ -682,7 +690,7 @@ int main(void)
         cmocka_unit_test(moved_copies_agree_with_sampling),
         cmocka_unit_test(finer_copies_agree_with_sampling),
         cmocka_unit_test(near_planes_of_other_facets_are_exact),
-        cmocka_unit_test(threads_change_nothing),
+        cmocka_unit_test(threads_change_no_more_than_the_maximum_may),
         cmocka_unit_test(bad_options_are_refused),
         cmocka_unit_test(a_cancelled_call_leaves_nothing),
         cmocka_unit_test(a_cancelled_call_tells_what_it_has),

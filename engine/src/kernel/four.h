@@ -11,6 +11,11 @@ typedef double qm_four __attribute__((vector_size(32)));
 typedef int64_t qm_four_mask __attribute__((vector_size(32)));
 typedef float qm_four_floats __attribute__((vector_size(16)));
 
+static inline qm_four qm_four_set(double x)
+{
+    return (qm_four){0} + x;
+}
+
 /** a where the mask is all ones, b where it is all zeros */
 static inline qm_four qm_four_select(qm_four_mask mask, qm_four a, qm_four b)
 {

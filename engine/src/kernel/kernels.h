@@ -45,6 +45,7 @@ void QM_KERNEL(add_lane_pairs)(const qm_leaf *p, const qm_leaf *q, bool seeks_al
 void QM_KERNEL(decide_lane_pairs)(const qm_lane_pairs *pairs, unsigned first, qm_pair_verdicts *out);
 bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                                unsigned moved_q, qm_near_lanes *out);
+void QM_KERNEL(hilbert_keys)(const qm_hilbert_cells *cells, int count, int bits, uint64_t *keys);
 void QM_KERNEL(vertex_box)(const double *positions, size_t count, qm_box *box);
 void QM_KERNEL(vertex_cells)(const qm_cell_grid *grid, const double *positions, size_t count, qm_cell *cells);
 unsigned QM_KERNEL(cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,

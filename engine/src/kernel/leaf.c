@@ -26,7 +26,6 @@ static inline uint32_t mix_position(const double *position)
 static inline void load_vertices(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind,
                                  const qm_pack_lanes *lanes, qm_leaf *leaf)
 {
-    typedef float four_floats __attribute__((vector_size(16)));
     typedef uint32_t four_words __attribute__((vector_size(16)));
     const double *positions = bvh->mesh.positions;
     const qm_four origin = {frame->origin.x, frame->origin.y, frame->origin.z, 0.0};
@@ -36,7 +35,7 @@ static inline void load_vertices(const qm_bvh *bvh, const qm_frame *frame, qm_co
         const double *position = positions + 3 * (size_t)lanes->vertex[i];
         uint32_t mark = kind == QM_COLLIDE_TWO ? mix_position(position) : lanes->vertex[i];
         qm_four from_middle = (qm_four_position(position) - origin) * frame->scale - middle;
-        four_words row = (four_words) __builtin_convertvector(from_middle, four_floats);
+        four_words row = (four_words)qm_four_round(from_middle);
         row[3] = mark; /* in one piece: reading what was stored in two would wait for both */
         memcpy(leaf->vertex[i], &row, sizeof row);
     }

@@ -102,15 +102,15 @@ static void offer(tetra_walk *walk, uint32_t patch, const qm_tetra_part *part)
         corner[i] = qm_tetra_vertex(tetra, vertex[i]);
     double radius = (double)tetra->nodes[part->node].radius, reach = walk->limit + radius;
     if (corners_box_d2(corner, walk->p) > reach * reach * (1.0 + LIMIT_MARGIN)) return;
-    qm_v4_vec corners = qm_tetra_corners(corner);
+    qm_four_vec corners = qm_tetra_corners(corner);
     double lower = qm_tetra_lower(corners, walk->p) - radius;
     if (lower > walk->limit) return;
     if (qm_tetra_part_is_leaf(part)) {
         visit_leaf(walk, part);
         return;
     }
-    qm_v4_vec way = qm_v4_vec_sub(corners, qm_v4_vec_splat(walk->p));
-    lower_limit(walk, sqrt(qm_v4_least(qm_v4_vec_dot(way, way))));
+    qm_four_vec way = qm_four_vec_sub(corners, qm_four_vec_splat(walk->p));
+    lower_limit(walk, sqrt(qm_four_least(qm_four_vec_dot(way, way))));
     push(walk, (waiting){lower, 0, patch, *part});
 }
 
