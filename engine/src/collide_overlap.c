@@ -28,8 +28,7 @@ typedef struct overlap_work {
     qm_cell_marks *marks[2]; /* where each mesh has faces */
     qm_cell_list list;       /* of faces that are at hand */
     size_t rows_left;        /* how many more rows may be marked */
-    qm_hilbert_table curve;
-    int key_shift; /* of the sum of two cells */
+    int key_shift;           /* of the sum of two cells */
     qm_overlap *out;
 } overlap_work;
 
@@ -108,25 +107,33 @@ static bool would_pay(const overlap_work *work)
     return 3 * near <= 2 * looked_at;
 }
 
-/** Where the middle of a box of cells lies along one axis. */
-static inline uint32_t middle_cell(const overlap_work *work, qm_cell low, qm_cell high, int axis)
-{
-    return (qm_cell_axis(low, axis) + qm_cell_axis(high, axis)) >> work->key_shift;
-}
-
-/** Puts the faces of the list into a part, by their place along the curve. */
-static void add_list(overlap_work *work, int side)
+/** Puts some faces of the list into a part, by their place along the curve. */
+static void add_faces(overlap_work *work, int side, unsigned first, unsigned count)
 {
     const qm_cell_list *list = &work->list;
     const uint32_t *faces = work->mesh[side]->faces;
     qm_bvh_part *part = &work->out->part[side];
-    for (unsigned i = 0; i < list->count; i++) {
-        qm_cell low = list->low[i], high = list->high[i];
-        uint64_t key = qm_hilbert_key(&work->curve, middle_cell(work, low, high, QM_CELL_X),
-                                      middle_cell(work, low, high, QM_CELL_Y),
-                                      middle_cell(work, low, high, QM_CELL_Z), KEY_BITS);
-        part->entries[part->count++] = qm_radix_entry(key, list->face[i]);
-        part->quad_count += faces[4 * (size_t)list->face[i] + 3] != QM_NO_INDEX;
+    static const int shift[3] = {QM_CELL_X, QM_CELL_Y, QM_CELL_Z};
+    qm_hilbert_cells middle;
+    uint64_t keys[QM_HILBERT_TOGETHER];
+    for (int k = 0; k < 3; k++)
+        for (unsigned i = 0; i < count; i++)
+            middle.axis[k][i] = (qm_cell_axis(list->low[first + i], shift[k]) +
+                                 qm_cell_axis(list->high[first + i], shift[k])) >>
+                                work->key_shift;
+    work->kernel->hilbert_keys(&middle, (int)count, KEY_BITS, keys);
+    for (unsigned i = 0; i < count; i++) {
+        uint32_t face = list->face[first + i];
+        part->entries[part->count++] = qm_radix_entry(keys[i], face);
+        part->quad_count += faces[4 * (size_t)face + 3] != QM_NO_INDEX;
+    }
+}
+
+static void add_list(overlap_work *work, int side)
+{
+    for (unsigned first = 0; first < work->list.count; first += QM_HILBERT_TOGETHER) {
+        unsigned left = work->list.count - first;
+        add_faces(work, side, first, left < QM_HILBERT_TOGETHER ? left : QM_HILBERT_TOGETHER);
     }
 }
 
@@ -172,7 +179,6 @@ static qm_status find_parts(overlap_work *work)
     }
     work->out->is_whole = !mark_faces(work) || !would_pay(work);
     if (work->out->is_whole) return QM_OK;
-    qm_hilbert_table_init(&work->curve);
     for (int k = 0; k < 3; k++)
         if (2 * (work->grid.count[k] + 1) >= 1u << KEY_BITS) work->key_shift = 1;
     qm_status status = keep_near(work, 0);
