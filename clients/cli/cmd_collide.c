@@ -19,23 +19,22 @@
     "  --json           the result object of the API on standard output\n"                                   \
     "  --server URL     ask a daemon instead of this process\n"                                              \
     "\n"
-#define PAIRS_USAGE                                                                                          \
+#define PAIRS_USAGE(whose)                                                                                   \
     "  --csv FILE       all pairs as rows face_a,face_b (-o FILE is the same)\n"                             \
     "  --mode M         all pairs (default), the first one, or any\n"                                        \
     "  --limit N        pairs that are told with the place where they meet (default 1000; in words 10)\n"    \
-    "  --tolerance X    of bilinear quads, a share of the diagonal of A's box (default 1e-6): pairs "        \
-    "nearer\n"                                                                                               \
-    "                   than this may be told too\n" COMMON_USAGE                                            \
+    "  --tolerance X    of bilinear quads, a share of the diagonal of " whose " box (default 1e-6):\n"       \
+    "                   pairs nearer than this may be told too\n" COMMON_USAGE                               \
     "Exit status: 0 clear, 1 bad input, 2 wrong usage, 3 interrupted, 4 colliding.\n"
 
 static const char collide_usage[] = "usage: quadmesh collide A B [options]\n"
                                     "\n"
                                     "Which faces of A and B meet, touching included.\n"
-                                    "\n" PAIRS_USAGE;
+                                    "\n" PAIRS_USAGE("A's");
 static const char self_usage[] = "usage: quadmesh self-collide MESH [options]\n"
                                  "\n"
                                  "Which faces of a mesh meet besides the corners and edges that they share.\n"
-                                 "\n" PAIRS_USAGE;
+                                 "\n" PAIRS_USAGE("its");
 static const char distance_usage[] =
     "usage: quadmesh distance A B [options]\n"
     "\n"

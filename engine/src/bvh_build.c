@@ -164,33 +164,30 @@ static qm_status build_tree(pack_builder *builder, qm_bvh_parts parts)
     return QM_OK;
 }
 
-static qm_status build_from_order(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, int thread_count,
-                                  const uint64_t *order)
+qm_status qm_bvh_build_ordered(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, int thread_count,
+                               const qm_bvh_faces *faces)
 {
     pack_builder builder = {.ctx = ctx,
                             .kernel = qm_kernel_get(),
                             .bvh = bvh,
-                            .order = order,
-                            .count = qm_mesh_facet_count(&bvh->mesh),
+                            .order = faces->order,
+                            .count = faces->count,
                             .workers = thread_count};
-    size_t quads = count_quads(&bvh->mesh);
-    bvh->has_quads = quads > 0;
-    if (quads == 0 || quads == builder.count) {
-        builder.stride = quads > 0 ? QM_PACK_LANES / 2 : QM_PACK_LANES;
+    bvh->has_quads = faces->quad_count > 0;
+    if (faces->quad_count == 0 || faces->quad_count == faces->count) {
+        builder.stride = bvh->has_quads ? QM_PACK_LANES / 2 : QM_PACK_LANES;
         bvh->pack_count = (builder.count + builder.stride - 1) / builder.stride;
     } else {
         builder.first = qm_context_alloc(ctx, builder.count + 1, sizeof *builder.first);
         if (!builder.first) return QM_E_NO_MEMORY;
-        bvh->pack_count = set_first(&bvh->mesh, order, builder.count, builder.first);
+        bvh->pack_count = set_first(&bvh->mesh, faces->order, builder.count, builder.first);
     }
     qm_status status = build_tree(&builder, parts);
     qm_context_free(ctx, builder.first, builder.count + 1, sizeof *builder.first);
     return status;
 }
 
-/** True when the surface has much less than half the size of its frame: far vertices without a face made it.
- */
-static bool frame_is_wide(const qm_bvh *bvh)
+bool qm_bvh_frame_is_wide(const qm_bvh *bvh)
 {
     qm_box box = qm_box_tree_whole(&bvh->boxes);
     double half = 0.0;
@@ -199,7 +196,7 @@ static bool frame_is_wide(const qm_bvh *bvh)
     return half < 0.25;
 }
 
-static void reset_tree(qm_context *ctx, qm_bvh *bvh)
+void qm_bvh_reset(qm_context *ctx, qm_bvh *bvh)
 {
     qm_box_tree_reset(ctx, &bvh->boxes);
     qm_bits_free(ctx, bvh->stale, bvh->pack_count);
@@ -208,16 +205,17 @@ static void reset_tree(qm_context *ctx, qm_bvh *bvh)
     qm_context_free(ctx, bvh->rows_place, bvh->pack_count + 1, sizeof *bvh->rows_place);
     qm_context_free_aligned(ctx, bvh->rows, bvh->pack_count, sizeof *bvh->rows);
     qm_context_free(ctx, bvh->lanes, bvh->pack_count, sizeof *bvh->lanes);
+    *bvh = (qm_bvh){.mesh = bvh->mesh};
 }
 
 static qm_status build(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, qm_frame_of of, int thread_count,
                        uint64_t *order)
 {
+    qm_bvh_faces faces = {order, qm_mesh_facet_count(&bvh->mesh), count_quads(&bvh->mesh)};
     qm_status status = qm_bvh_order(ctx, &bvh->mesh, parts, of, thread_count, &bvh->frame, order);
-    if (status == QM_OK) status = build_from_order(ctx, bvh, parts, thread_count, order);
-    if (status != QM_OK || of == QM_FRAME_OF_SURFACE || !frame_is_wide(bvh)) return status;
-    reset_tree(ctx, bvh);
-    *bvh = (qm_bvh){.mesh = bvh->mesh};
+    if (status == QM_OK) status = qm_bvh_build_ordered(ctx, bvh, parts, thread_count, &faces);
+    if (status != QM_OK || of == QM_FRAME_OF_SURFACE || !qm_bvh_frame_is_wide(bvh)) return status;
+    qm_bvh_reset(ctx, bvh);
     return build(ctx, bvh, parts, QM_FRAME_OF_SURFACE, thread_count, order);
 }
 
@@ -249,7 +247,7 @@ qm_status qm_bvh_build(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts,
 void qm_bvh_destroy(qm_context *ctx, qm_bvh *bvh)
 {
     if (!bvh) return;
-    reset_tree(ctx, bvh);
+    qm_bvh_reset(ctx, bvh);
     qm_context_free(ctx, bvh, 1, sizeof *bvh);
 }
 

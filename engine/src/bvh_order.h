@@ -1,5 +1,6 @@
 /**
- * bvh_order.h: first half of building a tree: the frame of a mesh and the order of its faces.
+ * bvh_order.h: building a tree in halves: the frame of a mesh and the order of its faces, then packs of them
+ * and boxes.
  */
 #ifndef QM_BVH_ORDER_H
 #define QM_BVH_ORDER_H
@@ -28,5 +29,22 @@ typedef enum qm_frame_of { QM_FRAME_OF_VERTICES, QM_FRAME_OF_SURFACE } qm_frame_
  */
 qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts, qm_frame_of of,
                        int thread_count, qm_frame *frame, uint64_t *order);
+
+/** The faces that a tree is over, in order, as above. */
+typedef struct qm_bvh_faces {
+    const uint64_t *order;
+    size_t count, quad_count;
+} qm_bvh_faces;
+
+/** Makes the tree in a frame that is set; QM_OK, QM_E_NO_MEMORY or QM_E_CANCELED. */
+qm_status qm_bvh_build_ordered(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, int thread_count,
+                               const qm_bvh_faces *faces);
+
+/** True when the surface has much less than half the size of its frame: far vertices without a face made it.
+ */
+bool qm_bvh_frame_is_wide(const qm_bvh *bvh);
+
+/** Frees all but the mesh and the tree itself. */
+void qm_bvh_reset(qm_context *ctx, qm_bvh *bvh);
 
 #endif

@@ -31,8 +31,19 @@ typedef struct qm_cell_boxes {
     _Alignas(32) qm_cell low[QM_CELL_FACES], high[QM_CELL_FACES];
 } qm_cell_boxes;
 
-/** Lays the grid over what the boxes of two meshes' vertices have in common; false when that is nothing. */
-bool qm_cell_grid_lay(const qm_mesh *const mesh[2], qm_cell_grid *grid);
+#define QM_CELL_LIST 512 /* faces */
+
+/** Faces with the cells that their boxes reach into; there is room beyond the end for what is put in eight at
+ * a time. */
+typedef struct qm_cell_list {
+    _Alignas(32) uint32_t face[QM_CELL_LIST + QM_CELL_FACES];
+    qm_cell low[QM_CELL_LIST + QM_CELL_FACES], high[QM_CELL_LIST + QM_CELL_FACES];
+    unsigned count; /* at most QM_CELL_LIST before faces are added */
+} qm_cell_list;
+
+/** Lays the grid over what the boxes of two meshes' vertices, which are told, have in common; false when that
+ * is nothing. */
+bool qm_cell_grid_lay(const qm_mesh *const mesh[2], qm_box box[2], qm_cell_grid *grid);
 
 /** Rows from one x to the next are this many apart. */
 static inline uint32_t qm_cell_stride(const qm_cell_grid *grid)

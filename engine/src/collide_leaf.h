@@ -26,14 +26,37 @@ typedef enum qm_collide_kind {
 typedef struct qm_near_lanes {
     uint64_t near;  /* may meet: all others don't */
     uint64_t alike; /* of those, ones that have a corner of the same mark; none in SELF */
-    /* [lane][other lane], set where they are alike: the corner of either, as 4 * its own + the other's */
+    /* [lane][other lane], in TWO where they are alike: the corner of either, as 4 * its own + the other's */
     _Alignas(32) int32_t corners[QM_PACK_LANES][QM_PACK_LANES];
 } qm_near_lanes;
 
+#define QM_PAIRS_ENOUGH 64 /* pairs of lanes that are decided together */
+#define QM_PAIRS_MOST (QM_PAIRS_ENOUGH + QM_PACK_LANES * QM_PACK_LANES)
+
+/** Pairs of a lane of one leaf and one of another that wait to be decided, eight at a time. */
+typedef struct qm_lane_pairs {
+    _Alignas(
+        32) float corner[2][3][QM_PAIRS_MOST][4]; /* [side][corner][pair], rows of vertex[] of its leaf */
+    float shift[QM_PAIRS_MOST][4];   /* x, y, z of the second leaf's middle from the first one's; the error of
+                                        every coordinate */
+    uint32_t lane[2][QM_PAIRS_MOST]; /* [side][pair]: QM_PACK_LANES * its pack + the lane */
+    unsigned count;
+} qm_lane_pairs;
+
+/** What single precision tells about eight pairs of lanes, a bit each: those in neither don't meet. */
+typedef struct qm_pair_verdicts {
+    unsigned meet, open; /* proven to meet; left to exact tests */
+} qm_pair_verdicts;
+
 typedef struct qm_leaf {
     _Alignas(32) float corner[3][3][QM_PACK_LANES]; /* [corner][axis][lane], from the middle */
-    float plane[4][4][QM_PACK_LANES]; /* a normal and its product with a point of the plane: the triangle's
-                                         own, then those through its edges, looking away from it */
+    union {
+        float vertex[3 * QM_PACK_LANES]
+                    [4]; /* in TWO: x, y, z from the middle and the mark, as a float's bits */
+        float plane[4][4][QM_PACK_LANES]; /* else: a normal and its product with a point of the plane: the
+                                             triangle's own, then those through its edges, looking away from
+                                             it */
+    };
     float low[3][QM_PACK_LANES], high[3][QM_PACK_LANES];
     float size[QM_PACK_LANES];       /* the longest side of the lane's box and a little more */
     uint32_t mark[3][QM_PACK_LANES]; /* equal for corners that are one: the vertex within one mesh;
@@ -43,6 +66,7 @@ typedef struct qm_leaf {
     float reach;                     /* greatest coordinate of a corner by magnitude */
     float error; /* of every coordinate, middle included; INFINITY: out of the filter's range */
     uint32_t pack, lane_count;
+    uint8_t place[QM_PACK_LANES][3]; /* of each lane's corners in vertex[] */
 } qm_leaf;
 
 /** A part of a tree: a pack (level 0) or a group, with its box in the tree's own frame. */

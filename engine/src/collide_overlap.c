@@ -8,15 +8,16 @@
 
 #include <string.h>
 
+#include "hilbert.h"
 #include "kernel.h"
+#include "radix.h"
 
 #define MOST_ROWS 64            /* faces that reach into more rows of cells are not looked up: they stay */
 #define ROWS_A_FACE 16          /* on average; where faces are so large, the grid doesn't pay */
 #define MOST_VERTICES INT32_MAX /* more of a mesh are numbered beyond what is looked up eight at a time */
-#define FEWEST_FACES 2000       /* of both meshes; for fewer it doesn't pay either */
-#define SAMPLE_STEP 31          /* eight faces of so many times eight tell what share would go */
-
-typedef uint8_t near_bits; /* of QM_CELL_FACES faces */
+#define KEY_BITS 8        /* an axis: twice the cells, or as many where they are more than half of that */
+#define FEWEST_FACES 2000 /* of both meshes; for fewer it doesn't pay either */
+#define SAMPLE_STEP 31    /* eight faces of so many times eight tell what share would go */
 
 typedef struct overlap_work {
     qm_context *ctx;
@@ -25,6 +26,9 @@ typedef struct overlap_work {
     qm_cell_grid grid;
     qm_cell *cells[2];       /* of each vertex */
     qm_cell_marks *marks[2]; /* where each mesh has faces */
+    qm_cell_list list;       /* of faces that are at hand */
+    size_t rows_left;        /* how many more rows may be marked */
+    int key_shift;           /* of the sum of two cells */
     qm_overlap *out;
 } overlap_work;
 
@@ -58,20 +62,34 @@ static inline unsigned find_near(const overlap_work *work, int side, const qm_ce
     return near & faces;
 }
 
+/** Marks the cells of the faces of the list; false when they are too large for that. */
+static bool mark_list(overlap_work *work, int side)
+{
+    const qm_cell_list *list = &work->list;
+    for (unsigned i = 0; i < list->count; i++) {
+        qm_cell_rows rows = qm_cell_rows_find(list->low[i], list->high[i]);
+        if (qm_cell_rows_count(&rows) > work->rows_left) return false;
+        work->rows_left -= qm_cell_rows_count(&rows);
+        qm_cell_marks_add(&work->grid, work->marks[side], &rows);
+    }
+    return true;
+}
+
 /** Marks the cells of all faces of the second mesh; false when they are too large for that. */
 static bool mark_faces(overlap_work *work)
 {
-    size_t count = work->mesh[1]->face_count, rows_left = ROWS_A_FACE * count;
+    size_t count = work->mesh[1]->face_count;
+    work->rows_left = ROWS_A_FACE * count;
+    work->list.count = 0;
     for (size_t first = 0; first < count; first += QM_CELL_FACES) {
         qm_cell_boxes boxes;
-        for (unsigned faces = find_boxes(work, 1, first, &boxes); faces; faces &= faces - 1) {
-            int i = __builtin_ctz(faces);
-            qm_cell_rows rows = qm_cell_rows_find(boxes.low[i], boxes.high[i]);
-            if (qm_cell_rows_count(&rows) > rows_left) return false;
-            rows_left -= qm_cell_rows_count(&rows);
-            qm_cell_marks_add(&work->grid, work->marks[1], &rows);
-        }
+        unsigned faces = find_boxes(work, 1, first, &boxes);
+        work->kernel->keep_cells(&boxes, (uint32_t)first, faces, &work->list);
+        if (work->list.count < QM_CELL_LIST) continue;
+        if (!mark_list(work, 1)) return false;
+        work->list.count = 0;
     }
+    if (!mark_list(work, 1)) return false;
     qm_cell_marks_spread(&work->grid, work->marks[1]);
     return true;
 }
@@ -89,58 +107,67 @@ static bool would_pay(const overlap_work *work)
     return 3 * near <= 2 * looked_at;
 }
 
-/** Finds the faces of one mesh that are near marked cells of the other, a bit each, and marks their own cells
- * where those will be looked up. Returns how many there are. */
-static size_t find_near_faces(overlap_work *work, int side, near_bits *near)
+/** Puts some faces of the list into a part, by their place along the curve. */
+static void add_faces(overlap_work *work, int side, unsigned first, unsigned count)
 {
-    size_t count = work->mesh[side]->face_count, found = 0;
+    const qm_cell_list *list = &work->list;
+    const uint32_t *faces = work->mesh[side]->faces;
+    qm_bvh_part *part = &work->out->part[side];
+    static const int shift[3] = {QM_CELL_X, QM_CELL_Y, QM_CELL_Z};
+    qm_hilbert_cells middle;
+    uint64_t keys[QM_HILBERT_TOGETHER];
+    for (int k = 0; k < 3; k++)
+        for (unsigned i = 0; i < count; i++)
+            middle.axis[k][i] = (qm_cell_axis(list->low[first + i], shift[k]) +
+                                 qm_cell_axis(list->high[first + i], shift[k])) >>
+                                work->key_shift;
+    work->kernel->hilbert_keys(&middle, (int)count, KEY_BITS, keys);
+    for (unsigned i = 0; i < count; i++) {
+        uint32_t face = list->face[first + i];
+        part->entries[part->count++] = qm_radix_entry(keys[i], face);
+        part->quad_count += faces[4 * (size_t)face + 3] != QM_NO_INDEX;
+    }
+}
+
+static void add_list(overlap_work *work, int side)
+{
+    for (unsigned first = 0; first < work->list.count; first += QM_HILBERT_TOGETHER) {
+        unsigned left = work->list.count - first;
+        add_faces(work, side, first, left < QM_HILBERT_TOGETHER ? left : QM_HILBERT_TOGETHER);
+    }
+}
+
+/** Finds the faces of one mesh that are near marked cells of the other, and marks their own cells where those
+ * will be looked up. */
+static void find_near_faces(overlap_work *work, int side)
+{
+    size_t count = work->mesh[side]->face_count;
+    work->rows_left = SIZE_MAX;
+    work->list.count = 0;
     for (size_t first = 0; first < count; first += QM_CELL_FACES) {
         qm_cell_boxes boxes;
         unsigned faces = find_boxes(work, side, first, &boxes);
-        if (faces) faces = find_near(work, side, &boxes, faces);
-        near[first / QM_CELL_FACES] = (near_bits)faces;
-        found += (size_t)__builtin_popcount(faces);
-        for (; side == 0 && faces; faces &= faces - 1) {
-            int i = __builtin_ctz(faces);
-            qm_cell_rows rows = qm_cell_rows_find(boxes.low[i], boxes.high[i]);
-            qm_cell_marks_add(&work->grid, work->marks[0], &rows);
-        }
+        work->kernel->keep_cells(&boxes, (uint32_t)first, find_near(work, side, &boxes, faces), &work->list);
+        if (work->list.count < QM_CELL_LIST && first + QM_CELL_FACES < count) continue;
+        if (side == 0) mark_list(work, 0);
+        add_list(work, side);
+        work->list.count = 0;
     }
     if (side == 0) qm_cell_marks_spread(&work->grid, work->marks[0]);
-    return found;
 }
 
-static qm_status copy_faces(const overlap_work *work, int side, const near_bits *near, size_t count)
-{
-    const qm_mesh *mesh = work->mesh[side];
-    qm_mesh *part = &work->out->part[side];
-    work->out->capacity[side] = count;
-    part->faces = qm_context_alloc(work->ctx, count, 4 * sizeof *part->faces);
-    part->face_origin = qm_context_alloc(work->ctx, count, sizeof *part->face_origin);
-    part->face_count = 0;
-    if (!part->faces || !part->face_origin) return QM_E_NO_MEMORY;
-    for (size_t first = 0; first < mesh->face_count; first += QM_CELL_FACES) {
-        for (unsigned faces = near[first / QM_CELL_FACES]; faces; faces &= faces - 1) {
-            size_t face = first + (size_t)__builtin_ctz(faces);
-            memcpy(part->faces + 4 * part->face_count, mesh->faces + 4 * face, 4 * sizeof *part->faces);
-            part->face_origin[part->face_count++] = qm_mesh_input_face(mesh, (uint32_t)face);
-        }
-    }
-    return QM_OK;
-}
-
-/** Keeps the faces of one mesh that are near marked cells of the other. They are counted first: room for all
- * of them would be memory that is asked for and given back each time. */
+/** Only what is used of the room is touched. */
 static qm_status keep_near(overlap_work *work, int side)
 {
-    size_t blocks = (work->mesh[side]->face_count + QM_CELL_FACES - 1) / QM_CELL_FACES;
-    near_bits *near = qm_context_alloc(work->ctx, blocks, sizeof *near);
-    if (!near) return QM_E_NO_MEMORY;
-    size_t count = find_near_faces(work, side, near);
-    work->out->is_empty |= count == 0;
-    qm_status status = count > 0 ? copy_faces(work, side, near, count) : QM_OK;
-    qm_context_free(work->ctx, near, blocks, sizeof *near);
-    return status;
+    qm_bvh_part *part = &work->out->part[side];
+    size_t capacity = work->mesh[side]->face_count;
+    part->entries = qm_context_alloc(work->ctx, capacity, sizeof *part->entries);
+    if (!part->entries) return QM_E_NO_MEMORY;
+    work->out->capacity[side] = capacity;
+    part->key_bits = 3 * KEY_BITS;
+    find_near_faces(work, side);
+    work->out->is_empty |= part->count == 0;
+    return QM_OK;
 }
 
 static qm_status find_parts(overlap_work *work)
@@ -150,9 +177,12 @@ static qm_status find_parts(overlap_work *work)
                                    work->cells[side]);
         memset(work->marks[side], 0, (work->grid.row_count + 1) * sizeof *work->marks[side]);
     }
-    bool pays = mark_faces(work) && would_pay(work);
-    qm_status status = pays ? keep_near(work, 0) : QM_OK;
-    return pays && status == QM_OK && !work->out->is_empty ? keep_near(work, 1) : status;
+    work->out->is_whole = !mark_faces(work) || !would_pay(work);
+    if (work->out->is_whole) return QM_OK;
+    for (int k = 0; k < 3; k++)
+        if (2 * (work->grid.count[k] + 1) >= 1u << KEY_BITS) work->key_shift = 1;
+    qm_status status = keep_near(work, 0);
+    return status == QM_OK && !work->out->is_empty ? keep_near(work, 1) : status;
 }
 
 static qm_status run(overlap_work *work)
@@ -173,28 +203,34 @@ static qm_status run(overlap_work *work)
     return status;
 }
 
+/** Whether there are so many faces, and no more, as it takes to look at all of them. */
+static bool fits(const qm_mesh *a, const qm_mesh *b)
+{
+    return a->face_count > 0 && b->face_count > 0 && a->face_count + b->face_count >= FEWEST_FACES &&
+           a->vertex_count <= MOST_VERTICES && b->vertex_count <= MOST_VERTICES &&
+           a->face_count <= QM_RADIX_INDEX_MASK && b->face_count <= QM_RADIX_INDEX_MASK;
+}
+
 qm_status qm_overlap_find(qm_context *ctx, const qm_mesh *a, const qm_mesh *b, qm_overlap *out)
 {
-    overlap_work work = {.ctx = ctx, .kernel = qm_kernel_get(), .mesh = {a, b}, .out = out};
-    *out = (qm_overlap){.part = {*a, *b}};
-    if (a->face_count == 0 || b->face_count == 0 || a->face_count + b->face_count < FEWEST_FACES ||
-        a->vertex_count > MOST_VERTICES || b->vertex_count > MOST_VERTICES)
-        return QM_OK;
-    if (!qm_cell_grid_lay(work.mesh, &work.grid)) {
-        out->is_empty = true;
-        return QM_OK;
-    }
-    return run(&work);
+    *out = (qm_overlap){.is_whole = !fits(a, b)};
+    if (out->is_whole) return QM_OK;
+    overlap_work *work = qm_context_alloc_aligned(ctx, 1, sizeof *work);
+    if (!work) return QM_E_NO_MEMORY;
+    *work = (overlap_work){.ctx = ctx, .kernel = qm_kernel_get(), .mesh = {a, b}, .out = out};
+    qm_box box[2];
+    out->is_empty = !qm_cell_grid_lay(work->mesh, box, &work->grid);
+    out->part[0].box = box[0];
+    out->part[1].box = box[1];
+    qm_status status = out->is_empty ? QM_OK : run(work);
+    qm_context_free_aligned(ctx, work, 1, sizeof *work);
+    return status;
 }
 
 void qm_overlap_reset(qm_context *ctx, qm_overlap *overlap)
 {
-    for (int side = 0; side < 2; side++) {
-        qm_mesh *part = &overlap->part[side];
-        size_t capacity = overlap->capacity[side];
-        if (capacity == 0) continue;
-        qm_context_free(ctx, part->faces, capacity, 4 * sizeof *part->faces);
-        qm_context_free(ctx, part->face_origin, capacity, sizeof *part->face_origin);
-    }
+    for (int side = 0; side < 2; side++)
+        qm_context_free(ctx, overlap->part[side].entries, overlap->capacity[side],
+                        sizeof *overlap->part[side].entries);
     *overlap = (qm_overlap){0};
 }

@@ -5,20 +5,19 @@
 #ifndef QM_COLLIDE_OVERLAP_H
 #define QM_COLLIDE_OVERLAP_H
 
-#include "qm/mesh.h"
+#include "bvh_part.h"
 
 typedef struct qm_overlap {
-    qm_mesh part[2];    /* faces that may meet the other mesh, positions borrowed; face_origin leads to the
-                           input */
-    size_t capacity[2]; /* faces that there is room for; 0 when the part is the mesh itself */
-    bool is_empty;      /* no face can meet another; the parts are then of no use */
+    bool is_whole;       /* leaving out faces would not pay: there are no parts */
+    bool is_empty;       /* no face can meet another: there are no parts either */
+    qm_bvh_part part[2]; /* faces that may meet the other mesh, ready for a tree */
+    size_t capacity[2];  /* entries that there is room for */
 } qm_overlap;
 
 /**
- * Finds the parts: whole meshes where leaving out faces would not pay. Faces whose boxes meet are in the
- * parts, both of them.
+ * Finds the parts. Faces whose boxes meet are in them, both of them.
  *
- * Returns QM_OK or QM_E_NO_MEMORY; qm_overlap_reset frees in any case. The meshes must outlive the parts.
+ * Returns QM_OK or QM_E_NO_MEMORY; qm_overlap_reset frees in any case.
  */
 qm_status qm_overlap_find(qm_context *ctx, const qm_mesh *a, const qm_mesh *b, qm_overlap *out);
 

@@ -1,5 +1,7 @@
 #include "collide_search.h"
 
+#include <string.h>
+
 #include "collide_worker.h"
 
 #define TASKS_PER_WORKER 64 /* pairs of nodes that work is dealt out in */
@@ -67,6 +69,10 @@ static void work_off_tasks(void *data, int index)
         if (task >= c->task_count) break;
         c->kernel->descend(&descent, &c->tasks[task].a, &c->tasks[task].b);
     }
+    if (w->own.is_done || atomic_load(&c->status) != QM_OK) return;
+    size_t before = w->own.pairs.count;
+    qm_collide_decide(&w->own);
+    may_go_on(w, w->own.pairs.count - before);
 }
 
 /* ---- tasks ---- */
@@ -117,6 +123,10 @@ static bool make_worker(crew *c, worker *out)
         for (int i = 0; i < QM_CACHED_LEAVES; i++)
             cache[i].pack = QM_LEAF_NONE;
     }
+    qm_lane_pairs *waiting = qm_context_alloc_aligned(c->search->ctx, 1, sizeof *waiting);
+    if (!waiting) return false;
+    memset(waiting, 0, sizeof *waiting); /* lanes of eight that are not there are computed, too */
+    out->own.waiting = waiting;
     return true;
 }
 
@@ -124,6 +134,7 @@ static void free_worker(qm_context *ctx, worker *w)
 {
     for (int side = 0; side < 2; side++)
         qm_context_free_aligned(ctx, w->own.cache[side], QM_CACHED_LEAVES, sizeof **w->own.cache);
+    qm_context_free_aligned(ctx, w->own.waiting, 1, sizeof *w->own.waiting);
     qm_pair_list_reset(ctx, &w->own.pairs);
 }
 

@@ -26,14 +26,13 @@ static const qm_leaf *get_second_leaf(qm_collide_worker *w, const qm_leaf *first
 
 /** One of two packs that are compared. */
 typedef struct side {
-    const qm_leaf *leaf;
     const qm_pack_lanes *lanes;
     const qm_mesh *mesh;
 } side;
 
-static side make_side(const qm_bvh *bvh, const qm_leaf *leaf)
+static side make_side(const qm_bvh *bvh, uint32_t pack)
 {
-    return (side){leaf, &bvh->lanes[leaf->pack], &bvh->mesh};
+    return (side){&bvh->lanes[pack], &bvh->mesh};
 }
 
 /** In the numbering of the input. */
@@ -74,30 +73,23 @@ static bool triangles_meet(const side *a, int i, const side *b, int j, bool is_s
     return is_self ? qm_tri_tri_cross(p, a_vertex, q, b_vertex) : qm_tri_tri_meet(p, q);
 }
 
-/** Keeps pairs of lanes that have a corner in common, where all pairs of two meshes are asked for, and takes
- * them out of those that are left to test. In equal meshes equal marks are one vertex, and pairs count twice.
- */
-static void take_coincident(qm_collide_worker *w, const side *a, const side *b, const qm_near_lanes *lanes,
+/** Keeps pairs of lanes of equal meshes that have a corner in common, both ways, where all pairs are asked
+ * for, and takes them out of those that are left to test: equal marks are one vertex. */
+static void take_coincident(qm_collide_worker *w, const side *a, const side *b, uint64_t alike,
                             uint64_t *left)
 {
-    bool are_twins = w->search->kind == QM_COLLIDE_TWIN;
     size_t count = 0;
     qm_face_pair *room = qm_pair_list_room(w->search->ctx, &w->pairs, 2 * QM_PACK_LANES * QM_PACK_LANES);
     if (!room) return; /* adding the pairs one by one will tell */
-    uint64_t taken = 0;
-    for (uint64_t alike = lanes->alike; alike; alike &= alike - 1) {
+    *left &= ~alike;
+    for (; alike; alike &= alike - 1) {
         int place = __builtin_ctzll(alike), i = place / QM_PACK_LANES, j = place % QM_PACK_LANES;
         qm_face_pair pair = {lane_face(a, i), lane_face(b, j)};
-        if (are_twins)
-            room[count++] = (qm_face_pair){pair.b, pair.a};
-        else if (!corners_coincide(a, i, b, j, lanes->corners[i][j]))
-            continue;
+        room[count++] = (qm_face_pair){pair.b, pair.a};
         room[count++] = pair;
-        taken |= alike & -alike;
     }
     qm_pair_list_take(&w->pairs, count);
     w->tests += count;
-    *left &= ~taken;
 }
 
 /** Keeps a pair of faces that meet, and for equal meshes the pair the other way round; false when the search
@@ -133,19 +125,81 @@ static bool test_lanes(qm_collide_worker *w, const side *a, int i, const side *b
     return !triangles_meet(a, i, b, j, kind == QM_COLLIDE_SELF) || keep(w, face_a, face_b);
 }
 
-bool qm_collide_triangles(qm_collide_worker *w, const qm_pack_pair *packs)
+/** Packs of one tree. */
+static bool compare_packs(qm_collide_worker *w, const qm_pack_pair *packs)
 {
     const qm_collide_search *search = w->search;
     const qm_leaf *p = get_leaf(w, 0, 0, packs->pack[0]), *q = get_second_leaf(w, p, packs->pack[1]);
-    side a = make_side(search->bvh[0], p), b = make_side(search->bvh[1], q);
+    side a = make_side(search->bvh[0], p->pack), b = make_side(search->bvh[1], q->pack);
     if (search->kind == QM_COLLIDE_TWIN && p == q && !keep_own(w, &a)) return false;
     qm_near_lanes lanes;
     if (!w->kernel->compare_leaves(p, q, search->kind, packs->moved[0], packs->moved[1], &lanes)) return true;
     uint64_t left = lanes.near;
-    if (lanes.alike && search->options->mode == QM_COLLIDE_ALL) take_coincident(w, &a, &b, &lanes, &left);
+    if (lanes.alike && search->options->mode == QM_COLLIDE_ALL)
+        take_coincident(w, &a, &b, lanes.alike, &left);
     for (; left; left &= left - 1) {
         int place = __builtin_ctzll(left);
         if (!test_lanes(w, &a, place / QM_PACK_LANES, &b, place % QM_PACK_LANES)) return false;
     }
     return true;
+}
+
+/** Pairs of lanes that seem to have a corner in common meet when they do. */
+static bool take_alike(qm_collide_worker *w, const uint32_t pack[2], const qm_near_lanes *lanes)
+{
+    side a = make_side(w->search->bvh[0], pack[0]), b = make_side(w->search->bvh[1], pack[1]);
+    bool goes_on = true;
+    w->alike += (size_t)__builtin_popcountll(lanes->alike);
+    for (uint64_t alike = lanes->alike; alike && goes_on; alike &= alike - 1) {
+        int place = __builtin_ctzll(alike), i = place / QM_PACK_LANES, j = place % QM_PACK_LANES;
+        goes_on = corners_coincide(&a, i, &b, j, lanes->corners[i][j])
+                      ? keep(w, lane_face(&a, i), lane_face(&b, j))
+                      : test_lanes(w, &a, i, &b, j);
+    }
+    return goes_on;
+}
+
+/** Does what the verdict about a pair asks for; false when the search may end. */
+static bool take_pair(qm_collide_worker *w, unsigned pair, bool meets)
+{
+    const qm_lane_pairs *waiting = w->waiting;
+    side s[2];
+    int lane[2];
+    for (int k = 0; k < 2; k++) {
+        s[k] = make_side(w->search->bvh[k], waiting->lane[k][pair] / QM_PACK_LANES);
+        lane[k] = (int)(waiting->lane[k][pair] % QM_PACK_LANES);
+    }
+    if (meets) return keep(w, lane_face(&s[0], lane[0]), lane_face(&s[1], lane[1]));
+    return test_lanes(w, &s[0], lane[0], &s[1], lane[1]);
+}
+
+/** Where meshes are alike in places, looking for common corners settles most of what would be left open
+ * there; elsewhere it would settle nothing. */
+bool qm_collide_decide(qm_collide_worker *w)
+{
+    bool goes_on = true;
+    size_t open = w->alike, count = w->alike + w->waiting->count;
+    for (unsigned first = 0; first < w->waiting->count && goes_on; first += QM_PACK_LANES) {
+        qm_pair_verdicts verdicts;
+        w->kernel->decide_lane_pairs(w->waiting, first, &verdicts);
+        open += (size_t)__builtin_popcount(verdicts.open);
+        for (unsigned left = verdicts.meet | verdicts.open; left && goes_on; left &= left - 1) {
+            unsigned i = (unsigned)__builtin_ctz(left);
+            goes_on = take_pair(w, first + i, verdicts.meet >> i & 1);
+        }
+    }
+    w->waiting->count = 0;
+    w->alike = 0;
+    w->seeks_alike = 4 * open > count;
+    return goes_on;
+}
+
+bool qm_collide_triangles(qm_collide_worker *w, const qm_pack_pair *packs)
+{
+    if (w->search->kind != QM_COLLIDE_TWO) return compare_packs(w, packs);
+    const qm_leaf *p = get_leaf(w, 0, 0, packs->pack[0]), *q = get_leaf(w, 1, 1, packs->pack[1]);
+    qm_near_lanes lanes;
+    w->kernel->add_lane_pairs(p, q, w->seeks_alike, w->waiting, &lanes);
+    if (lanes.alike && !take_alike(w, packs->pack, &lanes)) return false;
+    return w->waiting->count < QM_PAIRS_ENOUGH || qm_collide_decide(w);
 }

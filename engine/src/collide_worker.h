@@ -13,8 +13,11 @@
 typedef struct qm_collide_worker {
     const qm_collide_search *search;
     const qm_kernel *kernel;
-    atomic_int *status; /* of all workers: the first that isn't QM_OK ends the search */
-    qm_leaf *cache[2];  /* QM_CACHED_LEAVES 64of each mesh */
+    atomic_int *status;     /* of all workers: the first that isn't QM_OK ends the search */
+    qm_leaf *cache[2];      /* QM_CACHED_LEAVES of each mesh */
+    qm_lane_pairs *waiting; /* in TWO: pairs of triangles that are not decided yet */
+    bool seeks_alike;       /* in TWO: whether to look for triangles with a common corner */
+    size_t alike;           /* how many were found since pairs were decided last */
     qm_pair_list pairs;
     uint64_t least; /* mode first: the least pair so far */
     uint64_t tests, leaf_pairs;
@@ -31,6 +34,9 @@ typedef struct qm_pack_pair {
  * false when the search may end. */
 bool qm_collide_triangles(qm_collide_worker *w, const qm_pack_pair *packs);
 bool qm_collide_patches(qm_collide_worker *w, const qm_pack_pair *packs);
+
+/** Decides the pairs that wait; false when the search may end. */
+bool qm_collide_decide(qm_collide_worker *w);
 
 static inline void qm_collide_stop(atomic_int *search_status, qm_status status)
 {

@@ -36,6 +36,9 @@
     bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
     void qm_fill_leaf_##isa(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,   \
                             qm_leaf *leaf);                                                                  \
+    void qm_add_lane_pairs_##isa(const qm_leaf *p, const qm_leaf *q, bool seeks_alike, qm_lane_pairs *pairs, \
+                                 qm_near_lanes *out);                                                        \
+    void qm_decide_lane_pairs_##isa(const qm_lane_pairs *pairs, unsigned first, qm_pair_verdicts *out);      \
     bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p, \
                                  unsigned moved_q, qm_near_lanes *out);                                      \
     void qm_hilbert_keys_##isa(const qm_hilbert_cells *cells, int count, int bits, uint64_t *keys);          \
@@ -46,6 +49,8 @@
                                  qm_cell_boxes *out);                                                        \
     unsigned qm_cells_marked_##isa(const qm_cell_grid *grid, const qm_cell_marks *marks,                     \
                                    const qm_cell_boxes *boxes, unsigned *large);                             \
+    void qm_keep_cells_##isa(const qm_cell_boxes *boxes, uint32_t first, unsigned faces,                     \
+                             qm_cell_list *list);                                                            \
     void qm_sort_few_##isa(uint64_t *numbers, int count);                                                    \
     static const qm_kernel kernel_##isa = {                                                                  \
         .name = #isa,                                                                                        \
@@ -76,12 +81,15 @@
         .node_distances = qm_node_distances_##isa,                                                           \
         .descend = qm_descend_##isa,                                                                         \
         .fill_leaf = qm_fill_leaf_##isa,                                                                     \
+        .add_lane_pairs = qm_add_lane_pairs_##isa,                                                           \
+        .decide_lane_pairs = qm_decide_lane_pairs_##isa,                                                     \
         .compare_leaves = qm_compare_leaves_##isa,                                                           \
         .hilbert_keys = qm_hilbert_keys_##isa,                                                               \
         .vertex_box = qm_vertex_box_##isa,                                                                   \
         .vertex_cells = qm_vertex_cells_##isa,                                                               \
         .cell_boxes = qm_cell_boxes_##isa,                                                                   \
         .cells_marked = qm_cells_marked_##isa,                                                               \
+        .keep_cells = qm_keep_cells_##isa,                                                                   \
         .sort_few = qm_sort_few_##isa,                                                                       \
     }
 

@@ -193,11 +193,19 @@ typedef struct qm_kernel {
     void (*fill_leaf)(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,
                       qm_leaf *leaf);
 
+    /** Finds the pairs of a lane of p and one of q whose boxes meet, in TWO only, and adds those that are not
+     * alike, or all if none are to be told alike, to what waits to be decided; there is room for all. */
+    void (*add_lane_pairs)(const qm_leaf *p, const qm_leaf *q, bool seeks_alike, qm_lane_pairs *pairs,
+                           qm_near_lanes *out);
+
+    /** Tells whether eight pairs from the first on, a multiple of eight, meet; those that are there. */
+    void (*decide_lane_pairs)(const qm_lane_pairs *pairs, unsigned first, qm_pair_verdicts *out);
+
     /**
      * Finds the pairs of a lane of p and one of q that may meet: all others are proven not to. In SELF
      * corners of the same mark and the edges between them don't count, and of a pair one must have its bit in
-     * moved_p or moved_q. But in TWO, a leaf with itself gives each pair of different lanes once. False when
-     * there are none.
+     * moved_p or moved_q. A leaf with itself gives each pair of different lanes once. False when there are
+     * none. Not in TWO.
      */
     bool (*compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                            unsigned moved_q, qm_near_lanes *out);
@@ -221,6 +229,9 @@ typedef struct qm_kernel {
      * QM_CELL_SPAN cells further, are not looked at: *large has their bits. */
     unsigned (*cells_marked)(const qm_cell_grid *grid, const qm_cell_marks *marks, const qm_cell_boxes *boxes,
                              unsigned *large);
+
+    /** Adds those of eight faces, the first of which is told, that have a bit to a list. */
+    void (*keep_cells)(const qm_cell_boxes *boxes, uint32_t first, unsigned faces, qm_cell_list *list);
 
     /** Sorts up to QM_SORT_FEW numbers below 2^58, equal ones too. */
     void (*sort_few)(uint64_t *numbers, int count);

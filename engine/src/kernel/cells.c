@@ -1,6 +1,9 @@
 /**
- * cells.c: the cells of a grid that eight faces reach into, and whether any of those is marked.
+ * cells.c: the cells of a grid that eight faces reach into, whether any of those is marked, and lists of
+ * some.
  */
+#include <string.h>
+
 #include "../collide_marks.h"
 #include "box.h"
 #include "kernels.h"
@@ -147,4 +150,42 @@ unsigned QM_KERNEL(cells_marked)(const qm_cell_grid *grid, const qm_cell_marks *
     qm_vu wanted = (((zero + 2) << (span & 31)) - 1) << (z & 7);
     *large = ~qm_vi_bits(is_small) & 0xff;
     return qm_vi_bits((qm_vi)((found & wanted) != zero) & is_small);
+}
+
+/** The marked lanes in the order in which they come, then whatever. */
+static inline qm_vu pack_lanes(unsigned marked)
+{
+#if defined(__AVX2__)
+    uint64_t bytes = _pdep_u64(marked, 0x0101010101010101) * 0xff;
+    return (qm_vu)_mm256_cvtepu8_epi32(_mm_cvtsi64_si128((int64_t)_pext_u64(0x0706050403020100, bytes)));
+#else
+    qm_vu lanes = {0};
+    for (unsigned i = 0, n = 0; i < QM_CELL_FACES; i++) {
+        lanes[n] = i;
+        n += marked >> i & 1;
+    }
+    return lanes;
+#endif
+}
+
+static inline qm_vu permute(qm_vu a, qm_vu lanes)
+{
+#if defined(__AVX2__)
+    return (qm_vu)_mm256_permutevar8x32_epi32((__m256i)a, (__m256i)lanes);
+#else
+    qm_vu out;
+    for (int i = 0; i < QM_CELL_FACES; i++)
+        out[i] = a[lanes[i]];
+    return out;
+#endif
+}
+
+void QM_KERNEL(keep_cells)(const qm_cell_boxes *boxes, uint32_t first, unsigned faces, qm_cell_list *list)
+{
+    qm_vu lanes = pack_lanes(faces), face = lanes + first, low = permute(load(boxes->low), lanes),
+          high = permute(load(boxes->high), lanes);
+    memcpy(list->face + list->count, &face, sizeof face);
+    memcpy(list->low + list->count, &low, sizeof low);
+    memcpy(list->high + list->count, &high, sizeof high);
+    list->count += (unsigned)__builtin_popcount(faces);
 }

@@ -1,6 +1,6 @@
 /**
- * compare.c: which lanes of two leaves of the collision search may meet: one triangle against eight. What is
- * told apart here is apart; the rest is for exact tests.
+ * compare.c: which lanes of two leaves of one mesh may meet: one triangle against eight, most of which share
+ * corners with it or with their neighbours. What is told apart here is apart; the rest is for exact tests.
  *
  * Triangles are told apart by planes: that of either triangle, and those through the edges of either at a
  * right angle to it. Where those corners of a triangle that are not shared lie strictly beyond a plane that
@@ -13,69 +13,30 @@
  * below 128 e E (E + W); sizes are enlarged by 4 e for what is of second order. For planes through edges the
  * same count gives 228 E^2 W e + 72 E^3 e, below 256 e E^2 (E + W).
  */
-#include "../collide_leaf.h"
 #include "kernels.h"
-#include "wide.h"
+#include "leaf_boxes.h"
 
 /** Everything is inlined into the two kinds of search, so that neither pays for the other. */
 #define QM_INLINE __attribute__((always_inline))
 
-/** a + shift + margin along each axis */
-static inline wide wide_shift(wide a, const float shift[3], float margin)
-{
-    return (wide){a.x + (shift[0] + margin), a.y + (shift[1] + margin), a.z + (shift[2] + margin)};
-}
-
-/** The corners of q as seen from p's middle, with what bounds the errors of both. */
+/** The corners of q as seen from p's middle. */
 typedef struct against {
-    const qm_leaf *p, *q;
-    wide corner[3], low, high; /* the boxes of q's lanes reach as far out as both may be wrong */
-    float shift[3], error;
+    leaf_boxes boxes;
+    wide corner[3];
     qm_collide_kind kind;
 } against;
 
 static inline void set_against(against *g, const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind)
 {
-    g->p = p;
-    g->q = q;
+    leaf_boxes_set(&g->boxes, p, q);
     g->kind = kind;
-    g->shift[0] = (float)(q->middle.x - p->middle.x);
-    g->shift[1] = (float)(q->middle.y - p->middle.y);
-    g->shift[2] = (float)(q->middle.z - p->middle.z);
-    float far = fabsf(g->shift[0]) + fabsf(g->shift[1]) + fabsf(g->shift[2]);
-    g->error = p->error + q->error + 2.0f * QM_LEAF_ROUNDING * (far + q->reach + p->reach);
     for (int i = 0; i < 3; i++)
-        g->corner[i] = wide_shift(wide_load(q->corner[i]), g->shift, 0.0f);
-    g->low = wide_shift(wide_load(q->low), g->shift, -2.0f * g->error);
-    g->high = wide_shift(wide_load(q->high), g->shift, 2.0f * g->error);
-}
-
-/** Bits of p's lanes whose boxes meet that of q. */
-static inline unsigned lanes_near(const against *g)
-{
-    const qm_leaf *p = g->p, *q = g->q;
-    qm_vi apart = {0};
-    float margin = 2.0f * g->error;
-    for (int k = 0; k < 3; k++) {
-        float low = q->box_low[k] + g->shift[k] - margin, high = q->box_high[k] + g->shift[k] + margin;
-        apart |= (wide_row(p->low[k]) > high) | (wide_row(p->high[k]) < low);
-    }
-    return ~qm_vi_bits(apart) & ((1u << p->lane_count) - 1);
-}
-
-/** Bits of q's lanes whose boxes meet that of p's lane i. */
-static inline unsigned boxes_near(const against *g, int i)
-{
-    const qm_leaf *p = g->p;
-    qm_vi apart = (g->low.x > p->high[0][i]) | (g->high.x < p->low[0][i]);
-    apart |= (g->low.y > p->high[1][i]) | (g->high.y < p->low[1][i]);
-    apart |= (g->low.z > p->high[2][i]) | (g->high.z < p->low[2][i]);
-    return ~qm_vi_bits(apart) & ((1u << g->q->lane_count) - 1);
+        g->corner[i] = leaf_shift(wide_load(q->corner[i]), g->boxes.shift, 0.0f);
 }
 
 static inline qm_vi equal_marks(const against *g, int i, int corner_p, int corner_q)
 {
-    return *(const qm_vi *)(const void *)g->q->mark[corner_q] == (int32_t)g->p->mark[corner_p][i];
+    return *(const qm_vi *)(const void *)g->boxes.q->mark[corner_q] == (int32_t)g->boxes.p->mark[corner_p][i];
 }
 
 /** Which corners of q's lanes are corners of p's lane i in the mesh: same[corner of p][corner of q]. */
@@ -93,18 +54,13 @@ QM_INLINE static inline shared_corners find_shared(const against *g, int i)
     return s;
 }
 
-/** Bits of q's lanes that have any corner of the same mark as one of p's lane i, and which corners. */
-static inline unsigned lanes_alike(const against *g, int i, int32_t corners[QM_PACK_LANES])
+/** Bits of q's lanes that have any corner of the same mark as one of p's lane i. */
+static inline unsigned lanes_alike(const against *g, int i)
 {
-    qm_vi any = {0}, which = {0};
-    for (int c = 0; c < 3; c++) {
-        for (int k = 0; k < 3; k++) {
-            qm_vi here = equal_marks(g, i, c, k);
-            any |= here;
-            which = qm_keys_max(which, here & (4 * c + k));
-        }
-    }
-    *(qm_vi *)(void *)corners = which;
+    qm_vi any = {0};
+    for (int c = 0; c < 3; c++)
+        for (int k = 0; k < 3; k++)
+            any |= equal_marks(g, i, c, k);
     return qm_vi_bits(any);
 }
 
@@ -119,15 +75,16 @@ typedef struct lane_against {
 QM_INLINE static inline lane_against make_lane(const against *g, int i)
 {
     lane_against l = {.g = g, .i = i, .shared = find_shared(g, i)};
-    l.size = wide_row(g->q->size);
-    l.own_size = (qm_vf){0} + g->p->size[i];
-    l.tolerance = 128.0f * g->error * l.own_size * (l.own_size + l.own_size + l.size) + QM_LEAF_UNDERFLOW;
+    l.size = wide_row(g->boxes.q->size);
+    l.own_size = (qm_vf){0} + g->boxes.p->size[i];
+    l.tolerance =
+        128.0f * g->boxes.error * l.own_size * (l.own_size + l.own_size + l.size) + QM_LEAF_UNDERFLOW;
     return l;
 }
 
 static inline qm_vf own_height(const lane_against *l, int plane, int corner)
 {
-    const float(*row)[QM_PACK_LANES] = l->g->p->plane[plane];
+    const float(*row)[QM_PACK_LANES] = l->g->boxes.p->plane[plane];
     wide c = l->g->corner[corner];
     return c.x * row[0][l->i] + c.y * row[1][l->i] + c.z * row[2][l->i];
 }
@@ -150,7 +107,7 @@ QM_INLINE static inline qm_vi apart_by_own_plane(const lane_against *l)
     const qm_vi shared[3] = {same[0][0] | same[1][0] | same[2][0], same[0][1] | same[1][1] | same[2][1],
                              same[0][2] | same[1][2] | same[2][2]};
     const qm_vf height[3] = {own_height(l, 0, 0), own_height(l, 0, 1), own_height(l, 0, 2)};
-    float at = l->g->p->plane[0][3][l->i];
+    float at = l->g->boxes.p->plane[0][3][l->i];
     return one_sided(height, at - l->tolerance, at + l->tolerance, shared);
 }
 
@@ -162,7 +119,7 @@ QM_INLINE static inline qm_vi apart_by_own_edges(const lane_against *l)
     qm_vi apart = {0};
     for (int c = 0; c < 3; c++) {
         int next = (c + 1) % 3;
-        qm_vf limit = l->g->p->plane[1 + c][3][l->i] + tolerance;
+        qm_vf limit = l->g->boxes.p->plane[1 + c][3][l->i] + tolerance;
         qm_vi beyond = ~(qm_vi){0};
         for (int k = 0; k < 3; k++)
             beyond &= same[c][k] | same[next][k] | (own_height(l, 1 + c, k) > limit);
@@ -175,8 +132,8 @@ QM_INLINE static inline qm_vi apart_by_own_edges(const lane_against *l)
 static inline wide own_corner(const lane_against *l, int corner)
 {
     const qm_vf zero = {0};
-    const float(*row)[QM_PACK_LANES] = l->g->p->corner[corner];
-    const float *shift = l->g->shift;
+    const float(*row)[QM_PACK_LANES] = l->g->boxes.p->corner[corner];
+    const float *shift = l->g->boxes.shift;
     return (wide){zero + (row[0][l->i] - shift[0]), zero + (row[1][l->i] - shift[1]),
                   zero + (row[2][l->i] - shift[2])};
 }
@@ -184,10 +141,11 @@ static inline wide own_corner(const lane_against *l, int corner)
 /** Lanes of q that have lane i on one side of their planes, or beyond one of their edges. */
 QM_INLINE static inline qm_vi apart_by_other_planes(const lane_against *l)
 {
-    const qm_leaf *q = l->g->q;
+    const qm_leaf *q = l->g->boxes.q;
     const qm_vi(*same)[3] = l->shared.same;
     wide own[3] = {own_corner(l, 0), own_corner(l, 1), own_corner(l, 2)};
-    qm_vf tolerance = 128.0f * l->g->error * l->size * (l->size + l->size + l->own_size) + QM_LEAF_UNDERFLOW;
+    qm_vf tolerance =
+        128.0f * l->g->boxes.error * l->size * (l->size + l->size + l->own_size) + QM_LEAF_UNDERFLOW;
     const qm_vi shared[3] = {same[0][0] | same[0][1] | same[0][2], same[1][0] | same[1][1] | same[1][2],
                              same[2][0] | same[2][1] | same[2][2]};
     wide normal = wide_load(q->plane[0]);
@@ -214,7 +172,7 @@ QM_INLINE static inline void compare_lane(const against *g, int i, unsigned bits
     unsigned alike = 0;
     bits &= ~qm_vi_bits(apart_by_own_plane(&l));
     if (bits && g->kind != QM_COLLIDE_SELF) {
-        alike = bits & lanes_alike(g, i, out->corners[i]);
+        alike = bits & lanes_alike(g, i);
         bits &= ~alike;
     }
     if (bits) bits &= ~qm_vi_bits(apart_by_own_edges(&l));
@@ -229,11 +187,11 @@ QM_INLINE static inline bool compare(const qm_leaf *p, const qm_leaf *q, qm_coll
 {
     against g;
     set_against(&g, p, q, kind);
-    bool is_same = kind != QM_COLLIDE_TWO && p->pack == q->pack;
+    bool is_same = p->pack == q->pack;
     out->near = out->alike = 0;
-    for (unsigned lanes = lanes_near(&g); lanes; lanes &= lanes - 1) {
+    for (unsigned lanes = leaf_boxes_lanes(&g.boxes); lanes; lanes &= lanes - 1) {
         int i = __builtin_ctz(lanes);
-        unsigned bits = boxes_near(&g, i);
+        unsigned bits = leaf_boxes_near(&g.boxes, i);
         if (is_same) bits &= ~0u << (i + 1);
         if (!(moved_p >> i & 1)) bits &= moved_q;
         if (bits) compare_lane(&g, i, bits, out);
@@ -244,12 +202,6 @@ QM_INLINE static inline bool compare(const qm_leaf *p, const qm_leaf *q, qm_coll
 bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                                unsigned moved_q, qm_near_lanes *out)
 {
-    switch (kind) {
-    case QM_COLLIDE_SELF:
-        return compare(p, q, QM_COLLIDE_SELF, moved_p, moved_q, out);
-    case QM_COLLIDE_TWIN:
-        return compare(p, q, QM_COLLIDE_TWIN, 0xff, 0xff, out);
-    default:
-        return compare(p, q, QM_COLLIDE_TWO, 0xff, 0xff, out);
-    }
+    if (kind == QM_COLLIDE_SELF) return compare(p, q, QM_COLLIDE_SELF, moved_p, moved_q, out);
+    return compare(p, q, QM_COLLIDE_TWIN, 0xff, 0xff, out);
 }

@@ -3,6 +3,7 @@
  */
 #include "../collide_leaf.h"
 #include "box.h"
+#include "four.h"
 #include "kernels.h"
 
 #define LARGEST 1e37 /* coordinates beyond it are all alike: far outside */
@@ -42,6 +43,30 @@ static inline void change_box(const qm_node *node, double scale, const double sh
     }
 }
 
+/** The same of one side of eight boxes along an axis; outward is 1 for their high sides, -1 for the low ones.
+ */
+static inline void change_row(const float row[8], double scale, double shift, float outward, float out[8])
+{
+    const qm_four largest = (qm_four){0} + LARGEST;
+    for (int at = 0; at < 8; at += 4) {
+        qm_four_floats from;
+        memcpy(&from, row + at, sizeof from);
+        qm_four to = __builtin_convertvector(from, qm_four) * scale + shift;
+        qm_four_floats rounded = qm_four_round(qm_four_min(qm_four_max(to, -largest), largest));
+        qm_four_floats widened =
+            rounded + outward * (qm_four_farther((qm_four_floats){0}, rounded) * 0x1p-23f + 0x1p-126f);
+        memcpy(out + at, &widened, sizeof widened);
+    }
+}
+
+static inline void change_group(const qm_box_group *group, const qm_frame_change *change, qm_box_group *out)
+{
+    for (int k = 0; k < 3; k++) {
+        change_row(group->low[k], change->scale_ab, change->shift_ab[k], -1.0f, out->low[k]);
+        change_row(group->high[k], change->scale_ab, change->shift_ab[k], 1.0f, out->high[k]);
+    }
+}
+
 static bool descend(const qm_descent *d, const qm_node *a, const qm_node *b);
 
 static inline bool take_pair(const qm_descent *d, const qm_node *a, const qm_node *b)
@@ -66,10 +91,39 @@ static bool descend_self(const qm_descent *d, const qm_node *node)
     return true;
 }
 
+/** Bits of the pairs of members of two groups whose boxes meet: of members i and j bit 8 i + j. */
+static inline uint64_t groups_meet(const qm_box_group *a, const qm_box_group *b)
+{
+    uint64_t meets = 0;
+    for (int i = 0; i < 8; i++) {
+        const float low[3] = {a->low[0][i], a->low[1][i], a->low[2][i]},
+                    high[3] = {a->high[0][i], a->high[1][i], a->high[2][i]};
+        meets |= (uint64_t)group_meets(b, low, high) << (8 * i);
+    }
+    return meets;
+}
+
+/** All pairs of members of two nodes of one level that meet: both are split at once. */
+static bool descend_both(const qm_descent *d, const qm_node *a, const qm_node *b)
+{
+    qm_box_group of_b;
+    change_group(&d->b->groups[b->level][b->index], &d->change, &of_b);
+    int members_a = qm_box_tree_member_count(d->a, a->level, a->index);
+    uint64_t meets = groups_meet(&d->a->groups[a->level][a->index], &of_b);
+    meets &= ~UINT64_C(0) >> (64 - 8 * members_a) & UINT64_C(0x0101010101010101) * member_bits(d->b, b);
+    for (; meets; meets &= meets - 1) {
+        int pair = __builtin_ctzll(meets);
+        qm_node first = qm_node_child(d->a, a, pair / 8), second = qm_node_child(d->b, b, pair % 8);
+        if (!descend(d, &first, &second)) return false;
+    }
+    return true;
+}
+
 static bool descend(const qm_descent *d, const qm_node *a, const qm_node *b)
 {
     if (a->level <= d->stop_level && b->level <= d->stop_level) return d->take(d->user, a, b);
     if (d->is_one && a->level == b->level && a->index == b->index) return descend_self(d, a);
+    if (!d->is_one && !d->marked && a->level == b->level) return descend_both(d, a, b);
     bool splits_a = a->level >= b->level;
     const qm_box_tree *tree = splits_a ? d->a : d->b;
     const qm_node *split = splits_a ? a : b, *whole = splits_a ? b : a;

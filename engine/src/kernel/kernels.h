@@ -40,6 +40,9 @@ unsigned QM_KERNEL(node_distances)(const qm_descent *descent, const qm_node *a, 
 bool QM_KERNEL(descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);
 void QM_KERNEL(fill_leaf)(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind, uint32_t pack,
                           qm_leaf *leaf);
+void QM_KERNEL(add_lane_pairs)(const qm_leaf *p, const qm_leaf *q, bool seeks_alike, qm_lane_pairs *pairs,
+                               qm_near_lanes *out);
+void QM_KERNEL(decide_lane_pairs)(const qm_lane_pairs *pairs, unsigned first, qm_pair_verdicts *out);
 bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                                unsigned moved_q, qm_near_lanes *out);
 void QM_KERNEL(hilbert_keys)(const qm_hilbert_cells *cells, int count, int bits, uint64_t *keys);
@@ -49,6 +52,7 @@ unsigned QM_KERNEL(cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, 
                                qm_cell_boxes *out);
 unsigned QM_KERNEL(cells_marked)(const qm_cell_grid *grid, const qm_cell_marks *marks,
                                  const qm_cell_boxes *boxes, unsigned *large);
+void QM_KERNEL(keep_cells)(const qm_cell_boxes *boxes, uint32_t first, unsigned faces, qm_cell_list *list);
 void QM_KERNEL(sort_few)(uint64_t *numbers, int count);
 
 #endif

@@ -22,10 +22,9 @@ static inline uint32_t mix_position(const double *position)
     return (uint32_t)(mixed >> 32);
 }
 
-/** Rows of the vertices of a pack: x, y, z from the middle and the mark, which travels as a float's bits. Any
- * point in the midst of a leaf serves as its middle: the first vertex is at hand. */
+/** Any point in the midst of a leaf serves as its middle: the first vertex is at hand. */
 static inline void load_vertices(const qm_bvh *bvh, const qm_frame *frame, qm_collide_kind kind,
-                                 const qm_pack_lanes *lanes, qm_leaf *leaf, float (*vertex)[4])
+                                 const qm_pack_lanes *lanes, qm_leaf *leaf)
 {
     typedef uint32_t four_words __attribute__((vector_size(16)));
     const double *positions = bvh->mesh.positions;
@@ -38,16 +37,8 @@ static inline void load_vertices(const qm_bvh *bvh, const qm_frame *frame, qm_co
         qm_four from_middle = (qm_four_position(position) - origin) * frame->scale - middle;
         four_words row = (four_words)qm_four_round(from_middle);
         row[3] = mark; /* in one piece: reading what was stored in two would wait for both */
-        memcpy(vertex[i], &row, sizeof row);
+        memcpy(leaf->vertex[i], &row, sizeof row);
     }
-}
-
-static inline float least(qm_vf a)
-{
-    float low = a[0];
-    for (int i = 1; i < QM_PACK_LANES; i++)
-        low = a[i] < low ? a[i] : low;
-    return low;
 }
 
 /** The boxes of the lanes and of all; returns the greatest coordinate by magnitude. */
@@ -62,8 +53,8 @@ static inline float set_boxes(qm_leaf *leaf, qm_vf *size)
         wide_store_row(leaf->low[k], low);
         wide_store_row(leaf->high[k], high);
         *size = qm_vf_max(*size, high - low);
-        leaf->box_low[k] = least(low);
-        leaf->box_high[k] = -least(-high);
+        leaf->box_low[k] = -qm_vf_greatest(-low);
+        leaf->box_high[k] = qm_vf_greatest(high);
         float far = -leaf->box_low[k] > leaf->box_high[k] ? -leaf->box_low[k] : leaf->box_high[k];
         reach = far > reach ? far : reach;
     }
@@ -78,25 +69,16 @@ static inline void set_plane(qm_leaf *leaf, int plane, wide normal, wide point)
     wide_store_row(leaf->plane[plane][3], wide_dot(normal, point));
 }
 
-/** Rows of a corner from the vertices of the lanes: x, y, z and the mark, which travels as a float's bits. */
-static inline void set_corner(qm_leaf *leaf, int corner, const float (*vertex)[4], const uint8_t (*place)[3])
+/** Rows of a corner from the vertices of the lanes. */
+static inline void set_corner(qm_leaf *leaf, int corner)
 {
-    typedef float four __attribute__((vector_size(16)));
-    qm_vf lane[4];
-    for (int i = 0; i < 4; i++) {
-        four low = *(const four *)(const void *)vertex[place[i][corner]],
-             high = *(const four *)(const void *)vertex[place[i + 4][corner]];
-        lane[i] = __builtin_shufflevector(low, high, 0, 1, 2, 3, 4, 5, 6, 7);
-    }
-    qm_vf xy01 = __builtin_shufflevector(lane[0], lane[1], 0, 8, 1, 9, 4, 12, 5, 13),
-          xy23 = __builtin_shufflevector(lane[2], lane[3], 0, 8, 1, 9, 4, 12, 5, 13),
-          zi01 = __builtin_shufflevector(lane[0], lane[1], 2, 10, 3, 11, 6, 14, 7, 15),
-          zi23 = __builtin_shufflevector(lane[2], lane[3], 2, 10, 3, 11, 6, 14, 7, 15);
-    wide_store_row(leaf->corner[corner][0], __builtin_shufflevector(xy01, xy23, 0, 1, 8, 9, 4, 5, 12, 13));
-    wide_store_row(leaf->corner[corner][1], __builtin_shufflevector(xy01, xy23, 2, 3, 10, 11, 6, 7, 14, 15));
-    wide_store_row(leaf->corner[corner][2], __builtin_shufflevector(zi01, zi23, 0, 1, 8, 9, 4, 5, 12, 13));
-    qm_vf mark = __builtin_shufflevector(zi01, zi23, 2, 3, 10, 11, 6, 7, 14, 15);
-    memcpy(leaf->mark[corner], &mark, sizeof mark);
+    qm_vf two[4], column[4];
+    for (int i = 0; i < 4; i++)
+        two[i] = wide_join(leaf->vertex[leaf->place[i][corner]], leaf->vertex[leaf->place[i + 4][corner]]);
+    wide_transpose(two, column);
+    for (int k = 0; k < 3; k++)
+        wide_store_row(leaf->corner[corner][k], column[k]);
+    memcpy(leaf->mark[corner], &column[3], sizeof column[3]);
 }
 
 static inline void set_planes(qm_leaf *leaf)
@@ -113,17 +95,15 @@ void QM_KERNEL(fill_leaf)(const qm_bvh *bvh, const qm_frame *frame, qm_collide_k
                           qm_leaf *leaf)
 {
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    _Alignas(16) float vertex[3 * QM_PACK_LANES][4];
-    load_vertices(bvh, frame, kind, lanes, leaf, vertex);
-    uint8_t place[QM_PACK_LANES][3];
-    memcpy(place, lanes->corner, sizeof place);
+    load_vertices(bvh, frame, kind, lanes, leaf);
+    memcpy(leaf->place, lanes->corner, sizeof leaf->place);
     for (int lane = lanes->lane_count; lane < QM_PACK_LANES; lane++)
-        memcpy(place[lane], place[0], sizeof place[0]);
+        memcpy(leaf->place[lane], leaf->place[0], sizeof leaf->place[0]);
     for (int i = 0; i < 3; i++)
-        set_corner(leaf, i, vertex, place);
+        set_corner(leaf, i);
     leaf->pack = pack;
     leaf->lane_count = lanes->lane_count;
-    set_planes(leaf);
+    if (kind != QM_COLLIDE_TWO) set_planes(leaf);
     qm_vf size;
     leaf->reach = set_boxes(leaf, &size);
     double x = fabs(leaf->middle.x), y = fabs(leaf->middle.y), z = fabs(leaf->middle.z);

@@ -25,6 +25,33 @@ static inline wide wide_load(const float row[3][QM_PACK_LANES])
     return (wide){wide_row(row[0]), wide_row(row[1]), wide_row(row[2])};
 }
 
+typedef float wide_part __attribute__((vector_size(16)));
+
+/** Two rows of four in one. */
+static inline qm_vf wide_join(const float low[4], const float high[4])
+{
+    return __builtin_shufflevector(*(const wide_part *)(const void *)low,
+                                   *(const wide_part *)(const void *)high, 0, 1, 2, 3, 4, 5, 6, 7);
+}
+
+/** Columns of eight rows of four; two[i] holds rows i and i + 4. */
+static inline void wide_transpose(const qm_vf two[4], qm_vf column[4])
+{
+    qm_vf xy01 = __builtin_shufflevector(two[0], two[1], 0, 8, 1, 9, 4, 12, 5, 13),
+          xy23 = __builtin_shufflevector(two[2], two[3], 0, 8, 1, 9, 4, 12, 5, 13),
+          zw01 = __builtin_shufflevector(two[0], two[1], 2, 10, 3, 11, 6, 14, 7, 15),
+          zw23 = __builtin_shufflevector(two[2], two[3], 2, 10, 3, 11, 6, 14, 7, 15);
+    column[0] = __builtin_shufflevector(xy01, xy23, 0, 1, 8, 9, 4, 5, 12, 13);
+    column[1] = __builtin_shufflevector(xy01, xy23, 2, 3, 10, 11, 6, 7, 14, 15);
+    column[2] = __builtin_shufflevector(zw01, zw23, 0, 1, 8, 9, 4, 5, 12, 13);
+    column[3] = __builtin_shufflevector(zw01, zw23, 2, 3, 10, 11, 6, 7, 14, 15);
+}
+
+static inline wide wide_add(wide a, wide b)
+{
+    return (wide){a.x + b.x, a.y + b.y, a.z + b.z};
+}
+
 static inline wide wide_sub(wide a, wide b)
 {
     return (wide){a.x - b.x, a.y - b.y, a.z - b.z};
