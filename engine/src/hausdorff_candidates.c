@@ -9,6 +9,7 @@
 #define FOOT_ERROR_SHARE 0.1 /* of the allowed distance: error of feet that must not be missed */
 #define CERTAIN_DEPTH 16     /* from here on feet are certified */
 #define MIN_SINE 0.01        /* between the directions of a patch, for a ball to tell where feet lie */
+#define QUAD_TRIES 2         /* of the nearest quads, to show that a point is near enough */
 #define REFINED_MARGIN 1.1   /* by which refined labels reach beyond the piece, as seen from its middle */
 
 void qm_piece_fill_candidates(qm_piece_work *work)
@@ -124,10 +125,26 @@ qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twis
     qm_near_quads near = {.count = 0};
     while (list.count > 0 && near.count < QM_NEAR_QUADS)
         visit_quad(work, p, take_nearest(&list), negligible, &near);
-    for (int i = 0; i < list.count; i++) /* patches that leave their triangles may still be nearer */
+    /* Patches that leave their triangles may still be nearer; that matters only to pieces which nothing else
+     * has settled. */
+    for (int i = 0; work->depth >= CERTAIN_DEPTH && i < list.count; i++)
         if (list.at[i].distance - list.at[i].twist < near.at[QM_NEAR_QUADS - 1].distance)
             visit_quad(work, p, list.at[i], negligible, &near);
     return near;
+}
+
+bool qm_piece_quad_within(const qm_piece_work *work, qm_vec p, double distance)
+{
+    quad_list list;
+    list_quads(work, p, 0.0, &list);
+    for (int tries = 0; tries < QUAD_TRIES && list.count > 0; tries++) {
+        struct listed_quad quad = take_nearest(&list);
+        if (quad.distance + quad.twist <= distance) return true;
+        if (quad.distance - quad.twist > distance) return false;
+        qm_patch patch = target_patch(work, quad.face);
+        if (qm_piece_foot(work, &patch, p, distance).distance <= distance) return true;
+    }
+    return false;
 }
 
 typedef struct feet_rectangle {

@@ -98,6 +98,9 @@ qm_patch_foot qm_piece_foot(const qm_piece_work *work, const qm_patch *patch, qm
 /** Quads among the candidates that lie nearest to a point; with twisted_only not those that are flat. */
 qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only);
 
+/** True when a quad among the candidates is found to be no farther than that. */
+bool qm_piece_quad_within(const qm_piece_work *work, qm_vec p, double distance);
+
 /**
  * Labels of the target's patches lose their twist of the allowed distance. This covers a polygon by parts of
  * the nearest twisted patches just under it alone, which lose only their share: it falls with the square of

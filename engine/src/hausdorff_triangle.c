@@ -38,14 +38,26 @@ bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
     return !is_part && cover_by_refined(work, polygon, moved);
 }
 
+/**
+ * True when a patch among the candidates is this much nearer than it need be, itself and not its label, which
+ * loses its twist: to search for the nearest would bring nothing new.
+ */
+static bool patch_reaches(const qm_piece_work *work, qm_vec p, double room)
+{
+    return work->side->target_patches &&
+           qm_piece_quad_within(work, p, qm_piece_allowed(work) - room - work->slack);
+}
+
 /** True when a corner has to be measured: no candidate reaches it, or, deep down, none with enough to spare.
  */
 static bool needs_sample(const qm_piece_work *work, const qm_polygon *polygon, int i, int depth)
 {
-    if (depth < QM_STRICT_DEPTH) return polygon->in_reach[i] == 0;
+    qm_vec p = polygon->corner[i];
+    if (depth < QM_STRICT_DEPTH) return polygon->in_reach[i] == 0 && !patch_reaches(work, p, 0.0);
     int place;
-    double upper = work->kernel->hull_upper(&work->candidates, &polygon->corner[i], 1, &place) + work->slack;
-    return upper > qm_piece_allowed(work) - 0.5 * work->search->tolerance * work->side->scale;
+    double upper = work->kernel->hull_upper(&work->candidates, &p, 1, &place) + work->slack;
+    double room = 0.5 * work->search->tolerance * work->side->scale;
+    return upper > qm_piece_allowed(work) - room && !patch_reaches(work, p, room);
 }
 
 bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth)
@@ -71,7 +83,7 @@ bool qm_piece_sample_unreached(qm_piece_work *work, qm_vec p)
 {
     int place;
     double upper = work->kernel->hull_upper(&work->candidates, &p, 1, &place);
-    if (upper + work->slack <= qm_piece_allowed(work)) return false;
+    if (upper + work->slack <= qm_piece_allowed(work) || patch_reaches(work, p, 0.0)) return false;
     uint32_t hint = work->packs[place];
     qm_worker_sample(work->worker, work->side, p, work->slack, work->piece.face, 0.0, &hint);
     bool added = qm_piece_add_candidate(work, hint);
