@@ -91,7 +91,7 @@ qm_frame qm_frame_make(const qm_box *box)
     if (half == 0.0) half = fmax(fabs(middle[0]), fmax(fabs(middle[1]), fabs(middle[2])));
     int exponent = 0;
     if (half > 0.0) frexp(half, &exponent);
-    exponent = exponent < -1000 ? -1000 : exponent > 1000 ? 1000 : exponent;
+    exponent = exponent < -1000 ? -1000 : exponent > 1023 ? 1023 : exponent; /* both scales are numbers */
     frame.origin = qm_vec_load(middle);
     frame.scale = ldexp(1.0, -exponent);
     frame.inverse_scale = ldexp(1.0, exponent);

@@ -251,6 +251,35 @@ static void far_and_tiny_coordinates(void **state)
     }
 }
 
+/** A flat triangle far from the middle of its frame, which a vertex without a face puts elsewhere. */
+static qm_mesh lone_triangle(double height, double scale, double positions[12])
+{
+    static const uint32_t face[4] = {0, 1, 2, QM_NO_INDEX};
+    const double corner[12] = {-1, -1, height, 1, -1, height, 0, 1, height, 0, 0, -64};
+    for (int i = 0; i < 12; i++)
+        positions[i] = scale * corner[i];
+    return (qm_mesh){.vertex_count = 4, .positions = positions, .face_count = 1, .faces = (uint32_t *)face};
+}
+
+/** Nearly as large as a double can be: in a tree's own frame the mesh still measures about 1. */
+static void coordinates_as_large_as_they_go(void **state)
+{
+    (void)state;
+    static const qm_accelerator accelerators[] = {QM_ACCELERATOR_BOXES, QM_ACCELERATOR_GRID};
+    for (int exponent = 980; exponent <= 1016; exponent++) {
+        double scale = ldexp(1.0, exponent), at_a[12], at_b[12];
+        qm_mesh low = lone_triangle(64.0, scale, at_a), high = lone_triangle(64.25, scale, at_b);
+        for (int i = 0; i < 2; i++) {
+            qm_hausdorff_options options = qm_hausdorff_options_default();
+            options.accelerator = accelerators[i];
+            options.tolerance = 1e-9 * scale;
+            qm_hausdorff_result r = qm_measured(&low, &high, &options);
+            QM_CHECK(r.lower <= 0.25 * scale && r.upper >= 0.25 * scale && r.stop == QM_STOP_CONVERGED,
+                     "2^%d: [%g, %g], stop %d", exponent, r.lower, r.upper, (int)r.stop);
+        }
+    }
+}
+
 static void thousands_of_copies_of_one_triangle(void **state)
 {
     (void)state;
@@ -436,6 +465,7 @@ int main(void)
         cmocka_unit_test(plateaus),
         cmocka_unit_test(folded_patches),
         cmocka_unit_test(far_and_tiny_coordinates),
+        cmocka_unit_test(coordinates_as_large_as_they_go),
         cmocka_unit_test(thousands_of_copies_of_one_triangle),
         cmocka_unit_test(flat_boxes),
         cmocka_unit_test(single_facets),
