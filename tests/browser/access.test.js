@@ -97,6 +97,7 @@ test("two meshes are compared by keyboard alone", async () => {
   await press("sphere_0.00.off as A of the comparison");
   await press("sphere_0.03.off as B of the comparison");
   await press("Compare");
+  await page.getByRole("button", { name: "Measure", exact: true, disabled: false }).waitFor();
   await press("Measure");
   await page.locator("#outcome", { hasText: "Done" }).waitFor();
   await finish(page);
