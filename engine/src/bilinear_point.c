@@ -30,6 +30,20 @@ double qm_patch_twist(const qm_vec corner[4])
     return twist * (1.0 + 0x1p-20);
 }
 
+qm_patch_halves qm_patch_halve(const qm_vec corner[4], qm_vec direction)
+{
+    qm_vec w = qm_patch_make(corner).w;
+    double moved = 0.125 * qm_vec_norm(w) * (1.0 + 0x1p-20), share = 0.0;
+    qm_patch_halves halves = {.slack = qm_patch_twist(corner)};
+    if (moved + 0.125 * qm_vec_dot(w, direction) < halves.slack) {
+        halves.slack = moved;
+        share = -0.125;
+    }
+    for (int i = 0; i < 4; i++)
+        halves.corner[i] = qm_vec_axpy(corner[i], share, w);
+    return halves;
+}
+
 /** Parameter rectangle [low, high] in s and t. */
 typedef struct rectangle {
     double low[2], high[2];

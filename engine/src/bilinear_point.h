@@ -41,6 +41,21 @@ static inline qm_vec qm_patch_at(const qm_patch *patch, double s, double t)
  */
 double qm_patch_twist(const qm_vec corner[4]);
 
+/** Two triangles for a patch, (c0 c1 c2) and (c0 c2 c3): of each point of either surface the other is within
+ * slack. */
+typedef struct qm_patch_halves {
+    qm_vec corner[4];
+    double slack;
+} qm_patch_halves;
+
+/**
+ * The triangles between the corners, or these moved by -w / 8. At s >= t the patch is -t (1 - s) w from the
+ * first triangle, likewise from the second: between nothing and -w / 4, so that the middle of both is within
+ * |w| / 8. Those that tell points in a direction the least distance together with the slack; direction is of
+ * length 1, or 0 when there is none.
+ */
+qm_patch_halves qm_patch_halve(const qm_vec corner[4], qm_vec direction);
+
 /** A point of the patch and what it proves: lower <= d(p, patch) <= distance = |p - Q(uv)|. */
 typedef struct qm_patch_foot {
     double distance, lower;

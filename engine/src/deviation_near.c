@@ -7,10 +7,10 @@
 
 #define RECTANGLES 32 /* of all patches of a list; when there are so many they are cut no further */
 
-/** A part of a patch, which is within slack of its two triangles moved by shift. */
+/** A part of a patch, and its two triangles. */
 typedef struct rectangle {
-    qm_vec corner[4], shift;
-    double slack;
+    qm_vec corner[4];
+    qm_patch_halves halves;
 } rectangle;
 
 /** A list on its way. */
@@ -106,19 +106,11 @@ static bool is_near(const near_work *work, const qm_vec corner[4])
     return qm_vec_distance(work->middle, middle) - sqrt(radius2) <= work->reach;
 }
 
-/** Puts a rectangle in a place and finds how far it is from its two triangles, moved by shift. */
 static void set_rectangle(rectangle *to, const qm_vec corner[4])
 {
-    qm_vec w = qm_patch_make(corner).w;
-    double centred = 0.125 * qm_vec_norm(w) * (1.0 + 0x1p-20);
     for (int i = 0; i < 4; i++)
         to->corner[i] = corner[i];
-    to->slack = qm_patch_twist(corner);
-    to->shift = (qm_vec){0, 0, 0};
-    if (centred < to->slack) {
-        to->slack = centred;
-        to->shift = qm_vec_scale(-0.125, w);
-    }
+    to->halves = qm_patch_halve(corner, (qm_vec){0, 0, 0});
 }
 
 static void add_rectangle(near_work *work, const qm_vec corner[4])
@@ -154,11 +146,11 @@ static void cut_rectangles(near_work *work)
 {
     double limit = 0.0;
     for (int i = 0; i < work->rectangle_count; i++)
-        limit = fmax(limit, work->rectangle[i].slack);
+        limit = fmax(limit, work->rectangle[i].halves.slack);
     while (limit > work->error && work->rectangle_count < RECTANGLES) {
         limit = fmax(0.5 * limit, work->error);
         for (int i = 0; i < work->rectangle_count && work->rectangle_count < RECTANGLES; i++)
-            if (work->rectangle[i].slack > limit) halve(work, &work->rectangle[i]);
+            if (work->rectangle[i].halves.slack > limit) halve(work, &work->rectangle[i]);
     }
 }
 
@@ -166,14 +158,12 @@ static void cut_rectangles(near_work *work)
 static void add_rectangles(near_work *work)
 {
     for (int i = 0; i < work->rectangle_count; i++) {
-        const rectangle *at = &work->rectangle[i];
-        qm_vec c[4];
-        for (int k = 0; k < 4; k++)
-            c[k] = qm_vec_add(at->corner[k], at->shift);
+        const qm_patch_halves *halves = &work->rectangle[i].halves;
+        const qm_vec *c = halves->corner;
         for (int k = 0; k < 2; k++) {
             qm_triangle half = qm_triangle_make(c[0], c[1 + k], c[2 + k]);
-            if (sqrt(qm_triangle_distance2(&half, work->middle)) - at->slack <= work->reach)
-                add_triangle(work, &half, at->slack);
+            if (sqrt(qm_triangle_distance2(&half, work->middle)) - halves->slack <= work->reach)
+                add_triangle(work, &half, halves->slack);
         }
     }
 }

@@ -210,19 +210,20 @@ static void set_lane_corner(lane_corners *corners, int i, int lane, qm_vec p)
     corners->at[i][2][lane] = p.z;
 }
 
-/** The two triangles of a part of a patch as labels; that part leaves them by a twist of its own. */
+/** The two triangles of a part of a patch as labels; that part leaves them by a slack of its own. */
 static void set_refined_lanes(qm_candidates *refined, lane_corners *corners, uint32_t lane,
-                              const qm_patch *patch, const feet_rectangle *feet, double allowed)
+                              const qm_patch *patch, const feet_rectangle *feet, qm_vec direction,
+                              double allowed)
 {
     const qm_vec c[4] = {
         qm_patch_at(patch, feet->low[0], feet->low[1]), qm_patch_at(patch, feet->high[0], feet->low[1]),
         qm_patch_at(patch, feet->high[0], feet->high[1]), qm_patch_at(patch, feet->low[0], feet->high[1])};
-    double twist = qm_patch_twist(c);
+    qm_patch_halves halves = qm_patch_halve(c, direction);
     for (uint32_t half = 0; half < 2; half++) {
-        set_lane_corner(corners, 0, (int)(lane + half), c[0]);
-        set_lane_corner(corners, 1, (int)(lane + half), c[1 + half]);
-        set_lane_corner(corners, 2, (int)(lane + half), c[2 + half]);
-        qm_candidates_allow(refined, 0, lane + half, twist, allowed);
+        set_lane_corner(corners, 0, (int)(lane + half), halves.corner[0]);
+        set_lane_corner(corners, 1, (int)(lane + half), halves.corner[1 + half]);
+        set_lane_corner(corners, 2, (int)(lane + half), halves.corner[2 + half]);
+        qm_candidates_allow(refined, 0, lane + half, halves.slack, allowed);
     }
 }
 
@@ -242,7 +243,9 @@ bool qm_piece_cover_refined(const qm_piece_work *work, qm_polygon *polygon, bool
     for (int i = 0; i < QM_NEAR_QUADS; i++) {
         const qm_near_quad *quad = &near.at[i < near.count ? i : 0];
         feet_rectangle feet = find_feet(work, quad, polygon, radius);
-        set_refined_lanes(&refined, &corners, 2 * (uint32_t)i, &quad->patch, &feet, allowed);
+        qm_vec from = qm_vec_sub(middle, qm_patch_at(&quad->patch, quad->uv[0], quad->uv[1]));
+        qm_vec direction = qm_vec_scale(quad->distance > 0.0 ? 1.0 / quad->distance : 0.0, from);
+        set_refined_lanes(&refined, &corners, 2 * (uint32_t)i, &quad->patch, &feet, direction, allowed);
     }
     work->kernel->fill_pack(&pack, corners.at);
     for (int i = 0; i < polygon->count; i++)

@@ -39,12 +39,14 @@ bool qm_piece_rectangle_covered(qm_piece_work *work)
     const qm_vec *c = work->piece.corner;
     qm_polygon hull = {.count = 4, .corner = {c[0], c[1], c[2], c[3]}};
     bool moved = false, covered = qm_piece_cover_by_nearest(work, &hull, &moved);
-    double slack = covered ? 0.0 : qm_patch_twist(c);
-    if (covered || !(slack < MAX_SLACK_SHARE * qm_piece_allowed(work))) return covered;
-    work->slack = slack;
+    if (covered) return true;
+    qm_patch_halves halves = qm_patch_halve(c, (qm_vec){0, 0, 0});
+    if (!(halves.slack < MAX_SLACK_SHARE * qm_piece_allowed(work))) return false;
+    work->slack = halves.slack;
     covered = true;
     for (int half = 0; half < 2 && covered; half++) {
-        qm_polygon triangle = {.count = 3, .corner = {c[0], c[1 + half], c[2 + half]}};
+        const qm_vec *h = halves.corner;
+        qm_polygon triangle = {.count = 3, .corner = {h[0], h[1 + half], h[2 + half]}};
         covered = qm_piece_cover_by_nearest(work, &triangle, &moved);
     }
     work->slack = 0.0;
@@ -52,13 +54,13 @@ bool qm_piece_rectangle_covered(qm_piece_work *work)
 }
 
 /** Covers the two triangles of a rectangle, with the slack by which the patch leaves them. */
-static bool triangles_reached(qm_piece_work *work, double slack)
+static bool triangles_reached(qm_piece_work *work, const qm_patch_halves *halves)
 {
-    work->slack = slack;
+    work->slack = halves->slack;
     qm_piece_fill_candidates(work);
     bool covered = true, moved = false;
     for (int half = 0; half < 2 && covered; half++) {
-        const qm_vec *c = work->piece.corner;
+        const qm_vec *c = halves->corner;
         qm_polygon polygon = {.count = 3, .corner = {c[0], c[1 + half], c[2 + half]}};
         qm_piece_reach_corners(work, &polygon);
         covered = qm_piece_cover(work, &polygon, &moved);
@@ -199,16 +201,17 @@ void qm_piece_process_rectangle(qm_piece_work *work)
     }
     qm_patch patch = source_patch(work);
     const qm_piece *piece = &work->piece;
-    double slack = qm_patch_twist(piece->corner);
-    if (slack <= SLACK_SHARE * work->search->tolerance * work->side->scale) {
-        work->slack = slack;
+    qm_patch_halves halves = qm_patch_halve(piece->corner, (qm_vec){0, 0, 0});
+    if (halves.slack <= SLACK_SHARE * work->search->tolerance * work->side->scale) {
+        work->slack = halves.slack;
         qm_piece_fill_candidates(work);
-        qm_piece_keep_triangle(work, piece->corner[0], piece->corner[1], piece->corner[2]);
-        qm_piece_keep_triangle(work, piece->corner[0], piece->corner[2], piece->corner[3]);
+        qm_piece_keep_triangle(work, halves.corner[0], halves.corner[1], halves.corner[2]);
+        qm_piece_keep_triangle(work, halves.corner[0], halves.corner[2], halves.corner[3]);
         qm_piece_process_stack(work);
         return;
     }
-    bool reached = (slack < qm_piece_allowed(work) && triangles_reached(work, slack)) || match_reached(work);
+    bool reached =
+        (halves.slack < qm_piece_allowed(work) && triangles_reached(work, &halves)) || match_reached(work);
     qm_worker_discard(work->worker, qm_search_allowed(work->search));
     if (reached) return;
     qm_piece_sample_corners(work, &corners, QM_STRICT_DEPTH);

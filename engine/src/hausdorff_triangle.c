@@ -12,6 +12,7 @@
 #include "hausdorff_piece.h"
 
 #define MIDPOINT_DEPTH 40
+#define MIN_SHRINK 0.6  /* of the diameter: a rest that keeps more is halved */
 #define MAX_ATTEMPTS 4  /* covers of one part, each with candidates that the last one's corners brought */
 #define VISIT_BUDGET 64 /* parts looked at before the rest goes back to the queue */
 
@@ -160,9 +161,30 @@ static void keep_quarters(qm_piece_work *work, const qm_polygon *polygon, int a,
     keep_part(work, &six, 4, 5, 3, depth);
 }
 
-static void split_rest(qm_piece_work *work, const qm_polygon *rest, bool moved, uint8_t depth)
+static double longest_way(const qm_vec *corner, int count)
 {
-    bool halve = !moved || (depth >= MIDPOINT_DEPTH && depth % 2 == 0);
+    double longest2 = 0.0;
+    for (int i = 0; i < count; i++)
+        for (int k = 0; k < i; k++)
+            longest2 = fmax(longest2, qm_vec_norm2(qm_vec_sub(corner[i], corner[k])));
+    return sqrt(longest2);
+}
+
+/**
+ * True when cuts along labels do not make the rest smaller fast enough. Refined labels of patches lose what
+ * falls with the square of the diameter: along a ridge cuts would take off one thin strip after the other.
+ */
+static bool is_halved(const qm_piece_work *work, const qm_part *from, const qm_polygon *rest, bool moved)
+{
+    if (!moved || (from->depth >= MIDPOINT_DEPTH && from->depth % 2 == 0)) return true;
+    return work->side->target_patches &&
+           longest_way(rest->corner, rest->count) > MIN_SHRINK * longest_way(from->corner, 3);
+}
+
+static void split_rest(qm_piece_work *work, const qm_part *from, const qm_polygon *rest, bool moved)
+{
+    bool halve = is_halved(work, from, rest, moved);
+    uint8_t depth = from->depth;
     uint8_t deeper = (uint8_t)(depth < UINT8_MAX ? depth + 1 : MIDPOINT_DEPTH);
     for (int i = 1; i + 1 < rest->count; i++) {
         if (halve)
@@ -203,7 +225,7 @@ static void process_part(qm_piece_work *work, const qm_part *from)
         else if (!qm_piece_sample_corners(work, &rest, from->depth))
             break;
     }
-    split_rest(work, &rest, moved, from->depth);
+    split_rest(work, from, &rest, moved);
 }
 
 void qm_piece_process_stack(qm_piece_work *work)

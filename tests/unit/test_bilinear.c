@@ -210,6 +210,37 @@ static void descents_are_points_of_the_patch(void **state)
     }
 }
 
+/** No point of the two triangles is farther from the patch than they say. */
+static void halves_are_within_their_slack(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < 5000; ++seed) {
+        const patch_case *c = &cases[seed % CASE_COUNT];
+        qm_random random = qm_random_make(qm_check_seed(), seed);
+        double corner[4][3], direction[3];
+        draw_patch(&random, c, corner);
+        qm_random_direction(&random, direction);
+        qm_patch patch = engine_patch(corner);
+        qm_vec at[4];
+        for (int i = 0; i < 4; i++)
+            at[i] = qm_vec_load(corner[i]);
+        qm_patch_halves halves =
+            qm_patch_halve(at, seed % 3 == 0 ? (qm_vec){0, 0, 0} : qm_vec_load(direction));
+        const qm_vec *h = halves.corner;
+        for (int k = 0; k < 20; k++) {
+            double s = qm_random_range(&random, 0, 1), t = qm_random_range(&random, 0, 1);
+            qm_vec flat = s >= t ? qm_vec_mix(h[0], qm_vec_mix(h[1], h[2], s > 0 ? t / s : 0), s)
+                                 : qm_vec_mix(h[0], qm_vec_mix(h[3], h[2], t > 0 ? s / t : 0), t);
+            double apart = qm_vec_distance(qm_patch_at(&patch, s, t), flat), size = qm_vec_norm(flat);
+            bool is_moved = qm_vec_distance(h[0], at[0]) > 0.0; /* else it is the nearest point that counts */
+            qm_patch_foot foot = qm_patch_project(&patch, flat, ERROR, INFINITY);
+            apart = is_moved ? apart : foot.distance;
+            QM_CHECK(apart <= halves.slack + ERROR + ROUND(size), "%s, seed %llu: %g apart, slack %g",
+                     c->name, (unsigned long long)seed, apart, halves.slack);
+        }
+    }
+}
+
 /** Points on the axis of symmetry of a saddle have two nearest points, or a whole neighbourhood at the
  * centre of curvature: the worst case for any search. */
 static void saddles_are_certified_at_their_centres_of_curvature(void **state)
@@ -265,6 +296,7 @@ int main(void)
         cmocka_unit_test(no_lattice_point_is_nearer),
         cmocka_unit_test(a_bound_to_stop_at_keeps_its_promise),
         cmocka_unit_test(descents_are_points_of_the_patch),
+        cmocka_unit_test(halves_are_within_their_slack),
         cmocka_unit_test(saddles_are_certified_at_their_centres_of_curvature),
         cmocka_unit_test(degenerate_patches_are_segments_and_points),
     };
