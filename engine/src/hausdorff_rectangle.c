@@ -8,6 +8,7 @@
 #define MAX_SLACK_SHARE                                                                                      \
     0.5                 /* of the allowed distance: a patch bent more is cut before its triangles are tried */
 #define MIDDLE_LEVELS 8 /* cut in the middle: grids refined by halves then meet line on line */
+#define MIN_SIDE 0.7    /* of the longer side: a shorter one is cut as well */
 #define CROSSING_STEPS 40
 #define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
 #define CROSSING_MARGIN 1e-3 /* share of the rectangle that a cut must leave on both sides */
@@ -172,30 +173,51 @@ static double cutting_place(const qm_piece_work *work, const qm_patch *patch, in
     return 0.5 * (low + high);
 }
 
-/** Cuts a rectangle across its longer side. */
+/** Queues the part of the rectangle that lies between these parameters. */
+static void push_part(qm_piece_work *work, const qm_patch *patch, const double low[2], const double high[2])
+{
+    qm_piece part = work->piece;
+    part.depth = (uint8_t)(part.depth < UINT8_MAX ? part.depth + 1 : UINT8_MAX);
+    for (int k = 0; k < 2; k++) {
+        part.low[k] = low[k];
+        part.high[k] = high[k];
+    }
+    part.corner[0] = qm_patch_at(patch, low[0], low[1]);
+    part.corner[1] = qm_patch_at(patch, high[0], low[1]);
+    part.corner[2] = qm_patch_at(patch, high[0], high[1]);
+    part.corner[3] = qm_patch_at(patch, low[0], high[1]);
+    qm_piece_push(work, &part);
+}
+
+/**
+ * Cuts a rectangle across its longer side; over a target without patches across both where they are about as
+ * long, since slack falls by half only with each cut and what needs one mostly needs the next.
+ */
 static void split_rectangle(qm_piece_work *work, const qm_patch *patch)
 {
     const qm_vec *c = work->piece.corner;
-    double along_s = qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]);
-    double along_t = qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2]);
-    int axis = along_s >= along_t ? 0 : 1;
-    double place = cutting_place(work, patch, axis);
-    for (int half = 0; half < 2; half++) {
-        qm_piece child = work->piece;
-        child.depth = (uint8_t)(child.depth < UINT8_MAX ? child.depth + 1 : UINT8_MAX);
-        *(half == 0 ? &child.high[axis] : &child.low[axis]) = place;
-        child.corner[0] = qm_patch_at(patch, child.low[0], child.low[1]);
-        child.corner[1] = qm_patch_at(patch, child.high[0], child.low[1]);
-        child.corner[2] = qm_patch_at(patch, child.high[0], child.high[1]);
-        child.corner[3] = qm_patch_at(patch, child.low[0], child.high[1]);
-        qm_piece_push(work, &child);
+    const double side[2] = {qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]),
+                            qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2])};
+    const double *low = work->piece.low, *high = work->piece.high;
+    double first = greater(side[0], side[1]);
+    double place[2];
+    int parts[2];
+    for (int k = 0; k < 2; k++) {
+        bool is_longer = side[k] == first && (k == 0 || side[0] != first);
+        bool is_cut = is_longer || (!work->side->target_patches && side[k] > MIN_SIDE * first);
+        parts[k] = is_cut ? 2 : 1;
+        place[k] = is_cut ? cutting_place(work, patch, k) : high[k];
     }
+    for (int i = 0; i < parts[0]; i++)
+        for (int j = 0; j < parts[1]; j++)
+            push_part(work, patch, (const double[]){i ? place[0] : low[0], j ? place[1] : low[1]},
+                      (const double[]){i ? high[0] : place[0], j ? high[1] : place[1]});
 }
 
 void qm_piece_process_rectangle(qm_piece_work *work)
 {
     qm_polygon corners;
-    if (qm_piece_rectangle_covered(work) || hull_reached(work, &corners)) {
+    if (hull_reached(work, &corners)) {
         qm_worker_discard(work->worker, qm_search_allowed(work->search));
         return;
     }
