@@ -109,6 +109,8 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
         quad.distance = foot.distance;
         quad.uv[0] = foot.uv[0];
         quad.uv[1] = foot.uv[1];
+    } else {
+        quad.distance += quad.twist;
     }
     if (near->count == QM_NEAR_QUADS && quad.distance >= near->at[QM_NEAR_QUADS - 1].distance) return;
     int place = near->count < QM_NEAR_QUADS ? near->count++ : QM_NEAR_QUADS - 1;

@@ -47,7 +47,8 @@ typedef struct qm_piece_work {
 /** A quad of the target near a point: how near, and where on it. */
 typedef struct qm_near_quad {
     uint32_t face;
-    double distance; /* of the patch, or of its triangles where the twist is negligible */
+    double
+        distance; /* of a point of the patch; where the twist is negligible, of its triangles and the twist */
     double twist;
     double uv[2]; /* set for twisted quads only */
     qm_patch patch;
