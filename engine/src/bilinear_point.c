@@ -269,8 +269,12 @@ static double part_lower(const query *q, const rectangle *box, double twist, dou
     return lower;
 }
 
-/** Goes down over the whole square as long as that helps, keeping the best point. */
-static void descend_from(const query *q, const double start[2], qm_patch_foot *best)
+/**
+ * Goes down over the whole square as long as that helps, keeping the best point. Where f is convex on all of
+ * it (curvature > 0) the way ends once nothing is found to lie within stop_above.
+ */
+static void descend_from(const query *q, const double start[2], double curvature, double stop_above,
+                         qm_patch_foot *best)
 {
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
     double x[2] = {start[0], start[1]}, last = INFINITY;
@@ -279,6 +283,9 @@ static void descend_from(const query *q, const double start[2], qm_patch_foot *b
         double distance = sqrt(at.distance2);
         keep_best(best, distance, x);
         if (distance >= last * (1.0 - DESCENT_GAIN)) break;
+        if (curvature > 0.0 &&
+            at.distance2 - twice_gap(&at, x, &square, curvature) >= stop_above * stop_above)
+            break;
         last = distance;
         descend(q, &at, x, &square);
     }
@@ -305,7 +312,8 @@ static void make_quarters(const query *q, const part *whole, double twist, doubl
             *(k >> i & 1 ? &made.box.low[i] : &made.box.high[i]) = middle[i];
         double enough = fmin(best->distance, reach) - q->error;
         made.lower = part_lower(q, &made.box, ldexp(twist, -2 * made.depth), enough, guess);
-        if (made.lower < enough && sqrt(value_at(q, guess)) < best->distance) descend_from(q, guess, best);
+        if (made.lower < enough && sqrt(value_at(q, guess)) < best->distance)
+            descend_from(q, guess, 0.0, INFINITY, best);
         int place = k;
         for (; place > 0 && quarter[place - 1].lower < made.lower; place--)
             quarter[place] = quarter[place - 1];
@@ -384,31 +392,16 @@ static bool is_grid_minimum(const double value[GRID][GRID], int i, int j)
     return true;
 }
 
-/** Goes down to the one minimum of a convex f, as far as that helps; true when it is where best is, or beyond
- * stop_above. */
-static bool descend_convex(const query *q, double stop_above, qm_patch_foot *best)
-{
-    const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
-    double curvature = least_curvature(q, &square);
-    if (!(curvature > 0.0)) return false;
-    double x[2] = {0.5, 0.5}, last = INFINITY;
-    for (int step = 0; step < MAX_STEPS; step++) {
-        slope at = slope_at(q, x);
-        double distance = sqrt(at.distance2);
-        keep_best(best, distance, x);
-        if (distance >= last * (1.0 - DESCENT_GAIN)) break;
-        if (at.distance2 - twice_gap(&at, x, &square, curvature) >= stop_above * stop_above) break;
-        last = distance;
-        descend(q, &at, x, &square);
-    }
-    return true;
-}
-
 qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p, double stop_above)
 {
     query q = query_make(patch, p, 0.0);
     qm_patch_foot best = {.distance = INFINITY};
-    if (descend_convex(&q, stop_above, &best)) return best;
+    const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
+    double curvature = least_curvature(&q, &square);
+    if (curvature > 0.0) {
+        descend_from(&q, (const double[]){0.5, 0.5}, curvature, stop_above, &best);
+        return best;
+    }
     double value[GRID][GRID];
     for (int i = 0; i < GRID; i++)
         for (int j = 0; j < GRID; j++)
@@ -416,12 +409,12 @@ qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p, double stop_abov
     for (int i = 0; i < GRID; i++)
         for (int j = 0; j < GRID; j++)
             if (is_grid_minimum(value, i, j))
-                descend_from(&q, (const double[]){i / (GRID - 1.0), j / (GRID - 1.0)}, &best);
+                descend_from(&q, (const double[]){i / (GRID - 1.0), j / (GRID - 1.0)}, 0.0, INFINITY, &best);
     return best;
 }
 
 void qm_patch_polish(const qm_patch *patch, qm_vec p, qm_patch_foot *foot)
 {
     query q = query_make(patch, p, 0.0);
-    descend_from(&q, (const double[]){foot->uv[0], foot->uv[1]}, foot);
+    descend_from(&q, (const double[]){foot->uv[0], foot->uv[1]}, 0.0, INFINITY, foot);
 }
