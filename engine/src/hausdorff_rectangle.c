@@ -1,6 +1,6 @@
 /**
  * hausdorff_rectangle.c: parameter rectangles of the source's bilinear patches. The part of the patch lies in
- * the hull of its four corners, and within |w| ds dt / 4 of the two triangles between them.
+ * the hull of its four corners, and near the two triangles of qm_patch_halve, by a share of |w| ds dt.
  */
 #include "hausdorff_piece.h"
 
@@ -199,12 +199,11 @@ static void split_rectangle(qm_piece_work *work, const qm_patch *patch)
     const double side[2] = {qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]),
                             qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2])};
     const double *low = work->piece.low, *high = work->piece.high;
-    double first = greater(side[0], side[1]);
+    int longer = side[0] >= side[1] ? 0 : 1;
     double place[2];
     int parts[2];
     for (int k = 0; k < 2; k++) {
-        bool is_longer = side[k] == first && (k == 0 || side[0] != first);
-        bool is_cut = is_longer || (!work->side->target_patches && side[k] > MIN_SIDE * first);
+        bool is_cut = k == longer || (!work->side->target_patches && side[k] > MIN_SIDE * side[longer]);
         parts[k] = is_cut ? 2 : 1;
         place[k] = is_cut ? cutting_place(work, patch, k) : high[k];
     }
