@@ -12,7 +12,8 @@ double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t
 }
 
 /** Raises the shared lower bound, and keeps the point as this worker's witness when it did. */
-static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, uint32_t face, double distance)
+static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, uint32_t face, uint32_t hint,
+                        double distance)
 {
     qm_search *search = worker->search;
     double world = distance * side->inverse_scale;
@@ -23,6 +24,7 @@ static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, uint32
         worker->witness = world;
         worker->witness_side = (int)(side - search->side);
         worker->witness_face = face;
+        worker->witness_hint = hint;
         worker->witness_point = p;
     }
 }
@@ -64,7 +66,7 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
         lower = patch.lower;
     }
     if (lower - slack > known || worker->witness < 0.0)
-        raise_lower(worker, side, p, face, fmax(0.0, lower - slack));
+        raise_lower(worker, side, p, face, *hint, fmax(0.0, lower - slack));
     return upper;
 }
 

@@ -148,6 +148,7 @@ static void measure_peaks(void *data, int index)
         if (shared->step > 1) peak = look_closer(worker, shared->side, peak, shared->step);
         measure_pack(worker, shared->side, peak);
     }
+    qm_worker_follow(worker);
 }
 
 uint32_t qm_search_scout(qm_context *ctx, qm_search *search, const qm_side *side)
