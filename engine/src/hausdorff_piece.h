@@ -102,6 +102,9 @@ qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twis
 /** True when a quad among the candidates is found to be no farther than that. */
 bool qm_piece_quad_within(const qm_piece_work *work, qm_vec p, double distance);
 
+/** True when a triangle is shown to be near enough by the patch under its middle alone. */
+bool qm_piece_over_patch(const qm_piece_work *work, const qm_polygon *polygon);
+
 /**
  * Labels of the target's patches lose their twist of the allowed distance. This covers a polygon by parts of
  * the nearest twisted patches just under it alone, which lose only their share: it falls with the square of
