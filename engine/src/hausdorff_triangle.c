@@ -26,7 +26,7 @@ void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon)
 static bool cover_by_refined(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 {
     if (!work->side->target_patches) return false;
-    if (qm_piece_over_patch(work, polygon) || qm_piece_cover_refined(work, polygon, moved)) return true;
+    if (qm_piece_cover_refined(work, polygon, moved)) return true;
     qm_piece_reach_corners(work, polygon);
     return false;
 }
@@ -217,6 +217,7 @@ static void process_part(qm_piece_work *work, const qm_part *from)
         qm_piece_reach_corners(work, &rest);
     } else {
         rest = part_polygon(work, from);
+        if (work->side->target_patches && qm_piece_over_patch(work, &rest)) return;
     }
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (qm_piece_cover(work, &rest, &moved)) return;

@@ -31,7 +31,8 @@ static qm_patch patch_of(const double corner[4][3])
 }
 
 /** A triangle of this size in some direction off a point of the patch. */
-static void draw_triangle(qm_random *random, const qm_patch *patch, double height, double size, qm_vec corner[3])
+static void draw_triangle(qm_random *random, const qm_patch *patch, double height, double size,
+                          qm_vec corner[3])
 {
     qm_vec at = qm_patch_at(patch, qm_random_range(random, 0.2, 0.8), qm_random_range(random, 0.2, 0.8));
     double off[3];
@@ -103,7 +104,8 @@ static double farthest(const double patch[4][3], const qm_vec corner[3])
     return most;
 }
 
-/** Over a saddle: a sixteenth of the excess for half the size, but for what the search for the truth leaves. */
+/** Over a saddle: a sixteenth of the excess for half the size, but for what the search for the truth leaves.
+ */
 static void the_excess_falls_with_the_fourth_power(void **state)
 {
     (void)state;
@@ -120,7 +122,8 @@ static void the_excess_falls_with_the_fourth_power(void **state)
             uv[i][1] = foot.uv[1];
         }
         double excess = qm_patch_under(&patch, corner, uv) - farthest(c, corner);
-        QM_CHECK(excess >= -ERROR && excess <= fmax(last / 12.0, 10.0 * ERROR), "size %g: %g after %g", size, excess, last);
+        QM_CHECK(excess >= -ERROR && excess <= fmax(last / 12.0, 10.0 * ERROR), "size %g: %g after %g", size,
+                 excess, last);
         last = excess;
     }
 }
