@@ -42,9 +42,9 @@ static void fill_member(qm_box_tree *tree, int level, size_t i)
     }
 }
 
-void qm_box_tree_fill(qm_box_tree *tree)
+void qm_box_tree_fill(qm_box_tree *tree, int first)
 {
-    for (int level = 2; level <= tree->level_count; level++)
+    for (int level = first; level <= tree->level_count; level++)
         for (size_t i = 0; i < tree->group_count[level - 1]; i++)
             fill_member(tree, level, i);
 }

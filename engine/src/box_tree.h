@@ -51,8 +51,8 @@ static inline int qm_box_tree_member_count(const qm_box_tree *tree, int level, s
 /** The box of everything. */
 qm_box qm_box_tree_whole(const qm_box_tree *tree);
 
-/** Makes the boxes of levels 2 and up from those of level 1. */
-void qm_box_tree_fill(qm_box_tree *tree);
+/** Makes the boxes of levels first (2 or more) and up from those below. */
+void qm_box_tree_fill(qm_box_tree *tree, int first);
 
 /** The same above these members alone, which are ascending; returns how many boxes were made. The list is
  * used up. */

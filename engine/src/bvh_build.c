@@ -114,7 +114,7 @@ static void build_pack(const pack_builder *builder, size_t pack)
 {
     qm_bvh *bvh = builder->bvh;
     fill_lanes(builder, pack);
-    builder->kernel->fit_box(bvh, pack);
+    builder->kernel->fit_box(bvh, pack, bvh->lanes[pack].vertex, bvh->lanes[pack].vertex_count);
     qm_bvh_fill_pack(builder->kernel, bvh, pack);
 }
 
@@ -159,7 +159,7 @@ static qm_status build_tree(pack_builder *builder, qm_bvh_parts parts)
         builder->workers--;
     qm_context_parallel(builder->ctx, builder->workers, build_own_packs, builder);
     if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
-    qm_box_tree_fill(&bvh->boxes);
+    qm_box_tree_fill(&bvh->boxes, 2);
     bvh->reach = qm_box_tree_reach(&bvh->boxes);
     return QM_OK;
 }
