@@ -9,6 +9,7 @@
  *   pieces             hausdorff_piece.h    cover by several labels, else split; or, as an option,
  *                      hausdorff_matching.c matched to the facets under their corners, else split
  *   points             hausdorff_sample.c   nearest points, which raise the lower bound
+ *   climbs             hausdorff_climb.c    from such a point to one that no direction leads farther from
  */
 #ifndef QM_HAUSDORFF_SEARCH_H
 #define QM_HAUSDORFF_SEARCH_H

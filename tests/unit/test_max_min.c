@@ -101,7 +101,7 @@ static qm_slope random_slope(qm_random *random, double spread)
 static void random_planes_and_walls(void **state)
 {
     (void)state;
-    for (int number = 0; number < 3000; number++) {
+    for (int number = 0; number < 1500; number++) {
         qm_random random = qm_random_make(qm_check_seed(), (uint64_t)number);
         qm_slope slopes[MAX_SLOPES];
         int planes = 1 + (int)qm_random_below(&random, 12), count = 0;
@@ -120,7 +120,7 @@ static void random_planes_and_walls(void **state)
 static void places_where_many_meet(void **state)
 {
     (void)state;
-    for (int number = 0; number < 3000; number++) {
+    for (int number = 0; number < 1500; number++) {
         qm_random random = qm_random_make(qm_check_seed() + 1, (uint64_t)number);
         qm_slope slopes[MAX_SLOPES];
         int planes = 1 + (int)qm_random_below(&random, 12), count = 0;
