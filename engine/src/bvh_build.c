@@ -9,8 +9,8 @@
 #include "bvh_pack.h"
 #include "bvh_rows.h"
 
-#define PREFETCH 16     /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
-#define BLOCK_PACKS 256 /* packs that a worker takes at once: a multiple of 64, a box of the third level */
+#define PREFETCH 16    /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
+#define BLOCK_PACKS 64 /* packs that a worker takes at once: a multiple of 64, a box of the third level */
 
 /** Work on the packs, which the workers share by blocks. */
 typedef struct pack_builder {

@@ -7,7 +7,7 @@
 #include "kernel.h"
 
 #define MAX_BLOCKS 64       /* of vertices or faces, which the workers share; */
-#define BLOCK_MEMBERS 2048  /* in each so many at least */
+#define BLOCK_MEMBERS 1024  /* in each so many at least */
 #define MOST_BY_8_BITS 8192 /* faces: cells of a curve of 8 bits that a surface meets, over eight or so */
 #define MOST_BY_10_BITS (16 * MOST_BY_8_BITS)
 #define SOURCE_SHARE 16 /* so many times the faces do for a source, whose packs are not searched */

@@ -12,7 +12,7 @@
 #define SLICE_BITS 9   /* by so many leading bits entries are dealt out to ranges */
 #define SLICES (1 << SLICE_BITS)
 #define CHUNK 512          /* entries that are made, then counted while they are at hand */
-#define BLOCK_ENTRIES 1024 /* about so many to a block, */
+#define BLOCK_ENTRIES 512  /* about so many to a block, */
 #define RANGE_ENTRIES 8192 /* and to a range, which the second caches then hold, */
 #define MAX_BLOCKS 32      /* as long as there are not more of either */
 #define MAX_RANGES 64
@@ -111,14 +111,20 @@ static void count_block(void *data, int worker, size_t block)
     (void)worker;
     const sort_work *work = data;
     const qm_radix_maker *maker = work->maker;
-    uint32_t *count = work->block[block].slice_count;
-    memset(count, 0, sizeof work->block[block].slice_count);
+    uint32_t *count = work->block[block].slice_count, odd[SLICES] = {0};
+    memset(count, 0, sizeof odd);
     for (size_t begin = block_begin(work, block), last = block_begin(work, block + 1); begin < last;) {
         size_t end = chunk_end(begin, last);
         if (maker) maker->make(maker->data, begin, end, work->from + begin);
-        for (; begin < end; begin++)
+        for (; begin + 1 < end;
+             begin += 2) { /* neighbours are often of one slice: none waits for the other */
             count[slice_of(work, work->from[begin])]++;
+            odd[slice_of(work, work->from[begin + 1])]++;
+        }
+        if (begin < end) count[slice_of(work, work->from[begin++])]++;
     }
+    for (int slice = 0; slice < SLICES; slice++)
+        count[slice] += odd[slice];
 }
 
 /** Makes ranges with about as many entries each from runs of slices; slices ends with the last. */
