@@ -12,20 +12,26 @@
 #define SLICE_BITS 9   /* by so many leading bits entries are dealt out to ranges */
 #define SLICES (1 << SLICE_BITS)
 #define CHUNK 512          /* entries that are made, then counted while they are at hand */
-#define BLOCK_ENTRIES 512  /* about so many to a block, */
-#define RANGE_ENTRIES 8192 /* and to a range, which the second caches then hold, */
-#define MAX_BLOCKS 32      /* as long as there are not more of either */
-#define MAX_RANGES 64
+#define BLOCK_LEAST 512    /* entries of a block, */
+#define BLOCK_MOST 2048    /* which the first caches hold twice; */
+#define MANY_BLOCKS 32     /* so many blocks do when there are few entries */
+#define RANGE_ENTRIES 8192 /* about so many to a range, which the second caches then hold, */
+#define MAX_RANGES 64      /* as long as there are not more */
 
 /**
  * With more workers than one the entries are sorted by blocks and ranges, which the workers share. Each block
- * counts its entries by their leading bits; runs of these slices make ranges of about the same size; each
- * block moves its entries to the ranges that they belong to, and then each range is sorted.
+ * puts its own entries in order of slices, which are their leading bits; runs of slices make ranges with
+ * about the same number of entries; and each range gathers its part of every block on its way to the first
+ * digit's order, and then sorts by the other digits.
  */
 typedef struct sort_block {
-    uint32_t slice_count[SLICES];
-    uint32_t place[MAX_RANGES]; /* where the block's entries of each range go */
+    uint16_t slice_begin[SLICES + 1];
 } sort_block;
+
+typedef struct sort_range {
+    uint32_t slice; /* its first; the range after the last has the end */
+    size_t begin;   /* of its entries */
+} sort_range;
 
 typedef struct sort_work {
     uint64_t *from, *to;
@@ -35,9 +41,8 @@ typedef struct sort_work {
     int low_bit, digits, digit_bits; /* what is sorted by: entries have a low bit, numbers none */
     int slice_shift, slice_bits;
     sort_block *block;
-    size_t block_count, range_count;
-    uint8_t range_of[SLICES];
-    size_t range_begin[MAX_RANGES + 1];
+    size_t block_entries, block_count, range_count;
+    sort_range range[MAX_RANGES + 1];
 } sort_work;
 
 static size_t clamp(size_t a, size_t least, size_t most)
@@ -48,6 +53,17 @@ static size_t clamp(size_t a, size_t least, size_t most)
 static size_t chunk_end(size_t begin, size_t end)
 {
     return end - begin < CHUNK ? end : begin + CHUNK;
+}
+
+/** From counts to the places of the first of each. */
+static inline void sum_up(uint32_t *place, uint64_t last)
+{
+    uint32_t start = 0;
+    for (uint64_t b = 0; b <= last; b++) {
+        uint32_t here = place[b];
+        place[b] = start;
+        start += here;
+    }
 }
 
 /** Least significant digit first, counting all digits in one pass; to home, which is from or to. */
@@ -65,12 +81,7 @@ static inline void sort_digits(const qm_radix_maker *maker, uint64_t *from, uint
                 place[d][from[i] >> (low_bit + d * digit_bits) & mask]++;
     }
     for (int d = 0; d < digits; d++) {
-        uint32_t start = 0;
-        for (uint64_t b = 0; b <= mask; b++) {
-            uint32_t here = place[d][b];
-            place[d][b] = start;
-            start += here;
-        }
+        sum_up(place[d], mask);
         for (size_t i = 0; i < count; i++)
             to[place[d][from[i] >> (low_bit + d * digit_bits) & mask]++] = from[i];
         uint64_t *swap = from;
@@ -80,25 +91,22 @@ static inline void sort_digits(const qm_radix_maker *maker, uint64_t *from, uint
     if (from != home) memcpy(home, from, count * sizeof *home);
 }
 
-/** Entries have loops of their own, in which the compiler knows the digits. */
-static void sort_alone(const sort_work *work, const qm_radix_maker *maker, uint64_t *from, uint64_t *to,
-                       uint64_t *home, size_t count)
+/** Sorts by the digits from one on. Entries have loops of their own, in which the compiler knows the digits.
+ */
+static void sort_alone(const sort_work *work, const qm_radix_maker *maker, int first_digit, uint64_t *from,
+                       uint64_t *to, uint64_t *home, size_t count)
 {
-    if (work->low_bit == 0)
-        sort_digits(maker, from, to, home, count, 0, work->digits, work->digit_bits);
-    else if (work->digits == 3 && work->digit_bits == 8)
+    int low_bit = work->low_bit + first_digit * work->digit_bits, digits = work->digits - first_digit;
+    if (low_bit == QM_RADIX_INDEX_BITS && digits == 3 && work->digit_bits == 8)
         sort_digits(maker, from, to, home, count, QM_RADIX_INDEX_BITS, 3, 8);
-    else if (work->digits == 2 && work->digit_bits == WIDE_DIGIT_BITS)
+    else if (low_bit == QM_RADIX_INDEX_BITS && digits == 2 && work->digit_bits == WIDE_DIGIT_BITS)
         sort_digits(maker, from, to, home, count, QM_RADIX_INDEX_BITS, 2, WIDE_DIGIT_BITS);
-    else if (work->digits == 3 && work->digit_bits == 10)
+    else if (low_bit == QM_RADIX_INDEX_BITS && digits == 3 && work->digit_bits == 10)
         sort_digits(maker, from, to, home, count, QM_RADIX_INDEX_BITS, 3, 10);
+    else if (digits == 1)
+        sort_digits(maker, from, to, home, count, low_bit, 1, work->digit_bits);
     else
-        sort_digits(maker, from, to, home, count, QM_RADIX_INDEX_BITS, work->digits, work->digit_bits);
-}
-
-static size_t block_begin(const sort_work *work, size_t block)
-{
-    return work->count * block / work->block_count;
+        sort_digits(maker, from, to, home, count, low_bit, digits, work->digit_bits);
 }
 
 static uint32_t slice_of(const sort_work *work, uint64_t entry)
@@ -106,83 +114,99 @@ static uint32_t slice_of(const sort_work *work, uint64_t entry)
     return (uint32_t)(entry >> work->slice_shift) & ((1u << work->slice_bits) - 1);
 }
 
-static void count_block(void *data, int worker, size_t block)
+/** Neighbours are often of one slice: counted by twos, none waits for the other. */
+static void count_slices(const sort_work *work, const uint64_t *entries, size_t count, uint16_t *slice_begin)
+{
+    uint16_t even[SLICES] = {0}, odd[SLICES] = {0};
+    size_t i = 0;
+    for (; i + 1 < count; i += 2) {
+        even[slice_of(work, entries[i])]++;
+        odd[slice_of(work, entries[i + 1])]++;
+    }
+    if (i < count) even[slice_of(work, entries[i])]++;
+    uint16_t begin = 0;
+    for (int slice = 0; slice < SLICES; slice++) {
+        slice_begin[slice] = begin;
+        begin = (uint16_t)(begin + even[slice] + odd[slice]);
+    }
+    slice_begin[SLICES] = begin;
+}
+
+static void sort_block_entries(void *data, int worker, size_t block)
 {
     (void)worker;
     const sort_work *work = data;
-    const qm_radix_maker *maker = work->maker;
-    uint32_t *count = work->block[block].slice_count, odd[SLICES] = {0};
-    memset(count, 0, sizeof odd);
-    for (size_t begin = block_begin(work, block), last = block_begin(work, block + 1); begin < last;) {
-        size_t end = chunk_end(begin, last);
-        if (maker) maker->make(maker->data, begin, end, work->from + begin);
-        for (; begin + 1 < end;
-             begin += 2) { /* neighbours are often of one slice: none waits for the other */
-            count[slice_of(work, work->from[begin])]++;
-            odd[slice_of(work, work->from[begin + 1])]++;
-        }
-        if (begin < end) count[slice_of(work, work->from[begin++])]++;
-    }
-    for (int slice = 0; slice < SLICES; slice++)
-        count[slice] += odd[slice];
+    uint64_t made[BLOCK_MOST];
+    uint16_t place[SLICES], *slice_begin = work->block[block].slice_begin;
+    size_t begin = block * work->block_entries, end = begin + work->block_entries;
+    end = end < work->count ? end : work->count;
+    if (work->maker)
+        work->maker->make(work->maker->data, begin, end, made);
+    else
+        memcpy(made, work->from + begin, (end - begin) * sizeof *made);
+    count_slices(work, made, end - begin, slice_begin);
+    memcpy(place, slice_begin, sizeof place);
+    uint64_t *home = work->from + begin;
+    for (size_t i = 0; i < end - begin; i++)
+        home[place[slice_of(work, made[i])]++] = made[i];
 }
 
-/** Makes ranges with about as many entries each from runs of slices; slices ends with the last. */
-static void make_ranges(sort_work *work, uint32_t slice_begin[MAX_RANGES + 1])
+/** Cuts the slices into ranges with about as many entries each. */
+static void make_ranges(sort_work *work)
 {
     uint32_t total[SLICES] = {0};
     for (size_t b = 0; b < work->block_count; b++)
-        for (uint32_t slice = 0; slice < SLICES; slice++)
-            total[slice] += work->block[b].slice_count[slice];
+        for (int slice = 0; slice < SLICES; slice++)
+            total[slice] +=
+                (uint32_t)(work->block[b].slice_begin[slice + 1] - work->block[b].slice_begin[slice]);
     size_t range = 0, begin = 0;
-    slice_begin[0] = 0;
     for (uint32_t slice = 0; slice < SLICES; slice++) {
-        while (range + 1 < work->range_count && begin >= work->count * (range + 1) / work->range_count) {
-            work->range_begin[++range] = begin;
-            slice_begin[range] = slice;
-        }
-        work->range_of[slice] = (uint8_t)range;
+        while (range + 1 < work->range_count && begin >= work->count * (range + 1) / work->range_count)
+            work->range[++range] = (sort_range){slice, begin};
         begin += total[slice];
     }
-    while (range < work->range_count) {
-        work->range_begin[++range] = begin;
-        slice_begin[range] = SLICES;
-    }
+    while (range < work->range_count)
+        work->range[++range] = (sort_range){SLICES, begin};
 }
 
-/** Tells every block where its entries go. */
-static void deal_out(sort_work *work)
+/** A range's entries of one block. */
+static const uint64_t *part_of_block(const sort_work *work, size_t block, size_t range, size_t *count)
 {
-    uint32_t slice_begin[MAX_RANGES + 1];
-    make_ranges(work, slice_begin);
-    for (size_t r = 0; r < work->range_count; r++) {
-        uint32_t next = (uint32_t)work->range_begin[r];
-        for (size_t b = 0; b < work->block_count; b++) {
-            work->block[b].place[r] = next;
-            for (uint32_t slice = slice_begin[r]; slice < slice_begin[r + 1]; slice++)
-                next += work->block[b].slice_count[slice];
-        }
-    }
+    const uint16_t *slice_begin = work->block[block].slice_begin;
+    size_t begin = slice_begin[work->range[range].slice];
+    *count = slice_begin[work->range[range + 1].slice] - begin;
+    return work->from + block * work->block_entries + begin;
 }
 
-/** Moves a block's entries to the ranges that they belong to, after those of the blocks before it. */
-static void move_block(void *data, int worker, size_t block)
+/** From all blocks, which lie in order, to the order of the first digit. */
+static void gather_range(void *data, int worker, size_t range)
 {
     (void)worker;
     const sort_work *work = data;
-    uint32_t place[MAX_RANGES];
-    memcpy(place, work->block[block].place, sizeof place);
-    for (size_t i = block_begin(work, block); i < block_begin(work, block + 1); i++)
-        work->to[place[work->range_of[slice_of(work, work->from[i])]]++] = work->from[i];
+    uint32_t place[1 << MAX_DIGIT_BITS];
+    const uint64_t mask = (UINT64_C(1) << work->digit_bits) - 1;
+    memset(place, 0, (size_t)(mask + 1) * sizeof *place);
+    for (size_t b = 0, count; b < work->block_count; b++) {
+        const uint64_t *entries = part_of_block(work, b, range, &count);
+        for (size_t i = 0; i < count; i++)
+            place[entries[i] >> work->low_bit & mask]++;
+    }
+    sum_up(place, mask);
+    uint64_t *to = work->to + work->range[range].begin;
+    for (size_t b = 0, count; b < work->block_count; b++) {
+        const uint64_t *entries = part_of_block(work, b, range, &count);
+        for (size_t i = 0; i < count; i++)
+            to[place[entries[i] >> work->low_bit & mask]++] = entries[i];
+    }
 }
 
-static void sort_range(void *data, int worker, size_t range)
+static void finish_range(void *data, int worker, size_t range)
 {
     (void)worker;
     const sort_work *work = data;
-    size_t begin = work->range_begin[range], end = work->range_begin[range + 1];
+    size_t begin = work->range[range].begin, end = work->range[range + 1].begin;
     uint64_t *home = work->from + begin;
-    sort_alone(work, NULL, work->to + begin, home, home, end - begin);
+    sort_alone(work, NULL, 1, work->to + begin, home, home, end - begin);
 }
 
 static bool sort_together(qm_context *ctx, sort_work *work)
@@ -190,28 +214,29 @@ static bool sort_together(qm_context *ctx, sort_work *work)
     int bits = work->digits * work->digit_bits;
     work->slice_bits = bits < SLICE_BITS ? bits : SLICE_BITS;
     work->slice_shift = work->low_bit + bits - work->slice_bits;
-    work->block_count = clamp(work->count / BLOCK_ENTRIES, (size_t)work->workers, MAX_BLOCKS);
+    work->block_entries = clamp(work->count / MANY_BLOCKS, BLOCK_LEAST, BLOCK_MOST);
+    work->block_count = (work->count + work->block_entries - 1) / work->block_entries;
     work->range_count = clamp(work->count / RANGE_ENTRIES, (size_t)work->workers, MAX_RANGES);
     work->block = qm_context_alloc(ctx, work->block_count, sizeof *work->block);
     if (!work->block) return false;
-    qm_context_share(ctx, work->workers, work->block_count, count_block, work);
-    deal_out(work);
-    qm_context_share(ctx, work->workers, work->block_count, move_block, work);
-    qm_context_share(ctx, work->workers, work->range_count, sort_range, work);
+    qm_context_share(ctx, work->workers, work->block_count, sort_block_entries, work);
+    make_ranges(work);
+    qm_context_share(ctx, work->workers, work->range_count, gather_range, work);
+    qm_context_share(ctx, work->workers, work->range_count, finish_range, work);
     qm_context_free(ctx, work->block, work->block_count, sizeof *work->block);
     return true;
 }
 
 static void sort(qm_context *ctx, sort_work work)
 {
-    work.workers = (int)clamp(work.count / MIN_SHARE, 1, clamp((size_t)work.workers, 1, MAX_BLOCKS));
+    work.workers = (int)clamp(work.count / MIN_SHARE, 1, clamp((size_t)work.workers, 1, MAX_RANGES));
     if (work.workers == 1 || !sort_together(ctx, &work))
-        sort_alone(&work, work.maker, work.from, work.to, work.from, work.count);
+        sort_alone(&work, work.maker, 0, work.from, work.to, work.from, work.count);
 }
 
 static qm_status sort_with_spare(qm_context *ctx, sort_work work)
 {
-    if (work.count < 2) return QM_OK;
+    if (work.count < 2 || work.digits == 0) return QM_OK;
     work.to = qm_context_alloc(ctx, work.count, sizeof *work.to);
     if (!work.to) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory while sorting");
     sort(ctx, work);
