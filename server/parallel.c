@@ -1,7 +1,9 @@
 /**
  * parallel.c: a team of helper threads that outlive a call. The engine goes through many short parallel parts
  * one after the other, and to make a thread for each costs more than some of them take. A helper without work
- * looks out for more for a moment, giving its processor to whoever wants it, and then sleeps.
+ * looks out for more for a moment, giving its processor to whoever wants it, and then sleeps. A task that its
+ * helper has not begun by the time that the caller is through with its own goes back to the caller: where the
+ * processors are busy, or a helper takes long to wake up, no one waits for it.
  */
 #include "parallel.h"
 
@@ -15,7 +17,7 @@
 #define LOOKS 256      /* for a change of state before the wait goes to sleep, */
 #define LOOK_PAUSES 32 /* each so long: on the whole a fraction of a millisecond */
 
-enum { HELPER_DONE, HELPER_GIVEN };
+enum { HELPER_DONE, HELPER_GIVEN, HELPER_AT_WORK };
 
 typedef struct helper {
     struct helper *next; /* in the list of idle helpers, or of those of a call */
@@ -46,6 +48,11 @@ static void pause_a_little(void)
     }
 }
 
+static bool change_state(helper *h, int from, int to)
+{
+    return atomic_compare_exchange_strong(&h->state, &from, to);
+}
+
 static void set_state(helper *h, int state)
 {
     atomic_store(&h->state, state);
@@ -55,19 +62,26 @@ static void set_state(helper *h, int state)
     pthread_mutex_unlock(&h->lock);
 }
 
-static void await_state(helper *h, int state)
+static bool look_out(helper *h, int state)
 {
     for (int i = 0; i < LOOKS; i++) {
-        if (atomic_load(&h->state) == state) return;
+        if (atomic_load(&h->state) == state) return true;
         pause_a_little();
         sched_yield();
     }
-    pthread_mutex_lock(&h->lock);
-    atomic_fetch_add(&h->sleepers, 1);
-    while (atomic_load(&h->state) != state)
-        pthread_cond_wait(&h->changed, &h->lock);
-    atomic_fetch_sub(&h->sleepers, 1);
-    pthread_mutex_unlock(&h->lock);
+    return false;
+}
+
+/** After each sleep it looks out again: what it was woken up for may be gone, and more to come. */
+static void await_state(helper *h, int state)
+{
+    while (!look_out(h, state)) {
+        pthread_mutex_lock(&h->lock);
+        atomic_fetch_add(&h->sleepers, 1);
+        if (atomic_load(&h->state) != state) pthread_cond_wait(&h->changed, &h->lock);
+        atomic_fetch_sub(&h->sleepers, 1);
+        pthread_mutex_unlock(&h->lock);
+    }
 }
 
 static void *help(void *argument)
@@ -75,6 +89,7 @@ static void *help(void *argument)
     helper *h = argument;
     for (;;) {
         await_state(h, HELPER_GIVEN);
+        if (!change_state(h, HELPER_GIVEN, HELPER_AT_WORK)) continue;
         h->task(h->data, h->worker);
         set_state(h, HELPER_DONE);
     }
@@ -137,6 +152,8 @@ void qm_parallel_run(void *user, int worker_count, void (*task)(void *data, int 
     task(data, 0);
     for (int worker = started + 1; worker < worker_count; worker++)
         task(data, worker);
+    for (helper *h = mine; h; h = h->next)
+        if (change_state(h, HELPER_GIVEN, HELPER_DONE)) task(data, h->worker);
     while (mine) {
         helper *h = mine;
         mine = h->next;

@@ -11,7 +11,7 @@ bool qm_box_tree_init(qm_context *ctx, size_t count, qm_box_tree *out)
         out->group_count[level] = count;
         out->groups[level] = qm_context_alloc_aligned(ctx, count, sizeof *out->groups[level]);
         if (!out->groups[level]) return false;
-        memset(out->groups[level], 0, count * sizeof *out->groups[level]);
+        memset(&out->groups[level][count - 1], 0, sizeof *out->groups[level]);
     } while (count > 1);
     return true;
 }
@@ -42,11 +42,16 @@ static void fill_member(qm_box_tree *tree, int level, size_t i)
     }
 }
 
+void qm_box_tree_fill_members(qm_box_tree *tree, int level, size_t begin, size_t end)
+{
+    for (size_t i = begin; i < end; i++)
+        fill_member(tree, level, i);
+}
+
 void qm_box_tree_fill(qm_box_tree *tree, int first)
 {
     for (int level = first; level <= tree->level_count; level++)
-        for (size_t i = 0; i < tree->group_count[level - 1]; i++)
-            fill_member(tree, level, i);
+        qm_box_tree_fill_members(tree, level, 0, tree->group_count[level - 1]);
 }
 
 size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count)

@@ -26,8 +26,8 @@ typedef struct qm_box_tree {
     qm_box_group *groups[QM_TREE_LEVELS]; /* [0] is NULL */
 } qm_box_tree;
 
-/** Allocates the levels over count members, 1 or more, all boxes zero. False when out of memory;
- * qm_box_tree_reset frees either way. */
+/** Allocates the levels over count members, 1 or more; boxes past the last member are zero, all others are to
+ * be set. False when out of memory; qm_box_tree_reset frees either way. */
 bool qm_box_tree_init(qm_context *ctx, size_t count, qm_box_tree *out);
 void qm_box_tree_reset(qm_context *ctx, qm_box_tree *tree);
 
@@ -53,6 +53,9 @@ qm_box qm_box_tree_whole(const qm_box_tree *tree);
 
 /** Makes the boxes of levels first (2 or more) and up from those below. */
 void qm_box_tree_fill(qm_box_tree *tree, int first);
+
+/** Makes some boxes of one level alone, from the groups of the level below. */
+void qm_box_tree_fill_members(qm_box_tree *tree, int level, size_t begin, size_t end);
 
 /** The same above these members alone, which are ascending; returns how many boxes were made. The list is
  * used up. */

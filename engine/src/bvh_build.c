@@ -7,11 +7,12 @@
 #include "bits.h"
 #include "bvh_order.h"
 #include "bvh_pack.h"
+#include "bvh_rows.h"
 
-#define PREFETCH 16   /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
-#define MIN_PACKS 512 /* packs that make it worth to start another thread */
+#define PREFETCH 16    /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
+#define BLOCK_PACKS 64 /* packs that a worker takes at once: a multiple of 64, a box of the third level */
 
-/** Work on the packs, a range of them for each worker; a range starts at a multiple of eight. */
+/** Work on the packs, which the workers share by blocks. */
 typedef struct pack_builder {
     qm_context *ctx;
     const qm_kernel *kernel;
@@ -31,14 +32,6 @@ static uint32_t order_face(uint64_t entry)
 static int face_corners(const qm_mesh *mesh, uint32_t face)
 {
     return mesh->faces[4 * (size_t)face + 3] == QM_NO_INDEX ? 3 : 4;
-}
-
-static size_t count_quads(const qm_mesh *mesh)
-{
-    size_t quads = 0;
-    for (size_t i = 0; i < mesh->face_count; i++)
-        quads += mesh->faces[4 * i + 3] != QM_NO_INDEX;
-    return quads;
 }
 
 /** Fills packs in order; one with a single lane left closes before a quad. Returns how many there are. */
@@ -116,18 +109,21 @@ static void build_pack(const pack_builder *builder, size_t pack)
     fill_lanes(builder, pack);
     builder->kernel->fit_box(bvh, pack, bvh->lanes[pack].vertex, bvh->lanes[pack].vertex_count);
     qm_bvh_fill_pack(builder->kernel, bvh, pack);
+    if (bvh->rows) atomic_init(&bvh->rows_place[pack], QM_ROWS_NONE);
 }
 
-static void build_own_packs(void *data, int worker)
+/** Packs of a block, and the boxes above its groups. */
+static void build_block(void *data, int worker, size_t block)
 {
+    (void)worker;
     const pack_builder *builder = data;
-    size_t groups = (builder->bvh->pack_count + 7) / 8, workers = (size_t)builder->workers;
-    size_t begin = 8 * (groups * (size_t)worker / workers),
-           end = 8 * (groups * ((size_t)worker + 1) / workers);
-    for (size_t i = begin; i < end && i < builder->bvh->pack_count; i++) {
-        if (i % 4096 == 0 && qm_context_canceled(builder->ctx)) return;
+    qm_bvh *bvh = builder->bvh;
+    if (qm_context_canceled(builder->ctx)) return;
+    size_t begin = block * BLOCK_PACKS,
+           end = begin + BLOCK_PACKS < bvh->pack_count ? begin + BLOCK_PACKS : bvh->pack_count;
+    for (size_t i = begin; i < end; i++)
         build_pack(builder, i);
-    }
+    if (bvh->boxes.level_count > 1) qm_box_tree_fill_members(&bvh->boxes, 2, begin / 8, (end + 7) / 8);
 }
 
 static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts)
@@ -140,7 +136,6 @@ static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts)
         bvh->rows = qm_context_alloc_aligned(ctx, count, sizeof *bvh->rows);
         bvh->rows_place = qm_context_alloc(ctx, count + 1, sizeof *bvh->rows_place);
         if (!bvh->float_packs || !bvh->rows || !bvh->rows_place) return QM_E_NO_MEMORY;
-        memset(bvh->rows_place, 0xff, count * sizeof *bvh->rows_place); /* QM_ROWS_NONE */
         bvh->rows_used = bvh->rows_place + count;
         atomic_init(bvh->rows_used, 0);
     }
@@ -155,11 +150,10 @@ static qm_status build_tree(pack_builder *builder, qm_bvh_parts parts)
     qm_bvh *bvh = builder->bvh;
     qm_status status = allocate_tree(builder->ctx, bvh, parts);
     if (status != QM_OK) return status;
-    while (builder->workers > 1 && bvh->pack_count / (size_t)builder->workers < MIN_PACKS)
-        builder->workers--;
-    qm_context_parallel(builder->ctx, builder->workers, build_own_packs, builder);
+    size_t blocks = (bvh->pack_count + BLOCK_PACKS - 1) / BLOCK_PACKS;
+    qm_context_share(builder->ctx, builder->workers, blocks, build_block, builder);
     if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
-    qm_box_tree_fill(&bvh->boxes, 2);
+    qm_box_tree_fill(&bvh->boxes, 3);
     bvh->reach = qm_box_tree_reach(&bvh->boxes);
     return QM_OK;
 }
@@ -211,8 +205,8 @@ void qm_bvh_reset(qm_context *ctx, qm_bvh *bvh)
 static qm_status build(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, qm_frame_of of, int thread_count,
                        uint64_t *order)
 {
-    qm_bvh_faces faces = {order, qm_mesh_facet_count(&bvh->mesh), count_quads(&bvh->mesh)};
-    qm_status status = qm_bvh_order(ctx, &bvh->mesh, parts, of, thread_count, &bvh->frame, order);
+    qm_bvh_faces faces = {.order = order, .count = qm_mesh_facet_count(&bvh->mesh)};
+    qm_status status = qm_bvh_order(ctx, &bvh->mesh, parts, of, thread_count, &bvh->frame, &faces);
     if (status == QM_OK) status = qm_bvh_build_ordered(ctx, bvh, parts, thread_count, &faces);
     if (status != QM_OK || of == QM_FRAME_OF_SURFACE || !qm_bvh_frame_is_wide(bvh)) return status;
     qm_bvh_reset(ctx, bvh);

@@ -4,6 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#define MAX_RUNS 64 /* of blocks that workers share: those beyond take from the others */
+
 qm_context qm_context_make(void)
 {
     return (qm_context){.allocator = qm_allocator_default};
@@ -26,6 +28,44 @@ void qm_context_parallel(qm_context *ctx, int worker_count, void (*task)(void *d
     }
     for (int worker = 0; worker < worker_count; worker++)
         task(data, worker);
+}
+
+/** A run of blocks, on a line of its own: a worker's own, until others are through with theirs. */
+typedef struct block_run {
+    _Alignas(64) atomic_size_t next;
+    size_t end;
+} block_run;
+
+typedef struct shared_blocks {
+    void (*task)(void *data, int worker, size_t block);
+    void *data;
+    int run_count;
+    block_run run[MAX_RUNS];
+} shared_blocks;
+
+static void take_blocks(void *data, int worker)
+{
+    shared_blocks *blocks = data;
+    for (int i = 0; i < blocks->run_count; i++) {
+        block_run *run = &blocks->run[(worker + i) % blocks->run_count];
+        for (size_t block; (block = atomic_fetch_add(&run->next, 1)) < run->end;)
+            blocks->task(blocks->data, worker, block);
+    }
+}
+
+void qm_context_share(qm_context *ctx, int worker_count, size_t block_count,
+                      void (*task)(void *data, int worker, size_t block), void *data)
+{
+    if ((size_t)worker_count > block_count) worker_count = (int)block_count;
+    shared_blocks blocks;
+    blocks.task = task;
+    blocks.data = data;
+    blocks.run_count = worker_count < MAX_RUNS ? worker_count : MAX_RUNS;
+    for (int i = 0; i < blocks.run_count; i++) {
+        atomic_init(&blocks.run[i].next, block_count * (size_t)i / (size_t)blocks.run_count);
+        blocks.run[i].end = block_count * ((size_t)i + 1) / (size_t)blocks.run_count;
+    }
+    qm_context_parallel(ctx, worker_count, take_blocks, &blocks);
 }
 
 void *qm_context_alloc(qm_context *ctx, size_t count, size_t width)

@@ -7,6 +7,7 @@
 #include "hausdorff_search.h"
 
 #define SEED_COUNT 1024 /* packs measured at their middles, spread along the Hilbert curve */
+#define SHARED_SEEDS 32 /* seeds that one of several workers takes at once */
 #define PEAK_COUNT 16   /* of the seeds, the farthest, round which more is measured */
 #define CLOSER_COUNT 16 /* packs round a peak measured at their middles */
 
@@ -21,11 +22,12 @@ typedef struct seed_list {
     seed at[PEAK_COUNT]; /* farthest first */
 } seed_list;
 
-/** What the workers share: each measures a range of the seeds, and then some of the peaks of all. */
+/** What the workers share: they measure the seeds, block by block, and then the peaks of all. */
 typedef struct scout {
     qm_search *search;
     const qm_side *side;
     size_t step; /* packs from seed to seed */
+    size_t seed_count, block_seeds;
     mtx_t lock;
     seed_list peaks; /* guarded by lock while seeds are measured */
     uint32_t hint;   /* of the last seed */
@@ -119,45 +121,45 @@ static seed look_closer(qm_worker *worker, const qm_side *side, seed peak, size_
     return best;
 }
 
-static void measure_seeds(void *data, int index)
+static void measure_seeds(void *data, int worker, size_t block)
 {
     scout *shared = data;
-    qm_search *search = shared->search;
-    size_t packs = shared->side->source->pack_count, seeds = (packs + shared->step - 1) / shared->step;
-    size_t workers = (size_t)search->worker_count;
-    size_t begin = seeds * (size_t)index / workers, end = seeds * ((size_t)index + 1) / workers;
+    size_t end = (block + 1) * shared->block_seeds;
+    end = end < shared->seed_count ? end : shared->seed_count;
     seed_list own = {0};
     seed s = {0};
-    for (size_t i = begin; i < end; i++) {
-        s = measure_middle(&search->workers[index], shared->side, (uint32_t)(i * shared->step), s.hint);
+    for (size_t i = block * shared->block_seeds; i < end; i++) {
+        s = measure_middle(&shared->search->workers[worker], shared->side, (uint32_t)(i * shared->step),
+                           s.hint);
         keep_farthest(&own, s);
     }
     mtx_lock(&shared->lock);
     for (int i = 0; i < own.count; i++)
         keep_farthest(&shared->peaks, own.at[i]);
-    if (end == seeds) shared->hint = s.hint;
+    if (end == shared->seed_count) shared->hint = s.hint;
     mtx_unlock(&shared->lock);
 }
 
-static void measure_peaks(void *data, int index)
+static void measure_peak(void *data, int index, size_t place)
 {
     const scout *shared = data;
     qm_worker *worker = &shared->search->workers[index];
-    for (int i = index; i < shared->peaks.count; i += shared->search->worker_count) {
-        seed peak = shared->peaks.at[i];
-        if (shared->step > 1) peak = look_closer(worker, shared->side, peak, shared->step);
-        measure_pack(worker, shared->side, peak);
-    }
-    qm_worker_follow(worker);
+    seed peak = shared->peaks.at[place];
+    if (shared->step > 1) peak = look_closer(worker, shared->side, peak, shared->step);
+    measure_pack(worker, shared->side, peak);
 }
 
 uint32_t qm_search_scout(qm_context *ctx, qm_search *search, const qm_side *side)
 {
     size_t packs = side->source->pack_count;
+    int workers = search->worker_count;
     scout shared = {.search = search, .side = side, .step = packs > SEED_COUNT ? packs / SEED_COUNT : 1};
+    shared.seed_count = (packs + shared.step - 1) / shared.step;
+    shared.block_seeds = workers > 1 ? SHARED_SEEDS : shared.seed_count;
     mtx_init(&shared.lock, mtx_plain);
-    qm_context_parallel(ctx, search->worker_count, measure_seeds, &shared);
-    qm_context_parallel(ctx, search->worker_count, measure_peaks, &shared);
+    size_t blocks = (shared.seed_count + shared.block_seeds - 1) / shared.block_seeds;
+    qm_context_share(ctx, workers, blocks, measure_seeds, &shared);
+    qm_context_share(ctx, workers, (size_t)shared.peaks.count, measure_peak, &shared);
     mtx_destroy(&shared.lock);
     return shared.hint;
 }

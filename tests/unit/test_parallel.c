@@ -5,6 +5,7 @@
 
 #include "check.h"
 #include "parallel.h"
+#include "qm/context.h"
 
 #define MOST_WORKERS 300 /* more than there are helpers */
 
@@ -97,12 +98,52 @@ static void calls_may_come_at_the_same_time(void **state)
         assert_int_equal(pthread_join(threads[i], NULL), 0);
 }
 
+#define MOST_BLOCKS 1000
+
+typedef struct block_tally {
+    int workers;
+    bool first_sleeps;
+    atomic_int calls[MOST_BLOCKS];
+} block_tally;
+
+static void count_block(void *data, int worker, size_t block)
+{
+    block_tally *t = data;
+    assert_in_range(worker, 0, t->workers - 1);
+    struct timespec nap = {.tv_nsec = 5000000};
+    if (t->first_sleeps && block == 0) nanosleep(&nap, NULL);
+    atomic_fetch_add(&t->calls[block], 1);
+}
+
+static void share_and_check(qm_context *ctx, int workers, size_t blocks, bool first_sleeps)
+{
+    block_tally t = {.workers = workers, .first_sleeps = first_sleeps};
+    qm_context_share(ctx, workers, blocks, count_block, &t);
+    for (size_t i = 0; i < MOST_BLOCKS; i++)
+        assert_int_equal(atomic_load(&t.calls[i]), i < blocks ? 1 : 0);
+}
+
+static void each_block_is_taken_once(void **state)
+{
+    (void)state;
+    qm_context alone = qm_context_make(), together = qm_context_make();
+    together.parallel = qm_parallel_run;
+    const size_t counts[] = {0, 1, 2, 7, MOST_BLOCKS};
+    for (size_t c = 0; c < sizeof counts / sizeof *counts; c++) {
+        for (int workers = 1; workers <= 5; workers++) {
+            share_and_check(&alone, workers, counts[c], false);
+            share_and_check(&together, workers, counts[c], true);
+        }
+        share_and_check(&together, 200, counts[c], false); /* more than have blocks of their own */
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(each_worker_runs_once),           cmocka_unit_test(helpers_wake_up),
         cmocka_unit_test(the_caller_waits_for_all),        cmocka_unit_test(calls_may_lie_inside_calls),
-        cmocka_unit_test(calls_may_come_at_the_same_time),
+        cmocka_unit_test(calls_may_come_at_the_same_time), cmocka_unit_test(each_block_is_taken_once),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

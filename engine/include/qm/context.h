@@ -38,6 +38,14 @@ qm_status qm_context_fail(qm_context *ctx, qm_status status, const char *format,
 /** Runs the tasks through ctx->parallel, or one after the other without it. */
 void qm_context_parallel(qm_context *ctx, int worker_count, void (*task)(void *data, int worker), void *data);
 
+/**
+ * Runs task(data, worker, block) once for each block, shared out to up to worker_count workers. Each goes
+ * through a run of blocks of its own, and then takes from those of others: a thread on a busy processor does
+ * less, and one call after the other leaves most of the memory with the same processor.
+ */
+void qm_context_share(qm_context *ctx, int worker_count, size_t block_count,
+                      void (*task)(void *data, int worker, size_t block), void *data);
+
 /** True once the host has raised the cancel flag. */
 static inline bool qm_context_canceled(const qm_context *ctx)
 {
