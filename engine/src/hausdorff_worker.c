@@ -91,7 +91,7 @@ static bool take_own(qm_worker *worker, qm_entry *entry, qm_piece *piece)
 /** Moves half of the victim's entries over; the caller holds both locks. */
 static void move_half(qm_worker *thief, qm_worker *victim)
 {
-    for (size_t wanted = victim->queue.count / 2; wanted > 0; wanted--) {
+    for (size_t wanted = (victim->queue.count + 1) / 2; wanted > 0; wanted--) {
         qm_piece piece;
         qm_entry entry = qm_queue_pop(&victim->queue, &piece);
         if (entry.upper > thief->top) thief->top = entry.upper;
@@ -102,16 +102,19 @@ static void move_half(qm_worker *thief, qm_worker *victim)
     }
 }
 
+/** A last entry is left to its owner, unless no one is at work: the owner may not have begun, or have left.
+ */
 static bool steal(qm_worker *thief)
 {
     qm_search *search = thief->search;
+    size_t least = atomic_load(&search->busy_count) > 0 ? MIN_STEAL : 1;
     for (int i = 1; i < search->worker_count; i++) {
         qm_worker *victim = &search->workers[(thief->index + i) % search->worker_count];
         qm_worker *first = victim->index < thief->index ? victim : thief;
         qm_worker *second = first == victim ? thief : victim;
         lock(first);
         lock(second);
-        if (victim->queue.count >= MIN_STEAL) move_half(thief, victim);
+        if (victim->queue.count >= least) move_half(thief, victim);
         bool stolen = thief->queue.count > 0;
         unlock(second);
         unlock(first);
@@ -120,18 +123,40 @@ static bool steal(qm_worker *thief)
     return false;
 }
 
+static void lock_all(const qm_search *search)
+{
+    for (int i = 0; i < search->worker_count; i++)
+        lock(&search->workers[i]);
+}
+
+static void unlock_all(const qm_search *search)
+{
+    for (int i = search->worker_count; i-- > 0;)
+        unlock(&search->workers[i]);
+}
+
+/** True when no entry is left, in a queue or at hand. */
+static bool is_over(const qm_search *search)
+{
+    if (atomic_load(&search->busy_count) > 0) return false;
+    lock_all(search);
+    bool over = atomic_load(&search->busy_count) == 0;
+    for (int i = 0; i < search->worker_count && over; i++)
+        over = search->workers[i].queue.count == 0;
+    unlock_all(search);
+    return over;
+}
+
 double qm_search_upper(const qm_search *search)
 {
     double upper = atomic_load(&search->lower);
-    for (int i = 0; i < search->worker_count; i++)
-        lock(&search->workers[i]);
+    lock_all(search);
     for (int i = 0; i < search->worker_count; i++) {
         qm_worker *worker = &search->workers[i];
         upper = fmax(upper, fmax(worker->top, atomic_load(&worker->discarded)));
         if (worker->queue.count > 0) upper = fmax(upper, worker->queue.heap[0].upper);
     }
-    for (int i = search->worker_count; i-- > 0;)
-        unlock(&search->workers[i]);
+    unlock_all(search);
     return upper;
 }
 
@@ -211,7 +236,7 @@ void qm_worker_run(qm_worker *worker)
             atomic_fetch_sub(&search->busy_count, 1);
             if (++worker->iterations >= LOOK_INTERVAL) look_around(worker);
         } else if (!is_shared(worker) || !steal(worker)) {
-            if (atomic_load(&search->busy_count) == 0) break;
+            if (is_over(search)) break;
             thrd_yield();
         }
     }

@@ -377,6 +377,33 @@ static void progress_only_ever_tightens(void **state)
     qm_shape_free(&b);
 }
 
+/** A host without threads that takes the workers' tasks from the last to the first. */
+static void run_backwards(void *user, int worker_count, void (*task)(void *data, int worker), void *data)
+{
+    (void)user;
+    while (worker_count-- > 0)
+        task(data, worker_count);
+}
+
+static void no_worker_waits_for_another(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_sphere(0), b = qm_shape_sphere(M_PI / 100);
+    qm_context ctx = qm_context_make();
+    ctx.parallel = run_backwards;
+    for (int d = 0; d < 3; ++d) {
+        qm_hausdorff_options options = options_of(directions[d], QM_QUADS_TRIANGLES, 1e-9);
+        options.thread_count = 3;
+        qm_hausdorff_result r;
+        assert_int_equal(measure_in(&ctx, &a, &b, &options, &r), QM_OK);
+        double expected = 1 - cos(M_PI / 100);
+        QM_CHECK(r.lower <= expected + 1e-15 && r.upper >= expected - 1e-15 && r.upper - r.lower <= 1e-9,
+                 "direction %d: [%.17g, %.17g]", d, r.lower, r.upper);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 static void a_raised_flag_ends_the_search_with_its_bracket(void **state)
 {
     (void)state;
@@ -465,6 +492,7 @@ int main(void)
         cmocka_unit_test(limits_leave_a_bracket_that_holds),
         cmocka_unit_test(tolerances_below_precision_are_said_to_be_so),
         cmocka_unit_test(progress_only_ever_tightens),
+        cmocka_unit_test(no_worker_waits_for_another),
         cmocka_unit_test(a_raised_flag_ends_the_search_with_its_bracket),
         cmocka_unit_test(bad_options_are_refused_in_words),
         cmocka_unit_test(running_out_of_memory_is_a_status_and_leaks_nothing),
