@@ -48,9 +48,9 @@ static inline size_t qm_bits_list(const uint64_t *bits, size_t count, uint32_t *
 
 static inline size_t qm_bits_count(const uint64_t *bits, size_t count)
 {
-    size_t sum = 0;
+    size_t sum = 0; /* most words hold nothing, and counting bits may take a call */
     for (size_t word = 0; word < qm_bits_words(count); word++)
-        sum += (size_t)__builtin_popcountll(bits[word]);
+        if (bits[word] != 0) sum += (size_t)__builtin_popcountll(bits[word]);
     return sum;
 }
 

@@ -48,15 +48,10 @@ void qm_box_tree_fill_members(qm_box_tree *tree, int level, size_t begin, size_t
         fill_member(tree, level, i);
 }
 
-void qm_box_tree_fill_from(qm_box_tree *tree, int level)
+void qm_box_tree_fill(qm_box_tree *tree, int first)
 {
-    for (; level <= tree->level_count; level++)
+    for (int level = first; level <= tree->level_count; level++)
         qm_box_tree_fill_members(tree, level, 0, tree->group_count[level - 1]);
-}
-
-void qm_box_tree_fill(qm_box_tree *tree)
-{
-    qm_box_tree_fill_from(tree, 2);
 }
 
 size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count)

@@ -51,16 +51,14 @@ static inline int qm_box_tree_member_count(const qm_box_tree *tree, int level, s
 /** The box of everything. */
 qm_box qm_box_tree_whole(const qm_box_tree *tree);
 
-/** Makes the boxes of levels 2 and up from those of level 1. */
-void qm_box_tree_fill(qm_box_tree *tree);
+/** Makes the boxes of levels first (2 or more) and up from those below. */
+void qm_box_tree_fill(qm_box_tree *tree, int first);
 
-/** The same from the level given up; and some boxes of one level alone, from the groups of the level below.
- */
-void qm_box_tree_fill_from(qm_box_tree *tree, int level);
+/** Some boxes of one level alone, from the groups begin to end of the level below. */
 void qm_box_tree_fill_members(qm_box_tree *tree, int level, size_t begin, size_t end);
 
-/** The same above these members alone, which are ascending; returns how many boxes were made. The list is
- * used up. */
+/** All boxes above these members of level 0 alone, which are ascending; returns how many boxes were made. The
+ * list is used up. */
 size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count);
 
 /** The greatest coordinate of any box by magnitude, at most 1. */

@@ -107,7 +107,7 @@ static void build_pack(const pack_builder *builder, size_t pack)
 {
     qm_bvh *bvh = builder->bvh;
     fill_lanes(builder, pack);
-    builder->kernel->fit_box(bvh, pack);
+    builder->kernel->fit_box(bvh, pack, bvh->lanes[pack].vertex, bvh->lanes[pack].vertex_count);
     qm_bvh_fill_pack(builder->kernel, bvh, pack);
     if (bvh->rows) atomic_init(&bvh->rows_place[pack], QM_ROWS_NONE);
 }
@@ -153,7 +153,7 @@ static qm_status build_tree(pack_builder *builder, qm_bvh_parts parts)
     size_t blocks = (bvh->pack_count + BLOCK_PACKS - 1) / BLOCK_PACKS;
     qm_context_share(builder->ctx, builder->workers, blocks, build_block, builder);
     if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
-    qm_box_tree_fill_from(&bvh->boxes, 3);
+    qm_box_tree_fill(&bvh->boxes, 3);
     bvh->reach = qm_box_tree_reach(&bvh->boxes);
     return QM_OK;
 }

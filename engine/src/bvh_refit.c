@@ -10,10 +10,10 @@
 #define MIN_PACKS 512 /* packs that make it worth to start another thread */
 #define AHEAD 12      /* packs ahead of the one at hand whose vertices are fetched */
 
-/** Packs to look at: a list of them, or all; a range for each worker. */
+/** All packs, a range for each worker. */
 typedef struct pack_work {
     qm_bvh *bvh;
-    const uint32_t *packs; /* NULL: all */
+    const qm_deformer *deformer; /* to fit boxes */
     size_t count;
     int workers;
 } pack_work;
@@ -26,31 +26,13 @@ static void each_pack(qm_context *ctx, pack_work *work, int thread_count, void (
     qm_context_parallel(ctx, work->workers, task, work);
 }
 
-static size_t pack_at(const pack_work *work, size_t i)
-{
-    return work->packs ? work->packs[i] : i;
-}
-
-static void fetch_vertices(const qm_bvh *bvh, size_t pack)
-{
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    for (int i = 0; i < lanes->vertex_count; i++)
-        __builtin_prefetch(bvh->mesh.positions + 3 * (size_t)lanes->vertex[i]);
-}
-
 static void fit_range(void *data, int worker)
 {
     const pack_work *work = data;
-    const qm_kernel *kernel = qm_kernel_get();
     size_t groups = (work->count + 7) / 8, workers = (size_t)work->workers;
-    size_t begin = 8 * (groups * (size_t)worker / workers),
-           end = 8 * (groups * ((size_t)worker + 1) / workers);
-    end = end < work->count ? end : work->count;
-    for (size_t i = begin; i < end; i++) {
-        if (i + AHEAD < end) fetch_vertices(work->bvh, pack_at(work, i + AHEAD));
-        kernel->fit_box(work->bvh, pack_at(work, i));
-        qm_bvh_drop_rows(work->bvh, pack_at(work, i));
-    }
+    size_t begin = groups * (size_t)worker / workers, end = groups * ((size_t)worker + 1) / workers;
+    qm_kernel_get()->fit_groups(work->bvh, work->deformer, begin, end);
+    qm_bvh_drop_rows(work->bvh, 8 * begin, 8 * end < work->count ? 8 * end : work->count);
 }
 
 static void refresh_range(void *data, int worker)
@@ -125,33 +107,45 @@ static bool faces_in_frame(const qm_bvh *bvh, const uint32_t *faces, size_t coun
     return true;
 }
 
-static void fit_all(qm_context *ctx, qm_bvh *bvh, int thread_count)
+/** Boxes of all levels; the kernel leaves those above the groups of packs. */
+static void fit_all(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer, int thread_count)
 {
-    pack_work work = {.bvh = bvh, .count = bvh->pack_count};
+    pack_work work = {.bvh = bvh, .deformer = deformer, .count = bvh->pack_count};
     each_pack(ctx, &work, thread_count, fit_range);
-    qm_box_tree_fill(&bvh->boxes);
+    qm_box_tree_fill(&bvh->boxes, 3);
 }
 
 /** A mesh rarely leaves its frame: boxes in the frame that is there tell, or else the mesh's own. */
-static size_t refit_all(qm_context *ctx, qm_bvh *bvh, int thread_count)
+static size_t refit_all(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer, int thread_count)
 {
     memset(bvh->stale, 0xff, qm_bits_words(bvh->pack_count) * sizeof *bvh->stale);
-    fit_all(ctx, bvh, thread_count);
+    fit_all(ctx, bvh, deformer, thread_count);
     if (!boxes_fit_frame(&bvh->boxes)) {
         qm_box box = qm_mesh_bounding_box(&bvh->mesh);
         if (!mesh_fits_frame(&bvh->frame, &box)) {
             bvh->frame = qm_frame_make(&box);
-            fit_all(ctx, bvh, thread_count);
+            fit_all(ctx, bvh, deformer, thread_count);
         }
     }
     return qm_bvh_box_count(bvh);
 }
 
-/** packs are those of the faces that changed, ascending; they are used up. */
-static size_t refit_packs(qm_context *ctx, qm_bvh *bvh, uint32_t *packs, size_t count)
+static void fetch_vertices(const qm_bvh *bvh, const qm_deformer *deformer, size_t pack)
 {
-    pack_work work = {.bvh = bvh, .packs = packs, .count = count};
-    each_pack(ctx, &work, 1, fit_range);
+    for (uint32_t i = deformer->pack_start[pack]; i < deformer->pack_start[pack + 1]; i++)
+        __builtin_prefetch(bvh->mesh.positions + 3 * (size_t)deformer->pack_vertices[i]);
+}
+
+/** packs are those of the faces that changed, ascending; they are used up. */
+static size_t refit_packs(qm_bvh *bvh, const qm_deformer *deformer, uint32_t *packs, size_t count)
+{
+    const qm_kernel *kernel = qm_kernel_get();
+    for (size_t i = 0; i < count; i++) {
+        if (i + AHEAD < count) fetch_vertices(bvh, deformer, packs[i + AHEAD]);
+        uint32_t pack = packs[i], begin = deformer->pack_start[pack], end = deformer->pack_start[pack + 1];
+        kernel->fit_box(bvh, pack, deformer->pack_vertices + begin, end - begin);
+        qm_bvh_drop_rows(bvh, pack, pack + 1);
+    }
     return count + qm_box_tree_refill(&bvh->boxes, packs, count);
 }
 
@@ -172,14 +166,14 @@ qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer
     if (status != QM_OK) {
         qm_context_fail(ctx, status, "out of memory to refit a tree");
     } else if (!faces) {
-        *updated = refit_all(ctx, bvh, thread_count);
+        *updated = refit_all(ctx, bvh, deformer, thread_count);
     } else if (face_count > 0) {
         for (size_t i = 0; i < face_count; i++)
             qm_bits_add(changed, deformer->face_pack[faces[i]]);
         for (size_t i = 0; i < qm_bits_words(bvh->pack_count); i++)
             bvh->stale[i] |= changed[i];
-        *updated = refit_packs(ctx, bvh, packs, qm_bits_list(changed, bvh->pack_count, packs));
-        if (!faces_in_frame(bvh, faces, face_count)) *updated = refit_all(ctx, bvh, thread_count);
+        *updated = refit_packs(bvh, deformer, packs, qm_bits_list(changed, bvh->pack_count, packs));
+        if (!faces_in_frame(bvh, faces, face_count)) *updated = refit_all(ctx, bvh, deformer, thread_count);
     }
     if (status == QM_OK) bvh->reach = qm_box_tree_reach(&bvh->boxes);
     if (status != QM_OK && !bvh->stale) qm_bits_free(ctx, stale, bvh->pack_count);

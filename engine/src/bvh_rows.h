@@ -26,10 +26,15 @@ static inline const qm_pack *qm_bvh_rows(const qm_bvh *bvh, size_t pack)
     return place < QM_ROWS_STALE ? &bvh->rows[place] : qm_bvh_make_rows(bvh, pack);
 }
 
-/** Has the rows of a pack made anew when they are asked for next; no search may be under way. */
-static inline void qm_bvh_drop_rows(qm_bvh *bvh, size_t pack)
+/** Has the rows of packs from begin on made anew when they are asked for next; no search may be under way, so
+ * that reading and writing need not be one step. */
+static inline void qm_bvh_drop_rows(qm_bvh *bvh, size_t begin, size_t end)
 {
-    if (bvh->rows) atomic_fetch_or_explicit(&bvh->rows_place[pack], QM_ROWS_STALE, memory_order_relaxed);
+    if (!bvh->rows || atomic_load_explicit(bvh->rows_used, memory_order_relaxed) == 0) return;
+    for (size_t pack = begin; pack < end; pack++) {
+        unsigned place = atomic_load_explicit(&bvh->rows_place[pack], memory_order_relaxed);
+        atomic_store_explicit(&bvh->rows_place[pack], place | QM_ROWS_STALE, memory_order_relaxed);
+    }
 }
 
 #endif

@@ -7,6 +7,8 @@
 #include "bvh_order.h"
 #include "mesh_ring.h"
 
+#define AHEAD 16 /* vertices ahead of the one at hand whose faces are fetched */
+
 static void lay_out_faces(qm_deformer *deformer, const qm_mesh *mesh)
 {
     memset(deformer->start, 0, (mesh->vertex_count + 1) * sizeof *deformer->start);
@@ -26,9 +28,24 @@ static void lay_out_faces(qm_deformer *deformer, const qm_mesh *mesh)
 
 static void map_packs(qm_deformer *deformer, const qm_bvh *bvh)
 {
+    uint32_t end = 0;
+    for (size_t pack = 0; pack < bvh->pack_count; pack++) {
+        const qm_pack_lanes *lanes = &bvh->lanes[pack];
+        for (int lane = 0; lane < lanes->lane_count; lane++)
+            deformer->face_pack[lanes->face[lane]] = (uint32_t)pack;
+        deformer->pack_start[pack] = end;
+        for (int i = 0; i < lanes->vertex_count; i++)
+            deformer->pack_vertices[end++] = lanes->vertex[i];
+    }
+    deformer->pack_start[bvh->pack_count] = end;
+}
+
+static size_t count_pack_vertices(const qm_bvh *bvh)
+{
+    size_t count = 0;
     for (size_t pack = 0; pack < bvh->pack_count; pack++)
-        for (int lane = 0; lane < bvh->lanes[pack].lane_count; lane++)
-            deformer->face_pack[bvh->lanes[pack].face[lane]] = (uint32_t)pack;
+        count += bvh->lanes[pack].vertex_count;
+    return count;
 }
 
 static size_t count_corners(const qm_mesh *mesh)
@@ -47,12 +64,18 @@ qm_status qm_deformer_build(qm_context *ctx, const qm_bvh *bvh, qm_deformer **ou
     if (!deformer) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a deformation");
     *deformer = (qm_deformer){.vertex_count = mesh->vertex_count,
                               .face_count = qm_mesh_facet_count(mesh),
-                              .corner_count = count_corners(mesh)};
+                              .corner_count = count_corners(mesh),
+                              .pack_count = bvh->pack_count,
+                              .pack_vertex_count = count_pack_vertices(bvh)};
     deformer->start = qm_context_alloc(ctx, deformer->vertex_count + 1, sizeof *deformer->start);
     deformer->faces = qm_context_alloc(ctx, deformer->corner_count, sizeof *deformer->faces);
     deformer->face_pack = qm_context_alloc(ctx, deformer->face_count, sizeof *deformer->face_pack);
+    deformer->pack_start = qm_context_alloc(ctx, deformer->pack_count + 1, sizeof *deformer->pack_start);
+    deformer->pack_vertices =
+        qm_context_alloc(ctx, deformer->pack_vertex_count, sizeof *deformer->pack_vertices);
     bool has_faces = deformer->faces || deformer->corner_count == 0;
-    if (!deformer->start || !has_faces || !deformer->face_pack) {
+    bool has_packs = deformer->face_pack && deformer->pack_start && deformer->pack_vertices;
+    if (!deformer->start || !has_faces || !has_packs) {
         qm_deformer_destroy(ctx, deformer);
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a deformation");
     }
@@ -68,6 +91,9 @@ void qm_deformer_destroy(qm_context *ctx, qm_deformer *deformer)
     qm_context_free(ctx, deformer->start, deformer->vertex_count + 1, sizeof *deformer->start);
     qm_context_free(ctx, deformer->faces, deformer->corner_count, sizeof *deformer->faces);
     qm_context_free(ctx, deformer->face_pack, deformer->face_count, sizeof *deformer->face_pack);
+    qm_context_free(ctx, deformer->pack_start, deformer->pack_count + 1, sizeof *deformer->pack_start);
+    qm_context_free(ctx, deformer->pack_vertices, deformer->pack_vertex_count,
+                    sizeof *deformer->pack_vertices);
     qm_context_free(ctx, deformer, 1, sizeof *deformer);
 }
 
@@ -75,7 +101,16 @@ size_t qm_deformer_memory_size(const qm_deformer *deformer)
 {
     return sizeof *deformer + (deformer->vertex_count + 1) * sizeof *deformer->start +
            deformer->corner_count * sizeof *deformer->faces +
-           deformer->face_count * sizeof *deformer->face_pack;
+           deformer->face_count * sizeof *deformer->face_pack +
+           (deformer->pack_count + 1) * sizeof *deformer->pack_start +
+           deformer->pack_vertex_count * sizeof *deformer->pack_vertices;
+}
+
+/** Fetches the faces of a vertex that comes soon, and where those of a later one begin. */
+static void fetch_faces(const qm_deformer *deformer, uint32_t soon, uint32_t later)
+{
+    if (soon < deformer->vertex_count) __builtin_prefetch(deformer->faces + deformer->start[soon]);
+    if (later < deformer->vertex_count) __builtin_prefetch(deformer->start + later);
 }
 
 static qm_status mark_faces(qm_context *ctx, const qm_deformer *deformer, const uint32_t *vertices,
@@ -83,6 +118,7 @@ static qm_status mark_faces(qm_context *ctx, const qm_deformer *deformer, const 
 {
     bool is_point_set = deformer->corner_count == 0;
     for (size_t i = 0; i < vertex_count; i++) {
+        if (i + 2 * AHEAD < vertex_count) fetch_faces(deformer, vertices[i + AHEAD], vertices[i + 2 * AHEAD]);
         uint32_t v = vertices[i];
         if (v >= deformer->vertex_count)
             return qm_context_fail(ctx, QM_E_INDEX, "entry %zu names vertex %u, the mesh has %zu", i, v,

@@ -3,6 +3,7 @@
  */
 #include <float.h>
 
+#include "bilinear_over.h"
 #include "hausdorff_piece.h"
 
 #define NEGLIGIBLE_TWIST 0.1 /* of the tolerance: labels with less are not refined */
@@ -147,6 +148,29 @@ bool qm_piece_quad_within(const qm_piece_work *work, qm_vec p, double distance)
         if (qm_piece_foot(work, &patch, p, distance).distance <= distance) return true;
     }
     return false;
+}
+
+bool qm_piece_over_face(const qm_piece_work *work, uint32_t face, const qm_polygon *polygon)
+{
+    qm_vec corner[4];
+    if (polygon->count != 3 || qm_bvh_load_face(work->side->target, face, corner) != 4) return false;
+    qm_patch patch = qm_patch_make(corner);
+    double uv[3][2], allowed = qm_piece_allowed(work) - work->slack;
+    for (int i = 0; i < 3; i++) {
+        qm_patch_foot foot = qm_piece_foot(work, &patch, polygon->corner[i], allowed);
+        if (foot.distance > allowed) return false;
+        uv[i][0] = foot.uv[0];
+        uv[i][1] = foot.uv[1];
+    }
+    return qm_patch_under(&patch, polygon->corner, uv) <= allowed;
+}
+
+bool qm_piece_over_patch(const qm_piece_work *work, const qm_polygon *polygon)
+{
+    if (polygon->count != 3) return false;
+    quad_list list;
+    list_quads(work, qm_polygon_middle(polygon), 0.0, &list);
+    return list.count > 0 && qm_piece_over_face(work, take_nearest(&list).face, polygon);
 }
 
 typedef struct feet_rectangle {

@@ -84,8 +84,11 @@ bool qm_piece_cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, b
     qm_shortlist list;
     work->kernel->shortlist(work->side->target, work->near, qm_polygon_middle(polygon), &list);
     qm_float_verdict verdict = cover_in_floats(work, &list, polygon, moved);
-    if (verdict != QM_FLOAT_TOO_COARSE) return verdict == QM_FLOAT_COVERED;
-    return cover_in_doubles(work, &list, polygon, moved);
+    if (verdict == QM_FLOAT_COVERED) return true;
+    if (verdict == QM_FLOAT_TOO_COARSE && cover_in_doubles(work, &list, polygon, moved)) return true;
+    const qm_bvh *target = work->side->target;
+    return work->side->target_patches &&
+           qm_piece_over_face(work, target->lanes[list.pack[0]].face[list.lane[0]], polygon);
 }
 
 static void start_work(qm_piece_work *work, qm_worker *worker, qm_entry entry, const qm_piece *piece,
@@ -145,10 +148,7 @@ static void settle_rectangle(qm_piece_work *work)
     if (qm_piece_rectangle_covered(work)) return;
     qm_near_packs all;
     qm_piece_gather(work, &all);
-    qm_patch patch = qm_patch_make(work->piece.corner);
-    if (qm_piece_sample_unreached(work, qm_patch_at(&patch, 0.5, 0.5)) && qm_piece_rectangle_covered(work))
-        return;
-    qm_piece_push(work, &work->piece);
+    qm_piece_process_rectangle(work);
 }
 
 void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near)

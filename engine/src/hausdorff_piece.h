@@ -102,6 +102,12 @@ qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twis
 /** True when a quad among the candidates is found to be no farther than that. */
 bool qm_piece_quad_within(const qm_piece_work *work, qm_vec p, double distance);
 
+/** True when a triangle is shown to be near enough by a quad of the target alone, read as a patch. */
+bool qm_piece_over_face(const qm_piece_work *work, uint32_t face, const qm_polygon *polygon);
+
+/** The same by the quad under its middle. */
+bool qm_piece_over_patch(const qm_piece_work *work, const qm_polygon *polygon);
+
 /**
  * Labels of the target's patches lose their twist of the allowed distance. This covers a polygon by parts of
  * the nearest twisted patches just under it alone, which lose only their share: it falls with the square of
@@ -154,6 +160,10 @@ void qm_piece_process_stack(qm_piece_work *work);
 /** Covers a rectangle by the facets nearest to it: its hull by one, or its two triangles with the slack of
  * the patch. */
 bool qm_piece_rectangle_covered(qm_piece_work *work);
+
+/** Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
+ */
+bool qm_piece_rectangle_reached(qm_piece_work *work, qm_polygon *corners);
 
 /** Covers a rectangle, or goes on with its two triangles when it is flat enough, or cuts it in two for the
  * queue. */

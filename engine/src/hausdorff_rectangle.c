@@ -4,11 +4,12 @@
  */
 #include "hausdorff_piece.h"
 
-#define SLACK_SHARE 0.125 /* of the tolerance: a patch this flat goes on as triangles */
+#define SLACK_SHARE 0.25 /* of the tolerance: a patch this flat goes on as triangles */
 #define MAX_SLACK_SHARE                                                                                      \
     0.5                 /* of the allowed distance: a patch bent more is cut before its triangles are tried */
 #define MIDDLE_LEVELS 8 /* cut in the middle: grids refined by halves then meet line on line */
 #define MIN_SIDE 0.7    /* of the longer side: a shorter one is cut as well */
+#define MAX_ATTEMPTS 3  /* covers of one rectangle, each with candidates that its middle brought */
 #define CROSSING_STEPS 40
 #define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
 #define CROSSING_MARGIN 1e-3 /* share of the rectangle that a cut must leave on both sides */
@@ -213,28 +214,44 @@ static void split_rectangle(qm_piece_work *work, const qm_patch *patch)
                       (const double[]){i ? high[0] : place[0], j ? high[1] : place[1]});
 }
 
+/** Goes on with the two triangles, which a patch this flat leaves by a share of the tolerance. */
+static void go_on_as_triangles(qm_piece_work *work, const qm_patch_halves *halves)
+{
+    work->slack = halves->slack;
+    qm_piece_fill_candidates(work);
+    qm_piece_keep_triangle(work, halves->corner[0], halves->corner[1], halves->corner[2]);
+    qm_piece_keep_triangle(work, halves->corner[0], halves->corner[2], halves->corner[3]);
+    qm_piece_process_stack(work);
+}
+
+bool qm_piece_rectangle_reached(qm_piece_work *work, qm_polygon *corners)
+{
+    const qm_piece *piece = &work->piece;
+    qm_patch patch = source_patch(work);
+    qm_patch_halves halves = qm_patch_halve(piece->corner, (qm_vec){0, 0, 0});
+    qm_vec middle =
+        qm_patch_at(&patch, 0.5 * (piece->low[0] + piece->high[0]), 0.5 * (piece->low[1] + piece->high[1]));
+    for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
+        if (hull_reached(work, corners)) return true;
+        if (halves.slack < qm_piece_allowed(work) && triangles_reached(work, &halves)) return true;
+        if (match_reached(work)) return true;
+        if (!qm_piece_sample_unreached(work, middle)) break;
+    }
+    return false;
+}
+
 void qm_piece_process_rectangle(qm_piece_work *work)
 {
     qm_polygon corners;
-    if (hull_reached(work, &corners)) {
-        qm_worker_discard(work->worker, qm_search_allowed(work->search));
-        return;
-    }
-    qm_patch patch = source_patch(work);
-    const qm_piece *piece = &work->piece;
-    qm_patch_halves halves = qm_patch_halve(piece->corner, (qm_vec){0, 0, 0});
+    qm_patch_halves halves = qm_patch_halve(work->piece.corner, (qm_vec){0, 0, 0});
     if (halves.slack <= SLACK_SHARE * work->search->tolerance * work->side->scale) {
-        work->slack = halves.slack;
-        qm_piece_fill_candidates(work);
-        qm_piece_keep_triangle(work, halves.corner[0], halves.corner[1], halves.corner[2]);
-        qm_piece_keep_triangle(work, halves.corner[0], halves.corner[2], halves.corner[3]);
-        qm_piece_process_stack(work);
+        go_on_as_triangles(work, &halves);
         return;
     }
-    bool reached =
-        (halves.slack < qm_piece_allowed(work) && triangles_reached(work, &halves)) || match_reached(work);
+    bool reached = qm_piece_rectangle_reached(work, &corners);
     qm_worker_discard(work->worker, qm_search_allowed(work->search));
     if (reached) return;
     qm_piece_sample_corners(work, &corners, QM_STRICT_DEPTH);
+    qm_patch patch = source_patch(work);
     split_rectangle(work, &patch);
 }

@@ -1,3 +1,4 @@
+#include "bilinear_point.h"
 #include "bvh_rows.h"
 #include "hausdorff_search.h"
 
@@ -12,7 +13,8 @@ double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t
 }
 
 /** Raises the shared lower bound, and keeps the point as this worker's witness when it did. */
-static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, uint32_t face, double distance)
+static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, uint32_t face, uint32_t hint,
+                        double distance)
 {
     qm_search *search = worker->search;
     double world = distance * side->inverse_scale;
@@ -23,16 +25,37 @@ static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, uint32
         worker->witness = world;
         worker->witness_side = (int)(side - search->side);
         worker->witness_face = face;
+        worker->witness_hint = hint;
         worker->witness_point = p;
     }
 }
 
-double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, uint32_t *hint)
+static qm_float_hit search_in_floats(const qm_search *search, const qm_side *side, qm_vec p, double enough,
+                                     uint32_t *hint)
 {
     qm_float_hit hit = {.pack = *hint};
     search->kernel->float_closest(side->target, p, enough, &hit);
     *hint = hit.pack;
+    return hit;
+}
+
+double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, uint32_t *hint)
+{
+    qm_float_hit hit = search_in_floats(search, side, p, enough, hint);
     return hit.upper + qm_side_twist(side, hit.pack, hit.lane);
+}
+
+/** The same; where the twist leaves it open whether the point is within reach, the patch itself is asked. */
+static double nearly_by_patch(const qm_search *search, const qm_side *side, qm_vec p, double enough,
+                              double reach, uint32_t *hint)
+{
+    qm_float_hit hit = search_in_floats(search, side, p, enough, hint);
+    double twist = qm_side_twist(side, hit.pack, hit.lane), upper = hit.upper + twist;
+    if (upper <= reach || hit.upper - twist >= reach) return upper;
+    qm_vec corner[4];
+    qm_bvh_load_face(side->target, side->target->lanes[hit.pack].face[hit.lane], corner);
+    qm_patch patch = qm_patch_make(corner);
+    return fmin(upper, qm_patch_descend(&patch, p, reach).distance);
 }
 
 double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
@@ -43,7 +66,7 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
     worker->projections++;
     bool by_boxes = !side->nearest.grid && !side->nearest.tetra;
     if (by_boxes && known > FLOAT_FLOOR * side->reach && worker->witness >= 0.0) {
-        double nearly = qm_side_nearly(search, side, p, enough, hint);
+        double nearly = nearly_by_patch(search, side, p, enough, known + slack, hint);
         if (nearly - slack <= known) return nearly;
     }
     qm_hit hit = {.d2 = INFINITY, .pack = *hint};
@@ -64,7 +87,7 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
         lower = patch.lower;
     }
     if (lower - slack > known || worker->witness < 0.0)
-        raise_lower(worker, side, p, face, fmax(0.0, lower - slack));
+        raise_lower(worker, side, p, face, *hint, fmax(0.0, lower - slack));
     return upper;
 }
 

@@ -160,6 +160,8 @@ uint32_t qm_search_scout(qm_context *ctx, qm_search *search, const qm_side *side
     size_t blocks = (shared.seed_count + shared.block_seeds - 1) / shared.block_seeds;
     qm_context_share(ctx, workers, blocks, measure_seeds, &shared);
     qm_context_share(ctx, workers, (size_t)shared.peaks.count, measure_peak, &shared);
+    for (int i = 0; i < workers; i++)
+        qm_worker_follow(&search->workers[i]);
     mtx_destroy(&shared.lock);
     return shared.hint;
 }

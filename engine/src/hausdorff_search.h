@@ -71,8 +71,9 @@ typedef struct qm_worker {
     _Atomic double discarded; /* greatest upper bound of what this worker has let go */
     double witness;           /* distance of the witness, world units; -1 for none */
     int witness_side;
-    uint32_t witness_face;
-    qm_vec witness_point;                                       /* local to the target of the side */
+    uint32_t witness_face, witness_hint;
+    qm_vec witness_point; /* local to the target of the side */
+    double climb_above;   /* a witness farther than that is worth a climb */
     uint64_t one_label_tries, one_label_probes, one_label_hits; /* how often a single label took a piece */
     uint64_t iterations, projections;                           /* not handed over to the search yet */
     size_t max_queue;
@@ -144,6 +145,17 @@ uint32_t qm_search_scout(qm_context *ctx, qm_search *search, const qm_side *side
 
 /** Upper bound (local) of the distance of p by the triangles of one pack alone. */
 double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p);
+
+/** Climbs from the worker's witness over the source, and measures where that ends. */
+void qm_worker_climb(qm_worker *worker);
+
+/** The same when the witness is a new one, and that of the lower bound. */
+static inline void qm_worker_follow(qm_worker *worker)
+{
+    if (worker->witness > worker->climb_above &&
+        worker->witness >= atomic_load_explicit(&worker->search->lower, memory_order_relaxed))
+        qm_worker_climb(worker);
+}
 
 /** Creates the workers of a search; false when out of memory: nothing is then left behind. */
 bool qm_search_create_workers(qm_context *ctx, qm_search *search, int count);

@@ -169,6 +169,7 @@ static void visit_pack(qm_worker *worker, qm_entry entry)
         }
         gather_near(worker, &work);
         qm_worker_face(worker, entry, &piece, &work.near);
+        qm_worker_follow(worker);
     }
     qm_worker_discard(worker, qm_search_allowed(search)); /* the lower bound may have risen on the way */
 }
@@ -242,6 +243,7 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
         }
         child[m] = child_entry(&entry, m, upper * side->inverse_scale, hint);
     }
+    qm_worker_follow(worker);
     /* Packs are looked at once all eight have had their say on the lower bound, and while they are at hand;
      * so are groups of packs, along the curve, where hints and vertices are still near. */
     for (int m = 0; m < members; m++) {

@@ -217,6 +217,7 @@ static void process_part(qm_piece_work *work, const qm_part *from)
         qm_piece_reach_corners(work, &rest);
     } else {
         rest = part_polygon(work, from);
+        if (work->side->target_patches && qm_piece_over_patch(work, &rest)) return;
     }
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (qm_piece_cover(work, &rest, &moved)) return;

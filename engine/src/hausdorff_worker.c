@@ -40,7 +40,8 @@ bool qm_search_create_workers(qm_context *ctx, qm_search *search, int count)
     search->worker_count = count;
     for (int i = 0; i < count; i++) {
         qm_worker *worker = &search->workers[i];
-        *worker = (qm_worker){.ctx = ctx, .search = search, .index = i, .top = -1.0, .witness = -1.0};
+        *worker = (qm_worker){
+            .ctx = ctx, .search = search, .index = i, .top = -1.0, .witness = -1.0, .climb_above = -1.0};
         mtx_init(&worker->lock, mtx_plain);
         qm_queue_init(&worker->queue);
     }
@@ -195,6 +196,7 @@ static void process(qm_worker *worker, qm_entry entry, qm_piece *piece)
         qm_matching_piece(worker, entry, piece);
     else
         qm_worker_piece(worker, entry, piece);
+    qm_worker_follow(worker);
 }
 
 void qm_worker_run(qm_worker *worker)

@@ -9,8 +9,8 @@
 #include "collide_leaf.h"
 #include "collide_marks.h"
 #include "hilbert.h"
+#include "qm/deform.h"
 #include "qm/grid.h"
-#include "qm/tetra.h"
 
 /** A label of an upper bound: one lane of one of a piece's packs. */
 #define QM_COVER_PACKS 8    /* packs of candidates a piece; 64 lanes make one word of bits */
@@ -88,7 +88,11 @@ typedef struct qm_kernel {
     void (*share_corners)(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);
 
     /** Sets the box of a pack from where its vertices are now. */
-    void (*fit_box)(qm_bvh *bvh, size_t pack);
+    void (*fit_box)(qm_bvh *bvh, size_t pack, const uint32_t *vertices, size_t count);
+
+    /** Sets the boxes of a range of groups of eight packs, and those of their packs, by the lists of a
+     * deformer. */
+    void (*fit_groups)(qm_bvh *bvh, const qm_deformer *deformer, size_t begin, size_t end);
 
     /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
      * pack. */

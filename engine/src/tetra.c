@@ -146,7 +146,7 @@ static qm_status fill_patches(tetra_builder *builder)
         fill_nodes(builder, i, &whole);
         kernel->tetra_fit(tetra, i, NULL);
     }
-    qm_box_tree_fill(&tetra->boxes);
+    qm_box_tree_fill(&tetra->boxes, 2);
     return QM_OK;
 }
 

@@ -47,7 +47,7 @@ static size_t refit_all(qm_tetra *tetra)
     size_t updated = 0;
     for (size_t i = 0; i < tetra->patch_count; i++)
         updated += kernel->tetra_fit(tetra, i, NULL);
-    qm_box_tree_fill(&tetra->boxes);
+    qm_box_tree_fill(&tetra->boxes, 2);
     tetra->frame = tetra->bvh->frame;
     return updated;
 }

@@ -97,7 +97,7 @@ static void check_boxes(qm_bvh *tree, const qm_kernel *kernel)
     for (size_t pack = 0; pack < tree->pack_count; pack++) {
         const qm_pack_lanes *lanes = &tree->lanes[pack];
         const qm_box_group *group = &tree->boxes.groups[1][pack / 8];
-        kernel->fit_box(tree, pack);
+        kernel->fit_box(tree, pack, lanes->vertex, lanes->vertex_count);
         for (int k = 0; k < 3; k++) {
             double low = INFINITY, high = -INFINITY;
             for (int i = 0; i < lanes->vertex_count; i++) {

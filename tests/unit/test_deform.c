@@ -3,6 +3,7 @@
 
 #include "bvh_rows.h"
 #include "failing_allocator.h"
+#include "kernel.h"
 #include "parallel.h"
 #include "qm/deform.h"
 #include "qm/project.h"
@@ -11,6 +12,7 @@
 #include "tetra_tree.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 enum { POINT_COUNT = 50 };
@@ -227,6 +229,44 @@ static void threads_find_the_same(void **state)
     body_free(&two);
 }
 
+/** The boxes of packs one by one, and of the groups from them, must be those found group by group. */
+static void check_groups(body *b, const qm_kernel *kernel)
+{
+    const qm_box_tree *boxes = &b->tree->boxes;
+    size_t groups = boxes->group_count[1], parents = boxes->level_count > 1 ? boxes->group_count[2] : 0;
+    size_t group_size = groups * sizeof *boxes->groups[1], parent_size = parents * sizeof *boxes->groups[2];
+    for (size_t pack = 0; pack < b->tree->pack_count; pack++)
+        kernel->fit_box(b->tree, pack, b->tree->lanes[pack].vertex, b->tree->lanes[pack].vertex_count);
+    qm_box_tree_fill(&b->tree->boxes, 2);
+    qm_box_group *expected = malloc(group_size + parent_size);
+    assert_non_null(expected);
+    memcpy(expected, boxes->groups[1], group_size);
+    if (parents > 0) memcpy(expected + groups, boxes->groups[2], parent_size);
+    memset(boxes->groups[1], 0, group_size);
+    if (parents > 0) memset(boxes->groups[2], 0, parent_size);
+    kernel->fit_groups(b->tree, b->deformer, groups / 2, groups);
+    kernel->fit_groups(b->tree, b->deformer, 0, groups / 2);
+    assert_memory_equal(boxes->groups[1], expected, group_size);
+    if (parents > 0) assert_memory_equal(boxes->groups[2], expected + groups, parent_size);
+    free(expected);
+}
+
+static void groups_are_fitted_like_packs(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 1000);
+    const qm_mesh meshes[] = {qm_shape_torus(150, 101, 2.0, 0.5), qm_shape_plane(2, 0.0),
+                              qm_shape_points(&random, 901),
+                              qm_shape_soup(&random, 700, QM_SOUP_MIXED, QM_SOUP_POOLED, 0.5)};
+    for (size_t i = 0; i < sizeof meshes / sizeof *meshes; i++) {
+        body b = body_make(meshes[i]);
+        qm_shape_shake(&b.mesh, &random, 0.01);
+        for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++)
+            check_groups(&b, *kernel);
+        body_free(&b);
+    }
+}
+
 static void a_stale_tree_is_no_target(void **state)
 {
     (void)state;
@@ -289,6 +329,7 @@ int main(void)
         cmocka_unit_test(standing_still_changes_nothing),
         cmocka_unit_test(meshes_may_leave_their_frame),
         cmocka_unit_test(threads_find_the_same),
+        cmocka_unit_test(groups_are_fitted_like_packs),
         cmocka_unit_test(a_stale_tree_is_no_target),
         cmocka_unit_test(unknown_vertices_are_named),
         cmocka_unit_test(without_memory_nothing_changes),

@@ -226,6 +226,38 @@ static void point_sets_match_the_plain_loop(void **state)
     qm_shape_free(&b);
 }
 
+/** Between two bent walls a triangle is farthest from them where the line half way between them leaves it. */
+static void a_ridge_between_patches_is_climbed(void **state)
+{
+    (void)state;
+    static const double triangle[3][3] = {{0, -1, 0}, {1, 1, 0}, {-1, 1, 0}};
+    uint64_t iterations = 0;
+    for (uint64_t number = 0; number < 20; number++) {
+        qm_random random = qm_random_make(qm_check_seed(), number);
+        qm_mesh wall[2];
+        for (int side = 0; side < 2; side++) {
+            double corner[4][3], out = side ? 1.0 : -1.0;
+            for (int i = 0; i < 4; i++) {
+                double y = (double)((i + 1) / 2 % 2), z = (double)(i / 2);
+                qm_random_point(&random, -0.1, 0.1, corner[i]);
+                corner[i][0] += out * (1.5 + 0.3 * y);
+                corner[i][1] += 4.0 * y - 2.0;
+                corner[i][2] += 4.0 * z - 2.0;
+            }
+            wall[side] = qm_shape_face(4, corner);
+        }
+        qm_mesh a = qm_shape_face(3, triangle), b = qm_shape_joined(&wall[0], &wall[1]);
+        qm_hausdorff_result r = measure(&a, &b, QM_A_TO_B, QM_QUADS_BILINEAR, 1e-9);
+        QM_CHECK(r.stop == QM_STOP_CONVERGED, "case %d: stop %d", (int)number, (int)r.stop);
+        iterations += r.iterations;
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+        qm_shape_free(&wall[0]);
+        qm_shape_free(&wall[1]);
+    }
+    QM_CHECK(iterations < 600, "%llu parts for 20 triangles", (unsigned long long)iterations);
+}
+
 static void unused_vertices_do_not_matter(void **state)
 {
     (void)state;
@@ -336,7 +368,9 @@ static void progress_only_ever_tightens(void **state)
             options.progress_user = &w;
             qm_hausdorff_result r = qm_measured(&a, &b, &options);
             QM_CHECK(w.valid, "threads %d, direction %d: a bound moved the wrong way", threads, d);
-            QM_CHECK(w.calls >= 3, "threads %d, direction %d: %d calls", threads, d, w.calls);
+            /* Of several workers one reports at a time, and the others do not wait for it. */
+            int least = threads == 1 ? 3 : 1;
+            QM_CHECK(w.calls >= least, "threads %d, direction %d: %d calls", threads, d, w.calls);
             assert_true(r.lower >= w.last.lower && r.upper <= w.last.upper);
         }
     qm_shape_free(&a);
@@ -425,6 +459,7 @@ int main(void)
         cmocka_unit_test(moved_twisted_quads_are_at_most_their_move_apart),
         cmocka_unit_test(single_facets_and_points_have_their_school_distances),
         cmocka_unit_test(point_sets_match_the_plain_loop),
+        cmocka_unit_test(a_ridge_between_patches_is_climbed),
         cmocka_unit_test(unused_vertices_do_not_matter),
         cmocka_unit_test(thresholds_give_a_verdict),
         cmocka_unit_test(limits_leave_a_bracket_that_holds),

@@ -73,21 +73,34 @@ static inline void qm_visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lan
     }
 }
 
-/** A lane is worth a look when its triangle less its twist is nearer than the best; of a quad's two lanes the
- * nearer. */
+/** The nearest lane, or the first of its quad. */
+static inline uint32_t qm_nearest_quad(const qm_pack_lanes *lanes, const double d2[QM_PACK_LANES])
+{
+    uint32_t nearest = 0;
+    for (uint32_t lane = 1; lane < lanes->lane_count; lane++)
+        if (d2[lane] < d2[nearest]) nearest = lane;
+    return nearest - (lanes->second >> nearest & 1u);
+}
+
+/**
+ * A lane is worth a look when its triangle less its twist is nearer than the best; of a quad's two lanes the
+ * nearer. The nearest goes first: what it finds makes most of the others not worth it.
+ */
 static inline void qm_visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, double error,
                                     qm_patch_hit *hit)
 {
     _Alignas(64) double d2[QM_PACK_LANES];
     qm_pack_d2(qm_bvh_rows(bvh, pack), p, d2);
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    for (uint32_t lane = 0; lane < lanes->lane_count; lane++) {
-        bool has_second = lane + 1u < lanes->lane_count && (lanes->second >> (lane + 1) & 1);
+    uint32_t count = lanes->lane_count, first = qm_nearest_quad(lanes, d2);
+    for (uint32_t step = 0; step < count; step++) {
+        uint32_t lane = first + step < count ? first + step : first + step - count;
+        bool has_second = lane + 1 < count && (lanes->second >> (lane + 1) & 1);
         uint32_t nearer = has_second && d2[lane + 1] < d2[lane] ? lane + 1 : lane;
         double twist = bvh->twist ? (double)bvh->twist[pack][lane] : 0.0;
         if (sqrt(d2[nearer]) - twist <= hit->distance)
             qm_visit_patch(bvh, pack, nearer, p, d2[nearer], error, hit);
-        if (has_second) lane++;
+        if (has_second) step++;
     }
 }
 

@@ -1,0 +1,79 @@
+#include "bilinear_over.h"
+
+#define ROUNDINGS 0x1p-48 /* of the greatest Bezier point: what computing the bound may lose */
+
+/** Bezier points of the difference: 0 to 2 at the corners, 3 + i across from corner i. */
+typedef struct difference {
+    qm_vec at[6];
+} difference;
+
+/** The patch at two places at once: linear in each, Q(p, p) = Q(p). */
+static qm_vec polar(const qm_patch *patch, const double p[2], const double q[2])
+{
+    qm_vec sum = qm_vec_axpy(patch->origin, 0.5 * (p[0] + q[0]), patch->e1);
+    sum = qm_vec_axpy(sum, 0.5 * (p[1] + q[1]), patch->e2);
+    return qm_vec_axpy(sum, 0.5 * (p[0] * q[1] + q[0] * p[1]), patch->w);
+}
+
+static difference difference_make(const qm_patch *patch, const qm_vec corner[3], const double uv[3][2])
+{
+    difference d;
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        d.at[i] = qm_vec_sub(corner[i], polar(patch, uv[i], uv[i]));
+        d.at[3 + i] = qm_vec_sub(qm_vec_mix(corner[j], corner[k], 0.5), polar(patch, uv[j], uv[k]));
+    }
+    return d;
+}
+
+/** Greatest value along an edge with Bezier points a, b, c where it is not at an end; else the lesser end. */
+static double peak_of_edge(double a, double b, double c)
+{
+    double bend = a - 2.0 * b + c, x = (a - b) / bend;
+    if (!(bend < 0.0 && x > 0.0 && x < 1.0)) return qm_lesser(a, c);
+    return a + x * (b - a);
+}
+
+/** Value where a quadratic on a triangle is level, if that is inside; else that of a corner. */
+static double level_of_triangle(const double g[6])
+{
+    /* g = g0 + 2 (r, s).(x, y) + (x, y) M (x, y) over the weights x, y of corners 1 and 2 */
+    double r = g[5] - g[0], s = g[4] - g[0];
+    double xx = g[1] - 2.0 * g[5] + g[0], yy = g[2] - 2.0 * g[4] + g[0], xy = g[3] - g[4] - g[5] + g[0];
+    double determinant = xx * yy - xy * xy;
+    double x = (xy * s - yy * r) / determinant, y = (xy * r - xx * s) / determinant;
+    if (!(x > 0.0 && y > 0.0 && x + y < 1.0)) return g[0];
+    return g[0] + r * x + s * y;
+}
+
+static double greatest(const double g[6])
+{
+    double most = level_of_triangle(g);
+    for (int i = 0; i < 3; i++) {
+        most = qm_greater(most, g[i]);
+        most = qm_greater(most, peak_of_edge(g[(i + 1) % 3], g[3 + i], g[(i + 2) % 3]));
+    }
+    return most;
+}
+
+double qm_patch_under(const qm_patch *patch, const qm_vec corner[3], const double uv[3][2])
+{
+    difference d = difference_make(patch, corner, uv);
+    qm_vec middle = {0, 0, 0};
+    double size2 = 0.0;
+    for (int i = 0; i < 6; i++) {
+        middle = qm_vec_axpy(middle, i < 3 ? 1.0 : 2.0, d.at[i]);
+        size2 = qm_greater(size2, qm_vec_norm2(d.at[i]));
+    }
+    double size = sqrt(size2), length = qm_vec_norm(middle);
+    if (!(length > 0.0)) return size;
+    qm_vec n = qm_vec_scale(1.0 / length, middle);
+    double along[6], across2 = 0.0, most = 0.0;
+    for (int i = 0; i < 6; i++) {
+        along[i] = qm_vec_dot(d.at[i], n);
+        across2 = qm_greater(across2, qm_vec_norm2(qm_vec_axpy(d.at[i], -along[i], n)));
+        most = qm_greater(most, -along[i]);
+    }
+    most = qm_greater(most, greatest(along));
+    return sqrt(most * most + across2) + ROUNDINGS * size;
+}
