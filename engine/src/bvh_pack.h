@@ -14,7 +14,7 @@ static inline int qm_bvh_load_pack(const qm_bvh *bvh, size_t pack, qm_vec vertex
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     int count = 0;
     do
-        vertex[count] = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * (size_t)lanes->vertex[count]);
+        vertex[count] = qm_bvh_vertex(bvh, lanes->vertex[count]);
     while (++count < lanes->vertex_count);
     return count;
 }
@@ -39,15 +39,15 @@ typedef struct qm_pack_corners {
 } qm_pack_corners;
 
 /** Loads the corners of one lane of a pack, to be lane at of others. */
-static inline void qm_bvh_load_lane(const qm_bvh *bvh, size_t pack, int lane, int at, qm_pack_corners *out)
+static inline void qm_bvh_load_lane(const qm_bvh *bvh, uint32_t pack, uint32_t lane, int at,
+                                    qm_pack_corners *out)
 {
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    qm_vec corner[3];
+    qm_bvh_load_triangle(bvh, pack, lane, corner);
     for (int i = 0; i < 3; i++) {
-        size_t vertex = lanes->vertex[lanes->corner[lane][i]];
-        qm_vec p = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * vertex);
-        out->at[i][0][at] = p.x;
-        out->at[i][1][at] = p.y;
-        out->at[i][2][at] = p.z;
+        out->at[i][0][at] = corner[i].x;
+        out->at[i][1][at] = corner[i].y;
+        out->at[i][2][at] = corner[i].z;
     }
 }
 
@@ -76,10 +76,10 @@ static inline double qm_bvh_face_twist(const qm_bvh *bvh, uint32_t face)
 static inline void qm_bvh_fill_twist(qm_bvh *bvh, size_t pack)
 {
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-        bool is_second = lanes->second >> lane & 1;
-        bvh->twist[pack][lane] =
-            is_second ? bvh->twist[pack][lane - 1] : (float)qm_bvh_face_twist(bvh, lanes->face[lane]);
+    for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++) {
+        bvh->twist[pack][lane] = qm_lane_is_second(lanes, lane)
+                                     ? bvh->twist[pack][lane - 1]
+                                     : (float)qm_bvh_face_twist(bvh, lanes->face[lane]);
     }
 }
 

@@ -9,6 +9,7 @@
 
 #include <stdatomic.h>
 
+#include "bilinear_point.h"
 #include "box_tree.h"
 #include "float_pack.h"
 #include "qm/bvh.h"
@@ -77,6 +78,28 @@ typedef struct qm_pack_lanes {
         second; /* bit j: lane j is the second triangle (c0 c2 c3) of a quad, whose first one is lane j - 1 */
 } qm_pack_lanes;
 
+static inline bool qm_lane_is_second(const qm_pack_lanes *lanes, uint32_t lane)
+{
+    return lanes->second >> lane & 1;
+}
+
+/** True when the lane is the first triangle of a quad, whose second one is in the next. */
+static inline bool qm_lane_has_second(const qm_pack_lanes *lanes, uint32_t lane)
+{
+    return qm_lane_is_second(lanes, lane + 1);
+}
+
+/** Corners of the face that starts at a lane, as places in vertex[]: of a quad all four where patches are
+ * read, else of the lane alone. Returns 3 or 4; the next face starts count - 2 lanes on. */
+static inline int qm_lane_corners(const qm_pack_lanes *lanes, uint32_t lane, bool patches, int corner[4])
+{
+    for (int i = 0; i < 3; i++)
+        corner[i] = lanes->corner[lane][i];
+    if (!patches || !qm_lane_has_second(lanes, lane)) return 3;
+    corner[3] = lanes->corner[lane + 1][2];
+    return 4;
+}
+
 struct qm_bvh {
     qm_mesh mesh; /* the arrays are borrowed */
     qm_frame frame;
@@ -100,19 +123,41 @@ static inline bool qm_bvh_is_target(const qm_bvh *bvh, qm_quad_reading reading)
     return bvh->rows && !bvh->stale && (reading == QM_QUADS_TRIANGLES || bvh->twist || !bvh->has_quads);
 }
 
+/** A vertex in the local frame. */
+static inline qm_vec qm_bvh_vertex(const qm_bvh *bvh, uint32_t vertex)
+{
+    return qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * (size_t)vertex);
+}
+
+/** Corners of the triangle of a lane in the local frame. */
+static inline void qm_bvh_load_triangle(const qm_bvh *bvh, uint32_t pack, uint32_t lane, qm_vec corner[3])
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    for (int i = 0; i < 3; i++)
+        corner[i] = qm_bvh_vertex(bvh, lanes->vertex[lanes->corner[lane][i]]);
+}
+
 /** Corners of a face in the local frame; returns 3 or 4. */
 static inline int qm_bvh_load_face(const qm_bvh *bvh, uint32_t face, qm_vec corner[4])
 {
     const qm_mesh *mesh = &bvh->mesh;
     if (mesh->face_count == 0) {
-        corner[0] = corner[1] = corner[2] = qm_frame_local(&bvh->frame, mesh->positions + 3 * (size_t)face);
+        corner[0] = corner[1] = corner[2] = qm_bvh_vertex(bvh, face);
         return 3;
     }
     const uint32_t *index = mesh->faces + 4 * (size_t)face;
     int count = index[3] == QM_NO_INDEX ? 3 : 4;
     for (int i = 0; i < count; i++)
-        corner[i] = qm_frame_local(&bvh->frame, mesh->positions + 3 * (size_t)index[i]);
+        corner[i] = qm_bvh_vertex(bvh, index[i]);
     return count;
+}
+
+/** The bilinear patch of a quad in the local frame. */
+static inline qm_patch qm_bvh_load_patch(const qm_bvh *bvh, uint32_t face)
+{
+    qm_vec corner[4];
+    qm_bvh_load_face(bvh, face, corner);
+    return qm_patch_make(corner);
 }
 
 #endif

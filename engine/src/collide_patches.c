@@ -32,8 +32,8 @@ static void load_faces(const qm_bvh *bvh, uint32_t pack, unsigned moved, pack_fa
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     out->count = 0;
     out->moved = 0;
-    for (int lane = 0; lane < lanes->lane_count; lane++) {
-        if (lanes->second >> lane & 1) continue;
+    for (uint32_t lane = 0; lane < lanes->lane_count; lane++) {
+        if (qm_lane_is_second(lanes, lane)) continue;
         out->face[out->count] = lanes->face[lane];
         out->box[out->count] = face_box(&bvh->mesh, lanes->face[lane]);
         out->moved |= (moved >> lane & 1) << out->count++;

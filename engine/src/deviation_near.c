@@ -178,12 +178,11 @@ static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bo
     kernel->pack_distances(qm_bvh_rows(target, pack), work->middle, d2);
     for (int lane = 0; lane < lanes->lane_count; lane++) {
         double twist = patches ? (double)target->twist[pack][lane] : 0.0;
-        bool has_second = lane + 1 < lanes->lane_count && (lanes->second >> (lane + 1) & 1);
         if (twist > work->error) {
             qm_vec corner[4];
             qm_bvh_load_face(target, lanes->face[lane], corner);
             add_rectangle(work, corner);
-            lane += has_second;
+            lane += qm_lane_has_second(lanes, (uint32_t)lane);
         } else if (sqrt(d2[lane]) - twist <= work->reach) {
             add_lane(work, qm_bvh_rows(target, pack), lane, twist);
         }

@@ -57,7 +57,7 @@ static qm_status make_pieces(qm_refinement *work)
     for (size_t i = 0; i < a->pack_count; i++)
         for (uint32_t lane = 0; lane < a->lanes[i].lane_count; lane++)
             work->piece[work->count++] =
-                qm_piece_first(&work->maker, a->lanes[i].face[lane], a->lanes[i].second >> lane & 1);
+                qm_piece_first(&work->maker, a->lanes[i].face[lane], qm_lane_is_second(&a->lanes[i], lane));
     return QM_OK;
 }
 

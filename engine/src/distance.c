@@ -66,8 +66,8 @@ static int load_faces(const search *s, int side, uint32_t pack, near_face out[QM
     const qm_mesh *mesh = &s->bvh[side]->mesh;
     const qm_pack_lanes *lanes = &s->bvh[side]->lanes[pack];
     int count = 0;
-    for (int lane = 0; lane < lanes->lane_count; lane++) {
-        if (lanes->second >> lane & 1) continue;
+    for (uint32_t lane = 0; lane < lanes->lane_count; lane++) {
+        if (qm_lane_is_second(lanes, lane)) continue;
         near_face *f = &out[count++];
         f->face = lanes->face[lane];
         const uint32_t *index = mesh->face_count > 0 ? mesh->faces + 4 * (size_t)f->face : NULL;

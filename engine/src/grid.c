@@ -129,17 +129,14 @@ static bool mark_pack(grid_builder *builder, uint32_t pack)
     const qm_bvh *bvh = builder->grid->bvh;
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     qm_vec place[3 * QM_PACK_LANES];
-    for (int i = 0; i < lanes->vertex_count; i++) {
-        qm_vec p = qm_frame_local(&bvh->frame, bvh->mesh.positions + 3 * (size_t)lanes->vertex[i]);
-        place[i] = qm_grid_place(builder->grid, p);
-    }
+    for (int i = 0; i < lanes->vertex_count; i++)
+        place[i] = qm_grid_place(builder->grid, qm_bvh_vertex(bvh, lanes->vertex[i]));
     for (int lane = 0, count; lane < lanes->lane_count; lane += count - 2) {
-        bool is_patch = bvh->twist && lane + 1 < lanes->lane_count && (lanes->second >> (lane + 1) & 1);
-        count = is_patch ? 4 : 3;
+        int place_of[4];
+        count = qm_lane_corners(lanes, (uint32_t)lane, bvh->twist != NULL, place_of);
         qm_vec corner[4];
-        for (int i = 0; i < 3; i++)
-            corner[i] = place[lanes->corner[lane][i]];
-        if (is_patch) corner[3] = place[lanes->corner[lane + 1][2]];
+        for (int i = 0; i < count; i++)
+            corner[i] = place[place_of[i]];
         if (!mark_hull(builder, pack, corner, count)) return false;
         if (is_over_limit(builder)) return true;
     }

@@ -63,9 +63,9 @@ static void list_quads(const qm_piece_work *work, qm_vec p, double least_twist, 
         const qm_pack_lanes *lanes = &work->side->target->lanes[work->packs[k]];
         double d2[QM_PACK_LANES];
         work->kernel->pack_distances(work->candidates.pack[k], p, d2);
-        for (int lane = 1; lane < lanes->lane_count; lane++) {
+        for (uint32_t lane = 1; lane < lanes->lane_count; lane++) {
             double twist = work->candidates.twist[k][lane];
-            if (!(lanes->second >> lane & 1) || twist < least_twist) continue;
+            if (!qm_lane_is_second(lanes, lane) || twist < least_twist) continue;
             list->at[list->count++] =
                 (struct listed_quad){sqrt(fmin(d2[lane - 1], d2[lane])), twist, lanes->face[lane]};
         }
@@ -83,13 +83,6 @@ static struct listed_quad take_nearest(quad_list *list)
     return quad;
 }
 
-static qm_patch target_patch(const qm_piece_work *work, uint32_t face)
-{
-    qm_vec corner[4];
-    qm_bvh_load_face(work->side->target, face, corner);
-    return qm_patch_make(corner);
-}
-
 qm_patch_foot qm_piece_foot(const qm_piece_work *work, const qm_patch *patch, qm_vec p, double stop_above)
 {
     if (work->depth < CERTAIN_DEPTH) return qm_patch_descend(patch, p, stop_above);
@@ -103,7 +96,7 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
                        qm_near_quads *near)
 {
     qm_near_quad quad = {.face = listed.face, .distance = listed.distance, .twist = listed.twist};
-    quad.patch = target_patch(work, quad.face);
+    quad.patch = qm_bvh_load_patch(work->side->target, quad.face);
     if (quad.twist >= negligible) {
         double farthest = near->count == QM_NEAR_QUADS ? near->at[QM_NEAR_QUADS - 1].distance : INFINITY;
         qm_patch_foot foot = qm_piece_foot(work, &quad.patch, p, farthest);
@@ -144,7 +137,7 @@ bool qm_piece_quad_within(const qm_piece_work *work, qm_vec p, double distance)
         struct listed_quad quad = take_nearest(&list);
         if (quad.distance + quad.twist <= distance) return true;
         if (quad.distance - quad.twist > distance) return false;
-        qm_patch patch = target_patch(work, quad.face);
+        qm_patch patch = qm_bvh_load_patch(work->side->target, quad.face);
         if (qm_piece_foot(work, &patch, p, distance).distance <= distance) return true;
     }
     return false;

@@ -52,15 +52,12 @@ typedef struct matching {
 
 static bool holds_patch(const qm_side *side, uint32_t pack, uint32_t lane)
 {
-    const qm_pack_lanes *lanes = &side->target->lanes[pack];
-    return side->target_patches && lane + 1 < lanes->lane_count && (lanes->second >> (lane + 1) & 1);
+    return side->target_patches && qm_lane_has_second(&side->target->lanes[pack], lane);
 }
 
 static qm_patch load_patch(const qm_side *side, uint32_t pack, uint32_t lane)
 {
-    qm_vec corner[4];
-    qm_bvh_load_face(side->target, side->target->lanes[pack].face[lane], corner);
-    return qm_patch_make(corner);
+    return qm_bvh_load_patch(side->target, side->target->lanes[pack].face[lane]);
 }
 
 uint32_t qm_matching_facet(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p)

@@ -161,11 +161,7 @@ void qm_piece_process_stack(qm_piece_work *work);
  * the patch. */
 bool qm_piece_rectangle_covered(qm_piece_work *work);
 
-/** Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
- */
-bool qm_piece_rectangle_reached(qm_piece_work *work, qm_polygon *corners);
-
-/** Covers a rectangle, or goes on with its two triangles when it is flat enough, or cuts it in two for the
+/** Covers a rectangle, or goes on with its two triangles when it is flat enough, or cuts it in parts for the
  * queue. */
 void qm_piece_process_rectangle(qm_piece_work *work);
 

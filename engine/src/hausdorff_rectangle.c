@@ -72,18 +72,6 @@ static bool triangles_reached(qm_piece_work *work, const qm_patch_halves *halves
     return covered;
 }
 
-static qm_patch target_patch(const qm_piece_work *work, uint32_t face)
-{
-    qm_vec corner[4];
-    qm_bvh_load_face(work->side->target, face, corner);
-    return qm_patch_make(corner);
-}
-
-static double greater(double a, double b)
-{
-    return a > b ? a : b;
-}
-
 /**
  * Bound by matching the rectangle, corner by corner, with the points of one patch that lie under its corners.
  * Between them the parameters s and t of the match are bilinear, so that the difference of the two surfaces
@@ -96,28 +84,21 @@ static double match_upper(const qm_piece_work *work, const qm_patch *patch)
     double farthest = 0.0;
     for (int i = 0; i < 4; i++) {
         foot[i] = qm_piece_foot(work, patch, work->piece.corner[i], INFINITY);
-        farthest = greater(farthest, foot[i].distance);
+        farthest = qm_greater(farthest, foot[i].distance);
     }
     double along_u[2], along_v[2];
     for (int k = 0; k < 2; k++) {
-        along_u[k] = greater(fabs(foot[1].uv[k] - foot[0].uv[k]), fabs(foot[2].uv[k] - foot[3].uv[k]));
-        along_v[k] = greater(fabs(foot[3].uv[k] - foot[0].uv[k]), fabs(foot[2].uv[k] - foot[1].uv[k]));
+        along_u[k] = qm_greater(fabs(foot[1].uv[k] - foot[0].uv[k]), fabs(foot[2].uv[k] - foot[3].uv[k]));
+        along_v[k] = qm_greater(fabs(foot[3].uv[k] - foot[0].uv[k]), fabs(foot[2].uv[k] - foot[1].uv[k]));
     }
     double skew = along_u[0] * along_u[1] + along_v[0] * along_v[1];
     return farthest + 0.25 * skew * qm_vec_norm(patch->w);
 }
 
-static qm_vec rectangle_middle(const qm_piece *piece)
-{
-    qm_vec sum = qm_vec_add(qm_vec_add(piece->corner[0], piece->corner[1]),
-                            qm_vec_add(piece->corner[2], piece->corner[3]));
-    return qm_vec_scale(0.25, sum);
-}
-
-static bool match_reached(const qm_piece_work *work)
+static bool match_reached(const qm_piece_work *work, qm_vec middle)
 {
     if (!work->side->target_patches) return false;
-    qm_near_quads near = qm_piece_near_quads(work, rectangle_middle(&work->piece), false);
+    qm_near_quads near = qm_piece_near_quads(work, middle, false);
     for (int i = 0; i < near.count; i++)
         if (match_upper(work, &near.at[i].patch) <= qm_piece_allowed(work)) return true;
     return false;
@@ -142,7 +123,7 @@ static double patch_reach(const qm_piece_work *work, const qm_patch *source, int
     at[axis] = from + INSET * (to - from); /* off the line where two patches meet */
     uint32_t face = quad_under(work, qm_patch_at(source, at[0], at[1]));
     if (face == QM_NO_INDEX) return from;
-    qm_patch target = target_patch(work, face);
+    qm_patch target = qm_bvh_load_patch(work->side->target, face);
     /* Half of what is allowed: the speed along this line may be up to twice as great at the rectangle's
      * sides. */
     double allowed = 0.5 * qm_piece_allowed(work), inside = from, outside = to;
@@ -224,17 +205,18 @@ static void go_on_as_triangles(qm_piece_work *work, const qm_patch_halves *halve
     qm_piece_process_stack(work);
 }
 
-bool qm_piece_rectangle_reached(qm_piece_work *work, qm_polygon *corners)
+/** Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
+ */
+static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const qm_patch_halves *halves,
+                              qm_polygon *corners)
 {
     const qm_piece *piece = &work->piece;
-    qm_patch patch = source_patch(work);
-    qm_patch_halves halves = qm_patch_halve(piece->corner, (qm_vec){0, 0, 0});
     qm_vec middle =
-        qm_patch_at(&patch, 0.5 * (piece->low[0] + piece->high[0]), 0.5 * (piece->low[1] + piece->high[1]));
+        qm_patch_at(patch, 0.5 * (piece->low[0] + piece->high[0]), 0.5 * (piece->low[1] + piece->high[1]));
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (hull_reached(work, corners)) return true;
-        if (halves.slack < qm_piece_allowed(work) && triangles_reached(work, &halves)) return true;
-        if (match_reached(work)) return true;
+        if (halves->slack < qm_piece_allowed(work) && triangles_reached(work, halves)) return true;
+        if (match_reached(work, middle)) return true;
         if (!qm_piece_sample_unreached(work, middle)) break;
     }
     return false;
@@ -248,10 +230,10 @@ void qm_piece_process_rectangle(qm_piece_work *work)
         go_on_as_triangles(work, &halves);
         return;
     }
-    bool reached = qm_piece_rectangle_reached(work, &corners);
+    qm_patch patch = source_patch(work);
+    bool reached = rectangle_reached(work, &patch, &halves, &corners);
     qm_worker_discard(work->worker, qm_search_allowed(work->search));
     if (reached) return;
     qm_piece_sample_corners(work, &corners, QM_STRICT_DEPTH);
-    qm_patch patch = source_patch(work);
     split_rectangle(work, &patch);
 }

@@ -52,9 +52,7 @@ static double nearly_by_patch(const qm_search *search, const qm_side *side, qm_v
     qm_float_hit hit = search_in_floats(search, side, p, enough, hint);
     double twist = qm_side_twist(side, hit.pack, hit.lane), upper = hit.upper + twist;
     if (upper <= reach || hit.upper - twist >= reach) return upper;
-    qm_vec corner[4];
-    qm_bvh_load_face(side->target, side->target->lanes[hit.pack].face[hit.lane], corner);
-    qm_patch patch = qm_patch_make(corner);
+    qm_patch patch = qm_bvh_load_patch(side->target, side->target->lanes[hit.pack].face[hit.lane]);
     return fmin(upper, qm_patch_descend(&patch, p, reach).distance);
 }
 

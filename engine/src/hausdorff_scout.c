@@ -57,27 +57,28 @@ static qm_vec longest_edge_middle(const qm_vec corner[3])
     return middle;
 }
 
-qm_vec qm_side_middle(const qm_side *side, uint32_t pack, int *lane, uint32_t *face)
+/** A point in the middle of a face of the source. */
+static qm_vec middle_of(const qm_vec *corner, int count)
 {
-    const qm_pack_lanes *lanes = &side->source->lanes[pack];
-    if (side->source_patches && (lanes->second >> *lane & 1)) --*lane;
-    int next = *lane + 1;
-    bool is_patch = side->source_patches && next < lanes->lane_count && (lanes->second >> next & 1);
-    qm_vec corner[4];
-    for (int i = 0; i < 3; i++)
-        corner[i] = qm_side_vertex(side, lanes->vertex[lanes->corner[*lane][i]]);
-    *face = lanes->face[*lane];
-    if (!is_patch) return longest_edge_middle(corner);
-    corner[3] = qm_side_vertex(side, lanes->vertex[lanes->corner[next][2]]);
+    if (count == 3) return longest_edge_middle(corner);
     qm_patch patch = qm_patch_make(corner);
     return qm_patch_at(&patch, 0.5, 0.5);
+}
+
+qm_vec qm_side_middle(const qm_side *side, uint32_t pack, uint32_t *face)
+{
+    const qm_pack_lanes *lanes = &side->source->lanes[pack];
+    uint32_t lane = lanes->lane_count / 2u;
+    if (side->source_patches && qm_lane_is_second(lanes, lane)) lane--;
+    *face = lanes->face[lane];
+    qm_vec corner[4];
+    return middle_of(corner, qm_side_corners(side, lanes, lane, corner));
 }
 
 static seed measure_middle(qm_worker *worker, const qm_side *side, uint32_t pack, uint32_t hint)
 {
     uint32_t face;
-    int lane = side->source->lanes[pack].lane_count / 2;
-    qm_vec p = qm_side_middle(side, pack, &lane, &face);
+    qm_vec p = qm_side_middle(side, pack, &face);
     double lower = qm_side_lower(worker->search, side);
     double distance = qm_worker_sample(worker, side, p, 0.0, face, QM_NEAR_ENOUGH * lower, &hint);
     return (seed){distance, pack, hint};
@@ -95,14 +96,13 @@ static void measure_point(qm_worker *worker, const qm_side *side, qm_vec p, uint
 static void measure_pack(qm_worker *worker, const qm_side *side, seed s)
 {
     const qm_pack_lanes *lanes = &side->source->lanes[s.pack];
-    for (int lane = 0; lane < lanes->lane_count; lane++) {
-        uint32_t face;
-        int first = lane;
-        qm_vec middle = qm_side_middle(side, s.pack, &first, &face);
-        measure_point(worker, side, middle, face, &s.hint);
-        for (int i = 0; i < 3; i++)
-            measure_point(worker, side, qm_side_vertex(side, lanes->vertex[lanes->corner[lane][i]]), face,
-                          &s.hint);
+    for (int lane = 0, count; lane < lanes->lane_count; lane += count - 2) {
+        qm_vec corner[4];
+        uint32_t face = lanes->face[lane];
+        count = qm_side_corners(side, lanes, (uint32_t)lane, corner);
+        measure_point(worker, side, middle_of(corner, count), face, &s.hint);
+        for (int i = 0; i < count; i++)
+            measure_point(worker, side, corner[i], face, &s.hint);
     }
 }
 

@@ -9,7 +9,8 @@
  *   pieces             hausdorff_piece.h    cover by several labels, else split; or, as an option,
  *                      hausdorff_matching.c matched to the facets under their corners, else split
  *   points             hausdorff_sample.c   nearest points, which raise the lower bound
- *   climbs             hausdorff_climb.c    from such a point to one that no direction leads farther from
+ *   climbs             hausdorff_climb.c    from such a point to one that no direction leads farther from,
+ * over hausdorff_ground.c   facets of the source that meet in a point
  */
 #ifndef QM_HAUSDORFF_SEARCH_H
 #define QM_HAUSDORFF_SEARCH_H
@@ -109,6 +110,17 @@ static inline qm_vec qm_side_vertex(const qm_side *side, uint32_t vertex)
     return qm_frame_local(&side->target->frame, side->source->mesh.positions + 3 * (size_t)vertex);
 }
 
+/** Corners of the source's face that starts at a lane, as qm_lane_corners gives them, in the local frame of
+ * the target. */
+static inline int qm_side_corners(const qm_side *side, const qm_pack_lanes *lanes, uint32_t lane,
+                                  qm_vec corner[4])
+{
+    int place[4], count = qm_lane_corners(lanes, lane, side->source_patches, place);
+    for (int i = 0; i < count; i++)
+        corner[i] = qm_side_vertex(side, lanes->vertex[place[i]]);
+    return count;
+}
+
 /** How far the surface of a lane's face can be from the lane's triangle: 0 unless patches are read. Local. */
 static inline double qm_side_twist(const qm_side *side, uint32_t pack, uint32_t lane)
 {
@@ -134,11 +146,8 @@ double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, do
 double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
                         double enough, uint32_t *hint);
 
-/**
- * A point of the source, local to the target: the middle of the face that holds the lane, which moves to the
- * face's first lane where patches are read.
- */
-qm_vec qm_side_middle(const qm_side *side, uint32_t pack, int *lane, uint32_t *face);
+/** A point of a pack of the source, local to the target: the middle of a face in its middle. */
+qm_vec qm_side_middle(const qm_side *side, uint32_t pack, uint32_t *face);
 
 /** Raises the lower bound by a sparse sample of the source and a closer look where it is farthest, with all
  * workers. Returns a hint. */

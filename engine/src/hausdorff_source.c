@@ -50,20 +50,6 @@ typedef struct pack_work {
     qm_near_packs near; /* of the whole pack, once the first face asks for them */
 } pack_work;
 
-/** Corners of the face that starts at lane, as places in vertex[]; a patch is held whole, else each lane
- * alone. */
-static int face_corners(const pack_work *work, int lane, int corner[4])
-{
-    const qm_pack_lanes *lanes = work->lanes;
-    for (int i = 0; i < 3; i++)
-        corner[i] = lanes->corner[lane][i];
-    bool is_patch =
-        work->side->source_patches && lane + 1 < lanes->lane_count && (lanes->second >> (lane + 1) & 1);
-    if (!is_patch) return 3;
-    corner[3] = lanes->corner[lane + 1][2];
-    return 4;
-}
-
 /** Where single precision leaves it open whether a lane reaches a vertex, as it does where the allowed
  * distance is tiny or the source runs beside the target, double precision decides. */
 static void measure_vertex(pack_work *work, double allowed, int vertex)
@@ -157,7 +143,7 @@ static void visit_pack(qm_worker *worker, qm_entry entry)
     uint32_t hint = entry.hint;
     for (int lane = 0, count; lane < work.lanes->lane_count; lane += count - 2) {
         int corner[4];
-        count = face_corners(&work, lane, corner);
+        count = qm_lane_corners(work.lanes, (uint32_t)lane, work.side->source_patches, corner);
         if (face_reached(&work, allowed, corner, count)) continue;
         qm_piece piece = {.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
         for (int i = 0; i < count; i++)
@@ -202,8 +188,7 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_gr
                          uint32_t pack, uint32_t *hint)
 {
     uint32_t face;
-    int lane = side->source->lanes[pack].lane_count / 2;
-    qm_vec p = qm_side_middle(side, pack, &lane, &face);
+    qm_vec p = qm_side_middle(side, pack, &face);
     double upper = qm_side_pack_upper(worker->search, side, *hint, p);
     double lower = qm_side_lower(worker->search, side), reach = member_reach(side, group, member, p);
     if (upper <= QM_NEAR_ENOUGH * lower) return upper + reach;

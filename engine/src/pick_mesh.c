@@ -21,15 +21,11 @@ static void meet_triangle(ray *r, qm_vec a, qm_vec b, qm_vec c)
     if (u >= -EDGE && v >= -EDGE && u + v <= 1.0 + EDGE && t >= 0.0 && t < r->t) r->t = t;
 }
 
-static void meet_pack(ray *r, size_t pack)
+static void meet_pack(ray *r, uint32_t pack)
 {
-    const qm_pack_lanes *lanes = &r->bvh->lanes[pack];
-    for (int lane = 0; lane < lanes->lane_count; lane++) {
+    for (uint32_t lane = 0; lane < r->bvh->lanes[pack].lane_count; lane++) {
         qm_vec corner[3];
-        for (int k = 0; k < 3; k++) {
-            uint32_t vertex = lanes->vertex[lanes->corner[lane][k]];
-            corner[k] = qm_frame_local(&r->bvh->frame, r->bvh->mesh.positions + 3 * (size_t)vertex);
-        }
+        qm_bvh_load_triangle(r->bvh, pack, lane, corner);
         meet_triangle(r, corner[0], corner[1], corner[2]);
     }
 }
@@ -68,7 +64,7 @@ static void meet_group(ray *r, int level, size_t group)
         if (level > 1)
             meet_group(r, level - 1, member);
         else
-            meet_pack(r, member);
+            meet_pack(r, (uint32_t)member);
     }
 }
 

@@ -31,7 +31,7 @@ qm_surface_point qm_surface_triangle_foot(const qm_bvh *bvh, uint32_t pack, uint
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     qm_vec corner[4];
     int corners = qm_bvh_load_face(bvh, lanes->face[lane], corner);
-    return corner_foot(bvh, lanes->face[lane], corner, corners, lanes->second >> lane & 1, p);
+    return corner_foot(bvh, lanes->face[lane], corner, corners, qm_lane_is_second(lanes, lane), p);
 }
 
 static double local_distance(const qm_bvh *bvh, const qm_surface_point *foot, qm_vec p)

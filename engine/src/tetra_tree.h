@@ -88,7 +88,7 @@ static inline void qm_tetra_part_corners(const qm_tetra *tetra, const qm_tetra_p
 
 static inline qm_vec qm_tetra_vertex(const qm_tetra *tetra, uint32_t vertex)
 {
-    return qm_frame_local(&tetra->bvh->frame, tetra->bvh->mesh.positions + 3 * (size_t)vertex);
+    return qm_bvh_vertex(tetra->bvh, vertex);
 }
 
 #endif

@@ -48,18 +48,14 @@ static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, q
 static inline void qm_visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lane, qm_vec p, double d2,
                                   double error, qm_patch_hit *hit)
 {
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    uint32_t face = lanes->face[lane];
-    qm_vec corner[4];
+    uint32_t face = bvh->lanes[pack].face[lane];
     qm_patch_foot foot = {.distance = sqrt(d2), .lower = sqrt(d2)};
     double twist = bvh->twist ? (double)bvh->twist[pack][lane] : 0.0;
     if (twist > 0.25 * error) {
-        qm_bvh_load_face(bvh, face, corner);
-        qm_patch patch = qm_patch_make(corner);
+        qm_patch patch = qm_bvh_load_patch(bvh, face);
         foot = qm_patch_project(&patch, p, error, hit->distance);
     } else if (twist > 0.0 && error == INFINITY) {
-        qm_bvh_load_face(bvh, face, corner);
-        qm_patch patch = qm_patch_make(corner);
+        qm_patch patch = qm_bvh_load_patch(bvh, face);
         foot = qm_patch_descend(&patch, p, hit->distance);
     } else {
         foot.distance += twist;
@@ -79,7 +75,7 @@ static inline uint32_t qm_nearest_quad(const qm_pack_lanes *lanes, const double 
     uint32_t nearest = 0;
     for (uint32_t lane = 1; lane < lanes->lane_count; lane++)
         if (d2[lane] < d2[nearest]) nearest = lane;
-    return nearest - (lanes->second >> nearest & 1u);
+    return nearest - ((uint32_t)qm_lane_is_second(lanes, nearest));
 }
 
 /**
@@ -95,7 +91,7 @@ static inline void qm_visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, 
     uint32_t count = lanes->lane_count, first = qm_nearest_quad(lanes, d2);
     for (uint32_t step = 0; step < count; step++) {
         uint32_t lane = first + step < count ? first + step : first + step - count;
-        bool has_second = lane + 1 < count && (lanes->second >> (lane + 1) & 1);
+        bool has_second = qm_lane_has_second(lanes, lane);
         uint32_t nearer = has_second && d2[lane + 1] < d2[lane] ? lane + 1 : lane;
         double twist = bvh->twist ? (double)bvh->twist[pack][lane] : 0.0;
         if (sqrt(d2[nearer]) - twist <= hit->distance)
