@@ -6,16 +6,12 @@
  *
  * Nothing here is certain, nor need it be: the point at the end is a sample like any other.
  */
-#include "bilinear_point.h"
-#include "hausdorff_search.h"
-#include "max_min.h"
+#include "hausdorff_ground.h"
+#include "tri_distance.h"
 #include "tri_point.h"
 
 #define MAX_FACETS 12   /* of the target, known to a climb */
-#define MAX_GROUNDS 16  /* facets of the source that meet in a point */
 #define MAX_MEASURED 64 /* points of one climb */
-#define MAX_WALLS 4
-#define TOUCH 0x1p-36   /* of the reach: two facets of the source meet in a point when both are as near */
 #define STOP_SHARE 0.25 /* of the tolerance: expected to be gained, to go on */
 #define MIN_RISE 4.0    /* tolerances by which a witness must have risen for the next climb */
 #define POOR_GAIN 0.25  /* of what was expected: the radius falls */
@@ -33,14 +29,6 @@ typedef struct facet {
     qm_vec away; /* from the foot to the point, of length 1 */
 } facet;
 
-/** A facet of the source; w is 0 for triangles, whose parameters sum to 1 at most. */
-typedef struct ground {
-    qm_patch patch;
-    bool is_triangle;
-    uint32_t face;
-    double uv[2]; /* of the place at hand */
-} ground;
-
 typedef struct climb {
     qm_worker *worker;
     const qm_side *side;
@@ -51,8 +39,7 @@ typedef struct climb {
     uint32_t hint;
     int measured, facet_count;
     facet facets[MAX_FACETS];
-    ground grounds[MAX_GROUNDS];
-    int ground_count;
+    qm_grounds grounds;
 } climb;
 
 static void look_from(facet *f, qm_vec p)
@@ -67,8 +54,7 @@ static void look_from(facet *f, qm_vec p)
     } else {
         double weight[3];
         qm_triangle_footpoint(&f->triangle, p, weight);
-        foot = qm_vec_scale(weight[0], f->corner[0]);
-        foot = qm_vec_axpy(qm_vec_axpy(foot, weight[1], f->corner[1]), weight[2], f->corner[2]);
+        foot = qm_tri_at(f->corner, weight);
     }
     f->away = qm_vec_sub(p, foot);
     f->distance = qm_vec_norm(f->away);
@@ -94,12 +80,8 @@ static bool remember(climb *c, const facet *f)
 
 static facet load_triangle(const climb *c, qm_hit hit)
 {
-    const qm_bvh *target = c->side->target;
-    const qm_pack_lanes *lanes = &target->lanes[hit.pack];
     facet f = {.key = (uint64_t)hit.pack * QM_PACK_LANES + hit.lane};
-    for (int i = 0; i < 3; i++)
-        f.corner[i] = qm_frame_local(
-            &target->frame, target->mesh.positions + 3 * (size_t)lanes->vertex[lanes->corner[hit.lane][i]]);
+    qm_bvh_load_triangle(c->side->target, hit.pack, hit.lane, f.corner);
     f.triangle = qm_triangle_make(f.corner[0], f.corner[1], f.corner[2]);
     return f;
 }
@@ -133,82 +115,14 @@ static double measure(climb *c, qm_vec p, bool *is_new)
     return distance;
 }
 
-/** Adds a facet of the source when the place lies on it. */
-static void add_ground(climb *c, uint32_t face, const qm_vec corner[4], bool is_patch)
-{
-    if (c->ground_count == MAX_GROUNDS) return;
-    ground g = {.face = face, .is_triangle = !is_patch};
-    double away;
-    if (is_patch) {
-        g.patch = qm_patch_make(corner);
-        qm_patch_foot foot = qm_patch_descend(&g.patch, c->place, INFINITY);
-        g.uv[0] = foot.uv[0];
-        g.uv[1] = foot.uv[1];
-        away = foot.distance;
-    } else {
-        g.patch = (qm_patch){
-            corner[0], qm_vec_sub(corner[1], corner[0]), qm_vec_sub(corner[2], corner[0]), {0, 0, 0}};
-        qm_triangle triangle = qm_triangle_make(corner[0], corner[1], corner[2]);
-        double weight[3];
-        qm_triangle_footpoint(&triangle, c->place, weight);
-        g.uv[0] = weight[1];
-        g.uv[1] = weight[2];
-        away = qm_vec_distance(qm_patch_at(&g.patch, g.uv[0], g.uv[1]), c->place);
-    }
-    if (away <= TOUCH * c->side->reach) c->grounds[c->ground_count++] = g;
-}
-
-/** The facets of the source that meet in the place. */
-static void find_grounds(climb *c)
-{
-    const qm_side *side = c->side;
-    const qm_bvh *source = side->source;
-    qm_vec p = qm_vec_scale(1.0 / side->factor, qm_vec_sub(c->place, side->shift));
-    qm_box box = qm_vec_box(&p, 1);
-    qm_near_packs near;
-    c->kernel->gather(source, &box, TOUCH, &near);
-    c->ground_count = 0;
-    for (int k = 0; k < near.count; k++) {
-        const qm_pack_lanes *lanes = &source->lanes[near.pack[k]];
-        for (int lane = 0; lane < lanes->lane_count; lane++) {
-            bool is_patch =
-                side->source_patches && lane + 1 < lanes->lane_count && (lanes->second >> (lane + 1) & 1);
-            qm_vec corner[4];
-            for (int i = 0; i < 3; i++)
-                corner[i] = qm_side_vertex(side, lanes->vertex[lanes->corner[lane][i]]);
-            if (is_patch) corner[3] = qm_side_vertex(side, lanes->vertex[lanes->corner[lane + 1][2]]);
-            add_ground(c, lanes->face[lane], corner, is_patch);
-            lane += is_patch;
-        }
-    }
-}
-
-/** The sides of a ground, for steps in units of length along its parameters. */
-static int set_walls(const ground *g, const double speed[2], qm_slope *walls)
-{
-    double u = g->uv[0], v = g->uv[1];
-    int count = 0;
-    walls[count++] = (qm_slope){{1.0, 0.0}, u * speed[0], true};
-    walls[count++] = (qm_slope){{0.0, 1.0}, v * speed[1], true};
-    if (g->is_triangle) {
-        double slower = qm_lesser(speed[0], speed[1]);
-        walls[count++] =
-            (qm_slope){{-slower / speed[0], -slower / speed[1]}, qm_greater(0.0, 1.0 - u - v) * slower, true};
-    } else {
-        walls[count++] = (qm_slope){{-1.0, 0.0}, (1.0 - u) * speed[0], true};
-        walls[count++] = (qm_slope){{0.0, -1.0}, (1.0 - v) * speed[1], true};
-    }
-    return count;
-}
-
 /** How much is expected to be gained on a ground, and by which step of its parameters. */
-static double expect(const climb *c, const ground *g, double step[2])
+static double expect(const climb *c, const qm_ground *ground, double step[2])
 {
-    qm_vec along_u = qm_vec_axpy(g->patch.e1, g->uv[1], g->patch.w);
-    qm_vec along_v = qm_vec_axpy(g->patch.e2, g->uv[0], g->patch.w);
+    qm_vec along_u = qm_vec_axpy(ground->patch.e1, ground->uv[1], ground->patch.w);
+    qm_vec along_v = qm_vec_axpy(ground->patch.e2, ground->uv[0], ground->patch.w);
     double speed[2] = {qm_vec_norm(along_u), qm_vec_norm(along_v)};
     if (!(speed[0] > 0.0) || !(speed[1] > 0.0)) return 0.0;
-    qm_slope slopes[MAX_FACETS + MAX_WALLS];
+    qm_slope slopes[MAX_FACETS + QM_MAX_WALLS];
     int count = 0;
     for (; count < c->facet_count; count++) {
         const facet *f = &c->facets[count];
@@ -217,7 +131,7 @@ static double expect(const climb *c, const ground *g, double step[2])
             .height = f->distance,
         };
     }
-    count += set_walls(g, speed, slopes + count);
+    count += qm_ground_walls(ground, speed, slopes + count);
     double expected = qm_max_min(slopes, count, c->radius, step);
     for (int k = 0; k < 2; k++)
         step[k] /= speed[k];
@@ -233,15 +147,15 @@ static void move_to(climb *c, qm_vec p, double distance)
 }
 
 /** Climbs on one facet of the source as far as it leads. True when that was a way. */
-static bool climb_ground(climb *c, ground *g, double enough)
+static bool climb_ground(climb *c, qm_ground *ground, double enough)
 {
     qm_vec from = c->place;
     while (c->measured < MAX_MEASURED) {
-        double step[2], expected = expect(c, g, step);
+        double step[2], expected = expect(c, ground, step);
         if (!(expected > enough)) break;
-        double u = qm_clamp(g->uv[0] + step[0], 0.0, 1.0);
-        double v = qm_clamp(g->uv[1] + step[1], 0.0, g->is_triangle ? 1.0 - u : 1.0);
-        qm_vec p = qm_patch_at(&g->patch, u, v);
+        double u = qm_clamp(ground->uv[0] + step[0], 0.0, 1.0);
+        double v = qm_clamp(ground->uv[1] + step[1], 0.0, ground->is_triangle ? 1.0 - u : 1.0);
+        qm_vec p = qm_patch_at(&ground->patch, u, v);
         bool is_new;
         double distance = measure(c, p, &is_new), gained = distance - c->distance;
         if (gained > GOOD_GAIN * expected)
@@ -249,35 +163,25 @@ static bool climb_ground(climb *c, ground *g, double enough)
         else if (!is_new && gained < POOR_GAIN * expected)
             c->radius = POOR_GAIN * qm_lesser(c->radius, qm_vec_distance(p, c->place));
         if (!(gained > 0.0)) continue;
-        g->uv[0] = u;
-        g->uv[1] = v;
+        ground->uv[0] = u;
+        ground->uv[1] = v;
         move_to(c, p, distance);
     }
     return qm_vec_distance(from, c->place) > 0.0;
 }
 
 /** The facet of the source at the place that promises most, or NULL. */
-static ground *best_ground(climb *c, double enough)
+static qm_ground *best_ground(climb *c, double enough)
 {
-    ground *best = NULL;
+    qm_ground *best = NULL;
     double most = enough;
-    for (int i = 0; i < c->ground_count; i++) {
-        double step[2], expected = expect(c, &c->grounds[i], step);
+    for (int i = 0; i < c->grounds.count; i++) {
+        double step[2], expected = expect(c, &c->grounds.at[i], step);
         if (!(expected > most)) continue;
         most = expected;
-        best = &c->grounds[i];
+        best = &c->grounds.at[i];
     }
     return best;
-}
-
-static double largest_ground(const climb *c)
-{
-    double largest = 0.0;
-    for (int i = 0; i < c->ground_count; i++) {
-        const qm_patch *patch = &c->grounds[i].patch;
-        largest = qm_greater(largest, qm_greater(qm_vec_norm(patch->e1), qm_vec_norm(patch->e2)));
-    }
-    return largest;
 }
 
 void qm_worker_climb(qm_worker *worker)
@@ -289,14 +193,14 @@ void qm_worker_climb(qm_worker *worker)
     c.hint = worker->witness_hint;
     bool is_new;
     c.distance = measure(&c, c.place, &is_new);
-    find_grounds(&c);
-    c.radius = largest_ground(&c);
+    qm_grounds_find(search, side, c.place, &c.grounds);
+    c.radius = qm_grounds_largest(&c.grounds);
     /* A witness may lie beside the source; what is climbed to lies on it. */
     uint32_t face = QM_NO_INDEX;
-    for (ground *g; c.measured < MAX_MEASURED && (g = best_ground(&c, enough));) {
-        if (!climb_ground(&c, g, enough)) continue;
-        face = g->face;
-        find_grounds(&c);
+    for (qm_ground *ground; c.measured < MAX_MEASURED && (ground = best_ground(&c, enough));) {
+        if (!climb_ground(&c, ground, enough)) continue;
+        face = ground->face;
+        qm_grounds_find(search, side, c.place, &c.grounds);
     }
     if (face != QM_NO_INDEX) qm_worker_sample(worker, side, c.place, 0.0, face, 0.0, &c.hint);
     worker->climb_above = worker->witness + MIN_RISE * search->tolerance;
