@@ -30,26 +30,12 @@ static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, uint32
     }
 }
 
-static qm_float_hit search_in_floats(const qm_search *search, const qm_side *side, qm_vec p, double enough,
-                                     uint32_t *hint)
+double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, double reach,
+                      uint32_t *hint)
 {
     qm_float_hit hit = {.pack = *hint};
     search->kernel->float_closest(side->target, p, enough, &hit);
     *hint = hit.pack;
-    return hit;
-}
-
-double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, uint32_t *hint)
-{
-    qm_float_hit hit = search_in_floats(search, side, p, enough, hint);
-    return hit.upper + qm_side_twist(side, hit.pack, hit.lane);
-}
-
-/** The same; where the twist leaves it open whether the point is within reach, the patch itself is asked. */
-static double nearly_by_patch(const qm_search *search, const qm_side *side, qm_vec p, double enough,
-                              double reach, uint32_t *hint)
-{
-    qm_float_hit hit = search_in_floats(search, side, p, enough, hint);
     double twist = qm_side_twist(side, hit.pack, hit.lane), upper = hit.upper + twist;
     if (upper <= reach || hit.upper - twist >= reach) return upper;
     qm_patch patch = qm_bvh_load_patch(side->target, side->target->lanes[hit.pack].face[hit.lane]);
@@ -64,7 +50,7 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
     worker->projections++;
     bool by_boxes = !side->nearest.grid && !side->nearest.tetra;
     if (by_boxes && known > FLOAT_FLOOR * side->reach && worker->witness >= 0.0) {
-        double nearly = nearly_by_patch(search, side, p, enough, known + slack, hint);
+        double nearly = qm_side_nearly(search, side, p, enough, known + slack, hint);
         if (nearly - slack <= known) return nearly;
     }
     qm_hit hit = {.d2 = INFINITY, .pack = *hint};

@@ -135,9 +135,11 @@ static inline const float *qm_side_twists(const qm_side *side, uint32_t pack)
 
 /**
  * Upper bound (local) of the distance of p by one search in single precision from the hint, which moves on to
- * the pack found. The search ends as soon as the bound is enough.
+ * the pack found. The search ends as soon as the bound is enough. Where the twist leaves it open whether p is
+ * within reach, the patch that was found is asked.
  */
-double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, uint32_t *hint);
+double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, double reach,
+                      uint32_t *hint);
 
 /**
  * The same, but when the point may raise the lower bound, it is measured with certainty; face is what it lies

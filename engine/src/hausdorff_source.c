@@ -99,7 +99,7 @@ static bool face_is_near(qm_worker *worker, const pack_work *work, const qm_piec
     double allowed = qm_search_allowed(search) * work->side->scale, enough = allowed - sqrt(radius2);
     if (!(enough > 0.0)) return false;
     worker->projections++;
-    if (qm_side_nearly(search, work->side, middle, enough, hint) <= enough) return true;
+    if (qm_side_nearly(search, work->side, middle, enough, enough, hint) <= enough) return true;
     qm_float_bits bits[4];
     reach_by_pack(work, allowed, *hint, face->corner, face->corner_count, bits);
     unsigned labels = ~0u;
@@ -175,9 +175,10 @@ static double bound_group(qm_worker *worker, const qm_side *side, qm_vec centre,
                           uint32_t *hint)
 {
     double lower = qm_side_lower(worker->search, side);
-    double enough = fmax(qm_search_allowed(worker->search) * side->scale - radius, QM_NEAR_ENOUGH * lower);
+    double reach = qm_search_allowed(worker->search) * side->scale - radius;
+    double enough = fmax(reach, QM_NEAR_ENOUGH * lower);
     worker->projections++;
-    return qm_side_nearly(worker->search, side, centre, enough, hint) + radius;
+    return qm_side_nearly(worker->search, side, centre, enough, reach, hint) + radius;
 }
 
 /**
