@@ -10,7 +10,7 @@
 #define BLOCK_MEMBERS 1024  /* in each so many at least */
 #define MOST_BY_8_BITS 8192 /* faces: cells of a curve of 8 bits that a surface meets, over eight or so */
 #define MOST_BY_10_BITS (16 * MOST_BY_8_BITS)
-#define SOURCE_SHARE 16 /* so many times the faces do for a source, whose packs are not searched */
+#define SOURCE_SHARE 64 /* so many times the faces do for a source, whose packs are not searched */
 
 /**
  * Vertices in whole numbers, three to a word, finer than the cells of the curve: sums of up to four fit their

@@ -9,40 +9,24 @@
 #define WIDE_DIGIT_BITS 12  /* for so many entries that a pass less is worth it: */
 #define MANY_ENTRIES 16384
 #define MIN_SHARE 2048 /* entries that make it worth to start another thread */
-#define SLICE_BITS 9   /* by so many leading bits entries are dealt out to ranges */
-#define SLICES (1 << SLICE_BITS)
-#define CHUNK 512          /* entries that are made, then counted while they are at hand */
-#define BLOCK_LEAST 512    /* entries of a block, */
-#define BLOCK_MOST 2048    /* which the first caches hold twice; */
-#define MANY_BLOCKS 32     /* so many blocks do when there are few entries */
-#define RANGE_ENTRIES 8192 /* about so many to a range, which the second caches then hold, */
-#define MAX_RANGES 64      /* as long as there are not more */
+#define CHUNK 512      /* entries that are made, then counted while they are at hand */
+#define PART_ENTRIES 8192
+#define MOST_PARTS 4 /* for each worker: one on a busy processor does fewer */
 
 /**
- * With more workers than one the entries are sorted by blocks and ranges, which the workers share. Each block
- * puts its own entries in order of slices, which are their leading bits; runs of slices make ranges with
- * about the same number of entries; and each range gathers its part of every block on its way to the first
- * digit's order, and then sorts by the other digits.
+ * With more workers than one the entries are sorted by parts, which the workers share: for each digit they
+ * are counted in every part, and then every part puts its own where those of the parts before it end.
  */
-typedef struct sort_block {
-    uint16_t slice_begin[SLICES + 1];
-} sort_block;
-
-typedef struct sort_range {
-    uint32_t slice; /* its first; the range after the last has the end */
-    size_t begin;   /* of its entries */
-} sort_range;
-
 typedef struct sort_work {
     uint64_t *from, *to;
     size_t count;
     const qm_radix_maker *maker; /* writes the entries; NULL when they are there */
     int workers;
     int low_bit, digits, digit_bits; /* what is sorted by: entries have a low bit, numbers none */
-    int slice_shift, slice_bits;
-    sort_block *block;
-    size_t block_entries, block_count, range_count;
-    sort_range range[MAX_RANGES + 1];
+    int digit;                       /* at hand, where workers share */
+    size_t part_count;
+    uint32_t
+        *place; /* of each part, by the digit: how many entries there are, then where the next one goes */
 } sort_work;
 
 static size_t clamp(size_t a, size_t least, size_t most)
@@ -66,9 +50,9 @@ static inline void sum_up(uint32_t *place, uint64_t last)
     }
 }
 
-/** Least significant digit first, counting all digits in one pass; to home, which is from or to. */
-static inline void sort_digits(const qm_radix_maker *maker, uint64_t *from, uint64_t *to, uint64_t *home,
-                               size_t count, int low_bit, int digits, int digit_bits)
+/** Least significant digit first, counting all digits in one pass; back to from. */
+static inline void sort_digits(const qm_radix_maker *maker, uint64_t *from, uint64_t *to, size_t count,
+                               int low_bit, int digits, int digit_bits)
 {
     uint32_t place[MAX_DIGITS][1 << MAX_DIGIT_BITS];
     const uint64_t mask = (UINT64_C(1) << digit_bits) - 1;
@@ -88,150 +72,115 @@ static inline void sort_digits(const qm_radix_maker *maker, uint64_t *from, uint
         from = to;
         to = swap;
     }
-    if (from != home) memcpy(home, from, count * sizeof *home);
+    if (digits % 2 == 1) memcpy(to, from, count * sizeof *to);
 }
 
-/** Sorts by the digits from one on. Entries have loops of their own, in which the compiler knows the digits.
- */
-static void sort_alone(const sort_work *work, const qm_radix_maker *maker, int first_digit, uint64_t *from,
-                       uint64_t *to, uint64_t *home, size_t count)
+/** Entries have loops of their own, in which the compiler knows the digits. */
+static void sort_alone(const sort_work *work)
 {
-    int low_bit = work->low_bit + first_digit * work->digit_bits, digits = work->digits - first_digit;
-    if (low_bit == QM_RADIX_INDEX_BITS && digits == 3 && work->digit_bits == 8)
-        sort_digits(maker, from, to, home, count, QM_RADIX_INDEX_BITS, 3, 8);
-    else if (low_bit == QM_RADIX_INDEX_BITS && digits == 2 && work->digit_bits == WIDE_DIGIT_BITS)
-        sort_digits(maker, from, to, home, count, QM_RADIX_INDEX_BITS, 2, WIDE_DIGIT_BITS);
-    else if (low_bit == QM_RADIX_INDEX_BITS && digits == 3 && work->digit_bits == 10)
-        sort_digits(maker, from, to, home, count, QM_RADIX_INDEX_BITS, 3, 10);
-    else if (digits == 1)
-        sort_digits(maker, from, to, home, count, low_bit, 1, work->digit_bits);
+    const qm_radix_maker *maker = work->maker;
+    uint64_t *from = work->from, *to = work->to;
+    size_t count = work->count;
+    if (work->low_bit == QM_RADIX_INDEX_BITS && work->digits == 3 && work->digit_bits == 8)
+        sort_digits(maker, from, to, count, QM_RADIX_INDEX_BITS, 3, 8);
+    else if (work->low_bit == QM_RADIX_INDEX_BITS && work->digits == 2 && work->digit_bits == WIDE_DIGIT_BITS)
+        sort_digits(maker, from, to, count, QM_RADIX_INDEX_BITS, 2, WIDE_DIGIT_BITS);
+    else if (work->low_bit == QM_RADIX_INDEX_BITS && work->digits == 3 && work->digit_bits == 10)
+        sort_digits(maker, from, to, count, QM_RADIX_INDEX_BITS, 3, 10);
     else
-        sort_digits(maker, from, to, home, count, low_bit, digits, work->digit_bits);
+        sort_digits(maker, from, to, count, work->low_bit, work->digits, work->digit_bits);
 }
 
-static uint32_t slice_of(const sort_work *work, uint64_t entry)
+static uint32_t *part_places(const sort_work *work, size_t part)
 {
-    return (uint32_t)(entry >> work->slice_shift) & ((1u << work->slice_bits) - 1);
+    return work->place + (part << work->digit_bits);
 }
 
-/** Neighbours are often of one slice: counted by twos, none waits for the other. */
-static void count_slices(const sort_work *work, const uint64_t *entries, size_t count, uint16_t *slice_begin)
+static void part_range(const sort_work *work, size_t part, size_t *begin, size_t *end)
 {
-    uint16_t even[SLICES] = {0}, odd[SLICES] = {0};
-    size_t i = 0;
-    for (; i + 1 < count; i += 2) {
-        even[slice_of(work, entries[i])]++;
-        odd[slice_of(work, entries[i + 1])]++;
-    }
-    if (i < count) even[slice_of(work, entries[i])]++;
-    uint16_t begin = 0;
-    for (int slice = 0; slice < SLICES; slice++) {
-        slice_begin[slice] = begin;
-        begin = (uint16_t)(begin + even[slice] + odd[slice]);
-    }
-    slice_begin[SLICES] = begin;
+    *begin = work->count * part / work->part_count;
+    *end = work->count * (part + 1) / work->part_count;
 }
 
-static void sort_block_entries(void *data, int worker, size_t block)
+static void count_part(void *data, int worker, size_t part)
 {
     (void)worker;
     const sort_work *work = data;
-    uint64_t made[BLOCK_MOST];
-    uint16_t place[SLICES], *slice_begin = work->block[block].slice_begin;
-    size_t begin = block * work->block_entries, end = begin + work->block_entries;
-    end = end < work->count ? end : work->count;
-    if (work->maker)
-        work->maker->make(work->maker->data, begin, end, made);
-    else
-        memcpy(made, work->from + begin, (end - begin) * sizeof *made);
-    count_slices(work, made, end - begin, slice_begin);
-    memcpy(place, slice_begin, sizeof place);
-    uint64_t *home = work->from + begin;
-    for (size_t i = 0; i < end - begin; i++)
-        home[place[slice_of(work, made[i])]++] = made[i];
-}
-
-/** Cuts the slices into ranges with about as many entries each. */
-static void make_ranges(sort_work *work)
-{
-    uint32_t total[SLICES] = {0};
-    for (size_t b = 0; b < work->block_count; b++)
-        for (int slice = 0; slice < SLICES; slice++)
-            total[slice] +=
-                (uint32_t)(work->block[b].slice_begin[slice + 1] - work->block[b].slice_begin[slice]);
-    size_t range = 0, begin = 0;
-    for (uint32_t slice = 0; slice < SLICES; slice++) {
-        while (range + 1 < work->range_count && begin >= work->count * (range + 1) / work->range_count)
-            work->range[++range] = (sort_range){slice, begin};
-        begin += total[slice];
+    const uint64_t *from = work->from, mask = (UINT64_C(1) << work->digit_bits) - 1;
+    const int shift = work->low_bit + work->digit * work->digit_bits;
+    uint32_t *place = part_places(work, part);
+    memset(place, 0, (mask + 1) * sizeof *place);
+    size_t begin, end;
+    part_range(work, part, &begin, &end);
+    for (size_t next; begin < end; begin = next) {
+        next = chunk_end(begin, end);
+        if (work->maker) work->maker->make(work->maker->data, begin, next, work->from + begin);
+        for (size_t i = begin; i < next; i++)
+            place[from[i] >> shift & mask]++;
     }
-    while (range < work->range_count)
-        work->range[++range] = (sort_range){SLICES, begin};
 }
 
-/** A range's entries of one block. */
-static const uint64_t *part_of_block(const sort_work *work, size_t block, size_t range, size_t *count)
+/** From the counts of all parts to the places of the first entries of each. */
+static void sum_up_parts(const sort_work *work)
 {
-    const uint16_t *slice_begin = work->block[block].slice_begin;
-    size_t begin = slice_begin[work->range[range].slice];
-    *count = slice_begin[work->range[range + 1].slice] - begin;
-    return work->from + block * work->block_entries + begin;
+    uint32_t start = 0;
+    for (size_t value = 0; value >> work->digit_bits == 0; value++) {
+        for (size_t part = 0; part < work->part_count; part++) {
+            uint32_t *place = part_places(work, part) + value, here = *place;
+            *place = start;
+            start += here;
+        }
+    }
 }
 
-/** From all blocks, which lie in order, to the order of the first digit. */
-static void gather_range(void *data, int worker, size_t range)
+static void deal_part(void *data, int worker, size_t part)
 {
     (void)worker;
     const sort_work *work = data;
-    uint32_t place[1 << MAX_DIGIT_BITS];
-    const uint64_t mask = (UINT64_C(1) << work->digit_bits) - 1;
-    memset(place, 0, (size_t)(mask + 1) * sizeof *place);
-    for (size_t b = 0, count; b < work->block_count; b++) {
-        const uint64_t *entries = part_of_block(work, b, range, &count);
-        for (size_t i = 0; i < count; i++)
-            place[entries[i] >> work->low_bit & mask]++;
-    }
-    sum_up(place, mask);
-    uint64_t *to = work->to + work->range[range].begin;
-    for (size_t b = 0, count; b < work->block_count; b++) {
-        const uint64_t *entries = part_of_block(work, b, range, &count);
-        for (size_t i = 0; i < count; i++)
-            to[place[entries[i] >> work->low_bit & mask]++] = entries[i];
-    }
+    const uint64_t *from = work->from, mask = (UINT64_C(1) << work->digit_bits) - 1;
+    const int shift = work->low_bit + work->digit * work->digit_bits;
+    uint32_t *place = part_places(work, part);
+    uint64_t *to = work->to;
+    size_t begin, end;
+    part_range(work, part, &begin, &end);
+    for (size_t i = begin; i < end; i++)
+        to[place[from[i] >> shift & mask]++] = from[i];
 }
 
-static void finish_range(void *data, int worker, size_t range)
+static void copy_part(void *data, int worker, size_t part)
 {
     (void)worker;
     const sort_work *work = data;
-    size_t begin = work->range[range].begin, end = work->range[range + 1].begin;
-    uint64_t *home = work->from + begin;
-    sort_alone(work, NULL, 1, work->to + begin, home, home, end - begin);
+    size_t begin, end;
+    part_range(work, part, &begin, &end);
+    memcpy(work->to + begin, work->from + begin, (end - begin) * sizeof *work->to);
 }
 
-static bool sort_together(qm_context *ctx, sort_work *work)
+static bool sort_together(qm_context *ctx, sort_work work)
 {
-    int bits = work->digits * work->digit_bits;
-    work->slice_bits = bits < SLICE_BITS ? bits : SLICE_BITS;
-    work->slice_shift = work->low_bit + bits - work->slice_bits;
-    work->block_entries = clamp(work->count / MANY_BLOCKS, BLOCK_LEAST, BLOCK_MOST);
-    work->block_count = (work->count + work->block_entries - 1) / work->block_entries;
-    work->range_count = clamp(work->count / RANGE_ENTRIES, (size_t)work->workers, MAX_RANGES);
-    work->block = qm_context_alloc(ctx, work->block_count, sizeof *work->block);
-    if (!work->block) return false;
-    qm_context_share(ctx, work->workers, work->block_count, sort_block_entries, work);
-    make_ranges(work);
-    qm_context_share(ctx, work->workers, work->range_count, gather_range, work);
-    qm_context_share(ctx, work->workers, work->range_count, finish_range, work);
-    qm_context_free(ctx, work->block, work->block_count, sizeof *work->block);
+    size_t workers = (size_t)work.workers;
+    work.part_count = clamp(work.count / PART_ENTRIES, workers, MOST_PARTS * workers);
+    size_t places = work.part_count << work.digit_bits;
+    work.place = qm_context_alloc(ctx, places, sizeof *work.place);
+    if (!work.place) return false;
+    for (; work.digit < work.digits; work.digit++) {
+        qm_context_share(ctx, work.workers, work.part_count, count_part, &work);
+        sum_up_parts(&work);
+        qm_context_share(ctx, work.workers, work.part_count, deal_part, &work);
+        uint64_t *swap = work.from;
+        work.from = work.to;
+        work.to = swap;
+        work.maker = NULL; /* they are there now */
+    }
+    if (work.digits % 2 == 1) qm_context_share(ctx, work.workers, work.part_count, copy_part, &work);
+    qm_context_free(ctx, work.place, places, sizeof *work.place);
     return true;
 }
 
 static void sort(qm_context *ctx, sort_work work)
 {
-    work.workers = (int)clamp(work.count / MIN_SHARE, 1, clamp((size_t)work.workers, 1, MAX_RANGES));
-    if (work.workers == 1 || !sort_together(ctx, &work))
-        sort_alone(&work, work.maker, 0, work.from, work.to, work.from, work.count);
+    work.workers = (int)clamp(work.count / MIN_SHARE, 1, clamp((size_t)work.workers, 1, work.count));
+    if (work.workers == 1 || !sort_together(ctx, work)) sort_alone(&work);
 }
 
 static qm_status sort_with_spare(qm_context *ctx, sort_work work)
