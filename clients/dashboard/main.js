@@ -63,8 +63,9 @@ on("page", () => run(showPage));
 on("connection", () => { if (state.connection === "open" && !isShown) run(showPage); });
 on(["meshes", "page"], () => { byId("stage-hint").hidden = state.meshes.length > 0 || !state.hasMeshes || state.page === "meshes"; });
 const names = pages.map(({ name }) => name);
-addEventListener("hashchange", () => readAddress(names));
+// Where somebody went, not what the address says by now: a view that arrives in between writes its choices there.
+addEventListener("hashchange", ({ newURL }) => readAddress(names, new URL(newURL).hash));
 startTheme();
 startData();
-readAddress(names);
+readAddress(names, location.hash);
 connect();

@@ -103,6 +103,19 @@ test("two meshes are compared by keyboard alone", async () => {
   await finish(page);
 });
 
+test("who goes elsewhere while a view is on its way gets there", async () => {
+  const page = await browser.open(`${daemon.url}/#jobs`);
+  await page.locator('body[data-page="jobs"]').waitFor();
+  // The view arrives, and writes its choices into the address, before the page is told of the step.
+  await page.evaluate(() => {
+    location.hash = "#meshes";
+    history.replaceState(null, "", "#jobs");
+  });
+  await page.locator('body[data-page="meshes"]').waitFor();
+  assert.match(await page.evaluate(() => location.hash), /^#meshes/);
+  await finish(page);
+});
+
 test("the page brings its policy, and weighs little without three.js", async () => {
   const reply = await fetch(daemon.url);
   const policy = reply.headers.get("Content-Security-Policy");

@@ -5,9 +5,13 @@ import { changed, state } from "./state.js";
 /** @type {URLSearchParams} of the address when the page was entered */
 let parameters = new URLSearchParams();
 
-/** Reads the address. @param {string[]} pages the known ones, the first one by default */
-export function readAddress(pages) {
-  const [page, query = ""] = location.hash.slice(1).split("?");
+/**
+ * Reads an address.
+ * @param {string[]} pages the known ones, the first one by default
+ * @param {string} hash
+ */
+export function readAddress(pages, hash) {
+  const [page, query = ""] = hash.slice(1).split("?");
   state.page = pages.includes(page) ? page : pages[0];
   parameters = new URLSearchParams(query);
   state.a = parameters.get("a") ?? state.a;
