@@ -109,6 +109,10 @@ def make_environment():
                               capture_output=True, text=True, check=False)
         if done.returncode:
             faults[package] = last_words(done.stderr)
+    there = installed_versions()
+    for package, version in wanted_versions().items():
+        if there.get(package) != version:
+            faults.setdefault(package, f"pip did not put it into {ENVIRONMENT}; remove that folder")
     return faults
 
 
