@@ -229,7 +229,6 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
         }
         child[m] = child_entry(&entry, m, upper * side->inverse_scale, hint);
     }
-    qm_worker_follow(worker);
     /* Packs are looked at once all eight have had their say on the lower bound, and while they are at hand;
      * so are groups of packs, along the curve, where hints and vertices are still near. */
     for (int m = 0; m < members; m++) {

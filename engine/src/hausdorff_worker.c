@@ -229,7 +229,6 @@ void qm_worker_run(qm_worker *worker)
     qm_search *search = worker->search;
     qm_entry entry;
     qm_piece piece;
-    qm_worker_follow(worker); /* the scout's */
     while (atomic_load_explicit(&search->stop, memory_order_relaxed) == QM_SEARCH_RUNNING) {
         if (take_own(worker, &entry, &piece)) {
             process(worker, entry, &piece);
