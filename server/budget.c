@@ -2,10 +2,9 @@
 
 #include <stdio.h>
 #include <stdlib.h>
-#include <sys/mman.h>
 #include <unistd.h>
 
-#define LARGE_PAGE ((size_t)2 << 20)
+#include "large_pages.h"
 
 /** Takes so many more bytes out of the budget; false when they are not to be had. */
 static bool take(qm_budget *budget, size_t more)
@@ -21,22 +20,12 @@ static bool take(qm_budget *budget, size_t more)
     }
 }
 
-/** Asks for large pages where a block is worth it: what a mesh is made of is then there in a fifth of the
- * time. */
-static void use_large_pages(void *block, size_t size)
-{
-    uintptr_t from = ((uintptr_t)block + LARGE_PAGE - 1) & ~(uintptr_t)(LARGE_PAGE - 1),
-              to = ((uintptr_t)block + size) & ~(uintptr_t)(LARGE_PAGE - 1);
-    if (size >= 2 * LARGE_PAGE) madvise((void *)from, to - from, MADV_HUGEPAGE);
-}
-
 static void *resize(void *user, void *block, size_t old_size, size_t new_size)
 {
     qm_budget *budget = user;
     if (new_size > old_size && !take(budget, new_size - old_size)) return NULL;
-    void *moved = qm_allocator_default.resize(qm_allocator_default.user, block, old_size, new_size);
+    void *moved = qm_large_pages.resize(qm_large_pages.user, block, old_size, new_size);
     if (!moved && new_size > old_size) atomic_fetch_sub(&budget->used, new_size - old_size);
-    if (moved && new_size > old_size) use_large_pages(moved, new_size);
     if (new_size < old_size && (moved || new_size == 0)) atomic_fetch_sub(&budget->used, old_size - new_size);
     return moved;
 }

@@ -16,7 +16,7 @@ typedef struct qm_budget {
     void *user;
 } qm_budget;
 
-/** An allocator on malloc that keeps to the budget, for any thread; blocks go back through the same one. */
+/** qm_large_pages within the budget, for any thread; blocks go back through the same one. */
 qm_allocator qm_budget_allocator(qm_budget *budget);
 
 /** Half of the memory that this process may have: of the machine, or of its control group. */

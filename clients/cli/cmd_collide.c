@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "host.h"
 #include "json_read.h"
-#include "parallel.h"
 #include "remote.h"
 
 #define COMMON_USAGE                                                                                         \
@@ -157,8 +157,7 @@ static int tell(const question *asked, const qm_job_result *result)
 
 static int answer_loaded(const question *asked, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
 {
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     qm_job_result result;
     qm_status status = qm_job_answer(&ctx, &asked->request, a, b, NULL, NULL, &result);
@@ -174,8 +173,7 @@ static int answer_loaded(const question *asked, const qm_loaded_mesh *a, const q
 
 static int answer_here(const question *asked)
 {
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     qm_preparation preparation = cli_prepare(false, asked->request.quads, asked->request.threads);
     preparation.has_no_tree = asked->request.kind == QM_JOB_COLLISION;

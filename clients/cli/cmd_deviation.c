@@ -4,9 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "host.h"
 #include "json_read.h"
 #include "paint.h"
-#include "parallel.h"
 #include "remote.h"
 
 static const char usage[] =
@@ -157,8 +157,7 @@ static cli_bar make_bar(const question *asked, double diagonal)
 
 static int measure_loaded(const question *asked, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
 {
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     cli_bar bar = make_bar(asked, a->diagonal);
     qm_job_result result;
@@ -181,8 +180,7 @@ static int measure_loaded(const question *asked, const qm_loaded_mesh *a, const 
 
 static int measure_here(const question *asked)
 {
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     const qm_job_request *request = &asked->request;
     qm_preparation for_a = cli_prepare(false, request->quads, request->threads);
@@ -228,7 +226,7 @@ static int finish_there(const question *asked, cli_talk *talk, const char *json)
 {
     distance_list distances = {0};
     if (!asked->csv && !asked->ply) return show(asked, json);
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_host_context();
     qm_loaded_mesh mesh = {0};
     qm_preparation for_positions = cli_prepare(false, asked->request.quads, 1);
     int status = EXIT_BAD_INPUT;

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "cli.h"
-#include "parallel.h"
+#include "host.h"
 #include "remote.h"
 
 /** Everything that was asked for. */
@@ -109,8 +109,7 @@ static void on_progress(void *user, const qm_hausdorff_progress *progress)
 
 static int measure_loaded(const question *asked, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
 {
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     bool is_absolute = asked->request.tolerance_is_absolute || a->diagonal == 0.0;
     cli_bar bar =
@@ -133,8 +132,7 @@ static int measure_loaded(const question *asked, const qm_loaded_mesh *a, const 
 
 static int measure_here(const question *asked)
 {
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     const qm_job_request *request = &asked->request;
     qm_preparation for_a = cli_prepare(request->direction != QM_A_TO_B, request->quads, request->threads);

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 
 #include "cli.h"
-#include "parallel.h"
+#include "host.h"
 
 static const char usage[] = "usage: quadmesh info FILE [--json]\n"
                             "\n"
@@ -58,8 +58,7 @@ int cmd_info(int argc, char **argv)
         fprintf(stderr, "quadmesh: info takes one file, got %d\n\n", argc - optind);
         return fputs(usage, stderr), EXIT_USAGE;
     }
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    qm_context ctx = qm_host_context();
     const qm_preparation all = {
         .has_facts = true, .has_patches = true, .parts = QM_BVH_ALL, .thread_count = cli_count_threads(0)};
     qm_loaded_mesh mesh;

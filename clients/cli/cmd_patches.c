@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "cli.h"
-#include "parallel.h"
+#include "host.h"
 #include "patches_out.h"
 
 static const char usage[] =
@@ -77,7 +77,7 @@ int cmd_patches(int argc, char **argv)
     question asked = {0};
     int status;
     if (!read_options(argc, argv, &asked, &status)) return status;
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_host_context();
     const qm_preparation structure = {
         .has_facts = true, .has_patches = true, .parts = QM_BVH_SOURCE, .thread_count = 1};
     qm_loaded_mesh mesh;

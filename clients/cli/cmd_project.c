@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "parallel.h"
+#include "host.h"
 #include "remote.h"
 
 static const char usage[] =
@@ -156,8 +156,7 @@ static bool write_rows(const question *asked, qm_context *ctx, const target *on,
 
 static bool project_here(const question *asked, const point_list *points, FILE *out)
 {
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     qm_preparation preparation = cli_prepare(true, asked->quads, asked->threads);
     target on;

@@ -7,9 +7,9 @@
 
 #include "cli.h"
 #include "encode.h"
+#include "host.h"
 #include "json_layout.h"
 #include "json_refine.h"
-#include "parallel.h"
 #include "picture.h"
 
 #define DEFAULT_QUADS 10000
@@ -278,8 +278,7 @@ int cmd_reconstruct(int argc, char **argv)
     if (!read_options(argc, argv, &asked, &status)) return status;
     if (!cli_check_writable(asked.output, asked.as_json)) return EXIT_BAD_INPUT;
     if (asked.picture && !cli_check_writable(asked.picture, asked.as_json)) return EXIT_BAD_INPUT;
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     const qm_preparation preparation = {.parts = QM_BVH_TARGET, .thread_count = asked.goal.thread_count};
     qm_loaded_mesh surface;

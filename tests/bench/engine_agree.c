@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "host.h"
 #include "qm/project.h"
 
 typedef struct agree_bench {
@@ -51,7 +52,7 @@ static bool has_quads(const qm_mesh *mesh)
 void bench_agree(const char *path, size_t count, uint64_t seed)
 {
     static const char *const sets[3] = {"near", "mid", "far"};
-    agree_bench b = {.ctx = qm_context_make(), .count = count};
+    agree_bench b = {.ctx = qm_host_context(), .count = count};
     b.mesh = bench_read_mesh(&b.ctx, path, &(bench_change){0});
     qm_box box = qm_mesh_bounding_box(&b.mesh);
     double diagonal = qm_box_diagonal(&box);

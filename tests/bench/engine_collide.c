@@ -3,6 +3,7 @@
 
 #include <stdlib.h>
 
+#include "host.h"
 #include "measure.h"
 #include "pair_print.h"
 #include "qm/collide.h"
@@ -42,7 +43,7 @@ static void print_pairs(const qm_collision *found)
 
 void bench_collide(const char *path_a, const char *path_b, const bench_change *change_b)
 {
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_host_context();
     qm_mesh a = bench_read_mesh(&ctx, path_a, &(bench_change){0}), b = {0};
     if (path_b) b = bench_read_mesh(&ctx, path_b, change_b);
     qm_collision found = {0};

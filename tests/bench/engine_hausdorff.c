@@ -1,8 +1,8 @@
 /* Times the distance between two meshes: both trees, then the search. */
 #include "engine.h"
 
+#include "host.h"
 #include "measure.h"
-#include "parallel.h"
 #include "qm/hausdorff.h"
 
 typedef struct run {
@@ -35,8 +35,7 @@ static run measure_once(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
 
 void bench_hausdorff(const bench_hausdorff_question *question)
 {
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    qm_context ctx = qm_host_context();
     qm_mesh a = bench_read_mesh(&ctx, question->path_a, &(bench_change){0});
     qm_mesh b = bench_read_mesh(&ctx, question->path_b, &question->change_b);
     qm_box box = qm_mesh_bounding_box(&a);

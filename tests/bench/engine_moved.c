@@ -8,6 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "host.h"
 #include "measure.h"
 #include "qm/collide.h"
 #include "qm/deform.h"
@@ -67,7 +68,7 @@ static void measure_once(moved_bench *b, qm_bench_times *all, qm_bench_times *pa
 
 void bench_moved(const char *path)
 {
-    moved_bench b = {.ctx = qm_context_make()};
+    moved_bench b = {.ctx = qm_host_context()};
     b.mesh = bench_read_mesh(&b.ctx, path, &(bench_change){0});
     b.part = bench_pick_part(&b.mesh, &b.part_count);
     check(&b, qm_bvh_build(&b.ctx, &b.mesh, QM_BVH_SOURCE, 1, &b.tree), "tree");

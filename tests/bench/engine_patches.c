@@ -1,12 +1,13 @@
 /* Times the finding of regular patches, and prints how many there are. */
 #include "engine.h"
 
+#include "host.h"
 #include "measure.h"
 #include "qm/patch.h"
 
 void bench_patches(const char *path)
 {
-    qm_context ctx = qm_context_make();
+    qm_context ctx = qm_host_context();
     qm_mesh mesh = bench_read_mesh(&ctx, path, &(bench_change){0});
     qm_mesh_facts facts;
     if (qm_mesh_find_facts(&ctx, &mesh, &facts) != QM_OK) bench_fail("facts", ctx.message);

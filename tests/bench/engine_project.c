@@ -2,8 +2,8 @@
 #include "engine.h"
 
 #include "arrays.h"
+#include "host.h"
 #include "measure.h"
-#include "parallel.h"
 #include "qm/project.h"
 
 typedef struct question {
@@ -36,8 +36,7 @@ static void measure_once(question *q, const qm_projection *out, qm_bench_times *
 
 void bench_project(const char *path, const char *points_path, qm_accelerator accelerator, int threads)
 {
-    question q = {.ctx = qm_context_make(), .threads = threads, .accelerator = accelerator};
-    q.ctx.parallel = qm_parallel_run;
+    question q = {.ctx = qm_host_context(), .threads = threads, .accelerator = accelerator};
     q.mesh = bench_read_mesh(&q.ctx, path, &(bench_change){0});
     q.points = qm_bench_read_rows(points_path, 3 * sizeof *q.points, &q.point_count);
     q.out = (qm_projection){

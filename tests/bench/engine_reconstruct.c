@@ -4,9 +4,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "host.h"
 #include "json_layout.h"
 #include "measure.h"
-#include "parallel.h"
 #include "qm/reconstruct.h"
 
 #define PICKS 2000
@@ -92,8 +92,7 @@ static size_t take_steps(qm_context *ctx, qm_reconstruction *r, size_t max_quads
 
 void bench_reconstruct(const char *path, const char *layout_path, size_t max_quads, int threads)
 {
-    qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    qm_context ctx = qm_host_context();
     qm_mesh mesh = bench_read_any(&ctx, path);
     qm_reconstruction_options options = qm_reconstruction_options_default();
     options.thread_count = threads;

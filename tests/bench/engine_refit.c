@@ -4,8 +4,8 @@
  */
 #include "engine.h"
 
+#include "host.h"
 #include "measure.h"
-#include "parallel.h"
 #include "qm/deform.h"
 #include "qm/grid.h"
 
@@ -113,8 +113,7 @@ static void deform(refit_bench *b, int repeat)
 
 void bench_refit(const char *path, int threads)
 {
-    refit_bench b = {.ctx = qm_context_make(), .threads = threads};
-    b.ctx.parallel = qm_parallel_run;
+    refit_bench b = {.ctx = qm_host_context(), .threads = threads};
     b.mesh = bench_read_mesh(&b.ctx, path, &(bench_change){0});
     b.part = bench_pick_part(&b.mesh, &b.part_count);
     long resting_kb = qm_bench_rest();

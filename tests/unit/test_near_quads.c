@@ -1,7 +1,7 @@
 /*
- * The patches of the target that lie nearest to a point of a piece: what is said of their distances is an upper
- * bound. Where the twist is a small share of the tolerance only the quads' triangles are measured, and the
- * bound must hold all the same.
+ * The patches of the target that lie nearest to a point of a piece: what is said of their distances is an
+ * upper bound. Where the twist is a small share of the tolerance only the quads' triangles are measured, and
+ * the bound must hold all the same.
  */
 #include "check.h"
 

@@ -1,0 +1,17 @@
+/**
+ * large_pages.h: memory whose large blocks lie on large pages, and go back to the system at once.
+ */
+#ifndef QM_LARGE_PAGES_H
+#define QM_LARGE_PAGES_H
+
+#include "qm/base.h"
+
+/**
+ * Blocks below a megabyte are those of malloc. Larger ones are mapped, on pages of 2 MiB where the system has
+ * them: a page is set up once, not 512 times, and its address looked up in one place instead of 512, which is
+ * what much of building a tree was waiting for. The last page of a block is a large one when it is filled by
+ * half at least, so that no block takes more than a megabyte too much. For any thread.
+ */
+extern const qm_allocator qm_large_pages;
+
+#endif
