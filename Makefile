@@ -39,8 +39,9 @@ ENGINE_FLAGS := -D_POSIX_C_SOURCE=200809L -Iengine/include -Iengine/src
 # What numbers are compared with teaches a fuzzer nothing about geometry, and takes half of its time.
 ENGINE_FLAGS += $(if $(filter fuzz,$(config)),-fno-sanitize-coverage=trace-cmp)
 
-PACKAGES := libmicrohttpd libuv libcjson sqlite3 nettle libcurl
-LIBRARY_CFLAGS = $(shell pkg-config --cflags $(PACKAGES))
+PACKAGES := libmicrohttpd libuv libcjson sqlite3 nettle
+# The command line loads libcurl when it is to ask a daemon.
+LIBRARY_CFLAGS = $(shell pkg-config --cflags $(PACKAGES) libcurl)
 LIBRARY_LIBS   = $(shell pkg-config --libs $(PACKAGES)) -ldraco -lstdc++ -lm -lpthread
 
 ENGINE_SOURCES := $(wildcard engine/src/*.c)

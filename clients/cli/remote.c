@@ -1,17 +1,18 @@
 #include "remote.h"
 
-#include <curl/curl.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
 
+#include "curl.h"
 #include "json_read.h"
 
 #define URL_SIZE 2048
 
 struct cli_talk {
-    CURL *curl;
+    const cli_curl *curl;
+    CURL *handle;
     const char *server;
     bool as_json;
     qm_text body; /* of a plain answer, or the unfinished line of a stream */
@@ -26,15 +27,16 @@ struct cli_talk {
 
 cli_talk *cli_talk_open(const char *server, bool as_json)
 {
-    curl_global_init(CURL_GLOBAL_DEFAULT);
-    cli_talk *talk = calloc(1, sizeof *talk);
-    CURL *curl = talk ? curl_easy_init() : NULL;
-    if (curl) {
-        *talk = (cli_talk){.curl = curl, .server = server, .as_json = as_json};
-        return talk;
+    const char *why = "there is no memory for a connection";
+    const cli_curl *curl = cli_curl_load(&why);
+    cli_talk *talk = curl ? calloc(1, sizeof *talk) : NULL;
+    if (talk) {
+        curl->global_init(CURL_GLOBAL_DEFAULT);
+        *talk = (cli_talk){.curl = curl, .handle = curl->easy_init(), .server = server, .as_json = as_json};
+        if (talk->handle) return talk;
+        cli_talk_close(talk);
     }
-    free(talk);
-    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for a connection");
+    qm_problem problem = qm_problem_make(curl ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_UNAVAILABLE, "%s", why);
     cli_complain(server, &problem, as_json);
     return NULL;
 }
@@ -42,8 +44,8 @@ cli_talk *cli_talk_open(const char *server, bool as_json)
 void cli_talk_close(cli_talk *talk)
 {
     if (!talk) return;
-    curl_easy_cleanup(talk->curl);
-    curl_global_cleanup();
+    talk->curl->easy_cleanup(talk->handle);
+    talk->curl->global_cleanup();
     qm_text_reset(&talk->body);
     free(talk->result);
     free(talk->problem);
@@ -84,7 +86,7 @@ static void read_line(cli_talk *talk, const char *line)
 static bool is_good(const cli_talk *talk)
 {
     long status = 0;
-    curl_easy_getinfo(talk->curl, CURLINFO_RESPONSE_CODE, &status);
+    talk->curl->easy_getinfo(talk->handle, CURLINFO_RESPONSE_CODE, &status);
     return status == 200;
 }
 
@@ -140,14 +142,14 @@ static size_t ignore_bytes(char *bytes, size_t width, size_t count, void *user)
 static bool cancel_job(const cli_talk *talk)
 {
     char url[URL_SIZE];
-    CURL *curl = curl_easy_init();
-    if (!curl) return false;
+    CURL *handle = talk->curl->easy_init();
+    if (!handle) return false;
     make_url(talk, talk->job, url, sizeof url);
-    curl_easy_setopt(curl, CURLOPT_URL, url);
-    curl_easy_setopt(curl, CURLOPT_CUSTOMREQUEST, "DELETE");
-    curl_easy_setopt(curl, CURLOPT_WRITEFUNCTION, ignore_bytes);
-    CURLcode code = curl_easy_perform(curl);
-    curl_easy_cleanup(curl);
+    talk->curl->easy_setopt(handle, CURLOPT_URL, url);
+    talk->curl->easy_setopt(handle, CURLOPT_CUSTOMREQUEST, "DELETE");
+    talk->curl->easy_setopt(handle, CURLOPT_WRITEFUNCTION, ignore_bytes);
+    CURLcode code = talk->curl->easy_perform(handle);
+    talk->curl->easy_cleanup(handle);
     return code == CURLE_OK;
 }
 
@@ -166,7 +168,7 @@ static void complain_of_transfer(const cli_talk *talk, const char *url, CURLcode
 {
     bool is_interrupted = code == CURLE_ABORTED_BY_CALLBACK;
     qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s",
-                                         is_interrupted ? "interrupted" : curl_easy_strerror(code));
+                                         is_interrupted ? "interrupted" : talk->curl->easy_strerror(code));
     cli_complain(url, &problem, talk->as_json);
 }
 
@@ -176,28 +178,28 @@ static long transfer(cli_talk *talk, const char *path, const void *bytes, size_t
 {
     char url[URL_SIZE];
     make_url(talk, path, url, sizeof url);
-    struct curl_slist *headers = curl_slist_append(NULL, accept);
-    if (bytes) headers = curl_slist_append(headers, type);
+    struct curl_slist *headers = talk->curl->slist_append(NULL, accept);
+    if (bytes) headers = talk->curl->slist_append(headers, type);
     qm_text_reset(&talk->body);
-    curl_easy_reset(talk->curl);
-    curl_easy_setopt(talk->curl, CURLOPT_URL, url);
+    talk->curl->easy_reset(talk->handle);
+    talk->curl->easy_setopt(talk->handle, CURLOPT_URL, url);
     if (bytes) {
-        curl_easy_setopt(talk->curl, CURLOPT_POSTFIELDS, bytes);
-        curl_easy_setopt(talk->curl, CURLOPT_POSTFIELDSIZE_LARGE, (curl_off_t)size);
+        talk->curl->easy_setopt(talk->handle, CURLOPT_POSTFIELDS, bytes);
+        talk->curl->easy_setopt(talk->handle, CURLOPT_POSTFIELDSIZE_LARGE, (curl_off_t)size);
     }
-    curl_easy_setopt(talk->curl, CURLOPT_HTTPHEADER, headers);
-    curl_easy_setopt(talk->curl, CURLOPT_WRITEFUNCTION, on_bytes);
-    curl_easy_setopt(talk->curl, CURLOPT_WRITEDATA, talk);
-    curl_easy_setopt(talk->curl, CURLOPT_HEADERFUNCTION, on_header);
-    curl_easy_setopt(talk->curl, CURLOPT_HEADERDATA, talk);
-    curl_easy_setopt(talk->curl, CURLOPT_XFERINFOFUNCTION, on_tick);
-    curl_easy_setopt(talk->curl, CURLOPT_XFERINFODATA, talk);
-    curl_easy_setopt(talk->curl, CURLOPT_NOPROGRESS, 0L);
-    CURLcode code = curl_easy_perform(talk->curl);
-    curl_slist_free_all(headers);
+    talk->curl->easy_setopt(talk->handle, CURLOPT_HTTPHEADER, headers);
+    talk->curl->easy_setopt(talk->handle, CURLOPT_WRITEFUNCTION, on_bytes);
+    talk->curl->easy_setopt(talk->handle, CURLOPT_WRITEDATA, talk);
+    talk->curl->easy_setopt(talk->handle, CURLOPT_HEADERFUNCTION, on_header);
+    talk->curl->easy_setopt(talk->handle, CURLOPT_HEADERDATA, talk);
+    talk->curl->easy_setopt(talk->handle, CURLOPT_XFERINFOFUNCTION, on_tick);
+    talk->curl->easy_setopt(talk->handle, CURLOPT_XFERINFODATA, talk);
+    talk->curl->easy_setopt(talk->handle, CURLOPT_NOPROGRESS, 0L);
+    CURLcode code = talk->curl->easy_perform(talk->handle);
+    talk->curl->slist_free_all(headers);
     long status = 0;
     if (code == CURLE_OK)
-        curl_easy_getinfo(talk->curl, CURLINFO_RESPONSE_CODE, &status);
+        talk->curl->easy_getinfo(talk->handle, CURLINFO_RESPONSE_CODE, &status);
     else if (!talk->result || !talk->is_stream) /* else all that was wanted of the stream is there */
         complain_of_transfer(talk, url, code);
     return status;
@@ -237,9 +239,9 @@ bool cli_talk_upload(cli_talk *talk, const char *path, char id[QM_ID_SIZE], doub
     uint8_t *bytes = cli_read_file(path, &size, talk->as_json);
     if (!bytes) return false;
     char target[1024];
-    char *name = curl_easy_escape(talk->curl, cli_base_name(path), 0);
+    char *name = talk->curl->easy_escape(talk->handle, cli_base_name(path), 0);
     snprintf(target, sizeof target, "/v1/meshes?name=%s", name ? name : "");
-    curl_free(name);
+    talk->curl->free(name);
     long status = transfer(talk, target, bytes, size, "Accept: application/json",
                            "Content-Type: application/octet-stream");
     free(bytes);

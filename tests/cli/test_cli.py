@@ -125,6 +125,16 @@ def test_no_daemon_is_a_problem(quadmesh, square, raised):
     assert (done.returncode, json.loads(done.stdout)["code"]) == (1, "unavailable")
 
 
+def test_no_libcurl_is_a_problem_only_where_a_daemon_is_asked(quadmesh, square, raised, tmp_path):
+    (tmp_path / "libcurl.so.4").write_bytes(b"")
+    without = os.environ | {"LD_LIBRARY_PATH": str(tmp_path)}
+    done = quadmesh("hausdorff", square, raised, "--json", "--server", "http://127.0.0.1:9", env=without)
+    problem = json.loads(done.stdout)
+    assert (done.returncode, problem["code"]) == (1, "unavailable")
+    assert "libcurl.so.4" in problem["detail"]
+    assert quadmesh("hausdorff", square, raised, env=without).returncode == 0
+
+
 def test_info_is_the_mesh_resource(quadmesh, square):
     done = quadmesh("info", square, "--json")
     assert (done.returncode, done.stderr) == (0, "")

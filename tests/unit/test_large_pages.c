@@ -24,8 +24,8 @@ static void write_places(unsigned char *block, size_t from, size_t to, unsigned 
 static void check_places(const unsigned char *block, size_t size, unsigned salt)
 {
     for (size_t i = 0; i < size; i++)
-        QM_CHECK(block[i] == (unsigned char)(i * 131 + (i >> 12) + salt), "seed %llu: byte %zu of %zu is lost",
-                 (unsigned long long)qm_check_seed(), i, size);
+        QM_CHECK(block[i] == (unsigned char)(i * 131 + (i >> 12) + salt),
+                 "seed %llu: byte %zu of %zu is lost", (unsigned long long)qm_check_seed(), i, size);
 }
 
 static void test_contents_stay(void **state)
