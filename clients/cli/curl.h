@@ -1,6 +1,6 @@
 /**
- * curl.h: libcurl, loaded when a daemon is to be asked. With its thirty libraries it takes longer to start than
- * most questions take to be answered, and a question that is answered here needs none of it.
+ * curl.h: libcurl, loaded when a daemon is to be asked. With its thirty libraries it takes longer to start
+ * than most questions take to be answered, and a question that is answered here needs none of it.
  */
 #ifndef CLI_CURL_H
 #define CLI_CURL_H

@@ -127,8 +127,11 @@ static void measure_seeds(void *data, int worker, size_t block)
     size_t end = (block + 1) * shared->block_seeds;
     end = end < shared->seed_count ? end : shared->seed_count;
     seed_list own = {0};
-    seed s = {0};
-    for (size_t i = block * shared->block_seeds; i < end; i++) {
+    size_t first = block * shared->block_seeds;
+    const qm_side *side = shared->side;
+    /* Two surfaces that are compared mostly lie alike along their curves. */
+    seed s = {.hint = (uint32_t)(first * shared->step * side->target->pack_count / side->source->pack_count)};
+    for (size_t i = first; i < end; i++) {
         s = measure_middle(&shared->search->workers[worker], shared->side, (uint32_t)(i * shared->step),
                            s.hint);
         keep_farthest(&own, s);

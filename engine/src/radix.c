@@ -11,7 +11,7 @@
 #define MIN_SHARE 2048 /* entries that make it worth to start another thread */
 #define CHUNK 512      /* entries that are made, then counted while they are at hand */
 #define PART_ENTRIES 8192
-#define MOST_PARTS 4 /* for each worker: one on a busy processor does fewer */
+#define MOST_PARTS 2 /* for each worker: one on a busy processor does fewer */
 
 /**
  * With more workers than one the entries are sorted by parts, which the workers share: for each digit they
