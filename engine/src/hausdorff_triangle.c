@@ -6,12 +6,11 @@
  * Termination: a corner that no candidate reaches is measured, which raises the lower bound to it and makes
  * its nearest facet a candidate; from QM_STRICT_DEPTH on so is every corner that is not reached with half the
  * tolerance to spare. A part of a diameter below that half is then covered by the nearest facet of any of its
- * corners, or of its middle, which is measured before them and does as well. Cuts never make a diameter
- * larger, and from MIDPOINT_DEPTH on every second level halves it.
+ * corners, or of its middle, which is measured before them and does as well. Every level brings the diameter
+ * down to MIN_SHRINK of what it was, or to half.
  */
 #include "hausdorff_piece.h"
 
-#define MIDPOINT_DEPTH 40
 #define MIN_SHRINK 0.6  /* of the diameter: a rest that keeps more is halved */
 #define MAX_ATTEMPTS 4  /* covers of one part, each with candidates that the last one's corners brought */
 #define VISIT_BUDGET 64 /* parts looked at before the rest goes back to the queue */
@@ -171,21 +170,20 @@ static double longest_way(const qm_vec *corner, int count)
 }
 
 /**
- * True when cuts along labels do not make the rest smaller fast enough. Refined labels of patches lose what
- * falls with the square of the diameter: along a ridge cuts would take off one thin strip after the other.
+ * True when cuts along labels do not make the rest smaller fast enough. Along a ridge, where labels reach
+ * little farther than what is cut off, or lose what falls with the square of the diameter as those of patches
+ * do, cuts would take off one thin strip after the other.
  */
-static bool is_halved(const qm_piece_work *work, const qm_part *from, const qm_polygon *rest, bool moved)
+static bool is_halved(const qm_part *from, const qm_polygon *rest, bool moved)
 {
-    if (!moved || (from->depth >= MIDPOINT_DEPTH && from->depth % 2 == 0)) return true;
-    return work->side->target_patches &&
-           longest_way(rest->corner, rest->count) > MIN_SHRINK * longest_way(from->corner, 3);
+    return !moved || longest_way(rest->corner, rest->count) > MIN_SHRINK * longest_way(from->corner, 3);
 }
 
 static void split_rest(qm_piece_work *work, const qm_part *from, const qm_polygon *rest, bool moved)
 {
-    bool halve = is_halved(work, from, rest, moved);
+    bool halve = is_halved(from, rest, moved);
     uint8_t depth = from->depth;
-    uint8_t deeper = (uint8_t)(depth < UINT8_MAX ? depth + 1 : MIDPOINT_DEPTH);
+    uint8_t deeper = (uint8_t)(depth < UINT8_MAX ? depth + 1 : UINT8_MAX);
     for (int i = 1; i + 1 < rest->count; i++) {
         if (halve)
             keep_quarters(work, rest, 0, i, i + 1, deeper);
