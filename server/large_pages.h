@@ -10,7 +10,8 @@
  * Blocks below a megabyte are those of malloc. Larger ones are mapped, on pages of 2 MiB where the system has
  * them: a page is set up once, not 512 times, and its address looked up in one place instead of 512, which is
  * what much of building a tree was waiting for. The last page of a block is a large one when it is filled by
- * half at least, so that no block takes more than a megabyte too much. For any thread.
+ * half at least, so that no block takes more than a megabyte too much. A virtual machine that gives free
+ * memory back to its host waits for 2 MiB at a time when it is used again after a pause. For any thread.
  */
 extern const qm_allocator qm_large_pages;
 
