@@ -1,4 +1,4 @@
-# quadmeshd: make [config=release|debug|asan|tsan|coverage|fuzz] [all|test|demo|bench|check-layers|format|clean]
+# quadmeshd: make [config=release|debug|asan|tsan|coverage|fuzz] [all|test|prove|demo|bench|check-layers|format|clean]
 #
 # release leaves build/quadmeshd and build/quadmesh; every other config builds in build/<config>/.
 # Local overrides (CC, CFLAGS_EXTRA, ...) go into Makefile.config, which is not kept under version control.
@@ -42,7 +42,12 @@ ENGINE_FLAGS += $(if $(filter fuzz,$(config)),-fno-sanitize-coverage=trace-cmp)
 PACKAGES := libmicrohttpd libuv libcjson sqlite3 nettle
 # The command line loads libcurl when it is to ask a daemon.
 LIBRARY_CFLAGS = $(shell pkg-config --cflags $(PACKAGES) libcurl)
-LIBRARY_LIBS   = $(shell pkg-config --libs $(PACKAGES)) -ldraco -lstdc++ -lm -lpthread
+# A command line often runs for milliseconds, and to find the symbols of shared C++ libraries took one.
+CXX_LIBS       = -ldraco -lstdc++
+ifeq ($(config),release)
+CXX_LIBS       = -Wl,-Bstatic -ldraco -lstdc++ -Wl,-Bdynamic -static-libgcc
+endif
+LIBRARY_LIBS   = $(shell pkg-config --libs $(PACKAGES)) $(CXX_LIBS) -lm -lpthread
 
 ENGINE_SOURCES := $(wildcard engine/src/*.c)
 KERNEL_SOURCES := $(wildcard engine/src/kernel/*.c)
@@ -53,6 +58,7 @@ UNIT_SOURCES   := $(wildcard tests/unit/test_*.c)
 SUPPORT_SOURCES := $(wildcard tests/support/*.c)
 FUZZ_SOURCES   := $(wildcard tests/fuzz/fuzz_*.c)
 BENCH_SOURCES  := $(wildcard tests/bench/*.c)
+PROVE_SOURCES  := $(wildcard tests/prove/*.c)
 
 # The kernels are compiled once for each instruction set; engine/src/kernel.c picks one at run time.
 KERNEL_ISAS := portable avx2 avx512
@@ -66,6 +72,9 @@ ENGINE_OBJECTS := $(ENGINE_SOURCES:%.c=$(OBJ)/%.o) \
 SERVER_OBJECTS  := $(SERVER_SOURCES:%.c=$(OBJ)/%.o) $(SHIM_SOURCES:%.cc=$(OBJ)/%.o)
 CLI_OBJECTS     := $(CLI_SOURCES:%.c=$(OBJ)/%.o)
 SUPPORT_OBJECTS := $(SUPPORT_SOURCES:%.c=$(OBJ)/%.o)
+# The references of the proofs, without the parts of support that need cmocka.
+PROVE_OBJECTS   := $(PROVE_SOURCES:%.c=$(OBJ)/%.o) \
+    $(patsubst %,$(OBJ)/tests/support/%.o,random shapes wide_surface wide_farthest)
 BENCH_OBJECTS   := $(BENCH_SOURCES:%.c=$(OBJ)/%.o) $(OBJ)/tests/support/random.o
 UNIT_PROGRAMS   := $(UNIT_SOURCES:tests/unit/%.c=$(OUT)/tests/%)
 
@@ -138,6 +147,10 @@ $(OUT)/bench/bench_engine: $(BENCH_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
 
+$(OUT)/prove/prove: $(PROVE_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
+	@mkdir -p $(@D)
+	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
+
 $(OBJ)/libengine.a: $(ENGINE_OBJECTS)
 	@rm -f $@
 	$(AR) rcs $@ $^
@@ -173,6 +186,13 @@ unit-programs: $(UNIT_PROGRAMS)
 # Everything, from a bare Debian 12 on.
 test:
 	@sh tests/run.sh
+
+# Holds the engine's answers on random cases against certified references, for a quarter of an hour on two processors.
+PROVE_SECONDS ?= 900
+PROVE_SEED    ?= 1
+PROVE_JOBS    ?= 2
+prove: $(OUT)/prove/prove
+	@$< --seconds $(PROVE_SECONDS) --seed $(PROVE_SEED) --jobs $(PROVE_JOBS)
 
 # Runs the unit tests of this config alone.
 unit: $(UNIT_PROGRAMS)
@@ -234,5 +254,5 @@ check-types: npm
 	clients/js/node_modules/.bin/tsc -p clients/js
 	clients/js/node_modules/.bin/tsc -p clients/dashboard
 
-.PHONY: all page npm check-types test test-tsan unit-programs unit check-layers demo bench fuzz fuzz-programs clean format
+.PHONY: all page npm check-types test test-tsan prove unit-programs unit check-layers demo bench fuzz fuzz-programs clean format
 .SECONDARY:

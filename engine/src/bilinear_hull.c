@@ -2,6 +2,9 @@
 
 #include "tri_point.h"
 
+/* Of the lengths that a height comes from: an edge and each of three products and two sums are rounded once,
+ * a direction has length 1 to within 4 u; together below 9 u of the sum of the edge's coordinates. */
+#define ROUNDINGS 0x1p-49
 #define THIN 0.25 /* of what a patch can leave its triangles by: a hull this thin bounds it better */
 
 /** The four faces of the hull, first the triangles of the patch. */
@@ -22,18 +25,35 @@ static void look_at(const qm_vec c[4], int face, qm_vec p, nearest_face *nearest
     if (here < nearest->distance2) *nearest = (nearest_face){here, face, triangle};
 }
 
-/** Thickness of the hull, rounded up: how far a point of it can be from its faces at most. */
+double qm_hull_width(const qm_vec corner[4], qm_vec direction)
+{
+    double low = 0.0, high = 0.0, size = 0.0;
+    for (int i = 1; i < 4; i++) {
+        qm_vec edge = qm_vec_sub(corner[i], corner[0]);
+        double height = qm_vec_dot(edge, direction);
+        low = fmin(low, height);
+        high = fmax(high, height);
+        size += fabs(edge.x) + fabs(edge.y) + fabs(edge.z);
+    }
+    return high - low + ROUNDINGS * size;
+}
+
+/**
+ * Thickness of the hull, rounded up: how far a point of it can be from its faces at most. A line through the
+ * point along any direction leaves the hull within the width of the hull along it. Along the common normal of
+ * the diagonals the width is least; where they are nearly parallel, that normal is lost, but then the hull is
+ * thin across the longer: as seen along that, the other diagonal is the base of a triangle, whose width
+ * across its base's middle line is at most that base, length / longer.
+ */
 static double thickness_of(const qm_vec c[4])
 {
     qm_vec first = qm_vec_sub(c[2], c[0]), second = qm_vec_sub(c[3], c[1]);
     qm_vec normal = qm_vec_cross(first, second);
     double length = qm_vec_norm(normal), longer = sqrt(fmax(qm_vec_norm2(first), qm_vec_norm2(second)));
     if (longer == 0.0) return qm_vec_distance(c[0], c[1]);
-    double parallel =
-        length / longer; /* the shorter diagonal leaves the plane through the longer by no more */
-    if (length <= 1e-6 * longer * longer) return parallel + 0x1p-44 * longer;
-    double apart = fabs(qm_vec_dot(qm_vec_sub(c[1], c[0]), normal)) / length;
-    return fmin(parallel, apart) + 0x1p-44 * longer;
+    double thin = length / longer + ROUNDINGS * longer;
+    if (!(length > 0.0)) return thin;
+    return fmin(thin, qm_hull_width(c, qm_vec_scale(1.0 / length, normal)));
 }
 
 /** The foot of p on a face: its place, and the parameters that go with it. */

@@ -6,6 +6,9 @@
 
 #include "vec.h"
 
+/** Range of the corners' heights along a direction of length 1, rounded up. */
+double qm_hull_width(const qm_vec corner[4], qm_vec direction);
+
 /**
  * Lower bound of the distance from p to a bilinear patch with corners in turn: that to its two triangles,
  * less twist, which is what the patch can leave them by; or, where that is not enough and the hull of the

@@ -1,6 +1,12 @@
 #include "bilinear_over.h"
 
-#define ROUNDINGS 0x1p-48 /* of the greatest Bezier point: what computing the bound may lose */
+/*
+ * Of the greatest Bezier point: what computing the bound from them may lose; the points themselves are off by
+ * roundings of the coordinates, which are in eta (rounding.h). n is of length 1 to 4 u, a height along it off
+ * by 3 u more, what is across by 5 u. The quadratic's six terms add 14 u, both squares and the root 3 u:
+ * below 32 u.
+ */
+#define ROUNDINGS 0x1p-48
 
 /** Bezier points of the difference: 0 to 2 at the corners, 3 + i across from corner i. */
 typedef struct difference {
@@ -34,7 +40,11 @@ static double peak_of_edge(double a, double b, double c)
     return a + x * (b - a);
 }
 
-/** Value where a quadratic on a triangle is level, if that is inside; else that of a corner. */
+/**
+ * Value where a quadratic on a triangle is level, if that is inside; else that of a corner. It is the value
+ * of all six terms at that place, which an error of the place changes by its square only: along a ridge the
+ * place is lost, but the ridge is as high all along, and reaches an edge.
+ */
 static double level_of_triangle(const double g[6])
 {
     /* g = g0 + 2 (r, s).(x, y) + (x, y) M (x, y) over the weights x, y of corners 1 and 2 */
@@ -43,7 +53,7 @@ static double level_of_triangle(const double g[6])
     double determinant = xx * yy - xy * xy;
     double x = (xy * s - yy * r) / determinant, y = (xy * r - xx * s) / determinant;
     if (!(x > 0.0 && y > 0.0 && x + y < 1.0)) return g[0];
-    return g[0] + r * x + s * y;
+    return g[0] + 2.0 * (r * x + s * y) + xx * x * x + 2.0 * xy * x * y + yy * y * y;
 }
 
 static double greatest(const double g[6])

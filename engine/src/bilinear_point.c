@@ -4,7 +4,17 @@
 
 #include "bilinear_hull.h"
 
-#define GRID 4 /* points a side that a descent looks for valleys from: folded patches have several */
+/* Of the size squared: by how much a quad must turn at each corner, as seen along a direction, to be convex.
+ * Its rounding is a millionth of that: a product of three differences is off by at most 12 u of theirs. */
+#define MIN_TURN 1e-6
+/* Of the size: a difference, a dot product of three terms, a quotient and one more difference and product. */
+#define NEEDLE_ROUNDINGS 0x1p-49
+#define SHARE_OF_SQUARES 0x1p-26
+#define SQUARED_ROUNDINGS 0x1p-72
+#define LEAST_CURVATURE 0x1p-50
+#define SLOPE_ROUNDINGS 0x1p-49
+#define HALVINGS 6  /* of the square, to look for valleys: folded patches have several */
+#define MIN_STEPS 2 /* of a descent between two segments, before a small gain ends it */
 #define LEAST_SHARE 1e-2
 #define MUST_GAIN 0.999   /* of the squared distance: less is left to the other ways of going down */
 #define DESCENT_GAIN 1e-9 /* of the distance: a step that brings less ends a descent */
@@ -12,21 +22,42 @@
 #define MAX_PARTS 4000    /* of one query; beyond it what is left only lowers the certificate */
 #define MAX_STEPS 60      /* of one descent; more are never needed when f is convex */
 
+/**
+ * Width of the corners across an axis: of two points of their hull at one place along it no more than that
+ * lies between them. Edges lead from the lowest corner along the axis to the highest, and lie on both
+ * surfaces.
+ */
+static double needle_width(const qm_vec corner[4], qm_vec axis)
+{
+    double length2 = qm_vec_norm2(axis), width = 0.0, size = 0.0;
+    if (!(length2 > 0.0)) return INFINITY;
+    for (int i = 0; i < 4; i++)
+        for (int k = 0; k < i; k++) {
+            qm_vec gap = qm_vec_sub(corner[i], corner[k]);
+            qm_vec across = qm_vec_axpy(gap, -qm_vec_dot(gap, axis) / length2, axis);
+            width = fmax(width, qm_vec_norm(across));
+            size = fmax(size, qm_vec_norm(gap));
+        }
+    return width + NEEDLE_ROUNDINGS * size;
+}
+
 double qm_patch_twist(const qm_vec corner[4])
 {
-    qm_patch patch = qm_patch_make(corner);
-    double twist = 0.25 * qm_vec_norm(patch.w);
+    double twist = 0.25 * qm_vec_norm(qm_patch_make(corner).w);
     qm_vec first = qm_vec_sub(corner[2], corner[0]), second = qm_vec_sub(corner[3], corner[1]);
     qm_vec normal = qm_vec_cross(first, second);
     double length = qm_vec_norm(normal), size2 = qm_vec_norm2(first) + qm_vec_norm2(second);
-    bool is_convex = length > 1e-6 * size2;
+    bool is_convex = length > MIN_TURN * size2;
     for (int i = 0; i < 4 && is_convex; i++) {
         qm_vec before = qm_vec_sub(corner[(i + 1) % 4], corner[i]),
                after = qm_vec_sub(corner[(i + 2) % 4], corner[(i + 1) % 4]);
-        is_convex = qm_vec_dot(qm_vec_cross(before, after), normal) > 1e-6 * size2 * length;
+        is_convex = qm_vec_dot(qm_vec_cross(before, after), normal) > MIN_TURN * size2 * length;
     }
     if (is_convex)
-        twist = fmin(twist, 0.5 * fabs(qm_vec_dot(patch.w, normal)) / length + 0x1p-44 * sqrt(size2));
+        twist = fmin(twist, qm_hull_width(corner, qm_vec_scale(1.0 / length, normal)));
+    else
+        twist =
+            fmin(twist, needle_width(corner, qm_vec_norm2(first) > qm_vec_norm2(second) ? first : second));
     return twist * (1.0 + 0x1p-20);
 }
 
@@ -54,6 +85,7 @@ typedef struct query {
     const qm_patch *patch;
     qm_vec r;                     /* p - o */
     double rw, e12, e1w, e2w, ww; /* dot products of r, e1, e2, w */
+    double e11, e22, rr;
     double error;
 } query;
 
@@ -87,7 +119,12 @@ static double least_side2(qm_vec e, double ew, qm_vec w, double ww, double low, 
     return qm_vec_norm2(qm_vec_axpy(e, x, w));
 }
 
-/** Smallest eigenvalue that the second derivative can have on the rectangle; <= 0 when it may not be convex.
+/**
+ * Smallest eigenvalue that the second derivative can have on the rectangle; <= 0 when it may not be convex.
+ *
+ * Roundings, for u = 2^-53. A side e1 + x w is off by 8 u (|e1| + |w|) at most, with what its least x is off
+ * by; k - r.w by 8 u (2 (|e1| + |w|) (|e2| + |w|) + |r| |w|). Squares of a sum are separated by (a + b)^2 <=
+ * a^2 (1 + c) + b^2 (1 + 1 / c) with c = 2^-26, so that no root is taken: (8 u)^2 (1 + 2^26) 2 < 2^-72.
  */
 static double least_curvature(const query *q, const rectangle *box)
 {
@@ -100,8 +137,17 @@ static double least_curvature(const query *q, const rectangle *box)
         double k = q->e12 + 2.0 * (s * q->e1w + t * q->e2w + s * t * q->ww);
         greatest = fmax(greatest, fabs(k - q->rw));
     }
-    double determinant = ss * tt * (1.0 - 1e-9) - greatest * greatest;
-    return determinant > 0.0 ? determinant / (ss + tt) : 0.0;
+    double first2 = q->e11 + q->ww, second2 = q->e22 + q->ww;
+    ss = ss * (1.0 - SHARE_OF_SQUARES) - SQUARED_ROUNDINGS * first2;
+    tt = tt * (1.0 - SHARE_OF_SQUARES) - SQUARED_ROUNDINGS * second2;
+    if (!(ss > 0.0 && tt > 0.0)) return 0.0;
+    double cross2 = greatest * greatest * (1.0 + SHARE_OF_SQUARES) +
+                    SQUARED_ROUNDINGS * (16.0 * first2 * second2 + q->rr * q->ww);
+    double determinant = ss * tt * (1.0 - 0x1p-48) - cross2;
+    /* The gradient at a point as far as d is off by 10 u d L, L^2 the sides' squares: the quadratic model of
+     * twice_gap is good to 10 u of the distance only where the curvature is not less than a share of them. */
+    double curvature = determinant / (ss + tt);
+    return curvature > LEAST_CURVATURE * (first2 + second2) ? curvature : 0.0;
 }
 
 /** Twice the most that f can fall below its value at x, by the linear and the quadratic lower model. */
@@ -231,25 +277,27 @@ static void quadratic_range(double first, double middle, double last, double *le
  * Where f only rises, or only falls, across the rectangle along one axis, its minimum lies on one side, along
  * which f is a convex quadratic. The derivative along an axis rises with that axis, and is quadratic in the
  * other: so its sign on a side settles the whole rectangle. This ends minima on the border where f is not
- * convex.
+ * convex. A derivative is off by 16 u of the squared lengths that it comes from, at most, and f may fall by
+ * so much times the width of the rectangle: for a point that is very near that is too much, and it is cut.
  */
 static bool minimise_on_side(const query *q, const rectangle *box, qm_patch_foot *best, double *lower)
 {
+    double steep = SLOPE_ROUNDINGS * (q->e11 + q->e22 + q->ww + q->rr);
     for (int side = 0; side < 4; side++) {
         int across = side >> 1, along = 1 - across;
-        double x[2], g[3], least, greatest;
+        double x[2], g[3], least, greatest, width = box->high[across] - box->low[across];
         x[across] = side & 1 ? box->high[across] : box->low[across];
         for (int i = 0; i < 3; i++) {
             x[along] = box->low[along] + 0.5 * i * (box->high[along] - box->low[along]);
             g[i] = slope_at(q, x).gradient[across];
         }
         quadratic_range(g[0], g[1], g[2], &least, &greatest);
-        if (side & 1 ? greatest <= 0.0 : least >= 0.0) {
-            minimise_along(q, x, along, box);
-            *lower = sqrt(value_at(q, x));
-            keep_best(best, *lower, x);
-            return true;
-        }
+        if (!(side & 1 ? greatest <= 0.0 : least >= 0.0)) continue;
+        minimise_along(q, x, along, box);
+        double distance2 = value_at(q, x), distance = sqrt(distance2);
+        keep_best(best, distance, x);
+        *lower = sqrt(fmax(0.0, distance2 - 2.0 * steep * width));
+        if (distance - *lower <= q->error) return true;
     }
     return false;
 }
@@ -358,6 +406,9 @@ static query query_make(const qm_patch *patch, qm_vec p, double error)
 {
     query q = {.patch = patch, .r = qm_vec_sub(p, patch->origin), .error = error};
     q.rw = qm_vec_dot(q.r, patch->w);
+    q.e11 = qm_vec_norm2(patch->e1);
+    q.e22 = qm_vec_norm2(patch->e2);
+    q.rr = qm_vec_norm2(q.r);
     q.e12 = qm_vec_dot(patch->e1, patch->e2);
     q.e1w = qm_vec_dot(patch->e1, patch->w);
     q.e2w = qm_vec_dot(patch->e2, patch->w);
@@ -380,16 +431,89 @@ qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, do
     return best;
 }
 
-/** True when no neighbour in the grid of values is lower: a valley, most likely. */
-static bool is_grid_minimum(const double value[GRID][GRID], int i, int j)
+/** The point of the segment s = const that is nearest, and how its squared distance changes with s. */
+typedef struct segment_foot {
+    double s, t, distance2;
+    double slope, bend; /* of half the squared distance, along the nearest points of neighbouring segments */
+} segment_foot;
+
+static segment_foot segment_foot_at(const query *q, double s)
 {
-    for (int di = -1; di <= 1; di++) {
-        for (int dj = -1; dj <= 1; dj++) {
-            int ni = i + di, nj = j + dj;
-            if (ni >= 0 && ni < GRID && nj >= 0 && nj < GRID && value[ni][nj] < value[i][j]) return false;
-        }
+    const qm_patch *patch = q->patch;
+    qm_vec along_t = qm_vec_axpy(patch->e2, s, patch->w);
+    qm_vec from = qm_vec_sub(q->r, qm_vec_scale(s, patch->e1));
+    double length2 = qm_vec_norm2(along_t);
+    double t = length2 > 0.0 ? qm_vec_dot(from, along_t) / length2 : 0.0;
+    bool is_inside = t > 0.0 && t < 1.0;
+    t = qm_clamp(t, 0.0, 1.0);
+    qm_vec along_s = qm_vec_axpy(patch->e1, t, patch->w);
+    qm_vec gap = qm_vec_sub(qm_vec_scale(t, along_t), from);
+    double ss = qm_vec_norm2(along_s), st = qm_vec_dot(along_s, along_t) + qm_vec_dot(gap, patch->w);
+    return (segment_foot){
+        .s = s,
+        .t = t,
+        .distance2 = qm_vec_norm2(gap),
+        .slope = qm_vec_dot(gap, along_s),
+        .bend = is_inside ? ss - st * st / length2 : ss,
+    };
+}
+
+static void keep_foot(qm_patch_foot *best, const segment_foot *foot)
+{
+    const double x[2] = {foot->s, foot->t};
+    keep_best(best, sqrt(foot->distance2), x);
+}
+
+/** The least between two segments, from one where it falls to one where it rises: Newton's steps, or halves.
+ */
+static void minimise_between(const query *q, segment_foot low, segment_foot high, qm_patch_foot *best)
+{
+    segment_foot at = low.distance2 < high.distance2 ? low : high;
+    for (int step = 0; step < MAX_STEPS; step++) {
+        double s = at.s - at.slope / at.bend;
+        if (!(at.bend > 0.0 && s > low.s && s < high.s)) s = 0.5 * (low.s + high.s);
+        double before = at.distance2;
+        if (s == at.s || s == low.s || s == high.s) break;
+        at = segment_foot_at(q, s);
+        keep_foot(best, &at);
+        if (at.slope == 0.0) break;
+        *(at.slope < 0.0 ? &low : &high) = at;
+        if (fabs(before - at.distance2) <= DESCENT_GAIN * before && step >= MIN_STEPS) break;
     }
-    return true;
+}
+
+/**
+ * Looks for valleys between two segments: at halves, as long as there may be a point nearer than the best,
+ * since the distance changes by no more than the ends of the segments move.
+ */
+static void look_between(const query *q, const segment_foot *low, const segment_foot *high, double speed,
+                         int depth, double stop_above, qm_patch_foot *best)
+{
+    double nearest = 0.5 * (sqrt(low->distance2) + sqrt(high->distance2) - speed * (high->s - low->s));
+    if (nearest >= qm_lesser(best->distance, stop_above)) return;
+    if (depth == 0) {
+        if (low->slope < 0.0 && high->slope > 0.0) minimise_between(q, *low, *high, best);
+        return;
+    }
+    segment_foot middle = segment_foot_at(q, 0.5 * (low->s + high->s));
+    keep_foot(best, &middle);
+    look_between(q, low, &middle, speed, depth - 1, stop_above, best);
+    look_between(q, &middle, high, speed, depth - 1, stop_above, best);
+}
+
+/**
+ * Over a patch that is not convex as seen from the point, which may have several valleys, curved ones along
+ * folds: the patch is a family of segments, s = const. The nearest point of each is known, so that one
+ * parameter is left.
+ */
+static void descend_by_segments(const query *q, double stop_above, qm_patch_foot *best)
+{
+    const qm_patch *patch = q->patch;
+    double speed = qm_greater(qm_vec_norm(patch->e1), qm_vec_norm(qm_vec_add(patch->e1, patch->w)));
+    segment_foot first = segment_foot_at(q, 0.0), last = segment_foot_at(q, 1.0);
+    keep_foot(best, &first);
+    keep_foot(best, &last);
+    look_between(q, &first, &last, speed, HALVINGS, stop_above, best);
 }
 
 qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p, double stop_above)
@@ -398,18 +522,10 @@ qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p, double stop_abov
     qm_patch_foot best = {.distance = INFINITY};
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
     double curvature = least_curvature(&q, &square);
-    if (curvature > 0.0) {
+    if (curvature > 0.0)
         descend_from(&q, (const double[]){0.5, 0.5}, curvature, stop_above, &best);
-        return best;
-    }
-    double value[GRID][GRID];
-    for (int i = 0; i < GRID; i++)
-        for (int j = 0; j < GRID; j++)
-            value[i][j] = value_at(&q, (const double[]){i / (GRID - 1.0), j / (GRID - 1.0)});
-    for (int i = 0; i < GRID; i++)
-        for (int j = 0; j < GRID; j++)
-            if (is_grid_minimum(value, i, j))
-                descend_from(&q, (const double[]){i / (GRID - 1.0), j / (GRID - 1.0)}, 0.0, INFINITY, &best);
+    else
+        descend_by_segments(&q, stop_above, &best);
     return best;
 }
 

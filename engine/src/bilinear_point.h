@@ -35,9 +35,10 @@ static inline qm_vec qm_patch_at(const qm_patch *patch, double s, double t)
 
 /**
  * How far the patch and its two triangles (c0 c1 c2), (c0 c2 c3) are from one another at most, rounded up:
- * |w| / 4, or, where the corners make a convex quad as seen along the common normal n of the diagonals, |w.n|
- * / 2. In that view both surfaces fill the quad, and both lie between the heights of the two diagonals. So a
- * flat convex quad has none.
+ * |w| / 4, or, where the corners make a convex quad as seen along some direction n, the range of their
+ * heights along n. In that view both surfaces fill the quad, over each point of it once, and both lie between
+ * the lowest and the highest corner. The common normal of the diagonals makes the range least, |w.n| / 2,
+ * nothing for a flat quad; but any direction proves its own range, so that it need not be exact.
  */
 double qm_patch_twist(const qm_vec corner[4]);
 
@@ -56,6 +57,10 @@ typedef struct qm_patch_halves {
  */
 qm_patch_halves qm_patch_halve(const qm_vec corner[4], qm_vec direction);
 
+/** Of the greatest coordinate: the least error of a certified distance that is worth to ask for. Both ends of
+ * its interval are rounded by up to 60 u (rounding.h), so that half of this is spent on roundings. */
+#define QM_PATCH_LEAST_ERROR 0x1p-46
+
 /** A point of the patch and what it proves: lower <= d(p, patch) <= distance = |p - Q(uv)|. */
 typedef struct qm_patch_foot {
     double distance, lower;
@@ -65,7 +70,7 @@ typedef struct qm_patch_foot {
 /**
  * Nearest point of the patch with distance - lower <= error, unless the patch is proven to lie beyond
  * stop_above, or short of it by no more than error: then lower >= stop_above - error is all that is promised.
- * error > 0 is at least a few roundings of the coordinates.
+ * error is at least QM_PATCH_LEAST_ERROR of the coordinates.
  */
 qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, double stop_above);
 

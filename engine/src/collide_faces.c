@@ -79,7 +79,7 @@ static double bring_near(qm_face_shape *a, qm_face_shape *b)
     }
     int exponent = 0;
     if (reach > 0.0) frexp(reach, &exponent);
-    double scale = ldexp(1.0, -exponent);
+    double scale = ldexp(1.0, exponent < -1000 ? 1000 : -exponent); /* a number, as its inverse is */
     for (int side = 0; side < 2; side++)
         for (int i = 0; i < both[side]->count; i++)
             both[side]->corner[i] = qm_vec_scale(scale, both[side]->corner[i]);

@@ -14,7 +14,10 @@
 #define BOX_SLACK (1.0 - 1e-6) /* of distances of boxes, which are computed in floats */
 #define FARTHEST_BOX 1e18      /* float squares end beyond it: nothing larger is claimed */
 
-/** More than rounding takes from or adds to a distance in the search's frame, where no coordinate exceeds 2.
+/**
+ * More than rounding takes from or adds to a distance in the search's frame, where no coordinate exceeds 2:
+ * 2048 u with u = 2^-53. That of two triangles is 2 QM_TRI_DISTANCE_ERROR, 512 u; that of two points of
+ * patches is less; and each mesh's coordinates are off by 2 sqrt(3) u from being brought into the frame.
  */
 #define ERROR (8.0 * QM_TRI_DISTANCE_ERROR)
 #define LEAST_PATCH_ERROR 1e-13

@@ -13,8 +13,15 @@
 #define FREE_ENTRIES 1024    /* that a grid may have whatever the size of the mesh */
 #define TESTS_AN_ENTRY 16    /* cells looked at for each entry allowed */
 #define TOUCHED_BLOCKS 32    /* blocks of one pack held together */
-#define SLAB_MARGIN 0x1p-10  /* share by which slabs are widened: far more than any rounding */
 #define CANCEL_INTERVAL 4096 /* packs between two looks at the cancel flag */
+
+/**
+ * Share of half a cell's extent along the normal n by which slabs are widened, |n|_1 2^-11. Coordinates are
+ * at most C = 2^31 cells (2 by at least 2^-30), so with u = 2^-53 two dot products are off by 3 u |n|_1 C
+ * each and the corners' places by 2 u C along each axis: |n|_1 2^-19 in all. How n itself is rounded does not
+ * matter.
+ */
+#define SLAB_MARGIN 0x1p-10
 
 /** Cells of one block that one pack comes through. */
 typedef struct marked_block {

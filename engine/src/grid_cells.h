@@ -15,7 +15,12 @@
 #include "bvh_tree.h"
 #include "qm/grid.h"
 
-#define QM_GRID_MARGIN 0x1p-16 /* faces and balls reach this far beyond themselves, in cells */
+/**
+ * Faces and balls reach this far beyond themselves, in cells. Places are off by two roundings of at most 2^31
+ * cells (2 by at least 2^-30), 2^-21, while the point lies within 32 of the middle; from farther points the
+ * kernel's REACH_SHARE of the distance covers theirs.
+ */
+#define QM_GRID_MARGIN 0x1p-16
 
 typedef struct qm_grid_block {
     uint64_t used;

@@ -1,18 +1,22 @@
 /**
  * hausdorff.c: the call: checks, frames and rounding margins, the first samples, the workers, the result.
  *
- * Roundings. Every distance is computed in a frame centred on the target and is off by at most eta = 128 u S,
- * where u = 2^-53 and S is the greatest coordinate there. The search discards at lower + tolerance - 4 eta,
- * and the result opens the bracket by eta on both sides.
+ * Roundings. Every distance is computed in the local frame of the target, and the bracket is opened by eta on
+ * both sides for what that costs (rounding.h). So the search itself works to the tolerance less that, but to
+ * no less than 2 eta: computed distances of one point differ by up to eta, and a piece must be let go at half
+ * the tolerance (see hausdorff_triangle.c).
  */
 #include "qm/hausdorff.h"
 
+#include <float.h>
 #include <string.h>
 
 #include "hausdorff_search.h"
+#include "rounding.h"
 #include "surface.h"
 
-#define ETA_ROUNDINGS 128.0
+#define OPENED_BY                                                                                            \
+    2.25 /* by how many eta the result is wider than the search's own bracket, and its rounding */
 
 qm_hausdorff_options qm_hausdorff_options_default(void)
 {
@@ -69,9 +73,9 @@ static qm_status set_sides(qm_context *ctx, qm_search *search, const qm_bvh *a, 
         status = set_side(ctx, &search->side[search->side_count++], b, a, options->quads);
     if (status != QM_OK) return status;
     for (int i = 0; i < search->side_count; i++)
-        search->eta = fmax(search->eta,
-                           ETA_ROUNDINGS * 0x1p-53 * search->side[i].reach * search->side[i].inverse_scale);
-    search->tolerance = fmax(options->tolerance - 4.0 * search->eta, 4.0 * search->eta);
+        search->eta = fmax(search->eta, QM_ETA_ROUNDINGS * QM_UNIT_ROUNDING * search->side[i].reach *
+                                            search->side[i].inverse_scale);
+    search->tolerance = fmax(options->tolerance - OPENED_BY * search->eta, 2.0 * search->eta);
     if (options->threshold >= 0.0) search->floor = fmax(0.0, options->threshold - 2.0 * search->eta);
     return QM_OK;
 }
@@ -102,6 +106,7 @@ static void run(qm_context *ctx, qm_search *search)
 {
     for (int i = 0; i < search->side_count; i++)
         start_side(ctx, search, i);
+    search->is_queued = true;
     qm_context_parallel(ctx, search->worker_count, run_worker, search);
 }
 
@@ -113,20 +118,24 @@ static const qm_worker *best_witness(const qm_search *search)
     return best;
 }
 
-/** Fills in the two points of the witness: the foot on its own face first, then the nearest point of the
- * target. */
+/**
+ * Fills in the two points of the witness: the foot on its own face, and the nearest point of the target. Both
+ * are rounded to the doubles of the meshes' frame, which may take them off their surfaces, so nothing is
+ * concluded from them. The unrounded point is certified once more, as closely as can be: the search saves
+ * itself that where the lower bound would rise by less than a share of the tolerance.
+ */
 static void set_witness(const qm_search *search, qm_hausdorff_result *out)
 {
     const qm_worker *best = best_witness(search);
     const qm_side *side = &search->side[best->witness_side];
     qm_quad_reading quads = search->options->quads;
-    double error = 0x1p-46 * side->reach;
+    double error = QM_PATCH_LEAST_ERROR * side->reach;
     double world[3];
     qm_vec_store(world, qm_frame_world(&side->target->frame, best->witness_point));
     qm_vec at_source = qm_frame_local(&side->source->frame, world);
     out->from = qm_surface_face_foot(side->source, quads, best->witness_face, at_source, error);
-    qm_vec p = qm_frame_local(&side->target->frame, out->from.position);
-    qm_hit hit = {.d2 = INFINITY};
+    qm_vec p = best->witness_point;
+    qm_hit hit = {.d2 = INFINITY, .pack = best->witness_hint};
     search->kernel->closest(side->target, p, &hit);
     double certified = sqrt(hit.d2);
     if (side->target_patches) {
@@ -139,7 +148,7 @@ static void set_witness(const qm_search *search, qm_hausdorff_result *out)
     }
     out->from_side = search->options->direction == QM_B_TO_A ? 1 : best->witness_side;
     out->has_witness = true;
-    double lower = certified * side->inverse_scale - search->eta;
+    double lower = (certified - best->witness_slack) * side->inverse_scale - search->eta;
     if (lower > out->lower && lower <= out->upper) out->lower = lower;
 }
 
@@ -147,7 +156,7 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
 {
     const qm_hausdorff_options *options = search->options;
     double lower = atomic_load(&search->lower);
-    out->lower = fmax(0.0, lower - search->eta);
+    out->lower = fmin(DBL_MAX, fmax(0.0, lower - search->eta)); /* a distance may be beyond all doubles */
     out->upper = fmin(search->reported_upper, fmax(lower, qm_search_upper(search)) + search->eta);
     out->iterations = atomic_load(&search->iterations);
     out->projections = atomic_load(&search->projections);
@@ -187,19 +196,63 @@ static qm_status build_locators(qm_context *ctx, qm_search *search)
     return status;
 }
 
+static void set_limits(qm_search *search, int workers)
+{
+    const qm_hausdorff_options *options = search->options;
+    search->work_limit = options->work_limit;
+    search->work_stop = QM_STOP_DEADLINE;
+    if (search->work_limit == 0) {
+        search->work_limit = QM_HAUSDORFF_BASE_WORK;
+        search->work_stop = QM_STOP_WORK;
+        for (int i = 0; i < search->side_count; i++) {
+            const qm_side *side = &search->side[i];
+            uint64_t packs = (uint64_t)side->source->pack_count + side->target->pack_count;
+            search->work_limit += QM_HAUSDORFF_FACE_WORK * QM_PACK_LANES * packs;
+        }
+    }
+    size_t memory = options->memory_limit > 0 ? options->memory_limit : QM_HAUSDORFF_MEMORY;
+    search->memory_limit = memory / (size_t)workers;
+}
+
 static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_result *out)
 {
-    if (!qm_search_create_workers(ctx, search, ctx->parallel ? search->options->thread_count : 1))
+    int workers = ctx->parallel ? search->options->thread_count : 1;
+    set_limits(search, workers);
+    if (!qm_search_create_workers(ctx, search, workers))
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the workers of a search");
-    qm_status status = QM_OK;
     run(ctx, search);
-    if (atomic_load(&search->stop) == QM_SEARCH_OUT_OF_MEMORY)
-        status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the queue of a search");
-    else
-        set_result(search, out);
+    set_result(search, out);
     out->elapsed_ms = qm_clock_ms() - search->start_ms;
     qm_search_destroy_workers(ctx, search);
-    return status;
+    return QM_OK;
+}
+
+/** Bit by bit: the usual difference shows in the counts or at the first vertices. */
+static bool are_same_arrays(const qm_mesh *a, const qm_mesh *b)
+{
+    return a->vertex_count == b->vertex_count && a->face_count == b->face_count &&
+           memcmp(a->positions, b->positions, 3 * a->vertex_count * sizeof *a->positions) == 0 &&
+           (a->face_count == 0 || memcmp(a->faces, b->faces, 4 * a->face_count * sizeof *a->faces) == 0);
+}
+
+/**
+ * Two meshes of the same arrays are one set of points in either reading, so the distance is 0, exactly. A
+ * tree over a part of a mesh can be the source only: part of the target's points then, which are at distance
+ * 0 too. The witness is a vertex of the source's first face.
+ */
+static void set_same(const qm_search *search, qm_hausdorff_result *out)
+{
+    const qm_bvh *source = search->side[0].source;
+    uint32_t face = source->lanes[0].face[0];
+    uint32_t vertex = source->mesh.face_count > 0 ? source->mesh.faces[4 * (size_t)face] : face;
+    out->from.face = face;
+    memcpy(out->from.position, source->mesh.positions + 3 * (size_t)vertex, sizeof out->from.position);
+    out->to = out->from;
+    out->has_witness = true;
+    out->from_side = search->options->direction == QM_B_TO_A ? 1 : 0;
+    out->stop = QM_STOP_CONVERGED;
+    if (search->options->threshold >= 0.0) out->verdict = -1;
+    out->elapsed_ms = qm_clock_ms() - search->start_ms;
 }
 
 qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
@@ -220,6 +273,10 @@ qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b
         .reported_upper = INFINITY,
     };
     status = set_sides(ctx, &search, a, b);
+    if (status == QM_OK && are_same_arrays(&a->mesh, &b->mesh)) {
+        set_same(&search, out);
+        return QM_OK;
+    }
     if (status == QM_OK) status = build_locators(ctx, &search);
     if (status == QM_OK) status = run_search(ctx, &search, out);
     for (int i = 0; i < search.side_count; i++)

@@ -7,8 +7,7 @@
 #include "hausdorff_piece.h"
 
 #define NEGLIGIBLE_TWIST 0.1 /* of the tolerance: labels with less are not refined */
-#define FOOT_ERROR_SHARE 0.1 /* of the allowed distance: error of feet that must not be missed */
-#define CERTAIN_DEPTH 16     /* from here on feet are certified */
+#define CERTAIN_DEPTH 16     /* from here on every quad that may be nearer is measured */
 #define MIN_SINE 0.01        /* between the directions of a patch, for a ball to tell where feet lie */
 #define QUAD_TRIES 2         /* of the nearest quads, to show that a point is near enough */
 #define REFINED_MARGIN 1.1   /* by which refined labels reach beyond the piece, as seen from its middle */
@@ -83,14 +82,6 @@ static struct listed_quad take_nearest(quad_list *list)
     return quad;
 }
 
-qm_patch_foot qm_piece_foot(const qm_piece_work *work, const qm_patch *patch, qm_vec p, double stop_above)
-{
-    if (work->depth < CERTAIN_DEPTH) return qm_patch_descend(patch, p, stop_above);
-    qm_patch_foot foot = qm_patch_project(patch, p, FOOT_ERROR_SHARE * qm_piece_allowed(work), stop_above);
-    qm_patch_polish(patch, p, &foot);
-    return foot;
-}
-
 /** Measures a listed quad and keeps it when it is among the nearest. */
 static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad listed, double negligible,
                        qm_near_quads *near)
@@ -99,7 +90,7 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
     quad.patch = qm_bvh_load_patch(work->side->target, quad.face);
     if (quad.twist >= negligible) {
         double farthest = near->count == QM_NEAR_QUADS ? near->at[QM_NEAR_QUADS - 1].distance : INFINITY;
-        qm_patch_foot foot = qm_piece_foot(work, &quad.patch, p, farthest);
+        qm_patch_foot foot = qm_patch_descend(&quad.patch, p, farthest);
         quad.distance = foot.distance;
         quad.uv[0] = foot.uv[0];
         quad.uv[1] = foot.uv[1];
@@ -138,7 +129,7 @@ bool qm_piece_quad_within(const qm_piece_work *work, qm_vec p, double distance)
         if (quad.distance + quad.twist <= distance) return true;
         if (quad.distance - quad.twist > distance) return false;
         qm_patch patch = qm_bvh_load_patch(work->side->target, quad.face);
-        if (qm_piece_foot(work, &patch, p, distance).distance <= distance) return true;
+        if (qm_patch_descend(&patch, p, distance).distance <= distance) return true;
     }
     return false;
 }
@@ -150,7 +141,7 @@ bool qm_piece_over_face(const qm_piece_work *work, uint32_t face, const qm_polyg
     qm_patch patch = qm_patch_make(corner);
     double uv[3][2], allowed = qm_piece_allowed(work) - work->slack;
     for (int i = 0; i < 3; i++) {
-        qm_patch_foot foot = qm_piece_foot(work, &patch, polygon->corner[i], allowed);
+        qm_patch_foot foot = qm_patch_descend(&patch, polygon->corner[i], allowed);
         if (foot.distance > allowed) return false;
         uv[i][0] = foot.uv[0];
         uv[i][1] = foot.uv[1];
@@ -184,12 +175,11 @@ static feet_rectangle feet_of_ball(const qm_near_quad *quad, double radius, cons
 }
 
 /** The parameters that lie under the corners of a piece, with a margin. */
-static feet_rectangle feet_of_corners(const qm_piece_work *work, const qm_near_quad *quad,
-                                      const qm_polygon *polygon)
+static feet_rectangle feet_of_corners(const qm_near_quad *quad, const qm_polygon *polygon)
 {
     feet_rectangle feet = {{1.0, 1.0}, {0.0, 0.0}};
     for (int i = 0; i < polygon->count; i++) {
-        qm_patch_foot foot = qm_piece_foot(work, &quad->patch, polygon->corner[i], INFINITY);
+        qm_patch_foot foot = qm_patch_descend(&quad->patch, polygon->corner[i], INFINITY);
         for (int k = 0; k < 2; k++) {
             feet.low[k] = fmin(feet.low[k], foot.uv[k]);
             feet.high[k] = fmax(feet.high[k], foot.uv[k]);
@@ -205,8 +195,7 @@ static feet_rectangle feet_of_corners(const qm_piece_work *work, const qm_near_q
 
 /** Which parameters of a quad a piece lies over; where the parameters' directions fall together, by its
  * corners. */
-static feet_rectangle find_feet(const qm_piece_work *work, const qm_near_quad *quad,
-                                const qm_polygon *polygon, double radius)
+static feet_rectangle find_feet(const qm_near_quad *quad, const qm_polygon *polygon, double radius)
 {
     const qm_patch *patch = &quad->patch;
     qm_vec along_u = qm_vec_axpy(patch->e1, quad->uv[1], patch->w);
@@ -214,7 +203,7 @@ static feet_rectangle find_feet(const qm_piece_work *work, const qm_near_quad *q
     const double speed[2] = {qm_vec_norm(along_u), qm_vec_norm(along_v)};
     double area = qm_vec_norm(qm_vec_cross(along_u, along_v));
     if (area > MIN_SINE * speed[0] * speed[1]) return feet_of_ball(quad, radius, speed, area);
-    return feet_of_corners(work, quad, polygon);
+    return feet_of_corners(quad, polygon);
 }
 
 /** Corners of eight triangles, as kernels take them. */
@@ -261,7 +250,7 @@ bool qm_piece_cover_refined(const qm_piece_work *work, qm_polygon *polygon, bool
     refined.pack[0] = &pack;
     for (int i = 0; i < QM_NEAR_QUADS; i++) {
         const qm_near_quad *quad = &near.at[i < near.count ? i : 0];
-        feet_rectangle feet = find_feet(work, quad, polygon, radius);
+        feet_rectangle feet = find_feet(quad, polygon, radius);
         qm_vec from = qm_vec_sub(middle, qm_patch_at(&quad->patch, quad->uv[0], quad->uv[1]));
         qm_vec direction = qm_vec_scale(quad->distance > 0.0 ? 1.0 / quad->distance : 0.0, from);
         set_refined_lanes(&refined, &corners, 2 * (uint32_t)i, &quad->patch, &feet, direction, allowed);

@@ -5,6 +5,7 @@
  */
 #include "hausdorff_piece.h"
 
+#define VISIT_CUTS 32     /* of a part in one visit, beyond those that eta has room for */
 #define FACE_ATTEMPTS 3   /* covers of one face, each with what the last one brought */
 #define ONE_LABEL_PACKS 3 /* looked at for one label that takes all of a piece */
 #define PROBE_INTERVAL 16 /* pieces between two tries where one label seldom does */
@@ -101,7 +102,9 @@ static void start_work(qm_piece_work *work, qm_worker *worker, qm_entry entry, c
     work->entry = entry;
     work->piece = *piece;
     work->depth = piece->depth;
-    work->slack = piece->slack;
+    int room = piece->cuts + VISIT_CUTS;
+    work->cut_limit = room > QM_FREE_CUTS ? room : QM_FREE_CUTS;
+    qm_piece_set_slack(work, piece->slack);
     work->generation = 1;
     work->height = 0;
     work->near = near;
@@ -128,7 +131,7 @@ void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 static void settle_triangle(qm_piece_work *work)
 {
     const qm_vec *corner = work->piece.corner;
-    qm_polygon polygon = {.count = 3, .corner = {corner[0], corner[1], corner[2]}};
+    qm_polygon polygon = qm_piece_triangle(work, corner[0], corner[1], corner[2]);
     bool moved = false;
     if (qm_piece_cover_by_nearest(work, &polygon, &moved)) return;
     qm_near_packs all;

@@ -9,7 +9,10 @@
  */
 #include "hausdorff_matching.h"
 
-#define MAX_DEPTH 64 /* halvings of a piece: only a bound that cannot be proven keeps what is left */
+/* Halvings of a piece, which leave less of it than the smallest tolerance, 2^-42 of the size. A midpoint is
+ * off by u R, a centre by 3 u R, and roundings of levels add up: 48 of them fit into the share of eta for
+ * cuts (rounding.h). */
+#define MAX_DEPTH 48
 
 /** A piece on its way through one visit. */
 typedef struct matching_work {

@@ -11,6 +11,7 @@
 
 #include "bilinear_point.h"
 #include "hausdorff_search.h"
+#include "rounding.h"
 
 #define QM_PART_STACK 128 /* parts of a piece that wait */
 #define QM_NEAR_QUADS 4   /* patches of the target looked at for one part */
@@ -22,7 +23,7 @@ typedef struct qm_part {
     qm_vec corner[3];
     uint64_t in_reach[3];
     unsigned generation;
-    uint8_t depth;
+    uint8_t depth, cuts_left;
 } qm_part;
 
 typedef struct qm_piece_work {
@@ -33,7 +34,8 @@ typedef struct qm_piece_work {
     qm_entry entry;
     qm_piece piece;
     int depth;                 /* of the piece, or of the part at hand */
-    double slack;              /* the parts lie within this distance of the source's surface */
+    double slack;              /* the parts lie within this distance of the source's surface: piece.slack, */
+    int cut_limit;             /* and the roundings of this many cuts beyond those that eta has room for */
     const qm_near_packs *near; /* of a neighbourhood that holds the piece */
     uint32_t packs[QM_COVER_PACKS];
     int pack_count;
@@ -89,13 +91,6 @@ void qm_piece_fill_candidates(qm_piece_work *work);
  */
 bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack);
 
-/**
- * A point of a patch near p: a good one at first, the certified nearest for pieces that were cut often, which
- * would else be cut for ever where patches are folded and a descent ends in the wrong valley. Of a patch that
- * is found to lie beyond stop_above any point.
- */
-qm_patch_foot qm_piece_foot(const qm_piece_work *work, const qm_patch *patch, qm_vec p, double stop_above);
-
 /** Quads among the candidates that lie nearest to a point; with twisted_only not those that are flat. */
 qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only);
 
@@ -148,6 +143,13 @@ bool qm_piece_sample_unreached(qm_piece_work *work, qm_vec p);
 
 /** Queues a triangle or rectangle with the bound that its best single label gives. */
 void qm_piece_push(qm_piece_work *work, const qm_piece *piece);
+
+/** Sets the slack of the piece's triangles, which leave the source's surface by this much beside roundings.
+ */
+void qm_piece_set_slack(qm_piece_work *work, double slack);
+
+/** A triangle of the piece, with room for all cuts of a visit. */
+qm_polygon qm_piece_triangle(const qm_piece_work *work, qm_vec a, qm_vec b, qm_vec c);
 
 /** Puts a triangle of the piece on the stack of parts. */
 void qm_piece_keep_triangle(qm_piece_work *work, qm_vec a, qm_vec b, qm_vec c);

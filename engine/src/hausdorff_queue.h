@@ -22,6 +22,7 @@ typedef struct qm_piece {
     uint32_t foot[4]; /* by matching: QM_PACK_LANES * pack + lane of the facet under each corner */
     double slack;     /* the triangle lies within this distance of the source's surface; 0 mostly */
     uint32_t face;
+    uint16_t cuts; /* between the face and a triangle of it, see rounding.h */
     uint8_t corner_count, depth;
     uint32_t next_free; /* list of free places in the pool */
 } qm_piece;
@@ -49,6 +50,18 @@ void qm_queue_reset(qm_context *ctx, qm_queue *queue);
 /** Adds an entry; with piece != NULL copies it into the pool. False when out of memory: nothing is then
  * changed. */
 bool qm_queue_push(qm_context *ctx, qm_queue *queue, qm_entry entry, const qm_piece *piece);
+
+/** Bytes allocated. */
+static inline size_t qm_queue_bytes(const qm_queue *queue)
+{
+    return queue->capacity * sizeof *queue->heap + queue->pool_capacity * sizeof *queue->pool;
+}
+
+/** True when the next push has to allocate. */
+static inline bool qm_queue_is_full(const qm_queue *queue)
+{
+    return queue->count == queue->capacity || queue->free_head == QM_NO_INDEX;
+}
 
 /** Takes the topmost entry, and its piece when it is one. The queue is not empty. */
 qm_entry qm_queue_pop(qm_queue *queue, qm_piece *piece);

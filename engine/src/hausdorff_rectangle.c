@@ -2,6 +2,7 @@
  * hausdorff_rectangle.c: parameter rectangles of the source's bilinear patches. The part of the patch lies in
  * the hull of its four corners, and near the two triangles of qm_patch_halve, by a share of |w| ds dt.
  */
+#include "bilinear_match.h"
 #include "hausdorff_piece.h"
 
 #define SLACK_SHARE 0.25 /* of the tolerance: a patch this flat goes on as triangles */
@@ -44,64 +45,32 @@ bool qm_piece_rectangle_covered(qm_piece_work *work)
     if (covered) return true;
     qm_patch_halves halves = qm_patch_halve(c, (qm_vec){0, 0, 0});
     if (!(halves.slack < MAX_SLACK_SHARE * qm_piece_allowed(work))) return false;
-    work->slack = halves.slack;
+    qm_piece_set_slack(work, halves.slack);
     covered = true;
     for (int half = 0; half < 2 && covered; half++) {
         const qm_vec *h = halves.corner;
-        qm_polygon triangle = {.count = 3, .corner = {h[0], h[1 + half], h[2 + half]}};
+        qm_polygon triangle = qm_piece_triangle(work, h[0], h[1 + half], h[2 + half]);
         covered = qm_piece_cover_by_nearest(work, &triangle, &moved);
     }
-    work->slack = 0.0;
+    qm_piece_set_slack(work, 0.0);
     return covered;
 }
 
 /** Covers the two triangles of a rectangle, with the slack by which the patch leaves them. */
 static bool triangles_reached(qm_piece_work *work, const qm_patch_halves *halves)
 {
-    work->slack = halves->slack;
+    qm_piece_set_slack(work, halves->slack);
     qm_piece_fill_candidates(work);
     bool covered = true, moved = false;
     for (int half = 0; half < 2 && covered; half++) {
         const qm_vec *c = halves->corner;
-        qm_polygon polygon = {.count = 3, .corner = {c[0], c[1 + half], c[2 + half]}};
+        qm_polygon polygon = qm_piece_triangle(work, c[0], c[1 + half], c[2 + half]);
         qm_piece_reach_corners(work, &polygon);
         covered = qm_piece_cover(work, &polygon, &moved);
     }
-    work->slack = 0.0;
+    qm_piece_set_slack(work, 0.0);
     qm_piece_fill_candidates(work);
     return covered;
-}
-
-/**
- * Bound by matching the rectangle, corner by corner, with the points of one patch that lie under its corners.
- * Between them the parameters s and t of the match are bilinear, so that the difference of the two surfaces
- * is bilinear but for the term (s t - interpolated s t) w, which is at most |w| / 4 (|s_u t_u| + |s_v t_v|):
- * nothing when the match runs along the parameters, as it does where two patches lie in one surface.
- */
-static double match_upper(const qm_piece_work *work, const qm_patch *patch)
-{
-    qm_patch_foot foot[4];
-    double farthest = 0.0;
-    for (int i = 0; i < 4; i++) {
-        foot[i] = qm_piece_foot(work, patch, work->piece.corner[i], INFINITY);
-        farthest = qm_greater(farthest, foot[i].distance);
-    }
-    double along_u[2], along_v[2];
-    for (int k = 0; k < 2; k++) {
-        along_u[k] = qm_greater(fabs(foot[1].uv[k] - foot[0].uv[k]), fabs(foot[2].uv[k] - foot[3].uv[k]));
-        along_v[k] = qm_greater(fabs(foot[3].uv[k] - foot[0].uv[k]), fabs(foot[2].uv[k] - foot[1].uv[k]));
-    }
-    double skew = along_u[0] * along_u[1] + along_v[0] * along_v[1];
-    return farthest + 0.25 * skew * qm_vec_norm(patch->w);
-}
-
-static bool match_reached(const qm_piece_work *work, qm_vec middle)
-{
-    if (!work->side->target_patches) return false;
-    qm_near_quads near = qm_piece_near_quads(work, middle, false);
-    for (int i = 0; i < near.count; i++)
-        if (match_upper(work, &near.at[i].patch) <= qm_piece_allowed(work)) return true;
-    return false;
 }
 
 /** The quad of the target that lies under a point, or QM_NO_INDEX when it is a triangle. */
@@ -171,6 +140,32 @@ static void push_part(qm_piece_work *work, const qm_patch *patch, const double l
     qm_piece_push(work, &part);
 }
 
+/** What is left of a rectangle after a match goes to the queue. */
+typedef struct rest_work {
+    qm_piece_work *work;
+    const qm_patch *patch;
+} rest_work;
+
+static void push_rest(void *user, const qm_uv_box *rest)
+{
+    const rest_work *to = user;
+    push_part(to->work, to->patch, rest->low, rest->high);
+}
+
+/** Covers the rectangle, or parts of it, by one patch of the target. */
+static bool match_reached(qm_piece_work *work, const qm_patch *patch, qm_vec middle)
+{
+    if (!work->side->target_patches) return false;
+    qm_near_quads near = qm_piece_near_quads(work, middle, true);
+    qm_uv_box box = {{work->piece.low[0], work->piece.low[1]}, {work->piece.high[0], work->piece.high[1]}};
+    rest_work to = {work, patch};
+    for (int i = 0; i < near.count; i++)
+        if (qm_patch_match(patch, &box, &near.at[i].patch, near.at[i].uv, qm_piece_allowed(work), push_rest,
+                           &to))
+            return true;
+    return false;
+}
+
 /**
  * Cuts a rectangle across its longer side; over a target without patches across both where they are about as
  * long, since slack falls by half only with each cut and what needs one mostly needs the next.
@@ -198,7 +193,7 @@ static void split_rectangle(qm_piece_work *work, const qm_patch *patch)
 /** Goes on with the two triangles, which a patch this flat leaves by a share of the tolerance. */
 static void go_on_as_triangles(qm_piece_work *work, const qm_patch_halves *halves)
 {
-    work->slack = halves->slack;
+    qm_piece_set_slack(work, halves->slack);
     qm_piece_fill_candidates(work);
     qm_piece_keep_triangle(work, halves->corner[0], halves->corner[1], halves->corner[2]);
     qm_piece_keep_triangle(work, halves->corner[0], halves->corner[2], halves->corner[3]);
@@ -216,7 +211,7 @@ static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const 
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (hull_reached(work, corners)) return true;
         if (halves->slack < qm_piece_allowed(work) && triangles_reached(work, halves)) return true;
-        if (match_reached(work, middle)) return true;
+        if (match_reached(work, patch, middle)) return true;
         if (!qm_piece_sample_unreached(work, middle)) break;
     }
     return false;

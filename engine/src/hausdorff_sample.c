@@ -13,8 +13,8 @@ double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t
 }
 
 /** Raises the shared lower bound, and keeps the point as this worker's witness when it did. */
-static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, uint32_t face, uint32_t hint,
-                        double distance)
+static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
+                        uint32_t hint, double distance)
 {
     qm_search *search = worker->search;
     double world = distance * side->inverse_scale;
@@ -27,6 +27,7 @@ static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, uint32
         worker->witness_face = face;
         worker->witness_hint = hint;
         worker->witness_point = p;
+        worker->witness_slack = slack;
     }
 }
 
@@ -62,7 +63,8 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
          * much more, and is due only when the lower bound would rise by more than a crumb. */
         qm_patch_hit patch;
         qm_nearest_patch(search->kernel, &side->nearest, p, hit.pack, INFINITY, &patch);
-        double error = fmax(PATCH_ERROR_SHARE * search->tolerance * side->scale, 0x1p-46 * side->reach);
+        double error =
+            fmax(PATCH_ERROR_SHARE * search->tolerance * side->scale, QM_PATCH_LEAST_ERROR * side->reach);
         double worthwhile = known + CERTIFY_SHARE * search->tolerance * side->scale;
         if (patch.distance - slack > worthwhile)
             qm_nearest_patch(search->kernel, &side->nearest, p, patch.pack, error, &patch);
@@ -71,7 +73,7 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
         lower = patch.lower;
     }
     if (lower - slack > known || worker->witness < 0.0)
-        raise_lower(worker, side, p, face, *hint, fmax(0.0, lower - slack));
+        raise_lower(worker, side, p, slack, face, *hint, fmax(0.0, lower - slack));
     return upper;
 }
 

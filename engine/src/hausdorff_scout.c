@@ -96,7 +96,7 @@ static void measure_point(qm_worker *worker, const qm_side *side, qm_vec p, uint
 static void measure_pack(qm_worker *worker, const qm_side *side, seed s)
 {
     const qm_pack_lanes *lanes = &side->source->lanes[s.pack];
-    for (int lane = 0, count; lane < lanes->lane_count; lane += count - 2) {
+    for (int lane = 0, count; lane < lanes->lane_count && !qm_worker_must_stop(worker); lane += count - 2) {
         qm_vec corner[4];
         uint32_t face = lanes->face[lane];
         count = qm_side_corners(side, lanes, (uint32_t)lane, corner);
@@ -114,7 +114,7 @@ static seed look_closer(qm_worker *worker, const qm_side *side, seed peak, size_
     size_t end = peak.pack + half < count ? peak.pack + half : count;
     size_t stride = (end - begin) / CLOSER_COUNT + 1;
     seed best = peak;
-    for (size_t i = begin; i < end; i += stride) {
+    for (size_t i = begin; i < end && !qm_worker_must_stop(worker); i += stride) {
         seed s = measure_middle(worker, side, (uint32_t)i, best.hint);
         if (s.distance > best.distance) best = s;
     }
@@ -131,7 +131,7 @@ static void measure_seeds(void *data, int worker, size_t block)
     const qm_side *side = shared->side;
     /* Two surfaces that are compared mostly lie alike along their curves. */
     seed s = {.hint = (uint32_t)(first * shared->step * side->target->pack_count / side->source->pack_count)};
-    for (size_t i = first; i < end; i++) {
+    for (size_t i = first; i < end && !qm_worker_must_stop(&shared->search->workers[worker]); i++) {
         s = measure_middle(&shared->search->workers[worker], shared->side, (uint32_t)(i * shared->step),
                            s.hint);
         keep_farthest(&own, s);

@@ -6,6 +6,7 @@
  *
  *   first samples      hausdorff_scout.c    a good lower bound before anything else
  *   groups and packs   hausdorff_source.c   one search a node: ball test; packs: a single label for each face
+ *   whole faces        hausdorff_near.c     ball tests and single labels for a face and its parts
  *   pieces             hausdorff_piece.h    cover by several labels, else split; or, as an option,
  *                      hausdorff_matching.c matched to the facets under their corners, else split
  *   points             hausdorff_sample.c   nearest points, which raise the lower bound
@@ -25,8 +26,8 @@
 #define QM_CACHE_LINE 64
 #define QM_NEAR_ENOUGH 0.25 /* of the lower bound: a facet within it tells well enough how far a point is */
 
-/** Values of qm_search.stop beside the reasons of qm_hausdorff_stop. */
-enum { QM_SEARCH_RUNNING = -1, QM_SEARCH_OUT_OF_MEMORY = -2 };
+/** Value of qm_search.stop beside the reasons of qm_hausdorff_stop. */
+enum { QM_SEARCH_RUNNING = -1 };
 
 /** One direction: the points of source, measured to target. */
 typedef struct qm_side {
@@ -54,6 +55,10 @@ typedef struct qm_search {
     int worker_count;
     struct qm_worker *workers;
     const qm_hausdorff_options *options;
+    bool is_queued; /* all of the source: before, what is queued says nothing of the upper bound */
+    uint64_t work_limit;
+    qm_hausdorff_stop work_stop; /* what reaching it is told as */
+    size_t memory_limit;         /* of one worker's queue */
     double start_ms;
     double reported_ms, reported_gap, reported_upper; /* guarded by reporting */
     /* Written all the time, so kept away from what every worker reads. */
@@ -75,8 +80,10 @@ typedef struct qm_worker {
     int witness_side;
     uint32_t witness_face, witness_hint;
     qm_vec witness_point; /* local to the target of the side */
+    double witness_slack; /* how far it may be from the source's surface, local */
     double climb_above;   /* a witness farther than that is worth a climb */
     uint64_t one_label_tries, one_label_probes, one_label_hits; /* how often a single label took a piece */
+    uint64_t part_tries, part_searches, part_hits;              /* of balls round parts of faces */
     uint64_t iterations, projections;                           /* not handed over to the search yet */
     size_t max_queue;
 } qm_worker;
@@ -177,6 +184,12 @@ void qm_search_destroy_workers(qm_context *ctx, qm_search *search);
  * seen. */
 void qm_worker_run(qm_worker *worker);
 
+/**
+ * True when the search is to end; looks for reasons and reports progress when that is due. What a worker has
+ * at hand then and does not look at any more it discards with its bound.
+ */
+bool qm_worker_must_stop(qm_worker *worker);
+
 /** The upper bound that holds now, world units, without roundings. */
 double qm_search_upper(const qm_search *search);
 
@@ -186,6 +199,10 @@ double qm_clock_ms(void);
 /** Looks at one entry taken from the queue. */
 void qm_worker_group(qm_worker *worker, qm_entry entry);
 void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
+
+/** True when balls or single labels show that all of a face is near enough. The hint moves on to a pack near
+ * it. */
+bool qm_worker_face_is_near(qm_worker *worker, const qm_side *side, const qm_piece *face, uint32_t *hint);
 
 /** Looks at a face of a pack: lets it go when it can be covered at little cost, else queues it as a piece. */
 void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near);

@@ -84,31 +84,6 @@ static void reach_by_pack(const pack_work *work, double allowed, uint32_t pack, 
 }
 
 /**
- * Settles a face by the ball round its middle, or by one lane of the pack that is found there: *hint, which
- * is the first guess for the next face.
- */
-static bool face_is_near(qm_worker *worker, const pack_work *work, const qm_piece *face, uint32_t *hint)
-{
-    const qm_search *search = worker->search;
-    qm_vec middle = {0, 0, 0};
-    for (int i = 0; i < face->corner_count; i++)
-        middle = qm_vec_axpy(middle, 1.0 / face->corner_count, face->corner[i]);
-    double radius2 = 0.0;
-    for (int i = 0; i < face->corner_count; i++)
-        radius2 = fmax(radius2, qm_vec_norm2(qm_vec_sub(face->corner[i], middle)));
-    double allowed = qm_search_allowed(search) * work->side->scale, enough = allowed - sqrt(radius2);
-    if (!(enough > 0.0)) return false;
-    worker->projections++;
-    if (qm_side_nearly(search, work->side, middle, enough, enough, hint) <= enough) return true;
-    qm_float_bits bits[4];
-    reach_by_pack(work, allowed, *hint, face->corner, face->corner_count, bits);
-    unsigned labels = ~0u;
-    for (int i = 0; i < face->corner_count; i++)
-        labels &= bits[i];
-    return qm_float_certain(labels) != 0;
-}
-
-/**
  * Gathers the packs that the faces are most likely covered with: those about as near as the hint is to the
  * middle. All that are within reach may be hundreds where the lower bound is great.
  */
@@ -145,10 +120,14 @@ static void visit_pack(qm_worker *worker, qm_entry entry)
         int corner[4];
         count = qm_lane_corners(work.lanes, (uint32_t)lane, work.side->source_patches, corner);
         if (face_reached(&work, allowed, corner, count)) continue;
+        if (qm_worker_must_stop(worker)) {
+            qm_worker_discard(worker, entry.upper);
+            return;
+        }
         qm_piece piece = {.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
         for (int i = 0; i < count; i++)
             piece.corner[i] = work.vertex[corner[i]];
-        if (face_is_near(worker, &work, &piece, &hint)) continue;
+        if (qm_worker_face_is_near(worker, work.side, &piece, &hint)) continue;
         if (qm_search_is_matching(search)) {
             qm_matching_face(worker, entry, &piece);
             continue;
@@ -221,7 +200,7 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
         /* A ball larger than what is allowed settles nothing, wherever its middle is. */
         bool is_small = radius * side->inverse_scale <= qm_search_allowed(search);
         double upper = is_small ? qm_side_pack_upper(search, side, hint, centre) + radius : INFINITY;
-        if (upper * side->inverse_scale > qm_search_allowed(search)) {
+        if (upper * side->inverse_scale > qm_search_allowed(search) && !qm_worker_must_stop(worker)) {
             double nearer = entry.level > 1
                                 ? bound_group(worker, side, centre, radius, &hint)
                                 : bound_pack(worker, side, group, m, 8 * entry.index + (uint32_t)m, &hint);
@@ -232,7 +211,7 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
     /* Packs are looked at once all eight have had their say on the lower bound, and while they are at hand;
      * so are groups of packs, along the curve, where hints and vertices are still near. */
     for (int m = 0; m < members; m++) {
-        if (entry.level > 2 || child[m].upper <= qm_search_allowed(search)) {
+        if (entry.level > 2 || child[m].upper <= qm_search_allowed(search) || qm_worker_must_stop(worker)) {
             qm_worker_push(worker, child[m], NULL);
         } else if (entry.level == 2) {
             worker->iterations++; /* as an entry of the queue: reports and limits come as often */

@@ -112,7 +112,7 @@ void qm_piece_push(qm_piece_work *work, const qm_piece *piece)
     double upper = work->kernel->hull_upper(&work->candidates, piece->corner, piece->corner_count, &place);
     if (work->side->target_patches) upper = fmin(upper, ball_upper(work, piece));
     qm_entry entry = work->entry;
-    entry.upper = fmin(entry.upper, (upper + piece->slack) * work->side->inverse_scale);
+    entry.upper = fmin(entry.upper, (upper + work->slack) * work->side->inverse_scale);
     entry.hint = work->packs[place < work->pack_count ? place : 0];
     qm_worker_push(work->worker, entry, piece);
 }
@@ -121,7 +121,7 @@ static void push_part(qm_piece_work *work, const qm_part *from)
 {
     qm_piece piece = work->piece;
     piece.corner_count = 3;
-    piece.slack = work->slack;
+    piece.cuts = (uint16_t)(work->cut_limit - from->cuts_left);
     piece.depth = from->depth;
     for (int i = 0; i < 3; i++)
         piece.corner[i] = from->corner[i];
@@ -135,6 +135,7 @@ static void keep_part(qm_piece_work *work, const qm_polygon *polygon, int a, int
         .in_reach = {polygon->in_reach[a], polygon->in_reach[b], polygon->in_reach[c]},
         .generation = work->generation,
         .depth = depth,
+        .cuts_left = (uint8_t)polygon->cuts_left,
     };
     if (work->height < QM_PART_STACK)
         work->stack[work->height++] = kept;
@@ -148,6 +149,7 @@ static void keep_quarters(qm_piece_work *work, const qm_polygon *polygon, int a,
     const int index[3] = {a, b, c};
     qm_polygon six;
     six.count = 6;
+    six.cuts_left = polygon->cuts_left - 1;
     for (int i = 0; i < 3; i++) {
         six.corner[i] = polygon->corner[index[i]];
         six.in_reach[i] = polygon->in_reach[index[i]];
@@ -196,26 +198,25 @@ static qm_polygon part_polygon(const qm_piece_work *work, const qm_part *from)
 {
     qm_polygon polygon;
     polygon.count = 3;
+    polygon.cuts_left = from->cuts_left;
     for (int i = 0; i < 3; i++) {
         polygon.corner[i] = from->corner[i];
         polygon.in_reach[i] = from->in_reach[i];
     }
-    if (from->generation != work->generation) qm_piece_reach_corners(work, &polygon);
+    if (from->generation != 0 && from->generation != work->generation) qm_piece_reach_corners(work, &polygon);
     return polygon;
 }
 
 static void process_part(qm_piece_work *work, const qm_part *from)
 {
-    qm_polygon rest;
     bool moved = false;
+    qm_polygon rest = part_polygon(work, from);
     work->depth = from->depth;
     if (from->generation == 0) {
-        rest = (qm_polygon){.count = 3, .corner = {from->corner[0], from->corner[1], from->corner[2]}};
         if (qm_piece_cover_by_nearest(work, &rest, &moved)) return;
         qm_piece_reach_corners(work, &rest);
-    } else {
-        rest = part_polygon(work, from);
-        if (work->side->target_patches && qm_piece_over_patch(work, &rest)) return;
+    } else if (work->side->target_patches && qm_piece_over_patch(work, &rest)) {
+        return;
     }
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (qm_piece_cover(work, &rest, &moved)) return;
@@ -232,7 +233,7 @@ void qm_piece_process_stack(qm_piece_work *work)
     for (int budget = VISIT_BUDGET; work->height > 0; budget--) {
         qm_part next = work->stack[--work->height];
         work->worker->iterations++;
-        if (budget > 0)
+        if (budget > 0 && next.cuts_left > 1)
             process_part(work, &next);
         else
             push_part(work, &next);
@@ -240,10 +241,23 @@ void qm_piece_process_stack(qm_piece_work *work)
     qm_worker_discard(work->worker, qm_search_allowed(work->search));
 }
 
+void qm_piece_set_slack(qm_piece_work *work, double slack)
+{
+    int beyond = work->cut_limit - QM_FREE_CUTS;
+    work->piece.slack = slack;
+    work->slack = slack + beyond * QM_CUT_ROUNDINGS * QM_UNIT_ROUNDING * work->side->reach;
+}
+
+qm_polygon qm_piece_triangle(const qm_piece_work *work, qm_vec a, qm_vec b, qm_vec c)
+{
+    return (qm_polygon){.count = 3, .corner = {a, b, c}, .cuts_left = work->cut_limit - work->piece.cuts};
+}
+
 void qm_piece_keep_triangle(qm_piece_work *work, qm_vec a, qm_vec b, qm_vec c)
 {
     work->stack[work->height++] = (qm_part){
         .corner = {a, b, c},
         .depth = work->piece.depth,
+        .cuts_left = (uint8_t)(work->cut_limit - work->piece.cuts),
     };
 }

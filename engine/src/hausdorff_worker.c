@@ -7,7 +7,8 @@
 
 #include "hausdorff_search.h"
 
-#define LOOK_INTERVAL 16    /* entries and parts between two looks at the clock and the cancel flag */
+#define LOOK_INTERVAL 16    /* entries and parts between two looks at the clock and the cancel flag, */
+#define LOOK_SEARCHES 64    /* or searches of nearest points, which may be slow where many faces coincide */
 #define REPORT_INTERVAL 100 /* milliseconds between two reports at most */
 #define MIN_STEAL 2         /* entries that make it worth to take half */
 
@@ -31,6 +32,13 @@ static void lock(qm_worker *worker)
 static void unlock(qm_worker *worker)
 {
     if (is_shared(worker)) mtx_unlock(&worker->lock);
+}
+
+/** Ends the search; the first reason counts. */
+static void stop_for(qm_search *search, int reason)
+{
+    int running = QM_SEARCH_RUNNING;
+    atomic_compare_exchange_strong(&search->stop, &running, reason);
 }
 
 bool qm_search_create_workers(qm_context *ctx, qm_search *search, int count)
@@ -57,6 +65,18 @@ void qm_search_destroy_workers(qm_context *ctx, qm_search *search)
     qm_context_free_aligned(ctx, search->workers, (size_t)search->worker_count, sizeof *search->workers);
 }
 
+/** Puts an entry in a worker's queue. Where there is no memory for it, it is let go and the search ends: what
+ * it could hold stays in the upper bound. */
+static void push_within_limit(qm_worker *worker, qm_entry entry, const qm_piece *piece)
+{
+    qm_search *search = worker->search;
+    qm_queue *queue = &worker->queue;
+    bool has_room = !qm_queue_is_full(queue) || 2 * qm_queue_bytes(queue) <= search->memory_limit;
+    if (has_room && qm_queue_push(worker->ctx, queue, entry, piece)) return;
+    qm_worker_discard(worker, entry.upper);
+    stop_for(search, QM_STOP_MEMORY);
+}
+
 void qm_worker_push(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 {
     if (entry.upper <= qm_search_allowed(worker->search)) {
@@ -64,10 +84,7 @@ void qm_worker_push(qm_worker *worker, qm_entry entry, const qm_piece *piece)
         return;
     }
     lock(worker);
-    if (!qm_queue_push(worker->ctx, &worker->queue, entry, piece)) {
-        qm_worker_discard(worker, entry.upper);
-        atomic_store(&worker->search->stop, QM_SEARCH_OUT_OF_MEMORY);
-    }
+    push_within_limit(worker, entry, piece);
     if (worker->queue.count > worker->max_queue) worker->max_queue = worker->queue.count;
     unlock(worker);
 }
@@ -95,10 +112,7 @@ static void move_half(qm_worker *thief, qm_worker *victim)
         qm_piece piece;
         qm_entry entry = qm_queue_pop(&victim->queue, &piece);
         if (entry.upper > thief->top) thief->top = entry.upper;
-        if (!qm_queue_push(thief->ctx, &thief->queue, entry, entry.kind == QM_ENTRY_PIECE ? &piece : NULL)) {
-            qm_worker_discard(thief, entry.upper);
-            atomic_store(&thief->search->stop, QM_SEARCH_OUT_OF_MEMORY);
-        }
+        push_within_limit(thief, entry, entry.kind == QM_ENTRY_PIECE ? &piece : NULL);
     }
 }
 
@@ -198,17 +212,21 @@ static void look_around(qm_worker *worker)
     worker->iterations = worker->projections = 0;
     if (atomic_flag_test_and_set(&search->reporting)) return;
     double now = qm_clock_ms();
-    report(search, now, qm_search_upper(search));
+    if (search->is_queued) report(search, now, qm_search_upper(search));
     int reason = QM_SEARCH_RUNNING;
     if (qm_context_canceled(worker->ctx)) reason = QM_STOP_CANCELED;
     if (options->deadline_ms > 0.0 && now - search->start_ms >= options->deadline_ms)
         reason = QM_STOP_DEADLINE;
-    if (options->work_limit > 0 && atomic_load(&search->iterations) >= options->work_limit)
-        reason = QM_STOP_DEADLINE;
+    if (atomic_load(&search->iterations) >= search->work_limit) reason = (int)search->work_stop;
     if (atomic_load(&search->lower) - search->eta > options->threshold) reason = QM_STOP_THRESHOLD;
-    int running = QM_SEARCH_RUNNING;
-    if (reason != QM_SEARCH_RUNNING) atomic_compare_exchange_strong(&search->stop, &running, reason);
+    if (reason != QM_SEARCH_RUNNING) stop_for(search, reason);
     atomic_flag_clear(&search->reporting);
+}
+
+bool qm_worker_must_stop(qm_worker *worker)
+{
+    if (worker->iterations >= LOOK_INTERVAL || worker->projections >= LOOK_SEARCHES) look_around(worker);
+    return atomic_load_explicit(&worker->search->stop, memory_order_relaxed) != QM_SEARCH_RUNNING;
 }
 
 static void process(qm_worker *worker, qm_entry entry, qm_piece *piece)
@@ -229,11 +247,11 @@ void qm_worker_run(qm_worker *worker)
     qm_search *search = worker->search;
     qm_entry entry;
     qm_piece piece;
-    while (atomic_load_explicit(&search->stop, memory_order_relaxed) == QM_SEARCH_RUNNING) {
+    while (!qm_worker_must_stop(worker)) {
         if (take_own(worker, &entry, &piece)) {
             process(worker, entry, &piece);
             atomic_fetch_sub(&search->busy_count, 1);
-            if (++worker->iterations >= LOOK_INTERVAL) look_around(worker);
+            worker->iterations++;
         } else if (!is_shared(worker) || !steal(worker)) {
             if (is_over(search)) break;
             thrd_yield();

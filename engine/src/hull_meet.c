@@ -24,14 +24,29 @@ static bool has_enough(const qm_hull_meeting *m)
     return m->count >= m->enough;
 }
 
-static double volume(qm_vec a, qm_vec b, qm_vec c, qm_vec d)
+/** The power of two that brings the greater of two vectors to about 1: products of four differences of
+ * coordinates overflow or vanish else. */
+static double power_for(qm_vec a, qm_vec b)
 {
-    return qm_vec_dot(qm_vec_cross(qm_vec_sub(b, a), qm_vec_sub(c, a)), qm_vec_sub(d, a));
+    double x = fmax(fabs(a.x), fabs(b.x)), y = fmax(fabs(a.y), fabs(b.y)), z = fmax(fabs(a.z), fabs(b.z));
+    double most = fmax(x, fmax(y, z));
+    int exponent = 0;
+    if (most > 0.0) frexp(most, &exponent);
+    return ldexp(1.0, exponent < -1000 ? 1000 : -exponent);
 }
 
-/** The point of the segment where a quantity that runs linearly from at_p to at_q is 0; rounded. */
-static qm_vec zero_between(qm_vec p, qm_vec q, double at_p, double at_q)
+static qm_vec bring_to_one(qm_vec a)
 {
+    return qm_vec_scale(power_for(a, a), a);
+}
+
+/** The point of the segment that lies in the plane through a point across a direction; rounded. */
+static qm_vec cut_segment(qm_vec p, qm_vec q, qm_vec origin, qm_vec across)
+{
+    qm_vec to_p = qm_vec_sub(p, origin), to_q = qm_vec_sub(q, origin);
+    double power = power_for(to_p, to_q);
+    double at_p = qm_vec_dot(across, qm_vec_scale(power, to_p)),
+           at_q = qm_vec_dot(across, qm_vec_scale(power, to_q));
     double span = at_p - at_q, t = span != 0.0 ? at_p / span : 0.5;
     return qm_vec_mix(p, q, qm_clamp(t, 0.0, 1.0));
 }
@@ -45,6 +60,12 @@ static int place_from_signs(const int sign[3])
     if (zeros == 0) return INSIDE;
     if (zeros == 1) return EDGE + last;
     return sign[0] != 0 ? 2 : sign[1] != 0 ? 0 : 1; /* the corner between the two edges */
+}
+
+static qm_vec face_normal(const qm_hull *face)
+{
+    return qm_vec_cross(bring_to_one(qm_vec_sub(face->corner[1], face->corner[0])),
+                        bring_to_one(qm_vec_sub(face->corner[2], face->corner[0])));
 }
 
 /** Where an edge of one hull, not in the plane of the triangle that the other is, goes through it. */
@@ -70,8 +91,7 @@ static void pierce_edge(qm_hull_meeting *m, int edge_hull, int i, const int *sid
     else if (place < EDGE)
         e.point = face->corner[place];
     else
-        e.point = zero_between(p, q, volume(face->corner[0], face->corner[1], face->corner[2], p),
-                               volume(face->corner[0], face->corner[1], face->corner[2], q));
+        e.point = cut_segment(p, q, face->corner[0], face_normal(face));
     add(m, e);
 }
 
@@ -131,10 +151,10 @@ static void add_crossing(qm_hull_meeting *m, int i, int k, int axis)
     qm_vec p = a->corner[i], q = qm_hull_corner(a, i + 1), r = b->corner[k], s = qm_hull_corner(b, k + 1);
     if (turn(p, q, r, axis) * turn(p, q, s, axis) >= 0 || turn(r, s, p, axis) * turn(r, s, q, axis) >= 0)
         return;
-    qm_vec along = qm_vec_sub(s, r), normal = qm_vec_cross(qm_vec_sub(q, p), along);
-    qm_vec across = qm_vec_cross(normal, along);
-    double at_p = qm_vec_dot(across, qm_vec_sub(p, r)), at_q = qm_vec_dot(across, qm_vec_sub(q, r));
-    add(m, (qm_hull_extreme){{EDGE + i, EDGE + k}, zero_between(p, q, at_p, at_q)});
+    qm_vec along = bring_to_one(qm_vec_sub(s, r));
+    qm_vec normal = qm_vec_cross(bring_to_one(qm_vec_sub(q, p)), along);
+    qm_vec across = qm_vec_cross(bring_to_one(normal), along);
+    add(m, (qm_hull_extreme){{EDGE + i, EDGE + k}, cut_segment(p, q, r, across)});
 }
 
 /** An axis to look along at all corners of two hulls in one plane; -1 when they lie on one line. */

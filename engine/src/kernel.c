@@ -9,6 +9,7 @@
     void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
     void qm_closest_patch_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, double error,                   \
                                 qm_patch_hit *hit);                                                          \
+    void qm_closest_ties_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties);                  \
     void qm_fill_float_##isa(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES]);                  \
     double qm_float_upper_##isa(const qm_float_pack *pack, const float *twist, qm_vec p);                    \
     void qm_float_reach_##isa(const qm_float_pack *pack, const float *twist, double allowed,                 \
@@ -17,9 +18,11 @@
     void qm_grid_closest_##isa(const qm_grid *grid, qm_vec p, qm_hit *hit);                                  \
     void qm_grid_closest_patch_##isa(const qm_grid *grid, qm_vec p, uint32_t start, double error,            \
                                      qm_patch_hit *hit);                                                     \
+    void qm_grid_closest_ties_##isa(const qm_grid *grid, qm_vec p, uint32_t start, qm_ties *ties);           \
     void qm_tetra_closest_##isa(const qm_tetra *tetra, qm_vec p, qm_hit *hit);                               \
     void qm_tetra_closest_patch_##isa(const qm_tetra *tetra, qm_vec p, uint32_t start, double error,         \
                                       qm_patch_hit *hit);                                                    \
+    void qm_tetra_closest_ties_##isa(const qm_tetra *tetra, qm_vec p, uint32_t start, qm_ties *ties);        \
     size_t qm_tetra_fit_##isa(qm_tetra *tetra, size_t patch, const uint64_t *changed);                       \
     void qm_gather_##isa(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);           \
     int qm_narrow_##isa(const qm_near_packs *near, const qm_box *box, double reach, int capacity,            \
@@ -62,14 +65,17 @@
         .pack_distances = qm_pack_distances_##isa,                                                           \
         .closest = qm_closest_##isa,                                                                         \
         .closest_patch = qm_closest_patch_##isa,                                                             \
+        .closest_ties = qm_closest_ties_##isa,                                                               \
         .fill_float = qm_fill_float_##isa,                                                                   \
         .float_upper = qm_float_upper_##isa,                                                                 \
         .float_reach = qm_float_reach_##isa,                                                                 \
         .float_closest = qm_float_closest_##isa,                                                             \
         .grid_closest = qm_grid_closest_##isa,                                                               \
         .grid_closest_patch = qm_grid_closest_patch_##isa,                                                   \
+        .grid_closest_ties = qm_grid_closest_ties_##isa,                                                     \
         .tetra_closest = qm_tetra_closest_##isa,                                                             \
         .tetra_closest_patch = qm_tetra_closest_patch_##isa,                                                 \
+        .tetra_closest_ties = qm_tetra_closest_ties_##isa,                                                   \
         .tetra_fit = qm_tetra_fit_##isa,                                                                     \
         .gather = qm_gather_##isa,                                                                           \
         .narrow = qm_narrow_##isa,                                                                           \

@@ -47,6 +47,34 @@ typedef struct qm_patch_hit {
     uint32_t face, pack;
 } qm_patch_hit;
 
+#define QM_TIES 16 /* faces of a list of ties */
+
+/** A face that may be the answer of a projection, with its distance by the same operations whatever was
+ * looked at before. */
+typedef struct qm_tie {
+    double distance;
+    uint32_t face, pack, lane;
+} qm_tie;
+
+/**
+ * The faces at most tau farther than the nearest, of which the lowest index is the answer. A face is left out
+ * for one of a lower index that is no farther: wherever the nearest turns out to be, that one wins. So there
+ * are few however many faces tie, and where there are too many all the same, a second search with is_settled
+ * set and the least distance known keeps the lowest index alone.
+ */
+typedef struct qm_ties {
+    double error; /* of the distances to patches, certified; 0: faces are read as triangles */
+    double tau;
+    double margin;    /* by which a lower bound of a distance may exceed the distance computed */
+    double least;     /* of the distances so far */
+    double reach;     /* least + tau: nothing beyond can be the answer */
+    double reach2;    /* its square, rounded up */
+    bool is_settled;  /* least is the least of all */
+    bool is_overfull; /* a face found no place */
+    int count;
+    qm_tie tie[QM_TIES];
+} qm_ties;
+
 /** Packs near a part of the source, with their boxes. */
 typedef struct qm_near_packs {
     int count;
@@ -76,6 +104,7 @@ typedef enum qm_float_verdict { QM_FLOAT_OPEN, QM_FLOAT_COVERED, QM_FLOAT_TOO_CO
  */
 typedef struct qm_polygon {
     int count;
+    int cuts_left; /* cuts that its rounding budget has room for, see rounding.h */
     qm_vec corner[QM_COVER_CORNERS];
     uint64_t in_reach[QM_COVER_CORNERS];
 } qm_polygon;
@@ -114,6 +143,9 @@ typedef struct qm_kernel {
      */
     void (*closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit);
 
+    /** Finds the faces that tie; start is a first guess of a pack. */
+    void (*closest_ties)(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties);
+
     /** Makes a float pack whose middle is set, from corners relative to it: corner[i][axis][lane]. */
     void (*fill_float)(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES]);
 
@@ -131,15 +163,17 @@ typedef struct qm_kernel {
      */
     void (*float_closest)(const qm_bvh *bvh, qm_vec p, double enough, qm_float_hit *hit);
 
-    /** The same two searches in a grid over the tree. */
+    /** The same three searches in a grid over the tree. */
     void (*grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit);
     void (*grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start, double error,
                                qm_patch_hit *hit);
+    void (*grid_closest_ties)(const qm_grid *grid, qm_vec p, uint32_t start, qm_ties *ties);
 
-    /** The same two searches by offset tetrahedra over the tree. */
+    /** The same three searches by offset tetrahedra over the tree. */
     void (*tetra_closest)(const qm_tetra *tetra, qm_vec p, qm_hit *hit);
     void (*tetra_closest_patch)(const qm_tetra *tetra, qm_vec p, uint32_t start, double error,
                                 qm_patch_hit *hit);
+    void (*tetra_closest_ties)(const qm_tetra *tetra, qm_vec p, uint32_t start, qm_ties *ties);
 
     /**
      * Finds the radii of a patch's nodes, and its box, from where the vertices are now. changed has a bit for

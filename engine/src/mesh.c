@@ -35,13 +35,45 @@ static qm_box box_of_vertices(const qm_mesh *mesh)
     return box;
 }
 
-qm_box qm_mesh_bounding_box(const qm_mesh *mesh)
+enum { SIDES = 6 };
+
+/** A vertex on each side of the box of all. */
+static void find_side_vertices(const qm_mesh *mesh, const qm_box *box, uint32_t side[SIDES])
 {
-    if (mesh->face_count == 0) return box_of_vertices(mesh);
+    for (size_t i = 0; i < mesh->vertex_count; ++i)
+        for (int axis = 0; axis < 3; ++axis) {
+            const double coordinate = mesh->positions[3 * i + (size_t)axis];
+            if (coordinate == box->min[axis]) side[axis] = (uint32_t)i;
+            if (coordinate == box->max[axis]) side[3 + axis] = (uint32_t)i;
+        }
+}
+
+/** True when faces use all these vertices: no branches, many corners at a time. */
+static bool are_used(const qm_mesh *mesh, const uint32_t side[SIDES])
+{
+    uint32_t found[SIDES] = {0};
+    for (size_t i = 0; i < 4 * mesh->face_count; ++i)
+        for (int k = 0; k < SIDES; ++k)
+            found[k] |= mesh->faces[i] == side[k];
+    return (found[0] & found[1] & found[2] & found[3] & found[4] & found[5]) != 0;
+}
+
+static qm_box box_of_faces(const qm_mesh *mesh)
+{
     qm_box box = box_empty();
     for (size_t i = 0; i < 4 * mesh->face_count; ++i)
         if (mesh->faces[i] != QM_NO_INDEX) box_add(&box, mesh->positions + 3 * (size_t)mesh->faces[i]);
     return box;
+}
+
+/** Mostly the box of all vertices, which is read in order, is the one that faces span. */
+qm_box qm_mesh_bounding_box(const qm_mesh *mesh)
+{
+    const qm_box box = box_of_vertices(mesh);
+    if (mesh->face_count == 0) return box;
+    uint32_t side[SIDES] = {0};
+    find_side_vertices(mesh, &box, side);
+    return are_used(mesh, side) ? box : box_of_faces(mesh);
 }
 
 double qm_box_diagonal(const qm_box *box)

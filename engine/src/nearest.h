@@ -29,4 +29,15 @@ static inline void qm_nearest_patch(const qm_kernel *kernel, const qm_locator *l
         kernel->closest_patch(locator->bvh, p, start, error, hit);
 }
 
+static inline void qm_nearest_ties(const qm_kernel *kernel, const qm_locator *locator, qm_vec p,
+                                   uint32_t start, qm_ties *ties)
+{
+    if (locator->grid)
+        kernel->grid_closest_ties(locator->grid, p, start, ties);
+    else if (locator->tetra)
+        kernel->tetra_closest_ties(locator->tetra, p, start, ties);
+    else
+        kernel->closest_ties(locator->bvh, p, start, ties);
+}
+
 #endif

@@ -7,7 +7,13 @@
 
 #include "patch_patch.h"
 
-/** More than all rounding does to the distance of two parts, with coordinates up to QM_FACE_REACH. */
+/**
+ * More than all rounding does to the distance of two parts, with coordinates up to QM_FACE_REACH = 8: 8192 u
+ * with u = 2^-53. That of two triangles is QM_FACE_REACH times QM_TRI_DISTANCE_ERROR: 2048 u. A cut puts
+ * corners at middles, off by 12 u along each axis at most and never beyond the corners they lie between, so
+ * by no more than the part's size either: over any number of cuts 12 u * 56 for the first 56 levels and 16 u
+ * for all others, sqrt(3) times that for a corner, 1200 u for each of two parts.
+ */
 #define QM_PART_ERROR (4.0 * QM_FACE_REACH * 0x1p-45)
 
 typedef struct qm_part {

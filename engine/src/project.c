@@ -5,14 +5,13 @@
 #include "qm/project.h"
 
 #include "hilbert.h"
-#include "nearest.h"
+#include "nearest_face.h"
 #include "radix.h"
 #include "surface.h"
 
-#define PATCH_ERROR 1e-13 /* certified error of patch distances, local lengths */
-#define BLOCK 1024        /* points between two looks at the cancel flag */
-#define MIN_ORDERED 256   /* points that make it worth to sort them */
-#define AHEAD 16          /* points ahead of the one at hand that are fetched: the order jumps about */
+#define BLOCK 1024      /* points between two looks at the cancel flag */
+#define MIN_ORDERED 256 /* points that make it worth to sort them */
+#define AHEAD 16        /* points ahead of the one at hand that are fetched: the order jumps about */
 
 typedef struct point_batch {
     qm_context *ctx;
@@ -40,23 +39,13 @@ static void project_one(const point_batch *batch, const qm_kernel *kernel, size_
 {
     const qm_bvh *bvh = batch->locator->bvh;
     qm_vec p = qm_frame_local(&bvh->frame, batch->points + 3 * i);
-    qm_hit hit = {.d2 = INFINITY, .pack = *hint};
-    qm_nearest_triangle(kernel, batch->locator, p, &hit);
-    *hint = hit.pack;
-    double distance = sqrt(hit.d2);
-    qm_surface_point foot;
-    bool needs_face = batch->out->position || batch->out->uv;
-    if (batch->reading == QM_QUADS_BILINEAR && bvh->twist) {
-        qm_patch_hit patch;
-        qm_nearest_patch(kernel, batch->locator, p, hit.pack, PATCH_ERROR, &patch);
-        distance = patch.distance;
-        foot.face = patch.face;
-        if (needs_face) foot = qm_surface_face_foot(bvh, batch->reading, patch.face, p, PATCH_ERROR);
-    } else {
-        foot.face = bvh->lanes[hit.pack].face[hit.lane];
-        if (needs_face) foot = qm_surface_triangle_foot(bvh, hit.pack, hit.lane, p);
-    }
-    write_foot(batch->out, i, distance * bvh->frame.inverse_scale, &foot);
+    qm_tie found = qm_nearest_face(kernel, batch->locator, batch->reading, p, hint);
+    qm_surface_point foot = {.face = found.face};
+    if (batch->out->position || batch->out->uv)
+        foot = batch->reading == QM_QUADS_BILINEAR && bvh->twist
+                   ? qm_surface_face_foot(bvh, batch->reading, found.face, p, qm_patch_error(p))
+                   : qm_surface_triangle_foot(bvh, found.pack, found.lane, p);
+    write_foot(batch->out, i, found.distance * bvh->frame.inverse_scale, &foot);
 }
 
 /** Fetches a point that comes soon, and what it will be answered in. Inline by force: GCC takes a function
@@ -88,12 +77,22 @@ static void project_range(void *data, int worker)
     }
 }
 
-static qm_status check_point(qm_context *ctx, const double *p, qm_vec local, size_t row)
+static double greatest(qm_vec a)
 {
+    return fmax(fabs(a.x), fmax(fabs(a.y), fabs(a.z)));
+}
+
+static qm_status check_point(qm_context *ctx, const qm_frame *frame, const double *p, size_t row)
+{
+    double origin = greatest(frame->origin), most = greatest(qm_frame_local(frame, p));
     if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]))
         return qm_context_fail(ctx, QM_E_NOT_FINITE, "point %zu has a coordinate that is not finite", row);
-    if (!(fmax(fabs(local.x), fmax(fabs(local.y), fabs(local.z))) <= QM_MAX_SCALE_RATIO))
+    if (!(most <= QM_MAX_SCALE_RATIO))
         return qm_context_fail(ctx, QM_E_SCALE, "point %zu lies farther than 2^300 sizes from the mesh", row);
+    /* Distances are below 2 (most + 1), positions within 1 of the origin along each axis and their roundings.
+     */
+    if (!isfinite(origin + 2.0 * (most + 1.0) * frame->inverse_scale))
+        return qm_context_fail(ctx, QM_E_SCALE, "distances from point %zu overflow double precision", row);
     return QM_OK;
 }
 
@@ -102,7 +101,7 @@ qm_status qm_project_check(qm_context *ctx, const qm_bvh *bvh, const double *poi
 {
     qm_status status = QM_OK;
     for (size_t i = 0; status == QM_OK && i < point_count; i++)
-        status = check_point(ctx, points + 3 * i, qm_frame_local(&bvh->frame, points + 3 * i), first + i);
+        status = check_point(ctx, &bvh->frame, points + 3 * i, first + i);
     return status;
 }
 

@@ -23,18 +23,22 @@ static void set_edge(double weight[3], int i, double t)
     weight[(i + 2) % 3] = 0.0;
 }
 
-/** Edges i of a and k of b where both are nearest inside; else a corner is as near. */
+/**
+ * Edges i of a and k of b where both are nearest inside; else a corner is as near. With h the angle of the
+ * edges the place on a is off by some u / h, since the cross product is; the foot of that place on b is then
+ * off by as much along b, so that the two stay opposite each other and their distance grows by h times u / h.
+ * (Two places found each by itself would be off by u / h from each other.)
+ */
 static void try_edges(const qm_vec a[3], int i, const qm_vec b[3], int k, qm_tri_gap *gap)
 {
     qm_vec u = qm_vec_sub(a[(i + 1) % 3], a[i]), v = qm_vec_sub(b[(k + 1) % 3], b[k]);
     qm_vec n = qm_vec_cross(u, v), r = qm_vec_sub(b[k], a[i]);
-    double size = qm_vec_norm2(n);
+    double size = qm_vec_norm2(n), length2 = qm_vec_norm2(v);
     if (!(size > 0.0)) return;
-    double s = qm_vec_dot(qm_vec_cross(r, v), n) / size, t = qm_vec_dot(qm_vec_cross(r, u), n) / size;
-    s = qm_clamp(s, 0.0, 1.0);
-    t = qm_clamp(t, 0.0, 1.0);
-    qm_vec between = qm_vec_sub(qm_vec_axpy(r, t, v), qm_vec_scale(s, u));
-    double distance = qm_vec_norm(between);
+    double s = qm_clamp(qm_vec_dot(qm_vec_cross(r, v), n) / size, 0.0, 1.0);
+    qm_vec from_b = qm_vec_sub(qm_vec_scale(s, u), r);
+    double t = qm_clamp(qm_vec_dot(from_b, v) / length2, 0.0, 1.0);
+    double distance = qm_vec_norm(qm_vec_axpy(from_b, -t, v));
     if (!(distance < gap->distance)) return;
     gap->distance = distance;
     set_edge(gap->weight[0], i, s);

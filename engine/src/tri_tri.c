@@ -43,6 +43,13 @@ bool qm_tri_tri_meet(const qm_vec a[3], const qm_vec b[3])
     return qm_hulls_meet(&hull_a, &hull_b);
 }
 
+/** Without squares that overflow or vanish. */
+static double length_between(qm_vec a, qm_vec b)
+{
+    qm_vec way = qm_vec_sub(a, b);
+    return hypot(hypot(way.x, way.y), way.z);
+}
+
 static qm_contact contact_from(const qm_hull_meeting *m)
 {
     static const qm_contact_kind kinds[] = {QM_CONTACT_POINT, QM_CONTACT_SEGMENT};
@@ -50,7 +57,7 @@ static qm_contact contact_from(const qm_hull_meeting *m)
     double longest = -1.0;
     for (int i = 0; i < m->count; i++) {
         for (int k = m->count == 1 ? i : i + 1; k < m->count; k++) {
-            double length = qm_vec_distance(m->extreme[i].point, m->extreme[k].point);
+            double length = length_between(m->extreme[i].point, m->extreme[k].point);
             if (!(length > longest)) continue;
             longest = length;
             qm_vec_store(contact.point[0], m->extreme[i].point);

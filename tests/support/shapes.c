@@ -237,6 +237,20 @@ qm_mesh qm_shape_soup(qm_random *random, size_t face_count, qm_soup_corners corn
     return mesh;
 }
 
+qm_mesh qm_shape_reversed(const qm_mesh *mesh)
+{
+    qm_mesh reversed = qm_shape_copy(mesh);
+    size_t count = mesh->face_count > 0 ? mesh->face_count : mesh->vertex_count;
+    for (size_t i = 0; i < count; i++) {
+        if (mesh->face_count > 0)
+            memcpy(reversed.faces + 4 * i, mesh->faces + 4 * (count - 1 - i), 4 * sizeof *mesh->faces);
+        else
+            memcpy(reversed.positions + 3 * i, mesh->positions + 3 * (count - 1 - i),
+                   3 * sizeof *mesh->positions);
+    }
+    return reversed;
+}
+
 qm_mesh qm_shape_copy(const qm_mesh *mesh)
 {
     qm_mesh copy = qm_shape_make(mesh->vertex_count, mesh->face_count);

@@ -74,6 +74,9 @@ qm_mesh qm_shape_soup(qm_random *random, size_t face_count, qm_soup_corners corn
 
 qm_mesh qm_shape_copy(const qm_mesh *mesh);
 
+/** The same surface from other arrays: the faces, or the points of a set, in reverse order. */
+qm_mesh qm_shape_reversed(const qm_mesh *mesh);
+
 /** Every quad cut into its two triangles. */
 qm_mesh qm_shape_triangulated(const qm_mesh *mesh);
 

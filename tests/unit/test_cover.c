@@ -83,7 +83,7 @@ static bool cover_in_doubles(const trial *t, qm_random *random)
         double rest = t->allowed - (double)t->twist[i];
         candidates.allowed2[0][i] = rest >= 0.0 ? rest * rest : -1.0;
     }
-    qm_polygon polygon = {.count = 3, .corner = {t->corner[0], t->corner[1], t->corner[2]}};
+    qm_polygon polygon = {.count = 3, .cuts_left = 48, .corner = {t->corner[0], t->corner[1], t->corner[2]}};
     for (int i = 0; i < 3; i++)
         polygon.in_reach[i] = t->kernel->in_reach(&candidates, polygon.corner[i]);
     bool moved = false, is_covered = t->kernel->cover(&candidates, &polygon, &moved);
@@ -95,7 +95,7 @@ static bool cover_in_floats(const trial *t, qm_random *random)
 {
     qm_float_pack rows;
     t->kernel->shortlist_floats(t->tree, &t->list, &rows);
-    qm_polygon polygon = {.count = 3, .corner = {t->corner[0], t->corner[1], t->corner[2]}};
+    qm_polygon polygon = {.count = 3, .cuts_left = 48, .corner = {t->corner[0], t->corner[1], t->corner[2]}};
     bool moved = false;
     qm_float_verdict verdict = t->kernel->float_cover(&rows, t->twist, t->allowed, &polygon, &moved);
     check_rest(t, verdict == QM_FLOAT_COVERED, &polygon, "float", random);
@@ -164,7 +164,7 @@ static void tiny_distances_are_too_coarse(void **state)
         qm_shortlist list = {.pack = {0}, .lane = {0, 1, 2, 3, 4, 5, 6, 7}};
         qm_float_pack rows;
         (*kernel)->shortlist_floats(tree, &list, &rows);
-        qm_polygon polygon = {.count = 3, .corner = {corner[0], corner[1], corner[2]}};
+        qm_polygon polygon = {.count = 3, .cuts_left = 48, .corner = {corner[0], corner[1], corner[2]}};
         bool moved = false;
         assert_int_equal((*kernel)->float_cover(&rows, NULL, 1e-9, &polygon, &moved), QM_FLOAT_TOO_COARSE);
         assert_int_equal((*kernel)->float_cover(&rows, NULL, 1e3, &polygon, &moved), QM_FLOAT_COVERED);

@@ -140,15 +140,59 @@ static void a_mesh_is_at_distance_zero_from_itself(void **state)
                         qm_shape_soup(&random, 30, QM_SOUP_MIXED, QM_SOUP_POOLED, 2),
                         qm_shape_soup(&random, 30, QM_SOUP_MIXED, QM_SOUP_APART, 2)};
     for (size_t k = 0; k < sizeof meshes / sizeof *meshes; ++k) {
+        qm_mesh same = qm_shape_reversed(&meshes[k]);
         for (int reading = 0; reading < 2; ++reading)
             for (int d = 0; d < 3; ++d) {
                 qm_hausdorff_result r =
-                    measure(&meshes[k], &meshes[k], directions[d], (qm_quad_reading)reading, 1e-6);
+                    measure(&meshes[k], &same, directions[d], (qm_quad_reading)reading, 1e-6);
                 QM_CHECK(r.lower <= 1e-15 && r.upper <= 1e-6 && r.stop == QM_STOP_CONVERGED,
                          "mesh %zu, reading %d: [%g, %g]", k, reading, r.lower, r.upper);
             }
+        qm_shape_free(&same);
         qm_shape_free(&meshes[k]);
     }
+}
+
+/** As two copies of the same arrays, without a search; and one bit away, with one. */
+static void equal_arrays_are_seen_at_once(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 0);
+    qm_mesh meshes[] = {qm_shape_torus(24, 12, 1, 0.4), qm_shape_points(&random, 50)};
+    for (size_t k = 0; k < sizeof meshes / sizeof *meshes; ++k) {
+        qm_mesh same = qm_shape_copy(&meshes[k]), near = qm_shape_copy(&meshes[k]);
+        double *last = near.positions + 3 * near.vertex_count - 1;
+        *last = nextafter(*last, INFINITY);
+        for (int reading = 0; reading < 2; ++reading) {
+            for (int d = 0; d < 3; ++d) {
+                qm_hausdorff_options options = options_of(directions[d], (qm_quad_reading)reading, 1e-9);
+                options.threshold = 0.0;
+                qm_hausdorff_result r = qm_measured(&meshes[k], &same, &options);
+                assert_true(r.lower == 0.0 && r.upper == 0.0 && r.stop == QM_STOP_CONVERGED);
+                assert_int_equal(r.iterations + r.projections, 0);
+                assert_int_equal(r.verdict, -1);
+                assert_int_equal(r.from_side, directions[d] == QM_B_TO_A);
+                assert_true(r.has_witness);
+                uint32_t face = r.from.face;
+                uint32_t vertex = same.face_count > 0 ? same.faces[4 * face] : face;
+                assert_memory_equal(r.from.position, same.positions + 3 * vertex, sizeof r.from.position);
+                assert_memory_equal(&r.to, &r.from, sizeof r.to);
+                r = measure(&meshes[k], &near, directions[d], (qm_quad_reading)reading, 1e-9);
+                assert_true(r.projections > 0 && r.upper > 0.0);
+            }
+        }
+        qm_shape_free(&near);
+        qm_shape_free(&same);
+        qm_shape_free(&meshes[k]);
+    }
+    /* The same vertices between other corners are another surface: the square's other diagonal is bent. */
+    static const double corners[][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 1}, {0, 1, 0}};
+    qm_mesh bent = qm_shape_face(4, corners), turned = qm_shape_copy(&bent);
+    for (uint32_t c = 0; c < 4; ++c)
+        turned.faces[c] = (c + 1) % 4;
+    assert_true(measure(&bent, &turned, QM_TWO_SIDED, QM_QUADS_TRIANGLES, 1e-9).lower > 0.1);
+    qm_shape_free(&turned);
+    qm_shape_free(&bent);
 }
 
 static void moved_twisted_quads_are_at_most_their_move_apart(void **state)
@@ -318,6 +362,51 @@ static void limits_leave_a_bracket_that_holds(void **state)
     qm_shape_free(&b);
 }
 
+/** The bilinear patch of a concave quad, which folds over, cut in n x n quads. */
+static qm_mesh cut_dart(uint32_t n)
+{
+    static const double corner[4][3] = {{0, 0, 0}, {1, 0, 0.1}, {0.25, 0.25, 0}, {0, 1, -0.1}};
+    qm_mesh mesh = qm_shape_make((n + 1) * (n + 1), n * n);
+    for (uint32_t j = 0; j <= n; j++)
+        for (uint32_t i = 0; i <= n; i++)
+            for (int k = 0; k < 3; k++) {
+                double s = (double)i / n, t = (double)j / n;
+                mesh.positions[3 * (j * (n + 1) + i) + (uint32_t)k] =
+                    (1 - s) * (1 - t) * corner[0][k] + s * (1 - t) * corner[1][k] + s * t * corner[2][k] +
+                    (1 - s) * t * corner[3][k];
+            }
+    for (uint32_t j = 0; j < n; j++)
+        for (uint32_t i = 0; i < n; i++) {
+            uint32_t first = j * (n + 1) + i, *face = mesh.faces + 4 * (j * n + i);
+            const uint32_t index[4] = {first, first + 1, first + n + 2, first + n + 1};
+            for (int k = 0; k < 4; k++)
+                face[k] = index[k];
+        }
+    return mesh;
+}
+
+/** One folded surface in two grids: its distance is 0, and to prove that along the fold takes very many
+ * parts. */
+static void folds_of_other_grids_end_at_a_bound_of_parts_and_memory(void **state)
+{
+    (void)state;
+    qm_mesh a = cut_dart(2), b = cut_dart(3);
+    const size_t lanes = 2 * (4 + 9), packs = 2 * lanes / 8;
+    for (int limit = 0; limit < 2; limit++) {
+        qm_hausdorff_options options = options_of(QM_A_TO_B, QM_QUADS_BILINEAR, 1e-12);
+        options.work_limit = 0;
+        options.memory_limit = limit ? 65536 : 0;
+        qm_hausdorff_result r = qm_measured(&a, &b, &options);
+        assert_int_equal(r.stop, limit ? QM_STOP_MEMORY : QM_STOP_WORK);
+        QM_CHECK(r.lower <= 1e-15 && r.upper > 1e-12 && r.upper < 0.1, "[%g, %g]", r.lower, r.upper);
+        /* Limits are looked at every so many entries, and an entry has a visit's worth of parts. */
+        QM_CHECK(r.iterations <= QM_HAUSDORFF_BASE_WORK + QM_HAUSDORFF_FACE_WORK * 8 * packs + 2048,
+                 "%llu parts", (unsigned long long)r.iterations);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 static void tolerances_below_precision_are_said_to_be_so(void **state)
 {
     (void)state;
@@ -424,6 +513,40 @@ static void a_raised_flag_ends_the_search_with_its_bracket(void **state)
     qm_shape_free(&b);
 }
 
+/** Before the first sample, among samples, groups, packs and parts. */
+static void a_search_that_ends_anywhere_has_a_bracket_that_holds(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_sphere(0), b = qm_shape_sphere(M_PI / 100);
+    double distance = 1 - cos(M_PI / 100);
+    atomic_bool cancel = true;
+    qm_context ctx = qm_context_make();
+    qm_bvh *tree_a, *tree_b;
+    assert_int_equal(qm_bvh_build(&ctx, &a, QM_BVH_ALL, 1, &tree_a), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, &b, QM_BVH_ALL, 1, &tree_b), QM_OK);
+    for (int direction = QM_TWO_SIDED; direction <= QM_B_TO_A; ++direction)
+        for (int reading = 0; reading < 2; ++reading)
+            for (uint64_t limit = 0; limit < 400; limit += 7) {
+                watch w = {.distance = distance, .valid = true};
+                qm_hausdorff_options options =
+                    options_of((qm_direction)direction, (qm_quad_reading)reading, 1e-12);
+                options.progress = look;
+                options.progress_user = &w;
+                options.work_limit = limit;
+                ctx.cancel = limit == 0 ? &cancel : NULL;
+                qm_hausdorff_result r;
+                assert_int_equal(qm_hausdorff_measure(&ctx, tree_a, tree_b, &options, &r), QM_OK);
+                QM_CHECK(r.lower <= distance + 1e-15 && r.upper >= distance - 1e-15 && w.valid,
+                         "direction %d, reading %d, limit %llu: [%.17g, %.17g]", direction, reading,
+                         (unsigned long long)limit, r.lower, r.upper);
+                if (limit == 0) assert_int_equal(r.stop, QM_STOP_CANCELED);
+            }
+    qm_bvh_destroy(&ctx, tree_a);
+    qm_bvh_destroy(&ctx, tree_b);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 static void bad_options_are_refused_in_words(void **state)
 {
     (void)state;
@@ -483,6 +606,7 @@ int main(void)
         cmocka_unit_test(moved_cubes_are_their_move_apart),
         cmocka_unit_test(saddles_are_one_surface_in_the_bilinear_reading),
         cmocka_unit_test(a_mesh_is_at_distance_zero_from_itself),
+        cmocka_unit_test(equal_arrays_are_seen_at_once),
         cmocka_unit_test(moved_twisted_quads_are_at_most_their_move_apart),
         cmocka_unit_test(single_facets_and_points_have_their_school_distances),
         cmocka_unit_test(point_sets_match_the_plain_loop),
@@ -490,10 +614,12 @@ int main(void)
         cmocka_unit_test(unused_vertices_do_not_matter),
         cmocka_unit_test(thresholds_give_a_verdict),
         cmocka_unit_test(limits_leave_a_bracket_that_holds),
+        cmocka_unit_test(folds_of_other_grids_end_at_a_bound_of_parts_and_memory),
         cmocka_unit_test(tolerances_below_precision_are_said_to_be_so),
         cmocka_unit_test(progress_only_ever_tightens),
         cmocka_unit_test(no_worker_waits_for_another),
         cmocka_unit_test(a_raised_flag_ends_the_search_with_its_bracket),
+        cmocka_unit_test(a_search_that_ends_anywhere_has_a_bracket_that_holds),
         cmocka_unit_test(bad_options_are_refused_in_words),
         cmocka_unit_test(running_out_of_memory_is_a_status_and_leaks_nothing),
     };

@@ -8,6 +8,7 @@
 #include "random.h"
 #include "shapes.h"
 #include "slow_twin.h"
+#include "wide_farthest.h"
 
 #include <math.h>
 #include <string.h>
@@ -129,7 +130,7 @@ static void coplanar_and_identical_meshes(void **state)
     for (uint64_t seed = 0; seed < 6; ++seed) {
         qm_random random = qm_random_make(qm_check_seed(), 100 + seed);
         qm_soup_style style = seed % 2 ? QM_SOUP_LATTICE : QM_SOUP_COPLANAR;
-        qm_mesh a = qm_shape_soup(&random, 5, QM_SOUP_MIXED, style, 0), same = qm_shape_copy(&a);
+        qm_mesh a = qm_shape_soup(&random, 5, QM_SOUP_MIXED, style, 0), same = qm_shape_reversed(&a);
         qm_mesh b = qm_shape_soup(&random, 4, QM_SOUP_MIXED, style, 0);
         face_known("the same", &a, &same, 0, 0);
         face_pair("coplanar or on a lattice", &a, &b);
@@ -457,6 +458,42 @@ static void closed_against_open(void **state)
     qm_shape_free(&cut);
 }
 
+/**
+ * Quads and copies of them that are off by next to nothing: the farthest points lie as near to an edge as the
+ * copies to each other, where a line leaves the reach of a triangle by so little that roots of cancelled
+ * terms miss it.
+ */
+static void nearly_coincident_copies(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < (qm_check_long() ? 5000u : 500u); seed++) {
+        qm_random random = qm_random_make(qm_check_seed(), 700 + seed);
+        double noise = pow(10, qm_random_range(&random, -12, -7));
+        qm_mesh a = qm_shape_soup(&random, 1, QM_SOUP_QUADS, QM_SOUP_POOLED, 0), b = qm_shape_copy(&a);
+        qm_shape_shake(&b, &random, noise);
+        qm_wide_frame frame = qm_wide_frame_make(&a, &b);
+        qm_wide_surface from = qm_wide_surface_make(&frame, &a, QM_QUADS_TRIANGLES);
+        qm_wide_surface to = qm_wide_surface_make(&frame, &b, QM_QUADS_TRIANGLES);
+        qm_wide_maximum known = qm_wide_farthest(&from, &to, 0x1p-54L, 2000);
+        double low = (double)(known.lower / frame.scale), high = (double)(known.upper / frame.scale);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.direction = QM_A_TO_B;
+        options.work_limit = 4000;
+        for (int bounds = 0; bounds < 2; bounds++) {
+            options.bounds = (qm_bounds)bounds;
+            options.tolerance = fmax(1e-2 * noise, 1e-13);
+            qm_hausdorff_result r = qm_measured(&a, &b, &options);
+            QM_CHECK(r.lower <= high && r.upper >= low,
+                     "seed %llu, noise %g, bounds %d: [%.17g, %.17g], true in [%.17g, %.17g]",
+                     (unsigned long long)seed, noise, bounds, r.lower, r.upper, low, high);
+        }
+        qm_wide_surface_free(&from);
+        qm_wide_surface_free(&to);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -474,6 +511,7 @@ int main(void)
         cmocka_unit_test(meshes_far_apart),
         cmocka_unit_test(ties_everywhere),
         cmocka_unit_test(closed_against_open),
+        cmocka_unit_test(nearly_coincident_copies),
     };
     print_message("seed %llu\n", (unsigned long long)qm_check_seed());
     return cmocka_run_group_tests(tests, NULL, NULL);

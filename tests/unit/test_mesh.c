@@ -5,6 +5,7 @@
 
 #include "check.h"
 #include "qm/mesh.h"
+#include "random.h"
 
 static qm_status validate(double *positions, size_t vertex_count, uint32_t *faces, size_t face_count,
                           const char *words)
@@ -64,6 +65,37 @@ static void box_holds_what_faces_use(void **state)
     assert_memory_equal(&box, &all, sizeof box);
 }
 
+enum { VERTICES = 12, FACES = 9, MESHES = 3000 };
+
+/** Few places, so that many vertices lie on the same side of the box; and few of them are used. */
+static void box_is_that_of_each_corner(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 0);
+    for (int round = 0; round < MESHES; ++round) {
+        double positions[3 * VERTICES];
+        uint32_t faces[4 * FACES];
+        for (int i = 0; i < 3 * VERTICES; ++i)
+            positions[i] = (double)qm_random_below(&random, 7) - 3.5;
+        size_t face_count = 1 + qm_random_below(&random, FACES),
+               used = 3 + qm_random_below(&random, VERTICES - 2);
+        for (size_t i = 0; i < 4 * face_count; ++i)
+            faces[i] = i % 4 == 3 && qm_random_below(&random, 2) ? QM_NO_INDEX
+                                                                 : (uint32_t)qm_random_below(&random, used);
+        qm_box slow = {{9, 9, 9}, {-9, -9, -9}};
+        for (size_t i = 0; i < 4 * face_count; ++i)
+            for (int axis = 0; axis < 3 && faces[i] != QM_NO_INDEX; ++axis) {
+                slow.min[axis] = fmin(slow.min[axis], positions[3 * faces[i] + (uint32_t)axis]);
+                slow.max[axis] = fmax(slow.max[axis], positions[3 * faces[i] + (uint32_t)axis]);
+            }
+        qm_mesh mesh = {
+            .positions = positions, .vertex_count = VERTICES, .faces = faces, .face_count = face_count};
+        qm_box box = qm_mesh_bounding_box(&mesh);
+        QM_CHECK(memcmp(&box, &slow, sizeof box) == 0, "mesh %d, seed %llu", round,
+                 (unsigned long long)qm_check_seed());
+    }
+}
+
 static void diagonal_keeps_its_digits_at_every_scale(void **state)
 {
     (void)state;
@@ -99,6 +131,7 @@ int main(void)
         cmocka_unit_test(faults_are_named),
         cmocka_unit_test(span_must_not_overflow),
         cmocka_unit_test(box_holds_what_faces_use),
+        cmocka_unit_test(box_is_that_of_each_corner),
         cmocka_unit_test(diagonal_keeps_its_digits_at_every_scale),
         cmocka_unit_test(reset_leaves_nothing),
     };

@@ -159,25 +159,44 @@ static void moved_and_scaled_meshes_match_brute_force(void **state)
     }
 }
 
-static void far_points_are_exact_to_the_same_share(void **state)
+/** Longest side of the box of a mesh. */
+static double longest_side(const qm_mesh *mesh)
+{
+    qm_box box = qm_mesh_bounding_box(mesh);
+    return fmax(box.max[0] - box.min[0], fmax(box.max[1] - box.min[1], box.max[2] - box.min[2]));
+}
+
+/** The errors that project.h promises, for points from a hundredth to 1e13 sizes away. */
+static void errors_are_those_promised_however_far_the_points(void **state)
 {
     (void)state;
-    qm_mesh mesh = qm_shape_torus(20, 10, 1, 0.4);
-    for (int power = 1; power <= 12; ++power) {
-        qm_random random = qm_random_make(qm_check_seed(), (uint64_t)power);
-        first_batch.count = 10;
+    for (int power = -2; power <= 13; ++power) {
+        qm_random random = qm_random_make(qm_check_seed(), (uint64_t)(power + 2));
+        qm_mesh mesh = power % 2 ? qm_shape_torus(12, 8, 1, 0.4)
+                                 : qm_shape_soup(&random, 30, QM_SOUP_MIXED, QM_SOUP_APART, 0.5);
+        double side = longest_side(&mesh);
+        first_batch.count = 12;
         for (size_t i = 0; i < first_batch.count; ++i) {
+            double scale = pow(10, power) * qm_random_range(&random, 0.3, 3);
             qm_random_direction(&random, first_batch.points + 3 * i);
             for (int k = 0; k < 3; ++k)
-                first_batch.points[3 * i + (size_t)k] *= pow(10, power);
+                first_batch.points[3 * i + (size_t)k] *= scale;
         }
         for (int reading = 0; reading < 2; ++reading) {
             project(&first_batch, &mesh, (qm_quad_reading)reading, 1);
-            for (size_t i = 0; i < first_batch.count; ++i)
-                check_answer(&first_batch, i, &mesh, (qm_quad_reading)reading, "far", (uint64_t)power);
+            for (size_t i = 0; i < first_batch.count; ++i) {
+                const double *p = first_batch.points + 3 * i, told = first_batch.distance[i];
+                qm_slow_bracket slow = qm_slow_distance(&mesh, (qm_quad_reading)reading, p, 1e-14 * side);
+                double error =
+                    reading ? 3.5e-13 * side + 2.5e-14 * slow.upper : 1.5e-13 * side + 2e-14 * slow.upper;
+                QM_CHECK(told >= slow.lower - error && told <= slow.upper + error,
+                         "1e%d, reading %d, point %zu: %.17g, true [%.17g, %.17g]", power, reading, i, told,
+                         slow.lower, slow.upper);
+                check_answer(&first_batch, i, &mesh, (qm_quad_reading)reading, "far", (uint64_t)(power + 2));
+            }
         }
+        qm_shape_free(&mesh);
     }
-    qm_shape_free(&mesh);
 }
 
 static void equally_near_faces_give_the_lowest_index(void **state)
@@ -355,6 +374,70 @@ static void points_that_are_not_finite_are_named(void **state)
     qm_shape_free(&box);
 }
 
+/** Meshes of any size: errors are counted from a size of 2^-1000 on, and what would not be a number is told.
+ */
+static void meshes_of_any_size_are_answered_or_refused(void **state)
+{
+    (void)state;
+    static const double sizes[] = {1e-290, 0x1p-1000, 1e-305, 1e-310, 1e-320, 1e89, 0x1p298, 1e300, 1e307};
+    for (size_t k = 0; k < sizeof sizes / sizeof *sizes; ++k) {
+        qm_random random = qm_random_make(qm_check_seed(), k);
+        qm_mesh mesh = qm_shape_soup(&random, 12, QM_SOUP_MIXED, QM_SOUP_APART, 0.5);
+        const double none[3] = {0};
+        draw_points(&first_batch, &random, &mesh, 12);
+        qm_shape_move(&mesh, sizes[k], none);
+        for (size_t i = 0; i < 3 * first_batch.count; ++i)
+            first_batch.points[i] *= sizes[k];
+        double side = fmax(longest_side(&mesh), 0x1p-1000);
+        for (int reading = 0; reading < 2; ++reading) {
+            project(&first_batch, &mesh, (qm_quad_reading)reading, 1);
+            for (size_t i = 0; i < first_batch.count; ++i) {
+                /* The twin takes squares: it is asked at size 1, to which the powers of two bring all
+                 * exactly. */
+                double at[3];
+                qm_mesh near = qm_shape_copy(&mesh);
+                int power = -ilogb(sizes[k]);
+                for (size_t j = 0; j < 3 * near.vertex_count; ++j)
+                    near.positions[j] = ldexp(near.positions[j], power);
+                for (int j = 0; j < 3; ++j)
+                    at[j] = ldexp(first_batch.points[3 * i + (size_t)j], power);
+                double told = ldexp(first_batch.distance[i], power);
+                qm_slow_bracket slow = qm_slow_distance(&near, (qm_quad_reading)reading, at, 1e-14);
+                double error = 3.5e-13 * ldexp(side, power) + 2.5e-14 * slow.upper + ldexp(0x1p-1074, power);
+                QM_CHECK(told >= slow.lower - error && told <= slow.upper + error,
+                         "size %g, reading %d, point %zu: %.17g, true [%.17g, %.17g]", sizes[k], reading, i,
+                         told, slow.lower, slow.upper);
+                for (int j = 0; j < 3; ++j)
+                    assert_true(isfinite(first_batch.position[3 * i + (size_t)j]));
+                qm_shape_free(&near);
+            }
+        }
+        qm_shape_free(&mesh);
+    }
+}
+
+static void distances_that_overflow_are_refused(void **state)
+{
+    (void)state;
+    const double far = 1.7e308, corner[][3] = {{far, far, far}, {1e308, far, far}, {far, 1e308, far}},
+                 points[] = {far, far, 1.5e308, -far, -far, -far, 0, 0, 0, -1e308, 0, far};
+    qm_context ctx = qm_context_make();
+    qm_mesh mesh = qm_shape_face(3, corner);
+    qm_bvh *tree;
+    assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &tree), QM_OK);
+    double distance[4], position[12];
+    qm_projection out = {.distance = distance, .position = position};
+    for (size_t i = 0; i < 4; i++) {
+        qm_status status = qm_project_points(&ctx, tree, QM_QUADS_TRIANGLES, points + 3 * i, 1, 1, &out);
+        QM_CHECK(status == QM_E_SCALE || (status == QM_OK && isfinite(distance[0]) && isfinite(position[0]) &&
+                                          isfinite(position[1]) && isfinite(position[2])),
+                 "point %zu: status %d, %g", i, (int)status, distance[0]);
+        if (i == 1) assert_int_equal(status, QM_E_SCALE);
+    }
+    qm_bvh_destroy(&ctx, tree);
+    qm_shape_free(&mesh);
+}
+
 static void a_raised_flag_cancels(void **state)
 {
     (void)state;
@@ -414,7 +497,7 @@ int main(void)
         cmocka_unit_test(soups_match_brute_force),
         cmocka_unit_test(shapes_match_brute_force),
         cmocka_unit_test(moved_and_scaled_meshes_match_brute_force),
-        cmocka_unit_test(far_points_are_exact_to_the_same_share),
+        cmocka_unit_test(errors_are_those_promised_however_far_the_points),
         cmocka_unit_test(equally_near_faces_give_the_lowest_index),
         cmocka_unit_test(answers_do_not_depend_on_the_order_of_the_points),
         cmocka_unit_test(answers_do_not_depend_on_the_number_of_threads),
@@ -422,6 +505,8 @@ int main(void)
         cmocka_unit_test(arrays_that_are_not_asked_for_are_left_alone),
         cmocka_unit_test(points_that_are_not_finite_are_named),
         cmocka_unit_test(points_too_far_to_be_squared_are_named),
+        cmocka_unit_test(meshes_of_any_size_are_answered_or_refused),
+        cmocka_unit_test(distances_that_overflow_are_refused),
         cmocka_unit_test(a_raised_flag_cancels),
         cmocka_unit_test(running_out_of_memory_is_a_status_and_leaks_nothing),
     };

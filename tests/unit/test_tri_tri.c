@@ -186,13 +186,46 @@ static void kinds_of_known_pairs(void **state)
     }
 }
 
+/** Where triangles of whole numbers meet, at any size: the same but for the size, to the last bit. */
+static void contact_goes_with_the_size(void **state)
+{
+    (void)state;
+    static const double steps[] = {0x1p285, 0x1p250, 0x1p-200, 0x1p-400, 0x1p-990};
+    int met = 0;
+    for (uint64_t seed = 0; seed < 20000; seed++) {
+        qm_random random = qm_random_make(qm_check_seed(), seed);
+        int limit = (int[]){2, 10, 1000}[seed % 3];
+        bool is_flat = seed / 3 % 2 == 0;
+        qm_whole_point p[6];
+        qm_vec one[6], other[6];
+        double step = steps[seed % 5];
+        for (int i = 0; i < 6; i++) {
+            p[i] = random_whole(&random, limit);
+            if (is_flat) p[i].x[2] = p[i].x[0];
+            one[i] = as_vec(p[i], 1.0, 0.0);
+            other[i] = as_vec(p[i], step, 0.0);
+        }
+        qm_contact here, there;
+        bool meets = qm_tri_tri_contact(one, one + 3, &here);
+        assert_int_equal(qm_tri_tri_contact(other, other + 3, &there), meets);
+        if (!meets) continue;
+        met++;
+        assert_int_equal(there.kind, here.kind);
+        for (int i = 0; i < 6; i++)
+            QM_CHECK(there.point[i / 3][i % 3] == step * here.point[i / 3][i % 3],
+                     "seed %llu, step %g, coordinate %d: %.17g steps, %.17g at size 1",
+                     (unsigned long long)seed, step, i, there.point[i / 3][i % 3] / step,
+                     here.point[i / 3][i % 3]);
+    }
+    assert_true(met > 2000);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(signs_match_whole_numbers),
-        cmocka_unit_test(signs_see_the_last_bit),
-        cmocka_unit_test(contact_matches_twin),
-        cmocka_unit_test(kinds_of_known_pairs),
+        cmocka_unit_test(signs_match_whole_numbers),  cmocka_unit_test(signs_see_the_last_bit),
+        cmocka_unit_test(contact_matches_twin),       cmocka_unit_test(kinds_of_known_pairs),
+        cmocka_unit_test(contact_goes_with_the_size),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

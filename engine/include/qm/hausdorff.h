@@ -31,8 +31,22 @@ typedef enum qm_hausdorff_stop {
     QM_STOP_THRESHOLD, /* the side of the threshold is certain */
     QM_STOP_DEADLINE,  /* deadline_ms or work_limit is used up */
     QM_STOP_CANCELED,  /* the context's flag was raised */
-    QM_STOP_PRECISION /* the tolerance is below what double precision can prove here; the bracket is honest */
+    QM_STOP_PRECISION, /* the tolerance is below what double precision can prove here */
+    QM_STOP_WORK,      /* the search's own bound of parts was reached, see QM_HAUSDORFF_BASE_WORK */
+    QM_STOP_MEMORY     /* the queue would have passed memory_limit, or the allocator had no more for it */
 } qm_hausdorff_stop;
+
+/**
+ * A search looks at no more parts than QM_HAUSDORFF_BASE_WORK and QM_HAUSDORFF_FACE_WORK for each face of the
+ * meshes in each direction, unless work_limit says otherwise. Ordinary meshes need less than one part for ten
+ * faces. More is needed only where surfaces nearly coincide that no cover fits well, such as folded patches
+ * of two meshes whose grids do not match.
+ */
+#define QM_HAUSDORFF_BASE_WORK 16384
+#define QM_HAUSDORFF_FACE_WORK 32
+
+/** Bytes that the queues of a search take at most, unless memory_limit says otherwise. */
+#define QM_HAUSDORFF_MEMORY ((size_t)1 << 30)
 
 /** The state of a search: bounds in the unit of the meshes, both valid now and from here on only tighter. */
 typedef struct qm_hausdorff_progress {
@@ -53,7 +67,8 @@ typedef struct qm_hausdorff_options {
     double tolerance;           /* > 0, unit of the meshes */
     double threshold;           /* >= 0: stop once it is certain on which side the distance lies; NAN: none */
     double deadline_ms;         /* > 0: stop after this time; 0: none */
-    uint64_t work_limit;        /* > 0: stop after so many iterations; 0: none */
+    uint64_t work_limit;        /* > 0: stop after so many iterations; 0: the search's own bound */
+    size_t memory_limit;        /* > 0: bytes that the queues may take; 0: QM_HAUSDORFF_MEMORY */
     int thread_count;           /* 1 or more */
     qm_accelerator accelerator; /* of nearest points; one that has to be built is built by the call */
     const qm_tetra *tetra[2];   /* over a and over b, for QM_ACCELERATOR_TETRA, when at hand; or NULL */
@@ -68,7 +83,8 @@ qm_hausdorff_options qm_hausdorff_options_default(void);
 typedef struct qm_hausdorff_result {
     double lower, upper;       /* lower <= distance <= upper */
     int from_side;             /* 0: the witness point lies on A and is projected on B; 1: the other way */
-    qm_surface_point from, to; /* witness: |from - to| is lower, to within a share of the tolerance */
+    qm_surface_point from, to; /* witness, rounded to doubles: |from - to| is lower to within a share of the
+                                  tolerance and the roundings of its coordinates */
     bool has_witness;          /* false only when the source is empty */
     uint64_t iterations, projections;
     size_t max_queue;
@@ -78,10 +94,12 @@ typedef struct qm_hausdorff_result {
 } qm_hausdorff_result;
 
 /**
- * Measures the distance between the meshes of two trees.
+ * Measures the distance between the meshes of two trees. Where both meshes hold the same arrays, bit by bit,
+ * it is 0, told at once: no search, no accelerator and no report of progress.
  *
  * Ownership: borrows everything; nothing of the call is left behind.
- * Returns:   QM_OK, also when the search was stopped early (out->stop says why, the bounds hold);
+ * Returns:   QM_OK, also when the search was stopped early (out->stop says why, the bounds hold), for want of
+ *            memory for the queue too;
  *            QM_E_ARGUMENT (tolerance, threshold, threads; a tree that lacks the parts of a target);
  *            QM_E_UNSUPPORTED (the accelerator); QM_E_NO_MEMORY; QM_E_SCALE.
  */

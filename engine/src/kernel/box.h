@@ -3,8 +3,10 @@
  * and never missing one.
  *
  * The boxes reach QM_BOX_MARGIN outward already. The query is widened by its own rounding before the
- * subtraction, so that what is computed is at most the true distance times 1 + 4e-7; comparing with a limit
- * raised by 1e-6 is safe.
+ * subtraction: a float is within half a unit in its last place of the double, and is moved by at least one.
+ * So gaps before rounding are at most the true ones, and with v = 2^-24 a computed squared distance is at
+ * most (1 + v)^5 < 1 + 4e-7 times the true one: two for the gap, which is rounded and then squared, one for
+ * the square and two for the sum of three. Comparing with a limit raised by 1e-6 is safe.
  */
 #ifndef QM_KERNEL_BOX_H
 #define QM_KERNEL_BOX_H

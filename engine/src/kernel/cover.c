@@ -15,6 +15,8 @@
 #define STEPS (QM_PACK_LANES - 1) /* between the places along a line that single precision looks at */
 #define MIN_MARGINS 16            /* of single precision that an allowed distance must have */
 #define MIN_PROGRESS 0.02         /* share of an edge that a cut must gain, or the label is not tried again */
+#define CUT_TRIES 3               /* of a cut point, each nearer to the corner that is known to be in reach */
+#define CUT_RETREAT 0.99
 
 double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *point, int count, int *place)
 {
@@ -134,20 +136,43 @@ static corner_run longest_run(const qm_polygon *p, uint64_t banned)
     return best;
 }
 
+/** A point with the labels that reach it. */
+typedef struct cut_point {
+    qm_vec at;
+    uint64_t in_reach;
+} cut_point;
+
+/**
+ * The point a share of the way from a (within reach of the label) to b. The part that is cut off is within
+ * reach because this point is: that is measured, not derived from the share, and the point moves back where
+ * rounding has put it beyond.
+ */
+static inline cut_point cut_at(const cover_work *work, int label, qm_vec a, qm_vec b, double share)
+{
+    for (int tries = 0; tries < CUT_TRIES; tries++) {
+        cut_point cut = {.at = qm_vec_mix(a, b, share)};
+        cut.in_reach = labels_at(work, cut.at);
+        if (cut.in_reach >> label & 1) return cut;
+        share *= CUT_RETREAT;
+    }
+    return (cut_point){a, labels_at(work, a)};
+}
+
 /** Replaces the run's corners by the two cut points. */
-static inline void cut_off(const cover_work *work, qm_polygon *p, corner_run run, qm_vec before, qm_vec after)
+static inline void cut_off(qm_polygon *p, corner_run run, cut_point before, cut_point after)
 {
     qm_polygon rest;
     rest.count = 0;
+    rest.cuts_left = p->cuts_left - 1;
     for (int i = run.length; i < p->count; i++) {
         int from = (run.first + i) % p->count;
         rest.corner[rest.count] = p->corner[from];
         rest.in_reach[rest.count++] = p->in_reach[from];
     }
-    rest.corner[rest.count] = before;
-    rest.in_reach[rest.count++] = labels_at(work, before);
-    rest.corner[rest.count] = after;
-    rest.in_reach[rest.count++] = labels_at(work, after);
+    rest.corner[rest.count] = before.at;
+    rest.in_reach[rest.count++] = before.in_reach;
+    rest.corner[rest.count] = after.at;
+    rest.in_reach[rest.count++] = after.in_reach;
     *p = rest;
 }
 
@@ -157,7 +182,8 @@ static inline bool cover(const cover_work *work, qm_polygon *p, bool *moved)
     for (int cut = 0; cut < MAX_CUTS; cut++) {
         corner_run best = longest_run(p, banned);
         if (best.length == p->count) return true;
-        if (best.length == 0 || p->count - best.length + 2 > QM_COVER_CORNERS) return false;
+        if (best.length == 0 || p->count - best.length + 2 > QM_COVER_CORNERS || p->cuts_left == 0)
+            return false;
         int label = __builtin_ctzll(best.labels);
         int first = best.first, last = (best.first + best.length - 1) % p->count;
         int previous = (first + p->count - 1) % p->count, next = (last + 1) % p->count;
@@ -167,9 +193,8 @@ static inline bool cover(const cover_work *work, qm_polygon *p, bool *moved)
             banned |= UINT64_C(1) << label;
             continue;
         }
-        qm_vec before = qm_vec_mix(p->corner[first], p->corner[previous], back);
-        qm_vec after = qm_vec_mix(p->corner[last], p->corner[next], forth);
-        cut_off(work, p, best, before, after);
+        cut_off(p, best, cut_at(work, label, p->corner[first], p->corner[previous], back),
+                cut_at(work, label, p->corner[last], p->corner[next], forth));
         *moved = true;
     }
     return false;

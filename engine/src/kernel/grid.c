@@ -208,3 +208,9 @@ void QM_KERNEL(grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start
     walk_grid(grid, p, start, qm_visit_all_patches, &search);
     hit->lower = fmin(hit->lower, hit->distance);
 }
+
+void QM_KERNEL(grid_closest_ties)(const qm_grid *grid, qm_vec p, uint32_t start, qm_ties *ties)
+{
+    qm_tie_search search = {grid->bvh, qm_splat_make(p), p, ties};
+    walk_grid(grid, p, start, ties->error > 0.0 ? qm_visit_tied_patches : qm_visit_tied_triangles, &search);
+}

@@ -8,6 +8,9 @@
 
 #include "kernels.h"
 
+/** Keeps a computed parameter short of the border of a set, mostly: who uses it measures the point there. */
+#define INSIDE (1.0 - 0x1p-40)
+
 /** Coordinates along a segment in a triangle's frame: start + t step. */
 typedef struct line {
     double x, y, z;    /* start */
@@ -105,7 +108,7 @@ static inline double qm_pack_reach_along(const qm_pack *pack, int lane, double r
     reached = farther(reached, around_corner(&l, 0.0, 0.0, reach2));
     reached = farther(reached, around_corner(&l, length, 0.0, reach2));
     reached = farther(reached, around_corner(&l, cx, cy, reach2));
-    return reached < 1.0 ? reached * (1.0 - 0x1p-40) : 1.0;
+    return reached < 1.0 ? reached * INSIDE : 1.0;
 #undef ROW
 }
 

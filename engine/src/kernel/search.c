@@ -37,12 +37,18 @@ void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit)
     }
 }
 
-void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit)
+/** What tells that a pack need not be visited. */
+typedef bool is_far_fn(const void *best, uint32_t pack);
+
+/** Visits every pack whose box comes within the distance that the last visit returned, from the pack start
+ * on.
+ */
+__attribute__((always_inline)) static inline void
+walk_boxes(const qm_bvh *bvh, qm_vec p, uint32_t start, is_far_fn *is_far, qm_visit_fn *visit, void *best)
 {
     qm_box_query query = qm_box_query_point(p);
-    *hit = (qm_patch_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
-    qm_visit_patches(bvh, start, p, error, hit);
-    float limit = qm_box_limit(hit->distance * hit->distance);
+    double distance = visit(best, start);
+    float limit = qm_box_limit(distance * distance);
     qm_walk walk;
     qm_walk_start(&walk, &bvh->boxes);
     while (walk.height > 0) {
@@ -50,10 +56,39 @@ void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, doubl
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
             qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
-        } else if (at.index != start) {
-            qm_visit_patches(bvh, at.index, p, error, hit);
-            limit = qm_box_limit(hit->distance * hit->distance);
+        } else if (at.index != start && !is_far(best, at.index)) {
+            distance = visit(best, at.index);
+            limit = qm_box_limit(distance * distance);
         }
     }
+}
+
+static inline bool is_never_far(const void *best, uint32_t pack)
+{
+    (void)best;
+    (void)pack;
+    return false;
+}
+
+void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit)
+{
+    *hit = (qm_patch_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
+    qm_patch_search search = {bvh, p, error, hit};
+    walk_boxes(bvh, p, start, is_never_far, qm_visit_all_patches, &search);
     hit->lower = fmin(hit->lower, hit->distance);
+}
+
+static inline bool is_beyond_ties(const void *best, uint32_t pack)
+{
+    const qm_tie_search *search = best;
+    return qm_pack_is_far(search->bvh, pack, search->p, search->ties->reach);
+}
+
+void QM_KERNEL(closest_ties)(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties)
+{
+    qm_tie_search search = {bvh, qm_splat_make(p), p, ties};
+    if (ties->error > 0.0)
+        walk_boxes(bvh, p, start, is_never_far, qm_visit_tied_patches, &search);
+    else
+        walk_boxes(bvh, p, start, is_beyond_ties, qm_visit_tied_triangles, &search);
 }

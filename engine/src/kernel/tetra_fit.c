@@ -6,10 +6,20 @@
 #include "kernels.h"
 #include "tetra_bound.h"
 
-#define FETCH_QUADS 64        /* of a part whose vertices are fetched together */
-#define LEAF_VERTICES 24      /* 18 at most: two rows of nine */
-#define FLOAT_MARGIN 0x1p-19  /* share of the size of a leaf: more than the rounding of floats */
-#define RADIUS_MARGIN 0x1p-44 /* more than the rounding of local coordinates and distances */
+#define FETCH_QUADS 64   /* of a part whose vertices are fetched together */
+#define LEAF_VERTICES 24 /* 18 at most: two rows of nine */
+
+/**
+ * Share of distance d and size S (greatest coordinate, as seen from a corner) by which a distance of floats
+ * may be too small: 32 v with v = 2^-24. The point and a corner are off by v S along each axis, the point as
+ * seen from the corner and both sides by 2 v S, what is gone along the sides by 6 v S, sqrt(3) times that
+ * together: 24 v S. The last difference, squares, sum and root: 4 v d.
+ */
+#define FLOAT_MARGIN 0x1p-19
+
+/** By which a distance of doubles may be too small: the same 24 v S + 4 v d with v = 2^-53, where S <= 2 and
+ * d <= 4 in the local frame, is less than 2^-46. */
+#define RADIUS_MARGIN 0x1p-44
 
 typedef struct tetra_fit {
     qm_tetra *tetra;

@@ -125,7 +125,8 @@ static void offer_members(tetra_walk *walk, uint32_t level, uint32_t index)
         unsigned member = (unsigned)__builtin_ctz(within);
         uint32_t below = 8 * index + member;
         if (level > 1) {
-            /* What qm_box_limit adds to a distance is taken off here, so that the two can be compared. */
+            /* The root of a square that is at most 1 + 4e-7 times the true one (box.h) exceeds the distance
+             * by 2e-7 of it: taking 1e-6 off makes it a lower bound. */
             push(walk, (waiting){sqrt((double)d2[member]) * (1.0 - 1e-6), level - 1, below, {0}});
         } else {
             qm_tetra_part whole = qm_tetra_part_whole(&tetra->patches[below]);
@@ -183,4 +184,10 @@ void QM_KERNEL(tetra_closest_patch)(const qm_tetra *tetra, qm_vec p, uint32_t st
     qm_patch_search search = {tetra->bvh, p, error, hit};
     walk_tetra(tetra, p, start, qm_visit_all_patches, &search);
     hit->lower = fmin(hit->lower, hit->distance);
+}
+
+void QM_KERNEL(tetra_closest_ties)(const qm_tetra *tetra, qm_vec p, uint32_t start, qm_ties *ties)
+{
+    qm_tie_search search = {tetra->bvh, qm_splat_make(p), p, ties};
+    walk_tetra(tetra, p, start, ties->error > 0.0 ? qm_visit_tied_patches : qm_visit_tied_triangles, &search);
 }

@@ -132,4 +132,120 @@ static inline double qm_visit_all_patches(void *best, uint32_t pack)
     return search->hit->distance;
 }
 
+/* ---- ties ---- */
+
+/** True when the first is the answer wherever the second one would be. */
+static inline bool qm_tie_beats(const qm_ties *ties, const qm_tie *a, const qm_tie *b)
+{
+    if (a->face > b->face) return false;
+    return a->distance <= b->distance || (ties->is_settled && a->face < b->face);
+}
+
+/** Offers a face. */
+static inline void qm_ties_offer(qm_ties *ties, qm_tie offered)
+{
+    if (offered.distance > ties->reach) return;
+    int kept = 0;
+    for (int i = 0; i < ties->count; i++) {
+        if (qm_tie_beats(ties, &ties->tie[i], &offered)) return;
+        bool stays = ties->tie[i].distance <= ties->reach && !qm_tie_beats(ties, &offered, &ties->tie[i]);
+        ties->tie[kept] = ties->tie[i];
+        kept += stays;
+    }
+    ties->count = kept;
+    if (kept == QM_TIES)
+        ties->is_overfull = true;
+    else
+        ties->tie[ties->count++] = offered;
+}
+
+/** Lowers the least distance known. */
+static inline void qm_ties_lower(qm_ties *ties, double distance)
+{
+    double least = ties->least;
+    if (!(distance < least)) return;
+    ties->least = distance;
+    ties->reach = distance + ties->tau;
+    ties->reach2 = ties->reach * ties->reach * (1.0 + 0x1p-50); /* for squares: three roundings */
+    if (ties->reach < least) ties->count = 0;
+}
+
+/** The search of a walk for ties. */
+typedef struct qm_tie_search {
+    const qm_bvh *bvh;
+    qm_splat splat;
+    qm_vec p;
+    qm_ties *ties;
+} qm_tie_search;
+
+static inline double qm_visit_tied_triangles(void *best, uint32_t pack)
+{
+    const qm_tie_search *search = best;
+    qm_ties *ties = search->ties;
+    const qm_pack *rows = qm_bvh_rows(search->bvh, pack);
+    qm_vd d2[QM_PARTS];
+    for (int part = 0; part < QM_PARTS; part++)
+        d2[part] = qm_pack_part_d2(rows, part, search->splat.x, search->splat.y, search->splat.z);
+    qm_vd low = d2[0];
+    for (int part = 1; part < QM_PARTS; part++)
+        low = qm_vd_min(d2[part], low);
+    double least = low[0];
+    for (int i = 1; i < QM_WIDTH; i++)
+        least = low[i] < least ? low[i] : least;
+    if (!(least <= ties->reach2)) return ties->reach;
+    qm_ties_lower(ties, sqrt(least));
+    unsigned bits = 0;
+    for (int part = 0; part < QM_PARTS; part++)
+        bits |= qm_vl_bits(d2[part] <= qm_vd_set(ties->reach2)) << (part * QM_WIDTH);
+    const uint32_t *face = search->bvh->lanes[pack].face;
+    for (; bits; bits &= bits - 1) {
+        uint32_t lane = (uint32_t)__builtin_ctz(bits);
+        qm_ties_offer(ties, (qm_tie){sqrt(d2[lane / QM_WIDTH][lane % QM_WIDTH]), face[lane], pack, lane});
+    }
+    return ties->reach;
+}
+
+/**
+ * The distance to the surface of a lane whose triangles are at a distance, by the same operations whatever is
+ * known; some distance beyond reach when it is beyond. Patches that are likely to lie beyond are asked with a
+ * limit first: near one the way taken may depend on the limit, so those that are within are asked again.
+ */
+static inline double qm_tied_patch_distance(const qm_tie_search *search, uint32_t face, double twist,
+                                            double triangle)
+{
+    const qm_ties *ties = search->ties;
+    if (!(twist > 0.25 * ties->error)) return triangle + twist;
+    qm_patch patch = qm_bvh_load_patch(search->bvh, face);
+    if (triangle > ties->reach) {
+        double limit = ties->reach + ties->margin, stop_above = limit + ties->error + ties->margin;
+        qm_patch_foot foot = qm_patch_project(&patch, search->p, ties->error, stop_above);
+        if (foot.lower > limit) return foot.distance;
+    }
+    return qm_patch_project(&patch, search->p, ties->error, INFINITY).distance;
+}
+
+/** See qm_visit_patches. */
+static inline double qm_visit_tied_patches(void *best, uint32_t pack)
+{
+    const qm_tie_search *search = best;
+    const qm_bvh *bvh = search->bvh;
+    qm_ties *ties = search->ties;
+    _Alignas(64) double d2[QM_PACK_LANES];
+    qm_pack_d2(qm_bvh_rows(bvh, pack), search->p, d2);
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    uint32_t count = lanes->lane_count, first = qm_nearest_quad(lanes, d2);
+    for (uint32_t step = 0; step < count; step++) {
+        uint32_t lane = first + step < count ? first + step : first + step - count;
+        bool has_second = qm_lane_has_second(lanes, lane);
+        uint32_t nearer = has_second && d2[lane + 1] < d2[lane] ? lane + 1 : lane;
+        double twist = (double)bvh->twist[pack][lane], triangle = sqrt(d2[nearer]);
+        if (has_second) step++;
+        if (triangle - twist > ties->reach + ties->margin) continue;
+        double distance = qm_tied_patch_distance(search, lanes->face[lane], twist, triangle);
+        qm_ties_lower(ties, distance);
+        qm_ties_offer(ties, (qm_tie){distance, lanes->face[lane], pack, nearer});
+    }
+    return ties->reach + ties->margin;
+}
+
 #endif

@@ -1,0 +1,48 @@
+/**
+ * bilinear_match.h: one part of a bilinear patch over another patch, matched rectangle by rectangle.
+ */
+#ifndef QM_BILINEAR_MATCH_H
+#define QM_BILINEAR_MATCH_H
+
+#include <stdbool.h>
+
+#include "bilinear_point.h"
+
+/** A rectangle of parameters of a patch. */
+typedef struct qm_uv_box {
+    double low[2], high[2];
+} qm_uv_box;
+
+/** Corners in turn: (low, low), (high, low), (high, high), (low, high). */
+static inline void qm_uv_box_corners(const qm_patch *patch, const qm_uv_box *box, qm_vec corner[4])
+{
+    for (int i = 0; i < 4; i++)
+        corner[i] = qm_patch_at(patch, i == 1 || i == 2 ? box->high[0] : box->low[0],
+                                i >= 2 ? box->high[1] : box->low[1]);
+}
+
+/** Called for each rectangle of the source that is left over. */
+typedef void qm_match_rest_fn(void *user, const qm_uv_box *rest);
+
+/**
+ * Covers a rectangle of a source patch by a target patch: every point of what is covered lies within a
+ * distance of the target. rest is called for what is not; together they are the whole rectangle.
+ *
+ * Proof. Let the points of a rectangle of the source be matched to those of a rectangle of the target, sides
+ * to sides, linearly in each parameter. The difference of matched points is then bilinear, and its length is
+ * greatest at a corner. So four points prove a rectangle, however the one of the target was found: by
+ * least squares of the four differences, from near the footpoint of the middle. What four points do not prove
+ * is cut in quarters, as long as that gets on.
+ *
+ * This is what two patches need that nearly coincide. Where they are folded, nearest points jump from one
+ * sheet to the other, and bounds from them fail along the whole fold; the matched rectangle stays on its
+ * sheet.
+ *
+ * middle  parameters of a point of the target near to the middle of the rectangle
+ *
+ * Returns false, without calling rest, when nothing was covered.
+ */
+bool qm_patch_match(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
+                    const double middle[2], double allowed, qm_match_rest_fn *rest, void *user);
+
+#endif
