@@ -6,13 +6,13 @@
 #define EXPONENTS 4096 /* of doubles */
 #define EXPONENT_BIAS 2100
 
-/** What a piece leaves open of mean, rms and area, as shares of them. */
+/** What a piece leaves open of mean, rms, area and distribution, as shares of them. */
 static double openness(const qm_piece_bounds *piece, const qm_piece_totals *totals)
 {
     double mean = 0.5 * (totals->mean.lower + totals->mean.upper);
     double square = 0.5 * (totals->rms.lower * totals->rms.lower + totals->rms.upper * totals->rms.upper);
     double open = 2.0 * (piece->area_high - piece->area_low);
-    if (mean > 0.0) open += (piece->mean_high - piece->mean_low) / mean;
+    if (mean > 0.0) open += (piece->mean_high - piece->mean_low + piece->blur / QM_BLUR_ROOM) / mean;
     if (square > 0.0) open += 0.5 * (piece->square_high - piece->square_low) / square;
     return open / totals->area.upper;
 }

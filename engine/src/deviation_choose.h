@@ -6,6 +6,9 @@
 
 #include "deviation_sum.h"
 
+/** Of a mean, in accuracies: what the functions may leave open in the mean. */
+#define QM_BLUR_ROOM 8.0
+
 /** A piece to cut, and what it leaves open. */
 typedef struct qm_open_piece {
     size_t place;
@@ -20,9 +23,9 @@ typedef struct qm_cut_choice {
 } qm_cut_choice;
 
 /**
- * Chooses the pieces that leave most open of mean, rms and area: the others together leave no more than a
- * share of the accuracy, or room for so many is all that there is. Pieces at their last depth are never
- * chosen.
+ * Chooses the pieces that leave most open of mean, rms, area and distribution: the others together leave no
+ * more than a share of the accuracy, or room for so many is all that there is. Pieces at their last depth are
+ * never chosen.
  */
 qm_cut_choice qm_cuts_choose(const qm_source_piece *piece, qm_piece_list pieces,
                              const qm_piece_totals *totals, double accuracy, size_t room);

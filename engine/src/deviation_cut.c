@@ -1,5 +1,7 @@
 #include "deviation_cut.h"
 
+#include "rounding.h"
+
 #define OUTLINE_CORNERS 16
 #define MAX_CUTS ((QM_PIECE_PARTS - 1) / 2)
 #define MARGIN 1e-4 /* of an outline's size: less than this on one side of a line is not cut off */
@@ -21,7 +23,21 @@ typedef struct cut_work {
     outline aside[MAX_CUTS + 1]; /* count of them, to be looked at */
     int count, cuts, cut_limit;
     double worth; /* what a corner of the outline at work must be off for a cut */
+    double leak;
 } cut_work;
+
+/** What a rounded corner on an edge of these extents may leak. */
+static double edge_leak(double du, double dv)
+{
+    return 4.0 * QM_UNIT_ROUNDING * (fabs(du) + fabs(dv));
+}
+
+/** What a part leaks that may have turned round. */
+static double turn_leak(const qm_source_piece *part)
+{
+    double error, doubled = qm_piece_parameter_area2(part, &error);
+    return doubled > error ? 0.0 : fabs(doubled) + error;
+}
 
 static qm_near_facet find_facet(const cut_work *work, qm_vec p)
 {
@@ -44,12 +60,12 @@ static void copy_corner(outline *to, const outline *from, int i)
 }
 
 /** A new corner of both outlines, on the edge that starts at a corner of the one that is cut. */
-static void add_crossing(const cut_work *work, const outline *from, int i, double share, outline *one,
-                         outline *two)
+static void add_crossing(cut_work *work, const outline *from, int i, double share, outline *one, outline *two)
 {
     int next = (i + 1) % from->count;
-    double u = from->u[i] + share * (from->u[next] - from->u[i]);
-    double v = from->v[i] + share * (from->v[next] - from->v[i]);
+    double du = from->u[next] - from->u[i], dv = from->v[next] - from->v[i];
+    double u = from->u[i] + share * du, v = from->v[i] + share * dv;
+    work->leak += edge_leak(du, dv);
     qm_vec at = qm_piece_face_at(work->face, u, v);
     add_corner(one, u, v, at, find_facet(work, at).distance);
     copy_corner(two, one, one->count - 1);
@@ -143,16 +159,6 @@ static bool is_good(const cut_work *work, const outline *o, const qm_near_facet 
     return true;
 }
 
-/** How far points lie inside of the three walls that stand on the edges of a facet. */
-static void measure_walls(const qm_triangle *t, qm_vec p, double inside[3])
-{
-    qm_vec d = qm_vec_sub(p, t->origin);
-    double x = qm_vec_dot(d, t->x), y = qm_vec_dot(d, t->y), ex = t->cx - t->length;
-    inside[0] = y;
-    inside[1] = (t->cy * x - t->cx * y) * sqrt(t->inverse_c2);
-    inside[2] = (ex * y - t->cy * (x - t->length)) * sqrt(t->inverse_d2);
-}
-
 /** Cuts off what lies beyond the walls of a facet, where a corner is badly off there. */
 static void cut_walls(cut_work *work, outline *o, const qm_near_facet *facet)
 {
@@ -161,7 +167,7 @@ static void cut_walls(cut_work *work, outline *o, const qm_near_facet *facet)
         bool is_bad = false;
         for (int i = 0; i < o->count; i++) {
             double inside[3];
-            measure_walls(&facet->triangle, o->at[i], inside);
+            qm_triangle_walls(&facet->triangle, o->at[i], inside);
             value[i] = inside[wall];
             is_bad |= value[i] < 0.0 && is_bad_at(work, o, facet, i);
         }
@@ -186,18 +192,6 @@ static bool cut_valley(cut_work *work, outline *o, const qm_near_facet *facet)
     return false;
 }
 
-/** Cuts along the line where the outline passes through a facet. */
-static bool cut_through(cut_work *work, outline *o, const qm_near_facet *facet)
-{
-    double value[OUTLINE_CORNERS], low = 0.0, high = 0.0;
-    for (int i = 0; i < o->count; i++) {
-        value[i] = height_over(&facet->triangle, o->at[i]);
-        low = fmin(low, value[i]);
-        high = fmax(high, value[i]);
-    }
-    return fmin(-low, high) > work->worth && cut(work, o, value);
-}
-
 /* ---- the piece ---- */
 
 static qm_vec middle_of(const outline *o)
@@ -215,7 +209,6 @@ static void settle(cut_work *work, outline *o)
     work->worth = find_worth(work, o);
     cut_walls(work, o, &facet);
     if (!is_good(work, o, &facet)) cut_valley(work, o, &facet);
-    cut_through(work, o, &facet);
 }
 
 static int add_parts(const qm_source_piece *piece, const outline *o, qm_source_piece *part, int count)
@@ -258,13 +251,14 @@ static outline take_largest(cut_work *work)
 
 int qm_piece_cut_by_facets(const qm_piece_maker *maker, const qm_piece_face *face,
                            const qm_source_piece *piece, const qm_near_facets *near,
-                           qm_source_piece part[QM_PIECE_PARTS])
+                           qm_source_piece part[QM_PIECE_PARTS], double *leak)
 {
     cut_work work; /* large, and filled as it is used */
     work.maker = maker;
     work.face = face;
     work.near = near;
     work.cuts = 0;
+    work.leak = 0.0;
     work.cut_limit = (maker->part_limit - 1) / 2; /* each adds two triangles at most */
     start(&work, piece);
     int count = 0;
@@ -273,10 +267,14 @@ int qm_piece_cut_by_facets(const qm_piece_maker *maker, const qm_piece_face *fac
         settle(&work, &at);
         count = add_parts(piece, &at, part, count);
     }
+    for (int i = 0; i < count; i++)
+        work.leak += turn_leak(&part[i]);
+    *leak += work.leak;
     return count;
 }
 
-void qm_piece_halve(const qm_piece_shape *shape, const qm_source_piece *piece, qm_source_piece part[2])
+void qm_piece_halve(const qm_piece_shape *shape, const qm_source_piece *piece, qm_source_piece part[2],
+                    double *leak)
 {
     int a = 0; /* the longest edge runs from a to b */
     double longest2 = -1.0;
@@ -293,4 +291,6 @@ void qm_piece_halve(const qm_piece_shape *shape, const qm_source_piece *piece, q
     part[0].depth = part[1].depth = (uint8_t)(piece->depth + 1);
     part[0].u[b] = part[1].u[a] = u;
     part[0].v[b] = part[1].v[a] = v;
+    *leak += edge_leak(piece->u[b] - piece->u[a], piece->v[b] - piece->v[a]);
+    *leak += turn_leak(&part[0]) + turn_leak(&part[1]);
 }

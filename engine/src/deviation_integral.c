@@ -21,26 +21,132 @@ static double mean_product(const double f[3], const double g[3])
     return (sum3(f) * sum3(g) + f[0] * g[0] + f[1] * g[1] + f[2] * g[2]) / 12.0;
 }
 
+static qm_positive_part part_between(double share, double f, double g)
+{
+    /* A triangle with values f, g and 0. */
+    return (qm_positive_part){share * (f + g) / 3.0, share * (f * f + f * g + g * g) / 6.0, share};
+}
+
+static qm_positive_part add_parts(qm_positive_part a, qm_positive_part b)
+{
+    return (qm_positive_part){a.mean + b.mean, a.square + b.square, a.share + b.share};
+}
+
+static int count_positive(const double f[3])
+{
+    return (f[0] > 0.0) + (f[1] > 0.0) + (f[2] > 0.0);
+}
+
+/** The corner whose sign no other one has, where one or two are positive. */
+static int find_odd(const double f[3], int positive)
+{
+    int odd = 0;
+    while ((f[odd] > 0.0) != (positive == 1))
+        odd++;
+    return odd;
+}
+
+qm_positive_part qm_positive_part_of(const double f[3])
+{
+    int positive = count_positive(f);
+    if (positive == 0) return (qm_positive_part){0.0, 0.0, 0.0};
+    if (positive == 3) return (qm_positive_part){sum3(f) / 3.0, mean_product(f, f), 1.0};
+    int odd = find_odd(f, positive);
+    double a = f[odd], b = f[(odd + 1) % 3], c = f[(odd + 2) % 3];
+    if (positive == 1) return part_between(a / (a - b) * (a / (a - c)), a, 0.0);
+    /* From the corner c to the zero on the edge from b to a, and on to the one on the edge from c to a. */
+    return add_parts(part_between(b / (b - a), b, c), part_between(-a / (b - a) * (c / (c - a)), c, 0.0));
+}
+
+/** Sets a triangle of the region: corners are places of the piece's corners, or 3 + i for the zero on the
+ * edge from corner i to the odd one. */
+static void add_triangle(qm_positive_region *region, double share, const double corner[3][3])
+{
+    region->share[region->count] = share;
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++)
+            region->weight[region->count][i][k] = corner[i][k];
+    region->count++;
+}
+
+qm_positive_region qm_positive_region_of(const double f[3])
+{
+    static const double whole[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    qm_positive_region region = {.count = 0};
+    int positive = count_positive(f);
+    if (positive == 3) add_triangle(&region, 1.0, whole);
+    if (positive == 0 || positive == 3) return region;
+    int odd = find_odd(f, positive), second = (odd + 1) % 3, third = (odd + 2) % 3;
+    double to_second = f[odd] / (f[odd] - f[second]), to_third = f[odd] / (f[odd] - f[third]);
+    double corner[3][3] = {{0}};
+    if (positive == 1) {
+        corner[0][odd] = 1.0;
+        corner[1][odd] = 1.0 - to_second;
+        corner[1][second] = to_second;
+        corner[2][odd] = 1.0 - to_third;
+        corner[2][third] = to_third;
+        add_triangle(&region, to_second * to_third, (const double(*)[3])corner);
+        return region;
+    }
+    corner[0][second] = 1.0;
+    corner[1][third] = 1.0;
+    corner[2][odd] = 1.0 - to_second;
+    corner[2][second] = to_second;
+    add_triangle(&region, 1.0 - to_second, (const double(*)[3])corner);
+    corner[0][second] = 0.0;
+    corner[0][odd] = 1.0 - to_third;
+    corner[0][third] = to_third;
+    add_triangle(&region, to_second * (1.0 - to_third), (const double(*)[3])corner);
+    return region;
+}
+
+qm_positive_part qm_positive_part_in(const qm_positive_region *region, const double f[3])
+{
+    qm_positive_part sum = {0.0, 0.0, 0.0};
+    if (count_positive(f) == 0) return sum;
+    for (int i = 0; i < region->count; i++) {
+        double here[3];
+        for (int k = 0; k < 3; k++) {
+            const double *weight = region->weight[i][k];
+            here[k] = weight[0] * f[0] + weight[1] * f[1] + weight[2] * f[2];
+        }
+        qm_positive_part part = qm_positive_part_of(here);
+        sum.mean += region->share[i] * part.mean;
+        sum.square += region->share[i] * part.square;
+        sum.share += region->share[i] * part.share;
+    }
+    return sum;
+}
+
 /** Integral of max(f, 0)^2 from below. */
 static double square_below(const double f[3], const qm_piece_shape *w)
 {
-    double mean = qm_greater(0.0, sum3(f) / 3.0);
-    double by_mean = least(w->low) * mean * mean;
-    if (least(f) < 0.0) return by_mean;
-    if (w->is_uniform) return w->low[0] * mean_product(f, f);
+    if (w->is_uniform || least(f) < 0.0) return least(w->low) * qm_positive_part_of(f).square;
     /* f^2 lies above its tangent at the middle, which is linear. */
-    double tangent[3];
+    double tangent[3], mean = sum3(f) / 3.0, by_mean = least(w->low) * mean * mean;
     for (int i = 0; i < 3; i++)
         tangent[i] = (2.0 * f[i] - mean) * mean;
     return least(tangent) < 0.0 ? by_mean : qm_greater(by_mean, mean_product(tangent, w->low));
 }
 
-/** Integral of f^2, f >= 0, from above; f^2 is convex. */
+/** Integral of max(f, 0)^2 from above; f^2 is convex. */
 static double square_above(const double f[3], const qm_piece_shape *w)
 {
-    if (w->is_uniform) return w->high[0] * mean_product(f, f);
+    if (w->is_uniform || least(f) < 0.0) return greatest(w->high) * qm_positive_part_of(f).square;
     const double f2[3] = {f[0] * f[0], f[1] * f[1], f[2] * f[2]};
     return mean_product(f2, w->high);
+}
+
+/** Integral of max(f, 0) from below. */
+static double mean_below(const double f[3], const qm_piece_shape *w)
+{
+    return least(f) < 0.0 ? least(w->low) * qm_positive_part_of(f).mean : mean_product(f, w->low);
+}
+
+/** Integral of max(f, 0) from above. */
+static double mean_above(const double f[3], const qm_piece_shape *w)
+{
+    return least(f) < 0.0 ? greatest(w->high) * qm_positive_part_of(f).mean : mean_product(f, w->high);
 }
 
 void qm_piece_integrate(const qm_piece_shape *w, qm_piece_bounds *out)
@@ -49,9 +155,40 @@ void qm_piece_integrate(const qm_piece_shape *w, qm_piece_bounds *out)
     out->area_high = sum3(w->high) / 3.0;
     out->density_low = least(w->low);
     out->density_high = greatest(w->high);
-    out->mean_low = least(out->low) >= 0.0 ? mean_product(out->low, w->low)
-                                           : out->density_low * qm_greater(0.0, sum3(out->low) / 3.0);
-    out->mean_high = mean_product(out->high, w->high);
+    out->mean_low = mean_below(out->low, w);
+    out->mean_high = mean_above(out->high, w);
     out->square_low = square_below(out->low, w);
     out->square_high = square_above(out->high, w);
+    out->blur = out->mean_high - out->mean_low;
+}
+
+void qm_piece_integrate_signed(const qm_piece_shape *w, qm_positive_part lost, qm_outside outside,
+                               qm_piece_bounds *out)
+{
+    double low[3], high[3];
+    qm_piece_integrate(w, out);
+    out->is_signed = true;
+    qm_piece_bounds_turn(out, low, high);
+    double most_low = qm_greater(0.0, qm_greater(greatest(out->low), greatest(low)));
+    double most_high = qm_greater(greatest(out->high), greatest(high));
+    double missed = out->density_high * lost.mean, beside = out->density_high * outside.part.mean;
+    out->mean_low = qm_greater(0.0, out->mean_low + mean_below(low, w) - missed);
+    out->mean_high += mean_above(high, w) + beside;
+    out->square_low = qm_greater(0.0, out->square_low + square_below(low, w) - 2.0 * most_low * missed);
+    out->square_high += square_above(high, w) + (2.0 * most_high + outside.most) * beside;
+    out->stray_low = qm_lesser(1.0, lost.share);
+    out->stray_high = qm_lesser(1.0, outside.part.share);
+    out->excess = outside.most;
+    double open = (sum3(out->high) - sum3(out->low)) / 3.0;
+    out->blur = out->density_high * (open + (most_high + outside.most) * (out->stray_low + out->stray_high));
+}
+
+void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over)
+{
+    qm_piece_bounds best = over->blur < bounds->blur ? *over : *bounds;
+    best.mean_low = over->mean_low;
+    best.mean_high = over->mean_high;
+    best.square_low = qm_greater(bounds->square_low, over->square_low);
+    best.square_high = qm_lesser(bounds->square_high, over->square_high);
+    *bounds = best;
 }

@@ -6,10 +6,48 @@
 
 #include "deviation_shape.h"
 
-/**
- * Fills area, density, mean and square of a piece whose functions low and high are set. Where low is negative
- * the distance is at least 0, and the root mean square is never below the mean.
- */
+/** Of the part of a triangle where a linear function f is positive: the means of f and f^2 there over the
+ * whole triangle, and its share. */
+typedef struct qm_positive_part {
+    double mean, square, share;
+} qm_positive_part;
+
+/** That part itself: one or two triangles, by weights of the whole triangle's corners. */
+typedef struct qm_positive_region {
+    int count;
+    double share[2], weight[2][3][3];
+} qm_positive_region;
+
+/** By how much a distance is above a height: at most, and what of it over the piece. */
+typedef struct qm_outside {
+    double most;
+    qm_positive_part part;
+} qm_outside;
+
+/** Where f is negative at one or two corners, its line of zeros cuts off a triangle. All terms are positive,
+ * so that rounding is relative. */
+qm_positive_part qm_positive_part_of(const double f[3]);
+
+qm_positive_region qm_positive_region_of(const double f[3]);
+
+/** Of another function, within a region. */
+qm_positive_part qm_positive_part_in(const qm_positive_region *region, const double f[3]);
+
+/** Fills area, density, mean and square of a piece whose functions low and high are set. Where low is
+ * negative the distance is at least 0. */
 void qm_piece_integrate(const qm_piece_shape *shape, qm_piece_bounds *out);
+
+/** Takes over the integrals that are bounded over the ground, and the functions too when they leave less
+ * open. */
+void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over);
+
+/**
+ * The same of a signed piece, with what its distance loses against the least height, and what it is outside.
+ * Both sides are added: low and -high are nowhere positive both, and the greater of high and -low is no more
+ * than the sum of what is positive of them. A height l that loses x leaves (l - x)^2 >= l^2 - 2 l x; one with
+ * an excess x makes (l + x)^2 = l^2 + (2 l + x) x.
+ */
+void qm_piece_integrate_signed(const qm_piece_shape *shape, qm_positive_part lost, qm_outside outside,
+                               qm_piece_bounds *out);
 
 #endif

@@ -64,6 +64,22 @@ qm_triangle qm_pack_triangle(const qm_pack *pack, int lane)
 #undef ROW
 }
 
+void qm_triangle_walls(const qm_triangle *t, qm_vec p, double inside[3])
+{
+    qm_vec d = qm_vec_sub(p, t->origin);
+    double x = qm_vec_dot(d, t->x), y = qm_vec_dot(d, t->y), ex = t->cx - t->length;
+    inside[0] = y;
+    inside[1] = (t->cy * x - t->cx * y) * sqrt(t->inverse_c2);
+    inside[2] = (ex * y - t->cy * (x - t->length)) * sqrt(t->inverse_d2);
+}
+
+double qm_triangle_least_sine(const qm_triangle *t)
+{
+    double c = sqrt(t->inverse_c2), d = sqrt(t->inverse_d2), least = t->cy * qm_lesser(c, d);
+    bool is_obtuse = t->cx * (t->cx - t->length) + t->cy * t->cy < 0.0;
+    return is_obtuse ? least : qm_lesser(least, t->length * t->cy * c * d);
+}
+
 static void add_triangle(near_work *work, const qm_triangle *t, double slack)
 {
     int lane;

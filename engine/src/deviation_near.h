@@ -37,6 +37,12 @@ void qm_near_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool pat
 /** The facet at a lane of a pack. */
 qm_triangle qm_pack_triangle(const qm_pack *pack, int lane);
 
+/** How far a point lies inside of the three walls that stand on the edges of a facet. */
+void qm_triangle_walls(const qm_triangle *t, qm_vec p, double inside[3]);
+
+/** The least sine of an angle of a facet that is no obtuse one; 0 of a facet without height. */
+double qm_triangle_least_sine(const qm_triangle *t);
+
 /** One of the listed facets, its place among them, and its distance from a point. */
 typedef struct qm_near_facet {
     qm_triangle triangle;

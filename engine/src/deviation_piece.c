@@ -2,9 +2,12 @@
 
 #include "deviation_bound.h"
 #include "deviation_cut.h"
+#include "rounding.h"
 
-#define ETA_ROUNDINGS 128.0 /* see hausdorff.c */
-#define HALVED_LEVELS 4     /* on the last of so many levels each piece is halved */
+#define PIECE_ROUNDINGS                                                                                      \
+    128.0               /* of the greatest coordinate, besides those of a distance: deviation_piece.h        \
+                         */
+#define HALVED_LEVELS 4 /* on the last of so many levels each piece is halved */
 
 /** The greatest local coordinate that a search can meet. */
 static double find_reach(const qm_bvh *a, const qm_bvh *b)
@@ -27,7 +30,9 @@ qm_status qm_piece_maker_init(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
         return qm_context_fail(ctx, QM_E_SCALE, "the meshes' sizes or places differ by more than 2^300");
     if (!qm_bvh_is_target(b, reading))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the tree of B was built without what this takes");
-    double eta = ETA_ROUNDINGS * 0x1p-53 * reach;
+    double eta = (QM_POINT_ROUNDINGS + PIECE_ROUNDINGS) * QM_UNIT_ROUNDING * reach;
+    int exponent;
+    frexp(fmax(1.0, reach), &exponent);
     *maker = (qm_piece_maker){.source = a,
                               .target = b,
                               .kernel = qm_kernel_get(),
@@ -35,7 +40,7 @@ qm_status qm_piece_maker_init(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                               .target_patches = bilinear && b->twist,
                               .reach = reach,
                               .eta = eta,
-                              .greatest = INFINITY,
+                              .area_unit = ldexp(1.0, -2 * exponent),
                               .patch_error = 4.0 * eta,
                               .worth = 4.0 * eta,
                               .part_limit = QM_PIECE_PARTS};
@@ -55,6 +60,12 @@ qm_source_piece qm_piece_first(const qm_piece_maker *maker, uint32_t face, bool 
     return piece;
 }
 
+double qm_piece_area_rounding(const qm_piece_maker *maker, const qm_source_piece *piece)
+{
+    qm_piece_face face = qm_piece_face_load(maker, piece);
+    return qm_piece_shape_make(maker, &face, piece).rounding;
+}
+
 void qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, qm_piece_desk *desk,
                     qm_piece_bounds *out)
 {
@@ -65,19 +76,21 @@ void qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, q
 }
 
 int qm_piece_split(const qm_piece_maker *maker, const qm_source_piece *piece, qm_piece_desk *desk,
-                   qm_source_piece part[QM_PIECE_PARTS], qm_piece_bounds bounds[QM_PIECE_PARTS])
+                   qm_source_piece part[QM_PIECE_PARTS], qm_piece_bounds bounds[QM_PIECE_PARTS], double *leak)
 {
     qm_piece_face face = qm_piece_face_load(maker, piece);
     qm_piece_shape shape = qm_piece_shape_make(maker, &face, piece);
     qm_piece_list_near(maker, &shape, desk);
     bool is_complete = desk->near.is_complete;
     int count = 1;
+    *leak = 0.0;
     if (is_complete && piece->depth % HALVED_LEVELS != HALVED_LEVELS - 1)
-        count = qm_piece_cut_by_facets(maker, &face, piece, &desk->near, part);
+        count = qm_piece_cut_by_facets(maker, &face, piece, &desk->near, part, leak);
     if (count == 1) {
-        qm_piece_halve(&shape, piece, part);
+        qm_piece_halve(&shape, piece, part, leak);
         count = 2;
     }
+    *leak *= qm_piece_face_density(maker, &face);
     for (int i = 0; i < count; i++) {
         qm_piece_shape here = qm_piece_shape_make(maker, &face, &part[i]);
         if (!is_complete) qm_piece_list_near(maker, &here, desk);
@@ -86,9 +99,16 @@ int qm_piece_split(const qm_piece_maker *maker, const qm_source_piece *piece, qm
     return count;
 }
 
-qm_piece_bounds qm_piece_bound_point(double distance, double eta)
+qm_piece_bounds qm_piece_bound_point(const qm_piece_maker *maker, const double position[3], double distance)
 {
-    double low = distance - eta, high = distance + eta, sure = fmax(0.0, low);
+    double certain = distance;
+    if (maker->target_patches) {
+        qm_piece_desk desk;
+        desk.hint = 0;
+        desk.searches = 0;
+        qm_piece_search(maker, &desk, qm_frame_local(&maker->target->frame, position), &certain);
+    }
+    double low = certain - maker->eta, high = distance + maker->eta, sure = fmax(0.0, low);
     return (qm_piece_bounds){
         .low = {low, low, low},
         .high = {high, high, high},
@@ -100,5 +120,6 @@ qm_piece_bounds qm_piece_bound_point(double distance, double eta)
         .mean_high = high,
         .square_low = sure * sure,
         .square_high = high * high,
+        .blur = high - sure,
     };
 }

@@ -6,6 +6,7 @@
 #define PATCH_SHARE 0.25 /* of the accuracy: what cutting the target's patches may cost */
 #define GAP_SHARE 0.05   /* of what is open: what cutting a piece along facets need not bring yet */
 #define CUT_ROOM 4       /* pieces that there must be room for, for each that is cut in a round */
+#define LEAST_CUT 1024   /* a round looks at all pieces: of so many there must be room to cut one */
 #define PARTS_ROOM 2     /* of the room for parts that each of them has on average: most need less */
 #define CHUNK 64         /* pieces that a worker takes at a time to bound */
 #define BATCH 256        /* pieces that are cut before their parts are put in place */
@@ -13,6 +14,7 @@
 
 struct qm_batch_part {
     int count;
+    double leak;
     qm_source_piece piece[QM_PIECE_PARTS];
     qm_piece_bounds bounds[QM_PIECE_PARTS];
 };
@@ -92,7 +94,7 @@ static void split_chunks(void *data, int worker)
         for (desk.hint = 0; i < end; i++) {
             qm_batch_part *parts = &work->parts[i];
             parts->count = qm_piece_split(&work->maker, &work->piece[work->todo[work->begin + i].place],
-                                          &desk, parts->piece, parts->bounds);
+                                          &desk, parts->piece, parts->bounds, &parts->leak);
         }
     atomic_fetch_add(&work->searches, desk.searches);
 }
@@ -122,6 +124,7 @@ static void place_parts(qm_refinement *work)
         const qm_batch_part *parts = &work->parts[i - work->begin];
         if (work->count + (size_t)parts->count - 1 > work->limit) continue;
         size_t place = work->todo[i].place;
+        work->leak += parts->leak;
         work->piece[place] = parts->piece[0];
         work->bounds[place] = parts->bounds[0];
         for (int k = 1; k < parts->count; k++) {
@@ -177,23 +180,40 @@ static qm_status run_rounds(qm_refinement *work)
     qm_status status = QM_OK;
     for (int round = 0; status == QM_OK && round < MAX_ROUNDS; round++) {
         qm_piece_totals totals = qm_piece_sum(qm_refinement_list(work));
-        if (!(totals.area.lower > 0.5 * totals.area.upper)) break;
         work->is_accurate = is_narrow(work, totals.mean) && is_narrow(work, totals.rms);
-        if (work->is_accurate) break;
-        qm_cut_choice choice = qm_cuts_choose(work->piece, qm_refinement_list(work), &totals, work->accuracy,
-                                              (work->limit - work->count) / CUT_ROOM);
-        if (choice.count == 0) break;
+        double sharp = work->accuracy * QM_BLUR_ROOM * totals.mean.lower + 8.0 * work->maker.eta;
+        if (work->is_accurate && totals.blur <= sharp) break;
+        size_t room = (work->limit - work->count) / CUT_ROOM;
+        qm_cut_choice choice =
+            qm_cuts_choose(work->piece, qm_refinement_list(work), &totals, work->accuracy, room);
+        if (choice.count == 0 || room < work->count / LEAST_CUT) break;
         status = run_round(work, &totals, choice);
     }
     return status;
 }
 
+/** An area that is most of its upper bound is certain. So is one of folded patches, whose normals cancel,
+ * when rounding makes but a small part of that bound: a normal changes linearly, and is not short everywhere
+ * when it is long in a corner. */
+static bool has_area(const qm_refinement *work)
+{
+    qm_interval area = qm_piece_sum(qm_refinement_list(work)).area;
+    if (area.lower > 0.5 * area.upper) return true;
+    double rounding = 0.0;
+    for (size_t i = 0; i < work->count; i++)
+        rounding += qm_piece_area_rounding(&work->maker, &work->piece[i]);
+    return area.upper > 4.0 * rounding;
+}
+
 qm_status qm_refinement_run(qm_refinement *work)
 {
-    set_errors(work, work->maker.greatest, 0.0);
+    set_errors(work, work->typical, 0.0);
     qm_status status = make_pieces(work);
     if (status == QM_OK) status = run_workers(work, bound_chunks);
     if (status != QM_OK) return status;
+    work->farthest = qm_piece_greatest(qm_refinement_list(work)).upper;
+    work->has_area = has_area(work);
+    if (!work->has_area) return QM_OK;
     work->parts = qm_context_alloc(work->ctx, BATCH, sizeof *work->parts);
     if (!work->parts) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
     status = run_rounds(work);

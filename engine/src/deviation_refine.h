@@ -23,6 +23,7 @@ typedef struct qm_refinement {
     qm_source_piece *piece; /* count of them, and their bounds */
     qm_piece_bounds *bounds;
     size_t count, limit;
+    double leak, farthest;                  /* see qm_piece_list */
     size_t piece_capacity, bounds_capacity; /* allocated */
     qm_open_piece *todo;                    /* the pieces to cut, todo_capacity allocated */
     size_t todo_count, todo_capacity;
@@ -30,6 +31,7 @@ typedef struct qm_refinement {
     qm_batch_part *parts; /* of each piece of the batch */
     atomic_size_t next;   /* piece to bound, or place of todo */
 
+    bool has_area; /* rounding does not hide whether the source has an area at all */
     bool is_accurate, is_canceled;
     _Atomic uint64_t searches;
 } qm_refinement;
@@ -39,11 +41,11 @@ qm_status qm_refinement_reserve(qm_refinement *work, size_t count);
 
 static inline qm_piece_list qm_refinement_list(const qm_refinement *work)
 {
-    return (qm_piece_list){work->bounds, work->count};
+    return (qm_piece_list){work->bounds, work->count, work->leak, work->farthest};
 }
 
 /**
- * Makes a piece of each triangle of the source, bounds them, and cuts them in rounds.
+ * Makes a piece of each triangle of the source, bounds them, and cuts them in rounds, if they have an area.
  *
  * Returns QM_OK, also when the pieces ran out before the accuracy was reached, and when the call is canceled
  * once each piece has bounds (is_canceled); QM_E_NO_MEMORY; QM_E_CANCELED.

@@ -1,7 +1,20 @@
 #include "deviation_shape.h"
 
-#define EPSILON 0x1p-53
-#define AREA_ROUNDINGS 16.0
+#include "rounding.h"
+
+/**
+ * A vector along a face is off by at most 40 u S, S the greatest local coordinate. An edge: both corners by u
+ * S each as they enter the frame, the difference by 2 u S, in each of three coordinates: 7 u S. Q_s = e1 + t
+ * w: corners give 2 + 4 u S, e1 2 u S, w = (c0 - c1) + (c2 - c3) 2 + 2 + 4 u S, t w 4 u S, the sum 2 u S,
+ * each coordinate: 22 sqrt(3) u S = 38 u S. A cross product adds 6 u, its length 3 u of the product of
+ * lengths.
+ */
+#define CROSS_ROUNDINGS 40.0
+
+/** Of a determinant of parameters: each of four differences by u, both products and their difference. */
+#define PARAMETER_ROUNDINGS 4.0
+
+#define OUTSIDE 0x1p-20 /* relative: corners of pieces may lie outside of the face by far less */
 
 static qm_vec load_vertex(const qm_piece_maker *maker, uint32_t vertex)
 {
@@ -31,12 +44,26 @@ qm_vec qm_piece_face_at(const qm_piece_face *face, double u, double v)
     return face->is_patch ? qm_patch_at(&face->patch, u, v) : flat_point(face->corner, u, v);
 }
 
-/** Twice the area of the piece in its parameters. */
-static double parameter_area2(const qm_source_piece *piece)
+double qm_piece_parameter_area2(const qm_source_piece *piece, double *error)
 {
     double du1 = piece->u[1] - piece->u[0], dv1 = piece->v[1] - piece->v[0];
     double du2 = piece->u[2] - piece->u[0], dv2 = piece->v[2] - piece->v[0];
-    return fabs(du1 * dv2 - du2 * dv1);
+    *error = PARAMETER_ROUNDINGS * QM_UNIT_ROUNDING * (fabs(du1 * dv2) + fabs(du2 * dv1));
+    return du1 * dv2 - du2 * dv1;
+}
+
+/** Areas that the piece would have at densities of its face, from below and above. */
+static void set_spread(qm_piece_shape *shape, const qm_piece_maker *maker, const qm_source_piece *piece,
+                       const double low[3], const double high[3], double rounding)
+{
+    double error, doubled = fabs(qm_piece_parameter_area2(piece, &error));
+    double least = 0.5 * maker->area_unit * fmax(0.0, doubled - error);
+    double most = 0.5 * maker->area_unit * (doubled + error);
+    for (int i = 0; i < 3; i++) {
+        shape->low[i] = least * low[i];
+        shape->high[i] = most * high[i];
+    }
+    shape->rounding = most * rounding;
 }
 
 static double spread(const double x[3])
@@ -48,7 +75,7 @@ static double spread(const double x[3])
 static double cross_error(const qm_piece_maker *maker, qm_vec a, qm_vec b)
 {
     double la = qm_vec_norm(a), lb = qm_vec_norm(b);
-    return AREA_ROUNDINGS * EPSILON * (la * lb + maker->reach * (la + lb));
+    return CROSS_ROUNDINGS * QM_UNIT_ROUNDING * (la * lb + maker->reach * (la + lb));
 }
 
 static void spread_flat(qm_piece_shape *shape, const qm_piece_maker *maker, const qm_piece_face *face,
@@ -57,40 +84,61 @@ static void spread_flat(qm_piece_shape *shape, const qm_piece_maker *maker, cons
     const qm_vec *corner = face->corner;
     qm_vec a = qm_vec_sub(corner[1], corner[0]), b = qm_vec_sub(corner[2], corner[0]);
     double doubled = qm_vec_norm(qm_vec_cross(a, b)), error = cross_error(maker, a, b);
-    double share = 0.5 * parameter_area2(piece);
-    for (int i = 0; i < 3; i++) {
-        shape->low[i] = share * fmax(0.0, doubled - error);
-        shape->high[i] = share * (doubled + error);
-    }
+    double least = fmax(0.0, doubled - error), most = doubled + error;
+    set_spread(shape, maker, piece, (const double[]){least, least, least}, (const double[]){most, most, most},
+               error);
     shape->slack = 0.0;
     shape->is_uniform = true;
 }
 
 /** Q_s x Q_t = e1 x e2 + s e1 x w + t w x e2 is linear in s and t: its length is convex. */
+static qm_vec patch_normal(const qm_piece_maker *maker, const qm_patch *patch, double s, double t,
+                           double *error)
+{
+    qm_vec along_s = qm_vec_axpy(patch->e1, t, patch->w), along_t = qm_vec_axpy(patch->e2, s, patch->w);
+    *error = cross_error(maker, along_s, along_t);
+    return qm_vec_cross(along_s, along_t);
+}
+
 static void spread_patch(qm_piece_shape *shape, const qm_piece_maker *maker, const qm_piece_face *face,
                          const qm_source_piece *piece)
 {
     const qm_patch *patch = &face->patch;
     qm_vec normal[3], sum = {0, 0, 0};
-    double share = 0.5 * parameter_area2(piece), error = 0.0;
+    double low[3], high[3], error = 0.0;
     for (int i = 0; i < 3; i++) {
-        qm_vec along_s = qm_vec_axpy(patch->e1, piece->v[i], patch->w);
-        qm_vec along_t = qm_vec_axpy(patch->e2, piece->u[i], patch->w);
-        normal[i] = qm_vec_cross(along_s, along_t);
+        double here;
+        normal[i] = patch_normal(maker, patch, piece->u[i], piece->v[i], &here);
         sum = qm_vec_add(sum, normal[i]);
-        error = fmax(error, cross_error(maker, along_s, along_t));
+        error = fmax(error, here);
     }
     double length = qm_vec_norm(sum);
     qm_vec unit = length > 0.0 ? qm_vec_scale(1.0 / length, sum) : (qm_vec){0, 0, 0};
     for (int i = 0; i < 3; i++) {
-        shape->low[i] = share * fmax(0.0, qm_vec_dot(unit, normal[i]) - error);
-        shape->high[i] = share * (qm_vec_norm(normal[i]) + error);
+        low[i] = qm_vec_dot(unit, normal[i]) - error;
+        high[i] = qm_vec_norm(normal[i]) + error;
     }
     /* Clamped values are no linear function below the length any more. */
-    if (shape->low[0] <= 0.0 || shape->low[1] <= 0.0 || shape->low[2] <= 0.0)
-        shape->low[0] = shape->low[1] = shape->low[2] = 0.0;
+    if (low[0] <= 0.0 || low[1] <= 0.0 || low[2] <= 0.0) low[0] = low[1] = low[2] = 0.0;
+    set_spread(shape, maker, piece, low, high, error);
     shape->slack = 0.25 * qm_vec_norm(patch->w) * spread(piece->u) * spread(piece->v);
     shape->is_uniform = qm_vec_norm2(patch->w) == 0.0;
+}
+
+double qm_piece_face_density(const qm_piece_maker *maker, const qm_piece_face *face)
+{
+    double most = 0.0;
+    if (!face->is_patch) {
+        qm_vec a = qm_vec_sub(face->corner[1], face->corner[0]);
+        qm_vec b = qm_vec_sub(face->corner[2], face->corner[0]);
+        most = qm_vec_norm(qm_vec_cross(a, b)) + cross_error(maker, a, b);
+    }
+    for (int i = 0; i < 4 && face->is_patch; i++) {
+        double error;
+        qm_vec normal = patch_normal(maker, &face->patch, i & 1 ? 1.0 : 0.0, i & 2 ? 1.0 : 0.0, &error);
+        most = fmax(most, qm_vec_norm(normal) + error);
+    }
+    return maker->area_unit * most * (1.0 + OUTSIDE);
 }
 
 qm_piece_shape qm_piece_shape_make(const qm_piece_maker *maker, const qm_piece_face *face,

@@ -22,9 +22,17 @@ typedef struct qm_piece_shape {
     /* Areas that the whole piece would have if it were spread as at its corners, from below and above. */
     double low[3], high[3];
     bool is_uniform; /* spread alike everywhere */
+    double rounding; /* of the area that high stands for */
 } qm_piece_shape;
 
 qm_piece_face qm_piece_face_load(const qm_piece_maker *maker, const qm_source_piece *piece);
+
+/** Twice the area of a piece in its parameters, by which error it may be off. Negative when its corners have
+ * turned round. */
+double qm_piece_parameter_area2(const qm_source_piece *piece, double *error);
+
+/** The most area that a face has for an area of its parameters. */
+double qm_piece_face_density(const qm_piece_maker *maker, const qm_piece_face *face);
 
 /** The point of the face at parameters of the piece. */
 qm_vec qm_piece_face_at(const qm_piece_face *face, double u, double v);

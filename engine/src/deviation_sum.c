@@ -1,22 +1,53 @@
 #include "deviation_sum.h"
 
+#include <float.h>
 #include <stdlib.h>
 
-#define SUM_ERROR 1e-12  /* relative: long doubles, and fewer than 2^32 pieces */
+#include "rounding.h"
+
+#define PIECE_ROUNDINGS                                                                                      \
+    64.0 /* of a piece's own area, integrals and shares, and of quotients and roots of sums */
+#define BORDER_ROUNDINGS 0x1p-50 /* relative: of a quotient and a product, whichever comes first */
 #define FIRST_PLACES 128 /* looked at in the first round, closer to one another where distances are small */
 #define PLACES 3         /* of an end of a percentile, looked at in each other round */
 #define NEAR_PART 0x1p-5 /* of a range: places this near to where the end is thought to be */
 #define MAX_ROUNDS 24
 #define END_SHARE 0x1p-6 /* of a percentile's own interval: its ends are found no closer */
 
-static qm_interval opened(long double low, long double high)
+/**
+ * What a sum over the pieces may be off by, relative to the sum of what is added. Every term is a short
+ * expression of terms that are not negative; with L the unit roundoff of long double a sum of n is off by n
+ * L, and the shares take two sums of 2 n terms one after the other.
+ */
+static double sum_error(size_t count)
 {
-    return (qm_interval){(double)low * (1.0 - SUM_ERROR), (double)high * (1.0 + SUM_ERROR)};
+    return PIECE_ROUNDINGS * QM_UNIT_ROUNDING + 32.0 * (double)count * (double)LDBL_EPSILON;
+}
+
+static qm_interval opened(long double low, long double high, double error)
+{
+    return (qm_interval){(double)low * (1.0 - error), (double)high * (1.0 + error)};
+}
+
+/** The interval of a sum over the surface of a function that is at most this, from the sums over all pieces.
+ */
+static qm_interval sum_interval(qm_piece_list pieces, const long double sum[2], double most)
+{
+    qm_interval open = opened(sum[0], sum[1], sum_error(pieces.count));
+    double leak = pieces.leak > 0.0 ? pieces.leak * most * (1.0 + sum_error(pieces.count)) : 0.0;
+    return (qm_interval){fmax(0.0, open.lower - leak), open.upper + leak};
+}
+
+/** Of a sum divided by the area. */
+static qm_interval mean_interval(qm_interval sum, qm_interval area)
+{
+    double upper = area.lower > 0.0 ? sum.upper / area.lower : INFINITY;
+    return (qm_interval){area.upper > 0.0 ? sum.lower / area.upper : 0.0, upper};
 }
 
 qm_piece_totals qm_piece_sum(qm_piece_list pieces)
 {
-    long double area[2] = {0, 0}, mean[2] = {0, 0}, square[2] = {0, 0};
+    long double area[2] = {0, 0}, mean[2] = {0, 0}, square[2] = {0, 0}, blur = 0;
     for (size_t i = 0; i < pieces.count; i++) {
         const qm_piece_bounds *piece = &pieces.bounds[i];
         area[0] += (long double)piece->area_low;
@@ -25,14 +56,29 @@ qm_piece_totals qm_piece_sum(qm_piece_list pieces)
         mean[1] += (long double)piece->mean_high;
         square[0] += (long double)piece->square_low;
         square[1] += (long double)piece->square_high;
+        blur += (long double)piece->blur;
     }
-    qm_piece_totals totals = {.area = opened(area[0], area[1])};
-    if (!(totals.area.lower > 0.0)) return totals;
-    totals.mean = opened(mean[0] / (long double)totals.area.upper, mean[1] / (long double)totals.area.lower);
+    qm_piece_totals totals = {.area = sum_interval(pieces, area, 1.0)};
+    totals.mean = mean_interval(sum_interval(pieces, mean, pieces.farthest), totals.area);
     qm_interval squares =
-        opened(square[0] / (long double)totals.area.upper, square[1] / (long double)totals.area.lower);
-    totals.rms = opened((long double)sqrt(squares.lower), (long double)sqrt(squares.upper));
+        mean_interval(sum_interval(pieces, square, pieces.farthest * pieces.farthest), totals.area);
+    totals.rms = (qm_interval){sqrt(squares.lower), sqrt(squares.upper)};
+    totals.blur = totals.area.lower > 0.0 ? (double)blur / totals.area.lower : INFINITY;
     return totals;
+}
+
+qm_interval qm_piece_greatest(qm_piece_list pieces)
+{
+    qm_interval greatest = {-INFINITY, -INFINITY};
+    for (size_t i = 0; i < pieces.count; i++)
+        for (int k = 0; k < 3; k++) {
+            const qm_piece_bounds *piece = &pieces.bounds[i];
+            double below = piece->is_signed ? -piece->high[k] : -INFINITY;
+            double above = piece->is_signed ? fmax(piece->high[k], -piece->low[k]) : piece->high[k];
+            greatest.upper = fmax(greatest.upper, above + piece->excess);
+            if (!(piece->stray_low > 0.0)) greatest.lower = fmax(greatest.lower, fmax(piece->low[k], below));
+        }
+    return greatest;
 }
 
 /* ---- shares ---- */
@@ -82,22 +128,81 @@ typedef struct share_sums {
     long double *within, *within_steps, *beyond, *beyond_steps;
 } share_sums;
 
-/** whole and density are the areas of the part within, then of the part beyond. */
-static void add_piece(const share_sums *sums, const double v[3], const double *x, size_t count,
-                      const double whole[2], const double density[2])
+/** What a share within makes of the areas of a piece: whole and density are those of the part within, then of
+ * the part beyond. */
+static void find_areas(double share, const double whole[2], const double density[2], double area[2])
 {
-    ramp r = make_ramp(v);
-    size_t begin = find_place(x, count, r.value[0]);
-    size_t end = begin + find_place(x + begin, count - begin, r.value[2]);
-    sums->beyond_steps[0] += (long double)whole[1];
-    sums->beyond_steps[begin] -= (long double)whole[1];
-    sums->within_steps[end] += (long double)whole[0];
-    for (size_t i = begin; i < end; i++) {
-        double share = share_within(&r, x[i]);
-        double within = share * density[0], beyond = (1.0 - share) * density[1];
-        sums->within[i] += (long double)(within < whole[0] ? within : whole[0]);
-        sums->beyond[i] += (long double)(beyond < whole[1] ? beyond : whole[1]);
+    double within = share * density[0], beyond = (1.0 - share) * density[1];
+    area[0] = share >= 1.0 || !(within < whole[0]) ? whole[0] : within;
+    area[1] = share <= 0.0 || !(beyond < whole[1]) ? whole[1] : beyond;
+}
+
+/** The same share from one place to another. */
+static void add_span(const share_sums *sums, size_t begin, size_t end, double share, const double area[2][2])
+{
+    double part[2];
+    find_areas(share, area[0], area[1], part);
+    sums->within_steps[begin] += (long double)part[0];
+    sums->within_steps[end] -= (long double)part[0];
+    sums->beyond_steps[begin] += (long double)part[1];
+    sums->beyond_steps[end] -= (long double)part[1];
+}
+
+/** How the share of a piece within x grows: by one of its functions on each side of it, and wrong by no more
+ * than stray at an x below top. */
+typedef struct piece_growth {
+    ramp side[2];
+    int sides;
+    double stray, top;
+} piece_growth;
+
+static piece_growth make_growth(const double v[3], const double *turned, double stray, double excess)
+{
+    piece_growth growth = {.side[0] = make_ramp(v), .sides = 1, .stray = stray};
+    growth.top = growth.side[0].value[2];
+    if (turned) {
+        ramp other = make_ramp(turned);
+        /* A side on which nothing lies is left out. */
+        if (!(growth.side[0].value[2] > 0.0)) growth.sides = 0;
+        if (other.value[2] > 0.0) growth.side[growth.sides++] = other;
+        if (growth.sides == 0) growth.sides = 1;
+        growth.top = qm_greater(growth.top, other.value[2]);
     }
+    growth.top += excess;
+    return growth;
+}
+
+static double share_at(const piece_growth *growth, double x)
+{
+    double share = 1.0;
+    for (int k = 0; k < growth->sides; k++) {
+        const ramp *r = &growth->side[k];
+        if (x < r->value[2]) share -= x < r->value[0] ? 1.0 : 1.0 - share_within(r, x);
+    }
+    return share;
+}
+
+static double strayed(const piece_growth *growth, double share)
+{
+    return qm_lesser(1.0, qm_greater(0.0, share + growth->stray));
+}
+
+static void add_piece(const share_sums *sums, const piece_growth *growth, const double *x, size_t count,
+                      const double area[2][2])
+{
+    const ramp *one = &growth->side[0], *two = &growth->side[growth->sides - 1];
+    size_t begin = growth->sides > 1 ? 0 : find_place(x, count, one->value[0]);
+    size_t end = begin + find_place(x + begin, count - begin, qm_greater(one->value[2], two->value[2]));
+    size_t top = end + find_place(x + end, count - end, growth->top);
+    add_span(sums, 0, begin, strayed(growth, 0.0), area);
+    for (size_t i = begin; i < end; i++) {
+        double part[2];
+        find_areas(strayed(growth, share_at(growth, x[i])), area[0], area[1], part);
+        sums->within[i] += (long double)part[0];
+        sums->beyond[i] += (long double)part[1];
+    }
+    add_span(sums, end, top, strayed(growth, 1.0), area);
+    add_span(sums, top, count, 1.0, area);
 }
 
 static void add_up(const share_sums *sums, size_t count)
@@ -118,9 +223,11 @@ static share_sums make_sums(long double *work, size_t count)
     return (share_sums){work, work + (count + 1), work + 2 * (count + 1), work + 3 * (count + 1)};
 }
 
-static double share_of(const share_sums *sums, size_t i)
+/** The share within the i-th x when so much area besides is within it, and not beyond it as counted. */
+static double share_of(const share_sums *sums, size_t i, double more)
 {
-    long double within = fmaxl(0, sums->within[i]), beyond = fmaxl(0, sums->beyond[i]);
+    long double within = fmaxl(0, sums->within[i] + (long double)more);
+    long double beyond = fmaxl(0, sums->beyond[i] - (long double)more);
     return within + beyond > 0 ? (double)(within / (within + beyond)) : 0.0;
 }
 
@@ -130,16 +237,25 @@ void qm_piece_shares(qm_piece_list pieces, const double *x, size_t count, long d
     share_sums low = make_sums(work, count), high = make_sums(work + 4 * (count + 1), count);
     for (size_t i = 0; i < pieces.count; i++) {
         const qm_piece_bounds *piece = &pieces.bounds[i];
-        add_piece(&low, piece->high, x, count, (const double[2]){piece->area_low, piece->area_high},
-                  (const double[2]){piece->density_low, piece->density_high});
-        add_piece(&high, piece->low, x, count, (const double[2]){piece->area_high, piece->area_low},
-                  (const double[2]){piece->density_high, piece->density_low});
+        const double area[2][2] = {{piece->area_low, piece->area_high},
+                                   {piece->density_low, piece->density_high}};
+        const double other[2][2] = {{piece->area_high, piece->area_low},
+                                    {piece->density_high, piece->density_low}};
+        double turned_low[3], turned_high[3];
+        qm_piece_bounds_turn(piece, turned_low, turned_high);
+        piece_growth surely = make_growth(piece->high, piece->is_signed ? turned_high : NULL,
+                                          -piece->stray_high, piece->excess);
+        piece_growth possibly =
+            make_growth(piece->low, piece->is_signed ? turned_low : NULL, piece->stray_low, 0.0);
+        add_piece(&low, &surely, x, count, area);
+        add_piece(&high, &possibly, x, count, other);
     }
     add_up(&low, count);
     add_up(&high, count);
+    double error = sum_error(pieces.count);
     for (size_t i = 0; i < count; i++)
-        share[i] = (qm_interval){fmax(0.0, share_of(&low, i) - SUM_ERROR),
-                                 fmin(1.0, share_of(&high, i) + SUM_ERROR)};
+        share[i] = (qm_interval){fmax(0.0, share_of(&low, i, -pieces.leak) - error),
+                                 fmin(1.0, share_of(&high, i, pieces.leak) + error)};
 }
 
 /* ---- percentiles ---- */
@@ -250,7 +366,7 @@ qm_status qm_piece_percentiles(qm_context *ctx, qm_piece_list pieces, double gre
 
 /* ---- histogram ---- */
 
-/** Share of the area with a distance below border i. Two places stand for it, just below it and at it. */
+/** Share of the area with a distance below border i. Two places stand for it, just below and just above. */
 static qm_interval share_below(const qm_interval *share, size_t i, size_t count)
 {
     if (i == 0) return (qm_interval){0.0, 0.0};
@@ -269,8 +385,9 @@ qm_status qm_piece_histogram(qm_context *ctx, qm_piece_list pieces, double great
     bool has_memory = x && share && work;
     if (has_memory) {
         for (size_t i = 0; i < count; i++) {
-            x[2 * i + 1] = greatest * (double)i / (double)count;
-            x[2 * i] = nextafter(x[2 * i + 1], -INFINITY);
+            double border = greatest * (double)i / (double)count;
+            x[2 * i + 1] = border * (1.0 + BORDER_ROUNDINGS);
+            x[2 * i] = border * (1.0 - BORDER_ROUNDINGS);
         }
         qm_piece_shares(pieces, x, places, work, share);
         for (size_t i = 0; i < count; i++) {

@@ -8,24 +8,31 @@
 #include "deviation_piece.h"
 #include "qm/deviation.h"
 
+/** All pieces, and what cuts have leaked: by so much area they differ from the surface, in which no distance
+ * is above farthest. */
 typedef struct qm_piece_list {
     const qm_piece_bounds *bounds;
     size_t count;
+    double leak, farthest;
 } qm_piece_list;
 
 typedef struct qm_piece_totals {
     qm_interval area, mean, rms;
+    double blur; /* mean of what the functions of all pieces leave open: percentiles are about as wide */
 } qm_piece_totals;
 
-/** Totals of the pieces; opened by what adding up may have cost. */
+/** Totals of the pieces. Mean and rms have an upper bound of INFINITY where no area is certain. */
 qm_piece_totals qm_piece_sum(qm_piece_list pieces);
 
+/** The greatest distance from the surface of any piece lies between these; both may be negative. */
+qm_interval qm_piece_greatest(qm_piece_list pieces);
+
 /**
- * The shares of the area with a distance of x[i] or less, for count ascending x.
+ * The shares of the area with a distance of x[i] or less, for count ascending x >= 0.
  *
  * On P with d between the linear functions L and H, {H <= x} is part of {d <= x}, which is part of {L <= x};
  * the share of a triangle in which a linear function is at most x is known in closed form. With X the area
- * within x and Y the rest, X / (X + Y) grows with X and falls with Y.
+ * within x and Y the rest, X / (X + Y) grows with X and falls with Y. What has leaked may be in either.
  *
  * work  8 * (count + 1) long doubles
  */
@@ -39,7 +46,7 @@ void qm_piece_shares(qm_piece_list pieces, const double *x, size_t count, long d
 qm_status qm_piece_percentiles(qm_context *ctx, qm_piece_list pieces, double greatest, const double *percent,
                                size_t count, qm_interval *out);
 
-/** Shares in the bins [i, i + 1) * greatest / count, the last one closed.
+/** Shares in the bins [i, i + 1) * greatest / count, the last one closed, however their borders are rounded.
  */
 qm_status qm_piece_histogram(qm_context *ctx, qm_piece_list pieces, double greatest, size_t count,
                              qm_interval *out);

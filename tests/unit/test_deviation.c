@@ -500,6 +500,28 @@ static void finer_copies_agree_with_sampling(void **state)
     one_near_pair(13, 7, 1e-3, 1e-3, QM_QUADS_TRIANGLES, 3);
 }
 
+/** The mean of surfaces that nearly coincide closes long before their distribution, which is not left behind.
+ */
+static void percentiles_of_noisy_copies_are_narrow(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 79);
+    qm_mesh a = qm_shape_torus(24, 12, 1.0, 0.3), b = qm_shape_copy(&a);
+    qm_shape_shake(&b, &random, 1e-4);
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-6);
+    options.accuracy = 1e-3;
+    qm_deviation found = measure(&a, &b, &options);
+    assert_true(found.is_accurate);
+    QM_CHECK(found.pieces < 20000, "%zu pieces of 576 triangles", found.pieces);
+    for (int i = 2; i < PERCENTS - 1; i++)
+        QM_CHECK(found.percentile[i].upper - found.percentile[i].lower < 0.03 * found.mean.lower,
+                 "seed %llu, %g %%: [%g, %g]", (unsigned long long)qm_check_seed(), percents[i],
+                 found.percentile[i].lower, found.percentile[i].upper);
+    release(&found);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 static void near_planes_of_other_facets_are_exact(void **state)
 {
     (void)state;
@@ -516,6 +538,98 @@ static void near_planes_of_other_facets_are_exact(void **state)
     }
     qm_shape_free(&fine);
     qm_shape_free(&coarse);
+}
+
+/* ---- folded patches ---- */
+
+/** The area of a patch, by the middles of many cells; the place is where a parameter's derivatives cross. */
+static double patch_area(const qm_mesh *mesh, size_t face)
+{
+    enum { CELLS = 200 };
+    double area = 0.0;
+    for (int i = 0; i < CELLS * CELLS; i++) {
+        double s = (i / CELLS + 0.5) / CELLS, t = (i % CELLS + 0.5) / CELLS, side[4][3], a[3], b[3];
+        const double at[4][2] = {{0.0, t}, {1.0, t}, {s, 0.0}, {s, 1.0}};
+        for (int k = 0; k < 4; k++)
+            qm_slow_position(mesh, face, QM_QUADS_BILINEAR, at[k], side[k]);
+        for (int k = 0; k < 3; k++) {
+            a[k] = side[1][k] - side[0][k];
+            b[k] = side[3][k] - side[2][k];
+        }
+        double n[3] = {a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]};
+        area += sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) / (CELLS * CELLS);
+    }
+    return area;
+}
+
+/** Quads with two corners swapped: bow-ties, whose normals cancel. */
+static qm_mesh make_bow_ties(void)
+{
+    qm_mesh mesh = qm_shape_torus(6, 4, 1.0, 0.3);
+    for (size_t f = 0; f < mesh.face_count; f++) {
+        uint32_t *corner = mesh.faces + 4 * f, third = corner[2];
+        corner[2] = corner[3];
+        corner[3] = third;
+    }
+    return mesh;
+}
+
+static void folded_patches_count_by_their_area(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 78);
+    qm_mesh a = make_bow_ties(), b = make_bow_ties();
+    qm_shape_shake(&b, &random, 1e-5);
+    double area = 0.0;
+    for (size_t f = 0; f < a.face_count; f++)
+        area += patch_area(&a, f);
+    for (size_t limit = 0; limit <= 2000; limit += 2000) {
+        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-6);
+        options.piece_limit = limit;
+        qm_deviation found = measure(&a, &b, &options);
+        assert_int_equal(found.measure, QM_OVER_AREA);
+        QM_CHECK(found.size.lower <= area * 1.001 && found.size.upper >= area * 0.999, "[%g, %g] against %g",
+                 found.size.lower, found.size.upper, area);
+        QM_CHECK(limit == 0 || found.size.lower > 0.7 * found.size.upper, "[%g, %g]", found.size.lower,
+                 found.size.upper);
+        /* No point has been moved by more. */
+        QM_CHECK(found.mean.lower <= 2e-5 && found.rms.lower <= 2e-5 && found.max.lower <= 2e-5, "%g %g %g",
+                 found.mean.lower, found.rms.lower, found.max.lower);
+        assert_true(found.mean.upper <= found.max.upper && found.rms.upper <= found.max.upper);
+        release(&found);
+    }
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+/** Raises the flag when the search for the maximum tells of itself. */
+static void cancel_search(void *user, const qm_hausdorff_progress *progress)
+{
+    (void)progress;
+    atomic_store((atomic_bool *)user, true);
+}
+
+static void the_pieces_bound_the_maximum(void **state)
+{
+    (void)state;
+    qm_mesh a = qm_shape_torus(12, 6, 1.0, 0.3), b = qm_shape_torus(10, 5, 1.0, 0.31);
+    qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-9);
+    options.accuracy = 0.1;
+    qm_deviation truth = measure(&a, &b, &options), found;
+    qm_context ctx = qm_context_make();
+    atomic_bool cancel = false;
+    ctx.cancel = &cancel;
+    options.progress = cancel_search;
+    options.progress_user = &cancel;
+    assert_int_equal(measure_in(&ctx, &a, &b, &options, &found), QM_OK);
+    assert_true(found.is_canceled && found.is_accurate);
+    QM_CHECK(found.max.lower <= truth.max.upper && found.max.upper >= truth.max.lower &&
+                 found.max.lower > 0.5 * found.max.upper,
+             "[%g, %g] against [%g, %g]", found.max.lower, found.max.upper, truth.max.lower, truth.max.upper);
+    release(&found);
+    release(&truth);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
 }
 
 /* ---- the call ---- */
@@ -689,7 +803,10 @@ int main(void)
         cmocka_unit_test(more_pieces_only_narrow),
         cmocka_unit_test(moved_copies_agree_with_sampling),
         cmocka_unit_test(finer_copies_agree_with_sampling),
+        cmocka_unit_test(percentiles_of_noisy_copies_are_narrow),
         cmocka_unit_test(near_planes_of_other_facets_are_exact),
+        cmocka_unit_test(folded_patches_count_by_their_area),
+        cmocka_unit_test(the_pieces_bound_the_maximum),
         cmocka_unit_test(threads_change_no_more_than_the_maximum_may),
         cmocka_unit_test(bad_options_are_refused),
         cmocka_unit_test(a_cancelled_call_leaves_nothing),

@@ -4,7 +4,7 @@
  */
 #include "check.h"
 
-#include "deviation_piece.h"
+#include "deviation_shape.h"
 #include "shapes.h"
 #include "slow_twin.h"
 
@@ -23,6 +23,14 @@ typedef struct piece_pair {
     qm_random random;
     qm_piece_desk desk;
 } piece_pair;
+
+/** Of random points in pieces that have strays: how many were told to stray, and how many do. */
+typedef struct stray_count {
+    double expected, variance;
+    size_t found;
+} stray_count;
+
+static stray_count strays;
 
 static void open_pair(piece_pair *pair)
 {
@@ -70,15 +78,58 @@ static void check_at(const piece_pair *pair, const qm_source_piece *piece, const
     double at[3], low = 0.0, high = 0.0, inverse_scale = pair->tree_b->frame.inverse_scale;
     find_position(pair, piece, weight, at);
     qm_slow_bracket truth = qm_slow_distance(&pair->b, pair->reading, at, EPS);
+    /* The place itself is rounded, which tells where the target is far smaller. */
+    double rounded = 0x1p-52 * fmax(fabs(at[0]), fmax(fabs(at[1]), fabs(at[2])));
+    truth.lower -= rounded;
+    truth.upper += rounded;
     for (int i = 0; i < 3; i++) {
         low += weight[i] * bounds->low[i] * inverse_scale;
         high += weight[i] * bounds->high[i] * inverse_scale;
     }
+    if (bounds->is_signed) {
+        double turned = -high;
+        high = fmax(high, -low);
+        low = fmax(low, turned);
+    }
+    high += (bounds->stray_high > 0.0 ? bounds->excess : 0.0) * inverse_scale;
+    if (bounds->stray_low > 0.0) low = 0.0;
     QM_CHECK(low <= truth.upper && high >= truth.lower,
              "seed %llu, pair %llu, face %u, depth %d, weights %.17g %.17g %.17g: [%.17g, %.17g] against "
              "[%.17g, %.17g]",
              (unsigned long long)qm_check_seed(), (unsigned long long)pair->number, piece->face, piece->depth,
              weight[0], weight[1], weight[2], low, high, truth.lower, truth.upper);
+}
+
+/** Whether a random point of a piece is one where a function does not hold. */
+static void count_strays(piece_pair *pair, const qm_source_piece *piece, const qm_piece_bounds *bounds)
+{
+    double expected = fmin(1.0, bounds->stray_low + bounds->stray_high);
+    if (!(expected > 0.0)) return;
+    double u = qm_random_range(&pair->random, 0.0, 1.0), v = qm_random_range(&pair->random, 0.0, 1.0);
+    if (u + v > 1.0) {
+        u = 1.0 - u;
+        v = 1.0 - v;
+    }
+    const double weight[3] = {1.0 - u - v, u, v};
+    double at[3], low = 0.0, high = 0.0, inverse_scale = pair->tree_b->frame.inverse_scale;
+    find_position(pair, piece, weight, at);
+    qm_slow_bracket truth = qm_slow_distance(&pair->b, pair->reading, at, EPS);
+    for (int i = 0; i < 3; i++) {
+        low += weight[i] * bounds->low[i] * inverse_scale;
+        high += weight[i] * bounds->high[i] * inverse_scale;
+    }
+    strays.expected += expected;
+    strays.variance += expected * (1.0 - expected);
+    strays.found += fmax(low, -high) > truth.upper || fmax(high, -low) < truth.lower;
+}
+
+/** The share of random points that stray is what the pieces have told, to within six deviations. */
+static void check_strays(void)
+{
+    QM_CHECK((double)strays.found <= strays.expected + 6.0 * sqrt(strays.variance) + 3.0,
+             "seed %llu: %zu points stray, %g were told", (unsigned long long)qm_check_seed(), strays.found,
+             strays.expected);
+    strays = (stray_count){0.0, 0.0, 0};
 }
 
 /** Corners, a point of each edge, and points inside. */
@@ -94,8 +145,35 @@ static void check_piece(piece_pair *pair, const qm_source_piece *piece, const qm
         double u = qm_random_range(&pair->random, 0.0, 1.0), v = qm_random_range(&pair->random, 0.0, 1.0 - u);
         check_at(pair, piece, bounds, (const double[3]){1.0 - u - v, u, v});
     }
+    for (int i = 0; i < 4; i++)
+        count_strays(pair, piece, bounds);
     assert_true(bounds->mean_low <= bounds->mean_high && bounds->square_low <= bounds->square_high);
     assert_true(bounds->area_low <= bounds->area_high);
+}
+
+static __float128 parameter_area(const qm_source_piece *piece)
+{
+    __float128 u[3], v[3];
+    for (int i = 0; i < 3; i++) {
+        u[i] = piece->u[i];
+        v[i] = piece->v[i];
+    }
+    __float128 doubled = (u[1] - u[0]) * (v[2] - v[0]) - (u[2] - u[0]) * (v[1] - v[0]);
+    return 0.5 * (doubled < 0 ? -doubled : doubled);
+}
+
+/** The areas of the parts in the parameters, which are exact here, make that of the piece but for the leak.
+ */
+static void check_areas(const piece_pair *pair, const qm_source_piece *piece, const qm_source_piece *part,
+                        int count, double leak)
+{
+    __float128 off = -parameter_area(piece);
+    for (int i = 0; i < count; i++)
+        off += parameter_area(&part[i]);
+    qm_piece_face face = qm_piece_face_load(&pair->maker, piece);
+    double missed = fabs((double)off) * qm_piece_face_density(&pair->maker, &face);
+    QM_CHECK(missed <= leak, "seed %llu, pair %llu: off by %.17g, which was to be %.17g at most",
+             (unsigned long long)qm_check_seed(), (unsigned long long)pair->number, missed, leak);
 }
 
 /** How finely the pieces are cut is drawn anew for each cut, from exactly to hardly. */
@@ -108,15 +186,10 @@ static void check_parts(piece_pair *pair, const qm_source_piece *piece, int leve
     maker->worth = fmax(finest, pow(10.0, qm_random_range(&pair->random, -14.0, -1.0)));
     maker->patch_error = fmax(finest, pow(10.0, qm_random_range(&pair->random, -5.0, 0.0)));
     maker->part_limit = 3 + (int)qm_random_below(&pair->random, QM_PIECE_PARTS - 2);
-    int count = qm_piece_split(maker, piece, &pair->desk, part, bounds);
+    double leak;
+    int count = qm_piece_split(maker, piece, &pair->desk, part, bounds, &leak);
     assert_in_range(count, 2, QM_PIECE_PARTS);
-    double area = 0.0, whole = fabs((piece->u[1] - piece->u[0]) * (piece->v[2] - piece->v[0]) -
-                                    (piece->u[2] - piece->u[0]) * (piece->v[1] - piece->v[0]));
-    for (int i = 0; i < count; i++)
-        area += fabs((part[i].u[1] - part[i].u[0]) * (part[i].v[2] - part[i].v[0]) -
-                     (part[i].u[2] - part[i].u[0]) * (part[i].v[1] - part[i].v[0]));
-    QM_CHECK(fabs(area - whole) <= 1e-12, "pair %llu: parts of %.17g make %.17g",
-             (unsigned long long)pair->number, whole, area);
+    check_areas(pair, piece, part, count, leak);
     for (int i = 0; i < 4; i++) {
         int k = (int)qm_random_below(&pair->random, (size_t)count);
         check_piece(pair, &part[k], &bounds[k]);
@@ -160,6 +233,7 @@ static void check_soups(qm_quad_reading reading, uint64_t count, int levels)
         }
         check_pair(&pair, levels);
     }
+    check_strays();
 }
 
 static void pieces_of_triangles_hold(void **state)
@@ -174,11 +248,56 @@ static void pieces_of_patches_hold(void **state)
     check_soups(QM_QUADS_BILINEAR, qm_check_long() ? 300 : 8, 2);
 }
 
+/**
+ * Over a single point the bound by the corners is the distance itself at the middle of an equilateral piece:
+ * what is lost there by rounding is seen whole. The point is at the middle of a half, of a quarter or of all.
+ */
+static void pieces_over_a_point_hold(void **state)
+{
+    (void)state;
+    uint64_t count = qm_check_long() ? 1000000 : 3000;
+    print_message("seed %llu\n", (unsigned long long)qm_check_seed());
+    for (uint64_t number = 0; number < count; number++) {
+        piece_pair pair = {.number = number, .random = qm_random_make(qm_check_seed(), 900000 + number)};
+        qm_random *random = &pair.random;
+        double corner[3][3], point[3][3], out[3], x[3], y[3];
+        qm_random_direction(random, x);
+        qm_random_direction(random, out);
+
+        double along = 0.0, length = 0.0;
+        for (int k = 0; k < 3; k++)
+            along += x[k] * out[k];
+        for (int k = 0; k < 3; k++) {
+            y[k] = out[k] - along * x[k];
+            length += y[k] * y[k];
+        }
+        double size = pow(10.0, qm_random_range(random, -3.0, 0.0));
+        double above = qm_random_below(random, 2) ? 0.0 : pow(10.0, qm_random_range(random, -16.0, -6.0));
+        for (int k = 0; k < 3; k++) {
+            y[k] /= sqrt(length);
+            for (int i = 0; i < 3; i++)
+                corner[i][k] = size * (x[k] * cos(2.0 * M_PI * i / 3) + y[k] * sin(2.0 * M_PI * i / 3));
+            for (int i = 0; i < 3; i++)
+                point[i][k] = above * (x[(k + 1) % 3] * y[(k + 2) % 3] - x[(k + 2) % 3] * y[(k + 1) % 3]);
+        }
+        pair.a = qm_shape_face(3, (const double(*)[3])corner);
+        pair.b = qm_shape_face(3, (const double(*)[3])point);
+        open_pair(&pair);
+        qm_source_piece piece = qm_piece_first(&pair.maker, 0, false);
+        qm_piece_bounds bounds;
+        qm_piece_bound(&pair.maker, &piece, &pair.desk, &bounds);
+        check_at(&pair, &piece, &bounds, (const double[]){1.0 / 3, 1.0 / 3, 1.0 / 3});
+        check_piece(&pair, &piece, &bounds);
+        close_pair(&pair);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(pieces_of_triangles_hold),
         cmocka_unit_test(pieces_of_patches_hold),
+        cmocka_unit_test(pieces_over_a_point_hold),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

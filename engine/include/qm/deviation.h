@@ -4,11 +4,13 @@
  * value.
  *
  * Nothing is sampled. A is cut into pieces; over each piece the distance to B lies between two linear
- * functions (deviation_piece.h has the proofs), whose integrals and level sets are known in closed form. The
- * pieces that leave most in doubt are cut again until the accuracy is reached.
+ * functions, but for a part of known size (deviation_piece.h has the proofs), whose integrals and level sets
+ * are known in closed form. The pieces that leave most in doubt are cut again until the accuracy is reached,
+ * and the functions leave no more than eight times as much open, which is about how wide percentiles get.
  *
  * What is averaged over:
- *   a surface            its area; faces of no area then count nothing
+ *   a surface            its area, that of folded patches once for each fold; faces of no area then count
+ *                        nothing
  *   a surface of no area its vertices that faces use, each alike (segments and points: needles, spikes)
  *   a point set          its points, each alike
  */
@@ -24,9 +26,10 @@ typedef struct qm_interval {
 
 typedef struct qm_deviation_options {
     qm_quad_reading quads;
-    double accuracy;    /* > 0: mean and rms are narrowed until upper - lower <= accuracy * lower */
-    double tolerance;   /* > 0, unit of the meshes: width of the interval of the maximum; it stays wider when
-                           its search takes many times the work that such meshes need */
+    double accuracy; /* > 0: mean and rms are narrowed until upper - lower <= accuracy * lower */
+    double
+        tolerance;      /* > 0, unit of the meshes: width of the interval of the maximum; it stays wider when
+                           its search takes many times the work that such meshes need, or long beside the rest */
     size_t piece_limit; /* pieces besides those that A's faces make; 0: none, so that nothing is cut */
     const double *percentile; /* percentile_count numbers above 0, at most 100 */
     size_t percentile_count;
@@ -55,7 +58,7 @@ typedef struct qm_deviation {
     size_t pieces;
     uint64_t projections; /* searches of a nearest point, those of the maximum included */
     bool is_accurate;     /* the accuracy was reached, or what rounding leaves of it */
-    bool is_canceled;     /* the context's flag was raised before that */
+    bool is_canceled;     /* the context's flag was raised before the end; the intervals hold */
     double elapsed_ms;
 } qm_deviation;
 
