@@ -88,6 +88,16 @@ qm_status qm_builder_grow_vertices(qm_builder *builder)
     return qm_builder_reserve_vertices(builder, 1);
 }
 
+qm_status qm_builder_add_vertices(qm_builder *builder, const double *positions, size_t count)
+{
+    if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
+    qm_status status = qm_builder_reserve_vertices(builder, count);
+    if (status != QM_OK) return status;
+    memcpy(builder->positions + 3 * builder->vertex_count, positions, 3 * count * sizeof *positions);
+    builder->vertex_count += count;
+    return QM_OK;
+}
+
 qm_status qm_builder_set_normal(qm_builder *builder, const double normal[3])
 {
     void *block = builder->normals;
@@ -176,6 +186,22 @@ qm_status qm_builder_end_face(qm_builder *builder)
 qm_status qm_builder_grow_faces(qm_builder *builder)
 {
     return reserve_for_face(builder, 1);
+}
+
+qm_status qm_builder_add_faces(qm_builder *builder, const uint32_t (*faces)[4], size_t count)
+{
+    if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
+    qm_status status = qm_builder_reserve_faces(builder, count);
+    if (status == QM_OK && builder->face_origin) status = reserve_origins(builder);
+    if (status != QM_OK) return status;
+    memcpy(builder->faces + 4 * builder->face_count, faces, count * sizeof *faces);
+    for (size_t i = 0; i < count; ++i)
+        builder->repeated_count += qm_face_repeats_corner(faces[i]);
+    for (size_t i = 0; builder->face_origin && i < count; ++i)
+        builder->face_origin[builder->face_count + i] = (uint32_t)(builder->input_face_count + i);
+    builder->face_count += count;
+    builder->input_face_count += count;
+    return QM_OK;
 }
 
 qm_status qm_builder_fail_index(qm_builder *builder, uint64_t vertex)

@@ -78,6 +78,9 @@ static inline qm_status qm_builder_add_vertex(qm_builder *builder, const double 
     return QM_OK;
 }
 
+/** Adds many. */
+qm_status qm_builder_add_vertices(qm_builder *builder, const double *positions, size_t count);
+
 /** Gives the last vertex a normal; a file gives one to every vertex or to none. QM_E_NO_MEMORY. */
 qm_status qm_builder_set_normal(qm_builder *builder, const double normal[3]);
 
@@ -126,6 +129,9 @@ static inline qm_status qm_builder_add_face(qm_builder *builder, const uint32_t 
     ++builder->input_face_count;
     return QM_OK;
 }
+
+/** The same for many. */
+qm_status qm_builder_add_faces(qm_builder *builder, const uint32_t (*faces)[4], size_t count);
 
 static inline qm_status qm_builder_add_triangle(qm_builder *builder, uint32_t a, uint32_t b, uint32_t c)
 {

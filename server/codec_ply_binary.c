@@ -128,52 +128,80 @@ static plain_row find_plain(const qm_ply_reader *reader, const qm_ply_element *e
                                            : NOT_PLAIN;
 }
 
-/** False for a row that is to be read, or refused, in the general way. */
-static bool load_plain_position(plain_row plain, const uint8_t *at, double position[3])
+/** Widens whole rows to positions; false when a number is not finite. An exponent of ones carries into the
+ * place of the sign, so that no way out of the loop is needed. */
+static bool widen_floats(const uint8_t *at, size_t count, double *positions)
 {
-    if (plain == PLAIN_DOUBLES) {
-        memcpy(position, at, 3 * sizeof *position);
-    } else {
-        float narrow[3];
-        memcpy(narrow, at, sizeof narrow);
-        for (int axis = 0; axis < 3; ++axis)
-            position[axis] = (double)narrow[axis];
+    const uint32_t exponent = 0x7f800000u, step = 0x00800000u;
+    uint32_t carried = 0;
+    for (size_t i = 0; i < count; ++i) {
+        uint32_t bits;
+        float narrow;
+        memcpy(&bits, at + i * sizeof bits, sizeof bits);
+        memcpy(&narrow, &bits, sizeof narrow);
+        positions[i] = (double)narrow;
+        carried |= (bits & exponent) + step;
     }
-    return isfinite(position[0]) && isfinite(position[1]) && isfinite(position[2]);
+    return carried >> 31 == 0;
 }
 
-/** Reads plain rows up to the first one that is not; *done counts them. */
+static bool copy_doubles(const uint8_t *at, size_t count, double *positions)
+{
+    bool is_finite = true;
+    memcpy(positions, at, count * sizeof *positions);
+    for (size_t i = 0; i < count; ++i)
+        is_finite &= isfinite(positions[i]) != 0;
+    return is_finite;
+}
+
+#define ROWS_TOGETHER 1024
+
+/** Reads plain rows up to a block that has one to be refused in the general way; *done counts them. */
 static qm_status read_plain_positions(qm_ply_reader *reader, plain_row plain, uint64_t count, uint64_t *done)
 {
     size_t size = 3 * (plain == PLAIN_DOUBLES ? sizeof(double) : sizeof(float));
     qm_status status = QM_OK;
-    double position[3];
-    for (; *done < count && status == QM_OK && has_bytes(reader, size); ++*done) {
-        if (!load_plain_position(plain, reader->text.at, position)) break;
-        reader->text.at += size;
-        status = qm_builder_add_vertex(reader->builder, position);
+    while (*done < count && status == QM_OK) {
+        size_t rows = count - *done < ROWS_TOGETHER ? (size_t)(count - *done) : ROWS_TOGETHER;
+        double positions[3 * ROWS_TOGETHER];
+        if (!has_bytes(reader, rows * size)) break;
+        if (!(plain == PLAIN_DOUBLES ? copy_doubles : widen_floats)(reader->text.at, 3 * rows, positions))
+            break;
+        reader->text.at += rows * size;
+        *done += rows;
+        status = qm_builder_add_vertices(reader->builder, positions, rows);
     }
     return status;
 }
 
-/** The same for a triangle or quad; corners[3] is QM_NO_INDEX for the former. */
+/** Loads a triangle or quad; corners[3] is QM_NO_INDEX for the former. False for a row that is to be read, or
+ * refused, in the general way. */
 static inline bool load_plain_face(const uint8_t *at, uint64_t vertex_count, uint32_t corners[4])
 {
     memcpy(corners, at + 1, 4 * sizeof *corners);
-    bool is_good = corners[0] < vertex_count && corners[1] < vertex_count && corners[2] < vertex_count;
-    if (at[0] == 4) return is_good && corners[3] < vertex_count;
+    bool is_good = (corners[0] < vertex_count) & (corners[1] < vertex_count) & (corners[2] < vertex_count);
+    if (at[0] == 4) return is_good & (corners[3] < vertex_count);
     corners[3] = QM_NO_INDEX;
-    return is_good && at[0] == 3;
+    return is_good & (at[0] == 3);
 }
 
 static qm_status read_plain_faces(qm_ply_reader *reader, uint64_t count, uint64_t *done)
 {
     qm_status status = QM_OK;
-    uint32_t corners[4];
-    for (; *done < count && status == QM_OK && has_bytes(reader, 1 + sizeof corners); ++*done) {
-        if (!load_plain_face(reader->text.at, reader->vertex_count, corners)) break;
-        reader->text.at += 1 + (corners[3] == QM_NO_INDEX ? 3 : 4) * sizeof *corners;
-        status = qm_builder_add_face(reader->builder, corners);
+    bool is_plain = true;
+    while (is_plain && *done < count && status == QM_OK) {
+        uint32_t faces[ROWS_TOGETHER][4];
+        const uint8_t *at = reader->text.at, *end = reader->text.end;
+        size_t rows = 0, most = count - *done < ROWS_TOGETHER ? (size_t)(count - *done) : ROWS_TOGETHER;
+        for (; rows < most; ++rows) {
+            bool is_whole = (size_t)(end - at) >= 1 + sizeof faces[rows];
+            if (!is_whole || !load_plain_face(at, reader->vertex_count, faces[rows])) break;
+            at += 1 + (faces[rows][3] == QM_NO_INDEX ? 3 : 4) * sizeof faces[0][0];
+        }
+        is_plain = rows == most;
+        reader->text.at = at;
+        *done += rows;
+        status = qm_builder_add_faces(reader->builder, faces, rows);
     }
     return status;
 }

@@ -6,6 +6,9 @@
 #ifndef QM_CODEC_SCAN_H
 #define QM_CODEC_SCAN_H
 
+#include <endian.h>
+#include <string.h>
+
 #include "codec.h"
 
 typedef struct qm_scan {
@@ -74,9 +77,41 @@ qm_status qm_scan_read_number(qm_scan *text, double *number);
 /** Three numbers. */
 qm_status qm_scan_read_position(qm_scan *text, double position[3]);
 
+/**
+ * The number that the digits at p make, of which it looks at eight characters and counts those before the
+ * first other one; anything if there is none. No branch depends on their count. Neighbours are joined to
+ * numbers of two, four and eight digits, each step in all places of the word. Source: Lemire, Number Parsing
+ * at a Gigabyte per Second, Software: Practice and Experience 51, 2021.
+ */
+static inline uint64_t qm_scan_eight(const uint8_t *p, size_t *count)
+{
+    uint64_t word;
+    memcpy(&word, p, sizeof word);
+    word = le64toh(word) ^ 0x3030303030303030u;
+    /* A digit is now 9 at most. What is more sets the high bit here, and disturbs only what comes after. */
+    const uint64_t others = ((word + 0x7676767676767676u) | word) & 0x8080808080808080u;
+    *count = others ? (size_t)__builtin_ctzll(others) / 8 : 8;
+    word <<=
+        (64 - 8 * *count) & 63; /* zeros come before the first digit; no others are left after the last */
+    word = (10 * word + (word >> 8)) & 0x00ff00ff00ff00ffu;
+    word = (100 * word + (word >> 16)) & 0x0000ffff0000ffffu;
+    return (10000 * word + (word >> 32)) & 0xffffffffu;
+}
+
+/** The call below in all cases. */
+bool qm_scan_any_integer(qm_scan *text, int64_t *integer, bool *overflow);
+
 /** What an integer may be followed by is left to the caller: steps over no blanks. False if there is none, or
  * none that fits 63 bits, told apart by *overflow. */
-bool qm_scan_bare_integer(qm_scan *text, int64_t *integer, bool *overflow);
+static inline bool qm_scan_bare_integer(qm_scan *text, int64_t *integer, bool *overflow)
+{
+    size_t count = 0;
+    if (text->end - text->at >= 8) *integer = (int64_t)qm_scan_eight(text->at, &count);
+    if (count == 0 || count == 8) return qm_scan_any_integer(text, integer, overflow);
+    *overflow = false;
+    text->at += count;
+    return true;
+}
 
 /** Steps over blanks and reads a whole number. QM_E_FORMAT for anything else and for what does not fit 63
  * bits. */

@@ -1,13 +1,20 @@
 #include "large_pages.h"
 
+#include <limits.h>
+#include <malloc.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <unistd.h>
 
 #define SMALL_PAGE ((size_t)4 << 10)
 #define LARGE_PAGE ((size_t)2 << 20)
-#define LEAST (LARGE_PAGE / 2) /* bytes of a block that is mapped */
+#define HEAP_ROOM ((size_t)256 << 20)   /* of large pages, of which only those that are used are taken */
+#define HEAP_LEAST ((size_t)32 << 20)   /* from here on malloc maps a block of its own, whatever it is told */
+#define FIRST_BLOCK ((size_t)144 << 10) /* more than is free in a heap that has just begun */
+
+static size_t least_mapped = LARGE_PAGE / 2; /* bytes of a block that is mapped */
 
 /* The sanitizer sees only what malloc gives. */
 #ifdef __SANITIZE_ADDRESS__
@@ -18,7 +25,7 @@
 
 static bool is_mapped(size_t size)
 {
-    return IS_MAPPING && size >= LEAST;
+    return IS_MAPPING && size >= least_mapped;
 }
 
 static size_t round_up(size_t size, size_t page)
@@ -28,7 +35,7 @@ static size_t round_up(size_t size, size_t page)
 
 static size_t mapped_size(size_t size)
 {
-    return round_up(size, size % LARGE_PAGE >= LEAST ? LARGE_PAGE : SMALL_PAGE);
+    return round_up(size, size % LARGE_PAGE >= LARGE_PAGE / 2 ? LARGE_PAGE : SMALL_PAGE);
 }
 
 /** Maps a little too much, and gives back what lies before the first large page and behind the block. */
@@ -89,6 +96,26 @@ static void *resize(void *user, void *block, size_t old_size, size_t new_size)
     if (!is_mapped(old_size) && !is_mapped(new_size)) return realloc(block, new_size);
     if (is_mapped(old_size) && is_mapped(new_size)) return remap(block, old_size, new_size);
     return copy(block, old_size, new_size);
+}
+
+/** The heap is made to grow from a little below a large page, so that what malloc writes at its start leaves
+ * that page untouched: a page that is in use before the advice stays many small ones. */
+void qm_large_pages_for_heap(void)
+{
+    if (!IS_MAPPING) return;
+    const uintptr_t end = (uintptr_t)sbrk(0), page = round_up(end + FIRST_BLOCK, LARGE_PAGE);
+    if (sbrk((intptr_t)(page - FIRST_BLOCK - end)) == (void *)-1) return;
+    /* One arena, for those of threads lie elsewhere; and what is free stays with the process, for others. */
+    mallopt(M_ARENA_MAX, 1);
+    mallopt(M_TRIM_THRESHOLD, INT_MAX);
+    mallopt(M_MMAP_THRESHOLD, (int)HEAP_LEAST);
+    mallopt(M_TOP_PAD, (int)HEAP_ROOM);
+    void *volatile block = malloc(FIRST_BLOCK - SMALL_PAGE);
+    free(block);
+    mallopt(M_TOP_PAD, (int)LARGE_PAGE);
+    const uintptr_t top = (uintptr_t)sbrk(0);
+    if (top > page) madvise((void *)page, top - page, MADV_HUGEPAGE);
+    least_mapped = HEAP_LEAST;
 }
 
 const qm_allocator qm_large_pages = {.resize = resize, .user = NULL};

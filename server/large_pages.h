@@ -15,4 +15,11 @@
  */
 extern const qm_allocator qm_large_pages;
 
+/**
+ * For a process that answers one question: from now on malloc's heap lies on large pages, its blocks of up to
+ * 32 MiB are those of this allocator too, and what is freed of it stays with the process. Blocks that come
+ * one after the other then share pages that are set up already. Before other threads and the first block.
+ */
+void qm_large_pages_for_heap(void);
+
 #endif

@@ -93,32 +93,46 @@ static qm_status set_positions(qm_context *ctx, const qm_preparation *preparatio
     return status;
 }
 
-qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
-                       const qm_codec_limits *limits, const qm_preparation *preparation, qm_loaded_mesh *out,
-                       qm_codec_report *report)
+qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                       const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report)
 {
     *out = (qm_loaded_mesh){.file_size = size};
     *report = (qm_codec_report){.line = QM_NO_PLACE, .offset = QM_NO_PLACE};
     double start = qm_now_ms();
-    out->format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format;
-    if (out->format == QM_FORMAT_UNKNOWN) {
+    format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format;
+    if (format == QM_FORMAT_UNKNOWN) {
         snprintf(report->detail, sizeof report->detail,
                  size == 0 ? "the file is empty"
                            : "neither the name nor the content of the file tells its format");
         return size == 0 ? QM_E_EMPTY : QM_E_FORMAT;
     }
-    qm_status status = qm_codec_decode(ctx, out->format, bytes, size, limits, &out->mesh, report);
+    out->format = format;
+    qm_status status = qm_codec_decode(ctx, format, bytes, size, limits, &out->mesh, report);
     out->parse_ms = qm_now_ms() - start;
-    if (status == QM_OK && preparation->positions)
-        status = set_positions(ctx, preparation, &out->mesh, report);
+    if (status != QM_OK) qm_loaded_mesh_reset(ctx, out);
+    return status;
+}
+
+qm_status qm_mesh_make_ready(qm_context *ctx, const qm_preparation *preparation, qm_loaded_mesh *mesh,
+                             qm_codec_report *report)
+{
+    qm_status status = QM_OK;
+    if (preparation->positions) status = set_positions(ctx, preparation, &mesh->mesh, report);
     if (status == QM_OK) {
-        status = prepare(ctx, preparation, out);
-        if (status == QM_OK) status = set_warnings(out, report);
+        status = prepare(ctx, preparation, mesh);
+        if (status == QM_OK) status = set_warnings(mesh, report);
         if (status != QM_OK) snprintf(report->detail, sizeof report->detail, "%s", qm_status_text(status));
     }
-    if (status == QM_OK) return QM_OK;
-    qm_loaded_mesh_reset(ctx, out);
+    if (status != QM_OK) qm_loaded_mesh_reset(ctx, mesh);
     return status;
+}
+
+qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                       const qm_codec_limits *limits, const qm_preparation *preparation, qm_loaded_mesh *out,
+                       qm_codec_report *report)
+{
+    qm_status status = qm_mesh_read(ctx, format, bytes, size, limits, out, report);
+    return status == QM_OK ? qm_mesh_make_ready(ctx, preparation, out, report) : status;
 }
 
 static qm_status copy_arrays(qm_context *ctx, const qm_loaded_mesh *from, qm_loaded_mesh *to)

@@ -53,6 +53,15 @@ qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, 
                        qm_codec_report *report);
 
 /**
+ * The two halves of it, for who has no use for the bytes once they are decoded: their memory then serves the
+ * tree. A mesh that has been read has no tree, facts or warnings until it is made ready.
+ */
+qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                       const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report);
+qm_status qm_mesh_make_ready(qm_context *ctx, const qm_preparation *preparation, qm_loaded_mesh *mesh,
+                             qm_codec_report *report);
+
+/**
  * Makes a mesh of the same faces, facts and warnings with other positions, which it takes over: rows of x y z
  * for every vertex, on the allocator of the context. They have passed qm_mesh_validate.
  *

@@ -35,6 +35,12 @@ bool cli_check_writable(const char *path, bool as_json);
 bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, const qm_preparation *preparation,
                    qm_loaded_mesh *out);
 
+/** The same for two files, of which the words of the first bad one are told. With two threads or more they
+ * are loaded at the same time. For cli_unload_pair after success. */
+bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
+                   const qm_preparation preparation[2], qm_loaded_mesh mesh[2]);
+void cli_unload_pair(qm_context *ctx, qm_loaded_mesh mesh[2]);
+
 /** What a mesh is made ready for that is searched for nearest points, or else that only has its points
  * measured. */
 qm_preparation cli_prepare(bool is_target, qm_quad_reading quads, int threads);

@@ -55,7 +55,8 @@ static uint8_t *read_all(FILE *file, size_t expected, size_t *size)
     return bytes;
 }
 
-uint8_t *cli_read_file(const char *path, size_t *size, bool as_json)
+/** NULL, and the problem, for a file that cannot be read. */
+static uint8_t *read_file(const char *path, size_t *size, qm_problem *problem)
 {
     struct stat facts;
     bool is_stdin = strcmp(path, "-") == 0;
@@ -67,13 +68,20 @@ uint8_t *cli_read_file(const char *path, size_t *size, bool as_json)
     if (errno == 0 && !is_stdin && (S_ISCHR(facts.st_mode) || S_ISBLK(facts.st_mode))) errno = ENOTSUP;
     if (errno == 0) bytes = read_all(file, S_ISREG(facts.st_mode) ? (size_t)facts.st_size : 4096, size);
     if (!bytes || ferror(file)) {
-        qm_problem problem =
+        *problem =
             qm_problem_make(QM_PROBLEM_NOT_FOUND, "cannot be read: %s", strerror(errno ? errno : ENOMEM));
-        cli_complain(path, &problem, as_json);
         free(bytes);
         bytes = NULL;
     }
     if (file && !is_stdin) fclose(file);
+    return bytes;
+}
+
+uint8_t *cli_read_file(const char *path, size_t *size, bool as_json)
+{
+    qm_problem problem;
+    uint8_t *bytes = read_file(path, size, &problem);
+    if (!bytes) cli_complain(path, &problem, as_json);
     return bytes;
 }
 
@@ -83,19 +91,72 @@ qm_preparation cli_prepare(bool is_target, qm_quad_reading quads, int threads)
     return (qm_preparation){.parts = is_target ? target : QM_BVH_SOURCE, .thread_count = threads};
 }
 
-bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, const qm_preparation *preparation,
-                   qm_loaded_mesh *out)
+static bool load_mesh(qm_context *ctx, const char *path, const qm_preparation *preparation,
+                      qm_loaded_mesh *out, qm_problem *problem)
 {
     size_t size;
-    uint8_t *bytes = cli_read_file(path, &size, as_json);
+    *out = (qm_loaded_mesh){0};
+    uint8_t *bytes = read_file(path, &size, problem);
     if (!bytes) return false;
     const qm_codec_limits limits = {.max_vertices = QM_NO_INDEX - 1, .max_faces = QM_NO_INDEX - 1};
     qm_codec_report report;
-    qm_status status =
-        qm_mesh_load(ctx, qm_format_from_path(path), bytes, size, &limits, preparation, out, &report);
+    qm_status status = qm_mesh_read(ctx, qm_format_from_path(path), bytes, size, &limits, out, &report);
     free(bytes);
-    if (status == QM_OK) return true;
-    qm_problem problem = qm_problem_from_codec(status, &report);
-    cli_complain(path, &problem, as_json);
-    return false;
+    if (status == QM_OK) status = qm_mesh_make_ready(ctx, preparation, out, &report);
+    if (status != QM_OK) *problem = qm_problem_from_codec(status, &report);
+    return status == QM_OK;
+}
+
+bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, const qm_preparation *preparation,
+                   qm_loaded_mesh *out)
+{
+    qm_problem problem;
+    bool good = load_mesh(ctx, path, preparation, out, &problem);
+    if (!good) cli_complain(path, &problem, as_json);
+    return good;
+}
+
+/** Two files that are loaded at the same time. */
+typedef struct load_pair {
+    const qm_context *ctx;
+    const char *const *path;
+    const qm_preparation *preparation;
+    qm_loaded_mesh *mesh;
+    qm_problem problem[2];
+    bool good[2];
+} load_pair;
+
+static void load_one(void *data, int worker)
+{
+    load_pair *pair = data;
+    qm_context ctx = *pair->ctx; /* with words of its own */
+    pair->good[worker] = load_mesh(&ctx, pair->path[worker], &pair->preparation[worker], &pair->mesh[worker],
+                                   &pair->problem[worker]);
+}
+
+bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
+                   const qm_preparation preparation[2], qm_loaded_mesh mesh[2])
+{
+    load_pair pair = {.ctx = ctx, .path = path, .preparation = preparation, .mesh = mesh};
+    mesh[0] = mesh[1] = (qm_loaded_mesh){0};
+    bool is_one_pipe = strcmp(path[0], "-") == 0 && strcmp(path[1], "-") == 0;
+    if (preparation[0].thread_count > 1 && !is_one_pipe) {
+        qm_context_parallel(ctx, 2, load_one, &pair);
+    } else {
+        load_one(&pair, 0);
+        if (pair.good[0]) load_one(&pair, 1);
+    }
+    for (int i = 0; i < 2; i++) {
+        if (pair.good[i]) continue;
+        cli_complain(path[i], &pair.problem[i], as_json);
+        cli_unload_pair(ctx, mesh);
+        return false;
+    }
+    return true;
+}
+
+void cli_unload_pair(qm_context *ctx, qm_loaded_mesh mesh[2])
+{
+    qm_loaded_mesh_reset(ctx, &mesh[1]);
+    qm_loaded_mesh_reset(ctx, &mesh[0]);
 }

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "cli.h"
+#include "large_pages.h"
 
 atomic_bool cli_interrupted;
 
@@ -52,6 +53,7 @@ static int run_command(int argc, char **argv)
 
 int main(int argc, char **argv)
 {
+    qm_large_pages_for_heap();
     /* The second interrupt ends the program at once. */
     struct sigaction action = {.sa_handler = on_interrupt, .sa_flags = (int)SA_RESETHAND};
     sigaction(SIGINT, &action, NULL);

@@ -314,6 +314,70 @@ static void announced_counts_need_bytes(void **state)
     QM_CHECK_REFUSALS(QM_FORMAT_PLY, refusals);
 }
 
+enum { MANY = 2500, FIRST_QUAD = 1700 }; /* rows: more than two blocks of those that are read together */
+
+/** Triangles, then quads and triangles by turns; the last vertex and face are the given ones. */
+static size_t write_many(uint8_t *file, const char *type, const double last[3], uint32_t last_corner)
+{
+    size_t size = (size_t)sprintf((char *)file,
+                                  "ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty %s x\n"
+                                  "property %s y\nproperty %s z\nelement face %d\n" LIST "end_header\n",
+                                  MANY, type, type, type, MANY);
+    bool is_double = strcmp(type, "double") == 0;
+    for (int i = 0; i < 3 * MANY; ++i) {
+        double wide = i < 3 * (MANY - 1) ? 0.5 * i : last[i % 3];
+        float narrow = (float)wide;
+        memcpy(file + size, is_double ? (void *)&wide : (void *)&narrow, is_double ? 8 : 4);
+        size += is_double ? 8 : 4;
+    }
+    for (uint32_t i = 0; i < MANY; ++i) {
+        const uint32_t corners[4] = {i, i == 9 ? i : (i + 1) % MANY,
+                                     i < MANY - 1 ? (i + 2) % MANY : last_corner, (i + 3) % MANY};
+        file[size++] = i >= FIRST_QUAD && i % 2 == 0 ? 4 : 3;
+        memcpy(file + size, corners, 4u * file[size - 1]);
+        size += 4u * file[size - 1];
+    }
+    return size;
+}
+
+static void blocks_of_rows_are_as_single_ones(void **state)
+{
+    (void)state;
+    static uint8_t file[MANY * 50];
+    static const double good[3] = {-1.25, 2, 7}, bad[3] = {1, 2, INFINITY};
+    for (int k = 0; k < 2; ++k) {
+        const char *type = k == 0 ? "float" : "double";
+        size_t size = write_many(file, type, good, 5);
+        qm_decoded decoded = qm_decode(QM_FORMAT_PLY, file, size);
+        QM_CHECK(decoded.status == QM_OK, "%s: %s", type, decoded.report.detail);
+        assert_int_equal(decoded.mesh.vertex_count, MANY);
+        assert_int_equal(decoded.mesh.face_count, MANY);
+        assert_null(decoded.mesh.face_origin);
+        assert_true(qm_decoded_warns(&decoded, "name a vertex twice: 1 "));
+        for (size_t i = 0; i < 3 * (MANY - 1); ++i)
+            assert_true(decoded.mesh.positions[i] == 0.5 * (double)i);
+        assert_memory_equal(decoded.mesh.positions + 3 * (MANY - 1), good, sizeof good);
+        for (uint32_t i = 0; i < MANY; ++i) {
+            bool is_quad = i >= FIRST_QUAD && i % 2 == 0;
+            assert_int_equal(decoded.mesh.faces[4 * i], i);
+            assert_int_equal(decoded.mesh.faces[4 * i + 2], i < MANY - 1 ? (i + 2) % MANY : 5);
+            assert_int_equal(decoded.mesh.faces[4 * i + 3], is_quad ? (i + 3) % MANY : QM_NO_INDEX);
+        }
+        qm_decoded_free(&decoded);
+
+        size = write_many(file, type, good, MANY);
+        decoded = qm_decode(QM_FORMAT_PLY, file, size);
+        assert_int_equal(decoded.status, QM_E_INDEX);
+        assert_int_equal(decoded.report.offset, size - 4); /* the last face is a triangle */
+        size = write_many(file, type, bad, 5);
+        decoded = qm_decode(QM_FORMAT_PLY, file, size);
+        assert_int_equal(decoded.status, QM_E_NOT_FINITE);
+        size = write_many(file, type, good, 5);
+        decoded = qm_decode(QM_FORMAT_PLY, file, size - 1);
+        assert_int_equal(decoded.status, QM_E_FORMAT);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -327,6 +391,7 @@ int main(void)
         cmocka_unit_test(faults_name_their_line),
         cmocka_unit_test(binary_faults_name_their_byte),
         cmocka_unit_test(announced_counts_need_bytes),
+        cmocka_unit_test(blocks_of_rows_are_as_single_ones),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

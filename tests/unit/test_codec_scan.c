@@ -237,6 +237,32 @@ static void integers_stop_at_63_bits(void **state)
     }
 }
 
+/** Integers of every length that end at every distance from the end of the text, and with any byte after
+ * them. */
+static void integers_end_where_their_digits_do(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 0);
+    for (size_t length = 1; length <= 18; ++length)
+        for (int byte = 1; byte < 256; ++byte)
+            for (size_t rest = 0; rest < 10; ++rest) {
+                char word[40];
+                for (size_t i = 0; i < length + 1 + rest; ++i)
+                    word[i] = (char)('0' + qm_random_below(&random, 10));
+                word[length + 1 + rest] = 0;
+                bool is_digit = byte >= '0' && byte <= '9';
+                if (!is_digit) word[length] = (char)byte;
+                if (is_digit) word[length] = 0;
+                qm_scan text = {.at = (uint8_t *)word,
+                                .end = (uint8_t *)word + length + (is_digit ? 0 : 1 + rest)};
+                int64_t value = 0, expected = strtoll(word, NULL, 10);
+                bool overflow, found = qm_scan_bare_integer(&text, &value, &overflow);
+                QM_CHECK(found && value == expected && (const char *)text.at == word + length,
+                         "%s before byte %d gives %" PRId64 ", seed %" PRIu64, word, byte, value,
+                         (uint64_t)qm_check_seed());
+            }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -250,6 +276,7 @@ int main(void)
         cmocka_unit_test(lines_are_counted_whatever_their_ends),
         cmocka_unit_test(backslash_joins_lines_only_before_their_end),
         cmocka_unit_test(integers_stop_at_63_bits),
+        cmocka_unit_test(integers_end_where_their_digits_do),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -100,12 +100,32 @@ static void test_what_is_not_to_be_had(void **state)
     assert_null(resize(NULL, 0, SIZE_MAX / 2));
 }
 
+/** The same blocks once more, which are those of malloc up to larger sizes. */
+static void test_heap_of_large_pages(void **state)
+{
+    qm_large_pages_for_heap();
+    test_contents_stay(state);
+    test_blocks_keep_apart(state);
+    unsigned char *block = resize(NULL, 0, 31 * MEBIBYTE);
+    assert_non_null(block);
+    write_places(block, 0, 31 * MEBIBYTE, 3);
+    block = resize(block, 31 * MEBIBYTE, 33 * MEBIBYTE);
+    assert_non_null(block);
+    check_places(block, 31 * MEBIBYTE, 3);
+    write_places(block, 0, 33 * MEBIBYTE, 5);
+    block = resize(block, 33 * MEBIBYTE, 5 * MEBIBYTE);
+    assert_non_null(block);
+    check_places(block, 5 * MEBIBYTE, 5);
+    resize(block, 5 * MEBIBYTE, 0);
+    test_what_is_not_to_be_had(state);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(test_contents_stay),
-        cmocka_unit_test(test_blocks_keep_apart),
+        cmocka_unit_test(test_contents_stay), cmocka_unit_test(test_blocks_keep_apart),
         cmocka_unit_test(test_what_is_not_to_be_had),
+        cmocka_unit_test(test_heap_of_large_pages), /* last, for the heap stays so */
     };
     return cmocka_run_group_tests_name("large_pages", tests, NULL, NULL);
 }
