@@ -40,6 +40,7 @@ typedef struct qm_reader {
 
 typedef struct qm_job_limits {
     int workers, queue, threads;
+    size_t search_memory; /* of the queue of one search, bytes */
     double grace_ms;
     size_t kept_jobs;    /* that have ended */
     double kept_s;       /* seconds that a job is kept; 0: any time */

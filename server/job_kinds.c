@@ -60,6 +60,7 @@ static qm_status run_hausdorff(const question *q, qm_job_result *out)
     options.tolerance = absolute_tolerance(q);
     options.threshold = request->threshold;
     options.deadline_ms = request->deadline_ms;
+    options.memory_limit = request->memory_limit;
     options.accelerator = request->accelerator;
     options.tetra[0] = q->a->tetra;
     options.tetra[1] = q->b->tetra;

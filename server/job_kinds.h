@@ -82,8 +82,9 @@ typedef struct qm_job_request {
 
     /* hausdorff */
     qm_direction direction;
-    double threshold;   /* NAN: none */
-    double deadline_ms; /* 0: none */
+    double threshold;    /* NAN: none */
+    double deadline_ms;  /* 0: none */
+    size_t memory_limit; /* of the queue, bytes; 0: as much as the host likes */
     qm_accelerator accelerator;
     qm_bounds bounds;
 

@@ -162,6 +162,8 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     qm_job_request request = job->request;
     qm_job_write_revisions(a->revision, b ? b->revision : 0, job->revisions);
     if (request.threads == 0) request.threads = job->jobs->limits.threads;
+    if (request.memory_limit == 0 || request.memory_limit > job->jobs->limits.search_memory)
+        request.memory_limit = job->jobs->limits.search_memory;
     progress_target target = {job, a->diagonal};
     qm_hausdorff_progress_fn *progress = job->line.batch ? NULL : on_progress;
     qm_job_result result;

@@ -11,6 +11,8 @@
 #define MAX_STEPS 64
 #define MAX_BINS 1e4
 #define MAX_LISTED 1e5
+#define MIN_MEMORY 65536.0
+#define MAX_MEMORY 1099511627776.0
 
 static bool read_string(const cJSON *value, const char **out)
 {
@@ -98,6 +100,11 @@ static bool read_count(const cJSON *value, double least, double greatest, size_t
     if (!qm_json_read_whole(value, least, greatest, &count)) return false;
     *out = (size_t)count;
     return true;
+}
+
+static bool read_memory_limit(const cJSON *value, qm_job_request *out)
+{
+    return read_count(value, MIN_MEMORY, MAX_MEMORY, &out->memory_limit);
 }
 
 static bool read_threads(const cJSON *value, qm_job_request *out)
@@ -243,6 +250,8 @@ const qm_json_field qm_json_job_fields[QM_JSON_FIELD_COUNT] = {
     {"tolerance_unit", PAIRS | SELF, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\""},
     {"threshold", HAUSDORFF, 0, read_threshold, NULL, "must be a number of 0 or more, or null"},
     {"deadline_ms", HAUSDORFF, 0, read_deadline, NULL, "must be a number above 0"},
+    {"memory_limit", HAUSDORFF, 0, read_memory_limit, NULL,
+     "must be a whole number from 65536 to 1099511627776"},
     {"accuracy", DEVIATION, 0, read_accuracy, NULL, "must be a number above 0"},
     {"pieces", DEVIATION, 0, read_pieces, NULL, "must be a whole number from 0 to 10000000"},
     {"bins", DEVIATION, 0, read_bins, NULL, "must be a whole number from 0 to 10000"},

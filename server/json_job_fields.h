@@ -17,7 +17,7 @@ typedef struct qm_json_field {
     const char *expected;
 } qm_json_field;
 
-#define QM_JSON_FIELD_COUNT 27
+#define QM_JSON_FIELD_COUNT 28
 extern const qm_json_field qm_json_job_fields[QM_JSON_FIELD_COUNT];
 
 /** The field that a kind of job, given as its bit, has under this name, or NULL. */

@@ -25,6 +25,7 @@ static void write_hausdorff_request(qm_text *out, const qm_job_request *request,
     write_tolerance(out, request);
     if (!isnan(request->threshold)) qm_json_add_number(out, "threshold", request->threshold);
     if (request->deadline_ms > 0.0) qm_json_add_number(out, "deadline_ms", request->deadline_ms);
+    if (request->memory_limit > 0) qm_json_add_count(out, "memory_limit", request->memory_limit);
     write_accelerator(out, request);
     if (request->bounds == QM_BOUNDS_MATCHING)
         qm_json_add_string(out, "bounds", qm_bounds_names[request->bounds]);

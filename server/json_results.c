@@ -58,7 +58,8 @@ static void add_witness(qm_text *out, const qm_job_request *request, const qm_jo
 
 static void write_hausdorff_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
-    static const char *const stop_names[] = {"converged", "threshold", "deadline", "canceled", "precision"};
+    static const char *const stop_names[] = {"converged", "threshold", "deadline", "canceled",
+                                             "precision", "work",      "memory"};
     const qm_hausdorff_result *h = &result->hausdorff;
     add_bounds(out, h->lower, h->upper, result->diagonal);
     if (h->has_witness)

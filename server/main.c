@@ -154,6 +154,12 @@ static bool write_port(const char *path, int port)
     return fclose(file) == 0;
 }
 
+/** What the queue of one search may take of the budget. */
+static size_t search_memory(size_t budget)
+{
+    return budget / 4 < QM_HAUSDORFF_MEMORY ? budget / 4 : QM_HAUSDORFF_MEMORY;
+}
+
 static bool start_parts(daemon_state *state, const qm_config *config)
 {
     qm_app *app = &state->app;
@@ -179,6 +185,7 @@ static bool start_parts(daemon_state *state, const qm_config *config)
                                (qm_job_limits){.workers = (int)config->workers,
                                                .queue = (int)config->queue,
                                                .threads = (int)config->job_threads,
+                                               .search_memory = search_memory(memory),
                                                .grace_ms = config->grace * MS_PER_S,
                                                .kept_jobs = (size_t)config->kept_jobs,
                                                .kept_s = config->kept_hours * S_PER_H,

@@ -178,12 +178,13 @@ static int answer_here(const question *asked)
     qm_preparation preparation = cli_prepare(false, asked->request.quads, asked->request.threads);
     preparation.has_no_tree = asked->request.kind == QM_JOB_COLLISION;
     qm_loaded_mesh mesh[2] = {0};
-    bool good = true;
-    for (int i = 0; i < 2 && good && asked->path[i]; i++)
-        good = cli_load_mesh(&ctx, asked->path[i], asked->as_json, &preparation, &mesh[i]);
-    int status = good ? answer_loaded(asked, &mesh[0], asked->path[1] ? &mesh[1] : NULL) : EXIT_BAD_INPUT;
-    for (int i = 0; i < 2; i++)
-        qm_loaded_mesh_reset(&ctx, &mesh[i]);
+    bool is_pair = asked->path[1] != NULL;
+    bool good = is_pair ? cli_load_pair(&ctx, asked->path, asked->as_json,
+                                        (const qm_preparation[2]){preparation, preparation}, mesh)
+                        : cli_load_mesh(&ctx, asked->path[0], asked->as_json, &preparation, &mesh[0]);
+    if (!good) return EXIT_BAD_INPUT;
+    int status = answer_loaded(asked, &mesh[0], is_pair ? &mesh[1] : NULL);
+    cli_unload_pair(&ctx, mesh);
     return status;
 }
 

@@ -183,16 +183,14 @@ static int measure_here(const question *asked)
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     const qm_job_request *request = &asked->request;
-    qm_preparation for_a = cli_prepare(false, request->quads, request->threads);
-    qm_preparation for_b = cli_prepare(true, request->quads, request->threads);
-    qm_loaded_mesh a, b;
+    const char *const paths[2] = {asked->path_a, asked->path_b};
+    const qm_preparation preparations[2] = {cli_prepare(false, request->quads, request->threads),
+                                            cli_prepare(true, request->quads, request->threads)};
+    qm_loaded_mesh meshes[2];
     int status = EXIT_BAD_INPUT;
-    if (cli_load_mesh(&ctx, asked->path_a, asked->as_json, &for_a, &a)) {
-        if (cli_load_mesh(&ctx, asked->path_b, asked->as_json, &for_b, &b)) {
-            status = measure_loaded(asked, &a, &b);
-            qm_loaded_mesh_reset(&ctx, &b);
-        }
-        qm_loaded_mesh_reset(&ctx, &a);
+    if (cli_load_pair(&ctx, paths, asked->as_json, preparations, meshes)) {
+        status = measure_loaded(asked, &meshes[0], &meshes[1]);
+        cli_unload_pair(&ctx, meshes);
     }
     return status;
 }

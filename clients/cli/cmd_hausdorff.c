@@ -26,6 +26,8 @@ static const char usage[] =
     "  --absolute       the tolerance is in the unit of the meshes\n"
     "  --threshold X    stop as soon as it is certain whether the distance is above X\n"
     "  --deadline-ms N  stop after this time with the bracket so far\n"
+    "  --memory N       bytes that the search's queue may take (default 1 GiB); it stops there with the "
+    "bracket\n"
     "  --threads N      threads (default: one for each processor; with --server what the daemon gives)\n"
     "  --accelerator A  of nearest points: auto (default), boxes, tetra or grid\n"
     "  --bounds B       how upper bounds are found: cells (default) or matching\n"
@@ -51,6 +53,14 @@ static bool read_bounds(const char *text, qm_bounds *out)
     return known;
 }
 
+static bool read_memory(const char *text, size_t *out)
+{
+    double bytes;
+    bool is_number = cli_read_number("memory", text, 65536.0, &bytes);
+    if (is_number) *out = (size_t)fmin(bytes, 1099511627776.0);
+    return is_number;
+}
+
 enum {
     DIRECTION = 256,
     QUADS,
@@ -58,6 +68,7 @@ enum {
     ABSOLUTE,
     THRESHOLD,
     DEADLINE,
+    MEMORY,
     THREADS,
     ACCELERATOR,
     BOUNDS,
@@ -83,6 +94,8 @@ static bool read_option(question *asked, int option)
         return cli_read_number("threshold", optarg, 0.0, &request->threshold);
     case DEADLINE:
         return cli_read_number("deadline-ms", optarg, 1e-300, &request->deadline_ms);
+    case MEMORY:
+        return read_memory(optarg, &request->memory_limit);
     case THREADS:
         return cli_read_threads(optarg, &request->threads);
     case ACCELERATOR:
@@ -135,16 +148,15 @@ static int measure_here(const question *asked)
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     const qm_job_request *request = &asked->request;
-    qm_preparation for_a = cli_prepare(request->direction != QM_A_TO_B, request->quads, request->threads);
-    qm_preparation for_b = cli_prepare(request->direction != QM_B_TO_A, request->quads, request->threads);
-    qm_loaded_mesh a, b;
+    const char *const paths[2] = {asked->path_a, asked->path_b};
+    const qm_preparation preparations[2] = {
+        cli_prepare(request->direction != QM_A_TO_B, request->quads, request->threads),
+        cli_prepare(request->direction != QM_B_TO_A, request->quads, request->threads)};
+    qm_loaded_mesh meshes[2];
     int status = EXIT_BAD_INPUT;
-    if (cli_load_mesh(&ctx, asked->path_a, asked->as_json, &for_a, &a)) {
-        if (cli_load_mesh(&ctx, asked->path_b, asked->as_json, &for_b, &b)) {
-            status = measure_loaded(asked, &a, &b);
-            qm_loaded_mesh_reset(&ctx, &b);
-        }
-        qm_loaded_mesh_reset(&ctx, &a);
+    if (cli_load_pair(&ctx, paths, asked->as_json, preparations, meshes)) {
+        status = measure_loaded(asked, &meshes[0], &meshes[1]);
+        cli_unload_pair(&ctx, meshes);
     }
     /* An interrupt while a file was read is no fault of the file. */
     return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
@@ -178,6 +190,7 @@ int cmd_hausdorff(int argc, char **argv)
                                             {"absolute", no_argument, NULL, ABSOLUTE},
                                             {"threshold", required_argument, NULL, THRESHOLD},
                                             {"deadline-ms", required_argument, NULL, DEADLINE},
+                                            {"memory", required_argument, NULL, MEMORY},
                                             {"threads", required_argument, NULL, THREADS},
                                             {"accelerator", required_argument, NULL, ACCELERATOR},
                                             {"bounds", required_argument, NULL, BOUNDS},

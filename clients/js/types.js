@@ -24,7 +24,7 @@
 
 /** @typedef {{ quads?: QuadReading, threads?: number, accelerator?: Accelerator, detach?: boolean }} CommonRequest */
 /** @typedef {CommonRequest & { type: "hausdorff", a: string, b: string, direction?: Direction, tolerance?: number,
- *   tolerance_unit?: "relative" | "absolute", threshold?: number | null, deadline_ms?: number,
+ *   tolerance_unit?: "relative" | "absolute", threshold?: number | null, deadline_ms?: number, memory_limit?: number,
  *   bounds?: "cells" | "matching" }} HausdorffRequest */
 /** @typedef {CommonRequest & { type: "project", mesh: string, points: Point[] }} ProjectRequest */
 /** @typedef {CommonRequest & { type: "deviation", a: string, b: string, accuracy?: number, pieces?: number,
@@ -49,7 +49,7 @@
  *   witness?: { from: SurfacePoint, to: SurfacePoint }, direction: Direction, quads: QuadReading, tolerance: number,
  *   iterations: number, projections: number, max_queue: number, prepare_ms: { a: number, b: number },
  *   elapsed_ms: number, converged: boolean,
- *   stopped_by: "converged" | "threshold" | "deadline" | "canceled" | "precision",
+ *   stopped_by: "converged" | "threshold" | "deadline" | "canceled" | "precision" | "work" | "memory",
  *   verdict: "above" | "below" | null }} HausdorffResult */
 /** @typedef {{ distance: number, distance_relative: number | null, point: Point, face: number, patch?: number,
  *   uv: [number, number] }} Foot */

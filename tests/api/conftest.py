@@ -246,10 +246,11 @@ SLOW_DISTANCE = 1 / 512
 
 @pytest.fixture(scope="session")
 def slow_files():
-    """Two heaps of folded patches, one the other raised by SLOW_DISTANCE: every point of the one is so near to the
-    other, those of the flat square no nearer, and to prove it for the folds takes many minutes."""
+    """Two heaps of folded patches, one the other raised by SLOW_DISTANCE and cut by another grid: every point of the one
+    is so near to the other, those of the flat square no nearer, and to prove it for the folds takes many minutes."""
     heap = shapes.crumpled(1500, seed=1)
-    return shapes.ply_little(heap), shapes.ply_little(shapes.moved(heap, 0, 0, SLOW_DISTANCE))
+    raised = shapes.moved(shapes.cut(heap, 3), 0, 0, SLOW_DISTANCE)
+    return shapes.ply_little(shapes.cut(heap, 2)), shapes.ply_little(raised)
 
 
 @pytest.fixture(scope="session")

@@ -76,6 +76,23 @@ def crumpled(count, seed, size=0.3):
     return vertices, faces
 
 
+def cut(mesh, count):
+    """Every quad, as a bilinear patch, cut in count x count quads."""
+    vertices, faces = [], []
+    for face in mesh[1]:
+        corner, first = [mesh[0][i] for i in face], len(vertices)
+        for j in range(count + 1):
+            for i in range(count + 1):
+                s, t = i / count, j / count
+                weights = ((1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t)
+                vertices.append(tuple(sum(w * c[k] for w, c in zip(weights, corner)) for k in range(3)))
+        for j in range(count):
+            for i in range(count):
+                at = first + j * (count + 1) + i
+                faces.append((at, at + 1, at + count + 2, at + count + 1))
+    return vertices, faces
+
+
 def moved(mesh, x, y, z):
     return [(v[0] + x, v[1] + y, v[2] + z) for v in mesh[0]], mesh[1]
 

@@ -164,6 +164,12 @@ def test_deadline(client, slow_pair):
     assert result["elapsed_ms"] >= 300
 
 
+def test_a_queue_out_of_memory_leaves_the_bounds(client, slow_pair):
+    result = client.hausdorff(*slow_pair, memory_limit=65536, **SLOW)["result"]
+    assert result["converged"] is False and result["stopped_by"] == "memory"
+    assert result["lower"] <= SLOW_DISTANCE <= result["upper"]
+
+
 @pytest.mark.parametrize("reading", READINGS)
 def test_threads_do_not_change_what_holds(client, spheres, reading):
     for threads in (1, 2, 7):
@@ -196,7 +202,7 @@ INVALID = [
     ({"direction": "sideways"}, "/direction"), ({"quads": "cubic"}, "/quads"),
     ({"tolerance": 0}, "/tolerance"), ({"tolerance": -1e-6}, "/tolerance"), ({"tolerance": "1e-6"}, "/tolerance"),
     ({"tolerance": None}, "/tolerance"), ({"tolerance_unit": "percent"}, "/tolerance_unit"),
-    ({"threshold": -1}, "/threshold"), ({"deadline_ms": 0}, "/deadline_ms"), ({"threads": 0}, "/threads"),
+    ({"threshold": -1}, "/threshold"), ({"deadline_ms": 0}, "/deadline_ms"), ({"memory_limit": 65535}, "/memory_limit"), ({"threads": 0}, "/threads"),
     ({"threads": 1.5}, "/threads"), ({"threads": 10**9}, "/threads"), ({"detach": 1}, "/detach"),
     ({"colour": "red"}, "/colour"), ({"a/b": 1}, "/a~1b"),
 ]

@@ -57,25 +57,32 @@ def raised(tmp_path):
     return path
 
 
-def write_heap(path, raised):
-    """An OBJ file of quads at random whose bilinear patches fold over, all of them raised by this much."""
+def write_heap(path, raised, count):
+    """An OBJ file of quads at random whose bilinear patches fold over, each cut in count x count, all of them raised by
+    this much."""
     chance = random.Random(1)
     lines = []
-    for i in range(1500):
+    for quad in range(1500):
         corner = [chance.uniform(0, 3) for _ in range(2)] + [chance.uniform(0, 3) + raised]
         right, up, push = ([chance.gauss(0, 0.3) for _ in range(3)] for _ in range(3))
-        for u, v, w in ((0, 0, 0), (1, 0, 0), (1, 1, 2), (0, 1, 0)):
-            x, y, z = (corner[k] + u * right[k] + v * up[k] + w * push[k] for k in range(3))
-            lines.append(f"v {x!r} {y!r} {z!r}")
-        lines.append("f -4 -3 -2 -1")
+        for j in range(count + 1):
+            for i in range(count + 1):
+                u, v = i / count, j / count
+                x, y, z = (corner[k] + u * right[k] + v * up[k] + 2 * u * v * push[k] for k in range(3))
+                lines.append(f"v {x!r} {y!r} {z!r}")
+        first = (count + 1) ** 2 * quad + 1
+        for j in range(count):
+            for i in range(count):
+                at = first + j * (count + 1) + i
+                lines.append(f"f {at} {at + 1} {at + count + 2} {at + count + 1}")
     path.write_text("\n".join(lines) + "\n")
     return path
 
 
 @pytest.fixture
 def slow_pair(tmp_path):
-    """Two heaps of folded patches, one above the other: as bilinear patches they take many minutes."""
-    return write_heap(tmp_path / "slow_a.obj", 0), write_heap(tmp_path / "slow_b.obj", 1 / 512)
+    """Two heaps of folded patches in two grids, one above the other: as bilinear patches they take many minutes."""
+    return write_heap(tmp_path / "slow_a.obj", 0, 2), write_heap(tmp_path / "slow_b.obj", 1 / 512, 3)
 
 
 @pytest.fixture

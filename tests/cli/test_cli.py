@@ -44,11 +44,44 @@ def test_words_for_people(quadmesh, square, raised):
     assert done.stdout.startswith("Hausdorff distance, two_sided")
 
 
+@pytest.mark.parametrize("threads", ["1", "2"])
+@pytest.mark.parametrize("command", ["hausdorff", "deviation", "collide", "distance"])
+def test_of_two_bad_files_the_first_is_told(quadmesh, square, tmp_path, command, threads):
+    bad = tmp_path / "bad.obj"
+    bad.write_text("v 0 0\n")
+    for a, b, name in ((bad, "missing.obj", "bad.obj:1:"), ("missing.obj", bad, "missing.obj: cannot be read"),
+                       (square, bad, "bad.obj:1:"), (bad, square, "bad.obj:1:")):
+        done = quadmesh(command, a, b, "--threads", threads)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert name in done.stderr
+        assert done.stderr.count("\n") == 1
+
+
+@pytest.mark.parametrize("threads", ["1", "2"])
+def test_one_file_is_standard_input(quadmesh, square, raised, threads):
+    for a, b, path in (("-", raised, square), (square, "-", raised)):
+        done = quadmesh("hausdorff", a, b, "--threads", threads, "--json", input=path.read_text())
+        assert done.returncode == 0
+        assert bracket_holds(json.loads(done.stdout), 1.0)
+    done = quadmesh("hausdorff", "-", "-", "--threads", threads, input=square.read_text())
+    assert done.returncode == 1
+    assert "-: the file is empty" in done.stderr or "-:1: the file is empty" in done.stderr
+
+
 @pytest.mark.parametrize("threshold, verdict", [("0.5", "above"), ("1.5", "below")])
 def test_a_threshold_gives_a_verdict(quadmesh, square, raised, threshold, verdict):
     done = quadmesh("hausdorff", square, raised, "--threshold", threshold, "--json")
     assert done.returncode == 0
     assert json.loads(done.stdout)["verdict"] == verdict
+
+
+def test_a_queue_out_of_memory_leaves_a_bracket(quadmesh, slow_pair):
+    options = ["--quads", "bilinear", "--tolerance", "1e-12", "--memory", "65536", "--json"]
+    done = quadmesh("hausdorff", *slow_pair, *options)
+    assert done.returncode == 3
+    result = json.loads(done.stdout)
+    assert result["stopped_by"] == "memory"
+    assert 0 < result["lower"] < result["upper"]
 
 
 def test_a_deadline_leaves_a_bracket(quadmesh, slow_pair):
@@ -186,6 +219,7 @@ def test_what_is_no_file_is_refused(quadmesh, path):
         ["hausdorff", "a", "b", "--tolerance", "nan"],
         ["hausdorff", "a", "b", "--threshold", "-1"],
         ["hausdorff", "a", "b", "--deadline-ms", "0"],
+        ["hausdorff", "a", "b", "--memory", "1000"],
         ["hausdorff", "a", "b", "--threads", "0"],
         ["hausdorff", "a", "b", "--threads", "1.5"],
         ["hausdorff", "a", "b", "--threads", "257"],

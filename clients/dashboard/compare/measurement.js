@@ -116,6 +116,8 @@ function ending({ stopped_by, converged }) {
   if (converged) return "Done: the gap is within the tolerance";
   const reasons = /** @type {Record<string, string>} */ ({
     canceled: "Stopped; the bounds hold", deadline: "Stopped at the deadline; the bounds hold",
-    precision: "Stopped: double precision proves no more; the bounds hold" });
+    precision: "Stopped: double precision proves no more; the bounds hold",
+    work: "Stopped: the surfaces need too many parts; the bounds hold",
+    memory: "Stopped: out of memory for the search; the bounds hold" });
   return reasons[stopped_by] ?? stopped_by;
 }
