@@ -3,9 +3,10 @@
 #
 #   1. clang-format and the borders between the folders
 #   2. unit tests under ASan and UBSan; those that take long, or measure nothing but the engine, in the release build
-#   3. API and command-line tests against a real daemon under ASan and UBSan; the pairs of the data folder in release
-#   4. the fuzzers, a minute each (FUZZ_SECONDS), as many at a time as there are processors
-#   5. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
+#   3. random cases against certified references, for a minute; `make prove` takes a quarter of an hour
+#   4. API and command-line tests against a real daemon under ASan and UBSan; the pairs of the data folder in release
+#   5. the fuzzers, a minute each (FUZZ_SECONDS), as many at a time as there are processors
+#   6. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
 #
 # Exit status: 0 when everything passed. The last line counts: "N passed, N failed".
 set -u
@@ -15,7 +16,7 @@ sh docker/install-packages.sh test || exit 1
 jobs=$(nproc)
 make -j"$jobs" all >build-release.log 2>&1 || { cat build-release.log; exit 1; }
 make -j"$jobs" config=asan all unit-programs >build-asan.log 2>&1 || { cat build-asan.log; exit 1; }
-make -j"$jobs" unit-programs >>build-release.log 2>&1 || { cat build-release.log; exit 1; }
+make -j"$jobs" unit-programs build/prove/prove >>build-release.log 2>&1 || { cat build-release.log; exit 1; }
 rm -f build-release.log build-asan.log
 
 passed=0
@@ -61,13 +62,23 @@ unit() { # PROGRAM
 # These search for long: the sanitizers would make minutes of it, and the release build is what users run. The sandbox
 # forbids what sanitizers do, and they put their own memory in place of large pages.
 slow="test_sandbox test_large_pages test_reconstruct test_collide test_distance test_patch_patch test_hausdorff test_hausdorff_adversarial
-    test_hausdorff_invariance test_hausdorff_property test_locator test_pairs"
+    test_hausdorff_invariance test_hausdorff_property test_rigour test_wide test_locator test_pairs"
 for program in build/asan/tests/test_*; do
     case "$program" in *.d | *.o) continue ;; esac
     case " $(echo $slow) " in *" $(basename "$program") "*) continue ;; esac
     unit "$program"
 done
 for name in $slow; do unit "build/tests/$name"; done
+
+echo "== prove"
+make -s prove PROVE_SECONDS=60 PROVE_JOBS="$jobs" >"$output" 2>&1
+status=$?
+cat "$output"
+good=$(grep -c '^ok [a-z]*/.* tries' "$output")
+bad=$(grep -c '^FAILED [a-z]*/.* tries' "$output")
+if [ "$status" -ne 0 ] && [ "$bad" -eq 0 ]; then bad=1; fi
+passed=$((passed + good))
+failed=$((failed + bad))
 
 [ -x build/venv/bin/pytest ] || python3 -m venv build/venv
 build/venv/bin/pip install --quiet --disable-pip-version-check -r tests/api/requirements.txt || exit 1

@@ -1,0 +1,241 @@
+/*
+ * The deviation of a from b: the maximum against the certified one, distances of vertices against certified
+ * ones, and mean, root mean square, percentiles and histogram of triangles against sums over cells with
+ * certified bounds.
+ */
+#include "ask.h"
+#include "qm/deviation.h"
+#include "wide_farthest.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+enum { MAX_LEVEL = 4, CELLS_OF_MAXIMUM = 600, PIECES = 4096, BINS = 4, PERCENTILES = 3 };
+
+/** A part of a triangle of a: between which the distance lies, and its mean and that of its square. */
+typedef struct part {
+    qm_wide area, low, high;
+    qm_wide mean[2], square[2];
+} part;
+
+typedef struct parts {
+    part *at;
+    size_t count;
+    qm_wide area;
+    qm_wide_distance *distance; /* of the middle of the part at hand, to each facet of b */
+    const qm_wide_surface *b;
+} parts;
+
+static void *allocate(size_t count, size_t width)
+{
+    void *rows = malloc(count * width);
+    if (!rows) abort();
+    return rows;
+}
+
+/**
+ * Bounds from distances to single facets, which are convex: the mean over a triangle is at most that of its
+ * corners, and at least the value in the middle. The latter holds of the nearest facet alone, so all others
+ * must be farther everywhere; elsewhere the distance is at least that of the middle less the radius.
+ */
+static part measure(parts *all, const qm_wide_vec c[3], qm_wide area)
+{
+    qm_wide_vec middle = qm_wide_scale((qm_wide)1 / 3, qm_wide_add(c[0], qm_wide_add(c[1], c[2])));
+    qm_wide radius = 0, lower = INFINITY, upper = INFINITY, second = INFINITY;
+    size_t nearest = 0;
+    for (int i = 0; i < 3; i++)
+        radius = qm_wide_greatest(radius, qm_wide_length(qm_wide_sub(c[i], middle)));
+    for (size_t f = 0; f < all->b->count; f++) {
+        all->distance[f] = qm_wide_facet_distance(&all->b->facets[f], middle, 0, INFINITY);
+        lower = qm_wide_least(lower, all->distance[f].lower);
+        if (all->distance[f].upper >= upper) continue;
+        upper = all->distance[f].upper;
+        nearest = f;
+    }
+    part out = {.area = area, .low = qm_wide_greatest(0, lower - radius), .high = upper + radius};
+    out.mean[1] = out.high;
+    out.square[1] = out.high * out.high;
+    for (size_t f = 0; f < all->b->count; f++) {
+        if (f != nearest) second = qm_wide_least(second, all->distance[f].lower);
+        if (all->distance[f].lower > upper + 2 * radius) continue;
+        qm_wide sum = 0, squares = 0, greatest = 0;
+        for (int i = 0; i < 3; i++) {
+            qm_wide d = qm_wide_facet_distance(&all->b->facets[f], c[i], 0, INFINITY).upper;
+            sum += d / 3;
+            squares += d * d / 3;
+            greatest = qm_wide_greatest(greatest, d);
+        }
+        out.mean[1] = qm_wide_least(out.mean[1], sum);
+        out.square[1] = qm_wide_least(out.square[1], squares);
+        out.high = qm_wide_least(out.high, greatest);
+    }
+    out.mean[0] = second >= upper + 2 * radius ? lower : out.low;
+    out.square[0] = out.mean[0] * out.mean[0];
+    return out;
+}
+
+static void cut(parts *all, const qm_wide_vec c[3], qm_wide area, int level)
+{
+    if (level == 0) {
+        all->at[all->count++] = measure(all, c, area);
+        return;
+    }
+    const qm_wide half = (qm_wide)0.5;
+    const qm_wide_vec m[3] = {qm_wide_lerp(c[0], c[1], half), qm_wide_lerp(c[1], c[2], half),
+                              qm_wide_lerp(c[2], c[0], half)};
+    cut(all, (const qm_wide_vec[]){c[0], m[0], m[2]}, area / 4, level - 1);
+    cut(all, (const qm_wide_vec[]){m[0], c[1], m[1]}, area / 4, level - 1);
+    cut(all, (const qm_wide_vec[]){m[2], m[1], c[2]}, area / 4, level - 1);
+    cut(all, m, area / 4, level - 1);
+}
+
+static parts make_parts(const qm_wide_surface *a, const qm_wide_surface *b)
+{
+    int level = a->count * b->count > 8 ? MAX_LEVEL - 1 : MAX_LEVEL;
+    parts all = {.at = allocate(a->count << (2 * level), sizeof *all.at),
+                 .distance = allocate(b->count, sizeof *all.distance),
+                 .b = b};
+    for (size_t f = 0; f < a->count; f++) {
+        const qm_wide_vec *c = a->facets[f].corner;
+        if (a->facets[f].corner_count != 3) continue;
+        qm_wide area = qm_wide_length(qm_wide_cross(qm_wide_sub(c[1], c[0]), qm_wide_sub(c[2], c[0]))) / 2;
+        all.area += area;
+        cut(&all, c, area, level);
+    }
+    return all;
+}
+
+/** Fails unless both intervals, the engine's and the reference's, have a number in common. */
+static void check_overlap(qm_trial *trial, const char *name, qm_interval told, double lower, double upper)
+{
+    trial->tally->tries++;
+    if (!(told.lower <= upper && told.upper >= lower && told.lower <= told.upper))
+        qm_trial_fail(trial, "%s [%.17g, %.17g], true in [%.17g, %.17g]", name, told.lower, told.upper, lower,
+                      upper);
+}
+
+/** The least and greatest share of the area whose distance is from low to high, in the frame. */
+static void find_share(const parts *all, qm_wide low, qm_wide high, double share[2])
+{
+    qm_wide least = 0, greatest = 0;
+    for (size_t i = 0; i < all->count; i++) {
+        const part *p = &all->at[i];
+        if (p->low >= low && p->high < high) least += p->area;
+        if (p->high >= low && p->low <= high) greatest += p->area;
+    }
+    share[0] = (double)(least / all->area);
+    share[1] = (double)(greatest / all->area);
+}
+
+/** The reference's own roundings are 2^-100 or so; shares that end in a double round by 2^-53. */
+#define SHARE_ROUNDING 0x1p-50
+
+static void check_averages(qm_trial *trial, const parts *all, const qm_deviation *told)
+{
+    qm_wide mean[2] = {0, 0}, square[2] = {0, 0};
+    for (size_t i = 0; i < all->count; i++)
+        for (int k = 0; k < 2; k++) {
+            mean[k] += all->at[i].area / all->area * all->at[i].mean[k];
+            square[k] += all->at[i].area / all->area * all->at[i].square[k];
+        }
+    qm_wide scale = trial->frame.scale;
+    check_overlap(trial, "mean", told->mean, (double)(mean[0] / scale), (double)(mean[1] / scale));
+    check_overlap(trial, "rms", told->rms, (double)(qm_wide_sqrt(square[0]) / scale),
+                  (double)(qm_wide_sqrt(square[1]) / scale));
+    double area = (double)(all->area / scale / scale);
+    check_overlap(trial, "area", told->size, area * (1 - 0x1p-52), area * (1 + 0x1p-52));
+}
+
+static void check_percentile(qm_trial *trial, const parts *all, double percent, qm_interval told)
+{
+    double share[2], wanted = percent / 100;
+    trial->tally->tries++;
+    find_share(all, 0, told.upper * trial->frame.scale, share);
+    if (share[1] < wanted - SHARE_ROUNDING)
+        qm_trial_fail(trial, "percentile %.17g at most %.17g, where the share is at most %.17g", percent,
+                      told.upper, share[1]);
+    find_share(all, 0, told.lower * trial->frame.scale, share);
+    if (told.lower > 0 && share[0] >= wanted + SHARE_ROUNDING)
+        qm_trial_fail(trial, "percentile %.17g at least %.17g, where the share is at least %.17g", percent,
+                      told.lower, share[0]);
+}
+
+static void check_bins(qm_trial *trial, const parts *all, const qm_deviation *told)
+{
+    for (size_t i = 0; i < told->bin_count; i++) {
+        double share[2];
+        qm_wide width = told->bin_width * trial->frame.scale;
+        find_share(all, (qm_wide)i * width, (qm_wide)(i + 1) * width, share);
+        check_overlap(trial, "share of a bin", told->bin[i], share[0] - SHARE_ROUNDING,
+                      share[1] + SHARE_ROUNDING);
+    }
+}
+
+static void check_vertices(qm_trial *trial, const qm_wide_surface *b, const qm_deviation *told)
+{
+    for (size_t v = 0; v < told->vertex_count; v++) {
+        qm_wide_vec p = qm_wide_local(&trial->frame, trial->pair.a.positions + 3 * v);
+        qm_wide_distance d = qm_wide_surface_distance(b, p, 0x1p-60L);
+        double lower = (double)(d.lower / trial->frame.scale), upper = (double)(d.upper / trial->frame.scale);
+        double error = 1e-13 * trial->size;
+        qm_interval at = {told->vertex_distance[v] - error, told->vertex_distance[v] + error};
+        check_overlap(trial, "vertex", at, lower, upper);
+    }
+}
+
+/** True where all of it are triangles, some of them with an area that is worth a mean. */
+static bool has_mean(const qm_wide_surface *a)
+{
+    for (size_t f = 0; f < a->count; f++)
+        if (a->facets[f].corner_count != 3) return false;
+    return true;
+}
+
+static void check(qm_trial *trial, const qm_deviation_options *options, const qm_deviation *told)
+{
+    qm_wide_surface a = qm_wide_surface_make(&trial->frame, &trial->pair.a, options->quads);
+    qm_wide_surface b = qm_wide_surface_make(&trial->frame, &trial->pair.b, options->quads);
+    qm_wide_maximum max = qm_wide_farthest(&a, &b, 0x1p-54L, CELLS_OF_MAXIMUM);
+    qm_wide scale = trial->frame.scale;
+    check_overlap(trial, "max", told->max, (double)(max.lower / scale), (double)(max.upper / scale));
+    check_vertices(trial, &b, told);
+    if (has_mean(&a) && has_mean(&b)) {
+        parts all = make_parts(&a, &b);
+        if (told->measure == QM_OVER_AREA && all.area > 1e-12) {
+            check_averages(trial, &all, told);
+            for (size_t i = 0; i < told->percentile_count; i++)
+                check_percentile(trial, &all, options->percentile[i], told->percentile[i]);
+            check_bins(trial, &all, told);
+        }
+        free(all.at);
+        free(all.distance);
+    }
+    qm_wide_surface_free(&a);
+    qm_wide_surface_free(&b);
+}
+
+void qm_ask_deviation(qm_trial *trial)
+{
+    qm_random *random = &trial->random;
+    double percentile[PERCENTILES] = {50, 100, qm_random_range(random, 0.1, 100)};
+    qm_deviation_options options = qm_deviation_options_default();
+    options.quads = trial->kind->only_patches    ? QM_QUADS_BILINEAR
+                    : qm_random_below(random, 4) ? QM_QUADS_TRIANGLES
+                                                 : QM_QUADS_BILINEAR;
+    options.accuracy = qm_random_power(random, -4, -0.5);
+    options.tolerance = trial->size * qm_random_power(random, -10, -2);
+    options.piece_limit = PIECES;
+    options.percentile = percentile;
+    options.percentile_count = PERCENTILES;
+    options.bin_count = BINS;
+    qm_deviation told;
+    qm_status status = qm_deviation_measure(&trial->ctx, trial->tree[0], trial->tree[1], &options, &told);
+    if (status == QM_E_SCALE) {
+        trial->tally->refused++;
+    } else if (status != QM_OK) {
+        qm_trial_fail(trial, "%s: %s", qm_status_code(status), trial->ctx.message);
+    } else {
+        check(trial, &options, &told);
+        qm_deviation_reset(&trial->ctx, &told);
+    }
+}
