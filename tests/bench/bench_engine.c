@@ -25,12 +25,16 @@ static const char usage[] =
     "       bench_engine agree MESH --count N --seed N              accelerators against one another\n"
     "       bench_engine export MESH PREFIX [--shift X] [--noise X] [--turn X]\n"
     "                                                               PREFIX.vertices, PREFIX.triangles\n"
+    "       bench_engine vary MESH OUT.off [--shift X] [--noise X] [--turn X] [--coarsen X] [--refine]\n"
+    "                                                               another mesh of the same model\n"
     "       bench_engine kernel                                     the instruction set in use\n"
     "\n"
     "  --tolerance X  a share of the diagonal of A (default 1e-8)\n"
     "  --shift X      moves the last mesh along (1, 1, 1) by this share of its diagonal\n"
     "  --noise X      moves its coordinates at random by up to this share of its diagonal\n"
-    "  --turn X       turns it about its middle, in radians\n";
+    "  --turn X       turns it about its middle, in radians\n"
+    "  --coarsen X    one vertex for each cell of a grid, X mean edges wide\n"
+    "  --refine       cuts every face in four\n";
 
 typedef struct settings {
     bench_hausdorff_question hausdorff;
@@ -38,7 +42,7 @@ typedef struct settings {
     uint64_t seed;
 } settings;
 
-enum { QUADS = 256, TOLERANCE, THREADS, SHIFT, NOISE, TURN, COUNT, SEED, ACCELERATOR };
+enum { QUADS = 256, TOLERANCE, THREADS, SHIFT, NOISE, TURN, COARSEN, REFINE, COUNT, SEED, ACCELERATOR };
 
 static bool read_accelerator(const char *name, qm_accelerator *out)
 {
@@ -70,6 +74,10 @@ static bool read_option(settings *out, int option)
         return read_accelerator(optarg, &question->accelerator);
     case TURN:
         return isfinite(question->change_b.turn = atof(optarg));
+    case COARSEN:
+        return (question->change_b.coarsen = atof(optarg)) > 0.0;
+    case REFINE:
+        return question->change_b.refine = true;
     case COUNT:
         return (out->count = strtoul(optarg, NULL, 10)) > 0;
     case SEED:
@@ -124,6 +132,8 @@ static bool run(const char *command, char **operands, int operand_count, setting
         bench_draw(first, given->count, given->seed, second);
     } else if (strcmp(command, "export") == 0) {
         bench_export(first, &question->change_b, second);
+    } else if (strcmp(command, "vary") == 0) {
+        bench_vary(first, &question->change_b, second);
     } else {
         return false;
     }
@@ -138,6 +148,8 @@ int main(int argc, char **argv)
                                             {"shift", required_argument, NULL, SHIFT},
                                             {"noise", required_argument, NULL, NOISE},
                                             {"turn", required_argument, NULL, TURN},
+                                            {"coarsen", required_argument, NULL, COARSEN},
+                                            {"refine", no_argument, NULL, REFINE},
                                             {"count", required_argument, NULL, COUNT},
                                             {"seed", required_argument, NULL, SEED},
                                             {"accelerator", required_argument, NULL, ACCELERATOR},

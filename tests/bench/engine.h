@@ -8,11 +8,14 @@
 
 #include "qm/locator.h"
 
-/** A small disturbance of a mesh: makes a near twin out of it. */
+/** What a mesh is changed by, in this order: makes a near twin or another mesh of the same model out of it.
+ */
 typedef struct bench_change {
-    double shift; /* moves along (1, 1, 1), by this share of the diagonal */
-    double noise; /* moves every coordinate of every vertex by up to this share of the diagonal */
-    double turn;  /* about the axis (1, 2, 3) through the middle of its box; radians */
+    bool refine;    /* every face cut in four at the middles of its edges */
+    double coarsen; /* one vertex for each cell of a grid; the cell's side as a share of the mean edge */
+    double shift;   /* moves along (1, 1, 1), by this share of the diagonal */
+    double noise;   /* moves every coordinate of every vertex by up to this share of the diagonal */
+    double turn;    /* about the axis (1, 2, 3) through the middle of its box; radians */
 } bench_change;
 
 _Noreturn void bench_fail(const char *subject, const char *detail);
@@ -22,6 +25,12 @@ qm_mesh bench_read_any(qm_context *ctx, const char *path);
 
 /** Reads a mesh file of any format and disturbs it; the mesh is the caller's, for qm_mesh_reset. */
 qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *change);
+
+/** One vertex for each cell of a grid that holds some, in their mean; cell is a share of the mean edge. */
+void bench_coarsen(qm_mesh *mesh, double cell);
+
+/** Cuts every face in four at the middles of its edges; a quad also at the mean of its corners. */
+void bench_refine(qm_context *ctx, qm_mesh *mesh);
 
 /** Memory that must be there; the caller's, for free. */
 void *bench_alloc(size_t count, size_t width);
@@ -50,6 +59,9 @@ void bench_collide(const char *path_a, const char *path_b, const bench_change *c
 
 /** Writes PREFIX.vertices and PREFIX.triangles: used vertices only, quads split at their first corner. */
 void bench_export(const char *path, const bench_change *change, const char *prefix);
+
+/** Writes the changed mesh, quads as quads, as an OFF file with all digits. */
+void bench_vary(const char *path, const bench_change *change, const char *out);
 
 /**
  * Draws points in random order and writes them as PREFIX.near, PREFIX.mid and PREFIX.far: a point of the

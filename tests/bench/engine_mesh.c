@@ -73,6 +73,8 @@ qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *c
     qm_mesh mesh = bench_read_any(ctx, path);
     if (mesh.face_count == 0)
         bench_fail(path, "is a set of points; this part of the benchmark takes surfaces");
+    if (change->refine) bench_refine(ctx, &mesh);
+    if (change->coarsen != 0.0) bench_coarsen(&mesh, change->coarsen);
     if (change->shift != 0.0 || change->noise != 0.0) disturb(&mesh, change);
     if (change->turn != 0.0) turn(&mesh, change->turn);
     return mesh;

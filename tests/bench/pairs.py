@@ -71,20 +71,37 @@ def make_torus():
     return Pair("torus", fine, coarse)
 
 
+def make_large():
+    """4 million triangles and 350,000 quads of the same torus."""
+    MADE.mkdir(parents=True, exist_ok=True)
+    fine, coarse = MADE / "large_fine.off", MADE / "large_coarse.off"
+    write_torus(fine, 2000, 1000, 3)
+    write_torus(coarse, 840, 420, 4)
+    return Pair("torus", fine, coarse)
+
+
+def find_models():
+    """Name, triangle meshes and quad meshes of each model of the data folder, if there is one."""
+    folder = data_folder() / "pairs"
+    for model in sorted(path for path in folder.glob("*") if path.is_dir()):
+        meshes = [path for path in sorted(model.iterdir())
+                  if path.suffix in ENDINGS and f"{model.name}/{path.name}" not in STRANGERS]
+        yield (model.name, [path for path in meshes if path.name.startswith("tri")],
+               [path for path in meshes if path.name.startswith("quad")])
+
+
 def find_pairs():
     """Each model's triangles against each of its quad meshes; the spheres come first."""
     MADE.mkdir(parents=True, exist_ok=True)
-    pairs = [make_spheres()]
-    folder = data_folder() / "pairs"
-    if not folder.is_dir():
-        return pairs + [make_torus()]
-    for model in sorted(path for path in folder.iterdir() if path.is_dir()):
-        meshes = [path for path in sorted(model.iterdir())
-                  if path.suffix in ENDINGS and f"{model.name}/{path.name}" not in STRANGERS]
-        triangles = [path for path in meshes if path.name.startswith("tri")]
-        quads = [path for path in meshes if path.name.startswith("quad")]
-        pairs += [Pair(model.name, fine, coarse) for fine in triangles for coarse in quads]
-    return pairs
+    pairs = [Pair(model, fine, coarse) for model, triangles, quads in find_models()
+             for fine in triangles for coarse in quads]
+    return [make_spheres()] + (pairs or [make_torus()])
+
+
+def find_remeshed():
+    """Each model's triangles against what QuadriFlow made of it at several sizes."""
+    return [Pair(model, fine, coarse) for model, triangles, _ in find_models() for fine in triangles
+            for coarse in sorted((data_folder() / "quadriflow").glob(f"{model}_*.ply"))]
 
 
 def find_all(pairs):

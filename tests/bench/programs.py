@@ -25,6 +25,7 @@ class Peer:
     hausdorff: str = ""  # what its distance is worth: "guaranteed", "vertices only" or "samples"; "": it has none
     project: str = ""    # "double" or "float"; "": it has none
     collide: str = ""    # what its pairs are worth: "exact" or "rounded"; "": it finds none
+    reads: bool = False  # answers `COMMAND files A B`, the distance between two files, too
     self: str = ""       # the same of one mesh with itself; "partly": leaves pairs with a common corner out
 
 
@@ -39,6 +40,9 @@ class Programs:
 
     def estimates(self):
         return [peer for peer in self.peers if peer.hausdorff not in ("", "guaranteed")]
+
+    def reading(self):
+        return [peer for peer in self.peers if peer.reads]
 
     def projecting(self):
         return [peer for peer in self.peers if peer.project]
@@ -57,7 +61,7 @@ PYTHON_PEERS = (
     python_peer("igl", "libigl", hausdorff="vertices only", project="double"),
     python_peer("coal", "coal", collide="rounded"),
     python_peer("trueform", "trueform", collide="rounded"),
-    python_peer("meshlab", "pymeshlab", hausdorff="samples"),
+    python_peer("meshlab", "pymeshlab", hausdorff="samples", reads=True),
 )
 COMPILED_PEERS = (
     Peer("cgal", (OUT / "peer_cgal",), "CGAL", hausdorff="guaranteed", project="double", collide="exact",
@@ -118,7 +122,7 @@ def make_environment():
 
 def find_programs():
     """Builds and installs; ends the run only if this engine itself does not build."""
-    fault = make(pathlib.Path("build/bench/bench_engine"))
+    fault = make(pathlib.Path("build/bench/bench_engine"), pathlib.Path("build/quadmesh"))
     if fault:
         sys.exit(f"bench: the engine does not build: {fault}")
     programs = Programs([], {}, [])

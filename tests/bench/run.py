@@ -4,6 +4,7 @@
     make bench                                   everything; three quarters of an hour
     make bench BENCH="--quick"                   one run of a few pairs, to see that it works
     make bench BENCH="--only hausdorff --pairs dragon"
+    make bench BENCH="--only hausdorff --wide --draw 30 --seed 7"
 
 `docker/install-packages.sh bench` installs the compiled peers; those in Python come from PyPI, at the versions of
 peers/requirements.txt, into build/bench-env. A peer that is not there is left out, and a line says why. Every program
@@ -26,17 +27,21 @@ import time
 import bench_accelerators
 import bench_agreement
 import bench_collide
+import bench_files
 import bench_hausdorff
 import bench_projection
 import bench_reconstruct
 import bench_service
 import bench_twins
 import bench_variants
+import bench_wide
 import measuring
 import pairs as meshes
 import programs as catalogue
+import variants
 
-PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "project": bench_projection,
+PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "files": bench_files,
+         "project": bench_projection,
          "collide": bench_collide,
          "accelerators": bench_accelerators, "agreement": bench_agreement, "service": bench_service,
          "reconstruct": bench_reconstruct}
@@ -53,10 +58,17 @@ def read_arguments():
     parser.add_argument("--peer-runs", type=int, default=defaults.peer_runs, help="the same for each peer")
     parser.add_argument("--tolerance", type=float, default=defaults.tolerance, help="a share of A's diagonal")
     parser.add_argument("--points", type=int, default=defaults.points, help="points to project")
-    parser.add_argument("--seed", type=int, default=defaults.seed, help="of the points")
+    parser.add_argument("--seed", type=int, default=defaults.seed, help="of the points, and of --draw")
     parser.add_argument("--limit", type=float, default=defaults.limit_s, metavar="S", help="seconds for one process")
     parser.add_argument("--quick", action="store_true", help="one run, a tenth of the points, a few pairs")
-    return parser.parse_args()
+    parser.add_argument("--wide", action="store_true",
+                        help="instead of everything: distances of pairs drawn from all, both ways, varied or as they are")
+    parser.add_argument("--draw", type=int, default=24, metavar="N", help="how many pairs --wide draws, by --seed")
+    parser.add_argument("--large", action="store_true", help="instead of everything: a distance of 4 million triangles")
+    given = parser.parse_args()
+    if (given.wide or given.large) and given.only not in (None, ["hausdorff"]):
+        parser.error("--wide and --large are about distances: --only hausdorff")
+    return given
 
 
 def settle(given):
@@ -68,8 +80,12 @@ def settle(given):
     return settings
 
 
+def wanted_pairs(given):
+    return given.pairs or (QUICK_PAIRS if given.quick else [""])
+
+
 def pick_pairs(given):
-    wanted = given.pairs or (QUICK_PAIRS if given.quick else [""])
+    wanted = wanted_pairs(given)
     return [pair for pair in meshes.find_pairs() if any(text in str(pair) for text in wanted)]
 
 
@@ -114,10 +130,23 @@ def seconds_of_others():
     return busy - sum(usage.ru_utime + usage.ru_stime for usage in ours)
 
 
-def run_part(name, machine, settings, programs, pairs):
+def pick_tasks(given, pairs):
+    """What prints tables, with what it is given, by name."""
+    if not (given.wide or given.large):
+        return {name: (PARTS[name].run, pairs) for name in given.only or PARTS}
+    tasks = {}
+    if given.wide:
+        tasks["wide"] = (bench_wide.run, variants.draw(given.draw, given.seed, wanted_pairs(given)))
+    if given.large:
+        tasks["large"] = (bench_wide.run_large, pairs)
+    return tasks
+
+
+def run_task(name, task, machine, settings, programs):
     """Prints the tables and writes everything measured; returns what went wrong."""
     start, others = time.monotonic(), seconds_of_others()
-    rows, faults = PARTS[name].run(settings, programs, pairs, say)
+    run, pairs = task
+    rows, faults = run(settings, programs, pairs, say)
     seconds = time.monotonic() - start
     others = max(0.0, seconds_of_others() - others) / seconds
     document = {"machine": machine, "settings": dataclasses.asdict(settings), "seconds": seconds,
@@ -138,8 +167,8 @@ def main():
     machine = describe_machine(programs)
     print_machine(machine)
     faults = []
-    for name in given.only or PARTS:
-        faults += run_part(name, machine, settings, programs, pairs)
+    for name, task in pick_tasks(given, pairs).items():
+        faults += run_task(name, task, machine, settings, programs)
     for fault in faults:
         print(f"DISAGREEMENT: {fault}\n")
     print(f"{len(faults)} disagreements." if faults else "All programs agree.")
