@@ -180,6 +180,9 @@ $(OBJ)/clients/%.o: clients/%.c
 	$(call COMPILE,-Iengine/include -Iserver -D_GNU_SOURCE $(LIBRARY_CFLAGS))
 $(OBJ)/tests/%.o: tests/%.c
 	$(call COMPILE,-Iengine/include -Iengine/src -Iserver -Itests/support -D_GNU_SOURCE $(LIBRARY_CFLAGS))
+$(OBJ)/tests/%.o: tests/%.cc
+	@mkdir -p $(@D)
+	$(CXX) $(CXXFLAGS) -MMD -MP -c $< -o $@
 
 unit-programs: $(UNIT_PROGRAMS)
 
@@ -238,7 +241,7 @@ fuzz:
 	@tests/fuzz/run.sh
 fuzz-programs: $(FUZZ_SOURCES:tests/fuzz/%.c=$(OUT)/%)
 
-$(OUT)/fuzz_%: $(OBJ)/tests/fuzz/fuzz_%.o $(OBJ)/tests/fuzz/soup.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
+$(OUT)/fuzz_%: $(OBJ)/tests/fuzz/fuzz_%.o $(OBJ)/tests/fuzz/soup.o $(OBJ)/tests/fuzz/new_limit.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CXX) -fsanitize=fuzzer,address,undefined -o $@ $^ -lcmocka $(LIBRARY_LIBS)
 
