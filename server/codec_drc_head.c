@@ -11,6 +11,8 @@ typedef struct drc_head {
 #define HEAD_SIZE 11
 #define HAS_METADATA 0x8000
 #define DEEPEST_METADATA 64
+#define FIRST_SAFE_KD_TREE                                                                                   \
+    3 /* 2.2 tells the number of points again behind the head, and Draco sizes its arrays by it */
 
 static bool skip_bytes(drc_head *head, uint64_t size)
 {
@@ -83,6 +85,10 @@ qm_status qm_drc_check_head(qm_builder *builder, const uint8_t *bytes, size_t si
     if (bytes[5] != 2 || bytes[6] < 2)
         return qm_codec_fail(builder->report, QM_E_UNSUPPORTED,
                              "only version 2.2 and later of the Draco format is supported");
+    if (bytes[7] == 0 && bytes[8] == 1 && bytes[6] < FIRST_SAFE_KD_TREE)
+        return qm_codec_fail(
+            builder->report, QM_E_UNSUPPORTED,
+            "point clouds in a kd-tree are supported from version 2.3 of the Draco format on");
     drc_head head = {bytes + HEAD_SIZE, bytes + size};
     bool has_metadata = (bytes[9] | bytes[10] << 8) & HAS_METADATA;
     uint64_t vertices, faces;

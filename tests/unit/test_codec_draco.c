@@ -227,6 +227,17 @@ static void announced_counts_are_held_against_the_limits(void **state)
     qm_decoded_free(&decoded);
 }
 
+/** A kd-tree of version 2.2 tells the number of points twice; by the second Draco would ask for gigabytes. */
+static void old_kd_trees_are_refused(void **state)
+{
+    (void)state;
+    static const uint8_t file[] = {'D', 'R', 'A', 'C', 'O', 2, 2, 0, 1, 0, 0, 5, 0, 0, 0};
+    qm_decoded decoded = DECODE(file);
+    assert_int_equal(decoded.status, QM_E_UNSUPPORTED);
+    assert_int_equal(decoded.report.offset, 5);
+    assert_non_null(strstr(decoded.report.detail, "2.3"));
+}
+
 /** The fuzzer's finding: positions of the type bool with other values, which the library read as bools. */
 static void positions_of_odd_types_are_refused(void **state)
 {
@@ -256,6 +267,7 @@ int main(void)
         cmocka_unit_test(trailing_bytes_are_reported),
         cmocka_unit_test(other_versions_and_magics_are_refused),
         cmocka_unit_test(announced_counts_are_held_against_the_limits),
+        cmocka_unit_test(old_kd_trees_are_refused),
         cmocka_unit_test(positions_of_odd_types_are_refused),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
