@@ -112,9 +112,10 @@ qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twis
     qm_near_quads near = {.count = 0};
     while (list.count > 0 && near.count < QM_NEAR_QUADS)
         visit_quad(work, p, take_nearest(&list), negligible, &near);
-    /* Patches that leave their triangles may still be nearer; that matters only to pieces which nothing else
-     * has settled. */
-    for (int i = 0; work->depth >= CERTAIN_DEPTH && i < list.count; i++)
+    /* Patches that leave their triangles may still be nearer; that matters where none of these is near
+     * enough, and to pieces which nothing else has settled. */
+    bool is_near = near.count > 0 && near.at[0].distance <= qm_piece_allowed(work);
+    for (int i = 0; (work->depth >= CERTAIN_DEPTH || !is_near) && i < list.count; i++)
         if (list.at[i].distance - list.at[i].twist < near.at[QM_NEAR_QUADS - 1].distance)
             visit_quad(work, p, list.at[i], negligible, &near);
     return near;

@@ -494,6 +494,32 @@ static void nearly_coincident_copies(void **state)
     }
 }
 
+/**
+ * Patches twisted by about their size, all across one another: the copy of each is the nearest one, but by
+ * triangles many are nearer. Every point is at most the noise away, so a search that ends has an upper bound
+ * of that and its tolerance.
+ */
+static void crossing_patches_and_their_copies(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < (qm_check_long() ? 500u : 20u); seed++) {
+        qm_random random = qm_random_make(qm_check_seed(), 9700 + seed);
+        double noise = pow(10, qm_random_range(&random, -10, -4)), size;
+        qm_mesh a = qm_shape_soup(&random, 60, QM_SOUP_QUADS, QM_SOUP_POOLED, 0), b = qm_shape_copy(&a);
+        qm_shape_shake(&b, &random, noise);
+        size = qm_measured_size(&a, &b);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.quads = QM_QUADS_BILINEAR;
+        options.tolerance = 1e-6 * size;
+        qm_hausdorff_result r = qm_measured(&a, &b, &options);
+        QM_CHECK(r.stop == QM_STOP_CONVERGED && r.upper <= sqrt(3.0) * noise + options.tolerance,
+                 "seed %llu, noise %g: stop %d, [%.17g, %.17g]", (unsigned long long)seed, noise, (int)r.stop,
+                 r.lower, r.upper);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -512,6 +538,7 @@ int main(void)
         cmocka_unit_test(ties_everywhere),
         cmocka_unit_test(closed_against_open),
         cmocka_unit_test(nearly_coincident_copies),
+        cmocka_unit_test(crossing_patches_and_their_copies),
     };
     print_message("seed %llu\n", (unsigned long long)qm_check_seed());
     return cmocka_run_group_tests(tests, NULL, NULL);
