@@ -41,6 +41,26 @@ static double needle_width(const qm_vec corner[4], qm_vec axis)
     return width + NEEDLE_ROUNDINGS * size;
 }
 
+/**
+ * Twice the distance of a corner from the segment between its neighbours. Were the corner on it, the quad
+ * would be flat with no corner that turns back, and patch and triangles the same filled triangle; neither
+ * moves by more than the corner does. Edges of no length are such a case. Any point of the segment proves its
+ * own distance.
+ */
+static double straightened_width(const qm_vec corner[4])
+{
+    double least = INFINITY, size = 0.0;
+    for (int i = 0; i < 4; i++) {
+        qm_vec from = corner[(i + 3) % 4], gap = qm_vec_sub(corner[i], from);
+        qm_vec side = qm_vec_sub(corner[(i + 1) % 4], from);
+        double along = qm_clamp(qm_vec_dot(gap, side) / qm_vec_norm2(side), 0.0, 1.0);
+        if (!(along >= 0.0)) along = 0.0; /* neighbours at one place */
+        least = fmin(least, qm_vec_norm(qm_vec_axpy(gap, -along, side)));
+        size = fmax(size, qm_vec_norm(gap) + qm_vec_norm(side));
+    }
+    return 2.0 * (least + NEEDLE_ROUNDINGS * size);
+}
+
 double qm_patch_twist(const qm_vec corner[4])
 {
     double twist = 0.25 * qm_vec_norm(qm_patch_make(corner).w);
@@ -56,8 +76,8 @@ double qm_patch_twist(const qm_vec corner[4])
     if (is_convex)
         twist = fmin(twist, qm_hull_width(corner, qm_vec_scale(1.0 / length, normal)));
     else
-        twist =
-            fmin(twist, needle_width(corner, qm_vec_norm2(first) > qm_vec_norm2(second) ? first : second));
+        twist = fmin(fmin(twist, straightened_width(corner)),
+                     needle_width(corner, qm_vec_norm2(first) > qm_vec_norm2(second) ? first : second));
     return twist * (1.0 + 0x1p-20);
 }
 

@@ -38,7 +38,8 @@ static inline qm_vec qm_patch_at(const qm_patch *patch, double s, double t)
  * |w| / 4, or, where the corners make a convex quad as seen along some direction n, the range of their
  * heights along n. In that view both surfaces fill the quad, over each point of it once, and both lie between
  * the lowest and the highest corner. The common normal of the diagonals makes the range least, |w.n| / 2,
- * nothing for a flat quad; but any direction proves its own range, so that it need not be exact.
+ * nothing for a flat quad; but any direction proves its own range, so that it need not be exact. Where it is
+ * not convex, twice the distance by which a corner misses the segment between its neighbours.
  */
 double qm_patch_twist(const qm_vec corner[4]);
 

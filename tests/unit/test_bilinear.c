@@ -241,6 +241,44 @@ static void halves_are_within_their_slack(void **state)
     }
 }
 
+/** A corner that misses the segment between its neighbours by little, so that the quad turns back there or
+ * has nearly an edge of no length: patch and triangles are as near to each other. */
+static void nearly_straight_corners_have_little_twist(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < 2000; ++seed) {
+        qm_random random = qm_random_make(qm_check_seed(), 4400 + seed);
+        double corner[4][3], away[3], miss = pow(10, qm_random_range(&random, -14, -2));
+        int i = (int)(seed % 4), before = (i + 3) % 4, after = (i + 1) % 4;
+        for (int k = 0; k < 4; ++k)
+            qm_random_point(&random, -0.5, 0.5, corner[k]);
+        qm_random_direction(&random, away);
+        double along = seed % 3 ? qm_random_range(&random, 0, 1) : (double)(seed / 3 % 2);
+        for (int axis = 0; axis < 3; ++axis)
+            corner[i][axis] =
+                (1 - along) * corner[before][axis] + along * corner[after][axis] + miss * away[axis];
+        qm_vec at[4];
+        for (int k = 0; k < 4; ++k)
+            at[k] = qm_vec_load(corner[k]);
+        qm_patch patch = engine_patch(corner);
+        double twist = qm_patch_twist(at);
+        QM_CHECK(twist <= 2.001 * miss + 1e-13, "seed %llu: twist %g, miss %g", (unsigned long long)seed,
+                 twist, miss);
+        for (int k = 0; k < 10; ++k) {
+            double p[3], s = qm_random_range(&random, 0, 1), t = qm_random_range(&random, 0, 1);
+            qm_vec_store(p, qm_patch_at(&patch, s, t));
+            double flat = fmin(qm_slow_triangle_distance(p, corner[0], corner[1], corner[2]),
+                               qm_slow_triangle_distance(p, corner[0], corner[2], corner[3]));
+            QM_CHECK(flat <= twist + ERROR, "seed %llu: patch %g away, twist %g", (unsigned long long)seed,
+                     flat, twist);
+            qm_vec q = qm_vec_mix(at[0], qm_vec_mix(at[k % 2 ? 1 : 2], at[k % 2 ? 2 : 3], t), s);
+            double bent = qm_patch_project(&patch, q, ERROR, INFINITY).distance;
+            QM_CHECK(bent <= twist + 2 * ERROR, "seed %llu: triangle %g away, twist %g",
+                     (unsigned long long)seed, bent, twist);
+        }
+    }
+}
+
 /** Points on the axis of symmetry of a saddle have two nearest points, or a whole neighbourhood at the
  * centre of curvature: the worst case for any search. */
 static void saddles_are_certified_at_their_centres_of_curvature(void **state)
@@ -297,6 +335,7 @@ int main(void)
         cmocka_unit_test(a_bound_to_stop_at_keeps_its_promise),
         cmocka_unit_test(descents_are_points_of_the_patch),
         cmocka_unit_test(halves_are_within_their_slack),
+        cmocka_unit_test(nearly_straight_corners_have_little_twist),
         cmocka_unit_test(saddles_are_certified_at_their_centres_of_curvature),
         cmocka_unit_test(degenerate_patches_are_segments_and_points),
     };
