@@ -56,7 +56,8 @@ def take_medians(answers):
 def ask(settings, programs, pair):
     _, facts_a = measuring.export(pair.a)
     questions = [measuring.ask_engine(settings, "warm", pair.a, pair.b)]
-    questions += [measuring.Question(peer.name, (*peer.command, "files", pair.a, pair.b), 1)
+    tolerance = repr(settings.tolerance * facts_a["diagonal"])
+    questions += [measuring.Question(peer.name, (*peer.command, "files", pair.a, pair.b, tolerance), 1)
                   for peer in programs.reading()]
     return {"pair": str(pair), "diagonal": facts_a["diagonal"], "bytes": sum(path.stat().st_size for path in (pair.a, pair.b)),
             "processes": time_processes(settings, pair), "answers": measuring.by_turns(settings, questions)}

@@ -25,7 +25,7 @@ class Peer:
     hausdorff: str = ""  # what its distance is worth: "guaranteed", "vertices only" or "samples"; "": it has none
     project: str = ""    # "double" or "float"; "": it has none
     collide: str = ""    # what its pairs are worth: "exact" or "rounded"; "": it finds none
-    reads: bool = False  # answers `COMMAND files A B`, the distance between two files, too
+    reads: bool = False  # answers `COMMAND files A B TOLERANCE`, the distance between two files, too
     self: str = ""       # the same of one mesh with itself; "partly": leaves pairs with a common corner out
 
 
@@ -56,7 +56,7 @@ def python_peer(name, package, **kinds):
 
 
 PYTHON_PEERS = (
-    python_peer("cub", "cascading-upper-bounds", hausdorff="guaranteed"),
+    python_peer("cub", "cascading-upper-bounds", hausdorff="guaranteed", reads=True),
     python_peer("fcpw", "fcpw", project="float"),
     python_peer("igl", "libigl", hausdorff="vertices only", project="double"),
     python_peer("coal", "coal", collide="rounded"),

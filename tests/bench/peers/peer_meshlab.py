@@ -1,7 +1,7 @@
 """pymeshlab: the distance from samples of A, which is a lower bound with no upper one.
 
 peer_meshlab.py hausdorff A B TOLERANCE     the tolerance is not looked at
-peer_meshlab.py files A B                   files of meshes, which it reads itself
+peer_meshlab.py files A B TOLERANCE         files of meshes, which it reads itself
 """
 import pymeshlab
 
@@ -24,7 +24,7 @@ def hausdorff(prefix_a, prefix_b, _tolerance):
     measure.measure(lambda: None, lambda _: find_distance(meshes))
 
 
-def files(path_a, path_b):
+def files(path_a, path_b, _tolerance):
     def read():
         meshes = pymeshlab.MeshSet()
         for path in (path_a, path_b):
