@@ -19,7 +19,6 @@
  *
  * Source: Y. Kang, Hausdorff distance computation between triangle mesh and quad mesh, sections 5.2 to 5.4.
  */
-#include "bvh_rows.h"
 #include "hausdorff_matching.h"
 
 #define MAX_FACETS 4 /* one a corner */

@@ -4,13 +4,14 @@
     void qm_share_corners_##isa(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);             \
     void qm_fit_box_##isa(qm_bvh *bvh, size_t pack, const uint32_t *vertices, size_t count);                 \
     void qm_fit_groups_##isa(qm_bvh *bvh, const qm_deformer *deformer, size_t begin, size_t end);            \
+    void qm_load_corners_##isa(const qm_bvh *bvh, size_t pack, qm_pack_corners *out);                        \
     void qm_fill_pack_##isa(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);                        \
     void qm_pack_distances_##isa(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);                   \
     void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
     void qm_closest_patch_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, double error,                   \
                                 qm_patch_hit *hit);                                                          \
     void qm_closest_ties_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties);                  \
-    void qm_fill_float_##isa(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES]);                  \
+    void qm_fill_float_##isa(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES]);                 \
     double qm_float_upper_##isa(const qm_float_pack *pack, const float *twist, qm_vec p);                    \
     void qm_float_reach_##isa(const qm_float_pack *pack, const float *twist, double allowed,                 \
                               const qm_vec *point, int count, qm_float_bits *bits);                          \
@@ -61,6 +62,7 @@
         .share_corners = qm_share_corners_##isa,                                                             \
         .fit_box = qm_fit_box_##isa,                                                                         \
         .fit_groups = qm_fit_groups_##isa,                                                                   \
+        .load_corners = qm_load_corners_##isa,                                                               \
         .fill_pack = qm_fill_pack_##isa,                                                                     \
         .pack_distances = qm_pack_distances_##isa,                                                           \
         .closest = qm_closest_##isa,                                                                         \

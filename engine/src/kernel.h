@@ -123,9 +123,15 @@ typedef struct qm_kernel {
      * deformer. */
     void (*fit_groups)(qm_bvh *bvh, const qm_deformer *deformer, size_t begin, size_t end);
 
+    /** Loads the corners of a pack's lanes from where their vertices are now. */
+    void (*load_corners)(const qm_bvh *bvh, size_t pack, qm_pack_corners *out);
+
     /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
      * pack. */
     void (*fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
+
+    /** The same in single precision. */
+    void (*fill_float)(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 
     /** Squared distances from p to the eight triangles of a pack. */
     void (*pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);
@@ -145,9 +151,6 @@ typedef struct qm_kernel {
 
     /** Finds the faces that tie; start is a first guess of a pack. */
     void (*closest_ties)(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties);
-
-    /** Makes a float pack whose middle is set, from corners relative to it: corner[i][axis][lane]. */
-    void (*fill_float)(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES]);
 
     /** Upper bound of the distance from p to the nearest surface of a pack: its triangles, or what is within
      * twist of them. */

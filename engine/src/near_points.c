@@ -1,6 +1,6 @@
 #include "near_points.h"
 
-#include "bvh_rows.h"
+#include "bvh_demand.h"
 
 typedef struct near_search {
     const qm_bvh *bvh;

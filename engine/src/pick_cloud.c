@@ -1,4 +1,4 @@
-#include "bvh_rows.h"
+#include "bvh_demand.h"
 #include "pick_work.h"
 
 #define QUADRANT_POINTS 12 /* candidates nearest to the cursor that are kept in each quadrant round it */

@@ -1,6 +1,6 @@
 #include "qm/source.h"
 
-#include "bvh_rows.h"
+#include "bvh_demand.h"
 #include "near_points.h"
 #include "nearest.h"
 #include "surface.h"
