@@ -47,6 +47,10 @@
     bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p, \
                                  unsigned moved_q, qm_near_lanes *out);                                      \
     void qm_hilbert_keys_##isa(const qm_hilbert_cells *cells, int count, int bits, uint64_t *keys);          \
+    void qm_vertices_on_sides_##isa(const double *positions, size_t count, const qm_box *box,                \
+                                    uint32_t vertex[QM_BOX_SIDES]);                                          \
+    bool qm_faces_below_##isa(const uint32_t *faces, size_t count, uint32_t vertex_count);                   \
+    bool qm_faces_name_##isa(const uint32_t *faces, size_t count, const uint32_t vertex[QM_BOX_SIDES]);      \
     void qm_vertex_box_##isa(const double *positions, size_t count, qm_box *box);                            \
     void qm_vertex_cells_##isa(const qm_cell_grid *grid, const double *positions, size_t count,              \
                                qm_cell *cells);                                                              \
@@ -95,6 +99,9 @@
         .decide_lane_pairs = qm_decide_lane_pairs_##isa,                                                     \
         .compare_leaves = qm_compare_leaves_##isa,                                                           \
         .hilbert_keys = qm_hilbert_keys_##isa,                                                               \
+        .vertices_on_sides = qm_vertices_on_sides_##isa,                                                     \
+        .faces_below = qm_faces_below_##isa,                                                                 \
+        .faces_name = qm_faces_name_##isa,                                                                   \
         .vertex_box = qm_vertex_box_##isa,                                                                   \
         .vertex_cells = qm_vertex_cells_##isa,                                                               \
         .cell_boxes = qm_cell_boxes_##isa,                                                                   \

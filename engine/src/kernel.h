@@ -109,6 +109,8 @@ typedef struct qm_polygon {
     uint64_t in_reach[QM_COVER_CORNERS];
 } qm_polygon;
 
+enum { QM_BOX_SIDES = 6 };
+
 typedef struct qm_kernel {
     const char *name;
 
@@ -257,6 +259,17 @@ typedef struct qm_kernel {
 
     /** The box of count positions, x y z each: an empty one of none. */
     void (*vertex_box)(const double *positions, size_t count, qm_box *box);
+
+    /** Sets a vertex that lies on each side of the box of count positions: least x, y, z, then greatest. */
+    void (*vertices_on_sides)(const double *positions, size_t count, const qm_box *box,
+                              uint32_t vertex[QM_BOX_SIDES]);
+
+    /** True when all corners of count faces, rows of four, are below vertex_count; the fourth may be
+     * QM_NO_INDEX. */
+    bool (*faces_below)(const uint32_t *faces, size_t count, uint32_t vertex_count);
+
+    /** True when each of these vertices is a corner of one of count faces. */
+    bool (*faces_name)(const uint32_t *faces, size_t count, const uint32_t vertex[QM_BOX_SIDES]);
 
     /** Finds the cell of each position, by the same monotone steps wherever it stands. */
     void (*vertex_cells)(const qm_cell_grid *grid, const double *positions, size_t count, qm_cell *cells);

@@ -51,6 +51,10 @@ void QM_KERNEL(decide_lane_pairs)(const qm_lane_pairs *pairs, unsigned first, qm
 bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                                unsigned moved_q, qm_near_lanes *out);
 void QM_KERNEL(hilbert_keys)(const qm_hilbert_cells *cells, int count, int bits, uint64_t *keys);
+void QM_KERNEL(vertices_on_sides)(const double *positions, size_t count, const qm_box *box,
+                                  uint32_t vertex[QM_BOX_SIDES]);
+bool QM_KERNEL(faces_below)(const uint32_t *faces, size_t count, uint32_t vertex_count);
+bool QM_KERNEL(faces_name)(const uint32_t *faces, size_t count, const uint32_t vertex[QM_BOX_SIDES]);
 void QM_KERNEL(vertex_box)(const double *positions, size_t count, qm_box *box);
 void QM_KERNEL(vertex_cells)(const qm_cell_grid *grid, const double *positions, size_t count, qm_cell *cells);
 unsigned QM_KERNEL(cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,
