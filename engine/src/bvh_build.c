@@ -9,6 +9,8 @@
 
 #define PREFETCH 16     /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
 #define FETCHED_PACKS 4 /* packs whose vertices are fetched while others are looked at */
+#define ROWS_KEPT 16384 /* packs of which there is room for all triangles in double precision, and */
+#define ROWS_SHARE 16   /* for one in so many of those beyond */
 #define BLOCK_PACKS 64  /* packs that a worker takes at once: a multiple of 64, a box of the third level */
 
 /** Work on the packs, which the workers share by blocks. */
@@ -127,16 +129,23 @@ static void build_block(void *data, int worker, size_t block)
     if (bvh->boxes.level_count > 1) qm_box_tree_fill_members(&bvh->boxes, 2, begin / 8, (end + 7) / 8);
 }
 
+/** Triangles in double precision take more memory than all else: of a large mesh a part is kept. */
+static size_t rows_room(size_t packs)
+{
+    return packs <= ROWS_KEPT ? packs : ROWS_KEPT + (packs - ROWS_KEPT) / ROWS_SHARE;
+}
+
 static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts)
 {
     size_t count = bvh->pack_count;
     bool is_target = parts & QM_BVH_TARGET, has_twists = parts & QM_BVH_PATCHES && bvh->has_quads;
     bvh->lanes = qm_context_alloc(ctx, count, sizeof *bvh->lanes);
-    bool has_room = bvh->lanes &&
-                    (!is_target || qm_demand_init(ctx, count, sizeof(qm_float_pack), &bvh->floats)) &&
-                    (!is_target || qm_demand_init(ctx, count, sizeof(qm_pack), &bvh->rows)) &&
-                    (!has_twists || qm_demand_init(ctx, count, sizeof(qm_pack_twists), &bvh->twists)) &&
-                    qm_box_tree_init(ctx, count, &bvh->boxes);
+    bool has_room =
+        bvh->lanes &&
+        (!is_target || qm_demand_init(ctx, count, count, sizeof(qm_float_pack), &bvh->floats)) &&
+        (!is_target || qm_demand_init(ctx, count, rows_room(count), sizeof(qm_pack), &bvh->rows)) &&
+        (!has_twists || qm_demand_init(ctx, count, count, sizeof(qm_pack_twists), &bvh->twists)) &&
+        qm_box_tree_init(ctx, count, &bvh->boxes);
     return has_room ? QM_OK : QM_E_NO_MEMORY;
 }
 

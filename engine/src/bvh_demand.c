@@ -6,7 +6,7 @@ const qm_float_pack *qm_bvh_make_floats(const qm_bvh *bvh, size_t pack)
 {
     unsigned place;
     qm_float_pack *floats = bvh->floats.items;
-    if (qm_demand_claim(&bvh->floats, pack, &place)) {
+    if (qm_demand_claim(&bvh->floats, pack, &place) == QM_DEMAND_WANTED) {
         const qm_kernel *kernel = qm_kernel_get();
         qm_pack_corners corners;
         kernel->load_corners(bvh, pack, &corners);
@@ -16,18 +16,18 @@ const qm_float_pack *qm_bvh_make_floats(const qm_bvh *bvh, size_t pack)
     return &floats[place];
 }
 
-const qm_pack *qm_bvh_make_rows(const qm_bvh *bvh, size_t pack)
+const qm_pack *qm_bvh_make_rows(const qm_bvh *bvh, size_t pack, qm_pack *spare)
 {
     unsigned place;
-    qm_pack *rows = bvh->rows.items;
-    if (qm_demand_claim(&bvh->rows, pack, &place)) {
-        const qm_kernel *kernel = qm_kernel_get();
-        qm_pack_corners corners;
-        kernel->load_corners(bvh, pack, &corners);
-        kernel->fill_pack(&rows[place], corners.at);
-        qm_demand_publish(&bvh->rows, pack, place);
-    }
-    return &rows[place];
+    qm_demand_answer answer = qm_demand_claim(&bvh->rows, pack, &place);
+    qm_pack *rows = answer == QM_DEMAND_FULL ? spare : (qm_pack *)bvh->rows.items + place;
+    if (answer == QM_DEMAND_MADE) return rows;
+    const qm_kernel *kernel = qm_kernel_get();
+    qm_pack_corners corners;
+    kernel->load_corners(bvh, pack, &corners);
+    kernel->fill_pack(rows, corners.at);
+    if (answer == QM_DEMAND_WANTED) qm_demand_publish(&bvh->rows, pack, place);
+    return rows;
 }
 
 /** How far the patch of a quad leaves its two triangles at most; 0 for a triangle. Local. */
@@ -49,7 +49,7 @@ const qm_pack_twists *qm_bvh_make_twists(const qm_bvh *bvh, size_t pack)
 {
     unsigned place;
     qm_pack_twists *twists = bvh->twists.items;
-    if (qm_demand_claim(&bvh->twists, pack, &place)) {
+    if (qm_demand_claim(&bvh->twists, pack, &place) == QM_DEMAND_WANTED) {
         fill_twists(bvh, pack, &twists[place]);
         qm_demand_publish(&bvh->twists, pack, place);
     }

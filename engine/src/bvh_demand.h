@@ -10,7 +10,7 @@
 
 /** Make the item of a pack, or wait for the thread that does. */
 const qm_float_pack *qm_bvh_make_floats(const qm_bvh *bvh, size_t pack);
-const qm_pack *qm_bvh_make_rows(const qm_bvh *bvh, size_t pack);
+const qm_pack *qm_bvh_make_rows(const qm_bvh *bvh, size_t pack, qm_pack *spare);
 const qm_pack_twists *qm_bvh_make_twists(const qm_bvh *bvh, size_t pack);
 
 /** Triangles of a pack in single precision, of a tree that is a target. */
@@ -21,12 +21,12 @@ static inline const qm_float_pack *qm_bvh_floats(const qm_bvh *bvh, size_t pack)
     return place < QM_DEMAND_STALE ? floats + place : qm_bvh_make_floats(bvh, pack);
 }
 
-/** Triangles of a pack in double precision, likewise. */
-static inline const qm_pack *qm_bvh_rows(const qm_bvh *bvh, size_t pack)
+/** Triangles of a pack in double precision, likewise; in spare when there is no room to keep them. */
+static inline const qm_pack *qm_bvh_rows(const qm_bvh *bvh, size_t pack, qm_pack *spare)
 {
     unsigned place = qm_demand_place(&bvh->rows, pack);
     const qm_pack *rows = bvh->rows.items;
-    return place < QM_DEMAND_STALE ? rows + place : qm_bvh_make_rows(bvh, pack);
+    return place < QM_DEMAND_STALE ? rows + place : qm_bvh_make_rows(bvh, pack, spare);
 }
 
 /** How far the quads of a pack leave their triangles, where qm_bvh_has_twists. */

@@ -81,7 +81,7 @@ void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const ui
 {
     candidates->count = count;
     for (int k = 0; k < count; k++) {
-        candidates->pack[k] = qm_bvh_rows(side->target, packs[k]);
+        candidates->pack[k] = qm_bvh_rows(side->target, packs[k], &candidates->spare[k]);
         for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
             qm_candidates_allow(candidates, k, lane, qm_side_twist(side, packs[k], lane), allowed);
     }

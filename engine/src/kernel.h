@@ -93,6 +93,7 @@ typedef struct qm_shortlist {
 typedef struct qm_candidates {
     int count;
     const qm_pack *pack[QM_COVER_PACKS];
+    qm_pack spare[QM_COVER_PACKS]; /* for those that the target has no room for */
     _Alignas(64) double allowed2[QM_COVER_PACKS][QM_PACK_LANES]; /* squared distance; -1 for never */
     double twist[QM_COVER_PACKS][QM_PACK_LANES]; /* how far the surface may be from the lane's triangle */
 } qm_candidates;

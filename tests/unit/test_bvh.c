@@ -26,7 +26,8 @@ static void check_same(const qm_bvh *a, const qm_bvh *b)
     assert_true(a->reach == b->reach);
     assert_int_equal(a->pack_count, b->pack_count);
     for (size_t i = 0; i < a->pack_count; i++) {
-        assert_memory_equal(qm_bvh_rows(a, i), qm_bvh_rows(b, i), sizeof(qm_pack));
+        qm_pack spare[2];
+        assert_memory_equal(qm_bvh_rows(a, i, &spare[0]), qm_bvh_rows(b, i, &spare[1]), sizeof(qm_pack));
         assert_memory_equal(qm_bvh_floats(a, i), qm_bvh_floats(b, i), sizeof(qm_float_pack));
         if (a->has_quads)
             assert_memory_equal(qm_bvh_twists(a, i), qm_bvh_twists(b, i), sizeof(qm_pack_twists));
@@ -63,7 +64,8 @@ static void ask_for_everything(void *data, int worker)
     const qm_bvh *tree = data;
     for (size_t i = 0; i < tree->pack_count; i++) {
         qm_bvh_floats(tree, i);
-        qm_bvh_rows(tree, i);
+        qm_pack spare;
+        qm_bvh_rows(tree, i, &spare);
         qm_bvh_twists(tree, i);
     }
 }
@@ -90,6 +92,44 @@ static void threads_make_the_same_items(void **state)
     qm_bvh_destroy(&ctx, shared);
     qm_bvh_destroy(&ctx, alone);
     qm_shape_free(&mesh);
+}
+
+static qm_hausdorff_result measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b)
+{
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    options.tolerance = 1e-7;
+    options.quads = QM_QUADS_BILINEAR;
+    qm_hausdorff_result result;
+    assert_int_equal(qm_hausdorff_measure(ctx, a, b, &options, &result), QM_OK);
+    return result;
+}
+
+/** What is not kept is made by each who asks, and is the same; several threads take the last places. */
+static void rows_without_room_are_the_same(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_mesh fine = qm_shape_torus(60, 40, 2.0, 0.5), coarse = qm_shape_torus(25, 15, 2.0, 0.5);
+    qm_bvh *source = build(&ctx, &coarse, QM_BVH_ALL, 1), *kept = build(&ctx, &fine, QM_BVH_ALL, 1);
+    qm_hausdorff_result expected = measure(&ctx, source, kept);
+    static const size_t rooms[] = {0, 1, 7, 100};
+    for (size_t i = 0; i < sizeof rooms / sizeof *rooms; i++) {
+        qm_bvh *tree = build(&ctx, &fine, QM_BVH_ALL, 1);
+        size_t whole = tree->rows.room;
+        assert_int_equal(whole, tree->pack_count);
+        tree->rows.room = rooms[i];
+        qm_parallel_run(NULL, 4, ask_for_everything, tree);
+        assert_int_equal(*tree->rows.made, rooms[i]);
+        check_same(kept, tree);
+        qm_hausdorff_result result = measure(&ctx, source, tree);
+        assert_true(result.lower == expected.lower && result.upper == expected.upper);
+        tree->rows.room = whole;
+        qm_bvh_destroy(&ctx, tree);
+    }
+    qm_bvh_destroy(&ctx, kept);
+    qm_bvh_destroy(&ctx, source);
+    qm_shape_free(&coarse);
+    qm_shape_free(&fine);
 }
 
 static void threads_build_the_same_tree(void **state)
@@ -278,6 +318,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(threads_build_the_same_tree),
         cmocka_unit_test(threads_make_the_same_items),
+        cmocka_unit_test(rows_without_room_are_the_same),
         cmocka_unit_test(boxes_are_those_of_the_vertices),
         cmocka_unit_test(sources_hold_no_triangles_and_are_refused_as_targets),
         cmocka_unit_test(a_stray_vertex_costs_no_precision),

@@ -22,7 +22,8 @@ static inline bool qm_pack_is_far(const qm_bvh *bvh, uint32_t pack, qm_vec p, do
 /** Looks at a pack; of equal distances the lower face wins, so that the order of visits does not matter. */
 static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, qm_hit *hit)
 {
-    const qm_pack *rows = qm_bvh_rows(bvh, pack);
+    qm_pack spare;
+    const qm_pack *rows = qm_bvh_rows(bvh, pack, &spare);
     qm_vd d2[QM_PARTS];
     for (int part = 0; part < QM_PARTS; part++)
         d2[part] = qm_pack_part_d2(rows, part, p.x, p.y, p.z);
@@ -87,7 +88,8 @@ static inline void qm_visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, 
                                     qm_patch_hit *hit)
 {
     _Alignas(64) double d2[QM_PACK_LANES];
-    qm_pack_d2(qm_bvh_rows(bvh, pack), p, d2);
+    qm_pack spare;
+    qm_pack_d2(qm_bvh_rows(bvh, pack, &spare), p, d2);
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     uint32_t count = lanes->lane_count, first = qm_nearest_quad(lanes, d2);
     for (uint32_t step = 0; step < count; step++) {
@@ -183,7 +185,8 @@ static inline double qm_visit_tied_triangles(void *best, uint32_t pack)
 {
     const qm_tie_search *search = best;
     qm_ties *ties = search->ties;
-    const qm_pack *rows = qm_bvh_rows(search->bvh, pack);
+    qm_pack spare;
+    const qm_pack *rows = qm_bvh_rows(search->bvh, pack, &spare);
     qm_vd d2[QM_PARTS];
     for (int part = 0; part < QM_PARTS; part++)
         d2[part] = qm_pack_part_d2(rows, part, search->splat.x, search->splat.y, search->splat.z);
@@ -232,7 +235,8 @@ static inline double qm_visit_tied_patches(void *best, uint32_t pack)
     const qm_bvh *bvh = search->bvh;
     qm_ties *ties = search->ties;
     _Alignas(64) double d2[QM_PACK_LANES];
-    qm_pack_d2(qm_bvh_rows(bvh, pack), search->p, d2);
+    qm_pack spare;
+    qm_pack_d2(qm_bvh_rows(bvh, pack, &spare), search->p, d2);
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     uint32_t count = lanes->lane_count, first = qm_nearest_quad(lanes, d2);
     for (uint32_t step = 0; step < count; step++) {
