@@ -218,7 +218,7 @@ void qm_handle_mesh_project(qm_request *request)
         return;
     }
     *p = made;
-    p->mesh = qm_meshes_acquire(app->meshes, qm_request_id(request), QM_MESH_NEAREST, &problem);
+    p->mesh = qm_meshes_acquire(app->meshes, qm_request_id(request), &problem);
     if (!p->mesh || !take_points(request, p, &problem) || !build_locator(p, &problem)) {
         end_projecting(p);
         qm_reply_problem(request, &problem);

@@ -55,7 +55,7 @@ qm_mesh_ref *qm_take_mesh(qm_request *request, const char *suffix)
     /* Who has the revision is told so without reading the mesh. It may move on after its row was read: the
      * tag to send is that of the one in hand. */
     bool known = is_known(request, tag);
-    if (!known && (mesh = qm_meshes_acquire(meshes, qm_request_id(request), QM_MESH_SHAPE, &problem)))
+    if (!known && (mesh = qm_meshes_acquire(meshes, qm_request_id(request), &problem)))
         qm_etag_write_mesh(row.hash, qm_mesh_ref_get(mesh)->revision, suffix, tag);
     qm_store_mesh_reset(&row);
     if (!known && !mesh) {

@@ -214,11 +214,6 @@ const qm_job_type *qm_job_type_of(qm_job_kind kind)
     return &runners[kind].type;
 }
 
-bool qm_job_finds_nearest(qm_job_kind kind)
-{
-    return kind != QM_JOB_COLLISION && kind != QM_JOB_SELF_COLLISION && kind != QM_JOB_DISTANCE;
-}
-
 bool qm_job_kind_find(const char *name, qm_job_kind *out)
 {
     for (int kind = 0; kind < QM_JOB_KIND_COUNT; kind++) {

@@ -44,9 +44,6 @@ typedef struct qm_job_type {
 } qm_job_type;
 const qm_job_type *qm_job_type_of(qm_job_kind kind);
 
-/** False for kinds that need no triangle frames of their meshes' trees. */
-bool qm_job_finds_nearest(qm_job_kind kind);
-
 /** The kind of this name; false when there is none. */
 bool qm_job_kind_find(const char *name, qm_job_kind *out);
 

@@ -216,13 +216,12 @@ static void run_on_meshes(qm_job *job)
 {
     qm_jobs *jobs = job->jobs;
     qm_problem problem;
-    qm_mesh_use use = qm_job_finds_nearest(job->request.kind) ? QM_MESH_NEAREST : QM_MESH_SHAPE;
-    qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, use, &problem);
+    qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, &problem);
     bool has_b = qm_job_type_of(job->request.kind)->mesh_field[1];
     /* A mesh held against itself is one revision of it. */
     bool is_same = has_b && strcmp(job->request.a, job->request.b) == 0;
     qm_mesh_ref *b =
-        a && has_b && !is_same ? qm_meshes_acquire(jobs->meshes, job->request.b, use, &problem) : NULL;
+        a && has_b && !is_same ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
     if (a && (b || !has_b || is_same))
         answer(job, qm_mesh_ref_get(a), b ? qm_mesh_ref_get(b) : is_same ? qm_mesh_ref_get(a) : NULL);
     else

@@ -28,7 +28,7 @@ bool qm_desk_fail(const qm_desk *d, qm_status status, qm_problem *problem)
 
 bool qm_desk_take_mesh(qm_desk *d, qm_problem *problem)
 {
-    d->mesh = qm_meshes_acquire(d->app->meshes, d->row.mesh, QM_MESH_NEAREST, problem);
+    d->mesh = qm_meshes_acquire(d->app->meshes, d->row.mesh, problem);
     if (!d->mesh) return false;
     qm_status status = qm_source_init(&d->ctx, qm_mesh_ref_get(d->mesh)->bvh, &d->source);
     return status == QM_OK || qm_desk_fail(d, status, problem);

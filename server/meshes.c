@@ -229,21 +229,7 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
     uv_mutex_unlock(&meshes->lock);
 }
 
-/** Makes ready what a deformation has left for the first who asks: who holds this revision already looks at
- * its shape alone. The lock is given back meanwhile. */
-static void refresh(qm_meshes *meshes, qm_mesh_ref *ref)
-{
-    ref->state = QM_MESH_LOADING;
-    uv_mutex_unlock(&meshes->lock);
-    qm_context ctx = qm_meshes_context(meshes);
-    ctx.parallel = qm_parallel_run;
-    qm_bvh_refresh(&ctx, ref->mesh.bvh, meshes->threads);
-    uv_mutex_lock(&meshes->lock);
-    ref->state = QM_MESH_READY;
-    uv_cond_broadcast(&meshes->changed);
-}
-
-qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_mesh_use use, qm_problem *problem)
+qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem)
 {
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
@@ -262,8 +248,6 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_mesh_use us
     }
     while (ref->state == QM_MESH_LOADING)
         uv_cond_wait(&meshes->changed, &meshes->lock);
-    if (use == QM_MESH_NEAREST && ref->state == QM_MESH_READY && qm_bvh_is_stale(ref->mesh.bvh))
-        refresh(meshes, ref);
     if (ref->state == QM_MESH_BROKEN) {
         *problem = ref->problem;
         qm_meshes_drop_reference(ref);

@@ -40,12 +40,8 @@ void qm_meshes_destroy(qm_meshes *meshes);
 bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
                    qm_store_mesh *out, bool *is_new, qm_problem *problem);
 
-/** What a holder of a mesh asks of it. After a deformation the first who asks for nearest points waits until
- * the triangles' frames are made anew. */
-typedef enum qm_mesh_use { QM_MESH_SHAPE, QM_MESH_NEAREST } qm_mesh_use;
-
 /** Takes a reference; reads the mesh from its blob when needed. NULL with a problem when there is none. */
-qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_mesh_use use, qm_problem *problem);
+qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem);
 const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref);
 void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref);
 

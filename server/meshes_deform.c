@@ -201,7 +201,7 @@ static void follow(deforming *work, qm_context *ctx)
 static bool deform(deforming *work, const char *id, const char *if_match)
 {
     if (!qm_meshes_find_row(work->meshes, id, if_match, &work->row, work->problem)) return false;
-    work->ref = qm_meshes_acquire(work->meshes, id, QM_MESH_SHAPE, work->problem);
+    work->ref = qm_meshes_acquire(work->meshes, id, work->problem);
     if (!work->ref) return false;
     qm_context ctx = qm_meshes_context(work->meshes);
     ctx.parallel = qm_parallel_run;

@@ -26,7 +26,7 @@ qm_refining_entry *qm_refining_begin(qm_reconstructions *rs, const char *source,
     qm_refining *r = &e->refining;
     r->ctx = qm_meshes_context(rs->meshes);
     snprintf(r->source_id, sizeof r->source_id, "%s", source);
-    r->mesh = qm_meshes_acquire(rs->meshes, source, QM_MESH_NEAREST, problem);
+    r->mesh = qm_meshes_acquire(rs->meshes, source, problem);
     qm_layout layout = {0};
     bool has_patches;
     bool good = r->mesh && qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL,

@@ -4,13 +4,14 @@
 #include <math.h>
 #include <string.h>
 
-#include "bits.h"
 #include "bvh_order.h"
-#include "bvh_pack.h"
-#include "bvh_rows.h"
+#include "kernel.h"
 
-#define PREFETCH 16    /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
-#define BLOCK_PACKS 64 /* packs that a worker takes at once: a multiple of 64, a box of the third level */
+#define PREFETCH 16     /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
+#define FETCHED_PACKS 4 /* packs whose vertices are fetched while others are looked at */
+#define ROWS_KEPT 16384 /* packs of which there is room for all triangles in double precision, and */
+#define ROWS_SHARE 16   /* for one in so many of those beyond */
+#define BLOCK_PACKS 64  /* packs that a worker takes at once: a multiple of 64, a box of the third level */
 
 /** Work on the packs, which the workers share by blocks. */
 typedef struct pack_builder {
@@ -80,6 +81,7 @@ static int add_point(qm_pack_lanes *lanes, int lane, uint32_t *vertex, uint32_t 
     return lane + 1;
 }
 
+/** Fills the lanes of a pack, and fetches its vertices. */
 static void fill_lanes(const pack_builder *builder, size_t pack)
 {
     const qm_mesh *mesh = &builder->bvh->mesh;
@@ -101,15 +103,14 @@ static void fill_lanes(const pack_builder *builder, size_t pack)
         memcpy(vertex + 3 * lane, vertex, 3 * sizeof *vertex);
     }
     builder->kernel->share_corners(lanes, vertex);
+    for (int i = 0; i < lanes->vertex_count; i++)
+        __builtin_prefetch(mesh->positions + 3 * (size_t)lanes->vertex[i]);
 }
 
-static void build_pack(const pack_builder *builder, size_t pack)
+static void fit_box(const pack_builder *builder, size_t pack)
 {
-    qm_bvh *bvh = builder->bvh;
-    fill_lanes(builder, pack);
-    builder->kernel->fit_box(bvh, pack, bvh->lanes[pack].vertex, bvh->lanes[pack].vertex_count);
-    qm_bvh_fill_pack(builder->kernel, bvh, pack);
-    if (bvh->rows) atomic_init(&bvh->rows_place[pack], QM_ROWS_NONE);
+    const qm_pack_lanes *lanes = &builder->bvh->lanes[pack];
+    builder->kernel->fit_box(builder->bvh, pack, lanes->vertex, lanes->vertex_count);
 }
 
 /** Packs of a block, and the boxes above its groups. */
@@ -121,28 +122,31 @@ static void build_block(void *data, int worker, size_t block)
     if (qm_context_canceled(builder->ctx)) return;
     size_t begin = block * BLOCK_PACKS,
            end = begin + BLOCK_PACKS < bvh->pack_count ? begin + BLOCK_PACKS : bvh->pack_count;
-    for (size_t i = begin; i < end; i++)
-        build_pack(builder, i);
+    for (size_t i = begin; i < end + FETCHED_PACKS; i++) {
+        if (i < end) fill_lanes(builder, i);
+        if (i >= begin + FETCHED_PACKS) fit_box(builder, i - FETCHED_PACKS);
+    }
     if (bvh->boxes.level_count > 1) qm_box_tree_fill_members(&bvh->boxes, 2, begin / 8, (end + 7) / 8);
+}
+
+/** Triangles in double precision take more memory than all else: of a large mesh a part is kept. */
+static size_t rows_room(size_t packs)
+{
+    return packs <= ROWS_KEPT ? packs : ROWS_KEPT + (packs - ROWS_KEPT) / ROWS_SHARE;
 }
 
 static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts)
 {
     size_t count = bvh->pack_count;
+    bool is_target = parts & QM_BVH_TARGET, has_twists = parts & QM_BVH_PATCHES && bvh->has_quads;
     bvh->lanes = qm_context_alloc(ctx, count, sizeof *bvh->lanes);
-    if (!bvh->lanes) return QM_E_NO_MEMORY;
-    if (parts & QM_BVH_TARGET) {
-        bvh->float_packs = qm_context_alloc(ctx, count, sizeof *bvh->float_packs);
-        bvh->rows = qm_context_alloc_aligned(ctx, count, sizeof *bvh->rows);
-        bvh->rows_place = qm_context_alloc(ctx, count + 1, sizeof *bvh->rows_place);
-        if (!bvh->float_packs || !bvh->rows || !bvh->rows_place) return QM_E_NO_MEMORY;
-        bvh->rows_used = bvh->rows_place + count;
-        atomic_init(bvh->rows_used, 0);
-    }
-    if ((parts & QM_BVH_PATCHES) && bvh->has_quads &&
-        !(bvh->twist = qm_context_alloc(ctx, count, sizeof *bvh->twist)))
-        return QM_E_NO_MEMORY;
-    return qm_box_tree_init(ctx, count, &bvh->boxes) ? QM_OK : QM_E_NO_MEMORY;
+    bool has_room =
+        bvh->lanes &&
+        (!is_target || qm_demand_init(ctx, count, count, sizeof(qm_float_pack), &bvh->floats)) &&
+        (!is_target || qm_demand_init(ctx, count, rows_room(count), sizeof(qm_pack), &bvh->rows)) &&
+        (!has_twists || qm_demand_init(ctx, count, count, sizeof(qm_pack_twists), &bvh->twists)) &&
+        qm_box_tree_init(ctx, count, &bvh->boxes);
+    return has_room ? QM_OK : QM_E_NO_MEMORY;
 }
 
 static qm_status build_tree(pack_builder *builder, qm_bvh_parts parts)
@@ -193,11 +197,9 @@ bool qm_bvh_frame_is_wide(const qm_bvh *bvh)
 void qm_bvh_reset(qm_context *ctx, qm_bvh *bvh)
 {
     qm_box_tree_reset(ctx, &bvh->boxes);
-    qm_bits_free(ctx, bvh->stale, bvh->pack_count);
-    qm_context_free(ctx, bvh->twist, bvh->pack_count, sizeof *bvh->twist);
-    qm_context_free(ctx, bvh->float_packs, bvh->pack_count, sizeof *bvh->float_packs);
-    qm_context_free(ctx, bvh->rows_place, bvh->pack_count + 1, sizeof *bvh->rows_place);
-    qm_context_free_aligned(ctx, bvh->rows, bvh->pack_count, sizeof *bvh->rows);
+    qm_demand_reset(ctx, &bvh->twists);
+    qm_demand_reset(ctx, &bvh->rows);
+    qm_demand_reset(ctx, &bvh->floats);
     qm_context_free(ctx, bvh->lanes, bvh->pack_count, sizeof *bvh->lanes);
     *bvh = (qm_bvh){.mesh = bvh->mesh};
 }
@@ -252,9 +254,7 @@ const qm_mesh *qm_bvh_mesh(const qm_bvh *bvh)
 
 size_t qm_bvh_memory_size(const qm_bvh *bvh)
 {
-    size_t size = sizeof *bvh + bvh->pack_count * sizeof *bvh->lanes;
-    if (bvh->rows)
-        size += bvh->pack_count * (sizeof *bvh->rows + sizeof *bvh->rows_place + sizeof *bvh->float_packs);
-    if (bvh->twist) size += bvh->pack_count * sizeof *bvh->twist;
-    return size + qm_box_tree_memory_size(&bvh->boxes);
+    return sizeof *bvh + bvh->pack_count * sizeof *bvh->lanes + qm_demand_memory_size(&bvh->floats) +
+           qm_demand_memory_size(&bvh->rows) + qm_demand_memory_size(&bvh->twists) +
+           qm_box_tree_memory_size(&bvh->boxes);
 }

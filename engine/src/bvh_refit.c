@@ -1,11 +1,11 @@
 /**
- * bvh_refit.c: boxes of a tree whose vertices have moved, and later the frames of its triangles.
+ * bvh_refit.c: boxes of a tree whose vertices have moved.
  */
 #include "bits.h"
+#include "bvh_demand.h"
 #include "bvh_order.h"
-#include "bvh_pack.h"
-#include "bvh_rows.h"
 #include "deform.h"
+#include "kernel.h"
 
 #define MIN_PACKS 512 /* packs that make it worth to start another thread */
 #define AHEAD 12      /* packs ahead of the one at hand whose vertices are fetched */
@@ -32,22 +32,7 @@ static void fit_range(void *data, int worker)
     size_t groups = (work->count + 7) / 8, workers = (size_t)work->workers;
     size_t begin = groups * (size_t)worker / workers, end = groups * ((size_t)worker + 1) / workers;
     qm_kernel_get()->fit_groups(work->bvh, work->deformer, begin, end);
-    qm_bvh_drop_rows(work->bvh, 8 * begin, 8 * end < work->count ? 8 * end : work->count);
-}
-
-static void refresh_range(void *data, int worker)
-{
-    const pack_work *work = data;
-    const qm_kernel *kernel = qm_kernel_get();
-    size_t words = qm_bits_words(work->count), workers = (size_t)work->workers;
-    for (size_t word = words * (size_t)worker / workers; word < words * ((size_t)worker + 1) / workers;
-         word++) {
-        for (uint64_t rest = work->bvh->stale[word]; rest; rest &= rest - 1) {
-            size_t pack = 64 * word + (size_t)__builtin_ctzll(rest);
-            if (pack >= work->count) break;
-            qm_bvh_fill_pack(kernel, work->bvh, pack);
-        }
-    }
+    qm_bvh_drop_items(work->bvh, 8 * begin, 8 * end < work->count ? 8 * end : work->count);
 }
 
 /** True when a frame serves a mesh with this local box: it is held, and not much smaller than the frame. */
@@ -118,7 +103,6 @@ static void fit_all(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer, i
 /** A mesh rarely leaves its frame: boxes in the frame that is there tell, or else the mesh's own. */
 static size_t refit_all(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer, int thread_count)
 {
-    memset(bvh->stale, 0xff, qm_bits_words(bvh->pack_count) * sizeof *bvh->stale);
     fit_all(ctx, bvh, deformer, thread_count);
     if (!boxes_fit_frame(&bvh->boxes)) {
         qm_box box = qm_mesh_bounding_box(&bvh->mesh);
@@ -144,7 +128,7 @@ static size_t refit_packs(qm_bvh *bvh, const qm_deformer *deformer, uint32_t *pa
         if (i + AHEAD < count) fetch_vertices(bvh, deformer, packs[i + AHEAD]);
         uint32_t pack = packs[i], begin = deformer->pack_start[pack], end = deformer->pack_start[pack + 1];
         kernel->fit_box(bvh, pack, deformer->pack_vertices + begin, end - begin);
-        qm_bvh_drop_rows(bvh, pack, pack + 1);
+        qm_bvh_drop_items(bvh, pack, pack + 1);
     }
     return count + qm_box_tree_refill(&bvh->boxes, packs, count);
 }
@@ -157,34 +141,22 @@ qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer
     uint32_t *packs = faces ? qm_context_alloc(ctx, list_size, sizeof *packs) : NULL;
     uint64_t *changed = faces ? qm_bits_create(ctx, bvh->pack_count) : NULL;
     bool has_lists = !faces || face_count == 0 || (packs && changed);
-    uint64_t *stale = bvh->stale ? bvh->stale : qm_bits_create(ctx, bvh->pack_count);
-    qm_status status = has_lists && stale ? QM_OK : QM_E_NO_MEMORY;
-    if (status == QM_OK) {
-        bvh->stale = stale;
-        bvh->mesh = *mesh;
-    }
-    if (status != QM_OK) {
-        qm_context_fail(ctx, status, "out of memory to refit a tree");
+    qm_status status = QM_OK;
+    if (has_lists) bvh->mesh = *mesh;
+    if (!has_lists) {
+        status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory to refit a tree");
     } else if (!faces) {
         *updated = refit_all(ctx, bvh, deformer, thread_count);
     } else if (face_count > 0) {
         for (size_t i = 0; i < face_count; i++)
             qm_bits_add(changed, deformer->face_pack[faces[i]]);
-        for (size_t i = 0; i < qm_bits_words(bvh->pack_count); i++)
-            bvh->stale[i] |= changed[i];
         *updated = refit_packs(bvh, deformer, packs, qm_bits_list(changed, bvh->pack_count, packs));
         if (!faces_in_frame(bvh, faces, face_count)) *updated = refit_all(ctx, bvh, deformer, thread_count);
     }
     if (status == QM_OK) bvh->reach = qm_box_tree_reach(&bvh->boxes);
-    if (status != QM_OK && !bvh->stale) qm_bits_free(ctx, stale, bvh->pack_count);
     qm_context_free(ctx, packs, list_size, sizeof *packs);
     qm_bits_free(ctx, changed, bvh->pack_count);
     return status;
-}
-
-bool qm_bvh_is_stale(const qm_bvh *bvh)
-{
-    return bvh->stale != NULL;
 }
 
 size_t qm_bvh_box_count(const qm_bvh *bvh)
@@ -193,13 +165,4 @@ size_t qm_bvh_box_count(const qm_bvh *bvh)
     for (int level = 0; level < bvh->boxes.level_count; level++)
         count += bvh->boxes.group_count[level];
     return count;
-}
-
-void qm_bvh_refresh(qm_context *ctx, qm_bvh *bvh, int thread_count)
-{
-    if (!bvh->stale) return;
-    pack_work work = {.bvh = bvh, .count = bvh->pack_count};
-    each_pack(ctx, &work, thread_count, refresh_range);
-    qm_bits_free(ctx, bvh->stale, bvh->pack_count);
-    bvh->stale = NULL;
 }

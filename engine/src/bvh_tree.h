@@ -7,10 +7,9 @@
 #ifndef QM_BVH_TREE_H
 #define QM_BVH_TREE_H
 
-#include <stdatomic.h>
-
 #include "bilinear_point.h"
 #include "box_tree.h"
+#include "demand.h"
 #include "float_pack.h"
 #include "qm/bvh.h"
 
@@ -67,6 +66,11 @@ typedef struct qm_pack {
     _Alignas(64) double row[QM_ROW_COUNT][QM_PACK_LANES];
 } qm_pack;
 
+/** The corners of a pack's lanes, local: at[corner][axis][lane]; lanes past the last repeat the first. */
+typedef struct qm_pack_corners {
+    _Alignas(64) double at[3][3][QM_PACK_LANES];
+} qm_pack_corners;
+
 /** What a pack stands for in the mesh. Lanes past lane_count repeat lane 0 and are never looked at by
  * sources. */
 typedef struct qm_pack_lanes {
@@ -100,27 +104,33 @@ static inline int qm_lane_corners(const qm_pack_lanes *lanes, uint32_t lane, boo
     return 4;
 }
 
+/** |w| / 4 of each lane's quad rounded up, local; 0 for triangles. */
+typedef struct qm_pack_twists {
+    float lane[QM_PACK_LANES];
+} qm_pack_twists;
+
 struct qm_bvh {
     qm_mesh mesh; /* the arrays are borrowed */
     qm_frame frame;
     double reach; /* greatest local coordinate of the surface, by magnitude: at most 1 */
     size_t pack_count;
-    qm_float_pack *float_packs; /* NULL when the tree is built as a source only */
-    qm_pack *rows;              /* likewise: the same triangles in double precision, by qm_bvh_rows alone */
-    atomic_uint *rows_place;    /* of each pack, see bvh_rows.h */
-    atomic_uint *rows_used;     /* how many are made; one past the places */
     qm_pack_lanes *lanes;
     bool has_quads;
-    float (*twist)[QM_PACK_LANES]; /* |w| / 4 of each lane's quad rounded up, local; NULL without quads, or
-                                      when they are not to be read as patches */
-    qm_box_tree boxes;             /* over the packs */
-    uint64_t *stale; /* a bit a pack whose float pack and twists are not those of the mesh; NULL: none */
+    qm_box_tree boxes; /* over the packs */
+    /* Of each pack, made on demand: bvh_demand.h. Without items where the tree was built without. */
+    qm_demand floats, rows; /* qm_float_pack, qm_pack: the triangles of targets in both precisions */
+    qm_demand twists;       /* qm_pack_twists: when there are quads that may be read as patches */
 };
+
+static inline bool qm_bvh_has_twists(const qm_bvh *bvh)
+{
+    return bvh->twists.items != NULL;
+}
 
 /** True when the tree was built with what it takes to search it in this reading. */
 static inline bool qm_bvh_is_target(const qm_bvh *bvh, qm_quad_reading reading)
 {
-    return bvh->rows && !bvh->stale && (reading == QM_QUADS_TRIANGLES || bvh->twist || !bvh->has_quads);
+    return bvh->rows.items && (reading == QM_QUADS_TRIANGLES || qm_bvh_has_twists(bvh) || !bvh->has_quads);
 }
 
 /** A vertex in the local frame. */

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "bilinear_point.h"
-#include "bvh_rows.h"
+#include "bvh_demand.h"
 
 #define RECTANGLES 32 /* of all patches of a list; when there are so many they are cut no further */
 
@@ -191,16 +191,18 @@ static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bo
     const qm_bvh *target = work->target;
     const qm_pack_lanes *lanes = &target->lanes[pack];
     _Alignas(64) double d2[QM_PACK_LANES];
-    kernel->pack_distances(qm_bvh_rows(target, pack), work->middle, d2);
+    qm_pack spare;
+    const qm_pack *rows = qm_bvh_rows(target, pack, &spare);
+    kernel->pack_distances(rows, work->middle, d2);
     for (int lane = 0; lane < lanes->lane_count; lane++) {
-        double twist = patches ? (double)target->twist[pack][lane] : 0.0;
+        double twist = patches ? (double)qm_bvh_twists(target, pack)[lane] : 0.0;
         if (twist > work->error) {
             qm_vec corner[4];
             qm_bvh_load_face(target, lanes->face[lane], corner);
             add_rectangle(work, corner);
             lane += qm_lane_has_second(lanes, (uint32_t)lane);
         } else if (sqrt(d2[lane]) - twist <= work->reach) {
-            add_lane(work, qm_bvh_rows(target, pack), lane, twist);
+            add_lane(work, rows, lane, twist);
         }
     }
 }

@@ -140,7 +140,7 @@ static bool mark_pack(grid_builder *builder, uint32_t pack)
         place[i] = qm_grid_place(builder->grid, qm_bvh_vertex(bvh, lanes->vertex[i]));
     for (int lane = 0, count; lane < lanes->lane_count; lane += count - 2) {
         int place_of[4];
-        count = qm_lane_corners(lanes, (uint32_t)lane, bvh->twist != NULL, place_of);
+        count = qm_lane_corners(lanes, (uint32_t)lane, qm_bvh_has_twists(bvh), place_of);
         qm_vec corner[4];
         for (int i = 0; i < count; i++)
             corner[i] = place[place_of[i]];
@@ -259,7 +259,7 @@ static qm_status fill_grid(grid_builder *builder)
 qm_status qm_grid_build(qm_context *ctx, const qm_bvh *bvh, qm_grid **out)
 {
     *out = NULL;
-    if (!bvh->rows) return qm_context_fail(ctx, QM_E_ARGUMENT, "a grid needs a tree that is a target");
+    if (!bvh->rows.items) return qm_context_fail(ctx, QM_E_ARGUMENT, "a grid needs a tree that is a target");
     qm_grid *grid = qm_context_alloc(ctx, 1, sizeof *grid);
     if (!grid) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a grid");
     *grid = (qm_grid){.bvh = bvh};

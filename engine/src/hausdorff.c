@@ -51,7 +51,7 @@ static qm_status set_side(qm_context *ctx, qm_side *side, const qm_bvh *source, 
         .scale = target->frame.scale,
         .inverse_scale = target->frame.inverse_scale,
         .factor = source->frame.inverse_scale * target->frame.scale,
-        .target_patches = quads == QM_QUADS_BILINEAR && target->twist,
+        .target_patches = quads == QM_QUADS_BILINEAR && qm_bvh_has_twists(target),
         .source_patches = quads == QM_QUADS_BILINEAR && source->has_quads,
     };
     side->shift = qm_vec_scale(side->scale, qm_vec_sub(source->frame.origin, target->frame.origin));

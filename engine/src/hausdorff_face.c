@@ -21,7 +21,7 @@ static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
     for (int k = 0; k < count; k++) {
         qm_float_bits bits[QM_COVER_CORNERS];
         unsigned labels = ~0u;
-        work->kernel->float_reach(&work->side->target->float_packs[packs[k]],
+        work->kernel->float_reach(qm_bvh_floats(work->side->target, packs[k]),
                                   qm_side_twists(work->side, packs[k]), allowed - work->slack,
                                   polygon->corner, polygon->count, bits);
         for (int i = 0; i < polygon->count; i++)
@@ -55,7 +55,7 @@ static qm_float_verdict cover_in_floats(const qm_piece_work *work, const qm_shor
     _Alignas(32) float twist[QM_PACK_LANES];
     work->kernel->shortlist_floats(work->side->target, list, &rows);
     for (int i = 0; work->side->target_patches && i < QM_PACK_LANES; i++)
-        twist[i] = work->side->target->twist[list->pack[i]][list->lane[i]];
+        twist[i] = qm_bvh_twists(work->side->target, list->pack[i])[list->lane[i]];
     return work->kernel->float_cover(&rows, work->side->target_patches ? twist : NULL,
                                      qm_piece_allowed(work) - work->slack, polygon, moved);
 }

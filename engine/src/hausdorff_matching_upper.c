@@ -19,7 +19,6 @@
  *
  * Source: Y. Kang, Hausdorff distance computation between triangle mesh and quad mesh, sections 5.2 to 5.4.
  */
-#include "bvh_rows.h"
 #include "hausdorff_matching.h"
 
 #define MAX_FACETS 4 /* one a corner */
@@ -64,7 +63,8 @@ uint32_t qm_matching_facet(const qm_search *search, const qm_side *side, uint32_
 {
     double d2[QM_PACK_LANES], nearest = INFINITY;
     uint32_t best = 0, lane_count = side->target->lanes[pack].lane_count;
-    search->kernel->pack_distances(qm_bvh_rows(side->target, pack), p, d2);
+    qm_pack spare;
+    search->kernel->pack_distances(qm_bvh_rows(side->target, pack, &spare), p, d2);
     for (uint32_t lane = 0, next; lane < lane_count; lane = next) {
         double distance = sqrt(d2[lane]);
         next = lane + 1;
@@ -89,7 +89,9 @@ static matched match_point(const matching *work, const facet *to, qm_vec p)
         return (matched){p, foot.distance, {foot.uv[0], foot.uv[1]}};
     }
     double d2[QM_PACK_LANES];
-    work->search->kernel->pack_distances(qm_bvh_rows(work->side->target, to->place / QM_PACK_LANES), p, d2);
+    qm_pack spare;
+    work->search->kernel->pack_distances(qm_bvh_rows(work->side->target, to->place / QM_PACK_LANES, &spare),
+                                         p, d2);
     return (matched){.corner = p, .distance = sqrt(d2[to->place % QM_PACK_LANES])};
 }
 

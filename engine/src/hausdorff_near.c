@@ -46,7 +46,7 @@ static bool lane_reaches(const near_work *work, const ball_part *part)
 {
     qm_float_bits bits[4];
     unsigned labels = ~0u;
-    work->worker->search->kernel->float_reach(&work->side->target->float_packs[*work->hint],
+    work->worker->search->kernel->float_reach(qm_bvh_floats(work->side->target, *work->hint),
                                               qm_side_twists(work->side, *work->hint), work->allowed,
                                               part->corner, part->corner_count, bits);
     for (int i = 0; i < part->corner_count; i++)

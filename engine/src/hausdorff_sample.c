@@ -1,5 +1,4 @@
 #include "bilinear_point.h"
-#include "bvh_rows.h"
 #include "hausdorff_search.h"
 
 #define CERTIFY_SHARE                                                                                        \
@@ -9,7 +8,7 @@
 
 double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p)
 {
-    return search->kernel->float_upper(&side->target->float_packs[pack], qm_side_twists(side, pack), p);
+    return search->kernel->float_upper(qm_bvh_floats(side->target, pack), qm_side_twists(side, pack), p);
 }
 
 /** Raises the shared lower bound, and keeps the point as this worker's witness when it did. */
@@ -82,7 +81,7 @@ void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const ui
 {
     candidates->count = count;
     for (int k = 0; k < count; k++) {
-        candidates->pack[k] = qm_bvh_rows(side->target, packs[k]);
+        candidates->pack[k] = qm_bvh_rows(side->target, packs[k], &candidates->spare[k]);
         for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
             qm_candidates_allow(candidates, k, lane, qm_side_twist(side, packs[k], lane), allowed);
     }

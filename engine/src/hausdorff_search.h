@@ -19,6 +19,7 @@
 #include <stdatomic.h>
 #include <threads.h>
 
+#include "bvh_demand.h"
 #include "hausdorff_queue.h"
 #include "nearest.h"
 #include "qm/hausdorff.h"
@@ -131,13 +132,13 @@ static inline int qm_side_corners(const qm_side *side, const qm_pack_lanes *lane
 /** How far the surface of a lane's face can be from the lane's triangle: 0 unless patches are read. Local. */
 static inline double qm_side_twist(const qm_side *side, uint32_t pack, uint32_t lane)
 {
-    return side->target_patches ? (double)side->target->twist[pack][lane] : 0.0;
+    return side->target_patches ? (double)qm_bvh_twists(side->target, pack)[lane] : 0.0;
 }
 
 /** The same of all lanes; NULL for none. */
 static inline const float *qm_side_twists(const qm_side *side, uint32_t pack)
 {
-    return side->target_patches ? side->target->twist[pack] : NULL;
+    return side->target_patches ? qm_bvh_twists(side->target, pack) : NULL;
 }
 
 /**

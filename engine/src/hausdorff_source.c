@@ -79,7 +79,7 @@ static bool face_reached(pack_work *work, double allowed, const int *corner, int
 static void reach_by_pack(const pack_work *work, double allowed, uint32_t pack, const qm_vec *point,
                           int count, qm_float_bits *bits)
 {
-    work->kernel->float_reach(&work->side->target->float_packs[pack], qm_side_twists(work->side, pack),
+    work->kernel->float_reach(qm_bvh_floats(work->side->target, pack), qm_side_twists(work->side, pack),
                               allowed, point, count, bits);
 }
 

@@ -4,13 +4,14 @@
     void qm_share_corners_##isa(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);             \
     void qm_fit_box_##isa(qm_bvh *bvh, size_t pack, const uint32_t *vertices, size_t count);                 \
     void qm_fit_groups_##isa(qm_bvh *bvh, const qm_deformer *deformer, size_t begin, size_t end);            \
+    void qm_load_corners_##isa(const qm_bvh *bvh, size_t pack, qm_pack_corners *out);                        \
     void qm_fill_pack_##isa(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);                        \
     void qm_pack_distances_##isa(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);                   \
     void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
     void qm_closest_patch_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, double error,                   \
                                 qm_patch_hit *hit);                                                          \
     void qm_closest_ties_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties);                  \
-    void qm_fill_float_##isa(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES]);                  \
+    void qm_fill_float_##isa(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES]);                 \
     double qm_float_upper_##isa(const qm_float_pack *pack, const float *twist, qm_vec p);                    \
     void qm_float_reach_##isa(const qm_float_pack *pack, const float *twist, double allowed,                 \
                               const qm_vec *point, int count, qm_float_bits *bits);                          \
@@ -46,6 +47,10 @@
     bool qm_compare_leaves_##isa(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p, \
                                  unsigned moved_q, qm_near_lanes *out);                                      \
     void qm_hilbert_keys_##isa(const qm_hilbert_cells *cells, int count, int bits, uint64_t *keys);          \
+    void qm_vertices_on_sides_##isa(const double *positions, size_t count, const qm_box *box,                \
+                                    uint32_t vertex[QM_BOX_SIDES]);                                          \
+    bool qm_faces_below_##isa(const uint32_t *faces, size_t count, uint32_t vertex_count);                   \
+    bool qm_faces_name_##isa(const uint32_t *faces, size_t count, const uint32_t vertex[QM_BOX_SIDES]);      \
     void qm_vertex_box_##isa(const double *positions, size_t count, qm_box *box);                            \
     void qm_vertex_cells_##isa(const qm_cell_grid *grid, const double *positions, size_t count,              \
                                qm_cell *cells);                                                              \
@@ -61,6 +66,7 @@
         .share_corners = qm_share_corners_##isa,                                                             \
         .fit_box = qm_fit_box_##isa,                                                                         \
         .fit_groups = qm_fit_groups_##isa,                                                                   \
+        .load_corners = qm_load_corners_##isa,                                                               \
         .fill_pack = qm_fill_pack_##isa,                                                                     \
         .pack_distances = qm_pack_distances_##isa,                                                           \
         .closest = qm_closest_##isa,                                                                         \
@@ -93,6 +99,9 @@
         .decide_lane_pairs = qm_decide_lane_pairs_##isa,                                                     \
         .compare_leaves = qm_compare_leaves_##isa,                                                           \
         .hilbert_keys = qm_hilbert_keys_##isa,                                                               \
+        .vertices_on_sides = qm_vertices_on_sides_##isa,                                                     \
+        .faces_below = qm_faces_below_##isa,                                                                 \
+        .faces_name = qm_faces_name_##isa,                                                                   \
         .vertex_box = qm_vertex_box_##isa,                                                                   \
         .vertex_cells = qm_vertex_cells_##isa,                                                               \
         .cell_boxes = qm_cell_boxes_##isa,                                                                   \

@@ -93,6 +93,7 @@ typedef struct qm_shortlist {
 typedef struct qm_candidates {
     int count;
     const qm_pack *pack[QM_COVER_PACKS];
+    qm_pack spare[QM_COVER_PACKS]; /* for those that the target has no room for */
     _Alignas(64) double allowed2[QM_COVER_PACKS][QM_PACK_LANES]; /* squared distance; -1 for never */
     double twist[QM_COVER_PACKS][QM_PACK_LANES]; /* how far the surface may be from the lane's triangle */
 } qm_candidates;
@@ -109,6 +110,8 @@ typedef struct qm_polygon {
     uint64_t in_reach[QM_COVER_CORNERS];
 } qm_polygon;
 
+enum { QM_BOX_SIDES = 6 };
+
 typedef struct qm_kernel {
     const char *name;
 
@@ -123,9 +126,15 @@ typedef struct qm_kernel {
      * deformer. */
     void (*fit_groups)(qm_bvh *bvh, const qm_deformer *deformer, size_t begin, size_t end);
 
+    /** Loads the corners of a pack's lanes from where their vertices are now. */
+    void (*load_corners)(const qm_bvh *bvh, size_t pack, qm_pack_corners *out);
+
     /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
      * pack. */
     void (*fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
+
+    /** The same in single precision. */
+    void (*fill_float)(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 
     /** Squared distances from p to the eight triangles of a pack. */
     void (*pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);
@@ -145,9 +154,6 @@ typedef struct qm_kernel {
 
     /** Finds the faces that tie; start is a first guess of a pack. */
     void (*closest_ties)(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties);
-
-    /** Makes a float pack whose middle is set, from corners relative to it: corner[i][axis][lane]. */
-    void (*fill_float)(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES]);
 
     /** Upper bound of the distance from p to the nearest surface of a pack: its triangles, or what is within
      * twist of them. */
@@ -254,6 +260,17 @@ typedef struct qm_kernel {
 
     /** The box of count positions, x y z each: an empty one of none. */
     void (*vertex_box)(const double *positions, size_t count, qm_box *box);
+
+    /** Sets a vertex that lies on each side of the box of count positions: least x, y, z, then greatest. */
+    void (*vertices_on_sides)(const double *positions, size_t count, const qm_box *box,
+                              uint32_t vertex[QM_BOX_SIDES]);
+
+    /** True when all corners of count faces, rows of four, are below vertex_count; the fourth may be
+     * QM_NO_INDEX. */
+    bool (*faces_below)(const uint32_t *faces, size_t count, uint32_t vertex_count);
+
+    /** True when each of these vertices is a corner of one of count faces. */
+    bool (*faces_name)(const uint32_t *faces, size_t count, const uint32_t vertex[QM_BOX_SIDES]);
 
     /** Finds the cell of each position, by the same monotone steps wherever it stands. */
     void (*vertex_cells)(const qm_cell_grid *grid, const double *positions, size_t count, qm_cell *cells);

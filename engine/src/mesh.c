@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "kernel.h"
+
 void qm_mesh_reset(qm_context *ctx, qm_mesh *mesh)
 {
     qm_context_free(ctx, mesh->positions, mesh->vertex_count, 3 * sizeof *mesh->positions);
@@ -29,33 +31,9 @@ static inline void box_add(qm_box *box, const double *point)
 
 static qm_box box_of_vertices(const qm_mesh *mesh)
 {
-    qm_box box = box_empty();
-    for (size_t i = 0; i < mesh->vertex_count; ++i)
-        box_add(&box, mesh->positions + 3 * i);
+    qm_box box;
+    qm_kernel_get()->vertex_box(mesh->positions, mesh->vertex_count, &box);
     return box;
-}
-
-enum { SIDES = 6 };
-
-/** A vertex on each side of the box of all. */
-static void find_side_vertices(const qm_mesh *mesh, const qm_box *box, uint32_t side[SIDES])
-{
-    for (size_t i = 0; i < mesh->vertex_count; ++i)
-        for (int axis = 0; axis < 3; ++axis) {
-            const double coordinate = mesh->positions[3 * i + (size_t)axis];
-            if (coordinate == box->min[axis]) side[axis] = (uint32_t)i;
-            if (coordinate == box->max[axis]) side[3 + axis] = (uint32_t)i;
-        }
-}
-
-/** True when faces use all these vertices: no branches, many corners at a time. */
-static bool are_used(const qm_mesh *mesh, const uint32_t side[SIDES])
-{
-    uint32_t found[SIDES] = {0};
-    for (size_t i = 0; i < 4 * mesh->face_count; ++i)
-        for (int k = 0; k < SIDES; ++k)
-            found[k] |= mesh->faces[i] == side[k];
-    return (found[0] & found[1] & found[2] & found[3] & found[4] & found[5]) != 0;
 }
 
 static qm_box box_of_faces(const qm_mesh *mesh)
@@ -71,9 +49,10 @@ qm_box qm_mesh_bounding_box(const qm_mesh *mesh)
 {
     const qm_box box = box_of_vertices(mesh);
     if (mesh->face_count == 0) return box;
-    uint32_t side[SIDES] = {0};
-    find_side_vertices(mesh, &box, side);
-    return are_used(mesh, side) ? box : box_of_faces(mesh);
+    const qm_kernel *kernel = qm_kernel_get();
+    uint32_t side[QM_BOX_SIDES] = {0};
+    kernel->vertices_on_sides(mesh->positions, mesh->vertex_count, &box, side);
+    return kernel->faces_name(mesh->faces, mesh->face_count, side) ? box : box_of_faces(mesh);
 }
 
 double qm_box_diagonal(const qm_box *box)
@@ -136,6 +115,9 @@ static int find_bad_corner(const uint32_t face[4], size_t vertex_count)
 
 static qm_status check_faces(qm_context *ctx, const qm_mesh *mesh)
 {
+    if (mesh->vertex_count < QM_NO_INDEX &&
+        qm_kernel_get()->faces_below(mesh->faces, mesh->face_count, (uint32_t)mesh->vertex_count))
+        return QM_OK;
     for (size_t i = 0; i < mesh->face_count; ++i) {
         const uint32_t *face = mesh->faces + 4 * i;
         int bad = find_bad_corner(face, mesh->vertex_count);

@@ -1,6 +1,6 @@
 #include "near_points.h"
 
-#include "bvh_rows.h"
+#include "bvh_demand.h"
 
 typedef struct near_search {
     const qm_bvh *bvh;
@@ -44,7 +44,8 @@ static void insert(near_search *search, double d2, uint32_t index, qm_vec positi
 static void visit_pack(near_search *search, size_t pack)
 {
     const qm_pack_lanes *lanes = &search->bvh->lanes[pack];
-    const qm_pack *rows = qm_bvh_rows(search->bvh, pack);
+    qm_pack spare;
+    const qm_pack *rows = qm_bvh_rows(search->bvh, pack, &spare);
     double d2[QM_PACK_LANES];
     for (int i = 0; i < QM_PACK_LANES; i++) {
         double x = rows->row[QM_ROW_OX][i] - search->p.x, y = rows->row[QM_ROW_OY][i] - search->p.y,

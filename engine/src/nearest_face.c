@@ -30,7 +30,7 @@ static qm_tie find_lowest(const qm_ties *ties)
 qm_tie qm_nearest_face(const qm_kernel *kernel, const qm_locator *locator, qm_quad_reading reading, qm_vec p,
                        uint32_t *hint)
 {
-    bool has_patches = reading == QM_QUADS_BILINEAR && locator->bvh->twist;
+    bool has_patches = reading == QM_QUADS_BILINEAR && qm_bvh_has_twists(locator->bvh);
     qm_ties ties;
     start_ties(&ties, p, has_patches);
     if (has_patches) {

@@ -1,4 +1,4 @@
-#include "bvh_rows.h"
+#include "bvh_demand.h"
 #include "pick_work.h"
 
 #define QUADRANT_POINTS 12 /* candidates nearest to the cursor that are kept in each quadrant round it */
@@ -89,7 +89,8 @@ static void look_at_group(search *s, int level, size_t group)
             continue;
         }
         const qm_pack_lanes *lanes = &s->bvh->lanes[member];
-        const qm_pack *rows = qm_bvh_rows(s->bvh, member);
+        qm_pack spare;
+        const qm_pack *rows = qm_bvh_rows(s->bvh, member, &spare);
         for (int lane = 0; lane < lanes->lane_count; lane++)
             look_at_point(
                 s, lanes->face[lane],

@@ -42,7 +42,7 @@ static void project_one(const point_batch *batch, const qm_kernel *kernel, size_
     qm_tie found = qm_nearest_face(kernel, batch->locator, batch->reading, p, hint);
     qm_surface_point foot = {.face = found.face};
     if (batch->out->position || batch->out->uv)
-        foot = batch->reading == QM_QUADS_BILINEAR && bvh->twist
+        foot = batch->reading == QM_QUADS_BILINEAR && qm_bvh_has_twists(bvh)
                    ? qm_surface_face_foot(bvh, batch->reading, found.face, p, qm_patch_error(p))
                    : qm_surface_triangle_foot(bvh, found.pack, found.lane, p);
     write_foot(batch->out, i, found.distance * bvh->frame.inverse_scale, &foot);

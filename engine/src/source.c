@@ -1,6 +1,6 @@
 #include "qm/source.h"
 
-#include "bvh_rows.h"
+#include "bvh_demand.h"
 #include "near_points.h"
 #include "nearest.h"
 #include "surface.h"
@@ -27,7 +27,8 @@ static void pull_to_mesh(const qm_source *source, qm_vec p, qm_foothold *out)
     qm_kernel_get()->closest(bvh, p, &hit);
     qm_surface_point foot = qm_surface_triangle_foot(bvh, hit.pack, hit.lane, p);
     qm_vec_store(out->position, qm_vec_load(foot.position));
-    const qm_pack *rows = qm_bvh_rows(bvh, hit.pack);
+    qm_pack spare;
+    const qm_pack *rows = qm_bvh_rows(bvh, hit.pack, &spare);
     qm_vec z = {rows->row[QM_ROW_ZX][hit.lane], rows->row[QM_ROW_ZY][hit.lane],
                 rows->row[QM_ROW_ZZ][hit.lane]};
     /* The frame of a triangle starts at its longest edge and turns the same way as its corners. */

@@ -184,7 +184,7 @@ qm_status qm_tetra_build(qm_context *ctx, const qm_bvh *bvh, const qm_patch_set 
 {
     *out = NULL;
     size_t faces = bvh->mesh.face_count;
-    if (!bvh->rows)
+    if (!bvh->rows.items)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "offset tetrahedra need a tree that is a target");
     if (faces == 0)
         return qm_context_fail(ctx, QM_E_UNSUPPORTED, "a point set has no patches for offset tetrahedra");

@@ -107,8 +107,7 @@ def run_refit(settings, say):
               tables.times(middle["tetra_all_ms"] / middle["tetra_part_ms"]), f"{answer['tetra_size'] / quads:.0f}"],
              ["grid", tables.ms(middle["grid_build_ms"]), "built anew", "", "", "", f"{answer['grid_size'] / quads:.0f}"]]
     print(f"Following a deformation of {quads} quads, one thread, ms. Gain: over building the boxes; part: "
-          f"{answer['part']} vertices that lie together; gain: over all. Triangle frames of the boxes, made when distances "
-          f"are asked for next: {tables.ms(middle['refresh_all_ms'])} ms for all.\n")
+          f"{answer['part']} vertices that lie together; gain: over all.\n")
     print(tables.table(["", "build:", "all moved:", "gain:", "part moved:", "gain:", "bytes a quad:"], lines))
     return {"mesh": path.stem, "answers": {"refit": answer}}
 

@@ -29,6 +29,7 @@ static const char usage[] =
     "                                                               another mesh of the same model\n"
     "       bench_engine kernel                                     the instruction set in use\n"
     "\n"
+    "  A mesh may be torus:COLUMNSxROWSxCORNERS (3 or 4), which is made in memory.\n"
     "  --tolerance X  a share of the diagonal of A (default 1e-8)\n"
     "  --shift X      moves the last mesh along (1, 1, 1) by this share of its diagonal\n"
     "  --noise X      moves its coordinates at random by up to this share of its diagonal\n"

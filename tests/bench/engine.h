@@ -20,7 +20,12 @@ typedef struct bench_change {
 
 _Noreturn void bench_fail(const char *subject, const char *detail);
 
-/** Reads a file of any format, which may be a point set; the mesh is the caller's, for qm_mesh_reset. */
+/** Makes a torus with waves on it if the name is torus:COLUMNSxROWSxCORNERS: of quads, or of twice as many
+ * triangles. The mesh is the caller's, for qm_mesh_reset. */
+bool bench_make_torus(qm_context *ctx, const char *name, qm_mesh *out);
+
+/** Reads a file of any format, which may be a point set, or makes a torus; the mesh is the caller's, for
+ * qm_mesh_reset. */
 qm_mesh bench_read_any(qm_context *ctx, const char *path);
 
 /** Reads a mesh file of any format and disturbs it; the mesh is the caller's, for qm_mesh_reset. */

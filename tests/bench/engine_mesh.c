@@ -82,12 +82,13 @@ qm_mesh bench_read_mesh(qm_context *ctx, const char *path, const bench_change *c
 
 qm_mesh bench_read_any(qm_context *ctx, const char *path)
 {
+    qm_mesh mesh;
+    if (bench_make_torus(ctx, path, &mesh)) return mesh;
     size_t size;
     uint8_t *bytes = read_file(path, &size);
     qm_codec_limits limits = {QM_NO_INDEX - 1, QM_NO_INDEX - 1};
     qm_codec_report report = {0};
     qm_format format = qm_format_from_path(path);
-    qm_mesh mesh;
     qm_status status =
         qm_codec_decode(ctx, format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format, bytes, size,
                         &limits, &mesh, &report);

@@ -30,7 +30,7 @@ typedef struct refit_bench {
     qm_tetra *tetra;
     qm_deformer *deformer;
     times boxes_build, patches_find, tetra_build, grid_build, deformer_build;
-    times boxes_all, boxes_part, tetra_all, tetra_part, refresh_all;
+    times boxes_all, boxes_part, tetra_all, tetra_part;
     size_t boxes_size, tetra_size, grid_size;
 } refit_bench;
 
@@ -102,13 +102,9 @@ static void deform(refit_bench *b, int repeat)
     for (uint32_t v = 0; v < b->mesh.vertex_count; v++)
         wave(b, v, repeat);
     follow(b, NULL, 0, &b->boxes_all, &b->tetra_all, repeat);
-    double start = qm_bench_now_ms();
-    qm_bvh_refresh(&b->ctx, b->tree, b->threads);
-    b->refresh_all.ms[repeat] = qm_bench_now_ms() - start;
     for (size_t i = 0; i < b->part_count; i++)
         wave(b, b->part[i], repeat);
     follow(b, b->part, b->part_count, &b->boxes_part, &b->tetra_part, repeat);
-    qm_bvh_refresh(&b->ctx, b->tree, b->threads);
 }
 
 void bench_refit(const char *path, int threads)
@@ -133,7 +129,7 @@ void bench_refit(const char *path, int threads)
                  {"patches_find_ms", &b.patches_find}, {"tetra_build_ms", &b.tetra_build},
                  {"grid_build_ms", &b.grid_build},     {"deformer_build_ms", &b.deformer_build},
                  {"boxes_part_ms", &b.boxes_part},     {"tetra_all_ms", &b.tetra_all},
-                 {"tetra_part_ms", &b.tetra_part},     {"refresh_all_ms", &b.refresh_all}};
+                 {"tetra_part_ms", &b.tetra_part}};
     for (size_t i = 0; i < sizeof lists / sizeof *lists; i++) {
         printf(", ");
         qm_bench_print_list(lists[i].name, lists[i].times->ms, REPEATS);

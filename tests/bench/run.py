@@ -64,7 +64,7 @@ def read_arguments():
     parser.add_argument("--wide", action="store_true",
                         help="instead of everything: distances of pairs drawn from all, both ways, varied or as they are")
     parser.add_argument("--draw", type=int, default=24, metavar="N", help="how many pairs --wide draws, by --seed")
-    parser.add_argument("--large", action="store_true", help="instead of everything: a distance of 4 million triangles")
+    parser.add_argument("--large", action="store_true", help="instead of everything: distances of 4 and 16 million triangles")
     given = parser.parse_args()
     if (given.wide or given.large) and given.only not in (None, ["hausdorff"]):
         parser.error("--wide and --large are about distances: --only hausdorff")

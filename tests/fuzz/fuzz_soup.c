@@ -237,7 +237,6 @@ static bool deform(question *q, qm_bytes *bytes)
     bool valid = qm_mesh_validate(&q->ctx, &soup->mesh) == QM_OK;
     if (valid) {
         CHECK(qm_bvh_refit(&q->ctx, q->tree[1], deformer, &soup->mesh, NULL, 0, 1, &updated) == QM_OK);
-        qm_bvh_refresh(&q->ctx, q->tree[1], 1);
         q->size = find_size(q);
     }
     qm_deformer_destroy(&q->ctx, deformer);

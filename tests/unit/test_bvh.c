@@ -1,7 +1,7 @@
 /* Trees: the same on any number of threads, only the parts that are asked for, and the sort below them. */
 #include "check.h"
 
-#include "bvh_rows.h"
+#include "bvh_demand.h"
 #include "kernel.h"
 #include "parallel.h"
 #include "qm/hausdorff.h"
@@ -25,10 +25,12 @@ static void check_same(const qm_bvh *a, const qm_bvh *b)
     assert_memory_equal(&a->frame, &b->frame, sizeof a->frame);
     assert_true(a->reach == b->reach);
     assert_int_equal(a->pack_count, b->pack_count);
-    for (size_t i = 0; i < a->pack_count; i++)
-        assert_memory_equal(qm_bvh_rows(a, i), qm_bvh_rows(b, i), sizeof *a->rows);
-    if (a->has_quads) assert_memory_equal(a->twist, b->twist, a->pack_count * sizeof *a->twist);
     for (size_t i = 0; i < a->pack_count; i++) {
+        qm_pack spare[2];
+        assert_memory_equal(qm_bvh_rows(a, i, &spare[0]), qm_bvh_rows(b, i, &spare[1]), sizeof(qm_pack));
+        assert_memory_equal(qm_bvh_floats(a, i), qm_bvh_floats(b, i), sizeof(qm_float_pack));
+        if (a->has_quads)
+            assert_memory_equal(qm_bvh_twists(a, i), qm_bvh_twists(b, i), sizeof(qm_pack_twists));
         const qm_pack_lanes *one = &a->lanes[i], *other = &b->lanes[i];
         assert_memory_equal(one->face, other->face, sizeof one->face);
         assert_int_equal(one->lane_count, other->lane_count);
@@ -56,29 +58,78 @@ static void check_threads(qm_mesh mesh)
     qm_shape_free(&mesh);
 }
 
-static void ask_for_all_rows(void *data, int worker)
+static void ask_for_everything(void *data, int worker)
 {
     (void)worker;
     const qm_bvh *tree = data;
-    for (size_t i = 0; i < tree->pack_count; i++)
-        qm_bvh_rows(tree, i);
+    for (size_t i = 0; i < tree->pack_count; i++) {
+        qm_bvh_floats(tree, i);
+        qm_pack spare;
+        qm_bvh_rows(tree, i, &spare);
+        qm_bvh_twists(tree, i);
+    }
+}
+
+static void check_all_made(const qm_demand *demand)
+{
+    for (size_t i = 0; i < demand->count; i++)
+        assert_true(demand->place[i] < demand->count);
+    assert_int_equal(*demand->made, demand->count);
 }
 
 /** All threads come to the same pack at about the same time, again and again. */
-static void threads_make_the_same_rows(void **state)
+static void threads_make_the_same_items(void **state)
 {
     (void)state;
     qm_context ctx = qm_context_make();
     qm_mesh mesh = qm_shape_torus(200, 50, 2.0, 0.5);
     qm_bvh *alone = build(&ctx, &mesh, QM_BVH_ALL, 1), *shared = build(&ctx, &mesh, QM_BVH_ALL, 1);
-    qm_parallel_run(NULL, 4, ask_for_all_rows, shared);
-    for (size_t i = 0; i < shared->pack_count; i++)
-        assert_true(shared->rows_place[i] < shared->pack_count);
-    assert_int_equal(*shared->rows_used, shared->pack_count);
+    qm_parallel_run(NULL, 4, ask_for_everything, shared);
+    check_all_made(&shared->floats);
+    check_all_made(&shared->rows);
+    check_all_made(&shared->twists);
     check_same(alone, shared);
     qm_bvh_destroy(&ctx, shared);
     qm_bvh_destroy(&ctx, alone);
     qm_shape_free(&mesh);
+}
+
+static qm_hausdorff_result measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b)
+{
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    options.tolerance = 1e-7;
+    options.quads = QM_QUADS_BILINEAR;
+    qm_hausdorff_result result;
+    assert_int_equal(qm_hausdorff_measure(ctx, a, b, &options, &result), QM_OK);
+    return result;
+}
+
+/** What is not kept is made by each who asks, and is the same; several threads take the last places. */
+static void rows_without_room_are_the_same(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_mesh fine = qm_shape_torus(60, 40, 2.0, 0.5), coarse = qm_shape_torus(25, 15, 2.0, 0.5);
+    qm_bvh *source = build(&ctx, &coarse, QM_BVH_ALL, 1), *kept = build(&ctx, &fine, QM_BVH_ALL, 1);
+    qm_hausdorff_result expected = measure(&ctx, source, kept);
+    static const size_t rooms[] = {0, 1, 7, 100};
+    for (size_t i = 0; i < sizeof rooms / sizeof *rooms; i++) {
+        qm_bvh *tree = build(&ctx, &fine, QM_BVH_ALL, 1);
+        size_t whole = tree->rows.room;
+        assert_int_equal(whole, tree->pack_count);
+        tree->rows.room = rooms[i];
+        qm_parallel_run(NULL, 4, ask_for_everything, tree);
+        assert_int_equal(*tree->rows.made, rooms[i]);
+        check_same(kept, tree);
+        qm_hausdorff_result result = measure(&ctx, source, tree);
+        assert_true(result.lower == expected.lower && result.upper == expected.upper);
+        tree->rows.room = whole;
+        qm_bvh_destroy(&ctx, tree);
+    }
+    qm_bvh_destroy(&ctx, kept);
+    qm_bvh_destroy(&ctx, source);
+    qm_shape_free(&coarse);
+    qm_shape_free(&fine);
 }
 
 static void threads_build_the_same_tree(void **state)
@@ -266,7 +317,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(threads_build_the_same_tree),
-        cmocka_unit_test(threads_make_the_same_rows),
+        cmocka_unit_test(threads_make_the_same_items),
+        cmocka_unit_test(rows_without_room_are_the_same),
         cmocka_unit_test(boxes_are_those_of_the_vertices),
         cmocka_unit_test(sources_hold_no_triangles_and_are_refused_as_targets),
         cmocka_unit_test(a_stray_vertex_costs_no_precision),

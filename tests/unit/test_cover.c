@@ -2,7 +2,7 @@
  * cover takes away must be within reach. */
 #include "check.h"
 
-#include "bvh_rows.h"
+#include "bvh_demand.h"
 #include "kernel.h"
 #include "random.h"
 #include "shapes.h"

@@ -1,7 +1,7 @@
 /* Refitting: the same as refitting everything, the same answers as trees built from scratch. */
 #include "check.h"
 
-#include "bvh_rows.h"
+#include "bvh_demand.h"
 #include "failing_allocator.h"
 #include "kernel.h"
 #include "parallel.h"
@@ -53,8 +53,12 @@ static size_t follow(body *b, const uint32_t *vertices, size_t count)
 {
     uint32_t *faces = NULL;
     size_t face_count = 0, boxes = 0, radii = 0;
-    for (size_t i = 0; i < b->tree->pack_count; i++)
-        qm_bvh_rows(b->tree, i); /* as of before: they must not stay so */
+    for (size_t i = 0; i < b->tree->pack_count; i++) { /* as of before: they must not stay so */
+        qm_pack spare;
+        qm_bvh_rows(b->tree, i, &spare);
+        qm_bvh_floats(b->tree, i);
+        if (qm_bvh_has_twists(b->tree)) qm_bvh_twists(b->tree, i);
+    }
     if (vertices)
         assert_int_equal(qm_deformer_find_faces(&b->ctx, b->deformer, vertices, count, &faces, &face_count),
                          QM_OK);
@@ -78,13 +82,15 @@ static void check_boxes(const qm_box_tree *a, const qm_box_tree *b)
 static void check_same(body *a, body *b)
 {
     check_boxes(&a->tree->boxes, &b->tree->boxes);
-    qm_bvh_refresh(&a->ctx, a->tree, 1);
-    qm_bvh_refresh(&b->ctx, b->tree, 1);
     assert_true(a->tree->reach == b->tree->reach);
-    for (size_t i = 0; i < a->tree->pack_count; i++)
-        assert_memory_equal(qm_bvh_rows(a->tree, i), qm_bvh_rows(b->tree, i), sizeof *a->tree->rows);
-    if (a->tree->twist)
-        assert_memory_equal(a->tree->twist, b->tree->twist, a->tree->pack_count * sizeof *a->tree->twist);
+    for (size_t i = 0; i < a->tree->pack_count; i++) {
+        qm_pack spare[2];
+        assert_memory_equal(qm_bvh_rows(a->tree, i, &spare[0]), qm_bvh_rows(b->tree, i, &spare[1]),
+                            sizeof(qm_pack));
+        assert_memory_equal(qm_bvh_floats(a->tree, i), qm_bvh_floats(b->tree, i), sizeof(qm_float_pack));
+        if (qm_bvh_has_twists(a->tree))
+            assert_memory_equal(qm_bvh_twists(a->tree, i), qm_bvh_twists(b->tree, i), sizeof(qm_pack_twists));
+    }
     if (!a->tetra) return;
     check_boxes(&a->tetra->boxes, &b->tetra->boxes);
     for (size_t i = 0; i < a->tetra->node_count; i++)
@@ -102,7 +108,6 @@ static void project(body *b, qm_locator locator, qm_quad_reading reading, const 
 /** Nearest points by the refitted boxes and tetrahedra, and by a tree built from scratch. */
 static void check_answers(body *b, qm_random *random)
 {
-    qm_bvh_refresh(&b->ctx, b->tree, 1);
     qm_bvh *fresh;
     assert_int_equal(qm_bvh_build(&b->ctx, &b->mesh, QM_BVH_ALL, 1, &fresh), QM_OK);
     double points[3 * POINT_COUNT], expected[POINT_COUNT], boxes[POINT_COUNT], tetra[POINT_COUNT];
@@ -222,7 +227,6 @@ static void threads_find_the_same(void **state)
     size_t updated;
     two.ctx.parallel = qm_parallel_run;
     assert_int_equal(qm_bvh_refit(&two.ctx, two.tree, two.deformer, &two.mesh, NULL, 0, 3, &updated), QM_OK);
-    qm_bvh_refresh(&two.ctx, two.tree, 3);
     assert_int_equal(qm_tetra_refit(&two.ctx, two.tetra, NULL, 0, &updated), QM_OK);
     check_same(&one, &two);
     body_free(&one);
@@ -235,8 +239,10 @@ static void check_groups(body *b, const qm_kernel *kernel)
     const qm_box_tree *boxes = &b->tree->boxes;
     size_t groups = boxes->group_count[1], parents = boxes->level_count > 1 ? boxes->group_count[2] : 0;
     size_t group_size = groups * sizeof *boxes->groups[1], parent_size = parents * sizeof *boxes->groups[2];
-    for (size_t pack = 0; pack < b->tree->pack_count; pack++)
-        kernel->fit_box(b->tree, pack, b->tree->lanes[pack].vertex, b->tree->lanes[pack].vertex_count);
+    for (size_t pack = 0; pack < b->tree->pack_count; pack++) {
+        const qm_pack_lanes *lanes = &b->tree->lanes[pack];
+        kernel->fit_box(b->tree, pack, lanes->vertex, lanes->vertex_count);
+    }
     qm_box_tree_fill(&b->tree->boxes, 2);
     qm_box_group *expected = malloc(group_size + parent_size);
     assert_non_null(expected);
@@ -267,19 +273,6 @@ static void groups_are_fitted_like_packs(void **state)
     }
 }
 
-static void a_stale_tree_is_no_target(void **state)
-{
-    (void)state;
-    body b = body_make(qm_shape_torus(20, 12, 2.0, 0.5));
-    follow(&b, NULL, 0);
-    double point[3] = {0, 0, 0}, distance;
-    qm_projection out = {.distance = &distance};
-    assert_int_equal(qm_project_points(&b.ctx, b.tree, QM_QUADS_TRIANGLES, point, 1, 1, &out), QM_E_ARGUMENT);
-    qm_bvh_refresh(&b.ctx, b.tree, 1);
-    assert_int_equal(qm_project_points(&b.ctx, b.tree, QM_QUADS_TRIANGLES, point, 1, 1, &out), QM_OK);
-    body_free(&b);
-}
-
 static void unknown_vertices_are_named(void **state)
 {
     (void)state;
@@ -308,7 +301,6 @@ static void without_memory_nothing_changes(void **state)
         qm_deformer *deformer;
         status = qm_deformer_build(&ctx, b.tree, &deformer);
         if (status == QM_OK) status = qm_bvh_refit(&ctx, b.tree, deformer, &b.mesh, faces, 2, 1, &updated);
-        if (status == QM_OK) qm_bvh_refresh(&ctx, b.tree, 1);
         if (status == QM_OK) status = qm_tetra_refit(&ctx, b.tetra, faces, 2, &updated);
         qm_deformer_destroy(&ctx, deformer);
         QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "call %zu: %zu blocks left", fail_at,
@@ -330,7 +322,6 @@ int main(void)
         cmocka_unit_test(meshes_may_leave_their_frame),
         cmocka_unit_test(threads_find_the_same),
         cmocka_unit_test(groups_are_fitted_like_packs),
-        cmocka_unit_test(a_stale_tree_is_no_target),
         cmocka_unit_test(unknown_vertices_are_named),
         cmocka_unit_test(without_memory_nothing_changes),
     };

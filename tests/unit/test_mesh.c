@@ -4,6 +4,7 @@
 #include <string.h>
 
 #include "check.h"
+#include "kernel.h"
 #include "qm/mesh.h"
 #include "random.h"
 
@@ -96,6 +97,47 @@ static void box_is_that_of_each_corner(void **state)
     }
 }
 
+/** Each kernel finds the one corner that is out of range, and vertices on all sides of the box. */
+static void kernels_find_what_a_walk_finds(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 1);
+    for (int round = 0; round < MESHES; ++round) {
+        double positions[3 * VERTICES];
+        uint32_t faces[4 * FACES], limit = 1 + (uint32_t)qm_random_below(&random, VERTICES);
+        size_t count = qm_random_below(&random, FACES + 1), bad = qm_random_below(&random, 4 * FACES);
+        for (int i = 0; i < 3 * VERTICES; ++i)
+            positions[i] = (double)qm_random_below(&random, 7) - 3.5;
+        for (size_t i = 0; i < 4 * FACES; ++i)
+            faces[i] = i % 4 == 3 && qm_random_below(&random, 2) ? QM_NO_INDEX
+                                                                 : (uint32_t)qm_random_below(&random, limit);
+        const uint32_t wrong[] = {limit, QM_NO_INDEX, QM_NO_INDEX - 1};
+        uint32_t put = wrong[qm_random_below(&random, 3)];
+        bool is_good = bad >= 4 * count || (put == QM_NO_INDEX && bad % 4 == 3);
+        for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; ++kernel) {
+            assert_true((*kernel)->faces_below(faces, count, limit));
+            uint32_t kept = faces[bad];
+            faces[bad] = put;
+            assert_int_equal((*kernel)->faces_below(faces, count, limit), is_good);
+            faces[bad] = kept;
+            qm_box box;
+            uint32_t side[QM_BOX_SIDES];
+            (*kernel)->vertex_box(positions, limit, &box);
+            (*kernel)->vertices_on_sides(positions, limit, &box, side);
+            bool are_named = true;
+            for (uint32_t k = 0; k < QM_BOX_SIDES; ++k) {
+                assert_true(side[k] < limit);
+                assert_true(positions[3 * side[k] + k % 3] == (k < 3 ? box.min[k] : box.max[k - 3]));
+                bool is_named = false;
+                for (size_t i = 0; i < 4 * count; ++i)
+                    is_named |= faces[i] == side[k];
+                are_named &= is_named;
+            }
+            assert_int_equal((*kernel)->faces_name(faces, count, side), are_named);
+        }
+    }
+}
+
 static void diagonal_keeps_its_digits_at_every_scale(void **state)
 {
     (void)state;
@@ -132,6 +174,7 @@ int main(void)
         cmocka_unit_test(span_must_not_overflow),
         cmocka_unit_test(box_holds_what_faces_use),
         cmocka_unit_test(box_is_that_of_each_corner),
+        cmocka_unit_test(kernels_find_what_a_walk_finds),
         cmocka_unit_test(diagonal_keeps_its_digits_at_every_scale),
         cmocka_unit_test(reset_leaves_nothing),
     };

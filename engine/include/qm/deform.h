@@ -3,8 +3,8 @@
  * trees stay as they are; boxes and radii are found anew from the leaves up, all of them or only those above
  * the faces that changed.
  *
- * What a tree needs to measure distances (the frames of its triangles) is many times larger than its bounds,
- * so that is left stale, and made when it is asked for: qm_bvh_refresh. Collisions need the bounds alone.
+ * What a tree needs to measure distances (the frames of its triangles) is many times larger than its bounds;
+ * what there was of it is made anew when a search asks for it. Collisions need the bounds alone.
  *
  * Source: Y. Kang, Hausdorff distance computation between triangle mesh and quad mesh, section 4.1.2.
  */
@@ -37,8 +37,7 @@ qm_status qm_deformer_find_faces(qm_context *ctx, const qm_deformer *deformer, c
 /**
  * Finds the boxes of a tree anew. mesh has the faces of the tree's and new positions, which pass
  * qm_mesh_validate; the tree borrows it from now on. faces are those with a moved vertex, ascending, or NULL
- * for all. Triangle frames become stale: nearest points can be asked for again after qm_bvh_refresh. When the
- * mesh has left the frame of the tree, everything is found anew in a new one.
+ * for all. When the mesh has left the frame of the tree, everything is found anew in a new one.
  *
  * *updated counts the boxes that were found. Nobody else uses the tree meanwhile.
  * Returns QM_OK; QM_E_NO_MEMORY, and then nothing has changed.
@@ -46,14 +45,8 @@ qm_status qm_deformer_find_faces(qm_context *ctx, const qm_deformer *deformer, c
 qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer, const qm_mesh *mesh,
                        const uint32_t *faces, size_t face_count, int thread_count, size_t *updated);
 
-/** True from a refit that moved anything on, until qm_bvh_refresh. */
-bool qm_bvh_is_stale(const qm_bvh *bvh);
-
 /** Boxes of a tree: those of its packs and of the groups above them. */
 size_t qm_bvh_box_count(const qm_bvh *bvh);
-
-/** Makes what is stale, so that the tree is a target again. Nobody else uses the tree meanwhile. */
-void qm_bvh_refresh(qm_context *ctx, qm_bvh *bvh, int thread_count);
 
 /**
  * Finds the radii of a hierarchy anew, after the tree that it lies over: the same faces, or NULL for all; all

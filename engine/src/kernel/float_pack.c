@@ -2,6 +2,8 @@
  * float_pack.c: upper bounds of distances from packs in single precision.
  */
 #include "float_pack.h"
+
+#include "../bvh_demand.h"
 #include "four.h"
 #include "walk.h"
 
@@ -18,14 +20,22 @@
 #define WIDE_SHORT 0x1p-120
 #include "frames.inc"
 
-static inline wide_vec load(const float corner[3][QM_PACK_LANES])
+/** A corner of all lanes about the middle of the pack. */
+static inline wide_vec load(const float middle[3], const double corner[3][QM_PACK_LANES])
 {
-    return (wide_vec){qm_vf_load(corner[0]), qm_vf_load(corner[1]), qm_vf_load(corner[2])};
+    float about[3][QM_PACK_LANES];
+    for (int k = 0; k < 3; k++)
+        for (int lane = 0; lane < QM_PACK_LANES; lane++)
+            about[k][lane] = (float)(corner[k][lane] - (double)middle[k]);
+    return (wide_vec){qm_vf_load(about[0]), qm_vf_load(about[1]), qm_vf_load(about[2])};
 }
 
-void QM_KERNEL(fill_float)(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES])
+void QM_KERNEL(fill_float)(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES])
 {
-    wide_vec a = load(corner[0]), b = load(corner[1]), c = load(corner[2]);
+    for (int k = 0; k < 3; k++)
+        pack->middle[k] = (float)((corner[0][k][0] + corner[0][k][QM_PACK_LANES / 2]) * 0.5);
+    wide_vec a = load(pack->middle, corner[0]), b = load(pack->middle, corner[1]),
+             c = load(pack->middle, corner[2]);
     wide_frame f = wide_frame_make(a, b, c);
     const qm_vf row[QM_FLOAT_ROW_COUNT] = {f.origin.x, f.origin.y, f.origin.z, f.x.x,    f.x.y, f.x.z,
                                            f.y.x,      f.y.y,      f.y.z,      f.length, f.cx,  f.cy};
@@ -87,7 +97,7 @@ typedef struct float_search {
 
 static inline void visit(const float_search *search, uint32_t index)
 {
-    const qm_float_pack *pack = &search->bvh->float_packs[index];
+    const qm_float_pack *pack = qm_bvh_floats(search->bvh, index);
     qm_float_point q = qm_float_point_make(pack, search->p);
     qm_vf d2 = qm_float_pack_d2(pack, &q);
     float least = qm_vf_least(d2);

@@ -9,12 +9,13 @@
 void QM_KERNEL(share_corners)(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM_PACK_LANES]);
 void QM_KERNEL(fit_box)(qm_bvh *bvh, size_t pack, const uint32_t *vertices, size_t count);
 void QM_KERNEL(fit_groups)(qm_bvh *bvh, const qm_deformer *deformer, size_t begin, size_t end);
+void QM_KERNEL(load_corners)(const qm_bvh *bvh, size_t pack, qm_pack_corners *out);
 void QM_KERNEL(fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 void QM_KERNEL(pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);
 void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit);
 void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit);
 void QM_KERNEL(closest_ties)(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties);
-void QM_KERNEL(fill_float)(qm_float_pack *pack, const float corner[3][3][QM_PACK_LANES]);
+void QM_KERNEL(fill_float)(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 double QM_KERNEL(float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p);
 void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double allowed,
                             const qm_vec *point, int count, qm_float_bits *bits);
@@ -50,6 +51,10 @@ void QM_KERNEL(decide_lane_pairs)(const qm_lane_pairs *pairs, unsigned first, qm
 bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
                                unsigned moved_q, qm_near_lanes *out);
 void QM_KERNEL(hilbert_keys)(const qm_hilbert_cells *cells, int count, int bits, uint64_t *keys);
+void QM_KERNEL(vertices_on_sides)(const double *positions, size_t count, const qm_box *box,
+                                  uint32_t vertex[QM_BOX_SIDES]);
+bool QM_KERNEL(faces_below)(const uint32_t *faces, size_t count, uint32_t vertex_count);
+bool QM_KERNEL(faces_name)(const uint32_t *faces, size_t count, const uint32_t vertex[QM_BOX_SIDES]);
 void QM_KERNEL(vertex_box)(const double *positions, size_t count, qm_box *box);
 void QM_KERNEL(vertex_cells)(const qm_cell_grid *grid, const double *positions, size_t count, qm_cell *cells);
 unsigned QM_KERNEL(cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,

@@ -5,7 +5,7 @@
  * Float packs are copied, moved to the middle of the first; their margin (../float_pack.h) has room for the
  * two roundings of that, and the radius grows by how far the middles lie apart.
  */
-#include "../bvh_pack.h"
+#include "../bvh_demand.h"
 #include "float_pack.h"
 #include "kernels.h"
 
@@ -30,9 +30,9 @@ static qm_vi nearest_boxes(const qm_near_packs *near, qm_vec p)
  */
 static inline qm_vf lane_ranks(const qm_bvh *bvh, uint32_t index, qm_vec p)
 {
-    const qm_float_pack *pack = &bvh->float_packs[index];
+    const qm_float_pack *pack = qm_bvh_floats(bvh, index);
     qm_float_point q = qm_float_point_make(pack, p);
-    if (bvh->twist) return qm_float_pack_d2(pack, &q);
+    if (qm_bvh_has_twists(bvh)) return qm_float_pack_d2(pack, &q);
 #define ROW(name) qm_vf_load(pack->row[QM_FLOAT_##name])
     const qm_vf zero = {0};
     qm_vf rx = q.x - ROW(OX), ry = q.y - ROW(OY), rz = q.z - ROW(OZ);
@@ -65,18 +65,25 @@ void QM_KERNEL(shortlist)(const qm_bvh *bvh, const qm_near_packs *near, qm_vec p
 void QM_KERNEL(shortlist_rows)(const qm_bvh *bvh, const qm_shortlist *list, qm_pack *rows)
 {
     qm_pack_corners corners;
-    for (int j = 0; j < QM_PACK_LANES; j++)
-        qm_bvh_load_lane(bvh, list->pack[j], list->lane[j], j, &corners);
+    for (int j = 0; j < QM_PACK_LANES; j++) {
+        qm_vec corner[3];
+        qm_bvh_load_triangle(bvh, list->pack[j], list->lane[j], corner);
+        for (int i = 0; i < 3; i++) {
+            corners.at[i][0][j] = corner[i].x;
+            corners.at[i][1][j] = corner[i].y;
+            corners.at[i][2][j] = corner[i].z;
+        }
+    }
     QM_KERNEL(fill_pack)(rows, corners.at); /* cheaper than to look rows up, which lie far apart */
 }
 
 void QM_KERNEL(shortlist_floats)(const qm_bvh *bvh, const qm_shortlist *list, qm_float_pack *rows)
 {
-    const qm_float_pack *first = &bvh->float_packs[list->pack[0]];
+    const qm_float_pack *first = qm_bvh_floats(bvh, list->pack[0]);
     memcpy(rows->middle, first->middle, sizeof rows->middle);
     rows->radius = first->radius;
     for (int j = 0; j < QM_PACK_LANES; j++) {
-        const qm_float_pack *from = &bvh->float_packs[list->pack[j]];
+        const qm_float_pack *from = qm_bvh_floats(bvh, list->pack[j]);
         for (int row = 0; row < QM_FLOAT_ROW_COUNT; row++)
             rows->row[row][j] = from->row[row][list->lane[j]];
         float offset = 0.0f;

@@ -53,6 +53,35 @@ void QM_KERNEL(vertex_box)(const double *positions, size_t count, qm_box *box)
     }
 }
 
+/** Sets the sides that one of count positions from the first on lies on. */
+static inline void set_sides(const double *positions, size_t first, size_t count, const qm_box *box,
+                             uint32_t vertex[QM_BOX_SIDES])
+{
+    for (size_t i = 3 * first; i < 3 * (first + count); i++) {
+        if (positions[i] == box->min[i % 3]) vertex[i % 3] = (uint32_t)(i / 3);
+        if (positions[i] == box->max[i % 3]) vertex[3 + i % 3] = (uint32_t)(i / 3);
+    }
+}
+
+/** Few lie on any side: all but those are passed over four at a time. */
+void QM_KERNEL(vertices_on_sides)(const double *positions, size_t count, const qm_box *box,
+                                  uint32_t vertex[QM_BOX_SIDES])
+{
+    qm_four low[PARTS], high[PARTS];
+    repeat(box->min, low);
+    repeat(box->max, high);
+    size_t i = 0;
+    for (; i + TOGETHER <= count; i += TOGETHER) {
+        qm_four_mask on = {0};
+        for (int part = 0; part < PARTS; part++) {
+            qm_four p = load(positions + 3 * i + TOGETHER * part);
+            on |= (p == low[part]) | (p == high[part]);
+        }
+        if ((on[0] | on[1] | on[2] | on[3]) != 0) set_sides(positions, i, TOGETHER, box, vertex);
+    }
+    set_sides(positions, i, count - i, box, vertex);
+}
+
 /** The grid as it lies to the twelve coordinates. */
 typedef struct wide_grid {
     qm_four low[PARTS], high[PARTS], scale[PARTS], count[PARTS];

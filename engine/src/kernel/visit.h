@@ -6,22 +6,24 @@
 #define QM_KERNEL_VISIT_H
 
 #include "../bilinear_point.h"
-#include "../bvh_rows.h"
+#include "../bvh_demand.h"
 #include "float_pack.h"
 #include "pack.h"
 
 /** True when single precision shows that no triangle of a pack is as near as the best so far. */
 static inline bool qm_pack_is_far(const qm_bvh *bvh, uint32_t pack, qm_vec p, double best)
 {
-    qm_float_point q = qm_float_point_make(&bvh->float_packs[pack], p);
-    float least = qm_vf_least(qm_float_pack_d2(&bvh->float_packs[pack], &q));
+    const qm_float_pack *floats = qm_bvh_floats(bvh, pack);
+    qm_float_point q = qm_float_point_make(floats, p);
+    float least = qm_vf_least(qm_float_pack_d2(floats, &q));
     return (double)__builtin_sqrtf(least) - (double)q.margin > best;
 }
 
 /** Looks at a pack; of equal distances the lower face wins, so that the order of visits does not matter. */
 static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, qm_hit *hit)
 {
-    const qm_pack *rows = qm_bvh_rows(bvh, pack);
+    qm_pack spare;
+    const qm_pack *rows = qm_bvh_rows(bvh, pack, &spare);
     qm_vd d2[QM_PARTS];
     for (int part = 0; part < QM_PARTS; part++)
         d2[part] = qm_pack_part_d2(rows, part, p.x, p.y, p.z);
@@ -50,7 +52,7 @@ static inline void qm_visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lan
 {
     uint32_t face = bvh->lanes[pack].face[lane];
     qm_patch_foot foot = {.distance = sqrt(d2), .lower = sqrt(d2)};
-    double twist = bvh->twist ? (double)bvh->twist[pack][lane] : 0.0;
+    double twist = qm_bvh_has_twists(bvh) ? (double)qm_bvh_twists(bvh, pack)[lane] : 0.0;
     if (twist > 0.25 * error) {
         qm_patch patch = qm_bvh_load_patch(bvh, face);
         foot = qm_patch_project(&patch, p, error, hit->distance);
@@ -86,14 +88,15 @@ static inline void qm_visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, 
                                     qm_patch_hit *hit)
 {
     _Alignas(64) double d2[QM_PACK_LANES];
-    qm_pack_d2(qm_bvh_rows(bvh, pack), p, d2);
+    qm_pack spare;
+    qm_pack_d2(qm_bvh_rows(bvh, pack, &spare), p, d2);
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     uint32_t count = lanes->lane_count, first = qm_nearest_quad(lanes, d2);
     for (uint32_t step = 0; step < count; step++) {
         uint32_t lane = first + step < count ? first + step : first + step - count;
         bool has_second = qm_lane_has_second(lanes, lane);
         uint32_t nearer = has_second && d2[lane + 1] < d2[lane] ? lane + 1 : lane;
-        double twist = bvh->twist ? (double)bvh->twist[pack][lane] : 0.0;
+        double twist = qm_bvh_has_twists(bvh) ? (double)qm_bvh_twists(bvh, pack)[lane] : 0.0;
         if (sqrt(d2[nearer]) - twist <= hit->distance)
             qm_visit_patch(bvh, pack, nearer, p, d2[nearer], error, hit);
         if (has_second) step++;
@@ -182,7 +185,8 @@ static inline double qm_visit_tied_triangles(void *best, uint32_t pack)
 {
     const qm_tie_search *search = best;
     qm_ties *ties = search->ties;
-    const qm_pack *rows = qm_bvh_rows(search->bvh, pack);
+    qm_pack spare;
+    const qm_pack *rows = qm_bvh_rows(search->bvh, pack, &spare);
     qm_vd d2[QM_PARTS];
     for (int part = 0; part < QM_PARTS; part++)
         d2[part] = qm_pack_part_d2(rows, part, search->splat.x, search->splat.y, search->splat.z);
@@ -231,14 +235,15 @@ static inline double qm_visit_tied_patches(void *best, uint32_t pack)
     const qm_bvh *bvh = search->bvh;
     qm_ties *ties = search->ties;
     _Alignas(64) double d2[QM_PACK_LANES];
-    qm_pack_d2(qm_bvh_rows(bvh, pack), search->p, d2);
+    qm_pack spare;
+    qm_pack_d2(qm_bvh_rows(bvh, pack, &spare), search->p, d2);
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     uint32_t count = lanes->lane_count, first = qm_nearest_quad(lanes, d2);
     for (uint32_t step = 0; step < count; step++) {
         uint32_t lane = first + step < count ? first + step : first + step - count;
         bool has_second = qm_lane_has_second(lanes, lane);
         uint32_t nearer = has_second && d2[lane + 1] < d2[lane] ? lane + 1 : lane;
-        double twist = (double)bvh->twist[pack][lane], triangle = sqrt(d2[nearer]);
+        double twist = (double)qm_bvh_twists(bvh, pack)[lane], triangle = sqrt(d2[nearer]);
         if (has_second) step++;
         if (triangle - twist > ties->reach + ties->margin) continue;
         double distance = qm_tied_patch_distance(search, lanes->face[lane], twist, triangle);

@@ -1,0 +1,54 @@
+/**
+ * demand.h: items that are made when they are first asked for, one for each of many members. Those that are
+ * made lie side by side in the order in which they were asked for, and the rest of the memory that there is
+ * for them is never touched. There may be room for fewer items than members: whoever asks for one more makes
+ * it for himself alone. Any number of threads may ask at once.
+ */
+#ifndef QM_DEMAND_H
+#define QM_DEMAND_H
+
+#include <stdatomic.h>
+
+#include "qm/context.h"
+
+/** What a place says of a member: where its item is, or one of these. */
+#define QM_DEMAND_NONE UINT32_MAX
+#define QM_DEMAND_IN_WORK (UINT32_MAX - 1)
+#define QM_DEMAND_STALE                                                                                      \
+    UINT32_C(0x80000000) /* with the place: to be made anew there; the least of the three */
+
+typedef struct qm_demand {
+    void *items;        /* NULL: there are none to ask for */
+    atomic_uint *place; /* of each member */
+    atomic_uint *made;  /* how many items there are; one past the places */
+    size_t count, room, width;
+} qm_demand;
+
+/** Room for so many items, 1 or more, of count members, fewer than 2^31, on lines of their own. False when
+ * out of memory; qm_demand_reset frees either way. */
+bool qm_demand_init(qm_context *ctx, size_t count, size_t room, size_t width, qm_demand *out);
+void qm_demand_reset(qm_context *ctx, qm_demand *demand);
+
+/** With all items made that there is room for. */
+size_t qm_demand_memory_size(const qm_demand *demand);
+
+/** The place of a member's item; QM_DEMAND_STALE or more when there is none yet. */
+static inline unsigned qm_demand_place(const qm_demand *demand, size_t member)
+{
+    return atomic_load_explicit(&demand->place[member], memory_order_acquire);
+}
+
+typedef enum qm_demand_answer {
+    QM_DEMAND_MADE,   /* the item is at *place by now, for another thread has made it */
+    QM_DEMAND_WANTED, /* the caller is to make it at *place, and then to call qm_demand_publish */
+    QM_DEMAND_FULL,   /* there is no room for it */
+} qm_demand_answer;
+
+/** Asks for the item of a member that qm_demand_place has no place for. */
+qm_demand_answer qm_demand_claim(const qm_demand *demand, size_t member, unsigned *place);
+void qm_demand_publish(const qm_demand *demand, size_t member, unsigned place);
+
+/** Has the items of members from begin on made anew when they are asked for next; nobody asks meanwhile. */
+void qm_demand_drop(qm_demand *demand, size_t begin, size_t end);
+
+#endif
