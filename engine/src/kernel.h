@@ -109,6 +109,37 @@ typedef struct qm_polygon {
     uint64_t in_reach[QM_COVER_CORNERS];
 } qm_polygon;
 
+#define QM_OVERLAY_GROUPS 32 /* of eight facets each, that an overlay takes at most */
+
+/**
+ * Facets of the target over a plane: corners by their coordinates in the plane (axes 0 and 1) and their
+ * height (axis 2), eight to a group; and how far the surface may be from each. Places past count repeat
+ * others.
+ */
+typedef struct qm_overlay_facets {
+    int count;
+    double size; /* greatest coordinate of the facets and of the faces, by magnitude */
+    struct {
+        _Alignas(64) double at[3][3][QM_PACK_LANES], twist[QM_PACK_LANES];
+    } group[QM_OVERLAY_GROUPS];
+} qm_overlay_facets;
+
+/** A triangle of the source over the same plane. side[k] = (a, b, c): a x + b y + c is how far (x, y) lies
+ * inside the k-th edge. */
+typedef struct qm_overlay_face {
+    double corner[3][3];
+    double side[3][3];
+    double plane[3]; /* (a, b, c): its height at (x, y) is a x + b y + c */
+    double probe[2]; /* a place inside */
+} qm_overlay_face;
+
+/** What lies over a face: see hausdorff_overlay.c. */
+typedef struct qm_overlay_gap {
+    double greatest; /* vertical distance between the face and a facet, where one lies over the other; -1
+                        where none does */
+    int over_probe;  /* facets over the probe; -1 where roundings leave that open */
+} qm_overlay_gap;
+
 typedef struct qm_kernel {
     const char *name;
 
@@ -216,6 +247,9 @@ typedef struct qm_kernel {
      */
     qm_float_verdict (*float_cover)(const qm_float_pack *pack, const float *twist, double allowed,
                                     qm_polygon *polygon, bool *moved);
+
+    /** Finds the facets over a face, and how far they are from it. */
+    void (*overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, qm_overlay_gap *out);
 
     /** Walks from a pair of nodes, whose boxes are taken to meet, to the pairs below that meet. False when
      * take ended the walk. */
