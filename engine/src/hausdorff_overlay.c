@@ -39,41 +39,39 @@
 
 #define MAX_SLOPE 2.0
 #define EDGE_PLACES 1024 /* of the table of edges, a power of two */
-#define MAX_RIM 128      /* edges of the boundary over the faces' rectangle */
+#define EDGE_BITS 10
 #define MAX_FACETS (QM_OVERLAY_GROUPS * QM_PACK_LANES)
 
-_Static_assert(3 * MAX_FACETS < EDGE_PLACES, "the table of edges has room");
+_Static_assert(1 << EDGE_BITS == EDGE_PLACES && 3 * MAX_FACETS < EDGE_PLACES, "the table has room");
 
-/** An edge of a facet: its vertices, and where they are. */
+/** An edge: its vertices, the lower first, and a facet that has it. */
 typedef struct edge {
-    uint32_t vertex[2]; /* the lower first */
-    double end[2][2];
-    bool is_odd; /* an odd number of facets has it */
+    uint32_t vertex[2];
+    uint16_t facet;
+    uint8_t corner; /* of the facet, from which it goes to the next */
+    bool is_odd;    /* an odd number of facets has it */
 } edge;
 
 typedef struct overlay_work {
     const qm_side *side;
-    qm_vec origin, axis[3]; /* of the frame: the last is upright */
-    double low[3], high[3]; /* of the faces; heights with what is allowed */
-    double size;
+    const qm_kernel *kernel;
+    qm_overlay_frame frame;
     qm_overlay_face face[QM_OVERLAY_FACES];
     qm_overlay_facets facets;
     int edge_count;
     int16_t place[EDGE_PLACES]; /* of an edge, plus 1; 0 for none */
     edge edges[3 * MAX_FACETS];
-    int rim_count;
-    const edge *rim[MAX_RIM];
 } overlay_work;
 
-static inline void map_point(const overlay_work *work, qm_vec p, double out[3])
+static inline void map_point(const qm_overlay_frame *frame, qm_vec p, double out[3])
 {
-    qm_vec d = qm_vec_sub(p, work->origin);
+    qm_vec d = qm_vec_sub(p, frame->origin);
     for (int k = 0; k < 3; k++)
-        out[k] = qm_vec_dot(d, work->axis[k]);
+        out[k] = qm_vec_dot(d, frame->axis[k]);
 }
 
 /** False when the faces have no direction in common. */
-static bool set_frame(overlay_work *work, const qm_overlay_source *source)
+static bool set_frame(qm_overlay_frame *frame, const qm_overlay_source *source)
 {
     qm_vec normal = {0, 0, 0};
     for (int i = 0; i < source->count; i++) {
@@ -82,37 +80,39 @@ static bool set_frame(overlay_work *work, const qm_overlay_source *source)
     }
     double length = qm_vec_norm(normal);
     if (!(length > 0.0)) return false;
-    work->origin = source->corner[0][0];
+    frame->origin = source->corner[0][0];
     qm_vec z = qm_vec_scale(1.0 / length, normal);
-    double x = fabs(z.x), y = fabs(z.y);
-    qm_vec other = x < y ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
+    qm_vec other = fabs(z.x) < fabs(z.y) ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
     qm_vec across = qm_vec_cross(other, z);
-    work->axis[0] = qm_vec_scale(1.0 / qm_vec_norm(across), across);
-    work->axis[1] = qm_vec_cross(z, work->axis[0]);
-    work->axis[2] = z;
+    frame->axis[0] = qm_vec_scale(1.0 / qm_vec_norm(across), across);
+    frame->axis[1] = qm_vec_cross(z, frame->axis[0]);
+    frame->axis[2] = z;
     return true;
 }
 
+/** Maps the faces to the frame, whose box becomes theirs and what is allowed above and below. */
 static void map_faces(overlay_work *work, const qm_overlay_source *source, double allowed)
 {
-    work->size = 0.0;
+    qm_overlay_frame *frame = &work->frame;
+    double size = 0.0;
     for (int k = 0; k < 3; k++) {
-        work->low[k] = INFINITY;
-        work->high[k] = -INFINITY;
+        frame->low[k] = INFINITY;
+        frame->high[k] = -INFINITY;
     }
     for (int i = 0; i < source->count; i++) {
         for (int c = 0; c < 3; c++) {
             double *at = work->face[i].corner[c];
-            map_point(work, source->corner[i][c], at);
+            map_point(frame, source->corner[i][c], at);
             for (int k = 0; k < 3; k++) {
-                work->low[k] = qm_lesser(at[k], work->low[k]);
-                work->high[k] = qm_greater(at[k], work->high[k]);
-                work->size = qm_greater(fabs(at[k]), work->size);
+                frame->low[k] = qm_lesser(at[k], frame->low[k]);
+                frame->high[k] = qm_greater(at[k], frame->high[k]);
+                size = qm_greater(fabs(at[k]), size);
             }
         }
     }
-    work->low[2] -= allowed;
-    work->high[2] += allowed;
+    frame->low[2] -= allowed;
+    frame->high[2] += allowed;
+    work->facets.size = size;
 }
 
 double qm_overlay_set_face(qm_overlay_face *face, double size)
@@ -143,69 +143,37 @@ double qm_overlay_set_face(qm_overlay_face *face, double size)
     return QM_OVERLAY_GAP * QM_UNIT_ROUNDING * (1.0 + size * longest / fabs(area));
 }
 
-static void toggle_edge(overlay_work *work, uint32_t a, uint32_t b, const double *at_a, const double *at_b)
+/** Counts an edge that goes from a corner of a facet to the next. */
+static void toggle_edge(overlay_work *work, uint32_t from, uint32_t to, int facet, int corner)
 {
-    if (a > b) {
-        uint32_t vertex = a;
-        const double *at = at_a;
-        a = b;
-        at_a = at_b;
-        b = vertex;
-        at_b = at;
-    }
-    uint32_t hash = (a * UINT32_C(0x9e3779b1)) ^ (b * UINT32_C(0x85ebca6b));
-    for (uint32_t i = hash >> 22;; i = (i + 1) % EDGE_PLACES) {
+    uint32_t low = from < to ? from : to, high = from < to ? to : from;
+    uint32_t hash = (low * UINT32_C(0x9e3779b1)) ^ (high * UINT32_C(0x85ebca6b));
+    for (uint32_t i = hash >> (32 - EDGE_BITS);; i = (i + 1) % EDGE_PLACES) {
         if (work->place[i] == 0) {
-            edge *new = &work->edges[work->edge_count++];
-            *new = (edge){{a, b}, {{at_a[0], at_a[1]}, {at_b[0], at_b[1]}}, true};
+            work->edges[work->edge_count++] = (edge){{low, high}, (uint16_t)facet, (uint8_t)corner, true};
             work->place[i] = (int16_t)work->edge_count;
             return;
         }
         edge *known = &work->edges[work->place[i] - 1];
-        if (known->vertex[0] != a || known->vertex[1] != b) continue;
+        if (known->vertex[0] != low || known->vertex[1] != high) continue;
         known->is_odd = !known->is_odd;
         return;
     }
 }
 
-/** Whether a box of points meets that of the faces, along so many axes. */
-static inline bool meets_faces(const overlay_work *work, const double *const *at, int count, int axes)
-{
-    for (int k = 0; k < axes; k++) {
-        double low = at[0][k], high = at[0][k];
-        for (int i = 1; i < count; i++) {
-            low = qm_lesser(at[i][k], low);
-            high = qm_greater(at[i][k], high);
-        }
-        if (low > work->high[k] || high < work->low[k]) return false;
-    }
-    return true;
-}
-
-/** Adds the facets of a pack that lie over the faces; false when there is no room. */
+/** Adds the facets of a pack that may lie over the faces; false when there is no room. */
 static bool add_pack(overlay_work *work, uint32_t pack)
 {
     const qm_bvh *target = work->side->target;
     const qm_pack_lanes *lanes = &target->lanes[pack];
-    double vertex[3 * QM_PACK_LANES][3];
-    for (int i = 0; i < lanes->vertex_count; i++)
-        map_point(work, qm_bvh_vertex(target, lanes->vertex[i]), vertex[i]);
-    for (uint32_t lane = 0; lane < lanes->lane_count; lane++) {
-        const uint8_t *place = lanes->corner[lane];
-        const double *at[3] = {vertex[place[0]], vertex[place[1]], vertex[place[2]]};
-        if (!meets_faces(work, at, 3, 3)) continue;
-        if (work->facets.count == MAX_FACETS) return false;
-        int group = work->facets.count / QM_PACK_LANES, here = work->facets.count % QM_PACK_LANES;
-        for (int i = 0; i < 3; i++) {
-            for (int k = 0; k < 3; k++) {
-                work->facets.group[group].at[i][k][here] = at[i][k];
-                work->size = qm_greater(fabs(at[i][k]), work->size);
-            }
-            int next = (i + 1) % 3;
-            toggle_edge(work, lanes->vertex[place[i]], lanes->vertex[place[next]], at[i], at[next]);
-        }
-        work->facets.group[group].twist[here] = qm_side_twist(work->side, pack, lane);
-        work->facets.count++;
+    if (work->facets.count + lanes->lane_count > MAX_FACETS) return false;
+    int facet = work->facets.count;
+    unsigned added = work->kernel->overlay_add(&work->facets, &work->frame, target, pack,
+                                               qm_side_twists(work->side, pack));
+    for (; added; added &= added - 1, facet++) {
+        const uint8_t *corner = lanes->corner[__builtin_ctz(added)];
+        for (int i = 0; i < 3; i++)
+            toggle_edge(work, lanes->vertex[corner[i]], lanes->vertex[corner[(i + 1) % 3]], facet, i);
     }
     return true;
 }
@@ -220,47 +188,47 @@ void qm_overlay_fill_up(qm_overlay_facets *facets)
     }
 }
 
-/** Lists the edges of the boundary that may lie over a face; false when there are too many. */
-static bool list_rim(overlay_work *work)
+/** Whether the box of an edge meets that of the faces in the plane. */
+static bool edge_meets(const qm_overlay_frame *frame, const double at[2][2])
 {
-    work->rim_count = 0;
-    for (int i = 0; i < work->edge_count; i++) {
-        const edge *e = &work->edges[i];
-        if (!e->is_odd) continue;
-        const double *at[2] = {e->end[0], e->end[1]};
-        if (!meets_faces(work, at, 2, 2)) continue;
-        if (work->rim_count == MAX_RIM) return false;
-        work->rim[work->rim_count++] = e;
-    }
+    for (int k = 0; k < 2; k++)
+        if ((at[0][k] < frame->low[k] && at[1][k] < frame->low[k]) ||
+            (at[0][k] > frame->high[k] && at[1][k] > frame->high[k]))
+            return false;
     return true;
 }
 
-/** True when a line beside an edge of the face, or the line of e, parts them certainly. */
-static bool is_beside(const overlay_work *work, const qm_overlay_face *face, const edge *e)
+static void set_rim_edge(qm_overlay_facets *facets, int place, const double at[2][2])
 {
-    double side_margin = QM_OVERLAY_SIDE * QM_UNIT_ROUNDING * work->size;
-    double area_margin = QM_OVERLAY_AREA * QM_UNIT_ROUNDING * work->size * work->size;
-    for (int k = 0; k < 3; k++) {
-        const double *s = face->side[k];
-        if (s[0] * e->end[0][0] + s[1] * e->end[0][1] + s[2] < -side_margin &&
-            s[0] * e->end[1][0] + s[1] * e->end[1][1] + s[2] < -side_margin)
-            return true;
-    }
-    double low = INFINITY, high = -INFINITY;
-    for (int c = 0; c < 3; c++) {
-        double x = face->corner[c][0] - e->end[0][0], y = face->corner[c][1] - e->end[0][1];
-        double area = (e->end[1][0] - e->end[0][0]) * y - (e->end[1][1] - e->end[0][1]) * x;
-        low = qm_lesser(area, low);
-        high = qm_greater(area, high);
-    }
-    return low > area_margin || high < -area_margin;
+    for (int end = 0; end < 2; end++)
+        for (int k = 0; k < 2; k++)
+            facets->rim[end][k][place] = at[end][k];
 }
 
-static bool has_rim_over(const overlay_work *work, const qm_overlay_face *face)
+/** Makes the rim of those edges of the boundary that may lie over a face; false when there are too many. */
+static bool set_rim(overlay_work *work)
 {
-    for (int i = 0; i < work->rim_count; i++)
-        if (!is_beside(work, face, work->rim[i])) return true;
-    return false;
+    qm_overlay_facets *facets = &work->facets;
+    int count = 0;
+    double at[2][2];
+    for (int i = 0; i < work->edge_count; i++) {
+        const edge *e = &work->edges[i];
+        if (!e->is_odd) continue;
+        int group = e->facet / QM_PACK_LANES, lane = e->facet % QM_PACK_LANES;
+        for (int end = 0; end < 2; end++)
+            for (int k = 0; k < 2; k++)
+                at[end][k] = facets->group[group].at[(e->corner + end) % 3][k][lane];
+        if (!edge_meets(&work->frame, at)) continue;
+        if (count == QM_OVERLAY_RIM) return false;
+        set_rim_edge(facets, count++, at);
+    }
+    facets->rim_count = count;
+    for (int i = count; i % QM_PACK_LANES != 0; i++) {
+        for (int end = 0; end < 2; end++)
+            for (int k = 0; k < 2; k++)
+                facets->rim[end][k][i] = facets->rim[end][k][0];
+    }
+    return true;
 }
 
 static bool set_facets(overlay_work *work, const qm_near_packs *near)
@@ -272,27 +240,35 @@ static bool set_facets(overlay_work *work, const qm_near_packs *near)
         if (!add_pack(work, near->pack[i])) return false;
     if (work->facets.count == 0) return false;
     qm_overlay_fill_up(&work->facets);
-    work->facets.size = work->size;
-    return list_rim(work);
+    return set_rim(work);
 }
 
-unsigned qm_worker_overlay(const qm_worker *worker, const qm_side *side, const qm_overlay_source *source,
+/** About how many hundred instructions an overlay takes. */
+static uint64_t cost_of(const overlay_work *work, int faces, int packs)
+{
+    uint64_t facets = (uint64_t)work->facets.count;
+    return 10 + 9 * (uint64_t)packs + 2 * facets + (uint64_t)faces * (3 + facets / 2);
+}
+
+unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay_source *source,
                            const qm_near_packs *near)
 {
     overlay_work work;
     work.side = side;
+    work.kernel = worker->search->kernel;
     double allowed = qm_search_allowed(worker->search) * side->scale;
-    if (!set_frame(&work, source)) return 0;
+    if (!set_frame(&work.frame, source)) return 0;
     map_faces(&work, source, allowed);
-    if (!set_facets(&work, near)) return 0;
+    bool has_facets = set_facets(&work, near);
+    worker->overlay_cost += cost_of(&work, source->count, near->count);
+    if (!has_facets) return 0;
     unsigned settled = 0;
     for (int i = 0; i < source->count; i++) {
-        qm_overlay_face *face = &work.face[i];
-        double margin = work.size * qm_overlay_set_face(face, work.size);
-        if (!(margin < allowed) || has_rim_over(&work, face)) continue;
+        double size = work.facets.size, margin = size * qm_overlay_set_face(&work.face[i], size);
+        if (!(margin < allowed)) continue;
         qm_overlay_gap gap;
-        worker->search->kernel->overlay_gap(&work.facets, face, &gap);
-        if (gap.over_probe < 0 || gap.over_probe % 2 == 0) continue;
+        work.kernel->overlay_gap(&work.facets, &work.face[i], &gap);
+        if (!gap.is_clear || gap.over_probe < 0 || gap.over_probe % 2 == 0) continue;
         if (gap.greatest + margin <= allowed) settled |= 1u << i;
     }
     return settled;

@@ -29,7 +29,7 @@ void qm_overlay_fill_up(qm_overlay_facets *facets);
 
 /** Bits of those triangles that are shown to be near enough by the facets of the packs straight over them.
  */
-unsigned qm_worker_overlay(const qm_worker *worker, const qm_side *side, const qm_overlay_source *source,
+unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay_source *source,
                            const qm_near_packs *near);
 
 #endif

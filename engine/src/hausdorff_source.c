@@ -10,8 +10,9 @@
     0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered                  \
           */
 
-#define OVERLAY_INTERVAL 16 /* packs between two tries of overlays where they seldom settle faces */
-#define OVERLAY_HIT_SHARE 2 /* of the faces, one in so many must be settled to go on */
+#define PROBE_INTERVAL 32 /* packs between two where faces are settled in what seems the dearer way: */
+#define COVER_PRIOR 50.0  /* what a cover of a face is taken to cost before there is one, and an overlay */
+#define OVERLAY_PRIOR 100.0
 
 /** The ball round box member of a group, in the frame of the target. */
 static double member_ball(const qm_side *side, const qm_box_group *group, int member, qm_vec *centre)
@@ -114,7 +115,7 @@ static void take_out(pack_work *work, unsigned gone)
     work->open_count = left;
 }
 
-static bool overlay_alone(const qm_worker *worker, const pack_work *work, const qm_piece *face)
+static bool overlay_alone(qm_worker *worker, const pack_work *work, const qm_piece *face)
 {
     qm_near_packs near;
     gather_about(worker, work, face->corner, 3, &near);
@@ -144,13 +145,6 @@ static void settle_by_overlay(qm_worker *worker, pack_work *work)
     worker->overlay_hits += (uint64_t)__builtin_popcount(gone);
 }
 
-/** Whether to look at what lies straight over faces: that settles nearly all of them, or hardly any. */
-static bool may_overlay(qm_worker *worker)
-{
-    bool is_due = worker->overlay_calls++ % OVERLAY_INTERVAL == 0;
-    return is_due || worker->overlay_hits * OVERLAY_HIT_SHARE > worker->overlay_tries;
-}
-
 /** Settles faces of a pack by few searches each. */
 static void settle_by_balls(qm_worker *worker, pack_work *work)
 {
@@ -161,15 +155,43 @@ static void settle_by_balls(qm_worker *worker, pack_work *work)
     take_out(work, gone);
 }
 
-/** Settles the faces of a pack that one lane does not reach: many at once, then one by one. */
+/** Gathers the packs near the open faces. */
+static void gather_open(const qm_worker *worker, pack_work *work)
+{
+    qm_vec point[4 * QM_PACK_LANES] = {work->open[0].corner[0]};
+    int count = 0;
+    for (int i = 0; i < work->open_count; i++)
+        for (int c = 0; c < work->open[i].corner_count; c++)
+            point[count++] = work->open[i].corner[c];
+    gather_about(worker, work, point, count, &work->near);
+}
+
+/**
+ * Whether to settle faces by an overlay, as that has cost less than covers. Now and then it is the other way
+ * round, to see what that costs: the more seldom the more it does.
+ */
+static bool choose_overlay(qm_worker *worker)
+{
+    double by_covers = ((double)worker->cover_cost + COVER_PRIOR) / ((double)worker->cover_tries + 1.0);
+    double left = (double)(worker->overlay_tries - worker->overlay_hits);
+    double by_overlay = ((double)worker->overlay_cost + left * by_covers + OVERLAY_PRIOR) /
+                        ((double)worker->overlay_tries + 1.0);
+    bool is_cheaper = by_overlay < by_covers;
+    double ratio = is_cheaper ? by_covers / by_overlay : by_overlay / by_covers;
+    if (++worker->since_probe < PROBE_INTERVAL * ratio) return is_cheaper;
+    worker->since_probe = 0;
+    return !is_cheaper;
+}
+
+/** Settles the faces of a pack that one lane does not reach: in the cheapest way first, one by one last. */
 static void settle_open(qm_worker *worker, pack_work *work)
 {
     bool is_matching = qm_search_is_matching(worker->search);
     settle_by_balls(worker, work);
     if (work->open_count == 0) return;
     if (!is_matching) {
-        gather_about(worker, work, work->vertex, work->lanes->vertex_count, &work->near);
-        if (may_overlay(worker)) settle_by_overlay(worker, work);
+        gather_open(worker, work);
+        if (choose_overlay(worker)) settle_by_overlay(worker, work);
     }
     for (int i = 0; i < work->open_count; i++) {
         if (qm_worker_must_stop(worker)) {

@@ -12,6 +12,8 @@
  * than the greatest |g_k|, this is taken. The rest is left to the caller's margin: the interpolated gaps are
  * off by a few u of what they lie between.
  */
+#include <string.h>
+
 #include "../hausdorff_overlay.h"
 #include "kernels.h"
 
@@ -118,11 +120,113 @@ static inline void count_over_probe(const wide_facet *f, const double probe[2], 
         out->over_probe += __builtin_popcount(maybe);
 }
 
+enum { MAX_VERTICES = 3 * QM_PACK_LANES };
+_Static_assert(MAX_VERTICES % QM_WIDTH == 0, "vertices fill whole vectors");
+
+/** The vertices of a pack in a frame, by axis, and on which sides of its box each lies: a bit a side. */
+typedef struct mapped_pack {
+    _Alignas(64) double at[3][MAX_VERTICES];
+    _Alignas(64) int64_t beyond[MAX_VERTICES];
+} mapped_pack;
+
+static inline void load_positions(mapped_pack *m, const qm_bvh *bvh, const qm_pack_lanes *lanes)
+{
+    for (int i = 0; i < lanes->vertex_count; i++) {
+        const double *p = bvh->mesh.positions + 3 * (size_t)lanes->vertex[i];
+        for (int k = 0; k < 3; k++)
+            m->at[k][i] = p[k];
+    }
+    for (int i = lanes->vertex_count; i % QM_WIDTH != 0; i++)
+        for (int k = 0; k < 3; k++)
+            m->at[k][i] = m->at[k][0];
+}
+
+/** Maps the vertices; returns the greatest coordinate by magnitude. */
+static inline double map_pack(mapped_pack *m, const qm_overlay_frame *frame, const qm_bvh *bvh,
+                              const qm_pack_lanes *lanes)
+{
+    load_positions(m, bvh, lanes);
+    const double shift[3] = {bvh->frame.origin.x, bvh->frame.origin.y, bvh->frame.origin.z};
+    const double origin[3] = {frame->origin.x, frame->origin.y, frame->origin.z};
+    qm_vd size = qm_vd_set(0.0);
+    for (int i = 0; i < lanes->vertex_count; i += QM_WIDTH) {
+        qm_vd d[3];
+        for (int k = 0; k < 3; k++)
+            d[k] = (qm_vd_load(&m->at[k][i]) - shift[k]) * bvh->frame.scale - origin[k];
+        qm_vl beyond = {0};
+        for (int k = 0; k < 3; k++) {
+            const qm_vec *axis = &frame->axis[k];
+            qm_vd at = d[0] * axis->x + d[1] * axis->y + d[2] * axis->z;
+            qm_vd_store(&m->at[k][i], at);
+            size = qm_vd_max(magnitude(at), size);
+            beyond |= (at < qm_vd_set(frame->low[k])) & (INT64_C(1) << 2 * k);
+            beyond |= (at > qm_vd_set(frame->high[k])) & (INT64_C(2) << 2 * k);
+        }
+        memcpy(&m->beyond[i], &beyond, sizeof beyond);
+    }
+    double greatest = 0.0;
+    for (int lane = 0; lane < QM_WIDTH; lane++)
+        greatest = qm_greater(size[lane], greatest);
+    return greatest;
+}
+
+unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_frame *frame, const qm_bvh *bvh,
+                                uint32_t pack, const float *twist)
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    mapped_pack m;
+    double size = map_pack(&m, frame, bvh, lanes);
+    unsigned added = 0;
+    for (int lane = 0; lane < lanes->lane_count; lane++) {
+        const uint8_t *corner = lanes->corner[lane];
+        if (m.beyond[corner[0]] & m.beyond[corner[1]] & m.beyond[corner[2]]) continue;
+        int group = facets->count / QM_PACK_LANES, here = facets->count % QM_PACK_LANES;
+        for (int i = 0; i < 3; i++)
+            for (int k = 0; k < 3; k++)
+                facets->group[group].at[i][k][here] = m.at[k][corner[i]];
+        facets->group[group].twist[here] = twist ? (double)twist[lane] : 0.0;
+        facets->count++;
+        added |= 1u << lane;
+    }
+    if (added) facets->size = qm_greater(size, facets->size);
+    return added;
+}
+
+/** True when each edge of the rim lies certainly beside the face: beyond one of its edges, or with all of it
+ * on one side of its own line. */
+static inline bool is_clear(const qm_overlay_facets *facets, const qm_overlay_face *face, double side_margin,
+                            double area_margin)
+{
+    for (int first = 0; first < facets->rim_count; first += QM_WIDTH) {
+        qm_vd x[2], y[2];
+        for (int end = 0; end < 2; end++) {
+            x[end] = qm_vd_load(&facets->rim[end][0][first]);
+            y[end] = qm_vd_load(&facets->rim[end][1][first]);
+        }
+        const qm_vd outside = qm_vd_set(-side_margin);
+        qm_vl parted = outside > outside;
+        qm_vd low = qm_vd_set(INFINITY), high = -low;
+        for (int k = 0; k < 3; k++) {
+            parted |=
+                (affine(face->side[k], x[0], y[0]) < outside) & (affine(face->side[k], x[1], y[1]) < outside);
+            qm_vd area =
+                (x[1] - x[0]) * (face->corner[k][1] - y[0]) - (y[1] - y[0]) * (face->corner[k][0] - x[0]);
+            low = qm_vd_min(area, low);
+            high = qm_vd_max(area, high);
+        }
+        parted |= (low > qm_vd_set(area_margin)) | (high < qm_vd_set(-area_margin));
+        if (qm_vl_bits(parted) != (1u << QM_WIDTH) - 1) return false;
+    }
+    return true;
+}
+
 void QM_KERNEL(overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, qm_overlay_gap *out)
 {
     double side_margin = QM_OVERLAY_SIDE * QM_UNIT_ROUNDING * facets->size;
     double area_margin = QM_OVERLAY_AREA * QM_UNIT_ROUNDING * facets->size * facets->size;
-    *out = (qm_overlay_gap){.greatest = NOT_OVER};
+    *out = (qm_overlay_gap){.is_clear = is_clear(facets, face, side_margin, area_margin)};
+    if (!out->is_clear) return;
+    out->greatest = NOT_OVER;
     qm_vd greatest = qm_vd_set(NOT_OVER);
     for (int first = 0; first < facets->count; first += QM_WIDTH) {
         int place = first / QM_PACK_LANES, part = first % QM_PACK_LANES / QM_WIDTH;
