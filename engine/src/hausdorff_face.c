@@ -5,11 +5,16 @@
  */
 #include "hausdorff_piece.h"
 
-#define VISIT_CUTS 32     /* of a part in one visit, beyond those that eta has room for */
-#define FACE_ATTEMPTS 3   /* covers of one face, each with what the last one brought */
-#define ONE_LABEL_PACKS 3 /* looked at for one label that takes all of a piece */
-#define PROBE_INTERVAL 16 /* pieces between two tries where one label seldom does */
-#define MIN_HIT_SHARE 2   /* of the tries, one in so many must succeed to go on */
+#define VISIT_CUTS 32      /* of a part in one visit, beyond those that eta has room for */
+#define FACE_ATTEMPTS 3    /* covers of one face, each with what the last one brought */
+#define ONE_LABEL_PACKS 3  /* looked at for one label that takes all of a piece */
+#define PROBE_INTERVAL 16  /* pieces between two tries where one label seldom does */
+#define COST_BY_NEAREST 30 /* hundreds of instructions of a cover by the nearest facets, and by all */
+#define COST_BY_ALL 150
+#define COST_OF_PARTS                                                                                        \
+    2000                /* of a face that goes to the queue, which comes back in dozens of parts mostly      \
+                         */
+#define MIN_HIT_SHARE 2 /* of the tries, one in so many must succeed to go on */
 
 /** One label for the whole polygon, from the nearest packs in turn, as far as single precision is certain. */
 static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
@@ -133,7 +138,10 @@ static void settle_triangle(qm_piece_work *work)
     const qm_vec *corner = work->piece.corner;
     qm_polygon polygon = qm_piece_triangle(work, corner[0], corner[1], corner[2]);
     bool moved = false;
+    work->worker->cover_tries++;
+    work->worker->cover_cost += COST_BY_NEAREST;
     if (qm_piece_cover_by_nearest(work, &polygon, &moved)) return;
+    work->worker->cover_cost += COST_BY_ALL;
     qm_near_packs all;
     qm_piece_gather(work, &all);
     for (int attempt = 0; attempt < FACE_ATTEMPTS; attempt++) {
@@ -142,6 +150,7 @@ static void settle_triangle(qm_piece_work *work)
         /* The middle of what is left is likely as far as any point of the face. */
         if (!qm_piece_sample_unreached(work, qm_polygon_middle(&polygon))) break;
     }
+    work->worker->cover_cost += COST_OF_PARTS;
     qm_piece_push(work, &work->piece);
 }
 

@@ -7,6 +7,7 @@
  *   first samples      hausdorff_scout.c    a good lower bound before anything else
  *   groups and packs   hausdorff_source.c   one search a node: ball test; packs: a single label for each face
  *   whole faces        hausdorff_near.c     ball tests and single labels for a face and its parts
+ *                      hausdorff_overlay.c  the same for all of a pack by the facets straight over them
  *   pieces             hausdorff_piece.h    cover by several labels, else split; or, as an option,
  *                      hausdorff_matching.c matched to the facets under their corners, else split
  *   points             hausdorff_sample.c   nearest points, which raise the lower bound
@@ -84,8 +85,12 @@ typedef struct qm_worker {
     double witness_slack; /* how far it may be from the source's surface, local */
     double climb_above;   /* a witness farther than that is worth a climb */
     uint64_t one_label_tries, one_label_probes, one_label_hits; /* how often a single label took a piece */
-    uint64_t part_tries, part_searches, part_hits;              /* of balls round parts of faces */
-    uint64_t iterations, projections;                           /* not handed over to the search yet */
+    uint64_t overlay_tries, overlay_hits; /* how often an overlay settled a face, and how many were covered */
+    uint64_t cover_tries;
+    uint64_t overlay_cost, cover_cost; /* by counts of what was done, in about a hundred instructions */
+    unsigned since_probe;              /* packs since the dearer of the two was tried */
+    uint64_t part_tries, part_searches, part_hits; /* of balls round parts of faces */
+    uint64_t iterations, projections;              /* not handed over to the search yet */
     size_t max_queue;
 } qm_worker;
 

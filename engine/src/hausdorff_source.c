@@ -2,11 +2,17 @@
  * hausdorff_source.c: the upper stages. A group or pack of the source is let go when the ball round its box
  * is near enough; a pack's faces when one triangle of the target reaches all corners of the face.
  */
-#include "hausdorff_search.h"
+#include <string.h>
+
+#include "hausdorff_overlay.h"
 
 #define NEAR_SHARE                                                                                           \
     0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered                  \
           */
+
+#define PROBE_INTERVAL 32 /* packs between two where faces are settled in what seems the dearer way: */
+#define COVER_PRIOR 50.0  /* what a cover of a face is taken to cost before there is one, and an overlay */
+#define OVERLAY_PRIOR 100.0
 
 /** The ball round box member of a group, in the frame of the target. */
 static double member_ball(const qm_side *side, const qm_box_group *group, int member, qm_vec *centre)
@@ -46,8 +52,9 @@ typedef struct pack_work {
     qm_float_bits in_reach[3 * QM_PACK_LANES];
     uint32_t measured;    /* a bit a vertex: in_reach is what double precision says */
     qm_candidates hinted; /* the pack of the hint, for them */
-    bool has_near;
-    qm_near_packs near; /* of the whole pack, once the first face asks for them */
+    int open_count;       /* faces that a look at one lane or a few points has not settled */
+    qm_piece open[QM_PACK_LANES];
+    qm_near_packs near; /* of the whole pack, where some are open */
 } pack_work;
 
 /** Where single precision leaves it open whether a lane reaches a vertex, as it does where the allowed
@@ -84,23 +91,123 @@ static void reach_by_pack(const pack_work *work, double allowed, uint32_t pack, 
 }
 
 /**
- * Gathers the packs that the faces are most likely covered with: those about as near as the hint is to the
+ * Gathers the packs that faces are most likely covered with: those about as near as the hint is to the
  * middle. All that are within reach may be hundreds where the lower bound is great.
  */
-static void gather_near(const qm_worker *worker, pack_work *work)
+static void gather_about(const qm_worker *worker, const pack_work *work, const qm_vec *point, int count,
+                         qm_near_packs *near)
 {
-    if (work->has_near) return;
     const qm_search *search = worker->search;
-    qm_box box = qm_vec_box(work->vertex, work->lanes->vertex_count);
+    qm_box box = qm_vec_box(point, count);
     qm_vec low = qm_vec_load(box.min), high = qm_vec_load(box.max);
     double middle = qm_side_pack_upper(search, work->side, work->entry.hint, qm_vec_mix(low, high, 0.5));
     double reach =
         fmin(middle + NEAR_SHARE * qm_vec_distance(low, high), qm_search_allowed(search) * work->side->scale);
-    search->kernel->gather(work->side->target, &box, reach, &work->near);
-    work->has_near = true;
+    search->kernel->gather(work->side->target, &box, reach, near);
 }
 
-/** Settles the faces of a pack by the pack of its hint, or one by one. */
+/** Takes the open faces out of the list that have a bit. */
+static void take_out(pack_work *work, unsigned gone)
+{
+    int left = 0;
+    for (int i = 0; i < work->open_count; i++)
+        if (!(gone >> i & 1)) work->open[left++] = work->open[i];
+    work->open_count = left;
+}
+
+static bool overlay_alone(qm_worker *worker, const pack_work *work, const qm_piece *face)
+{
+    qm_near_packs near;
+    gather_about(worker, work, face->corner, 3, &near);
+    qm_overlay_source source = {.count = 1};
+    memcpy(source.corner[0], face->corner, sizeof source.corner[0]);
+    return qm_worker_overlay(worker, work->side, &source, &near) != 0;
+}
+
+/** Settles open triangles by what lies straight over them: all together, and each by itself where that has
+ * not settled it, as where too many packs are near all of them. */
+static void settle_by_overlay(qm_worker *worker, pack_work *work)
+{
+    qm_overlay_source source = {.count = 0};
+    int place[QM_PACK_LANES];
+    for (int i = 0; i < work->open_count; i++) {
+        if (work->open[i].corner_count != 3) continue;
+        memcpy(source.corner[source.count], work->open[i].corner, sizeof source.corner[0]);
+        place[source.count++] = i;
+    }
+    if (source.count == 0) return;
+    unsigned settled = qm_worker_overlay(worker, work->side, &source, &work->near), gone = 0;
+    for (int i = 0; i < source.count; i++)
+        if ((settled >> i & 1) || (source.count > 1 && overlay_alone(worker, work, &work->open[place[i]])))
+            gone |= 1u << place[i];
+    take_out(work, gone);
+    worker->overlay_tries += (uint64_t)source.count;
+    worker->overlay_hits += (uint64_t)__builtin_popcount(gone);
+}
+
+/** Settles faces of a pack by few searches each. */
+static void settle_by_balls(qm_worker *worker, pack_work *work)
+{
+    uint32_t hint = work->entry.hint;
+    unsigned gone = 0;
+    for (int i = 0; i < work->open_count; i++)
+        if (qm_worker_face_is_near(worker, work->side, &work->open[i], &hint)) gone |= 1u << i;
+    take_out(work, gone);
+}
+
+/** Gathers the packs near the open faces. */
+static void gather_open(const qm_worker *worker, pack_work *work)
+{
+    qm_vec point[4 * QM_PACK_LANES] = {work->open[0].corner[0]};
+    int count = 0;
+    for (int i = 0; i < work->open_count; i++)
+        for (int c = 0; c < work->open[i].corner_count; c++)
+            point[count++] = work->open[i].corner[c];
+    gather_about(worker, work, point, count, &work->near);
+}
+
+/**
+ * Whether to settle faces by an overlay, as that has cost less than covers. Now and then it is the other way
+ * round, to see what that costs: the more seldom the more it does.
+ */
+static bool choose_overlay(qm_worker *worker)
+{
+    double by_covers = ((double)worker->cover_cost + COVER_PRIOR) / ((double)worker->cover_tries + 1.0);
+    double left = (double)(worker->overlay_tries - worker->overlay_hits);
+    double by_overlay = ((double)worker->overlay_cost + left * by_covers + OVERLAY_PRIOR) /
+                        ((double)worker->overlay_tries + 1.0);
+    bool is_cheaper = by_overlay < by_covers;
+    double ratio = is_cheaper ? by_covers / by_overlay : by_overlay / by_covers;
+    if (++worker->since_probe < PROBE_INTERVAL * ratio) return is_cheaper;
+    worker->since_probe = 0;
+    return !is_cheaper;
+}
+
+/** Settles the faces of a pack that one lane does not reach: in the cheapest way first, one by one last. */
+static void settle_open(qm_worker *worker, pack_work *work)
+{
+    bool is_matching = qm_search_is_matching(worker->search);
+    settle_by_balls(worker, work);
+    if (work->open_count == 0) return;
+    if (!is_matching) {
+        gather_open(worker, work);
+        if (choose_overlay(worker)) settle_by_overlay(worker, work);
+    }
+    for (int i = 0; i < work->open_count; i++) {
+        if (qm_worker_must_stop(worker)) {
+            qm_worker_discard(worker, work->entry.upper);
+            return;
+        }
+        if (is_matching) {
+            qm_matching_face(worker, work->entry, &work->open[i]);
+            continue;
+        }
+        qm_worker_face(worker, work->entry, &work->open[i], &work->near);
+        qm_worker_follow(worker);
+    }
+}
+
+/** Settles the faces of a pack by the pack of its hint, together, or one by one. */
 static void visit_pack(qm_worker *worker, qm_entry entry)
 {
     const qm_search *search = worker->search;
@@ -109,33 +216,24 @@ static void visit_pack(qm_worker *worker, qm_entry entry)
     work.side = &search->side[entry.side];
     work.lanes = &work.side->source->lanes[entry.index];
     work.kernel = search->kernel;
-    work.has_near = false;
+    work.open_count = 0;
     work.measured = 0;
     double allowed = qm_search_allowed(search) * work.side->scale;
     for (int i = 0; i < work.lanes->vertex_count; i++)
         work.vertex[i] = qm_side_vertex(work.side, work.lanes->vertex[i]);
     reach_by_pack(&work, allowed, entry.hint, work.vertex, work.lanes->vertex_count, work.in_reach);
-    uint32_t hint = entry.hint;
     for (int lane = 0, count; lane < work.lanes->lane_count; lane += count - 2) {
         int corner[4];
         count = qm_lane_corners(work.lanes, (uint32_t)lane, work.side->source_patches, corner);
         if (face_reached(&work, allowed, corner, count)) continue;
-        if (qm_worker_must_stop(worker)) {
-            qm_worker_discard(worker, entry.upper);
-            return;
-        }
-        qm_piece piece = {.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
+        qm_piece *piece = &work.open[work.open_count];
+        *piece =
+            (qm_piece){.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
         for (int i = 0; i < count; i++)
-            piece.corner[i] = work.vertex[corner[i]];
-        if (qm_worker_face_is_near(worker, work.side, &piece, &hint)) continue;
-        if (qm_search_is_matching(search)) {
-            qm_matching_face(worker, entry, &piece);
-            continue;
-        }
-        gather_near(worker, &work);
-        qm_worker_face(worker, entry, &piece, &work.near);
-        qm_worker_follow(worker);
+            piece->corner[i] = work.vertex[corner[i]];
+        work.open_count++;
     }
+    if (work.open_count > 0) settle_open(worker, &work);
     qm_worker_discard(worker, qm_search_allowed(search)); /* the lower bound may have risen on the way */
 }
 

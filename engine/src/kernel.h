@@ -112,6 +112,47 @@ typedef struct qm_polygon {
 
 enum { QM_BOX_SIDES = 6 };
 
+#define QM_OVERLAY_GROUPS 32 /* of eight facets each, that an overlay takes at most */
+#define QM_OVERLAY_RIM 128   /* edges of the boundary of these facets */
+
+/** A plane with a direction upright to it, and the box of interest in its coordinates: along the plane (axes
+ * 0 and 1) and upright (axis 2). */
+typedef struct qm_overlay_frame {
+    qm_vec origin, axis[3];
+    double low[3], high[3];
+} qm_overlay_frame;
+
+/**
+ * Facets of the target in such coordinates, corner by corner, eight to a group; and how far the surface may
+ * be from each. Places past count, in the last group, repeat others. The rim is made of edges of theirs, ends
+ * by their places in the plane, likewise.
+ */
+typedef struct qm_overlay_facets {
+    int count, rim_count;
+    double size; /* no coordinate of these facets and of the faces is greater, by magnitude */
+    struct {
+        _Alignas(64) double at[3][3][QM_PACK_LANES], twist[QM_PACK_LANES];
+    } group[QM_OVERLAY_GROUPS];
+    _Alignas(64) double rim[2][2][QM_OVERLAY_RIM];
+} qm_overlay_facets;
+
+/** A triangle of the source over the same plane. side[k] = (a, b, c): a x + b y + c is how far (x, y) lies
+ * inside the k-th edge. */
+typedef struct qm_overlay_face {
+    double corner[3][3];
+    double side[3][3];
+    double plane[3]; /* (a, b, c): its height at (x, y) is a x + b y + c */
+    double probe[2]; /* a place inside */
+} qm_overlay_face;
+
+/** What lies over a face: see hausdorff_overlay.c. */
+typedef struct qm_overlay_gap {
+    bool is_clear;   /* no edge of the rim lies over it; the rest is told only then */
+    double greatest; /* vertical distance between the face and a facet, where one lies over the other; -1
+                        where none does */
+    int over_probe;  /* facets over the probe; -1 where roundings leave that open */
+} qm_overlay_gap;
+
 typedef struct qm_kernel {
     const char *name;
 
@@ -222,6 +263,14 @@ typedef struct qm_kernel {
      */
     qm_float_verdict (*float_cover)(const qm_float_pack *pack, const float *twist, double allowed,
                                     qm_polygon *polygon, bool *moved);
+
+    /** Adds those facets of a pack whose boxes meet that of the frame, less their twists unless NULL; returns
+     * their bits. There is room for all. */
+    unsigned (*overlay_add)(qm_overlay_facets *facets, const qm_overlay_frame *frame, const qm_bvh *bvh,
+                            uint32_t pack, const float *twist);
+
+    /** Finds the facets over a face, and how far they are from it. */
+    void (*overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, qm_overlay_gap *out);
 
     /** Walks from a pair of nodes, whose boxes are taken to meet, to the pairs below that meet. False when
      * take ended the walk. */

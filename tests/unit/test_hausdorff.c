@@ -345,12 +345,12 @@ static void limits_leave_a_bracket_that_holds(void **state)
     double distance = 1 - cos(M_PI / 100);
     for (int reading = 0; reading < 2; ++reading)
         for (uint64_t limit = 1; limit < 100000; limit *= 10) {
-            qm_hausdorff_options options = options_of(QM_TWO_SIDED, (qm_quad_reading)reading, 1e-13);
+            qm_hausdorff_options options = options_of(QM_TWO_SIDED, (qm_quad_reading)reading, 1e-12);
             options.work_limit = limit;
             qm_hausdorff_result r = qm_measured(&a, &b, &options);
             QM_CHECK(r.lower <= distance + 1e-15 && r.upper >= distance - 1e-15, "limit %llu: [%.17g, %.17g]",
                      (unsigned long long)limit, r.lower, r.upper);
-            QM_CHECK(r.stop == QM_STOP_DEADLINE || r.upper - r.lower <= 1e-13, "limit %llu: stop %d",
+            QM_CHECK(r.stop == QM_STOP_DEADLINE || r.upper - r.lower <= 1e-12, "limit %llu: stop %d",
                      (unsigned long long)limit, (int)r.stop);
         }
     qm_hausdorff_options options = options_of(QM_TWO_SIDED, QM_QUADS_BILINEAR, 1e-13);

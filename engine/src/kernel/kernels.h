@@ -40,6 +40,10 @@ void QM_KERNEL(shortlist_floats)(const qm_bvh *bvh, const qm_shortlist *list, qm
 bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);
 qm_float_verdict QM_KERNEL(float_cover)(const qm_float_pack *pack, const float *twist, double allowed,
                                         qm_polygon *polygon, bool *moved);
+unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_frame *frame, const qm_bvh *bvh,
+                                uint32_t pack, const float *twist);
+void QM_KERNEL(overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face,
+                            qm_overlay_gap *out);
 unsigned QM_KERNEL(node_distances)(const qm_descent *descent, const qm_node *a, const qm_node *b,
                                    bool splits_a, float d2[QM_PACK_LANES]);
 bool QM_KERNEL(descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);

@@ -1,0 +1,330 @@
+/* Faces of a source over facets of a target: what is settled by them must be near enough everywhere, whatever
+ * the target is like; and the vertical distances are those that clipping one by the other in turn gives. */
+#include "check.h"
+
+#include "hausdorff_overlay.h"
+#include "random.h"
+#include "shapes.h"
+#include "slow_twin.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { TARGETS = 240, TRIES = 12, SAMPLES = 60, COLUMNS = 12, PAIRS = 4000 };
+
+/** Waves of some height over [0, 1]^2. */
+typedef struct waves {
+    double height, turn;
+} waves;
+
+static void wave_at(const void *user, double u, double v, double out[3])
+{
+    const waves *w = user;
+    out[0] = u;
+    out[1] = v;
+    out[2] = w->height * sin(5.0 * u + w->turn) * cos(4.0 * v - w->turn);
+}
+
+/** How a target departs from a whole sheet. */
+enum { WHOLE, HOLES, TORN, DOUBLED, FOLDED, SHAKEN, FLAWS };
+
+/** Faces at random lose an edge that they had in common: they get corners of their own, at the same place. */
+static qm_mesh tear(const qm_mesh *mesh, qm_random *random)
+{
+    qm_mesh torn = qm_shape_make(mesh->vertex_count + 4, mesh->face_count);
+    memcpy(torn.positions, mesh->positions, 3 * mesh->vertex_count * sizeof *mesh->positions);
+    memcpy(torn.faces, mesh->faces, 4 * mesh->face_count * sizeof *mesh->faces);
+    uint32_t *face = torn.faces + 4 * qm_random_below(random, mesh->face_count);
+    for (uint32_t i = 0; i < 4; i++) {
+        uint32_t vertex = (uint32_t)mesh->vertex_count + i;
+        memcpy(torn.positions + 3 * vertex, mesh->positions + 3 * (size_t)face[i],
+               3 * sizeof *mesh->positions);
+        face[i] = vertex;
+    }
+    return torn;
+}
+
+static qm_mesh draw_target(qm_random *random, int flaw)
+{
+    waves w = {qm_random_range(random, 0.0, 0.1), qm_random_range(random, 0.0, 3.0)};
+    qm_mesh sheet = qm_shape_grid(COLUMNS, COLUMNS, false, false, wave_at, &w), out = {0};
+    size_t some = 1 + qm_random_below(random, 6);
+    switch (flaw) {
+    case HOLES: /* a face over another: one hole, and a place that is covered twice */
+        for (size_t i = 0; i < some; i++)
+            memcpy(sheet.faces + 4 * qm_random_below(random, sheet.face_count),
+                   sheet.faces + 4 * qm_random_below(random, sheet.face_count), 4 * sizeof *sheet.faces);
+        return sheet;
+    case TORN:
+        out = tear(&sheet, random);
+        break;
+    case DOUBLED: {
+        qm_mesh above = qm_shape_copy(&sheet);
+        qm_shape_move(&above, 1.0, (const double[3]){0.0, 0.0, qm_random_range(random, 0.0, 0.05)});
+        out = qm_shape_joined(&sheet, &above);
+        qm_shape_free(&above);
+        break;
+    }
+    case FOLDED: /* vertices that lie over other faces */
+        for (size_t i = 0; i < some; i++)
+            qm_random_point(random, 0.0, 1.0,
+                            sheet.positions + 3 * qm_random_below(random, sheet.vertex_count));
+        return sheet;
+    case SHAKEN:
+        qm_shape_shake(&sheet, random, qm_random_range(random, 0.0, 0.05));
+        return sheet;
+    default:
+        return sheet;
+    }
+    qm_shape_free(&sheet);
+    return out;
+}
+
+/** Distance of a point from a target, local, by every facet in turn. */
+static double slow_distance(const qm_bvh *target, qm_vec p)
+{
+    double least = INFINITY;
+    const double point[3] = {p.x, p.y, p.z};
+    for (uint32_t pack = 0; pack < target->pack_count; pack++) {
+        for (uint32_t lane = 0; lane < target->lanes[pack].lane_count; lane++) {
+            qm_vec corner[3];
+            double at[3][3];
+            qm_bvh_load_triangle(target, pack, lane, corner);
+            for (int i = 0; i < 3; i++)
+                qm_vec_store(at[i], corner[i]);
+            least = fmin(least, qm_slow_triangle_distance(point, at[0], at[1], at[2]));
+        }
+    }
+    return least;
+}
+
+/** A search that allows a distance, for one side. */
+static void set_search(qm_search *search, qm_side *side, const qm_bvh *target, double allowed)
+{
+    *search = (qm_search){.kernel = qm_kernel_get(), .floor = allowed};
+    *side = (qm_side){.target = target, .scale = 1.0, .inverse_scale = 1.0, .factor = 1.0, .reach = 1.0};
+}
+
+/** Triangles beside a target, about as large as its facets or several times that. */
+static qm_overlay_source draw_source(qm_random *random, const qm_bvh *target)
+{
+    qm_overlay_source source = {.count = 1 + (int)qm_random_below(random, QM_OVERLAY_FACES)};
+    double size = pow(2.0, qm_random_range(random, -2.0, 2.0)) / COLUMNS;
+    double away = pow(10.0, qm_random_range(random, -4.0, -1.0));
+    qm_vec middle[3];
+    qm_bvh_load_triangle(target, (uint32_t)qm_random_below(random, target->pack_count), 0, middle);
+    for (int i = 0; i < source.count; i++) {
+        qm_vec at = {middle[0].x + size * qm_random_range(random, -2.0, 2.0),
+                     middle[0].y + size * qm_random_range(random, -2.0, 2.0), middle[0].z};
+        for (int c = 0; c < 3; c++)
+            source.corner[i][c] = (qm_vec){at.x + size * qm_random_range(random, -1.0, 1.0),
+                                           at.y + size * qm_random_range(random, -1.0, 1.0),
+                                           at.z + away * qm_random_range(random, -1.0, 1.0)};
+    }
+    return source;
+}
+
+static void check_settled(const qm_bvh *target, const qm_vec corner[3], double allowed, qm_random *random,
+                          unsigned long long seed, int flaw)
+{
+    for (int i = 0; i < SAMPLES; i++) {
+        double u = qm_random_range(random, 0.0, 1.0), v = qm_random_range(random, 0.0, 1.0);
+        if (i < 3) {
+            u = i == 1;
+            v = i == 2;
+        } else if (u + v > 1.0) {
+            u = 1.0 - u;
+            v = 1.0 - v;
+        }
+        qm_vec p = qm_vec_axpy(qm_vec_axpy(corner[0], u, qm_vec_sub(corner[1], corner[0])), v,
+                               qm_vec_sub(corner[2], corner[0]));
+        double distance = slow_distance(target, p);
+        QM_CHECK(distance <= allowed + 1e-14, "seed %llu, flaw %d: settled at %.17g, but %.17g away", seed,
+                 flaw, allowed, distance);
+    }
+}
+
+static void settled_faces_are_near(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 0);
+    qm_context ctx = qm_context_make();
+    long settled_count[FLAWS] = {0};
+    for (int i = 0; i < TARGETS; i++) {
+        int flaw = i % FLAWS;
+        qm_mesh mesh = draw_target(&random, flaw);
+        qm_bvh *target;
+        assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &target), QM_OK);
+        for (int k = 0; k < TRIES; k++) {
+            double allowed = pow(10.0, qm_random_range(&random, -3.0, -0.5));
+            qm_search search;
+            qm_side side;
+            set_search(&search, &side, target, allowed);
+            qm_overlay_source source = draw_source(&random, target);
+            qm_worker worker = {.search = &search};
+            qm_near_packs near;
+            qm_box box = qm_vec_box(&source.corner[0][0], 3 * source.count);
+            double reach = allowed * qm_random_range(&random, 0.3, 1.5);
+            search.kernel->gather(target, &box, reach, &near);
+            unsigned settled = qm_worker_overlay(&worker, &side, &source, &near);
+            for (int face = 0; face < source.count; face++) {
+                if (!(settled >> face & 1)) continue;
+                settled_count[flaw]++;
+                check_settled(target, source.corner[face], allowed, &random, (unsigned long long)seed, flaw);
+            }
+        }
+        qm_bvh_destroy(&ctx, target);
+        qm_shape_free(&mesh);
+    }
+    for (int flaw = 0; flaw < FLAWS; flaw++)
+        QM_CHECK(settled_count[flaw] > TARGETS / FLAWS,
+                 "seed %llu: flaw %d: hardly anything was settled: %ld", (unsigned long long)seed, flaw,
+                 settled_count[flaw]);
+}
+
+/** A face at a height over a plane is settled by just that; over a hole it is not, nor where two cover it. */
+static void gaps_over_a_plane_are_exact(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    for (int flaw = WHOLE; flaw <= HOLES; flaw++) {
+        qm_mesh mesh = qm_shape_plane(8, 0.0);
+        if (flaw == HOLES) memcpy(mesh.faces + 4 * 27, mesh.faces, 4 * sizeof *mesh.faces);
+        qm_bvh *target;
+        assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &target), QM_OK);
+        qm_overlay_source source = {.count = 1};
+        const double at[3][3] = {{0.31, 0.29, 0.001}, {0.63, 0.33, 0.001}, {0.39, 0.71, 0.001}};
+        for (int c = 0; c < 3; c++)
+            source.corner[0][c] = qm_frame_local(&target->frame, at[c]);
+        double height = 0.001 * target->frame.scale;
+        const struct {
+            double allowed;
+            bool is_enough;
+        } cases[] = {{height * (1.0 + 1e-9), true}, {height * (1.0 - 1e-9), false}};
+        for (int i = 0; i < 2; i++) {
+            qm_search search;
+            qm_side side;
+            set_search(&search, &side, target, cases[i].allowed);
+            qm_worker worker = {.search = &search};
+            qm_near_packs near;
+            qm_box box = qm_vec_box(source.corner[0], 3);
+            search.kernel->gather(target, &box, 2.0 * height, &near);
+            unsigned settled = qm_worker_overlay(&worker, &side, &source, &near);
+            assert_int_equal(settled, flaw == WHOLE && cases[i].is_enough);
+        }
+        qm_bvh_destroy(&ctx, target);
+        qm_shape_free(&mesh);
+    }
+}
+
+/** A polygon in the plane with its vertical distances. */
+typedef struct clipped {
+    int count;
+    long double at[8][3];
+} clipped;
+
+/** Keeps what lies on the left of the edge from a to b, or on the right where turn is -1. */
+static void clip(clipped *p, const double a[3], const double b[3], long double turn)
+{
+    clipped kept = {0};
+    long double d[8];
+    for (int i = 0; i < p->count; i++)
+        d[i] = turn * (((long double)b[0] - a[0]) * (p->at[i][1] - a[1]) -
+                       ((long double)b[1] - a[1]) * (p->at[i][0] - a[0]));
+    for (int i = 0; i < p->count; i++) {
+        int next = (i + 1) % p->count;
+        if (d[i] >= 0.0L) memcpy(kept.at[kept.count++], p->at[i], sizeof p->at[i]);
+        if ((d[i] >= 0.0L) == (d[next] >= 0.0L)) continue;
+        long double t = d[i] / (d[i] - d[next]);
+        for (int k = 0; k < 3; k++)
+            kept.at[kept.count][k] = p->at[i][k] + t * (p->at[next][k] - p->at[i][k]);
+        kept.count++;
+    }
+    *p = kept;
+}
+
+static long double turn_of(const double corner[3][3])
+{
+    long double area =
+        ((long double)corner[1][0] - corner[0][0]) * ((long double)corner[2][1] - corner[0][1]) -
+        ((long double)corner[1][1] - corner[0][1]) * ((long double)corner[2][0] - corner[0][0]);
+    return area < 0.0L ? -1.0L : 1.0L;
+}
+
+/** The greatest vertical distance over what a facet and a face have in common, or -1. */
+static double slow_gap(const double facet[3][3], const qm_overlay_face *face)
+{
+    clipped p = {.count = 3};
+    for (int i = 0; i < 3; i++) {
+        p.at[i][0] = facet[i][0];
+        p.at[i][1] = facet[i][1];
+        p.at[i][2] = facet[i][2] - ((long double)face->plane[0] * facet[i][0] +
+                                    (long double)face->plane[1] * facet[i][1] + face->plane[2]);
+    }
+    long double turn = turn_of(face->corner), greatest = -1.0L;
+    for (int k = 0; k < 3; k++)
+        clip(&p, face->corner[k], face->corner[(k + 1) % 3], turn);
+    for (int i = 0; i < p.count; i++)
+        greatest = fmaxl(greatest, fabsl(p.at[i][2]));
+    return (double)greatest;
+}
+
+static void draw_triangle(qm_random *random, double corner[3][3])
+{
+    double size = pow(2.0, qm_random_range(random, -3.0, 0.0));
+    double at[3];
+    qm_random_point(random, -0.5, 0.5, at);
+    for (int i = 0; i < 3; i++) {
+        qm_random_point(random, -size, size, corner[i]);
+        for (int k = 0; k < 2; k++)
+            corner[i][k] += at[k];
+    }
+}
+
+static void gaps_are_those_of_clipped_facets(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 1);
+    long over = 0;
+    for (int i = 0; i < PAIRS; i++) {
+        qm_overlay_face face;
+        draw_triangle(&random, face.corner);
+        if (!isfinite(qm_overlay_set_face(&face, 2.0))) continue;
+        qm_overlay_facets facets = {.size = 2.0};
+        facets.count = 1 + (int)qm_random_below(&random, 3 * QM_PACK_LANES);
+        double expected = -1.0;
+        for (int j = 0; j < facets.count; j++) {
+            double corner[3][3];
+            draw_triangle(&random, corner);
+            for (int c = 0; c < 9; c++)
+                facets.group[j / 8].at[c / 3][c % 3][j % 8] = corner[c / 3][c % 3];
+            expected = fmax(expected, slow_gap(corner, &face));
+        }
+        qm_overlay_fill_up(&facets);
+        over += expected >= 0.0;
+        qm_overlay_gap first;
+        (*qm_kernel_list())->overlay_gap(&facets, &face, &first);
+        QM_CHECK(first.greatest >= expected - 1e-12 && first.greatest <= fmax(expected, 0.0) + 1e-6,
+                 "seed %llu, pair %d: %.17g, not %.17g", (unsigned long long)seed, i, first.greatest,
+                 expected);
+        for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
+            qm_overlay_gap gap;
+            (*kernel)->overlay_gap(&facets, &face, &gap);
+            QM_CHECK(gap.greatest == first.greatest && gap.over_probe == first.over_probe,
+                     "seed %llu, pair %d: %s differs", (unsigned long long)seed, i, (*kernel)->name);
+        }
+    }
+    QM_CHECK(over > PAIRS / 4, "seed %llu: only %ld lay over each other", (unsigned long long)seed, over);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(settled_faces_are_near),
+        cmocka_unit_test(gaps_over_a_plane_are_exact),
+        cmocka_unit_test(gaps_are_those_of_clipped_facets),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
