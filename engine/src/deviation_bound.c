@@ -1,15 +1,22 @@
 #include "deviation_bound.h"
 
 #include "deviation_integral.h"
+#include "deviation_match.h"
 
 #define SQUARE_ROUNDINGS 0x1p-49 /* relative: of a difference of squares, 16 u */
 #define MOST_OUTSIDE 0.5         /* share of a piece beside the ground: with more its height tells little */
-#define NEAR_GROUND 4.0       /* radii: pieces farther from the target are bounded by their corners better */
+#define NEAR_GROUND 4.0 /* radii: pieces farther from the target are bounded by their corners better */
+#define ATTACHED_PART                                                                                        \
+    0x1p-6                    /* of a height: what other parts of the ground's patch may take off everywhere \
+                               */
+#define TILT 1.25             /* how much steeper than needed a height is tilted */
 #define LEAST_LENGTH 0x1p-400 /* of a vector that can be made one of length 1: its square is no subnormal */
 
 /** A piece on its way to its bounds. */
 typedef struct bound_work {
     const qm_piece_maker *maker;
+    const qm_piece_face *face;
+    const qm_source_piece *piece;
     const qm_piece_shape *shape;
     const qm_near_facets *near;
     double at_middle, certain; /* distance of the middle, from above and below */
@@ -17,8 +24,16 @@ typedef struct bound_work {
     double low[3], low_sum, high[3], high_sum;
     double cap[3]; /* the least distance to a facet at each corner, from above and below */
     double floor[3];
-    int ground; /* place of the facet nearest to the middle */
+    int ground;       /* place of the facet nearest to the middle */
+    int patch_ground; /* the rectangle that the piece is nearest to, or QM_NO_RECTANGLE */
     qm_triangle ground_facet;
+    /* Matches with the rectangles of the list, made when they are asked for: with the whole surface of their
+     * patches, and with what is within their edges where that is another one. */
+    struct {
+        bool is_made, is_made_within;
+        int same; /* the rectangle whose matches these are: another one of the same patch, or itself */
+        qm_piece_match match, within;
+    } matched[QM_NEAR_RECTANGLES];
 } bound_work;
 
 /** The lower function by planes on one side of the surface. */
@@ -46,6 +61,87 @@ static void offer_low(bound_work *work, const double low[3])
     work->low_sum = sum;
     for (int i = 0; i < 3; i++)
         work->low[i] = low[i];
+}
+
+/* ---- matches ---- */
+
+/** The rectangle, of those before it, whose match holds for this one as well; otherwise itself. */
+static int find_matched(const bound_work *work, int rectangle)
+{
+    const qm_near_rectangle *of = work->near->rectangle;
+    for (int i = 0; i < rectangle; i++)
+        if (of[i].face == of[rectangle].face && work->matched[i].is_made && work->matched[i].same == i &&
+            qm_piece_match_loss(work->maker, &work->matched[i].match, &of[rectangle].box) < INFINITY)
+            return i;
+    return rectangle;
+}
+
+/** The match of the piece with the patch of a rectangle that bends little, else NULL. */
+static const qm_piece_match *match_of(bound_work *work, int rectangle, bool within)
+{
+    const qm_near_rectangle *of = &work->near->rectangle[rectangle];
+    if (!of->is_mild) return NULL;
+    const double middle[2] = {0.5 * (of->box.low[0] + of->box.high[0]),
+                              0.5 * (of->box.low[1] + of->box.high[1])};
+    if (!work->matched[rectangle].is_made) {
+        work->matched[rectangle].is_made = true;
+        work->matched[rectangle].same = find_matched(work, rectangle);
+        if (work->matched[rectangle].same == rectangle)
+            qm_piece_match_make(work->maker, work->face, work->piece, &of->patch, middle, false,
+                                &work->matched[rectangle].match);
+    }
+    int same = work->matched[rectangle].same;
+    const qm_piece_match *match = &work->matched[same].match;
+    qm_piece_match *inner = &work->matched[same].within;
+    if (!within || qm_piece_match_is_inside(match)) return match->holds ? match : NULL;
+    if (!work->matched[same].is_made_within) {
+        qm_piece_match_make(work->maker, work->face, work->piece, &of->patch, middle, true, inner);
+        work->matched[same].is_made_within = true;
+    }
+    return inner->holds ? inner : NULL;
+}
+
+/** Whether the rectangle is the first one of its patch on the list that bends much. */
+static bool is_first(const qm_near_facets *near, int rectangle)
+{
+    for (int i = 0; i < rectangle; i++)
+        if (near->rectangle[i].face == near->rectangle[rectangle].face && !near->rectangle[i].is_mild)
+            return false;
+    return !near->rectangle[rectangle].is_mild;
+}
+
+/** Upper bounds by matches with all rectangles, and which is under the piece: the one that is nearest. */
+static void offer_matches(bound_work *work)
+{
+    const qm_near_facets *near = work->near;
+    double least = INFINITY, high[3];
+    work->patch_ground = QM_NO_RECTANGLE;
+    for (int i = 0; i < near->rectangle_count; i++) {
+        const qm_piece_match *match = match_of(work, i, true);
+        if (match && work->matched[i].same == i) {
+            qm_piece_match_above(match, high);
+            offer_high(work, high);
+            if (high[0] + high[1] + high[2] < least) work->patch_ground = i;
+            least = qm_lesser(least, high[0] + high[1] + high[2]);
+        }
+        if (!work->face->is_patch || !is_first(near, i)) continue;
+        qm_piece_match alike;
+        qm_piece_match_alike(work->maker, work->face, work->piece, &near->rectangle[i].patch, &alike);
+        if (!alike.holds) continue;
+        qm_piece_match_above(&alike, high);
+        offer_high(work, high);
+    }
+}
+
+/** The linear function below the distance to a rectangle that its match tells; false when there is none. */
+static bool find_match_plane(bound_work *work, int rectangle, double height[3])
+{
+    const qm_piece_match *match = rectangle == QM_NO_RECTANGLE ? NULL : match_of(work, rectangle, true);
+    if (!match || !(match->least > 0.0)) return false;
+    double loss = qm_piece_match_loss(work->maker, match, &work->near->rectangle[rectangle].box);
+    for (int i = 0; i < 3; i++)
+        height[i] = (match->low[i] > 0.0 ? match->low[i] : -match->high[i]) - loss;
+    return loss < INFINITY;
 }
 
 /* ---- distances to the list ---- */
@@ -83,8 +179,9 @@ static void offer_pack(bound_work *work, int pack)
             work->cap[i] = qm_lesser(work->cap[i], d[i][lane]);
         }
     }
+    double slack = work->shape->slack;
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-        const double high[3] = {d[0][lane], d[1][lane], d[2][lane]};
+        const double high[3] = {d[0][lane] + slack, d[1][lane] + slack, d[2][lane] + slack};
         offer_high(work, high);
     }
 }
@@ -178,15 +275,21 @@ static void keep_better(const plane_work *planes, double best[3], const double h
 
 /**
  * A facet takes part in the least of the planes with one plane of its own: that of the facet, one that is
- * parallel to the ground, or one seen from a corner or from the middle. Any is valid; the one that hides
- * least is taken.
+ * parallel to the ground, or one seen from a corner or from the middle; or with the function that its match
+ * tells. Any is valid; the one that hides least is taken.
  */
-static void add_plane(const bound_work *work, plane_work *planes, const qm_triangle *facet, double slack)
+static void add_plane(const bound_work *work, plane_work *planes, const qm_triangle *facet, double slack,
+                      const double *by_match)
 {
     double best[3], height[3];
     double side = qm_vec_dot(qm_vec_sub(work->shape->middle, facet->origin), facet->z);
     qm_vec up = turn_up(facet->z, side);
     heights_over_facet(work, facet, up, best);
+    if (by_match) {
+        for (int i = 0; i < 3; i++)
+            height[i] = by_match[i] + slack;
+        keep_better(planes, best, height);
+    }
     if (!hides_nothing(planes, best, slack)) {
         heights_along(work, facet, planes->up, height);
         keep_better(planes, best, height);
@@ -204,20 +307,23 @@ static void add_plane(const bound_work *work, plane_work *planes, const qm_trian
 
 /** Planes of the facets of a pack that may be nearest to any point; a facet that is farther than the corners
  * are, everywhere, can be no matter. */
-static void add_pack_planes(const bound_work *work, plane_work *planes, int pack,
+static void add_pack_planes(bound_work *work, plane_work *planes, int pack,
                             const double distance[QM_PACK_LANES])
 {
     const qm_near_facets *near = work->near;
+    const qm_piece_shape *shape = work->shape;
     double most = qm_greater(planes->facet[0], qm_greater(planes->facet[1], planes->facet[2]));
-    double reach = qm_lesser(work->ball, most + work->shape->radius + 4.0 * work->maker->eta);
+    double reach = qm_lesser(work->ball, most + shape->radius + shape->slack + 4.0 * work->maker->eta);
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
         if (pack * QM_PACK_LANES + lane >= near->count || distance[lane] > reach) continue;
         qm_triangle facet = qm_pack_triangle(&near->pack[pack], lane);
-        add_plane(work, planes, &facet, near->slack[pack][lane]);
+        double by_match[3];
+        bool is_matched = find_match_plane(work, near->rectangle_of[pack][lane], by_match);
+        add_plane(work, planes, &facet, near->slack[pack][lane] + shape->slack, is_matched ? by_match : NULL);
     }
 }
 
-static void add_planes(const bound_work *work, plane_work *planes,
+static void add_planes(bound_work *work, plane_work *planes,
                        const double distance[QM_FACET_PACKS][QM_PACK_LANES])
 {
     for (int i = 0; i < 3; i++)
@@ -231,11 +337,12 @@ static void bound_by_facets(bound_work *work, double distance[QM_FACET_PACKS][QM
 {
     const qm_near_facets *near = work->near;
     measure_middle(work, distance);
-    work->ball = work->at_middle + 2.0 * work->shape->radius + 4.0 * work->maker->eta;
+    work->ball = work->at_middle + 2.0 * (work->shape->radius + work->shape->slack) + 4.0 * work->maker->eta;
     work->ground_facet =
         qm_pack_triangle(&near->pack[work->ground / QM_PACK_LANES], work->ground % QM_PACK_LANES);
     for (int pack = 0; pack < near->pack_count; pack++)
         if (has_any_within(distance[pack], work->ball)) offer_pack(work, pack);
+    offer_matches(work);
     const qm_triangle *ground = &work->ground_facet;
     double side = qm_vec_dot(qm_vec_sub(work->shape->middle, ground->origin), ground->z);
     plane_work planes = {.up = turn_up(ground->z, side)};
@@ -247,22 +354,36 @@ static void bound_by_facets(bound_work *work, double distance[QM_FACET_PACKS][QM
 
 /* ---- over the ground ---- */
 
-/** The height over the ground on one side of it, and what the other facets take off it there. */
+/** The surface that the height is over: a facet, or the patch of a rectangle. */
+typedef struct ground {
+    double low[3], high[3]; /* the height lies between them, and so does the distance to the ground, signed */
+    qm_vec normal;
+    qm_outside outside;          /* what of the piece may be beside it */
+    const qm_piece_match *match; /* NULL of a facet */
+    double loss;                 /* of the match */
+    uint32_t face;
+} ground;
+
+/** The height on one side of the ground, and what the other facets take off it there. */
 typedef struct side_work {
+    const ground *over;
     double up;              /* 1 or -1: the side that the normal of the ground points to, or the other one */
     qm_vec normal;          /* towards the side */
-    double height[3], most; /* over the ground, less its slack; at the corners, and the greatest */
+    double height[3], most; /* what the height is at least; at the corners, and the greatest */
     qm_positive_region region;
     qm_positive_part lost;
 } side_work;
 
-/** What of the height is above a facet's plane with these heights, in the mean over the piece. */
+/** What of the height is above a linear function that is this less slack, in the mean over the piece; no more
+ * than the height itself, as no distance is below 0. */
 static qm_positive_part find_loss(const side_work *side, const double height[3], double slack)
 {
     double above[3];
     for (int i = 0; i < 3; i++)
         above[i] = side->height[i] - (height[i] - slack);
-    return qm_positive_part_in(&side->region, above);
+    qm_positive_part part = qm_positive_part_in(&side->region, above);
+    part.mean = qm_lesser(part.mean, part.share * side->most);
+    return part;
 }
 
 static void keep_least(qm_positive_part *least, qm_positive_part loss)
@@ -270,9 +391,10 @@ static void keep_least(qm_positive_part *least, qm_positive_part loss)
     if (loss.mean < least->mean) *least = loss;
 }
 
-/** Takes off what a facet may lower: by its own plane, one parallel to the ground, or one as seen from a
- * corner or the middle. Any is valid; the one that takes off least is taken. */
-static void take_facet_off(const bound_work *work, side_work *side, const qm_triangle *facet, double slack)
+/** What a facet may lower: by its own plane, one parallel to the ground, or one as seen from a corner or the
+ * middle. Any is valid; the one that takes off least is taken. */
+static qm_positive_part find_facet_loss(const bound_work *work, const side_work *side,
+                                        const qm_triangle *facet, double slack)
 {
     double height[3];
     qm_vec up = turn_up(facet->z, qm_vec_dot(side->normal, facet->z));
@@ -288,38 +410,93 @@ static void take_facet_off(const bound_work *work, side_work *side, const qm_tri
         heights_from(work, facet, from, up, height);
         keep_least(&least, find_loss(side, height, slack));
     }
-    side->lost.mean += least.mean;
-    side->lost.share += least.share;
+    return least;
 }
 
-/** A facet that is farther than the piece is high, everywhere, takes nothing off. */
-static void take_facets_off(const bound_work *work, side_work *side,
+/** Tilts a height over a rectangle's surface towards it: by as little as lifts all corners that are beyond
+ * its edge to what they are over the ground. */
+static void tilt(const side_work *side, const double beyond[3], double height[3])
+{
+    double slope = 0.0;
+    for (int i = 0; i < 3; i++)
+        if (beyond[i] > 0.0 && side->height[i] > height[i])
+            slope = qm_greater(slope, TILT * (side->height[i] - height[i]) / beyond[i]);
+    slope = qm_lesser(slope, 1.0 / TILT);
+    double shorter = 1.0 / sqrt(1.0 + slope * slope);
+    for (int i = 0; i < 3; i++)
+        height[i] = (height[i] + slope * beyond[i]) * shorter;
+}
+
+/** What a rectangle may lower, by its matches: that with the ground, if it is of the same patch, and its own.
+ */
+static qm_positive_part find_match_loss(bound_work *work, const side_work *side, int rectangle)
+{
+    qm_positive_part least = {INFINITY, INFINITY, 1.0};
+    const qm_near_rectangle *of = &work->near->rectangle[rectangle];
+    if (side->over->match && side->over->face == of->face) {
+        double loss = qm_piece_match_loss(work->maker, side->over->match, &of->box);
+        /* No more than that of the ground, or at least little: nowhere is it the nearest by more. */
+        if (loss <= side->over->loss) return (qm_positive_part){0.0, 0.0, 0.0};
+    }
+    for (int within = 0; within < 2 && least.mean > 0.0; within++) {
+        const qm_piece_match *match = match_of(work, rectangle, within == 1);
+        double height[3], beyond[3];
+        if (!match) continue;
+        qm_match_margin margin = qm_piece_match_margin(work->maker, match, &of->box);
+        if (!(margin.loss < INFINITY)) continue;
+        qm_piece_match_beyond(match, &of->box, &margin, beyond);
+        for (int turned = 0; turned < 2 && least.mean > 0.0; turned++) {
+            for (int i = 0; i < 3; i++)
+                height[i] = turned ? -match->high[i] : match->low[i];
+            keep_least(&least, find_loss(side, height, margin.loss));
+            tilt(side, beyond, height);
+            keep_least(&least, find_loss(side, height, margin.loss));
+        }
+    }
+    return least;
+}
+
+/** The facets of a list that may lower the height; a facet that is farther than the piece is high,
+ * everywhere, takes nothing off. The two of a rectangle count as one where a match bounds them better. */
+static void take_facets_off(bound_work *work, side_work *side,
                             const double distance[QM_FACET_PACKS][QM_PACK_LANES])
 {
     const qm_near_facets *near = work->near;
-    double reach = qm_lesser(work->ball, side->most + work->shape->radius + 4.0 * work->maker->eta);
-    for (int place = 0; place < near->count; place++) {
+    const qm_piece_shape *shape = work->shape;
+    double reach = qm_lesser(work->ball, side->most + shape->radius + shape->slack + 4.0 * work->maker->eta);
+    int before = QM_NO_RECTANGLE;
+    qm_positive_part whole = {0.0, 0.0, 0.0}, sum = whole;
+    for (int place = 0; place <= near->count; place++) {
         int pack = place / QM_PACK_LANES, lane = place % QM_PACK_LANES;
-        if (place == work->ground || distance[pack][lane] > reach) continue;
+        int rectangle = place < near->count ? near->rectangle_of[pack][lane] : QM_NO_RECTANGLE;
+        if (before != QM_NO_RECTANGLE && rectangle != before) {
+            keep_least(&sum, whole);
+            side->lost.mean += sum.mean;
+            side->lost.share += sum.share;
+        }
+        if (rectangle != before) sum = (qm_positive_part){0.0, 0.0, 0.0};
+        if (rectangle != before && rectangle != QM_NO_RECTANGLE)
+            whole = find_match_loss(work, side, rectangle);
+        before = rectangle;
+        bool is_ground = !side->over->match && place == work->ground;
+        if (place == near->count || is_ground || distance[pack][lane] > reach) continue;
+        if (rectangle != QM_NO_RECTANGLE && !(whole.mean > sum.mean)) continue;
         qm_triangle facet = qm_pack_triangle(&near->pack[pack], lane);
-        take_facet_off(work, side, &facet, near->slack[pack][lane]);
+        qm_positive_part least = find_facet_loss(work, side, &facet, near->slack[pack][lane] + shape->slack);
+        qm_positive_part *to = rectangle == QM_NO_RECTANGLE ? &side->lost : &sum;
+        to->mean += least.mean;
+        to->share += least.share;
     }
 }
 
-/** What a piece may be beside the ground: by how much its distance is above the height at most, and in the
- * mean, and in what share. */
-static qm_outside find_outside(const bound_work *work)
+/** What a piece may be beside some walls, by how far its corners are beyond each: by how much its distance is
+ * above the height at most, and in the mean, and in what share. Where it is beyond more than one wall, it is
+ * no farther than the sum, sharpness times. */
+static qm_outside find_outside(const double wall[][3], int count, double sharpness)
 {
-    const qm_triangle *t = &work->ground_facet;
-    double wall[3][3], most = 0.0;
+    double most = 0.0;
     qm_outside outside = {0.0, {0.0, 0.0, 0.0}};
-    for (int i = 0; i < 3; i++) {
-        double inside[3];
-        qm_triangle_walls(t, work->shape->corner[i], inside);
-        for (int k = 0; k < 3; k++)
-            wall[k][i] = work->maker->eta - inside[k];
-    }
-    for (int k = 0; k < 3; k++) {
+    for (int k = 0; k < count; k++) {
         double here = qm_greater(wall[k][0], qm_greater(wall[k][1], wall[k][2]));
         if (!(here > 0.0)) continue;
         qm_positive_part part = qm_positive_part_of(wall[k]);
@@ -328,27 +505,100 @@ static qm_outside find_outside(const bound_work *work)
         outside.part.share += part.share;
     }
     if (!(most > 0.0)) return outside;
-    double sharpness = 1.0 / qm_triangle_least_sine(t) * (1.0 + SQUARE_ROUNDINGS);
     outside.most = sharpness * most;
     outside.part.mean *= sharpness;
     return outside;
 }
 
-/** Bounds by the height over the ground; false when the piece is not over it for the most part. */
-static bool bound_over_ground(const bound_work *work, const double distance[QM_FACET_PACKS][QM_PACK_LANES],
-                              qm_piece_bounds *out)
+static void set_facet_ground(const bound_work *work, ground *over)
 {
-    const qm_triangle *ground = &work->ground_facet;
+    const qm_triangle *t = &work->ground_facet;
     double slack = work->near->slack[work->ground / QM_PACK_LANES][work->ground % QM_PACK_LANES];
-    double height[3], open = slack + work->shape->slack + work->maker->eta;
-    qm_outside outside = find_outside(work);
-    if (!(outside.part.share < MOST_OUTSIDE) || !(outside.most < INFINITY)) return false;
-    heights_over_facet(work, ground, ground->z, height);
+    double wall[3][3], height[3], open = slack + work->shape->slack;
+    for (int i = 0; i < 3; i++) {
+        double inside[3];
+        qm_triangle_walls(t, work->shape->corner[i], inside);
+        for (int k = 0; k < 3; k++)
+            wall[k][i] = work->maker->eta - inside[k];
+    }
+    over->match = NULL;
+    over->normal = t->z;
+    over->outside =
+        find_outside((const double(*)[3])wall, 3, 1.0 / qm_triangle_least_sine(t) * (1.0 + SQUARE_ROUNDINGS));
+    heights_over_facet(work, t, t->z, height);
+    for (int i = 0; i < 3; i++) {
+        over->low[i] = height[i] - open;
+        over->high[i] = height[i] + open;
+    }
+}
+
+/** What the match loses to the parts of its patch that are on the list: the least that it loses to any, and
+ * what it loses to others if that is but a small part of the height. */
+static double find_patch_loss(const bound_work *work, const ground *over)
+{
+    double height = 0.0, loss[QM_NEAR_RECTANGLES], least = INFINITY;
+    for (int i = 0; i < 3; i++)
+        height = qm_greater(height, qm_greater(over->match->low[i], -over->match->high[i]));
+    for (int k = 0; k < work->near->rectangle_count; k++) {
+        const qm_near_rectangle *of = &work->near->rectangle[k];
+        loss[k] = of->face == over->face ? qm_piece_match_loss(work->maker, over->match, &of->box) : INFINITY;
+        least = qm_lesser(least, loss[k]);
+    }
+    double most = least;
+    for (int k = 0; k < work->near->rectangle_count; k++)
+        if (loss[k] <= ATTACHED_PART * height) most = qm_greater(most, loss[k]);
+    return most;
+}
+
+static bool set_patch_ground(bound_work *work, ground *over)
+{
+    int rectangle = work->patch_ground;
+    double wall[4][3];
+    over->match = rectangle == QM_NO_RECTANGLE ? NULL : match_of(work, rectangle, false);
+    if (!over->match) return false;
+    over->face = work->near->rectangle[rectangle].face;
+    over->loss = find_patch_loss(work, over);
+    if (!(over->loss < INFINITY)) return false;
+    const qm_piece_match *match = over->match;
+    over->normal = match->normal;
+    qm_piece_match_walls(work->maker, match, wall);
+    over->outside = find_outside((const double(*)[3])wall, 4, 1.0);
+    bool has_sign = match->least > 0.0, is_above = match->low[0] > 0.0;
+    double both = qm_greater(over->loss, match->over);
+    for (int i = 0; i < 3; i++) {
+        over->low[i] = match->low[i] - (!has_sign ? both : is_above ? over->loss : match->over);
+        over->high[i] = match->high[i] + (!has_sign ? both : is_above ? match->over : over->loss);
+    }
+    return true;
+}
+
+/** Narrows the integrals over a patch by the height itself, which is quadratic, where it is of one sign. */
+static void narrow_by_height(const bound_work *work, const ground *over, qm_positive_part lost,
+                             qm_piece_bounds *out)
+{
+    const qm_piece_match *match = over->match;
+    double eta = work->maker->eta, low[6], high[6];
+    if (!match || !(match->least > over->loss + eta)) return;
+    for (int k = 0; k < 6; k++) {
+        double height = match->low[0] > 0.0 ? match->height[k] : -match->height[k];
+        low[k] = height - over->loss - eta;
+        high[k] = height + match->over + eta;
+    }
+    qm_piece_integrate_quadratic(work->shape, low, high, lost, over->outside, out);
+}
+
+/** Bounds by the height over the ground; false when the piece is not over it for the most part. */
+static bool bound_over_ground(bound_work *work, const ground *over,
+                              const double distance[QM_FACET_PACKS][QM_PACK_LANES], qm_piece_bounds *out)
+{
+    double eta = work->maker->eta;
+    if (!(over->outside.part.share < MOST_OUTSIDE) || !(over->outside.most < INFINITY)) return false;
     qm_positive_part lost = {0.0, 0.0, 0.0};
     for (int k = 0; k < 2; k++) {
-        side_work side = {.up = k ? -1.0 : 1.0, .normal = turn_up(ground->z, k ? -1.0 : 1.0)};
+        side_work side = {
+            .over = over, .up = k ? -1.0 : 1.0, .normal = turn_up(over->normal, k ? -1.0 : 1.0)};
         for (int i = 0; i < 3; i++) {
-            side.height[i] = side.up * height[i] - slack;
+            side.height[i] = k ? -over->high[i] : over->low[i];
             side.most = qm_greater(side.most, side.height[i]);
         }
         if (!(side.most > 0.0)) continue;
@@ -358,10 +608,11 @@ static bool bound_over_ground(const bound_work *work, const double distance[QM_F
         lost.share += side.lost.share;
     }
     for (int i = 0; i < 3; i++) {
-        out->low[i] = height[i] - open;
-        out->high[i] = height[i] + open;
+        out->low[i] = over->low[i] - eta;
+        out->high[i] = over->high[i] + eta;
     }
-    qm_piece_integrate_signed(work->shape, lost, outside, out);
+    qm_piece_integrate_signed(work->shape, lost, over->outside, out);
+    narrow_by_height(work, over, lost, out);
     return true;
 }
 
@@ -403,17 +654,18 @@ static void bound_by_corners(bound_work *work)
         double sure = work->floor[i] - work->maker->eta;
         double excess = sure * sure * (1.0 - SQUARE_ROUNDINGS) - third;
         if (!(sure > 0.0 && excess >= 0.0)) return;
-        low[i] = sqrt(excess);
+        low[i] = sqrt(excess) - work->shape->slack;
     }
     offer_low(work, low);
 }
 
 static void bound_by_middle(bound_work *work)
 {
-    double sure = qm_greater(0.0, work->certain - work->shape->radius);
+    double extent = work->shape->radius + work->shape->slack;
+    double sure = qm_greater(0.0, work->certain - extent);
     const double low[3] = {sure, sure, sure};
     offer_low(work, low);
-    double most = work->at_middle + work->shape->radius;
+    double most = work->at_middle + extent;
     const double high[3] = {most, most, most};
     offer_high(work, high);
 }
@@ -424,19 +676,39 @@ void qm_piece_list_near(const qm_piece_maker *maker, const qm_piece_shape *shape
 {
     double certain, distance = qm_piece_search(maker, desk, shape->middle, &certain);
     qm_near_facets_find(maker->kernel, maker->target, maker->target_patches, maker->patch_error,
-                        shape->middle, qm_piece_reach(maker, shape, distance), &desk->near);
+                        shape->middle, distance, qm_piece_reach(maker, shape, distance), &desk->near);
 }
 
-void qm_piece_bound_near(const qm_piece_maker *maker, const qm_piece_shape *shape, qm_piece_desk *desk,
-                         qm_piece_bounds *out)
+/** Bounds over the patch or the facet under the piece, when they are better. */
+static void combine_over_ground(bound_work *work, const double distance[QM_FACET_PACKS][QM_PACK_LANES],
+                                qm_piece_bounds *out)
 {
-    bound_work work = {.maker = maker,
-                       .shape = shape,
-                       .near = &desk->near,
-                       .low_sum = -INFINITY,
-                       .high_sum = INFINITY,
-                       .cap = {INFINITY, INFINITY, INFINITY},
-                       .floor = {INFINITY, INFINITY, INFINITY}};
+    ground over;
+    qm_piece_bounds bounds;
+    bool is_found = set_patch_ground(work, &over) && bound_over_ground(work, &over, distance, &bounds);
+    if (!is_found && work->at_middle < NEAR_GROUND * work->shape->radius) {
+        set_facet_ground(work, &over);
+        is_found = bound_over_ground(work, &over, distance, &bounds);
+    }
+    if (is_found && bounds.mean_high - bounds.mean_low < out->mean_high - out->mean_low)
+        qm_piece_bounds_combine(out, &bounds);
+}
+
+void qm_piece_bound_near(const qm_piece_maker *maker, const qm_piece_face *face, const qm_source_piece *piece,
+                         const qm_piece_shape *shape, qm_piece_desk *desk, qm_piece_bounds *out)
+{
+    bound_work work; /* large, and filled as it is used */
+    work.maker = maker;
+    work.face = face;
+    work.piece = piece;
+    work.shape = shape;
+    work.near = &desk->near;
+    work.low_sum = -INFINITY;
+    work.high_sum = INFINITY;
+    for (int i = 0; i < 3; i++)
+        work.cap[i] = work.floor[i] = INFINITY;
+    for (int i = 0; i < desk->near.rectangle_count; i++)
+        work.matched[i].is_made = work.matched[i].is_made_within = false;
     _Alignas(64) double distance[QM_FACET_PACKS][QM_PACK_LANES];
     if (desk->near.is_complete)
         bound_by_facets(&work, distance);
@@ -447,13 +719,9 @@ void qm_piece_bound_near(const qm_piece_maker *maker, const qm_piece_shape *shap
     out->is_signed = false;
     out->stray_low = out->stray_high = out->excess = 0.0;
     for (int i = 0; i < 3; i++) {
-        out->low[i] = work.low[i] - shape->slack - maker->eta;
-        out->high[i] = work.high[i] + shape->slack + maker->eta;
+        out->low[i] = work.low[i] - maker->eta;
+        out->high[i] = work.high[i] + maker->eta;
     }
     qm_piece_integrate(shape, out);
-    qm_piece_bounds over;
-    if (desk->near.is_complete && work.at_middle < NEAR_GROUND * shape->radius &&
-        bound_over_ground(&work, distance, &over) &&
-        over.mean_high - over.mean_low < out->mean_high - out->mean_low)
-        qm_piece_bounds_combine(out, &over);
+    if (desk->near.is_complete) combine_over_ground(&work, distance, out);
 }

@@ -273,6 +273,14 @@ int qm_piece_cut_by_facets(const qm_piece_maker *maker, const qm_piece_face *fac
     return count;
 }
 
+/** True when the sum of two numbers is not rounded, so that their middle lies between them exactly: what was
+ * added on either side comes back whole (Moller, Knuth). */
+static bool is_sum_exact(double a, double b)
+{
+    double sum = a + b, part = sum - a;
+    return a - (sum - part) == 0.0 && b - part == 0.0;
+}
+
 void qm_piece_halve(const qm_piece_shape *shape, const qm_source_piece *piece, qm_source_piece part[2],
                     double *leak)
 {
@@ -291,6 +299,7 @@ void qm_piece_halve(const qm_piece_shape *shape, const qm_source_piece *piece, q
     part[0].depth = part[1].depth = (uint8_t)(piece->depth + 1);
     part[0].u[b] = part[1].u[a] = u;
     part[0].v[b] = part[1].v[a] = v;
-    *leak += edge_leak(piece->u[b] - piece->u[a], piece->v[b] - piece->v[a]);
+    if (!is_sum_exact(piece->u[a], piece->u[b]) || !is_sum_exact(piece->v[a], piece->v[b]))
+        *leak += edge_leak(piece->u[b] - piece->u[a], piece->v[b] - piece->v[a]);
     *leak += turn_leak(&part[0]) + turn_leak(&part[1]);
 }

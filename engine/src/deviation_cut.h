@@ -6,8 +6,8 @@
  * numbers of 1 at most: off by 3 u. With l the sum of the edge's extents in both parameters, the sliver has
  * an area of at most l 3 sqrt(2) u / 2 < 4 u l. Besides, a thin part may have turned round, and then counts
  * twice as much as it is large too much. leak is the sum of both: by so much area of parameters the parts may
- * differ from the piece. As outlines and parts of them are what their corners say, cuts of cuts add up
- * likewise.
+ * differ from the piece. A middle that is not rounded leaks nothing. As outlines and parts of them are what
+ * their corners say, cuts of cuts add up likewise.
  */
 #ifndef QM_DEVIATION_CUT_H
 #define QM_DEVIATION_CUT_H

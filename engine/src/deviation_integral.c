@@ -183,6 +183,43 @@ void qm_piece_integrate_signed(const qm_piece_shape *w, qm_positive_part lost, q
     out->blur = out->density_high * (open + (most_high + outside.most) * (out->stray_low + out->stray_high));
 }
 
+/** Means over a triangle of f w and f^2 w for a quadratic f and a linear w, by a rule of seven points that is
+ * exact up to degree five (Radon 1948); all terms are positive. */
+static void mean_quadratic(const double f[6], const double w[3], double mean[2])
+{
+    static const double weight[3] = {0.225, 0.12593918054482715, 0.13239415278850618};
+    static const double near[3] = {1.0 / 3.0, 0.10128650732345633, 0.47014206410511505};
+    mean[0] = mean[1] = 0.0;
+    for (int ring = 0; ring < 3; ring++)
+        for (int i = 0; i < (ring ? 3 : 1); i++) {
+            double l[3] = {near[ring], near[ring], near[ring]};
+            l[i] = 1.0 - 2.0 * near[ring];
+            double value = l[0] * l[0] * f[0] + l[1] * l[1] * f[1] + l[2] * l[2] * f[2] +
+                           2.0 * (l[0] * l[1] * f[3] + l[1] * l[2] * f[4] + l[2] * l[0] * f[5]);
+            double part = weight[ring] * value * (l[0] * w[0] + l[1] * w[1] + l[2] * w[2]);
+            mean[0] += part;
+            mean[1] += part * value;
+        }
+}
+
+static double greatest_of_six(const double x[6])
+{
+    return qm_greater(greatest(x), greatest(x + 3));
+}
+
+void qm_piece_integrate_quadratic(const qm_piece_shape *w, const double low[6], const double high[6],
+                                  qm_positive_part lost, qm_outside outside, qm_piece_bounds *out)
+{
+    double below[2], above[2], most = greatest_of_six(high);
+    double missed = out->density_high * lost.mean, beside = out->density_high * outside.part.mean;
+    mean_quadratic(low, w->low, below);
+    mean_quadratic(high, w->high, above);
+    out->mean_low = qm_greater(out->mean_low, below[0] - missed);
+    out->mean_high = qm_lesser(out->mean_high, above[0] + beside);
+    out->square_low = qm_greater(out->square_low, below[1] - 2.0 * greatest_of_six(low) * missed);
+    out->square_high = qm_lesser(out->square_high, above[1] + (2.0 * most + outside.most) * beside);
+}
+
 void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over)
 {
     qm_piece_bounds best = over->blur < bounds->blur ? *over : *bounds;

@@ -37,6 +37,13 @@ qm_positive_part qm_positive_part_in(const qm_positive_region *region, const dou
  * negative the distance is at least 0. */
 void qm_piece_integrate(const qm_piece_shape *shape, qm_piece_bounds *out);
 
+/**
+ * Narrows the integrals of a piece by two quadratic functions, nowhere negative, that the distance lies
+ * between but for the same losses and excess; coefficients in the Bernstein basis: 00 11 22, then 01 12 20.
+ */
+void qm_piece_integrate_quadratic(const qm_piece_shape *shape, const double low[6], const double high[6],
+                                  qm_positive_part lost, qm_outside outside, qm_piece_bounds *out);
+
 /** Takes over the integrals that are bounded over the ground, and the functions too when they leave less
  * open. */
 void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over);

@@ -5,12 +5,14 @@
 #include "bilinear_point.h"
 #include "bvh_demand.h"
 
-#define RECTANGLES 32 /* of all patches of a list; when there are so many they are cut no further */
+#define MILD_TURN 0.4  /* r of a rectangle that may stay whole, */
+#define MILD_BEND 0.25 /* and g k */
 
-/** A part of a patch, and its two triangles. */
+/** A part of a patch with its corners, and its two triangles. */
 typedef struct rectangle {
     qm_vec corner[4];
     qm_patch_halves halves;
+    double excess; /* what is to be cut down: the slack of the halves, 0 where they are not needed */
 } rectangle;
 
 /** A list on its way. */
@@ -18,9 +20,8 @@ typedef struct near_work {
     const qm_bvh *target;
     qm_near_facets *near;
     qm_vec middle;
-    double reach, error;
-    int rectangle_count;
-    rectangle rectangle[RECTANGLES];
+    double distance, reach, error;
+    rectangle rectangle[QM_NEAR_RECTANGLES]; /* near->rectangle_count of them */
 } near_work;
 
 static void copy_lane(qm_pack *to, int to_lane, const qm_pack *from, int from_lane)
@@ -30,7 +31,7 @@ static void copy_lane(qm_pack *to, int to_lane, const qm_pack *from, int from_la
 }
 
 /** The next free place; NULL when there is none, which leaves the list incomplete. */
-static qm_pack *take_place(qm_near_facets *near, int *lane, double slack)
+static qm_pack *take_place(qm_near_facets *near, int *lane, double slack, int part_of)
 {
     if (near->count == QM_FACET_PACKS * QM_PACK_LANES) {
         near->is_complete = false;
@@ -39,13 +40,14 @@ static qm_pack *take_place(qm_near_facets *near, int *lane, double slack)
     int pack = near->count / QM_PACK_LANES;
     *lane = near->count++ % QM_PACK_LANES;
     near->slack[pack][*lane] = slack;
+    near->rectangle_of[pack][*lane] = (int8_t)part_of;
     return &near->pack[pack];
 }
 
 static void add_lane(near_work *work, const qm_pack *from, int from_lane, double slack)
 {
     int lane;
-    qm_pack *to = take_place(work->near, &lane, slack);
+    qm_pack *to = take_place(work->near, &lane, slack, QM_NO_RECTANGLE);
     if (to) copy_lane(to, lane, from, from_lane);
 }
 
@@ -80,10 +82,10 @@ double qm_triangle_least_sine(const qm_triangle *t)
     return is_obtuse ? least : qm_lesser(least, t->length * t->cy * c * d);
 }
 
-static void add_triangle(near_work *work, const qm_triangle *t, double slack)
+static void add_triangle(near_work *work, const qm_triangle *t, double slack, int part_of)
 {
     int lane;
-    qm_pack *to = take_place(work->near, &lane, slack);
+    qm_pack *to = take_place(work->near, &lane, slack, part_of);
     if (!to) return;
     const double values[QM_ROW_COUNT] = {
         [QM_ROW_OX] = t->origin.x,
@@ -122,64 +124,86 @@ static bool is_near(const near_work *work, const qm_vec corner[4])
     return qm_vec_distance(work->middle, middle) - sqrt(radius2) <= work->reach;
 }
 
-static void set_rectangle(rectangle *to, const qm_vec corner[4])
+/** True when a match with the rectangle holds, but for what the piece adds to it: r and g k of
+ * deviation_match.h for the rectangle alone, in parameters of its own. */
+static bool is_mild(const near_work *work, const qm_vec c[4])
 {
+    qm_vec along_s = qm_vec_scale(0.5, qm_vec_add(qm_vec_sub(c[1], c[0]), qm_vec_sub(c[2], c[3])));
+    qm_vec along_t = qm_vec_scale(0.5, qm_vec_add(qm_vec_sub(c[3], c[0]), qm_vec_sub(c[2], c[1])));
+    double w = qm_vec_norm(qm_vec_add(qm_vec_sub(c[0], c[1]), qm_vec_sub(c[2], c[3])));
+    double s = qm_vec_norm(along_s), t = qm_vec_norm(along_t);
+    double determinant = qm_vec_norm(qm_vec_cross(along_s, along_t));
+    double product = s * t + fabs(qm_vec_dot(along_s, along_t));
+    return 0.5 * w * (s + t) < MILD_TURN * determinant &&
+           work->distance * w * product < MILD_BEND * determinant * determinant;
+}
+
+static void set_rectangle(near_work *work, int place, const qm_vec corner[4], const qm_near_rectangle *of)
+{
+    rectangle *to = &work->rectangle[place];
+    work->near->rectangle[place] = *of;
     for (int i = 0; i < 4; i++)
         to->corner[i] = corner[i];
     to->halves = qm_patch_halve(corner, (qm_vec){0, 0, 0});
+    work->near->rectangle[place].is_mild = is_mild(work, corner);
+    to->excess = work->near->rectangle[place].is_mild ? 0.0 : to->halves.slack;
 }
 
-static void add_rectangle(near_work *work, const qm_vec corner[4])
+static void add_rectangle(near_work *work, const qm_vec corner[4], const qm_near_rectangle *of)
 {
     if (!is_near(work, corner)) return;
-    if (work->rectangle_count < RECTANGLES)
-        set_rectangle(&work->rectangle[work->rectangle_count++], corner);
+    if (work->near->rectangle_count < QM_NEAR_RECTANGLES)
+        set_rectangle(work, work->near->rectangle_count++, corner, of);
     else
         work->near->is_complete = false;
 }
 
 /** Puts the halves of a rectangle, across its longer sides, in its place and at the end. A part of a bilinear
  * patch is one. */
-static void halve(near_work *work, rectangle *at)
+static void halve(near_work *work, int place)
 {
-    const qm_vec *c = at->corner;
+    const qm_vec *c = work->rectangle[place].corner;
     double along_s = qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]);
     double along_t = qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2]);
+    int axis = along_s >= along_t ? 0 : 1;
     qm_vec half[2][4];
-    if (along_s >= along_t) {
+    if (axis == 0) {
         qm_vec low = qm_vec_mix(c[0], c[1], 0.5), high = qm_vec_mix(c[3], c[2], 0.5);
         memcpy(half, (const qm_vec[2][4]){{c[0], low, high, c[3]}, {low, c[1], c[2], high}}, sizeof half);
     } else {
         qm_vec left = qm_vec_mix(c[0], c[3], 0.5), right = qm_vec_mix(c[1], c[2], 0.5);
         memcpy(half, (const qm_vec[2][4]){{c[0], c[1], right, left}, {left, right, c[2], c[3]}}, sizeof half);
     }
-    set_rectangle(at, half[0]);
-    add_rectangle(work, half[1]);
+    qm_near_rectangle one = work->near->rectangle[place], two = one;
+    one.box.high[axis] = two.box.low[axis] = 0.5 * (one.box.low[axis] + one.box.high[axis]);
+    set_rectangle(work, place, half[0], &one);
+    add_rectangle(work, half[1], &two);
 }
 
 /** Cuts the rectangles, those first that are farthest from their triangles, as long as there is room. */
 static void cut_rectangles(near_work *work)
 {
+    const int *count = &work->near->rectangle_count;
     double limit = 0.0;
-    for (int i = 0; i < work->rectangle_count; i++)
-        limit = fmax(limit, work->rectangle[i].halves.slack);
-    while (limit > work->error && work->rectangle_count < RECTANGLES) {
+    for (int i = 0; i < *count; i++)
+        limit = fmax(limit, work->rectangle[i].excess);
+    while (limit > work->error && *count < QM_NEAR_RECTANGLES) {
         limit = fmax(0.5 * limit, work->error);
-        for (int i = 0; i < work->rectangle_count && work->rectangle_count < RECTANGLES; i++)
-            if (work->rectangle[i].halves.slack > limit) halve(work, &work->rectangle[i]);
+        for (int i = 0; i < *count && *count < QM_NEAR_RECTANGLES; i++)
+            if (work->rectangle[i].excess > limit) halve(work, i);
     }
 }
 
 /** Lists the triangles of the rectangles. */
 static void add_rectangles(near_work *work)
 {
-    for (int i = 0; i < work->rectangle_count; i++) {
+    for (int i = 0; i < work->near->rectangle_count; i++) {
         const qm_patch_halves *halves = &work->rectangle[i].halves;
         const qm_vec *c = halves->corner;
         for (int k = 0; k < 2; k++) {
             qm_triangle half = qm_triangle_make(c[0], c[1 + k], c[2 + k]);
             if (sqrt(qm_triangle_distance2(&half, work->middle)) - halves->slack <= work->reach)
-                add_triangle(work, &half, halves->slack);
+                add_triangle(work, &half, halves->slack, i);
         }
     }
 }
@@ -199,7 +223,9 @@ static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bo
         if (twist > work->error) {
             qm_vec corner[4];
             qm_bvh_load_face(target, lanes->face[lane], corner);
-            add_rectangle(work, corner);
+            const qm_near_rectangle whole = {
+                lanes->face[lane], false, qm_patch_make(corner), {{0.0, 0.0}, {1.0, 1.0}}};
+            add_rectangle(work, corner, &whole);
             lane += qm_lane_has_second(lanes, (uint32_t)lane);
         } else if (sqrt(d2[lane]) - twist <= work->reach) {
             add_lane(work, rows, lane, twist);
@@ -217,23 +243,24 @@ static void pad(qm_near_facets *near)
     for (int lane = from + 1; lane < QM_PACK_LANES; lane++) {
         copy_lane(last, lane, last, from);
         near->slack[near->pack_count - 1][lane] = near->slack[near->pack_count - 1][from];
+        near->rectangle_of[near->pack_count - 1][lane] = near->rectangle_of[near->pack_count - 1][from];
     }
 }
 
 void qm_near_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, double error,
-                         qm_vec middle, double reach, qm_near_facets *near)
+                         qm_vec middle, double distance, double reach, qm_near_facets *near)
 {
     const qm_box point = {{middle.x, middle.y, middle.z}, {middle.x, middle.y, middle.z}};
     near_work work; /* large, and filled as it is used */
     work.target = target;
     work.near = near;
     work.middle = middle;
+    work.distance = distance;
     work.reach = reach;
     work.error = error;
-    work.rectangle_count = 0;
     qm_near_packs packs;
     kernel->gather(target, &point, reach, &packs);
-    near->count = 0;
+    near->count = near->rectangle_count = 0;
     near->is_complete = packs.count < QM_NEAR_PACKS;
     for (int i = 0; i < packs.count; i++)
         add_pack(&work, kernel, packs.pack[i], patches);

@@ -9,30 +9,46 @@
  *
  * A facet is a triangle of the target; a patch of a bilinear target is cut into rectangles, each of which is
  * within its twist of two triangles. These are the facets then, and slack says how far the surface may be
- * from each.
+ * from each. A rectangle that bends little, and less than the target is away, is not cut any further, as it
+ * can be bounded as it is (deviation_match.h).
  */
 #ifndef QM_DEVIATION_NEAR_H
 #define QM_DEVIATION_NEAR_H
 
+#include "bilinear_match.h"
 #include "kernel.h"
 #include "tri_point.h"
 
-#define QM_FACET_PACKS 40 /* of eight facets each */
+#define QM_FACET_PACKS 40     /* of eight facets each */
+#define QM_NEAR_RECTANGLES 32 /* of all patches of a list; when there are so many they are cut no further */
+#define QM_NO_RECTANGLE (-1)
+
+/** A part of a patch of the target. */
+typedef struct qm_near_rectangle {
+    uint32_t face;
+    bool is_mild;   /* bends so little that matches hold */
+    qm_patch patch; /* the whole of it */
+    qm_uv_box box;
+} qm_near_rectangle;
 
 typedef struct qm_near_facets {
     int count, pack_count;
     bool is_complete; /* every facet within reach is listed; otherwise only some */
     double slack[QM_FACET_PACKS][QM_PACK_LANES];
     qm_pack pack[QM_FACET_PACKS]; /* places past count repeat the last facet */
+    int rectangle_count;
+    int8_t rectangle_of[QM_FACET_PACKS][QM_PACK_LANES]; /* of a facet, or QM_NO_RECTANGLE */
+    qm_near_rectangle rectangle[QM_NEAR_RECTANGLES];
 } qm_near_facets;
 
 /**
  * Lists the facets within reach of a point.
  *
  * patches   whether the target's quads are bilinear patches; error  the twist below which they are not cut
+ * distance  about how far the target is from the point
  */
 void qm_near_facets_find(const qm_kernel *kernel, const qm_bvh *target, bool patches, double error,
-                         qm_vec middle, double reach, qm_near_facets *near);
+                         qm_vec middle, double distance, double reach, qm_near_facets *near);
 
 /** The facet at a lane of a pack. */
 qm_triangle qm_pack_triangle(const qm_pack *pack, int lane);

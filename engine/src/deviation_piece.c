@@ -72,7 +72,7 @@ void qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, q
     qm_piece_face face = qm_piece_face_load(maker, piece);
     qm_piece_shape shape = qm_piece_shape_make(maker, &face, piece);
     qm_piece_list_near(maker, &shape, desk);
-    qm_piece_bound_near(maker, &shape, desk, out);
+    qm_piece_bound_near(maker, &face, piece, &shape, desk, out);
 }
 
 int qm_piece_split(const qm_piece_maker *maker, const qm_source_piece *piece, qm_piece_desk *desk,
@@ -84,7 +84,7 @@ int qm_piece_split(const qm_piece_maker *maker, const qm_source_piece *piece, qm
     bool is_complete = desk->near.is_complete;
     int count = 1;
     *leak = 0.0;
-    if (is_complete && piece->depth % HALVED_LEVELS != HALVED_LEVELS - 1)
+    if (is_complete && desk->near.rectangle_count == 0 && piece->depth % HALVED_LEVELS != HALVED_LEVELS - 1)
         count = qm_piece_cut_by_facets(maker, &face, piece, &desk->near, part, leak);
     if (count == 1) {
         qm_piece_halve(&shape, piece, part, leak);
@@ -94,7 +94,7 @@ int qm_piece_split(const qm_piece_maker *maker, const qm_source_piece *piece, qm
     for (int i = 0; i < count; i++) {
         qm_piece_shape here = qm_piece_shape_make(maker, &face, &part[i]);
         if (!is_complete) qm_piece_list_near(maker, &here, desk);
-        qm_piece_bound_near(maker, &here, desk, &bounds[i]);
+        qm_piece_bound_near(maker, &face, &part[i], &here, desk, &bounds[i]);
     }
     return count;
 }

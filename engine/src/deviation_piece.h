@@ -53,7 +53,8 @@
  * Lower, by the middle. d >= d(c, B) - r, a constant.
  *
  * Facets of a bilinear target stand for rectangles of its patches, within a slack by which their bounds are
- * opened.
+ * opened. Where a rectangle bends little, its patch takes their place: the height is then that over the patch
+ * itself (deviation_match.h), and neither it nor the piece is taken for flat.
  *
  * Roundings. Both functions are opened by eta = 384 u S, S the greatest local coordinate. Of that
  *     256 are for a distance or height from a computed point, both surfaces' way into the frame included

@@ -2,6 +2,8 @@
 
 #include <string.h>
 
+#include "rounding.h"
+
 #define MAX_ROUNDS 64
 #define PATCH_SHARE 0.25 /* of the accuracy: what cutting the target's patches may cost */
 #define GAP_SHARE 0.05   /* of what is open: what cutting a piece along facets need not bring yet */
@@ -175,10 +177,18 @@ static qm_status run_round(qm_refinement *work, const qm_piece_totals *totals, q
     return split_pieces(work);
 }
 
+/** What no distance is above, cracks between the pieces included. */
+static void lower_farthest(qm_refinement *work)
+{
+    double crack = QM_CRACK_ROUNDINGS * QM_UNIT_ROUNDING * work->maker.reach;
+    work->farthest = fmin(work->farthest, qm_piece_greatest(qm_refinement_list(work)).upper + crack);
+}
+
 static qm_status run_rounds(qm_refinement *work)
 {
     qm_status status = QM_OK;
     for (int round = 0; status == QM_OK && round < MAX_ROUNDS; round++) {
+        lower_farthest(work);
         qm_piece_totals totals = qm_piece_sum(qm_refinement_list(work));
         work->is_accurate = is_narrow(work, totals.mean) && is_narrow(work, totals.rms);
         double sharp = work->accuracy * QM_BLUR_ROOM * totals.mean.lower + 8.0 * work->maker.eta;

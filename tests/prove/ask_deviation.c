@@ -1,7 +1,8 @@
 /*
  * The deviation of a from b: the maximum against the certified one, distances of vertices against certified
  * ones, and mean, root mean square, percentiles and histogram of triangles against sums over cells with
- * certified bounds.
+ * certified bounds. With patches, mean, root mean square and percentiles against means over random points:
+ * each distance is certified, and the error of the means is known from how far independent ones differ.
  */
 #include "ask.h"
 #include "qm/deviation.h"
@@ -10,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { DRAWS = 16, STRATA = 6 }; /* of each facet: means, and cells along each side of one of them */
 enum { MAX_LEVEL = 4, CELLS_OF_MAXIMUM = 600, PIECES = 4096, BINS = 4, PERCENTILES = 3 };
 
 /** A part of a triangle of a: between which the distance lies, and its mean and that of its square. */
@@ -183,6 +185,110 @@ static void check_vertices(qm_trial *trial, const qm_wide_surface *b, const qm_d
     }
 }
 
+/* ---- means over random points ---- */
+
+/** Of these many independent means the mean is off by more than so many standard errors about once in 10^9.
+ */
+#define STANDARD_ERRORS 16.0
+
+/** The area that a patch or a triangle has there for an area of its parameters. */
+static qm_wide density_at(const qm_wide_facet *facet, qm_wide u, qm_wide v)
+{
+    const qm_wide_vec *c = facet->corner;
+    if (facet->corner_count == 3)
+        return qm_wide_length(qm_wide_cross(qm_wide_sub(c[1], c[0]), qm_wide_sub(c[2], c[0])));
+    qm_wide_vec along_u = qm_wide_lerp(qm_wide_sub(c[1], c[0]), qm_wide_sub(c[2], c[3]), v);
+    qm_wide_vec along_v = qm_wide_lerp(qm_wide_sub(c[3], c[0]), qm_wide_sub(c[2], c[1]), u);
+    return qm_wide_length(qm_wide_cross(along_u, along_v));
+}
+
+/** A random point of a cell; those of a triangle are the cells of a square, folded over. */
+static void draw_point(qm_random *random, const qm_wide_facet *facet, size_t cell, qm_wide uv[2])
+{
+    uv[0] = ((qm_wide)(cell % STRATA) + (qm_wide)qm_random_range(random, 0, 1)) / STRATA;
+    uv[1] = ((qm_wide)(cell / STRATA) + (qm_wide)qm_random_range(random, 0, 1)) / STRATA;
+    if (facet->corner_count == 3 && uv[0] + uv[1] > 1) {
+        uv[0] = 1 - uv[0];
+        uv[1] = 1 - uv[1];
+    }
+}
+
+typedef struct point_sample {
+    qm_wide low, high;
+    double weight;
+} point_sample;
+
+static point_sample sample(qm_random *random, const qm_wide_facet *facet, size_t cell,
+                           const qm_wide_surface *b)
+{
+    qm_wide uv[2];
+    draw_point(random, facet, cell, uv);
+    qm_wide_distance d = qm_wide_surface_distance(b, qm_wide_facet_at(facet, uv[0], uv[1]), 0x1p-54L);
+    qm_wide share = facet->corner_count == 3 ? (qm_wide)0.5 : (qm_wide)1;
+    return (point_sample){d.lower, d.upper,
+                          (double)(share * density_at(facet, uv[0], uv[1]) / (STRATA * STRATA))};
+}
+
+/** Mean of independent numbers, and by what it may be off. */
+static double mean_of(const double x[DRAWS], double *error)
+{
+    double mean = 0, square = 0;
+    for (int i = 0; i < DRAWS; i++)
+        mean += x[i] / DRAWS;
+    for (int i = 0; i < DRAWS; i++)
+        square += (x[i] - mean) * (x[i] - mean);
+    *error = STANDARD_ERRORS * sqrt(square / (DRAWS * (DRAWS - 1.0)));
+    return mean;
+}
+
+/** Draws; all sums are of what a point is off by from the middle of the engine's interval, so that their
+ * ratio to the area is as good as they are. */
+static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide_surface *b,
+                        const qm_deviation_options *options, const qm_deviation *told)
+{
+    double off[2][DRAWS] = {{0}}, area[DRAWS] = {0}, within[2][PERCENTILES][DRAWS] = {{{0}}}, error;
+    qm_wide scale = trial->frame.scale;
+    double mean = 0.5 * (told->mean.lower + told->mean.upper);
+    double square = 0.5 * (told->rms.lower * told->rms.lower + told->rms.upper * told->rms.upper);
+    for (int draw = 0; draw < DRAWS; draw++) {
+        for (size_t i = 0; i < a->count * STRATA * STRATA; i++) {
+            point_sample at =
+                sample(&trial->random, &a->facets[i / (STRATA * STRATA)], i % (STRATA * STRATA), b);
+            double d = (double)((at.low + at.high) / 2 / scale);
+            area[draw] += at.weight;
+            off[0][draw] += at.weight * (d - mean);
+            off[1][draw] += at.weight * (d * d - square);
+            for (size_t k = 0; k < told->percentile_count; k++) {
+                within[0][k][draw] += at.high < told->percentile[k].lower * scale ? at.weight : 0;
+                within[1][k][draw] += at.low <= told->percentile[k].upper * scale ? at.weight : 0;
+            }
+        }
+    }
+    double total = mean_of(area, &error), rounding = 0x1p-46 * (double)(1 / scale);
+    double whole = (double)(total / (double)scale / (double)scale), wrong = error / total * whole;
+    check_overlap(trial, "area", told->size, (whole - wrong) * (1 - 0x1p-40),
+                  (whole + wrong) * (1 + 0x1p-40));
+    const qm_interval half[2] = {
+        {told->mean.lower - mean, told->mean.upper - mean},
+        {told->rms.lower * told->rms.lower - square, told->rms.upper * told->rms.upper - square}};
+    for (int k = 0; k < 2; k++) {
+        double at = mean_of(off[k], &error) / total, wide = error / total;
+        double round = k ? rounding * (2 * told->max.upper + rounding) : rounding;
+        check_overlap(trial, k ? "mean square, less its middle," : "mean, less its middle,", half[k],
+                      at - wide - round, at + wide + round);
+    }
+    for (size_t k = 0; k < told->percentile_count; k++) {
+        double wanted = options->percentile[k] / 100, few = 16.0 / (DRAWS * STRATA * STRATA);
+        double below = mean_of(within[0][k], &error) / total, low_error = error / total + few;
+        double up_to = mean_of(within[1][k], &error) / total, high_error = error / total + few;
+        trial->tally->tries++;
+        if (below - low_error > wanted || up_to + high_error < wanted)
+            qm_trial_fail(
+                trial, "percentile %.17g [%.17g, %.17g], of points %.17g are below and %.17g up to it",
+                options->percentile[k], told->percentile[k].lower, told->percentile[k].upper, below, up_to);
+    }
+}
+
 /** True where all of it are triangles, some of them with an area that is worth a mean. */
 static bool has_mean(const qm_wide_surface *a)
 {
@@ -209,6 +315,8 @@ static void check(qm_trial *trial, const qm_deviation_options *options, const qm
         }
         free(all.at);
         free(all.distance);
+    } else if (told->measure == QM_OVER_AREA && told->mean.upper < INFINITY && a.count * b.count <= 9) {
+        check_draws(trial, &a, &b, options, told);
     }
     qm_wide_surface_free(&a);
     qm_wide_surface_free(&b);

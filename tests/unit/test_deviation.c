@@ -522,6 +522,32 @@ static void percentiles_of_noisy_copies_are_narrow(void **state)
     qm_shape_free(&b);
 }
 
+/** Bent patches and their noisy copies, alone and side by side: few pieces are enough, however small the
+ * noise. */
+static void noisy_copies_of_bent_patches_close(void **state)
+{
+    (void)state;
+    static const double amplitudes[] = {1e-9, 1e-6, 1e-3};
+    for (int k = 0; k < 6; k++) {
+        qm_random random = qm_random_make(qm_check_seed(), 83 + (uint64_t)k);
+        bool is_torus = k >= 3;
+        qm_mesh a = is_torus ? qm_shape_torus(8, 6, 1.0, 0.3)
+                             : qm_shape_soup(&random, 1, QM_SOUP_QUADS, QM_SOUP_APART, 0.5);
+        qm_mesh b = qm_shape_copy(&a);
+        qm_shape_shake(&b, &random, amplitudes[k % 3]);
+        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-2);
+        options.accuracy = is_torus ? 1e-2 : 1e-3;
+        options.piece_limit = 60000;
+        qm_deviation found = measure(&a, &b, &options);
+        QM_CHECK(found.is_accurate, "seed %llu, pair %d: mean [%g, %g], rms [%g, %g], %zu pieces",
+                 (unsigned long long)qm_check_seed(), k, found.mean.lower, found.mean.upper, found.rms.lower,
+                 found.rms.upper, found.pieces);
+        release(&found);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
 static void near_planes_of_other_facets_are_exact(void **state)
 {
     (void)state;
@@ -804,6 +830,7 @@ int main(void)
         cmocka_unit_test(moved_copies_agree_with_sampling),
         cmocka_unit_test(finer_copies_agree_with_sampling),
         cmocka_unit_test(percentiles_of_noisy_copies_are_narrow),
+        cmocka_unit_test(noisy_copies_of_bent_patches_close),
         cmocka_unit_test(near_planes_of_other_facets_are_exact),
         cmocka_unit_test(folded_patches_count_by_their_area),
         cmocka_unit_test(the_pieces_bound_the_maximum),
