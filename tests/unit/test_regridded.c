@@ -11,8 +11,8 @@
 
 enum { PAIRS = 16, SAMPLES = 2 };
 
-static const char *const names[QM_FOLD_COUNT] = {
-    "bow-tie", "swapped", "at an edge", "reflex", "over a diagonal", "in line", "any"};
+static const char *const names[QM_FOLD_COUNT] = {"bow-tie",         "swapped", "at an edge", "reflex",
+                                                 "over a diagonal", "in line", "any"};
 
 static double diagonal_of(const qm_mesh *mesh)
 {
