@@ -74,7 +74,7 @@ CLI_OBJECTS     := $(CLI_SOURCES:%.c=$(OBJ)/%.o)
 SUPPORT_OBJECTS := $(SUPPORT_SOURCES:%.c=$(OBJ)/%.o)
 # The references of the proofs, without the parts of support that need cmocka.
 PROVE_OBJECTS   := $(PROVE_SOURCES:%.c=$(OBJ)/%.o) \
-    $(patsubst %,$(OBJ)/tests/support/%.o,random shapes wide_surface wide_farthest)
+    $(patsubst %,$(OBJ)/tests/support/%.o,random regridded shapes wide_surface wide_farthest)
 BENCH_OBJECTS   := $(BENCH_SOURCES:%.c=$(OBJ)/%.o) $(OBJ)/tests/support/random.o
 UNIT_PROGRAMS   := $(UNIT_SOURCES:tests/unit/%.c=$(OUT)/tests/%)
 

@@ -2,6 +2,7 @@
 
 #include <stdbool.h>
 
+#include "bilinear_fold.h"
 #include "bilinear_hull.h"
 
 /* Of the size squared: by how much a quad must turn at each corner, as seen along a direction, to be convex.
@@ -13,8 +14,14 @@
 #define SQUARED_ROUNDINGS 0x1p-72
 #define LEAST_CURVATURE 0x1p-50
 #define SLOPE_ROUNDINGS 0x1p-49
-#define HALVINGS 6  /* of the square, to look for valleys: folded patches have several */
-#define MIN_STEPS 2 /* of a descent between two segments, before a small gain ends it */
+#define HALVINGS 6         /* of the square, to look for valleys: folded patches have several */
+#define MAX_TURNED 0.1     /* of the longer of two segments: the part of one along the other */
+#define BESIDE_FROM 0x1p-8 /* from the best point: valleys beside it are looked for from here */
+#define BESIDE_TO 0x1.cp-6 /* to here, which is almost two of its parts away, */
+#define BESIDE_HALVINGS 2  /* at halves of that */
+#define MAX_FOLD_WAY 0.25  /* of the square: valleys farther apart are found each by itself */
+#define POINT_HALVINGS 20  /* more where segments shrink to a point */
+#define MIN_STEPS 2        /* of a descent between two segments, before a small gain ends it */
 #define LEAST_SHARE 1e-2
 #define MUST_GAIN 0.999   /* of the squared distance: less is left to the other ways of going down */
 #define DESCENT_GAIN 1e-9 /* of the distance: a step that brings less ends a descent */
@@ -42,23 +49,23 @@ static double needle_width(const qm_vec corner[4], qm_vec axis)
 }
 
 /**
- * Twice the distance of a corner from the segment between its neighbours. Were the corner on it, the quad
- * would be flat with no corner that turns back, and patch and triangles the same filled triangle; neither
- * moves by more than the corner does. Edges of no length are such a case. Any point of the segment proves its
- * own distance.
+ * Twice the way from a corner to the segment between its neighbours, the shortest of all four. With the
+ * corner moved there the quad is a triangle with a point on a side, which both surfaces fill: lines of the
+ * patch run from the sides at that point to the others. The move takes no point of either surface farther
+ * than the corner.
  */
-static double straightened_width(const qm_vec corner[4])
+static double collapse_width(const qm_vec corner[4])
 {
-    double least = INFINITY, size = 0.0;
+    double least2 = INFINITY, size2 = 0.0;
     for (int i = 0; i < 4; i++) {
-        qm_vec from = corner[(i + 3) % 4], gap = qm_vec_sub(corner[i], from);
-        qm_vec side = qm_vec_sub(corner[(i + 1) % 4], from);
-        double along = qm_clamp(qm_vec_dot(gap, side) / qm_vec_norm2(side), 0.0, 1.0);
-        if (!(along >= 0.0)) along = 0.0; /* neighbours at one place */
-        least = fmin(least, qm_vec_norm(qm_vec_axpy(gap, -along, side)));
-        size = fmax(size, qm_vec_norm(gap) + qm_vec_norm(side));
+        qm_vec before = corner[(i + 3) % 4], gap = qm_vec_sub(corner[i], before);
+        qm_vec along = qm_vec_sub(corner[(i + 1) % 4], before);
+        double length2 = qm_vec_norm2(along), share = 0.0;
+        if (length2 > 0.0) share = qm_clamp(qm_vec_dot(gap, along) / length2, 0.0, 1.0);
+        least2 = fmin(least2, qm_vec_norm2(qm_vec_axpy(gap, -share, along)));
+        size2 = fmax(size2, fmax(length2, qm_vec_norm2(gap)));
     }
-    return 2.0 * (least + NEEDLE_ROUNDINGS * size);
+    return 2.0 * (sqrt(least2) + NEEDLE_ROUNDINGS * sqrt(size2));
 }
 
 double qm_patch_twist(const qm_vec corner[4])
@@ -76,8 +83,9 @@ double qm_patch_twist(const qm_vec corner[4])
     if (is_convex)
         twist = fmin(twist, qm_hull_width(corner, qm_vec_scale(1.0 / length, normal)));
     else
-        twist = fmin(fmin(twist, straightened_width(corner)),
-                     needle_width(corner, qm_vec_norm2(first) > qm_vec_norm2(second) ? first : second));
+        twist = fmin(twist,
+                     fmin(collapse_width(corner),
+                          needle_width(corner, qm_vec_norm2(first) > qm_vec_norm2(second) ? first : second)));
     return twist * (1.0 + 0x1p-20);
 }
 
@@ -502,23 +510,64 @@ static void minimise_between(const query *q, segment_foot low, segment_foot high
     }
 }
 
+/** Whether the segments between two shrink to about a point and turn round. */
+static bool turn_round(const qm_patch *patch, const segment_foot *low, const segment_foot *high)
+{
+    qm_vec first = qm_vec_axpy(patch->e2, low->s, patch->w), last = qm_vec_axpy(patch->e2, high->s, patch->w);
+    double longer2 = qm_greater(qm_vec_norm2(first), qm_vec_norm2(last));
+    return qm_vec_dot(first, last) <= MAX_TURNED * longer2;
+}
+
 /**
  * Looks for valleys between two segments: at halves, as long as there may be a point nearer than the best,
- * since the distance changes by no more than the ends of the segments move.
+ * since the distance changes by no more than the ends of the segments move. Valleys are the narrower the
+ * shorter the segments are, so that round those that shrink to a point it looks ever closer.
  */
 static void look_between(const query *q, const segment_foot *low, const segment_foot *high, double speed,
                          int depth, double stop_above, qm_patch_foot *best)
 {
     double nearest = 0.5 * (sqrt(low->distance2) + sqrt(high->distance2) - speed * (high->s - low->s));
     if (nearest >= qm_lesser(best->distance, stop_above)) return;
-    if (depth == 0) {
+    if (depth <= 0) {
         if (low->slope < 0.0 && high->slope > 0.0) minimise_between(q, *low, *high, best);
-        return;
+        if (depth == -POINT_HALVINGS || !turn_round(q->patch, low, high)) return;
     }
     segment_foot middle = segment_foot_at(q, 0.5 * (low->s + high->s));
     keep_foot(best, &middle);
     look_between(q, low, &middle, speed, depth - 1, stop_above, best);
     look_between(q, &middle, high, speed, depth - 1, stop_above, best);
+}
+
+/**
+ * Near a fold a point has two valleys, one on each sheet, that lie too near to one another for the segments
+ * looked at. So goes down from the other side of the fold, too: the two points of one place lie about as far
+ * from it on both sides, in the direction k with Q_s k_s + Q_t k_t = 0.
+ */
+static void look_across_fold(const query *q, qm_patch_foot *best)
+{
+    const double x[2] = {best->uv[0], best->uv[1]};
+    qm_fold_area area = qm_fold_area_make(q->patch);
+    slope at = slope_at(q, x);
+    bool is_s = at.hessian[2] > at.hessian[0];
+    const double k[2] = {is_s ? at.hessian[2] : -at.cross, is_s ? -at.cross : at.hessian[0]};
+    double way = -2.0 * qm_fold_area_at(&area, x) / (area.rise[0] * k[0] + area.rise[1] * k[1]);
+    const double far[2] = {way * k[0], way * k[1]};
+    if (!(fabs(far[0]) < MAX_FOLD_WAY && fabs(far[1]) < MAX_FOLD_WAY)) return;
+    const double across[2] = {qm_clamp(x[0] + far[0], 0.0, 1.0), qm_clamp(x[1] + far[1], 0.0, 1.0)};
+    descend_from(q, across, 0.0, INFINITY, best);
+}
+
+/** Two valleys between neighbouring segments show no rise between them: so looks closer on both sides of the
+ * best point. */
+static void look_beside_best(const query *q, double speed, double stop_above, qm_patch_foot *best)
+{
+    double s = best->uv[0];
+    for (int side = -1; side <= 1; side += 2) {
+        segment_foot near = segment_foot_at(q, qm_clamp(s + side * BESIDE_FROM, 0.0, 1.0));
+        segment_foot far = segment_foot_at(q, qm_clamp(s + side * BESIDE_TO, 0.0, 1.0));
+        const segment_foot *low = side < 0 ? &far : &near, *high = side < 0 ? &near : &far;
+        look_between(q, low, high, speed, BESIDE_HALVINGS, stop_above, best);
+    }
 }
 
 /**
@@ -534,6 +583,8 @@ static void descend_by_segments(const query *q, double stop_above, qm_patch_foot
     keep_foot(best, &first);
     keep_foot(best, &last);
     look_between(q, &first, &last, speed, HALVINGS, stop_above, best);
+    look_across_fold(q, best);
+    look_beside_best(q, speed, stop_above, best);
 }
 
 qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p, double stop_above)

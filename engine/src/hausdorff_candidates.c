@@ -3,13 +3,16 @@
  */
 #include <float.h>
 
+#include "bilinear_fold.h"
 #include "bilinear_over.h"
 #include "hausdorff_piece.h"
 
 #define NEGLIGIBLE_TWIST 0.1 /* of the tolerance: labels with less are not refined */
 #define CERTAIN_DEPTH 16     /* from here on every quad that may be nearer is measured */
-#define MIN_SINE 0.01        /* between the directions of a patch, for a ball to tell where feet lie */
+#define MIN_SINE 0.01        /* between the directions of a patch, for a ball to tell where feet lie, */
+#define MAX_BEND 0.1         /* and how much of their area they may lose or gain within the ball */
 #define QUAD_TRIES 2         /* of the nearest quads, to show that a point is near enough */
+#define FOLD_MARGIN 1e-3     /* of the change of the area: how far from the fold a part of a patch ends */
 #define REFINED_MARGIN 1.1   /* by which refined labels reach beyond the piece, as seen from its middle */
 
 void qm_piece_fill_candidates(qm_piece_work *work)
@@ -82,6 +85,15 @@ static struct listed_quad take_nearest(quad_list *list)
     return quad;
 }
 
+void qm_piece_find_foot(qm_near_quad *quad, qm_vec p)
+{
+    if (quad->has_foot) return;
+    qm_patch_foot foot = qm_patch_descend(&quad->patch, p, INFINITY);
+    quad->has_foot = true;
+    quad->uv[0] = foot.uv[0];
+    quad->uv[1] = foot.uv[1];
+}
+
 /** Measures a listed quad and keeps it when it is among the nearest. */
 static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad listed, double negligible,
                        qm_near_quads *near)
@@ -92,6 +104,7 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
         double farthest = near->count == QM_NEAR_QUADS ? near->at[QM_NEAR_QUADS - 1].distance : INFINITY;
         qm_patch_foot foot = qm_patch_descend(&quad.patch, p, farthest);
         quad.distance = foot.distance;
+        quad.has_foot = true;
         quad.uv[0] = foot.uv[0];
         quad.uv[1] = foot.uv[1];
     } else {
@@ -112,10 +125,11 @@ qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twis
     qm_near_quads near = {.count = 0};
     while (list.count > 0 && near.count < QM_NEAR_QUADS)
         visit_quad(work, p, take_nearest(&list), negligible, &near);
-    /* Patches that leave their triangles may still be nearer; that matters where none of these is near
+    /* Patches that leave their triangles may still be nearer; that matters only where none of these is near
      * enough, and to pieces which nothing else has settled. */
-    bool is_near = near.count > 0 && near.at[0].distance <= qm_piece_allowed(work);
-    for (int i = 0; (work->depth >= CERTAIN_DEPTH || !is_near) && i < list.count; i++)
+    bool is_enough =
+        work->depth < CERTAIN_DEPTH && near.count > 0 && near.at[0].distance <= qm_piece_allowed(work);
+    for (int i = 0; !is_enough && i < list.count; i++)
         if (list.at[i].distance - list.at[i].twist < near.at[QM_NEAR_QUADS - 1].distance)
             visit_quad(work, p, list.at[i], negligible, &near);
     return near;
@@ -175,12 +189,15 @@ static feet_rectangle feet_of_ball(const qm_near_quad *quad, double radius, cons
     return feet;
 }
 
-/** The parameters that lie under the corners of a piece, with a margin. */
+/** The parameters that lie under the corners of a piece, on the sheet of the quad's foot, with a margin. */
 static feet_rectangle feet_of_corners(const qm_near_quad *quad, const qm_polygon *polygon)
 {
     feet_rectangle feet = {{1.0, 1.0}, {0.0, 0.0}};
     for (int i = 0; i < polygon->count; i++) {
-        qm_patch_foot foot = qm_patch_descend(&quad->patch, polygon->corner[i], INFINITY);
+        qm_patch_foot foot = {.distance = INFINITY, .uv = {quad->uv[0], quad->uv[1]}};
+        foot.distance =
+            qm_vec_distance(polygon->corner[i], qm_patch_at(&quad->patch, foot.uv[0], foot.uv[1]));
+        qm_patch_polish(&quad->patch, polygon->corner[i], &foot);
         for (int k = 0; k < 2; k++) {
             feet.low[k] = fmin(feet.low[k], foot.uv[k]);
             feet.high[k] = fmax(feet.high[k], foot.uv[k]);
@@ -194,8 +211,34 @@ static feet_rectangle feet_of_corners(const qm_near_quad *quad, const qm_polygon
     return feet;
 }
 
-/** Which parameters of a quad a piece lies over; where the parameters' directions fall together, by its
- * corners. */
+/**
+ * Cuts a rectangle down to one side of the fold of its patch, the side of the foot: what is left of a flat
+ * patch is convex, and its two triangles are exact. It is cut across the axis along which the area changes
+ * most, where that leaves the foot inside.
+ */
+static void keep_one_sheet(const qm_near_quad *quad, feet_rectangle *feet)
+{
+    qm_fold_area area = qm_fold_area_make(&quad->patch);
+    double here = qm_fold_area_at(&area, quad->uv), sign = here < 0.0 ? -1.0 : 1.0, change[2];
+    for (int k = 0; k < 2; k++) {
+        area.rise[k] *= sign;
+        change[k] = fabs(area.rise[k]) * (feet->high[k] - feet->low[k]);
+    }
+    int across = change[1] > change[0], along = 1 - across;
+    bool falls = area.rise[across] < 0.0;
+    double rise = area.rise[along];
+    /* At the end of the other axis where it is least. */
+    double least = sign * area.at + rise * (rise > 0.0 ? feet->low[along] : feet->high[along]);
+    double place = (FOLD_MARGIN * change[along] - least) / area.rise[across];
+    if (!(change[across] > 0.0) || (falls ? place < quad->uv[across] : place > quad->uv[across])) return;
+    if (falls)
+        feet->high[across] = fmin(feet->high[across], place);
+    else
+        feet->low[across] = fmax(feet->low[across], place);
+}
+
+/** Which parameters of a quad a piece lies over; where the parameters' directions fall together or change
+ * much within the piece, by its corners. */
 static feet_rectangle find_feet(const qm_near_quad *quad, const qm_polygon *polygon, double radius)
 {
     const qm_patch *patch = &quad->patch;
@@ -203,7 +246,9 @@ static feet_rectangle find_feet(const qm_near_quad *quad, const qm_polygon *poly
     qm_vec along_v = qm_vec_axpy(patch->e2, quad->uv[0], patch->w);
     const double speed[2] = {qm_vec_norm(along_u), qm_vec_norm(along_v)};
     double area = qm_vec_norm(qm_vec_cross(along_u, along_v));
-    if (area > MIN_SINE * speed[0] * speed[1]) return feet_of_ball(quad, radius, speed, area);
+    double bend = radius * qm_vec_norm(patch->w) * speed[0] * speed[1] / (area * area);
+    if (area > MIN_SINE * speed[0] * speed[1] && bend < MAX_BEND)
+        return feet_of_ball(quad, radius, speed, area);
     return feet_of_corners(quad, polygon);
 }
 
@@ -252,8 +297,10 @@ bool qm_piece_cover_refined(const qm_piece_work *work, qm_polygon *polygon, bool
     for (int i = 0; i < QM_NEAR_QUADS; i++) {
         const qm_near_quad *quad = &near.at[i < near.count ? i : 0];
         feet_rectangle feet = find_feet(quad, polygon, radius);
+        keep_one_sheet(quad, &feet);
         qm_vec from = qm_vec_sub(middle, qm_patch_at(&quad->patch, quad->uv[0], quad->uv[1]));
-        qm_vec direction = qm_vec_scale(quad->distance > 0.0 ? 1.0 / quad->distance : 0.0, from);
+        double length = qm_vec_norm(from); /* which may be roundings only, other than those of the distance */
+        qm_vec direction = qm_vec_scale(length > 0.0 ? 1.0 / length : 0.0, from);
         set_refined_lanes(&refined, &corners, 2 * (uint32_t)i, &quad->patch, &feet, direction, allowed);
     }
     work->kernel->fill_pack(&pack, corners.at);

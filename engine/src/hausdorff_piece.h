@@ -52,7 +52,8 @@ typedef struct qm_near_quad {
     double
         distance; /* of a point of the patch; where the twist is negligible, of its triangles and the twist */
     double twist;
-    double uv[2]; /* set for twisted quads only */
+    bool has_foot; /* set for twisted quads only, */
+    double uv[2];  /* of the foot */
     qm_patch patch;
 } qm_near_quad;
 
@@ -93,6 +94,9 @@ bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack);
 
 /** Quads among the candidates that lie nearest to a point; with twisted_only not those that are flat. */
 qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only);
+
+/** Looks for the foot of p on a quad near to it, unless it is known. */
+void qm_piece_find_foot(qm_near_quad *quad, qm_vec p);
 
 /** True when a quad among the candidates is found to be no farther than that. */
 bool qm_piece_quad_within(const qm_piece_work *work, qm_vec p, double distance);

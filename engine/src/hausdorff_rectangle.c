@@ -10,6 +10,9 @@
     0.5                 /* of the allowed distance: a patch bent more is cut before its triangles are tried */
 #define MIDDLE_LEVELS 8 /* cut in the middle: grids refined by halves then meet line on line */
 #define MIN_SIDE 0.7    /* of the longer side: a shorter one is cut as well */
+#define MAX_RESTS 512   /* parts that a match leaves over */
+#define THIN 0.06       /* of the longer side: a rectangle with a shorter one is thin */
+#define MAX_LEFT 0.75   /* of the longer side of a thin rectangle may be left over */
 #define MAX_ATTEMPTS 3  /* covers of one rectangle, each with candidates that its middle brought */
 #define CROSSING_STEPS 40
 #define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
@@ -140,29 +143,66 @@ static void push_part(qm_piece_work *work, const qm_patch *patch, const double l
     qm_piece_push(work, &part);
 }
 
-/** What is left of a rectangle after a match goes to the queue. */
-typedef struct rest_work {
-    qm_piece_work *work;
-    const qm_patch *patch;
-} rest_work;
+/** What is left of a rectangle after a match. */
+typedef struct rest_list {
+    int count; /* may be more than are kept */
+    qm_uv_box at[MAX_RESTS];
+} rest_list;
 
-static void push_rest(void *user, const qm_uv_box *rest)
+static void keep_rest(void *user, const qm_uv_box *rest)
 {
-    const rest_work *to = user;
-    push_part(to->work, to->patch, rest->low, rest->high);
+    rest_list *list = user;
+    if (list->count < MAX_RESTS) list->at[list->count] = *rest;
+    list->count++;
 }
 
-/** Covers the rectangle, or parts of it, by one patch of the target. */
+/** Sums of the lengths of opposite sides. */
+static void side_lengths(const qm_vec c[4], double side[2])
+{
+    side[0] = qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]);
+    side[1] = qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2]);
+}
+
+/**
+ * Whether what a match leaves over is worth to go on with. Beside an edge of the target each match may halve
+ * a strip and leave the half at the edge, as long as before, without an end: of a thin rectangle everything
+ * must be covered, or what is left over must be shorter.
+ */
+static bool gets_on(const qm_piece_work *work, const qm_patch *patch, const rest_list *rest)
+{
+    double side[2];
+    side_lengths(work->piece.corner, side);
+    if (rest->count > MAX_RESTS) return false;
+    double longer = qm_greater(side[0], side[1]);
+    if (qm_lesser(side[0], side[1]) > THIN * longer) return true;
+    for (int i = 0; i < rest->count; i++) {
+        qm_vec corner[4];
+        double left[2];
+        qm_uv_box_corners(patch, &rest->at[i], corner);
+        side_lengths(corner, left);
+        if (qm_greater(left[0], left[1]) > MAX_LEFT * longer) return false;
+    }
+    return true;
+}
+
+/** Covers the rectangle, or parts of it, by one patch of the target; what is left over goes to the queue. */
 static bool match_reached(qm_piece_work *work, const qm_patch *patch, qm_vec middle)
 {
     if (!work->side->target_patches) return false;
-    qm_near_quads near = qm_piece_near_quads(work, middle, true);
+    qm_near_quads near = qm_piece_near_quads(work, middle, false);
     qm_uv_box box = {{work->piece.low[0], work->piece.low[1]}, {work->piece.high[0], work->piece.high[1]}};
-    rest_work to = {work, patch};
-    for (int i = 0; i < near.count; i++)
-        if (qm_patch_match(patch, &box, &near.at[i].patch, near.at[i].uv, qm_piece_allowed(work), push_rest,
-                           &to))
-            return true;
+    double allowed = qm_piece_allowed(work);
+    rest_list rest;
+    for (int i = 0; i < near.count; i++) {
+        qm_near_quad *quad = &near.at[i];
+        qm_piece_find_foot(quad, middle);
+        rest.count = 0;
+        bool is_matched = qm_patch_match(patch, &box, &quad->patch, quad->uv, allowed, keep_rest, &rest);
+        if (!is_matched || !gets_on(work, patch, &rest)) continue;
+        for (int k = 0; k < rest.count; k++)
+            push_part(work, patch, rest.at[k].low, rest.at[k].high);
+        return true;
+    }
     return false;
 }
 
@@ -172,9 +212,8 @@ static bool match_reached(qm_piece_work *work, const qm_patch *patch, qm_vec mid
  */
 static void split_rectangle(qm_piece_work *work, const qm_patch *patch)
 {
-    const qm_vec *c = work->piece.corner;
-    const double side[2] = {qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]),
-                            qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2])};
+    double side[2];
+    side_lengths(work->piece.corner, side);
     const double *low = work->piece.low, *high = work->piece.high;
     int longer = side[0] >= side[1] ? 0 : 1;
     double place[2];
@@ -221,14 +260,14 @@ void qm_piece_process_rectangle(qm_piece_work *work)
 {
     qm_polygon corners;
     qm_patch_halves halves = qm_patch_halve(work->piece.corner, (qm_vec){0, 0, 0});
-    if (halves.slack <= SLACK_SHARE * work->search->tolerance * work->side->scale) {
-        go_on_as_triangles(work, &halves);
-        return;
-    }
     qm_patch patch = source_patch(work);
     bool reached = rectangle_reached(work, &patch, &halves, &corners);
     qm_worker_discard(work->worker, qm_search_allowed(work->search));
     if (reached) return;
+    if (halves.slack <= SLACK_SHARE * work->search->tolerance * work->side->scale) {
+        go_on_as_triangles(work, &halves);
+        return;
+    }
     qm_piece_sample_corners(work, &corners, QM_STRICT_DEPTH);
     split_rectangle(work, &patch);
 }

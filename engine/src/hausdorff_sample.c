@@ -1,3 +1,5 @@
+#include <string.h>
+
 #include "bilinear_point.h"
 #include "hausdorff_search.h"
 
@@ -30,8 +32,25 @@ static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, double
     }
 }
 
-double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, double reach,
-                      uint32_t *hint)
+/** The place of a point among the known ones. */
+static qm_known_point *place_of(qm_worker *worker, qm_vec p)
+{
+    uint64_t bits[3], mixed = 0;
+    memcpy(bits, &p, sizeof bits);
+    for (int k = 0; k < 3; k++)
+        mixed = (mixed ^ bits[k]) * UINT64_C(0x9e3779b97f4a7c15);
+    return &worker->known[mixed >> 32 & (QM_KNOWN_POINTS - 1)];
+}
+
+/** True when the same was asked before, or more. */
+static bool is_known(const qm_known_point *known, const qm_known_point *asked)
+{
+    return known->side == asked->side && qm_vec_equal(known->p, asked->p) && known->slack <= asked->slack &&
+           known->enough <= asked->enough && known->is_sample >= asked->is_sample;
+}
+
+static double search_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough,
+                            double reach, uint32_t *hint)
 {
     qm_float_hit hit = {.pack = *hint};
     search->kernel->float_closest(side->target, p, enough, &hit);
@@ -42,17 +61,51 @@ double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, do
     return fmin(upper, qm_patch_descend(&patch, p, reach).distance);
 }
 
-double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
-                        double enough, uint32_t *hint)
+double qm_worker_nearly(qm_worker *worker, const qm_side *side, qm_vec p, double enough, double reach,
+                        uint32_t *hint)
+{
+    qm_known_point *known = place_of(worker, p), asked = {.side = side, .p = p, .enough = enough};
+    if (!is_known(known, &asked)) {
+        asked.upper = search_nearly(worker->search, side, p, enough, reach, hint);
+        asked.hint = *hint;
+        *known = asked;
+    }
+    *hint = known->hint;
+    return known->upper;
+}
+
+/** Distance to the nearest facet of a pack, or something greater. */
+static double pack_distance(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p,
+                            double enough)
+{
+    double d2[QM_PACK_LANES];
+    qm_pack spare;
+    search->kernel->pack_distances(qm_bvh_rows(side->target, pack, &spare), p, d2);
+    uint32_t nearest = 0;
+    for (uint32_t lane = 1; lane < side->target->lanes[pack].lane_count; lane++)
+        if (d2[lane] < d2[nearest]) nearest = lane;
+    double twist = qm_side_twist(side, pack, nearest), distance = sqrt(d2[nearest]);
+    if (!(twist > 0.0) || distance + twist <= enough || distance - twist > enough) return distance + twist;
+    qm_patch patch = qm_bvh_load_patch(side->target, side->target->lanes[pack].face[nearest]);
+    return qm_lesser(distance + twist, qm_patch_descend(&patch, p, enough).distance);
+}
+
+static double search_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
+                            double enough, uint32_t *hint)
 {
     const qm_search *search = worker->search;
     double known = qm_side_lower(search, side);
     worker->projections++;
     bool by_boxes = !side->nearest.grid && !side->nearest.tetra;
     if (by_boxes && known > FLOAT_FLOOR * side->reach && worker->witness >= 0.0) {
-        double nearly = qm_side_nearly(search, side, p, enough, known + slack, hint);
+        double nearly = search_nearly(search, side, p, enough, known + slack, hint);
         if (nearly - slack <= known) return nearly;
     }
+    /* Where surfaces coincide the hint mostly shows that the point is of no use; among many facets in one
+     * place a search finds no box to leave out. */
+    double at_hint = pack_distance(search, side, *hint, p, known + slack);
+    if (at_hint - slack <= known + CERTIFY_SHARE * search->tolerance * side->scale && worker->witness >= 0.0)
+        return at_hint;
     qm_hit hit = {.d2 = INFINITY, .pack = *hint};
     qm_nearest_triangle(search->kernel, &side->nearest, p, &hit);
     *hint = hit.pack;
@@ -74,6 +127,20 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
     if (lower - slack > known || worker->witness < 0.0)
         raise_lower(worker, side, p, slack, face, *hint, fmax(0.0, lower - slack));
     return upper;
+}
+
+double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
+                        double enough, uint32_t *hint)
+{
+    qm_known_point *known = place_of(worker, p),
+                   asked = {.side = side, .p = p, .slack = slack, .enough = enough, .is_sample = true};
+    if (!is_known(known, &asked)) {
+        asked.upper = search_sample(worker, side, p, slack, face, enough, hint);
+        asked.hint = *hint;
+        *known = asked;
+    }
+    *hint = known->hint;
+    return known->upper;
 }
 
 void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const uint32_t *packs, int count,

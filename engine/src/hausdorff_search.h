@@ -26,6 +26,7 @@
 #include "qm/hausdorff.h"
 
 #define QM_CACHE_LINE 64
+#define QM_KNOWN_POINTS 64  /* a power of two */
 #define QM_NEAR_ENOUGH 0.25 /* of the lower bound: a facet within it tells well enough how far a point is */
 
 /** Value of qm_search.stop beside the reasons of qm_hausdorff_stop. */
@@ -69,6 +70,22 @@ typedef struct qm_search {
     _Atomic uint64_t iterations, projections;
 } qm_search;
 
+/** What a search of a worker found for a point. */
+typedef struct qm_known_point {
+    const qm_side *side; /* NULL: nothing yet */
+    qm_vec p;
+    double slack, enough, upper;
+    uint32_t hint;
+    bool is_sample; /* measured with certainty where it might have raised the lower bound */
+} qm_known_point;
+
+/** A face of the source, local to the target of its side. */
+typedef struct qm_settled_face {
+    const qm_side *side; /* NULL: none yet */
+    int corner_count;
+    qm_vec corner[4];
+} qm_settled_face;
+
 /** Lock rule: queue and top belong to lock; to take two locks, take the one of the lower index first. */
 typedef struct qm_worker {
     _Alignas(QM_CACHE_LINE) qm_context *ctx; /* so that no two workers write to one line */
@@ -92,6 +109,8 @@ typedef struct qm_worker {
     uint64_t part_tries, part_searches, part_hits; /* of balls round parts of faces */
     uint64_t iterations, projections;              /* not handed over to the search yet */
     size_t max_queue;
+    qm_known_point known[QM_KNOWN_POINTS]; /* the last point of each place */
+    qm_settled_face settled;               /* the last face: settled, or queued in pieces */
 } qm_worker;
 
 /** Anything at or below this can be let go, world units. */
@@ -150,9 +169,12 @@ static inline const float *qm_side_twists(const qm_side *side, uint32_t pack)
  * Upper bound (local) of the distance of p by one search in single precision from the hint, which moves on to
  * the pack found. The search ends as soon as the bound is enough. Where the twist leaves it open whether p is
  * within reach, the patch that was found is asked.
+ *
+ * A point that this worker has asked for just before, for as little, is not searched for again: over many
+ * copies of one face each search visits all of them, and the copies of a source ask for the same few points.
  */
-double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, double reach,
-                      uint32_t *hint);
+double qm_worker_nearly(qm_worker *worker, const qm_side *side, qm_vec p, double enough, double reach,
+                        uint32_t *hint);
 
 /**
  * The same, but when the point may raise the lower bound, it is measured with certainty; face is what it lies

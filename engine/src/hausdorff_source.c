@@ -207,6 +207,23 @@ static void settle_open(qm_worker *worker, pack_work *work)
     }
 }
 
+/** True when a face is a copy of the last one, whose bounds hold for it, too; else it becomes the last one.
+ */
+static bool is_copy(qm_worker *worker, const qm_side *side, const qm_piece *face)
+{
+    qm_settled_face *last = &worker->settled;
+    int count = face->corner_count;
+    bool is_same = last->side == side && last->corner_count == count;
+    for (int i = 0; i < count && is_same; i++)
+        is_same = qm_vec_equal(last->corner[i], face->corner[i]);
+    if (is_same) return true;
+    last->side = side;
+    last->corner_count = count;
+    for (int i = 0; i < count; i++)
+        last->corner[i] = face->corner[i];
+    return false;
+}
+
 /** Settles the faces of a pack by the pack of its hint, together, or one by one. */
 static void visit_pack(qm_worker *worker, qm_entry entry)
 {
@@ -231,7 +248,7 @@ static void visit_pack(qm_worker *worker, qm_entry entry)
             (qm_piece){.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
         for (int i = 0; i < count; i++)
             piece->corner[i] = work.vertex[corner[i]];
-        work.open_count++;
+        if (!is_copy(worker, work.side, piece)) work.open_count++;
     }
     if (work.open_count > 0) settle_open(worker, &work);
     qm_worker_discard(worker, qm_search_allowed(search)); /* the lower bound may have risen on the way */
@@ -255,7 +272,7 @@ static double bound_group(qm_worker *worker, const qm_side *side, qm_vec centre,
     double reach = qm_search_allowed(worker->search) * side->scale - radius;
     double enough = fmax(reach, QM_NEAR_ENOUGH * lower);
     worker->projections++;
-    return qm_side_nearly(worker->search, side, centre, enough, reach, hint) + radius;
+    return qm_worker_nearly(worker, side, centre, enough, reach, hint) + radius;
 }
 
 /**

@@ -12,6 +12,7 @@
 #include "hausdorff_piece.h"
 
 #define MIN_SHRINK 0.6  /* of the diameter: a rest that keeps more is halved */
+#define SHORT_SIDE 0.1  /* of the longest: each part then has at most 0.55 of the diameter */
 #define MAX_ATTEMPTS 4  /* covers of one part, each with candidates that the last one's corners brought */
 #define VISIT_BUDGET 64 /* parts looked at before the rest goes back to the queue */
 
@@ -143,7 +144,26 @@ static void keep_part(qm_piece_work *work, const qm_polygon *polygon, int a, int
         push_part(work, &kept);
 }
 
-/** Keeps a triangle of a polygon in four parts, cut at the midpoints: each has half the diameter. */
+/** The side (i to i + 1) of a triangle that is much shorter than the longest, or -1. */
+static int short_side(const qm_polygon *six)
+{
+    double least2 = INFINITY, greatest2 = 0.0;
+    int shortest = -1;
+    for (int i = 0; i < 3; i++) {
+        double length2 = qm_vec_norm2(qm_vec_sub(six->corner[(i + 1) % 3], six->corner[i]));
+        greatest2 = fmax(greatest2, length2);
+        if (!(length2 < least2)) continue;
+        least2 = length2;
+        shortest = i;
+    }
+    return least2 < SHORT_SIDE * SHORT_SIDE * greatest2 ? shortest : -1;
+}
+
+/**
+ * Keeps a triangle of a polygon in four parts, cut at the midpoints: each has half the diameter. A side much
+ * shorter than the others stays whole: else two or three parts lie at its place on every level, and where
+ * that place is the one that is hard to cover, they would be exponentially many.
+ */
 static void keep_quarters(qm_piece_work *work, const qm_polygon *polygon, int a, int b, int c, uint8_t depth)
 {
     const int index[3] = {a, b, c};
@@ -155,6 +175,14 @@ static void keep_quarters(qm_piece_work *work, const qm_polygon *polygon, int a,
         six.in_reach[i] = polygon->in_reach[index[i]];
         six.corner[3 + i] = qm_vec_mix(polygon->corner[index[i]], polygon->corner[index[(i + 1) % 3]], 0.5);
         six.in_reach[3 + i] = work->kernel->in_reach(&work->candidates, six.corner[3 + i]);
+    }
+    int side = short_side(&six);
+    if (side >= 0) {
+        int next = (side + 1) % 3, tip = (side + 2) % 3;
+        keep_part(work, &six, side, next, 3 + tip, depth);
+        keep_part(work, &six, 3 + tip, next, 3 + next, depth);
+        keep_part(work, &six, 3 + tip, 3 + next, tip, depth);
+        return;
     }
     keep_part(work, &six, 0, 3, 5, depth);
     keep_part(work, &six, 3, 1, 4, depth);

@@ -5,6 +5,7 @@
 #define QM_VEC_H
 
 #include <math.h>
+#include <stdbool.h>
 
 #include "qm/mesh.h"
 
@@ -70,6 +71,11 @@ static inline double qm_vec_norm2(qm_vec a)
 static inline double qm_vec_norm(qm_vec a)
 {
     return sqrt(qm_vec_norm2(a));
+}
+
+static inline bool qm_vec_equal(qm_vec a, qm_vec b)
+{
+    return a.x == b.x && a.y == b.y && a.z == b.z;
 }
 
 static inline double qm_vec_distance(qm_vec a, qm_vec b)

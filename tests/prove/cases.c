@@ -1,5 +1,7 @@
 #include "cases.h"
 
+#include "regridded.h"
+
 #include <math.h>
 #include <string.h>
 
@@ -233,6 +235,17 @@ static qm_pair folded(qm_random *random)
     return with_noise(random, a, qm_random_power(random, -14, -1));
 }
 
+/** One surface of folded quads in two grids that do not match. */
+static qm_pair regridded(qm_random *random)
+{
+    qm_fold fold = (qm_fold)qm_random_below(random, QM_FOLD_COUNT);
+    qm_regridded_pair drawn =
+        qm_regridded_draw(random, fold, (qm_regridding)qm_random_below(random, QM_REGRIDDING_COUNT));
+    qm_pair pair = {drawn.a, drawn.b};
+    if (qm_random_below(random, 2)) turn(random, &pair);
+    return swapped(random, pair);
+}
+
 static qm_pair twisted(qm_random *random)
 {
     qm_mesh a = draw_quads(random, qm_random_range(random, 0, 5));
@@ -311,6 +324,7 @@ const qm_case_kind qm_case_kinds[] = {
     {.name = "degenerate", .draw = degenerate, .is_slow = true},
     {.name = "near-identical", .draw = nearly_identical, .coarsest = -10, .is_slow = true},
     {.name = "folded", .draw = folded, .only_patches = true, .is_slow = true},
+    {.name = "regridded", .draw = regridded, .coarsest = -5, .only_patches = true, .is_slow = true},
     {.name = "twisted", .draw = twisted, .only_patches = true, .is_slow = true},
     {.name = "near-twisted",
      .draw = nearly_coincident_twisted,

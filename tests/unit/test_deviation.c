@@ -638,7 +638,7 @@ static void cancel_search(void *user, const qm_hausdorff_progress *progress)
 static void the_pieces_bound_the_maximum(void **state)
 {
     (void)state;
-    qm_mesh a = qm_shape_torus(12, 6, 1.0, 0.3), b = qm_shape_torus(10, 5, 1.0, 0.31);
+    qm_mesh a = qm_shape_torus(36, 18, 1.0, 0.3), b = qm_shape_torus(30, 15, 1.0, 0.31);
     qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-9);
     options.accuracy = 0.1;
     qm_deviation truth = measure(&a, &b, &options), found;

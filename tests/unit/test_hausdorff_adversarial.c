@@ -304,6 +304,40 @@ static void thousands_of_copies_of_one_triangle(void **state)
         qm_shape_free(all[k]);
 }
 
+/** So many that a search for each of them which visits all of them would not end in a test's time. */
+static void copies_of_one_twisted_quad(void **state)
+{
+    (void)state;
+    enum { COUNT = 100000 };
+    static const double corner[4][3] = {{0, 0, 0}, {1, 0, 0.3}, {1.1, 1, -0.2}, {0, 1, 0.4}};
+    qm_mesh one = qm_shape_face(4, corner), meshes[2];
+    for (size_t m = 0; m < 2; m++) {
+        meshes[m] = qm_shape_make(4, COUNT - m);
+        memcpy(meshes[m].positions, corner, sizeof corner);
+        for (size_t f = 0; f < COUNT - m; f++)
+            memcpy(meshes[m].faces + 4 * f, one.faces, 4 * sizeof *one.faces);
+    }
+    for (int raised = 0; raised < 2; raised++) {
+        qm_shape_move(&meshes[1], 1, (const double[3]){0, 0, raised * 0x1p-6});
+        qm_shape_move(&one, 1, (const double[3]){0, 0, raised * 0x1p-6});
+        for (int reading = 0; reading < 2; reading++) {
+            qm_hausdorff_options options = qm_hausdorff_options_default();
+            options.quads = (qm_quad_reading)reading;
+            options.tolerance = 1e-6;
+            double most =
+                0.0; /* of the corners: no more than that of the surfaces, which is no more than the move */
+            for (int i = 0; i < 4; i++)
+                most = fmax(most, qm_slow_distance(&one, options.quads, corner[i], 1e-9).lower);
+            qm_hausdorff_result r = qm_measured(&meshes[0], &meshes[1], &options);
+            QM_CHECK(r.stop == QM_STOP_CONVERGED && r.lower <= raised * 0x1p-6 && r.upper >= most,
+                     "[%g, %g], a corner is %g away, stop %d", r.lower, r.upper, most, (int)r.stop);
+        }
+    }
+    qm_shape_free(&one);
+    qm_shape_free(&meshes[0]);
+    qm_shape_free(&meshes[1]);
+}
+
 static void flat_boxes(void **state)
 {
     (void)state;
@@ -530,6 +564,7 @@ int main(void)
         cmocka_unit_test(far_and_tiny_coordinates),
         cmocka_unit_test(coordinates_as_large_as_they_go),
         cmocka_unit_test(thousands_of_copies_of_one_triangle),
+        cmocka_unit_test(copies_of_one_twisted_quad),
         cmocka_unit_test(flat_boxes),
         cmocka_unit_test(single_facets),
         cmocka_unit_test(points_and_vertices_of_no_face),

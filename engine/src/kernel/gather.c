@@ -46,6 +46,13 @@ static int find_place(qm_near_packs *near, places *p, float here)
     return place;
 }
 
+/** True when no pack can take a place any more: the middle lies in the boxes of all, as among many copies of
+ * one face. */
+static bool is_settled(const qm_near_packs *near, const places *p)
+{
+    return near->count == QM_NEAR_PACKS && !(p->distance[p->farthest] > 0.0f);
+}
+
 void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near)
 {
     qm_box_query query = qm_box_query_make(box->min, box->max), middle = query_middle(box);
@@ -54,7 +61,7 @@ void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_ne
     qm_walk walk;
     near->count = 0;
     qm_walk_start(&walk, &bvh->boxes);
-    while (walk.height > 0) {
+    while (walk.height > 0 && !is_settled(near, &at_places)) {
         qm_stop at = qm_walk_pop(&walk);
         if (at.level > 1) {
             qm_walk_push(&walk, &bvh->boxes, &query, limit, at);

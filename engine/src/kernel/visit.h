@@ -5,6 +5,8 @@
 #ifndef QM_KERNEL_VISIT_H
 #define QM_KERNEL_VISIT_H
 
+#include <string.h>
+
 #include "../bilinear_point.h"
 #include "../bvh_demand.h"
 #include "float_pack.h"
@@ -46,19 +48,42 @@ static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, q
     }
 }
 
+/** The last patch that a search has measured: copies of one face lie in a row, and are measured once. */
+typedef struct qm_last_patch {
+    uint32_t face; /* QM_NO_INDEX: none */
+    qm_patch patch;
+    qm_patch_foot foot;
+} qm_last_patch;
+
+static inline bool qm_patches_equal(const qm_patch *a, const qm_patch *b)
+{
+    return memcmp(a, b, sizeof *a) == 0;
+}
+
+/** Measures the patch of a face, unless it is the last one. */
+static inline qm_patch_foot qm_measure_patch(const qm_bvh *bvh, uint32_t face, qm_vec p, double error,
+                                             bool certified, double stop_above, qm_last_patch *last)
+{
+    qm_patch patch = qm_bvh_load_patch(bvh, face);
+    if (last->face == QM_NO_INDEX || !qm_patches_equal(&patch, &last->patch)) {
+        last->face = face;
+        last->patch = patch;
+        last->foot = certified ? qm_patch_project(&patch, p, error, stop_above)
+                               : qm_patch_descend(&patch, p, stop_above);
+    }
+    return last->foot;
+}
+
 /** Offers the surface of one lane to the best patch so far. */
 static inline void qm_visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lane, qm_vec p, double d2,
-                                  double error, qm_patch_hit *hit)
+                                  double error, qm_last_patch *last, qm_patch_hit *hit)
 {
     uint32_t face = bvh->lanes[pack].face[lane];
     qm_patch_foot foot = {.distance = sqrt(d2), .lower = sqrt(d2)};
     double twist = qm_bvh_has_twists(bvh) ? (double)qm_bvh_twists(bvh, pack)[lane] : 0.0;
-    if (twist > 0.25 * error) {
-        qm_patch patch = qm_bvh_load_patch(bvh, face);
-        foot = qm_patch_project(&patch, p, error, hit->distance);
-    } else if (twist > 0.0 && error == INFINITY) {
-        qm_patch patch = qm_bvh_load_patch(bvh, face);
-        foot = qm_patch_descend(&patch, p, hit->distance);
+    bool certified = twist > 0.25 * error;
+    if (certified || (twist > 0.0 && error == INFINITY)) {
+        foot = qm_measure_patch(bvh, face, p, error, certified, hit->distance, last);
     } else {
         foot.distance += twist;
         foot.lower -= twist;
@@ -85,7 +110,7 @@ static inline uint32_t qm_nearest_quad(const qm_pack_lanes *lanes, const double 
  * nearer. The nearest goes first: what it finds makes most of the others not worth it.
  */
 static inline void qm_visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, double error,
-                                    qm_patch_hit *hit)
+                                    qm_last_patch *last, qm_patch_hit *hit)
 {
     _Alignas(64) double d2[QM_PACK_LANES];
     qm_pack spare;
@@ -98,7 +123,7 @@ static inline void qm_visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, 
         uint32_t nearer = has_second && d2[lane + 1] < d2[lane] ? lane + 1 : lane;
         double twist = qm_bvh_has_twists(bvh) ? (double)qm_bvh_twists(bvh, pack)[lane] : 0.0;
         if (sqrt(d2[nearer]) - twist <= hit->distance)
-            qm_visit_patch(bvh, pack, nearer, p, d2[nearer], error, hit);
+            qm_visit_patch(bvh, pack, nearer, p, d2[nearer], error, last, hit);
         if (has_second) step++;
     }
 }
@@ -126,12 +151,13 @@ typedef struct qm_patch_search {
     qm_vec p;
     double error;
     qm_patch_hit *hit;
+    qm_last_patch last;
 } qm_patch_search;
 
 static inline double qm_visit_all_patches(void *best, uint32_t pack)
 {
-    const qm_patch_search *search = best;
-    qm_visit_patches(search->bvh, pack, search->p, search->error, search->hit);
+    qm_patch_search *search = best;
+    qm_visit_patches(search->bvh, pack, search->p, search->error, &search->last, search->hit);
     return search->hit->distance;
 }
 

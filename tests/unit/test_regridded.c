@@ -1,0 +1,97 @@
+/*
+ * One surface of folded quads in two grids, where nearest points jump from sheet to sheet: the search ends
+ * within its bound of parts, and its bracket holds what the slow twin finds.
+ */
+#include "check.h"
+#include "measured.h"
+#include "regridded.h"
+#include "slow_twin.h"
+
+#include <math.h>
+
+enum { PAIRS = 16, SAMPLES = 2 };
+
+static const char *const names[QM_FOLD_COUNT] = {"bow-tie",         "swapped", "at an edge", "reflex",
+                                                 "over a diagonal", "in line", "any"};
+
+static double diagonal_of(const qm_mesh *mesh)
+{
+    qm_box box = qm_mesh_bounding_box(mesh);
+    return hypot(hypot(box.max[0] - box.min[0], box.max[1] - box.min[1]), box.max[2] - box.min[2]);
+}
+
+/** No sample of either surface is farther from the other than the upper bound. */
+static void check_samples(const qm_regridded_pair *pair, const qm_hausdorff_result *r, qm_random *random,
+                          const char *name, int k)
+{
+    const qm_mesh *meshes[] = {&pair->a, &pair->b};
+    for (int side = 0; side < 2; side++)
+        for (int i = 0; i < SAMPLES; i++) {
+            const qm_mesh *mesh = meshes[side];
+            double p[3], uv[2] = {qm_random_range(random, 0, 1), qm_random_range(random, 0, 1)};
+            size_t face = qm_random_below(random, mesh->face_count);
+            bool is_triangle = mesh->faces[4 * face + 3] == QM_NO_INDEX;
+            if (is_triangle && uv[0] + uv[1] > 1) uv[1] = 1 - uv[0];
+            qm_slow_position(mesh, face, QM_QUADS_BILINEAR, uv, p);
+            double far = qm_slow_distance(meshes[1 - side], QM_QUADS_BILINEAR, p, 1e-7).lower;
+            QM_CHECK(far <= r->upper + 1e-14, "%s %d: a point is %.17g away, upper bound %.17g", name, k, far,
+                     r->upper);
+        }
+}
+
+static void check_pair(qm_random *random, qm_fold fold, qm_regridding how, int k)
+{
+    qm_regridded_pair pair = qm_regridded_draw(random, fold, how);
+    double size = diagonal_of(&pair.a);
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    options.quads = QM_QUADS_BILINEAR;
+    options.tolerance = 1e-6 * size;
+    qm_hausdorff_result r = qm_measured(&pair.a, &pair.b, &options);
+    QM_CHECK(r.stop == QM_STOP_CONVERGED, "%s %d.%d: stop %d, [%.17g, %.17g] after %llu parts", names[fold],
+             (int)how, k, (int)r.stop, r.lower, r.upper, (unsigned long long)r.iterations);
+    /* Points of the same parameters are no farther apart than their corners were moved. */
+    if (how != QM_REGRIDDED_TRIANGLES)
+        QM_CHECK(r.lower <= sqrt(3) * pair.noise + 1e-14, "%s %d: lower %.17g, noise %g", names[fold], k,
+                 r.lower, pair.noise);
+    check_samples(&pair, &r, random, names[fold], k);
+    qm_shape_free(&pair.a);
+    qm_shape_free(&pair.b);
+}
+
+static void check_regridding(qm_regridding how)
+{
+    uint64_t seed = qm_check_seed();
+    for (int fold = 0; fold < QM_FOLD_COUNT; fold++)
+        for (int k = 0; k < PAIRS; k++) {
+            qm_random random = qm_random_make(seed, (uint64_t)(1000 * fold + k));
+            check_pair(&random, (qm_fold)fold, how, k);
+        }
+}
+
+static void grids_that_nearly_coincide_converge(void **state)
+{
+    (void)state;
+    check_regridding(QM_REGRIDDED_CLOSELY);
+}
+
+static void noisy_grids_converge(void **state)
+{
+    (void)state;
+    check_regridding(QM_REGRIDDED_NOISY);
+}
+
+static void a_grid_and_its_triangles_converge(void **state)
+{
+    (void)state;
+    check_regridding(QM_REGRIDDED_TRIANGLES);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(grids_that_nearly_coincide_converge),
+        cmocka_unit_test(noisy_grids_converge),
+        cmocka_unit_test(a_grid_and_its_triangles_converge),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
