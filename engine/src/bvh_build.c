@@ -4,6 +4,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "bvh_demand.h"
 #include "bvh_order.h"
 #include "kernel.h"
 
@@ -11,7 +12,9 @@
 #define FETCHED_PACKS 4 /* packs whose vertices are fetched while others are looked at */
 #define ROWS_KEPT 16384 /* packs of which there is room for all triangles in double precision, and */
 #define ROWS_SHARE 16   /* for one in so many of those beyond */
-#define BLOCK_PACKS 64  /* packs that a worker takes at once: a multiple of 64, a box of the third level */
+#define FLOATS_AT_ONCE                                                                                       \
+    65536              /* packs of the largest tree whose triangles in single precision are made at once */
+#define BLOCK_PACKS 64 /* packs that a worker takes at once: a multiple of 64, a box of the third level */
 
 /** Work on the packs, which the workers share by blocks. */
 typedef struct pack_builder {
@@ -107,10 +110,14 @@ static void fill_lanes(const pack_builder *builder, size_t pack)
         __builtin_prefetch(mesh->positions + 3 * (size_t)lanes->vertex[i]);
 }
 
-static void fit_box(const pack_builder *builder, size_t pack)
+/** The box of a pack; and of a small tree, of which searches ask for most, its triangles in single precision
+ * while its vertices are at hand. */
+static void finish_pack(const pack_builder *builder, size_t pack)
 {
-    const qm_pack_lanes *lanes = &builder->bvh->lanes[pack];
-    builder->kernel->fit_box(builder->bvh, pack, lanes->vertex, lanes->vertex_count);
+    qm_bvh *bvh = builder->bvh;
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    builder->kernel->fit_box(bvh, pack, lanes->vertex, lanes->vertex_count);
+    if (bvh->floats.items && bvh->pack_count <= FLOATS_AT_ONCE) qm_bvh_make_floats(bvh, pack);
 }
 
 /** Packs of a block, and the boxes above its groups. */
@@ -124,7 +131,7 @@ static void build_block(void *data, int worker, size_t block)
            end = begin + BLOCK_PACKS < bvh->pack_count ? begin + BLOCK_PACKS : bvh->pack_count;
     for (size_t i = begin; i < end + FETCHED_PACKS; i++) {
         if (i < end) fill_lanes(builder, i);
-        if (i >= begin + FETCHED_PACKS) fit_box(builder, i - FETCHED_PACKS);
+        if (i >= begin + FETCHED_PACKS) finish_pack(builder, i - FETCHED_PACKS);
     }
     if (bvh->boxes.level_count > 1) qm_box_tree_fill_members(&bvh->boxes, 2, begin / 8, (end + 7) / 8);
 }
@@ -141,10 +148,9 @@ static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts)
     bool is_target = parts & QM_BVH_TARGET, has_twists = parts & QM_BVH_PATCHES && bvh->has_quads;
     bvh->lanes = qm_context_alloc(ctx, count, sizeof *bvh->lanes);
     bool has_room =
-        bvh->lanes &&
-        (!is_target || qm_demand_init(ctx, count, count, sizeof(qm_float_pack), &bvh->floats)) &&
+        bvh->lanes && (!is_target || qm_demand_init(ctx, count, 0, sizeof(qm_float_pack), &bvh->floats)) &&
         (!is_target || qm_demand_init(ctx, count, rows_room(count), sizeof(qm_pack), &bvh->rows)) &&
-        (!has_twists || qm_demand_init(ctx, count, count, sizeof(qm_pack_twists), &bvh->twists)) &&
+        (!has_twists || qm_demand_init(ctx, count, 0, sizeof(qm_pack_twists), &bvh->twists)) &&
         qm_box_tree_init(ctx, count, &bvh->boxes);
     return has_room ? QM_OK : QM_E_NO_MEMORY;
 }
@@ -157,6 +163,7 @@ static qm_status build_tree(pack_builder *builder, qm_bvh_parts parts)
     size_t blocks = (bvh->pack_count + BLOCK_PACKS - 1) / BLOCK_PACKS;
     qm_context_share(builder->ctx, builder->workers, blocks, build_block, builder);
     if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
+    bvh->has_all_floats = bvh->floats.items && bvh->pack_count <= FLOATS_AT_ONCE;
     qm_box_tree_fill(&bvh->boxes, 3);
     bvh->reach = qm_box_tree_reach(&bvh->boxes);
     return QM_OK;

@@ -16,9 +16,9 @@ const qm_pack_twists *qm_bvh_make_twists(const qm_bvh *bvh, size_t pack);
 /** Triangles of a pack in single precision, of a tree that is a target. */
 static inline const qm_float_pack *qm_bvh_floats(const qm_bvh *bvh, size_t pack)
 {
-    unsigned place = qm_demand_place(&bvh->floats, pack);
     const qm_float_pack *floats = bvh->floats.items;
-    return place < QM_DEMAND_STALE ? floats + place : qm_bvh_make_floats(bvh, pack);
+    if (bvh->has_all_floats) return floats + pack;
+    return qm_demand_is_made(&bvh->floats, pack) ? floats + pack : qm_bvh_make_floats(bvh, pack);
 }
 
 /** Triangles of a pack in double precision, likewise; in spare when there is no room to keep them. */
@@ -32,14 +32,14 @@ static inline const qm_pack *qm_bvh_rows(const qm_bvh *bvh, size_t pack, qm_pack
 /** How far the quads of a pack leave their triangles, where qm_bvh_has_twists. */
 static inline const float *qm_bvh_twists(const qm_bvh *bvh, size_t pack)
 {
-    unsigned place = qm_demand_place(&bvh->twists, pack);
     const qm_pack_twists *twists = bvh->twists.items;
-    return (place < QM_DEMAND_STALE ? twists + place : qm_bvh_make_twists(bvh, pack))->lane;
+    return (qm_demand_is_made(&bvh->twists, pack) ? twists + pack : qm_bvh_make_twists(bvh, pack))->lane;
 }
 
 /** Has what depends on the places of vertices made anew for packs from begin on; no search is under way. */
 static inline void qm_bvh_drop_items(qm_bvh *bvh, size_t begin, size_t end)
 {
+    bvh->has_all_floats = false;
     qm_demand_drop(&bvh->floats, begin, end);
     qm_demand_drop(&bvh->rows, begin, end);
     qm_demand_drop(&bvh->twists, begin, end);

@@ -119,6 +119,7 @@ struct qm_bvh {
     qm_box_tree boxes; /* over the packs */
     /* Of each pack, made on demand: bvh_demand.h. Without items where the tree was built without. */
     qm_demand floats, rows; /* qm_float_pack, qm_pack: the triangles of targets in both precisions */
+    bool has_all_floats;    /* those in single precision are all made */
     qm_demand twists;       /* qm_pack_twists: when there are quads that may be read as patches */
 };
 

@@ -4,7 +4,9 @@
 
 bool qm_demand_init(qm_context *ctx, size_t count, size_t room, size_t width, qm_demand *out)
 {
-    *out = (qm_demand){.count = count, .room = room, .width = width};
+    bool in_place = room == 0;
+    if (in_place) room = count;
+    *out = (qm_demand){.count = count, .room = room, .width = width, .in_place = in_place};
     out->place = qm_context_alloc(ctx, count + 1, sizeof *out->place);
     out->items = qm_context_alloc_aligned(ctx, room, width);
     if (!out->place || !out->items) return false;
@@ -27,10 +29,11 @@ size_t qm_demand_memory_size(const qm_demand *demand)
     return demand->items ? demand->room * demand->width + demand->count * sizeof *demand->place : 0;
 }
 
-/** Takes the next place for a member that is in work. */
+/** Takes a place for a member that is in work: its own, or the next one. */
 static qm_demand_answer take_place(const qm_demand *demand, size_t member, unsigned *place)
 {
     *place = atomic_fetch_add(demand->made, 1);
+    if (demand->in_place) *place = (unsigned)member;
     if (*place < demand->room) return QM_DEMAND_WANTED;
     atomic_fetch_sub(demand->made, 1);
     qm_demand_publish(demand, member, QM_DEMAND_NONE);

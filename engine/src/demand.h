@@ -1,8 +1,9 @@
 /**
- * demand.h: items that are made when they are first asked for, one for each of many members. Those that are
- * made lie side by side in the order in which they were asked for, and the rest of the memory that there is
- * for them is never touched. There may be room for fewer items than members: whoever asks for one more makes
- * it for himself alone. Any number of threads may ask at once.
+ * demand.h: items that are made when they are first asked for, one for each of many members. In place, each
+ * lies at the place of its member, so that a reader loads it without waiting for its place; else they lie in
+ * the order in which they were asked for, so that few take little memory, and there may be room for fewer
+ * items than members: whoever asks for one more makes it for himself alone. Memory of items that nobody asks
+ * for is never touched. Any number of threads may ask at once.
  */
 #ifndef QM_DEMAND_H
 #define QM_DEMAND_H
@@ -22,10 +23,11 @@ typedef struct qm_demand {
     atomic_uint *place; /* of each member */
     atomic_uint *made;  /* how many items there are; one past the places */
     size_t count, room, width;
+    bool in_place;
 } qm_demand;
 
-/** Room for so many items, 1 or more, of count members, fewer than 2^31, on lines of their own. False when
- * out of memory; qm_demand_reset frees either way. */
+/** Room for so many items of count members, fewer than 2^31, on lines of their own; 0: for all of them, in
+ * place. False when out of memory; qm_demand_reset frees either way. */
 bool qm_demand_init(qm_context *ctx, size_t count, size_t room, size_t width, qm_demand *out);
 void qm_demand_reset(qm_context *ctx, qm_demand *demand);
 
@@ -36,6 +38,12 @@ size_t qm_demand_memory_size(const qm_demand *demand);
 static inline unsigned qm_demand_place(const qm_demand *demand, size_t member)
 {
     return atomic_load_explicit(&demand->place[member], memory_order_acquire);
+}
+
+/** True when a member has its item, which lies at its own place when they are in place. */
+static inline bool qm_demand_is_made(const qm_demand *demand, size_t member)
+{
+    return __builtin_expect(qm_demand_place(demand, member) < QM_DEMAND_STALE, 1);
 }
 
 typedef enum qm_demand_answer {

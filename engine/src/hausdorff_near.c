@@ -64,7 +64,7 @@ static bool part_is_near(const near_work *work, const ball_part *part, int level
         work->worker->projections++;
         ++*work->searches;
         double distance =
-            qm_worker_nearly(work->worker, work->side, part->middle, sought, enough, work->hint);
+            qm_side_nearly(work->worker->search, work->side, part->middle, sought, enough, work->hint);
         if (distance <= enough || lane_reaches(work, part)) return true;
         if (distance > NEAR_SHARE * work->allowed) return false;
     }

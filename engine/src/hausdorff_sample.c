@@ -49,8 +49,8 @@ static bool is_known(const qm_known_point *known, const qm_known_point *asked)
            known->enough <= asked->enough && known->is_sample >= asked->is_sample;
 }
 
-static double search_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough,
-                            double reach, uint32_t *hint)
+double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, double reach,
+                      uint32_t *hint)
 {
     qm_float_hit hit = {.pack = *hint};
     search->kernel->float_closest(side->target, p, enough, &hit);
@@ -66,7 +66,7 @@ double qm_worker_nearly(qm_worker *worker, const qm_side *side, qm_vec p, double
 {
     qm_known_point *known = place_of(worker, p), asked = {.side = side, .p = p, .enough = enough};
     if (!is_known(known, &asked)) {
-        asked.upper = search_nearly(worker->search, side, p, enough, reach, hint);
+        asked.upper = qm_side_nearly(worker->search, side, p, enough, reach, hint);
         asked.hint = *hint;
         *known = asked;
     }
@@ -98,7 +98,7 @@ static double search_sample(qm_worker *worker, const qm_side *side, qm_vec p, do
     worker->projections++;
     bool by_boxes = !side->nearest.grid && !side->nearest.tetra;
     if (by_boxes && known > FLOAT_FLOOR * side->reach && worker->witness >= 0.0) {
-        double nearly = search_nearly(search, side, p, enough, known + slack, hint);
+        double nearly = qm_side_nearly(search, side, p, enough, known + slack, hint);
         if (nearly - slack <= known) return nearly;
     }
     /* Where surfaces coincide the hint mostly shows that the point is of no use; among many facets in one

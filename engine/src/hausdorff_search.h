@@ -169,10 +169,13 @@ static inline const float *qm_side_twists(const qm_side *side, uint32_t pack)
  * Upper bound (local) of the distance of p by one search in single precision from the hint, which moves on to
  * the pack found. The search ends as soon as the bound is enough. Where the twist leaves it open whether p is
  * within reach, the patch that was found is asked.
- *
- * A point that this worker has asked for just before, for as little, is not searched for again: over many
- * copies of one face each search visits all of them, and the copies of a source ask for the same few points.
  */
+double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, double enough, double reach,
+                      uint32_t *hint);
+
+/** The same; a point that this worker has asked for just before, for as little, is not searched for again:
+ * over many copies of one face each search visits all of them, and the copies of a source ask for the same
+ * few points. */
 double qm_worker_nearly(qm_worker *worker, const qm_side *side, qm_vec p, double enough, double reach,
                         uint32_t *hint);
 

@@ -10,9 +10,10 @@
     0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered                  \
           */
 
-#define PROBE_INTERVAL 32 /* packs between two where faces are settled in what seems the dearer way: */
+#define PROBE_INTERVAL 64 /* packs between two where faces are settled in what seems the dearer way: */
 #define COVER_PRIOR 50.0  /* what a cover of a face is taken to cost before there is one, and an overlay */
 #define OVERLAY_PRIOR 100.0
+#define OVERLAY_GAIN 2.0 /* by which an overlay must be cheaper: the counts are no times */
 
 /** The ball round box member of a group, in the frame of the target. */
 static double member_ball(const qm_side *side, const qm_box_group *group, int member, qm_vec *centre)
@@ -176,7 +177,7 @@ static bool choose_overlay(qm_worker *worker)
     double left = (double)(worker->overlay_tries - worker->overlay_hits);
     double by_overlay = ((double)worker->overlay_cost + left * by_covers + OVERLAY_PRIOR) /
                         ((double)worker->overlay_tries + 1.0);
-    bool is_cheaper = by_overlay < by_covers;
+    bool is_cheaper = OVERLAY_GAIN * by_overlay < by_covers;
     double ratio = is_cheaper ? by_covers / by_overlay : by_overlay / by_covers;
     if (++worker->since_probe < PROBE_INTERVAL * ratio) return is_cheaper;
     worker->since_probe = 0;
