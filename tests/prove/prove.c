@@ -21,6 +21,7 @@
 #include <unistd.h>
 
 enum { MAX_JOBS = 64, SHOWN = 2, PRINTED = 12, LONGEST_CASE = 60 };
+enum { MOST_BARREN = 1000 }; /* cases without a try, after which a class has failed */
 
 typedef struct family {
     const char *name;
@@ -130,11 +131,13 @@ static void run_case(const family *asked, const qm_case_kind *kind, const errand
 
 /* ---- a class ---- */
 
+/** As many cases as the time allows; longer on a busy machine where none of them came to a try yet. */
 static void run_job(const family *asked, const qm_case_kind *kind, const errand *plan, int job,
                     double seconds, progress *shared)
 {
     double end = now() + seconds;
-    for (uint64_t index = (uint64_t)job; now() < end; index += (uint64_t)plan->jobs) {
+    for (uint64_t index = (uint64_t)job; now() < end || (shared->tally.tries == 0 && index < MOST_BARREN);
+         index += (uint64_t)plan->jobs) {
         shared->index = index;
         /* Whatever does not end by then ends the job; processor time, so that a busy machine makes no
          * difference. */
