@@ -264,7 +264,10 @@ def test_metrics_count_what_happens(make_daemon):
         client.hausdorff(*pair, tolerance=0.1)
         client.get("/v1/meshes/m_none")
         client.request("BREW", "/v1/meshes")
-        reply = client.get("/metrics")
+        # A request is counted when it has ended, which another connection need not wait for.
+        brewed, deadline = 'quadmeshd_request_seconds_count{method="other",route="",status="405"}', time.monotonic() + PATIENCE
+        while brewed not in (reply := client.get("/metrics")).text and time.monotonic() < deadline:
+            time.sleep(0.01)
     assert reply.headers["content-type"].startswith("text/plain; version=0.0.4")
     values = read_metrics(reply.text)
     p = "quadmeshd_"

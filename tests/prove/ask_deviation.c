@@ -140,10 +140,11 @@ static void check_averages(qm_trial *trial, const parts *all, const qm_deviation
             mean[k] += all->at[i].area / all->area * all->at[i].mean[k];
             square[k] += all->at[i].area / all->area * all->at[i].square[k];
         }
-    qm_wide scale = trial->frame.scale;
-    check_overlap(trial, "mean", told->mean, (double)(mean[0] / scale), (double)(mean[1] / scale));
-    check_overlap(trial, "rms", told->rms, (double)(qm_wide_sqrt(square[0]) / scale),
-                  (double)(qm_wide_sqrt(square[1]) / scale));
+    qm_wide scale = trial->frame.scale, round = 0x1p-98;
+    check_overlap(trial, "mean", told->mean, (double)((mean[0] - round) / scale),
+                  (double)((mean[1] + round) / scale));
+    check_overlap(trial, "rms", told->rms, (double)((qm_wide_sqrt(square[0]) - round) / scale),
+                  (double)((qm_wide_sqrt(square[1]) + round) / scale));
     double area = (double)(all->area / scale / scale);
     check_overlap(trial, "area", told->size, area * (1 - 0x1p-52), area * (1 + 0x1p-52));
 }
@@ -241,6 +242,13 @@ static double mean_of(const double x[DRAWS], double *error)
     return mean;
 }
 
+/** An interval of lengths, or of lengths to a power, in the frame, where no square is too large or too small.
+ */
+static qm_interval in_frame(qm_interval world, qm_wide scale)
+{
+    return (qm_interval){(double)(world.lower * scale), (double)(world.upper * scale)};
+}
+
 /** Draws; all sums are of what a point is off by from the middle of the engine's interval, so that their
  * ratio to the area is as good as they are. */
 static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide_surface *b,
@@ -248,13 +256,14 @@ static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide
 {
     double off[2][DRAWS] = {{0}}, area[DRAWS] = {0}, within[2][PERCENTILES][DRAWS] = {{{0}}}, error;
     qm_wide scale = trial->frame.scale;
-    double mean = 0.5 * (told->mean.lower + told->mean.upper);
-    double square = 0.5 * (told->rms.lower * told->rms.lower + told->rms.upper * told->rms.upper);
+    qm_interval mean_told = in_frame(told->mean, scale), rms_told = in_frame(told->rms, scale);
+    double mean = 0.5 * (mean_told.lower + mean_told.upper);
+    double square = 0.5 * (rms_told.lower * rms_told.lower + rms_told.upper * rms_told.upper);
     for (int draw = 0; draw < DRAWS; draw++) {
         for (size_t i = 0; i < a->count * STRATA * STRATA; i++) {
             point_sample at =
                 sample(&trial->random, &a->facets[i / (STRATA * STRATA)], i % (STRATA * STRATA), b);
-            double d = (double)((at.low + at.high) / 2 / scale);
+            double d = (double)((at.low + at.high) / 2);
             area[draw] += at.weight;
             off[0][draw] += at.weight * (d - mean);
             off[1][draw] += at.weight * (d * d - square);
@@ -264,16 +273,15 @@ static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide
             }
         }
     }
-    double total = mean_of(area, &error), rounding = 0x1p-46 * (double)(1 / scale);
-    double whole = (double)(total / (double)scale / (double)scale), wrong = error / total * whole;
-    check_overlap(trial, "area", told->size, (whole - wrong) * (1 - 0x1p-40),
-                  (whole + wrong) * (1 + 0x1p-40));
+    double total = mean_of(area, &error), rounding = 0x1p-46;
+    check_overlap(trial, "area", in_frame(told->size, scale * scale), (total - error) * (1 - 0x1p-40),
+                  (total + error) * (1 + 0x1p-40));
     const qm_interval half[2] = {
-        {told->mean.lower - mean, told->mean.upper - mean},
-        {told->rms.lower * told->rms.lower - square, told->rms.upper * told->rms.upper - square}};
+        {mean_told.lower - mean, mean_told.upper - mean},
+        {rms_told.lower * rms_told.lower - square, rms_told.upper * rms_told.upper - square}};
     for (int k = 0; k < 2; k++) {
         double at = mean_of(off[k], &error) / total, wide = error / total;
-        double round = k ? rounding * (2 * told->max.upper + rounding) : rounding;
+        double round = k ? rounding * (2 * in_frame(told->max, scale).upper + rounding) : rounding;
         check_overlap(trial, k ? "mean square, less its middle," : "mean, less its middle,", half[k],
                       at - wide - round, at + wide + round);
     }
