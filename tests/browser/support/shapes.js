@@ -122,8 +122,8 @@ export function chance(seed) {
 }
 
 /** A flat square, and apart from it a heap of quads with corners pushed out of their planes. Against itself raised by
- * HEAP_DISTANCE, as bilinear patches and to 1e-12, the search takes many minutes. */
-export const HEAP_DISTANCE = 1 / 512;
+ * HEAP_DISTANCE, as bilinear patches and to 1e-12, the search takes half a minute. */
+export const HEAP_DISTANCE = 1 / 64;
 export function heap(count = 1500, seed = 1, raised = 0) {
   const random = chance(seed);
   const spread = (size) => (random() + random() + random() + random() - 2) * 1.7 * size;
