@@ -36,10 +36,10 @@ static inline const float *qm_bvh_twists(const qm_bvh *bvh, size_t pack)
     return (qm_demand_is_made(&bvh->twists, pack) ? twists + pack : qm_bvh_make_twists(bvh, pack))->lane;
 }
 
-/** Has what depends on the places of vertices made anew for packs from begin on; no search is under way. */
+/** Has what depends on the places of vertices made anew for packs from begin on; no search is under way.
+ * Several threads may drop items of different packs; has_all_floats is false before they do. */
 static inline void qm_bvh_drop_items(qm_bvh *bvh, size_t begin, size_t end)
 {
-    bvh->has_all_floats = false;
     qm_demand_drop(&bvh->floats, begin, end);
     qm_demand_drop(&bvh->rows, begin, end);
     qm_demand_drop(&bvh->twists, begin, end);

@@ -142,7 +142,10 @@ qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer
     uint64_t *changed = faces ? qm_bits_create(ctx, bvh->pack_count) : NULL;
     bool has_lists = !faces || face_count == 0 || (packs && changed);
     qm_status status = QM_OK;
-    if (has_lists) bvh->mesh = *mesh;
+    if (has_lists) {
+        bvh->mesh = *mesh;
+        bvh->has_all_floats = false;
+    }
     if (!has_lists) {
         status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory to refit a tree");
     } else if (!faces) {
