@@ -204,7 +204,7 @@ void QM_KERNEL(grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start
                                    qm_patch_hit *hit)
 {
     *hit = (qm_patch_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
-    qm_patch_search search = {grid->bvh, p, error, hit, {.face = QM_NO_INDEX}};
+    qm_patch_search search = {grid->bvh, p, error, hit, {.is_set = false}};
     walk_grid(grid, p, start, qm_visit_all_patches, &search);
     hit->lower = fmin(hit->lower, hit->distance);
 }

@@ -73,7 +73,7 @@ static inline bool is_never_far(const void *best, uint32_t pack)
 void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit)
 {
     *hit = (qm_patch_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
-    qm_patch_search search = {bvh, p, error, hit, {.face = QM_NO_INDEX}};
+    qm_patch_search search = {bvh, p, error, hit, {.is_set = false}};
     walk_boxes(bvh, p, start, is_never_far, qm_visit_all_patches, &search);
     hit->lower = fmin(hit->lower, hit->distance);
 }

@@ -181,7 +181,7 @@ void QM_KERNEL(tetra_closest_patch)(const qm_tetra *tetra, qm_vec p, uint32_t st
                                     qm_patch_hit *hit)
 {
     *hit = (qm_patch_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
-    qm_patch_search search = {tetra->bvh, p, error, hit, {.face = QM_NO_INDEX}};
+    qm_patch_search search = {tetra->bvh, p, error, hit, {.is_set = false}};
     walk_tetra(tetra, p, start, qm_visit_all_patches, &search);
     hit->lower = fmin(hit->lower, hit->distance);
 }

@@ -21,20 +21,27 @@ static inline bool qm_pack_is_far(const qm_bvh *bvh, uint32_t pack, qm_vec p, do
     return (double)__builtin_sqrtf(least) - (double)q.margin > best;
 }
 
-/** Looks at a pack; of equal distances the lower face wins, so that the order of visits does not matter. */
-static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, qm_hit *hit)
+/** Squared distances from a point to the triangles of a pack; returns the least. */
+static inline double qm_pack_parts_d2(const qm_pack *rows, const qm_splat *p, qm_vd d2[QM_PARTS])
 {
-    qm_pack spare;
-    const qm_pack *rows = qm_bvh_rows(bvh, pack, &spare);
-    qm_vd d2[QM_PARTS];
     for (int part = 0; part < QM_PARTS; part++)
-        d2[part] = qm_pack_part_d2(rows, part, p.x, p.y, p.z);
+        d2[part] = qm_pack_part_d2(rows, part, p->x, p->y, p->z);
     qm_vd low = d2[0];
     for (int part = 1; part < QM_PARTS; part++)
         low = qm_vd_min(d2[part], low);
     double least = low[0];
     for (int i = 1; i < QM_WIDTH; i++)
         least = low[i] < least ? low[i] : least;
+    return least;
+}
+
+/** Looks at a pack; of equal distances the lower face wins, so that the order of visits does not matter. */
+static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, qm_hit *hit)
+{
+    qm_pack spare;
+    const qm_pack *rows = qm_bvh_rows(bvh, pack, &spare);
+    qm_vd d2[QM_PARTS];
+    double least = qm_pack_parts_d2(rows, &p, d2);
     if (!(least <= hit->d2) || least == INFINITY) return;
     unsigned bits = 0;
     for (int part = 0; part < QM_PARTS; part++)
@@ -50,7 +57,7 @@ static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, q
 
 /** The last patch that a search has measured: copies of one face lie in a row, and are measured once. */
 typedef struct qm_last_patch {
-    uint32_t face; /* QM_NO_INDEX: none */
+    bool is_set;
     qm_patch patch;
     qm_patch_foot foot;
 } qm_last_patch;
@@ -65,8 +72,8 @@ static inline qm_patch_foot qm_measure_patch(const qm_bvh *bvh, uint32_t face, q
                                              bool certified, double stop_above, qm_last_patch *last)
 {
     qm_patch patch = qm_bvh_load_patch(bvh, face);
-    if (last->face == QM_NO_INDEX || !qm_patches_equal(&patch, &last->patch)) {
-        last->face = face;
+    if (!last->is_set || !qm_patches_equal(&patch, &last->patch)) {
+        last->is_set = true;
         last->patch = patch;
         last->foot = certified ? qm_patch_project(&patch, p, error, stop_above)
                                : qm_patch_descend(&patch, p, stop_above);
@@ -214,14 +221,7 @@ static inline double qm_visit_tied_triangles(void *best, uint32_t pack)
     qm_pack spare;
     const qm_pack *rows = qm_bvh_rows(search->bvh, pack, &spare);
     qm_vd d2[QM_PARTS];
-    for (int part = 0; part < QM_PARTS; part++)
-        d2[part] = qm_pack_part_d2(rows, part, search->splat.x, search->splat.y, search->splat.z);
-    qm_vd low = d2[0];
-    for (int part = 1; part < QM_PARTS; part++)
-        low = qm_vd_min(d2[part], low);
-    double least = low[0];
-    for (int i = 1; i < QM_WIDTH; i++)
-        least = low[i] < least ? low[i] : least;
+    double least = qm_pack_parts_d2(rows, &search->splat, d2);
     if (!(least <= ties->reach2)) return ties->reach;
     qm_ties_lower(ties, sqrt(least));
     unsigned bits = 0;
