@@ -16,8 +16,14 @@
  * edges being limits of others. Meshes may be open, non-manifold, or fold back over themselves.
  *
  * Facets that lie higher or lower than all faces by more than the allowed distance are left out, and so are
- * those beside all faces: what is left is any set. Which plane is taken, and what is left out, decides how
- * often this works, never whether it holds.
+ * those beside all faces, and for each face those that are too far from it, as the sides of a sharp ridge
+ * are: what is left is any set. Which plane is taken, and what is left out, decides how often this works,
+ * never whether it holds.
+ *
+ * Ridges and corners of the target often lie on edges of the source, where roundings would leave it open on
+ * which side of a face an edge of the boundary lies. So a face is made smaller first: each of its corners
+ * moves towards the middle by a length d. A point of the face moves by d at most with them, hence is within d
+ * of a point of the smaller face, which alone is looked at.
  *
  * Roundings, s being the greatest coordinate of the facets and the faces in the plane's frame, by magnitude.
  * Mapping a vertex to the frame takes 1 u |d| for d = vertex - origin, 6 u |d| for the coordinates and 14 u
@@ -31,14 +37,18 @@
  *     4 u 4 s^2 twice and 8 u s^2, less than QM_OVERLAY_AREA u s^2.
  *   - The slopes of a face's plane come from two such areas over a third; they are off by 128 u s length /
  *     area, and heights by twice s times that and some u s. Faces steeper than MAX_SLOPE are not looked at.
- *     That and a few u of gaps, of 16 s at most, make QM_OVERLAY_GAP.
+ *     That, a few u of gaps, of 16 s at most, and 16 u s by which corners may move farther than d make
+ *     QM_OVERLAY_GAP.
  */
 #include "hausdorff_overlay.h"
 
 #include <string.h>
 
 #define MAX_SLOPE 2.0
-#define EDGE_PLACES 1024 /* of the table of edges, a power of two */
+#define SHRINK_BY_ALLOWED 0x1p-6 /* of the allowed distance, */
+#define SHRINK_BY_SIZE 0x1p-30   /* and of the greatest coordinate: how far corners move at most */
+#define MAX_SHRINK 0.125         /* of the way to the middle */
+#define EDGE_PLACES 1024         /* of the table of edges, a power of two */
 #define EDGE_BITS 10
 #define MAX_FACETS (QM_OVERLAY_GROUPS * QM_PACK_LANES)
 
@@ -61,6 +71,8 @@ typedef struct overlay_work {
     int edge_count;
     int16_t place[EDGE_PLACES]; /* of an edge, plus 1; 0 for none */
     edge edges[3 * MAX_FACETS];
+    uint16_t edge_of[MAX_FACETS][3]; /* of a facet, from each of its corners to the next */
+    qm_overlay_rim rim;              /* of all facets */
 } overlay_work;
 
 static inline void map_point(const qm_overlay_frame *frame, qm_vec p, double out[3])
@@ -90,29 +102,54 @@ static bool set_frame(qm_overlay_frame *frame, const qm_overlay_source *source)
     return true;
 }
 
-/** Maps the faces to the frame, whose box becomes theirs and what is allowed above and below. */
-static void map_faces(overlay_work *work, const qm_overlay_source *source, double allowed)
+/** Moves the corners of a triangle towards its middle, by this length at most and a few roundings. */
+static void shrink_face(qm_overlay_face *face, double length)
+{
+    double(*c)[3] = face->corner, middle[3], farthest2 = 0.0;
+    for (int k = 0; k < 3; k++)
+        middle[k] = (c[0][k] + c[1][k] + c[2][k]) / 3.0;
+    for (int i = 0; i < 3; i++) {
+        double x = middle[0] - c[i][0], y = middle[1] - c[i][1], z = middle[2] - c[i][2];
+        farthest2 = qm_greater(x * x + y * y + z * z, farthest2);
+    }
+    if (!(farthest2 > 0.0)) return;
+    double share = qm_lesser(length / sqrt(farthest2), MAX_SHRINK);
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++)
+            c[i][k] += share * (middle[k] - c[i][k]);
+}
+
+/** Maps the faces to the frame and shrinks them; its box becomes theirs and what is allowed above and below.
+ * Returns by how much their corners moved at most. */
+static double map_faces(overlay_work *work, const qm_overlay_source *source, double allowed)
 {
     qm_overlay_frame *frame = &work->frame;
     double size = 0.0;
+    for (int i = 0; i < source->count; i++) {
+        for (int c = 0; c < 3; c++) {
+            map_point(frame, source->corner[i][c], work->face[i].corner[c]);
+            for (int k = 0; k < 3; k++)
+                size = qm_greater(fabs(work->face[i].corner[c][k]), size);
+        }
+    }
+    double shrink = qm_lesser(SHRINK_BY_ALLOWED * allowed, SHRINK_BY_SIZE * size);
     for (int k = 0; k < 3; k++) {
         frame->low[k] = INFINITY;
         frame->high[k] = -INFINITY;
     }
     for (int i = 0; i < source->count; i++) {
+        shrink_face(&work->face[i], shrink);
         for (int c = 0; c < 3; c++) {
-            double *at = work->face[i].corner[c];
-            map_point(frame, source->corner[i][c], at);
             for (int k = 0; k < 3; k++) {
-                frame->low[k] = qm_lesser(at[k], frame->low[k]);
-                frame->high[k] = qm_greater(at[k], frame->high[k]);
-                size = qm_greater(fabs(at[k]), size);
+                frame->low[k] = qm_lesser(work->face[i].corner[c][k], frame->low[k]);
+                frame->high[k] = qm_greater(work->face[i].corner[c][k], frame->high[k]);
             }
         }
     }
     frame->low[2] -= allowed;
     frame->high[2] += allowed;
     work->facets.size = size;
+    return shrink;
 }
 
 double qm_overlay_set_face(qm_overlay_face *face, double size)
@@ -150,6 +187,7 @@ static void toggle_edge(overlay_work *work, uint32_t from, uint32_t to, int face
     uint32_t hash = (low * UINT32_C(0x9e3779b1)) ^ (high * UINT32_C(0x85ebca6b));
     for (uint32_t i = hash >> (32 - EDGE_BITS);; i = (i + 1) % EDGE_PLACES) {
         if (work->place[i] == 0) {
+            work->edge_of[facet][corner] = (uint16_t)work->edge_count;
             work->edges[work->edge_count++] = (edge){{low, high}, (uint16_t)facet, (uint8_t)corner, true};
             work->place[i] = (int16_t)work->edge_count;
             return;
@@ -157,6 +195,7 @@ static void toggle_edge(overlay_work *work, uint32_t from, uint32_t to, int face
         edge *known = &work->edges[work->place[i] - 1];
         if (known->vertex[0] != low || known->vertex[1] != high) continue;
         known->is_odd = !known->is_odd;
+        work->edge_of[facet][corner] = (uint16_t)(known - work->edges);
         return;
     }
 }
@@ -198,17 +237,17 @@ static bool edge_meets(const qm_overlay_frame *frame, const double at[2][2])
     return true;
 }
 
-static void set_rim_edge(qm_overlay_facets *facets, int place, const double at[2][2])
+static void set_rim_edge(qm_overlay_rim *rim, int place, const double at[2][2])
 {
     for (int end = 0; end < 2; end++)
         for (int k = 0; k < 2; k++)
-            facets->rim[end][k][place] = at[end][k];
+            rim->at[end][k][place] = at[end][k];
 }
 
 /** Makes the rim of those edges of the boundary that may lie over a face; false when there are too many. */
-static bool set_rim(overlay_work *work)
+static bool set_rim(const overlay_work *work, qm_overlay_rim *rim)
 {
-    qm_overlay_facets *facets = &work->facets;
+    const qm_overlay_facets *facets = &work->facets;
     int count = 0;
     double at[2][2];
     for (int i = 0; i < work->edge_count; i++) {
@@ -220,14 +259,13 @@ static bool set_rim(overlay_work *work)
                 at[end][k] = facets->group[group].at[(e->corner + end) % 3][k][lane];
         if (!edge_meets(&work->frame, at)) continue;
         if (count == QM_OVERLAY_RIM) return false;
-        set_rim_edge(facets, count++, at);
+        set_rim_edge(rim, count++, at);
     }
-    facets->rim_count = count;
-    for (int i = count; i % QM_PACK_LANES != 0; i++) {
+    rim->count = count;
+    for (int i = count; i % QM_PACK_LANES != 0; i++)
         for (int end = 0; end < 2; end++)
             for (int k = 0; k < 2; k++)
-                facets->rim[end][k][i] = facets->rim[end][k][0];
-    }
+                rim->at[end][k][i] = rim->at[end][k][0];
     return true;
 }
 
@@ -240,7 +278,7 @@ static bool set_facets(overlay_work *work, const qm_near_packs *near)
         if (!add_pack(work, near->pack[i])) return false;
     if (work->facets.count == 0) return false;
     qm_overlay_fill_up(&work->facets);
-    return set_rim(work);
+    return set_rim(work, &work->rim);
 }
 
 /** About how many hundred instructions an overlay takes. */
@@ -248,6 +286,47 @@ static uint64_t cost_of(const overlay_work *work, int faces, int packs)
 {
     uint64_t facets = (uint64_t)work->facets.count;
     return 10 + 9 * (uint64_t)packs + 2 * facets + (uint64_t)faces * (3 + facets / 2);
+}
+
+static void toggle_facet(overlay_work *work, int facet)
+{
+    for (int i = 0; i < 3; i++)
+        work->edges[work->edge_of[facet][i]].is_odd ^= true;
+}
+
+/** Toggles the edges of the facets that are farther from a face than this. */
+static void toggle_far_facets(overlay_work *work, const qm_overlay_gaps *gaps, double enough)
+{
+    for (int i = 0; i < work->facets.count; i++)
+        if (!(gaps->at[i] <= enough)) toggle_facet(work, i);
+}
+
+/** True when no edge of the boundary of the facets that are near enough lies over the face. */
+static bool is_clear(overlay_work *work, const qm_overlay_face *face, const qm_overlay_gaps *gaps,
+                     double enough)
+{
+    double size = work->facets.size;
+    if (gaps->greatest <= enough) return work->kernel->overlay_clear(&work->rim, size, face);
+    qm_overlay_rim rim;
+    toggle_far_facets(work, gaps, enough);
+    bool clear = set_rim(work, &rim) && work->kernel->overlay_clear(&rim, size, face);
+    toggle_far_facets(work, gaps, enough);
+    return clear;
+}
+
+/** True when an odd number of the facets that are near enough certainly is over the probe. */
+static bool probe_is_covered(const overlay_work *work, const qm_overlay_gaps *gaps, double enough)
+{
+    int over = 0;
+    for (int first = 0; first < work->facets.count; first += QM_PACK_LANES) {
+        unsigned near = 0;
+        int group = first / QM_PACK_LANES;
+        for (int lane = 0; lane < QM_PACK_LANES && first + lane < work->facets.count; lane++)
+            near |= (unsigned)(gaps->at[first + lane] <= enough) << lane;
+        if (near & ~(gaps->over_probe[group] | gaps->beside_probe[group])) return false;
+        over += __builtin_popcount(near & gaps->over_probe[group]);
+    }
+    return over % 2 == 1;
 }
 
 unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay_source *source,
@@ -258,18 +337,20 @@ unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_over
     work.kernel = worker->search->kernel;
     double allowed = qm_search_allowed(worker->search) * side->scale;
     if (!set_frame(&work.frame, source)) return 0;
-    map_faces(&work, source, allowed);
+    double shrink = map_faces(&work, source, allowed);
     bool has_facets = set_facets(&work, near);
     worker->overlay_cost += cost_of(&work, source->count, near->count);
     if (!has_facets) return 0;
     unsigned settled = 0;
     for (int i = 0; i < source->count; i++) {
-        double size = work.facets.size, margin = size * qm_overlay_set_face(&work.face[i], size);
-        if (!(margin < allowed)) continue;
-        qm_overlay_gap gap;
-        work.kernel->overlay_gap(&work.facets, &work.face[i], &gap);
-        if (!gap.is_clear || gap.over_probe < 0 || gap.over_probe % 2 == 0) continue;
-        if (gap.greatest + margin <= allowed) settled |= 1u << i;
+        qm_overlay_face *face = &work.face[i];
+        double size = work.facets.size, margin = size * qm_overlay_set_face(face, size);
+        double enough = allowed - shrink - margin;
+        if (!(enough > 0.0)) continue;
+        qm_overlay_gaps gaps;
+        work.kernel->overlay_gaps(&work.facets, face, &gaps);
+        if (probe_is_covered(&work, &gaps, enough) && is_clear(&work, face, &gaps, enough))
+            settled |= 1u << i;
     }
     return settled;
 }

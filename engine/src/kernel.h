@@ -124,17 +124,21 @@ typedef struct qm_overlay_frame {
 
 /**
  * Facets of the target in such coordinates, corner by corner, eight to a group; and how far the surface may
- * be from each. Places past count, in the last group, repeat others. The rim is made of edges of theirs, ends
- * by their places in the plane, likewise.
+ * be from each. Places past count, in the last group, repeat others.
  */
 typedef struct qm_overlay_facets {
-    int count, rim_count;
+    int count;
     double size; /* no coordinate of these facets and of the faces is greater, by magnitude */
     struct {
         _Alignas(64) double at[3][3][QM_PACK_LANES], twist[QM_PACK_LANES];
     } group[QM_OVERLAY_GROUPS];
-    _Alignas(64) double rim[2][2][QM_OVERLAY_RIM];
 } qm_overlay_facets;
+
+/** Edges of the boundary of a set of facets, ends by their places in the plane; filled up likewise. */
+typedef struct qm_overlay_rim {
+    int count;
+    _Alignas(64) double at[2][2][QM_OVERLAY_RIM];
+} qm_overlay_rim;
 
 /** A triangle of the source over the same plane. side[k] = (a, b, c): a x + b y + c is how far (x, y) lies
  * inside the k-th edge. */
@@ -145,13 +149,14 @@ typedef struct qm_overlay_face {
     double probe[2]; /* a place inside */
 } qm_overlay_face;
 
-/** What lies over a face: see hausdorff_overlay.c. */
-typedef struct qm_overlay_gap {
-    bool is_clear;   /* no edge of the rim lies over it; the rest is told only then */
-    double greatest; /* vertical distance between the face and a facet, where one lies over the other; -1
-                        where none does */
-    int over_probe;  /* facets over the probe; -1 where roundings leave that open */
-} qm_overlay_gap;
+/** Facets over a face, those in eights as the facets are: see hausdorff_overlay.c. */
+typedef struct qm_overlay_gaps {
+    _Alignas(64) double at[QM_OVERLAY_GROUPS * QM_PACK_LANES]; /* the greatest vertical distance between the
+        face and this facet, where one lies over the other; -1 where none does */
+    double greatest;                                           /* of all */
+    uint8_t over_probe[QM_OVERLAY_GROUPS], beside_probe[QM_OVERLAY_GROUPS]; /* bits of facets that certainly
+        are over the probe of the face, or beside it */
+} qm_overlay_gaps;
 
 typedef struct qm_kernel {
     const char *name;
@@ -270,7 +275,11 @@ typedef struct qm_kernel {
                             uint32_t pack, const float *twist);
 
     /** Finds the facets over a face, and how far they are from it. */
-    void (*overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, qm_overlay_gap *out);
+    void (*overlay_gaps)(const qm_overlay_facets *facets, const qm_overlay_face *face, qm_overlay_gaps *out);
+
+    /** True when each edge of the rim lies certainly beside the face: beyond one of its edges, or with all of
+     * it on one side of its own line. No coordinate is greater than size, by magnitude. */
+    bool (*overlay_clear)(const qm_overlay_rim *rim, double size, const qm_overlay_face *face);
 
     /** Walks from a pair of nodes, whose boxes are taken to meet, to the pairs below that meet. False when
      * take ended the walk. */

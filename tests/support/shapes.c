@@ -278,6 +278,39 @@ qm_mesh qm_shape_triangulated(const qm_mesh *mesh)
     return out;
 }
 
+/** The vertex in the middle of an edge, which is added unless a face before had that edge. */
+static uint32_t midpoint(qm_mesh *mesh, size_t first, uint32_t (*edge)[2], uint32_t a, uint32_t b)
+{
+    uint32_t low = a < b ? a : b, high = a < b ? b : a;
+    for (size_t v = first; v < mesh->vertex_count; ++v)
+        if (edge[v - first][0] == low && edge[v - first][1] == high) return (uint32_t)v;
+    for (size_t k = 0; k < 3; ++k)
+        mesh->positions[3 * mesh->vertex_count + k] =
+            0.5 * (mesh->positions[3 * low + k] + mesh->positions[3 * high + k]);
+    edge[mesh->vertex_count - first][0] = low;
+    edge[mesh->vertex_count - first][1] = high;
+    return (uint32_t)mesh->vertex_count++;
+}
+
+qm_mesh qm_shape_refined(const qm_mesh *mesh)
+{
+    qm_mesh out = qm_shape_make(mesh->vertex_count + 3 * mesh->face_count, 4 * mesh->face_count);
+    uint32_t(*edge)[2] = allocate(3 * mesh->face_count, sizeof *edge);
+    memcpy(out.positions, mesh->positions, 3 * mesh->vertex_count * sizeof *out.positions);
+    out.vertex_count = mesh->vertex_count;
+    for (size_t f = 0; f < mesh->face_count; ++f) {
+        const uint32_t *c = mesh->faces + 4 * f;
+        uint32_t m[3];
+        for (int i = 0; i < 3; ++i)
+            m[i] = midpoint(&out, mesh->vertex_count, edge, c[i], c[(i + 1) % 3]);
+        for (size_t i = 0; i < 3; ++i)
+            set_face(&out, 4 * f + i, c[i], m[i], m[(i + 2) % 3], QM_NO_INDEX);
+        set_face(&out, 4 * f + 3, m[0], m[1], m[2], QM_NO_INDEX);
+    }
+    free(edge);
+    return out;
+}
+
 qm_mesh qm_shape_joined(const qm_mesh *a, const qm_mesh *b)
 {
     qm_mesh out = qm_shape_make(a->vertex_count + b->vertex_count, a->face_count + b->face_count);

@@ -80,6 +80,9 @@ qm_mesh qm_shape_reversed(const qm_mesh *mesh);
 /** Every quad cut into its two triangles. */
 qm_mesh qm_shape_triangulated(const qm_mesh *mesh);
 
+/** Every triangle of a mesh of triangles cut into four at its midpoints, which neighbours share. */
+qm_mesh qm_shape_refined(const qm_mesh *mesh);
+
 /** Both meshes as one. */
 qm_mesh qm_shape_joined(const qm_mesh *a, const qm_mesh *b);
 

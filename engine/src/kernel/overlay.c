@@ -107,17 +107,17 @@ static inline qm_vd corner_gap(const wide_facet *f, const double corner[3], doub
     return qm_vd_select(under, bound, qm_vd_set(NOT_OVER));
 }
 
-static inline void count_over_probe(const wide_facet *f, const double probe[2], double margin, unsigned there,
-                                    qm_overlay_gap *out)
+/** Sets the bits of those facets that certainly are over the probe of a face, or beside it. */
+static inline void look_at_probe(const wide_facet *f, const double probe[2], double margin, int first,
+                                 qm_overlay_gaps *out)
 {
     qm_vd weight[3];
     find_weights(f, probe[0], probe[1], weight);
-    unsigned maybe = qm_vl_bits(have_one_sign(weight, -margin)) & there;
-    if (!maybe || out->over_probe < 0) return;
-    if (maybe != (qm_vl_bits(have_one_sign(weight, margin)) & there))
-        out->over_probe = -1;
-    else
-        out->over_probe += __builtin_popcount(maybe);
+    int group = first / QM_PACK_LANES, shift = first % QM_PACK_LANES;
+    unsigned over = qm_vl_bits(have_one_sign(weight, margin));
+    unsigned beside = ~qm_vl_bits(have_one_sign(weight, -margin)) & ((1u << QM_WIDTH) - 1);
+    out->over_probe[group] |= (uint8_t)(over << shift);
+    out->beside_probe[group] |= (uint8_t)(beside << shift);
 }
 
 enum { MAX_VERTICES = 3 * QM_PACK_LANES };
@@ -192,16 +192,15 @@ unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_fram
     return added;
 }
 
-/** True when each edge of the rim lies certainly beside the face: beyond one of its edges, or with all of it
- * on one side of its own line. */
-static inline bool is_clear(const qm_overlay_facets *facets, const qm_overlay_face *face, double side_margin,
-                            double area_margin)
+bool QM_KERNEL(overlay_clear)(const qm_overlay_rim *rim, double size, const qm_overlay_face *face)
 {
-    for (int first = 0; first < facets->rim_count; first += QM_WIDTH) {
+    double side_margin = QM_OVERLAY_SIDE * QM_UNIT_ROUNDING * size;
+    double area_margin = QM_OVERLAY_AREA * QM_UNIT_ROUNDING * size * size;
+    for (int first = 0; first < rim->count; first += QM_WIDTH) {
         qm_vd x[2], y[2];
         for (int end = 0; end < 2; end++) {
-            x[end] = qm_vd_load(&facets->rim[end][0][first]);
-            y[end] = qm_vd_load(&facets->rim[end][1][first]);
+            x[end] = qm_vd_load(&rim->at[end][0][first]);
+            y[end] = qm_vd_load(&rim->at[end][1][first]);
         }
         const qm_vd outside = qm_vd_set(-side_margin);
         qm_vl parted = outside > outside;
@@ -220,28 +219,39 @@ static inline bool is_clear(const qm_overlay_facets *facets, const qm_overlay_fa
     return true;
 }
 
-void QM_KERNEL(overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, qm_overlay_gap *out)
+/** The gap of each facet. */
+static inline qm_vd find_gap(const wide_facet *f, const qm_overlay_face *face, double area_margin,
+                             qm_vd twist)
+{
+    qm_vd gap = edge_gap(f, 0, 1);
+    gap = qm_vd_max(gap, qm_vd_max(edge_gap(f, 1, 2), edge_gap(f, 2, 0)));
+    for (int i = 0; i < 3; i++)
+        gap = qm_vd_max(gap, corner_gap(f, face->corner[i], area_margin));
+    return qm_vd_select(gap >= qm_vd_set(0.0), gap + twist, gap);
+}
+
+void QM_KERNEL(overlay_gaps)(const qm_overlay_facets *facets, const qm_overlay_face *face,
+                             qm_overlay_gaps *out)
 {
     double side_margin = QM_OVERLAY_SIDE * QM_UNIT_ROUNDING * facets->size;
     double area_margin = QM_OVERLAY_AREA * QM_UNIT_ROUNDING * facets->size * facets->size;
-    *out = (qm_overlay_gap){.is_clear = is_clear(facets, face, side_margin, area_margin)};
-    if (!out->is_clear) return;
-    out->greatest = NOT_OVER;
     qm_vd greatest = qm_vd_set(NOT_OVER);
+    memset(out->over_probe, 0, sizeof out->over_probe);
+    memset(out->beside_probe, 0, sizeof out->beside_probe);
     for (int first = 0; first < facets->count; first += QM_WIDTH) {
-        int place = first / QM_PACK_LANES, part = first % QM_PACK_LANES / QM_WIDTH;
+        int group = first / QM_PACK_LANES, part = first % QM_PACK_LANES / QM_WIDTH;
+        qm_vd gap = qm_vd_set(NOT_OVER);
         wide_facet f;
-        if (!load_facet(&f, facets->group[place].at, part, face, side_margin)) continue;
-        qm_vd gap = edge_gap(&f, 0, 1);
-        gap = qm_vd_max(gap, qm_vd_max(edge_gap(&f, 1, 2), edge_gap(&f, 2, 0)));
-        for (int i = 0; i < 3; i++)
-            gap = qm_vd_max(gap, corner_gap(&f, face->corner[i], area_margin));
-        gap = qm_vd_select(gap >= qm_vd_set(0.0),
-                           gap + qm_vd_load(&facets->group[place].twist[part * QM_WIDTH]), gap);
-        int there = facets->count - first < QM_WIDTH ? facets->count - first : QM_WIDTH;
-        count_over_probe(&f, face->probe, area_margin, (1u << there) - 1, out);
+        if (load_facet(&f, facets->group[group].at, part, face, side_margin)) {
+            gap = find_gap(&f, face, area_margin, qm_vd_load(&facets->group[group].twist[part * QM_WIDTH]));
+            look_at_probe(&f, face->probe, area_margin, first, out);
+        } else {
+            out->beside_probe[group] |= (uint8_t)(((1u << QM_WIDTH) - 1) << part * QM_WIDTH);
+        }
+        qm_vd_store(&out->at[first], gap);
         greatest = qm_vd_max(gap, greatest);
     }
+    out->greatest = NOT_OVER;
     for (int lane = 0; lane < QM_WIDTH; lane++)
         out->greatest = qm_greater(greatest[lane], out->greatest);
 }
