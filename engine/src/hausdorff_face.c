@@ -3,6 +3,7 @@
  * it, which settles most at little cost; the others become pieces in the queue and come back through
  * qm_worker_piece.
  */
+#include "hausdorff_overlay.h"
 #include "hausdorff_piece.h"
 
 #define VISIT_CUTS 32      /* of a part in one visit, beyond those that eta has room for */
@@ -129,6 +130,18 @@ void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
     qm_piece_process_stack(&work);
 }
 
+/** Settles a triangle by what lies over it, where that settles most; else it would go to the queue. */
+static bool try_overlay(const qm_piece_work *work)
+{
+    qm_worker *worker = work->worker;
+    if (worker->overlay_hits * MIN_HIT_SHARE < worker->overlay_tries) return false;
+    uint64_t before = worker->overlay_cost;
+    bool is_settled = qm_worker_overlay_face(worker, work->side, &work->piece, work->near);
+    worker->cover_cost += worker->overlay_cost - before;
+    worker->overlay_cost = before;
+    return is_settled;
+}
+
 /**
  * Covers a triangle of the source by the nearest facets, then by all candidates, with what is found on the
  * way; else queues it.
@@ -150,6 +163,7 @@ static void settle_triangle(qm_piece_work *work)
         /* The middle of what is left is likely as far as any point of the face. */
         if (!qm_piece_sample_unreached(work, qm_polygon_middle(&polygon))) break;
     }
+    if (try_overlay(work)) return;
     work->worker->cover_cost += COST_OF_PARTS;
     qm_piece_push(work, &work->piece);
 }

@@ -354,3 +354,11 @@ unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_over
     }
     return settled;
 }
+
+bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_piece *face,
+                            const qm_near_packs *near)
+{
+    qm_overlay_source source = {.count = 1};
+    memcpy(source.corner[0], face->corner, sizeof source.corner[0]);
+    return qm_worker_overlay(worker, side, &source, near) != 0;
+}

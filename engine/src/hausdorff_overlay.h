@@ -32,4 +32,8 @@ void qm_overlay_fill_up(qm_overlay_facets *facets);
 unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay_source *source,
                            const qm_near_packs *near);
 
+/** The same of one triangle. */
+bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_piece *face,
+                            const qm_near_packs *near);
+
 #endif

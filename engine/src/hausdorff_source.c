@@ -120,9 +120,7 @@ static bool overlay_alone(qm_worker *worker, const pack_work *work, const qm_pie
 {
     qm_near_packs near;
     gather_about(worker, work, face->corner, 3, &near);
-    qm_overlay_source source = {.count = 1};
-    memcpy(source.corner[0], face->corner, sizeof source.corner[0]);
-    return qm_worker_overlay(worker, work->side, &source, &near) != 0;
+    return qm_worker_overlay_face(worker, work->side, face, &near);
 }
 
 /** Settles open triangles by what lies straight over them: all together, and each by itself where that has
@@ -168,11 +166,12 @@ static void gather_open(const qm_worker *worker, pack_work *work)
 }
 
 /**
- * Whether to settle faces by an overlay, as that has cost less than covers. Now and then it is the other way
- * round, to see what that costs: the more seldom the more it does.
+ * Whether to settle faces by an overlay: at first, to see what that costs, and from then on where it has cost
+ * less than covers. Now and then it is the other way round, the more seldom the more that costs.
  */
 static bool choose_overlay(qm_worker *worker)
 {
+    if (worker->overlay_tries == 0) return true;
     double by_covers = ((double)worker->cover_cost + COVER_PRIOR) / ((double)worker->cover_tries + 1.0);
     double left = (double)(worker->overlay_tries - worker->overlay_hits);
     double by_overlay = ((double)worker->overlay_cost + left * by_covers + OVERLAY_PRIOR) /

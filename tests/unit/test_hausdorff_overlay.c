@@ -3,6 +3,7 @@
 #include "check.h"
 
 #include "hausdorff_overlay.h"
+#include "measured.h"
 #include "random.h"
 #include "shapes.h"
 #include "slow_twin.h"
@@ -10,7 +11,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { TARGETS = 240, TRIES = 12, SAMPLES = 60, COLUMNS = 12, PAIRS = 4000 };
+enum { TARGETS = 240, TRIES = 12, SAMPLES = 60, COLUMNS = 12, PAIRS = 4000, MAX_PARTS = 200 };
 
 /** Waves of some height over [0, 1]^2. */
 typedef struct waves {
@@ -241,6 +242,28 @@ static void faces_of_solids_are_settled(void **state)
     }
 }
 
+/** A solid against what its faces were cut into: their distance is 0, at any tolerance, and no face has to be
+ * cut for it. */
+static void solids_are_compared_with_few_parts(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 3);
+    for (int i = 0; i < TARGETS; i++) {
+        qm_mesh coarse, fine;
+        draw_solid(&random, &coarse, &fine);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.tolerance = 1e-9;
+        qm_hausdorff_result found = qm_measured(&coarse, &fine, &options);
+        QM_CHECK(found.stop == QM_STOP_CONVERGED && found.lower == 0.0, "seed %llu, solid %d: [%.17g, %.17g]",
+                 (unsigned long long)seed, i, found.lower, found.upper);
+        QM_CHECK(found.iterations < MAX_PARTS, "seed %llu, solid %d: %llu parts", (unsigned long long)seed, i,
+                 (unsigned long long)found.iterations);
+        qm_shape_free(&coarse);
+        qm_shape_free(&fine);
+    }
+}
+
 /** A face at a height over a plane is settled by just that; over a hole it is not, nor where two cover it. */
 static void gaps_over_a_plane_are_exact(void **state)
 {
@@ -398,6 +421,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(settled_faces_are_near),
         cmocka_unit_test(faces_of_solids_are_settled),
+        cmocka_unit_test(solids_are_compared_with_few_parts),
         cmocka_unit_test(gaps_over_a_plane_are_exact),
         cmocka_unit_test(gaps_are_those_of_clipped_facets),
     };
