@@ -116,8 +116,13 @@ static void finish_pack(const pack_builder *builder, size_t pack)
 {
     qm_bvh *bvh = builder->bvh;
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    builder->kernel->fit_box(bvh, pack, lanes->vertex, lanes->vertex_count);
-    if (bvh->floats.items && bvh->pack_count <= FLOATS_AT_ONCE) qm_bvh_make_floats(bvh, pack);
+    if (bvh->floats.items && bvh->pack_count <= FLOATS_AT_ONCE) {
+        qm_pack_corners corners;
+        builder->kernel->fit_corners(bvh, pack, &corners);
+        qm_bvh_put_floats(bvh, pack, &corners);
+    } else {
+        builder->kernel->fit_box(bvh, pack, lanes->vertex, lanes->vertex_count);
+    }
 }
 
 /** Packs of a block, and the boxes above its groups. */
