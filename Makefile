@@ -48,6 +48,8 @@ ifeq ($(config),release)
 CXX_LIBS       = -Wl,-Bstatic -ldraco -lstdc++ -Wl,-Bdynamic -static-libgcc
 endif
 LIBRARY_LIBS   = $(shell pkg-config --libs $(PACKAGES)) $(CXX_LIBS) -lm -lpthread
+# Those of the daemon alone have no part in the command line: its link proves it.
+CLI_LIBS       = $(shell pkg-config --libs libcjson) $(CXX_LIBS) -lm -lpthread
 
 ENGINE_SOURCES := $(wildcard engine/src/*.c)
 KERNEL_SOURCES := $(wildcard engine/src/kernel/*.c)
@@ -137,7 +139,7 @@ $(OUT)/quadmeshd: $(OBJ)/server/main.o $(PROGRAM_EXTRA) $(OBJ)/libserver.a $(OBJ
 
 $(OUT)/quadmesh: $(CLI_OBJECTS) $(PROGRAM_EXTRA) $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
-	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
+	$(CC) $(LDFLAGS) -o $@ $^ $(CLI_LIBS)
 
 $(OUT)/tests/%: $(OBJ)/tests/unit/%.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)

@@ -211,35 +211,6 @@ qm_status qm_builder_fail_index(qm_builder *builder, uint64_t vertex)
                          (unsigned long long)vertex, builder->vertex_count);
 }
 
-/** used has a byte for each vertex: bits would be smaller, and slower to set. */
-static size_t count_unused(const qm_builder *builder, uint8_t *used)
-{
-    memset(used, 0, builder->vertex_count);
-    for (size_t i = 0; i < builder->face_count; ++i) {
-        const uint32_t *face = builder->faces + 4 * i;
-        used[face[0]] = used[face[1]] = used[face[2]] = 1;
-        if (face[3] != QM_NO_INDEX) used[face[3]] = 1;
-    }
-    size_t unused = builder->vertex_count;
-    for (size_t i = 0; i < builder->vertex_count; ++i)
-        unused -= used[i];
-    return unused;
-}
-
-static qm_status warn_about_unused(qm_builder *builder)
-{
-    if (builder->face_count == 0) return QM_OK;
-    uint8_t *used = qm_context_alloc(builder->ctx, builder->vertex_count, 1);
-    if (!used) return QM_E_NO_MEMORY;
-    size_t unused = count_unused(builder, used);
-    qm_context_free(builder->ctx, used, builder->vertex_count, 1);
-    if (unused > 0)
-        qm_codec_warn(builder->report,
-                      "vertices that no face uses: %zu of %zu (kept, but no part of the surface)", unused,
-                      builder->vertex_count);
-    return QM_OK;
-}
-
 /** Gives the spare room of an array back; count may be 0. */
 static bool trim(qm_context *ctx, void **block, size_t *capacity, size_t count, size_t width)
 {
@@ -313,8 +284,7 @@ qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out)
     qm_mesh mesh = mesh_of(builder);
     qm_status status = qm_mesh_validate(builder->ctx, &mesh);
     if (status != QM_OK) return qm_codec_fail(builder->report, status, "%s", builder->ctx->message);
-    status = warn_about_unused(builder);
-    if (status == QM_OK) status = trim_arrays(builder);
+    status = trim_arrays(builder);
     if (status != QM_OK) return status;
     *out = mesh_of(builder);
     builder->positions = NULL;

@@ -142,8 +142,8 @@ static inline qm_status qm_builder_add_triangle(qm_builder *builder, uint32_t a,
 qm_status qm_builder_fail_index(qm_builder *builder, uint64_t vertex);
 
 /**
- * Ends the mesh: warns about polygons, repeated corners and vertices without a face, trims the arrays, hands
- * them to out and checks the mesh. QM_E_EMPTY, QM_E_NOT_FINITE (span), QM_E_NO_MEMORY.
+ * Ends the mesh: warns about polygons and repeated corners, trims the arrays, hands them to out and checks
+ * the mesh. QM_E_EMPTY, QM_E_NOT_FINITE (span), QM_E_NO_MEMORY.
  */
 qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out);
 

@@ -40,6 +40,14 @@ static bool skip_attribute_indices(qm_scan *text)
     return qm_scan_at_row_end(text) || qm_scan_is_blank(*text->at) || *text->at == '\\';
 }
 
+/** Keeps the largest index, from 1, and its line. */
+static void note_index(obj_reader *reader, uint32_t index)
+{
+    if (index <= reader->largest_index) return;
+    reader->largest_index = index;
+    reader->largest_line = reader->text.line;
+}
+
 /** Turns an index of the file, from 1 or from -1 backwards, into one from 0. */
 static qm_status resolve_index(obj_reader *reader, int64_t index, uint32_t *vertex)
 {
@@ -56,10 +64,7 @@ static qm_status resolve_index(obj_reader *reader, int64_t index, uint32_t *vert
                              "face refers to vertex %lld, but no file may have more than %zu vertices",
                              (long long)index, builder->limits->max_vertices);
     *vertex = (uint32_t)(index > 0 ? index - 1 : (int64_t)builder->vertex_count + index);
-    if (*vertex + 1 > reader->largest_index) {
-        reader->largest_index = *vertex + 1;
-        reader->largest_line = reader->text.line;
-    }
+    note_index(reader, *vertex + 1);
     return QM_OK;
 }
 
@@ -77,7 +82,7 @@ static qm_status read_corner(obj_reader *reader)
     return status == QM_OK ? qm_builder_add_corner(reader->builder, vertex) : status;
 }
 
-static qm_status read_face(obj_reader *reader)
+static qm_status read_any_face(obj_reader *reader)
 {
     for (;;) {
         qm_scan_skip_blanks(&reader->text);
@@ -85,6 +90,36 @@ static qm_status read_face(obj_reader *reader)
         qm_status status = read_corner(reader);
         if (status != QM_OK) return status;
     }
+}
+
+/** Reads a triangle or a quad whose corners are plain indices; false, and nothing read, for other faces. */
+static bool read_plain_corners(obj_reader *reader, uint32_t corners[4])
+{
+    const qm_scan *text = &reader->text;
+    if (text->end - text->at < QM_SCAN_CORNERS_REACH) return false;
+    const uint8_t *at = qm_scan_short_corners(text->at, 3, corners);
+    const bool is_quad = at && *at == ' ';
+    if (is_quad) at = qm_scan_short_integer(at + 1, &corners[3]);
+    if (!at || !qm_scan_is_line_end(*at)) return false;
+    if (!is_quad) corners[3] = corners[0];
+    uint32_t least = UINT32_MAX, most = 0;
+    for (int i = 0; i < 4; ++i) {
+        least = corners[i] < least ? corners[i] : least;
+        most = corners[i] > most ? corners[i] : most;
+        --corners[i];
+    }
+    if (!is_quad) corners[3] = QM_NO_INDEX;
+    if (least == 0 || most > reader->builder->limits->max_vertices) return false;
+    note_index(reader, most);
+    reader->text.at = at;
+    return true;
+}
+
+static qm_status read_face(obj_reader *reader)
+{
+    uint32_t corners[4];
+    return read_plain_corners(reader, corners) ? qm_builder_add_face(reader->builder, corners)
+                                               : read_any_face(reader);
 }
 
 /** Statements that say how a mesh looks or what it is called, and attributes of vertices. */
@@ -98,9 +133,14 @@ static bool is_known_statement(const uint8_t *word, size_t size)
 
 static qm_status read_statement(obj_reader *reader)
 {
-    const uint8_t *word;
+    const uint8_t *word = reader->text.at;
     size_t size;
-    if (!qm_scan_read_word(&reader->text, &word, &size)) return QM_OK;
+    if (reader->text.end - word >= 2 && word[1] == ' ') { /* a word of one letter, as nearly all are */
+        size = 1;
+        ++reader->text.at;
+    } else if (!qm_scan_read_word(&reader->text, &word, &size)) {
+        return QM_OK;
+    }
     if (size == 1 && *word == 'v') return read_vertex(reader);
     if (size == 1 && *word == 'f') return read_face(reader);
     if (!is_known_statement(word, size)) ++reader->skipped_count;

@@ -89,7 +89,7 @@ static qm_status read_vertices(qm_builder *builder, qm_scan *text, size_t count)
     return QM_OK;
 }
 
-static qm_status read_face(qm_builder *builder, qm_scan *text)
+static qm_status read_any_face(qm_builder *builder, qm_scan *text)
 {
     int64_t corner_count;
     qm_status status = qm_scan_read_integer(text, &corner_count);
@@ -108,6 +108,13 @@ static qm_status read_face(qm_builder *builder, qm_scan *text)
         if (status != QM_OK) return status;
     }
     return qm_builder_end_face(builder);
+}
+
+static qm_status read_face(qm_builder *builder, qm_scan *text)
+{
+    uint32_t corners[4];
+    return qm_scan_plain_face(text, builder->vertex_count, corners) ? qm_builder_add_face(builder, corners)
+                                                                    : read_any_face(builder, text);
 }
 
 static qm_status read_faces(qm_builder *builder, qm_scan *text, size_t count)

@@ -74,6 +74,35 @@ static qm_status read_text_list(qm_ply_reader *reader, const qm_ply_property *pr
     return status;
 }
 
+/** True for rows that are nothing but the three coordinates in order, or the corners of a face. */
+static bool is_plain(const qm_ply_reader *reader, const qm_ply_element *element)
+{
+    const qm_ply_property *first = reader->properties + element->first_property;
+    if (element->kind == QM_PLY_FACES) return element->property_count == 1 && first->role == QM_PLY_CORNERS;
+    bool is_position = element->kind == QM_PLY_VERTICES && element->property_count == 3;
+    for (int axis = 0; is_position && axis < 3; ++axis)
+        is_position = first[axis].role == QM_PLY_COORDINATE + axis;
+    return is_position;
+}
+
+/** Reads the commonest of those rows; false, and nothing read, for others. */
+static bool read_plain_row(qm_ply_reader *reader, qm_ply_kind kind, qm_status *status)
+{
+    qm_scan *text = &reader->text;
+    const uint8_t *at = text->at;
+    double position[3];
+    uint32_t corners[4];
+    bool is_read = kind == QM_PLY_FACES ? qm_scan_plain_face(text, reader->vertex_count, corners)
+                                        : qm_scan_plain_position(text, position);
+    if (!is_read || !qm_scan_is_line_end(*text->at)) {
+        text->at = at;
+        return false;
+    }
+    *status = kind == QM_PLY_FACES ? qm_builder_add_face(reader->builder, corners)
+                                   : qm_builder_add_vertex(reader->builder, position);
+    return true;
+}
+
 static qm_status read_text_row(qm_ply_reader *reader, const qm_ply_element *element)
 {
     double value[QM_PLY_CORNERS] = {0}, ignored;
@@ -96,11 +125,14 @@ static qm_status read_text_row(qm_ply_reader *reader, const qm_ply_element *elem
 static qm_status read_text_rows(qm_ply_reader *reader, const qm_ply_element *element)
 {
     if (element->property_count == 0) return QM_OK;
+    const bool plain = is_plain(reader, element);
     for (uint64_t i = 0; i < element->count; ++i) {
         if (!qm_scan_find_row(&reader->text))
             return qm_codec_fail(reader->report, QM_E_FORMAT, "the file ends after %llu of %llu rows",
                                  (unsigned long long)i, (unsigned long long)element->count);
-        qm_status status = read_text_row(reader, element);
+        qm_status status;
+        if (!plain || !read_plain_row(reader, element->kind, &status))
+            status = read_text_row(reader, element);
         if (status != QM_OK) return status;
         qm_scan_skip_line(&reader->text);
     }

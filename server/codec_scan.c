@@ -38,21 +38,21 @@ bool qm_scan_skip_joint(qm_scan *text)
     return true;
 }
 
-void qm_scan_skip_line(qm_scan *text)
+void qm_scan_skip_long_line(qm_scan *text)
 {
     while (text->at < text->end && !qm_scan_is_line_end(*text->at))
         ++text->at;
     if (text->at < text->end) qm_scan_skip_line_end(text);
 }
 
-void qm_scan_skip_statement(qm_scan *text)
+void qm_scan_skip_long_statement(qm_scan *text)
 {
     while (text->at < text->end && !qm_scan_is_line_end(*text->at))
         if (*text->at != '\\' || !qm_scan_skip_joint(text)) ++text->at;
     if (text->at < text->end) qm_scan_skip_line_end(text);
 }
 
-bool qm_scan_find_row(qm_scan *text)
+bool qm_scan_find_any_row(qm_scan *text)
 {
     for (;;) {
         qm_scan_skip_blanks(text);
@@ -143,6 +143,10 @@ static const uint64_t integer_powers_of_ten[] = {1u,
                                                  1000000000000000000u,
                                                  10000000000000000000u};
 
+static const double exact_powers_of_ten[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
+                                             1e8,  1e9,  1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
+                                             1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
+
 /** mantissa / 10^power with one rounding: the quotient has 63 bits or more, and its last bit also stands for
  * everything below it, so that rounding to 53 bits sees a tie only where there is one. */
 static double divide_rounded(uint64_t mantissa, int power)
@@ -161,9 +165,6 @@ static double divide_rounded(uint64_t mantissa, int power)
  */
 static bool scale_fast(uint64_t mantissa, int64_t power, double *number)
 {
-    static const double exact_powers_of_ten[] = {1e0,  1e1,  1e2,  1e3,  1e4,  1e5,  1e6,  1e7,
-                                                 1e8,  1e9,  1e10, 1e11, 1e12, 1e13, 1e14, 1e15,
-                                                 1e16, 1e17, 1e18, 1e19, 1e20, 1e21, 1e22};
     if (mantissa <= (uint64_t)1 << 53) {
         if (power < -22 || power > 22) return false;
         *number = power < 0 ? (double)mantissa / exact_powers_of_ten[-power]
@@ -238,7 +239,7 @@ static inline const uint8_t *scan_many_digits(const uint8_t *p, const uint8_t *e
     return scan_digits(p, end, number);
 }
 
-qm_status qm_scan_read_number(qm_scan *text, double *number)
+static qm_status read_any_number(qm_scan *text, double *number)
 {
     qm_scan_skip_blanks(text);
     const uint8_t *p = text->at, *end = text->end;
@@ -267,11 +268,69 @@ qm_status qm_scan_read_number(qm_scan *text, double *number)
     return QM_OK;
 }
 
+#define SHORT_REACH 24 /* characters that the call below may look at */
+
+/**
+ * The commonest number, from p on: a sign or none and digits around a point, of which sixteen characters hold
+ * all and what comes after, a blank or the line's end. Returns where it ends; NULL for all other numbers.
+ * From one number to the next leads one load, and no branch depends on where the point is. Fourteen digits,
+ * and powers of ten up to as many, are exact, so that the quotient is rounded once.
+ */
+static inline const uint8_t *read_short_number(const uint8_t *p, double *number)
+{
+    const uint64_t negative = *p == '-';
+    const uint64_t others = qm_scan_others(qm_scan_load(p)) ^ negative << 7;
+    const uint64_t behind = others & (others - 1), is_long = -(uint64_t)(behind == 0);
+    const uint64_t ends = behind | (qm_scan_others(qm_scan_load(p + 8)) & is_long);
+    if (!others || !ends) return NULL;
+    const uint8_t *const point = p + (size_t)__builtin_ctzll(others) / 8;
+    const uint8_t *const end = p + (is_long & 8) + (size_t)__builtin_ctzll(ends) / 8;
+    p += negative;
+    if (*point != '.' || end - p < 2 || (*end != ' ' && !qm_scan_is_line_end(*end))) return NULL;
+    const size_t place = (size_t)(point - p), count = (size_t)(end - p) - 1;
+    const uint64_t before = (UINT64_C(1) << 8 * place) - 1;
+    const uint64_t digits = (qm_scan_load(p) & before) | (qm_scan_load(p + 1) & ~before);
+    uint64_t mantissa = qm_scan_join(digits, count < 8 ? count : 8);
+    if (count > 8)
+        mantissa = mantissa * integer_powers_of_ten[count - 8] + qm_scan_join(qm_scan_load(p + 9), count - 8);
+    const double quotient = (double)(int64_t)mantissa / exact_powers_of_ten[count - place];
+    uint64_t bits;
+    memcpy(&bits, &quotient, sizeof bits);
+    bits |= negative << 63;
+    memcpy(number, &bits, sizeof bits);
+    return end;
+}
+
+qm_status qm_scan_read_number(qm_scan *text, double *number)
+{
+    const uint8_t *at = text->at;
+    at += at < text->end && *at == ' ';
+    at = text->end - at >= SHORT_REACH ? read_short_number(at, number) : NULL;
+    if (!at) return read_any_number(text, number);
+    text->at = at;
+    return QM_OK;
+}
+
+bool qm_scan_plain_position(qm_scan *text, double position[3])
+{
+    const uint8_t *at = text->at;
+    if (text->end - at < 1 + 3 * SHORT_REACH) return false;
+    at += *at == ' ';
+    for (int axis = 0; axis < 3; ++axis) {
+        if (axis > 0 && *at++ != ' ') return false;
+        at = read_short_number(at, position + axis);
+        if (!at) return false;
+    }
+    text->at = at;
+    return true;
+}
+
 qm_status qm_scan_read_position(qm_scan *text, double position[3])
 {
-    qm_status status = qm_scan_read_number(text, position);
-    if (status == QM_OK) status = qm_scan_read_number(text, position + 1);
-    if (status == QM_OK) status = qm_scan_read_number(text, position + 2);
+    qm_status status = QM_OK;
+    if (qm_scan_plain_position(text, position)) return QM_OK;
+    for (int axis = 0; axis < 3 && status == QM_OK; ++axis)
+        status = qm_scan_read_number(text, position + axis);
     return status;
 }
 

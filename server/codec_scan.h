@@ -55,15 +55,37 @@ static inline void qm_scan_skip_blanks(qm_scan *text)
         ;
 }
 
+/** The calls below where more than the end is left of the line. */
+void qm_scan_skip_long_line(qm_scan *text);
+void qm_scan_skip_long_statement(qm_scan *text);
+
 /** Steps over the rest of the line and its end; a backslash joins no lines here. */
-void qm_scan_skip_line(qm_scan *text);
+static inline void qm_scan_skip_line(qm_scan *text)
+{
+    if (text->at < text->end && *text->at == '\n')
+        qm_scan_skip_line_end(text);
+    else
+        qm_scan_skip_long_line(text);
+}
 
 /** Steps over the rest of the line, the lines joined to it, and the end. */
-void qm_scan_skip_statement(qm_scan *text);
+static inline void qm_scan_skip_statement(qm_scan *text)
+{
+    if (text->at < text->end && *text->at == '\n')
+        qm_scan_skip_line_end(text);
+    else
+        qm_scan_skip_long_statement(text);
+}
+
+/** The call below in all cases. */
+bool qm_scan_find_any_row(qm_scan *text);
 
 /** Steps over empty lines and lines of comment to the first character of a row; false at the end of the text.
  */
-bool qm_scan_find_row(qm_scan *text);
+static inline bool qm_scan_find_row(qm_scan *text)
+{
+    return (text->at<text->end && * text->at> '#' && *text->at != '\\') || qm_scan_find_any_row(text);
+}
 
 /** Steps over blanks and reads a word: bytes up to a blank or line end. False at the end of the row. */
 bool qm_scan_read_word(qm_scan *text, const uint8_t **word, size_t *size);
@@ -74,28 +96,52 @@ bool qm_scan_word_is(const uint8_t *word, size_t size, const char *lower);
 /** Steps over blanks and reads a finite number. QM_E_FORMAT; QM_E_NOT_FINITE for NaN, infinity, overflow. */
 qm_status qm_scan_read_number(qm_scan *text, double *number);
 
+/** Three numbers of the commonest kind, each but the first after one blank and the last before a blank or the
+ * line's end; false, and nothing read, for others. */
+bool qm_scan_plain_position(qm_scan *text, double position[3]);
+
 /** Three numbers. */
 qm_status qm_scan_read_position(qm_scan *text, double position[3]);
 
-/**
- * The number that the digits at p make, of which it looks at eight characters and counts those before the
- * first other one; anything if there is none. No branch depends on their count. Neighbours are joined to
- * numbers of two, four and eight digits, each step in all places of the word. Source: Lemire, Number Parsing
- * at a Gigabyte per Second, Software: Practice and Experience 51, 2021.
- */
-static inline uint64_t qm_scan_eight(const uint8_t *p, size_t *count)
+#define QM_SCAN_ZEROS 0x3030303030303030u /* eight of the digit */
+
+/** Eight characters, digits by their value. */
+static inline uint64_t qm_scan_load(const uint8_t *p)
 {
     uint64_t word;
     memcpy(&word, p, sizeof word);
-    word = le64toh(word) ^ 0x3030303030303030u;
-    /* A digit is now 9 at most. What is more sets the high bit here, and disturbs only what comes after. */
-    const uint64_t others = ((word + 0x7676767676767676u) | word) & 0x8080808080808080u;
+    return le64toh(word) ^ QM_SCAN_ZEROS;
+}
+
+/** The high bit of each character that is no digit; behind one beyond ASCII also that of a nine. */
+static inline uint64_t qm_scan_others(uint64_t word)
+{
+    /* A digit is 9 at most. What is more sets the high bit here, and carries where it is 0x8a or more. */
+    return ((word + 0x7676767676767676u) | word) & 0x8080808080808080u;
+}
+
+/**
+ * The number that the first characters of a word make, digits so many as count says, at most eight; 0 if
+ * there is none. No branch depends on their count. Neighbours are joined to numbers of two, four and eight
+ * digits, each step in all places of the word; what it leaves in the places between the next one drops.
+ * Source: Lemire, Number Parsing at a Gigabyte per Second, Software: Practice and Experience 51, 2021.
+ */
+static inline uint64_t qm_scan_join(uint64_t word, size_t count)
+{
+    const size_t half = 32 - 4 * count;
+    word = word << half << half; /* zeros come before the first digit; nothing is left after the last */
+    word = word * (1 + (10u << 8)) >> 8;
+    word = (word & 0x00ff00ff00ff00ffu) * (1 + (100u << 16)) >> 16;
+    return (word & 0x0000ffff0000ffffu) * (1 + (UINT64_C(10000) << 32)) >> 32;
+}
+
+/** The number that the digits at p make, of which it looks at eight characters and counts those before the
+ * first other one. */
+static inline uint64_t qm_scan_eight(const uint8_t *p, size_t *count)
+{
+    const uint64_t word = qm_scan_load(p), others = qm_scan_others(word);
     *count = others ? (size_t)__builtin_ctzll(others) / 8 : 8;
-    word <<=
-        (64 - 8 * *count) & 63; /* zeros come before the first digit; no others are left after the last */
-    word = (10 * word + (word >> 8)) & 0x00ff00ff00ff00ffu;
-    word = (100 * word + (word >> 16)) & 0x0000ffff0000ffffu;
-    return (10000 * word + (word >> 32)) & 0xffffffffu;
+    return qm_scan_join(word, *count);
 }
 
 /** The call below in all cases. */
@@ -110,6 +156,50 @@ static inline bool qm_scan_bare_integer(qm_scan *text, int64_t *integer, bool *o
     if (count == 0 || count == 8) return qm_scan_any_integer(text, integer, overflow);
     *overflow = false;
     text->at += count;
+    return true;
+}
+
+#define QM_SCAN_SHORT_REACH 9 /* characters that the call below may look at */
+
+/** The commonest whole number: fewer than eight digits from p on, then a blank or the line's end, where it
+ * returns to; NULL for all others. */
+static inline const uint8_t *qm_scan_short_integer(const uint8_t *p, uint32_t *integer)
+{
+    size_t count;
+    *integer = (uint32_t)qm_scan_eight(p, &count);
+    const bool ends = (p[count] == ' ') | (p[count] == '\n') | (p[count] == '\r');
+    return (count > 0) & (count < 8) & ends ? p + count : NULL;
+}
+
+#define QM_SCAN_CORNERS_REACH (4 * QM_SCAN_SHORT_REACH) /* characters that the call below may look at */
+
+/** So many such numbers, four at most, each after one blank, the first of which is at p; returns where they
+ * end, or NULL for anything else. From one number to the next leads one load. */
+static inline const uint8_t *qm_scan_short_corners(const uint8_t *p, int count, uint32_t corners[4])
+{
+    for (int i = 0; i < count; ++i) {
+        if (*p != ' ') return NULL;
+        p = qm_scan_short_integer(p + 1, &corners[i]);
+        if (!p) return NULL;
+    }
+    return p;
+}
+
+/** Reads the commonest row of a face, a three or a four and as many vertices below vertex_count; the fourth
+ * corner of a triangle becomes QM_NO_INDEX. Further columns may follow. False, and nothing read, for other
+ * rows. */
+static inline bool qm_scan_plain_face(qm_scan *text, size_t vertex_count, uint32_t corners[4])
+{
+    if (text->end - text->at < 1 + QM_SCAN_CORNERS_REACH) return false;
+    const bool is_quad = *text->at == '4';
+    if (!is_quad && *text->at != '3') return false;
+    const uint8_t *at = qm_scan_short_corners(text->at + 1, is_quad ? 4 : 3, corners);
+    if (!at) return false;
+    if (!is_quad) corners[3] = corners[0];
+    for (int i = 0; i < 4; ++i)
+        if (corners[i] >= vertex_count) return false;
+    if (!is_quad) corners[3] = QM_NO_INDEX;
+    text->at = at;
     return true;
 }
 

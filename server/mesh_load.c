@@ -26,8 +26,8 @@ static qm_status set_warnings(qm_loaded_mesh *out, const qm_codec_report *report
     if (!out->warnings) return QM_E_NO_MEMORY;
     for (size_t i = 0; i < report->warning_count; i++)
         memcpy(out->warnings[out->warning_count++], report->warnings[i], QM_CODEC_DETAIL_SIZE);
-    if (out->facts.unused_vertices > 0 && !mentions(report, "no face"))
-        add_warning(out, "%zu vertices are used by no face; they are not part of the surface",
+    if (out->facts.unused_vertices > 0)
+        add_warning(out, "vertices that no face uses: %zu (kept, but no part of the surface)",
                     out->facts.unused_vertices);
     if (out->facts.repeated_corner_faces > 0 && !mentions(report, "twice"))
         add_warning(out, "%zu faces name a vertex twice; they are kept", out->facts.repeated_corner_faces);

@@ -1,8 +1,8 @@
 #include "self_pairs.h"
 
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
-#include <uv.h>
 
 #define MAX_KEPT (1u << 22) /* pairs: what is more than that costs less to find again than to keep */
 
@@ -18,7 +18,7 @@ typedef struct known {
 } known;
 
 struct qm_self_pairs {
-    uv_mutex_t lock;
+    pthread_mutex_t lock;
     size_t vertex_count;
     known readings[2];
 };
@@ -36,7 +36,7 @@ qm_self_pairs *qm_self_pairs_create(size_t vertex_count)
     qm_self_pairs *memory = calloc(1, sizeof *memory);
     if (!memory) return NULL;
     memory->vertex_count = vertex_count;
-    uv_mutex_init(&memory->lock);
+    pthread_mutex_init(&memory->lock, NULL);
     return memory;
 }
 
@@ -45,13 +45,13 @@ void qm_self_pairs_destroy(qm_self_pairs *memory)
     if (!memory) return;
     forget(&memory->readings[0]);
     forget(&memory->readings[1]);
-    uv_mutex_destroy(&memory->lock);
+    pthread_mutex_destroy(&memory->lock);
     free(memory);
 }
 
 void qm_self_pairs_move(qm_self_pairs *memory, const uint32_t *vertices, size_t count)
 {
-    uv_mutex_lock(&memory->lock);
+    pthread_mutex_lock(&memory->lock);
     for (int reading = 0; reading < 2; reading++) {
         known *at = &memory->readings[reading];
         if (!at->is_known) continue;
@@ -65,7 +65,7 @@ void qm_self_pairs_move(qm_self_pairs *memory, const uint32_t *vertices, size_t 
             at->moved[at->moved_count++] = vertices[i];
         }
     }
-    uv_mutex_unlock(&memory->lock);
+    pthread_mutex_unlock(&memory->lock);
 }
 
 static void *copy(const void *from, size_t size)
@@ -93,22 +93,22 @@ static known copy_known(const known *at, size_t vertex_count)
 void qm_self_pairs_inherit(qm_self_pairs *memory, qm_self_pairs *other)
 {
     known made[2];
-    uv_mutex_lock(&other->lock);
+    pthread_mutex_lock(&other->lock);
     for (int reading = 0; reading < 2; reading++)
         made[reading] = copy_known(&other->readings[reading], other->vertex_count);
-    uv_mutex_unlock(&other->lock);
-    uv_mutex_lock(&memory->lock);
+    pthread_mutex_unlock(&other->lock);
+    pthread_mutex_lock(&memory->lock);
     for (int reading = 0; reading < 2; reading++) {
         forget(&memory->readings[reading]);
         memory->readings[reading] = made[reading];
     }
-    uv_mutex_unlock(&memory->lock);
+    pthread_mutex_unlock(&memory->lock);
 }
 
 void qm_self_pairs_keep(qm_self_pairs *memory, const qm_collide_options *options, const qm_face_pair *pairs,
                         size_t count)
 {
-    uv_mutex_lock(&memory->lock);
+    pthread_mutex_lock(&memory->lock);
     known *at = &memory->readings[options->quads];
     forget(at);
     if (count <= MAX_KEPT) {
@@ -119,13 +119,13 @@ void qm_self_pairs_keep(qm_self_pairs *memory, const qm_collide_options *options
         at->is_known = at->pairs && at->moved && at->is_moved;
         if (!at->is_known) forget(at);
     }
-    uv_mutex_unlock(&memory->lock);
+    pthread_mutex_unlock(&memory->lock);
 }
 
 bool qm_self_pairs_recall(qm_self_pairs *memory, const qm_collide_options *options, qm_collide_changes *out)
 {
     *out = (qm_collide_changes){0};
-    uv_mutex_lock(&memory->lock);
+    pthread_mutex_lock(&memory->lock);
     const known *at = &memory->readings[options->quads];
     bool is_exact = options->quads == QM_QUADS_TRIANGLES;
     if (at->is_known && (is_exact || at->tolerance == options->tolerance)) {
@@ -134,7 +134,7 @@ bool qm_self_pairs_recall(qm_self_pairs *memory, const qm_collide_options *optio
         out->pairs = copy(at->pairs, at->pair_count * sizeof *at->pairs);
         out->pair_count = at->pair_count;
     }
-    uv_mutex_unlock(&memory->lock);
+    pthread_mutex_unlock(&memory->lock);
     if (out->vertices && out->pairs) return true;
     qm_self_pairs_release(out);
     return false;

@@ -9,7 +9,7 @@
 #include "kernel.h"
 
 #define PREFETCH 16     /* faces ahead of the one at hand whose corners are fetched: the order jumps about */
-#define FETCHED_PACKS 4 /* packs whose vertices are fetched while others are looked at */
+#define FETCHED_PACKS 8 /* packs whose vertices are fetched while others are looked at */
 #define ROWS_KEPT 16384 /* packs of which there is room for all triangles in double precision, and */
 #define ROWS_SHARE 16   /* for one in so many of those beyond */
 #define FLOATS_AT_ONCE                                                                                       \
@@ -106,8 +106,11 @@ static void fill_lanes(const pack_builder *builder, size_t pack)
         memcpy(vertex + 3 * lane, vertex, 3 * sizeof *vertex);
     }
     builder->kernel->share_corners(lanes, vertex);
-    for (int i = 0; i < lanes->vertex_count; i++)
-        __builtin_prefetch(mesh->positions + 3 * (size_t)lanes->vertex[i]);
+    for (int i = 0; i < lanes->vertex_count; i++) {
+        const double *position = mesh->positions + 3 * (size_t)lanes->vertex[i];
+        __builtin_prefetch(position); /* it may lie across two lines */
+        __builtin_prefetch(position + 2);
+    }
 }
 
 /** The box of a pack; and of a small tree, of which searches ask for most, its triangles in single precision
@@ -116,8 +119,13 @@ static void finish_pack(const pack_builder *builder, size_t pack)
 {
     qm_bvh *bvh = builder->bvh;
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    builder->kernel->fit_box(bvh, pack, lanes->vertex, lanes->vertex_count);
-    if (bvh->floats.items && bvh->pack_count <= FLOATS_AT_ONCE) qm_bvh_make_floats(bvh, pack);
+    if (bvh->floats.items && bvh->pack_count <= FLOATS_AT_ONCE) {
+        qm_pack_corners corners;
+        builder->kernel->fit_corners(bvh, pack, &corners);
+        qm_bvh_put_floats(bvh, pack, &corners);
+    } else {
+        builder->kernel->fit_box(bvh, pack, lanes->vertex, lanes->vertex_count);
+    }
 }
 
 /** Packs of a block, and the boxes above its groups. */

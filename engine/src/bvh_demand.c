@@ -2,18 +2,31 @@
 
 #include "kernel.h"
 
+/** Makes what was claimed. */
+static void fill_floats(const qm_bvh *bvh, size_t pack, unsigned place, const qm_pack_corners *corners)
+{
+    qm_float_pack *floats = bvh->floats.items;
+    qm_kernel_get()->fill_float(&floats[place], corners->at);
+    qm_demand_publish(&bvh->floats, pack, place);
+}
+
 const qm_float_pack *qm_bvh_make_floats(const qm_bvh *bvh, size_t pack)
 {
     unsigned place;
-    qm_float_pack *floats = bvh->floats.items;
+    const qm_float_pack *floats = bvh->floats.items;
     if (qm_demand_claim(&bvh->floats, pack, &place) == QM_DEMAND_WANTED) {
-        const qm_kernel *kernel = qm_kernel_get();
         qm_pack_corners corners;
-        kernel->load_corners(bvh, pack, &corners);
-        kernel->fill_float(&floats[place], corners.at);
-        qm_demand_publish(&bvh->floats, pack, place);
+        qm_kernel_get()->load_corners(bvh, pack, &corners);
+        fill_floats(bvh, pack, place, &corners);
     }
     return &floats[place];
+}
+
+void qm_bvh_put_floats(const qm_bvh *bvh, size_t pack, const qm_pack_corners *corners)
+{
+    unsigned place;
+    if (qm_demand_claim(&bvh->floats, pack, &place) == QM_DEMAND_WANTED)
+        fill_floats(bvh, pack, place, corners);
 }
 
 const qm_pack *qm_bvh_make_rows(const qm_bvh *bvh, size_t pack, qm_pack *spare)

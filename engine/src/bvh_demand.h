@@ -13,6 +13,9 @@ const qm_float_pack *qm_bvh_make_floats(const qm_bvh *bvh, size_t pack);
 const qm_pack *qm_bvh_make_rows(const qm_bvh *bvh, size_t pack, qm_pack *spare);
 const qm_pack_twists *qm_bvh_make_twists(const qm_bvh *bvh, size_t pack);
 
+/** Makes those of a pack whose corners are at hand. */
+void qm_bvh_put_floats(const qm_bvh *bvh, size_t pack, const qm_pack_corners *corners);
+
 /** Triangles of a pack in single precision, of a tree that is a target. */
 static inline const qm_float_pack *qm_bvh_floats(const qm_bvh *bvh, size_t pack)
 {

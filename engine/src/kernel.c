@@ -5,6 +5,7 @@
     void qm_fit_box_##isa(qm_bvh *bvh, size_t pack, const uint32_t *vertices, size_t count);                 \
     void qm_fit_groups_##isa(qm_bvh *bvh, const qm_deformer *deformer, size_t begin, size_t end);            \
     void qm_load_corners_##isa(const qm_bvh *bvh, size_t pack, qm_pack_corners *out);                        \
+    void qm_fit_corners_##isa(qm_bvh *bvh, size_t pack, qm_pack_corners *out);                               \
     void qm_fill_pack_##isa(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);                        \
     void qm_pack_distances_##isa(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);                   \
     void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
@@ -72,6 +73,7 @@
         .fit_box = qm_fit_box_##isa,                                                                         \
         .fit_groups = qm_fit_groups_##isa,                                                                   \
         .load_corners = qm_load_corners_##isa,                                                               \
+        .fit_corners = qm_fit_corners_##isa,                                                                 \
         .fill_pack = qm_fill_pack_##isa,                                                                     \
         .pack_distances = qm_pack_distances_##isa,                                                           \
         .closest = qm_closest_##isa,                                                                         \

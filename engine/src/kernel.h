@@ -175,6 +175,9 @@ typedef struct qm_kernel {
     /** Loads the corners of a pack's lanes from where their vertices are now. */
     void (*load_corners)(const qm_bvh *bvh, size_t pack, qm_pack_corners *out);
 
+    /** The same, and sets the box of the pack. */
+    void (*fit_corners)(qm_bvh *bvh, size_t pack, qm_pack_corners *out);
+
     /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
      * pack. */
     void (*fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);

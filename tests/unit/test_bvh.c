@@ -142,25 +142,61 @@ static void threads_build_the_same_tree(void **state)
     check_threads(qm_shape_box(1.0, 2.0, 0.0));
 }
 
-/** The box of a pack's local vertices, as far out as boxes reach, must be what each kernel finds. */
+/** Pulls the box of a pack apart, so that what is not set again is seen. */
+static void spoil_box(qm_bvh *tree, size_t pack)
+{
+    qm_box_group *group = &tree->boxes.groups[1][pack / 8];
+    for (int k = 0; k < 3; k++)
+        group->low[k][pack % 8] = group->high[k][pack % 8] = NAN;
+}
+
+/** The box of a pack's local vertices, as far out as boxes reach. */
+static void check_box(const qm_bvh *tree, size_t pack)
+{
+    const qm_pack_lanes *lanes = &tree->lanes[pack];
+    const qm_box_group *group = &tree->boxes.groups[1][pack / 8];
+    for (int k = 0; k < 3; k++) {
+        double low = INFINITY, high = -INFINITY;
+        for (int i = 0; i < lanes->vertex_count; i++) {
+            const double *p = tree->mesh.positions + 3 * (size_t)lanes->vertex[i];
+            qm_vec local = qm_frame_local(&tree->frame, p);
+            const double at[3] = {local.x, local.y, local.z};
+            low = fmin(low, at[k]);
+            high = fmax(high, at[k]);
+        }
+        assert_true(group->low[k][pack % 8] == (float)(low - QM_BOX_MARGIN));
+        assert_true(group->high[k][pack % 8] == (float)(high + QM_BOX_MARGIN));
+    }
+}
+
+/** Those of the faces in the lanes; past the last lane those of the first. */
+static void check_corners(const qm_bvh *tree, size_t pack, const qm_pack_corners *corners)
+{
+    const uint32_t count = tree->lanes[pack].lane_count;
+    for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++) {
+        qm_vec corner[3];
+        qm_bvh_load_triangle(tree, (uint32_t)pack, lane < count ? lane : 0, corner);
+        for (int i = 0; i < 3; i++)
+            assert_true(corners->at[i][0][lane] == corner[i].x && corners->at[i][1][lane] == corner[i].y &&
+                        corners->at[i][2][lane] == corner[i].z);
+    }
+}
+
+/** Each kernel must find boxes and corners from the vertices. */
 static void check_boxes(qm_bvh *tree, const qm_kernel *kernel)
 {
     for (size_t pack = 0; pack < tree->pack_count; pack++) {
         const qm_pack_lanes *lanes = &tree->lanes[pack];
-        const qm_box_group *group = &tree->boxes.groups[1][pack / 8];
+        qm_pack_corners corners;
+        spoil_box(tree, pack);
         kernel->fit_box(tree, pack, lanes->vertex, lanes->vertex_count);
-        for (int k = 0; k < 3; k++) {
-            double low = INFINITY, high = -INFINITY;
-            for (int i = 0; i < lanes->vertex_count; i++) {
-                const double *p = tree->mesh.positions + 3 * (size_t)lanes->vertex[i];
-                qm_vec local = qm_frame_local(&tree->frame, p);
-                const double at[3] = {local.x, local.y, local.z};
-                low = fmin(low, at[k]);
-                high = fmax(high, at[k]);
-            }
-            assert_true(group->low[k][pack % 8] == (float)(low - QM_BOX_MARGIN));
-            assert_true(group->high[k][pack % 8] == (float)(high + QM_BOX_MARGIN));
-        }
+        check_box(tree, pack);
+        spoil_box(tree, pack);
+        kernel->fit_corners(tree, pack, &corners);
+        check_box(tree, pack);
+        check_corners(tree, pack, &corners);
+        kernel->load_corners(tree, pack, &corners);
+        check_corners(tree, pack, &corners);
     }
 }
 

@@ -1,9 +1,13 @@
 /* Format names, sniffing, and what all decoders have in common: limits, cancelling, faults of the whole file.
  */
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "check.h"
 #include "decode.h"
+#include "random.h"
 
 static void formats_are_found_by_name_path_and_media_type(void **state)
 {
@@ -124,6 +128,109 @@ static void span_that_overflows_is_refused(void **state)
     assert_non_null(strstr(decoded.report.detail, "far apart"));
 }
 
+/** A number as files have it, or a little different. */
+static void print_number(qm_random *random, char *out, size_t size)
+{
+    double number = qm_random_range(random, -1, 1) * (qm_random_below(random, 4) == 0 ? 1e4 : 1.0);
+    int digits = (int)qm_random_below(random, 18);
+    switch (qm_random_below(random, 4)) {
+    case 0:
+        snprintf(out, size, "%.*g", digits, number);
+        break;
+    case 1:
+        snprintf(out, size, "%d", (int)number);
+        break;
+    default:
+        snprintf(out, size, "%.*f", digits, number);
+    }
+}
+
+/** A mesh of random triangles and quads in a text format, now and then with a byte that belongs elsewhere. */
+static void print_mesh(qm_random *random, qm_format format, char *out, size_t size)
+{
+    enum { VERTICES = 12, FACES = 10 };
+    char *at = out, *end = out + size;
+    if (format == QM_FORMAT_OFF) at += snprintf(at, size, "OFF\n%d %d 0\n", VERTICES, FACES);
+    if (format == QM_FORMAT_PLY)
+        at += snprintf(at, size,
+                       "ply\nformat ascii 1.0\nelement vertex %d\nproperty float x\nproperty float y\n"
+                       "property float z\nelement face %d\nproperty list uchar int vertex_index\n"
+                       "end_header\n",
+                       VERTICES, FACES);
+    char *rows = at;
+    for (int i = 0; i < VERTICES; i++) {
+        char number[3][40];
+        for (int k = 0; k < 3; k++)
+            print_number(random, number[k], sizeof number[k]);
+        at += snprintf(at, (size_t)(end - at), "%s%s %s %s%s", format == QM_FORMAT_OBJ ? "v " : "", number[0],
+                       number[1], number[2], qm_random_below(random, 9) == 0 ? "\r\n" : "\n");
+    }
+    for (int i = 0; i < FACES; i++) {
+        int corners = 3 + (int)qm_random_below(random, qm_random_below(random, 5) == 0 ? 4 : 2);
+        at += format == QM_FORMAT_OBJ ? snprintf(at, (size_t)(end - at), "f")
+                                      : snprintf(at, (size_t)(end - at), "%d", corners);
+        for (int k = 0; k < corners; k++)
+            at += snprintf(at, (size_t)(end - at), " %d",
+                           (int)qm_random_below(random, VERTICES) + (format == QM_FORMAT_OBJ));
+        at += snprintf(at, (size_t)(end - at), "\n");
+    }
+    const char strange[] = "/-+.,e#\\x3\n\r\x80\xff";
+    if (qm_random_below(random, 2) == 0)
+        rows[qm_random_below(random, (uint32_t)(at - rows))] =
+            strange[qm_random_below(random, sizeof strange - 1)];
+}
+
+/** Ends where the text does, so that a sanitizer sees what looks beyond it. */
+static qm_decoded decode_exactly(qm_format format, const char *text)
+{
+    size_t size = strlen(text);
+    char *copy = malloc(size);
+    assert_non_null(copy);
+    memcpy(copy, text, size);
+    qm_decoded decoded = qm_decode(format, copy, size);
+    free(copy);
+    return decoded;
+}
+
+/** Where tabs stand for blanks, nothing is read in the fast ways. */
+static void fast_ways_read_what_slow_ones_do(void **state)
+{
+    (void)state;
+    static const qm_format formats[] = {QM_FORMAT_OBJ, QM_FORMAT_OFF, QM_FORMAT_PLY};
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 3);
+    int good = 0;
+    for (int round = 0; round < 6000; ++round) {
+        char text[4096];
+        const qm_format format = formats[round % 3];
+        print_mesh(&random, format, text, sizeof text);
+        qm_decoded fast = decode_exactly(format, text);
+        char *rows = strstr(text, "end_header");
+        for (char *at = rows ? rows : text; *at; at++)
+            if (*at == ' ') *at = '\t';
+        qm_decoded slow = decode_exactly(format, text);
+        QM_CHECK(fast.status == slow.status && fast.report.line == slow.report.line &&
+                     strcmp(fast.report.detail, slow.report.detail) == 0,
+                 "round %d: status %d at %zu (%s), not %d at %zu (%s), seed %" PRIu64, round, fast.status,
+                 fast.report.line, fast.report.detail, slow.status, slow.report.line, slow.report.detail,
+                 seed);
+        QM_CHECK(fast.mesh.vertex_count == slow.mesh.vertex_count &&
+                     fast.mesh.face_count == slow.mesh.face_count &&
+                     fast.report.warning_count == slow.report.warning_count,
+                 "round %d: counts differ, seed %" PRIu64, round, seed);
+        if (fast.status == QM_OK) {
+            good++;
+            assert_memory_equal(fast.mesh.positions, slow.mesh.positions,
+                                3 * fast.mesh.vertex_count * sizeof *fast.mesh.positions);
+            assert_memory_equal(fast.mesh.faces, slow.mesh.faces,
+                                4 * fast.mesh.face_count * sizeof *fast.mesh.faces);
+        }
+        qm_decoded_free(&fast);
+        qm_decoded_free(&slow);
+    }
+    QM_CHECK(good > 2000, "only %d of the files were good, seed %" PRIu64, good, seed);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -134,6 +241,7 @@ int main(void)
         cmocka_unit_test(limits_are_kept),
         cmocka_unit_test(raised_flag_cancels),
         cmocka_unit_test(span_that_overflows_is_refused),
+        cmocka_unit_test(fast_ways_read_what_slow_ones_do),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,22 +1,74 @@
 /**
  * corners.c: the corners of a whole pack from where its vertices are now, each of which is loaded once.
  */
-#include "four.h"
+#include <string.h>
+
+#include "extent.h"
 #include "kernels.h"
+
+typedef double eight __attribute__((vector_size(64)));
+
+/** From positions to coordinates by axis. As whole rows, which those who load whole rows do not wait for. */
+static inline void turn(const qm_four position[QM_PACK_LANES], eight row[3])
+{
+    qm_four half[2][3];
+    for (int i = 0; i < 2; i++) {
+        const qm_four *p = position + 4 * i;
+        const qm_four xz = __builtin_shufflevector(p[0], p[1], 0, 4, 2, 6);
+        const qm_four xz_next = __builtin_shufflevector(p[2], p[3], 0, 4, 2, 6);
+        const qm_four y = __builtin_shufflevector(p[0], p[1], 1, 5, 3, 7);
+        const qm_four y_next = __builtin_shufflevector(p[2], p[3], 1, 5, 3, 7);
+        half[i][0] = __builtin_shufflevector(xz, xz_next, 0, 1, 4, 5);
+        half[i][1] = __builtin_shufflevector(y, y_next, 0, 1, 4, 5);
+        half[i][2] = __builtin_shufflevector(xz, xz_next, 2, 3, 6, 7);
+    }
+    for (int k = 0; k < 3; k++)
+        row[k] = __builtin_shufflevector(half[0][k], half[1][k], 0, 1, 2, 3, 4, 5, 6, 7);
+}
+
+/** The vertices of a pack, local. Returns what they reach. */
+static inline extent load_vertices(const qm_bvh *bvh, const qm_pack_lanes *lanes,
+                                   qm_four vertex[3 * QM_PACK_LANES])
+{
+    const qm_frame *frame = &bvh->frame;
+    const qm_four origin = {frame->origin.x, frame->origin.y, frame->origin.z, 0.0};
+    extent e = extent_of_nothing();
+    for (int i = 0; i < lanes->vertex_count; i++) {
+        const double *position = bvh->mesh.positions + 3 * (size_t)lanes->vertex[i];
+        vertex[i] = (qm_four_position(position) - origin) * frame->scale;
+        extent_add(&e, vertex[i]);
+    }
+    return e;
+}
+
+/** Lanes past the last have the corners of the first. */
+static inline void spread_vertices(const qm_pack_lanes *lanes, const qm_four vertex[3 * QM_PACK_LANES],
+                                   qm_pack_corners *out)
+{
+    for (int i = 0; i < 3; i++) {
+        qm_four corner[QM_PACK_LANES];
+        for (int lane = 0; lane < QM_PACK_LANES; lane++)
+            corner[lane] = vertex[lanes->corner[lane][i]];
+        eight row[3];
+        turn(corner, row);
+        for (int k = 0; k < 3; k++)
+            memcpy(out->at[i][k], &row[k], sizeof row[k]);
+    }
+}
 
 void QM_KERNEL(load_corners)(const qm_bvh *bvh, size_t pack, qm_pack_corners *out)
 {
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    const qm_frame *frame = &bvh->frame;
-    const qm_four origin = {frame->origin.x, frame->origin.y, frame->origin.z, 0.0};
     qm_four vertex[3 * QM_PACK_LANES];
-    for (int i = 0; i < lanes->vertex_count; i++)
-        vertex[i] =
-            (qm_four_position(bvh->mesh.positions + 3 * (size_t)lanes->vertex[i]) - origin) * frame->scale;
-    for (int lane = 0; lane < QM_PACK_LANES; lane++) {
-        const uint8_t *place = lanes->corner[lane < lanes->lane_count ? lane : 0];
-        for (int i = 0; i < 3; i++)
-            for (int k = 0; k < 3; k++)
-                out->at[i][k][lane] = vertex[place[i]][k];
-    }
+    load_vertices(bvh, lanes, vertex);
+    spread_vertices(lanes, vertex, out);
+}
+
+void QM_KERNEL(fit_corners)(qm_bvh *bvh, size_t pack, qm_pack_corners *out)
+{
+    const qm_pack_lanes *lanes = &bvh->lanes[pack];
+    qm_four vertex[3 * QM_PACK_LANES];
+    const extent reached = load_vertices(bvh, lanes, vertex);
+    extent_set_box(bvh, 1, pack, &reached);
+    spread_vertices(lanes, vertex, out);
 }

@@ -3,31 +3,19 @@
  */
 #include "../bvh_tree.h"
 #include "../deform.h"
-#include "four.h"
+#include "extent.h"
 #include "kernels.h"
 
 #define AHEAD 512 /* places ahead in the lists whose vertices are fetched: they lie all over the mesh */
 
-/** What positions reach. */
-typedef struct extent {
-    qm_four low, high;
-} extent;
-
-static inline extent nothing(void)
-{
-    const qm_four far = {INFINITY, INFINITY, INFINITY, INFINITY};
-    return (extent){far, -far};
-}
-
 /** What the vertices of a list reach. With each, the one so many places on is fetched, unless ahead is 0. */
 static inline extent find_extent(const double *positions, const uint32_t *vertex, size_t count, size_t ahead)
 {
-    extent e = nothing();
+    extent e = extent_of_nothing();
     for (size_t i = 0; i < count; i++) {
         if (ahead > 0) __builtin_prefetch(positions + 3 * (size_t)vertex[i + ahead]);
         qm_four p = qm_four_position(positions + 3 * (size_t)vertex[i]);
-        e.low = qm_four_min(p, e.low);
-        e.high = qm_four_max(p, e.high);
+        extent_add(&e, p);
     }
     return e;
 }
@@ -38,13 +26,8 @@ static inline void set_box(qm_bvh *bvh, int level, size_t i, const extent *e)
 {
     const qm_frame *frame = &bvh->frame;
     const qm_four origin = {frame->origin.x, frame->origin.y, frame->origin.z, 0.0};
-    qm_four_floats low = qm_four_round((e->low - origin) * frame->scale - QM_BOX_MARGIN);
-    qm_four_floats high = qm_four_round((e->high - origin) * frame->scale + QM_BOX_MARGIN);
-    qm_box_group *group = &bvh->boxes.groups[level][i / 8];
-    for (int k = 0; k < 3; k++) {
-        group->low[k][i % 8] = low[k];
-        group->high[k][i % 8] = high[k];
-    }
+    const extent local = {(e->low - origin) * frame->scale, (e->high - origin) * frame->scale};
+    extent_set_box(bvh, level, i, &local);
 }
 
 void QM_KERNEL(fit_box)(qm_bvh *bvh, size_t pack, const uint32_t *vertices, size_t count)
@@ -59,7 +42,7 @@ void QM_KERNEL(fit_groups)(qm_bvh *bvh, const qm_deformer *deformer, size_t begi
         const uint32_t *start = deformer->pack_start + 8 * group;
         int members = qm_box_tree_member_count(&bvh->boxes, 1, group);
         size_t ahead = start[members] + AHEAD <= deformer->pack_vertex_count ? AHEAD : 0;
-        extent all = nothing();
+        extent all = extent_of_nothing();
         for (int i = 0; i < members; i++) {
             extent e = find_extent(bvh->mesh.positions, deformer->pack_vertices + start[i],
                                    start[i + 1] - start[i], ahead);

@@ -23,11 +23,14 @@
 /** A corner of all lanes about the middle of the pack. */
 static inline wide_vec load(const float middle[3], const double corner[3][QM_PACK_LANES])
 {
-    float about[3][QM_PACK_LANES];
-    for (int k = 0; k < 3; k++)
-        for (int lane = 0; lane < QM_PACK_LANES; lane++)
-            about[k][lane] = (float)(corner[k][lane] - (double)middle[k]);
-    return (wide_vec){qm_vf_load(about[0]), qm_vf_load(about[1]), qm_vf_load(about[2])};
+    typedef double eight __attribute__((vector_size(64)));
+    qm_vf about[3];
+    for (int k = 0; k < 3; k++) {
+        eight row;
+        memcpy(&row, corner[k], sizeof row);
+        about[k] = __builtin_convertvector(row - (double)middle[k], qm_vf);
+    }
+    return (wide_vec){about[0], about[1], about[2]};
 }
 
 void QM_KERNEL(fill_float)(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES])

@@ -10,6 +10,7 @@ void QM_KERNEL(share_corners)(qm_pack_lanes *lanes, const uint32_t vertex[3 * QM
 void QM_KERNEL(fit_box)(qm_bvh *bvh, size_t pack, const uint32_t *vertices, size_t count);
 void QM_KERNEL(fit_groups)(qm_bvh *bvh, const qm_deformer *deformer, size_t begin, size_t end);
 void QM_KERNEL(load_corners)(const qm_bvh *bvh, size_t pack, qm_pack_corners *out);
+void QM_KERNEL(fit_corners)(qm_bvh *bvh, size_t pack, qm_pack_corners *out);
 void QM_KERNEL(fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 void QM_KERNEL(pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);
 void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit);
