@@ -59,17 +59,22 @@ bool qm_piece_rectangle_covered(qm_piece_work *work)
     return covered;
 }
 
-/** Covers the two triangles of a rectangle, with the slack by which the patch leaves them. */
-static bool triangles_reached(qm_piece_work *work, const qm_patch_halves *halves)
+/** Covers the two triangles of a rectangle, with the slack by which the patch leaves them; near are quads
+ * near its middle. */
+static bool triangles_reached(qm_piece_work *work, const qm_patch_halves *halves, qm_vec middle,
+                              const qm_near_quads *near)
 {
     qm_piece_set_slack(work, halves->slack);
     qm_piece_fill_candidates(work);
+    const qm_vec *c = halves->corner;
+    qm_polygon whole = {.count = 4, .corner = {c[0], c[1], c[2], c[3]}};
+    qm_refined refined;
+    bool is_refined = qm_piece_refine(work, &whole, middle, near, &refined);
     bool covered = true, moved = false;
     for (int half = 0; half < 2 && covered; half++) {
-        const qm_vec *c = halves->corner;
         qm_polygon polygon = qm_piece_triangle(work, c[0], c[1 + half], c[2 + half]);
         qm_piece_reach_corners(work, &polygon);
-        covered = qm_piece_cover(work, &polygon, &moved);
+        covered = qm_piece_cover_with(work, is_refined ? &refined : NULL, &polygon, &moved);
     }
     qm_piece_set_slack(work, 0.0);
     qm_piece_fill_candidates(work);
@@ -185,23 +190,27 @@ static bool gets_on(const qm_piece_work *work, const qm_patch *patch, const rest
     return true;
 }
 
-/** Covers the rectangle, or parts of it, by one patch of the target; what is left over goes to the queue. */
-static bool match_reached(qm_piece_work *work, const qm_patch *patch, qm_vec middle)
+/** The quads of the target near the middle of the rectangle that may cover some of it. */
+static qm_near_quads quads_below(const qm_piece_work *work, qm_vec middle)
 {
-    if (!work->side->target_patches) return false;
-    qm_near_quads near = qm_piece_near_quads(work, middle, false);
+    double allowed = qm_piece_allowed(work), radius = qm_piece_radius(work->piece.corner, 4, middle);
+    qm_quads_asked asked = {.wanted = QM_NEAR_QUADS, .within = allowed + radius, .enough = allowed};
+    if (!work->side->target_patches) return (qm_near_quads){.count = 0};
+    return qm_piece_near_quads(work, middle, asked);
+}
+
+/** Covers the rectangle, or parts of it, by one patch of the target; rest is what is left over. */
+static bool match_reached(const qm_piece_work *work, const qm_patch *patch, qm_vec middle,
+                          qm_near_quads *near, rest_list *rest)
+{
     qm_uv_box box = {{work->piece.low[0], work->piece.low[1]}, {work->piece.high[0], work->piece.high[1]}};
-    double allowed = qm_piece_allowed(work);
-    rest_list rest;
-    for (int i = 0; i < near.count; i++) {
-        qm_near_quad *quad = &near.at[i];
+    for (int i = 0; i < near->count; i++) {
+        qm_near_quad *quad = &near->at[i];
         qm_piece_find_foot(quad, middle);
-        rest.count = 0;
-        bool is_matched = qm_patch_match(patch, &box, &quad->patch, quad->uv, allowed, keep_rest, &rest);
-        if (!is_matched || !gets_on(work, patch, &rest)) continue;
-        for (int k = 0; k < rest.count; k++)
-            push_part(work, patch, rest.at[k].low, rest.at[k].high);
-        return true;
+        rest->count = 0;
+        bool is_matched =
+            qm_patch_match(patch, &box, &quad->patch, quad->uv, qm_piece_allowed(work), keep_rest, rest);
+        if (is_matched && gets_on(work, patch, rest)) return true;
     }
     return false;
 }
@@ -249,8 +258,17 @@ static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const 
         qm_patch_at(patch, 0.5 * (piece->low[0] + piece->high[0]), 0.5 * (piece->low[1] + piece->high[1]));
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (hull_reached(work, corners)) return true;
-        if (halves->slack < qm_piece_allowed(work) && triangles_reached(work, halves)) return true;
-        if (match_reached(work, patch, middle)) return true;
+        qm_near_quads near = quads_below(work, middle);
+        rest_list rest;
+        bool is_matched = match_reached(work, patch, middle, &near, &rest);
+        if (is_matched && rest.count == 0) return true;
+        bool is_flat = halves->slack < qm_piece_allowed(work);
+        if (is_flat && triangles_reached(work, halves, middle, &near)) return true;
+        if (is_matched) {
+            for (int k = 0; k < rest.count; k++)
+                push_part(work, patch, rest.at[k].low, rest.at[k].high);
+            return true;
+        }
         if (!qm_piece_sample_unreached(work, middle)) break;
     }
     return false;
