@@ -3,7 +3,8 @@
 #define STEPS 4          /* of least squares for one rectangle */
 #define MIN_GAIN 0.9     /* of the greatest difference: a step that leaves more is the last one */
 #define DAMPING 1e-9     /* of the matrix: where both directions of the target fall together, along a fold */
-#define MAX_DEPTH 12     /* quarters of quarters */
+#define MAX_DEPTH 12     /* parts of parts */
+#define MIN_CUT_SIDE 0.5 /* of the longer side: a shorter one is not cut */
 #define MAX_EDGE_DEPTH 2 /* of rectangles that reach beyond the target, where another patch has to go on */
 #define MAX_FIRST 1      /* levels that are tried before any rectangle is covered, */
 #define MAX_BARREN 3     /* and when some has been */
@@ -120,18 +121,35 @@ static void improve(const match_work *work, pairing *pair, double margin)
     }
 }
 
-/** A level of rectangles of one size, and what its quarters are. */
+/** Rectangles that were cut as often. */
 typedef struct level {
     int count;
     pairing at[MAX_RECTANGLES];
 } level;
 
-static void keep_quarters(const pairing *pair, level *next)
+/** Which axes a rectangle is cut across: both, or only the one of much longer sides, so that a thin one does not
+ * fall into as many parts as a wide one. */
+static void axes_to_cut(const qm_patch *source, const qm_uv_box *box, bool is_cut[2])
 {
+    qm_vec c[4];
+    qm_uv_box_corners(source, box, c);
+    const double side[2] = {qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]),
+                            qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2])};
+    for (int axis = 0; axis < 2; axis++)
+        is_cut[axis] = !(side[axis] < MIN_CUT_SIDE * side[1 - axis]);
+}
+
+/** Cuts a rectangle in the middle, across one axis or both. */
+static void keep_parts(const match_work *work, const pairing *pair, level *next)
+{
+    bool is_cut[2];
+    axes_to_cut(work->source, &pair->source, is_cut);
     for (int k = 0; k < 4; k++) {
+        if ((k & 1 && !is_cut[0]) || (k & 2 && !is_cut[1])) continue;
         pairing *part = &next->at[next->count++];
         *part = *pair;
         for (int axis = 0; axis < 2; axis++) {
+            if (!is_cut[axis]) continue;
             double middle = 0.5 * (pair->source.low[axis] + pair->source.high[axis]);
             double below = 0.5 * (pair->target.low[axis] + pair->target.high[axis]);
             *(k >> axis & 1 ? &part->source.low[axis] : &part->source.high[axis]) = middle;
@@ -179,7 +197,7 @@ static bool cover(const match_work *work, const pairing *whole)
             if (here->at[i].is_clamped && depth >= MAX_EDGE_DEPTH)
                 work->rest(work->user, &here->at[i].source);
             else
-                keep_quarters(&here->at[i], next);
+                keep_parts(work, &here->at[i], next);
         }
         level *used = here;
         here = next;

@@ -32,7 +32,7 @@ typedef void qm_match_rest_fn(void *user, const qm_uv_box *rest);
  * to sides, linearly in each parameter. The difference of matched points is then bilinear, and its length is
  * greatest at a corner. So four points prove a rectangle, however the one of the target was found: by
  * least squares of the four differences, from near the footpoint of the middle. What four points do not prove
- * is cut in quarters, as long as that gets on.
+ * is cut in halves or quarters, as long as that gets on.
  *
  * This is what two patches need that nearly coincide. Where they are folded, nearest points jump from one
  * sheet to the other, and bounds from them fail along the whole fold; the matched rectangle stays on its
