@@ -12,6 +12,7 @@
 #define EDGE_PART 1e-3   /* of a side: less of it is not cut off at an edge of the target */
 #define BEYOND 64.0      /* sizes of the target that a match may reach beyond it */
 #define MAX_RECTANGLES 256 /* of one level */
+#define MAX_ALIKE 8.0 /* of the allowed distance: how far corners of patches that are alike may be apart */
 
 /** A rectangle of the source with its match. */
 typedef struct pairing {
@@ -127,8 +128,8 @@ typedef struct level {
     pairing at[MAX_RECTANGLES];
 } level;
 
-/** Which axes a rectangle is cut across: both, or only the one of much longer sides, so that a thin one does not
- * fall into as many parts as a wide one. */
+/** Which axes a rectangle is cut across: both, or only the one of much longer sides, so that a thin one does
+ * not fall into as many parts as a wide one. */
 static void axes_to_cut(const qm_patch *source, const qm_uv_box *box, bool is_cut[2])
 {
     qm_vec c[4];
@@ -337,8 +338,9 @@ static bool match_middles(match_work *work, const qm_uv_box *box, const qm_patch
     return cover_within(work, &whole);
 }
 
-/** The layout in which the corners of both patches are nearest to one another. */
-static layout layout_of_corners(const qm_patch *source, const qm_patch *target)
+/** The layout in which the corners of both patches are nearest to one another; the squares of their
+ * differences. */
+static layout layout_of_corners(const qm_patch *source, const qm_patch *target, double *difference2)
 {
     layout best = {false, {false, false}};
     double least = INFINITY;
@@ -356,6 +358,7 @@ static layout layout_of_corners(const qm_patch *source, const qm_patch *target)
         least = sum;
         best = as;
     }
+    *difference2 = least;
     return best;
 }
 
@@ -364,7 +367,18 @@ bool qm_patch_match(const qm_patch *source, const qm_uv_box *box, const qm_patch
 {
     match_work work = {.source = source, .allowed = allowed, .rest = rest, .user = user};
     /* Two patches between nearly the same corners: the same parameters. */
-    work.target = lay_out(target, layout_of_corners(source, target));
+    double difference2;
+    work.target = lay_out(target, layout_of_corners(source, target, &difference2));
     pairing whole = {.source = *box, .target = *box};
     return cover_within(&work, &whole) || match_middles(&work, box, target, middle);
+}
+
+bool qm_patch_match_alike(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
+                          double allowed, qm_match_rest_fn *rest, void *user)
+{
+    match_work work = {.source = source, .allowed = allowed, .rest = rest, .user = user};
+    double difference2, most = MAX_ALIKE * allowed;
+    work.target = lay_out(target, layout_of_corners(source, target, &difference2));
+    pairing whole = {.source = *box, .target = *box};
+    return difference2 <= 4.0 * most * most && cover_within(&work, &whole);
 }

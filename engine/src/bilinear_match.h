@@ -45,4 +45,9 @@ typedef void qm_match_rest_fn(void *user, const qm_uv_box *rest);
 bool qm_patch_match(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
                     const double middle[2], double allowed, qm_match_rest_fn *rest, void *user);
 
+/** The same between two patches whose corners nearly coincide, by equal parameters first; false at little
+ * cost for others. */
+bool qm_patch_match_alike(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
+                          double allowed, qm_match_rest_fn *rest, void *user);
+
 #endif
