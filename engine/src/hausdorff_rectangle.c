@@ -274,7 +274,10 @@ bool qm_piece_rectangle_covered(qm_piece_work *work)
     return covered;
 }
 
-/** Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
+/**
+ * Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
+ * The counterpart may leave over parts of a whole face only: where it is just as far as is allowed it would
+ * leave over parts of parts without an end.
  */
 static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const qm_patch_halves *halves,
                               qm_polygon *corners)
@@ -287,7 +290,7 @@ static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const 
         rest_list rest;
         qm_near_quads near = {.count = 0};
         bool is_matched = counterpart_reached(work, patch, &rest);
-        if (!is_matched) {
+        if (!is_matched || (rest.count > 0 && piece->depth > 0)) {
             near = quads_below(work, middle);
             is_matched = match_reached(work, patch, middle, &near, &rest);
         }
