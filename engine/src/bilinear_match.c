@@ -9,7 +9,8 @@
 #define MAX_FIRST 1      /* levels that are tried before any rectangle is covered, */
 #define MAX_BARREN 3     /* and when some has been */
 #define MIN_COVERED 4    /* one in so many rectangles of a level must be covered to go on after these */
-#define EDGE_PART 1e-3   /* of a side: less of it is not cut off at an edge of the target */
+#define EDGE_PART 1e-7   /* of a side: less of it is not cut off at an edge of the target, */
+#define MIN_OVER 1e-3    /* and at least so much must lie over the target */
 #define BEYOND 64.0      /* sizes of the target that a match may reach beyond it */
 #define MAX_RECTANGLES 256 /* of one level */
 #define MAX_ALIKE 8.0 /* of the allowed distance: how far corners of patches that are alike may be apart */
@@ -233,7 +234,7 @@ static bool cut_to_target(const match_work *work, pairing *pair, qm_uv_box strip
         double part[2], low = pair->source.low[axis], size = pair->source.high[axis] - low;
         double from = beyond.target.low[axis], length = beyond.target.high[axis] - from;
         inner_part(from, beyond.target.high[axis], part);
-        if (part[1] - part[0] < EDGE_PART) return false;
+        if (part[1] - part[0] < MIN_OVER) return false;
         for (int end = 0; end < 2; end++) {
             double place = low + part[end] * size;
             if (part[end] == (double)end) continue;
