@@ -3,14 +3,17 @@
 #define STEPS 4          /* of least squares for one rectangle */
 #define MIN_GAIN 0.9     /* of the greatest difference: a step that leaves more is the last one */
 #define DAMPING 1e-9     /* of the matrix: where both directions of the target fall together, along a fold */
-#define MAX_DEPTH 12     /* quarters of quarters */
+#define MAX_DEPTH 12     /* parts of parts */
+#define MIN_CUT_SIDE 0.5 /* of the longer side: a shorter one is not cut */
 #define MAX_EDGE_DEPTH 2 /* of rectangles that reach beyond the target, where another patch has to go on */
 #define MAX_FIRST 1      /* levels that are tried before any rectangle is covered, */
 #define MAX_BARREN 3     /* and when some has been */
 #define MIN_COVERED 4    /* one in so many rectangles of a level must be covered to go on after these */
-#define EDGE_PART 1e-3   /* of a side: less of it is not cut off at an edge of the target */
+#define EDGE_PART 1e-7   /* of a side: less of it is not cut off at an edge of the target, */
+#define MIN_OVER 1e-3    /* and at least so much must lie over the target */
 #define BEYOND 64.0      /* sizes of the target that a match may reach beyond it */
 #define MAX_RECTANGLES 256 /* of one level */
+#define MAX_ALIKE 8.0 /* of the allowed distance: how far corners of patches that are alike may be apart */
 
 /** A rectangle of the source with its match. */
 typedef struct pairing {
@@ -120,18 +123,35 @@ static void improve(const match_work *work, pairing *pair, double margin)
     }
 }
 
-/** A level of rectangles of one size, and what its quarters are. */
+/** Rectangles that were cut as often. */
 typedef struct level {
     int count;
     pairing at[MAX_RECTANGLES];
 } level;
 
-static void keep_quarters(const pairing *pair, level *next)
+/** Which axes a rectangle is cut across: both, or only the one of much longer sides, so that a thin one does
+ * not fall into as many parts as a wide one. */
+static void axes_to_cut(const qm_patch *source, const qm_uv_box *box, bool is_cut[2])
 {
+    qm_vec c[4];
+    qm_uv_box_corners(source, box, c);
+    const double side[2] = {qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]),
+                            qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2])};
+    for (int axis = 0; axis < 2; axis++)
+        is_cut[axis] = !(side[axis] < MIN_CUT_SIDE * side[1 - axis]);
+}
+
+/** Cuts a rectangle in the middle, across one axis or both. */
+static void keep_parts(const match_work *work, const pairing *pair, level *next)
+{
+    bool is_cut[2];
+    axes_to_cut(work->source, &pair->source, is_cut);
     for (int k = 0; k < 4; k++) {
+        if ((k & 1 && !is_cut[0]) || (k & 2 && !is_cut[1])) continue;
         pairing *part = &next->at[next->count++];
         *part = *pair;
         for (int axis = 0; axis < 2; axis++) {
+            if (!is_cut[axis]) continue;
             double middle = 0.5 * (pair->source.low[axis] + pair->source.high[axis]);
             double below = 0.5 * (pair->target.low[axis] + pair->target.high[axis]);
             *(k >> axis & 1 ? &part->source.low[axis] : &part->source.high[axis]) = middle;
@@ -179,7 +199,7 @@ static bool cover(const match_work *work, const pairing *whole)
             if (here->at[i].is_clamped && depth >= MAX_EDGE_DEPTH)
                 work->rest(work->user, &here->at[i].source);
             else
-                keep_quarters(&here->at[i], next);
+                keep_parts(work, &here->at[i], next);
         }
         level *used = here;
         here = next;
@@ -214,7 +234,7 @@ static bool cut_to_target(const match_work *work, pairing *pair, qm_uv_box strip
         double part[2], low = pair->source.low[axis], size = pair->source.high[axis] - low;
         double from = beyond.target.low[axis], length = beyond.target.high[axis] - from;
         inner_part(from, beyond.target.high[axis], part);
-        if (part[1] - part[0] < EDGE_PART) return false;
+        if (part[1] - part[0] < MIN_OVER) return false;
         for (int end = 0; end < 2; end++) {
             double place = low + part[end] * size;
             if (part[end] == (double)end) continue;
@@ -319,8 +339,9 @@ static bool match_middles(match_work *work, const qm_uv_box *box, const qm_patch
     return cover_within(work, &whole);
 }
 
-/** The layout in which the corners of both patches are nearest to one another. */
-static layout layout_of_corners(const qm_patch *source, const qm_patch *target)
+/** The layout in which the corners of both patches are nearest to one another; the squares of their
+ * differences. */
+static layout layout_of_corners(const qm_patch *source, const qm_patch *target, double *difference2)
 {
     layout best = {false, {false, false}};
     double least = INFINITY;
@@ -338,6 +359,7 @@ static layout layout_of_corners(const qm_patch *source, const qm_patch *target)
         least = sum;
         best = as;
     }
+    *difference2 = least;
     return best;
 }
 
@@ -346,7 +368,18 @@ bool qm_patch_match(const qm_patch *source, const qm_uv_box *box, const qm_patch
 {
     match_work work = {.source = source, .allowed = allowed, .rest = rest, .user = user};
     /* Two patches between nearly the same corners: the same parameters. */
-    work.target = lay_out(target, layout_of_corners(source, target));
+    double difference2;
+    work.target = lay_out(target, layout_of_corners(source, target, &difference2));
     pairing whole = {.source = *box, .target = *box};
     return cover_within(&work, &whole) || match_middles(&work, box, target, middle);
+}
+
+bool qm_patch_match_alike(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
+                          double allowed, qm_match_rest_fn *rest, void *user)
+{
+    match_work work = {.source = source, .allowed = allowed, .rest = rest, .user = user};
+    double difference2, most = MAX_ALIKE * allowed;
+    work.target = lay_out(target, layout_of_corners(source, target, &difference2));
+    pairing whole = {.source = *box, .target = *box};
+    return difference2 <= 4.0 * most * most && cover_within(&work, &whole);
 }

@@ -534,8 +534,12 @@ static void look_between(const query *q, const segment_foot *low, const segment_
     }
     segment_foot middle = segment_foot_at(q, 0.5 * (low->s + high->s));
     keep_foot(best, &middle);
-    look_between(q, low, &middle, speed, depth - 1, stop_above, best);
-    look_between(q, &middle, high, speed, depth - 1, stop_above, best);
+    bool is_low_nearer = low->distance2 < high->distance2;
+    for (int half = 0; half < 2; half++)
+        if ((half == 0) == is_low_nearer)
+            look_between(q, low, &middle, speed, depth - 1, stop_above, best);
+        else
+            look_between(q, &middle, high, speed, depth - 1, stop_above, best);
 }
 
 /**

@@ -17,6 +17,7 @@
 
 #define OPENED_BY                                                                                            \
     2.25 /* by how many eta the result is wider than the search's own bracket, and its rounding */
+#define WITNESS_ERROR 1e-3 /* of the tolerance: certified error of the witness over patches */
 
 qm_hausdorff_options qm_hausdorff_options_default(void)
 {
@@ -121,15 +122,15 @@ static const qm_worker *best_witness(const qm_search *search)
 /**
  * Fills in the two points of the witness: the foot on its own face, and the nearest point of the target. Both
  * are rounded to the doubles of the meshes' frame, which may take them off their surfaces, so nothing is
- * concluded from them. The unrounded point is certified once more, as closely as can be: the search saves
- * itself that where the lower bound would rise by less than a share of the tolerance.
+ * concluded from them. The unrounded point is certified once more, closely: the search saves itself that
+ * where the lower bound would rise by less than a share of the tolerance.
  */
 static void set_witness(const qm_search *search, qm_hausdorff_result *out)
 {
     const qm_worker *best = best_witness(search);
     const qm_side *side = &search->side[best->witness_side];
     qm_quad_reading quads = search->options->quads;
-    double error = QM_PATCH_LEAST_ERROR * side->reach;
+    double error = fmax(WITNESS_ERROR * search->tolerance * side->scale, QM_PATCH_LEAST_ERROR * side->reach);
     double world[3];
     qm_vec_store(world, qm_frame_world(&side->target->frame, best->witness_point));
     qm_vec at_source = qm_frame_local(&side->source->frame, world);

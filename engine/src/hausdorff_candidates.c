@@ -101,8 +101,7 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
     qm_near_quad quad = {.face = listed.face, .distance = listed.distance, .twist = listed.twist};
     quad.patch = qm_bvh_load_patch(work->side->target, quad.face);
     if (quad.twist >= negligible) {
-        double farthest = near->count == QM_NEAR_QUADS ? near->at[QM_NEAR_QUADS - 1].distance : INFINITY;
-        qm_patch_foot foot = qm_patch_descend(&quad.patch, p, farthest);
+        qm_patch_foot foot = qm_patch_descend(&quad.patch, p, near->farthest);
         quad.distance = foot.distance;
         quad.has_foot = true;
         quad.uv[0] = foot.uv[0];
@@ -110,27 +109,31 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
     } else {
         quad.distance += quad.twist;
     }
-    if (near->count == QM_NEAR_QUADS && quad.distance >= near->at[QM_NEAR_QUADS - 1].distance) return;
-    int place = near->count < QM_NEAR_QUADS ? near->count++ : QM_NEAR_QUADS - 1;
+    if (!(quad.distance < near->farthest)) return;
+    int place = near->count < near->wanted ? near->count++ : near->wanted - 1;
     for (; place > 0 && near->at[place - 1].distance > quad.distance; place--)
         near->at[place] = near->at[place - 1];
     near->at[place] = quad;
+    if (near->count == near->wanted) near->farthest = near->at[near->wanted - 1].distance;
 }
 
-qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only)
+qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, qm_quads_asked asked)
 {
     double negligible = NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale;
     quad_list list;
-    list_quads(work, p, twisted_only ? negligible : 0.0, &list);
-    qm_near_quads near = {.count = 0};
-    while (list.count > 0 && near.count < QM_NEAR_QUADS)
-        visit_quad(work, p, take_nearest(&list), negligible, &near);
+    list_quads(work, p, asked.twisted_only ? negligible : 0.0, &list);
+    qm_near_quads near = {.wanted = asked.wanted, .farthest = asked.within};
+    bool is_enough = false;
+    for (int tries = 0; list.count > 0 && tries < QM_NEAR_QUADS && !is_enough; tries++) {
+        struct listed_quad quad = take_nearest(&list);
+        if (quad.distance - quad.twist < near.farthest) visit_quad(work, p, quad, negligible, &near);
+        is_enough = near.count == asked.wanted && near.at[0].distance <= asked.enough;
+    }
     /* Patches that leave their triangles may still be nearer; that matters only where none of these is near
      * enough, and to pieces which nothing else has settled. */
-    bool is_enough =
-        work->depth < CERTAIN_DEPTH && near.count > 0 && near.at[0].distance <= qm_piece_allowed(work);
+    is_enough = work->depth < CERTAIN_DEPTH && near.count > 0 && near.at[0].distance <= asked.enough;
     for (int i = 0; !is_enough && i < list.count; i++)
-        if (list.at[i].distance - list.at[i].twist < near.at[QM_NEAR_QUADS - 1].distance)
+        if (list.at[i].distance - list.at[i].twist < near.farthest)
             visit_quad(work, p, list.at[i], negligible, &near);
     return near;
 }
@@ -265,46 +268,63 @@ static void set_lane_corner(lane_corners *corners, int i, int lane, qm_vec p)
 }
 
 /** The two triangles of a part of a patch as labels; that part leaves them by a slack of its own. */
-static void set_refined_lanes(qm_candidates *refined, lane_corners *corners, uint32_t lane,
-                              const qm_patch *patch, const feet_rectangle *feet, qm_vec direction,
-                              double allowed)
+static void set_refined_lanes(qm_candidates *labels, lane_corners *corners, int lane, const qm_patch *patch,
+                              const feet_rectangle *feet, qm_vec direction, double allowed)
 {
     const qm_vec c[4] = {
         qm_patch_at(patch, feet->low[0], feet->low[1]), qm_patch_at(patch, feet->high[0], feet->low[1]),
         qm_patch_at(patch, feet->high[0], feet->high[1]), qm_patch_at(patch, feet->low[0], feet->high[1])};
     qm_patch_halves halves = qm_patch_halve(c, direction);
-    for (uint32_t half = 0; half < 2; half++) {
-        set_lane_corner(corners, 0, (int)(lane + half), halves.corner[0]);
-        set_lane_corner(corners, 1, (int)(lane + half), halves.corner[1 + half]);
-        set_lane_corner(corners, 2, (int)(lane + half), halves.corner[2 + half]);
-        qm_candidates_allow(refined, 0, lane + half, halves.slack, allowed);
+    for (int half = 0; half < 2; half++) {
+        set_lane_corner(corners, 0, lane + half, halves.corner[0]);
+        set_lane_corner(corners, 1, lane + half, halves.corner[1 + half]);
+        set_lane_corner(corners, 2, lane + half, halves.corner[2 + half]);
+        qm_candidates_allow(labels, 0, (uint32_t)(lane + half), halves.slack, allowed);
     }
 }
 
-bool qm_piece_cover_refined(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
+/** Fills a lane that is not used with another one. */
+static void repeat_lane(qm_candidates *labels, lane_corners *corners, int from, int to)
 {
-    qm_vec middle = qm_polygon_middle(polygon);
-    qm_near_quads near = qm_piece_near_quads(work, middle, true);
-    if (near.count == 0) return false;
-    double radius = 0.0, allowed = qm_piece_allowed(work) - work->slack;
-    for (int i = 0; i < polygon->count; i++)
-        radius = fmax(radius, qm_vec_distance(middle, polygon->corner[i]));
+    for (int i = 0; i < 3; i++)
+        for (int axis = 0; axis < 3; axis++)
+            corners->at[i][axis][to] = corners->at[i][axis][from];
+    labels->twist[0][to] = labels->twist[0][from];
+    labels->allowed2[0][to] = labels->allowed2[0][from];
+}
+
+bool qm_piece_refine(const qm_piece_work *work, const qm_polygon *polygon, qm_vec middle,
+                     const qm_near_quads *near, qm_refined *refined)
+{
+    double radius = qm_piece_radius(polygon->corner, polygon->count, middle),
+           allowed = qm_piece_allowed(work) - work->slack;
+    double negligible = NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale;
     lane_corners corners;
-    qm_pack pack;
-    qm_candidates refined;
-    refined.count = 1;
-    refined.pack[0] = &pack;
-    for (int i = 0; i < QM_NEAR_QUADS; i++) {
-        const qm_near_quad *quad = &near.at[i < near.count ? i : 0];
+    int lane = 0;
+    for (int i = 0; i < near->count; i++) {
+        const qm_near_quad *quad = &near->at[i];
+        if (quad->twist < negligible) continue;
         feet_rectangle feet = find_feet(quad, polygon, radius);
         keep_one_sheet(quad, &feet);
         qm_vec from = qm_vec_sub(middle, qm_patch_at(&quad->patch, quad->uv[0], quad->uv[1]));
         double length = qm_vec_norm(from); /* which may be roundings only, other than those of the distance */
         qm_vec direction = qm_vec_scale(length > 0.0 ? 1.0 / length : 0.0, from);
-        set_refined_lanes(&refined, &corners, 2 * (uint32_t)i, &quad->patch, &feet, direction, allowed);
+        set_refined_lanes(&refined->labels, &corners, lane, &quad->patch, &feet, direction, allowed);
+        lane += 2;
     }
-    work->kernel->fill_pack(&pack, corners.at);
+    if (lane == 0) return false;
+    for (; lane < QM_PACK_LANES; lane++)
+        repeat_lane(&refined->labels, &corners, lane % 2, lane);
+    refined->labels.count = 1;
+    refined->labels.pack[0] = &refined->pack;
+    work->kernel->fill_pack(&refined->pack, corners.at);
+    return true;
+}
+
+bool qm_piece_cover_refined(const qm_piece_work *work, const qm_refined *refined, qm_polygon *polygon,
+                            bool *moved)
+{
     for (int i = 0; i < polygon->count; i++)
-        polygon->in_reach[i] = work->kernel->in_reach(&refined, polygon->corner[i]);
-    return work->kernel->cover(&refined, polygon, moved);
+        polygon->in_reach[i] = work->kernel->in_reach(&refined->labels, polygon->corner[i]);
+    return work->kernel->cover(&refined->labels, polygon, moved);
 }

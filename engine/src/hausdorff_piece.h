@@ -59,9 +59,24 @@ typedef struct qm_near_quad {
 
 /** Quads of the target, each once, nearest first. */
 typedef struct qm_near_quads {
-    int count;
+    int count, wanted;
+    double farthest; /* what lies no nearer is not kept any more */
     qm_near_quad at[QM_NEAR_QUADS];
 } qm_near_quads;
+
+/** Which of the quads near a point are looked for. */
+typedef struct qm_quads_asked {
+    int wanted;        /* at most so many, */
+    double within;     /* and none that is no nearer; */
+    double enough;     /* others may be nearer when the nearest that was found is no farther than this */
+    bool twisted_only; /* none that is flat */
+} qm_quads_asked;
+
+/** Labels made of parts of the target's patches, under a polygon: they lose their share of the twist only. */
+typedef struct qm_refined {
+    qm_pack pack;
+    qm_candidates labels;
+} qm_refined;
 
 /** What a distance may be for a point to be let go, in the frame of the target. */
 static inline double qm_piece_allowed(const qm_piece_work *work)
@@ -75,6 +90,15 @@ static inline qm_vec qm_polygon_middle(const qm_polygon *polygon)
     for (int i = 0; i < polygon->count; i++)
         middle = qm_vec_axpy(middle, 1.0 / polygon->count, polygon->corner[i]);
     return middle;
+}
+
+/** How far the corners lie from a point at most. */
+static inline double qm_piece_radius(const qm_vec *corner, int count, qm_vec middle)
+{
+    double radius2 = 0.0;
+    for (int i = 0; i < count; i++)
+        radius2 = qm_greater(radius2, qm_vec_norm2(qm_vec_sub(corner[i], middle)));
+    return sqrt(radius2);
 }
 
 /* hausdorff_candidates.c */
@@ -92,8 +116,8 @@ void qm_piece_fill_candidates(qm_piece_work *work);
  */
 bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack);
 
-/** Quads among the candidates that lie nearest to a point; with twisted_only not those that are flat. */
-qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, bool twisted_only);
+/** Quads among the candidates that lie nearest to a point. */
+qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, qm_quads_asked asked);
 
 /** Looks for the foot of p on a quad near to it, unless it is known. */
 void qm_piece_find_foot(qm_near_quad *quad, qm_vec p);
@@ -108,11 +132,16 @@ bool qm_piece_over_face(const qm_piece_work *work, uint32_t face, const qm_polyg
 bool qm_piece_over_patch(const qm_piece_work *work, const qm_polygon *polygon);
 
 /**
- * Labels of the target's patches lose their twist of the allowed distance. This covers a polygon by parts of
- * the nearest twisted patches just under it alone, which lose only their share: it falls with the square of
- * the size. in_reach is not filled afterwards.
+ * Labels of the target's patches lose their twist of the allowed distance. This makes others of the parts
+ * just under a polygon of the twisted patches near its middle, which lose only their share: it falls with the
+ * square of the size. False when there is none.
  */
-bool qm_piece_cover_refined(const qm_piece_work *work, qm_polygon *polygon, bool *moved);
+bool qm_piece_refine(const qm_piece_work *work, const qm_polygon *polygon, qm_vec middle,
+                     const qm_near_quads *near, qm_refined *refined);
+
+/** Covers a polygon by these labels alone; in_reach is of them afterwards. */
+bool qm_piece_cover_refined(const qm_piece_work *work, const qm_refined *refined, qm_polygon *polygon,
+                            bool *moved);
 
 /* hausdorff_face.c */
 
@@ -132,6 +161,10 @@ void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon);
  * part of the piece (depth is greater). in_reach is not filled afterwards.
  */
 bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, bool *moved);
+
+/** The same with refined labels that are there already, or NULL for none. */
+bool qm_piece_cover_with(const qm_piece_work *work, const qm_refined *refined, qm_polygon *polygon,
+                         bool *moved);
 
 /**
  * Measures the corners that need it. True when that found new candidates or raised the lower bound: in_reach

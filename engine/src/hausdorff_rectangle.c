@@ -40,36 +40,22 @@ static bool hull_reached(const qm_piece_work *work, qm_polygon *corners)
     return labels != 0;
 }
 
-bool qm_piece_rectangle_covered(qm_piece_work *work)
-{
-    const qm_vec *c = work->piece.corner;
-    qm_polygon hull = {.count = 4, .corner = {c[0], c[1], c[2], c[3]}};
-    bool moved = false, covered = qm_piece_cover_by_nearest(work, &hull, &moved);
-    if (covered) return true;
-    qm_patch_halves halves = qm_patch_halve(c, (qm_vec){0, 0, 0});
-    if (!(halves.slack < MAX_SLACK_SHARE * qm_piece_allowed(work))) return false;
-    qm_piece_set_slack(work, halves.slack);
-    covered = true;
-    for (int half = 0; half < 2 && covered; half++) {
-        const qm_vec *h = halves.corner;
-        qm_polygon triangle = qm_piece_triangle(work, h[0], h[1 + half], h[2 + half]);
-        covered = qm_piece_cover_by_nearest(work, &triangle, &moved);
-    }
-    qm_piece_set_slack(work, 0.0);
-    return covered;
-}
-
-/** Covers the two triangles of a rectangle, with the slack by which the patch leaves them. */
-static bool triangles_reached(qm_piece_work *work, const qm_patch_halves *halves)
+/** Covers the two triangles of a rectangle, with the slack by which the patch leaves them; near are quads
+ * near its middle. */
+static bool triangles_reached(qm_piece_work *work, const qm_patch_halves *halves, qm_vec middle,
+                              const qm_near_quads *near)
 {
     qm_piece_set_slack(work, halves->slack);
     qm_piece_fill_candidates(work);
+    const qm_vec *c = halves->corner;
+    qm_polygon whole = {.count = 4, .corner = {c[0], c[1], c[2], c[3]}};
+    qm_refined refined;
+    bool is_refined = qm_piece_refine(work, &whole, middle, near, &refined);
     bool covered = true, moved = false;
     for (int half = 0; half < 2 && covered; half++) {
-        const qm_vec *c = halves->corner;
         qm_polygon polygon = qm_piece_triangle(work, c[0], c[1 + half], c[2 + half]);
         qm_piece_reach_corners(work, &polygon);
-        covered = qm_piece_cover(work, &polygon, &moved);
+        covered = qm_piece_cover_with(work, is_refined ? &refined : NULL, &polygon, &moved);
     }
     qm_piece_set_slack(work, 0.0);
     qm_piece_fill_candidates(work);
@@ -185,23 +171,50 @@ static bool gets_on(const qm_piece_work *work, const qm_patch *patch, const rest
     return true;
 }
 
-/** Covers the rectangle, or parts of it, by one patch of the target; what is left over goes to the queue. */
-static bool match_reached(qm_piece_work *work, const qm_patch *patch, qm_vec middle)
+static qm_uv_box parameters_of(const qm_piece *piece)
 {
-    if (!work->side->target_patches) return false;
-    qm_near_quads near = qm_piece_near_quads(work, middle, false);
-    qm_uv_box box = {{work->piece.low[0], work->piece.low[1]}, {work->piece.high[0], work->piece.high[1]}};
-    double allowed = qm_piece_allowed(work);
-    rest_list rest;
-    for (int i = 0; i < near.count; i++) {
-        qm_near_quad *quad = &near.at[i];
+    return (qm_uv_box){{piece->low[0], piece->low[1]}, {piece->high[0], piece->high[1]}};
+}
+
+/**
+ * Covers the rectangle, or parts of it, by the target's face of the same number; rest is what is left over.
+ * Meshes that nearly coincide are mostly one mesh twice; in a heap of patches that cross each other hundreds
+ * of others are as near to the middle of a face, and no search tells its counterpart from them.
+ */
+static bool counterpart_reached(const qm_piece_work *work, const qm_patch *patch, rest_list *rest)
+{
+    const qm_bvh *target = work->side->target;
+    qm_vec corner[4];
+    rest->count = 0;
+    if (!work->side->target_patches || work->piece.face >= target->mesh.face_count) return false;
+    if (qm_bvh_load_face(target, work->piece.face, corner) != 4) return false;
+    qm_uv_box box = parameters_of(&work->piece);
+    qm_patch counterpart = qm_patch_make(corner);
+    return qm_patch_match_alike(patch, &box, &counterpart, qm_piece_allowed(work), keep_rest, rest) &&
+           gets_on(work, patch, rest);
+}
+
+/** The quads of the target near the middle of the rectangle that may cover some of it. */
+static qm_near_quads quads_below(const qm_piece_work *work, qm_vec middle)
+{
+    double allowed = qm_piece_allowed(work), radius = qm_piece_radius(work->piece.corner, 4, middle);
+    qm_quads_asked asked = {.wanted = QM_NEAR_QUADS, .within = allowed + radius, .enough = allowed};
+    if (!work->side->target_patches) return (qm_near_quads){.count = 0};
+    return qm_piece_near_quads(work, middle, asked);
+}
+
+/** The same by one of the quads that are near. */
+static bool match_reached(const qm_piece_work *work, const qm_patch *patch, qm_vec middle,
+                          qm_near_quads *near, rest_list *rest)
+{
+    qm_uv_box box = parameters_of(&work->piece);
+    for (int i = 0; i < near->count; i++) {
+        qm_near_quad *quad = &near->at[i];
         qm_piece_find_foot(quad, middle);
-        rest.count = 0;
-        bool is_matched = qm_patch_match(patch, &box, &quad->patch, quad->uv, allowed, keep_rest, &rest);
-        if (!is_matched || !gets_on(work, patch, &rest)) continue;
-        for (int k = 0; k < rest.count; k++)
-            push_part(work, patch, rest.at[k].low, rest.at[k].high);
-        return true;
+        rest->count = 0;
+        bool is_matched =
+            qm_patch_match(patch, &box, &quad->patch, quad->uv, qm_piece_allowed(work), keep_rest, rest);
+        if (is_matched && gets_on(work, patch, rest)) return true;
     }
     return false;
 }
@@ -239,7 +252,32 @@ static void go_on_as_triangles(qm_piece_work *work, const qm_patch_halves *halve
     qm_piece_process_stack(work);
 }
 
-/** Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
+bool qm_piece_rectangle_covered(qm_piece_work *work)
+{
+    const qm_vec *c = work->piece.corner;
+    qm_patch patch = source_patch(work);
+    rest_list rest;
+    if (counterpart_reached(work, &patch, &rest) && rest.count == 0) return true;
+    qm_polygon hull = {.count = 4, .corner = {c[0], c[1], c[2], c[3]}};
+    bool moved = false, covered = qm_piece_cover_by_nearest(work, &hull, &moved);
+    if (covered) return true;
+    qm_patch_halves halves = qm_patch_halve(c, (qm_vec){0, 0, 0});
+    if (!(halves.slack < MAX_SLACK_SHARE * qm_piece_allowed(work))) return false;
+    qm_piece_set_slack(work, halves.slack);
+    covered = true;
+    for (int half = 0; half < 2 && covered; half++) {
+        const qm_vec *h = halves.corner;
+        qm_polygon triangle = qm_piece_triangle(work, h[0], h[1 + half], h[2 + half]);
+        covered = qm_piece_cover_by_nearest(work, &triangle, &moved);
+    }
+    qm_piece_set_slack(work, 0.0);
+    return covered;
+}
+
+/**
+ * Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
+ * The counterpart may leave over parts of a whole face only: where it is just as far as is allowed it would
+ * leave over parts of parts without an end.
  */
 static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const qm_patch_halves *halves,
                               qm_polygon *corners)
@@ -249,8 +287,21 @@ static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const 
         qm_patch_at(patch, 0.5 * (piece->low[0] + piece->high[0]), 0.5 * (piece->low[1] + piece->high[1]));
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (hull_reached(work, corners)) return true;
-        if (halves->slack < qm_piece_allowed(work) && triangles_reached(work, halves)) return true;
-        if (match_reached(work, patch, middle)) return true;
+        rest_list rest;
+        qm_near_quads near = {.count = 0};
+        bool is_matched = counterpart_reached(work, patch, &rest);
+        if (!is_matched || (rest.count > 0 && piece->depth > 0)) {
+            near = quads_below(work, middle);
+            is_matched = match_reached(work, patch, middle, &near, &rest);
+        }
+        if (is_matched && rest.count == 0) return true;
+        bool is_flat = halves->slack < qm_piece_allowed(work);
+        if (is_flat && triangles_reached(work, halves, middle, &near)) return true;
+        if (is_matched) {
+            for (int k = 0; k < rest.count; k++)
+                push_part(work, patch, rest.at[k].low, rest.at[k].high);
+            return true;
+        }
         if (!qm_piece_sample_unreached(work, middle)) break;
     }
     return false;

@@ -22,21 +22,44 @@ void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon)
         polygon->in_reach[i] = work->kernel->in_reach(&work->candidates, polygon->corner[i]);
 }
 
-/** Covers by refined parts of patches; in_reach is of the candidates again when something is left. */
-static bool cover_by_refined(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
+/** Covers by refined labels; in_reach is of the candidates again when something is left. */
+static bool cover_by_refined(const qm_piece_work *work, const qm_refined *refined, qm_polygon *polygon,
+                             bool *moved)
 {
-    if (!work->side->target_patches) return false;
-    if (qm_piece_cover_refined(work, polygon, moved)) return true;
+    if (qm_piece_cover_refined(work, refined, polygon, moved)) return true;
     qm_piece_reach_corners(work, polygon);
     return false;
 }
 
-bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
+bool qm_piece_cover_with(const qm_piece_work *work, const qm_refined *refined, qm_polygon *polygon,
+                         bool *moved)
 {
     bool is_part = work->depth > 0;
-    if (is_part && cover_by_refined(work, polygon, moved)) return true;
+    if (refined && is_part && cover_by_refined(work, refined, polygon, moved)) return true;
     if (work->kernel->cover(&work->candidates, polygon, moved)) return true;
-    return !is_part && cover_by_refined(work, polygon, moved);
+    return refined && !is_part && cover_by_refined(work, refined, polygon, moved);
+}
+
+/** Makes refined labels for a polygon of the quads near its middle. */
+static bool refine(const qm_piece_work *work, const qm_polygon *polygon, qm_refined *refined)
+{
+    if (!work->side->target_patches) return false;
+    qm_vec middle = qm_polygon_middle(polygon);
+    double allowed = qm_piece_allowed(work),
+           radius = qm_piece_radius(polygon->corner, polygon->count, middle);
+    qm_quads_asked asked = {
+        .wanted = QM_NEAR_QUADS, .within = allowed + radius, .enough = allowed, .twisted_only = true};
+    qm_near_quads near = qm_piece_near_quads(work, middle, asked);
+    return qm_piece_refine(work, polygon, middle, &near, refined);
+}
+
+bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
+{
+    qm_refined refined;
+    if (work->depth > 0)
+        return qm_piece_cover_with(work, refine(work, polygon, &refined) ? &refined : NULL, polygon, moved);
+    if (work->kernel->cover(&work->candidates, polygon, moved)) return true;
+    return refine(work, polygon, &refined) && cover_by_refined(work, &refined, polygon, moved);
 }
 
 /**
@@ -93,26 +116,28 @@ bool qm_piece_sample_unreached(qm_piece_work *work, qm_vec p)
     return added || raised;
 }
 
-/** Bound by the ball round the middle, measured to the patches themselves: it falls with the size, labels do
- * not. */
-static double ball_upper(const qm_piece_work *work, const qm_piece *piece)
+/** Bound by the ball round the middle, measured to the patches themselves, or enough when that is no better:
+ * it falls with the size, labels do not. */
+static double ball_upper(const qm_piece_work *work, const qm_piece *piece, double enough)
 {
     qm_vec middle = {0, 0, 0};
-    double radius = 0.0;
     for (int i = 0; i < piece->corner_count; i++)
         middle = qm_vec_axpy(middle, 1.0 / piece->corner_count, piece->corner[i]);
-    for (int i = 0; i < piece->corner_count; i++)
-        radius = fmax(radius, qm_vec_distance(middle, piece->corner[i]));
-    qm_near_quads near = qm_piece_near_quads(work, middle, false);
-    return near.count > 0 ? near.at[0].distance + radius : INFINITY;
+    double radius = qm_piece_radius(piece->corner, piece->corner_count, middle);
+    if (radius >= enough) return enough;
+    qm_quads_asked asked = {
+        .wanted = 1, .within = enough - radius, .enough = fmax(qm_piece_allowed(work), radius)};
+    qm_near_quads near = qm_piece_near_quads(work, middle, asked);
+    return near.count > 0 ? near.at[0].distance + radius : enough;
 }
 
 void qm_piece_push(qm_piece_work *work, const qm_piece *piece)
 {
     int place;
     double upper = work->kernel->hull_upper(&work->candidates, piece->corner, piece->corner_count, &place);
-    if (work->side->target_patches) upper = fmin(upper, ball_upper(work, piece));
     qm_entry entry = work->entry;
+    double known = entry.upper * work->side->scale - work->slack;
+    if (work->side->target_patches) upper = ball_upper(work, piece, fmin(upper, known));
     entry.upper = fmin(entry.upper, (upper + work->slack) * work->side->inverse_scale);
     entry.hint = work->packs[place < work->pack_count ? place : 0];
     qm_worker_push(work->worker, entry, piece);

@@ -119,6 +119,43 @@ static void near_copies_are_covered_however_they_are_turned(void **state)
     }
 }
 
+/** Parts of patches that are alike: all of a part is covered where the corners' differences allow it, what is
+ * covered is near in any case, and patches that are not alike are refused. */
+static void parts_of_patches_that_are_alike(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 400);
+    int partly = 0;
+    for (int k = 0; k < TRIES; k++) {
+        qm_vec from[4], to[4];
+        random_corners(&random, from);
+        double noise = pow(10.0, qm_random_range(&random, -12, -2)), most = 0;
+        for (int i = 0; i < 4; i++) {
+            qm_vec moved = random_vec(&random, noise);
+            most = fmax(most, qm_vec_norm(moved));
+            to[(k & 4 ? 7 - i : i + k) % 4] = qm_vec_add(from[i], moved);
+        }
+        qm_patch source = qm_patch_make(from), target = qm_patch_make(to);
+        qm_uv_box box;
+        for (int axis = 0; axis < 2; axis++) {
+            double a = qm_random_range(&random, 0, 1), b = qm_random_range(&random, 0, 1);
+            box.low[axis] = fmin(a, b);
+            box.high[axis] = fmax(a, b);
+        }
+        rest_list rest = {0};
+        assert_true(qm_patch_match_alike(&source, &box, &target, 1.001 * most, keep_rest, &rest));
+        assert_int_equal(rest.count, 0);
+        double allowed = most * qm_random_range(&random, 0.5, 1.0);
+        if (qm_patch_match_alike(&source, &box, &target, allowed, keep_rest, &rest))
+            check_covered(&source, &box, to, allowed, &rest, &random);
+        partly += rest.count > 0;
+        to[k % 4] = qm_vec_add(to[k % 4], (qm_vec){5, 0, 0});
+        target = qm_patch_make(to);
+        assert_false(qm_patch_match_alike(&source, &box, &target, 0.1, keep_rest, &rest));
+    }
+    assert_true(partly > TRIES / 50);
+}
+
 /** The source is a larger piece of the surface that the target is a part of: what lies over the target is
  * covered. */
 static void what_lies_over_a_part_is_covered(void **state)
@@ -151,6 +188,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(covered_points_are_near),
+        cmocka_unit_test(parts_of_patches_that_are_alike),
         cmocka_unit_test(near_copies_are_covered_however_they_are_turned),
         cmocka_unit_test(what_lies_over_a_part_is_covered),
     };

@@ -528,6 +528,17 @@ static void nearly_coincident_copies(void **state)
     }
 }
 
+/** The last face becomes the first, so that no face has its copy's number. */
+static void reverse_faces(qm_mesh *mesh)
+{
+    for (size_t i = 0, k = mesh->face_count; i + 1 < k--; i++) {
+        uint32_t face[4];
+        memcpy(face, mesh->faces + 4 * i, sizeof face);
+        memcpy(mesh->faces + 4 * i, mesh->faces + 4 * k, sizeof face);
+        memcpy(mesh->faces + 4 * k, face, sizeof face);
+    }
+}
+
 /**
  * Patches twisted by about their size, all across one another: the copy of each is the nearest one, but by
  * triangles many are nearer. Every point is at most the noise away, so a search that ends has an upper bound
@@ -538,9 +549,11 @@ static void crossing_patches_and_their_copies(void **state)
     (void)state;
     for (uint64_t seed = 0; seed < (qm_check_long() ? 500u : 20u); seed++) {
         qm_random random = qm_random_make(qm_check_seed(), 9700 + seed);
-        double noise = pow(10, qm_random_range(&random, -10, -4)), size;
+        bool is_reversed = seed % 2;
+        double noise = pow(10, qm_random_range(&random, -10, is_reversed ? -4 : -1)), size;
         qm_mesh a = qm_shape_soup(&random, 60, QM_SOUP_QUADS, QM_SOUP_POOLED, 0), b = qm_shape_copy(&a);
         qm_shape_shake(&b, &random, noise);
+        if (is_reversed) reverse_faces(&b);
         size = qm_measured_size(&a, &b);
         qm_hausdorff_options options = qm_hausdorff_options_default();
         options.quads = QM_QUADS_BILINEAR;
@@ -549,6 +562,40 @@ static void crossing_patches_and_their_copies(void **state)
         QM_CHECK(r.stop == QM_STOP_CONVERGED && r.upper <= sqrt(3.0) * noise + options.tolerance,
                  "seed %llu, noise %g: stop %d, [%.17g, %.17g]", (unsigned long long)seed, noise, (int)r.stop,
                  r.lower, r.upper);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
+/**
+ * A ring turned along itself by a few tolerances: each face reaches beyond its copy by a strip as narrow as
+ * that, which the next one covers. A search that cuts the faces in quarters until the parts are as small as
+ * the strip looks at dozens of parts for each.
+ */
+static void a_ring_turned_by_a_few_tolerances(void **state)
+{
+    (void)state;
+    enum { COLUMNS = 24, ROWS = 12, FACES = COLUMNS * ROWS };
+    for (uint64_t seed = 0; seed < (qm_check_long() ? 100u : 12u); seed++) {
+        qm_random random = qm_random_make(qm_check_seed(), 9900 + seed);
+        qm_mesh a = qm_shape_torus(COLUMNS, ROWS, 1, 0.3), b = qm_shape_copy(&a);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.quads = QM_QUADS_BILINEAR;
+        options.tolerance = 1e-6 * qm_measured_size(&a, &b);
+        double angle = options.tolerance * qm_random_range(&random, 0.5, 5);
+        for (size_t v = 0; v < b.vertex_count; v++) {
+            double *p = b.positions + 3 * v, x = p[0];
+            p[0] = x * cos(angle) - p[1] * sin(angle);
+            p[1] = x * sin(angle) + p[1] * cos(angle);
+        }
+        qm_hausdorff_result r = qm_measured(&a, &b, &options);
+        double corner[3] = {a.positions[0], a.positions[1], a.positions[2]};
+        double known = qm_slow_distance(&b, QM_QUADS_BILINEAR, corner, 1e-12).lower;
+        QM_CHECK(r.stop == QM_STOP_CONVERGED && r.upper >= known && r.lower <= 1.3 * angle &&
+                     r.iterations <= 4 * FACES,
+                 "seed %llu, turned by %g: stop %d, [%.17g, %.17g] after %llu parts",
+                 (unsigned long long)seed, angle, (int)r.stop, r.lower, r.upper,
+                 (unsigned long long)r.iterations);
         qm_shape_free(&a);
         qm_shape_free(&b);
     }
@@ -574,6 +621,7 @@ int main(void)
         cmocka_unit_test(closed_against_open),
         cmocka_unit_test(nearly_coincident_copies),
         cmocka_unit_test(crossing_patches_and_their_copies),
+        cmocka_unit_test(a_ring_turned_by_a_few_tolerances),
     };
     print_message("seed %llu\n", (unsigned long long)qm_check_seed());
     return cmocka_run_group_tests(tests, NULL, NULL);

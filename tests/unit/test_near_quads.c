@@ -30,6 +30,23 @@ static qm_mesh draw_strip(qm_random *random, double bend, double positions[18], 
     return (qm_mesh){.positions = positions, .vertex_count = 6, .faces = faces, .face_count = 2};
 }
 
+/** Only one asked for is the nearest of all, and none is told that is not within the distance asked for. */
+static void check_fewer(const qm_piece_work *work, qm_vec p, const qm_near_quads *all)
+{
+    const double within[] = {0.5 * all->at[0].distance, 0.5 * (all->at[0].distance + all->at[1].distance),
+                             INFINITY};
+    for (int i = 0; i < 3; i++) {
+        qm_near_quads few =
+            qm_piece_near_quads(work, p, (qm_quads_asked){.wanted = QM_NEAR_QUADS, .within = within[i]});
+        assert_int_equal(few.count, all->at[0].distance < all->at[1].distance ? i : i / 2 * 2);
+        for (int k = 0; k < few.count; k++)
+            assert_true(few.at[k].distance < within[i]);
+        qm_near_quads one = qm_piece_near_quads(work, p, (qm_quads_asked){.wanted = 1, .within = within[i]});
+        assert_int_equal(one.count, few.count > 0);
+        if (one.count > 0) assert_true(one.at[0].distance == all->at[0].distance);
+    }
+}
+
 /** Returns how many of the distances were those of triangles, with the twist on top. */
 static int check_points(const qm_mesh *mesh, qm_piece_work *work, qm_random *random, int trial)
 {
@@ -40,8 +57,11 @@ static int check_points(const qm_mesh *mesh, qm_piece_work *work, qm_random *ran
         qm_random_point(random, -0.5, 0.5, p);
         p[0] += 1.0;
         p[1] += 0.5;
-        qm_near_quads near = qm_piece_near_quads(work, qm_frame_local(frame, p), false);
+        qm_vec local = qm_frame_local(frame, p);
+        qm_quads_asked asked = {.wanted = QM_NEAR_QUADS, .within = INFINITY};
+        qm_near_quads near = qm_piece_near_quads(work, local, asked);
         assert_int_equal(near.count, 2);
+        check_fewer(work, local, &near);
         for (int k = 0; k < near.count; k++) {
             double claimed = near.at[k].distance * frame->inverse_scale;
             double known = qm_slow_face_distance(mesh, near.at[k].face, QM_QUADS_BILINEAR, p, ERROR).lower;
