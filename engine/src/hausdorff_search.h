@@ -33,6 +33,12 @@
 /** Value of qm_search.stop beside the reasons of qm_hausdorff_stop. */
 enum { QM_SEARCH_RUNNING = -1 };
 
+/** A pack of the source measured at its middle before the search starts. */
+typedef struct qm_seed {
+    double distance; /* an upper bound, local; INFINITY where the search was stopped before it */
+    uint32_t hint;   /* a pack of the target near it */
+} qm_seed;
+
 /** One direction: the points of source, measured to target. */
 typedef struct qm_side {
     const qm_bvh *source, *target;
@@ -43,6 +49,8 @@ typedef struct qm_side {
     double reach;        /* greatest local coordinate of either surface */
     bool target_patches; /* read the target's quads as bilinear patches */
     bool source_patches;
+    size_t seed_step, seed_count; /* every so many packs of the source there is a seed */
+    qm_seed *seeds;               /* NULL: none */
 } qm_side;
 
 /** What all workers of a search share. Written by several threads: lower only; the rest is set before they
@@ -194,8 +202,9 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
 qm_vec qm_side_middle(const qm_side *side, uint32_t pack, uint32_t *face);
 
 /** Raises the lower bound by a sparse sample of the source and a closer look where it is farthest, with all
- * workers. Returns a hint. */
-uint32_t qm_search_scout(qm_context *ctx, qm_search *search, const qm_side *side);
+ * workers; keeps the sample as the side's seeds when there is memory for them. Returns a hint. */
+uint32_t qm_search_scout(qm_context *ctx, qm_search *search, qm_side *side);
+void qm_side_reset_seeds(qm_context *ctx, qm_side *side);
 
 /** Upper bound (local) of the distance of p by the triangles of one pack alone. */
 double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p);

@@ -287,8 +287,15 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_gr
 {
     uint32_t face;
     qm_vec p = qm_side_middle(side, pack, &face);
+    double reach = member_reach(side, group, member, p);
+    /* The same point again, which was searched for with no less care. */
+    if (side->seeds && pack % side->seed_step == 0) {
+        qm_seed seed = side->seeds[pack / side->seed_step];
+        *hint = seed.hint;
+        return seed.distance + reach;
+    }
     double upper = qm_side_pack_upper(worker->search, side, *hint, p);
-    double lower = qm_side_lower(worker->search, side), reach = member_reach(side, group, member, p);
+    double lower = qm_side_lower(worker->search, side);
     if (upper <= QM_NEAR_ENOUGH * lower) return upper + reach;
     double enough = qm_search_allowed(worker->search) * side->scale - reach;
     enough = fmin(fmax(enough, QM_NEAR_ENOUGH * lower), lower);
