@@ -84,7 +84,7 @@ static qm_status set_sides(qm_context *ctx, qm_search *search, const qm_bvh *a, 
 /** Looks for a good lower bound and queues the root of the source. */
 static void start_side(qm_context *ctx, qm_search *search, int index)
 {
-    const qm_side *side = &search->side[index];
+    qm_side *side = &search->side[index];
     uint32_t hint = qm_search_scout(ctx, search, side);
     double radius = sqrt(3.0) * side->source->reach * side->factor;
     double upper = qm_side_pack_upper(search, side, hint, side->shift) + radius;
@@ -225,6 +225,8 @@ static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_res
     set_result(search, out);
     out->elapsed_ms = qm_clock_ms() - search->start_ms;
     qm_search_destroy_workers(ctx, search);
+    for (int i = 0; i < search->side_count; i++)
+        qm_side_reset_seeds(ctx, &search->side[i]);
     return QM_OK;
 }
 

@@ -29,7 +29,7 @@ static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
         unsigned labels = ~0u;
         work->kernel->float_reach(qm_bvh_floats(work->side->target, packs[k]),
                                   qm_side_twists(work->side, packs[k]), allowed - work->slack,
-                                  polygon->corner, polygon->count, bits);
+                                  polygon->corner, (1u << polygon->count) - 1, bits);
         for (int i = 0; i < polygon->count; i++)
             labels &= bits[i];
         if (qm_float_certain(labels)) return true;

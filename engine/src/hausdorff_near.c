@@ -1,94 +1,234 @@
 /**
- * hausdorff_near.c: faces that lie far below the lower bound are settled by few searches, however many facets
- * of the target they lie over: by the ball round the middle, else by those of smaller parts.
+ * hausdorff_near.c: faces whose size is about that of the lower bound are settled by few searches, however
+ * many facets of the target they lie over: a face is cut into parts, each of which one facet must reach.
  *
- * Parts. Let all corners c of a face lie within r of its middle m. Cut at the middles of its edges, a
- * triangle falls into one part at each corner and one between them, a patch, which is cut at m too, into one
- * at each corner. The part at c has c, middles (c + c')/2 and, of a patch, m for its corners; seen from (c +
- * m)/2 they are (c - m)/2, (c' - m)/2 and (m - c)/2 away. The part between has the corners (c + c')/2 = (3 m
- * - c")/2, which from m are (m - c")/2 away. So each part lies within r/2 of its point, which is the middle
- * of a triangle's part: those may be cut again.
+ * A facet is convex, so it is within a distance of all of a part when it is within that of the part's
+ * corners. Parts share corners, and these are compared with all facets of a pack at once: first with packs
+ * that were near the faces before, and where those leave a part open, with the pack that a search from its
+ * middle finds. A part that is open even then may lie in a ball round its middle that is near enough; else it
+ * is cut again.
  *
- * Roundings, in u R (see rounding.h). m is off by 5 at most, for its products and sums; r by 5 for that and 8
- * for the difference and the norm. A part's point is off by 2.5 for qm_vec_mix and half of what was given to
- * it, so by 5 at most, too. With half of r's and 1 for what is left of the allowed distance that is less than
- * 13. A part's corners are off by 2.5 a level, or by 5 for m. A face that comes here has not been cut, and
- * eta has room for QM_FREE_CUTS cuts of 2.5.
+ * Parts. A triangle falls into triangles with corners at the places (i, j) / n, i + j <= n, a patch into
+ * patches with corners at those of i, j <= n. A part lies in the hull of its corners.
+ *
+ * Roundings, in u R (see rounding.h). The weights of a face's corners are multiples of 1/16, exact; so a
+ * part's corner is a sum of at most four products, which are off by 1 together, and each of the three sums by
+ * 1. A face is cut MAX_CUTS times at most, one after the other: its corners are then off by 12. The radius of
+ * the ball that holds the corners, round the middle as computed, is off by 8 for the differences and the
+ * norm, and what is left of the allowed distance by 1. A face that comes here has not been cut, and eta has
+ * room for QM_FREE_CUTS cuts of 2.5.
  */
+#include <string.h>
+
 #include "hausdorff_search.h"
 
-#define TRIANGLE_LEVELS 3 /* of parts in parts */
+#define TRIANGLE_LEVELS 3 /* how often the edges of a face are halved, */
 #define PATCH_LEVELS 1
-#define MAX_RADIUS 1.25   /* of the allowed distance: one lane seldom reaches all of a larger part */
+#define LEVELS_AT_ONCE 2  /* of these in one cut */
+#define MAX_CUTS 3        /* of parts of parts */
+#define MAX_RADIUS 1.25   /* of the allowed distance: one facet seldom reaches all of a larger part */
 #define MIN_RADIUS 0.5    /* of it: what a smaller part misses its own parts seldom find */
-#define MAX_SEARCHES 10   /* for each face that parts settle, on average: a cover costs about as much */
+#define NEAR_SHARE 0.5    /* of it: where the target is farther, smaller parts gain little */
+#define RECENT_TRIES 2    /* recent packs that parts are compared with before a search */
+#define TRIED_PACKS 8     /* remembered, so as not to try them again */
+#define COST_OF_SEARCH 40 /* in points compared with a pack */
+#define COST_OF_PACK 4
+#define MAX_COST 600      /* for each face that parts settle, on average: a cover costs about as much */
 #define FIRST_FACES 16    /* that may fail before that counts */
 #define PROBE_INTERVAL 32 /* faces between two tries of parts where they cost more */
-#define NEAR_SHARE 0.5 /* of the allowed distance: where the target is farther, smaller balls gain little */
 
-/** A face of the source or a part of it, within the radius of its middle. */
-typedef struct ball_part {
-    int corner_count;
-    qm_vec corner[4], middle;
-    double radius;
-} ball_part;
+enum { MAX_PARTS = 16, MAX_PART_CORNERS = 15 }; /* of one cut, */
+enum { MAX_POINTS = 3 * QM_PACK_LANES };        /* or those of a pack */
+
+_Static_assert(TRIANGLE_LEVELS <= MAX_CUTS && LEVELS_AT_ONCE <= 2 && PATCH_LEVELS <= 1, "there is room");
+
+/** Parts of a face, or faces of a pack. */
+typedef struct part_list {
+    const qm_vec *point;
+    int count;
+    uint8_t corner[MAX_PARTS][4]; /* places of points; a triangle's last one twice */
+    unsigned open;                /* a bit a part: not shown to be near */
+    unsigned tried_count;
+    uint32_t tried[TRIED_PACKS]; /* packs that all open parts have been compared with */
+} part_list;
 
 /** Where faces are tried, and how near the target must be, local. */
 typedef struct near_work {
     qm_worker *worker;
     const qm_side *side;
     double allowed;
-    uint32_t *hint;
-    int *searches;
+    uint32_t hint; /* where the next search starts */
+    unsigned cost;
 } near_work;
 
-static bool lane_reaches(const near_work *work, const ball_part *part)
+/** The place (x, y) of a face. */
+static qm_vec face_point(const qm_vec *corner, int count, double x, double y)
 {
-    qm_float_bits bits[4];
-    unsigned labels = ~0u;
-    work->worker->search->kernel->float_reach(qm_bvh_floats(work->side->target, *work->hint),
-                                              qm_side_twists(work->side, *work->hint), work->allowed,
-                                              part->corner, part->corner_count, bits);
-    for (int i = 0; i < part->corner_count; i++)
-        labels &= bits[i];
-    return qm_float_certain(labels) != 0;
-}
-
-static bool parts_are_near(const near_work *work, const ball_part *whole, int levels);
-
-/** By the part's own ball, by a lane of the pack that is found in its middle, or by its parts. */
-static bool part_is_near(const near_work *work, const ball_part *part, int levels)
-{
-    if (part->radius <= MAX_RADIUS * work->allowed) {
-        double enough = work->allowed - part->radius, sought = fmax(enough, NEAR_SHARE * work->allowed);
-        work->worker->projections++;
-        ++*work->searches;
-        double distance =
-            qm_side_nearly(work->worker->search, work->side, part->middle, sought, enough, work->hint);
-        if (distance <= enough || lane_reaches(work, part)) return true;
-        if (distance > NEAR_SHARE * work->allowed) return false;
+    if (count == 3) {
+        qm_vec along = qm_vec_axpy(qm_vec_scale(1.0 - x - y, corner[0]), x, corner[1]);
+        return qm_vec_axpy(along, y, corner[2]);
     }
-    bool may_gain = levels > 0 && part->radius > MIN_RADIUS * work->allowed;
-    return may_gain && parts_are_near(work, part, levels - 1);
+    qm_vec low = qm_vec_axpy(qm_vec_scale((1.0 - x) * (1.0 - y), corner[0]), x * (1.0 - y), corner[1]);
+    return qm_vec_axpy(qm_vec_axpy(low, x * y, corner[2]), (1.0 - x) * y, corner[3]);
 }
 
-static bool parts_are_near(const near_work *work, const ball_part *whole, int levels)
+static void add_part(part_list *parts, int a, int b, int c, int d)
 {
-    int count = whole->corner_count;
-    ball_part part = {.corner_count = count, .middle = whole->middle, .radius = 0.5 * whole->radius};
-    qm_vec between[4];
+    uint8_t *corner = parts->corner[parts->count++];
+    corner[0] = (uint8_t)a;
+    corner[1] = (uint8_t)b;
+    corner[2] = (uint8_t)c;
+    corner[3] = (uint8_t)d;
+}
+
+/** Cuts a face into parts, whose corners go to point. */
+static void cut_face(const qm_vec *corner, int count, int level, qm_vec point[MAX_PART_CORNERS],
+                     part_list *parts)
+{
+    int n = 1 << level, row = 0;
+    parts->point = point;
+    parts->count = 0;
+    parts->tried_count = 0;
+    for (int j = 0; j <= n; j++) {
+        int length = count == 3 ? n - j : n, next = row + length + 1;
+        for (int i = 0; i <= length; i++)
+            point[row + i] = face_point(corner, count, (double)i / n, (double)j / n);
+        for (int i = 0; i < length && j < n; i++) {
+            if (count == 4) {
+                add_part(parts, row + i, row + i + 1, next + i + 1, next + i);
+                continue;
+            }
+            add_part(parts, row + i, row + i + 1, next + i, next + i);
+            if (i + 1 < length) add_part(parts, row + i + 1, next + i + 1, next + i, next + i);
+        }
+        row = next;
+    }
+    parts->open = (1u << parts->count) - 1;
+}
+
+/** Corners of a part; returns how many. */
+static int part_corners(const part_list *parts, int part, qm_vec corner[4])
+{
+    const uint8_t *place = parts->corner[part];
+    int count = place[2] == place[3] ? 3 : 4;
     for (int i = 0; i < count; i++)
-        part.corner[i] = between[i] =
-            qm_vec_mix(whole->corner[i], whole->corner[i + 1 < count ? i + 1 : 0], 0.5);
-    if (count == 3 && !part_is_near(work, &part, levels)) return false;
-    for (int i = 0; i < count; i++) {
-        part.middle = qm_vec_mix(whole->middle, whole->corner[i], 0.5);
-        part.corner[0] = whole->corner[i];
-        part.corner[1] = between[i];
-        part.corner[2] = whole->middle;
-        part.corner[count - 1] = between[i > 0 ? i - 1 : count - 1];
-        if (!part_is_near(work, &part, levels)) return false;
+        corner[i] = parts->point[place[i]];
+    return count;
+}
+
+/** Bits of the corners of all open parts. */
+static unsigned open_corners(const part_list *parts)
+{
+    unsigned corners = 0;
+    for (unsigned left = parts->open; left; left &= left - 1)
+        for (int i = 0; i < 4; i++)
+            corners |= 1u << parts->corner[__builtin_ctz(left)][i];
+    return corners;
+}
+
+static bool is_tried(const part_list *parts, uint32_t pack)
+{
+    unsigned known = parts->tried_count < TRIED_PACKS ? parts->tried_count : TRIED_PACKS;
+    for (unsigned i = 0; i < known; i++)
+        if (parts->tried[i] == pack) return true;
+    return false;
+}
+
+/** Closes the open parts that one facet of a pack reaches. */
+static void try_pack(near_work *work, part_list *parts, uint32_t pack)
+{
+    if (is_tried(parts, pack)) return;
+    qm_float_bits bits[MAX_POINTS];
+    unsigned corners = open_corners(parts);
+    work->cost += COST_OF_PACK + (unsigned)__builtin_popcount(corners);
+    work->worker->search->kernel->float_reach(qm_bvh_floats(work->side->target, pack),
+                                              qm_side_twists(work->side, pack), work->allowed, parts->point,
+                                              corners, bits);
+    for (unsigned left = parts->open; left; left &= left - 1) {
+        const uint8_t *corner = parts->corner[__builtin_ctz(left)];
+        unsigned labels = bits[corner[0]] & bits[corner[1]] & bits[corner[2]] & bits[corner[3]];
+        if (qm_float_certain(labels)) parts->open &= ~(left & -left);
     }
+    parts->tried[parts->tried_count++ % TRIED_PACKS] = pack;
+}
+
+/** Puts a pack among the recent ones, in place of the oldest. */
+static void remember(qm_worker *worker, const qm_side *side, uint32_t pack)
+{
+    qm_near_packs *recent = &worker->recent;
+    if (worker->recent_side != side) recent->count = 0;
+    worker->recent_side = side;
+    for (int i = 0; i < recent->count; i++)
+        if (recent->pack[i] == pack) return;
+    unsigned place = worker->recent_next++ % QM_RECENT_PACKS;
+    if (recent->count < QM_RECENT_PACKS) place = (unsigned)recent->count++;
+    const qm_box_group *from = &side->target->boxes.groups[1][pack / 8];
+    recent->pack[place] = pack;
+    for (int k = 0; k < 3; k++) {
+        recent->box[0].low[k][place] = from->low[k][pack % 8];
+        recent->box[0].high[k][place] = from->high[k][pack % 8];
+    }
+}
+
+/** Closes the open parts that recent packs near some points reach. */
+static void try_recent(near_work *work, part_list *parts, const qm_vec *point, int count)
+{
+    uint32_t packs[RECENT_TRIES];
+    qm_box box = qm_vec_box(point, count);
+    int found =
+        work->worker->search->kernel->narrow(&work->worker->recent, &box, work->allowed, RECENT_TRIES, packs);
+    for (int k = 0; k < found && parts->open; k++)
+        try_pack(work, parts, packs[k]);
+    if (found > 0) work->hint = packs[0];
+}
+
+/** Middle of points, and radius of a ball round it that holds them. */
+static double ball_of(const qm_vec *point, int count, qm_vec *middle)
+{
+    *middle = (qm_vec){0, 0, 0};
+    for (int i = 0; i < count; i++)
+        *middle = qm_vec_axpy(*middle, 1.0 / count, point[i]);
+    double radius2 = 0.0;
+    for (int i = 0; i < count; i++)
+        radius2 = fmax(radius2, qm_vec_norm2(qm_vec_sub(point[i], *middle)));
+    return sqrt(radius2);
+}
+
+static bool parts_are_near(near_work *work, const qm_vec *corner, int count, int level, int deeper);
+
+/** Closes the first open part, and what else the pack reaches that a search from its middle finds; false when
+ * that fails. */
+static bool close_part(near_work *work, part_list *parts, int deeper)
+{
+    qm_worker *worker = work->worker;
+    unsigned bit = parts->open & -parts->open;
+    qm_vec corner[4], middle;
+    int count = part_corners(parts, __builtin_ctz(bit), corner);
+    double radius = ball_of(corner, count, &middle);
+    double enough = work->allowed - radius, sought = fmax(enough, NEAR_SHARE * work->allowed);
+    worker->projections++;
+    work->cost += COST_OF_SEARCH;
+    double distance = qm_side_nearly(worker->search, work->side, middle, sought, enough, &work->hint);
+    remember(worker, work->side, work->hint);
+    if (distance <= enough) parts->open &= ~bit;
+    try_pack(work, parts, work->hint);
+    if (!(parts->open & bit)) return true;
+    bool may_gain =
+        deeper > 0 && distance <= NEAR_SHARE * work->allowed && radius > MIN_RADIUS * work->allowed;
+    if (!may_gain || !parts_are_near(work, corner, count, 1, deeper - 1)) return false;
+    parts->open &= ~bit;
+    return true;
+}
+
+/** Cuts a face or part, and those of its parts that are not near once more, down to some levels deeper. */
+static bool parts_are_near(near_work *work, const qm_vec *corner, int count, int level, int deeper)
+{
+    part_list parts;
+    qm_vec point[MAX_PART_CORNERS];
+    cut_face(corner, count, level, point, &parts);
+    try_recent(work, &parts, corner, count);
+    while (parts.open)
+        if (!close_part(work, &parts, deeper)) return false;
     return true;
 }
 
@@ -96,28 +236,64 @@ static bool parts_are_near(const near_work *work, const ball_part *whole, int le
 static bool may_try_parts(qm_worker *worker)
 {
     bool is_due = worker->part_tries++ % PROBE_INTERVAL == 0;
-    return is_due || worker->part_searches <= MAX_SEARCHES * (worker->part_hits + FIRST_FACES);
+    return is_due || worker->part_cost <= MAX_COST * (worker->part_hits + FIRST_FACES);
 }
 
-bool qm_worker_face_is_near(qm_worker *worker, const qm_side *side, const qm_piece *face, uint32_t *hint)
+/** How often the edges of a face must be halved for parts that are small enough. */
+static int level_of(const near_work *work, const qm_vec *corner, int count)
 {
-    ball_part whole = {.corner_count = face->corner_count};
-    for (int i = 0; i < face->corner_count; i++) {
-        whole.corner[i] = face->corner[i];
-        whole.middle = qm_vec_axpy(whole.middle, 1.0 / face->corner_count, face->corner[i]);
-    }
-    double radius2 = 0.0;
-    for (int i = 0; i < face->corner_count; i++)
-        radius2 = fmax(radius2, qm_vec_norm2(qm_vec_sub(face->corner[i], whole.middle)));
-    whole.radius = sqrt(radius2);
-    int searches = 0;
-    const near_work work = {worker, side, qm_search_allowed(worker->search) * side->scale, hint, &searches};
-    int levels = !may_try_parts(worker) ? 0 : whole.corner_count == 3 ? TRIANGLE_LEVELS : PATCH_LEVELS;
-    bool is_small = whole.radius <= (1 << levels) * MAX_RADIUS * work.allowed;
-    bool is_near = is_small && part_is_near(&work, &whole, levels);
-    if (searches > 1) {
-        worker->part_searches += (uint64_t)searches;
-        worker->part_hits += is_near;
-    }
+    qm_vec middle;
+    double radius = ball_of(corner, count, &middle);
+    int level = 0;
+    for (; level <= TRIANGLE_LEVELS && radius > MAX_RADIUS * work->allowed; radius *= 0.5)
+        level++;
+    return level;
+}
+
+/** A face that is too large to be tried whole. */
+static bool face_is_near(near_work *work, const qm_vec *corner, int count, int level)
+{
+    qm_worker *worker = work->worker;
+    int most = count == 3 ? TRIANGLE_LEVELS : PATCH_LEVELS;
+    if (level > most || !may_try_parts(worker)) return false;
+    if (level > LEVELS_AT_ONCE) level = LEVELS_AT_ONCE;
+    work->cost = 0;
+    bool is_near = parts_are_near(work, corner, count, level, most - level);
+    worker->part_cost += work->cost;
+    worker->part_hits += is_near;
     return is_near;
+}
+
+/** Those of the faces that are open, whole first. */
+static unsigned whole_are_near(near_work *work, part_list *whole, const qm_near_faces *faces)
+{
+    unsigned near = whole->open;
+    if (near) try_recent(work, whole, faces->vertex, faces->vertex_count);
+    while (whole->open) {
+        unsigned bit = whole->open & -whole->open;
+        if (close_part(work, whole, 1)) continue;
+        near &= ~bit;
+        whole->open &= ~bit;
+    }
+    return near;
+}
+
+unsigned qm_worker_faces_near(qm_worker *worker, const qm_side *side, const qm_near_faces *faces,
+                              uint32_t hint)
+{
+    near_work work = {worker, side, qm_search_allowed(worker->search) * side->scale, hint, 0};
+    part_list whole = {.point = faces->vertex, .count = faces->count, .tried_count = 1, .tried = {hint}};
+    memcpy(whole.corner, faces->corner, sizeof faces->corner);
+    remember(worker, side, hint);
+    unsigned near = 0;
+    for (int i = 0; i < faces->count; i++) {
+        qm_vec corner[4];
+        int count = part_corners(&whole, i, corner), level = level_of(&work, corner, count);
+        if (level == 0)
+            whole.open |= 1u << i;
+        else if (face_is_near(&work, corner, count, level))
+            near |= 1u << i;
+    }
+    work.hint = hint;
+    return near | whole_are_near(&work, &whole, faces);
 }

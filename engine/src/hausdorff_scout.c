@@ -26,8 +26,7 @@ typedef struct seed_list {
 typedef struct scout {
     qm_search *search;
     const qm_side *side;
-    size_t step; /* packs from seed to seed */
-    size_t seed_count, block_seeds;
+    size_t block_seeds;
     mtx_t lock;
     seed_list peaks; /* guarded by lock while seeds are measured */
     uint32_t hint;   /* of the last seed */
@@ -124,22 +123,27 @@ static seed look_closer(qm_worker *worker, const qm_side *side, seed peak, size_
 static void measure_seeds(void *data, int worker, size_t block)
 {
     scout *shared = data;
-    size_t end = (block + 1) * shared->block_seeds;
-    end = end < shared->seed_count ? end : shared->seed_count;
-    seed_list own = {0};
-    size_t first = block * shared->block_seeds;
     const qm_side *side = shared->side;
+    size_t first = block * shared->block_seeds, end = first + shared->block_seeds;
+    end = end < side->seed_count ? end : side->seed_count;
+    seed_list own = {0};
     /* Two surfaces that are compared mostly lie alike along their curves. */
-    seed s = {.hint = (uint32_t)(first * shared->step * side->target->pack_count / side->source->pack_count)};
-    for (size_t i = first; i < end && !qm_worker_must_stop(&shared->search->workers[worker]); i++) {
-        s = measure_middle(&shared->search->workers[worker], shared->side, (uint32_t)(i * shared->step),
-                           s.hint);
-        keep_farthest(&own, s);
+    seed s = {.hint =
+                  (uint32_t)(first * side->seed_step * side->target->pack_count / side->source->pack_count)};
+    for (size_t i = first; i < end; i++) {
+        qm_seed measured = {INFINITY, s.hint};
+        if (!qm_worker_must_stop(&shared->search->workers[worker])) {
+            s = measure_middle(&shared->search->workers[worker], side, (uint32_t)(i * side->seed_step),
+                               s.hint);
+            keep_farthest(&own, s);
+            measured = (qm_seed){s.distance, s.hint};
+        }
+        if (side->seeds) side->seeds[i] = measured;
     }
     mtx_lock(&shared->lock);
     for (int i = 0; i < own.count; i++)
         keep_farthest(&shared->peaks, own.at[i]);
-    if (end == shared->seed_count) shared->hint = s.hint;
+    if (end == side->seed_count) shared->hint = s.hint;
     mtx_unlock(&shared->lock);
 }
 
@@ -148,21 +152,30 @@ static void measure_peak(void *data, int index, size_t place)
     const scout *shared = data;
     qm_worker *worker = &shared->search->workers[index];
     seed peak = shared->peaks.at[place];
-    if (shared->step > 1) peak = look_closer(worker, shared->side, peak, shared->step);
+    size_t step = shared->side->seed_step;
+    if (step > 1) peak = look_closer(worker, shared->side, peak, step);
     measure_pack(worker, shared->side, peak);
 }
 
-uint32_t qm_search_scout(qm_context *ctx, qm_search *search, const qm_side *side)
+uint32_t qm_search_scout(qm_context *ctx, qm_search *search, qm_side *side)
 {
     size_t packs = side->source->pack_count;
     int workers = search->worker_count;
-    scout shared = {.search = search, .side = side, .step = packs > SEED_COUNT ? packs / SEED_COUNT : 1};
-    shared.seed_count = (packs + shared.step - 1) / shared.step;
-    shared.block_seeds = workers > 1 ? SHARED_SEEDS : shared.seed_count;
+    side->seed_step = packs > SEED_COUNT ? packs / SEED_COUNT : 1;
+    side->seed_count = (packs + side->seed_step - 1) / side->seed_step;
+    side->seeds = qm_context_alloc(ctx, side->seed_count, sizeof *side->seeds);
+    scout shared = {.search = search, .side = side};
+    shared.block_seeds = workers > 1 ? SHARED_SEEDS : side->seed_count;
     mtx_init(&shared.lock, mtx_plain);
-    size_t blocks = (shared.seed_count + shared.block_seeds - 1) / shared.block_seeds;
+    size_t blocks = (side->seed_count + shared.block_seeds - 1) / shared.block_seeds;
     qm_context_share(ctx, workers, blocks, measure_seeds, &shared);
     qm_context_share(ctx, workers, (size_t)shared.peaks.count, measure_peak, &shared);
     mtx_destroy(&shared.lock);
     return shared.hint;
+}
+
+void qm_side_reset_seeds(qm_context *ctx, qm_side *side)
+{
+    qm_context_free(ctx, side->seeds, side->seed_count, sizeof *side->seeds);
+    side->seeds = NULL;
 }

@@ -6,7 +6,7 @@
  *
  *   first samples      hausdorff_scout.c    a good lower bound before anything else
  *   groups and packs   hausdorff_source.c   one search a node: ball test; packs: a single label for each face
- *   whole faces        hausdorff_near.c     ball tests and single labels for a face and its parts
+ *   whole faces        hausdorff_near.c     single labels and balls for the parts of a face
  *                      hausdorff_overlay.c  the same for all of a pack by the facets straight over them
  *   pieces             hausdorff_piece.h    cover by several labels, else split; or, as an option,
  *                      hausdorff_matching.c matched to the facets under their corners, else split
@@ -27,10 +27,17 @@
 
 #define QM_CACHE_LINE 64
 #define QM_KNOWN_POINTS 64  /* a power of two */
+#define QM_RECENT_PACKS 8   /* one group of boxes */
 #define QM_NEAR_ENOUGH 0.25 /* of the lower bound: a facet within it tells well enough how far a point is */
 
 /** Value of qm_search.stop beside the reasons of qm_hausdorff_stop. */
 enum { QM_SEARCH_RUNNING = -1 };
+
+/** A pack of the source measured at its middle before the search starts. */
+typedef struct qm_seed {
+    double distance; /* an upper bound, local; INFINITY where the search was stopped before it */
+    uint32_t hint;   /* a pack of the target near it */
+} qm_seed;
 
 /** One direction: the points of source, measured to target. */
 typedef struct qm_side {
@@ -42,6 +49,8 @@ typedef struct qm_side {
     double reach;        /* greatest local coordinate of either surface */
     bool target_patches; /* read the target's quads as bilinear patches */
     bool source_patches;
+    size_t seed_step, seed_count; /* every so many packs of the source there is a seed */
+    qm_seed *seeds;               /* NULL: none */
 } qm_side;
 
 /** What all workers of a search share. Written by several threads: lower only; the rest is set before they
@@ -106,8 +115,11 @@ typedef struct qm_worker {
     uint64_t cover_tries;
     uint64_t overlay_cost, cover_cost; /* by counts of what was done, in about a hundred instructions */
     unsigned since_probe;              /* packs since the dearer of the two was tried */
-    uint64_t part_tries, part_searches, part_hits; /* of balls round parts of faces */
-    uint64_t iterations, projections;              /* not handed over to the search yet */
+    uint64_t part_tries, part_cost, part_hits; /* of parts of faces */
+    const qm_side *recent_side;
+    unsigned recent_next;
+    qm_near_packs recent;             /* packs of its target that were near faces lately */
+    uint64_t iterations, projections; /* not handed over to the search yet */
     size_t max_queue;
     qm_known_point known[QM_KNOWN_POINTS]; /* the last point of each place */
     qm_settled_face settled;               /* the last face: settled, or queued in pieces */
@@ -190,8 +202,9 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
 qm_vec qm_side_middle(const qm_side *side, uint32_t pack, uint32_t *face);
 
 /** Raises the lower bound by a sparse sample of the source and a closer look where it is farthest, with all
- * workers. Returns a hint. */
-uint32_t qm_search_scout(qm_context *ctx, qm_search *search, const qm_side *side);
+ * workers; keeps the sample as the side's seeds when there is memory for them. Returns a hint. */
+uint32_t qm_search_scout(qm_context *ctx, qm_search *search, qm_side *side);
+void qm_side_reset_seeds(qm_context *ctx, qm_side *side);
 
 /** Upper bound (local) of the distance of p by the triangles of one pack alone. */
 double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p);
@@ -231,9 +244,17 @@ double qm_clock_ms(void);
 void qm_worker_group(qm_worker *worker, qm_entry entry);
 void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
 
-/** True when balls or single labels show that all of a face is near enough. The hint moves on to a pack near
- * it. */
-bool qm_worker_face_is_near(qm_worker *worker, const qm_side *side, const qm_piece *face, uint32_t *hint);
+/** Faces of one pack, local to the target. */
+typedef struct qm_near_faces {
+    const qm_vec *vertex;
+    int vertex_count, count;
+    uint8_t corner[QM_PACK_LANES][4]; /* places of vertices; a triangle's last one twice */
+} qm_near_faces;
+
+/** A bit for each face that single labels, or balls, show to be near enough, whole or in parts. hint is a
+ * pack of the target near the faces, none of whose labels takes any of them. */
+unsigned qm_worker_faces_near(qm_worker *worker, const qm_side *side, const qm_near_faces *faces,
+                              uint32_t hint);
 
 /** Looks at a face of a pack: lets it go when it can be covered at little cost, else queues it as a piece. */
 void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near);

@@ -55,7 +55,8 @@ typedef struct pack_work {
     qm_candidates hinted; /* the pack of the hint, for them */
     int open_count;       /* faces that a look at one lane or a few points has not settled */
     qm_piece open[QM_PACK_LANES];
-    qm_near_packs near; /* of the whole pack, where some are open */
+    qm_near_faces faces; /* the same by their corners, until the first are settled */
+    qm_near_packs near;  /* of the whole pack, where some are open */
 } pack_work;
 
 /** Where single precision leaves it open whether a lane reaches a vertex, as it does where the allowed
@@ -88,7 +89,7 @@ static void reach_by_pack(const pack_work *work, double allowed, uint32_t pack, 
                           int count, qm_float_bits *bits)
 {
     work->kernel->float_reach(qm_bvh_floats(work->side->target, pack), qm_side_twists(work->side, pack),
-                              allowed, point, count, bits);
+                              allowed, point, (1u << count) - 1, bits);
 }
 
 /**
@@ -144,14 +145,10 @@ static void settle_by_overlay(qm_worker *worker, pack_work *work)
     worker->overlay_hits += (uint64_t)__builtin_popcount(gone);
 }
 
-/** Settles faces of a pack by few searches each. */
-static void settle_by_balls(qm_worker *worker, pack_work *work)
+/** Settles faces of a pack by few searches. */
+static void settle_by_parts(qm_worker *worker, pack_work *work)
 {
-    uint32_t hint = work->entry.hint;
-    unsigned gone = 0;
-    for (int i = 0; i < work->open_count; i++)
-        if (qm_worker_face_is_near(worker, work->side, &work->open[i], &hint)) gone |= 1u << i;
-    take_out(work, gone);
+    take_out(work, qm_worker_faces_near(worker, work->side, &work->faces, work->entry.hint));
 }
 
 /** Gathers the packs near the open faces. */
@@ -187,7 +184,7 @@ static bool choose_overlay(qm_worker *worker)
 static void settle_open(qm_worker *worker, pack_work *work)
 {
     bool is_matching = qm_search_is_matching(worker->search);
-    settle_by_balls(worker, work);
+    settle_by_parts(worker, work);
     if (work->open_count == 0) return;
     if (!is_matching) {
         gather_open(worker, work);
@@ -248,8 +245,13 @@ static void visit_pack(qm_worker *worker, qm_entry entry)
             (qm_piece){.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
         for (int i = 0; i < count; i++)
             piece->corner[i] = work.vertex[corner[i]];
+        for (int i = 0; i < 4; i++)
+            work.faces.corner[work.open_count][i] = (uint8_t)corner[i < count ? i : count - 1];
         if (!is_copy(worker, work.side, piece)) work.open_count++;
     }
+    work.faces.vertex = work.vertex;
+    work.faces.vertex_count = work.lanes->vertex_count;
+    work.faces.count = work.open_count;
     if (work.open_count > 0) settle_open(worker, &work);
     qm_worker_discard(worker, qm_search_allowed(search)); /* the lower bound may have risen on the way */
 }
@@ -284,8 +286,15 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_gr
 {
     uint32_t face;
     qm_vec p = qm_side_middle(side, pack, &face);
+    double reach = member_reach(side, group, member, p);
+    /* The same point again, which was searched for with no less care. */
+    if (side->seeds && pack % side->seed_step == 0) {
+        qm_seed seed = side->seeds[pack / side->seed_step];
+        *hint = seed.hint;
+        return seed.distance + reach;
+    }
     double upper = qm_side_pack_upper(worker->search, side, *hint, p);
-    double lower = qm_side_lower(worker->search, side), reach = member_reach(side, group, member, p);
+    double lower = qm_side_lower(worker->search, side);
     if (upper <= QM_NEAR_ENOUGH * lower) return upper + reach;
     double enough = qm_search_allowed(worker->search) * side->scale - reach;
     enough = fmin(fmax(enough, QM_NEAR_ENOUGH * lower), lower);

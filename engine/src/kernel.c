@@ -15,7 +15,7 @@
     void qm_fill_float_##isa(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES]);                 \
     double qm_float_upper_##isa(const qm_float_pack *pack, const float *twist, qm_vec p);                    \
     void qm_float_reach_##isa(const qm_float_pack *pack, const float *twist, double allowed,                 \
-                              const qm_vec *point, int count, qm_float_bits *bits);                          \
+                              const qm_vec *point, unsigned wanted, qm_float_bits *bits);                    \
     void qm_float_closest_##isa(const qm_bvh *bvh, qm_vec p, double enough, qm_float_hit *hit);              \
     void qm_grid_closest_##isa(const qm_grid *grid, qm_vec p, qm_hit *hit);                                  \
     void qm_grid_closest_patch_##isa(const qm_grid *grid, qm_vec p, uint32_t start, double error,            \

@@ -208,9 +208,10 @@ typedef struct qm_kernel {
      * twist of them. */
     double (*float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p);
 
-    /** For each of count points, 3 QM_PACK_LANES at most, the bits of the lanes by the allowed distance. */
+    /** For those of 3 QM_PACK_LANES points that are wanted, a bit each, the bits of the lanes by the allowed
+     * distance. */
     void (*float_reach)(const qm_float_pack *pack, const float *twist, double allowed, const qm_vec *point,
-                        int count, qm_float_bits *bits);
+                        unsigned wanted, qm_float_bits *bits);
 
     /**
      * A triangle at most 1.2 times as far from p as the nearest, by its upper bound; the search ends as soon

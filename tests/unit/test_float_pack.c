@@ -149,6 +149,52 @@ static void bounds_hold_and_are_tight(void **state)
     }
 }
 
+/** Of several points those that are wanted are compared, each in its place, and no other place is written. */
+static void wanted_points_are_compared(void **state)
+{
+    (void)state;
+    enum { MOST_POINTS = 3 * QM_PACK_LANES, UNTOUCHED = 0x1234 };
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 2);
+    qm_context ctx = qm_context_make();
+    qm_mesh quads = qm_shape_torus(20, 12, 0.7, 0.25), mesh = qm_shape_triangulated(&quads);
+    qm_shape_free(&quads);
+    qm_bvh *tree;
+    assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &tree), QM_OK);
+    for (int i = 0; i < 200; i++) {
+        uint32_t pack = (uint32_t)qm_random_below(&random, (uint32_t)tree->pack_count);
+        double allowed = qm_random_range(&random, 0.0, 1.0);
+        unsigned wanted = (unsigned)qm_random_below(&random, 1u << MOST_POINTS);
+        qm_vec p[MOST_POINTS];
+        for (int k = 0; k < MOST_POINTS; k++)
+            p[k] = (qm_vec){qm_random_range(&random, -1.0, 1.0), qm_random_range(&random, -1.0, 1.0),
+                            qm_random_range(&random, -0.5, 0.5)};
+        for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
+            qm_float_bits bits[MOST_POINTS];
+            for (int k = 0; k < MOST_POINTS; k++)
+                bits[k] = UNTOUCHED;
+            (*kernel)->float_reach(qm_bvh_floats(tree, pack), NULL, allowed, p, wanted, bits);
+            for (int k = 0; k < MOST_POINTS; k++) {
+                if (!(wanted >> k & 1)) {
+                    assert_int_equal(bits[k], UNTOUCHED);
+                    continue;
+                }
+                for (int lane = 0; lane < QM_PACK_LANES; lane++) {
+                    double distance = lane_distance(tree, pack, lane, p[k]);
+                    QM_CHECK(distance <= allowed || !(qm_float_certain(bits[k]) >> lane & 1),
+                             "seed %llu, %s: %.17g is not within %.17g", (unsigned long long)seed,
+                             (*kernel)->name, distance, allowed);
+                    QM_CHECK(distance > allowed || (bits[k] >> (8 + lane) & 1),
+                             "seed %llu, %s: %.17g is within %.17g", (unsigned long long)seed,
+                             (*kernel)->name, distance, allowed);
+                }
+            }
+        }
+    }
+    qm_bvh_destroy(&ctx, tree);
+    qm_shape_free(&mesh);
+}
+
 /** Twists are added to every lane's bound. */
 static void twists_count(void **state)
 {
@@ -238,6 +284,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(bounds_hold_and_are_tight),
+        cmocka_unit_test(wanted_points_are_compared),
         cmocka_unit_test(twists_count),
         cmocka_unit_test(far_points_have_no_bound),
         cmocka_unit_test(searches_climb_from_any_start),

@@ -62,12 +62,13 @@ double QM_KERNEL(float_upper)(const qm_float_pack *pack, const float *twist, qm_
 }
 
 /** Points from the middle of a pack; returns the margin that holds for all of them. */
-static inline float points_from_middle(const qm_float_pack *pack, const qm_vec *point, int count,
+static inline float points_from_middle(const qm_float_pack *pack, const qm_vec *point, unsigned wanted,
                                        float (*at)[4])
 {
     const qm_four middle = {(double)pack->middle[0], (double)pack->middle[1], (double)pack->middle[2], 0.0};
     qm_four_floats far = {0};
-    for (int i = 0; i < count; i++) {
+    for (; wanted; wanted &= wanted - 1) {
+        int i = __builtin_ctz(wanted);
         qm_four_floats q = qm_four_round(qm_four_position(&point[i].x) - middle);
         memcpy(at[i], &q, sizeof q);
         far = qm_four_farther(far, q);
@@ -77,15 +78,16 @@ static inline float points_from_middle(const qm_float_pack *pack, const qm_vec *
 }
 
 void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double allowed,
-                            const qm_vec *point, int count, qm_float_bits *bits)
+                            const qm_vec *point, unsigned wanted, qm_float_bits *bits)
 {
     const qm_float_frames frames = qm_float_frames_make(pack);
     const qm_vf leave = twist ? qm_vf_load(twist) : (qm_vf){0};
     float at[3 * QM_PACK_LANES][4];
-    float margin = points_from_middle(pack, point, count, at);
+    float margin = points_from_middle(pack, point, wanted, at);
     qm_vf within2 = qm_float_reach2(qm_float_below(allowed) - margin - leave),
           about2 = qm_float_reach2(qm_float_above(allowed) + margin - leave);
-    for (int i = 0; i < count; i++) {
+    for (; wanted; wanted &= wanted - 1) {
+        int i = __builtin_ctz(wanted);
         const qm_float_point q = {at[i][0], at[i][1], at[i][2], margin};
         qm_vf d2 = qm_float_point_d2(&frames, &q);
         bits[i] = (qm_float_bits)(qm_vi_bits(d2 <= within2) | qm_vi_bits(d2 <= about2) << 8);

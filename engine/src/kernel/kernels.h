@@ -19,7 +19,7 @@ void QM_KERNEL(closest_ties)(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_tie
 void QM_KERNEL(fill_float)(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 double QM_KERNEL(float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p);
 void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double allowed,
-                            const qm_vec *point, int count, qm_float_bits *bits);
+                            const qm_vec *point, unsigned wanted, qm_float_bits *bits);
 void QM_KERNEL(float_closest)(const qm_bvh *bvh, qm_vec p, double enough, qm_float_hit *hit);
 void QM_KERNEL(grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit);
 void QM_KERNEL(grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start, double error,
