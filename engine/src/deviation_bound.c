@@ -220,14 +220,14 @@ static void heights_along(const bound_work *work, const qm_triangle *facet, qm_v
 }
 
 /** Heights of the corners over the plane that the facet lies behind as seen from a point. */
-static void heights_from(const bound_work *work, const qm_triangle *facet, qm_vec from, qm_vec up,
-                         double height[3])
+static void heights_from(const bound_work *work, const qm_triangle *facet, qm_vec from, double height[3])
 {
     double weight[3];
     qm_triangle_footpoint(facet, from, weight);
     /* Over the facet itself it is the plane of the facet, whose normal is exact however near the point is. */
     if (weight[0] > 0.0 && weight[1] > 0.0 && weight[2] > 0.0) {
-        heights_over_facet(work, facet, up, height);
+        double side = qm_vec_dot(qm_vec_sub(from, facet->origin), facet->z);
+        heights_over_facet(work, facet, turn_up(facet->z, side), height);
         return;
     }
     const qm_vec end = qm_vec_axpy(facet->origin, facet->length, facet->x);
@@ -298,7 +298,7 @@ static void add_plane(const bound_work *work, plane_work *planes, const qm_trian
     const qm_vec from[4] = {work->shape->corner[worst], work->shape->middle,
                             work->shape->corner[(worst + 1) % 3], work->shape->corner[(worst + 2) % 3]};
     for (int k = 0; k < 4 && !hides_nothing(planes, best, slack); k++) {
-        heights_from(work, facet, from[k], up, height);
+        heights_from(work, facet, from[k], height);
         keep_better(planes, best, height);
     }
     for (int i = 0; i < 3; i++)
@@ -407,7 +407,7 @@ static qm_positive_part find_facet_loss(const bound_work *work, const side_work 
     for (int k = 0; k < 4 && least.mean > 0.0; k++) {
         qm_vec from = k < 3 ? work->shape->corner[k] : work->shape->middle;
         if (k < 3 && !(side->height[k] > 0.0)) continue;
-        heights_from(work, facet, from, up, height);
+        heights_from(work, facet, from, height);
         keep_least(&least, find_loss(side, height, slack));
     }
     return least;

@@ -566,6 +566,26 @@ static void near_planes_of_other_facets_are_exact(void **state)
     qm_shape_free(&coarse);
 }
 
+/** Seen from below, another facet far above lowers nothing. */
+static void a_ceiling_takes_nothing_off(void **state)
+{
+    (void)state;
+    static const double tilted[4] = {-1e-3, 1e-3, 1e-3, -1e-3};
+    static const double above[3][3] = {{-3, -3, 0.5}, {6, -3, 0.5}, {-3, 6, 0.5}};
+    qm_mesh a = make_plane(0, 1, tilted), floor = make_plane(-1, 2, level), ceiling = qm_shape_face(3, above);
+    qm_mesh b = qm_shape_joined(&floor, &ceiling);
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
+    options.piece_limit = 0;
+    qm_deviation found = measure(&a, &b, &options);
+    check_holds(found.mean, 5e-4, 1e-9, "mean");
+    check_holds(found.rms, 1e-3 / sqrt(3.0), 1e-9, "rms");
+    release(&found);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+    qm_shape_free(&floor);
+    qm_shape_free(&ceiling);
+}
+
 /* ---- folded patches ---- */
 
 /** The area of a patch, by the middles of many cells; the place is where a parameter's derivatives cross. */
@@ -832,6 +852,7 @@ int main(void)
         cmocka_unit_test(percentiles_of_noisy_copies_are_narrow),
         cmocka_unit_test(noisy_copies_of_bent_patches_close),
         cmocka_unit_test(near_planes_of_other_facets_are_exact),
+        cmocka_unit_test(a_ceiling_takes_nothing_off),
         cmocka_unit_test(folded_patches_count_by_their_area),
         cmocka_unit_test(the_pieces_bound_the_maximum),
         cmocka_unit_test(threads_change_no_more_than_the_maximum_may),
