@@ -489,6 +489,11 @@ static void take_facets_off(bound_work *work, side_work *side,
     }
 }
 
+static double greatest_corner(const double x[3])
+{
+    return qm_greater(x[0], qm_greater(x[1], x[2]));
+}
+
 /** What a piece may be beside some walls, by how far its corners are beyond each: by how much its distance is
  * above the height at most, and in the mean, and in what share. Where it is beyond more than one wall, it is
  * no farther than the sum, sharpness times. */
@@ -497,7 +502,7 @@ static qm_outside find_outside(const double wall[][3], int count, double sharpne
     double most = 0.0;
     qm_outside outside = {0.0, {0.0, 0.0, 0.0}};
     for (int k = 0; k < count; k++) {
-        double here = qm_greater(wall[k][0], qm_greater(wall[k][1], wall[k][2]));
+        double here = greatest_corner(wall[k]);
         if (!(here > 0.0)) continue;
         qm_positive_part part = qm_positive_part_of(wall[k]);
         most += here;
@@ -510,21 +515,46 @@ static qm_outside find_outside(const double wall[][3], int count, double sharpne
     return outside;
 }
 
+/** The same where it is also known how far the corners are past both ends of each wall: beyond a wall a point
+ * is no farther from it than the sum of both. */
+static void narrow_outside(qm_outside *outside, const double wall[3][3], const double past[3][2][3])
+{
+    double most = 0.0, mean = 0.0;
+    for (int k = 0; k < 3; k++) {
+        double here = greatest_corner(wall[k]);
+        if (!(here > 0.0)) continue;
+        qm_positive_region region = qm_positive_region_of(wall[k]);
+        most += here;
+        mean += qm_positive_part_of(wall[k]).mean;
+        for (int end = 0; end < 2; end++) {
+            most += qm_greater(0.0, greatest_corner(past[k][end]));
+            mean += qm_positive_part_in(&region, past[k][end]).mean;
+        }
+    }
+    outside->most = qm_lesser(outside->most, most * (1.0 + SQUARE_ROUNDINGS));
+    outside->part.mean = qm_lesser(outside->part.mean, mean * (1.0 + SQUARE_ROUNDINGS));
+}
+
 static void set_facet_ground(const bound_work *work, ground *over)
 {
     const qm_triangle *t = &work->ground_facet;
     double slack = work->near->slack[work->ground / QM_PACK_LANES][work->ground % QM_PACK_LANES];
-    double wall[3][3], height[3], open = slack + work->shape->slack;
+    double wall[3][3], past[3][2][3], height[3], open = slack + work->shape->slack;
     for (int i = 0; i < 3; i++) {
-        double inside[3];
+        double inside[3], within[3][2];
         qm_triangle_walls(t, work->shape->corner[i], inside);
-        for (int k = 0; k < 3; k++)
+        qm_triangle_ends(t, work->shape->corner[i], within);
+        for (int k = 0; k < 3; k++) {
             wall[k][i] = work->maker->eta - inside[k];
+            for (int end = 0; end < 2; end++)
+                past[k][end][i] = work->maker->eta - within[k][end];
+        }
     }
     over->match = NULL;
     over->normal = t->z;
     over->outside =
         find_outside((const double(*)[3])wall, 3, 1.0 / qm_triangle_least_sine(t) * (1.0 + SQUARE_ROUNDINGS));
+    narrow_outside(&over->outside, (const double(*)[3])wall, (const double(*)[2][3])past);
     heights_over_facet(work, t, t->z, height);
     for (int i = 0; i < 3; i++) {
         over->low[i] = height[i] - open;
@@ -690,8 +720,7 @@ static void combine_over_ground(bound_work *work, const double distance[QM_FACET
         set_facet_ground(work, &over);
         is_found = bound_over_ground(work, &over, distance, &bounds);
     }
-    if (is_found && bounds.mean_high - bounds.mean_low < out->mean_high - out->mean_low)
-        qm_piece_bounds_combine(out, &bounds);
+    if (is_found) qm_piece_bounds_combine(out, &bounds);
 }
 
 void qm_piece_bound_near(const qm_piece_maker *maker, const qm_piece_face *face, const qm_source_piece *piece,

@@ -223,8 +223,8 @@ void qm_piece_integrate_quadratic(const qm_piece_shape *w, const double low[6], 
 void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over)
 {
     qm_piece_bounds best = over->blur < bounds->blur ? *over : *bounds;
-    best.mean_low = over->mean_low;
-    best.mean_high = over->mean_high;
+    best.mean_low = qm_greater(bounds->mean_low, over->mean_low);
+    best.mean_high = qm_lesser(bounds->mean_high, over->mean_high);
     best.square_low = qm_greater(bounds->square_low, over->square_low);
     best.square_high = qm_lesser(bounds->square_high, over->square_high);
     *bounds = best;

@@ -44,8 +44,8 @@ void qm_piece_integrate(const qm_piece_shape *shape, qm_piece_bounds *out);
 void qm_piece_integrate_quadratic(const qm_piece_shape *shape, const double low[6], const double high[6],
                                   qm_positive_part lost, qm_outside outside, qm_piece_bounds *out);
 
-/** Takes over the integrals that are bounded over the ground, and the functions too when they leave less
- * open. */
+/** Takes over what is closer of the integrals that are bounded over the ground, and the functions when they
+ * leave less open. */
 void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over);
 
 /**

@@ -43,6 +43,9 @@
  * where one is negative the other is at least o sin b. Where b is obtuse both are positive, and 0 <= t <= pi
  * - b makes the sum least at an end: o (1 - cos b) >= o.
  *
+ * Near a sharp corner that is far too much of what lies along an edge. With e_k how far the point is past
+ * the ends of edge k, along it, o is no more than f_k + e_k for any f_k > 0, by way of the edge's line.
+ *
  * Lower, by corners. d^2(p) - |p|^2 = min over b in B of |b|^2 - 2 b p is concave, so that
  *     d^2(sum l_i p_i) >= sum l_i d_i^2 - sum_{i<j} l_i l_j |p_i - p_j|^2 >= sum l_i (d_i^2 - e^2 / 3),
  * e the longest edge, as sum_{i<j} l_i l_j <= 1 / 3. Where all d_i^2 >= e^2 / 3 the root, being concave, is

@@ -586,6 +586,45 @@ static void a_ceiling_takes_nothing_off(void **state)
     qm_shape_free(&ceiling);
 }
 
+/** A cone of needles, its apex in the middle. */
+static qm_mesh make_needles(size_t count)
+{
+    qm_mesh mesh = qm_shape_make(count + 1, count);
+    mesh.positions[2] = 0.3;
+    for (size_t i = 0; i < count; i++) {
+        double *rim = mesh.positions + 3 * (i + 1), angle = 2.0 * M_PI * (double)i / (double)count;
+        rim[0] = cos(angle);
+        rim[1] = sin(angle);
+        const uint32_t corners[4] = {0, (uint32_t)i + 1, (uint32_t)((i + 1) % count) + 1, QM_NO_INDEX};
+        memcpy(mesh.faces + 4 * i, corners, sizeof corners);
+    }
+    return mesh;
+}
+
+/** A box and a cone of needles, moved by a millionth, close with few pieces: what lies beside a facet is
+ * beside one edge of it, and a piece has the narrow functions and the narrow integrals of both bounds. */
+static void moved_boxes_and_needles_take_few_pieces(void **state)
+{
+    (void)state;
+    static const double move[3] = {1e-6, 0.7e-6, 0.4e-6};
+    for (int shape = 0; shape < 2; shape++) {
+        qm_mesh a = shape ? make_needles(200) : qm_shape_box(1.0, 1.0, 1.0), b = qm_shape_copy(&a);
+        for (size_t i = 0; i < 3 * b.vertex_count; i++)
+            b.positions[i] += move[i % 3];
+        qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
+        options.accuracy = 1e-3;
+        options.piece_limit = 1000;
+        qm_deviation found = measure(&a, &b, &options);
+        assert_true(found.is_accurate);
+        for (int i = 0; i < PERCENTS && percents[i] < 100; i++)
+            QM_CHECK(found.percentile[i].upper - found.percentile[i].lower <= 2e-8, "%g %%: [%g, %g]",
+                     percents[i], found.percentile[i].lower, found.percentile[i].upper);
+        release(&found);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
 /* ---- folded patches ---- */
 
 /** The area of a patch, by the middles of many cells; the place is where a parameter's derivatives cross. */
@@ -853,6 +892,7 @@ int main(void)
         cmocka_unit_test(noisy_copies_of_bent_patches_close),
         cmocka_unit_test(near_planes_of_other_facets_are_exact),
         cmocka_unit_test(a_ceiling_takes_nothing_off),
+        cmocka_unit_test(moved_boxes_and_needles_take_few_pieces),
         cmocka_unit_test(folded_patches_count_by_their_area),
         cmocka_unit_test(the_pieces_bound_the_maximum),
         cmocka_unit_test(threads_change_no_more_than_the_maximum_may),
