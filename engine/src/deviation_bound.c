@@ -27,6 +27,7 @@ typedef struct bound_work {
     int ground;       /* place of the facet nearest to the middle */
     int patch_ground; /* the rectangle that the piece is nearest to, or QM_NO_RECTANGLE */
     qm_triangle ground_facet;
+    double rectangle_distance[QM_NEAR_RECTANGLES]; /* of the middle from their facets, at least */
     /* Matches with the rectangles of the list, made when they are asked for: with the whole surface of their
      * patches, and with what is within their edges where that is another one. */
     struct {
@@ -117,6 +118,7 @@ static void offer_matches(bound_work *work)
     double least = INFINITY, high[3];
     work->patch_ground = QM_NO_RECTANGLE;
     for (int i = 0; i < near->rectangle_count; i++) {
+        if (work->rectangle_distance[i] > work->ball) continue;
         const qm_piece_match *match = match_of(work, i, true);
         if (match && work->matched[i].same == i) {
             qm_piece_match_above(match, high);
@@ -151,6 +153,8 @@ static void measure_middle(bound_work *work, double distance[QM_FACET_PACKS][QM_
 {
     const qm_near_facets *near = work->near;
     work->at_middle = work->certain = INFINITY;
+    for (int i = 0; i < near->rectangle_count; i++)
+        work->rectangle_distance[i] = INFINITY;
     for (int pack = 0; pack < near->pack_count; pack++) {
         work->maker->kernel->pack_distances(&near->pack[pack], work->shape->middle, distance[pack]);
         for (int lane = 0; lane < QM_PACK_LANES; lane++) {
@@ -161,6 +165,10 @@ static void measure_middle(bound_work *work, double distance[QM_FACET_PACKS][QM_
             }
             work->certain = qm_lesser(work->certain, here - slack);
             distance[pack][lane] = here - slack;
+            int rectangle = near->rectangle_of[pack][lane];
+            if (rectangle == QM_NO_RECTANGLE) continue;
+            double *least = &work->rectangle_distance[rectangle];
+            *least = qm_lesser(*least, here - slack);
         }
     }
 }
@@ -360,7 +368,7 @@ typedef struct ground {
     qm_vec normal;
     qm_outside outside;          /* what of the piece may be beside it */
     const qm_piece_match *match; /* NULL of a facet */
-    double loss;                 /* of the match */
+    double loss, more; /* of the match: by how much the distance may be below the height, and above */
     uint32_t face;
 } ground;
 
@@ -444,13 +452,14 @@ static qm_positive_part find_match_loss(bound_work *work, const side_work *side,
         if (!match) continue;
         qm_match_margin margin = qm_piece_match_margin(work->maker, match, &of->box);
         if (!(margin.loss < INFINITY)) continue;
-        qm_piece_match_beyond(match, &of->box, &margin, beyond);
+        if (margin.tilted < INFINITY) qm_piece_match_beyond(match, &of->box, &margin, beyond);
         for (int turned = 0; turned < 2 && least.mean > 0.0; turned++) {
             for (int i = 0; i < 3; i++)
                 height[i] = turned ? -match->high[i] : match->low[i];
             keep_least(&least, find_loss(side, height, margin.loss));
+            if (!(margin.tilted < INFINITY)) continue;
             tilt(side, beyond, height);
-            keep_least(&least, find_loss(side, height, margin.loss));
+            keep_least(&least, find_loss(side, height, margin.tilted));
         }
     }
     return least;
@@ -476,7 +485,8 @@ static void take_facets_off(bound_work *work, side_work *side,
         }
         if (rectangle != before) sum = (qm_positive_part){0.0, 0.0, 0.0};
         if (rectangle != before && rectangle != QM_NO_RECTANGLE)
-            whole = find_match_loss(work, side, rectangle);
+            whole = work->rectangle_distance[rectangle] > reach ? (qm_positive_part){0.0, 0.0, 0.0}
+                                                                : find_match_loss(work, side, rectangle);
         before = rectangle;
         bool is_ground = !side->over->match && place == work->ground;
         if (place == near->count || is_ground || distance[pack][lane] > reach) continue;
@@ -580,10 +590,28 @@ static double find_patch_loss(const bound_work *work, const ground *over)
     return most;
 }
 
+/** What is above the height over a patch: as a graph where this is less, with its own walls. */
+static void set_patch_outside(const bound_work *work, ground *over, const qm_uv_box *box)
+{
+    double wall[4][3];
+    over->more = over->match->over;
+    qm_match_graph graph = qm_piece_match_graph(work->maker, over->match, box);
+    if (graph.holds && graph.over < over->more) {
+        double sharpness =
+            qm_piece_match_view_walls(work->maker, work->face, work->piece, over->match, &graph, wall);
+        if (sharpness < INFINITY) {
+            over->more = graph.over;
+            over->outside = find_outside((const double(*)[3])wall, 4, sharpness);
+            return;
+        }
+    }
+    qm_piece_match_walls(work->maker, over->match, wall);
+    over->outside = find_outside((const double(*)[3])wall, 4, 1.0);
+}
+
 static bool set_patch_ground(bound_work *work, ground *over)
 {
     int rectangle = work->patch_ground;
-    double wall[4][3];
     over->match = rectangle == QM_NO_RECTANGLE ? NULL : match_of(work, rectangle, false);
     if (!over->match) return false;
     over->face = work->near->rectangle[rectangle].face;
@@ -591,13 +619,12 @@ static bool set_patch_ground(bound_work *work, ground *over)
     if (!(over->loss < INFINITY)) return false;
     const qm_piece_match *match = over->match;
     over->normal = match->normal;
-    qm_piece_match_walls(work->maker, match, wall);
-    over->outside = find_outside((const double(*)[3])wall, 4, 1.0);
+    set_patch_outside(work, over, &work->near->rectangle[rectangle].box);
     bool has_sign = match->least > 0.0, is_above = match->low[0] > 0.0;
-    double both = qm_greater(over->loss, match->over);
+    double both = qm_greater(over->loss, over->more);
     for (int i = 0; i < 3; i++) {
-        over->low[i] = match->low[i] - (!has_sign ? both : is_above ? over->loss : match->over);
-        over->high[i] = match->high[i] + (!has_sign ? both : is_above ? match->over : over->loss);
+        over->low[i] = match->low[i] - (!has_sign ? both : is_above ? over->loss : over->more);
+        over->high[i] = match->high[i] + (!has_sign ? both : is_above ? over->more : over->loss);
     }
     return true;
 }
@@ -611,8 +638,8 @@ static void narrow_by_height(const bound_work *work, const ground *over, qm_posi
     if (!match || !(match->least > over->loss + eta)) return;
     for (int k = 0; k < 6; k++) {
         double height = match->low[0] > 0.0 ? match->height[k] : -match->height[k];
-        low[k] = height - over->loss - eta;
-        high[k] = height + match->over + eta;
+        low[k] = height - match->slack - over->loss - eta;
+        high[k] = height + match->slack + over->more + eta;
     }
     qm_piece_integrate_quadratic(work->shape, low, high, lost, over->outside, out);
 }

@@ -625,6 +625,67 @@ static void moved_boxes_and_needles_take_few_pieces(void **state)
     }
 }
 
+/* ---- flat patches ---- */
+
+static void turn(qm_mesh *mesh, double angle)
+{
+    for (size_t v = 0; v < mesh->vertex_count; v++) {
+        double *p = mesh->positions + 3 * v, y = p[1], z = p[2];
+        p[1] = cos(angle) * y - sin(angle) * z;
+        p[2] = sin(angle) * y + cos(angle) * z;
+    }
+}
+
+/** Trapezoids, whose parameters are not those of their triangles, against themselves turned and shaken. */
+static void flat_patches_close_as_triangles_do(void **state)
+{
+    (void)state;
+    static const double angles[] = {1e-7, 1e-4, 0.1}, shakes[] = {0.0, 0.0, 1e-7, 1e-4};
+    qm_mesh a = qm_shape_torus(16, 12, 1.0, 0.4);
+    for (size_t i = 0; i < 3 + 2; i++) {
+        qm_random random = qm_random_make(qm_check_seed(), i);
+        qm_mesh b = qm_shape_copy(&a);
+        if (i < 3)
+            turn(&b, angles[i]);
+        else
+            qm_shape_shake(&b, &random, shakes[i - 1]);
+        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-3);
+        options.piece_limit = 40000;
+        qm_deviation found = measure(&a, &b, &options);
+        QM_CHECK(found.is_accurate, "seed %llu, number %zu: mean [%g, %g]",
+                 (unsigned long long)qm_check_seed(), i, found.mean.lower, found.mean.upper);
+        release(&found);
+        qm_shape_free(&b);
+    }
+    qm_shape_free(&a);
+}
+
+/** A bent quad near its twin, and far points of little area that make the mean look much greater than it is:
+ * triangles stand for the quad at first, and are too far from it. */
+static void triangles_too_coarse_for_the_mean_are_given_up(void **state)
+{
+    (void)state;
+    enum { FAR = 40 };
+    static const double bent[4] = {0, 1e-4, 0, 1e-4}, over[4] = {1e-6, 1.01e-4, 1e-6, 1.01e-4};
+    qm_mesh a = make_plane(0, 1, bent), b = make_plane(0, 1, over);
+    for (int i = 0; i < FAR; i++) {
+        const double low = 0.5, high = 0.5 + 1e-8;
+        const double corners[4][3] = {{low, low, 1}, {high, low, 1}, {high, high, 1}, {low, high, 1}};
+        qm_mesh small = qm_shape_face(4, corners), both = qm_shape_joined(&a, &small);
+        qm_shape_free(&a);
+        qm_shape_free(&small);
+        a = both;
+    }
+    qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-6);
+    options.piece_limit = 20000;
+    qm_deviation found = measure(&a, &b, &options);
+    assert_true(found.is_accurate);
+    check_holds(found.mean, 1e-6, 1e-8, "mean");
+    release(&found);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 /* ---- folded patches ---- */
 
 /** The area of a patch, by the middles of many cells; the place is where a parameter's derivatives cross. */
@@ -892,6 +953,8 @@ int main(void)
         cmocka_unit_test(noisy_copies_of_bent_patches_close),
         cmocka_unit_test(near_planes_of_other_facets_are_exact),
         cmocka_unit_test(a_ceiling_takes_nothing_off),
+        cmocka_unit_test(flat_patches_close_as_triangles_do),
+        cmocka_unit_test(triangles_too_coarse_for_the_mean_are_given_up),
         cmocka_unit_test(moved_boxes_and_needles_take_few_pieces),
         cmocka_unit_test(folded_patches_count_by_their_area),
         cmocka_unit_test(the_pieces_bound_the_maximum),
