@@ -375,6 +375,7 @@ typedef struct ground {
 /** The height on one side of the ground, and what the other facets take off it there. */
 typedef struct side_work {
     const ground *over;
+    double room;            /* what the height may be too high by before it strays */
     double up;              /* 1 or -1: the side that the normal of the ground points to, or the other one */
     qm_vec normal;          /* towards the side */
     double height[3], most; /* what the height is at least; at the corners, and the greatest */
@@ -383,7 +384,7 @@ typedef struct side_work {
 } side_work;
 
 /** What of the height is above a linear function that is this less slack, in the mean over the piece; no more
- * than the height itself, as no distance is below 0. */
+ * than the height itself, as no distance is below 0. The share is where it is so by more than room. */
 static qm_positive_part find_loss(const side_work *side, const double height[3], double slack)
 {
     double above[3];
@@ -391,6 +392,9 @@ static qm_positive_part find_loss(const side_work *side, const double height[3],
         above[i] = side->height[i] - (height[i] - slack);
     qm_positive_part part = qm_positive_part_in(&side->region, above);
     part.mean = qm_lesser(part.mean, part.share * side->most);
+    for (int i = 0; i < 3; i++)
+        above[i] -= side->room;
+    part.share = qm_positive_part_in(&side->region, above).share;
     return part;
 }
 
@@ -652,8 +656,10 @@ static bool bound_over_ground(bound_work *work, const ground *over,
     if (!(over->outside.part.share < MOST_OUTSIDE) || !(over->outside.most < INFINITY)) return false;
     qm_positive_part lost = {0.0, 0.0, 0.0};
     for (int k = 0; k < 2; k++) {
-        side_work side = {
-            .over = over, .up = k ? -1.0 : 1.0, .normal = turn_up(over->normal, k ? -1.0 : 1.0)};
+        side_work side = {.over = over,
+                          .room = work->maker->stray_error,
+                          .up = k ? -1.0 : 1.0,
+                          .normal = turn_up(over->normal, k ? -1.0 : 1.0)};
         for (int i = 0; i < 3; i++) {
             side.height[i] = k ? -over->high[i] : over->low[i];
             side.most = qm_greater(side.most, side.height[i]);
@@ -668,7 +674,8 @@ static bool bound_over_ground(bound_work *work, const ground *over,
         out->low[i] = over->low[i] - eta;
         out->high[i] = over->high[i] + eta;
     }
-    qm_piece_integrate_signed(work->shape, lost, over->outside, out);
+    qm_piece_integrate_signed(work->shape, lost, over->outside,
+                              lost.mean > 0.0 ? work->maker->stray_error : 0.0, out);
     narrow_by_height(work, over, lost, out);
     return true;
 }

@@ -163,7 +163,7 @@ void qm_piece_integrate(const qm_piece_shape *w, qm_piece_bounds *out)
 }
 
 void qm_piece_integrate_signed(const qm_piece_shape *w, qm_positive_part lost, qm_outside outside,
-                               qm_piece_bounds *out)
+                               double room, qm_piece_bounds *out)
 {
     double low[3], high[3];
     qm_piece_integrate(w, out);
@@ -179,6 +179,10 @@ void qm_piece_integrate_signed(const qm_piece_shape *w, qm_positive_part lost, q
     out->stray_low = qm_lesser(1.0, lost.share);
     out->stray_high = qm_lesser(1.0, outside.part.share);
     out->excess = outside.most;
+    for (int i = 0; i < 3; i++) {
+        out->low[i] -= room;
+        out->high[i] += room;
+    }
     double open = (sum3(out->high) - sum3(out->low)) / 3.0;
     out->blur = out->density_high * (open + (most_high + outside.most) * (out->stray_low + out->stray_high));
 }

@@ -131,6 +131,7 @@ typedef struct qm_piece_maker {
     double eta;         /* local */
     double area_unit;   /* areas are told in times this, so that no square overflows */
     double patch_error; /* what the cutting of patches may cost, local */
+    double stray_error; /* what the functions over a ground are opened by, not to stray for less, local */
     double flat_error;  /* patches of the source that are this near to their triangles, local, */
     double flat_spread; /* and whose areas differ by this share at most, are taken for them */
     double worth;       /* cuts that bring corners nearer to their facets by less are not made, local */

@@ -9,6 +9,7 @@
 #define FLAT_SHARE 0x1p-4   /* what triangles in place of the source's patches may, of 1 at most, */
 #define SPREAD_SHARE 0x1p-6 /* and what their areas may differ */
 #define COARSE_SHARE 0.5    /* of the accuracy: triangles that cost more than that were a mistake */
+#define STRAY_SHARE 0.25    /* likewise: what functions over a ground may be off everywhere */
 #define GAP_SHARE 0.05      /* of what is open: what cutting a piece along facets need not bring yet */
 #define CUT_ROOM 4          /* pieces that there must be room for, for each that is cut in a round */
 #define LEAST_CUT 1024      /* a round looks at all pieces: of so many there must be room to cut one */
@@ -163,6 +164,7 @@ static void set_errors(qm_refinement *work, double typical, double gap)
 {
     double open = work->accuracy * typical, least = 4.0 * work->maker.eta;
     work->maker.patch_error = fmax(least, PATCH_SHARE * open);
+    work->maker.stray_error = fmax(least, STRAY_SHARE * open);
     work->maker.worth = fmax(least, fmax(open, GAP_SHARE * gap));
 }
 
