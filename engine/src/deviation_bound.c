@@ -27,6 +27,7 @@ typedef struct bound_work {
     int ground;       /* place of the facet nearest to the middle */
     int patch_ground; /* the rectangle that the piece is nearest to, or QM_NO_RECTANGLE */
     qm_triangle ground_facet;
+    double rectangle_distance[QM_NEAR_RECTANGLES]; /* of the middle from their facets, at least */
     /* Matches with the rectangles of the list, made when they are asked for: with the whole surface of their
      * patches, and with what is within their edges where that is another one. */
     struct {
@@ -117,6 +118,7 @@ static void offer_matches(bound_work *work)
     double least = INFINITY, high[3];
     work->patch_ground = QM_NO_RECTANGLE;
     for (int i = 0; i < near->rectangle_count; i++) {
+        if (work->rectangle_distance[i] > work->ball) continue;
         const qm_piece_match *match = match_of(work, i, true);
         if (match && work->matched[i].same == i) {
             qm_piece_match_above(match, high);
@@ -151,6 +153,8 @@ static void measure_middle(bound_work *work, double distance[QM_FACET_PACKS][QM_
 {
     const qm_near_facets *near = work->near;
     work->at_middle = work->certain = INFINITY;
+    for (int i = 0; i < near->rectangle_count; i++)
+        work->rectangle_distance[i] = INFINITY;
     for (int pack = 0; pack < near->pack_count; pack++) {
         work->maker->kernel->pack_distances(&near->pack[pack], work->shape->middle, distance[pack]);
         for (int lane = 0; lane < QM_PACK_LANES; lane++) {
@@ -161,6 +165,10 @@ static void measure_middle(bound_work *work, double distance[QM_FACET_PACKS][QM_
             }
             work->certain = qm_lesser(work->certain, here - slack);
             distance[pack][lane] = here - slack;
+            int rectangle = near->rectangle_of[pack][lane];
+            if (rectangle == QM_NO_RECTANGLE) continue;
+            double *least = &work->rectangle_distance[rectangle];
+            *least = qm_lesser(*least, here - slack);
         }
     }
 }
@@ -220,14 +228,14 @@ static void heights_along(const bound_work *work, const qm_triangle *facet, qm_v
 }
 
 /** Heights of the corners over the plane that the facet lies behind as seen from a point. */
-static void heights_from(const bound_work *work, const qm_triangle *facet, qm_vec from, qm_vec up,
-                         double height[3])
+static void heights_from(const bound_work *work, const qm_triangle *facet, qm_vec from, double height[3])
 {
     double weight[3];
     qm_triangle_footpoint(facet, from, weight);
     /* Over the facet itself it is the plane of the facet, whose normal is exact however near the point is. */
     if (weight[0] > 0.0 && weight[1] > 0.0 && weight[2] > 0.0) {
-        heights_over_facet(work, facet, up, height);
+        double side = qm_vec_dot(qm_vec_sub(from, facet->origin), facet->z);
+        heights_over_facet(work, facet, turn_up(facet->z, side), height);
         return;
     }
     const qm_vec end = qm_vec_axpy(facet->origin, facet->length, facet->x);
@@ -298,7 +306,7 @@ static void add_plane(const bound_work *work, plane_work *planes, const qm_trian
     const qm_vec from[4] = {work->shape->corner[worst], work->shape->middle,
                             work->shape->corner[(worst + 1) % 3], work->shape->corner[(worst + 2) % 3]};
     for (int k = 0; k < 4 && !hides_nothing(planes, best, slack); k++) {
-        heights_from(work, facet, from[k], up, height);
+        heights_from(work, facet, from[k], height);
         keep_better(planes, best, height);
     }
     for (int i = 0; i < 3; i++)
@@ -360,13 +368,14 @@ typedef struct ground {
     qm_vec normal;
     qm_outside outside;          /* what of the piece may be beside it */
     const qm_piece_match *match; /* NULL of a facet */
-    double loss;                 /* of the match */
+    double loss, more; /* of the match: by how much the distance may be below the height, and above */
     uint32_t face;
 } ground;
 
 /** The height on one side of the ground, and what the other facets take off it there. */
 typedef struct side_work {
     const ground *over;
+    double room;            /* what the height may be too high by before it strays */
     double up;              /* 1 or -1: the side that the normal of the ground points to, or the other one */
     qm_vec normal;          /* towards the side */
     double height[3], most; /* what the height is at least; at the corners, and the greatest */
@@ -375,7 +384,7 @@ typedef struct side_work {
 } side_work;
 
 /** What of the height is above a linear function that is this less slack, in the mean over the piece; no more
- * than the height itself, as no distance is below 0. */
+ * than the height itself, as no distance is below 0. The share is where it is so by more than room. */
 static qm_positive_part find_loss(const side_work *side, const double height[3], double slack)
 {
     double above[3];
@@ -383,6 +392,9 @@ static qm_positive_part find_loss(const side_work *side, const double height[3],
         above[i] = side->height[i] - (height[i] - slack);
     qm_positive_part part = qm_positive_part_in(&side->region, above);
     part.mean = qm_lesser(part.mean, part.share * side->most);
+    for (int i = 0; i < 3; i++)
+        above[i] -= side->room;
+    part.share = qm_positive_part_in(&side->region, above).share;
     return part;
 }
 
@@ -407,7 +419,7 @@ static qm_positive_part find_facet_loss(const bound_work *work, const side_work 
     for (int k = 0; k < 4 && least.mean > 0.0; k++) {
         qm_vec from = k < 3 ? work->shape->corner[k] : work->shape->middle;
         if (k < 3 && !(side->height[k] > 0.0)) continue;
-        heights_from(work, facet, from, up, height);
+        heights_from(work, facet, from, height);
         keep_least(&least, find_loss(side, height, slack));
     }
     return least;
@@ -444,13 +456,14 @@ static qm_positive_part find_match_loss(bound_work *work, const side_work *side,
         if (!match) continue;
         qm_match_margin margin = qm_piece_match_margin(work->maker, match, &of->box);
         if (!(margin.loss < INFINITY)) continue;
-        qm_piece_match_beyond(match, &of->box, &margin, beyond);
+        if (margin.tilted < INFINITY) qm_piece_match_beyond(match, &of->box, &margin, beyond);
         for (int turned = 0; turned < 2 && least.mean > 0.0; turned++) {
             for (int i = 0; i < 3; i++)
                 height[i] = turned ? -match->high[i] : match->low[i];
             keep_least(&least, find_loss(side, height, margin.loss));
+            if (!(margin.tilted < INFINITY)) continue;
             tilt(side, beyond, height);
-            keep_least(&least, find_loss(side, height, margin.loss));
+            keep_least(&least, find_loss(side, height, margin.tilted));
         }
     }
     return least;
@@ -476,7 +489,8 @@ static void take_facets_off(bound_work *work, side_work *side,
         }
         if (rectangle != before) sum = (qm_positive_part){0.0, 0.0, 0.0};
         if (rectangle != before && rectangle != QM_NO_RECTANGLE)
-            whole = find_match_loss(work, side, rectangle);
+            whole = work->rectangle_distance[rectangle] > reach ? (qm_positive_part){0.0, 0.0, 0.0}
+                                                                : find_match_loss(work, side, rectangle);
         before = rectangle;
         bool is_ground = !side->over->match && place == work->ground;
         if (place == near->count || is_ground || distance[pack][lane] > reach) continue;
@@ -489,6 +503,11 @@ static void take_facets_off(bound_work *work, side_work *side,
     }
 }
 
+static double greatest_corner(const double x[3])
+{
+    return qm_greater(x[0], qm_greater(x[1], x[2]));
+}
+
 /** What a piece may be beside some walls, by how far its corners are beyond each: by how much its distance is
  * above the height at most, and in the mean, and in what share. Where it is beyond more than one wall, it is
  * no farther than the sum, sharpness times. */
@@ -497,7 +516,7 @@ static qm_outside find_outside(const double wall[][3], int count, double sharpne
     double most = 0.0;
     qm_outside outside = {0.0, {0.0, 0.0, 0.0}};
     for (int k = 0; k < count; k++) {
-        double here = qm_greater(wall[k][0], qm_greater(wall[k][1], wall[k][2]));
+        double here = greatest_corner(wall[k]);
         if (!(here > 0.0)) continue;
         qm_positive_part part = qm_positive_part_of(wall[k]);
         most += here;
@@ -510,21 +529,46 @@ static qm_outside find_outside(const double wall[][3], int count, double sharpne
     return outside;
 }
 
+/** The same where it is also known how far the corners are past both ends of each wall: beyond a wall a point
+ * is no farther from it than the sum of both. */
+static void narrow_outside(qm_outside *outside, const double wall[3][3], const double past[3][2][3])
+{
+    double most = 0.0, mean = 0.0;
+    for (int k = 0; k < 3; k++) {
+        double here = greatest_corner(wall[k]);
+        if (!(here > 0.0)) continue;
+        qm_positive_region region = qm_positive_region_of(wall[k]);
+        most += here;
+        mean += qm_positive_part_of(wall[k]).mean;
+        for (int end = 0; end < 2; end++) {
+            most += qm_greater(0.0, greatest_corner(past[k][end]));
+            mean += qm_positive_part_in(&region, past[k][end]).mean;
+        }
+    }
+    outside->most = qm_lesser(outside->most, most * (1.0 + SQUARE_ROUNDINGS));
+    outside->part.mean = qm_lesser(outside->part.mean, mean * (1.0 + SQUARE_ROUNDINGS));
+}
+
 static void set_facet_ground(const bound_work *work, ground *over)
 {
     const qm_triangle *t = &work->ground_facet;
     double slack = work->near->slack[work->ground / QM_PACK_LANES][work->ground % QM_PACK_LANES];
-    double wall[3][3], height[3], open = slack + work->shape->slack;
+    double wall[3][3], past[3][2][3], height[3], open = slack + work->shape->slack;
     for (int i = 0; i < 3; i++) {
-        double inside[3];
+        double inside[3], within[3][2];
         qm_triangle_walls(t, work->shape->corner[i], inside);
-        for (int k = 0; k < 3; k++)
+        qm_triangle_ends(t, work->shape->corner[i], within);
+        for (int k = 0; k < 3; k++) {
             wall[k][i] = work->maker->eta - inside[k];
+            for (int end = 0; end < 2; end++)
+                past[k][end][i] = work->maker->eta - within[k][end];
+        }
     }
     over->match = NULL;
     over->normal = t->z;
     over->outside =
         find_outside((const double(*)[3])wall, 3, 1.0 / qm_triangle_least_sine(t) * (1.0 + SQUARE_ROUNDINGS));
+    narrow_outside(&over->outside, (const double(*)[3])wall, (const double(*)[2][3])past);
     heights_over_facet(work, t, t->z, height);
     for (int i = 0; i < 3; i++) {
         over->low[i] = height[i] - open;
@@ -550,10 +594,28 @@ static double find_patch_loss(const bound_work *work, const ground *over)
     return most;
 }
 
+/** What is above the height over a patch: as a graph where this is less, with its own walls. */
+static void set_patch_outside(const bound_work *work, ground *over, const qm_uv_box *box)
+{
+    double wall[4][3];
+    over->more = over->match->over;
+    qm_match_graph graph = qm_piece_match_graph(work->maker, over->match, box);
+    if (graph.holds && graph.over < over->more) {
+        double sharpness =
+            qm_piece_match_view_walls(work->maker, work->face, work->piece, over->match, &graph, wall);
+        if (sharpness < INFINITY) {
+            over->more = graph.over;
+            over->outside = find_outside((const double(*)[3])wall, 4, sharpness);
+            return;
+        }
+    }
+    qm_piece_match_walls(work->maker, over->match, wall);
+    over->outside = find_outside((const double(*)[3])wall, 4, 1.0);
+}
+
 static bool set_patch_ground(bound_work *work, ground *over)
 {
     int rectangle = work->patch_ground;
-    double wall[4][3];
     over->match = rectangle == QM_NO_RECTANGLE ? NULL : match_of(work, rectangle, false);
     if (!over->match) return false;
     over->face = work->near->rectangle[rectangle].face;
@@ -561,13 +623,12 @@ static bool set_patch_ground(bound_work *work, ground *over)
     if (!(over->loss < INFINITY)) return false;
     const qm_piece_match *match = over->match;
     over->normal = match->normal;
-    qm_piece_match_walls(work->maker, match, wall);
-    over->outside = find_outside((const double(*)[3])wall, 4, 1.0);
+    set_patch_outside(work, over, &work->near->rectangle[rectangle].box);
     bool has_sign = match->least > 0.0, is_above = match->low[0] > 0.0;
-    double both = qm_greater(over->loss, match->over);
+    double both = qm_greater(over->loss, over->more);
     for (int i = 0; i < 3; i++) {
-        over->low[i] = match->low[i] - (!has_sign ? both : is_above ? over->loss : match->over);
-        over->high[i] = match->high[i] + (!has_sign ? both : is_above ? match->over : over->loss);
+        over->low[i] = match->low[i] - (!has_sign ? both : is_above ? over->loss : over->more);
+        over->high[i] = match->high[i] + (!has_sign ? both : is_above ? over->more : over->loss);
     }
     return true;
 }
@@ -581,8 +642,8 @@ static void narrow_by_height(const bound_work *work, const ground *over, qm_posi
     if (!match || !(match->least > over->loss + eta)) return;
     for (int k = 0; k < 6; k++) {
         double height = match->low[0] > 0.0 ? match->height[k] : -match->height[k];
-        low[k] = height - over->loss - eta;
-        high[k] = height + match->over + eta;
+        low[k] = height - match->slack - over->loss - eta;
+        high[k] = height + match->slack + over->more + eta;
     }
     qm_piece_integrate_quadratic(work->shape, low, high, lost, over->outside, out);
 }
@@ -595,8 +656,10 @@ static bool bound_over_ground(bound_work *work, const ground *over,
     if (!(over->outside.part.share < MOST_OUTSIDE) || !(over->outside.most < INFINITY)) return false;
     qm_positive_part lost = {0.0, 0.0, 0.0};
     for (int k = 0; k < 2; k++) {
-        side_work side = {
-            .over = over, .up = k ? -1.0 : 1.0, .normal = turn_up(over->normal, k ? -1.0 : 1.0)};
+        side_work side = {.over = over,
+                          .room = work->maker->stray_error,
+                          .up = k ? -1.0 : 1.0,
+                          .normal = turn_up(over->normal, k ? -1.0 : 1.0)};
         for (int i = 0; i < 3; i++) {
             side.height[i] = k ? -over->high[i] : over->low[i];
             side.most = qm_greater(side.most, side.height[i]);
@@ -611,7 +674,8 @@ static bool bound_over_ground(bound_work *work, const ground *over,
         out->low[i] = over->low[i] - eta;
         out->high[i] = over->high[i] + eta;
     }
-    qm_piece_integrate_signed(work->shape, lost, over->outside, out);
+    qm_piece_integrate_signed(work->shape, lost, over->outside,
+                              lost.mean > 0.0 ? work->maker->stray_error : 0.0, out);
     narrow_by_height(work, over, lost, out);
     return true;
 }
@@ -690,8 +754,7 @@ static void combine_over_ground(bound_work *work, const double distance[QM_FACET
         set_facet_ground(work, &over);
         is_found = bound_over_ground(work, &over, distance, &bounds);
     }
-    if (is_found && bounds.mean_high - bounds.mean_low < out->mean_high - out->mean_low)
-        qm_piece_bounds_combine(out, &bounds);
+    if (is_found) qm_piece_bounds_combine(out, &bounds);
 }
 
 void qm_piece_bound_near(const qm_piece_maker *maker, const qm_piece_face *face, const qm_source_piece *piece,

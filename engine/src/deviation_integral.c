@@ -163,7 +163,7 @@ void qm_piece_integrate(const qm_piece_shape *w, qm_piece_bounds *out)
 }
 
 void qm_piece_integrate_signed(const qm_piece_shape *w, qm_positive_part lost, qm_outside outside,
-                               qm_piece_bounds *out)
+                               double room, qm_piece_bounds *out)
 {
     double low[3], high[3];
     qm_piece_integrate(w, out);
@@ -179,6 +179,10 @@ void qm_piece_integrate_signed(const qm_piece_shape *w, qm_positive_part lost, q
     out->stray_low = qm_lesser(1.0, lost.share);
     out->stray_high = qm_lesser(1.0, outside.part.share);
     out->excess = outside.most;
+    for (int i = 0; i < 3; i++) {
+        out->low[i] -= room;
+        out->high[i] += room;
+    }
     double open = (sum3(out->high) - sum3(out->low)) / 3.0;
     out->blur = out->density_high * (open + (most_high + outside.most) * (out->stray_low + out->stray_high));
 }
@@ -223,8 +227,8 @@ void qm_piece_integrate_quadratic(const qm_piece_shape *w, const double low[6], 
 void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over)
 {
     qm_piece_bounds best = over->blur < bounds->blur ? *over : *bounds;
-    best.mean_low = over->mean_low;
-    best.mean_high = over->mean_high;
+    best.mean_low = qm_greater(bounds->mean_low, over->mean_low);
+    best.mean_high = qm_lesser(bounds->mean_high, over->mean_high);
     best.square_low = qm_greater(bounds->square_low, over->square_low);
     best.square_high = qm_lesser(bounds->square_high, over->square_high);
     *bounds = best;

@@ -10,6 +10,7 @@
 #define MOST_OF_ALL (2.0 / 3.0)  /* of the sum of 2 l_i l_j over i < j, */
 #define MOST_OF_ONE 0.5          /* and of one of them */
 #define RELATIVE (1.0 + 0x1p-40) /* for the roundings of a few dozen operations on positive terms */
+#define MOST_SLOPE 0.25          /* of a graph: steeper ones tell little */
 #define FARTHEST 4.0             /* of the greatest coordinate: differences beyond are not bounded */
 
 /** The corners of the piece that coefficient k belongs to. */
@@ -122,10 +123,15 @@ static void set_heights(const qm_piece_maker *maker, qm_piece_match *match)
         match->greatest = qm_greater(match->greatest, qm_vec_norm(match->difference[k]));
     }
     open_by(height, match->low, match->high);
+    for (int i = 0; i < 3; i++) {
+        match->low[i] -= match->slack;
+        match->high[i] += match->slack;
+    }
     double low = qm_lesser(match->low[0], qm_lesser(match->low[1], match->low[2]));
     double high = qm_greater(match->high[0], qm_greater(match->high[1], match->high[2]));
     match->least = qm_greater(0.0, qm_greater(low, -high) - maker->eta);
-    beside += maker->eta;
+    beside = (beside + maker->eta) * RELATIVE;
+    match->beside = beside;
     match->over = beside < 2.0 * match->least ? 0.5 * beside * beside / match->least : beside;
     match->over *= RELATIVE;
 }
@@ -175,6 +181,7 @@ void qm_piece_match_make(const qm_piece_maker *maker, const qm_piece_face *face,
     qm_vec corner[6], sum = {0, 0, 0};
     double middle[2] = {start[0], start[1]};
     match->patch = patch;
+    match->slack = face->slack;
     match->is_clamped = false;
     for (int k = 0; k < 6; k++)
         corner[k] = source_coefficient(face, piece, pair_of[k]);
@@ -222,6 +229,7 @@ void qm_piece_match_alike(const qm_piece_maker *maker, const qm_piece_face *face
     qm_vec corner[6];
     int layout = find_layout(&face->patch, patch);
     match->patch = patch;
+    match->slack = face->slack;
     match->is_clamped = false;
     for (int k = 0; k < 6; k++)
         corner[k] = source_coefficient(face, piece, pair_of[k]);
@@ -310,23 +318,86 @@ static double find_slope(const qm_piece_maker *maker, const qm_piece_match *matc
     return (most + rounding / at->least) * RELATIVE;
 }
 
+/** U', cut down to what of it is within limits. */
+static qm_uv_box find_view(const qm_piece_match *match, const qm_uv_box *box, const frame *at)
+{
+    qm_uv_box view;
+    for (int k = 0; k < 2; k++) {
+        double low = INFINITY, high = -INFINITY;
+        for (int i = 0; i < 3; i++) {
+            low = qm_lesser(low, match->at[i][k]);
+            high = qm_greater(high, match->at[i][k]);
+        }
+        double way = 2.0 * match->greatest / (1.0 - at->turn) * at->reach[k] * RELATIVE;
+        view.low[k] = qm_greater(low - way, qm_lesser(low, box->low[k]));
+        view.high[k] = qm_lesser(high + way, qm_greater(high, box->high[k]));
+    }
+    return view;
+}
+
+/** The slope of a patch over the plane at a right angle to n, INFINITY where it is no graph. */
+static double find_graph_slope(const qm_piece_maker *maker, const qm_piece_match *match,
+                               const qm_uv_box *view)
+{
+    double least = INFINITY, most = 0.0;
+    for (int i = 0; i < 4; i++) {
+        qm_vec along_s = qm_vec_axpy(match->patch->e1, i & 1 ? view->high[1] : view->low[1], match->patch->w);
+        qm_vec along_t = qm_vec_axpy(match->patch->e2, i & 2 ? view->high[0] : view->low[0], match->patch->w);
+        qm_vec normal = qm_vec_cross(along_s, along_t);
+        double up = qm_vec_dot(normal, match->normal);
+        double error = maker->eta * (qm_vec_norm(along_s) + qm_vec_norm(along_t));
+        least = qm_lesser(least, up - error);
+        most = qm_greater(most, qm_vec_norm(qm_vec_axpy(normal, -up, match->normal)) + error);
+    }
+    return least > 0.0 ? most / least * RELATIVE : INFINITY;
+}
+
+static qm_match_graph find_graph(const qm_piece_maker *maker, const qm_piece_match *match,
+                                 const qm_uv_box *box, const frame *at)
+{
+    qm_match_graph graph = {.view = find_view(match, box, at)};
+    graph.slope = find_graph_slope(maker, match, &graph.view);
+    graph.holds = graph.slope <= MOST_SLOPE;
+    if (!graph.holds) return graph;
+    graph.over = graph.slope * match->beside * RELATIVE;
+    graph.loss = (graph.over + 0.5 * graph.slope * graph.slope * match->greatest) * RELATIVE;
+    for (int k = 0; k < 2; k++) {
+        graph.view.low[k] = qm_greater(0.0, graph.view.low[k]);
+        graph.view.high[k] = qm_lesser(1.0, graph.view.high[k]);
+    }
+    return graph;
+}
+
+qm_match_graph qm_piece_match_graph(const qm_piece_maker *maker, const qm_piece_match *match,
+                                    const qm_uv_box *box)
+{
+    frame at;
+    if (!match->holds || !make_frame(maker, match, box, &at)) return (qm_match_graph){.holds = false};
+    return find_graph(maker, match, box, &at);
+}
+
 qm_match_margin qm_piece_match_margin(const qm_piece_maker *maker, const qm_piece_match *match,
                                       const qm_uv_box *box)
 {
     frame at;
     double bent = 0.0;
-    qm_match_margin none = {INFINITY, {0.0, 0.0}, 0.0};
-    if (!match->holds || !make_frame(maker, match, box, &at)) return none;
+    qm_match_margin margin = {INFINITY, INFINITY, {0.0, 0.0}, 0.0};
+    if (!match->holds || !make_frame(maker, match, box, &at)) return margin;
+    qm_match_graph graph = find_graph(maker, match, box, &at);
+    if (graph.holds) margin.loss = graph.loss;
     for (int k = 0; k < 6; k++)
         bent = qm_greater(bent, fabs(qm_vec_dot(match->difference[k], match->patch->w)));
     bent += maker->eta * (qm_vec_norm(match->patch->w) + match->greatest);
     double left = (1.0 - at.turn) * (1.0 - at.turn) - bent * at.product * RELATIVE;
-    if (!(left > CLEAR)) return none;
+    if (!(left > CLEAR)) return margin;
     double root = sqrt(left), f = find_slope(maker, match, &at), loss = f / root;
     if (match->least > 0.0) loss = qm_lesser(loss, f * f / (left * match->least));
-    double stretch = root / RELATIVE;
-    return (qm_match_margin){
-        loss * RELATIVE, {stretch / at.reach[0], stretch / at.reach[1]}, f / root * RELATIVE};
+    margin.tilted = loss * RELATIVE;
+    margin.loss = qm_lesser(margin.loss, margin.tilted);
+    for (int k = 0; k < 2; k++)
+        margin.stretch[k] = root / RELATIVE / at.reach[k];
+    margin.offset = f / root * RELATIVE;
+    return margin;
 }
 
 void qm_piece_match_beyond(const qm_piece_match *match, const qm_uv_box *box, const qm_match_margin *margin,
@@ -353,7 +424,7 @@ void qm_piece_match_above(const qm_piece_match *match, double high[3])
 {
     double length[6], low[3];
     for (int k = 0; k < 6; k++)
-        length[k] = qm_vec_norm(match->difference[k]);
+        length[k] = qm_vec_norm(match->difference[k]) + match->slack;
     open_by(length, low, high);
 }
 
@@ -373,4 +444,49 @@ void qm_piece_match_walls(const qm_piece_maker *maker, const qm_piece_match *mat
             beyond[2 * axis + 1][i] = (match->at[i][axis] - 1.0) * speed * RELATIVE;
         }
     }
+}
+
+/** The least sine of an acute corner of the quad that is seen along n, counted from above; 0 where a corner
+ * is not convex beyond doubt. */
+static double find_least_sine(const qm_vec edge[4], double error)
+{
+    double least = 1.0;
+    for (int k = 0; k < 4; k++) {
+        qm_vec on = edge[(k + 1) % 4], back = qm_vec_scale(-1.0, edge[k]);
+        double lengths = qm_vec_norm(on) * qm_vec_norm(back);
+        double sine = (qm_vec_norm(qm_vec_cross(on, back)) - error * (qm_vec_norm(on) + qm_vec_norm(back)));
+        if (!(sine > LEAST_SINE * lengths)) return 0.0;
+        if (qm_vec_dot(on, back) > 0.0) least = qm_lesser(least, sine / lengths);
+    }
+    return least;
+}
+
+double qm_piece_match_view_walls(const qm_piece_maker *maker, const qm_piece_face *face,
+                                 const qm_source_piece *piece, const qm_piece_match *match,
+                                 const qm_match_graph *graph, double beyond[4][3])
+{
+    qm_vec corner[4], edge[4], at[6], n = match->normal;
+    qm_uv_box_corners(match->patch, &graph->view, corner);
+    for (int k = 0; k < 6; k++)
+        at[k] = source_coefficient(face, piece, pair_of[k]);
+    for (int k = 0; k < 4; k++) {
+        qm_vec on = qm_vec_sub(corner[(k + 1) % 4], corner[k]);
+        edge[k] = qm_vec_axpy(on, -qm_vec_dot(on, n), n);
+    }
+    double sine = find_least_sine(edge, maker->eta);
+    if (!(sine > 0.0)) return INFINITY;
+    for (int k = 0; k < 4; k++) {
+        double length = qm_vec_norm(edge[k]), value[6], below[3], farthest = 0.0;
+        qm_vec outwards = qm_vec_scale(1.0 / length, qm_vec_cross(edge[k], n));
+        for (int i = 0; i < 6; i++) {
+            qm_vec from = qm_vec_sub(at[i], corner[k]);
+            value[i] = qm_vec_dot(outwards, from);
+            farthest = qm_greater(farthest, qm_vec_norm(from));
+        }
+        open_by(value, below, beyond[k]);
+        double error = maker->eta * (1.0 + farthest / length);
+        for (int i = 0; i < 3; i++)
+            beyond[k][i] += error;
+    }
+    return (1.0 + graph->slope) / sine * RELATIVE;
 }

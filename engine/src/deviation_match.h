@@ -34,6 +34,20 @@
  * across the wall where D points away: then only the negative part of that component of F counts, f being |F|
  * / a.
  *
+ * As a graph. D may be long beside its height n.D: then f is as long, and c. But where Q is almost a plane, D
+ * along it matters little. Let U' be the b and what of U is no farther from them than 2 |D| / ((1 - r) y)
+ * times the |z_i| above: any other x has |x| > 2 |D|, so that its point of R is no nearer than |D|. Let Q_s x
+ * Q_t have a positive component along n at the corners of U': then Q over U' is the graph of a function over
+ * a convex part of the plane at a right angle to n, and of slope g, the greatest ratio of the other
+ * components to that one at the corners. With e the greatest length of D along the plane, and v the way along
+ * it from Q(b) to a point of R, |P - Q(b + z)|^2 >= max(0, |n.D| - g |v|)^2 + (|v| - e)^2, and so d(P, R) >=
+ * (|n.D| - g e) / sqrt(1 + g^2). The latter is at least |n.D| - g e - g^2 / 2 |n.D|. And where P is over the
+ * part V of Q that U' and the unit square share, d <= |n.D| + g e; elsewhere, o along the plane from there,
+ * |n.D| + g e + (1 + g) o. V is seen as a convex quad, and o no more than the sum over its walls of how far P
+ * is beyond them, divided by the sine of its least acute angle (deviation_piece.h).
+ *
+ * Flat. Where P is a triangle that stands for a patch within slack, all bounds are opened by slack.
+ *
  * Linear. For a unit vector n: |D| >= |n.D|, |D| <= |n.D| + min(p, p^2 / (2 min |n.D|)), p the greatest of
  * what D has at a right angle to n. n.D is above the linear function with its values at the corners by the
  * sum of 2 l_i l_j E_ij over i < j, E_ij = n.D_ij - (n.D_ii + n.D_jj) / 2: at most 2 / 3 of the greatest
@@ -63,6 +77,8 @@ typedef struct qm_piece_match {
     double slope[10][2];    /* coefficients of F */
     double height[6];       /* coefficients of n.D */
     double low[3], high[3]; /* linear functions round it */
+    double slack;           /* how far the source may be from P */
+    double beside;          /* e */
     double least;           /* of |n.D| over the piece; 0 when it may change its sign */
     double greatest;        /* of |D| */
     double over;            /* by how much |D| may be above |n.D| */
@@ -93,13 +109,32 @@ static inline bool qm_piece_match_is_inside(const qm_piece_match *match)
 
 /** What the lower bound for a rectangle of a patch takes. */
 typedef struct qm_match_margin {
-    double loss;       /* c, or INFINITY */
+    double loss;       /* c, or what the graph loses, or INFINITY */
+    double tilted;     /* c */
     double stretch[2]; /* Y by how far parameters are beyond an edge, */
     double offset;     /* less this */
 } qm_match_margin;
 
+/** A patch as a graph. */
+typedef struct qm_match_graph {
+    bool holds;
+    double loss, over; /* by how much the distance may be less than |n.D|, and more */
+    double slope;      /* g */
+    qm_uv_box view;    /* V */
+} qm_match_graph;
+
 qm_match_margin qm_piece_match_margin(const qm_piece_maker *maker, const qm_piece_match *match,
                                       const qm_uv_box *box);
+
+/** The rectangle of a patch as a graph. */
+qm_match_graph qm_piece_match_graph(const qm_piece_maker *maker, const qm_piece_match *match,
+                                    const qm_uv_box *box);
+
+/** How far the corners are beyond the walls of V at most, in the view; returns by what the sum of all four is
+ * to be multiplied, INFINITY when V is no convex quad beyond doubt. */
+double qm_piece_match_view_walls(const qm_piece_maker *maker, const qm_piece_face *face,
+                                 const qm_source_piece *piece, const qm_piece_match *match,
+                                 const qm_match_graph *graph, double beyond[4][3]);
 
 /** By how much less than |D| the distance to a rectangle of the patch may be: c, or INFINITY. */
 static inline double qm_piece_match_loss(const qm_piece_maker *maker, const qm_piece_match *match,

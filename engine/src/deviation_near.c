@@ -75,6 +75,19 @@ void qm_triangle_walls(const qm_triangle *t, qm_vec p, double inside[3])
     inside[2] = (ex * y - t->cy * (x - t->length)) * sqrt(t->inverse_d2);
 }
 
+void qm_triangle_ends(const qm_triangle *t, qm_vec p, double within[3][2])
+{
+    qm_vec d = qm_vec_sub(p, t->origin);
+    double x = qm_vec_dot(d, t->x), y = qm_vec_dot(d, t->y), ex = t->cx - t->length;
+    double c = sqrt(t->cx * t->cx + t->cy * t->cy), e = sqrt(ex * ex + t->cy * t->cy);
+    double length[3] = {t->length, c, e};
+    within[0][0] = x;
+    within[1][0] = c > 0.0 ? (t->cx * x + t->cy * y) / c : -INFINITY;
+    within[2][0] = e > 0.0 ? (ex * (x - t->length) + t->cy * y) / e : -INFINITY;
+    for (int k = 0; k < 3; k++)
+        within[k][1] = length[k] - within[k][0];
+}
+
 double qm_triangle_least_sine(const qm_triangle *t)
 {
     double c = sqrt(t->inverse_c2), d = sqrt(t->inverse_d2), least = t->cy * qm_lesser(c, d);

@@ -56,6 +56,9 @@ qm_triangle qm_pack_triangle(const qm_pack *pack, int lane);
 /** How far a point lies inside of the three walls that stand on the edges of a facet. */
 void qm_triangle_walls(const qm_triangle *t, qm_vec p, double inside[3]);
 
+/** How far a point is from both ends of each of these edges, along it; negative past an end. */
+void qm_triangle_ends(const qm_triangle *t, qm_vec p, double within[3][2]);
+
 /** The least sine of an angle of a facet that is no obtuse one; 0 of a facet without height. */
 double qm_triangle_least_sine(const qm_triangle *t);
 

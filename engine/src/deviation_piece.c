@@ -5,8 +5,9 @@
 #include "rounding.h"
 
 #define PIECE_ROUNDINGS                                                                                      \
-    128.0               /* of the greatest coordinate, besides those of a distance: deviation_piece.h        \
-                         */
+    128.0 /* of the greatest coordinate, besides those of a distance: deviation_piece.h                      \
+           */
+#define LEAST_SPREAD 0x1p-40
 #define HALVED_LEVELS 4 /* on the last of so many levels each piece is halved */
 
 /** The greatest local coordinate that a search can meet. */
@@ -42,6 +43,9 @@ qm_status qm_piece_maker_init(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                               .eta = eta,
                               .area_unit = ldexp(1.0, -2 * exponent),
                               .patch_error = 4.0 * eta,
+                              .stray_error = 4.0 * eta,
+                              .flat_error = 4.0 * eta,
+                              .flat_spread = LEAST_SPREAD,
                               .worth = 4.0 * eta,
                               .part_limit = QM_PIECE_PARTS};
     return QM_OK;
@@ -49,9 +53,9 @@ qm_status qm_piece_maker_init(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
 
 qm_source_piece qm_piece_first(const qm_piece_maker *maker, uint32_t face, bool second)
 {
-    bool is_patch = maker->source_patches && maker->source->mesh.faces[4 * (size_t)face + 3] != QM_NO_INDEX;
-    qm_source_piece piece = {.face = face, .second = second && !is_patch};
-    if (!is_patch)
+    bool is_flat = qm_piece_face_is_flat(maker, face);
+    qm_source_piece piece = {.face = face, .second = second && is_flat, .is_flat = is_flat};
+    if (is_flat)
         piece.u[1] = piece.v[2] = 1.0;
     else if (!second)
         piece.u[1] = piece.u[2] = piece.v[2] = 1.0;
@@ -75,6 +79,15 @@ void qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, q
     qm_piece_bound_near(maker, &face, piece, &shape, desk, out);
 }
 
+/** True when the facets of a list are what they seem: patches that bend much are cut into some that have no
+ * border of their own. */
+static bool has_borders(const qm_near_facets *near)
+{
+    for (int i = 0; i < near->rectangle_count; i++)
+        if (!near->rectangle[i].is_mild) return false;
+    return true;
+}
+
 int qm_piece_split(const qm_piece_maker *maker, const qm_source_piece *piece, qm_piece_desk *desk,
                    qm_source_piece part[QM_PIECE_PARTS], qm_piece_bounds bounds[QM_PIECE_PARTS], double *leak)
 {
@@ -84,7 +97,7 @@ int qm_piece_split(const qm_piece_maker *maker, const qm_source_piece *piece, qm
     bool is_complete = desk->near.is_complete;
     int count = 1;
     *leak = 0.0;
-    if (is_complete && desk->near.rectangle_count == 0 && piece->depth % HALVED_LEVELS != HALVED_LEVELS - 1)
+    if (is_complete && has_borders(&desk->near) && piece->depth % HALVED_LEVELS != HALVED_LEVELS - 1)
         count = qm_piece_cut_by_facets(maker, &face, piece, &desk->near, part, leak);
     if (count == 1) {
         qm_piece_halve(&shape, piece, part, leak);

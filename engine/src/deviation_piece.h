@@ -6,6 +6,11 @@
  * p_i. On a bilinear patch the point of parameters l (barycentric in the piece) is within slack = |w| ds dt /
  * 4 of sum l_i p_i, so that bounds over the flat triangle hold over the piece when opened by slack.
  *
+ * Where a patch bends little, its two triangles (c0 c1 c2) and (c0 c2 c3) stand for it (deviation_shape.h): a
+ * piece is a flat part of one of them, and what it says is of the part of the patch over it, which is within
+ * slack. Parameters of the patch serve worse even where it is flat: w, which lies in its plane, would count
+ * as slack.
+ *
  * Let T be a facet of the target B, and d the distance to B.
  *
  * Upper. d <= d(., T), which is convex because T is. So over P: d <= the linear function with the values
@@ -42,6 +47,9 @@
  * t). As long as both are positive their sum is concave in t, so least where one is 0 and the other o sin b;
  * where one is negative the other is at least o sin b. Where b is obtuse both are positive, and 0 <= t <= pi
  * - b makes the sum least at an end: o (1 - cos b) >= o.
+ *
+ * Near a sharp corner that is far too much of what lies along an edge. With e_k how far the point is past
+ * the ends of edge k, along it, o is no more than f_k + e_k for any f_k > 0, by way of the edge's line.
  *
  * Lower, by corners. d^2(p) - |p|^2 = min over b in B of |b|^2 - 2 b p is concave, so that
  *     d^2(sum l_i p_i) >= sum l_i d_i^2 - sum_{i<j} l_i l_j |p_i - p_j|^2 >= sum l_i (d_i^2 - e^2 / 3),
@@ -86,8 +94,9 @@
 
 typedef struct qm_source_piece {
     uint32_t face;
-    uint8_t second; /* of a flat quad: the triangle (c0 c2 c3) */
+    uint8_t second; /* of a quad that is two triangles: (c0 c2 c3) */
     uint8_t depth;
+    bool is_flat;      /* on a triangle, that of the face or one of the two that stand for a patch */
     double u[3], v[3]; /* on the face's patch, or weights of the second and third corner of its triangle */
 } qm_source_piece;
 
@@ -122,6 +131,9 @@ typedef struct qm_piece_maker {
     double eta;         /* local */
     double area_unit;   /* areas are told in times this, so that no square overflows */
     double patch_error; /* what the cutting of patches may cost, local */
+    double stray_error; /* what the functions over a ground are opened by, not to stray for less, local */
+    double flat_error;  /* patches of the source that are this near to their triangles, local, */
+    double flat_spread; /* and whose areas differ by this share at most, are taken for them */
     double worth;       /* cuts that bring corners nearer to their facets by less are not made, local */
     int part_limit;     /* of a piece: 3 to QM_PIECE_PARTS */
     double cell_area;   /* smaller parts than this may be off by more, so that all leave alike */

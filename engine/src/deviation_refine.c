@@ -5,13 +5,17 @@
 #include "rounding.h"
 
 #define MAX_ROUNDS 64
-#define PATCH_SHARE 0.25 /* of the accuracy: what cutting the target's patches may cost */
-#define GAP_SHARE 0.05   /* of what is open: what cutting a piece along facets need not bring yet */
-#define CUT_ROOM 4       /* pieces that there must be room for, for each that is cut in a round */
-#define LEAST_CUT 1024   /* a round looks at all pieces: of so many there must be room to cut one */
-#define PARTS_ROOM 2     /* of the room for parts that each of them has on average: most need less */
-#define CHUNK 64         /* pieces that a worker takes at a time to bound */
-#define BATCH 256        /* pieces that are cut before their parts are put in place */
+#define PATCH_SHARE 0.25    /* of the accuracy: what cutting the target's patches may cost, */
+#define FLAT_SHARE 0x1p-4   /* what triangles in place of the source's patches may, of 1 at most, */
+#define SPREAD_SHARE 0x1p-6 /* and what their areas may differ */
+#define COARSE_SHARE 0.5    /* of the accuracy: triangles that cost more than that were a mistake */
+#define STRAY_SHARE 0.25    /* likewise: what functions over a ground may be off everywhere */
+#define GAP_SHARE 0.05      /* of what is open: what cutting a piece along facets need not bring yet */
+#define CUT_ROOM 4          /* pieces that there must be room for, for each that is cut in a round */
+#define LEAST_CUT 1024      /* a round looks at all pieces: of so many there must be room to cut one */
+#define PARTS_ROOM 2        /* of the room for parts that each of them has on average: most need less */
+#define CHUNK 64            /* pieces that a worker takes at a time to bound */
+#define BATCH 256           /* pieces that are cut before their parts are put in place */
 #define BATCH_CHUNK 4
 
 struct qm_batch_part {
@@ -56,6 +60,8 @@ static qm_status make_pieces(qm_refinement *work)
     for (size_t i = 0; i < a->pack_count; i++)
         lanes += a->lanes[i].lane_count;
     work->limit = lanes + work->piece_limit;
+    work->count = 0;
+    work->leak = 0.0;
     qm_status status = qm_refinement_reserve(work, lanes);
     if (status != QM_OK) return status;
     for (size_t i = 0; i < a->pack_count; i++)
@@ -158,6 +164,7 @@ static void set_errors(qm_refinement *work, double typical, double gap)
 {
     double open = work->accuracy * typical, least = 4.0 * work->maker.eta;
     work->maker.patch_error = fmax(least, PATCH_SHARE * open);
+    work->maker.stray_error = fmax(least, STRAY_SHARE * open);
     work->maker.worth = fmax(least, fmax(open, GAP_SHARE * gap));
 }
 
@@ -184,6 +191,14 @@ static void lower_farthest(qm_refinement *work)
     work->farthest = fmin(work->farthest, qm_piece_greatest(qm_refinement_list(work)).upper + crack);
 }
 
+/** True when triangles leave more open than the mean allows, for which too much was expected. */
+static bool is_too_coarse(const qm_refinement *work, const qm_piece_totals *totals)
+{
+    return 2.0 * work->flat_slack > COARSE_SHARE * fmin(work->accuracy, 1.0) * totals->mean.upper &&
+           work->flat_slack > 4.0 * work->maker.eta;
+}
+
+/** Cuts pieces until the accuracy is reached or the pieces run out, or the triangles are too coarse. */
 static qm_status run_rounds(qm_refinement *work)
 {
     qm_status status = QM_OK;
@@ -192,7 +207,7 @@ static qm_status run_rounds(qm_refinement *work)
         qm_piece_totals totals = qm_piece_sum(qm_refinement_list(work));
         work->is_accurate = is_narrow(work, totals.mean) && is_narrow(work, totals.rms);
         double sharp = work->accuracy * QM_BLUR_ROOM * totals.mean.lower + 8.0 * work->maker.eta;
-        if (work->is_accurate && totals.blur <= sharp) break;
+        if (is_too_coarse(work, &totals) || (work->is_accurate && totals.blur <= sharp)) break;
         size_t room = (work->limit - work->count) / CUT_ROOM;
         qm_cut_choice choice =
             qm_cuts_choose(work->piece, qm_refinement_list(work), &totals, work->accuracy, room);
@@ -215,18 +230,50 @@ static bool has_area(const qm_refinement *work)
     return area.upper > 4.0 * rounding;
 }
 
-qm_status qm_refinement_run(qm_refinement *work)
+/** What the triangles in place of patches leave open of the mean: how far these may be, over the area. */
+static double find_flat_slack(const qm_refinement *work)
 {
-    set_errors(work, work->typical, 0.0);
+    double sum = 0.0;
+    for (size_t i = 0; work->maker.source_patches && i < work->count; i++)
+        if (work->piece[i].is_flat)
+            sum += qm_piece_face_load(&work->maker, &work->piece[i]).slack * work->bounds[i].area_high;
+    return sum > 0.0 ? sum / qm_piece_sum(qm_refinement_list(work)).area.upper : 0.0;
+}
+
+/** Makes the first pieces and bounds them, for a mean that is about typical. */
+static qm_status start(qm_refinement *work, double typical)
+{
+    double accuracy = fmin(work->accuracy, 1.0);
+    set_errors(work, typical, 0.0);
+    work->maker.flat_error = fmax(4.0 * work->maker.eta, FLAT_SHARE * accuracy * typical);
+    work->maker.flat_spread = SPREAD_SHARE * accuracy;
     qm_status status = make_pieces(work);
     if (status == QM_OK) status = run_workers(work, bound_chunks);
     if (status != QM_OK) return status;
     work->farthest = qm_piece_greatest(qm_refinement_list(work)).upper;
     work->has_area = has_area(work);
-    if (!work->has_area) return QM_OK;
+    work->flat_slack = find_flat_slack(work);
+    return QM_OK;
+}
+
+/** Cuts the pieces; those that are too coarse are made anew, for the least that the mean can be. */
+static qm_status cut_pieces(qm_refinement *work)
+{
+    qm_status status = run_rounds(work);
+    qm_piece_totals totals = qm_piece_sum(qm_refinement_list(work));
+    if (status != QM_OK || !is_too_coarse(work, &totals)) return status;
+    work->typical = totals.mean.lower;
+    status = start(work, totals.mean.lower);
+    return status == QM_OK ? run_rounds(work) : status;
+}
+
+qm_status qm_refinement_run(qm_refinement *work)
+{
+    qm_status status = start(work, work->typical);
+    if (status != QM_OK || !work->has_area) return status;
     work->parts = qm_context_alloc(work->ctx, BATCH, sizeof *work->parts);
     if (!work->parts) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
-    status = run_rounds(work);
+    status = cut_pieces(work);
     qm_context_free(work->ctx, work->parts, BATCH, sizeof *work->parts);
     work->parts = NULL;
     /* The pieces that a canceled round had not put in place yet are whole, and their bounds hold. */

@@ -1,5 +1,6 @@
 #include "deviation_shape.h"
 
+#include "bilinear_hull.h"
 #include "rounding.h"
 
 /**
@@ -11,28 +12,78 @@
  */
 #define CROSS_ROUNDINGS 40.0
 
+#define LEAST_NORMAL 0x1p-400 /* of a vector that can be made one of length 1 */
+
 /** Of a determinant of parameters: each of four differences by u, both products and their difference. */
 #define PARAMETER_ROUNDINGS 4.0
 
 #define OUTSIDE 0x1p-20 /* relative: corners of pieces may lie outside of the face by far less */
 
-static qm_vec load_vertex(const qm_piece_maker *maker, uint32_t vertex)
+/** What rounding may have done to a cross product of two edges. */
+static double cross_error(const qm_piece_maker *maker, qm_vec a, qm_vec b)
 {
-    return qm_frame_local(&maker->target->frame, maker->source->mesh.positions + 3 * (size_t)vertex);
+    double la = qm_vec_norm(a), lb = qm_vec_norm(b);
+    return CROSS_ROUNDINGS * QM_UNIT_ROUNDING * (la * lb + maker->reach * (la + lb));
+}
+
+/* ---- faces ---- */
+
+/** What the triangles of a patch differ from it: g, and twice k, which covers its own rounding, for the
+ * common normal of the diagonals; INFINITY where the view is not convex beyond doubt. */
+static void compare_triangles(const qm_piece_maker *maker, const qm_vec c[4], double *slack, double *spread)
+{
+    *slack = *spread = INFINITY;
+    qm_vec normal = qm_vec_cross(qm_vec_sub(c[2], c[0]), qm_vec_sub(c[3], c[1]));
+    double length = qm_vec_norm(normal), least = INFINITY, longest = 0.0;
+    if (!(length > LEAST_NORMAL)) return;
+    normal = qm_vec_scale(1.0 / length, normal);
+    for (int i = 0; i < 4; i++) {
+        qm_vec on = qm_vec_sub(c[(i + 1) % 4], c[i]), after = qm_vec_sub(c[(i + 2) % 4], c[(i + 1) % 4]);
+        double turn = qm_vec_dot(normal, qm_vec_cross(on, after)) - 2.0 * cross_error(maker, on, after);
+        least = fmin(least, turn);
+        longest = fmax(longest, qm_vec_norm(on));
+    }
+    if (!(least > 0.0)) return;
+    *slack = qm_hull_width(c, normal);
+    double aside = 2.0 * *slack * longest / least;
+    *spread = aside * aside;
+}
+
+/** The corners of a face; false of a triangle, which has three. */
+static bool load_corners(const qm_piece_maker *maker, uint32_t face, qm_vec corner[4])
+{
+    const qm_mesh *mesh = &maker->source->mesh;
+    const uint32_t *index = mesh->faces + 4 * (size_t)face;
+    bool is_quad = index[3] != QM_NO_INDEX;
+    for (int i = 0; i < (is_quad ? 4 : 3); i++)
+        corner[i] = qm_frame_local(&maker->target->frame, mesh->positions + 3 * (size_t)index[i]);
+    return is_quad;
+}
+
+bool qm_piece_face_is_flat(const qm_piece_maker *maker, uint32_t face)
+{
+    qm_vec corner[4];
+    double slack, spread;
+    if (!maker->source_patches || !load_corners(maker, face, corner)) return true;
+    compare_triangles(maker, corner, &slack, &spread);
+    return slack <= maker->flat_error && spread <= maker->flat_spread;
 }
 
 qm_piece_face qm_piece_face_load(const qm_piece_maker *maker, const qm_source_piece *piece)
 {
-    const uint32_t *index = maker->source->mesh.faces + 4 * (size_t)piece->face;
-    qm_piece_face face = {.is_patch = index[3] != QM_NO_INDEX && maker->source_patches};
-    face.corner[0] = load_vertex(maker, index[0]);
-    face.corner[1] = load_vertex(maker, index[piece->second ? 2 : 1]);
-    face.corner[2] = load_vertex(maker, index[piece->second ? 3 : 2]);
-    if (!face.is_patch) return face;
-    face.corner[3] = load_vertex(maker, index[3]);
-    face.patch = qm_patch_make(face.corner);
+    qm_piece_face face = {.is_patch = !piece->is_flat};
+    bool is_quad = load_corners(maker, piece->face, face.corner);
+    if (face.is_patch) face.patch = qm_patch_make(face.corner);
+    if (face.is_patch || !is_quad) return face;
+    if (maker->source_patches) compare_triangles(maker, face.corner, &face.slack, &face.spread);
+    if (piece->second) {
+        face.corner[1] = face.corner[2];
+        face.corner[2] = face.corner[3];
+    }
     return face;
 }
+
+/* ---- pieces ---- */
 
 static qm_vec flat_point(const qm_vec corner[3], double u, double v)
 {
@@ -71,23 +122,17 @@ static double spread(const double x[3])
     return fmax(x[0], fmax(x[1], x[2])) - fmin(x[0], fmin(x[1], x[2]));
 }
 
-/** What rounding may have done to a cross product of two edges. */
-static double cross_error(const qm_piece_maker *maker, qm_vec a, qm_vec b)
-{
-    double la = qm_vec_norm(a), lb = qm_vec_norm(b);
-    return CROSS_ROUNDINGS * QM_UNIT_ROUNDING * (la * lb + maker->reach * (la + lb));
-}
-
 static void spread_flat(qm_piece_shape *shape, const qm_piece_maker *maker, const qm_piece_face *face,
                         const qm_source_piece *piece)
 {
     const qm_vec *corner = face->corner;
     qm_vec a = qm_vec_sub(corner[1], corner[0]), b = qm_vec_sub(corner[2], corner[0]);
     double doubled = qm_vec_norm(qm_vec_cross(a, b)), error = cross_error(maker, a, b);
-    double least = fmax(0.0, doubled - error), most = doubled + error;
+    double most_spread = 1.0 + face->spread;
+    double least = fmax(0.0, doubled - error) / most_spread, most = (doubled + error) * most_spread;
     set_spread(shape, maker, piece, (const double[]){least, least, least}, (const double[]){most, most, most},
                error);
-    shape->slack = 0.0;
+    shape->slack = face->slack;
     shape->is_uniform = true;
 }
 
@@ -138,7 +183,7 @@ double qm_piece_face_density(const qm_piece_maker *maker, const qm_piece_face *f
         qm_vec normal = patch_normal(maker, &face->patch, i & 1 ? 1.0 : 0.0, i & 2 ? 1.0 : 0.0, &error);
         most = fmax(most, qm_vec_norm(normal) + error);
     }
-    return maker->area_unit * most * (1.0 + OUTSIDE);
+    return maker->area_unit * most * (1.0 + face->spread) * (1.0 + OUTSIDE);
 }
 
 qm_piece_shape qm_piece_shape_make(const qm_piece_maker *maker, const qm_piece_face *face,

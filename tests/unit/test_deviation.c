@@ -566,6 +566,130 @@ static void near_planes_of_other_facets_are_exact(void **state)
     qm_shape_free(&coarse);
 }
 
+/** Seen from below, another facet far above lowers nothing. */
+static void a_ceiling_takes_nothing_off(void **state)
+{
+    (void)state;
+    static const double tilted[4] = {-1e-3, 1e-3, 1e-3, -1e-3};
+    static const double above[3][3] = {{-3, -3, 0.5}, {6, -3, 0.5}, {-3, 6, 0.5}};
+    qm_mesh a = make_plane(0, 1, tilted), floor = make_plane(-1, 2, level), ceiling = qm_shape_face(3, above);
+    qm_mesh b = qm_shape_joined(&floor, &ceiling);
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
+    options.piece_limit = 0;
+    qm_deviation found = measure(&a, &b, &options);
+    check_holds(found.mean, 5e-4, 1e-9, "mean");
+    check_holds(found.rms, 1e-3 / sqrt(3.0), 1e-9, "rms");
+    release(&found);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+    qm_shape_free(&floor);
+    qm_shape_free(&ceiling);
+}
+
+/** A cone of needles, its apex in the middle. */
+static qm_mesh make_needles(size_t count)
+{
+    qm_mesh mesh = qm_shape_make(count + 1, count);
+    mesh.positions[2] = 0.3;
+    for (size_t i = 0; i < count; i++) {
+        double *rim = mesh.positions + 3 * (i + 1), angle = 2.0 * M_PI * (double)i / (double)count;
+        rim[0] = cos(angle);
+        rim[1] = sin(angle);
+        const uint32_t corners[4] = {0, (uint32_t)i + 1, (uint32_t)((i + 1) % count) + 1, QM_NO_INDEX};
+        memcpy(mesh.faces + 4 * i, corners, sizeof corners);
+    }
+    return mesh;
+}
+
+/** A box, a cone of needles and a torus, moved by a millionth, close with few pieces: what lies beside a
+ * facet is beside one edge of it, a piece has the narrow functions and the narrow integrals of both bounds,
+ * and it does not stray where a neighbour in the same plane lowers its height by a rounding. */
+static void moved_copies_take_few_pieces(void **state)
+{
+    (void)state;
+    static const double move[3] = {1e-6, 0.7e-6, 0.4e-6};
+    for (int shape = 0; shape < 3; shape++) {
+        qm_mesh a = shape == 0   ? qm_shape_box(1.0, 1.0, 1.0)
+                    : shape == 1 ? make_needles(200)
+                                 : qm_shape_torus(32, 24, 1.0, 0.4);
+        qm_mesh b = qm_shape_copy(&a);
+        for (size_t i = 0; i < 3 * b.vertex_count; i++)
+            b.positions[i] += move[i % 3];
+        qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
+        options.accuracy = 1e-3;
+        options.piece_limit = 1000;
+        qm_deviation found = measure(&a, &b, &options);
+        assert_true(found.is_accurate);
+        for (int i = 0; i < PERCENTS && percents[i] < 100; i++)
+            QM_CHECK(found.percentile[i].upper - found.percentile[i].lower <= 2e-8, "%g %%: [%g, %g]",
+                     percents[i], found.percentile[i].lower, found.percentile[i].upper);
+        release(&found);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
+/* ---- flat patches ---- */
+
+static void turn(qm_mesh *mesh, double angle)
+{
+    for (size_t v = 0; v < mesh->vertex_count; v++) {
+        double *p = mesh->positions + 3 * v, y = p[1], z = p[2];
+        p[1] = cos(angle) * y - sin(angle) * z;
+        p[2] = sin(angle) * y + cos(angle) * z;
+    }
+}
+
+/** Trapezoids, whose parameters are not those of their triangles, against themselves turned and shaken. */
+static void flat_patches_close_as_triangles_do(void **state)
+{
+    (void)state;
+    static const double angles[] = {1e-7, 1e-4, 0.1}, shakes[] = {0.0, 0.0, 1e-7, 1e-4};
+    qm_mesh a = qm_shape_torus(16, 12, 1.0, 0.4);
+    for (size_t i = 0; i < 3 + 2; i++) {
+        qm_random random = qm_random_make(qm_check_seed(), i);
+        qm_mesh b = qm_shape_copy(&a);
+        if (i < 3)
+            turn(&b, angles[i]);
+        else
+            qm_shape_shake(&b, &random, shakes[i - 1]);
+        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-3);
+        options.piece_limit = 40000;
+        qm_deviation found = measure(&a, &b, &options);
+        QM_CHECK(found.is_accurate, "seed %llu, number %zu: mean [%g, %g]",
+                 (unsigned long long)qm_check_seed(), i, found.mean.lower, found.mean.upper);
+        release(&found);
+        qm_shape_free(&b);
+    }
+    qm_shape_free(&a);
+}
+
+/** A bent quad near its twin, and far points of little area that make the mean look much greater than it is:
+ * triangles stand for the quad at first, and are too far from it. */
+static void triangles_too_coarse_for_the_mean_are_given_up(void **state)
+{
+    (void)state;
+    enum { FAR = 40 };
+    static const double bent[4] = {0, 1e-4, 0, 1e-4}, over[4] = {1e-6, 1.01e-4, 1e-6, 1.01e-4};
+    qm_mesh a = make_plane(0, 1, bent), b = make_plane(0, 1, over);
+    for (int i = 0; i < FAR; i++) {
+        const double low = 0.5, high = 0.5 + 1e-8;
+        const double corners[4][3] = {{low, low, 1}, {high, low, 1}, {high, high, 1}, {low, high, 1}};
+        qm_mesh small = qm_shape_face(4, corners), both = qm_shape_joined(&a, &small);
+        qm_shape_free(&a);
+        qm_shape_free(&small);
+        a = both;
+    }
+    qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-6);
+    options.piece_limit = 20000;
+    qm_deviation found = measure(&a, &b, &options);
+    assert_true(found.is_accurate);
+    check_holds(found.mean, 1e-6, 1e-8, "mean");
+    release(&found);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 /* ---- folded patches ---- */
 
 /** The area of a patch, by the middles of many cells; the place is where a parameter's derivatives cross. */
@@ -832,6 +956,10 @@ int main(void)
         cmocka_unit_test(percentiles_of_noisy_copies_are_narrow),
         cmocka_unit_test(noisy_copies_of_bent_patches_close),
         cmocka_unit_test(near_planes_of_other_facets_are_exact),
+        cmocka_unit_test(a_ceiling_takes_nothing_off),
+        cmocka_unit_test(flat_patches_close_as_triangles_do),
+        cmocka_unit_test(triangles_too_coarse_for_the_mean_are_given_up),
+        cmocka_unit_test(moved_copies_take_few_pieces),
         cmocka_unit_test(folded_patches_count_by_their_area),
         cmocka_unit_test(the_pieces_bound_the_maximum),
         cmocka_unit_test(threads_change_no_more_than_the_maximum_may),
