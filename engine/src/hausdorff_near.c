@@ -23,7 +23,7 @@
 #define MIN_RADIUS 0.5    /* of it: what a smaller part misses its own parts seldom find */
 #define MAX_SEARCHES 10   /* for each face that parts settle, on average: a cover costs about as much */
 #define FIRST_FACES 16    /* that may fail before that counts */
-#define PROBE_INTERVAL 32 /* faces between two tries of parts where they cost more */
+#define PARTS_INTERVAL 32 /* faces between two tries of parts where they cost more */
 #define NEAR_SHARE 0.5 /* of the allowed distance: where the target is farther, smaller balls gain little */
 
 /** A face of the source or a part of it, within the radius of its middle. */
@@ -95,7 +95,7 @@ static bool parts_are_near(const near_work *work, const ball_part *whole, int le
 /** Where surfaces nearly coincide parts cost dozens of searches a face, and covers are cheaper. */
 static bool may_try_parts(qm_worker *worker)
 {
-    bool is_due = worker->part_tries++ % PROBE_INTERVAL == 0;
+    bool is_due = worker->part_tries++ % PARTS_INTERVAL == 0;
     return is_due || worker->part_searches <= MAX_SEARCHES * (worker->part_hits + FIRST_FACES);
 }
 

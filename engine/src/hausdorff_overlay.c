@@ -30,38 +30,33 @@
  *   - A doubled area of three points is a difference of two products of differences, at most 2 s each: off by
  *     4 u 4 s^2 twice and 8 u s^2, less than QM_OVERLAY_AREA u s^2.
  *   - The slopes of a face's plane come from two such areas over a third; they are off by 128 u s length /
- *     area, and heights by twice s times that and some u s. Faces steeper than MAX_SLOPE are not looked at.
- *     That and a few u of gaps, of 16 s at most, make QM_OVERLAY_GAP.
+ *     area, and heights by twice s times that and some u s. Faces steeper than QM_OVERLAY_SLOPE are not
+ * looked at. That and a few u of gaps, of 16 s at most, make QM_OVERLAY_GAP; likewise for the planes of
+ * facets.
  */
 #include "hausdorff_overlay.h"
 
 #include <string.h>
 
-#define MAX_SLOPE 2.0
 #define EDGE_PLACES 1024 /* of the table of edges, a power of two */
 #define EDGE_BITS 10
 #define MAX_FACETS (QM_OVERLAY_GROUPS * QM_PACK_LANES)
 
 _Static_assert(1 << EDGE_BITS == EDGE_PLACES && 3 * MAX_FACETS < EDGE_PLACES, "the table has room");
 
-/** An edge: its vertices, the lower first, and a facet that has it. */
+/** An edge: its vertices, the lower first, and where they lie in the plane. */
 typedef struct edge {
     uint32_t vertex[2];
-    uint16_t facet;
-    uint8_t corner; /* of the facet, from which it goes to the next */
-    bool is_odd;    /* an odd number of facets has it */
+    double at[2][2];
+    bool is_odd; /* an odd number of facets has it */
 } edge;
 
-typedef struct overlay_work {
-    const qm_side *side;
-    const qm_kernel *kernel;
-    qm_overlay_frame frame;
-    qm_overlay_face face[QM_OVERLAY_FACES];
-    qm_overlay_facets facets;
-    int edge_count;
+/** Those edges of the facets that may lie over the stretch. */
+typedef struct edge_table {
+    int count;
     int16_t place[EDGE_PLACES]; /* of an edge, plus 1; 0 for none */
     edge edges[3 * MAX_FACETS];
-} overlay_work;
+} edge_table;
 
 static inline void map_point(const qm_overlay_frame *frame, qm_vec p, double out[3])
 {
@@ -70,17 +65,22 @@ static inline void map_point(const qm_overlay_frame *frame, qm_vec p, double out
         out[k] = qm_vec_dot(d, frame->axis[k]);
 }
 
-/** False when the faces have no direction in common. */
-static bool set_frame(qm_overlay_frame *frame, const qm_overlay_source *source)
+qm_vec qm_overlay_normal(const qm_overlay_source *source)
 {
     qm_vec normal = {0, 0, 0};
     for (int i = 0; i < source->count; i++) {
         const qm_vec *c = source->corner[i];
         normal = qm_vec_add(normal, qm_vec_cross(qm_vec_sub(c[1], c[0]), qm_vec_sub(c[2], c[0])));
     }
+    return normal;
+}
+
+/** False when the normal has no direction. */
+static bool set_axes(qm_overlay_frame *frame, qm_vec origin, qm_vec normal)
+{
     double length = qm_vec_norm(normal);
     if (!(length > 0.0)) return false;
-    frame->origin = source->corner[0][0];
+    frame->origin = origin;
     qm_vec z = qm_vec_scale(1.0 / length, normal);
     qm_vec other = fabs(z.x) < fabs(z.y) ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
     qm_vec across = qm_vec_cross(other, z);
@@ -90,29 +90,27 @@ static bool set_frame(qm_overlay_frame *frame, const qm_overlay_source *source)
     return true;
 }
 
-/** Maps the faces to the frame, whose box becomes theirs and what is allowed above and below. */
-static void map_faces(overlay_work *work, const qm_overlay_source *source, double allowed)
+/** Sets the box of the frame to that of the points, and what is allowed above and below. Returns the greatest
+ * coordinate by magnitude. */
+static double set_stretch(qm_overlay_frame *frame, const qm_vec *point, int count, double allowed)
 {
-    qm_overlay_frame *frame = &work->frame;
     double size = 0.0;
     for (int k = 0; k < 3; k++) {
         frame->low[k] = INFINITY;
         frame->high[k] = -INFINITY;
     }
-    for (int i = 0; i < source->count; i++) {
-        for (int c = 0; c < 3; c++) {
-            double *at = work->face[i].corner[c];
-            map_point(frame, source->corner[i][c], at);
-            for (int k = 0; k < 3; k++) {
-                frame->low[k] = qm_lesser(at[k], frame->low[k]);
-                frame->high[k] = qm_greater(at[k], frame->high[k]);
-                size = qm_greater(fabs(at[k]), size);
-            }
+    for (int i = 0; i < count; i++) {
+        double at[3];
+        map_point(frame, point[i], at);
+        for (int k = 0; k < 3; k++) {
+            frame->low[k] = qm_lesser(at[k], frame->low[k]);
+            frame->high[k] = qm_greater(at[k], frame->high[k]);
+            size = qm_greater(fabs(at[k]), size);
         }
     }
     frame->low[2] -= allowed;
     frame->high[2] += allowed;
-    work->facets.size = size;
+    return size;
 }
 
 double qm_overlay_set_face(qm_overlay_face *face, double size)
@@ -134,7 +132,7 @@ double qm_overlay_set_face(qm_overlay_face *face, double size)
     /* A thinner face would leave it open whether the probe is inside. */
     if (!(fabs(area) > QM_OVERLAY_GAP * QM_UNIT_ROUNDING * size * longest)) return INFINITY;
     double slope_x = (dz[0] * dy[1] - dz[1] * dy[0]) / area, slope_y = (dx[0] * dz[1] - dx[1] * dz[0]) / area;
-    if (!(fabs(slope_x) + fabs(slope_y) <= MAX_SLOPE)) return INFINITY;
+    if (!(fabs(slope_x) + fabs(slope_y) <= QM_OVERLAY_SLOPE)) return INFINITY;
     face->plane[0] = slope_x;
     face->plane[1] = slope_y;
     face->plane[2] = c[0][2] - (slope_x * c[0][0] + slope_y * c[0][1]);
@@ -143,133 +141,147 @@ double qm_overlay_set_face(qm_overlay_face *face, double size)
     return QM_OVERLAY_GAP * QM_UNIT_ROUNDING * (1.0 + size * longest / fabs(area));
 }
 
-/** Counts an edge that goes from a corner of a facet to the next. */
-static void toggle_edge(overlay_work *work, uint32_t from, uint32_t to, int facet, int corner)
+/** Counts an edge that an odd number of the facets of a pack has. */
+static void toggle_edge(edge_table *table, const qm_pack_lanes *lanes, const qm_overlay_vertices *vertices,
+                        const int end[2])
 {
-    uint32_t low = from < to ? from : to, high = from < to ? to : from;
+    int turn = lanes->vertex[end[0]] > lanes->vertex[end[1]];
+    uint32_t low = lanes->vertex[end[turn]], high = lanes->vertex[end[1 - turn]];
     uint32_t hash = (low * UINT32_C(0x9e3779b1)) ^ (high * UINT32_C(0x85ebca6b));
-    for (uint32_t i = hash >> (32 - EDGE_BITS);; i = (i + 1) % EDGE_PLACES) {
-        if (work->place[i] == 0) {
-            work->edges[work->edge_count++] = (edge){{low, high}, (uint16_t)facet, (uint8_t)corner, true};
-            work->place[i] = (int16_t)work->edge_count;
-            return;
-        }
-        edge *known = &work->edges[work->place[i] - 1];
+    uint32_t i = hash >> (32 - EDGE_BITS);
+    for (; table->place[i] != 0; i = (i + 1) % EDGE_PLACES) {
+        edge *known = &table->edges[table->place[i] - 1];
         if (known->vertex[0] != low || known->vertex[1] != high) continue;
         known->is_odd = !known->is_odd;
         return;
     }
-}
-
-/** Adds the facets of a pack that may lie over the faces; false when there is no room. */
-static bool add_pack(overlay_work *work, uint32_t pack)
-{
-    const qm_bvh *target = work->side->target;
-    const qm_pack_lanes *lanes = &target->lanes[pack];
-    if (work->facets.count + lanes->lane_count > MAX_FACETS) return false;
-    int facet = work->facets.count;
-    unsigned added = work->kernel->overlay_add(&work->facets, &work->frame, target, pack,
-                                               qm_side_twists(work->side, pack));
-    for (; added; added &= added - 1, facet++) {
-        const uint8_t *corner = lanes->corner[__builtin_ctz(added)];
-        for (int i = 0; i < 3; i++)
-            toggle_edge(work, lanes->vertex[corner[i]], lanes->vertex[corner[(i + 1) % 3]], facet, i);
-    }
-    return true;
-}
-
-void qm_overlay_fill_up(qm_overlay_facets *facets)
-{
-    int group = facets->count / QM_PACK_LANES;
-    for (int lane = facets->count % QM_PACK_LANES; lane > 0 && lane < QM_PACK_LANES; lane++) {
-        for (int i = 0; i < 9; i++)
-            facets->group[group].at[i / 3][i % 3][lane] = facets->group[group].at[i / 3][i % 3][0];
-        facets->group[group].twist[lane] = facets->group[group].twist[0];
-    }
-}
-
-/** Whether the box of an edge meets that of the faces in the plane. */
-static bool edge_meets(const qm_overlay_frame *frame, const double at[2][2])
-{
-    for (int k = 0; k < 2; k++)
-        if ((at[0][k] < frame->low[k] && at[1][k] < frame->low[k]) ||
-            (at[0][k] > frame->high[k] && at[1][k] > frame->high[k]))
-            return false;
-    return true;
-}
-
-static void set_rim_edge(qm_overlay_facets *facets, int place, const double at[2][2])
-{
-    for (int end = 0; end < 2; end++)
+    edge *added = &table->edges[table->count++];
+    table->place[i] = (int16_t)table->count;
+    *added = (edge){.vertex = {low, high}, .is_odd = true};
+    for (int j = 0; j < 2; j++)
         for (int k = 0; k < 2; k++)
-            facets->rim[end][k][place] = at[end][k];
+            added->at[j][k] = vertices->at[k][end[j]];
 }
 
-/** Makes the rim of those edges of the boundary that may lie over a face; false when there are too many. */
-static bool set_rim(overlay_work *work)
+/** Counts the edges of those facets of a pack that have a bit. Most are edges of two of them, which a bit for
+ * each pair of vertices tells; those beside the stretch are left out, having no part in its rim. */
+static void toggle_pack(edge_table *table, const qm_pack_lanes *lanes, const qm_overlay_vertices *vertices,
+                        unsigned facets)
 {
-    qm_overlay_facets *facets = &work->facets;
+    uint32_t odd[3 * QM_PACK_LANES] = {0};
+    for (; facets; facets &= facets - 1) {
+        const uint8_t *corner = lanes->corner[__builtin_ctz(facets)];
+        for (int i = 0; i < 3; i++) {
+            uint8_t a = corner[i], b = corner[i < 2 ? i + 1 : 0];
+            odd[a < b ? a : b] ^= UINT32_C(1) << (a < b ? b : a);
+        }
+    }
+    for (int a = 0; a < lanes->vertex_count; a++) {
+        for (uint32_t left = odd[a]; left; left &= left - 1) {
+            int b = __builtin_ctz(left);
+            if (vertices->beyond[a] & vertices->beyond[b] & QM_OVERLAY_BESIDE) continue;
+            toggle_edge(table, lanes, vertices, (const int[2]){a, b});
+        }
+    }
+}
+
+/** Makes the rim of the edges of the boundary; false when there are too many. */
+static bool set_rim(qm_overlay_facets *facets, const edge_table *table)
+{
     int count = 0;
-    double at[2][2];
-    for (int i = 0; i < work->edge_count; i++) {
-        const edge *e = &work->edges[i];
+    for (int i = 0; i < table->count; i++) {
+        const edge *e = &table->edges[i];
         if (!e->is_odd) continue;
-        int group = e->facet / QM_PACK_LANES, lane = e->facet % QM_PACK_LANES;
-        for (int end = 0; end < 2; end++)
-            for (int k = 0; k < 2; k++)
-                at[end][k] = facets->group[group].at[(e->corner + end) % 3][k][lane];
-        if (!edge_meets(&work->frame, at)) continue;
         if (count == QM_OVERLAY_RIM) return false;
-        set_rim_edge(facets, count++, at);
+        for (int j = 0; j < 4; j++)
+            facets->rim[j / 2][j % 2][count] = e->at[j / 2][j % 2];
+        count++;
     }
     facets->rim_count = count;
-    for (int i = count; i % QM_PACK_LANES != 0; i++) {
-        for (int end = 0; end < 2; end++)
-            for (int k = 0; k < 2; k++)
-                facets->rim[end][k][i] = facets->rim[end][k][0];
-    }
+    for (int i = count; i % QM_PACK_LANES != 0; i++)
+        for (int j = 0; j < 4; j++)
+            facets->rim[j / 2][j % 2][i] = facets->rim[j / 2][j % 2][0];
     return true;
 }
 
-static bool set_facets(overlay_work *work, const qm_near_packs *near)
+/** Adds those facets of the packs that may lie over the stretch; false when there are none, or no room. */
+static bool set_facets(const qm_kernel *kernel, const qm_side *side, const qm_near_packs *near,
+                       qm_overlay *overlay)
 {
-    work->facets.count = 0;
-    work->edge_count = 0;
-    memset(work->place, 0, sizeof work->place);
-    for (int i = 0; i < near->count; i++)
-        if (!add_pack(work, near->pack[i])) return false;
-    if (work->facets.count == 0) return false;
-    qm_overlay_fill_up(&work->facets);
-    return set_rim(work);
+    const qm_bvh *target = side->target;
+    edge_table table;
+    table.count = 0;
+    memset(table.place, 0, sizeof table.place);
+    overlay->facets.count = 0;
+    for (int i = 0; i < near->count; i++) {
+        uint32_t pack = near->pack[i];
+        const qm_pack_lanes *lanes = &target->lanes[pack];
+        if (overlay->facets.count + lanes->lane_count > MAX_FACETS) return false;
+        qm_overlay_vertices vertices;
+        unsigned added = kernel->overlay_add(&overlay->facets, &overlay->frame, target, pack,
+                                             qm_side_twists(side, pack), &vertices);
+        toggle_pack(&table, lanes, &vertices, added);
+    }
+    if (overlay->facets.count == 0 || !set_rim(&overlay->facets, &table)) return false;
+    kernel->overlay_close(&overlay->facets);
+    return true;
 }
 
-/** About how many hundred instructions an overlay takes. */
-static uint64_t cost_of(const overlay_work *work, int faces, int packs)
+bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal, const qm_vec *point,
+                           int count, const qm_near_packs *near, qm_overlay *overlay)
 {
-    uint64_t facets = (uint64_t)work->facets.count;
-    return 10 + 9 * (uint64_t)packs + 2 * facets + (uint64_t)faces * (3 + facets / 2);
-}
-
-unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay_source *source,
-                           const qm_near_packs *near)
-{
-    overlay_work work;
-    work.side = side;
-    work.kernel = worker->search->kernel;
+    if (!set_axes(&overlay->frame, point[0], normal)) return false;
     double allowed = qm_search_allowed(worker->search) * side->scale;
-    if (!set_frame(&work.frame, source)) return 0;
-    map_faces(&work, source, allowed);
-    bool has_facets = set_facets(&work, near);
-    worker->overlay_cost += cost_of(&work, source->count, near->count);
-    if (!has_facets) return 0;
+    overlay->facets.size = set_stretch(&overlay->frame, point, count, allowed);
+    bool is_set = set_facets(worker->search->kernel, side, near, overlay);
+    worker->overlay_cost += 10 + 6 * (uint64_t)near->count + (uint64_t)overlay->facets.count;
+    return is_set;
+}
+
+static void map_face(const qm_overlay_frame *frame, const qm_vec corner[3], qm_overlay_face *face)
+{
+    for (int c = 0; c < 3; c++)
+        map_point(frame, corner[c], face->corner[c]);
+}
+
+/** True when two faces have a corner at one place. */
+static bool have_common_corner(const qm_overlay_face *a, const qm_overlay_face *b)
+{
+    for (int i = 0; i < 9; i++)
+        if (a->corner[i / 3][0] == b->corner[i % 3][0] && a->corner[i / 3][1] == b->corner[i % 3][1])
+            return true;
+    return false;
+}
+
+/** True when an odd number of facets lies over a face that is clear of the rim, as over those that have a
+ * bit.
+ */
+static bool is_covered(const qm_kernel *kernel, const qm_overlay *overlay, const qm_overlay_face *faces,
+                       int face, unsigned covered)
+{
+    for (; covered; covered &= covered - 1)
+        if (have_common_corner(&faces[face], &faces[__builtin_ctz(covered)])) return true;
+    int count = kernel->overlay_count(&overlay->facets, &faces[face]);
+    return count > 0 && count % 2 == 1;
+}
+
+unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
+                           const qm_overlay_source *source)
+{
+    const qm_kernel *kernel = worker->search->kernel;
+    double allowed = qm_search_allowed(worker->search) * side->scale, size = overlay->facets.size;
+    qm_overlay_face faces[QM_OVERLAY_FACES];
     unsigned settled = 0;
     for (int i = 0; i < source->count; i++) {
-        double size = work.facets.size, margin = size * qm_overlay_set_face(&work.face[i], size);
+        map_face(&overlay->frame, source->corner[i], &faces[i]);
+        double margin = size * qm_overlay_set_face(&faces[i], size);
         if (!(margin < allowed)) continue;
-        qm_overlay_gap gap;
-        work.kernel->overlay_gap(&work.facets, &work.face[i], &gap);
-        if (!gap.is_clear || gap.over_probe < 0 || gap.over_probe % 2 == 0) continue;
-        if (gap.greatest + margin <= allowed) settled |= 1u << i;
+        double enough = allowed - margin;
+        if (kernel->overlay_is_clear(&overlay->facets, &faces[i]) &&
+            kernel->overlay_gap(&overlay->facets, &faces[i], enough) <= enough &&
+            is_covered(kernel, overlay, faces, i, settled))
+            settled |= 1u << i;
     }
+    worker->overlay_cost += (uint64_t)source->count * (4 + (uint64_t)overlay->facets.count / 8);
     return settled;
 }

@@ -122,17 +122,29 @@ typedef struct qm_overlay_frame {
     double low[3], high[3];
 } qm_overlay_frame;
 
+/** The vertices of a pack in such coordinates, by axis, and on which sides of the box each lies: bits 2 k and
+ * 2 k + 1 for below and above along axis k. */
+typedef struct qm_overlay_vertices {
+    _Alignas(64) double at[3][3 * QM_PACK_LANES];
+    _Alignas(64) int64_t beyond[3 * QM_PACK_LANES];
+} qm_overlay_vertices;
+
+#define QM_OVERLAY_BESIDE 15 /* those sides along the plane */
+
 /**
- * Facets of the target in such coordinates, corner by corner, eight to a group; and how far the surface may
- * be from each. Places past count, in the last group, repeat others. The rim is made of edges of theirs, ends
- * by their places in the plane, likewise.
+ * Facets of the target in such coordinates, corner by corner, eight to a group: their planes, heights being
+ * at most loose off them (INFINITY where a facet is too steep or too thin), and how far the surface may be
+ * from each. low and high are the boxes of the groups along the plane. Places past count, in the last group,
+ * repeat others. The rim is made of edges of theirs, ends by their places in the plane, likewise.
  */
 typedef struct qm_overlay_facets {
     int count, rim_count;
     double size; /* no coordinate of these facets and of the faces is greater, by magnitude */
     struct {
         _Alignas(64) double at[3][3][QM_PACK_LANES], twist[QM_PACK_LANES];
+        double plane[3][QM_PACK_LANES], loose[QM_PACK_LANES];
     } group[QM_OVERLAY_GROUPS];
+    _Alignas(64) double low[2][QM_OVERLAY_GROUPS], high[2][QM_OVERLAY_GROUPS];
     _Alignas(64) double rim[2][2][QM_OVERLAY_RIM];
 } qm_overlay_facets;
 
@@ -144,14 +156,6 @@ typedef struct qm_overlay_face {
     double plane[3]; /* (a, b, c): its height at (x, y) is a x + b y + c */
     double probe[2]; /* a place inside */
 } qm_overlay_face;
-
-/** What lies over a face: see hausdorff_overlay.c. */
-typedef struct qm_overlay_gap {
-    bool is_clear;   /* no edge of the rim lies over it; the rest is told only then */
-    double greatest; /* vertical distance between the face and a facet, where one lies over the other; -1
-                        where none does */
-    int over_probe;  /* facets over the probe; -1 where roundings leave that open */
-} qm_overlay_gap;
 
 typedef struct qm_kernel {
     const char *name;
@@ -265,12 +269,22 @@ typedef struct qm_kernel {
                                     qm_polygon *polygon, bool *moved);
 
     /** Adds those facets of a pack whose boxes meet that of the frame, less their twists unless NULL; returns
-     * their bits. There is room for all. */
+     * their bits, and the vertices. There is room for all. */
     unsigned (*overlay_add)(qm_overlay_facets *facets, const qm_overlay_frame *frame, const qm_bvh *bvh,
-                            uint32_t pack, const float *twist);
+                            uint32_t pack, const float *twist, qm_overlay_vertices *vertices);
 
-    /** Finds the facets over a face, and how far they are from it. */
-    void (*overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, qm_overlay_gap *out);
+    /** Sets all that follows from the facets added, of which there are some. */
+    void (*overlay_close)(qm_overlay_facets *facets);
+
+    /** True when no edge of the rim lies over a face. */
+    bool (*overlay_is_clear)(const qm_overlay_facets *facets, const qm_overlay_face *face);
+
+    /** The vertical distance between a face and the facets, where they lie over each other, at most; -1 where
+     * none does. It is the greatest there is, if that is more than enough. */
+    double (*overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, double enough);
+
+    /** Counts the facets over the probe of a face; -1 where roundings leave that open. */
+    int (*overlay_count)(const qm_overlay_facets *facets, const qm_overlay_face *face);
 
     /** Walks from a pair of nodes, whose boxes are taken to meet, to the pairs below that meet. False when
      * take ended the walk. */
