@@ -13,7 +13,9 @@
  * everywhere in the face or even everywhere, but for places on edges: crossing any other edge changes it by
  * an even number (the degree of a map modulo 2 is constant off the image of the boundary: Guillemin, Pollack,
  * Differential Topology, 1974, chapter 2). So an odd number over one place shows it for all, the places on
- * edges being limits of others. Meshes may be open, non-manifold, or fold back over themselves.
+ * edges being limits of others; and it shows it for another such face with a corner at the same place, too:
+ * together the two lie in a connected neighbourhood that the boundary does not enter. Meshes may be open,
+ * non-manifold, or fold back over themselves.
  *
  * Facets that lie higher or lower than all faces by more than the allowed distance are left out, and so are
  * those beside all faces: what is left is any set. Which plane is taken, and what is left out, decides how
@@ -29,10 +31,9 @@
  *     QM_OVERLAY_SIDE u s.
  *   - A doubled area of three points is a difference of two products of differences, at most 2 s each: off by
  *     4 u 4 s^2 twice and 8 u s^2, less than QM_OVERLAY_AREA u s^2.
- *   - The slopes of a face's plane come from two such areas over a third; they are off by 128 u s length /
- *     area, and heights by twice s times that and some u s. Faces steeper than QM_OVERLAY_SLOPE are not
- * looked at. That and a few u of gaps, of 16 s at most, make QM_OVERLAY_GAP; likewise for the planes of
- * facets.
+ *   - The slopes of a plane come from two such areas over a third; they are off by 128 u s length / area, and
+ *     heights by twice s times that and some u s. Planes steeper than QM_OVERLAY_SLOPE are not looked at.
+ * That and a few u of gaps, of 16 s at most, make QM_OVERLAY_GAP, for the planes of faces and of facets.
  */
 #include "hausdorff_overlay.h"
 
@@ -40,6 +41,7 @@
 
 #define EDGE_PLACES 1024 /* of the table of edges, a power of two */
 #define EDGE_BITS 10
+#define COST_OF_PART 200 /* hundreds of instructions of a part of a face that the search looks at, about */
 #define MAX_FACETS (QM_OVERLAY_GROUPS * QM_PACK_LANES)
 
 _Static_assert(1 << EDGE_BITS == EDGE_PLACES && 3 * MAX_FACETS < EDGE_PLACES, "the table has room");
@@ -227,6 +229,14 @@ static bool set_facets(const qm_kernel *kernel, const qm_side *side, const qm_ne
     return true;
 }
 
+/** Counts work in about a hundred instructions, and as the parts that the search's limit is told in. */
+static void count_work(qm_worker *worker, uint64_t hundreds)
+{
+    uint64_t before = worker->overlay_cost / COST_OF_PART;
+    worker->overlay_cost += hundreds;
+    worker->iterations += worker->overlay_cost / COST_OF_PART - before;
+}
+
 bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal, const qm_vec *point,
                            int count, const qm_near_packs *near, qm_overlay *overlay)
 {
@@ -234,7 +244,7 @@ bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal
     double allowed = qm_search_allowed(worker->search) * side->scale;
     overlay->facets.size = set_stretch(&overlay->frame, point, count, allowed);
     bool is_set = set_facets(worker->search->kernel, side, near, overlay);
-    worker->overlay_cost += 10 + 6 * (uint64_t)near->count + (uint64_t)overlay->facets.count;
+    count_work(worker, 8 + 11 * (uint64_t)near->count + (uint64_t)(count + overlay->facets.count) / 2);
     return is_set;
 }
 
@@ -282,6 +292,6 @@ unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_over
             is_covered(kernel, overlay, faces, i, settled))
             settled |= 1u << i;
     }
-    worker->overlay_cost += (uint64_t)source->count * (4 + (uint64_t)overlay->facets.count / 8);
+    count_work(worker, (uint64_t)source->count * (12 + (uint64_t)overlay->facets.count / 8));
     return settled;
 }

@@ -205,6 +205,34 @@ static void settled_faces_are_near(void **state)
                  settled_count[flaw]);
 }
 
+/** Overlays count as work, which a search's limit looks at. */
+static void overlays_count_as_work(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_mesh mesh = qm_shape_plane(8, 0.0);
+    qm_bvh *target;
+    assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &target), QM_OK);
+    qm_search search;
+    qm_side side;
+    set_search(&search, &side, target, 0.1);
+    qm_worker worker = {.search = &search};
+    qm_random random = qm_random_make(qm_check_seed(), 3);
+    qm_overlay_source source = draw_source(&random, target);
+    uint64_t before = 0;
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < TRIES; k++) {
+            qm_overlay overlay;
+            if (set_overlay(&worker, &side, &source, 1, 0.1, &overlay))
+                qm_worker_overlay(&worker, &side, &overlay, &source);
+        }
+        assert_true(worker.iterations > before);
+        before = worker.iterations;
+    }
+    qm_bvh_destroy(&ctx, target);
+    qm_shape_free(&mesh);
+}
+
 /** Two sheets of one formula, the source the finer one or the target: neither bound is on the
  * wrong side of what points of the source tell, and the bracket is as narrow as asked for. */
 static void near_sheets_are_bracketed(void **state)
@@ -395,9 +423,8 @@ static void gaps_are_those_of_clipped_facets(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(settled_faces_are_near),
-        cmocka_unit_test(gaps_over_a_plane_are_exact),
-        cmocka_unit_test(near_sheets_are_bracketed),
+        cmocka_unit_test(settled_faces_are_near),           cmocka_unit_test(gaps_over_a_plane_are_exact),
+        cmocka_unit_test(overlays_count_as_work),           cmocka_unit_test(near_sheets_are_bracketed),
         cmocka_unit_test(gaps_are_those_of_clipped_facets),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
