@@ -6,12 +6,13 @@
 #include "hausdorff_overlay.h"
 #include "hausdorff_piece.h"
 
-#define VISIT_CUTS 32      /* of a part in one visit, beyond those that eta has room for */
-#define FACE_ATTEMPTS 3    /* covers of one face, each with what the last one brought */
-#define ONE_LABEL_PACKS 3  /* looked at for one label that takes all of a piece */
-#define PROBE_INTERVAL 16  /* pieces between two tries where one label seldom does */
-#define COST_BY_NEAREST 30 /* hundreds of instructions of a cover by the nearest facets, and by all */
+#define VISIT_CUTS 32         /* of a part in one visit, beyond those that eta has room for */
+#define FACE_ATTEMPTS 3       /* covers of one face, each with what the last one brought */
+#define ONE_LABEL_PACKS 3     /* looked at for one label that takes all of a piece */
+#define ONE_LABEL_INTERVAL 16 /* pieces between two tries where one label seldom does */
+#define COST_BY_NEAREST 30    /* hundreds of instructions of a cover by the nearest facets, and by all */
 #define COST_BY_ALL 150
+#define COST_OF_FAILURE 300 /* of all attempts, where none covers the face */
 #define COST_OF_PARTS                                                                                        \
     2000                /* of a face that goes to the queue, which comes back in dozens of parts mostly      \
                          */
@@ -41,7 +42,7 @@ static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
 static bool try_one_label(const qm_piece_work *work, const qm_polygon *polygon)
 {
     qm_worker *worker = work->worker;
-    bool is_due = worker->one_label_tries % PROBE_INTERVAL == 0;
+    bool is_due = worker->one_label_tries % ONE_LABEL_INTERVAL == 0;
     if (!is_due && worker->one_label_hits * MIN_HIT_SHARE < worker->one_label_probes) {
         worker->one_label_tries++;
         return false;
@@ -163,6 +164,7 @@ static void settle_triangle(qm_piece_work *work)
         /* The middle of what is left is likely as far as any point of the face. */
         if (!qm_piece_sample_unreached(work, qm_polygon_middle(&polygon))) break;
     }
+    work->worker->cover_cost += COST_OF_FAILURE;
     if (try_overlay(work)) return;
     work->worker->cover_cost += COST_OF_PARTS;
     qm_piece_push(work, &work->piece);

@@ -35,7 +35,7 @@
 #define COST_OF_PACK 4
 #define MAX_COST 600      /* for each face that parts settle, on average: a cover costs about as much */
 #define FIRST_FACES 16    /* that may fail before that counts */
-#define PROBE_INTERVAL 32 /* faces between two tries of parts where they cost more */
+#define PARTS_INTERVAL 32 /* faces between two tries of parts where they cost more */
 
 enum { MAX_PARTS = 16, MAX_PART_CORNERS = 15 }; /* of one cut, */
 enum { MAX_POINTS = 3 * QM_PACK_LANES };        /* or those of a pack */
@@ -235,7 +235,7 @@ static bool parts_are_near(near_work *work, const qm_vec *corner, int count, int
 /** Where surfaces nearly coincide parts cost dozens of searches a face, and covers are cheaper. */
 static bool may_try_parts(qm_worker *worker)
 {
-    bool is_due = worker->part_tries++ % PROBE_INTERVAL == 0;
+    bool is_due = worker->part_tries++ % PARTS_INTERVAL == 0;
     return is_due || worker->part_cost <= MAX_COST * (worker->part_hits + FIRST_FACES);
 }
 

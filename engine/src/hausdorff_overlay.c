@@ -16,14 +16,14 @@
  * edges being limits of others. Meshes may be open, non-manifold, or fold back over themselves.
  *
  * Facets that lie higher or lower than all faces by more than the allowed distance are left out, and so are
- * those beside all faces, and for each face those that are too far from it, as the sides of a sharp ridge
- * are: what is left is any set. Which plane is taken, and what is left out, decides how often this works,
- * never whether it holds.
+ * those beside all faces and, where a face is looked at alone, those that are too far from it, as the other
+ * side of a sharp ridge is: what is left is any set. Which plane is taken, and what is left out, decides how
+ * often this works, never whether it holds.
  *
  * Ridges and corners of the target often lie on edges of the source, where roundings would leave it open on
  * which side of a face an edge of the boundary lies. So a face is made smaller first: each of its corners
- * moves towards the middle by a length d. A point of the face moves by d at most with them, hence is within d
- * of a point of the smaller face, which alone is looked at.
+ * moves towards the middle by a length d at most. A point of the face moves by d at most with them, hence is
+ * within d of a point of the smaller face, which alone is looked at.
  *
  * Roundings, s being the greatest coordinate of the facets and the faces in the plane's frame, by magnitude.
  * Mapping a vertex to the frame takes 1 u |d| for d = vertex - origin, 6 u |d| for the coordinates and 14 u
@@ -35,45 +35,38 @@
  *     QM_OVERLAY_SIDE u s.
  *   - A doubled area of three points is a difference of two products of differences, at most 2 s each: off by
  *     4 u 4 s^2 twice and 8 u s^2, less than QM_OVERLAY_AREA u s^2.
- *   - The slopes of a face's plane come from two such areas over a third; they are off by 128 u s length /
- *     area, and heights by twice s times that and some u s. Faces steeper than MAX_SLOPE are not looked at.
- *     That, a few u of gaps, of 16 s at most, and 16 u s by which corners may move farther than d make
- *     QM_OVERLAY_GAP.
+ *   - The slopes of a plane come from two such areas over a third; they are off by 128 u s length / area, and
+ *     heights by twice s times that and some u s. Planes steeper than QM_OVERLAY_SLOPE are not looked at.
+ * That, a few u of gaps, of 16 s at most, and 16 u s by which corners may move farther than d make
+ * QM_OVERLAY_GAP, for the planes of faces and of facets.
  */
 #include "hausdorff_overlay.h"
 
 #include <string.h>
 
-#define MAX_SLOPE 2.0
 #define SHRINK_BY_ALLOWED 0x1p-6 /* of the allowed distance, */
-#define SHRINK_BY_SIZE 0x1p-30   /* and of the greatest coordinate: how far corners move at most */
-#define MAX_SHRINK 0.125         /* of the way to the middle */
+#define SHRINK_BY_SIZE 0x1p-30   /* and of the greatest coordinate: how far corners move at most, */
+#define MAX_SHRINK 0.125         /* and of the way to the middle */
 #define EDGE_PLACES 1024         /* of the table of edges, a power of two */
 #define EDGE_BITS 10
+#define COST_OF_PART 200 /* hundreds of instructions of a part of a face that the search looks at, about */
 #define MAX_FACETS (QM_OVERLAY_GROUPS * QM_PACK_LANES)
 
 _Static_assert(1 << EDGE_BITS == EDGE_PLACES && 3 * MAX_FACETS < EDGE_PLACES, "the table has room");
 
-/** An edge: its vertices, the lower first, and a facet that has it. */
+/** An edge: its vertices, the lower first, and where they lie in the plane. */
 typedef struct edge {
     uint32_t vertex[2];
-    uint16_t facet;
-    uint8_t corner; /* of the facet, from which it goes to the next */
-    bool is_odd;    /* an odd number of facets has it */
+    double at[2][2];
+    bool is_odd; /* an odd number of facets has it */
 } edge;
 
-typedef struct overlay_work {
-    const qm_side *side;
-    const qm_kernel *kernel;
-    qm_overlay_frame frame;
-    qm_overlay_face face[QM_OVERLAY_FACES];
-    qm_overlay_facets facets;
-    int edge_count;
+/** Those edges of the facets that may lie over the stretch. */
+typedef struct edge_table {
+    int count;
     int16_t place[EDGE_PLACES]; /* of an edge, plus 1; 0 for none */
     edge edges[3 * MAX_FACETS];
-    uint16_t edge_of[MAX_FACETS][3]; /* of a facet, from each of its corners to the next */
-    qm_overlay_rim rim;              /* of all facets */
-} overlay_work;
+} edge_table;
 
 static inline void map_point(const qm_overlay_frame *frame, qm_vec p, double out[3])
 {
@@ -82,17 +75,22 @@ static inline void map_point(const qm_overlay_frame *frame, qm_vec p, double out
         out[k] = qm_vec_dot(d, frame->axis[k]);
 }
 
-/** False when the faces have no direction in common. */
-static bool set_frame(qm_overlay_frame *frame, const qm_overlay_source *source)
+qm_vec qm_overlay_normal(const qm_overlay_source *source)
 {
     qm_vec normal = {0, 0, 0};
     for (int i = 0; i < source->count; i++) {
         const qm_vec *c = source->corner[i];
         normal = qm_vec_add(normal, qm_vec_cross(qm_vec_sub(c[1], c[0]), qm_vec_sub(c[2], c[0])));
     }
+    return normal;
+}
+
+/** False when the normal has no direction. */
+static bool set_axes(qm_overlay_frame *frame, qm_vec origin, qm_vec normal)
+{
     double length = qm_vec_norm(normal);
     if (!(length > 0.0)) return false;
-    frame->origin = source->corner[0][0];
+    frame->origin = origin;
     qm_vec z = qm_vec_scale(1.0 / length, normal);
     qm_vec other = fabs(z.x) < fabs(z.y) ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
     qm_vec across = qm_vec_cross(other, z);
@@ -102,54 +100,27 @@ static bool set_frame(qm_overlay_frame *frame, const qm_overlay_source *source)
     return true;
 }
 
-/** Moves the corners of a triangle towards its middle, by this length at most and a few roundings. */
-static void shrink_face(qm_overlay_face *face, double length)
+/** Sets the box of the frame to that of the points, and what is allowed above and below. Returns the greatest
+ * coordinate by magnitude. */
+static double set_stretch(qm_overlay_frame *frame, const qm_vec *point, int count, double allowed)
 {
-    double(*c)[3] = face->corner, middle[3], farthest2 = 0.0;
-    for (int k = 0; k < 3; k++)
-        middle[k] = (c[0][k] + c[1][k] + c[2][k]) / 3.0;
-    for (int i = 0; i < 3; i++) {
-        double x = middle[0] - c[i][0], y = middle[1] - c[i][1], z = middle[2] - c[i][2];
-        farthest2 = qm_greater(x * x + y * y + z * z, farthest2);
-    }
-    if (!(farthest2 > 0.0)) return;
-    double share = qm_lesser(length / sqrt(farthest2), MAX_SHRINK);
-    for (int i = 0; i < 3; i++)
-        for (int k = 0; k < 3; k++)
-            c[i][k] += share * (middle[k] - c[i][k]);
-}
-
-/** Maps the faces to the frame and shrinks them; its box becomes theirs and what is allowed above and below.
- * Returns by how much their corners moved at most. */
-static double map_faces(overlay_work *work, const qm_overlay_source *source, double allowed)
-{
-    qm_overlay_frame *frame = &work->frame;
     double size = 0.0;
-    for (int i = 0; i < source->count; i++) {
-        for (int c = 0; c < 3; c++) {
-            map_point(frame, source->corner[i][c], work->face[i].corner[c]);
-            for (int k = 0; k < 3; k++)
-                size = qm_greater(fabs(work->face[i].corner[c][k]), size);
-        }
-    }
-    double shrink = qm_lesser(SHRINK_BY_ALLOWED * allowed, SHRINK_BY_SIZE * size);
     for (int k = 0; k < 3; k++) {
         frame->low[k] = INFINITY;
         frame->high[k] = -INFINITY;
     }
-    for (int i = 0; i < source->count; i++) {
-        shrink_face(&work->face[i], shrink);
-        for (int c = 0; c < 3; c++) {
-            for (int k = 0; k < 3; k++) {
-                frame->low[k] = qm_lesser(work->face[i].corner[c][k], frame->low[k]);
-                frame->high[k] = qm_greater(work->face[i].corner[c][k], frame->high[k]);
-            }
+    for (int i = 0; i < count; i++) {
+        double at[3];
+        map_point(frame, point[i], at);
+        for (int k = 0; k < 3; k++) {
+            frame->low[k] = qm_lesser(at[k], frame->low[k]);
+            frame->high[k] = qm_greater(at[k], frame->high[k]);
+            size = qm_greater(fabs(at[k]), size);
         }
     }
     frame->low[2] -= allowed;
     frame->high[2] += allowed;
-    work->facets.size = size;
-    return shrink;
+    return size;
 }
 
 double qm_overlay_set_face(qm_overlay_face *face, double size)
@@ -171,7 +142,7 @@ double qm_overlay_set_face(qm_overlay_face *face, double size)
     /* A thinner face would leave it open whether the probe is inside. */
     if (!(fabs(area) > QM_OVERLAY_GAP * QM_UNIT_ROUNDING * size * longest)) return INFINITY;
     double slope_x = (dz[0] * dy[1] - dz[1] * dy[0]) / area, slope_y = (dx[0] * dz[1] - dx[1] * dz[0]) / area;
-    if (!(fabs(slope_x) + fabs(slope_y) <= MAX_SLOPE)) return INFINITY;
+    if (!(fabs(slope_x) + fabs(slope_y) <= QM_OVERLAY_SLOPE)) return INFINITY;
     face->plane[0] = slope_x;
     face->plane[1] = slope_y;
     face->plane[2] = c[0][2] - (slope_x * c[0][0] + slope_y * c[0][1]);
@@ -180,185 +151,219 @@ double qm_overlay_set_face(qm_overlay_face *face, double size)
     return QM_OVERLAY_GAP * QM_UNIT_ROUNDING * (1.0 + size * longest / fabs(area));
 }
 
-/** Counts an edge that goes from a corner of a facet to the next. */
-static void toggle_edge(overlay_work *work, uint32_t from, uint32_t to, int facet, int corner)
+/** Counts an edge that an odd number of the facets of a pack has. */
+static void toggle_edge(edge_table *table, const qm_pack_lanes *lanes, const qm_overlay_vertices *vertices,
+                        const int end[2])
 {
-    uint32_t low = from < to ? from : to, high = from < to ? to : from;
+    int turn = lanes->vertex[end[0]] > lanes->vertex[end[1]];
+    uint32_t low = lanes->vertex[end[turn]], high = lanes->vertex[end[1 - turn]];
     uint32_t hash = (low * UINT32_C(0x9e3779b1)) ^ (high * UINT32_C(0x85ebca6b));
-    for (uint32_t i = hash >> (32 - EDGE_BITS);; i = (i + 1) % EDGE_PLACES) {
-        if (work->place[i] == 0) {
-            work->edge_of[facet][corner] = (uint16_t)work->edge_count;
-            work->edges[work->edge_count++] = (edge){{low, high}, (uint16_t)facet, (uint8_t)corner, true};
-            work->place[i] = (int16_t)work->edge_count;
-            return;
-        }
-        edge *known = &work->edges[work->place[i] - 1];
+    uint32_t i = hash >> (32 - EDGE_BITS);
+    for (; table->place[i] != 0; i = (i + 1) % EDGE_PLACES) {
+        edge *known = &table->edges[table->place[i] - 1];
         if (known->vertex[0] != low || known->vertex[1] != high) continue;
         known->is_odd = !known->is_odd;
-        work->edge_of[facet][corner] = (uint16_t)(known - work->edges);
         return;
     }
-}
-
-/** Adds the facets of a pack that may lie over the faces; false when there is no room. */
-static bool add_pack(overlay_work *work, uint32_t pack)
-{
-    const qm_bvh *target = work->side->target;
-    const qm_pack_lanes *lanes = &target->lanes[pack];
-    if (work->facets.count + lanes->lane_count > MAX_FACETS) return false;
-    int facet = work->facets.count;
-    unsigned added = work->kernel->overlay_add(&work->facets, &work->frame, target, pack,
-                                               qm_side_twists(work->side, pack));
-    for (; added; added &= added - 1, facet++) {
-        const uint8_t *corner = lanes->corner[__builtin_ctz(added)];
-        for (int i = 0; i < 3; i++)
-            toggle_edge(work, lanes->vertex[corner[i]], lanes->vertex[corner[(i + 1) % 3]], facet, i);
-    }
-    return true;
-}
-
-void qm_overlay_fill_up(qm_overlay_facets *facets)
-{
-    int group = facets->count / QM_PACK_LANES;
-    for (int lane = facets->count % QM_PACK_LANES; lane > 0 && lane < QM_PACK_LANES; lane++) {
-        for (int i = 0; i < 9; i++)
-            facets->group[group].at[i / 3][i % 3][lane] = facets->group[group].at[i / 3][i % 3][0];
-        facets->group[group].twist[lane] = facets->group[group].twist[0];
-    }
-}
-
-/** Whether the box of an edge meets that of the faces in the plane. */
-static bool edge_meets(const qm_overlay_frame *frame, const double at[2][2])
-{
-    for (int k = 0; k < 2; k++)
-        if ((at[0][k] < frame->low[k] && at[1][k] < frame->low[k]) ||
-            (at[0][k] > frame->high[k] && at[1][k] > frame->high[k]))
-            return false;
-    return true;
-}
-
-static void set_rim_edge(qm_overlay_rim *rim, int place, const double at[2][2])
-{
-    for (int end = 0; end < 2; end++)
+    edge *added = &table->edges[table->count++];
+    table->place[i] = (int16_t)table->count;
+    *added = (edge){.vertex = {low, high}, .is_odd = true};
+    for (int j = 0; j < 2; j++)
         for (int k = 0; k < 2; k++)
-            rim->at[end][k][place] = at[end][k];
+            added->at[j][k] = vertices->at[k][end[j]];
 }
 
-/** Makes the rim of those edges of the boundary that may lie over a face; false when there are too many. */
-static bool set_rim(const overlay_work *work, qm_overlay_rim *rim)
+/** Counts the edges of those facets of a pack that have a bit. Most are edges of two of them, which a bit for
+ * each pair of vertices tells; those beside the stretch are left out, having no part in its rim. */
+static void toggle_pack(edge_table *table, const qm_pack_lanes *lanes, const qm_overlay_vertices *vertices,
+                        unsigned facets)
 {
-    const qm_overlay_facets *facets = &work->facets;
-    int count = 0;
-    double at[2][2];
-    for (int i = 0; i < work->edge_count; i++) {
-        const edge *e = &work->edges[i];
-        if (!e->is_odd) continue;
-        int group = e->facet / QM_PACK_LANES, lane = e->facet % QM_PACK_LANES;
-        for (int end = 0; end < 2; end++)
-            for (int k = 0; k < 2; k++)
-                at[end][k] = facets->group[group].at[(e->corner + end) % 3][k][lane];
-        if (!edge_meets(&work->frame, at)) continue;
-        if (count == QM_OVERLAY_RIM) return false;
-        set_rim_edge(rim, count++, at);
+    uint32_t odd[3 * QM_PACK_LANES] = {0};
+    for (; facets; facets &= facets - 1) {
+        const uint8_t *corner = lanes->corner[__builtin_ctz(facets)];
+        for (int i = 0; i < 3; i++) {
+            uint8_t a = corner[i], b = corner[i < 2 ? i + 1 : 0];
+            odd[a < b ? a : b] ^= UINT32_C(1) << (a < b ? b : a);
+        }
     }
-    rim->count = count;
+    for (int a = 0; a < lanes->vertex_count; a++) {
+        for (uint32_t left = odd[a]; left; left &= left - 1) {
+            int b = __builtin_ctz(left);
+            if (vertices->beyond[a] & vertices->beyond[b] & QM_OVERLAY_BESIDE) continue;
+            toggle_edge(table, lanes, vertices, (const int[2]){a, b});
+        }
+    }
+}
+
+/** Makes the rim of the edges of the boundary; false when there are too many. */
+static bool set_rim(qm_overlay_facets *facets, const edge_table *table)
+{
+    int count = 0;
+    for (int i = 0; i < table->count; i++) {
+        const edge *e = &table->edges[i];
+        if (!e->is_odd) continue;
+        if (count == QM_OVERLAY_RIM) return false;
+        for (int j = 0; j < 4; j++)
+            facets->rim[j / 2][j % 2][count] = e->at[j / 2][j % 2];
+        count++;
+    }
+    facets->rim_count = count;
     for (int i = count; i % QM_PACK_LANES != 0; i++)
-        for (int end = 0; end < 2; end++)
-            for (int k = 0; k < 2; k++)
-                rim->at[end][k][i] = rim->at[end][k][0];
+        for (int j = 0; j < 4; j++)
+            facets->rim[j / 2][j % 2][i] = facets->rim[j / 2][j % 2][0];
     return true;
 }
 
-static bool set_facets(overlay_work *work, const qm_near_packs *near)
+static void copy_facet(qm_overlay_facets *facets, int from, int to)
 {
-    work->facets.count = 0;
-    work->edge_count = 0;
-    memset(work->place, 0, sizeof work->place);
-    for (int i = 0; i < near->count; i++)
-        if (!add_pack(work, near->pack[i])) return false;
-    if (work->facets.count == 0) return false;
-    qm_overlay_fill_up(&work->facets);
-    return set_rim(work, &work->rim);
+    int lane = from % QM_PACK_LANES, other = to % QM_PACK_LANES;
+    int group = from / QM_PACK_LANES, its = to / QM_PACK_LANES;
+    for (int i = 0; i < 9; i++)
+        facets->group[its].at[i / 3][i % 3][other] = facets->group[group].at[i / 3][i % 3][lane];
+    facets->group[its].twist[other] = facets->group[group].twist[lane];
 }
 
-/** About how many hundred instructions an overlay takes. */
-static uint64_t cost_of(const overlay_work *work, int faces, int packs)
+/** Takes the far ones out of the facets that a pack has added from place first on; place says which the first
+ * of them was when far was found. Returns the bits of the others. */
+static unsigned take_out_far(qm_overlay_facets *facets, int first, int place, unsigned added,
+                             const uint8_t *far)
 {
-    uint64_t facets = (uint64_t)work->facets.count;
-    return 10 + 9 * (uint64_t)packs + 2 * facets + (uint64_t)faces * (3 + facets / 2);
-}
-
-static void toggle_facet(overlay_work *work, int facet)
-{
-    for (int i = 0; i < 3; i++)
-        work->edges[work->edge_of[facet][i]].is_odd ^= true;
-}
-
-/** Toggles the edges of the facets that are farther from a face than this. */
-static void toggle_far_facets(overlay_work *work, const qm_overlay_gaps *gaps, double enough)
-{
-    for (int i = 0; i < work->facets.count; i++)
-        if (!(gaps->at[i] <= enough)) toggle_facet(work, i);
-}
-
-/** True when no edge of the boundary of the facets that are near enough lies over the face. */
-static bool is_clear(overlay_work *work, const qm_overlay_face *face, const qm_overlay_gaps *gaps,
-                     double enough)
-{
-    double size = work->facets.size;
-    if (gaps->greatest <= enough) return work->kernel->overlay_clear(&work->rim, size, face);
-    qm_overlay_rim rim;
-    toggle_far_facets(work, gaps, enough);
-    bool clear = set_rim(work, &rim) && work->kernel->overlay_clear(&rim, size, face);
-    toggle_far_facets(work, gaps, enough);
-    return clear;
-}
-
-/** True when an odd number of the facets that are near enough certainly is over the probe. */
-static bool probe_is_covered(const overlay_work *work, const qm_overlay_gaps *gaps, double enough)
-{
-    int over = 0;
-    for (int first = 0; first < work->facets.count; first += QM_PACK_LANES) {
-        unsigned near = 0;
-        int group = first / QM_PACK_LANES;
-        for (int lane = 0; lane < QM_PACK_LANES && first + lane < work->facets.count; lane++)
-            near |= (unsigned)(gaps->at[first + lane] <= enough) << lane;
-        if (near & ~(gaps->over_probe[group] | gaps->beside_probe[group])) return false;
-        over += __builtin_popcount(near & gaps->over_probe[group]);
+    unsigned kept = 0;
+    int count = first;
+    for (int from = first; added; added &= added - 1, from++, place++) {
+        if (far[place / QM_PACK_LANES] >> place % QM_PACK_LANES & 1) continue;
+        copy_facet(facets, from, count++);
+        kept |= added & -added;
     }
-    return over % 2 == 1;
+    facets->count = count;
+    return kept;
 }
 
-unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay_source *source,
-                           const qm_near_packs *near)
+/** Adds those facets of the packs that may lie over the stretch, but for those with a bit in far unless that
+ * is NULL; false when there are none, or no room. */
+static bool set_facets(const qm_kernel *kernel, const qm_side *side, const qm_near_packs *near,
+                       const uint8_t *far, qm_overlay *overlay)
 {
-    overlay_work work;
-    work.side = side;
-    work.kernel = worker->search->kernel;
+    const qm_bvh *target = side->target;
+    qm_overlay_facets *facets = &overlay->facets;
+    edge_table table;
+    table.count = 0;
+    memset(table.place, 0, sizeof table.place);
+    facets->count = 0;
+    for (int i = 0, place = 0; i < near->count; i++) {
+        uint32_t pack = near->pack[i];
+        const qm_pack_lanes *lanes = &target->lanes[pack];
+        int first = facets->count;
+        if (first + lanes->lane_count > MAX_FACETS) return false;
+        qm_overlay_vertices vertices;
+        unsigned added =
+            kernel->overlay_add(facets, &overlay->frame, target, pack, qm_side_twists(side, pack), &vertices);
+        int count = facets->count - first;
+        if (far) added = take_out_far(facets, first, place, added, far);
+        place += count;
+        toggle_pack(&table, lanes, &vertices, added);
+    }
+    if (facets->count == 0 || !set_rim(facets, &table)) return false;
+    kernel->overlay_close(facets);
+    return true;
+}
+
+/** Counts work in about a hundred instructions, and as the parts that the search's limit is told in. */
+static void count_work(qm_worker *worker, uint64_t hundreds)
+{
+    uint64_t before = worker->overlay_cost / COST_OF_PART;
+    worker->overlay_cost += hundreds;
+    worker->iterations += worker->overlay_cost / COST_OF_PART - before;
+}
+
+static bool set_overlay(qm_worker *worker, const qm_side *side, const qm_near_packs *near, const uint8_t *far,
+                        qm_overlay *overlay)
+{
+    bool is_set = set_facets(worker->search->kernel, side, near, far, overlay);
+    count_work(worker, 8 + 11 * (uint64_t)near->count + (uint64_t)overlay->facets.count / 2);
+    return is_set;
+}
+
+bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal, const qm_vec *point,
+                           int count, const qm_near_packs *near, qm_overlay *overlay)
+{
+    if (!set_axes(&overlay->frame, point[0], normal)) return false;
     double allowed = qm_search_allowed(worker->search) * side->scale;
-    if (!set_frame(&work.frame, source)) return 0;
-    double shrink = map_faces(&work, source, allowed);
-    bool has_facets = set_facets(&work, near);
-    worker->overlay_cost += cost_of(&work, source->count, near->count);
-    if (!has_facets) return 0;
+    overlay->facets.size = set_stretch(&overlay->frame, point, count, allowed);
+    overlay->shrink = qm_lesser(SHRINK_BY_ALLOWED * allowed, SHRINK_BY_SIZE * overlay->facets.size);
+    count_work(worker, (uint64_t)count / 2);
+    return set_overlay(worker, side, near, NULL, overlay);
+}
+
+/** Moves the corners of a face towards its middle, by this length at most and a few roundings. */
+static void shrink_face(qm_overlay_face *face, double length)
+{
+    double(*c)[3] = face->corner, middle[3], farthest2 = 0.0;
+    for (int k = 0; k < 3; k++)
+        middle[k] = (c[0][k] + c[1][k] + c[2][k]) / 3.0;
+    for (int i = 0; i < 3; i++) {
+        double x = middle[0] - c[i][0], y = middle[1] - c[i][1], z = middle[2] - c[i][2];
+        farthest2 = qm_greater(x * x + y * y + z * z, farthest2);
+    }
+    if (!(farthest2 > 0.0)) return;
+    double share = qm_lesser(length / sqrt(farthest2), MAX_SHRINK);
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++)
+            c[i][k] += share * (middle[k] - c[i][k]);
+}
+
+/** Sets a face, made smaller. Returns the vertical distance that is enough for it, or a negative number. */
+static double set_face(const qm_overlay *overlay, const qm_vec corner[3], double allowed,
+                       qm_overlay_face *face)
+{
+    for (int c = 0; c < 3; c++)
+        map_point(&overlay->frame, corner[c], face->corner[c]);
+    shrink_face(face, overlay->shrink);
+    double size = overlay->facets.size;
+    return allowed - overlay->shrink - size * qm_overlay_set_face(face, size);
+}
+
+static bool is_settled(const qm_kernel *kernel, const qm_overlay_facets *facets, const qm_overlay_face *face,
+                       double enough)
+{
+    if (!kernel->overlay_is_clear(facets, face)) return false;
+    if (!(kernel->overlay_gap(facets, face, enough, NULL) <= enough)) return false;
+    int count = kernel->overlay_count(facets, face);
+    return count > 0 && count % 2 == 1;
+}
+
+unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
+                           const qm_overlay_source *source)
+{
+    double allowed = qm_search_allowed(worker->search) * side->scale;
     unsigned settled = 0;
     for (int i = 0; i < source->count; i++) {
-        qm_overlay_face *face = &work.face[i];
-        double size = work.facets.size, margin = size * qm_overlay_set_face(face, size);
-        double enough = allowed - shrink - margin;
-        if (!(enough > 0.0)) continue;
-        qm_overlay_gaps gaps;
-        work.kernel->overlay_gaps(&work.facets, face, &gaps);
-        if (probe_is_covered(&work, &gaps, enough) && is_clear(&work, face, &gaps, enough))
+        qm_overlay_face face;
+        double enough = set_face(overlay, source->corner[i], allowed, &face);
+        if (enough > 0.0 && is_settled(worker->search->kernel, &overlay->facets, &face, enough))
             settled |= 1u << i;
     }
+    count_work(worker, (uint64_t)source->count * (12 + (uint64_t)overlay->facets.count / 8));
     return settled;
 }
 
-bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_piece *face,
+bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_piece *piece,
                             const qm_near_packs *near)
 {
+    const qm_kernel *kernel = worker->search->kernel;
+    qm_overlay overlay;
     qm_overlay_source source = {.count = 1};
-    memcpy(source.corner[0], face->corner, sizeof source.corner[0]);
-    return qm_worker_overlay(worker, side, &source, near) != 0;
+    memcpy(source.corner[0], piece->corner, sizeof source.corner[0]);
+    if (!qm_worker_set_overlay(worker, side, qm_overlay_normal(&source), source.corner[0], 3, near, &overlay))
+        return false;
+    double allowed = qm_search_allowed(worker->search) * side->scale;
+    qm_overlay_face face;
+    double enough = set_face(&overlay, source.corner[0], allowed, &face);
+    if (!(enough > 0.0)) return false;
+    count_work(worker, 12 + (uint64_t)overlay.facets.count / 8);
+    if (is_settled(kernel, &overlay.facets, &face, enough)) return true;
+    uint8_t far[QM_OVERLAY_GROUPS] = {0};
+    if (kernel->overlay_gap(&overlay.facets, &face, enough, far) <= enough) return false;
+    return set_overlay(worker, side, near, far, &overlay) &&
+           is_settled(kernel, &overlay.facets, &face, enough);
 }

@@ -12,6 +12,8 @@
 #define QM_OVERLAY_AREA 64.0  /* u s^2: margin of doubled areas */
 #define QM_OVERLAY_GAP 512.0  /* u s (1 + s length / area): margin of vertical distances */
 
+#define QM_OVERLAY_SLOPE 2.0 /* of faces and facets at most, both ways together */
+
 #define QM_OVERLAY_FACES QM_PACK_LANES
 
 /** Triangles of the source, local to the target. */
@@ -20,20 +22,32 @@ typedef struct qm_overlay_source {
     qm_vec corner[QM_OVERLAY_FACES][3];
 } qm_overlay_source;
 
+/** Facets of the target over a stretch of the source, for all faces that lie in it. */
+typedef struct qm_overlay {
+    qm_overlay_frame frame;
+    qm_overlay_facets facets;
+    double shrink; /* how far corners of faces move towards their middles, at most */
+} qm_overlay;
+
+/** Sum of the normals of triangles of the source, as long as their doubled areas. */
+qm_vec qm_overlay_normal(const qm_overlay_source *source);
+
+/** Takes the facets of packs that lie over the stretch of the points, as seen along a normal; false when
+ * there are none, or too many. */
+bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal, const qm_vec *point,
+                           int count, const qm_near_packs *near, qm_overlay *overlay);
+
+/** Bits of those triangles, corners among the points of the overlay, that its facets show to be near enough.
+ */
+unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
+                           const qm_overlay_source *source);
+
+/** The same of one triangle, by an overlay of its own; facets that are too far from it are left out. */
+bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_piece *face,
+                            const qm_near_packs *near);
+
 /** Sets all else of a face from its corners. Returns the margin of its vertical distances for each unit of
  * size, the greatest coordinate by magnitude; INFINITY where the face is too steep or too thin. */
 double qm_overlay_set_face(qm_overlay_face *face, double size);
-
-/** Fills the last group up with its first facet. */
-void qm_overlay_fill_up(qm_overlay_facets *facets);
-
-/** Bits of those triangles that are shown to be near enough by the facets of the packs straight over them.
- */
-unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay_source *source,
-                           const qm_near_packs *near);
-
-/** The same of one triangle. */
-bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_piece *face,
-                            const qm_near_packs *near);
 
 #endif

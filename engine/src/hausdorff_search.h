@@ -115,6 +115,8 @@ typedef struct qm_worker {
     uint64_t cover_tries;
     uint64_t overlay_cost, cover_cost; /* by counts of what was done, in about a hundred instructions */
     unsigned since_probe;              /* packs since the dearer of the two was tried */
+    unsigned share_pause, share_wait;  /* groups of packs without an overlay for all after the last failure,
+                                          and of these how many are to come */
     uint64_t part_tries, part_cost, part_hits; /* of parts of faces */
     const qm_side *recent_side;
     unsigned recent_next;

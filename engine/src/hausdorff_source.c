@@ -10,10 +10,11 @@
     0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered                  \
           */
 
-#define PROBE_INTERVAL 64 /* packs between two where faces are settled in what seems the dearer way: */
-#define COVER_PRIOR 50.0  /* what a cover of a face is taken to cost before there is one, and an overlay */
+#define DEARER_INTERVAL 64 /* packs between two where faces are settled in what seems the dearer way: */
+#define COVER_PRIOR 50.0   /* what a cover of a face is taken to cost before there is one, and an overlay */
 #define OVERLAY_PRIOR 100.0
-#define OVERLAY_GAIN 2.0 /* by which an overlay must be cheaper: the counts are no times */
+#define MAX_SHARE_PAUSE 63 /* groups without an overlay for all of it after failures in a row */
+#define OVERLAY_GAIN 2.0   /* by which an overlay must be cheaper: the counts are no times */
 
 /** The ball round box member of a group, in the frame of the target. */
 static double member_ball(const qm_side *side, const qm_box_group *group, int member, qm_vec *centre)
@@ -42,10 +43,20 @@ static double member_reach(const qm_side *side, const qm_box_group *group, int m
     return sqrt(far2);
 }
 
+/** The packs of a group that are looked at in turn, and an overlay that serves all of them. */
+typedef struct group_work {
+    const qm_entry *pack;
+    int pack_count;
+    bool is_begun, has_failed, has_overlay;
+    int tries, hits; /* faces that it was asked for, and settled */
+    qm_overlay overlay;
+} group_work;
+
 /** A pack of the source on its way: vertices in the target's frame and, for each, the lanes of one pack in
  * reach. */
 typedef struct pack_work {
     qm_entry entry;
+    group_work *group;
     const qm_side *side;
     const qm_kernel *kernel;
     const qm_pack_lanes *lanes;
@@ -117,6 +128,16 @@ static void take_out(pack_work *work, unsigned gone)
     work->open_count = left;
 }
 
+/** Bits of those triangles that are settled by what lies straight over all of them. */
+static unsigned settle_together(qm_worker *worker, const pack_work *work, const qm_overlay_source *source,
+                                const qm_near_packs *near)
+{
+    qm_overlay overlay;
+    bool is_set = qm_worker_set_overlay(worker, work->side, qm_overlay_normal(source), &source->corner[0][0],
+                                        3 * source->count, near, &overlay);
+    return is_set ? qm_worker_overlay(worker, work->side, &overlay, source) : 0;
+}
+
 static bool overlay_alone(qm_worker *worker, const pack_work *work, const qm_piece *face)
 {
     qm_near_packs near;
@@ -124,22 +145,100 @@ static bool overlay_alone(qm_worker *worker, const pack_work *work, const qm_pie
     return qm_worker_overlay_face(worker, work->side, face, &near);
 }
 
+/** Lists the open triangles; place tells which they are. */
+static void list_open(const pack_work *work, qm_overlay_source *source, int *place)
+{
+    source->count = 0;
+    for (int i = 0; i < work->open_count; i++) {
+        if (work->open[i].corner_count != 3) continue;
+        memcpy(source->corner[source->count], work->open[i].corner, sizeof source->corner[0]);
+        place[source->count++] = i;
+    }
+}
+
+/** The vertices of the packs of a group; returns how many. Adds up their normals. */
+static int group_points(const group_work *group, const qm_side *side, qm_vec *point, qm_vec *normal)
+{
+    int count = 0;
+    *normal = (qm_vec){0, 0, 0};
+    for (int i = 0; i < group->pack_count; i++) {
+        const qm_pack_lanes *lanes = &side->source->lanes[group->pack[i].index];
+        const qm_vec *vertex = point + count;
+        for (int k = 0; k < lanes->vertex_count; k++)
+            point[count++] = qm_side_vertex(side, lanes->vertex[k]);
+        qm_overlay_source faces = {.count = lanes->lane_count};
+        for (int lane = 0; lane < faces.count; lane++)
+            for (int c = 0; c < 3; c++)
+                faces.corner[lane][c] = vertex[lanes->corner[lane][c]];
+        *normal = qm_vec_add(*normal, qm_overlay_normal(&faces));
+    }
+    return count;
+}
+
+/** Makes the overlay of a group unless that has failed lately, as it does where a group of the source is much
+ * larger than one of the target. */
+static void begin_group_overlay(qm_worker *worker, const pack_work *work)
+{
+    group_work *group = work->group;
+    group->is_begun = true;
+    if (group->pack_count < 2) return;
+    if (worker->share_wait > 0) {
+        worker->share_wait--;
+        return;
+    }
+    qm_vec point[3 * QM_PACK_LANES * QM_PACK_LANES], normal;
+    int count = group_points(group, work->side, point, &normal);
+    qm_near_packs near;
+    gather_about(worker, work, point, count, &near);
+    group->has_overlay =
+        near.count < QM_NEAR_PACKS &&
+        qm_worker_set_overlay(worker, work->side, normal, point, count, &near, &group->overlay);
+    group->has_failed = !group->has_overlay;
+}
+
+/** Draws the conclusion for later groups when all packs of one are done. */
+static void end_group_overlay(qm_worker *worker, const group_work *group)
+{
+    if (group->has_failed || 2 * group->hits < group->tries) {
+        unsigned pause = 2 * worker->share_pause + 1;
+        worker->share_wait = worker->share_pause = pause < MAX_SHARE_PAUSE ? pause : MAX_SHARE_PAUSE;
+    } else if (group->has_overlay) {
+        worker->share_pause = 0;
+    }
+}
+
+/** Settles open triangles by what lies straight over the group. */
+static void settle_by_group(qm_worker *worker, pack_work *work)
+{
+    qm_overlay_source source;
+    int place[QM_PACK_LANES];
+    list_open(work, &source, place);
+    if (source.count == 0) return;
+    if (!work->group->is_begun) begin_group_overlay(worker, work);
+    if (!work->group->has_overlay) return;
+    unsigned settled = qm_worker_overlay(worker, work->side, &work->group->overlay, &source), gone = 0;
+    for (int i = 0; i < source.count; i++)
+        if (settled >> i & 1) gone |= 1u << place[i];
+    int hits = __builtin_popcount(settled);
+    work->group->tries += source.count;
+    work->group->hits += hits;
+    take_out(work, gone);
+    worker->overlay_tries += (uint64_t)hits;
+    worker->overlay_hits += (uint64_t)hits;
+}
+
 /** Settles open triangles by what lies straight over them: all together, and each by itself where that has
  * not settled it, as where too many packs are near all of them. */
 static void settle_by_overlay(qm_worker *worker, pack_work *work)
 {
-    qm_overlay_source source = {.count = 0};
+    qm_overlay_source source;
     int place[QM_PACK_LANES];
-    for (int i = 0; i < work->open_count; i++) {
-        if (work->open[i].corner_count != 3) continue;
-        memcpy(source.corner[source.count], work->open[i].corner, sizeof source.corner[0]);
-        place[source.count++] = i;
-    }
+    list_open(work, &source, place);
     if (source.count == 0) return;
-    unsigned settled = qm_worker_overlay(worker, work->side, &source, &work->near), gone = 0;
+    bool has_all = source.count > 1 && work->near.count < QM_NEAR_PACKS;
+    unsigned settled = has_all ? settle_together(worker, work, &source, &work->near) : 0, gone = 0;
     for (int i = 0; i < source.count; i++)
-        if ((settled >> i & 1) || (source.count > 1 && overlay_alone(worker, work, &work->open[place[i]])))
-            gone |= 1u << place[i];
+        if ((settled >> i & 1) || overlay_alone(worker, work, &work->open[place[i]])) gone |= 1u << place[i];
     take_out(work, gone);
     worker->overlay_tries += (uint64_t)source.count;
     worker->overlay_hits += (uint64_t)__builtin_popcount(gone);
@@ -175,7 +274,7 @@ static bool choose_overlay(qm_worker *worker)
                         ((double)worker->overlay_tries + 1.0);
     bool is_cheaper = OVERLAY_GAIN * by_overlay < by_covers;
     double ratio = is_cheaper ? by_covers / by_overlay : by_overlay / by_covers;
-    if (++worker->since_probe < PROBE_INTERVAL * ratio) return is_cheaper;
+    if (++worker->since_probe < DEARER_INTERVAL * ratio) return is_cheaper;
     worker->since_probe = 0;
     return !is_cheaper;
 }
@@ -187,8 +286,11 @@ static void settle_open(qm_worker *worker, pack_work *work)
     settle_by_parts(worker, work);
     if (work->open_count == 0) return;
     if (!is_matching) {
+        bool by_overlay = choose_overlay(worker);
+        if (by_overlay) settle_by_group(worker, work);
+        if (work->open_count == 0) return;
         gather_open(worker, work);
-        if (choose_overlay(worker)) settle_by_overlay(worker, work);
+        if (by_overlay) settle_by_overlay(worker, work);
     }
     for (int i = 0; i < work->open_count; i++) {
         if (qm_worker_must_stop(worker)) {
@@ -222,11 +324,12 @@ static bool is_copy(qm_worker *worker, const qm_side *side, const qm_piece *face
 }
 
 /** Settles the faces of a pack by the pack of its hint, together, or one by one. */
-static void visit_pack(qm_worker *worker, qm_entry entry)
+static void visit_pack(qm_worker *worker, qm_entry entry, group_work *group)
 {
     const qm_search *search = worker->search;
     pack_work work;
     work.entry = entry;
+    work.group = group;
     work.side = &search->side[entry.side];
     work.lanes = &work.side->source->lanes[entry.index];
     work.kernel = search->kernel;
@@ -254,6 +357,23 @@ static void visit_pack(qm_worker *worker, qm_entry entry)
     work.faces.count = work.open_count;
     if (work.open_count > 0) settle_open(worker, &work);
     qm_worker_discard(worker, qm_search_allowed(search)); /* the lower bound may have risen on the way */
+}
+
+/** Looks at packs of one group. */
+static void visit_packs(qm_worker *worker, const qm_entry *pack, int count)
+{
+    group_work group;
+    group.pack = pack;
+    group.pack_count = count;
+    group.is_begun = group.has_failed = group.has_overlay = false;
+    group.tries = group.hits = 0;
+    for (int i = 0; i < count; i++) {
+        if (pack[i].upper <= qm_search_allowed(worker->search) || qm_worker_must_stop(worker))
+            qm_worker_push(worker, pack[i], NULL);
+        else
+            visit_pack(worker, pack[i], &group);
+    }
+    end_group_overlay(worker, &group);
 }
 
 static qm_entry child_entry(const qm_entry *group, int member, double upper, uint32_t hint)
@@ -334,6 +454,7 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
     }
     /* Packs are looked at once all eight have had their say on the lower bound, and while they are at hand;
      * so are groups of packs, along the curve, where hints and vertices are still near. */
+    int open_count = 0;
     for (int m = 0; m < members; m++) {
         if (entry.level > 2 || child[m].upper <= qm_search_allowed(search) || qm_worker_must_stop(worker)) {
             qm_worker_push(worker, child[m], NULL);
@@ -341,7 +462,8 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
             worker->iterations++; /* as an entry of the queue: reports and limits come as often */
             qm_worker_group(worker, child[m]);
         } else {
-            visit_pack(worker, child[m]);
+            child[open_count++] = child[m];
         }
     }
+    if (open_count > 0) visit_packs(worker, child, open_count);
 }

@@ -38,10 +38,13 @@
     qm_float_verdict qm_float_cover_##isa(const qm_float_pack *pack, const float *twist, double allowed,     \
                                           qm_polygon *polygon, bool *moved);                                 \
     unsigned qm_overlay_add_##isa(qm_overlay_facets *facets, const qm_overlay_frame *frame,                  \
-                                  const qm_bvh *bvh, uint32_t pack, const float *twist);                     \
-    void qm_overlay_gaps_##isa(const qm_overlay_facets *facets, const qm_overlay_face *face,                 \
-                               qm_overlay_gaps *out);                                                        \
-    bool qm_overlay_clear_##isa(const qm_overlay_rim *rim, double size, const qm_overlay_face *face);        \
+                                  const qm_bvh *bvh, uint32_t pack, const float *twist,                      \
+                                  qm_overlay_vertices *vertices);                                            \
+    void qm_overlay_close_##isa(qm_overlay_facets *facets);                                                  \
+    bool qm_overlay_is_clear_##isa(const qm_overlay_facets *facets, const qm_overlay_face *face);            \
+    double qm_overlay_gap_##isa(const qm_overlay_facets *facets, const qm_overlay_face *face, double enough, \
+                                uint8_t *far);                                                               \
+    int qm_overlay_count_##isa(const qm_overlay_facets *facets, const qm_overlay_face *face);                \
     unsigned qm_node_distances_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b,          \
                                      bool splits_a, float d2[QM_PACK_LANES]);                                \
     bool qm_descend_##isa(const qm_descent *descent, const qm_node *a, const qm_node *b);                    \
@@ -100,8 +103,10 @@
         .cover = qm_cover_##isa,                                                                             \
         .float_cover = qm_float_cover_##isa,                                                                 \
         .overlay_add = qm_overlay_add_##isa,                                                                 \
-        .overlay_gaps = qm_overlay_gaps_##isa,                                                               \
-        .overlay_clear = qm_overlay_clear_##isa,                                                             \
+        .overlay_close = qm_overlay_close_##isa,                                                             \
+        .overlay_is_clear = qm_overlay_is_clear_##isa,                                                       \
+        .overlay_gap = qm_overlay_gap_##isa,                                                                 \
+        .overlay_count = qm_overlay_count_##isa,                                                             \
         .node_distances = qm_node_distances_##isa,                                                           \
         .descend = qm_descend_##isa,                                                                         \
         .fill_leaf = qm_fill_leaf_##isa,                                                                     \

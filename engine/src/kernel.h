@@ -122,23 +122,31 @@ typedef struct qm_overlay_frame {
     double low[3], high[3];
 } qm_overlay_frame;
 
+/** The vertices of a pack in such coordinates, by axis, and on which sides of the box each lies: bits 2 k and
+ * 2 k + 1 for below and above along axis k. */
+typedef struct qm_overlay_vertices {
+    _Alignas(64) double at[3][3 * QM_PACK_LANES];
+    _Alignas(64) int64_t beyond[3 * QM_PACK_LANES];
+} qm_overlay_vertices;
+
+#define QM_OVERLAY_BESIDE 15 /* those sides along the plane */
+
 /**
- * Facets of the target in such coordinates, corner by corner, eight to a group; and how far the surface may
- * be from each. Places past count, in the last group, repeat others.
+ * Facets of the target in such coordinates, corner by corner, eight to a group: their planes, heights being
+ * at most loose off them (INFINITY where a facet is too steep or too thin), and how far the surface may be
+ * from each. low and high are the boxes of the groups along the plane. Places past count, in the last group,
+ * repeat others. The rim is made of edges of theirs, ends by their places in the plane, likewise.
  */
 typedef struct qm_overlay_facets {
-    int count;
+    int count, rim_count;
     double size; /* no coordinate of these facets and of the faces is greater, by magnitude */
     struct {
         _Alignas(64) double at[3][3][QM_PACK_LANES], twist[QM_PACK_LANES];
+        double plane[3][QM_PACK_LANES], loose[QM_PACK_LANES];
     } group[QM_OVERLAY_GROUPS];
+    _Alignas(64) double low[2][QM_OVERLAY_GROUPS], high[2][QM_OVERLAY_GROUPS];
+    _Alignas(64) double rim[2][2][QM_OVERLAY_RIM];
 } qm_overlay_facets;
-
-/** Edges of the boundary of a set of facets, ends by their places in the plane; filled up likewise. */
-typedef struct qm_overlay_rim {
-    int count;
-    _Alignas(64) double at[2][2][QM_OVERLAY_RIM];
-} qm_overlay_rim;
 
 /** A triangle of the source over the same plane. side[k] = (a, b, c): a x + b y + c is how far (x, y) lies
  * inside the k-th edge. */
@@ -148,15 +156,6 @@ typedef struct qm_overlay_face {
     double plane[3]; /* (a, b, c): its height at (x, y) is a x + b y + c */
     double probe[2]; /* a place inside */
 } qm_overlay_face;
-
-/** Facets over a face, those in eights as the facets are: see hausdorff_overlay.c. */
-typedef struct qm_overlay_gaps {
-    _Alignas(64) double at[QM_OVERLAY_GROUPS * QM_PACK_LANES]; /* the greatest vertical distance between the
-        face and this facet, where one lies over the other; -1 where none does */
-    double greatest;                                           /* of all */
-    uint8_t over_probe[QM_OVERLAY_GROUPS], beside_probe[QM_OVERLAY_GROUPS]; /* bits of facets that certainly
-        are over the probe of the face, or beside it */
-} qm_overlay_gaps;
 
 typedef struct qm_kernel {
     const char *name;
@@ -274,16 +273,24 @@ typedef struct qm_kernel {
                                     qm_polygon *polygon, bool *moved);
 
     /** Adds those facets of a pack whose boxes meet that of the frame, less their twists unless NULL; returns
-     * their bits. There is room for all. */
+     * their bits, and the vertices. There is room for all. */
     unsigned (*overlay_add)(qm_overlay_facets *facets, const qm_overlay_frame *frame, const qm_bvh *bvh,
-                            uint32_t pack, const float *twist);
+                            uint32_t pack, const float *twist, qm_overlay_vertices *vertices);
 
-    /** Finds the facets over a face, and how far they are from it. */
-    void (*overlay_gaps)(const qm_overlay_facets *facets, const qm_overlay_face *face, qm_overlay_gaps *out);
+    /** Sets all that follows from the facets added, of which there are some. */
+    void (*overlay_close)(qm_overlay_facets *facets);
 
-    /** True when each edge of the rim lies certainly beside the face: beyond one of its edges, or with all of
-     * it on one side of its own line. No coordinate is greater than size, by magnitude. */
-    bool (*overlay_clear)(const qm_overlay_rim *rim, double size, const qm_overlay_face *face);
+    /** True when no edge of the rim lies over a face. */
+    bool (*overlay_is_clear)(const qm_overlay_facets *facets, const qm_overlay_face *face);
+
+    /** The vertical distance between a face and the facets, where they lie over each other, at most; -1 where
+     * none does. It is the greatest there is, if that is more than enough. Sets the bits of the facets with
+     * more than that in far, a byte for each group, unless NULL. */
+    double (*overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, double enough,
+                          uint8_t *far);
+
+    /** Counts the facets over the probe of a face; -1 where roundings leave that open. */
+    int (*overlay_count)(const qm_overlay_facets *facets, const qm_overlay_face *face);
 
     /** Walks from a pair of nodes, whose boxes are taken to meet, to the pairs below that meet. False when
      * take ended the walk. */

@@ -11,7 +11,8 @@
 #include <math.h>
 #include <string.h>
 
-enum { TARGETS = 240, TRIES = 12, SAMPLES = 60, COLUMNS = 12, PAIRS = 4000, MAX_PARTS = 200 };
+enum { TARGETS = 240, TRIES = 12, SAMPLES = 60, COLUMNS = 12, PAIRS = 4000, SOURCES = 4, SHEETS = 12 };
+enum { MAX_PARTS = 200 };
 
 /** Waves of some height over [0, 1]^2. */
 typedef struct waves {
@@ -170,13 +171,41 @@ static void check_settled(const qm_bvh *target, const qm_vec corner[3], double a
     }
 }
 
+/** Sets one overlay for all of some sources, with packs this near to them; false when there is none. */
+static bool set_overlay(qm_worker *worker, const qm_side *side, const qm_overlay_source *source, int count,
+                        double reach, qm_overlay *out)
+{
+    qm_vec point[SOURCES * 3 * QM_OVERLAY_FACES] = {{0}}, normal = {0, 0, 0};
+    int points = 0;
+    for (int i = 0; i < count; i++) {
+        memcpy(point + points, source[i].corner, (size_t)source[i].count * sizeof source[i].corner[0]);
+        points += 3 * source[i].count;
+        normal = qm_vec_add(normal, qm_overlay_normal(&source[i]));
+    }
+    qm_near_packs near;
+    qm_box box = qm_vec_box(point, points);
+    worker->search->kernel->gather(side->target, &box, reach, &near);
+    return qm_worker_set_overlay(worker, side, normal, point, points, &near, out);
+}
+
+/** Whether a face is settled by an overlay of its own. */
+static bool settles_alone(qm_worker *worker, const qm_side *side, const qm_vec corner[3], double reach)
+{
+    qm_piece face = {.corner_count = 3};
+    memcpy(face.corner, corner, 3 * sizeof *corner);
+    qm_near_packs near;
+    qm_box box = qm_vec_box(corner, 3);
+    worker->search->kernel->gather(side->target, &box, reach, &near);
+    return qm_worker_overlay_face(worker, side, &face, &near);
+}
+
 static void settled_faces_are_near(void **state)
 {
     (void)state;
     uint64_t seed = qm_check_seed();
     qm_random random = qm_random_make(seed, 0);
     qm_context ctx = qm_context_make();
-    long settled_count[FLAWS] = {0};
+    long settled_count[FLAWS] = {0}, alone_count[FLAWS] = {0};
     for (int i = 0; i < TARGETS; i++) {
         int flaw = i % FLAWS;
         qm_mesh mesh = draw_target(&random, flaw);
@@ -187,26 +216,110 @@ static void settled_faces_are_near(void **state)
             qm_search search;
             qm_side side;
             set_search(&search, &side, target, allowed);
-            qm_overlay_source source = draw_source(&random, target);
+            qm_overlay_source source[SOURCES];
+            int source_count = 1 + (int)qm_random_below(&random, SOURCES);
+            for (int j = 0; j < source_count; j++)
+                source[j] = draw_source(&random, target);
             qm_worker worker = {.search = &search};
-            qm_near_packs near;
-            qm_box box = qm_vec_box(&source.corner[0][0], 3 * source.count);
             double reach = allowed * qm_random_range(&random, 0.3, 1.5);
-            search.kernel->gather(target, &box, reach, &near);
-            unsigned settled = qm_worker_overlay(&worker, &side, &source, &near);
-            for (int face = 0; face < source.count; face++) {
-                if (!(settled >> face & 1)) continue;
-                settled_count[flaw]++;
-                check_settled(target, source.corner[face], allowed, &random, (unsigned long long)seed, flaw);
+            qm_overlay overlay;
+            if (!set_overlay(&worker, &side, source, source_count, reach, &overlay)) continue;
+            for (int j = 0; j < source_count; j++) {
+                unsigned settled = qm_worker_overlay(&worker, &side, &overlay, &source[j]);
+                for (int face = 0; face < source[j].count; face++) {
+                    bool is_alone = settles_alone(&worker, &side, source[j].corner[face], reach);
+                    alone_count[flaw] += is_alone;
+                    if (!is_alone && !(settled >> face & 1)) continue;
+                    settled_count[flaw]++;
+                    check_settled(target, source[j].corner[face], allowed, &random, (unsigned long long)seed,
+                                  flaw);
+                }
             }
         }
         qm_bvh_destroy(&ctx, target);
         qm_shape_free(&mesh);
     }
     for (int flaw = 0; flaw < FLAWS; flaw++)
-        QM_CHECK(settled_count[flaw] > TARGETS / FLAWS,
-                 "seed %llu: flaw %d: hardly anything was settled: %ld", (unsigned long long)seed, flaw,
-                 settled_count[flaw]);
+        QM_CHECK(settled_count[flaw] > TARGETS / FLAWS && alone_count[flaw] > TARGETS / FLAWS,
+                 "seed %llu: flaw %d: hardly anything was settled: %ld, %ld alone", (unsigned long long)seed,
+                 flaw, settled_count[flaw], alone_count[flaw]);
+}
+
+/** Overlays count as work, which a search's limit looks at. */
+static void overlays_count_as_work(void **state)
+{
+    (void)state;
+    qm_context ctx = qm_context_make();
+    qm_mesh mesh = qm_shape_plane(8, 0.0);
+    qm_bvh *target;
+    assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &target), QM_OK);
+    qm_search search;
+    qm_side side;
+    set_search(&search, &side, target, 0.1);
+    qm_worker worker = {.search = &search};
+    qm_random random = qm_random_make(qm_check_seed(), 3);
+    qm_overlay_source source = draw_source(&random, target);
+    uint64_t before = 0;
+    for (int i = 0; i < 3; i++) {
+        for (int k = 0; k < TRIES; k++) {
+            qm_overlay overlay;
+            if (set_overlay(&worker, &side, &source, 1, 0.1, &overlay))
+                qm_worker_overlay(&worker, &side, &overlay, &source);
+        }
+        assert_true(worker.iterations > before);
+        before = worker.iterations;
+    }
+    qm_bvh_destroy(&ctx, target);
+    qm_shape_free(&mesh);
+}
+
+/** Two sheets of one formula, the source the finer one or the target: neither bound is on the
+ * wrong side of what points of the source tell, and the bracket is as narrow as asked for. */
+static void near_sheets_are_bracketed(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    qm_random random = qm_random_make(seed, 2);
+    qm_context ctx = qm_context_make();
+    for (int i = 0; i < SHEETS; i++) {
+        waves w = {qm_random_range(&random, 0.02, 0.1), qm_random_range(&random, 0.0, 3.0)};
+        int fine = 60 + (int)qm_random_below(&random, 60), coarse = 15 + (int)qm_random_below(&random, 25);
+        int columns = i % 2 ? coarse : fine, others = i % 2 ? fine : coarse;
+        qm_mesh a = qm_shape_grid(columns, columns, false, false, wave_at, &w),
+                b = qm_shape_grid(others, others, false, false, wave_at, &w);
+        qm_bvh *source, *target;
+        assert_int_equal(qm_bvh_build(&ctx, &a, QM_BVH_SOURCE, 1, &source), QM_OK);
+        assert_int_equal(qm_bvh_build(&ctx, &b, QM_BVH_ALL, 1, &target), QM_OK);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.direction = QM_A_TO_B;
+        options.tolerance = pow(10.0, qm_random_range(&random, -8.0, -4.0));
+        qm_hausdorff_result result;
+        assert_int_equal(qm_hausdorff_measure(&ctx, source, target, &options, &result), QM_OK);
+        assert_int_equal(result.stop, QM_STOP_CONVERGED);
+        assert_true(result.upper - result.lower <= options.tolerance);
+        for (int k = 0; k < SAMPLES; k++) {
+            qm_vec corner[3];
+            uint32_t pack = (uint32_t)qm_random_below(&random, source->pack_count);
+            qm_bvh_load_triangle(source, pack,
+                                 (uint32_t)qm_random_below(&random, source->lanes[pack].lane_count), corner);
+            qm_vec p = qm_vec_mix(qm_vec_mix(corner[0], corner[1], qm_random_range(&random, 0.0, 1.0)),
+                                  corner[2], qm_random_range(&random, 0.0, 1.0));
+            double world[3];
+            qm_vec_store(world, qm_frame_world(&source->frame, p));
+            double distance =
+                slow_distance(target, qm_frame_local(&target->frame, world)) * target->frame.inverse_scale;
+            QM_CHECK(distance <= result.upper + 1e-14, "seed %llu, sheets %d: %.17g away, upper bound %.17g",
+                     (unsigned long long)seed, i, distance, result.upper);
+        }
+        double least = slow_distance(target, qm_frame_local(&target->frame, result.from.position)) *
+                       target->frame.inverse_scale;
+        QM_CHECK(result.lower <= least + 1e-14, "seed %llu, sheets %d: lower bound %.17g, witness %.17g",
+                 (unsigned long long)seed, i, result.lower, least);
+        qm_bvh_destroy(&ctx, source);
+        qm_bvh_destroy(&ctx, target);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
 }
 
 /** The faces of a solid are settled by those that they were cut into, alone, whatever their ridges are. */
@@ -214,7 +327,7 @@ static void faces_of_solids_are_settled(void **state)
 {
     (void)state;
     uint64_t seed = qm_check_seed();
-    qm_random random = qm_random_make(seed, 2);
+    qm_random random = qm_random_make(seed, 4);
     qm_context ctx = qm_context_make();
     for (int i = 0; i < TARGETS; i++) {
         qm_mesh coarse, fine;
@@ -226,15 +339,12 @@ static void faces_of_solids_are_settled(void **state)
         set_search(&search, &side, target, 1e-8);
         qm_worker worker = {.search = &search};
         for (size_t f = 0; f < coarse.face_count; f++) {
-            qm_overlay_source source = {.count = 1};
+            qm_vec corner[3];
             for (size_t c = 0; c < 3; c++)
-                source.corner[0][c] =
+                corner[c] =
                     qm_frame_local(&target->frame, coarse.positions + 3 * (size_t)coarse.faces[4 * f + c]);
-            qm_near_packs near;
-            qm_box box = qm_vec_box(source.corner[0], 3);
-            search.kernel->gather(target, &box, 1e-8, &near);
-            QM_CHECK(qm_worker_overlay(&worker, &side, &source, &near) == 1,
-                     "seed %llu, solid %d: face %zu is left", (unsigned long long)seed, i, f);
+            QM_CHECK(settles_alone(&worker, &side, corner, 1e-8), "seed %llu, solid %d: face %zu is left",
+                     (unsigned long long)seed, i, f);
         }
         qm_bvh_destroy(&ctx, target);
         qm_shape_free(&coarse);
@@ -248,7 +358,7 @@ static void solids_are_compared_with_few_parts(void **state)
 {
     (void)state;
     uint64_t seed = qm_check_seed();
-    qm_random random = qm_random_make(seed, 3);
+    qm_random random = qm_random_make(seed, 5);
     for (int i = 0; i < TARGETS; i++) {
         qm_mesh coarse, fine;
         draw_solid(&random, &coarse, &fine);
@@ -288,11 +398,10 @@ static void gaps_over_a_plane_are_exact(void **state)
             qm_side side;
             set_search(&search, &side, target, cases[i].allowed);
             qm_worker worker = {.search = &search};
-            qm_near_packs near;
-            qm_box box = qm_vec_box(source.corner[0], 3);
-            search.kernel->gather(target, &box, 2.0 * height, &near);
-            unsigned settled = qm_worker_overlay(&worker, &side, &source, &near);
-            assert_int_equal(settled, flaw == WHOLE && cases[i].is_enough);
+            qm_overlay overlay;
+            bool is_settled = set_overlay(&worker, &side, &source, 1, 2.0 * height, &overlay) &&
+                              qm_worker_overlay(&worker, &side, &overlay, &source) != 0;
+            assert_int_equal(is_settled, flaw == WHOLE && cases[i].is_enough);
         }
         qm_bvh_destroy(&ctx, target);
         qm_shape_free(&mesh);
@@ -363,17 +472,6 @@ static void draw_triangle(qm_random *random, double corner[3][3])
     }
 }
 
-static bool gaps_equal(const qm_overlay_gaps *a, const qm_overlay_gaps *b, int count)
-{
-    bool equal = a->greatest == b->greatest;
-    for (int i = 0; i < count && equal; i++) {
-        unsigned bit = 1u << i % QM_PACK_LANES, group = (unsigned)i / QM_PACK_LANES;
-        equal = a->at[i] == b->at[i] && !((a->over_probe[group] ^ b->over_probe[group]) & bit) &&
-                !((a->beside_probe[group] ^ b->beside_probe[group]) & bit);
-    }
-    return equal;
-}
-
 static void gaps_are_those_of_clipped_facets(void **state)
 {
     (void)state;
@@ -395,21 +493,27 @@ static void gaps_are_those_of_clipped_facets(void **state)
             slow[j] = slow_gap(corner, &face);
             expected = fmax(expected, slow[j]);
         }
-        qm_overlay_fill_up(&facets);
         over += expected >= 0.0;
-        qm_overlay_gaps first;
-        (*qm_kernel_list())->overlay_gaps(&facets, &face, &first);
-        QM_CHECK(first.greatest >= expected - 1e-12 && first.greatest <= fmax(expected, 0.0) + 1e-6,
-                 "seed %llu, pair %d: %.17g, not %.17g", (unsigned long long)seed, i, first.greatest,
-                 expected);
-        for (int j = 0; j < facets.count; j++)
-            QM_CHECK(first.at[j] >= slow[j] - 1e-12 && first.at[j] <= fmax(slow[j], 0.0) + 1e-6,
-                     "seed %llu, pair %d, facet %d: %.17g, not %.17g", (unsigned long long)seed, i, j,
-                     first.at[j], slow[j]);
+        double enough = 0.5 * (double)(i % 3) - 0.1, first = NAN;
+        int first_count = 0;
         for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
-            qm_overlay_gaps gaps;
-            (*kernel)->overlay_gaps(&facets, &face, &gaps);
-            QM_CHECK(gaps_equal(&gaps, &first, facets.count), "seed %llu, pair %d: %s differs",
+            (*kernel)->overlay_close(&facets);
+            uint8_t far[QM_OVERLAY_GROUPS] = {0};
+            double gap = (*kernel)->overlay_gap(&facets, &face, enough, far);
+            for (int j = 0; j < facets.count; j++) {
+                bool is_far = far[j / QM_PACK_LANES] >> j % QM_PACK_LANES & 1;
+                QM_CHECK(is_far ? slow[j] > enough - 1e-6 : slow[j] < enough + 1e-12,
+                         "seed %llu, pair %d: %s: facet %d is %.17g away, enough %.17g",
+                         (unsigned long long)seed, i, (*kernel)->name, j, slow[j], enough);
+            }
+            int count = (*kernel)->overlay_count(&facets, &face);
+            if (kernel == qm_kernel_list()) {
+                first = gap;
+                first_count = count;
+            }
+            QM_CHECK(gap >= expected - 1e-12 && gap <= fmax(fmax(expected, enough), 0.0) + 1e-6,
+                     "seed %llu, pair %d: %.17g, not %.17g", (unsigned long long)seed, i, gap, expected);
+            QM_CHECK(gap == first && count == first_count, "seed %llu, pair %d: %s differs",
                      (unsigned long long)seed, i, (*kernel)->name);
         }
     }
@@ -423,6 +527,8 @@ int main(void)
         cmocka_unit_test(faces_of_solids_are_settled),
         cmocka_unit_test(solids_are_compared_with_few_parts),
         cmocka_unit_test(gaps_over_a_plane_are_exact),
+        cmocka_unit_test(overlays_count_as_work),
+        cmocka_unit_test(near_sheets_are_bracketed),
         cmocka_unit_test(gaps_are_those_of_clipped_facets),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

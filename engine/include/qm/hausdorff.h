@@ -38,9 +38,9 @@ typedef enum qm_hausdorff_stop {
 
 /**
  * A search looks at no more parts than QM_HAUSDORFF_BASE_WORK and QM_HAUSDORFF_FACE_WORK for each face of the
- * meshes in each direction, unless work_limit says otherwise. Ordinary meshes need less than one part for ten
- * faces. More is needed only where surfaces nearly coincide that no cover fits well, such as folded patches
- * of two meshes whose grids do not match.
+ * meshes in each direction, unless work_limit says otherwise. Ordinary meshes need less than one part for
+ * two faces. More is needed only where surfaces nearly coincide that no cover fits well, such as folded
+ * patches of two meshes whose grids do not match.
  */
 #define QM_HAUSDORFF_BASE_WORK 16384
 #define QM_HAUSDORFF_FACE_WORK 32
@@ -52,7 +52,7 @@ typedef enum qm_hausdorff_stop {
 typedef struct qm_hausdorff_progress {
     double elapsed_ms;
     double lower, upper;  /* upper is INFINITY until a first bound is known */
-    uint64_t iterations;  /* nodes, packs and parts of faces looked at so far */
+    uint64_t iterations;  /* nodes, packs and parts of faces looked at so far, or other work as long */
     uint64_t projections; /* searches of a nearest point so far */
     size_t queue_count;   /* pieces and nodes waiting */
 } qm_hausdorff_progress;

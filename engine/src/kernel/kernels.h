@@ -42,10 +42,12 @@ bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *polygon, bool
 qm_float_verdict QM_KERNEL(float_cover)(const qm_float_pack *pack, const float *twist, double allowed,
                                         qm_polygon *polygon, bool *moved);
 unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_frame *frame, const qm_bvh *bvh,
-                                uint32_t pack, const float *twist);
-void QM_KERNEL(overlay_gaps)(const qm_overlay_facets *facets, const qm_overlay_face *face,
-                             qm_overlay_gaps *out);
-bool QM_KERNEL(overlay_clear)(const qm_overlay_rim *rim, double size, const qm_overlay_face *face);
+                                uint32_t pack, const float *twist, qm_overlay_vertices *vertices);
+void QM_KERNEL(overlay_close)(qm_overlay_facets *facets);
+bool QM_KERNEL(overlay_is_clear)(const qm_overlay_facets *facets, const qm_overlay_face *face);
+double QM_KERNEL(overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, double enough,
+                              uint8_t *far);
+int QM_KERNEL(overlay_count)(const qm_overlay_facets *facets, const qm_overlay_face *face);
 unsigned QM_KERNEL(node_distances)(const qm_descent *descent, const qm_node *a, const qm_node *b,
                                    bool splits_a, float d2[QM_PACK_LANES]);
 bool QM_KERNEL(descend)(const qm_descent *descent, const qm_node *a, const qm_node *b);
