@@ -51,6 +51,15 @@ qm_status qm_refinement_reserve(qm_refinement *work, size_t count)
     return has_room ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the pieces");
 }
 
+static void free_pieces(qm_refinement *work)
+{
+    qm_context_free(work->ctx, work->piece, work->piece_capacity, sizeof *work->piece);
+    qm_context_free(work->ctx, work->bounds, work->bounds_capacity, sizeof *work->bounds);
+    work->piece = NULL;
+    work->bounds = NULL;
+    work->piece_capacity = work->bounds_capacity = 0;
+}
+
 /** A piece for every triangle of the source, in the order of its tree, in which neighbours follow one
  * another. */
 static qm_status make_pieces(qm_refinement *work)
@@ -256,6 +265,24 @@ static qm_status start(qm_refinement *work, double typical)
     return QM_OK;
 }
 
+/** Makes the pieces anew, for a mean that is about typical; when that is canceled the old ones stay. */
+static qm_status start_anew(qm_refinement *work, double typical)
+{
+    qm_refinement old;
+    memcpy(&old, work, sizeof old);
+    work->piece = NULL;
+    work->bounds = NULL;
+    work->piece_capacity = work->bounds_capacity = 0;
+    qm_status status = start(work, typical);
+    qm_refinement *given_up = status == QM_E_CANCELED ? work : &old;
+    free_pieces(given_up);
+    if (given_up == work) {
+        atomic_store(&old.searches, atomic_load(&work->searches));
+        memcpy(work, &old, sizeof old);
+    }
+    return status;
+}
+
 /** Cuts the pieces; those that are too coarse are made anew, for the least that the mean can be. */
 static qm_status cut_pieces(qm_refinement *work)
 {
@@ -263,7 +290,7 @@ static qm_status cut_pieces(qm_refinement *work)
     qm_piece_totals totals = qm_piece_sum(qm_refinement_list(work));
     if (status != QM_OK || !is_too_coarse(work, &totals)) return status;
     work->typical = totals.mean.lower;
-    status = start(work, totals.mean.lower);
+    status = start_anew(work, totals.mean.lower);
     return status == QM_OK ? run_rounds(work) : status;
 }
 
@@ -283,11 +310,8 @@ qm_status qm_refinement_run(qm_refinement *work)
 
 void qm_refinement_reset(qm_refinement *work)
 {
-    qm_context_free(work->ctx, work->piece, work->piece_capacity, sizeof *work->piece);
-    qm_context_free(work->ctx, work->bounds, work->bounds_capacity, sizeof *work->bounds);
+    free_pieces(work);
     qm_context_free(work->ctx, work->todo, work->todo_capacity, sizeof *work->todo);
-    work->piece = NULL;
-    work->bounds = NULL;
     work->todo = NULL;
-    work->piece_capacity = work->bounds_capacity = work->todo_capacity = 0;
+    work->todo_capacity = 0;
 }

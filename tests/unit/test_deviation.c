@@ -666,12 +666,11 @@ static void flat_patches_close_as_triangles_do(void **state)
 
 /** A bent quad near its twin, and far points of little area that make the mean look much greater than it is:
  * triangles stand for the quad at first, and are too far from it. */
-static void triangles_too_coarse_for_the_mean_are_given_up(void **state)
+static void make_misleading_twins(qm_mesh *quad, qm_mesh *twin)
 {
-    (void)state;
     enum { FAR = 40 };
     static const double bent[4] = {0, 1e-4, 0, 1e-4}, over[4] = {1e-6, 1.01e-4, 1e-6, 1.01e-4};
-    qm_mesh a = make_plane(0, 1, bent), b = make_plane(0, 1, over);
+    qm_mesh a = make_plane(0, 1, bent);
     for (int i = 0; i < FAR; i++) {
         const double low = 0.5, high = 0.5 + 1e-8;
         const double corners[4][3] = {{low, low, 1}, {high, low, 1}, {high, high, 1}, {low, high, 1}};
@@ -680,6 +679,15 @@ static void triangles_too_coarse_for_the_mean_are_given_up(void **state)
         qm_shape_free(&small);
         a = both;
     }
+    *quad = a;
+    *twin = make_plane(0, 1, over);
+}
+
+static void triangles_too_coarse_for_the_mean_are_given_up(void **state)
+{
+    (void)state;
+    qm_mesh a, b;
+    make_misleading_twins(&a, &b);
     qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-6);
     options.piece_limit = 20000;
     qm_deviation found = measure(&a, &b, &options);
@@ -871,15 +879,15 @@ static void *cancelling_resize(void *user, void *block, size_t old_size, size_t 
 }
 
 /** Cancels a call when it asks for memory for the n-th time; adds the outcome to the counts. */
-static bool cancel_at(const qm_mesh *a, const qm_mesh *b, size_t n, const qm_deviation *truth, int counts[2])
+static bool cancel_at(const qm_mesh *a, const qm_mesh *b, const qm_deviation_options *options, size_t n,
+                      const qm_deviation *truth, int counts[2])
 {
     cancelling_allocator allocator = {.cancel_at = n};
     qm_context ctx = qm_context_make();
     ctx.allocator = (qm_allocator){cancelling_resize, &allocator};
     ctx.cancel = &allocator.cancel;
-    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-4);
     qm_deviation found;
-    qm_status status = measure_in(&ctx, a, b, &options, &found);
+    qm_status status = measure_in(&ctx, a, b, options, &found);
     bool was_raised = atomic_load(&allocator.cancel);
     if (status == QM_E_CANCELED) {
         counts[0]++;
@@ -896,19 +904,38 @@ static bool cancel_at(const qm_mesh *a, const qm_mesh *b, size_t n, const qm_dev
     return was_raised;
 }
 
+/** Cancels a call wherever it asks for memory. */
+static void check_canceled_calls(const qm_mesh *a, const qm_mesh *b, const qm_deviation_options *options)
+{
+    qm_deviation truth = measure(a, b, options);
+    int counts[2] = {0, 0};
+    size_t n = 0;
+    while (cancel_at(a, b, options, n, &truth, counts))
+        n++;
+    /* Early on there is nothing to tell yet, later on there is. */
+    QM_CHECK(counts[0] > 0 && counts[1] > 0, "%d without, %d with bounds", counts[0], counts[1]);
+    release(&truth);
+}
+
 static void a_cancelled_call_tells_what_it_has(void **state)
 {
     (void)state;
     qm_mesh a = qm_shape_torus(12, 6, 1.0, 0.3), b = qm_shape_torus(10, 5, 1.0, 0.31);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-4);
-    qm_deviation truth = measure(&a, &b, &options);
-    int counts[2] = {0, 0};
-    size_t n = 0;
-    while (cancel_at(&a, &b, n, &truth, counts))
-        n++;
-    /* Early on there is nothing to tell yet, later on there is. */
-    QM_CHECK(counts[0] > 0 && counts[1] > 0, "%d without, %d with bounds", counts[0], counts[1]);
-    release(&truth);
+    check_canceled_calls(&a, &b, &options);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
+/** Pieces that are made anew have no bounds at first. */
+static void a_cancelled_restart_tells_what_was_there(void **state)
+{
+    (void)state;
+    qm_mesh a, b;
+    make_misleading_twins(&a, &b);
+    qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-6);
+    options.piece_limit = 20000;
+    check_canceled_calls(&a, &b, &options);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -966,6 +993,7 @@ int main(void)
         cmocka_unit_test(bad_options_are_refused),
         cmocka_unit_test(a_cancelled_call_leaves_nothing),
         cmocka_unit_test(a_cancelled_call_tells_what_it_has),
+        cmocka_unit_test(a_cancelled_restart_tells_what_was_there),
         cmocka_unit_test(every_allocation_may_fail),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
