@@ -633,19 +633,31 @@ static bool set_patch_ground(bound_work *work, ground *over)
     return true;
 }
 
-/** Narrows the integrals over a patch by the height itself, which is quadratic, where it is of one sign. */
-static void narrow_by_height(const bound_work *work, const ground *over, qm_positive_part lost,
-                             qm_piece_bounds *out)
+/** Narrows the integrals over a patch by the height itself, which is quadratic, where it is of one sign. What
+ * other facets take off is found for a linear function above it. */
+static void narrow_by_height(bound_work *work, const ground *over,
+                             const double distance[QM_FACET_PACKS][QM_PACK_LANES], qm_piece_bounds *out)
 {
     const qm_piece_match *match = over->match;
     double eta = work->maker->eta, low[6], high[6];
     if (!match || !(match->least > over->loss + eta)) return;
+    bool is_above = match->low[0] > 0.0;
+    side_work side = {.over = over,
+                      .room = work->maker->stray_error,
+                      .up = is_above ? 1.0 : -1.0,
+                      .normal = turn_up(over->normal, is_above ? 1.0 : -1.0)};
     for (int k = 0; k < 6; k++) {
-        double height = match->low[0] > 0.0 ? match->height[k] : -match->height[k];
+        double height = is_above ? match->height[k] : -match->height[k];
         low[k] = height - match->slack - over->loss - eta;
         high[k] = height + match->slack + over->more + eta;
     }
-    qm_piece_integrate_quadratic(work->shape, low, high, lost, over->outside, out);
+    for (int i = 0; i < 3; i++) {
+        side.height[i] = (is_above ? match->high[i] : -match->low[i]) - over->loss;
+        side.most = qm_greater(side.most, side.height[i]);
+    }
+    side.region = qm_positive_region_of(side.height);
+    take_facets_off(work, &side, distance);
+    qm_piece_integrate_quadratic(work->shape, low, high, side.lost, over->outside, out);
 }
 
 /** Bounds by the height over the ground; false when the piece is not over it for the most part. */
@@ -676,7 +688,7 @@ static bool bound_over_ground(bound_work *work, const ground *over,
     }
     qm_piece_integrate_signed(work->shape, lost, over->outside,
                               lost.mean > 0.0 ? work->maker->stray_error : 0.0, out);
-    narrow_by_height(work, over, lost, out);
+    narrow_by_height(work, over, distance, out);
     return true;
 }
 

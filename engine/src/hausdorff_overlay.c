@@ -44,6 +44,7 @@
 
 #include <string.h>
 
+#define LEAST_NORMAL 0x1p-400    /* its square is a normal number */
 #define SHRINK_BY_ALLOWED 0x1p-6 /* of the allowed distance, */
 #define SHRINK_BY_SIZE 0x1p-30   /* and of the greatest coordinate: how far corners move at most, */
 #define MAX_SHRINK 0.125         /* and of the way to the middle */
@@ -89,7 +90,7 @@ qm_vec qm_overlay_normal(const qm_overlay_source *source)
 static bool set_axes(qm_overlay_frame *frame, qm_vec origin, qm_vec normal)
 {
     double length = qm_vec_norm(normal);
-    if (!(length > 0.0)) return false;
+    if (!(length > LEAST_NORMAL)) return false;
     frame->origin = origin;
     qm_vec z = qm_vec_scale(1.0 / length, normal);
     qm_vec other = fabs(z.x) < fabs(z.y) ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
@@ -271,9 +272,10 @@ static bool set_facets(const qm_kernel *kernel, const qm_side *side, const qm_ne
 /** Counts work in about a hundred instructions, and as the parts that the search's limit is told in. */
 static void count_work(qm_worker *worker, uint64_t hundreds)
 {
-    uint64_t before = worker->overlay_cost / COST_OF_PART;
+    uint64_t before = worker->overlay_work / COST_OF_PART;
     worker->overlay_cost += hundreds;
-    worker->iterations += worker->overlay_cost / COST_OF_PART - before;
+    worker->overlay_work += hundreds;
+    worker->iterations += worker->overlay_work / COST_OF_PART - before;
 }
 
 static bool set_overlay(qm_worker *worker, const qm_side *side, const qm_near_packs *near, const uint8_t *far,

@@ -114,6 +114,7 @@ typedef struct qm_worker {
     uint64_t overlay_tries, overlay_hits; /* how often an overlay settled a face, and how many were covered */
     uint64_t cover_tries;
     uint64_t overlay_cost, cover_cost; /* by counts of what was done, in about a hundred instructions */
+    uint64_t overlay_work;             /* of all overlays, as they count in iterations */
     unsigned since_probe;              /* packs since the dearer of the two was tried */
     unsigned share_pause, share_wait;  /* groups of packs without an overlay for all after the last failure,
                                           and of these how many are to come */

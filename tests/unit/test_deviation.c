@@ -683,6 +683,35 @@ static void make_misleading_twins(qm_mesh *quad, qm_mesh *twin)
     *twin = make_plane(0, 1, over);
 }
 
+/** A patch z = bend x y, a triangle through its chord, which lies above the patch, and a thin source straight
+ * over the chord, everywhere at one distance from that triangle, which is nearer than the patch and farther
+ * than linear bounds of the height over the patch. */
+static void facets_nearer_than_the_ground_patch_count(void **state)
+{
+    (void)state;
+    static const double bends[] = {0.05, 0.2, 0.5}, heights[] = {0.03, 0.1, 0.3}, accuracies[] = {0.2, 0.01};
+    for (size_t i = 0; i < 3 * 3 * 2; i++) {
+        double c = bends[i % 3], h = heights[i / 3 % 3], truth = h / sqrt(1.0 + 0.5 * c * c);
+        const double patch[4][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, c}, {0, 1, 0}};
+        const double chord[3][3] = {
+            {-0.35, 0.07, -0.23 * c}, {1.54, 1.54, 1.45 * c}, {0.07, -0.35, -0.23 * c}};
+        const double over[3][3] = {
+            {0.3, 0.3, h + 0.21 * c}, {0.7, 0.7, h + 0.61 * c}, {0.48, 0.52, h + 0.41 * c}};
+        qm_mesh quad = qm_shape_face(4, patch), triangle = qm_shape_face(3, chord);
+        qm_mesh a = qm_shape_face(3, over), b = qm_shape_joined(&quad, &triangle);
+        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-9);
+        options.accuracy = accuracies[i / 9];
+        qm_deviation found = measure(&a, &b, &options);
+        check_holds(found.mean, truth, 2.0 * options.accuracy * truth, "mean");
+        check_holds(found.rms, truth, INFINITY, "rms");
+        release(&found);
+        qm_shape_free(&quad);
+        qm_shape_free(&triangle);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
 static void triangles_too_coarse_for_the_mean_are_given_up(void **state)
 {
     (void)state;
@@ -986,6 +1015,7 @@ int main(void)
         cmocka_unit_test(a_ceiling_takes_nothing_off),
         cmocka_unit_test(flat_patches_close_as_triangles_do),
         cmocka_unit_test(triangles_too_coarse_for_the_mean_are_given_up),
+        cmocka_unit_test(facets_nearer_than_the_ground_patch_count),
         cmocka_unit_test(moved_copies_take_few_pieces),
         cmocka_unit_test(folded_patches_count_by_their_area),
         cmocka_unit_test(the_pieces_bound_the_maximum),
