@@ -123,6 +123,24 @@ qm_mesh qm_shape_plane(int n, double height)
     return qm_shape_grid(n, n, false, false, plane_at, &height);
 }
 
+typedef struct waves {
+    double height, turn;
+} waves;
+
+static void wave_at(const void *user, double u, double v, double out[3])
+{
+    const waves *w = user;
+    out[0] = u;
+    out[1] = v;
+    out[2] = w->height * sin(5.0 * u + w->turn) * cos(4.0 * v - w->turn);
+}
+
+qm_mesh qm_shape_waves(int n, double height, double turn)
+{
+    const waves w = {height, turn};
+    return qm_shape_grid(n, n, false, false, wave_at, &w);
+}
+
 qm_mesh qm_shape_box(double sx, double sy, double sz)
 {
     static const uint32_t sides[6][4] = {{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4},

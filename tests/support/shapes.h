@@ -23,8 +23,7 @@ typedef void qm_shape_fn(const void *user, double u, double v, double out[3]);
  */
 qm_mesh qm_shape_grid(int columns, int rows, bool wrap_u, bool wrap_v, qm_shape_fn *at, const void *user);
 
-/** Unit sphere of 100 x 48 quads without caps: latitudes pi i / 50 for i = 1..49, longitudes turned by turn.
- */
+/** Unit sphere of 100 x 48 quads without caps: latitudes pi i / 50, i = 1..49, longitudes turned by turn. */
 qm_mesh qm_shape_sphere(double turn);
 
 /** Torus round the z axis; the tube of radius minor runs at the distance major. */
@@ -38,6 +37,9 @@ qm_mesh qm_shape_strip(int columns, int rows, double twist);
 
 /** n x n quads in the plane z = height over [0, 1]^2. */
 qm_mesh qm_shape_plane(int n, double height);
+
+/** n x n quads on waves of this height over [0, 1]^2, shifted by the angle turn. */
+qm_mesh qm_shape_waves(int n, double height, double turn);
 
 /** The six sides of [0, sx] x [0, sy] x [0, sz], eight shared corners; sz = 0 gives a flat box. */
 qm_mesh qm_shape_box(double sx, double sy, double sz);

@@ -142,7 +142,7 @@ static void threads_build_the_same_tree(void **state)
     check_threads(qm_shape_box(1.0, 2.0, 0.0));
 }
 
-/** Pulls the box of a pack apart, so that what is not set again is seen. */
+/** Sets the box of a pack to NaN, so that a side that is not set again shows. */
 static void spoil_box(qm_bvh *tree, size_t pack)
 {
     qm_box_group *group = &tree->boxes.groups[1][pack / 8];
@@ -150,7 +150,7 @@ static void spoil_box(qm_bvh *tree, size_t pack)
         group->low[k][pack % 8] = group->high[k][pack % 8] = NAN;
 }
 
-/** The box of a pack's local vertices, as far out as boxes reach. */
+/** The box of a pack must be that of its local vertices, and the margin. */
 static void check_box(const qm_bvh *tree, size_t pack)
 {
     const qm_pack_lanes *lanes = &tree->lanes[pack];
@@ -169,7 +169,7 @@ static void check_box(const qm_bvh *tree, size_t pack)
     }
 }
 
-/** Those of the faces in the lanes; past the last lane those of the first. */
+/** The corners must be those of the faces in the lanes, past the last lane those of the first. */
 static void check_corners(const qm_bvh *tree, size_t pack, const qm_pack_corners *corners)
 {
     const uint32_t count = tree->lanes[pack].lane_count;

@@ -1,5 +1,4 @@
-/* Format names, sniffing, and what all decoders have in common: limits, cancelling, faults of the whole file.
- */
+/* Format names, sniffing, and what is common to decoders: limits, cancelling, faults of the whole file. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -180,7 +179,7 @@ static void print_mesh(qm_random *random, qm_format format, char *out, size_t si
             strange[qm_random_below(random, sizeof strange - 1)];
 }
 
-/** Ends where the text does, so that a sanitizer sees what looks beyond it. */
+/** Decodes from a block that ends with the text, so that a sanitizer sees reads beyond it. */
 static qm_decoded decode_exactly(qm_format format, const char *text)
 {
     size_t size = strlen(text);
@@ -192,8 +191,8 @@ static qm_decoded decode_exactly(qm_format format, const char *text)
     return decoded;
 }
 
-/** Where tabs stand for blanks, nothing is read in the fast ways. */
-static void fast_ways_read_what_slow_ones_do(void **state)
+/** With tabs for blanks the fast paths are not taken. */
+static void fast_and_slow_paths_agree(void **state)
 {
     (void)state;
     static const qm_format formats[] = {QM_FORMAT_OBJ, QM_FORMAT_OFF, QM_FORMAT_PLY};
@@ -241,7 +240,7 @@ int main(void)
         cmocka_unit_test(limits_are_kept),
         cmocka_unit_test(raised_flag_cancels),
         cmocka_unit_test(span_that_overflows_is_refused),
-        cmocka_unit_test(fast_ways_read_what_slow_ones_do),
+        cmocka_unit_test(fast_and_slow_paths_agree),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -8,7 +8,8 @@
 #include "codec_scan.h"
 #include "random.h"
 
-/** At the end of a text; in the middle of one, where the fast ways are taken, the outcome is the same. */
+/** Reads a number at the end of a text; in the middle of one, where the fast paths are taken, it must be
+ * equal. */
 static qm_status read_number(const char *word, double *number)
 {
     static const char behind[] = " \n\r";

@@ -4,7 +4,6 @@
  */
 #include <math.h>
 #include <stdatomic.h>
-#include <stdio.h>
 #include <string.h>
 
 #include "check.h"

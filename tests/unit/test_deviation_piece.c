@@ -9,7 +9,6 @@
 #include "slow_twin.h"
 
 #include <math.h>
-#include <stdio.h>
 
 #define EPS 1e-12 /* of the slow twin's brackets, where it reaches that */
 
@@ -96,8 +95,7 @@ static void patch_at(const patch_view *view, const long double uv[2], exact_vec 
     }
 }
 
-/** The point of a patch over one of its triangles, by Newton's method in the view; fills in the normal there.
- */
+/** The point of a patch over one of its triangles, and the normal there, by Newton's method in the view. */
 static void find_over(const patch_view *view, const exact_vec from, exact_vec at, exact_vec normal)
 {
     long double uv[2] = {0.5L, 0.5L};

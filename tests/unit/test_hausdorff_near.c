@@ -5,42 +5,11 @@
 #include "hausdorff_search.h"
 #include "random.h"
 #include "shapes.h"
-#include "slow_twin.h"
+#include "target.h"
 
 #include <math.h>
 
 enum { TARGETS = 24, TRIES = 40, SAMPLES = 24, COLUMNS = 14 };
-
-/** Waves of some height over [0, 1]^2. */
-typedef struct waves {
-    double height, turn;
-} waves;
-
-static void wave_at(const void *user, double u, double v, double out[3])
-{
-    const waves *w = user;
-    out[0] = u;
-    out[1] = v;
-    out[2] = w->height * sin(5.0 * u + w->turn) * cos(4.0 * v - w->turn);
-}
-
-/** Distance of a point from a target, local, by every facet in turn. */
-static double slow_distance(const qm_bvh *target, qm_vec p)
-{
-    double least = INFINITY;
-    const double point[3] = {p.x, p.y, p.z};
-    for (uint32_t pack = 0; pack < target->pack_count; pack++) {
-        for (uint32_t lane = 0; lane < target->lanes[pack].lane_count; lane++) {
-            qm_vec corner[3];
-            double at[3][3];
-            qm_bvh_load_triangle(target, pack, lane, corner);
-            for (int i = 0; i < 3; i++)
-                qm_vec_store(at[i], corner[i]);
-            least = fmin(least, qm_slow_triangle_distance(point, at[0], at[1], at[2]));
-        }
-    }
-    return least;
-}
 
 /** Faces beside a target, from much smaller than its facets to much larger, which share some vertices. */
 typedef struct drawn_faces {
@@ -94,13 +63,14 @@ static void settled_faces_are_near(void **state)
     long settled_count[2] = {0}; /* triangles, patches */
     long large = 0;              /* of them, those too large for a single facet or ball */
     for (int i = 0; i < TARGETS; i++) {
-        waves w = {qm_random_range(&random, 0.0, 0.1), qm_random_range(&random, 0.0, 3.0)};
-        qm_mesh mesh = qm_shape_grid(COLUMNS, COLUMNS, false, false, wave_at, &w);
+        double height = qm_random_range(&random, 0.0, 0.1), turn = qm_random_range(&random, 0.0, 3.0);
+        qm_mesh mesh = qm_shape_waves(COLUMNS, height, turn);
         qm_shape_shake(&mesh, &random, i % 2 * qm_random_range(&random, 0.0, 0.05));
         qm_bvh *target;
         assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &target), QM_OK);
-        qm_search search = {.kernel = qm_kernel_get()};
-        qm_side side = {.target = target, .scale = 1.0, .inverse_scale = 1.0, .factor = 1.0, .reach = 1.0};
+        qm_search search;
+        qm_side side;
+        qm_target_search(&search, &side, target, 0.0);
         qm_worker worker = {.search = &search};
         for (int k = 0; k < TRIES; k++) {
             double allowed = search.floor = pow(10.0, qm_random_range(&random, -3.0, -0.5));
@@ -116,7 +86,7 @@ static void settled_faces_are_near(void **state)
                 large += qm_vec_distance(drawn.vertex[place[0]], drawn.vertex[place[1]]) >
                          1.5 / COLUMNS + 2.0 * allowed;
                 for (int n = 0; n < SAMPLES; n++) {
-                    double distance = slow_distance(target, draw_point(&random, &drawn, face, n));
+                    double distance = qm_target_distance(target, draw_point(&random, &drawn, face, n));
                     QM_CHECK(distance <= allowed + 1e-14, "seed %llu: settled at %.17g, but %.17g away",
                              (unsigned long long)seed, allowed, distance);
                 }
@@ -150,9 +120,9 @@ static void parts_of_a_face_over_a_plane(void **state)
         unsigned settled;
     } cases[] = {{0.9, 0}, {2.5, 3}, {5.0, 3}};
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
-        qm_search search = {.kernel = qm_kernel_get(),
-                            .floor = cases[i].share * height * target->frame.scale};
-        qm_side side = {.target = target, .scale = 1.0, .inverse_scale = 1.0, .factor = 1.0, .reach = 1.0};
+        qm_search search;
+        qm_side side;
+        qm_target_search(&search, &side, target, cases[i].share * height * target->frame.scale);
         qm_worker worker = {.search = &search};
         assert_int_equal(qm_worker_faces_near(&worker, &side, &faces, 0), cases[i].settled);
     }

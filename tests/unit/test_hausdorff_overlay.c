@@ -6,26 +6,13 @@
 #include "measured.h"
 #include "random.h"
 #include "shapes.h"
-#include "slow_twin.h"
+#include "target.h"
 
 #include <math.h>
 #include <string.h>
 
 enum { TARGETS = 240, TRIES = 12, SAMPLES = 60, COLUMNS = 12, PAIRS = 4000, SOURCES = 4, SHEETS = 12 };
 enum { MAX_PARTS = 200 };
-
-/** Waves of some height over [0, 1]^2. */
-typedef struct waves {
-    double height, turn;
-} waves;
-
-static void wave_at(const void *user, double u, double v, double out[3])
-{
-    const waves *w = user;
-    out[0] = u;
-    out[1] = v;
-    out[2] = w->height * sin(5.0 * u + w->turn) * cos(4.0 * v - w->turn);
-}
 
 /** How a target departs from a whole sheet. */
 enum { WHOLE, HOLES, TORN, DOUBLED, FOLDED, SHAKEN, SOLID, FLAWS };
@@ -73,8 +60,8 @@ static qm_mesh draw_target(qm_random *random, int flaw)
         qm_shape_free(&coarse);
         return fine;
     }
-    waves w = {qm_random_range(random, 0.0, 0.1), qm_random_range(random, 0.0, 3.0)};
-    qm_mesh sheet = qm_shape_grid(COLUMNS, COLUMNS, false, false, wave_at, &w), out = {0};
+    double height = qm_random_range(random, 0.0, 0.1), turn = qm_random_range(random, 0.0, 3.0);
+    qm_mesh sheet = qm_shape_waves(COLUMNS, height, turn), out = {0};
     size_t some = 1 + qm_random_below(random, 6);
     switch (flaw) {
     case HOLES: /* a face over another: one hole, and a place that is covered twice */
@@ -105,31 +92,6 @@ static qm_mesh draw_target(qm_random *random, int flaw)
     }
     qm_shape_free(&sheet);
     return out;
-}
-
-/** Distance of a point from a target, local, by every facet in turn. */
-static double slow_distance(const qm_bvh *target, qm_vec p)
-{
-    double least = INFINITY;
-    const double point[3] = {p.x, p.y, p.z};
-    for (uint32_t pack = 0; pack < target->pack_count; pack++) {
-        for (uint32_t lane = 0; lane < target->lanes[pack].lane_count; lane++) {
-            qm_vec corner[3];
-            double at[3][3];
-            qm_bvh_load_triangle(target, pack, lane, corner);
-            for (int i = 0; i < 3; i++)
-                qm_vec_store(at[i], corner[i]);
-            least = fmin(least, qm_slow_triangle_distance(point, at[0], at[1], at[2]));
-        }
-    }
-    return least;
-}
-
-/** A search that allows a distance, for one side. */
-static void set_search(qm_search *search, qm_side *side, const qm_bvh *target, double allowed)
-{
-    *search = (qm_search){.kernel = qm_kernel_get(), .floor = allowed};
-    *side = (qm_side){.target = target, .scale = 1.0, .inverse_scale = 1.0, .factor = 1.0, .reach = 1.0};
 }
 
 /** Triangles beside a target, about as large as its facets or several times that. */
@@ -165,7 +127,7 @@ static void check_settled(const qm_bvh *target, const qm_vec corner[3], double a
         }
         qm_vec p = qm_vec_axpy(qm_vec_axpy(corner[0], u, qm_vec_sub(corner[1], corner[0])), v,
                                qm_vec_sub(corner[2], corner[0]));
-        double distance = slow_distance(target, p);
+        double distance = qm_target_distance(target, p);
         QM_CHECK(distance <= allowed + 1e-14, "seed %llu, flaw %d: settled at %.17g, but %.17g away", seed,
                  flaw, allowed, distance);
     }
@@ -215,7 +177,7 @@ static void settled_faces_are_near(void **state)
             double allowed = pow(10.0, qm_random_range(&random, -3.0, -0.5));
             qm_search search;
             qm_side side;
-            set_search(&search, &side, target, allowed);
+            qm_target_search(&search, &side, target, allowed);
             qm_overlay_source source[SOURCES];
             int source_count = 1 + (int)qm_random_below(&random, SOURCES);
             for (int j = 0; j < source_count; j++)
@@ -255,7 +217,7 @@ static void overlays_count_as_work(void **state)
     assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &target), QM_OK);
     qm_search search;
     qm_side side;
-    set_search(&search, &side, target, 0.1);
+    qm_target_search(&search, &side, target, 0.1);
     qm_worker worker = {.search = &search};
     qm_random random = qm_random_make(qm_check_seed(), 3);
     qm_overlay_source source = draw_source(&random, target);
@@ -273,8 +235,9 @@ static void overlays_count_as_work(void **state)
     qm_shape_free(&mesh);
 }
 
-/** Two sheets of one formula, the source the finer one or the target: neither bound is on the
- * wrong side of what points of the source tell, and the bracket is as narrow as asked for. */
+/** Two sheets of one formula, the source the finer one or the target: no sampled point of the source is
+ * beyond the upper bound, the witness is no nearer than the lower one, and the bracket is as narrow as asked
+ * for. */
 static void near_sheets_are_bracketed(void **state)
 {
     (void)state;
@@ -282,11 +245,10 @@ static void near_sheets_are_bracketed(void **state)
     qm_random random = qm_random_make(seed, 2);
     qm_context ctx = qm_context_make();
     for (int i = 0; i < SHEETS; i++) {
-        waves w = {qm_random_range(&random, 0.02, 0.1), qm_random_range(&random, 0.0, 3.0)};
+        double height = qm_random_range(&random, 0.02, 0.1), turn = qm_random_range(&random, 0.0, 3.0);
         int fine = 60 + (int)qm_random_below(&random, 60), coarse = 15 + (int)qm_random_below(&random, 25);
         int columns = i % 2 ? coarse : fine, others = i % 2 ? fine : coarse;
-        qm_mesh a = qm_shape_grid(columns, columns, false, false, wave_at, &w),
-                b = qm_shape_grid(others, others, false, false, wave_at, &w);
+        qm_mesh a = qm_shape_waves(columns, height, turn), b = qm_shape_waves(others, height, turn);
         qm_bvh *source, *target;
         assert_int_equal(qm_bvh_build(&ctx, &a, QM_BVH_SOURCE, 1, &source), QM_OK);
         assert_int_equal(qm_bvh_build(&ctx, &b, QM_BVH_ALL, 1, &target), QM_OK);
@@ -306,12 +268,12 @@ static void near_sheets_are_bracketed(void **state)
                                   corner[2], qm_random_range(&random, 0.0, 1.0));
             double world[3];
             qm_vec_store(world, qm_frame_world(&source->frame, p));
-            double distance =
-                slow_distance(target, qm_frame_local(&target->frame, world)) * target->frame.inverse_scale;
+            double distance = qm_target_distance(target, qm_frame_local(&target->frame, world)) *
+                              target->frame.inverse_scale;
             QM_CHECK(distance <= result.upper + 1e-14, "seed %llu, sheets %d: %.17g away, upper bound %.17g",
                      (unsigned long long)seed, i, distance, result.upper);
         }
-        double least = slow_distance(target, qm_frame_local(&target->frame, result.from.position)) *
+        double least = qm_target_distance(target, qm_frame_local(&target->frame, result.from.position)) *
                        target->frame.inverse_scale;
         QM_CHECK(result.lower <= least + 1e-14, "seed %llu, sheets %d: lower bound %.17g, witness %.17g",
                  (unsigned long long)seed, i, result.lower, least);
@@ -336,7 +298,7 @@ static void faces_of_solids_are_settled(void **state)
         assert_int_equal(qm_bvh_build(&ctx, &fine, QM_BVH_ALL, 1, &target), QM_OK);
         qm_search search;
         qm_side side;
-        set_search(&search, &side, target, 1e-8);
+        qm_target_search(&search, &side, target, 1e-8);
         qm_worker worker = {.search = &search};
         for (size_t f = 0; f < coarse.face_count; f++) {
             qm_vec corner[3];
@@ -396,7 +358,7 @@ static void gaps_over_a_plane_are_exact(void **state)
         for (int i = 0; i < 2; i++) {
             qm_search search;
             qm_side side;
-            set_search(&search, &side, target, cases[i].allowed);
+            qm_target_search(&search, &side, target, cases[i].allowed);
             qm_worker worker = {.search = &search};
             qm_overlay overlay;
             bool is_settled = set_overlay(&worker, &side, &source, 1, 2.0 * height, &overlay) &&
