@@ -48,7 +48,7 @@ ifeq ($(config),release)
 CXX_LIBS       = -Wl,-Bstatic -ldraco -lstdc++ -Wl,-Bdynamic -static-libgcc
 endif
 LIBRARY_LIBS   = $(shell pkg-config --libs $(PACKAGES)) $(CXX_LIBS) -lm -lpthread
-# Those of the daemon alone have no part in the command line: its link proves it.
+# The command line is linked without the libraries that only the daemon uses.
 CLI_LIBS       = $(shell pkg-config --libs libcjson) $(CXX_LIBS) -lm -lpthread
 
 ENGINE_SOURCES := $(wildcard engine/src/*.c)

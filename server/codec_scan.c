@@ -273,8 +273,8 @@ static qm_status read_any_number(qm_scan *text, double *number)
 /**
  * The commonest number, from p on: a sign or none and digits around a point, of which sixteen characters hold
  * all and what comes after, a blank or the line's end. Returns where it ends; NULL for all other numbers.
- * From one number to the next leads one load, and no branch depends on where the point is. Fourteen digits,
- * and powers of ten up to as many, are exact, so that the quotient is rounded once.
+ * A single load leads from one number to the next, and no branch depends on where the point is. Fourteen
+ * digits, and powers of ten up to as many, are exact, so that the quotient is rounded once.
  */
 static inline const uint8_t *read_short_number(const uint8_t *p, double *number)
 {

@@ -55,7 +55,7 @@ static inline void qm_scan_skip_blanks(qm_scan *text)
         ;
 }
 
-/** The calls below where more than the end is left of the line. */
+/** The calls below where the line goes on. */
 void qm_scan_skip_long_line(qm_scan *text);
 void qm_scan_skip_long_statement(qm_scan *text);
 
@@ -80,11 +80,10 @@ static inline void qm_scan_skip_statement(qm_scan *text)
 /** The call below in all cases. */
 bool qm_scan_find_any_row(qm_scan *text);
 
-/** Steps over empty lines and lines of comment to the first character of a row; false at the end of the text.
- */
+/** Steps over empty lines and comment lines to the first character of a row; false at the end of the text. */
 static inline bool qm_scan_find_row(qm_scan *text)
 {
-    return (text->at<text->end && * text->at> '#' && *text->at != '\\') || qm_scan_find_any_row(text);
+    return (text->end > text->at && *text->at > '#' && *text->at != '\\') || qm_scan_find_any_row(text);
 }
 
 /** Steps over blanks and reads a word: bytes up to a blank or line end. False at the end of the row. */
@@ -174,7 +173,7 @@ static inline const uint8_t *qm_scan_short_integer(const uint8_t *p, uint32_t *i
 #define QM_SCAN_CORNERS_REACH (4 * QM_SCAN_SHORT_REACH) /* characters that the call below may look at */
 
 /** So many such numbers, four at most, each after one blank, the first of which is at p; returns where they
- * end, or NULL for anything else. From one number to the next leads one load. */
+ * end, or NULL for anything else. A single load leads from one number to the next. */
 static inline const uint8_t *qm_scan_short_corners(const uint8_t *p, int count, uint32_t corners[4])
 {
     for (int i = 0; i < count; ++i) {
