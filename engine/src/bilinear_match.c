@@ -3,7 +3,7 @@
 #define STEPS 4          /* of least squares for one rectangle */
 #define MIN_GAIN 0.9     /* of the greatest difference: a step that leaves more is the last one */
 #define DAMPING 1e-9     /* of the matrix: where both directions of the target fall together, along a fold */
-#define MAX_DEPTH 12     /* parts of parts */
+#define MAX_DEPTH 12     /* of cuts */
 #define MIN_CUT_SIDE 0.5 /* of the longer side: a shorter one is not cut */
 #define MAX_EDGE_DEPTH 2 /* of rectangles that reach beyond the target, where another patch has to go on */
 #define MAX_FIRST 1      /* levels that are tried before any rectangle is covered, */
@@ -123,14 +123,14 @@ static void improve(const match_work *work, pairing *pair, double margin)
     }
 }
 
-/** Rectangles that were cut as often. */
+/** Rectangles of equal depth. */
 typedef struct level {
     int count;
     pairing at[MAX_RECTANGLES];
 } level;
 
-/** Which axes a rectangle is cut across: both, or only the one of much longer sides, so that a thin one does
- * not fall into as many parts as a wide one. */
+/** Chooses the axes to cut a rectangle across: both, or only that of much longer sides, so that a thin
+ * rectangle falls into fewer parts. */
 static void axes_to_cut(const qm_patch *source, const qm_uv_box *box, bool is_cut[2])
 {
     qm_vec c[4];
@@ -339,8 +339,8 @@ static bool match_middles(match_work *work, const qm_uv_box *box, const qm_patch
     return cover_within(work, &whole);
 }
 
-/** The layout in which the corners of both patches are nearest to one another; the squares of their
- * differences. */
+/** The layout in which the corners of both patches are nearest to one another, and the sum of the squares of
+ * their distances. */
 static layout layout_of_corners(const qm_patch *source, const qm_patch *target, double *difference2)
 {
     layout best = {false, {false, false}};

@@ -32,7 +32,7 @@ typedef void qm_match_rest_fn(void *user, const qm_uv_box *rest);
  * to sides, linearly in each parameter. The difference of matched points is then bilinear, and its length is
  * greatest at a corner. So four points prove a rectangle, however the one of the target was found: by
  * least squares of the four differences, from near the footpoint of the middle. What four points do not prove
- * is cut in halves or quarters, as long as that gets on.
+ * is cut in halves or quarters, as long as that makes progress.
  *
  * This is what two patches need that nearly coincide. Where they are folded, nearest points jump from one
  * sheet to the other, and bounds from them fail along the whole fold; the matched rectangle stays on its
@@ -45,8 +45,8 @@ typedef void qm_match_rest_fn(void *user, const qm_uv_box *rest);
 bool qm_patch_match(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
                     const double middle[2], double allowed, qm_match_rest_fn *rest, void *user);
 
-/** The same between two patches whose corners nearly coincide, by equal parameters first; false at little
- * cost for others. */
+/** Matches two patches whose corners nearly coincide, from equal parameters; false at little cost for other
+ * patches. */
 bool qm_patch_match_alike(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
                           double allowed, qm_match_rest_fn *rest, void *user);
 

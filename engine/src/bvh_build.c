@@ -108,7 +108,7 @@ static void fill_lanes(const pack_builder *builder, size_t pack)
     builder->kernel->share_corners(lanes, vertex);
     for (int i = 0; i < lanes->vertex_count; i++) {
         const double *position = mesh->positions + 3 * (size_t)lanes->vertex[i];
-        __builtin_prefetch(position); /* it may lie across two lines */
+        __builtin_prefetch(position); /* it may span two cache lines */
         __builtin_prefetch(position + 2);
     }
 }

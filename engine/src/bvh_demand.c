@@ -2,7 +2,7 @@
 
 #include "kernel.h"
 
-/** Makes what was claimed. */
+/** Fills a claimed place and publishes it. */
 static void fill_floats(const qm_bvh *bvh, size_t pack, unsigned place, const qm_pack_corners *corners)
 {
     qm_float_pack *floats = bvh->floats.items;

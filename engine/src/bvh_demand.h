@@ -13,7 +13,7 @@ const qm_float_pack *qm_bvh_make_floats(const qm_bvh *bvh, size_t pack);
 const qm_pack *qm_bvh_make_rows(const qm_bvh *bvh, size_t pack, qm_pack *spare);
 const qm_pack_twists *qm_bvh_make_twists(const qm_bvh *bvh, size_t pack);
 
-/** Makes those of a pack whose corners are at hand. */
+/** Makes the triangles in single precision of a pack whose corners are loaded already. */
 void qm_bvh_put_floats(const qm_bvh *bvh, size_t pack, const qm_pack_corners *corners);
 
 /** Triangles of a pack in single precision, of a tree that is a target. */
@@ -40,7 +40,7 @@ static inline const float *qm_bvh_twists(const qm_bvh *bvh, size_t pack)
 }
 
 /** Has what depends on the places of vertices made anew for packs from begin on; no search is under way.
- * Several threads may drop items of different packs; has_all_floats is false before they do. */
+ * Several threads may drop items of different packs; the caller clears has_all_floats first. */
 static inline void qm_bvh_drop_items(qm_bvh *bvh, size_t begin, size_t end)
 {
     qm_demand_drop(&bvh->floats, begin, end);

@@ -5,10 +5,8 @@
 
 #define SQUARE_ROUNDINGS 0x1p-49 /* relative: of a difference of squares, 16 u */
 #define MOST_OUTSIDE 0.5         /* share of a piece beside the ground: with more its height tells little */
-#define NEAR_GROUND 4.0 /* radii: pieces farther from the target are bounded by their corners better */
-#define ATTACHED_PART                                                                                        \
-    0x1p-6                    /* of a height: what other parts of the ground's patch may take off everywhere \
-                               */
+#define NEAR_GROUND 4.0       /* radii: pieces farther from the target are bounded by their corners better */
+#define ATTACHED_PART 0x1p-6  /* of a height: what other parts of the ground's patch may take off */
 #define TILT 1.25             /* how much steeper than needed a height is tilted */
 #define LEAST_LENGTH 0x1p-400 /* of a vector that can be made one of length 1: its square is no subnormal */
 
@@ -375,7 +373,7 @@ typedef struct ground {
 /** The height on one side of the ground, and what the other facets take off it there. */
 typedef struct side_work {
     const ground *over;
-    double room;            /* what the height may be too high by before it strays */
+    double room;            /* by how much the height may exceed the distance before it strays */
     double up;              /* 1 or -1: the side that the normal of the ground points to, or the other one */
     qm_vec normal;          /* towards the side */
     double height[3], most; /* what the height is at least; at the corners, and the greatest */
@@ -383,8 +381,8 @@ typedef struct side_work {
     qm_positive_part lost;
 } side_work;
 
-/** What of the height is above a linear function that is this less slack, in the mean over the piece; no more
- * than the height itself, as no distance is below 0. The share is where it is so by more than room. */
+/** The part of the height above a linear function less slack, as its mean over the piece; no more than the
+ * height itself, as no distance is below 0. The share is that of the places where this part exceeds room. */
 static qm_positive_part find_loss(const side_work *side, const double height[3], double slack)
 {
     double above[3];
@@ -439,8 +437,7 @@ static void tilt(const side_work *side, const double beyond[3], double height[3]
         height[i] = (height[i] + slope * beyond[i]) * shorter;
 }
 
-/** What a rectangle may lower, by its matches: that with the ground, if it is of the same patch, and its own.
- */
+/** What a rectangle may lower, by its matches: that with the ground, if of the same patch, and its own. */
 static qm_positive_part find_match_loss(bound_work *work, const side_work *side, int rectangle)
 {
     qm_positive_part least = {INFINITY, INFINITY, 1.0};
@@ -529,8 +526,8 @@ static qm_outside find_outside(const double wall[][3], int count, double sharpne
     return outside;
 }
 
-/** The same where it is also known how far the corners are past both ends of each wall: beyond a wall a point
- * is no farther from it than the sum of both. */
+/** Lowers the bounds of find_outside by how far the corners are past both ends of each wall: beyond a wall, a
+ * point is no farther from it than the sum of these and its distance from the wall's plane. */
 static void narrow_outside(qm_outside *outside, const double wall[3][3], const double past[3][2][3])
 {
     double most = 0.0, mean = 0.0;
@@ -594,7 +591,8 @@ static double find_patch_loss(const bound_work *work, const ground *over)
     return most;
 }
 
-/** What is above the height over a patch: as a graph where this is less, with its own walls. */
+/** Bounds how far the distance to a patch exceeds the height: by the patch as a graph, with the walls of its
+ * view, where that is less. */
 static void set_patch_outside(const bound_work *work, ground *over, const qm_uv_box *box)
 {
     double wall[4][3];

@@ -44,16 +44,15 @@ void qm_piece_integrate(const qm_piece_shape *shape, qm_piece_bounds *out);
 void qm_piece_integrate_quadratic(const qm_piece_shape *shape, const double low[6], const double high[6],
                                   qm_positive_part lost, qm_outside outside, qm_piece_bounds *out);
 
-/** Takes over what is closer of the integrals that are bounded over the ground, and the functions when they
- * leave less open. */
+/** Takes the narrower bounds of each integral, and the functions over the ground if these leave less open. */
 void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over);
 
 /**
- * The same of a signed piece, with what its distance loses against the least height, and what it is outside.
- * Then opens the functions by room: the share of what is lost is where the loss is greater.
- * Both sides are added: low and -high are nowhere positive both, and the greater of high and -low is no more
- * than the sum of what is positive of them. A height l that loses x leaves (l - x)^2 >= l^2 - 2 l x; one with
- * an excess x makes (l + x)^2 = l^2 + (2 l + x) x.
+ * Integrates a signed piece, with what its distance loses against the least height, and what it is outside.
+ * Then opens the functions by room: the share of lost is that of the places where the loss exceeds room. Both
+ * sides are added: low and -high are nowhere positive both, and the greater of high and -low is no more than
+ * the sum of what is positive of them. A height l that loses x leaves (l - x)^2 >= l^2 - 2 l x; one with an
+ * excess x makes (l + x)^2 = l^2 + (2 l + x) x.
  */
 void qm_piece_integrate_signed(const qm_piece_shape *shape, qm_positive_part lost, qm_outside outside,
                                double room, qm_piece_bounds *out);

@@ -10,7 +10,7 @@
 #define MOST_OF_ALL (2.0 / 3.0)  /* of the sum of 2 l_i l_j over i < j, */
 #define MOST_OF_ONE 0.5          /* and of one of them */
 #define RELATIVE (1.0 + 0x1p-40) /* for the roundings of a few dozen operations on positive terms */
-#define MOST_SLOPE 0.25          /* of a graph: steeper ones tell little */
+#define MOST_SLOPE 0.25          /* of a graph: steeper ones give poor bounds */
 #define FARTHEST 4.0             /* of the greatest coordinate: differences beyond are not bounded */
 
 /** The corners of the piece that coefficient k belongs to. */
@@ -318,7 +318,7 @@ static double find_slope(const qm_piece_maker *maker, const qm_piece_match *matc
     return (most + rounding / at->least) * RELATIVE;
 }
 
-/** U', cut down to what of it is within limits. */
+/** The box U' of deviation_match.h, as far as it can lie within the rectangle or at the match. */
 static qm_uv_box find_view(const qm_piece_match *match, const qm_uv_box *box, const frame *at)
 {
     qm_uv_box view;
@@ -335,7 +335,7 @@ static qm_uv_box find_view(const qm_piece_match *match, const qm_uv_box *box, co
     return view;
 }
 
-/** The slope of a patch over the plane at a right angle to n, INFINITY where it is no graph. */
+/** The slope of a patch over the plane normal to n; INFINITY where it is no graph over that plane. */
 static double find_graph_slope(const qm_piece_maker *maker, const qm_piece_match *match,
                                const qm_uv_box *view)
 {
@@ -446,15 +446,15 @@ void qm_piece_match_walls(const qm_piece_maker *maker, const qm_piece_match *mat
     }
 }
 
-/** The least sine of an acute corner of the quad that is seen along n, counted from above; 0 where a corner
- * is not convex beyond doubt. */
+/** The least sine of the acute angles of the quad seen along n, 1 where there is none; 0 where rounding
+ * leaves open whether a corner is convex. */
 static double find_least_sine(const qm_vec edge[4], double error)
 {
     double least = 1.0;
     for (int k = 0; k < 4; k++) {
         qm_vec on = edge[(k + 1) % 4], back = qm_vec_scale(-1.0, edge[k]);
         double lengths = qm_vec_norm(on) * qm_vec_norm(back);
-        double sine = (qm_vec_norm(qm_vec_cross(on, back)) - error * (qm_vec_norm(on) + qm_vec_norm(back)));
+        double sine = qm_vec_norm(qm_vec_cross(on, back)) - error * (qm_vec_norm(on) + qm_vec_norm(back));
         if (!(sine > LEAST_SINE * lengths)) return 0.0;
         if (qm_vec_dot(on, back) > 0.0) least = qm_lesser(least, sine / lengths);
     }

@@ -109,7 +109,7 @@ static inline bool qm_piece_match_is_inside(const qm_piece_match *match)
 
 /** What the lower bound for a rectangle of a patch takes. */
 typedef struct qm_match_margin {
-    double loss;       /* c, or what the graph loses, or INFINITY */
+    double loss;       /* the lesser of c and the loss of the graph, or INFINITY */
     double tilted;     /* c */
     double stretch[2]; /* Y by how far parameters are beyond an edge, */
     double offset;     /* less this */
@@ -130,8 +130,8 @@ qm_match_margin qm_piece_match_margin(const qm_piece_maker *maker, const qm_piec
 qm_match_graph qm_piece_match_graph(const qm_piece_maker *maker, const qm_piece_match *match,
                                     const qm_uv_box *box);
 
-/** How far the corners are beyond the walls of V at most, in the view; returns by what the sum of all four is
- * to be multiplied, INFINITY when V is no convex quad beyond doubt. */
+/** Bounds how far the corners are beyond the walls of V, in the view, from above. Returns the factor for the
+ * sum over all four walls; INFINITY when rounding leaves open whether V is a convex quad. */
 double qm_piece_match_view_walls(const qm_piece_maker *maker, const qm_piece_face *face,
                                  const qm_source_piece *piece, const qm_piece_match *match,
                                  const qm_match_graph *graph, double beyond[4][3]);

@@ -4,11 +4,9 @@
 #include "deviation_cut.h"
 #include "rounding.h"
 
-#define PIECE_ROUNDINGS                                                                                      \
-    128.0 /* of the greatest coordinate, besides those of a distance: deviation_piece.h                      \
-           */
-#define LEAST_SPREAD 0x1p-40
-#define HALVED_LEVELS 4 /* on the last of so many levels each piece is halved */
+#define PIECE_ROUNDINGS 128.0 /* of the greatest coordinate, besides those of a distance: see the header */
+#define LEAST_SPREAD 0x1p-40  /* flat_spread until a refinement sets it */
+#define HALVED_LEVELS 4       /* on the last of so many levels each piece is halved */
 
 /** The greatest local coordinate that a search can meet. */
 static double find_reach(const qm_bvh *a, const qm_bvh *b)
@@ -79,8 +77,8 @@ void qm_piece_bound(const qm_piece_maker *maker, const qm_source_piece *piece, q
     qm_piece_bound_near(maker, &face, piece, &shape, desk, out);
 }
 
-/** True when the facets of a list are what they seem: patches that bend much are cut into some that have no
- * border of their own. */
+/** True when the listed facets have borders to cut a piece along: those of patches that bend much come from
+ * cutting and have none. */
 static bool has_borders(const qm_near_facets *near)
 {
     for (int i = 0; i < near->rectangle_count; i++)

@@ -7,9 +7,9 @@
  * 4 of sum l_i p_i, so that bounds over the flat triangle hold over the piece when opened by slack.
  *
  * Where a patch bends little, its two triangles (c0 c1 c2) and (c0 c2 c3) stand for it (deviation_shape.h): a
- * piece is a flat part of one of them, and what it says is of the part of the patch over it, which is within
- * slack. Parameters of the patch serve worse even where it is flat: w, which lies in its plane, would count
- * as slack.
+ * piece is a flat part of one of them, and its bounds hold for the part of the patch over it, which is within
+ * slack. Parameters of the patch give worse bounds even where it is flat: w, which lies in its plane, would
+ * count as slack.
  *
  * Let T be a facet of the target B, and d the distance to B.
  *
@@ -48,7 +48,7 @@
  * where one is negative the other is at least o sin b. Where b is obtuse both are positive, and 0 <= t <= pi
  * - b makes the sum least at an end: o (1 - cos b) >= o.
  *
- * Near a sharp corner that is far too much of what lies along an edge. With e_k how far the point is past
+ * Near a sharp corner that is far too much for points along an edge. With e_k how far the point is past
  * the ends of edge k, along it, o is no more than f_k + e_k for any f_k > 0, by way of the edge's line.
  *
  * Lower, by corners. d^2(p) - |p|^2 = min over b in B of |b|^2 - 2 b p is concave, so that
@@ -96,7 +96,7 @@ typedef struct qm_source_piece {
     uint32_t face;
     uint8_t second; /* of a quad that is two triangles: (c0 c2 c3) */
     uint8_t depth;
-    bool is_flat;      /* on a triangle, that of the face or one of the two that stand for a patch */
+    bool is_flat;      /* part of a triangle: of the face, or of one of the two that stand for a patch */
     double u[3], v[3]; /* on the face's patch, or weights of the second and third corner of its triangle */
 } qm_source_piece;
 
@@ -131,7 +131,7 @@ typedef struct qm_piece_maker {
     double eta;         /* local */
     double area_unit;   /* areas are told in times this, so that no square overflows */
     double patch_error; /* what the cutting of patches may cost, local */
-    double stray_error; /* what the functions over a ground are opened by, not to stray for less, local */
+    double stray_error; /* what functions over a ground are opened by, so that less does not stray, local */
     double flat_error;  /* patches of the source that are this near to their triangles, local, */
     double flat_spread; /* and whose areas differ by this share at most, are taken for them */
     double worth;       /* cuts that bring corners nearer to their facets by less are not made, local */

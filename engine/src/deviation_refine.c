@@ -2,14 +2,15 @@
 
 #include <string.h>
 
+#include "deviation_shape.h"
 #include "rounding.h"
 
 #define MAX_ROUNDS 64
 #define PATCH_SHARE 0.25    /* of the accuracy: what cutting the target's patches may cost, */
-#define FLAT_SHARE 0x1p-4   /* what triangles in place of the source's patches may, of 1 at most, */
+#define FLAT_SHARE 0x1p-4   /* what triangles in place of the source's patches may, with 1 at most for it, */
 #define SPREAD_SHARE 0x1p-6 /* and what their areas may differ */
-#define COARSE_SHARE 0.5    /* of the accuracy: triangles that cost more than that were a mistake */
-#define STRAY_SHARE 0.25    /* likewise: what functions over a ground may be off everywhere */
+#define COARSE_SHARE 0.5    /* of the accuracy: triangles that cost more are given up */
+#define STRAY_SHARE 0.25    /* of the accuracy: what functions over a ground are opened by */
 #define GAP_SHARE 0.05      /* of what is open: what cutting a piece along facets need not bring yet */
 #define CUT_ROOM 4          /* pieces that there must be room for, for each that is cut in a round */
 #define LEAST_CUT 1024      /* a round looks at all pieces: of so many there must be room to cut one */
@@ -200,7 +201,7 @@ static void lower_farthest(qm_refinement *work)
     work->farthest = fmin(work->farthest, qm_piece_greatest(qm_refinement_list(work)).upper + crack);
 }
 
-/** True when triangles leave more open than the mean allows, for which too much was expected. */
+/** True when triangles leave too much of the mean open, as they do where it was estimated too high. */
 static bool is_too_coarse(const qm_refinement *work, const qm_piece_totals *totals)
 {
     return 2.0 * work->flat_slack > COARSE_SHARE * fmin(work->accuracy, 1.0) * totals->mean.upper &&
@@ -239,7 +240,7 @@ static bool has_area(const qm_refinement *work)
     return area.upper > 4.0 * rounding;
 }
 
-/** What the triangles in place of patches leave open of the mean: how far these may be, over the area. */
+/** How much of the mean the triangles in place of patches leave open: the mean slack over the area. */
 static double find_flat_slack(const qm_refinement *work)
 {
     double sum = 0.0;
@@ -249,12 +250,12 @@ static double find_flat_slack(const qm_refinement *work)
     return sum > 0.0 ? sum / qm_piece_sum(qm_refinement_list(work)).area.upper : 0.0;
 }
 
-/** Makes the first pieces and bounds them, for a mean that is about typical. */
-static qm_status start(qm_refinement *work, double typical)
+/** Makes the first pieces and bounds them. */
+static qm_status start(qm_refinement *work)
 {
     double accuracy = fmin(work->accuracy, 1.0);
-    set_errors(work, typical, 0.0);
-    work->maker.flat_error = fmax(4.0 * work->maker.eta, FLAT_SHARE * accuracy * typical);
+    set_errors(work, work->typical, 0.0);
+    work->maker.flat_error = fmax(4.0 * work->maker.eta, FLAT_SHARE * accuracy * work->typical);
     work->maker.flat_spread = SPREAD_SHARE * accuracy;
     qm_status status = make_pieces(work);
     if (status == QM_OK) status = run_workers(work, bound_chunks);
@@ -265,15 +266,15 @@ static qm_status start(qm_refinement *work, double typical)
     return QM_OK;
 }
 
-/** Makes the pieces anew, for a mean that is about typical; when that is canceled the old ones stay. */
-static qm_status start_anew(qm_refinement *work, double typical)
+/** Makes all pieces again for the typical mean; keeps the old ones if the call is canceled meanwhile. */
+static qm_status start_anew(qm_refinement *work)
 {
     qm_refinement old;
     memcpy(&old, work, sizeof old);
     work->piece = NULL;
     work->bounds = NULL;
     work->piece_capacity = work->bounds_capacity = 0;
-    qm_status status = start(work, typical);
+    qm_status status = start(work);
     qm_refinement *given_up = status == QM_E_CANCELED ? work : &old;
     free_pieces(given_up);
     if (given_up == work) {
@@ -283,20 +284,20 @@ static qm_status start_anew(qm_refinement *work, double typical)
     return status;
 }
 
-/** Cuts the pieces; those that are too coarse are made anew, for the least that the mean can be. */
+/** Cuts the pieces. If triangles are too coarse, makes all pieces again for the mean's lower bound. */
 static qm_status cut_pieces(qm_refinement *work)
 {
     qm_status status = run_rounds(work);
     qm_piece_totals totals = qm_piece_sum(qm_refinement_list(work));
     if (status != QM_OK || !is_too_coarse(work, &totals)) return status;
     work->typical = totals.mean.lower;
-    status = start_anew(work, totals.mean.lower);
+    status = start_anew(work);
     return status == QM_OK ? run_rounds(work) : status;
 }
 
 qm_status qm_refinement_run(qm_refinement *work)
 {
-    qm_status status = start(work, work->typical);
+    qm_status status = start(work);
     if (status != QM_OK || !work->has_area) return status;
     work->parts = qm_context_alloc(work->ctx, BATCH, sizeof *work->parts);
     if (!work->parts) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the pieces");

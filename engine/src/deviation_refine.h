@@ -7,7 +7,6 @@
 #include <stdatomic.h>
 
 #include "deviation_choose.h"
-#include "deviation_shape.h"
 
 /** Parts of one piece. */
 typedef struct qm_batch_part qm_batch_part;
@@ -32,7 +31,7 @@ typedef struct qm_refinement {
     qm_batch_part *parts; /* of each piece of the batch */
     atomic_size_t next;   /* piece to bound, or place of todo */
 
-    double flat_slack; /* how far patches may be from the triangles that stand for them, over the area */
+    double flat_slack; /* how far patches may be from the triangles that stand for them, in the mean */
     bool has_area;     /* rounding does not hide whether the source has an area at all */
     bool is_accurate, is_canceled;
     _Atomic uint64_t searches;

@@ -12,7 +12,7 @@
  */
 #define CROSS_ROUNDINGS 40.0
 
-#define LEAST_NORMAL 0x1p-400 /* of a vector that can be made one of length 1 */
+#define LEAST_NORMAL 0x1p-400 /* least length of a vector that is normalized */
 
 /** Of a determinant of parameters: each of four differences by u, both products and their difference. */
 #define PARAMETER_ROUNDINGS 4.0
@@ -28,8 +28,8 @@ static double cross_error(const qm_piece_maker *maker, qm_vec a, qm_vec b)
 
 /* ---- faces ---- */
 
-/** What the triangles of a patch differ from it: g, and twice k, which covers its own rounding, for the
- * common normal of the diagonals; INFINITY where the view is not convex beyond doubt. */
+/** How much the triangles of a patch differ from it, for the common normal of the diagonals: g, and 2 k, in
+ * which the factor covers rounding. INFINITY where rounding leaves open whether the view is convex. */
 static void compare_triangles(const qm_piece_maker *maker, const qm_vec c[4], double *slack, double *spread)
 {
     *slack = *spread = INFINITY;
@@ -49,7 +49,7 @@ static void compare_triangles(const qm_piece_maker *maker, const qm_vec c[4], do
     *spread = aside * aside;
 }
 
-/** The corners of a face; false of a triangle, which has three. */
+/** Loads the corners of a face; false for a triangle, which has three. */
 static bool load_corners(const qm_piece_maker *maker, uint32_t face, qm_vec corner[4])
 {
     const qm_mesh *mesh = &maker->source->mesh;

@@ -1,8 +1,6 @@
 /**
  * hausdorff_candidates.c: the facets of the target that a piece may be covered with.
  */
-#include <float.h>
-
 #include "bilinear_fold.h"
 #include "bilinear_over.h"
 #include "hausdorff_piece.h"
@@ -14,6 +12,12 @@
 #define QUAD_TRIES 2         /* of the nearest quads, to show that a point is near enough */
 #define FOLD_MARGIN 1e-3     /* of the change of the area: how far from the fold a part of a patch ends */
 #define REFINED_MARGIN 1.1   /* by which refined labels reach beyond the piece, as seen from its middle */
+
+/** The greatest twist of a patch that is not refined, local. */
+static double negligible_twist(const qm_piece_work *work)
+{
+    return NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale;
+}
 
 void qm_piece_fill_candidates(qm_piece_work *work)
 {
@@ -34,8 +38,7 @@ void qm_piece_gather(qm_piece_work *work, qm_near_packs *near)
     qm_piece_fill_candidates(work);
 }
 
-/** Puts a pack among the candidates, in place of the last when they are full. False when it is there already.
- */
+/** Puts a pack among the candidates, in place of the last one when full; false when it is one already. */
 bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack)
 {
     for (int k = 0; k < work->pack_count; k++)
@@ -119,7 +122,7 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
 
 qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, qm_quads_asked asked)
 {
-    double negligible = NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale;
+    double negligible = negligible_twist(work);
     quad_list list;
     list_quads(work, p, asked.twisted_only ? negligible : 0.0, &list);
     qm_near_quads near = {.wanted = asked.wanted, .farthest = asked.within};
@@ -283,7 +286,7 @@ static void set_refined_lanes(qm_candidates *labels, lane_corners *corners, int 
     }
 }
 
-/** Fills a lane that is not used with another one. */
+/** Fills an unused lane with a copy of another. */
 static void repeat_lane(qm_candidates *labels, lane_corners *corners, int from, int to)
 {
     for (int i = 0; i < 3; i++)
@@ -296,9 +299,9 @@ static void repeat_lane(qm_candidates *labels, lane_corners *corners, int from, 
 bool qm_piece_refine(const qm_piece_work *work, const qm_polygon *polygon, qm_vec middle,
                      const qm_near_quads *near, qm_refined *refined)
 {
-    double radius = qm_piece_radius(polygon->corner, polygon->count, middle),
-           allowed = qm_piece_allowed(work) - work->slack;
-    double negligible = NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale;
+    double radius = qm_vec_radius(polygon->corner, polygon->count, middle);
+    double allowed = qm_piece_allowed(work) - work->slack;
+    double negligible = negligible_twist(work);
     lane_corners corners;
     int lane = 0;
     for (int i = 0; i < near->count; i++) {

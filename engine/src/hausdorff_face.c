@@ -13,10 +13,8 @@
 #define COST_BY_NEAREST 30    /* hundreds of instructions of a cover by the nearest facets, and by all */
 #define COST_BY_ALL 150
 #define COST_OF_FAILURE 300 /* of all attempts, where none covers the face */
-#define COST_OF_PARTS                                                                                        \
-    2000                /* of a face that goes to the queue, which comes back in dozens of parts mostly      \
-                         */
-#define MIN_HIT_SHARE 2 /* of the tries, one in so many must succeed to go on */
+#define COST_OF_PARTS 2000  /* of a face that goes to the queue and comes back in parts, mostly dozens */
+#define MIN_HIT_SHARE 2     /* of the tries, one in so many must succeed to go on */
 
 /** One label for the whole polygon, from the nearest packs in turn, as far as single precision is certain. */
 static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
@@ -131,7 +129,7 @@ void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
     qm_piece_process_stack(&work);
 }
 
-/** Settles a triangle by what lies over it, where that settles most; else it would go to the queue. */
+/** Settles a triangle by an overlay, unless overlays seldom settle a face. */
 static bool try_overlay(const qm_piece_work *work)
 {
     qm_worker *worker = work->worker;

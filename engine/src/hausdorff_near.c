@@ -61,7 +61,7 @@ typedef struct near_work {
     unsigned cost;
 } near_work;
 
-/** The place (x, y) of a face. */
+/** The point of a face at the parameters (x, y). */
 static qm_vec face_point(const qm_vec *corner, int count, double x, double y)
 {
     if (count == 3) {
@@ -182,29 +182,18 @@ static void try_recent(near_work *work, part_list *parts, const qm_vec *point, i
     if (found > 0) work->hint = packs[0];
 }
 
-/** Middle of points, and radius of a ball round it that holds them. */
-static double ball_of(const qm_vec *point, int count, qm_vec *middle)
-{
-    *middle = (qm_vec){0, 0, 0};
-    for (int i = 0; i < count; i++)
-        *middle = qm_vec_axpy(*middle, 1.0 / count, point[i]);
-    double radius2 = 0.0;
-    for (int i = 0; i < count; i++)
-        radius2 = fmax(radius2, qm_vec_norm2(qm_vec_sub(point[i], *middle)));
-    return sqrt(radius2);
-}
-
 static bool parts_are_near(near_work *work, const qm_vec *corner, int count, int level, int deeper);
 
-/** Closes the first open part, and what else the pack reaches that a search from its middle finds; false when
- * that fails. */
+/** Closes the first open part, and all others that the pack reaches which a search from its middle finds;
+ * false when the first stays open. */
 static bool close_part(near_work *work, part_list *parts, int deeper)
 {
     qm_worker *worker = work->worker;
     unsigned bit = parts->open & -parts->open;
-    qm_vec corner[4], middle;
+    qm_vec corner[4];
     int count = part_corners(parts, __builtin_ctz(bit), corner);
-    double radius = ball_of(corner, count, &middle);
+    qm_vec middle = qm_vec_middle(corner, count);
+    double radius = qm_vec_radius(corner, count, middle);
     double enough = work->allowed - radius, sought = fmax(enough, NEAR_SHARE * work->allowed);
     worker->projections++;
     work->cost += COST_OF_SEARCH;
@@ -220,7 +209,8 @@ static bool close_part(near_work *work, part_list *parts, int deeper)
     return true;
 }
 
-/** Cuts a face or part, and those of its parts that are not near once more, down to some levels deeper. */
+/** Cuts a face or part, and those of its parts that are not near again, down to some levels deeper. True when
+ * all parts are near. */
 static bool parts_are_near(near_work *work, const qm_vec *corner, int count, int level, int deeper)
 {
     part_list parts;
@@ -242,15 +232,14 @@ static bool may_try_parts(qm_worker *worker)
 /** How often the edges of a face must be halved for parts that are small enough. */
 static int level_of(const near_work *work, const qm_vec *corner, int count)
 {
-    qm_vec middle;
-    double radius = ball_of(corner, count, &middle);
+    double radius = qm_vec_radius(corner, count, qm_vec_middle(corner, count));
     int level = 0;
     for (; level <= TRIANGLE_LEVELS && radius > MAX_RADIUS * work->allowed; radius *= 0.5)
         level++;
     return level;
 }
 
-/** A face that is too large to be tried whole. */
+/** True when the parts of a face that is too large to be tried whole are near. */
 static bool face_is_near(near_work *work, const qm_vec *corner, int count, int level)
 {
     qm_worker *worker = work->worker;
@@ -264,7 +253,7 @@ static bool face_is_near(near_work *work, const qm_vec *corner, int count, int l
     return is_near;
 }
 
-/** Those of the faces that are open, whole first. */
+/** Bits of the open faces that are near, each tried whole first, then in parts. */
 static unsigned whole_are_near(near_work *work, part_list *whole, const qm_near_faces *faces)
 {
     unsigned near = whole->open;

@@ -21,9 +21,9 @@
  * often this works, never whether it holds.
  *
  * Ridges and corners of the target often lie on edges of the source, where roundings would leave it open on
- * which side of a face an edge of the boundary lies. So a face is made smaller first: each of its corners
- * moves towards the middle by a length d at most. A point of the face moves by d at most with them, hence is
- * within d of a point of the smaller face, which alone is looked at.
+ * which side of a face an edge of the boundary lies. So a face is shrunk first: each of its corners moves
+ * towards the middle by a length d at most. A point of the face moves by d at most with them, hence is within
+ * d of a point of the shrunk face, which alone is looked at.
  *
  * Roundings, s being the greatest coordinate of the facets and the faces in the plane's frame, by magnitude.
  * Mapping a vertex to the frame takes 1 u |d| for d = vertex - origin, 6 u |d| for the coordinates and 14 u
@@ -62,7 +62,7 @@ typedef struct edge {
     bool is_odd; /* an odd number of facets has it */
 } edge;
 
-/** Those edges of the facets that may lie over the stretch. */
+/** Those edges of the facets that may lie over the stretch, by a hash of their vertices. */
 typedef struct edge_table {
     int count;
     int16_t place[EDGE_PLACES]; /* of an edge, plus 1; 0 for none */
@@ -101,8 +101,8 @@ static bool set_axes(qm_overlay_frame *frame, qm_vec origin, qm_vec normal)
     return true;
 }
 
-/** Sets the box of the frame to that of the points, and what is allowed above and below. Returns the greatest
- * coordinate by magnitude. */
+/** Sets the box of the frame to that of the points, and the allowed distance above and below. Returns the
+ * greatest coordinate by magnitude. */
 static double set_stretch(qm_overlay_frame *frame, const qm_vec *point, int count, double allowed)
 {
     double size = 0.0;
@@ -174,8 +174,8 @@ static void toggle_edge(edge_table *table, const qm_pack_lanes *lanes, const qm_
             added->at[j][k] = vertices->at[k][end[j]];
 }
 
-/** Counts the edges of those facets of a pack that have a bit. Most are edges of two of them, which a bit for
- * each pair of vertices tells; those beside the stretch are left out, having no part in its rim. */
+/** Counts the edges of those facets of a pack that have a bit. Most are edges of two of them, found by a bit
+ * for each pair of vertices. Edges beside the stretch are left out: they are no part of the rim. */
 static void toggle_pack(edge_table *table, const qm_pack_lanes *lanes, const qm_overlay_vertices *vertices,
                         unsigned facets)
 {
@@ -215,17 +215,8 @@ static bool set_rim(qm_overlay_facets *facets, const edge_table *table)
     return true;
 }
 
-static void copy_facet(qm_overlay_facets *facets, int from, int to)
-{
-    int lane = from % QM_PACK_LANES, other = to % QM_PACK_LANES;
-    int group = from / QM_PACK_LANES, its = to / QM_PACK_LANES;
-    for (int i = 0; i < 9; i++)
-        facets->group[its].at[i / 3][i % 3][other] = facets->group[group].at[i / 3][i % 3][lane];
-    facets->group[its].twist[other] = facets->group[group].twist[lane];
-}
-
-/** Takes the far ones out of the facets that a pack has added from place first on; place says which the first
- * of them was when far was found. Returns the bits of the others. */
+/** Takes the far ones out of the facets that a pack has added from index first on; place was the index of the
+ * first of them when far was set. Returns the bits of the others. */
 static unsigned take_out_far(qm_overlay_facets *facets, int first, int place, unsigned added,
                              const uint8_t *far)
 {
@@ -233,7 +224,7 @@ static unsigned take_out_far(qm_overlay_facets *facets, int first, int place, un
     int count = first;
     for (int from = first; added; added &= added - 1, from++, place++) {
         if (far[place / QM_PACK_LANES] >> place % QM_PACK_LANES & 1) continue;
-        copy_facet(facets, from, count++);
+        qm_overlay_copy_facet(facets, from, count++);
         kept |= added & -added;
     }
     facets->count = count;
@@ -269,7 +260,7 @@ static bool set_facets(const qm_kernel *kernel, const qm_side *side, const qm_ne
     return true;
 }
 
-/** Counts work in about a hundred instructions, and as the parts that the search's limit is told in. */
+/** Counts work in hundreds of instructions, about, and in parts, the unit of the search's limit. */
 static void count_work(qm_worker *worker, uint64_t hundreds)
 {
     uint64_t before = worker->overlay_work / COST_OF_PART;
@@ -314,7 +305,7 @@ static void shrink_face(qm_overlay_face *face, double length)
             c[i][k] += share * (middle[k] - c[i][k]);
 }
 
-/** Sets a face, made smaller. Returns the vertical distance that is enough for it, or a negative number. */
+/** Sets a face and shrinks it. Returns the vertical distance that is enough for it, or a negative number. */
 static double set_face(const qm_overlay *overlay, const qm_vec corner[3], double allowed,
                        qm_overlay_face *face)
 {

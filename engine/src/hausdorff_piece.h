@@ -60,19 +60,20 @@ typedef struct qm_near_quad {
 /** Quads of the target, each once, nearest first. */
 typedef struct qm_near_quads {
     int count, wanted;
-    double farthest; /* what lies no nearer is not kept any more */
+    double farthest; /* quads no nearer than this are dropped */
     qm_near_quad at[QM_NEAR_QUADS];
 } qm_near_quads;
 
-/** Which of the quads near a point are looked for. */
+/** Which of the quads near a point are asked for. */
 typedef struct qm_quads_asked {
     int wanted;        /* at most so many, */
-    double within;     /* and none that is no nearer; */
-    double enough;     /* others may be nearer when the nearest that was found is no farther than this */
-    bool twisted_only; /* none that is flat */
+    double within;     /* all nearer than this; */
+    double enough;     /* a nearest one within this ends the search, and others may be nearer then */
+    bool twisted_only; /* no flat ones */
 } qm_quads_asked;
 
-/** Labels made of parts of the target's patches, under a polygon: they lose their share of the twist only. */
+/** Labels for those parts of the target's patches that lie under a polygon: they lose only their share of the
+ * twist. */
 typedef struct qm_refined {
     qm_pack pack;
     qm_candidates labels;
@@ -86,19 +87,7 @@ static inline double qm_piece_allowed(const qm_piece_work *work)
 
 static inline qm_vec qm_polygon_middle(const qm_polygon *polygon)
 {
-    qm_vec middle = {0, 0, 0};
-    for (int i = 0; i < polygon->count; i++)
-        middle = qm_vec_axpy(middle, 1.0 / polygon->count, polygon->corner[i]);
-    return middle;
-}
-
-/** How far the corners lie from a point at most. */
-static inline double qm_piece_radius(const qm_vec *corner, int count, qm_vec middle)
-{
-    double radius2 = 0.0;
-    for (int i = 0; i < count; i++)
-        radius2 = qm_greater(radius2, qm_vec_norm2(qm_vec_sub(corner[i], middle)));
-    return sqrt(radius2);
+    return qm_vec_middle(polygon->corner, polygon->count);
 }
 
 /* hausdorff_candidates.c */
@@ -112,8 +101,7 @@ void qm_piece_gather(qm_piece_work *work, qm_near_packs *near);
 /** Sets the candidates up from the list of packs, for the slack and the lower bound as they are now. */
 void qm_piece_fill_candidates(qm_piece_work *work);
 
-/** Puts a pack among the candidates, in place of the last when they are full. False when it is there already.
- */
+/** Puts a pack among the candidates, in place of the last one when full; false when it is one already. */
 bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack);
 
 /** Quads among the candidates that lie nearest to a point. */
@@ -132,14 +120,14 @@ bool qm_piece_over_face(const qm_piece_work *work, uint32_t face, const qm_polyg
 bool qm_piece_over_patch(const qm_piece_work *work, const qm_polygon *polygon);
 
 /**
- * Labels of the target's patches lose their twist of the allowed distance. This makes others of the parts
- * just under a polygon of the twisted patches near its middle, which lose only their share: it falls with the
- * square of the size. False when there is none.
+ * Labels of the target's patches lose their twist of the allowed distance. This makes labels for those parts
+ * of the twisted patches near the middle of a polygon that lie just under it. They lose only their share,
+ * which falls with the square of the size. False when no patch is twisted.
  */
 bool qm_piece_refine(const qm_piece_work *work, const qm_polygon *polygon, qm_vec middle,
                      const qm_near_quads *near, qm_refined *refined);
 
-/** Covers a polygon by these labels alone; in_reach is of them afterwards. */
+/** Covers a polygon by refined labels alone; in_reach is of these afterwards. */
 bool qm_piece_cover_refined(const qm_piece_work *work, const qm_refined *refined, qm_polygon *polygon,
                             bool *moved);
 
@@ -162,7 +150,7 @@ void qm_piece_reach_corners(const qm_piece_work *work, qm_polygon *polygon);
  */
 bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, bool *moved);
 
-/** The same with refined labels that are there already, or NULL for none. */
+/** Covers as qm_piece_cover does, with refined labels that were made before, or NULL for none. */
 bool qm_piece_cover_with(const qm_piece_work *work, const qm_refined *refined, qm_polygon *polygon,
                          bool *moved);
 
@@ -181,8 +169,7 @@ bool qm_piece_sample_unreached(qm_piece_work *work, qm_vec p);
 /** Queues a triangle or rectangle with the bound that its best single label gives. */
 void qm_piece_push(qm_piece_work *work, const qm_piece *piece);
 
-/** Sets the slack of the piece's triangles, which leave the source's surface by this much beside roundings.
- */
+/** Sets the slack of the piece's triangles: how far they leave the source's surface, beside roundings. */
 void qm_piece_set_slack(qm_piece_work *work, double slack);
 
 /** A triangle of the piece, with room for all cuts of a visit. */

@@ -197,13 +197,13 @@ static bool counterpart_reached(const qm_piece_work *work, const qm_patch *patch
 /** The quads of the target near the middle of the rectangle that may cover some of it. */
 static qm_near_quads quads_below(const qm_piece_work *work, qm_vec middle)
 {
-    double allowed = qm_piece_allowed(work), radius = qm_piece_radius(work->piece.corner, 4, middle);
+    double allowed = qm_piece_allowed(work), radius = qm_vec_radius(work->piece.corner, 4, middle);
     qm_quads_asked asked = {.wanted = QM_NEAR_QUADS, .within = allowed + radius, .enough = allowed};
     if (!work->side->target_patches) return (qm_near_quads){.count = 0};
     return qm_piece_near_quads(work, middle, asked);
 }
 
-/** The same by one of the quads that are near. */
+/** Covers the rectangle, or parts of it, by one of the quads near its middle. */
 static bool match_reached(const qm_piece_work *work, const qm_patch *patch, qm_vec middle,
                           qm_near_quads *near, rest_list *rest)
 {
@@ -277,7 +277,7 @@ bool qm_piece_rectangle_covered(qm_piece_work *work)
 /**
  * Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
  * The counterpart may leave over parts of a whole face only: where it is just as far as is allowed it would
- * leave over parts of parts without an end.
+ * leave over parts of parts endlessly.
  */
 static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const qm_patch_halves *halves,
                               qm_polygon *corners)

@@ -49,7 +49,7 @@ typedef struct qm_side {
     double reach;        /* greatest local coordinate of either surface */
     bool target_patches; /* read the target's quads as bilinear patches */
     bool source_patches;
-    size_t seed_step, seed_count; /* every so many packs of the source there is a seed */
+    size_t seed_step, seed_count; /* packs of the source from seed to seed, and the number of seeds */
     qm_seed *seeds;               /* NULL: none */
 } qm_side;
 
@@ -116,8 +116,8 @@ typedef struct qm_worker {
     uint64_t overlay_cost, cover_cost; /* by counts of what was done, in about a hundred instructions */
     uint64_t overlay_work;             /* of all overlays, as they count in iterations */
     unsigned since_probe;              /* packs since the dearer of the two was tried */
-    unsigned share_pause, share_wait;  /* groups of packs without an overlay for all after the last failure,
-                                          and of these how many are to come */
+    unsigned share_pause, share_wait;  /* groups of packs without a common overlay after the last failure, and
+                                          how many of them are left */
     uint64_t part_tries, part_cost, part_hits; /* of parts of faces */
     const qm_side *recent_side;
     unsigned recent_next;
@@ -207,6 +207,8 @@ qm_vec qm_side_middle(const qm_side *side, uint32_t pack, uint32_t *face);
 /** Raises the lower bound by a sparse sample of the source and a closer look where it is farthest, with all
  * workers; keeps the sample as the side's seeds when there is memory for them. Returns a hint. */
 uint32_t qm_search_scout(qm_context *ctx, qm_search *search, qm_side *side);
+
+/** Gives the seeds back. */
 void qm_side_reset_seeds(qm_context *ctx, qm_side *side);
 
 /** Upper bound (local) of the distance of p by the triangles of one pack alone. */
@@ -255,7 +257,7 @@ typedef struct qm_near_faces {
 } qm_near_faces;
 
 /** A bit for each face that single labels, or balls, show to be near enough, whole or in parts. hint is a
- * pack of the target near the faces, none of whose labels takes any of them. */
+ * pack of the target near the faces whose labels take none of them. */
 unsigned qm_worker_faces_near(qm_worker *worker, const qm_side *side, const qm_near_faces *faces,
                               uint32_t hint);
 
@@ -272,8 +274,7 @@ static inline bool qm_search_is_matching(const qm_search *search)
     return search->options->bounds == QM_BOUNDS_MATCHING;
 }
 
-/** Sets what a point may be away from a lane: the allowed distance less the twist of the lane's patch. Local.
- */
+/** Sets how far a point may be from a lane: the allowed distance less the twist of its patch. Local. */
 static inline void qm_candidates_allow(qm_candidates *candidates, int k, uint32_t lane, double twist,
                                        double allowed)
 {

@@ -6,15 +6,13 @@
 
 #include "hausdorff_overlay.h"
 
-#define NEAR_SHARE                                                                                           \
-    0.05 /* of the diagonal of a pack: how much farther than its middle facets are gathered                  \
-          */
+#define NEAR_SHARE 0.05 /* of a pack's diagonal: facets so much farther than its middle are gathered */
 
-#define DEARER_INTERVAL 64 /* packs between two where faces are settled in what seems the dearer way: */
+#define DEARER_INTERVAL 64 /* packs between two whose faces are settled in the way that seems dearer: */
 #define COVER_PRIOR 50.0   /* what a cover of a face is taken to cost before there is one, and an overlay */
 #define OVERLAY_PRIOR 100.0
-#define MAX_SHARE_PAUSE 63 /* groups without an overlay for all of it after failures in a row */
-#define OVERLAY_GAIN 2.0   /* by which an overlay must be cheaper: the counts are no times */
+#define MAX_SHARE_PAUSE 63 /* groups without a common overlay, at most, after failures in a row */
+#define OVERLAY_GAIN 2.0   /* by which an overlay must be cheaper: the counts only estimate times */
 
 /** The ball round box member of a group, in the frame of the target. */
 static double member_ball(const qm_side *side, const qm_box_group *group, int member, qm_vec *centre)
@@ -43,12 +41,12 @@ static double member_reach(const qm_side *side, const qm_box_group *group, int m
     return sqrt(far2);
 }
 
-/** The packs of a group that are looked at in turn, and an overlay that serves all of them. */
+/** The packs of a group that are looked at in turn, and their common overlay. */
 typedef struct group_work {
     const qm_entry *pack;
     int pack_count;
     bool is_begun, has_failed, has_overlay;
-    int tries, hits; /* faces that it was asked for, and settled */
+    int tries, hits; /* faces tried with it, and settled by it */
     qm_overlay overlay;
 } group_work;
 
@@ -66,7 +64,7 @@ typedef struct pack_work {
     qm_candidates hinted; /* the pack of the hint, for them */
     int open_count;       /* faces that a look at one lane or a few points has not settled */
     qm_piece open[QM_PACK_LANES];
-    qm_near_faces faces; /* the same by their corners, until the first are settled */
+    qm_near_faces faces; /* the open faces by their corners, valid until the first is settled */
     qm_near_packs near;  /* of the whole pack, where some are open */
 } pack_work;
 
@@ -196,7 +194,7 @@ static void begin_group_overlay(qm_worker *worker, const pack_work *work)
     group->has_failed = !group->has_overlay;
 }
 
-/** Draws the conclusion for later groups when all packs of one are done. */
+/** Sets the pause before the next common overlay when all packs of a group are done. */
 static void end_group_overlay(qm_worker *worker, const group_work *group)
 {
     if (group->has_failed || 2 * group->hits < group->tries) {
@@ -306,8 +304,7 @@ static void settle_open(qm_worker *worker, pack_work *work)
     }
 }
 
-/** True when a face is a copy of the last one, whose bounds hold for it, too; else it becomes the last one.
- */
+/** True when a face is a copy of the last one, whose bounds hold for it, too; else it becomes the last. */
 static bool is_copy(qm_worker *worker, const qm_side *side, const qm_piece *face)
 {
     qm_settled_face *last = &worker->settled;
@@ -407,7 +404,7 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_gr
     uint32_t face;
     qm_vec p = qm_side_middle(side, pack, &face);
     double reach = member_reach(side, group, member, p);
-    /* The same point again, which was searched for with no less care. */
+    /* The scout has measured this point, at least as closely. */
     if (side->seeds && pack % side->seed_step == 0) {
         qm_seed seed = side->seeds[pack / side->seed_step];
         *hint = seed.hint;

@@ -40,13 +40,12 @@ bool qm_piece_cover_with(const qm_piece_work *work, const qm_refined *refined, q
     return refined && !is_part && cover_by_refined(work, refined, polygon, moved);
 }
 
-/** Makes refined labels for a polygon of the quads near its middle. */
+/** Makes refined labels for a polygon from the quads near its middle. */
 static bool refine(const qm_piece_work *work, const qm_polygon *polygon, qm_refined *refined)
 {
     if (!work->side->target_patches) return false;
     qm_vec middle = qm_polygon_middle(polygon);
-    double allowed = qm_piece_allowed(work),
-           radius = qm_piece_radius(polygon->corner, polygon->count, middle);
+    double allowed = qm_piece_allowed(work), radius = qm_vec_radius(polygon->corner, polygon->count, middle);
     qm_quads_asked asked = {
         .wanted = QM_NEAR_QUADS, .within = allowed + radius, .enough = allowed, .twisted_only = true};
     qm_near_quads near = qm_piece_near_quads(work, middle, asked);
@@ -72,8 +71,7 @@ static bool patch_reaches(const qm_piece_work *work, qm_vec p, double room)
            qm_piece_quad_within(work, p, qm_piece_allowed(work) - room - work->slack);
 }
 
-/** True when a corner has to be measured: no candidate reaches it, or, deep down, none with enough to spare.
- */
+/** True when a corner has to be measured: no candidate reaches it, or, deep down, not by enough. */
 static bool needs_sample(const qm_piece_work *work, const qm_polygon *polygon, int i, int depth)
 {
     qm_vec p = polygon->corner[i];
@@ -120,10 +118,8 @@ bool qm_piece_sample_unreached(qm_piece_work *work, qm_vec p)
  * it falls with the size, labels do not. */
 static double ball_upper(const qm_piece_work *work, const qm_piece *piece, double enough)
 {
-    qm_vec middle = {0, 0, 0};
-    for (int i = 0; i < piece->corner_count; i++)
-        middle = qm_vec_axpy(middle, 1.0 / piece->corner_count, piece->corner[i]);
-    double radius = qm_piece_radius(piece->corner, piece->corner_count, middle);
+    qm_vec middle = qm_vec_middle(piece->corner, piece->corner_count);
+    double radius = qm_vec_radius(piece->corner, piece->corner_count, middle);
     if (radius >= enough) return enough;
     qm_quads_asked asked = {
         .wanted = 1, .within = enough - radius, .enough = fmax(qm_piece_allowed(work), radius)};

@@ -88,8 +88,7 @@ typedef struct qm_shortlist {
     uint8_t lane[QM_PACK_LANES];
 } qm_shortlist;
 
-/** The candidates that a piece is covered with: what lanes stand for, and how near a point must be to each.
- */
+/** The candidates to cover a piece with: what lanes stand for, and how near a point must be to each. */
 typedef struct qm_candidates {
     int count;
     const qm_pack *pack[QM_COVER_PACKS];
@@ -101,8 +100,7 @@ typedef struct qm_candidates {
 /** Whether single precision can tell that something is covered. */
 typedef enum qm_float_verdict { QM_FLOAT_OPEN, QM_FLOAT_COVERED, QM_FLOAT_TOO_COARSE } qm_float_verdict;
 
-/** A convex polygon of a piece of the source; in_reach has a bit for each lane within the allowed distance.
- */
+/** A convex polygon of a source piece; in_reach has a bit for each lane within the allowed distance. */
 typedef struct qm_polygon {
     int count;
     int cuts_left; /* cuts that its rounding budget has room for, see rounding.h */
@@ -132,9 +130,9 @@ typedef struct qm_overlay_vertices {
 #define QM_OVERLAY_BESIDE 15 /* those sides along the plane */
 
 /**
- * Facets of the target in such coordinates, corner by corner, eight to a group: their planes, heights being
- * at most loose off them (INFINITY where a facet is too steep or too thin), and how far the surface may be
- * from each. low and high are the boxes of the groups along the plane. Places past count, in the last group,
+ * Facets of the target in such coordinates, corner by corner, eight to a group: their planes, off by
+ * plane_error at most (INFINITY where a facet is too steep or too thin), and how far the surface may be from
+ * each. low and high are the boxes of the groups along the plane. Places past count, in the last group,
  * repeat others. The rim is made of edges of theirs, ends by their places in the plane, likewise.
  */
 typedef struct qm_overlay_facets {
@@ -142,7 +140,7 @@ typedef struct qm_overlay_facets {
     double size; /* no coordinate of these facets and of the faces is greater, by magnitude */
     struct {
         _Alignas(64) double at[3][3][QM_PACK_LANES], twist[QM_PACK_LANES];
-        double plane[3][QM_PACK_LANES], loose[QM_PACK_LANES];
+        double plane[3][QM_PACK_LANES], plane_error[QM_PACK_LANES];
     } group[QM_OVERLAY_GROUPS];
     _Alignas(64) double low[2][QM_OVERLAY_GROUPS], high[2][QM_OVERLAY_GROUPS];
     _Alignas(64) double rim[2][2][QM_OVERLAY_RIM];
@@ -174,7 +172,7 @@ typedef struct qm_kernel {
     /** Loads the corners of a pack's lanes from where their vertices are now. */
     void (*load_corners)(const qm_bvh *bvh, size_t pack, qm_pack_corners *out);
 
-    /** The same, and sets the box of the pack. */
+    /** Loads the corners as load_corners does, and sets the box of the pack. */
     void (*fit_corners)(qm_bvh *bvh, size_t pack, qm_pack_corners *out);
 
     /** Makes a pack of eight triangles: corner[i][axis][lane], axis 0 to 2 for x, y, z; aligned like the
@@ -207,7 +205,7 @@ typedef struct qm_kernel {
      * twist of them. */
     double (*float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p);
 
-    /** For those of 3 QM_PACK_LANES points that are wanted, a bit each, the bits of the lanes by the allowed
+    /** For each of 3 QM_PACK_LANES points with a bit in wanted, the bits of the lanes by the allowed
      * distance. */
     void (*float_reach)(const qm_float_pack *pack, const float *twist, double allowed, const qm_vec *point,
                         unsigned wanted, qm_float_bits *bits);
@@ -277,15 +275,15 @@ typedef struct qm_kernel {
     unsigned (*overlay_add)(qm_overlay_facets *facets, const qm_overlay_frame *frame, const qm_bvh *bvh,
                             uint32_t pack, const float *twist, qm_overlay_vertices *vertices);
 
-    /** Sets all that follows from the facets added, of which there are some. */
+    /** Sets planes and boxes from the facets added, at least one, and fills up the last group. */
     void (*overlay_close)(qm_overlay_facets *facets);
 
     /** True when no edge of the rim lies over a face. */
     bool (*overlay_is_clear)(const qm_overlay_facets *facets, const qm_overlay_face *face);
 
-    /** The vertical distance between a face and the facets, where they lie over each other, at most; -1 where
-     * none does. It is the greatest there is, if that is more than enough. Sets the bits of the facets with
-     * more than that in far, a byte for each group, unless NULL. */
+    /** An upper bound of the vertical distance between a face and the facets where they lie over each other;
+     * -1 where none does. Above enough it is the greatest distance. Sets in far, a byte for each group, the
+     * bits of the facets whose distance is more than enough, unless NULL. */
     double (*overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, double enough,
                           uint8_t *far);
 

@@ -97,6 +97,15 @@ static inline qm_box qm_vec_box(const qm_vec *point, int count)
     return box;
 }
 
+/** Mean of count points. */
+static inline qm_vec qm_vec_middle(const qm_vec *point, int count)
+{
+    qm_vec middle = {0, 0, 0};
+    for (int i = 0; i < count; i++)
+        middle = qm_vec_axpy(middle, 1.0 / count, point[i]);
+    return middle;
+}
+
 static inline double qm_lesser(double a, double b)
 {
     return a < b ? a : b;
@@ -105,6 +114,15 @@ static inline double qm_lesser(double a, double b)
 static inline double qm_greater(double a, double b)
 {
     return a > b ? a : b;
+}
+
+/** Radius of the least ball round a middle that holds count points. */
+static inline double qm_vec_radius(const qm_vec *point, int count, qm_vec middle)
+{
+    double radius2 = 0.0;
+    for (int i = 0; i < count; i++)
+        radius2 = qm_greater(radius2, qm_vec_norm2(qm_vec_sub(point[i], middle)));
+    return sqrt(radius2);
 }
 
 static inline double qm_clamp(double x, double low, double high)

@@ -18,8 +18,7 @@
 
 typedef enum qm_direction { QM_TWO_SIDED, QM_A_TO_B, QM_B_TO_A } qm_direction;
 
-/** How a part of the source is bounded from above. Both are proven; they differ in how soon they are tight.
- */
+/** Upper bounds of a part of the source. Both are proven; they differ in how soon they are tight. */
 typedef enum qm_bounds {
     QM_BOUNDS_CELLS,   /* covers a part by cells, each near to one of many facets of the target around it */
     QM_BOUNDS_MATCHING /* matches a part to the facets under its corners: chapter 5 of the source */
@@ -52,7 +51,8 @@ typedef enum qm_hausdorff_stop {
 typedef struct qm_hausdorff_progress {
     double elapsed_ms;
     double lower, upper;  /* upper is INFINITY until a first bound is known */
-    uint64_t iterations;  /* nodes, packs and parts of faces looked at so far, or other work as long */
+    uint64_t iterations;  /* nodes, packs and parts of faces looked at so far; overlays count as so many parts
+                             as take their time */
     uint64_t projections; /* searches of a nearest point so far */
     size_t queue_count;   /* pieces and nodes waiting */
 } qm_hausdorff_progress;

@@ -6,10 +6,9 @@
 #include "extent.h"
 #include "kernels.h"
 
-typedef double eight __attribute__((vector_size(64)));
-
-/** From positions to coordinates by axis. As whole rows, which those who load whole rows do not wait for. */
-static inline void turn(const qm_four position[QM_PACK_LANES], eight row[3])
+/** Transposes positions to coordinates by axis. They are stored as whole rows, for which loads of whole rows
+ * need not wait. */
+static inline void transpose(const qm_four position[QM_PACK_LANES], qm_eight row[3])
 {
     qm_four half[2][3];
     for (int i = 0; i < 2; i++) {
@@ -26,7 +25,7 @@ static inline void turn(const qm_four position[QM_PACK_LANES], eight row[3])
         row[k] = __builtin_shufflevector(half[0][k], half[1][k], 0, 1, 2, 3, 4, 5, 6, 7);
 }
 
-/** The vertices of a pack, local. Returns what they reach. */
+/** Loads the vertices of a pack, local. Returns their extent. */
 static inline extent load_vertices(const qm_bvh *bvh, const qm_pack_lanes *lanes,
                                    qm_four vertex[3 * QM_PACK_LANES])
 {
@@ -41,7 +40,7 @@ static inline extent load_vertices(const qm_bvh *bvh, const qm_pack_lanes *lanes
     return e;
 }
 
-/** Lanes past the last have the corners of the first. */
+/** Stores the corners of all lanes; lanes past the last have those of the first. */
 static inline void spread_vertices(const qm_pack_lanes *lanes, const qm_four vertex[3 * QM_PACK_LANES],
                                    qm_pack_corners *out)
 {
@@ -49,8 +48,8 @@ static inline void spread_vertices(const qm_pack_lanes *lanes, const qm_four ver
         qm_four corner[QM_PACK_LANES];
         for (int lane = 0; lane < QM_PACK_LANES; lane++)
             corner[lane] = vertex[lanes->corner[lane][i]];
-        eight row[3];
-        turn(corner, row);
+        qm_eight row[3];
+        transpose(corner, row);
         for (int k = 0; k < 3; k++)
             memcpy(out->at[i][k], &row[k], sizeof row[k]);
     }

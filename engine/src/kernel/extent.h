@@ -1,5 +1,5 @@
 /**
- * extent.h: what positions reach on all axes, and the boxes of a tree that are made from it.
+ * extent.h: the extent of positions along all axes, and the boxes of a tree that are made from it.
  */
 #ifndef QM_KERNEL_EXTENT_H
 #define QM_KERNEL_EXTENT_H

@@ -23,10 +23,9 @@
 /** A corner of all lanes about the middle of the pack. */
 static inline wide_vec load(const float middle[3], const double corner[3][QM_PACK_LANES])
 {
-    typedef double eight __attribute__((vector_size(64)));
     qm_vf about[3];
     for (int k = 0; k < 3; k++) {
-        eight row;
+        qm_eight row;
         memcpy(&row, corner[k], sizeof row);
         about[k] = __builtin_convertvector(row - (double)middle[k], qm_vf);
     }

@@ -1,6 +1,6 @@
 /**
  * four.h: vectors of four doubles on every instruction set: a position and one more, or a third of four
- * positions.
+ * positions; and rows of eight.
  */
 #ifndef QM_KERNEL_FOUR_H
 #define QM_KERNEL_FOUR_H
@@ -10,6 +10,7 @@
 typedef double qm_four __attribute__((vector_size(32)));
 typedef int64_t qm_four_mask __attribute__((vector_size(32)));
 typedef float qm_four_floats __attribute__((vector_size(16)));
+typedef double qm_eight __attribute__((vector_size(64)));
 
 static inline qm_four qm_four_set(double x)
 {

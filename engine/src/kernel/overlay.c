@@ -2,8 +2,8 @@
  * overlay.c: facets of the target that lie over a face of the source, and their vertical distances from it.
  * The vertical distance is linear over what a facet and a face have in common; so it is greatest in a corner
  * of that: where an edge of the facet enters or leaves the face, or in a corner of the face under the facet.
- * Neither is looked for where it is no more than enough in all corners of the facet from the plane of the
- * face, or the other way round: what they have in common lies within both.
+ * Neither is looked for where all corners of the facet are within enough of the plane of the face, or all
+ * corners of the face within enough of the plane of the facet: what they have in common lies within both.
  *
  * Roundings. Let s be the greatest coordinate by magnitude. The half planes of a face are taken
  * QM_OVERLAY_SIDE u s wider, and facets QM_OVERLAY_AREA u s^2 (of a doubled area), than they are computed,
@@ -133,7 +133,7 @@ static inline qm_vd plane_gap(const wide_facet *f, const qm_overlay_facets *face
         const double *c = face->corner[i];
         by_facet = qm_vd_max(magnitude(plane[0] * c[0] + plane[1] * c[1] + plane[2] - c[2]), by_facet);
     }
-    by_facet += qm_vd_load(&facets->group[group].loose[first]);
+    by_facet += qm_vd_load(&facets->group[group].plane_error[first]);
     return qm_vd_min(by_facet, by_face);
 }
 
@@ -216,14 +216,11 @@ unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_fram
 static void fill_up(qm_overlay_facets *facets)
 {
     int group = facets->count / QM_PACK_LANES;
-    for (int lane = facets->count % QM_PACK_LANES; lane > 0 && lane < QM_PACK_LANES; lane++) {
-        for (int i = 0; i < 9; i++)
-            facets->group[group].at[i / 3][i % 3][lane] = facets->group[group].at[i / 3][i % 3][0];
-        facets->group[group].twist[lane] = facets->group[group].twist[0];
-    }
+    for (int to = facets->count; to % QM_PACK_LANES != 0; to++)
+        qm_overlay_copy_facet(facets, group * QM_PACK_LANES, to);
 }
 
-/** As qm_overlay_set_face does it for a face. */
+/** Sets the planes of facets, as qm_overlay_set_face does that of a face. */
 static inline void set_planes(qm_overlay_facets *facets, int group, int first)
 {
     qm_vd at[3][3], to[2][3];
@@ -242,10 +239,11 @@ static inline void set_planes(qm_overlay_facets *facets, int group, int first)
     double unit = QM_OVERLAY_GAP * QM_UNIT_ROUNDING * facets->size;
     qm_vl is_fit = (magnitude(slope_x) + magnitude(slope_y) <= qm_vd_set(QM_OVERLAY_SLOPE)) &
                    (magnitude(area) > unit * length);
-    qm_vd loose = unit * (1.0 + facets->size * length / magnitude(area));
+    qm_vd plane_error = unit * (1.0 + facets->size * length / magnitude(area));
     for (int k = 0; k < 3; k++)
         qm_vd_store(&facets->group[group].plane[k][first], qm_vd_select(is_fit, plane[k], qm_vd_set(0.0)));
-    qm_vd_store(&facets->group[group].loose[first], qm_vd_select(is_fit, loose, qm_vd_set(INFINITY)));
+    qm_vd_store(&facets->group[group].plane_error[first],
+                qm_vd_select(is_fit, plane_error, qm_vd_set(INFINITY)));
 }
 
 static inline void set_group_box(qm_overlay_facets *facets, int group)
@@ -266,7 +264,7 @@ static inline void set_group_box(qm_overlay_facets *facets, int group)
     }
 }
 
-/** Boxes past the last group are those of nothing. */
+/** Boxes past the last group are empty. */
 void QM_KERNEL(overlay_close)(qm_overlay_facets *facets)
 {
     fill_up(facets);
