@@ -8,7 +8,7 @@ import { after, before, test } from "node:test";
 import { Client, ConnectionError, FOOT_WIDTH, ProblemError } from "../../clients/js/index.js";
 import { Daemon, until } from "./support/daemon.js";
 import {
-  HEAP_DISTANCE, SLOW, SPHERE_DISTANCE, SPHERE_TURN, ball, ballLayout, box, boxLayout, heap, moved, off, ply, sphere,
+  SLOW, SPHERE_DISTANCE, SPHERE_TURN, ball, ballLayout, box, boxLayout, heaps, moved, off, ply, sphere,
 } from "./support/shapes.js";
 
 let daemon;
@@ -32,8 +32,8 @@ async function collect(iterator) {
 
 async function slowJob(of, more = {}) {
   const meshes = [];
-  for (const raised of [0, HEAP_DISTANCE]) {
-    meshes.push((await of.meshes.create(off(heap(1500, 1, raised)), { name: "heap.off" })).mesh.id);
+  for (const heap of heaps()) {
+    meshes.push((await of.meshes.create(off(heap), { name: "heap.off" })).mesh.id);
   }
   const [first, second] = meshes;
   return of.jobs.create({ type: "hausdorff", a: first, b: second, ...SLOW, ...more });

@@ -6,7 +6,7 @@ import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
 import { Browser, drawnShare, finish, waitForView } from "./support/page.js";
-import { HEAP_DISTANCE, SPHERE_DISTANCE, SPHERE_TURN, ball, heap, moved, off, sphere } from "./support/shapes.js";
+import { HEAP_DISTANCE, SPHERE_DISTANCE, SPHERE_TURN, ball, heaps, moved, off, sphere } from "./support/shapes.js";
 
 let daemon;
 let browser;
@@ -14,7 +14,8 @@ let ids;
 before(async () => {
   daemon = await Daemon.start();
   browser = await Browser.launch();
-  const meshes = { a: sphere(), b: sphere(SPHERE_TURN), low: heap(), high: heap(1500, 1, HEAP_DISTANCE) };
+  const [low, high] = heaps();
+  const meshes = { a: sphere(), b: sphere(SPHERE_TURN), low, high };
   ids = {};
   for (const [name, mesh] of Object.entries(meshes)) {
     ids[name] = (await daemon.client().meshes.create(off(mesh), { name: `${name}.off` })).mesh.id;

@@ -7,7 +7,7 @@ import { after, before, test } from "node:test";
 
 import { Daemon } from "./support/daemon.js";
 import { Browser, finish, upload, waitForView } from "./support/page.js";
-import { HEAP_DISTANCE, SLOW, box, heap, off } from "./support/shapes.js";
+import { SLOW, box, heaps, off } from "./support/shapes.js";
 
 let browser;
 before(async () => { browser = await Browser.launch(); });
@@ -23,8 +23,8 @@ async function withDaemon(settings, action) {
 }
 
 async function slowRequest(client) {
-  const [a, b] = await Promise.all([0, HEAP_DISTANCE].map(async (raised) =>
-    (await client.meshes.create(off(heap(1500, 1, raised)), { name: `heap ${raised}` })).mesh.id));
+  const [a, b] = await Promise.all(heaps().map(async (heap, i) =>
+    (await client.meshes.create(off(heap), { name: `heap ${i}` })).mesh.id));
   return { type: "hausdorff", a, b, ...SLOW };
 }
 

@@ -121,10 +121,8 @@ export function chance(seed) {
   };
 }
 
-/** A flat square, and apart from it a heap of quads with corners pushed out of their planes. Against itself raised by
- * HEAP_DISTANCE, as bilinear patches and to 1e-12, the search takes half a minute. */
-export const HEAP_DISTANCE = 1 / 64;
-export function heap(count = 1500, seed = 1, raised = 0) {
+/** A flat square, and apart from it a heap of quads with corners pushed out of their planes. */
+function heap(count, seed) {
   const random = chance(seed);
   const spread = (size) => (random() + random() + random() + random() - 2) * 1.7 * size;
   const vertices = [[9, 9, 9], [10, 9, 9], [10, 10, 9], [9, 10, 9]];
@@ -138,7 +136,36 @@ export function heap(count = 1500, seed = 1, raised = 0) {
     }
     faces.push([first, first + 1, first + 2, first + 3]);
   }
-  return { vertices: vertices.map(([x, y, z]) => [x, y, z + raised]), faces };
+  return { vertices, faces };
+}
+
+/** Every quad, as a bilinear patch, cut in count x count quads. */
+function cut(mesh, count) {
+  const vertices = [];
+  const faces = [];
+  for (const face of mesh.faces) {
+    const corners = face.map((i) => mesh.vertices[i]);
+    const first = vertices.length;
+    for (let n = 0; n < (count + 1) ** 2; n++) {
+      const [s, t] = [(n % (count + 1)) / count, Math.floor(n / (count + 1)) / count];
+      const weights = [(1 - s) * (1 - t), s * (1 - t), s * t, (1 - s) * t];
+      vertices.push([0, 1, 2].map((k) => corners.reduce((sum, corner, i) => sum + weights[i] * corner[k], 0)));
+    }
+    for (let n = 0; n < count ** 2; n++) {
+      const at = first + (n % count) + Math.floor(n / count) * (count + 1);
+      faces.push([at, at + 1, at + count + 2, at + count + 1]);
+    }
+  }
+  return { vertices, faces };
+}
+
+/** Two heaps, the second raised by HEAP_DISTANCE and cut by another grid. As bilinear patches and to 1e-12 the search
+ * takes many minutes. */
+export const HEAP_DISTANCE = 1 / 512;
+export function heaps() {
+  const whole = heap(1500, 1);
+  const { vertices, faces } = cut(whole, 3);
+  return [cut(whole, 2), { vertices: vertices.map(([x, y, z]) => [x, y, z + HEAP_DISTANCE]), faces }];
 }
 export const SLOW = { quads: "bilinear", tolerance: 1e-12 };
 
