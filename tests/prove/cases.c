@@ -295,6 +295,35 @@ static qm_pair tied(qm_random *random)
     return pair;
 }
 
+/** A face over the unit square or a stretch beside it, at a height and out of its plane by less than a bend.
+ */
+static qm_mesh draw_layer(qm_random *random, int corners, double reach, double height, double bend)
+{
+    static const double square[4][2] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};
+    double at[4][3];
+    for (int i = 0; i < 4; i++) {
+        for (int k = 0; k < 2; k++)
+            at[i][k] = square[i][k] + qm_random_range(random, -reach, reach);
+        at[i][2] = height + bend * qm_random_range(random, -1, 1);
+    }
+    return qm_shape_face(corners, (const double(*)[3])at);
+}
+
+/** A face over a patch, and between the two, or through the patch, another face that is nearer in part. */
+static qm_pair layers(qm_random *random)
+{
+    double bend = qm_random_power(random, -4, 0), height = qm_random_power(random, -3, 0);
+    qm_mesh patch = draw_layer(random, 4, 0.1, 0, bend);
+    qm_mesh between = draw_layer(random, 3 + (int)qm_random_below(random, 2), 0.5,
+                                 height * qm_random_range(random, -0.2, 0.9), bend);
+    qm_pair pair = {draw_layer(random, 3 + (int)qm_random_below(random, 2), 0.3, height, 0.5 * bend),
+                    qm_shape_joined(&patch, &between)};
+    qm_shape_free(&patch);
+    qm_shape_free(&between);
+    turn(random, &pair);
+    return pair;
+}
+
 /** Both meshes of a few faces and up to 10^6 of their sizes apart. */
 static qm_pair apart(qm_random *random)
 {
@@ -332,6 +361,7 @@ const qm_case_kind qm_case_kinds[] = {
      .coarsest = -10,
      .only_patches = true,
      .is_slow = true},
+    {.name = "layers", .draw = layers, .only_patches = true, .is_slow = true},
     {.name = "mixed", .draw = mixed, .is_slow = true},
     {.name = "scales", .draw = very_small_or_large},
     {.name = "deep", .draw = deep, .coarsest = -10},
