@@ -231,31 +231,62 @@ static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_res
 }
 
 /** Bit by bit: the usual difference shows in the counts or at the first vertices. */
-static bool are_same_arrays(const qm_mesh *a, const qm_mesh *b)
+static bool are_same_vertices(const qm_mesh *a, const qm_mesh *b)
 {
-    return a->vertex_count == b->vertex_count && a->face_count == b->face_count &&
-           memcmp(a->positions, b->positions, 3 * a->vertex_count * sizeof *a->positions) == 0 &&
+    return a->vertex_count == b->vertex_count &&
+           memcmp(a->positions, b->positions, 3 * a->vertex_count * sizeof *a->positions) == 0;
+}
+
+static bool are_same_faces(const qm_mesh *a, const qm_mesh *b)
+{
+    return a->face_count == b->face_count &&
            (a->face_count == 0 || memcmp(a->faces, b->faces, 4 * a->face_count * sizeof *a->faces) == 0);
 }
 
+/** True when two meshes have the same triangles in the same order, quads being two each. Tells in which face
+ * of b the first triangle of a face of a lies. */
+static bool are_same_triangles(const qm_mesh *a, const qm_mesh *b, size_t face, uint32_t *of_b)
+{
+    size_t i = 0, k = 0;
+    int half_i = 0, half_k = 0;
+    while (i < a->face_count && k < b->face_count) {
+        const uint32_t *c = a->faces + 4 * i, *d = b->faces + 4 * k;
+        if (i == face && half_i == 0) *of_b = (uint32_t)k;
+        if (c[0] != d[0] || c[1 + half_i] != d[1 + half_k] || c[2 + half_i] != d[2 + half_k]) return false;
+        half_i = half_i == 0 && c[3] != QM_NO_INDEX;
+        half_k = half_k == 0 && d[3] != QM_NO_INDEX;
+        i += half_i == 0;
+        k += half_k == 0;
+    }
+    return i == a->face_count && k == b->face_count;
+}
+
 /**
- * Two meshes of the same arrays are one set of points in either reading, so the distance is 0, exactly. A
- * tree over a part of a mesh can be the source only: part of the target's points then, which are at distance
- * 0 too. The witness is a vertex of the source's first face.
+ * Two meshes of the same arrays are one set of points in either reading, so the distance is 0, exactly; so
+ * are meshes of the same triangles where quads are read as these. A tree over a part of a mesh can be the
+ * source only: part of the target's points then, which are at distance 0 too. The witness is the first corner
+ * of the source's first face, which is the first corner of the target's, too. False for other meshes.
  */
-static void set_same(const qm_search *search, qm_hausdorff_result *out)
+static bool set_same(const qm_search *search, qm_hausdorff_result *out)
 {
     const qm_bvh *source = search->side[0].source;
-    uint32_t face = source->lanes[0].face[0];
-    uint32_t vertex = source->mesh.face_count > 0 ? source->mesh.faces[4 * (size_t)face] : face;
+    const qm_mesh *mesh = &source->mesh, *other = &search->side[0].target->mesh;
+    uint32_t face = source->lanes[0].face[0], of_other = face;
+    if (!are_same_vertices(mesh, other)) return false;
+    bool is_same = are_same_faces(mesh, other) || (search->options->quads == QM_QUADS_TRIANGLES &&
+                                                   are_same_triangles(mesh, other, face, &of_other));
+    if (!is_same) return false;
+    uint32_t vertex = mesh->face_count > 0 ? mesh->faces[4 * (size_t)face] : face;
     out->from.face = face;
-    memcpy(out->from.position, source->mesh.positions + 3 * (size_t)vertex, sizeof out->from.position);
+    memcpy(out->from.position, mesh->positions + 3 * (size_t)vertex, sizeof out->from.position);
     out->to = out->from;
+    out->to.face = of_other;
     out->has_witness = true;
     out->from_side = search->options->direction == QM_B_TO_A ? 1 : 0;
     out->stop = QM_STOP_CONVERGED;
     if (search->options->threshold >= 0.0) out->verdict = -1;
     out->elapsed_ms = qm_clock_ms() - search->start_ms;
+    return true;
 }
 
 qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
@@ -276,10 +307,7 @@ qm_status qm_hausdorff_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b
         .reported_upper = INFINITY,
     };
     status = set_sides(ctx, &search, a, b);
-    if (status == QM_OK && are_same_arrays(&a->mesh, &b->mesh)) {
-        set_same(&search, out);
-        return QM_OK;
-    }
+    if (status == QM_OK && set_same(&search, out)) return QM_OK;
     if (status == QM_OK) status = build_locators(ctx, &search);
     if (status == QM_OK) status = run_search(ctx, &search, out);
     for (int i = 0; i < search.side_count; i++)

@@ -195,6 +195,39 @@ static void equal_arrays_are_seen_at_once(void **state)
     qm_shape_free(&bent);
 }
 
+/** Quads and the triangles that they are read as are one surface; as patches, or with another diagonal or a
+ * face less, they are not. */
+static void quads_and_their_triangles_are_seen_at_once(void **state)
+{
+    (void)state;
+    qm_mesh quads = qm_shape_saddle(6), triangles = qm_shape_triangulated(&quads);
+    const qm_mesh *const meshes[] = {&quads, &triangles};
+    for (int from = 0; from < 2; ++from) {
+        const qm_mesh *a = meshes[from], *b = meshes[1 - from];
+        for (int d = 0; d < 3; ++d) {
+            qm_hausdorff_result r = measure(a, b, directions[d], QM_QUADS_TRIANGLES, 1e-9);
+            assert_true(r.lower == 0.0 && r.upper == 0.0 && r.stop == QM_STOP_CONVERGED && r.has_witness);
+            assert_int_equal(r.iterations + r.projections, 0);
+            assert_memory_equal(r.from.position, r.to.position, sizeof r.to.position);
+            const qm_mesh *on[2] = {r.from_side ? b : a, r.from_side ? a : b};
+            const uint32_t faces[2] = {r.from.face, r.to.face};
+            for (int k = 0; k < 2; ++k) {
+                const double *p = on[k]->positions + 3 * (size_t)on[k]->faces[4 * (size_t)faces[k]];
+                assert_memory_equal(p, r.from.position, sizeof r.from.position);
+            }
+            assert_true(measure(a, b, directions[d], QM_QUADS_BILINEAR, 1e-6).lower > 1e-4);
+        }
+    }
+    --triangles.face_count;
+    assert_true(measure(&quads, &triangles, QM_A_TO_B, QM_QUADS_TRIANGLES, 1e-9).lower > 1e-3);
+    ++triangles.face_count;
+    uint32_t *last = triangles.faces + 4 * (triangles.face_count - 2), fourth = last[6];
+    last[2] = last[5] = fourth;
+    assert_true(measure(&quads, &triangles, QM_TWO_SIDED, QM_QUADS_TRIANGLES, 1e-9).projections > 0);
+    qm_shape_free(&triangles);
+    qm_shape_free(&quads);
+}
+
 static void moved_twisted_quads_are_at_most_their_move_apart(void **state)
 {
     (void)state;
@@ -621,6 +654,7 @@ int main(void)
         cmocka_unit_test(saddles_are_one_surface_in_the_bilinear_reading),
         cmocka_unit_test(a_mesh_is_at_distance_zero_from_itself),
         cmocka_unit_test(equal_arrays_are_seen_at_once),
+        cmocka_unit_test(quads_and_their_triangles_are_seen_at_once),
         cmocka_unit_test(moved_twisted_quads_are_at_most_their_move_apart),
         cmocka_unit_test(single_facets_and_points_have_their_school_distances),
         cmocka_unit_test(point_sets_match_the_plain_loop),
