@@ -700,6 +700,7 @@ static void facets_nearer_than_the_ground_patch_count(void **state)
         qm_mesh a = qm_shape_face(3, over), b = qm_shape_joined(&quad, &triangle);
         qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-9);
         options.accuracy = accuracies[i / 9];
+        options.piece_limit = 2000;
         qm_deviation found = measure(&a, &b, &options);
         check_holds(found.mean, truth, 2.0 * options.accuracy * truth, "mean");
         check_holds(found.rms, truth, INFINITY, "rms");
