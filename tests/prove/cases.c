@@ -361,7 +361,7 @@ const qm_case_kind qm_case_kinds[] = {
      .coarsest = -10,
      .only_patches = true,
      .is_slow = true},
-    {.name = "layers", .draw = layers, .only_patches = true, .is_slow = true},
+    {.name = "layers", .draw = layers, .only_patches = true, .has_no_ties = true, .is_slow = true},
     {.name = "mixed", .draw = mixed, .is_slow = true},
     {.name = "scales", .draw = very_small_or_large},
     {.name = "deep", .draw = deep, .coarsest = -10},
