@@ -5,10 +5,9 @@
 
 #define SQUARE_ROUNDINGS 0x1p-49 /* relative: of a difference of squares, 16 u */
 #define MOST_OUTSIDE 0.5         /* share of a piece beside the ground: with more its height tells little */
-#define NEAR_GROUND 4.0       /* radii: pieces farther from the target are bounded by their corners better */
-#define ATTACHED_PART 0x1p-6  /* of a height: what other parts of the ground's patch may take off */
-#define TILT 1.25             /* how much steeper than needed a height is tilted */
-#define LEAST_LENGTH 0x1p-400 /* of a vector that can be made one of length 1: its square is no subnormal */
+#define NEAR_GROUND 4.0      /* radii: pieces farther from the target are bounded by their corners better */
+#define ATTACHED_PART 0x1p-6 /* of a height: what other parts of the ground's patch may take off */
+#define TILT 1.25            /* how much steeper than needed a height is tilted */
 
 /** A piece on its way to its bounds. */
 typedef struct bound_work {
@@ -243,8 +242,8 @@ static void heights_from(const bound_work *work, const qm_triangle *facet, qm_ve
     qm_vec direction = qm_vec_sub(from, foot);
     double distance = qm_vec_norm(direction);
     /* The foot may be off, the direction too; nothing of the facet lies beyond its farthest corner. */
-    heights_along(work, facet, distance > LEAST_LENGTH ? qm_vec_scale(1.0 / distance, direction) : facet->z,
-                  height);
+    heights_along(work, facet,
+                  distance > QM_LEAST_LENGTH ? qm_vec_scale(1.0 / distance, direction) : facet->z, height);
 }
 
 /** How much of what the corners' distances may be at most a linear function reaches. */

@@ -104,11 +104,11 @@ static qm_vec find_direction(const qm_piece_match *match)
         for (int i = 0; i < 3; i++)
             direction = qm_vec_add(direction, qm_vec_cross(match->along[0][i], match->along[1][i]));
     double length = qm_vec_norm(direction);
-    if (!(length > 0x1p-400)) {
+    if (!(length > QM_LEAST_LENGTH)) {
         direction = qm_vec_add(qm_vec_add(match->difference[0], match->difference[1]), match->difference[2]);
         length = qm_vec_norm(direction);
     }
-    return length > 0x1p-400 ? qm_vec_scale(1.0 / length, direction) : (qm_vec){0, 0, 1};
+    return length > QM_LEAST_LENGTH ? qm_vec_scale(1.0 / length, direction) : (qm_vec){0, 0, 1};
 }
 
 static void set_heights(const qm_piece_maker *maker, qm_piece_match *match)

@@ -12,8 +12,6 @@
  */
 #define CROSS_ROUNDINGS 40.0
 
-#define LEAST_NORMAL 0x1p-400 /* least length of a vector that is normalized */
-
 /** Of a determinant of parameters: each of four differences by u, both products and their difference. */
 #define PARAMETER_ROUNDINGS 4.0
 
@@ -35,7 +33,7 @@ static void compare_triangles(const qm_piece_maker *maker, const qm_vec c[4], do
     *slack = *spread = INFINITY;
     qm_vec normal = qm_vec_cross(qm_vec_sub(c[2], c[0]), qm_vec_sub(c[3], c[1]));
     double length = qm_vec_norm(normal), least = INFINITY, longest = 0.0;
-    if (!(length > LEAST_NORMAL)) return;
+    if (!(length > QM_LEAST_LENGTH)) return;
     normal = qm_vec_scale(1.0 / length, normal);
     for (int i = 0; i < 4; i++) {
         qm_vec on = qm_vec_sub(c[(i + 1) % 4], c[i]), after = qm_vec_sub(c[(i + 2) % 4], c[(i + 1) % 4]);

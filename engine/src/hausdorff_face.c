@@ -129,7 +129,8 @@ void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
     qm_piece_process_stack(&work);
 }
 
-/** Settles a triangle by an overlay, unless overlays seldom settle a face. */
+/** Settles a triangle by an overlay, unless overlays seldom settle a face. It is here because covers failed,
+ * so they bear its cost. */
 static bool try_overlay(const qm_piece_work *work)
 {
     qm_worker *worker = work->worker;

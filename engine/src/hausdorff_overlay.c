@@ -44,7 +44,6 @@
 
 #include <string.h>
 
-#define LEAST_NORMAL 0x1p-400    /* its square is a normal number */
 #define SHRINK_BY_ALLOWED 0x1p-6 /* of the allowed distance, */
 #define SHRINK_BY_SIZE 0x1p-30   /* and of the greatest coordinate: how far corners move at most, */
 #define MAX_SHRINK 0.125         /* and of the way to the middle */
@@ -90,7 +89,7 @@ qm_vec qm_overlay_normal(const qm_overlay_source *source)
 static bool set_axes(qm_overlay_frame *frame, qm_vec origin, qm_vec normal)
 {
     double length = qm_vec_norm(normal);
-    if (!(length > LEAST_NORMAL)) return false;
+    if (!(length > QM_LEAST_LENGTH)) return false;
     frame->origin = origin;
     qm_vec z = qm_vec_scale(1.0 / length, normal);
     qm_vec other = fabs(z.x) < fabs(z.y) ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};

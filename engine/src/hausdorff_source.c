@@ -221,6 +221,7 @@ static void settle_by_group(qm_worker *worker, pack_work *work)
     work->group->tries += source.count;
     work->group->hits += hits;
     take_out(work, gone);
+    /* Those that are left are tried again, in settle_by_overlay, and counted there. */
     worker->overlay_tries += (uint64_t)hits;
     worker->overlay_hits += (uint64_t)hits;
 }

@@ -9,6 +9,9 @@
 
 #include "qm/mesh.h"
 
+/** A vector is normalized only when it is longer: the square of its length is a normal number then. */
+#define QM_LEAST_LENGTH 0x1p-400
+
 typedef struct qm_vec {
     double x, y, z;
 } qm_vec;
