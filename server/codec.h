@@ -40,6 +40,7 @@ qm_format qm_format_sniff(const uint8_t *bytes, size_t size);
 
 typedef struct qm_codec_limits {
     size_t max_vertices, max_faces; /* QM_E_TOO_LARGE beyond; at most QM_NO_INDEX - 1 */
+    int thread_count;               /* for a large text; more than one is used only with ctx->parallel */
 } qm_codec_limits;
 
 #define QM_NO_PLACE SIZE_MAX

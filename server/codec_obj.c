@@ -3,8 +3,7 @@
  * only at the end; the line of the largest one is kept for the message. Texture and normal indices are read
  * and forgotten, as are the statements that carry no geometry.
  */
-#include "codec_build.h"
-#include "codec_scan.h"
+#include "codec_blocks.h"
 
 typedef struct obj_reader {
     qm_scan text;
@@ -155,8 +154,53 @@ static qm_status read_statements(obj_reader *reader)
         if (status != QM_OK) return status;
         qm_scan_skip_statement(text);
     }
+    return QM_OK;
+}
+
+/** What the blocks of a file have told besides vertices and faces. */
+typedef struct obj_blocks {
+    obj_reader *whole;
+    obj_reader part[QM_BLOCKS_TOGETHER];
+} obj_blocks;
+
+static qm_status read_block(void *user, size_t index, size_t line_count, qm_scan *text, qm_builder *builder)
+{
+    obj_reader *part = &((obj_blocks *)user)->part[index];
+    (void)line_count;
+    *part = (obj_reader){.text = *text, .builder = builder};
+    qm_status status = read_statements(part);
+    *text = part->text;
+    return status;
+}
+
+static void take_block(void *user, size_t index)
+{
+    obj_reader *whole = ((obj_blocks *)user)->whole;
+    const obj_reader *part = &((obj_blocks *)user)->part[index];
+    if (part->largest_index > whole->largest_index) {
+        whole->largest_index = part->largest_index;
+        whole->largest_line = part->largest_line;
+    }
+    whole->skipped_count += part->skipped_count;
+}
+
+static qm_status read_blocks(obj_reader *reader)
+{
+    obj_blocks blocks;
+    blocks.whole = reader;
+    const qm_block_reader of_words = {
+        .rows = QM_BLOCK_WORDS, .read = read_block, .take = take_block, .user = &blocks};
+    return qm_blocks_read(reader->builder, &reader->text, &of_words);
+}
+
+static qm_status read_file(obj_reader *reader)
+{
+    const qm_scan *text = &reader->text;
+    qm_status status = read_blocks(reader);
+    if (status == QM_OK) status = read_statements(reader);
+    if (status != QM_OK) return status;
     if (reader->largest_index > reader->builder->vertex_count) {
-        text->line = reader->largest_line;
+        reader->text.line = reader->largest_line;
         return qm_builder_fail_index(reader->builder, reader->largest_index);
     }
     if (reader->skipped_count > 0)
@@ -171,7 +215,7 @@ qm_status qm_codec_decode_obj(qm_builder *builder, const uint8_t *bytes, size_t 
 {
     obj_reader reader = {.builder = builder};
     qm_status status = qm_scan_open(&reader.text, bytes, size, builder->report);
-    if (status == QM_OK) status = read_statements(&reader);
+    if (status == QM_OK) status = read_file(&reader);
     builder->report->line = reader.text.line;
     return status;
 }

@@ -3,8 +3,7 @@
  * coordinates (normals, colours, texture), which are left out like every other further column.
  * Source: Geomview manual, OFF Files.
  */
-#include "codec_build.h"
-#include "codec_scan.h"
+#include "codec_blocks.h"
 
 #define SMALLEST_VERTEX_SIZE 5 /* "0 0 0" */
 #define SMALLEST_FACE_SIZE 7   /* "3 0 0 0" */
@@ -74,9 +73,9 @@ static qm_status read_counts(qm_builder *builder, qm_scan *text, size_t *vertex_
     return QM_OK;
 }
 
-static qm_status read_vertices(qm_builder *builder, qm_scan *text, size_t count)
+static qm_status read_vertices(qm_builder *builder, qm_scan *text, size_t done, size_t count)
 {
-    for (size_t i = 0; i < count; ++i) {
+    for (size_t i = done; i < count; ++i) {
         if (!qm_scan_find_row(text))
             return qm_codec_fail(text->report, QM_E_FORMAT, "the file ends after %zu of %zu vertices", i,
                                  count);
@@ -117,19 +116,45 @@ static qm_status read_face(qm_builder *builder, qm_scan *text)
                                                                     : read_any_face(builder, text);
 }
 
-static qm_status read_faces(qm_builder *builder, qm_scan *text, size_t count)
+static qm_status read_faces(qm_builder *builder, qm_scan *text, size_t done, size_t count)
 {
-    for (size_t i = 0; i < count; ++i) {
+    for (size_t i = done; i < count; ++i) {
         if (!qm_scan_find_row(text))
             return qm_codec_fail(text->report, QM_E_FORMAT, "the file ends after %zu of %zu faces", i, count);
         qm_status status = read_face(builder, text);
         if (status != QM_OK) return status;
         qm_scan_skip_line(text);
     }
-    if (qm_scan_find_row(text))
+    return QM_OK;
+}
+
+static qm_status read_vertex_block(void *user, size_t index, size_t line_count, qm_scan *text,
+                                   qm_builder *builder)
+{
+    (void)user, (void)index;
+    return read_vertices(builder, text, 0, line_count);
+}
+
+static qm_status read_face_block(void *user, size_t index, size_t line_count, qm_scan *text,
+                                 qm_builder *builder)
+{
+    (void)user, (void)index;
+    return read_faces(builder, text, 0, line_count);
+}
+
+static qm_status read_rows(qm_builder *builder, qm_scan *text, size_t vertex_count, size_t face_count)
+{
+    const qm_block_reader vertices = {
+        .rows = QM_BLOCK_VERTICES, .most_lines = vertex_count, .read = read_vertex_block};
+    const qm_block_reader faces = {.rows = QM_BLOCK_FACES, .most_lines = face_count, .read = read_face_block};
+    qm_status status = qm_blocks_read(builder, text, &vertices);
+    if (status == QM_OK) status = read_vertices(builder, text, builder->vertex_count, vertex_count);
+    if (status == QM_OK) status = qm_blocks_read(builder, text, &faces);
+    if (status == QM_OK) status = read_faces(builder, text, builder->input_face_count, face_count);
+    if (status == QM_OK && qm_scan_find_row(text))
         qm_codec_warn(text->report, "line %zu and what follows come after the last face and were left out",
                       text->line);
-    return QM_OK;
+    return status;
 }
 
 static qm_status read_file(qm_builder *builder, qm_scan *text)
@@ -137,8 +162,7 @@ static qm_status read_file(qm_builder *builder, qm_scan *text)
     size_t vertex_count = 0, face_count = 0;
     qm_status status = read_keyword(text);
     if (status == QM_OK) status = read_counts(builder, text, &vertex_count, &face_count);
-    if (status == QM_OK) status = read_vertices(builder, text, vertex_count);
-    if (status == QM_OK) status = read_faces(builder, text, face_count);
+    if (status == QM_OK) status = read_rows(builder, text, vertex_count, face_count);
     return status;
 }
 

@@ -5,6 +5,7 @@
  * everything else is stepped over by its declared size.
  */
 #include "codec_ply.h"
+#include "codec_blocks.h"
 
 /** The least bytes that a row takes: lists are empty, but for the corners of a triangle. */
 static size_t smallest_row(const qm_ply_reader *reader, const qm_ply_element *element)
@@ -122,11 +123,11 @@ static qm_status read_text_row(qm_ply_reader *reader, const qm_ply_element *elem
     return status == QM_OK ? qm_ply_end_row(reader, element->kind, value) : status;
 }
 
-static qm_status read_text_rows(qm_ply_reader *reader, const qm_ply_element *element)
+static qm_status read_text_rows(qm_ply_reader *reader, const qm_ply_element *element, uint64_t done)
 {
     if (element->property_count == 0) return QM_OK;
     const bool plain = is_plain(reader, element);
-    for (uint64_t i = 0; i < element->count; ++i) {
+    for (uint64_t i = done; i < element->count; ++i) {
         if (!qm_scan_find_row(&reader->text))
             return qm_codec_fail(reader->report, QM_E_FORMAT, "the file ends after %llu of %llu rows",
                                  (unsigned long long)i, (unsigned long long)element->count);
@@ -137,6 +138,49 @@ static qm_status read_text_rows(qm_ply_reader *reader, const qm_ply_element *ele
         qm_scan_skip_line(&reader->text);
     }
     return QM_OK;
+}
+
+typedef struct element_reader {
+    const qm_ply_reader *reader;
+    const qm_ply_element *element;
+} element_reader;
+
+static qm_status read_block(void *user, size_t index, size_t line_count, qm_scan *text, qm_builder *builder)
+{
+    const element_reader *whole = user;
+    qm_ply_element rows = *whole->element;
+    qm_ply_reader reader = *whole->reader;
+    (void)index;
+    rows.count = line_count;
+    reader.builder = builder;
+    reader.report = builder->report;
+    reader.text = *text;
+    qm_status status = read_text_rows(&reader, &rows, 0);
+    *text = reader.text;
+    return status;
+}
+
+/** Reads rows of the element, a line each, as far as that goes; *done counts them. */
+static qm_status read_blocks(qm_ply_reader *reader, const qm_ply_element *element, uint64_t *done)
+{
+    const size_t first_line = reader->text.line;
+    element_reader user = {.reader = reader, .element = element};
+    const qm_block_reader rows = {.rows = element->kind == QM_PLY_FACES ? QM_BLOCK_FACES : QM_BLOCK_VERTICES,
+                                  .most_lines = element->count,
+                                  .read = read_block,
+                                  .user = &user};
+    *done = 0;
+    if (element->kind == QM_PLY_OTHERS || reader->has_normals) return QM_OK;
+    qm_status status = qm_blocks_read(reader->builder, &reader->text, &rows);
+    *done = reader->text.line - first_line;
+    return status;
+}
+
+static qm_status read_text_element(qm_ply_reader *reader, const qm_ply_element *element)
+{
+    uint64_t done;
+    qm_status status = read_blocks(reader, element, &done);
+    return status == QM_OK ? read_text_rows(reader, element, done) : status;
 }
 
 static void warn_about_rest(qm_ply_reader *reader)
@@ -158,7 +202,7 @@ static qm_status read_rows(qm_ply_reader *reader)
         const qm_ply_element *element = &reader->elements[i];
         qm_status status = start_element(reader, element);
         if (status == QM_OK)
-            status = reader->encoding == QM_PLY_ASCII ? read_text_rows(reader, element)
+            status = reader->encoding == QM_PLY_ASCII ? read_text_element(reader, element)
                                                       : qm_ply_read_binary_rows(reader, element);
         if (status != QM_OK) return status;
     }

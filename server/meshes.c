@@ -55,6 +55,7 @@ qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memo
     if (!meshes) return NULL;
     meshes->store = store;
     meshes->limits = limits;
+    meshes->limits.thread_count = threads;
     meshes->budget = (qm_budget){.limit = memory_limit, .make_room = drop_coldest, .user = meshes};
     meshes->threads = threads;
     uv_mutex_init(&meshes->filing);

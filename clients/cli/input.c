@@ -98,7 +98,9 @@ static bool load_mesh(qm_context *ctx, const char *path, const qm_preparation *p
     *out = (qm_loaded_mesh){0};
     uint8_t *bytes = read_file(path, &size, problem);
     if (!bytes) return false;
-    const qm_codec_limits limits = {.max_vertices = QM_NO_INDEX - 1, .max_faces = QM_NO_INDEX - 1};
+    const qm_codec_limits limits = {.max_vertices = QM_NO_INDEX - 1,
+                                    .max_faces = QM_NO_INDEX - 1,
+                                    .thread_count = preparation->thread_count};
     qm_codec_report report;
     qm_status status = qm_mesh_read(ctx, qm_format_from_path(path), bytes, size, &limits, out, &report);
     free(bytes);

@@ -4,10 +4,12 @@
 #include <string.h>
 
 #include "check.h"
+#include "parallel.h"
 
 qm_decoded qm_decode_limited(qm_format format, const void *bytes, size_t size, qm_codec_limits limits)
 {
     qm_context ctx = qm_context_make();
+    ctx.parallel = qm_parallel_run;
     qm_decoded decoded;
     /* An exact copy on the heap lets the sanitizer see a read past the end. */
     uint8_t *copy = malloc(size ? size : 1);
@@ -29,7 +31,7 @@ qm_decoded qm_decode_limited(qm_format format, const void *bytes, size_t size, q
 
 qm_decoded qm_decode(qm_format format, const void *bytes, size_t size)
 {
-    return qm_decode_limited(format, bytes, size, (qm_codec_limits){1000000, 1000000});
+    return qm_decode_limited(format, bytes, size, (qm_codec_limits){1000000, 1000000, 1});
 }
 
 qm_decoded qm_decode_text(qm_format format, const char *text)

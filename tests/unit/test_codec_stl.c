@@ -161,7 +161,7 @@ static void binary_faults_name_their_byte(void **state)
     add_head(&file, "x", 0);
     decoded = qm_decode(QM_FORMAT_STL, file.data, file.size);
     assert_int_equal(decoded.status, QM_E_EMPTY);
-    decoded = qm_decode_limited(QM_FORMAT_STL, file.data, file.size, (qm_codec_limits){1, 1});
+    decoded = qm_decode_limited(QM_FORMAT_STL, file.data, file.size, (qm_codec_limits){1, 1, 1});
     assert_int_equal(decoded.status, QM_E_EMPTY);
 }
 

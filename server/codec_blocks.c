@@ -1,0 +1,206 @@
+#include "codec_blocks.h"
+
+#define LEAST_BLOCKS 4 /* of a text that is worth waking up a thread for */
+
+typedef struct text_block {
+    const uint8_t *at, *end;
+    size_t line; /* at its start */
+    size_t line_count, vertex_count, face_count;
+    size_t first_vertex, first_face;
+    size_t repeated_count;
+    bool is_read; /* as it was counted */
+} text_block;
+
+/** Blocks that are counted, and then read, at the same time. */
+typedef struct block_round {
+    const qm_block_reader *reader;
+    const qm_builder *builder; /* of the mesh */
+    size_t count;
+    text_block blocks[QM_BLOCKS_TOGETHER];
+} block_round;
+
+/** The end of the first line that ends at this byte or later, and that a backslash does not join to the next
+ * one; NULL without one. */
+static const uint8_t *find_cut(const uint8_t *at, const uint8_t *end)
+{
+    while ((at = memchr(at, '\n', (size_t)(end - at)))) {
+        const uint8_t *before = at - 1;
+        if (*before == '\r') --before;
+        ++at;
+        if (*before != '\\') return at;
+    }
+    return NULL;
+}
+
+/** The text ahead in blocks, up to the last line end at most. */
+static void cut_blocks(block_round *round, const qm_scan *text)
+{
+    const uint8_t *at = text->at;
+    for (round->count = 0; round->count < QM_BLOCKS_TOGETHER; ++round->count) {
+        const uint8_t *end = NULL;
+        if ((size_t)(text->end - at) > QM_BLOCK_SIZE) end = find_cut(at + QM_BLOCK_SIZE, text->end);
+        if (!end) return;
+        round->blocks[round->count] = (text_block){.at = at, .end = end};
+        at = end;
+    }
+}
+
+/* The counts have 32 bits, for then several bytes are looked at together. */
+
+static uint32_t count_lines(const uint8_t *at, size_t size)
+{
+    uint32_t count = 0;
+    for (size_t i = 0; i < size; ++i)
+        count += at[i] == '\n';
+    return count;
+}
+
+/** Lines that start with the word: behind one of these bytes, of which the two after the last can be read. */
+static uint32_t count_word(const uint8_t *at, size_t size, uint8_t word)
+{
+    uint32_t count = 0;
+    for (size_t i = 0; i < size; ++i)
+        count += (at[i] == '\n') & (at[i + 1] == word) & (at[i + 2] == ' ');
+    return count;
+}
+
+/** The same of a block, the first line of which has no line end before it. */
+static size_t count_words(const text_block *block, uint8_t word)
+{
+    const size_t size = (size_t)(block->end - block->at);
+    const bool is_first = size > 2 && block->at[0] == word && block->at[1] == ' ';
+    return is_first + (size > 2 ? count_word(block->at, size - 2, word) : 0);
+}
+
+static void count_block(void *data, int worker, size_t index)
+{
+    block_round *round = data;
+    text_block *block = &round->blocks[index];
+    (void)worker;
+    block->line_count = count_lines(block->at, (size_t)(block->end - block->at));
+    switch (round->reader->rows) {
+    case QM_BLOCK_VERTICES:
+        block->vertex_count = block->line_count;
+        break;
+    case QM_BLOCK_FACES:
+        block->face_count = block->line_count;
+        break;
+    case QM_BLOCK_WORDS:
+        block->vertex_count = count_words(block, 'v');
+        block->face_count = count_words(block, 'f');
+    }
+}
+
+/** Gives each block its place in the mesh; those that the mesh may have no room for are left out. */
+static void place_blocks(block_round *round, size_t line, uint64_t most_lines)
+{
+    const qm_builder *builder = round->builder;
+    size_t vertex = builder->vertex_count, face = builder->face_count;
+    uint64_t lines = 0;
+    for (size_t i = 0; i < round->count; ++i) {
+        text_block *block = &round->blocks[i];
+        lines += block->line_count;
+        bool has_room = block->vertex_count <= builder->limits->max_vertices - vertex &&
+                        block->face_count <= builder->limits->max_faces - face;
+        if (!has_room || (round->reader->rows != QM_BLOCK_WORDS && lines > most_lines)) {
+            round->count = i;
+            return;
+        }
+        block->line = line;
+        block->first_vertex = vertex;
+        block->first_face = face;
+        line += block->line_count;
+        vertex += block->vertex_count;
+        face += block->face_count;
+    }
+}
+
+static qm_status make_room(qm_builder *builder, const block_round *round)
+{
+    const text_block *last = &round->blocks[round->count - 1];
+    size_t vertices = last->first_vertex + last->vertex_count - builder->vertex_count;
+    size_t faces = last->first_face + last->face_count - builder->face_count;
+    qm_status status = qm_builder_reserve_vertices(builder, vertices);
+    return status == QM_OK ? qm_builder_reserve_faces(builder, faces) : status;
+}
+
+/** The builder of the block stores at the block's place in the arrays of the mesh, which it cannot enlarge:
+ * what does not fit is more than its limits. */
+static void read_block(void *data, int worker, size_t index)
+{
+    block_round *round = data;
+    text_block *block = &round->blocks[index];
+    const qm_codec_limits limits = {.max_vertices = block->first_vertex + block->vertex_count,
+                                    .max_faces = block->face_count};
+    (void)worker;
+    qm_context ctx = *round->builder->ctx;
+    qm_codec_report report;
+    report.detail[0] = 0;
+    report.warning_count = 0;
+    qm_builder builder = {.ctx = &ctx,
+                          .limits = &limits,
+                          .report = &report,
+                          .positions = round->builder->positions,
+                          .vertex_count = block->first_vertex,
+                          .vertex_capacity = limits.max_vertices,
+                          .faces =
+                              block->face_count > 0 ? round->builder->faces + 4 * block->first_face : NULL,
+                          .face_capacity = limits.max_faces};
+    qm_scan text = {.at = block->at, .end = block->end, .line = block->line, .report = &report};
+    const qm_block_reader *reader = round->reader;
+    qm_status status = reader->read(reader->user, index, block->line_count, &text, &builder);
+    block->repeated_count = builder.repeated_count;
+    block->is_read = status == QM_OK && text.at == block->end &&
+                     text.line == block->line + block->line_count &&
+                     builder.vertex_count == limits.max_vertices && builder.face_count == limits.max_faces &&
+                     !builder.face_origin && !builder.normals && report.warning_count == 0;
+    builder.positions = NULL;
+    builder.faces = NULL;
+    qm_builder_free(&builder);
+}
+
+/** Adds the blocks before the first one that was not read as counted. */
+static void take_blocks(const block_round *round, qm_builder *builder, qm_scan *text)
+{
+    for (size_t i = 0; i < round->count && round->blocks[i].is_read; ++i) {
+        const text_block *block = &round->blocks[i];
+        builder->vertex_count += block->vertex_count;
+        builder->face_count += block->face_count;
+        builder->input_face_count += block->face_count;
+        builder->repeated_count += block->repeated_count;
+        text->at = block->end;
+        text->line += block->line_count;
+        if (round->reader->take) round->reader->take(round->reader->user, i);
+    }
+}
+
+/** Reads some blocks; *goes_on is false where the others are not to be tried. */
+static qm_status read_round(block_round *round, qm_builder *builder, qm_scan *text, uint64_t most_lines,
+                            bool *goes_on)
+{
+    const int threads = builder->limits->thread_count;
+    *goes_on = false;
+    cut_blocks(round, text);
+    if (round->count < LEAST_BLOCKS) return QM_OK;
+    qm_context_share(builder->ctx, threads, round->count, count_block, round);
+    place_blocks(round, text->line, most_lines);
+    if (round->count == 0) return QM_OK;
+    qm_status status = make_room(builder, round);
+    if (status != QM_OK) return status;
+    qm_context_share(builder->ctx, threads, round->count, read_block, round);
+    take_blocks(round, builder, text);
+    *goes_on = text->at == round->blocks[round->count - 1].end;
+    return qm_context_canceled(builder->ctx) ? QM_E_CANCELED : QM_OK;
+}
+
+qm_status qm_blocks_read(qm_builder *builder, qm_scan *text, const qm_block_reader *reader)
+{
+    block_round round = {.reader = reader, .builder = builder};
+    const size_t first_line = text->line;
+    qm_status status = QM_OK;
+    /* Once there is a polygon, the place of a face is not told by the rows before it. */
+    bool goes_on = builder->limits->thread_count > 1 && !builder->face_origin;
+    while (status == QM_OK && goes_on)
+        status = read_round(&round, builder, text, reader->most_lines - (text->line - first_line), &goes_on);
+    return status;
+}
