@@ -305,16 +305,25 @@ void qm_builder_free(qm_builder *builder)
     qm_context_free(ctx, builder->corners, builder->corner_capacity, sizeof *builder->corners);
 }
 
-#define FIRST_SLOT_COUNT 1024
+#define LEAST_SLOT_COUNT ((size_t)1024)
 
-qm_status qm_welder_create(qm_builder *builder, qm_welder *welder)
+/** At most half of the slots are taken. */
+static qm_status make_slots(qm_welder *welder, size_t vertex_count)
 {
-    *welder = (qm_welder){.builder = builder, .slot_count = FIRST_SLOT_COUNT};
-    if (getrandom(&welder->seed, sizeof welder->seed, GRND_NONBLOCK) < 0) welder->seed = (uintptr_t)welder;
-    welder->slots = qm_context_alloc(builder->ctx, welder->slot_count, sizeof *welder->slots);
+    welder->slot_count = LEAST_SLOT_COUNT;
+    while (welder->slot_count / 2 < vertex_count)
+        welder->slot_count *= 2;
+    welder->slots = qm_context_alloc(welder->builder->ctx, welder->slot_count, sizeof *welder->slots);
     if (!welder->slots) return QM_E_NO_MEMORY;
     memset(welder->slots, 0xff, welder->slot_count * sizeof *welder->slots);
     return QM_OK;
+}
+
+qm_status qm_welder_create(qm_builder *builder, size_t vertex_count, qm_welder *welder)
+{
+    *welder = (qm_welder){.builder = builder};
+    if (getrandom(&welder->seed, sizeof welder->seed, GRND_NONBLOCK) < 0) welder->seed = (uintptr_t)welder;
+    return make_slots(welder, vertex_count);
 }
 
 void qm_welder_destroy(qm_welder *welder)
@@ -329,55 +338,84 @@ static uint64_t mix(uint64_t a, uint64_t b)
     return (uint64_t)product ^ (uint64_t)(product >> 64);
 }
 
-static uint64_t hash_position(const qm_welder *welder, const double position[3])
+/** The slot where the search for a position begins. */
+static size_t first_slot(const qm_welder *welder, const double position[3])
 {
     uint64_t bits[3];
     memcpy(bits, position, sizeof bits);
     uint64_t hash = mix(bits[0] ^ welder->seed, 0x9e3779b97f4a7c15u);
     hash = mix(bits[1] ^ hash, 0xd6e8feb86659fd93u ^ welder->seed);
-    return mix(bits[2] ^ hash, 0xa0761d6478bd642fu);
+    return (size_t)mix(bits[2] ^ hash, 0xa0761d6478bd642fu) & (welder->slot_count - 1);
 }
 
-static size_t find_slot(const qm_welder *welder, const double position[3])
+static size_t find_slot(const qm_welder *welder, size_t slot, const double position[3])
 {
     const double *positions = welder->builder->positions;
-    size_t mask = welder->slot_count - 1;
-    size_t slot = (size_t)hash_position(welder, position) & mask;
     while (welder->slots[slot] != QM_NO_INDEX &&
            memcmp(positions + 3 * (size_t)welder->slots[slot], position, 3 * sizeof *position) != 0)
-        slot = (slot + 1) & mask;
+        slot = (slot + 1) & (welder->slot_count - 1);
     return slot;
 }
 
-static qm_status double_slots(qm_welder *welder)
+/** Makes slots for more vertices than there are. */
+static qm_status add_slots(qm_welder *welder, size_t vertex_count)
 {
-    qm_context *ctx = welder->builder->ctx;
     qm_welder grown = *welder;
-    grown.slot_count *= 2;
-    grown.slots = qm_context_alloc(ctx, grown.slot_count, sizeof *grown.slots);
-    if (!grown.slots) return QM_E_NO_MEMORY;
-    memset(grown.slots, 0xff, grown.slot_count * sizeof *grown.slots);
-    for (size_t i = 0; i < welder->slot_count; ++i) {
-        uint32_t vertex = welder->slots[i];
-        if (vertex == QM_NO_INDEX) continue;
-        grown.slots[find_slot(&grown, grown.builder->positions + 3 * (size_t)vertex)] = vertex;
+    qm_status status = make_slots(&grown, vertex_count);
+    if (status != QM_OK) return status;
+    for (size_t i = 0; i < welder->builder->vertex_count; ++i) {
+        const double *position = welder->builder->positions + 3 * i;
+        grown.slots[find_slot(&grown, first_slot(&grown, position), position)] = (uint32_t)i;
     }
     qm_welder_destroy(welder);
     *welder = grown;
     return QM_OK;
 }
 
-qm_status qm_welder_find(qm_welder *welder, const double position[3], uint32_t *vertex)
+static qm_status find_vertex(qm_welder *welder, size_t slot, const double position[3], uint32_t *vertex)
 {
-    /* Adding zero turns -0 into 0, so that equal coordinates are equal bits. */
-    const double plain[3] = {position[0] + 0.0, position[1] + 0.0, position[2] + 0.0};
-    size_t slot = find_slot(welder, plain);
+    slot = find_slot(welder, slot, position);
     *vertex = welder->slots[slot];
     if (*vertex != QM_NO_INDEX) return QM_OK;
-
     *vertex = (uint32_t)welder->builder->vertex_count;
-    qm_status status = qm_builder_add_vertex(welder->builder, plain);
-    if (status != QM_OK) return status;
-    welder->slots[slot] = *vertex;
-    return 2 * welder->builder->vertex_count > welder->slot_count ? double_slots(welder) : QM_OK;
+    qm_status status = qm_builder_add_vertex(welder->builder, position);
+    if (status == QM_OK) welder->slots[slot] = *vertex;
+    return status;
+}
+
+/** The slots of all, and then the vertices in them, are on their way to the cache while others are found. */
+static qm_status find_few(qm_welder *welder, const double *positions, size_t count, uint32_t *vertices,
+                          size_t *done)
+{
+    double plain[QM_WELDED_TOGETHER][3];
+    size_t slots[QM_WELDED_TOGETHER];
+    for (size_t i = 0; i < count; ++i) {
+        /* Adding zero turns -0 into 0, so that equal coordinates are equal bits. */
+        for (int k = 0; k < 3; ++k)
+            plain[i][k] = positions[3 * i + (size_t)k] + 0.0;
+        slots[i] = first_slot(welder, plain[i]);
+        __builtin_prefetch(&welder->slots[slots[i]]);
+    }
+    for (size_t i = 0; i < count; ++i) {
+        uint32_t vertex = welder->slots[slots[i]];
+        if (vertex != QM_NO_INDEX) __builtin_prefetch(welder->builder->positions + 3 * (size_t)vertex);
+    }
+    for (size_t i = 0; i < count; ++i, ++*done) {
+        qm_status status = find_vertex(welder, slots[i], plain[i], &vertices[i]);
+        if (status != QM_OK) return status;
+    }
+    return QM_OK;
+}
+
+qm_status qm_welder_find(qm_welder *welder, const double *positions, size_t count, uint32_t *vertices,
+                         size_t *done)
+{
+    qm_status status = QM_OK;
+    for (*done = 0; *done < count && status == QM_OK;) {
+        size_t few = count - *done < QM_WELDED_TOGETHER ? count - *done : QM_WELDED_TOGETHER;
+        size_t most = welder->builder->vertex_count + few;
+        if (most > welder->slot_count / 2) status = add_slots(welder, most);
+        if (status == QM_OK) status = find_few(welder, positions + 3 * *done, few, vertices + *done, done);
+    }
+    return status;
 }

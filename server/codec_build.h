@@ -158,9 +158,15 @@ typedef struct qm_welder {
     uint64_t seed; /* drawn for each file, so that no file can be made whose vertices all collide */
 } qm_welder;
 
-/** A failure leaves nothing to free. */
-qm_status qm_welder_create(qm_builder *builder, qm_welder *welder);
-qm_status qm_welder_find(qm_welder *welder, const double position[3], uint32_t *vertex);
+#define QM_WELDED_TOGETHER 48 /* positions at most, of which the call below waits for the memory at once */
+
+/** With room for so many vertices, a guess that the bytes of the file bear out. A failure leaves nothing to
+ * free. */
+qm_status qm_welder_create(qm_builder *builder, size_t vertex_count, qm_welder *welder);
+
+/** For rows of x y z, one after the other; after a failure *done counts those before it. */
+qm_status qm_welder_find(qm_welder *welder, const double *positions, size_t count, uint32_t *vertices,
+                         size_t *done);
 void qm_welder_destroy(qm_welder *welder);
 
 static inline uint32_t qm_read_u32_le(const uint8_t *bytes)

@@ -77,10 +77,10 @@ static qm_status weld_vertices(drc_reader *reader)
     size_t vertex_count = reader->facts.vertex_count;
     uint32_t *vertices = qm_context_alloc(builder->ctx, vertex_count, sizeof *vertices);
     if (!vertices) return QM_E_NO_MEMORY;
-    qm_status status = qm_welder_create(builder, &welder);
+    size_t done;
+    qm_status status = qm_welder_create(builder, vertex_count, &welder);
     if (status == QM_OK) {
-        for (size_t i = 0; status == QM_OK && i < vertex_count; ++i)
-            status = qm_welder_find(&welder, reader->arrays.positions + 3 * i, &vertices[i]);
+        status = qm_welder_find(&welder, reader->arrays.positions, vertex_count, vertices, &done);
         qm_welder_destroy(&welder);
     }
     for (size_t i = 0; status == QM_OK && i < 3 * reader->facts.triangle_count; ++i)

@@ -12,7 +12,7 @@
 #define PREFIX_SIZE 84 /* header and count */
 #define TRIANGLE_SIZE 50
 #define NORMAL_SIZE 12
-#define CORNER_SIZE 12
+#define TRIANGLES_TOGETHER (QM_WELDED_TOGETHER / 3)
 
 bool qm_codec_is_binary_stl(const uint8_t *bytes, size_t size)
 {
@@ -31,36 +31,47 @@ static bool looks_like_text(const uint8_t *bytes, size_t size)
            qm_scan_read_word(&text, &word, &word_size) && qm_scan_word_is(word, word_size, "solid");
 }
 
-static qm_status add_triangle(qm_welder *welder, const double corners[3][3])
+/** Of triangles in a row, rows of x y z; after a failure *done counts the corners before it. */
+static qm_status add_triangles(qm_welder *welder, const double (*corners)[3], size_t count, size_t *done)
 {
-    uint32_t vertices[3];
-    for (int i = 0; i < 3; ++i) {
-        qm_status status = qm_welder_find(welder, corners[i], &vertices[i]);
-        if (status != QM_OK) return status;
+    uint32_t vertices[3 * TRIANGLES_TOGETHER];
+    qm_status status = qm_welder_find(welder, corners[0], 3 * count, vertices, done);
+    for (size_t i = 0; i < *done / 3; ++i) {
+        const uint32_t *v = vertices + 3 * i;
+        qm_status added = qm_builder_add_triangle(welder->builder, v[0], v[1], v[2]);
+        if (added != QM_OK) return added;
     }
-    return qm_builder_add_triangle(welder->builder, vertices[0], vertices[1], vertices[2]);
+    return status;
 }
 
 /* Binary */
 
-static qm_status read_binary_triangle(qm_welder *welder, const uint8_t *at)
+/** False when a coordinate is not finite. */
+static bool load_triangle(const uint8_t *at, double corners[3][3])
 {
-    double corners[3][3];
+    bool is_finite = true;
     for (int i = 0; i < 9; ++i) {
-        corners[i / 3][i % 3] = qm_read_f32_le(at + NORMAL_SIZE + 4 * i);
-        if (!isfinite(corners[i / 3][i % 3]))
-            return qm_codec_fail(welder->builder->report, QM_E_NOT_FINITE,
-                                 "a coordinate is not a finite number");
+        double number = qm_read_f32_le(at + NORMAL_SIZE + 4 * i);
+        corners[i / 3][i % 3] = number;
+        is_finite &= isfinite(number) != 0;
     }
-    return add_triangle(welder, corners);
+    return is_finite;
 }
 
 static qm_status read_binary_triangles(qm_welder *welder, const uint8_t *bytes, size_t count)
 {
     qm_codec_report *report = welder->builder->report;
-    for (size_t i = 0; i < count; ++i, report->offset += TRIANGLE_SIZE) {
-        qm_status status = read_binary_triangle(welder, bytes + report->offset);
+    for (size_t i = 0; i < count; i += TRIANGLES_TOGETHER) {
+        const size_t most = count - i < TRIANGLES_TOGETHER ? count - i : TRIANGLES_TOGETHER;
+        double corners[3 * TRIANGLES_TOGETHER][3];
+        size_t good = 0, done;
+        while (good < most &&
+               load_triangle(bytes + report->offset + good * TRIANGLE_SIZE, &corners[3 * good]))
+            ++good;
+        qm_status status = add_triangles(welder, (const double(*)[3])corners, good, &done);
+        report->offset += done / 3 * TRIANGLE_SIZE;
         if (status != QM_OK) return status;
+        if (good < most) return qm_codec_fail(report, QM_E_NOT_FINITE, "a coordinate is not a finite number");
     }
     return QM_OK;
 }
@@ -130,7 +141,8 @@ static qm_status end_facet(stl_text *reader)
     if (!reader->in_facet) return fail_text(reader, "a facet ends that never began");
     if (reader->corner_count < 3) return fail_text(reader, "a facet has fewer than three vertices");
     reader->in_facet = false;
-    return add_triangle(reader->welder, (const double(*)[3])reader->corners);
+    size_t done;
+    return add_triangles(reader->welder, (const double(*)[3])reader->corners, 1, &done);
 }
 
 /** A name may follow and fills the rest of the line. */
@@ -184,9 +196,10 @@ static qm_status read_text(qm_welder *welder, const uint8_t *bytes, size_t size)
 qm_status qm_codec_decode_stl(qm_builder *builder, const uint8_t *bytes, size_t size)
 {
     qm_welder welder;
-    qm_status status = qm_welder_create(builder, &welder);
-    if (status != QM_OK) return status;
     bool is_text = !qm_codec_is_binary_stl(bytes, size) && looks_like_text(bytes, size);
+    /* Closed surfaces have about half as many vertices as triangles. */
+    qm_status status = qm_welder_create(builder, is_text ? 0 : size / TRIANGLE_SIZE / 2, &welder);
+    if (status != QM_OK) return status;
     status = is_text ? read_text(&welder, bytes, size) : read_binary(&welder, bytes, size);
     qm_welder_destroy(&welder);
     return status;

@@ -1,9 +1,11 @@
 /* STL files by hand: welding, text against binary, every fault with its place. */
+#include <inttypes.h>
 #include <math.h>
 #include <string.h>
 
 #include "check.h"
 #include "decode.h"
+#include "random.h"
 
 #define FACET(a, b, c)                                                                                       \
     "facet normal 0 0 1\nouter loop\nvertex " a "\nvertex " b "\nvertex " c "\nendloop\nendfacet\n"
@@ -165,6 +167,70 @@ static void binary_faults_name_their_byte(void **state)
     assert_int_equal(decoded.status, QM_E_EMPTY);
 }
 
+#define TRIANGLES 700
+#define FILE_SIZE (84 + 50 * TRIANGLES)
+
+/** A file whose corners are points of a list in random order. number is set to the order in which the points
+ * come, which is that of the vertices; returns how many come. */
+static size_t make_soup(qm_random *random, size_t points, uint8_t file[FILE_SIZE],
+                        uint32_t faces[TRIANGLES][4], uint32_t most, size_t *first_beyond)
+{
+    static uint32_t number[3 * TRIANGLES];
+    uint32_t count = 0;
+    memset(file, 0, FILE_SIZE);
+    file[80] = TRIANGLES & 0xff;
+    file[81] = TRIANGLES >> 8;
+    memset(number, 0xff, sizeof number);
+    *first_beyond = TRIANGLES;
+    for (size_t i = 0; i < TRIANGLES; i++) {
+        faces[i][3] = QM_NO_INDEX;
+        for (size_t k = 0; k < 3; k++) {
+            const size_t point = qm_random_below(random, points);
+            const float zero = qm_random_below(random, 2) ? 0.0f : -0.0f;
+            const float corner[3] = {(float)(point % 40), point % 3 ? (float)(point / 40 + 1) : zero, zero};
+            const size_t same = point % 3 ? point : point % 40 + 3 * TRIANGLES - 40;
+            memcpy(file + 84 + 50 * i + 12 + 12 * k, corner, sizeof corner);
+            if (number[same] == QM_NO_INDEX) {
+                if (count == most) *first_beyond = i;
+                number[same] = count++;
+            }
+            faces[i][k] = number[same];
+        }
+    }
+    return count;
+}
+
+static void random_triangles_are_welded_in_their_order(void **state)
+{
+    static uint8_t file[FILE_SIZE];
+    static uint32_t faces[TRIANGLES][4];
+    (void)state;
+    for (uint64_t i = 0; i < 60; i++) {
+        qm_random random = qm_random_make(qm_check_seed(), i);
+        size_t beyond, points = 4 + qm_random_below(&random, 2000), bad = qm_random_below(&random, TRIANGLES);
+        const uint32_t most = 3 + (uint32_t)qm_random_below(&random, 300);
+        const size_t count = make_soup(&random, points, file, faces, most, &beyond);
+        qm_decoded decoded = qm_decode(QM_FORMAT_STL, file, sizeof file);
+        QM_CHECK(decoded.status == QM_OK && decoded.mesh.vertex_count == count &&
+                     decoded.mesh.face_count == TRIANGLES,
+                 "case %" PRIu64 ", seed %" PRIu64 ": %s", i, qm_check_seed(), decoded.report.detail);
+        assert_memory_equal(decoded.mesh.faces, faces, sizeof faces);
+        qm_decoded_free(&decoded);
+
+        const bool is_bad = i % 2 == 0;
+        if (is_bad) memset(file + 84 + 50 * bad + 12 + 4 * qm_random_below(&random, 9), 0xff, 4);
+        decoded = qm_decode_limited(QM_FORMAT_STL, file, sizeof file, (qm_codec_limits){most, TRIANGLES, 1});
+        const size_t place = is_bad && bad <= beyond ? bad : beyond;
+        const qm_status expected = is_bad && bad <= beyond && bad < TRIANGLES ? QM_E_NOT_FINITE
+                                   : beyond < TRIANGLES                       ? QM_E_TOO_LARGE
+                                                                              : QM_OK;
+        QM_CHECK(decoded.status == expected, "case %" PRIu64 ", seed %" PRIu64 ": %s", i, qm_check_seed(),
+                 decoded.report.detail);
+        if (expected != QM_OK) assert_int_equal(decoded.report.offset, 84 + 50 * place);
+        qm_decoded_free(&decoded);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -172,6 +238,7 @@ int main(void)
         cmocka_unit_test(missing_endsolid_is_a_warning),
         cmocka_unit_test(binary_corners_are_welded),
         cmocka_unit_test(welding_survives_a_growing_table),
+        cmocka_unit_test(random_triangles_are_welded_in_their_order),
         cmocka_unit_test(triangle_of_one_point_is_kept_with_a_warning),
         cmocka_unit_test(text_faults_name_their_line),
         cmocka_unit_test(binary_faults_name_their_byte),
