@@ -45,31 +45,47 @@ static void cut_blocks(block_round *round, const qm_scan *text)
     }
 }
 
-/* The counts have 32 bits, for then several bytes are looked at together. */
+/** Line ends, and those before a line that starts with a word. */
+typedef struct line_counts {
+    uint8_t lines, vertices, faces;
+} line_counts;
 
-static uint32_t count_lines(const uint8_t *at, size_t size)
+#define BYTES_TOGETHER 128 /* which 8 bits can count, so that many bytes are looked at at once */
+
+/** Among so many bytes, of which the two after the last can be read. */
+static inline line_counts count_some(const uint8_t *at, size_t size)
 {
-    uint32_t count = 0;
-    for (size_t i = 0; i < size; ++i)
-        count += at[i] == '\n';
-    return count;
+    line_counts counts = {0};
+    for (size_t i = 0; i < size; ++i) {
+        const uint8_t ends = at[i] == '\n', starts = ends & (at[i + 2] == ' ');
+        counts.lines = (uint8_t)(counts.lines + ends);
+        counts.vertices = (uint8_t)(counts.vertices + (starts & (at[i + 1] == 'v')));
+        counts.faces = (uint8_t)(counts.faces + (starts & (at[i + 1] == 'f')));
+    }
+    return counts;
 }
 
-/** Lines that start with the word: behind one of these bytes, of which the two after the last can be read. */
-static uint32_t count_word(const uint8_t *at, size_t size, uint8_t word)
+static void count_rows(text_block *block)
 {
-    uint32_t count = 0;
-    for (size_t i = 0; i < size; ++i)
-        count += (at[i] == '\n') & (at[i + 1] == word) & (at[i + 2] == ' ');
-    return count;
-}
-
-/** The same of a block, the first line of which has no line end before it. */
-static size_t count_words(const text_block *block, uint8_t word)
-{
-    const size_t size = (size_t)(block->end - block->at);
-    const bool is_first = size > 2 && block->at[0] == word && block->at[1] == ' ';
-    return is_first + (size > 2 ? count_word(block->at, size - 2, word) : 0);
+    /* The last two bytes start no line of their own, and the first line has no end before it. */
+    const uint8_t *at = block->at, *end = block->end - 2;
+    const bool has_word = end - at > 0 && at[1] == ' ';
+    block->vertex_count = has_word && at[0] == 'v';
+    block->face_count = has_word && at[0] == 'f';
+    block->line_count = 1 + (*end == '\n');
+    for (size_t size; at < end; at += size) {
+        line_counts counts;
+        size = (size_t)(end - at);
+        if (size >= BYTES_TOGETHER) {
+            size = BYTES_TOGETHER;
+            counts = count_some(at, BYTES_TOGETHER);
+        } else {
+            counts = count_some(at, size);
+        }
+        block->line_count += counts.lines;
+        block->vertex_count += counts.vertices;
+        block->face_count += counts.faces;
+    }
 }
 
 static void count_block(void *data, int worker, size_t index)
@@ -77,18 +93,10 @@ static void count_block(void *data, int worker, size_t index)
     block_round *round = data;
     text_block *block = &round->blocks[index];
     (void)worker;
-    block->line_count = count_lines(block->at, (size_t)(block->end - block->at));
-    switch (round->reader->rows) {
-    case QM_BLOCK_VERTICES:
-        block->vertex_count = block->line_count;
-        break;
-    case QM_BLOCK_FACES:
-        block->face_count = block->line_count;
-        break;
-    case QM_BLOCK_WORDS:
-        block->vertex_count = count_words(block, 'v');
-        block->face_count = count_words(block, 'f');
-    }
+    count_rows(block);
+    if (round->reader->rows == QM_BLOCK_WORDS) return;
+    block->vertex_count = round->reader->rows == QM_BLOCK_VERTICES ? block->line_count : 0;
+    block->face_count = round->reader->rows == QM_BLOCK_FACES ? block->line_count : 0;
 }
 
 /** Gives each block its place in the mesh; those that the mesh may have no room for are left out. */
