@@ -11,7 +11,7 @@ static qm_status decode_failing_at(qm_format format, const uint8_t *bytes, size_
     qm_failing_allocator allocator = {.fail_at = fail_at};
     qm_context ctx = qm_context_make();
     ctx.allocator = qm_failing_allocator_hook(&allocator);
-    qm_codec_limits limits = {1000000, 1000000, 1};
+    qm_codec_limits limits = {1000000, 1000000, 2};
     qm_mesh mesh;
     qm_codec_report report;
     qm_status status = qm_codec_decode(&ctx, format, bytes, size, &limits, &mesh, &report);
@@ -69,6 +69,17 @@ static void growing_arrays_survive_every_failure(void **state)
     check_every_failure(QM_FORMAT_STL, file, sizeof file);
 }
 
+static void blocks_of_text_survive_every_failure(void **state)
+{
+    (void)state;
+    static const char rows[2][29] = {"v 1.0000 2.0000 3.000000000\n", "f 1 2 3                    \n"};
+    enum { VERTICES = 3000, FACES = 4000, ROW = 28 };
+    static char text[(VERTICES + FACES) * ROW];
+    for (size_t i = 0; i < VERTICES + FACES; ++i)
+        memcpy(text + ROW * i, rows[i >= VERTICES], ROW);
+    check_every_failure(QM_FORMAT_OBJ, text, sizeof text);
+}
+
 static void glb_decoder_survives_every_failure(void **state)
 {
     (void)state;
@@ -112,6 +123,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(text_decoders_survive_every_failure),
         cmocka_unit_test(growing_arrays_survive_every_failure),
+        cmocka_unit_test(blocks_of_text_survive_every_failure),
         cmocka_unit_test(glb_decoder_survives_every_failure),
         cmocka_unit_test(draco_decoder_survives_every_failure),
     };
