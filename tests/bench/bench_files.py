@@ -92,8 +92,9 @@ def describe(row, programs):
     stages = [""] * 4 if "failed" in one else [
         tables.ms(one["prepare_ms"]), tables.ms(one["elapsed_ms"]),
         tables.ms(max(0.0, one["wall_ms"] - one["prepare_ms"] - one["elapsed_ms"])), f"{one['faults']:.0f}"]
-    return [row["pair"], f"{row['bytes'] / 1e6:.1f}", tables.cell(warm), tables.cell(one, "wall_ms"), *stages,
-            tables.times(ratio) if ratio else "", tables.cell(two, "wall_ms") if two else "",
+    return [row["pair"], f"{row['bytes'] / 1e6:.1f}", tables.cell(warm), tables.cell(one, "wall_ms"),
+            tables.cell(one, "processor_ms"), *stages, tables.times(ratio) if ratio else "",
+            *(tables.cell(two, key) if two else "" for key in ("wall_ms", "processor_ms")),
             *(tables.cell(row["answers"][peer.name]) for peer in programs.reading())]
 
 
@@ -105,10 +106,12 @@ def run(settings, programs, pairs, say):
         faults += find_faults(rows[-1], programs)
     peers = programs.reading()
     print("## From files to the answer\n\nThe distance from A to B by a process of the command line that does nothing "
-          "else, in ms from its start to its end: loading is files to trees, rest is start and end. Warm: trees and "
-          "search in a process that has done the same before. The peers' times hold reading, not the start of Python.\n")
-    print(tables.table(["pair", "MB:", "warm:", "one thread:", "loading:", "search:", "rest:", "page faults:",
-                        "over warm:", "two threads:",
+          "else, in ms from its start to its end: loading is files to trees, rest is start and end; "
+          "processor is the time of all threads together, which other work on the machine changes least. Warm: trees "
+          "and search in a process that has done the same before. The peers' times hold reading, not the start of "
+          "Python.\n")
+    print(tables.table(["pair", "MB:", "warm:", "one thread:", "processor:", "loading:", "search:", "rest:",
+                        "page faults:", "over warm:", "two threads:", "processor:",
                         *(f"{peer.name} ({peer.hausdorff}):" for peer in peers)],
                        [describe(row, programs) for row in rows]))
     ratios = [ratio for ratio in map(over_warm, rows) if ratio]
