@@ -73,19 +73,6 @@ bool qm_scan_read_word(qm_scan *text, const uint8_t **word, size_t *size)
     return true;
 }
 
-static uint8_t to_lower(uint8_t c)
-{
-    return c >= 'A' && c <= 'Z' ? (uint8_t)(c | 0x20) : c;
-}
-
-bool qm_scan_word_is(const uint8_t *word, size_t size, const char *lower)
-{
-    if (size != strlen(lower)) return false;
-    for (size_t i = 0; i < size; ++i)
-        if (to_lower(word[i]) != (uint8_t)lower[i]) return false;
-    return true;
-}
-
 static bool is_digit(uint8_t c)
 {
     return c >= '0' && c <= '9';
@@ -270,11 +257,23 @@ static qm_status read_any_number(qm_scan *text, double *number)
 
 #define SHORT_REACH 24 /* characters that the call below may look at */
 
+/** Reads "e-12", two digits with a sign or none, where it stands; NULL for other exponents. */
+static inline const uint8_t *read_short_exponent(const uint8_t *p, int *exponent)
+{
+    const bool negative = p[1] == '-';
+    if ((*p | 0x20) != 'e') return NULL;
+    p += negative || p[1] == '+' ? 2 : 1;
+    if (!is_digit(p[0]) || !is_digit(p[1])) return NULL;
+    const int value = 10 * (p[0] - '0') + (p[1] - '0');
+    *exponent = negative ? -value : value;
+    return p + 2;
+}
+
 /**
  * The commonest number, from p on: a sign or none and digits around a point, of which sixteen characters hold
- * all and what comes after, a blank or the line's end. Returns where it ends; NULL for all other numbers.
- * A single load leads from one number to the next, and no branch depends on where the point is. Fourteen
- * digits, and powers of ten up to as many, are exact, so that the quotient is rounded once.
+ * all and what comes after: a blank, the line's end or a short exponent. Returns where it ends; NULL for all
+ * other numbers. A single load leads from one number to the next, and no branch depends on where the point
+ * is. Fourteen digits, and powers of ten up to 22, are exact, so that quotient and product are rounded once.
  */
 static inline const uint8_t *read_short_number(const uint8_t *p, double *number)
 {
@@ -284,18 +283,27 @@ static inline const uint8_t *read_short_number(const uint8_t *p, double *number)
     const uint64_t ends = behind | (qm_scan_others(qm_scan_load(p + 8)) & is_long);
     if (!others || !ends) return NULL;
     const uint8_t *const point = p + (size_t)__builtin_ctzll(others) / 8;
-    const uint8_t *const end = p + (is_long & 8) + (size_t)__builtin_ctzll(ends) / 8;
+    const uint8_t *end = p + (is_long & 8) + (size_t)__builtin_ctzll(ends) / 8;
     p += negative;
-    if (*point != '.' || end - p < 2 || (*end != ' ' && !qm_scan_is_line_end(*end))) return NULL;
+    if (*point != '.' || end - p < 2) return NULL;
     const size_t place = (size_t)(point - p), count = (size_t)(end - p) - 1;
     const uint64_t before = (UINT64_C(1) << 8 * place) - 1;
     const uint64_t digits = (qm_scan_load(p) & before) | (qm_scan_load(p + 1) & ~before);
     uint64_t mantissa = qm_scan_join(digits, count < 8 ? count : 8);
     if (count > 8)
         mantissa = mantissa * integer_powers_of_ten[count - 8] + qm_scan_join(qm_scan_load(p + 9), count - 8);
-    const double quotient = (double)(int64_t)mantissa / exact_powers_of_ten[count - place];
+    int power = (int)place - (int)count;
+    double value = (double)(int64_t)mantissa;
+    if (*end != ' ' && !qm_scan_is_line_end(*end)) {
+        int exponent;
+        end = read_short_exponent(end, &exponent);
+        if (!end || (*end != ' ' && !qm_scan_is_line_end(*end))) return NULL;
+        power += exponent;
+        if (power < -22 || power > 22) return NULL;
+    }
+    value = power < 0 ? value / exact_powers_of_ten[-power] : value * exact_powers_of_ten[power];
     uint64_t bits;
-    memcpy(&bits, &quotient, sizeof bits);
+    memcpy(&bits, &value, sizeof bits);
     bits |= negative << 63;
     memcpy(number, &bits, sizeof bits);
     return end;

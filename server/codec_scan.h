@@ -89,8 +89,19 @@ static inline bool qm_scan_find_row(qm_scan *text)
 /** Steps over blanks and reads a word: bytes up to a blank or line end. False at the end of the row. */
 bool qm_scan_read_word(qm_scan *text, const uint8_t **word, size_t *size);
 
+static inline uint8_t qm_scan_to_lower(uint8_t c)
+{
+    return c >= 'A' && c <= 'Z' ? (uint8_t)(c | 0x20) : c;
+}
+
 /** True if the word is the lower-case one given, in any case. */
-bool qm_scan_word_is(const uint8_t *word, size_t size, const char *lower);
+static inline bool qm_scan_word_is(const uint8_t *word, size_t size, const char *lower)
+{
+    if (size != strlen(lower)) return false;
+    for (size_t i = 0; i < size; ++i)
+        if (qm_scan_to_lower(word[i]) != (uint8_t)lower[i]) return false;
+    return true;
+}
 
 /** Steps over blanks and reads a finite number. QM_E_FORMAT; QM_E_NOT_FINITE for NaN, infinity, overflow. */
 qm_status qm_scan_read_number(qm_scan *text, double *number);

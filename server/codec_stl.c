@@ -11,6 +11,7 @@
 #define HEADER_SIZE 80
 #define PREFIX_SIZE 84 /* header and count */
 #define TRIANGLE_SIZE 50
+#define TEXT_SIZE 250 /* of a triangle with six decimals, or so */
 #define NORMAL_SIZE 12
 #define TRIANGLES_TOGETHER (QM_WELDED_TOGETHER / 3)
 
@@ -103,8 +104,10 @@ typedef struct stl_text {
     qm_scan text;
     qm_welder *welder;
     bool in_solid, in_facet;
-    int corner_count; /* of the facet */
-    double corners[3][3];
+    int corner_count;   /* of the facet */
+    size_t facet_count; /* that are whole and not yet added; the one that is being read comes behind them */
+    size_t lines[TRIANGLES_TOGETHER];
+    double corners[3 * TRIANGLES_TOGETHER][3];
 } stl_text;
 
 static qm_status fail_text(stl_text *reader, const char *detail)
@@ -116,7 +119,8 @@ static qm_status read_corner(stl_text *reader)
 {
     if (!reader->in_facet) return fail_text(reader, "a vertex stands outside of a facet");
     if (reader->corner_count == 3) return fail_text(reader, "a facet has more than three vertices");
-    return qm_scan_read_position(&reader->text, reader->corners[reader->corner_count++]);
+    size_t corner = 3 * reader->facet_count + (size_t)reader->corner_count++;
+    return qm_scan_read_position(&reader->text, reader->corners[corner]);
 }
 
 /** Begins a facet; its normal is stepped over unread, since writers put NaN in those of slivers. */
@@ -136,13 +140,24 @@ static qm_status begin_facet(stl_text *reader)
     return QM_OK;
 }
 
+/** Adds the facets that wait; the first one that cannot be added is a fault of its line. */
+static qm_status add_facets(stl_text *reader)
+{
+    size_t done;
+    qm_status status =
+        add_triangles(reader->welder, (const double(*)[3])reader->corners, reader->facet_count, &done);
+    if (status != QM_OK) reader->text.line = reader->lines[done / 3];
+    reader->facet_count = 0;
+    return status;
+}
+
 static qm_status end_facet(stl_text *reader)
 {
     if (!reader->in_facet) return fail_text(reader, "a facet ends that never began");
     if (reader->corner_count < 3) return fail_text(reader, "a facet has fewer than three vertices");
     reader->in_facet = false;
-    size_t done;
-    return add_triangles(reader->welder, (const double(*)[3])reader->corners, 1, &done);
+    reader->lines[reader->facet_count++] = reader->text.line;
+    return reader->facet_count == TRIANGLES_TOGETHER ? add_facets(reader) : QM_OK;
 }
 
 /** A name may follow and fills the rest of the line. */
@@ -189,6 +204,11 @@ static qm_status read_text(qm_welder *welder, const uint8_t *bytes, size_t size)
     stl_text reader = {.welder = welder};
     qm_status status = qm_scan_open(&reader.text, bytes, size, welder->builder->report);
     if (status == QM_OK) status = read_statements(&reader);
+    /* Facets before a fault come first. */
+    if (reader.facet_count > 0) {
+        qm_status added = add_facets(&reader);
+        if (added != QM_OK) status = added;
+    }
     welder->builder->report->line = reader.text.line;
     return status;
 }
@@ -198,7 +218,8 @@ qm_status qm_codec_decode_stl(qm_builder *builder, const uint8_t *bytes, size_t 
     qm_welder welder;
     bool is_text = !qm_codec_is_binary_stl(bytes, size) && looks_like_text(bytes, size);
     /* Closed surfaces have about half as many vertices as triangles. */
-    qm_status status = qm_welder_create(builder, is_text ? 0 : size / TRIANGLE_SIZE / 2, &welder);
+    size_t triangles = size / (is_text ? TEXT_SIZE : TRIANGLE_SIZE);
+    qm_status status = qm_welder_create(builder, triangles / 2, &welder);
     if (status != QM_OK) return status;
     status = is_text ? read_text(&welder, bytes, size) : read_binary(&welder, bytes, size);
     qm_welder_destroy(&welder);

@@ -1,6 +1,7 @@
 /* The text scanner: numbers bit for bit against strtod, line ends, joined lines. */
 #include <inttypes.h>
 #include <locale.h>
+#include <math.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -91,6 +92,9 @@ static void random_doubles_survive_printing(void **state)
         snprintf(word, sizeof word, "%.*f", (int)qm_random_below(&random, 19),
                  qm_random_range(&random, -1000, 1000));
         check_like_strtod(word, seed);
+        snprintf(word, sizeof word, "%.*e", (int)qm_random_below(&random, 16),
+                 ldexp(qm_random_range(&random, -1, 1), (int)qm_random_below(&random, 200) - 100));
+        check_like_strtod(word, seed);
     }
 }
 
@@ -161,6 +165,23 @@ static void any_byte_among_digits_is_seen(void **state)
                 assert_memory_equal(&number, &expected, sizeof number);
             }
         }
+}
+
+/** The fast way says the same as the other one, which read_number sees to. */
+static void any_byte_in_an_exponent_is_seen(void **state)
+{
+    (void)state;
+    static const char *const words[] = {"-1.234567e-01", "2.50000000E+17 ", "8.125e22 ", "1.5e-22\n",
+                                        "7.e05 "};
+    for (size_t i = 0; i < sizeof words / sizeof *words; ++i)
+        for (int byte = 1; byte < 256; ++byte)
+            for (size_t place = 0; place < strlen(words[i]); ++place) {
+                char word[32];
+                double number;
+                strcpy(word, words[i]);
+                word[place] = (char)byte;
+                read_number(word, &number);
+            }
 }
 
 static void very_long_number_is_refused(void **state)
@@ -286,6 +307,7 @@ int main(void)
         cmocka_unit_test(random_digits_are_read_like_strtod),
         cmocka_unit_test(other_words_are_no_numbers),
         cmocka_unit_test(any_byte_among_digits_is_seen),
+        cmocka_unit_test(any_byte_in_an_exponent_is_seen),
         cmocka_unit_test(very_long_number_is_refused),
         cmocka_unit_test(comma_locale_changes_nothing),
         cmocka_unit_test(lines_are_counted_whatever_their_ends),

@@ -1,6 +1,7 @@
 /* STL files by hand: welding, text against binary, every fault with its place. */
 #include <inttypes.h>
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "check.h"
@@ -231,6 +232,31 @@ static void random_triangles_are_welded_in_their_order(void **state)
     }
 }
 
+/** Facets are welded some at a time; the fault of the first line is told all the same. */
+static void the_first_of_two_text_faults_is_told(void **state)
+{
+    (void)state;
+    for (size_t facets = 30; facets < 50; facets++)
+        for (size_t bad = 0; bad < facets; bad++) {
+            /* Each facet has five lines and a vertex of its own; two are those of all. */
+            char text[50 * 200];
+            size_t size = (size_t)snprintf(text, sizeof text, "solid x\n");
+            for (size_t i = 0; i < facets; i++)
+                size += (size_t)snprintf(text + size, sizeof text - size,
+                                         "facet normal 0 0 1 outer loop\nvertex 0 0 0\nvertex %zu 1 0\n"
+                                         "vertex %s 2 0\nendloop endfacet\n",
+                                         i, i == bad ? "x" : "0.5e1");
+            qm_decoded decoded = qm_decode_limited(QM_FORMAT_STL, text, size, (qm_codec_limits){99, 99, 1});
+            QM_CHECK(decoded.status == QM_E_FORMAT, "%zu facets: %s", facets, decoded.report.detail);
+            assert_int_equal(decoded.report.line, 5 * bad + 5);
+            decoded = qm_decode_limited(QM_FORMAT_STL, text, size, (qm_codec_limits){22, 99, 1});
+            const bool is_full = bad >= 21;
+            QM_CHECK(decoded.status == (is_full ? QM_E_TOO_LARGE : QM_E_FORMAT), "%zu facets, %zu bad: %s",
+                     facets, bad, decoded.report.detail);
+            assert_int_equal(decoded.report.line, is_full ? 5 * 20 + 6 : 5 * bad + 5);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -239,6 +265,7 @@ int main(void)
         cmocka_unit_test(binary_corners_are_welded),
         cmocka_unit_test(welding_survives_a_growing_table),
         cmocka_unit_test(random_triangles_are_welded_in_their_order),
+        cmocka_unit_test(the_first_of_two_text_faults_is_told),
         cmocka_unit_test(triangle_of_one_point_is_kept_with_a_warning),
         cmocka_unit_test(text_faults_name_their_line),
         cmocka_unit_test(binary_faults_name_their_byte),
