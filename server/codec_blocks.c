@@ -1,6 +1,6 @@
 #include "codec_blocks.h"
 
-#define LEAST_BLOCKS 4 /* of a text that is worth waking up a thread for */
+#define WORKER_BLOCKS 4 /* that are worth waking up a thread for, or making one: a tenth of a millisecond */
 
 typedef struct text_block {
     const uint8_t *at, *end;
@@ -186,16 +186,17 @@ static void take_blocks(const block_round *round, qm_builder *builder, qm_scan *
 static qm_status read_round(block_round *round, qm_builder *builder, qm_scan *text, uint64_t most_lines,
                             bool *goes_on)
 {
-    const int threads = builder->limits->thread_count;
     *goes_on = false;
     cut_blocks(round, text);
-    if (round->count < LEAST_BLOCKS) return QM_OK;
-    qm_context_share(builder->ctx, threads, round->count, count_block, round);
+    const int most_workers = (int)(round->count / WORKER_BLOCKS), threads = builder->limits->thread_count;
+    const int workers = threads < most_workers ? threads : most_workers;
+    if (workers < 2) return QM_OK;
+    qm_context_share(builder->ctx, workers, round->count, count_block, round);
     place_blocks(round, text->line, most_lines);
     if (round->count == 0) return QM_OK;
     qm_status status = make_room(builder, round);
     if (status != QM_OK) return status;
-    qm_context_share(builder->ctx, threads, round->count, read_block, round);
+    qm_context_share(builder->ctx, workers, round->count, read_block, round);
     take_blocks(round, builder, text);
     *goes_on = text->at == round->blocks[round->count - 1].end;
     return qm_context_canceled(builder->ctx) ? QM_E_CANCELED : QM_OK;

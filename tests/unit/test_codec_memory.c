@@ -73,7 +73,7 @@ static void blocks_of_text_survive_every_failure(void **state)
 {
     (void)state;
     static const char rows[2][29] = {"v 1.0000 2.0000 3.000000000\n", "f 1 2 3                    \n"};
-    enum { VERTICES = 3000, FACES = 4000, ROW = 28 };
+    enum { VERTICES = 6000, FACES = 8000, ROW = 28 };
     static char text[(VERTICES + FACES) * ROW];
     for (size_t i = 0; i < VERTICES + FACES; ++i)
         memcpy(text + ROW * i, rows[i >= VERTICES], ROW);
