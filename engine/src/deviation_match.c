@@ -95,6 +95,19 @@ static void open_by(const double value[6], double low[3], double high[3])
     }
 }
 
+/** Values at the corners of a linear function above a quadratic one, exact along edges on which that is linear:
+ * of each other edge the lower corner is raised. A linear function with greater coefficients is above. */
+static void raise_over(const double value[6], double high[3])
+{
+    for (int i = 0; i < 3; i++)
+        high[i] = value[i];
+    for (int k = 3; k < 6; k++) {
+        int i = pair_of[k][0], j = pair_of[k][1];
+        int lower = high[i] < high[j] ? i : j;
+        high[lower] += qm_greater(0.0, 2.0 * value[k] - high[i] - high[j]);
+    }
+}
+
 /** A unit vector that differences of feet are along: the normal of the patch; for points beside it that of
  * the differences themselves. */
 static qm_vec find_direction(const qm_piece_match *match)
@@ -476,14 +489,14 @@ double qm_piece_match_view_walls(const qm_piece_maker *maker, const qm_piece_fac
     double sine = find_least_sine(edge, maker->eta);
     if (!(sine > 0.0)) return INFINITY;
     for (int k = 0; k < 4; k++) {
-        double length = qm_vec_norm(edge[k]), value[6], below[3], farthest = 0.0;
+        double length = qm_vec_norm(edge[k]), value[6], farthest = 0.0;
         qm_vec outwards = qm_vec_scale(1.0 / length, qm_vec_cross(edge[k], n));
         for (int i = 0; i < 6; i++) {
             qm_vec from = qm_vec_sub(at[i], corner[k]);
             value[i] = qm_vec_dot(outwards, from);
             farthest = qm_greater(farthest, qm_vec_norm(from));
         }
-        open_by(value, below, beyond[k]);
+        raise_over(value, beyond[k]);
         double error = maker->eta * (1.0 + farthest / length);
         for (int i = 0; i < 3; i++)
             beyond[k][i] += error;
