@@ -22,6 +22,7 @@ typedef struct cut_work {
     const qm_near_facets *near;
     outline aside[MAX_CUTS + 1]; /* count of them, to be looked at */
     int count, cuts, cut_limit;
+    double slack; /* the greatest of a facet on the list: differences of distances below it mean nothing */
     double worth; /* what a corner of the outline at work must be off for a cut */
     double leak;
 } cut_work;
@@ -137,7 +138,8 @@ static bool cut(cut_work *work, outline *o, double value[OUTLINE_CORNERS])
 static double find_worth(const cut_work *work, const outline *o)
 {
     double cell = work->maker->cell_area;
-    return work->maker->worth * (o->area < cell ? cell / fmax(o->area, 1e-6 * cell) : 1.0);
+    double worth = work->maker->worth * (o->area < cell ? cell / fmax(o->area, 1e-6 * cell) : 1.0);
+    return fmax(worth, work->slack);
 }
 
 static double height_over(const qm_triangle *t, qm_vec p)
@@ -226,6 +228,14 @@ static int add_parts(const qm_source_piece *piece, const outline *o, qm_source_p
     return count;
 }
 
+static double greatest_slack(const qm_near_facets *near)
+{
+    double greatest = 0.0;
+    for (int i = 0; i < near->count; i++)
+        greatest = fmax(greatest, near->slack[i / QM_PACK_LANES][i % QM_PACK_LANES]);
+    return greatest;
+}
+
 static void start(cut_work *work, const qm_source_piece *piece)
 {
     outline *first = &work->aside[0];
@@ -257,6 +267,7 @@ int qm_piece_cut_by_facets(const qm_piece_maker *maker, const qm_piece_face *fac
     work.maker = maker;
     work.face = face;
     work.near = near;
+    work.slack = greatest_slack(near);
     work.cuts = 0;
     work.leak = 0.0;
     work.cut_limit = (maker->part_limit - 1) / 2; /* each adds two triangles at most */
