@@ -7,6 +7,7 @@
 #define MOST_OUTSIDE 0.5         /* share of a piece beside the ground: with more its height tells little */
 #define NEAR_GROUND 4.0      /* radii: pieces farther from the target are bounded by their corners better */
 #define ATTACHED_PART 0x1p-6 /* of a height: what other parts of the ground's patch may take off */
+#define LITTLE 0x1p-6        /* of what functions are opened by: losses that are less are not made any less */
 #define TILT 1.25            /* how much steeper than needed a height is tilted */
 
 /** A piece on its way to its bounds. */
@@ -436,17 +437,30 @@ static void tilt(const side_work *side, const double beyond[3], double height[3]
         height[i] = (height[i] + slope * beyond[i]) * shorter;
 }
 
+/** What a rectangle may lower, by how far the piece is beyond one of its edges. */
+static qm_positive_part find_aside_loss(const bound_work *work, const side_work *side, int rectangle)
+{
+    qm_positive_part least = {INFINITY, INFINITY, 1.0};
+    const qm_near_rectangle *of = &work->near->rectangle[rectangle];
+    double height[4][3];
+    qm_piece_match_aside(work->face, work->piece, &of->patch, &of->box, side->normal, height);
+    for (int edge = 0; edge < 4 && least.mean > 0.0; edge++)
+        keep_least(&least, find_loss(side, height[edge], work->face->slack));
+    return least;
+}
+
 /** What a rectangle may lower, by its matches: that with the ground, if of the same patch, and its own. */
 static qm_positive_part find_match_loss(bound_work *work, const side_work *side, int rectangle)
 {
-    qm_positive_part least = {INFINITY, INFINITY, 1.0};
     const qm_near_rectangle *of = &work->near->rectangle[rectangle];
     if (side->over->match && side->over->face == of->face) {
         double loss = qm_piece_match_loss(work->maker, side->over->match, &of->box);
         /* No more than that of the ground, or at least little: nowhere is it the nearest by more. */
         if (loss <= side->over->loss) return (qm_positive_part){0.0, 0.0, 0.0};
     }
-    for (int within = 0; within < 2 && least.mean > 0.0; within++) {
+    qm_positive_part least = find_aside_loss(work, side, rectangle);
+    double enough = LITTLE * work->maker->stray_error;
+    for (int within = 0; within < 2 && least.mean > enough; within++) {
         const qm_piece_match *match = match_of(work, rectangle, within == 1);
         double height[3], beyond[3];
         if (!match) continue;

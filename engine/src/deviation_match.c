@@ -431,6 +431,31 @@ void qm_piece_match_beyond(const qm_piece_match *match, const qm_uv_box *box, co
     }
 }
 
+void qm_piece_match_aside(const qm_piece_face *face, const qm_source_piece *piece, const qm_patch *patch,
+                          const qm_uv_box *box, qm_vec normal, double height[4][3])
+{
+    qm_vec corner[4], at[6];
+    qm_uv_box_corners(patch, box, corner);
+    for (int k = 0; k < 6; k++)
+        at[k] = source_coefficient(face, piece, pair_of[k]);
+    for (int edge = 0; edge < 4; edge++) {
+        qm_vec outwards = qm_vec_cross(qm_vec_sub(corner[(edge + 1) % 4], corner[edge]), normal);
+        qm_vec inwards = qm_vec_sub(corner[(edge + 2) % 4], corner[edge]);
+        double length = qm_vec_norm(outwards), side = qm_vec_dot(inwards, outwards) > 0.0 ? -1.0 : 1.0;
+        double value[6], farthest = -INFINITY;
+        /* Any vector that is not longer than 1 will do. */
+        outwards = length > QM_LEAST_LENGTH ? qm_vec_scale(side / (length * RELATIVE), outwards)
+                                            : (qm_vec){0, 0, 0};
+        for (int i = 0; i < 4; i++)
+            farthest = qm_greater(farthest, qm_vec_dot(outwards, corner[i]));
+        for (int k = 0; k < 6; k++)
+            value[k] = farthest - qm_vec_dot(outwards, at[k]);
+        raise_over(value, height[edge]);
+        for (int i = 0; i < 3; i++)
+            height[edge][i] = -height[edge][i];
+    }
+}
+
 /* ---- the upper bounds ---- */
 
 void qm_piece_match_above(const qm_piece_match *match, double high[3])
