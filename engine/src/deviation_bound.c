@@ -8,6 +8,7 @@
 #define NEAR_GROUND 4.0      /* radii: pieces farther from the target are bounded by their corners better */
 #define ATTACHED_PART 0x1p-6 /* of a height: what other parts of the ground's patch may take off */
 #define LITTLE 0x1p-6        /* of what functions are opened by: losses that are less are not made any less */
+#define BEND_PART 0x1p-6     /* of what cells may leave open: what parts of the integrals may */
 #define TILT 1.25            /* how much steeper than needed a height is tilted */
 
 /** A piece on its way to its bounds. */
@@ -363,10 +364,12 @@ static void bound_by_facets(bound_work *work, double distance[QM_FACET_PACKS][QM
 /** The surface that the height is over: a facet, or the patch of a rectangle. */
 typedef struct ground {
     double low[3], high[3]; /* the height lies between them, and so does the distance to the ground, signed */
+    double cap[2][3];       /* no less than what bounds that distance from below, on either side */
     qm_vec normal;
     qm_outside outside;          /* what of the piece may be beside it */
     const qm_piece_match *match; /* NULL of a facet */
-    double loss, more; /* of the match: by how much the distance may be below the height, and above */
+    double loss, more;   /* of the match: by how much the distance may be below the height, and above, */
+    double below, above; /* and what opens the height of the match to hold the signed distance */
     uint32_t face;
 } ground;
 
@@ -581,8 +584,9 @@ static void set_facet_ground(const bound_work *work, ground *over)
     narrow_outside(&over->outside, (const double(*)[3])wall, (const double(*)[2][3])past);
     heights_over_facet(work, t, t->z, height);
     for (int i = 0; i < 3; i++) {
-        over->low[i] = height[i] - open;
+        over->low[i] = over->cap[0][i] = height[i] - open;
         over->high[i] = height[i] + open;
+        over->cap[1][i] = -over->high[i];
     }
 }
 
@@ -637,38 +641,26 @@ static bool set_patch_ground(bound_work *work, ground *over)
     set_patch_outside(work, over, &work->near->rectangle[rectangle].box);
     bool has_sign = match->least > 0.0, is_above = match->low[0] > 0.0;
     double both = qm_greater(over->loss, over->more);
+    over->below = !has_sign ? both : is_above ? over->loss : over->more;
+    over->above = !has_sign ? both : is_above ? over->more : over->loss;
     for (int i = 0; i < 3; i++) {
-        over->low[i] = match->low[i] - (!has_sign ? both : is_above ? over->loss : over->more);
-        over->high[i] = match->high[i] + (!has_sign ? both : is_above ? over->more : over->loss);
+        over->low[i] = match->low[i] - over->below;
+        over->high[i] = match->high[i] + over->above;
+        over->cap[0][i] = match->high[i] - over->below;
+        over->cap[1][i] = -match->low[i] - over->above;
     }
     return true;
 }
 
-/** Narrows the integrals over a patch by the height itself, which is quadratic, where it is of one sign. What
- * other facets take off is found for a linear function above it. */
-static void narrow_by_height(bound_work *work, const ground *over,
-                             const double distance[QM_FACET_PACKS][QM_PACK_LANES], qm_piece_bounds *out)
+/** The height over a patch itself. */
+static void set_bend(const bound_work *work, const ground *over, qm_bend *bend)
 {
     const qm_piece_match *match = over->match;
-    double eta = work->maker->eta, low[6], high[6];
-    if (!match || !(match->least > over->loss + eta)) return;
-    bool is_above = match->low[0] > 0.0;
-    side_work side = {.over = over,
-                      .room = work->maker->stray_error,
-                      .up = is_above ? 1.0 : -1.0,
-                      .normal = turn_up(over->normal, is_above ? 1.0 : -1.0)};
-    for (int k = 0; k < 6; k++) {
-        double height = is_above ? match->height[k] : -match->height[k];
-        low[k] = height - match->slack - over->loss - eta;
-        high[k] = height + match->slack + over->more + eta;
-    }
-    for (int i = 0; i < 3; i++) {
-        side.height[i] = (is_above ? match->high[i] : -match->low[i]) - over->loss;
-        side.most = qm_greater(side.most, side.height[i]);
-    }
-    side.region = qm_positive_region_of(side.height);
-    take_facets_off(work, &side, distance);
-    qm_piece_integrate_quadratic(work->shape, low, high, side.lost, over->outside, out);
+    for (int k = 0; k < 6; k++)
+        bend->value[k] = match->height[k];
+    bend->below = match->slack + over->below + work->maker->eta;
+    bend->above = match->slack + over->above + work->maker->eta;
+    bend->cells = qm_bend_count_cells(match->height, work->maker->bend_error);
 }
 
 /** Bounds by the height over the ground; false when the piece is not over it for the most part. */
@@ -684,7 +676,7 @@ static bool bound_over_ground(bound_work *work, const ground *over,
                           .up = k ? -1.0 : 1.0,
                           .normal = turn_up(over->normal, k ? -1.0 : 1.0)};
         for (int i = 0; i < 3; i++) {
-            side.height[i] = k ? -over->high[i] : over->low[i];
+            side.height[i] = over->cap[k][i];
             side.most = qm_greater(side.most, side.height[i]);
         }
         if (!(side.most > 0.0)) continue;
@@ -697,9 +689,14 @@ static bool bound_over_ground(bound_work *work, const ground *over,
         out->low[i] = over->low[i] - eta;
         out->high[i] = over->high[i] + eta;
     }
-    qm_piece_integrate_signed(work->shape, lost, over->outside,
-                              lost.mean > 0.0 ? work->maker->stray_error : 0.0, out);
-    narrow_by_height(work, over, distance, out);
+    double room = lost.mean > 0.0 ? work->maker->stray_error : 0.0;
+    if (over->match) {
+        set_bend(work, over, &out->bend);
+        qm_piece_integrate_bent(work->shape, lost, over->outside, room, BEND_PART * work->maker->bend_error,
+                                out);
+    } else {
+        qm_piece_integrate_signed(work->shape, lost, over->outside, room, out);
+    }
     return true;
 }
 
@@ -803,6 +800,7 @@ void qm_piece_bound_near(const qm_piece_maker *maker, const qm_piece_face *face,
     bound_by_middle(&work);
     bound_by_corners(&work);
     out->is_signed = false;
+    out->bend.cells = 0;
     out->stray_low = out->stray_high = out->excess = 0.0;
     for (int i = 0; i < 3; i++) {
         out->low[i] = work.low[i] - maker->eta;

@@ -22,7 +22,8 @@ typedef struct cut_work {
     const qm_near_facets *near;
     outline aside[MAX_CUTS + 1]; /* count of them, to be looked at */
     int count, cuts, cut_limit;
-    double slack; /* the greatest of a facet on the list: differences of distances below it mean nothing */
+    double slack; /* the greatest of a facet on the list, where it is more than the distance: then differences
+                     of distances below it mean nothing */
     double worth; /* what a corner of the outline at work must be off for a cut */
     double leak;
 } cut_work;
@@ -246,6 +247,8 @@ static void start(cut_work *work, const qm_source_piece *piece)
     }
     first->area = area_of(first);
     work->count = 1;
+    work->slack = greatest_slack(work->near);
+    if (work->slack < fmin(first->nearest[0], fmin(first->nearest[1], first->nearest[2]))) work->slack = 0.0;
 }
 
 /** Takes the largest of the outlines that were put aside. */
@@ -267,7 +270,6 @@ int qm_piece_cut_by_facets(const qm_piece_maker *maker, const qm_piece_face *fac
     work.maker = maker;
     work.face = face;
     work.near = near;
-    work.slack = greatest_slack(near);
     work.cuts = 0;
     work.leak = 0.0;
     work.cut_limit = (maker->part_limit - 1) / 2; /* each adds two triangles at most */

@@ -1,5 +1,7 @@
 #include "deviation_integral.h"
 
+#define BEND_DEPTH 6 /* of quarters of a part whose height changes its sign */
+
 static double sum3(const double x[3])
 {
     return x[0] + x[1] + x[2];
@@ -162,29 +164,59 @@ void qm_piece_integrate(const qm_piece_shape *w, qm_piece_bounds *out)
     out->blur = out->mean_high - out->mean_low;
 }
 
-void qm_piece_integrate_signed(const qm_piece_shape *w, qm_positive_part lost, qm_outside outside,
-                               double room, qm_piece_bounds *out)
+/** Adds the integrals of the greater of high and -low, and of low and -high, where they are positive. */
+static void add_signed(const double low[3], const double high[3], const qm_piece_shape *w,
+                       qm_piece_bounds *sum)
 {
-    double low[3], high[3];
-    qm_piece_integrate(w, out);
-    out->is_signed = true;
-    qm_piece_bounds_turn(out, low, high);
-    double most_low = qm_greater(0.0, qm_greater(greatest(out->low), greatest(low)));
-    double most_high = qm_greater(greatest(out->high), greatest(high));
+    const double other_low[3] = {-high[0], -high[1], -high[2]}, other_high[3] = {-low[0], -low[1], -low[2]};
+    sum->mean_low += mean_below(low, w) + mean_below(other_low, w);
+    sum->mean_high += mean_above(high, w) + mean_above(other_high, w);
+    sum->square_low += square_below(low, w) + square_below(other_low, w);
+    sum->square_high += square_above(high, w) + square_above(other_high, w);
+}
+
+/** Takes off what is lost, and adds what is outside, of a height between two greatest values. */
+static void add_strays(qm_positive_part lost, qm_outside outside, double most_low, double most_high,
+                       qm_piece_bounds *out)
+{
     double missed = out->density_high * lost.mean, beside = out->density_high * outside.part.mean;
-    out->mean_low = qm_greater(0.0, out->mean_low + mean_below(low, w) - missed);
-    out->mean_high += mean_above(high, w) + beside;
-    out->square_low = qm_greater(0.0, out->square_low + square_below(low, w) - 2.0 * most_low * missed);
-    out->square_high += square_above(high, w) + (2.0 * most_high + outside.most) * beside;
+    out->mean_low = qm_greater(0.0, out->mean_low - missed);
+    out->mean_high += beside;
+    out->square_low = qm_greater(0.0, out->square_low - 2.0 * qm_greater(0.0, most_low) * missed);
+    out->square_high += (2.0 * most_high + outside.most) * beside;
     out->stray_low = qm_lesser(1.0, lost.share);
     out->stray_high = qm_lesser(1.0, outside.part.share);
     out->excess = outside.most;
+    out->blur = out->density_high * (most_high + outside.most) * (out->stray_low + out->stray_high);
+}
+
+static void start_signed(const qm_piece_shape *w, qm_piece_bounds *out)
+{
+    qm_piece_integrate(w, out);
+    out->is_signed = true;
+    out->bend.cells = 0;
+    out->mean_low = out->mean_high = out->square_low = out->square_high = 0.0;
+}
+
+static void open_signed(double room, qm_piece_bounds *out)
+{
     for (int i = 0; i < 3; i++) {
         out->low[i] -= room;
         out->high[i] += room;
     }
-    double open = (sum3(out->high) - sum3(out->low)) / 3.0;
-    out->blur = out->density_high * (open + (most_high + outside.most) * (out->stray_low + out->stray_high));
+}
+
+void qm_piece_integrate_signed(const qm_piece_shape *w, qm_positive_part lost, qm_outside outside,
+                               double room, qm_piece_bounds *out)
+{
+    double low[3], high[3];
+    start_signed(w, out);
+    add_signed(out->low, out->high, w, out);
+    qm_piece_bounds_turn(out, low, high);
+    add_strays(lost, outside, qm_greater(greatest(out->low), greatest(low)),
+               qm_greater(greatest(out->high), greatest(high)), out);
+    open_signed(room, out);
+    out->blur += out->density_high * (sum3(out->high) - sum3(out->low)) / 3.0;
 }
 
 /** Means over a triangle of f w and f^2 w for a quadratic f and a linear w, by a rule of seven points that is
@@ -211,17 +243,90 @@ static double greatest_of_six(const double x[6])
     return qm_greater(greatest(x), greatest(x + 3));
 }
 
-void qm_piece_integrate_quadratic(const qm_piece_shape *w, const double low[6], const double high[6],
-                                  qm_positive_part lost, qm_outside outside, qm_piece_bounds *out)
+static double least_of_six(const double x[6])
 {
-    double below[2], above[2], most = greatest_of_six(high);
-    double missed = out->density_high * lost.mean, beside = out->density_high * outside.part.mean;
+    return qm_lesser(least(x), least(x + 3));
+}
+
+/** Adds the integrals of a height that is nowhere negative on a side, 1 or -1; false when it may be. */
+static bool add_sided(const qm_bend *bend, double side, const qm_piece_shape *w, qm_piece_bounds *sum)
+{
+    double low[6], high[6], below[2], above[2];
+    for (int k = 0; k < 6; k++) {
+        low[k] = side * bend->value[k] - (side > 0.0 ? bend->below : bend->above);
+        high[k] = side * bend->value[k] + (side > 0.0 ? bend->above : bend->below);
+    }
+    if (least_of_six(low) < 0.0) return false;
     mean_quadratic(low, w->low, below);
     mean_quadratic(high, w->high, above);
-    out->mean_low = qm_greater(out->mean_low, below[0] - missed);
-    out->mean_high = qm_lesser(out->mean_high, above[0] + beside);
-    out->square_low = qm_greater(out->square_low, below[1] - 2.0 * greatest_of_six(low) * missed);
-    out->square_high = qm_lesser(out->square_high, above[1] + (2.0 * most + outside.most) * beside);
+    sum->mean_low += below[0];
+    sum->mean_high += above[0];
+    sum->square_low += below[1];
+    sum->square_high += above[1];
+    return true;
+}
+
+/** A quarter of a piece. */
+static void cut_quarter(const qm_bend *bend, const qm_piece_shape *w, const double corner[3][3],
+                        qm_bend *part, qm_piece_shape *of)
+{
+    *part = *bend;
+    qm_bend_part(bend->value, corner, part->value);
+    of->is_uniform = w->is_uniform;
+    for (int i = 0; i < 3; i++) {
+        of->low[i] = of->high[i] = 0.0;
+        for (int k = 0; k < 3; k++) {
+            of->low[i] += 0.25 * corner[i][k] * w->low[k];
+            of->high[i] += 0.25 * corner[i][k] * w->high[k];
+        }
+    }
+}
+
+/** Adds the integrals of a part. Its height is off linear by open, which is wrong only where it changes its
+ * sign, and in a share of the whole of about 1 / 2^depth then. */
+static void add_bent(const qm_bend *bend, const qm_piece_shape *w, int depth, double little,
+                     qm_piece_bounds *sum)
+{
+    static const double quarter[4][3][3] = {{{1, 0, 0}, {0.5, 0.5, 0}, {0.5, 0, 0.5}},
+                                            {{0.5, 0.5, 0}, {0, 1, 0}, {0, 0.5, 0.5}},
+                                            {{0.5, 0, 0.5}, {0, 0.5, 0.5}, {0, 0, 1}},
+                                            {{0, 0.5, 0.5}, {0.5, 0, 0.5}, {0.5, 0.5, 0}}};
+    if (add_sided(bend, 1.0, w, sum) || add_sided(bend, -1.0, w, sum)) return;
+    double open[2];
+    qm_bend_open(bend->value, open);
+    if (depth == BEND_DEPTH || ldexp(open[0] + open[1], -depth) <= little) {
+        double low[3], high[3];
+        for (int i = 0; i < 3; i++) {
+            low[i] = bend->value[i] - open[0] - bend->below;
+            high[i] = bend->value[i] + open[1] + bend->above;
+        }
+        add_signed(low, high, w, sum);
+        return;
+    }
+    for (int k = 0; k < 4; k++) {
+        qm_bend part;
+        qm_piece_shape of;
+        cut_quarter(bend, w, quarter[k], &part, &of);
+        add_bent(&part, &of, depth + 1, little, sum);
+    }
+}
+
+void qm_piece_integrate_bent(const qm_piece_shape *w, qm_positive_part lost, qm_outside outside, double room,
+                             double little, qm_piece_bounds *out)
+{
+    qm_bend bend = out->bend;
+    double open[2], up = greatest_of_six(bend.value), down = -least_of_six(bend.value);
+    start_signed(w, out);
+    add_bent(&bend, w, 0, little, out);
+    add_strays(lost, outside, qm_greater(up - bend.below, down - bend.above),
+               qm_greater(up + bend.above, down + bend.below), out);
+    open_signed(room, out);
+    bend.below += room;
+    bend.above += room;
+    qm_bend_open(bend.value, open);
+    out->bend = bend;
+    out->blur += out->density_high *
+                 (bend.below + bend.above + (open[0] + open[1]) / (double)(bend.cells * bend.cells));
 }
 
 void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over)

@@ -37,13 +37,6 @@ qm_positive_part qm_positive_part_in(const qm_positive_region *region, const dou
  * negative the distance is at least 0. */
 void qm_piece_integrate(const qm_piece_shape *shape, qm_piece_bounds *out);
 
-/**
- * Narrows the integrals of a piece by two quadratic functions, nowhere negative, that the distance lies
- * between but for the same losses and excess; coefficients in the Bernstein basis: 00 11 22, then 01 12 20.
- */
-void qm_piece_integrate_quadratic(const qm_piece_shape *shape, const double low[6], const double high[6],
-                                  qm_positive_part lost, qm_outside outside, qm_piece_bounds *out);
-
 /** Takes the narrower bounds of each integral, and the functions over the ground if these leave less open. */
 void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over);
 
@@ -56,5 +49,10 @@ void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *ove
  */
 void qm_piece_integrate_signed(const qm_piece_shape *shape, qm_positive_part lost, qm_outside outside,
                                double room, qm_piece_bounds *out);
+
+/** The same for a piece whose bend is set too: its height is integrated where it is of one sign, and where it
+ * changes its sign in parts that are cut in four until they count for little. */
+void qm_piece_integrate_bent(const qm_piece_shape *shape, qm_positive_part lost, qm_outside outside,
+                             double room, double little, qm_piece_bounds *out);
 
 #endif

@@ -7,8 +7,6 @@
 #define CLOSE_STEP 0x1p-30       /* a step that is shorter is the last one */
 #define CLEAR 0.125              /* least m that is worth a bound */
 #define LEAST_SINE 0x1p-10       /* of a frame: between a and the length of its columns */
-#define MOST_OF_ALL (2.0 / 3.0)  /* of the sum of 2 l_i l_j over i < j, */
-#define MOST_OF_ONE 0.5          /* and of one of them */
 #define RELATIVE (1.0 + 0x1p-40) /* for the roundings of a few dozen operations on positive terms */
 #define MOST_SLOPE 0.25          /* of a graph: steeper ones give poor bounds */
 #define FARTHEST 4.0             /* of the greatest coordinate: differences beyond are not bounded */
@@ -77,26 +75,20 @@ static qm_vec source_coefficient(const qm_piece_face *face, const qm_source_piec
     return qm_piece_face_at(face, 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]));
 }
 
-/** Opens a linear function by what the coefficients of a quadratic one are off its middles. */
+/** Opens a linear function by what a quadratic one is off it. */
 static void open_by(const double value[6], double low[3], double high[3])
 {
-    double most[2] = {0.0, 0.0}, sum[2] = {0.0, 0.0};
-    for (int k = 3; k < 6; k++) {
-        double off = value[k] - 0.5 * (value[pair_of[k][0]] + value[pair_of[k][1]]);
-        int side = off > 0.0;
-        most[side] = qm_greater(most[side], fabs(off));
-        sum[side] += fabs(off);
-    }
-    double below = qm_lesser(MOST_OF_ALL * most[0], MOST_OF_ONE * sum[0]);
-    double above = qm_lesser(MOST_OF_ALL * most[1], MOST_OF_ONE * sum[1]);
+    double open[2];
+    qm_bend_open(value, open);
     for (int i = 0; i < 3; i++) {
-        low[i] = value[i] - below;
-        high[i] = value[i] + above;
+        low[i] = value[i] - open[0];
+        high[i] = value[i] + open[1];
     }
 }
 
-/** Values at the corners of a linear function above a quadratic one, exact along edges on which that is linear:
- * of each other edge the lower corner is raised. A linear function with greater coefficients is above. */
+/** Values at the corners of a linear function above a quadratic one, exact along edges on which that is
+ * linear: of each other edge the lower corner is raised. A linear function with greater coefficients is
+ * above. */
 static void raise_over(const double value[6], double high[3])
 {
     for (int i = 0; i < 3; i++)
@@ -444,8 +436,8 @@ void qm_piece_match_aside(const qm_piece_face *face, const qm_source_piece *piec
         double length = qm_vec_norm(outwards), side = qm_vec_dot(inwards, outwards) > 0.0 ? -1.0 : 1.0;
         double value[6], farthest = -INFINITY;
         /* Any vector that is not longer than 1 will do. */
-        outwards = length > QM_LEAST_LENGTH ? qm_vec_scale(side / (length * RELATIVE), outwards)
-                                            : (qm_vec){0, 0, 0};
+        outwards =
+            length > QM_LEAST_LENGTH ? qm_vec_scale(side / (length * RELATIVE), outwards) : (qm_vec){0, 0, 0};
         for (int i = 0; i < 4; i++)
             farthest = qm_greater(farthest, qm_vec_dot(outwards, corner[i]));
         for (int k = 0; k < 6; k++)

@@ -147,9 +147,9 @@ static inline double qm_piece_match_loss(const qm_piece_maker *maker, const qm_p
 void qm_piece_match_beyond(const qm_piece_match *match, const qm_uv_box *box, const qm_match_margin *margin,
                            double beyond[3]);
 
-/** Values at the corners of four linear functions that the distance to a rectangle of the patch is at least: how
- * far the piece is beyond each edge, along the plane normal to a unit vector. All of a rectangle is in the hull
- * of its corners, and behind a plane that these are behind. */
+/** Values at the corners of four linear functions that the distance to a rectangle of the patch is at least:
+ * how far the piece is beyond each edge, along the plane normal to a unit vector. All of a rectangle is in
+ * the hull of its corners, and behind a plane that these are behind. */
 void qm_piece_match_aside(const qm_piece_face *face, const qm_source_piece *piece, const qm_patch *patch,
                           const qm_uv_box *box, qm_vec normal, double height[4][3]);
 

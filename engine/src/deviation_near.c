@@ -200,9 +200,9 @@ static void cut_rectangles(near_work *work)
     double limit = 0.0;
     for (int i = 0; i < *count; i++)
         limit = fmax(limit, work->rectangle[i].excess);
-    while (limit > work->error && *count < QM_NEAR_RECTANGLES) {
+    while (limit > work->error && *count < QM_NEAR_CUT) {
         limit = fmax(0.5 * limit, work->error);
-        for (int i = 0; i < *count && *count < QM_NEAR_RECTANGLES; i++)
+        for (int i = 0; i < *count && *count < QM_NEAR_CUT; i++)
             if (work->rectangle[i].excess > limit) halve(work, i);
     }
 }

@@ -20,7 +20,8 @@
 #include "tri_point.h"
 
 #define QM_FACET_PACKS 40     /* of eight facets each */
-#define QM_NEAR_RECTANGLES 32 /* of all patches of a list; when there are so many they are cut no further */
+#define QM_NEAR_RECTANGLES 96 /* of all patches of a list, */
+#define QM_NEAR_CUT 32        /* which are cut no further when there are so many */
 #define QM_NO_RECTANGLE (-1)
 
 /** A part of a patch of the target. */

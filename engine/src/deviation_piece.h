@@ -84,6 +84,7 @@
 #ifndef QM_DEVIATION_PIECE_H
 #define QM_DEVIATION_PIECE_H
 
+#include "deviation_bend.h"
 #include "deviation_near.h"
 
 /** Cuts after which a piece is cut no more. */
@@ -103,7 +104,8 @@ typedef struct qm_source_piece {
 /** What is known of a piece. Lengths are local to the target, areas times area_unit. */
 typedef struct qm_piece_bounds {
     double low[3], high[3];           /* values at the corners of the linear functions; low may be negative */
-    bool is_signed;                   /* the distance is the size of a number between them */
+    bool is_signed;                   /* the distance is the size of a number between them, */
+    qm_bend bend;                     /* and between these, where bend.cells > 0 */
     double stray_low, stray_high;     /* shares of the piece where low is too high, and high too low */
     double excess;                    /* by how much high is too low at most */
     double area_low, area_high;       /* of the piece itself */
@@ -132,6 +134,7 @@ typedef struct qm_piece_maker {
     double area_unit;   /* areas are told in times this, so that no square overflows */
     double patch_error; /* what the cutting of patches may cost, local */
     double stray_error; /* what functions over a ground are opened by, so that less does not stray, local */
+    double bend_error;  /* what linear functions may leave open in each cell of a height that bends, local */
     double flat_error;  /* patches of the source that are this near to their triangles, local, */
     double flat_spread; /* and whose areas differ by this share at most, are taken for them */
     double worth;       /* cuts that bring corners nearer to their facets by less are not made, local */

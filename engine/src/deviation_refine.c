@@ -11,12 +11,13 @@
 #define SPREAD_SHARE 0x1p-6 /* and what their areas may differ */
 #define COARSE_SHARE 0.5    /* of the accuracy: triangles that cost more are given up */
 #define STRAY_SHARE 0.25    /* of the accuracy: what functions over a ground are opened by */
-#define GAP_SHARE 0.05      /* of what is open: what cutting a piece along facets need not bring yet */
-#define CUT_ROOM 4          /* pieces that there must be room for, for each that is cut in a round */
-#define LEAST_CUT 1024      /* a round looks at all pieces: of so many there must be room to cut one */
-#define PARTS_ROOM 2        /* of the room for parts that each of them has on average: most need less */
-#define CHUNK 64            /* pieces that a worker takes at a time to bound */
-#define BATCH 256           /* pieces that are cut before their parts are put in place */
+#define BEND_SHARE 4.0 /* of the accuracy: what linear functions over the cells of a piece may leave open */
+#define GAP_SHARE 0.05 /* of what is open: what cutting a piece along facets need not bring yet */
+#define CUT_ROOM 4     /* pieces that there must be room for, for each that is cut in a round */
+#define LEAST_CUT 1024 /* a round looks at all pieces: of so many there must be room to cut one */
+#define PARTS_ROOM 2   /* of the room for parts that each of them has on average: most need less */
+#define CHUNK 64       /* pieces that a worker takes at a time to bound */
+#define BATCH 256      /* pieces that are cut before their parts are put in place */
 #define BATCH_CHUNK 4
 
 struct qm_batch_part {
@@ -175,6 +176,7 @@ static void set_errors(qm_refinement *work, double typical, double gap)
     double open = work->accuracy * typical, least = 4.0 * work->maker.eta;
     work->maker.patch_error = fmax(least, PATCH_SHARE * open);
     work->maker.stray_error = fmax(least, STRAY_SHARE * open);
+    work->maker.bend_error = fmax(least, BEND_SHARE * open);
     work->maker.worth = fmax(least, fmax(open, GAP_SHARE * gap));
 }
 

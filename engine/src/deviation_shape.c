@@ -1,6 +1,7 @@
 #include "deviation_shape.h"
 
 #include "bilinear_hull.h"
+#include "bvh_demand.h"
 #include "rounding.h"
 
 /**
@@ -58,13 +59,28 @@ static bool load_corners(const qm_piece_maker *maker, uint32_t face, qm_vec corn
     return is_quad;
 }
 
+/** True when the parameters of a patch tell its distance from a target nearby better than its triangles,
+ * whose points are up to |w| / 4 beside those of the patch: over a patch that is twisted against them,
+ * heights differ there by more than what functions over a ground are opened by. Farther away than that they
+ * change sign nowhere, and differ less. */
+static bool is_over_twist(const qm_piece_maker *maker, const qm_vec corner[4])
+{
+    qm_patch patch = qm_patch_make(corner);
+    double size = qm_lesser(qm_vec_norm(patch.e1), qm_vec_norm(patch.e2)), w = qm_vec_norm(patch.w);
+    if (!maker->target_patches || !(w > maker->stray_error)) return false;
+    qm_hit hit = {.d2 = INFINITY, .pack = 0};
+    maker->kernel->closest(maker->target, qm_patch_at(&patch, 0.5, 0.5), &hit);
+    double twist = (double)qm_bvh_twists(maker->target, hit.pack)[hit.lane];
+    return twist * w > maker->stray_error * size && 16.0 * hit.d2 < w * w;
+}
+
 bool qm_piece_face_is_flat(const qm_piece_maker *maker, uint32_t face)
 {
     qm_vec corner[4];
     double slack, spread;
     if (!maker->source_patches || !load_corners(maker, face, corner)) return true;
     compare_triangles(maker, corner, &slack, &spread);
-    return slack <= maker->flat_error && spread <= maker->flat_spread;
+    return slack <= maker->flat_error && spread <= maker->flat_spread && !is_over_twist(maker, corner);
 }
 
 qm_piece_face qm_piece_face_load(const qm_piece_maker *maker, const qm_source_piece *piece)

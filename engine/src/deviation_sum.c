@@ -205,6 +205,65 @@ static void add_piece(const share_sums *sums, const piece_growth *growth, const 
     add_span(sums, top, count, 1.0, area);
 }
 
+/** Adds to the shares within each x what a cell makes of them: steps of whole cells, and parts. */
+static void add_cell(const piece_growth *cell, double part, const double *x, size_t count, long double *share,
+                     long double *steps)
+{
+    const ramp *one = &cell->side[0], *two = &cell->side[cell->sides - 1];
+    size_t begin = cell->sides > 1 ? 0 : find_place(x, count, one->value[0]);
+    size_t end = begin + find_place(x + begin, count - begin, qm_greater(one->value[2], two->value[2]));
+    for (size_t i = begin; i < end; i++)
+        share[i] += (long double)(part * share_at(cell, x[i]));
+    steps[end] += (long double)part;
+}
+
+/** Linear functions over the cells of a piece whose height bends, seen from one side: by what bounds the
+ * distance from above, or below. */
+static piece_growth make_cell(const double at[3], const double open[2], bool from_above)
+{
+    double low[3], high[3], turned[3];
+    for (int k = 0; k < 3; k++) {
+        low[k] = at[k] - open[0];
+        high[k] = at[k] + open[1];
+        turned[k] = from_above ? -low[k] : -high[k];
+    }
+    return make_growth(from_above ? high : low, turned, 0.0, 0.0);
+}
+
+/** Adds a piece whose height bends, cell by cell; rows has room for count + 1 shares and steps. */
+static void add_bent(const share_sums *sums, const qm_piece_bounds *piece, bool from_above, const double *x,
+                     size_t count, const double area[2][2], long double *rows)
+{
+    const qm_bend *bend = &piece->bend;
+    long double *share = rows, *steps = rows + (count + 1), sum = 0;
+    for (size_t i = 0; i < 2 * (count + 1); i++)
+        rows[i] = 0;
+    double at[QM_BEND_CORNERS], open[2], part = 1.0 / (double)(bend->cells * bend->cells), top = 0.0;
+    qm_bend_corners(bend, at);
+    qm_bend_open(bend->value, open);
+    open[0] = open[0] * part + bend->below;
+    open[1] = open[1] * part + bend->above;
+    for (int j = 0; j < bend->cells; j++)
+        for (int i = 0; i < 2 * (bend->cells - j) - 1; i++) {
+            int place[3];
+            qm_bend_cell(bend->cells, j, i, place);
+            piece_growth cell =
+                make_cell((const double[3]){at[place[0]], at[place[1]], at[place[2]]}, open, from_above);
+            add_cell(&cell, part, x, count, share, steps);
+            top = qm_greater(top, cell.top);
+        }
+    const piece_growth whole = {.stray = from_above ? -piece->stray_high : piece->stray_low};
+    size_t end = find_place(x, count, top + (from_above ? piece->excess : 0.0));
+    for (size_t i = 0; i < end; i++) {
+        double within[2];
+        sum += steps[i];
+        find_areas(strayed(&whole, (double)(share[i] + sum)), area[0], area[1], within);
+        sums->within[i] += (long double)within[0];
+        sums->beyond[i] += (long double)within[1];
+    }
+    add_span(sums, end, count, 1.0, area);
+}
+
 static void add_up(const share_sums *sums, size_t count)
 {
     long double within = 0, beyond = 0;
@@ -241,6 +300,11 @@ void qm_piece_shares(qm_piece_list pieces, const double *x, size_t count, long d
                                    {piece->density_low, piece->density_high}};
         const double other[2][2] = {{piece->area_high, piece->area_low},
                                     {piece->density_high, piece->density_low}};
+        if (piece->bend.cells > 1) {
+            add_bent(&low, piece, true, x, count, area, work + 8 * (count + 1));
+            add_bent(&high, piece, false, x, count, other, work + 8 * (count + 1));
+            continue;
+        }
         double turned_low[3], turned_high[3];
         qm_piece_bounds_turn(piece, turned_low, turned_high);
         piece_growth surely = make_growth(piece->high, piece->is_signed ? turned_high : NULL,
@@ -347,7 +411,7 @@ qm_status qm_piece_percentiles(qm_context *ctx, qm_piece_list pieces, double gre
     percentile_search *search = qm_context_alloc(ctx, count, sizeof *search);
     double *x = qm_context_alloc(ctx, places, sizeof *x);
     qm_interval *share = qm_context_alloc(ctx, places, sizeof *share);
-    long double *work = qm_context_alloc(ctx, 8 * (places + 1), sizeof *work);
+    long double *work = qm_context_alloc(ctx, QM_SHARE_ROWS * (places + 1), sizeof *work);
     bool has_memory = search && x && share && work;
     if (has_memory) {
         const crossing whole = {{0.0, greatest}, {0.0, 1.0}};
@@ -360,7 +424,7 @@ qm_status qm_piece_percentiles(qm_context *ctx, qm_piece_list pieces, double gre
     qm_context_free(ctx, search, count, sizeof *search);
     qm_context_free(ctx, x, places, sizeof *x);
     qm_context_free(ctx, share, places, sizeof *share);
-    qm_context_free(ctx, work, 8 * (places + 1), sizeof *work);
+    qm_context_free(ctx, work, QM_SHARE_ROWS * (places + 1), sizeof *work);
     return has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the percentiles");
 }
 
@@ -381,7 +445,7 @@ qm_status qm_piece_histogram(qm_context *ctx, qm_piece_list pieces, double great
     size_t places = 2 * count;
     double *x = qm_context_alloc(ctx, places, sizeof *x);
     qm_interval *share = qm_context_alloc(ctx, places, sizeof *share);
-    long double *work = qm_context_alloc(ctx, 8 * (places + 1), sizeof *work);
+    long double *work = qm_context_alloc(ctx, QM_SHARE_ROWS * (places + 1), sizeof *work);
     bool has_memory = x && share && work;
     if (has_memory) {
         for (size_t i = 0; i < count; i++) {
@@ -397,6 +461,6 @@ qm_status qm_piece_histogram(qm_context *ctx, qm_piece_list pieces, double great
     }
     qm_context_free(ctx, x, places, sizeof *x);
     qm_context_free(ctx, share, places, sizeof *share);
-    qm_context_free(ctx, work, 8 * (places + 1), sizeof *work);
+    qm_context_free(ctx, work, QM_SHARE_ROWS * (places + 1), sizeof *work);
     return has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the histogram");
 }

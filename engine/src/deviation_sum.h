@@ -16,6 +16,8 @@ typedef struct qm_piece_list {
     double leak, farthest;
 } qm_piece_list;
 
+#define QM_SHARE_ROWS 10
+
 typedef struct qm_piece_totals {
     qm_interval area, mean, rms;
     double blur; /* mean of what the functions of all pieces leave open: percentiles are about as wide */
@@ -34,7 +36,7 @@ qm_interval qm_piece_greatest(qm_piece_list pieces);
  * the share of a triangle in which a linear function is at most x is known in closed form. With X the area
  * within x and Y the rest, X / (X + Y) grows with X and falls with Y. What has leaked may be in either.
  *
- * work  8 * (count + 1) long doubles
+ * work  QM_SHARE_ROWS * (count + 1) long doubles
  */
 void qm_piece_shares(qm_piece_list pieces, const double *x, size_t count, long double *work,
                      qm_interval *share);
