@@ -4,7 +4,8 @@
  * The piece is cut into n^2 cells like itself, by lines parallel to its edges, every other row turned round.
  * What a quadratic function is off the linear one with its values at the corners depends on its second
  * derivatives along the edges only: in each cell it is 1 / n^2 of what it is in the whole piece. So a cell is
- * known by the values at its corners, and a piece that bends need not be cut to know how its heights are spread.
+ * known by the values at its corners, and a piece that bends need not be cut to know how its heights are
+ * spread.
  */
 #ifndef QM_DEVIATION_BEND_H
 #define QM_DEVIATION_BEND_H
@@ -31,12 +32,12 @@ void qm_bend_part(const double value[6], const double corner[3][3], double part[
 /** So many cells that linear functions leave open no more than room in each, if so few do. */
 int qm_bend_count_cells(const double value[6], double room);
 
-/** Values at the corners of all cells, row by row; the places of those of a cell of the first to the last, one
- * of n^2, are found by qm_bend_cell. */
+/** Values at the corners of all cells, row by row; the places of those of a cell of the first to the last,
+ * one of n^2, are found by qm_bend_cell. */
 void qm_bend_corners(const qm_bend *bend, double at[QM_BEND_CORNERS]);
 
-/** The places of the three corners of each cell in turn; calls are made for row 0 <= j < n and 0 <= i < 2 (n -
- * j) - 1: every other cell is turned round. */
+/** The places of the three corners of each cell in turn; calls are made for row 0 <= j < n and 0 <= i < 2 (n
+ * - j) - 1: every other cell is turned round. */
 static inline void qm_bend_cell(int n, int j, int i, int place[3])
 {
     int row = j * (n + 1) - j * (j - 1) / 2, above = row + n + 1 - j, k = i / 2;

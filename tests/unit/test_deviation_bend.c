@@ -1,0 +1,169 @@
+/*
+ * Heights that bend, against sums over many small triangles: what of the distance is integrated, and how its
+ * shares grow cell by cell.
+ */
+#include "check.h"
+
+#include <math.h>
+
+#include "deviation_integral.h"
+#include "deviation_sum.h"
+#include "random.h"
+
+enum { GRID = 64, PLACES = 12 };
+
+#define SPARE 0.02 /* what a sum over the grid is off by is less */
+
+/** A quadratic function at weights, term by term. */
+static double value_at(const double value[6], const double l[3])
+{
+    return l[0] * l[0] * value[0] + l[1] * l[1] * value[1] + l[2] * l[2] * value[2] +
+           2.0 * (l[0] * l[1] * value[3] + l[1] * l[2] * value[4] + l[2] * l[0] * value[5]);
+}
+
+/** The middles of the triangles of the grid: GRID * GRID of them. */
+static void middle_of(int place, double l[3])
+{
+    int row = 0, left = place;
+    while (left >= 2 * (GRID - row) - 1)
+        left -= 2 * (GRID - row++) - 1;
+    double third = left % 2 ? 2.0 / 3.0 : 1.0 / 3.0;
+    l[1] = ((double)(left / 2) + third) / GRID;
+    l[2] = (row + third) / GRID;
+    l[0] = 1.0 - l[1] - l[2];
+}
+
+static double greatest_of(const double *x, int count)
+{
+    double greatest = 0.0;
+    for (int i = 0; i < count; i++)
+        greatest = fmax(greatest, fabs(x[i]));
+    return greatest;
+}
+
+typedef struct bent_piece {
+    qm_piece_shape shape;
+    qm_piece_bounds bounds;
+    double value[6], below, above;
+} bent_piece;
+
+static bent_piece draw_piece(qm_random *random)
+{
+    bent_piece piece = {.below = SPARE + qm_random_range(random, 0.0, 0.1),
+                        .above = SPARE + qm_random_range(random, 0.0, 0.1)};
+    double middle = qm_random_range(random, -1.0, 1.0) * (double)qm_random_below(random, 3), open[2];
+    for (int k = 0; k < 6; k++)
+        piece.value[k] = middle + qm_random_range(random, -1.0, 1.0);
+    piece.shape.is_uniform = qm_random_below(random, 2) == 0;
+    double density = qm_random_range(random, 0.5, 2.0);
+    for (int i = 0; i < 3; i++)
+        piece.shape.low[i] = piece.shape.high[i] =
+            piece.shape.is_uniform ? density : qm_random_range(random, 0.5, 2.0);
+    qm_bend_open(piece.value, open);
+    piece.bounds.bend.below = piece.below;
+    piece.bounds.bend.above = piece.above;
+    piece.bounds.bend.cells = 2 + (int)qm_random_below(random, QM_BEND_CELLS - 1);
+    for (int k = 0; k < 6; k++)
+        piece.bounds.bend.value[k] = piece.value[k];
+    for (int i = 0; i < 3; i++) {
+        piece.bounds.low[i] = piece.value[i] - open[0] - piece.below;
+        piece.bounds.high[i] = piece.value[i] + open[1] + piece.above;
+    }
+    qm_piece_integrate_bent(&piece.shape, (qm_positive_part){0.0, 0.0, 0.0}, (qm_outside){.most = 0.0}, 0.0,
+                            1e-3, &piece.bounds);
+    return piece;
+}
+
+/** The distance is the size of any number between the two functions. */
+static void check_integrals(const bent_piece *piece, qm_random *random, uint64_t number)
+{
+    double shift = qm_random_range(random, -piece->below, piece->above), mean = 0.0, square = 0.0, area = 0.0;
+    for (int place = 0; place < GRID * GRID; place++) {
+        double l[3];
+        middle_of(place, l);
+        double d = fabs(value_at(piece->value, l) + shift);
+        double part = (l[0] * piece->shape.low[0] + l[1] * piece->shape.low[1] + l[2] * piece->shape.low[2]) /
+                      (GRID * GRID);
+        area += part;
+        mean += part * d;
+        square += part * d * d;
+    }
+    double most = greatest_of(piece->value, 6) + 0.2, spare = SPARE * area;
+    const qm_piece_bounds *bounds = &piece->bounds;
+    QM_CHECK(bounds->mean_low <= mean + spare && bounds->mean_high >= mean - spare,
+             "seed %llu, piece %llu: mean [%.17g, %.17g] against %.17g", (unsigned long long)qm_check_seed(),
+             (unsigned long long)number, bounds->mean_low, bounds->mean_high, mean);
+    QM_CHECK(bounds->square_low <= square + 2.0 * most * spare &&
+                 bounds->square_high >= square - 2.0 * most * spare,
+             "seed %llu, piece %llu: square [%.17g, %.17g] against %.17g",
+             (unsigned long long)qm_check_seed(), (unsigned long long)number, bounds->square_low,
+             bounds->square_high, square);
+    double open = bounds->density_high * (2.0 * (piece->below + piece->above) + SPARE);
+    QM_CHECK(bounds->mean_high - bounds->mean_low <= open, "seed %llu, piece %llu: %.17g is left open of %.17g",
+             (unsigned long long)qm_check_seed(), (unsigned long long)number,
+             bounds->mean_high - bounds->mean_low, open);
+}
+
+/** The share of the grid's triangles in which the height is at most x when it is moved so far towards 0. */
+static double share_of_grid(const bent_piece *piece, double x, double nearer)
+{
+    double within = 0.0, area = 0.0;
+    for (int place = 0; place < GRID * GRID; place++) {
+        double l[3];
+        middle_of(place, l);
+        double part = l[0] * piece->shape.low[0] + l[1] * piece->shape.low[1] + l[2] * piece->shape.low[2];
+        area += part;
+        if (fabs(value_at(piece->value, l)) - nearer <= x) within += part;
+    }
+    return within / area;
+}
+
+/** In a triangle of the grid a height is as far from that at its middle as it can get on a third of an edge. */
+static void check_shares(const bent_piece *piece, uint64_t number)
+{
+    double x[PLACES], open[2], most = greatest_of(piece->value, 6), steep = 8.0 * most / GRID;
+    long double work[QM_SHARE_ROWS * (PLACES + 1)];
+    qm_interval share[PLACES];
+    qm_piece_list list = {&piece->bounds, 1, 0.0, INFINITY};
+    for (int i = 0; i < PLACES; i++)
+        x[i] = (most + 0.2) * i / (PLACES - 1);
+    qm_piece_shares(list, x, PLACES, work, share);
+    qm_bend_open(piece->value, open);
+    double cells = piece->bounds.bend.cells, wide = piece->below + piece->above;
+    double blur = wide + (open[0] + open[1]) / (cells * cells) + steep;
+    for (int i = 0; i < PLACES; i++) {
+        QM_CHECK(share[i].lower <= share_of_grid(piece, x[i], steep) + 1e-9 &&
+                     share[i].upper >= share_of_grid(piece, x[i], -steep) - 1e-9,
+                 "seed %llu, piece %llu: share within %g in [%.17g, %.17g]",
+                 (unsigned long long)qm_check_seed(), (unsigned long long)number, x[i], share[i].lower,
+                 share[i].upper);
+        /* Where the density changes, no more is known of a cell than the least and the greatest. */
+        if (!piece->shape.is_uniform) continue;
+        QM_CHECK(share[i].lower >= share_of_grid(piece, x[i], -blur) - 1e-9 &&
+                     share[i].upper <= share_of_grid(piece, x[i], blur) + 1e-9,
+                 "seed %llu, piece %llu: share within %g only in [%.17g, %.17g]",
+                 (unsigned long long)qm_check_seed(), (unsigned long long)number, x[i], share[i].lower,
+                 share[i].upper);
+    }
+}
+
+static void heights_that_bend_hold(void **state)
+{
+    (void)state;
+    uint64_t count = qm_check_long() ? 10000 : 200;
+    print_message("seed %llu\n", (unsigned long long)qm_check_seed());
+    for (uint64_t number = 0; number < count; number++) {
+        qm_random random = qm_random_make(qm_check_seed(), 810000 + number);
+        bent_piece piece = draw_piece(&random);
+        check_integrals(&piece, &random, number);
+        check_shares(&piece, number);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(heights_that_bend_hold),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
