@@ -3,9 +3,10 @@
  * still open and bound their parts, then the maximum.
  *
  * The pieces bound the maximum too, if not closely; a search narrows it afterwards. It takes a share of the
- * work: so many steps for each pack, many times more than the 5,784 that it takes for two spheres of 2,400
- * packs and the 1,000 for scans; and, as a step may be slow, a share of the time that all else has taken, or
- * SEARCH_MS. Where it ends before its time the bracket is wider than the tolerance, and holds.
+ * work: steps for half of the vertices and pieces that there were, and a few thousand besides. Two spheres of
+ * 2,400 packs take 5,784, and scans 1,000; a step costs about what a piece does, also where both are slow.
+ * Work is counted, not timed, so that the same question has the same answer. Where the search ends before its
+ * time the bracket is wider than the tolerance, and holds.
  */
 #include "qm/deviation.h"
 
@@ -16,10 +17,8 @@
 #include "hausdorff_search.h"
 #include "rounding.h"
 
-#define SEARCH_WORK (1u << 16) /* steps of the search for the maximum */
-#define SEARCH_WORK_PER_PACK 64
-#define SEARCH_SHARE 0.25
-#define SEARCH_MS 250.0
+#define SEARCH_WORK 4096 /* steps of the search for the maximum */
+#define SEARCH_SHARE 0.5 /* and so many for each vertex and each piece */
 
 /** What the stages of a call share. */
 typedef struct deviation_work {
@@ -155,9 +154,8 @@ static qm_status search_maximum(deviation_work *work)
     search.quads = options->quads;
     search.tolerance = options->tolerance;
     search.thread_count = options->thread_count;
-    search.work_limit =
-        SEARCH_WORK + SEARCH_WORK_PER_PACK * (uint64_t)(work->a->pack_count + work->b->pack_count);
-    search.deadline_ms = fmax(SEARCH_MS, SEARCH_SHARE * (qm_clock_ms() - work->start_ms));
+    double others = (double)out->vertex_count + (double)work->refinement.count;
+    search.work_limit = SEARCH_WORK + (uint64_t)(SEARCH_SHARE * others);
     search.progress = options->progress;
     search.progress_user = options->progress_user;
     qm_hausdorff_result found;

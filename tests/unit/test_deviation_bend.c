@@ -99,9 +99,9 @@ static void check_integrals(const bent_piece *piece, qm_random *random, uint64_t
              (unsigned long long)qm_check_seed(), (unsigned long long)number, bounds->square_low,
              bounds->square_high, square);
     double open = bounds->density_high * (2.0 * (piece->below + piece->above) + SPARE);
-    QM_CHECK(bounds->mean_high - bounds->mean_low <= open, "seed %llu, piece %llu: %.17g is left open of %.17g",
-             (unsigned long long)qm_check_seed(), (unsigned long long)number,
-             bounds->mean_high - bounds->mean_low, open);
+    QM_CHECK(bounds->mean_high - bounds->mean_low <= open,
+             "seed %llu, piece %llu: %.17g is left open of %.17g", (unsigned long long)qm_check_seed(),
+             (unsigned long long)number, bounds->mean_high - bounds->mean_low, open);
 }
 
 /** The share of the grid's triangles in which the height is at most x when it is moved so far towards 0. */
@@ -118,7 +118,8 @@ static double share_of_grid(const bent_piece *piece, double x, double nearer)
     return within / area;
 }
 
-/** In a triangle of the grid a height is as far from that at its middle as it can get on a third of an edge. */
+/** In a triangle of the grid a height is as far from that at its middle as it can get on a third of an edge.
+ */
 static void check_shares(const bent_piece *piece, uint64_t number)
 {
     double x[PLACES], open[2], most = greatest_of(piece->value, 6), steep = 8.0 * most / GRID;
