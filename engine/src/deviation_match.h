@@ -57,9 +57,10 @@
  * Roundings, in units of u S, S the greatest local coordinate (rounding.h, deviation_piece.h). b_i are as
  * they are, from -1/2 to 3/2. A point of the source or coefficient of it is off by 49, one of Q by 182 (w by
  * 12 in each coordinate, times 9/4; products and sums of up to 16 S), D by 240 in all with what both surfaces
- * are off in the frame, n.D by 32 more as |D| is at most 4 S: less than the 384 of eta. J is off by 38 in
- * each column, J0 too, which eta / a in r and eta (|J| + |D|) / a in f
- * cover, a = det / (|A|^2 + |B|^2)^(1/2) no more than the least singular value of M.
+ * are off in the frame, n.D by 32 more as |D| is at most 4 S, and by 40 at the
+ * corners of cells (deviation_bend.h), whose weights and sums are off by 10 u: less than the 384 of eta. J is
+ * off by 38 in each column, J0 too, which eta / a in r and eta (|J| + |D|) / a in f cover, a = det / (|A|^2 +
+ * |B|^2)^(1/2) no more than the least singular value of M.
  */
 #ifndef QM_DEVIATION_MATCH_H
 #define QM_DEVIATION_MATCH_H
