@@ -19,7 +19,7 @@
 typedef struct pairing {
     qm_uv_box source, target;
     double greatest; /* difference of two matched points */
-    bool is_clamped; /* the target's would reach beyond its patch */
+    bool is_beyond;  /* it reaches to where this target cannot cover it, at any size */
 } pairing;
 
 typedef struct match_work {
@@ -86,6 +86,19 @@ static void solve_step(const match_work *work, const qm_uv_box *target, const qm
         step[0][k] = (right[0][k] - mixed[k][0] * step[1][0] - mixed[k][1] * step[1][1]) / diagonal[0][k];
 }
 
+/** True when a corner is farther than is allowed from the plane that touches the target at its match: but for
+ * the target's bend, no part with that corner is covered, however small. */
+static bool is_out_of_reach(const match_work *work, qm_uv_box *target, const qm_vec difference[4])
+{
+    for (int i = 0; i < 4; i++) {
+        qm_vec along_u = qm_vec_axpy(work->target.e1, *side_of(target, i, 1), work->target.w);
+        qm_vec along_v = qm_vec_axpy(work->target.e2, *side_of(target, i, 0), work->target.w);
+        qm_vec normal = qm_vec_cross(along_u, along_v);
+        if (fabs(qm_vec_dot(difference[i], normal)) > work->allowed * qm_vec_norm(normal)) return true;
+    }
+    return false;
+}
+
 /** Improves the match of a rectangle until it is good enough or gets no better; its sides stay within margin
  * of the target. */
 static void improve(const match_work *work, pairing *pair, double margin)
@@ -97,12 +110,12 @@ static void improve(const match_work *work, pairing *pair, double margin)
         pair->target.high[axis] = qm_clamp(pair->target.high[axis], -margin, 1.0 + margin);
     }
     pair->greatest = differences(work, corner, &pair->target, difference);
-    pair->is_clamped = false;
+    bool is_clamped = false;
     for (int k = 0; k < STEPS && pair->greatest > work->allowed; k++) {
         double step[2][2];
         solve_step(work, &pair->target, difference, step);
         qm_uv_box moved;
-        bool is_clamped = false;
+        is_clamped = false;
         for (int axis = 0; axis < 2; axis++) {
             double low = pair->target.low[axis] + step[axis][0],
                    high = pair->target.high[axis] + step[axis][1];
@@ -110,7 +123,6 @@ static void improve(const match_work *work, pairing *pair, double margin)
             moved.high[axis] = qm_clamp(high, -margin, 1.0 + margin);
             is_clamped |= moved.low[axis] != low || moved.high[axis] != high;
         }
-        pair->is_clamped = is_clamped;
         qm_vec there[4];
         double greatest = differences(work, corner, &moved, there);
         if (!(greatest < pair->greatest)) break;
@@ -121,6 +133,8 @@ static void improve(const match_work *work, pairing *pair, double margin)
             difference[i] = there[i];
         if (is_last) break;
     }
+    pair->is_beyond =
+        pair->greatest > work->allowed && (is_clamped || is_out_of_reach(work, &pair->target, difference));
 }
 
 /** Rectangles of equal depth. */
@@ -196,7 +210,7 @@ static bool cover(const match_work *work, const pairing *whole)
         if (!gets_on || depth == MAX_DEPTH || 4 * here->count > MAX_RECTANGLES) break;
         next->count = 0;
         for (int i = 0; i < here->count; i++) {
-            if (here->at[i].is_clamped && depth >= MAX_EDGE_DEPTH)
+            if (here->at[i].is_beyond && depth >= MAX_EDGE_DEPTH)
                 work->rest(work->user, &here->at[i].source);
             else
                 keep_parts(work, &here->at[i], next);
