@@ -27,18 +27,6 @@ void qm_piece_fill_candidates(qm_piece_work *work)
     work->generation++;
 }
 
-void qm_piece_gather(qm_piece_work *work, qm_near_packs *near)
-{
-    qm_box box = qm_vec_box(work->piece.corner, work->piece.corner_count);
-    work->kernel->gather(work->side->target, &box, qm_piece_allowed(work), near);
-    work->near = near;
-    work->pack_count =
-        work->kernel->narrow(work->near, &box, qm_piece_allowed(work), QM_COVER_PACKS, work->packs);
-    if (work->pack_count == 0) work->packs[work->pack_count++] = work->entry.hint;
-    qm_piece_fill_candidates(work);
-}
-
-/** Puts a pack among the candidates, in place of the last one when full; false when it is one already. */
 bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack)
 {
     for (int k = 0; k < work->pack_count; k++)
@@ -50,6 +38,17 @@ bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack)
     return true;
 }
 
+void qm_piece_gather(qm_piece_work *work, qm_near_packs *near)
+{
+    qm_box box = qm_vec_box(work->piece.corner, work->piece.corner_count);
+    work->kernel->gather(work->side->target, &box, qm_piece_allowed(work), near);
+    work->near = near;
+    work->pack_count =
+        work->kernel->narrow(work->near, &box, qm_piece_allowed(work), QM_COVER_PACKS, work->packs);
+    if (work->pack_count == 0 || work->side->target_patches) qm_piece_add_candidate(work, work->entry.hint);
+    qm_piece_fill_candidates(work);
+}
+
 enum { MAX_QUADS = QM_COVER_PACKS * QM_PACK_LANES / 2 };
 
 /** Quads of the candidates with the distance of their triangles. */
@@ -57,7 +56,7 @@ typedef struct quad_list {
     int count;
     struct listed_quad {
         double distance, twist;
-        uint32_t face;
+        uint32_t face, pack;
     } at[MAX_QUADS];
 } quad_list;
 
@@ -71,8 +70,8 @@ static void list_quads(const qm_piece_work *work, qm_vec p, double least_twist, 
         for (uint32_t lane = 1; lane < lanes->lane_count; lane++) {
             double twist = work->candidates.twist[k][lane];
             if (!qm_lane_is_second(lanes, lane) || twist < least_twist) continue;
-            list->at[list->count++] =
-                (struct listed_quad){sqrt(fmin(d2[lane - 1], d2[lane])), twist, lanes->face[lane]};
+            list->at[list->count++] = (struct listed_quad){sqrt(fmin(d2[lane - 1], d2[lane])), twist,
+                                                           lanes->face[lane], work->packs[k]};
         }
     }
 }
@@ -101,7 +100,8 @@ void qm_piece_find_foot(qm_near_quad *quad, qm_vec p)
 static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad listed, double negligible,
                        qm_near_quads *near)
 {
-    qm_near_quad quad = {.face = listed.face, .distance = listed.distance, .twist = listed.twist};
+    qm_near_quad quad = {
+        .face = listed.face, .pack = listed.pack, .distance = listed.distance, .twist = listed.twist};
     quad.patch = qm_bvh_load_patch(work->side->target, quad.face);
     if (quad.twist >= negligible) {
         qm_patch_foot foot = qm_patch_descend(&quad.patch, p, near->farthest);

@@ -48,7 +48,7 @@ typedef struct qm_piece_work {
 
 /** A quad of the target near a point: how near, and where on it. */
 typedef struct qm_near_quad {
-    uint32_t face;
+    uint32_t face, pack;
     double
         distance; /* of a point of the patch; where the twist is negligible, of its triangles and the twist */
     double twist;

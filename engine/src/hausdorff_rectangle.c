@@ -2,6 +2,8 @@
  * hausdorff_rectangle.c: parameter rectangles of the source's bilinear patches. The part of the patch lies in
  * the hull of its four corners, and near the two triangles of qm_patch_halve, by a share of |w| ds dt.
  */
+#include <string.h>
+
 #include "bilinear_match.h"
 #include "hausdorff_piece.h"
 
@@ -14,6 +16,7 @@
 #define THIN 0.06       /* of the longer side: a rectangle with a shorter one is thin */
 #define MAX_LEFT 0.75   /* of the longer side of a thin rectangle may be left over */
 #define MAX_ATTEMPTS 3  /* covers of one rectangle, each with candidates that its middle brought */
+#define OFTEN 3         /* cuts and matches that have left a rectangle over, at least */
 #define CROSSING_STEPS 40
 #define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
 #define CROSSING_MARGIN 1e-3 /* share of the rectangle that a cut must leave on both sides */
@@ -38,6 +41,15 @@ static bool hull_reached(const qm_piece_work *work, qm_polygon *corners)
         labels &= corners->in_reach[i];
     }
     return labels != 0;
+}
+
+/**
+ * Along the line where a patch of the target is just as far as is allowed it covers a share of each part that
+ * is left over, again and again: such parts are worth the search for a patch that covers more.
+ */
+static bool is_left_often(const qm_piece_work *work)
+{
+    return work->piece.depth >= OFTEN;
 }
 
 /** Covers the two triangles of a rectangle, with the slack by which the patch leaves them; near are quads
@@ -142,6 +154,23 @@ static void keep_rest(void *user, const qm_uv_box *rest)
     list->count++;
 }
 
+static void copy_rest(const rest_list *from, rest_list *to)
+{
+    to->count = from->count;
+    memcpy(to->at, from->at, (size_t)from->count * sizeof *from->at);
+}
+
+/** Of the parameters. */
+static double area_of(const rest_list *list)
+{
+    double area = 0.0;
+    for (int i = 0; i < list->count; i++) {
+        const qm_uv_box *box = &list->at[i];
+        area += (box->high[0] - box->low[0]) * (box->high[1] - box->low[1]);
+    }
+    return area;
+}
+
 /** Sums of the lengths of opposite sides. */
 static void side_lengths(const qm_vec c[4], double side[2])
 {
@@ -200,23 +229,44 @@ static qm_near_quads quads_below(const qm_piece_work *work, qm_vec middle)
     double allowed = qm_piece_allowed(work), radius = qm_vec_radius(work->piece.corner, 4, middle);
     qm_quads_asked asked = {.wanted = QM_NEAR_QUADS, .within = allowed + radius, .enough = allowed};
     if (!work->side->target_patches) return (qm_near_quads){.count = 0};
+    if (is_left_often(work)) asked.enough = -1.0;
     return qm_piece_near_quads(work, middle, asked);
 }
 
-/** Covers the rectangle, or parts of it, by one of the quads near its middle. */
+/** Covers the rectangle, or parts of it, by one of the quads near its middle: the first that covers any of
+ * it, or, once it is left over often, that which leaves least. */
 static bool match_reached(const qm_piece_work *work, const qm_patch *patch, qm_vec middle,
-                          qm_near_quads *near, rest_list *rest)
+                          qm_near_quads *near, rest_list *least)
 {
     qm_uv_box box = parameters_of(&work->piece);
-    for (int i = 0; i < near->count; i++) {
+    double left = INFINITY;
+    for (int i = 0; i < near->count && left > 0.0; i++) {
         qm_near_quad *quad = &near->at[i];
+        rest_list rest;
         qm_piece_find_foot(quad, middle);
-        rest->count = 0;
+        rest.count = 0;
         bool is_matched =
-            qm_patch_match(patch, &box, &quad->patch, quad->uv, qm_piece_allowed(work), keep_rest, rest);
-        if (is_matched && gets_on(work, patch, rest)) return true;
+            qm_patch_match(patch, &box, &quad->patch, quad->uv, qm_piece_allowed(work), keep_rest, &rest);
+        if (!is_matched || !gets_on(work, patch, &rest)) continue;
+        double area = area_of(&rest);
+        if (!(area < left)) continue;
+        left = area;
+        copy_rest(&rest, least);
+        if (!is_left_often(work)) break;
     }
-    return false;
+    return left < INFINITY;
+}
+
+/** Covers the rectangle, or parts of it, by one patch. near are the quads near its middle that were looked
+ * for. The counterpart may leave over parts of a whole face only: where it is just as far as is allowed it
+ * would leave over parts of parts endlessly. */
+static bool patch_reached(const qm_piece_work *work, const qm_patch *patch, qm_vec middle,
+                          qm_near_quads *near, rest_list *rest)
+{
+    near->count = 0;
+    if (counterpart_reached(work, patch, rest) && (rest->count == 0 || work->piece.depth == 0)) return true;
+    *near = quads_below(work, middle);
+    return match_reached(work, patch, middle, near, rest);
 }
 
 /**
@@ -274,10 +324,17 @@ bool qm_piece_rectangle_covered(qm_piece_work *work)
     return covered;
 }
 
-/**
- * Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
- * The counterpart may leave over parts of a whole face only: where it is just as far as is allowed it would
- * leave over parts of parts endlessly.
+/** Measures the corners that no candidate reaches; true when that brought candidates or raised the lower
+ * bound. */
+static bool sample_unreached_corners(qm_piece_work *work)
+{
+    bool found = false;
+    for (int i = 0; i < 4; i++)
+        found |= qm_piece_sample_unreached(work, work->piece.corner[i]);
+    return found;
+}
+
+/** Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
  */
 static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const qm_patch_halves *halves,
                               qm_polygon *corners)
@@ -288,21 +345,18 @@ static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const 
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (hull_reached(work, corners)) return true;
         rest_list rest;
-        qm_near_quads near = {.count = 0};
-        bool is_matched = counterpart_reached(work, patch, &rest);
-        if (!is_matched || (rest.count > 0 && piece->depth > 0)) {
-            near = quads_below(work, middle);
-            is_matched = match_reached(work, patch, middle, &near, &rest);
-        }
+        qm_near_quads near;
+        bool is_matched = patch_reached(work, patch, middle, &near, &rest);
         if (is_matched && rest.count == 0) return true;
         bool is_flat = halves->slack < qm_piece_allowed(work);
         if (is_flat && triangles_reached(work, halves, middle, &near)) return true;
-        if (is_matched) {
+        if (is_matched &&
+            !(is_left_often(work) && attempt + 1 < MAX_ATTEMPTS && sample_unreached_corners(work))) {
             for (int k = 0; k < rest.count; k++)
                 push_part(work, patch, rest.at[k].low, rest.at[k].high);
             return true;
         }
-        if (!qm_piece_sample_unreached(work, middle)) break;
+        if (!is_matched && !qm_piece_sample_unreached(work, middle)) break;
     }
     return false;
 }

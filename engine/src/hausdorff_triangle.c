@@ -115,8 +115,8 @@ bool qm_piece_sample_unreached(qm_piece_work *work, qm_vec p)
 }
 
 /** Bound by the ball round the middle, measured to the patches themselves, or enough when that is no better:
- * it falls with the size, labels do not. */
-static double ball_upper(const qm_piece_work *work, const qm_piece *piece, double enough)
+ * it falls with the size, labels do not. hint becomes the pack of the nearest one. */
+static double ball_upper(const qm_piece_work *work, const qm_piece *piece, double enough, uint32_t *hint)
 {
     qm_vec middle = qm_vec_middle(piece->corner, piece->corner_count);
     double radius = qm_vec_radius(piece->corner, piece->corner_count, middle);
@@ -124,7 +124,9 @@ static double ball_upper(const qm_piece_work *work, const qm_piece *piece, doubl
     qm_quads_asked asked = {
         .wanted = 1, .within = enough - radius, .enough = fmax(qm_piece_allowed(work), radius)};
     qm_near_quads near = qm_piece_near_quads(work, middle, asked);
-    return near.count > 0 ? near.at[0].distance + radius : enough;
+    if (near.count == 0) return enough;
+    *hint = near.at[0].pack;
+    return near.at[0].distance + radius;
 }
 
 void qm_piece_push(qm_piece_work *work, const qm_piece *piece)
@@ -133,9 +135,9 @@ void qm_piece_push(qm_piece_work *work, const qm_piece *piece)
     double upper = work->kernel->hull_upper(&work->candidates, piece->corner, piece->corner_count, &place);
     qm_entry entry = work->entry;
     double known = entry.upper * work->side->scale - work->slack;
-    if (work->side->target_patches) upper = ball_upper(work, piece, fmin(upper, known));
-    entry.upper = fmin(entry.upper, (upper + work->slack) * work->side->inverse_scale);
     entry.hint = work->packs[place < work->pack_count ? place : 0];
+    if (work->side->target_patches) upper = ball_upper(work, piece, fmin(upper, known), &entry.hint);
+    entry.upper = fmin(entry.upper, (upper + work->slack) * work->side->inverse_scale);
     qm_worker_push(work->worker, entry, piece);
 }
 

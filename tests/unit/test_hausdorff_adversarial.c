@@ -338,6 +338,57 @@ static void copies_of_one_twisted_quad(void **state)
     qm_shape_free(&meshes[1]);
 }
 
+/** The corners of one face again and again, each time moved by the noise. */
+static qm_mesh noisy_copies(const double corner[4][3], size_t count, double noise, qm_random *random)
+{
+    qm_mesh copies = qm_shape_make(4 * count, count);
+    for (size_t f = 0; f < count; f++) {
+        memcpy(copies.positions + 12 * f, corner, 12 * sizeof(double));
+        for (uint32_t i = 0; i < 4; i++)
+            copies.faces[4 * f + i] = (uint32_t)(4 * f) + i;
+    }
+    qm_shape_shake(&copies, random, noise);
+    return copies;
+}
+
+/**
+ * One twisted quad over hundreds of its copies, each moved by many tolerances: each reaches a part of it, and
+ * a search that follows the lines where one copy is just as far as is allowed, instead of looking for another
+ * one, does not end in the test's time.
+ */
+static void noisy_copies_under_one_twisted_quad(void **state)
+{
+    (void)state;
+    enum { COUNT = 600, STEPS = 6, MAX_PARTS = 500 };
+    static const double corner[4][3] = {{0, 0, 0.1}, {1, 0, 0.4}, {1, 1, -0.1}, {0, 1, 0.5}};
+    static const double below[4][3] = {{0, 0, 0}, {1, 0, 0.3}, {1, 1, -0.2}, {0, 1, 0.4}};
+    qm_mesh one = qm_shape_face(4, corner);
+    for (uint64_t seed = 0; seed < (qm_check_long() ? 50u : 3u); seed++) {
+        qm_random random = qm_random_make(qm_check_seed(), 9800 + seed);
+        double noise = pow(10, qm_random_range(&random, -4.5, -3)), most = 0.0;
+        qm_mesh copies = noisy_copies(below, COUNT, noise, &random);
+        qm_hausdorff_options options = qm_hausdorff_options_default();
+        options.quads = QM_QUADS_BILINEAR;
+        options.tolerance = 1e-6;
+        qm_hausdorff_result r = qm_measured(&one, &copies, &options);
+        for (int i = 0; i <= STEPS; i++)
+            for (int j = 0; j <= STEPS; j++) {
+                double s = (double)i / STEPS, t = (double)j / STEPS, p[3];
+                for (int k = 0; k < 3; k++)
+                    p[k] = (1 - t) * ((1 - s) * corner[0][k] + s * corner[1][k]) +
+                           t * ((1 - s) * corner[3][k] + s * corner[2][k]);
+                most = fmax(most, qm_slow_distance(&copies, options.quads, p, 1e-9).lower);
+            }
+        QM_CHECK(r.stop == QM_STOP_CONVERGED && r.upper >= most - 1e-15 &&
+                     r.lower <= 0.1 + sqrt(3.0) * noise && r.iterations <= MAX_PARTS,
+                 "seed %llu, noise %g: stop %d, [%.17g, %.17g], a point is %.17g away, after %llu parts",
+                 (unsigned long long)seed, noise, (int)r.stop, r.lower, r.upper, most,
+                 (unsigned long long)r.iterations);
+        qm_shape_free(&copies);
+    }
+    qm_shape_free(&one);
+}
+
 static void flat_boxes(void **state)
 {
     (void)state;
@@ -612,6 +663,7 @@ int main(void)
         cmocka_unit_test(coordinates_as_large_as_they_go),
         cmocka_unit_test(thousands_of_copies_of_one_triangle),
         cmocka_unit_test(copies_of_one_twisted_quad),
+        cmocka_unit_test(noisy_copies_under_one_twisted_quad),
         cmocka_unit_test(flat_boxes),
         cmocka_unit_test(single_facets),
         cmocka_unit_test(points_and_vertices_of_no_face),
