@@ -492,10 +492,14 @@ static void keep_foot(qm_patch_foot *best, const segment_foot *foot)
     keep_best(best, sqrt(foot->distance2), x);
 }
 
-/** The least between two segments, from one where it falls to one where it rises: Newton's steps, or halves.
+/**
+ * The least between two segments, from one where it falls to one where it rises: Newton's steps, or halves. A
+ * coordinate of the gap is off by some u of the lengths that it comes from, and the squared distance by that
+ * much times the gap: near the patch that is a larger share of it than the gain that ends the steps.
  */
 static void minimise_between(const query *q, segment_foot low, segment_foot high, qm_patch_foot *best)
 {
+    double roundings = SLOPE_ROUNDINGS * sqrt(q->e11 + q->e22 + q->ww + q->rr);
     segment_foot at = low.distance2 < high.distance2 ? low : high;
     for (int step = 0; step < MAX_STEPS; step++) {
         double s = at.s - at.slope / at.bend;
@@ -506,7 +510,8 @@ static void minimise_between(const query *q, segment_foot low, segment_foot high
         keep_foot(best, &at);
         if (at.slope == 0.0) break;
         *(at.slope < 0.0 ? &low : &high) = at;
-        if (fabs(before - at.distance2) <= DESCENT_GAIN * before && step >= MIN_STEPS) break;
+        double least_gain = qm_greater(DESCENT_GAIN * before, roundings * sqrt(before));
+        if (fabs(before - at.distance2) <= least_gain && step >= MIN_STEPS) break;
     }
 }
 
@@ -529,7 +534,10 @@ static void look_between(const query *q, const segment_foot *low, const segment_
     double nearest = 0.5 * (sqrt(low->distance2) + sqrt(high->distance2) - speed * (high->s - low->s));
     if (nearest >= qm_lesser(best->distance, stop_above)) return;
     if (depth <= 0) {
-        if (low->slope < 0.0 && high->slope > 0.0) minimise_between(q, *low, *high, best);
+        /* Where the best point lies between these two, a way down has led to it from segments farther apart.
+         */
+        bool is_known = depth < 0 && best->uv[0] > low->s && best->uv[0] < high->s;
+        if (!is_known && low->slope < 0.0 && high->slope > 0.0) minimise_between(q, *low, *high, best);
         if (depth == -POINT_HALVINGS || !turn_round(q->patch, low, high)) return;
     }
     segment_foot middle = segment_foot_at(q, 0.5 * (low->s + high->s));
