@@ -1,6 +1,6 @@
 #include "bilinear_match.h"
 
-#define STEPS 4          /* of least squares for one rectangle */
+#define STEPS 8          /* of least squares for one rectangle */
 #define MIN_GAIN 0.9     /* of the greatest difference: a step that leaves more is the last one */
 #define DAMPING 1e-9     /* of the matrix: where both directions of the target fall together, along a fold */
 #define MAX_DEPTH 12     /* of cuts */
