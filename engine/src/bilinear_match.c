@@ -388,11 +388,20 @@ bool qm_patch_match(const qm_patch *source, const qm_uv_box *box, const qm_patch
     return cover_within(&work, &whole) || match_middles(&work, box, target, middle);
 }
 
+/** The sum of the corners, the same in all layouts. */
+static qm_vec sum_of_corners(const qm_patch *patch)
+{
+    qm_vec half = qm_vec_axpy(qm_vec_add(patch->e1, patch->e2), 2.0, patch->origin);
+    return qm_vec_axpy(patch->w, 2.0, half);
+}
+
 bool qm_patch_match_alike(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
                           double allowed, qm_match_rest_fn *rest, void *user)
 {
     match_work work = {.source = source, .allowed = allowed, .rest = rest, .user = user};
     double difference2, most = MAX_ALIKE * allowed;
+    qm_vec apart = qm_vec_sub(sum_of_corners(source), sum_of_corners(target));
+    if (!(qm_vec_norm2(apart) <= 16.0 * most * most)) return false;
     work.target = lay_out(target, layout_of_corners(source, target, &difference2));
     pairing whole = {.source = *box, .target = *box};
     return difference2 <= 4.0 * most * most && cover_within(&work, &whole);

@@ -205,22 +205,42 @@ static qm_uv_box parameters_of(const qm_piece *piece)
     return (qm_uv_box){{piece->low[0], piece->low[1]}, {piece->high[0], piece->high[1]}};
 }
 
+/** Covers the rectangle, or parts of it, by a face of the target with nearly the same corners; rest is what
+ * is left over. */
+static bool alike_reached(const qm_piece_work *work, const qm_patch *patch, uint32_t face, rest_list *rest)
+{
+    qm_vec corner[4];
+    rest->count = 0;
+    if (qm_bvh_load_face(work->side->target, face, corner) != 4) return false;
+    qm_uv_box box = parameters_of(&work->piece);
+    qm_patch alike = qm_patch_make(corner);
+    return qm_patch_match_alike(patch, &box, &alike, qm_piece_allowed(work), keep_rest, rest) &&
+           gets_on(work, patch, rest);
+}
+
 /**
- * Covers the rectangle, or parts of it, by the target's face of the same number; rest is what is left over.
- * Meshes that nearly coincide are mostly one mesh twice; in a heap of patches that cross each other hundreds
- * of others are as near to the middle of a face, and no search tells its counterpart from them.
+ * The same by the target's face of the same number. Meshes that nearly coincide are mostly one mesh twice; in
+ * a heap of patches that cross each other hundreds of others are as near to the middle of a face, and no
+ * search tells its counterpart from them.
  */
 static bool counterpart_reached(const qm_piece_work *work, const qm_patch *patch, rest_list *rest)
 {
-    const qm_bvh *target = work->side->target;
-    qm_vec corner[4];
     rest->count = 0;
-    if (!work->side->target_patches || work->piece.face >= target->mesh.face_count) return false;
-    if (qm_bvh_load_face(target, work->piece.face, corner) != 4) return false;
-    qm_uv_box box = parameters_of(&work->piece);
-    qm_patch counterpart = qm_patch_make(corner);
-    return qm_patch_match_alike(patch, &box, &counterpart, qm_piece_allowed(work), keep_rest, rest) &&
-           gets_on(work, patch, rest);
+    return work->side->target_patches && work->piece.face < work->side->target->mesh.face_count &&
+           alike_reached(work, patch, work->piece.face, rest);
+}
+
+/** Covers all of the rectangle by a quad of the pack that is near to what lies round it: over copies of one
+ * face no foot need be found. */
+static bool hinted_reached(const qm_piece_work *work, const qm_patch *patch)
+{
+    const qm_pack_lanes *lanes = &work->side->target->lanes[work->entry.hint];
+    rest_list rest;
+    for (uint32_t lane = 1; work->side->target_patches && lane < lanes->lane_count; lane++)
+        if (qm_lane_is_second(lanes, lane) && alike_reached(work, patch, lanes->face[lane], &rest) &&
+            rest.count == 0)
+            return true;
+    return false;
 }
 
 /** The quads of the target near the middle of the rectangle that may cover some of it. */
@@ -308,6 +328,7 @@ bool qm_piece_rectangle_covered(qm_piece_work *work)
     qm_patch patch = source_patch(work);
     rest_list rest;
     if (counterpart_reached(work, &patch, &rest) && rest.count == 0) return true;
+    if (hinted_reached(work, &patch)) return true;
     qm_polygon hull = {.count = 4, .corner = {c[0], c[1], c[2], c[3]}};
     bool moved = false, covered = qm_piece_cover_by_nearest(work, &hull, &moved);
     if (covered) return true;
