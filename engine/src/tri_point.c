@@ -31,10 +31,11 @@ qm_triangle qm_triangle_make(qm_vec a, qm_vec b, qm_vec c)
             first = i;
         }
     }
-    qm_triangle t = {.origin = corner[first], .first = first, .length = sqrt(longest2)};
-    qm_vec third = qm_vec_sub(corner[first + 2], t.origin);
-    t.x = t.length > 0.0 ? qm_vec_scale(1.0 / t.length, qm_vec_sub(corner[first + 1], t.origin))
-                         : (qm_vec){1, 0, 0};
+    /* A shorter one is a point: the square of its length has too few digits to normalize an edge by. */
+    bool is_long = longest2 > QM_LEAST_LENGTH * QM_LEAST_LENGTH;
+    qm_triangle t = {.origin = corner[first], .first = first, .length = is_long ? sqrt(longest2) : 0.0};
+    qm_vec third = is_long ? qm_vec_sub(corner[first + 2], t.origin) : (qm_vec){0, 0, 0};
+    t.x = is_long ? qm_vec_scale(1.0 / t.length, qm_vec_sub(corner[first + 1], t.origin)) : (qm_vec){1, 0, 0};
     t.y = height_direction(third, t.x, t.length);
     t.z = qm_vec_cross(t.x, t.y);
     t.cx = qm_vec_dot(third, t.x);

@@ -416,6 +416,39 @@ static void meshes_of_any_size_are_answered_or_refused(void **state)
     }
 }
 
+/** A quad round the origin whose squared sides are no normal numbers, far within a box of ordinary size: it
+ * is as far as the origin is, but for its size. */
+static void a_speck_is_as_far_as_its_place(void **state)
+{
+    (void)state;
+    static const double far[][3] = {{-9, -9, -9}, {-9, -8, -9}, {-8, -9, -9},
+                                    {9, 9, 9},    {9, 8, 9},    {8, 9, 9}};
+    static const uint32_t faces[] = {0, 1, 2, QM_NO_INDEX, 3, 4, 5, QM_NO_INDEX, 6, 7, 8, 9};
+    qm_random random = qm_random_make(qm_check_seed(), 0);
+    const double origin[3] = {0};
+    for (int k = 0; k < 400; ++k) {
+        double size = pow(10, qm_random_range(&random, -320, -120));
+        qm_mesh mesh = qm_shape_make(10, 3);
+        memcpy(mesh.positions, far, sizeof far);
+        memcpy(mesh.faces, faces, sizeof faces);
+        for (size_t i = 18; i < 30; ++i)
+            mesh.positions[i] = size * qm_random_range(&random, -1, 1);
+        first_batch.count = 16;
+        for (size_t i = 0; i < first_batch.count; ++i)
+            qm_random_point(&random, -1, 1, first_batch.points + 3 * i);
+        for (int reading = 0; reading < 2; ++reading) {
+            project(&first_batch, &mesh, (qm_quad_reading)reading, 1);
+            for (size_t i = 0; i < first_batch.count; ++i) {
+                double truth = gap(first_batch.points + 3 * i, origin), told = first_batch.distance[i];
+                QM_CHECK(first_batch.face[i] == 2 && fabs(told - truth) <= 3.5e-13 * 18,
+                         "size %.3g, reading %d: face %u, %.17g, true %.17g", size, reading,
+                         first_batch.face[i], told, truth);
+            }
+        }
+        qm_shape_free(&mesh);
+    }
+}
+
 static void distances_that_overflow_are_refused(void **state)
 {
     (void)state;
@@ -506,6 +539,7 @@ int main(void)
         cmocka_unit_test(points_that_are_not_finite_are_named),
         cmocka_unit_test(points_too_far_to_be_squared_are_named),
         cmocka_unit_test(meshes_of_any_size_are_answered_or_refused),
+        cmocka_unit_test(a_speck_is_as_far_as_its_place),
         cmocka_unit_test(distances_that_overflow_are_refused),
         cmocka_unit_test(a_raised_flag_cancels),
         cmocka_unit_test(running_out_of_memory_is_a_status_and_leaks_nothing),

@@ -9,7 +9,7 @@
 #define WIDE_SQRT(a) qm_vd_sqrt(a)
 #define WIDE_SELECT(mask, a, b) qm_vd_select(mask, a, b)
 #define WIDE_FLAT 0x1p-50
-#define WIDE_SHORT 0.0
+#define WIDE_SHORT (QM_LEAST_LENGTH * QM_LEAST_LENGTH)
 #include "frames.inc"
 
 static inline wide_vec load(const double corner[3][QM_PACK_LANES], int at)
