@@ -37,6 +37,7 @@ static double *side_of(qm_uv_box *box, int corner, int axis)
     return is_high ? &box->high[axis] : &box->low[axis];
 }
 
+/** Differences of matched corners; returns the greatest length, INFINITY where one is no number. */
 static double differences(const match_work *work, const qm_vec corner[4], qm_uv_box *target,
                           qm_vec difference[4])
 {
@@ -44,7 +45,10 @@ static double differences(const match_work *work, const qm_vec corner[4], qm_uv_
     for (int i = 0; i < 4; i++) {
         difference[i] =
             qm_vec_sub(corner[i], qm_patch_at(&work->target, *side_of(target, i, 0), *side_of(target, i, 1)));
-        greatest2 = qm_greater(greatest2, qm_vec_norm2(difference[i]));
+        double length2 = qm_vec_norm2(difference[i]);
+        /* A target too small to take products of its sides leads nowhere: its equations are singular. */
+        if (!(length2 < INFINITY)) return INFINITY;
+        greatest2 = qm_greater(greatest2, length2);
     }
     return sqrt(greatest2);
 }

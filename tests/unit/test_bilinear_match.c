@@ -99,6 +99,38 @@ static void covered_points_are_near(void **state)
     assert_true(covered > TRIES / 4);
 }
 
+/** Products of four sides of the target vanish, and so do the determinants of its matches: a corner at the
+ * target says nothing of the other three. */
+static void points_are_not_covered_by_a_speck(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 500);
+    const qm_uv_box square = {{0.0, 0.0}, {1.0, 1.0}};
+    const double middle[2] = {0.5, 0.5};
+    for (int k = 0; k < TRIES; k++) {
+        double size = pow(10.0, qm_random_range(&random, -320, -60)), farthest = 0.0;
+        qm_vec from[4], to[4];
+        for (int i = 0; i < 4; i++) {
+            from[i] = random_vec(&random, 1.0);
+            to[i] = random_vec(&random, size);
+        }
+        from[k % 4] = to[0];
+        for (int i = 0; i < 4; i++)
+            farthest = fmax(farthest, qm_vec_norm(from[i]));
+        qm_patch source = qm_patch_make(from), target = qm_patch_make(to);
+        double allowed = farthest * qm_random_range(&random, 0.5, 1.0);
+        for (int alike = 0; alike < 2; alike++) {
+            rest_list rest = {0};
+            bool is_covered =
+                alike ? qm_patch_match_alike(&source, &square, &target, allowed, keep_rest, &rest)
+                      : qm_patch_match(&source, &square, &target, middle, allowed, keep_rest, &rest);
+            QM_CHECK(!is_covered || rest.count > 0, "a corner %.17g away is covered for %.17g, size %.3g",
+                     farthest, allowed, size);
+            if (is_covered) check_covered(&source, &square, to, allowed, &rest, &random);
+        }
+    }
+}
+
 /** The target is the source with its corners turned or mirrored, and a little noise. */
 static void near_copies_are_covered_however_they_are_turned(void **state)
 {
@@ -188,6 +220,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(covered_points_are_near),
+        cmocka_unit_test(points_are_not_covered_by_a_speck),
         cmocka_unit_test(parts_of_patches_that_are_alike),
         cmocka_unit_test(near_copies_are_covered_however_they_are_turned),
         cmocka_unit_test(what_lies_over_a_part_is_covered),
