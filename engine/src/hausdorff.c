@@ -134,7 +134,8 @@ static void set_witness(const qm_search *search, qm_hausdorff_result *out)
     double world[3];
     qm_vec_store(world, qm_frame_world(&side->target->frame, best->witness_point));
     qm_vec at_source = qm_frame_local(&side->source->frame, world);
-    out->from = qm_surface_face_foot(side->source, quads, best->witness_face, at_source, error);
+    out->from =
+        qm_surface_face_foot(side->source, quads, best->witness_face, at_source, error / side->factor);
     qm_vec p = best->witness_point;
     qm_hit hit = {.d2 = INFINITY, .pack = best->witness_hint};
     search->kernel->closest(side->target, p, &hit);

@@ -645,6 +645,28 @@ static void running_out_of_memory_is_a_status_and_leaks_nothing(void **state)
     qm_shape_free(&b);
 }
 
+/** The trees' frames differ by the sizes of the meshes: either point of the witness is looked for as closely
+ * as the tolerance asks, in the unit of its own. */
+static void witnesses_on_meshes_of_very_different_sizes(void **state)
+{
+    (void)state;
+    const double tolerance = 1e-2, none[3] = {0, 0, 0};
+    for (uint64_t k = 0; k < 60; k++) {
+        qm_random random = qm_random_make(qm_check_seed(), k);
+        qm_mesh large = qm_shape_soup(&random, 2, QM_SOUP_QUADS, QM_SOUP_APART, 1.0),
+                small = qm_shape_soup(&random, 2, QM_SOUP_QUADS, QM_SOUP_APART, 1.0);
+        qm_shape_move(&large, 1e6, none);
+        qm_hausdorff_result r = measure(&large, &small, QM_A_TO_B, QM_QUADS_BILINEAR, tolerance);
+        double apart2 = 0;
+        for (int i = 0; i < 3; i++)
+            apart2 += pow(r.from.position[i] - r.to.position[i], 2);
+        QM_CHECK(fabs(sqrt(apart2) - r.lower) <= 0.3 * tolerance, "case %u: %.17g apart, lower bound %.17g",
+                 (unsigned)k, sqrt(apart2), r.lower);
+        qm_shape_free(&large);
+        qm_shape_free(&small);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -671,6 +693,7 @@ int main(void)
         cmocka_unit_test(a_search_that_ends_anywhere_has_a_bracket_that_holds),
         cmocka_unit_test(bad_options_are_refused_in_words),
         cmocka_unit_test(running_out_of_memory_is_a_status_and_leaks_nothing),
+        cmocka_unit_test(witnesses_on_meshes_of_very_different_sizes),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
