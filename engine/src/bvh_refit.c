@@ -7,8 +7,9 @@
 #include "deform.h"
 #include "kernel.h"
 
-#define MIN_PACKS 512 /* packs that make it worth to start another thread */
-#define AHEAD 12      /* packs ahead of the one at hand whose vertices are fetched */
+#define MIN_PACKS 512   /* packs that make it worth to start another thread */
+#define AHEAD 12        /* packs ahead of the one at hand whose vertices are fetched */
+#define LEAST_SIZE 0.25 /* of a mesh in its frame */
 
 /** All packs, a range for each worker. */
 typedef struct pack_work {
@@ -43,7 +44,7 @@ static bool frame_serves(const double low[3], const double high[3])
         most = fmax(most, fmax(fabs(low[k]), fabs(high[k])));
         size = fmax(size, high[k] - low[k]);
     }
-    return most <= 1.0 && size >= 0.25;
+    return most <= 1.0 && size >= LEAST_SIZE;
 }
 
 /** True when this box lies in the frame. */
@@ -90,6 +91,17 @@ static bool faces_in_frame(const qm_bvh *bvh, const uint32_t *faces, size_t coun
     for (size_t i = 0; i < count; i++)
         if (!face_in_frame(bvh, faces[i])) return false;
     return true;
+}
+
+/** True when the mesh has become much smaller than its frame, whose roundings it then has. At half the size
+ * that a frame serves down to, so that the search for a new one finds it, and then not soon again. */
+static bool has_shrunk(const qm_box_tree *boxes)
+{
+    qm_box box = qm_box_tree_whole(boxes);
+    double size = 0.0;
+    for (int k = 0; k < 3; k++)
+        size = fmax(size, box.max[k] - box.min[k]);
+    return size < 0.5 * LEAST_SIZE;
 }
 
 /** Boxes of all levels; the kernel leaves those above the groups of packs. */
@@ -154,7 +166,8 @@ qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer
         for (size_t i = 0; i < face_count; i++)
             qm_bits_add(changed, deformer->face_pack[faces[i]]);
         *updated = refit_packs(bvh, deformer, packs, qm_bits_list(changed, bvh->pack_count, packs));
-        if (!faces_in_frame(bvh, faces, face_count)) *updated = refit_all(ctx, bvh, deformer, thread_count);
+        if (has_shrunk(&bvh->boxes) || !faces_in_frame(bvh, faces, face_count))
+            *updated = refit_all(ctx, bvh, deformer, thread_count);
     }
     if (status == QM_OK) bvh->reach = qm_box_tree_reach(&bvh->boxes);
     qm_context_free(ctx, packs, list_size, sizeof *packs);

@@ -215,6 +215,27 @@ static void meshes_may_leave_their_frame(void **state)
     }
 }
 
+/** A vertex that goes far off takes the frame with it, and gives it back when it returns: otherwise all
+ * distances would be rounded to the coordinates of that place. */
+static void frames_follow_vertices_that_return(void **state)
+{
+    (void)state;
+    for (uint64_t stream = 0; stream < 8; stream++) {
+        qm_random random = qm_random_make(qm_check_seed(), stream);
+        qm_mesh mesh = draw_mesh(&random, stream);
+        body there = body_make(qm_shape_copy(&mesh)), built = body_make(mesh);
+        const uint32_t far = there.mesh.faces ? there.mesh.faces[0] : 0;
+        there.mesh.positions[3 * far] += 1e12;
+        follow(&there, &far, 1);
+        there.mesh.positions[3 * far] = built.mesh.positions[3 * far];
+        follow(&there, &far, 1);
+        assert_true(there.tree->frame.scale == built.tree->frame.scale);
+        check_answers(&there, &random);
+        body_free(&there);
+        body_free(&built);
+    }
+}
+
 static void threads_find_the_same(void **state)
 {
     (void)state;
@@ -320,6 +341,7 @@ int main(void)
         cmocka_unit_test(following_some_vertices_is_following_all),
         cmocka_unit_test(standing_still_changes_nothing),
         cmocka_unit_test(meshes_may_leave_their_frame),
+        cmocka_unit_test(frames_follow_vertices_that_return),
         cmocka_unit_test(threads_find_the_same),
         cmocka_unit_test(groups_are_fitted_like_packs),
         cmocka_unit_test(unknown_vertices_are_named),

@@ -37,7 +37,8 @@ qm_status qm_deformer_find_faces(qm_context *ctx, const qm_deformer *deformer, c
 /**
  * Finds the boxes of a tree anew. mesh has the faces of the tree's and new positions, which pass
  * qm_mesh_validate; the tree borrows it from now on. faces are those with a moved vertex, ascending, or NULL
- * for all. When the mesh has left the frame of the tree, everything is found anew in a new one.
+ * for all. When the mesh has left the frame of the tree, or has become much smaller than it, everything is
+ * found anew in a new one.
  *
  * *updated counts the boxes that were found. Nobody else uses the tree meanwhile.
  * Returns QM_OK; QM_E_NO_MEMORY, and then nothing has changed.
