@@ -8,6 +8,7 @@
 
 #define MAX_BLOCKS 64       /* of vertices or faces, which the workers share; */
 #define BLOCK_MEMBERS 1024  /* in each so many at least */
+#define MOST_BY_6_BITS 256  /* two passes of sorting instead of three */
 #define MOST_BY_8_BITS 8192 /* faces: cells of a curve of 8 bits that a surface meets, over eight or so */
 #define MOST_BY_10_BITS (16 * MOST_BY_8_BITS)
 #define SOURCE_SHARE 64 /* so many times the faces do for a source, whose packs are not searched */
@@ -180,7 +181,10 @@ static void make_entries(void *data, size_t begin, size_t end, uint64_t *entries
 static int choose_key_bits(size_t faces, qm_bvh_parts parts)
 {
     if (!(parts & QM_BVH_TARGET)) faces /= SOURCE_SHARE;
-    return faces <= MOST_BY_8_BITS ? 8 : faces <= MOST_BY_10_BITS ? 10 : QM_HILBERT_BITS;
+    return faces <= MOST_BY_6_BITS    ? 6
+           : faces <= MOST_BY_8_BITS  ? 8
+           : faces <= MOST_BY_10_BITS ? 10
+                                      : QM_HILBERT_BITS;
 }
 
 static qm_box join_boxes(const order_work *work)

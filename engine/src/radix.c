@@ -54,20 +54,21 @@ static inline void sum_up(uint32_t *place, uint64_t last)
 static inline void sort_digits(const qm_radix_maker *maker, uint64_t *from, uint64_t *to, size_t count,
                                int low_bit, int digits, int digit_bits)
 {
-    uint32_t place[MAX_DIGITS][1 << MAX_DIGIT_BITS];
+    uint32_t place[MAX_DIGITS << MAX_DIGIT_BITS];
     const uint64_t mask = (UINT64_C(1) << digit_bits) - 1;
-    memset(place, 0, (size_t)digits * sizeof place[0]);
+    memset(place, 0, ((size_t)digits << digit_bits) * sizeof *place);
     for (size_t begin = 0; begin < count; begin += CHUNK) {
         size_t end = chunk_end(begin, count);
         if (maker) maker->make(maker->data, begin, end, from + begin);
         for (size_t i = begin; i < end; i++)
             for (int d = 0; d < digits; d++)
-                place[d][from[i] >> (low_bit + d * digit_bits) & mask]++;
+                place[((size_t)d << digit_bits) + (from[i] >> (low_bit + d * digit_bits) & mask)]++;
     }
     for (int d = 0; d < digits; d++) {
-        sum_up(place[d], mask);
+        uint32_t *next = place + ((size_t)d << digit_bits);
+        sum_up(next, mask);
         for (size_t i = 0; i < count; i++)
-            to[place[d][from[i] >> (low_bit + d * digit_bits) & mask]++] = from[i];
+            to[next[from[i] >> (low_bit + d * digit_bits) & mask]++] = from[i];
         uint64_t *swap = from;
         from = to;
         to = swap;
@@ -81,7 +82,9 @@ static void sort_alone(const sort_work *work)
     const qm_radix_maker *maker = work->maker;
     uint64_t *from = work->from, *to = work->to;
     size_t count = work->count;
-    if (work->low_bit == QM_RADIX_INDEX_BITS && work->digits == 3 && work->digit_bits == 8)
+    if (work->low_bit == QM_RADIX_INDEX_BITS && work->digits == 2 && work->digit_bits == 9)
+        sort_digits(maker, from, to, count, QM_RADIX_INDEX_BITS, 2, 9);
+    else if (work->low_bit == QM_RADIX_INDEX_BITS && work->digits == 3 && work->digit_bits == 8)
         sort_digits(maker, from, to, count, QM_RADIX_INDEX_BITS, 3, 8);
     else if (work->low_bit == QM_RADIX_INDEX_BITS && work->digits == 2 && work->digit_bits == WIDE_DIGIT_BITS)
         sort_digits(maker, from, to, count, QM_RADIX_INDEX_BITS, 2, WIDE_DIGIT_BITS);

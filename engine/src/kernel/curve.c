@@ -1,15 +1,23 @@
 /**
- * curve.c: places of cells along a Hilbert curve, sixteen cells at a time.
+ * curve.c: places of cells along a Hilbert curve, two vectors of cells at a time.
  *
  * Source: J. Skilling, Programming the Hilbert curve, AIP Conference Proceedings 707, 2004: from the highest
  * bit down the lower bits of the axes are exchanged or turned round, and what is left is a Gray code.
  */
+#include <string.h>
+
 #include "kernels.h"
-#include "keys.h"
 
-typedef uint32_t qm_vu __attribute__((vector_size(32)));
+#if defined(__AVX512F__)
+#define LANES 16
+#else
+#define LANES 8
+#endif
+enum { PARTS = 2, HALF_BITS = QM_HILBERT_BITS / 2 }; /* parts: one's steps wait for each other */
 
-enum { LANES = 8, PARTS = 2, HALF_BITS = QM_HILBERT_BITS / 2 }; /* parts: one's steps wait for each other */
+typedef uint32_t qm_vu __attribute__((vector_size(4 * LANES)));
+typedef int32_t signs __attribute__((vector_size(4 * LANES)));
+typedef uint64_t key_row __attribute__((vector_size(8 * LANES)));
 
 typedef struct axes {
     qm_vu x[PARTS], y[PARTS], z[PARTS];
@@ -18,7 +26,7 @@ typedef struct axes {
 /** All ones where the bit is set. */
 static inline qm_vu bit_set(qm_vu a, int bit)
 {
-    return (qm_vu)((qm_vi)(a << (31 - bit)) >> 31);
+    return (qm_vu)((signs)(a << (31 - bit)) >> 31);
 }
 
 /** Where the bit of the axis is set, turns the lower bits of the first axis round, else exchanges the two. */
@@ -86,8 +94,9 @@ void QM_KERNEL(hilbert_keys)(const qm_hilbert_cells *cells, int count, int bits,
         for (int part = 0; part < PARTS; part++) {
             qm_vu high = interleave(a.x[part] >> HALF_BITS, a.y[part] >> HALF_BITS, a.z[part] >> HALF_BITS);
             qm_vu low = interleave(a.x[part] & low_half, a.y[part] & low_half, a.z[part] & low_half);
-            for (int lane = 0; lane < LANES; lane++)
-                keys[i + part * LANES + lane] = (uint64_t)high[lane] << (3 * HALF_BITS) | low[lane];
+            key_row key = __builtin_convertvector(high, key_row) << (3 * HALF_BITS) |
+                          __builtin_convertvector(low, key_row);
+            memcpy(keys + i + part * LANES, &key, sizeof key);
         }
     }
 }
