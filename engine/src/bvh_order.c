@@ -13,12 +13,6 @@
 #define MOST_BY_10_BITS (16 * MOST_BY_8_BITS)
 #define SOURCE_SHARE 64 /* so many times the faces do for a source, whose packs are not searched */
 
-/**
- * Vertices in whole numbers, three to a word, finer than the cells of the curve: sums of up to four fit their
- * fields, so that the middles of faces come from a few additions.
- */
-enum { FIELD_BITS = 20, FINE_BITS = QM_HILBERT_BITS + 4, FINE_ONES = (1 << FINE_BITS) - 1 };
-
 #define INVERSE_OF_ONE (1u << 24) /* for inverses as whole numbers */
 
 typedef struct order_work {
@@ -110,24 +104,16 @@ qm_frame qm_frame_make(const qm_box *box)
     return frame;
 }
 
-static uint64_t fine_coordinate(double local)
-{
-    double cell = (local + 1.0) * (1 << (FINE_BITS - 1));
-    cell = cell > 0.0 ? cell : 0.0;
-    return (uint64_t)(int64_t)(cell < FINE_ONES ? cell : FINE_ONES);
-}
-
 static void set_fine(void *data, int worker, size_t block)
 {
     (void)worker;
     const order_work *work = data;
     size_t begin, end;
     block_range(work->mesh->vertex_count, block, &begin, &end);
-    for (size_t i = begin; i < end; i++) {
-        qm_vec p = qm_vec_scale(work->stretch, qm_frame_local(&work->frame, work->mesh->positions + 3 * i));
-        work->vertices[i] = fine_coordinate(p.x) | fine_coordinate(p.y) << FIELD_BITS |
-                            fine_coordinate(p.z) << (2 * FIELD_BITS);
-    }
+    double origin[3];
+    qm_vec_store(origin, work->frame.origin);
+    qm_kernel_get()->vertex_fine(origin, work->frame.scale * work->stretch, work->mesh->positions + 3 * begin,
+                                 end - begin, work->vertices + begin);
 }
 
 /** Sum of the corners of a face; inverse becomes INVERSE_OF_ONE over their number. */
@@ -146,14 +132,14 @@ static inline uint64_t face_sum(const order_work *work, size_t face, uint32_t *i
 /** Cells of the curve that the middles of faces lie in. Returns how many of them are quads. */
 static inline size_t set_cells(const order_work *work, size_t first, int count, qm_hilbert_cells *cells)
 {
-    int shift = 24 + FINE_BITS - work->key_bits;
+    int shift = 24 + QM_FINE_BITS - work->key_bits;
     size_t quads = 0;
     for (int i = 0; i < count; i++) {
         uint32_t inverse;
         uint64_t sum = face_sum(work, first + (size_t)i, &inverse);
         quads += inverse == INVERSE_OF_ONE / 4;
         for (int k = 0; k < 3; k++) {
-            uint64_t fine = sum >> (k * FIELD_BITS) & ((1u << FIELD_BITS) - 1);
+            uint64_t fine = sum >> (k * QM_FINE_FIELD) & ((1u << QM_FINE_FIELD) - 1);
             cells->axis[k][i] = (uint32_t)(fine * inverse >> shift);
         }
     }

@@ -10,6 +10,10 @@
 #define QM_HILBERT_BITS 12     /* an axis at most; keys have three times as many */
 #define QM_HILBERT_TOGETHER 64 /* cells that a kernel takes at once */
 
+/** Vertices in whole numbers, three to a word, finer than the cells of the curve: sums of up to four fit
+ * their fields, so that the middles of faces come from a few additions. */
+enum { QM_FINE_FIELD = 20, QM_FINE_BITS = QM_HILBERT_BITS + 4 };
+
 /** Cells of the curve by axis. Those past the ones that are asked for may hold anything. */
 typedef struct qm_hilbert_cells {
     _Alignas(32) uint32_t axis[3][QM_HILBERT_TOGETHER];

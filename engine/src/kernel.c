@@ -63,6 +63,8 @@
     void qm_vertex_box_##isa(const double *positions, size_t count, qm_box *box);                            \
     void qm_vertex_cells_##isa(const qm_cell_grid *grid, const double *positions, size_t count,              \
                                qm_cell *cells);                                                              \
+    void qm_vertex_fine_##isa(const double origin[3], double scale, const double *positions, size_t count,   \
+                              uint64_t *fine);                                                               \
     unsigned qm_cell_boxes_##isa(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,      \
                                  qm_cell_boxes *out);                                                        \
     unsigned qm_cells_marked_##isa(const qm_cell_grid *grid, const qm_cell_marks *marks,                     \
@@ -118,6 +120,7 @@
         .faces_below = qm_faces_below_##isa,                                                                 \
         .faces_name = qm_faces_name_##isa,                                                                   \
         .vertex_box = qm_vertex_box_##isa,                                                                   \
+        .vertex_fine = qm_vertex_fine_##isa,                                                                 \
         .vertex_cells = qm_vertex_cells_##isa,                                                               \
         .cell_boxes = qm_cell_boxes_##isa,                                                                   \
         .cells_marked = qm_cells_marked_##isa,                                                               \

@@ -342,6 +342,11 @@ typedef struct qm_kernel {
     /** Finds the cell of each position, by the same monotone steps wherever it stands. */
     void (*vertex_cells)(const qm_cell_grid *grid, const double *positions, size_t count, qm_cell *cells);
 
+    /** Vertices in whole numbers: (position - origin) scale + 1 is 0 to 2, which becomes 0 to 2^QM_FINE_BITS;
+     * what is beyond goes to the first or last number. Each axis takes QM_FINE_FIELD bits, x the lowest. */
+    void (*vertex_fine)(const double origin[3], double scale, const double *positions, size_t count,
+                        uint64_t *fine);
+
     /** Finds the cells that the boxes of QM_CELL_FACES faces, rows of four corners, reach into, from those of
      * the vertices, fewer than 2^31. Returns bits of the faces that are not all outside on one side. */
     unsigned (*cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,

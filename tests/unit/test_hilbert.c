@@ -81,12 +81,46 @@ static void all_instruction_sets_agree(void **state)
     }
 }
 
+/** By the formula, one coordinate at a time. */
+static uint64_t slow_fine(double local)
+{
+    double place = (local + 1.0) * (1 << (QM_FINE_BITS - 1)), last = (1 << QM_FINE_BITS) - 1;
+    return (uint64_t)(place < 0.0 ? 0.0 : place > last ? last : place);
+}
+
+static void vertices_become_whole_numbers(void **state)
+{
+    (void)state;
+    enum { MOST = 11 };
+    const double origin[3] = {0.25, -3.0, 1e3}, scale = 0.375;
+    qm_random random = qm_random_make(qm_check_seed(), 2);
+    for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
+        for (size_t count = 1; count <= MOST; count++) {
+            double p[3 * MOST];
+            uint64_t fine[MOST + 1];
+            for (size_t i = 0; i < 3 * count; i++) /* some of them outside, a few on the border */
+                p[i] = origin[i % 3] + (i % 7 == 0 ? 1.0 : qm_random_range(&random, -1.2, 1.2)) / scale;
+            fine[count] = 77;
+            (*kernel)->vertex_fine(origin, scale, p, count, fine);
+            assert_int_equal(fine[count], 77);
+            for (size_t i = 0; i < count; i++) {
+                uint64_t sum = 0;
+                for (size_t k = 0; k < 3; k++)
+                    sum += slow_fine((p[3 * i + k] - origin[k]) * scale) << (k * QM_FINE_FIELD);
+                QM_CHECK(fine[i] == sum, "%s: seed %llu, vertex %zu of %zu", (*kernel)->name,
+                         (unsigned long long)qm_check_seed(), i, count);
+            }
+        }
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(it_goes_from_neighbour_to_neighbour),
         cmocka_unit_test(a_coarser_curve_has_the_leading_bits_of_a_finer_one),
         cmocka_unit_test(all_instruction_sets_agree),
+        cmocka_unit_test(vertices_become_whole_numbers),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -65,6 +65,8 @@ bool QM_KERNEL(faces_below)(const uint32_t *faces, size_t count, uint32_t vertex
 bool QM_KERNEL(faces_name)(const uint32_t *faces, size_t count, const uint32_t vertex[QM_BOX_SIDES]);
 void QM_KERNEL(vertex_box)(const double *positions, size_t count, qm_box *box);
 void QM_KERNEL(vertex_cells)(const qm_cell_grid *grid, const double *positions, size_t count, qm_cell *cells);
+void QM_KERNEL(vertex_fine)(const double origin[3], double scale, const double *positions, size_t count,
+                            uint64_t *fine);
 unsigned QM_KERNEL(cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, const qm_cell *cells,
                                qm_cell_boxes *out);
 unsigned QM_KERNEL(cells_marked)(const qm_cell_grid *grid, const qm_cell_marks *marks,

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "../collide_cells.h"
+#include "../hilbert.h"
 #include "four.h"
 #include "kernels.h"
 
@@ -144,4 +145,36 @@ void QM_KERNEL(vertex_cells)(const qm_cell_grid *grid, const double *positions, 
     memcpy(rest, positions + 3 * i, 3 * (count - i) * sizeof *rest);
     find_four(&wide, rest, found);
     memcpy(cells + i, found, (count - i) * sizeof *found);
+}
+
+/** Whole numbers of four vertices. */
+static inline void fine_four(const qm_four origin[PARTS], qm_four scale, const double *positions,
+                             uint64_t fine[TOGETHER])
+{
+    const qm_four half = qm_four_set(1 << (QM_FINE_BITS - 1)), last = 2.0 * half - 1.0;
+    _Alignas(16) int32_t place[PARTS * TOGETHER];
+    for (int part = 0; part < PARTS; part++) {
+        qm_four local = (load(positions + TOGETHER * part) - origin[part]) * scale;
+        qm_four within = qm_four_min(qm_four_max((local + 1.0) * half, (qm_four){0}), last);
+        *(four_cells *)(void *)(place + TOGETHER * part) = __builtin_convertvector(within, four_cells);
+    }
+    for (int i = 0; i < TOGETHER; i++)
+        fine[i] = (uint64_t)place[3 * i] | (uint64_t)place[3 * i + 1] << QM_FINE_FIELD |
+                  (uint64_t)place[3 * i + 2] << (2 * QM_FINE_FIELD);
+}
+
+void QM_KERNEL(vertex_fine)(const double origin[3], double scale, const double *positions, size_t count,
+                            uint64_t *fine)
+{
+    qm_four wide_origin[PARTS];
+    repeat(origin, wide_origin);
+    size_t i = 0;
+    for (; i + TOGETHER <= count; i += TOGETHER)
+        fine_four(wide_origin, qm_four_set(scale), positions + 3 * i, fine + i);
+    if (i == count) return;
+    double rest[3 * TOGETHER] = {0};
+    uint64_t found[TOGETHER];
+    memcpy(rest, positions + 3 * i, 3 * (count - i) * sizeof *rest);
+    fine_four(wide_origin, qm_four_set(scale), rest, found);
+    memcpy(fine + i, found, (count - i) * sizeof *found);
 }
