@@ -51,10 +51,14 @@ LIBRARY_LIBS   = $(shell pkg-config --libs $(PACKAGES)) $(CXX_LIBS) -lm -lpthrea
 # The command line is linked without the libraries that only the daemon uses.
 CLI_LIBS       = $(shell pkg-config --libs libcjson) $(CXX_LIBS) -lm -lpthread
 
-ENGINE_SOURCES := $(wildcard engine/src/*.c)
-KERNEL_SOURCES := $(wildcard engine/src/kernel/*.c)
-SERVER_SOURCES := $(filter-out server/main.c,$(wildcard server/*.c))
-SHIM_SOURCES   := $(wildcard server/*.cc)
+# What the command line and the daemon share: an archive of its own, which needs no library of the daemon's.
+SHARED_ROOMS   := base format ops
+
+ENGINE_SOURCES := $(wildcard engine/src/*/*.c)
+KERNEL_SOURCES := $(wildcard engine/src/bvh/kernel/*.c)
+SHARED_SOURCES := $(wildcard $(SHARED_ROOMS:%=server/%/*.c))
+SHIM_SOURCES   := $(wildcard server/format/*.cc)
+SERVER_SOURCES := $(filter-out $(SHARED_SOURCES),$(wildcard server/*/*.c))
 CLI_SOURCES    := $(wildcard clients/cli/*.c)
 UNIT_SOURCES   := $(wildcard tests/unit/test_*.c)
 SUPPORT_SOURCES := $(wildcard tests/support/*.c)
@@ -62,7 +66,7 @@ FUZZ_SOURCES   := $(wildcard tests/fuzz/fuzz_*.c)
 BENCH_SOURCES  := $(wildcard tests/bench/*.c)
 PROVE_SOURCES  := $(wildcard tests/prove/*.c)
 
-# The kernels are compiled once for each instruction set; engine/src/kernel.c picks one at run time.
+# The kernels are compiled once for each instruction set; engine/src/bvh/kernel.c picks one at run time.
 KERNEL_ISAS := portable avx2 avx512
 ISA_FLAGS_portable :=
 # -Wno-psabi: wide vectors are only passed between inline functions.
@@ -70,8 +74,9 @@ ISA_FLAGS_avx2     := -mavx2 -mbmi2
 ISA_FLAGS_avx512   := -mavx512f -mavx512vl -mavx512dq -mavx512bw -mbmi2 -mprefer-vector-width=512
 
 ENGINE_OBJECTS := $(ENGINE_SOURCES:%.c=$(OBJ)/%.o) \
-    $(foreach isa,$(KERNEL_ISAS),$(KERNEL_SOURCES:engine/src/kernel/%.c=$(OBJ)/kernel-$(isa)/%.o))
-SERVER_OBJECTS  := $(SERVER_SOURCES:%.c=$(OBJ)/%.o) $(SHIM_SOURCES:%.cc=$(OBJ)/%.o)
+    $(foreach isa,$(KERNEL_ISAS),$(KERNEL_SOURCES:engine/src/bvh/kernel/%.c=$(OBJ)/kernel-$(isa)/%.o))
+SHARED_OBJECTS  := $(SHARED_SOURCES:%.c=$(OBJ)/%.o) $(SHIM_SOURCES:%.cc=$(OBJ)/%.o)
+SERVER_OBJECTS  := $(SERVER_SOURCES:%.c=$(OBJ)/%.o)
 CLI_OBJECTS     := $(CLI_SOURCES:%.c=$(OBJ)/%.o)
 SUPPORT_OBJECTS := $(SUPPORT_SOURCES:%.c=$(OBJ)/%.o)
 # The references of the proofs, without the parts of support that need cmocka.
@@ -133,27 +138,30 @@ $(VIEWER_FILES:%=$(PAGE)/%): $(PAGE)/%: clients/docs/node_modules/.package-lock.
 # The engine's locks are those of <threads.h>, which ThreadSanitizer does not see.
 PROGRAM_EXTRA := $(if $(filter tsan,$(config)),$(OBJ)/tests/support/tsan_locks.o)
 
-$(OUT)/quadmeshd: $(OBJ)/server/main.o $(PROGRAM_EXTRA) $(OBJ)/libserver.a $(OBJ)/libengine.a
+$(OUT)/quadmeshd: $(OBJ)/server/main.o $(PROGRAM_EXTRA) $(OBJ)/libserver.a $(OBJ)/libshared.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
 
-$(OUT)/quadmesh: $(CLI_OBJECTS) $(PROGRAM_EXTRA) $(OBJ)/libserver.a $(OBJ)/libengine.a
+$(OUT)/quadmesh: $(CLI_OBJECTS) $(PROGRAM_EXTRA) $(OBJ)/libshared.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ $(CLI_LIBS)
 
-$(OUT)/tests/%: $(OBJ)/tests/unit/%.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
+$(OUT)/tests/%: $(OBJ)/tests/unit/%.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libshared.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ -lcmocka $(LIBRARY_LIBS)
 
-$(OUT)/bench/bench_engine: $(BENCH_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
+$(OUT)/bench/bench_engine: $(BENCH_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libshared.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
 
-$(OUT)/prove/prove: $(PROVE_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
+$(OUT)/prove/prove: $(PROVE_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libshared.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CC) $(LDFLAGS) -o $@ $^ $(LIBRARY_LIBS)
 
 $(OBJ)/libengine.a: $(ENGINE_OBJECTS)
+	@rm -f $@
+	$(AR) rcs $@ $^
+$(OBJ)/libshared.a: $(SHARED_OBJECTS)
 	@rm -f $@
 	$(AR) rcs $@ $^
 $(OBJ)/libserver.a: $(SERVER_OBJECTS)
@@ -166,7 +174,7 @@ $(CC) $(CFLAGS) -MMD -MP $(1) -c $< -o $@
 endef
 
 define KERNEL_RULE
-$(OBJ)/kernel-$(1)/%.o: engine/src/kernel/%.c
+$(OBJ)/kernel-$(1)/%.o: engine/src/bvh/kernel/%.c
 	$$(call COMPILE,$(ENGINE_FLAGS) -Wno-psabi -DQM_ISA=$(1) $$(ISA_FLAGS_$(1)))
 endef
 $(foreach isa,$(KERNEL_ISAS),$(eval $(call KERNEL_RULE,$(isa))))
@@ -243,7 +251,7 @@ fuzz:
 	@tests/fuzz/run.sh
 fuzz-programs: $(FUZZ_SOURCES:tests/fuzz/%.c=$(OUT)/%)
 
-$(OUT)/fuzz_%: $(OBJ)/tests/fuzz/fuzz_%.o $(OBJ)/tests/fuzz/soup.o $(OBJ)/tests/fuzz/new_limit.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libengine.a
+$(OUT)/fuzz_%: $(OBJ)/tests/fuzz/fuzz_%.o $(OBJ)/tests/fuzz/soup.o $(OBJ)/tests/fuzz/new_limit.o $(SUPPORT_OBJECTS) $(OBJ)/libserver.a $(OBJ)/libshared.a $(OBJ)/libengine.a
 	@mkdir -p $(@D)
 	$(CXX) -fsanitize=fuzzer,address,undefined -o $@ $^ -lcmocka $(LIBRARY_LIBS)
 

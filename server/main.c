@@ -11,12 +11,12 @@
 #include <unistd.h>
 #include <uv.h>
 
-#include "budget.h"
-#include "draco_child.h"
-#include "http.h"
-#include "log.h"
-#include "parallel.h"
-#include "route.h"
+#include "base/budget.h"
+#include "base/log.h"
+#include "base/parallel.h"
+#include "format/draco_child.h"
+#include "http/http.h"
+#include "http/route.h"
 
 #define REQUEST_THREADS 4
 #define UPLOAD_THREADS 2

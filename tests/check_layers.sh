@@ -81,10 +81,10 @@ only() {
         hole "$file includes $header, which belongs to ${2#server/}"
     done <"$scratch/found"
 }
-only 'microhttpd\.h' 'server/http[a-z_]*\.[ch]'
-only '(cjson/)?cJSON\.h' 'server/(json_fault|json_in|json_job_fields|json_layout|json_layout_edits|json_moved|json_object|json_out|json_parse|json_read|json_value|codec_gltf_json)\.c'
-only 'sqlite3\.h' 'server/store_[a-z_]*\.[ch]'
-only 'draco/' 'server/codec_draco\.cc'
+only 'microhttpd\.h' 'server/http/http[a-z_]*\.[ch]'
+only '(cjson/)?cJSON\.h' 'server/[a-z]*/(json_[a-z_]*|codec_gltf_json)\.c'
+only 'sqlite3\.h' 'server/store/store_[a-z_]*\.[ch]'
+only 'draco/' 'server/format/codec_draco\.cc'
 
 [ ! -s "$scratch/holes" ] || exit 1
 echo "check-layers: the walls stand"

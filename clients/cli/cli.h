@@ -6,8 +6,8 @@
 
 #include <stdatomic.h>
 
-#include "job_names.h"
-#include "json_out.h"
+#include "ops/job_names.h"
+#include "ops/json_out.h"
 
 enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3, EXIT_COLLIDING = 4 };
 

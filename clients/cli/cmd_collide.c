@@ -8,8 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "host.h"
-#include "json_read.h"
+#include "base/host.h"
+#include "base/json_read.h"
 #include "remote.h"
 
 #define COMMON_USAGE                                                                                         \

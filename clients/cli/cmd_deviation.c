@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "host.h"
-#include "json_read.h"
+#include "base/host.h"
+#include "base/json_read.h"
 #include "paint.h"
 #include "remote.h"
 

@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/host.h"
 #include "cli.h"
-#include "host.h"
 #include "remote.h"
 
 /** Everything that was asked for. */

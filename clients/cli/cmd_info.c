@@ -2,8 +2,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 
+#include "base/host.h"
 #include "cli.h"
-#include "host.h"
 
 static const char usage[] = "usage: quadmesh info FILE [--json]\n"
                             "\n"

@@ -4,9 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/host.h"
 #include "cli.h"
-#include "host.h"
-#include "patches_out.h"
+#include "ops/patches_out.h"
 
 static const char usage[] =
     "usage: quadmesh patches FILE [-o OUT] [--json]\n"

@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "host.h"
+#include "base/host.h"
 #include "remote.h"
 
 static const char usage[] =

@@ -5,11 +5,11 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/host.h"
 #include "cli.h"
-#include "encode.h"
-#include "host.h"
-#include "json_layout.h"
-#include "json_refine.h"
+#include "format/encode.h"
+#include "ops/json_layout.h"
+#include "ops/json_refine.h"
 #include "picture.h"
 
 #define DEFAULT_QUADS 10000

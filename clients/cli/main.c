@@ -2,8 +2,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/large_pages.h"
 #include "cli.h"
-#include "large_pages.h"
 
 atomic_bool cli_interrupted;
 

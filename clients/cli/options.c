@@ -3,8 +3,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/parallel.h"
 #include "cli.h"
-#include "parallel.h"
 
 #define MAX_THREADS 256
 

@@ -5,8 +5,8 @@
 #include <string.h>
 #include <strings.h>
 
+#include "base/json_read.h"
 #include "curl.h"
-#include "json_read.h"
 
 #define URL_SIZE 2048
 

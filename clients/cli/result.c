@@ -1,8 +1,8 @@
 #include <math.h>
 #include <stdio.h>
 
+#include "base/json_read.h"
 #include "cli.h"
-#include "json_read.h"
 
 static void print_words(const qm_json *result)
 {

@@ -81,7 +81,7 @@ def test_every_refusal_is_a_problem_document():
 
 def problems():
     """(status, code) of the daemon's own list."""
-    text = (ROOT / "server/problem.h").read_text()
+    text = (ROOT / "server/ops/problem.h").read_text()
     found = re.findall(r'XX\(\w+, (\d+), "(\w+)",', text)
     assert found
     return {(int(status), code) for status, code in found}

@@ -8,7 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "host.h"
+#include "base/host.h"
 #include "qm/project.h"
 
 typedef struct agree_bench {

@@ -3,7 +3,7 @@
 
 #include <stdlib.h>
 
-#include "host.h"
+#include "base/host.h"
 #include "measure.h"
 #include "pair_print.h"
 #include "qm/collide.h"

@@ -1,7 +1,7 @@
 /* Times the distance between two meshes: both trees, then the search. */
 #include "engine.h"
 
-#include "host.h"
+#include "base/host.h"
 #include "measure.h"
 #include "qm/hausdorff.h"
 

@@ -1,7 +1,7 @@
 /* Meshes for the benchmark: read, disturbed, and written for programs that know triangles only. */
 #include "engine.h"
 
-#include "codec.h"
+#include "format/codec.h"
 #include "random.h"
 
 #include <math.h>

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "host.h"
+#include "base/host.h"
 #include "measure.h"
 #include "qm/collide.h"
 #include "qm/deform.h"

@@ -1,7 +1,7 @@
 /* Times the finding of regular patches, and prints how many there are. */
 #include "engine.h"
 
-#include "host.h"
+#include "base/host.h"
 #include "measure.h"
 #include "qm/patch.h"
 

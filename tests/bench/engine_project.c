@@ -2,7 +2,7 @@
 #include "engine.h"
 
 #include "arrays.h"
-#include "host.h"
+#include "base/host.h"
 #include "measure.h"
 #include "qm/project.h"
 

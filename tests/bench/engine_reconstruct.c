@@ -4,9 +4,9 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-#include "host.h"
-#include "json_layout.h"
+#include "base/host.h"
 #include "measure.h"
+#include "ops/json_layout.h"
 #include "qm/reconstruct.h"
 
 #define PICKS 2000

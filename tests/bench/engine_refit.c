@@ -4,7 +4,7 @@
  */
 #include "engine.h"
 
-#include "host.h"
+#include "base/host.h"
 #include "measure.h"
 #include "qm/deform.h"
 #include "qm/grid.h"

@@ -4,7 +4,7 @@
  */
 #include <stdlib.h>
 
-#include "codec.h"
+#include "format/codec.h"
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {

@@ -5,9 +5,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "json_in.h"
-#include "json_layout.h"
-#include "json_read.h"
+#include "base/json_read.h"
+#include "job/json_in.h"
+#include "ops/json_layout.h"
 
 static const char *text;
 static size_t text_size;

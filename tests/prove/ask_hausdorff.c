@@ -3,7 +3,7 @@
  * have to agree with it: every tolerance, bound, accelerator, threshold and limit of work.
  */
 #include "ask.h"
-#include "parallel.h"
+#include "base/parallel.h"
 #include "qm/hausdorff.h"
 #include "wide_farthest.h"
 

@@ -2,7 +2,7 @@
 
 #include "check.h"
 
-#include "codec.h"
+#include "format/codec.h"
 
 #include <stdio.h>
 #include <stdlib.h>

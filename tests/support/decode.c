@@ -3,8 +3,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/parallel.h"
 #include "check.h"
-#include "parallel.h"
 
 qm_decoded qm_decode_limited(qm_format format, const void *bytes, size_t size, qm_codec_limits limits)
 {

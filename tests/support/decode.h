@@ -5,7 +5,7 @@
 #ifndef QM_DECODE_H
 #define QM_DECODE_H
 
-#include "codec.h"
+#include "format/codec.h"
 
 typedef struct qm_decoded {
     qm_status status;

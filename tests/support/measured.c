@@ -1,7 +1,7 @@
 #include "measured.h"
 
+#include "base/parallel.h"
 #include "check.h"
-#include "parallel.h"
 
 #include <math.h>
 

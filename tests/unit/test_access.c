@@ -5,9 +5,9 @@
 #include <unistd.h>
 
 #include "check.h"
-#include "etag.h"
-#include "origin.h"
-#include "tokens.h"
+#include "http/origin.h"
+#include "http/tokens.h"
+#include "mesh/etag.h"
 
 static void test_lists_of_origins(void **state)
 {

@@ -1,7 +1,7 @@
 /* The certified distance from a point to a bilinear patch, against the slow twin. */
 #include "check.h"
 
-#include "bilinear_point.h"
+#include "prim/bilinear_point.h"
 #include "random.h"
 #include "slow_twin.h"
 

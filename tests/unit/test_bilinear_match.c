@@ -1,7 +1,7 @@
 /* Matches of bilinear patches: whatever they say is covered lies within the distance, measured by the slow
  * twin; patches that nearly coincide are covered whole, folded ones too, however their parameters run. */
-#include "bilinear_match.h"
 #include "check.h"
+#include "prim/bilinear_match.h"
 #include "random.h"
 #include "slow_twin.h"
 

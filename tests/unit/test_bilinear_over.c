@@ -4,7 +4,7 @@
  */
 #include "check.h"
 
-#include "bilinear_over.h"
+#include "prim/bilinear_over.h"
 #include "random.h"
 #include "slow_twin.h"
 

@@ -2,7 +2,7 @@
 #include <pthread.h>
 #include <string.h>
 
-#include "budget.h"
+#include "base/budget.h"
 #include "check.h"
 
 typedef struct spare {

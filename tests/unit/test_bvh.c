@@ -1,11 +1,11 @@
 /* Trees: the same on any number of threads, only the parts that are asked for, and the sort below them. */
 #include "check.h"
 
-#include "bvh_demand.h"
-#include "kernel.h"
-#include "parallel.h"
+#include "base/parallel.h"
+#include "bvh/bvh_demand.h"
+#include "bvh/kernel.h"
+#include "core/radix.h"
 #include "qm/hausdorff.h"
-#include "radix.h"
 #include "random.h"
 #include "shapes.h"
 

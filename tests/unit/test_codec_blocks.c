@@ -4,10 +4,10 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/parallel.h"
 #include "check.h"
-#include "codec_blocks.h"
 #include "decode.h"
-#include "parallel.h"
+#include "format/codec_blocks.h"
 #include "random.h"
 
 #define TEXT_SIZE ((size_t)640 << 10)

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "check.h"
-#include "codec_scan.h"
+#include "format/codec_scan.h"
 #include "random.h"
 
 /** Reads a number at the end of a text; in the middle of one, where the fast paths are taken, it must be

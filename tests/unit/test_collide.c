@@ -1,11 +1,11 @@
 /* Collision of meshes against all pairs of their triangles in whole numbers. */
 #include <string.h>
 
+#include "base/parallel.h"
 #include "check.h"
 #include "data_mesh.h"
 #include "exact_twin.h"
 #include "failing_allocator.h"
-#include "parallel.h"
 #include "qm/collide.h"
 #include "shapes.h"
 

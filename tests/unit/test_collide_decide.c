@@ -2,9 +2,9 @@
  */
 #include <string.h>
 
+#include "bvh/kernel.h"
 #include "check.h"
 #include "exact_twin.h"
-#include "kernel.h"
 #include "shapes.h"
 
 enum { FACES = QM_PACK_LANES };

@@ -2,11 +2,11 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/parallel.h"
+#include "bvh/kernel.h"
 #include "check.h"
-#include "collide_overlap.h"
+#include "collide/collide_overlap.h"
 #include "failing_allocator.h"
-#include "kernel.h"
-#include "parallel.h"
 #include "qm/collide.h"
 #include "shapes.h"
 

@@ -1,9 +1,9 @@
 /* Lists of pairs of faces against sorting them one by one. */
 #include <stdlib.h>
 
+#include "bvh/kernel.h"
 #include "check.h"
-#include "collide_pairs.h"
-#include "kernel.h"
+#include "collide/collide_pairs.h"
 #include "random.h"
 
 static int compare_numbers(const void *x, const void *y)

@@ -4,8 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/config.h"
 #include "check.h"
-#include "config.h"
 
 enum { MOST_ARGUMENTS = 8 };
 

@@ -2,8 +2,8 @@
  * cover takes away must be within reach. */
 #include "check.h"
 
-#include "bvh_demand.h"
-#include "kernel.h"
+#include "bvh/bvh_demand.h"
+#include "bvh/kernel.h"
 #include "random.h"
 #include "shapes.h"
 #include "slow_twin.h"

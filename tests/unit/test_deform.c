@@ -1,15 +1,15 @@
 /* Refitting: the same as refitting everything, the same answers as trees built from scratch. */
 #include "check.h"
 
-#include "bvh_demand.h"
+#include "base/parallel.h"
+#include "bvh/bvh_demand.h"
+#include "bvh/kernel.h"
+#include "bvh/tetra_tree.h"
 #include "failing_allocator.h"
-#include "kernel.h"
-#include "parallel.h"
 #include "qm/deform.h"
 #include "qm/project.h"
 #include "random.h"
 #include "shapes.h"
-#include "tetra_tree.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -6,9 +6,9 @@
 #include <stdatomic.h>
 #include <string.h>
 
+#include "base/parallel.h"
 #include "check.h"
 #include "failing_allocator.h"
-#include "parallel.h"
 #include "qm/deviation.h"
 #include "shapes.h"
 #include "slow_twin.h"

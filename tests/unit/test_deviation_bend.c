@@ -6,8 +6,8 @@
 
 #include <math.h>
 
-#include "deviation_integral.h"
-#include "deviation_sum.h"
+#include "deviation/deviation_integral.h"
+#include "deviation/deviation_sum.h"
 #include "random.h"
 
 enum { GRID = 64, PLACES = 12 };

@@ -4,7 +4,7 @@
  */
 #include "check.h"
 
-#include "deviation_shape.h"
+#include "deviation/deviation_shape.h"
 #include "shapes.h"
 #include "slow_twin.h"
 

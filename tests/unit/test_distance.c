@@ -1,10 +1,10 @@
 /* The least distance of two surfaces against that of all their faces, sampled. */
 #include "check.h"
+#include "core/vec.h"
 #include "qm/distance.h"
 #include "random.h"
 #include "shapes.h"
 #include "slow_twin.h"
-#include "vec.h"
 
 static qm_distance measure(const qm_mesh *a, const qm_mesh *b, qm_quad_reading quads, double tolerance)
 {

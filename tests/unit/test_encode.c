@@ -6,8 +6,8 @@
 
 #include "check.h"
 #include "decode.h"
-#include "encode.h"
 #include "failing_allocator.h"
+#include "format/encode.h"
 #include "shapes.h"
 
 typedef struct written {

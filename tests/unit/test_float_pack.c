@@ -1,9 +1,9 @@
 /* Bounds in single precision against distances computed in long double, for every kernel. */
 #include "check.h"
 
-#include "bvh_demand.h"
-#include "bvh_tree.h"
-#include "kernel.h"
+#include "bvh/bvh_demand.h"
+#include "bvh/bvh_tree.h"
+#include "bvh/kernel.h"
 #include "random.h"
 #include "shapes.h"
 #include "slow_twin.h"

@@ -2,7 +2,7 @@
  */
 #include "check.h"
 
-#include "parallel.h"
+#include "base/parallel.h"
 #include "qm/hausdorff.h"
 #include "random.h"
 #include "shapes.h"

@@ -2,7 +2,7 @@
  * the target is like; and the vertical distances are those that clipping one by the other in turn gives. */
 #include "check.h"
 
-#include "hausdorff_overlay.h"
+#include "hausdorff/hausdorff_overlay.h"
 #include "measured.h"
 #include "random.h"
 #include "shapes.h"

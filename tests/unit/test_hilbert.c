@@ -4,8 +4,8 @@
  */
 #include <string.h>
 
+#include "bvh/kernel.h"
 #include "check.h"
-#include "kernel.h"
 #include "random.h"
 
 /** Place along the curve of one cell, by a kernel that takes many. */

@@ -7,12 +7,12 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/utf8.h"
 #include "check.h"
 #include "folder.h"
-#include "json_in.h"
-#include "json_out.h"
+#include "job/json_in.h"
+#include "ops/json_out.h"
 #include "random.h"
-#include "utf8.h"
 
 /* ---- numbers ---- */
 

@@ -1,5 +1,5 @@
 /* Memory on large pages: what is in a block stays as it is, whatever becomes of its size. */
-#include "large_pages.h"
+#include "base/large_pages.h"
 
 #include "check.h"
 #include "random.h"

@@ -1,9 +1,9 @@
 /* The uniform grid and the offset tetrahedra against the box tree, bit for bit, and against brute force. */
 #include "check.h"
 
+#include "base/parallel.h"
+#include "bvh/nearest.h"
 #include "failing_allocator.h"
-#include "nearest.h"
-#include "parallel.h"
 #include "qm/hausdorff.h"
 #include "random.h"
 #include "shapes.h"

@@ -2,10 +2,10 @@
  * segments and points, near and far, and for edges that are nearly parallel. */
 #include "check.h"
 
-#include "nearest_face.h"
+#include "bvh/nearest_face.h"
+#include "prim/tri_distance.h"
+#include "prim/tri_point.h"
 #include "random.h"
-#include "tri_distance.h"
-#include "tri_point.h"
 
 typedef __float128 wide;
 

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "check.h"
-#include "max_min.h"
+#include "core/max_min.h"
 #include "random.h"
 
 #define MAX_SLOPES 19

@@ -3,8 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "bvh/kernel.h"
 #include "check.h"
-#include "kernel.h"
 #include "qm/mesh.h"
 #include "random.h"
 

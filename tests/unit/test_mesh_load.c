@@ -6,7 +6,7 @@
 
 #include "check.h"
 #include "failing_allocator.h"
-#include "job_kinds.h"
+#include "ops/job_kinds.h"
 
 static const qm_codec_limits limits = {1000000, 1000000, 1};
 static const qm_preparation everything = {.has_facts = true, .parts = QM_BVH_ALL, .thread_count = 1};

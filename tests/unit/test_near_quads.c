@@ -5,7 +5,7 @@
  */
 #include "check.h"
 
-#include "hausdorff_piece.h"
+#include "hausdorff/hausdorff_piece.h"
 #include "random.h"
 #include "slow_twin.h"
 

@@ -3,8 +3,8 @@
 #include <stdatomic.h>
 #include <time.h>
 
+#include "base/parallel.h"
 #include "check.h"
-#include "parallel.h"
 #include "qm/context.h"
 
 #define MOST_WORKERS 300 /* more than there are helpers */

@@ -2,7 +2,7 @@
 #include "check.h"
 
 #include "data_mesh.h"
-#include "mesh_ring.h"
+#include "mesh/mesh_ring.h"
 #include "qm/patch.h"
 #include "shapes.h"
 

@@ -1,6 +1,6 @@
 /* Distance and contact of bilinear patches against the slow twin's distance from many of their points. */
 #include "check.h"
-#include "patch_patch.h"
+#include "prim/patch_patch.h"
 #include "qm/collide.h"
 #include "random.h"
 #include "shapes.h"

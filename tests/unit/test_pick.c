@@ -1,11 +1,11 @@
 /* Picking, and what a point set tells of its surface: pulls, normals, the disc radius. */
 #include "check.h"
 
+#include "core/vec.h"
 #include "failing_allocator.h"
 #include "ground.h"
 #include "layouts.h"
 #include "qm/pick.h"
-#include "vec.h"
 
 #include <math.h>
 #include <string.h>

@@ -3,8 +3,8 @@
  */
 #include <stdatomic.h>
 
+#include "base/pool.h"
 #include "check.h"
-#include "pool.h"
 
 enum { TASK_COUNT = 1000 };
 

@@ -1,8 +1,8 @@
 /* Projection against brute force over all faces: values, feet, ties, order, threads, scales, bad input. */
 #include "check.h"
 
+#include "base/parallel.h"
 #include "failing_allocator.h"
-#include "parallel.h"
 #include "qm/project.h"
 #include "random.h"
 #include "shapes.h"

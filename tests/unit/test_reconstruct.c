@@ -1,13 +1,13 @@
 /* Reconstruction: structure of the mesh, distance that falls, the same bits, faults, lack of memory. */
 #include "check.h"
 
+#include "base/parallel.h"
+#include "core/vec.h"
 #include "failing_allocator.h"
 #include "ground.h"
 #include "layouts.h"
 #include "measured.h"
-#include "parallel.h"
 #include "qm/reconstruct.h"
-#include "vec.h"
 
 #include <math.h>
 #include <stdio.h>

@@ -1,11 +1,11 @@
 /* The rim of the patches of a reconstruction. */
 #include "check.h"
 
+#include "core/vec.h"
 #include "failing_allocator.h"
 #include "ground.h"
 #include "layouts.h"
 #include "qm/reconstruct.h"
-#include "vec.h"
 
 #include <math.h>
 

@@ -4,8 +4,8 @@
 #include <string.h>
 
 #include "check.h"
-#include "media.h"
-#include "route.h"
+#include "http/media.h"
+#include "http/route.h"
 
 static const char *id_of(const char *method, const char *path)
 {

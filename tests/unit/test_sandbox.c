@@ -12,9 +12,9 @@
 
 #include "check.h"
 #include "decode.h"
-#include "draco_child.h"
-#include "encode.h"
-#include "sandbox.h"
+#include "format/draco_child.h"
+#include "format/encode.h"
+#include "format/sandbox.h"
 #include "shapes.h"
 
 #define MEMORY ((size_t)256 << 20)

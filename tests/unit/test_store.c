@@ -10,8 +10,8 @@
 
 #include "check.h"
 #include "folder.h"
-#include "result_file.h"
-#include "store.h"
+#include "store/result_file.h"
+#include "store/store.h"
 
 typedef struct fixture {
     char *folder;

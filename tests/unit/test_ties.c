@@ -2,8 +2,8 @@
  * bits, on every accelerator and kernel, from any start, and with the faces in the opposite order. */
 #include "check.h"
 
+#include "bvh/nearest_face.h"
 #include "data_mesh.h"
-#include "nearest_face.h"
 #include "qm/project.h"
 #include "random.h"
 #include "shapes.h"

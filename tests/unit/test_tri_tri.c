@@ -1,10 +1,10 @@
 /* Exact signs, and contact of triangles against a twin in whole numbers. */
 #include "check.h"
 #include "exact_twin.h"
-#include "predicates.h"
+#include "prim/predicates.h"
+#include "prim/tri_tri.h"
 #include "random.h"
 #include "slow_twin.h"
-#include "tri_tri.h"
 
 static qm_whole_point random_whole(qm_random *random, int limit)
 {

@@ -3,7 +3,7 @@
 
 #include "ground.h"
 #include "layouts.h"
-#include "reconstruct_work.h"
+#include "reconstruct/reconstruct_work.h"
 #include "shapes.h"
 
 #include <string.h>

@@ -1,0 +1,63 @@
+/**
+ * hausdorff_overlay.h: upper bounds for faces of the source from what lies straight over them. See the
+ * argument in hausdorff_overlay.c.
+ */
+#ifndef QM_HAUSDORFF_OVERLAY_H
+#define QM_HAUSDORFF_OVERLAY_H
+
+#include "core/rounding.h"
+#include "hausdorff_search.h"
+
+#define QM_OVERLAY_SIDE 128.0 /* u s: margin of half planes, s the greatest coordinate by magnitude */
+#define QM_OVERLAY_AREA 64.0  /* u s^2: margin of doubled areas */
+#define QM_OVERLAY_GAP 512.0  /* u s (1 + s length / area): margin of vertical distances */
+
+#define QM_OVERLAY_SLOPE 2.0 /* of faces and facets at most, the sum of both axes */
+
+#define QM_OVERLAY_FACES QM_PACK_LANES
+
+/** Triangles of the source, local to the target. */
+typedef struct qm_overlay_source {
+    int count;
+    qm_vec corner[QM_OVERLAY_FACES][3];
+} qm_overlay_source;
+
+/** Facets of the target over a stretch of the source, for all faces that lie in it. */
+typedef struct qm_overlay {
+    qm_overlay_frame frame;
+    qm_overlay_facets facets;
+    double shrink; /* how far corners of faces move towards their middles, at most */
+} qm_overlay;
+
+/** Sum of the normals of triangles of the source, as long as their doubled areas. */
+qm_vec qm_overlay_normal(const qm_overlay_source *source);
+
+/** Takes the facets of packs that lie over the stretch of the points, as seen along a normal; false when
+ * there are none, or too many. */
+bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal, const qm_vec *point,
+                           int count, const qm_near_packs *near, qm_overlay *overlay);
+
+/** Bits of the triangles that the facets of an overlay show to be near enough; their corners are among its
+ * points. */
+unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
+                           const qm_overlay_source *source);
+
+/** True when an overlay of its own, without facets too far from it, shows a triangle to be near enough. */
+bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_piece *piece,
+                            const qm_near_packs *near);
+
+/** Sets all else of a face from its corners. Returns the margin of its vertical distances for each unit of
+ * size, the greatest coordinate by magnitude; INFINITY where the face is too steep or too thin. */
+double qm_overlay_set_face(qm_overlay_face *face, double size);
+
+/** Copies the corners and the twist of a facet from one index to another. */
+static inline void qm_overlay_copy_facet(qm_overlay_facets *facets, int from, int to)
+{
+    int lane = from % QM_PACK_LANES, other = to % QM_PACK_LANES;
+    int group = from / QM_PACK_LANES, its = to / QM_PACK_LANES;
+    for (int i = 0; i < 9; i++)
+        facets->group[its].at[i / 3][i % 3][other] = facets->group[group].at[i / 3][i % 3][lane];
+    facets->group[its].twist[other] = facets->group[group].twist[lane];
+}
+
+#endif

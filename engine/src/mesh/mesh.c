@@ -1,0 +1,138 @@
+#include "qm/mesh.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "bvh/kernel.h"
+
+void qm_mesh_reset(qm_context *ctx, qm_mesh *mesh)
+{
+    qm_context_free(ctx, mesh->positions, mesh->vertex_count, 3 * sizeof *mesh->positions);
+    qm_context_free(ctx, mesh->faces, mesh->face_count, 4 * sizeof *mesh->faces);
+    qm_context_free(ctx, mesh->face_origin, mesh->face_count, sizeof *mesh->face_origin);
+    qm_context_free(ctx, mesh->grids, mesh->grid_count, sizeof *mesh->grids);
+    qm_context_free(ctx, mesh->normals, mesh->vertex_count, 3 * sizeof *mesh->normals);
+    *mesh = (qm_mesh){0};
+}
+
+static qm_box box_empty(void)
+{
+    return (qm_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+}
+
+/** Selections, not branches: one instruction each. */
+static inline void box_add(qm_box *box, const double *point)
+{
+    for (int axis = 0; axis < 3; ++axis) {
+        box->min[axis] = point[axis] < box->min[axis] ? point[axis] : box->min[axis];
+        box->max[axis] = point[axis] > box->max[axis] ? point[axis] : box->max[axis];
+    }
+}
+
+static qm_box box_of_vertices(const qm_mesh *mesh)
+{
+    qm_box box;
+    qm_kernel_get()->vertex_box(mesh->positions, mesh->vertex_count, &box);
+    return box;
+}
+
+static qm_box box_of_faces(const qm_mesh *mesh)
+{
+    qm_box box = box_empty();
+    for (size_t i = 0; i < 4 * mesh->face_count; ++i)
+        if (mesh->faces[i] != QM_NO_INDEX) box_add(&box, mesh->positions + 3 * (size_t)mesh->faces[i]);
+    return box;
+}
+
+/** Mostly the box of all vertices, which is read in order, is the one that faces span. */
+qm_box qm_mesh_bounding_box(const qm_mesh *mesh)
+{
+    const qm_box box = box_of_vertices(mesh);
+    if (mesh->face_count == 0) return box;
+    const qm_kernel *kernel = qm_kernel_get();
+    uint32_t side[QM_BOX_SIDES] = {0};
+    kernel->vertices_on_sides(mesh->positions, mesh->vertex_count, &box, side);
+    return kernel->faces_name(mesh->faces, mesh->face_count, side) ? box : box_of_faces(mesh);
+}
+
+double qm_box_diagonal(const qm_box *box)
+{
+    double extent[3], largest = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        extent[axis] = box->max[axis] - box->min[axis];
+        if (extent[axis] > largest) largest = extent[axis];
+    }
+    if (largest == 0 || !isfinite(largest)) return largest;
+
+    /* Scaled by a power of two, which is exact, the largest extent lies in [0.5, 1). */
+    int exponent;
+    frexp(largest, &exponent);
+    double sum = 0;
+    for (int axis = 0; axis < 3; ++axis) {
+        double scaled = ldexp(extent[axis], -exponent);
+        sum += scaled * scaled;
+    }
+    return ldexp(sqrt(sum), exponent);
+}
+
+/** True when no number is infinite or none. An exponent of ones carries into the place of the sign: whole
+ * numbers, many at a time, and no way out of the loop before its end. */
+static bool all_finite(const double *numbers, size_t count)
+{
+    const uint64_t exponent = 0x7ff0000000000000u, step = 0x0010000000000000u;
+    uint64_t carried = 0;
+    for (size_t i = 0; i < count; ++i) {
+        uint64_t bits;
+        memcpy(&bits, numbers + i, sizeof bits);
+        carried |= (bits & exponent) + step;
+    }
+    return carried >> 63 == 0;
+}
+
+static qm_status check_positions(qm_context *ctx, const qm_mesh *mesh)
+{
+    if (!all_finite(mesh->positions, 3 * mesh->vertex_count)) {
+        size_t i = 0;
+        while (isfinite(mesh->positions[i]))
+            ++i;
+        return qm_context_fail(ctx, QM_E_NOT_FINITE, "vertex %zu has a coordinate that is not finite", i / 3);
+    }
+    qm_box box = box_of_vertices(mesh);
+    if (!isfinite(qm_box_diagonal(&box)))
+        return qm_context_fail(ctx, QM_E_NOT_FINITE,
+                               "the vertices lie so far apart that distances overflow double precision");
+    return QM_OK;
+}
+
+/** The corner of a face that names no vertex; 4 when there is none. */
+static int find_bad_corner(const uint32_t face[4], size_t vertex_count)
+{
+    int corner = 0;
+    while (corner < 4 && (face[corner] < vertex_count || (corner == 3 && face[3] == QM_NO_INDEX)))
+        ++corner;
+    return corner;
+}
+
+static qm_status check_faces(qm_context *ctx, const qm_mesh *mesh)
+{
+    if (mesh->vertex_count < QM_NO_INDEX &&
+        qm_kernel_get()->faces_below(mesh->faces, mesh->face_count, (uint32_t)mesh->vertex_count))
+        return QM_OK;
+    for (size_t i = 0; i < mesh->face_count; ++i) {
+        const uint32_t *face = mesh->faces + 4 * i;
+        int bad = find_bad_corner(face, mesh->vertex_count);
+        if (bad < 4)
+            return qm_context_fail(ctx, QM_E_INDEX, "face %zu refers to vertex %u of %zu, counted from 0", i,
+                                   face[bad], mesh->vertex_count);
+    }
+    return QM_OK;
+}
+
+qm_status qm_mesh_validate(qm_context *ctx, const qm_mesh *mesh)
+{
+    QM_ASSERT(ctx && mesh);
+    if (mesh->vertex_count == 0 && mesh->face_count == 0)
+        return qm_context_fail(ctx, QM_E_EMPTY, "the mesh has no vertex and no face");
+    qm_status status = check_positions(ctx, mesh);
+    return status == QM_OK ? check_faces(ctx, mesh) : status;
+}

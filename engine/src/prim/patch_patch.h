@@ -1,0 +1,47 @@
+/**
+ * patch_patch.h: distance and contact of faces read as bilinear patches (triangles stay what they are),
+ * certified by cutting them up.
+ *
+ * A part of a patch lies within its twist (bilinear_point.h) of its two triangles. So the distance of two
+ * parts lies within both twists of that of their triangles, and twists fall to a quarter when a part is cut
+ * in quarters.
+ *
+ * Coordinates are at most QM_FACE_REACH by magnitude in the unit of the calls; all else is relative to 1.
+ */
+#ifndef QM_PATCH_PATCH_H
+#define QM_PATCH_PATCH_H
+
+#include "core/vec.h"
+
+#define QM_FACE_REACH 8.0
+
+/** A face: three or four corners, and for faces of one mesh the names of their vertices. */
+typedef struct qm_face_shape {
+    qm_vec corner[4];
+    uint32_t vertex[4];
+    int count;
+} qm_face_shape;
+
+/** What is known of a distance: lower <= d <= upper = |point[0] - point[1]|, each at uv of its face. */
+typedef struct qm_patch_gap {
+    double lower, upper;
+    double uv[2][2];
+    qm_vec point[2];
+} qm_patch_gap;
+
+/**
+ * The distance of two faces until upper - lower <= error, or lower >= stop_above. error is at least 1e-13.
+ * When the faces are so twisted that it takes too long, the bounds are wider, and hold.
+ */
+qm_patch_gap qm_patch_patch_distance(const qm_face_shape *a, const qm_face_shape *b, double error,
+                                     double stop_above);
+
+/** False when the faces are proven not to meet; true else, when they come within the tolerance. */
+bool qm_patch_patch_meet(const qm_face_shape *a, const qm_face_shape *b, double tolerance, qm_patch_gap *gap);
+
+/** The same of faces of one mesh that share corners: meeting farther than the tolerance from the corners and
+ * edges that they share. */
+bool qm_patch_patch_cross(const qm_face_shape *a, const qm_face_shape *b, double tolerance,
+                          qm_patch_gap *gap);
+
+#endif

@@ -1,0 +1,176 @@
+#include <errno.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "handlers.h"
+#include "job/json_in.h"
+#include "media.h"
+
+#define MAX_WAIT_S 600.0
+#define MS_PER_S 1e3
+#define MAX_SEQ                                                                                              \
+    ((UINT64_C(1) << 53) - 1) /* beyond it clients on doubles could not tell one from the next               \
+                               */
+
+/** The framing that the client chose; false when it prefers one document. */
+static bool wants_stream(const qm_request *request, qm_framing *framing)
+{
+    const char *media = qm_request_media(request);
+    *framing = strcmp(media, QM_MEDIA_SSE) == 0 ? QM_FRAMING_SSE : QM_FRAMING_NDJSON;
+    return *framing == QM_FRAMING_SSE || strcmp(media, QM_MEDIA_NDJSON) == 0;
+}
+
+/** Seconds of Prefer: wait=N, or 0. */
+static double preferred_wait(const qm_request *request)
+{
+    const char *prefer = qm_request_header(request, "Prefer");
+    const char *wait = prefer ? strcasestr(prefer, "wait=") : NULL;
+    double seconds = wait ? strtod(wait + strlen("wait="), NULL) : 0.0;
+    return seconds > 0.0 ? fmin(seconds, MAX_WAIT_S) : 0.0;
+}
+
+static void reply_job(qm_request *request, int status, qm_job *job, bool is_cached)
+{
+    qm_jobs *jobs = qm_request_app(request)->jobs;
+    char *document = qm_job_document(jobs, job, is_cached);
+    qm_jobs_release(jobs, job);
+    qm_reply_text(request, status, "application/json", document);
+}
+
+static void reply_when_done(qm_request *request, qm_job *job, double wait_s, int status_before)
+{
+    qm_reply_header(request, "Preference-Applied", "wait=%.15g", wait_s);
+    qm_reply_when_done(request, job, MS_PER_S * wait_s, status_before);
+}
+
+static bool check_type(qm_request *request)
+{
+    const char *type = qm_request_header(request, "Content-Type");
+    /* curl -d says form data when it is not told otherwise; JSON is read for what it is. */
+    if (!type || qm_media_is(type, "application/json") ||
+        qm_media_is(type, "application/x-www-form-urlencoded"))
+        return true;
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE, "a job is asked for in application/json");
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
+void qm_handle_job_create(qm_request *request)
+{
+    qm_app *app = qm_request_app(request);
+    const char *idempotency_key;
+    if (!check_type(request) || !qm_read_idempotency_key(request, &idempotency_key)) return;
+    size_t size;
+    const char *body = qm_request_body(request, &size);
+    qm_job_request job_request;
+    qm_problem problem;
+    if (!qm_json_read_job(body, size, &job_request, &problem)) {
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    qm_framing framing;
+    bool streams = wants_stream(request, &framing);
+    const char *caching = qm_request_header(request, "Cache-Control");
+    qm_job_submission submission = {.request = &job_request,
+                                    .body = body,
+                                    .idempotency_key = idempotency_key,
+                                    .use_cache = !(caching && strcasestr(caching, "no-cache")),
+                                    .owns_job = streams && !job_request.detach};
+    bool is_cached;
+    qm_job *job = qm_jobs_submit(app->jobs, &submission, &is_cached, &problem);
+    qm_job_request_reset(&job_request);
+    if (!job) {
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    double wait = preferred_wait(request);
+    qm_reply_header(request, "Location", "/v1/jobs/%s", qm_job_id(job));
+    if (streams) {
+        qm_reply_stream(request, 200, job, 0, framing, submission.owns_job);
+    } else if (is_cached) {
+        reply_job(request, 200, job, true);
+    } else if (wait > 0.0) {
+        reply_when_done(request, job, wait, 202);
+    } else {
+        reply_job(request, 202, job, false);
+    }
+}
+
+void qm_handle_job_list(qm_request *request)
+{
+    size_t limit;
+    int64_t after, next;
+    if (!qm_read_paging(request, &limit, &after)) return;
+    qm_text out = {0};
+    qm_text_add_string(&out, "{\"jobs\":[");
+    if (!qm_jobs_list(qm_request_app(request)->jobs, after, limit, &out, &next)) out.failed = true;
+    qm_end_page(&out, next);
+    qm_reply_text(request, 200, "application/json", qm_text_take(&out));
+}
+
+/** The job of the path with a reference, or NULL after a refusal. */
+static qm_job *find_job(qm_request *request)
+{
+    qm_problem problem;
+    qm_job *job = qm_jobs_find(qm_request_app(request)->jobs, qm_request_id(request), &problem);
+    if (!job) qm_reply_problem(request, &problem);
+    return job;
+}
+
+void qm_handle_job_get(qm_request *request)
+{
+    qm_job *job = find_job(request);
+    if (!job) return;
+    double wait = preferred_wait(request);
+    if (wait > 0.0)
+        reply_when_done(request, job, wait, 200);
+    else
+        reply_job(request, 200, job, false);
+}
+
+void qm_handle_job_cancel(qm_request *request)
+{
+    qm_job *job = find_job(request);
+    if (!job) return;
+    qm_jobs *jobs = qm_request_app(request)->jobs;
+    if (qm_jobs_cancel(jobs, job)) {
+        reply_job(request, 202, job, false);
+        return;
+    }
+    qm_jobs_release(jobs, job);
+    qm_problem problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job has ended already");
+    qm_reply_problem(request, &problem);
+}
+
+static bool read_seq(const char *text, uint64_t *seq)
+{
+    char *end;
+    errno = 0;
+    *seq = strtoull(text, &end, 10);
+    return end != text && !*end && text[0] != '-' && errno == 0 && *seq <= MAX_SEQ;
+}
+
+/** Where to go on: ?after=, else Last-Event-ID, else from the first event. */
+static bool read_after(qm_request *request, uint64_t *after)
+{
+    const char *query = qm_request_query(request, "after"),
+               *header = qm_request_header(request, "Last-Event-ID");
+    *after = 0;
+    if ((!header || read_seq(header, after)) && (!query || read_seq(query, after))) return true;
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "after is the seq of an event, a whole number");
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
+void qm_handle_job_events(qm_request *request)
+{
+    uint64_t after;
+    if (!read_after(request, &after)) return;
+    qm_framing framing;
+    wants_stream(request, &framing);
+    qm_job *job = find_job(request);
+    if (job) qm_reply_stream(request, 200, job, after, framing, false);
+}

@@ -1,0 +1,140 @@
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "handlers.h"
+#include "media.h"
+#include "mesh/etag.h"
+
+#define NAME_SIZE 200
+
+/** Reads ?format=, else Content-Type, else the end of the name. False with a problem when a named one is
+ * unknown. */
+static bool read_format(const qm_request *request, qm_format *format, qm_problem *problem)
+{
+    const char *named = qm_request_query(request, "format");
+    *format = named ? qm_format_from_name(named) : QM_FORMAT_UNKNOWN;
+    if (named && *format == QM_FORMAT_UNKNOWN) {
+        *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "format is " QM_FORMAT_NAMES);
+        return false;
+    }
+    if (*format != QM_FORMAT_UNKNOWN) return true;
+    static const char *const untyped[] = {"application/octet-stream", "application/x-www-form-urlencoded",
+                                          "text/plain", "model/mesh"};
+    const char *type = qm_request_header(request, "Content-Type");
+    if (type) *format = qm_format_from_media_type(type);
+    bool is_untyped = !type || *format != QM_FORMAT_UNKNOWN;
+    for (size_t i = 0; i < sizeof untyped / sizeof untyped[0]; i++)
+        if (type && qm_media_is(type, untyped[i])) is_untyped = true;
+    if (!is_untyped) {
+        *problem =
+            qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
+                            "send the raw file, as application/octet-stream or with the type of its format");
+        return false;
+    }
+    const char *name = qm_request_query(request, "name");
+    if (*format == QM_FORMAT_UNKNOWN && name) *format = qm_format_from_path(name);
+    return true;
+}
+
+/** A name is shown to people: any text but control characters. */
+static bool read_name(const qm_request *request, const char **name, qm_problem *problem)
+{
+    const char *given = qm_request_query(request, "name");
+    *name = given ? given : "";
+    bool is_clean = strlen(*name) < NAME_SIZE;
+    for (const char *c = *name; *c; c++)
+        if ((unsigned char)*c < 0x20 || *c == 0x7f) is_clean = false;
+    if (!is_clean)
+        *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                   "name may have %d characters and no control characters", NAME_SIZE - 1);
+    return is_clean;
+}
+
+static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
+{
+    qm_reply_header(request, "Location", "/v1/meshes/%s", mesh->id);
+    qm_reply_text(request, status, "application/json", mesh->document);
+    mesh->document = NULL;
+    qm_store_mesh_reset(mesh);
+}
+
+/** What a POST answers depends on no state that the client named. */
+static void reply_made_mesh(qm_request *request, int status, qm_store_mesh *mesh)
+{
+    char tag[QM_ETAG_SIZE];
+    qm_etag_write_mesh(mesh->hash, mesh->revision, "", tag);
+    qm_reply_header(request, "ETag", "%s", tag);
+    reply_mesh(request, status, mesh);
+}
+
+void qm_handle_mesh_create(qm_request *request)
+{
+    qm_app *app = qm_request_app(request);
+    qm_problem problem;
+    const char *name;
+    qm_format format;
+    qm_store_mesh mesh;
+    bool is_new;
+    if (atomic_load(&app->draining)) {
+        problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new meshes");
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    if (!read_format(request, &format, &problem) || !read_name(request, &name, &problem)) {
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    qm_blob_writer *upload = qm_request_take_upload(request);
+    if (!qm_meshes_add(app->meshes, upload, name, format, &mesh, &is_new, &problem))
+        qm_reply_problem(request, &problem);
+    else
+        reply_made_mesh(request, is_new ? 201 : 200, &mesh);
+}
+
+void qm_handle_mesh_list(qm_request *request)
+{
+    qm_app *app = qm_request_app(request);
+    size_t limit;
+    int64_t after;
+    if (!qm_read_paging(request, &limit, &after)) return;
+    qm_store_mesh *rows = calloc(limit + 1, sizeof *rows);
+    size_t count = 0;
+    qm_status status =
+        rows ? qm_store_list_meshes(app->store, after, limit + 1, rows, &count) : QM_E_NO_MEMORY;
+    if (status != QM_OK) {
+        free(rows);
+        qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "meshes");
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    qm_text out = {0};
+    qm_text_add_string(&out, "{\"meshes\":[");
+    for (size_t i = 0; i < count && i < limit; i++)
+        qm_text_printf(&out, "%s%s", i > 0 ? "," : "", rows[i].document);
+    qm_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
+    for (size_t i = 0; i < count; i++)
+        qm_store_mesh_reset(&rows[i]);
+    free(rows);
+    qm_reply_text(request, 200, "application/json", qm_text_take(&out));
+}
+
+void qm_handle_mesh_get(qm_request *request)
+{
+    qm_store_mesh mesh;
+    if (!qm_find_mesh(request, &mesh)) return;
+    if (qm_check_mesh_tag(request, &mesh))
+        reply_mesh(request, 200, &mesh);
+    else
+        qm_store_mesh_reset(&mesh);
+}
+
+void qm_handle_mesh_delete(qm_request *request)
+{
+    qm_problem problem;
+    if (qm_meshes_delete(qm_request_app(request)->meshes, qm_request_id(request),
+                         qm_request_header(request, "If-Match"), &problem))
+        qm_reply_empty(request, 204);
+    else
+        qm_reply_problem(request, &problem);
+}

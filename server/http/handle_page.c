@@ -1,0 +1,141 @@
+/**
+ * handle_page.c: the page at /, its modules under /dashboard/, and the API's description: text files of one
+ * folder.
+ */
+#include <errno.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "base/hash.h"
+#include "handlers.h"
+#include "mesh/etag.h"
+
+/** Only files of these kinds are ever served. The route has seen to it that no path leads out of the folder.
+ */
+static const struct {
+    const char *ending, *type;
+} kinds[] = {
+    {".html", "text/html; charset=utf-8"},
+    {".js", "text/javascript; charset=utf-8"},
+    {".css", "text/css; charset=utf-8"},
+    {".svg", "image/svg+xml"},
+};
+
+static const char *type_of(const char *path)
+{
+    const char *ending = strrchr(path, '.');
+    for (size_t i = 0; ending && i < sizeof kinds / sizeof kinds[0]; i++)
+        if (strcmp(kinds[i].ending, ending) == 0) return kinds[i].type;
+    return NULL;
+}
+
+/** What reading a file came to. */
+typedef enum reading { READ, NOT_THERE, NO_MEMORY } reading;
+
+/** The text of a file of the installation, on malloc. */
+static reading read_file(const char *path, char **text)
+{
+    errno = 0;
+    FILE *file = fopen(path, "rb");
+    if (!file) return errno == ENOMEM ? NO_MEMORY : NOT_THERE;
+    struct stat facts;
+    size_t room = fstat(fileno(file), &facts) == 0 ? (size_t)facts.st_size : 0;
+    *text = malloc(room + 1);
+    size_t size = *text ? fread(*text, 1, room, file) : 0;
+    if (*text) (*text)[size] = '\0';
+    fclose(file);
+    return *text ? READ : NO_MEMORY;
+}
+
+/** Takes the text. A browser asks again each time, and gets a 304 for what it has. */
+static void reply_file(qm_request *request, const char *content_type, char *text)
+{
+    char hash[QM_HASH_SIZE], tag[QM_HASH_SIZE + 2];
+    qm_hash_text(text, strlen(text), hash);
+    snprintf(tag, sizeof tag, "\"%s\"", hash);
+    qm_reply_header(request, "Cache-Control", "no-cache");
+    qm_reply_header(request, "ETag", "%s", tag);
+    if (!qm_etag_is_listed(qm_request_header(request, "If-None-Match"), tag, true)) {
+        qm_reply_text(request, 200, content_type, text);
+        return;
+    }
+    free(text);
+    qm_reply_empty(request, 304);
+}
+
+static void reply_missing(qm_request *request, reading why)
+{
+    qm_problem problem = why == NO_MEMORY
+                             ? qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply")
+                             : qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
+    qm_reply_problem(request, &problem);
+}
+
+/** A file of the folder. */
+static reading read_named(const qm_request *request, const char *name, char **text)
+{
+    char path[4096];
+    const char *folder = qm_request_app(request)->config->dashboard;
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    return folder[0] ? read_file(path, text) : NOT_THERE;
+}
+
+void qm_handle_openapi(qm_request *request)
+{
+    char *text;
+    reading outcome = read_named(request, "openapi.yaml", &text);
+    if (outcome == READ)
+        reply_file(request, "application/yaml", text);
+    else
+        reply_missing(request, outcome);
+}
+
+/** No script but the daemon's own files, and the one import map in the page, which cannot be a file. */
+static void add_policy(qm_request *request, const char *page)
+{
+    static const char before[] = "<script type=\"importmap\">";
+    const char *map = strstr(page, before), *end = map ? strstr(map, "</script>") : NULL;
+    char script[QM_HASH_BASE64_SIZE + 16] = "";
+    if (end) {
+        char hash[QM_HASH_BASE64_SIZE];
+        map += strlen(before);
+        qm_hash_text_base64(map, (size_t)(end - map), hash);
+        snprintf(script, sizeof script, " 'sha256-%s'", hash);
+    }
+    qm_reply_header(request, "Content-Security-Policy",
+                    "default-src 'self'; script-src 'self'%s; img-src 'self' blob:; object-src 'none'; "
+                    "base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+                    script);
+    qm_reply_header(request, "Referrer-Policy", "no-referrer");
+}
+
+/** The viewer sets styles of elements by itself; no script but those of the daemon runs. */
+void qm_handle_docs(qm_request *request)
+{
+    char *text;
+    reading outcome = read_named(request, "docs.html", &text);
+    if (outcome != READ) {
+        reply_missing(request, outcome);
+        return;
+    }
+    qm_reply_header(
+        request, "Content-Security-Policy",
+        "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; base-uri 'none'; "
+        "form-action 'none'; frame-ancestors 'none'");
+    reply_file(request, type_of("docs.html"), text);
+}
+
+void qm_handle_page(qm_request *request)
+{
+    const char *id = qm_request_id(request), *name = id[0] ? id : "index.html", *type = type_of(name);
+    char *text;
+    reading outcome = type ? read_named(request, name, &text) : NOT_THERE;
+    if (outcome != READ) {
+        reply_missing(request, outcome);
+        return;
+    }
+    if (strcmp(name, "index.html") == 0) add_policy(request, text);
+    reply_file(request, type, text);
+}

@@ -1,0 +1,374 @@
+/**
+ * http.c: the life of a request, from the first header to the log line.
+ *
+ * libmicrohttpd's own threads receive and send. A handler that may wait (route.h) runs on one of the app's
+ * pools while its connection is suspended; the connection is then resumed and the reply queued. A fault that
+ * is known before the body has come is answered at once where the library lets us, else when the body has
+ * been read and thrown away.
+ */
+#include "http_internal.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "base/metrics.h"
+
+#define MAX_THROWN_AWAY (16u << 20)
+#define MAX_READ_AND_DROPPED (64u << 10) /* of the body of a request that is refused by its headers */
+#define CONNECTION_MEMORY (256u << 10)   /* of which half is what is read of a body at once */
+#define CONNECTION_THREADS 2
+#define HEALTH_CONNECTIONS 64
+#define LINGER_MS 1000.0
+#define MS_PER_S 1e3
+
+/* ---- receiving ---- */
+
+static void drop_upload(qm_request *request)
+{
+    qm_blob_abort(request->upload);
+    request->upload = NULL;
+}
+
+/** Where the bytes of a body go. */
+static void keep(qm_request *request, const char *bytes, size_t size)
+{
+    if (request->body_size > qm_request_body_limit(request)) {
+        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body may have %zu bytes",
+                                                        qm_request_body_limit(request)));
+    } else if (request->upload) {
+        if (qm_blob_write(request->upload, bytes, size) != QM_OK)
+            qm_request_set_problem(request,
+                                   qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));
+    } else {
+        qm_text_add(&request->body, bytes, size);
+        if (request->body.failed)
+            qm_request_set_problem(
+                request, qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the body"));
+    }
+}
+
+/**
+ * Takes a part of the body. Once a reply is due that does not need the rest, the library lets us send it only
+ * after that rest, which is thrown away: up to a limit, beyond which the connection is cut (false).
+ */
+static bool receive(qm_request *request, const char *bytes, size_t size)
+{
+    request->body_size += size;
+    if (request->guarded) atomic_fetch_add(&request->guarded->received, size);
+    if (request->has_problem || request->route->body == QM_BODY_NONE)
+        request->thrown_away += size;
+    else
+        keep(request, bytes, size);
+    if (request->has_problem) drop_upload(request);
+    return request->thrown_away <= MAX_THROWN_AWAY;
+}
+
+/* ---- handling ---- */
+
+/** Hands a suspended request with its reply back to the thread of its connection. */
+static void hand_back(qm_request *request)
+{
+    request->stage = WAITING;
+    MHD_resume_connection(request->connection);
+}
+
+static void run_on_pool(void *data)
+{
+    qm_request *request = data;
+    request->route->handle(request);
+    hand_back(request);
+}
+
+/** The pool takes nothing any more: the daemon stops, or memory is out. */
+static void refuse(qm_request *request)
+{
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the request cannot be queued");
+    qm_reply_problem(request, &problem);
+    hand_back(request);
+}
+
+static qm_pool *pool_of(const qm_request *request)
+{
+    return request->route->runs == QM_RUNS_LONG ? request->app->long_pool : request->app->pool;
+}
+
+static enum MHD_Result handle(qm_request *request)
+{
+    qm_guard_set_stage(&request->listener->guard, request->guarded, QM_CONNECTION_BUSY);
+    if (request->has_problem) {
+        qm_reply_problem(request, &request->problem);
+    } else if (request->route->runs == QM_RUNS_AT_ONCE) {
+        request->route->handle(request);
+    } else {
+        request->stage = HANDLING;
+        MHD_suspend_connection(request->connection);
+        if (!qm_pool_submit(pool_of(request), run_on_pool, request)) refuse(request);
+        return MHD_YES;
+    }
+    return qm_request_send_reply(request);
+}
+
+static bool has_body(const qm_request *request)
+{
+    const char *length = qm_request_header(request, "Content-Length");
+    return (length && strcmp(length, "0") != 0) || qm_request_header(request, "Transfer-Encoding");
+}
+
+/**
+ * True for a body that is not worth a refusal before it: bytes that nobody has read when the connection is
+ * closed would make the system reset it, and the reply may be lost with that.
+ */
+static bool has_little_body(const qm_request *request)
+{
+    const char *length = qm_request_header(request, "Content-Length");
+    if (!length || request->problem.code == QM_PROBLEM_AMBIGUOUS_LENGTH ||
+        qm_request_header(request, "Expect"))
+        return false;
+    return strtoull(length, NULL, 10) <= MAX_READ_AND_DROPPED;
+}
+
+/** Letters, digits and a few marks: what may be repeated in a header, a log and JSON as it is. */
+static bool is_plain_name(const char *name)
+{
+    static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-";
+    size_t length = strlen(name);
+    return length > 0 && length < QM_REQUEST_ID_SIZE && strspn(name, plain) == length;
+}
+
+/** The client's name for the request, or one of our own. */
+static void set_name(qm_request *request)
+{
+    const char *given = qm_request_header(request, "X-Request-Id");
+    if (given && is_plain_name(given)) {
+        snprintf(request->name, sizeof request->name, "%s", given);
+        return;
+    }
+    char id[QM_ID_SIZE];
+    qm_make_id('r', id);
+    snprintf(request->name, sizeof request->name, "%s", id);
+}
+
+static qm_request *begin(qm_listener *listener, struct MHD_Connection *connection, const char *url,
+                         const char *method)
+{
+    qm_request *request = malloc(sizeof *request);
+    if (!request) return NULL;
+    /* Not the rooms for a problem and for headers, which most requests leave empty. */
+    memset(request, 0, offsetof(qm_request, problem));
+    request->reply.status = 0;
+    request->reply.response = NULL;
+    request->reply.header_count = 0;
+    request->app = listener->app;
+    request->listener = listener;
+    request->connection = connection;
+    request->guarded = qm_guard_find(connection);
+    request->start_ms = qm_now_ms();
+    snprintf(request->method, sizeof request->method, "%s", method);
+    snprintf(request->path, sizeof request->path, "%s", url);
+    set_name(request);
+    atomic_fetch_add(&request->app->request_count, 1);
+    qm_guard_set_stage(&listener->guard, request->guarded, QM_CONNECTION_RECEIVING);
+    return request;
+}
+
+static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, const char *url,
+                                  const char *method, const char *version, const char *data, size_t *size,
+                                  void **state)
+{
+    qm_request *request = *state;
+    if (!request) {
+        *state = request = begin(cls, connection, url, method);
+        if (!request) return MHD_NO;
+        request->needs_host = strcmp(version, "HTTP/1.1") == 0;
+        qm_request_check(request);
+        if (!request->has_problem) return MHD_YES;
+        /* The body has not come yet; what follows on this connection is not to be taken for a request. */
+        if (has_body(request)) qm_reply_header(request, "Connection", "close");
+        return has_little_body(request) ? MHD_YES : handle(request);
+    }
+    if (*size > 0) {
+        if (!receive(request, data, *size)) return MHD_NO;
+        *size = 0;
+        return MHD_YES;
+    }
+    if (request->stage == RECEIVING) return handle(request);
+    if (request->stage != WAITING) return MHD_YES;
+    if (request->awaited && !qm_request_check_awaited(request)) return MHD_YES;
+    return qm_request_send_reply(request);
+}
+
+static void log_request(const qm_request *request, bool is_whole)
+{
+    double ms = qm_now_ms() - request->start_ms;
+    const qm_log_field fields[] = {
+        {"request_id", request->name, 0},
+        {"method", request->method, 0},
+        {"path", request->path, 0},
+        {"status", NULL, request->reply.status},
+        {"duration_ms", NULL, rint(1e3 * ms) / 1e3},
+        {"received_bytes", NULL, (double)request->body_size},
+        {"cut_off", "true", 0},
+    };
+    qm_log_fields(QM_LOG_INFO, "request", fields, sizeof fields / sizeof fields[0] - is_whole);
+    qm_metrics_add_request(request->method, request->route ? request->route->path : "", request->reply.status,
+                           ms / 1e3);
+    qm_metrics_add(QM_METRICS_UPLOADED_BYTES, request->body_size);
+}
+
+static void on_completed(void *cls, struct MHD_Connection *connection, void **state,
+                         enum MHD_RequestTerminationCode code)
+{
+    (void)cls;
+    (void)connection;
+    qm_request *request = *state;
+    if (!request) return;
+    log_request(request, code == MHD_REQUEST_TERMINATED_COMPLETED_OK);
+    qm_guard_set_stage(&request->listener->guard, request->guarded, QM_CONNECTION_IDLE);
+    if (request->awaited) {
+        qm_job_leave(request->app->jobs, request->awaited, &request->reader);
+        qm_jobs_release(request->app->jobs, request->awaited);
+    }
+    drop_upload(request);
+    if (request->reply.response) MHD_destroy_response(request->reply.response);
+    qm_text_reset(&request->body);
+    atomic_fetch_sub(&request->app->request_count, 1);
+    free(request);
+    *state = NULL;
+}
+
+/* ---- the daemon ---- */
+
+struct qm_http {
+    qm_app *app;
+    qm_listener everything, health; /* the second only when asked for */
+    int port;
+    MHD_socket quiet_socket; /* the listening one, once there are no new connections */
+};
+
+static void on_library_log(void *cls, const char *format, va_list arguments)
+{
+    (void)cls;
+    char line[256];
+    vsnprintf(line, sizeof line, format, arguments);
+    qm_log(QM_LOG_WARN, "http: %s", line);
+}
+
+static bool make_address(const char *name, double port, struct sockaddr_storage *address)
+{
+    memset(address, 0, sizeof *address);
+    struct sockaddr_in *v4 = (struct sockaddr_in *)address;
+    struct sockaddr_in6 *v6 = (struct sockaddr_in6 *)address;
+    if (inet_pton(AF_INET, name, &v4->sin_addr) == 1) {
+        v4->sin_family = AF_INET;
+        v4->sin_port = htons((uint16_t)port);
+        return true;
+    }
+    if (inet_pton(AF_INET6, name, &v6->sin6_addr) == 1) {
+        v6->sin6_family = AF_INET6;
+        v6->sin6_port = htons((uint16_t)port);
+        return true;
+    }
+    return false;
+}
+
+/** Listens on an address; false with a record in the log. */
+static bool start_listener(qm_listener *listener, qm_app *app, const char *name, double port,
+                           unsigned connections)
+{
+    const qm_config *config = app->config;
+    struct sockaddr_storage address;
+    listener->app = app;
+    qm_guard_init(&listener->guard, MS_PER_S * config->idle_timeout, config->min_upload_rate);
+    unsigned flags = MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
+    if (make_address(name, port, &address)) {
+        if (address.ss_family == AF_INET6) flags |= MHD_USE_IPv6;
+        listener->daemon = MHD_start_daemon(
+            flags, 0, NULL, NULL, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_library_log, NULL,
+            MHD_OPTION_SOCK_ADDR, (struct sockaddr *)&address, MHD_OPTION_THREAD_POOL_SIZE,
+            (unsigned)(listener->is_private ? 0 : CONNECTION_THREADS), MHD_OPTION_CONNECTION_LIMIT,
+            connections, MHD_OPTION_PER_IP_CONNECTION_LIMIT, (unsigned)config->client_connections,
+            MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)config->idle_timeout, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
+            (size_t)CONNECTION_MEMORY, MHD_OPTION_NOTIFY_CONNECTION, qm_guard_on_connection, &listener->guard,
+            MHD_OPTION_NOTIFY_COMPLETED, on_completed, NULL, MHD_OPTION_END);
+    }
+    if (listener->daemon) return true;
+    qm_log(QM_LOG_ERROR, "cannot listen on %s port %.0f", name, port);
+    qm_guard_reset(&listener->guard);
+    return false;
+}
+
+static void stop_listener(qm_listener *listener)
+{
+    if (!listener->daemon) return;
+    MHD_stop_daemon(listener->daemon);
+    qm_guard_reset(&listener->guard);
+}
+
+static bool start_listeners(qm_http *http, const qm_config *config)
+{
+    http->health.is_private = true;
+    if (!start_listener(&http->everything, http->app, config->listen, config->port,
+                        (unsigned)config->connections))
+        return false;
+    return config->health_port == 0 || start_listener(&http->health, http->app, config->health_listen,
+                                                      config->health_port, HEALTH_CONNECTIONS);
+}
+
+qm_http *qm_http_start(qm_app *app)
+{
+    qm_http *http = calloc(1, sizeof *http);
+    if (!http) return NULL;
+    http->app = app;
+    http->quiet_socket = MHD_INVALID_SOCKET;
+    app->http = http;
+    if (!start_listeners(http, app->config)) {
+        app->http = NULL;
+        stop_listener(&http->everything);
+        free(http);
+        return NULL;
+    }
+    http->port = MHD_get_daemon_info(http->everything.daemon, MHD_DAEMON_INFO_BIND_PORT)->port;
+    return http;
+}
+
+int qm_http_port(const qm_http *http)
+{
+    return http->port;
+}
+
+size_t qm_http_count_connections(qm_http *http)
+{
+    return qm_guard_count(&http->everything.guard);
+}
+
+void qm_http_tick(qm_http *http, double now_ms)
+{
+    qm_guard_tick(&http->everything.guard, now_ms);
+    if (http->health.daemon) qm_guard_tick(&http->health.guard, now_ms);
+}
+
+void qm_http_quiesce(qm_http *http)
+{
+    http->quiet_socket = MHD_quiesce_daemon(http->everything.daemon);
+    /* The library's threads may still ask about the socket: it refuses from now on, and is closed after them.
+     */
+    if (http->quiet_socket != MHD_INVALID_SOCKET) shutdown(http->quiet_socket, SHUT_RDWR);
+}
+
+void qm_http_stop(qm_http *http)
+{
+    if (!http) return;
+    /* What is on its way out, the last lines of streams above all, may still arrive. */
+    double end = qm_now_ms() + LINGER_MS;
+    while (atomic_load(&http->app->request_count) > 0 && qm_now_ms() < end)
+        usleep(1000);
+    stop_listener(&http->everything);
+    stop_listener(&http->health);
+    if (http->quiet_socket != MHD_INVALID_SOCKET) close(http->quiet_socket);
+    free(http);
+}

@@ -1,0 +1,134 @@
+/**
+ * http.h: requests and replies as the handlers see them. Everything of libmicrohttpd stays in http.c and
+ * http_stream.c.
+ */
+#ifndef QM_HTTP_H
+#define QM_HTTP_H
+
+#include "base/config.h"
+#include "base/pool.h"
+#include "job/job.h"
+#include "layout/reconstructions.h"
+#include "ops/problem.h"
+#include "ops/rows.h"
+#include "tokens.h"
+
+/** What a handler may use; made by main.c, alive as long as the daemon. */
+typedef struct qm_app {
+    const qm_config *config;
+    qm_store *store;
+    qm_meshes *meshes;
+    qm_jobs *jobs;
+    qm_reconstructions *reconstructions;
+    qm_pool *pool;      /* runs the handlers that wait for the disk */
+    qm_pool *long_pool; /* runs the handlers that decode, so that a large mesh holds up no other request */
+    qm_tokens *tokens;  /* none: everybody who reaches the daemon may do everything */
+    struct qm_http *http;
+    atomic_bool draining;
+    atomic_int stream_count, request_count; /* open now */
+} qm_app;
+
+typedef struct qm_request qm_request;
+
+qm_app *qm_request_app(const qm_request *request);
+
+/** The part of the path that stands for {id}; "" when the route has none. */
+const char *qm_request_id(const qm_request *request);
+
+/** The part that stands for a second name in braces; "" likewise. */
+const char *qm_request_second_id(const qm_request *request);
+
+/** True for GET and HEAD, which change nothing. */
+bool qm_request_only_reads(const qm_request *request);
+
+/** A header or query parameter, or NULL. Lives as long as the request. */
+const char *qm_request_header(const qm_request *request, const char *name);
+const char *qm_request_query(const qm_request *request, const char *name);
+
+/** Of the types that the route produces, the one that the client likes best (media.h). */
+#define QM_MEDIA_JSON "application/json"
+#define QM_MEDIA_BINARY "application/octet-stream"
+#define QM_MEDIA_CSV "text/csv"
+#define QM_MEDIA_NDJSON "application/x-ndjson"
+#define QM_MEDIA_SSE "text/event-stream"
+const char *qm_request_media(const qm_request *request);
+
+/** The rows of that type; JSON for every other. */
+qm_rows qm_request_rows(const qm_request *request);
+
+/** Reads a query parameter that is one of some names (NULL-ended) and writes its place; 0 when it is absent.
+ * False, and replied with a problem, for any other value. */
+bool qm_request_choice(qm_request *request, const char *name, const char *const *choices, int *out);
+
+/** The body of a route that keeps it in memory; never NULL. */
+const char *qm_request_body(const qm_request *request, size_t *size);
+
+/** Hands over the upload of a route that spools, complete. */
+qm_blob_writer *qm_request_take_upload(qm_request *request);
+
+/** A reply. body is malloc'ed and given away, or static. */
+void qm_reply_text(qm_request *request, int status, const char *content_type, char *body);
+void qm_reply_static(qm_request *request, int status, const char *content_type, const char *body);
+void qm_reply_problem(qm_request *request, const qm_problem *problem);
+void qm_reply_empty(qm_request *request, int status);
+
+/** Adds a header to the reply; the value is copied. At most QM_REPLY_HEADERS, more are a bug. */
+#define QM_REPLY_HEADERS 12
+void qm_reply_header(qm_request *request, const char *name, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+/**
+ * Replies with the stream of a job's events after seq; takes over the reference to the job. When owns_job is
+ * set, the client owns the job (qm_job_submission) and its leaving may end it.
+ */
+void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t after, qm_framing framing,
+                     bool owns_job);
+
+/** Replies with the answers of a batch of jobs, read from the upload, as they come (job_batch.h). */
+void qm_reply_batch(qm_request *request, qm_blob_writer *upload);
+
+/**
+ * Replies with the job's document when it ends (200) or when the time is up (status_before); takes over the
+ * reference.
+ */
+void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms, int status_before);
+
+/** What a source of blocks has to say after each one. */
+typedef enum qm_block { QM_BLOCK_MORE, QM_BLOCK_LAST, QM_BLOCK_FAILED } qm_block;
+
+/** Makes the body of a reply a block at a time. */
+typedef struct qm_block_source {
+    /** Adds bytes to the empty out, on the long pool; QM_BLOCK_FAILED with the problem. */
+    qm_block (*next)(void *user, qm_text *out, qm_problem *problem);
+    void (*end)(void *user); /* called once, whether everything was sent or not */
+    void *user;
+} qm_block_source;
+
+/**
+ * Replies with what the source makes, in the memory of one block. size is that of the whole body, or
+ * QM_SIZE_UNKNOWN. A source that fails in its first block is answered with its problem; later ones cut the
+ * connection, so that the client sees the end missing, and the problem goes to the log.
+ */
+#define QM_SIZE_UNKNOWN UINT64_MAX
+void qm_reply_blocks(qm_request *request, int status, const char *content_type, uint64_t size,
+                     qm_block_source source);
+
+/** Serves until qm_http_stop. Returns NULL with a log line when the address cannot be used. */
+typedef struct qm_http qm_http;
+qm_http *qm_http_start(qm_app *app);
+int qm_http_port(const qm_http *http);
+size_t qm_http_count_connections(qm_http *http);
+
+/** Ends the connections that keep the daemon waiting; called every second or so. */
+void qm_http_tick(qm_http *http, double now_ms);
+
+/** No new connections. */
+void qm_http_quiesce(qm_http *http);
+
+/**
+ * Ends all connections, after a moment for the replies on their way. No request is suspended any more: every
+ * job has ended or was interrupted, which woke its streams, and the pools are closed.
+ */
+void qm_http_stop(qm_http *http);
+
+#endif

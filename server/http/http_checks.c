@@ -1,0 +1,248 @@
+/**
+ * http_checks.c: what can be wrong with a request before its body has come.
+ */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/metrics.h"
+#include "http_internal.h"
+#include "media.h"
+#include "origin.h"
+
+#define MAX_JSON_BODY (1u << 20)
+
+void qm_request_set_problem(qm_request *request, qm_problem problem)
+{
+    if (request->has_problem) return;
+    request->problem = problem;
+    request->has_problem = true;
+}
+
+size_t qm_request_body_limit(const qm_request *request)
+{
+    return request->route->body == QM_BODY_SPOOL ? (size_t)request->app->config->max_body : MAX_JSON_BODY;
+}
+
+/** How often a request tells its length, and how, and whom it is for. */
+typedef struct counted_headers {
+    int lengths, codings, hosts;
+} counted_headers;
+
+static enum MHD_Result count_header(void *user, enum MHD_ValueKind kind, const char *name, const char *value)
+{
+    (void)kind;
+    (void)value;
+    counted_headers *found = user;
+    if (strcasecmp(name, "Content-Length") == 0) found->lengths++;
+    if (strcasecmp(name, "Transfer-Encoding") == 0) found->codings++;
+    if (strcasecmp(name, "Host") == 0) found->hosts++;
+    return MHD_YES;
+}
+
+/** Two lengths, a coding other than chunked, or two hosts are how requests are smuggled past a proxy. */
+static bool check_framing(qm_request *request)
+{
+    counted_headers found = {0};
+    MHD_get_connection_values(request->connection, MHD_HEADER_KIND, count_header, &found);
+    const char *coding = qm_request_header(request, "Transfer-Encoding");
+    if (found.lengths + found.codings > 1)
+        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
+                                                        "the request has more than one of Content-Length and "
+                                                        "Transfer-Encoding"));
+    else if (coding && strcasecmp(coding, "chunked") != 0)
+        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
+                                                        "the only Transfer-Encoding taken is chunked"));
+    else if (found.hosts > 1 || (found.hosts == 0 && request->needs_host))
+        qm_request_set_problem(
+            request, qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "a request has one Host header"));
+    return !request->has_problem;
+}
+
+static void check_accept(qm_request *request)
+{
+    const char *const *offers = request->route->produces;
+    if (!offers) return;
+    if (offers[1]) qm_reply_header(request, "Vary", "Accept");
+    int chosen = qm_media_choose(qm_request_header(request, "Accept"), offers);
+    if (chosen >= 0) {
+        request->media = offers[chosen];
+        return;
+    }
+    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE, "this comes as %s", offers[0]);
+    for (size_t i = 1; offers[i]; i++) {
+        size_t used = strlen(problem.detail);
+        snprintf(problem.detail + used, sizeof problem.detail - used, " or %s", offers[i]);
+    }
+    qm_request_set_problem(request, problem);
+}
+
+/** A search of the query for what a route does not have, and for what it has twice. */
+typedef struct query_check {
+    const char *const *known;
+    unsigned seen; /* a bit for each of these */
+    const char *fault, *words;
+} query_check;
+
+static enum MHD_Result check_argument(void *user, enum MHD_ValueKind kind, const char *name,
+                                      const char *value)
+{
+    (void)kind;
+    query_check *check = user;
+    if (!name[0] && !value) return MHD_YES; /* an ampersand too many */
+    unsigned place = 0;
+    while (check->known[place] && strcmp(check->known[place], name) != 0)
+        place++;
+    bool is_known = check->known[place];
+    if (is_known && !(check->seen & 1u << place)) {
+        check->seen |= 1u << place;
+        return MHD_YES;
+    }
+    check->fault = name;
+    check->words = is_known ? "is given twice to this operation" : "is no parameter of this operation";
+    return MHD_NO;
+}
+
+/** A name with a slip in it would be passed over, and the answer be one to another question. */
+static void check_query(qm_request *request)
+{
+    query_check check = {.known = request->route->query};
+    if (!check.known) return;
+    MHD_get_connection_values(request->connection, MHD_GET_ARGUMENT_KIND, check_argument, &check);
+    if (!check.fault) return;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%.60s %s", check.fault, check.words);
+    for (size_t i = 0; check.known[i]; i++) {
+        size_t used = strlen(problem.detail);
+        snprintf(problem.detail + used, sizeof problem.detail - used, "%s %s", i > 0 ? "," : "; it has",
+                 check.known[i]);
+    }
+    qm_request_set_problem(request, problem);
+}
+
+/** A body is taken as it is: one that is packed would be read for something else. */
+static void check_encoding(qm_request *request)
+{
+    const char *encoding = qm_request_header(request, "Content-Encoding");
+    if (!encoding || request->route->body == QM_BODY_NONE || strcasecmp(encoding, "identity") == 0) return;
+    qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
+                                                    "the body is to come without a Content-Encoding"));
+}
+
+static void check_length(qm_request *request)
+{
+    const char *length = qm_request_header(request, "Content-Length");
+    if (!length || request->route->body == QM_BODY_NONE) return;
+    if (strtoull(length, NULL, 10) > qm_request_body_limit(request))
+        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body may have %zu bytes",
+                                                        qm_request_body_limit(request)));
+}
+
+static bool is_path(const qm_request *request, const char *path)
+{
+    return strcmp(request->route->path, path) == 0;
+}
+
+/** Nearest points come by POST for the size of the question alone. */
+static qm_scope needed_scope(const qm_request *request)
+{
+    const qm_route *route = request->route;
+    if (strncmp(route->path, "/v1/", strlen("/v1/")) != 0 && !is_path(request, "/metrics"))
+        return QM_SCOPE_NONE;
+    bool only_reads = strcmp(route->method, "GET") == 0 || is_path(request, "/v1/meshes/{id}/project");
+    return only_reads ? QM_SCOPE_READ : QM_SCOPE_WRITE;
+}
+
+static void check_token(qm_request *request)
+{
+    qm_scope needed = needed_scope(request);
+    if (needed == QM_SCOPE_NONE) return;
+    const char *given = qm_request_header(request, "Authorization");
+    qm_scope scope = qm_tokens_check(request->app->tokens, given);
+    if (scope >= needed) return;
+    qm_metrics_add(QM_METRICS_REFUSED_TOKENS, 1);
+    if (scope != QM_SCOPE_NONE) {
+        qm_reply_header(request, "WWW-Authenticate", "Bearer error=\"insufficient_scope\", scope=\"write\"");
+        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_FORBIDDEN, "this token only reads"));
+        return;
+    }
+    qm_reply_header(request, "WWW-Authenticate", given ? "Bearer error=\"invalid_token\"" : "Bearer");
+    qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_UNAUTHORIZED,
+                                                    given ? "this token is not known"
+                                                          : "send a token as Authorization: Bearer TOKEN"));
+}
+
+static bool is_known_host(const qm_request *request, const char *host)
+{
+    char name[256];
+    if (qm_origin_host_is_plain(host)) return true;
+    snprintf(name, sizeof name, "%.*s", (int)strcspn(host, ":"), host);
+    return qm_origin_is_listed(request->app->config->hosts, name);
+}
+
+/**
+ * Without tokens the daemon trusts who reaches it, and a browser on this machine reaches it for every page
+ * that it shows. So it answers to its address alone, and lets strange pages change nothing.
+ */
+static void check_page(qm_request *request)
+{
+    const char *host = qm_request_header(request, "Host"), *origin = qm_request_header(request, "Origin");
+    if (!is_known_host(request, host))
+        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_FORBIDDEN,
+                                                        "the daemon does not go by the name that Host has"));
+    bool is_strange = origin && !qm_origin_is_host(origin, host) &&
+                      !qm_origin_is_listed(request->app->config->cors_origins, origin);
+    if (is_strange && strcmp(request->route->method, "GET") != 0)
+        qm_request_set_problem(
+            request, qm_problem_make(QM_PROBLEM_FORBIDDEN, "pages of this origin may not use the daemon"));
+}
+
+static void check_access(qm_request *request)
+{
+    if (request->listener->is_private) return;
+    if (qm_tokens_count(request->app->tokens) > 0)
+        check_token(request);
+    else
+        check_page(request);
+}
+
+/** A listener of its own tells how the daemon fares and nothing else. */
+static bool is_served(const qm_request *request)
+{
+    return !request->listener->is_private || is_path(request, "/healthz") || is_path(request, "/readyz") ||
+           is_path(request, "/metrics");
+}
+
+/** OPTIONS is answered for every path by what its routes are. */
+static const qm_route options_route = {"OPTIONS",       "",  qm_request_answer_options, NULL, QM_BODY_NONE,
+                                       QM_RUNS_AT_ONCE, NULL};
+
+static bool find_route(qm_request *request)
+{
+    qm_problem problem;
+    request->route = qm_route_find(request->method, request->path, request->ids, &problem);
+    if (!request->route && strcmp(request->method, "OPTIONS") == 0 && problem.allow[0]) {
+        qm_reply_header(request, "Allow", "%s, OPTIONS", problem.allow);
+        request->route = &options_route;
+    }
+    if (request->route && !is_served(request)) {
+        request->route = NULL;
+        problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
+    }
+    if (!request->route) qm_request_set_problem(request, problem);
+    return request->route;
+}
+
+void qm_request_check(qm_request *request)
+{
+    if (!check_framing(request) || !find_route(request) || request->route == &options_route) return;
+    check_access(request);
+    check_query(request);
+    check_encoding(request);
+    check_length(request);
+    check_accept(request);
+    if (!request->has_problem && request->route->body == QM_BODY_SPOOL &&
+        qm_blob_begin(request->app->store, &request->upload) != QM_OK)
+        qm_request_set_problem(request,
+                               qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));
+}

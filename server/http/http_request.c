@@ -1,0 +1,191 @@
+/**
+ * http_request.c: what handlers ask of a request, and the replies that they make of whole bodies.
+ */
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "http_internal.h"
+#include "ops/json_out.h"
+
+qm_app *qm_request_app(const qm_request *request)
+{
+    return request->app;
+}
+
+const char *qm_request_id(const qm_request *request)
+{
+    return request->ids[0];
+}
+
+const char *qm_request_second_id(const qm_request *request)
+{
+    return request->ids[1];
+}
+
+bool qm_request_only_reads(const qm_request *request)
+{
+    return strcmp(request->route->method, "GET") == 0;
+}
+
+const char *qm_request_header(const qm_request *request, const char *name)
+{
+    return MHD_lookup_connection_value(request->connection, MHD_HEADER_KIND, name);
+}
+
+const char *qm_request_query(const qm_request *request, const char *name)
+{
+    return MHD_lookup_connection_value(request->connection, MHD_GET_ARGUMENT_KIND, name);
+}
+
+bool qm_request_choice(qm_request *request, const char *name, const char *const *choices, int *out)
+{
+    const char *given = qm_request_query(request, name);
+    *out = 0;
+    if (!given) return true;
+    for (; choices[*out]; (*out)++)
+        if (strcmp(given, choices[*out]) == 0) return true;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%s is %s", name, choices[0]);
+    for (int i = 1; choices[i]; i++) {
+        size_t used = strlen(problem.detail);
+        snprintf(problem.detail + used, sizeof problem.detail - used, " or %s", choices[i]);
+    }
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
+const char *qm_request_media(const qm_request *request)
+{
+    return request->media;
+}
+
+qm_rows qm_request_rows(const qm_request *request)
+{
+    if (strcmp(request->media, QM_MEDIA_BINARY) == 0) return QM_ROWS_BINARY;
+    return strcmp(request->media, QM_MEDIA_CSV) == 0 ? QM_ROWS_CSV : QM_ROWS_JSON;
+}
+
+const char *qm_request_body(const qm_request *request, size_t *size)
+{
+    *size = request->body.size;
+    return request->body.data ? request->body.data : "";
+}
+
+qm_blob_writer *qm_request_take_upload(qm_request *request)
+{
+    qm_blob_writer *upload = request->upload;
+    request->upload = NULL;
+    return upload;
+}
+
+/* ---- replies ---- */
+
+static void set_reply(qm_request *request, int status, const char *content_type, void *body, size_t size,
+                      enum MHD_ResponseMemoryMode mode)
+{
+    request->reply.status = status;
+    request->reply.response = MHD_create_response_from_buffer(size, body, mode);
+    /* Without a response the connection is closed. */
+    if (!request->reply.response && mode == MHD_RESPMEM_MUST_FREE) free(body);
+    if (content_type) qm_reply_header(request, "Content-Type", "%s", content_type);
+}
+
+void qm_request_set_buffer(qm_request *request, int status, char *body, size_t size)
+{
+    set_reply(request, status, NULL, body, size, MHD_RESPMEM_MUST_FREE);
+}
+
+void qm_reply_text(qm_request *request, int status, const char *content_type, char *body)
+{
+    if (body) {
+        set_reply(request, status, content_type, body, strlen(body), MHD_RESPMEM_MUST_FREE);
+        return;
+    }
+    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply");
+    qm_reply_problem(request, &problem);
+}
+
+void qm_reply_static(qm_request *request, int status, const char *content_type, const char *body)
+{
+    set_reply(request, status, content_type, (void *)(uintptr_t)body, strlen(body), MHD_RESPMEM_PERSISTENT);
+}
+
+void qm_reply_empty(qm_request *request, int status)
+{
+    set_reply(request, status, NULL, (void *)(uintptr_t) "", 0, MHD_RESPMEM_PERSISTENT);
+}
+
+void qm_request_set_reader(qm_request *request, int status, uint64_t size, size_t piece_size,
+                           MHD_ContentReaderCallback read, void *user, MHD_ContentReaderFreeCallback end)
+{
+    request->reply.status = status;
+    request->reply.response = MHD_create_response_from_callback(size, piece_size, read, user, end);
+    if (!request->reply.response) {
+        end(user);
+        return;
+    }
+    /* libmicrohttpd 0.9.75 ends a chunked reply to HEAD with a last chunk, which the client takes for the
+     * start of the next reply. */
+    if (strcmp(request->method, "HEAD") == 0 && size == MHD_SIZE_UNKNOWN)
+        MHD_set_response_options(request->reply.response, MHD_RF_HTTP_1_0_COMPATIBLE_STRICT, MHD_RO_END);
+}
+
+/** What a handler said of its reply before it failed. */
+static void drop_header(qm_reply *reply, const char *name)
+{
+    int kept = 0;
+    for (int i = 0; i < reply->header_count; i++)
+        if (strcmp(reply->header[i][0], name) != 0)
+            memmove(reply->header[kept++], reply->header[i], sizeof reply->header[i]);
+    reply->header_count = kept;
+}
+
+void qm_reply_problem(qm_request *request, const qm_problem *problem)
+{
+    static const char fallback[] = "{\"type\":\"about:blank\",\"title\":\"Out of memory\",\"status\":507}";
+    qm_text text = {0};
+    qm_json_write_problem(&text, problem);
+    if (text.size > 0 && !text.failed) {
+        text.size--; /* of the closing brace */
+        qm_text_printf(&text, ",\"instance\":\"urn:request:%s\"}", request->name);
+    }
+    char *body = qm_text_take(&text);
+    drop_header(&request->reply, "ETag");
+    if (problem->allow[0]) qm_reply_header(request, "Allow", "%s", problem->allow);
+    if (problem->retry_after_s) qm_reply_header(request, "Retry-After", "%d", problem->retry_after_s);
+    if (body)
+        set_reply(request, qm_problem_status(problem->code), "application/problem+json", body, strlen(body),
+                  MHD_RESPMEM_MUST_FREE);
+    else
+        qm_reply_static(request, 507, "application/problem+json", fallback);
+}
+
+void qm_reply_header(qm_request *request, const char *name, const char *format, ...)
+{
+    qm_reply *reply = &request->reply;
+    QM_ASSERT(reply->header_count < QM_REPLY_HEADERS);
+    char(*header)[256] = reply->header[reply->header_count++];
+    snprintf(header[0], sizeof header[0], "%s", name);
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(header[1], sizeof header[1], format, arguments);
+    va_end(arguments);
+}
+
+enum MHD_Result qm_request_send_reply(qm_request *request)
+{
+    qm_reply *reply = &request->reply;
+    if (!reply->response) return MHD_NO;
+    for (int i = 0; i < reply->header_count; i++)
+        MHD_add_response_header(reply->response, reply->header[i][0], reply->header[i][1]);
+    MHD_add_response_header(reply->response, "X-Content-Type-Options", "nosniff");
+    MHD_add_response_header(reply->response, "X-Request-Id", request->name);
+    qm_request_add_cors(request, reply->response);
+    enum MHD_Result result =
+        MHD_queue_response(request->connection, (unsigned)reply->status, reply->response);
+    MHD_destroy_response(reply->response);
+    reply->response = NULL;
+    request->stage = DONE;
+    return result;
+}

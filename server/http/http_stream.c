@@ -1,0 +1,254 @@
+/**
+ * http_stream.c: replies that wait for jobs: the stream of one's events or of a batch's answers, or the
+ * document of a job once it has ended.
+ *
+ * A connection with nothing to send is suspended under the lock of the jobs (job.h), and its reader is taken
+ * for awake under it before the connection is resumed: no wake-up is lost, and nothing is resumed that is not
+ * suspended.
+ */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "http_internal.h"
+#include "job/job_batch.h"
+
+#define BLOCK_SIZE 16384
+
+/** Where the lines of a stream come from: the events of one job, or the answers of a batch. */
+typedef struct line_source {
+    /* Adds what is new, or puts the reader to sleep by suspend. */
+    qm_news (*read)(void *user, qm_text *out, void (*suspend)(void *user));
+    /* After QM_NEWS_END: the stream lacks what should have come. */
+    bool (*is_cut)(void *user);
+    void (*end)(void *user, bool has_ended);
+    void *user;
+} line_source;
+
+typedef struct stream {
+    qm_app *app;
+    struct MHD_Connection *connection;
+    line_source source;
+    qm_reader reader;
+    bool has_ended;
+    qm_text pending; /* not yet sent */
+    size_t sent;
+} stream;
+
+static void resume(void *user)
+{
+    MHD_resume_connection(((stream *)user)->connection);
+}
+
+static void suspend(void *user)
+{
+    MHD_suspend_connection(((stream *)user)->connection);
+}
+
+static ssize_t read_stream(void *user, uint64_t position, char *buffer, size_t size)
+{
+    (void)position;
+    stream *s = user;
+    if (s->sent == s->pending.size) {
+        qm_text_reset(&s->pending);
+        s->sent = 0;
+        qm_news news = s->source.read(s->source.user, &s->pending, suspend);
+        if (news == QM_NEWS_NONE) return 0;
+        s->has_ended = news == QM_NEWS_END;
+        bool is_broken = s->pending.failed || (s->has_ended && s->source.is_cut(s->source.user));
+        if (is_broken) return MHD_CONTENT_READER_END_WITH_ERROR;
+        if (s->has_ended) return MHD_CONTENT_READER_END_OF_STREAM;
+    }
+    size_t rest = s->pending.size - s->sent, count = rest < size ? rest : size;
+    memcpy(buffer, s->pending.data + s->sent, count);
+    s->sent += count;
+    return (ssize_t)count;
+}
+
+static void free_stream(void *user)
+{
+    stream *s = user;
+    s->source.end(s->source.user, s->has_ended);
+    qm_request_leave_place(s->app);
+    qm_text_reset(&s->pending);
+    free(s);
+}
+
+bool qm_request_take_place(qm_app *app)
+{
+    if (atomic_fetch_add(&app->stream_count, 1) < (int)app->config->streams) return true;
+    atomic_fetch_sub(&app->stream_count, 1);
+    return false;
+}
+
+void qm_request_leave_place(qm_app *app)
+{
+    atomic_fetch_sub(&app->stream_count, 1);
+}
+
+void qm_request_refuse_place(qm_request *request)
+{
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_UNAVAILABLE, "all %.0f streams are taken", request->app->config->streams);
+    problem.retry_after_s = 1;
+    qm_reply_problem(request, &problem);
+}
+
+void qm_request_refuse_memory(qm_request *request)
+{
+    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply");
+    qm_reply_problem(request, &problem);
+}
+
+/** A stream that has a place and lacks its source; NULL after a refusal. */
+static stream *make_stream(qm_request *request)
+{
+    qm_app *app = request->app;
+    stream *s = qm_request_take_place(app) ? calloc(1, sizeof *s) : NULL;
+    if (!s) {
+        qm_request_refuse_place(request);
+        return NULL;
+    }
+    *s = (stream){
+        .app = app,
+        .connection = request->connection,
+        .reader = {.wake = resume, .user = s, .wake_at_ms = qm_now_ms() + qm_jobs_heartbeat_ms(app->jobs)}};
+    return s;
+}
+
+static void reply_stream(qm_request *request, int status, const char *media, stream *s)
+{
+    qm_request_set_reader(request, status, MHD_SIZE_UNKNOWN, BLOCK_SIZE, read_stream, s, free_stream);
+    qm_reply_header(request, "Content-Type", "%s", media);
+    qm_reply_header(request, "Cache-Control", "no-store, no-transform");
+    qm_reply_header(request, "X-Accel-Buffering", "no");
+}
+
+/* ---- the events of a job ---- */
+
+typedef struct event_source {
+    qm_jobs *jobs;
+    qm_job *job;
+    qm_reader *reader;
+    uint64_t seq;
+    qm_framing framing;
+    bool owns_job;
+} event_source;
+
+static qm_news read_events(void *user, qm_text *out, void (*put_to_sleep)(void *user))
+{
+    event_source *e = user;
+    return qm_job_read(e->jobs, e->job, &e->seq, e->framing, out, e->reader, put_to_sleep);
+}
+
+/** The last event tells how a job ended. */
+static bool events_are_cut(void *user)
+{
+    (void)user;
+    return false;
+}
+
+static void end_events(void *user, bool has_ended)
+{
+    event_source *e = user;
+    if (e->owns_job && !has_ended) qm_jobs_disown(e->jobs, e->job);
+    qm_job_leave(e->jobs, e->job, e->reader);
+    qm_jobs_release(e->jobs, e->job);
+    free(e);
+}
+
+void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t after, qm_framing framing,
+                     bool owns_job)
+{
+    qm_jobs *jobs = request->app->jobs;
+    qm_problem problem;
+    bool is_readable = qm_job_fetch_events(job, &problem);
+    event_source *e = is_readable ? malloc(sizeof *e) : NULL;
+    stream *s = e ? make_stream(request) : NULL;
+    if (!s) {
+        if (owns_job) qm_jobs_disown(jobs, job);
+        qm_jobs_release(jobs, job);
+        if (!is_readable)
+            qm_reply_problem(request, &problem);
+        else if (!e)
+            qm_request_refuse_memory(request);
+        free(e);
+        return;
+    }
+    *e = (event_source){jobs, job, &s->reader, after, framing, owns_job};
+    s->source = (line_source){read_events, events_are_cut, end_events, e};
+    qm_job_join(jobs, job, &s->reader);
+    reply_stream(request, status, framing == QM_FRAMING_SSE ? QM_MEDIA_SSE : QM_MEDIA_NDJSON, s);
+}
+
+/* ---- the answers of a batch ---- */
+
+static qm_news read_batch(void *user, qm_text *out, void (*put_to_sleep)(void *user))
+{
+    return qm_batch_read(user, out, put_to_sleep);
+}
+
+static bool batch_is_cut(void *user)
+{
+    return qm_batch_is_cut(user);
+}
+
+static void end_batch(void *user, bool has_ended)
+{
+    (void)has_ended;
+    qm_batch_close(user);
+}
+
+void qm_reply_batch(qm_request *request, qm_blob_writer *upload)
+{
+    qm_app *app = request->app;
+    stream *s = make_stream(request);
+    if (!s) {
+        qm_blob_abort(upload);
+        return;
+    }
+    qm_batch *batch = qm_batch_create(app->jobs, app->pool, upload, &s->reader);
+    if (!batch) {
+        qm_request_leave_place(app);
+        free(s);
+        qm_request_refuse_memory(request);
+        return;
+    }
+    s->source = (line_source){read_batch, batch_is_cut, end_batch, batch};
+    reply_stream(request, 200, QM_MEDIA_NDJSON, s);
+}
+
+/* ---- the end of a job ---- */
+
+static void resume_request(void *user)
+{
+    MHD_resume_connection(((qm_request *)user)->connection);
+}
+
+static void suspend_request(void *user)
+{
+    MHD_suspend_connection(((qm_request *)user)->connection);
+}
+
+void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms, int status_before)
+{
+    request->awaited = job;
+    request->status_before = status_before;
+    request->reader =
+        (qm_reader){.wake = resume_request, .user = request, .wake_at_ms = qm_now_ms() + wait_ms};
+    qm_job_join(request->app->jobs, job, &request->reader);
+}
+
+bool qm_request_check_awaited(qm_request *request)
+{
+    qm_jobs *jobs = request->app->jobs;
+    qm_job *job = request->awaited;
+    if (!qm_job_await_end(jobs, job, &request->reader, suspend_request)) return false;
+    qm_job_leave(jobs, job, &request->reader);
+    request->awaited = NULL;
+    bool ended;
+    char *document = qm_job_document_now(jobs, job, &ended);
+    qm_jobs_release(jobs, job);
+    qm_reply_text(request, ended ? 200 : request->status_before, "application/json", document);
+    return true;
+}

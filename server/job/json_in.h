@@ -1,0 +1,33 @@
+/**
+ * json_in.h: JSON requests to checked structs. The JSON tree ends here.
+ */
+#ifndef QM_JSON_IN_H
+#define QM_JSON_IN_H
+
+#include "mesh/meshes.h"
+#include "ops/job_kinds.h"
+#include "ops/problem.h"
+
+/**
+ * Reads a job request. Unknown fields, wrong types and values out of range are refused with a pointer each.
+ *
+ * Returns true and fills *out, which is the caller's for qm_job_request_reset; or false and fills *problem
+ * (400; 422 for values that are known but not available yet; 507).
+ */
+bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_problem *problem);
+
+/**
+ * The same of a line of a batch, which may have a key: a string of up to QM_JSON_MAX_KEY bytes, or a number.
+ * It is added to key as JSON, whether the rest is valid or not; null when there is none.
+ */
+#define QM_JSON_MAX_KEY 255
+bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job_request *out,
+                             qm_problem *problem);
+
+/**
+ * Reads the body of a deformation: rows "positions", for the vertices named by "indices", or without them for
+ * all. Returns true and fills *out, for qm_moved_vertices_reset; or false and fills *problem (400, 507).
+ */
+bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertices *out, qm_problem *problem);
+
+#endif

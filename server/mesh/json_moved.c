@@ -1,0 +1,60 @@
+/**
+ * json_moved.c: the body of a deformation.
+ */
+#include <cjson/cJSON.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "job/json_in.h"
+#include "ops/json_fault.h"
+#include "ops/json_object.h"
+
+static bool read_indices(const cJSON *value, qm_moved_vertices *out, size_t *count, qm_json_fault *at)
+{
+    if (!cJSON_IsArray(value)) return false;
+    size_t size = (size_t)cJSON_GetArraySize(value);
+    out->indices = malloc((size + 1) * sizeof *out->indices);
+    at->no_memory = !out->indices;
+    if (at->no_memory) return false;
+    at->depth = 1;
+    for (const cJSON *number = value->child; number; number = number->next, at->index[0]++) {
+        double index;
+        if (!qm_json_read_whole(number, 0, UINT32_MAX, &index)) return false;
+        out->indices[(*count)++] = (uint32_t)index;
+    }
+    return true;
+}
+
+static void read_moved(const cJSON *object, qm_moved_vertices *out, qm_problem *problem)
+{
+    size_t index_count = 0;
+    bool has_positions = false;
+    for (const cJSON *member = object->child; member; member = member->next) {
+        qm_json_fault place = {0};
+        bool is_indices = strcmp(member->string, "indices") == 0;
+        bool is_positions = strcmp(member->string, "positions") == 0;
+        if ((!is_indices && !is_positions) || (is_indices && out->indices) || (is_positions && has_positions))
+            qm_json_complain(problem, member->string, "is unknown, or given twice");
+        else if (is_indices && !read_indices(member, out, &index_count, &place))
+            qm_json_complain_of(problem, "indices", &place, "must hold whole numbers of 0 or more");
+        else if (is_positions && !qm_json_read_rows(member, &out->positions, &out->count, &place))
+            qm_json_complain_of(problem, "positions", &place, "must hold rows of three finite numbers");
+        has_positions |= is_positions;
+    }
+    if (!has_positions) qm_json_complain(problem, "positions", "is missing");
+    if (problem->error_count == 0 && out->indices && index_count != out->count)
+        qm_json_complain(problem, "positions", "must have as many rows as there are indices");
+}
+
+bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertices *out, qm_problem *problem)
+{
+    *out = (qm_moved_vertices){0};
+    cJSON *object = qm_json_parse_object(text, size, "a deformation", problem);
+    if (!object) return false;
+    *problem = (qm_problem){.code = QM_PROBLEM_INVALID_FIELD};
+    read_moved(object, out, problem);
+    cJSON_Delete(object);
+    if (problem->error_count == 0) return true;
+    qm_moved_vertices_reset(out);
+    return false;
+}

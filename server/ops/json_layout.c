@@ -1,0 +1,194 @@
+#include "json_layout.h"
+
+#include <cjson/cJSON.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/json_write.h"
+#include "json_object.h"
+#include "json_value.h"
+
+static bool fail_with_status(qm_status status, const qm_context *ctx, qm_problem *problem)
+{
+    *problem = qm_problem_from_status(status, ctx->message);
+    return false;
+}
+
+static bool read_nodes(qm_context *ctx, const cJSON *value, qm_layout *out, qm_problem *problem)
+{
+    double *rows;
+    size_t count;
+    if (!value) return true;
+    if (!qm_json_read_table(value, 3, 0, "nodes", &rows, &count, problem)) return false;
+    qm_status status = QM_OK;
+    for (size_t i = 0; i < count && status == QM_OK; i++)
+        status = qm_layout_add_node(ctx, out, rows + 3 * i);
+    free(rows);
+    return status == QM_OK || fail_with_status(status, ctx, problem);
+}
+
+/** A curve's ends in the file are the nodes', or so near to them that only the last digit differs. */
+static bool ends_match(const qm_layout *layout, uint32_t from, uint32_t to, const double *points,
+                       size_t count)
+{
+    double length = 0.0, gap = 0.0;
+    for (int k = 0; k < 3; k++) {
+        gap = fmax(gap, fabs(points[k] - layout->nodes[3 * (size_t)from + (size_t)k]));
+        gap =
+            fmax(gap, fabs(points[3 * (count - 1) + (size_t)k] - layout->nodes[3 * (size_t)to + (size_t)k]));
+        for (size_t i = 1; i < count; i++)
+            length += fabs(points[3 * i + (size_t)k] - points[3 * i - 3 + (size_t)k]);
+    }
+    return gap <= 1e-6 * length;
+}
+
+static bool read_curve(qm_context *ctx, const cJSON *value, size_t place, qm_layout *out, qm_problem *problem)
+{
+    static const char *const names[] = {"id", "from", "to", "points", NULL};
+    if (!cJSON_IsObject(value) || !qm_json_check_names(value, names, problem))
+        return qm_json_refuse(problem, "must be an object of id, from, to and points", "/curves/%zu", place,
+                              0);
+    uint32_t id, from, to;
+    if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(value, "id"), &id))
+        return qm_json_refuse(problem, "must be a whole number of 0 or more", "/curves/%zu/id", place, 0);
+    if (qm_layout_find_curve(out, id) != QM_NO_INDEX)
+        return qm_json_refuse(problem, "is the id of an earlier curve", "/curves/%zu/id", place, 0);
+    if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(value, "from"), &from) ||
+        from >= out->node_count)
+        return qm_json_refuse(problem, "must be a place in nodes", "/curves/%zu/from", place, 0);
+    if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(value, "to"), &to) || to >= out->node_count)
+        return qm_json_refuse(problem, "must be a place in nodes", "/curves/%zu/to", place, 0);
+    char name[48];
+    snprintf(name, sizeof name, "curves/%zu/points", place);
+    double *points;
+    size_t count;
+    if (!qm_json_read_table(cJSON_GetObjectItemCaseSensitive(value, "points"), 3, 2, name, &points, &count,
+                            problem))
+        return false;
+    if (!ends_match(out, from, to, points, count)) {
+        free(points);
+        return qm_json_refuse(problem, "must start and end at its nodes", "/curves/%zu/points", place, 0);
+    }
+    uint32_t next = out->next_id;
+    out->next_id = id;
+    qm_status status = qm_layout_add_curve(ctx, out, from, to, points, count);
+    free(points);
+    if (out->next_id < next) out->next_id = next;
+    return status == QM_OK || fail_with_status(status, ctx, problem);
+}
+
+static bool read_curves(qm_context *ctx, const cJSON *value, qm_layout *out, qm_problem *problem)
+{
+    if (!value) return true;
+    if (!cJSON_IsArray(value)) return qm_json_refuse(problem, "must be an array", "/curves", 0, 0);
+    size_t place = 0;
+    for (const cJSON *curve = value->child; curve; curve = curve->next)
+        if (!read_curve(ctx, curve, place++, out, problem)) return false;
+    return true;
+}
+
+static bool read_patches(qm_context *ctx, const cJSON *value, qm_layout *out, qm_problem *problem)
+{
+    if (!value) return true;
+    if (!cJSON_IsArray(value)) return qm_json_refuse(problem, "must be an array", "/patches", 0, 0);
+    size_t place = 0;
+    for (const cJSON *row = value->child; row; row = row->next, place++) {
+        uint32_t id[4];
+        bool is_good = cJSON_IsArray(row) && cJSON_GetArraySize(row) == 4;
+        for (int k = 0; k < 4 && is_good; k++)
+            is_good = qm_json_read_index(cJSON_GetArrayItem(row, k), &id[k]);
+        if (!is_good)
+            return qm_json_refuse(problem, "must hold the ids of four curves", "/patches/%zu", place, 0);
+        qm_status status = qm_layout_add_patch(ctx, out, id);
+        if (status == QM_E_ARGUMENT) return qm_json_refuse(problem, ctx->message, "/patches/%zu", place, 0);
+        if (status != QM_OK) return fail_with_status(status, ctx, problem);
+    }
+    return true;
+}
+
+bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char mesh[QM_LAYOUT_MESH_SIZE],
+                         qm_layout *out, bool *has_patches, qm_problem *problem)
+{
+    static const char *const with_mesh[] = {"nodes", "curves", "patches", "mesh", NULL};
+    static const char *const alone[] = {"nodes", "curves", "patches", NULL};
+    *out = (qm_layout){0};
+    cJSON *object = qm_json_parse_object(text, size, "a layout", problem);
+    if (!object) return false;
+    const cJSON *patches = cJSON_GetObjectItemCaseSensitive(object, "patches");
+    *has_patches = patches != NULL;
+    bool good = qm_json_check_names(object, mesh ? with_mesh : alone, problem) &&
+                (!mesh || qm_json_read_id(object, "mesh", mesh, problem)) &&
+                read_nodes(ctx, cJSON_GetObjectItemCaseSensitive(object, "nodes"), out, problem) &&
+                read_curves(ctx, cJSON_GetObjectItemCaseSensitive(object, "curves"), out, problem) &&
+                read_patches(ctx, patches, out, problem);
+    cJSON_Delete(object);
+    if (!good) qm_layout_reset(ctx, out);
+    return good;
+}
+
+void qm_json_add_layout(qm_text *out, const qm_layout *layout)
+{
+    qm_json_open(out, "nodes", "[");
+    for (size_t i = 0; i < layout->node_count; i++)
+        qm_json_add_array(out, layout->nodes + 3 * i, 3);
+    qm_text_add_string(out, "]");
+    qm_json_open(out, "curves", "[");
+    for (size_t i = 0; i < layout->curve_count; i++) {
+        const qm_curve *curve = &layout->curves[i];
+        qm_json_add_comma(out);
+        qm_text_add_string(out, "{");
+        qm_json_add_count(out, "id", curve->id);
+        qm_json_add_count(out, "from", curve->from);
+        qm_json_add_count(out, "to", curve->to);
+        qm_json_open(out, "points", "[");
+        for (size_t k = 0; k < curve->point_count; k++)
+            qm_json_add_array(out, curve->points + 3 * k, 3);
+        qm_text_add_string(out, "]}");
+    }
+    qm_text_add_string(out, "]");
+    qm_json_open(out, "patches", "[");
+    for (size_t i = 0; i < layout->patch_count; i++) {
+        const uint32_t *side = layout->patches[i].side;
+        qm_json_add_comma(out);
+        qm_text_printf(out, "[%u,%u,%u,%u]", layout->curves[side[0]].id, layout->curves[side[1]].id,
+                       layout->curves[side[2]].id, layout->curves[side[3]].id);
+    }
+    qm_text_add_string(out, "]");
+}
+
+static void write_issue(qm_text *out, const qm_layout_issue *issue)
+{
+    static const char *const names[] = {"dangling_end", "cell_sides", "crossing"};
+    _Static_assert(sizeof names / sizeof names[0] == QM_LAYOUT_FAULT_COUNT, "a name for each fault");
+    char words[160];
+    if (issue->fault == QM_LAYOUT_DANGLING_END)
+        snprintf(words, sizeof words, "curve %u ends at node %u, where no other curve begins",
+                 issue->curve[0], issue->node);
+    else if (issue->fault == QM_LAYOUT_CELL_SIDES)
+        snprintf(words, sizeof words, "the cell beside curve %u has %u sides, not four", issue->curve[0],
+                 issue->sides);
+    else
+        snprintf(words, sizeof words, "curves %u and %u cross without a node", issue->curve[0],
+                 issue->curve[1]);
+    qm_json_add_string(out, "kind", names[issue->fault]);
+    qm_json_add_count(out, "curve", issue->curve[0]);
+    if (issue->fault == QM_LAYOUT_CROSSING) qm_json_add_count(out, "other_curve", issue->curve[1]);
+    if (issue->fault != QM_LAYOUT_CROSSING) qm_json_add_count(out, "node", issue->node);
+    if (issue->fault == QM_LAYOUT_CELL_SIDES) qm_json_add_count(out, "sides", issue->sides);
+    qm_json_add_numbers(out, "point", issue->position, 3);
+    qm_json_add_string(out, "detail", words);
+}
+
+void qm_json_add_layout_issues(qm_text *out, const qm_layout_issues *issues)
+{
+    qm_json_open(out, "issues", "[");
+    for (size_t i = 0; i < issues->count; i++) {
+        qm_json_add_comma(out);
+        qm_text_add_string(out, "{");
+        write_issue(out, &issues->items[i]);
+        qm_text_add_string(out, "}");
+    }
+    qm_text_add_string(out, "]");
+}

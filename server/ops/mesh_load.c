@@ -1,0 +1,248 @@
+#include "mesh_load.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/clock.h"
+
+#define FACT_WARNINGS 3
+
+static void add_warning(qm_loaded_mesh *mesh, const char *format, size_t count)
+{
+    snprintf(mesh->warnings[mesh->warning_count++], QM_CODEC_DETAIL_SIZE, format, count);
+}
+
+static bool mentions(const qm_codec_report *report, const char *word)
+{
+    for (size_t i = 0; i < report->warning_count; i++)
+        if (strstr(report->warnings[i], word)) return true;
+    return false;
+}
+
+static qm_status set_warnings(qm_loaded_mesh *out, const qm_codec_report *report)
+{
+    out->warnings = calloc(report->warning_count + FACT_WARNINGS, sizeof *out->warnings);
+    if (!out->warnings) return QM_E_NO_MEMORY;
+    for (size_t i = 0; i < report->warning_count; i++)
+        memcpy(out->warnings[out->warning_count++], report->warnings[i], QM_CODEC_DETAIL_SIZE);
+    if (out->facts.unused_vertices > 0)
+        add_warning(out, "vertices that no face uses: %zu (kept, but no part of the surface)",
+                    out->facts.unused_vertices);
+    if (out->facts.repeated_corner_faces > 0 && !mentions(report, "twice"))
+        add_warning(out, "%zu faces name a vertex twice; they are kept", out->facts.repeated_corner_faces);
+    if (out->facts.nonmanifold_edges > 0)
+        add_warning(out, "%zu edges have three faces or more", out->facts.nonmanifold_edges);
+    return QM_OK;
+}
+
+/** They have served once the patches are found, or cannot be trusted. */
+static void drop_grids(qm_context *ctx, qm_mesh *mesh)
+{
+    qm_context_free(ctx, mesh->grids, mesh->grid_count, sizeof *mesh->grids);
+    mesh->grids = NULL;
+    mesh->grid_count = 0;
+}
+
+static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_loaded_mesh *out)
+{
+    double start = qm_now_ms();
+    qm_status status = preparation->has_facts ? qm_mesh_find_facts(ctx, &out->mesh, &out->facts) : QM_OK;
+    out->box = qm_mesh_bounding_box(&out->mesh);
+    out->diagonal = qm_box_diagonal(&out->box);
+    double counted = qm_now_ms();
+    out->topology_ms = counted - start;
+    bool has_patches = status == QM_OK && preparation->has_patches && out->facts.quads > 0;
+    /* A third face at an edge inside a grid is not seen by looking at the grid alone. */
+    if (!out->facts.manifold) drop_grids(ctx, &out->mesh);
+    if (has_patches) status = qm_patch_set_find(ctx, &out->mesh, &out->patches);
+    drop_grids(ctx, &out->mesh);
+    double built = qm_now_ms();
+    out->patches_ms = built - counted;
+    if (status == QM_OK && !preparation->has_no_tree)
+        status = qm_bvh_build(ctx, &out->mesh, preparation->parts, preparation->thread_count, &out->bvh);
+    if (status == QM_OK && has_patches && preparation->has_tetra)
+        status = qm_tetra_build(ctx, out->bvh, &out->patches, &out->tetra);
+    if (status == QM_OK && preparation->keeps_pairs) {
+        out->self_pairs = qm_self_pairs_create(out->mesh.vertex_count);
+        if (!out->self_pairs) status = QM_E_NO_MEMORY;
+    }
+    out->bvh_ms = qm_now_ms() - built;
+    return status;
+}
+
+/** Normals do not outlive the positions that they belong to. */
+static void drop_normals(qm_context *ctx, qm_mesh *mesh)
+{
+    qm_context_free(ctx, mesh->normals, mesh->vertex_count, 3 * sizeof *mesh->normals);
+    mesh->normals = NULL;
+}
+
+/** Puts the positions of a revision in the place of the file's. */
+static qm_status set_positions(qm_context *ctx, const qm_preparation *preparation, qm_mesh *mesh,
+                               qm_codec_report *report)
+{
+    qm_status status = QM_E_FORMAT;
+    if (preparation->position_count == mesh->vertex_count) {
+        memcpy(mesh->positions, preparation->positions, 3 * sizeof *mesh->positions * mesh->vertex_count);
+        drop_normals(ctx, mesh);
+        status = qm_mesh_validate(ctx, mesh);
+    }
+    if (status != QM_OK)
+        snprintf(report->detail, sizeof report->detail, "the positions of the revision do not fit the mesh");
+    return status;
+}
+
+qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                       const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report)
+{
+    *out = (qm_loaded_mesh){.file_size = size};
+    *report = (qm_codec_report){.line = QM_NO_PLACE, .offset = QM_NO_PLACE};
+    double start = qm_now_ms();
+    format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format;
+    if (format == QM_FORMAT_UNKNOWN) {
+        snprintf(report->detail, sizeof report->detail,
+                 size == 0 ? "the file is empty"
+                           : "neither the name nor the content of the file tells its format");
+        return size == 0 ? QM_E_EMPTY : QM_E_FORMAT;
+    }
+    out->format = format;
+    qm_status status = qm_codec_decode(ctx, format, bytes, size, limits, &out->mesh, report);
+    out->parse_ms = qm_now_ms() - start;
+    if (status != QM_OK) qm_loaded_mesh_reset(ctx, out);
+    return status;
+}
+
+qm_status qm_mesh_make_ready(qm_context *ctx, const qm_preparation *preparation, qm_loaded_mesh *mesh,
+                             qm_codec_report *report)
+{
+    qm_status status = QM_OK;
+    if (preparation->positions) status = set_positions(ctx, preparation, &mesh->mesh, report);
+    if (status == QM_OK) {
+        status = prepare(ctx, preparation, mesh);
+        if (status == QM_OK) status = set_warnings(mesh, report);
+        if (status != QM_OK) snprintf(report->detail, sizeof report->detail, "%s", qm_status_text(status));
+    }
+    if (status != QM_OK) qm_loaded_mesh_reset(ctx, mesh);
+    return status;
+}
+
+qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                       const qm_codec_limits *limits, const qm_preparation *preparation, qm_loaded_mesh *out,
+                       qm_codec_report *report)
+{
+    qm_status status = qm_mesh_read(ctx, format, bytes, size, limits, out, report);
+    return status == QM_OK ? qm_mesh_make_ready(ctx, preparation, out, report) : status;
+}
+
+static qm_status copy_arrays(qm_context *ctx, const qm_loaded_mesh *from, qm_loaded_mesh *to)
+{
+    const qm_mesh *mesh = &from->mesh;
+    to->mesh.faces = qm_context_alloc(ctx, mesh->face_count, 4 * sizeof *mesh->faces);
+    if (mesh->face_origin)
+        to->mesh.face_origin = qm_context_alloc(ctx, mesh->face_count, sizeof *mesh->face_origin);
+    to->warnings = calloc(from->warning_count + 1, sizeof *to->warnings);
+    bool has_faces = to->mesh.faces || mesh->face_count == 0;
+    if (!has_faces || (mesh->face_origin && !to->mesh.face_origin) || !to->warnings) return QM_E_NO_MEMORY;
+    if (mesh->face_count > 0) memcpy(to->mesh.faces, mesh->faces, mesh->face_count * 4 * sizeof *mesh->faces);
+    if (mesh->face_origin)
+        memcpy(to->mesh.face_origin, mesh->face_origin, mesh->face_count * sizeof *mesh->face_origin);
+    memcpy(to->warnings, from->warnings, from->warning_count * sizeof *to->warnings);
+    to->warning_count = from->warning_count;
+    return QM_OK;
+}
+
+qm_status qm_loaded_mesh_copy(qm_context *ctx, const qm_loaded_mesh *mesh, double *positions,
+                              const qm_preparation *preparation, qm_loaded_mesh *out)
+{
+    *out = (qm_loaded_mesh){.mesh = mesh->mesh,
+                            .format = mesh->format,
+                            .file_size = mesh->file_size,
+                            .parse_ms = mesh->parse_ms,
+                            .revision = mesh->revision + 1};
+    out->mesh.positions = NULL;
+    out->mesh.faces = NULL;
+    out->mesh.face_origin = NULL;
+    out->mesh.normals = NULL;
+    qm_status status = copy_arrays(ctx, mesh, out);
+    if (status == QM_OK) {
+        out->mesh.positions = positions;
+        status = prepare(ctx, preparation, out);
+    }
+    if (status == QM_OK) return QM_OK;
+    out->mesh.positions = NULL;
+    qm_loaded_mesh_reset(ctx, out);
+    return status;
+}
+
+qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *positions,
+                                const uint32_t *vertices, size_t vertex_count, int thread_count,
+                                size_t *updated)
+{
+    uint32_t *faces = NULL;
+    size_t face_count = 0, boxes = 0, radii = 0;
+    qm_context_free(ctx, mesh->mesh.positions, mesh->mesh.vertex_count, 3 * sizeof *positions);
+    mesh->mesh.positions = positions;
+    drop_normals(ctx, &mesh->mesh);
+    mesh->box = qm_mesh_bounding_box(&mesh->mesh);
+    mesh->diagonal = qm_box_diagonal(&mesh->box);
+    mesh->revision++;
+    if (mesh->self_pairs) qm_self_pairs_move(mesh->self_pairs, vertices, vertex_count);
+    qm_status status = mesh->deformer ? QM_OK : qm_deformer_build(ctx, mesh->bvh, &mesh->deformer);
+    if (status == QM_OK && vertices)
+        status = qm_deformer_find_faces(ctx, mesh->deformer, vertices, vertex_count, &faces, &face_count);
+    /* Vertices that no face uses move no face: the trees only learn where the positions are. */
+    const uint32_t none = 0, *list = vertices && !faces ? &none : faces;
+    if (status == QM_OK)
+        status =
+            qm_bvh_refit(ctx, mesh->bvh, mesh->deformer, &mesh->mesh, list, face_count, thread_count, &boxes);
+    if (status == QM_OK && mesh->tetra) status = qm_tetra_refit(ctx, mesh->tetra, list, face_count, &radii);
+    qm_context_free(ctx, faces, face_count, sizeof *faces);
+    *updated = boxes + radii;
+    return status;
+}
+
+void qm_loaded_mesh_reset(qm_context *ctx, qm_loaded_mesh *mesh)
+{
+    qm_deformer_destroy(ctx, mesh->deformer);
+    qm_self_pairs_destroy(mesh->self_pairs);
+    qm_tetra_destroy(ctx, mesh->tetra);
+    qm_patch_set_reset(ctx, &mesh->patches);
+    qm_bvh_destroy(ctx, mesh->bvh);
+    qm_mesh_reset(ctx, &mesh->mesh);
+    free(mesh->warnings);
+    *mesh = (qm_loaded_mesh){0};
+}
+
+size_t qm_loaded_mesh_memory_size(const qm_loaded_mesh *mesh)
+{
+    size_t face_width =
+        4 * sizeof *mesh->mesh.faces + (mesh->mesh.face_origin ? sizeof *mesh->mesh.face_origin : 0);
+    size_t normal_width = mesh->mesh.normals ? 3 * sizeof *mesh->mesh.normals : 0;
+    return sizeof *mesh + (3 * sizeof *mesh->mesh.positions + normal_width) * mesh->mesh.vertex_count +
+           face_width * mesh->mesh.face_count + qm_bvh_memory_size(mesh->bvh) +
+           qm_patch_set_memory_size(&mesh->patches) + (mesh->tetra ? qm_tetra_memory_size(mesh->tetra) : 0) +
+           (mesh->deformer ? qm_deformer_memory_size(mesh->deformer) : 0);
+}
+
+qm_regular_patch qm_loaded_mesh_largest_patch(const qm_loaded_mesh *mesh)
+{
+    qm_regular_patch largest = {0};
+    size_t most = 0;
+    for (size_t i = 0; i < mesh->patches.patch_count; i++) {
+        const qm_regular_patch *patch = &mesh->patches.patches[i];
+        size_t faces = (size_t)patch->rows * patch->columns;
+        if (faces > most) {
+            most = faces;
+            largest = *patch;
+        }
+    }
+    return largest;
+}
+
+const char *qm_loaded_mesh_kind(const qm_loaded_mesh *mesh)
+{
+    if (mesh->mesh.face_count == 0) return "points";
+    if (mesh->facts.quads == 0) return "triangles";
+    return mesh->facts.quads == mesh->mesh.face_count ? "quads" : "mixed";
+}

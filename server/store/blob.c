@@ -1,0 +1,164 @@
+/**
+ * blob.c: the data folder, and the files in it that are named by the hash of their bytes: blobs/ab/abcd...
+ */
+#include <dirent.h>
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "base/log.h"
+#include "blob.h"
+
+static bool make_folder(const char *path)
+{
+    return mkdir(path, 0700) == 0 || errno == EEXIST;
+}
+
+static bool sync_folder(const char *path)
+{
+    int folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    bool synced = folder >= 0 && fsync(folder) == 0;
+    if (folder >= 0) close(folder);
+    return synced;
+}
+
+/** The name of the folder that holds this one. */
+static void parent_of(const char *path, char out[QM_STORE_PATH_SIZE])
+{
+    const char *slash = strrchr(path, '/');
+    if (!slash)
+        snprintf(out, QM_STORE_PATH_SIZE, ".");
+    else
+        snprintf(out, QM_STORE_PATH_SIZE, "%.*s", slash == path ? 1 : (int)(slash - path), path);
+}
+
+static bool make_data_folder(const char *path)
+{
+    char parent[QM_STORE_PATH_SIZE];
+    if (mkdir(path, 0700) != 0) return errno == EEXIST;
+    parent_of(path, parent);
+    return sync_folder(parent);
+}
+
+bool qm_blob_make_folders(const char *folder, char message[QM_MESSAGE_SIZE])
+{
+    char blobs[QM_STORE_PATH_SIZE], incoming[QM_STORE_PATH_SIZE], results[QM_STORE_PATH_SIZE];
+    snprintf(blobs, sizeof blobs, "%s/blobs", folder);
+    snprintf(incoming, sizeof incoming, "%s/incoming", folder);
+    snprintf(results, sizeof results, "%s/results", folder);
+    if (!make_data_folder(folder) || !make_folder(blobs) || !make_folder(incoming) || !make_folder(results) ||
+        !sync_folder(folder)) {
+        snprintf(message, QM_MESSAGE_SIZE, "cannot make %.200s: %s", folder, strerror(errno));
+        return false;
+    }
+    if (access(incoming, W_OK) != 0) {
+        snprintf(message, QM_MESSAGE_SIZE, "cannot write in %.200s: %s", folder, strerror(errno));
+        return false;
+    }
+    return true;
+}
+
+void qm_blob_sweep(const char *folder)
+{
+    char incoming[QM_STORE_PATH_SIZE];
+    snprintf(incoming, sizeof incoming, "%s/incoming", folder);
+    DIR *files = opendir(incoming);
+    for (struct dirent *entry; files && (entry = readdir(files));) {
+        if (entry->d_name[0] != '.') unlinkat(dirfd(files), entry->d_name, 0);
+    }
+    if (files) closedir(files);
+}
+
+/** Removes the files of a folder that the store knows nothing of; returns how many. */
+static size_t sweep_folder(qm_store *store, const char *path, bool (*is_needed)(qm_store *, const char *))
+{
+    size_t removed = 0;
+    DIR *files = opendir(path);
+    for (struct dirent *entry; files && (entry = readdir(files));) {
+        if (entry->d_name[0] == '.' || is_needed(store, entry->d_name)) continue;
+        removed += unlinkat(dirfd(files), entry->d_name, 0) == 0;
+    }
+    if (files) closedir(files);
+    return removed;
+}
+
+/** Arrays are named by their job; one that is half written has another ending. */
+static bool needs_result(qm_store *store, const char *name)
+{
+    char id[QM_ID_SIZE];
+    const char *ending = strchr(name, '.');
+    if (!ending || strcmp(ending, QM_RESULT_ENDING) != 0 || ending - name >= QM_ID_SIZE) return false;
+    snprintf(id, sizeof id, "%.*s", (int)(ending - name), name);
+    return qm_store_has_job(store, id);
+}
+
+void qm_blob_sweep_orphans(qm_store *store)
+{
+    char path[QM_STORE_PATH_SIZE];
+    size_t removed = 0;
+    for (int first = 0; first < 256; first++) {
+        snprintf(path, sizeof path, "%s/blobs/%02x", qm_store_folder(store), (unsigned)first);
+        removed += sweep_folder(store, path, qm_store_needs_blob);
+    }
+    snprintf(path, sizeof path, "%s/results", qm_store_folder(store));
+    removed += sweep_folder(store, path, needs_result);
+    if (removed > 0) qm_log(QM_LOG_INFO, "%zu files without a mesh or job removed", removed);
+}
+
+static void find_path(const qm_store *store, const char *hash, char out[QM_STORE_PATH_SIZE])
+{
+    snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s/%s", qm_store_folder(store), hash, hash);
+}
+
+bool qm_blob_put_in_place(const qm_store *store, const char *file, const char *hash)
+{
+    char blobs[QM_STORE_PATH_SIZE], folder[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE];
+    snprintf(blobs, sizeof blobs, "%s/blobs", qm_store_folder(store));
+    snprintf(folder, sizeof folder, "%s/blobs/%.2s", qm_store_folder(store), hash);
+    find_path(store, hash, path);
+    return make_folder(folder) && sync_folder(blobs) && rename(file, path) == 0 && sync_folder(folder);
+}
+
+qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size)
+{
+    static const uint8_t nothing[1];
+    struct stat facts;
+    if (fstat(file, &facts) != 0) return QM_E_ARGUMENT;
+    *size = (size_t)facts.st_size;
+    *bytes = nothing;
+    if (*size == 0) return QM_OK;
+    /* All of it is about to be read: at once is cheaper than page by page. */
+    void *mapped = mmap(NULL, *size, PROT_READ, MAP_PRIVATE | MAP_POPULATE, file, 0);
+    if (mapped == MAP_FAILED) return QM_E_NO_MEMORY;
+    *bytes = mapped;
+    return QM_OK;
+}
+
+qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size)
+{
+    char path[QM_STORE_PATH_SIZE];
+    find_path(store, hash, path);
+    int file = open(path, O_RDONLY | O_CLOEXEC);
+    if (file < 0) return QM_E_EMPTY;
+    qm_status status = qm_blob_map_file(file, bytes, size);
+    close(file);
+    return status;
+}
+
+void qm_blob_unmap(const uint8_t *bytes, size_t size)
+{
+    if (size > 0) munmap((void *)(uintptr_t)bytes, size);
+}
+
+void qm_blob_remove(qm_store *store, const char *hash)
+{
+    char path[QM_STORE_PATH_SIZE];
+    if (qm_store_needs_blob(store, hash)) return;
+    find_path(store, hash, path);
+    unlink(path);
+}

@@ -1,0 +1,202 @@
+/**
+ * blob_writer.c: bytes on their way to become a blob: written under incoming/, synced, renamed, and the
+ * folder synced, so that a name never stands for half a file. A few bytes wait in memory until it is known
+ * that they are to stay: most small bodies are questions.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "base/log.h"
+#include "blob.h"
+#include "blob_hash.h"
+
+/* Bytes that wait in memory. The file grows by as many, from multiples of as many: the system then takes them
+ * in large pages, in half the time of pieces that begin anywhere. */
+#define STEP ((size_t)64 << 10)
+#define MIN_FOLLOWED (1u << 20) /* bytes that make a thread for their hash worth while */
+
+struct qm_blob_writer {
+    qm_store *store;
+    qm_blob_hash *hash; /* of what is in the file; NULL while the bytes are few */
+    char path[QM_STORE_PATH_SIZE];
+    char name[QM_HASH_SIZE]; /* the hash, once sealed */
+    int file;                /* -1 while the bytes are few and in memory */
+    qm_text held;            /* the last ones, which are not in the file yet */
+    uint64_t size;
+};
+
+/** The cause belongs into the log; the client only hears that nothing was stored. */
+static qm_status fail_to_store(const char *step)
+{
+    qm_log(QM_LOG_ERROR, "blob: cannot %s: %s", step, strerror(errno));
+    return QM_E_ARGUMENT;
+}
+
+qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
+{
+    *out = calloc(1, sizeof **out);
+    if (!*out) return QM_E_NO_MEMORY;
+    (*out)->store = store;
+    (*out)->file = -1;
+    return QM_OK;
+}
+
+/** Bytes in the file. */
+static uint64_t written(const qm_blob_writer *writer)
+{
+    return writer->size - writer->held.size;
+}
+
+static qm_status hold(qm_blob_writer *writer, const char *bytes, size_t size)
+{
+    qm_text_add(&writer->held, bytes, size);
+    return writer->held.failed ? QM_E_NO_MEMORY : QM_OK;
+}
+
+static qm_status make_file(qm_blob_writer *writer)
+{
+    if (writer->file >= 0) return QM_OK;
+    snprintf(writer->path, QM_STORE_PATH_SIZE, "%s/incoming/XXXXXX", qm_store_folder(writer->store));
+    writer->file = mkostemp(writer->path, O_CLOEXEC);
+    return writer->file >= 0 ? QM_OK : fail_to_store("make a file");
+}
+
+static qm_status write_all(int file, const char *bytes, size_t size)
+{
+    while (size > 0) {
+        ssize_t count = write(file, bytes, size);
+        if (count < 0 && errno == EINTR) continue;
+        if (count <= 0) return fail_to_store("write");
+        bytes += count;
+        size -= (size_t)count;
+    }
+    return QM_OK;
+}
+
+/** Moves what is held to the file. */
+static qm_status flush(qm_blob_writer *writer)
+{
+    qm_status status = write_all(writer->file, writer->held.data, writer->held.size);
+    writer->held.size = 0;
+    return status;
+}
+
+/** Has the hash taken of what is in the file. */
+static qm_status follow(qm_blob_writer *writer)
+{
+    if (!writer->hash) writer->hash = qm_blob_hash_start(writer->file);
+    if (!writer->hash) return QM_E_NO_MEMORY;
+    qm_blob_hash_grow(writer->hash, written(writer));
+    return QM_OK;
+}
+
+/** Writes what is held and whole steps of the bytes after it; the rest is held. */
+static qm_status write_steps(qm_blob_writer *writer, const char *bytes, size_t size)
+{
+    qm_status status = make_file(writer);
+    size_t missing = (STEP - writer->held.size) % STEP;
+    if (status == QM_OK && missing > 0) status = hold(writer, bytes, missing);
+    if (status == QM_OK) status = flush(writer);
+    bytes += missing;
+    size -= missing;
+    size_t rest = size % STEP;
+    if (status == QM_OK) status = write_all(writer->file, bytes, size - rest);
+    if (status == QM_OK) status = hold(writer, bytes + size - rest, rest);
+    return status;
+}
+
+qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size)
+{
+    writer->size += size;
+    if (size <= STEP - writer->held.size) return hold(writer, bytes, size);
+    qm_status status = write_steps(writer, bytes, size);
+    if (status == QM_OK && written(writer) >= MIN_FOLLOWED) status = follow(writer);
+    return status;
+}
+
+uint64_t qm_blob_size(const qm_blob_writer *writer)
+{
+    return writer->size;
+}
+
+static qm_status read_file(int file, uint64_t offset, char *bytes, size_t size)
+{
+    while (size > 0) {
+        ssize_t got = pread(file, bytes, size, (off_t)offset);
+        if (got < 0 && errno == EINTR) continue;
+        if (got <= 0) return QM_E_ARGUMENT;
+        bytes += got;
+        size -= (size_t)got;
+        offset += (uint64_t)got;
+    }
+    return QM_OK;
+}
+
+qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *bytes, size_t size)
+{
+    if (offset > writer->size || size > writer->size - offset) return QM_E_ARGUMENT;
+    uint64_t in_file = offset < written(writer) ? written(writer) - offset : 0;
+    size_t first = size < in_file ? size : (size_t)in_file;
+    qm_status status = read_file(writer->file, offset, bytes, first);
+    if (status == QM_OK && size > first)
+        memcpy((char *)bytes + first, writer->held.data + (offset + first - written(writer)), size - first);
+    return status;
+}
+
+/** Ends the writer and its file, which may have another name by now. */
+static void end(qm_blob_writer *writer)
+{
+    qm_blob_hash_free(writer->hash);
+    if (writer->file >= 0) close(writer->file);
+    qm_text_reset(&writer->held);
+    free(writer);
+}
+
+void qm_blob_abort(qm_blob_writer *writer)
+{
+    if (!writer) return;
+    if (writer->file >= 0) unlink(writer->path);
+    end(writer);
+}
+
+/** Moves all bytes to the file and takes their hash, from where they are now. */
+static qm_status settle(qm_blob_writer *writer, uint8_t digest[QM_DIGEST_SIZE])
+{
+    if (writer->file < 0) {
+        qm_hash_bytes(writer->held.data, writer->held.size, digest);
+        qm_status status = make_file(writer);
+        return status == QM_OK ? flush(writer) : status;
+    }
+    qm_status status = flush(writer);
+    if (status == QM_OK) status = follow(writer);
+    if (status == QM_OK && !qm_blob_hash_take(writer->hash, digest)) status = fail_to_store("read");
+    return status;
+}
+
+qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
+{
+    uint8_t digest[QM_DIGEST_SIZE];
+    qm_status status = settle(writer, digest);
+    if (status == QM_OK) qm_hash_print(digest, writer->name);
+    memcpy(hash, writer->name, QM_HASH_SIZE);
+    return status;
+}
+
+qm_status qm_blob_keep(qm_blob_writer *writer)
+{
+    qm_status status = fsync(writer->file) == 0 ? QM_OK : fail_to_store("sync");
+    if (status == QM_OK && !qm_blob_put_in_place(writer->store, writer->path, writer->name))
+        status = fail_to_store("name a file");
+    if (status != QM_OK) unlink(writer->path);
+    end(writer);
+    return status;
+}
+
+qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size)
+{
+    return qm_blob_map_file(writer->file, bytes, size);
+}

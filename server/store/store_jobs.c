@@ -1,0 +1,197 @@
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "base/log.h"
+#include "store_internal.h"
+
+#define COLUMNS "id, key, idempotency_key, body, created, state, sequence, document, restarts"
+
+qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
+{
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "INSERT INTO jobs (id, key, idempotency_key, body, created, state, revisions)"
+                              " VALUES (?, ?, ?, ?, ?, ?, '')");
+    if (!statement) return QM_E_ARGUMENT;
+    qm_store_bind_text(statement, 1, job->id);
+    qm_store_bind_text(statement, 2, job->key);
+    qm_store_bind_text(statement, 3, job->idempotency_key);
+    qm_store_bind_text(statement, 4, job->body);
+    qm_store_bind_text(statement, 5, job->created);
+    sqlite3_bind_int(statement, 6, job->state);
+    return qm_store_execute(store, statement);
+}
+
+/** In a transaction. */
+static bool append(qm_store *store, const qm_store_events *events)
+{
+    sqlite3_stmt *statement =
+        qm_store_prepare(store, "INSERT OR REPLACE INTO job_events (job, seq, lines)"
+                                " SELECT sequence, ?, ? FROM jobs WHERE id = ? AND document IS NULL");
+    if (!statement) return false;
+    sqlite3_bind_int64(statement, 1, (sqlite3_int64)events->seq);
+    qm_store_bind_text(statement, 2, events->lines);
+    qm_store_bind_text(statement, 3, events->job);
+    return qm_store_run(store, statement);
+}
+
+qm_status qm_store_append_events(qm_store *store, const qm_store_events *events, size_t count)
+{
+    if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
+    bool good = true;
+    for (size_t i = 0; good && i < count; i++)
+        good = append(store, &events[i]);
+    return qm_store_end_transaction(store, good) ? QM_OK : QM_E_ARGUMENT;
+}
+
+static bool finish(qm_store *store, const char *id, int state, const char *document, const char *revisions)
+{
+    sqlite3_stmt *statement =
+        qm_store_prepare(store, "UPDATE jobs SET state = ?, document = ?, revisions = ? WHERE id = ?");
+    if (!statement) return false;
+    sqlite3_bind_int(statement, 1, state);
+    qm_store_bind_text(statement, 2, document);
+    qm_store_bind_text(statement, 3, revisions);
+    qm_store_bind_text(statement, 4, id);
+    return qm_store_run(store, statement);
+}
+
+qm_status qm_store_finish_job(qm_store *store, const qm_store_events *last, int state, const char *document,
+                              const char *revisions)
+{
+    if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
+    bool good = append(store, last) && finish(store, last->job, state, document, revisions);
+    return qm_store_end_transaction(store, good) ? QM_OK : QM_E_ARGUMENT;
+}
+
+qm_status qm_store_read_events(qm_store *store, const char *id, qm_text *out)
+{
+    sqlite3_stmt *statement = qm_store_begin(
+        store,
+        "SELECT e.lines FROM jobs j JOIN job_events e ON e.job = j.sequence WHERE j.id = ? ORDER BY e.seq");
+    if (!statement) return QM_E_NO_MEMORY;
+    qm_store_bind_text(statement, 1, id);
+    int result;
+    while ((result = sqlite3_step(statement)) == SQLITE_ROW) {
+        const char *lines = (const char *)sqlite3_column_text(statement, 0);
+        qm_text_add_string(out, lines ? lines : "");
+        out->failed |= !lines;
+    }
+    if (result != SQLITE_DONE) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+    qm_store_end(store, statement);
+    return out->failed ? QM_E_NO_MEMORY : result == SQLITE_DONE ? QM_OK : QM_E_ARGUMENT;
+}
+
+static bool read_row(sqlite3_stmt *statement, void *row)
+{
+    qm_store_job *out = row;
+    *out = (qm_store_job){.state = sqlite3_column_int(statement, 5),
+                          .sequence = sqlite3_column_int64(statement, 6),
+                          .restarts = sqlite3_column_int64(statement, 8)};
+    if (qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
+        qm_store_copy_text(statement, 1, &out->key) &&
+        qm_store_copy_text(statement, 2, &out->idempotency_key) &&
+        qm_store_copy_text(statement, 3, &out->body) && qm_store_copy_text(statement, 4, &out->created) &&
+        qm_store_copy_text(statement, 7, &out->document))
+        return true;
+    qm_store_job_reset(out);
+    return false;
+}
+
+static void reset_row(void *row)
+{
+    qm_store_job_reset(row);
+}
+
+static const qm_store_table table = {sizeof(qm_store_job), read_row, reset_row};
+
+qm_status qm_store_find_job(qm_store *store, const char *id, qm_store_job *out)
+{
+    return qm_store_find_row_by(store, "SELECT " COLUMNS " FROM jobs WHERE id = ?", id, &table, out);
+}
+
+qm_status qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions, int state,
+                                   qm_store_job *out)
+{
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "SELECT " COLUMNS " FROM jobs WHERE key = ? AND revisions = ?"
+                              " AND state = ? ORDER BY sequence DESC LIMIT 1");
+    if (!statement) return QM_E_NO_MEMORY;
+    qm_store_bind_text(statement, 1, key);
+    qm_store_bind_text(statement, 2, revisions);
+    sqlite3_bind_int(statement, 3, state);
+    return qm_store_find_row(store, statement, &table, out);
+}
+
+qm_status qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out)
+{
+    return qm_store_find_row_by(store, "SELECT " COLUMNS " FROM jobs WHERE idempotency_key = ?", key, &table,
+                                out);
+}
+
+qm_status qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out, size_t *count)
+{
+    return qm_store_list_rows(store,
+                              "SELECT " COLUMNS " FROM jobs WHERE sequence > ? ORDER BY sequence LIMIT ?",
+                              after, limit, &table, out, count);
+}
+
+qm_status qm_store_claim_jobs(qm_store *store)
+{
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "UPDATE jobs SET restarts = restarts + 1 WHERE document IS NULL");
+    return statement ? qm_store_execute(store, statement) : QM_E_ARGUMENT;
+}
+
+qm_status qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out,
+                                        size_t *count)
+{
+    return qm_store_list_rows(store,
+                              "SELECT " COLUMNS
+                              " FROM jobs WHERE document IS NULL AND sequence > ? ORDER BY sequence LIMIT ?",
+                              after, limit, &table, out, count);
+}
+
+bool qm_store_has_job(qm_store *store, const char *id)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "SELECT 1 FROM jobs WHERE id = ?");
+    if (!statement) return true;
+    qm_store_bind_text(statement, 1, id);
+    bool found = sqlite3_step(statement) != SQLITE_DONE;
+    qm_store_end(store, statement);
+    return found;
+}
+
+size_t qm_store_drop_old_jobs(qm_store *store, size_t kept, const char *before, size_t limit,
+                              char (*ids)[QM_ID_SIZE])
+{
+    sqlite3_stmt *statement = qm_store_begin(
+        store,
+        "DELETE FROM jobs WHERE id IN (SELECT id FROM jobs WHERE document IS NOT NULL AND"
+        " (created < ?1 OR sequence <= (SELECT sequence FROM jobs ORDER BY sequence DESC LIMIT 1 OFFSET ?2))"
+        " ORDER BY sequence LIMIT ?3) RETURNING id");
+    if (!statement) return 0;
+    qm_store_bind_text(statement, 1, before);
+    sqlite3_bind_int64(statement, 2, (sqlite3_int64)kept);
+    sqlite3_bind_int64(statement, 3, (sqlite3_int64)limit);
+    size_t count = 0;
+    while (count < limit && qm_store_step(store, statement) &&
+           qm_store_read_text(statement, 0, ids[count], QM_ID_SIZE))
+        count++;
+    qm_store_end(store, statement);
+    return count;
+}
+
+qm_status qm_store_delete_job(qm_store *store, const char *id)
+{
+    return qm_store_delete_row(store, "DELETE FROM jobs WHERE id = ?", id);
+}
+
+void qm_store_job_reset(qm_store_job *job)
+{
+    free(job->key);
+    free(job->idempotency_key);
+    free(job->body);
+    free(job->created);
+    free(job->document);
+    *job = (qm_store_job){0};
+}
