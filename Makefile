@@ -218,9 +218,10 @@ test-tsan:
 	QM_BUILD=build/tsan QM_PATIENCE=600 build/venv/bin/pytest -q -p no:cacheprovider --timeout 900 tests/api \
 	    -k "not generated and not test_deployment and not test_kills and not test_memory_faults"
 
-# Proves that the engine stands alone and that each outside library has its own files.
+# Proves that the engine stands alone, that each outside library has its own files, and that folders use what lies below them.
 check-layers: $(OBJ)/libengine.a
 	@CC="$(CC)" LDFLAGS="$(LDFLAGS)" tests/check_layers.sh $<
+	@python3 tests/check_rooms.py
 
 # Installs what is missing, builds, and shows the daemon at work on loopback.
 demo:

@@ -110,10 +110,10 @@ static int show(const question *asked, const char *json)
 
 static bool write_csv(FILE *file, const distance_list *distances)
 {
-    char number[QM_JSON_NUMBER_SIZE];
+    char number[QM_NUMBER_SIZE];
     fputs("vertex,distance\n", file);
     for (size_t i = 0; i < distances->count; i++)
-        fprintf(file, "%zu,%s\n", i, qm_json_number(distances->values[i], number));
+        fprintf(file, "%zu,%s\n", i, qm_text_number(distances->values[i], number));
     return !ferror(file);
 }
 

@@ -9,24 +9,6 @@
 
 #include "utf8.h"
 
-char *qm_json_number(double value, char out[QM_JSON_NUMBER_SIZE])
-{
-    if (!isfinite(value)) return strcpy(out, "null");
-    /* Printing drops zeros at the end, so that 15 digits, which every normal number has, are a fair start. */
-    for (int digits = fabs(value) < DBL_MIN ? 1 : 15; digits <= 17; digits++) {
-        snprintf(out, QM_JSON_NUMBER_SIZE, "%.*g", digits, value);
-        if (strtod(out, NULL) == value) break;
-    }
-    /* The process may run in a locale with decimal commas; strtod above then reads them too. */
-    const char *point = localeconv()->decimal_point;
-    char *found = strcmp(point, ".") == 0 ? NULL : strstr(out, point);
-    if (found) {
-        memmove(found + 1, found + strlen(point), strlen(found + strlen(point)) + 1);
-        *found = '.';
-    }
-    return out;
-}
-
 void qm_json_add_comma(qm_text *out)
 {
     if (out->size > 0 && !strchr("{[:,", out->data[out->size - 1])) qm_text_add_string(out, ",");
@@ -83,8 +65,8 @@ void qm_json_add_bool(qm_text *out, const char *name, bool value)
 
 void qm_json_add_number(qm_text *out, const char *name, double value)
 {
-    char text[QM_JSON_NUMBER_SIZE];
-    qm_json_add_word(out, name, qm_json_number(value, text));
+    char text[QM_NUMBER_SIZE];
+    qm_json_add_word(out, name, qm_text_number(value, text));
 }
 
 void qm_json_add_count(qm_text *out, const char *name, uint64_t value)
@@ -95,12 +77,12 @@ void qm_json_add_count(qm_text *out, const char *name, uint64_t value)
 
 void qm_json_add_array(qm_text *out, const double *values, int count)
 {
-    char text[QM_JSON_NUMBER_SIZE];
+    char text[QM_NUMBER_SIZE];
     qm_json_add_comma(out);
     qm_text_add_string(out, "[");
     for (int i = 0; i < count; i++) {
         qm_json_add_comma(out);
-        qm_text_add_string(out, qm_json_number(values[i], text));
+        qm_text_add_string(out, qm_text_number(values[i], text));
     }
     qm_text_add_string(out, "]");
 }

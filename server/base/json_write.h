@@ -12,11 +12,6 @@
 
 #include "text.h"
 
-/** The number with the fewest digits that read back to the same double, in any locale; "null" for what is not
- * finite. The buffer is enough for any double. Returns out. */
-#define QM_JSON_NUMBER_SIZE 40
-char *qm_json_number(double value, char out[QM_JSON_NUMBER_SIZE]);
-
 /** A comma, unless the next value is the first of its object or array or stands after its name. */
 void qm_json_add_comma(qm_text *out);
 

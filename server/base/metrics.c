@@ -89,22 +89,22 @@ static void write_head(qm_text *out, const char *name, const char *type, const c
 
 static void write_value(qm_text *out, const char *name, const char *labels, double value)
 {
-    char number[QM_JSON_NUMBER_SIZE];
-    qm_text_printf(out, PREFIX "%s%s %s\n", name, labels, qm_json_number(value, number));
+    char number[QM_NUMBER_SIZE];
+    qm_text_printf(out, PREFIX "%s%s %s\n", name, labels, qm_text_number(value, number));
 }
 
 static void write_series(qm_text *out, const char *name, const char *labels, const series *s)
 {
     uint64_t total = 0;
-    char number[QM_JSON_NUMBER_SIZE];
+    char number[QM_NUMBER_SIZE];
     for (size_t i = 0; i <= END_COUNT; i++) {
         total += atomic_load_explicit(&s->buckets[i], memory_order_relaxed);
         qm_text_printf(out, PREFIX "%s_bucket{%s,le=\"%s\"} %llu\n", name, labels,
-                       i < END_COUNT ? qm_json_number(ends[i], number) : "+Inf", (unsigned long long)total);
+                       i < END_COUNT ? qm_text_number(ends[i], number) : "+Inf", (unsigned long long)total);
     }
     double sum = 1e-9 * (double)atomic_load_explicit(&s->nanoseconds, memory_order_relaxed);
     qm_text_printf(out, PREFIX "%s_sum{%s} %s\n" PREFIX "%s_count{%s} %llu\n", name, labels,
-                   qm_json_number(sum, number), name, labels, (unsigned long long)total);
+                   qm_text_number(sum, number), name, labels, (unsigned long long)total);
 }
 
 static void write_histogram(qm_text *out, const char *name, const char *help, const series *table,

@@ -1,5 +1,8 @@
 #include "text.h"
 
+#include <float.h>
+#include <locale.h>
+#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -66,4 +69,22 @@ char *qm_text_take(qm_text *text)
     }
     *text = (qm_text){0};
     return data;
+}
+
+char *qm_text_number(double value, char out[QM_NUMBER_SIZE])
+{
+    if (!isfinite(value)) return strcpy(out, "null");
+    /* Printing drops zeros at the end, so that 15 digits, which every normal number has, are a fair start. */
+    for (int digits = fabs(value) < DBL_MIN ? 1 : 15; digits <= 17; digits++) {
+        snprintf(out, QM_NUMBER_SIZE, "%.*g", digits, value);
+        if (strtod(out, NULL) == value) break;
+    }
+    /* The process may run in a locale with decimal commas; strtod above then reads them too. */
+    const char *point = localeconv()->decimal_point;
+    char *found = strcmp(point, ".") == 0 ? NULL : strstr(out, point);
+    if (found) {
+        memmove(found + 1, found + strlen(point), strlen(found + strlen(point)) + 1);
+        *found = '.';
+    }
+    return out;
 }

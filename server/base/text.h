@@ -22,4 +22,9 @@ void qm_text_printf(qm_text *text, const char *format, ...) __attribute__((forma
  */
 char *qm_text_take(qm_text *text);
 
+/** The number with the fewest digits that read back to the same double, in any locale; "null" for what is not
+ * finite. The buffer is enough for any double. Returns out. */
+#define QM_NUMBER_SIZE 40
+char *qm_text_number(double value, char out[QM_NUMBER_SIZE]);
+
 #endif

@@ -6,11 +6,11 @@
 
 static void add_position(const qm_encoder *encoder, size_t vertex, const char *start, qm_text *out)
 {
-    char number[QM_JSON_NUMBER_SIZE];
+    char number[QM_NUMBER_SIZE];
     const double *p = encoder->mesh->positions + 3 * vertex;
     qm_text_add_string(out, start);
     for (int axis = 0; axis < 3; axis++) {
-        qm_text_add_string(out, qm_json_number(p[axis], number));
+        qm_text_add_string(out, qm_text_number(p[axis], number));
         qm_text_add_string(out, axis < 2 ? " " : "\n");
     }
 }

@@ -62,11 +62,11 @@ static bool read_bits(qm_request *request, qm_format format, int *bits)
 
 static void add_headers(qm_request *request, const sending *s, qm_format format, int bits)
 {
-    char number[QM_JSON_NUMBER_SIZE];
+    char number[QM_NUMBER_SIZE];
     qm_encode_losses losses = qm_encoder_losses(s->encoder);
     qm_reply_header(request, "Content-Disposition", "attachment; filename=\"%s.%s\"", qm_request_id(request),
                     qm_format_name(format));
-    qm_reply_header(request, "Mesh-Displacement", "%s", qm_json_number(losses.displacement, number));
+    qm_reply_header(request, "Mesh-Displacement", "%s", qm_text_number(losses.displacement, number));
     if (bits > 0) qm_reply_header(request, "Mesh-Quantization", "%d", bits);
     if (losses.cut_faces > 0) qm_reply_header(request, "Mesh-Cut-Faces", "%zu", losses.cut_faces);
     if (losses.left_out_vertices > 0)

@@ -11,8 +11,8 @@
 static bool store_new(qm_desk *d, const qm_store_once *once, qm_problem *problem)
 {
     char created[QM_TIME_SIZE];
-    qm_format_time(created);
-    qm_make_id('l', d->row.id);
+    qm_time_format(created);
+    qm_id_make('l', d->row.id);
     d->row.created = strdup(created);
     d->row.next_curve = d->layout.next_id;
     bool written = qm_desk_write(d, &d->row.layout, &d->row.issues);

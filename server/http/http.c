@@ -149,7 +149,7 @@ static void set_name(qm_request *request)
         return;
     }
     char id[QM_ID_SIZE];
-    qm_make_id('r', id);
+    qm_id_make('r', id);
     snprintf(request->name, sizeof request->name, "%s", id);
 }
 

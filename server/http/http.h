@@ -7,10 +7,10 @@
 
 #include "base/config.h"
 #include "base/pool.h"
+#include "base/rows.h"
 #include "job/job.h"
 #include "layout/reconstructions.h"
 #include "ops/problem.h"
-#include "ops/rows.h"
 #include "tokens.h"
 
 /** What a handler may use; made by main.c, alive as long as the daemon. */

@@ -76,8 +76,8 @@ qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request)
     job->request = *request;
     request->points = NULL;
     request->point_count = 0;
-    qm_make_id('j', job->id);
-    qm_format_time(job->created);
+    qm_id_make('j', job->id);
+    qm_time_format(job->created);
     job->references = 1;
     return job;
 }

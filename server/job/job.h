@@ -16,6 +16,7 @@
 
 #include "base/clock.h"
 #include "layout/reconstructions.h"
+#include "ops/job_kinds.h"
 
 typedef enum qm_job_state {
     QM_JOB_QUEUED,

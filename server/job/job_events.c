@@ -208,7 +208,7 @@ char *qm_job_write_document(const qm_job *job, qm_job_state state, const char *o
 {
     qm_text out = {0};
     char now[QM_TIME_SIZE];
-    qm_format_time(now);
+    qm_time_format(now);
     qm_text_printf(&out, "{\"id\":\"%s\",\"type\":\"%s\",\"state\":\"%s\",\"created\":\"%s\"", job->id,
                    qm_job_type_of(job->request.kind)->name, qm_job_state_name(state), job->created);
     if (job->started[0]) qm_text_printf(&out, ",\"started\":\"%s\"", job->started);

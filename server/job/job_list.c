@@ -77,7 +77,7 @@ void qm_jobs_drop_old(qm_jobs *jobs)
 {
     char ids[DROP_STEP][QM_ID_SIZE], before[QM_TIME_SIZE] = "";
     size_t total = 0, count;
-    if (jobs->limits.kept_s > 0.0) qm_format_past_time(jobs->limits.kept_s, before);
+    if (jobs->limits.kept_s > 0.0) qm_time_format_past(jobs->limits.kept_s, before);
     do {
         count = qm_store_drop_old_jobs(jobs->store, jobs->limits.kept_jobs, before, DROP_STEP, ids);
         for (size_t i = 0; i < count; i++)

@@ -202,7 +202,7 @@ static bool start(qm_job *job)
     bool is_refused = is_queued && !is_wanted && job->line.batch;
     if (is_queued && (is_wanted || is_refused)) {
         qm_job_mark_running(job);
-        qm_format_time(job->started);
+        qm_time_format(job->started);
     }
     uv_mutex_unlock(&jobs->lock);
     if (is_refused)

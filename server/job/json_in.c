@@ -65,14 +65,14 @@ static void take_key(cJSON *object, qm_text *key, qm_problem *problem)
 {
     cJSON *member = object ? cJSON_DetachItemFromObjectCaseSensitive(object, "key") : NULL;
     const char *string = cJSON_GetStringValue(member);
-    char number[QM_JSON_NUMBER_SIZE];
+    char number[QM_NUMBER_SIZE];
     if (string && strlen(string) <= QM_JSON_MAX_KEY) {
         qm_json_add_quoted(key, string);
     } else {
         if (member && !cJSON_IsNumber(member) && !cJSON_IsNull(member))
             qm_json_complain(problem, "key", "must be a number or a short string");
         double value = cJSON_IsNumber(member) ? cJSON_GetNumberValue(member) : NAN;
-        qm_text_add_string(key, qm_json_number(value, number));
+        qm_text_add_string(key, qm_text_number(value, number));
     }
     cJSON_Delete(member);
 }

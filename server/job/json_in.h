@@ -24,10 +24,4 @@ bool qm_json_read_job(const char *text, size_t size, qm_job_request *out, qm_pro
 bool qm_json_read_batch_line(const char *text, size_t size, qm_text *key, qm_job_request *out,
                              qm_problem *problem);
 
-/**
- * Reads the body of a deformation: rows "positions", for the vertices named by "indices", or without them for
- * all. Returns true and fills *out, for qm_moved_vertices_reset; or false and fills *problem (400, 507).
- */
-bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertices *out, qm_problem *problem);
-
 #endif

@@ -82,7 +82,7 @@ static char *make_document(const qm_refining *r, const qm_store_reconstruction *
 {
     char created[QM_TIME_SIZE];
     size_t points, uncovered;
-    qm_format_time(created);
+    qm_time_format(created);
     qm_reconstruction_coverage(r->reconstruction, &points, &uncovered);
     qm_text text = {0};
     qm_json_add_string(&text, "id", r->id);
@@ -132,7 +132,7 @@ bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const ch
     snprintf(out->layout_id, sizeof out->layout_id, "%s", layout_id);
     qm_refining_entry *e = qm_refining_begin(rs, source, layout_text, options, problem);
     if (!e) return false;
-    qm_make_id('r', e->refining.id);
+    qm_id_make('r', e->refining.id);
     if (!fill_row(rs, &e->refining, layout_text, once, out, problem)) {
         qm_store_reconstruction_reset(out);
         qm_refining_free(rs, e);

@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "job/json_in.h"
+#include "meshes.h"
 #include "ops/json_fault.h"
 #include "ops/json_object.h"
 

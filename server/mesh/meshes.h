@@ -8,6 +8,7 @@
 #ifndef QM_MESHES_H
 #define QM_MESHES_H
 
+#include "ops/mesh_load.h"
 #include "ops/problem.h"
 #include "store/store.h"
 
@@ -69,17 +70,13 @@ typedef struct qm_deformed {
 bool qm_meshes_deform(qm_meshes *meshes, const char *id, const qm_moved_vertices *moved, const char *if_match,
                       qm_deformed *out, qm_problem *problem);
 
+/**
+ * Reads the body of a deformation: rows "positions", for the vertices named by "indices", or without them for
+ * all. Returns true and fills *out, for qm_moved_vertices_reset; or false and fills *problem (400, 507).
+ */
+bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertices *out, qm_problem *problem);
+
 /** Deletes a mesh; if_match as above. False with a problem, and then nothing has changed. */
 bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem);
-
-/** A new random id: prefix, then 20 characters of a to z and digits. */
-void qm_make_id(char prefix, char out[QM_ID_SIZE]);
-
-/** The time now as RFC 3339 in UTC, to the millisecond. */
-#define QM_TIME_SIZE 32
-void qm_format_time(char out[QM_TIME_SIZE]);
-
-/** The time so many seconds ago, likewise. */
-void qm_format_past_time(double seconds, char out[QM_TIME_SIZE]);
 
 #endif

@@ -88,11 +88,11 @@ static bool file_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mesh
 static bool make_row(qm_blob_writer *upload, const char *name, qm_format format, qm_store_mesh *row,
                      qm_problem *problem)
 {
-    qm_make_id('m', row->id);
+    qm_id_make('m', row->id);
     row->options = make_options(name, format);
     row->name = strdup(name);
     char created[QM_TIME_SIZE];
-    qm_format_time(created);
+    qm_time_format(created);
     row->created = strdup(created);
     if (!row->options || !row->name || !row->created) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the upload");

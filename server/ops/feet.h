@@ -5,9 +5,9 @@
 #ifndef QM_FEET_H
 #define QM_FEET_H
 
+#include "base/rows.h"
 #include "mesh_load.h"
 #include "qm/project.h"
-#include "rows.h"
 
 /** A row for each point; arrays on the allocator of the context that found them. */
 typedef struct qm_feet {

@@ -9,6 +9,7 @@
 #ifndef QM_JOB_KINDS_H
 #define QM_JOB_KINDS_H
 
+#include "base/id.h"
 #include "collide_pairs.h"
 #include "feet.h"
 #include "qm/deviation.h"
@@ -16,7 +17,6 @@
 #include "qm/hausdorff.h"
 #include "refine.h"
 
-#define QM_ID_SIZE 40
 #define QM_JOB_MAX_PERCENTILES 64
 
 /** XX(suffix, name in "type", field of the first mesh, field of the second or NULL). */

@@ -108,7 +108,7 @@ static bool read_patches(qm_context *ctx, const cJSON *value, qm_layout *out, qm
     return true;
 }
 
-bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char mesh[QM_LAYOUT_MESH_SIZE],
+bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char mesh[QM_ID_SIZE],
                          qm_layout *out, bool *has_patches, qm_problem *problem)
 {
     static const char *const with_mesh[] = {"nodes", "curves", "patches", "mesh", NULL};

@@ -4,13 +4,12 @@
 #ifndef QM_JSON_LAYOUT_H
 #define QM_JSON_LAYOUT_H
 
+#include "base/id.h"
 #include "base/text.h"
 #include "problem.h"
 #include "qm/layout.h"
 #include "qm/pick.h"
 #include "qm/reconstruct.h"
-
-#define QM_LAYOUT_MESH_SIZE 40
 
 /**
  * Reads {nodes, curves, patches}, each of which may be absent: patches name curves by id; without them
@@ -20,7 +19,7 @@
  * Returns true, and *out is the caller's for qm_layout_reset with ctx; or false with a problem (400 that
  * points to the fault, 422 for a layout that cannot be, 507).
  */
-bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char mesh[QM_LAYOUT_MESH_SIZE],
+bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char mesh[QM_ID_SIZE],
                          qm_layout *out, bool *has_patches, qm_problem *problem);
 
 /** Adds the members nodes, curves and patches. */
@@ -58,8 +57,8 @@ void qm_layout_edit_reset(qm_layout_edit *edit);
 
 /** What POST /v1/reconstructions asks for. */
 typedef struct qm_json_reconstruction {
-    char layout[QM_LAYOUT_MESH_SIZE];
-    char source[QM_LAYOUT_MESH_SIZE]; /* "" when it is the layout's own mesh */
+    char layout[QM_ID_SIZE];
+    char source[QM_ID_SIZE]; /* "" when it is the layout's own mesh */
     qm_reconstruction_options options;
 } qm_json_reconstruction;
 

@@ -75,15 +75,13 @@ bool qm_json_read_table(const cJSON *value, int width, size_t least, const char 
     return true;
 }
 
-bool qm_json_read_id(const cJSON *object, const char *name, char out[QM_LAYOUT_MESH_SIZE],
-                     qm_problem *problem)
+bool qm_json_read_id(const cJSON *object, const char *name, char out[QM_ID_SIZE], qm_problem *problem)
 {
     const char *id = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, name));
     char pointer[32], words[48];
     snprintf(pointer, sizeof pointer, "/%s", name);
     snprintf(words, sizeof words, "must be the id of a %s", strcmp(name, "layout") == 0 ? name : "mesh");
-    if (!id || !*id || strlen(id) >= QM_LAYOUT_MESH_SIZE)
-        return qm_json_refuse(problem, words, pointer, 0, 0);
-    snprintf(out, QM_LAYOUT_MESH_SIZE, "%s", id);
+    if (!id || !*id || strlen(id) >= QM_ID_SIZE) return qm_json_refuse(problem, words, pointer, 0, 0);
+    snprintf(out, QM_ID_SIZE, "%s", id);
     return true;
 }

@@ -26,7 +26,6 @@ bool qm_json_read_table(const struct cJSON *value, int width, size_t least, cons
                         size_t *count, qm_problem *problem);
 
 /** The id of a layout or mesh in the member of a name. */
-bool qm_json_read_id(const struct cJSON *object, const char *name, char out[QM_LAYOUT_MESH_SIZE],
-                     qm_problem *problem);
+bool qm_json_read_id(const struct cJSON *object, const char *name, char out[QM_ID_SIZE], qm_problem *problem);
 
 #endif

@@ -9,8 +9,8 @@
 #include <unistd.h>
 
 #include "base/log.h"
+#include "base/rows.h"
 #include "blob.h"
-#include "ops/feet.h"
 
 #define BLOCK 8192 /* numbers that are turned and written at a time */
 

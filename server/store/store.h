@@ -14,8 +14,9 @@
 #define QM_STORE_H
 
 #include "base/hash.h"
+#include "base/id.h"
 #include "base/text.h"
-#include "ops/job_kinds.h"
+#include "qm/context.h"
 
 typedef struct qm_store qm_store;
 

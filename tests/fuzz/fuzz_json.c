@@ -52,7 +52,7 @@ static void read_moved_vertices(void)
 static void read_layout(void)
 {
     qm_context ctx = qm_context_make();
-    char mesh[QM_LAYOUT_MESH_SIZE];
+    char mesh[QM_ID_SIZE];
     qm_layout layout;
     bool has_patches;
     qm_problem problem = {0};

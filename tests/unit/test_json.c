@@ -32,8 +32,8 @@ static double double_of(uint64_t bits)
 
 static void check_number(double value, uint64_t seed)
 {
-    char text[QM_JSON_NUMBER_SIZE];
-    assert_ptr_equal(qm_json_number(value, text), text);
+    char text[QM_NUMBER_SIZE];
+    assert_ptr_equal(qm_text_number(value, text), text);
     QM_CHECK(bits_of(strtod(text, NULL)) == bits_of(value), "seed %llu: %a became %s",
              (unsigned long long)seed, value, text);
     QM_CHECK(strspn(text, "0123456789+-.e") == strlen(text), "%s", text);
@@ -67,21 +67,21 @@ static void edges_survive(void **state)
 static void numbers_are_short(void **state)
 {
     (void)state;
-    char text[QM_JSON_NUMBER_SIZE];
-    assert_string_equal(qm_json_number(0.1, text), "0.1");
-    assert_string_equal(qm_json_number(1e-6, text), "1e-06");
-    assert_string_equal(qm_json_number(100.0, text), "100");
-    assert_string_equal(qm_json_number(DBL_TRUE_MIN, text), "5e-324");
-    assert_string_equal(qm_json_number(0.1 + 0.2, text), "0.30000000000000004");
+    char text[QM_NUMBER_SIZE];
+    assert_string_equal(qm_text_number(0.1, text), "0.1");
+    assert_string_equal(qm_text_number(1e-6, text), "1e-06");
+    assert_string_equal(qm_text_number(100.0, text), "100");
+    assert_string_equal(qm_text_number(DBL_TRUE_MIN, text), "5e-324");
+    assert_string_equal(qm_text_number(0.1 + 0.2, text), "0.30000000000000004");
 }
 
 static void not_finite_is_null(void **state)
 {
     (void)state;
-    char text[QM_JSON_NUMBER_SIZE];
-    assert_string_equal(qm_json_number(NAN, text), "null");
-    assert_string_equal(qm_json_number(INFINITY, text), "null");
-    assert_string_equal(qm_json_number(-INFINITY, text), "null");
+    char text[QM_NUMBER_SIZE];
+    assert_string_equal(qm_text_number(NAN, text), "null");
+    assert_string_equal(qm_text_number(INFINITY, text), "null");
+    assert_string_equal(qm_text_number(-INFINITY, text), "null");
 }
 
 /** Makes a locale with a decimal comma, whatever the machine has, and sets it. */
@@ -101,8 +101,8 @@ static void a_decimal_comma_stays_out(void **state)
 {
     (void)state;
     set_comma();
-    char text[QM_JSON_NUMBER_SIZE];
-    qm_json_number(1.0 / 3, text);
+    char text[QM_NUMBER_SIZE];
+    qm_text_number(1.0 / 3, text);
     qm_job_request request;
     qm_problem problem;
     static const char body[] = "{\"type\":\"hausdorff\",\"a\":\"m\",\"b\":\"m\",\"tolerance\":0.25}";

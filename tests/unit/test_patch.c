@@ -1,8 +1,8 @@
 /* qm_patch_set: known shapes, every edge of the promise checked by plain rules, awkward and random meshes. */
 #include "check.h"
 
+#include "core/face_ring.h"
 #include "data_mesh.h"
-#include "mesh/mesh_ring.h"
 #include "qm/patch.h"
 #include "shapes.h"
 

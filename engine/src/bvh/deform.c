@@ -5,7 +5,7 @@
 
 #include "bvh_order.h"
 #include "core/bits.h"
-#include "mesh/mesh_ring.h"
+#include "core/face_ring.h"
 
 #define AHEAD 16 /* vertices ahead of the one at hand whose faces are fetched */
 

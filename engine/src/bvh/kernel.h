@@ -9,6 +9,7 @@
 #include "collide_leaf.h"
 #include "collide_marks.h"
 #include "core/hilbert.h"
+#include "overlay_facets.h"
 #include "qm/deform.h"
 #include "qm/grid.h"
 
@@ -109,51 +110,6 @@ typedef struct qm_polygon {
 } qm_polygon;
 
 enum { QM_BOX_SIDES = 6 };
-
-#define QM_OVERLAY_GROUPS 32 /* of eight facets each, that an overlay takes at most */
-#define QM_OVERLAY_RIM 128   /* edges of the boundary of these facets */
-
-/** A plane with a direction upright to it, and the box of interest in its coordinates: along the plane (axes
- * 0 and 1) and upright (axis 2). */
-typedef struct qm_overlay_frame {
-    qm_vec origin, axis[3];
-    double low[3], high[3];
-} qm_overlay_frame;
-
-/** The vertices of a pack in such coordinates, by axis, and on which sides of the box each lies: bits 2 k and
- * 2 k + 1 for below and above along axis k. */
-typedef struct qm_overlay_vertices {
-    _Alignas(64) double at[3][3 * QM_PACK_LANES];
-    _Alignas(64) int64_t beyond[3 * QM_PACK_LANES];
-} qm_overlay_vertices;
-
-#define QM_OVERLAY_BESIDE 15 /* those sides along the plane */
-
-/**
- * Facets of the target in such coordinates, corner by corner, eight to a group: their planes, off by
- * plane_error at most (INFINITY where a facet is too steep or too thin), and how far the surface may be from
- * each. low and high are the boxes of the groups along the plane. Places past count, in the last group,
- * repeat others. The rim is made of edges of theirs, ends by their places in the plane, likewise.
- */
-typedef struct qm_overlay_facets {
-    int count, rim_count;
-    double size; /* no coordinate of these facets and of the faces is greater, by magnitude */
-    struct {
-        _Alignas(64) double at[3][3][QM_PACK_LANES], twist[QM_PACK_LANES];
-        double plane[3][QM_PACK_LANES], plane_error[QM_PACK_LANES];
-    } group[QM_OVERLAY_GROUPS];
-    _Alignas(64) double low[2][QM_OVERLAY_GROUPS], high[2][QM_OVERLAY_GROUPS];
-    _Alignas(64) double rim[2][2][QM_OVERLAY_RIM];
-} qm_overlay_facets;
-
-/** A triangle of the source over the same plane. side[k] = (a, b, c): a x + b y + c is how far (x, y) lies
- * inside the k-th edge. */
-typedef struct qm_overlay_face {
-    double corner[3][3];
-    double side[3][3];
-    double plane[3]; /* (a, b, c): its height at (x, y) is a x + b y + c */
-    double probe[2]; /* a place inside */
-} qm_overlay_face;
 
 typedef struct qm_kernel {
     const char *name;

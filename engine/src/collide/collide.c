@@ -1,23 +1,16 @@
 #include "qm/collide.h"
 
 #include <string.h>
-#include <time.h>
 
 #include "bvh/bvh_order.h"
 #include "collide_search.h"
+#include "core/clock.h"
 #include "prim/predicates.h"
 
 qm_collide_options qm_collide_options_default(void)
 {
     return (qm_collide_options){
         .quads = QM_QUADS_TRIANGLES, .mode = QM_COLLIDE_ALL, .thread_count = 1, .pair_limit = 1u << 27};
-}
-
-static double now_ms(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return 1e3 * (double)now.tv_sec + 1e-6 * (double)now.tv_nsec;
 }
 
 /** The greatest coordinate of a surface is at most this. */
@@ -83,7 +76,7 @@ static qm_status run(qm_collide_search *search, const qm_collide_changes *change
 static qm_status collide(qm_collide_search *search, const qm_collide_changes *changes, qm_collision *out)
 {
     qm_context *ctx = search->ctx;
-    double start_ms = now_ms();
+    double start_ms = qm_clock_ms();
     qm_pair_list list = {0};
     *out = (qm_collision){0};
     qm_status status = qm_collide_check_options(ctx, search->options);
@@ -95,7 +88,7 @@ static qm_status collide(qm_collide_search *search, const qm_collide_changes *ch
         qm_collision_reset(ctx, out);
         return fail(ctx, status, search->options);
     }
-    out->elapsed_ms = now_ms() - start_ms;
+    out->elapsed_ms = qm_clock_ms() - start_ms;
     return QM_OK;
 }
 

@@ -1,11 +1,10 @@
 #include "qm/distance.h"
 
-#include <time.h>
-
 #include "bvh/kernel.h"
 #include "bvh/surface.h"
 #include "collide_faces.h"
 #include "collide_search.h"
+#include "core/clock.h"
 #include "distance_queue.h"
 #include "prim/patch_patch.h"
 #include "prim/tri_distance.h"
@@ -39,13 +38,6 @@ typedef struct search {
     qm_vec point[2];
     uint64_t pairs;
 } search;
-
-static double now_ms(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return 1e3 * (double)now.tv_sec + 1e-6 * (double)now.tv_nsec;
-}
 
 /** True when a pair with this lower bound need not be looked at, which is then remembered. */
 static bool leave_aside(search *s, double lower)
@@ -240,7 +232,7 @@ static qm_status look_for_contact(const search *s, qm_distance *out, bool *meets
 qm_status qm_distance_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                               const qm_distance_options *options, qm_distance *out)
 {
-    double start_ms = now_ms();
+    double start_ms = qm_clock_ms();
     *out = (qm_distance){0};
     if (!(options->tolerance > 0.0))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "tolerance must be > 0, got %g", options->tolerance);
@@ -265,6 +257,6 @@ qm_status qm_distance_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
         tell(&s, out);
     }
     out->pairs = s.pairs;
-    out->elapsed_ms = now_ms() - start_ms;
+    out->elapsed_ms = qm_clock_ms() - start_ms;
     return QM_OK;
 }

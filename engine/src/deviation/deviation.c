@@ -13,9 +13,9 @@
 #include <float.h>
 #include <string.h>
 
+#include "core/clock.h"
 #include "core/rounding.h"
 #include "deviation_refine.h"
-#include "hausdorff/hausdorff_search.h"
 
 #define SEARCH_WORK 4096 /* steps of the search for the maximum */
 #define SEARCH_SHARE 0.5 /* and so many for each vertex and each piece */

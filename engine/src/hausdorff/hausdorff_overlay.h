@@ -5,14 +5,8 @@
 #ifndef QM_HAUSDORFF_OVERLAY_H
 #define QM_HAUSDORFF_OVERLAY_H
 
-#include "core/rounding.h"
+#include "bvh/overlay_facets.h"
 #include "hausdorff_search.h"
-
-#define QM_OVERLAY_SIDE 128.0 /* u s: margin of half planes, s the greatest coordinate by magnitude */
-#define QM_OVERLAY_AREA 64.0  /* u s^2: margin of doubled areas */
-#define QM_OVERLAY_GAP 512.0  /* u s (1 + s length / area): margin of vertical distances */
-
-#define QM_OVERLAY_SLOPE 2.0 /* of faces and facets at most, the sum of both axes */
 
 #define QM_OVERLAY_FACES QM_PACK_LANES
 
@@ -49,15 +43,5 @@ bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_pie
 /** Sets all else of a face from its corners. Returns the margin of its vertical distances for each unit of
  * size, the greatest coordinate by magnitude; INFINITY where the face is too steep or too thin. */
 double qm_overlay_set_face(qm_overlay_face *face, double size);
-
-/** Copies the corners and the twist of a facet from one index to another. */
-static inline void qm_overlay_copy_facet(qm_overlay_facets *facets, int from, int to)
-{
-    int lane = from % QM_PACK_LANES, other = to % QM_PACK_LANES;
-    int group = from / QM_PACK_LANES, its = to / QM_PACK_LANES;
-    for (int i = 0; i < 9; i++)
-        facets->group[its].at[i / 3][i % 3][other] = facets->group[group].at[i / 3][i % 3][lane];
-    facets->group[its].twist[other] = facets->group[group].twist[lane];
-}
 
 #endif

@@ -22,6 +22,7 @@
 
 #include "bvh/bvh_demand.h"
 #include "bvh/nearest.h"
+#include "core/clock.h"
 #include "hausdorff_queue.h"
 #include "qm/hausdorff.h"
 
@@ -241,9 +242,6 @@ bool qm_worker_must_stop(qm_worker *worker);
 
 /** The upper bound that holds now, world units, without roundings. */
 double qm_search_upper(const qm_search *search);
-
-/** Milliseconds on a clock that never goes back. */
-double qm_clock_ms(void);
 
 /** Looks at one entry taken from the queue. */
 void qm_worker_group(qm_worker *worker, qm_entry entry);

@@ -3,21 +3,12 @@
  * one that runs dry takes half of another's entries. With one worker no lock is touched and a run always
  * takes the same path.
  */
-#include <time.h>
-
 #include "hausdorff_search.h"
 
 #define LOOK_INTERVAL 16    /* entries and parts between two looks at the clock and the cancel flag, */
 #define LOOK_SEARCHES 64    /* or searches of nearest points, which may be slow where many faces coincide */
 #define REPORT_INTERVAL 100 /* milliseconds between two reports at most */
 #define MIN_STEAL 2         /* entries that make it worth to take half */
-
-double qm_clock_ms(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return 1e3 * (double)now.tv_sec + 1e-6 * (double)now.tv_nsec;
-}
 
 static bool is_shared(const qm_worker *worker)
 {

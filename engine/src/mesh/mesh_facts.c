@@ -13,7 +13,7 @@
  */
 #include <string.h>
 
-#include "mesh_ring.h"
+#include "core/face_ring.h"
 
 #define CANCEL_STRIDE 65536
 

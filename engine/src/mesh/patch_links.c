@@ -6,7 +6,7 @@
 
 #include <string.h>
 
-#include "mesh_ring.h"
+#include "core/face_ring.h"
 
 #define MAX_FACES ((size_t)1 << 29)
 #define CANCEL_STRIDE 65536

@@ -7,7 +7,7 @@
  *
  * Roundings. Let s be the greatest coordinate by magnitude. The half planes of a face are taken
  * QM_OVERLAY_SIDE u s wider, and facets QM_OVERLAY_AREA u s^2 (of a doubled area), than they are computed,
- * see ../hausdorff_overlay.h: nothing that truly lies over the face is missed. A corner (x, y) of the face
+ * see hausdorff_overlay.c: nothing that truly lies over the face is missed. A corner (x, y) of the face
  * truly under a facet has weights w_k / w, w = w_0 + w_1 + w_2, for the gaps g_k in the facet's corners; the
  * computed ones are off by d_k, |d_k| <= QM_OVERLAY_AREA u s^2, and the gap by |sum d_k (g_k - g)| / |w| at
  * most, where w is what is computed: three times the bound of d_k times the range of g_k. Where that is more
@@ -16,7 +16,6 @@
  */
 #include <string.h>
 
-#include "hausdorff/hausdorff_overlay.h"
 #include "kernels.h"
 
 #define NOT_OVER -1.0

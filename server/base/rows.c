@@ -3,7 +3,7 @@
 #include <endian.h>
 #include <string.h>
 
-#include "base/json_write.h"
+#include "json_write.h"
 
 void qm_rows_turn_bytes(double *numbers, size_t count)
 {
@@ -17,13 +17,13 @@ void qm_rows_turn_bytes(double *numbers, size_t count)
 
 static void write_row(qm_text *out, bool is_csv, int columns, uint64_t row, const double *number)
 {
-    char text[QM_JSON_NUMBER_SIZE];
+    char text[QM_NUMBER_SIZE];
     if (!is_csv && row > 0) qm_text_add_string(out, ",");
     if (!is_csv && columns > 1) qm_text_add_string(out, "[");
     if (is_csv && columns == 1) qm_text_printf(out, "%llu,", (unsigned long long)row);
     for (int i = 0; i < columns; i++) {
         if (i > 0) qm_text_add_string(out, ",");
-        qm_text_add_string(out, qm_json_number(number[i], text));
+        qm_text_add_string(out, qm_text_number(number[i], text));
     }
     if (!is_csv && columns > 1) qm_text_add_string(out, "]");
     if (is_csv) qm_text_add_string(out, "\n");

@@ -1,9 +1,9 @@
 /**
- * mesh_ring.h: what is left of a face that names a vertex twice, for everything that asks which faces lie
+ * face_ring.h: what is left of a face that names a vertex twice, for everything that asks which faces lie
  * beside which.
  */
-#ifndef QM_MESH_RING_H
-#define QM_MESH_RING_H
+#ifndef QM_FACE_RING_H
+#define QM_FACE_RING_H
 
 #include <string.h>
 

@@ -6,7 +6,7 @@
 
 #include <stdint.h>
 
-#include "base/text.h"
+#include "text.h"
 
 typedef enum qm_rows {
     QM_ROWS_BINARY, /* little-endian doubles */
