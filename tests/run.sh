@@ -61,7 +61,7 @@ unit() { # PROGRAM
 
 # These search for long: the sanitizers would make minutes of it, and the release build is what users run. The sandbox
 # forbids what sanitizers do, and they put their own memory in place of large pages.
-slow="test_sandbox test_large_pages test_reconstruct test_collide test_distance test_patch_patch test_hausdorff test_hausdorff_adversarial
+slow="test_sandbox test_large_pages test_reconstruct test_collide test_distance test_bilinear_pair test_hausdorff test_hausdorff_adversarial
     test_hausdorff_invariance test_hausdorff_property test_rigour test_wide test_locator test_pairs"
 for program in build/asan/tests/test_*; do
     case "$program" in *.d | *.o) continue ;; esac

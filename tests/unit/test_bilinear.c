@@ -38,32 +38,32 @@ static void draw_patch(qm_random *random, const patch_case *c, double corner[4][
     }
 }
 
-static qm_patch engine_patch(const double corner[4][3])
+static qm_bilinear engine_patch(const double corner[4][3])
 {
     const qm_vec c[4] = {qm_vec_load(corner[0]), qm_vec_load(corner[1]), qm_vec_load(corner[2]),
                          qm_vec_load(corner[3])};
-    return qm_patch_make(c);
+    return qm_bilinear_make(c);
 }
 
 /** On the patch, close to it, or anywhere: where the patch is thin and where it has several near places. */
-static void draw_query(qm_random *random, const qm_patch *patch, double p[3])
+static void draw_query(qm_random *random, const qm_bilinear *patch, double p[3])
 {
     double reach = (double[]){0, 1e-9, 0.1, 1, 5}[qm_random_below(random, 5)], off[3];
     qm_random_direction(random, off);
-    qm_vec at = qm_patch_at(patch, qm_random_range(random, 0, 1), qm_random_range(random, 0, 1));
+    qm_vec at = qm_bilinear_at(patch, qm_random_range(random, 0, 1), qm_random_range(random, 0, 1));
     p[0] = at.x + reach * off[0];
     p[1] = at.y + reach * off[1];
     p[2] = at.z + reach * off[2];
 }
 
-static double foot_distance(const qm_patch *patch, const double uv[2], const double p[3])
+static double foot_distance(const qm_bilinear *patch, const double uv[2], const double p[3])
 {
-    qm_vec gap = qm_vec_sub(qm_vec_load(p), qm_patch_at(patch, uv[0], uv[1]));
+    qm_vec gap = qm_vec_sub(qm_vec_load(p), qm_bilinear_at(patch, uv[0], uv[1]));
     return sqrt(qm_vec_dot(gap, gap));
 }
 
-static void check_foot(const qm_patch *patch, const qm_patch_foot *foot, const double p[3], const char *name,
-                       uint64_t seed)
+static void check_foot(const qm_bilinear *patch, const qm_bilinear_foot *foot, const double p[3],
+                       const char *name, uint64_t seed)
 {
     QM_CHECK(foot->uv[0] >= 0 && foot->uv[0] <= 1 && foot->uv[1] >= 0 && foot->uv[1] <= 1,
              "%s, seed %llu: (%.17g, %.17g)", name, (unsigned long long)seed, foot->uv[0], foot->uv[1]);
@@ -84,9 +84,9 @@ static void certified_distances_match_the_slow_twin(void **state)
         qm_random random = qm_random_make(qm_check_seed(), seed);
         double corner[4][3], p[3];
         draw_patch(&random, c, corner);
-        qm_patch patch = engine_patch(corner);
+        qm_bilinear patch = engine_patch(corner);
         draw_query(&random, &patch, p);
-        qm_patch_foot foot = qm_patch_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        qm_bilinear_foot foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
         check_foot(&patch, &foot, p, c->name, seed);
         QM_CHECK(foot.distance - foot.lower <= ERROR + ROUND(foot.distance), "%s, seed %llu: gap %g", c->name,
                  (unsigned long long)seed, foot.distance - foot.lower);
@@ -124,13 +124,13 @@ static void winding_needles_are_certified(void **state)
         qm_random random = qm_random_make(qm_check_seed(), seed);
         double corner[4][3], p[3], error = 2 * ERROR;
         draw_winding_needle(&random, corner);
-        qm_patch patch = engine_patch(corner);
-        qm_vec on = qm_patch_at(&patch, qm_random_range(&random, 0, 1), qm_random_range(&random, 0, 1));
+        qm_bilinear patch = engine_patch(corner);
+        qm_vec on = qm_bilinear_at(&patch, qm_random_range(&random, 0, 1), qm_random_range(&random, 0, 1));
         double reach = (double[]){0, 0, 1e-9, 1e-2, 0.3}[seed % 5];
         qm_random_point(&random, -reach, reach, p);
         qm_vec at = {on.x + p[0], on.y + p[1], on.z + p[2]};
         qm_vec_store(p, at);
-        qm_patch_foot foot = qm_patch_project(&patch, at, error, INFINITY);
+        qm_bilinear_foot foot = qm_bilinear_project(&patch, at, error, INFINITY);
         check_foot(&patch, &foot, p, "winding needle", seed);
         QM_CHECK(foot.distance - foot.lower <= error + ROUND(foot.distance), "seed %llu: gap %g",
                  (unsigned long long)seed, foot.distance - foot.lower);
@@ -148,9 +148,9 @@ static void no_lattice_point_is_nearer(void **state)
         qm_random random = qm_random_make(qm_check_seed(), seed);
         double corner[4][3], p[3], least = INFINITY;
         draw_patch(&random, c, corner);
-        qm_patch patch = engine_patch(corner);
+        qm_bilinear patch = engine_patch(corner);
         draw_query(&random, &patch, p);
-        qm_patch_foot foot = qm_patch_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        qm_bilinear_foot foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
         check_foot(&patch, &foot, p, c->name, seed);
         for (int i = 0; i <= LATTICE; ++i)
             for (int j = 0; j <= LATTICE; ++j) {
@@ -172,11 +172,11 @@ static void a_bound_to_stop_at_keeps_its_promise(void **state)
         qm_random random = qm_random_make(qm_check_seed(), seed);
         double corner[4][3], p[3];
         draw_patch(&random, c, corner);
-        qm_patch patch = engine_patch(corner);
+        qm_bilinear patch = engine_patch(corner);
         draw_query(&random, &patch, p);
-        qm_patch_foot whole = qm_patch_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        qm_bilinear_foot whole = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
         double stop = whole.distance * qm_random_range(&random, 0.5, 1.5);
-        qm_patch_foot foot = qm_patch_project(&patch, qm_vec_load(p), ERROR, stop);
+        qm_bilinear_foot foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, stop);
         check_foot(&patch, &foot, p, c->name, seed);
         QM_CHECK(foot.lower <= whole.distance + ROUND(whole.distance),
                  "%s, seed %llu: lower %.17g above %.17g", c->name, (unsigned long long)seed, foot.lower,
@@ -195,14 +195,14 @@ static void descents_are_points_of_the_patch(void **state)
         qm_random random = qm_random_make(qm_check_seed(), seed);
         double corner[4][3], p[3];
         draw_patch(&random, c, corner);
-        qm_patch patch = engine_patch(corner);
+        qm_bilinear patch = engine_patch(corner);
         draw_query(&random, &patch, p);
-        qm_patch_foot foot = qm_patch_descend(&patch, qm_vec_load(p), INFINITY);
+        qm_bilinear_foot foot = qm_bilinear_descend(&patch, qm_vec_load(p), INFINITY);
         check_foot(&patch, &foot, p, c->name, seed);
         assert_true(foot.lower == 0);
         /* A bound to stop at may cost the best point, but only of a patch that lies beyond it. */
         double stop = foot.distance * qm_random_range(&random, 0.5, 1.5);
-        qm_patch_foot stopped = qm_patch_descend(&patch, qm_vec_load(p), stop);
+        qm_bilinear_foot stopped = qm_bilinear_descend(&patch, qm_vec_load(p), stop);
         check_foot(&patch, &stopped, p, c->name, seed);
         QM_CHECK(stopped.distance <= foot.distance || foot.distance >= stop - ROUND(stop),
                  "%s, seed %llu: %.17g of %.17g at stop %.17g", c->name, (unsigned long long)seed,
@@ -220,20 +220,20 @@ static void halves_are_within_their_slack(void **state)
         double corner[4][3], direction[3];
         draw_patch(&random, c, corner);
         qm_random_direction(&random, direction);
-        qm_patch patch = engine_patch(corner);
+        qm_bilinear patch = engine_patch(corner);
         qm_vec at[4];
         for (int i = 0; i < 4; i++)
             at[i] = qm_vec_load(corner[i]);
-        qm_patch_halves halves =
-            qm_patch_halve(at, seed % 3 == 0 ? (qm_vec){0, 0, 0} : qm_vec_load(direction));
+        qm_bilinear_halves halves =
+            qm_bilinear_halve(at, seed % 3 == 0 ? (qm_vec){0, 0, 0} : qm_vec_load(direction));
         const qm_vec *h = halves.corner;
         for (int k = 0; k < 20; k++) {
             double s = qm_random_range(&random, 0, 1), t = qm_random_range(&random, 0, 1);
             qm_vec flat = s >= t ? qm_vec_mix(h[0], qm_vec_mix(h[1], h[2], s > 0 ? t / s : 0), s)
                                  : qm_vec_mix(h[0], qm_vec_mix(h[3], h[2], t > 0 ? s / t : 0), t);
-            double apart = qm_vec_distance(qm_patch_at(&patch, s, t), flat), size = qm_vec_norm(flat);
+            double apart = qm_vec_distance(qm_bilinear_at(&patch, s, t), flat), size = qm_vec_norm(flat);
             bool is_moved = qm_vec_distance(h[0], at[0]) > 0.0; /* else it is the nearest point that counts */
-            qm_patch_foot foot = qm_patch_project(&patch, flat, ERROR, INFINITY);
+            qm_bilinear_foot foot = qm_bilinear_project(&patch, flat, ERROR, INFINITY);
             apart = is_moved ? apart : foot.distance;
             QM_CHECK(apart <= halves.slack + ERROR + ROUND(size), "%s, seed %llu: %g apart, slack %g",
                      c->name, (unsigned long long)seed, apart, halves.slack);
@@ -260,13 +260,13 @@ static void collapsed_patches_are_triangles(void **state)
         qm_vec at[4];
         for (int k = 0; k < 4; k++)
             at[k] = qm_vec_load(corner[k]);
-        double twist = qm_patch_twist(at);
+        double twist = qm_bilinear_twist(at);
         QM_CHECK(twist <= 2.01 * crumb + 4e-14, "seed %llu: crumb %g, twist %g", (unsigned long long)seed,
                  crumb, twist);
-        qm_patch patch = engine_patch(corner);
+        qm_bilinear patch = engine_patch(corner);
         for (int k = 0; k < 10; k++) {
             double s = qm_random_range(&random, 0, 1), t = qm_random_range(&random, 0, 1), p[3];
-            qm_vec_store(p, qm_patch_at(&patch, s, t));
+            qm_vec_store(p, qm_bilinear_at(&patch, s, t));
             double apart = fmin(qm_slow_triangle_distance(p, corner[0], corner[1], corner[2]),
                                 qm_slow_triangle_distance(p, corner[0], corner[2], corner[3]));
             qm_vec flat = s >= t ? qm_vec_mix(at[0], qm_vec_mix(at[1], at[2], s > 0 ? t / s : 0), s)
@@ -297,11 +297,11 @@ static void descents_find_both_sheets_of_a_bow_tie(void **state)
                 corner[2][k] = corner[1][k] - wide * (corner[3][k] - corner[0][k]);
             else
                 corner[2][k] = corner[3][k] - wide * (corner[1][k] - corner[0][k]);
-        qm_patch patch = engine_patch(corner);
+        qm_bilinear patch = engine_patch(corner);
         double near = pow(10, qm_random_range(&random, -6, 0)), along = qm_random_range(&random, 0, 1);
         double across = flip + near * (qm_random_below(&random, 2) ? 1 - flip : -flip);
-        qm_vec p = is_s ? qm_patch_at(&patch, across, along) : qm_patch_at(&patch, along, across);
-        double found = qm_patch_descend(&patch, p, INFINITY).distance;
+        qm_vec p = is_s ? qm_bilinear_at(&patch, across, along) : qm_bilinear_at(&patch, along, across);
+        double found = qm_bilinear_descend(&patch, p, INFINITY).distance;
         QM_CHECK(found <= 1e-9, "seed %llu: %g beside %g (%d), %g along: %g away", (unsigned long long)seed,
                  across - flip, flip, (int)is_s, along, found);
     }
@@ -313,10 +313,10 @@ static void saddles_are_certified_at_their_centres_of_curvature(void **state)
 {
     (void)state;
     const double corner[4][3] = {{-1, -1, 1}, {1, -1, -1}, {1, 1, 1}, {-1, 1, -1}};
-    qm_patch patch = engine_patch(corner);
+    qm_bilinear patch = engine_patch(corner);
     for (int i = -40; i <= 40; ++i) {
         const double p[3] = {0, 0, i / 20.0};
-        qm_patch_foot foot = qm_patch_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        qm_bilinear_foot foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
         /* On x = y: z = x^2, so |p - Q|^2 = 2 x^2 + (x^2 - h)^2, least at x^2 = |h| - 1 where that is > 0. */
         double h = fabs(p[2]), square = fmin(1, fmax(0, h - 1));
         double expected = sqrt(2 * square + (square - h) * (square - h));
@@ -343,8 +343,8 @@ static void degenerate_patches_are_segments_and_points(void **state)
             for (int i = 0; i < 4; ++i)
                 for (int axis = 0; axis < 3; ++axis)
                     corner[i][axis] = end[orders[k][i]][axis];
-            qm_patch patch = engine_patch(corner);
-            qm_patch_foot foot = qm_patch_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+            qm_bilinear patch = engine_patch(corner);
+            qm_bilinear_foot foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
             check_foot(&patch, &foot, p, "degenerate", seed);
             double expected = qm_slow_triangle_distance(p, end[0], k == 0 ? end[0] : end[1], end[0]);
             QM_CHECK(fabs(foot.distance - expected) <= 2 * ERROR, "order %zu, seed %llu: %.17g, not %.17g", k,

@@ -57,14 +57,14 @@ static double slow_distance(const qm_vec corner[4], qm_vec p)
 }
 
 /** Points of the box that are not left over lie within the distance of the target. */
-static void check_covered(const qm_patch *source, const qm_uv_box *box, const qm_vec target[4],
+static void check_covered(const qm_bilinear *source, const qm_uv_box *box, const qm_vec target[4],
                           double allowed, const rest_list *rest, qm_random *random)
 {
     for (int k = 0; k < SAMPLES; k++) {
         double s = qm_random_range(random, box->low[0], box->high[0]);
         double t = qm_random_range(random, box->low[1], box->high[1]);
         if (is_left_over(rest, s, t)) continue;
-        double distance = slow_distance(target, qm_patch_at(source, s, t));
+        double distance = slow_distance(target, qm_bilinear_at(source, s, t));
         QM_CHECK(distance <= allowed * (1.0 + 1e-9) + 1e-14, "(%.17g, %.17g) is %.17g away, allowed %.17g", s,
                  t, distance, allowed);
     }
@@ -82,7 +82,7 @@ static void covered_points_are_near(void **state)
         double noise = pow(10.0, qm_random_range(&random, -6, 0));
         for (int i = 0; i < 4 && k % 4 > 0; i++)
             to[i] = qm_vec_add(from[i], random_vec(&random, noise));
-        qm_patch source = qm_patch_make(from), target = qm_patch_make(to);
+        qm_bilinear source = qm_bilinear_make(from), target = qm_bilinear_make(to);
         qm_uv_box box;
         for (int axis = 0; axis < 2; axis++) {
             double a = qm_random_range(&random, 0, 1), b = qm_random_range(&random, 0, 1);
@@ -92,7 +92,7 @@ static void covered_points_are_near(void **state)
         const double middle[2] = {qm_random_range(&random, 0, 1), qm_random_range(&random, 0, 1)};
         double allowed = noise * qm_random_range(&random, 0.3, 2.0);
         rest_list rest = {0};
-        if (!qm_patch_match(&source, &box, &target, middle, allowed, keep_rest, &rest)) continue;
+        if (!qm_bilinear_match(&source, &box, &target, middle, allowed, keep_rest, &rest)) continue;
         covered++;
         check_covered(&source, &box, to, allowed, &rest, &random);
     }
@@ -117,13 +117,13 @@ static void points_are_not_covered_by_a_speck(void **state)
         from[k % 4] = to[0];
         for (int i = 0; i < 4; i++)
             farthest = fmax(farthest, qm_vec_norm(from[i]));
-        qm_patch source = qm_patch_make(from), target = qm_patch_make(to);
+        qm_bilinear source = qm_bilinear_make(from), target = qm_bilinear_make(to);
         double allowed = farthest * qm_random_range(&random, 0.5, 1.0);
         for (int alike = 0; alike < 2; alike++) {
             rest_list rest = {0};
             bool is_covered =
-                alike ? qm_patch_match_alike(&source, &square, &target, allowed, keep_rest, &rest)
-                      : qm_patch_match(&source, &square, &target, middle, allowed, keep_rest, &rest);
+                alike ? qm_bilinear_match_alike(&source, &square, &target, allowed, keep_rest, &rest)
+                      : qm_bilinear_match(&source, &square, &target, middle, allowed, keep_rest, &rest);
             QM_CHECK(!is_covered || rest.count > 0, "a corner %.17g away is covered for %.17g, size %.3g",
                      farthest, allowed, size);
             if (is_covered) check_covered(&source, &square, to, allowed, &rest, &random);
@@ -143,10 +143,11 @@ static void near_copies_are_covered_however_they_are_turned(void **state)
         double noise = pow(10.0, qm_random_range(&random, -14, -2));
         for (int i = 0; i < 4; i++)
             to[(k & 4 ? 7 - i : i + k) % 4] = qm_vec_add(from[i], random_vec(&random, noise));
-        qm_patch source = qm_patch_make(from), target = qm_patch_make(to);
+        qm_bilinear source = qm_bilinear_make(from), target = qm_bilinear_make(to);
         const double middle[2] = {0.5, 0.5};
         rest_list rest = {0};
-        assert_true(qm_patch_match(&source, &square, &target, middle, 2.0 * noise + 1e-14, keep_rest, &rest));
+        assert_true(
+            qm_bilinear_match(&source, &square, &target, middle, 2.0 * noise + 1e-14, keep_rest, &rest));
         assert_int_equal(rest.count, 0);
     }
 }
@@ -167,7 +168,7 @@ static void parts_of_patches_that_are_alike(void **state)
             most = fmax(most, qm_vec_norm(moved));
             to[(k & 4 ? 7 - i : i + k) % 4] = qm_vec_add(from[i], moved);
         }
-        qm_patch source = qm_patch_make(from), target = qm_patch_make(to);
+        qm_bilinear source = qm_bilinear_make(from), target = qm_bilinear_make(to);
         qm_uv_box box;
         for (int axis = 0; axis < 2; axis++) {
             double a = qm_random_range(&random, 0, 1), b = qm_random_range(&random, 0, 1);
@@ -175,15 +176,15 @@ static void parts_of_patches_that_are_alike(void **state)
             box.high[axis] = fmax(a, b);
         }
         rest_list rest = {0};
-        assert_true(qm_patch_match_alike(&source, &box, &target, 1.001 * most, keep_rest, &rest));
+        assert_true(qm_bilinear_match_alike(&source, &box, &target, 1.001 * most, keep_rest, &rest));
         assert_int_equal(rest.count, 0);
         double allowed = most * qm_random_range(&random, 0.5, 1.0);
-        if (qm_patch_match_alike(&source, &box, &target, allowed, keep_rest, &rest))
+        if (qm_bilinear_match_alike(&source, &box, &target, allowed, keep_rest, &rest))
             check_covered(&source, &box, to, allowed, &rest, &random);
         partly += rest.count > 0;
         to[k % 4] = qm_vec_add(to[k % 4], (qm_vec){5, 0, 0});
-        target = qm_patch_make(to);
-        assert_false(qm_patch_match_alike(&source, &box, &target, 0.1, keep_rest, &rest));
+        target = qm_bilinear_make(to);
+        assert_false(qm_bilinear_match_alike(&source, &box, &target, 0.1, keep_rest, &rest));
     }
     assert_true(partly > TRIES / 50);
 }
@@ -198,7 +199,7 @@ static void what_lies_over_a_part_is_covered(void **state)
     for (int k = 0; k < TRIES; k++) {
         qm_vec from[4], to[4];
         random_corners(&random, from);
-        qm_patch source = qm_patch_make(from);
+        qm_bilinear source = qm_bilinear_make(from);
         double low[2], high[2];
         for (int axis = 0; axis < 2; axis++) {
             low[axis] = qm_random_range(&random, 0.1, 0.4);
@@ -206,10 +207,10 @@ static void what_lies_over_a_part_is_covered(void **state)
         }
         const qm_uv_box part = {{low[0], low[1]}, {high[0], high[1]}}, square = {{0.0, 0.0}, {1.0, 1.0}};
         qm_uv_box_corners(&source, &part, to);
-        qm_patch target = qm_patch_make(to);
+        qm_bilinear target = qm_bilinear_make(to);
         const double middle[2] = {(0.5 - low[0]) / (high[0] - low[0]), (0.5 - low[1]) / (high[1] - low[1])};
         rest_list rest = {0};
-        if (!qm_patch_match(&source, &square, &target, middle, 1e-9, keep_rest, &rest)) continue;
+        if (!qm_bilinear_match(&source, &square, &target, middle, 1e-9, keep_rest, &rest)) continue;
         check_covered(&source, &square, to, 1e-9, &rest, &random);
         whole += rest.count <= 4;
     }

@@ -23,18 +23,18 @@ static void draw_corners(qm_random *random, double twist, double corner[4][3])
     }
 }
 
-static qm_patch patch_of(const double corner[4][3])
+static qm_bilinear patch_of(const double corner[4][3])
 {
     const qm_vec c[4] = {qm_vec_load(corner[0]), qm_vec_load(corner[1]), qm_vec_load(corner[2]),
                          qm_vec_load(corner[3])};
-    return qm_patch_make(c);
+    return qm_bilinear_make(c);
 }
 
 /** A triangle of this size in some direction off a point of the patch. */
-static void draw_triangle(qm_random *random, const qm_patch *patch, double height, double size,
+static void draw_triangle(qm_random *random, const qm_bilinear *patch, double height, double size,
                           qm_vec corner[3])
 {
-    qm_vec at = qm_patch_at(patch, qm_random_range(random, 0.2, 0.8), qm_random_range(random, 0.2, 0.8));
+    qm_vec at = qm_bilinear_at(patch, qm_random_range(random, 0.2, 0.8), qm_random_range(random, 0.2, 0.8));
     double off[3];
     qm_random_direction(random, off);
     at = qm_vec_axpy(at, height, qm_vec_load(off));
@@ -64,17 +64,17 @@ static void no_point_is_farther(void **state)
         qm_random random = qm_random_make(qm_check_seed(), (uint64_t)number);
         double c[4][3], uv[3][2];
         draw_corners(&random, (const double[]){0.0, 0.1, 1.0, 3.0}[qm_random_below(&random, 4)], c);
-        qm_patch patch = patch_of(c);
+        qm_bilinear patch = patch_of(c);
         qm_vec corner[3];
         draw_triangle(&random, &patch, (const double[]){0.0, 1e-3, 0.3, 3.0}[qm_random_below(&random, 4)],
                       (const double[]){1e-6, 1e-2, 0.3, 2.0}[qm_random_below(&random, 4)], corner);
         bool nearest = qm_random_below(&random, 3) > 0;
         for (int i = 0; i < 3; i++) {
-            qm_patch_foot foot = qm_patch_project(&patch, corner[i], ERROR, INFINITY);
+            qm_bilinear_foot foot = qm_bilinear_project(&patch, corner[i], ERROR, INFINITY);
             for (int k = 0; k < 2; k++)
                 uv[i][k] = nearest ? foot.uv[k] : qm_random_range(&random, 0.0, 1.0);
         }
-        double bound = qm_patch_under(&patch, corner, uv);
+        double bound = qm_bilinear_under(&patch, corner, uv);
         for (int i = 0; i <= GRID; i++)
             for (int j = 0; i + j <= GRID; j++) {
                 double d = slow_distance(c, point_of(corner, (double)i / GRID, (double)j / GRID));
@@ -110,18 +110,18 @@ static void the_excess_falls_with_the_fourth_power(void **state)
 {
     (void)state;
     const double c[4][3] = {{0, 0, 0}, {1, 0, 0.1}, {1, 1, -0.2}, {0, 1, 0.3}};
-    qm_patch patch = patch_of(c);
+    qm_bilinear patch = patch_of(c);
     double last = INFINITY;
     for (double size = 0.2; size > 0.02; size *= 0.5) {
         const qm_vec corner[3] = {
             {0.5 - size, 0.5 - size, 0.5}, {0.5 + size, 0.5 - 0.5 * size, 0.5}, {0.5, 0.5 + size, 0.5}};
         double uv[3][2];
         for (int i = 0; i < 3; i++) {
-            qm_patch_foot foot = qm_patch_project(&patch, corner[i], ERROR, INFINITY);
+            qm_bilinear_foot foot = qm_bilinear_project(&patch, corner[i], ERROR, INFINITY);
             uv[i][0] = foot.uv[0];
             uv[i][1] = foot.uv[1];
         }
-        double excess = qm_patch_under(&patch, corner, uv) - farthest(c, corner);
+        double excess = qm_bilinear_under(&patch, corner, uv) - farthest(c, corner);
         QM_CHECK(excess >= -ERROR && excess <= fmax(last / 12.0, 10.0 * ERROR), "size %g: %g after %g", size,
                  excess, last);
         last = excess;

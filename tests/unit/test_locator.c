@@ -100,7 +100,7 @@ static void check_patch(const bench *b, int other, int i, qm_vec p, uint32_t sta
 {
     const qm_kernel *kernel = qm_kernel_get();
     double size = fmax(1.0, qm_vec_norm(p)), error = 1e-13 * size, rounding = 0x1p-46 * size;
-    qm_patch_hit tree, hit;
+    qm_bilinear_hit tree, hit;
     kernel->closest_patch(b->tree, p, start, error, &tree);
     qm_nearest_patch(kernel, &b->locator[other], p, start, error, &hit);
     QM_CHECK(hit.lower <= tree.distance + rounding && tree.lower <= hit.distance + rounding,
@@ -130,7 +130,7 @@ static void check_locator(const bench *b, const qm_locator *locator, int i, cons
     qm_nearest_triangle(qm_kernel_get(), locator, p, &hit);
     check_brute_force(b, i, point, sqrt(hit.d2) * b->tree->frame.inverse_scale, QM_QUADS_TRIANGLES);
     if (i % 8) return;
-    qm_patch_hit patch;
+    qm_bilinear_hit patch;
     qm_nearest_patch(qm_kernel_get(), locator, p, start, 1e-13, &patch);
     check_brute_force(b, i, point, patch.distance * b->tree->frame.inverse_scale, QM_QUADS_BILINEAR);
 }

@@ -58,9 +58,9 @@ static void find_truth(const target *t, qm_quad_reading reading, const double p[
     qm_vec local = qm_frame_local(&t->tree->frame, p);
     bool has_patches = reading == QM_QUADS_BILINEAR && t->tree->has_quads;
     double unit = t->tree->frame.inverse_scale, rounding = qm_distance_rounding(local) * unit;
-    known.error = rounding + (has_patches ? qm_patch_error(local) * unit : 0.0);
+    known.error = rounding + (has_patches ? qm_bilinear_error(local) * unit : 0.0);
     /* Computed distances are never more than the rounding below the true ones: half of the rest is spare. */
-    known.tied = has_patches ? 0.25 * QM_PATCH_LEAST_ERROR * unit : 0.0;
+    known.tied = has_patches ? 0.25 * QM_BILINEAR_MIN_ERROR * unit : 0.0;
     known.least_lower = known.least_upper = INFINITY;
     for (size_t i = 0; i < t->mesh.face_count; i++) {
         qm_slow_bracket slow = qm_slow_face_distance(&t->mesh, i, reading, p, fmax(known.tied, 1e-16 * unit));

@@ -47,7 +47,7 @@ const qm_pack *qm_bvh_make_rows(const qm_bvh *bvh, size_t pack, qm_pack *spare)
 static double face_twist(const qm_bvh *bvh, uint32_t face)
 {
     qm_vec corner[4];
-    return qm_bvh_load_face(bvh, face, corner) == 3 ? 0.0 : qm_patch_twist(corner);
+    return qm_bvh_load_face(bvh, face, corner) == 3 ? 0.0 : qm_bilinear_twist(corner);
 }
 
 static void fill_twists(const qm_bvh *bvh, size_t pack, qm_pack_twists *twists)

@@ -164,11 +164,11 @@ static inline int qm_bvh_load_face(const qm_bvh *bvh, uint32_t face, qm_vec corn
 }
 
 /** The bilinear patch of a quad in the local frame. */
-static inline qm_patch qm_bvh_load_patch(const qm_bvh *bvh, uint32_t face)
+static inline qm_bilinear qm_bvh_load_patch(const qm_bvh *bvh, uint32_t face)
 {
     qm_vec corner[4];
     qm_bvh_load_face(bvh, face, corner);
-    return qm_patch_make(corner);
+    return qm_bilinear_make(corner);
 }
 
 #endif

@@ -10,7 +10,7 @@
     void qm_pack_distances_##isa(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);                   \
     void qm_closest_##isa(const qm_bvh *bvh, qm_vec p, qm_hit *hit);                                         \
     void qm_closest_patch_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, double error,                   \
-                                qm_patch_hit *hit);                                                          \
+                                qm_bilinear_hit *hit);                                                       \
     void qm_closest_ties_##isa(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties);                  \
     void qm_fill_float_##isa(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES]);                 \
     double qm_float_upper_##isa(const qm_float_pack *pack, const float *twist, qm_vec p);                    \
@@ -19,11 +19,11 @@
     void qm_float_closest_##isa(const qm_bvh *bvh, qm_vec p, double enough, qm_float_hit *hit);              \
     void qm_grid_closest_##isa(const qm_grid *grid, qm_vec p, qm_hit *hit);                                  \
     void qm_grid_closest_patch_##isa(const qm_grid *grid, qm_vec p, uint32_t start, double error,            \
-                                     qm_patch_hit *hit);                                                     \
+                                     qm_bilinear_hit *hit);                                                  \
     void qm_grid_closest_ties_##isa(const qm_grid *grid, qm_vec p, uint32_t start, qm_ties *ties);           \
     void qm_tetra_closest_##isa(const qm_tetra *tetra, qm_vec p, qm_hit *hit);                               \
     void qm_tetra_closest_patch_##isa(const qm_tetra *tetra, qm_vec p, uint32_t start, double error,         \
-                                      qm_patch_hit *hit);                                                    \
+                                      qm_bilinear_hit *hit);                                                 \
     void qm_tetra_closest_ties_##isa(const qm_tetra *tetra, qm_vec p, uint32_t start, qm_ties *ties);        \
     size_t qm_tetra_fit_##isa(qm_tetra *tetra, size_t patch, const uint64_t *changed);                       \
     void qm_gather_##isa(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);           \

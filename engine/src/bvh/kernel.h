@@ -43,10 +43,10 @@ static inline unsigned qm_float_certain(unsigned bits)
 }
 
 /** Result of a search over bilinear patches. The distance d and its certified lower bound. */
-typedef struct qm_patch_hit {
+typedef struct qm_bilinear_hit {
     double distance, lower;
     uint32_t face, pack;
-} qm_patch_hit;
+} qm_bilinear_hit;
 
 #define QM_TIES 16 /* faces of a list of ties */
 
@@ -152,7 +152,7 @@ typedef struct qm_kernel {
      * Nearest point of the patches, certified to within error; start is a first guess of a pack. With an
      * error of INFINITY a good point only: its distance is valid, lower is not.
      */
-    void (*closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit);
+    void (*closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_bilinear_hit *hit);
 
     /** Finds the faces that tie; start is a first guess of a pack. */
     void (*closest_ties)(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties);
@@ -175,13 +175,13 @@ typedef struct qm_kernel {
     /** The same three searches in a grid over the tree. */
     void (*grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit);
     void (*grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start, double error,
-                               qm_patch_hit *hit);
+                               qm_bilinear_hit *hit);
     void (*grid_closest_ties)(const qm_grid *grid, qm_vec p, uint32_t start, qm_ties *ties);
 
     /** The same three searches by offset tetrahedra over the tree. */
     void (*tetra_closest)(const qm_tetra *tetra, qm_vec p, qm_hit *hit);
     void (*tetra_closest_patch)(const qm_tetra *tetra, qm_vec p, uint32_t start, double error,
-                                qm_patch_hit *hit);
+                                qm_bilinear_hit *hit);
     void (*tetra_closest_ties)(const qm_tetra *tetra, qm_vec p, uint32_t start, qm_ties *ties);
 
     /**

@@ -19,7 +19,7 @@ static inline void qm_nearest_triangle(const qm_kernel *kernel, const qm_locator
 }
 
 static inline void qm_nearest_patch(const qm_kernel *kernel, const qm_locator *locator, qm_vec p,
-                                    uint32_t start, double error, qm_patch_hit *hit)
+                                    uint32_t start, double error, qm_bilinear_hit *hit)
 {
     if (locator->grid)
         kernel->grid_closest_patch(locator->grid, p, start, error, hit);

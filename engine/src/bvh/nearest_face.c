@@ -5,7 +5,7 @@
 static inline void start_ties(qm_ties *ties, qm_vec p, bool has_patches)
 {
     double rounding = qm_distance_rounding(p);
-    ties->error = has_patches ? qm_patch_error(p) : 0.0;
+    ties->error = has_patches ? qm_bilinear_error(p) : 0.0;
     ties->tau = 2.0 * ties->error + QM_TIE_ROUNDING * (1.0 + qm_greatest_coordinate(p));
     ties->margin = 2.0 * rounding; /* that of the bound and that of the distance */
     ties->least = ties->reach = ties->reach2 = INFINITY;

@@ -55,9 +55,9 @@ static inline double qm_distance_rounding(qm_vec p)
 }
 
 /** The certified error of patches that are projected on for a face to be told. */
-static inline double qm_patch_error(qm_vec p)
+static inline double qm_bilinear_error(qm_vec p)
 {
-    return QM_PATCH_LEAST_ERROR + QM_TIE_ROUNDING * qm_greatest_coordinate(p);
+    return QM_BILINEAR_MIN_ERROR + QM_TIE_ROUNDING * qm_greatest_coordinate(p);
 }
 
 /** The face for p, local, and the lane that is nearest of it. *hint is a pack to start from, and becomes the

@@ -43,7 +43,7 @@ static void project_one(const point_batch *batch, const qm_kernel *kernel, size_
     qm_surface_point foot = {.face = found.face};
     if (batch->out->position || batch->out->uv)
         foot = batch->reading == QM_QUADS_BILINEAR && qm_bvh_has_twists(bvh)
-                   ? qm_surface_face_foot(bvh, batch->reading, found.face, p, qm_patch_error(p))
+                   ? qm_surface_face_foot(bvh, batch->reading, found.face, p, qm_bilinear_error(p))
                    : qm_surface_triangle_foot(bvh, found.pack, found.lane, p);
     write_foot(batch->out, i, found.distance * bvh->frame.inverse_scale, &foot);
 }

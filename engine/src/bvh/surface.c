@@ -45,11 +45,11 @@ qm_surface_point qm_surface_face_foot(const qm_bvh *bvh, qm_quad_reading reading
     qm_vec corner[4];
     int corners = qm_bvh_load_face(bvh, face, corner);
     if (corners == 4 && reading == QM_QUADS_BILINEAR) {
-        qm_patch patch = qm_patch_make(corner);
-        qm_patch_foot found = qm_patch_project(&patch, p, error, INFINITY);
+        qm_bilinear patch = qm_bilinear_make(corner);
+        qm_bilinear_foot found = qm_bilinear_project(&patch, p, error, INFINITY);
         qm_surface_point foot = {.face = face, .uv = {found.uv[0], found.uv[1]}};
         qm_vec_store(foot.position,
-                     qm_frame_world(&bvh->frame, qm_patch_at(&patch, found.uv[0], found.uv[1])));
+                     qm_frame_world(&bvh->frame, qm_bilinear_at(&patch, found.uv[0], found.uv[1])));
         return foot;
     }
     qm_surface_point foot = corner_foot(bvh, face, corner, corners, false, p);

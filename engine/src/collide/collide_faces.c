@@ -1,6 +1,6 @@
 #include "collide_faces.h"
 
-#include "prim/patch_patch.h"
+#include "prim/bilinear_pair.h"
 #include "prim/tri_tri.h"
 
 #define LEAST_TOLERANCE 1e-12 /* of faces scaled to about 1: below it, rounding decides */
@@ -92,9 +92,9 @@ bool qm_faces_meet_bilinear(const qm_faces *faces, double tolerance, qm_contact 
                   b = load_face(faces->mesh[1], faces->face[1]);
     qm_vec origin = a.corner[0];
     double scale = bring_near(&a, &b), scaled = fmax(tolerance * scale, LEAST_TOLERANCE);
-    qm_patch_gap gap;
-    bool meets = faces->is_self ? qm_patch_patch_cross(&a, &b, scaled, &gap)
-                                : qm_patch_patch_meet(&a, &b, scaled, &gap);
+    qm_bilinear_gap gap;
+    bool meets = faces->is_self ? qm_bilinear_pair_cross(&a, &b, scaled, &gap)
+                                : qm_bilinear_pair_meet(&a, &b, scaled, &gap);
     if (meets && contact) {
         qm_vec middle = qm_vec_axpy(origin, 1.0 / scale, qm_vec_mix(gap.point[0], gap.point[1], 0.5));
         contact->kind = QM_CONTACT_POINT;

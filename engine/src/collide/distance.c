@@ -6,7 +6,7 @@
 #include "collide_search.h"
 #include "core/clock.h"
 #include "distance_queue.h"
-#include "prim/patch_patch.h"
+#include "prim/bilinear_pair.h"
 #include "prim/tri_distance.h"
 
 #define CANCEL_STEP 256        /* pairs of nodes between looks at the cancel flag */
@@ -111,8 +111,8 @@ static void measure_triangles(search *s, const near_face *a, const near_face *b)
 
 static void measure_patches(search *s, const near_face *a, const near_face *b)
 {
-    qm_patch_gap gap =
-        qm_patch_patch_distance(&a->shape, &b->shape, fmax(0.25 * s->tolerance, LEAST_PATCH_ERROR), s->best);
+    qm_bilinear_gap gap = qm_bilinear_pair_distance(&a->shape, &b->shape,
+                                                    fmax(0.25 * s->tolerance, LEAST_PATCH_ERROR), s->best);
     s->lowest = fmin(s->lowest, gap.lower);
     offer(s, a, b, gap.upper, gap.point[0], gap.point[1]);
 }

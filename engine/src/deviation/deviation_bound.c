@@ -710,7 +710,7 @@ double qm_piece_search(const qm_piece_maker *maker, qm_piece_desk *desk, qm_vec 
     desk->searches++;
     *certain = sqrt(hit.d2);
     if (!maker->target_patches) return *certain;
-    qm_patch_hit patch;
+    qm_bilinear_hit patch;
     maker->kernel->closest_patch(maker->target, p, hit.pack, maker->patch_error, &patch);
     *certain = qm_greater(0.0, patch.lower);
     return patch.distance;

@@ -24,10 +24,10 @@ static double clamp_to(double x, bool within)
 
 /** Newton's step for |p - Q|^2 / 2, or that of Gauss and Newton where the function is not convex; along one
  * parameter alone where the other is held by a wall. */
-static void find_step(const qm_patch *q, qm_vec p, const double at[2], bool within, double step[2])
+static void find_step(const qm_bilinear *q, qm_vec p, const double at[2], bool within, double step[2])
 {
     qm_vec along_s = qm_vec_axpy(q->e1, at[1], q->w), along_t = qm_vec_axpy(q->e2, at[0], q->w);
-    qm_vec d = qm_vec_sub(p, qm_patch_at(q, at[0], at[1]));
+    qm_vec d = qm_vec_sub(p, qm_bilinear_at(q, at[0], at[1]));
     double ss = qm_vec_norm2(along_s), tt = qm_vec_norm2(along_t), st = qm_vec_dot(along_s, along_t);
     double fs = qm_vec_dot(d, along_s), ft = qm_vec_dot(d, along_t), bent = st - qm_vec_dot(d, q->w);
     bool held[2] = {within && ((at[0] <= 0.0 && fs <= 0.0) || (at[0] >= 1.0 && fs >= 0.0)),
@@ -45,7 +45,7 @@ static void find_step(const qm_patch *q, qm_vec p, const double at[2], bool with
     }
 }
 
-static void find_foot(const qm_patch *patch, qm_vec p, bool within, double at[2])
+static void find_foot(const qm_bilinear *patch, qm_vec p, bool within, double at[2])
 {
     at[0] = clamp_to(at[0], within);
     at[1] = clamp_to(at[1], within);
@@ -61,7 +61,7 @@ static void find_foot(const qm_patch *patch, qm_vec p, bool within, double at[2]
 /* ---- coefficients ---- */
 
 /** The coefficient of a patch at two pairs of parameters: its point when they are the same. */
-static qm_vec patch_coefficient(const qm_patch *q, const double a[2], const double b[2])
+static qm_vec patch_coefficient(const qm_bilinear *q, const double a[2], const double b[2])
 {
     qm_vec sum = qm_vec_axpy(q->origin, 0.5 * (a[0] + b[0]), q->e1);
     sum = qm_vec_axpy(sum, 0.5 * (a[1] + b[1]), q->e2);
@@ -163,7 +163,7 @@ static void set_slopes(qm_piece_match *match)
 /** What the parameters of a match make of it. */
 static void finish(const qm_piece_maker *maker, const qm_vec corner[6], qm_piece_match *match)
 {
-    const qm_patch *patch = match->patch;
+    const qm_bilinear *patch = match->patch;
     double farthest = 0.0;
     for (int i = 0; i < 3; i++) {
         match->along[0][i] = qm_vec_axpy(patch->e1, match->at[i][1], patch->w);
@@ -181,7 +181,7 @@ static void finish(const qm_piece_maker *maker, const qm_vec corner[6], qm_piece
 }
 
 void qm_piece_match_make(const qm_piece_maker *maker, const qm_piece_face *face, const qm_source_piece *piece,
-                         const qm_patch *patch, const double start[2], bool within, qm_piece_match *match)
+                         const qm_bilinear *patch, const double start[2], bool within, qm_piece_match *match)
 {
     qm_vec corner[6], sum = {0, 0, 0};
     double middle[2] = {start[0], start[1]};
@@ -210,7 +210,7 @@ static void lay_out(int layout, double s, double t, double at[2])
     at[1 - (layout & 1)] = layout & 4 ? 1.0 - t : t;
 }
 
-static int find_layout(const qm_patch *source, const qm_patch *target)
+static int find_layout(const qm_bilinear *source, const qm_bilinear *target)
 {
     int best = 0;
     double least = INFINITY;
@@ -219,7 +219,8 @@ static int find_layout(const qm_patch *source, const qm_patch *target)
         for (int i = 0; i < 4; i++) {
             double s = i & 1 ? 1.0 : 0.0, t = i & 2 ? 1.0 : 0.0, at[2];
             lay_out(layout, s, t, at);
-            sum += qm_vec_norm2(qm_vec_sub(qm_patch_at(source, s, t), qm_patch_at(target, at[0], at[1])));
+            sum +=
+                qm_vec_norm2(qm_vec_sub(qm_bilinear_at(source, s, t), qm_bilinear_at(target, at[0], at[1])));
         }
         if (!(sum < least)) continue;
         least = sum;
@@ -229,7 +230,7 @@ static int find_layout(const qm_patch *source, const qm_patch *target)
 }
 
 void qm_piece_match_alike(const qm_piece_maker *maker, const qm_piece_face *face,
-                          const qm_source_piece *piece, const qm_patch *patch, qm_piece_match *match)
+                          const qm_source_piece *piece, const qm_bilinear *patch, qm_piece_match *match)
 {
     qm_vec corner[6];
     int layout = find_layout(&face->patch, patch);
@@ -423,7 +424,7 @@ void qm_piece_match_beyond(const qm_piece_match *match, const qm_uv_box *box, co
     }
 }
 
-void qm_piece_match_aside(const qm_piece_face *face, const qm_source_piece *piece, const qm_patch *patch,
+void qm_piece_match_aside(const qm_piece_face *face, const qm_source_piece *piece, const qm_bilinear *patch,
                           const qm_uv_box *box, qm_vec normal, double height[4][3])
 {
     qm_vec corner[4], at[6];

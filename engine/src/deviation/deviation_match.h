@@ -70,7 +70,7 @@
 
 /** A piece matched to a patch. */
 typedef struct qm_piece_match {
-    const qm_patch *patch;
+    const qm_bilinear *patch;
     double at[3][2];        /* parameters of the patch for the corners of the piece */
     qm_vec difference[6];   /* D_ij: 00 11 22, then 01 12 20 */
     qm_vec along[2][3];     /* Q_s and Q_t at the corners' parameters */
@@ -92,12 +92,12 @@ typedef struct qm_piece_match {
  * surface, also beyond its edges, or of the patch alone.
  */
 void qm_piece_match_make(const qm_piece_maker *maker, const qm_piece_face *face, const qm_source_piece *piece,
-                         const qm_patch *patch, const double start[2], bool within, qm_piece_match *match);
+                         const qm_bilinear *patch, const double start[2], bool within, qm_piece_match *match);
 
 /** Matches a piece of a patch to the same parameters of another patch, counted from the corners that are
  * nearest: for two that nearly coincide, however they are folded. */
 void qm_piece_match_alike(const qm_piece_maker *maker, const qm_piece_face *face,
-                          const qm_source_piece *piece, const qm_patch *patch, qm_piece_match *match);
+                          const qm_source_piece *piece, const qm_bilinear *patch, qm_piece_match *match);
 
 /** True when all parameters are within the unit square. */
 static inline bool qm_piece_match_is_inside(const qm_piece_match *match)
@@ -151,7 +151,7 @@ void qm_piece_match_beyond(const qm_piece_match *match, const qm_uv_box *box, co
 /** Values at the corners of four linear functions that the distance to a rectangle of the patch is at least:
  * how far the piece is beyond each edge, along the plane normal to a unit vector. All of a rectangle is in
  * the hull of its corners, and behind a plane that these are behind. */
-void qm_piece_match_aside(const qm_piece_face *face, const qm_source_piece *piece, const qm_patch *patch,
+void qm_piece_match_aside(const qm_piece_face *face, const qm_source_piece *piece, const qm_bilinear *patch,
                           const qm_uv_box *box, qm_vec normal, double height[4][3]);
 
 /** Values at the corners of a linear function that the distance to the patch is at most; the parameters are

@@ -11,7 +11,7 @@
 /** A part of a patch with its corners, and its two triangles. */
 typedef struct rectangle {
     qm_vec corner[4];
-    qm_patch_halves halves;
+    qm_bilinear_halves halves;
     double excess; /* what is to be cut down: the slack of the halves, 0 where they are not needed */
 } rectangle;
 
@@ -157,7 +157,7 @@ static void set_rectangle(near_work *work, int place, const qm_vec corner[4], co
     work->near->rectangle[place] = *of;
     for (int i = 0; i < 4; i++)
         to->corner[i] = corner[i];
-    to->halves = qm_patch_halve(corner, (qm_vec){0, 0, 0});
+    to->halves = qm_bilinear_halve(corner, (qm_vec){0, 0, 0});
     work->near->rectangle[place].is_mild = is_mild(work, corner);
     to->excess = work->near->rectangle[place].is_mild ? 0.0 : to->halves.slack;
 }
@@ -211,7 +211,7 @@ static void cut_rectangles(near_work *work)
 static void add_rectangles(near_work *work)
 {
     for (int i = 0; i < work->near->rectangle_count; i++) {
-        const qm_patch_halves *halves = &work->rectangle[i].halves;
+        const qm_bilinear_halves *halves = &work->rectangle[i].halves;
         const qm_vec *c = halves->corner;
         for (int k = 0; k < 2; k++) {
             qm_triangle half = qm_triangle_make(c[0], c[1 + k], c[2 + k]);
@@ -237,7 +237,7 @@ static void add_pack(near_work *work, const qm_kernel *kernel, uint32_t pack, bo
             qm_vec corner[4];
             qm_bvh_load_face(target, lanes->face[lane], corner);
             const qm_near_rectangle whole = {
-                lanes->face[lane], false, qm_patch_make(corner), {{0.0, 0.0}, {1.0, 1.0}}};
+                lanes->face[lane], false, qm_bilinear_make(corner), {{0.0, 0.0}, {1.0, 1.0}}};
             add_rectangle(work, corner, &whole);
             lane += qm_lane_has_second(lanes, (uint32_t)lane);
         } else if (sqrt(d2[lane]) - twist <= work->reach) {

@@ -27,8 +27,8 @@
 /** A part of a patch of the target. */
 typedef struct qm_near_rectangle {
     uint32_t face;
-    bool is_mild;   /* bends so little that matches hold */
-    qm_patch patch; /* the whole of it */
+    bool is_mild;      /* bends so little that matches hold */
+    qm_bilinear patch; /* the whole of it */
     qm_uv_box box;
 } qm_near_rectangle;
 

@@ -65,11 +65,11 @@ static bool load_corners(const qm_piece_maker *maker, uint32_t face, qm_vec corn
  * change sign nowhere, and differ less. */
 static bool is_over_twist(const qm_piece_maker *maker, const qm_vec corner[4])
 {
-    qm_patch patch = qm_patch_make(corner);
+    qm_bilinear patch = qm_bilinear_make(corner);
     double size = qm_lesser(qm_vec_norm(patch.e1), qm_vec_norm(patch.e2)), w = qm_vec_norm(patch.w);
     if (!maker->target_patches || !(w > maker->stray_error)) return false;
     qm_hit hit = {.d2 = INFINITY, .pack = 0};
-    maker->kernel->closest(maker->target, qm_patch_at(&patch, 0.5, 0.5), &hit);
+    maker->kernel->closest(maker->target, qm_bilinear_at(&patch, 0.5, 0.5), &hit);
     double twist = (double)qm_bvh_twists(maker->target, hit.pack)[hit.lane];
     return twist * w > maker->stray_error * size && 16.0 * hit.d2 < w * w;
 }
@@ -87,7 +87,7 @@ qm_piece_face qm_piece_face_load(const qm_piece_maker *maker, const qm_source_pi
 {
     qm_piece_face face = {.is_patch = !piece->is_flat};
     bool is_quad = load_corners(maker, piece->face, face.corner);
-    if (face.is_patch) face.patch = qm_patch_make(face.corner);
+    if (face.is_patch) face.patch = qm_bilinear_make(face.corner);
     if (face.is_patch || !is_quad) return face;
     if (maker->source_patches) compare_triangles(maker, face.corner, &face.slack, &face.spread);
     if (piece->second) {
@@ -106,7 +106,7 @@ static qm_vec flat_point(const qm_vec corner[3], double u, double v)
 
 qm_vec qm_piece_face_at(const qm_piece_face *face, double u, double v)
 {
-    return face->is_patch ? qm_patch_at(&face->patch, u, v) : flat_point(face->corner, u, v);
+    return face->is_patch ? qm_bilinear_at(&face->patch, u, v) : flat_point(face->corner, u, v);
 }
 
 double qm_piece_parameter_area2(const qm_source_piece *piece, double *error)
@@ -151,7 +151,7 @@ static void spread_flat(qm_piece_shape *shape, const qm_piece_maker *maker, cons
 }
 
 /** Q_s x Q_t = e1 x e2 + s e1 x w + t w x e2 is linear in s and t: its length is convex. */
-static qm_vec patch_normal(const qm_piece_maker *maker, const qm_patch *patch, double s, double t,
+static qm_vec patch_normal(const qm_piece_maker *maker, const qm_bilinear *patch, double s, double t,
                            double *error)
 {
     qm_vec along_s = qm_vec_axpy(patch->e1, t, patch->w), along_t = qm_vec_axpy(patch->e2, s, patch->w);
@@ -162,7 +162,7 @@ static qm_vec patch_normal(const qm_piece_maker *maker, const qm_patch *patch, d
 static void spread_patch(qm_piece_shape *shape, const qm_piece_maker *maker, const qm_piece_face *face,
                          const qm_source_piece *piece)
 {
-    const qm_patch *patch = &face->patch;
+    const qm_bilinear *patch = &face->patch;
     qm_vec normal[3], sum = {0, 0, 0};
     double low[3], high[3], error = 0.0;
     for (int i = 0; i < 3; i++) {

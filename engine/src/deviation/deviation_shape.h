@@ -20,10 +20,10 @@
 /** The face that a piece lies on: a patch, or the flat triangle that the piece is on. */
 typedef struct qm_piece_face {
     bool is_patch;
-    qm_vec corner[4]; /* three of a flat triangle */
-    qm_patch patch;   /* of a patch only */
-    double slack;     /* how far a patch may be from the triangle that stands for it, */
-    double spread;    /* and by what share their areas may differ */
+    qm_vec corner[4];  /* three of a flat triangle */
+    qm_bilinear patch; /* of a patch only */
+    double slack;      /* how far a patch may be from the triangle that stands for it, */
+    double spread;     /* and by what share their areas may differ */
 } qm_piece_face;
 
 typedef struct qm_piece_shape {

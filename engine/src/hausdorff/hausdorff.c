@@ -130,7 +130,7 @@ static void set_witness(const qm_search *search, qm_hausdorff_result *out)
     const qm_worker *best = best_witness(search);
     const qm_side *side = &search->side[best->witness_side];
     qm_quad_reading quads = search->options->quads;
-    double error = fmax(WITNESS_ERROR * search->tolerance * side->scale, QM_PATCH_LEAST_ERROR * side->reach);
+    double error = fmax(WITNESS_ERROR * search->tolerance * side->scale, QM_BILINEAR_MIN_ERROR * side->reach);
     double world[3];
     qm_vec_store(world, qm_frame_world(&side->target->frame, best->witness_point));
     qm_vec at_source = qm_frame_local(&side->source->frame, world);
@@ -141,7 +141,7 @@ static void set_witness(const qm_search *search, qm_hausdorff_result *out)
     search->kernel->closest(side->target, p, &hit);
     double certified = sqrt(hit.d2);
     if (side->target_patches) {
-        qm_patch_hit patch;
+        qm_bilinear_hit patch;
         search->kernel->closest_patch(side->target, p, hit.pack, error, &patch);
         certified = patch.lower;
         out->to = qm_surface_face_foot(side->target, quads, patch.face, p, error);

@@ -90,7 +90,7 @@ static struct listed_quad take_nearest(quad_list *list)
 void qm_piece_find_foot(qm_near_quad *quad, qm_vec p)
 {
     if (quad->has_foot) return;
-    qm_patch_foot foot = qm_patch_descend(&quad->patch, p, INFINITY);
+    qm_bilinear_foot foot = qm_bilinear_descend(&quad->patch, p, INFINITY);
     quad->has_foot = true;
     quad->uv[0] = foot.uv[0];
     quad->uv[1] = foot.uv[1];
@@ -104,7 +104,7 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
         .face = listed.face, .pack = listed.pack, .distance = listed.distance, .twist = listed.twist};
     quad.patch = qm_bvh_load_patch(work->side->target, quad.face);
     if (quad.twist >= negligible) {
-        qm_patch_foot foot = qm_patch_descend(&quad.patch, p, near->farthest);
+        qm_bilinear_foot foot = qm_bilinear_descend(&quad.patch, p, near->farthest);
         quad.distance = foot.distance;
         quad.has_foot = true;
         quad.uv[0] = foot.uv[0];
@@ -149,8 +149,8 @@ bool qm_piece_quad_within(const qm_piece_work *work, qm_vec p, double distance)
         struct listed_quad quad = take_nearest(&list);
         if (quad.distance + quad.twist <= distance) return true;
         if (quad.distance - quad.twist > distance) return false;
-        qm_patch patch = qm_bvh_load_patch(work->side->target, quad.face);
-        if (qm_patch_descend(&patch, p, distance).distance <= distance) return true;
+        qm_bilinear patch = qm_bvh_load_patch(work->side->target, quad.face);
+        if (qm_bilinear_descend(&patch, p, distance).distance <= distance) return true;
     }
     return false;
 }
@@ -159,15 +159,15 @@ bool qm_piece_over_face(const qm_piece_work *work, uint32_t face, const qm_polyg
 {
     qm_vec corner[4];
     if (polygon->count != 3 || qm_bvh_load_face(work->side->target, face, corner) != 4) return false;
-    qm_patch patch = qm_patch_make(corner);
+    qm_bilinear patch = qm_bilinear_make(corner);
     double uv[3][2], allowed = qm_piece_allowed(work) - work->slack;
     for (int i = 0; i < 3; i++) {
-        qm_patch_foot foot = qm_patch_descend(&patch, polygon->corner[i], allowed);
+        qm_bilinear_foot foot = qm_bilinear_descend(&patch, polygon->corner[i], allowed);
         if (foot.distance > allowed) return false;
         uv[i][0] = foot.uv[0];
         uv[i][1] = foot.uv[1];
     }
-    return qm_patch_under(&patch, polygon->corner, uv) <= allowed;
+    return qm_bilinear_under(&patch, polygon->corner, uv) <= allowed;
 }
 
 bool qm_piece_over_patch(const qm_piece_work *work, const qm_polygon *polygon)
@@ -200,10 +200,10 @@ static feet_rectangle feet_of_corners(const qm_near_quad *quad, const qm_polygon
 {
     feet_rectangle feet = {{1.0, 1.0}, {0.0, 0.0}};
     for (int i = 0; i < polygon->count; i++) {
-        qm_patch_foot foot = {.distance = INFINITY, .uv = {quad->uv[0], quad->uv[1]}};
+        qm_bilinear_foot foot = {.distance = INFINITY, .uv = {quad->uv[0], quad->uv[1]}};
         foot.distance =
-            qm_vec_distance(polygon->corner[i], qm_patch_at(&quad->patch, foot.uv[0], foot.uv[1]));
-        qm_patch_polish(&quad->patch, polygon->corner[i], &foot);
+            qm_vec_distance(polygon->corner[i], qm_bilinear_at(&quad->patch, foot.uv[0], foot.uv[1]));
+        qm_bilinear_polish(&quad->patch, polygon->corner[i], &foot);
         for (int k = 0; k < 2; k++) {
             feet.low[k] = fmin(feet.low[k], foot.uv[k]);
             feet.high[k] = fmax(feet.high[k], foot.uv[k]);
@@ -247,7 +247,7 @@ static void keep_one_sheet(const qm_near_quad *quad, feet_rectangle *feet)
  * much within the piece, by its corners. */
 static feet_rectangle find_feet(const qm_near_quad *quad, const qm_polygon *polygon, double radius)
 {
-    const qm_patch *patch = &quad->patch;
+    const qm_bilinear *patch = &quad->patch;
     qm_vec along_u = qm_vec_axpy(patch->e1, quad->uv[1], patch->w);
     qm_vec along_v = qm_vec_axpy(patch->e2, quad->uv[0], patch->w);
     const double speed[2] = {qm_vec_norm(along_u), qm_vec_norm(along_v)};
@@ -271,13 +271,15 @@ static void set_lane_corner(lane_corners *corners, int i, int lane, qm_vec p)
 }
 
 /** The two triangles of a part of a patch as labels; that part leaves them by a slack of its own. */
-static void set_refined_lanes(qm_candidates *labels, lane_corners *corners, int lane, const qm_patch *patch,
-                              const feet_rectangle *feet, qm_vec direction, double allowed)
+static void set_refined_lanes(qm_candidates *labels, lane_corners *corners, int lane,
+                              const qm_bilinear *patch, const feet_rectangle *feet, qm_vec direction,
+                              double allowed)
 {
-    const qm_vec c[4] = {
-        qm_patch_at(patch, feet->low[0], feet->low[1]), qm_patch_at(patch, feet->high[0], feet->low[1]),
-        qm_patch_at(patch, feet->high[0], feet->high[1]), qm_patch_at(patch, feet->low[0], feet->high[1])};
-    qm_patch_halves halves = qm_patch_halve(c, direction);
+    const qm_vec c[4] = {qm_bilinear_at(patch, feet->low[0], feet->low[1]),
+                         qm_bilinear_at(patch, feet->high[0], feet->low[1]),
+                         qm_bilinear_at(patch, feet->high[0], feet->high[1]),
+                         qm_bilinear_at(patch, feet->low[0], feet->high[1])};
+    qm_bilinear_halves halves = qm_bilinear_halve(c, direction);
     for (int half = 0; half < 2; half++) {
         set_lane_corner(corners, 0, lane + half, halves.corner[0]);
         set_lane_corner(corners, 1, lane + half, halves.corner[1 + half]);
@@ -309,7 +311,7 @@ bool qm_piece_refine(const qm_piece_work *work, const qm_polygon *polygon, qm_ve
         if (quad->twist < negligible) continue;
         feet_rectangle feet = find_feet(quad, polygon, radius);
         keep_one_sheet(quad, &feet);
-        qm_vec from = qm_vec_sub(middle, qm_patch_at(&quad->patch, quad->uv[0], quad->uv[1]));
+        qm_vec from = qm_vec_sub(middle, qm_bilinear_at(&quad->patch, quad->uv[0], quad->uv[1]));
         double length = qm_vec_norm(from); /* which may be roundings only, other than those of the distance */
         qm_vec direction = qm_vec_scale(length > 0.0 ? 1.0 / length : 0.0, from);
         set_refined_lanes(&refined->labels, &corners, lane, &quad->patch, &feet, direction, allowed);

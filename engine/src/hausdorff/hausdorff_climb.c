@@ -23,7 +23,7 @@ typedef struct facet {
     bool is_patch;
     qm_triangle triangle;
     qm_vec corner[3];
-    qm_patch patch;
+    qm_bilinear patch;
     double uv[2];
     double distance;
     qm_vec away; /* from the foot to the point, of length 1 */
@@ -46,11 +46,11 @@ static void look_from(facet *f, qm_vec p)
 {
     qm_vec foot;
     if (f->is_patch) {
-        qm_patch_foot at = {.distance = INFINITY, .uv = {f->uv[0], f->uv[1]}};
-        qm_patch_polish(&f->patch, p, &at);
+        qm_bilinear_foot at = {.distance = INFINITY, .uv = {f->uv[0], f->uv[1]}};
+        qm_bilinear_polish(&f->patch, p, &at);
         f->uv[0] = at.uv[0];
         f->uv[1] = at.uv[1];
-        foot = qm_patch_at(&f->patch, at.uv[0], at.uv[1]);
+        foot = qm_bilinear_at(&f->patch, at.uv[0], at.uv[1]);
     } else {
         double weight[3];
         qm_triangle_footpoint(&f->triangle, p, weight);
@@ -96,13 +96,13 @@ static double measure(climb *c, qm_vec p, bool *is_new)
     c->hint = hit.pack;
     double distance = sqrt(hit.d2);
     if (c->side->target_patches) {
-        qm_patch_hit found;
+        qm_bilinear_hit found;
         qm_nearest_patch(c->kernel, &c->side->nearest, p, hit.pack, INFINITY, &found);
         qm_vec corner[4];
         if (qm_bvh_load_face(c->side->target, found.face, corner) == 4) {
             facet f = {
-                .key = UINT64_C(1) << 63 | found.face, .is_patch = true, .patch = qm_patch_make(corner)};
-            qm_patch_foot foot = qm_patch_descend(&f.patch, p, INFINITY);
+                .key = UINT64_C(1) << 63 | found.face, .is_patch = true, .patch = qm_bilinear_make(corner)};
+            qm_bilinear_foot foot = qm_bilinear_descend(&f.patch, p, INFINITY);
             f.uv[0] = foot.uv[0];
             f.uv[1] = foot.uv[1];
             *is_new = remember(c, &f);
@@ -155,7 +155,7 @@ static bool climb_ground(climb *c, qm_ground *ground, double enough)
         if (!(expected > enough)) break;
         double u = qm_clamp(ground->uv[0] + step[0], 0.0, 1.0);
         double v = qm_clamp(ground->uv[1] + step[1], 0.0, ground->is_triangle ? 1.0 - u : 1.0);
-        qm_vec p = qm_patch_at(&ground->patch, u, v);
+        qm_vec p = qm_bilinear_at(&ground->patch, u, v);
         bool is_new;
         double distance = measure(c, p, &is_new), gained = distance - c->distance;
         if (gained > GOOD_GAIN * expected)

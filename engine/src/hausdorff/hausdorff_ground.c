@@ -6,8 +6,8 @@
 
 static qm_ground ground_of_patch(const qm_vec corner[4], qm_vec place, double *away)
 {
-    qm_ground ground = {.patch = qm_patch_make(corner)};
-    qm_patch_foot foot = qm_patch_descend(&ground.patch, place, INFINITY);
+    qm_ground ground = {.patch = qm_bilinear_make(corner)};
+    qm_bilinear_foot foot = qm_bilinear_descend(&ground.patch, place, INFINITY);
     ground.uv[0] = foot.uv[0];
     ground.uv[1] = foot.uv[1];
     *away = foot.distance;
@@ -25,7 +25,7 @@ static qm_ground ground_of_triangle(const qm_vec corner[3], qm_vec place, double
     qm_triangle_footpoint(&triangle, place, weight);
     ground.uv[0] = weight[1];
     ground.uv[1] = weight[2];
-    *away = qm_vec_distance(qm_patch_at(&ground.patch, weight[1], weight[2]), place);
+    *away = qm_vec_distance(qm_bilinear_at(&ground.patch, weight[1], weight[2]), place);
     return ground;
 }
 
@@ -76,7 +76,7 @@ double qm_grounds_largest(const qm_grounds *grounds)
 {
     double largest = 0.0;
     for (int i = 0; i < grounds->count; i++) {
-        const qm_patch *patch = &grounds->at[i].patch;
+        const qm_bilinear *patch = &grounds->at[i].patch;
         largest = qm_greater(largest, qm_greater(qm_vec_norm(patch->e1), qm_vec_norm(patch->e2)));
     }
     return largest;

@@ -12,7 +12,7 @@
 
 /** A facet of the source, local to the target; w is 0 for triangles, whose parameters sum to 1 at most. */
 typedef struct qm_ground {
-    qm_patch patch;
+    qm_bilinear patch;
     bool is_triangle;
     uint32_t face;
     double uv[2]; /* of the place at hand */

@@ -28,7 +28,7 @@
 typedef struct facet {
     uint32_t place; /* QM_PACK_LANES * pack + lane; the first lane of a patch */
     bool is_patch;
-    qm_patch patch;
+    qm_bilinear patch;
 } facet;
 
 /** A corner of a cell, and the point of a facet that it is matched to. */
@@ -54,7 +54,7 @@ static bool holds_patch(const qm_side *side, uint32_t pack, uint32_t lane)
     return side->target_patches && qm_lane_has_second(&side->target->lanes[pack], lane);
 }
 
-static qm_patch load_patch(const qm_side *side, uint32_t pack, uint32_t lane)
+static qm_bilinear load_patch(const qm_side *side, uint32_t pack, uint32_t lane)
 {
     return qm_bvh_load_patch(side->target, side->target->lanes[pack].face[lane]);
 }
@@ -72,8 +72,8 @@ uint32_t qm_matching_facet(const qm_search *search, const qm_side *side, uint32_
             next = lane + 2;
             distance = fmin(distance, sqrt(d2[lane + 1]));
             if (distance - qm_side_twist(side, pack, lane) >= nearest) continue;
-            qm_patch patch = load_patch(side, pack, lane);
-            distance = qm_patch_descend(&patch, p, INFINITY).distance;
+            qm_bilinear patch = load_patch(side, pack, lane);
+            distance = qm_bilinear_descend(&patch, p, INFINITY).distance;
         }
         if (distance >= nearest) continue;
         nearest = distance;
@@ -85,7 +85,7 @@ uint32_t qm_matching_facet(const qm_search *search, const qm_side *side, uint32_
 static matched match_point(const matching *work, const facet *to, qm_vec p)
 {
     if (to->is_patch) {
-        qm_patch_foot foot = qm_patch_descend(&to->patch, p, INFINITY);
+        qm_bilinear_foot foot = qm_bilinear_descend(&to->patch, p, INFINITY);
         return (matched){p, foot.distance, {foot.uv[0], foot.uv[1]}};
     }
     double d2[QM_PACK_LANES];
@@ -117,7 +117,7 @@ static void gather_facets(matching *work)
 }
 
 /** A control point of the difference: the mean of points a and b less that of their match, see cell_upper. */
-static double control_distance(const qm_patch *patch, const matched *a, const matched *b)
+static double control_distance(const qm_bilinear *patch, const matched *a, const matched *b)
 {
     double u = 0.5 * (a->uv[0] + b->uv[0]), v = 0.5 * (a->uv[1] + b->uv[1]);
     double uv = 0.5 * (a->uv[0] * b->uv[1] + b->uv[0] * a->uv[1]);
@@ -125,7 +125,7 @@ static double control_distance(const qm_patch *patch, const matched *a, const ma
     return qm_vec_distance(qm_vec_mix(a->corner, b->corner, 0.5), qm_vec_axpy(on, uv, patch->w));
 }
 
-static double centre_distance(const qm_patch *patch, const matched cell[4])
+static double centre_distance(const qm_bilinear *patch, const matched cell[4])
 {
     double u = 0.0, v = 0.0, uv = 0.0;
     qm_vec middle = {0, 0, 0};

@@ -54,7 +54,7 @@ typedef struct qm_near_quad {
     double twist;
     bool has_foot; /* set for twisted quads only, */
     double uv[2];  /* of the foot */
-    qm_patch patch;
+    qm_bilinear patch;
 } qm_near_quad;
 
 /** Quads of the target, each once, nearest first. */

@@ -1,6 +1,6 @@
 /**
  * hausdorff_rectangle.c: parameter rectangles of the source's bilinear patches. The part of the patch lies in
- * the hull of its four corners, and near the two triangles of qm_patch_halve, by a share of |w| ds dt.
+ * the hull of its four corners, and near the two triangles of qm_bilinear_halve, by a share of |w| ds dt.
  */
 #include <string.h>
 
@@ -21,13 +21,13 @@
 #define INSET 1e-3           /* share of the way in at which the patch under an end is looked up */
 #define CROSSING_MARGIN 1e-3 /* share of the rectangle that a cut must leave on both sides */
 
-static qm_patch source_patch(const qm_piece_work *work)
+static qm_bilinear source_patch(const qm_piece_work *work)
 {
     const uint32_t *vertex = work->side->source->mesh.faces + 4 * (size_t)work->piece.face;
     qm_vec corner[4];
     for (int i = 0; i < 4; i++)
         corner[i] = qm_side_vertex(work->side, vertex[i]);
-    return qm_patch_make(corner);
+    return qm_bilinear_make(corner);
 }
 
 /** One label for the hull of the four corners, which holds that part of the patch. */
@@ -54,7 +54,7 @@ static bool is_left_often(const qm_piece_work *work)
 
 /** Covers the two triangles of a rectangle, with the slack by which the patch leaves them; near are quads
  * near its middle. */
-static bool triangles_reached(qm_piece_work *work, const qm_patch_halves *halves, qm_vec middle,
+static bool triangles_reached(qm_piece_work *work, const qm_bilinear_halves *halves, qm_vec middle,
                               const qm_near_quads *near)
 {
     qm_piece_set_slack(work, halves->slack);
@@ -86,21 +86,22 @@ static uint32_t quad_under(const qm_piece_work *work, qm_vec p)
 
 /** How far along [from, to] the target's patch under the point at from reaches; from when it does not reach
  * even that. */
-static double patch_reach(const qm_piece_work *work, const qm_patch *source, int axis, double from, double to)
+static double patch_reach(const qm_piece_work *work, const qm_bilinear *source, int axis, double from,
+                          double to)
 {
     double at[2] = {0.5 * (work->piece.low[0] + work->piece.high[0]),
                     0.5 * (work->piece.low[1] + work->piece.high[1])};
     at[axis] = from + INSET * (to - from); /* off the line where two patches meet */
-    uint32_t face = quad_under(work, qm_patch_at(source, at[0], at[1]));
+    uint32_t face = quad_under(work, qm_bilinear_at(source, at[0], at[1]));
     if (face == QM_NO_INDEX) return from;
-    qm_patch target = qm_bvh_load_patch(work->side->target, face);
+    qm_bilinear target = qm_bvh_load_patch(work->side->target, face);
     /* Half of what is allowed: the speed along this line may be up to twice as great at the rectangle's
      * sides. */
     double allowed = 0.5 * qm_piece_allowed(work), inside = from, outside = to;
     for (int step = 0; step < CROSSING_STEPS; step++) {
         at[axis] = step == 0 ? to : 0.5 * (inside + outside);
         bool is_reached =
-            qm_patch_descend(&target, qm_patch_at(source, at[0], at[1]), allowed).distance <= allowed;
+            qm_bilinear_descend(&target, qm_bilinear_at(source, at[0], at[1]), allowed).distance <= allowed;
         if (is_reached && step == 0) return to;
         *(is_reached ? &inside : &outside) = at[axis];
     }
@@ -112,7 +113,7 @@ static double patch_reach(const qm_piece_work *work, const qm_patch *source, int
  * patch of the target under one of its ends. Where two surfaces lie in one another only such cuts come to an
  * end.
  */
-static double cutting_place(const qm_piece_work *work, const qm_patch *patch, int axis)
+static double cutting_place(const qm_piece_work *work, const qm_bilinear *patch, int axis)
 {
     double low = work->piece.low[axis], high = work->piece.high[axis],
            margin = CROSSING_MARGIN * (high - low);
@@ -126,7 +127,8 @@ static double cutting_place(const qm_piece_work *work, const qm_patch *patch, in
 }
 
 /** Queues the part of the rectangle that lies between these parameters. */
-static void push_part(qm_piece_work *work, const qm_patch *patch, const double low[2], const double high[2])
+static void push_part(qm_piece_work *work, const qm_bilinear *patch, const double low[2],
+                      const double high[2])
 {
     qm_piece part = work->piece;
     part.depth = (uint8_t)(part.depth < UINT8_MAX ? part.depth + 1 : UINT8_MAX);
@@ -134,10 +136,10 @@ static void push_part(qm_piece_work *work, const qm_patch *patch, const double l
         part.low[k] = low[k];
         part.high[k] = high[k];
     }
-    part.corner[0] = qm_patch_at(patch, low[0], low[1]);
-    part.corner[1] = qm_patch_at(patch, high[0], low[1]);
-    part.corner[2] = qm_patch_at(patch, high[0], high[1]);
-    part.corner[3] = qm_patch_at(patch, low[0], high[1]);
+    part.corner[0] = qm_bilinear_at(patch, low[0], low[1]);
+    part.corner[1] = qm_bilinear_at(patch, high[0], low[1]);
+    part.corner[2] = qm_bilinear_at(patch, high[0], high[1]);
+    part.corner[3] = qm_bilinear_at(patch, low[0], high[1]);
     qm_piece_push(work, &part);
 }
 
@@ -183,7 +185,7 @@ static void side_lengths(const qm_vec c[4], double side[2])
  * a strip and leave the half at the edge, as long as before, without an end: of a thin rectangle everything
  * must be covered, or what is left over must be shorter.
  */
-static bool gets_on(const qm_piece_work *work, const qm_patch *patch, const rest_list *rest)
+static bool gets_on(const qm_piece_work *work, const qm_bilinear *patch, const rest_list *rest)
 {
     double side[2];
     side_lengths(work->piece.corner, side);
@@ -207,14 +209,14 @@ static qm_uv_box parameters_of(const qm_piece *piece)
 
 /** Covers the rectangle, or parts of it, by a face of the target with nearly the same corners; rest is what
  * is left over. */
-static bool alike_reached(const qm_piece_work *work, const qm_patch *patch, uint32_t face, rest_list *rest)
+static bool alike_reached(const qm_piece_work *work, const qm_bilinear *patch, uint32_t face, rest_list *rest)
 {
     qm_vec corner[4];
     rest->count = 0;
     if (qm_bvh_load_face(work->side->target, face, corner) != 4) return false;
     qm_uv_box box = parameters_of(&work->piece);
-    qm_patch alike = qm_patch_make(corner);
-    return qm_patch_match_alike(patch, &box, &alike, qm_piece_allowed(work), keep_rest, rest) &&
+    qm_bilinear alike = qm_bilinear_make(corner);
+    return qm_bilinear_match_alike(patch, &box, &alike, qm_piece_allowed(work), keep_rest, rest) &&
            gets_on(work, patch, rest);
 }
 
@@ -223,7 +225,7 @@ static bool alike_reached(const qm_piece_work *work, const qm_patch *patch, uint
  * a heap of patches that cross each other hundreds of others are as near to the middle of a face, and no
  * search tells its counterpart from them.
  */
-static bool counterpart_reached(const qm_piece_work *work, const qm_patch *patch, rest_list *rest)
+static bool counterpart_reached(const qm_piece_work *work, const qm_bilinear *patch, rest_list *rest)
 {
     rest->count = 0;
     return work->side->target_patches && work->piece.face < work->side->target->mesh.face_count &&
@@ -232,7 +234,7 @@ static bool counterpart_reached(const qm_piece_work *work, const qm_patch *patch
 
 /** Covers all of the rectangle by a quad of the pack that is near to what lies round it: over copies of one
  * face no foot need be found. */
-static bool hinted_reached(const qm_piece_work *work, const qm_patch *patch)
+static bool hinted_reached(const qm_piece_work *work, const qm_bilinear *patch)
 {
     const qm_pack_lanes *lanes = &work->side->target->lanes[work->entry.hint];
     rest_list rest;
@@ -255,7 +257,7 @@ static qm_near_quads quads_below(const qm_piece_work *work, qm_vec middle)
 
 /** Covers the rectangle, or parts of it, by one of the quads near its middle: the first that covers any of
  * it, or, once it is left over often, that which leaves least. */
-static bool match_reached(const qm_piece_work *work, const qm_patch *patch, qm_vec middle,
+static bool match_reached(const qm_piece_work *work, const qm_bilinear *patch, qm_vec middle,
                           qm_near_quads *near, rest_list *least)
 {
     qm_uv_box box = parameters_of(&work->piece);
@@ -266,7 +268,7 @@ static bool match_reached(const qm_piece_work *work, const qm_patch *patch, qm_v
         qm_piece_find_foot(quad, middle);
         rest.count = 0;
         bool is_matched =
-            qm_patch_match(patch, &box, &quad->patch, quad->uv, qm_piece_allowed(work), keep_rest, &rest);
+            qm_bilinear_match(patch, &box, &quad->patch, quad->uv, qm_piece_allowed(work), keep_rest, &rest);
         if (!is_matched || !gets_on(work, patch, &rest)) continue;
         double area = area_of(&rest);
         if (!(area < left)) continue;
@@ -280,7 +282,7 @@ static bool match_reached(const qm_piece_work *work, const qm_patch *patch, qm_v
 /** Covers the rectangle, or parts of it, by one patch. near are the quads near its middle that were looked
  * for. The counterpart may leave over parts of a whole face only: where it is just as far as is allowed it
  * would leave over parts of parts endlessly. */
-static bool patch_reached(const qm_piece_work *work, const qm_patch *patch, qm_vec middle,
+static bool patch_reached(const qm_piece_work *work, const qm_bilinear *patch, qm_vec middle,
                           qm_near_quads *near, rest_list *rest)
 {
     near->count = 0;
@@ -293,7 +295,7 @@ static bool patch_reached(const qm_piece_work *work, const qm_patch *patch, qm_v
  * Cuts a rectangle across its longer side; over a target without patches across both where they are about as
  * long, since slack falls by half only with each cut and what needs one mostly needs the next.
  */
-static void split_rectangle(qm_piece_work *work, const qm_patch *patch)
+static void split_rectangle(qm_piece_work *work, const qm_bilinear *patch)
 {
     double side[2];
     side_lengths(work->piece.corner, side);
@@ -313,7 +315,7 @@ static void split_rectangle(qm_piece_work *work, const qm_patch *patch)
 }
 
 /** Goes on with the two triangles, which a patch this flat leaves by a share of the tolerance. */
-static void go_on_as_triangles(qm_piece_work *work, const qm_patch_halves *halves)
+static void go_on_as_triangles(qm_piece_work *work, const qm_bilinear_halves *halves)
 {
     qm_piece_set_slack(work, halves->slack);
     qm_piece_fill_candidates(work);
@@ -325,14 +327,14 @@ static void go_on_as_triangles(qm_piece_work *work, const qm_patch_halves *halve
 bool qm_piece_rectangle_covered(qm_piece_work *work)
 {
     const qm_vec *c = work->piece.corner;
-    qm_patch patch = source_patch(work);
+    qm_bilinear patch = source_patch(work);
     rest_list rest;
     if (counterpart_reached(work, &patch, &rest) && rest.count == 0) return true;
     if (hinted_reached(work, &patch)) return true;
     qm_polygon hull = {.count = 4, .corner = {c[0], c[1], c[2], c[3]}};
     bool moved = false, covered = qm_piece_cover_by_nearest(work, &hull, &moved);
     if (covered) return true;
-    qm_patch_halves halves = qm_patch_halve(c, (qm_vec){0, 0, 0});
+    qm_bilinear_halves halves = qm_bilinear_halve(c, (qm_vec){0, 0, 0});
     if (!(halves.slack < MAX_SLACK_SHARE * qm_piece_allowed(work))) return false;
     qm_piece_set_slack(work, halves.slack);
     covered = true;
@@ -357,12 +359,12 @@ static bool sample_unreached_corners(qm_piece_work *work)
 
 /** Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
  */
-static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const qm_patch_halves *halves,
+static bool rectangle_reached(qm_piece_work *work, const qm_bilinear *patch, const qm_bilinear_halves *halves,
                               qm_polygon *corners)
 {
     const qm_piece *piece = &work->piece;
     qm_vec middle =
-        qm_patch_at(patch, 0.5 * (piece->low[0] + piece->high[0]), 0.5 * (piece->low[1] + piece->high[1]));
+        qm_bilinear_at(patch, 0.5 * (piece->low[0] + piece->high[0]), 0.5 * (piece->low[1] + piece->high[1]));
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (hull_reached(work, corners)) return true;
         rest_list rest;
@@ -385,8 +387,8 @@ static bool rectangle_reached(qm_piece_work *work, const qm_patch *patch, const 
 void qm_piece_process_rectangle(qm_piece_work *work)
 {
     qm_polygon corners;
-    qm_patch_halves halves = qm_patch_halve(work->piece.corner, (qm_vec){0, 0, 0});
-    qm_patch patch = source_patch(work);
+    qm_bilinear_halves halves = qm_bilinear_halve(work->piece.corner, (qm_vec){0, 0, 0});
+    qm_bilinear patch = source_patch(work);
     bool reached = rectangle_reached(work, &patch, &halves, &corners);
     qm_worker_discard(work->worker, qm_search_allowed(work->search));
     if (reached) return;

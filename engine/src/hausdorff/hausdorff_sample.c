@@ -57,8 +57,8 @@ double qm_side_nearly(const qm_search *search, const qm_side *side, qm_vec p, do
     *hint = hit.pack;
     double twist = qm_side_twist(side, hit.pack, hit.lane), upper = hit.upper + twist;
     if (upper <= reach || hit.upper - twist >= reach) return upper;
-    qm_patch patch = qm_bvh_load_patch(side->target, side->target->lanes[hit.pack].face[hit.lane]);
-    return fmin(upper, qm_patch_descend(&patch, p, reach).distance);
+    qm_bilinear patch = qm_bvh_load_patch(side->target, side->target->lanes[hit.pack].face[hit.lane]);
+    return fmin(upper, qm_bilinear_descend(&patch, p, reach).distance);
 }
 
 double qm_worker_nearly(qm_worker *worker, const qm_side *side, qm_vec p, double enough, double reach,
@@ -86,8 +86,8 @@ static double pack_distance(const qm_search *search, const qm_side *side, uint32
         if (d2[lane] < d2[nearest]) nearest = lane;
     double twist = qm_side_twist(side, pack, nearest), distance = sqrt(d2[nearest]);
     if (!(twist > 0.0) || distance + twist <= enough || distance - twist > enough) return distance + twist;
-    qm_patch patch = qm_bvh_load_patch(side->target, side->target->lanes[pack].face[nearest]);
-    return qm_lesser(distance + twist, qm_patch_descend(&patch, p, enough).distance);
+    qm_bilinear patch = qm_bvh_load_patch(side->target, side->target->lanes[pack].face[nearest]);
+    return qm_lesser(distance + twist, qm_bilinear_descend(&patch, p, enough).distance);
 }
 
 static double search_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
@@ -113,10 +113,10 @@ static double search_sample(qm_worker *worker, const qm_side *side, qm_vec p, do
     if (side->target_patches && upper - slack > known) {
         /* A point of a patch that is near enough costs little to find; to certify that none is nearer costs
          * much more, and is due only when the lower bound would rise by more than a crumb. */
-        qm_patch_hit patch;
+        qm_bilinear_hit patch;
         qm_nearest_patch(search->kernel, &side->nearest, p, hit.pack, INFINITY, &patch);
         double error =
-            fmax(PATCH_ERROR_SHARE * search->tolerance * side->scale, QM_PATCH_LEAST_ERROR * side->reach);
+            fmax(PATCH_ERROR_SHARE * search->tolerance * side->scale, QM_BILINEAR_MIN_ERROR * side->reach);
         double worthwhile = known + CERTIFY_SHARE * search->tolerance * side->scale;
         if (patch.distance - slack > worthwhile)
             qm_nearest_patch(search->kernel, &side->nearest, p, patch.pack, error, &patch);

@@ -60,8 +60,8 @@ static qm_vec longest_edge_middle(const qm_vec corner[3])
 static qm_vec middle_of(const qm_vec *corner, int count)
 {
     if (count == 3) return longest_edge_middle(corner);
-    qm_patch patch = qm_patch_make(corner);
-    return qm_patch_at(&patch, 0.5, 0.5);
+    qm_bilinear patch = qm_bilinear_make(corner);
+    return qm_bilinear_at(&patch, 0.5, 0.5);
 }
 
 qm_vec qm_side_middle(const qm_side *side, uint32_t pack, uint32_t *face)

@@ -19,7 +19,7 @@ static inline qm_vec qm_longer_of(qm_vec a, qm_vec b)
     return qm_vec_norm2(b) > qm_vec_norm2(a) ? b : a;
 }
 
-static inline qm_fold_area qm_fold_area_make(const qm_patch *patch)
+static inline qm_fold_area qm_fold_area_make(const qm_bilinear *patch)
 {
     qm_vec flat = qm_vec_cross(patch->e1, patch->e2), by_s = qm_vec_cross(patch->e1, patch->w),
            by_t = qm_vec_cross(patch->w, patch->e2);

@@ -23,8 +23,8 @@ typedef struct pairing {
 } pairing;
 
 typedef struct match_work {
-    const qm_patch *source;
-    qm_patch target; /* its parameters in the order of the source's */
+    const qm_bilinear *source;
+    qm_bilinear target; /* its parameters in the order of the source's */
     double allowed;
     qm_match_rest_fn *rest;
     void *user;
@@ -43,8 +43,8 @@ static double differences(const match_work *work, const qm_vec corner[4], qm_uv_
 {
     double greatest2 = 0.0;
     for (int i = 0; i < 4; i++) {
-        difference[i] =
-            qm_vec_sub(corner[i], qm_patch_at(&work->target, *side_of(target, i, 0), *side_of(target, i, 1)));
+        difference[i] = qm_vec_sub(
+            corner[i], qm_bilinear_at(&work->target, *side_of(target, i, 0), *side_of(target, i, 1)));
         double length2 = qm_vec_norm2(difference[i]);
         /* A target too small to take products of its sides leads nowhere: its equations are singular. */
         if (!(length2 < INFINITY)) return INFINITY;
@@ -149,7 +149,7 @@ typedef struct level {
 
 /** Chooses the axes to cut a rectangle across: both, or only that of much longer sides, so that a thin
  * rectangle falls into fewer parts. */
-static void axes_to_cut(const qm_patch *source, const qm_uv_box *box, bool is_cut[2])
+static void axes_to_cut(const qm_bilinear *source, const qm_uv_box *box, bool is_cut[2])
 {
     qm_vec c[4];
     qm_uv_box_corners(source, box, c);
@@ -288,9 +288,9 @@ typedef struct layout {
     bool is_swapped, is_turned[2];
 } layout;
 
-static qm_patch lay_out(const qm_patch *patch, layout to)
+static qm_bilinear lay_out(const qm_bilinear *patch, layout to)
 {
-    qm_patch laid = *patch;
+    qm_bilinear laid = *patch;
     if (to.is_swapped) {
         laid.e1 = patch->e2;
         laid.e2 = patch->e1;
@@ -311,7 +311,7 @@ static qm_patch lay_out(const qm_patch *patch, layout to)
 }
 
 /** As both run at the middles. */
-static layout layout_at(const qm_patch *source, const double from_at[2], const qm_patch *target,
+static layout layout_at(const qm_bilinear *source, const double from_at[2], const qm_bilinear *target,
                         const double to_at[2])
 {
     const qm_vec from[2] = {qm_vec_axpy(source->e1, from_at[1], source->w),
@@ -332,7 +332,7 @@ static layout layout_at(const qm_patch *source, const double from_at[2], const q
 }
 
 /** From the middles on: rectangles of the same size. */
-static bool match_middles(match_work *work, const qm_uv_box *box, const qm_patch *target,
+static bool match_middles(match_work *work, const qm_uv_box *box, const qm_bilinear *target,
                           const double middle[2])
 {
     const double from_at[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
@@ -359,7 +359,7 @@ static bool match_middles(match_work *work, const qm_uv_box *box, const qm_patch
 
 /** The layout in which the corners of both patches are nearest to one another, and the sum of the squares of
  * their distances. */
-static layout layout_of_corners(const qm_patch *source, const qm_patch *target, double *difference2)
+static layout layout_of_corners(const qm_bilinear *source, const qm_bilinear *target, double *difference2)
 {
     layout best = {false, {false, false}};
     double least = INFINITY;
@@ -368,7 +368,7 @@ static layout layout_of_corners(const qm_patch *source, const qm_patch *target, 
     qm_uv_box_corners(source, &square, corner);
     for (int k = 0; k < 8; k++) {
         layout as = {k & 1, {k >> 1 & 1, k >> 2 & 1}};
-        qm_patch laid = lay_out(target, as);
+        qm_bilinear laid = lay_out(target, as);
         double sum = 0.0;
         qm_uv_box_corners(&laid, &square, there);
         for (int i = 0; i < 4; i++)
@@ -381,8 +381,8 @@ static layout layout_of_corners(const qm_patch *source, const qm_patch *target, 
     return best;
 }
 
-bool qm_patch_match(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
-                    const double middle[2], double allowed, qm_match_rest_fn *rest, void *user)
+bool qm_bilinear_match(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
+                       const double middle[2], double allowed, qm_match_rest_fn *rest, void *user)
 {
     match_work work = {.source = source, .allowed = allowed, .rest = rest, .user = user};
     /* Two patches between nearly the same corners: the same parameters. */
@@ -393,14 +393,14 @@ bool qm_patch_match(const qm_patch *source, const qm_uv_box *box, const qm_patch
 }
 
 /** The sum of the corners, the same in all layouts. */
-static qm_vec sum_of_corners(const qm_patch *patch)
+static qm_vec sum_of_corners(const qm_bilinear *patch)
 {
     qm_vec half = qm_vec_axpy(qm_vec_add(patch->e1, patch->e2), 2.0, patch->origin);
     return qm_vec_axpy(patch->w, 2.0, half);
 }
 
-bool qm_patch_match_alike(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
-                          double allowed, qm_match_rest_fn *rest, void *user)
+bool qm_bilinear_match_alike(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
+                             double allowed, qm_match_rest_fn *rest, void *user)
 {
     match_work work = {.source = source, .allowed = allowed, .rest = rest, .user = user};
     double difference2, most = MAX_ALIKE * allowed;

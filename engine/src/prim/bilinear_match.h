@@ -14,11 +14,11 @@ typedef struct qm_uv_box {
 } qm_uv_box;
 
 /** Corners in turn: (low, low), (high, low), (high, high), (low, high). */
-static inline void qm_uv_box_corners(const qm_patch *patch, const qm_uv_box *box, qm_vec corner[4])
+static inline void qm_uv_box_corners(const qm_bilinear *patch, const qm_uv_box *box, qm_vec corner[4])
 {
     for (int i = 0; i < 4; i++)
-        corner[i] = qm_patch_at(patch, i == 1 || i == 2 ? box->high[0] : box->low[0],
-                                i >= 2 ? box->high[1] : box->low[1]);
+        corner[i] = qm_bilinear_at(patch, i == 1 || i == 2 ? box->high[0] : box->low[0],
+                                   i >= 2 ? box->high[1] : box->low[1]);
 }
 
 /** Called for each rectangle of the source that is left over. */
@@ -42,12 +42,12 @@ typedef void qm_match_rest_fn(void *user, const qm_uv_box *rest);
  *
  * Returns false, without calling rest, when nothing was covered.
  */
-bool qm_patch_match(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
-                    const double middle[2], double allowed, qm_match_rest_fn *rest, void *user);
+bool qm_bilinear_match(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
+                       const double middle[2], double allowed, qm_match_rest_fn *rest, void *user);
 
 /** Matches two patches whose corners nearly coincide, from equal parameters; false at little cost for other
  * patches. */
-bool qm_patch_match_alike(const qm_patch *source, const qm_uv_box *box, const qm_patch *target,
-                          double allowed, qm_match_rest_fn *rest, void *user);
+bool qm_bilinear_match_alike(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
+                             double allowed, qm_match_rest_fn *rest, void *user);
 
 #endif

@@ -14,14 +14,14 @@ typedef struct difference {
 } difference;
 
 /** The patch at two places at once: linear in each, Q(p, p) = Q(p). */
-static qm_vec polar(const qm_patch *patch, const double p[2], const double q[2])
+static qm_vec polar(const qm_bilinear *patch, const double p[2], const double q[2])
 {
     qm_vec sum = qm_vec_axpy(patch->origin, 0.5 * (p[0] + q[0]), patch->e1);
     sum = qm_vec_axpy(sum, 0.5 * (p[1] + q[1]), patch->e2);
     return qm_vec_axpy(sum, 0.5 * (p[0] * q[1] + q[0] * p[1]), patch->w);
 }
 
-static difference difference_make(const qm_patch *patch, const qm_vec corner[3], const double uv[3][2])
+static difference difference_make(const qm_bilinear *patch, const qm_vec corner[3], const double uv[3][2])
 {
     difference d;
     for (int i = 0; i < 3; i++) {
@@ -66,7 +66,7 @@ static double greatest(const double g[6])
     return most;
 }
 
-double qm_patch_under(const qm_patch *patch, const qm_vec corner[3], const double uv[3][2])
+double qm_bilinear_under(const qm_bilinear *patch, const qm_vec corner[3], const double uv[3][2])
 {
     difference d = difference_make(patch, corner, uv);
     qm_vec middle = {0, 0, 0};

@@ -13,6 +13,6 @@
  * across by its Bezier points. Under the nearest points that part falls with the square of the triangle's
  * size and counts by its square: the bound is too great by the fourth power of the size.
  */
-double qm_patch_under(const qm_patch *patch, const qm_vec corner[3], const double uv[3][2]);
+double qm_bilinear_under(const qm_bilinear *patch, const qm_vec corner[3], const double uv[3][2]);
 
 #endif

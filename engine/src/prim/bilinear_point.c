@@ -68,9 +68,9 @@ static double collapse_width(const qm_vec corner[4])
     return 2.0 * (sqrt(least2) + NEEDLE_ROUNDINGS * sqrt(size2));
 }
 
-double qm_patch_twist(const qm_vec corner[4])
+double qm_bilinear_twist(const qm_vec corner[4])
 {
-    double twist = 0.25 * qm_vec_norm(qm_patch_make(corner).w);
+    double twist = 0.25 * qm_vec_norm(qm_bilinear_make(corner).w);
     qm_vec first = qm_vec_sub(corner[2], corner[0]), second = qm_vec_sub(corner[3], corner[1]);
     qm_vec normal = qm_vec_cross(first, second);
     double length = qm_vec_norm(normal), size2 = qm_vec_norm2(first) + qm_vec_norm2(second);
@@ -89,11 +89,11 @@ double qm_patch_twist(const qm_vec corner[4])
     return twist * (1.0 + 0x1p-20);
 }
 
-qm_patch_halves qm_patch_halve(const qm_vec corner[4], qm_vec direction)
+qm_bilinear_halves qm_bilinear_halve(const qm_vec corner[4], qm_vec direction)
 {
-    qm_vec w = qm_patch_make(corner).w;
+    qm_vec w = qm_bilinear_make(corner).w;
     double moved = 0.125 * qm_vec_norm(w) * (1.0 + 0x1p-20), share = 0.0;
-    qm_patch_halves halves = {.slack = qm_patch_twist(corner)};
+    qm_bilinear_halves halves = {.slack = qm_bilinear_twist(corner)};
     if (moved + 0.125 * qm_vec_dot(w, direction) < halves.slack) {
         halves.slack = moved;
         share = -0.125;
@@ -110,7 +110,7 @@ typedef struct rectangle {
 
 /** The query: patch and p - o, and what does not depend on the rectangle. */
 typedef struct query {
-    const qm_patch *patch;
+    const qm_bilinear *patch;
     qm_vec r;                     /* p - o */
     double rw, e12, e1w, e2w, ww; /* dot products of r, e1, e2, w */
     double e11, e22, rr;
@@ -127,7 +127,7 @@ typedef struct slope {
 
 static slope slope_at(const query *q, const double x[2])
 {
-    const qm_patch *patch = q->patch;
+    const qm_bilinear *patch = q->patch;
     qm_vec along_s = qm_vec_axpy(patch->e1, x[1], patch->w);
     qm_vec along_t = qm_vec_axpy(patch->e2, x[0], patch->w);
     qm_vec gap = qm_vec_sub(qm_vec_axpy(qm_vec_scale(x[1], patch->e2), x[0], along_s), q->r);
@@ -156,7 +156,7 @@ static double least_side2(qm_vec e, double ew, qm_vec w, double ww, double low, 
  */
 static double least_curvature(const query *q, const rectangle *box)
 {
-    const qm_patch *patch = q->patch;
+    const qm_bilinear *patch = q->patch;
     double ss = least_side2(patch->e1, q->e1w, patch->w, q->ww, box->low[1], box->high[1]);
     double tt = least_side2(patch->e2, q->e2w, patch->w, q->ww, box->low[0], box->high[0]);
     double greatest = 0.0;
@@ -193,7 +193,7 @@ static double twice_gap(const slope *at, const double x[2], const rectangle *box
 
 static double value_at(const query *q, const double x[2])
 {
-    const qm_patch *patch = q->patch;
+    const qm_bilinear *patch = q->patch;
     qm_vec along_s = qm_vec_axpy(patch->e1, x[1], patch->w);
     return qm_vec_norm2(qm_vec_sub(qm_vec_axpy(qm_vec_scale(x[1], patch->e2), x[0], along_s), q->r));
 }
@@ -262,7 +262,7 @@ static void descend(const query *q, const slope *at, double x[2], const rectangl
 }
 
 /** Keeps the best point found so far. */
-static void keep_best(qm_patch_foot *best, double distance, const double x[2])
+static void keep_best(qm_bilinear_foot *best, double distance, const double x[2])
 {
     if (distance < best->distance) {
         best->distance = distance;
@@ -276,7 +276,7 @@ static void keep_best(qm_patch_foot *best, double distance, const double x[2])
  * lower bound of the distance to that part.
  */
 static double minimise_convex(const query *q, const rectangle *box, double curvature, double stop_above,
-                              qm_patch_foot *best)
+                              qm_bilinear_foot *best)
 {
     double x[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
     double lower = 0.0;
@@ -308,7 +308,7 @@ static void quadratic_range(double first, double middle, double last, double *le
  * convex. A derivative is off by 16 u of the squared lengths that it comes from, at most, and f may fall by
  * so much times the width of the rectangle: for a point that is very near that is too much, and it is cut.
  */
-static bool minimise_on_side(const query *q, const rectangle *box, qm_patch_foot *best, double *lower)
+static bool minimise_on_side(const query *q, const rectangle *box, qm_bilinear_foot *best, double *lower)
 {
     double steep = SLOPE_ROUNDINGS * (q->e11 + q->e22 + q->ww + q->rr);
     for (int side = 0; side < 4; side++) {
@@ -334,10 +334,10 @@ static bool minimise_on_side(const query *q, const rectangle *box, qm_patch_foot
  * nearer the smaller the part. */
 static double part_lower(const query *q, const rectangle *box, double twist, double enough, double guess[2])
 {
-    const qm_patch *patch = q->patch;
+    const qm_bilinear *patch = q->patch;
     const qm_vec c[4] = {
-        qm_patch_at(patch, box->low[0], box->low[1]), qm_patch_at(patch, box->high[0], box->low[1]),
-        qm_patch_at(patch, box->high[0], box->high[1]), qm_patch_at(patch, box->low[0], box->high[1])};
+        qm_bilinear_at(patch, box->low[0], box->low[1]), qm_bilinear_at(patch, box->high[0], box->low[1]),
+        qm_bilinear_at(patch, box->high[0], box->high[1]), qm_bilinear_at(patch, box->low[0], box->high[1])};
     double share[2], asked = twist > q->error ? enough : 0.0;
     double lower = qm_hull_lower(c, qm_vec_add(patch->origin, q->r), twist, asked, share);
     for (int i = 0; i < 2; i++)
@@ -350,7 +350,7 @@ static double part_lower(const query *q, const rectangle *box, double twist, dou
  * it (curvature > 0) the way ends once nothing is found to lie within stop_above.
  */
 static void descend_from(const query *q, const double start[2], double curvature, double stop_above,
-                         qm_patch_foot *best)
+                         qm_bilinear_foot *best)
 {
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
     double x[2] = {start[0], start[1]}, last = INFINITY;
@@ -377,7 +377,7 @@ typedef struct part {
 /** Makes the quarters of a part, the nearest last, and goes down from where they may be nearer than the best.
  */
 static void make_quarters(const query *q, const part *whole, double twist, double reach, part quarter[4],
-                          qm_patch_foot *best)
+                          qm_bilinear_foot *best)
 {
     const rectangle *box = &whole->box;
     const double middle[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
@@ -398,7 +398,8 @@ static void make_quarters(const query *q, const part *whole, double twist, doubl
 }
 
 /** Finishes a part without cutting it, where its minimum can be found directly: *lower is a bound then. */
-static bool minimise_whole(const query *q, const part *at, double reach, qm_patch_foot *best, double *lower)
+static bool minimise_whole(const query *q, const part *at, double reach, qm_bilinear_foot *best,
+                           double *lower)
 {
     double curvature = least_curvature(q, &at->box);
     if (curvature > 0.0) {
@@ -409,7 +410,7 @@ static bool minimise_whole(const query *q, const part *at, double reach, qm_patc
 }
 
 /** Certified minimum over parts of the square, depth first, the nearest quarter first. */
-static double minimise_parts(const query *q, qm_patch_foot *best, double stop_above)
+static double minimise_parts(const query *q, qm_bilinear_foot *best, double stop_above)
 {
     part stack[3 * MAX_DEPTH + 4];
     int height = 0;
@@ -430,7 +431,7 @@ static double minimise_parts(const query *q, qm_patch_foot *best, double stop_ab
     return lower;
 }
 
-static query query_make(const qm_patch *patch, qm_vec p, double error)
+static query query_make(const qm_bilinear *patch, qm_vec p, double error)
 {
     query q = {.patch = patch, .r = qm_vec_sub(p, patch->origin), .error = error};
     q.rw = qm_vec_dot(q.r, patch->w);
@@ -444,15 +445,15 @@ static query query_make(const qm_patch *patch, qm_vec p, double error)
     return q;
 }
 
-qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, double stop_above)
+qm_bilinear_foot qm_bilinear_project(const qm_bilinear *patch, qm_vec p, double error, double stop_above)
 {
     query q = query_make(patch, p, error);
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
-    qm_patch_foot best = {.distance = INFINITY};
+    qm_bilinear_foot best = {.distance = INFINITY};
     double curvature = least_curvature(&q, &square), lower = 0.0;
     if (curvature > 0.0) lower = minimise_convex(&q, &square, curvature, stop_above, &best);
     if (!(best.distance - lower <= error) && lower < stop_above) {
-        best = qm_patch_descend(patch, p, stop_above);
+        best = qm_bilinear_descend(patch, p, stop_above);
         lower = fmax(lower, minimise_parts(&q, &best, stop_above));
     }
     best.lower = fmin(lower, best.distance);
@@ -467,7 +468,7 @@ typedef struct segment_foot {
 
 static segment_foot segment_foot_at(const query *q, double s)
 {
-    const qm_patch *patch = q->patch;
+    const qm_bilinear *patch = q->patch;
     qm_vec along_t = qm_vec_axpy(patch->e2, s, patch->w);
     qm_vec from = qm_vec_sub(q->r, qm_vec_scale(s, patch->e1));
     double length2 = qm_vec_norm2(along_t);
@@ -486,7 +487,7 @@ static segment_foot segment_foot_at(const query *q, double s)
     };
 }
 
-static void keep_foot(qm_patch_foot *best, const segment_foot *foot)
+static void keep_foot(qm_bilinear_foot *best, const segment_foot *foot)
 {
     const double x[2] = {foot->s, foot->t};
     keep_best(best, sqrt(foot->distance2), x);
@@ -497,7 +498,7 @@ static void keep_foot(qm_patch_foot *best, const segment_foot *foot)
  * coordinate of the gap is off by some u of the lengths that it comes from, and the squared distance by that
  * much times the gap: near the patch that is a larger share of it than the gain that ends the steps.
  */
-static void minimise_between(const query *q, segment_foot low, segment_foot high, qm_patch_foot *best)
+static void minimise_between(const query *q, segment_foot low, segment_foot high, qm_bilinear_foot *best)
 {
     double roundings = SLOPE_ROUNDINGS * sqrt(q->e11 + q->e22 + q->ww + q->rr);
     segment_foot at = low.distance2 < high.distance2 ? low : high;
@@ -516,7 +517,7 @@ static void minimise_between(const query *q, segment_foot low, segment_foot high
 }
 
 /** Whether the segments between two shrink to about a point and turn round. */
-static bool turn_round(const qm_patch *patch, const segment_foot *low, const segment_foot *high)
+static bool turn_round(const qm_bilinear *patch, const segment_foot *low, const segment_foot *high)
 {
     qm_vec first = qm_vec_axpy(patch->e2, low->s, patch->w), last = qm_vec_axpy(patch->e2, high->s, patch->w);
     double longer2 = qm_greater(qm_vec_norm2(first), qm_vec_norm2(last));
@@ -529,7 +530,7 @@ static bool turn_round(const qm_patch *patch, const segment_foot *low, const seg
  * shorter the segments are, so that round those that shrink to a point it looks ever closer.
  */
 static void look_between(const query *q, const segment_foot *low, const segment_foot *high, double speed,
-                         int depth, double stop_above, qm_patch_foot *best)
+                         int depth, double stop_above, qm_bilinear_foot *best)
 {
     double nearest = 0.5 * (sqrt(low->distance2) + sqrt(high->distance2) - speed * (high->s - low->s));
     if (nearest >= qm_lesser(best->distance, stop_above)) return;
@@ -555,7 +556,7 @@ static void look_between(const query *q, const segment_foot *low, const segment_
  * looked at. So goes down from the other side of the fold, too: the two points of one place lie about as far
  * from it on both sides, in the direction k with Q_s k_s + Q_t k_t = 0.
  */
-static void look_across_fold(const query *q, qm_patch_foot *best)
+static void look_across_fold(const query *q, qm_bilinear_foot *best)
 {
     const double x[2] = {best->uv[0], best->uv[1]};
     qm_fold_area area = qm_fold_area_make(q->patch);
@@ -571,7 +572,7 @@ static void look_across_fold(const query *q, qm_patch_foot *best)
 
 /** Two valleys between neighbouring segments show no rise between them: so looks closer on both sides of the
  * best point. */
-static void look_beside_best(const query *q, double speed, double stop_above, qm_patch_foot *best)
+static void look_beside_best(const query *q, double speed, double stop_above, qm_bilinear_foot *best)
 {
     double s = best->uv[0];
     for (int side = -1; side <= 1; side += 2) {
@@ -587,9 +588,9 @@ static void look_beside_best(const query *q, double speed, double stop_above, qm
  * folds: the patch is a family of segments, s = const. The nearest point of each is known, so that one
  * parameter is left.
  */
-static void descend_by_segments(const query *q, double stop_above, qm_patch_foot *best)
+static void descend_by_segments(const query *q, double stop_above, qm_bilinear_foot *best)
 {
-    const qm_patch *patch = q->patch;
+    const qm_bilinear *patch = q->patch;
     double speed = qm_greater(qm_vec_norm(patch->e1), qm_vec_norm(qm_vec_add(patch->e1, patch->w)));
     segment_foot first = segment_foot_at(q, 0.0), last = segment_foot_at(q, 1.0);
     keep_foot(best, &first);
@@ -599,10 +600,10 @@ static void descend_by_segments(const query *q, double stop_above, qm_patch_foot
     look_beside_best(q, speed, stop_above, best);
 }
 
-qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p, double stop_above)
+qm_bilinear_foot qm_bilinear_descend(const qm_bilinear *patch, qm_vec p, double stop_above)
 {
     query q = query_make(patch, p, 0.0);
-    qm_patch_foot best = {.distance = INFINITY};
+    qm_bilinear_foot best = {.distance = INFINITY};
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
     double curvature = least_curvature(&q, &square);
     if (curvature > 0.0)
@@ -612,7 +613,7 @@ qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p, double stop_abov
     return best;
 }
 
-void qm_patch_polish(const qm_patch *patch, qm_vec p, qm_patch_foot *foot)
+void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, qm_bilinear_foot *foot)
 {
     query q = query_make(patch, p, 0.0);
     descend_from(&q, (const double[]){foot->uv[0], foot->uv[1]}, 0.0, INFINITY, foot);

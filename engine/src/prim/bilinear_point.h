@@ -12,14 +12,14 @@
 
 #include "core/vec.h"
 
-typedef struct qm_patch {
+typedef struct qm_bilinear {
     qm_vec origin, e1, e2, w;
-} qm_patch;
+} qm_bilinear;
 
 /** Corners in turn: (0,0), (1,0), (1,1), (0,1). */
-static inline qm_patch qm_patch_make(const qm_vec corner[4])
+static inline qm_bilinear qm_bilinear_make(const qm_vec corner[4])
 {
-    return (qm_patch){
+    return (qm_bilinear){
         .origin = corner[0],
         .e1 = qm_vec_sub(corner[1], corner[0]),
         .e2 = qm_vec_sub(corner[3], corner[0]),
@@ -27,7 +27,7 @@ static inline qm_patch qm_patch_make(const qm_vec corner[4])
     };
 }
 
-static inline qm_vec qm_patch_at(const qm_patch *patch, double s, double t)
+static inline qm_vec qm_bilinear_at(const qm_bilinear *patch, double s, double t)
 {
     qm_vec along_s = qm_vec_axpy(patch->e1, t, patch->w);
     return qm_vec_axpy(qm_vec_axpy(patch->origin, t, patch->e2), s, along_s);
@@ -41,14 +41,14 @@ static inline qm_vec qm_patch_at(const qm_patch *patch, double s, double t)
  * nothing for a flat quad; but any direction proves its own range, so that it need not be exact. Where it is
  * not convex, twice the distance by which a corner misses the segment between its neighbours.
  */
-double qm_patch_twist(const qm_vec corner[4]);
+double qm_bilinear_twist(const qm_vec corner[4]);
 
 /** Two triangles for a patch, (c0 c1 c2) and (c0 c2 c3): of each point of either surface the other is within
  * slack. */
-typedef struct qm_patch_halves {
+typedef struct qm_bilinear_halves {
     qm_vec corner[4];
     double slack;
-} qm_patch_halves;
+} qm_bilinear_halves;
 
 /**
  * The triangles between the corners, or these moved by -w / 8. At s >= t the patch is -t (1 - s) w from the
@@ -56,32 +56,32 @@ typedef struct qm_patch_halves {
  * |w| / 8. Those that tell points in a direction the least distance together with the slack; direction is of
  * length 1, or 0 when there is none.
  */
-qm_patch_halves qm_patch_halve(const qm_vec corner[4], qm_vec direction);
+qm_bilinear_halves qm_bilinear_halve(const qm_vec corner[4], qm_vec direction);
 
 /** Of the greatest coordinate: the least error of a certified distance that is worth to ask for. Both ends of
  * its interval are rounded by up to 60 u (rounding.h), so that half of this is spent on roundings. */
-#define QM_PATCH_LEAST_ERROR 0x1p-46
+#define QM_BILINEAR_MIN_ERROR 0x1p-46
 
 /** A point of the patch and what it proves: lower <= d(p, patch) <= distance = |p - Q(uv)|. */
-typedef struct qm_patch_foot {
+typedef struct qm_bilinear_foot {
     double distance, lower;
     double uv[2];
-} qm_patch_foot;
+} qm_bilinear_foot;
 
 /**
  * Nearest point of the patch with distance - lower <= error, unless the patch is proven to lie beyond
  * stop_above, or short of it by no more than error: then lower >= stop_above - error is all that is promised.
- * error is at least QM_PATCH_LEAST_ERROR of the coordinates.
+ * error is at least QM_BILINEAR_MIN_ERROR of the coordinates.
  */
-qm_patch_foot qm_patch_project(const qm_patch *patch, qm_vec p, double error, double stop_above);
+qm_bilinear_foot qm_bilinear_project(const qm_bilinear *patch, qm_vec p, double error, double stop_above);
 
 /**
  * A good point of the patch, by descent into each valley that sixteen points show, or into the only one there
  * is: distance is valid, lower is 0. Of a patch that is found to lie beyond stop_above any point.
  */
-qm_patch_foot qm_patch_descend(const qm_patch *patch, qm_vec p, double stop_above);
+qm_bilinear_foot qm_bilinear_descend(const qm_bilinear *patch, qm_vec p, double stop_above);
 
 /** Goes down from a point of the patch as far as it goes: distance and uv get better, lower stays. */
-void qm_patch_polish(const qm_patch *patch, qm_vec p, qm_patch_foot *foot);
+void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, qm_bilinear_foot *foot);
 
 #endif

@@ -14,7 +14,8 @@ void QM_KERNEL(fit_corners)(qm_bvh *bvh, size_t pack, qm_pack_corners *out);
 void QM_KERNEL(fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 void QM_KERNEL(pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES]);
 void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit);
-void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit);
+void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error,
+                              qm_bilinear_hit *hit);
 void QM_KERNEL(closest_ties)(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties);
 void QM_KERNEL(fill_float)(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 double QM_KERNEL(float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p);
@@ -23,11 +24,11 @@ void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, doubl
 void QM_KERNEL(float_closest)(const qm_bvh *bvh, qm_vec p, double enough, qm_float_hit *hit);
 void QM_KERNEL(grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit);
 void QM_KERNEL(grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start, double error,
-                                   qm_patch_hit *hit);
+                                   qm_bilinear_hit *hit);
 void QM_KERNEL(grid_closest_ties)(const qm_grid *grid, qm_vec p, uint32_t start, qm_ties *ties);
 void QM_KERNEL(tetra_closest)(const qm_tetra *tetra, qm_vec p, qm_hit *hit);
 void QM_KERNEL(tetra_closest_patch)(const qm_tetra *tetra, qm_vec p, uint32_t start, double error,
-                                    qm_patch_hit *hit);
+                                    qm_bilinear_hit *hit);
 void QM_KERNEL(tetra_closest_ties)(const qm_tetra *tetra, qm_vec p, uint32_t start, qm_ties *ties);
 size_t QM_KERNEL(tetra_fit)(qm_tetra *tetra, size_t patch, const uint64_t *changed);
 void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_near_packs *near);

@@ -70,9 +70,9 @@ static inline bool is_never_far(const void *best, uint32_t pack)
     return false;
 }
 
-void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_patch_hit *hit)
+void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, double error, qm_bilinear_hit *hit)
 {
-    *hit = (qm_patch_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
+    *hit = (qm_bilinear_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
     qm_patch_search search = {bvh, p, error, hit, {.is_set = false}};
     walk_boxes(bvh, p, start, is_never_far, qm_visit_all_patches, &search);
     hit->lower = fmin(hit->lower, hit->distance);

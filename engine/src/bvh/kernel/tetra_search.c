@@ -178,9 +178,9 @@ void QM_KERNEL(tetra_closest)(const qm_tetra *tetra, qm_vec p, qm_hit *hit)
 }
 
 void QM_KERNEL(tetra_closest_patch)(const qm_tetra *tetra, qm_vec p, uint32_t start, double error,
-                                    qm_patch_hit *hit)
+                                    qm_bilinear_hit *hit)
 {
-    *hit = (qm_patch_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
+    *hit = (qm_bilinear_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
     qm_patch_search search = {tetra->bvh, p, error, hit, {.is_set = false}};
     walk_tetra(tetra, p, start, qm_visit_all_patches, &search);
     hit->lower = fmin(hit->lower, hit->distance);

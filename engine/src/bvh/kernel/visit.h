@@ -58,35 +58,35 @@ static inline void qm_visit_pack(const qm_bvh *bvh, uint32_t pack, qm_splat p, q
 /** The last patch that a search has measured: copies of one face lie in a row, and are measured once. */
 typedef struct qm_last_patch {
     bool is_set;
-    qm_patch patch;
-    qm_patch_foot foot;
+    qm_bilinear patch;
+    qm_bilinear_foot foot;
 } qm_last_patch;
 
-static inline bool qm_patches_equal(const qm_patch *a, const qm_patch *b)
+static inline bool qm_patches_equal(const qm_bilinear *a, const qm_bilinear *b)
 {
     return memcmp(a, b, sizeof *a) == 0;
 }
 
 /** Measures the patch of a face, unless it is the last one. */
-static inline qm_patch_foot qm_measure_patch(const qm_bvh *bvh, uint32_t face, qm_vec p, double error,
-                                             bool certified, double stop_above, qm_last_patch *last)
+static inline qm_bilinear_foot qm_measure_patch(const qm_bvh *bvh, uint32_t face, qm_vec p, double error,
+                                                bool certified, double stop_above, qm_last_patch *last)
 {
-    qm_patch patch = qm_bvh_load_patch(bvh, face);
+    qm_bilinear patch = qm_bvh_load_patch(bvh, face);
     if (!last->is_set || !qm_patches_equal(&patch, &last->patch)) {
         last->is_set = true;
         last->patch = patch;
-        last->foot = certified ? qm_patch_project(&patch, p, error, stop_above)
-                               : qm_patch_descend(&patch, p, stop_above);
+        last->foot = certified ? qm_bilinear_project(&patch, p, error, stop_above)
+                               : qm_bilinear_descend(&patch, p, stop_above);
     }
     return last->foot;
 }
 
 /** Offers the surface of one lane to the best patch so far. */
 static inline void qm_visit_patch(const qm_bvh *bvh, uint32_t pack, uint32_t lane, qm_vec p, double d2,
-                                  double error, qm_last_patch *last, qm_patch_hit *hit)
+                                  double error, qm_last_patch *last, qm_bilinear_hit *hit)
 {
     uint32_t face = bvh->lanes[pack].face[lane];
-    qm_patch_foot foot = {.distance = sqrt(d2), .lower = sqrt(d2)};
+    qm_bilinear_foot foot = {.distance = sqrt(d2), .lower = sqrt(d2)};
     double twist = qm_bvh_has_twists(bvh) ? (double)qm_bvh_twists(bvh, pack)[lane] : 0.0;
     bool certified = twist > 0.25 * error;
     if (certified || (twist > 0.0 && error == INFINITY)) {
@@ -117,7 +117,7 @@ static inline uint32_t qm_nearest_quad(const qm_pack_lanes *lanes, const double 
  * nearer. The nearest goes first: what it finds makes most of the others not worth it.
  */
 static inline void qm_visit_patches(const qm_bvh *bvh, uint32_t pack, qm_vec p, double error,
-                                    qm_last_patch *last, qm_patch_hit *hit)
+                                    qm_last_patch *last, qm_bilinear_hit *hit)
 {
     _Alignas(64) double d2[QM_PACK_LANES];
     qm_pack spare;
@@ -157,7 +157,7 @@ typedef struct qm_patch_search {
     const qm_bvh *bvh;
     qm_vec p;
     double error;
-    qm_patch_hit *hit;
+    qm_bilinear_hit *hit;
     qm_last_patch last;
 } qm_patch_search;
 
@@ -245,13 +245,13 @@ static inline double qm_tied_patch_distance(const qm_tie_search *search, uint32_
 {
     const qm_ties *ties = search->ties;
     if (!(twist > 0.25 * ties->error)) return triangle + twist;
-    qm_patch patch = qm_bvh_load_patch(search->bvh, face);
+    qm_bilinear patch = qm_bvh_load_patch(search->bvh, face);
     if (triangle > ties->reach) {
         double limit = ties->reach + ties->margin, stop_above = limit + ties->error + ties->margin;
-        qm_patch_foot foot = qm_patch_project(&patch, search->p, ties->error, stop_above);
+        qm_bilinear_foot foot = qm_bilinear_project(&patch, search->p, ties->error, stop_above);
         if (foot.lower > limit) return foot.distance;
     }
-    return qm_patch_project(&patch, search->p, ties->error, INFINITY).distance;
+    return qm_bilinear_project(&patch, search->p, ties->error, INFINITY).distance;
 }
 
 /** See qm_visit_patches. */

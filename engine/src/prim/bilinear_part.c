@@ -1,22 +1,23 @@
-#include "patch_part.h"
+#include "bilinear_part.h"
 
 #include "bilinear_point.h"
 #include "tri_distance.h"
 #include "tri_point.h"
 #include "tri_tri.h"
 
-#define STRICTLY (1024.0 * QM_PART_ERROR) /* off a plane: far more than its corners are by rounding */
+#define STRICTLY                                                                                             \
+    (1024.0 * QM_BILINEAR_PART_ERROR) /* off a plane: far more than its corners are by rounding */
 
 static const double corner_uv[2][4][2] = {{{0, 0}, {1, 0}, {0, 1}, {0, 1}}, {{0, 0}, {1, 0}, {1, 1}, {0, 1}}};
 
-static void set_twist(qm_part *part)
+static void set_twist(qm_bilinear_part *part)
 {
-    part->twist = part->count == 4 ? qm_patch_twist(part->corner) : 0.0;
+    part->twist = part->count == 4 ? qm_bilinear_twist(part->corner) : 0.0;
 }
 
-qm_part qm_part_make(const qm_face_shape *face)
+qm_bilinear_part qm_bilinear_part_make(const qm_face_shape *face)
 {
-    qm_part part = {.count = face->count};
+    qm_bilinear_part part = {.count = face->count};
     for (int i = 0; i < face->count; i++) {
         part.corner[i] = face->corner[i];
         for (int k = 0; k < 2; k++)
@@ -43,7 +44,7 @@ static bool has_edge(const qm_face_shape *face, uint32_t from, uint32_t to)
     return false;
 }
 
-static int mark_shared(const qm_face_shape *face, const qm_face_shape *other, qm_part *part)
+static int mark_shared(const qm_face_shape *face, const qm_face_shape *other, qm_bilinear_part *part)
 {
     int count = 0;
     for (int i = 0; i < face->count; i++) {
@@ -54,7 +55,8 @@ static int mark_shared(const qm_face_shape *face, const qm_face_shape *other, qm
     return count;
 }
 
-int qm_part_share(const qm_face_shape *a, const qm_face_shape *b, qm_part *part_a, qm_part *part_b)
+int qm_bilinear_part_share(const qm_face_shape *a, const qm_face_shape *b, qm_bilinear_part *part_a,
+                           qm_bilinear_part *part_b)
 {
     mark_shared(b, a, part_b);
     return mark_shared(a, b, part_a);
@@ -63,7 +65,7 @@ int qm_part_share(const qm_face_shape *a, const qm_face_shape *b, qm_part *part_
 /* ---- cutting ---- */
 
 /** Sets a corner of a part to the corner of the whole. */
-static void copy_corner(qm_part *to, int at, const qm_part *from, int i)
+static void copy_corner(qm_bilinear_part *to, int at, const qm_bilinear_part *from, int i)
 {
     to->corner[at] = from->corner[i];
     to->uv[at][0] = from->uv[i][0];
@@ -72,7 +74,7 @@ static void copy_corner(qm_part *to, int at, const qm_part *from, int i)
 }
 
 /** Sets a corner of a part to the middle of edge i of the whole. */
-static void copy_middle(qm_part *to, int at, const qm_part *from, int i)
+static void copy_middle(qm_bilinear_part *to, int at, const qm_bilinear_part *from, int i)
 {
     int k = (i + 1) % from->count;
     to->corner[at] = qm_vec_scale(0.5, qm_vec_add(from->corner[i], from->corner[k]));
@@ -81,7 +83,7 @@ static void copy_middle(qm_part *to, int at, const qm_part *from, int i)
     to->is_shared[at] = from->is_shared_edge[i];
 }
 
-static void set_centre(qm_part *to, int at, const qm_part *from)
+static void set_centre(qm_bilinear_part *to, int at, const qm_bilinear_part *from)
 {
     qm_vec sum = qm_vec_add(qm_vec_add(from->corner[0], from->corner[2]),
                             qm_vec_add(from->corner[1], from->corner[3]));
@@ -91,9 +93,9 @@ static void set_centre(qm_part *to, int at, const qm_part *from)
     to->is_shared[at] = false;
 }
 
-qm_part qm_part_quarter(const qm_part *part, int i)
+qm_bilinear_part qm_bilinear_part_quarter(const qm_bilinear_part *part, int i)
 {
-    qm_part quarter = {.count = part->count};
+    qm_bilinear_part quarter = {.count = part->count};
     if (part->count == 3 && i == 3) {
         for (int k = 0; k < 3; k++)
             copy_middle(&quarter, k, part, k);
@@ -110,13 +112,13 @@ qm_part qm_part_quarter(const qm_part *part, int i)
     return quarter;
 }
 
-double qm_part_size(const qm_part *part)
+double qm_bilinear_part_size(const qm_bilinear_part *part)
 {
     qm_box box = qm_vec_box(part->corner, part->count);
     return fmax(box.max[0] - box.min[0], fmax(box.max[1] - box.min[1], box.max[2] - box.min[2]));
 }
 
-void qm_part_uv(const qm_part *part, const double local[2], double uv[2])
+void qm_bilinear_part_uv(const qm_bilinear_part *part, const double local[2], double uv[2])
 {
     const double(*corner)[2] = part->uv;
     for (int k = 0; k < 2; k++)
@@ -124,11 +126,11 @@ void qm_part_uv(const qm_part *part, const double local[2], double uv[2])
                 local[1] * (corner[part->count - 1][k] - corner[0][k]);
 }
 
-qm_vec qm_part_at(const qm_part *whole, const double uv[2])
+qm_vec qm_bilinear_part_at(const qm_bilinear_part *whole, const double uv[2])
 {
     if (whole->count == 4) {
-        qm_patch patch = qm_patch_make(whole->corner);
-        return qm_patch_at(&patch, uv[0], uv[1]);
+        qm_bilinear patch = qm_bilinear_make(whole->corner);
+        return qm_bilinear_at(&patch, uv[0], uv[1]);
     }
     const double weight[3] = {1.0 - uv[0] - uv[1], uv[0], uv[1]};
     return qm_tri_at(whole->corner, weight);
@@ -136,7 +138,7 @@ qm_vec qm_part_at(const qm_part *whole, const double uv[2])
 
 /* ---- distance ---- */
 
-double qm_part_box_distance(const qm_part *p, const qm_part *q)
+double qm_bilinear_part_box_distance(const qm_bilinear_part *p, const qm_bilinear_part *q)
 {
     qm_box a = qm_vec_box(p->corner, p->count), b = qm_vec_box(q->corner, q->count);
     double sum = 0.0;
@@ -144,18 +146,18 @@ double qm_part_box_distance(const qm_part *p, const qm_part *q)
         double gap = fmax(fmax(a.min[k] - b.max[k], b.min[k] - a.max[k]), 0.0);
         sum += gap * gap;
     }
-    return fmax(sqrt(sum) - QM_PART_ERROR, 0.0);
+    return fmax(sqrt(sum) - QM_BILINEAR_PART_ERROR, 0.0);
 }
 
 /** Triangle t of a part: (c0 c1 c2), or (c0 c2 c3). */
-static void part_triangle(const qm_part *part, int t, qm_vec corner[3])
+static void part_triangle(const qm_bilinear_part *part, int t, qm_vec corner[3])
 {
     corner[0] = part->corner[0];
     corner[1] = part->corner[1 + t];
     corner[2] = part->corner[2 + t];
 }
 
-static void local_uv(const qm_part *part, int t, const double weight[3], double uv[2])
+static void local_uv(const qm_bilinear_part *part, int t, const double weight[3], double uv[2])
 {
     bool is_quad = part->count == 4;
     uv[0] = !is_quad ? weight[1] : t == 0 ? weight[1] + weight[2] : weight[1];
@@ -181,9 +183,9 @@ static qm_tri_gap triangle_gap(const qm_vec a[3], const qm_vec b[3])
     return gap;
 }
 
-qm_part_gap qm_part_distance(const qm_part *p, const qm_part *q)
+qm_bilinear_part_gap qm_part_distance(const qm_bilinear_part *p, const qm_bilinear_part *q)
 {
-    qm_part_gap least = {.distance = INFINITY};
+    qm_bilinear_part_gap least = {.distance = INFINITY};
     for (int i = 0; i < p->count - 2; i++) {
         for (int k = 0; k < q->count - 2; k++) {
             qm_vec a[3], b[3];
@@ -209,9 +211,9 @@ static double segment_distance(qm_vec a, qm_vec b, qm_vec p)
     return qm_vec_norm(qm_vec_sub(from, qm_vec_scale(t, along)));
 }
 
-bool qm_part_near_shared(const qm_part *const whole[2], qm_vec point, double distance)
+bool qm_part_near_shared(const qm_bilinear_part *const whole[2], qm_vec point, double distance)
 {
-    const qm_part *p = whole[0];
+    const qm_bilinear_part *p = whole[0];
     for (int i = 0; i < p->count; i++) {
         if (p->is_shared[i] && qm_vec_distance(p->corner[i], point) <= distance) return true;
         if (p->is_shared_edge[i] &&
@@ -222,7 +224,7 @@ bool qm_part_near_shared(const qm_part *const whole[2], qm_vec point, double dis
 }
 
 /** The shared corner of a part that is farthest from a point; its distance, -1 when it has none. */
-static double farthest_shared(const qm_part *part, qm_vec from, qm_vec *out)
+static double farthest_shared(const qm_bilinear_part *part, qm_vec from, qm_vec *out)
 {
     double farthest = -1.0;
     for (int i = 0; i < part->count; i++) {
@@ -248,7 +250,7 @@ static qm_vec unit(qm_vec v)
 }
 
 /** The mean direction in which a part leaves the line of what is shared; false when none of it does. */
-static bool leaving_direction(const qm_part *part, qm_vec origin, qm_vec line, qm_vec *out)
+static bool leaving_direction(const qm_bilinear_part *part, qm_vec origin, qm_vec line, qm_vec *out)
 {
     qm_vec sum = {0};
     int count = 0;
@@ -262,16 +264,16 @@ static bool leaving_direction(const qm_part *part, qm_vec origin, qm_vec line, q
 }
 
 /** Shared corners lie in the plane, all others strictly beyond it. */
-static bool lies_beyond(const qm_part *part, qm_vec origin, qm_vec normal)
+static bool lies_beyond(const qm_bilinear_part *part, qm_vec origin, qm_vec normal)
 {
     for (int i = 0; i < part->count; i++) {
         double height = qm_vec_dot(normal, qm_vec_sub(part->corner[i], origin));
-        if (part->is_shared[i] ? fabs(height) > QM_PART_ERROR : height <= STRICTLY) return false;
+        if (part->is_shared[i] ? fabs(height) > QM_BILINEAR_PART_ERROR : height <= STRICTLY) return false;
     }
     return true;
 }
 
-bool qm_part_parted(const qm_part *p, const qm_part *q)
+bool qm_part_parted(const qm_bilinear_part *p, const qm_bilinear_part *q)
 {
     qm_vec origin, end_p = {0}, end_q = {0}, up_p, up_q;
     if (farthest_shared(p, p->corner[0], &origin) < 0.0) return false;

@@ -1,6 +1,6 @@
 /* Distance and contact of bilinear patches against the slow twin's distance from many of their points. */
 #include "check.h"
-#include "prim/patch_patch.h"
+#include "prim/bilinear_pair.h"
 #include "qm/collide.h"
 #include "random.h"
 #include "shapes.h"
@@ -67,17 +67,17 @@ static void bounds_hold(void **state)
         double twist = run % 4 == 0 ? 0.0 : run % 4 == 1 ? 0.05 : 0.5, step;
         qm_face_shape a = random_face(&random, twist), b = random_face(&random, twist);
         double error = run % 2 ? 1e-4 : 1e-9;
-        qm_patch_gap gap = qm_patch_patch_distance(&a, &b, error, INFINITY);
+        qm_bilinear_gap gap = qm_bilinear_pair_distance(&a, &b, error, INFINITY);
         double sampled = sample_distance(&a, &b, &step);
         QM_CHECK(gap.upper - gap.lower <= error, "run %u: %g to %g", run, gap.lower, gap.upper);
         QM_CHECK(gap.lower <= sampled && gap.upper >= sampled - step - 1e-9, "run %u: %g to %g, sampled %g",
                  run, gap.lower, gap.upper, sampled);
         qm_vec p = point_of(&a, gap.uv[0][0], gap.uv[0][1]), q = point_of(&b, gap.uv[1][0], gap.uv[1][1]);
         QM_CHECK(fabs(qm_vec_distance(p, q) - gap.upper) < 1e-12, "run %u: not attained", run);
-        qm_patch_gap early = qm_patch_patch_distance(&a, &b, error, 0.5 * gap.upper);
+        qm_bilinear_gap early = qm_bilinear_pair_distance(&a, &b, error, 0.5 * gap.upper);
         QM_CHECK(early.lower >= fmin(gap.lower, 0.5 * gap.upper) - error && early.lower <= gap.upper,
                  "run %u: %g", run, early.lower);
-        qm_patch_gap turned = qm_patch_patch_distance(&b, &a, error, INFINITY);
+        qm_bilinear_gap turned = qm_bilinear_pair_distance(&b, &a, error, INFINITY);
         QM_CHECK(turned.lower <= gap.upper && gap.lower <= turned.upper, "run %u", run);
     }
 }
@@ -93,15 +93,16 @@ static void contact_is_certain(void **state)
         qm_vec shift = qm_vec_sub(point_of(&a, u, v), point_of(&b, v, u));
         for (int i = 0; i < 4; i++)
             b.corner[i] = qm_vec_add(b.corner[i], shift);
-        qm_patch_gap gap;
-        QM_CHECK(qm_patch_patch_meet(&a, &b, 1e-7, &gap), "run %u: contact is missed", run);
+        qm_bilinear_gap gap;
+        QM_CHECK(qm_bilinear_pair_meet(&a, &b, 1e-7, &gap), "run %u: contact is missed", run);
         QM_CHECK(gap.upper <= 1e-7, "run %u: found at %g", run, gap.upper);
         qm_vec aside = random_vec(&random, 1.0);
         for (int i = 0; i < 4; i++)
             b.corner[i] = qm_vec_add(b.corner[i], aside);
-        qm_patch_gap apart = qm_patch_patch_distance(&a, &b, 1e-9, INFINITY);
-        if (apart.lower > 1e-7) QM_CHECK(!qm_patch_patch_meet(&a, &b, 1e-7, &gap), "run %u: not apart", run);
-        if (apart.upper <= 1e-9) QM_CHECK(qm_patch_patch_meet(&a, &b, 1e-7, &gap), "run %u: missed", run);
+        qm_bilinear_gap apart = qm_bilinear_pair_distance(&a, &b, 1e-9, INFINITY);
+        if (apart.lower > 1e-7)
+            QM_CHECK(!qm_bilinear_pair_meet(&a, &b, 1e-7, &gap), "run %u: not apart", run);
+        if (apart.upper <= 1e-9) QM_CHECK(qm_bilinear_pair_meet(&a, &b, 1e-7, &gap), "run %u: missed", run);
     }
 }
 

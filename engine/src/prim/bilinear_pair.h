@@ -1,5 +1,5 @@
 /**
- * patch_patch.h: distance and contact of faces read as bilinear patches (triangles stay what they are),
+ * bilinear_pair.h: distance and contact of faces read as bilinear patches (triangles stay what they are),
  * certified by cutting them up.
  *
  * A part of a patch lies within its twist (bilinear_point.h) of its two triangles. So the distance of two
@@ -8,8 +8,8 @@
  *
  * Coordinates are at most QM_FACE_REACH by magnitude in the unit of the calls; all else is relative to 1.
  */
-#ifndef QM_PATCH_PATCH_H
-#define QM_PATCH_PATCH_H
+#ifndef QM_BILINEAR_PAIR_H
+#define QM_BILINEAR_PAIR_H
 
 #include "core/vec.h"
 
@@ -23,25 +23,26 @@ typedef struct qm_face_shape {
 } qm_face_shape;
 
 /** What is known of a distance: lower <= d <= upper = |point[0] - point[1]|, each at uv of its face. */
-typedef struct qm_patch_gap {
+typedef struct qm_bilinear_gap {
     double lower, upper;
     double uv[2][2];
     qm_vec point[2];
-} qm_patch_gap;
+} qm_bilinear_gap;
 
 /**
  * The distance of two faces until upper - lower <= error, or lower >= stop_above. error is at least 1e-13.
  * When the faces are so twisted that it takes too long, the bounds are wider, and hold.
  */
-qm_patch_gap qm_patch_patch_distance(const qm_face_shape *a, const qm_face_shape *b, double error,
-                                     double stop_above);
+qm_bilinear_gap qm_bilinear_pair_distance(const qm_face_shape *a, const qm_face_shape *b, double error,
+                                          double stop_above);
 
 /** False when the faces are proven not to meet; true else, when they come within the tolerance. */
-bool qm_patch_patch_meet(const qm_face_shape *a, const qm_face_shape *b, double tolerance, qm_patch_gap *gap);
+bool qm_bilinear_pair_meet(const qm_face_shape *a, const qm_face_shape *b, double tolerance,
+                           qm_bilinear_gap *gap);
 
 /** The same of faces of one mesh that share corners: meeting farther than the tolerance from the corners and
  * edges that they share. */
-bool qm_patch_patch_cross(const qm_face_shape *a, const qm_face_shape *b, double tolerance,
-                          qm_patch_gap *gap);
+bool qm_bilinear_pair_cross(const qm_face_shape *a, const qm_face_shape *b, double tolerance,
+                            qm_bilinear_gap *gap);
 
 #endif
