@@ -150,14 +150,14 @@ static void measure_deviation(question *q)
 
 /* ---- collisions ---- */
 
-static qm_whole_point whole_corner(const qm_soup *soup, size_t face, int corner)
+static qm_bigint_point whole_corner(const qm_soup *soup, size_t face, int corner)
 {
     const double *p = soup->positions + 3 * (size_t)soup->faces[4 * face + (size_t)corner];
-    return (qm_whole_point){{(int64_t)p[0], (int64_t)p[1], (int64_t)p[2]}};
+    return (qm_bigint_point){{(int64_t)p[0], (int64_t)p[1], (int64_t)p[2]}};
 }
 
 /** The triangles of a face: one, or two. */
-static int cut(const qm_soup *soup, size_t face, qm_whole_point out[2][3])
+static int cut(const qm_soup *soup, size_t face, qm_bigint_point out[2][3])
 {
     for (int i = 0; i < 3; i++)
         out[0][i] = whole_corner(soup, face, i);
@@ -170,7 +170,7 @@ static int cut(const qm_soup *soup, size_t face, qm_whole_point out[2][3])
 
 static bool faces_meet(const question *q, size_t a, size_t b)
 {
-    qm_whole_point first[2][3], second[2][3];
+    qm_bigint_point first[2][3], second[2][3];
     int count = cut(&q->soup[0], a, first), others = cut(&q->soup[1], b, second);
     for (int i = 0; i < count; i++)
         for (int j = 0; j < others; j++)

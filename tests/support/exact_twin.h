@@ -12,18 +12,18 @@
 
 #define QM_EXACT_TWIN_LIMIT 1000
 
-typedef struct qm_whole_point {
+typedef struct qm_bigint_point {
     int64_t x[3];
-} qm_whole_point;
+} qm_bigint_point;
 
 /** The sign of the determinant of b - a, c - a, d - a. */
-int qm_exact_turn(qm_whole_point a, qm_whole_point b, qm_whole_point c, qm_whole_point d);
+int qm_exact_turn(qm_bigint_point a, qm_bigint_point b, qm_bigint_point c, qm_bigint_point d);
 
 /** True when the closed triangles have a point in common. */
-bool qm_exact_meet(const qm_whole_point a[3], const qm_whole_point b[3]);
+bool qm_exact_meet(const qm_bigint_point a[3], const qm_bigint_point b[3]);
 
 /** True when they have one besides the corners, and the edge between two of them, that are named alike. */
-bool qm_exact_cross(const qm_whole_point a[3], const uint32_t a_index[3], const qm_whole_point b[3],
+bool qm_exact_cross(const qm_bigint_point a[3], const uint32_t a_index[3], const qm_bigint_point b[3],
                     const uint32_t b_index[3]);
 
 #endif

@@ -10,10 +10,10 @@
 #include "shapes.h"
 
 /** A soup with corners that are whole numbers; triangles, quads and polygons, cut as the reader would. */
-typedef struct whole_soup {
+typedef struct bigint_soup {
     qm_mesh mesh;
-    qm_whole_point *corner; /* of each vertex */
-} whole_soup;
+    qm_bigint_point *corner; /* of each vertex */
+} bigint_soup;
 
 static void *grab(size_t count, size_t width)
 {
@@ -22,7 +22,7 @@ static void *grab(size_t count, size_t width)
     return block;
 }
 
-static void set_position(whole_soup *soup, size_t vertex, double step, const double shift[3])
+static void set_position(bigint_soup *soup, size_t vertex, double step, const double shift[3])
 {
     for (int k = 0; k < 3; k++)
         soup->mesh.positions[3 * vertex + (size_t)k] = step * ((double)soup->corner[vertex].x[k] + shift[k]);
@@ -32,10 +32,10 @@ static void set_position(whole_soup *soup, size_t vertex, double step, const dou
  * limit bounds the coordinates and pool the vertices: small ones make contact of every kind. With polygons
  * some neighbours are one face of the input.
  */
-static whole_soup make_soup(qm_random *random, size_t faces, size_t pool, int limit, bool has_quads,
-                            bool has_polygons)
+static bigint_soup make_soup(qm_random *random, size_t faces, size_t pool, int limit, bool has_quads,
+                             bool has_polygons)
 {
-    whole_soup soup = {qm_shape_make(pool, faces), grab(pool, sizeof(qm_whole_point))};
+    bigint_soup soup = {qm_shape_make(pool, faces), grab(pool, sizeof(qm_bigint_point))};
     static const double none[3];
     bool is_flat = qm_random_below(random, 4) == 0;
     for (size_t v = 0; v < pool; v++) {
@@ -58,14 +58,15 @@ static whole_soup make_soup(qm_random *random, size_t faces, size_t pool, int li
     return soup;
 }
 
-static void free_soup(whole_soup *soup)
+static void free_soup(bigint_soup *soup)
 {
     free(soup->corner);
     qm_shape_free(&soup->mesh);
 }
 
 /** Triangle t of a face; false when it has none. */
-static bool load_triangle(const whole_soup *soup, size_t face, int t, uint32_t index[3], qm_whole_point p[3])
+static bool load_triangle(const bigint_soup *soup, size_t face, int t, uint32_t index[3],
+                          qm_bigint_point p[3])
 {
     const uint32_t *corner = soup->mesh.faces + 4 * face;
     if (t == 1 && corner[3] == QM_NO_INDEX) return false;
@@ -77,10 +78,10 @@ static bool load_triangle(const whole_soup *soup, size_t face, int t, uint32_t i
     return true;
 }
 
-static bool faces_meet(const whole_soup *a, size_t i, const whole_soup *b, size_t k, bool is_self)
+static bool faces_meet(const bigint_soup *a, size_t i, const bigint_soup *b, size_t k, bool is_self)
 {
     uint32_t a_index[3], b_index[3];
-    qm_whole_point p[3], q[3];
+    qm_bigint_point p[3], q[3];
     for (int s = 0; s < 2; s++)
         for (int t = 0; t < 2; t++)
             if (load_triangle(a, i, s, a_index, p) && load_triangle(b, k, t, b_index, q) &&
@@ -90,7 +91,7 @@ static bool faces_meet(const whole_soup *a, size_t i, const whole_soup *b, size_
 }
 
 /** Every pair, marked at [input face of a][input face of b]. */
-static uint8_t *slow_pairs(const whole_soup *a, const whole_soup *b, bool is_self, size_t *count)
+static uint8_t *slow_pairs(const bigint_soup *a, const bigint_soup *b, bool is_self, size_t *count)
 {
     size_t rows = a->mesh.face_count, columns = b->mesh.face_count;
     uint8_t *meets = grab(rows * columns, 1);
@@ -150,7 +151,7 @@ static void check_same(const qm_collision *x, const qm_collision *y)
 }
 
 /** Modes and threads tell the same story as all pairs on one thread. */
-static void check_modes(const whole_soup *a, const whole_soup *b, const qm_collision *all)
+static void check_modes(const bigint_soup *a, const bigint_soup *b, const qm_collision *all)
 {
     const qm_mesh *other = b ? &b->mesh : NULL;
     qm_collision first = collide(&a->mesh, other, QM_COLLIDE_FIRST, 1),
@@ -171,7 +172,7 @@ static void check_modes(const whole_soup *a, const whole_soup *b, const qm_colli
     free_collision(&threads);
 }
 
-static void check_contacts(const whole_soup *a, const whole_soup *b, const qm_collision *found)
+static void check_contacts(const bigint_soup *a, const bigint_soup *b, const qm_collision *found)
 {
     qm_collide_options options = qm_collide_options_default();
     for (size_t i = 0; i < found->pair_count; i++) {
@@ -181,10 +182,10 @@ static void check_contacts(const whole_soup *a, const whole_soup *b, const qm_co
     }
 }
 
-static void check_soups(whole_soup *a, whole_soup *b, unsigned run)
+static void check_soups(bigint_soup *a, bigint_soup *b, unsigned run)
 {
     size_t expected;
-    const whole_soup *other = b ? b : a;
+    const bigint_soup *other = b ? b : a;
     uint8_t *meets = slow_pairs(a, other, !b, &expected);
     qm_collision found = collide(&a->mesh, b ? &b->mesh : NULL, QM_COLLIDE_ALL, 1);
     check_order(&found);
@@ -211,9 +212,9 @@ static void check_soups(whole_soup *a, whole_soup *b, unsigned run)
 }
 
 /** A soup against an equal one, where every face meets itself and every pair counts both ways. */
-static void check_twins(whole_soup *soup, unsigned run)
+static void check_twins(bigint_soup *soup, unsigned run)
 {
-    whole_soup twin = {qm_shape_copy(&soup->mesh), soup->corner};
+    bigint_soup twin = {qm_shape_copy(&soup->mesh), soup->corner};
     check_soups(soup, &twin, run);
     qm_shape_free(&twin.mesh);
 }
@@ -228,9 +229,9 @@ static void soups_match_twin(void **state)
         size_t faces = 1 + qm_random_below(&random, 45);
         int limit = run % 3 == 0 ? 2 : run % 3 == 1 ? 10 : 400;
         size_t pool = 3 + qm_random_below(&random, 3 * faces);
-        whole_soup a = make_soup(&random, faces, pool, limit, run % 2 == 1, run % 5 == 4),
-                   b = make_soup(&random, 1 + qm_random_below(&random, 45), pool, limit, run % 2 == 1,
-                                 run % 5 == 4);
+        bigint_soup a = make_soup(&random, faces, pool, limit, run % 2 == 1, run % 5 == 4),
+                    b = make_soup(&random, 1 + qm_random_below(&random, 45), pool, limit, run % 2 == 1,
+                                  run % 5 == 4);
         check_soups(&a, &b, run);
         check_soups(&a, NULL, run);
         check_twins(&a, run);
@@ -247,7 +248,7 @@ static void thin_soups_match_twin(void **state)
     (void)state;
     for (unsigned run = 0; run < 12; run++) {
         qm_random random = qm_random_make(qm_check_seed(), 1000 + run);
-        whole_soup a = make_soup(&random, 300, 900, 60, run % 2 == 1, false);
+        bigint_soup a = make_soup(&random, 300, 900, 60, run % 2 == 1, false);
         for (size_t v = 0; v < 900; v++) {
             for (int k = 0; k < 3; k++)
                 if (v % 3 > 0)
@@ -312,7 +313,7 @@ static void order_of_faces_does_not_matter(void **state)
 }
 
 /** Moves some vertices of a soup, and finds the pairs from those of before. */
-static void check_changes(whole_soup *soup, qm_random *random, int limit, size_t moved, int threads)
+static void check_changes(bigint_soup *soup, qm_random *random, int limit, size_t moved, int threads)
 {
     qm_context ctx = qm_context_make();
     ctx.parallel = qm_parallel_run;
@@ -347,7 +348,7 @@ static void changes_give_what_a_full_run_does(void **state)
     for (unsigned run = 0; run < 15; run++) {
         qm_random random = qm_random_make(qm_check_seed(), 2000 + run);
         int limit = run % 2 ? 30 : 300;
-        whole_soup soup = make_soup(&random, 150, 200, limit, run % 3 == 1, run % 5 == 2);
+        bigint_soup soup = make_soup(&random, 150, 200, limit, run % 3 == 1, run % 5 == 2);
         for (size_t moved = 0; moved < 60; moved = 3 * moved + 1)
             check_changes(&soup, &random, limit, moved, run % 2 ? 3 : 1);
         free_soup(&soup);
@@ -403,7 +404,7 @@ static void out_of_memory_is_a_status(void **state)
 {
     (void)state;
     qm_random random = qm_random_make(qm_check_seed(), 9);
-    whole_soup soup = make_soup(&random, 200, 300, 20, true, false);
+    bigint_soup soup = make_soup(&random, 200, 300, 20, true, false);
     qm_context plain = qm_context_make();
     qm_bvh *bvh;
     assert_int_equal(qm_bvh_build(&plain, &soup.mesh, QM_BVH_SOURCE, 1, &bvh), QM_OK);

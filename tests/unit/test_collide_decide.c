@@ -12,7 +12,7 @@ enum { FACES = QM_PACK_LANES };
 /** As many triangles as a pack holds, with corners that are whole numbers. */
 typedef struct whole_pack {
     qm_mesh mesh;
-    qm_whole_point corner[FACES][3];
+    qm_bigint_point corner[FACES][3];
     qm_bvh *tree;
 } whole_pack;
 

@@ -6,16 +6,16 @@
 #include "random.h"
 #include "slow_twin.h"
 
-static qm_whole_point random_whole(qm_random *random, int limit)
+static qm_bigint_point random_whole(qm_random *random, int limit)
 {
-    qm_whole_point p;
+    qm_bigint_point p;
     for (int k = 0; k < 3; k++)
         p.x[k] = (int64_t)qm_random_below(random, (size_t)(2 * limit + 1)) - limit;
     return p;
 }
 
 /** Whole numbers times a step, after a shift by whole numbers: exact while the step is a power of two. */
-static qm_vec as_vec(qm_whole_point p, double step, double shift)
+static qm_vec as_vec(qm_bigint_point p, double step, double shift)
 {
     return (qm_vec){step * ((double)p.x[0] + shift), step * ((double)p.x[1] - shift),
                     step * ((double)p.x[2] + shift)};
@@ -28,7 +28,7 @@ static void signs_match_whole_numbers(void **state)
     for (int limit = 1; limit <= 1000; limit *= 10) {
         qm_random random = qm_random_make(qm_check_seed(), (uint64_t)limit);
         for (int run = 0; run < 4000; run++) {
-            qm_whole_point p[4];
+            qm_bigint_point p[4];
             for (int i = 0; i < 4; i++)
                 p[i] = random_whole(&random, limit);
             double step = steps[run % 4], shift = step > 1.0 ? 0.0 : shifts[run % 3];
@@ -74,7 +74,7 @@ static void signs_see_the_last_bit(void **state)
 }
 
 typedef struct triangle_pair {
-    qm_whole_point whole[2][3];
+    qm_bigint_point whole[2][3];
     uint32_t index[2][3];
     qm_vec corner[2][3];
 } triangle_pair;
@@ -83,7 +83,7 @@ typedef struct triangle_pair {
 static triangle_pair random_pair(qm_random *random, int limit, int run)
 {
     triangle_pair pair;
-    qm_whole_point pool[7];
+    qm_bigint_point pool[7];
     for (int i = 0; i < 7; i++) {
         pool[i] = random_whole(random, limit);
         if (run % 4 == 1) pool[i].x[2] = pool[i].x[0] - pool[i].x[1];  /* in one plane */
@@ -196,7 +196,7 @@ static void contact_goes_with_the_size(void **state)
         qm_random random = qm_random_make(qm_check_seed(), seed);
         int limit = (int[]){2, 10, 1000}[seed % 3];
         bool is_flat = seed / 3 % 2 == 0;
-        qm_whole_point p[6];
+        qm_bigint_point p[6];
         qm_vec one[6], other[6];
         double step = steps[seed % 5];
         for (int i = 0; i < 6; i++) {

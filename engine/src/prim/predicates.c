@@ -1,6 +1,6 @@
 #include "predicates.h"
 
-#include "whole.h"
+#include "bigint.h"
 
 /*
  * Relative error bounds: a term of a determinant is rounded at most eight times in three dimensions and four
@@ -53,36 +53,36 @@ static int small_sign(const int64_t edge[3][3])
 /* ---- whole numbers of any size ---- */
 
 /** Out = (p - a) of one coordinate, in units of 2^low. */
-static void difference(qm_whole *out, double p, double a, int low)
+static void difference(qm_bigint *out, double p, double a, int low)
 {
-    qm_whole other;
-    qm_whole_set(out, p, low);
-    qm_whole_set(&other, a, low);
-    qm_whole_add(out, out, &other, 1);
+    qm_bigint other;
+    qm_bigint_set(out, p, low);
+    qm_bigint_set(&other, a, low);
+    qm_bigint_add(out, out, &other, 1);
 }
 
 /** x0 y1 - x1 y0 */
-static void minor(qm_whole *out, const qm_whole *x0, const qm_whole *y0, const qm_whole *x1,
-                  const qm_whole *y1)
+static void minor(qm_bigint *out, const qm_bigint *x0, const qm_bigint *y0, const qm_bigint *x1,
+                  const qm_bigint *y1)
 {
-    qm_whole other;
-    qm_whole_multiply(out, x0, y1);
-    qm_whole_multiply(&other, x1, y0);
-    qm_whole_add(out, out, &other, 1);
+    qm_bigint other;
+    qm_bigint_multiply(out, x0, y1);
+    qm_bigint_multiply(&other, x1, y0);
+    qm_bigint_add(out, out, &other, 1);
 }
 
 static int large_sign(const double p[4][3], const int low[3])
 {
-    qm_whole edge[3][3], part, product, sum;
+    qm_bigint edge[3][3], part, product, sum;
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < 3; i++)
             difference(&edge[i][k], p[i + 1][k], p[0][k], low[k]);
     sum.sign = sum.count = 0;
     for (int i = 0; i < 3; i++) {
-        const qm_whole *next = edge[(i + 1) % 3], *last = edge[(i + 2) % 3];
+        const qm_bigint *next = edge[(i + 1) % 3], *last = edge[(i + 2) % 3];
         minor(&part, &next[0], &next[1], &last[0], &last[1]);
-        qm_whole_multiply(&product, &part, &edge[i][2]);
-        qm_whole_add(&sum, &sum, &product, 0);
+        qm_bigint_multiply(&product, &part, &edge[i][2]);
+        qm_bigint_add(&sum, &sum, &product, 0);
     }
     return sum.sign;
 }
@@ -94,15 +94,15 @@ static int orient3d_exact(const double p[4][3])
     for (int k = 0; k < 3; k++) {
         int high;
         const double column[4] = {p[0][k], p[1][k], p[2][k], p[3][k]};
-        if (!qm_whole_span(column, 4, &low[k], &high)) return 0;
+        if (!qm_bigint_span(column, 4, &low[k], &high)) return 0;
         bits = high - low[k] + 1 > bits ? high - low[k] + 1 : bits;
     }
     if (bits > SMALL_BITS) return large_sign(p, low);
     int64_t edge[3][3];
     for (int k = 0; k < 3; k++) {
-        int64_t origin = qm_whole_small(p[0][k], low[k]);
+        int64_t origin = qm_bigint_small(p[0][k], low[k]);
         for (int i = 0; i < 3; i++)
-            edge[i][k] = qm_whole_small(p[i + 1][k], low[k]) - origin;
+            edge[i][k] = qm_bigint_small(p[i + 1][k], low[k]) - origin;
     }
     return small_sign(edge);
 }
@@ -153,11 +153,11 @@ static int orient2d_exact(const double p[3][2])
     for (int k = 0; k < 2; k++) {
         int high;
         const double column[3] = {p[0][k], p[1][k], p[2][k]};
-        if (!qm_whole_span(column, 3, &low[k], &high)) return 0;
+        if (!qm_bigint_span(column, 3, &low[k], &high)) return 0;
         bits = high - low[k] + 1 > bits ? high - low[k] + 1 : bits;
     }
     if (bits > SMALL_BITS) {
-        qm_whole edge[2][2], sum;
+        qm_bigint edge[2][2], sum;
         for (int k = 0; k < 2; k++)
             for (int i = 0; i < 2; i++)
                 difference(&edge[i][k], p[i + 1][k], p[0][k], low[k]);
@@ -167,7 +167,7 @@ static int orient2d_exact(const double p[3][2])
     int64_t edge[2][2];
     for (int k = 0; k < 2; k++)
         for (int i = 0; i < 2; i++)
-            edge[i][k] = qm_whole_small(p[i + 1][k], low[k]) - qm_whole_small(p[0][k], low[k]);
+            edge[i][k] = qm_bigint_small(p[i + 1][k], low[k]) - qm_bigint_small(p[0][k], low[k]);
     __int128 det = (__int128)edge[0][0] * edge[1][1] - (__int128)edge[1][0] * edge[0][1];
     return (det > 0) - (det < 0);
 }

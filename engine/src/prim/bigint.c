@@ -1,4 +1,4 @@
-#include "whole.h"
+#include "bigint.h"
 
 #include <string.h>
 
@@ -18,7 +18,7 @@ static uint64_t split(double value, int *exponent)
     return fraction >> zeros;
 }
 
-int qm_whole_span(const double *values, int count, int *low, int *high)
+int qm_bigint_span(const double *values, int count, int *low, int *high)
 {
     int found = 0;
     for (int i = 0; i < count; i++) {
@@ -33,7 +33,7 @@ int qm_whole_span(const double *values, int count, int *low, int *high)
     return found;
 }
 
-int64_t qm_whole_small(double value, int low)
+int64_t qm_bigint_small(double value, int low)
 {
     if (value == 0.0) return 0;
     int exponent;
@@ -42,14 +42,14 @@ int64_t qm_whole_small(double value, int low)
     return value < 0.0 ? -size : size;
 }
 
-static void trim(qm_whole *out, int sign)
+static void trim(qm_bigint *out, int sign)
 {
     while (out->count > 0 && out->limb[out->count - 1] == 0)
         out->count--;
     out->sign = out->count > 0 ? sign : 0;
 }
 
-void qm_whole_set(qm_whole *out, double value, int low)
+void qm_bigint_set(qm_bigint *out, double value, int low)
 {
     out->sign = out->count = 0;
     if (value == 0.0) return;
@@ -64,7 +64,7 @@ void qm_whole_set(qm_whole *out, double value, int low)
     trim(out, value < 0.0 ? -1 : 1);
 }
 
-static int compare_magnitudes(const qm_whole *a, const qm_whole *b)
+static int compare_magnitudes(const qm_bigint *a, const qm_bigint *b)
 {
     if (a->count != b->count) return a->count < b->count ? -1 : 1;
     for (int i = a->count - 1; i >= 0; i--)
@@ -72,7 +72,7 @@ static int compare_magnitudes(const qm_whole *a, const qm_whole *b)
     return 0;
 }
 
-static void add_magnitudes(qm_whole *out, const qm_whole *more, const qm_whole *less, int sign)
+static void add_magnitudes(qm_bigint *out, const qm_bigint *more, const qm_bigint *less, int sign)
 {
     unsigned carry = 0;
     int count = more->count, less_count = less->count;
@@ -88,7 +88,7 @@ static void add_magnitudes(qm_whole *out, const qm_whole *more, const qm_whole *
     out->sign = sign;
 }
 
-static void subtract_magnitudes(qm_whole *out, const qm_whole *more, const qm_whole *less, int sign)
+static void subtract_magnitudes(qm_bigint *out, const qm_bigint *more, const qm_bigint *less, int sign)
 {
     unsigned borrow = 0;
     int count = more->count, less_count = less->count;
@@ -103,11 +103,11 @@ static void subtract_magnitudes(qm_whole *out, const qm_whole *more, const qm_wh
     trim(out, sign);
 }
 
-void qm_whole_add(qm_whole *out, const qm_whole *a, const qm_whole *b, int negate)
+void qm_bigint_add(qm_bigint *out, const qm_bigint *a, const qm_bigint *b, int negate)
 {
     int sign_a = a->sign, sign_b = negate ? -b->sign : b->sign;
     int order = compare_magnitudes(a, b);
-    const qm_whole *more = order < 0 ? b : a, *less = order < 0 ? a : b;
+    const qm_bigint *more = order < 0 ? b : a, *less = order < 0 ? a : b;
     int sign = order < 0 ? sign_b : sign_a;
     if (sign_a * sign_b >= 0)
         add_magnitudes(out, more, less, sign);
@@ -115,7 +115,7 @@ void qm_whole_add(qm_whole *out, const qm_whole *a, const qm_whole *b, int negat
         subtract_magnitudes(out, more, less, sign);
 }
 
-void qm_whole_multiply(qm_whole *out, const qm_whole *a, const qm_whole *b)
+void qm_bigint_multiply(qm_bigint *out, const qm_bigint *a, const qm_bigint *b)
 {
     out->count = a->count + b->count;
     for (int i = 0; i < out->count; i++)

@@ -1,35 +1,35 @@
 /**
- * whole.h: signed whole numbers of many bits: just what exact determinants of doubles take. All by hand on
+ * bigint.h: signed whole numbers of many bits: just what exact determinants of doubles take. All by hand on
  * the stack, no allocation; only the limbs in use are touched.
  */
-#ifndef QM_WHOLE_H
-#define QM_WHOLE_H
+#ifndef QM_BIGINT_H
+#define QM_BIGINT_H
 
 #include <stdint.h>
 
 /** Limbs of the product of three differences of doubles up to 2^300: 3 * 1376 bits and two more. */
-#define QM_WHOLE_LIMBS 68
+#define QM_BIGINT_LIMBS 68
 
-typedef struct qm_whole {
+typedef struct qm_bigint {
     int sign;  /* 1, 0 or -1 */
     int count; /* limbs in use; the topmost is not zero */
-    uint64_t limb[QM_WHOLE_LIMBS];
-} qm_whole;
+    uint64_t limb[QM_BIGINT_LIMBS];
+} qm_bigint;
 
 /** The exponents of the highest and lowest bits that are set in any of count doubles; false when all are 0.
  */
-int qm_whole_span(const double *values, int count, int *low, int *high);
+int qm_bigint_span(const double *values, int count, int *low, int *high);
 
 /** value / 2^low, which is whole and has at most 63 bits. */
-int64_t qm_whole_small(double value, int low);
+int64_t qm_bigint_small(double value, int low);
 
 /** value / 2^low, which is whole. */
-void qm_whole_set(qm_whole *out, double value, int low);
+void qm_bigint_set(qm_bigint *out, double value, int low);
 
 /** The sum, or with negate the difference a - b; out may be a or b. */
-void qm_whole_add(qm_whole *out, const qm_whole *a, const qm_whole *b, int negate);
+void qm_bigint_add(qm_bigint *out, const qm_bigint *a, const qm_bigint *b, int negate);
 
 /** The product; out is neither a nor b. */
-void qm_whole_multiply(qm_whole *out, const qm_whole *a, const qm_whole *b);
+void qm_bigint_multiply(qm_bigint *out, const qm_bigint *a, const qm_bigint *b);
 
 #endif
