@@ -20,7 +20,7 @@ static qm_tie find_lowest(const qm_ties *ties)
     double least = INFINITY;
     for (int i = 0; i < ties->count; i++) {
         const qm_tie *tie = &ties->tie[i];
-        least = qm_lesser(least, tie->distance);
+        least = qm_min(least, tie->distance);
         if (tie->distance <= ties->reach && tie->face < lowest.face) lowest = *tie;
     }
     lowest.distance = least;

@@ -45,7 +45,7 @@
 
 static inline double qm_greatest_coordinate(qm_vec p)
 {
-    return qm_greater(fabs(p.x), qm_greater(fabs(p.y), fabs(p.z)));
+    return qm_max(fabs(p.x), qm_max(fabs(p.y), fabs(p.z)));
 }
 
 /** s times QM_DISTANCE_ROUNDING: by which the distance of a triangle is off at most. */

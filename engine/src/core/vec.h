@@ -109,12 +109,12 @@ static inline qm_vec qm_vec_middle(const qm_vec *point, int count)
     return middle;
 }
 
-static inline double qm_lesser(double a, double b)
+static inline double qm_min(double a, double b)
 {
     return a < b ? a : b;
 }
 
-static inline double qm_greater(double a, double b)
+static inline double qm_max(double a, double b)
 {
     return a > b ? a : b;
 }
@@ -124,7 +124,7 @@ static inline double qm_vec_radius(const qm_vec *point, int count, qm_vec middle
 {
     double radius2 = 0.0;
     for (int i = 0; i < count; i++)
-        radius2 = qm_greater(radius2, qm_vec_norm2(qm_vec_sub(point[i], middle)));
+        radius2 = qm_max(radius2, qm_vec_norm2(qm_vec_sub(point[i], middle)));
     return sqrt(radius2);
 }
 

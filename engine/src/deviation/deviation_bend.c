@@ -11,11 +11,11 @@ void qm_bend_open(const double value[6], double open[2])
     for (int k = 0; k < 3; k++) {
         double off = value[3 + k] - 0.5 * (value[k] + value[(k + 1) % 3]);
         int side = off > 0.0;
-        most[side] = qm_greater(most[side], fabs(off));
+        most[side] = qm_max(most[side], fabs(off));
         sum[side] += fabs(off);
     }
     for (int side = 0; side < 2; side++)
-        open[side] = qm_lesser(MOST_OF_ALL * most[side], MOST_OF_ONE * sum[side]);
+        open[side] = qm_min(MOST_OF_ALL * most[side], MOST_OF_ONE * sum[side]);
 }
 
 /** The polar form at two points: the value at a point when they are the same. */
@@ -39,7 +39,7 @@ int qm_bend_count_cells(const double value[6], double room)
     double open[2];
     qm_bend_open(value, open);
     double cells = ceil(sqrt((open[0] + open[1]) / room));
-    return cells < QM_BEND_CELLS ? (int)qm_greater(1.0, cells) : QM_BEND_CELLS;
+    return cells < QM_BEND_CELLS ? (int)qm_max(1.0, cells) : QM_BEND_CELLS;
 }
 
 void qm_bend_corners(const qm_bend *bend, double at[QM_BEND_CORNERS])

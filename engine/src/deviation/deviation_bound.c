@@ -123,7 +123,7 @@ static void offer_matches(bound_work *work)
             qm_piece_match_above(match, high);
             offer_high(work, high);
             if (high[0] + high[1] + high[2] < least) work->patch_ground = i;
-            least = qm_lesser(least, high[0] + high[1] + high[2]);
+            least = qm_min(least, high[0] + high[1] + high[2]);
         }
         if (!work->face->is_patch || !is_first(near, i)) continue;
         qm_piece_match alike;
@@ -162,12 +162,12 @@ static void measure_middle(bound_work *work, double distance[QM_FACET_PACKS][QM_
                 work->at_middle = here + slack;
                 work->ground = pack * QM_PACK_LANES + lane;
             }
-            work->certain = qm_lesser(work->certain, here - slack);
+            work->certain = qm_min(work->certain, here - slack);
             distance[pack][lane] = here - slack;
             int rectangle = near->rectangle_of[pack][lane];
             if (rectangle == QM_NO_RECTANGLE) continue;
             double *least = &work->rectangle_distance[rectangle];
-            *least = qm_lesser(*least, here - slack);
+            *least = qm_min(*least, here - slack);
         }
     }
 }
@@ -181,9 +181,9 @@ static void offer_pack(bound_work *work, int pack)
         work->maker->kernel->pack_distances(&near->pack[pack], work->shape->corner[i], d[i]);
         for (int lane = 0; lane < QM_PACK_LANES; lane++) {
             double here = sqrt(d[i][lane]), slack = near->slack[pack][lane];
-            work->floor[i] = qm_lesser(work->floor[i], here - slack);
+            work->floor[i] = qm_min(work->floor[i], here - slack);
             d[i][lane] = here + slack;
-            work->cap[i] = qm_lesser(work->cap[i], d[i][lane]);
+            work->cap[i] = qm_min(work->cap[i], d[i][lane]);
         }
     }
     double slack = work->shape->slack;
@@ -221,7 +221,7 @@ static void heights_along(const bound_work *work, const qm_triangle *facet, qm_v
 {
     double second = facet->length * qm_vec_dot(direction, facet->x);
     double third = facet->cx * qm_vec_dot(direction, facet->x) + facet->cy * qm_vec_dot(direction, facet->y);
-    double farthest = qm_greater(0.0, qm_greater(second, third));
+    double farthest = qm_max(0.0, qm_max(second, third));
     for (int i = 0; i < 3; i++)
         height[i] = qm_vec_dot(direction, qm_vec_sub(work->shape->corner[i], facet->origin)) - farthest;
 }
@@ -253,7 +253,7 @@ static double score(const plane_work *planes, const double height[3])
 {
     double sum = 0.0;
     for (int i = 0; i < 3; i++)
-        sum += qm_lesser(height[i], planes->cap[i]);
+        sum += qm_min(height[i], planes->cap[i]);
     return sum;
 }
 
@@ -309,7 +309,7 @@ static void add_plane(const bound_work *work, plane_work *planes, const qm_trian
         keep_better(planes, best, height);
     }
     for (int i = 0; i < 3; i++)
-        planes->facet[i] = qm_lesser(planes->facet[i], best[i] - slack);
+        planes->facet[i] = qm_min(planes->facet[i], best[i] - slack);
 }
 
 /** Planes of the facets of a pack that may be nearest to any point; a facet that is farther than the corners
@@ -319,8 +319,8 @@ static void add_pack_planes(bound_work *work, plane_work *planes, int pack,
 {
     const qm_near_facets *near = work->near;
     const qm_piece_shape *shape = work->shape;
-    double most = qm_greater(planes->facet[0], qm_greater(planes->facet[1], planes->facet[2]));
-    double reach = qm_lesser(work->ball, most + shape->radius + shape->slack + 4.0 * work->maker->eta);
+    double most = qm_max(planes->facet[0], qm_max(planes->facet[1], planes->facet[2]));
+    double reach = qm_min(work->ball, most + shape->radius + shape->slack + 4.0 * work->maker->eta);
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
         if (pack * QM_PACK_LANES + lane >= near->count || distance[lane] > reach) continue;
         qm_triangle facet = qm_pack_triangle(&near->pack[pack], lane);
@@ -392,7 +392,7 @@ static qm_positive_part find_loss(const side_work *side, const double height[3],
     for (int i = 0; i < 3; i++)
         above[i] = side->height[i] - (height[i] - slack);
     qm_positive_part part = qm_positive_part_in(&side->region, above);
-    part.mean = qm_lesser(part.mean, part.share * side->most);
+    part.mean = qm_min(part.mean, part.share * side->most);
     for (int i = 0; i < 3; i++)
         above[i] -= side->room;
     part.share = qm_positive_part_in(&side->region, above).share;
@@ -433,8 +433,8 @@ static void tilt(const side_work *side, const double beyond[3], double height[3]
     double slope = 0.0;
     for (int i = 0; i < 3; i++)
         if (beyond[i] > 0.0 && side->height[i] > height[i])
-            slope = qm_greater(slope, TILT * (side->height[i] - height[i]) / beyond[i]);
-    slope = qm_lesser(slope, 1.0 / TILT);
+            slope = qm_max(slope, TILT * (side->height[i] - height[i]) / beyond[i]);
+    slope = qm_min(slope, 1.0 / TILT);
     double shorter = 1.0 / sqrt(1.0 + slope * slope);
     for (int i = 0; i < 3; i++)
         height[i] = (height[i] + slope * beyond[i]) * shorter;
@@ -489,7 +489,7 @@ static void take_facets_off(bound_work *work, side_work *side,
 {
     const qm_near_facets *near = work->near;
     const qm_piece_shape *shape = work->shape;
-    double reach = qm_lesser(work->ball, side->most + shape->radius + shape->slack + 4.0 * work->maker->eta);
+    double reach = qm_min(work->ball, side->most + shape->radius + shape->slack + 4.0 * work->maker->eta);
     int before = QM_NO_RECTANGLE;
     qm_positive_part whole = {0.0, 0.0, 0.0}, sum = whole;
     for (int place = 0; place <= near->count; place++) {
@@ -518,7 +518,7 @@ static void take_facets_off(bound_work *work, side_work *side,
 
 static double greatest_corner(const double x[3])
 {
-    return qm_greater(x[0], qm_greater(x[1], x[2]));
+    return qm_max(x[0], qm_max(x[1], x[2]));
 }
 
 /** What a piece may be beside some walls, by how far its corners are beyond each: by how much its distance is
@@ -554,12 +554,12 @@ static void narrow_outside(qm_outside *outside, const double wall[3][3], const d
         most += here;
         mean += qm_positive_part_of(wall[k]).mean;
         for (int end = 0; end < 2; end++) {
-            most += qm_greater(0.0, greatest_corner(past[k][end]));
+            most += qm_max(0.0, greatest_corner(past[k][end]));
             mean += qm_positive_part_in(&region, past[k][end]).mean;
         }
     }
-    outside->most = qm_lesser(outside->most, most * (1.0 + SQUARE_ROUNDINGS));
-    outside->part.mean = qm_lesser(outside->part.mean, mean * (1.0 + SQUARE_ROUNDINGS));
+    outside->most = qm_min(outside->most, most * (1.0 + SQUARE_ROUNDINGS));
+    outside->part.mean = qm_min(outside->part.mean, mean * (1.0 + SQUARE_ROUNDINGS));
 }
 
 static void set_facet_ground(const bound_work *work, ground *over)
@@ -596,15 +596,15 @@ static double find_patch_loss(const bound_work *work, const ground *over)
 {
     double height = 0.0, loss[QM_NEAR_RECTANGLES], least = INFINITY;
     for (int i = 0; i < 3; i++)
-        height = qm_greater(height, qm_greater(over->match->low[i], -over->match->high[i]));
+        height = qm_max(height, qm_max(over->match->low[i], -over->match->high[i]));
     for (int k = 0; k < work->near->rectangle_count; k++) {
         const qm_near_rectangle *of = &work->near->rectangle[k];
         loss[k] = of->face == over->face ? qm_piece_match_loss(work->maker, over->match, &of->box) : INFINITY;
-        least = qm_lesser(least, loss[k]);
+        least = qm_min(least, loss[k]);
     }
     double most = least;
     for (int k = 0; k < work->near->rectangle_count; k++)
-        if (loss[k] <= ATTACHED_PART * height) most = qm_greater(most, loss[k]);
+        if (loss[k] <= ATTACHED_PART * height) most = qm_max(most, loss[k]);
     return most;
 }
 
@@ -640,7 +640,7 @@ static bool set_patch_ground(bound_work *work, ground *over)
     over->normal = match->normal;
     set_patch_outside(work, over, &work->near->rectangle[rectangle].box);
     bool has_sign = match->least > 0.0, is_above = match->low[0] > 0.0;
-    double both = qm_greater(over->loss, over->more);
+    double both = qm_max(over->loss, over->more);
     over->below = !has_sign ? both : is_above ? over->loss : over->more;
     over->above = !has_sign ? both : is_above ? over->more : over->loss;
     for (int i = 0; i < 3; i++) {
@@ -677,7 +677,7 @@ static bool bound_over_ground(bound_work *work, const ground *over,
                           .normal = turn_up(over->normal, k ? -1.0 : 1.0)};
         for (int i = 0; i < 3; i++) {
             side.height[i] = over->cap[k][i];
-            side.most = qm_greater(side.most, side.height[i]);
+            side.most = qm_max(side.most, side.height[i]);
         }
         if (!(side.most > 0.0)) continue;
         side.region = qm_positive_region_of(side.height);
@@ -712,7 +712,7 @@ double qm_piece_search(const qm_piece_maker *maker, qm_piece_desk *desk, qm_vec 
     if (!maker->target_patches) return *certain;
     qm_bilinear_hit patch;
     maker->kernel->closest_patch(maker->target, p, hit.pack, maker->patch_error, &patch);
-    *certain = qm_greater(0.0, patch.lower);
+    *certain = qm_max(0.0, patch.lower);
     return patch.distance;
 }
 
@@ -746,7 +746,7 @@ static void bound_by_corners(bound_work *work)
 static void bound_by_middle(bound_work *work)
 {
     double extent = work->shape->radius + work->shape->slack;
-    double sure = qm_greater(0.0, work->certain - extent);
+    double sure = qm_max(0.0, work->certain - extent);
     const double low[3] = {sure, sure, sure};
     offer_low(work, low);
     double most = work->at_middle + extent;

@@ -9,12 +9,12 @@ static double sum3(const double x[3])
 
 static double least(const double x[3])
 {
-    return qm_lesser(x[0], qm_lesser(x[1], x[2]));
+    return qm_min(x[0], qm_min(x[1], x[2]));
 }
 
 static double greatest(const double x[3])
 {
-    return qm_greater(x[0], qm_greater(x[1], x[2]));
+    return qm_max(x[0], qm_max(x[1], x[2]));
 }
 
 /** Mean over a triangle of the product of two linear functions. */
@@ -128,7 +128,7 @@ static double square_below(const double f[3], const qm_piece_shape *w)
     double tangent[3], mean = sum3(f) / 3.0, by_mean = least(w->low) * mean * mean;
     for (int i = 0; i < 3; i++)
         tangent[i] = (2.0 * f[i] - mean) * mean;
-    return least(tangent) < 0.0 ? by_mean : qm_greater(by_mean, mean_product(tangent, w->low));
+    return least(tangent) < 0.0 ? by_mean : qm_max(by_mean, mean_product(tangent, w->low));
 }
 
 /** Integral of max(f, 0)^2 from above; f^2 is convex. */
@@ -180,12 +180,12 @@ static void add_strays(qm_positive_part lost, qm_outside outside, double most_lo
                        qm_piece_bounds *out)
 {
     double missed = out->density_high * lost.mean, beside = out->density_high * outside.part.mean;
-    out->mean_low = qm_greater(0.0, out->mean_low - missed);
+    out->mean_low = qm_max(0.0, out->mean_low - missed);
     out->mean_high += beside;
-    out->square_low = qm_greater(0.0, out->square_low - 2.0 * qm_greater(0.0, most_low) * missed);
+    out->square_low = qm_max(0.0, out->square_low - 2.0 * qm_max(0.0, most_low) * missed);
     out->square_high += (2.0 * most_high + outside.most) * beside;
-    out->stray_low = qm_lesser(1.0, lost.share);
-    out->stray_high = qm_lesser(1.0, outside.part.share);
+    out->stray_low = qm_min(1.0, lost.share);
+    out->stray_high = qm_min(1.0, outside.part.share);
     out->excess = outside.most;
     out->blur = out->density_high * (most_high + outside.most) * (out->stray_low + out->stray_high);
 }
@@ -213,8 +213,8 @@ void qm_piece_integrate_signed(const qm_piece_shape *w, qm_positive_part lost, q
     start_signed(w, out);
     add_signed(out->low, out->high, w, out);
     qm_piece_bounds_turn(out, low, high);
-    add_strays(lost, outside, qm_greater(greatest(out->low), greatest(low)),
-               qm_greater(greatest(out->high), greatest(high)), out);
+    add_strays(lost, outside, qm_max(greatest(out->low), greatest(low)),
+               qm_max(greatest(out->high), greatest(high)), out);
     open_signed(room, out);
     out->blur += out->density_high * (sum3(out->high) - sum3(out->low)) / 3.0;
 }
@@ -240,12 +240,12 @@ static void mean_quadratic(const double f[6], const double w[3], double mean[2])
 
 static double greatest_of_six(const double x[6])
 {
-    return qm_greater(greatest(x), greatest(x + 3));
+    return qm_max(greatest(x), greatest(x + 3));
 }
 
 static double least_of_six(const double x[6])
 {
-    return qm_lesser(least(x), least(x + 3));
+    return qm_min(least(x), least(x + 3));
 }
 
 /** Adds the integrals of a height that is nowhere negative on a side, 1 or -1; false when it may be. */
@@ -318,8 +318,8 @@ void qm_piece_integrate_bent(const qm_piece_shape *w, qm_positive_part lost, qm_
     double open[2], up = greatest_of_six(bend.value), down = -least_of_six(bend.value);
     start_signed(w, out);
     add_bent(&bend, w, 0, little, out);
-    add_strays(lost, outside, qm_greater(up - bend.below, down - bend.above),
-               qm_greater(up + bend.above, down + bend.below), out);
+    add_strays(lost, outside, qm_max(up - bend.below, down - bend.above),
+               qm_max(up + bend.above, down + bend.below), out);
     open_signed(room, out);
     bend.below += room;
     bend.above += room;
@@ -332,9 +332,9 @@ void qm_piece_integrate_bent(const qm_piece_shape *w, qm_positive_part lost, qm_
 void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over)
 {
     qm_piece_bounds best = over->blur < bounds->blur ? *over : *bounds;
-    best.mean_low = qm_greater(bounds->mean_low, over->mean_low);
-    best.mean_high = qm_lesser(bounds->mean_high, over->mean_high);
-    best.square_low = qm_greater(bounds->square_low, over->square_low);
-    best.square_high = qm_lesser(bounds->square_high, over->square_high);
+    best.mean_low = qm_max(bounds->mean_low, over->mean_low);
+    best.mean_high = qm_min(bounds->mean_high, over->mean_high);
+    best.square_low = qm_max(bounds->square_low, over->square_low);
+    best.square_high = qm_min(bounds->square_high, over->square_high);
     *bounds = best;
 }

@@ -96,7 +96,7 @@ static void raise_over(const double value[6], double high[3])
     for (int k = 3; k < 6; k++) {
         int i = pair_of[k][0], j = pair_of[k][1];
         int lower = high[i] < high[j] ? i : j;
-        high[lower] += qm_greater(0.0, 2.0 * value[k] - high[i] - high[j]);
+        high[lower] += qm_max(0.0, 2.0 * value[k] - high[i] - high[j]);
     }
 }
 
@@ -124,17 +124,17 @@ static void set_heights(const qm_piece_maker *maker, qm_piece_match *match)
     match->greatest = 0.0;
     for (int k = 0; k < 6; k++) {
         height[k] = qm_vec_dot(n, match->difference[k]);
-        beside = qm_greater(beside, qm_vec_norm(qm_vec_axpy(match->difference[k], -height[k], n)));
-        match->greatest = qm_greater(match->greatest, qm_vec_norm(match->difference[k]));
+        beside = qm_max(beside, qm_vec_norm(qm_vec_axpy(match->difference[k], -height[k], n)));
+        match->greatest = qm_max(match->greatest, qm_vec_norm(match->difference[k]));
     }
     open_by(height, match->low, match->high);
     for (int i = 0; i < 3; i++) {
         match->low[i] -= match->slack;
         match->high[i] += match->slack;
     }
-    double low = qm_lesser(match->low[0], qm_lesser(match->low[1], match->low[2]));
-    double high = qm_greater(match->high[0], qm_greater(match->high[1], match->high[2]));
-    match->least = qm_greater(0.0, qm_greater(low, -high) - maker->eta);
+    double low = qm_min(match->low[0], qm_min(match->low[1], match->low[2]));
+    double high = qm_max(match->high[0], qm_max(match->high[1], match->high[2]));
+    match->least = qm_max(0.0, qm_max(low, -high) - maker->eta);
     beside = (beside + maker->eta) * RELATIVE;
     match->beside = beside;
     match->over = beside < 2.0 * match->least ? 0.5 * beside * beside / match->least : beside;
@@ -172,7 +172,7 @@ static void finish(const qm_piece_maker *maker, const qm_vec corner[6], qm_piece
     for (int k = 0; k < 6; k++) {
         qm_vec there = patch_coefficient(patch, match->at[pair_of[k][0]], match->at[pair_of[k][1]]);
         match->difference[k] = qm_vec_sub(corner[k], there);
-        farthest = qm_greater(farthest, qm_vec_norm2(match->difference[k]));
+        farthest = qm_max(farthest, qm_vec_norm2(match->difference[k]));
     }
     match->holds = farthest <= FARTHEST * FARTHEST * maker->reach * maker->reach;
     if (!match->holds) return;
@@ -262,8 +262,8 @@ static bool make_frame(const qm_piece_maker *maker, const qm_piece_match *match,
     for (int k = 0; k < 2; k++) {
         double low = box->low[k], high = box->high[k];
         for (int i = 0; i < 3; i++) {
-            low = qm_lesser(low, match->at[i][k]);
-            high = qm_greater(high, match->at[i][k]);
+            low = qm_min(low, match->at[i][k]);
+            high = qm_max(high, match->at[i][k]);
         }
         middle[k] = 0.5 * (low + high);
         half[k] = 0.5 * (high - low);
@@ -310,14 +310,14 @@ static double find_slope(const qm_piece_maker *maker, const qm_piece_match *matc
     for (int c = 0; c < 10; c++) {
         const double *f = match->slope[c];
         double first = f[0] * inverse, second = (f[1] - at->upper[1] * first) * across;
-        most2 = qm_greater(most2, first * first + second * second);
+        most2 = qm_max(most2, first * first + second * second);
         for (int axis = 0; axis < 2; axis++) {
             double inwards = wall[axis] > 0 ? -f[axis] : wall[axis] < 0 ? f[axis] : fabs(f[axis]);
-            part[axis] = qm_greater(part[axis], inwards);
+            part[axis] = qm_max(part[axis], inwards);
         }
     }
     for (int i = 0; i < 3; i++)
-        longest = qm_greater(longest, qm_vec_norm(match->along[0][i]) + qm_vec_norm(match->along[1][i]));
+        longest = qm_max(longest, qm_vec_norm(match->along[0][i]) + qm_vec_norm(match->along[1][i]));
     double most = sqrt(most2), by_walls = part[0] * at->reach[0] + part[1] * at->reach[1];
     double rounding = maker->eta * (longest + match->greatest) + 0x1p-40 * match->greatest * longest;
     if ((wall[0] || wall[1]) && by_walls < most) most = by_walls;
@@ -331,12 +331,12 @@ static qm_uv_box find_view(const qm_piece_match *match, const qm_uv_box *box, co
     for (int k = 0; k < 2; k++) {
         double low = INFINITY, high = -INFINITY;
         for (int i = 0; i < 3; i++) {
-            low = qm_lesser(low, match->at[i][k]);
-            high = qm_greater(high, match->at[i][k]);
+            low = qm_min(low, match->at[i][k]);
+            high = qm_max(high, match->at[i][k]);
         }
         double way = 2.0 * match->greatest / (1.0 - at->turn) * at->reach[k] * RELATIVE;
-        view.low[k] = qm_greater(low - way, qm_lesser(low, box->low[k]));
-        view.high[k] = qm_lesser(high + way, qm_greater(high, box->high[k]));
+        view.low[k] = qm_max(low - way, qm_min(low, box->low[k]));
+        view.high[k] = qm_min(high + way, qm_max(high, box->high[k]));
     }
     return view;
 }
@@ -352,8 +352,8 @@ static double find_graph_slope(const qm_piece_maker *maker, const qm_piece_match
         qm_vec normal = qm_vec_cross(along_s, along_t);
         double up = qm_vec_dot(normal, match->normal);
         double error = maker->eta * (qm_vec_norm(along_s) + qm_vec_norm(along_t));
-        least = qm_lesser(least, up - error);
-        most = qm_greater(most, qm_vec_norm(qm_vec_axpy(normal, -up, match->normal)) + error);
+        least = qm_min(least, up - error);
+        most = qm_max(most, qm_vec_norm(qm_vec_axpy(normal, -up, match->normal)) + error);
     }
     return least > 0.0 ? most / least * RELATIVE : INFINITY;
 }
@@ -368,8 +368,8 @@ static qm_match_graph find_graph(const qm_piece_maker *maker, const qm_piece_mat
     graph.over = graph.slope * match->beside * RELATIVE;
     graph.loss = (graph.over + 0.5 * graph.slope * graph.slope * match->greatest) * RELATIVE;
     for (int k = 0; k < 2; k++) {
-        graph.view.low[k] = qm_greater(0.0, graph.view.low[k]);
-        graph.view.high[k] = qm_lesser(1.0, graph.view.high[k]);
+        graph.view.low[k] = qm_max(0.0, graph.view.low[k]);
+        graph.view.high[k] = qm_min(1.0, graph.view.high[k]);
     }
     return graph;
 }
@@ -392,14 +392,14 @@ qm_match_margin qm_piece_match_margin(const qm_piece_maker *maker, const qm_piec
     qm_match_graph graph = find_graph(maker, match, box, &at);
     if (graph.holds) margin.loss = graph.loss;
     for (int k = 0; k < 6; k++)
-        bent = qm_greater(bent, fabs(qm_vec_dot(match->difference[k], match->patch->w)));
+        bent = qm_max(bent, fabs(qm_vec_dot(match->difference[k], match->patch->w)));
     bent += maker->eta * (qm_vec_norm(match->patch->w) + match->greatest);
     double left = (1.0 - at.turn) * (1.0 - at.turn) - bent * at.product * RELATIVE;
     if (!(left > CLEAR)) return margin;
     double root = sqrt(left), f = find_slope(maker, match, &at), loss = f / root;
-    if (match->least > 0.0) loss = qm_lesser(loss, f * f / (left * match->least));
+    if (match->least > 0.0) loss = qm_min(loss, f * f / (left * match->least));
     margin.tilted = loss * RELATIVE;
-    margin.loss = qm_lesser(margin.loss, margin.tilted);
+    margin.loss = qm_min(margin.loss, margin.tilted);
     for (int k = 0; k < 2; k++)
         margin.stretch[k] = root / RELATIVE / at.reach[k];
     margin.offset = f / root * RELATIVE;
@@ -440,7 +440,7 @@ void qm_piece_match_aside(const qm_piece_face *face, const qm_source_piece *piec
         outwards =
             length > QM_LEAST_LENGTH ? qm_vec_scale(side / (length * RELATIVE), outwards) : (qm_vec){0, 0, 0};
         for (int i = 0; i < 4; i++)
-            farthest = qm_greater(farthest, qm_vec_dot(outwards, corner[i]));
+            farthest = qm_max(farthest, qm_vec_dot(outwards, corner[i]));
         for (int k = 0; k < 6; k++)
             value[k] = farthest - qm_vec_dot(outwards, at[k]);
         raise_over(value, height[edge]);
@@ -466,8 +466,8 @@ void qm_piece_match_walls(const qm_piece_maker *maker, const qm_piece_match *mat
         double speed = 0.0;
         for (int i = 0; i < 3; i++) {
             qm_vec inside = qm_vec_axpy(edge, qm_clamp(match->at[i][1 - axis], 0.0, 1.0), match->patch->w);
-            speed = qm_greater(speed, qm_vec_norm(match->along[axis][i]));
-            speed = qm_greater(speed, qm_vec_norm(inside));
+            speed = qm_max(speed, qm_vec_norm(match->along[axis][i]));
+            speed = qm_max(speed, qm_vec_norm(inside));
         }
         speed += maker->eta;
         for (int i = 0; i < 3; i++) {
@@ -487,7 +487,7 @@ static double find_least_sine(const qm_vec edge[4], double error)
         double lengths = qm_vec_norm(on) * qm_vec_norm(back);
         double sine = qm_vec_norm(qm_vec_cross(on, back)) - error * (qm_vec_norm(on) + qm_vec_norm(back));
         if (!(sine > LEAST_SINE * lengths)) return 0.0;
-        if (qm_vec_dot(on, back) > 0.0) least = qm_lesser(least, sine / lengths);
+        if (qm_vec_dot(on, back) > 0.0) least = qm_min(least, sine / lengths);
     }
     return least;
 }
@@ -512,7 +512,7 @@ double qm_piece_match_view_walls(const qm_piece_maker *maker, const qm_piece_fac
         for (int i = 0; i < 6; i++) {
             qm_vec from = qm_vec_sub(at[i], corner[k]);
             value[i] = qm_vec_dot(outwards, from);
-            farthest = qm_greater(farthest, qm_vec_norm(from));
+            farthest = qm_max(farthest, qm_vec_norm(from));
         }
         raise_over(value, beyond[k]);
         double error = maker->eta * (1.0 + farthest / length);

@@ -90,9 +90,9 @@ void qm_triangle_ends(const qm_triangle *t, qm_vec p, double within[3][2])
 
 double qm_triangle_least_sine(const qm_triangle *t)
 {
-    double c = sqrt(t->inverse_c2), d = sqrt(t->inverse_d2), least = t->cy * qm_lesser(c, d);
+    double c = sqrt(t->inverse_c2), d = sqrt(t->inverse_d2), least = t->cy * qm_min(c, d);
     bool is_obtuse = t->cx * (t->cx - t->length) + t->cy * t->cy < 0.0;
-    return is_obtuse ? least : qm_lesser(least, t->length * t->cy * c * d);
+    return is_obtuse ? least : qm_min(least, t->length * t->cy * c * d);
 }
 
 static void add_triangle(near_work *work, const qm_triangle *t, double slack, int part_of)

@@ -66,7 +66,7 @@ static bool load_corners(const qm_piece_maker *maker, uint32_t face, qm_vec corn
 static bool is_over_twist(const qm_piece_maker *maker, const qm_vec corner[4])
 {
     qm_bilinear patch = qm_bilinear_make(corner);
-    double size = qm_lesser(qm_vec_norm(patch.e1), qm_vec_norm(patch.e2)), w = qm_vec_norm(patch.w);
+    double size = qm_min(qm_vec_norm(patch.e1), qm_vec_norm(patch.e2)), w = qm_vec_norm(patch.w);
     if (!maker->target_patches || !(w > maker->stray_error)) return false;
     qm_hit hit = {.d2 = INFINITY, .pack = 0};
     maker->kernel->closest(maker->target, qm_bilinear_at(&patch, 0.5, 0.5), &hit);

@@ -166,7 +166,7 @@ static piece_growth make_growth(const double v[3], const double *turned, double 
         if (!(growth.side[0].value[2] > 0.0)) growth.sides = 0;
         if (other.value[2] > 0.0) growth.side[growth.sides++] = other;
         if (growth.sides == 0) growth.sides = 1;
-        growth.top = qm_greater(growth.top, other.value[2]);
+        growth.top = qm_max(growth.top, other.value[2]);
     }
     growth.top += excess;
     return growth;
@@ -184,7 +184,7 @@ static double share_at(const piece_growth *growth, double x)
 
 static double strayed(const piece_growth *growth, double share)
 {
-    return qm_lesser(1.0, qm_greater(0.0, share + growth->stray));
+    return qm_min(1.0, qm_max(0.0, share + growth->stray));
 }
 
 static void add_piece(const share_sums *sums, const piece_growth *growth, const double *x, size_t count,
@@ -192,7 +192,7 @@ static void add_piece(const share_sums *sums, const piece_growth *growth, const 
 {
     const ramp *one = &growth->side[0], *two = &growth->side[growth->sides - 1];
     size_t begin = growth->sides > 1 ? 0 : find_place(x, count, one->value[0]);
-    size_t end = begin + find_place(x + begin, count - begin, qm_greater(one->value[2], two->value[2]));
+    size_t end = begin + find_place(x + begin, count - begin, qm_max(one->value[2], two->value[2]));
     size_t top = end + find_place(x + end, count - end, growth->top);
     add_span(sums, 0, begin, strayed(growth, 0.0), area);
     for (size_t i = begin; i < end; i++) {
@@ -211,7 +211,7 @@ static void add_cell(const piece_growth *cell, double part, const double *x, siz
 {
     const ramp *one = &cell->side[0], *two = &cell->side[cell->sides - 1];
     size_t begin = cell->sides > 1 ? 0 : find_place(x, count, one->value[0]);
-    size_t end = begin + find_place(x + begin, count - begin, qm_greater(one->value[2], two->value[2]));
+    size_t end = begin + find_place(x + begin, count - begin, qm_max(one->value[2], two->value[2]));
     for (size_t i = begin; i < end; i++)
         share[i] += (long double)(part * share_at(cell, x[i]));
     steps[end] += (long double)part;
@@ -250,7 +250,7 @@ static void add_bent(const share_sums *sums, const qm_piece_bounds *piece, bool 
             piece_growth cell =
                 make_cell((const double[3]){at[place[0]], at[place[1]], at[place[2]]}, open, from_above);
             add_cell(&cell, part, x, count, share, steps);
-            top = qm_greater(top, cell.top);
+            top = qm_max(top, cell.top);
         }
     const piece_growth whole = {.stray = from_above ? -piece->stray_high : piece->stray_low};
     size_t end = find_place(x, count, top + (from_above ? piece->excess : 0.0));

@@ -161,7 +161,7 @@ static bool climb_ground(climb *c, qm_ground *ground, double enough)
         if (gained > GOOD_GAIN * expected)
             c->radius *= 2.0;
         else if (!is_new && gained < POOR_GAIN * expected)
-            c->radius = POOR_GAIN * qm_lesser(c->radius, qm_vec_distance(p, c->place));
+            c->radius = POOR_GAIN * qm_min(c->radius, qm_vec_distance(p, c->place));
         if (!(gained > 0.0)) continue;
         ground->uv[0] = u;
         ground->uv[1] = v;

@@ -62,9 +62,9 @@ int qm_ground_walls(const qm_ground *ground, const double speed[2], qm_slope wal
     walls[count++] = (qm_slope){{1.0, 0.0}, u * speed[0], true};
     walls[count++] = (qm_slope){{0.0, 1.0}, v * speed[1], true};
     if (ground->is_triangle) {
-        double slower = qm_lesser(speed[0], speed[1]);
+        double slower = qm_min(speed[0], speed[1]);
         walls[count++] =
-            (qm_slope){{-slower / speed[0], -slower / speed[1]}, qm_greater(0.0, 1.0 - u - v) * slower, true};
+            (qm_slope){{-slower / speed[0], -slower / speed[1]}, qm_max(0.0, 1.0 - u - v) * slower, true};
     } else {
         walls[count++] = (qm_slope){{-1.0, 0.0}, (1.0 - u) * speed[0], true};
         walls[count++] = (qm_slope){{0.0, -1.0}, (1.0 - v) * speed[1], true};
@@ -77,7 +77,7 @@ double qm_grounds_largest(const qm_grounds *grounds)
     double largest = 0.0;
     for (int i = 0; i < grounds->count; i++) {
         const qm_bilinear *patch = &grounds->at[i].patch;
-        largest = qm_greater(largest, qm_greater(qm_vec_norm(patch->e1), qm_vec_norm(patch->e2)));
+        largest = qm_max(largest, qm_max(qm_vec_norm(patch->e1), qm_vec_norm(patch->e2)));
     }
     return largest;
 }

@@ -113,9 +113,9 @@ static double set_stretch(qm_overlay_frame *frame, const qm_vec *point, int coun
         double at[3];
         map_point(frame, point[i], at);
         for (int k = 0; k < 3; k++) {
-            frame->low[k] = qm_lesser(at[k], frame->low[k]);
-            frame->high[k] = qm_greater(at[k], frame->high[k]);
-            size = qm_greater(fabs(at[k]), size);
+            frame->low[k] = qm_min(at[k], frame->low[k]);
+            frame->high[k] = qm_max(at[k], frame->high[k]);
+            size = qm_max(fabs(at[k]), size);
         }
     }
     frame->low[2] -= allowed;
@@ -134,7 +134,7 @@ double qm_overlay_set_face(qm_overlay_face *face, double size)
         const double *a = c[k], *b = c[(k + 1) % 3];
         double x = b[0] - a[0], y = b[1] - a[1], length = sqrt(x * x + y * y);
         if (!(length > 0.0)) return INFINITY;
-        longest = qm_greater(length, longest);
+        longest = qm_max(length, longest);
         face->side[k][0] = -turn * y / length;
         face->side[k][1] = turn * x / length;
         face->side[k][2] = -(face->side[k][0] * a[0] + face->side[k][1] * a[1]);
@@ -282,7 +282,7 @@ bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal
     if (!set_axes(&overlay->frame, point[0], normal)) return false;
     double allowed = qm_search_allowed(worker->search) * side->scale;
     overlay->facets.size = set_stretch(&overlay->frame, point, count, allowed);
-    overlay->shrink = qm_lesser(SHRINK_BY_ALLOWED * allowed, SHRINK_BY_SIZE * overlay->facets.size);
+    overlay->shrink = qm_min(SHRINK_BY_ALLOWED * allowed, SHRINK_BY_SIZE * overlay->facets.size);
     count_work(worker, (uint64_t)count / 2);
     return set_overlay(worker, side, near, NULL, overlay);
 }
@@ -295,10 +295,10 @@ static void shrink_face(qm_overlay_face *face, double length)
         middle[k] = (c[0][k] + c[1][k] + c[2][k]) / 3.0;
     for (int i = 0; i < 3; i++) {
         double x = middle[0] - c[i][0], y = middle[1] - c[i][1], z = middle[2] - c[i][2];
-        farthest2 = qm_greater(x * x + y * y + z * z, farthest2);
+        farthest2 = qm_max(x * x + y * y + z * z, farthest2);
     }
     if (!(farthest2 > 0.0)) return;
-    double share = qm_lesser(length / sqrt(farthest2), MAX_SHRINK);
+    double share = qm_min(length / sqrt(farthest2), MAX_SHRINK);
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++)
             c[i][k] += share * (middle[k] - c[i][k]);

@@ -190,14 +190,14 @@ static bool gets_on(const qm_piece_work *work, const qm_bilinear *patch, const r
     double side[2];
     side_lengths(work->piece.corner, side);
     if (rest->count > MAX_RESTS) return false;
-    double longer = qm_greater(side[0], side[1]);
-    if (qm_lesser(side[0], side[1]) > THIN * longer) return true;
+    double longer = qm_max(side[0], side[1]);
+    if (qm_min(side[0], side[1]) > THIN * longer) return true;
     for (int i = 0; i < rest->count; i++) {
         qm_vec corner[4];
         double left[2];
         qm_uv_box_corners(patch, &rest->at[i], corner);
         side_lengths(corner, left);
-        if (qm_greater(left[0], left[1]) > MAX_LEFT * longer) return false;
+        if (qm_max(left[0], left[1]) > MAX_LEFT * longer) return false;
     }
     return true;
 }

@@ -87,7 +87,7 @@ static double pack_distance(const qm_search *search, const qm_side *side, uint32
     double twist = qm_side_twist(side, pack, nearest), distance = sqrt(d2[nearest]);
     if (!(twist > 0.0) || distance + twist <= enough || distance - twist > enough) return distance + twist;
     qm_bilinear patch = qm_bvh_load_patch(side->target, side->target->lanes[pack].face[nearest]);
-    return qm_lesser(distance + twist, qm_bilinear_descend(&patch, p, enough).distance);
+    return qm_min(distance + twist, qm_bilinear_descend(&patch, p, enough).distance);
 }
 
 static double search_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,

@@ -48,7 +48,7 @@ static double differences(const match_work *work, const qm_vec corner[4], qm_uv_
         double length2 = qm_vec_norm2(difference[i]);
         /* A target too small to take products of its sides leads nowhere: its equations are singular. */
         if (!(length2 < INFINITY)) return INFINITY;
-        greatest2 = qm_greater(greatest2, length2);
+        greatest2 = qm_max(greatest2, length2);
     }
     return sqrt(greatest2);
 }
@@ -231,8 +231,8 @@ static bool cover(const match_work *work, const pairing *whole)
 static void inner_part(double low, double high, double part[2])
 {
     double at_0 = (0.0 - low) / (high - low), at_1 = (1.0 - low) / (high - low);
-    part[0] = qm_clamp(qm_lesser(at_0, at_1), 0.0, 1.0);
-    part[1] = qm_clamp(qm_greater(at_0, at_1), 0.0, 1.0);
+    part[0] = qm_clamp(qm_min(at_0, at_1), 0.0, 1.0);
+    part[1] = qm_clamp(qm_max(at_0, at_1), 0.0, 1.0);
     if (!(part[0] > EDGE_PART)) part[0] = 0.0; /* as when the side has no length */
     if (!(part[1] < 1.0 - EDGE_PART)) part[1] = 1.0;
 }
@@ -350,7 +350,7 @@ static bool match_middles(match_work *work, const qm_uv_box *box, const qm_bilin
     pairing whole = {.source = *box};
     for (int axis = 0; axis < 2; axis++) {
         double faster = qm_vec_norm(from[axis]) / (qm_vec_norm(to[axis]) + 0x1p-1000);
-        double half = 0.5 * qm_lesser(BEYOND, faster * (box->high[axis] - box->low[axis]));
+        double half = 0.5 * qm_min(BEYOND, faster * (box->high[axis] - box->low[axis]));
         whole.target.low[axis] = at[axis] - half;
         whole.target.high[axis] = at[axis] + half;
     }

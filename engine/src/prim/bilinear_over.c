@@ -36,7 +36,7 @@ static difference difference_make(const qm_bilinear *patch, const qm_vec corner[
 static double peak_of_edge(double a, double b, double c)
 {
     double bend = a - 2.0 * b + c, x = (a - b) / bend;
-    if (!(bend < 0.0 && x > 0.0 && x < 1.0)) return qm_lesser(a, c);
+    if (!(bend < 0.0 && x > 0.0 && x < 1.0)) return qm_min(a, c);
     return a + x * (b - a);
 }
 
@@ -60,8 +60,8 @@ static double greatest(const double g[6])
 {
     double most = level_of_triangle(g);
     for (int i = 0; i < 3; i++) {
-        most = qm_greater(most, g[i]);
-        most = qm_greater(most, peak_of_edge(g[(i + 1) % 3], g[3 + i], g[(i + 2) % 3]));
+        most = qm_max(most, g[i]);
+        most = qm_max(most, peak_of_edge(g[(i + 1) % 3], g[3 + i], g[(i + 2) % 3]));
     }
     return most;
 }
@@ -73,7 +73,7 @@ double qm_bilinear_under(const qm_bilinear *patch, const qm_vec corner[3], const
     double size2 = 0.0;
     for (int i = 0; i < 6; i++) {
         middle = qm_vec_axpy(middle, i < 3 ? 1.0 : 2.0, d.at[i]);
-        size2 = qm_greater(size2, qm_vec_norm2(d.at[i]));
+        size2 = qm_max(size2, qm_vec_norm2(d.at[i]));
     }
     double size = sqrt(size2), length = qm_vec_norm(middle);
     if (!(length > 0.0)) return size;
@@ -81,9 +81,9 @@ double qm_bilinear_under(const qm_bilinear *patch, const qm_vec corner[3], const
     double along[6], across2 = 0.0, most = 0.0;
     for (int i = 0; i < 6; i++) {
         along[i] = qm_vec_dot(d.at[i], n);
-        across2 = qm_greater(across2, qm_vec_norm2(qm_vec_axpy(d.at[i], -along[i], n)));
-        most = qm_greater(most, -along[i]);
+        across2 = qm_max(across2, qm_vec_norm2(qm_vec_axpy(d.at[i], -along[i], n)));
+        most = qm_max(most, -along[i]);
     }
-    most = qm_greater(most, greatest(along));
+    most = qm_max(most, greatest(along));
     return sqrt(most * most + across2) + ROUNDINGS * size;
 }

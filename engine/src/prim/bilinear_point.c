@@ -511,7 +511,7 @@ static void minimise_between(const query *q, segment_foot low, segment_foot high
         keep_foot(best, &at);
         if (at.slope == 0.0) break;
         *(at.slope < 0.0 ? &low : &high) = at;
-        double least_gain = qm_greater(DESCENT_GAIN * before, roundings * sqrt(before));
+        double least_gain = qm_max(DESCENT_GAIN * before, roundings * sqrt(before));
         if (fabs(before - at.distance2) <= least_gain && step >= MIN_STEPS) break;
     }
 }
@@ -520,7 +520,7 @@ static void minimise_between(const query *q, segment_foot low, segment_foot high
 static bool turn_round(const qm_bilinear *patch, const segment_foot *low, const segment_foot *high)
 {
     qm_vec first = qm_vec_axpy(patch->e2, low->s, patch->w), last = qm_vec_axpy(patch->e2, high->s, patch->w);
-    double longer2 = qm_greater(qm_vec_norm2(first), qm_vec_norm2(last));
+    double longer2 = qm_max(qm_vec_norm2(first), qm_vec_norm2(last));
     return qm_vec_dot(first, last) <= MAX_TURNED * longer2;
 }
 
@@ -533,7 +533,7 @@ static void look_between(const query *q, const segment_foot *low, const segment_
                          int depth, double stop_above, qm_bilinear_foot *best)
 {
     double nearest = 0.5 * (sqrt(low->distance2) + sqrt(high->distance2) - speed * (high->s - low->s));
-    if (nearest >= qm_lesser(best->distance, stop_above)) return;
+    if (nearest >= qm_min(best->distance, stop_above)) return;
     if (depth <= 0) {
         /* Where the best point lies between these two, a way down has led to it from segments farther apart.
          */
@@ -591,7 +591,7 @@ static void look_beside_best(const query *q, double speed, double stop_above, qm
 static void descend_by_segments(const query *q, double stop_above, qm_bilinear_foot *best)
 {
     const qm_bilinear *patch = q->patch;
-    double speed = qm_greater(qm_vec_norm(patch->e1), qm_vec_norm(qm_vec_add(patch->e1, patch->w)));
+    double speed = qm_max(qm_vec_norm(patch->e1), qm_vec_norm(qm_vec_add(patch->e1, patch->w)));
     segment_foot first = segment_foot_at(q, 0.0), last = segment_foot_at(q, 1.0);
     keep_foot(best, &first);
     keep_foot(best, &last);

@@ -74,7 +74,7 @@ static inline qm_vf qm_vf_min(qm_vf a, qm_vf b)
 #endif
 }
 
-static inline float qm_vf_greatest(qm_vf a)
+static inline float qm_vf_max_lane(qm_vf a)
 {
     a = qm_vf_max(a, __builtin_shufflevector(a, a, 4, 5, 6, 7, 0, 1, 2, 3));
     a = qm_vf_max(a, __builtin_shufflevector(a, a, 2, 3, 0, 1, 6, 7, 4, 5));

@@ -43,7 +43,7 @@ void QM_KERNEL(fill_float)(qm_float_pack *pack, const double corner[3][3][QM_PAC
                                            f.y.x,      f.y.y,      f.y.z,      f.length, f.cx,  f.cy};
     memcpy(pack->row, row, sizeof row);
     qm_vf far2 = qm_vf_max(wide_dot(a, a), qm_vf_max(wide_dot(b, b), wide_dot(c, c)));
-    pack->radius = 1.000001f * __builtin_sqrtf(qm_vf_greatest(far2));
+    pack->radius = 1.000001f * __builtin_sqrtf(qm_vf_max_lane(far2));
 }
 
 /** Distances to the lanes' surfaces; twist may be NULL. */

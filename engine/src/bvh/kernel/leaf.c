@@ -53,8 +53,8 @@ static inline float set_boxes(qm_leaf *leaf, qm_vf *size)
         wide_store_row(leaf->low[k], low);
         wide_store_row(leaf->high[k], high);
         *size = qm_vf_max(*size, high - low);
-        leaf->box_low[k] = -qm_vf_greatest(-low);
-        leaf->box_high[k] = qm_vf_greatest(high);
+        leaf->box_low[k] = -qm_vf_max_lane(-low);
+        leaf->box_high[k] = qm_vf_max_lane(high);
         float far = -leaf->box_low[k] > leaf->box_high[k] ? -leaf->box_low[k] : leaf->box_high[k];
         reach = far > reach ? far : reach;
     }

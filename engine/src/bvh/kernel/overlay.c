@@ -185,7 +185,7 @@ static inline double map_pack(qm_overlay_vertices *m, const qm_overlay_frame *fr
     }
     double greatest = 0.0;
     for (int lane = 0; lane < QM_WIDTH; lane++)
-        greatest = qm_greater(size[lane], greatest);
+        greatest = qm_max(size[lane], greatest);
     return greatest;
 }
 
@@ -207,7 +207,7 @@ unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_fram
         facets->count++;
         added |= 1u << lane;
     }
-    if (added) facets->size = qm_greater(size, facets->size);
+    if (added) facets->size = qm_max(size, facets->size);
     return added;
 }
 
@@ -257,8 +257,8 @@ static inline void set_group_box(qm_overlay_facets *facets, int group)
         facets->low[k][group] = INFINITY;
         facets->high[k][group] = -INFINITY;
         for (int lane = 0; lane < QM_WIDTH; lane++) {
-            facets->low[k][group] = qm_lesser(low[lane], facets->low[k][group]);
-            facets->high[k][group] = qm_greater(high[lane], facets->high[k][group]);
+            facets->low[k][group] = qm_min(low[lane], facets->low[k][group]);
+            facets->high[k][group] = qm_max(high[lane], facets->high[k][group]);
         }
     }
 }
@@ -333,8 +333,8 @@ static inline unsigned groups_over(const qm_overlay_facets *facets, const qm_ove
     double low[2], high[2];
     for (int k = 0; k < 2; k++) {
         double a = face->corner[0][k], b = face->corner[1][k], c = face->corner[2][k];
-        low[k] = qm_lesser(a, qm_lesser(b, c));
-        high[k] = qm_greater(a, qm_greater(b, c));
+        low[k] = qm_min(a, qm_min(b, c));
+        high[k] = qm_max(a, qm_max(b, c));
     }
     return groups_about(facets, low, high);
 }
@@ -366,7 +366,7 @@ double QM_KERNEL(overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_
     }
     double out = NOT_OVER;
     for (int lane = 0; lane < QM_WIDTH; lane++)
-        out = qm_greater(greatest[lane], out);
+        out = qm_max(greatest[lane], out);
     return out;
 }
 

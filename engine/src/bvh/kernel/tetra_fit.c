@@ -73,7 +73,7 @@ static inline void load_leaf(const tetra_fit *fit, const qm_tetra_part *part, qm
             qm_vf x = load_floats(points->at[k] + i);
             most = qm_vf_max(most, qm_vf_max(x, -x));
         }
-    points->size = qm_vf_greatest(most);
+    points->size = qm_vf_max_lane(most);
 }
 
 /** A face by one of its corners and the two sides there, which in a patch stand about upright. */
@@ -139,7 +139,7 @@ static inline double leaf_radius(const tetra_fit *fit, const qm_tetra_part *part
             d2 = qm_vf_min(d2, float_face_d2(&face[k], x, y, z));
         most = qm_vf_max(most, d2);
     }
-    double distance = sqrt((double)qm_vf_greatest(most));
+    double distance = sqrt((double)qm_vf_max_lane(most));
     return distance + FLOAT_MARGIN * (distance + (double)points.size);
 }
 
