@@ -145,7 +145,7 @@ static void threads_build_the_same_tree(void **state)
 /** Sets the box of a pack to NaN, so that a side that is not set again shows. */
 static void spoil_box(qm_bvh *tree, size_t pack)
 {
-    qm_box_group *group = &tree->boxes.groups[1][pack / 8];
+    qm_box_node *group = &tree->boxes.groups[1][pack / 8];
     for (int k = 0; k < 3; k++)
         group->low[k][pack % 8] = group->high[k][pack % 8] = NAN;
 }
@@ -154,7 +154,7 @@ static void spoil_box(qm_bvh *tree, size_t pack)
 static void check_box(const qm_bvh *tree, size_t pack)
 {
     const qm_pack_lanes *lanes = &tree->lanes[pack];
-    const qm_box_group *group = &tree->boxes.groups[1][pack / 8];
+    const qm_box_node *group = &tree->boxes.groups[1][pack / 8];
     for (int k = 0; k < 3; k++) {
         double low = INFINITY, high = -INFINITY;
         for (int i = 0; i < lanes->vertex_count; i++) {

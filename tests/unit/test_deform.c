@@ -265,7 +265,7 @@ static void check_groups(body *b, const qm_kernel *kernel)
         kernel->fit_box(b->tree, pack, lanes->vertex, lanes->vertex_count);
     }
     qm_box_tree_fill(&b->tree->boxes, 2);
-    qm_box_group *expected = malloc(group_size + parent_size);
+    qm_box_node *expected = malloc(group_size + parent_size);
     assert_non_null(expected);
     memcpy(expected, boxes->groups[1], group_size);
     if (parents > 0) memcpy(expected + groups, boxes->groups[2], parent_size);

@@ -28,9 +28,9 @@ void qm_box_tree_reset(qm_context *ctx, qm_box_tree *tree)
  * on the way up. */
 static void fill_member(qm_box_tree *tree, int level, size_t i)
 {
-    const qm_box_group *below = &tree->groups[level - 1][i];
-    qm_box_group *here = &tree->groups[level][i / 8];
-    int members = qm_box_tree_member_count(tree, level - 1, i);
+    const qm_box_node *below = &tree->groups[level - 1][i];
+    qm_box_node *here = &tree->groups[level][i / 8];
+    int members = qm_box_tree_child_count(tree, level - 1, i);
     for (int k = 0; k < 3; k++) {
         float low = below->low[k][0], high = below->high[k][0];
         for (int m = 1; m < members; m++) {
@@ -42,7 +42,7 @@ static void fill_member(qm_box_tree *tree, int level, size_t i)
     }
 }
 
-void qm_box_tree_fill_members(qm_box_tree *tree, int level, size_t begin, size_t end)
+void qm_box_tree_fill_children(qm_box_tree *tree, int level, size_t begin, size_t end)
 {
     for (size_t i = begin; i < end; i++)
         fill_member(tree, level, i);
@@ -51,7 +51,7 @@ void qm_box_tree_fill_members(qm_box_tree *tree, int level, size_t begin, size_t
 void qm_box_tree_fill(qm_box_tree *tree, int first)
 {
     for (int level = first; level <= tree->level_count; level++)
-        qm_box_tree_fill_members(tree, level, 0, tree->group_count[level - 1]);
+        qm_box_tree_fill_children(tree, level, 0, tree->group_count[level - 1]);
 }
 
 size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count)
@@ -72,9 +72,9 @@ size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count)
 
 qm_box qm_box_tree_whole(const qm_box_tree *tree)
 {
-    const qm_box_group *top = &tree->groups[tree->level_count][0];
+    const qm_box_node *top = &tree->groups[tree->level_count][0];
     qm_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (int m = 0; m < qm_box_tree_member_count(tree, tree->level_count, 0); m++) {
+    for (int m = 0; m < qm_box_tree_child_count(tree, tree->level_count, 0); m++) {
         for (int k = 0; k < 3; k++) {
             box.min[k] = fmin(box.min[k], (double)top->low[k][m]);
             box.max[k] = fmax(box.max[k], (double)top->high[k][m]);

@@ -16,14 +16,14 @@
 #define QM_BOX_MARGIN 0x1p-22 /* boxes reach this far beyond what they hold, in local lengths */
 
 /** Boxes of up to eight members, in local floats, reaching QM_BOX_MARGIN outward. */
-typedef struct qm_box_group {
+typedef struct qm_box_node {
     _Alignas(32) float low[3][8], high[3][8];
-} qm_box_group;
+} qm_box_node;
 
 typedef struct qm_box_tree {
-    int level_count;                      /* levels of groups: 1 at least; level k is groups[k], k >= 1 */
-    size_t group_count[QM_TREE_LEVELS];   /* [0] counts the members */
-    qm_box_group *groups[QM_TREE_LEVELS]; /* [0] is NULL */
+    int level_count;                     /* levels of groups: 1 at least; level k is groups[k], k >= 1 */
+    size_t group_count[QM_TREE_LEVELS];  /* [0] counts the members */
+    qm_box_node *groups[QM_TREE_LEVELS]; /* [0] is NULL */
 } qm_box_tree;
 
 /** Allocates the levels over count members, 1 or more; boxes past the last member are zero, all others are to
@@ -34,7 +34,7 @@ void qm_box_tree_reset(qm_context *ctx, qm_box_tree *tree);
 /** Sets the box of a member of level 0, in local doubles. */
 static inline void qm_box_tree_set(qm_box_tree *tree, size_t member, const qm_box *box)
 {
-    qm_box_group *group = &tree->groups[1][member / 8];
+    qm_box_node *group = &tree->groups[1][member / 8];
     for (int k = 0; k < 3; k++) {
         group->low[k][member % 8] = (float)(box->min[k] - QM_BOX_MARGIN);
         group->high[k][member % 8] = (float)(box->max[k] + QM_BOX_MARGIN);
@@ -42,7 +42,7 @@ static inline void qm_box_tree_set(qm_box_tree *tree, size_t member, const qm_bo
 }
 
 /** Number of members (1 to 8) of a group. */
-static inline int qm_box_tree_member_count(const qm_box_tree *tree, int level, size_t group)
+static inline int qm_box_tree_child_count(const qm_box_tree *tree, int level, size_t group)
 {
     size_t rest = tree->group_count[level - 1] - 8 * group;
     return rest < 8 ? (int)rest : 8;
@@ -55,7 +55,7 @@ qm_box qm_box_tree_whole(const qm_box_tree *tree);
 void qm_box_tree_fill(qm_box_tree *tree, int first);
 
 /** Makes some boxes of one level alone, from the groups of the level below. */
-void qm_box_tree_fill_members(qm_box_tree *tree, int level, size_t begin, size_t end);
+void qm_box_tree_fill_children(qm_box_tree *tree, int level, size_t begin, size_t end);
 
 /** The same above these members alone, which are ascending; returns how many boxes were made. The list is
  * used up. */

@@ -141,7 +141,7 @@ static void build_block(void *data, int worker, size_t block)
         if (i < end) fill_lanes(builder, i);
         if (i >= begin + FETCHED_PACKS) finish_pack(builder, i - FETCHED_PACKS);
     }
-    if (bvh->boxes.level_count > 1) qm_box_tree_fill_members(&bvh->boxes, 2, begin / 8, (end + 7) / 8);
+    if (bvh->boxes.level_count > 1) qm_box_tree_fill_children(&bvh->boxes, 2, begin / 8, (end + 7) / 8);
 }
 
 /** Triangles in double precision take more memory than all else: of a large mesh a part is kept. */

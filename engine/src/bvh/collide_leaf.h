@@ -103,7 +103,7 @@ static inline qm_node qm_node_root(const qm_box_tree *tree)
 /** A member of a group, with its box. */
 static inline qm_node qm_node_child(const qm_box_tree *tree, const qm_node *node, int member)
 {
-    const qm_box_group *group = &tree->groups[node->level][node->index];
+    const qm_box_node *group = &tree->groups[node->level][node->index];
     qm_node child = {.level = node->level - 1, .index = 8 * node->index + (uint32_t)member};
     for (int k = 0; k < 3; k++) {
         child.low[k] = group->low[k][member];

@@ -80,7 +80,7 @@ typedef struct qm_ties {
 typedef struct qm_near_packs {
     int count;
     uint32_t pack[QM_NEAR_PACKS];
-    qm_box_group box[QM_NEAR_PACKS / 8];
+    qm_box_node box[QM_NEAR_PACKS / 8];
 } qm_near_packs;
 
 /** The lanes nearest to a point, nearest first; the first again where there are fewer. */

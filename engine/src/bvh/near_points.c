@@ -62,7 +62,7 @@ static void visit_pack(near_search *search, size_t pack)
 }
 
 /** Squared distances from the point to the boxes of a group; boxes reach a little beyond what they hold. */
-static void box_distances(const qm_box_group *group, qm_vec p, float d2[QM_PACK_LANES])
+static void box_distances(const qm_box_node *group, qm_vec p, float d2[QM_PACK_LANES])
 {
     const float at[3] = {(float)p.x, (float)p.y, (float)p.z};
     for (int i = 0; i < QM_PACK_LANES; i++)
@@ -81,7 +81,7 @@ static void box_distances(const qm_box_group *group, qm_vec p, float d2[QM_PACK_
 static void visit_group(near_search *search, int level, size_t group)
 {
     float d2[QM_PACK_LANES];
-    int order[QM_PACK_LANES], members = qm_box_tree_member_count(&search->bvh->boxes, level, group);
+    int order[QM_PACK_LANES], members = qm_box_tree_child_count(&search->bvh->boxes, level, group);
     box_distances(&search->bvh->boxes.groups[level][group], search->p, d2);
     for (int i = 0; i < members; i++) {
         int place = i;

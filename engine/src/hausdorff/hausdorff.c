@@ -91,7 +91,7 @@ static void start_side(qm_context *ctx, qm_search *search, int index)
     qm_entry root = {
         .upper = upper * side->inverse_scale,
         .hint = hint,
-        .kind = QM_ENTRY_GROUP,
+        .kind = QM_ENTRY_NODE,
         .side = (uint8_t)index,
         .level = (uint8_t)side->source->boxes.level_count,
     };

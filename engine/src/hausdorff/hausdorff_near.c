@@ -162,7 +162,7 @@ static void remember(qm_worker *worker, const qm_side *side, uint32_t pack)
         if (recent->pack[i] == pack) return;
     unsigned place = worker->recent_next++ % QM_RECENT_PACKS;
     if (recent->count < QM_RECENT_PACKS) place = (unsigned)recent->count++;
-    const qm_box_group *from = &side->target->boxes.groups[1][pack / 8];
+    const qm_box_node *from = &side->target->boxes.groups[1][pack / 8];
     recent->pack[place] = pack;
     for (int k = 0; k < 3; k++) {
         recent->box[0].low[k][place] = from->low[k][pack % 8];

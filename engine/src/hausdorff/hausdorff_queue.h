@@ -27,7 +27,7 @@ typedef struct qm_piece {
     uint32_t next_free; /* list of free places in the pool */
 } qm_piece;
 
-typedef enum qm_entry_kind { QM_ENTRY_GROUP, QM_ENTRY_PIECE } qm_entry_kind;
+typedef enum qm_entry_kind { QM_ENTRY_NODE, QM_ENTRY_PIECE } qm_entry_kind;
 
 typedef struct qm_entry {
     double upper;   /* no point of it is farther from the target, world units */

@@ -244,7 +244,7 @@ bool qm_worker_must_stop(qm_worker *worker);
 double qm_search_upper(const qm_search *search);
 
 /** Looks at one entry taken from the queue. */
-void qm_worker_group(qm_worker *worker, qm_entry entry);
+void qm_worker_node(qm_worker *worker, qm_entry entry);
 void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
 
 /** Faces of one pack, local to the target. */

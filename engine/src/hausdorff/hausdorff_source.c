@@ -15,7 +15,7 @@
 #define OVERLAY_GAIN 2.0   /* by which an overlay must be cheaper: the counts only estimate times */
 
 /** The ball round box member of a group, in the frame of the target. */
-static double member_ball(const qm_side *side, const qm_box_group *group, int member, qm_vec *centre)
+static double child_ball(const qm_side *side, const qm_box_node *group, int member, qm_vec *centre)
 {
     double middle[3], half2 = 0.0;
     for (int k = 0; k < 3; k++) {
@@ -28,7 +28,7 @@ static double member_ball(const qm_side *side, const qm_box_group *group, int me
 }
 
 /** Radius of the ball round p that holds the box of a member, in the frame of the target. */
-static double member_reach(const qm_side *side, const qm_box_group *group, int member, qm_vec p)
+static double child_radius(const qm_side *side, const qm_box_node *group, int member, qm_vec p)
 {
     double far2 = 0.0;
     const double shift[3] = {side->shift.x, side->shift.y, side->shift.z}, point[3] = {p.x, p.y, p.z};
@@ -385,8 +385,7 @@ static qm_entry child_entry(const qm_entry *group, int member, double upper, uin
 }
 
 /** Bound (local) of a group by the ball round its box; one search where the hint does not settle it. */
-static double bound_group(qm_worker *worker, const qm_side *side, qm_vec centre, double radius,
-                          uint32_t *hint)
+static double bound_node(qm_worker *worker, const qm_side *side, qm_vec centre, double radius, uint32_t *hint)
 {
     double lower = qm_side_lower(worker->search, side);
     double reach = qm_search_allowed(worker->search) * side->scale - radius;
@@ -399,12 +398,12 @@ static double bound_group(qm_worker *worker, const qm_side *side, qm_vec centre,
  * The same of a pack, round a point of its surface, which is searched for only when it may raise the lower
  * bound: neighbours on the curve are near enough to the pack of one hint mostly.
  */
-static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_group *group, int member,
+static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_node *group, int member,
                          uint32_t pack, uint32_t *hint)
 {
     uint32_t face;
     qm_vec p = qm_side_middle(side, pack, &face);
-    double reach = member_reach(side, group, member, p);
+    double reach = child_radius(side, group, member, p);
     /* The scout has measured this point, at least as closely. */
     if (side->seeds && pack % side->seed_step == 0) {
         qm_seed seed = side->seeds[pack / side->seed_step];
@@ -427,24 +426,24 @@ static void fetch_vertices(const qm_side *side, uint32_t pack)
         __builtin_prefetch(side->source->mesh.positions + 3 * (size_t)lanes->vertex[i]);
 }
 
-void qm_worker_group(qm_worker *worker, qm_entry entry)
+void qm_worker_node(qm_worker *worker, qm_entry entry)
 {
     const qm_search *search = worker->search;
     const qm_side *side = &search->side[entry.side];
-    const qm_box_group *group = &side->source->boxes.groups[entry.level][entry.index];
-    int members = qm_box_tree_member_count(&side->source->boxes, entry.level, entry.index);
+    const qm_box_node *group = &side->source->boxes.groups[entry.level][entry.index];
+    int members = qm_box_tree_child_count(&side->source->boxes, entry.level, entry.index);
     qm_entry child[QM_PACK_LANES];
     uint32_t hint = entry.hint;
     for (int m = 0; m < members; m++) {
         if (entry.level == 1 && m + 1 < members) fetch_vertices(side, 8 * entry.index + (uint32_t)m + 1);
         qm_vec centre;
-        double radius = member_ball(side, group, m, &centre);
+        double radius = child_ball(side, group, m, &centre);
         /* A ball larger than what is allowed settles nothing, wherever its middle is. */
         bool is_small = radius * side->inverse_scale <= qm_search_allowed(search);
         double upper = is_small ? qm_side_pack_upper(search, side, hint, centre) + radius : INFINITY;
         if (upper * side->inverse_scale > qm_search_allowed(search) && !qm_worker_must_stop(worker)) {
             double nearer = entry.level > 1
-                                ? bound_group(worker, side, centre, radius, &hint)
+                                ? bound_node(worker, side, centre, radius, &hint)
                                 : bound_pack(worker, side, group, m, 8 * entry.index + (uint32_t)m, &hint);
             upper = fmin(upper, nearer);
         }
@@ -458,7 +457,7 @@ void qm_worker_group(qm_worker *worker, qm_entry entry)
             qm_worker_push(worker, child[m], NULL);
         } else if (entry.level == 2) {
             worker->iterations++; /* as an entry of the queue: reports and limits come as often */
-            qm_worker_group(worker, child[m]);
+            qm_worker_node(worker, child[m]);
         } else {
             child[open_count++] = child[m];
         }

@@ -224,8 +224,8 @@ static void process(qm_worker *worker, qm_entry entry, qm_piece *piece)
 {
     if (entry.upper <= qm_search_allowed(worker->search))
         qm_worker_discard(worker, entry.upper);
-    else if (entry.kind == QM_ENTRY_GROUP)
-        qm_worker_group(worker, entry);
+    else if (entry.kind == QM_ENTRY_NODE)
+        qm_worker_node(worker, entry);
     else if (qm_search_is_matching(worker->search))
         qm_matching_piece(worker, entry, piece);
     else

@@ -38,7 +38,7 @@ static void set_planes(search *s)
 }
 
 /** False when a box lies beyond one of the planes. */
-static bool sees_box(const search *s, const qm_box_group *group, int member)
+static bool sees_box(const search *s, const qm_box_node *group, int member)
 {
     for (int i = 0; i < 5; i++) {
         double most = s->plane[i][3];
@@ -80,7 +80,7 @@ static void look_at_point(search *s, uint32_t index, qm_vec p)
 
 static void look_at_group(search *s, int level, size_t group)
 {
-    int members = qm_box_tree_member_count(&s->bvh->boxes, level, group);
+    int members = qm_box_tree_child_count(&s->bvh->boxes, level, group);
     for (int i = 0; i < members && s->status == QM_OK; i++) {
         if (!sees_box(s, &s->bvh->boxes.groups[level][group], i)) continue;
         size_t member = 8 * group + (size_t)i;

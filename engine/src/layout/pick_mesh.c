@@ -31,7 +31,7 @@ static void meet_pack(ray *r, uint32_t pack)
 }
 
 /** Where the ray enters a box, or INFINITY when it misses it or comes too late. */
-static double enter_box(const ray *r, const qm_box_group *group, int member)
+static double enter_box(const ray *r, const qm_box_node *group, int member)
 {
     const double origin[3] = {r->origin.x, r->origin.y, r->origin.z};
     const double inverse[3] = {r->inverse.x, r->inverse.y, r->inverse.z};
@@ -49,7 +49,7 @@ static double enter_box(const ray *r, const qm_box_group *group, int member)
 static void meet_group(ray *r, int level, size_t group)
 {
     double enter[QM_PACK_LANES];
-    int order[QM_PACK_LANES], count = 0, members = qm_box_tree_member_count(&r->bvh->boxes, level, group);
+    int order[QM_PACK_LANES], count = 0, members = qm_box_tree_child_count(&r->bvh->boxes, level, group);
     for (int i = 0; i < members; i++) {
         enter[i] = enter_box(r, &r->bvh->boxes.groups[level][group], i);
         if (enter[i] == INFINITY) continue;

@@ -95,7 +95,7 @@ static inline unsigned qm_vi_bits(qm_vi mask)
 }
 
 /** Squared distances from the query to the eight boxes. */
-static inline qm_vf qm_box_group_d2(const qm_box_group *group, const qm_box_query *query)
+static inline qm_vf qm_box_node_d2(const qm_box_node *group, const qm_box_query *query)
 {
     qm_vf sum = {0};
     for (int k = 0; k < 3; k++) {
@@ -110,10 +110,10 @@ static inline qm_vf qm_box_group_d2(const qm_box_group *group, const qm_box_quer
 /** Writes the squared distances from the query to the eight boxes, and returns bits of those within the
  * limit.
  */
-static inline unsigned qm_box_group_within(const qm_box_group *group, const qm_box_query *query, float limit,
-                                           float d2[QM_PACK_LANES])
+static inline unsigned qm_box_node_within(const qm_box_node *group, const qm_box_query *query, float limit,
+                                          float d2[QM_PACK_LANES])
 {
-    qm_vf sum = qm_box_group_d2(group, query);
+    qm_vf sum = qm_box_node_d2(group, query);
     *(qm_vf *)(void *)d2 = sum;
     return qm_vi_bits(sum <= limit);
 }

@@ -14,7 +14,7 @@ static inline qm_vf load(const float *p)
 }
 
 /** Bits of the members of a group whose boxes meet a box. */
-static inline unsigned group_meets(const qm_box_group *group, const float low[3], const float high[3])
+static inline unsigned group_meets(const qm_box_node *group, const float low[3], const float high[3])
 {
     qm_vi apart = {0};
     for (int k = 0; k < 3; k++)
@@ -24,7 +24,7 @@ static inline unsigned group_meets(const qm_box_group *group, const float low[3]
 
 static inline unsigned member_bits(const qm_box_tree *tree, const qm_node *node)
 {
-    return (1u << qm_box_tree_member_count(tree, node->level, node->index)) - 1;
+    return (1u << qm_box_tree_child_count(tree, node->level, node->index)) - 1;
 }
 
 static inline bool is_marked(const qm_descent *d, const qm_node *node)
@@ -59,7 +59,7 @@ static inline void change_row(const float row[8], double scale, double shift, fl
     }
 }
 
-static inline void change_group(const qm_box_group *group, const qm_frame_change *change, qm_box_group *out)
+static inline void change_group(const qm_box_node *group, const qm_frame_change *change, qm_box_node *out)
 {
     for (int k = 0; k < 3; k++) {
         change_row(group->low[k], change->scale_ab, change->shift_ab[k], -1.0f, out->low[k]);
@@ -78,7 +78,7 @@ static inline bool take_pair(const qm_descent *d, const qm_node *a, const qm_nod
 /** All pairs of members of one node, each with itself too. */
 static bool descend_self(const qm_descent *d, const qm_node *node)
 {
-    const qm_box_group *group = &d->a->groups[node->level][node->index];
+    const qm_box_node *group = &d->a->groups[node->level][node->index];
     unsigned members = member_bits(d->a, node);
     for (int i = 0; members >> i; i++) {
         qm_node first = qm_node_child(d->a, node, i);
@@ -92,7 +92,7 @@ static bool descend_self(const qm_descent *d, const qm_node *node)
 }
 
 /** Bits of the pairs of members of two groups whose boxes meet: of members i and j bit 8 i + j. */
-static inline uint64_t groups_meet(const qm_box_group *a, const qm_box_group *b)
+static inline uint64_t groups_meet(const qm_box_node *a, const qm_box_node *b)
 {
     uint64_t meets = 0;
     for (int i = 0; i < 8; i++) {
@@ -106,9 +106,9 @@ static inline uint64_t groups_meet(const qm_box_group *a, const qm_box_group *b)
 /** All pairs of members of two nodes of one level that meet: both are split at once. */
 static bool descend_both(const qm_descent *d, const qm_node *a, const qm_node *b)
 {
-    qm_box_group of_b;
+    qm_box_node of_b;
     change_group(&d->b->groups[b->level][b->index], &d->change, &of_b);
-    int members_a = qm_box_tree_member_count(d->a, a->level, a->index);
+    int members_a = qm_box_tree_child_count(d->a, a->level, a->index);
     uint64_t meets = groups_meet(&d->a->groups[a->level][a->index], &of_b);
     meets &= ~UINT64_C(0) >> (64 - 8 * members_a) & UINT64_C(0x0101010101010101) * member_bits(d->b, b);
     for (; meets; meets &= meets - 1) {
@@ -127,7 +127,7 @@ static bool descend(const qm_descent *d, const qm_node *a, const qm_node *b)
     bool splits_a = a->level >= b->level;
     const qm_box_tree *tree = splits_a ? d->a : d->b;
     const qm_node *split = splits_a ? a : b, *whole = splits_a ? b : a;
-    const qm_box_group *group = &tree->groups[split->level][split->index];
+    const qm_box_node *group = &tree->groups[split->level][split->index];
     unsigned meets;
     if (d->is_one) {
         meets = group_meets(group, whole->low, whole->high);
@@ -158,7 +158,7 @@ unsigned QM_KERNEL(node_distances)(const qm_descent *d, const qm_node *a, const 
     change_box(whole, splits_a ? d->change.scale_ab : d->change.scale_ba,
                splits_a ? d->change.shift_ab : d->change.shift_ba, query.low, query.high);
     _Alignas(32) float squares[QM_PACK_LANES];
-    qm_box_group_within(&tree->groups[split->level][split->index], &query, 0.0f, squares);
+    qm_box_node_within(&tree->groups[split->level][split->index], &query, 0.0f, squares);
     memcpy(d2, squares, sizeof squares);
     return member_bits(tree, split);
 }

@@ -28,7 +28,7 @@ static inline void extent_set_box(qm_bvh *bvh, int level, size_t i, const extent
 {
     qm_four_floats low = qm_four_round(local->low - QM_BOX_MARGIN);
     qm_four_floats high = qm_four_round(local->high + QM_BOX_MARGIN);
-    qm_box_group *group = &bvh->boxes.groups[level][i / 8];
+    qm_box_node *group = &bvh->boxes.groups[level][i / 8];
     for (int k = 0; k < 3; k++) {
         group->low[k][i % 8] = low[k];
         group->high[k][i % 8] = high[k];

@@ -40,7 +40,7 @@ void QM_KERNEL(fit_groups)(qm_bvh *bvh, const qm_deformer *deformer, size_t begi
 {
     for (size_t group = begin; group < end; group++) {
         const uint32_t *start = deformer->pack_start + 8 * group;
-        int members = qm_box_tree_member_count(&bvh->boxes, 1, group);
+        int members = qm_box_tree_child_count(&bvh->boxes, 1, group);
         size_t ahead = start[members] + AHEAD <= deformer->pack_vertex_count ? AHEAD : 0;
         extent all = extent_of_nothing();
         for (int i = 0; i < members; i++) {

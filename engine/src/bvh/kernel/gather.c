@@ -12,9 +12,9 @@ static qm_box_query query_middle(const qm_box *box)
     return qm_box_query_point(middle);
 }
 
-static void copy_box(qm_near_packs *near, int place, const qm_box_group *from, int member)
+static void copy_box(qm_near_packs *near, int place, const qm_box_node *from, int member)
 {
-    qm_box_group *to = &near->box[place / 8];
+    qm_box_node *to = &near->box[place / 8];
     for (int k = 0; k < 3; k++) {
         to->low[k][place % 8] = from->low[k][member];
         to->high[k][place % 8] = from->high[k][member];
@@ -68,10 +68,10 @@ void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_ne
             continue;
         }
         _Alignas(32) float d2[QM_PACK_LANES], middle_d2[QM_PACK_LANES];
-        const qm_box_group *group = &bvh->boxes.groups[1][at.index];
-        unsigned within = qm_box_group_within(group, &query, limit, d2);
-        within &= (1u << qm_box_tree_member_count(&bvh->boxes, 1, at.index)) - 1;
-        if (within) qm_box_group_within(group, &middle, limit, middle_d2);
+        const qm_box_node *group = &bvh->boxes.groups[1][at.index];
+        unsigned within = qm_box_node_within(group, &query, limit, d2);
+        within &= (1u << qm_box_tree_child_count(&bvh->boxes, 1, at.index)) - 1;
+        if (within) qm_box_node_within(group, &middle, limit, middle_d2);
         for (; within; within &= within - 1) {
             int member = __builtin_ctz(within);
             int place = find_place(near, &at_places, middle_d2[member]);
@@ -89,10 +89,10 @@ int QM_KERNEL(narrow)(const qm_near_packs *near, const qm_box *box, double reach
     float limit = qm_box_limit(reach * reach);
     qm_vi keys = (qm_vi){0} + QM_NO_KEY;
     for (int first = 0; first < near->count; first += 8) {
-        const qm_box_group *group = &near->box[first / 8];
-        qm_vi within = (qm_box_group_d2(group, &query) <= limit) & qm_first_lanes(near->count - first);
+        const qm_box_node *group = &near->box[first / 8];
+        qm_vi within = (qm_box_node_d2(group, &query) <= limit) & qm_first_lanes(near->count - first);
         keys =
-            qm_vi_keep_least(keys, qm_keys_sorted(qm_box_group_d2(group, &middle), (unsigned)first, within));
+            qm_vi_keep_least(keys, qm_keys_sorted(qm_box_node_d2(group, &middle), (unsigned)first, within));
     }
     _Alignas(32) int32_t key[QM_COVER_PACKS];
     memcpy(key, &keys, sizeof key);

@@ -52,8 +52,8 @@ static inline void visit_once(grid_walk *walk, uint32_t pack)
     if (*seen == pack) return;
     *seen = pack;
     _Alignas(32) float d2[QM_PACK_LANES];
-    const qm_box_group *group = &walk->grid->bvh->boxes.groups[1][pack / 8];
-    if (!(qm_box_group_within(group, &walk->query, walk->limit, d2) >> pack % 8 & 1)) return;
+    const qm_box_node *group = &walk->grid->bvh->boxes.groups[1][pack / 8];
+    if (!(qm_box_node_within(group, &walk->query, walk->limit, d2) >> pack % 8 & 1)) return;
     double distance = walk->visit(walk->best, pack);
     if (distance < walk->distance) set_ball(walk, distance);
 }

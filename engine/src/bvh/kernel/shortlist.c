@@ -17,7 +17,7 @@ static qm_vi nearest_boxes(const qm_near_packs *near, qm_vec p)
     qm_box_query query = qm_box_query_point(p);
     qm_vi keys = (qm_vi){0} + QM_NO_KEY;
     for (int first = 0; first < near->count; first += 8)
-        keys = qm_vi_keep_least(keys, qm_keys_sorted(qm_box_group_d2(&near->box[first / 8], &query),
+        keys = qm_vi_keep_least(keys, qm_keys_sorted(qm_box_node_d2(&near->box[first / 8], &query),
                                                      (unsigned)first, qm_first_lanes(near->count - first)));
     return keys;
 }

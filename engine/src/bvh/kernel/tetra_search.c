@@ -119,8 +119,8 @@ static void offer_members(tetra_walk *walk, uint32_t level, uint32_t index)
     const qm_tetra *tetra = walk->tetra;
     _Alignas(32) float d2[QM_PACK_LANES];
     float limit = qm_box_limit(walk->limit * walk->limit);
-    unsigned within = qm_box_group_within(&tetra->boxes.groups[level][index], &walk->query, limit, d2);
-    within &= (1u << qm_box_tree_member_count(&tetra->boxes, (int)level, index)) - 1;
+    unsigned within = qm_box_node_within(&tetra->boxes.groups[level][index], &walk->query, limit, d2);
+    within &= (1u << qm_box_tree_child_count(&tetra->boxes, (int)level, index)) - 1;
     for (; within; within &= within - 1) {
         unsigned member = (unsigned)__builtin_ctz(within);
         uint32_t below = 8 * index + member;

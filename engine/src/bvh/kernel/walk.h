@@ -11,7 +11,7 @@
 
 #include "box.h"
 
-enum { QM_WALK_MEMBER_BITS = 3, QM_WALK_LEVEL_BITS = 4, QM_WALK_INDEX_BITS = 32 - QM_WALK_LEVEL_BITS };
+enum { QM_WALK_CHILD_BITS = 3, QM_WALK_LEVEL_BITS = 4, QM_WALK_INDEX_BITS = 32 - QM_WALK_LEVEL_BITS };
 static_assert(QM_TREE_LEVELS < 1 << QM_WALK_LEVEL_BITS, "levels fit their bits");
 
 #define QM_WALK_SIZE (8 * (QM_TREE_LEVELS + 1))
@@ -41,7 +41,7 @@ static inline void qm_walk_start(qm_walk *walk, const qm_box_tree *boxes)
 
 static inline qm_stop qm_walk_pop(qm_walk *walk)
 {
-    const int32_t members = (1 << QM_WALK_MEMBER_BITS) - 1;
+    const int32_t members = (1 << QM_WALK_CHILD_BITS) - 1;
     int32_t key = walk->key[--walk->height], bits = key & ~members;
     uint32_t place = walk->place[walk->height];
     qm_stop stop = {.level = place >> QM_WALK_INDEX_BITS,
@@ -57,8 +57,8 @@ static inline void qm_walk_push_others(qm_walk *walk, const qm_box_tree *boxes, 
                                        float limit, qm_stop at, int but)
 {
     const qm_vi member = {0, 1, 2, 3, 4, 5, 6, 7};
-    qm_vf d2 = qm_box_group_d2(&boxes->groups[at.level][at.index], query);
-    qm_vi there = (member < qm_box_tree_member_count(boxes, (int)at.level, at.index)) & (member != but);
+    qm_vf d2 = qm_box_node_d2(&boxes->groups[at.level][at.index], query);
+    qm_vi there = (member < qm_box_tree_child_count(boxes, (int)at.level, at.index)) & (member != but);
     qm_vi within = (d2 <= limit) & there;
     qm_vi keys = (((qm_vi)d2 & ~member[7]) | member) & within;
     keys = qm_vi_sort(keys | ~within); /* all ones is less than any key */
