@@ -122,7 +122,7 @@ void QM_KERNEL(float_closest)(const qm_bvh *bvh, qm_vec p, double enough, qm_flo
     qm_walk walk;
     qm_walk_start_at(&walk, start);
     while (hit->upper > enough && qm_walk_climb(&walk, &bvh->boxes, &query, limit)) {
-        qm_stop at = qm_walk_pop(&walk);
+        qm_stack_entry at = qm_walk_pop(&walk);
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
             qm_walk_push(&walk, &bvh->boxes, &query, limit, at);

@@ -62,7 +62,7 @@ void QM_KERNEL(gather)(const qm_bvh *bvh, const qm_box *box, double reach, qm_ne
     near->count = 0;
     qm_walk_start(&walk, &bvh->boxes);
     while (walk.height > 0 && !is_settled(near, &at_places)) {
-        qm_stop at = qm_walk_pop(&walk);
+        qm_stack_entry at = qm_walk_pop(&walk);
         if (at.level > 1) {
             qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
             continue;

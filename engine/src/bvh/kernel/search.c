@@ -26,7 +26,7 @@ void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit)
     qm_walk walk;
     qm_walk_start(&walk, &bvh->boxes);
     while (walk.height > 0) {
-        qm_stop at = qm_walk_pop(&walk);
+        qm_stack_entry at = qm_walk_pop(&walk);
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
             qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
@@ -52,7 +52,7 @@ walk_boxes(const qm_bvh *bvh, qm_vec p, uint32_t start, is_far_fn *is_far, qm_vi
     qm_walk walk;
     qm_walk_start(&walk, &bvh->boxes);
     while (walk.height > 0) {
-        qm_stop at = qm_walk_pop(&walk);
+        qm_stack_entry at = qm_walk_pop(&walk);
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
             qm_walk_push(&walk, &bvh->boxes, &query, limit, at);

@@ -27,10 +27,10 @@ typedef struct qm_walk {
 } qm_walk;
 
 /** A pack (level 0) or a group, with a lower bound of its squared distance. */
-typedef struct qm_stop {
+typedef struct qm_stack_entry {
     float d2;
     uint32_t level, index;
-} qm_stop;
+} qm_stack_entry;
 
 static inline void qm_walk_start(qm_walk *walk, const qm_box_tree *boxes)
 {
@@ -39,13 +39,13 @@ static inline void qm_walk_start(qm_walk *walk, const qm_box_tree *boxes)
     walk->place[0] = (uint32_t)boxes->level_count << QM_WALK_INDEX_BITS;
 }
 
-static inline qm_stop qm_walk_pop(qm_walk *walk)
+static inline qm_stack_entry qm_walk_pop(qm_walk *walk)
 {
     const int32_t members = (1 << QM_WALK_CHILD_BITS) - 1;
     int32_t key = walk->key[--walk->height], bits = key & ~members;
     uint32_t place = walk->place[walk->height];
-    qm_stop stop = {.level = place >> QM_WALK_INDEX_BITS,
-                    .index = (place & ((1u << QM_WALK_INDEX_BITS) - 1)) + (uint32_t)(key & members)};
+    qm_stack_entry stop = {.level = place >> QM_WALK_INDEX_BITS,
+                           .index = (place & ((1u << QM_WALK_INDEX_BITS) - 1)) + (uint32_t)(key & members)};
     memcpy(&stop.d2, &bits, sizeof bits);
     return stop;
 }
@@ -54,7 +54,7 @@ enum { QM_NO_MEMBER = 8 };
 
 /** Pushes the members of a group that are within the limit but one, nearest on top. */
 static inline void qm_walk_push_others(qm_walk *walk, const qm_box_tree *boxes, const qm_box_query *query,
-                                       float limit, qm_stop at, int but)
+                                       float limit, qm_stack_entry at, int but)
 {
     const qm_vi member = {0, 1, 2, 3, 4, 5, 6, 7};
     qm_vf d2 = qm_box_node_d2(&boxes->groups[at.level][at.index], query);
@@ -70,7 +70,7 @@ static inline void qm_walk_push_others(qm_walk *walk, const qm_box_tree *boxes, 
 }
 
 static inline void qm_walk_push(qm_walk *walk, const qm_box_tree *boxes, const qm_box_query *query,
-                                float limit, qm_stop at)
+                                float limit, qm_stack_entry at)
 {
     qm_walk_push_others(walk, boxes, query, limit, at, QM_NO_MEMBER);
 }
@@ -89,7 +89,7 @@ static inline bool qm_walk_climb(qm_walk *walk, const qm_box_tree *boxes, const 
 {
     while (walk->height == 0 && walk->start_level < boxes->level_count) {
         int below = 3 * walk->start_level++;
-        qm_stop at = {.level = (uint32_t)walk->start_level, .index = walk->start >> (below + 3)};
+        qm_stack_entry at = {.level = (uint32_t)walk->start_level, .index = walk->start >> (below + 3)};
         qm_walk_push_others(walk, boxes, query, limit, at, (int)(walk->start >> below & 7));
     }
     return walk->height > 0;
