@@ -58,15 +58,15 @@ static double slow_distance(const qm_vec corner[4], qm_vec p)
 
 /** Points of the box that are not left over lie within the distance of the target. */
 static void check_covered(const qm_bilinear *source, const qm_uv_box *box, const qm_vec target[4],
-                          double allowed, const rest_list *rest, qm_random *random)
+                          double cutoff, const rest_list *rest, qm_random *random)
 {
     for (int k = 0; k < SAMPLES; k++) {
         double s = qm_random_range(random, box->low[0], box->high[0]);
         double t = qm_random_range(random, box->low[1], box->high[1]);
         if (is_left_over(rest, s, t)) continue;
         double distance = slow_distance(target, qm_bilinear_at(source, s, t));
-        QM_CHECK(distance <= allowed * (1.0 + 1e-9) + 1e-14, "(%.17g, %.17g) is %.17g away, allowed %.17g", s,
-                 t, distance, allowed);
+        QM_CHECK(distance <= cutoff * (1.0 + 1e-9) + 1e-14, "(%.17g, %.17g) is %.17g away, cutoff %.17g", s,
+                 t, distance, cutoff);
     }
 }
 
@@ -90,11 +90,11 @@ static void covered_points_are_near(void **state)
             box.high[axis] = k % 3 ? fmax(a, b) : 1.0;
         }
         const double middle[2] = {qm_random_range(&random, 0, 1), qm_random_range(&random, 0, 1)};
-        double allowed = noise * qm_random_range(&random, 0.3, 2.0);
+        double cutoff = noise * qm_random_range(&random, 0.3, 2.0);
         rest_list rest = {0};
-        if (!qm_bilinear_match(&source, &box, &target, middle, allowed, keep_rest, &rest)) continue;
+        if (!qm_bilinear_match(&source, &box, &target, middle, cutoff, keep_rest, &rest)) continue;
         covered++;
-        check_covered(&source, &box, to, allowed, &rest, &random);
+        check_covered(&source, &box, to, cutoff, &rest, &random);
     }
     assert_true(covered > TRIES / 4);
 }
@@ -118,15 +118,15 @@ static void points_are_not_covered_by_a_speck(void **state)
         for (int i = 0; i < 4; i++)
             farthest = fmax(farthest, qm_vec_norm(from[i]));
         qm_bilinear source = qm_bilinear_make(from), target = qm_bilinear_make(to);
-        double allowed = farthest * qm_random_range(&random, 0.5, 1.0);
+        double cutoff = farthest * qm_random_range(&random, 0.5, 1.0);
         for (int alike = 0; alike < 2; alike++) {
             rest_list rest = {0};
             bool is_covered =
-                alike ? qm_bilinear_match_alike(&source, &square, &target, allowed, keep_rest, &rest)
-                      : qm_bilinear_match(&source, &square, &target, middle, allowed, keep_rest, &rest);
+                alike ? qm_bilinear_match_alike(&source, &square, &target, cutoff, keep_rest, &rest)
+                      : qm_bilinear_match(&source, &square, &target, middle, cutoff, keep_rest, &rest);
             QM_CHECK(!is_covered || rest.count > 0, "a corner %.17g away is covered for %.17g, size %.3g",
-                     farthest, allowed, size);
-            if (is_covered) check_covered(&source, &square, to, allowed, &rest, &random);
+                     farthest, cutoff, size);
+            if (is_covered) check_covered(&source, &square, to, cutoff, &rest, &random);
         }
     }
 }
@@ -178,9 +178,9 @@ static void parts_of_patches_that_are_alike(void **state)
         rest_list rest = {0};
         assert_true(qm_bilinear_match_alike(&source, &box, &target, 1.001 * most, keep_rest, &rest));
         assert_int_equal(rest.count, 0);
-        double allowed = most * qm_random_range(&random, 0.5, 1.0);
-        if (qm_bilinear_match_alike(&source, &box, &target, allowed, keep_rest, &rest))
-            check_covered(&source, &box, to, allowed, &rest, &random);
+        double cutoff = most * qm_random_range(&random, 0.5, 1.0);
+        if (qm_bilinear_match_alike(&source, &box, &target, cutoff, keep_rest, &rest))
+            check_covered(&source, &box, to, cutoff, &rest, &random);
         partly += rest.count > 0;
         to[k % 4] = qm_vec_add(to[k % 4], (qm_vec){5, 0, 0});
         target = qm_bilinear_make(to);

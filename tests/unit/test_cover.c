@@ -17,13 +17,13 @@ typedef struct trial {
     const qm_kernel *kernel;
     const qm_bvh *tree;
     qm_shortlist list;
-    double allowed;
+    double cutoff;
     float twist[QM_PACK_LANES];
     qm_vec corner[3];
     unsigned long long seed;
 } trial;
 
-/** Distance from p to a lane of the list, less what its twist takes from the allowed distance. */
+/** Distance from p to a lane of the list, less what its twist takes from the cutoff distance. */
 static bool within_reach(const trial *t, qm_vec p)
 {
     for (int i = 0; i < QM_PACK_LANES; i++) {
@@ -34,7 +34,7 @@ static bool within_reach(const trial *t, qm_vec p)
         for (int k = 0; k < 3; k++)
             qm_vec_store(at[k], corner[k]);
         double distance = qm_slow_triangle_distance(point, at[0], at[1], at[2]);
-        if (distance <= t->allowed - (double)t->twist[i] + 1e-14) return true;
+        if (distance <= t->cutoff - (double)t->twist[i] + 1e-14) return true;
     }
     return false;
 }
@@ -69,7 +69,7 @@ static void check_rest(const trial *t, bool is_covered, const qm_polygon *rest, 
         p = qm_vec_axpy(p, v, qm_vec_sub(t->corner[2], t->corner[0]));
         if (!is_covered && lies_in(rest, p)) continue;
         QM_CHECK(within_reach(t, p), "seed %llu, %s, %s: a point at %g, %g of the piece is beyond %.17g",
-                 t->seed, t->kernel->name, how, u, v, t->allowed);
+                 t->seed, t->kernel->name, how, u, v, t->cutoff);
     }
 }
 
@@ -80,8 +80,8 @@ static bool cover_in_doubles(const trial *t, qm_random *random)
     t->kernel->shortlist_rows(t->tree, &t->list, &rows);
     qm_candidates candidates = {.count = 1, .pack = {&rows}};
     for (int i = 0; i < QM_PACK_LANES; i++) {
-        double rest = t->allowed - (double)t->twist[i];
-        candidates.allowed2[0][i] = rest >= 0.0 ? rest * rest : -1.0;
+        double rest = t->cutoff - (double)t->twist[i];
+        candidates.cutoff2[0][i] = rest >= 0.0 ? rest * rest : -1.0;
     }
     qm_polygon polygon = {.count = 3, .cuts_left = 48, .corner = {t->corner[0], t->corner[1], t->corner[2]}};
     for (int i = 0; i < 3; i++)
@@ -97,7 +97,7 @@ static bool cover_in_floats(const trial *t, qm_random *random)
     t->kernel->shortlist_floats(t->tree, &t->list, &rows);
     qm_polygon polygon = {.count = 3, .cuts_left = 48, .corner = {t->corner[0], t->corner[1], t->corner[2]}};
     bool moved = false;
-    qm_float_verdict verdict = t->kernel->float_cover(&rows, t->twist, t->allowed, &polygon, &moved);
+    qm_float_verdict verdict = t->kernel->float_cover(&rows, t->twist, t->cutoff, &polygon, &moved);
     check_rest(t, verdict == QM_FLOAT_COVERED, &polygon, "float", random);
     return verdict == QM_FLOAT_COVERED || moved;
 }
@@ -113,9 +113,9 @@ static void draw_piece(qm_random *random, trial *t)
                              qm_random_range(random, -1.0, 1.0)};
         t->corner[i] = qm_vec_axpy(corner[i], size, step);
     }
-    t->allowed = size * pow(10.0, qm_random_range(random, -1.0, 0.7));
+    t->cutoff = size * pow(10.0, qm_random_range(random, -1.0, 0.7));
     for (int i = 0; i < QM_PACK_LANES; i++)
-        t->twist[i] = (float)(t->allowed * fmax(0.0, qm_random_range(random, -1.0, 1.2)));
+        t->twist[i] = (float)(t->cutoff * fmax(0.0, qm_random_range(random, -1.0, 1.2)));
 }
 
 static void covers_take_only_what_is_in_reach(void **state)
@@ -150,7 +150,7 @@ static void covers_take_only_what_is_in_reach(void **state)
              (unsigned long long)seed, taken[0], taken[1]);
 }
 
-/** Where the allowed distance is lost in the roundings of single precision, it says so. */
+/** Where the cutoff distance is lost in the roundings of single precision, it says so. */
 static void tiny_distances_are_too_coarse(void **state)
 {
     (void)state;

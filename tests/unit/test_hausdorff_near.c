@@ -73,7 +73,7 @@ static void settled_faces_are_near(void **state)
         qm_target_search(&search, &side, target, 0.0);
         qm_worker worker = {.search = &search};
         for (int k = 0; k < TRIES; k++) {
-            double allowed = search.floor = pow(10.0, qm_random_range(&random, -3.0, -0.5));
+            double cutoff = search.floor = pow(10.0, qm_random_range(&random, -3.0, -0.5));
             drawn_faces drawn;
             draw_faces(&random, target, &drawn);
             uint32_t hint = (uint32_t)qm_random_below(&random, target->pack_count);
@@ -84,11 +84,11 @@ static void settled_faces_are_near(void **state)
                 const uint8_t *place = drawn.faces.corner[face];
                 settled_count[place[2] != place[3]]++;
                 large += qm_vec_distance(drawn.vertex[place[0]], drawn.vertex[place[1]]) >
-                         1.5 / COLUMNS + 2.0 * allowed;
+                         1.5 / COLUMNS + 2.0 * cutoff;
                 for (int n = 0; n < SAMPLES; n++) {
                     double distance = qm_target_distance(target, draw_point(&random, &drawn, face, n));
-                    QM_CHECK(distance <= allowed + 1e-14, "seed %llu: settled at %.17g, but %.17g away",
-                             (unsigned long long)seed, allowed, distance);
+                    QM_CHECK(distance <= cutoff + 1e-14, "seed %llu: settled at %.17g, but %.17g away",
+                             (unsigned long long)seed, cutoff, distance);
                 }
             }
         }
@@ -100,7 +100,7 @@ static void settled_faces_are_near(void **state)
              (unsigned long long)seed, settled_count[0], settled_count[1], large);
 }
 
-/** Faces over many facets of a plane are settled where they are well within what is allowed, and not beyond
+/** Faces over many facets of a plane are settled where they are well within what is cutoff, and not beyond
  * it. */
 static void parts_of_a_face_over_a_plane(void **state)
 {

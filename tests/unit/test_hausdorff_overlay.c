@@ -113,7 +113,7 @@ static qm_overlay_source draw_source(qm_random *random, const qm_bvh *target)
     return source;
 }
 
-static void check_settled(const qm_bvh *target, const qm_vec corner[3], double allowed, qm_random *random,
+static void check_settled(const qm_bvh *target, const qm_vec corner[3], double cutoff, qm_random *random,
                           unsigned long long seed, int flaw)
 {
     for (int i = 0; i < SAMPLES; i++) {
@@ -128,8 +128,8 @@ static void check_settled(const qm_bvh *target, const qm_vec corner[3], double a
         qm_vec p = qm_vec_axpy(qm_vec_axpy(corner[0], u, qm_vec_sub(corner[1], corner[0])), v,
                                qm_vec_sub(corner[2], corner[0]));
         double distance = qm_target_distance(target, p);
-        QM_CHECK(distance <= allowed + 1e-14, "seed %llu, flaw %d: settled at %.17g, but %.17g away", seed,
-                 flaw, allowed, distance);
+        QM_CHECK(distance <= cutoff + 1e-14, "seed %llu, flaw %d: settled at %.17g, but %.17g away", seed,
+                 flaw, cutoff, distance);
     }
 }
 
@@ -174,16 +174,16 @@ static void settled_faces_are_near(void **state)
         qm_bvh *target;
         assert_int_equal(qm_bvh_build(&ctx, &mesh, QM_BVH_ALL, 1, &target), QM_OK);
         for (int k = 0; k < TRIES; k++) {
-            double allowed = pow(10.0, qm_random_range(&random, -3.0, -0.5));
+            double cutoff = pow(10.0, qm_random_range(&random, -3.0, -0.5));
             qm_search search;
             qm_side side;
-            qm_target_search(&search, &side, target, allowed);
+            qm_target_search(&search, &side, target, cutoff);
             qm_overlay_source source[SOURCES];
             int source_count = 1 + (int)qm_random_below(&random, SOURCES);
             for (int j = 0; j < source_count; j++)
                 source[j] = draw_source(&random, target);
             qm_worker worker = {.search = &search};
-            double reach = allowed * qm_random_range(&random, 0.3, 1.5);
+            double reach = cutoff * qm_random_range(&random, 0.3, 1.5);
             qm_overlay overlay;
             if (!set_overlay(&worker, &side, source, source_count, reach, &overlay)) continue;
             for (int j = 0; j < source_count; j++) {
@@ -193,7 +193,7 @@ static void settled_faces_are_near(void **state)
                     alone_count[flaw] += is_alone;
                     if (!is_alone && !(settled >> face & 1)) continue;
                     settled_count[flaw]++;
-                    check_settled(target, source[j].corner[face], allowed, &random, (unsigned long long)seed,
+                    check_settled(target, source[j].corner[face], cutoff, &random, (unsigned long long)seed,
                                   flaw);
                 }
             }
@@ -352,13 +352,13 @@ static void gaps_over_a_plane_are_exact(void **state)
             source.corner[0][c] = qm_frame_local(&target->frame, at[c]);
         double height = 0.001 * target->frame.scale;
         const struct {
-            double allowed;
+            double cutoff;
             bool is_enough;
         } cases[] = {{height * (1.0 + 1e-6), true}, {height * (1.0 - 1e-9), false}};
         for (int i = 0; i < 2; i++) {
             qm_search search;
             qm_side side;
-            qm_target_search(&search, &side, target, cases[i].allowed);
+            qm_target_search(&search, &side, target, cases[i].cutoff);
             qm_worker worker = {.search = &search};
             qm_overlay overlay;
             bool is_settled = set_overlay(&worker, &side, &source, 1, 2.0 * height, &overlay) &&

@@ -94,14 +94,14 @@ typedef struct qm_candidates {
     int count;
     const qm_pack *pack[QM_COVER_PACKS];
     qm_pack spare[QM_COVER_PACKS]; /* for those that the target has no room for */
-    _Alignas(64) double allowed2[QM_COVER_PACKS][QM_PACK_LANES]; /* squared distance; -1 for never */
+    _Alignas(64) double cutoff2[QM_COVER_PACKS][QM_PACK_LANES]; /* squared distance; -1 for never */
     double twist[QM_COVER_PACKS][QM_PACK_LANES]; /* how far the surface may be from the lane's triangle */
 } qm_candidates;
 
 /** Whether single precision can tell that something is covered. */
 typedef enum qm_float_verdict { QM_FLOAT_OPEN, QM_FLOAT_COVERED, QM_FLOAT_TOO_COARSE } qm_float_verdict;
 
-/** A convex polygon of a source piece; in_reach has a bit for each lane within the allowed distance. */
+/** A convex polygon of a source piece; in_reach has a bit for each lane within the cutoff distance. */
 typedef struct qm_polygon {
     int count;
     int cuts_left; /* cuts that its rounding budget has room for, see rounding.h */
@@ -161,9 +161,9 @@ typedef struct qm_kernel {
      * twist of them. */
     double (*float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p);
 
-    /** For each of 3 QM_PACK_LANES points with a bit in wanted, the bits of the lanes by the allowed
+    /** For each of 3 QM_PACK_LANES points with a bit in wanted, the bits of the lanes by the cutoff
      * distance. */
-    void (*float_reach)(const qm_float_pack *pack, const float *twist, double allowed, const qm_vec *point,
+    void (*float_reach)(const qm_float_pack *pack, const float *twist, double cutoff, const qm_vec *point,
                         unsigned wanted, qm_float_bits *bits);
 
     /**
@@ -196,7 +196,7 @@ typedef struct qm_kernel {
     /** The same from a list, for a box in it: at most capacity packs. Returns how many; nearest first. */
     int (*narrow)(const qm_near_packs *near, const qm_box *box, double reach, int capacity, uint32_t *packs);
 
-    /** Bits of the lanes within their allowed distance of p, counted through the packs. */
+    /** Bits of the lanes within their cutoff distance of p, counted through the packs. */
     uint64_t (*in_reach)(const qm_candidates *candidates, qm_vec p);
 
     /** The eight lanes of the packs that are nearest to p, nearest first. The list of packs is not empty. */
@@ -223,7 +223,7 @@ typedef struct qm_kernel {
      * The same in single precision, by the lanes of one pack, less their twists unless NULL. Fills in
      * in_reach of the corners first; a polygon of more than three is covered by one label or not at all.
      */
-    qm_float_verdict (*float_cover)(const qm_float_pack *pack, const float *twist, double allowed,
+    qm_float_verdict (*float_cover)(const qm_float_pack *pack, const float *twist, double cutoff,
                                     qm_polygon *polygon, bool *moved);
 
     /** Adds those facets of a pack whose boxes meet that of the frame, less their twists unless NULL; returns

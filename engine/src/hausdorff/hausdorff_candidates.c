@@ -21,7 +21,7 @@ static double negligible_twist(const qm_piece_work *work)
 
 void qm_piece_fill_candidates(qm_piece_work *work)
 {
-    work->filled_for = qm_piece_allowed(work);
+    work->filled_for = qm_piece_cutoff(work);
     qm_candidates_fill(&work->candidates, work->side, work->packs, work->pack_count,
                        work->filled_for - work->slack);
     work->generation++;
@@ -41,10 +41,10 @@ bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack)
 void qm_piece_gather(qm_piece_work *work, qm_near_packs *near)
 {
     qm_box box = qm_vec_box(work->piece.corner, work->piece.corner_count);
-    work->kernel->gather(work->side->target, &box, qm_piece_allowed(work), near);
+    work->kernel->gather(work->side->target, &box, qm_piece_cutoff(work), near);
     work->near = near;
     work->pack_count =
-        work->kernel->narrow(work->near, &box, qm_piece_allowed(work), QM_COVER_PACKS, work->packs);
+        work->kernel->narrow(work->near, &box, qm_piece_cutoff(work), QM_COVER_PACKS, work->packs);
     if (work->pack_count == 0 || work->side->target_patches) qm_piece_add_candidate(work, work->entry.hint);
     qm_piece_fill_candidates(work);
 }
@@ -160,14 +160,14 @@ bool qm_piece_over_face(const qm_piece_work *work, uint32_t face, const qm_polyg
     qm_vec corner[4];
     if (polygon->count != 3 || qm_bvh_load_face(work->side->target, face, corner) != 4) return false;
     qm_bilinear patch = qm_bilinear_make(corner);
-    double uv[3][2], allowed = qm_piece_allowed(work) - work->slack;
+    double uv[3][2], cutoff = qm_piece_cutoff(work) - work->slack;
     for (int i = 0; i < 3; i++) {
-        qm_bilinear_foot foot = qm_bilinear_descend(&patch, polygon->corner[i], allowed);
-        if (foot.distance > allowed) return false;
+        qm_bilinear_foot foot = qm_bilinear_descend(&patch, polygon->corner[i], cutoff);
+        if (foot.distance > cutoff) return false;
         uv[i][0] = foot.uv[0];
         uv[i][1] = foot.uv[1];
     }
-    return qm_bilinear_under(&patch, polygon->corner, uv) <= allowed;
+    return qm_bilinear_under(&patch, polygon->corner, uv) <= cutoff;
 }
 
 bool qm_piece_over_patch(const qm_piece_work *work, const qm_polygon *polygon)
@@ -273,7 +273,7 @@ static void set_lane_corner(lane_corners *corners, int i, int lane, qm_vec p)
 /** The two triangles of a part of a patch as labels; that part leaves them by a slack of its own. */
 static void set_refined_lanes(qm_candidates *labels, lane_corners *corners, int lane,
                               const qm_bilinear *patch, const feet_rectangle *feet, qm_vec direction,
-                              double allowed)
+                              double cutoff)
 {
     const qm_vec c[4] = {qm_bilinear_at(patch, feet->low[0], feet->low[1]),
                          qm_bilinear_at(patch, feet->high[0], feet->low[1]),
@@ -284,7 +284,7 @@ static void set_refined_lanes(qm_candidates *labels, lane_corners *corners, int 
         set_lane_corner(corners, 0, lane + half, halves.corner[0]);
         set_lane_corner(corners, 1, lane + half, halves.corner[1 + half]);
         set_lane_corner(corners, 2, lane + half, halves.corner[2 + half]);
-        qm_candidates_allow(labels, 0, (uint32_t)(lane + half), halves.slack, allowed);
+        qm_candidates_set_cutoff(labels, 0, (uint32_t)(lane + half), halves.slack, cutoff);
     }
 }
 
@@ -295,14 +295,14 @@ static void repeat_lane(qm_candidates *labels, lane_corners *corners, int from, 
         for (int axis = 0; axis < 3; axis++)
             corners->at[i][axis][to] = corners->at[i][axis][from];
     labels->twist[0][to] = labels->twist[0][from];
-    labels->allowed2[0][to] = labels->allowed2[0][from];
+    labels->cutoff2[0][to] = labels->cutoff2[0][from];
 }
 
 bool qm_piece_refine(const qm_piece_work *work, const qm_polygon *polygon, qm_vec middle,
                      const qm_near_quads *near, qm_refined *refined)
 {
     double radius = qm_vec_radius(polygon->corner, polygon->count, middle);
-    double allowed = qm_piece_allowed(work) - work->slack;
+    double cutoff = qm_piece_cutoff(work) - work->slack;
     double negligible = negligible_twist(work);
     lane_corners corners;
     int lane = 0;
@@ -314,7 +314,7 @@ bool qm_piece_refine(const qm_piece_work *work, const qm_polygon *polygon, qm_ve
         qm_vec from = qm_vec_sub(middle, qm_bilinear_at(&quad->patch, quad->uv[0], quad->uv[1]));
         double length = qm_vec_norm(from); /* which may be roundings only, other than those of the distance */
         qm_vec direction = qm_vec_scale(length > 0.0 ? 1.0 / length : 0.0, from);
-        set_refined_lanes(&refined->labels, &corners, lane, &quad->patch, &feet, direction, allowed);
+        set_refined_lanes(&refined->labels, &corners, lane, &quad->patch, &feet, direction, cutoff);
         lane += 2;
     }
     if (lane == 0) return false;

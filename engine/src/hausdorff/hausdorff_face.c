@@ -21,14 +21,14 @@ static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
 {
     qm_box box = qm_vec_box(polygon->corner, polygon->count);
     uint32_t packs[ONE_LABEL_PACKS];
-    double allowed = qm_piece_allowed(work);
-    int count = work->kernel->narrow(work->near, &box, allowed, ONE_LABEL_PACKS, packs);
+    double cutoff = qm_piece_cutoff(work);
+    int count = work->kernel->narrow(work->near, &box, cutoff, ONE_LABEL_PACKS, packs);
     for (int k = 0; k < count; k++) {
         qm_float_bits bits[QM_COVER_CORNERS];
         unsigned labels = ~0u;
         work->kernel->float_reach(qm_bvh_floats(work->side->target, packs[k]),
-                                  qm_side_twists(work->side, packs[k]), allowed - work->slack,
-                                  polygon->corner, (1u << polygon->count) - 1, bits);
+                                  qm_side_twists(work->side, packs[k]), cutoff - work->slack, polygon->corner,
+                                  (1u << polygon->count) - 1, bits);
         for (int i = 0; i < polygon->count; i++)
             labels &= bits[i];
         if (qm_float_certain(labels)) return true;
@@ -62,7 +62,7 @@ static qm_float_verdict cover_in_floats(const qm_piece_work *work, const qm_shor
     for (int i = 0; work->side->target_patches && i < QM_PACK_LANES; i++)
         twist[i] = qm_bvh_twists(work->side->target, list->pack[i])[list->lane[i]];
     return work->kernel->float_cover(&rows, work->side->target_patches ? twist : NULL,
-                                     qm_piece_allowed(work) - work->slack, polygon, moved);
+                                     qm_piece_cutoff(work) - work->slack, polygon, moved);
 }
 
 /** The same in double precision. */
@@ -74,9 +74,10 @@ static bool cover_in_doubles(const qm_piece_work *work, const qm_shortlist *list
     work->kernel->shortlist_rows(work->side->target, list, &rows);
     nearest.count = 1;
     nearest.pack[0] = &rows;
-    double allowed = qm_piece_allowed(work) - work->slack;
+    double cutoff = qm_piece_cutoff(work) - work->slack;
     for (uint32_t i = 0; i < QM_PACK_LANES; i++)
-        qm_candidates_allow(&nearest, 0, i, qm_side_twist(work->side, list->pack[i], list->lane[i]), allowed);
+        qm_candidates_set_cutoff(&nearest, 0, i, qm_side_twist(work->side, list->pack[i], list->lane[i]),
+                                 cutoff);
     uint64_t labels = ~UINT64_C(0);
     for (int i = 0; i < polygon->count; i++)
         labels &= polygon->in_reach[i] = work->kernel->in_reach(&nearest, polygon->corner[i]);

@@ -184,7 +184,7 @@ static double ball_upper(const qm_piece *piece)
 
 static double allowed_distance(const matching *work)
 {
-    return qm_search_allowed(work->search) * work->side->scale;
+    return qm_search_cutoff(work->search) * work->side->scale;
 }
 
 /** How much farther one facet is than another, by the ways from the foot at least: see cut_place. */
@@ -305,9 +305,9 @@ double qm_matching_upper(const qm_search *search, const qm_side *side, const qm_
 {
     matching work = {.search = search, .side = side, .piece = piece};
     gather_facets(&work);
-    double upper = ball_upper(piece), allowed = allowed_distance(&work);
-    for (int k = 0; k < work.facet_count && upper > allowed; k++)
+    double upper = ball_upper(piece), cutoff = allowed_distance(&work);
+    for (int k = 0; k < work.facet_count && upper > cutoff; k++)
         upper = fmin(upper, whole_upper(&work, k));
-    if (work.facet_count > 1 && upper > allowed) upper = fmin(upper, cells_upper(&work));
+    if (work.facet_count > 1 && upper > cutoff) upper = fmin(upper, cells_upper(&work));
     return upper;
 }

@@ -15,7 +15,7 @@
  * part's corner is a sum of at most four products, which are off by 1 together, and each of the three sums by
  * 1. A face is cut MAX_CUTS times at most, one after the other: its corners are then off by 12. The radius of
  * the ball that holds the corners, round the middle as computed, is off by 8 for the differences and the
- * norm, and what is left of the allowed distance by 1. A face that comes here has not been cut, and eta has
+ * norm, and what is left of the cutoff distance by 1. A face that comes here has not been cut, and eta has
  * room for QM_FREE_CUTS cuts of 2.5.
  */
 #include <string.h>
@@ -26,7 +26,7 @@
 #define PATCH_LEVELS 1
 #define LEVELS_AT_ONCE 2  /* of these in one cut */
 #define MAX_CUTS 3        /* of parts of parts */
-#define MAX_RADIUS 1.25   /* of the allowed distance: one facet seldom reaches all of a larger part */
+#define MAX_RADIUS 1.25   /* of the cutoff distance: one facet seldom reaches all of a larger part */
 #define MIN_RADIUS 0.5    /* of it: what a smaller part misses its own parts seldom find */
 #define NEAR_SHARE 0.5    /* of it: where the target is farther, smaller parts gain little */
 #define RECENT_TRIES 2    /* recent packs that parts are compared with before a search */
@@ -56,7 +56,7 @@ typedef struct part_list {
 typedef struct near_work {
     qm_worker *worker;
     const qm_side *side;
-    double allowed;
+    double cutoff;
     uint32_t hint; /* where the next search starts */
     unsigned cost;
 } near_work;
@@ -142,7 +142,7 @@ static void try_pack(near_work *work, part_list *parts, uint32_t pack)
     unsigned corners = open_corners(parts);
     work->cost += COST_OF_PACK + (unsigned)__builtin_popcount(corners);
     work->worker->search->kernel->float_reach(qm_bvh_floats(work->side->target, pack),
-                                              qm_side_twists(work->side, pack), work->allowed, parts->point,
+                                              qm_side_twists(work->side, pack), work->cutoff, parts->point,
                                               corners, bits);
     for (unsigned left = parts->open; left; left &= left - 1) {
         const uint8_t *corner = parts->corner[__builtin_ctz(left)];
@@ -176,7 +176,7 @@ static void try_recent(near_work *work, part_list *parts, const qm_vec *point, i
     uint32_t packs[RECENT_TRIES];
     qm_box box = qm_vec_box(point, count);
     int found =
-        work->worker->search->kernel->narrow(&work->worker->recent, &box, work->allowed, RECENT_TRIES, packs);
+        work->worker->search->kernel->narrow(&work->worker->recent, &box, work->cutoff, RECENT_TRIES, packs);
     for (int k = 0; k < found && parts->open; k++)
         try_pack(work, parts, packs[k]);
     if (found > 0) work->hint = packs[0];
@@ -194,7 +194,7 @@ static bool close_part(near_work *work, part_list *parts, int deeper)
     int count = part_corners(parts, __builtin_ctz(bit), corner);
     qm_vec middle = qm_vec_middle(corner, count);
     double radius = qm_vec_radius(corner, count, middle);
-    double enough = work->allowed - radius, sought = fmax(enough, NEAR_SHARE * work->allowed);
+    double enough = work->cutoff - radius, sought = fmax(enough, NEAR_SHARE * work->cutoff);
     worker->projections++;
     work->cost += COST_OF_SEARCH;
     double distance = qm_side_nearly(worker->search, work->side, middle, sought, enough, &work->hint);
@@ -202,8 +202,7 @@ static bool close_part(near_work *work, part_list *parts, int deeper)
     if (distance <= enough) parts->open &= ~bit;
     try_pack(work, parts, work->hint);
     if (!(parts->open & bit)) return true;
-    bool may_gain =
-        deeper > 0 && distance <= NEAR_SHARE * work->allowed && radius > MIN_RADIUS * work->allowed;
+    bool may_gain = deeper > 0 && distance <= NEAR_SHARE * work->cutoff && radius > MIN_RADIUS * work->cutoff;
     if (!may_gain || !parts_are_near(work, corner, count, 1, deeper - 1)) return false;
     parts->open &= ~bit;
     return true;
@@ -234,7 +233,7 @@ static int level_of(const near_work *work, const qm_vec *corner, int count)
 {
     double radius = qm_vec_radius(corner, count, qm_vec_middle(corner, count));
     int level = 0;
-    for (; level <= TRIANGLE_LEVELS && radius > MAX_RADIUS * work->allowed; radius *= 0.5)
+    for (; level <= TRIANGLE_LEVELS && radius > MAX_RADIUS * work->cutoff; radius *= 0.5)
         level++;
     return level;
 }
@@ -270,7 +269,7 @@ static unsigned whole_are_near(near_work *work, part_list *whole, const qm_near_
 unsigned qm_worker_faces_near(qm_worker *worker, const qm_side *side, const qm_near_faces *faces,
                               uint32_t hint)
 {
-    near_work work = {worker, side, qm_search_allowed(worker->search) * side->scale, hint, 0};
+    near_work work = {worker, side, qm_search_cutoff(worker->search) * side->scale, hint, 0};
     part_list whole = {.point = faces->vertex, .count = faces->count, .tried_count = 1, .tried = {hint}};
     memcpy(whole.corner, faces->corner, sizeof faces->corner);
     remember(worker, side, hint);

@@ -15,7 +15,7 @@
  * Differential Topology, 1974, chapter 2). So an odd number over one place shows it for all, the places on
  * edges being limits of others. Meshes may be open, non-manifold, or fold back over themselves.
  *
- * Facets that lie higher or lower than all faces by more than the allowed distance are left out, and so are
+ * Facets that lie higher or lower than all faces by more than the cutoff distance are left out, and so are
  * those beside all faces and, where a face is looked at alone, those that are too far from it, as the other
  * side of a sharp ridge is: what is left is any set. Which plane is taken, and what is left out, decides how
  * often this works, never whether it holds.
@@ -44,10 +44,10 @@
 
 #include <string.h>
 
-#define SHRINK_BY_ALLOWED 0x1p-6 /* of the allowed distance, */
-#define SHRINK_BY_SIZE 0x1p-30   /* and of the greatest coordinate: how far corners move at most, */
-#define MAX_SHRINK 0.125         /* and of the way to the middle */
-#define EDGE_PLACES 1024         /* of the table of edges, a power of two */
+#define SHRINK_BY_CUTOFF 0x1p-6 /* of the cutoff distance, */
+#define SHRINK_BY_SIZE 0x1p-30  /* and of the greatest coordinate: how far corners move at most, */
+#define MAX_SHRINK 0.125        /* and of the way to the middle */
+#define EDGE_PLACES 1024        /* of the table of edges, a power of two */
 #define EDGE_BITS 10
 #define COST_OF_PART 200 /* hundreds of instructions of a part of a face that the search looks at, about */
 #define MAX_FACETS (QM_OVERLAY_GROUPS * QM_PACK_LANES)
@@ -100,9 +100,9 @@ static bool set_axes(qm_overlay_frame *frame, qm_vec origin, qm_vec normal)
     return true;
 }
 
-/** Sets the box of the frame to that of the points, and the allowed distance above and below. Returns the
+/** Sets the box of the frame to that of the points, and the cutoff distance above and below. Returns the
  * greatest coordinate by magnitude. */
-static double set_stretch(qm_overlay_frame *frame, const qm_vec *point, int count, double allowed)
+static double set_stretch(qm_overlay_frame *frame, const qm_vec *point, int count, double cutoff)
 {
     double size = 0.0;
     for (int k = 0; k < 3; k++) {
@@ -118,8 +118,8 @@ static double set_stretch(qm_overlay_frame *frame, const qm_vec *point, int coun
             size = qm_max(fabs(at[k]), size);
         }
     }
-    frame->low[2] -= allowed;
-    frame->high[2] += allowed;
+    frame->low[2] -= cutoff;
+    frame->high[2] += cutoff;
     return size;
 }
 
@@ -280,9 +280,9 @@ bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal
                            int count, const qm_near_packs *near, qm_overlay *overlay)
 {
     if (!set_axes(&overlay->frame, point[0], normal)) return false;
-    double allowed = qm_search_allowed(worker->search) * side->scale;
-    overlay->facets.size = set_stretch(&overlay->frame, point, count, allowed);
-    overlay->shrink = qm_min(SHRINK_BY_ALLOWED * allowed, SHRINK_BY_SIZE * overlay->facets.size);
+    double cutoff = qm_search_cutoff(worker->search) * side->scale;
+    overlay->facets.size = set_stretch(&overlay->frame, point, count, cutoff);
+    overlay->shrink = qm_min(SHRINK_BY_CUTOFF * cutoff, SHRINK_BY_SIZE * overlay->facets.size);
     count_work(worker, (uint64_t)count / 2);
     return set_overlay(worker, side, near, NULL, overlay);
 }
@@ -305,14 +305,14 @@ static void shrink_face(qm_overlay_face *face, double length)
 }
 
 /** Sets a face and shrinks it. Returns the vertical distance that is enough for it, or a negative number. */
-static double set_face(const qm_overlay *overlay, const qm_vec corner[3], double allowed,
+static double set_face(const qm_overlay *overlay, const qm_vec corner[3], double cutoff,
                        qm_overlay_face *face)
 {
     for (int c = 0; c < 3; c++)
         map_point(&overlay->frame, corner[c], face->corner[c]);
     shrink_face(face, overlay->shrink);
     double size = overlay->facets.size;
-    return allowed - overlay->shrink - size * qm_overlay_set_face(face, size);
+    return cutoff - overlay->shrink - size * qm_overlay_set_face(face, size);
 }
 
 static bool is_settled(const qm_kernel *kernel, const qm_overlay_facets *facets, const qm_overlay_face *face,
@@ -327,11 +327,11 @@ static bool is_settled(const qm_kernel *kernel, const qm_overlay_facets *facets,
 unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
                            const qm_overlay_source *source)
 {
-    double allowed = qm_search_allowed(worker->search) * side->scale;
+    double cutoff = qm_search_cutoff(worker->search) * side->scale;
     unsigned settled = 0;
     for (int i = 0; i < source->count; i++) {
         qm_overlay_face face;
-        double enough = set_face(overlay, source->corner[i], allowed, &face);
+        double enough = set_face(overlay, source->corner[i], cutoff, &face);
         if (enough > 0.0 && is_settled(worker->search->kernel, &overlay->facets, &face, enough))
             settled |= 1u << i;
     }
@@ -348,9 +348,9 @@ bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_pie
     memcpy(source.corner[0], piece->corner, sizeof source.corner[0]);
     if (!qm_worker_set_overlay(worker, side, qm_overlay_normal(&source), source.corner[0], 3, near, &overlay))
         return false;
-    double allowed = qm_search_allowed(worker->search) * side->scale;
+    double cutoff = qm_search_cutoff(worker->search) * side->scale;
     qm_overlay_face face;
-    double enough = set_face(&overlay, source.corner[0], allowed, &face);
+    double enough = set_face(&overlay, source.corner[0], cutoff, &face);
     if (!(enough > 0.0)) return false;
     count_work(worker, 12 + (uint64_t)overlay.facets.count / 8);
     if (is_settled(kernel, &overlay.facets, &face, enough)) return true;

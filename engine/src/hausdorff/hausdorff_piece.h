@@ -40,7 +40,7 @@ typedef struct qm_piece_work {
     uint32_t packs[QM_COVER_PACKS];
     int pack_count;
     qm_candidates candidates;
-    double filled_for;   /* what a distance was allowed to be when the candidates were set up */
+    double filled_for;   /* what a distance was cutoff to be when the candidates were set up */
     unsigned generation; /* counts changes of the candidates */
     qm_part stack[QM_PART_STACK];
     int height;
@@ -80,9 +80,9 @@ typedef struct qm_refined {
 } qm_refined;
 
 /** What a distance may be for a point to be let go, in the frame of the target. */
-static inline double qm_piece_allowed(const qm_piece_work *work)
+static inline double qm_piece_cutoff(const qm_piece_work *work)
 {
-    return qm_search_allowed(work->search) * work->side->scale;
+    return qm_search_cutoff(work->search) * work->side->scale;
 }
 
 static inline qm_vec qm_polygon_middle(const qm_polygon *polygon)
@@ -120,7 +120,7 @@ bool qm_piece_over_face(const qm_piece_work *work, uint32_t face, const qm_polyg
 bool qm_piece_over_patch(const qm_piece_work *work, const qm_polygon *polygon);
 
 /**
- * Labels of the target's patches lose their twist of the allowed distance. This makes labels for those parts
+ * Labels of the target's patches lose their twist of the cutoff distance. This makes labels for those parts
  * of the twisted patches near the middle of a polygon that lie just under it. They lose only their share,
  * which falls with the square of the size. False when no patch is twisted.
  */

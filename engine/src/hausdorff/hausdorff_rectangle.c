@@ -9,7 +9,7 @@
 
 #define SLACK_SHARE 0.25 /* of the tolerance: a patch this flat goes on as triangles */
 #define MAX_SLACK_SHARE                                                                                      \
-    0.5                 /* of the allowed distance: a patch bent more is cut before its triangles are tried */
+    0.5                 /* of the cutoff distance: a patch bent more is cut before its triangles are tried */
 #define MIDDLE_LEVELS 8 /* cut in the middle: grids refined by halves then meet line on line */
 #define MIN_SIDE 0.7    /* of the longer side: a shorter one is cut as well */
 #define MAX_RESTS 512   /* parts that a match leaves over */
@@ -44,7 +44,7 @@ static bool hull_reached(const qm_piece_work *work, qm_polygon *corners)
 }
 
 /**
- * Along the line where a patch of the target is just as far as is allowed it covers a share of each part that
+ * Along the line where a patch of the target is just as far as is cutoff it covers a share of each part that
  * is left over, again and again: such parts are worth the search for a patch that covers more.
  */
 static bool is_left_often(const qm_piece_work *work)
@@ -95,13 +95,13 @@ static double patch_reach(const qm_piece_work *work, const qm_bilinear *source, 
     uint32_t face = quad_under(work, qm_bilinear_at(source, at[0], at[1]));
     if (face == QM_NO_INDEX) return from;
     qm_bilinear target = qm_bvh_load_patch(work->side->target, face);
-    /* Half of what is allowed: the speed along this line may be up to twice as great at the rectangle's
+    /* Half of what is cutoff: the speed along this line may be up to twice as great at the rectangle's
      * sides. */
-    double allowed = 0.5 * qm_piece_allowed(work), inside = from, outside = to;
+    double cutoff = 0.5 * qm_piece_cutoff(work), inside = from, outside = to;
     for (int step = 0; step < CROSSING_STEPS; step++) {
         at[axis] = step == 0 ? to : 0.5 * (inside + outside);
         bool is_reached =
-            qm_bilinear_descend(&target, qm_bilinear_at(source, at[0], at[1]), allowed).distance <= allowed;
+            qm_bilinear_descend(&target, qm_bilinear_at(source, at[0], at[1]), cutoff).distance <= cutoff;
         if (is_reached && step == 0) return to;
         *(is_reached ? &inside : &outside) = at[axis];
     }
@@ -216,7 +216,7 @@ static bool alike_reached(const qm_piece_work *work, const qm_bilinear *patch, u
     if (qm_bvh_load_face(work->side->target, face, corner) != 4) return false;
     qm_uv_box box = parameters_of(&work->piece);
     qm_bilinear alike = qm_bilinear_make(corner);
-    return qm_bilinear_match_alike(patch, &box, &alike, qm_piece_allowed(work), keep_rest, rest) &&
+    return qm_bilinear_match_alike(patch, &box, &alike, qm_piece_cutoff(work), keep_rest, rest) &&
            gets_on(work, patch, rest);
 }
 
@@ -248,8 +248,8 @@ static bool hinted_reached(const qm_piece_work *work, const qm_bilinear *patch)
 /** The quads of the target near the middle of the rectangle that may cover some of it. */
 static qm_near_quads quads_below(const qm_piece_work *work, qm_vec middle)
 {
-    double allowed = qm_piece_allowed(work), radius = qm_vec_radius(work->piece.corner, 4, middle);
-    qm_quads_asked asked = {.wanted = QM_NEAR_QUADS, .within = allowed + radius, .enough = allowed};
+    double cutoff = qm_piece_cutoff(work), radius = qm_vec_radius(work->piece.corner, 4, middle);
+    qm_quads_asked asked = {.wanted = QM_NEAR_QUADS, .within = cutoff + radius, .enough = cutoff};
     if (!work->side->target_patches) return (qm_near_quads){.count = 0};
     if (is_left_often(work)) asked.enough = -1.0;
     return qm_piece_near_quads(work, middle, asked);
@@ -268,7 +268,7 @@ static bool match_reached(const qm_piece_work *work, const qm_bilinear *patch, q
         qm_piece_find_foot(quad, middle);
         rest.count = 0;
         bool is_matched =
-            qm_bilinear_match(patch, &box, &quad->patch, quad->uv, qm_piece_allowed(work), keep_rest, &rest);
+            qm_bilinear_match(patch, &box, &quad->patch, quad->uv, qm_piece_cutoff(work), keep_rest, &rest);
         if (!is_matched || !gets_on(work, patch, &rest)) continue;
         double area = area_of(&rest);
         if (!(area < left)) continue;
@@ -280,7 +280,7 @@ static bool match_reached(const qm_piece_work *work, const qm_bilinear *patch, q
 }
 
 /** Covers the rectangle, or parts of it, by one patch. near are the quads near its middle that were looked
- * for. The counterpart may leave over parts of a whole face only: where it is just as far as is allowed it
+ * for. The counterpart may leave over parts of a whole face only: where it is just as far as is cutoff it
  * would leave over parts of parts endlessly. */
 static bool patch_reached(const qm_piece_work *work, const qm_bilinear *patch, qm_vec middle,
                           qm_near_quads *near, rest_list *rest)
@@ -335,7 +335,7 @@ bool qm_piece_rectangle_covered(qm_piece_work *work)
     bool moved = false, covered = qm_piece_cover_by_nearest(work, &hull, &moved);
     if (covered) return true;
     qm_bilinear_halves halves = qm_bilinear_halve(c, (qm_vec){0, 0, 0});
-    if (!(halves.slack < MAX_SLACK_SHARE * qm_piece_allowed(work))) return false;
+    if (!(halves.slack < MAX_SLACK_SHARE * qm_piece_cutoff(work))) return false;
     qm_piece_set_slack(work, halves.slack);
     covered = true;
     for (int half = 0; half < 2 && covered; half++) {
@@ -371,7 +371,7 @@ static bool rectangle_reached(qm_piece_work *work, const qm_bilinear *patch, con
         qm_near_quads near;
         bool is_matched = patch_reached(work, patch, middle, &near, &rest);
         if (is_matched && rest.count == 0) return true;
-        bool is_flat = halves->slack < qm_piece_allowed(work);
+        bool is_flat = halves->slack < qm_piece_cutoff(work);
         if (is_flat && triangles_reached(work, halves, middle, &near)) return true;
         if (is_matched &&
             !(is_left_often(work) && attempt + 1 < MAX_ATTEMPTS && sample_unreached_corners(work))) {
@@ -390,7 +390,7 @@ void qm_piece_process_rectangle(qm_piece_work *work)
     qm_bilinear_halves halves = qm_bilinear_halve(work->piece.corner, (qm_vec){0, 0, 0});
     qm_bilinear patch = source_patch(work);
     bool reached = rectangle_reached(work, &patch, &halves, &corners);
-    qm_worker_discard(work->worker, qm_search_allowed(work->search));
+    qm_worker_discard(work->worker, qm_search_cutoff(work->search));
     if (reached) return;
     if (halves.slack <= SLACK_SHARE * work->search->tolerance * work->side->scale) {
         go_on_as_triangles(work, &halves);

@@ -144,12 +144,12 @@ double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double
 }
 
 void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const uint32_t *packs, int count,
-                        double allowed)
+                        double cutoff)
 {
     candidates->count = count;
     for (int k = 0; k < count; k++) {
         candidates->pack[k] = qm_bvh_rows(side->target, packs[k], &candidates->spare[k]);
         for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
-            qm_candidates_allow(candidates, k, lane, qm_side_twist(side, packs[k], lane), allowed);
+            qm_candidates_set_cutoff(candidates, k, lane, qm_side_twist(side, packs[k], lane), cutoff);
     }
 }

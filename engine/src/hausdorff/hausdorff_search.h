@@ -130,7 +130,7 @@ typedef struct qm_worker {
 } qm_worker;
 
 /** Anything at or below this can be let go, world units. */
-static inline double qm_search_allowed(const qm_search *search)
+static inline double qm_search_cutoff(const qm_search *search)
 {
     double lower = atomic_load_explicit(&search->lower, memory_order_relaxed);
     return fmax(lower + search->tolerance, search->floor);
@@ -272,17 +272,17 @@ static inline bool qm_search_is_matching(const qm_search *search)
     return search->options->bounds == QM_BOUNDS_MATCHING;
 }
 
-/** Sets how far a point may be from a lane: the allowed distance less the twist of its patch. Local. */
-static inline void qm_candidates_allow(qm_candidates *candidates, int k, uint32_t lane, double twist,
-                                       double allowed)
+/** Sets how far a point may be from a lane: the cutoff distance less the twist of its patch. Local. */
+static inline void qm_candidates_set_cutoff(qm_candidates *candidates, int k, uint32_t lane, double twist,
+                                            double cutoff)
 {
-    double rest = allowed - twist;
+    double rest = cutoff - twist;
     candidates->twist[k][lane] = twist;
-    candidates->allowed2[k][lane] = rest >= 0.0 ? rest * rest : -1.0;
+    candidates->cutoff2[k][lane] = rest >= 0.0 ? rest * rest : -1.0;
 }
 
-/** Sets up the candidates of a list of packs, with what each lane is allowed (local), less slack. */
+/** Sets up the candidates of a list of packs, with what each lane is cutoff (local), less slack. */
 void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const uint32_t *packs, int count,
-                        double allowed);
+                        double cutoff);
 
 #endif

@@ -68,37 +68,37 @@ typedef struct pack_work {
     qm_near_packs near;  /* of the whole pack, where some are open */
 } pack_work;
 
-/** Where single precision leaves it open whether a lane reaches a vertex, as it does where the allowed
+/** Where single precision leaves it open whether a lane reaches a vertex, as it does where the cutoff
  * distance is tiny or the source runs beside the target, double precision decides. */
-static void measure_vertex(pack_work *work, double allowed, int vertex)
+static void measure_vertex(pack_work *work, double cutoff, int vertex)
 {
     if (work->measured >> vertex & 1) return;
-    if (work->measured == 0) qm_candidates_fill(&work->hinted, work->side, &work->entry.hint, 1, allowed);
+    if (work->measured == 0) qm_candidates_fill(&work->hinted, work->side, &work->entry.hint, 1, cutoff);
     work->measured |= 1u << vertex;
     unsigned bits = (unsigned)work->kernel->in_reach(&work->hinted, work->vertex[vertex]);
     work->in_reach[vertex] = (qm_float_bits)(bits << 8 | bits);
 }
 
 /** True when one lane of the pack of the hint reaches all corners of a face. */
-static bool face_reached(pack_work *work, double allowed, const int *corner, int count)
+static bool face_reached(pack_work *work, double cutoff, const int *corner, int count)
 {
     unsigned bits = ~0u;
     for (int i = 0; i < count; i++)
         bits &= work->in_reach[corner[i]];
     if (qm_float_certain(bits) || bits == 0) return bits != 0;
     for (int i = 0; i < count; i++) {
-        measure_vertex(work, allowed, corner[i]);
+        measure_vertex(work, cutoff, corner[i]);
         bits &= work->in_reach[corner[i]];
     }
     return bits != 0;
 }
 
 /** Bits of the lanes of a pack that reach a point each, for count points. */
-static void reach_by_pack(const pack_work *work, double allowed, uint32_t pack, const qm_vec *point,
-                          int count, qm_float_bits *bits)
+static void reach_by_pack(const pack_work *work, double cutoff, uint32_t pack, const qm_vec *point, int count,
+                          qm_float_bits *bits)
 {
     work->kernel->float_reach(qm_bvh_floats(work->side->target, pack), qm_side_twists(work->side, pack),
-                              allowed, point, (1u << count) - 1, bits);
+                              cutoff, point, (1u << count) - 1, bits);
 }
 
 /**
@@ -113,7 +113,7 @@ static void gather_about(const qm_worker *worker, const pack_work *work, const q
     qm_vec low = qm_vec_load(box.min), high = qm_vec_load(box.max);
     double middle = qm_side_pack_upper(search, work->side, work->entry.hint, qm_vec_mix(low, high, 0.5));
     double reach =
-        fmin(middle + NEAR_SHARE * qm_vec_distance(low, high), qm_search_allowed(search) * work->side->scale);
+        fmin(middle + NEAR_SHARE * qm_vec_distance(low, high), qm_search_cutoff(search) * work->side->scale);
     search->kernel->gather(work->side->target, &box, reach, near);
 }
 
@@ -333,14 +333,14 @@ static void visit_pack(qm_worker *worker, qm_entry entry, group_work *group)
     work.kernel = search->kernel;
     work.open_count = 0;
     work.measured = 0;
-    double allowed = qm_search_allowed(search) * work.side->scale;
+    double cutoff = qm_search_cutoff(search) * work.side->scale;
     for (int i = 0; i < work.lanes->vertex_count; i++)
         work.vertex[i] = qm_side_vertex(work.side, work.lanes->vertex[i]);
-    reach_by_pack(&work, allowed, entry.hint, work.vertex, work.lanes->vertex_count, work.in_reach);
+    reach_by_pack(&work, cutoff, entry.hint, work.vertex, work.lanes->vertex_count, work.in_reach);
     for (int lane = 0, count; lane < work.lanes->lane_count; lane += count - 2) {
         int corner[4];
         count = qm_lane_corners(work.lanes, (uint32_t)lane, work.side->source_patches, corner);
-        if (face_reached(&work, allowed, corner, count)) continue;
+        if (face_reached(&work, cutoff, corner, count)) continue;
         qm_piece *piece = &work.open[work.open_count];
         *piece =
             (qm_piece){.high = {1.0, 1.0}, .face = work.lanes->face[lane], .corner_count = (uint8_t)count};
@@ -354,7 +354,7 @@ static void visit_pack(qm_worker *worker, qm_entry entry, group_work *group)
     work.faces.vertex_count = work.lanes->vertex_count;
     work.faces.count = work.open_count;
     if (work.open_count > 0) settle_open(worker, &work);
-    qm_worker_discard(worker, qm_search_allowed(search)); /* the lower bound may have risen on the way */
+    qm_worker_discard(worker, qm_search_cutoff(search)); /* the lower bound may have risen on the way */
 }
 
 /** Looks at packs of one group. */
@@ -366,7 +366,7 @@ static void visit_packs(qm_worker *worker, const qm_entry *pack, int count)
     group.is_begun = group.has_failed = group.has_overlay = false;
     group.tries = group.hits = 0;
     for (int i = 0; i < count; i++) {
-        if (pack[i].upper <= qm_search_allowed(worker->search) || qm_worker_must_stop(worker))
+        if (pack[i].upper <= qm_search_cutoff(worker->search) || qm_worker_must_stop(worker))
             qm_worker_push(worker, pack[i], NULL);
         else
             visit_pack(worker, pack[i], &group);
@@ -388,7 +388,7 @@ static qm_entry child_entry(const qm_entry *group, int member, double upper, uin
 static double bound_node(qm_worker *worker, const qm_side *side, qm_vec centre, double radius, uint32_t *hint)
 {
     double lower = qm_side_lower(worker->search, side);
-    double reach = qm_search_allowed(worker->search) * side->scale - radius;
+    double reach = qm_search_cutoff(worker->search) * side->scale - radius;
     double enough = fmax(reach, QM_NEAR_ENOUGH * lower);
     worker->projections++;
     return qm_worker_nearly(worker, side, centre, enough, reach, hint) + radius;
@@ -413,7 +413,7 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_no
     double upper = qm_side_pack_upper(worker->search, side, *hint, p);
     double lower = qm_side_lower(worker->search, side);
     if (upper <= QM_NEAR_ENOUGH * lower) return upper + reach;
-    double enough = qm_search_allowed(worker->search) * side->scale - reach;
+    double enough = qm_search_cutoff(worker->search) * side->scale - reach;
     enough = fmin(fmax(enough, QM_NEAR_ENOUGH * lower), lower);
     return qm_worker_sample(worker, side, p, 0.0, face, enough, hint) + reach;
 }
@@ -438,10 +438,10 @@ void qm_worker_node(qm_worker *worker, qm_entry entry)
         if (entry.level == 1 && m + 1 < members) fetch_vertices(side, 8 * entry.index + (uint32_t)m + 1);
         qm_vec centre;
         double radius = child_ball(side, group, m, &centre);
-        /* A ball larger than what is allowed settles nothing, wherever its middle is. */
-        bool is_small = radius * side->inverse_scale <= qm_search_allowed(search);
+        /* A ball larger than what is cutoff settles nothing, wherever its middle is. */
+        bool is_small = radius * side->inverse_scale <= qm_search_cutoff(search);
         double upper = is_small ? qm_side_pack_upper(search, side, hint, centre) + radius : INFINITY;
-        if (upper * side->inverse_scale > qm_search_allowed(search) && !qm_worker_must_stop(worker)) {
+        if (upper * side->inverse_scale > qm_search_cutoff(search) && !qm_worker_must_stop(worker)) {
             double nearer = entry.level > 1
                                 ? bound_node(worker, side, centre, radius, &hint)
                                 : bound_pack(worker, side, group, m, 8 * entry.index + (uint32_t)m, &hint);
@@ -453,7 +453,7 @@ void qm_worker_node(qm_worker *worker, qm_entry entry)
      * so are groups of packs, along the curve, where hints and vertices are still near. */
     int open_count = 0;
     for (int m = 0; m < members; m++) {
-        if (entry.level > 2 || child[m].upper <= qm_search_allowed(search) || qm_worker_must_stop(worker)) {
+        if (entry.level > 2 || child[m].upper <= qm_search_cutoff(search) || qm_worker_must_stop(worker)) {
             qm_worker_push(worker, child[m], NULL);
         } else if (entry.level == 2) {
             worker->iterations++; /* as an entry of the queue: reports and limits come as often */

@@ -45,9 +45,9 @@ static bool refine(const qm_piece_work *work, const qm_polygon *polygon, qm_refi
 {
     if (!work->side->target_patches) return false;
     qm_vec middle = qm_polygon_middle(polygon);
-    double allowed = qm_piece_allowed(work), radius = qm_vec_radius(polygon->corner, polygon->count, middle);
+    double cutoff = qm_piece_cutoff(work), radius = qm_vec_radius(polygon->corner, polygon->count, middle);
     qm_quads_asked asked = {
-        .wanted = QM_NEAR_QUADS, .within = allowed + radius, .enough = allowed, .twisted_only = true};
+        .wanted = QM_NEAR_QUADS, .within = cutoff + radius, .enough = cutoff, .twisted_only = true};
     qm_near_quads near = qm_piece_near_quads(work, middle, asked);
     return qm_piece_refine(work, polygon, middle, &near, refined);
 }
@@ -68,7 +68,7 @@ bool qm_piece_cover(const qm_piece_work *work, qm_polygon *polygon, bool *moved)
 static bool patch_reaches(const qm_piece_work *work, qm_vec p, double room)
 {
     return work->side->target_patches &&
-           qm_piece_quad_within(work, p, qm_piece_allowed(work) - room - work->slack);
+           qm_piece_quad_within(work, p, qm_piece_cutoff(work) - room - work->slack);
 }
 
 /** True when a corner has to be measured: no candidate reaches it, or, deep down, not by enough. */
@@ -79,7 +79,7 @@ static bool needs_sample(const qm_piece_work *work, const qm_polygon *polygon, i
     int place;
     double upper = work->kernel->hull_upper(&work->candidates, &p, 1, &place) + work->slack;
     double room = 0.5 * work->search->tolerance * work->side->scale;
-    return upper > qm_piece_allowed(work) - room && !patch_reaches(work, p, room);
+    return upper > qm_piece_cutoff(work) - room && !patch_reaches(work, p, room);
 }
 
 bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth)
@@ -93,7 +93,7 @@ bool qm_piece_sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth
         found |= qm_piece_add_candidate(work, hint);
     }
     /* A corner that raised the lower bound is reached now, by the pack that was its nearest all along. */
-    found |= qm_piece_allowed(work) > work->filled_for;
+    found |= qm_piece_cutoff(work) > work->filled_for;
     if (found) {
         qm_piece_fill_candidates(work);
         qm_piece_reach_corners(work, polygon);
@@ -105,11 +105,11 @@ bool qm_piece_sample_unreached(qm_piece_work *work, qm_vec p)
 {
     int place;
     double upper = work->kernel->hull_upper(&work->candidates, &p, 1, &place);
-    if (upper + work->slack <= qm_piece_allowed(work) || patch_reaches(work, p, 0.0)) return false;
+    if (upper + work->slack <= qm_piece_cutoff(work) || patch_reaches(work, p, 0.0)) return false;
     uint32_t hint = work->packs[place];
     qm_worker_sample(work->worker, work->side, p, work->slack, work->piece.face, 0.0, &hint);
     bool added = qm_piece_add_candidate(work, hint);
-    bool raised = qm_piece_allowed(work) > work->filled_for;
+    bool raised = qm_piece_cutoff(work) > work->filled_for;
     if (added || raised) qm_piece_fill_candidates(work);
     return added || raised;
 }
@@ -122,7 +122,7 @@ static double ball_upper(const qm_piece_work *work, const qm_piece *piece, doubl
     double radius = qm_vec_radius(piece->corner, piece->corner_count, middle);
     if (radius >= enough) return enough;
     qm_quads_asked asked = {
-        .wanted = 1, .within = enough - radius, .enough = fmax(qm_piece_allowed(work), radius)};
+        .wanted = 1, .within = enough - radius, .enough = fmax(qm_piece_cutoff(work), radius)};
     qm_near_quads near = qm_piece_near_quads(work, middle, asked);
     if (near.count == 0) return enough;
     *hint = near.at[0].pack;
@@ -289,7 +289,7 @@ void qm_piece_process_stack(qm_piece_work *work)
         else
             push_part(work, &next);
     }
-    qm_worker_discard(work->worker, qm_search_allowed(work->search));
+    qm_worker_discard(work->worker, qm_search_cutoff(work->search));
 }
 
 void qm_piece_set_slack(qm_piece_work *work, double slack)

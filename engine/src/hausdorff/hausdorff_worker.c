@@ -70,7 +70,7 @@ static void push_within_limit(qm_worker *worker, qm_entry entry, const qm_piece 
 
 void qm_worker_push(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 {
-    if (entry.upper <= qm_search_allowed(worker->search)) {
+    if (entry.upper <= qm_search_cutoff(worker->search)) {
         qm_worker_discard(worker, entry.upper);
         return;
     }
@@ -222,7 +222,7 @@ bool qm_worker_must_stop(qm_worker *worker)
 
 static void process(qm_worker *worker, qm_entry entry, qm_piece *piece)
 {
-    if (entry.upper <= qm_search_allowed(worker->search))
+    if (entry.upper <= qm_search_cutoff(worker->search))
         qm_worker_discard(worker, entry.upper);
     else if (entry.kind == QM_ENTRY_NODE)
         qm_worker_node(worker, entry);

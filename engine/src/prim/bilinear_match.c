@@ -13,7 +13,7 @@
 #define MIN_OVER 1e-3    /* and at least so much must lie over the target */
 #define BEYOND 64.0      /* sizes of the target that a match may reach beyond it */
 #define MAX_RECTANGLES 256 /* of one level */
-#define MAX_ALIKE 8.0 /* of the allowed distance: how far corners of patches that are alike may be apart */
+#define MAX_ALIKE 8.0 /* of the cutoff distance: how far corners of patches that are alike may be apart */
 
 /** A rectangle of the source with its match. */
 typedef struct pairing {
@@ -25,7 +25,7 @@ typedef struct pairing {
 typedef struct match_work {
     const qm_bilinear *source;
     qm_bilinear target; /* its parameters in the order of the source's */
-    double allowed;
+    double cutoff;
     qm_match_rest_fn *rest;
     void *user;
 } match_work;
@@ -90,7 +90,7 @@ static void solve_step(const match_work *work, const qm_uv_box *target, const qm
         step[0][k] = (right[0][k] - mixed[k][0] * step[1][0] - mixed[k][1] * step[1][1]) / diagonal[0][k];
 }
 
-/** True when a corner is farther than is allowed from the plane that touches the target at its match: but for
+/** True when a corner is farther than is cutoff from the plane that touches the target at its match: but for
  * the target's bend, no part with that corner is covered, however small. */
 static bool is_out_of_reach(const match_work *work, qm_uv_box *target, const qm_vec difference[4])
 {
@@ -98,7 +98,7 @@ static bool is_out_of_reach(const match_work *work, qm_uv_box *target, const qm_
         qm_vec along_u = qm_vec_axpy(work->target.e1, *side_of(target, i, 1), work->target.w);
         qm_vec along_v = qm_vec_axpy(work->target.e2, *side_of(target, i, 0), work->target.w);
         qm_vec normal = qm_vec_cross(along_u, along_v);
-        if (fabs(qm_vec_dot(difference[i], normal)) > work->allowed * qm_vec_norm(normal)) return true;
+        if (fabs(qm_vec_dot(difference[i], normal)) > work->cutoff * qm_vec_norm(normal)) return true;
     }
     return false;
 }
@@ -115,7 +115,7 @@ static void improve(const match_work *work, pairing *pair, double margin)
     }
     pair->greatest = differences(work, corner, &pair->target, difference);
     bool is_clamped = false;
-    for (int k = 0; k < STEPS && pair->greatest > work->allowed; k++) {
+    for (int k = 0; k < STEPS && pair->greatest > work->cutoff; k++) {
         double step[2][2];
         solve_step(work, &pair->target, difference, step);
         qm_uv_box moved;
@@ -130,7 +130,7 @@ static void improve(const match_work *work, pairing *pair, double margin)
         qm_vec there[4];
         double greatest = differences(work, corner, &moved, there);
         if (!(greatest < pair->greatest)) break;
-        bool is_last = greatest > MIN_GAIN * pair->greatest && greatest > work->allowed;
+        bool is_last = greatest > MIN_GAIN * pair->greatest && greatest > work->cutoff;
         pair->target = moved;
         pair->greatest = greatest;
         for (int i = 0; i < 4; i++)
@@ -138,7 +138,7 @@ static void improve(const match_work *work, pairing *pair, double margin)
         if (is_last) break;
     }
     pair->is_beyond =
-        pair->greatest > work->allowed && (is_clamped || is_out_of_reach(work, &pair->target, difference));
+        pair->greatest > work->cutoff && (is_clamped || is_out_of_reach(work, &pair->target, difference));
 }
 
 /** Rectangles of equal depth. */
@@ -184,7 +184,7 @@ static int drop_covered(const match_work *work, level *here)
     int kept = 0, count = here->count;
     for (int i = 0; i < count; i++) {
         improve(work, &here->at[i], 0.0);
-        if (!(here->at[i].greatest <= work->allowed)) here->at[kept++] = here->at[i];
+        if (!(here->at[i].greatest <= work->cutoff)) here->at[kept++] = here->at[i];
     }
     here->count = kept;
     return count - kept;
@@ -247,7 +247,7 @@ static bool cut_to_target(const match_work *work, pairing *pair, qm_uv_box strip
     pairing beyond = *pair;
     improve(work, &beyond, BEYOND);
     *strips = 0;
-    if (!(beyond.greatest <= work->allowed)) return false;
+    if (!(beyond.greatest <= work->cutoff)) return false;
     for (int axis = 0; axis < 2; axis++) {
         double part[2], low = pair->source.low[axis], size = pair->source.high[axis] - low;
         double from = beyond.target.low[axis], length = beyond.target.high[axis] - from;
@@ -274,7 +274,7 @@ static bool cover_within(const match_work *work, const pairing *whole)
     qm_uv_box strip[4];
     int strips;
     improve(work, &inner, 0.0);
-    if (inner.greatest <= work->allowed) return true;
+    if (inner.greatest <= work->cutoff) return true;
     inner = *whole;
     if (!cut_to_target(work, &inner, strip, &strips)) return cover(work, whole);
     if (!cover(work, &inner)) return false;
@@ -382,9 +382,9 @@ static layout layout_of_corners(const qm_bilinear *source, const qm_bilinear *ta
 }
 
 bool qm_bilinear_match(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
-                       const double middle[2], double allowed, qm_match_rest_fn *rest, void *user)
+                       const double middle[2], double cutoff, qm_match_rest_fn *rest, void *user)
 {
-    match_work work = {.source = source, .allowed = allowed, .rest = rest, .user = user};
+    match_work work = {.source = source, .cutoff = cutoff, .rest = rest, .user = user};
     /* Two patches between nearly the same corners: the same parameters. */
     double difference2;
     work.target = lay_out(target, layout_of_corners(source, target, &difference2));
@@ -400,10 +400,10 @@ static qm_vec sum_of_corners(const qm_bilinear *patch)
 }
 
 bool qm_bilinear_match_alike(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
-                             double allowed, qm_match_rest_fn *rest, void *user)
+                             double cutoff, qm_match_rest_fn *rest, void *user)
 {
-    match_work work = {.source = source, .allowed = allowed, .rest = rest, .user = user};
-    double difference2, most = MAX_ALIKE * allowed;
+    match_work work = {.source = source, .cutoff = cutoff, .rest = rest, .user = user};
+    double difference2, most = MAX_ALIKE * cutoff;
     qm_vec apart = qm_vec_sub(sum_of_corners(source), sum_of_corners(target));
     if (!(qm_vec_norm2(apart) <= 16.0 * most * most)) return false;
     work.target = lay_out(target, layout_of_corners(source, target, &difference2));

@@ -43,11 +43,11 @@ typedef void qm_match_rest_fn(void *user, const qm_uv_box *rest);
  * Returns false, without calling rest, when nothing was covered.
  */
 bool qm_bilinear_match(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
-                       const double middle[2], double allowed, qm_match_rest_fn *rest, void *user);
+                       const double middle[2], double cutoff, qm_match_rest_fn *rest, void *user);
 
 /** Matches two patches whose corners nearly coincide, from equal parameters; false at little cost for other
  * patches. */
 bool qm_bilinear_match_alike(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
-                             double allowed, qm_match_rest_fn *rest, void *user);
+                             double cutoff, qm_match_rest_fn *rest, void *user);
 
 #endif

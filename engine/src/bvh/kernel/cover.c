@@ -13,7 +13,7 @@
 #define MAX_CUTS 48 /* parts cut off a piece before it is given back */
 #define ROUNDS 2    /* of looking where a label ends: one alone cuts too little where distances hardly vary */
 #define STEPS (QM_PACK_LANES - 1) /* between the places along a line that single precision looks at */
-#define MIN_MARGINS 16            /* of single precision that an allowed distance must have */
+#define MIN_MARGINS 16            /* of single precision that an cutoff distance must have */
 #define MIN_PROGRESS 0.02         /* share of an edge that a cut must gain, or the label is not tried again */
 #define CUT_TRIES 3               /* of a cut point, each nearer to the corner that is known to be in reach */
 #define CUT_RETREAT 0.99
@@ -49,19 +49,19 @@ uint64_t QM_KERNEL(in_reach)(const qm_candidates *candidates, qm_vec p)
         unsigned here = 0;
         for (int part = 0; part < QM_PARTS; part++) {
             qm_vd d2 = qm_pack_part_d2(candidates->pack[k], part, s.x, s.y, s.z);
-            qm_vd allowed2 = qm_vd_load(&candidates->allowed2[k][part * QM_WIDTH]);
-            here |= qm_vl_bits(d2 <= allowed2) << (part * QM_WIDTH);
+            qm_vd cutoff2 = qm_vd_load(&candidates->cutoff2[k][part * QM_WIDTH]);
+            here |= qm_vl_bits(d2 <= cutoff2) << (part * QM_WIDTH);
         }
         bits |= (uint64_t)here << (8 * k);
     }
     return bits;
 }
 
-/** In single precision: the lanes of one pack, and the squared distances that are certain to be allowed. */
+/** In single precision: the lanes of one pack, and the squared distances that are certain to be cutoff. */
 typedef struct float_labels {
     const qm_float_pack *pack;
     qm_float_frames frames;
-    qm_vf allowed2;
+    qm_vf cutoff2;
 } float_labels;
 
 /** What a polygon is covered with: candidates, or labels in single precision. */
@@ -74,7 +74,7 @@ static inline uint64_t labels_at(const cover_work *work, qm_vec p)
 {
     if (!work->floats) return QM_KERNEL(in_reach)(work->candidates, p);
     qm_float_point q = qm_float_point_make(work->floats->pack, p);
-    return qm_vi_bits(qm_float_point_d2(&work->floats->frames, &q) <= work->floats->allowed2);
+    return qm_vi_bits(qm_float_point_d2(&work->floats->frames, &q) <= work->floats->cutoff2);
 }
 
 /**
@@ -90,7 +90,7 @@ static inline double float_reach_along(const float_labels *labels, int lane, qm_
     const qm_float_frames frame = qm_float_frames_lane(&labels->frames, lane);
     const qm_float_point from = qm_float_point_make(labels->pack, a);
     const float step[3] = {(float)(b.x - a.x), (float)(b.y - a.y), (float)(b.z - a.z)};
-    const float reach2 = labels->allowed2[lane];
+    const float reach2 = labels->cutoff2[lane];
     float start = 0.0f, length = 1.0f, share = 0.0f;
     for (int round = 0; round < ROUNDS; round++) {
         qm_vf t = start + length * place;
@@ -110,7 +110,7 @@ static inline double reach_along(const cover_work *work, int label, qm_vec a, qm
 {
     int lane = label % QM_PACK_LANES, k = label / QM_PACK_LANES;
     if (work->floats) return float_reach_along(work->floats, lane, a, b);
-    return qm_pack_reach_along(work->candidates->pack[k], lane, work->candidates->allowed2[k][lane], a, b);
+    return qm_pack_reach_along(work->candidates->pack[k], lane, work->candidates->cutoff2[k][lane], a, b);
 }
 
 /** The longest run of neighbouring corners that one label reaches. */
@@ -216,10 +216,10 @@ static inline float greatest_margin(const qm_float_pack *pack, const qm_polygon 
     return greatest;
 }
 
-qm_float_verdict QM_KERNEL(float_cover)(const qm_float_pack *pack, const float *twist, double allowed,
+qm_float_verdict QM_KERNEL(float_cover)(const qm_float_pack *pack, const float *twist, double cutoff,
                                         qm_polygon *p, bool *moved)
 {
-    float margin = greatest_margin(pack, p), rest = qm_float_below(allowed) - margin;
+    float margin = greatest_margin(pack, p), rest = qm_float_below(cutoff) - margin;
     if (!(rest > MIN_MARGINS * margin)) return QM_FLOAT_TOO_COARSE;
     qm_vf reach = qm_vf_set(rest) - (twist ? qm_vf_load(twist) : (qm_vf){0});
     const float_labels labels = {pack, qm_float_frames_make(pack), qm_float_reach2(reach)};

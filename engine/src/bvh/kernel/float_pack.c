@@ -76,15 +76,15 @@ static inline float points_from_middle(const qm_float_pack *pack, const qm_vec *
     return QM_FLOAT_MARGIN * sum + QM_FLOAT_LEAST;
 }
 
-void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double allowed,
-                            const qm_vec *point, unsigned wanted, qm_float_bits *bits)
+void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double cutoff, const qm_vec *point,
+                            unsigned wanted, qm_float_bits *bits)
 {
     const qm_float_frames frames = qm_float_frames_make(pack);
     const qm_vf leave = twist ? qm_vf_load(twist) : (qm_vf){0};
     float at[3 * QM_PACK_LANES][4];
     float margin = points_from_middle(pack, point, wanted, at);
-    qm_vf within2 = qm_float_reach2(qm_float_below(allowed) - margin - leave),
-          about2 = qm_float_reach2(qm_float_above(allowed) + margin - leave);
+    qm_vf within2 = qm_float_reach2(qm_float_below(cutoff) - margin - leave),
+          about2 = qm_float_reach2(qm_float_above(cutoff) + margin - leave);
     for (; wanted; wanted &= wanted - 1) {
         int i = __builtin_ctz(wanted);
         const qm_float_point q = {at[i][0], at[i][1], at[i][2], margin};

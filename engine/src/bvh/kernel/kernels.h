@@ -19,8 +19,8 @@ void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, doubl
 void QM_KERNEL(closest_ties)(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_ties *ties);
 void QM_KERNEL(fill_float)(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES]);
 double QM_KERNEL(float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p);
-void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double allowed,
-                            const qm_vec *point, unsigned wanted, qm_float_bits *bits);
+void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double cutoff, const qm_vec *point,
+                            unsigned wanted, qm_float_bits *bits);
 void QM_KERNEL(float_closest)(const qm_bvh *bvh, qm_vec p, double enough, qm_float_hit *hit);
 void QM_KERNEL(grid_closest)(const qm_grid *grid, qm_vec p, qm_hit *hit);
 void QM_KERNEL(grid_closest_patch)(const qm_grid *grid, qm_vec p, uint32_t start, double error,
@@ -40,7 +40,7 @@ double QM_KERNEL(hull_upper)(const qm_candidates *candidates, const qm_vec *poin
 void QM_KERNEL(shortlist_rows)(const qm_bvh *bvh, const qm_shortlist *list, qm_pack *rows);
 void QM_KERNEL(shortlist_floats)(const qm_bvh *bvh, const qm_shortlist *list, qm_float_pack *rows);
 bool QM_KERNEL(cover)(const qm_candidates *candidates, qm_polygon *polygon, bool *moved);
-qm_float_verdict QM_KERNEL(float_cover)(const qm_float_pack *pack, const float *twist, double allowed,
+qm_float_verdict QM_KERNEL(float_cover)(const qm_float_pack *pack, const float *twist, double cutoff,
                                         qm_polygon *polygon, bool *moved);
 unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_frame *frame, const qm_bvh *bvh,
                                 uint32_t pack, const float *twist, qm_overlay_vertices *vertices);
