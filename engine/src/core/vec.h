@@ -101,7 +101,7 @@ static inline qm_box qm_vec_box(const qm_vec *point, int count)
 }
 
 /** Mean of count points. */
-static inline qm_vec qm_vec_middle(const qm_vec *point, int count)
+static inline qm_vec qm_vec_centroid(const qm_vec *point, int count)
 {
     qm_vec middle = {0, 0, 0};
     for (int i = 0; i < count; i++)

@@ -174,7 +174,7 @@ bool qm_piece_over_patch(const qm_piece_work *work, const qm_polygon *polygon)
 {
     if (polygon->count != 3) return false;
     quad_list list;
-    list_quads(work, qm_polygon_middle(polygon), 0.0, &list);
+    list_quads(work, qm_polygon_centroid(polygon), 0.0, &list);
     return list.count > 0 && qm_piece_over_face(work, take_nearest(&list).face, polygon);
 }
 

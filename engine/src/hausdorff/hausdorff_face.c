@@ -89,7 +89,7 @@ bool qm_piece_cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, b
     if (work->near->count == 0) return false;
     if (try_one_label(work, polygon)) return true;
     qm_shortlist list;
-    work->kernel->shortlist(work->side->target, work->near, qm_polygon_middle(polygon), &list);
+    work->kernel->shortlist(work->side->target, work->near, qm_polygon_centroid(polygon), &list);
     qm_float_verdict verdict = cover_in_floats(work, &list, polygon, moved);
     if (verdict == QM_FLOAT_COVERED) return true;
     if (verdict == QM_FLOAT_TOO_COARSE && cover_in_doubles(work, &list, polygon, moved)) return true;
@@ -162,7 +162,7 @@ static void settle_triangle(qm_piece_work *work)
         qm_piece_reach_corners(work, &polygon);
         if (qm_piece_cover(work, &polygon, &moved)) return;
         /* The middle of what is left is likely as far as any point of the face. */
-        if (!qm_piece_sample_unreached(work, qm_polygon_middle(&polygon))) break;
+        if (!qm_piece_sample_unreached(work, qm_polygon_centroid(&polygon))) break;
     }
     work->worker->cover_cost += COST_OF_FAILURE;
     if (try_overlay(work)) return;

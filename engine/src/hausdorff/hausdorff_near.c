@@ -192,7 +192,7 @@ static bool close_part(near_work *work, part_list *parts, int deeper)
     unsigned bit = parts->open & -parts->open;
     qm_vec corner[4];
     int count = part_corners(parts, __builtin_ctz(bit), corner);
-    qm_vec middle = qm_vec_middle(corner, count);
+    qm_vec middle = qm_vec_centroid(corner, count);
     double radius = qm_vec_radius(corner, count, middle);
     double enough = work->cutoff - radius, sought = fmax(enough, NEAR_SHARE * work->cutoff);
     worker->projections++;
@@ -231,7 +231,7 @@ static bool may_try_parts(qm_worker *worker)
 /** How often the edges of a face must be halved for parts that are small enough. */
 static int level_of(const near_work *work, const qm_vec *corner, int count)
 {
-    double radius = qm_vec_radius(corner, count, qm_vec_middle(corner, count));
+    double radius = qm_vec_radius(corner, count, qm_vec_centroid(corner, count));
     int level = 0;
     for (; level <= TRIANGLE_LEVELS && radius > MAX_RADIUS * work->cutoff; radius *= 0.5)
         level++;

@@ -85,9 +85,9 @@ static inline double qm_piece_cutoff(const qm_piece_work *work)
     return qm_search_cutoff(work->search) * work->side->scale;
 }
 
-static inline qm_vec qm_polygon_middle(const qm_polygon *polygon)
+static inline qm_vec qm_polygon_centroid(const qm_polygon *polygon)
 {
-    return qm_vec_middle(polygon->corner, polygon->count);
+    return qm_vec_centroid(polygon->corner, polygon->count);
 }
 
 /* hausdorff_candidates.c */

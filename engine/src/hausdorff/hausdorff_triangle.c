@@ -44,7 +44,7 @@ bool qm_piece_cover_with(const qm_piece_work *work, const qm_refined *refined, q
 static bool refine(const qm_piece_work *work, const qm_polygon *polygon, qm_refined *refined)
 {
     if (!work->side->target_patches) return false;
-    qm_vec middle = qm_polygon_middle(polygon);
+    qm_vec middle = qm_polygon_centroid(polygon);
     double cutoff = qm_piece_cutoff(work), radius = qm_vec_radius(polygon->corner, polygon->count, middle);
     qm_quads_asked asked = {
         .wanted = QM_NEAR_QUADS, .within = cutoff + radius, .enough = cutoff, .twisted_only = true};
@@ -118,7 +118,7 @@ bool qm_piece_sample_unreached(qm_piece_work *work, qm_vec p)
  * it falls with the size, labels do not. hint becomes the pack of the nearest one. */
 static double ball_upper(const qm_piece_work *work, const qm_piece *piece, double enough, uint32_t *hint)
 {
-    qm_vec middle = qm_vec_middle(piece->corner, piece->corner_count);
+    qm_vec middle = qm_vec_centroid(piece->corner, piece->corner_count);
     double radius = qm_vec_radius(piece->corner, piece->corner_count, middle);
     if (radius >= enough) return enough;
     qm_quads_asked asked = {
@@ -271,7 +271,7 @@ static void process_part(qm_piece_work *work, const qm_part *from)
     }
     for (int attempt = 0; attempt < MAX_ATTEMPTS; attempt++) {
         if (qm_piece_cover(work, &rest, &moved)) return;
-        if (qm_piece_sample_unreached(work, qm_polygon_middle(&rest)))
+        if (qm_piece_sample_unreached(work, qm_polygon_centroid(&rest)))
             qm_piece_reach_corners(work, &rest);
         else if (!qm_piece_sample_corners(work, &rest, from->depth))
             break;
