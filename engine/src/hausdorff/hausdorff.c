@@ -85,7 +85,7 @@ static qm_status set_sides(qm_context *ctx, qm_search *search, const qm_bvh *a, 
 static void start_side(qm_context *ctx, qm_search *search, int index)
 {
     qm_side *side = &search->side[index];
-    uint32_t hint = qm_search_scout(ctx, search, side);
+    uint32_t hint = qm_search_seed_lower(ctx, search, side);
     double radius = sqrt(3.0) * side->source->reach * side->factor;
     double upper = qm_side_pack_upper(search, side, hint, side->shift) + radius;
     qm_entry root = {

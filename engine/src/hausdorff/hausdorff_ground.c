@@ -4,9 +4,9 @@
 
 #define TOUCH 0x1p-36 /* of the reach: two facets of the source meet in a point when both are as near */
 
-static qm_ground ground_of_patch(const qm_vec corner[4], qm_vec place, double *away)
+static qm_incident_facet ground_of_patch(const qm_vec corner[4], qm_vec place, double *away)
 {
-    qm_ground ground = {.patch = qm_bilinear_make(corner)};
+    qm_incident_facet ground = {.patch = qm_bilinear_make(corner)};
     qm_bilinear_foot foot = qm_bilinear_descend(&ground.patch, place, INFINITY);
     ground.uv[0] = foot.uv[0];
     ground.uv[1] = foot.uv[1];
@@ -14,9 +14,9 @@ static qm_ground ground_of_patch(const qm_vec corner[4], qm_vec place, double *a
     return ground;
 }
 
-static qm_ground ground_of_triangle(const qm_vec corner[3], qm_vec place, double *away)
+static qm_incident_facet ground_of_triangle(const qm_vec corner[3], qm_vec place, double *away)
 {
-    qm_ground ground = {
+    qm_incident_facet ground = {
         .patch = {corner[0], qm_vec_sub(corner[1], corner[0]), qm_vec_sub(corner[2], corner[0]), {0, 0, 0}},
         .is_triangle = true,
     };
@@ -30,21 +30,21 @@ static qm_ground ground_of_triangle(const qm_vec corner[3], qm_vec place, double
 }
 
 /** Adds those of a pack. */
-static void add_grounds(const qm_side *side, uint32_t pack, qm_vec place, qm_grounds *out)
+static void add_grounds(const qm_side *side, uint32_t pack, qm_vec place, qm_incident_facets *out)
 {
     const qm_pack_lanes *lanes = &side->source->lanes[pack];
-    for (int lane = 0, count; lane < lanes->lane_count && out->count < QM_MAX_GROUNDS; lane += count - 2) {
+    for (int lane = 0, count; lane < lanes->lane_count && out->count < QM_MAX_INCIDENT; lane += count - 2) {
         qm_vec corner[4];
         count = qm_side_corners(side, lanes, (uint32_t)lane, corner);
         double away;
-        qm_ground ground =
+        qm_incident_facet ground =
             count == 4 ? ground_of_patch(corner, place, &away) : ground_of_triangle(corner, place, &away);
         ground.face = lanes->face[lane];
         if (away <= TOUCH * side->reach) out->at[out->count++] = ground;
     }
 }
 
-void qm_grounds_find(const qm_search *search, const qm_side *side, qm_vec place, qm_grounds *out)
+void qm_incident_find(const qm_search *search, const qm_side *side, qm_vec place, qm_incident_facets *out)
 {
     qm_vec p = qm_vec_scale(1.0 / side->factor, qm_vec_sub(place, side->shift));
     qm_box box = qm_vec_box(&p, 1);
@@ -55,7 +55,7 @@ void qm_grounds_find(const qm_search *search, const qm_side *side, qm_vec place,
         add_grounds(side, near.pack[k], place, out);
 }
 
-int qm_ground_walls(const qm_ground *ground, const double speed[2], qm_slope walls[QM_MAX_WALLS])
+int qm_incident_bounds(const qm_incident_facet *ground, const double speed[2], qm_slope walls[QM_MAX_BOUNDS])
 {
     double u = ground->uv[0], v = ground->uv[1];
     int count = 0;
@@ -72,7 +72,7 @@ int qm_ground_walls(const qm_ground *ground, const double speed[2], qm_slope wal
     return count;
 }
 
-double qm_grounds_largest(const qm_grounds *grounds)
+double qm_incident_longest(const qm_incident_facets *grounds)
 {
     double largest = 0.0;
     for (int i = 0; i < grounds->count; i++) {

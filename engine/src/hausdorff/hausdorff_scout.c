@@ -157,7 +157,7 @@ static void measure_peak(void *data, int index, size_t place)
     measure_pack(worker, shared->side, peak);
 }
 
-uint32_t qm_search_scout(qm_context *ctx, qm_search *search, qm_side *side)
+uint32_t qm_search_seed_lower(qm_context *ctx, qm_search *search, qm_side *side)
 {
     size_t packs = side->source->pack_count;
     int workers = search->worker_count;

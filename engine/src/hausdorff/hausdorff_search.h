@@ -11,7 +11,7 @@
  *   pieces             hausdorff_piece.h    cover by several labels, else split; or, as an option,
  *                      hausdorff_matching.c matched to the facets under their corners, else split
  *   points             hausdorff_sample.c   nearest points, which raise the lower bound
- *   climbs             hausdorff_climb.c    from such a point to one that no direction leads farther from,
+ *   climbs             hausdorff_ascent.c    from such a point to one that no direction leads farther from,
  * over hausdorff_ground.c   facets of the source that meet in a point
  */
 #ifndef QM_HAUSDORFF_SEARCH_H
@@ -110,7 +110,7 @@ typedef struct qm_worker {
     uint32_t witness_face, witness_hint;
     qm_vec witness_point; /* local to the target of the side */
     double witness_slack; /* how far it may be from the source's surface, local */
-    double climb_above;   /* a witness farther than that is worth a climb */
+    double ascend_above;  /* a witness farther than that is worth a climb */
     uint64_t one_label_tries, one_label_probes, one_label_hits; /* how often a single label took a piece */
     uint64_t overlay_tries, overlay_hits; /* how often an overlay settled a face, and how many were covered */
     uint64_t cover_tries;
@@ -207,7 +207,7 @@ qm_vec qm_side_middle(const qm_side *side, uint32_t pack, uint32_t *face);
 
 /** Raises the lower bound by a sparse sample of the source and a closer look where it is farthest, with all
  * workers; keeps the sample as the side's seeds when there is memory for them. Returns a hint. */
-uint32_t qm_search_scout(qm_context *ctx, qm_search *search, qm_side *side);
+uint32_t qm_search_seed_lower(qm_context *ctx, qm_search *search, qm_side *side);
 
 /** Gives the seeds back. */
 void qm_side_reset_seeds(qm_context *ctx, qm_side *side);
@@ -216,14 +216,14 @@ void qm_side_reset_seeds(qm_context *ctx, qm_side *side);
 double qm_side_pack_upper(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p);
 
 /** Climbs from the worker's witness over the source, and measures where that ends. */
-void qm_worker_climb(qm_worker *worker);
+void qm_worker_ascend(qm_worker *worker);
 
 /** The same when the witness is a new one, and that of the lower bound. */
 static inline void qm_worker_follow(qm_worker *worker)
 {
-    if (worker->witness > worker->climb_above &&
+    if (worker->witness > worker->ascend_above &&
         worker->witness >= atomic_load_explicit(&worker->search->lower, memory_order_relaxed))
-        qm_worker_climb(worker);
+        qm_worker_ascend(worker);
 }
 
 /** Creates the workers of a search; false when out of memory: nothing is then left behind. */

@@ -40,7 +40,7 @@ bool qm_search_create_workers(qm_context *ctx, qm_search *search, int count)
     for (int i = 0; i < count; i++) {
         qm_worker *worker = &search->workers[i];
         *worker = (qm_worker){
-            .ctx = ctx, .search = search, .index = i, .top = -1.0, .witness = -1.0, .climb_above = -1.0};
+            .ctx = ctx, .search = search, .index = i, .top = -1.0, .witness = -1.0, .ascend_above = -1.0};
         mtx_init(&worker->lock, mtx_plain);
         qm_queue_init(&worker->queue);
     }

@@ -1,5 +1,5 @@
 /**
- * hausdorff_climb.c: from a witness uphill over the source, to a place from which no direction leads farther
+ * hausdorff_ascent.c: from a witness uphill over the source, to a place from which no direction leads farther
  * from the target. The distance is the least of those to the facets of the target; each of these is nearly
  * linear near a point, and the highest point below them (max_min.h) is where to measure next. A measured
  * point that lies below what was expected brings the facet that was missing.
@@ -39,7 +39,7 @@ typedef struct climb {
     uint32_t hint;
     int measured, facet_count;
     facet facets[MAX_FACETS];
-    qm_grounds grounds;
+    qm_incident_facets grounds;
 } climb;
 
 static void look_from(facet *f, qm_vec p)
@@ -116,13 +116,13 @@ static double measure(climb *c, qm_vec p, bool *is_new)
 }
 
 /** How much is expected to be gained on a ground, and by which step of its parameters. */
-static double expect(const climb *c, const qm_ground *ground, double step[2])
+static double expect(const climb *c, const qm_incident_facet *ground, double step[2])
 {
     qm_vec along_u = qm_vec_axpy(ground->patch.e1, ground->uv[1], ground->patch.w);
     qm_vec along_v = qm_vec_axpy(ground->patch.e2, ground->uv[0], ground->patch.w);
     double speed[2] = {qm_vec_norm(along_u), qm_vec_norm(along_v)};
     if (!(speed[0] > 0.0) || !(speed[1] > 0.0)) return 0.0;
-    qm_slope slopes[MAX_FACETS + QM_MAX_WALLS];
+    qm_slope slopes[MAX_FACETS + QM_MAX_BOUNDS];
     int count = 0;
     for (; count < c->facet_count; count++) {
         const facet *f = &c->facets[count];
@@ -131,7 +131,7 @@ static double expect(const climb *c, const qm_ground *ground, double step[2])
             .height = f->distance,
         };
     }
-    count += qm_ground_walls(ground, speed, slopes + count);
+    count += qm_incident_bounds(ground, speed, slopes + count);
     double expected = qm_max_min(slopes, count, c->radius, step);
     for (int k = 0; k < 2; k++)
         step[k] /= speed[k];
@@ -147,7 +147,7 @@ static void move_to(climb *c, qm_vec p, double distance)
 }
 
 /** Climbs on one facet of the source as far as it leads. True when that was a way. */
-static bool climb_ground(climb *c, qm_ground *ground, double enough)
+static bool ascend_on(climb *c, qm_incident_facet *ground, double enough)
 {
     qm_vec from = c->place;
     while (c->measured < MAX_MEASURED) {
@@ -171,9 +171,9 @@ static bool climb_ground(climb *c, qm_ground *ground, double enough)
 }
 
 /** The facet of the source at the place that promises most, or NULL. */
-static qm_ground *best_ground(climb *c, double enough)
+static qm_incident_facet *best_incident(climb *c, double enough)
 {
-    qm_ground *best = NULL;
+    qm_incident_facet *best = NULL;
     double most = enough;
     for (int i = 0; i < c->grounds.count; i++) {
         double step[2], expected = expect(c, &c->grounds.at[i], step);
@@ -184,7 +184,7 @@ static qm_ground *best_ground(climb *c, double enough)
     return best;
 }
 
-void qm_worker_climb(qm_worker *worker)
+void qm_worker_ascend(qm_worker *worker)
 {
     const qm_search *search = worker->search;
     const qm_side *side = &search->side[worker->witness_side];
@@ -193,15 +193,15 @@ void qm_worker_climb(qm_worker *worker)
     c.hint = worker->witness_hint;
     bool is_new;
     c.distance = measure(&c, c.place, &is_new);
-    qm_grounds_find(search, side, c.place, &c.grounds);
-    c.radius = qm_grounds_largest(&c.grounds);
+    qm_incident_find(search, side, c.place, &c.grounds);
+    c.radius = qm_incident_longest(&c.grounds);
     /* A witness may lie beside the source; what is climbed to lies on it. */
     uint32_t face = QM_NO_INDEX;
-    for (qm_ground *ground; c.measured < MAX_MEASURED && (ground = best_ground(&c, enough));) {
-        if (!climb_ground(&c, ground, enough)) continue;
+    for (qm_incident_facet *ground; c.measured < MAX_MEASURED && (ground = best_incident(&c, enough));) {
+        if (!ascend_on(&c, ground, enough)) continue;
         face = ground->face;
-        qm_grounds_find(search, side, c.place, &c.grounds);
+        qm_incident_find(search, side, c.place, &c.grounds);
     }
     if (face != QM_NO_INDEX) qm_worker_sample(worker, side, c.place, 0.0, face, 0.0, &c.hint);
-    worker->climb_above = worker->witness + MIN_RISE * search->tolerance;
+    worker->ascend_above = worker->witness + MIN_RISE * search->tolerance;
 }
