@@ -18,31 +18,31 @@ typedef struct patch_finder {
     qm_patch_links links;
     qm_patch_trace trace;
     uint32_t *owner; /* block of each face */
-    qm_cell_block *block;
+    qm_quad_cell_block *block;
     size_t block_count, block_capacity;
 } patch_finder;
 
 /** The block of a cell; where cells run into themselves, cuts are made first. False: out of memory. */
-static bool find_block(patch_finder *finder, uint32_t face, qm_cell_block *block)
+static bool find_block(patch_finder *finder, uint32_t face, qm_quad_cell_block *block)
 {
     unsigned ring;
-    while (!qm_cell_block_find(&finder->links, qm_cell_make(face), block, &ring)) {
-        qm_cell cell = qm_cell_make(face);
-        if ((ring & 1) && !qm_patch_trace_start_through(&finder->trace, (qm_side){face, cell.u}))
+    while (!qm_quad_cell_block_find(&finder->links, qm_quad_cell_make(face), block, &ring)) {
+        qm_quad_cell cell = qm_quad_cell_make(face);
+        if ((ring & 1) && !qm_patch_trace_start_through(&finder->trace, (qm_quad_side){face, cell.u}))
             return false;
-        if ((ring & 2) && !qm_links_is_cut(&finder->links, (qm_side){face, cell.v}) &&
-            !qm_patch_trace_start_through(&finder->trace, (qm_side){face, cell.v}))
+        if ((ring & 2) && !qm_links_is_cut(&finder->links, (qm_quad_side){face, cell.v}) &&
+            !qm_patch_trace_start_through(&finder->trace, (qm_quad_side){face, cell.v}))
             return false;
         qm_patch_trace_run(&finder->trace);
     }
     return true;
 }
 
-static bool add_block(patch_finder *finder, const qm_cell_block *block)
+static bool add_block(patch_finder *finder, const qm_quad_cell_block *block)
 {
     if (finder->block_count == finder->block_capacity) {
         size_t capacity = 2 * finder->block_capacity + 64;
-        qm_cell_block *grown =
+        qm_quad_cell_block *grown =
             qm_context_resize(finder->ctx, finder->block, finder->block_capacity, capacity, sizeof *grown);
         if (!grown) return false;
         finder->block = grown;
@@ -53,21 +53,21 @@ static bool add_block(patch_finder *finder, const qm_cell_block *block)
 }
 
 /** Calls visit for every cell of a block, row by row. */
-static void visit_cells(const qm_patch_links *links, const qm_cell_block *block,
-                        void (*visit)(void *user, size_t place, qm_cell cell), void *user)
+static void visit_cells(const qm_patch_links *links, const qm_quad_cell_block *block,
+                        void (*visit)(void *user, size_t place, qm_quad_cell cell), void *user)
 {
-    qm_cell row = block->first;
+    qm_quad_cell row = block->first;
     for (size_t r = 0; r < block->rows; r++) {
-        qm_cell cell = row;
+        qm_quad_cell cell = row;
         for (size_t c = 0; c < block->columns; c++) {
             visit(user, r * block->columns + c, cell);
-            if (c + 1 < block->columns) qm_cell_next(links, &cell);
+            if (c + 1 < block->columns) qm_quad_cell_next(links, &cell);
         }
-        if (r + 1 < block->rows) qm_cell_next_row(links, &row);
+        if (r + 1 < block->rows) qm_quad_cell_next_row(links, &row);
     }
 }
 
-static void own_cell(void *user, size_t place, qm_cell cell)
+static void own_cell(void *user, size_t place, qm_quad_cell cell)
 {
     (void)place;
     patch_finder *finder = user;
@@ -81,7 +81,7 @@ static qm_status find_blocks(patch_finder *finder)
     for (size_t f = 0; f < finder->mesh->face_count; f++)
         finder->owner[f] = NO_OWNER;
     for (uint32_t f = 0; f < finder->mesh->face_count; f++) {
-        qm_cell_block block;
+        qm_quad_cell_block block;
         if (finder->owner[f] != NO_OWNER) continue;
         if (qm_context_canceled(finder->ctx)) return QM_E_CANCELED;
         if (!find_block(finder, f, &block) || !add_block(finder, &block)) return QM_E_NO_MEMORY;
@@ -96,11 +96,11 @@ typedef struct patch_writer {
     uint8_t *turns;
 } patch_writer;
 
-static void write_cell(void *user, size_t place, qm_cell cell)
+static void write_cell(void *user, size_t place, qm_quad_cell cell)
 {
     const patch_writer *writer = user;
     writer->faces[place] = cell.face;
-    writer->turns[place] = qm_cell_turn(cell);
+    writer->turns[place] = qm_quad_cell_turn(cell);
 }
 
 static qm_status write_patches(const patch_finder *finder, qm_patch_set *out)
@@ -114,7 +114,7 @@ static qm_status write_patches(const patch_finder *finder, qm_patch_set *out)
     if (!out->patches || !out->faces || !out->turns) return QM_E_NO_MEMORY;
     size_t first = 0;
     for (size_t i = 0; i < out->patch_count; i++) {
-        const qm_cell_block *block = &finder->block[i];
+        const qm_quad_cell_block *block = &finder->block[i];
         out->patches[i] = (qm_regular_patch){first, block->rows, block->columns};
         patch_writer writer = {out->faces + first, out->turns + first};
         visit_cells(&finder->links, block, write_cell, &writer);

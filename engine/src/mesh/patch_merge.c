@@ -18,7 +18,7 @@ typedef struct block_side {
 typedef struct merger {
     qm_context *ctx;
     qm_patch_links *links;
-    qm_cell_block *block;
+    qm_quad_cell_block *block;
     size_t count;
     uint32_t *owner;
     uint32_t *parent;  /* union-find over the blocks */
@@ -74,7 +74,7 @@ static uint32_t find_block(merger *work, uint32_t face)
 
 static bool push_sides(merger *work, uint32_t block)
 {
-    const qm_cell_block *at = &work->block[block];
+    const qm_quad_cell_block *at = &work->block[block];
     for (uint32_t side = 0; side < 4; side++)
         if (!push(work, (block_side){side < 2 ? at->rows : at->columns, block, work->version[block], side}))
             return false;
@@ -82,56 +82,56 @@ static bool push_sides(merger *work, uint32_t block)
 }
 
 /** The cell at one end of a side: u looks over the side, v runs along it. */
-static qm_cell side_cell(const qm_patch_links *links, const qm_cell_block *block, uint32_t side)
+static qm_quad_cell side_cell(const qm_patch_links *links, const qm_quad_cell_block *block, uint32_t side)
 {
-    qm_cell cell = side < 2 ? block->first : qm_cell_swap(block->first);
-    if (side & 1) return qm_cell_reverse_u(cell);
-    while (qm_cell_next(links, &cell)) {
+    qm_quad_cell cell = side < 2 ? block->first : qm_quad_cell_swap(block->first);
+    if (side & 1) return qm_quad_cell_reverse_u(cell);
+    while (qm_quad_cell_next(links, &cell)) {
     }
     return cell;
 }
 
-static bool cell_equals(qm_cell a, qm_cell b)
+static bool cell_equals(qm_quad_cell a, qm_quad_cell b)
 {
     return a.face == b.face && a.u == b.u && a.v == b.v;
 }
 
 /** The cell beyond the cut that u looks at; false where there is none. */
-static bool cell_beyond(const qm_patch_links *links, qm_cell cell, qm_cell *beyond)
+static bool cell_beyond(const qm_patch_links *links, qm_quad_cell cell, qm_quad_cell *beyond)
 {
-    if (!qm_links_has(links, (qm_side){cell.face, cell.u})) return false;
+    if (!qm_links_has(links, (qm_quad_side){cell.face, cell.u})) return false;
     *beyond = cell;
-    qm_cell_cross(links, beyond);
+    qm_quad_cell_cross(links, beyond);
     return true;
 }
 
 /** True when another block lies along the whole side that begins at this cell, and ends where it ends. */
-static bool is_shared(merger *work, qm_cell cell, uint32_t *other)
+static bool is_shared(merger *work, qm_quad_cell cell, uint32_t *other)
 {
     const qm_patch_links *links = work->links;
-    qm_cell beyond, opposite;
+    qm_quad_cell beyond, opposite;
     if (!cell_beyond(links, cell, &beyond)) return false;
     *other = find_block(work, beyond.face);
     if (*other == find_block(work, cell.face)) return false;
-    if (!qm_links_is_cut(links, (qm_side){beyond.face, (beyond.v + 2) & 3})) return false;
-    while (qm_cell_next_row(links, &cell)) {
-        if (!qm_cell_next_row(links, &beyond)) return false;
+    if (!qm_links_is_cut(links, (qm_quad_side){beyond.face, (beyond.v + 2) & 3})) return false;
+    while (qm_quad_cell_next_row(links, &cell)) {
+        if (!qm_quad_cell_next_row(links, &beyond)) return false;
         if (!cell_beyond(links, cell, &opposite) || !cell_equals(beyond, opposite)) return false;
     }
-    return qm_links_is_cut(links, (qm_side){beyond.face, beyond.v});
+    return qm_links_is_cut(links, (qm_quad_side){beyond.face, beyond.v});
 }
 
-static bool join(merger *work, uint32_t block, uint32_t other, qm_cell cell)
+static bool join(merger *work, uint32_t block, uint32_t other, qm_quad_cell cell)
 {
     do
-        qm_links_set_cut(work->links, (qm_side){cell.face, cell.u}, false);
-    while (qm_cell_next_row(work->links, &cell));
+        qm_links_set_cut(work->links, (qm_quad_side){cell.face, cell.u}, false);
+    while (qm_quad_cell_next_row(work->links, &cell));
     uint32_t kept = block < other ? block : other, gone = block < other ? other : block;
     work->parent[gone] = kept;
     work->version[gone]++;
     work->version[kept]++;
     unsigned ring;
-    bool found = qm_cell_block_find(work->links, work->block[kept].first, &work->block[kept], &ring);
+    bool found = qm_quad_cell_block_find(work->links, work->block[kept].first, &work->block[kept], &ring);
     QM_ASSERT(found);
     return found && push_sides(work, kept);
 }
@@ -147,14 +147,14 @@ static qm_status merge_all(merger *work)
         if (looked % CANCEL_STRIDE == 0 && qm_context_canceled(work->ctx)) return QM_E_CANCELED;
         block_side side = pop(work);
         if (side.version != work->version[side.block]) continue;
-        qm_cell cell = side_cell(work->links, &work->block[side.block], side.side);
+        qm_quad_cell cell = side_cell(work->links, &work->block[side.block], side.side);
         uint32_t other;
         if (is_shared(work, cell, &other) && !join(work, side.block, other, cell)) return QM_E_NO_MEMORY;
     }
     return QM_OK;
 }
 
-qm_status qm_patch_merge(qm_context *ctx, qm_patch_links *links, qm_cell_block *block, size_t count,
+qm_status qm_patch_merge(qm_context *ctx, qm_patch_links *links, qm_quad_cell_block *block, size_t count,
                          uint32_t *owner)
 {
     merger work = {.ctx = ctx, .links = links, .block = block, .count = count, .owner = owner};

@@ -12,7 +12,7 @@
  *
  * Returns QM_OK, QM_E_NO_MEMORY or QM_E_CANCELED.
  */
-qm_status qm_patch_merge(qm_context *ctx, qm_patch_links *links, qm_cell_block *block, size_t count,
+qm_status qm_patch_merge(qm_context *ctx, qm_patch_links *links, qm_quad_cell_block *block, size_t count,
                          uint32_t *owner);
 
 #endif

@@ -109,7 +109,7 @@ static bool find_next(const qm_patch_links *links, qm_spoke step, qm_spoke *next
     return at.at.face == step.at.face && at.at.side == step.at.side;
 }
 
-bool qm_patch_trace_start_through(qm_patch_trace *trace, qm_side side)
+bool qm_patch_trace_start_through(qm_patch_trace *trace, qm_quad_side side)
 {
     qm_spoke one = {side, side.side}, next;
     qm_links_set_cut(trace->links, side, true);

@@ -15,7 +15,7 @@ typedef struct qm_patch_trace {
 } qm_patch_trace;
 
 /** Makes a side that has a link a cut, which goes on at both its ends. False: out of memory. */
-bool qm_patch_trace_start_through(qm_patch_trace *trace, qm_side side);
+bool qm_patch_trace_start_through(qm_patch_trace *trace, qm_quad_side side);
 
 /** Lets cuts begin at every irregular vertex. False: out of memory. */
 bool qm_patch_trace_start_irregular(qm_patch_trace *trace);

@@ -77,7 +77,7 @@ static bool copy_grid(const qm_patch_grid *from, int turn, qm_patch_grid *to)
             /* The place before each turn; the numbers of the other turns mean nothing and are not used. */
             const uint32_t column[4] = {i, from->columns - j, from->columns - i, j};
             const uint32_t row[4] = {j, i, from->rows - j, from->rows - i};
-            size_t place = qm_grid_place(from, column[turn], row[turn]), copy = qm_grid_place(to, i, j);
+            size_t place = qm_grid_index(from, column[turn], row[turn]), copy = qm_grid_index(to, i, j);
             memcpy(to->vertices + 3 * copy, from->vertices + 3 * place, ROW);
             to->in_hole[copy] = from->in_hole[place];
         }

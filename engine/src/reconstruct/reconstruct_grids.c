@@ -39,17 +39,17 @@ static void set_outline(const qm_reconstruction *r, size_t p)
     const qm_layout_patch *patch = &r->layout.patches[p];
     qm_patch_grid *grid = &r->grids[p];
     for (uint32_t i = 0; i <= grid->columns; i++) {
-        memcpy(qm_grid_vertex(grid, i, 0), qm_side_vertex(r, patch, 0, i), ROW);
-        memcpy(qm_grid_vertex(grid, i, grid->rows), qm_side_vertex(r, patch, 2, grid->columns - i), ROW);
+        memcpy(qm_grid_vertex(grid, i, 0), qm_border_vertex(r, patch, 0, i), ROW);
+        memcpy(qm_grid_vertex(grid, i, grid->rows), qm_border_vertex(r, patch, 2, grid->columns - i), ROW);
     }
     for (uint32_t j = 0; j <= grid->rows; j++) {
-        memcpy(qm_grid_vertex(grid, grid->columns, j), qm_side_vertex(r, patch, 1, j), ROW);
-        memcpy(qm_grid_vertex(grid, 0, j), qm_side_vertex(r, patch, 3, grid->rows - j), ROW);
+        memcpy(qm_grid_vertex(grid, grid->columns, j), qm_border_vertex(r, patch, 1, j), ROW);
+        memcpy(qm_grid_vertex(grid, 0, j), qm_border_vertex(r, patch, 3, grid->rows - j), ROW);
     }
 }
 
 /** Bilinearly blended: two ruled surfaces less the bilinear one of the corners (6.4 of the source). */
-qm_vec qm_grid_coons(const qm_patch_grid *grid, const qm_grid_block *block, uint32_t column, uint32_t row)
+qm_vec qm_grid_coons(const qm_patch_grid *grid, const qm_vertex_block *block, uint32_t column, uint32_t row)
 {
     uint32_t left = block->low[0], right = block->high[0], first = block->low[1], last = block->high[1];
     double u = (double)(column - left) / (right - left), v = (double)(row - first) / (last - first);
@@ -62,7 +62,7 @@ qm_vec qm_grid_coons(const qm_patch_grid *grid, const qm_grid_block *block, uint
 
 static void blend_coons(qm_patch_grid *grid)
 {
-    const qm_grid_block whole = {{0, 0}, {grid->columns, grid->rows}};
+    const qm_vertex_block whole = {{0, 0}, {grid->columns, grid->rows}};
     for (uint32_t j = 1; j < grid->rows; j++)
         for (uint32_t i = 1; i < grid->columns; i++)
             qm_vec_store(qm_grid_vertex(grid, i, j), qm_grid_coons(grid, &whole, i, j));

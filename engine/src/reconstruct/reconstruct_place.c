@@ -245,7 +245,7 @@ static bool find_moves(const qm_reconstruction *r, const vertex_bins *bins, cons
         move[k] = (qm_vec){0, 0, 0};
     for (uint32_t j = 1; j < grid->rows; j++) {
         for (uint32_t i = 1; i < grid->columns; i++) {
-            size_t k = qm_grid_place(grid, i, j);
+            size_t k = qm_grid_index(grid, i, j);
             grid->in_hole[k] = !find_move(r, bins, samples, p, i, j, &move[k]);
             has_hole |= grid->in_hole[k];
         }
@@ -280,7 +280,7 @@ static void apply_moves(const qm_source *source, qm_patch_grid *grid, const qm_v
 {
     for (uint32_t j = 1; j < grid->rows; j++) {
         for (uint32_t i = 1; i < grid->columns; i++) {
-            size_t k = qm_grid_place(grid, i, j);
+            size_t k = qm_grid_index(grid, i, j);
             double *vertex = grid->vertices + 3 * k;
             qm_vec_store(vertex, qm_vec_add(qm_vec_load(vertex), move[k]));
             if (grid->in_hole[k]) pull_blended(source, vertex);

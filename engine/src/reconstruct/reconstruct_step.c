@@ -61,7 +61,7 @@ static void count_moved(const qm_reconstruction *r, const qm_saved_state *saved,
         for (uint32_t j = 1; j < up->edges; j++) {
             for (uint32_t i = 1; i < across->edges; i++) {
                 out->moved_vertices++;
-                out->holes_filled += grid->in_hole[qm_grid_place(grid, i * (grid->columns / across->edges),
+                out->holes_filled += grid->in_hole[qm_grid_index(grid, i * (grid->columns / across->edges),
                                                                  j * (grid->rows / up->edges))];
             }
         }

@@ -58,10 +58,10 @@ static uint32_t run_at(const qm_patch_grid *grid, uint32_t i, uint32_t j, bool a
     return run_length(&line);
 }
 
-static qm_grid_block block_around(const qm_patch_grid *grid, const qm_grid_block *inner, uint32_t reach)
+static qm_vertex_block block_around(const qm_patch_grid *grid, const qm_vertex_block *inner, uint32_t reach)
 {
     const uint32_t most[2] = {grid->columns, grid->rows};
-    qm_grid_block out;
+    qm_vertex_block out;
     for (int k = 0; k < 2; k++) {
         out.low[k] = inner->low[k] > reach ? inner->low[k] - reach : 0;
         out.high[k] = inner->high[k] + reach < most[k] ? inner->high[k] + reach : most[k];
@@ -89,7 +89,7 @@ static bool sticks_out(const qm_patch_grid *grid, uint32_t i, uint32_t j)
 }
 
 /** Quads of a block that are folded, stick out, or start a turned run. */
-static size_t count_bad(const qm_patch_grid *grid, const qm_grid_block *b)
+static size_t count_bad(const qm_patch_grid *grid, const qm_vertex_block *b)
 {
     size_t bad = 0;
     for (uint32_t j = b->low[1]; j < b->high[1]; j++)
@@ -101,11 +101,11 @@ static size_t count_bad(const qm_patch_grid *grid, const qm_grid_block *b)
 
 /** Lays the inside of a block anew, on the surface or between its border alone; keeps it when fewer quads are
  * bad then, in and around it. */
-static bool lay_anew(const qm_source *source, const qm_patch_grid *grid, const qm_grid_block *b, bool pulls)
+static bool lay_anew(const qm_source *source, const qm_patch_grid *grid, const qm_vertex_block *b, bool pulls)
 {
     double saved[BLOCK_SIDE][3 * BLOCK_SIDE];
     size_t width = b->high[0] - b->low[0] - 1;
-    qm_grid_block seen = block_around(grid, b, LONGEST_RUN + 1);
+    qm_vertex_block seen = block_around(grid, b, LONGEST_RUN + 1);
     size_t before = count_bad(grid, &seen);
     for (uint32_t j = b->low[1] + 1; j < b->high[1]; j++)
         memcpy(saved[j - b->low[1]], qm_grid_vertex(grid, b->low[0] + 1, j), width * ROW);
@@ -124,11 +124,11 @@ static bool lay_anew(const qm_source *source, const qm_patch_grid *grid, const q
     return false;
 }
 
-static bool unturn_block(const qm_source *source, const qm_patch_grid *grid, const qm_grid_block *run,
+static bool unturn_block(const qm_source *source, const qm_patch_grid *grid, const qm_vertex_block *run,
                          uint32_t widest, bool pulls)
 {
     for (uint32_t reach = 1; reach <= widest; reach *= 2) {
-        qm_grid_block b = block_around(grid, run, reach);
+        qm_vertex_block b = block_around(grid, run, reach);
         if (lay_anew(source, grid, &b, pulls)) return true;
     }
     return false;
@@ -141,7 +141,7 @@ static bool unturn_quad(const qm_source *source, const qm_patch_grid *grid, uint
     uint32_t across = run_at(grid, i, j, true), down = run_at(grid, i, j, false);
     bool is_turned = across > 0 || down > 0 || is_folded(grid, i, j);
     if (!is_turned && !(source->is_cloud && sticks_out(grid, i, j))) return false;
-    qm_grid_block run = {{i, j}, {i + (across > 0 ? across : 1), j + (down > 0 ? down : 1)}};
+    qm_vertex_block run = {{i, j}, {i + (across > 0 ? across : 1), j + (down > 0 ? down : 1)}};
     if (unturn_block(source, grid, &run, is_turned ? WIDEST : WIDEST_OFF, true)) return true;
     return source->is_cloud && unturn_block(source, grid, &run, is_turned ? WIDEST : WIDEST_OFF, false);
 }

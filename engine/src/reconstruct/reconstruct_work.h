@@ -87,14 +87,14 @@ static inline double qm_reconstruction_reach(const qm_reconstruction *r)
     return r->options.cover_share * r->source.diagonal;
 }
 
-static inline size_t qm_grid_place(const qm_patch_grid *grid, uint32_t column, uint32_t row)
+static inline size_t qm_grid_index(const qm_patch_grid *grid, uint32_t column, uint32_t row)
 {
     return (size_t)row * (grid->columns + 1) + column;
 }
 
 static inline double *qm_grid_vertex(const qm_patch_grid *grid, uint32_t column, uint32_t row)
 {
-    return grid->vertices + 3 * qm_grid_place(grid, column, row);
+    return grid->vertices + 3 * qm_grid_index(grid, column, row);
 }
 
 static inline qm_vec qm_grid_at(const qm_patch_grid *grid, uint32_t column, uint32_t row)
@@ -111,9 +111,9 @@ static inline double qm_grid_quad_sine(const qm_patch_grid *grid, uint32_t colum
 }
 
 /** Vertices from low to high of a grid: columns, then rows. */
-typedef struct qm_grid_block {
+typedef struct qm_vertex_block {
     uint32_t low[2], high[2];
-} qm_grid_block;
+} qm_vertex_block;
 
 static inline size_t qm_grid_vertex_count(const qm_patch_grid *grid)
 {
@@ -121,8 +121,8 @@ static inline size_t qm_grid_vertex_count(const qm_patch_grid *grid)
 }
 
 /** Vertex k, counted along the side (0 at corner `side`), of a side of a patch. */
-static inline const double *qm_side_vertex(const qm_reconstruction *r, const qm_layout_patch *patch, int side,
-                                           uint32_t k)
+static inline const double *qm_border_vertex(const qm_reconstruction *r, const qm_layout_patch *patch,
+                                             int side, uint32_t k)
 {
     const qm_track *track = &r->tracks[patch->side[side]];
     return track->vertices + 3 * (size_t)(patch->against[side] ? track->vertex_edges - k : k);
@@ -167,7 +167,7 @@ bool qm_grid_allocate(qm_context *ctx, qm_patch_grid *grid);
 void qm_grid_free(qm_context *ctx, qm_patch_grid *grid);
 
 /** Where a vertex lies in the Coons patch over the border of a block. */
-qm_vec qm_grid_coons(const qm_patch_grid *grid, const qm_grid_block *block, uint32_t column, uint32_t row);
+qm_vec qm_grid_coons(const qm_patch_grid *grid, const qm_vertex_block *block, uint32_t column, uint32_t row);
 
 /** Grids as Coons patches; doubled to their chords' counts; inner vertices evened out within the surface. */
 qm_status qm_grids_create(qm_context *ctx, qm_reconstruction *r);
