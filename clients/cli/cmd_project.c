@@ -61,7 +61,7 @@ static bool read_binary(const question *asked, uint8_t *bytes, size_t size, poin
         return false;
     }
     qm_rows_turn_bytes(out->rows, 3 * out->count);
-    size_t bad = qm_feet_find_bad(out->rows, 3 * out->count);
+    size_t bad = qm_projections_find_bad(out->rows, 3 * out->count);
     if (bad == 3 * out->count) return true;
     qm_problem problem =
         qm_problem_make(QM_PROBLEM_NOT_FINITE, "point %zu has a coordinate that is not finite", bad / 3);
@@ -122,13 +122,13 @@ typedef struct target {
 static bool write_block(const question *asked, qm_context *ctx, const target *on, const point_list *points,
                         size_t first, qm_text *text, FILE *out)
 {
-    size_t rest = points->count - first, count = rest < QM_FEET_BLOCK ? rest : QM_FEET_BLOCK;
-    qm_feet feet;
-    qm_status status = qm_feet_find(ctx, &on->mesh, &on->locator, asked->quads, points->rows + 3 * first,
-                                    count, asked->threads, &feet);
+    size_t rest = points->count - first, count = rest < QM_PROJECTIONS_BLOCK ? rest : QM_PROJECTIONS_BLOCK;
+    qm_projections feet;
+    qm_status status = qm_projections_find(ctx, &on->mesh, &on->locator, asked->quads,
+                                           points->rows + 3 * first, count, asked->threads, &feet);
     if (status == QM_OK) {
-        qm_feet_write(text, asked->rows, &feet, on->mesh.diagonal, first == 0);
-        qm_feet_reset(ctx, &feet);
+        qm_projections_write(text, asked->rows, &feet, on->mesh.diagonal, first == 0);
+        qm_projections_reset(ctx, &feet);
         if (text->failed) status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the rows");
     }
     if (status != QM_OK) {
@@ -145,10 +145,10 @@ static bool write_rows(const question *asked, qm_context *ctx, const target *on,
 {
     qm_text text = {0};
     bool good = true;
-    qm_feet_write_begin(&text, asked->rows);
-    for (size_t first = 0; good && first < points->count; first += QM_FEET_BLOCK)
+    qm_projections_write_begin(&text, asked->rows);
+    for (size_t first = 0; good && first < points->count; first += QM_PROJECTIONS_BLOCK)
         good = write_block(asked, ctx, on, points, first, &text, out);
-    qm_feet_write_end(&text, asked->rows);
+    qm_projections_write_end(&text, asked->rows);
     if (good && text.size > 0) fwrite(text.data, 1, text.size, out);
     qm_text_reset(&text);
     return good;

@@ -6,7 +6,7 @@
 #include "job/json_in.h"
 #include "media.h"
 #include "mesh/etag.h"
-#include "ops/feet.h"
+#include "ops/projections.h"
 
 /** The body on the heap, with room for times its size and a zero after it; NULL with a problem. */
 static char *read_body(const qm_blob_writer *upload, size_t times, size_t *size, qm_problem *problem)
@@ -38,7 +38,7 @@ static bool read_numbers(char *bytes, size_t size, bool is_float, qm_moved_verti
         return false;
     }
     out->positions = (double *)(void *)bytes;
-    (is_float ? qm_feet_widen : qm_rows_turn_bytes)(out->positions, 3 * out->count);
+    (is_float ? qm_projections_widen : qm_rows_turn_bytes)(out->positions, 3 * out->count);
     return true;
 }
 

@@ -12,8 +12,8 @@
 #include "base/parallel.h"
 #include "handlers.h"
 #include "media.h"
-#include "ops/feet.h"
 #include "ops/job_names.h"
+#include "ops/projections.h"
 
 #define MAX_THREADS 256
 
@@ -52,7 +52,7 @@ static void end_projecting(void *user)
 static size_t block_count(const projecting *p, uint64_t first)
 {
     uint64_t rest = p->count - first;
-    return rest < QM_FEET_BLOCK ? (size_t)rest : QM_FEET_BLOCK;
+    return rest < QM_PROJECTIONS_BLOCK ? (size_t)rest : QM_PROJECTIONS_BLOCK;
 }
 
 /** Reads points of the body; the array has room for three doubles each. */
@@ -64,7 +64,7 @@ static bool read_block(const projecting *p, uint64_t first, double *points, qm_p
         return false;
     }
     if (p->type == F32)
-        qm_feet_widen(points, 3 * count);
+        qm_projections_widen(points, 3 * count);
     else
         qm_rows_turn_bytes(points, 3 * count);
     return true;
@@ -78,7 +78,7 @@ static double *make_block(const projecting *p, uint64_t first)
 /** False with the place of the first coordinate that is not finite, or of a point that is out of scale. */
 static bool check_block(const projecting *p, uint64_t first, const double *points, qm_problem *problem)
 {
-    size_t count = 3 * block_count(p, first), bad = qm_feet_find_bad(points, count);
+    size_t count = 3 * block_count(p, first), bad = qm_projections_find_bad(points, count);
     if (bad == count) {
         qm_context ctx = qm_context_make();
         qm_status status =
@@ -111,14 +111,15 @@ static bool project_block(projecting *p, double *points, size_t count, qm_text *
     const qm_loaded_mesh *mesh = qm_mesh_ref_get(p->mesh);
     qm_context ctx = qm_context_make();
     ctx.parallel = qm_parallel_run;
-    qm_feet feet;
-    qm_status status = qm_feet_find(&ctx, mesh, &p->locator, p->quads, points, count, p->threads, &feet);
+    qm_projections feet;
+    qm_status status =
+        qm_projections_find(&ctx, mesh, &p->locator, p->quads, points, count, p->threads, &feet);
     if (status != QM_OK) {
         *problem = qm_problem_from_status(status, ctx.message);
         return false;
     }
-    qm_feet_write(out, p->rows, &feet, mesh->diagonal, p->done == 0);
-    qm_feet_reset(&ctx, &feet);
+    qm_projections_write(out, p->rows, &feet, mesh->diagonal, p->done == 0);
+    qm_projections_reset(&ctx, &feet);
     return true;
 }
 
@@ -127,7 +128,7 @@ static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
     projecting *p = user;
     size_t count = block_count(p, p->done);
     double *points = make_block(p, p->done);
-    if (p->done == 0) qm_feet_write_begin(out, p->rows);
+    if (p->done == 0) qm_projections_write_begin(out, p->rows);
     bool good =
         points && read_block(p, p->done, points, problem) && project_block(p, points, count, out, problem);
     if (!points) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the points");
@@ -135,7 +136,7 @@ static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
     if (!good) return QM_BLOCK_FAILED;
     p->done += count;
     if (p->done < p->count) return QM_BLOCK_MORE;
-    qm_feet_write_end(out, p->rows);
+    qm_projections_write_end(out, p->rows);
     return QM_BLOCK_LAST;
 }
 
@@ -224,7 +225,7 @@ void qm_handle_mesh_project(qm_request *request)
         qm_reply_problem(request, &problem);
         return;
     }
-    uint64_t size = p->rows == QM_ROWS_BINARY ? p->count * QM_FEET_ROW_SIZE : QM_SIZE_UNKNOWN;
+    uint64_t size = p->rows == QM_ROWS_BINARY ? p->count * QM_PROJECTIONS_ROW_SIZE : QM_SIZE_UNKNOWN;
     qm_reply_blocks(request, 200, qm_request_media(request), size,
                     (qm_block_source){next_block, end_projecting, p});
 }

@@ -88,7 +88,7 @@ static void reset_hausdorff(qm_context *ctx, qm_job_result *result)
 
 static void reset_project(qm_context *ctx, qm_job_result *result)
 {
-    qm_feet_reset(ctx, &result->feet);
+    qm_projections_reset(ctx, &result->feet);
 }
 
 static qm_status run_project(const question *q, qm_job_result *out)
@@ -97,8 +97,8 @@ static qm_status run_project(const question *q, qm_job_result *out)
     qm_locator locator;
     qm_status status = qm_locator_build(q->ctx, q->a->bvh, q->a->tetra, request->accelerator, &locator);
     if (status == QM_OK)
-        status = qm_feet_find(q->ctx, q->a, &locator, request->quads, request->points, request->point_count,
-                              q->threads, &out->feet);
+        status = qm_projections_find(q->ctx, q->a, &locator, request->quads, request->points,
+                                     request->point_count, q->threads, &out->feet);
     qm_locator_reset(q->ctx, &locator);
     return status;
 }

@@ -11,7 +11,7 @@
 
 #include "base/id.h"
 #include "collide_pairs.h"
-#include "feet.h"
+#include "projections.h"
 #include "qm/deviation.h"
 #include "qm/distance.h"
 #include "qm/hausdorff.h"
@@ -127,7 +127,7 @@ typedef struct qm_job_result {
     uint32_t from_face, to_face; /* in the numbering of the input files */
 
     /* project */
-    qm_feet feet;
+    qm_projections feet;
 
     /* deviation */
     qm_deviation deviation;

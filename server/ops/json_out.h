@@ -31,7 +31,7 @@ void qm_json_write_request_briefly(qm_text *out, const qm_job_request *request);
 
 /** A foot as one object, after a comma where one is due; diagonal, that of the mesh, makes the relative
  * figure. */
-void qm_json_write_foot(qm_text *out, const qm_feet *feet, size_t i, double diagonal);
+void qm_json_write_foot(qm_text *out, const qm_projections *feet, size_t i, double diagonal);
 
 /** The result object of a job of any kind. */
 void qm_json_write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result);

@@ -97,7 +97,7 @@ void qm_json_write_bounds(qm_text *out, const qm_hausdorff_progress *progress, d
 
 /* ---- project ---- */
 
-void qm_json_write_foot(qm_text *out, const qm_feet *feet, size_t i, double diagonal)
+void qm_json_write_foot(qm_text *out, const qm_projections *feet, size_t i, double diagonal)
 {
     double distance = feet->distance[i];
     qm_json_add_comma(out);
@@ -113,7 +113,7 @@ void qm_json_write_foot(qm_text *out, const qm_feet *feet, size_t i, double diag
 
 static void write_project_result(qm_text *out, const qm_job_request *request, const qm_job_result *result)
 {
-    const qm_feet *feet = &result->feet;
+    const qm_projections *feet = &result->feet;
     qm_json_add_string(out, "quads", qm_quads_names[request->quads]);
     qm_json_add_count(out, "point_count", feet->count);
     qm_json_open(out, "points", "[");

@@ -1,4 +1,4 @@
-#include "feet.h"
+#include "projections.h"
 
 #include <endian.h>
 #include <math.h>
@@ -6,20 +6,21 @@
 
 #include "json_out.h"
 
-void qm_feet_reset(qm_context *ctx, qm_feet *feet)
+void qm_projections_reset(qm_context *ctx, qm_projections *feet)
 {
     qm_context_free(ctx, feet->distance, feet->count, sizeof *feet->distance);
     qm_context_free(ctx, feet->position, feet->count, 3 * sizeof *feet->position);
     qm_context_free(ctx, feet->uv, feet->count, 2 * sizeof *feet->uv);
     qm_context_free(ctx, feet->patch, feet->count, sizeof *feet->patch);
     qm_context_free(ctx, feet->face, feet->count, sizeof *feet->face);
-    *feet = (qm_feet){0};
+    *feet = (qm_projections){0};
 }
 
-qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, const qm_locator *locator,
-                       qm_quad_reading quads, const double *points, size_t count, int threads, qm_feet *out)
+qm_status qm_projections_find(qm_context *ctx, const qm_loaded_mesh *mesh, const qm_locator *locator,
+                              qm_quad_reading quads, const double *points, size_t count, int threads,
+                              qm_projections *out)
 {
-    *out = (qm_feet){.count = count};
+    *out = (qm_projections){.count = count};
     if (count == 0) return QM_OK;
     out->distance = qm_context_alloc(ctx, count, sizeof *out->distance);
     out->position = qm_context_alloc(ctx, count, 3 * sizeof *out->position);
@@ -37,11 +38,11 @@ qm_status qm_feet_find(qm_context *ctx, const qm_loaded_mesh *mesh, const qm_loc
         out->patch[i] = (uint32_t)qm_tetra_find_patch(mesh->tetra, out->face[i]);
     for (size_t i = 0; status == QM_OK && i < count; i++)
         out->face[i] = qm_mesh_input_face(&mesh->mesh, out->face[i]);
-    if (status != QM_OK) qm_feet_reset(ctx, out);
+    if (status != QM_OK) qm_projections_reset(ctx, out);
     return status;
 }
 
-size_t qm_feet_find_bad(const double *numbers, size_t count)
+size_t qm_projections_find_bad(const double *numbers, size_t count)
 {
     size_t place = 0;
     while (place < count && isfinite(numbers[place]))
@@ -49,7 +50,7 @@ size_t qm_feet_find_bad(const double *numbers, size_t count)
     return place;
 }
 
-void qm_feet_widen(double *numbers, size_t count)
+void qm_projections_widen(double *numbers, size_t count)
 {
     const char *bytes = (const char *)numbers;
     for (size_t i = count; i-- > 0;) {
@@ -62,18 +63,19 @@ void qm_feet_widen(double *numbers, size_t count)
     }
 }
 
-void qm_feet_write_begin(qm_text *out, qm_rows rows)
+void qm_projections_write_begin(qm_text *out, qm_rows rows)
 {
     static const char *const starts[] = {"", "distance,x,y,z,face,u,v\n", "{\"points\":["};
     qm_text_add_string(out, starts[rows]);
 }
 
-void qm_feet_write_end(qm_text *out, qm_rows rows)
+void qm_projections_write_end(qm_text *out, qm_rows rows)
 {
     if (rows == QM_ROWS_JSON) qm_text_add_string(out, "]}\n");
 }
 
-void qm_feet_write(qm_text *out, qm_rows rows, const qm_feet *feet, double diagonal, bool is_first)
+void qm_projections_write(qm_text *out, qm_rows rows, const qm_projections *feet, double diagonal,
+                          bool is_first)
 {
     if (rows == QM_ROWS_JSON && !is_first && feet->count > 0) qm_text_add_string(out, ",");
     for (size_t i = 0; i < feet->count; i++) {
