@@ -8,7 +8,7 @@
 #include "ops/json_layout.h"
 #include "ops/json_out.h"
 
-static bool store_new(qm_desk *d, const qm_store_once *once, qm_problem *problem)
+static bool store_new(qm_desk *d, const qm_store_idempotency *once, qm_problem *problem)
 {
     char created[QM_TIME_SIZE];
     qm_time_format(created);
@@ -40,11 +40,11 @@ static bool set_patches(qm_desk *d, bool has_patches, qm_problem *problem)
 
 /** Replies with the layout that the same request has made before, or with what is wrong; false for a new one.
  */
-static bool reply_again(qm_request *request, const qm_store_once *once)
+static bool reply_again(qm_request *request, const qm_store_idempotency *once)
 {
     char id[QM_ID_SIZE];
-    qm_once outcome = qm_find_once(request, once, qm_store_find_made_layout, id);
-    if (outcome != QM_ONCE_MADE) return outcome == QM_ONCE_REFUSED;
+    qm_idempotency outcome = qm_find_idempotent(request, once, qm_store_find_idempotent_layout, id);
+    if (outcome != QM_IDEMPOTENCY_MADE) return outcome == QM_IDEMPOTENCY_REFUSED;
     qm_store_layout row;
     qm_status status = qm_store_find_layout(qm_request_app(request)->store, id, &row);
     if (status == QM_OK) {
@@ -60,8 +60,8 @@ static bool reply_again(qm_request *request, const qm_store_once *once)
 
 void qm_handle_layout_create(qm_request *request)
 {
-    qm_store_once once;
-    if (!qm_read_once(request, &once) || reply_again(request, &once)) return;
+    qm_store_idempotency once;
+    if (!qm_read_idempotency(request, &once) || reply_again(request, &once)) return;
     qm_desk d = qm_desk_make(qm_request_app(request));
     size_t size;
     const char *body = qm_request_body(request, &size);

@@ -54,11 +54,11 @@ static bool take_layout(qm_app *app, const char *id, qm_store_layout *out, qm_pr
 }
 
 /** Replies with what the same request has made before, or with what is wrong; false for a new one. */
-static bool reply_again(qm_request *request, const qm_store_once *once)
+static bool reply_again(qm_request *request, const qm_store_idempotency *once)
 {
     char id[QM_ID_SIZE];
-    qm_once outcome = qm_find_once(request, once, qm_store_find_made_reconstruction, id);
-    if (outcome != QM_ONCE_MADE) return outcome == QM_ONCE_REFUSED;
+    qm_idempotency outcome = qm_find_idempotent(request, once, qm_store_find_idempotent_reconstruction, id);
+    if (outcome != QM_IDEMPOTENCY_MADE) return outcome == QM_IDEMPOTENCY_REFUSED;
     qm_store_reconstruction row;
     if (!find_row(request, id, &row)) return true;
     qm_reply_header(request, "Location", "/v1/reconstructions/%s", row.id);
@@ -69,8 +69,8 @@ static bool reply_again(qm_request *request, const qm_store_once *once)
 
 void qm_handle_reconstruction_create(qm_request *request)
 {
-    qm_store_once once;
-    if (!qm_read_once(request, &once) || reply_again(request, &once)) return;
+    qm_store_idempotency once;
+    if (!qm_read_idempotency(request, &once) || reply_again(request, &once)) return;
     qm_app *app = qm_request_app(request);
     size_t size;
     const char *body = qm_request_body(request, &size);

@@ -76,16 +76,17 @@ qm_mesh_ref *qm_take_mesh(qm_request *request, const char *suffix);
 bool qm_read_idempotency_key(qm_request *request, const char **key);
 
 /** The same, with what tells the request from another one of that key. */
-bool qm_read_once(qm_request *request, qm_store_once *out);
+bool qm_read_idempotency(qm_request *request, qm_store_idempotency *out);
 
 /** Whether a request has made something already. */
-typedef enum qm_once {
-    QM_ONCE_NEW,    /* it has not, or has no key */
-    QM_ONCE_MADE,   /* it has made the resource of this id */
-    QM_ONCE_REFUSED /* replied with a problem: the key came with another request */
-} qm_once;
-typedef qm_status qm_find_made(qm_store *store, const char *key, qm_store_made *out);
-qm_once qm_find_once(qm_request *request, const qm_store_once *once, qm_find_made *find, char id[QM_ID_SIZE]);
+typedef enum qm_idempotency {
+    QM_IDEMPOTENCY_NEW,    /* it has not, or has no key */
+    QM_IDEMPOTENCY_MADE,   /* it has made the resource of this id */
+    QM_IDEMPOTENCY_REFUSED /* replied with a problem: the key came with another request */
+} qm_idempotency;
+typedef qm_status qm_find_idempotent_made(qm_store *store, const char *key, qm_store_idempotent *out);
+qm_idempotency qm_find_idempotent(qm_request *request, const qm_store_idempotency *once,
+                                  qm_find_idempotent_made *find, char id[QM_ID_SIZE]);
 
 /** Ends a page of a list: closes its array and tells where the next page starts, 0 after the last one. */
 void qm_end_page(qm_text *out, int64_t next);

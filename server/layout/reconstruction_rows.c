@@ -103,7 +103,7 @@ static char *make_document(const qm_refining *r, const qm_store_reconstruction *
 }
 
 static bool fill_row(qm_reconstructions *rs, qm_refining *r, const char *layout_text,
-                     const qm_store_once *once, qm_store_reconstruction *row, qm_problem *problem)
+                     const qm_store_idempotency *once, qm_store_reconstruction *row, qm_problem *problem)
 {
     size_t quads;
     if (!add_mesh(rs, r, row->mesh, &quads, problem)) return false;
@@ -124,7 +124,8 @@ static bool fill_row(qm_reconstructions *rs, qm_refining *r, const char *layout_
 
 bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const char *layout_id,
                             const char *layout_text, const qm_reconstruction_options *options,
-                            const qm_store_once *once, qm_store_reconstruction *out, qm_problem *problem)
+                            const qm_store_idempotency *once, qm_store_reconstruction *out,
+                            qm_problem *problem)
 {
     *out =
         (qm_store_reconstruction){.cover_share = options->cover_share, .pull_curves = options->pull_curves};

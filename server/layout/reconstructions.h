@@ -32,7 +32,8 @@ typedef struct qm_refining {
  */
 bool qm_reconstructions_add(qm_reconstructions *reconstructions, const char *source, const char *layout_id,
                             const char *layout_text, const qm_reconstruction_options *options,
-                            const qm_store_once *once, qm_store_reconstruction *out, qm_problem *problem);
+                            const qm_store_idempotency *once, qm_store_reconstruction *out,
+                            qm_problem *problem);
 
 /** Takes one for work, making it again when it is not in memory. NULL with a problem (404; 409: in work). */
 qm_refining *qm_reconstructions_take(qm_reconstructions *reconstructions, const char *id,

@@ -139,18 +139,18 @@ qm_status qm_store_delete_job(qm_store *store, const char *id);
 void qm_store_job_reset(qm_store_job *job);
 
 /** How a request that makes something is known when it comes again. */
-typedef struct qm_store_once {
+typedef struct qm_store_idempotency {
     const char *key; /* of the client; NULL: it is not to be known */
     char request[QM_HASH_SIZE];
-} qm_store_once;
+} qm_store_idempotency;
 
 /** What such a request has made. */
-typedef struct qm_store_made {
+typedef struct qm_store_idempotent {
     char id[QM_ID_SIZE];
     char request[QM_HASH_SIZE];
-} qm_store_made;
-qm_status qm_store_find_made_layout(qm_store *store, const char *key, qm_store_made *out);
-qm_status qm_store_find_made_reconstruction(qm_store *store, const char *key, qm_store_made *out);
+} qm_store_idempotent;
+qm_status qm_store_find_idempotent_layout(qm_store *store, const char *key, qm_store_idempotent *out);
+qm_status qm_store_find_idempotent_reconstruction(qm_store *store, const char *key, qm_store_idempotent *out);
 
 /**
  * A layout as of one of its revisions, which are numbered from 0. Undo and redo go back and forth between
@@ -168,7 +168,8 @@ typedef struct qm_store_layout {
 } qm_store_layout;
 
 /** Stores a new layout with its revision 0; not when its key has made another. */
-qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout, const qm_store_once *once);
+qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout,
+                              const qm_store_idempotency *once);
 qm_status qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out);
 qm_status qm_store_list_layouts(qm_store *store, int64_t after, size_t limit, qm_store_layout *out,
                                 size_t *count);
@@ -197,7 +198,7 @@ typedef struct qm_store_reconstruction {
 
 /** Stores a new one; not when its key has made another. */
 qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction,
-                                      const qm_store_once *once);
+                                      const qm_store_idempotency *once);
 qm_status qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out);
 qm_status qm_store_list_reconstructions(qm_store *store, int64_t after, size_t limit,
                                         qm_store_reconstruction *out, size_t *count);

@@ -25,7 +25,7 @@ static bool add_revision(qm_store *store, const qm_store_layout *layout, int64_t
     return qm_store_run(store, statement);
 }
 
-static bool add_layout(qm_store *store, const qm_store_layout *layout, const qm_store_once *once)
+static bool add_layout(qm_store *store, const qm_store_layout *layout, const qm_store_idempotency *once)
 {
     sqlite3_stmt *statement =
         qm_store_prepare(store, "INSERT INTO layouts (id, mesh, created, revision, idempotency_key, request) "
@@ -66,7 +66,8 @@ static bool move(qm_store *store, const char *id, int64_t from, int64_t to, bool
     return good;
 }
 
-qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout, const qm_store_once *once)
+qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout,
+                              const qm_store_idempotency *once)
 {
     bool good =
         qm_store_begin_transaction(store) && qm_store_end_transaction(store, add_layout(store, layout, once));

@@ -7,7 +7,7 @@
     " pull_curves"
 
 qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *r,
-                                      const qm_store_once *once)
+                                      const qm_store_idempotency *once)
 {
     sqlite3_stmt *statement = qm_store_begin(
         store,
