@@ -19,7 +19,7 @@ struct cli_talk {
     bool is_stream;
     FILE *file;    /* where the body of a good answer goes, or NULL */
     char job[256]; /* path of the job, once the daemon has told */
-    bool is_cancelled;
+    bool is_canceled;
     cli_bar bar;
     char *result;  /* the result object as the daemon wrote it */
     char *problem; /* the problem document likewise */
@@ -158,9 +158,9 @@ static int on_tick(void *user, curl_off_t a, curl_off_t b, curl_off_t c, curl_of
 {
     (void)a, (void)b, (void)c, (void)d;
     cli_talk *talk = user;
-    if (!atomic_load(&cli_interrupted) || talk->is_cancelled) return 0;
+    if (!atomic_load(&cli_interrupted) || talk->is_canceled) return 0;
     if (!talk->is_stream || !talk->job[0] || !cancel_job(talk)) return 1;
-    talk->is_cancelled = true;
+    talk->is_canceled = true;
     return 0;
 }
 

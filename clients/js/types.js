@@ -5,7 +5,7 @@
 /** @typedef {"two_sided" | "a_to_b" | "b_to_a"} Direction */
 /** @typedef {"auto" | "boxes" | "tetra" | "grid"} Accelerator */
 /** @typedef {[number, number, number]} Point */
-/** @typedef {"queued" | "running" | "succeeded" | "failed" | "cancelled"} JobState */
+/** @typedef {"queued" | "running" | "succeeded" | "failed" | "canceled"} JobState */
 
 /** @typedef {{ pointer?: string, line?: number, offset?: number, detail: string }} ProblemPlace */
 /** @typedef {{ type: string, title: string, status: number, code: string, detail: string, instance?: string,
@@ -104,12 +104,12 @@
  *   cached?: true }} Job */
 
 /** @typedef {Bounds & { event: "bounds", seq: number }} BoundsEvent */
-/** @typedef {{ event: "result", seq: number, state: "succeeded" | "cancelled", result: JobResult }} ResultEvent */
-/** @typedef {{ event: "error", seq: number, state: "failed" | "cancelled", problem: Problem }} ErrorEvent */
+/** @typedef {{ event: "result", seq: number, state: "succeeded" | "canceled", result: JobResult }} ResultEvent */
+/** @typedef {{ event: "error", seq: number, state: "failed" | "canceled", problem: Problem }} ErrorEvent */
 /** @typedef {StepRecord & { event: "step", seq: number }} StepEvent */
 /** @typedef {BoundsEvent | StepEvent | ResultEvent | ErrorEvent} JobEvent */
 
-/** @typedef {{ key: string | number | null, line: number, state: "succeeded" | "failed" | "cancelled",
+/** @typedef {{ key: string | number | null, line: number, state: "succeeded" | "failed" | "canceled",
  *   cached?: true, result?: JobResult, problem?: Problem }} BatchAnswer */
 
 /** @typedef {{ name: string, version: string, kernel: string, formats: Format[], jobs: string[],

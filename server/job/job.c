@@ -333,13 +333,13 @@ bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
     bool over = qm_job_is_over(job), queued = job->state == QM_JOB_QUEUED && !over;
-    if (!over) job->is_cancelled = true;
+    if (!over) job->is_canceled = true;
     atomic_store(&job->cancel, true);
     if (queued) qm_job_mark_running(job); /* so that no worker takes it */
     uv_mutex_unlock(&jobs->lock);
     if (queued) {
-        qm_problem problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job was cancelled before it ran");
-        qm_job_finish_with_problem(job, QM_JOB_CANCELLED, &problem);
+        qm_problem problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job was canceled before it ran");
+        qm_job_finish_with_problem(job, QM_JOB_CANCELED, &problem);
     }
     return !over;
 }

@@ -1,7 +1,7 @@
 /**
  * job.h: the table of jobs: queue, run, cancel, events and those who read them.
  *
- * A job's life: queued -> running -> succeeded, failed or cancelled. Each job has a list of events, one JSON
+ * A job's life: queued -> running -> succeeded, failed or canceled. Each job has a list of events, one JSON
  * object a line with seq 1, 2, 3 ...; the last one is a result or an error, and there is exactly one of
  * these. A job that has ended is in the store with its document and events before anybody hears of it; the
  * events of one that runs are stored from time to time. One that the end of the daemon has cut short runs
@@ -23,7 +23,7 @@ typedef enum qm_job_state {
     QM_JOB_RUNNING,
     QM_JOB_SUCCEEDED,
     QM_JOB_FAILED,
-    QM_JOB_CANCELLED
+    QM_JOB_CANCELED
 } qm_job_state;
 
 typedef struct qm_jobs qm_jobs;
@@ -89,7 +89,7 @@ qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem);
 bool qm_job_fetch_events(qm_job *job, qm_problem *problem);
 void qm_jobs_release(qm_jobs *jobs, qm_job *job);
 
-/** A job asked to stop; it ends as cancelled with its last bounds. False when it had ended before. */
+/** A job asked to stop; it ends as canceled with its last bounds. False when it had ended before. */
 bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job);
 
 /** A client that owns the job (see the submission) has left: cancels it when nobody else wants it. */

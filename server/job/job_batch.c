@@ -372,7 +372,7 @@ void qm_batch_close(qm_batch *batch)
     batch->is_closed = true;
     for (qm_job *job = jobs->first; job; job = job->next) {
         if (job->line.batch != batch) continue;
-        job->is_cancelled = true;
+        job->is_canceled = true;
         atomic_store(&job->cancel, true);
     }
     drop_reference(batch);

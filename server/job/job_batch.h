@@ -24,7 +24,7 @@ qm_batch *qm_batch_create(qm_jobs *jobs, qm_pool *pool, qm_blob_writer *upload, 
 /**
  * Adds the answers that are there to out, one JSON object a line:
  *   {"key":K,"line":N,"state":"succeeded","result":{...}}      with "cached":true before result
- *   {"key":K,"line":N,"state":"failed","problem":{...}}        or "cancelled"
+ *   {"key":K,"line":N,"state":"failed","problem":{...}}        or "canceled"
  * K is the line's own, N its place from 1. With none to add and some to come, puts the reader to sleep by
  * calling suspend under the lock of the jobs; a heartbeat comes when it has slept long.
  */

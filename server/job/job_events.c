@@ -200,7 +200,7 @@ void qm_jobs_tick(qm_jobs *jobs, double now_ms)
 
 const char *qm_job_state_name(qm_job_state state)
 {
-    static const char *const names[] = {"queued", "running", "succeeded", "failed", "cancelled"};
+    static const char *const names[] = {"queued", "running", "succeeded", "failed", "canceled"};
     return names[state];
 }
 

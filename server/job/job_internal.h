@@ -34,7 +34,7 @@ struct qm_job {
     double started_ms; /* qm_now_ms when a worker or its end took it */
     qm_job_state state;
     atomic_bool cancel;   /* what the engine looks at: raised by a client or by the end of the daemon */
-    bool is_cancelled;    /* by a client */
+    bool is_canceled;    /* by a client */
     bool interrupted;     /* stopped by the end of the daemon: it will run again */
     uint64_t seq_base;    /* events up to this number belong to runs that the daemon's end has cut short */
     qm_job_event *events; /* by seq */
@@ -161,7 +161,7 @@ void qm_job_finish_with_result(qm_job *job, qm_job_state state, const qm_job_res
 void qm_job_interrupt(qm_job *job);
 
 /** True when a client has asked the job to stop. */
-bool qm_job_is_cancelled(qm_job *job);
+bool qm_job_is_canceled(qm_job *job);
 
 /** The task of a worker: runs the job if it is still to run, and gives back the worker's reference. */
 void qm_job_run(void *job);

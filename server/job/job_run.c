@@ -88,7 +88,7 @@ void qm_job_finish_with_result(qm_job *job, qm_job_state state, const qm_job_res
 static void refuse(qm_job *job)
 {
     qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping");
-    qm_job_finish_with_problem(job, QM_JOB_CANCELLED, &problem);
+    qm_job_finish_with_problem(job, QM_JOB_CANCELED, &problem);
 }
 
 /** The daemon ends: readers are told, the store keeps the job as one that has not run. */
@@ -136,12 +136,12 @@ static void on_progress(void *user, const qm_hausdorff_progress *progress)
     free(text);
 }
 
-bool qm_job_is_cancelled(qm_job *job)
+bool qm_job_is_canceled(qm_job *job)
 {
     uv_mutex_lock(&job->jobs->lock);
-    bool cancelled = job->is_cancelled;
+    bool canceled = job->is_canceled;
     uv_mutex_unlock(&job->jobs->lock);
-    return cancelled;
+    return canceled;
 }
 
 /** Puts the long array of a result, if it has one, where it is read from. Nobody could ask for one of a
@@ -169,16 +169,16 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     qm_job_result result;
     qm_status status = qm_job_answer(&ctx, &request, a, b, progress, &target, &result);
     bool canceled = status == QM_E_CANCELED || (status == QM_OK && result.is_canceled);
-    if (canceled && !qm_job_is_cancelled(job)) {
+    if (canceled && !qm_job_is_canceled(job)) {
         qm_job_interrupt(job);
     } else if (status == QM_OK && !store_array(job, &result)) {
         qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the result could not be stored");
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else if (status == QM_OK) {
-        qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELLED : QM_JOB_SUCCEEDED, &result);
+        qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, &result);
     } else {
         qm_problem problem = qm_problem_from_status(status, ctx.message);
-        qm_job_finish_with_problem(job, canceled ? QM_JOB_CANCELLED : QM_JOB_FAILED, &problem);
+        qm_job_finish_with_problem(job, canceled ? QM_JOB_CANCELED : QM_JOB_FAILED, &problem);
     }
     if (status == QM_OK) qm_job_result_reset(&ctx, &result);
 }
@@ -191,14 +191,14 @@ void qm_job_mark_running(qm_job *job)
     job->jobs->running++;
 }
 
-/** Moves a queued job to running. False when it is not to run: cancelled meanwhile, or the daemon ends. */
+/** Moves a queued job to running. False when it is not to run: canceled meanwhile, or the daemon ends. */
 static bool start(qm_job *job)
 {
     qm_jobs *jobs = job->jobs;
     uv_mutex_lock(&jobs->lock);
     bool is_queued = job->state == QM_JOB_QUEUED;
     /* Nobody waits any more for what the reader of a batch has left behind. */
-    bool is_wanted = !jobs->closed && !(job->line.batch && job->is_cancelled);
+    bool is_wanted = !jobs->closed && !(job->line.batch && job->is_canceled);
     bool is_refused = is_queued && !is_wanted && job->line.batch;
     if (is_queued && (is_wanted || is_refused)) {
         qm_job_mark_running(job);

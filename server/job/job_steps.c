@@ -1,6 +1,6 @@
 /**
  * job_steps.c: what a worker does with a reconstruction_step. The steps are taken in memory, each with an
- * event of its own, and stored together at the end, also when the job was cancelled after some of them: so a
+ * event of its own, and stored together at the end, also when the job was canceled after some of them: so a
  * daemon that is killed on the way takes them again from where the store is.
  */
 #include <stdlib.h>
@@ -81,7 +81,7 @@ static void refine(qm_job *job, qm_refining *refining, step_log *log, ending *en
     end->keeps = log->count == 0;
     if (status != QM_OK)
         end_with(end, qm_problem_from_status(status, refining->ctx.message));
-    else if (end->result.is_canceled && !qm_job_is_cancelled(job))
+    else if (end->result.is_canceled && !qm_job_is_canceled(job))
         end->how = INTERRUPTED;
     else if (log->records.failed)
         end_with(end, qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the records"));
@@ -107,7 +107,7 @@ void qm_job_run_steps(qm_job *job)
     else if (end.how == WITH_PROBLEM)
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &end.problem);
     else
-        qm_job_finish_with_result(job, end.result.is_canceled ? QM_JOB_CANCELLED : QM_JOB_SUCCEEDED,
+        qm_job_finish_with_result(job, end.result.is_canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED,
                                   &end.result);
     qm_text_reset(&log.records);
 }

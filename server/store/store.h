@@ -102,7 +102,7 @@ typedef struct qm_store_events {
 } qm_store_events;
 
 /**
- * A job is submitted once and finished once: also one that is cancelled, or fails. Between the two it is the
+ * A job is submitted once and finished once: also one that is canceled, or fails. Between the two it is the
  * process that holds the folder which runs it, and appends what events it has from time to time.
  */
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job);

@@ -129,7 +129,7 @@ def test_who_hangs_up_at_nginx_ends_the_job(nginx, slow_files):
     while nginx.get(path).json()["state"] == "running":
         assert time.monotonic() < end
         time.sleep(0.05)
-    assert nginx.get(path).json()["state"] == "cancelled"
+    assert nginx.get(path).json()["state"] == "canceled"
 
 
 def test_the_unit_is_tight(tmp_path):

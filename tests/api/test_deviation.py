@@ -131,7 +131,7 @@ def test_results_survive_a_restart(make_daemon):
         assert client.get(f"/v1/jobs/{done['id']}/result").text == before
 
 
-def test_a_running_job_can_be_cancelled(client, slow_pair):
+def test_a_running_job_can_be_canceled(client, slow_pair):
     reply = client.post("/v1/jobs", json={"type": "deviation", "a": slow_pair[0], "b": slow_pair[1],
                                           "quads": "bilinear", "accuracy": 1e-9, "pieces": 10000000})
     job = reply.json()
@@ -141,11 +141,11 @@ def test_a_running_job_can_be_cancelled(client, slow_pair):
     reply = client.delete(f"/v1/jobs/{job['id']}")
     assert reply.status_code == 202, reply.text
     done = client.wait(job["id"])
-    assert done["state"] == "cancelled" and done["problem"]["code"] == "conflict"
+    assert done["state"] == "canceled" and done["problem"]["code"] == "conflict"
     check_problem(client.get(f"/v1/jobs/{job['id']}/result"), 409, "conflict")
 
 
-def test_a_cancelled_job_keeps_its_bounds(client, spheres):
+def test_a_canceled_job_keeps_its_bounds(client, spheres):
     job = client.post("/v1/jobs", json={"type": "deviation", "a": spheres[0], "b": spheres[1], "accuracy": 1e-9,
                                         "pieces": 10000000, "tolerance": 1e-2}).json()
     with client.stream("GET", f"/v1/jobs/{job['id']}/events", headers={"Accept": "application/x-ndjson"}) as reply:
@@ -153,7 +153,7 @@ def test_a_cancelled_job_keeps_its_bounds(client, spheres):
     time.sleep(1)
     client.delete(f"/v1/jobs/{job['id']}")
     done = client.wait(job["id"])
-    assert done["state"] == "cancelled"
+    assert done["state"] == "canceled"
     # Whether the pieces had bounds by then depends on the machine.
     if "result" in done:
         result = done["result"]

@@ -1,4 +1,4 @@
-"""The life of a job: waiting, the cache, keys, cancelling, lists, a full queue."""
+"""The life of a job: waiting, the cache, keys, canceling, lists, a full queue."""
 import time
 
 import pytest
@@ -31,7 +31,7 @@ def test_prefer_wait_gives_up_in_time(client, slow_pair):
     # The bounds so far are part of the document.
     assert job["progress"]["lower"] <= SLOW_DISTANCE <= job["progress"]["upper"]
     client.delete(reply.headers["location"])
-    assert client.wait(job["id"])["state"] == "cancelled"
+    assert client.wait(job["id"])["state"] == "canceled"
 
 
 def test_prefer_wait_answers_when_done(client, spheres):
@@ -88,13 +88,13 @@ def test_idempotency_key(client, spheres, slow_pair):
     client.delete(f"/v1/jobs/{other.json()['id']}")
 
 
-def test_cancelling_keeps_the_bounds(client, slow_pair):
+def test_canceling_keeps_the_bounds(client, slow_pair):
     job = client.start(*slow_pair, headers={"Cache-Control": "no-cache"}, **SLOW)
     client.wait_until_bounded(job["id"])
     reply = client.delete(f"/v1/jobs/{job['id']}")
     assert reply.status_code == 202
     done = client.wait(job["id"])
-    assert done["state"] == "cancelled"
+    assert done["state"] == "canceled"
     result = done["result"]
     assert result["converged"] is False
     assert result["lower"] <= SLOW_DISTANCE <= result["upper"]
@@ -102,7 +102,7 @@ def test_cancelling_keeps_the_bounds(client, slow_pair):
     check_problem(client.delete(f"/v1/jobs/{job['id']}"), 409, "conflict")
 
 
-def test_cancelling_a_job_that_waits(make_daemon, slow_files):
+def test_canceling_a_job_that_waits(make_daemon, slow_files):
     with make_daemon("--workers", 1).client() as client:
         pair = [client.upload(content)["id"] for content in slow_files]
         first = client.start(*pair, **SLOW)
@@ -110,13 +110,13 @@ def test_cancelling_a_job_that_waits(make_daemon, slow_files):
         assert client.get(f"/v1/jobs/{second['id']}").json()["state"] == "queued"
         client.delete(f"/v1/jobs/{second['id']}")
         done = client.wait(second["id"])
-        assert done["state"] == "cancelled" and "result" not in done
+        assert done["state"] == "canceled" and "result" not in done
         events = client.events(second["id"])
         assert [event["event"] for event in events] == ["error"]
         client.delete(f"/v1/jobs/{first['id']}")
 
 
-def test_a_cancelled_job_answers_no_other(client, slow_pair):
+def test_a_canceled_job_answers_no_other(client, slow_pair):
     job = client.start(*slow_pair, tolerance=2e-12, quads="bilinear")
     client.delete(f"/v1/jobs/{job['id']}")
     client.wait(job["id"])

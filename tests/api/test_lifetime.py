@@ -191,7 +191,7 @@ def test_a_client_cancel_outlives_the_stop(make_daemon, slow_files):
         assert running.stop() == 0
     running.start()
     with running.client() as client:
-        assert client.wait(job["id"])["state"] == "cancelled"
+        assert client.wait(job["id"])["state"] == "canceled"
 
 
 # ---- starting ----

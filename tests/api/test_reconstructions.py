@@ -186,7 +186,7 @@ def test_the_content_is_redirected(client, saddle):
     assert body.text.startswith("OFF")
 
 
-def test_a_cancelled_job_keeps_the_last_whole_step(client, saddle):
+def test_a_canceled_job_keeps_the_last_whole_step(client, saddle):
     made = start(client, saddle)
     request = {"type": "reconstruction_step", "reconstruction": made["id"], "until": {"max_quads": 4000000},
                "measure": False}
@@ -198,7 +198,7 @@ def test_a_cancelled_job_keeps_the_last_whole_step(client, saddle):
                        json={"type": "reconstruction_step", "reconstruction": made["id"], "steps": 1}).json()
     assert client.delete("/v1/jobs/" + job["id"]).status_code in (202, 409)
     ended = client.wait(job["id"])
-    assert ended["state"] in ("cancelled", "succeeded")
+    assert ended["state"] in ("canceled", "succeeded")
     if busy["state"] == "failed":
         assert busy["problem"]["code"] == "conflict"
     now = client.get("/v1/reconstructions/" + made["id"]).json()

@@ -171,14 +171,14 @@ def open_and_leave(daemon, request, wait_for_event=True):
 
 def test_hanging_up_cancels(client, daemon, slow_pair):
     job_id = open_and_leave(daemon, request_for(slow_pair, **SLOW))
-    assert wait_for_state(client, job_id, ["cancelled", "succeeded"]) == "cancelled"
+    assert wait_for_state(client, job_id, ["canceled", "succeeded"]) == "canceled"
     result = client.get(f"/v1/jobs/{job_id}").json()["result"]
     assert result["lower"] <= SLOW_DISTANCE <= result["upper"]
 
 
 def test_a_detached_job_goes_on(client, daemon, slow_pair):
     job_id = open_and_leave(daemon, request_for(slow_pair, detach=True, deadline_ms=2500, **SLOW))
-    assert wait_for_state(client, job_id, ["cancelled", "succeeded"]) == "succeeded"
+    assert wait_for_state(client, job_id, ["canceled", "succeeded"]) == "succeeded"
 
 
 def test_a_reader_that_leaves_cancels_nothing(client, slow_pair):

@@ -135,7 +135,7 @@ def test_one_idempotency_key_at_the_same_time_makes_one_job(daemon, slow_pair):
     (job_id,) = {reply.json()["id"] for reply in replies}
     with daemon.client() as own:
         assert own.delete(f"/v1/jobs/{job_id}").status_code == 202
-        assert own.wait(job_id)["state"] == "cancelled"
+        assert own.wait(job_id)["state"] == "canceled"
 
 
 def test_a_full_queue_still_gives_the_answers_that_it_has(make_daemon, slow_files):
@@ -195,4 +195,4 @@ def test_a_stream_that_somebody_else_asked_for_too_goes_on(daemon, client, slow_
         for _ in range(8):
             next(lines)
         assert client.get(path).json()["state"] == "running"
-    assert client.get(path, headers={"Prefer": "wait=40"}).json()["state"] == "cancelled"
+    assert client.get(path, headers={"Prefer": "wait=40"}).json()["state"] == "canceled"

@@ -137,7 +137,7 @@ test("a job can be told to stop, and a reader can leave", async () => {
   }, { name: "AbortError" });
   await client.jobs.cancel(job.id);
   const events = await collect(client.jobs.events(job.id));
-  assert.equal(events.at(-1).state, "cancelled");
+  assert.equal(events.at(-1).state, "canceled");
   checkBounds(events);
   await assert.rejects(client.jobs.cancel(job.id), { status: 409 });
 });
@@ -261,7 +261,7 @@ test("a stream goes on over restarts of the daemon", async () => {
       }
     }
     assert(breaks > 0);
-    assert.equal(terminal.state, "cancelled");
+    assert.equal(terminal.state, "canceled");
   } finally {
     await own.remove();
   }

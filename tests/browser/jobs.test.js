@@ -28,7 +28,7 @@ async function slowRequest(client) {
   return { type: "hausdorff", a, b, ...SLOW };
 }
 
-test("jobs are listed with their state, cancelled, and shown again", () => withDaemon(["--workers", "1"], async (daemon) => {
+test("jobs are listed with their state, canceled, and shown again", () => withDaemon(["--workers", "1"], async (daemon) => {
   const client = daemon.client();
   const page = await browser.open(`${daemon.url}/#jobs`);
   await page.getByText("Nothing was asked yet").waitFor();
@@ -43,9 +43,9 @@ test("jobs are listed with their state, cancelled, and shown again", () => withD
     await page.locator("tr", { has: page.locator(state) }).getByRole("button", { name: /Cancel/ }).click();
     await page.locator(`.state${state}`).waitFor({ state: "detached" });
   }
-  await page.locator(".state.cancelled").nth(1).waitFor();
-  assert.equal((await client.jobs.get(first.id)).state, "cancelled");
-  assert.equal((await client.jobs.get(second.id)).state, "cancelled");
+  await page.locator(".state.canceled").nth(1).waitFor();
+  assert.equal((await client.jobs.get(first.id)).state, "canceled");
+  assert.equal((await client.jobs.get(second.id)).state, "canceled");
   await page.locator("tbody tr").last().getByRole("link").click();
   await page.locator("#outcome", { hasText: "Stopped; the bounds hold" }).waitFor();
   assert.equal(await page.locator("select[name=quads]").inputValue(), "bilinear");

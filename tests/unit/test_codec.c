@@ -1,4 +1,4 @@
-/* Format names, sniffing, and what is common to decoders: limits, cancelling, faults of the whole file. */
+/* Format names, sniffing, and what is common to decoders: limits, canceling, faults of the whole file. */
 #include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>

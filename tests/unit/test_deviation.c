@@ -877,7 +877,7 @@ static void bad_options_are_refused(void **state)
     qm_shape_free(&a);
 }
 
-static void a_cancelled_call_leaves_nothing(void **state)
+static void a_canceled_call_leaves_nothing(void **state)
 {
     (void)state;
     qm_mesh a = qm_shape_torus(24, 12, 1.0, 0.3);
@@ -895,14 +895,14 @@ static void a_cancelled_call_leaves_nothing(void **state)
 }
 
 /** Raises the flag at a call of the allocator, which is how far a call has come. */
-typedef struct cancelling_allocator {
+typedef struct canceling_allocator {
     atomic_bool cancel;
     size_t calls, cancel_at;
-} cancelling_allocator;
+} canceling_allocator;
 
-static void *cancelling_resize(void *user, void *block, size_t old_size, size_t new_size)
+static void *canceling_resize(void *user, void *block, size_t old_size, size_t new_size)
 {
-    cancelling_allocator *allocator = user;
+    canceling_allocator *allocator = user;
     if (new_size > 0 && allocator->calls++ == allocator->cancel_at) atomic_store(&allocator->cancel, true);
     return qm_allocator_default.resize(qm_allocator_default.user, block, old_size, new_size);
 }
@@ -911,9 +911,9 @@ static void *cancelling_resize(void *user, void *block, size_t old_size, size_t 
 static bool cancel_at(const qm_mesh *a, const qm_mesh *b, const qm_deviation_options *options, size_t n,
                       const qm_deviation *truth, int counts[2])
 {
-    cancelling_allocator allocator = {.cancel_at = n};
+    canceling_allocator allocator = {.cancel_at = n};
     qm_context ctx = qm_context_make();
-    ctx.allocator = (qm_allocator){cancelling_resize, &allocator};
+    ctx.allocator = (qm_allocator){canceling_resize, &allocator};
     ctx.cancel = &allocator.cancel;
     qm_deviation found;
     qm_status status = measure_in(&ctx, a, b, options, &found);
@@ -946,7 +946,7 @@ static void check_canceled_calls(const qm_mesh *a, const qm_mesh *b, const qm_de
     release(&truth);
 }
 
-static void a_cancelled_call_tells_what_it_has(void **state)
+static void a_canceled_call_tells_what_it_has(void **state)
 {
     (void)state;
     qm_mesh a = qm_shape_torus(12, 6, 1.0, 0.3), b = qm_shape_torus(10, 5, 1.0, 0.31);
@@ -957,7 +957,7 @@ static void a_cancelled_call_tells_what_it_has(void **state)
 }
 
 /** Pieces that are made anew have no bounds at first. */
-static void a_cancelled_restart_tells_what_was_there(void **state)
+static void a_canceled_restart_tells_what_was_there(void **state)
 {
     (void)state;
     qm_mesh a, b;
@@ -1021,9 +1021,9 @@ int main(void)
         cmocka_unit_test(the_pieces_bound_the_maximum),
         cmocka_unit_test(threads_change_no_more_than_the_maximum_may),
         cmocka_unit_test(bad_options_are_refused),
-        cmocka_unit_test(a_cancelled_call_leaves_nothing),
-        cmocka_unit_test(a_cancelled_call_tells_what_it_has),
-        cmocka_unit_test(a_cancelled_restart_tells_what_was_there),
+        cmocka_unit_test(a_canceled_call_leaves_nothing),
+        cmocka_unit_test(a_canceled_call_tells_what_it_has),
+        cmocka_unit_test(a_canceled_restart_tells_what_was_there),
         cmocka_unit_test(every_allocation_may_fail),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -545,7 +545,7 @@ static void closed_against_open(void **state)
 
 /**
  * Quads and copies of them that are off by next to nothing: the farthest points lie as near to an edge as the
- * copies to each other, where a line leaves the reach of a triangle by so little that roots of cancelled
+ * copies to each other, where a line leaves the reach of a triangle by so little that roots of canceled
  * terms miss it.
  */
 static void nearly_coincident_copies(void **state)

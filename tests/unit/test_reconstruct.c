@@ -193,7 +193,7 @@ static void threads_and_pauses_do_not_change_a_bit(void **state)
     qm_ground_free(&g);
 }
 
-static void a_cancelled_step_leaves_the_last_whole_one(void **state)
+static void a_canceled_step_leaves_the_last_whole_one(void **state)
 {
     (void)state;
     qm_ground g;
@@ -582,7 +582,7 @@ int main(void)
         cmocka_unit_test(distances_fall_by_the_square),
         cmocka_unit_test(noise_is_averaged_away),
         cmocka_unit_test(threads_and_pauses_do_not_change_a_bit),
-        cmocka_unit_test(a_cancelled_step_leaves_the_last_whole_one),
+        cmocka_unit_test(a_canceled_step_leaves_the_last_whole_one),
         cmocka_unit_test(layouts_that_do_not_fit_are_named),
         cmocka_unit_test(clouds_made_worse_still_give_meshes),
         cmocka_unit_test(normals_tell_the_sides_unless_they_are_wrong),

@@ -16,7 +16,7 @@ export class Measurement {
     this.samples = [];
     /** @type {HausdorffResult | null} */
     this.result = null;
-    /** @type {"idle" | "running" | "lost" | "succeeded" | "cancelled" | "failed"} */
+    /** @type {"idle" | "running" | "lost" | "succeeded" | "canceled" | "failed"} */
     this.stage = "idle";
     this.words = "";
     this.reader = new AbortController();
