@@ -70,8 +70,8 @@ cli_bar cli_bar_make(double tolerance, bool is_asked_for);
 void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations);
 void cli_bar_clear(const cli_bar *bar);
 
-/** A bound in 9 digits, rounded down or up, so that the bracket printed holds the one computed. Returns out.
- */
+/** A bound in 9 digits, rounded down or up, so that the bracket printed holds the one computed. Returns
+ * out. */
 #define CLI_BOUND_SIZE 32
 char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE]);
 

@@ -14,9 +14,8 @@
 enum { WIDTH = 1000, HEIGHT = 800, ROW_SIZE = 1 + 3 * WIDTH, BLOCK = 65535 };
 
 #define MARGIN 0.92 /* share of the picture that the mesh takes */
-#define EDGE_LIFT                                                                                            \
-    0.004 /* edges are drawn over faces up to this share of the mesh's size in front of them                 \
-           */
+/* Edges are drawn over faces up to this share of the mesh's size in front of them                 \ */
+#define EDGE_LIFT 0.004
 
 typedef struct canvas {
     double right[3], up[3], towards[3]; /* the viewer's axes */

@@ -19,8 +19,8 @@ void qm_log_init(bool as_json, qm_log_level least);
 /** Adds a record. Quotes and control characters of the message are shown as blanks. */
 void qm_log(qm_log_level level, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/** What a record says besides its message, for programs to search by: a text, or a number when text is NULL.
- */
+/** What a record says besides its message, for programs to search by: a text, or a number when text is
+ * NULL. */
 typedef struct qm_log_field {
     const char *name, *text;
     double number;

@@ -18,8 +18,8 @@ void qm_text_add(qm_text *text, const char *bytes, size_t size);
 void qm_text_add_string(qm_text *text, const char *string);
 void qm_text_printf(qm_text *text, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/** Hands the string over to the caller, who frees it; NULL when it had failed. The text is empty afterwards.
- */
+/** Hands the string over to the caller, who frees it; NULL when it had failed. The text is empty
+ * afterwards. */
 char *qm_text_take(qm_text *text);
 
 /** The number with the fewest digits that read back to the same double, in any locale; "null" for what is not

@@ -38,8 +38,8 @@ typedef qm_status qm_decoder(qm_builder *builder, const uint8_t *bytes, size_t s
 qm_decoder qm_codec_decode_obj, qm_codec_decode_ply, qm_codec_decode_stl, qm_codec_decode_off,
     qm_codec_decode_glb, qm_codec_decode_drc, qm_codec_decode_xyz;
 
-/** True for the bytes of a binary STL, told by the size that follows from its count, as text may begin alike.
- */
+/** True for the bytes of a binary STL, told by the size that follows from its count, as text may begin
+ * alike. */
 bool qm_codec_is_binary_stl(const uint8_t *bytes, size_t size);
 
 /** Writes the detail and returns status. */

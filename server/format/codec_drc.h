@@ -11,8 +11,8 @@
  * the memory. */
 qm_status qm_drc_check_head(qm_builder *builder, const uint8_t *bytes, size_t size);
 
-/** Adds the faces that the triangles were cut from; the triangles themselves where their marks make no sense.
- */
+/** Adds the faces that the triangles were cut from; the triangles themselves where their marks make no
+ * sense. */
 qm_status qm_drc_join_triangles(qm_builder *builder, const qm_draco_facts *facts,
                                 const qm_draco_arrays *arrays);
 

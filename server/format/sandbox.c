@@ -31,8 +31,8 @@ static bool set_limits(const qm_sandbox_limits *limits)
            (IS_SANITIZED || set_limit(RLIMIT_AS, limits->memory));
 }
 
-/** No file below any folder, for reading, writing or running; true as well when the kernel has no Landlock.
- */
+/** No file below any folder, for reading, writing or running; true as well when the kernel has no
+ * Landlock. */
 static bool close_files(void)
 {
     struct landlock_ruleset_attr rules = {

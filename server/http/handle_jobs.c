@@ -9,9 +9,8 @@
 
 #define MAX_WAIT_S 600.0
 #define MS_PER_S 1e3
-#define MAX_SEQ                                                                                              \
-    ((UINT64_C(1) << 53) - 1) /* beyond it clients on doubles could not tell one from the next               \
-                               */
+/* Beyond it clients on doubles could not tell one from the next               \ */
+#define MAX_SEQ ((UINT64_C(1) << 53) - 1)
 
 /** The framing that the client chose; false when it prefers one document. */
 static bool wants_stream(const qm_request *request, qm_framing *framing)

@@ -38,8 +38,8 @@ static bool set_patches(qm_desk *d, bool has_patches, qm_problem *problem)
     return status == QM_OK || qm_desk_fail(d, status, problem);
 }
 
-/** Replies with the layout that the same request has made before, or with what is wrong; false for a new one.
- */
+/** Replies with the layout that the same request has made before, or with what is wrong; false for a new
+ * one. */
 static bool reply_again(qm_request *request, const qm_store_idempotency *once)
 {
     char id[QM_ID_SIZE];

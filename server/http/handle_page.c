@@ -12,8 +12,8 @@
 #include "handlers.h"
 #include "mesh/etag.h"
 
-/** Only files of these kinds are ever served. The route has seen to it that no path leads out of the folder.
- */
+/** Only files of these kinds are ever served. The route has seen to it that no path leads out of the
+ * folder. */
 static const struct {
     const char *ending, *type;
 } kinds[] = {

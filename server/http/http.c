@@ -355,8 +355,8 @@ void qm_http_tick(qm_http *http, double now_ms)
 void qm_http_quiesce(qm_http *http)
 {
     http->quiet_socket = MHD_quiesce_daemon(http->everything.daemon);
-    /* The library's threads may still ask about the socket: it refuses from now on, and is closed after them.
-     */
+    /* The library's threads may still ask about the socket: it refuses from now on, and is closed after
+     * them. */
     if (http->quiet_socket != MHD_INVALID_SOCKET) shutdown(http->quiet_socket, SHUT_RDWR);
 }
 

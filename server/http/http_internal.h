@@ -65,8 +65,8 @@ size_t qm_request_body_limit(const qm_request *request);
 /** Sends the reply that the handler has made. */
 enum MHD_Result qm_request_send_reply(qm_request *request);
 
-/** Headers that let pages of other origins use the reply, when they may; an OPTIONS request is answered here.
- */
+/** Headers that let pages of other origins use the reply, when they may; an OPTIONS request is answered
+ * here. */
 void qm_request_add_cors(const qm_request *request, struct MHD_Response *response);
 void qm_request_answer_options(qm_request *request);
 

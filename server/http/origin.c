@@ -24,8 +24,8 @@ bool qm_origin_is_host(const char *origin, const char *host)
     return name && host && strcasecmp(name + strlen("://"), host) == 0;
 }
 
-/** The name without its port, and without the brackets of an address of version 6; false when it is too long.
- */
+/** The name without its port, and without the brackets of an address of version 6; false when it is too
+ * long. */
 static bool copy_name(const char *host, char *out, size_t size)
 {
     bool has_brackets = *host == '[';

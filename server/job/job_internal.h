@@ -34,7 +34,7 @@ struct qm_job {
     double started_ms; /* qm_now_ms when a worker or its end took it */
     qm_job_state state;
     atomic_bool cancel;   /* what the engine looks at: raised by a client or by the end of the daemon */
-    bool is_canceled;    /* by a client */
+    bool is_canceled;     /* by a client */
     bool interrupted;     /* stopped by the end of the daemon: it will run again */
     uint64_t seq_base;    /* events up to this number belong to runs that the daemon's end has cut short */
     qm_job_event *events; /* by seq */

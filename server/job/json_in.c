@@ -23,8 +23,8 @@ static void read_member(const qm_json_field *known, const cJSON *member, qm_job_
 static void read_members(const cJSON *object, qm_job_request *out, qm_problem *problem)
 {
     bool seen[QM_JSON_FIELD_COUNT] = {false};
-    /* The type decides what the other members may be. Without a valid one they are held against the default.
-     */
+    /* The type decides what the other members may be. Without a valid one they are held against the
+     * default. */
     const cJSON *type = cJSON_GetObjectItemCaseSensitive(object, "type");
     if (type) qm_json_find_field("type", 1u << out->kind)->read(type, out);
     unsigned kind = 1u << out->kind;

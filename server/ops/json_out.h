@@ -36,8 +36,8 @@ void qm_json_write_foot(qm_text *out, const qm_projections *feet, size_t i, doub
 /** The result object of a job of any kind. */
 void qm_json_write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result);
 
-/** The members of a bounds event as one object, without event and seq; diagonal makes the relative figures.
- */
+/** The members of a bounds event as one object, without event and seq; diagonal makes the relative
+ * figures. */
 void qm_json_write_bounds(qm_text *out, const qm_hausdorff_progress *progress, double diagonal);
 
 #endif

@@ -7,9 +7,8 @@
 
 #define TOLERANCE 1e-5      /* of the diagonal: how closely a distance is measured */
 #define GOAL_TOLERANCE 0.05 /* of the goal, when that is closer */
-#define UNCOVERED_SLACK                                                                                      \
-    1e-3                    /* of all points: so many more may be out of reach, as samples told the share    \
-                             */
+/* Of all points: so many more may be out of reach, as samples told the share    \ */
+#define UNCOVERED_SLACK 1e-3
 #define DEADLINE_MS 20000.0 /* for the distance after one step; the bounds hold whenever it ends */
 
 typedef struct refinement {
@@ -99,8 +98,8 @@ static qm_status measure_points(const refinement *r, const qm_bvh *mesh, qm_refi
     return status;
 }
 
-/** A rim that coarse quads cut short leaves drawn points beyond the mesh: so the rim counts as it was drawn.
- */
+/** A rim that coarse quads cut short leaves drawn points beyond the mesh: so the rim counts as it was
+ * drawn. */
 static qm_status measure_rim(const refinement *r, const qm_bvh *mesh, qm_refine_record *record)
 {
     double *points;

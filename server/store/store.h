@@ -47,8 +47,8 @@ void qm_blob_abort(qm_blob_writer *writer);
 /** Maps a blob for reading; release with qm_blob_unmap. QM_E_EMPTY when there is none of this hash. */
 qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size);
 void qm_blob_unmap(const uint8_t *bytes, size_t size);
-/** Removes a blob unless a mesh refers to it. The caller sees to it that nobody is about to put such a mesh.
- */
+/** Removes a blob unless a mesh refers to it. The caller sees to it that nobody is about to put such a
+ * mesh. */
 void qm_blob_remove(qm_store *store, const char *hash);
 
 /** A row of meshes. Strings of found rows are the caller's, for qm_store_mesh_reset. */

@@ -38,8 +38,8 @@ typedef struct qm_store_table {
     void (*reset)(void *row);
 } qm_store_table;
 
-/** Reads the one row of a statement and ends it; see store.h for the status. NULL for statement is a fault.
- */
+/** Reads the one row of a statement and ends it; see store.h for the status. NULL for statement is a
+ * fault. */
 qm_status qm_store_find_row(qm_store *store, sqlite3_stmt *statement, const qm_store_table *table, void *out);
 
 /** The same of the one row of a statement with one string. */

@@ -8,8 +8,8 @@
 
 #include "qm/locator.h"
 
-/** What a mesh is changed by, in this order: makes a near twin or another mesh of the same model out of it.
- */
+/** What a mesh is changed by, in this order: makes a near twin or another mesh of the same model out of
+ * it. */
 typedef struct bench_change {
     bool refine;    /* every face cut in four at the middles of its edges */
     double coarsen; /* one vertex for each cell of a grid; the cell's side as a share of the mean edge */
@@ -95,8 +95,8 @@ void bench_patches(const char *path);
 /** Times pairs of faces of a mesh that meet after a hundredth part of its vertices has moved. */
 void bench_moved(const char *path);
 
-/** Times a reconstruction from a layout file up to so many quads, and picks on the surface, and prints them.
- */
+/** Times a reconstruction from a layout file up to so many quads, and picks on the surface, and prints
+ * them. */
 void bench_reconstruct(const char *path, const char *layout_path, size_t max_quads, int threads);
 
 #endif

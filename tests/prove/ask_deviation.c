@@ -188,8 +188,8 @@ static void check_vertices(qm_trial *trial, const qm_wide_surface *b, const qm_d
 
 /* ---- means over random points ---- */
 
-/** Of these many independent means the mean is off by more than so many standard errors about once in 10^9.
- */
+/** Of these many independent means the mean is off by more than so many standard errors about once in
+ * 10^9. */
 #define STANDARD_ERRORS 16.0
 
 /** The area that a patch or a triangle has there for an area of its parameters. */
@@ -242,8 +242,8 @@ static double mean_of(const double x[DRAWS], double *error)
     return mean;
 }
 
-/** An interval of lengths, or of lengths to a power, in the frame, where no square is too large or too small.
- */
+/** An interval of lengths, or of lengths to a power, in the frame, where no square is too large or too
+ * small. */
 static qm_interval in_frame(qm_interval world, qm_wide scale)
 {
     return (qm_interval){(double)(world.lower * scale), (double)(world.upper * scale)};

@@ -131,8 +131,8 @@ static void add_rival(qm_random *random, qm_mesh *mesh)
  */
 static qm_pair thin_and_bent(qm_random *random)
 {
-    /* Most of them at the least width that a normal is taken from, bent by about as much as it is off then.
-     */
+    /* Most of them at the least width that a normal is taken from, bent by about as much as it is off
+     * then. */
     bool at_the_limit = qm_random_below(random, 4) > 0;
     double width = at_the_limit ? qm_random_power(random, -5.7, -5.2) : qm_random_power(random, -6, -0.5);
     double bend = at_the_limit ? qm_random_power(random, -12.2, -11) : width * qm_random_power(random, -9, 0);
@@ -149,8 +149,8 @@ static qm_pair thin_and_bent(qm_random *random)
     pair.a = qm_shape_make(4, 1);
     memcpy(pair.a.faces, quad, sizeof quad);
     if (!is_quad) pair.a.faces[3] = QM_NO_INDEX;
-    /* Corners on the patch or on its two triangles, on one of them or in line, or off by less than the bend.
-     */
+    /* Corners on the patch or on its two triangles, on one of them or in line, or off by less than the
+     * bend. */
     bool on_triangles = qm_random_below(random, 4) > 0, on_one = qm_random_below(random, 2);
     double off = qm_random_below(random, 4) ? 0 : bend * qm_random_power(random, -6, 0);
     for (int i = 0; i < 4; i++) {
@@ -295,8 +295,8 @@ static qm_pair tied(qm_random *random)
     return pair;
 }
 
-/** A face over the unit square or a stretch beside it, at a height and out of its plane by less than a bend.
- */
+/** A face over the unit square or a stretch beside it, at a height and out of its plane by less than a
+ * bend. */
 static qm_mesh draw_layer(qm_random *random, int corners, double reach, double height, double bend)
 {
     static const double square[4][2] = {{0, 0}, {1, 0}, {1, 1}, {0, 1}};

@@ -22,8 +22,8 @@ void qm_decoded_free(qm_decoded *decoded);
 /** True if one of the warnings holds these words. */
 bool qm_decoded_warns(const qm_decoded *decoded, const char *words);
 
-/** A file that must be refused: with this status, at this line or byte, and with these words in the detail.
- */
+/** A file that must be refused: with this status, at this line or byte, and with these words in the
+ * detail. */
 typedef struct qm_refusal {
     const char *text;
     qm_status status;

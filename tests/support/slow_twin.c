@@ -501,8 +501,8 @@ static void fill_distances(slow_search *search, const vec *samples, int count)
                 *out++ = label_distance(&search->targets[f].labels[k], samples[i]);
 }
 
-/** Bracket of a sample's distance to the target, as narrow as eps only where it could raise the lower bound.
- */
+/** Bracket of a sample's distance to the target, as narrow as eps only where it could raise the lower
+ * bound. */
 static real_bracket sample_distance(const slow_search *search, vec p, const real *row)
 {
     real_bracket coarse = {INFINITY, INFINITY};

@@ -145,8 +145,8 @@ static qm_long_vec point_at(const search *s, const cell *c, const qm_long uv[2])
     return qm_wide_round(qm_wide_facet_at(&s->source->facets[c->facet], uv[0], uv[1]));
 }
 
-/** The rows of a net: its corners, the middles of its sides, its middle; which corners each is the mean of.
- */
+/** The rows of a net: its corners, the middles of its sides, its middle; which corners each is the mean
+ * of. */
 static int net_rows(const cell *c, int row, int corners[4])
 {
     int n = c->corner_count;
@@ -181,8 +181,8 @@ static void add_near(const search *s, cell *c, size_t facet, qm_long u, qm_long 
     add_label(s, c, made);
 }
 
-/** Labels near the middle p of a cell of this radius: convex facets anew, those on patches from the parent's.
- */
+/** Labels near the middle p of a cell of this radius: convex facets anew, those on patches from the
+ * parent's. */
 static void find_labels(const search *s, cell *c, qm_long_vec p, qm_long radius, bool is_root)
 {
     label old[MAX_LABELS];
@@ -218,8 +218,8 @@ static void try_point(search *s, cell *c, qm_long_vec p, qm_long about)
         add_label(s, c, (label){d.facet, {(qm_long)d.uv[0], (qm_long)d.uv[1]}, (qm_long)d.upper});
 }
 
-/** A convex set's column, from its distances from the corners: means of them bound those of the rows between.
- */
+/** A convex set's column, from its distances from the corners: means of them bound those of the rows
+ * between. */
 static void fill_convex(const cell *c, const qm_long distance[4], matrix *m)
 {
     for (int row = 0; row < m->rows; row++) {

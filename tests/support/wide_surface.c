@@ -472,8 +472,8 @@ static void try_model(const long_patch *q, const qm_long x[2], qm_long bend, qm_
     }
 }
 
-/** Steps by Newton's model, by that of the tangent plane, and by turns along the axes, whichever gains most.
- */
+/** Steps by Newton's model, by that of the tangent plane, and by turns along the axes, whichever gains
+ * most. */
 static qm_long near_patch(const qm_long_vec c[4], qm_long_vec p, qm_long uv[2])
 {
     const qm_long_vec e1 = qm_long_sub(c[1], c[0]), e2 = qm_long_sub(c[3], c[0]);

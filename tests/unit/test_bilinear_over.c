@@ -104,8 +104,8 @@ static double farthest(const double patch[4][3], const qm_vec corner[3])
     return most;
 }
 
-/** Over a saddle: a sixteenth of the excess for half the size, but for what the search for the truth leaves.
- */
+/** Over a saddle: a sixteenth of the excess for half the size, but for what the search for the truth
+ * leaves. */
 static void the_excess_falls_with_the_fourth_power(void **state)
 {
     (void)state;

@@ -5,8 +5,8 @@
 #include "check.h"
 #include "decode.h"
 
-/** A binary part of a square: four positions (48 bytes), indices of two triangles as bytes, shorts and ints.
- */
+/** A binary part of a square: four positions (48 bytes), indices of two triangles as bytes, shorts and
+ * ints. */
 static void add_square(qm_bytes *part)
 {
     static const float positions[12] = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0};

@@ -1,5 +1,5 @@
-/* What single precision proves about pairs of triangles, against whole numbers and between instruction sets.
- */
+/* What single precision proves about pairs of triangles, against whole numbers and between instruction
+ * sets. */
 #include <string.h>
 
 #include "bvh/kernel.h"

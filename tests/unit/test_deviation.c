@@ -141,8 +141,8 @@ static void a_plane_through_another_is_folded_up(void **state)
 static void a_saddle_over_a_plane_is_balanced(void **state)
 {
     (void)state;
-    /* z = x y over [-1, 1]^2, 3 above the plane: for each point there is one as far below 3 as it is above.
-     */
+    /* z = x y over [-1, 1]^2, 3 above the plane: for each point there is one as far below 3 as it is
+     * above. */
     qm_mesh a = qm_shape_saddle(1);
     static const double down[3] = {0, 0, 3};
     qm_shape_move(&a, 1.0, down);
@@ -355,8 +355,8 @@ static double share(const cell_list *list, double from, double to, bool surely)
     return area / list->area;
 }
 
-/** Two intervals of one value have something in common; slack is what the areas of the sampling are off by.
- */
+/** Two intervals of one value have something in common; slack is what the areas of the sampling are off
+ * by. */
 static void check_meet(qm_interval found, double low, double high, double slack, uint64_t seed,
                        const char *name)
 {
@@ -499,8 +499,8 @@ static void finer_copies_agree_with_sampling(void **state)
     one_near_pair(13, 7, 1e-3, 1e-3, QM_QUADS_TRIANGLES, 3);
 }
 
-/** The mean of surfaces that nearly coincide closes long before their distribution, which is not left behind.
- */
+/** The mean of surfaces that nearly coincide closes long before their distribution, which is not left
+ * behind. */
 static void percentiles_of_noisy_copies_are_narrow(void **state)
 {
     (void)state;

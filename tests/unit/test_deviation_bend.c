@@ -118,8 +118,8 @@ static double share_of_grid(const bent_piece *piece, double x, double nearer)
     return within / area;
 }
 
-/** In a triangle of the grid a height is as far from that at its middle as it can get on a third of an edge.
- */
+/** In a triangle of the grid a height is as far from that at its middle as it can get on a third of an
+ * edge. */
 static void check_shares(const bent_piece *piece, uint64_t number)
 {
     double x[PLACES], open[2], most = greatest_of(piece->value, 6), steep = 8.0 * most / GRID;

@@ -13,8 +13,8 @@
 
 enum { SOUPS = 60, FACES = 24, POINTS = 40 };
 
-/** Triangles of all shapes, in places and sizes that differ widely: fat, slivers, needles, segments, points.
- */
+/** Triangles of all shapes, in places and sizes that differ widely: fat, slivers, needles, segments,
+ * points. */
 static qm_mesh draw_soup(qm_random *random, int kind)
 {
     double spread = pow(10.0, qm_random_range(random, -6.0, 0.0));

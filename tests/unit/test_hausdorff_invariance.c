@@ -40,8 +40,8 @@ static qm_mesh with_faces_shuffled(const qm_mesh *mesh, qm_quad_reading reading,
     return out;
 }
 
-/** Faces that begin at another corner or run the other way round: as two triangles a quad keeps its diagonal.
- */
+/** Faces that begin at another corner or run the other way round: as two triangles a quad keeps its
+ * diagonal. */
 static qm_mesh with_corners_turned(const qm_mesh *mesh, qm_quad_reading reading, uint64_t choice)
 {
     qm_mesh out = qm_shape_copy(mesh);

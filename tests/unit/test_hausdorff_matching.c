@@ -1,5 +1,5 @@
-/* The bounds of chapter 5, matching, against the bounds by cells, the slow twin, and values that are known.
- */
+/* The bounds of chapter 5, matching, against the bounds by cells, the slow twin, and values that are
+ * known. */
 #include "check.h"
 
 #include "base/parallel.h"
@@ -137,8 +137,8 @@ static void offset_planes_are_as_far_apart_as_they_lie(void **state)
     qm_shape_free(&one);
 }
 
-/** Bilinear quads on one saddle: the same surface however it is cut, and each match follows the parameters.
- */
+/** Bilinear quads on one saddle: the same surface however it is cut, and each match follows the
+ * parameters. */
 static void nested_saddles_are_one_surface(void **state)
 {
     (void)state;

@@ -150,8 +150,8 @@ static void brackets_meet_those_of_the_slow_twin(void **state)
                   (unsigned long long)converged[QM_QUADS_BILINEAR],
                   (unsigned long long)drawn[QM_QUADS_BILINEAR], (unsigned long long)closed);
     assert_int_equal(converged[QM_QUADS_TRIANGLES], drawn[QM_QUADS_TRIANGLES]);
-    /* Patches bent by up to two edge lengths meet ridges of the distance that take more than the work limit.
-     */
+    /* Patches bent by up to two edge lengths meet ridges of the distance that take more than the work
+     * limit. */
     assert_true(converged[QM_QUADS_BILINEAR] * 100 >= drawn[QM_QUADS_BILINEAR] * 80);
     assert_true(closed * 2 >= all);
 }

@@ -291,8 +291,8 @@ static qm_status measure(bench *a, const bench *b, qm_accelerator accelerator, q
     return qm_hausdorff_measure(&a->ctx, a->tree, b->tree, &options, out);
 }
 
-/** Searches may go other ways, since boxes alone bound by single precision first; they meet in the distance.
- */
+/** Searches may go other ways, since boxes alone bound by single precision first; they meet in the
+ * distance. */
 static void distances_agree_with_each_accelerator(void **state)
 {
     (void)state;

@@ -176,8 +176,8 @@ static void grids_that_a_mesh_tells_are_its_patches(void **state)
     assert_int_equal(count_told((qm_mesh_grid[]){{UINT32_MAX, UINT32_MAX}}, 1, &rows), 1);
 }
 
-/** A band of columns x rows whose ends are joined with a shift, after turning the end over when flip is set.
- */
+/** A band of columns x rows whose ends are joined with a shift, after turning the end over when flip is
+ * set. */
 static qm_mesh joined_band(uint32_t columns, uint32_t rows, bool flip)
 {
     qm_mesh mesh = qm_shape_make((size_t)columns * (rows + 1), (size_t)columns * rows);
@@ -312,8 +312,8 @@ static void random_soups_hold_the_promise(void **state)
     }
 }
 
-/** A grid from which random quads are taken or of which random vertices are joined: open, torn and pinched.
- */
+/** A grid from which random quads are taken or of which random vertices are joined: open, torn and
+ * pinched. */
 static void torn_grids_hold_the_promise(void **state)
 {
     (void)state;

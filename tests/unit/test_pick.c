@@ -19,8 +19,8 @@ static void sphere_at(const void *user, double u, double v, double out[3])
     out[2] = z;
 }
 
-/** An eye at (0, 0, 5) that looks down on the origin, with a field of view of 53 degrees, 800 x 600 pixels.
- */
+/** An eye at (0, 0, 5) that looks down on the origin, with a field of view of 53 degrees, 800 x 600
+ * pixels. */
 static qm_camera camera_above(void)
 {
     const double near = 1.0, far = 10.0, height = 0.5;

@@ -136,8 +136,8 @@ static void shapes_match_brute_force(void **state)
     check_shape(qm_shape_points(&random, 1), "one point");
 }
 
-/** Far from the origin and at other scales the error stays at 1e-12 of the size, the shift being part of it.
- */
+/** Far from the origin and at other scales the error stays at 1e-12 of the size, the shift being part of
+ * it. */
 static void moved_and_scaled_meshes_match_brute_force(void **state)
 {
     (void)state;
@@ -374,8 +374,8 @@ static void points_that_are_not_finite_are_named(void **state)
     qm_shape_free(&box);
 }
 
-/** Meshes of any size: errors are counted from a size of 2^-1000 on, and what would not be a number is told.
- */
+/** Meshes of any size: errors are counted from a size of 2^-1000 on, and what would not be a number is
+ * told. */
 static void meshes_of_any_size_are_answered_or_refused(void **state)
 {
     (void)state;

@@ -28,8 +28,8 @@ static qm_vec corner_at(const qm_mesh *mesh, size_t face, int k)
     return qm_vec_load(mesh->positions + 3 * (size_t)mesh->faces[4 * face + (size_t)k]);
 }
 
-/** Two patches over x from 0 to 0.5 and on to 1: of their seven curves all but the one between are the rim.
- */
+/** Two patches over x from 0 to 0.5 and on to 1: of their seven curves all but the one between are the
+ * rim. */
 static void the_rim_is_what_one_patch_alone_has(void **state)
 {
     (void)state;

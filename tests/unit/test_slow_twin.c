@@ -26,8 +26,8 @@ static void triangle_distances_are_those_of_the_drawing(void **state)
     assert_true(qm_slow_triangle_distance((const double[3]){3, 4, 0}, a, a, a) == 5);
 }
 
-/** The least distance over a lattice of points of a face bounds the true one from above, and nearly meets it.
- */
+/** The least distance over a lattice of points of a face bounds the true one from above, and nearly meets
+ * it. */
 static void brackets_of_faces_fit_a_lattice_of_points(void **state)
 {
     (void)state;

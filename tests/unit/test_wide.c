@@ -67,8 +67,8 @@ static void distances_of_surfaces_agree(void **state)
     assert_true(narrow * 10 >= count * 9);
 }
 
-/** Half of the circle through the corners of a right triangle, seen from its longest side; a raised saddle.
- */
+/** Half of the circle through the corners of a right triangle, seen from its longest side; a raised
+ * saddle. */
 static void values_on_paper(void **state)
 {
     (void)state;

@@ -26,9 +26,8 @@ typedef struct qm_interval {
 
 typedef struct qm_deviation_options {
     qm_quad_reading quads;
-    double accuracy; /* > 0: mean and rms are narrowed until upper - lower <= accuracy * lower */
-    double
-        tolerance;      /* > 0, unit of the meshes: width of the interval of the maximum; it stays wider when
+    double accuracy;    /* > 0: mean and rms are narrowed until upper - lower <= accuracy * lower */
+    double tolerance;   /* > 0, unit of the meshes: width of the interval of the maximum; it stays wider when
                            its search takes many times the work that such meshes need, or long beside the rest */
     size_t piece_limit; /* pieces besides those that A's faces make; 0: none, so that nothing is cut */
     const double *percentile; /* percentile_count numbers above 0, at most 100 */

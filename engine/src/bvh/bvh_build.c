@@ -12,8 +12,8 @@
 #define FETCHED_PACKS 8 /* packs whose vertices are fetched while others are looked at */
 #define ROWS_KEPT 16384 /* packs of which there is room for all triangles in double precision, and */
 #define ROWS_SHARE 16   /* for one in so many of those beyond */
-#define FLOATS_AT_ONCE                                                                                       \
-    65536              /* packs of the largest tree whose triangles in single precision are made at once */
+/* Packs of the largest tree whose triangles in single precision are made at once */
+#define FLOATS_AT_ONCE 65536
 #define BLOCK_PACKS 64 /* packs that a worker takes at once: a multiple of 64, a box of the third level */
 
 /** Work on the packs, which the workers share by blocks. */

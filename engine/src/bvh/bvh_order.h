@@ -40,8 +40,8 @@ qm_status qm_bvh_order(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts,
 qm_status qm_bvh_build_ordered(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts, int thread_count,
                                const qm_bvh_faces *faces);
 
-/** True when the surface has much less than half the size of its frame: far vertices without a face made it.
- */
+/** True when the surface has much less than half the size of its frame: far vertices without a face made
+ * it. */
 bool qm_bvh_frame_is_wide(const qm_bvh *bvh);
 
 /** Frees all but the mesh and the tree itself. */

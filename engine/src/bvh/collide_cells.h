@@ -17,8 +17,8 @@ enum { QM_CELL_Z = 0, QM_CELL_Y = 8, QM_CELL_X = 16 }; /* how far each is shifte
 /** Marks of the cells along the last axis, a bit each. */
 typedef uint64_t qm_cell_row;
 
-/** Cells 1 to count along each axis; 0 and count + 1 are all that is outside. The shortest axis comes last.
- */
+/** Cells 1 to count along each axis; 0 and count + 1 are all that is outside. The shortest axis comes
+ * last. */
 typedef struct qm_cell_grid {
     int axis[3]; /* the mesh's; all else is in this order */
     double low[3], high[3], scale[3];

@@ -89,8 +89,8 @@ static qm_status check_point(qm_context *ctx, const qm_frame *frame, const doubl
         return qm_context_fail(ctx, QM_E_NOT_FINITE, "point %zu has a coordinate that is not finite", row);
     if (!(most <= QM_MAX_SCALE_RATIO))
         return qm_context_fail(ctx, QM_E_SCALE, "point %zu lies farther than 2^300 sizes from the mesh", row);
-    /* Distances are below 2 (most + 1), positions within 1 of the origin along each axis and their roundings.
-     */
+    /* Distances are below 2 (most + 1), positions within 1 of the origin along each axis and their
+     * roundings. */
     if (!isfinite(origin + 2.0 * (most + 1.0) * frame->inverse_scale))
         return qm_context_fail(ctx, QM_E_SCALE, "distances from point %zu overflow double precision", row);
     return QM_OK;

@@ -15,8 +15,8 @@
 /** What a place says of a member: where its item is, or one of these. */
 #define QM_DEMAND_NONE UINT32_MAX
 #define QM_DEMAND_IN_WORK (UINT32_MAX - 1)
-#define QM_DEMAND_STALE                                                                                      \
-    UINT32_C(0x80000000) /* with the place: to be made anew there; the least of the three */
+/* With the place: to be made anew there; the least of the three */
+#define QM_DEMAND_STALE UINT32_C(0x80000000)
 
 typedef struct qm_demand {
     void *items;        /* NULL: there are none to ask for */

@@ -19,8 +19,8 @@ static inline uint64_t qm_radix_entry(uint64_t key, uint64_t index)
  * below 2^key_bits. Returns QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_radix_sort(qm_context *ctx, uint64_t *entries, size_t count, int key_bits, int workers);
 
-/** Writes entries begin to end, before they are sorted, to their places, a few at a time; by several threads.
- */
+/** Writes entries begin to end, before they are sorted, to their places, a few at a time; by several
+ * threads. */
 typedef struct qm_radix_maker {
     void (*make)(void *data, size_t begin, size_t end, uint64_t *entries);
     void *data;

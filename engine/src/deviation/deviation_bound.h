@@ -19,8 +19,8 @@ double qm_piece_search(const qm_piece_maker *maker, qm_piece_desk *desk, qm_vec 
 /** Lists the facets near a piece on the desk. */
 void qm_piece_list_near(const qm_piece_maker *maker, const qm_piece_shape *shape, qm_piece_desk *desk);
 
-/** Bounds a piece by a list on the desk that was made for it, or, when complete, for one that it is part of.
- */
+/** Bounds a piece by a list on the desk that was made for it, or, when complete, for one that it is part
+ * of. */
 void qm_piece_bound_near(const qm_piece_maker *maker, const qm_piece_face *face, const qm_source_piece *piece,
                          const qm_piece_shape *shape, qm_piece_desk *desk, qm_piece_bounds *out);
 

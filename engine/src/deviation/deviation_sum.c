@@ -5,8 +5,8 @@
 
 #include "core/rounding.h"
 
-#define PIECE_ROUNDINGS                                                                                      \
-    64.0 /* of a piece's own area, integrals and shares, and of quotients and roots of sums */
+/* Of a piece's own area, integrals and shares, and of quotients and roots of sums */
+#define PIECE_ROUNDINGS 64.0
 #define BORDER_ROUNDINGS 0x1p-50 /* relative: of a quotient and a product, whichever comes first */
 #define FIRST_PLACES 128 /* looked at in the first round, closer to one another where distances are small */
 #define PLACES 3         /* of an end of a percentile, looked at in each other round */
@@ -29,8 +29,8 @@ static qm_interval opened(long double low, long double high, double error)
     return (qm_interval){(double)low * (1.0 - error), (double)high * (1.0 + error)};
 }
 
-/** The interval of a sum over the surface of a function that is at most this, from the sums over all pieces.
- */
+/** The interval of a sum over the surface of a function that is at most this, from the sums over all
+ * pieces. */
 static qm_interval sum_interval(qm_piece_list pieces, const long double sum[2], double most)
 {
     qm_interval open = opened(sum[0], sum[1], sum_error(pieces.count));

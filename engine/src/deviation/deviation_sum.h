@@ -48,8 +48,8 @@ void qm_piece_shares(qm_piece_list pieces, const double *x, size_t count, long d
 qm_status qm_piece_percentiles(qm_context *ctx, qm_piece_list pieces, double greatest, const double *percent,
                                size_t count, qm_interval *out);
 
-/** Shares in the bins [i, i + 1) * greatest / count, the last one closed, however their borders are rounded.
- */
+/** Shares in the bins [i, i + 1) * greatest / count, the last one closed, however their borders are
+ * rounded. */
 qm_status qm_piece_histogram(qm_context *ctx, qm_piece_list pieces, double greatest, size_t count,
                              qm_interval *out);
 

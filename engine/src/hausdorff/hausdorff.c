@@ -15,8 +15,8 @@
 #include "core/rounding.h"
 #include "hausdorff_search.h"
 
-#define OPENED_BY                                                                                            \
-    2.25 /* by how many eta the result is wider than the search's own bracket, and its rounding */
+/* By how many eta the result is wider than the search's own bracket, and its rounding */
+#define OPENED_BY 2.25
 #define WITNESS_ERROR 1e-3 /* of the tolerance: certified error of the witness over patches */
 
 qm_hausdorff_options qm_hausdorff_options_default(void)
@@ -183,8 +183,8 @@ static const qm_tetra *tetra_over(const qm_hausdorff_options *options, const qm_
     return NULL;
 }
 
-/** A call canceled meanwhile goes on with the tree alone: the workers see the flag, and the result is valid.
- */
+/** A call canceled meanwhile goes on with the tree alone: the workers see the flag, and the result is
+ * valid. */
 static qm_status build_locators(qm_context *ctx, qm_search *search)
 {
     qm_status status = QM_OK;

@@ -10,8 +10,8 @@
 #include "hausdorff_search.h"
 #include "prim/bilinear_point.h"
 
-/** The facet of a pack that is nearest to a point, as QM_PACK_LANES * pack + lane: a patch by its first lane.
- */
+/** The facet of a pack that is nearest to a point, as QM_PACK_LANES * pack + lane: a patch by its first
+ * lane. */
 uint32_t qm_matching_facet(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p);
 
 /**

@@ -227,8 +227,8 @@ static double cut_place(const matching *work, int i, int j, int a, int b)
     return place;
 }
 
-/** The two cells on both sides of a cut from x to y: near lies on facet a, far on b, each in turn from x on.
- */
+/** The two cells on both sides of a cut from x to y: near lies on facet a, far on b, each in turn from x
+ * on. */
 static double cut_upper(const matching *work, int a, int b, const int *near, int near_count, const int *far,
                         int far_count, qm_vec x, qm_vec y)
 {
@@ -257,8 +257,8 @@ static double lone_corner_upper(const matching *work, int k)
     return cut_upper(work, a, b, &k, 1, far, 2, x, y);
 }
 
-/** A rectangle with corners k and k + 1 on one facet and the others on another: cut along a parameter (5.29).
- */
+/** A rectangle with corners k and k + 1 on one facet and the others on another: cut along a parameter
+ * (5.29). */
 static double halves_upper(const matching *work, int k)
 {
     int near[2] = {k, (k + 1) % 4}, far[2] = {(k + 2) % 4, (k + 3) % 4};
@@ -270,8 +270,8 @@ static double halves_upper(const matching *work, int k)
     return cut_upper(work, a, b, near, 2, far, 2, x, y);
 }
 
-/** One cell a corner, from the midpoints of its sides to the centre, on the corner's facet: (5.21), (5.31).
- */
+/** One cell a corner, from the midpoints of its sides to the centre, on the corner's facet: (5.21),
+ * (5.31). */
 static double corners_upper(const matching *work)
 {
     qm_vec middle[4], centre = qm_matching_middles(work->piece, middle);

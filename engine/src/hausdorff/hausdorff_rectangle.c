@@ -8,8 +8,8 @@
 #include "prim/bilinear_match.h"
 
 #define SLACK_SHARE 0.25 /* of the tolerance: a patch this flat goes on as triangles */
-#define MAX_SLACK_SHARE                                                                                      \
-    0.5                 /* of the cutoff distance: a patch bent more is cut before its triangles are tried */
+/* Of the cutoff distance: a patch bent more is cut before its triangles are tried */
+#define MAX_SLACK_SHARE 0.5
 #define MIDDLE_LEVELS 8 /* cut in the middle: grids refined by halves then meet line on line */
 #define MIN_SIDE 0.7    /* of the longer side: a shorter one is cut as well */
 #define MAX_RESTS 512   /* parts that a match leaves over */
@@ -357,8 +357,8 @@ static bool sample_unreached_corners(qm_piece_work *work)
     return found;
 }
 
-/** Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with in_reach.
- */
+/** Covers a rectangle by all candidates and what its middle brings; else *corners are its own, with
+ * in_reach. */
 static bool rectangle_reached(qm_piece_work *work, const qm_bilinear *patch, const qm_bilinear_halves *halves,
                               qm_polygon *corners)
 {

@@ -3,8 +3,8 @@
 #include "hausdorff_search.h"
 #include "prim/bilinear_point.h"
 
-#define CERTIFY_SHARE                                                                                        \
-    0.25 /* of the tolerance: the least rise of the lower bound that is worth a certificate */
+/* Of the tolerance: the least rise of the lower bound that is worth a certificate */
+#define CERTIFY_SHARE 0.25
 #define FLOAT_FLOOR 0x1p-21    /* of the reach: a lower bound below it is lost in the margins of floats */
 #define PATCH_ERROR_SHARE 0.02 /* of the tolerance: certified error of a patch distance */
 

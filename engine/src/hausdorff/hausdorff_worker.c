@@ -107,8 +107,8 @@ static void move_half(qm_worker *thief, qm_worker *victim)
     }
 }
 
-/** A last entry is left to its owner, unless no one is at work: the owner may not have begun, or have left.
- */
+/** A last entry is left to its owner, unless no one is at work: the owner may not have begun, or have
+ * left. */
 static bool steal(qm_worker *thief)
 {
     qm_search *search = thief->search;

@@ -152,8 +152,8 @@ static void measure_angles(cells *c, uint32_t node)
     }
 }
 
-/** How far to turn anticlockwise from one dart of a node to another: above 0, a whole turn for the same one.
- */
+/** How far to turn anticlockwise from one dart of a node to another: above 0, a whole turn for the same
+ * one. */
 static double turn(const cells *c, uint32_t from, uint32_t to)
 {
     const double whole = 6.283185307179586;

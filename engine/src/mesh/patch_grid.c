@@ -1,7 +1,7 @@
 #include "patch_grid.h"
 
-/** Goes back to the first column; false when there is none, since the cells come round to where they began.
- */
+/** Goes back to the first column; false when there is none, since the cells come round to where they
+ * began. */
 static bool find_start(const qm_patch_links *links, qm_quad_cell *cell)
 {
     qm_quad_cell at = qm_quad_cell_reverse_u(*cell), begin = at;

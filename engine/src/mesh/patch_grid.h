@@ -6,8 +6,8 @@
 
 #include "patch_links.h"
 
-/** A cell of a rectangle: its face, and the sides of it that look along the columns' and the rows' numbers.
- */
+/** A cell of a rectangle: its face, and the sides of it that look along the columns' and the rows'
+ * numbers. */
 typedef struct qm_quad_cell {
     uint32_t face;
     uint32_t u, v; /* sides of the face, next to one another: towards the next column, and the next row */

@@ -20,8 +20,8 @@ static bool push(qm_patch_trace *trace, qm_spoke step)
     return true;
 }
 
-/** The faces round a vertex, from a spoke on: those to one side of it, and when they do not close the others.
- */
+/** The faces round a vertex, from a spoke on: those to one side of it, and when they do not close the
+ * others. */
 typedef struct fan {
     uint32_t quads;
     bool closed;

@@ -65,8 +65,8 @@ static bool look_apart(const qm_mesh *mesh, size_t a, size_t b)
     return qm_quads_look_apart(qm_quad_normal(one), qm_quad_normal(other));
 }
 
-/** Quads of a grid, the first of which is a face of the mesh, that lie upside down among those beside them.
- */
+/** Quads of a grid, the first of which is a face of the mesh, that lie upside down among those beside
+ * them. */
 static size_t count_turned(const qm_mesh *mesh, const qm_mesh_grid *grid, size_t first)
 {
     size_t turned = 0, columns = grid->columns;

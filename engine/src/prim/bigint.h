@@ -16,8 +16,8 @@ typedef struct qm_bigint {
     uint64_t limb[QM_BIGINT_LIMBS];
 } qm_bigint;
 
-/** The exponents of the highest and lowest bits that are set in any of count doubles; false when all are 0.
- */
+/** The exponents of the highest and lowest bits that are set in any of count doubles; false when all are
+ * 0. */
 int qm_bigint_span(const double *values, int count, int *low, int *high);
 
 /** value / 2^low, which is whole and has at most 63 bits. */

@@ -5,8 +5,8 @@
 #include "tri_point.h"
 #include "tri_tri.h"
 
-#define STRICTLY                                                                                             \
-    (1024.0 * QM_BILINEAR_PART_ERROR) /* off a plane: far more than its corners are by rounding */
+/* Off a plane: far more than its corners are by rounding */
+#define STRICTLY (1024.0 * QM_BILINEAR_PART_ERROR)
 
 static const double corner_uv[2][4][2] = {{{0, 0}, {1, 0}, {0, 1}, {0, 1}}, {{0, 0}, {1, 0}, {1, 1}, {0, 1}}};
 

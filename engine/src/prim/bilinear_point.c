@@ -374,8 +374,8 @@ typedef struct part {
     double lower; /* of the distance to it */
 } part;
 
-/** Makes the quarters of a part, the nearest last, and goes down from where they may be nearer than the best.
- */
+/** Makes the quarters of a part, the nearest last, and goes down from where they may be nearer than the
+ * best. */
 static void make_quarters(const query *q, const part *whole, double twist, double reach, part quarter[4],
                           qm_bilinear_foot *best)
 {
@@ -535,8 +535,8 @@ static void look_between(const query *q, const segment_foot *low, const segment_
     double nearest = 0.5 * (sqrt(low->distance2) + sqrt(high->distance2) - speed * (high->s - low->s));
     if (nearest >= qm_min(best->distance, stop_above)) return;
     if (depth <= 0) {
-        /* Where the best point lies between these two, a way down has led to it from segments farther apart.
-         */
+        /* Where the best point lies between these two, a way down has led to it from segments farther
+         * apart. */
         bool is_known = depth < 0 && best->uv[0] > low->s && best->uv[0] < high->s;
         if (!is_known && low->slope < 0.0 && high->slope > 0.0) minimise_between(q, *low, *high, best);
         if (depth == -POINT_HALVINGS || !turn_round(q->patch, low, high)) return;

@@ -112,8 +112,8 @@ static bool is_same(qm_vec a, qm_vec b)
     return a.x == b.x && a.y == b.y && a.z == b.z;
 }
 
-/** Meshes whose parts share no vertices have corners at one place everywhere: then nothing is to be computed.
- */
+/** Meshes whose parts share no vertices have corners at one place everywhere: then nothing is to be
+ * computed. */
 static int exact_side(const qm_vec plane[3], qm_vec p)
 {
     if (is_same(p, plane[0]) || is_same(p, plane[1]) || is_same(p, plane[2])) return 0;

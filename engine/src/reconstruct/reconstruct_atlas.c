@@ -102,8 +102,8 @@ static void find_beside(atlas *a)
             a->beside[layout->patches[p].side[k]][layout->patches[p].against[k]] = (uint32_t)p;
 }
 
-/** A sample near a node of a curve belongs to the patch on its side, unless it lies too nearly on the curve.
- */
+/** A sample near a node of a curve belongs to the patch on its side, unless it lies too nearly on the
+ * curve. */
 static void offer_side(atlas *a, uint32_t fixed, uint32_t sample)
 {
     const qm_fixed_node *node = fixed_node(a, fixed);
@@ -170,8 +170,8 @@ static size_t count_fixed_links(const atlas *a)
     return count;
 }
 
-/** Keeps the links of a sample within its patch, pointed at parameters, with weights that fall with distance.
- */
+/** Keeps the links of a sample within its patch, pointed at parameters, with weights that fall with
+ * distance. */
 static void keep_own_links(atlas *a, uint32_t i, size_t *fixed)
 {
     int kept = 0;

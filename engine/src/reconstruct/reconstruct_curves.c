@@ -143,8 +143,8 @@ void qm_track_at(const qm_track *track, double share, double position[3], qm_vec
     if (length > 0.0) *tangent = qm_vec_scale(1.0 / length, *tangent);
 }
 
-/** Vertices at equal arc length. Where there are more of them than fine points, the surface is asked again.
- */
+/** Vertices at equal arc length. Where there are more of them than fine points, the surface is asked
+ * again. */
 static qm_status set_vertices(qm_context *ctx, const qm_reconstruction *r, qm_track *track, uint32_t edges)
 {
     double *vertices = qm_context_alloc(ctx, (size_t)edges + 1, ROW);

@@ -167,8 +167,8 @@ static qm_vec outline_area(const qm_reconstruction *r, const qm_layout_patch *pa
     return area;
 }
 
-/** How much the patches of a part turn about the surface's normals, which are summed up along their curves.
- */
+/** How much the patches of a part turn about the surface's normals, which are summed up along their
+ * curves. */
 static double part_turn(const qm_reconstruction *r, uint32_t part, const qm_vec *curve_normal)
 {
     double turn = 0.0;

@@ -69,8 +69,8 @@ static bool try_middle(trial *t)
     return is_better;
 }
 
-/** Eight ways off, by ever smaller shares of the edges: where curves bend sharply the middle may be no help.
- */
+/** Eight ways off, by ever smaller shares of the edges: where curves bend sharply the middle may be no
+ * help. */
 static bool try_around(trial *t)
 {
     qm_vec along = qm_vec_sub(qm_grid_at(t->grid, t->i + 1, t->j), qm_grid_at(t->grid, t->i - 1, t->j));

@@ -44,8 +44,8 @@ typedef struct qm_track {
     uint32_t vertex_edges; /* how many edges the vertices make: work of the chord */
 } qm_track;
 
-/** Vertices of a patch: (rows + 1) rows of (columns + 1) points; (0, 0) is corner 0, columns go along side 0.
- */
+/** Vertices of a patch: (rows + 1) rows of (columns + 1) points; (0, 0) is corner 0, columns go along side
+ * 0. */
 typedef struct qm_patch_grid {
     uint32_t columns, rows;
     double *vertices;
@@ -154,8 +154,8 @@ qm_status qm_track_lay(qm_context *ctx, const qm_reconstruction *r, const double
 /** Leads curves that jump from one sheet of the surface to another round along it, over so many samples. */
 qm_status qm_tracks_detour(qm_context *ctx, qm_reconstruction *r, size_t wanted);
 
-/** Takes turns back out of the curves, which neighbouring points make when they are pulled past each other.
- */
+/** Takes turns back out of the curves, which neighbouring points make when they are pulled past each
+ * other. */
 void qm_tracks_straighten(qm_reconstruction *r);
 
 /** Point and direction of a curve at a share of its length. */
@@ -195,8 +195,8 @@ qm_status qm_samples_drop_turned(qm_context *ctx, const qm_reconstruction *r, qm
 /** Makes parameters count the edges of the grids; before, a patch has base edges a side. */
 void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base);
 void qm_samples_reset(qm_context *ctx, qm_samples *samples);
-/** The patch that a face of a mesh of the grids belongs to; first has the number of each patch's first face.
- */
+/** The patch that a face of a mesh of the grids belongs to; first has the number of each patch's first
+ * face. */
 size_t qm_patch_of_face(const size_t *first, size_t patch_count, uint32_t face);
 
 /** Places the inner vertices of stale grids. */

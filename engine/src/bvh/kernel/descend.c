@@ -43,8 +43,8 @@ static inline void change_box(const qm_node *node, double scale, const double sh
     }
 }
 
-/** The same of one side of eight boxes along an axis; outward is 1 for their high sides, -1 for the low ones.
- */
+/** The same of one side of eight boxes along an axis; outward is 1 for their high sides, -1 for the low
+ * ones. */
 static inline void change_row(const float row[8], double scale, double shift, float outward, float out[8])
 {
     const qm_four largest = (qm_four){0} + LARGEST;
