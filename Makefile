@@ -1,4 +1,4 @@
-# quadmeshd: make [config=release|debug|asan|tsan|coverage|fuzz] [all|test|prove|demo|bench|check-layers|format|clean]
+# quadmeshd: make [config=release|debug|check|asan|tsan|coverage|fuzz] [all|test|prove|demo|bench|check-layers|format|clean]
 #
 # release leaves build/quadmeshd and build/quadmesh; every other config builds in build/<config>/.
 # Local overrides (CC, CFLAGS_EXTRA, ...) go into Makefile.config, which is not kept under version control.
@@ -14,6 +14,8 @@ OBJ := build/obj/$(config)
 CONFIG_FLAGS_release  := -O3 -DNDEBUG -g1
 CONFIG_FLAGS_debug    := -O0 -g3
 CONFIG_FLAGS_asan     := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=all
+# Assertions on, as fast as they allow: for tests that search for long.
+CONFIG_FLAGS_check    := -O2 -g1 -fsanitize=undefined -fno-sanitize-recover=all
 CONFIG_FLAGS_tsan     := -O2 -g -fno-omit-frame-pointer -fsanitize=thread
 CONFIG_FLAGS_coverage := -O0 -g --coverage
 # Only clang has libFuzzer; its warnings are not those that this code is kept clean of.
@@ -21,7 +23,7 @@ CONFIG_FLAGS_fuzz     := -O1 -g1 -fno-omit-frame-pointer -fsanitize=fuzzer-no-li
     -fno-sanitize-recover=all -w
 CONFIG_FLAGS := $(CONFIG_FLAGS_$(config))
 ifeq ($(CONFIG_FLAGS),)
-$(error unknown config '$(config)': release, debug, asan, tsan, coverage or fuzz)
+$(error unknown config '$(config)': release, debug, check, asan, tsan, coverage or fuzz)
 endif
 ifeq ($(config),fuzz)
 CC  := clang

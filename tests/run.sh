@@ -2,13 +2,16 @@
 # Everything that `make test` runs, from a bare Debian 12 on: installs what is missing, builds, checks, counts.
 #
 #   1. clang-format and the borders between the folders
-#   2. unit tests under ASan and UBSan; those that take long, or measure nothing but the engine, in the release build
+#   2. unit tests under ASan and UBSan; those that take long optimized, with assertions and UBSan (config=check)
 #   3. random cases against certified references, for a minute; `make prove` takes a quarter of an hour
 #   4. API and command-line tests against a real daemon under ASan and UBSan; the pairs of the data folder in release
 #   5. the fuzzers, a minute each (FUZZ_SECONDS), as many at a time as there are processors
 #   6. the types of the JavaScript client and the page; both against a real daemon, the page in Chromium
 #
-# Exit status: 0 when everything passed. The last line counts: "N passed, N failed".
+# Cases that need the folder of collected meshes (QM_TEST_DATA, or ../shared/data) are counted as not run where it is
+# missing, and as failed with QM_REQUIRE_DATA=1.
+#
+# Exit status: 0 when everything passed. The last line counts: "N passed, N failed, N not run".
 set -u
 cd "$(dirname "$0")/.."
 
@@ -16,11 +19,14 @@ sh docker/install-packages.sh test || exit 1
 jobs=$(nproc)
 make -j"$jobs" all >build-release.log 2>&1 || { cat build-release.log; exit 1; }
 make -j"$jobs" config=asan all unit-programs >build-asan.log 2>&1 || { cat build-asan.log; exit 1; }
-make -j"$jobs" unit-programs build/prove/prove >>build-release.log 2>&1 || { cat build-release.log; exit 1; }
-rm -f build-release.log build-asan.log
+make -j"$jobs" build/tests/test_sandbox build/tests/test_large_pages build/prove/prove >>build-release.log 2>&1 ||
+    { cat build-release.log; exit 1; }
+make -j"$jobs" config=check unit-programs >build-check.log 2>&1 || { cat build-check.log; exit 1; }
+rm -f build-release.log build-asan.log build-check.log
 
 passed=0
 failed=0
+not_run=0
 count() { # NAME STATUS
     if [ "$2" -eq 0 ]; then passed=$((passed + 1)); else
         failed=$((failed + 1))
@@ -57,18 +63,22 @@ unit() { # PROGRAM
     if [ "$bad" -ne 0 ]; then cat "$output"; fi
     passed=$((passed + good))
     failed=$((failed + bad))
+    grep '^NOT RUN ' "$output"
+    not_run=$((not_run + $(sed -n 's/^NOT RUN \([0-9]*\).*/\1/p' "$output" | awk '{ sum += $1 } END { print sum + 0 }')))
 }
 
-# These search for long: the sanitizers would make minutes of it, and the release build is what users run. The sandbox
-# forbids what sanitizers do, and they put their own memory in place of large pages.
-slow="test_sandbox test_large_pages test_reconstruct test_collide test_distance test_bilinear_pair test_hausdorff test_hausdorff_adversarial
+# The sandbox forbids what sanitizers do, and they put their own memory in place of large pages.
+released="test_sandbox test_large_pages"
+# These search for long: ASan would make minutes of it.
+slow="test_reconstruct test_collide test_distance test_bilinear_pair test_hausdorff test_hausdorff_adversarial
     test_hausdorff_invariance test_hausdorff_property test_rigour test_wide test_locator test_pairs"
 for program in build/asan/tests/test_*; do
     case "$program" in *.d | *.o) continue ;; esac
-    case " $(echo $slow) " in *" $(basename "$program") "*) continue ;; esac
+    case " $(echo $slow $released) " in *" $(basename "$program") "*) continue ;; esac
     unit "$program"
 done
-for name in $slow; do unit "build/tests/$name"; done
+for name in $slow; do unit "build/check/tests/$name"; done
+for name in $released; do unit "build/tests/$name"; done
 
 echo "== prove"
 make -s prove PROVE_SECONDS=60 PROVE_JOBS="$jobs" >"$output" 2>&1
@@ -96,7 +106,13 @@ api() { # BUILD FOLDER
 }
 api build/asan tests/api
 api build/asan tests/cli
-if [ -d "${QM_TEST_DATA:-../shared/data}/pairs" ]; then api build tests/pairs; fi
+data=${QM_TEST_DATA:-../shared/data}
+if [ -d "$data/pairs" ]; then api build tests/pairs; else
+    missing=$(cat tests/pairs/test_*.py tests/api/test_collection.py | grep -c '^def test_')
+    echo "NOT RUN $missing: there is no $data/pairs"
+    not_run=$((not_run + missing))
+    if [ "${QM_REQUIRE_DATA:-0}" != 0 ]; then failed=$((failed + missing)); fi
+fi
 
 make -s -j"$jobs" config=fuzz fuzz-programs >build-fuzz.log 2>&1 || { cat build-fuzz.log; exit 1; }
 rm -f build-fuzz.log
@@ -121,5 +137,5 @@ for file in tests/browser/*.test.js; do
     failed=$((failed + bad))
 done
 
-echo "$passed passed, $failed failed"
+echo "$passed passed, $failed failed, $not_run not run"
 [ "$failed" -eq 0 ]

@@ -6,9 +6,22 @@
 
 #include "qm/mesh.h"
 
-/** The folder; qm_data_is_there tells whether it can be read. */
 const char *qm_data_folder(void);
-bool qm_data_is_there(void);
+
+/**
+ * Runs a group of tests that need the folder. Without it prints "NOT RUN N", which tests/run.sh adds up, and counts
+ * them as failed only where QM_REQUIRE_DATA is set. Returns the number of failed tests.
+ */
+#define qm_data_run_group_tests(tests)                                                                       \
+    (qm_data_is_there(sizeof(tests) / sizeof *(tests))                                                       \
+         ? cmocka_run_group_tests(tests, NULL, NULL)                                                         \
+         : qm_data_count_missing(sizeof(tests) / sizeof *(tests)))
+
+/** True when the folder can be read; else says that count tests are not run. */
+bool qm_data_is_there(size_t count);
+
+/** How many of count tests that are not run have failed by that: all where QM_REQUIRE_DATA is set, else none. */
+int qm_data_count_missing(size_t count);
 
 /** Reads a mesh by its name in the folder, e.g. "pairs/spot/tri.obj"; a fault ends the test. The mesh is the
  * context's, for qm_mesh_reset. */
