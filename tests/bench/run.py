@@ -11,11 +11,14 @@ peers/requirements.txt, into build/bench-env. A peer that is not there is left o
 runs in a process of its own with one thread (but for the table of two) on one core; programs take turns; every figure
 is a median. Meshes: two spheres and what ../shared/data/pairs holds (QM_TEST_DATA: another folder), or a torus.
 
-Tables go to standard output, in Markdown; everything measured to build/bench/PART.json.
+Tables go to standard output, in Markdown, and those of whole parts with the usual settings to tests/bench/RESULTS.md;
+everything measured to build/bench/PART.json.
 Exit status: 0; 1 when two programs cannot both be right, or this engine failed; 2 wrong usage.
 """
 import argparse
+import contextlib
 import dataclasses
+import io
 import json
 import os
 import platform
@@ -38,6 +41,7 @@ import bench_wide
 import measuring
 import pairs as meshes
 import programs as catalogue
+import results
 import variants
 
 PARTS = {"hausdorff": bench_hausdorff, "threads": bench_variants, "twins": bench_twins, "files": bench_files,
@@ -106,14 +110,13 @@ def describe_machine(programs):
             "commit": commit, "peers": programs.versions, "missing": programs.missing}
 
 
-def print_machine(machine):
-    print(f"{machine['cpu']}, {machine['cores']} cores, {machine['memory_gib']} GiB, {machine['system']}, "
-          f"{machine['compiler']}; this engine {machine['version']} ({machine['commit'] or 'no commit'}), "
-          f"kernels {machine['kernel']}.")
-    print("Peers: " + (", ".join(f"{name} = {what}" for name, what in machine["peers"].items()) or "none") + ".")
-    for line in machine["missing"]:
-        print(f"Left out: {line}")
-    print()
+def machine_text(machine):
+    lines = [f"{machine['cpu']}, {machine['cores']} cores, {machine['memory_gib']} GiB, {machine['system']}, "
+             f"{machine['compiler']}; this engine {machine['version']} ({machine['commit'] or 'no commit'}), "
+             f"kernels {machine['kernel']}.",
+             "Peers: " + (", ".join(f"{name} = {what}" for name, what in machine["peers"].items()) or "none") + "."]
+    lines += [f"Left out: {line}" for line in machine["missing"]]
+    return "\n".join(lines) + "\n"
 
 
 def say(text):
@@ -142,18 +145,36 @@ def pick_tasks(given, pairs):
     return tasks
 
 
-def run_task(name, task, machine, settings, programs):
+class Copy(io.StringIO):
+    """Keeps what is printed, and prints it."""
+
+    def write(self, text):
+        sys.__stdout__.write(text)
+        sys.__stdout__.flush()
+        return super().write(text)
+
+
+def run_task(name, task, machine, settings, programs, is_whole):
     """Prints the tables and writes everything measured; returns what went wrong."""
     start, others = time.monotonic(), seconds_of_others()
     run, pairs = task
-    rows, faults = run(settings, programs, pairs, say)
+    with contextlib.redirect_stdout(Copy()) as tables:
+        rows, faults = run(settings, programs, pairs, say)
     seconds = time.monotonic() - start
     others = max(0.0, seconds_of_others() - others) / seconds
     document = {"machine": machine, "settings": dataclasses.asdict(settings), "seconds": seconds,
                 "cores_of_others": others, "rows": rows}
     (catalogue.OUT / f"{name}.json").write_text(json.dumps(document, indent=1), encoding="ascii")
-    print(f"\n({name}: {seconds:.0f} s; other work on this machine kept {others:.2f} cores busy)\n", flush=True)
+    words = f"({name}: {seconds:.0f} s; other work on this machine kept {others:.2f} cores busy)"
+    print(f"\n{words}\n", flush=True)
+    if is_whole:
+        results.write(name, machine_text(machine), f"{tables.getvalue()}\n{words}", PARTS)
     return faults
+
+
+def is_whole(given, settings):
+    """Whether the run is of all pairs with the usual settings."""
+    return not given.pairs and not given.quick and settings == measuring.Settings()
 
 
 def main():
@@ -165,10 +186,10 @@ def main():
     if not pairs:
         sys.exit(f"bench: no pair's name holds {' or '.join(given.pairs)}")
     machine = describe_machine(programs)
-    print_machine(machine)
+    print(machine_text(machine))
     faults = []
     for name, task in pick_tasks(given, pairs).items():
-        faults += run_task(name, task, machine, settings, programs)
+        faults += run_task(name, task, machine, settings, programs, is_whole(given, settings))
     for fault in faults:
         print(f"DISAGREEMENT: {fault}\n")
     print(f"{len(faults)} disagreements." if faults else "All programs agree.")
