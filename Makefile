@@ -101,7 +101,7 @@ all: $(OUT)/quadmeshd $(OUT)/quadmesh page
 
 # Without npm or its registry the page has everything but its 3D view, and /docs is empty; make says so.
 page: $(PAGE_FILES)
-	@$(MAKE) -s $(VENDOR_FILES:%=$(PAGE)/vendor/%) $(VIEWER_FILES:%=$(PAGE)/%) || \
+	@$(MAKE) -s $(VENDOR_FILES:%=$(PAGE)/vendor/%) $(VIEWER_FILES:%=$(PAGE)/%) 2>/dev/null || \
 	    echo "make: npm could not fetch three.js and swagger-ui: / will have no 3D view, /docs no text" >&2
 
 define COPY

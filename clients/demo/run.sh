@@ -5,7 +5,8 @@
 # uploads two pairs of meshes, streams the bounds of each with curl, and checks them. Then it uploads points and a
 # layout of curves, streams how they become a quad mesh, measures that mesh against the points, and leaves it and a
 # picture of it in build/. It stops the daemon in the end.
-# With KEEP=1 the daemon stays until Ctrl-C, for a look at its page.
+# With KEEP=1 the daemon stays until Ctrl-C, for a look at its page; with RAW=1 the streams are shown as they are, cut to
+# the terminal's width.
 #
 # Exit status: 0 when every step worked and the bounds hold, else 1.
 set -eu
@@ -83,7 +84,7 @@ measure() {
         status=0
         curl -sS --fail-with-body -N -H 'Accept: application/x-ndjson' "$url/v1/jobs" -d "$request" || status=$?
         echo "$status" >"$folder/status"
-    } | tee "$folder/stream"
+    } | tee "$folder/stream" | python3 clients/demo/show_stream.py
     [ "$(cat "$folder/status")" -eq 0 ] || fail "the stream broke off"
 }
 
@@ -125,7 +126,8 @@ curl -sS --fail-with-body -d "{\"layout\":\"$layout\"}" "$url/v1/reconstructions
 made=$(member id <"$folder/made.json")
 request="{\"type\":\"reconstruction_step\",\"reconstruction\":\"$made\",\"until\":{\"max_quads\":6000}}"
 echo "  curl -N -H 'Accept: application/x-ndjson' $url/v1/jobs -d '$request'"
-curl -sS --fail-with-body -N -H 'Accept: application/x-ndjson' "$url/v1/jobs" -d "$request" | tee "$folder/steps"
+curl -sS --fail-with-body -N -H 'Accept: application/x-ndjson' "$url/v1/jobs" -d "$request" | tee "$folder/steps" |
+    python3 clients/demo/show_stream.py
 tail -n 1 "$folder/steps" | grep -q '"state":"succeeded"' || fail "the reconstruction broke off"
 b=$(curl -sS "$url/v1/reconstructions/$made" | member mesh)
 curl -sSL -o build/demo-ring.obj "$url/v1/reconstructions/$made/mesh?format=obj"
@@ -136,11 +138,11 @@ build/quadmesh reconstruct "$folder/ring.xyz" "$folder/ring.json" -o "$folder/ri
     --picture build/demo-ring.png >"$folder/words" || fail "the command line does not make the same mesh"
 grep '^[vf] ' build/demo-ring.obj >"$folder/one"
 grep '^[vf] ' "$folder/ring.obj" | cmp -s "$folder/one" - || fail "the command line makes another mesh"
-echo "  build/demo-ring.obj, and a picture of it: build/demo-ring.png"
 
 echo
 curl -sSf -o "$folder/page" "$url/" || fail "the dashboard does not answer"
-echo "dashboard: $url/"
+echo "the quad mesh: build/demo-ring.obj, its picture: build/demo-ring.png"
+echo "the dashboard: $url/, the description of the API: $url/docs"
 if [ "${KEEP:-0}" = 1 ]; then
     echo "the daemon stays until Ctrl-C"
     trap 'exit 0' INT
