@@ -12,8 +12,8 @@
 #include <uv.h>
 
 #include "base/budget.h"
+#include "base/host.h"
 #include "base/log.h"
-#include "base/parallel.h"
 #include "format/draco_child.h"
 #include "http/http.h"
 #include "http/route.h"
@@ -45,7 +45,7 @@ static void on_signal(uv_signal_t *handle, int number)
     uv_stop(&state->loop);
 }
 
-/** Reads the tokens; false with a record in the log, and then the old ones stay. */
+/** Reads the tokens; false with a record in the log, and the old tokens stay. */
 static bool load_tokens(const qm_app *app)
 {
     char message[QM_TOKENS_MESSAGE_SIZE];
@@ -104,7 +104,7 @@ static void start_loop(daemon_state *state)
     uv_timer_start(&state->tick, on_tick, TICK_MS, TICK_MS);
 }
 
-/** From here on a second signal changes nothing: closing the loop would give it back its power to kill. */
+/** Ignores further signals: when the loop is closed they would kill the process again. */
 static void ignore_signals(void)
 {
     sigset_t set;
@@ -126,7 +126,7 @@ static void stop_loop(daemon_state *state)
     uv_loop_close(&state->loop);
 }
 
-/** The folder of the page beside the program: in the source tree build/quadmeshd finds clients/dashboard. */
+/** Finds the folder of the page: beside the program, or in the share folder of an installation. */
 static void find_dashboard(qm_config *config, char *found, size_t size)
 {
     if (config->dashboard[0]) return;
@@ -154,7 +154,7 @@ static bool write_port(const char *path, int port)
     return fclose(file) == 0;
 }
 
-/** What the queue of one search may take of the budget. */
+/** Limit of the queue of one search, in bytes. */
 static size_t search_memory(size_t budget)
 {
     return budget / 4 < QM_HAUSDORFF_MEMORY ? budget / 4 : QM_HAUSDORFF_MEMORY;
@@ -174,8 +174,7 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
                               .max_faces = (size_t)config->max_faces};
     size_t memory = config->memory_budget > 0 ? (size_t)config->memory_budget : qm_budget_default_limit();
-    int prepare_threads =
-        config->prepare_threads > 0 ? (int)config->prepare_threads : qm_parallel_available();
+    int prepare_threads = config->prepare_threads > 0 ? (int)config->prepare_threads : qm_host_thread_count();
     app->meshes = qm_meshes_create(app->store, limits, memory, prepare_threads);
     app->pool = qm_pool_create(REQUEST_THREADS, 0);
     app->long_pool = qm_pool_create(UPLOAD_THREADS, 0);
@@ -196,8 +195,8 @@ static bool start_parts(daemon_state *state, const qm_config *config)
 }
 
 /**
- * Order matters. While jobs get their grace time the daemon still answers, and refuses new work. Their end
- * wakes all streams. Handlers end next, and then the connections, of which none is suspended any more.
+ * Order matters. While jobs have their grace time the daemon still replies, and refuses new work. Their end
+ * resumes all streams. Handlers end next, and then the connections, none of which is suspended by then.
  */
 static void stop_parts(daemon_state *state)
 {
@@ -206,7 +205,7 @@ static void stop_parts(daemon_state *state)
     if (state->http) qm_http_quiesce(state->http);
     if (app->pool) qm_pool_close(app->pool);
     if (app->long_pool) qm_pool_close(app->long_pool);
-    if (app->jobs) qm_jobs_settle(app->jobs);
+    if (app->jobs) qm_jobs_stop_notifier(app->jobs);
     qm_http_stop(state->http);
     qm_pool_destroy(app->pool);
     qm_pool_destroy(app->long_pool);
@@ -225,7 +224,7 @@ static qm_log_level read_level(const char *name)
     return level;
 }
 
-/** Each connection takes a file, and the daemon needs some of its own. */
+/** Raises the limit on open files: one for each connection, and some for the daemon. */
 static void allow_connections(const qm_config *config)
 {
     struct rlimit files;

@@ -1,89 +1,100 @@
 /**
- * cli.h: what the parts of the command line share.
+ * cli.h: what the commands share: files, problems, progress, and jobs in this process or on a daemon.
  */
 #ifndef QM_CLI_H
 #define QM_CLI_H
 
 #include <stdatomic.h>
 
-#include "ops/job_names.h"
 #include "ops/json_out.h"
 
 enum { EXIT_OK = 0, EXIT_BAD_INPUT = 1, EXIT_USAGE = 2, EXIT_NOT_CONVERGED = 3, EXIT_COLLIDING = 4 };
 
-/** Set by the first SIGINT: searches stop with the bounds they have. */
+/** Set by the first SIGINT: searches stop with the bounds reached so far. */
 extern atomic_bool cli_interrupted;
 
-int cmd_hausdorff(int argc, char **argv);
-int cmd_deviation(int argc, char **argv);
-int cmd_project(int argc, char **argv);
-int cmd_collide(int argc, char **argv);
-int cmd_self_collide(int argc, char **argv);
-int cmd_distance(int argc, char **argv);
-int cmd_info(int argc, char **argv);
-int cmd_patches(int argc, char **argv);
-int cmd_reconstruct(int argc, char **argv);
+/* ---- problems ---- */
 
-/** Reads a whole file. NULL after words on stderr, or a problem on stdout when as_json. Free with free(). */
+/** Reports a problem with a file: a line on stderr, or the problem document on stdout. */
+void cli_report(const char *path, const qm_problem *problem, bool as_json);
+
+/** Reports the status of a failed call of the engine, with the context's message. */
+void cli_report_status(const char *path, qm_status status, const qm_context *ctx, bool as_json);
+
+/** Prints a problem as a line on stderr; line and offset are NAN if unknown. */
+void cli_print_problem(const char *path, double line, double offset, const char *detail);
+
+/* ---- files (files.c) ---- */
+
+/** The part of a path after the last slash. */
+const char *cli_base_name(const char *path);
+bool cli_path_ends_in(const char *path, const char *end);
+
+/** Reads a whole file, for free(). "-" is standard input. NULL after a report. */
 uint8_t *cli_read_file(const char *path, size_t *size, bool as_json);
 
-/** True for "-", and for a file that may be written or made; false after words. Asked before work that would
- * be in vain. */
+/** True for "-", and for a file that can be written or created; false after a report. Called before long work whose
+ * output would be lost. */
 bool cli_check_writable(const char *path, bool as_json);
 
-/** Loads a mesh file for questions in this process. False after words or a problem as above. */
+/** Reports that a file cannot be written, with errno as the reason. */
+void cli_report_unwritable(const char *path, bool as_json);
+
+/** The preparation of a mesh: as a target, on which nearest points are searched, or as a source of points only. */
+qm_preparation cli_prepare(bool is_target, qm_quad_reading quads, int threads);
+
+/** Loads a mesh file; false after a report. */
 bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, const qm_preparation *preparation,
                    qm_loaded_mesh *out);
 
-/** The same for two files, of which the words of the first bad one are told. With two threads or more they
- * are loaded at the same time. For cli_unload_pair after success. */
+/** Loads two mesh files, at the same time if there are two threads or more, for cli_unload_pair. False after a report of
+ * the first invalid one. */
 bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
                    const qm_preparation preparation[2], qm_loaded_mesh mesh[2]);
 void cli_unload_pair(qm_context *ctx, qm_loaded_mesh mesh[2]);
 
-/** What a mesh is made ready for that is searched for nearest points, or else that only has its points
- * measured. */
-qm_preparation cli_prepare(bool is_target, qm_quad_reading quads, int threads);
+/* ---- progress (progress.c) ---- */
 
-/** The threads that were asked for, or else one for each processor. */
-int cli_count_threads(int asked);
-
-/** Tells of a problem: words on stderr with the file's name, or the document on stdout. */
-void cli_complain(const char *path, const qm_problem *problem, bool as_json);
-
-/** The words of a problem on stderr; line and offset are NAN when there is none. */
-void cli_print_problem(const char *path, double line, double offset, const char *detail);
-
-/** The part of a path after the last slash. */
-const char *cli_base_name(const char *path);
-
-/**
- * How the bounds close in, on stderr: one line that is drawn over on a terminal; elsewhere a line for each
- * step when it was asked for, else nothing.
- */
-typedef struct cli_bar {
-    bool is_terminal, is_asked_for;
-    double first_gap; /* of the first finite bracket; 0 before it */
-    double tolerance;
-} cli_bar;
-cli_bar cli_bar_make(double tolerance, bool is_asked_for);
-void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations);
-void cli_bar_clear(const cli_bar *bar);
-
-/** A bound in 9 digits, rounded down or up, so that the bracket printed holds the one computed. Returns
- * out. */
+/** A bound in 9 digits, rounded outward, so that the printed interval contains the computed one. Returns out. */
 #define CLI_BOUND_SIZE 32
 char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE]);
 
-/** Options that several commands have: each reads its value, or says on stderr what it should be. */
-bool cli_read_number(const char *name, const char *text, double least, double *out);
-bool cli_read_choice(const char *name, const char *text, const char *const *choices, int *out);
-bool cli_read_quads(const char *text, qm_quad_reading *out);
-bool cli_read_threads(const char *text, int *out);
-bool cli_read_accelerator(const char *text, qm_accelerator *out);
+/** A progress bar on stderr: on a terminal one line that is redrawn; elsewhere, if is_forced, a line for each step. */
+typedef struct cli_bar {
+    bool is_terminal, is_forced;
+    double first_gap; /* of the first finite interval; 0 before it */
+    double tolerance;
+} cli_bar;
+cli_bar cli_bar_make(double tolerance, bool is_forced);
+void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations);
+void cli_bar_clear(const cli_bar *bar);
 
-/** Prints the result object of a Hausdorff job (JSON text) as it is, or in words. Returns the exit status
- * that goes with it. */
-int cli_print_result(const char *json, bool as_json);
+/* ---- jobs (jobs.c) ---- */
+
+typedef struct cli_session cli_session;
+
+/** A job and how to run it. */
+typedef struct cli_job {
+    const char *path[2]; /* the second is NULL for a kind of one mesh */
+    const char *server;  /* NULL: in this process */
+    qm_job_request request;
+    bool as_json, shows_progress;
+} cli_job;
+
+cli_job cli_job_make(qm_job_kind kind);
+
+/** The outcome of a job. In this process mesh and result are set; with a daemon session. */
+typedef struct cli_job_output {
+    const char *json; /* the result object */
+    const qm_mesh *mesh;
+    const qm_job_result *result;
+    cli_session *session;
+} cli_job_output;
+
+/** Prints and writes the outcome of a job; returns the exit status. */
+typedef int cli_finish_fn(const void *user, const cli_job *job, const cli_job_output *output);
+
+/** Loads the meshes, runs the job, and calls finish with its outcome. Returns the exit status. */
+int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user);
 
 #endif

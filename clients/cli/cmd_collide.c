@@ -1,64 +1,20 @@
 /**
- * cmd_collide.c: three commands about where surfaces meet or how far they are apart: collide, self-collide,
- * distance. They share their options but for a few.
+ * cmd_collide.c: collide, self-collide and distance: where surfaces meet, or how far apart they are. The commands share
+ * most options.
  */
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 
-#include "base/host.h"
-#include "base/json_read.h"
-#include "remote.h"
+#include "base/json.h"
+#include "options.h"
+#include "session.h"
 
-#define COMMON_USAGE                                                                                         \
-    "  --quads R        how quads are read: triangles (default) or bilinear\n"                               \
-    "  --absolute       the tolerance is in the unit of the meshes\n"                                        \
-    "  --threads N      threads (default: one for each processor; with --server what the daemon gives)\n"    \
-    "  --json           the result object of the API on standard output\n"                                   \
-    "  --server URL     ask a daemon instead of this process\n"                                              \
-    "\n"
-#define PAIRS_USAGE(whose)                                                                                   \
-    "  --csv FILE       all pairs as rows face_a,face_b (-o FILE is the same)\n"                             \
-    "  --mode M         all pairs (default), the first one, or any\n"                                        \
-    "  --limit N        pairs that are told with the place where they meet (default 1000; in words 10)\n"    \
-    "  --tolerance X    of bilinear quads, a share of the diagonal of " whose " box (default 1e-6):\n"       \
-    "                   pairs nearer than this may be told too\n" COMMON_USAGE                               \
-    "Exit status: 0 clear, 1 bad input, 2 wrong usage, 3 interrupted, 4 colliding.\n"
+#define MAX_PRINTED 10 /* pairs that are printed as text */
 
-static const char collide_usage[] = "usage: quadmesh collide A B [options]\n"
-                                    "\n"
-                                    "Which faces of A and B meet, touching included.\n"
-                                    "\n" PAIRS_USAGE("A's");
-static const char self_usage[] = "usage: quadmesh self-collide MESH [options]\n"
-                                 "\n"
-                                 "Which faces of a mesh meet besides the corners and edges that they share.\n"
-                                 "\n" PAIRS_USAGE("its");
-static const char distance_usage[] =
-    "usage: quadmesh distance A B [options]\n"
-    "\n"
-    "Bounds of the least distance between two surfaces.\n"
-    "\n"
-    "  --tolerance X    width of the interval at which to stop, a share of the diagonal of A's box (default "
-    "1e-6)\n" COMMON_USAGE
-    "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 interrupted, or the tolerance was not reached.\n";
+/* ---- output ---- */
 
-#define WORDS_LIMIT 10 /* pairs that are told in words */
-#define MAX_LISTED 1e5
-
-/** Everything that was asked for. */
-typedef struct question {
-    const char *usage;
-    const char *path[2]; /* the second is NULL for one mesh */
-    const char *csv, *server;
-    qm_job_request request;
-    bool as_json;
-} question;
-
-/* ---- what is shown ---- */
-
-static void print_place(const qm_json *result, size_t pair)
+static void print_contact(const qm_json *result, size_t pair)
 {
     char path[64];
     snprintf(path, sizeof path, "pairs.%zu.contact", pair);
@@ -80,13 +36,13 @@ static void print_pairs(const qm_json *result)
     printf("%.0f pair%s of faces meet%s, quads as %s\n", count, count == 1.0 ? "" : "s",
            count == 1.0 ? "s" : "", qm_json_get_string(result, "quads"));
     char path[64];
-    for (size_t i = 0; i < WORDS_LIMIT; i++) {
+    for (size_t i = 0; i < MAX_PRINTED; i++) {
         snprintf(path, sizeof path, "pairs.%zu.faces.0", i);
         double a = qm_json_get_number(result, path);
         snprintf(path, sizeof path, "pairs.%zu.faces.1", i);
         if (isnan(a)) break;
         printf("  %.0f and %.0f: ", a, qm_json_get_number(result, path));
-        print_place(result, i);
+        print_contact(result, i);
         puts("");
     }
     printf("  search   %.1f ms, %.0f exact tests\n", qm_json_get_number(result, "elapsed_ms"),
@@ -107,15 +63,53 @@ static void print_distance(const qm_json *result)
         puts("  stopped  before the tolerance was reached; the bounds hold");
 }
 
-/** Prints a result object; returns the exit status that goes with it. */
-static int show(const question *asked, const char *json)
+static bool write_csv(const char *path, const cli_job *job, const qm_collision *found)
 {
-    qm_json *result = qm_json_parse(json);
-    bool is_distance = asked->request.kind == QM_JOB_DISTANCE;
+    FILE *file = fopen(path, "wb");
+    if (!file) return false;
+    fprintf(file, "%s\n", qm_job_array_of(job->request.kind)->header);
+    for (size_t i = 0; i < found->pair_count; i++)
+        fprintf(file, "%u,%u\n", found->pairs[i].a, found->pairs[i].b);
+    bool is_written = !ferror(file);
+    return fclose(file) == 0 && is_written;
+}
+
+static bool report_unwritable(const char *path)
+{
+    fprintf(stderr, "quadmesh: %s cannot be written\n", path);
+    return false;
+}
+
+/** Writes the pairs as the daemon has them; false after a report. */
+static bool fetch_csv(const char *path, const cli_job *job, cli_session *session)
+{
+    char result_path[300];
+    FILE *file = fopen(path, "wb");
+    if (!file) return report_unwritable(path);
+    snprintf(result_path, sizeof result_path, "%s/result", cli_session_job_path(session));
+    bool is_fetched = cli_session_fetch(session, result_path, NULL, 0, "text/csv", job->server, file);
+    bool is_written = !ferror(file);
+    is_written &= fclose(file) == 0;
+    if (is_fetched && !is_written) report_unwritable(path);
+    if (!is_fetched || !is_written) remove(path); /* leave no incomplete file */
+    return is_fetched && is_written;
+}
+
+/** user is the path of the CSV file, or NULL. */
+static int finish(const void *user, const cli_job *job, const cli_job_output *output)
+{
+    const char *csv = user;
+    if (csv && output->session && !fetch_csv(csv, job, output->session)) return EXIT_BAD_INPUT;
+    if (csv && output->result && !write_csv(csv, job, &output->result->pairs.found)) {
+        report_unwritable(csv);
+        return EXIT_BAD_INPUT;
+    }
+    qm_json *result = qm_json_parse(output->json);
+    bool is_distance = job->request.kind == QM_JOB_DISTANCE;
     int status = is_distance ? (qm_json_is_true(result, "converged") ? EXIT_OK : EXIT_NOT_CONVERGED)
                              : (qm_json_is_true(result, "collides") ? EXIT_COLLIDING : EXIT_OK);
-    if (asked->as_json)
-        puts(json);
+    if (job->as_json)
+        puts(output->json);
     else if (is_distance)
         print_distance(result);
     else
@@ -124,206 +118,97 @@ static int show(const question *asked, const char *json)
     return status;
 }
 
-static int fail_to_write(const char *path)
-{
-    fprintf(stderr, "quadmesh: %s cannot be written\n", path);
-    return EXIT_BAD_INPUT;
-}
-
-/* ---- in this process ---- */
-
-static bool write_csv(const question *asked, const qm_collision *found)
-{
-    FILE *file = fopen(asked->csv, "wb");
-    if (!file) return false;
-    fprintf(file, "%s\n", qm_job_array_of(asked->request.kind)->header);
-    for (size_t i = 0; i < found->pair_count; i++)
-        fprintf(file, "%u,%u\n", found->pairs[i].a, found->pairs[i].b);
-    bool good = !ferror(file);
-    return fclose(file) == 0 && good;
-}
-
-static int tell(const question *asked, const qm_job_result *result)
-{
-    qm_text text = {0};
-    qm_json_write_result(&text, &asked->request, result);
-    char *json = qm_text_take(&text);
-    if (!json) return EXIT_BAD_INPUT;
-    int status =
-        asked->csv && !write_csv(asked, &result->pairs.found) ? fail_to_write(asked->csv) : show(asked, json);
-    free(json);
-    return status;
-}
-
-static int answer_loaded(const question *asked, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
-{
-    qm_context ctx = qm_host_context();
-    ctx.cancel = &cli_interrupted;
-    qm_job_result result;
-    qm_status status = qm_job_answer(&ctx, &asked->request, a, b, NULL, NULL, &result);
-    if (status != QM_OK) {
-        qm_problem problem = qm_problem_from_status(status, ctx.message);
-        cli_complain(asked->path[0], &problem, asked->as_json);
-        return EXIT_BAD_INPUT;
-    }
-    int exit_status = tell(asked, &result);
-    qm_job_result_reset(&ctx, &result);
-    return exit_status;
-}
-
-static int answer_here(const question *asked)
-{
-    qm_context ctx = qm_host_context();
-    ctx.cancel = &cli_interrupted;
-    qm_preparation preparation = cli_prepare(false, asked->request.quads, asked->request.threads);
-    preparation.has_no_tree = asked->request.kind == QM_JOB_COLLISION;
-    qm_loaded_mesh mesh[2] = {0};
-    bool is_pair = asked->path[1] != NULL;
-    bool good = is_pair ? cli_load_pair(&ctx, asked->path, asked->as_json,
-                                        (const qm_preparation[2]){preparation, preparation}, mesh)
-                        : cli_load_mesh(&ctx, asked->path[0], asked->as_json, &preparation, &mesh[0]);
-    if (!good) return EXIT_BAD_INPUT;
-    int status = answer_loaded(asked, &mesh[0], is_pair ? &mesh[1] : NULL);
-    cli_unload_pair(&ctx, mesh);
-    return status;
-}
-
-/* ---- by a daemon ---- */
-
-static bool fetch_csv(const question *asked, cli_talk *talk)
-{
-    char path[300];
-    FILE *file = fopen(asked->csv, "wb");
-    if (!file) return fail_to_write(asked->csv), false;
-    snprintf(path, sizeof path, "%s/result", cli_talk_job_path(talk));
-    bool good = cli_talk_fetch(talk, path, NULL, 0, "text/csv", asked->server, file);
-    bool written = !ferror(file);
-    written &= fclose(file) == 0;
-    if (good && !written) fail_to_write(asked->csv);
-    if (!good || !written) remove(asked->csv); /* half an answer is not to be taken for one */
-    return good && written;
-}
-
-static int answer_there(const question *asked)
-{
-    cli_talk *talk = cli_talk_open(asked->server, asked->as_json);
-    qm_job_request request = asked->request;
-    char *const ids[2] = {request.a, request.b};
-    bool good = talk != NULL;
-    for (int i = 0; i < 2 && good && asked->path[i]; i++)
-        good = cli_talk_upload(talk, asked->path[i], ids[i], NULL);
-    char *result = good ? cli_talk_run_job(talk, &request, cli_bar_make(0.0, false)) : NULL;
-    int status = EXIT_BAD_INPUT;
-    if (result && (!asked->csv || fetch_csv(asked, talk))) status = show(asked, result);
-    free(result);
-    cli_talk_close(talk);
-    return status;
-}
-
 /* ---- the commands ---- */
 
-static bool read_mode(const char *text, qm_collide_mode *out)
+static int run(const cli_command *command, qm_job_kind kind, int argc, char **argv)
 {
-    int place;
-    bool known = cli_read_choice("mode", text, qm_collide_mode_names, &place);
-    if (known) *out = (qm_collide_mode)place;
-    return known;
+    cli_job job = cli_job_make(kind);
+    qm_job_request *request = &job.request;
+    const char *csv = NULL;
+    /* The first three are for pairs only. */
+    const cli_option options[] = {
+        {.name = "csv",
+         .letter = 'o',
+         .value = "FILE",
+         .type = CLI_TEXT,
+         .target = &csv,
+         .help = "all pairs as records face_a,face_b"},
+        {.name = "mode",
+         .value = "M",
+         .type = CLI_CHOICE,
+         .choices = qm_collide_mode_names,
+         .target = &request->mode,
+         .help = "all pairs (default), the first one, or any"},
+        {.name = "limit",
+         .value = "N",
+         .type = CLI_SIZE,
+         .max = QM_JOB_MAX_LISTED,
+         .target = &request->list_limit,
+         .help =
+             "pairs listed with their contact in the result object (default 1000; 10 are printed as text)"},
+        CLI_OPTION_TOLERANCE(&request->tolerance,
+                             kind == QM_JOB_DISTANCE
+                                 ? "width of the interval at which to stop, as a fraction of the "
+                                   "diagonal of A's box (default 1e-6)"
+                                 : "of bilinear quads, a fraction of the diagonal of the first box "
+                                   "(default 1e-6):\nnearer pairs may be reported too"),
+        CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
+        CLI_OPTION_QUADS(&request->quads),
+        CLI_OPTION_THREADS(&request->threads),
+        CLI_OPTION_JSON(&job.as_json),
+        CLI_OPTION_SERVER(&job.server)};
+    size_t skipped = kind == QM_JOB_DISTANCE ? 3 : 0;
+    int status;
+    if (!cli_read_options(command, options + skipped, sizeof options / sizeof *options - skipped, argc, argv,
+                          job.path, &status))
+        return status;
+    if (!job.server) request->threads = cli_count_threads(request->threads);
+    return cli_run_job(&job, finish, csv);
 }
 
-static bool read_limit(const char *text, size_t *out)
+static int run_collide(int argc, char **argv)
 {
-    double number;
-    if (!cli_read_number("limit", text, 0.0, &number)) return false;
-    *out = (size_t)fmin(number, MAX_LISTED);
-    if (number <= MAX_LISTED && number == floor(number)) return true;
-    fprintf(stderr, "quadmesh: --limit takes a whole number up to %.0f, got \"%s\"\n", MAX_LISTED, text);
-    return false;
+    return run(&cmd_collide, QM_JOB_COLLISION, argc, argv);
 }
 
-enum { QUADS = 256, TOLERANCE, ABSOLUTE, MODE, LIMIT, THREADS, JSON, SERVER, HELP };
-
-static bool read_option(question *asked, int option)
+static int run_self_collide(int argc, char **argv)
 {
-    qm_job_request *request = &asked->request;
-    switch (option) {
-    case 'o':
-        return asked->csv = optarg, true;
-    case QUADS:
-        return cli_read_quads(optarg, &request->quads);
-    case TOLERANCE:
-        return cli_read_number("tolerance", optarg, 1e-300, &request->tolerance);
-    case ABSOLUTE:
-        return request->tolerance_is_absolute = true;
-    case MODE:
-        return read_mode(optarg, &request->mode);
-    case LIMIT:
-        return read_limit(optarg, &request->list_limit);
-    case THREADS:
-        return cli_read_threads(optarg, &request->threads);
-    case JSON:
-        return asked->as_json = true;
-    case SERVER:
-        return asked->server = optarg, true;
-    default:
-        return false;
-    }
+    return run(&cmd_self_collide, QM_JOB_SELF_COLLISION, argc, argv);
 }
 
-static int run(question *asked, int file_count, int argc, char **argv)
+static int run_distance(int argc, char **argv)
 {
-    /* The last three are not for distance. */
-    static const struct option all[] = {{"quads", required_argument, NULL, QUADS},
-                                        {"tolerance", required_argument, NULL, TOLERANCE},
-                                        {"absolute", no_argument, NULL, ABSOLUTE},
-                                        {"threads", required_argument, NULL, THREADS},
-                                        {"json", no_argument, NULL, JSON},
-                                        {"server", required_argument, NULL, SERVER},
-                                        {"help", no_argument, NULL, HELP},
-                                        {"csv", required_argument, NULL, 'o'},
-                                        {"mode", required_argument, NULL, MODE},
-                                        {"limit", required_argument, NULL, LIMIT},
-                                        {0}};
-    bool is_distance = asked->request.kind == QM_JOB_DISTANCE;
-    struct option options[sizeof all / sizeof *all];
-    memcpy(options, all, sizeof all);
-    if (is_distance) options[7] = (struct option){0};
-    for (int option; (option = getopt_long(argc, argv, is_distance ? "" : "o:", options, NULL)) != -1;) {
-        if (option == HELP) return fputs(asked->usage, stdout), EXIT_OK;
-        if (!read_option(asked, option)) return fputs(asked->usage, stderr), EXIT_USAGE;
-    }
-    if (argc - optind != file_count) {
-        fprintf(stderr, "quadmesh: %s takes %s, got %d\n\n", argv[0],
-                file_count == 1 ? "one file" : "two files", argc - optind);
-        return fputs(asked->usage, stderr), EXIT_USAGE;
-    }
-    for (int i = 0; i < file_count; i++)
-        asked->path[i] = argv[optind + i];
-    if (!asked->server) asked->request.threads = cli_count_threads(asked->request.threads);
-    int status = asked->server ? answer_there(asked) : answer_here(asked);
-    return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
+    return run(&cmd_distance, QM_JOB_DISTANCE, argc, argv);
 }
 
-static question make_question(qm_job_kind kind, const char *usage)
-{
-    question asked = {.usage = usage, .request = qm_job_request_default()};
-    asked.request.kind = kind;
-    return asked;
-}
+#define EXIT_STATUS_OF_PAIRS "Exit status: 0 clear, 1 bad input, 2 wrong usage, 3 interrupted, 4 colliding."
 
-int cmd_collide(int argc, char **argv)
-{
-    question asked = make_question(QM_JOB_COLLISION, collide_usage);
-    return run(&asked, 2, argc, argv);
-}
+const cli_command cmd_collide = {.name = "collide",
+                                 .arguments = "A B [options]",
+                                 .summary = "which faces of two meshes meet",
+                                 .takes = "two files",
+                                 .path_count = 2,
+                                 .description = "Which faces of A and B meet, touching included.\n\n",
+                                 .exit_status = EXIT_STATUS_OF_PAIRS,
+                                 .run = run_collide};
 
-int cmd_self_collide(int argc, char **argv)
-{
-    question asked = make_question(QM_JOB_SELF_COLLISION, self_usage);
-    return run(&asked, 1, argc, argv);
-}
+const cli_command cmd_self_collide = {
+    .name = "self-collide",
+    .arguments = "MESH [options]",
+    .summary = "which faces of a mesh intersect",
+    .takes = "one file",
+    .path_count = 1,
+    .description = "Which faces of a mesh meet except in the corners and edges that they share.\n\n",
+    .exit_status = EXIT_STATUS_OF_PAIRS,
+    .run = run_self_collide};
 
-int cmd_distance(int argc, char **argv)
-{
-    question asked = make_question(QM_JOB_DISTANCE, distance_usage);
-    return run(&asked, 2, argc, argv);
-}
+const cli_command cmd_distance = {
+    .name = "distance",
+    .arguments = "A B [options]",
+    .summary = "bounds of the minimum distance between two meshes",
+    .takes = "two files",
+    .path_count = 2,
+    .description = "Bounds of the minimum distance between two surfaces.\n\n",
+    .exit_status =
+        "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 interrupted, or the tolerance was not reached.",
+    .run = run_distance};

@@ -1,55 +1,30 @@
-#include <getopt.h>
+/**
+ * cmd_deviation.c: mean, rms, percentiles, histogram and maximum of the distance from one mesh to another, and the
+ * distances at vertices as CSV or as a coloured PLY file.
+ */
+#include <endian.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/host.h"
-#include "base/json_read.h"
-#include "paint.h"
-#include "remote.h"
+#include "base/json.h"
+#include "options.h"
+#include "session.h"
 
-static const char usage[] =
-    "usage: quadmesh deviation A B [options]\n"
-    "\n"
-    "How far the surface A lies from B: mean, rms, percentiles, histogram and maximum, as proven intervals.\n"
-    "\n"
-    "  --csv FILE       the distances at A's vertices\n"
-    "  --ply FILE       A with a colour and the distance (as quality) at each vertex\n"
-    "  --quads R        how quads are read: triangles (default) or bilinear\n"
-    "  --accuracy X     width of the intervals of mean and rms at which to stop, as a share of them (default "
-    "0.01)\n"
-    "  --pieces N       parts that A's faces may be cut into besides themselves (default 1048576)\n"
-    "  --tolerance X    width of the interval of the maximum, a share of the diagonal of A's box (default "
-    "1e-6)\n"
-    "  --absolute       the tolerance is in the unit of the meshes\n"
-    "  --percentiles L  which percentiles, as numbers with commas between (default 1,5,25,50,75,90,95,99)\n"
-    "  --bins N         bins of the histogram (default 50)\n"
-    "  --threads N      threads (default: one for each processor; with --server what the daemon gives)\n"
-    "  --json           the result object of the API on standard output\n"
-    "  --progress       lines of progress on standard error also when that is no terminal\n"
-    "  --server URL     ask a daemon instead of this process\n"
-    "\n"
-    "Exit status: 0 accurate, 1 bad input, 2 wrong usage, 3 the pieces ran out before, or interrupted.\n";
-
-#define MAX_PIECES 1e7
-#define MAX_BINS 1e4
-
-/** Everything that was asked for. */
-typedef struct question {
-    const char *path_a, *path_b, *csv, *ply;
-    const char *server; /* NULL: in this process */
-    qm_job_request request;
-    bool as_json, shows_progress;
-} question;
+/** Files to write; NULL for none. */
+typedef struct file_names {
+    const char *csv, *ply;
+} file_names;
 
 /** Distances at A's vertices. */
 typedef struct distance_list {
-    double *values; /* on malloc */
+    double *values;
     size_t count;
 } distance_list;
 
-/* ---- what is shown ---- */
+/* ---- text ---- */
 
 static void print_interval(const qm_json *result, const char *name)
 {
@@ -76,7 +51,7 @@ static void print_percentiles(const qm_json *result, size_t count)
     }
 }
 
-static void print_words(const question *asked, const qm_json *result)
+static void print_text(const cli_job *job, const qm_json *result)
 {
     const char *over = qm_json_get_string(result, "over");
     printf("Deviation of A from B over its %s, quads as %s\n", over ? over : "",
@@ -84,7 +59,7 @@ static void print_words(const question *asked, const qm_json *result)
     print_interval(result, "mean");
     print_interval(result, "rms");
     print_interval(result, "max");
-    print_percentiles(result, asked->request.percentile_count);
+    print_percentiles(result, job->request.percentile_count);
     printf("  search   %.1f ms after %.1f + %.1f ms to prepare, %.0f pieces, %.0f projections\n",
            qm_json_get_number(result, "elapsed_ms"), qm_json_get_number(result, "prepare_ms.a"),
            qm_json_get_number(result, "prepare_ms.b"), qm_json_get_number(result, "pieces"),
@@ -93,20 +68,7 @@ static void print_words(const question *asked, const qm_json *result)
         puts("  stopped  before the accuracy was reached; the intervals hold");
 }
 
-/** Prints a result object; returns the exit status that goes with it. */
-static int show(const question *asked, const char *json)
-{
-    qm_json *result = qm_json_parse(json);
-    if (asked->as_json)
-        puts(json);
-    else
-        print_words(asked, result);
-    bool is_accurate = qm_json_is_true(result, "accurate");
-    qm_json_free(result);
-    return is_accurate ? EXIT_OK : EXIT_NOT_CONVERGED;
-}
-
-/* ---- what is written ---- */
+/* ---- files ---- */
 
 static bool write_csv(FILE *file, const distance_list *distances)
 {
@@ -117,88 +79,85 @@ static bool write_csv(FILE *file, const distance_list *distances)
     return !ferror(file);
 }
 
-/** Opens, writes and closes a file; false after words. */
+/* Lightness increases evenly, so that the order is visible in grey; the hues are safe for colour-blind readers. */
+static const double stops[][3] = {{38, 22, 92},   {48, 62, 142},  {40, 100, 152}, {32, 134, 146},
+                                  {52, 164, 122}, {112, 190, 84}, {184, 210, 62}, {246, 226, 62}};
+enum { STOPS = sizeof stops / sizeof stops[0] };
+
+/** The colour of a fraction from 0 to 1. */
+static void find_colour(double fraction, uint8_t out[3])
+{
+    QM_ASSERT(fraction >= 0.0 && fraction <= 1.0);
+    double position = fraction * (STOPS - 1);
+    int below = position >= STOPS - 1 ? STOPS - 2 : (int)position;
+    double weight = position - below;
+    for (int i = 0; i < 3; i++)
+        out[i] = (uint8_t)lround(stops[below][i] + weight * (stops[below + 1][i] - stops[below][i]));
+}
+
+static void write_double(FILE *file, double value)
+{
+    uint64_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    bits = htole64(bits);
+    fwrite(&bits, sizeof bits, 1, file);
+}
+
+static void write_face(FILE *file, const uint32_t *index)
+{
+    uint8_t count = index[3] == QM_NO_INDEX ? 3 : 4;
+    fwrite(&count, 1, 1, file);
+    for (int i = 0; i < count; i++) {
+        uint32_t vertex = htole32(index[i]);
+        fwrite(&vertex, sizeof vertex, 1, file);
+    }
+}
+
+/** Binary PLY: positions in double, a colour from dark blue (0) through green to yellow (the maximum), and the distance
+ * as the property "quality". Quads stay quads. */
+static bool write_ply(FILE *file, const qm_mesh *mesh, const double *value)
+{
+    double max = 0.0;
+    for (size_t i = 0; i < mesh->vertex_count; i++)
+        max = fmax(max, value[i]);
+    fprintf(
+        file,
+        "ply\nformat binary_little_endian 1.0\nelement vertex %zu\nproperty double x\nproperty double y\n"
+        "property double z\nproperty uchar red\nproperty uchar green\nproperty uchar blue\n"
+        "property double quality\nelement face %zu\nproperty list uchar uint vertex_indices\nend_header\n",
+        mesh->vertex_count, mesh->face_count);
+    for (size_t i = 0; i < mesh->vertex_count; i++) {
+        uint8_t colour[3];
+        for (int k = 0; k < 3; k++)
+            write_double(file, mesh->positions[3 * i + (size_t)k]);
+        find_colour(max > 0.0 ? value[i] / max : 0.0, colour);
+        fwrite(colour, 1, sizeof colour, file);
+        write_double(file, value[i]);
+    }
+    for (size_t i = 0; i < mesh->face_count; i++)
+        write_face(file, mesh->faces + 4 * i);
+    return !ferror(file);
+}
+
+/** Opens, writes and closes a file; false after a report. */
 static bool write_file(const char *path, const qm_mesh *mesh, const distance_list *distances, bool as_ply)
 {
     FILE *file = fopen(path, "wb");
-    bool good = file && (as_ply ? cli_paint(file, mesh, distances->values) : write_csv(file, distances));
-    if (file) good &= fclose(file) == 0;
-    if (!good) fprintf(stderr, "quadmesh: %s cannot be written\n", path);
-    return good;
+    bool is_written =
+        file && (as_ply ? write_ply(file, mesh, distances->values) : write_csv(file, distances));
+    if (file) is_written &= fclose(file) == 0;
+    if (!is_written) fprintf(stderr, "quadmesh: %s cannot be written\n", path);
+    return is_written;
 }
 
-static bool write_files(const question *asked, const qm_mesh *mesh, const distance_list *distances)
+static bool write_files(const file_names *names, const qm_mesh *mesh, const distance_list *distances)
 {
-    bool good = !asked->csv || write_file(asked->csv, mesh, distances, false);
-    return good && (!asked->ply || write_file(asked->ply, mesh, distances, true));
+    bool is_written = !names->csv || write_file(names->csv, mesh, distances, false);
+    return is_written && (!names->ply || write_file(names->ply, mesh, distances, true));
 }
 
-static int finish(const question *asked, const char *json, const qm_mesh *mesh,
-                  const distance_list *distances)
-{
-    bool written = write_files(asked, mesh, distances);
-    int status = show(asked, json);
-    return written ? status : EXIT_BAD_INPUT;
-}
-
-/* ---- in this process ---- */
-
-static void on_progress(void *user, const qm_hausdorff_progress *progress)
-{
-    cli_bar_show(user, progress->lower, progress->upper, progress->elapsed_ms, (double)progress->iterations);
-}
-
-static cli_bar make_bar(const question *asked, double diagonal)
-{
-    const qm_job_request *request = &asked->request;
-    bool is_absolute = request->tolerance_is_absolute || diagonal == 0.0;
-    return cli_bar_make(request->tolerance * (is_absolute ? 1.0 : diagonal), asked->shows_progress);
-}
-
-static int measure_loaded(const question *asked, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
-{
-    qm_context ctx = qm_host_context();
-    ctx.cancel = &cli_interrupted;
-    cli_bar bar = make_bar(asked, a->diagonal);
-    qm_job_result result;
-    qm_status status = qm_job_answer(&ctx, &asked->request, a, b, on_progress, &bar, &result);
-    cli_bar_clear(&bar);
-    if (status != QM_OK) {
-        qm_problem problem = qm_problem_from_status(status, ctx.message);
-        cli_complain(asked->path_a, &problem, asked->as_json);
-        return EXIT_BAD_INPUT;
-    }
-    qm_text text = {0};
-    qm_json_write_result(&text, &asked->request, &result);
-    char *json = qm_text_take(&text);
-    distance_list distances = {result.deviation.vertex_distance, result.deviation.vertex_count};
-    int exit_status = json ? finish(asked, json, &a->mesh, &distances) : EXIT_BAD_INPUT;
-    free(json);
-    qm_job_result_reset(&ctx, &result);
-    return exit_status;
-}
-
-static int measure_here(const question *asked)
-{
-    qm_context ctx = qm_host_context();
-    ctx.cancel = &cli_interrupted;
-    const qm_job_request *request = &asked->request;
-    const char *const paths[2] = {asked->path_a, asked->path_b};
-    const qm_preparation preparations[2] = {cli_prepare(false, request->quads, request->threads),
-                                            cli_prepare(true, request->quads, request->threads)};
-    qm_loaded_mesh meshes[2];
-    int status = EXIT_BAD_INPUT;
-    if (cli_load_pair(&ctx, paths, asked->as_json, preparations, meshes)) {
-        status = measure_loaded(asked, &meshes[0], &meshes[1]);
-        cli_unload_pair(&ctx, meshes);
-    }
-    return status;
-}
-
-/* ---- by a daemon ---- */
-
-/** The distances of the job that has run; false after words. */
-static bool fetch_distances(const question *asked, cli_talk *talk, distance_list *out)
+/** Fetches the distances of the job that ran on a daemon; false after a report. */
+static bool fetch_distances(const cli_job *job, cli_session *session, distance_list *out)
 {
     char path[300];
     FILE *file = tmpfile();
@@ -207,167 +166,148 @@ static bool fetch_distances(const question *asked, cli_talk *talk, distance_list
         perror("quadmesh: no temporary file");
         return false;
     }
-    snprintf(path, sizeof path, "%s/result", cli_talk_job_path(talk));
-    bool good = cli_talk_fetch(talk, path, NULL, 0, "application/octet-stream", asked->server, file);
-    long size = good ? ftell(file) : 0;
+    snprintf(path, sizeof path, "%s/result", cli_session_job_path(session));
+    bool is_read = cli_session_fetch(session, path, NULL, 0, "application/octet-stream", job->server, file);
+    long size = is_read ? ftell(file) : 0;
     rewind(file);
     out->count = (size_t)size / sizeof(double);
     out->values = malloc((size_t)size + 1);
-    good = good && out->values && fread(out->values, sizeof(double), out->count, file) == out->count;
+    is_read = is_read && out->values && fread(out->values, sizeof(double), out->count, file) == out->count;
     fclose(file);
-    if (good) qm_rows_turn_bytes(out->values, out->count);
-    return good;
+    if (is_read) qm_array_swap_bytes(out->values, out->count);
+    return is_read;
 }
 
-/** Fetches and writes what is to be written beside the result. */
-static int finish_there(const question *asked, cli_talk *talk, const char *json)
+/** Writes the files of a job that ran on a daemon. Positions are read from the input file again. */
+static bool write_fetched(const file_names *names, const cli_job *job, cli_session *session)
 {
-    distance_list distances = {0};
-    if (!asked->csv && !asked->ply) return show(asked, json);
+    distance_list distances;
     qm_context ctx = qm_host_context();
-    qm_loaded_mesh mesh = {0};
-    qm_preparation for_positions = cli_prepare(false, asked->request.quads, 1);
-    int status = EXIT_BAD_INPUT;
-    if (fetch_distances(asked, talk, &distances) &&
-        cli_load_mesh(&ctx, asked->path_a, asked->as_json, &for_positions, &mesh)) {
+    qm_loaded_mesh mesh;
+    qm_preparation positions_only = cli_prepare(false, job->request.quads, 1);
+    bool is_written = false;
+    if (fetch_distances(job, session, &distances) &&
+        cli_load_mesh(&ctx, job->path[0], job->as_json, &positions_only, &mesh)) {
         if (mesh.mesh.vertex_count == distances.count)
-            status = finish(asked, json, &mesh.mesh, &distances);
+            is_written = write_files(names, &mesh.mesh, &distances);
         else
-            fprintf(stderr, "quadmesh: the daemon counts other vertices than %s has\n", asked->path_a);
+            fprintf(stderr, "quadmesh: the daemon counts other vertices than %s has\n", job->path[0]);
         qm_loaded_mesh_reset(&ctx, &mesh);
     }
     free(distances.values);
-    return status;
-}
-
-static int measure_there(const question *asked)
-{
-    cli_talk *talk = cli_talk_open(asked->server, asked->as_json);
-    qm_job_request request = asked->request;
-    double diagonal = 0.0;
-    char *result = NULL;
-    int status = EXIT_BAD_INPUT;
-    if (talk && cli_talk_upload(talk, asked->path_a, request.a, &diagonal) &&
-        cli_talk_upload(talk, asked->path_b, request.b, NULL))
-        result = cli_talk_run_job(talk, &request, make_bar(asked, diagonal));
-    if (result) status = finish_there(asked, talk, result);
-    free(result);
-    cli_talk_close(talk);
-    return status;
+    return is_written;
 }
 
 /* ---- the command ---- */
 
-static bool read_whole(const char *name, const char *text, double greatest, size_t *out)
+static int finish(const void *user, const cli_job *job, const cli_job_output *output)
 {
-    double number;
-    if (!cli_read_number(name, text, 0.0, &number)) return false;
-    *out = (size_t)fmin(number, greatest);
-    if (number <= greatest && number == floor(number)) return true;
-    fprintf(stderr, "quadmesh: --%s takes a whole number up to %.0f, got \"%s\"\n", name, greatest, text);
-    return false;
+    const file_names *names = user;
+    bool is_written = true;
+    if (output->result) {
+        const qm_deviation *deviation = &output->result->deviation;
+        const distance_list distances = {deviation->vertex_distance, deviation->vertex_count};
+        is_written = write_files(names, output->mesh, &distances);
+    } else if (names->csv || names->ply) {
+        is_written = write_fetched(names, job, output->session);
+    }
+    qm_json *result = qm_json_parse(output->json);
+    if (job->as_json)
+        puts(output->json);
+    else
+        print_text(job, result);
+    bool is_accurate = qm_json_is_true(result, "accurate");
+    qm_json_free(result);
+    return !is_written ? EXIT_BAD_INPUT : is_accurate ? EXIT_OK : EXIT_NOT_CONVERGED;
 }
 
-static bool read_percentiles(const char *text, qm_job_request *request)
+static bool read_percentiles(const char *text, void *target)
 {
+    qm_job_request *request = target;
     request->percentile_count = 0;
     for (const char *at = text;; at++) {
         char *end;
         double number = strtod(at, &end);
-        bool is_good = end != at && number > 0.0 && number <= 100.0 &&
-                       request->percentile_count < QM_JOB_MAX_PERCENTILES && (*end == ',' || !*end);
-        if (!is_good) break;
+        bool is_valid = end != at && number > 0.0 && number <= 100.0 &&
+                        request->percentile_count < QM_JOB_MAX_PERCENTILES && (*end == ',' || !*end);
+        if (!is_valid) break;
         request->percentiles[request->percentile_count++] = number;
         if (!*end) return true;
         at = end;
     }
-    fprintf(stderr, "quadmesh: --percentiles takes up to %d numbers above 0, none above 100, got \"%s\"\n",
+    fprintf(stderr,
+            "quadmesh: --percentiles takes up to %d numbers above 0 and up to 100, separated by commas, got "
+            "\"%s\"\n",
             QM_JOB_MAX_PERCENTILES, text);
     return false;
 }
 
-enum {
-    CSV = 256,
-    PLY,
-    QUADS,
-    ACCURACY,
-    PIECES,
-    TOLERANCE,
-    ABSOLUTE,
-    PERCENTILES,
-    BINS,
-    THREADS,
-    JSON,
-    PROGRESS,
-    SERVER,
-    HELP
-};
-
-static bool read_option(question *asked, int option)
+static int run(int argc, char **argv)
 {
-    qm_job_request *request = &asked->request;
-    switch (option) {
-    case CSV:
-        return asked->csv = optarg, true;
-    case PLY:
-        return asked->ply = optarg, true;
-    case QUADS:
-        return cli_read_quads(optarg, &request->quads);
-    case ACCURACY:
-        return cli_read_number("accuracy", optarg, 1e-300, &request->accuracy);
-    case PIECES:
-        return read_whole("pieces", optarg, MAX_PIECES, &request->pieces);
-    case TOLERANCE:
-        return cli_read_number("tolerance", optarg, 1e-300, &request->tolerance);
-    case ABSOLUTE:
-        return request->tolerance_is_absolute = true;
-    case PERCENTILES:
-        return read_percentiles(optarg, request);
-    case BINS:
-        return read_whole("bins", optarg, MAX_BINS, &request->bins);
-    case THREADS:
-        return cli_read_threads(optarg, &request->threads);
-    case JSON:
-        return asked->as_json = true;
-    case PROGRESS:
-        return asked->shows_progress = true;
-    case SERVER:
-        return asked->server = optarg, true;
-    default:
-        return false;
-    }
+    cli_job job = cli_job_make(QM_JOB_DEVIATION);
+    qm_job_request *request = &job.request;
+    file_names names = {NULL, NULL};
+    const cli_option options[] = {
+        {.name = "csv",
+         .value = "FILE",
+         .type = CLI_TEXT,
+         .target = &names.csv,
+         .help = "the distances at A's vertices"},
+        {.name = "ply",
+         .value = "FILE",
+         .type = CLI_TEXT,
+         .target = &names.ply,
+         .help = "A with a colour and the distance (as quality) at each vertex"},
+        CLI_OPTION_QUADS(&request->quads),
+        {.name = "accuracy",
+         .value = "X",
+         .type = CLI_POSITIVE,
+         .target = &request->accuracy,
+         .help =
+             "width of the intervals of mean and rms at which to stop, as a fraction of them (default 0.01)"},
+        {.name = "pieces",
+         .value = "N",
+         .type = CLI_SIZE,
+         .max = QM_JOB_MAX_PIECES,
+         .target = &request->pieces,
+         .help = "max pieces that A's faces are cut into (default 1048576)"},
+        CLI_OPTION_TOLERANCE(&request->tolerance,
+                             "width of the interval of the maximum, as a fraction of the diagonal "
+                             "of A's box (default 1e-6)"),
+        CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
+        {.name = "percentiles",
+         .value = "L",
+         .type = CLI_CUSTOM,
+         .read = read_percentiles,
+         .target = request,
+         .help = "numbers separated by commas (default 1,5,25,50,75,90,95,99)"},
+        {.name = "bins",
+         .value = "N",
+         .type = CLI_SIZE,
+         .max = QM_JOB_MAX_BINS,
+         .target = &request->bins,
+         .help = "bins of the histogram (default 50)"},
+        CLI_OPTION_THREADS(&request->threads),
+        CLI_OPTION_JSON(&job.as_json),
+        CLI_OPTION_PROGRESS(&job.shows_progress),
+        CLI_OPTION_SERVER(&job.server)};
+    int status;
+    if (!cli_read_options(&cmd_deviation, options, sizeof options / sizeof *options, argc, argv, job.path,
+                          &status))
+        return status;
+    if (!job.server) request->threads = cli_count_threads(request->threads);
+    return cli_run_job(&job, finish, &names);
 }
 
-int cmd_deviation(int argc, char **argv)
-{
-    static const struct option options[] = {{"csv", required_argument, NULL, CSV},
-                                            {"ply", required_argument, NULL, PLY},
-                                            {"quads", required_argument, NULL, QUADS},
-                                            {"accuracy", required_argument, NULL, ACCURACY},
-                                            {"pieces", required_argument, NULL, PIECES},
-                                            {"tolerance", required_argument, NULL, TOLERANCE},
-                                            {"absolute", no_argument, NULL, ABSOLUTE},
-                                            {"percentiles", required_argument, NULL, PERCENTILES},
-                                            {"bins", required_argument, NULL, BINS},
-                                            {"threads", required_argument, NULL, THREADS},
-                                            {"json", no_argument, NULL, JSON},
-                                            {"progress", no_argument, NULL, PROGRESS},
-                                            {"server", required_argument, NULL, SERVER},
-                                            {"help", no_argument, NULL, HELP},
-                                            {0}};
-    question asked = {.request = qm_job_request_default()};
-    asked.request.kind = QM_JOB_DEVIATION;
-    for (int option; (option = getopt_long(argc, argv, "", options, NULL)) != -1;) {
-        if (option == HELP) return fputs(usage, stdout), EXIT_OK;
-        if (!read_option(&asked, option)) return fputs(usage, stderr), EXIT_USAGE;
-    }
-    if (argc - optind != 2) {
-        fprintf(stderr, "quadmesh: deviation takes two files, got %d\n\n", argc - optind);
-        return fputs(usage, stderr), EXIT_USAGE;
-    }
-    asked.path_a = argv[optind];
-    asked.path_b = argv[optind + 1];
-    if (!asked.server) asked.request.threads = cli_count_threads(asked.request.threads);
-    int status = asked.server ? measure_there(&asked) : measure_here(&asked);
-    return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
-}
+const cli_command cmd_deviation = {
+    .name = "deviation",
+    .arguments = "A B [options]",
+    .summary = "mean, rms, percentiles of the distance from one mesh to another",
+    .takes = "two files",
+    .path_count = 2,
+    .description =
+        "How far the surface A is from B: mean, rms, percentiles, histogram and maximum, as proven "
+        "intervals.\n\n",
+    .exit_status =
+        "Exit status: 0 accurate, 1 bad input, 2 wrong usage, 3 the pieces ran out before, or interrupted.",
+    .run = run};

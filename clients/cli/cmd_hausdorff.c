@@ -1,216 +1,111 @@
-#include <getopt.h>
+/**
+ * cmd_hausdorff.c: bounds of the Hausdorff distance between two meshes.
+ */
 #include <math.h>
 #include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
 
-#include "base/host.h"
-#include "cli.h"
-#include "remote.h"
+#include "base/json.h"
+#include "options.h"
 
-/** Everything that was asked for. */
-typedef struct question {
-    const char *path_a, *path_b;
-    const char *server; /* NULL: in this process */
-    qm_job_request request;
-    bool as_json, shows_progress;
-} question;
-
-static const char usage[] =
-    "usage: quadmesh hausdorff A B [options]\n"
-    "\n"
-    "  --direction D    a_to_b, b_to_a or two_sided (default)\n"
-    "  --quads R        how quads are read: triangles (default) or bilinear\n"
-    "  --tolerance X    width of the bracket at which to stop, a share of the diagonal of A's box (default "
-    "1e-6)\n"
-    "  --absolute       the tolerance is in the unit of the meshes\n"
-    "  --threshold X    stop as soon as it is certain whether the distance is above X\n"
-    "  --deadline-ms N  stop after this time with the bracket so far\n"
-    "  --memory N       bytes that the search's queue may take (default 1 GiB); it stops there with the "
-    "bracket\n"
-    "  --threads N      threads (default: one for each processor; with --server what the daemon gives)\n"
-    "  --accelerator A  of nearest points: auto (default), boxes, tetra or grid\n"
-    "  --bounds B       how upper bounds are found: cells (default) or matching\n"
-    "  --json           the result object of the API on standard output\n"
-    "  --progress       lines of progress on standard error also when that is no terminal\n"
-    "  --server URL     ask a daemon instead of this process\n"
-    "\n"
-    "Exit status: 0 converged or verdict certain, 1 bad input, 2 wrong usage, 3 stopped before.\n";
-
-static bool read_direction(const char *text, qm_direction *out)
+static void print_text(const qm_json *result)
 {
-    int place;
-    bool known = cli_read_choice("direction", text, qm_direction_names, &place);
-    if (known) *out = (qm_direction)place;
-    return known;
+    double lower = qm_json_get_number(result, "lower"), upper = qm_json_get_number(result, "upper");
+    printf("Hausdorff distance, %s, quads as %s\n", qm_json_get_string(result, "direction"),
+           qm_json_get_string(result, "quads"));
+    printf("  lower    %.17g\n  upper    %.17g\n", lower, upper);
+    char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
+    double relative = qm_json_get_number(result, "upper_relative");
+    if (isfinite(relative))
+        printf("  relative %s to %s of the diagonal of A\n",
+               cli_format_bound(qm_json_get_number(result, "lower_relative"), false, low),
+               cli_format_bound(relative, true, high));
+    if (qm_json_has(result, "witness"))
+        printf("  farthest on face %.0f of %s, nearest to it face %.0f of %s\n",
+               qm_json_get_number(result, "witness.from.face"),
+               qm_json_get_string(result, "witness.from.mesh"), qm_json_get_number(result, "witness.to.face"),
+               qm_json_get_string(result, "witness.to.mesh"));
+    const char *verdict = qm_json_get_string(result, "verdict");
+    if (verdict) printf("  verdict  %s the threshold\n", verdict);
+    printf("  search   %.1f ms after %.1f + %.1f ms to prepare, %.0f iterations, %.0f projections\n",
+           qm_json_get_number(result, "elapsed_ms"), qm_json_get_number(result, "prepare_ms.a"),
+           qm_json_get_number(result, "prepare_ms.b"), qm_json_get_number(result, "iterations"),
+           qm_json_get_number(result, "projections"));
+    if (!qm_json_is_true(result, "converged"))
+        printf("  stopped  by %s; the bounds hold\n", qm_json_get_string(result, "stopped_by"));
 }
 
-static bool read_bounds(const char *text, qm_bounds *out)
+static int finish(const void *user, const cli_job *job, const cli_job_output *output)
 {
-    int place;
-    bool known = cli_read_choice("bounds", text, qm_bounds_names, &place);
-    if (known) *out = (qm_bounds)place;
-    return known;
+    (void)user;
+    qm_json *result = qm_json_parse(output->json);
+    if (job->as_json)
+        puts(output->json);
+    else
+        print_text(result);
+    bool is_decided = qm_json_is_true(result, "converged") || qm_json_has(result, "verdict");
+    qm_json_free(result);
+    return is_decided ? EXIT_OK : EXIT_NOT_CONVERGED;
 }
 
-static bool read_memory(const char *text, size_t *out)
+static int run(int argc, char **argv)
 {
-    double bytes;
-    bool is_number = cli_read_number("memory", text, 65536.0, &bytes);
-    if (is_number) *out = (size_t)fmin(bytes, 1099511627776.0);
-    return is_number;
+    cli_job job = cli_job_make(QM_JOB_HAUSDORFF);
+    qm_job_request *request = &job.request;
+    const cli_option options[] = {
+        {.name = "direction",
+         .value = "D",
+         .type = CLI_CHOICE,
+         .choices = qm_direction_names,
+         .target = &request->direction,
+         .help = "a_to_b, b_to_a or two_sided (default)"},
+        CLI_OPTION_QUADS(&request->quads),
+        CLI_OPTION_TOLERANCE(&request->tolerance,
+                             "width of the interval at which to stop, as a fraction of the "
+                             "diagonal of A's box (default 1e-6)"),
+        CLI_OPTION_ABSOLUTE(&request->tolerance_is_absolute),
+        {.name = "threshold",
+         .value = "X",
+         .type = CLI_NUMBER,
+         .target = &request->threshold,
+         .help = "stop as soon as it is certain whether the distance is above X"},
+        {.name = "deadline-ms",
+         .value = "N",
+         .type = CLI_POSITIVE,
+         .target = &request->deadline_ms,
+         .help = "stop after this time with the interval reached"},
+        {.name = "memory",
+         .value = "N",
+         .type = CLI_SIZE,
+         .min = QM_JOB_MIN_MEMORY,
+         .max = QM_JOB_MAX_MEMORY,
+         .target = &request->memory_limit,
+         .help = "max bytes of the search's queue (default 1 GiB); it stops there with the interval reached"},
+        CLI_OPTION_THREADS(&request->threads),
+        CLI_OPTION_ACCELERATOR(&request->accelerator),
+        {.name = "bounds",
+         .value = "B",
+         .type = CLI_CHOICE,
+         .choices = qm_bounds_names,
+         .target = &request->bounds,
+         .help = "how upper bounds are computed: cover (default) or matching"},
+        CLI_OPTION_JSON(&job.as_json),
+        CLI_OPTION_PROGRESS(&job.shows_progress),
+        CLI_OPTION_SERVER(&job.server)};
+    int status;
+    if (!cli_read_options(&cmd_hausdorff, options, sizeof options / sizeof *options, argc, argv, job.path,
+                          &status))
+        return status;
+    if (!job.server) request->threads = cli_count_threads(request->threads);
+    return cli_run_job(&job, finish, NULL);
 }
 
-enum {
-    DIRECTION = 256,
-    QUADS,
-    TOLERANCE,
-    ABSOLUTE,
-    THRESHOLD,
-    DEADLINE,
-    MEMORY,
-    THREADS,
-    ACCELERATOR,
-    BOUNDS,
-    JSON,
-    PROGRESS,
-    SERVER,
-    HELP
-};
-
-static bool read_option(question *asked, int option)
-{
-    qm_job_request *request = &asked->request;
-    switch (option) {
-    case DIRECTION:
-        return read_direction(optarg, &request->direction);
-    case QUADS:
-        return cli_read_quads(optarg, &request->quads);
-    case TOLERANCE:
-        return cli_read_number("tolerance", optarg, 1e-300, &request->tolerance);
-    case ABSOLUTE:
-        return request->tolerance_is_absolute = true;
-    case THRESHOLD:
-        return cli_read_number("threshold", optarg, 0.0, &request->threshold);
-    case DEADLINE:
-        return cli_read_number("deadline-ms", optarg, 1e-300, &request->deadline_ms);
-    case MEMORY:
-        return read_memory(optarg, &request->memory_limit);
-    case THREADS:
-        return cli_read_threads(optarg, &request->threads);
-    case ACCELERATOR:
-        return cli_read_accelerator(optarg, &request->accelerator);
-    case BOUNDS:
-        return read_bounds(optarg, &request->bounds);
-    case JSON:
-        return asked->as_json = true;
-    case PROGRESS:
-        return asked->shows_progress = true;
-    case SERVER:
-        return asked->server = optarg, true;
-    default:
-        return false;
-    }
-}
-
-/* ---- in this process ---- */
-
-static void on_progress(void *user, const qm_hausdorff_progress *progress)
-{
-    cli_bar_show(user, progress->lower, progress->upper, progress->elapsed_ms, (double)progress->iterations);
-}
-
-static int measure_loaded(const question *asked, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
-{
-    qm_context ctx = qm_host_context();
-    ctx.cancel = &cli_interrupted;
-    bool is_absolute = asked->request.tolerance_is_absolute || a->diagonal == 0.0;
-    cli_bar bar =
-        cli_bar_make(asked->request.tolerance * (is_absolute ? 1.0 : a->diagonal), asked->shows_progress);
-    qm_job_result result;
-    qm_status status = qm_job_answer(&ctx, &asked->request, a, b, on_progress, &bar, &result);
-    cli_bar_clear(&bar);
-    if (status != QM_OK) {
-        qm_problem problem = qm_problem_from_status(status, ctx.message);
-        cli_complain(asked->path_a, &problem, asked->as_json);
-        return EXIT_BAD_INPUT;
-    }
-    qm_text text = {0};
-    qm_json_write_result(&text, &asked->request, &result);
-    char *json = qm_text_take(&text);
-    int exit_status = json ? cli_print_result(json, asked->as_json) : EXIT_BAD_INPUT;
-    free(json);
-    return exit_status;
-}
-
-static int measure_here(const question *asked)
-{
-    qm_context ctx = qm_host_context();
-    ctx.cancel = &cli_interrupted;
-    const qm_job_request *request = &asked->request;
-    const char *const paths[2] = {asked->path_a, asked->path_b};
-    const qm_preparation preparations[2] = {
-        cli_prepare(request->direction != QM_A_TO_B, request->quads, request->threads),
-        cli_prepare(request->direction != QM_B_TO_A, request->quads, request->threads)};
-    qm_loaded_mesh meshes[2];
-    int status = EXIT_BAD_INPUT;
-    if (cli_load_pair(&ctx, paths, asked->as_json, preparations, meshes)) {
-        status = measure_loaded(asked, &meshes[0], &meshes[1]);
-        cli_unload_pair(&ctx, meshes);
-    }
-    /* An interrupt while a file was read is no fault of the file. */
-    return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
-}
-
-/* ---- by a daemon ---- */
-
-static int measure_there(const question *asked)
-{
-    cli_talk *talk = cli_talk_open(asked->server, asked->as_json);
-    qm_job_request request = asked->request;
-    double diagonal = 0.0;
-    char *result = NULL;
-    if (talk && cli_talk_upload(talk, asked->path_a, request.a, &diagonal) &&
-        cli_talk_upload(talk, asked->path_b, request.b, NULL)) {
-        double tolerance = request.tolerance * (request.tolerance_is_absolute ? 1.0 : diagonal);
-        result = cli_talk_run_job(talk, &request, cli_bar_make(tolerance, asked->shows_progress));
-    }
-    cli_talk_close(talk);
-    if (!result) return atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : EXIT_BAD_INPUT;
-    int status = cli_print_result(result, asked->as_json);
-    free(result);
-    return status;
-}
-
-int cmd_hausdorff(int argc, char **argv)
-{
-    static const struct option options[] = {{"direction", required_argument, NULL, DIRECTION},
-                                            {"quads", required_argument, NULL, QUADS},
-                                            {"tolerance", required_argument, NULL, TOLERANCE},
-                                            {"absolute", no_argument, NULL, ABSOLUTE},
-                                            {"threshold", required_argument, NULL, THRESHOLD},
-                                            {"deadline-ms", required_argument, NULL, DEADLINE},
-                                            {"memory", required_argument, NULL, MEMORY},
-                                            {"threads", required_argument, NULL, THREADS},
-                                            {"accelerator", required_argument, NULL, ACCELERATOR},
-                                            {"bounds", required_argument, NULL, BOUNDS},
-                                            {"json", no_argument, NULL, JSON},
-                                            {"progress", no_argument, NULL, PROGRESS},
-                                            {"server", required_argument, NULL, SERVER},
-                                            {"help", no_argument, NULL, HELP},
-                                            {0}};
-    question asked = {.request = qm_job_request_default()};
-    for (int option; (option = getopt_long(argc, argv, "", options, NULL)) != -1;) {
-        if (option == HELP) return fputs(usage, stdout), EXIT_OK;
-        if (!read_option(&asked, option)) return fputs(usage, stderr), EXIT_USAGE;
-    }
-    if (argc - optind != 2) {
-        fprintf(stderr, "quadmesh: hausdorff takes two files, got %d\n\n", argc - optind);
-        return fputs(usage, stderr), EXIT_USAGE;
-    }
-    asked.path_a = argv[optind];
-    asked.path_b = argv[optind + 1];
-    if (asked.server) return measure_there(&asked);
-    asked.request.threads = cli_count_threads(asked.request.threads);
-    return measure_here(&asked);
-}
+const cli_command cmd_hausdorff = {
+    .name = "hausdorff",
+    .arguments = "A B [options]",
+    .summary = "bounds of the Hausdorff distance between two meshes",
+    .takes = "two files",
+    .path_count = 2,
+    .description = "",
+    .exit_status =
+        "Exit status: 0 converged or verdict certain, 1 bad input, 2 wrong usage, 3 stopped before.",
+    .run = run};

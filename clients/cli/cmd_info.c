@@ -1,15 +1,13 @@
-#include <getopt.h>
+/**
+ * cmd_info.c: the contents of a mesh file.
+ */
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "base/host.h"
-#include "cli.h"
+#include "options.h"
 
-static const char usage[] = "usage: quadmesh info FILE [--json]\n"
-                            "\n"
-                            "  --json   the mesh resource of the API, or the problem document\n";
-
-static void print_words(const char *path, const qm_loaded_mesh *mesh)
+static void print_text(const char *path, const qm_loaded_mesh *mesh)
 {
     const qm_mesh_facts *facts = &mesh->facts;
     printf("%s: %s, %s\n", path, qm_format_name(mesh->format), qm_loaded_mesh_kind(mesh));
@@ -44,29 +42,34 @@ static void print_json(const char *path, const qm_loaded_mesh *mesh)
     free(document);
 }
 
-int cmd_info(int argc, char **argv)
+static int run(int argc, char **argv)
 {
-    static const struct option options[] = {
-        {"json", no_argument, NULL, 'j'}, {"help", no_argument, NULL, 'h'}, {0}};
     bool as_json = false;
-    for (int option; (option = getopt_long(argc, argv, "", options, NULL)) != -1;) {
-        if (option == 'h') return fputs(usage, stdout), EXIT_OK;
-        if (option != 'j') return fputs(usage, stderr), EXIT_USAGE;
-        as_json = true;
-    }
-    if (argc - optind != 1) {
-        fprintf(stderr, "quadmesh: info takes one file, got %d\n\n", argc - optind);
-        return fputs(usage, stderr), EXIT_USAGE;
-    }
+    const cli_option options[] = {{.name = "json",
+                                   .type = CLI_FLAG,
+                                   .target = &as_json,
+                                   .help = "the mesh resource of the API, or the problem document"}};
+    const char *path;
+    int status;
+    if (!cli_read_options(&cmd_info, options, 1, argc, argv, &path, &status)) return status;
     qm_context ctx = qm_host_context();
     const qm_preparation all = {
         .has_facts = true, .has_patches = true, .parts = QM_BVH_ALL, .thread_count = cli_count_threads(0)};
     qm_loaded_mesh mesh;
-    if (!cli_load_mesh(&ctx, argv[optind], as_json, &all, &mesh)) return EXIT_BAD_INPUT;
+    if (!cli_load_mesh(&ctx, path, as_json, &all, &mesh)) return EXIT_BAD_INPUT;
     if (as_json)
-        print_json(argv[optind], &mesh);
+        print_json(path, &mesh);
     else
-        print_words(argv[optind], &mesh);
+        print_text(path, &mesh);
     qm_loaded_mesh_reset(&ctx, &mesh);
     return EXIT_OK;
 }
+
+const cli_command cmd_info = {.name = "info",
+                              .arguments = "FILE [--json]",
+                              .summary = "the contents of a mesh file",
+                              .takes = "one file",
+                              .path_count = 1,
+                              .description = "",
+                              .exit_status = "Exit status: 0 done, 1 bad input, 2 wrong usage.",
+                              .run = run};

@@ -1,76 +1,54 @@
-#include <getopt.h>
+/**
+ * cmd_project.c: the nearest points of a mesh for each of many points.
+ */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/host.h"
-#include "remote.h"
-
-static const char usage[] =
-    "usage: quadmesh project MESH POINTS -o OUT [options]\n"
-    "\n"
-    "  -o, --output OUT  where the rows go, one for each point in the order of POINTS; - is standard output\n"
-    "  --format F        what POINTS is: text (x y z on a line, the default) or f64 (little-endian float64,\n"
-    "                    the default for names that end in .f64 or .bin)\n"
-    "  --csv             distance, x, y, z, face, u, v as numbers: the default for names that end in .csv, "
-    "and -\n"
-    "  --binary          the same as little-endian float64: the default for other names\n"
-    "  --json            one document, the default for names that end in .json; faults are documents too\n"
-    "  --quads R         how quads are read: triangles (default) or bilinear\n"
-    "  --threads N       threads (default: one for each processor; with --server what the daemon gives)\n"
-    "  --accelerator A   of nearest points: auto (default), boxes, tetra or grid\n"
-    "  --server URL      ask a daemon instead of this process\n"
-    "\n"
-    "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 interrupted.\n";
+#include "options.h"
+#include "session.h"
 
 typedef enum point_format { FORMAT_BY_NAME, FORMAT_TEXT, FORMAT_F64 } point_format;
 
-/** Everything that was asked for. */
-typedef struct question {
+typedef struct project_options {
     const char *mesh, *points, *output;
     const char *server; /* NULL: in this process */
-    point_format format;
-    bool has_rows;
-    qm_rows rows;
-    bool as_json;
+    point_format input;
+    bool as_csv, as_binary, as_json;
+    qm_array_format format; /* of the output */
     qm_quad_reading quads;
     qm_accelerator accelerator;
     int threads;
-} question;
-
-static bool ends_in(const char *path, const char *end)
-{
-    size_t length = strlen(path), size = strlen(end);
-    return length >= size && strcmp(path + length - size, end) == 0;
-}
+} project_options;
 
 /* ---- points ---- */
 
 typedef struct point_list {
-    double *rows; /* on malloc */
+    double *positions; /* x y z of each point; malloc'ed */
     size_t count;
 } point_list;
 
-static bool read_binary(const question *asked, uint8_t *bytes, size_t size, point_list *out)
+static bool read_binary(const project_options *options, uint8_t *bytes, size_t size, point_list *out)
 {
     *out = (point_list){(double *)(void *)bytes, size / (3 * sizeof(double))};
     if (size % (3 * sizeof(double)) != 0) {
         qm_problem problem = qm_problem_make(
-            QM_PROBLEM_MALFORMED_FILE, "has %zu bytes, which is no multiple of the 24 of a point", size);
-        cli_complain(asked->points, &problem, asked->as_json);
+            QM_PROBLEM_MALFORMED_FILE, "has %zu bytes, which is not a multiple of the 24 of a point", size);
+        cli_report(options->points, &problem, options->as_json);
         return false;
     }
-    qm_rows_turn_bytes(out->rows, 3 * out->count);
-    size_t bad = qm_projections_find_bad(out->rows, 3 * out->count);
-    if (bad == 3 * out->count) return true;
+    qm_array_swap_bytes(out->positions, 3 * out->count);
+    size_t invalid = qm_projections_find_invalid(out->positions, 3 * out->count);
+    if (invalid == 3 * out->count) return true;
     qm_problem problem =
-        qm_problem_make(QM_PROBLEM_NOT_FINITE, "point %zu has a coordinate that is not finite", bad / 3);
-    qm_problem_add_offset(&problem, bad * sizeof(double), "is not a finite number");
-    cli_complain(asked->points, &problem, asked->as_json);
+        qm_problem_make(QM_PROBLEM_NOT_FINITE, "point %zu has a coordinate that is not finite", invalid / 3);
+    qm_problem_add_offset(&problem, invalid * sizeof(double), "is not a finite number");
+    cli_report(options->points, &problem, options->as_json);
     return false;
 }
 
-static bool read_text(const question *asked, const uint8_t *bytes, size_t size, point_list *out)
+static bool read_text(const project_options *options, const uint8_t *bytes, size_t size, point_list *out)
 {
     const qm_codec_limits limits = {.max_vertices = QM_NO_INDEX - 1, .max_faces = QM_NO_INDEX - 1};
     qm_context ctx = qm_context_make();
@@ -85,54 +63,49 @@ static bool read_text(const question *asked, const uint8_t *bytes, size_t size, 
         return true;
     }
     qm_problem problem = qm_problem_from_codec(status, &report);
-    cli_complain(asked->points, &problem, asked->as_json);
+    cli_report(options->points, &problem, options->as_json);
     return false;
 }
 
-/** False after words or a problem; the rows are the caller's all the same. */
-static bool read_points(const question *asked, point_list *out)
+/** False after a report; in any case the positions are the caller's to free. */
+static bool read_points(const project_options *options, point_list *out)
 {
     size_t size;
-    uint8_t *bytes = cli_read_file(asked->points, &size, asked->as_json);
+    uint8_t *bytes = cli_read_file(options->points, &size, options->as_json);
     *out = (point_list){0};
     if (!bytes) return false;
-    bool is_binary =
-        asked->format == FORMAT_F64 || (asked->format == FORMAT_BY_NAME &&
-                                        (ends_in(asked->points, ".f64") || ends_in(asked->points, ".bin")));
-    if (is_binary) return read_binary(asked, bytes, size, out);
-    bool good = read_text(asked, bytes, size, out);
+    bool is_binary = options->input == FORMAT_F64 ||
+                     (options->input == FORMAT_BY_NAME && (cli_path_ends_in(options->points, ".f64") ||
+                                                           cli_path_ends_in(options->points, ".bin")));
+    if (is_binary) return read_binary(options, bytes, size, out);
+    bool is_read = read_text(options, bytes, size, out);
     free(bytes);
-    return good;
+    return is_read;
 }
 
 /* ---- in this process ---- */
 
-static void complain(const question *asked, qm_status status, const char *message)
-{
-    qm_problem problem = qm_problem_from_status(status, message);
-    cli_complain(asked->mesh, &problem, asked->as_json);
-}
-
-/** A mesh and what it is searched with. */
+/** A mesh and its locator. */
 typedef struct target {
     qm_loaded_mesh mesh;
     qm_locator locator;
 } target;
 
-static bool write_block(const question *asked, qm_context *ctx, const target *on, const point_list *points,
-                        size_t first, qm_text *text, FILE *out)
+static bool write_block(const project_options *options, qm_context *ctx, const target *surface,
+                        const point_list *points, size_t first, qm_text *text, FILE *out)
 {
-    size_t rest = points->count - first, count = rest < QM_PROJECTIONS_BLOCK ? rest : QM_PROJECTIONS_BLOCK;
-    qm_projections feet;
-    qm_status status = qm_projections_find(ctx, &on->mesh, &on->locator, asked->quads,
-                                           points->rows + 3 * first, count, asked->threads, &feet);
+    size_t left = points->count - first, count = left < QM_PROJECTIONS_BLOCK ? left : QM_PROJECTIONS_BLOCK;
+    qm_projections projections;
+    qm_status status =
+        qm_projections_find(ctx, &surface->mesh, &surface->locator, options->quads,
+                            points->positions + 3 * first, count, options->threads, &projections);
     if (status == QM_OK) {
-        qm_projections_write(text, asked->rows, &feet, on->mesh.diagonal, first == 0);
-        qm_projections_reset(ctx, &feet);
-        if (text->failed) status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the rows");
+        qm_projections_write(text, options->format, &projections, surface->mesh.diagonal, first == 0);
+        qm_projections_reset(ctx, &projections);
+        if (text->failed) status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the records");
     }
     if (status != QM_OK) {
-        complain(asked, status, ctx->message);
+        cli_report_status(options->mesh, status, ctx, options->as_json);
         return false;
     }
     fwrite(text->data, 1, text->size, out);
@@ -140,155 +113,150 @@ static bool write_block(const question *asked, qm_context *ctx, const target *on
     return true;
 }
 
-static bool write_rows(const question *asked, qm_context *ctx, const target *on, const point_list *points,
-                       FILE *out)
+static bool write_projections(const project_options *options, qm_context *ctx, const target *surface,
+                              const point_list *points, FILE *out)
 {
     qm_text text = {0};
-    bool good = true;
-    qm_projections_write_begin(&text, asked->rows);
-    for (size_t first = 0; good && first < points->count; first += QM_PROJECTIONS_BLOCK)
-        good = write_block(asked, ctx, on, points, first, &text, out);
-    qm_projections_write_end(&text, asked->rows);
-    if (good && text.size > 0) fwrite(text.data, 1, text.size, out);
+    bool is_done = true;
+    qm_projections_write_begin(&text, options->format);
+    for (size_t first = 0; is_done && first < points->count; first += QM_PROJECTIONS_BLOCK)
+        is_done = write_block(options, ctx, surface, points, first, &text, out);
+    qm_projections_write_end(&text, options->format);
+    if (is_done && text.size > 0) fwrite(text.data, 1, text.size, out);
     qm_text_reset(&text);
-    return good;
+    return is_done;
 }
 
-static bool project_here(const question *asked, const point_list *points, FILE *out)
+static bool project_here(const project_options *options, const point_list *points, FILE *out)
 {
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
-    qm_preparation preparation = cli_prepare(true, asked->quads, asked->threads);
-    target on;
-    if (!cli_load_mesh(&ctx, asked->mesh, asked->as_json, &preparation, &on.mesh)) return false;
-    qm_status status = qm_locator_build(&ctx, on.mesh.bvh, NULL, asked->accelerator, &on.locator);
-    if (status != QM_OK) complain(asked, status, ctx.message);
-    bool good = status == QM_OK && write_rows(asked, &ctx, &on, points, out);
-    qm_locator_reset(&ctx, &on.locator);
-    qm_loaded_mesh_reset(&ctx, &on.mesh);
-    return good;
+    qm_preparation preparation = cli_prepare(true, options->quads, options->threads);
+    target surface;
+    if (!cli_load_mesh(&ctx, options->mesh, options->as_json, &preparation, &surface.mesh)) return false;
+    qm_status status = qm_locator_build(&ctx, surface.mesh.bvh, NULL, options->accelerator, &surface.locator);
+    if (status != QM_OK) cli_report_status(options->mesh, status, &ctx, options->as_json);
+    bool is_done = status == QM_OK && write_projections(options, &ctx, &surface, points, out);
+    qm_locator_reset(&ctx, &surface.locator);
+    qm_loaded_mesh_reset(&ctx, &surface.mesh);
+    return is_done;
 }
 
-/* ---- by a daemon ---- */
+/* ---- on a daemon ---- */
 
-static bool project_there(const question *asked, point_list *points, FILE *out)
+static bool project_on_server(const project_options *options, point_list *points, FILE *out)
 {
     static const char *const media[] = {"application/octet-stream", "text/csv", "application/json"};
-    cli_talk *talk = cli_talk_open(asked->server, asked->as_json);
+    cli_session *session = cli_session_open(options->server, options->as_json);
     char id[QM_ID_SIZE], path[160], threads[24] = "";
-    if (asked->threads > 0) snprintf(threads, sizeof threads, "&threads=%d", asked->threads);
-    bool good = talk && cli_talk_upload(talk, asked->mesh, id, NULL);
-    if (good) {
+    if (options->threads > 0) snprintf(threads, sizeof threads, "&threads=%d", options->threads);
+    bool is_done = session && cli_session_upload(session, options->mesh, id, NULL);
+    if (is_done) {
         snprintf(path, sizeof path, "/v1/meshes/%s/project?quads=%s&accelerator=%s%s", id,
-                 qm_quads_names[asked->quads], qm_accelerator_names[asked->accelerator], threads);
-        qm_rows_turn_bytes(points->rows, 3 * points->count);
-        good = cli_talk_fetch(talk, path, points->count > 0 ? (const void *)points->rows : "",
-                              points->count * 3 * sizeof(double), media[asked->rows], asked->points, out);
+                 qm_quads_names[options->quads], qm_accelerator_names[options->accelerator], threads);
+        qm_array_swap_bytes(points->positions, 3 * points->count);
+        is_done = cli_session_fetch(session, path, points->count > 0 ? (const void *)points->positions : "",
+                                    points->count * 3 * sizeof(double), media[options->format],
+                                    options->points, out);
     }
-    cli_talk_close(talk);
-    return good;
+    cli_session_close(session);
+    return is_done;
 }
 
 /* ---- the command ---- */
 
-static int fail_to_write(const question *asked)
+static int fail_to_write(const project_options *options)
 {
-    fprintf(stderr, "quadmesh: %s cannot be written\n", asked->output);
+    fprintf(stderr, "quadmesh: %s cannot be written\n", options->output);
     return EXIT_BAD_INPUT;
 }
 
-static int project(const question *asked)
+static int project(const project_options *options)
 {
     point_list points;
-    bool is_stdout = strcmp(asked->output, "-") == 0;
-    bool good = read_points(asked, &points);
-    FILE *out = !good ? NULL : is_stdout ? stdout : fopen(asked->output, "wb");
+    bool is_stdout = strcmp(options->output, "-") == 0;
+    bool is_done = read_points(options, &points);
+    FILE *out = !is_done ? NULL : is_stdout ? stdout : fopen(options->output, "wb");
     int status = EXIT_BAD_INPUT;
-    if (good && !out) {
-        status = fail_to_write(asked);
-    } else if (good) {
-        good = asked->server ? project_there(asked, &points, out) : project_here(asked, &points, out);
-        bool written = !ferror(out);
-        if (!is_stdout) written &= fclose(out) == 0;
-        if (good && written) status = EXIT_OK;
-        if (good && !written) status = fail_to_write(asked);
-        /* Half an answer is not to be taken for one. */
-        if (status != EXIT_OK && !is_stdout) remove(asked->output);
+    if (is_done && !out) {
+        status = fail_to_write(options);
+    } else if (is_done) {
+        is_done =
+            options->server ? project_on_server(options, &points, out) : project_here(options, &points, out);
+        bool is_written = !ferror(out);
+        if (!is_stdout) is_written &= fclose(out) == 0;
+        if (is_done && is_written) status = EXIT_OK;
+        if (is_done && !is_written) status = fail_to_write(options);
+        /* Leave no incomplete file. */
+        if (status != EXIT_OK && !is_stdout) remove(options->output);
     }
-    free(points.rows);
+    free(points.positions);
     return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
 }
 
-static bool read_format(const char *text, point_format *out)
+static int run(int argc, char **argv)
 {
-    if (strcmp(text, "text") == 0) return *out = FORMAT_TEXT, true;
-    if (strcmp(text, "f64") == 0) return *out = FORMAT_F64, true;
-    fprintf(stderr, "quadmesh: --format takes text or f64, got \"%s\"\n", text);
-    return false;
+    static const char *const input_names[] = {
+        [FORMAT_BY_NAME] = "auto", [FORMAT_TEXT] = "text", [FORMAT_F64] = "f64", NULL};
+    project_options o = {0};
+    const cli_option options[] = {
+        {.name = "output",
+         .letter = 'o',
+         .value = "OUT",
+         .type = CLI_TEXT,
+         .is_required = true,
+         .target = &o.output,
+         .help = "the records, one for each point in the order of POINTS; - is standard output"},
+        {.name = "format",
+         .value = "F",
+         .type = CLI_CHOICE,
+         .choices = input_names,
+         .target = &o.input,
+         .help = "of POINTS: text (x y z on a line), f64 (little-endian float64), or auto (default):\n"
+                 "f64 for names that end in .f64 or .bin, else text"},
+        {.name = "csv",
+         .type = CLI_FLAG,
+         .target = &o.as_csv,
+         .help = "distance, x, y, z, face, u, v as text: the default for names that end in .csv, and -"},
+        {.name = "binary",
+         .type = CLI_FLAG,
+         .target = &o.as_binary,
+         .help = "the same as little-endian float64: the default for other names"},
+        {.name = "json",
+         .type = CLI_FLAG,
+         .target = &o.as_json,
+         .help = "one document: the default for names that end in .json; errors are documents, too"},
+        CLI_OPTION_QUADS(&o.quads),
+        CLI_OPTION_THREADS(&o.threads),
+        CLI_OPTION_ACCELERATOR(&o.accelerator),
+        CLI_OPTION_SERVER(&o.server)};
+    const char *paths[2];
+    int status;
+    if (!cli_read_options(&cmd_project, options, sizeof options / sizeof *options, argc, argv, paths,
+                          &status))
+        return status;
+    o.mesh = paths[0];
+    o.points = paths[1];
+    if (o.as_json)
+        o.format = QM_ARRAY_JSON;
+    else if (o.as_csv)
+        o.format = QM_ARRAY_CSV;
+    else if (o.as_binary)
+        o.format = QM_ARRAY_BINARY;
+    else
+        o.format = cli_path_ends_in(o.output, ".json")                                ? QM_ARRAY_JSON
+                   : cli_path_ends_in(o.output, ".csv") || strcmp(o.output, "-") == 0 ? QM_ARRAY_CSV
+                                                                                      : QM_ARRAY_BINARY;
+    if (!o.server) o.threads = cli_count_threads(o.threads);
+    return project(&o);
 }
 
-static bool set_rows(question *asked, qm_rows rows)
-{
-    asked->rows = rows;
-    return asked->has_rows = true;
-}
-
-enum { FORMAT = 256, CSV, BINARY, JSON, QUADS, ACCELERATOR, THREADS, SERVER, HELP };
-
-static bool read_option(question *asked, int option)
-{
-    switch (option) {
-    case 'o':
-        return asked->output = optarg, true;
-    case FORMAT:
-        return read_format(optarg, &asked->format);
-    case CSV:
-        return set_rows(asked, QM_ROWS_CSV);
-    case BINARY:
-        return set_rows(asked, QM_ROWS_BINARY);
-    case JSON:
-        return asked->as_json = set_rows(asked, QM_ROWS_JSON);
-    case QUADS:
-        return cli_read_quads(optarg, &asked->quads);
-    case ACCELERATOR:
-        return cli_read_accelerator(optarg, &asked->accelerator);
-    case THREADS:
-        return cli_read_threads(optarg, &asked->threads);
-    case SERVER:
-        return asked->server = optarg, true;
-    default:
-        return false;
-    }
-}
-
-int cmd_project(int argc, char **argv)
-{
-    static const struct option options[] = {{"output", required_argument, NULL, 'o'},
-                                            {"format", required_argument, NULL, FORMAT},
-                                            {"csv", no_argument, NULL, CSV},
-                                            {"binary", no_argument, NULL, BINARY},
-                                            {"json", no_argument, NULL, JSON},
-                                            {"quads", required_argument, NULL, QUADS},
-                                            {"accelerator", required_argument, NULL, ACCELERATOR},
-                                            {"threads", required_argument, NULL, THREADS},
-                                            {"server", required_argument, NULL, SERVER},
-                                            {"help", no_argument, NULL, HELP},
-                                            {0}};
-    question asked = {0};
-    for (int option; (option = getopt_long(argc, argv, "o:", options, NULL)) != -1;) {
-        if (option == HELP) return fputs(usage, stdout), EXIT_OK;
-        if (!read_option(&asked, option)) return fputs(usage, stderr), EXIT_USAGE;
-    }
-    if (argc - optind != 2 || !asked.output) {
-        fprintf(stderr, "quadmesh: project takes a mesh, a file of points and -o OUT\n\n");
-        return fputs(usage, stderr), EXIT_USAGE;
-    }
-    asked.mesh = argv[optind];
-    asked.points = argv[optind + 1];
-    if (!asked.has_rows)
-        asked.rows = ends_in(asked.output, ".json")                                    ? QM_ROWS_JSON
-                     : ends_in(asked.output, ".csv") || strcmp(asked.output, "-") == 0 ? QM_ROWS_CSV
-                                                                                       : QM_ROWS_BINARY;
-    if (!asked.server) asked.threads = cli_count_threads(asked.threads);
-    return project(&asked);
-}
+const cli_command cmd_project = {.name = "project",
+                                 .arguments = "MESH POINTS -o OUT [options]",
+                                 .summary = "the nearest points of a mesh for each of many points",
+                                 .takes = "a mesh, a file of points and -o OUT",
+                                 .path_count = 2,
+                                 .description = "",
+                                 .exit_status =
+                                     "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 interrupted.",
+                                 .run = run};

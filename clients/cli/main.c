@@ -1,30 +1,35 @@
+/**
+ * main.c: the program quadmesh: finds the command and runs it.
+ */
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
 
-#include "base/large_pages.h"
-#include "cli.h"
+#include "base/host.h"
+#include "options.h"
 
 atomic_bool cli_interrupted;
 
-static const char help[] =
-    "quadmesh: answers geometric questions about meshes, with proof.\n"
-    "\n"
-    "usage: quadmesh hausdorff A B [options]   bounds of the Hausdorff distance between two meshes\n"
-    "       quadmesh deviation A B [options]   mean, rms, percentiles of the distance from one mesh to "
-    "another\n"
-    "       quadmesh project MESH POINTS -o OUT [options]   the nearest point of a mesh for each of many\n"
-    "       quadmesh distance A B [options]    bounds of the least distance between two meshes\n"
-    "       quadmesh collide A B [options]     which faces of two meshes meet\n"
-    "       quadmesh self-collide MESH [options]   which faces of a mesh meet that should not\n"
-    "       quadmesh info FILE [--json]        what a mesh file holds\n"
-    "       quadmesh patches FILE [-o OUT]     the regular patches of a mesh of quads\n"
-    "       quadmesh reconstruct SURFACE LAYOUT -o OUT [options]   a quad mesh from a layout of curves\n"
-    "       quadmesh --help | --version        `quadmesh COMMAND --help` tells the options\n"
-    "\n"
-    "Files: OBJ, PLY, STL, OFF, glTF binary, Draco, XYZ points.\n"
-    "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 stopped before the tolerance was reached,\n"
-    "4 colliding (collide and self-collide).\n";
+static const cli_command *const commands[] = {&cmd_hausdorff, &cmd_deviation, &cmd_project,
+                                              &cmd_distance,  &cmd_collide,   &cmd_self_collide,
+                                              &cmd_info,      &cmd_patches,   &cmd_reconstruct};
+enum { COMMAND_COUNT = sizeof commands / sizeof commands[0] };
+
+static void print_help(FILE *file)
+{
+    fputs("quadmesh: answers geometric questions about meshes, with proof.\n\n", file);
+    for (int i = 0; i < COMMAND_COUNT; i++) {
+        char line[80];
+        snprintf(line, sizeof line, "%s %s", commands[i]->name, commands[i]->arguments);
+        fprintf(file, "%s quadmesh %-47s %s\n", i == 0 ? "usage:" : "      ", line, commands[i]->summary);
+    }
+    fputs("       quadmesh --help | --version\n\n"
+          "`quadmesh COMMAND --help` prints the options of a command.\n"
+          "Files: OBJ, PLY, STL, OFF, glTF binary, Draco, XYZ points.\n"
+          "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 stopped before the tolerance was reached,\n"
+          "4 colliding (collide and self-collide).\n",
+          file);
+}
 
 static void on_interrupt(int number)
 {
@@ -34,32 +39,31 @@ static void on_interrupt(int number)
 
 static int run_command(int argc, char **argv)
 {
-    const char *command = argc > 1 ? argv[1] : "";
-    if (strcmp(command, "hausdorff") == 0) return cmd_hausdorff(argc - 1, argv + 1);
-    if (strcmp(command, "deviation") == 0) return cmd_deviation(argc - 1, argv + 1);
-    if (strcmp(command, "project") == 0) return cmd_project(argc - 1, argv + 1);
-    if (strcmp(command, "distance") == 0) return cmd_distance(argc - 1, argv + 1);
-    if (strcmp(command, "collide") == 0) return cmd_collide(argc - 1, argv + 1);
-    if (strcmp(command, "self-collide") == 0) return cmd_self_collide(argc - 1, argv + 1);
-    if (strcmp(command, "info") == 0) return cmd_info(argc - 1, argv + 1);
-    if (strcmp(command, "patches") == 0) return cmd_patches(argc - 1, argv + 1);
-    if (strcmp(command, "reconstruct") == 0) return cmd_reconstruct(argc - 1, argv + 1);
-    if (strcmp(command, "--version") == 0) return puts("quadmesh " QM_VERSION), EXIT_OK;
-    if (strcmp(command, "--help") == 0) return fputs(help, stdout), EXIT_OK;
-    if (command[0]) fprintf(stderr, "quadmesh: unknown command \"%s\"\n\n", command);
-    fputs(help, stderr);
+    const char *name = argc > 1 ? argv[1] : "";
+    for (int i = 0; i < COMMAND_COUNT; i++)
+        if (strcmp(name, commands[i]->name) == 0) return commands[i]->run(argc - 1, argv + 1);
+    if (strcmp(name, "--version") == 0) {
+        puts("quadmesh " QM_VERSION);
+        return EXIT_OK;
+    }
+    if (strcmp(name, "--help") == 0) {
+        print_help(stdout);
+        return EXIT_OK;
+    }
+    if (name[0]) fprintf(stderr, "quadmesh: unknown command \"%s\"\n\n", name);
+    print_help(stderr);
     return EXIT_USAGE;
 }
 
 int main(int argc, char **argv)
 {
-    qm_large_pages_for_heap();
+    qm_host_use_large_heap();
     /* The second interrupt ends the program at once. */
     struct sigaction action = {.sa_handler = on_interrupt, .sa_flags = (int)SA_RESETHAND};
     sigaction(SIGINT, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
     int status = run_command(argc, argv);
     if (fflush(stdout) == 0 && !ferror(stdout)) return status;
-    perror("quadmesh: the answer could not be written");
+    perror("quadmesh: the output could not be written");
     return EXIT_BAD_INPUT;
 }

@@ -1,61 +1,171 @@
+/**
+ * options.c: parses arguments by a table of options, and prints that table as the usage text.
+ */
+#include "options.h"
+
+#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/parallel.h"
-#include "cli.h"
+#include "base/host.h"
 
-#define MAX_THREADS 256
+enum { FIRST_OPTION = 256 }; /* getopt_long returns this for the first option of the table */
 
-bool cli_read_number(const char *name, const char *text, double least, double *out)
+/* ---- usage ---- */
+
+/** The left column: "-o, --output OUT". */
+static void format_name(const cli_option *option, char *out, size_t size)
+{
+    char letter[8] = "";
+    if (option->letter) snprintf(letter, sizeof letter, "-%c, ", option->letter);
+    snprintf(out, size, "%s--%s%s%s", letter, option->name, option->value ? " " : "",
+             option->value ? option->value : "");
+}
+
+static void print_usage(FILE *file, const cli_command *command, const cli_option *options, size_t count)
+{
+    char name[48];
+    size_t width = 0;
+    for (size_t i = 0; i < count; i++) {
+        format_name(&options[i], name, sizeof name);
+        if (strlen(name) > width) width = strlen(name);
+    }
+    fprintf(file, "usage: quadmesh %s %s\n\n%s", command->name, command->arguments, command->description);
+    for (size_t i = 0; i < count; i++) {
+        format_name(&options[i], name, sizeof name);
+        fprintf(file, "  %-*s  ", (int)width, name);
+        for (const char *c = options[i].help; *c; c++) {
+            fputc(*c, file);
+            if (*c == '\n') fprintf(file, "  %-*s  ", (int)width, "");
+        }
+        fputc('\n', file);
+    }
+    fprintf(file, "\n%s\n", command->exit_status);
+}
+
+/* ---- values ---- */
+
+static bool read_number(const cli_option *option, const char *text)
 {
     char *end;
-    *out = strtod(text, &end);
-    if (end != text && !*end && isfinite(*out) && *out >= least) return true;
-    fprintf(stderr, "quadmesh: --%s takes a number%s, got \"%s\"\n", name,
-            least > 0.0 ? " above 0" : " of 0 or more", text);
+    double number = strtod(text, &end);
+    bool is_positive = option->type == CLI_POSITIVE;
+    if (end != text && !*end && isfinite(number) && (is_positive ? number > 0.0 : number >= 0.0)) {
+        *(double *)option->target = number;
+        return true;
+    }
+    fprintf(stderr, "quadmesh: --%s takes a number%s, got \"%s\"\n", option->name,
+            is_positive ? " above 0" : " of 0 or more", text);
     return false;
 }
 
-bool cli_read_choice(const char *name, const char *text, const char *const *choices, int *out)
+static bool read_integer(const cli_option *option, const char *text)
 {
-    for (*out = 0; choices[*out]; ++*out)
-        if (strcmp(text, choices[*out]) == 0) return true;
-    fprintf(stderr, "quadmesh: --%s takes %s", name, choices[0]);
+    QM_ASSERT(option->min <= option->max);
+    char *end;
+    double number = strtod(text, &end);
+    if (end == text || *end || !(number >= option->min && number <= option->max) || number != floor(number)) {
+        fprintf(stderr, "quadmesh: --%s takes an integer from %.0f to %.0f, got \"%s\"\n", option->name,
+                option->min, option->max, text);
+        return false;
+    }
+    if (option->type == CLI_INT)
+        *(int *)option->target = (int)number;
+    else
+        *(size_t *)option->target = (size_t)number;
+    return true;
+}
+
+static bool read_choice(const cli_option *option, const char *text)
+{
+    const char *const *choices = option->choices;
+    for (int i = 0; choices[i]; i++) {
+        if (strcmp(text, choices[i]) != 0) continue;
+        memcpy(option->target, &i, sizeof i); /* enums have the size of int */
+        return true;
+    }
+    fprintf(stderr, "quadmesh: --%s takes %s", option->name, choices[0]);
     for (int i = 1; choices[i]; i++)
         fprintf(stderr, "%s%s", choices[i + 1] ? ", " : " or ", choices[i]);
     fprintf(stderr, ", got \"%s\"\n", text);
     return false;
 }
 
-bool cli_read_quads(const char *text, qm_quad_reading *out)
+static bool read_value(const cli_option *option, const char *text)
 {
-    int place;
-    bool known = cli_read_choice("quads", text, qm_quads_names, &place);
-    if (known) *out = (qm_quad_reading)place;
-    return known;
-}
-
-bool cli_read_accelerator(const char *text, qm_accelerator *out)
-{
-    int place;
-    bool known = cli_read_choice("accelerator", text, qm_accelerator_names, &place);
-    if (known) *out = (qm_accelerator)place;
-    return known;
-}
-
-int cli_count_threads(int asked)
-{
-    return asked > 0 ? asked : qm_parallel_available();
-}
-
-bool cli_read_threads(const char *text, int *out)
-{
-    double number;
-    if (!cli_read_number("threads", text, 1.0, &number)) return false;
-    *out = (int)fmin(number, MAX_THREADS + 1);
-    if (*out <= MAX_THREADS && *out == number) return true;
-    fprintf(stderr, "quadmesh: --threads takes a whole number from 1 to %d, got \"%s\"\n", MAX_THREADS, text);
+    switch (option->type) {
+    case CLI_FLAG:
+        return *(bool *)option->target = true;
+    case CLI_TEXT:
+        *(const char **)option->target = text;
+        return true;
+    case CLI_POSITIVE:
+    case CLI_NUMBER:
+        return read_number(option, text);
+    case CLI_INT:
+    case CLI_SIZE:
+        return read_integer(option, text);
+    case CLI_CHOICE:
+        return read_choice(option, text);
+    case CLI_CUSTOM:
+        return option->read(text, option->target);
+    }
     return false;
+}
+
+/* ---- arguments ---- */
+
+static int find_letter(const cli_option *options, size_t count, int letter)
+{
+    for (size_t i = 0; i < count; i++)
+        if (options[i].letter && options[i].letter == letter) return (int)i;
+    return -1;
+}
+
+bool cli_read_options(const cli_command *command, const cli_option *options, size_t count, int argc,
+                      char **argv, const char **paths, int *status)
+{
+    QM_ASSERT(count <= CLI_MAX_OPTIONS);
+    struct option list[CLI_MAX_OPTIONS + 2] = {{0}};
+    char letters[2 * CLI_MAX_OPTIONS + 1] = "";
+    size_t length = 0;
+    for (size_t i = 0; i < count; i++) {
+        list[i] = (struct option){options[i].name, options[i].value ? required_argument : no_argument, NULL,
+                                  FIRST_OPTION + (int)i};
+        if (!options[i].letter) continue;
+        letters[length++] = options[i].letter;
+        if (options[i].value) letters[length++] = ':';
+    }
+    list[count] = (struct option){"help", no_argument, NULL, FIRST_OPTION + (int)count};
+    *status = EXIT_USAGE;
+    for (int option; (option = getopt_long(argc, argv, letters, list, NULL)) != -1;) {
+        if (option == FIRST_OPTION + (int)count) {
+            *status = EXIT_OK;
+            print_usage(stdout, command, options, count);
+            return false;
+        }
+        int index = option >= FIRST_OPTION ? option - FIRST_OPTION : find_letter(options, count, option);
+        if (index < 0 || !read_value(&options[index], optarg)) {
+            print_usage(stderr, command, options, count);
+            return false;
+        }
+    }
+    bool is_complete = argc - optind == command->path_count;
+    for (size_t i = 0; i < count; i++)
+        if (options[i].is_required && !*(const char **)options[i].target) is_complete = false;
+    if (!is_complete) {
+        fprintf(stderr, "quadmesh: %s takes %s\n\n", command->name, command->takes);
+        print_usage(stderr, command, options, count);
+        return false;
+    }
+    for (int i = 0; i < command->path_count; i++)
+        paths[i] = argv[optind + i];
+    return true;
+}
+
+int cli_count_threads(int given)
+{
+    return given > 0 ? given : qm_host_thread_count();
 }

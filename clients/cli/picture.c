@@ -1,6 +1,5 @@
 /**
- * picture.c: triangles into a depth buffer, the edges of faces over them, and the rows into a PNG of stored
- * blocks. Sources: W3C, Portable Network Graphics, 2003; RFC 1950 and 1951 (stored blocks, Adler-32).
+ * picture.c: draws triangles into a depth buffer and the edges of faces over them, and writes a PNG of stored blocks. Sources: W3C, Portable Network Graphics, 2003; RFC 1950 and 1951 (stored blocks, Adler-32).
  */
 #include "picture.h"
 
@@ -11,23 +10,22 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WIDTH = 1000, HEIGHT = 800, ROW_SIZE = 1 + 3 * WIDTH, BLOCK = 65535 };
+enum { WIDTH = 1000, HEIGHT = 800, LINE_SIZE = 1 + 3 * WIDTH, BLOCK = 65535 };
 
-#define MARGIN 0.92 /* share of the picture that the mesh takes */
-/* Edges are drawn over faces up to this share of the mesh's size in front of them                 \ */
-#define EDGE_LIFT 0.004
+#define MARGIN 0.92     /* fraction of the picture that the mesh fills */
+#define EDGE_LIFT 0.004 /* edges are drawn over faces nearer by up to this fraction of the mesh's diagonal */
 
 typedef struct canvas {
-    double right[3], up[3], towards[3]; /* the viewer's axes */
-    double middle[3], scale;            /* pixels a length */
+    double right[3], up[3], towards[3]; /* axes of the view */
+    double centre[3], scale;            /* pixels per length */
     double lift;
-    uint8_t *rows; /* HEIGHT rows, each a filter byte and WIDTH colours */
+    uint8_t *pixels; /* HEIGHT lines of a filter byte and WIDTH colours */
     double *depth;
 } canvas;
 
-typedef struct spot {
+typedef struct screen_point {
     double x, y, z;
-} spot;
+} screen_point;
 
 static double dot(const double *a, const double *b)
 {
@@ -48,11 +46,11 @@ static void normalise(double v[3])
         v[k] /= length;
 }
 
-static spot place(const canvas *c, const double *p)
+static screen_point project(const canvas *c, const double *p)
 {
-    const double d[3] = {p[0] - c->middle[0], p[1] - c->middle[1], p[2] - c->middle[2]};
-    return (spot){0.5 * WIDTH + c->scale * dot(d, c->right), 0.5 * HEIGHT - c->scale * dot(d, c->up),
-                  c->scale * dot(d, c->towards)};
+    const double d[3] = {p[0] - c->centre[0], p[1] - c->centre[1], p[2] - c->centre[2]};
+    return (screen_point){0.5 * WIDTH + c->scale * dot(d, c->right), 0.5 * HEIGHT - c->scale * dot(d, c->up),
+                          c->scale * dot(d, c->towards)};
 }
 
 /** Looks along the shortest side of the box, a little from above and from the side. */
@@ -61,7 +59,7 @@ static void set_view(canvas *c, const qm_mesh *mesh)
     qm_box box = qm_mesh_bounding_box(mesh);
     int shortest = 0, tallest = 1;
     for (int k = 0; k < 3; k++) {
-        c->middle[k] = 0.5 * (box.min[k] + box.max[k]);
+        c->centre[k] = 0.5 * (box.min[k] + box.max[k]);
         if (box.max[k] - box.min[k] < box.max[shortest] - box.min[shortest]) shortest = k;
     }
     if (shortest == 1) tallest = 2;
@@ -76,7 +74,7 @@ static void set_view(canvas *c, const qm_mesh *mesh)
     double wide = 0.0, high = 0.0;
     c->scale = 1.0;
     for (size_t i = 0; i < mesh->vertex_count; i++) {
-        spot s = place(c, mesh->positions + 3 * i);
+        screen_point s = project(c, mesh->positions + 3 * i);
         wide = fmax(wide, fabs(s.x - 0.5 * WIDTH));
         high = fmax(high, fabs(s.y - 0.5 * HEIGHT));
     }
@@ -86,15 +84,17 @@ static void set_view(canvas *c, const qm_mesh *mesh)
 
 static void put(canvas *c, int x, int y, const uint8_t colour[3])
 {
-    memcpy(c->rows + (size_t)y * ROW_SIZE + 1 + 3 * (size_t)x, colour, 3);
+    QM_ASSERT(x >= 0 && x < WIDTH && y >= 0 && y < HEIGHT);
+    memcpy(c->pixels + (size_t)y * LINE_SIZE + 1 + 3 * (size_t)x, colour, 3);
 }
 
-static int clamp(double x, int most)
+static int clamp(double x, int max)
 {
-    return x < 0.0 ? 0 : x > most ? most : (int)x;
+    return x < 0.0 ? 0 : x > max ? max : (int)x;
 }
 
-static void fill_triangle(canvas *c, const spot *a, const spot *b, const spot *d, const uint8_t colour[3])
+static void fill_triangle(canvas *c, const screen_point *a, const screen_point *b, const screen_point *d,
+                          const uint8_t colour[3])
 {
     double area = (b->x - a->x) * (d->y - a->y) - (d->x - a->x) * (b->y - a->y);
     if (area == 0.0) return;
@@ -115,7 +115,7 @@ static void fill_triangle(canvas *c, const spot *a, const spot *b, const spot *d
     }
 }
 
-static void draw_edge(canvas *c, const spot *a, const spot *b)
+static void draw_edge(canvas *c, const screen_point *a, const screen_point *b)
 {
     static const uint8_t ink[3] = {30, 40, 70};
     int steps = (int)fmax(fabs(b->x - a->x), fabs(b->y - a->y)) + 1;
@@ -150,9 +150,9 @@ static void draw(canvas *c, const qm_mesh *mesh)
         for (size_t f = 0; f < mesh->face_count; f++) {
             const uint32_t *index = mesh->faces + 4 * f;
             int count = index[3] == QM_NO_INDEX ? 3 : 4;
-            spot at[4];
+            screen_point at[4];
             for (int k = 0; k < count; k++)
-                at[k] = place(c, mesh->positions + 3 * (size_t)index[k]);
+                at[k] = project(c, mesh->positions + 3 * (size_t)index[k]);
             for (int k = 0; edges && k < count; k++)
                 draw_edge(c, &at[k], &at[(k + 1) % count]);
             for (int k = 1; !edges && k + 1 < count; k++) {
@@ -173,7 +173,7 @@ static void add_u32(uint8_t *out, uint32_t value)
         out[k] = (uint8_t)(value >> (24 - 8 * k));
 }
 
-/** CRC-32 bit by bit: the picture is written once. */
+/** CRC-32, bit by bit. */
 static uint32_t add_crc(uint32_t crc, const uint8_t *bytes, size_t size)
 {
     for (size_t i = 0; i < size; i++) {
@@ -188,14 +188,14 @@ static bool write_chunk(FILE *file, const char *type, const uint8_t *bytes, size
 {
     uint8_t number[4];
     add_u32(number, (uint32_t)size);
-    bool good = fwrite(number, 1, 4, file) == 4 && fwrite(type, 1, 4, file) == 4 &&
-                fwrite(bytes, 1, size, file) == size;
+    bool is_written = fwrite(number, 1, 4, file) == 4 && fwrite(type, 1, 4, file) == 4 &&
+                      fwrite(bytes, 1, size, file) == size;
     add_u32(number, ~add_crc(add_crc(~0u, (const uint8_t *)type, 4), bytes, size));
-    return good && fwrite(number, 1, 4, file) == 4;
+    return is_written && fwrite(number, 1, 4, file) == 4;
 }
 
 /** A zlib stream of stored blocks; returns its size. */
-static size_t store(const uint8_t *bytes, size_t size, uint8_t *out)
+static size_t deflate_stored(const uint8_t *bytes, size_t size, uint8_t *out)
 {
     size_t length = 0;
     uint32_t a = 1, b = 0;
@@ -220,9 +220,9 @@ static size_t store(const uint8_t *bytes, size_t size, uint8_t *out)
     return length + 4;
 }
 
-static bool write_png(const char *path, const uint8_t *rows)
+static bool write_png(const char *path, const uint8_t *pixels)
 {
-    const size_t size = (size_t)HEIGHT * ROW_SIZE;
+    const size_t size = (size_t)HEIGHT * LINE_SIZE;
     uint8_t *stream = malloc(size + 5 * (size / BLOCK + 1) + 16);
     FILE *file = stream ? fopen(path, "wb") : NULL;
     if (!file) {
@@ -232,31 +232,32 @@ static bool write_png(const char *path, const uint8_t *rows)
     uint8_t header[13] = {[8] = 8, [9] = 2};
     add_u32(header, WIDTH);
     add_u32(header + 4, HEIGHT);
-    bool good =
-        fwrite("\x89PNG\r\n\x1a\n", 1, 8, file) == 8 && write_chunk(file, "IHDR", header, sizeof header) &&
-        write_chunk(file, "IDAT", stream, store(rows, size, stream)) && write_chunk(file, "IEND", header, 0);
+    bool is_written = fwrite("\x89PNG\r\n\x1a\n", 1, 8, file) == 8 &&
+                      write_chunk(file, "IHDR", header, sizeof header) &&
+                      write_chunk(file, "IDAT", stream, deflate_stored(pixels, size, stream)) &&
+                      write_chunk(file, "IEND", header, 0);
     free(stream);
-    return fclose(file) == 0 && good;
+    return fclose(file) == 0 && is_written;
 }
 
 bool picture_write(const char *path, const qm_mesh *mesh)
 {
-    canvas c = {.rows = malloc((size_t)HEIGHT * ROW_SIZE),
+    canvas c = {.pixels = malloc((size_t)HEIGHT * LINE_SIZE),
                 .depth = malloc((size_t)WIDTH * HEIGHT * sizeof(double))};
-    bool good = c.rows && c.depth;
-    if (good) {
-        memset(c.rows, 255, (size_t)HEIGHT * ROW_SIZE);
+    bool is_written = c.pixels && c.depth;
+    if (is_written) {
+        memset(c.pixels, 255, (size_t)HEIGHT * LINE_SIZE);
         for (size_t y = 0; y < HEIGHT; y++)
-            c.rows[y * ROW_SIZE] = 0;
+            c.pixels[y * LINE_SIZE] = 0;
         for (size_t i = 0; i < (size_t)WIDTH * HEIGHT; i++)
             c.depth[i] = -DBL_MAX;
         set_view(&c, mesh);
         draw(&c, mesh);
-        good = write_png(path, c.rows);
+        is_written = write_png(path, c.pixels);
     } else {
         errno = ENOMEM;
     }
-    free(c.rows);
+    free(c.pixels);
     free(c.depth);
-    return good;
+    return is_written;
 }

@@ -6,8 +6,8 @@
 
 #include "qm/mesh.h"
 
-/** Draws the mesh shaded, with its edges, from the side that shows most of it. False with errno set when the
- * file cannot be written or memory runs out. */
+/** Draws the mesh shaded, with its edges, from the side that shows most of it. False with errno if the file cannot be
+ * written or memory runs out. */
 bool picture_write(const char *path, const qm_mesh *mesh);
 
 #endif

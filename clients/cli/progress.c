@@ -1,3 +1,6 @@
+/**
+ * progress.c: bounds in few digits, and the progress bar.
+ */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -7,10 +10,10 @@
 
 #define BAR_WIDTH 24
 
-cli_bar cli_bar_make(double tolerance, bool is_asked_for)
+cli_bar cli_bar_make(double tolerance, bool is_forced)
 {
     return (cli_bar){
-        .is_terminal = isatty(STDERR_FILENO) == 1, .is_asked_for = is_asked_for, .tolerance = tolerance};
+        .is_terminal = isatty(STDERR_FILENO) == 1, .is_forced = is_forced, .tolerance = tolerance};
 }
 
 char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE])
@@ -18,15 +21,15 @@ char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE])
     snprintf(out, CLI_BOUND_SIZE, "%.9g", bound);
     double printed = strtod(out, NULL);
     if (!isfinite(bound) || (is_upper ? printed >= bound : printed <= bound)) return out;
-    /* One unit of the ninth digit outwards; floor may name the digit above at a power of ten: wider is right
-     * too. */
+    /* One unit of the ninth digit outward. Near a power of ten log10 may round to the next digit, which widens the
+     * interval and is safe. */
     double unit = pow(10.0, floor(log10(fabs(bound))) - 8.0);
     snprintf(out, CLI_BOUND_SIZE, "%.9g", is_upper ? printed + unit : printed - unit);
     return out;
 }
 
-/** The share of the way from the first gap to the tolerance, on a log scale. */
-static double share_done(const cli_bar *bar, double gap)
+/** The completed fraction of the way from the first gap to the tolerance, on a log scale. */
+static double find_fraction(const cli_bar *bar, double gap)
 {
     if (!(gap > bar->tolerance) || !(bar->first_gap > bar->tolerance)) return 1.0;
     return log(bar->first_gap / gap) / log(bar->first_gap / bar->tolerance);
@@ -34,11 +37,12 @@ static double share_done(const cli_bar *bar, double gap)
 
 void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations)
 {
-    if (!(bar->is_terminal || bar->is_asked_for) || !isfinite(upper)) return;
+    if (!(bar->is_terminal || bar->is_forced) || !isfinite(upper)) return;
+    QM_ASSERT(lower <= upper);
     double gap = upper - lower;
     if (bar->first_gap == 0.0) bar->first_gap = gap;
     char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
-    int filled = (int)(share_done(bar, gap) * BAR_WIDTH);
+    int filled = (int)(find_fraction(bar, gap) * BAR_WIDTH);
     char drawn[BAR_WIDTH + 1];
     for (int i = 0; i < BAR_WIDTH; i++)
         drawn[i] = i < filled ? '#' : '.';

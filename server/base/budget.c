@@ -1,13 +1,16 @@
+/**
+ * budget.c: counts the bytes of blocks against a limit, without a lock.
+ */
 #include "budget.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <unistd.h>
 
-#include "large_pages.h"
+#include "host.h"
 
-/** Takes so many more bytes out of the budget; false when they are not to be had. */
-static bool take(qm_budget *budget, size_t more)
+/** Reserves bytes of the budget; false if they cannot be made free. */
+static bool reserve(qm_budget *budget, size_t more)
 {
     size_t used = atomic_load(&budget->used);
     for (;;) {
@@ -23,8 +26,9 @@ static bool take(qm_budget *budget, size_t more)
 static void *resize(void *user, void *block, size_t old_size, size_t new_size)
 {
     qm_budget *budget = user;
-    if (new_size > old_size && !take(budget, new_size - old_size)) return NULL;
-    void *moved = qm_large_pages.resize(qm_large_pages.user, block, old_size, new_size);
+    if (new_size > old_size && !reserve(budget, new_size - old_size)) return NULL;
+    void *moved = qm_host_allocator.resize(qm_host_allocator.user, block, old_size, new_size);
+    QM_ASSERT(new_size > old_size || atomic_load(&budget->used) >= old_size - new_size);
     if (!moved && new_size > old_size) atomic_fetch_sub(&budget->used, new_size - old_size);
     if (new_size < old_size && (moved || new_size == 0)) atomic_fetch_sub(&budget->used, old_size - new_size);
     return moved;
@@ -35,7 +39,7 @@ qm_allocator qm_budget_allocator(qm_budget *budget)
     return (qm_allocator){.resize = resize, .user = budget};
 }
 
-/** The limit of the control group (version 2); SIZE_MAX without one. */
+/** The memory limit of the control group (version 2); SIZE_MAX if there is none. */
 static size_t find_group_limit(void)
 {
     FILE *file = fopen("/sys/fs/cgroup/memory.max", "re");

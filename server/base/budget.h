@@ -1,6 +1,6 @@
 /**
- * budget.h: memory that is counted and ends at a limit. When it would be passed, somebody is asked to give
- * memory back; when nobody can, the allocation fails as if the machine had no more.
+ * budget.h: an allocator with a limit. An allocation beyond it first asks the owner to free memory, and fails like
+ * malloc if the owner cannot.
  */
 #ifndef QM_BUDGET_H
 #define QM_BUDGET_H
@@ -12,11 +12,11 @@
 typedef struct qm_budget {
     size_t limit; /* bytes */
     atomic_size_t used;
-    bool (*make_room)(void *user); /* gives something back; false when there is nothing. Any thread. */
+    bool (*make_room)(void *user); /* frees something; false if nothing can be freed. Any thread. */
     void *user;
 } qm_budget;
 
-/** qm_large_pages within the budget, for any thread; blocks go back through the same one. */
+/** qm_host_allocator within the budget, for any thread; blocks are freed through the same allocator. */
 qm_allocator qm_budget_allocator(qm_budget *budget);
 
 /** Half of the memory that this process may have: of the machine, or of its control group. */

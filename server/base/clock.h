@@ -1,12 +1,12 @@
 /**
- * clock.h: the time since some moment in the past, which no change of the date moves.
+ * clock.h: a monotonic clock, which changes of the date do not affect.
  */
 #ifndef QM_CLOCK_H
 #define QM_CLOCK_H
 
 #include <time.h>
 
-/** Monotonic milliseconds. */
+/** Milliseconds since an arbitrary moment. */
 static inline double qm_now_ms(void)
 {
     struct timespec now;

@@ -1,3 +1,6 @@
+/**
+ * config.c: the table of settings, and its readers: file, environment, flags.
+ */
 #include "config.h"
 
 #include <ctype.h>
@@ -16,7 +19,7 @@ typedef struct setting {
     const char *name; /* --name VALUE, QUADMESHD_NAME */
     size_t offset;    /* of the member; a string when text is not NULL, else a number */
     const char *text;
-    double number, least, greatest;
+    double number, min, max;
     const char *help;
 } setting;
 
@@ -24,9 +27,9 @@ typedef struct setting {
     {                                                                                                        \
         name, offsetof(qm_config, member), value, 0, 0, 0, help                                              \
     }
-#define NUMBER(member, name, value, least, greatest, help)                                                   \
+#define NUMBER(member, name, value, min, max, help)                                                          \
     {                                                                                                        \
-        name, offsetof(qm_config, member), NULL, value, least, greatest, help                                \
+        name, offsetof(qm_config, member), NULL, value, min, max, help                                       \
     }
 
 static const setting settings[] = {
@@ -114,9 +117,9 @@ static bool set(qm_config *config, const setting *s, const char *value, const ch
     }
     char *end;
     double number = strtod(value, &end);
-    if (end == value || *end || !(number >= s->least && number <= s->greatest) || number != floor(number)) {
+    if (end == value || *end || !(number >= s->min && number <= s->max) || number != floor(number)) {
         fprintf(stderr, "quadmeshd: %s must be a whole number from %.15g to %.15g, got \"%s\"\n", origin,
-                s->least, s->greatest, value);
+                s->min, s->max, value);
         return false;
     }
     *(double *)(void *)member = number;
@@ -134,7 +137,7 @@ static bool set_from_environment(qm_config *config, const setting *s)
     return !value || set(config, s, value, name);
 }
 
-/** The setting of a name that is so long. */
+/** Finds a setting by a name of `length` characters. */
 static const setting *find(const char *name, size_t length)
 {
     for (size_t i = 0; i < SETTING_COUNT; i++)
@@ -145,7 +148,7 @@ static const setting *find(const char *name, size_t length)
 
 /* ---- the file ---- */
 
-/** Cuts blanks off both ends, in place. */
+/** Removes blanks at both ends, in place. */
 static char *trim(char *text)
 {
     text += strspn(text, BLANK);
@@ -171,18 +174,18 @@ static bool set_from_line(qm_config *config, char *line, const char *path, int n
     return false;
 }
 
-/** Reads the whole file, which the settings then point into. */
+/** Reads the whole file into static memory, which settings then point into. */
 static char *read_file(const char *path)
 {
     static char text[MAX_FILE_SIZE];
     FILE *file = fopen(path, "re");
     size_t size = file ? fread(text, 1, sizeof text - 1, file) : 0;
-    bool is_whole = file && !ferror(file) && size + 1 < sizeof text;
-    if (!file || !is_whole)
+    bool is_complete = file && !ferror(file) && size + 1 < sizeof text;
+    if (!file || !is_complete)
         fprintf(stderr, "quadmeshd: cannot read %s: %s\n", path, file ? "it is too long" : strerror(errno));
     if (file) fclose(file);
     text[size] = '\0';
-    return is_whole ? text : NULL;
+    return is_complete ? text : NULL;
 }
 
 static bool set_from_file(qm_config *config, const char *path)
@@ -236,10 +239,10 @@ static void set_defaults(qm_config *config)
     }
 }
 
-/** Takes --name value or --name=value; *place moves on to the last argument taken. */
-static bool set_from_flag(qm_config *config, int argc, char **argv, int *place)
+/** Reads --name value or --name=value; *index advances to the last argument used. */
+static bool set_from_flag(qm_config *config, int argc, char **argv, int *index)
 {
-    const char *flag = argv[*place];
+    const char *flag = argv[*index];
     const setting *s = strncmp(flag, "--", 2) == 0 ? find(flag + 2, strcspn(flag + 2, "=")) : NULL;
     if (!s) {
         fprintf(stderr, "quadmeshd: unknown setting %s; see --help\n", flag);
@@ -248,30 +251,30 @@ static bool set_from_flag(qm_config *config, int argc, char **argv, int *place)
     char name[64];
     snprintf(name, sizeof name, "--%s", s->name);
     if (flag[strlen(name)] == '=') return set(config, s, flag + strlen(name) + 1, name);
-    if (*place + 1 == argc) {
+    if (*index + 1 == argc) {
         fprintf(stderr, "quadmeshd: %s needs a value\n", flag);
         return false;
     }
-    return set(config, s, argv[++*place], name);
+    return set(config, s, argv[++*index], name);
 }
 
-/** The file is named by the flags, else by the environment; its settings come first all the same. */
+/** The file is named by a flag, else by the environment; both override its settings nevertheless. */
 static bool set_from_named_file(qm_config *config, int argc, char **argv)
 {
     static const char flag[] = "--config";
     const char *path = getenv("QUADMESHD_CONFIG");
     for (int i = 1; i < argc; i++) {
         if (strncmp(argv[i], flag, strlen(flag)) != 0) continue;
-        const char *rest = argv[i] + strlen(flag);
-        if (*rest == '=') path = rest + 1;
-        if (!*rest && i + 1 < argc) path = argv[i + 1];
+        const char *end = argv[i] + strlen(flag);
+        if (*end == '=') path = end + 1;
+        if (!*end && i + 1 < argc) path = argv[i + 1];
     }
     return !path || !*path || set_from_file(config, path);
 }
 
 qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
 {
-    bool prints = false;
+    bool is_printing = false;
     set_defaults(config);
     if (!set_from_named_file(config, argc, argv)) return QM_CONFIG_EXIT_USAGE;
     for (size_t i = 0; i < SETTING_COUNT; i++)
@@ -280,12 +283,12 @@ qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
         if (strcmp(argv[i], "--help") == 0) return print_help(), QM_CONFIG_EXIT_OK;
         if (strcmp(argv[i], "--version") == 0) return puts("quadmeshd " QM_VERSION), QM_CONFIG_EXIT_OK;
         if (strcmp(argv[i], "--print-config") == 0)
-            prints = true;
+            is_printing = true;
         else if (!set_from_flag(config, argc, argv, &i))
             return QM_CONFIG_EXIT_USAGE;
     }
     if (!check(config)) return QM_CONFIG_EXIT_USAGE;
-    if (!prints) return QM_CONFIG_RUN;
+    if (!is_printing) return QM_CONFIG_RUN;
     print_config(config);
     return QM_CONFIG_EXIT_OK;
 }

@@ -1,6 +1,6 @@
 /**
- * config.h: the settings, from one table: flag, environment variable, line of a file, unit, bounds, default,
- * help.
+ * config.h: the daemon's settings. One table (config.c) gives each its flag, environment variable, bounds, default
+ * and help text.
  */
 #ifndef QM_CONFIG_H
 #define QM_CONFIG_H
@@ -11,13 +11,13 @@
 typedef struct qm_config {
     const char *config;       /* file of settings; "" for none */
     const char *listen;       /* address; other than loopback only with tokens */
-    const char *token_file;   /* "" for none: everybody who reaches the daemon may do everything */
-    const char *cors_origins; /* whose pages may use the daemon, with commas; "" for none */
-    const char *hosts;        /* names that requests may give as Host besides addresses and localhost */
+    const char *token_file;   /* "" for none: every client may do everything */
+    const char *cors_origins; /* origins whose pages may use the daemon, separated by commas; "" for none */
+    const char *hosts;        /* host names that Host may contain besides addresses and localhost */
     const char *health_listen;
-    double health_port; /* of a listener of its own for health and metrics; 0: none */
+    double health_port; /* of a separate listener for health and metrics; 0: none */
     const char *data_dir;
-    const char *port_file; /* the port is written there once the daemon listens; "" for none */
+    const char *port_file; /* file that receives the port once the daemon listens; "" for none */
     const char *dashboard; /* folder of the page that is served at / */
     const char *log_format, *log_level;
     double port;            /* 0: any free one */
@@ -26,14 +26,14 @@ typedef struct qm_config {
     double prepare_threads; /* threads that prepare one mesh; 0: one for each processor */
     double max_body;        /* bytes of an upload */
     double max_faces;
-    double memory_budget; /* bytes of meshes and jobs; 0: half of what there is */
-    double queue;         /* jobs that wait */
-    double kept_jobs;     /* that have ended */
+    double memory_budget; /* bytes of meshes and jobs; 0: half of the memory */
+    double queue;         /* max waiting jobs */
+    double kept_jobs;     /* finished jobs that are kept */
     double kept_hours;    /* of a job; 0: any time */
     double connections;
     double client_connections; /* of one address; 0: any number */
     double streams;
-    double heartbeat;       /* seconds between the signs of life of a silent stream */
+    double heartbeat;       /* seconds between heartbeats of a silent stream */
     double idle_timeout;    /* seconds */
     double min_upload_rate; /* bytes a second; 0: any */
     double grace;           /* seconds that running jobs get at SIGTERM */
@@ -42,10 +42,10 @@ typedef struct qm_config {
 typedef enum qm_config_outcome { QM_CONFIG_RUN, QM_CONFIG_EXIT_OK, QM_CONFIG_EXIT_USAGE } qm_config_outcome;
 
 /**
- * Fills *config from defaults, then the file of settings, then QUADMESHD_* variables, then flags; of a
- * setting that several have, the last counts. --help, --version and --print-config print and ask to exit.
+ * Fills *config from defaults, the file of settings, QUADMESHD_* variables and flags; each overrides the ones before
+ * it. --help, --version and --print-config print and ask to exit.
  *
- * A line of the file is "name = value", as --print-config writes them; # starts a comment.
+ * A line of the file is "name = value", as --print-config writes it; # starts a comment.
  *
  * Strings point into argv, the environment or storage that lives as long as the process. Called once.
  */

@@ -1,3 +1,6 @@
+/**
+ * hash.c: SHA-256 by nettle.
+ */
 #include "hash.h"
 
 #include <nettle/base64.h>

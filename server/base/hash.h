@@ -1,5 +1,5 @@
 /**
- * hash.h: SHA-256 of what is in memory.
+ * hash.h: SHA-256 of bytes in memory, as a digest, in hex or in base64.
  */
 #ifndef QM_HASH_H
 #define QM_HASH_H
@@ -12,14 +12,14 @@
 
 void qm_hash_bytes(const void *bytes, size_t size, uint8_t digest[QM_DIGEST_SIZE]);
 
-/** The hash of a whole text. */
+/** The digest of a text, in hex. */
 void qm_hash_text(const char *text, size_t size, char out[QM_HASH_SIZE]);
 
-/** The same in base64, as a Content-Security-Policy has it. */
+/** The digest of a text, in base64, as Content-Security-Policy needs it. */
 #define QM_HASH_BASE64_SIZE 45
 void qm_hash_text_base64(const char *text, size_t size, char out[QM_HASH_BASE64_SIZE]);
 
-/** A digest that was taken elsewhere, in hex. */
+/** Writes a digest in hex. */
 void qm_hash_print(const uint8_t digest[QM_DIGEST_SIZE], char out[QM_HASH_SIZE]);
 
 #endif

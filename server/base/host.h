@@ -1,12 +1,40 @@
 /**
- * host.h: what a program hands to the engine: a team of threads, and memory on large pages.
+ * host.h: what a program gives the engine: threads, and memory on large pages.
  */
 #ifndef QM_HOST_H
 #define QM_HOST_H
 
 #include "qm/context.h"
 
-/** A context whose parallel is qm_parallel_run and whose allocator is qm_large_pages. */
+/** A context that runs on qm_host_parallel and allocates from qm_host_allocator. */
 qm_context qm_host_context(void);
+
+/** Most threads that a call uses. */
+#define QM_HOST_MAX_THREADS 256
+
+/**
+ * A qm_parallel_fn on a team of threads that outlives the call; user is ignored. Workers that get no thread run on
+ * the caller's.
+ */
+void qm_host_parallel(void *user, int worker_count, void (*task)(void *data, int worker), void *data);
+
+/** The number of processors that this process may use: 1 to QM_HOST_MAX_THREADS. */
+int qm_host_thread_count(void);
+
+/**
+ * Blocks below a megabyte come from malloc. Larger ones are mapped, on pages of 2 MiB where the system has them: such
+ * a page is set up once and has one address translation instead of 512, which dominated the time to build a tree. The
+ * last page of a block is a large one if at least half of it is used, so a block wastes at most a megabyte. Freed
+ * blocks return to the system at once; a virtual machine that gives free memory back to its host then waits for
+ * 2 MiB at a time when it reuses them after a pause. Any thread.
+ */
+extern const qm_allocator qm_host_allocator;
+
+/**
+ * For a process that runs one job: from now on malloc's heap lies on large pages, serves the blocks of up to 32 MiB
+ * of qm_host_allocator as well, and keeps what is freed, so that later blocks reuse pages that are set up. Call it
+ * before the first allocation and before other threads start.
+ */
+void qm_host_use_large_heap(void);
 
 #endif

@@ -1,3 +1,6 @@
+/**
+ * id.c: random ids, and RFC 3339 times.
+ */
 #include "id.h"
 
 #include <stdint.h>

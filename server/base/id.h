@@ -1,5 +1,5 @@
 /**
- * id.h: ids of resources, and times as they are written.
+ * id.h: ids of resources, and times in RFC 3339.
  */
 #ifndef QM_ID_H
 #define QM_ID_H
@@ -13,7 +13,7 @@ void qm_id_make(char prefix, char out[QM_ID_SIZE]);
 /** The time now as RFC 3339 in UTC, to the millisecond. */
 void qm_time_format(char out[QM_TIME_SIZE]);
 
-/** The time so many seconds ago. */
+/** The time a number of seconds ago. */
 void qm_time_format_past(double seconds, char out[QM_TIME_SIZE]);
 
 #endif

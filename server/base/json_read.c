@@ -1,11 +1,101 @@
-#include "json_read.h"
-
+/**
+ * json_read.c: checks and parses JSON text, and finds members of parsed documents.
+ */
 #include <cjson/cJSON.h>
 #include <math.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "json_parse.h"
+#include "json.h"
+
+/* ---- checks before the parser sees the text ---- */
+
+/** The offset at which nesting gets too deep, or size. Brackets inside strings do not count. */
+static size_t find_deep_nesting(const char *text, size_t size)
+{
+    int depth = 0;
+    bool in_string = false;
+    for (size_t i = 0; i < size; i++) {
+        char c = text[i];
+        if (in_string) {
+            if (c == '\\') i++;
+            if (c == '"') in_string = false;
+        } else if (c == '"') {
+            in_string = true;
+        } else if (c == '{' || c == '[') {
+            if (++depth > QM_JSON_MAX_DEPTH) return i;
+        } else if (c == '}' || c == ']') {
+            depth--;
+        }
+    }
+    return size;
+}
+
+/** The offset of the first byte that is not UTF-8, or size. */
+static size_t find_invalid_utf8(const char *text, size_t size)
+{
+    for (size_t i = 0; i < size;) {
+        size_t length = qm_text_utf8_length(text + i, size - i);
+        if (length == 0) return i;
+        i += length;
+    }
+    return size;
+}
+
+/** The offset of an escaped NUL, or size. */
+static size_t find_escaped_nul(const char *text, size_t size)
+{
+    for (size_t i = 0; i + 1 < size; i++) {
+        if (text[i] != '\\') continue;
+        if (size - i >= 6 && memcmp(text + i, "\\u0000", 6) == 0) return i;
+        i++;
+    }
+    return size;
+}
+
+bool qm_json_check_text(const char *text, size_t size, size_t *offset, const char **message)
+{
+    if ((*offset = find_invalid_utf8(text, size)) < size)
+        *message = "the body is not UTF-8";
+    else if ((*offset = find_deep_nesting(text, size)) < size)
+        *message = "the JSON is nested too deep";
+    else if ((*offset = find_escaped_nul(text, size)) < size)
+        *message = "a string holds a NUL character";
+    else
+        return true;
+    return false;
+}
+
+/* ---- parsing ---- */
+
+/** cJSON returns NULL for bad text and for failed allocations alike; this records the latter. */
+static _Thread_local bool allocation_failed;
+
+static void *allocate(size_t size)
+{
+    void *block = malloc(size);
+    if (!block) allocation_failed = true;
+    return block;
+}
+
+static void set_hooks(void)
+{
+    cJSON_InitHooks(&(cJSON_Hooks){allocate, free});
+}
+
+cJSON *qm_json_parse_tree(const char *text, size_t size, const char **end, bool *no_memory)
+{
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    pthread_once(&once, set_hooks);
+    allocation_failed = false;
+    *end = text;
+    cJSON *tree = cJSON_ParseWithLengthOpts(text, size, end, false);
+    *no_memory = !tree && allocation_failed;
+    return tree;
+}
+
+/* ---- members by name ---- */
 
 qm_json *qm_json_parse(const char *text)
 {
@@ -28,8 +118,8 @@ static const cJSON *find(const qm_json *json, const char *path)
         if (length >= sizeof name) return NULL;
         memcpy(name, path, length);
         name[length] = '\0';
-        bool is_place = cJSON_IsArray(at) && name[0] >= '0' && name[0] <= '9';
-        if (is_place) {
+        bool is_index = cJSON_IsArray(at) && name[0] >= '0' && name[0] <= '9';
+        if (is_index) {
             at = cJSON_GetArrayItem(at, atoi(name));
         } else {
             if (cJSON_IsArray(at)) at = at->child;

@@ -1,24 +1,24 @@
-#include "json_write.h"
+/**
+ * json_write.c: members and values of JSON documents, appended to a text.
+ */
+#include "json.h"
 
-#include <float.h>
-#include <locale.h>
 #include <math.h>
-#include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
-#include "utf8.h"
+#include "qm/base.h"
 
 void qm_json_add_comma(qm_text *out)
 {
+    QM_ASSERT(out->failed || out->size == 0 || out->data);
     if (out->size > 0 && !strchr("{[:,", out->data[out->size - 1])) qm_text_add_string(out, ",");
 }
 
 void qm_json_add_quoted(qm_text *out, const char *string)
 {
     qm_text_add_string(out, "\"");
-    for (size_t rest = strlen(string); rest > 0;) {
-        size_t length = qm_utf8_length(string, rest);
+    for (size_t left = strlen(string); left > 0;) {
+        size_t length = qm_text_utf8_length(string, left);
         if (length == 0)
             qm_text_add_string(out, "\xef\xbf\xbd");
         else if (*string == '"' || *string == '\\')
@@ -28,7 +28,7 @@ void qm_json_add_quoted(qm_text *out, const char *string)
         else
             qm_text_add(out, string, length);
         string += length > 0 ? length : 1;
-        rest -= length > 0 ? length : 1;
+        left -= length > 0 ? length : 1;
     }
     qm_text_add_string(out, "\"");
 }
@@ -42,6 +42,7 @@ void qm_json_add_name(qm_text *out, const char *name)
 
 void qm_json_open(qm_text *out, const char *name, const char *bracket)
 {
+    QM_ASSERT(bracket[0] == '{' || bracket[0] == '[');
     qm_json_add_name(out, name);
     qm_text_add_string(out, bracket);
 }
@@ -67,6 +68,11 @@ void qm_json_add_number(qm_text *out, const char *name, double value)
 {
     char text[QM_NUMBER_SIZE];
     qm_json_add_word(out, name, qm_text_number(value, text));
+}
+
+void qm_json_add_ms(qm_text *out, const char *name, double ms)
+{
+    qm_json_add_number(out, name, rint(1e3 * ms) / 1e3);
 }
 
 void qm_json_add_count(qm_text *out, const char *name, uint64_t value)

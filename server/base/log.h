@@ -1,5 +1,5 @@
 /**
- * log.h: one line a record, on stderr, as text or JSON. Any thread may log.
+ * log.h: log records on stderr, one line each, as text or JSON. Any thread may log.
  */
 #ifndef QM_LOG_H
 #define QM_LOG_H
@@ -13,20 +13,19 @@ typedef enum qm_log_level { QM_LOG_ERROR, QM_LOG_WARN, QM_LOG_INFO, QM_LOG_LEVEL
 /** "error", "warn" or "info". */
 const char *qm_log_level_name(qm_log_level level);
 
-/** Before the first thread: records less urgent than this are left out. */
-void qm_log_init(bool as_json, qm_log_level least);
+/** Sets the format and the least urgent level that is logged. Call it before other threads start. */
+void qm_log_init(bool as_json, qm_log_level level);
 
-/** Adds a record. Quotes and control characters of the message are shown as blanks. */
+/** Logs a record. Quotes and control characters of the message become blanks. */
 void qm_log(qm_log_level level, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/** What a record says besides its message, for programs to search by: a text, or a number when text is
- * NULL. */
+/** A named value of a record, for programs to search by: a text, or a number if text is NULL. */
 typedef struct qm_log_field {
     const char *name, *text;
     double number;
 } qm_log_field;
 
-/** Adds a record with fields; what is too long for a line is cut. */
+/** Logs a record with fields; fields that do not fit into a line are dropped. */
 void qm_log_fields(qm_log_level level, const char *message, const qm_log_field *fields, size_t count);
 
 #endif

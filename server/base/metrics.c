@@ -1,25 +1,30 @@
+/**
+ * metrics.c: counters, and histograms of the times of requests and jobs.
+ */
 #include "metrics.h"
 
 #include <stdatomic.h>
 #include <stdbool.h>
 #include <string.h>
 
-#include "json_write.h"
+#include "qm/base.h"
 
 #define PREFIX "quadmeshd_"
 #define MAX_SERIES 256
 
-/** Upper ends in seconds: from the cheapest request to the longest job. */
-static const double ends[] = {0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25,
-                              0.5,    1,     2.5,    5,     10,   30,    60,   300};
-enum { END_COUNT = sizeof ends / sizeof ends[0] };
+/** Upper bounds of the buckets in seconds, from the cheapest request to the longest job. */
+static const double bucket_ends[] = {0.0005, 0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25,
+                                     0.5,    1,     2.5,    5,     10,   30,    60,   300};
+enum { BUCKET_END_COUNT = sizeof bucket_ends / sizeof bucket_ends[0] };
 
-/** A histogram of one pair of labels. The names are set before the state says so, and never again. */
+/** A histogram of one set of labels, which are written once, before the state becomes SERIES_READY. */
+enum { SERIES_FREE, SERIES_CLAIMED, SERIES_READY };
+
 typedef struct series {
-    atomic_int state; /* 0: free, 1: being named, 2: named */
+    atomic_int state;
     const char *first, *second;
     int status; /* of a request, 0 for jobs */
-    _Atomic uint64_t buckets[END_COUNT + 1];
+    _Atomic uint64_t buckets[BUCKET_END_COUNT + 1];
     _Atomic uint64_t nanoseconds;
 } series;
 
@@ -28,23 +33,24 @@ static _Atomic uint64_t counters[QM_METRICS_COUNTER_COUNT];
 
 void qm_metrics_add(qm_metrics_counter counter, uint64_t amount)
 {
+    QM_ASSERT(counter < QM_METRICS_COUNTER_COUNT);
     atomic_fetch_add_explicit(&counters[counter], amount, memory_order_relaxed);
 }
 
-/** Open addressing over places that are taken once; NULL when all are. */
+/** Finds or claims the series of these labels; NULL if the table is full. Series are never freed. */
 static series *find_series(series *table, const char *first, const char *second, int status)
 {
     for (size_t i = 0; i < MAX_SERIES; i++) {
         series *s = &table[i];
-        int expected = 0;
-        if (atomic_compare_exchange_strong(&s->state, &expected, 1)) {
+        int expected = SERIES_FREE;
+        if (atomic_compare_exchange_strong(&s->state, &expected, SERIES_CLAIMED)) {
             s->first = first;
             s->second = second;
             s->status = status;
-            atomic_store(&s->state, 2);
+            atomic_store(&s->state, SERIES_READY);
             return s;
         }
-        while (atomic_load(&s->state) == 1)
+        while (atomic_load(&s->state) == SERIES_CLAIMED)
             continue;
         if (s->status == status && strcmp(s->first, first) == 0 && strcmp(s->second, second) == 0) return s;
     }
@@ -55,13 +61,13 @@ static void add_time(series *s, double seconds)
 {
     if (!s) return;
     size_t bucket = 0;
-    while (bucket < END_COUNT && seconds > ends[bucket])
+    while (bucket < BUCKET_END_COUNT && seconds > bucket_ends[bucket])
         bucket++;
     atomic_fetch_add_explicit(&s->buckets[bucket], 1, memory_order_relaxed);
     atomic_fetch_add_explicit(&s->nanoseconds, (uint64_t)(1e9 * seconds), memory_order_relaxed);
 }
 
-/** A method that no route has is whatever the client made up, and would be a series of its own. */
+/** Methods that no route has share one series: clients could make up any number of them. */
 static const char *known_method(const char *method)
 {
     static const char *const known[] = {"GET", "HEAD", "POST", "PUT", "PATCH", "DELETE", "OPTIONS"};
@@ -97,10 +103,11 @@ static void write_series(qm_text *out, const char *name, const char *labels, con
 {
     uint64_t total = 0;
     char number[QM_NUMBER_SIZE];
-    for (size_t i = 0; i <= END_COUNT; i++) {
+    for (size_t i = 0; i <= BUCKET_END_COUNT; i++) {
         total += atomic_load_explicit(&s->buckets[i], memory_order_relaxed);
         qm_text_printf(out, PREFIX "%s_bucket{%s,le=\"%s\"} %llu\n", name, labels,
-                       i < END_COUNT ? qm_text_number(ends[i], number) : "+Inf", (unsigned long long)total);
+                       i < BUCKET_END_COUNT ? qm_text_number(bucket_ends[i], number) : "+Inf",
+                       (unsigned long long)total);
     }
     double sum = 1e-9 * (double)atomic_load_explicit(&s->nanoseconds, memory_order_relaxed);
     qm_text_printf(out, PREFIX "%s_sum{%s} %s\n" PREFIX "%s_count{%s} %llu\n", name, labels,
@@ -111,7 +118,7 @@ static void write_histogram(qm_text *out, const char *name, const char *help, co
                             bool is_requests)
 {
     write_head(out, name, "histogram", help);
-    for (size_t i = 0; i < MAX_SERIES && atomic_load(&table[i].state) == 2; i++) {
+    for (size_t i = 0; i < MAX_SERIES && atomic_load(&table[i].state) == SERIES_READY; i++) {
         const series *s = &table[i];
         qm_text labels = {0};
         if (is_requests)

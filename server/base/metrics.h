@@ -1,8 +1,8 @@
 /**
- * metrics.h: what the daemon counts, in Prometheus' text format (version 0.0.4).
+ * metrics.h: the daemon's metrics in Prometheus' text format (version 0.0.4).
  *
- * Counters live as long as the process and are raised from any thread, without a lock. What can be looked up
- * when somebody asks (queued jobs, open streams) is not counted here: the handler hands it in.
+ * Counters live as long as the process; any thread increments them, without a lock. Values of the current state
+ * (queued jobs, open streams) are not kept here: the handler passes them as gauges.
  */
 #ifndef QM_METRICS_H
 #define QM_METRICS_H
@@ -32,19 +32,19 @@ typedef enum qm_metrics_counter {
 
 void qm_metrics_add(qm_metrics_counter counter, uint64_t amount);
 
-/** A request that has ended; route is the pattern of its path, a literal, or "" when none fits. */
+/** Counts a finished request; route is the pattern of its path, a literal, or "" if none matches. */
 void qm_metrics_add_request(const char *method, const char *route, int status, double seconds);
 
-/** A job that has ended; both names are literals. */
+/** Counts a finished job; both names are literals. */
 void qm_metrics_add_job(const char *type, const char *state, double seconds);
 
-/** A value of this moment. */
+/** A current value. */
 typedef struct qm_metrics_gauge {
     const char *name, *help; /* without the prefix */
     double value;
 } qm_metrics_gauge;
 
-/** Writes everything. */
+/** Writes all gauges, counters and histograms. */
 void qm_metrics_write(qm_text *out, const qm_metrics_gauge *gauges, size_t count);
 
 #endif

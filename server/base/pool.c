@@ -1,9 +1,14 @@
+/**
+ * pool.c: worker threads and their queue, a singly linked list.
+ */
 #include "pool.h"
 
 #include <stdlib.h>
 #include <sys/resource.h>
 #include <unistd.h>
 #include <uv.h>
+
+#include "qm/base.h"
 
 typedef struct task {
     qm_task_fn *run;
@@ -35,6 +40,7 @@ static void work(void *data)
         pool->first = next->next;
         if (!pool->first) pool->last = NULL;
         uv_mutex_unlock(&pool->lock);
+        QM_ASSERT(next->run);
         next->run(next->data);
         free(next);
         uv_mutex_lock(&pool->lock);
@@ -44,6 +50,7 @@ static void work(void *data)
 
 qm_pool *qm_pool_create(int thread_count, int niceness)
 {
+    QM_ASSERT(thread_count >= 1);
     qm_pool *pool = calloc(1, sizeof *pool + (size_t)thread_count * sizeof pool->threads[0]);
     if (!pool) return NULL;
     pool->niceness = niceness;
@@ -71,7 +78,7 @@ bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data)
         pool->last = added;
     }
     uv_mutex_unlock(&pool->lock);
-    /* Whom this wakes finds the lock free. */
+    /* Signal after unlocking, so that the woken thread does not wait for the lock. */
     if (is_open)
         uv_cond_signal(&pool->changed);
     else

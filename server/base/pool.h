@@ -9,17 +9,18 @@
 typedef struct qm_pool qm_pool;
 typedef void qm_task_fn(void *data);
 
-/** NULL when threads or memory run out. Threads that compute for long are nice to those that answer: they and
- * the threads that they start stand back by so much (see nice(2)); 0 for others. */
+/** NULL if threads or memory run out. A niceness above 0 (see nice(2)) lowers the priority of these threads, and of
+ * those that they start, below that of the threads that answer requests. libuv's pool is not used: it has one
+ * size and one priority for the process. */
 qm_pool *qm_pool_create(int thread_count, int niceness);
 
-/** Queues run(data). False when out of memory or closed: it will then never run. */
+/** Queues run(data). Returns false, and never runs it, if memory ran out or the pool is closed. */
 bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data);
 
-/** Waits until every queued task has run, then ends the threads; from now on nothing can be queued. */
+/** Runs all queued tasks, then ends the threads; nothing can be queued any more. */
 void qm_pool_close(qm_pool *pool);
 
-/** Closes the pool if need be and frees it. NULL is fine. */
+/** Closes the pool if it is open, and frees it; NULL is allowed. */
 void qm_pool_destroy(qm_pool *pool);
 
 #endif

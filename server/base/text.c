@@ -1,3 +1,6 @@
+/**
+ * text.c: growing strings, and the shortest decimals of doubles.
+ */
 #include "text.h"
 
 #include <float.h>
@@ -7,6 +10,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include "qm/base.h"
 
 void qm_text_reset(qm_text *text)
 {
@@ -37,6 +42,7 @@ void qm_text_add(qm_text *text, const char *bytes, size_t size)
     if (!reserve(text, size)) return;
     if (size > 0) memcpy(text->data + text->size, bytes, size);
     text->size += size;
+    QM_ASSERT(text->size < text->capacity);
     text->data[text->size] = '\0';
 }
 
@@ -74,12 +80,13 @@ char *qm_text_take(qm_text *text)
 char *qm_text_number(double value, char out[QM_NUMBER_SIZE])
 {
     if (!isfinite(value)) return strcpy(out, "null");
-    /* Printing drops zeros at the end, so that 15 digits, which every normal number has, are a fair start. */
+    /* %g drops trailing zeros, so start at the 15 digits that every normal double preserves. */
     for (int digits = fabs(value) < DBL_MIN ? 1 : 15; digits <= 17; digits++) {
         snprintf(out, QM_NUMBER_SIZE, "%.*g", digits, value);
         if (strtod(out, NULL) == value) break;
     }
-    /* The process may run in a locale with decimal commas; strtod above then reads them too. */
+    /* The locale may have a decimal comma, which strtod above then reads too. */
+    QM_ASSERT(strlen(out) < QM_NUMBER_SIZE);
     const char *point = localeconv()->decimal_point;
     char *found = strcmp(point, ".") == 0 ? NULL : strstr(out, point);
     if (found) {
@@ -87,4 +94,19 @@ char *qm_text_number(double value, char out[QM_NUMBER_SIZE])
         *found = '.';
     }
     return out;
+}
+
+size_t qm_text_utf8_length(const char *text, size_t size)
+{
+    const unsigned char *bytes = (const unsigned char *)text;
+    unsigned char first = bytes[0];
+    if (first < 0x80) return 1;
+    size_t length = first >= 0xf0 ? 4 : first >= 0xe0 ? 3 : 2;
+    if (first < 0xc2 || first > 0xf4 || length > size) return 0;
+    unsigned char low = first == 0xe0 ? 0xa0 : first == 0xf0 ? 0x90 : 0x80;
+    unsigned char high = first == 0xed ? 0x9f : first == 0xf4 ? 0x8f : 0xbf;
+    if (bytes[1] < low || bytes[1] > high) return 0;
+    for (size_t i = 2; i < length; i++)
+        if ((bytes[i] & 0xc0) != 0x80) return 0;
+    return length;
 }

@@ -1,3 +1,6 @@
+/**
+ * codec.c: the table of formats, detection of a format by the first bytes, and the call of its decoder.
+ */
 #include "codec.h"
 
 #include <strings.h>
@@ -72,7 +75,7 @@ static bool has_prefix(const uint8_t *bytes, size_t size, const char *prefix)
     return size >= length && memcmp(bytes, prefix, length) == 0;
 }
 
-/** Columns of numbers in a row, and whether all are plain digits; 0 if anything else stands in it. */
+/** The number of columns of a row of numbers, and whether all are digits only; 0 for other rows. */
 static int count_columns(qm_scan text, bool *only_digits)
 {
     double number;
@@ -90,8 +93,8 @@ static int count_columns(qm_scan text, bool *only_digits)
     }
 }
 
-/** Three whole numbers first, then other ones: points, or an OFF without its keyword. Nobody can tell, so it
- * is neither. */
+/** A row of three integers followed by other numbers may be a point, or an OFF file without its keyword: ambiguous, so
+ * it is neither. */
 static qm_format sniff_numbers(qm_scan text)
 {
     bool first_is_digits, second_is_digits;
@@ -130,11 +133,11 @@ qm_format qm_format_sniff(const uint8_t *bytes, size_t size)
     return sniff_text(bytes, size);
 }
 
-/** A mesh has no place; a fault has one, and the words of its status if there are no better ones. */
+/** Clears the location after success; after an error makes sure that there is a detail. */
 static void settle_report(qm_status status, qm_codec_report *report)
 {
     if (status == QM_OK)
-        report->line = report->offset = QM_NO_PLACE;
+        report->line = report->offset = QM_NO_LOCATION;
     else if (!report->detail[0])
         qm_codec_fail(report, status, "%s", qm_status_text(status));
 }
@@ -144,11 +147,11 @@ qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *byte
 {
     QM_ASSERT(ctx && limits && out && report && (bytes || size == 0));
     *out = (qm_mesh){0};
-    report->line = report->offset = QM_NO_PLACE;
+    report->line = report->offset = QM_NO_LOCATION;
     report->detail[0] = 0;
     report->warning_count = 0;
     if ((unsigned)format > FORMAT_COUNT || !decoders[format])
-        return qm_codec_fail(report, QM_E_UNSUPPORTED, "the format of the file is not known");
+        return qm_codec_fail(report, QM_E_UNSUPPORTED, "the format of the file is unknown");
     if (size == 0) {
         bool is_text = format != QM_FORMAT_GLB && format != QM_FORMAT_DRC;
         *(is_text ? &report->line : &report->offset) = is_text;

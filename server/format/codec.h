@@ -1,6 +1,6 @@
 /**
- * codec.h: file bytes to meshes. One file a format; none of them trusts a byte: every count is checked
- * against the bytes that are really there before memory is asked for, and a fault names its line or byte.
+ * codec.h: decodes files to meshes, one source file for each format. Files are untrusted: every count is checked against
+ * the size of the file before memory is allocated, and errors have a line or byte offset.
  */
 #ifndef QM_CODEC_H
 #define QM_CODEC_H
@@ -24,35 +24,34 @@ typedef enum qm_format {
 #undef XX
 } qm_format;
 
-/** By name ("ply"), by the end of a file name, by media type (parameters ignored); QM_FORMAT_UNKNOWN if none
- * fits. */
+/** The format of a name ("ply"), of the extension of a path, or of a media type (without its parameters);
+ * QM_FORMAT_UNKNOWN if there is none. */
 qm_format qm_format_from_name(const char *name);
 qm_format qm_format_from_path(const char *path);
 qm_format qm_format_from_media_type(const char *media_type);
 const char *qm_format_name(qm_format format);
 const char *qm_format_media_type(qm_format format);
 
-/** The names for people. */
+/** The names, for messages. */
 #define QM_FORMAT_NAMES "obj, ply, stl, off, glb, drc or xyz"
 
-/** By the first bytes of the file, and by size for binary STL; QM_FORMAT_UNKNOWN if nothing fits. */
+/** The format by the first bytes of the file, and by size for binary STL; QM_FORMAT_UNKNOWN if there is none. */
 qm_format qm_format_sniff(const uint8_t *bytes, size_t size);
 
 typedef struct qm_codec_limits {
     size_t max_vertices, max_faces; /* QM_E_TOO_LARGE beyond; at most QM_NO_INDEX - 1 */
-    int thread_count;               /* for a large text; more than one is used only with ctx->parallel */
+    int thread_count;               /* for large texts; ctx->parallel is needed for more than one */
 } qm_codec_limits;
 
-#define QM_NO_PLACE SIZE_MAX
+#define QM_NO_LOCATION SIZE_MAX /* no line, or no offset */
 #define QM_CODEC_WARNING_COUNT 8
 #define QM_CODEC_DETAIL_SIZE 256
 
-/** What a decoder has to say besides the mesh. Nothing is dropped or changed in silence: it is a warning
- * here. */
+/** The report of a decoder: the location of an error, or warnings about everything that was dropped or changed. */
 typedef struct qm_codec_report {
-    size_t line;                       /* of the fault, from 1; QM_NO_PLACE for binary formats */
-    size_t offset;                     /* of the fault in bytes from 0; QM_NO_PLACE for text formats */
-    char detail[QM_CODEC_DETAIL_SIZE]; /* UTF-8, one sentence; never quotes raw bytes of the file */
+    size_t line;                       /* of the error, from 1; QM_NO_LOCATION for binary formats */
+    size_t offset;                     /* of the error in bytes from 0; QM_NO_LOCATION for text formats */
+    char detail[QM_CODEC_DETAIL_SIZE]; /* UTF-8, one sentence; never contains bytes of the file */
     char warnings[QM_CODEC_WARNING_COUNT][QM_CODEC_DETAIL_SIZE];
     size_t warning_count;
 } qm_codec_report;
@@ -63,7 +62,7 @@ typedef struct qm_codec_report {
  * with vertices and no face is a point set.
  *
  * Returns QM_OK; QM_E_FORMAT, QM_E_UNSUPPORTED, QM_E_NOT_FINITE, QM_E_INDEX, QM_E_EMPTY, QM_E_TOO_LARGE with
- * report->detail and the place; QM_E_NO_MEMORY; QM_E_CANCELED. After an error *out is all zero.
+ * report->detail and the location; QM_E_NO_MEMORY; QM_E_CANCELED. After an error *out is all zero.
  */
 qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
                           const qm_codec_limits *limits, qm_mesh *out, qm_codec_report *report);

@@ -1,26 +1,29 @@
+/**
+ * codec_blocks.c: cuts a text into blocks, counts their lines, and decodes them on several threads.
+ */
 #include "codec_blocks.h"
 
-#define WORKER_BLOCKS 4 /* that are worth waking up a thread for, or making one: a tenth of a millisecond */
+#define WORKER_BLOCKS 4 /* min blocks of a thread: a tenth of a millisecond, what it takes to start one */
 
 typedef struct text_block {
     const uint8_t *at, *end;
-    size_t line; /* at its start */
+    size_t line; /* of its start */
     size_t line_count, vertex_count, face_count;
     size_t first_vertex, first_face;
     size_t repeated_count;
-    bool is_read; /* as it was counted */
+    bool is_read; /* and matches its counts */
 } text_block;
 
-/** Blocks that are counted, and then read, at the same time. */
+/** A batch of blocks that are counted, and then read, in parallel. */
 typedef struct block_round {
     const qm_block_reader *reader;
     const qm_builder *builder; /* of the mesh */
     size_t count;
-    text_block blocks[QM_BLOCKS_TOGETHER];
+    text_block blocks[QM_BLOCKS_BATCH];
 } block_round;
 
-/** The end of the first line that ends at this byte or later, and that a backslash does not join to the next
- * one; NULL without one. */
+/** The end of the first line that ends at or after at and is not joined to the next one by a backslash; NULL if there
+ * is none. */
 static const uint8_t *find_cut(const uint8_t *at, const uint8_t *end)
 {
     while ((at = memchr(at, '\n', (size_t)(end - at)))) {
@@ -32,11 +35,11 @@ static const uint8_t *find_cut(const uint8_t *at, const uint8_t *end)
     return NULL;
 }
 
-/** The text ahead in blocks, up to the last line end at most. */
+/** Cuts the next part of the text into blocks. */
 static void cut_blocks(block_round *round, const qm_scan *text)
 {
     const uint8_t *at = text->at;
-    for (round->count = 0; round->count < QM_BLOCKS_TOGETHER; ++round->count) {
+    for (round->count = 0; round->count < QM_BLOCKS_BATCH; ++round->count) {
         const uint8_t *end = NULL;
         if ((size_t)(text->end - at) > QM_BLOCK_SIZE) end = find_cut(at + QM_BLOCK_SIZE, text->end);
         if (!end) return;
@@ -45,14 +48,14 @@ static void cut_blocks(block_round *round, const qm_scan *text)
     }
 }
 
-/** Line ends, and those before a line that starts with a word. */
+/** Numbers of lines, and of lines of vertices and of faces. */
 typedef struct line_counts {
     uint8_t lines, vertices, faces;
 } line_counts;
 
-#define BYTES_TOGETHER 128 /* which 8 bits can count, so that many bytes are looked at at once */
+#define BYTES_BATCH 128 /* their counts fit 8 bits, so that vectors hold many of them */
 
-/** Among so many bytes, of which the two after the last can be read. */
+/** Counts in size bytes; the two after the last one are readable. */
 static inline line_counts count_some(const uint8_t *at, size_t size)
 {
     line_counts counts = {0};
@@ -67,7 +70,7 @@ static inline line_counts count_some(const uint8_t *at, size_t size)
 
 static void count_rows(text_block *block)
 {
-    /* The last two bytes start no line of their own, and the first line has no end before it. */
+    /* The last two bytes cannot start a line, and the first line has no line end before it. */
     const uint8_t *at = block->at, *end = block->end - 2;
     const bool has_word = end - at > 0 && at[1] == ' ';
     block->vertex_count = has_word && at[0] == 'v';
@@ -76,9 +79,9 @@ static void count_rows(text_block *block)
     for (size_t size; at < end; at += size) {
         line_counts counts;
         size = (size_t)(end - at);
-        if (size >= BYTES_TOGETHER) {
-            size = BYTES_TOGETHER;
-            counts = count_some(at, BYTES_TOGETHER);
+        if (size >= BYTES_BATCH) {
+            size = BYTES_BATCH;
+            counts = count_some(at, BYTES_BATCH);
         } else {
             counts = count_some(at, size);
         }
@@ -99,8 +102,8 @@ static void count_block(void *data, int worker, size_t index)
     block->face_count = round->reader->rows == QM_BLOCK_FACES ? block->line_count : 0;
 }
 
-/** Gives each block its place in the mesh; those that the mesh may have no room for are left out. */
-static void place_blocks(block_round *round, size_t line, uint64_t most_lines)
+/** Assigns indices in the mesh to the blocks, and drops those beyond its limits. */
+static void place_blocks(block_round *round, size_t line, uint64_t max_lines)
 {
     const qm_builder *builder = round->builder;
     size_t vertex = builder->vertex_count, face = builder->face_count;
@@ -110,7 +113,7 @@ static void place_blocks(block_round *round, size_t line, uint64_t most_lines)
         lines += block->line_count;
         bool has_room = block->vertex_count <= builder->limits->max_vertices - vertex &&
                         block->face_count <= builder->limits->max_faces - face;
-        if (!has_room || (round->reader->rows != QM_BLOCK_WORDS && lines > most_lines)) {
+        if (!has_room || (round->reader->rows != QM_BLOCK_WORDS && lines > max_lines)) {
             round->count = i;
             return;
         }
@@ -123,7 +126,7 @@ static void place_blocks(block_round *round, size_t line, uint64_t most_lines)
     }
 }
 
-static qm_status make_room(qm_builder *builder, const block_round *round)
+static qm_status reserve_arrays(qm_builder *builder, const block_round *round)
 {
     const text_block *last = &round->blocks[round->count - 1];
     size_t vertices = last->first_vertex + last->vertex_count - builder->vertex_count;
@@ -132,8 +135,8 @@ static qm_status make_room(qm_builder *builder, const block_round *round)
     return status == QM_OK ? qm_builder_reserve_faces(builder, faces) : status;
 }
 
-/** The builder of the block stores at the block's place in the arrays of the mesh, which it cannot enlarge:
- * what does not fit is more than its limits. */
+/** The builder of a block writes at the block's indices in the arrays of the mesh. Its limits are the block's counts, so
+ * that it never grows them. */
 static void read_block(void *data, int worker, size_t index)
 {
     block_round *round = data;
@@ -162,12 +165,13 @@ static void read_block(void *data, int worker, size_t index)
                      text.line == block->line + block->line_count &&
                      builder.vertex_count == limits.max_vertices && builder.face_count == limits.max_faces &&
                      !builder.face_origin && !builder.normals && report.warning_count == 0;
+    QM_ASSERT(builder.vertex_count <= limits.max_vertices && builder.face_count <= limits.max_faces);
     builder.positions = NULL;
     builder.faces = NULL;
     qm_builder_free(&builder);
 }
 
-/** Adds the blocks before the first one that was not read as counted. */
+/** Adds the blocks before the first one that does not match its counts. */
 static void take_blocks(const block_round *round, qm_builder *builder, qm_scan *text)
 {
     for (size_t i = 0; i < round->count && round->blocks[i].is_read; ++i) {
@@ -182,21 +186,21 @@ static void take_blocks(const block_round *round, qm_builder *builder, qm_scan *
     }
 }
 
-/** Reads some blocks; *goes_on is false where the others are not to be tried. */
-static qm_status read_round(block_round *round, qm_builder *builder, qm_scan *text, uint64_t most_lines,
+/** Reads a batch; *goes_on is false if the ordinary loop must read the remainder. */
+static qm_status read_round(block_round *round, qm_builder *builder, qm_scan *text, uint64_t max_lines,
                             bool *goes_on)
 {
     *goes_on = false;
     cut_blocks(round, text);
-    const int most_workers = (int)(round->count / WORKER_BLOCKS), threads = builder->limits->thread_count;
-    const int workers = threads < most_workers ? threads : most_workers;
+    const int max_workers = (int)(round->count / WORKER_BLOCKS), threads = builder->limits->thread_count;
+    const int workers = threads < max_workers ? threads : max_workers;
     if (workers < 2) return QM_OK;
-    qm_context_share(builder->ctx, workers, round->count, count_block, round);
-    place_blocks(round, text->line, most_lines);
+    qm_context_parallel_for(builder->ctx, workers, round->count, count_block, round);
+    place_blocks(round, text->line, max_lines);
     if (round->count == 0) return QM_OK;
-    qm_status status = make_room(builder, round);
+    qm_status status = reserve_arrays(builder, round);
     if (status != QM_OK) return status;
-    qm_context_share(builder->ctx, workers, round->count, read_block, round);
+    qm_context_parallel_for(builder->ctx, workers, round->count, read_block, round);
     take_blocks(round, builder, text);
     *goes_on = text->at == round->blocks[round->count - 1].end;
     return qm_context_canceled(builder->ctx) ? QM_E_CANCELED : QM_OK;
@@ -207,9 +211,9 @@ qm_status qm_blocks_read(qm_builder *builder, qm_scan *text, const qm_block_read
     block_round round = {.reader = reader, .builder = builder};
     const size_t first_line = text->line;
     qm_status status = QM_OK;
-    /* Once there is a polygon, the place of a face is not told by the rows before it. */
+    /* After a polygon the index of a face is not the number of rows before it. */
     bool goes_on = builder->limits->thread_count > 1 && !builder->face_origin;
     while (status == QM_OK && goes_on)
-        status = read_round(&round, builder, text, reader->most_lines - (text->line - first_line), &goes_on);
+        status = read_round(&round, builder, text, reader->max_lines - (text->line - first_line), &goes_on);
     return status;
 }

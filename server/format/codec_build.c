@@ -1,3 +1,6 @@
+/**
+ * codec_build.c: the growing arrays of a mesh that is being decoded, and the merging of equal positions.
+ */
 #include "codec_build.h"
 
 #include <math.h>
@@ -24,7 +27,7 @@ void qm_codec_warn(qm_codec_report *report, const char *format, ...)
     va_end(arguments);
 }
 
-bool qm_array_reserve(qm_context *ctx, void **block, size_t *capacity, size_t needed, size_t width)
+bool qm_codec_reserve(qm_context *ctx, void **block, size_t *capacity, size_t needed, size_t width)
 {
     if (needed <= *capacity) return true;
     size_t grown = *capacity < 8 ? 16 : 2 * *capacity;
@@ -39,7 +42,7 @@ bool qm_array_reserve(qm_context *ctx, void **block, size_t *capacity, size_t ne
 static qm_status reserve_vertices(qm_builder *builder, size_t needed)
 {
     void *block = builder->positions;
-    if (!qm_array_reserve(builder->ctx, &block, &builder->vertex_capacity, needed,
+    if (!qm_codec_reserve(builder->ctx, &block, &builder->vertex_capacity, needed,
                           3 * sizeof *builder->positions))
         return QM_E_NO_MEMORY;
     builder->positions = block;
@@ -49,7 +52,7 @@ static qm_status reserve_vertices(qm_builder *builder, size_t needed)
 static qm_status reserve_faces(qm_builder *builder, size_t needed)
 {
     void *block = builder->faces;
-    if (!qm_array_reserve(builder->ctx, &block, &builder->face_capacity, needed, 4 * sizeof *builder->faces))
+    if (!qm_codec_reserve(builder->ctx, &block, &builder->face_capacity, needed, 4 * sizeof *builder->faces))
         return QM_E_NO_MEMORY;
     builder->faces = block;
     return QM_OK;
@@ -74,7 +77,7 @@ qm_status qm_builder_reserve_faces(qm_builder *builder, uint64_t count)
 qm_status qm_builder_add_grid(qm_builder *builder, qm_mesh_grid grid)
 {
     void *block = builder->grids;
-    if (!qm_array_reserve(builder->ctx, &block, &builder->grid_capacity, builder->grid_count + 1,
+    if (!qm_codec_reserve(builder->ctx, &block, &builder->grid_capacity, builder->grid_count + 1,
                           sizeof grid))
         return QM_E_NO_MEMORY;
     builder->grids = block;
@@ -101,7 +104,7 @@ qm_status qm_builder_add_vertices(qm_builder *builder, const double *positions, 
 qm_status qm_builder_set_normal(qm_builder *builder, const double normal[3])
 {
     void *block = builder->normals;
-    if (!qm_array_reserve(builder->ctx, &block, &builder->normal_capacity, builder->vertex_count,
+    if (!qm_codec_reserve(builder->ctx, &block, &builder->normal_capacity, builder->vertex_count,
                           3 * sizeof *builder->normals))
         return QM_E_NO_MEMORY;
     builder->normals = block;
@@ -119,19 +122,19 @@ qm_status qm_builder_set_normal(qm_builder *builder, const double normal[3])
 qm_status qm_builder_grow_corners(qm_builder *builder)
 {
     void *block = builder->corners;
-    if (!qm_array_reserve(builder->ctx, &block, &builder->corner_capacity, builder->corner_count + 1,
+    if (!qm_codec_reserve(builder->ctx, &block, &builder->corner_capacity, builder->corner_count + 1,
                           sizeof *builder->corners))
         return QM_E_NO_MEMORY;
     builder->corners = block;
     return QM_OK;
 }
 
-/** Before the first polygon every face is its own origin, which is then written down. */
+/** Creates the origins at the first polygon; every face before it is its own origin. */
 static qm_status reserve_origins(qm_builder *builder)
 {
     bool first = builder->face_origin == NULL;
     void *block = builder->face_origin;
-    if (!qm_array_reserve(builder->ctx, &block, &builder->origin_capacity, builder->face_capacity,
+    if (!qm_codec_reserve(builder->ctx, &block, &builder->origin_capacity, builder->face_capacity,
                           sizeof *builder->face_origin))
         return QM_E_NO_MEMORY;
     builder->face_origin = block;
@@ -211,7 +214,7 @@ qm_status qm_builder_fail_index(qm_builder *builder, uint64_t vertex)
                          (unsigned long long)vertex, builder->vertex_count);
 }
 
-/** Gives the spare room of an array back; count may be 0. */
+/** Frees the unused capacity of an array; count may be 0. */
 static bool trim(qm_context *ctx, void **block, size_t *capacity, size_t count, size_t width)
 {
     if (count == *capacity) return true;
@@ -268,18 +271,20 @@ static qm_mesh mesh_of(const qm_builder *builder)
 
 qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out)
 {
+    QM_ASSERT(builder->vertex_count <= builder->limits->max_vertices);
+    QM_ASSERT(builder->face_count <= builder->face_capacity && builder->grid_count <= builder->grid_capacity);
     if (builder->vertex_count == 0)
         return qm_codec_fail(builder->report, QM_E_EMPTY, "the file has no vertex and no face");
     if (builder->polygon_count > 0)
         qm_codec_warn(
             builder->report,
-            "polygons of five corners or more: %zu (held as fans of triangles from their first corner)",
+            "polygons of five corners or more: %zu (stored as fans of triangles from their first corner)",
             builder->polygon_count);
     if (builder->repeated_count > 0)
         qm_codec_warn(builder->report, "faces that name a vertex twice: %zu (kept as they are)",
                       builder->repeated_count);
     if (builder->bad_normal_count > 0)
-        qm_codec_warn(builder->report, "normals that are not finite: %zu (these points count as having none)",
+        qm_codec_warn(builder->report, "normals that are not finite: %zu (treated as missing)",
                       builder->bad_normal_count);
     qm_mesh mesh = mesh_of(builder);
     qm_status status = qm_mesh_validate(builder->ctx, &mesh);
@@ -307,7 +312,7 @@ void qm_builder_free(qm_builder *builder)
 
 #define LEAST_SLOT_COUNT ((size_t)1024)
 
-/** At most half of the slots are taken. */
+/** At most half of the slots are used. */
 static qm_status make_slots(qm_welder *welder, size_t vertex_count)
 {
     welder->slot_count = LEAST_SLOT_COUNT;
@@ -331,14 +336,14 @@ void qm_welder_destroy(qm_welder *welder)
     qm_context_free(welder->builder->ctx, welder->slots, welder->slot_count, sizeof *welder->slots);
 }
 
-/** Multiplies and folds the 128-bit product, so that every bit of the input moves every bit of the hash. */
+/** Folds the 128-bit product, so that every bit of the input affects every bit of the hash. */
 static uint64_t mix(uint64_t a, uint64_t b)
 {
     unsigned __int128 product = (unsigned __int128)a * b;
     return (uint64_t)product ^ (uint64_t)(product >> 64);
 }
 
-/** The slot where the search for a position begins. */
+/** The first slot to probe for a position. */
 static size_t first_slot(const qm_welder *welder, const double position[3])
 {
     uint64_t bits[3];
@@ -357,7 +362,7 @@ static size_t find_slot(const qm_welder *welder, size_t slot, const double posit
     return slot;
 }
 
-/** Makes slots for more vertices than there are. */
+/** Rehashes all vertices into a table for vertex_count of them. */
 static qm_status add_slots(qm_welder *welder, size_t vertex_count)
 {
     qm_welder grown = *welder;
@@ -383,14 +388,14 @@ static qm_status find_vertex(qm_welder *welder, size_t slot, const double positi
     return status;
 }
 
-/** The slots of all, and then the vertices in them, are on their way to the cache while others are found. */
+/** Prefetches the slots of all positions, then the vertices in them, so that the cache misses overlap. */
 static qm_status find_few(qm_welder *welder, const double *positions, size_t count, uint32_t *vertices,
                           size_t *done)
 {
-    double plain[QM_WELDED_TOGETHER][3];
-    size_t slots[QM_WELDED_TOGETHER];
+    double plain[QM_WELDER_BATCH][3];
+    size_t slots[QM_WELDER_BATCH];
     for (size_t i = 0; i < count; ++i) {
-        /* Adding zero turns -0 into 0, so that equal coordinates are equal bits. */
+        /* Adding zero turns -0 into 0: equal coordinates then have equal bits. */
         for (int k = 0; k < 3; ++k)
             plain[i][k] = positions[3 * i + (size_t)k] + 0.0;
         slots[i] = first_slot(welder, plain[i]);
@@ -412,7 +417,7 @@ qm_status qm_welder_find(qm_welder *welder, const double *positions, size_t coun
 {
     qm_status status = QM_OK;
     for (*done = 0; *done < count && status == QM_OK;) {
-        size_t few = count - *done < QM_WELDED_TOGETHER ? count - *done : QM_WELDED_TOGETHER;
+        size_t few = count - *done < QM_WELDER_BATCH ? count - *done : QM_WELDER_BATCH;
         size_t most = welder->builder->vertex_count + few;
         if (most > welder->slot_count / 2) status = add_slots(welder, most);
         if (status == QM_OK) status = find_few(welder, positions + 3 * *done, few, vertices + *done, done);

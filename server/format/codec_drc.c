@@ -1,5 +1,5 @@
-/*
- * Draco: the library does the decoding behind codec_draco.h. Before that codec_drc_head.c looks at the counts
+/**
+ * codec_drc.c: Draco: the library does the decoding behind codec_draco.h. Before that codec_drc_head.c looks at the counts
  * that the file announces; after it codec_drc_join.c makes polygons of triangles again.
  */
 #include <math.h>
@@ -65,7 +65,7 @@ static qm_status explain_outcome(const drc_reader *reader, qm_draco_outcome outc
         return qm_codec_fail(report, QM_E_UNSUPPORTED,
                              "positions other than three floats or integers are not supported");
     default:
-        return qm_codec_fail(report, QM_E_FORMAT, "the Draco data is broken or cut short");
+        return qm_codec_fail(report, QM_E_FORMAT, "the Draco data is invalid or truncated");
     }
 }
 
@@ -87,7 +87,7 @@ static qm_status weld_vertices(drc_reader *reader)
         reader->arrays.triangles[i] = vertices[reader->arrays.triangles[i]];
     qm_context_free(builder->ctx, vertices, vertex_count, sizeof *vertices);
     if (status == QM_OK && builder->vertex_count < vertex_count)
-        qm_codec_warn(builder->report, "vertices with the same coordinates as others: %zu (joined to them)",
+        qm_codec_warn(builder->report, "vertices with the same coordinates as others: %zu (merged)",
                       vertex_count - builder->vertex_count);
     return status;
 }
@@ -127,9 +127,10 @@ static void warn_about_quantization(const drc_reader *reader)
     if (facts->quantization_bits == 0) return;
     double half_cell = sqrt(3) / 2 * facts->range / ((1u << facts->quantization_bits) - 1);
     double rounding = sqrt(3) * 0x1p-23 * (facts->range + facts->magnitude);
-    qm_codec_warn(reader->builder->report,
-                  "positions were quantised to %d bits; a vertex may lie up to %.4g from its original place",
-                  facts->quantization_bits, 1.001 * (half_cell + rounding));
+    qm_codec_warn(
+        reader->builder->report,
+        "positions were quantised to %d bits; a vertex may be up to %.4g from its original position",
+        facts->quantization_bits, 1.001 * (half_cell + rounding));
 }
 
 static qm_status read_file(drc_reader *reader, const uint8_t *bytes, size_t size)
@@ -144,7 +145,7 @@ static qm_status read_file(drc_reader *reader, const uint8_t *bytes, size_t size
     if (status != QM_OK) return status;
     warn_about_quantization(reader);
     if (report->offset < size)
-        qm_codec_warn(report, "bytes after the end of the data: %zu (left out)", size - report->offset);
+        qm_codec_warn(report, "bytes after the end of the data: %zu (ignored)", size - report->offset);
     return QM_OK;
 }
 

@@ -1,5 +1,5 @@
 /**
- * codec_drc.h: what the files of the Draco decoder share.
+ * codec_drc.h: the internal header of the Draco decoder.
  */
 #ifndef QM_CODEC_DRC_H
 #define QM_CODEC_DRC_H
@@ -7,12 +7,11 @@
 #include "codec_build.h"
 #include "codec_draco.h"
 
-/** Holds the counts in the head of a file against the limits, as a few bytes may announce a mesh that fills
- * the memory. */
+/** Checks the counts in the header of a file against the limits, because a few bytes may specify a mesh that exhausts
+ * memory. */
 qm_status qm_drc_check_head(qm_builder *builder, const uint8_t *bytes, size_t size);
 
-/** Adds the faces that the triangles were cut from; the triangles themselves where their marks make no
- * sense. */
+/** Adds the faces that the triangles were cut from, or the triangles themselves if their marks are inconsistent. */
 qm_status qm_drc_join_triangles(qm_builder *builder, const qm_draco_facts *facts,
                                 const qm_draco_arrays *arrays);
 

@@ -1,5 +1,5 @@
-/*
- * The head of a Draco file. Source: Draco bitstream specification 2.2, sections 4 and 5.
+/**
+ * codec_drc_head.c: The head of a Draco file. Source: Draco bitstream specification 2.2, sections 4 and 5.
  */
 #include "codec_drc.h"
 
@@ -80,7 +80,7 @@ qm_status qm_drc_check_head(qm_builder *builder, const uint8_t *bytes, size_t si
     size_t *offset = &builder->report->offset;
     *offset = 0;
     if (size < HEAD_SIZE || memcmp(bytes, MAGIC, strlen(MAGIC)) != 0)
-        return qm_codec_fail(builder->report, QM_E_FORMAT, "the file does not start as a Draco file does");
+        return qm_codec_fail(builder->report, QM_E_FORMAT, "the file does not start like a Draco file");
     *offset = strlen(MAGIC);
     if (bytes[5] != 2 || bytes[6] < 2)
         return qm_codec_fail(builder->report, QM_E_UNSUPPORTED,
@@ -95,7 +95,7 @@ qm_status qm_drc_check_head(qm_builder *builder, const uint8_t *bytes, size_t si
     bool whole = (!has_metadata || skip_all_metadata(&head)) &&
                  read_counts(&head, bytes[7] == 1, bytes[8] == 1, &vertices, &faces);
     *offset = (size_t)(head.at - bytes);
-    if (!whole) return qm_codec_fail(builder->report, QM_E_FORMAT, "the head of the file is broken");
+    if (!whole) return qm_codec_fail(builder->report, QM_E_FORMAT, "the header of the file is invalid");
     if (vertices > builder->limits->max_vertices || faces > builder->limits->max_faces)
         return qm_codec_fail(builder->report, QM_E_TOO_LARGE,
                              "the file has more than %zu vertices or more than %zu faces",

@@ -1,5 +1,5 @@
-/*
- * Triangles that were cut from quads and polygons are joined again along the edges marked as added.
+/**
+ * codec_drc_join.c: Triangles that were cut from quads and polygons are joined again along the edges marked as added.
  */
 #include <stdlib.h>
 
@@ -166,10 +166,9 @@ static qm_status add_polygons(joining *join, uint32_t *list, size_t meaningless)
         broken += !whole;
     }
     if (meaningless + broken > 0)
-        qm_codec_warn(
-            join->builder->report,
-            "marks of edges added to cut polygons that make no sense: %zu (the triangles there were kept)",
-            meaningless + broken);
+        qm_codec_warn(join->builder->report,
+                      "inconsistent marks of edges that cut polygons: %zu (the triangles there were kept)",
+                      meaningless + broken);
     return QM_OK;
 }
 

@@ -1,6 +1,6 @@
-/*
- * glTF binary: a header, a part of JSON and a part of bytes. The scene's tree is walked from its roots; each
- * mesh met is added in the frame of the scene, so a mesh that two nodes name is there twice.
+/**
+ * codec_gltf.c: glTF binary: a header, a part of JSON and a part of bytes. The tree of the scene is traversed from
+ * its roots; each mesh is added in the coordinates of the scene, so a mesh of two nodes is added twice.
  * Source: glTF 2.0 specification, sections 3.5 to 3.7 and 4.
  */
 #include <math.h>
@@ -46,25 +46,25 @@ static qm_status fail_file(glb_reader *reader, qm_status status, const char *det
 static void warn_about_rest(glb_reader *reader, size_t size, size_t announced)
 {
     if (announced < size)
-        qm_codec_warn(reader->report, "bytes after the announced end of the file: %zu (left out)",
+        qm_codec_warn(reader->report, "bytes after the specified end of the file: %zu (ignored)",
                       size - announced);
 }
 
-/** Finds the two parts; report->offset walks along. */
+/** Finds the two parts; report->offset follows. */
 static qm_status find_chunks(glb_reader *reader, const uint8_t *bytes, size_t size)
 {
     size_t *at = &reader->report->offset;
     *at = 0;
     if (size < HEADER_SIZE || memcmp(bytes, "glTF", 4) != 0)
-        return fail_file(reader, QM_E_FORMAT, "the file does not start as a glTF binary does");
+        return fail_file(reader, QM_E_FORMAT, "the file does not start like a glTF binary");
     *at = 4;
     if (qm_read_u32_le(bytes + 4) != 2)
         return fail_file(reader, QM_E_UNSUPPORTED, "only version 2 of glTF binary is supported");
     *at = 8;
     size_t announced = qm_read_u32_le(bytes + 8);
     if (announced > size)
-        return qm_codec_fail(reader->report, QM_E_FORMAT, "the file announces %zu bytes, but has %zu",
-                             announced, size);
+        return qm_codec_fail(reader->report, QM_E_FORMAT,
+                             "the header specifies %zu bytes, but the file has %zu", announced, size);
     warn_about_rest(reader, size, announced);
     for (*at = HEADER_SIZE; *at < announced;) {
         size_t left = announced - *at;
@@ -73,7 +73,7 @@ static qm_status find_chunks(glb_reader *reader, const uint8_t *bytes, size_t si
         uint32_t type = qm_read_u32_le(bytes + *at + 4);
         if (length > left - CHUNK_HEADER_SIZE)
             return qm_codec_fail(reader->report, QM_E_FORMAT,
-                                 "a chunk announces %zu bytes, but the file has %zu left", length,
+                                 "a chunk specifies %zu bytes, but the file has %zu left", length,
                                  left - CHUNK_HEADER_SIZE);
         *at += CHUNK_HEADER_SIZE;
         byte_range *part = type == CHUNK_JSON ? &reader->json : &reader->binary;
@@ -103,7 +103,7 @@ static size_t component_size(int component_type)
     }
 }
 
-/** Where the elements of an accessor lie, all of them within the binary part. */
+/** The location of the elements of an accessor, all within the binary part. */
 typedef struct element_range {
     const uint8_t *first;
     size_t offset; /* of first within the file */
@@ -125,7 +125,7 @@ static qm_status locate_elements(glb_reader *reader, size_t index, element_range
     if (view->size > reader->binary.size || view->offset > reader->binary.size - view->size)
         return qm_codec_fail(reader->report, QM_E_FORMAT, "buffer view %zu reaches past the binary part",
                              accessor->view);
-    /* The last element need not be followed by a whole stride. */
+    /* The last element may be followed by less than a stride. */
     uint64_t room = accessor->offset <= view->size ? view->size - accessor->offset : 0;
     uint64_t most = room >= width && stride >= width ? (room - width) / stride + 1 : 0;
     if (accessor->count > most)
@@ -135,7 +135,7 @@ static qm_status locate_elements(glb_reader *reader, size_t index, element_range
             (unsigned long long)most, (unsigned long long)accessor->count);
     range->offset = (size_t)(view->offset + accessor->offset);
     range->count = (size_t)accessor->count;
-    /* Of nothing there may be no binary part either. */
+    /* An accessor without elements needs no binary part. */
     range->first = range->count > 0 ? reader->binary.bytes + range->offset : NULL;
     range->offset += reader->binary.offset;
     range->stride = (size_t)stride;
@@ -172,7 +172,7 @@ static qm_status add_vertices(glb_reader *reader, size_t index, const double mat
     return status;
 }
 
-/** Primitives of a mesh often share their positions; these are then added once. */
+/** Primitives of a mesh often share their positions, which are then added once. */
 static qm_status find_vertices(glb_reader *reader, size_t accessor, const double matrix[16], size_t *base)
 {
     if (reader->base_owners[accessor] != reader->visit_count) {
@@ -200,7 +200,7 @@ static qm_status check_indices(glb_reader *reader, size_t accessor, index_list *
     bool is_unsigned =
         list->component_type == 5121 || list->component_type == 5123 || list->component_type == 5125;
     if (!is_unsigned || facts->component_count != 1)
-        return fail_file(reader, QM_E_FORMAT, "indices are not of an unsigned type");
+        return fail_file(reader, QM_E_FORMAT, "indices must be of an unsigned type");
     return locate_elements(reader, accessor, &list->range);
 }
 
@@ -222,7 +222,7 @@ static qm_status read_index(glb_reader *reader, const index_list *list, size_t i
     return QM_OK;
 }
 
-/** The places in the index list of triangle number i, turned the way the mode says. */
+/** The positions in the index list of the corners of triangle i, in the order of the mode. */
 static void list_triangle(int mode, size_t i, size_t places[3])
 {
     size_t odd = i & 1;
@@ -240,7 +240,7 @@ static double determinant(const double m[16])
            m[8] * (m[1] * m[6] - m[2] * m[5]);
 }
 
-/** A mirroring transform turns the triangles over, so they are listed the other way round. */
+/** A mirroring transform flips the triangles, so their corners are stored in reverse order. */
 static qm_status add_faces(glb_reader *reader, const index_list *list, int mode, bool mirrored)
 {
     size_t index_count = list->range.count, triangle_count = mode == TRIANGLES ? index_count / 3
@@ -248,8 +248,7 @@ static qm_status add_faces(glb_reader *reader, const index_list *list, int mode,
                                                                                : 0;
     reader->report->offset = reader->json.offset;
     if (triangle_count == 0 || (mode == TRIANGLES && index_count % 3 != 0))
-        return qm_codec_fail(reader->report, QM_E_FORMAT, "%zu corners make up no whole triangles",
-                             index_count);
+        return qm_codec_fail(reader->report, QM_E_FORMAT, "%zu indices are not a multiple of 3", index_count);
     qm_status status = qm_builder_reserve_faces(reader->builder, triangle_count);
     for (size_t i = 0; status == QM_OK && i < triangle_count; ++i) {
         size_t places[3];
@@ -314,7 +313,7 @@ static qm_status add_mesh(glb_reader *reader, const qm_gltf_node *node)
     return QM_OK;
 }
 
-/** Depth first with a stack of nodes; every node gets there once at most, as it has one parent at most. */
+/** Depth-first traversal with a stack; a node has at most one parent, and is therefore visited at most once. */
 static qm_status walk_nodes(glb_reader *reader, size_t *stack)
 {
     qm_gltf *gltf = &reader->gltf;
@@ -337,7 +336,7 @@ static qm_status walk_nodes(glb_reader *reader, size_t *stack)
 static void warn_about_scene(glb_reader *reader)
 {
     if (reader->line_count > 0)
-        qm_codec_warn(reader->report, "primitives of lines: %zu (left out)", reader->line_count);
+        qm_codec_warn(reader->report, "primitives of lines: %zu (ignored)", reader->line_count);
     if (reader->gltf.has_poses) qm_codec_warn(reader->report, "skins and morph targets were not applied");
 }
 

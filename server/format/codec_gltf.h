@@ -1,6 +1,6 @@
 /**
- * codec_gltf.h: what the glTF decoder needs to know of the JSON part of a file, as plain arrays. Every index
- * in them is in range or QM_GLTF_NONE, every node has one parent at most, and no root has one.
+ * codec_gltf.h: the JSON part of a glTF file as plain arrays. Every index is in range or QM_GLTF_NONE, every node has at
+ * most one parent, and roots have none.
  */
 #ifndef QM_CODEC_GLTF_H
 #define QM_CODEC_GLTF_H
@@ -11,8 +11,8 @@
 
 typedef struct qm_gltf_view {
     uint64_t offset, size; /* bytes within the binary part, unchecked */
-    uint64_t stride;       /* 0: elements follow each other */
-    bool is_foreign;       /* of a buffer that is not the binary part of the file */
+    uint64_t stride;       /* 0: elements are contiguous */
+    bool is_foreign;       /* in another buffer than the binary part of the file */
 } qm_gltf_view;
 
 typedef struct qm_gltf_accessor {
@@ -34,7 +34,7 @@ typedef struct qm_gltf_mesh {
 } qm_gltf_mesh;
 
 typedef struct qm_gltf_node {
-    double matrix[16]; /* column by column, to the parent's frame */
+    double matrix[16]; /* column-major, to the coordinates of the parent */
     size_t mesh;
     size_t first_child, child_count; /* in links */
     bool has_parent;                 /* or is a root of the scene */
@@ -53,8 +53,8 @@ typedef struct qm_gltf {
     bool has_poses; /* skins or morph targets, which are not applied */
 } qm_gltf;
 
-/** Parses the JSON part. QM_E_FORMAT, QM_E_UNSUPPORTED, QM_E_TOO_LARGE, QM_E_NO_MEMORY; adds to
- * report->offset, which is that of the part, where the JSON itself is broken. Free it in any case. */
+/** Parses the JSON part, for qm_gltf_free in any case. QM_E_FORMAT, QM_E_UNSUPPORTED, QM_E_TOO_LARGE, QM_E_NO_MEMORY. For
+ * invalid JSON it adds the location of the error to report->offset, which is that of the part. */
 qm_status qm_gltf_parse(qm_builder *builder, const uint8_t *json, size_t size, qm_gltf *gltf);
 
 void qm_gltf_free(qm_context *ctx, qm_gltf *gltf);

@@ -1,16 +1,16 @@
-/*
- * The JSON part of a glTF file, turned into the plain arrays of codec_gltf.h. cJSON's lists are chained, so
+/**
+ * codec_gltf_json.c: The JSON part of a glTF file, turned into the plain arrays of codec_gltf.h. cJSON's lists are chained, so
  * each is walked once in order, never by index.
  */
 #include <math.h>
 
 #include <cjson/cJSON.h>
 
-#include "base/json_parse.h"
+#include "base/json.h"
 #include "codec_gltf.h"
 
-#define LARGEST_JSON ((size_t)16 << 20)   /* the tree takes some 30 times as much memory */
-#define LARGEST_NUMBER 9007199254740992.0 /* whole numbers are exact up to here */
+#define MAX_JSON_SIZE ((size_t)16 << 20) /* the tree takes some 30 times this memory */
+#define MAX_NUMBER 9007199254740992.0    /* integers are exact up to here */
 
 typedef struct json_reader {
     qm_builder *builder;
@@ -30,24 +30,25 @@ static const cJSON *find(const cJSON *object, const char *name)
     return cJSON_GetObjectItemCaseSensitive(object, name);
 }
 
-/** A whole number that is not negative; absent leaves *number as it is. */
-static qm_status read_whole(json_reader *reader, const cJSON *object, const char *name, uint64_t *number)
+/** Reads an integer of 0 or more; an absent member leaves *number unchanged. */
+static qm_status read_integer(json_reader *reader, const cJSON *object, const char *name, uint64_t *number)
 {
     const cJSON *item = find(object, name);
     if (!item) return QM_OK;
-    if (!cJSON_IsNumber(item) || !(item->valuedouble >= 0 && item->valuedouble <= LARGEST_NUMBER) ||
+    if (!cJSON_IsNumber(item) || !(item->valuedouble >= 0 && item->valuedouble <= MAX_NUMBER) ||
         floor(item->valuedouble) != item->valuedouble)
-        return qm_codec_fail(reader->builder->report, QM_E_FORMAT, "the JSON's %s is no whole number", name);
+        return qm_codec_fail(reader->builder->report, QM_E_FORMAT, "`%s` must be an integer of 0 or more",
+                             name);
     *number = (uint64_t)item->valuedouble;
     return QM_OK;
 }
 
-/** An index below count; absent gives QM_GLTF_NONE. */
+/** Reads an index below count; QM_GLTF_NONE if it is absent. */
 static qm_status read_index(json_reader *reader, const cJSON *object, const char *name, size_t count,
                             size_t *index)
 {
     uint64_t number = 0;
-    qm_status status = read_whole(reader, object, name, &number);
+    qm_status status = read_integer(reader, object, name, &number);
     if (status != QM_OK) return status;
     if (!find(object, name)) {
         *index = QM_GLTF_NONE;
@@ -56,21 +57,22 @@ static qm_status read_index(json_reader *reader, const cJSON *object, const char
     *index = (size_t)number;
     if (number < count) return QM_OK;
     return qm_codec_fail(reader->builder->report, QM_E_FORMAT,
-                         "the JSON's %s refers to entry %llu of %zu, counted from 0", name,
-                         (unsigned long long)number, count);
+                         "`%s` refers to entry %llu of %zu, counted from 0", name, (unsigned long long)number,
+                         count);
 }
 
-/** Counts the objects of a list at the root and makes an array for them; absent gives 0 and NULL. */
+/** Counts the objects of an array at the root and allocates as many entries; 0 and NULL if it is absent. */
 static qm_status start_list(json_reader *reader, const char *name, size_t width, void **block, size_t *count,
                             const cJSON **first)
 {
     const cJSON *list = find(reader->root, name);
     *first = NULL;
     if (!list) return QM_OK;
-    if (!cJSON_IsArray(list)) return fail_json(reader, "a list of the JSON is none");
+    if (!cJSON_IsArray(list)) return fail_json(reader, "a list in the JSON must be an array");
     size_t length = 0;
     for (const cJSON *item = list->child; item; item = item->next, ++length)
-        if (!cJSON_IsObject(item)) return fail_json(reader, "a list of the JSON holds what is no object");
+        if (!cJSON_IsObject(item))
+            return fail_json(reader, "an entry of a list in the JSON must be an object");
     if (length == 0) return QM_OK;
     *block = qm_context_alloc(reader->builder->ctx, length, width);
     if (!*block) return QM_E_NO_MEMORY;
@@ -84,7 +86,7 @@ static qm_status read_buffers(json_reader *reader)
 {
     const cJSON *list = find(reader->root, "buffers");
     if (!list) return QM_OK;
-    if (!cJSON_IsArray(list)) return fail_json(reader, "the buffers are no list");
+    if (!cJSON_IsArray(list)) return fail_json(reader, "`buffers` must be an array");
     reader->first_buffer_is_foreign = list->child && find(list->child, "uri");
     for (const cJSON *item = list->child; item; item = item->next)
         ++reader->buffer_count;
@@ -102,9 +104,9 @@ static qm_status read_views(json_reader *reader)
     for (qm_gltf_view *view = gltf->views; status == QM_OK && item; item = item->next, ++view) {
         size_t buffer = QM_GLTF_NONE;
         status = read_index(reader, item, "buffer", reader->buffer_count, &buffer);
-        if (status == QM_OK) status = read_whole(reader, item, "byteOffset", &view->offset);
-        if (status == QM_OK) status = read_whole(reader, item, "byteLength", &view->size);
-        if (status == QM_OK) status = read_whole(reader, item, "byteStride", &view->stride);
+        if (status == QM_OK) status = read_integer(reader, item, "byteOffset", &view->offset);
+        if (status == QM_OK) status = read_integer(reader, item, "byteLength", &view->size);
+        if (status == QM_OK) status = read_integer(reader, item, "byteStride", &view->stride);
         view->is_foreign = buffer != 0 || reader->first_buffer_is_foreign;
     }
     return status;
@@ -129,9 +131,9 @@ static qm_status read_accessors(json_reader *reader)
          item = item->next, ++accessor) {
         uint64_t component_type = 0;
         status = read_index(reader, item, "bufferView", gltf->view_count, &accessor->view);
-        if (status == QM_OK) status = read_whole(reader, item, "byteOffset", &accessor->offset);
-        if (status == QM_OK) status = read_whole(reader, item, "count", &accessor->count);
-        if (status == QM_OK) status = read_whole(reader, item, "componentType", &component_type);
+        if (status == QM_OK) status = read_integer(reader, item, "byteOffset", &accessor->offset);
+        if (status == QM_OK) status = read_integer(reader, item, "count", &accessor->count);
+        if (status == QM_OK) status = read_integer(reader, item, "componentType", &component_type);
         accessor->component_type = component_type <= 5126 ? (int)component_type : 0;
         accessor->component_count = count_components(item);
         accessor->is_sparse = find(item, "sparse") != NULL;
@@ -143,12 +145,12 @@ static qm_status read_primitive(json_reader *reader, const cJSON *item, qm_gltf_
 {
     size_t accessor_count = reader->gltf->accessor_count;
     uint64_t mode = 4;
-    if (!cJSON_IsObject(item)) return fail_json(reader, "a primitive of a mesh is no object");
+    if (!cJSON_IsObject(item)) return fail_json(reader, "an entry of `primitives` must be an object");
     qm_status status =
         read_index(reader, find(item, "attributes"), "POSITION", accessor_count, &primitive->positions);
     if (status == QM_OK) status = read_index(reader, item, "indices", accessor_count, &primitive->indices);
-    if (status == QM_OK) status = read_whole(reader, item, "mode", &mode);
-    if (status == QM_OK && mode > 6) return fail_json(reader, "a primitive has a mode above 6");
+    if (status == QM_OK) status = read_integer(reader, item, "mode", &mode);
+    if (status == QM_OK && mode > 6) return fail_json(reader, "`mode` of a primitive must not exceed 6");
     primitive->mode = (int)mode;
     primitive->is_draco = find(find(item, "extensions"), "KHR_draco_mesh_compression") != NULL;
     if (find(item, "targets")) reader->gltf->has_poses = true;
@@ -158,13 +160,13 @@ static qm_status read_primitive(json_reader *reader, const cJSON *item, qm_gltf_
 static qm_status read_primitives(json_reader *reader, const cJSON *list)
 {
     qm_gltf *gltf = reader->gltf;
-    if (list && !cJSON_IsArray(list)) return fail_json(reader, "the primitives of a mesh are no list");
+    if (list && !cJSON_IsArray(list)) return fail_json(reader, "`primitives` must be an array");
     for (const cJSON *item = list ? list->child : NULL; item; item = item->next) {
         void *block = gltf->primitives;
         qm_gltf_primitive primitive;
         qm_status status = read_primitive(reader, item, &primitive);
         if (status != QM_OK) return status;
-        if (!qm_array_reserve(reader->builder->ctx, &block, &gltf->primitive_capacity,
+        if (!qm_codec_reserve(reader->builder->ctx, &block, &gltf->primitive_capacity,
                               gltf->primitive_count + 1, sizeof primitive))
             return QM_E_NO_MEMORY;
         gltf->primitives = block;
@@ -188,7 +190,7 @@ static qm_status read_meshes(json_reader *reader)
     return status;
 }
 
-/** Numbers of a list of exactly so many; absent leaves them as they are. */
+/** Reads an array of exactly count numbers; an absent member leaves them unchanged. */
 static qm_status read_numbers(json_reader *reader, const cJSON *object, const char *name, double *numbers,
                               int count)
 {
@@ -197,14 +199,14 @@ static qm_status read_numbers(json_reader *reader, const cJSON *object, const ch
     const cJSON *item = cJSON_IsArray(list) ? list->child : NULL;
     for (int i = 0; i < count; ++i, item = item->next) {
         if (!item || !cJSON_IsNumber(item))
-            return qm_codec_fail(reader->builder->report, QM_E_FORMAT,
-                                 "the JSON's %s is no list of %d numbers", name, count);
+            return qm_codec_fail(reader->builder->report, QM_E_FORMAT, "`%s` must be an array of %d numbers",
+                                 name, count);
         numbers[i] = item->valuedouble;
     }
     return QM_OK;
 }
 
-/** Translation * rotation * scale, column by column. */
+/** Translation * rotation * scale, column-major. */
 static void compose(const double t[3], const double q[4], const double s[3], double matrix[16])
 {
     double x = q[0], y = q[1], z = q[2], w = q[3];
@@ -228,30 +230,31 @@ static qm_status read_transform(json_reader *reader, const cJSON *item, double m
     if (status == QM_OK) status = read_numbers(reader, item, "scale", s, 3);
     if (status != QM_OK) return status;
     double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
-    if (!(length > 0 && isfinite(length))) return fail_json(reader, "a node's rotation is no quaternion");
+    if (!(length > 0 && isfinite(length)))
+        return fail_json(reader, "`rotation` of a node must be a quaternion");
     for (int i = 0; i < 4; ++i)
         q[i] /= length;
     compose(t, q, s, matrix);
     return QM_OK;
 }
 
-/** Adds the nodes that a list names to links, each of which gets its one parent by that. */
+/** Adds the nodes of a list to links, and sets their parents. */
 static qm_status read_links(json_reader *reader, const cJSON *list)
 {
     qm_gltf *gltf = reader->gltf;
-    if (list && !cJSON_IsArray(list)) return fail_json(reader, "a list of nodes is no list");
+    if (list && !cJSON_IsArray(list)) return fail_json(reader, "a list of nodes must be an array");
     for (const cJSON *item = list ? list->child : NULL; item; item = item->next) {
         if (!cJSON_IsNumber(item) ||
             !(item->valuedouble >= 0 && item->valuedouble < (double)gltf->node_count) ||
             floor(item->valuedouble) != item->valuedouble)
-            return fail_json(reader, "a list of nodes names one that does not exist");
+            return fail_json(reader, "a list of nodes refers to a node that does not exist");
         size_t node = (size_t)item->valuedouble;
         if (gltf->nodes[node].has_parent)
             return fail_json(reader, "a node has two parents, or is also a root of the scene");
         gltf->nodes[node].has_parent = true;
 
         void *block = gltf->links;
-        if (!qm_array_reserve(reader->builder->ctx, &block, &gltf->link_capacity, gltf->link_count + 1,
+        if (!qm_codec_reserve(reader->builder->ctx, &block, &gltf->link_capacity, gltf->link_count + 1,
                               sizeof *gltf->links))
             return QM_E_NO_MEMORY;
         gltf->links = block;
@@ -278,23 +281,23 @@ static qm_status read_nodes(json_reader *reader)
     return status;
 }
 
-/** The roots of the scene that the file names, or of its first one. */
+/** The roots of the default scene, or of the first one. */
 static qm_status read_scene(json_reader *reader)
 {
     const cJSON *scene = find(reader->root, "scenes");
     uint64_t index = 0;
     reader->gltf->first_root = reader->gltf->link_count;
-    qm_status status = read_whole(reader, reader->root, "scene", &index);
+    qm_status status = read_integer(reader, reader->root, "scene", &index);
     if (status != QM_OK) return status;
     if (!cJSON_IsArray(scene)) return fail_json(reader, "the file has no scene");
     scene = scene->child;
     for (; scene && index > 0; --index)
         scene = scene->next;
-    if (!scene) return fail_json(reader, "the file has no scene of the number that it names");
+    if (!scene) return fail_json(reader, "`scene` refers to a scene that does not exist");
     return read_links(reader, find(scene, "nodes"));
 }
 
-/** Extensions that change what is drawn, but not the shape. */
+/** Extensions that change the appearance, but not the shape. */
 static bool is_harmless_extension(const char *name)
 {
     static const char *const prefixes[] = {"KHR_materials_", "KHR_texture_", "KHR_lights_",
@@ -335,18 +338,18 @@ static qm_status read_tree(json_reader *reader)
 qm_status qm_gltf_parse(qm_builder *builder, const uint8_t *json, size_t size, qm_gltf *gltf)
 {
     *gltf = (qm_gltf){0};
-    if (size > LARGEST_JSON)
+    if (size > MAX_JSON_SIZE)
         return qm_codec_fail(builder->report, QM_E_TOO_LARGE, "the JSON part is larger than %zu bytes",
-                             LARGEST_JSON);
+                             MAX_JSON_SIZE);
     const char *end;
     bool no_memory;
     cJSON *root = qm_json_parse_tree((const char *)json, size, &end, &no_memory);
     json_reader reader = {.builder = builder, .gltf = gltf, .root = root};
-    if (no_memory) return qm_codec_fail(builder->report, QM_E_NO_MEMORY, "no memory for the JSON part");
+    if (no_memory) return qm_codec_fail(builder->report, QM_E_NO_MEMORY, "out of memory for the JSON part");
     if (!cJSON_IsObject(root)) {
         if (!root) builder->report->offset += (size_t)(end - (const char *)json);
         cJSON_Delete(root);
-        return fail_json(&reader, "the JSON part is broken");
+        return fail_json(&reader, "the JSON part is invalid");
     }
     qm_status status = read_tree(&reader);
     cJSON_Delete(root);

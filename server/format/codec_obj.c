@@ -1,5 +1,5 @@
-/*
- * OBJ: one pass over the text. Faces may come before their vertices, so an index is checked against the count
+/**
+ * codec_obj.c: OBJ: one pass over the text. Faces may come before their vertices, so an index is checked against the count
  * only at the end; the line of the largest one is kept for the message. Texture and normal indices are read
  * and forgotten, as are the statements that carry no geometry.
  */
@@ -8,9 +8,9 @@
 typedef struct obj_reader {
     qm_scan text;
     qm_builder *builder;
-    uint32_t largest_index; /* from 1; 0 before the first face */
+    uint32_t max_index; /* from 1; 0 before the first face */
     size_t largest_line;
-    size_t skipped_count; /* statements of geometry that no mesh can hold, or unknown ones */
+    size_t skipped_count; /* statements of unsupported geometry, or unknown ones */
 } obj_reader;
 
 static qm_status read_vertex(obj_reader *reader)
@@ -27,7 +27,7 @@ static qm_status fail_corner(obj_reader *reader)
                          "a corner of a face is not of the form v, v/vt, v//vn or v/vt/vn");
 }
 
-/** Steps over "/vt", "//vn" or "/vt/vn". */
+/** Skips "/vt", "//vn" or "/vt/vn". */
 static bool skip_attribute_indices(qm_scan *text)
 {
     for (int i = 0; i < 2 && text->at < text->end && *text->at == '/'; ++i) {
@@ -39,15 +39,15 @@ static bool skip_attribute_indices(qm_scan *text)
     return qm_scan_at_row_end(text) || qm_scan_is_blank(*text->at) || *text->at == '\\';
 }
 
-/** Keeps the largest index, from 1, and its line. */
+/** Updates the max index, from 1, and its line. */
 static void note_index(obj_reader *reader, uint32_t index)
 {
-    if (index <= reader->largest_index) return;
-    reader->largest_index = index;
+    if (index <= reader->max_index) return;
+    reader->max_index = index;
     reader->largest_line = reader->text.line;
 }
 
-/** Turns an index of the file, from 1 or from -1 backwards, into one from 0. */
+/** Converts an index of the file, from 1 or backward from -1, to one from 0. */
 static qm_status resolve_index(obj_reader *reader, int64_t index, uint32_t *vertex)
 {
     const qm_builder *builder = reader->builder;
@@ -73,7 +73,7 @@ static qm_status read_corner(obj_reader *reader)
     bool overflow;
     if (!qm_scan_bare_integer(&reader->text, &index, &overflow)) {
         if (!overflow) return fail_corner(reader);
-        return qm_codec_fail(reader->text.report, QM_E_INDEX, "face refers to a vertex past 63 bits");
+        return qm_codec_fail(reader->text.report, QM_E_INDEX, "face refers to a vertex beyond 63 bits");
     }
     if (!skip_attribute_indices(&reader->text)) return fail_corner(reader);
     uint32_t vertex = 0;
@@ -91,11 +91,11 @@ static qm_status read_any_face(obj_reader *reader)
     }
 }
 
-/** Reads a triangle or a quad whose corners are plain indices; false, and nothing read, for other faces. */
+/** The fast path for a triangle or quad of plain indices; false, without reading anything, for other faces. */
 static bool read_plain_corners(obj_reader *reader, uint32_t corners[4])
 {
     const qm_scan *text = &reader->text;
-    if (text->end - text->at < QM_SCAN_CORNERS_REACH) return false;
+    if (text->end - text->at < QM_SCAN_CORNERS_SIZE) return false;
     const uint8_t *at = qm_scan_short_corners(text->at, 3, corners);
     const bool is_quad = at && *at == ' ';
     if (is_quad) at = qm_scan_short_integer(at + 1, &corners[3]);
@@ -121,7 +121,7 @@ static qm_status read_face(obj_reader *reader)
                                                : read_any_face(reader);
 }
 
-/** Statements that say how a mesh looks or what it is called, and attributes of vertices. */
+/** Statements about appearance and names, and attributes of vertices. */
 static bool is_known_statement(const uint8_t *word, size_t size)
 {
     static const char *const known[] = {"vt", "vn", "g", "o", "s", "mg", "usemtl", "mtllib", "usemap", "lod"};
@@ -134,7 +134,7 @@ static qm_status read_statement(obj_reader *reader)
 {
     const uint8_t *word = reader->text.at;
     size_t size;
-    if (reader->text.end - word >= 2 && word[1] == ' ') { /* a word of one letter, as nearly all are */
+    if (reader->text.end - word >= 2 && word[1] == ' ') { /* nearly all words have one letter */
         size = 1;
         ++reader->text.at;
     } else if (!qm_scan_read_word(&reader->text, &word, &size)) {
@@ -157,10 +157,10 @@ static qm_status read_statements(obj_reader *reader)
     return QM_OK;
 }
 
-/** What the blocks of a file have told besides vertices and faces. */
+/** Results of blocks besides vertices and faces. */
 typedef struct obj_blocks {
     obj_reader *whole;
-    obj_reader part[QM_BLOCKS_TOGETHER];
+    obj_reader part[QM_BLOCKS_BATCH];
 } obj_blocks;
 
 static qm_status read_block(void *user, size_t index, size_t line_count, qm_scan *text, qm_builder *builder)
@@ -177,8 +177,8 @@ static void take_block(void *user, size_t index)
 {
     obj_reader *whole = ((obj_blocks *)user)->whole;
     const obj_reader *part = &((obj_blocks *)user)->part[index];
-    if (part->largest_index > whole->largest_index) {
-        whole->largest_index = part->largest_index;
+    if (part->max_index > whole->max_index) {
+        whole->max_index = part->max_index;
         whole->largest_line = part->largest_line;
     }
     whole->skipped_count += part->skipped_count;
@@ -199,14 +199,14 @@ static qm_status read_file(obj_reader *reader)
     qm_status status = read_blocks(reader);
     if (status == QM_OK) status = read_statements(reader);
     if (status != QM_OK) return status;
-    if (reader->largest_index > reader->builder->vertex_count) {
+    if (reader->max_index > reader->builder->vertex_count) {
         reader->text.line = reader->largest_line;
-        return qm_builder_fail_index(reader->builder, reader->largest_index);
+        return qm_builder_fail_index(reader->builder, reader->max_index);
     }
     if (reader->skipped_count > 0)
         qm_codec_warn(
             text->report,
-            "statements that are neither vertices nor faces, such as lines and curves: %zu (left out)",
+            "statements that are neither vertices nor faces, such as lines and curves: %zu (ignored)",
             reader->skipped_count);
     return QM_OK;
 }

@@ -1,14 +1,14 @@
-/*
- * OFF: a keyword, counts, a vertex a line, a face a line. Letters before OFF announce more columns after the
+/**
+ * codec_off.c: OFF: a keyword, counts, a vertex a line, a face a line. Letters before OFF announce more columns after the
  * coordinates (normals, colours, texture), which are left out like every other further column.
  * Source: Geomview manual, OFF Files.
  */
 #include "codec_blocks.h"
 
-#define SMALLEST_VERTEX_SIZE 5 /* "0 0 0" */
-#define SMALLEST_FACE_SIZE 7   /* "3 0 0 0" */
+#define MIN_VERTEX_SIZE 5 /* "0 0 0" */
+#define MIN_FACE_SIZE 7   /* "3 0 0 0" */
 
-/** True for OFF and what ST, C and N make of it. */
+/** Whether a word is OFF with any of the prefixes ST, C and N. */
 static bool is_plain_keyword(const uint8_t *word, size_t size)
 {
     static const char *const keywords[] = {"off",   "coff",   "noff",   "cnoff",
@@ -51,8 +51,8 @@ static qm_status check_count(const qm_scan *text, int64_t count, size_t smallest
     size_t most = (size_t)(text->end - text->at) / smallest_size;
     if ((uint64_t)count > most)
         return qm_codec_fail(text->report, QM_E_FORMAT,
-                             "the file announces %lld %s, but has room for %zu at most", (long long)count,
-                             what, most);
+                             "the header specifies %lld %s, but the file has room for at most %zu",
+                             (long long)count, what, most);
     return QM_OK;
 }
 
@@ -62,8 +62,8 @@ static qm_status read_counts(qm_builder *builder, qm_scan *text, size_t *vertex_
     int64_t counts[2];
     qm_status status = qm_scan_read_integer(text, &counts[0]);
     if (status == QM_OK) status = qm_scan_read_integer(text, &counts[1]);
-    if (status == QM_OK) status = check_count(text, counts[0], SMALLEST_VERTEX_SIZE, "vertices");
-    if (status == QM_OK) status = check_count(text, counts[1], SMALLEST_FACE_SIZE, "faces");
+    if (status == QM_OK) status = check_count(text, counts[0], MIN_VERTEX_SIZE, "vertices");
+    if (status == QM_OK) status = check_count(text, counts[1], MIN_FACE_SIZE, "faces");
     if (status == QM_OK) status = qm_builder_reserve_vertices(builder, (uint64_t)counts[0]);
     if (status == QM_OK) status = qm_builder_reserve_faces(builder, (uint64_t)counts[1]);
     if (status != QM_OK) return status;
@@ -145,14 +145,15 @@ static qm_status read_face_block(void *user, size_t index, size_t line_count, qm
 static qm_status read_rows(qm_builder *builder, qm_scan *text, size_t vertex_count, size_t face_count)
 {
     const qm_block_reader vertices = {
-        .rows = QM_BLOCK_VERTICES, .most_lines = vertex_count, .read = read_vertex_block};
-    const qm_block_reader faces = {.rows = QM_BLOCK_FACES, .most_lines = face_count, .read = read_face_block};
+        .rows = QM_BLOCK_VERTICES, .max_lines = vertex_count, .read = read_vertex_block};
+    const qm_block_reader faces = {.rows = QM_BLOCK_FACES, .max_lines = face_count, .read = read_face_block};
     qm_status status = qm_blocks_read(builder, text, &vertices);
     if (status == QM_OK) status = read_vertices(builder, text, builder->vertex_count, vertex_count);
     if (status == QM_OK) status = qm_blocks_read(builder, text, &faces);
     if (status == QM_OK) status = read_faces(builder, text, builder->input_face_count, face_count);
     if (status == QM_OK && qm_scan_find_row(text))
-        qm_codec_warn(text->report, "line %zu and what follows come after the last face and were left out",
+        qm_codec_warn(text->report,
+                      "line %zu and the following ones come after the last face and were ignored",
                       text->line);
     return status;
 }

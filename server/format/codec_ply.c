@@ -1,5 +1,5 @@
-/*
- * PLY: a text header that describes elements and their properties, then their rows as text or as binary in
+/**
+ * codec_ply.c: PLY: a text header that describes elements and their properties, then their rows as text or as binary in
  * either byte order. The coordinates are the properties x, y, z of the element vertex, the corners the list
  * vertex_indices or vertex_index of the element face. Of a point set the properties nx, ny, nz are kept too;
  * everything else is stepped over by its declared size.
@@ -7,7 +7,7 @@
 #include "codec_ply.h"
 #include "codec_blocks.h"
 
-/** The least bytes that a row takes: lists are empty, but for the corners of a triangle. */
+/** The min size of a row: lists are empty, except for the corners of a triangle. */
 static size_t smallest_row(const qm_ply_reader *reader, const qm_ply_element *element)
 {
     size_t size = 0;
@@ -24,15 +24,15 @@ static size_t smallest_row(const qm_ply_reader *reader, const qm_ply_element *el
     return size;
 }
 
-/** Checks the announced count against the bytes left, and makes room. */
+/** Checks the count of the header against the remaining bytes, and reserves arrays. */
 static qm_status start_element(qm_ply_reader *reader, const qm_ply_element *element)
 {
     uint64_t left = (uint64_t)(reader->text.end - reader->text.at);
-    if (reader->encoding == QM_PLY_ASCII) ++left; /* the last line end may be missing */
+    if (reader->encoding == QM_PLY_ASCII) ++left; /* the last line end is optional */
     size_t row = smallest_row(reader, element);
     if (row > 0 && element->count > left / row)
         return qm_codec_fail(reader->report, QM_E_FORMAT,
-                             "the header announces %llu rows of an element, but the file has room for %llu",
+                             "the header specifies %llu rows of an element, but the file has room for %llu",
                              (unsigned long long)element->count, (unsigned long long)(left / row));
     if (element->kind == QM_PLY_VERTICES) return qm_builder_reserve_vertices(reader->builder, element->count);
     if (element->kind == QM_PLY_FACES) return qm_builder_reserve_faces(reader->builder, element->count);
@@ -75,7 +75,7 @@ static qm_status read_text_list(qm_ply_reader *reader, const qm_ply_property *pr
     return status;
 }
 
-/** True for rows that are nothing but the three coordinates in order, or the corners of a face. */
+/** Whether rows have only the three coordinates in order, or only the corners of a face. */
 static bool is_plain(const qm_ply_reader *reader, const qm_ply_element *element)
 {
     const qm_ply_property *first = reader->properties + element->first_property;
@@ -86,7 +86,7 @@ static bool is_plain(const qm_ply_reader *reader, const qm_ply_element *element)
     return is_position;
 }
 
-/** Reads the commonest of those rows; false, and nothing read, for others. */
+/** The fast path for such rows; false, without reading anything, for others. */
 static bool read_plain_row(qm_ply_reader *reader, qm_ply_kind kind, qm_status *status)
 {
     qm_scan *text = &reader->text;
@@ -160,13 +160,13 @@ static qm_status read_block(void *user, size_t index, size_t line_count, qm_scan
     return status;
 }
 
-/** Reads rows of the element, a line each, as far as that goes; *done counts them. */
+/** Reads rows of one line each on several threads, as many as possible; *done counts them. */
 static qm_status read_blocks(qm_ply_reader *reader, const qm_ply_element *element, uint64_t *done)
 {
     const size_t first_line = reader->text.line;
     element_reader user = {.reader = reader, .element = element};
     const qm_block_reader rows = {.rows = element->kind == QM_PLY_FACES ? QM_BLOCK_FACES : QM_BLOCK_VERTICES,
-                                  .most_lines = element->count,
+                                  .max_lines = element->count,
                                   .read = read_block,
                                   .user = &user};
     *done = 0;
@@ -188,10 +188,10 @@ static void warn_about_rest(qm_ply_reader *reader)
     if (reader->encoding == QM_PLY_ASCII) {
         if (qm_scan_find_row(&reader->text))
             qm_codec_warn(reader->report,
-                          "line %zu and what follows come after the last row and were left out",
+                          "line %zu and the following ones come after the last row and were ignored",
                           reader->text.line);
     } else if (reader->text.at < reader->text.end) {
-        qm_codec_warn(reader->report, "bytes after the last row: %zu (left out)",
+        qm_codec_warn(reader->report, "bytes after the last row: %zu (ignored)",
                       (size_t)(reader->text.end - reader->text.at));
     }
 }
@@ -210,7 +210,7 @@ static qm_status read_rows(qm_ply_reader *reader)
     return QM_OK;
 }
 
-/** A text file is opened anew as text, which looks for NUL bytes in all of it, and stepped to its rows. */
+/** Reopens the file as text, which checks all of it for NUL bytes, and skips to its rows. */
 static qm_status reopen_as_text(qm_ply_reader *reader, size_t size)
 {
     qm_scan header = reader->text;

@@ -1,7 +1,7 @@
 /**
- * codec_ply.h: what the files of the PLY decoder share: codec_ply_header.c reads the text header that
- * describes elements and their properties, codec_ply.c rows of text, codec_ply_binary.c binary ones. Source:
- * Turk, The PLY Polygon File Format, 1994.
+ * codec_ply.h: the internal header of the PLY decoder. codec_ply_header.c reads the text header, which describes elements
+ * and their properties, codec_ply.c rows of text, and codec_ply_binary.c binary ones.
+ * Source: Turk, The PLY Polygon File Format, 1994.
  */
 #ifndef QM_CODEC_PLY_H
 #define QM_CODEC_PLY_H
@@ -28,8 +28,7 @@ typedef struct qm_ply_scalar_facts {
 
 extern const qm_ply_scalar_facts qm_ply_scalars[QM_PLY_NO_SCALAR];
 
-/** What a property means for the mesh: QM_PLY_COORDINATE + axis, QM_PLY_NORMAL + axis, the corner list, or
- * nothing. */
+/** The use of a property: QM_PLY_COORDINATE + axis, QM_PLY_NORMAL + axis, the list of corners, or none. */
 typedef enum qm_ply_role {
     QM_PLY_COORDINATE,
     QM_PLY_NORMAL = QM_PLY_COORDINATE + 3,
@@ -69,8 +68,8 @@ typedef struct qm_ply_reader {
     size_t element_count, element_capacity;
     qm_ply_property *properties;
     size_t property_count, property_capacity;
-    uint64_t vertex_count; /* announced */
-    bool has_normals;      /* a point set with all three of them */
+    uint64_t vertex_count; /* of the header */
+    bool has_normals;      /* it is a point set with three normal properties */
 } qm_ply_reader;
 
 static inline bool qm_ply_is_float(qm_ply_scalar type)
@@ -78,20 +77,20 @@ static inline bool qm_ply_is_float(qm_ply_scalar type)
     return type == QM_PLY_FLOAT32 || type == QM_PLY_FLOAT64;
 }
 
-/** QM_E_FORMAT with these words. */
+/** Returns QM_E_FORMAT with this detail. */
 qm_status qm_ply_fail(qm_ply_reader *reader, const char *detail);
 
 /** Reads the header up to the first row. */
 qm_status qm_ply_read_header(qm_ply_reader *reader);
 
-/** Adds a corner to the face that is being read, which must name a vertex that the header announces. */
+/** Adds a corner to the current face; its vertex must be below the count of the header. */
 qm_status qm_ply_add_corner(qm_ply_reader *reader, int64_t vertex);
 
-/** Ends a row of an element: its face, or its vertex, goes to the mesh. value holds the coordinates and the
- * normal by their roles. */
+/** Ends a row of an element: adds its face or vertex to the mesh. value has the coordinates and the normal by their
+ * roles. */
 qm_status qm_ply_end_row(qm_ply_reader *reader, qm_ply_kind kind, const double value[QM_PLY_CORNERS]);
 
-/** The rows of an element of a binary file. Every byte is checked to be there. */
+/** Reads the rows of an element of a binary file, checking its size. */
 qm_status qm_ply_read_binary_rows(qm_ply_reader *reader, const qm_ply_element *element);
 
 #endif

@@ -1,3 +1,6 @@
+/**
+ * codec_ply_binary.c: the rows of a binary PLY file.
+ */
 #include <math.h>
 
 #include "codec_ply.h"
@@ -57,7 +60,7 @@ static qm_status fail_short(qm_ply_reader *reader)
     return qm_codec_fail(reader->report, QM_E_FORMAT, "the file ends within a row");
 }
 
-/** Room for so many bytes at text.at. */
+/** Checks that size bytes are left at text.at. */
 static bool has_bytes(const qm_ply_reader *reader, uint64_t size)
 {
     return (uint64_t)(reader->text.end - reader->text.at) >= size;
@@ -128,8 +131,8 @@ static plain_row find_plain(const qm_ply_reader *reader, const qm_ply_element *e
                                            : NOT_PLAIN;
 }
 
-/** Widens whole rows to positions; false when a number is not finite. An exponent of ones carries into the
- * place of the sign, so that no way out of the loop is needed. */
+/** Converts rows to positions; false if a number is not finite. Non-finite exponents carry into the sign bit, so that the
+ * loop needs no exit. */
 static bool widen_floats(const uint8_t *at, size_t count, double *positions)
 {
     const uint32_t exponent = 0x7f800000u, step = 0x00800000u;
@@ -156,7 +159,7 @@ static bool copy_doubles(const uint8_t *at, size_t count, double *positions)
 
 #define ROWS_TOGETHER 1024
 
-/** Reads plain rows up to a block that has one to be refused in the general way; *done counts them. */
+/** Reads plain rows up to a block with an invalid one, which the general loop reports; *done counts them. */
 static qm_status read_plain_positions(qm_ply_reader *reader, plain_row plain, uint64_t count, uint64_t *done)
 {
     size_t size = 3 * (plain == PLAIN_DOUBLES ? sizeof(double) : sizeof(float));

@@ -1,3 +1,6 @@
+/**
+ * codec_ply_header.c: the header of a PLY file.
+ */
 #include "codec_ply.h"
 
 const qm_ply_scalar_facts qm_ply_scalars[QM_PLY_NO_SCALAR] = {
@@ -24,7 +27,7 @@ static qm_status read_scalar_type(qm_ply_reader *reader, qm_ply_scalar *type)
     size_t size;
     *type = QM_PLY_NO_SCALAR;
     if (qm_scan_read_word(&reader->text, &word, &size)) *type = find_scalar_type(word, size);
-    return *type == QM_PLY_NO_SCALAR ? qm_ply_fail(reader, "a property has no known type") : QM_OK;
+    return *type == QM_PLY_NO_SCALAR ? qm_ply_fail(reader, "a property has an unknown type") : QM_OK;
 }
 
 static qm_status read_format(qm_ply_reader *reader)
@@ -34,16 +37,16 @@ static qm_status read_format(qm_ply_reader *reader)
     if (reader->encoding != QM_PLY_NO_ENCODING)
         return qm_ply_fail(reader, "the header has a second format line");
     if (!qm_scan_read_word(&reader->text, &word, &size)) size = 0;
-    if (size == 0) return qm_ply_fail(reader, "the format line names no format");
+    if (size == 0) return qm_ply_fail(reader, "the format line has no format");
     if (qm_scan_word_is(word, size, "ascii")) reader->encoding = QM_PLY_ASCII;
     if (qm_scan_word_is(word, size, "binary_little_endian")) reader->encoding = QM_PLY_LITTLE_ENDIAN_BINARY;
     if (qm_scan_word_is(word, size, "binary_big_endian")) reader->encoding = QM_PLY_BIG_ENDIAN_BINARY;
     bool host_is_big = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
     reader->swaps_bytes = host_is_big != (reader->encoding == QM_PLY_BIG_ENDIAN_BINARY);
     if (reader->encoding == QM_PLY_NO_ENCODING)
-        return qm_ply_fail(reader, "the format line names an unknown format");
+        return qm_ply_fail(reader, "the format line has an unknown format");
     if (qm_scan_read_word(&reader->text, &word, &size) && qm_scan_word_is(word, size, "1.0")) return QM_OK;
-    return qm_ply_fail(reader, "the format line does not name version 1.0");
+    return qm_ply_fail(reader, "the format line has another version than 1.0");
 }
 
 static qm_status name_element(qm_ply_reader *reader, const uint8_t *word, size_t size, qm_ply_kind *kind)
@@ -74,7 +77,7 @@ static qm_status read_element(qm_ply_reader *reader)
     if (element.kind == QM_PLY_VERTICES) reader->vertex_count = element.count;
 
     void *block = reader->elements;
-    if (!qm_array_reserve(reader->builder->ctx, &block, &reader->element_capacity, reader->element_count + 1,
+    if (!qm_codec_reserve(reader->builder->ctx, &block, &reader->element_capacity, reader->element_count + 1,
                           sizeof element))
         return QM_E_NO_MEMORY;
     reader->elements = block;
@@ -97,11 +100,11 @@ static qm_status add_property(qm_ply_reader *reader, qm_ply_element *element, qm
 {
     for (size_t i = 0; property.role != QM_PLY_OTHER && i < element->property_count; ++i)
         if (reader->properties[element->first_property + i].role == property.role)
-            return qm_ply_fail(reader, "the header names a coordinate, a normal or the corners twice");
+            return qm_ply_fail(reader, "the header describes a coordinate, a normal or the corners twice");
     if (property.role == QM_PLY_CORNERS && qm_ply_is_float(property.type))
-        return qm_ply_fail(reader, "the corners of faces are not whole numbers");
+        return qm_ply_fail(reader, "the corners of faces must be integers");
     void *block = reader->properties;
-    if (!qm_array_reserve(reader->builder->ctx, &block, &reader->property_capacity,
+    if (!qm_codec_reserve(reader->builder->ctx, &block, &reader->property_capacity,
                           reader->property_count + 1, sizeof property))
         return QM_E_NO_MEMORY;
     reader->properties = block;
@@ -124,7 +127,7 @@ static qm_status read_property(qm_ply_reader *reader)
         reader->text = ahead;
         status = read_scalar_type(reader, &property.count_type);
         if (status == QM_OK && qm_ply_is_float(property.count_type))
-            return qm_ply_fail(reader, "the length of a list is not a whole number");
+            return qm_ply_fail(reader, "the length of a list must be an integer");
     }
     if (status == QM_OK) status = read_scalar_type(reader, &property.type);
     if (status != QM_OK) return status;
@@ -133,7 +136,7 @@ static qm_status read_property(qm_ply_reader *reader)
     return add_property(reader, element, property);
 }
 
-/** "grid ROWS COLUMNS" in a comment tells what the faces were made of; any other comment is left out. */
+/** A comment "grid ROWS COLUMNS" says that faces form a grid; other comments are ignored. */
 static qm_status read_comment(qm_ply_reader *reader)
 {
     const uint8_t *word;
@@ -149,7 +152,7 @@ static qm_status read_comment(qm_ply_reader *reader)
     return qm_builder_add_grid(reader->builder, (qm_mesh_grid){(uint32_t)count[0], (uint32_t)count[1]});
 }
 
-/** Reads the header line by line up to and with end_header. */
+/** Reads the lines of the header through end_header. */
 static qm_status read_header_lines(qm_ply_reader *reader)
 {
     for (;;) {
@@ -168,7 +171,7 @@ static qm_status read_header_lines(qm_ply_reader *reader)
             else if (qm_scan_word_is(word, size, "comment"))
                 status = read_comment(reader);
             else if (!qm_scan_word_is(word, size, "obj_info"))
-                status = qm_ply_fail(reader, "the header has a line of unknown meaning");
+                status = qm_ply_fail(reader, "the header has an unknown line");
         }
         if (status != QM_OK) return status;
         qm_scan_skip_line(&reader->text);
@@ -196,7 +199,7 @@ static qm_status check_elements(qm_ply_reader *reader)
     }
     reader->has_normals = roles == 63 && !has_faces;
     if (other_count > 0)
-        qm_codec_warn(reader->report, "elements other than vertex and face: %zu (left out)", other_count);
+        qm_codec_warn(reader->report, "elements other than vertex and face: %zu (ignored)", other_count);
     return QM_OK;
 }
 

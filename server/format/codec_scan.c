@@ -1,3 +1,6 @@
+/**
+ * codec_scan.c: blanks, words and numbers of text formats.
+ */
 #include "codec_scan.h"
 
 #include <locale.h>
@@ -23,7 +26,7 @@ qm_status qm_scan_open(qm_scan *text, const uint8_t *bytes, size_t size, qm_code
                 qm_scan_skip_line_end(text);
             else
                 ++text->at;
-        return qm_codec_fail(report, QM_E_FORMAT, "the text holds a NUL byte");
+        return qm_codec_fail(report, QM_E_FORMAT, "the text contains a NUL byte");
     }
     skip_byte_order_mark(text);
     return QM_OK;
@@ -78,7 +81,7 @@ static bool is_digit(uint8_t c)
     return c >= '0' && c <= '9';
 }
 
-/** True where a number may end. */
+/** Whether a number may end here. */
 static bool at_number_end(const qm_scan *text, const uint8_t *at)
 {
     return at == text->end || qm_scan_is_blank(*at) || qm_scan_is_line_end(*at) || *at == '#' ||
@@ -91,11 +94,11 @@ static bool starts_with(const qm_scan *text, const uint8_t *at, const char *lowe
     return (size_t)(text->end - at) >= length && qm_scan_word_is(at, length, lower);
 }
 
-/** Finds words for what stands where a number should be. */
+/** Reports why there is no number. */
 static qm_status fail_number(qm_scan *text)
 {
     if (qm_scan_at_row_end(text))
-        return qm_codec_fail(text->report, QM_E_FORMAT, "the line ends where a number should be");
+        return qm_codec_fail(text->report, QM_E_FORMAT, "the line ends where a number is expected");
     const uint8_t *at = text->at;
     if (*at == '-' || *at == '+') ++at;
     if (starts_with(text, at, "nan") || starts_with(text, at, "inf"))
@@ -105,8 +108,8 @@ static qm_status fail_number(qm_scan *text)
         ++at;
     if (at > digits && at < text->end && *at == ',')
         return qm_codec_fail(text->report, QM_E_FORMAT,
-                             "a number has a comma in it; a decimal point is expected");
-    return qm_codec_fail(text->report, QM_E_FORMAT, "a number is expected, but something else stands there");
+                             "a number contains a comma; a decimal point is expected");
+    return qm_codec_fail(text->report, QM_E_FORMAT, "expected a number");
 }
 
 static const uint64_t integer_powers_of_ten[] = {1u,
@@ -164,17 +167,17 @@ static bool scale_fast(uint64_t mantissa, int64_t power, double *number)
     return true;
 }
 
-#define LONGEST_NUMBER 1200 /* digits of any double written in full, and then some */
+#define MAX_NUMBER_SIZE 1200 /* more digits than any double has in full */
 
-/** Apart, for its copy takes more of the stack than the calls that do not need it should. */
+/** A function of its own, because its buffer would enlarge the stack frame of the fast path. */
 __attribute__((noinline)) static qm_status scale_slow(qm_scan *text, const uint8_t *from, const uint8_t *to,
                                                       double *number)
 {
-    char copy[LONGEST_NUMBER + 1];
+    char copy[MAX_NUMBER_SIZE + 1];
     size_t length = (size_t)(to - from);
-    if (length > LONGEST_NUMBER)
+    if (length > MAX_NUMBER_SIZE)
         return qm_codec_fail(text->report, QM_E_FORMAT, "a number has more than %d characters",
-                             LONGEST_NUMBER);
+                             MAX_NUMBER_SIZE);
     memcpy(copy, from, length);
     copy[length] = 0;
     locale_t plain = newlocale(LC_ALL_MASK, "C", (locale_t)0);
@@ -186,8 +189,7 @@ __attribute__((noinline)) static qm_status scale_slow(qm_scan *text, const uint8
     return QM_OK;
 }
 
-/** Reads "e-12" if it stands there; false for an exponent with no digits. A huge one is cut short, but stays
- * huge. */
+/** Reads an exponent like "e-12", if any; false if it has no digits. A huge one saturates. */
 static bool scan_exponent(const qm_scan *text, const uint8_t **at, int64_t *exponent)
 {
     const uint8_t *p = *at;
@@ -204,7 +206,7 @@ static bool scan_exponent(const qm_scan *text, const uint8_t **at, int64_t *expo
     return true;
 }
 
-/** Puts the digits that stand there behind those of the number; returns where they end. */
+/** Appends the digits at the current position to the number; returns their end. */
 static inline const uint8_t *scan_digits(const uint8_t *p, const uint8_t *end, uint64_t *number)
 {
     for (; p < end && is_digit(*p); ++p)
@@ -212,7 +214,7 @@ static inline const uint8_t *scan_digits(const uint8_t *p, const uint8_t *end, u
     return p;
 }
 
-/** The same, faster where there are often more than two. */
+/** The same, faster for more than two digits. */
 static inline const uint8_t *scan_many_digits(const uint8_t *p, const uint8_t *end, uint64_t *number)
 {
     while (end - p >= 8) {
@@ -234,7 +236,7 @@ static qm_status read_any_number(qm_scan *text, double *number)
     if (p < end && (*p == '-' || *p == '+')) ++p;
 
     const uint8_t *first = p;
-    uint64_t mantissa = 0; /* wraps beyond 19 digits and is then not used */
+    uint64_t mantissa = 0; /* wraps beyond 19 digits, and is not used then */
     p = scan_digits(p, end, &mantissa);
     int64_t digit_count = p - first, exponent = 0;
     if (p < end && *p == '.') {
@@ -255,9 +257,9 @@ static qm_status read_any_number(qm_scan *text, double *number)
     return QM_OK;
 }
 
-#define SHORT_REACH 24 /* characters that the call below may look at */
+#define SHORT_NUMBER_SIZE 24 /* characters that the fast path may read */
 
-/** Reads "e-12", two digits with a sign or none, where it stands; NULL for other exponents. */
+/** The fast path for exponents like "e-12": two digits and an optional sign; NULL for others. */
 static inline const uint8_t *read_short_exponent(const uint8_t *p, int *exponent)
 {
     const bool negative = p[1] == '-';
@@ -270,10 +272,10 @@ static inline const uint8_t *read_short_exponent(const uint8_t *p, int *exponent
 }
 
 /**
- * The commonest number, from p on: a sign or none and digits around a point, of which sixteen characters hold
- * all and what comes after: a blank, the line's end or a short exponent. Returns where it ends; NULL for all
- * other numbers. A single load leads from one number to the next, and no branch depends on where the point
- * is. Fourteen digits, and powers of ten up to 22, are exact, so that quotient and product are rounded once.
+ * The fast path for the most common numbers: an optional sign and digits around a point, in sixteen characters
+ * including the one after: a blank, a line end or a short exponent. Returns the end; NULL for other numbers. The position
+ * of a number depends on the one before it by a single load, and no branch depends on the position of the point. Fourteen
+ * digits, and powers of ten up to 22, are exact, so that quotient and product are rounded once.
  */
 static inline const uint8_t *read_short_number(const uint8_t *p, double *number)
 {
@@ -313,7 +315,7 @@ qm_status qm_scan_read_number(qm_scan *text, double *number)
 {
     const uint8_t *at = text->at;
     at += at < text->end && *at == ' ';
-    at = text->end - at >= SHORT_REACH ? read_short_number(at, number) : NULL;
+    at = text->end - at >= SHORT_NUMBER_SIZE ? read_short_number(at, number) : NULL;
     if (!at) return read_any_number(text, number);
     text->at = at;
     return QM_OK;
@@ -322,7 +324,7 @@ qm_status qm_scan_read_number(qm_scan *text, double *number)
 bool qm_scan_plain_position(qm_scan *text, double position[3])
 {
     const uint8_t *at = text->at;
-    if (text->end - at < 1 + 3 * SHORT_REACH) return false;
+    if (text->end - at < 1 + 3 * SHORT_NUMBER_SIZE) return false;
     at += *at == ' ';
     for (int axis = 0; axis < 3; ++axis) {
         if (axis > 0 && *at++ != ' ') return false;
@@ -342,9 +344,9 @@ qm_status qm_scan_read_position(qm_scan *text, double position[3])
     return status;
 }
 
-#define SAFE_DIGITS 18 /* of any whole number with so many, 63 bits hold the value */
+#define SAFE_DIGITS 18 /* integers with so many digits fit 63 bits */
 
-/** Whether they do of digits of which there may be more; the value wraps beyond 19. */
+/** Whether an integer with more digits fits, too; value wraps beyond 19. */
 static bool fits(const uint8_t *first, const uint8_t *end, uint64_t value)
 {
     while (first < end && *first == '0')
@@ -375,14 +377,12 @@ qm_status qm_scan_read_integer(qm_scan *text, int64_t *integer)
 {
     qm_scan_skip_blanks(text);
     if (qm_scan_at_row_end(text))
-        return qm_codec_fail(text->report, QM_E_FORMAT, "the line ends where a whole number should be");
+        return qm_codec_fail(text->report, QM_E_FORMAT, "the line ends where an integer is expected");
     bool overflow;
     if (!qm_scan_bare_integer(text, integer, &overflow))
-        return overflow ? qm_codec_fail(text->report, QM_E_FORMAT, "a whole number is too large")
-                        : qm_codec_fail(text->report, QM_E_FORMAT,
-                                        "a whole number is expected, but something else stands there");
+        return overflow ? qm_codec_fail(text->report, QM_E_FORMAT, "an integer is too large")
+                        : qm_codec_fail(text->report, QM_E_FORMAT, "expected an integer");
     if (!at_number_end(text, text->at))
-        return qm_codec_fail(text->report, QM_E_FORMAT,
-                             "a whole number is followed by something that is no blank");
+        return qm_codec_fail(text->report, QM_E_FORMAT, "an integer is not followed by a blank");
     return QM_OK;
 }

@@ -1,5 +1,5 @@
-/*
- * STL: triangles with their own corners, as text or binary; corners with the same coordinates are welded. A
+/**
+ * codec_stl.c: STL: triangles with their own corners, as text or binary; corners with the same coordinates are welded. A
  * binary header may start with "solid" like a text, so the size that follows from the count decides first.
  * Normals and attribute bytes are left out: corners and their order say the same.
  */
@@ -13,7 +13,7 @@
 #define TRIANGLE_SIZE 50
 #define TEXT_SIZE 250 /* of a triangle with six decimals, or so */
 #define NORMAL_SIZE 12
-#define TRIANGLES_TOGETHER (QM_WELDED_TOGETHER / 3)
+#define TRIANGLES_TOGETHER (QM_WELDER_BATCH / 3)
 
 bool qm_codec_is_binary_stl(const uint8_t *bytes, size_t size)
 {
@@ -21,7 +21,7 @@ bool qm_codec_is_binary_stl(const uint8_t *bytes, size_t size)
            (size - PREFIX_SIZE) == (uint64_t)qm_read_u32_le(bytes + HEADER_SIZE) * TRIANGLE_SIZE;
 }
 
-/** For files whose size settles nothing: text starts with "solid" and holds no NUL byte near its start. */
+/** For files whose size is inconclusive: text starts with "solid" and has no NUL byte near its start. */
 static bool looks_like_text(const uint8_t *bytes, size_t size)
 {
     size_t head = size < 512 ? size : 512;
@@ -32,7 +32,7 @@ static bool looks_like_text(const uint8_t *bytes, size_t size)
            qm_scan_read_word(&text, &word, &word_size) && qm_scan_word_is(word, word_size, "solid");
 }
 
-/** Of triangles in a row, rows of x y z; after a failure *done counts the corners before it. */
+/** Adds consecutive triangles by their positions; after a failure *done counts the corners before it. */
 static qm_status add_triangles(qm_welder *welder, const double (*corners)[3], size_t count, size_t *done)
 {
     uint32_t vertices[3 * TRIANGLES_TOGETHER];
@@ -87,11 +87,12 @@ static qm_status read_binary(qm_welder *welder, const uint8_t *bytes, size_t siz
     report->offset = HEADER_SIZE;
     size_t count = qm_read_u32_le(bytes + HEADER_SIZE), room = (size - PREFIX_SIZE) / TRIANGLE_SIZE;
     if (count > room)
-        return qm_codec_fail(report, QM_E_FORMAT, "the file announces %zu triangles, but has room for %zu",
-                             count, room);
+        return qm_codec_fail(report, QM_E_FORMAT,
+                             "the header specifies %zu triangles, but the file has room for %zu", count,
+                             room);
     if (count == 0) return qm_codec_fail(report, QM_E_EMPTY, "the file has no triangle");
     size_t rest = size - PREFIX_SIZE - count * TRIANGLE_SIZE;
-    if (rest > 0) qm_codec_warn(report, "bytes after the last triangle: %zu (left out)", rest);
+    if (rest > 0) qm_codec_warn(report, "bytes after the last triangle: %zu (ignored)", rest);
     qm_status status = qm_builder_reserve_faces(welder->builder, count);
     if (status != QM_OK) return status;
     report->offset = PREFIX_SIZE;
@@ -105,7 +106,7 @@ typedef struct stl_text {
     qm_welder *welder;
     bool in_solid, in_facet;
     int corner_count;   /* of the facet */
-    size_t facet_count; /* that are whole and not yet added; the one that is being read comes behind them */
+    size_t facet_count; /* complete, but not yet added; the current one follows them */
     size_t lines[TRIANGLES_TOGETHER];
     double corners[3 * TRIANGLES_TOGETHER][3];
 } stl_text;
@@ -117,30 +118,30 @@ static qm_status fail_text(stl_text *reader, const char *detail)
 
 static qm_status read_corner(stl_text *reader)
 {
-    if (!reader->in_facet) return fail_text(reader, "a vertex stands outside of a facet");
+    if (!reader->in_facet) return fail_text(reader, "a vertex outside of a facet");
     if (reader->corner_count == 3) return fail_text(reader, "a facet has more than three vertices");
     size_t corner = 3 * reader->facet_count + (size_t)reader->corner_count++;
     return qm_scan_read_position(&reader->text, reader->corners[corner]);
 }
 
-/** Begins a facet; its normal is stepped over unread, since writers put NaN in those of slivers. */
+/** Begins a facet and skips its normal unread, because writers put NaN into those of slivers. */
 static qm_status begin_facet(stl_text *reader)
 {
-    if (!reader->in_solid) return fail_text(reader, "a facet stands outside of a solid");
+    if (!reader->in_solid) return fail_text(reader, "a facet outside of a solid");
     if (reader->in_facet) return fail_text(reader, "a facet begins within another one");
     reader->in_facet = true;
     reader->corner_count = 0;
     const uint8_t *word;
     size_t size;
     if (!qm_scan_read_word(&reader->text, &word, &size)) return QM_OK;
-    if (!qm_scan_word_is(word, size, "normal")) return fail_text(reader, "a facet is followed by no normal");
+    if (!qm_scan_word_is(word, size, "normal")) return fail_text(reader, "a facet without a normal");
     for (int i = 0; i < 3; ++i)
         if (!qm_scan_read_word(&reader->text, &word, &size))
             return fail_text(reader, "a normal has fewer than three numbers");
     return QM_OK;
 }
 
-/** Adds the facets that wait; the first one that cannot be added is a fault of its line. */
+/** Adds the pending facets; an error is reported at the line of its facet. */
 static qm_status add_facets(stl_text *reader)
 {
     size_t done;
@@ -153,7 +154,7 @@ static qm_status add_facets(stl_text *reader)
 
 static qm_status end_facet(stl_text *reader)
 {
-    if (!reader->in_facet) return fail_text(reader, "a facet ends that never began");
+    if (!reader->in_facet) return fail_text(reader, "endfacet without a facet");
     if (reader->corner_count < 3) return fail_text(reader, "a facet has fewer than three vertices");
     reader->in_facet = false;
     reader->lines[reader->facet_count++] = reader->text.line;
@@ -165,8 +166,7 @@ static qm_status change_solid(stl_text *reader, bool begins)
 {
     if (reader->in_facet) return fail_text(reader, "a facet has no end");
     if (reader->in_solid == begins)
-        return fail_text(reader,
-                         begins ? "a solid begins within another one" : "a solid ends that never began");
+        return fail_text(reader, begins ? "a solid begins within another one" : "endsolid without a solid");
     reader->in_solid = begins;
     qm_scan_skip_line(&reader->text);
     return QM_OK;
@@ -185,7 +185,7 @@ static qm_status read_statement(stl_text *reader)
     if (qm_scan_word_is(word, size, "outer") || qm_scan_word_is(word, size, "loop") ||
         qm_scan_word_is(word, size, "endloop"))
         return QM_OK;
-    return fail_text(reader, "a word stands here that STL does not know");
+    return fail_text(reader, "unknown keyword");
 }
 
 static qm_status read_statements(stl_text *reader)
@@ -204,7 +204,7 @@ static qm_status read_text(qm_welder *welder, const uint8_t *bytes, size_t size)
     stl_text reader = {.welder = welder};
     qm_status status = qm_scan_open(&reader.text, bytes, size, welder->builder->report);
     if (status == QM_OK) status = read_statements(&reader);
-    /* Facets before a fault come first. */
+    /* An error of an earlier facet is reported first. */
     if (reader.facet_count > 0) {
         qm_status added = add_facets(&reader);
         if (added != QM_OK) status = added;

@@ -1,5 +1,5 @@
-/*
- * XYZ: a point a line, three numbers set apart by blanks or commas; further columns are left out. A file with
+/**
+ * codec_xyz.c: XYZ: a point a line, three numbers set apart by blanks or commas; further columns are left out. A file with
  * decimal commas must not pass as one with comma columns, so both gaps of a line have to look alike.
  */
 #include "codec_build.h"
@@ -30,7 +30,7 @@ static qm_status read_point(qm_scan *text, double position[3])
     if (status != QM_OK) return status;
     if (gaps[0].has_comma != gaps[1].has_comma || gaps[0].has_blank != gaps[1].has_blank)
         return qm_codec_fail(text->report, QM_E_FORMAT,
-                             "the columns are set apart in different ways; are these decimal commas?");
+                             "columns are separated in different ways; are these decimal commas?");
     return QM_OK;
 }
 

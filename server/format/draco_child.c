@@ -1,3 +1,6 @@
+/**
+ * draco_child.c: the process that decodes Draco files, and its parent.
+ */
 #include "draco_child.h"
 
 #include <errno.h>
@@ -23,16 +26,16 @@
 #define OUTPUT 4
 #define CPU_LIMIT_S 120
 #define TIME_LIMIT_MS (3 * 1000 * CPU_LIMIT_S)
-#define MEMORY_BASE ((size_t)512 << 20) /* the program itself, and what any file may need */
-#define MEMORY_A_BYTE 20000             /* the most regular meshes take so little of a file */
-#define QUANTIZATION_BITS_MOST 30
+#define MEMORY_BASE ((size_t)512 << 20) /* of the program, and for any file */
+#define MEMORY_PER_BYTE 20000           /* of the file; the most regular meshes compress that well */
+#define MAX_QUANTIZATION_BITS 30
 
 /** At the start of the shared memory; the arrays follow. */
-typedef struct answer {
+typedef struct child_result {
     qm_draco_outcome outcome;
     uint64_t consumed;
     qm_draco_facts facts;
-} answer;
+} child_result;
 
 extern char **environ;
 static const char *program = "/proc/self/exe";
@@ -42,11 +45,11 @@ void qm_draco_child_set_program(const char *path)
     program = path;
 }
 
-/** Where the arrays are, and the bytes of all; false when they could not be. */
+/** The offsets of the arrays and the total size; false for impossible counts. */
 static bool lay_out(const qm_draco_facts *facts, size_t *triangles_at, size_t *added_at, size_t *size)
 {
     if (facts->vertex_count > UINT32_MAX || facts->triangle_count > UINT32_MAX) return false;
-    *triangles_at = sizeof(answer) + 3 * sizeof(double) * facts->vertex_count;
+    *triangles_at = sizeof(child_result) + 3 * sizeof(double) * facts->vertex_count;
     *added_at = *triangles_at + 3 * sizeof(uint32_t) * facts->triangle_count;
     *size = *added_at + (facts->has_added_edges ? 3 * facts->triangle_count : 0);
     return true;
@@ -55,11 +58,11 @@ static bool lay_out(const qm_draco_facts *facts, size_t *triangles_at, size_t *a
 /* ---- the child ---- */
 
 typedef struct child {
-    answer *shared;
+    child_result *shared;
     size_t size;
 } child;
 
-/** Makes the shared memory as large as the arrays need, and hands them out. */
+/** Resizes the shared memory for the arrays, and returns them. */
 static bool prepare_shared(void *user, const qm_draco_facts *facts, qm_draco_arrays *arrays)
 {
     child *c = user;
@@ -72,16 +75,16 @@ static bool prepare_shared(void *user, const qm_draco_facts *facts, qm_draco_arr
     if (mapped == MAP_FAILED) return false;
     c->shared = mapped;
     c->shared->facts = *facts;
-    arrays->positions = (double *)(void *)((char *)mapped + sizeof(answer));
+    arrays->positions = (double *)(void *)((char *)mapped + sizeof(child_result));
     arrays->triangles = (uint32_t *)(void *)((char *)mapped + triangles_at);
     arrays->added = facts->has_added_edges ? (uint8_t *)mapped + added_at : NULL;
     return true;
 }
 
-/** Small files, of which many may come, get little. */
+/** Small files, which may be many, get little memory. */
 static size_t choose_memory(size_t file_size)
 {
-    size_t most = qm_budget_default_limit(), fair = MEMORY_A_BYTE * file_size;
+    size_t most = qm_budget_default_limit(), fair = MEMORY_PER_BYTE * file_size;
     return MEMORY_BASE + (fair < most ? fair : most);
 }
 
@@ -94,7 +97,7 @@ int qm_draco_child_main(void)
     size_t size = (size_t)input.st_size;
     qm_sandbox_limits limits = {choose_memory(size), CPU_LIMIT_S};
     const uint8_t *bytes = mmap(NULL, size, PROT_READ, MAP_SHARED, INPUT, 0);
-    child c = {NULL, sizeof(answer)};
+    child c = {NULL, sizeof(child_result)};
     if (bytes == MAP_FAILED || ftruncate(OUTPUT, (off_t)c.size) != 0) return 1;
     c.shared = mmap(NULL, c.size, PROT_READ | PROT_WRITE, MAP_SHARED, OUTPUT, 0);
     if (c.shared == MAP_FAILED || !qm_sandbox_enter(&limits)) return 1;
@@ -103,13 +106,13 @@ int qm_draco_child_main(void)
     if (!c.shared) return 1;
     c.shared->consumed = consumed;
     c.shared->outcome = outcome;
-    /* Without the end of the program, which would run what the library has left for it. */
+    /* _exit runs no exit handlers of the library. */
     _exit(0);
 }
 
 /* ---- the parent ---- */
 
-/** Shared memory with these bytes, or -1. Its descriptor lies beyond those that the child has. */
+/** Shared memory with these bytes, or -1. Its descriptor is above those of the child. */
 static int make_memory(const char *name, const uint8_t *bytes, size_t size)
 {
     int low = memfd_create(name, MFD_CLOEXEC), file = low < 0 ? -1 : fcntl(low, F_DUPFD_CLOEXEC, OUTPUT + 1);
@@ -127,7 +130,7 @@ static int make_memory(const char *name, const uint8_t *bytes, size_t size)
     return file;
 }
 
-/** Starts the child; -1 with a record in the log. */
+/** Starts the child; -1 after a log record. */
 static pid_t start(int input, int output)
 {
     char name[] = "quadmeshd", flag[] = QM_DRACO_CHILD_FLAG;
@@ -145,7 +148,7 @@ static pid_t start(int input, int output)
     return error == 0 ? pid : -1;
 }
 
-/** Waits for the child, which does not get for ever; false when it did not end well. */
+/** Waits for the child until its time limit; false if it failed. */
 static bool wait_for(pid_t pid)
 {
     int file = (int)syscall(SYS_pidfd_open, pid, 0), status = 0;
@@ -156,17 +159,17 @@ static bool wait_for(pid_t pid)
     while (waitpid(pid, &status, 0) < 0 && errno == EINTR)
         continue;
     if (WIFSIGNALED(status))
-        qm_log(QM_LOG_WARN, "the Draco decoder was ended by signal %d", WTERMSIG(status));
+        qm_log(QM_LOG_WARN, "the Draco decoder was killed by signal %d", WTERMSIG(status));
     return WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
-/** Copies what the child left, once it is known to be what the counts say. */
-static qm_draco_outcome take_arrays(const answer *shared, size_t shared_size, qm_draco_prepare *prepare,
+/** Validates and copies the results of the child. */
+static qm_draco_outcome take_arrays(const child_result *shared, size_t shared_size, qm_draco_prepare *prepare,
                                     void *user)
 {
     const qm_draco_facts facts = shared->facts;
     size_t triangles_at, added_at, size;
-    if (facts.quantization_bits < 0 || facts.quantization_bits > QUANTIZATION_BITS_MOST ||
+    if (facts.quantization_bits < 0 || facts.quantization_bits > MAX_QUANTIZATION_BITS ||
         !isfinite(facts.range) || !isfinite(facts.magnitude) ||
         !lay_out(&facts, &triangles_at, &added_at, &size) || size != shared_size)
         return QM_DRACO_MALFORMED;
@@ -183,13 +186,13 @@ static qm_draco_outcome take_arrays(const answer *shared, size_t shared_size, qm
     return QM_DRACO_DONE;
 }
 
-/** The child has ended: nobody writes to the shared memory any more. */
+/** Called after the child has ended, so that the shared memory no longer changes. */
 static qm_draco_outcome take_answer(int output, qm_draco_prepare *prepare, void *user, size_t *consumed)
 {
     struct stat file;
-    if (fstat(output, &file) != 0 || (size_t)file.st_size < sizeof(answer)) return QM_DRACO_MALFORMED;
+    if (fstat(output, &file) != 0 || (size_t)file.st_size < sizeof(child_result)) return QM_DRACO_MALFORMED;
     size_t size = (size_t)file.st_size;
-    const answer *shared = mmap(NULL, size, PROT_READ, MAP_SHARED, output, 0);
+    const child_result *shared = mmap(NULL, size, PROT_READ, MAP_SHARED, output, 0);
     if (shared == MAP_FAILED) return QM_DRACO_NO_MEMORY;
     *consumed = (size_t)shared->consumed;
     qm_draco_outcome outcome = shared->outcome == QM_DRACO_DONE ? take_arrays(shared, size, prepare, user)

@@ -1,9 +1,9 @@
 /**
- * draco_child.h: Draco files decoded in a process of their own, which a file made to hurt can take down alone
- * (there are open reports of crashes and of endless memory in the library).
+ * draco_child.h: decodes Draco files in a process of its own, so that a hostile file can crash only that process (the
+ * library has open reports of crashes and of unbounded memory).
  *
- * The daemon starts its own program again in a mode that reads bytes from one descriptor and leaves counts
- * and arrays in the shared memory of another, in a sandbox (sandbox.h). Whatever comes back is checked again.
+ * The daemon starts its own program in a mode that reads the file from one descriptor and writes counts and arrays to
+ * shared memory in another one, in a sandbox (sandbox.h). The parent validates the results.
  */
 #ifndef QM_DRACO_CHILD_H
 #define QM_DRACO_CHILD_H
@@ -12,14 +12,14 @@
 
 #define QM_DRACO_CHILD_FLAG "--decode-draco"
 
-/** A decoder (codec_draco.h) that runs in a child; a child that dies or says nonsense is QM_DRACO_MALFORMED.
- * Any thread. */
+/** A decoder (codec_draco.h) that runs in a child. QM_DRACO_MALFORMED if the child crashes or returns invalid results. Any
+ * thread. */
 qm_draco_decode_fn qm_draco_child_decode;
 
 /** The program of the child, "/proc/self/exe" unless set before the first call. */
 void qm_draco_child_set_program(const char *path);
 
-/** What the program does with QM_DRACO_CHILD_FLAG: decodes and returns the exit status. */
+/** The main function of the child, for QM_DRACO_CHILD_FLAG: decodes and returns the exit status. */
 int qm_draco_child_main(void);
 
 #endif

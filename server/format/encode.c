@@ -1,9 +1,12 @@
+/**
+ * encode.c: the table of encoders, and the loop over vertices and faces in blocks.
+ */
 #include "encode_internal.h"
 
 #include <float.h>
 #include <math.h>
 
-#define BLOCK_SIZE 100000 /* bytes after which a block ends */
+#define BLOCK_SIZE 100000 /* min bytes of a block */
 
 static const qm_encode_format *const formats[] = {
     [QM_FORMAT_OBJ] = &qm_encode_obj, [QM_FORMAT_PLY] = &qm_encode_ply, [QM_FORMAT_STL] = &qm_encode_stl,
@@ -19,7 +22,7 @@ static void count_faces(qm_encoder *encoder)
         size_t corners = qm_encode_corner_count(mesh, face, end);
         encoder->input_faces++;
         encoder->triangles += corners - 2;
-        if (corners > encoder->most_corners) encoder->most_corners = corners;
+        if (corners > encoder->max_corners) encoder->max_corners = corners;
     }
 }
 
@@ -33,7 +36,7 @@ qm_status qm_encode_round_to_floats(qm_encoder *encoder)
             if (!(fabs(p[axis]) <= (double)FLT_MAX))
                 return qm_context_fail(
                     encoder->ctx, QM_E_SCALE,
-                    "vertex %zu has a coordinate beyond single precision, which is all that "
+                    "vertex %zu has a coordinate beyond single precision, the only one that "
                     "the format has",
                     i);
             double off = p[axis] - (double)(float)p[axis];
@@ -41,7 +44,7 @@ qm_status qm_encode_round_to_floats(qm_encoder *encoder)
         }
         largest = fmax(largest, square);
     }
-    /* The four roundings of the sum and the root are outweighed. */
+    /* The factor exceeds the four roundings of the sum and the root. */
     encoder->losses.displacement = sqrt(largest) * (1.0 + 4.0 * DBL_EPSILON);
     return QM_OK;
 }
@@ -51,7 +54,7 @@ qm_status qm_encoder_create(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_
 {
     QM_ASSERT(format != QM_FORMAT_UNKNOWN && bits >= 0 && bits <= QM_ENCODE_MAX_BITS);
     *out = qm_context_alloc(ctx, 1, sizeof **out);
-    if (!*out) return qm_context_fail(ctx, QM_E_NO_MEMORY, "there is no memory for the file");
+    if (!*out) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the file");
     **out = (qm_encoder){.ctx = ctx, .mesh = mesh, .facts = facts, .format = formats[format], .bits = bits};
     count_faces(*out);
     qm_status status = (*out)->format->prepare ? (*out)->format->prepare(*out) : QM_OK;
@@ -64,7 +67,7 @@ qm_status qm_encoder_create(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_
 void qm_encoder_destroy(qm_encoder *encoder)
 {
     if (!encoder) return;
-    qm_text_reset(&encoder->whole);
+    qm_text_reset(&encoder->file);
     qm_context_free(encoder->ctx, encoder, 1, sizeof *encoder);
 }
 

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "base/json_write.h"
+#include "base/json.h"
 #include "encode_internal.h"
 
 static void add_u32(qm_text *out, uint32_t value)
@@ -32,10 +32,10 @@ static void add_f64(qm_text *out, double value)
 
 /* ---- PLY ---- */
 
-/** The count before a face's corners is a byte where that is enough, as most readers expect. */
+/** The type of the corner count: a byte if it suffices, as most readers expect. */
 static bool has_byte_counts(const qm_encoder *encoder)
 {
-    return encoder->most_corners <= UINT8_MAX;
+    return encoder->max_corners <= UINT8_MAX;
 }
 
 static void add_ply_head(const qm_encoder *encoder, qm_text *out)
@@ -58,7 +58,7 @@ static qm_status prepare_ply(qm_encoder *encoder)
 {
     qm_text head = {0};
     add_ply_head(encoder, &head);
-    /* A face has two corners more than triangles. */
+    /* The fan of a face has two triangles fewer than corners. */
     uint64_t corners = (uint64_t)encoder->triangles + 2 * (uint64_t)encoder->input_faces;
     encoder->size = head.size + 24 * (uint64_t)encoder->mesh->vertex_count +
                     (has_byte_counts(encoder) ? 1 : 4) * (uint64_t)encoder->input_faces + 4 * corners;
@@ -93,14 +93,14 @@ const qm_encode_format qm_encode_ply = {prepare_ply, add_ply_head, add_ply_verte
 
 static qm_status fail_size(const qm_encoder *encoder)
 {
-    return qm_context_fail(encoder->ctx, QM_E_TOO_LARGE, "the mesh is larger than the format can count");
+    return qm_context_fail(encoder->ctx, QM_E_TOO_LARGE, "the mesh exceeds the counts of the format");
 }
 
 static qm_status prepare_stl(qm_encoder *encoder)
 {
     if (encoder->mesh->face_count == 0)
         return qm_context_fail(encoder->ctx, QM_E_UNSUPPORTED,
-                               "stl holds triangles alone, and these are points");
+                               "stl holds triangles only, and the mesh has points");
     if (encoder->triangles > UINT32_MAX) return fail_size(encoder);
     encoder->size = STL_HEAD_SIZE + 4 + 50 * (uint64_t)encoder->triangles;
     encoder->losses.cut_faces = encoder->facts->quads + encoder->facts->polygons;
@@ -116,7 +116,7 @@ static void add_stl_head(const qm_encoder *encoder, qm_text *out)
     add_u32(out, (uint32_t)encoder->triangles);
 }
 
-/** The unit normal; zero for a triangle that has none, as the format allows. */
+/** The unit normal; zero for a degenerate triangle, as the format allows. */
 static void find_normal(const double *a, const double *b, const double *c, double normal[3])
 {
     double u[3], v[3];
@@ -202,7 +202,7 @@ static void open_accessor(qm_text *json, int view, int type, uint64_t count, con
     qm_json_add_string(json, "type", shape);
 }
 
-/** The box of all vertices as they are in the file. */
+/** The bounding box of the vertices in single precision. */
 static void add_box(const qm_encoder *encoder, qm_text *json)
 {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
@@ -216,7 +216,7 @@ static void add_box(const qm_encoder *encoder, qm_text *json)
     qm_json_add_numbers(json, "max", high, 3);
 }
 
-/** The description of the buffer that follows it, with blanks up to a multiple of four bytes. */
+/** The JSON part, padded with blanks to a multiple of four bytes. */
 static void write_glb_json(const qm_encoder *encoder, qm_text *json)
 {
     uint64_t positions = positions_size(encoder), indices = indices_size(encoder);
@@ -247,9 +247,9 @@ static qm_status prepare_glb(qm_encoder *encoder)
 {
     qm_status status = qm_encode_round_to_floats(encoder);
     if (status != QM_OK) return status;
-    write_glb_json(encoder, &encoder->whole);
-    if (encoder->whole.failed) return QM_E_NO_MEMORY;
-    encoder->size = 12 + 8 + encoder->whole.size + 8 + positions_size(encoder) + indices_size(encoder);
+    write_glb_json(encoder, &encoder->file);
+    if (encoder->file.failed) return QM_E_NO_MEMORY;
+    encoder->size = 12 + 8 + encoder->file.size + 8 + positions_size(encoder) + indices_size(encoder);
     encoder->losses.cut_faces = encoder->facts->quads + encoder->facts->polygons;
     return encoder->size <= UINT32_MAX ? QM_OK : fail_size(encoder);
 }
@@ -259,9 +259,9 @@ static void add_glb_head(const qm_encoder *encoder, qm_text *out)
     add_u32(out, GLB_MAGIC);
     add_u32(out, 2);
     add_u32(out, (uint32_t)encoder->size);
-    add_u32(out, (uint32_t)encoder->whole.size);
+    add_u32(out, (uint32_t)encoder->file.size);
     add_u32(out, GLB_JSON);
-    qm_text_add(out, encoder->whole.data, encoder->whole.size);
+    qm_text_add(out, encoder->file.data, encoder->file.size);
     add_u32(out, (uint32_t)(positions_size(encoder) + indices_size(encoder)));
     add_u32(out, GLB_BIN);
 }

@@ -87,13 +87,13 @@ static qm_status run_library(qm_encoder *encoder, const drc_arrays *arrays)
                             .keeps_all = !facts->manifold || facts->repeated_corner_faces > 0 ||
                                          facts->unused_vertices > 0};
     double displacement;
-    qm_draco_outcome outcome = qm_draco_encode(&input, take_file, &encoder->whole, &displacement);
+    qm_draco_outcome outcome = qm_draco_encode(&input, take_file, &encoder->file, &displacement);
     if (outcome == QM_DRACO_NO_MEMORY) return QM_E_NO_MEMORY;
     if (outcome != QM_DRACO_DONE)
         return qm_context_fail(encoder->ctx, QM_E_UNSUPPORTED, "the mesh cannot be written as Draco");
-    /* Rounded to single precision first, then to the steps: the two add up at most. */
+    /* Rounded to single precision, then quantised: the displacements add up at most. */
     encoder->losses.displacement = (encoder->losses.displacement + displacement) * (1.0 + 8.0 * DBL_EPSILON);
-    encoder->size = encoder->whole.size;
+    encoder->size = encoder->file.size;
     return QM_OK;
 }
 
@@ -108,13 +108,13 @@ static qm_status prepare_drc(qm_encoder *encoder)
         status = run_library(encoder, &arrays);
     }
     free_arrays(encoder, &arrays);
-    if (status == QM_E_NO_MEMORY) qm_context_fail(encoder->ctx, status, "there is no memory for the file");
+    if (status == QM_E_NO_MEMORY) qm_context_fail(encoder->ctx, status, "out of memory for the file");
     return status;
 }
 
 static void add_whole(const qm_encoder *encoder, qm_text *out)
 {
-    qm_text_add(out, encoder->whole.data, encoder->whole.size);
+    qm_text_add(out, encoder->file.data, encoder->file.size);
 }
 
 const qm_encode_format qm_encode_drc = {prepare_drc, add_whole, NULL, NULL};

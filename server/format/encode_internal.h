@@ -1,19 +1,20 @@
 /**
- * encode_internal.h: what the files of the encoders share. A format writes a head, then rows of vertices,
- * then rows of faces; encode.c counts the rows out in blocks.
+ * encode_internal.h: the internal header of the encoders. A format writes a header, then vertices, then faces; encode.c
+ * calls it for blocks of them.
  */
 #ifndef QM_ENCODE_INTERNAL_H
 #define QM_ENCODE_INTERNAL_H
 
 #include "encode.h"
 
-/** Writes one of the parts that follow each other in a file. */
+/** The functions of a format. */
 typedef struct qm_encode_format {
-    /* Checks what the format cannot hold and sets losses and size; NULL: nothing to check. */
+    /* Rejects meshes that the format cannot hold, and sets losses and size; NULL: nothing to check. */
     qm_status (*prepare)(qm_encoder *encoder);
     void (*add_head)(const qm_encoder *encoder, qm_text *out);
-    void (*add_vertex)(const qm_encoder *encoder, size_t vertex, qm_text *out); /* NULL: no such rows */
-    /* One face of the input: its parts are faces first to end - 1 of the mesh. */
+    void (*add_vertex)(const qm_encoder *encoder, size_t vertex,
+                       qm_text *out); /* NULL: the format has none */
+    /* A face of the input, which is the faces first to end - 1 of the mesh. */
     void (*add_face)(const qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out);
 } qm_encode_format;
 
@@ -27,14 +28,14 @@ struct qm_encoder {
     const qm_encode_format *format;
     int bits;
     qm_encode_losses losses;
-    uint64_t size; /* 0: not known */
-    size_t input_faces, triangles, most_corners;
+    uint64_t size; /* 0: unknown */
+    size_t input_faces, triangles, max_corners;
     size_t vertex, face; /* written so far */
     bool has_head;
-    qm_text whole; /* of a file that is made at once */
+    qm_text file; /* of a format that is encoded at once */
 };
 
-/** The end of the run of faces that are one face of the input. */
+/** The end of the range of faces that form one face of the input. */
 static inline uint32_t qm_encode_face_end(const qm_mesh *mesh, uint32_t face)
 {
     uint32_t end = face + 1;
@@ -44,7 +45,7 @@ static inline uint32_t qm_encode_face_end(const qm_mesh *mesh, uint32_t face)
     return end;
 }
 
-/** Corners of such a run: a triangle, a quad, or the fan of a polygon. */
+/** Corners of such a range: a triangle, a quad, or the fan of a polygon. */
 static inline size_t qm_encode_corner_count(const qm_mesh *mesh, uint32_t first, uint32_t end)
 {
     return mesh->faces[4 * (size_t)first + 3] != QM_NO_INDEX ? 4 : 2 + (size_t)(end - first);
@@ -57,10 +58,10 @@ static inline uint32_t qm_encode_corner(const qm_mesh *mesh, uint32_t first, siz
     return is_stored ? face[corner] : face[4 * (corner - 2) + 2];
 }
 
-/** For formats of single precision: the displacement by it. QM_E_SCALE when a coordinate does not fit. */
+/** Sets the displacement of a format in single precision. QM_E_SCALE for coordinates beyond it. */
 qm_status qm_encode_round_to_floats(qm_encoder *encoder);
 
-/** A triangle, or the two triangles of a quad, as rows of three corners; returns how many. */
+/** The triangle, or the two triangles of a quad, as three corners each; returns their number. */
 static inline int qm_encode_list_triangles(const uint32_t face[4], uint32_t rows[2][3])
 {
     for (int i = 0; i < 3; i++)

@@ -1,7 +1,7 @@
 /**
- * encode_text.c: OBJ, OFF and XYZ. Numbers have the fewest digits that read back to the same double.
+ * encode_text.c: OBJ, OFF and XYZ. Numbers have the shortest decimals that read back to the same double.
  */
-#include "base/json_write.h"
+#include "base/json.h"
 #include "encode_internal.h"
 
 static void add_position(const qm_encoder *encoder, size_t vertex, const char *start, qm_text *out)
@@ -15,7 +15,7 @@ static void add_position(const qm_encoder *encoder, size_t vertex, const char *s
     }
 }
 
-/** The corners with a blank before each; base is what the format calls the first vertex. */
+/** The corners, each after a blank; base is the index of the first vertex in the format. */
 static void add_corners(const qm_encoder *encoder, uint32_t first, uint32_t end, uint32_t base, qm_text *out)
 {
     size_t count = qm_encode_corner_count(encoder->mesh, first, end);
@@ -69,7 +69,7 @@ const qm_encode_format qm_encode_off = {NULL, add_off_head, add_plain_vertex, ad
 static qm_status prepare_xyz(qm_encoder *encoder)
 {
     if (encoder->mesh->face_count == 0) return QM_OK;
-    return qm_context_fail(encoder->ctx, QM_E_UNSUPPORTED, "xyz holds points alone, and the mesh has faces");
+    return qm_context_fail(encoder->ctx, QM_E_UNSUPPORTED, "xyz holds points only, and the mesh has faces");
 }
 
 static void add_xyz_head(const qm_encoder *encoder, qm_text *out)

@@ -1,3 +1,6 @@
+/**
+ * sandbox.c: limits of resources, Landlock, and a seccomp filter of system calls.
+ */
 #include "sandbox.h"
 
 #include <errno.h>
@@ -31,8 +34,7 @@ static bool set_limits(const qm_sandbox_limits *limits)
            (IS_SANITIZED || set_limit(RLIMIT_AS, limits->memory));
 }
 
-/** No file below any folder, for reading, writing or running; true as well when the kernel has no
- * Landlock. */
+/** Forbids access to all files by path; true also if the kernel has no Landlock. */
 static bool close_files(void)
 {
     struct landlock_ruleset_attr rules = {
@@ -60,7 +62,7 @@ static bool close_files(void)
 #define ALLOW(name)                                                                                          \
     BPF_JUMP(BPF_JMP | BPF_JEQ | BPF_K, SYS_##name, 0, 1), BPF_STMT(BPF_RET | BPF_K, SECCOMP_RET_ALLOW)
 
-/** What memory, arithmetic, words on stderr and an end need; no socket, no file, no process. */
+/** Allows the calls for memory, messages on stderr and the exit; no sockets, files or processes. */
 static bool filter_calls(void)
 {
     static struct sock_filter filter[] = {
@@ -82,7 +84,7 @@ static bool filter_calls(void)
         ALLOW(close),
         ALLOW(exit),
         ALLOW(exit_group),
-        /* abort() ends in these. */
+        /* for abort() */
         ALLOW(rt_sigprocmask),
         ALLOW(rt_sigaction),
         ALLOW(rt_sigreturn),

@@ -1,5 +1,5 @@
 /**
- * sandbox.h: a process gives up what it does not need, before it reads bytes of a stranger. Linux only.
+ * sandbox.h: drops the rights of a process before it reads untrusted bytes. Linux only.
  */
 #ifndef QM_SANDBOX_H
 #define QM_SANDBOX_H
@@ -13,12 +13,12 @@ typedef struct qm_sandbox_limits {
 } qm_sandbox_limits;
 
 /**
- * From here on the calling process, which has one thread, computes on the memory and the files that it has
- * open: it opens no file, starts nothing and talks to nobody. Landlock and a filter of system calls see to
- * that where the kernel has them; the limits hold everywhere. A call that is not allowed kills the process.
+ * From now on the calling process, which has one thread, can use its memory and its open files only: it cannot open
+ * files, start processes or use sockets. Landlock and a filter of system calls enforce this if the kernel has them; the
+ * limits hold everywhere. A forbidden call kills the process.
  *
- * False when a limit or a filter that the kernel has cannot be set. Builds with sanitizers, which make system
- * calls and reserve addresses of their own, get the limit of processor time alone.
+ * False if a limit, or a filter that the kernel has, cannot be set. Builds with sanitizers, which make system calls and
+ * reserve addresses of their own, get the limit of processor time only.
  */
 bool qm_sandbox_enter(const qm_sandbox_limits *limits);
 

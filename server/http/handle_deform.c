@@ -1,20 +1,23 @@
+/**
+ * handle_deform.c: PATCH /v1/meshes/{id}/vertices: the next revision of a mesh.
+ */
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/json_write.h"
+#include "base/json.h"
 #include "handlers.h"
 #include "job/json_in.h"
 #include "media.h"
 #include "mesh/etag.h"
 #include "ops/projections.h"
 
-/** The body on the heap, with room for times its size and a zero after it; NULL with a problem. */
+/** Reads the body into a block of `times` its size, with a zero after it; NULL with a problem. */
 static char *read_body(const qm_blob_writer *upload, size_t times, size_t *size, qm_problem *problem)
 {
     *size = (size_t)qm_blob_size(upload);
     char *bytes = malloc(times * *size + 1);
     if (!bytes) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the vertices");
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the vertices");
         return NULL;
     }
     bytes[*size] = '\0';
@@ -24,7 +27,7 @@ static char *read_body(const qm_blob_writer *upload, size_t times, size_t *size,
     return NULL;
 }
 
-/** Numbers of a binary body to doubles of this machine, in place; takes the bytes over, which have room for
+/** Converts a binary body to doubles of this machine, in place; takes over the bytes, which have room for
  * doubles. False with a problem. */
 static bool read_numbers(char *bytes, size_t size, bool is_float, qm_moved_vertices *out, qm_problem *problem)
 {
@@ -34,11 +37,11 @@ static bool read_numbers(char *bytes, size_t size, bool is_float, qm_moved_verti
         free(bytes);
         *problem =
             qm_problem_make(QM_PROBLEM_MALFORMED_BODY,
-                            "the body has %zu bytes, and not one or more vertices of %zu", size, 3 * width);
+                            "the body has %zu bytes; it must be a multiple of %zu above 0", size, 3 * width);
         return false;
     }
     out->positions = (double *)(void *)bytes;
-    (is_float ? qm_projections_widen : qm_rows_turn_bytes)(out->positions, 3 * out->count);
+    (is_float ? qm_projections_widen : qm_array_swap_bytes)(out->positions, 3 * out->count);
     return true;
 }
 
@@ -49,9 +52,9 @@ static bool read_moved(qm_request *request, const qm_blob_writer *upload, bool i
     bool is_json = type && qm_media_is(type, "application/json");
     *out = (qm_moved_vertices){0};
     if (type && !is_json && !qm_media_is(type, "application/octet-stream")) {
-        *problem =
-            qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
-                            "vertices come as application/json, or as application/octet-stream for all");
+        *problem = qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
+                                   "the Content-Type of vertices must be application/json, or "
+                                   "application/octet-stream for all vertices");
         return false;
     }
     size_t size;

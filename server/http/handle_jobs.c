@@ -1,3 +1,7 @@
+/**
+ * handle_jobs.c: jobs as a resource, their streams of events, and batches: lines of jobs in, lines of answers
+ * out. The library cannot reply before the whole body has come, so the lines of a batch wait in a file.
+ */
 #include <errno.h>
 #include <math.h>
 #include <stdlib.h>
@@ -9,7 +13,7 @@
 
 #define MAX_WAIT_S 600.0
 #define MS_PER_S 1e3
-/* Beyond it clients on doubles could not tell one from the next               \ */
+/* The largest number that clients with doubles read exactly. */
 #define MAX_SEQ ((UINT64_C(1) << 53) - 1)
 
 /** The framing that the client chose; false when it prefers one document. */
@@ -46,12 +50,12 @@ static void reply_when_done(qm_request *request, qm_job *job, double wait_s, int
 static bool check_type(qm_request *request)
 {
     const char *type = qm_request_header(request, "Content-Type");
-    /* curl -d says form data when it is not told otherwise; JSON is read for what it is. */
+    /* curl -d sends the type of form data by default; the body is read as JSON. */
     if (!type || qm_media_is(type, "application/json") ||
         qm_media_is(type, "application/x-www-form-urlencoded"))
         return true;
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE, "a job is asked for in application/json");
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
+                                         "the Content-Type of a job must be application/json");
     qm_reply_problem(request, &problem);
     return false;
 }
@@ -158,8 +162,7 @@ static bool read_after(qm_request *request, uint64_t *after)
                *header = qm_request_header(request, "Last-Event-ID");
     *after = 0;
     if ((!header || read_seq(header, after)) && (!query || read_seq(query, after))) return true;
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "after is the seq of an event, a whole number");
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`after` must be the seq of an event");
     qm_reply_problem(request, &problem);
     return false;
 }
@@ -172,4 +175,30 @@ void qm_handle_job_events(qm_request *request)
     wants_stream(request, &framing);
     qm_job *job = find_job(request);
     if (job) qm_reply_stream(request, 200, job, after, framing, false);
+}
+
+/* ---- batches ---- */
+
+/** curl sends the type of form data by default. */
+static bool is_lines(const char *type)
+{
+    return !type || qm_media_is(type, QM_MEDIA_NDJSON) || qm_media_is(type, QM_MEDIA_BINARY) ||
+           qm_media_is(type, "application/x-www-form-urlencoded");
+}
+
+void qm_handle_batch_create(qm_request *request)
+{
+    qm_problem problem;
+    if (atomic_load(&qm_request_app(request)->draining)) {
+        problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new jobs");
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    if (is_lines(qm_request_header(request, "Content-Type"))) {
+        qm_reply_batch(request, qm_request_take_upload(request));
+        return;
+    }
+    problem = qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
+                              "the Content-Type of a batch must be application/x-ndjson");
+    qm_reply_problem(request, &problem);
 }

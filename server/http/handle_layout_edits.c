@@ -1,26 +1,27 @@
 /**
- * handle_layout_edits.c: strokes and whatever else changes the curves of a layout.
+ * handle_layout_edits.c: strokes and the other edits of the curves of a layout.
  */
 #include <stdlib.h>
 
-#include "layout_desk.h"
+#include "layout_session.h"
 #include "ops/json_layout.h"
 #include "ops/json_out.h"
 
-#define SNAP_SHARE 0.01 /* of the diagonal: how far ends snap unless the request tells */
+#define SNAP_SHARE 0.01 /* of the diagonal: snap radius unless the request has one */
 
 /** Makes one edit; more gets members for the reply. */
-typedef bool edit_fn(qm_desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+typedef bool edit_fn(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
                      qm_problem *problem);
 
 /** The curve of the path; false with a 404 when the layout has none of this id. */
-static bool find_curve(const qm_request *request, const qm_desk *d, uint32_t *curve, qm_problem *problem)
+static bool find_curve(const qm_request *request, const qm_layout_session *s, uint32_t *curve,
+                       qm_problem *problem)
 {
     const char *text = qm_request_second_id(request);
     char *end;
     unsigned long number = strtoul(text, &end, 10);
     *curve = number < QM_NO_INDEX ? (uint32_t)number : QM_NO_INDEX;
-    if (text[0] >= '0' && text[0] <= '9' && !*end && qm_layout_find_curve(&d->layout, *curve) != QM_NO_INDEX)
+    if (text[0] >= '0' && text[0] <= '9' && !*end && qm_layout_find_curve(&s->layout, *curve) != QM_NO_INDEX)
         return true;
     *problem = qm_problem_make(QM_PROBLEM_CURVE_NOT_FOUND, "the layout has no curve %s", text);
     return false;
@@ -28,20 +29,21 @@ static bool find_curve(const qm_request *request, const qm_desk *d, uint32_t *cu
 
 static void make_edit(qm_request *request, const qm_layout_edit *edit, bool has_curve, edit_fn *apply)
 {
-    qm_desk d;
+    qm_layout_session s;
     qm_problem problem;
     uint32_t curve = QM_NO_INDEX;
     qm_text more = {0};
-    if (qm_desk_open(request, &d, &problem) && (!has_curve || find_curve(request, &d, &curve, &problem)) &&
-        apply(&d, edit, curve, &more, &problem)) {
-        char *words = qm_text_take(&more);
-        qm_desk_finish(request, &d, words ? words : "");
-        free(words);
+    if (qm_layout_session_open(request, &s, &problem) &&
+        (!has_curve || find_curve(request, &s, &curve, &problem)) &&
+        apply(&s, edit, curve, &more, &problem)) {
+        char *members = qm_text_take(&more);
+        qm_layout_session_finish(request, &s, members ? members : "");
+        free(members);
     } else {
         qm_text_reset(&more);
         qm_reply_problem(request, &problem);
     }
-    qm_desk_close(&d);
+    qm_layout_session_close(&s);
 }
 
 /** Reads the body of an edit, and makes it. */
@@ -59,49 +61,50 @@ static void edit_by_body(qm_request *request, qm_layout_edit_kind kind, bool has
     qm_layout_edit_reset(&edit);
 }
 
-/** What the engine refuses of an edit is the request's fault. */
-static bool outcome(qm_desk *d, qm_status status, qm_problem *problem)
+/** An argument that the engine rejects is a fault of the request. */
+static bool outcome(qm_layout_session *s, qm_status status, qm_problem *problem)
 {
     if (status == QM_OK) return true;
     if (status == QM_E_ARGUMENT)
-        *problem = qm_problem_make(QM_PROBLEM_INVALID_LAYOUT, "%s", d->ctx.message);
+        *problem = qm_problem_make(QM_PROBLEM_INVALID_LAYOUT, "%s", s->ctx.message);
     else
-        qm_desk_fail(d, status, problem);
+        qm_layout_session_fail(s, status, problem);
     return false;
 }
 
-static double snap_radius(const qm_desk *d, const qm_layout_edit *edit)
+static double snap_radius(const qm_layout_session *s, const qm_layout_edit *edit)
 {
-    return edit->radius > 0.0 ? edit->radius : SNAP_SHARE * d->source.diagonal;
+    return edit->radius > 0.0 ? edit->radius : SNAP_SHARE * s->source.diagonal;
 }
 
 /** The places of a stroke on the surface. */
-typedef struct picked {
+typedef struct picked_stroke {
     double *points; /* rows of x y z, on malloc */
     size_t count, missed;
-} picked;
+} picked_stroke;
 
-static bool pick_stroke(qm_desk *d, const qm_layout_edit *edit, picked *out, qm_problem *problem)
+static bool pick_stroke(qm_layout_session *s, const qm_layout_edit *edit, picked_stroke *out,
+                        qm_problem *problem)
 {
-    *out = (picked){0};
-    qm_view view;
-    qm_status status = qm_view_init(&d->ctx, &d->source, &edit->camera, &edit->pick, &view);
-    if (status != QM_OK) return outcome(d, status, problem);
+    *out = (picked_stroke){0};
+    qm_pick_view view;
+    qm_status status = qm_pick_view_init(&s->ctx, &s->source, &edit->camera, &edit->pick, &view);
+    if (status != QM_OK) return outcome(s, status, problem);
     out->points = malloc(edit->point_count * 3 * sizeof *out->points);
     if (!out->points) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the stroke");
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the stroke");
         return false;
     }
-    status = qm_view_stroke(&d->ctx, &view, edit->points, edit->point_count, out->points, &out->count,
+    status = qm_pick_stroke(&s->ctx, &view, edit->points, edit->point_count, out->points, &out->count,
                             &out->missed);
     if (status == QM_OK && out->count < 2)
         status =
-            qm_context_fail(&d->ctx, QM_E_ARGUMENT, "the stroke meets the surface at %zu of its %zu points",
+            qm_context_fail(&s->ctx, QM_E_ARGUMENT, "the stroke meets the surface at %zu of its %zu points",
                             edit->point_count - out->missed, edit->point_count);
-    return outcome(d, status, problem);
+    return outcome(s, status, problem);
 }
 
-static void add_stroke_facts(qm_text *out, uint32_t curve, const picked *stroke)
+static void add_stroke_facts(qm_text *out, uint32_t curve, const picked_stroke *stroke)
 {
     qm_json_open(out, "stroke", "{");
     qm_json_add_count(out, "curve", curve);
@@ -110,69 +113,70 @@ static void add_stroke_facts(qm_text *out, uint32_t curve, const picked *stroke)
     qm_text_add_string(out, "}");
 }
 
-static bool apply_stroke(qm_desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+static bool apply_stroke(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
                          qm_problem *problem)
 {
     (void)curve;
-    picked stroke;
+    picked_stroke stroke;
     uint32_t id = QM_NO_INDEX;
-    bool good = pick_stroke(d, edit, &stroke, problem) &&
-                outcome(d,
-                        qm_layout_add_stroke(&d->ctx, &d->layout, stroke.points, stroke.count,
-                                             snap_radius(d, edit), &id),
+    bool good = pick_stroke(s, edit, &stroke, problem) &&
+                outcome(s,
+                        qm_layout_add_stroke(&s->ctx, &s->layout, stroke.points, stroke.count,
+                                             snap_radius(s, edit), &id),
                         problem);
     if (good) add_stroke_facts(more, id, &stroke);
     free(stroke.points);
     return good;
 }
 
-static bool apply_split(qm_desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+static bool apply_split(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
                         qm_problem *problem)
 {
     (void)more;
-    return outcome(d, qm_layout_split_curve(&d->ctx, &d->layout, curve, edit->point), problem);
+    return outcome(s, qm_layout_split_curve(&s->ctx, &s->layout, curve, edit->point), problem);
 }
 
-static bool apply_snap(qm_desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+static bool apply_snap(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
                        qm_problem *problem)
 {
     (void)more;
     return outcome(
-        d, qm_layout_snap_end(&d->ctx, &d->layout, curve, edit->end, edit->point, snap_radius(d, edit)),
+        s, qm_layout_snap_end(&s->ctx, &s->layout, curve, edit->end, edit->point, snap_radius(s, edit)),
         problem);
 }
 
-static bool redraw(qm_desk *d, uint32_t curve, const double *points, size_t count, qm_problem *problem)
+static bool redraw(qm_layout_session *s, uint32_t curve, const double *points, size_t count,
+                   qm_problem *problem)
 {
-    return outcome(d, qm_layout_redraw_curve(&d->ctx, &d->layout, curve, points, count), problem);
+    return outcome(s, qm_layout_redraw_curve(&s->ctx, &s->layout, curve, points, count), problem);
 }
 
-static bool apply_redraw(qm_desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+static bool apply_redraw(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
                          qm_problem *problem)
 {
-    if (!edit->in_window) return redraw(d, curve, edit->points, edit->point_count, problem);
-    picked stroke;
+    if (!edit->in_window) return redraw(s, curve, edit->points, edit->point_count, problem);
+    picked_stroke stroke;
     bool good =
-        pick_stroke(d, edit, &stroke, problem) && redraw(d, curve, stroke.points, stroke.count, problem);
+        pick_stroke(s, edit, &stroke, problem) && redraw(s, curve, stroke.points, stroke.count, problem);
     if (good) add_stroke_facts(more, curve, &stroke);
     free(stroke.points);
     return good;
 }
 
-static bool apply_merge(qm_desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+static bool apply_merge(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
                         qm_problem *problem)
 {
     (void)curve;
     (void)more;
-    return outcome(d, qm_layout_merge_curves(&d->ctx, &d->layout, edit->first, edit->second), problem);
+    return outcome(s, qm_layout_merge_curves(&s->ctx, &s->layout, edit->first, edit->second), problem);
 }
 
-static bool apply_delete(qm_desk *d, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
+static bool apply_delete(qm_layout_session *s, const qm_layout_edit *edit, uint32_t curve, qm_text *more,
                          qm_problem *problem)
 {
     (void)edit;
     (void)more;
-    return outcome(d, qm_layout_delete_curve(&d->ctx, &d->layout, curve), problem);
+    return outcome(s, qm_layout_delete_curve(&s->ctx, &s->layout, curve), problem);
 }
 
 void qm_handle_layout_stroke(qm_request *request)

@@ -4,46 +4,47 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "layout_desk.h"
+#include "layout_session.h"
 #include "ops/json_layout.h"
 #include "ops/json_out.h"
 
-static bool store_new(qm_desk *d, const qm_store_idempotency *once, qm_problem *problem)
+static bool store_new(qm_layout_session *s, const qm_store_idempotency *idempotency, qm_problem *problem)
 {
     char created[QM_TIME_SIZE];
     qm_time_format(created);
-    qm_id_make('l', d->row.id);
-    d->row.created = strdup(created);
-    d->row.next_curve = d->layout.next_id;
-    bool written = qm_desk_write(d, &d->row.layout, &d->row.issues);
-    if (!d->row.created || !written) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the layout");
+    qm_id_make('l', s->row.id);
+    s->row.created = strdup(created);
+    s->row.next_curve = s->layout.next_id;
+    s->row.is_complete = s->issues.count == 0;
+    bool written = qm_layout_session_write(s, &s->row.layout, &s->row.issues);
+    if (!s->row.created || !written) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the layout");
         return false;
     }
-    if (qm_store_put_layout(d->app->store, &d->row, once) == QM_OK) return true;
+    if (qm_store_put_layout(s->app->store, &s->row, idempotency) == QM_OK) return true;
     *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the layout could not be stored");
     return false;
 }
 
 /** Patches that the request names stay as they are; else they are found. */
-static bool set_patches(qm_desk *d, bool has_patches, qm_problem *problem)
+static bool set_patches(qm_layout_session *s, bool has_patches, qm_problem *problem)
 {
     qm_status status;
     if (has_patches) {
-        status = qm_layout_validate(&d->ctx, &d->layout, d->source.diagonal);
-        if (status == QM_OK) status = qm_layout_find_crossings(&d->ctx, &d->layout, &d->issues);
+        status = qm_layout_validate(&s->ctx, &s->layout, s->source.diagonal);
+        if (status == QM_OK) status = qm_layout_find_crossings(&s->ctx, &s->layout, &s->issues);
     } else {
-        status = qm_layout_find_patches(&d->ctx, &d->source, &d->layout, &d->issues);
+        status = qm_layout_find_patches(&s->ctx, &s->source, &s->layout, &s->issues);
     }
-    return status == QM_OK || qm_desk_fail(d, status, problem);
+    return status == QM_OK || qm_layout_session_fail(s, status, problem);
 }
 
-/** Replies with the layout that the same request has made before, or with what is wrong; false for a new
- * one. */
-static bool reply_again(qm_request *request, const qm_store_idempotency *once)
+/** Replies with the layout that a repeated request has created, or with a problem; false for a new one. */
+static bool reply_again(qm_request *request, const qm_store_idempotency *idempotency)
 {
     char id[QM_ID_SIZE];
-    qm_idempotency outcome = qm_find_idempotent(request, once, qm_store_find_idempotent_layout, id);
+    qm_idempotency outcome =
+        qm_check_idempotency(request, idempotency, qm_store_find_layout_by_idempotency_key, id);
     if (outcome != QM_IDEMPOTENCY_MADE) return outcome == QM_IDEMPOTENCY_REFUSED;
     qm_store_layout row;
     qm_status status = qm_store_find_layout(qm_request_app(request)->store, id, &row);
@@ -60,22 +61,22 @@ static bool reply_again(qm_request *request, const qm_store_idempotency *once)
 
 void qm_handle_layout_create(qm_request *request)
 {
-    qm_store_idempotency once;
-    if (!qm_read_idempotency(request, &once) || reply_again(request, &once)) return;
-    qm_desk d = qm_desk_make(qm_request_app(request));
+    qm_store_idempotency idempotency;
+    if (!qm_read_idempotency(request, &idempotency) || reply_again(request, &idempotency)) return;
+    qm_layout_session s = qm_layout_session_make(qm_request_app(request));
     size_t size;
     const char *body = qm_request_body(request, &size);
     qm_problem problem;
     bool has_patches;
-    if (qm_json_read_layout(&d.ctx, body, size, d.row.mesh, &d.layout, &has_patches, &problem) &&
-        qm_desk_take_mesh(&d, &problem) && set_patches(&d, has_patches, &problem) &&
-        store_new(&d, &once, &problem)) {
-        qm_reply_header(request, "Location", "/v1/layouts/%s", d.row.id);
-        qm_reply_layout(request, 201, &d.row, NULL);
-    } else if (!reply_again(request, &once)) { /* its twin may have come first */
+    if (qm_json_read_layout(&s.ctx, body, size, s.row.mesh, &s.layout, &has_patches, &problem) &&
+        qm_layout_session_take_mesh(&s, &problem) && set_patches(&s, has_patches, &problem) &&
+        store_new(&s, &idempotency, &problem)) {
+        qm_reply_header(request, "Location", "/v1/layouts/%s", s.row.id);
+        qm_reply_layout(request, 201, &s.row, NULL);
+    } else if (!reply_again(request, &idempotency)) { /* an equal request may have been faster */
         qm_reply_problem(request, &problem);
     }
-    qm_desk_close(&d);
+    qm_layout_session_close(&s);
 }
 
 void qm_handle_layout_list(qm_request *request)
@@ -149,7 +150,7 @@ static void step_revision(qm_request *request, int step)
                            : qm_store_move_layout(app->store, row.id, row.revision, to);
     qm_store_layout_reset(&row);
     if (status == QM_E_CANCELED)
-        problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the layout was edited by somebody else meanwhile");
+        problem = qm_problem_make(QM_PROBLEM_CONFLICT, "another client has edited the layout");
     else if (status != QM_OK)
         problem = qm_problem_make(QM_PROBLEM_CONFLICT, "there is nothing to %s", step < 0 ? "undo" : "redo");
     else if (qm_find_layout(request, &row, &problem)) {

@@ -1,3 +1,6 @@
+/**
+ * handle_meshes.c: meshes as a resource: upload, list, document, removal.
+ */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -37,7 +40,7 @@ static bool read_format(const qm_request *request, qm_format *format, qm_problem
     return true;
 }
 
-/** A name is shown to people: any text but control characters. */
+/** A name is for display: any text without control characters. */
 static bool read_name(const qm_request *request, const char **name, qm_problem *problem)
 {
     const char *given = qm_request_query(request, "name");
@@ -47,7 +50,8 @@ static bool read_name(const qm_request *request, const char **name, qm_problem *
         if ((unsigned char)*c < 0x20 || *c == 0x7f) is_clean = false;
     if (!is_clean)
         *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
-                                   "name may have %d characters and no control characters", NAME_SIZE - 1);
+                                   "`name` must have at most %d characters, none of them a control character",
+                                   NAME_SIZE - 1);
     return is_clean;
 }
 
@@ -59,7 +63,7 @@ static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
     qm_store_mesh_reset(mesh);
 }
 
-/** What a POST answers depends on no state that the client named. */
+/** Replies to an upload with the mesh and its tag; conditions like If-Match do not apply. */
 static void reply_made_mesh(qm_request *request, int status, qm_store_mesh *mesh)
 {
     char tag[QM_ETAG_SIZE];

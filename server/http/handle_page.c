@@ -12,8 +12,7 @@
 #include "handlers.h"
 #include "mesh/etag.h"
 
-/** Only files of these kinds are ever served. The route has seen to it that no path leads out of the
- * folder. */
+/** Only files of these kinds are served. The route ensures that no path leads out of the folder. */
 static const struct {
     const char *ending, *type;
 } kinds[] = {
@@ -31,10 +30,10 @@ static const char *type_of(const char *path)
     return NULL;
 }
 
-/** What reading a file came to. */
+/** Outcome of reading a file. */
 typedef enum reading { READ, NOT_THERE, NO_MEMORY } reading;
 
-/** The text of a file of the installation, on malloc. */
+/** The text of an installed file, malloc'ed. */
 static reading read_file(const char *path, char **text)
 {
     errno = 0;
@@ -49,7 +48,7 @@ static reading read_file(const char *path, char **text)
     return *text ? READ : NO_MEMORY;
 }
 
-/** Takes the text. A browser asks again each time, and gets a 304 for what it has. */
+/** Takes over the text. Browsers revalidate it each time, and get a 304 for an unchanged one. */
 static void reply_file(qm_request *request, const char *content_type, char *text)
 {
     char hash[QM_HASH_SIZE], tag[QM_HASH_SIZE + 2];
@@ -68,12 +67,12 @@ static void reply_file(qm_request *request, const char *content_type, char *text
 static void reply_missing(qm_request *request, reading why)
 {
     qm_problem problem = why == NO_MEMORY
-                             ? qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply")
-                             : qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
+                             ? qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reply")
+                             : qm_problem_make(QM_PROBLEM_NOT_FOUND, "there is no resource at this path");
     qm_reply_problem(request, &problem);
 }
 
-/** A file of the folder. */
+/** Replies with a file of the folder. */
 static reading read_named(const qm_request *request, const char *name, char **text)
 {
     char path[4096];
@@ -92,7 +91,7 @@ void qm_handle_openapi(qm_request *request)
         reply_missing(request, outcome);
 }
 
-/** No script but the daemon's own files, and the one import map in the page, which cannot be a file. */
+/** Allows the daemon's own scripts, and the one import map in the page, which cannot be a file. */
 static void add_policy(qm_request *request, const char *page)
 {
     static const char before[] = "<script type=\"importmap\">";
@@ -111,7 +110,7 @@ static void add_policy(qm_request *request, const char *page)
     qm_reply_header(request, "Referrer-Policy", "no-referrer");
 }
 
-/** The viewer sets styles of elements by itself; no script but those of the daemon runs. */
+/** The viewer sets styles of elements; only scripts of the daemon run. */
 void qm_handle_docs(qm_request *request)
 {
     char *text;

@@ -1,25 +1,25 @@
 /**
  * handle_project.c: POST /v1/meshes/{id}/project, for more points than a job's JSON can hold.
  *
- * The library cannot answer before the whole body has come, so the points wait in a file, as uploads do. They
- * are read through once, so that a bad row is refused as a whole and with its place; then each block of the
- * answer reads, projects and writes its own points.
+ * The library cannot reply before the whole body is received, so the points wait in a file, as uploads do. A
+ * first pass rejects a body with a bad point and names its index; then each block of the reply reads,
+ * projects and writes its own points.
  */
 #include <endian.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "handlers.h"
 #include "media.h"
-#include "ops/job_names.h"
+#include "ops/job_kinds.h"
 #include "ops/projections.h"
 
 #define MAX_THREADS 256
 
 typedef enum number_type { F64, F32 } number_type;
 
-typedef struct projecting {
+typedef struct projection_task {
     qm_meshes *meshes;
     qm_mesh_ref *mesh;
     qm_accelerator accelerator;
@@ -28,9 +28,9 @@ typedef struct projecting {
     number_type type;
     qm_quad_reading quads;
     int threads;
-    qm_rows rows;
+    qm_array_format rows;
     uint64_t count, done; /* points */
-} projecting;
+} projection_task;
 
 static size_t row_size(number_type type)
 {
@@ -39,7 +39,7 @@ static size_t row_size(number_type type)
 
 static void end_projecting(void *user)
 {
-    projecting *p = user;
+    projection_task *p = user;
     qm_context ctx = qm_context_make();
     qm_locator_reset(&ctx, &p->locator);
     qm_blob_abort(p->upload);
@@ -49,14 +49,14 @@ static void end_projecting(void *user)
 
 /* ---- points ---- */
 
-static size_t block_count(const projecting *p, uint64_t first)
+static size_t block_count(const projection_task *p, uint64_t first)
 {
     uint64_t rest = p->count - first;
     return rest < QM_PROJECTIONS_BLOCK ? (size_t)rest : QM_PROJECTIONS_BLOCK;
 }
 
 /** Reads points of the body; the array has room for three doubles each. */
-static bool read_block(const projecting *p, uint64_t first, double *points, qm_problem *problem)
+static bool read_block(const projection_task *p, uint64_t first, double *points, qm_problem *problem)
 {
     size_t width = row_size(p->type), count = block_count(p, first);
     if (qm_blob_read(p->upload, first * width, points, count * width) != QM_OK) {
@@ -66,19 +66,19 @@ static bool read_block(const projecting *p, uint64_t first, double *points, qm_p
     if (p->type == F32)
         qm_projections_widen(points, 3 * count);
     else
-        qm_rows_turn_bytes(points, 3 * count);
+        qm_array_swap_bytes(points, 3 * count);
     return true;
 }
 
-static double *make_block(const projecting *p, uint64_t first)
+static double *make_block(const projection_task *p, uint64_t first)
 {
     return malloc((block_count(p, first) + 1) * 3 * sizeof(double));
 }
 
-/** False with the place of the first coordinate that is not finite, or of a point that is out of scale. */
-static bool check_block(const projecting *p, uint64_t first, const double *points, qm_problem *problem)
+/** False with a problem, and a pointer to the first coordinate that is not finite or out of range. */
+static bool check_block(const projection_task *p, uint64_t first, const double *points, qm_problem *problem)
 {
-    size_t count = 3 * block_count(p, first), bad = qm_projections_find_bad(points, count);
+    size_t count = 3 * block_count(p, first), bad = qm_projections_find_invalid(points, count);
     if (bad == count) {
         qm_context ctx = qm_context_make();
         qm_status status =
@@ -93,24 +93,24 @@ static bool check_block(const projecting *p, uint64_t first, const double *point
     return false;
 }
 
-static bool check_points(const projecting *p, qm_problem *problem)
+static bool check_points(const projection_task *p, qm_problem *problem)
 {
     double *points = make_block(p, 0);
     bool good = points;
-    if (!points) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the points");
+    if (!points) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the points");
     for (uint64_t first = 0; good && first < p->count; first += block_count(p, first))
         good = read_block(p, first, points, problem) && check_block(p, first, points, problem);
     free(points);
     return good;
 }
 
-/* ---- the answer ---- */
+/* ---- the reply ---- */
 
-static bool project_block(projecting *p, double *points, size_t count, qm_text *out, qm_problem *problem)
+static bool project_block(projection_task *p, double *points, size_t count, qm_text *out, qm_problem *problem)
 {
     const qm_loaded_mesh *mesh = qm_mesh_ref_get(p->mesh);
     qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    ctx.parallel = qm_host_parallel;
     qm_projections feet;
     qm_status status =
         qm_projections_find(&ctx, mesh, &p->locator, p->quads, points, count, p->threads, &feet);
@@ -125,13 +125,13 @@ static bool project_block(projecting *p, double *points, size_t count, qm_text *
 
 static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
 {
-    projecting *p = user;
+    projection_task *p = user;
     size_t count = block_count(p, p->done);
     double *points = make_block(p, p->done);
     if (p->done == 0) qm_projections_write_begin(out, p->rows);
     bool good =
         points && read_block(p, p->done, points, problem) && project_block(p, points, count, out, problem);
-    if (!points) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the points");
+    if (!points) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the points");
     free(points);
     if (!good) return QM_BLOCK_FAILED;
     p->done += count;
@@ -145,11 +145,11 @@ static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
 static bool check_type(qm_request *request)
 {
     const char *type = qm_request_header(request, "Content-Type");
-    /* curl says form data when it is not told otherwise. */
+    /* curl sends the type of form data by default. */
     if (!type || qm_media_is(type, QM_MEDIA_BINARY) || qm_media_is(type, "application/x-www-form-urlencoded"))
         return true;
     qm_problem problem = qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
-                                         "points are rows of numbers in application/octet-stream");
+                                         "the Content-Type of points must be application/octet-stream");
     qm_reply_problem(request, &problem);
     return false;
 }
@@ -161,13 +161,13 @@ static bool read_threads(qm_request *request, int *out)
     long threads = given ? strtol(given, &end, 10) : (long)qm_request_app(request)->config->job_threads;
     *out = (int)threads;
     if (!given || (end != given && !*end && threads >= 1 && threads <= MAX_THREADS)) return true;
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "threads is a whole number from 1 to %d", MAX_THREADS);
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                         "`threads` must be an integer from 1 to %d", MAX_THREADS);
     qm_reply_problem(request, &problem);
     return false;
 }
 
-static bool read_parameters(qm_request *request, projecting *p)
+static bool read_parameters(qm_request *request, projection_task *p)
 {
     static const char *const types[] = {"f64", "f32", NULL}, *const orders[] = {"input", NULL};
     int type, reading, order, accelerator;
@@ -185,19 +185,19 @@ static bool read_parameters(qm_request *request, projecting *p)
 }
 
 /** Takes the body and checks it; false with a problem. */
-static bool take_points(qm_request *request, projecting *p, qm_problem *problem)
+static bool take_points(qm_request *request, projection_task *p, qm_problem *problem)
 {
     p->upload = qm_request_take_upload(request);
     uint64_t size = qm_blob_size(p->upload);
     p->count = size / row_size(p->type);
     if (size % row_size(p->type) == 0) return check_points(p, problem);
-    *problem = qm_problem_make(QM_PROBLEM_MALFORMED_BODY,
-                               "the body has %llu bytes, which is no multiple of the %zu of a point",
-                               (unsigned long long)size, row_size(p->type));
+    *problem =
+        qm_problem_make(QM_PROBLEM_MALFORMED_BODY, "the body has %llu bytes; it must be a multiple of %zu",
+                        (unsigned long long)size, row_size(p->type));
     return false;
 }
 
-static bool build_locator(projecting *p, qm_problem *problem)
+static bool build_locator(projection_task *p, qm_problem *problem)
 {
     qm_context ctx = qm_context_make();
     const qm_loaded_mesh *mesh = qm_mesh_ref_get(p->mesh);
@@ -209,12 +209,12 @@ static bool build_locator(projecting *p, qm_problem *problem)
 void qm_handle_mesh_project(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
-    projecting made = {.meshes = app->meshes};
+    projection_task made = {.meshes = app->meshes};
     if (!check_type(request) || !read_parameters(request, &made)) return;
     qm_problem problem;
-    projecting *p = malloc(sizeof *p);
+    projection_task *p = malloc(sizeof *p);
     if (!p) {
-        problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the points");
+        problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the points");
         qm_reply_problem(request, &problem);
         return;
     }
@@ -225,7 +225,7 @@ void qm_handle_mesh_project(qm_request *request)
         qm_reply_problem(request, &problem);
         return;
     }
-    uint64_t size = p->rows == QM_ROWS_BINARY ? p->count * QM_PROJECTIONS_ROW_SIZE : QM_SIZE_UNKNOWN;
+    uint64_t size = p->rows == QM_ARRAY_BINARY ? p->count * QM_PROJECTIONS_RECORD_SIZE : QM_SIZE_UNKNOWN;
     qm_reply_blocks(request, 200, qm_request_media(request), size,
                     (qm_block_source){next_block, end_projecting, p});
 }

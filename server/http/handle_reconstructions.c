@@ -1,8 +1,11 @@
+/**
+ * handle_reconstructions.c: reconstructions as a resource; their steps are jobs.
+ */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/json_write.h"
+#include "base/json.h"
 #include "handlers.h"
 #include "ops/json_layout.h"
 
@@ -16,7 +19,7 @@ static bool find_row(qm_request *request, const char *id, qm_store_reconstructio
     return false;
 }
 
-/** The resource; the records of all steps are left out of lists. */
+/** Adds the resource; lists leave out the records of the steps. */
 static void write_row(qm_text *out, const qm_store_reconstruction *row, bool is_brief)
 {
     qm_json_add_comma(out);
@@ -30,20 +33,20 @@ static void write_row(qm_text *out, const qm_store_reconstruction *row, bool is_
     qm_text_add_string(out, "}");
 }
 
-/** more, where there is some, is a member besides. */
+/** Replies with the resource; more is a further member, or NULL. */
 static void reply_row(qm_request *request, int status, const qm_store_reconstruction *row, const char *more)
 {
     qm_text out = {0};
     write_row(&out, row, false);
     if (more && !out.failed) {
-        out.size--; /* goes on before the last brace */
+        out.size--; /* continues before the last brace */
         qm_text_printf(&out, ",%s}", more);
     }
     qm_reply_header(request, "ETag", "\"%s-%lld\"", row->id, (long long)row->revision);
     qm_reply_text(request, status, "application/json", qm_text_take(&out));
 }
 
-/** Takes a layout as it is now; false with a problem. */
+/** Reads the current revision of a layout; false with a problem. */
 static bool take_layout(qm_app *app, const char *id, qm_store_layout *out, qm_problem *problem)
 {
     qm_status status = qm_store_find_layout(app->store, id, out);
@@ -53,11 +56,13 @@ static bool take_layout(qm_app *app, const char *id, qm_store_layout *out, qm_pr
     return false;
 }
 
-/** Replies with what the same request has made before, or with what is wrong; false for a new one. */
-static bool reply_again(qm_request *request, const qm_store_idempotency *once)
+/** Replies with the reconstruction that a repeated request has created, or with a problem; false for a new
+ * request. */
+static bool reply_again(qm_request *request, const qm_store_idempotency *idempotency)
 {
     char id[QM_ID_SIZE];
-    qm_idempotency outcome = qm_find_idempotent(request, once, qm_store_find_idempotent_reconstruction, id);
+    qm_idempotency outcome =
+        qm_check_idempotency(request, idempotency, qm_store_find_reconstruction_by_idempotency_key, id);
     if (outcome != QM_IDEMPOTENCY_MADE) return outcome == QM_IDEMPOTENCY_REFUSED;
     qm_store_reconstruction row;
     if (!find_row(request, id, &row)) return true;
@@ -69,26 +74,26 @@ static bool reply_again(qm_request *request, const qm_store_idempotency *once)
 
 void qm_handle_reconstruction_create(qm_request *request)
 {
-    qm_store_idempotency once;
-    if (!qm_read_idempotency(request, &once) || reply_again(request, &once)) return;
+    qm_store_idempotency idempotency;
+    if (!qm_read_idempotency(request, &idempotency) || reply_again(request, &idempotency)) return;
     qm_app *app = qm_request_app(request);
     size_t size;
     const char *body = qm_request_body(request, &size);
-    qm_json_reconstruction asked;
+    qm_json_reconstruction wanted;
     qm_problem problem;
     qm_store_layout layout;
-    if (!qm_json_read_reconstruction(body, size, &asked, &problem) ||
-        !take_layout(app, asked.layout, &layout, &problem)) {
+    if (!qm_json_read_reconstruction(body, size, &wanted, &problem) ||
+        !take_layout(app, wanted.layout, &layout, &problem)) {
         qm_reply_problem(request, &problem);
         return;
     }
     qm_store_reconstruction row;
-    if (qm_reconstructions_add(app->reconstructions, asked.source[0] ? asked.source : layout.mesh, layout.id,
-                               layout.layout, &asked.options, &once, &row, &problem)) {
+    if (qm_reconstructions_add(app->reconstructions, wanted.source[0] ? wanted.source : layout.mesh,
+                               layout.id, layout.layout, &wanted.options, &idempotency, &row, &problem)) {
         qm_reply_header(request, "Location", "/v1/reconstructions/%s", row.id);
         reply_row(request, 201, &row, NULL);
         qm_store_reconstruction_reset(&row);
-    } else if (!reply_again(request, &once)) { /* its twin may have come first */
+    } else if (!reply_again(request, &idempotency)) { /* an equal request may have been faster */
         qm_reply_problem(request, &problem);
     }
     qm_store_layout_reset(&layout);
@@ -143,17 +148,17 @@ void qm_handle_reconstruction_delete(qm_request *request)
     qm_reply_problem(request, &problem);
 }
 
-/** The layout may have been edited since: what that has touched is made anew. */
+/** Replaces the layout by its current revision, and rebuilds the patches that have changed. */
 void qm_handle_reconstruction_edit(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
     size_t size;
     const char *body = qm_request_body(request, &size);
-    qm_json_reconstruction asked;
+    qm_json_reconstruction wanted;
     qm_problem problem;
     qm_store_layout layout;
-    if (!qm_json_read_layout_choice(body, size, &asked, &problem) ||
-        !take_layout(app, asked.layout, &layout, &problem)) {
+    if (!qm_json_read_layout_choice(body, size, &wanted, &problem) ||
+        !take_layout(app, wanted.layout, &layout, &problem)) {
         qm_reply_problem(request, &problem);
         return;
     }
@@ -171,7 +176,7 @@ void qm_handle_reconstruction_edit(qm_request *request)
     qm_store_layout_reset(&layout);
 }
 
-/** The mesh is an ordinary one: whoever asks is sent there, with what it was asked as. */
+/** Redirects to the current mesh, which is an ordinary one, in the requested format. */
 void qm_handle_reconstruction_mesh(qm_request *request)
 {
     qm_store_reconstruction row;
@@ -188,15 +193,16 @@ void qm_handle_reconstruction_patches(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
     qm_problem problem;
-    qm_refining *refining = qm_reconstructions_take(app->reconstructions, qm_request_id(request), &problem);
+    qm_reconstruction_lease *refining =
+        qm_reconstructions_take(app->reconstructions, qm_request_id(request), &problem);
     if (!refining) {
         qm_reply_problem(request, &problem);
         return;
     }
     qm_text out = {0};
     qm_text_add_string(&out, "{");
-    qm_json_add_count(&out, "quads", qm_refining_quads(refining));
-    qm_refining_add_patches(refining, &out);
+    qm_json_add_count(&out, "quads", qm_reconstruction_lease_quads(refining));
+    qm_reconstruction_lease_add_patches(refining, &out);
     qm_text_add_string(&out, "}");
     qm_reconstructions_release(app->reconstructions, refining, true);
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));

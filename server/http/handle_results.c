@@ -5,41 +5,41 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/json_read.h"
+#include "base/json.h"
 #include "handlers.h"
 #include "ops/json_out.h"
 #include "store/result_file.h"
 
 #define BLOCK 16384 /* numbers: whole rows */
 
-/** What is sent: in JSON the result object first, its last brace cut off. */
-typedef struct sending {
+/** A reply with an array; in JSON it begins with the result object without its last brace. */
+typedef struct array_reply {
     qm_result_file *file;
     const qm_job_array *array;
-    qm_rows rows;
+    qm_array_format rows;
     char *result;
     uint64_t count, done; /* numbers */
-} sending;
+} array_reply;
 
-static void end_sending(void *user)
+static void end_array(void *user)
 {
-    sending *s = user;
+    array_reply *s = user;
     qm_result_file_close(s->file);
     free(s->result);
     free(s);
 }
 
-static void write_begin(const sending *s, qm_text *out)
+static void write_begin(const array_reply *s, qm_text *out)
 {
-    if (s->rows == QM_ROWS_CSV) qm_text_printf(out, "%s\n", s->array->header);
-    if (s->rows != QM_ROWS_JSON) return;
+    if (s->rows == QM_ARRAY_CSV) qm_text_printf(out, "%s\n", s->array->header);
+    if (s->rows != QM_ARRAY_JSON) return;
     qm_text_add(out, s->result, strlen(s->result) - 1);
     qm_json_open(out, s->array->member, "[");
 }
 
 static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
 {
-    sending *s = user;
+    array_reply *s = user;
     double numbers[BLOCK];
     size_t count = s->count - s->done < BLOCK ? (size_t)(s->count - s->done) : BLOCK;
     if (!qm_result_file_read(s->file, s->done, numbers, count)) {
@@ -48,47 +48,47 @@ static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
     }
     if (s->done == 0) write_begin(s, out);
     int columns = s->array->columns;
-    qm_rows_write(out, s->rows, columns, s->done / (size_t)columns, numbers, count);
+    qm_array_write(out, s->rows, columns, s->done / (size_t)columns, numbers, count);
     s->done += count;
     if (s->done < s->count) return QM_BLOCK_MORE;
-    if (s->rows == QM_ROWS_JSON) qm_text_add_string(out, "]}");
+    if (s->rows == QM_ARRAY_JSON) qm_text_add_string(out, "]}");
     return QM_BLOCK_LAST;
 }
 
-/** Replies with a result that has no array: what there is of it is the object. */
+/** Replies with a result that has no array. */
 static void reply_object(qm_request *request, char *result)
 {
-    if (qm_request_rows(request) == QM_ROWS_JSON) {
+    if (qm_request_rows(request) == QM_ARRAY_JSON) {
         qm_reply_text(request, 200, QM_MEDIA_JSON, result);
         return;
     }
     free(result);
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE, "the result of this job comes as application/json");
+    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE,
+                                         "the result of this job is available as application/json only");
     qm_reply_problem(request, &problem);
 }
 
 static void reply_array(qm_request *request, const qm_job_array *array, qm_result_file *file, char *result)
 {
-    sending *s = malloc(sizeof *s);
+    array_reply *s = malloc(sizeof *s);
     if (!s) {
-        qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply");
+        qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reply");
         qm_result_file_close(file);
         free(result);
         qm_reply_problem(request, &problem);
         return;
     }
-    *s = (sending){.file = file,
-                   .array = array,
-                   .rows = qm_request_rows(request),
-                   .result = result,
-                   .count = qm_result_file_count(file)};
-    uint64_t size = s->rows == QM_ROWS_BINARY ? s->count * sizeof(double) : QM_SIZE_UNKNOWN;
+    *s = (array_reply){.file = file,
+                       .array = array,
+                       .rows = qm_request_rows(request),
+                       .result = result,
+                       .count = qm_result_file_count(file)};
+    uint64_t size = s->rows == QM_ARRAY_BINARY ? s->count * sizeof(double) : QM_SIZE_UNKNOWN;
     qm_reply_blocks(request, 200, qm_request_media(request), size,
-                    (qm_block_source){next_block, end_sending, s});
+                    (qm_block_source){next_block, end_array, s});
 }
 
-/** How the array of a job is told; the kind of one that has ended is in its document. */
+/** The array of a job's kind, which the document of an ended job names. */
 static const qm_job_array *find_array(qm_jobs *jobs, qm_job *job)
 {
     bool has_ended;
@@ -116,7 +116,7 @@ void qm_handle_job_result(qm_request *request)
     const qm_job_array *array = result ? find_array(app->jobs, job) : NULL;
     qm_jobs_release(app->jobs, job);
     if (!result) {
-        problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job has no result, or none yet");
+        problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job has no result");
         qm_reply_problem(request, &problem);
         return;
     }

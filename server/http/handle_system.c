@@ -1,53 +1,13 @@
-#include <errno.h>
+/**
+ * handle_system.c: health, metrics, and facts about the daemon.
+ */
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/metrics.h"
 #include "handlers.h"
-#include "ops/job_names.h"
+#include "ops/job_kinds.h"
 #include "qm/bvh.h"
-
-#define DEFAULT_LIMIT 100
-#define MAX_LIMIT 1000
-
-bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after)
-{
-    const char *limit_text = qm_request_query(request, "limit"),
-               *cursor = qm_request_query(request, "cursor");
-    char *end;
-    qm_problem problem;
-    *limit = DEFAULT_LIMIT;
-    *after = 0;
-    if (limit_text) {
-        long value = strtol(limit_text, &end, 10);
-        if (end == limit_text || *end || value < 1 || value > MAX_LIMIT) {
-            problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "limit is a whole number from 1 to %d",
-                                      MAX_LIMIT);
-            qm_reply_problem(request, &problem);
-            return false;
-        }
-        *limit = (size_t)value;
-    }
-    if (cursor) {
-        errno = 0;
-        long long value = strtoll(cursor, &end, 10);
-        if (end == cursor || *end || value < 0 || errno) {
-            problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "cursor is the next of an earlier page");
-            qm_reply_problem(request, &problem);
-            return false;
-        }
-        *after = value;
-    }
-    return true;
-}
-
-void qm_end_page(qm_text *out, int64_t next)
-{
-    if (next > 0)
-        qm_text_printf(out, "],\"next\":\"%lld\"}", (long long)next);
-    else
-        qm_text_add_string(out, "],\"next\":null}");
-}
 
 void qm_handle_health(qm_request *request)
 {
@@ -70,17 +30,17 @@ void qm_handle_metrics(qm_request *request)
     qm_job_counts jobs = qm_jobs_count(app->jobs);
     qm_meshes_memory memory = qm_meshes_measure(app->meshes);
     const qm_metrics_gauge gauges[] = {
-        {"jobs_queued", "Jobs that wait.", (double)jobs.queued},
-        {"jobs_running", "Jobs that workers have.", (double)jobs.running},
-        {"jobs_limit", "Jobs that may wait.", app->config->queue},
-        {"streams_open", "Replies that are made while they are sent.", atomic_load(&app->stream_count)},
-        {"streams_limit", "Such replies that there may be.", app->config->streams},
+        {"jobs_queued", "Queued jobs.", (double)jobs.queued},
+        {"jobs_running", "Running jobs.", (double)jobs.running},
+        {"jobs_limit", "Capacity of the queue.", app->config->queue},
+        {"streams_open", "Open streams.", atomic_load(&app->stream_count)},
+        {"streams_limit", "Limit of open streams.", app->config->streams},
         {"connections_open", "Connections.", (double)qm_http_count_connections(app->http)},
-        {"connections_limit", "Connections that there may be.", app->config->connections},
-        {"memory_bytes", "Memory of meshes and jobs.", (double)memory.used},
-        {"memory_limit_bytes", "Memory that they may have.", (double)memory.limit},
+        {"connections_limit", "Limit of connections.", app->config->connections},
+        {"memory_bytes", "Memory of meshes and jobs, bytes.", (double)memory.used},
+        {"memory_limit_bytes", "Memory budget, bytes.", (double)memory.limit},
         {"meshes_loaded", "Meshes in memory.", (double)memory.loaded},
-        {"requests_open", "Requests without the end of their reply.", atomic_load(&app->request_count)},
+        {"requests_open", "Requests in progress.", atomic_load(&app->request_count)},
     };
     qm_text out = {0};
     qm_metrics_write(&out, gauges, sizeof gauges / sizeof gauges[0]);

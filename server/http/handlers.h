@@ -55,7 +55,7 @@ void qm_handle_openapi(qm_request *request);
 void qm_handle_docs(qm_request *request);
 void qm_handle_page(qm_request *request);
 
-/** The row of the mesh in the path, for qm_store_mesh_reset; false after a refusal. */
+/** The row of the mesh that the path names, for qm_store_mesh_reset; false after a problem was the reply. */
 bool qm_find_mesh(qm_request *request, qm_store_mesh *out);
 
 /**
@@ -75,20 +75,21 @@ qm_mesh_ref *qm_take_mesh(qm_request *request, const char *suffix);
  * one. */
 bool qm_read_idempotency_key(qm_request *request, const char **key);
 
-/** The same, with what tells the request from another one of that key. */
+/** Reads the key with the hash of the request, which distinguishes requests of one key. */
 bool qm_read_idempotency(qm_request *request, qm_store_idempotency *out);
 
-/** Whether a request has made something already. */
+/** Whether a request has created something already. */
 typedef enum qm_idempotency {
     QM_IDEMPOTENCY_NEW,    /* it has not, or has no key */
-    QM_IDEMPOTENCY_MADE,   /* it has made the resource of this id */
-    QM_IDEMPOTENCY_REFUSED /* replied with a problem: the key came with another request */
+    QM_IDEMPOTENCY_MADE,   /* it has created the resource of this id */
+    QM_IDEMPOTENCY_REFUSED /* replied with a problem: the key belongs to another request */
 } qm_idempotency;
-typedef qm_status qm_find_idempotent_made(qm_store *store, const char *key, qm_store_idempotent *out);
-qm_idempotency qm_find_idempotent(qm_request *request, const qm_store_idempotency *once,
-                                  qm_find_idempotent_made *find, char id[QM_ID_SIZE]);
+typedef qm_status qm_find_idempotency_record(qm_store *store, const char *key,
+                                             qm_store_idempotency_record *out);
+qm_idempotency qm_check_idempotency(qm_request *request, const qm_store_idempotency *idempotency,
+                                    qm_find_idempotency_record *find, char id[QM_ID_SIZE]);
 
-/** Ends a page of a list: closes its array and tells where the next page starts, 0 after the last one. */
+/** Ends a page of a list: closes its array and adds the cursor of the next page; 0 after the last one. */
 void qm_end_page(qm_text *out, int64_t next);
 
 /** Reads ?limit= and ?cursor=; replies with a problem and returns false when they are not valid. */

@@ -3,8 +3,8 @@
  *
  * libmicrohttpd's own threads receive and send. A handler that may wait (route.h) runs on one of the app's
  * pools while its connection is suspended; the connection is then resumed and the reply queued. A fault that
- * is known before the body has come is answered at once where the library lets us, else when the body has
- * been read and thrown away.
+ * is known before the body is received is the reply at once where the library allows it, else after the body
+ * was read and discarded.
  */
 #include "http_internal.h"
 
@@ -18,7 +18,7 @@
 #include "base/log.h"
 #include "base/metrics.h"
 
-#define MAX_THROWN_AWAY (16u << 20)
+#define MAX_DISCARDED (16u << 20) /* bytes of a body that nothing needs, after which the connection is cut */
 #define MAX_READ_AND_DROPPED (64u << 10) /* of the body of a request that is refused by its headers */
 #define CONNECTION_MEMORY (256u << 10)   /* of which half is what is read of a body at once */
 #define CONNECTION_THREADS 2
@@ -34,12 +34,13 @@ static void drop_upload(qm_request *request)
     request->upload = NULL;
 }
 
-/** Where the bytes of a body go. */
+/** Appends bytes of a body to the upload or the memory of the request. */
 static void keep(qm_request *request, const char *bytes, size_t size)
 {
     if (request->body_size > qm_request_body_limit(request)) {
-        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body may have %zu bytes",
-                                                        qm_request_body_limit(request)));
+        qm_request_set_problem(request,
+                               qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body must not exceed %zu bytes",
+                                               qm_request_body_limit(request)));
     } else if (request->upload) {
         if (qm_blob_write(request->upload, bytes, size) != QM_OK)
             qm_request_set_problem(request,
@@ -47,25 +48,25 @@ static void keep(qm_request *request, const char *bytes, size_t size)
     } else {
         qm_text_add(&request->body, bytes, size);
         if (request->body.failed)
-            qm_request_set_problem(
-                request, qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the body"));
+            qm_request_set_problem(request,
+                                   qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the body"));
     }
 }
 
 /**
- * Takes a part of the body. Once a reply is due that does not need the rest, the library lets us send it only
- * after that rest, which is thrown away: up to a limit, beyond which the connection is cut (false).
+ * Receives a part of the body. A reply that does not need the remainder can only be sent after it, by the
+ * rules of the library. The remainder is discarded, up to a limit beyond which the connection is cut (false).
  */
 static bool receive(qm_request *request, const char *bytes, size_t size)
 {
     request->body_size += size;
     if (request->guarded) atomic_fetch_add(&request->guarded->received, size);
     if (request->has_problem || request->route->body == QM_BODY_NONE)
-        request->thrown_away += size;
+        request->discarded += size;
     else
         keep(request, bytes, size);
     if (request->has_problem) drop_upload(request);
-    return request->thrown_away <= MAX_THROWN_AWAY;
+    return request->discarded <= MAX_DISCARDED;
 }
 
 /* ---- handling ---- */
@@ -73,6 +74,7 @@ static bool receive(qm_request *request, const char *bytes, size_t size)
 /** Hands a suspended request with its reply back to the thread of its connection. */
 static void hand_back(qm_request *request)
 {
+    QM_ASSERT(request->stage == HANDLING);
     request->stage = WAITING;
     MHD_resume_connection(request->connection);
 }
@@ -84,7 +86,7 @@ static void run_on_pool(void *data)
     hand_back(request);
 }
 
-/** The pool takes nothing any more: the daemon stops, or memory is out. */
+/** The pool is closed because the daemon stops, or memory ran out. */
 static void refuse(qm_request *request)
 {
     qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the request cannot be queued");
@@ -99,6 +101,7 @@ static qm_pool *pool_of(const qm_request *request)
 
 static enum MHD_Result handle(qm_request *request)
 {
+    QM_ASSERT(request->stage == RECEIVING && (request->route || request->has_problem));
     qm_guard_set_stage(&request->listener->guard, request->guarded, QM_CONNECTION_BUSY);
     if (request->has_problem) {
         qm_reply_problem(request, &request->problem);
@@ -120,8 +123,8 @@ static bool has_body(const qm_request *request)
 }
 
 /**
- * True for a body that is not worth a refusal before it: bytes that nobody has read when the connection is
- * closed would make the system reset it, and the reply may be lost with that.
+ * True for a small body, after which the problem is sent: unread bytes make the system reset a connection
+ * when it is closed, and the reply may be lost with that.
  */
 static bool has_little_body(const qm_request *request)
 {
@@ -140,7 +143,7 @@ static bool is_plain_name(const char *name)
     return length > 0 && length < QM_REQUEST_ID_SIZE && strspn(name, plain) == length;
 }
 
-/** The client's name for the request, or one of our own. */
+/** Takes the client's id for the request, or makes one. */
 static void set_name(qm_request *request)
 {
     const char *given = qm_request_header(request, "X-Request-Id");
@@ -158,7 +161,7 @@ static qm_request *begin(qm_listener *listener, struct MHD_Connection *connectio
 {
     qm_request *request = malloc(sizeof *request);
     if (!request) return NULL;
-    /* Not the rooms for a problem and for headers, which most requests leave empty. */
+    /* Leaves out the large buffers of the problem and the headers, which most requests do not use. */
     memset(request, 0, offsetof(qm_request, problem));
     request->reply.status = 0;
     request->reply.response = NULL;
@@ -187,7 +190,7 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
         request->needs_host = strcmp(version, "HTTP/1.1") == 0;
         qm_request_check(request);
         if (!request->has_problem) return MHD_YES;
-        /* The body has not come yet; what follows on this connection is not to be taken for a request. */
+        /* The body was not received yet: the bytes that follow must not be read as a request. */
         if (has_body(request)) qm_reply_header(request, "Connection", "close");
         return has_little_body(request) ? MHD_YES : handle(request);
     }
@@ -230,7 +233,7 @@ static void on_completed(void *cls, struct MHD_Connection *connection, void **st
     log_request(request, code == MHD_REQUEST_TERMINATED_COMPLETED_OK);
     qm_guard_set_stage(&request->listener->guard, request->guarded, QM_CONNECTION_IDLE);
     if (request->awaited) {
-        qm_job_leave(request->app->jobs, request->awaited, &request->reader);
+        qm_job_unsubscribe(request->app->jobs, request->awaited, &request->subscriber);
         qm_jobs_release(request->app->jobs, request->awaited);
     }
     drop_upload(request);
@@ -245,7 +248,7 @@ static void on_completed(void *cls, struct MHD_Connection *connection, void **st
 
 struct qm_http {
     qm_app *app;
-    qm_listener everything, health; /* the second only when asked for */
+    qm_listener everything, health; /* the second only with --health-port */
     int port;
     MHD_socket quiet_socket; /* the listening one, once there are no new connections */
 };

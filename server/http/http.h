@@ -1,19 +1,18 @@
 /**
- * http.h: requests and replies as the handlers see them. Everything of libmicrohttpd stays in http.c and
- * http_stream.c.
+ * http.h: requests and replies as the handlers see them. libmicrohttpd is visible in http*.c only.
  */
 #ifndef QM_HTTP_H
 #define QM_HTTP_H
 
+#include "base/arrays.h"
 #include "base/config.h"
 #include "base/pool.h"
-#include "base/rows.h"
 #include "job/job.h"
 #include "layout/reconstructions.h"
 #include "ops/problem.h"
 #include "tokens.h"
 
-/** What a handler may use; made by main.c, alive as long as the daemon. */
+/** The parts of the daemon that a handler may use; created by main.c, alive as long as the daemon. */
 typedef struct qm_app {
     const qm_config *config;
     qm_store *store;
@@ -22,7 +21,7 @@ typedef struct qm_app {
     qm_reconstructions *reconstructions;
     qm_pool *pool;      /* runs the handlers that wait for the disk */
     qm_pool *long_pool; /* runs the handlers that decode, so that a large mesh holds up no other request */
-    qm_tokens *tokens;  /* none: everybody who reaches the daemon may do everything */
+    qm_tokens *tokens;  /* empty: every client may do everything */
     struct qm_http *http;
     atomic_bool draining;
     atomic_int stream_count, request_count; /* open now */
@@ -38,14 +37,14 @@ const char *qm_request_id(const qm_request *request);
 /** The part that stands for a second name in braces; "" likewise. */
 const char *qm_request_second_id(const qm_request *request);
 
-/** True for GET and HEAD, which change nothing. */
+/** True for GET and HEAD. */
 bool qm_request_only_reads(const qm_request *request);
 
 /** A header or query parameter, or NULL. Lives as long as the request. */
 const char *qm_request_header(const qm_request *request, const char *name);
 const char *qm_request_query(const qm_request *request, const char *name);
 
-/** Of the types that the route produces, the one that the client likes best (media.h). */
+/** The media type that the client prefers among those of the route (media.h). */
 #define QM_MEDIA_JSON "application/json"
 #define QM_MEDIA_BINARY "application/octet-stream"
 #define QM_MEDIA_CSV "text/csv"
@@ -54,10 +53,10 @@ const char *qm_request_query(const qm_request *request, const char *name);
 const char *qm_request_media(const qm_request *request);
 
 /** The rows of that type; JSON for every other. */
-qm_rows qm_request_rows(const qm_request *request);
+qm_array_format qm_request_rows(const qm_request *request);
 
-/** Reads a query parameter that is one of some names (NULL-ended) and writes its place; 0 when it is absent.
- * False, and replied with a problem, for any other value. */
+/** Reads a query parameter that is one of a NULL-ended list and writes its index; 0 when it is absent. False,
+ * and a problem is the reply, for any other value. */
 bool qm_request_choice(qm_request *request, const char *name, const char *const *choices, int *out);
 
 /** The body of a route that keeps it in memory; never NULL. */
@@ -66,7 +65,7 @@ const char *qm_request_body(const qm_request *request, size_t *size);
 /** Hands over the upload of a route that spools, complete. */
 qm_blob_writer *qm_request_take_upload(qm_request *request);
 
-/** A reply. body is malloc'ed and given away, or static. */
+/** Replies. A text is malloc'ed and taken over, NULL when memory ran out; a static body is not freed. */
 void qm_reply_text(qm_request *request, int status, const char *content_type, char *body);
 void qm_reply_static(qm_request *request, int status, const char *content_type, const char *body);
 void qm_reply_problem(qm_request *request, const qm_problem *problem);
@@ -84,7 +83,7 @@ void qm_reply_header(qm_request *request, const char *name, const char *format, 
 void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t after, qm_framing framing,
                      bool owns_job);
 
-/** Replies with the answers of a batch of jobs, read from the upload, as they come (job_batch.h). */
+/** Replies with the answers of a batch of jobs as they end (job_batch.h); takes over the upload. */
 void qm_reply_batch(qm_request *request, qm_blob_writer *upload);
 
 /**
@@ -93,21 +92,21 @@ void qm_reply_batch(qm_request *request, qm_blob_writer *upload);
  */
 void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms, int status_before);
 
-/** What a source of blocks has to say after each one. */
+/** State of a source of blocks after each one. */
 typedef enum qm_block { QM_BLOCK_MORE, QM_BLOCK_LAST, QM_BLOCK_FAILED } qm_block;
 
 /** Makes the body of a reply a block at a time. */
 typedef struct qm_block_source {
     /** Adds bytes to the empty out, on the long pool; QM_BLOCK_FAILED with the problem. */
     qm_block (*next)(void *user, qm_text *out, qm_problem *problem);
-    void (*end)(void *user); /* called once, whether everything was sent or not */
+    void (*end)(void *user); /* called once, whether all was sent or not */
     void *user;
 } qm_block_source;
 
 /**
- * Replies with what the source makes, in the memory of one block. size is that of the whole body, or
- * QM_SIZE_UNKNOWN. A source that fails in its first block is answered with its problem; later ones cut the
- * connection, so that the client sees the end missing, and the problem goes to the log.
+ * Replies with the blocks of a source, one in memory at a time. size is that of the whole body, or
+ * QM_SIZE_UNKNOWN. A failure of the first block replies with its problem; a later one cuts the connection, so
+ * that the client sees the end missing, and the problem goes to the log.
  */
 #define QM_SIZE_UNKNOWN UINT64_MAX
 void qm_reply_blocks(qm_request *request, int status, const char *content_type, uint64_t size,

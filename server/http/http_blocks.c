@@ -2,10 +2,9 @@
  * http_blocks.c: replies that are made while they are sent, a block at a time.
  *
  * The first block is made by the handler's thread; often it is all there is. For the others the connection is
- * suspended while they are made on the long pool, and resumed with them. The next one is made when the client
- * has taken all of the last: a slow reader costs one block of memory, and one that has left is noticed at the
- * first write after it did. While a block is made nobody else touches the reply, for the library ends no
- * connection that is suspended.
+ * suspended while they are made on the long pool, and then resumed. The next block is made when the last one
+ * was sent: a slow client costs one block of memory, and a closed connection is noticed at the next write.
+ * While a block is made no other thread touches the reply, as the library ends no suspended connection.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -24,12 +23,12 @@ typedef struct block_reply {
     qm_block state;
 } block_reply;
 
-/** The source's next block; what has no memory to stand in has failed too. */
+/** The source's next block; QM_BLOCK_FAILED also when the block is out of memory. */
 static qm_block next_block(qm_block_source source, qm_text *out, qm_problem *problem)
 {
     qm_block state = source.next(source.user, out, problem);
     if (!out->failed) return state;
-    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply");
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reply");
     return QM_BLOCK_FAILED;
 }
 
@@ -42,7 +41,7 @@ static void make_block(void *user)
     MHD_resume_connection(reply->connection);
 }
 
-/** Without a place on the pool, which is closed when the daemon stops, the reply is cut. */
+/** Cuts the reply when the pool is closed because the daemon stops. */
 static void ask_for_block(block_reply *reply)
 {
     reply->block.size = 0;
@@ -73,18 +72,18 @@ static void free_blocks(void *user)
 {
     block_reply *reply = user;
     reply->source.end(reply->source.user);
-    qm_request_leave_place(reply->app);
+    qm_request_return_stream_slot(reply->app);
     qm_text_reset(&reply->block);
     free(reply);
 }
 
-/** Nothing was sent yet: what fails here can still be said. */
+/** Makes the first block, whose failure can still be the reply. */
 static void reply_whole(qm_request *request, int status, const char *content_type, const qm_problem *problem,
                         qm_text *body)
 {
     if (problem) {
         qm_text_reset(body);
-        request->reply.header_count = 0; /* those of what was to be sent */
+        request->reply.header_count = 0; /* they describe the failed reply */
         qm_reply_problem(request, problem);
         return;
     }
@@ -106,11 +105,11 @@ void qm_reply_blocks(qm_request *request, int status, const char *content_type, 
         reply_whole(request, status, content_type, state == QM_BLOCK_FAILED ? &problem : NULL, &first);
         return;
     }
-    block_reply *reply = qm_request_take_place(app) ? calloc(1, sizeof *reply) : NULL;
+    block_reply *reply = qm_request_take_stream_slot(app) ? calloc(1, sizeof *reply) : NULL;
     if (!reply) {
         qm_text_reset(&first);
         source.end(source.user);
-        qm_request_refuse_place(request);
+        qm_request_refuse_stream_slot(request);
         return;
     }
     *reply = (block_reply){

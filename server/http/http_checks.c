@@ -1,5 +1,6 @@
 /**
- * http_checks.c: what can be wrong with a request before its body has come.
+ * http_checks.c: the checks of a request before its body is received: framing, route, access, parameters,
+ * length.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,7 +26,7 @@ size_t qm_request_body_limit(const qm_request *request)
     return request->route->body == QM_BODY_SPOOL ? (size_t)request->app->config->max_body : MAX_JSON_BODY;
 }
 
-/** How often a request tells its length, and how, and whom it is for. */
+/** Counts of the headers that frame a request, and of Host. */
 typedef struct counted_headers {
     int lengths, codings, hosts;
 } counted_headers;
@@ -41,22 +42,23 @@ static enum MHD_Result count_header(void *user, enum MHD_ValueKind kind, const c
     return MHD_YES;
 }
 
-/** Two lengths, a coding other than chunked, or two hosts are how requests are smuggled past a proxy. */
+/** Two lengths, a coding other than chunked, or two hosts can smuggle a request past a proxy. */
 static bool check_framing(qm_request *request)
 {
     counted_headers found = {0};
     MHD_get_connection_values(request->connection, MHD_HEADER_KIND, count_header, &found);
     const char *coding = qm_request_header(request, "Transfer-Encoding");
     if (found.lengths + found.codings > 1)
-        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
-                                                        "the request has more than one of Content-Length and "
-                                                        "Transfer-Encoding"));
+        qm_request_set_problem(request,
+                               qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
+                                               "the request must have at most one of Content-Length and "
+                                               "Transfer-Encoding"));
     else if (coding && strcasecmp(coding, "chunked") != 0)
         qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
-                                                        "the only Transfer-Encoding taken is chunked"));
+                                                        "the only supported Transfer-Encoding is chunked"));
     else if (found.hosts > 1 || (found.hosts == 0 && request->needs_host))
-        qm_request_set_problem(
-            request, qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "a request has one Host header"));
+        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                                        "the request must have exactly one Host header"));
     return !request->has_problem;
 }
 
@@ -78,11 +80,11 @@ static void check_accept(qm_request *request)
     qm_request_set_problem(request, problem);
 }
 
-/** A search of the query for what a route does not have, and for what it has twice. */
+/** A search of the query for unknown and repeated parameters. */
 typedef struct query_check {
     const char *const *known;
     unsigned seen; /* a bit for each of these */
-    const char *fault, *words;
+    const char *name, *fault;
 } query_check;
 
 static enum MHD_Result check_argument(void *user, enum MHD_ValueKind kind, const char *name,
@@ -90,28 +92,28 @@ static enum MHD_Result check_argument(void *user, enum MHD_ValueKind kind, const
 {
     (void)kind;
     query_check *check = user;
-    if (!name[0] && !value) return MHD_YES; /* an ampersand too many */
-    unsigned place = 0;
-    while (check->known[place] && strcmp(check->known[place], name) != 0)
-        place++;
-    bool is_known = check->known[place];
-    if (is_known && !(check->seen & 1u << place)) {
-        check->seen |= 1u << place;
+    if (!name[0] && !value) return MHD_YES; /* an empty part between ampersands */
+    unsigned index = 0;
+    while (check->known[index] && strcmp(check->known[index], name) != 0)
+        index++;
+    bool is_known = check->known[index];
+    if (is_known && !(check->seen & 1u << index)) {
+        check->seen |= 1u << index;
         return MHD_YES;
     }
-    check->fault = name;
-    check->words = is_known ? "is given twice to this operation" : "is no parameter of this operation";
+    check->name = name;
+    check->fault = is_known ? "is given more than once" : "is not a parameter of this operation";
     return MHD_NO;
 }
 
-/** A name with a slip in it would be passed over, and the answer be one to another question. */
+/** A misspelt parameter must not be ignored: the reply would be to another request. */
 static void check_query(qm_request *request)
 {
     query_check check = {.known = request->route->query};
     if (!check.known) return;
     MHD_get_connection_values(request->connection, MHD_GET_ARGUMENT_KIND, check_argument, &check);
     if (!check.fault) return;
-    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%.60s %s", check.fault, check.words);
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%.60s %s", check.name, check.fault);
     for (size_t i = 0; check.known[i]; i++) {
         size_t used = strlen(problem.detail);
         snprintf(problem.detail + used, sizeof problem.detail - used, "%s %s", i > 0 ? "," : "; it has",
@@ -120,13 +122,13 @@ static void check_query(qm_request *request)
     qm_request_set_problem(request, problem);
 }
 
-/** A body is taken as it is: one that is packed would be read for something else. */
+/** Compressed bodies are not supported: they would be decoded as meshes or JSON. */
 static void check_encoding(qm_request *request)
 {
     const char *encoding = qm_request_header(request, "Content-Encoding");
     if (!encoding || request->route->body == QM_BODY_NONE || strcasecmp(encoding, "identity") == 0) return;
-    qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
-                                                    "the body is to come without a Content-Encoding"));
+    qm_request_set_problem(
+        request, qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE, "Content-Encoding is not supported"));
 }
 
 static void check_length(qm_request *request)
@@ -134,8 +136,9 @@ static void check_length(qm_request *request)
     const char *length = qm_request_header(request, "Content-Length");
     if (!length || request->route->body == QM_BODY_NONE) return;
     if (strtoull(length, NULL, 10) > qm_request_body_limit(request))
-        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body may have %zu bytes",
-                                                        qm_request_body_limit(request)));
+        qm_request_set_problem(request,
+                               qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body must not exceed %zu bytes",
+                                               qm_request_body_limit(request)));
 }
 
 static bool is_path(const qm_request *request, const char *path)
@@ -143,7 +146,7 @@ static bool is_path(const qm_request *request, const char *path)
     return strcmp(request->route->path, path) == 0;
 }
 
-/** Nearest points come by POST for the size of the question alone. */
+/** A projection is a POST only because of its size: it reads. */
 static qm_scope needed_scope(const qm_request *request)
 {
     const qm_route *route = request->route;
@@ -163,13 +166,15 @@ static void check_token(qm_request *request)
     qm_metrics_add(QM_METRICS_REFUSED_TOKENS, 1);
     if (scope != QM_SCOPE_NONE) {
         qm_reply_header(request, "WWW-Authenticate", "Bearer error=\"insufficient_scope\", scope=\"write\"");
-        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_FORBIDDEN, "this token only reads"));
+        qm_request_set_problem(request,
+                               qm_problem_make(QM_PROBLEM_FORBIDDEN, "this token only allows reading"));
         return;
     }
     qm_reply_header(request, "WWW-Authenticate", given ? "Bearer error=\"invalid_token\"" : "Bearer");
-    qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_UNAUTHORIZED,
-                                                    given ? "this token is not known"
-                                                          : "send a token as Authorization: Bearer TOKEN"));
+    qm_request_set_problem(request,
+                           qm_problem_make(QM_PROBLEM_UNAUTHORIZED,
+                                           given ? "the token is not valid"
+                                                 : "the request needs a token: Authorization: Bearer TOKEN"));
 }
 
 static bool is_known_host(const qm_request *request, const char *host)
@@ -181,20 +186,20 @@ static bool is_known_host(const qm_request *request, const char *host)
 }
 
 /**
- * Without tokens the daemon trusts who reaches it, and a browser on this machine reaches it for every page
- * that it shows. So it answers to its address alone, and lets strange pages change nothing.
+ * Without tokens the daemon trusts every client, and a browser on this machine reaches it for every page
+ * that it shows. So Host must be the daemon's address, and pages of other origins may not change anything.
  */
 static void check_page(qm_request *request)
 {
     const char *host = qm_request_header(request, "Host"), *origin = qm_request_header(request, "Origin");
     if (!is_known_host(request, host))
-        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_FORBIDDEN,
-                                                        "the daemon does not go by the name that Host has"));
+        qm_request_set_problem(
+            request, qm_problem_make(QM_PROBLEM_FORBIDDEN, "the name in Host is not one of this server"));
     bool is_strange = origin && !qm_origin_is_host(origin, host) &&
                       !qm_origin_is_listed(request->app->config->cors_origins, origin);
     if (is_strange && strcmp(request->route->method, "GET") != 0)
-        qm_request_set_problem(
-            request, qm_problem_make(QM_PROBLEM_FORBIDDEN, "pages of this origin may not use the daemon"));
+        qm_request_set_problem(request,
+                               qm_problem_make(QM_PROBLEM_FORBIDDEN, "pages of this Origin are not allowed"));
 }
 
 static void check_access(qm_request *request)
@@ -206,14 +211,14 @@ static void check_access(qm_request *request)
         check_page(request);
 }
 
-/** A listener of its own tells how the daemon fares and nothing else. */
+/** The private listener has health and metrics only. */
 static bool is_served(const qm_request *request)
 {
     return !request->listener->is_private || is_path(request, "/healthz") || is_path(request, "/readyz") ||
            is_path(request, "/metrics");
 }
 
-/** OPTIONS is answered for every path by what its routes are. */
+/** OPTIONS replies with the methods of the path's routes. */
 static const qm_route options_route = {"OPTIONS",       "",  qm_request_answer_options, NULL, QM_BODY_NONE,
                                        QM_RUNS_AT_ONCE, NULL};
 
@@ -227,7 +232,7 @@ static bool find_route(qm_request *request)
     }
     if (request->route && !is_served(request)) {
         request->route = NULL;
-        problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
+        problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "there is no resource at this path");
     }
     if (!request->route) qm_request_set_problem(request, problem);
     return request->route;

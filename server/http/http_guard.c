@@ -1,3 +1,6 @@
+/**
+ * http_guard.c: the list of connections, and the limits on idle and slow ones.
+ */
 #include "http_guard.h"
 
 #include <stdlib.h>
@@ -6,7 +9,7 @@
 #include "base/clock.h"
 #include "base/metrics.h"
 
-#define RATE_GRACE_MS 10000.0 /* of an upload, before its rate counts */
+#define RATE_GRACE_MS 10000.0 /* time of an upload before its rate is checked */
 #define MS_PER_S 1e3
 
 void qm_guard_init(qm_guard *guard, double idle_ms, double least_rate)
@@ -35,7 +38,7 @@ static void add(qm_guard *guard, struct MHD_Connection *connection, void **conte
     uv_mutex_unlock(&guard->lock);
 }
 
-/** The library closes the socket after this. */
+/** The library closes the socket after this call. */
 static void drop(qm_guard *guard, qm_connection *dropped)
 {
     if (!dropped) return;
@@ -95,7 +98,7 @@ void qm_guard_tick(qm_guard *guard, double now_ms)
     uv_mutex_lock(&guard->lock);
     for (qm_connection *c = guard->first; c; c = c->next) {
         if (!is_over_time(guard, c, now_ms)) continue;
-        /* The library sees the end of the input and closes: the socket stays its own until then. */
+        /* The library sees the end of the input and closes the socket, which belongs to it. */
         shutdown(c->socket, SHUT_RDWR);
         c->since_ms = now_ms;
         qm_metrics_add(QM_METRICS_SLOW_CLIENTS, 1);

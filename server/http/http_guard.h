@@ -1,5 +1,5 @@
 /**
- * http_guard.h: connections that keep the daemon waiting, and how many there are.
+ * http_guard.h: ends connections that keep the daemon waiting, and counts connections.
  *
  * The library's own time limit starts again with every byte, so that a client can hold a connection for ever
  * by sending one now and then. Here a connection without a request ends after the idle time whatever it
@@ -12,7 +12,6 @@
 #include <stdatomic.h>
 #include <uv.h>
 
-/** What a connection does. */
 typedef enum qm_connection_stage {
     QM_CONNECTION_IDLE,
     QM_CONNECTION_RECEIVING,

@@ -1,5 +1,7 @@
 /**
- * http_internal.h: what http.c and http_stream.c share.
+ * http_internal.h: what the files that see libmicrohttpd share: http.c (life of a request), http_checks.c
+ * (before the body), http_request.c (replies), http_stream.c (replies that wait for jobs), http_blocks.c
+ * (long replies).
  */
 #ifndef QM_HTTP_INTERNAL_H
 #define QM_HTTP_INTERNAL_H
@@ -20,14 +22,14 @@ typedef struct qm_listener {
     qm_app *app;
     qm_guard guard;
     struct MHD_Daemon *daemon;
-    bool is_private; /* health and metrics alone, for whoever reaches it */
+    bool is_private; /* health and metrics only, without a token */
 } qm_listener;
 
 typedef struct qm_reply {
     int status;
     struct MHD_Response *response;
     int header_count;
-    char header[QM_REPLY_HEADERS][2][256]; /* so many of them are set */
+    char header[QM_REPLY_HEADERS][2][256]; /* the first header_count are set */
 } qm_reply;
 
 /** A request from its first header to its end; belongs to its connection. */
@@ -37,28 +39,28 @@ struct qm_request {
     struct MHD_Connection *connection;
     qm_connection *guarded; /* the guard's record, or NULL */
     const qm_route *route;
-    char name[QM_REQUEST_ID_SIZE]; /* what the request is called in the log and the reply */
-    const char *media;             /* of the route's types, the chosen one */
+    char name[QM_REQUEST_ID_SIZE]; /* the request's id in the log and the reply */
+    const char *media;             /* the negotiated type */
     char ids[2][QM_ID_SIZE];       /* of the path */
     char method[16], path[256];
     bool needs_host; /* as HTTP/1.1 does */
     double start_ms;
     qm_blob_writer *upload;
     qm_text body;
-    size_t body_size, thrown_away; /* bytes that have come; of these, bytes nobody needed */
+    size_t body_size, discarded; /* bytes received; bytes of these that were discarded */
     bool has_problem;
     enum { RECEIVING, HANDLING, WAITING, DONE } stage;
     qm_job *awaited; /* qm_reply_when_done */
     int status_before;
-    qm_reader reader;
-    qm_problem problem; /* found before the body had come: sent when it has. Set with has_problem */
+    qm_subscriber subscriber;
+    qm_problem problem; /* found before the body was received, sent after it; set with has_problem */
     qm_reply reply;
 };
 
-/** Finds the route and everything that is wrong before the body has come: sets the problem then. */
+/** Finds the route and checks the headers; sets the problem. */
 void qm_request_check(qm_request *request);
 
-/** Notes a problem, of which the first is sent. */
+/** Sets the problem of the request; the first one stays. */
 void qm_request_set_problem(qm_request *request, qm_problem problem);
 size_t qm_request_body_limit(const qm_request *request);
 
@@ -70,10 +72,10 @@ enum MHD_Result qm_request_send_reply(qm_request *request);
 void qm_request_add_cors(const qm_request *request, struct MHD_Response *response);
 void qm_request_answer_options(qm_request *request);
 
-/** Looks whether the awaited job has ended; makes the reply, or goes to sleep and returns false. */
+/** Makes the reply when the awaited job is over; else suspends the connection and returns false. */
 bool qm_request_check_awaited(qm_request *request);
 
-/** Makes the response of a whole body, on malloc, which is given away. */
+/** Makes the response of a whole body, which is malloc'ed and taken over. */
 void qm_request_set_buffer(qm_request *request, int status, char *body, size_t size);
 
 /** Makes the response of a body that is read while it is sent; size may be MHD_SIZE_UNKNOWN. */
@@ -81,14 +83,14 @@ void qm_request_set_reader(qm_request *request, int status, uint64_t size, size_
                            MHD_ContentReaderCallback read, void *user, MHD_ContentReaderFreeCallback end);
 
 /**
- * Every reply that is sent while it comes about takes one of --streams places. take: false when all are
- * taken; refuse: replies so.
+ * Every reply that is sent while it is made takes one of the --streams slots. take: false when all are in
+ * use; refuse: replies with that problem.
  */
-bool qm_request_take_place(qm_app *app);
-void qm_request_leave_place(qm_app *app);
-void qm_request_refuse_place(qm_request *request);
+bool qm_request_take_stream_slot(qm_app *app);
+void qm_request_return_stream_slot(qm_app *app);
+void qm_request_refuse_stream_slot(qm_request *request);
 
-/** Replies that there is no memory for the reply. */
+/** Replies that out of memory for the reply. */
 void qm_request_refuse_memory(qm_request *request);
 
 #endif

@@ -1,5 +1,6 @@
 /**
- * http_request.c: what handlers ask of a request, and the replies that they make of whole bodies.
+ * http_request.c: what handlers ask of a request, the replies that they make of whole bodies, and the headers
+ * for pages of other origins (WHATWG Fetch, CORS protocol), which are off unless origins are named.
  */
 #include <stdarg.h>
 #include <stdio.h>
@@ -8,6 +9,16 @@
 
 #include "http_internal.h"
 #include "ops/json_out.h"
+#include "origin.h"
+
+#define MAX_AGE_S "600"
+
+static const char allowed_headers[] =
+    "Authorization, Content-Type, Accept, Prefer, Cache-Control, Idempotency-Key, If-Match, If-None-Match, "
+    "Last-Event-ID, X-Request-Id";
+static const char exposed_headers[] =
+    "Location, ETag, Retry-After, Preference-Applied, X-Request-Id, Content-Disposition, Mesh-Displacement, "
+    "Mesh-Quantization, Mesh-Cut-Faces, Mesh-Left-Out-Vertices";
 
 qm_app *qm_request_app(const qm_request *request)
 {
@@ -60,10 +71,10 @@ const char *qm_request_media(const qm_request *request)
     return request->media;
 }
 
-qm_rows qm_request_rows(const qm_request *request)
+qm_array_format qm_request_rows(const qm_request *request)
 {
-    if (strcmp(request->media, QM_MEDIA_BINARY) == 0) return QM_ROWS_BINARY;
-    return strcmp(request->media, QM_MEDIA_CSV) == 0 ? QM_ROWS_CSV : QM_ROWS_JSON;
+    if (strcmp(request->media, QM_MEDIA_BINARY) == 0) return QM_ARRAY_BINARY;
+    return strcmp(request->media, QM_MEDIA_CSV) == 0 ? QM_ARRAY_CSV : QM_ARRAY_JSON;
 }
 
 const char *qm_request_body(const qm_request *request, size_t *size)
@@ -102,7 +113,7 @@ void qm_reply_text(qm_request *request, int status, const char *content_type, ch
         set_reply(request, status, content_type, body, strlen(body), MHD_RESPMEM_MUST_FREE);
         return;
     }
-    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply");
+    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reply");
     qm_reply_problem(request, &problem);
 }
 
@@ -131,7 +142,7 @@ void qm_request_set_reader(qm_request *request, int status, uint64_t size, size_
         MHD_set_response_options(request->reply.response, MHD_RF_HTTP_1_0_COMPATIBLE_STRICT, MHD_RO_END);
 }
 
-/** What a handler said of its reply before it failed. */
+/** Removes a header that a handler has set before it failed. */
 static void drop_header(qm_reply *reply, const char *name)
 {
     int kept = 0;
@@ -188,4 +199,29 @@ enum MHD_Result qm_request_send_reply(qm_request *request)
     reply->response = NULL;
     request->stage = DONE;
     return result;
+}
+
+/* ---- pages of other origins ---- */
+
+void qm_request_add_cors(const qm_request *request, struct MHD_Response *response)
+{
+    const char *origins = request->app->config->cors_origins;
+    const char *origin = qm_request_header(request, "Origin");
+    if (!*origins) return;
+    MHD_add_response_header(response, "Vary", "Origin");
+    if (!origin || !qm_origin_is_listed(origins, origin)) return;
+    MHD_add_response_header(response, "Access-Control-Allow-Origin", origin);
+    MHD_add_response_header(response, "Access-Control-Expose-Headers", exposed_headers);
+}
+
+void qm_request_answer_options(qm_request *request)
+{
+    const char *origins = request->app->config->cors_origins;
+    const char *origin = qm_request_header(request, "Origin");
+    qm_reply_empty(request, 204);
+    if (!*origins || !origin || !qm_origin_is_listed(origins, origin)) return;
+    struct MHD_Response *response = request->reply.response;
+    MHD_add_response_header(response, "Access-Control-Allow-Methods", "GET, HEAD, POST, PUT, PATCH, DELETE");
+    MHD_add_response_header(response, "Access-Control-Allow-Headers", allowed_headers);
+    MHD_add_response_header(response, "Access-Control-Max-Age", MAX_AGE_S);
 }

@@ -2,9 +2,9 @@
  * http_stream.c: replies that wait for jobs: the stream of one's events or of a batch's answers, or the
  * document of a job once it has ended.
  *
- * A connection with nothing to send is suspended under the lock of the jobs (job.h), and its reader is taken
- * for awake under it before the connection is resumed: no wake-up is lost, and nothing is resumed that is not
- * suspended.
+ * A connection with nothing to send is suspended under the lock of the jobs (job.h), and its subscriber is
+ * marked as no longer waiting under the lock before the connection is resumed: no wake-up is lost, and no
+ * connection is resumed that is not suspended.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -17,9 +17,9 @@
 
 /** Where the lines of a stream come from: the events of one job, or the answers of a batch. */
 typedef struct line_source {
-    /* Adds what is new, or puts the reader to sleep by suspend. */
-    qm_news (*read)(void *user, qm_text *out, void (*suspend)(void *user));
-    /* After QM_NEWS_END: the stream lacks what should have come. */
+    /* Adds new lines, or calls suspend and marks the subscriber as waiting. */
+    qm_read_status (*read)(void *user, qm_text *out, void (*suspend)(void *user));
+    /* After QM_READ_END: the stream lacks lines, and the connection is cut. */
     bool (*is_cut)(void *user);
     void (*end)(void *user, bool has_ended);
     void *user;
@@ -29,7 +29,7 @@ typedef struct stream {
     qm_app *app;
     struct MHD_Connection *connection;
     line_source source;
-    qm_reader reader;
+    qm_subscriber subscriber;
     bool has_ended;
     qm_text pending; /* not yet sent */
     size_t sent;
@@ -52,13 +52,14 @@ static ssize_t read_stream(void *user, uint64_t position, char *buffer, size_t s
     if (s->sent == s->pending.size) {
         qm_text_reset(&s->pending);
         s->sent = 0;
-        qm_news news = s->source.read(s->source.user, &s->pending, suspend);
-        if (news == QM_NEWS_NONE) return 0;
-        s->has_ended = news == QM_NEWS_END;
+        qm_read_status status = s->source.read(s->source.user, &s->pending, suspend);
+        if (status == QM_READ_NONE) return 0;
+        s->has_ended = status == QM_READ_END;
         bool is_broken = s->pending.failed || (s->has_ended && s->source.is_cut(s->source.user));
         if (is_broken) return MHD_CONTENT_READER_END_WITH_ERROR;
         if (s->has_ended) return MHD_CONTENT_READER_END_OF_STREAM;
     }
+    QM_ASSERT(s->sent <= s->pending.size);
     size_t rest = s->pending.size - s->sent, count = rest < size ? rest : size;
     memcpy(buffer, s->pending.data + s->sent, count);
     s->sent += count;
@@ -69,50 +70,52 @@ static void free_stream(void *user)
 {
     stream *s = user;
     s->source.end(s->source.user, s->has_ended);
-    qm_request_leave_place(s->app);
+    qm_request_return_stream_slot(s->app);
     qm_text_reset(&s->pending);
     free(s);
 }
 
-bool qm_request_take_place(qm_app *app)
+bool qm_request_take_stream_slot(qm_app *app)
 {
     if (atomic_fetch_add(&app->stream_count, 1) < (int)app->config->streams) return true;
     atomic_fetch_sub(&app->stream_count, 1);
     return false;
 }
 
-void qm_request_leave_place(qm_app *app)
+void qm_request_return_stream_slot(qm_app *app)
 {
+    QM_ASSERT(atomic_load(&app->stream_count) > 0);
     atomic_fetch_sub(&app->stream_count, 1);
 }
 
-void qm_request_refuse_place(qm_request *request)
+void qm_request_refuse_stream_slot(qm_request *request)
 {
     qm_problem problem =
-        qm_problem_make(QM_PROBLEM_UNAVAILABLE, "all %.0f streams are taken", request->app->config->streams);
+        qm_problem_make(QM_PROBLEM_UNAVAILABLE, "all %.0f streams are in use", request->app->config->streams);
     problem.retry_after_s = 1;
     qm_reply_problem(request, &problem);
 }
 
 void qm_request_refuse_memory(qm_request *request)
 {
-    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the reply");
+    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reply");
     qm_reply_problem(request, &problem);
 }
 
-/** A stream that has a place and lacks its source; NULL after a refusal. */
+/** A stream with a slot and without a source; NULL after a problem was the reply. */
 static stream *make_stream(qm_request *request)
 {
     qm_app *app = request->app;
-    stream *s = qm_request_take_place(app) ? calloc(1, sizeof *s) : NULL;
+    stream *s = qm_request_take_stream_slot(app) ? calloc(1, sizeof *s) : NULL;
     if (!s) {
-        qm_request_refuse_place(request);
+        qm_request_refuse_stream_slot(request);
         return NULL;
     }
-    *s = (stream){
-        .app = app,
-        .connection = request->connection,
-        .reader = {.wake = resume, .user = s, .wake_at_ms = qm_now_ms() + qm_jobs_heartbeat_ms(app->jobs)}};
+    *s =
+        (stream){.app = app,
+                 .connection = request->connection,
+                 .subscriber = {
+                     .wake = resume, .user = s, .wake_at_ms = qm_now_ms() + qm_jobs_heartbeat_ms(app->jobs)}};
     return s;
 }
 
@@ -129,19 +132,19 @@ static void reply_stream(qm_request *request, int status, const char *media, str
 typedef struct event_source {
     qm_jobs *jobs;
     qm_job *job;
-    qm_reader *reader;
+    qm_subscriber *subscriber;
     uint64_t seq;
     qm_framing framing;
     bool owns_job;
 } event_source;
 
-static qm_news read_events(void *user, qm_text *out, void (*put_to_sleep)(void *user))
+static qm_read_status read_events(void *user, qm_text *out, void (*put_to_sleep)(void *user))
 {
     event_source *e = user;
-    return qm_job_read(e->jobs, e->job, &e->seq, e->framing, out, e->reader, put_to_sleep);
+    return qm_job_read(e->jobs, e->job, &e->seq, e->framing, out, e->subscriber, put_to_sleep);
 }
 
-/** The last event tells how a job ended. */
+/** Never: every job has a last event. */
 static bool events_are_cut(void *user)
 {
     (void)user;
@@ -152,7 +155,7 @@ static void end_events(void *user, bool has_ended)
 {
     event_source *e = user;
     if (e->owns_job && !has_ended) qm_jobs_disown(e->jobs, e->job);
-    qm_job_leave(e->jobs, e->job, e->reader);
+    qm_job_unsubscribe(e->jobs, e->job, e->subscriber);
     qm_jobs_release(e->jobs, e->job);
     free(e);
 }
@@ -175,15 +178,15 @@ void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t afte
         free(e);
         return;
     }
-    *e = (event_source){jobs, job, &s->reader, after, framing, owns_job};
+    *e = (event_source){jobs, job, &s->subscriber, after, framing, owns_job};
     s->source = (line_source){read_events, events_are_cut, end_events, e};
-    qm_job_join(jobs, job, &s->reader);
+    qm_job_subscribe(jobs, job, &s->subscriber);
     reply_stream(request, status, framing == QM_FRAMING_SSE ? QM_MEDIA_SSE : QM_MEDIA_NDJSON, s);
 }
 
 /* ---- the answers of a batch ---- */
 
-static qm_news read_batch(void *user, qm_text *out, void (*put_to_sleep)(void *user))
+static qm_read_status read_batch(void *user, qm_text *out, void (*put_to_sleep)(void *user))
 {
     return qm_batch_read(user, out, put_to_sleep);
 }
@@ -207,9 +210,9 @@ void qm_reply_batch(qm_request *request, qm_blob_writer *upload)
         qm_blob_abort(upload);
         return;
     }
-    qm_batch *batch = qm_batch_create(app->jobs, app->pool, upload, &s->reader);
+    qm_batch *batch = qm_batch_create(app->jobs, app->pool, upload, &s->subscriber);
     if (!batch) {
-        qm_request_leave_place(app);
+        qm_request_return_stream_slot(app);
         free(s);
         qm_request_refuse_memory(request);
         return;
@@ -234,17 +237,17 @@ void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms, int st
 {
     request->awaited = job;
     request->status_before = status_before;
-    request->reader =
-        (qm_reader){.wake = resume_request, .user = request, .wake_at_ms = qm_now_ms() + wait_ms};
-    qm_job_join(request->app->jobs, job, &request->reader);
+    request->subscriber =
+        (qm_subscriber){.wake = resume_request, .user = request, .wake_at_ms = qm_now_ms() + wait_ms};
+    qm_job_subscribe(request->app->jobs, job, &request->subscriber);
 }
 
 bool qm_request_check_awaited(qm_request *request)
 {
     qm_jobs *jobs = request->app->jobs;
     qm_job *job = request->awaited;
-    if (!qm_job_await_end(jobs, job, &request->reader, suspend_request)) return false;
-    qm_job_leave(jobs, job, &request->reader);
+    if (!qm_job_await_end(jobs, job, &request->subscriber, suspend_request)) return false;
+    qm_job_unsubscribe(jobs, job, &request->subscriber);
     request->awaited = NULL;
     bool ended;
     char *document = qm_job_document_now(jobs, job, &ended);

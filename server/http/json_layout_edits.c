@@ -7,8 +7,7 @@
 #include <string.h>
 
 #include "ops/json_layout.h"
-#include "ops/json_object.h"
-#include "ops/json_value.h"
+#include "ops/json_request.h"
 
 void qm_layout_edit_reset(qm_layout_edit *edit)
 {
@@ -24,16 +23,16 @@ static bool read_amount(const cJSON *object, const char *name, double *out, qm_p
     if (qm_json_read_number(value, out) && *out >= 0.0) return true;
     char pointer[32];
     snprintf(pointer, sizeof pointer, "/%s", name);
-    return qm_json_refuse(problem, "must be a number of 0 or more", pointer, 0, 0);
+    return qm_json_reject(problem, "must be a number of 0 or more", pointer, 0, 0);
 }
 
 static bool read_array(const cJSON *object, const char *name, int count, double *out, qm_problem *problem)
 {
     if (qm_json_read_numbers(cJSON_GetObjectItemCaseSensitive(object, name), count, out)) return true;
-    char pointer[32], words[48];
+    char pointer[32], message[48];
     snprintf(pointer, sizeof pointer, "/%s", name);
-    snprintf(words, sizeof words, "must hold %d finite numbers", count);
-    return qm_json_refuse(problem, words, pointer, 0, 0);
+    snprintf(message, sizeof message, "must be an array of %d finite numbers", count);
+    return qm_json_reject(problem, message, pointer, 0, 0);
 }
 
 static bool read_stroke(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
@@ -41,7 +40,7 @@ static bool read_stroke(const cJSON *object, qm_layout_edit *out, qm_problem *pr
     static const char *const names[] = {"points",    "view",  "projection", "viewport",
                                         "radius_px", "depth", "snap",       NULL};
     out->in_window = true;
-    return qm_json_check_names(object, names, problem) &&
+    return qm_json_check_members(object, names, problem) &&
            read_array(object, "view", 16, out->camera.view, problem) &&
            read_array(object, "projection", 16, out->camera.projection, problem) &&
            read_array(object, "viewport", 4, out->camera.viewport, problem) &&
@@ -55,19 +54,20 @@ static bool read_stroke(const cJSON *object, qm_layout_edit *out, qm_problem *pr
 static bool read_split(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
     static const char *const names[] = {"point", NULL};
-    return qm_json_check_names(object, names, problem) && read_array(object, "point", 3, out->point, problem);
+    return qm_json_check_members(object, names, problem) &&
+           read_array(object, "point", 3, out->point, problem);
 }
 
 static bool read_snap(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
     static const char *const names[] = {"end", "point", "radius", NULL};
-    if (!qm_json_check_names(object, names, problem) ||
+    if (!qm_json_check_members(object, names, problem) ||
         !read_array(object, "point", 3, out->point, problem) ||
         !read_amount(object, "radius", &out->radius, problem))
         return false;
     const char *end = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, "end"));
     if (!end || (strcmp(end, "from") != 0 && strcmp(end, "to") != 0))
-        return qm_json_refuse(problem, "must be \"from\" or \"to\"", "/end", 0, 0);
+        return qm_json_reject(problem, "must be \"from\" or \"to\"", "/end", 0, 0);
     out->end = strcmp(end, "to") == 0;
     return true;
 }
@@ -76,7 +76,7 @@ static bool read_redraw(const cJSON *object, qm_layout_edit *out, qm_problem *pr
 {
     static const char *const names[] = {"points", NULL};
     if (cJSON_GetObjectItemCaseSensitive(object, "view")) return read_stroke(object, out, problem);
-    return qm_json_check_names(object, names, problem) &&
+    return qm_json_check_members(object, names, problem) &&
            qm_json_read_table(cJSON_GetObjectItemCaseSensitive(object, "points"), 3, 2, "points",
                               &out->points, &out->point_count, problem);
 }
@@ -84,11 +84,11 @@ static bool read_redraw(const cJSON *object, qm_layout_edit *out, qm_problem *pr
 static bool read_merge(const cJSON *object, qm_layout_edit *out, qm_problem *problem)
 {
     static const char *const names[] = {"first", "second", NULL};
-    if (!qm_json_check_names(object, names, problem)) return false;
+    if (!qm_json_check_members(object, names, problem)) return false;
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(object, "first"), &out->first))
-        return qm_json_refuse(problem, "must be the id of a curve", "/first", 0, 0);
+        return qm_json_reject(problem, "must be the id of a curve", "/first", 0, 0);
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(object, "second"), &out->second))
-        return qm_json_refuse(problem, "must be the id of a curve", "/second", 0, 0);
+        return qm_json_reject(problem, "must be the id of a curve", "/second", 0, 0);
     return true;
 }
 
@@ -118,9 +118,9 @@ static bool read_options(const cJSON *object, qm_reconstruction_options *out, qm
     const cJSON *pull = cJSON_GetObjectItemCaseSensitive(object, "pull_curves");
     *out = qm_reconstruction_options_default();
     if (share && (!qm_json_read_number(share, &out->cover_share) || !(out->cover_share > 0.0)))
-        return qm_json_refuse(problem, "must be a number above 0", "/cover_share", 0, 0);
+        return qm_json_reject(problem, "must be a number above 0", "/cover_share", 0, 0);
     if (pull && !cJSON_IsBool(pull))
-        return qm_json_refuse(problem, "must be true or false", "/pull_curves", 0, 0);
+        return qm_json_reject(problem, "must be true or false", "/pull_curves", 0, 0);
     if (pull) out->pull_curves = cJSON_IsTrue(pull);
     return true;
 }
@@ -133,7 +133,7 @@ bool qm_json_read_reconstruction(const char *text, size_t size, qm_json_reconstr
     cJSON *object = qm_json_parse_object(text, size, "a reconstruction", problem);
     if (!object) return false;
     bool has_source = cJSON_HasObjectItem(object, "source");
-    bool good = qm_json_check_names(object, names, problem) &&
+    bool good = qm_json_check_members(object, names, problem) &&
                 qm_json_read_id(object, "layout", out->layout, problem) &&
                 (!has_source || qm_json_read_id(object, "source", out->source, problem)) &&
                 read_options(object, &out->options, problem);
@@ -148,7 +148,7 @@ bool qm_json_read_layout_choice(const char *text, size_t size, qm_json_reconstru
     *out = (qm_json_reconstruction){0};
     cJSON *object = qm_json_parse_object(text, size, "the choice of a layout", problem);
     if (!object) return false;
-    bool good = qm_json_check_names(object, names, problem) &&
+    bool good = qm_json_check_members(object, names, problem) &&
                 qm_json_read_id(object, "layout", out->layout, problem);
     cJSON_Delete(object);
     return good;

@@ -1,3 +1,6 @@
+/**
+ * media.c: media types, and the choice among them by Accept.
+ */
 #include "media.h"
 
 #include <stdlib.h>

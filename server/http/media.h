@@ -16,7 +16,7 @@ bool qm_media_is(const char *content_type, const char *type);
  * accept  NULL, or one without a word, takes everything
  * offers  media types without parameters, NULL-ended
  *
- * Returns the place of the offer, or -1 when none is taken.
+ * Returns the index of the offer, or -1 when none is taken.
  */
 int qm_media_choose(const char *accept, const char *const *offers);
 

@@ -1,3 +1,6 @@
+/**
+ * origin.c: hosts and origins.
+ */
 #include "origin.h"
 
 #include <arpa/inet.h>

@@ -1,3 +1,6 @@
+/**
+ * route.c: the table of routes, and the search in it.
+ */
 #include "route.h"
 
 #include <stdio.h>
@@ -6,7 +9,7 @@
 #include "handlers.h"
 
 static const char *const json[] = {"application/json", NULL};
-/* PLY first, for who does not care: it is short and keeps everything. */
+/* PLY is first, the default: it is short and exact. */
 static const char *const files[] = {
     "application/x-ply", "model/obj",           "model/stl",  "application/x-off",
     "model/gltf-binary", "application/x-draco", "text/x-xyz", NULL};
@@ -142,7 +145,7 @@ const qm_route *qm_route_find(const char *method, const char *path, char ids[2][
         *problem = qm_problem_make(QM_PROBLEM_METHOD_NOT_ALLOWED, "this resource answers %s", allow);
         snprintf(problem->allow, sizeof problem->allow, "%s", allow);
     } else {
-        *problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "nothing answers at this path");
+        *problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "there is no resource at this path");
     }
     return NULL;
 }

@@ -1,5 +1,5 @@
 /**
- * route.h: the table of what the daemon answers.
+ * route.h: the table of routes.
  */
 #ifndef QM_ROUTE_H
 #define QM_ROUTE_H
@@ -23,7 +23,7 @@ typedef struct qm_route {
     const char *const *produces; /* media types to choose from by Accept, NULL-ended; NULL: not negotiated */
     qm_body body;
     qm_runs runs;
-    const char *const *query; /* parameters that it has, NULL-ended; NULL: any, for nobody reads them */
+    const char *const *query; /* parameters that it has, NULL-ended; NULL: any, none is read */
 } qm_route;
 
 /**

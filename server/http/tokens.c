@@ -1,3 +1,6 @@
+/**
+ * tokens.c: the token file, and the comparison in constant time.
+ */
 #include "tokens.h"
 
 #include <errno.h>
@@ -48,20 +51,20 @@ static void hash_token(const char *text, size_t size, uint8_t out[SHA256_DIGEST_
     sha256_digest(&hash, SHA256_DIGEST_SIZE, out);
 }
 
-/** Reads "scope token"; false with words. The words never hold the token. */
-static bool read_line(char *line, token *out, const char **words)
+/** Reads "scope token"; false with a fault, which never has the token. */
+static bool read_line(char *line, token *out, const char **fault)
 {
     char *rest = NULL, *scope = strtok_r(line, BLANK, &rest), *text = strtok_r(NULL, BLANK, &rest);
     out->scope = strcmp(scope, "read") == 0    ? QM_SCOPE_READ
                  : strcmp(scope, "write") == 0 ? QM_SCOPE_WRITE
                                                : QM_SCOPE_NONE;
-    *words = out->scope == QM_SCOPE_NONE           ? "does not start with read or write"
+    *fault = out->scope == QM_SCOPE_NONE           ? "does not start with read or write"
              : !text                               ? "has no token"
              : strtok_r(NULL, BLANK, &rest)        ? "has more than a scope and a token"
              : strlen(text) < QM_TOKENS_MIN_LENGTH ? "has a token that is too short"
                                                    : NULL;
-    if (!*words) hash_token(text, strlen(text), out->hash);
-    return !*words;
+    if (!*fault) hash_token(text, strlen(text), out->hash);
+    return !*fault;
 }
 
 /** Reads the lines into a list of MAX_TOKENS; returns how many, or 0 with a message. */
@@ -69,24 +72,24 @@ static size_t read_lines(FILE *file, token *list, char message[QM_TOKENS_MESSAGE
 {
     char line[MAX_LINE];
     size_t count = 0;
-    const char *words = NULL;
+    const char *fault = NULL;
     int number = 0;
-    while (!words && fgets(line, sizeof line, file)) {
+    while (!fault && fgets(line, sizeof line, file)) {
         number++;
         const char *start = line + strspn(line, BLANK);
         if (strlen(line) + 1 == sizeof line)
-            words = "is too long";
+            fault = "is too long";
         else if (count == MAX_TOKENS)
-            words = "is one token too many";
-        else if (*start && *start != '#' && read_line(line, &list[count], &words))
+            fault = "is one token too many";
+        else if (*start && *start != '#' && read_line(line, &list[count], &fault))
             count++;
     }
     explicit_bzero(line, sizeof line);
-    if (words)
-        snprintf(message, QM_TOKENS_MESSAGE_SIZE, "line %d %s", number, words);
+    if (fault)
+        snprintf(message, QM_TOKENS_MESSAGE_SIZE, "line %d %s", number, fault);
     else if (count == 0)
         snprintf(message, QM_TOKENS_MESSAGE_SIZE, "it holds no token");
-    return words ? 0 : count;
+    return fault ? 0 : count;
 }
 
 bool qm_tokens_load(qm_tokens *tokens, const char *path, char message[QM_TOKENS_MESSAGE_SIZE])
@@ -98,7 +101,7 @@ bool qm_tokens_load(qm_tokens *tokens, const char *path, char message[QM_TOKENS_
     }
     token *list = calloc(MAX_TOKENS, sizeof *list);
     size_t count = list ? read_lines(file, list, message) : 0;
-    if (!list) snprintf(message, QM_TOKENS_MESSAGE_SIZE, "there is no memory for it");
+    if (!list) snprintf(message, QM_TOKENS_MESSAGE_SIZE, "out of memory");
     fclose(file);
     if (count == 0) {
         free(list);

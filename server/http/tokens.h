@@ -1,5 +1,5 @@
 /**
- * tokens.h: who may do what: bearer tokens (RFC 6750) from a file, each with a scope.
+ * tokens.h: bearer tokens (RFC 6750) from a file, each with a scope.
  *
  * A line of the file is "read TOKEN" or "write TOKEN"; write includes read. Empty lines and lines that start
  * with # are passed over. Only hashes of the tokens are kept, and a given token is compared with all of them
@@ -22,8 +22,8 @@ typedef struct qm_tokens qm_tokens;
 qm_tokens *qm_tokens_create(void);
 void qm_tokens_destroy(qm_tokens *tokens);
 
-/** Replaces all tokens by those of a file. False with words, and everything as it was, when the file cannot
- * be read, has a faulty line (words name it) or no token. */
+/** Replaces all tokens by those of a file. False with a message, and no change, when the file cannot be read,
+ * has a faulty line (which the message names) or no token. */
 bool qm_tokens_load(qm_tokens *tokens, const char *path, char message[QM_TOKENS_MESSAGE_SIZE]);
 
 size_t qm_tokens_count(qm_tokens *tokens);

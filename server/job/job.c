@@ -1,3 +1,6 @@
+/**
+ * job.c: the table of jobs: references, submission, and cancelation.
+ */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -11,18 +14,19 @@
 static void free_job(qm_job *job)
 {
     for (size_t i = 0; i < job->event_count; i++)
-        free(job->events[i].line);
+        free(job->events[i]);
     free(job->events);
     free(job->last_bounds);
     free(job->document);
+    free(job->result);
     free(job->key);
     qm_job_request_reset(&job->request);
-    qm_batch_line_reset(&job->line);
     free(job);
 }
 
 void qm_job_drop_reference(qm_job *job)
 {
+    QM_ASSERT(qm_jobs_is_locked(job->jobs) && job->references > 0);
     if (--job->references == 0) free_job(job);
 }
 
@@ -36,6 +40,7 @@ void qm_jobs_release(qm_jobs *jobs, qm_job *job)
 
 void qm_job_unlist(qm_job *job)
 {
+    QM_ASSERT(qm_jobs_is_locked(job->jobs));
     if (!job->listed) return;
     qm_job **link = &job->jobs->first;
     while (*link != job)
@@ -84,6 +89,7 @@ qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request)
 
 void qm_job_enlist(qm_jobs *jobs, qm_job *job)
 {
+    QM_ASSERT(job->state == QM_JOB_QUEUED && !job->listed);
     uv_mutex_lock(&jobs->lock);
     job->references++;
     job->listed = true;
@@ -97,6 +103,7 @@ void qm_job_withdraw(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
     if (job->state == QM_JOB_QUEUED) {
+        QM_ASSERT(jobs->queued > 0);
         jobs->queued--;
         qm_job_unlist(job);
     }
@@ -113,18 +120,18 @@ bool qm_job_enqueue(qm_jobs *jobs, qm_job *job)
     return queued;
 }
 
-/** A job of the store that has ended, as one in memory that belongs to the caller alone. Its events are read
- * when they are asked for. */
+/** The job of a row that has ended; only the caller has it. qm_job_fetch_events loads its events. */
 static qm_job *job_from_row(qm_jobs *jobs, const qm_store_job *row)
 {
     qm_job *job = calloc(1, sizeof *job);
     if (!job) return NULL;
     job->jobs = jobs;
     memcpy(job->id, row->id, sizeof job->id);
-    job->state = (qm_job_state)row->state;
+    job->state = row->state;
     job->document = row->document ? strdup(row->document) : NULL;
+    job->result = row->result ? strdup(row->result) : NULL;
     job->references = 1;
-    job->is_stored = true;
+    job->is_from_row = true;
     qm_job_set_restarts(job, row->restarts);
     return job;
 }
@@ -142,6 +149,7 @@ static qm_job *find_listed(qm_jobs *jobs, const char *id)
 
 qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem)
 {
+    QM_ASSERT(id && problem);
     qm_store_job row;
     qm_job *job = find_listed(jobs, id);
     if (job) return job;
@@ -150,9 +158,9 @@ qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem)
         *problem = qm_problem_from_store(status, QM_PROBLEM_JOB_NOT_FOUND, "job %s", id);
         return NULL;
     }
-    /* A row without a document came between the two looks: its job has been listed since. */
+    /* A row without a document was inserted after the first search: its job has been listed since. */
     job = row.document ? job_from_row(jobs, &row) : find_listed(jobs, id);
-    if (!job) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for job %s", id);
+    if (!job) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for job %s", id);
     qm_store_job_reset(&row);
     return job;
 }
@@ -172,7 +180,7 @@ static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const cha
         job = qm_jobs_find(jobs, row.id, problem);
     else
         *problem = qm_problem_make(QM_PROBLEM_IDEMPOTENCY_MISMATCH,
-                                   "this Idempotency-Key came with another request");
+                                   "the Idempotency-Key was used for a different request");
     qm_store_job_reset(&row);
     return job;
 }
@@ -186,54 +194,6 @@ qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions
     return job;
 }
 
-static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_t *revision,
-                       qm_problem *problem)
-{
-    qm_store_mesh row;
-    qm_status status = qm_store_find_mesh(jobs->store, id, &row);
-    if (status == QM_OK) {
-        *revision = row.revision;
-        qm_store_mesh_reset(&row);
-        return true;
-    }
-    char pointer[32];
-    snprintf(pointer, sizeof pointer, "/%s", field);
-    *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh of the id given in %s", field);
-    if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, pointer, "no such mesh");
-    return false;
-}
-
-void qm_job_write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
-{
-    snprintf(out, QM_REVISIONS_SIZE, "%llu %llu", (unsigned long long)a, (unsigned long long)b);
-}
-
-static bool check_reconstruction(qm_jobs *jobs, const char *id, qm_problem *problem)
-{
-    qm_store_reconstruction row;
-    qm_status status = qm_store_find_reconstruction(jobs->store, id, &row);
-    if (status == QM_OK) {
-        qm_store_reconstruction_reset(&row);
-        return true;
-    }
-    *problem =
-        qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction of this id");
-    if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, "/reconstruction", "no such reconstruction");
-    return false;
-}
-
-bool qm_job_check_meshes(qm_jobs *jobs, const qm_job_request *request, char revisions[QM_REVISIONS_SIZE],
-                         qm_problem *problem)
-{
-    if (request->kind == QM_JOB_RECONSTRUCTION_STEP) return check_reconstruction(jobs, request->a, problem);
-    const char *const *field = qm_job_type_of(request->kind)->mesh_field;
-    uint64_t a = 0, b = 0;
-    bool are_there = check_mesh(jobs, request->a, field[0], &a, problem) &&
-                     (!field[1] || check_mesh(jobs, request->b, field[1], &b, problem));
-    qm_job_write_revisions(a, b, revisions);
-    return are_there;
-}
-
 static bool is_open(qm_jobs *jobs, qm_problem *problem)
 {
     if (!atomic_load(&jobs->closed)) return true;
@@ -244,7 +204,8 @@ static bool is_open(qm_jobs *jobs, qm_problem *problem)
 static bool has_room(qm_jobs *jobs, qm_problem *problem)
 {
     if (qm_jobs_count(jobs).queued < (size_t)jobs->limits.queue) return true;
-    *problem = qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "%d jobs wait already", jobs->limits.queue);
+    *problem = qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "the queue is full: %d jobs are waiting",
+                               jobs->limits.queue);
     return false;
 }
 
@@ -260,14 +221,14 @@ static bool store_new(qm_jobs *jobs, qm_job *job, const qm_job_submission *submi
 }
 
 /**
- * A new job: stored before it is queued, so that what is answered with 202 survives the daemon, and listed
- * before it is stored, so that an unfinished job of the store is always found in the table.
+ * Creates a job: stored before it is queued, so that a job which was accepted with 202 survives the daemon,
+ * and listed before it is stored, so that an unfinished job of the store is always in the table.
  */
 static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, qm_problem *problem)
 {
     qm_job *job = qm_job_create(jobs, submission->request);
     if (!job) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the job");
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
         return NULL;
     }
     qm_job_enlist(jobs, job);
@@ -280,7 +241,7 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, qm
     return NULL;
 }
 
-/** The job that answers a request already. NULL with a problem when the request cannot be answered at all. */
+/** The job that answers a request already, or NULL; with a problem when the request has a fault. */
 static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, const char *key,
                            bool *is_cached, qm_problem *problem)
 {
@@ -289,14 +250,15 @@ static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, c
         if (same || problem->code != QM_PROBLEM_COUNT) return same;
     }
     char revisions[QM_REVISIONS_SIZE];
-    if (!qm_job_check_meshes(jobs, submission->request, revisions, problem)) return NULL;
+    if (!qm_job_runner_of(submission->request->kind)->check(jobs, submission->request, revisions, problem))
+        return NULL;
     bool may_be_cached = submission->use_cache && qm_job_type_of(submission->request->kind)->is_pure;
     qm_job *cached = may_be_cached ? qm_job_find_cached(jobs, key, revisions) : NULL;
     *is_cached = cached != NULL;
     return cached;
 }
 
-/** Notes whether the leaving of the one who asks is to end the job. */
+/** Counts the client as an owner, or keeps the job when all owners leave. */
 static void add_owner(qm_jobs *jobs, qm_job *job, bool owns)
 {
     uv_mutex_lock(&jobs->lock);
@@ -310,11 +272,12 @@ static void add_owner(qm_jobs *jobs, qm_job *job, bool owns)
 qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool *is_cached,
                        qm_problem *problem)
 {
+    QM_ASSERT(submission && submission->request && submission->body && is_cached && problem);
     *is_cached = false;
     *problem = (qm_problem){.code = QM_PROBLEM_COUNT};
     char *key = qm_job_make_key(submission->request);
     if (!key) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the job");
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
         return NULL;
     }
     qm_job *job = NULL;
@@ -347,6 +310,7 @@ bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
 void qm_jobs_disown(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
+    QM_ASSERT(job->owners > 0);
     bool ends = --job->owners == 0 && !job->is_kept;
     uv_mutex_unlock(&jobs->lock);
     if (ends) qm_jobs_cancel(jobs, job);

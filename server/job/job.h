@@ -1,15 +1,15 @@
 /**
- * job.h: the table of jobs: queue, run, cancel, events and those who read them.
+ * job.h: the table of jobs: submission, cancelation, events and their subscribers.
  *
- * A job's life: queued -> running -> succeeded, failed or canceled. Each job has a list of events, one JSON
- * object a line with seq 1, 2, 3 ...; the last one is a result or an error, and there is exactly one of
- * these. A job that has ended is in the store with its document and events before anybody hears of it; the
- * events of one that runs are stored from time to time. One that the end of the daemon has cut short runs
- * again, with higher numbers, and keeps the events that were stored.
+ * A job's life: queued -> running -> succeeded, failed or canceled. Each job has a list of events with seq 1,
+ * 2, 3 ...; the last one is its only result or error. The end of a job is in the store, with its document and
+ * events, before any subscriber reads it; the events of a running job are stored from time to time. A job
+ * that was interrupted by the end of the daemon runs again at the next start, with higher numbers, and keeps
+ * its stored events. See server/ARCHITECTURE.md.
  *
- * Lock rule: one lock guards the table, the jobs' states and events, and the readers' lists. Readers are
- * woken under the lock, so that a reader which found nothing and went to sleep under the same lock is never
- * forgotten.
+ * Threads: every call may come from any thread. One lock guards the table, states, events and subscribers. A
+ * subscriber that finds nothing to read is marked as waiting before the lock is released, and every event is
+ * added under the lock: no wake-up is lost.
  */
 #ifndef QM_JOB_H
 #define QM_JOB_H
@@ -18,48 +18,40 @@
 #include "layout/reconstructions.h"
 #include "ops/job_kinds.h"
 
-typedef enum qm_job_state {
-    QM_JOB_QUEUED,
-    QM_JOB_RUNNING,
-    QM_JOB_SUCCEEDED,
-    QM_JOB_FAILED,
-    QM_JOB_CANCELED
-} qm_job_state;
-
 typedef struct qm_jobs qm_jobs;
 typedef struct qm_job qm_job;
 
-/** Somebody who waits for news of a job. wake is called from a thread of its own, once for each time it went
- * to sleep and before it leaves. */
-typedef struct qm_reader {
+/** A connection that waits for a job. The notifier calls wake once for each time that the subscriber was
+ * marked as waiting, and never after it has unsubscribed. */
+typedef struct qm_subscriber {
     void (*wake)(void *user);
     void *user;
-    bool asleep;
-    double wake_at_ms;                   /* wake at this time at the latest (qm_now_ms), INFINITY for never */
-    struct qm_reader *next, *next_awake; /* of the same job; of those that are about to be woken */
-} qm_reader;
+    bool is_waiting;
+    double wake_at_ms;                     /* wake at this time at the latest (qm_now_ms); INFINITY: never */
+    struct qm_subscriber *next, *next_due; /* of the same job; in the list of the notifier */
+} qm_subscriber;
 
 typedef struct qm_job_limits {
     int workers, queue, threads;
     size_t search_memory; /* of the queue of one search, bytes */
     double grace_ms;
-    size_t kept_jobs;    /* that have ended */
-    double kept_s;       /* seconds that a job is kept; 0: any time */
-    double heartbeat_ms; /* of silence after which a stream says that it lives */
+    size_t kept_jobs;    /* number of ended jobs in the store */
+    double kept_s;       /* age after which an ended job is removed, seconds; 0: never */
+    double heartbeat_ms; /* silence after which a stream sends a heartbeat */
 } qm_job_limits;
 
-/** Starts the workers and queues again what the store holds unfinished. */
+/** Starts the workers and queues the unfinished jobs of the store. NULL: out of memory or threads. */
 qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *reconstructions,
                         qm_job_limits limits);
 
 /**
- * Takes no new work from now on and ends the workers: running jobs get their grace time, then stop;
- * unfinished ones run again at the next start. What has ended can still be asked for.
+ * Refuses new jobs and ends the workers: running jobs get their grace time, then stop; unfinished ones run
+ * again at the next start. Jobs that have ended can still be read.
  */
 void qm_jobs_drain(qm_jobs *jobs);
 void qm_jobs_destroy(qm_jobs *jobs);
 
-/** Stores the events that running jobs have so far. */
+/** Stores the events of running jobs that the store lacks. */
 void qm_jobs_save_events(qm_jobs *jobs);
 
 /** Removes the jobs that have ended and are too old or too many, with their results. */
@@ -67,11 +59,11 @@ void qm_jobs_drop_old(qm_jobs *jobs);
 
 /** How a request wants its job. */
 typedef struct qm_job_submission {
-    qm_job_request *request;     /* what it owns goes over to a new job */
-    const char *body;            /* as it came */
+    qm_job_request *request;     /* a new job takes over its points */
+    const char *body;            /* the JSON, to run the job again after a restart */
     const char *idempotency_key; /* or NULL */
     bool use_cache;
-    bool owns_job; /* the job ends when the client leaves: it streams it and has not said detach */
+    bool owns_job; /* the job is canceled when its last owner leaves: the client streams it without detach */
 } qm_job_submission;
 
 /**
@@ -81,66 +73,69 @@ typedef struct qm_job_submission {
 qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool *is_cached,
                        qm_problem *problem);
 
-/** A counted reference; jobs that have ended come back from the store, without their events. NULL with a
- * problem. */
+/** A counted reference. A job that has ended is read from the store, without its events. NULL with a problem
+ * (404, 503, 507). */
 qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem);
 
-/** Sees to it that the events of a job which nobody else has can be read. False with a problem. */
+/** Loads the events of a job that qm_jobs_find has read from the store. Only for the one holder of such a
+ * job. False with a problem. */
 bool qm_job_fetch_events(qm_job *job, qm_problem *problem);
 void qm_jobs_release(qm_jobs *jobs, qm_job *job);
 
-/** A job asked to stop; it ends as canceled with its last bounds. False when it had ended before. */
+/** Asks a job to stop; it ends as canceled with its last bounds. False when it has ended already. */
 bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job);
 
-/** A client that owns the job (see the submission) has left: cancels it when nobody else wants it. */
+/** An owner of the job (qm_job_submission) has left: cancels the job when it was the last one, and no client
+ * without a stream has submitted it. */
 void qm_jobs_disown(qm_jobs *jobs, qm_job *job);
 
 const char *qm_job_id(const qm_job *job);
 
-/** The job resource as it is now, for the caller to free; with the cached mark when asked for. NULL: out of
- * memory. */
+/** The job resource, for the caller to free; is_cached marks it as one. NULL: out of memory. */
 char *qm_job_document(qm_jobs *jobs, qm_job *job, bool is_cached);
 
-/** The same without the mark, and whether the job had ended at that moment. */
+/** The job resource, and whether the job had ended at that moment. */
 char *qm_job_document_now(qm_jobs *jobs, qm_job *job, bool *has_ended);
 
-/** The result object of a job that has one, for the caller to free; NULL otherwise. */
+/** The result object, for the caller to free; NULL when the job has none (yet), or out of memory. */
 char *qm_job_result_object(qm_jobs *jobs, qm_job *job);
 
 /**
- * The documents of a page of jobs after a sequence number, as members of the JSON array that out ends in. A
- * page of large documents ends before its limit. *next is 0 on the last page. False: out of memory.
+ * Adds the resources of a page of jobs after a sequence number to the JSON array that out ends in. A page of
+ * large resources ends before its limit. *next is 0 on the last page. False: out of memory.
  */
 bool qm_jobs_list(qm_jobs *jobs, int64_t after, size_t limit, qm_text *out, int64_t *next);
 
 /** How an event is framed. */
 typedef enum qm_framing { QM_FRAMING_NDJSON, QM_FRAMING_SSE } qm_framing;
 
-/** What a look at the events found. */
-typedef enum qm_news { QM_NEWS_SOME, QM_NEWS_NONE, QM_NEWS_END } qm_news;
+/** QM_READ_SOME: events were added. QM_READ_NONE: none yet, the subscriber waits. QM_READ_END: none will
+ * come. */
+typedef enum qm_read_status { QM_READ_SOME, QM_READ_NONE, QM_READ_END } qm_read_status;
 
 /**
- * Adds the events after *seq to out, framed, and moves *seq on; from the first one if there are not so many.
- * With none to add and the job still going, puts the reader to sleep by calling suspend under the lock.
+ * Adds the events after *seq to out, framed, and advances *seq; a *seq past the last event reads the run from
+ * its first event. With none to add and the job not over, calls suspend under the lock and marks the
+ * subscriber as waiting.
  */
-qm_news qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing framing, qm_text *out,
-                    qm_reader *reader, void (*suspend)(void *user));
+qm_read_status qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing framing, qm_text *out,
+                           qm_subscriber *subscriber, void (*suspend)(void *user));
 
-/** True when the job has ended; else puts the reader to sleep likewise until it does or wake_at_ms comes. */
-bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_reader *reader, void (*suspend)(void *user));
+/** True when the job is over, or wake_at_ms has passed; else calls suspend, and the subscriber waits. */
+bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber, void (*suspend)(void *user));
 
-/** A reader is with the job from join to leave. */
-void qm_job_join(qm_jobs *jobs, qm_job *job, qm_reader *reader);
-void qm_job_leave(qm_jobs *jobs, qm_job *job, qm_reader *reader);
+/** Between the two calls the job notifies the subscriber and stays alive. */
+void qm_job_subscribe(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber);
+void qm_job_unsubscribe(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber);
 
 double qm_jobs_heartbeat_ms(const qm_jobs *jobs);
 
-/** Wakes the readers whose time has come; called by the loop's timer. */
+/** Notifies subscribers whose wake_at_ms has passed; called by the loop's timer. */
 void qm_jobs_tick(qm_jobs *jobs, double now_ms);
 
-/** Wakes whoever is to be woken still, and from now on everybody at once: called when the pools are closed,
- * before the connections end. */
-void qm_jobs_settle(qm_jobs *jobs);
+/** Notifies all that are due and ends the notifier: from now on wake is called at once, under the lock. For
+ * the time between the end of the pools and the end of the connections. */
+void qm_jobs_stop_notifier(qm_jobs *jobs);
 
 typedef struct qm_job_counts {
     size_t queued, running;

@@ -1,3 +1,6 @@
+/**
+ * job_batch.c: a batch: a task on the pool reads lines and queues jobs, the end of each job adds an answer.
+ */
 #include "job_batch.h"
 
 #include <stdlib.h>
@@ -15,25 +18,25 @@
 #define LINES_A_TURN 256         /* lines after which the pool gets a chance to do other things */
 
 /**
- * The lock of the jobs guards all from reader on. One task at a time feeds lines, and what stands above is
- * its own.
+ * The lock of the jobs guards the members from subscriber on. One task at a time feeds lines; the members
+ * above belong to it.
  */
 struct qm_batch {
     qm_jobs *jobs;
     qm_pool *pool;
     qm_blob_writer *upload;
-    uint64_t offset; /* of what was not read yet */
-    char *piece;     /* PIECE_SIZE bytes, of which those from piece_at on are to be looked at */
+    uint64_t offset; /* of the next byte to read */
+    char *piece;     /* PIECE_SIZE bytes; those before piece_at are done */
     size_t piece_at, piece_size;
     qm_text line;
     uint64_t line_number;
     bool line_is_too_long;
 
-    qm_reader *reader;
+    qm_subscriber *subscriber;
     qm_text answers;
     size_t running;
     bool is_feeding, at_end, is_closed, is_cut;
-    int references; /* the reader's, the feeding task's, and one for each job */
+    int references; /* the subscriber's, the feeding task's, and one for each job */
 };
 
 /* ---- life ---- */
@@ -41,6 +44,7 @@ struct qm_batch {
 /** The caller holds the lock. */
 static void drop_reference(qm_batch *batch)
 {
+    QM_ASSERT(qm_jobs_is_locked(batch->jobs) && batch->references > 0);
     if (--batch->references > 0) return;
     qm_blob_abort(batch->upload);
     free(batch->piece);
@@ -49,30 +53,32 @@ static void drop_reference(qm_batch *batch)
     free(batch);
 }
 
-static void wake_reader(qm_batch *batch)
+static void notify_subscriber(qm_batch *batch)
 {
-    qm_reader *reader = batch->reader;
-    if (reader) qm_reader_wake(batch->jobs, reader);
+    qm_subscriber *subscriber = batch->subscriber;
+    if (subscriber) qm_jobs_notify(batch->jobs, subscriber);
 }
 
 static void feed(void *data);
 
-/** For another line and its answer. The caller holds the lock. */
+/** True when another line and its answer fit. The caller holds the lock. */
 static bool has_room(const qm_batch *batch)
 {
     return batch->running < (size_t)batch->jobs->limits.workers * LINES_A_WORKER &&
            batch->answers.size < MAX_PENDING;
 }
 
-/** No answer will come any more. The caller holds the lock. */
+/** True when no answer will follow. The caller holds the lock. */
 static bool is_over(const qm_batch *batch)
 {
+    QM_ASSERT(qm_jobs_is_locked(batch->jobs));
     return (batch->at_end || batch->is_cut) && !batch->is_feeding && batch->running == 0;
 }
 
-/** Has more lines read when there is room for them. The caller holds the lock. */
+/** Queues a task that reads lines when there is room for them. The caller holds the lock. */
 static void ask_for_lines(qm_batch *batch)
 {
+    QM_ASSERT(qm_jobs_is_locked(batch->jobs));
     if (!has_room(batch) || batch->is_feeding || batch->at_end || batch->is_closed || batch->is_cut) return;
     batch->is_feeding = true;
     batch->references++;
@@ -82,7 +88,7 @@ static void ask_for_lines(qm_batch *batch)
     batch->references--;
 }
 
-qm_batch *qm_batch_create(qm_jobs *jobs, qm_pool *pool, qm_blob_writer *upload, qm_reader *reader)
+qm_batch *qm_batch_create(qm_jobs *jobs, qm_pool *pool, qm_blob_writer *upload, qm_subscriber *subscriber)
 {
     qm_batch *batch = calloc(1, sizeof *batch);
     char *piece = malloc(PIECE_SIZE);
@@ -92,47 +98,56 @@ qm_batch *qm_batch_create(qm_jobs *jobs, qm_pool *pool, qm_blob_writer *upload, 
         free(batch);
         return NULL;
     }
-    *batch = (qm_batch){
-        .jobs = jobs, .pool = pool, .upload = upload, .piece = piece, .reader = reader, .references = 1};
+    *batch = (qm_batch){.jobs = jobs,
+                        .pool = pool,
+                        .upload = upload,
+                        .piece = piece,
+                        .subscriber = subscriber,
+                        .references = 1};
     uv_mutex_lock(&jobs->lock);
-    qm_readers_add(&jobs->readers, reader);
+    qm_job_subscribers_add(&jobs->subscribers, subscriber);
     uv_mutex_unlock(&jobs->lock);
     return batch;
 }
 
 /* ---- answers ---- */
 
-/** members comes without braces. The caller holds the lock. */
-static void add_answer(qm_batch *batch, const qm_batch_line *line, const char *state, const char *members)
+/** A line of the batch that is answered, at once or by a job. */
+typedef struct batch_line {
+    qm_batch *batch;
+    uint64_t number; /* from 1 */
+    char *key;       /* JSON */
+} batch_line;
+
+/** Adds the answer of a line. The caller holds the lock. */
+static void add_answer(const batch_line *line, const qm_job_outcome *outcome, bool is_cached)
 {
-    qm_text_printf(&batch->answers, "{\"key\":%s,\"line\":%llu,\"state\":\"%s\",%s}\n", line->key,
-                   (unsigned long long)line->number, state, members);
-    wake_reader(batch);
+    qm_batch *batch = line->batch;
+    QM_ASSERT(qm_jobs_is_locked(batch->jobs) && outcome->state > QM_JOB_RUNNING);
+    qm_text_printf(&batch->answers, "{\"key\":%s,\"line\":%llu,\"state\":\"%s\",%s\"%s\":", line->key,
+                   (unsigned long long)line->number, qm_job_state_name(outcome->state),
+                   is_cached ? "\"cached\":true," : "", outcome->member);
+    qm_text_add_string(&batch->answers, outcome->object);
+    qm_text_add_string(&batch->answers, "}\n");
+    notify_subscriber(batch);
 }
 
-void qm_batch_line_reset(qm_batch_line *line)
+/** Answers a line whose job has ended, and frees it (qm_job_end_fn). */
+static void end_line(void *user, const qm_job_outcome *outcome)
 {
-    free(line->key);
-    *line = (qm_batch_line){0};
-}
-
-void qm_batch_end_line(qm_job *job, qm_job_state state, const char *members)
-{
-    qm_jobs *jobs = job->jobs;
-    qm_batch *batch = job->line.batch;
-    uv_mutex_lock(&jobs->lock);
-    jobs->running--;
-    job->state = state;
-    add_answer(batch, &job->line, qm_job_state_name(state), members);
+    batch_line *line = user;
+    qm_batch *batch = line->batch;
+    QM_ASSERT(batch->running > 0);
+    add_answer(line, outcome, false);
     batch->running--;
     ask_for_lines(batch);
-    if (is_over(batch)) wake_reader(batch);
+    if (is_over(batch)) notify_subscriber(batch);
     drop_reference(batch);
-    qm_job_unlist(job);
-    uv_mutex_unlock(&jobs->lock);
+    free(line->key);
+    free(line);
 }
 
-/** Memory is out: the reader hears of it by the end that it misses. */
+/** Out of memory: the connection is cut, so that the client misses the end. */
 static void give_up(qm_batch *batch)
 {
     uv_mutex_lock(&batch->jobs->lock);
@@ -140,83 +155,84 @@ static void give_up(qm_batch *batch)
     uv_mutex_unlock(&batch->jobs->lock);
 }
 
-static void answer(qm_batch *batch, const qm_batch_line *line, const char *state, qm_text *members)
+/** Answers a line without a job: from the store, or with a problem. Frees the object, which is NULL when
+ * memory ran out. */
+static void answer(const batch_line *line, qm_job_state state, const char *member, char *object)
 {
-    char *text = qm_text_take(members);
-    if (!text) {
-        give_up(batch);
-        return;
+    if (object) {
+        uv_mutex_lock(&line->batch->jobs->lock);
+        add_answer(line, &(qm_job_outcome){state, member, object}, state == QM_JOB_SUCCEEDED);
+        uv_mutex_unlock(&line->batch->jobs->lock);
+    } else {
+        give_up(line->batch);
     }
-    uv_mutex_lock(&batch->jobs->lock);
-    add_answer(batch, line, state, text);
-    uv_mutex_unlock(&batch->jobs->lock);
-    free(text);
+    free(object);
 }
 
-static void answer_with_problem(qm_batch *batch, const qm_batch_line *line, const qm_problem *problem)
+static void answer_with_problem(const batch_line *line, const qm_problem *problem)
 {
-    qm_text members = {0};
-    qm_text_add_string(&members, "\"problem\":");
-    qm_json_write_problem(&members, problem);
-    answer(batch, line, "failed", &members);
+    qm_text object = {0};
+    qm_json_write_problem(&object, problem);
+    answer(line, QM_JOB_FAILED, "problem", qm_text_take(&object));
 }
 
 /** Answers from a finished job; false when there is none. */
-static bool answer_from_store(qm_batch *batch, const qm_batch_line *line, const char *key,
-                              const char *revisions)
+static bool answer_from_store(const batch_line *line, const char *key, const char *revisions)
 {
-    qm_job *job = qm_job_find_cached(batch->jobs, key, revisions);
-    char *result = job ? qm_job_result_object(batch->jobs, job) : NULL;
-    qm_text members = {0};
-    if (result) {
-        qm_text_add_string(&members, "\"cached\":true,\"result\":");
-        qm_text_add_string(&members, result);
-        answer(batch, line, "succeeded", &members);
-    }
+    qm_jobs *jobs = line->batch->jobs;
+    qm_job *job = qm_job_find_cached(jobs, key, revisions);
+    char *result = job ? qm_job_result_object(jobs, job) : NULL;
     qm_metrics_add(QM_METRICS_CACHED_ANSWERS, result != NULL);
-    free(result);
-    qm_jobs_release(batch->jobs, job);
+    if (result) answer(line, QM_JOB_SUCCEEDED, "result", result);
+    qm_jobs_release(jobs, job);
     return result != NULL;
 }
 
 /* ---- lines ---- */
 
-/** Puts a line among the jobs; takes over its key and the request. */
-static bool queue_line(qm_batch *batch, qm_batch_line *line, qm_job_request *request)
+/** Queues a job for a line; it takes over the line's key and the request. */
+static bool queue_line(batch_line *line, qm_job_request *request)
 {
+    qm_batch *batch = line->batch;
     qm_jobs *jobs = batch->jobs;
-    qm_job *job = qm_job_create(jobs, request);
-    if (!job) return false;
-    job->line = *line;
+    batch_line *owned = malloc(sizeof *owned);
+    qm_job *job = owned ? qm_job_create(jobs, request) : NULL;
+    if (!job) {
+        free(owned);
+        return false;
+    }
+    *owned = *line;
+    job->on_end = end_line;
+    job->end_user = owned;
     uv_mutex_lock(&jobs->lock);
     batch->running++;
     batch->references++;
     uv_mutex_unlock(&jobs->lock);
     qm_job_enlist(jobs, job);
     bool queued = qm_job_enqueue(jobs, job);
-    if (!queued) {
-        job->line = (qm_batch_line){0};
+    if (queued) {
+        line->key = NULL;
+    } else {
         qm_job_withdraw(jobs, job);
         uv_mutex_lock(&jobs->lock);
         batch->running--;
         drop_reference(batch);
         uv_mutex_unlock(&jobs->lock);
-    } else {
-        *line = (qm_batch_line){0};
+        free(owned);
     }
     qm_jobs_release(jobs, job);
     return queued;
 }
 
-/** Answers a request or puts it among the jobs; false with a problem. */
-static bool take_request(qm_batch *batch, qm_batch_line *line, qm_job_request *request, qm_problem *problem)
+/** Answers a request from the store or queues it; false with a problem. */
+static bool take_request(batch_line *line, qm_job_request *request, qm_problem *problem)
 {
     char *key = qm_job_make_key(request), revisions[QM_REVISIONS_SIZE];
     *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the job could not be queued");
     bool is_pure = qm_job_type_of(request->kind)->is_pure;
-    bool taken =
-        key && qm_job_check_meshes(batch->jobs, request, revisions, problem) &&
-        ((is_pure && answer_from_store(batch, line, key, revisions)) || queue_line(batch, line, request));
+    bool taken = key &&
+                 qm_job_runner_of(request->kind)->check(line->batch->jobs, request, revisions, problem) &&
+                 ((is_pure && answer_from_store(line, key, revisions)) || queue_line(line, request));
     free(key);
     return taken;
 }
@@ -226,23 +242,23 @@ static void take_line(qm_batch *batch)
     qm_text key = {0};
     qm_job_request request = qm_job_request_default();
     qm_problem problem;
-    qm_batch_line line = {.batch = batch, .number = batch->line_number};
+    batch_line line = {.batch = batch, .number = batch->line_number};
     bool taken = false;
     qm_metrics_add(QM_METRICS_BATCH_LINES, 1);
     if (batch->line_is_too_long) {
-        problem = qm_problem_make(QM_PROBLEM_TOO_LARGE, "a line may have %u bytes", MAX_LINE);
+        problem = qm_problem_make(QM_PROBLEM_TOO_LARGE, "a line must not exceed %u bytes", MAX_LINE);
         qm_text_add_string(&key, "null");
         line.key = qm_text_take(&key);
     } else {
         bool readable = qm_json_read_batch_line(batch->line.data, batch->line.size, &key, &request, &problem);
         line.key = qm_text_take(&key);
-        taken = readable && line.key && take_request(batch, &line, &request, &problem);
+        taken = readable && line.key && take_request(&line, &request, &problem);
     }
     if (!taken && line.key)
-        answer_with_problem(batch, &line, &problem);
+        answer_with_problem(&line, &problem);
     else if (!taken)
         give_up(batch);
-    qm_batch_line_reset(&line);
+    free(line.key);
     qm_job_request_reset(&request);
 }
 
@@ -276,6 +292,7 @@ static bool read_line(qm_batch *batch)
     for (;;) {
         if (batch->piece_at == batch->piece_size && !read_piece(batch))
             return !batch->line.failed && (batch->line.size > 0 || batch->line_is_too_long);
+        QM_ASSERT(batch->piece_at < batch->piece_size && batch->piece_size <= PIECE_SIZE);
         const char *part = batch->piece + batch->piece_at;
         size_t rest = batch->piece_size - batch->piece_at;
         const char *end = memchr(part, '\n', rest);
@@ -291,7 +308,7 @@ static bool is_blank(const qm_text *line)
     return line->size == 0 || strspn(line->data, " \t\r") == line->size;
 }
 
-/** Looks whether another line is to be read. */
+/** True when another line is to be read. */
 static bool wants_line(qm_batch *batch)
 {
     uv_mutex_lock(&batch->jobs->lock);
@@ -315,12 +332,12 @@ static void feed(void *data)
     batch->at_end |= at_end;
     batch->is_cut |= batch->line.failed;
     ask_for_lines(batch);
-    if (is_over(batch)) wake_reader(batch);
+    if (is_over(batch)) notify_subscriber(batch);
     drop_reference(batch);
     uv_mutex_unlock(&jobs->lock);
 }
 
-/* ---- the reader ---- */
+/* ---- the subscriber ---- */
 
 static void take_answers(qm_batch *batch, qm_text *out)
 {
@@ -329,30 +346,29 @@ static void take_answers(qm_batch *batch, qm_text *out)
     if (batch->answers.capacity > 4 * MAX_PENDING) qm_text_reset(&batch->answers);
 }
 
-qm_news qm_batch_read(qm_batch *batch, qm_text *out, void (*suspend)(void *user))
+qm_read_status qm_batch_read(qm_batch *batch, qm_text *out, void (*suspend)(void *user))
 {
     qm_jobs *jobs = batch->jobs;
-    qm_reader *reader = batch->reader;
-    qm_news news = QM_NEWS_SOME;
+    qm_subscriber *subscriber = batch->subscriber;
+    qm_read_status status = QM_READ_SOME;
     uv_mutex_lock(&jobs->lock);
     double now = qm_now_ms();
     batch->is_cut |= batch->answers.failed;
     if (batch->answers.size > 0 && !batch->answers.failed) {
         take_answers(batch, out);
-        reader->wake_at_ms = now + jobs->limits.heartbeat_ms;
+        subscriber->wake_at_ms = now + jobs->limits.heartbeat_ms;
         ask_for_lines(batch);
     } else if (ask_for_lines(batch), is_over(batch)) {
-        news = QM_NEWS_END;
-    } else if (now >= reader->wake_at_ms) {
+        status = QM_READ_END;
+    } else if (now >= subscriber->wake_at_ms) {
         qm_text_add_string(out, "{\"event\":\"heartbeat\"}\n");
-        reader->wake_at_ms = now + jobs->limits.heartbeat_ms;
+        subscriber->wake_at_ms = now + jobs->limits.heartbeat_ms;
     } else {
-        news = QM_NEWS_NONE;
-        reader->asleep = true;
-        suspend(reader->user);
+        status = QM_READ_NONE;
+        qm_job_wait(jobs, subscriber, suspend);
     }
     uv_mutex_unlock(&jobs->lock);
-    return news;
+    return status;
 }
 
 bool qm_batch_is_cut(qm_batch *batch)
@@ -367,11 +383,11 @@ void qm_batch_close(qm_batch *batch)
 {
     qm_jobs *jobs = batch->jobs;
     uv_mutex_lock(&jobs->lock);
-    qm_readers_remove(&jobs->readers, batch->reader);
-    batch->reader = NULL;
+    qm_job_subscribers_remove(&jobs->subscribers, batch->subscriber);
+    batch->subscriber = NULL;
     batch->is_closed = true;
     for (qm_job *job = jobs->first; job; job = job->next) {
-        if (job->line.batch != batch) continue;
+        if (job->on_end != end_line || ((const batch_line *)job->end_user)->batch != batch) continue;
         job->is_canceled = true;
         atomic_store(&job->cancel, true);
     }

@@ -1,22 +1,26 @@
 /**
- * job_events.c: the events of a job, those who read them, and the job as a document.
+ * job_events.c: the event log of a job: its events in memory, their subscribers, the thread that
+ * notifies subscribers, and the way of events to the store and back.
+ *
+ * While a job runs, its events are stored from time to time, those of all jobs in one transaction, and the
+ * remaining ones with its end: a short job takes one transaction, and a long one is not forgotten when the
+ * daemon is killed. Where a save and the end of a job meet, the end has all events that the save has, and the
+ * store replaces an event by an equal one.
+ *
+ * One event may have hundreds of subscribers, and to wake one takes a system call. The worker that has the
+ * event computes at a low priority: if it woke them itself, under the lock, all would wait for it whenever
+ * the machine has something better to do. So it only puts them into a list (due), and a thread of normal
+ * priority, the notifier, wakes them.
  */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "job_internal.h"
-#include "ops/json_out.h"
 
 #define SEQS_OF_A_RUN 1000000000u /* more events than any run has, few enough for exact doubles */
 
 /* ---- events ---- */
-
-void qm_job_wake_readers(qm_job *job)
-{
-    for (qm_reader *reader = job->readers; reader; reader = reader->next)
-        qm_reader_wake(job->jobs, reader);
-}
 
 void qm_job_set_restarts(qm_job *job, int64_t restarts)
 {
@@ -25,64 +29,146 @@ void qm_job_set_restarts(qm_job *job, int64_t restarts)
 
 static uint64_t last_seq(const qm_job *job)
 {
-    return job->event_count > 0 ? job->events[job->event_count - 1].seq : 0;
+    return job->event_count > 0 ? job->events[job->event_count - 1]->seq : 0;
 }
 
-static uint64_t next_seq(const qm_job *job)
+uint64_t qm_job_next_seq(const qm_job *job)
 {
+    QM_ASSERT(qm_jobs_is_locked(job->jobs));
     uint64_t last = last_seq(job);
     return (last > job->seq_base ? last : job->seq_base) + 1;
 }
 
-char *qm_job_make_event(const qm_job *job, const char *name, const char *members)
+/** Appends an event to the log; false: out of memory. */
+static bool append_event(qm_job *job, uint64_t seq, const char *name, const char *members)
 {
-    qm_text line = {0};
-    qm_text_printf(&line, "{\"event\":\"%s\",\"seq\":%llu,%s}", name, (unsigned long long)next_seq(job),
-                   members);
-    return qm_text_take(&line);
-}
-
-static bool make_room(qm_job *job)
-{
-    if (job->event_count < job->event_capacity) return true;
-    size_t capacity = job->event_capacity ? 2 * job->event_capacity : 16;
-    qm_job_event *events = realloc(job->events, capacity * sizeof *events);
-    if (!events) return false;
-    job->events = events;
-    job->event_capacity = capacity;
+    QM_ASSERT(seq > last_seq(job) && strlen(name) < QM_EVENT_NAME_SIZE);
+    if (job->event_count == job->event_capacity) {
+        size_t capacity = job->event_capacity ? 2 * job->event_capacity : 16;
+        qm_job_event **events = realloc(job->events, capacity * sizeof *events);
+        if (!events) return false;
+        job->events = events;
+        job->event_capacity = capacity;
+    }
+    size_t size = strlen(members) + 1;
+    qm_job_event *event = malloc(sizeof *event + size);
+    if (!event) return false;
+    event->seq = seq;
+    snprintf(event->name, sizeof event->name, "%s", name);
+    memcpy(event->members, members, size);
+    QM_ASSERT(job->event_count < job->event_capacity);
+    job->events[job->event_count++] = event;
     return true;
-}
-
-bool qm_job_put_event(qm_job *job, uint64_t seq, char *line)
-{
-    bool has_place = line && make_room(job);
-    if (has_place)
-        job->events[job->event_count++] = (qm_job_event){seq, line};
-    else
-        free(line);
-    return has_place;
 }
 
 void qm_job_add_event(qm_job *job, const char *name, const char *members)
 {
-    qm_job_put_event(job, next_seq(job), qm_job_make_event(job, name, members));
-    qm_job_wake_readers(job);
+    QM_ASSERT(qm_jobs_is_locked(job->jobs));
+    if (job->on_end) return;
+    append_event(job, qm_job_next_seq(job), name, members);
+    qm_job_notify_all(job);
 }
 
-uint64_t qm_job_join_unsaved(const qm_job *job, size_t end, qm_text *out)
+/* ---- to the store and back ---- */
+
+void qm_job_list_unsaved(const qm_job *job, size_t end, qm_store_event *out)
 {
+    QM_ASSERT(qm_jobs_is_locked(job->jobs));
+    QM_ASSERT(job->saved_count <= end && end <= job->event_count);
     for (size_t i = job->saved_count; i < end; i++)
-        qm_text_printf(out, "%s\n", job->events[i].line);
-    return job->saved_count < end ? job->events[job->saved_count].seq : next_seq(job);
+        *out++ =
+            (qm_store_event){job->id, job->events[i]->seq, job->events[i]->name, job->events[i]->members};
 }
 
-/** The place of the first event after a number. */
+static bool restore_event(void *user, const qm_store_event *event)
+{
+    return append_event(user, event->seq, event->name, event->members);
+}
+
+qm_status qm_job_restore_events(qm_job *job)
+{
+    qm_status status = qm_store_read_events(job->jobs->store, job->id, restore_event, job);
+    job->saved_count = job->event_count;
+    return status;
+}
+
+bool qm_job_fetch_events(qm_job *job, qm_problem *problem)
+{
+    if (!job->is_from_row || job->event_count > 0) return true;
+    qm_status status = qm_job_restore_events(job);
+    if (status != QM_OK)
+        *problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "events of job %s", job->id);
+    return status == QM_OK;
+}
+
+/** A job with events that are about to be stored. */
+typedef struct unsaved_job {
+    qm_job *job; /* a reference, which keeps the events alive */
+    size_t end;  /* number of its events that the store has afterwards */
+} unsaved_job;
+
+/** Number of events of a job that the store is to have. server_shutdown is for the subscribers of this run,
+ * not for clients of the next start. */
+static size_t count_lasting(const qm_job *job)
+{
+    return job->event_count - (job->interrupted ? 1 : 0);
+}
+
+/** Lists the running jobs with unsaved events, no more than there are workers, and adds up these events. */
+static size_t gather(qm_jobs *jobs, unsaved_job *found, size_t *event_count)
+{
+    size_t count = 0;
+    *event_count = 0;
+    for (qm_job *job = jobs->first; job && count < (size_t)jobs->limits.workers; job = job->next) {
+        size_t end = count_lasting(job);
+        if (job->state != QM_JOB_RUNNING || job->saved_count >= end) continue;
+        found[count++] = (unsaved_job){job, end};
+        *event_count += end - job->saved_count;
+        job->references++;
+    }
+    return count;
+}
+
+void qm_jobs_save_events(qm_jobs *jobs)
+{
+    unsaved_job *found = calloc((size_t)jobs->limits.workers, sizeof *found);
+    if (!found) return;
+    uv_mutex_lock(&jobs->saving);
+
+    uv_mutex_lock(&jobs->lock);
+    size_t event_count, listed = 0;
+    size_t count = gather(jobs, found, &event_count);
+    qm_store_event *events = count > 0 ? calloc(event_count, sizeof *events) : NULL;
+    for (size_t i = 0; events && i < count; i++) {
+        qm_job_list_unsaved(found[i].job, found[i].end, events + listed);
+        listed += found[i].end - found[i].job->saved_count;
+    }
+    QM_ASSERT(!events || listed == event_count);
+    uv_mutex_unlock(&jobs->lock);
+
+    /* After a fault they are saved another time. */
+    bool stored = events && qm_store_append_events(jobs->store, events, event_count) == QM_OK;
+    uv_mutex_lock(&jobs->lock);
+    for (size_t i = 0; i < count; i++) {
+        if (stored) found[i].job->saved_count = found[i].end;
+        qm_job_drop_reference(found[i].job);
+    }
+    uv_mutex_unlock(&jobs->lock);
+
+    uv_mutex_unlock(&jobs->saving);
+    free(events);
+    free(found);
+}
+
+/* ---- reading ---- */
+
+/** The index of the first event after a number. */
 static size_t find_after(const qm_job *job, uint64_t seq)
 {
     size_t low = 0, high = job->event_count;
     while (low < high) {
         size_t middle = low + (high - low) / 2;
-        if (job->events[middle].seq <= seq)
+        if (job->events[middle]->seq <= seq)
             low = middle + 1;
         else
             high = middle;
@@ -90,88 +176,91 @@ static size_t find_after(const qm_job *job, uint64_t seq)
     return low;
 }
 
-static void frame(qm_text *out, qm_framing framing, uint64_t seq, const char *line)
+static void frame(qm_text *out, qm_framing framing, const qm_job_event *event)
 {
-    if (framing == QM_FRAMING_NDJSON) {
-        qm_text_printf(out, "%s\n", line);
-        return;
-    }
-    const char *name = line + strlen("{\"event\":\"");
-    qm_text_printf(out, "id: %llu\nevent: %.*s\ndata: %s\n\n", (unsigned long long)seq,
-                   (int)strcspn(name, "\""), name, line);
+    unsigned long long seq = event->seq;
+    if (framing == QM_FRAMING_SSE) qm_text_printf(out, "id: %llu\nevent: %s\ndata: ", seq, event->name);
+    qm_text_printf(out, "{\"event\":\"%s\",\"seq\":%llu,", event->name, seq);
+    qm_text_add_string(out, event->members);
+    qm_text_add_string(out, framing == QM_FRAMING_SSE ? "}\n\n" : "}\n");
 }
 
-static void go_to_sleep(qm_reader *reader, void (*suspend)(void *user))
+void qm_job_wait(qm_jobs *jobs, qm_subscriber *subscriber, void (*suspend)(void *user))
 {
-    reader->asleep = true;
-    suspend(reader->user);
+    QM_ASSERT(qm_jobs_is_locked(jobs) && !subscriber->is_waiting);
+    (void)jobs;
+    subscriber->is_waiting = true;
+    suspend(subscriber->user);
 }
 
-qm_news qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing framing, qm_text *out,
-                    qm_reader *reader, void (*suspend)(void *user))
+qm_read_status qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing framing, qm_text *out,
+                           qm_subscriber *subscriber, void (*suspend)(void *user))
 {
+    QM_ASSERT(seq && out && subscriber && suspend);
     uv_mutex_lock(&jobs->lock);
-    qm_news news = QM_NEWS_SOME;
+    qm_read_status status = QM_READ_SOME;
     double now = qm_now_ms();
-    /* Whoever has read what the store lacks of an earlier run, or says so of events that never were, reads
-     * all of this one. */
+    /* A client that names a number past the last event has read events of an earlier run which were not
+     * stored, or of none: it gets all events of this run. */
     if (*seq > last_seq(job)) *seq = job->seq_base;
     if (*seq < last_seq(job)) {
         for (size_t i = find_after(job, *seq); i < job->event_count; i++)
-            frame(out, framing, job->events[i].seq, job->events[i].line);
+            frame(out, framing, job->events[i]);
         *seq = last_seq(job);
-        reader->wake_at_ms = now + jobs->limits.heartbeat_ms;
+        subscriber->wake_at_ms = now + jobs->limits.heartbeat_ms;
     } else if (qm_job_is_over(job)) {
-        news = QM_NEWS_END;
-    } else if (now >= reader->wake_at_ms) {
+        status = QM_READ_END;
+    } else if (now >= subscriber->wake_at_ms) {
         if (framing == QM_FRAMING_NDJSON)
             qm_text_printf(out, "{\"event\":\"heartbeat\",\"seq\":%llu}\n", (unsigned long long)*seq);
         else
             qm_text_add_string(out, ": heartbeat\n\n");
-        reader->wake_at_ms = now + jobs->limits.heartbeat_ms;
+        subscriber->wake_at_ms = now + jobs->limits.heartbeat_ms;
     } else {
-        news = QM_NEWS_NONE;
-        go_to_sleep(reader, suspend);
+        status = QM_READ_NONE;
+        qm_job_wait(jobs, subscriber, suspend);
     }
     uv_mutex_unlock(&jobs->lock);
-    return news;
+    return status;
 }
 
-bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_reader *reader, void (*suspend)(void *user))
+bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber, void (*suspend)(void *user))
 {
     uv_mutex_lock(&jobs->lock);
-    bool is_over = qm_job_is_over(job) || qm_now_ms() >= reader->wake_at_ms;
-    if (!is_over) go_to_sleep(reader, suspend);
+    bool is_over = qm_job_is_over(job) || qm_now_ms() >= subscriber->wake_at_ms;
+    if (!is_over) qm_job_wait(jobs, subscriber, suspend);
     uv_mutex_unlock(&jobs->lock);
     return is_over;
 }
 
-void qm_readers_add(qm_reader **list, qm_reader *reader)
+/* ---- subscribers ---- */
+
+void qm_job_subscribers_add(qm_subscriber **list, qm_subscriber *subscriber)
 {
-    reader->asleep = false;
-    reader->next = *list;
-    *list = reader;
+    subscriber->is_waiting = false;
+    subscriber->next = *list;
+    *list = subscriber;
 }
 
-void qm_readers_remove(qm_reader **list, qm_reader *reader)
+void qm_job_subscribers_remove(qm_subscriber **list, qm_subscriber *subscriber)
 {
-    while (*list && *list != reader)
+    while (*list && *list != subscriber)
         list = &(*list)->next;
-    if (*list) *list = reader->next;
+    if (*list) *list = subscriber->next;
 }
 
-void qm_job_join(qm_jobs *jobs, qm_job *job, qm_reader *reader)
+void qm_job_subscribe(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber)
 {
     uv_mutex_lock(&jobs->lock);
     job->references++;
-    qm_readers_add(&job->readers, reader);
+    qm_job_subscribers_add(&job->subscribers, subscriber);
     uv_mutex_unlock(&jobs->lock);
 }
 
-void qm_job_leave(qm_jobs *jobs, qm_job *job, qm_reader *reader)
+void qm_job_unsubscribe(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber)
 {
     uv_mutex_lock(&jobs->lock);
-    qm_readers_remove(&job->readers, reader);
+    qm_job_subscribers_remove(&job->subscribers, subscriber);
     qm_job_drop_reference(job);
     uv_mutex_unlock(&jobs->lock);
 }
@@ -181,76 +270,78 @@ double qm_jobs_heartbeat_ms(const qm_jobs *jobs)
     return jobs->limits.heartbeat_ms;
 }
 
-static void tick_readers(qm_jobs *jobs, qm_reader *first, double now_ms)
+static void notify_late(qm_jobs *jobs, qm_subscriber *first, double now_ms)
 {
-    for (qm_reader *reader = first; reader; reader = reader->next)
-        if (now_ms >= reader->wake_at_ms) qm_reader_wake(jobs, reader);
+    for (qm_subscriber *subscriber = first; subscriber; subscriber = subscriber->next)
+        if (now_ms >= subscriber->wake_at_ms) qm_jobs_notify(jobs, subscriber);
 }
 
 void qm_jobs_tick(qm_jobs *jobs, double now_ms)
 {
     uv_mutex_lock(&jobs->lock);
-    tick_readers(jobs, jobs->readers, now_ms);
+    notify_late(jobs, jobs->subscribers, now_ms);
     for (qm_job *job = jobs->first; job; job = job->next)
-        tick_readers(jobs, job->readers, now_ms);
+        notify_late(jobs, job->subscribers, now_ms);
     uv_mutex_unlock(&jobs->lock);
 }
 
-/* ---- documents ---- */
+/* ---- the notifier ---- */
 
-const char *qm_job_state_name(qm_job_state state)
+void qm_jobs_notify(qm_jobs *jobs, qm_subscriber *subscriber)
 {
-    static const char *const names[] = {"queued", "running", "succeeded", "failed", "canceled"};
-    return names[state];
+    QM_ASSERT(qm_jobs_is_locked(jobs));
+    if (!subscriber->is_waiting) return;
+    subscriber->is_waiting = false;
+    if (jobs->notifier_ends) {
+        subscriber->wake(subscriber->user);
+        return;
+    }
+    subscriber->next_due = jobs->due;
+    jobs->due = subscriber;
+    uv_cond_signal(&jobs->has_due);
 }
 
-char *qm_job_write_document(const qm_job *job, qm_job_state state, const char *outcome)
+void qm_job_notify_all(qm_job *job)
 {
-    qm_text out = {0};
-    char now[QM_TIME_SIZE];
-    qm_time_format(now);
-    qm_text_printf(&out, "{\"id\":\"%s\",\"type\":\"%s\",\"state\":\"%s\",\"created\":\"%s\"", job->id,
-                   qm_job_type_of(job->request.kind)->name, qm_job_state_name(state), job->created);
-    if (job->started[0]) qm_text_printf(&out, ",\"started\":\"%s\"", job->started);
-    if (state > QM_JOB_RUNNING) qm_text_printf(&out, ",\"ended\":\"%s\"", now);
-    qm_text_add_string(&out, ",\"request\":");
-    qm_json_write_request_briefly(&out, &job->request);
-    if (job->last_bounds) qm_text_printf(&out, ",\"progress\":{%s}", job->last_bounds);
-    if (outcome) qm_text_printf(&out, ",%s", outcome);
-    qm_text_add_string(&out, "}");
-    return qm_text_take(&out);
+    for (qm_subscriber *subscriber = job->subscribers; subscriber; subscriber = subscriber->next)
+        qm_jobs_notify(job->jobs, subscriber);
 }
 
-char *qm_job_document_now(qm_jobs *jobs, qm_job *job, bool *has_ended)
+static void notify_due(void *data)
 {
+    qm_jobs *jobs = data;
     uv_mutex_lock(&jobs->lock);
-    char *document = job->document ? strdup(job->document) : qm_job_write_document(job, job->state, NULL);
-    *has_ended = job->state > QM_JOB_RUNNING;
+    while (jobs->due || !jobs->notifier_ends) {
+        qm_subscriber *subscriber = jobs->due;
+        jobs->due = NULL;
+        if (!subscriber) {
+            uv_cond_wait(&jobs->has_due, &jobs->lock);
+            continue;
+        }
+        uv_mutex_unlock(&jobs->lock);
+        for (qm_subscriber *next; subscriber; subscriber = next) {
+            next = subscriber->next_due; /* a subscriber that was woken may be gone at once */
+            subscriber->wake(subscriber->user);
+        }
+        uv_mutex_lock(&jobs->lock);
+    }
     uv_mutex_unlock(&jobs->lock);
-    return document;
 }
 
-char *qm_job_result_object(qm_jobs *jobs, qm_job *job)
+bool qm_jobs_start_notifier(qm_jobs *jobs)
 {
-    static const char name[] = ",\"result\":";
-    bool has_ended;
-    char *document = qm_job_document_now(jobs, job, &has_ended), *result = NULL;
-    /* The outcome is the last member: strings before it hold no bare quotes. */
-    const char *start = document && has_ended ? strstr(document, name) : NULL;
-    if (start) start += strlen(name);
-    if (start) result = strndup(start, strlen(start) - 1);
-    free(document);
-    return result;
+    uv_cond_init(&jobs->has_due);
+    jobs->has_notifier = uv_thread_create(&jobs->notifier, notify_due, jobs) == 0;
+    return jobs->has_notifier;
 }
 
-char *qm_job_document(qm_jobs *jobs, qm_job *job, bool is_cached)
+void qm_jobs_stop_notifier(qm_jobs *jobs)
 {
-    bool ended;
-    char *document = qm_job_document_now(jobs, job, &ended);
-    if (!document || !is_cached) return document;
-    qm_text marked = {0};
-    qm_text_add(&marked, document, strlen(document) - 1);
-    qm_text_add_string(&marked, ",\"cached\":true}");
-    free(document);
-    return qm_text_take(&marked);
+    if (!jobs->has_notifier) return;
+    uv_mutex_lock(&jobs->lock);
+    jobs->notifier_ends = true;
+    uv_cond_signal(&jobs->has_due);
+    uv_mutex_unlock(&jobs->lock);
+    uv_thread_join(&jobs->notifier);
+    jobs->has_notifier = false;
 }

@@ -1,13 +1,14 @@
 /**
- * job_run.c: what a worker does with a job, and how a job ends.
+ * job_run.c: what a worker does with a job, and how a job ends: a stored one with its document and last
+ * events in the store before any subscriber is notified, one that is not stored by its on_end.
  */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/host.h"
 #include "base/log.h"
 #include "base/metrics.h"
-#include "base/parallel.h"
 #include "job_internal.h"
 #include "ops/json_out.h"
 #include "store/result_file.h"
@@ -16,93 +17,102 @@
 
 /* ---- the end of a job ---- */
 
-/** Stores the document and what events the store lacks, the one to come included. */
-static bool store_end(qm_job *job, qm_job_state state, const char *document, const char *name,
-                      const char *members)
+/** Stores the end of a job with the events that the store lacks, and a last one. */
+static bool store_end(qm_job *job, const qm_store_job *end, const char *name, const char *members)
 {
-    qm_text lines = {0};
-    uv_mutex_lock(&job->jobs->lock);
-    uint64_t seq = qm_job_join_unsaved(job, job->event_count, &lines);
-    char *last = qm_job_make_event(job, name, members);
-    uv_mutex_unlock(&job->jobs->lock);
-    qm_text_printf(&lines, "%s\n", last ? last : "");
-    bool is_whole = last && !lines.failed;
-    qm_store_events events = {job->id, seq, lines.data};
-    bool stored =
-        is_whole && qm_store_finish_job(job->jobs->store, &events, state, document, job->revisions) == QM_OK;
-    qm_text_reset(&lines);
-    free(last);
+    qm_jobs *jobs = job->jobs;
+    uv_mutex_lock(&jobs->lock);
+    size_t count = job->event_count - job->saved_count;
+    qm_store_event *events = calloc(count + 1, sizeof *events);
+    if (events) {
+        qm_job_list_unsaved(job, job->event_count, events);
+        events[count] = (qm_store_event){job->id, qm_job_next_seq(job), name, members};
+    }
+    uv_mutex_unlock(&jobs->lock);
+    bool stored = events && qm_store_finish_job(jobs->store, end, job->revisions, events, count + 1) == QM_OK;
+    free(events);
     return stored;
 }
 
-/** Stores the outcome, then tells the readers. name and members make the terminal event. Only who runs it
- * ends a job. */
-static void finish(qm_job *job, qm_job_state state, const char *name, const char *members)
+/** Ends a stored job: stores the outcome, then adds the terminal event. */
+static void finish_stored(qm_job *job, const qm_job_outcome *outcome)
 {
     qm_jobs *jobs = job->jobs;
-    qm_metrics_add_job(qm_job_type_of(job->request.kind)->name, qm_job_state_name(state),
-                       (qm_now_ms() - job->started_ms) / MS_PER_S);
-    if (job->line.batch) {
-        qm_batch_end_line(job, state, members);
-        return;
-    }
-    qm_text outcome = {0};
-    qm_text_printf(&outcome, "\"state\":\"%s\",%s", qm_job_state_name(state), members);
-    char *event = qm_text_take(&outcome);
+    bool has_result = strcmp(outcome->member, "result") == 0;
+    const char *name = has_result ? "result" : "error";
+    qm_text text = {0};
+    qm_text_printf(&text, "\"state\":\"%s\",\"%s\":", qm_job_state_name(outcome->state), outcome->member);
+    qm_text_add_string(&text, outcome->object);
+    char *event = qm_text_take(&text);
+    qm_store_job end = {.state = outcome->state, .result = has_result ? strdup(outcome->object) : NULL};
+    memcpy(end.id, job->id, sizeof end.id);
     uv_mutex_lock(&jobs->lock);
-    char *document = qm_job_write_document(job, state, members);
+    end.document = qm_job_write_members(job, outcome->state, has_result ? NULL : outcome->object);
     uv_mutex_unlock(&jobs->lock);
-    bool stored = document && event && store_end(job, state, document, name, event);
+    bool is_whole = event && end.document && (end.result || !has_result);
+    bool stored = is_whole && store_end(job, &end, name, event);
     if (!stored) qm_log(QM_LOG_ERROR, "the end of job %s could not be stored: it is kept in memory", job->id);
     uv_mutex_lock(&jobs->lock);
+    QM_ASSERT(jobs->running > 0);
     jobs->running--;
-    job->state = state;
-    job->document = document;
-    qm_job_add_event(job, name, event ? event : members);
+    job->state = outcome->state;
+    job->document = end.document;
+    job->result = end.result;
+    qm_job_add_event(job, name, event ? event : "\"detail\":\"out of memory\"");
     if (stored) qm_job_unlist(job);
     uv_mutex_unlock(&jobs->lock);
     free(event);
 }
 
+/** Ends a job that is marked as running. Only the thread that runs a job ends it. */
+static void finish(qm_job *job, const qm_job_outcome *outcome)
+{
+    QM_ASSERT(job->state == QM_JOB_RUNNING && outcome->state > QM_JOB_RUNNING);
+    qm_metrics_add_job(qm_job_type_of(job->request.kind)->name, qm_job_state_name(outcome->state),
+                       (qm_now_ms() - job->started_ms) / MS_PER_S);
+    if (!job->on_end) {
+        finish_stored(job, outcome);
+        return;
+    }
+    qm_jobs *jobs = job->jobs;
+    uv_mutex_lock(&jobs->lock);
+    QM_ASSERT(jobs->running > 0);
+    jobs->running--;
+    job->state = outcome->state;
+    job->on_end(job->end_user, outcome);
+    qm_job_unlist(job);
+    uv_mutex_unlock(&jobs->lock);
+}
+
 void qm_job_finish_with_problem(qm_job *job, qm_job_state state, const qm_problem *problem)
 {
-    qm_text members = {0};
-    qm_text_add_string(&members, "\"problem\":");
-    qm_json_write_problem(&members, problem);
-    char *text = qm_text_take(&members);
-    finish(job, state, "error", text ? text : "\"problem\":null");
+    qm_text object = {0};
+    qm_json_write_problem(&object, problem);
+    char *text = qm_text_take(&object);
+    finish(job, &(qm_job_outcome){state, "problem", text ? text : "null"});
     free(text);
 }
 
 void qm_job_finish_with_result(qm_job *job, qm_job_state state, const qm_job_result *result)
 {
-    qm_text members = {0};
-    qm_text_add_string(&members, "\"result\":");
-    qm_json_write_result(&members, &job->request, result);
-    char *text = qm_text_take(&members);
-    finish(job, state, "result", text ? text : "\"result\":null");
+    qm_text object = {0};
+    qm_json_write_result(&object, &job->request, result);
+    char *text = qm_text_take(&object);
+    finish(job, &(qm_job_outcome){state, "result", text ? text : "null"});
     free(text);
 }
 
-/** A job of a batch ends with it, as it is not stored. */
-static void refuse(qm_job *job)
-{
-    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping");
-    qm_job_finish_with_problem(job, QM_JOB_CANCELED, &problem);
-}
-
-/** The daemon ends: readers are told, the store keeps the job as one that has not run. */
 void qm_job_interrupt(qm_job *job)
 {
-    if (job->line.batch) {
-        refuse(job);
+    if (job->on_end) { /* it is not stored and cannot run again */
+        qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping");
+        qm_job_finish_with_problem(job, QM_JOB_CANCELED, &problem);
         return;
     }
     uv_mutex_lock(&job->jobs->lock);
     job->interrupted = true;
     qm_job_add_event(job, "server_shutdown",
                      "\"detail\":\"the daemon is stopping; the job runs again when it is back\"");
-    qm_job_wake_readers(job);
     uv_mutex_unlock(&job->jobs->lock);
 }
 
@@ -113,21 +123,15 @@ typedef struct progress_target {
     double diagonal;
 } progress_target;
 
-/** The members of an object in place: its braces are cut off. */
-static char *bare_members(char *object)
-{
-    object[strlen(object) - 1] = '\0';
-    return object + 1;
-}
-
 static void on_progress(void *user, const qm_hausdorff_progress *progress)
 {
     const progress_target *target = user;
-    qm_text line = {0};
-    qm_json_write_bounds(&line, progress, target->diagonal);
-    char *text = qm_text_take(&line);
+    qm_text object = {0};
+    qm_json_write_bounds(&object, progress, target->diagonal);
+    char *text = qm_text_take(&object);
     if (!text) return;
-    char *members = bare_members(text);
+    char *members = text + 1; /* the object without its braces */
+    members[strlen(members) - 1] = '\0';
     uv_mutex_lock(&target->job->jobs->lock);
     free(target->job->last_bounds);
     target->job->last_bounds = strdup(members);
@@ -144,13 +148,45 @@ bool qm_job_is_canceled(qm_job *job)
     return canceled;
 }
 
-/** Puts the long array of a result, if it has one, where it is read from. Nobody could ask for one of a
- * batch, whose jobs have no id. */
+/** Stores the long array of a result, if it has one, beside the job, for GET .../result. */
 static bool store_array(const qm_job *job, const qm_job_result *result)
 {
     size_t count;
-    const double *numbers = job->line.batch ? NULL : qm_job_result_array(result, &count);
+    const double *numbers = job->on_end ? NULL : qm_job_result_array(result, &count);
     return !numbers || qm_result_file_write(job->jobs->store, job->id, numbers, count) == QM_OK;
+}
+
+static void write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
+{
+    snprintf(out, QM_REVISIONS_SIZE, "%llu %llu", (unsigned long long)a, (unsigned long long)b);
+}
+
+static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_t *revision,
+                       qm_problem *problem)
+{
+    qm_store_mesh row;
+    qm_status status = qm_store_find_mesh(jobs->store, id, &row);
+    if (status == QM_OK) {
+        *revision = row.revision;
+        qm_store_mesh_reset(&row);
+        return true;
+    }
+    char pointer[32];
+    snprintf(pointer, sizeof pointer, "/%s", field);
+    *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh of the id given in %s", field);
+    if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, pointer, "no such mesh");
+    return false;
+}
+
+static bool check_meshes(qm_jobs *jobs, const qm_job_request *request, char revisions[QM_REVISIONS_SIZE],
+                         qm_problem *problem)
+{
+    const char *const *field = qm_job_type_of(request->kind)->mesh_field;
+    uint64_t a = 0, b = 0;
+    bool exist = check_mesh(jobs, request->a, field[0], &a, problem) &&
+                 (!field[1] || check_mesh(jobs, request->b, field[1], &b, problem));
+    write_revisions(a, b, revisions);
+    return exist;
 }
 
 /** b is NULL for a kind of one mesh. */
@@ -158,16 +194,16 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
 {
     qm_context ctx = qm_meshes_context(job->jobs->meshes);
     ctx.cancel = &job->cancel;
-    ctx.parallel = qm_parallel_run;
+    ctx.parallel = qm_host_parallel;
     qm_job_request request = job->request;
-    qm_job_write_revisions(a->revision, b ? b->revision : 0, job->revisions);
+    write_revisions(a->revision, b ? b->revision : 0, job->revisions);
     if (request.threads == 0) request.threads = job->jobs->limits.threads;
     if (request.memory_limit == 0 || request.memory_limit > job->jobs->limits.search_memory)
         request.memory_limit = job->jobs->limits.search_memory;
     progress_target target = {job, a->diagonal};
-    qm_hausdorff_progress_fn *progress = job->line.batch ? NULL : on_progress;
+    qm_hausdorff_progress_fn *progress = job->on_end ? NULL : on_progress;
     qm_job_result result;
-    qm_status status = qm_job_answer(&ctx, &request, a, b, progress, &target, &result);
+    qm_status status = qm_job_execute(&ctx, &request, a, b, progress, &target, &result);
     bool canceled = status == QM_E_CANCELED || (status == QM_OK && result.is_canceled);
     if (canceled && !qm_job_is_canceled(job)) {
         qm_job_interrupt(job);
@@ -185,31 +221,28 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
 
 void qm_job_mark_running(qm_job *job)
 {
+    QM_ASSERT(qm_jobs_is_locked(job->jobs) && job->state == QM_JOB_QUEUED && job->jobs->queued > 0);
     job->state = QM_JOB_RUNNING;
     job->started_ms = qm_now_ms();
     job->jobs->queued--;
     job->jobs->running++;
 }
 
-/** Moves a queued job to running. False when it is not to run: canceled meanwhile, or the daemon ends. */
+/** Marks a queued job as running. False when it is not to run: it was canceled, or the daemon stops. */
 static bool start(qm_job *job)
 {
     qm_jobs *jobs = job->jobs;
     uv_mutex_lock(&jobs->lock);
     bool is_queued = job->state == QM_JOB_QUEUED;
-    /* Nobody waits any more for what the reader of a batch has left behind. */
-    bool is_wanted = !jobs->closed && !(job->line.batch && job->is_canceled);
-    bool is_refused = is_queued && !is_wanted && job->line.batch;
-    if (is_queued && (is_wanted || is_refused)) {
+    bool runs = is_queued && !jobs->closed && !job->is_canceled;
+    /* A job that is not stored cannot run later: it ends now, and is running until then. */
+    if (runs || (is_queued && job->on_end)) {
         qm_job_mark_running(job);
         qm_time_format(job->started);
     }
     uv_mutex_unlock(&jobs->lock);
-    if (is_refused)
-        refuse(job);
-    else if (is_queued && !is_wanted)
-        qm_job_interrupt(job);
-    return is_queued && is_wanted;
+    if (is_queued && !runs) qm_job_interrupt(job);
+    return runs;
 }
 
 static void run_on_meshes(qm_job *job)
@@ -218,7 +251,7 @@ static void run_on_meshes(qm_job *job)
     qm_problem problem;
     qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, &problem);
     bool has_b = qm_job_type_of(job->request.kind)->mesh_field[1];
-    /* A mesh held against itself is one revision of it. */
+    /* A mesh compared with itself is compared at one revision. */
     bool is_same = has_b && strcmp(job->request.a, job->request.b) == 0;
     qm_mesh_ref *b =
         a && has_b && !is_same ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
@@ -230,10 +263,20 @@ static void run_on_meshes(qm_job *job)
     qm_meshes_release(jobs->meshes, b);
 }
 
+const qm_job_runner *qm_job_runner_of(qm_job_kind kind)
+{
+    QM_ASSERT(kind < QM_JOB_KIND_COUNT);
+    static const qm_job_runner on_meshes = {check_meshes, run_on_meshes};
+    static const qm_job_runner *const others[QM_JOB_KIND_COUNT] = {
+        [QM_JOB_RECONSTRUCTION_STEP] = &qm_job_steps_runner,
+    };
+    return others[kind] ? others[kind] : &on_meshes;
+}
+
 void qm_job_run(void *data)
 {
     qm_job *job = data;
     qm_jobs *jobs = job->jobs;
-    if (start(job)) (job->request.kind == QM_JOB_RECONSTRUCTION_STEP ? qm_job_run_steps : run_on_meshes)(job);
+    if (start(job)) qm_job_runner_of(job->request.kind)->run(job);
     qm_jobs_release(jobs, job);
 }

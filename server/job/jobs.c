@@ -1,5 +1,6 @@
 /**
- * jobs.c: start and stop of the job table: what had not ended is queued again, and who waits is told.
+ * jobs.c: start and stop of the job table: queues the unfinished jobs of the store, and interrupts running
+ * ones.
  */
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,7 +14,7 @@
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
 
-/** Takes a row that was queued or running when the daemon last ended back into the queue. */
+/** Queues the job of a row that was queued or running when the daemon last ended. */
 static void resume_row(qm_jobs *jobs, const qm_store_job *row)
 {
     qm_job_request request;
@@ -22,13 +23,13 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     qm_job *job = qm_job_create(jobs, &request);
     qm_job_request_reset(&request);
     if (!job) {
-        qm_log(QM_LOG_ERROR, "there is no memory to run job %s again", row->id);
+        qm_log(QM_LOG_ERROR, "out of memory: job %s cannot run again", row->id);
         return;
     }
     memcpy(job->id, row->id, sizeof job->id);
     snprintf(job->created, sizeof job->created, "%s", row->created);
     qm_job_set_restarts(job, row->restarts);
-    job->is_kept = true; /* whoever streamed it has lost the stream with the daemon */
+    job->is_kept = true; /* its streams ended with the daemon: no client owns it */
     if (qm_job_restore_events(job) != QM_OK)
         qm_log(QM_LOG_ERROR, "the events of job %s so far cannot be read", job->id);
     qm_job_enlist(jobs, job);
@@ -83,7 +84,7 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *
     uv_mutex_init(&jobs->saving);
     uv_mutex_init(&jobs->lock);
     jobs->pool = qm_pool_create(limits.workers, JOB_NICENESS);
-    if (!qm_waker_start(jobs) || !jobs->pool) {
+    if (!qm_jobs_start_notifier(jobs) || !jobs->pool) {
         qm_jobs_destroy(jobs);
         return NULL;
     }
@@ -93,7 +94,7 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *
 
 void qm_jobs_drain(qm_jobs *jobs)
 {
-    uv_mutex_lock(&jobs->submitting); /* nobody is half way through a submission */
+    uv_mutex_lock(&jobs->submitting); /* no submission is half done */
     atomic_store(&jobs->closed, true);
     uv_mutex_unlock(&jobs->submitting);
     double end = qm_now_ms() + jobs->limits.grace_ms;
@@ -114,10 +115,12 @@ void qm_jobs_destroy(qm_jobs *jobs)
     if (!jobs) return;
     if (jobs->pool && !atomic_load(&jobs->closed)) qm_jobs_drain(jobs);
     qm_pool_destroy(jobs->pool);
-    qm_jobs_settle(jobs);
+    qm_jobs_stop_notifier(jobs);
+    uv_mutex_lock(&jobs->lock);
     while (jobs->first)
         qm_job_unlist(jobs->first);
-    uv_cond_destroy(&jobs->has_awake);
+    uv_mutex_unlock(&jobs->lock);
+    uv_cond_destroy(&jobs->has_due);
     uv_mutex_destroy(&jobs->lock);
     uv_mutex_destroy(&jobs->saving);
     uv_mutex_destroy(&jobs->submitting);

@@ -1,14 +1,156 @@
 /**
- * reconstructions.c: the table of those in memory: each belongs to who works on it, a few idle ones are kept.
+ * reconstructions.c: builds reconstructions of layouts and rebuilds them from their rows, keeps a table of
+ * those in memory, and stores each as an ordinary mesh and a row.
  */
-#include "reconstructions_internal.h"
-
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <uv.h>
 
-#include "base/json_write.h"
+#include "base/json.h"
+#include "format/encode.h"
+#include "ops/json_layout.h"
+#include "reconstructions.h"
 
-#define KEPT_IDLE 4 /* reconstructions in memory that nobody works on */
+#define KEPT_IDLE 4 /* reconstructions in memory without a lease */
+
+/** Stands in the steps of a row for the layout in its next line. */
+#define EDIT_WORD "EDIT"
+
+typedef struct lease_entry {
+    qm_reconstruction_lease lease; /* first, so that one is the other */
+    bool in_work;
+    struct lease_entry *next; /* the one used last comes first */
+} lease_entry;
+
+/** lock guards the list and in_work; a reconstruction belongs to the holder of its lease. */
+struct qm_reconstructions {
+    qm_store *store;
+    qm_meshes *meshes;
+    uv_mutex_t lock;
+    lease_entry *first;
+};
+
+/* ---- a reconstruction from a layout, and again from its row ---- */
+
+static void lease_free(qm_reconstructions *rs, lease_entry *e)
+{
+    qm_reconstruction_destroy(&e->lease.ctx, e->lease.reconstruction);
+    qm_meshes_release(rs->meshes, e->lease.mesh);
+    free(e);
+}
+
+static lease_entry *lease_begin(qm_reconstructions *rs, const char *source, const char *layout_text,
+                                const qm_reconstruction_options *options, qm_problem *problem)
+{
+    lease_entry *e = calloc(1, sizeof *e);
+    if (!e) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reconstruction");
+        return NULL;
+    }
+    qm_reconstruction_lease *r = &e->lease;
+    r->ctx = qm_meshes_context(rs->meshes);
+    snprintf(r->source_id, sizeof r->source_id, "%s", source);
+    r->mesh = qm_meshes_acquire(rs->meshes, source, problem);
+    qm_layout layout = {0};
+    bool has_patches;
+    bool good = r->mesh && qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL,
+                                               &layout, &has_patches, problem);
+    if (good) {
+        qm_status status = qm_ref_surface_init(&r->ctx, qm_mesh_ref_get(r->mesh)->bvh, &r->source);
+        if (status == QM_OK)
+            status = qm_reconstruction_create(&r->ctx, &r->source, &layout, options, &r->reconstruction);
+        if (status != QM_OK) *problem = qm_problem_from_status(status, r->ctx.message);
+        good = status == QM_OK;
+    }
+    qm_layout_reset(&r->ctx, &layout);
+    if (good) return e;
+    lease_free(rs, e);
+    return NULL;
+}
+
+static bool lease_edit(qm_reconstruction_lease *r, const char *layout_text, size_t *redone,
+                       qm_problem *problem)
+{
+    qm_layout layout;
+    bool has_patches;
+    if (!qm_json_read_layout(&r->ctx, layout_text, strcspn(layout_text, "\n"), NULL, &layout, &has_patches,
+                             problem))
+        return false;
+    qm_reconstruction *edited;
+    qm_status status = qm_reconstruction_edit(&r->ctx, r->reconstruction, &layout, &edited, redone);
+    qm_layout_reset(&r->ctx, &layout);
+    if (status != QM_OK) {
+        *problem = qm_problem_from_status(status, r->ctx.message);
+        return false;
+    }
+    qm_reconstruction_destroy(&r->ctx, r->reconstruction);
+    r->reconstruction = edited;
+    return true;
+}
+
+/** Takes count steps with a limit of quads. */
+static bool take_steps(qm_reconstruction_lease *r, size_t limit, size_t count, qm_problem *problem)
+{
+    for (size_t k = 0; k < count; k++) {
+        qm_reconstruction_record record;
+        qm_status status = qm_reconstruction_step(&r->ctx, r->reconstruction, limit, &record);
+        if (status == QM_OK) continue;
+        *problem = qm_problem_from_status(status, r->ctx.message);
+        return false;
+    }
+    return true;
+}
+
+/** Repeats the steps and edits of a row; the layouts of edits are the next lines of its layout. */
+static bool replay(lease_entry *e, const qm_store_reconstruction *row, qm_problem *problem)
+{
+    const char *layout = row->layout;
+    bool good = true;
+    for (const char *word = row->steps; *word && good; word += strcspn(word, " "), word += *word == ' ') {
+        if (*word == EDIT_WORD[0]) {
+            size_t redone;
+            layout += strcspn(layout, "\n");
+            layout += *layout == '\n';
+            good = lease_edit(&e->lease, layout, &redone, problem);
+            continue;
+        }
+        char *end;
+        size_t limit = strtoull(word, &end, 10), count = *end == ':' ? strtoull(end + 1, NULL, 10) : 0;
+        good = take_steps(&e->lease, limit, count, problem);
+    }
+    return good;
+}
+
+static qm_reconstruction_options options_of(double cover_share, bool pull_curves)
+{
+    qm_reconstruction_options options = qm_reconstruction_options_default();
+    options.cover_share = cover_share;
+    options.pull_curves = pull_curves;
+    return options;
+}
+
+static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, qm_problem *problem)
+{
+    qm_store_reconstruction row;
+    qm_status status = qm_store_find_reconstruction(rs->store, id, &row);
+    if (status != QM_OK) {
+        *problem =
+            qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
+        return NULL;
+    }
+    const qm_reconstruction_options options = options_of(row.cover_share, row.pull_curves);
+    lease_entry *e = lease_begin(rs, row.source, row.layout, &options, problem);
+    if (e) memcpy(e->lease.id, row.id, sizeof e->lease.id);
+    if (e && !replay(e, &row, problem)) {
+        lease_free(rs, e);
+        e = NULL;
+    }
+    qm_store_reconstruction_reset(&row);
+    return e;
+}
+
+/* ---- the table ---- */
 
 qm_reconstructions *qm_reconstructions_create(qm_store *store, qm_meshes *meshes)
 {
@@ -23,26 +165,26 @@ qm_reconstructions *qm_reconstructions_create(qm_store *store, qm_meshes *meshes
 void qm_reconstructions_destroy(qm_reconstructions *rs)
 {
     if (!rs) return;
-    for (qm_refining_entry *e = rs->first, *next; e; e = next) {
+    for (lease_entry *e = rs->first, *next; e; e = next) {
         next = e->next;
-        qm_refining_free(rs, e);
+        lease_free(rs, e);
     }
     uv_mutex_destroy(&rs->lock);
     free(rs);
 }
 
 /** Takes an entry out of the list; NULL when it is not there. The caller holds the lock. */
-static qm_refining_entry *unlist(qm_reconstructions *rs, const char *id)
+static lease_entry *unlist(qm_reconstructions *rs, const char *id)
 {
-    qm_refining_entry **link = &rs->first;
-    while (*link && strcmp((*link)->refining.id, id) != 0)
+    lease_entry **link = &rs->first;
+    while (*link && strcmp((*link)->lease.id, id) != 0)
         link = &(*link)->next;
-    qm_refining_entry *found = *link;
+    lease_entry *found = *link;
     if (found) *link = found->next;
     return found;
 }
 
-void qm_reconstructions_list(qm_reconstructions *rs, qm_refining_entry *e)
+static void list_entry(qm_reconstructions *rs, lease_entry *e)
 {
     e->in_work = true;
     uv_mutex_lock(&rs->lock);
@@ -51,99 +193,100 @@ void qm_reconstructions_list(qm_reconstructions *rs, qm_refining_entry *e)
     uv_mutex_unlock(&rs->lock);
 }
 
-qm_refining *qm_reconstructions_take(qm_reconstructions *rs, const char *id, qm_problem *problem)
+qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *rs, const char *id, qm_problem *problem)
 {
     uv_mutex_lock(&rs->lock);
-    qm_refining_entry *e = rs->first;
-    while (e && strcmp(e->refining.id, id) != 0)
+    lease_entry *e = rs->first;
+    while (e && strcmp(e->lease.id, id) != 0)
         e = e->next;
     bool is_mine = e && !e->in_work, is_taken = e && e->in_work;
     if (is_mine) e->in_work = true;
     uv_mutex_unlock(&rs->lock);
-    if (is_mine) return &e->refining;
+    if (is_mine) return &e->lease;
     if (is_taken) {
         *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "another job works on the reconstruction");
         return NULL;
     }
-    e = qm_refining_make_again(rs, id, problem);
+    e = lease_rebuild(rs, id, problem);
     if (!e) return NULL;
     e->in_work = true;
     uv_mutex_lock(&rs->lock);
-    qm_refining_entry *other = rs->first;
-    while (other && strcmp(other->refining.id, id) != 0)
+    lease_entry *other = rs->first;
+    while (other && strcmp(other->lease.id, id) != 0)
         other = other->next;
     if (!other) {
         e->next = rs->first;
         rs->first = e;
     }
     uv_mutex_unlock(&rs->lock);
-    if (!other) return &e->refining;
-    qm_refining_free(rs, e);
+    if (!other) return &e->lease;
+    lease_free(rs, e);
     *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "another job works on the reconstruction");
     return NULL;
 }
 
 /** The first idle entry beyond those that are kept, out of the list; NULL for none. The caller holds the
  * lock. */
-static qm_refining_entry *unlist_surplus(qm_reconstructions *rs)
+static lease_entry *unlist_surplus(qm_reconstructions *rs)
 {
     int idle = 0;
-    for (qm_refining_entry **link = &rs->first; *link; link = &(*link)->next) {
+    for (lease_entry **link = &rs->first; *link; link = &(*link)->next) {
         if ((*link)->in_work || ++idle <= KEPT_IDLE) continue;
-        qm_refining_entry *surplus = *link;
+        lease_entry *surplus = *link;
         *link = surplus->next;
         return surplus;
     }
     return NULL;
 }
 
-void qm_reconstructions_release(qm_reconstructions *rs, qm_refining *refining, bool keeps)
+void qm_reconstructions_release(qm_reconstructions *rs, qm_reconstruction_lease *lease, bool keeps)
 {
-    if (!refining) return;
-    refining->ctx.cancel = NULL;
+    if (!lease) return;
+    lease->ctx.cancel = NULL;
     uv_mutex_lock(&rs->lock);
-    qm_refining_entry *own = unlist(rs, refining->id), *dropped = own;
+    lease_entry *own = unlist(rs, lease->id), *dropped = own;
     if (keeps) {
+        QM_ASSERT(own && own->in_work);
         own->in_work = false;
         own->next = rs->first;
         rs->first = own;
         dropped = unlist_surplus(rs);
     }
     uv_mutex_unlock(&rs->lock);
-    if (dropped) qm_refining_free(rs, dropped);
+    if (dropped) lease_free(rs, dropped);
 }
 
 qm_status qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
 {
     qm_status status = qm_store_delete_reconstruction(rs->store, id);
     uv_mutex_lock(&rs->lock);
-    qm_refining_entry *e = unlist(rs, id);
-    /* Who works on it gives it back, and it is dropped then for want of a place among the idle. */
+    lease_entry *e = unlist(rs, id);
+    /* The holder of the lease releases it; it is dropped when newer idle ones follow. */
     if (e && e->in_work) {
         e->next = rs->first;
         rs->first = e;
         e = NULL;
     }
     uv_mutex_unlock(&rs->lock);
-    if (e) qm_refining_free(rs, e);
+    if (e) lease_free(rs, e);
     return status;
 }
 
-size_t qm_refining_quads(const qm_refining *refining)
+size_t qm_reconstruction_lease_quads(const qm_reconstruction_lease *lease)
 {
     size_t quads = 0;
-    for (size_t p = 0; p < qm_reconstruction_patch_count(refining->reconstruction); p++) {
-        qm_reconstruction_patch patch = qm_reconstruction_get_patch(refining->reconstruction, p);
+    for (size_t p = 0; p < qm_reconstruction_patch_count(lease->reconstruction); p++) {
+        qm_reconstruction_patch patch = qm_reconstruction_get_patch(lease->reconstruction, p);
         quads += (size_t)patch.columns * patch.rows;
     }
     return quads;
 }
 
-void qm_refining_add_patches(const qm_refining *refining, qm_text *out)
+void qm_reconstruction_lease_add_patches(const qm_reconstruction_lease *lease, qm_text *out)
 {
     qm_json_open(out, "patches", "[");
-    for (size_t p = 0; p < qm_reconstruction_patch_count(refining->reconstruction); p++) {
-        qm_reconstruction_patch patch = qm_reconstruction_get_patch(refining->reconstruction, p);
+    for (size_t p = 0; p < qm_reconstruction_patch_count(lease->reconstruction); p++) {
+        qm_reconstruction_patch patch = qm_reconstruction_get_patch(lease->reconstruction, p);
         qm_json_add_comma(out);
         qm_text_add_string(out, "{");
         qm_json_add_count(out, "patch", p);
@@ -154,4 +297,242 @@ void qm_refining_add_patches(const qm_refining *refining, qm_text *out)
         qm_text_add_string(out, "}");
     }
     qm_text_add_string(out, "]");
+}
+
+/* ---- meshes and rows ---- */
+
+/** The mesh as a PLY upload, which keeps every digit. NULL with a problem. */
+static qm_blob_writer *write_upload(qm_reconstructions *rs, qm_reconstruction_lease *r, qm_problem *problem)
+{
+    qm_mesh mesh;
+    qm_mesh_facts facts;
+    qm_encoder *encoder = NULL;
+    qm_blob_writer *upload = NULL;
+    qm_status status = qm_reconstruction_mesh(&r->ctx, r->reconstruction, &mesh);
+    if (status == QM_OK) status = qm_mesh_find_facts(&r->ctx, &mesh, &facts);
+    if (status == QM_OK) status = qm_encoder_create(&r->ctx, &mesh, &facts, QM_FORMAT_PLY, 0, &encoder);
+    if (status == QM_OK) status = qm_blob_begin(rs->store, &upload);
+    for (bool goes_on = status == QM_OK; goes_on;) {
+        qm_text block = {0};
+        goes_on = qm_encoder_next(encoder, &block);
+        status = block.failed ? QM_E_NO_MEMORY : qm_blob_write(upload, block.data, block.size);
+        goes_on = goes_on && status == QM_OK;
+        qm_text_reset(&block);
+    }
+    qm_encoder_destroy(encoder);
+    qm_mesh_reset(&r->ctx, &mesh);
+    if (status == QM_OK) return upload;
+    qm_blob_abort(upload);
+    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be written");
+    return NULL;
+}
+
+/** The name of a mesh of the reconstruction: after its source, if that has a name. */
+static char *name_mesh(qm_reconstructions *rs, const qm_reconstruction_lease *r, size_t quads)
+{
+    qm_store_mesh source;
+    bool is_there = qm_store_find_mesh(rs->store, r->source_id, &source) == QM_OK;
+    qm_text name = {0};
+    qm_text_printf(&name, "%s, %zu quads", is_there && source.name[0] ? source.name : r->id, quads);
+    if (is_there) qm_store_mesh_reset(&source);
+    return qm_text_take(&name);
+}
+
+/** Makes an ordinary mesh of the reconstruction as it is; its id goes to out. */
+static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, char out[QM_ID_SIZE], size_t *quads,
+                     qm_problem *problem)
+{
+    qm_blob_writer *upload = write_upload(rs, r, problem);
+    if (!upload) return false;
+    *quads = qm_reconstruction_lease_quads(r);
+    char *name = name_mesh(rs, r, *quads);
+    if (!name) {
+        qm_blob_abort(upload);
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
+        return false;
+    }
+    qm_store_mesh row;
+    bool is_new;
+    bool added = qm_meshes_add(rs->meshes, upload, name, QM_FORMAT_PLY, &row, &is_new, problem);
+    free(name);
+    if (!added) return false;
+    memcpy(out, row.id, QM_ID_SIZE);
+    qm_store_mesh_reset(&row);
+    return true;
+}
+
+static char *make_state(const char *mesh, size_t quads, size_t steps)
+{
+    qm_text text = {0};
+    qm_json_add_string(&text, "mesh", mesh);
+    qm_json_add_count(&text, "quads", quads);
+    qm_json_add_count(&text, "step_count", steps);
+    return qm_text_take(&text);
+}
+
+static char *make_document(const qm_reconstruction_lease *r, const qm_store_reconstruction *row)
+{
+    char created[QM_TIME_SIZE];
+    size_t points, uncovered;
+    qm_time_format(created);
+    qm_reconstruction_coverage(r->reconstruction, &points, &uncovered);
+    qm_text text = {0};
+    qm_json_add_string(&text, "id", r->id);
+    qm_json_add_string(&text, "source", row->source);
+    if (row->layout_id[0])
+        qm_json_add_string(&text, "layout", row->layout_id);
+    else
+        qm_json_add_word(&text, "layout", "null");
+    qm_json_add_count(&text, "patch_count", qm_reconstruction_patch_count(r->reconstruction));
+    qm_json_add_number(&text, "cover_share", row->cover_share);
+    qm_json_add_bool(&text, "pull_curves", row->pull_curves);
+    qm_json_open(&text, "coverage", "{");
+    qm_json_add_count(&text, "samples", points);
+    qm_json_add_count(&text, "uncovered_samples", uncovered);
+    qm_text_add_string(&text, "}");
+    qm_json_add_string(&text, "created", created);
+    return qm_text_take(&text);
+}
+
+static bool fill_row(qm_reconstructions *rs, qm_reconstruction_lease *r, const char *layout_text,
+                     const qm_store_idempotency *idempotency, qm_store_reconstruction *row,
+                     qm_problem *problem)
+{
+    size_t quads;
+    if (!add_mesh(rs, r, row->mesh, &quads, problem)) return false;
+    memcpy(row->id, r->id, sizeof row->id);
+    row->layout = strdup(layout_text);
+    row->steps = strdup("");
+    row->records = strdup("");
+    row->document = make_document(r, row);
+    row->state = make_state(row->mesh, quads, 0);
+    if (!row->layout || !row->steps || !row->records || !row->document || !row->state) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reconstruction");
+        return false;
+    }
+    if (qm_store_put_reconstruction(rs->store, row, idempotency) == QM_OK) return true;
+    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the reconstruction could not be stored");
+    return false;
+}
+
+bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const char *layout_id,
+                            const char *layout_text, const qm_reconstruction_options *options,
+                            const qm_store_idempotency *idempotency, qm_store_reconstruction *out,
+                            qm_problem *problem)
+{
+    *out =
+        (qm_store_reconstruction){.cover_share = options->cover_share, .pull_curves = options->pull_curves};
+    snprintf(out->source, sizeof out->source, "%s", source);
+    snprintf(out->layout_id, sizeof out->layout_id, "%s", layout_id);
+    lease_entry *e = lease_begin(rs, source, layout_text, options, problem);
+    if (!e) return false;
+    qm_id_make('r', e->lease.id);
+    if (!fill_row(rs, &e->lease, layout_text, idempotency, out, problem)) {
+        qm_store_reconstruction_reset(out);
+        lease_free(rs, e);
+        return false;
+    }
+    list_entry(rs, e);
+    qm_reconstructions_release(rs, &e->lease, true);
+    return true;
+}
+
+/** The steps with these added. NULL: out of memory. */
+static char *add_steps(const char *steps, size_t max_quads, size_t count)
+{
+    qm_text text = {0};
+    qm_text_printf(&text, "%s%s%zu:%zu", steps, steps[0] ? " " : "", max_quads, count);
+    return qm_text_take(&text);
+}
+
+static size_t count_steps(const char *steps)
+{
+    size_t count = 0;
+    for (const char *at = strchr(steps, ':'); at; at = strchr(at + 1, ':'))
+        count += strtoull(at + 1, NULL, 10);
+    return count;
+}
+
+/** The row of a leased reconstruction, which another client may have deleted. */
+static bool find_row(qm_reconstructions *rs, const char *id, qm_store_reconstruction *row,
+                     qm_problem *problem)
+{
+    qm_status status = qm_store_find_reconstruction(rs->store, id, row);
+    if (status == QM_OK) return true;
+    *problem = qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction any more");
+    return false;
+}
+
+/** Stores the row after some steps, whose mesh is stored already. */
+static bool store_steps(qm_reconstructions *rs, const char *mesh, size_t quads, size_t max_quads,
+                        size_t step_count, const char *records, const qm_store_reconstruction *row,
+                        qm_problem *problem)
+{
+    qm_store_reconstruction next = *row;
+    qm_text joined = {0};
+    qm_text_printf(&joined, "%s%s%s", row->records, row->records[0] ? "," : "", records);
+    memcpy(next.mesh, mesh, sizeof next.mesh);
+    next.steps = add_steps(row->steps, max_quads, step_count);
+    next.records = qm_text_take(&joined);
+    next.state = next.steps ? make_state(mesh, quads, count_steps(next.steps)) : NULL;
+    next.revision++;
+    bool good =
+        next.steps && next.records && next.state && qm_store_update_reconstruction(rs->store, &next) == QM_OK;
+    if (!good) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the reconstruction could not be stored");
+    free(next.steps);
+    free(next.records);
+    free(next.state);
+    return good;
+}
+
+bool qm_reconstructions_commit(qm_reconstructions *rs, qm_reconstruction_lease *lease, size_t max_quads,
+                               size_t step_count, const char *records, char mesh[QM_ID_SIZE],
+                               qm_problem *problem)
+{
+    qm_store_reconstruction row;
+    if (!find_row(rs, lease->id, &row, problem)) return false;
+    memcpy(mesh, row.mesh, QM_ID_SIZE);
+    size_t quads;
+    bool good =
+        step_count == 0 || (add_mesh(rs, lease, mesh, &quads, problem) &&
+                            store_steps(rs, mesh, quads, max_quads, step_count, records, &row, problem));
+    qm_store_reconstruction_reset(&row);
+    return good;
+}
+
+/** Stores the row after an edit of the layout, whose mesh is stored already. */
+static bool store_edit(qm_reconstructions *rs, const char *mesh, size_t quads, const char *layout_text,
+                       qm_store_reconstruction *row, qm_problem *problem)
+{
+    qm_text layouts = {0}, steps = {0};
+    qm_text_printf(&layouts, "%s\n%s", row->layout, layout_text);
+    qm_text_printf(&steps, "%s%s" EDIT_WORD, row->steps, row->steps[0] ? " " : "");
+    free(row->layout);
+    free(row->steps);
+    free(row->state);
+    row->layout = qm_text_take(&layouts);
+    row->steps = qm_text_take(&steps);
+    row->state = row->steps ? make_state(mesh, quads, count_steps(row->steps)) : NULL;
+    row->revision++;
+    memcpy(row->mesh, mesh, sizeof row->mesh);
+    if (row->layout && row->steps && row->state && qm_store_update_reconstruction(rs->store, row) == QM_OK)
+        return true;
+    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the reconstruction could not be stored");
+    return false;
+}
+
+bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char *layout_text,
+                             qm_store_reconstruction *out, size_t *redone, qm_problem *problem)
+{
+    *out = (qm_store_reconstruction){0};
+    qm_reconstruction_lease *r = qm_reconstructions_take(rs, id, problem);
+    if (!r) return false;
+    char mesh[QM_ID_SIZE];
+    size_t quads;
+    bool edited = lease_edit(r, layout_text, redone, problem);
+    bool good = edited && add_mesh(rs, r, mesh, &quads, problem) && find_row(rs, id, out, problem) &&
+                store_edit(rs, mesh, quads, layout_text, out, problem);
+    qm_reconstructions_release(rs, r, good || !edited);
+    if (!good) qm_store_reconstruction_reset(out);
+    return good;
 }

@@ -1,9 +1,10 @@
 /**
- * reconstructions.h: reconstructions by id. What the store holds is enough to make one again: the source, the
- * layout, and the limits that its steps were taken with. Those in use, and a few that were last, are kept in
- * memory as they are, so that the next step goes on from there.
+ * reconstructions.h: the table of reconstructions. The store has enough to rebuild one: the source, the
+ * layout, and the limits that its steps were taken with. Reconstructions in use, and a few that were used
+ * last, stay in memory, so that the next step continues from there.
  *
- * One at a time works on a reconstruction; whoever comes second is told.
+ * A reconstruction is leased to one thread at a time; a second one gets a problem (409). Every call may come
+ * from any thread.
  */
 #ifndef QM_RECONSTRUCTIONS_H
 #define QM_RECONSTRUCTIONS_H
@@ -16,53 +17,54 @@ typedef struct qm_reconstructions qm_reconstructions;
 qm_reconstructions *qm_reconstructions_create(qm_store *store, qm_meshes *meshes);
 void qm_reconstructions_destroy(qm_reconstructions *reconstructions);
 
-/** A reconstruction taken for work: released with qm_refining_release. */
-typedef struct qm_refining {
+/** A reconstruction that its holder alone works on, until qm_reconstructions_release. */
+typedef struct qm_reconstruction_lease {
     char id[QM_ID_SIZE];
     char source_id[QM_ID_SIZE];
     qm_context ctx;
-    qm_source source;
+    qm_ref_surface source;
     qm_reconstruction *reconstruction;
     qm_mesh_ref *mesh; /* of the source */
-} qm_refining;
+} qm_reconstruction_lease;
 
 /**
- * Starts a reconstruction and stores it with its first mesh. layout_text is {nodes, curves, patches}. out is
+ * Creates a reconstruction and stores it with its first mesh. layout_text is {nodes, curves, patches}. out is
  * the caller's, for qm_store_reconstruction_reset. False with a problem.
  */
 bool qm_reconstructions_add(qm_reconstructions *reconstructions, const char *source, const char *layout_id,
                             const char *layout_text, const qm_reconstruction_options *options,
-                            const qm_store_idempotency *once, qm_store_reconstruction *out,
+                            const qm_store_idempotency *idempotency, qm_store_reconstruction *out,
                             qm_problem *problem);
 
-/** Takes one for work, making it again when it is not in memory. NULL with a problem (404; 409: in work). */
-qm_refining *qm_reconstructions_take(qm_reconstructions *reconstructions, const char *id,
-                                     qm_problem *problem);
-/** Without keeps it is dropped from memory: it has gone where the store has not, and is made again when
- * needed. */
-void qm_reconstructions_release(qm_reconstructions *reconstructions, qm_refining *refining, bool keeps);
+/** Leases a reconstruction, which is rebuilt when it is not in memory. NULL with a problem (404; 409:
+ * leased). */
+qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *reconstructions, const char *id,
+                                                 qm_problem *problem);
+/** Ends a lease. Without keeps the reconstruction is dropped from memory: its state is not the stored one. */
+void qm_reconstructions_release(qm_reconstructions *reconstructions, qm_reconstruction_lease *refining,
+                                bool keeps);
 
 /**
- * Stores the steps that were taken with a limit of quads, with their records (objects with commas between),
- * and the mesh as it now is, whose id goes to mesh. Nothing is stored when no step was taken.
+ * Stores the steps that were taken with a limit of quads, their records (objects with commas between), and
+ * the current mesh, whose id is written. Nothing is stored when no step was taken. False with a problem.
  */
-bool qm_reconstructions_commit(qm_reconstructions *reconstructions, qm_refining *refining, size_t max_quads,
-                               size_t step_count, const char *records, char mesh[QM_ID_SIZE],
-                               qm_problem *problem);
+bool qm_reconstructions_commit(qm_reconstructions *reconstructions, qm_reconstruction_lease *refining,
+                               size_t max_quads, size_t step_count, const char *records,
+                               char mesh[QM_ID_SIZE], qm_problem *problem);
 
 /**
- * Goes over to an edited layout, in which only what the edit has touched is made anew: redone tells how many
- * patches. Stores it with its mesh. out as above. False with a problem; nothing has changed then.
+ * Replaces the layout by an edited one, rebuilds the patches that the edit has changed (redone is their
+ * number), and stores it with its mesh. out as above. False with a problem, and then nothing has changed.
  */
 bool qm_reconstructions_edit(qm_reconstructions *reconstructions, const char *id, const char *layout_text,
                              qm_store_reconstruction *out, size_t *redone, qm_problem *problem);
 
 qm_status qm_reconstructions_delete(qm_reconstructions *reconstructions, const char *id);
 
-/** Quads of the mesh as it is now. */
-size_t qm_refining_quads(const qm_refining *refining);
+/** Number of quads of the current mesh. */
+size_t qm_reconstruction_lease_quads(const qm_reconstruction_lease *refining);
 
-/** Adds what the patches are now, as members. */
-void qm_refining_add_patches(const qm_refining *refining, qm_text *out);
+/** Adds the current patches as a JSON member. */
+void qm_reconstruction_lease_add_patches(const qm_reconstruction_lease *refining, qm_text *out);
 
 #endif

@@ -1,3 +1,6 @@
+/**
+ * etag.c: lists of entity tags.
+ */
 #include "etag.h"
 
 #include <stdio.h>

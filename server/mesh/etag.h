@@ -9,7 +9,7 @@
 
 #define QM_ETAG_SIZE 128
 
-/** The strong tag of a revision of a mesh; suffix tells representations of it apart. */
+/** The strong tag of a revision of a mesh; suffix distinguishes its representations. */
 void qm_etag_write_mesh(const char *hash, uint64_t revision, const char *suffix, char out[QM_ETAG_SIZE]);
 
 /**

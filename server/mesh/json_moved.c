@@ -6,10 +6,9 @@
 #include <string.h>
 
 #include "meshes.h"
-#include "ops/json_fault.h"
-#include "ops/json_object.h"
+#include "ops/json_request.h"
 
-static bool read_indices(const cJSON *value, qm_moved_vertices *out, size_t *count, qm_json_fault *at)
+static bool read_indices(const cJSON *value, qm_moved_vertices *out, size_t *count, qm_json_location *at)
 {
     if (!cJSON_IsArray(value)) return false;
     size_t size = (size_t)cJSON_GetArraySize(value);
@@ -19,7 +18,7 @@ static bool read_indices(const cJSON *value, qm_moved_vertices *out, size_t *cou
     at->depth = 1;
     for (const cJSON *number = value->child; number; number = number->next, at->index[0]++) {
         double index;
-        if (!qm_json_read_whole(number, 0, UINT32_MAX, &index)) return false;
+        if (!qm_json_read_integer(number, 0, UINT32_MAX, &index)) return false;
         out->indices[(*count)++] = (uint32_t)index;
     }
     return true;
@@ -30,20 +29,22 @@ static void read_moved(const cJSON *object, qm_moved_vertices *out, qm_problem *
     size_t index_count = 0;
     bool has_positions = false;
     for (const cJSON *member = object->child; member; member = member->next) {
-        qm_json_fault place = {0};
+        qm_json_location at = {0};
         bool is_indices = strcmp(member->string, "indices") == 0;
         bool is_positions = strcmp(member->string, "positions") == 0;
         if ((!is_indices && !is_positions) || (is_indices && out->indices) || (is_positions && has_positions))
-            qm_json_complain(problem, member->string, "is unknown, or given twice");
-        else if (is_indices && !read_indices(member, out, &index_count, &place))
-            qm_json_complain_of(problem, "indices", &place, "must hold whole numbers of 0 or more");
-        else if (is_positions && !qm_json_read_rows(member, &out->positions, &out->count, &place))
-            qm_json_complain_of(problem, "positions", &place, "must hold rows of three finite numbers");
+            qm_json_report(problem, member->string,
+                           "is not a field of a deformation, or is given more than once");
+        else if (is_indices && !read_indices(member, out, &index_count, &at))
+            qm_json_report_at(problem, "indices", &at, "must be an array of integers of 0 or more");
+        else if (is_positions && !qm_json_read_points(member, &out->positions, &out->count, &at))
+            qm_json_report_at(problem, "positions", &at,
+                              "must be an array of positions, each an array of three finite numbers");
         has_positions |= is_positions;
     }
-    if (!has_positions) qm_json_complain(problem, "positions", "is missing");
+    if (!has_positions) qm_json_report(problem, "positions", "is missing");
     if (problem->error_count == 0 && out->indices && index_count != out->count)
-        qm_json_complain(problem, "positions", "must have as many rows as there are indices");
+        qm_json_report(problem, "positions", "must have as many positions as there are indices");
 }
 
 bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertices *out, qm_problem *problem)

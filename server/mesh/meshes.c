@@ -1,12 +1,15 @@
+/**
+ * meshes.c: the table of meshes in memory: loading, references, eviction, deletion.
+ */
 #include "meshes_internal.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/host.h"
 #include "base/log.h"
 #include "base/metrics.h"
-#include "base/parallel.h"
 #include "etag.h"
 #include "ops/json_out.h"
 
@@ -28,7 +31,7 @@ qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memo
     meshes->limits.thread_count = threads;
     meshes->budget = (qm_budget){.limit = memory_limit, .make_room = drop_coldest, .user = meshes};
     meshes->threads = threads;
-    uv_mutex_init(&meshes->filing);
+    uv_mutex_init(&meshes->store_lock);
     uv_mutex_init(&meshes->lock);
     uv_cond_init(&meshes->changed);
     return meshes;
@@ -36,6 +39,7 @@ qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memo
 
 void qm_meshes_drop_reference(qm_mesh_ref *ref)
 {
+    QM_ASSERT(ref->references > 0);
     if (--ref->references > 0) return;
     qm_context ctx = qm_meshes_context(ref->meshes);
     qm_loaded_mesh_reset(&ctx, &ref->mesh);
@@ -51,12 +55,13 @@ void qm_meshes_destroy(qm_meshes *meshes)
     }
     uv_cond_destroy(&meshes->changed);
     uv_mutex_destroy(&meshes->lock);
-    uv_mutex_destroy(&meshes->filing);
+    uv_mutex_destroy(&meshes->store_lock);
     free(meshes);
 }
 
 static qm_mesh_ref *find_listed(qm_meshes *meshes, const char *id)
 {
+    QM_ASSERT(qm_meshes_is_locked(&meshes->lock));
     for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
         if (strcmp(ref->id, id) == 0) return ref;
     return NULL;
@@ -64,6 +69,7 @@ static qm_mesh_ref *find_listed(qm_meshes *meshes, const char *id)
 
 void qm_meshes_unlist(qm_meshes *meshes, qm_mesh_ref *ref)
 {
+    QM_ASSERT(qm_meshes_is_locked(&meshes->lock));
     if (!ref->listed) return;
     qm_mesh_ref **link = &meshes->first;
     while (*link != ref)
@@ -73,7 +79,7 @@ void qm_meshes_unlist(qm_meshes *meshes, qm_mesh_ref *ref)
     qm_meshes_drop_reference(ref);
 }
 
-/** Drops the least recently used of the meshes that nobody uses. */
+/** Drops the least recently used mesh without a reference; false when there is none. */
 static bool drop_coldest(void *user)
 {
     qm_meshes *meshes = user;
@@ -100,6 +106,7 @@ qm_meshes_memory qm_meshes_measure(qm_meshes *meshes)
 /** Moves a listed mesh to the front. */
 static void touch(qm_meshes *meshes, qm_mesh_ref *ref)
 {
+    QM_ASSERT(qm_meshes_is_locked(&meshes->lock));
     qm_mesh_ref **link = &meshes->first;
     while (*link != ref)
         link = &(*link)->next;
@@ -110,6 +117,7 @@ static void touch(qm_meshes *meshes, qm_mesh_ref *ref)
 
 qm_mesh_ref *qm_meshes_list(qm_meshes *meshes, const char *id)
 {
+    QM_ASSERT(qm_meshes_is_locked(&meshes->lock));
     qm_mesh_ref *ref = calloc(1, sizeof *ref);
     if (!ref) return NULL;
     snprintf(ref->id, sizeof ref->id, "%s", id);
@@ -135,7 +143,7 @@ bool qm_meshes_load_bytes(qm_meshes *meshes, qm_mapped_bytes file, qm_mapped_byt
                           qm_format format, qm_loaded_mesh *out, qm_problem *problem)
 {
     qm_context ctx = qm_meshes_context(meshes);
-    ctx.parallel = qm_parallel_run;
+    ctx.parallel = qm_host_parallel;
     qm_preparation preparation = qm_meshes_preparation(meshes);
     preparation.positions = (const double *)(const void *)positions.bytes;
     preparation.position_count = positions.size / (3 * sizeof(double));
@@ -155,7 +163,7 @@ static bool map_blob(qm_meshes *meshes, const char *hash, qm_mapped_bytes *out)
     return false;
 }
 
-/** Reads a mesh back as its row tells. */
+/** Reads the mesh of a row back. */
 static bool load_row(qm_meshes *meshes, const qm_store_mesh *row, qm_loaded_mesh *out, qm_problem *problem)
 {
     qm_mapped_bytes file = {0}, positions = {0};
@@ -207,7 +215,7 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
     bool is_mine = !ref;
     if (is_mine && !(ref = qm_meshes_list(meshes, id))) {
         uv_mutex_unlock(&meshes->lock);
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for mesh %s", id);
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for mesh %s", id);
         return NULL;
     }
     ref->references++;
@@ -244,6 +252,7 @@ void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref)
 bool qm_meshes_find_row(qm_meshes *meshes, const char *id, const char *if_match, qm_store_mesh *out,
                         qm_problem *problem)
 {
+    QM_ASSERT(qm_meshes_is_locked(&meshes->store_lock));
     qm_status status = qm_store_find_mesh(meshes->store, id, out);
     if (status != QM_OK) {
         *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
@@ -253,13 +262,15 @@ bool qm_meshes_find_row(qm_meshes *meshes, const char *id, const char *if_match,
     qm_etag_write_mesh(out->hash, out->revision, "", tag);
     if (!if_match || qm_etag_is_listed(if_match, tag, false)) return true;
     qm_store_mesh_reset(out);
-    *problem = qm_problem_make(QM_PROBLEM_PRECONDITION_FAILED, "the mesh is not the one that If-Match names");
+    *problem = qm_problem_make(QM_PROBLEM_PRECONDITION_FAILED,
+                               "If-Match does not match the current revision of the mesh");
     return false;
 }
 
-/** filing is held. */
+/** store_lock is held. */
 static bool delete_row(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem)
 {
+    QM_ASSERT(qm_meshes_is_locked(&meshes->store_lock));
     qm_store_mesh row;
     if (!qm_meshes_find_row(meshes, id, if_match, &row, problem)) return false;
     qm_store_mesh_reset(&row);
@@ -270,12 +281,12 @@ static bool delete_row(qm_meshes *meshes, const char *id, const char *if_match, 
 
 bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem)
 {
-    uv_mutex_lock(&meshes->filing);
+    uv_mutex_lock(&meshes->store_lock);
     bool deleted = delete_row(meshes, id, if_match, problem);
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
     if (ref && deleted) qm_meshes_unlist(meshes, ref);
     uv_mutex_unlock(&meshes->lock);
-    uv_mutex_unlock(&meshes->filing);
+    uv_mutex_unlock(&meshes->store_lock);
     return deleted;
 }

@@ -1,5 +1,5 @@
 /**
- * meshes_add.c: how an upload becomes a mesh: sealed, decoded and prepared, then filed under its content.
+ * meshes_add.c: uploads become meshes: sealed, decoded and prepared, then stored under their content.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -45,43 +45,44 @@ static void keep_in_memory(qm_meshes *meshes, const char *id, qm_loaded_mesh *me
     if (!ref) free_loaded(meshes, mesh);
 }
 
-/** Looks for a mesh of the same content and options. */
+/** Finds a mesh of equal content and options. */
 static bool find_same(qm_meshes *meshes, const qm_store_mesh *wanted, qm_store_mesh *found)
 {
     return qm_store_find_mesh_by_content(meshes->store, wanted->hash, wanted->options, found) == QM_OK;
 }
 
-/** Gives the blob its name and the row its place; the upload is gone afterwards. filing is held. */
-static bool file_new(qm_meshes *meshes, qm_blob_writer *upload, const qm_store_mesh *row)
+/** Names the blob and inserts the row; takes over the upload. store_lock is held. */
+static bool store_new(qm_meshes *meshes, qm_blob_writer *upload, const qm_store_mesh *row)
 {
+    QM_ASSERT(qm_meshes_is_locked(&meshes->store_lock));
     if (qm_blob_keep(upload) != QM_OK) return false;
     if (qm_store_put_mesh(meshes->store, row) == QM_OK) return true;
     qm_blob_remove(meshes->store, row->hash);
     return false;
 }
 
-/** Files a decoded upload, unless the same content was filed meanwhile. Takes over mesh and upload. */
-static bool file_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mesh *row, qm_loaded_mesh *mesh,
-                        bool *is_new, qm_problem *problem)
+/** Stores a decoded upload, unless equal content was stored meanwhile. Takes over mesh and upload. */
+static bool store_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mesh *row, qm_loaded_mesh *mesh,
+                         bool *is_new, qm_problem *problem)
 {
     qm_store_mesh same;
-    bool filed = false;
-    uv_mutex_lock(&meshes->filing);
+    bool stored = false;
+    uv_mutex_lock(&meshes->store_lock);
     bool found = find_same(meshes, row, &same);
     if (found) {
         qm_store_mesh_reset(row);
         *row = same;
         qm_blob_abort(upload);
     } else {
-        filed = file_new(meshes, upload, row);
-        if (filed) keep_in_memory(meshes, row->id, mesh);
+        stored = store_new(meshes, upload, row);
+        if (stored) keep_in_memory(meshes, row->id, mesh);
     }
-    uv_mutex_unlock(&meshes->filing);
-    if (!filed) free_loaded(meshes, mesh);
-    if (!found && !filed) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
-    *is_new = filed;
-    if (filed) qm_metrics_add(QM_METRICS_MESHES_ADDED, 1);
-    return found || filed;
+    uv_mutex_unlock(&meshes->store_lock);
+    if (!stored) free_loaded(meshes, mesh);
+    if (!found && !stored) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
+    *is_new = stored;
+    if (stored) qm_metrics_add(QM_METRICS_MESHES_ADDED, 1);
+    return found || stored;
 }
 
 /** The row of an upload with all but its document; false when out of memory or when it cannot be written. */
@@ -95,7 +96,7 @@ static bool make_row(qm_blob_writer *upload, const char *name, qm_format format,
     qm_time_format(created);
     row->created = strdup(created);
     if (!row->options || !row->name || !row->created) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the upload");
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the upload");
         return false;
     }
     if (qm_blob_seal(upload, row->hash) == QM_OK) return true;
@@ -111,7 +112,7 @@ static bool prepare(qm_meshes *meshes, const qm_blob_writer *upload, qm_format f
     row->format = (int)mesh->format;
     row->document = qm_meshes_make_document(row, mesh);
     if (row->document) return true;
-    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the mesh");
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
     free_loaded(meshes, mesh);
     return false;
 }
@@ -130,7 +131,7 @@ bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, 
     }
     bool prepared = sealed && prepare(meshes, upload, format, &row, &mesh, problem);
     if (!prepared) qm_blob_abort(upload);
-    bool added = prepared && file_loaded(meshes, upload, &row, &mesh, is_new, problem);
+    bool added = prepared && store_loaded(meshes, upload, &row, &mesh, is_new, problem);
     *out = row;
     if (!added) qm_store_mesh_reset(out);
     return added;

@@ -23,24 +23,29 @@ struct qm_mesh_ref {
 };
 
 /**
- * lock guards the list, which has the most recently used mesh first, references and states; changed tells of
- * a state. A mesh that is READY is only read. filing is taken before lock, by who adds or removes a mesh in
- * the store: so no two rows have the same content and options, no blob is removed that a row is about to
- * name, and list and store agree.
+ * lock guards the list, which has the most recently used mesh first, references and states; changed signals a
+ * new state. A mesh that is READY is never written. store_lock is taken before lock, by threads that add,
+ * change or remove a mesh in the store: no two rows have equal content and options, no blob is removed that a
+ * row is about to name, and list and store agree.
  */
 struct qm_meshes {
     qm_store *store;
     qm_codec_limits limits;
     qm_budget budget;
     int threads; /* that prepare a mesh */
-    uv_mutex_t filing;
+    uv_mutex_t store_lock;
     uv_mutex_t lock;
     uv_cond_t changed;
     qm_mesh_ref *first;
 };
 
-/** A context on the budget of the table that prepares meshes. */
-qm_context qm_meshes_context(qm_meshes *meshes);
+/** True while any thread holds the mutex; for assertions of functions whose caller holds it. */
+static inline bool qm_meshes_is_locked(uv_mutex_t *mutex)
+{
+    if (uv_mutex_trylock(mutex) != 0) return true;
+    uv_mutex_unlock(mutex);
+    return false;
+}
 
 /** A file in memory. */
 typedef struct qm_mapped_bytes {
@@ -48,16 +53,16 @@ typedef struct qm_mapped_bytes {
     size_t size;
 } qm_mapped_bytes;
 
-/** Decodes the bytes of a file and makes the mesh ready; positions are those of a revision, or none. False
- * with a problem. */
+/** Decodes the bytes of a file and prepares the mesh; positions are a revision's, or empty. False with a
+ * problem. */
 bool qm_meshes_load_bytes(qm_meshes *meshes, qm_mapped_bytes file, qm_mapped_bytes positions,
                           qm_format format, qm_loaded_mesh *out, qm_problem *problem);
 
-/** What a mesh of the table is made ready for. */
+/** The structures that a mesh of the table is prepared with. */
 qm_preparation qm_meshes_preparation(const qm_meshes *meshes);
 
 /** The row of a mesh, which must be among the entity tags of if_match, unless that is NULL: false with a
- * problem. filing is held, so that it stays so. */
+ * problem. store_lock is held, so that it stays so. */
 bool qm_meshes_find_row(qm_meshes *meshes, const char *id, const char *if_match, qm_store_mesh *out,
                         qm_problem *problem);
 

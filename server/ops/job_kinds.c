@@ -1,3 +1,6 @@
+/**
+ * job_kinds.c: the table of kinds, and an adapter to the engine's call for each.
+ */
 #include "job_kinds.h"
 
 #include <math.h>
@@ -5,6 +8,13 @@
 #include <string.h>
 
 #include "base/clock.h"
+
+const char *const qm_direction_names[] = {"two_sided", "a_to_b", "b_to_a", NULL};
+const char *const qm_quads_names[] = {"triangles", "bilinear", NULL};
+const char *const qm_accelerator_names[] = {"auto", "boxes", "tetra", "grid", NULL};
+const char *const qm_bounds_names[] = {"cover", "matching", "cells", NULL};
+const char *const qm_collide_mode_names[] = {"all", "first", "any", NULL};
+const char *const qm_tolerance_unit_names[] = {"relative", "absolute", NULL};
 
 qm_job_request qm_job_request_default(void)
 {
@@ -32,47 +42,48 @@ void qm_job_request_reset(qm_job_request *request)
     request->point_count = 0;
 }
 
-/** One question of any kind, with everything that its runner needs. */
-typedef struct question {
+/** A request with its meshes and its context. */
+typedef struct job_call {
     qm_context *ctx;
     const qm_job_request *request;
     const qm_loaded_mesh *a, *b;
     qm_hausdorff_progress_fn *progress;
     void *progress_user;
     int threads;
-} question;
+} job_call;
 
-/** What the request's tolerance is in the unit of the meshes. */
-static double absolute_tolerance(const question *q)
+/** The tolerance in the unit of the meshes. */
+static double absolute_tolerance(const job_call *call)
 {
-    bool is_absolute = q->request->tolerance_is_absolute || q->a->diagonal == 0.0;
-    return is_absolute ? q->request->tolerance : q->request->tolerance * q->a->diagonal;
+    bool is_absolute = call->request->tolerance_is_absolute || call->a->diagonal == 0.0;
+    return is_absolute ? call->request->tolerance : call->request->tolerance * call->a->diagonal;
 }
 
 /* ---- hausdorff ---- */
 
-static qm_status run_hausdorff(const question *q, qm_job_result *out)
+static qm_status run_hausdorff(const job_call *call, qm_job_result *out)
 {
-    const qm_job_request *request = q->request;
+    const qm_job_request *request = call->request;
     qm_hausdorff_options options = qm_hausdorff_options_default();
     options.direction = request->direction;
     options.quads = request->quads;
-    options.tolerance = absolute_tolerance(q);
+    options.tolerance = absolute_tolerance(call);
     options.threshold = request->threshold;
     options.deadline_ms = request->deadline_ms;
     options.memory_limit = request->memory_limit;
     options.accelerator = request->accelerator;
-    options.tetra[0] = q->a->tetra;
-    options.tetra[1] = q->b->tetra;
-    options.bounds = request->bounds;
-    options.thread_count = q->threads;
-    options.progress = q->progress;
-    options.progress_user = q->progress_user;
+    options.tetra[0] = call->a->tetra;
+    options.tetra[1] = call->b->tetra;
+    /* Any other value is the former name of the default. */
+    options.bounds = request->bounds == QM_BOUNDS_MATCHING ? QM_BOUNDS_MATCHING : QM_BOUNDS_COVER;
+    options.thread_count = call->threads;
+    options.progress = call->progress;
+    options.progress_user = call->progress_user;
     out->tolerance = options.tolerance;
-    qm_status status = qm_hausdorff_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->hausdorff);
+    qm_status status = qm_hausdorff_measure(call->ctx, call->a->bvh, call->b->bvh, &options, &out->hausdorff);
     if (status != QM_OK) return status;
-    const qm_loaded_mesh *source = out->hausdorff.from_side == 0 ? q->a : q->b,
-                         *target = source == q->a ? q->b : q->a;
+    const qm_loaded_mesh *source = out->hausdorff.from_side == 0 ? call->a : call->b,
+                         *target = source == call->a ? call->b : call->a;
     out->from_face = qm_mesh_input_face(&source->mesh, out->hausdorff.from.face);
     out->to_face = qm_mesh_input_face(&target->mesh, out->hausdorff.to.face);
     out->is_canceled = out->hausdorff.stop == QM_STOP_CANCELED;
@@ -88,18 +99,19 @@ static void reset_hausdorff(qm_context *ctx, qm_job_result *result)
 
 static void reset_project(qm_context *ctx, qm_job_result *result)
 {
-    qm_projections_reset(ctx, &result->feet);
+    qm_projections_reset(ctx, &result->projections);
 }
 
-static qm_status run_project(const question *q, qm_job_result *out)
+static qm_status run_project(const job_call *call, qm_job_result *out)
 {
-    const qm_job_request *request = q->request;
+    const qm_job_request *request = call->request;
     qm_locator locator;
-    qm_status status = qm_locator_build(q->ctx, q->a->bvh, q->a->tetra, request->accelerator, &locator);
+    qm_status status =
+        qm_locator_build(call->ctx, call->a->bvh, call->a->tetra, request->accelerator, &locator);
     if (status == QM_OK)
-        status = qm_projections_find(q->ctx, q->a, &locator, request->quads, request->points,
-                                     request->point_count, q->threads, &out->feet);
-    qm_locator_reset(q->ctx, &locator);
+        status = qm_projections_find(call->ctx, call->a, &locator, request->quads, request->points,
+                                     request->point_count, call->threads, &out->projections);
+    qm_locator_reset(call->ctx, &locator);
     return status;
 }
 
@@ -110,22 +122,22 @@ static void reset_deviation(qm_context *ctx, qm_job_result *result)
     qm_deviation_reset(ctx, &result->deviation);
 }
 
-static qm_status run_deviation(const question *q, qm_job_result *out)
+static qm_status run_deviation(const job_call *call, qm_job_result *out)
 {
-    const qm_job_request *request = q->request;
+    const qm_job_request *request = call->request;
     qm_deviation_options options = qm_deviation_options_default();
     options.quads = request->quads;
     options.accuracy = request->accuracy;
-    options.tolerance = absolute_tolerance(q);
+    options.tolerance = absolute_tolerance(call);
     options.piece_limit = request->pieces;
     options.percentile = request->percentiles;
     options.percentile_count = request->percentile_count;
     options.bin_count = request->bins;
-    options.thread_count = q->threads;
-    options.progress = q->progress;
-    options.progress_user = q->progress_user;
+    options.thread_count = call->threads;
+    options.progress = call->progress;
+    options.progress_user = call->progress_user;
     out->tolerance = options.tolerance;
-    qm_status status = qm_deviation_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->deviation);
+    qm_status status = qm_deviation_measure(call->ctx, call->a->bvh, call->b->bvh, &options, &out->deviation);
     out->is_canceled = status == QM_OK && out->deviation.is_canceled;
     return status;
 }
@@ -137,13 +149,13 @@ static void reset_distance(qm_context *ctx, qm_job_result *result)
     (void)ctx, (void)result;
 }
 
-static qm_status run_distance(const question *q, qm_job_result *out)
+static qm_status run_distance(const job_call *call, qm_job_result *out)
 {
-    qm_distance_options options = {.quads = q->request->quads, .tolerance = absolute_tolerance(q)};
+    qm_distance_options options = {.quads = call->request->quads, .tolerance = absolute_tolerance(call)};
     out->tolerance = options.tolerance;
-    qm_status status = qm_distance_measure(q->ctx, q->a->bvh, q->b->bvh, &options, &out->distance);
-    out->from_face = qm_mesh_input_face(&q->a->mesh, out->distance.from.face);
-    out->to_face = qm_mesh_input_face(&q->b->mesh, out->distance.to.face);
+    qm_status status = qm_distance_measure(call->ctx, call->a->bvh, call->b->bvh, &options, &out->distance);
+    out->from_face = qm_mesh_input_face(&call->a->mesh, out->distance.from.face);
+    out->to_face = qm_mesh_input_face(&call->b->mesh, out->distance.to.face);
     return status;
 }
 
@@ -151,18 +163,18 @@ static qm_status run_distance(const question *q, qm_job_result *out)
 
 static void reset_collision(qm_context *ctx, qm_job_result *result)
 {
-    qm_told_pairs_reset(ctx, &result->pairs);
+    qm_listed_pairs_reset(ctx, &result->pairs);
 }
 
-static qm_status run_collision(const question *q, qm_job_result *out)
+static qm_status run_collision(const job_call *call, qm_job_result *out)
 {
     qm_collide_options options = qm_collide_options_default();
-    options.quads = q->request->quads;
-    options.mode = q->request->mode;
-    options.tolerance = out->tolerance = absolute_tolerance(q);
-    options.thread_count = q->threads;
-    return qm_told_pairs_find(q->ctx, q->a, q->b, &options, q->request->incremental, q->request->list_limit,
-                              &out->pairs);
+    options.quads = call->request->quads;
+    options.mode = call->request->mode;
+    options.tolerance = out->tolerance = absolute_tolerance(call);
+    options.thread_count = call->threads;
+    return qm_listed_pairs_find(call->ctx, call->a, call->b, &options, call->request->incremental,
+                                call->request->list_limit, &out->pairs);
 }
 
 static void reset_self_collision(qm_context *ctx, qm_job_result *result)
@@ -170,9 +182,9 @@ static void reset_self_collision(qm_context *ctx, qm_job_result *result)
     reset_collision(ctx, result);
 }
 
-static qm_status run_self_collision(const question *q, qm_job_result *out)
+static qm_status run_self_collision(const job_call *call, qm_job_result *out)
 {
-    return run_collision(q, out);
+    return run_collision(call, out);
 }
 
 /* ---- reconstruction_step ---- */
@@ -182,27 +194,27 @@ static void reset_reconstruction_step(qm_context *ctx, qm_job_result *result)
     (void)ctx, (void)result;
 }
 
-static qm_status run_reconstruction_step(const question *q, qm_job_result *out)
+static qm_status run_reconstruction_step(const job_call *call, qm_job_result *out)
 {
-    const qm_job_refining *refining = q->request->refining;
-    qm_refine_goal goal = q->request->goal;
-    goal.hausdorff = q->request->hausdorff_relative * refining->source->diagonal;
-    goal.thread_count = q->threads;
-    qm_status status = qm_refine(q->ctx, refining->reconstruction, refining->source, &goal, refining->on_step,
-                                 refining->user, &out->refine_stop);
+    const qm_job_refinement *refining = call->request->refining;
+    qm_refine_goal goal = call->request->goal;
+    goal.hausdorff = call->request->hausdorff_relative * refining->source->diagonal;
+    goal.thread_count = call->threads;
+    qm_status status = qm_refine(call->ctx, refining->reconstruction, refining->source, &goal,
+                                 refining->on_step, refining->user, &out->refine_stop);
     out->is_canceled = status == QM_OK && out->refine_stop == QM_REFINE_CANCELED;
     return status;
 }
 
 /* ---- any kind ---- */
 
-typedef struct runner {
+typedef struct kind_row {
     qm_job_type type;
-    qm_status (*run)(const question *question, qm_job_result *out);
+    qm_status (*run)(const job_call *call, qm_job_result *out);
     void (*reset)(qm_context *ctx, qm_job_result *result);
-} runner;
+} kind_row;
 
-static const runner runners[] = {
+static const kind_row rows[] = {
 #define XX(suffix, name, first, second)                                                                      \
     {{#name, {first, second}, QM_JOB_##suffix != QM_JOB_RECONSTRUCTION_STEP}, run_##name, reset_##name},
     QM_JOB_MAP(XX)
@@ -211,13 +223,14 @@ static const runner runners[] = {
 
 const qm_job_type *qm_job_type_of(qm_job_kind kind)
 {
-    return &runners[kind].type;
+    QM_ASSERT(kind < QM_JOB_KIND_COUNT);
+    return &rows[kind].type;
 }
 
 bool qm_job_kind_find(const char *name, qm_job_kind *out)
 {
     for (int kind = 0; kind < QM_JOB_KIND_COUNT; kind++) {
-        if (strcmp(runners[kind].type.name, name) != 0) continue;
+        if (strcmp(rows[kind].type.name, name) != 0) continue;
         *out = (qm_job_kind)kind;
         return true;
     }
@@ -237,18 +250,19 @@ static double prepare_ms(const qm_loaded_mesh *mesh)
     return mesh ? mesh->parse_ms + mesh->topology_ms + mesh->bvh_ms : 0.0;
 }
 
-qm_status qm_job_answer(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
-                        const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
-                        qm_job_result *out)
+qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
+                         const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
+                         qm_job_result *out)
 {
     *out = (qm_job_result){.kind = request->kind,
                            .diagonal = a->diagonal,
                            .prepare_a_ms = prepare_ms(a),
                            .prepare_b_ms = prepare_ms(b)};
-    question asked = {
+    QM_ASSERT(ctx && a && request->kind < QM_JOB_KIND_COUNT);
+    const job_call call = {
         ctx, request, a, b, progress, progress_user, request->threads > 0 ? request->threads : 1};
     double start_ms = qm_now_ms();
-    qm_status status = runners[request->kind].run(&asked, out);
+    qm_status status = rows[request->kind].run(&call, out);
     out->elapsed_ms = qm_now_ms() - start_ms;
     if (status != QM_OK) qm_job_result_reset(ctx, out);
     return status;
@@ -256,9 +270,9 @@ qm_status qm_job_answer(qm_context *ctx, const qm_job_request *request, const qm
 
 const double *qm_job_result_array(const qm_job_result *result, size_t *count)
 {
-    if (result->pairs.rows) {
+    if (result->pairs.faces) {
         *count = 2 * result->pairs.found.pair_count;
-        return result->pairs.rows;
+        return result->pairs.faces;
     }
     *count = result->deviation.vertex_count;
     return result->deviation.vertex_distance;
@@ -266,5 +280,5 @@ const double *qm_job_result_array(const qm_job_result *result, size_t *count)
 
 void qm_job_result_reset(qm_context *ctx, qm_job_result *result)
 {
-    runners[result->kind].reset(ctx, result);
+    rows[result->kind].reset(ctx, result);
 }

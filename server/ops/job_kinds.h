@@ -1,23 +1,38 @@
 /**
- * job_kinds.h: what a job asks for and what it finds, as plain structs, and the adapters from one to the
- * other. No HTTP, no JSON, no store: the command line runs jobs in process through the same functions.
+ * job_kinds.h: requests and results of jobs as plain structs, and the call that executes a request. No HTTP, no JSON, no
+ * store: the command line executes jobs in its own process through it.
  *
- * A kind is a row of QM_JOB_MAP. Three tables follow the list: how it runs (job_kinds.c), what fields it has
- * (json_in.c), how its request and result are written (json_requests.c,
- * json_results.c).
+ * A kind of job is a row of QM_JOB_MAP. Three tables follow that list: how it runs (job_kinds.c), which fields its
+ * request has (job/json_in.c), and how its request and result are written (json_out.c).
  */
 #ifndef QM_JOB_KINDS_H
 #define QM_JOB_KINDS_H
 
+#include "base/host.h"
 #include "base/id.h"
-#include "collide_pairs.h"
+#include "listed_pairs.h"
 #include "projections.h"
 #include "qm/deviation.h"
 #include "qm/distance.h"
 #include "qm/hausdorff.h"
 #include "refine.h"
 
+/** Limits of requests. */
+#define QM_JOB_MAX_THREADS QM_HOST_MAX_THREADS
 #define QM_JOB_MAX_PERCENTILES 64
+#define QM_JOB_MAX_PIECES 1e7
+#define QM_JOB_MAX_BINS 1e4
+#define QM_JOB_MAX_LISTED 1e5 /* pairs */
+#define QM_JOB_MIN_MEMORY 65536.0
+#define QM_JOB_MAX_MEMORY 1099511627776.0
+
+/** Names of the values of some fields, in the order of their enums, with NULL after the last. */
+extern const char *const qm_direction_names[];      /* qm_direction */
+extern const char *const qm_quads_names[];          /* qm_quad_reading */
+extern const char *const qm_accelerator_names[];    /* qm_accelerator */
+extern const char *const qm_bounds_names[];         /* qm_bounds, then the former name of the first */
+extern const char *const qm_collide_mode_names[];   /* qm_collide_mode */
+extern const char *const qm_tolerance_unit_names[]; /* qm_job_request.tolerance_is_absolute */
 
 /** XX(suffix, name in "type", field of the first mesh, field of the second or NULL). */
 #define QM_JOB_MAP(XX)                                                                                       \
@@ -36,57 +51,58 @@ typedef enum qm_job_kind {
         QM_JOB_KIND_COUNT
 } qm_job_kind;
 
-/** What a kind is, whatever it asks for. */
+/** A kind of job. */
 typedef struct qm_job_type {
     const char *name;
-    const char *mesh_field[2]; /* where the request names its meshes; [1] is NULL for a kind of one mesh */
-    bool is_pure;              /* asked for again, the answer is the same: it may come from a job before */
+    const char
+        *mesh_field[2]; /* fields of the request that name its meshes; [1] is NULL for a kind of one mesh */
+    bool is_pure;       /* the result depends on the request alone: that of an earlier job may be reused */
 } qm_job_type;
 const qm_job_type *qm_job_type_of(qm_job_kind kind);
 
-/** The kind of this name; false when there is none. */
+/** Finds a kind by name; false if there is none. */
 bool qm_job_kind_find(const char *name, qm_job_kind *out);
 
-/** How the long array of a kind's results is told. */
+/** The long array in the results of a kind. */
 typedef struct qm_job_array {
-    const char *member; /* of the result in JSON */
-    const char *header; /* of the rows in CSV; a single column is numbered there */
+    const char *member; /* its name in JSON */
+    const char *header; /* its first line in CSV, where a single column is preceded by an index */
     int columns;
 } qm_job_array;
 
 /** NULL for kinds without one. */
 const qm_job_array *qm_job_array_of(qm_job_kind kind);
-/** What a reconstruction_step works on, which is no mesh: set by who runs the job. */
-typedef struct qm_job_refining {
-    qm_reconstruction *reconstruction;
-    const qm_source *source;
-    qm_refine_fn *on_step; /* after each whole step */
-    void *user;
-} qm_job_refining;
 
-/** Fields that a kind does not have keep their defaults. */
+/** The object of a reconstruction_step, set by the caller of qm_job_execute. */
+typedef struct qm_job_refinement {
+    qm_reconstruction *reconstruction;
+    const qm_ref_surface *source;
+    qm_refine_fn *on_step; /* after each complete step */
+    void *user;
+} qm_job_refinement;
+
+/** A request; fields of other kinds keep their defaults. */
 typedef struct qm_job_request {
     qm_job_kind kind;
-    char a[QM_ID_SIZE],
-        b[QM_ID_SIZE]; /* ids of meshes, b "" for a kind of one; file names have no place here */
+    char a[QM_ID_SIZE], b[QM_ID_SIZE]; /* ids of meshes (never file names); b is "" for a kind of one mesh */
     qm_quad_reading quads;
-    int threads; /* 0: as many as the host likes */
-    bool detach; /* the job goes on when the client that streams it hangs up */
+    int threads; /* 0: the host decides */
+    bool detach; /* the job continues when the client that streams it disconnects */
 
     /* hausdorff, deviation for its maximum, distance, and collisions of bilinear quads */
     double tolerance;
-    bool tolerance_is_absolute; /* else a share of the diagonal of A's box */
+    bool tolerance_is_absolute; /* else a fraction of the diagonal of A's box */
 
     /* hausdorff */
     qm_direction direction;
     double threshold;    /* NAN: none */
     double deadline_ms;  /* 0: none */
-    size_t memory_limit; /* of the queue, bytes; 0: as much as the host likes */
+    size_t memory_limit; /* of the queue, bytes; 0: the host decides */
     qm_accelerator accelerator;
     qm_bounds bounds;
 
     /* project */
-    double *points; /* point_count rows of x y z; on malloc, the request's own */
+    double *points; /* x y z of each point; malloc'ed, owned by the request */
     size_t point_count;
 
     /* deviation */
@@ -97,67 +113,68 @@ typedef struct qm_job_request {
 
     /* collision and self_collision */
     qm_collide_mode mode;
-    size_t list_limit; /* pairs that the result object tells */
-    bool incremental;  /* self_collision: only what has moved since, where that is known */
+    size_t list_limit; /* max pairs in the result object */
+    bool incremental;  /* self_collision: search only near vertices moved since the last search, if known */
+
     /* reconstruction_step, whose a is the id of the reconstruction */
-    qm_refine_goal goal; /* hausdorff is set from the share below when it runs */
+    qm_refine_goal goal; /* its hausdorff is computed from the fraction below when the job runs */
     double hausdorff_relative;
-    const qm_job_refining *refining;
+    const qm_job_refinement *refining;
 } qm_job_request;
 
-/** A Hausdorff job: two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
+/** The defaults: a Hausdorff job, two-sided, triangles, relative tolerance 1e-6, no threshold, no deadline, no points.
  * Deviation: accuracy 1e-2, 2^20 pieces, 50 bins, percentiles 1, 5, 25, 50, 75, 90, 95, 99.
- * Collisions: all pairs, 1000 of them told. */
+ * Collisions: all pairs, 1000 of them listed. */
 qm_job_request qm_job_request_default(void);
 
-/** Frees what the request owns. */
+/** Frees the points. */
 void qm_job_request_reset(qm_job_request *request);
 
 typedef struct qm_job_result {
     qm_job_kind kind;
-    double diagonal; /* of A's box: what relative figures refer to */
+    double diagonal; /* of A's box: the unit of relative figures */
     double prepare_a_ms, prepare_b_ms;
     double elapsed_ms;
-    bool is_canceled; /* stopped by the context's flag; what is here holds all the same */
+    bool is_canceled; /* stopped by the context's flag; the result is valid nevertheless */
 
-    double tolerance; /* absolute; of kinds that have one */
+    double tolerance; /* absolute; of kinds with a tolerance */
 
     /* hausdorff */
     qm_hausdorff_result hausdorff;
-    uint32_t from_face, to_face; /* in the numbering of the input files */
+    uint32_t from_face, to_face; /* indices of the input files */
 
     /* project */
-    qm_projections feet;
+    qm_projections projections;
 
     /* deviation */
     qm_deviation deviation;
 
-    /* distance; its faces in from_face and to_face */
+    /* distance; its faces are from_face and to_face */
     qm_distance distance;
 
     /* collision and self_collision */
-    qm_told_pairs pairs;
+    qm_listed_pairs pairs;
+
     /* reconstruction_step */
     qm_refine_stop refine_stop;
-    char mesh[QM_ID_SIZE]; /* the new mesh; set by who runs the job, with the counts and the records */
+    char mesh[QM_ID_SIZE]; /* the new mesh; set by the caller, with the counts and the records */
     size_t quads, step_count;
-    const char *records; /* objects with commas between; borrowed */
+    const char *records; /* JSON objects separated by commas; borrowed */
 } qm_job_result;
 
 /**
- * Answers a request about one mesh or two (b is NULL for a kind of one). ctx carries threads and cancel flag;
- * progress may be NULL, and kinds without bounds on the way do not call it.
+ * Executes a request about one mesh or two (b is NULL for a kind of one). ctx carries threads and cancel flag; progress
+ * may be NULL, and kinds without intermediate bounds do not call it.
  *
- * Returns QM_OK with a result for qm_job_result_reset in the same context, also when it was canceled but has
- * something to tell; QM_E_CANCELED when it has not; or what the engine's call returns. After an error there
- * is nothing to reset.
+ * Returns QM_OK with a result for qm_job_result_reset in the same context, also if it was canceled with a partial
+ * result; QM_E_CANCELED if there is none; or the status of the engine's call. After an error *out needs no reset.
  */
-qm_status qm_job_answer(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
-                        const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
-                        qm_job_result *out);
+qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const qm_loaded_mesh *a,
+                         const qm_loaded_mesh *b, qm_hausdorff_progress_fn *progress, void *progress_user,
+                         qm_job_result *out);
 
-/** The array of a result that is too long for documents: a deviation's distances at A's vertices, or the
- * faces of all pairs that collide. NULL when the result has none. */
+/** The array of a result that is too long for its document: a deviation's distances at A's vertices, or the faces of
+ * all colliding pairs. NULL if the result has none. */
 const double *qm_job_result_array(const qm_job_result *result, size_t *count);
 
 void qm_job_result_reset(qm_context *ctx, qm_job_result *result);

@@ -1,3 +1,6 @@
+/**
+ * json_layout.c: a layout from JSON and to it.
+ */
 #include "json_layout.h"
 
 #include <cjson/cJSON.h>
@@ -6,9 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/json_write.h"
-#include "json_object.h"
-#include "json_value.h"
+#include "base/json.h"
+#include "json_request.h"
 
 static bool fail_with_status(qm_status status, const qm_context *ctx, qm_problem *problem)
 {
@@ -29,10 +31,11 @@ static bool read_nodes(qm_context *ctx, const cJSON *value, qm_layout *out, qm_p
     return status == QM_OK || fail_with_status(status, ctx, problem);
 }
 
-/** A curve's ends in the file are the nodes', or so near to them that only the last digit differs. */
+/** Whether the curve ends at its nodes, up to the last digits of a decimal file. */
 static bool ends_match(const qm_layout *layout, uint32_t from, uint32_t to, const double *points,
                        size_t count)
 {
+    QM_ASSERT(from < layout->node_count && to < layout->node_count && count >= 2);
     double length = 0.0, gap = 0.0;
     for (int k = 0; k < 3; k++) {
         gap = fmax(gap, fabs(points[k] - layout->nodes[3 * (size_t)from + (size_t)k]));
@@ -44,24 +47,24 @@ static bool ends_match(const qm_layout *layout, uint32_t from, uint32_t to, cons
     return gap <= 1e-6 * length;
 }
 
-static bool read_curve(qm_context *ctx, const cJSON *value, size_t place, qm_layout *out, qm_problem *problem)
+static bool read_curve(qm_context *ctx, const cJSON *value, size_t index, qm_layout *out, qm_problem *problem)
 {
     static const char *const names[] = {"id", "from", "to", "points", NULL};
-    if (!cJSON_IsObject(value) || !qm_json_check_names(value, names, problem))
-        return qm_json_refuse(problem, "must be an object of id, from, to and points", "/curves/%zu", place,
+    if (!cJSON_IsObject(value) || !qm_json_check_members(value, names, problem))
+        return qm_json_reject(problem, "must be an object of id, from, to and points", "/curves/%zu", index,
                               0);
     uint32_t id, from, to;
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(value, "id"), &id))
-        return qm_json_refuse(problem, "must be a whole number of 0 or more", "/curves/%zu/id", place, 0);
+        return qm_json_reject(problem, "must be an integer of 0 or more", "/curves/%zu/id", index, 0);
     if (qm_layout_find_curve(out, id) != QM_NO_INDEX)
-        return qm_json_refuse(problem, "is the id of an earlier curve", "/curves/%zu/id", place, 0);
+        return qm_json_reject(problem, "is the id of an earlier curve", "/curves/%zu/id", index, 0);
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(value, "from"), &from) ||
         from >= out->node_count)
-        return qm_json_refuse(problem, "must be a place in nodes", "/curves/%zu/from", place, 0);
+        return qm_json_reject(problem, "must be an index of nodes", "/curves/%zu/from", index, 0);
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(value, "to"), &to) || to >= out->node_count)
-        return qm_json_refuse(problem, "must be a place in nodes", "/curves/%zu/to", place, 0);
+        return qm_json_reject(problem, "must be an index of nodes", "/curves/%zu/to", index, 0);
     char name[48];
-    snprintf(name, sizeof name, "curves/%zu/points", place);
+    snprintf(name, sizeof name, "curves/%zu/points", index);
     double *points;
     size_t count;
     if (!qm_json_read_table(cJSON_GetObjectItemCaseSensitive(value, "points"), 3, 2, name, &points, &count,
@@ -69,7 +72,7 @@ static bool read_curve(qm_context *ctx, const cJSON *value, size_t place, qm_lay
         return false;
     if (!ends_match(out, from, to, points, count)) {
         free(points);
-        return qm_json_refuse(problem, "must start and end at its nodes", "/curves/%zu/points", place, 0);
+        return qm_json_reject(problem, "must start and end at its nodes", "/curves/%zu/points", index, 0);
     }
     uint32_t next = out->next_id;
     out->next_id = id;
@@ -82,27 +85,27 @@ static bool read_curve(qm_context *ctx, const cJSON *value, size_t place, qm_lay
 static bool read_curves(qm_context *ctx, const cJSON *value, qm_layout *out, qm_problem *problem)
 {
     if (!value) return true;
-    if (!cJSON_IsArray(value)) return qm_json_refuse(problem, "must be an array", "/curves", 0, 0);
-    size_t place = 0;
+    if (!cJSON_IsArray(value)) return qm_json_reject(problem, "must be an array", "/curves", 0, 0);
+    size_t index = 0;
     for (const cJSON *curve = value->child; curve; curve = curve->next)
-        if (!read_curve(ctx, curve, place++, out, problem)) return false;
+        if (!read_curve(ctx, curve, index++, out, problem)) return false;
     return true;
 }
 
 static bool read_patches(qm_context *ctx, const cJSON *value, qm_layout *out, qm_problem *problem)
 {
     if (!value) return true;
-    if (!cJSON_IsArray(value)) return qm_json_refuse(problem, "must be an array", "/patches", 0, 0);
-    size_t place = 0;
-    for (const cJSON *row = value->child; row; row = row->next, place++) {
+    if (!cJSON_IsArray(value)) return qm_json_reject(problem, "must be an array", "/patches", 0, 0);
+    size_t index = 0;
+    for (const cJSON *row = value->child; row; row = row->next, index++) {
         uint32_t id[4];
-        bool is_good = cJSON_IsArray(row) && cJSON_GetArraySize(row) == 4;
-        for (int k = 0; k < 4 && is_good; k++)
-            is_good = qm_json_read_index(cJSON_GetArrayItem(row, k), &id[k]);
-        if (!is_good)
-            return qm_json_refuse(problem, "must hold the ids of four curves", "/patches/%zu", place, 0);
+        bool is_valid = cJSON_IsArray(row) && cJSON_GetArraySize(row) == 4;
+        for (int k = 0; k < 4 && is_valid; k++)
+            is_valid = qm_json_read_index(cJSON_GetArrayItem(row, k), &id[k]);
+        if (!is_valid)
+            return qm_json_reject(problem, "must hold the ids of four curves", "/patches/%zu", index, 0);
         qm_status status = qm_layout_add_patch(ctx, out, id);
-        if (status == QM_E_ARGUMENT) return qm_json_refuse(problem, ctx->message, "/patches/%zu", place, 0);
+        if (status == QM_E_ARGUMENT) return qm_json_reject(problem, ctx->message, "/patches/%zu", index, 0);
         if (status != QM_OK) return fail_with_status(status, ctx, problem);
     }
     return true;
@@ -118,14 +121,14 @@ bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char me
     if (!object) return false;
     const cJSON *patches = cJSON_GetObjectItemCaseSensitive(object, "patches");
     *has_patches = patches != NULL;
-    bool good = qm_json_check_names(object, mesh ? with_mesh : alone, problem) &&
-                (!mesh || qm_json_read_id(object, "mesh", mesh, problem)) &&
-                read_nodes(ctx, cJSON_GetObjectItemCaseSensitive(object, "nodes"), out, problem) &&
-                read_curves(ctx, cJSON_GetObjectItemCaseSensitive(object, "curves"), out, problem) &&
-                read_patches(ctx, patches, out, problem);
+    bool is_valid = qm_json_check_members(object, mesh ? with_mesh : alone, problem) &&
+                    (!mesh || qm_json_read_id(object, "mesh", mesh, problem)) &&
+                    read_nodes(ctx, cJSON_GetObjectItemCaseSensitive(object, "nodes"), out, problem) &&
+                    read_curves(ctx, cJSON_GetObjectItemCaseSensitive(object, "curves"), out, problem) &&
+                    read_patches(ctx, patches, out, problem);
     cJSON_Delete(object);
-    if (!good) qm_layout_reset(ctx, out);
-    return good;
+    if (!is_valid) qm_layout_reset(ctx, out);
+    return is_valid;
 }
 
 void qm_json_add_layout(qm_text *out, const qm_layout *layout)
@@ -162,15 +165,16 @@ static void write_issue(qm_text *out, const qm_layout_issue *issue)
 {
     static const char *const names[] = {"dangling_end", "cell_sides", "crossing"};
     _Static_assert(sizeof names / sizeof names[0] == QM_LAYOUT_FAULT_COUNT, "a name for each fault");
-    char words[160];
+    QM_ASSERT(issue->fault < QM_LAYOUT_FAULT_COUNT);
+    char message[160];
     if (issue->fault == QM_LAYOUT_DANGLING_END)
-        snprintf(words, sizeof words, "curve %u ends at node %u, where no other curve begins",
+        snprintf(message, sizeof message, "curve %u ends at node %u, where no other curve begins",
                  issue->curve[0], issue->node);
     else if (issue->fault == QM_LAYOUT_CELL_SIDES)
-        snprintf(words, sizeof words, "the cell beside curve %u has %u sides, not four", issue->curve[0],
+        snprintf(message, sizeof message, "the cell beside curve %u has %u sides, not four", issue->curve[0],
                  issue->sides);
     else
-        snprintf(words, sizeof words, "curves %u and %u cross without a node", issue->curve[0],
+        snprintf(message, sizeof message, "curves %u and %u cross without a node", issue->curve[0],
                  issue->curve[1]);
     qm_json_add_string(out, "kind", names[issue->fault]);
     qm_json_add_count(out, "curve", issue->curve[0]);
@@ -178,7 +182,7 @@ static void write_issue(qm_text *out, const qm_layout_issue *issue)
     if (issue->fault != QM_LAYOUT_CROSSING) qm_json_add_count(out, "node", issue->node);
     if (issue->fault == QM_LAYOUT_CELL_SIDES) qm_json_add_count(out, "sides", issue->sides);
     qm_json_add_numbers(out, "point", issue->position, 3);
-    qm_json_add_string(out, "detail", words);
+    qm_json_add_string(out, "detail", message);
 }
 
 void qm_json_add_layout_issues(qm_text *out, const qm_layout_issues *issues)

@@ -12,12 +12,12 @@
 #include "qm/reconstruct.h"
 
 /**
- * Reads {nodes, curves, patches}, each of which may be absent: patches name curves by id; without them
- * *has_patches is false and none is there. mesh is where the id of a member "mesh" goes, which is then
- * required; NULL where a file of a layout alone is read. Curves keep their ids.
+ * Reads {nodes, curves, patches}, each of which is optional: patches name curves by id; *has_patches is false if the
+ * member is absent. mesh receives the id in the member "mesh", which is then required; NULL for a file that holds a
+ * layout alone. Curves keep their ids.
  *
- * Returns true, and *out is the caller's for qm_layout_reset with ctx; or false with a problem (400 that
- * points to the fault, 422 for a layout that cannot be, 507).
+ * Returns true, and *out is the caller's for qm_layout_reset with ctx; or false with a problem (400 that points to the
+ * fault, 422 for an invalid layout, 507).
  */
 bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char mesh[QM_ID_SIZE],
                          qm_layout *out, bool *has_patches, qm_problem *problem);
@@ -25,7 +25,7 @@ bool qm_json_read_layout(qm_context *ctx, const char *text, size_t size, char me
 /** Adds the members nodes, curves and patches. */
 void qm_json_add_layout(qm_text *out, const qm_layout *layout);
 
-/** Adds the member issues: what keeps the layout from being whole, each with words. */
+/** Adds the member issues: why the layout is incomplete, each with a message. */
 void qm_json_add_layout_issues(qm_text *out, const qm_layout_issues *issues);
 
 /** The edits that have a body. */
@@ -37,14 +37,14 @@ typedef enum qm_layout_edit_kind {
     QM_EDIT_MERGE
 } qm_layout_edit_kind;
 
-/** What an edit asks for; the fields of other kinds are zero. */
+/** An edit; the fields of other kinds are zero. */
 typedef struct qm_layout_edit {
-    double *points; /* rows of x y in the window, or of x y z. On malloc */
+    double *points; /* x y in the window, or x y z, of each point; malloc'ed */
     size_t point_count;
-    bool in_window; /* stroke always, redraw perhaps: camera and pick tell how to pick */
+    bool in_window; /* always of a stroke, optional of a redraw: points are picked with camera and pick */
     qm_camera camera;
     qm_pick_options pick;
-    double radius;          /* stroke, snap: how far ends snap; 0 where it was not given */
+    double radius;          /* stroke, snap: the distance at which ends snap; 0 if absent */
     double point[3];        /* split, snap */
     int end;                /* snap: 0 from, 1 to */
     uint32_t first, second; /* merge */
@@ -55,10 +55,10 @@ bool qm_json_read_layout_edit(const char *text, size_t size, qm_layout_edit_kind
                               qm_problem *problem);
 void qm_layout_edit_reset(qm_layout_edit *edit);
 
-/** What POST /v1/reconstructions asks for. */
+/** The request of POST /v1/reconstructions. */
 typedef struct qm_json_reconstruction {
     char layout[QM_ID_SIZE];
-    char source[QM_ID_SIZE]; /* "" when it is the layout's own mesh */
+    char source[QM_ID_SIZE]; /* "" for the mesh of the layout */
     qm_reconstruction_options options;
 } qm_json_reconstruction;
 
@@ -66,7 +66,7 @@ typedef struct qm_json_reconstruction {
 bool qm_json_read_reconstruction(const char *text, size_t size, qm_json_reconstruction *out,
                                  qm_problem *problem);
 
-/** Reads {layout} alone, as PUT /v1/reconstructions/{id}/layout has it. */
+/** Reads {layout}, the body of PUT /v1/reconstructions/{id}/layout. */
 bool qm_json_read_layout_choice(const char *text, size_t size, qm_json_reconstruction *out,
                                 qm_problem *problem);
 

@@ -1,3 +1,6 @@
+/**
+ * mesh_load.c: decoding, preparation, copies and deformations of meshes, and their memory.
+ */
 #include "mesh_load.h"
 
 #include <stdio.h>
@@ -10,6 +13,7 @@
 
 static void add_warning(qm_loaded_mesh *mesh, const char *format, size_t count)
 {
+    QM_ASSERT(mesh->warnings);
     snprintf(mesh->warnings[mesh->warning_count++], QM_CODEC_DETAIL_SIZE, format, count);
 }
 
@@ -33,10 +37,11 @@ static qm_status set_warnings(qm_loaded_mesh *out, const qm_codec_report *report
         add_warning(out, "%zu faces name a vertex twice; they are kept", out->facts.repeated_corner_faces);
     if (out->facts.nonmanifold_edges > 0)
         add_warning(out, "%zu edges have three faces or more", out->facts.nonmanifold_edges);
+    QM_ASSERT(out->warning_count <= report->warning_count + FACT_WARNINGS);
     return QM_OK;
 }
 
-/** They have served once the patches are found, or cannot be trusted. */
+/** Grids of the decoder are hints for the search of patches, and are not needed after it. */
 static void drop_grids(qm_context *ctx, qm_mesh *mesh)
 {
     qm_context_free(ctx, mesh->grids, mesh->grid_count, sizeof *mesh->grids);
@@ -46,19 +51,21 @@ static void drop_grids(qm_context *ctx, qm_mesh *mesh)
 
 static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_loaded_mesh *out)
 {
+    QM_ASSERT(preparation->thread_count >= 1 && !out->bvh && !out->tetra);
+    QM_ASSERT(preparation->has_facts || !preparation->has_patches);
     double start = qm_now_ms();
     qm_status status = preparation->has_facts ? qm_mesh_find_facts(ctx, &out->mesh, &out->facts) : QM_OK;
     out->box = qm_mesh_bounding_box(&out->mesh);
     out->diagonal = qm_box_diagonal(&out->box);
-    double counted = qm_now_ms();
-    out->topology_ms = counted - start;
+    double facts_end = qm_now_ms();
+    out->topology_ms = facts_end - start;
     bool has_patches = status == QM_OK && preparation->has_patches && out->facts.quads > 0;
-    /* A third face at an edge inside a grid is not seen by looking at the grid alone. */
+    /* A grid does not show a third face at one of its inner edges. */
     if (!out->facts.manifold) drop_grids(ctx, &out->mesh);
     if (has_patches) status = qm_patch_set_find(ctx, &out->mesh, &out->patches);
     drop_grids(ctx, &out->mesh);
-    double built = qm_now_ms();
-    out->patches_ms = built - counted;
+    double patches_end = qm_now_ms();
+    out->patches_ms = patches_end - facts_end;
     if (status == QM_OK && !preparation->has_no_tree)
         status = qm_bvh_build(ctx, &out->mesh, preparation->parts, preparation->thread_count, &out->bvh);
     if (status == QM_OK && has_patches && preparation->has_tetra)
@@ -67,18 +74,18 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
         out->self_pairs = qm_self_pairs_create(out->mesh.vertex_count);
         if (!out->self_pairs) status = QM_E_NO_MEMORY;
     }
-    out->bvh_ms = qm_now_ms() - built;
+    out->bvh_ms = qm_now_ms() - patches_end;
     return status;
 }
 
-/** Normals do not outlive the positions that they belong to. */
+/** Normals belong to the positions of the file. */
 static void drop_normals(qm_context *ctx, qm_mesh *mesh)
 {
     qm_context_free(ctx, mesh->normals, mesh->vertex_count, 3 * sizeof *mesh->normals);
     mesh->normals = NULL;
 }
 
-/** Puts the positions of a revision in the place of the file's. */
+/** Replaces the positions of the file by those of a revision. */
 static qm_status set_positions(qm_context *ctx, const qm_preparation *preparation, qm_mesh *mesh,
                                qm_codec_report *report)
 {
@@ -97,13 +104,13 @@ qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, 
                        const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report)
 {
     *out = (qm_loaded_mesh){.file_size = size};
-    *report = (qm_codec_report){.line = QM_NO_PLACE, .offset = QM_NO_PLACE};
+    *report = (qm_codec_report){.line = QM_NO_LOCATION, .offset = QM_NO_LOCATION};
     double start = qm_now_ms();
     format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format;
     if (format == QM_FORMAT_UNKNOWN) {
         snprintf(report->detail, sizeof report->detail,
                  size == 0 ? "the file is empty"
-                           : "neither the name nor the content of the file tells its format");
+                           : "the format cannot be determined from the name or the content of the file");
         return size == 0 ? QM_E_EMPTY : QM_E_FORMAT;
     }
     out->format = format;
@@ -179,6 +186,7 @@ qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *p
                                 const uint32_t *vertices, size_t vertex_count, int thread_count,
                                 size_t *updated)
 {
+    QM_ASSERT(positions && mesh->bvh && thread_count >= 1);
     uint32_t *faces = NULL;
     size_t face_count = 0, boxes = 0, radii = 0;
     qm_context_free(ctx, mesh->mesh.positions, mesh->mesh.vertex_count, 3 * sizeof *positions);
@@ -191,7 +199,7 @@ qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *p
     qm_status status = mesh->deformer ? QM_OK : qm_deformer_build(ctx, mesh->bvh, &mesh->deformer);
     if (status == QM_OK && vertices)
         status = qm_deformer_find_faces(ctx, mesh->deformer, vertices, vertex_count, &faces, &face_count);
-    /* Vertices that no face uses move no face: the trees only learn where the positions are. */
+    /* If no face uses the moved vertices, the refit only updates the pointer to the positions. */
     const uint32_t none = 0, *list = vertices && !faces ? &none : faces;
     if (status == QM_OK)
         status =
@@ -228,12 +236,12 @@ size_t qm_loaded_mesh_memory_size(const qm_loaded_mesh *mesh)
 qm_regular_patch qm_loaded_mesh_largest_patch(const qm_loaded_mesh *mesh)
 {
     qm_regular_patch largest = {0};
-    size_t most = 0;
+    size_t max_faces = 0;
     for (size_t i = 0; i < mesh->patches.patch_count; i++) {
         const qm_regular_patch *patch = &mesh->patches.patches[i];
         size_t faces = (size_t)patch->rows * patch->columns;
-        if (faces > most) {
-            most = faces;
+        if (faces > max_faces) {
+            max_faces = faces;
             largest = *patch;
         }
     }

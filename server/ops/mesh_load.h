@@ -1,6 +1,6 @@
 /**
- * mesh_load.h: the bytes of a file to a mesh that is ready for questions, with the time that each stage took.
- * Shared by the daemon and the command line.
+ * mesh_load.h: decodes the bytes of a file and prepares the mesh for jobs, with the time of each stage. Shared by the
+ * daemon and the command line.
  */
 #ifndef QM_MESH_LOAD_H
 #define QM_MESH_LOAD_H
@@ -11,50 +11,48 @@
 
 typedef struct qm_loaded_mesh {
     qm_mesh mesh;
-    qm_bvh *bvh;          /* NULL when it was not to be built */
-    qm_patch_set patches; /* none of a mesh without quads */
-    qm_tetra *tetra;      /* over them; NULL without quads or when it was not asked for */
+    qm_bvh *bvh;          /* NULL if the preparation has no tree */
+    qm_patch_set patches; /* empty without quads */
+    qm_tetra *tetra;      /* over the patches; NULL without quads or if not requested */
     qm_mesh_facts facts;
     qm_box box;
     double diagonal;
-    uint64_t revision;         /* deformations of the file's mesh so far */
-    qm_self_pairs *self_pairs; /* what is known of its own collisions; NULL when it is not to be kept */
-    qm_deformer *deformer;     /* made by the first deformation in memory; NULL before */
+    uint64_t revision;         /* number of deformations since the file */
+    qm_self_pairs *self_pairs; /* cache of its self-collisions; NULL if not requested */
+    qm_deformer *deformer;     /* created by the first deformation in memory; NULL before */
     qm_format format;
     size_t file_size;
     double parse_ms, topology_ms, patches_ms, bvh_ms;
-    char (*warnings)[QM_CODEC_DETAIL_SIZE]; /* of the decoder, then of the facts (degenerate faces, unused
-                                               vertices) */
+    char (*warnings)[QM_CODEC_DETAIL_SIZE]; /* of the decoder, then of the facts */
     size_t warning_count;
 } qm_loaded_mesh;
 
-/** What a mesh is made ready for. What is not asked for costs neither time nor memory. */
+/** The structures to build. Those that are not requested cost neither time nor memory. */
 typedef struct qm_preparation {
-    bool has_facts;     /* counts facts, and warns of what they tell; otherwise facts are all zero */
-    bool has_patches;   /* finds the patches of a mesh with quads; needs has_facts */
-    bool keeps_pairs;   /* of self-collisions, for those that come after a deformation */
-    bool has_tetra;     /* builds offset tetrahedra over them; needs a tree that is a target */
-    qm_bvh_parts parts; /* of the tree */
-    bool has_no_tree;   /* leaves it out: enough for the collision of two meshes */
-    int thread_count;   /* 1 or more; more than one is used only with ctx->parallel */
-    const double
-        *positions;        /* of a revision, in place of those of the file; NULL: the file's. Rows of x y z */
-    size_t position_count; /* rows */
+    bool has_facts;          /* counts facts and derives warnings; else facts are all zero */
+    bool has_patches;        /* finds the regular patches of a mesh with quads; needs has_facts */
+    bool keeps_pairs;        /* keeps self-collisions, for incremental searches after a deformation */
+    bool has_tetra;          /* builds offset tetrahedra over the patches; needs a target tree */
+    qm_bvh_parts parts;      /* of the tree */
+    bool has_no_tree;        /* builds no tree: enough for the collision of two meshes */
+    int thread_count;        /* 1 or more; ctx->parallel is needed for more than one */
+    const double *positions; /* x y z of each vertex of a revision; NULL: those of the file */
+    size_t position_count;   /* points in positions */
 } qm_preparation;
 
 /**
- * Decodes (format QM_FORMAT_UNKNOWN: sniffed), finds the facts and builds the tree. On success *out is the
- * caller's, for qm_loaded_mesh_reset with the same allocator.
+ * Decodes the file (QM_FORMAT_UNKNOWN: the format is detected from its content) and prepares the mesh. On success *out
+ * is the caller's, for qm_loaded_mesh_reset with the same allocator.
  *
- * Returns QM_OK; or a status with report->detail and the place in the file. After an error *out is all zero.
+ * Returns QM_OK; or a status with report->detail and the location in the file. After an error *out is all zero.
  */
 qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
                        const qm_codec_limits *limits, const qm_preparation *preparation, qm_loaded_mesh *out,
                        qm_codec_report *report);
 
 /**
- * The two halves of it, for who has no use for the bytes once they are decoded: their memory then serves the
- * tree. A mesh that has been read has no tree, facts or warnings until it is made ready.
+ * The two halves of qm_mesh_load, so that the caller can free the bytes in between and their memory serves the tree. A
+ * mesh that has been read has no tree, facts or warnings until it is prepared.
  */
 qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
                        const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report);
@@ -62,18 +60,18 @@ qm_status qm_mesh_make_ready(qm_context *ctx, const qm_preparation *preparation,
                              qm_codec_report *report);
 
 /**
- * Makes a mesh of the same faces, facts and warnings with other positions, which it takes over: rows of x y z
- * for every vertex, on the allocator of the context. They have passed qm_mesh_validate.
+ * Creates a mesh of the same faces, facts and warnings with other positions: x y z of every vertex, which have passed
+ * qm_mesh_validate. Takes ownership of positions, which are on the allocator of the context.
  *
- * Returns QM_OK or a status; after an error *out is all zero, and positions are still the caller's.
+ * Returns QM_OK or a status; after an error *out is all zero, and the caller still owns positions.
  */
 qm_status qm_loaded_mesh_copy(qm_context *ctx, const qm_loaded_mesh *mesh, double *positions,
                               const qm_preparation *preparation, qm_loaded_mesh *out);
 
 /**
- * Moves the vertices of a mesh that nobody else uses: takes positions over as above, and lets trees follow.
- * vertices are those that moved, NULL for all. *updated counts the boxes and radii that were found anew.
- * After an error the mesh must not be used but for qm_loaded_mesh_reset; positions are gone.
+ * Moves the vertices of a mesh that no other thread uses: takes ownership of positions as above, and refits the trees.
+ * vertices lists the moved ones; NULL means all. *updated counts the boxes and radii that were recomputed. After an
+ * error the mesh may only be passed to qm_loaded_mesh_reset; positions are freed with it.
  */
 qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *positions,
                                 const uint32_t *vertices, size_t vertex_count, int thread_count,
@@ -81,7 +79,7 @@ qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *p
 
 void qm_loaded_mesh_reset(qm_context *ctx, qm_loaded_mesh *mesh);
 
-/** The patch that holds most faces; zero rows without patches. */
+/** The patch with most faces; zero rows without patches. */
 qm_regular_patch qm_loaded_mesh_largest_patch(const qm_loaded_mesh *mesh);
 
 /** Bytes of arrays, tree and patches. */

@@ -1,3 +1,6 @@
+/**
+ * problem.c: the table of problem codes, and conversions to problems.
+ */
 #include "problem.h"
 
 #include <stdarg.h>
@@ -17,6 +20,7 @@ static const problem_row rows[] = {
 
 int qm_problem_status(qm_problem_code code)
 {
+    QM_ASSERT(code < QM_PROBLEM_COUNT);
     return rows[code].status;
 }
 
@@ -30,7 +34,7 @@ const char *qm_problem_title(qm_problem_code code)
     return rows[code].title;
 }
 
-/** What passes by itself may be tried again: a place in the queue soon, the daemon after a restart. */
+/** Conditions that pass may be retried: a full queue soon, an unavailable daemon after a restart. */
 static int retry_after(qm_problem_code code)
 {
     return code == QM_PROBLEM_TOO_MANY_JOBS ? 1 : code == QM_PROBLEM_UNAVAILABLE ? 5 : 0;
@@ -50,7 +54,7 @@ void qm_problem_add_pointer(qm_problem *problem, const char *pointer, const char
 {
     if (problem->error_count == QM_PROBLEM_ERRORS) return;
     qm_problem_error *error = &problem->errors[problem->error_count++];
-    *error = (qm_problem_error){.line = QM_NO_PLACE, .offset = QM_NO_PLACE};
+    *error = (qm_problem_error){.line = QM_NO_LOCATION, .offset = QM_NO_LOCATION};
     snprintf(error->pointer, sizeof error->pointer, "%s", pointer);
     va_list arguments;
     va_start(arguments, format);
@@ -58,28 +62,28 @@ void qm_problem_add_pointer(qm_problem *problem, const char *pointer, const char
     va_end(arguments);
 }
 
-void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *words)
+void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *message)
 {
     if (problem->error_count == QM_PROBLEM_ERRORS) return;
     qm_problem_error *error = &problem->errors[problem->error_count++];
-    *error = (qm_problem_error){.line = QM_NO_PLACE, .offset = offset};
-    snprintf(error->detail, sizeof error->detail, "%s", words);
+    *error = (qm_problem_error){.line = QM_NO_LOCATION, .offset = offset};
+    snprintf(error->detail, sizeof error->detail, "%s", message);
 }
 
 qm_problem qm_problem_from_store(qm_status status, qm_problem_code none, const char *format, ...)
 {
-    char what[128];
+    char name[128];
     va_list arguments;
     va_start(arguments, format);
-    vsnprintf(what, sizeof what, format, arguments);
+    vsnprintf(name, sizeof name, format, arguments);
     va_end(arguments);
-    if (status == QM_E_EMPTY) return qm_problem_make(none, "there is no %s", what);
+    if (status == QM_E_EMPTY) return qm_problem_make(none, "there is no %s", name);
     if (status == QM_E_NO_MEMORY)
-        return qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory to look for %s", what);
-    return qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s cannot be looked for", what);
+        return qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory to read %s", name);
+    return qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s cannot be read", name);
 }
 
-/** What a status of the engine is to a client; a new status asks for an answer here. */
+/** The problem code of each status of the engine. */
 static const qm_problem_code code_of_status[] = {
     [QM_OK] = QM_PROBLEM_INTERNAL,
     [QM_E_ARGUMENT] = QM_PROBLEM_INVALID_FIELD,
@@ -99,13 +103,14 @@ _Static_assert(sizeof code_of_status / sizeof code_of_status[0] == QM_STATUS_COU
 
 qm_problem qm_problem_from_status(qm_status status, const char *message)
 {
+    QM_ASSERT(status < QM_STATUS_COUNT);
     return qm_problem_make(code_of_status[status], "%s", message[0] ? message : qm_status_text(status));
 }
 
 qm_problem qm_problem_from_codec(qm_status status, const qm_codec_report *report)
 {
     qm_problem problem = qm_problem_from_status(status, report->detail);
-    if (report->line == QM_NO_PLACE && report->offset == QM_NO_PLACE) return problem;
+    if (report->line == QM_NO_LOCATION && report->offset == QM_NO_LOCATION) return problem;
     problem.error_count = 1;
     problem.errors[0] = (qm_problem_error){.line = report->line, .offset = report->offset};
     snprintf(problem.errors[0].detail, sizeof problem.errors[0].detail, "%s", problem.detail);

@@ -1,5 +1,5 @@
 /**
- * problem.h: faults as RFC 9457 problem documents. One struct from the place of the fault to the reply.
+ * problem.h: errors as RFC 9457 problem documents. One struct carries an error from where it occurs to the reply.
  */
 #ifndef QM_PROBLEM_H
 #define QM_PROBLEM_H
@@ -7,14 +7,14 @@
 #include "base/text.h"
 #include "format/codec.h"
 
-/** Every code that a client can meet: XX(suffix, HTTP status, stable code, title). */
+/** Every code that a client can receive: XX(suffix, HTTP status, stable code, title). */
 #define QM_PROBLEM_MAP(XX)                                                                                   \
     XX(MALFORMED_JSON, 400, "malformed_json", "The request body is not valid JSON")                          \
     XX(INVALID_FIELD, 400, "invalid_field", "A field of the request is not valid")                           \
     XX(INVALID_PARAMETER, 400, "invalid_parameter", "A query parameter or header is not valid")              \
-    XX(AMBIGUOUS_LENGTH, 400, "ambiguous_length", "The request tells its length in two ways")                \
-    XX(MALFORMED_BODY, 400, "malformed_body", "The request body does not have the form it should")           \
-    XX(UNAUTHORIZED, 401, "unauthorized", "The request has no token that is known")                          \
+    XX(AMBIGUOUS_LENGTH, 400, "ambiguous_length", "The request gives its length in two ways")                \
+    XX(MALFORMED_BODY, 400, "malformed_body", "The request body does not have the required form")            \
+    XX(UNAUTHORIZED, 401, "unauthorized", "The request has no valid token")                                  \
     XX(FORBIDDEN, 403, "forbidden", "The request is not allowed to do this")                                 \
     XX(NOT_FOUND, 404, "not_found", "There is no such resource")                                             \
     XX(MESH_NOT_FOUND, 404, "mesh_not_found", "There is no such mesh")                                       \
@@ -25,11 +25,11 @@
     XX(METHOD_NOT_ALLOWED, 405, "method_not_allowed", "The resource does not have this method")              \
     XX(NOT_ACCEPTABLE, 406, "not_acceptable", "No representation fits the Accept header")                    \
     XX(CONFLICT, 409, "conflict", "The state of the resource does not allow this")                           \
-    XX(PRECONDITION_FAILED, 412, "precondition_failed", "The resource is not in the state asked for")        \
+    XX(PRECONDITION_FAILED, 412, "precondition_failed", "The resource is not in the required state")         \
     XX(TOO_LARGE, 413, "too_large", "The input is larger than a limit allows")                               \
     XX(UNSUPPORTED_MEDIA_TYPE, 415, "unsupported_media_type", "The body has a type that is not supported")   \
     XX(MALFORMED_FILE, 422, "malformed_file", "The file does not follow its format")                         \
-    XX(UNSUPPORTED_FEATURE, 422, "unsupported_feature", "The file or request uses what is not supported")    \
+    XX(UNSUPPORTED_FEATURE, 422, "unsupported_feature", "The file or request uses an unsupported feature")   \
     XX(EMPTY_MESH, 422, "empty_mesh", "The mesh holds no surface and no point")                              \
     XX(NOT_FINITE, 422, "not_finite", "A coordinate is not a finite number")                                 \
     XX(INDEX_OUT_OF_RANGE, 422, "index_out_of_range", "An index names a vertex that does not exist")         \
@@ -37,8 +37,8 @@
     XX(INVALID_LAYOUT, 422, "invalid_layout", "The layout does not bound patches of four sides")             \
     XX(IDEMPOTENCY_MISMATCH, 422, "idempotency_mismatch", "The key was used for another request")            \
     XX(TOO_MANY_JOBS, 429, "too_many_jobs", "The queue of jobs is full")                                     \
-    XX(INTERNAL, 500, "internal", "The daemon failed to carry this out")                                     \
-    XX(UNAVAILABLE, 503, "unavailable", "The daemon cannot take this on now")                                \
+    XX(INTERNAL, 500, "internal", "The daemon failed to process the request")                                \
+    XX(UNAVAILABLE, 503, "unavailable", "The daemon cannot process the request now")                         \
     XX(OUT_OF_MEMORY, 507, "out_of_memory", "There is not enough memory for this")
 
 typedef enum qm_problem_code {
@@ -50,10 +50,10 @@ typedef enum qm_problem_code {
 
 #define QM_PROBLEM_ERRORS 8
 
-/** One fault with its place: a JSON pointer, or a line (from 1) or byte offset (from 0) of a file. */
+/** One error with its location: a JSON pointer, or a line (from 1) or byte offset (from 0) of a file. */
 typedef struct qm_problem_error {
-    char pointer[96];    /* "" when the place is not in JSON */
-    size_t line, offset; /* QM_NO_PLACE when absent */
+    char pointer[96];    /* "" if the location is not in JSON */
+    size_t line, offset; /* QM_NO_LOCATION when absent */
     char detail[QM_CODEC_DETAIL_SIZE];
 } qm_problem_error;
 
@@ -62,7 +62,7 @@ typedef struct qm_problem {
     char detail[QM_CODEC_DETAIL_SIZE];
     qm_problem_error errors[QM_PROBLEM_ERRORS];
     size_t error_count;
-    int retry_after_s; /* set by the code; 0: no header */
+    int retry_after_s; /* Retry-After, set by the code; 0: no header */
     char allow[64];    /* methods for a 405, else "" */
 } qm_problem;
 
@@ -70,26 +70,26 @@ int qm_problem_status(qm_problem_code code);
 const char *qm_problem_name(qm_problem_code code);
 const char *qm_problem_title(qm_problem_code code);
 
-/** A problem with words. Returns it by value, so that a check reads: return qm_problem_make(...). */
+/** A problem with a detail. Returned by value, so that a check reads: return qm_problem_make(...). */
 qm_problem qm_problem_make(qm_problem_code code, const char *format, ...)
     __attribute__((format(printf, 2, 3)));
 
-/** Adds a place in the request's JSON, e.g. "/tolerance". Beyond QM_PROBLEM_ERRORS it is dropped. */
+/** Adds an error at a location of the request's JSON, e.g. "/tolerance"; dropped beyond QM_PROBLEM_ERRORS. */
 void qm_problem_add_pointer(qm_problem *problem, const char *pointer, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
-/** Adds the byte of a binary body or file where the fault lies. */
-void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *words);
+/** Adds an error at a byte of a body or file. */
+void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *message);
 
-/** The problem of a status of the engine, with the context's message. */
+/** Converts a status of the engine, with the context's message. */
 qm_problem qm_problem_from_status(qm_status status, const char *message);
 
-/** The problem of a row that the store does not give (store.h): of the code `none` when there is none of what
- * the words say ("mesh m_7"), else of the fault. */
+/** Converts the status of a failed look-up (store/store.h): to the code `none` if the store has no such record, which
+ * the format names ("mesh m_7"), else to that of the failure. */
 qm_problem qm_problem_from_store(qm_status status, qm_problem_code none, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
-/** The problem of a decoder, with the line or byte of the fault. */
+/** Converts the report of a decoder, with the line or byte of the fault. */
 qm_problem qm_problem_from_codec(qm_status status, const qm_codec_report *report);
 
 #endif

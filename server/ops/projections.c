@@ -1,3 +1,6 @@
+/**
+ * projections.c: projections of points, and their records.
+ */
 #include "projections.h"
 
 #include <endian.h>
@@ -6,20 +9,21 @@
 
 #include "json_out.h"
 
-void qm_projections_reset(qm_context *ctx, qm_projections *feet)
+void qm_projections_reset(qm_context *ctx, qm_projections *projections)
 {
-    qm_context_free(ctx, feet->distance, feet->count, sizeof *feet->distance);
-    qm_context_free(ctx, feet->position, feet->count, 3 * sizeof *feet->position);
-    qm_context_free(ctx, feet->uv, feet->count, 2 * sizeof *feet->uv);
-    qm_context_free(ctx, feet->patch, feet->count, sizeof *feet->patch);
-    qm_context_free(ctx, feet->face, feet->count, sizeof *feet->face);
-    *feet = (qm_projections){0};
+    qm_context_free(ctx, projections->distance, projections->count, sizeof *projections->distance);
+    qm_context_free(ctx, projections->position, projections->count, 3 * sizeof *projections->position);
+    qm_context_free(ctx, projections->uv, projections->count, 2 * sizeof *projections->uv);
+    qm_context_free(ctx, projections->patch, projections->count, sizeof *projections->patch);
+    qm_context_free(ctx, projections->face, projections->count, sizeof *projections->face);
+    *projections = (qm_projections){0};
 }
 
 qm_status qm_projections_find(qm_context *ctx, const qm_loaded_mesh *mesh, const qm_locator *locator,
                               qm_quad_reading quads, const double *points, size_t count, int threads,
                               qm_projections *out)
 {
+    QM_ASSERT(count == 0 || points);
     *out = (qm_projections){.count = count};
     if (count == 0) return QM_OK;
     out->distance = qm_context_alloc(ctx, count, sizeof *out->distance);
@@ -42,12 +46,12 @@ qm_status qm_projections_find(qm_context *ctx, const qm_loaded_mesh *mesh, const
     return status;
 }
 
-size_t qm_projections_find_bad(const double *numbers, size_t count)
+size_t qm_projections_find_invalid(const double *numbers, size_t count)
 {
-    size_t place = 0;
-    while (place < count && isfinite(numbers[place]))
-        place++;
-    return place;
+    size_t i = 0;
+    while (i < count && isfinite(numbers[i]))
+        i++;
+    return i;
 }
 
 void qm_projections_widen(double *numbers, size_t count)
@@ -63,27 +67,28 @@ void qm_projections_widen(double *numbers, size_t count)
     }
 }
 
-void qm_projections_write_begin(qm_text *out, qm_rows rows)
+void qm_projections_write_begin(qm_text *out, qm_array_format format)
 {
     static const char *const starts[] = {"", "distance,x,y,z,face,u,v\n", "{\"points\":["};
-    qm_text_add_string(out, starts[rows]);
+    qm_text_add_string(out, starts[format]);
 }
 
-void qm_projections_write_end(qm_text *out, qm_rows rows)
+void qm_projections_write_end(qm_text *out, qm_array_format format)
 {
-    if (rows == QM_ROWS_JSON) qm_text_add_string(out, "]}\n");
+    if (format == QM_ARRAY_JSON) qm_text_add_string(out, "]}\n");
 }
 
-void qm_projections_write(qm_text *out, qm_rows rows, const qm_projections *feet, double diagonal,
-                          bool is_first)
+void qm_projections_write(qm_text *out, qm_array_format format, const qm_projections *projections,
+                          double diagonal, bool is_first)
 {
-    if (rows == QM_ROWS_JSON && !is_first && feet->count > 0) qm_text_add_string(out, ",");
-    for (size_t i = 0; i < feet->count; i++) {
-        const double *p = feet->position + 3 * i, *uv = feet->uv + 2 * i;
-        double row[7] = {feet->distance[i], p[0], p[1], p[2], (double)feet->face[i], uv[0], uv[1]};
-        if (rows == QM_ROWS_JSON)
-            qm_json_write_foot(out, feet, i, diagonal);
+    if (format == QM_ARRAY_JSON && !is_first && projections->count > 0) qm_text_add_string(out, ",");
+    for (size_t i = 0; i < projections->count; i++) {
+        const double *p = projections->position + 3 * i, *uv = projections->uv + 2 * i;
+        double record[7] = {projections->distance[i],     p[0],  p[1], p[2],
+                            (double)projections->face[i], uv[0], uv[1]};
+        if (format == QM_ARRAY_JSON)
+            qm_json_write_projection(out, projections, i, diagonal);
         else
-            qm_rows_write(out, rows, 7, 0, row, 7);
+            qm_array_write(out, format, 7, 0, record, 7);
     }
 }

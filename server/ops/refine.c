@@ -1,3 +1,6 @@
+/**
+ * refine.c: the loop of steps, and the distance after each.
+ */
 #include "refine.h"
 
 #include <math.h>
@@ -5,19 +8,19 @@
 
 #include "base/clock.h"
 
-#define TOLERANCE 1e-5      /* of the diagonal: how closely a distance is measured */
-#define GOAL_TOLERANCE 0.05 /* of the goal, when that is closer */
-/* Of all points: so many more may be out of reach, as samples told the share    \ */
+#define TOLERANCE 1e-5      /* of a measured distance, a fraction of the diagonal */
+#define GOAL_TOLERANCE 0.05 /* of a measured distance, a fraction of the goal, if that is smaller */
+#define DEADLINE_MS 20000.0 /* of one measurement; its bounds are valid when it ends early */
+/* Fraction of the points that may stay uncovered beyond the estimate, which was made from samples. */
 #define UNCOVERED_SLACK 1e-3
-#define DEADLINE_MS 20000.0 /* for the distance after one step; the bounds hold whenever it ends */
 
 typedef struct refinement {
     qm_context *ctx;
-    const qm_source *source;
+    const qm_ref_surface *source;
     const qm_reconstruction *reconstruction;
     const qm_refine_goal *goal;
-    double reach;
-    double uncovered_share; /* of the points, before the first step */
+    double cover_distance;
+    double uncovered_fraction; /* of the points, before the first step */
 } refinement;
 
 const char *qm_refine_stop_name(qm_refine_stop stop)
@@ -38,79 +41,80 @@ static qm_status measure(const refinement *r, const qm_bvh *mesh, qm_direction d
     options.thread_count = r->goal->thread_count;
     qm_hausdorff_result result;
     qm_status status = qm_hausdorff_measure(r->ctx, r->source->bvh, mesh, &options, &result);
+    QM_ASSERT(status != QM_OK || result.lower <= result.upper);
     *lower = result.lower;
     *upper = result.upper;
     return status;
 }
 
-/** Where the points of a set lie nearest to the mesh of a step. */
-typedef struct point_feet {
+/** Projections of points onto the mesh of a step. */
+typedef struct point_projections {
     size_t count;
-    qm_projection feet;
+    qm_projection nearest;
     bool *on_rim;
-} point_feet;
+} point_projections;
 
-static void free_feet(qm_context *ctx, const point_feet *f)
+static void free_projections(qm_context *ctx, const point_projections *p)
 {
-    qm_context_free(ctx, f->feet.distance, f->count, sizeof *f->feet.distance);
-    qm_context_free(ctx, f->feet.face, f->count, sizeof *f->feet.face);
-    qm_context_free(ctx, f->feet.uv, f->count, 2 * sizeof *f->feet.uv);
-    qm_context_free(ctx, f->on_rim, f->count, sizeof *f->on_rim);
+    qm_context_free(ctx, p->nearest.distance, p->count, sizeof *p->nearest.distance);
+    qm_context_free(ctx, p->nearest.face, p->count, sizeof *p->nearest.face);
+    qm_context_free(ctx, p->nearest.uv, p->count, 2 * sizeof *p->nearest.uv);
+    qm_context_free(ctx, p->on_rim, p->count, sizeof *p->on_rim);
 }
 
-/** The feet of so many points, for free_feet whatever is returned. */
-static qm_status find_feet(const refinement *r, const qm_bvh *mesh, const double *points, size_t count,
-                           point_feet *f)
+/** Projects points; *p is for free_projections, also after an error. */
+static qm_status project_points(const refinement *r, const qm_bvh *mesh, const double *points, size_t count,
+                                point_projections *p)
 {
-    *f = (point_feet){.count = count};
-    f->feet.distance = qm_context_alloc(r->ctx, count, sizeof *f->feet.distance);
-    f->feet.face = qm_context_alloc(r->ctx, count, sizeof *f->feet.face);
-    f->feet.uv = qm_context_alloc(r->ctx, count, 2 * sizeof *f->feet.uv);
-    f->on_rim = qm_context_alloc(r->ctx, count, sizeof *f->on_rim);
-    if (!f->feet.distance || !f->feet.face || !f->feet.uv || !f->on_rim)
+    *p = (point_projections){.count = count};
+    p->nearest.distance = qm_context_alloc(r->ctx, count, sizeof *p->nearest.distance);
+    p->nearest.face = qm_context_alloc(r->ctx, count, sizeof *p->nearest.face);
+    p->nearest.uv = qm_context_alloc(r->ctx, count, 2 * sizeof *p->nearest.uv);
+    p->on_rim = qm_context_alloc(r->ctx, count, sizeof *p->on_rim);
+    if (!p->nearest.distance || !p->nearest.face || !p->nearest.uv || !p->on_rim)
         return qm_context_fail(r->ctx, QM_E_NO_MEMORY, "out of memory for %zu distances", count);
-    qm_status status =
-        qm_project_points(r->ctx, mesh, QM_QUADS_TRIANGLES, points, count, r->goal->thread_count, &f->feet);
+    qm_status status = qm_project_points(r->ctx, mesh, QM_QUADS_TRIANGLES, points, count,
+                                         r->goal->thread_count, &p->nearest);
     if (status != QM_OK) return status;
-    return qm_reconstruction_find_rim(r->ctx, r->reconstruction, f->feet.face, f->feet.uv, count, f->on_rim);
+    return qm_reconstruction_mark_boundary(r->ctx, r->reconstruction, p->nearest.face, p->nearest.uv, count,
+                                           p->on_rim);
 }
 
-/** The farthest of the points, of those that are covered, and how many are not. */
+/** Max distances of all points and of the covered ones, and the number of the others. */
 static qm_status measure_points(const refinement *r, const qm_bvh *mesh, qm_refine_record *record)
 {
     const qm_mesh *cloud = qm_bvh_mesh(r->source->bvh);
-    point_feet f;
-    qm_status status = find_feet(r, mesh, cloud->positions, cloud->vertex_count, &f);
+    point_projections p;
+    qm_status status = project_points(r, mesh, cloud->positions, cloud->vertex_count, &p);
     record->upper = record->covered = 0.0;
     record->uncovered = record->beyond = 0;
-    for (size_t i = 0; i < f.count && status == QM_OK; i++) {
-        double distance = f.feet.distance[i];
+    for (size_t i = 0; i < p.count && status == QM_OK; i++) {
+        double distance = p.nearest.distance[i];
         record->upper = fmax(record->upper, distance);
-        if (distance > r->reach)
+        if (distance > r->cover_distance)
             record->uncovered++;
-        else if (f.on_rim[i])
+        else if (p.on_rim[i])
             record->beyond++;
         else
             record->covered = fmax(record->covered, distance);
     }
     record->lower = record->upper;
-    free_feet(r->ctx, &f);
+    free_projections(r->ctx, &p);
     return status;
 }
 
-/** A rim that coarse quads cut short leaves drawn points beyond the mesh: so the rim counts as it was
- * drawn. */
+/** Coarse quads shorten the boundary and leave points beyond the mesh, so the boundary as it was drawn counts too. */
 static qm_status measure_rim(const refinement *r, const qm_bvh *mesh, qm_refine_record *record)
 {
     double *points;
     size_t count;
-    qm_status status = qm_reconstruction_rim(r->ctx, r->reconstruction, &points, &count);
+    qm_status status = qm_reconstruction_boundary(r->ctx, r->reconstruction, &points, &count);
     if (status != QM_OK || count == 0) return status;
-    point_feet f;
-    status = find_feet(r, mesh, points, count, &f);
+    point_projections p;
+    status = project_points(r, mesh, points, count, &p);
     for (size_t i = 0; i < count && status == QM_OK; i++)
-        record->covered = fmax(record->covered, f.feet.distance[i]);
-    free_feet(r->ctx, &f);
+        record->covered = fmax(record->covered, p.nearest.distance[i]);
+    free_projections(r->ctx, &p);
     qm_context_free(r->ctx, points, count, 3 * sizeof *points);
     return status;
 }
@@ -133,7 +137,7 @@ static qm_status measure_distance(const refinement *r, const qm_mesh *mesh, qm_r
     return status;
 }
 
-/** The quads' shape, and the distance if it is wanted. */
+/** The quality of the quads, and the distance if it is requested. */
 static qm_status measure_step(const refinement *r, const qm_reconstruction *reconstruction,
                               qm_refine_record *record)
 {
@@ -148,14 +152,14 @@ static qm_status measure_step(const refinement *r, const qm_reconstruction *reco
     return status;
 }
 
-/** True when all count but the points that no patch reached from the start, and those beyond the rim. */
+/** True if the distance is reached, ignoring points that no patch covered at the start or that lie beyond the boundary. */
 static bool is_near(const refinement *r, const qm_refine_record *record)
 {
     if (!record->is_measured) return false;
     if (record->upper <= r->goal->hausdorff) return true;
     if (!r->source->is_cloud || record->covered > r->goal->hausdorff) return false;
     double points = (double)qm_bvh_mesh(r->source->bvh)->vertex_count;
-    return (double)record->uncovered <= (r->uncovered_share + UNCOVERED_SLACK) * points;
+    return (double)record->uncovered <= (r->uncovered_fraction + UNCOVERED_SLACK) * points;
 }
 
 static bool is_reached(const refinement *r, const qm_refine_record *record, size_t steps,
@@ -168,9 +172,10 @@ static bool is_reached(const refinement *r, const qm_refine_record *record, size
     return false;
 }
 
-qm_status qm_refine(qm_context *ctx, qm_reconstruction *reconstruction, const qm_source *source,
+qm_status qm_refine(qm_context *ctx, qm_reconstruction *reconstruction, const qm_ref_surface *source,
                     const qm_refine_goal *goal, qm_refine_fn *on_step, void *user, qm_refine_stop *stop)
 {
+    QM_ASSERT(on_step && goal->thread_count >= 1);
     size_t points, uncovered;
     qm_reconstruction_coverage(reconstruction, &points, &uncovered);
     refinement r = {ctx,
@@ -179,7 +184,7 @@ qm_status qm_refine(qm_context *ctx, qm_reconstruction *reconstruction, const qm
                     goal,
                     qm_reconstruction_cover_distance(reconstruction),
                     (double)uncovered / (double)points};
-    size_t max_quads = goal->max_quads > 0 ? goal->max_quads : QM_REFINE_MOST_QUADS;
+    size_t max_quads = goal->max_quads > 0 ? goal->max_quads : QM_REFINE_MAX_QUADS;
     for (size_t steps = 1;; steps++) {
         if (qm_context_canceled(ctx)) return *stop = QM_REFINE_CANCELED, QM_OK;
         qm_refine_record record = {0};
@@ -190,7 +195,7 @@ qm_status qm_refine(qm_context *ctx, qm_reconstruction *reconstruction, const qm
         if (status != QM_OK) return status;
         if (record.step.chords_doubled == 0) return *stop = QM_REFINE_QUADS, QM_OK;
         status = measure_step(&r, reconstruction, &record);
-        /* A step whose distance was not measured to the end is whole all the same. */
+        /* A step is complete even if the measurement of its distance was canceled. */
         if (status != QM_OK && status != QM_E_CANCELED) return status;
         on_step(user, &record);
         if (is_reached(&r, &record, steps, stop)) return QM_OK;

@@ -1,9 +1,9 @@
 /**
- * self_pairs.h: what a mesh in memory knows of its own collisions: the pairs that were found last, and the
- * vertices that have moved since. One memory for each reading of quads. It is lost with the mesh's place in
- * memory; then all is looked at again.
+ * self_pairs.h: a cache of the self-collisions of a mesh in memory: the pairs of the last search, and the vertices that
+ * have moved since, for each reading of quads. It ends when the mesh is evicted from memory; the next search is then a
+ * full one.
  *
- * Threads: every call may come from any thread.
+ * Threads: all functions may be called from any thread.
  */
 #ifndef QM_SELF_PAIRS_H
 #define QM_SELF_PAIRS_H
@@ -12,22 +12,22 @@
 
 typedef struct qm_self_pairs qm_self_pairs;
 
-/** NULL: out of memory. */
+/** NULL if memory runs out. */
 qm_self_pairs *qm_self_pairs_create(size_t vertex_count);
-void qm_self_pairs_destroy(qm_self_pairs *memory);
+void qm_self_pairs_destroy(qm_self_pairs *cache);
 
-/** Takes over all that another one knows of the same vertices and faces, as far as there is memory for it. */
-void qm_self_pairs_inherit(qm_self_pairs *memory, qm_self_pairs *other);
+/** Replaces the cache by a copy of another mesh's with the same vertices and faces; empty if memory runs out. */
+void qm_self_pairs_inherit(qm_self_pairs *cache, qm_self_pairs *other);
 
-/** Vertices have moved; NULL: all, and then nothing is known any more. */
-void qm_self_pairs_move(qm_self_pairs *memory, const uint32_t *vertices, size_t count);
+/** Records moved vertices; NULL means all, which empties the cache. */
+void qm_self_pairs_move(qm_self_pairs *cache, const uint32_t *vertices, size_t count);
 
-/** Keeps the pairs of the positions as they are now. Without memory for them nothing is known. */
-void qm_self_pairs_keep(qm_self_pairs *memory, const qm_collide_options *options, const qm_face_pair *pairs,
+/** Stores the pairs of the current positions; the cache is empty if memory runs out. */
+void qm_self_pairs_keep(qm_self_pairs *cache, const qm_collide_options *options, const qm_face_pair *pairs,
                         size_t count);
 
-/** Copies what is known for these options; false when nothing is. For qm_self_pairs_release. */
-bool qm_self_pairs_recall(qm_self_pairs *memory, const qm_collide_options *options, qm_collide_changes *out);
+/** Copies the entry for these options, for qm_self_pairs_release; false if there is none. */
+bool qm_self_pairs_recall(qm_self_pairs *cache, const qm_collide_options *options, qm_collide_changes *out);
 void qm_self_pairs_release(qm_collide_changes *changes);
 
 #endif

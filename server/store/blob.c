@@ -115,8 +115,9 @@ static void find_path(const qm_store *store, const char *hash, char out[QM_STORE
     snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s/%s", qm_store_folder(store), hash, hash);
 }
 
-bool qm_blob_put_in_place(const qm_store *store, const char *file, const char *hash)
+bool qm_blob_commit_file(const qm_store *store, const char *file, const char *hash)
 {
+    QM_ASSERT(strlen(hash) == QM_HASH_SIZE - 1);
     char blobs[QM_STORE_PATH_SIZE], folder[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE];
     snprintf(blobs, sizeof blobs, "%s/blobs", qm_store_folder(store));
     snprintf(folder, sizeof folder, "%s/blobs/%.2s", qm_store_folder(store), hash);

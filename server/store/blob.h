@@ -1,30 +1,30 @@
 /**
- * blob.h: what the files of blobs and the database of the store know of each other, without either's library.
+ * blob.h: the interface between the files of blobs and the database of the store.
  */
 #ifndef QM_BLOB_H
 #define QM_BLOB_H
 
 #include "store.h"
 
-/** Room for every path below the data folder, whose own name is refused when it leaves no such room. */
+/** Buffer size of a path below the data folder; a longer folder name is rejected. */
 #define QM_STORE_PATH_SIZE 4096
 #define QM_STORE_FOLDER_SIZE (QM_STORE_PATH_SIZE - 128)
 
-/** Of the names of results' arrays, after the id of the job. */
+/** A result array is named by its job's id with this ending. */
 #define QM_RESULT_ENDING ".f64"
 
-/** Makes the data folder and those in it, and puts them on disk. False with words in message. */
+/** Creates the data folder and its subfolders, and syncs them. False with a message. */
 bool qm_blob_make_folders(const char *folder, char message[QM_MESSAGE_SIZE]);
 
-/** Removes what was half written. Only for the owner of the folder: others' uploads lie there too. */
+/** Removes half-written files. Only for the process that holds the folder: it may have uploads of another. */
 void qm_blob_sweep(const char *folder);
 
-/** Removes whole blobs and arrays of results whose row a sudden end has kept from being written, or that were
- * to go with their row. For the start, when nobody else uses the store. */
+/** Removes blobs and result arrays without a row, which a crash leaves behind. For the start, when no other
+ * thread uses the store. */
 void qm_blob_sweep_orphans(qm_store *store);
 
-/** Gives a file that the disk has taken the name of a hash, and has the disk take that, too. */
-bool qm_blob_put_in_place(const qm_store *store, const char *file, const char *hash);
+/** Renames a synced file to its hash, and syncs the folders. */
+bool qm_blob_commit_file(const qm_store *store, const char *file, const char *hash);
 
 /** Maps a whole open file for reading. */
 qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size);
@@ -32,10 +32,10 @@ qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size);
 /** The data folder, without a slash at its end. */
 const char *qm_store_folder(const qm_store *store);
 
-/** True when a mesh has this blob, and when that cannot be told. */
+/** True when a mesh has this blob, and after a fault. */
 bool qm_store_needs_blob(qm_store *store, const char *hash);
 
-/** True when there is a job of this id, and when that cannot be told. */
+/** True when there is a job of this id, and after a fault. */
 bool qm_store_has_job(qm_store *store, const char *id);
 
 #endif

@@ -1,18 +1,144 @@
 /**
  * blob_writer.c: bytes on their way to become a blob: written under incoming/, synced, renamed, and the
  * folder synced, so that a name never stands for half a file. A few bytes wait in memory until it is known
- * that they are to stay: most small bodies are questions.
+ * that they are to stay: most small bodies are requests.
+ *
+ * Behind a large file a thread takes the hash and has the disk begin with the bytes, so that the thread that
+ * receives them only writes them down.
  */
 #include <errno.h>
 #include <fcntl.h>
+#include <nettle/sha2.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
+#include <uv.h>
 
+#include "base/hash.h"
 #include "base/log.h"
 #include "blob.h"
-#include "blob_hash.h"
+
+/* ---- the hash ---- */
+
+#define HASH_BLOCK (256u << 10) /* bytes read back at a time: they are in the second cache yet */
+#define DISK_STEP (32u << 20)   /* bytes that are handed to the disk at a time */
+
+/** lock guards what follows it; the rest is the thread's until the hash has been taken. */
+typedef struct blob_hash {
+    int file;
+    struct sha256_ctx context;
+    bool failed;
+    uint64_t done, started; /* bytes in the hash; bytes handed to the disk */
+    uv_thread_t thread;
+    uv_mutex_t lock;
+    uv_cond_t changed;
+    uint64_t size;
+    bool ends, aborted, is_taken;
+    uint8_t block[HASH_BLOCK];
+} blob_hash;
+
+/** Waits until there is more to read, or there will not be; how much there is. */
+static uint64_t wait_for_more(blob_hash *hash)
+{
+    QM_ASSERT(hash->started <= hash->done);
+    uv_mutex_lock(&hash->lock);
+    while (hash->size < hash->done + HASH_BLOCK && !hash->ends)
+        uv_cond_wait(&hash->changed, &hash->lock);
+    uint64_t size = hash->aborted ? hash->done : hash->size;
+    uv_mutex_unlock(&hash->lock);
+    return size;
+}
+
+/** Has the disk begin, and does not wait for it: less is left to do when the file is to stay. */
+static void start_disk(blob_hash *hash)
+{
+    sync_file_range(hash->file, (off_t)hash->started, (off_t)(hash->done - hash->started),
+                    SYNC_FILE_RANGE_WRITE);
+    hash->started = hash->done;
+}
+
+static void run_hash(void *user)
+{
+    blob_hash *hash = user;
+    uint64_t size;
+    while (!hash->failed && (size = wait_for_more(hash)) > hash->done) {
+        size_t wanted = size - hash->done < HASH_BLOCK ? (size_t)(size - hash->done) : HASH_BLOCK;
+        ssize_t got = pread(hash->file, hash->block, wanted, (off_t)hash->done);
+        if (got < 0 && errno == EINTR) continue;
+        hash->failed = got <= 0;
+        if (hash->failed) break;
+        sha256_update(&hash->context, (size_t)got, hash->block);
+        hash->done += (uint64_t)got;
+        if (hash->done - hash->started >= DISK_STEP) start_disk(hash);
+    }
+    uv_mutex_lock(&hash->lock);
+    hash->is_taken = true;
+    bool is_wanted = !hash->aborted;
+    uv_mutex_unlock(&hash->lock);
+    uv_cond_signal(&hash->changed);
+    if (is_wanted) start_disk(hash);
+}
+
+/** Starts at the first byte of a file, which stays open until the end. NULL: no memory or no thread. */
+static blob_hash *hash_start(int file)
+{
+    blob_hash *hash = malloc(sizeof *hash);
+    if (!hash) return NULL;
+    hash->file = file;
+    hash->failed = hash->ends = hash->aborted = hash->is_taken = false;
+    hash->size = hash->done = hash->started = 0;
+    sha256_init(&hash->context);
+    uv_mutex_init(&hash->lock);
+    uv_cond_init(&hash->changed);
+    if (uv_thread_create(&hash->thread, run_hash, hash) == 0) return hash;
+    uv_cond_destroy(&hash->changed);
+    uv_mutex_destroy(&hash->lock);
+    free(hash);
+    return NULL;
+}
+
+/** Says how many bytes the file has by now. */
+static void hash_grow(blob_hash *hash, uint64_t size)
+{
+    uv_mutex_lock(&hash->lock);
+    /* The thread waits for whole blocks. */
+    bool is_worth = size / HASH_BLOCK > hash->size / HASH_BLOCK;
+    hash->size = size;
+    uv_mutex_unlock(&hash->lock);
+    if (is_worth) uv_cond_signal(&hash->changed);
+}
+
+/** Waits for the hash of all bytes; called once. False when they cannot be read back. */
+static bool hash_take(blob_hash *hash, uint8_t digest[QM_DIGEST_SIZE])
+{
+    uv_mutex_lock(&hash->lock);
+    hash->ends = true;
+    uv_cond_signal(&hash->changed);
+    while (!hash->is_taken)
+        uv_cond_wait(&hash->changed, &hash->lock);
+    bool good = !hash->failed;
+    uv_mutex_unlock(&hash->lock);
+    sha256_digest(&hash->context, QM_DIGEST_SIZE, digest);
+    return good;
+}
+
+/** Ends the thread, whether or not the hash was taken. NULL is fine. */
+static void hash_free(blob_hash *hash)
+{
+    if (!hash) return;
+    uv_mutex_lock(&hash->lock);
+    hash->aborted = !hash->ends;
+    hash->ends = true;
+    uv_mutex_unlock(&hash->lock);
+    uv_cond_signal(&hash->changed);
+    uv_thread_join(&hash->thread);
+    uv_cond_destroy(&hash->changed);
+    uv_mutex_destroy(&hash->lock);
+    free(hash);
+}
+
+/* ---- the file ---- */
 
 /* Bytes that wait in memory. The file grows by as many, from multiples of as many: the system then takes them
  * in large pages, in half the time of pieces that begin anywhere. */
@@ -21,7 +147,7 @@
 
 struct qm_blob_writer {
     qm_store *store;
-    qm_blob_hash *hash; /* of what is in the file; NULL while the bytes are few */
+    blob_hash *hash; /* of the file; NULL while the bytes are few */
     char path[QM_STORE_PATH_SIZE];
     char name[QM_HASH_SIZE]; /* the hash, once sealed */
     int file;                /* -1 while the bytes are few and in memory */
@@ -29,7 +155,7 @@ struct qm_blob_writer {
     uint64_t size;
 };
 
-/** The cause belongs into the log; the client only hears that nothing was stored. */
+/** Logs the cause: the client only learns that nothing was stored. */
 static qm_status fail_to_store(const char *step)
 {
     qm_log(QM_LOG_ERROR, "blob: cannot %s: %s", step, strerror(errno));
@@ -48,6 +174,7 @@ qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
 /** Bytes in the file. */
 static uint64_t written(const qm_blob_writer *writer)
 {
+    QM_ASSERT(writer->held.size <= writer->size);
     return writer->size - writer->held.size;
 }
 
@@ -77,7 +204,7 @@ static qm_status write_all(int file, const char *bytes, size_t size)
     return QM_OK;
 }
 
-/** Moves what is held to the file. */
+/** Moves the held bytes to the file. */
 static qm_status flush(qm_blob_writer *writer)
 {
     qm_status status = write_all(writer->file, writer->held.data, writer->held.size);
@@ -85,16 +212,16 @@ static qm_status flush(qm_blob_writer *writer)
     return status;
 }
 
-/** Has the hash taken of what is in the file. */
+/** Extends the hash to all bytes in the file. */
 static qm_status follow(qm_blob_writer *writer)
 {
-    if (!writer->hash) writer->hash = qm_blob_hash_start(writer->file);
+    if (!writer->hash) writer->hash = hash_start(writer->file);
     if (!writer->hash) return QM_E_NO_MEMORY;
-    qm_blob_hash_grow(writer->hash, written(writer));
+    hash_grow(writer->hash, written(writer));
     return QM_OK;
 }
 
-/** Writes what is held and whole steps of the bytes after it; the rest is held. */
+/** Writes the held bytes and whole steps of the new ones; holds the remainder. */
 static qm_status write_steps(qm_blob_writer *writer, const char *bytes, size_t size)
 {
     qm_status status = make_file(writer);
@@ -150,7 +277,7 @@ qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *byte
 /** Ends the writer and its file, which may have another name by now. */
 static void end(qm_blob_writer *writer)
 {
-    qm_blob_hash_free(writer->hash);
+    hash_free(writer->hash);
     if (writer->file >= 0) close(writer->file);
     qm_text_reset(&writer->held);
     free(writer);
@@ -173,7 +300,7 @@ static qm_status settle(qm_blob_writer *writer, uint8_t digest[QM_DIGEST_SIZE])
     }
     qm_status status = flush(writer);
     if (status == QM_OK) status = follow(writer);
-    if (status == QM_OK && !qm_blob_hash_take(writer->hash, digest)) status = fail_to_store("read");
+    if (status == QM_OK && !hash_take(writer->hash, digest)) status = fail_to_store("read");
     return status;
 }
 
@@ -188,8 +315,9 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
 
 qm_status qm_blob_keep(qm_blob_writer *writer)
 {
+    QM_ASSERT(writer->name[0]);
     qm_status status = fsync(writer->file) == 0 ? QM_OK : fail_to_store("sync");
-    if (status == QM_OK && !qm_blob_put_in_place(writer->store, writer->path, writer->name))
+    if (status == QM_OK && !qm_blob_commit_file(writer->store, writer->path, writer->name))
         status = fail_to_store("name a file");
     if (status != QM_OK) unlink(writer->path);
     end(writer);
@@ -198,5 +326,6 @@ qm_status qm_blob_keep(qm_blob_writer *writer)
 
 qm_status qm_blob_map_sealed(const qm_blob_writer *writer, const uint8_t **bytes, size_t *size)
 {
+    QM_ASSERT(writer->name[0]);
     return qm_blob_map_file(writer->file, bytes, size);
 }

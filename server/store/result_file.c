@@ -1,3 +1,6 @@
+/**
+ * result_file.c: arrays of results as files: written beside, synced, then renamed.
+ */
 #include "result_file.h"
 
 #include <errno.h>
@@ -8,8 +11,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+#include "base/arrays.h"
 #include "base/log.h"
-#include "base/rows.h"
 #include "blob.h"
 
 #define BLOCK 8192 /* numbers that are turned and written at a time */
@@ -43,7 +46,7 @@ static bool write_numbers(int file, const double *numbers, size_t count)
     for (size_t done = 0; done < count;) {
         size_t part = count - done < BLOCK ? count - done : BLOCK;
         memcpy(block, numbers + done, part * sizeof *block);
-        qm_rows_turn_bytes(block, part);
+        qm_array_swap_bytes(block, part);
         if (!write_all(file, block, part * sizeof *block)) return false;
         done += part;
     }
@@ -111,6 +114,7 @@ uint64_t qm_result_file_count(const qm_result_file *file)
 
 bool qm_result_file_read(const qm_result_file *file, uint64_t first, double *numbers, size_t count)
 {
+    QM_ASSERT(first + count <= file->count);
     char *next = (char *)numbers;
     size_t size = count * sizeof *numbers;
     uint64_t offset = first * sizeof *numbers;
@@ -122,6 +126,6 @@ bool qm_result_file_read(const qm_result_file *file, uint64_t first, double *num
         size -= (size_t)got;
         offset += (uint64_t)got;
     }
-    qm_rows_turn_bytes(numbers, count);
+    qm_array_swap_bytes(numbers, count);
     return true;
 }

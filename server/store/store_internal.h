@@ -11,7 +11,7 @@
 
 #define QM_STORE_STATEMENTS 64
 
-/** A statement that stays prepared; its text is a literal, told by its address. */
+/** A statement that stays prepared; its text is a literal, identified by its address. */
 typedef struct qm_store_statement {
     const char *sql;
     sqlite3_stmt *prepared;
@@ -42,7 +42,7 @@ typedef struct qm_store_table {
  * fault. */
 qm_status qm_store_find_row(qm_store *store, sqlite3_stmt *statement, const qm_store_table *table, void *out);
 
-/** The same of the one row of a statement with one string. */
+/** Reads the one row of a statement with one string parameter. */
 qm_status qm_store_find_row_by(qm_store *store, const char *sql, const char *text,
                                const qm_store_table *table, void *out);
 
@@ -73,13 +73,17 @@ sqlite3_stmt *qm_store_prepare(qm_store *store, const char *sql);
 /** Runs one that returns no row. NULL is a fault. */
 bool qm_store_run(qm_store *store, sqlite3_stmt *statement);
 
+/** The idempotency record that a statement with one string finds. */
+qm_status qm_store_find_idempotency_record(qm_store *store, const char *sql, const char *key,
+                                           qm_store_idempotency_record *out);
+
 /** Copies a column to the heap; NULL for an SQL null. False, with a record in the log: out of memory. */
 bool qm_store_copy_text(sqlite3_stmt *statement, int column, char **out);
 
-/** The same for a text of which size - 1 bytes are enough, into room of the caller's. */
+/** Copies the first size - 1 bytes of a text column. False, with a record in the log: out of memory. */
 bool qm_store_read_text(sqlite3_stmt *statement, int column, char *out, size_t size);
 
 /** Binds a string that outlives the statement; NULL binds an SQL null. */
-void qm_store_bind_text(sqlite3_stmt *statement, int place, const char *text);
+void qm_store_bind_text(sqlite3_stmt *statement, int index, const char *text);
 
 #endif

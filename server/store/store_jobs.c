@@ -1,10 +1,13 @@
+/**
+ * store_jobs.c: rows of jobs and of their events.
+ */
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "base/log.h"
 #include "store_internal.h"
 
-#define COLUMNS "id, key, idempotency_key, body, created, state, sequence, document, restarts"
+#define COLUMNS "id, key, idempotency_key, body, created, state, sequence, document, restarts, result"
 
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
 {
@@ -17,81 +20,88 @@ qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
     qm_store_bind_text(statement, 3, job->idempotency_key);
     qm_store_bind_text(statement, 4, job->body);
     qm_store_bind_text(statement, 5, job->created);
-    sqlite3_bind_int(statement, 6, job->state);
+    sqlite3_bind_int(statement, 6, (int)job->state);
     return qm_store_execute(store, statement);
 }
 
 /** In a transaction. */
-static bool append(qm_store *store, const qm_store_events *events)
+static bool append(qm_store *store, const qm_store_event *events, size_t count)
 {
     sqlite3_stmt *statement =
-        qm_store_prepare(store, "INSERT OR REPLACE INTO job_events (job, seq, lines)"
-                                " SELECT sequence, ?, ? FROM jobs WHERE id = ? AND document IS NULL");
+        qm_store_prepare(store, "INSERT OR REPLACE INTO job_events (job, seq, name, members)"
+                                " SELECT sequence, ?, ?, ? FROM jobs WHERE id = ? AND document IS NULL");
+    bool appended = statement;
+    for (size_t i = 0; appended && i < count; i++) {
+        sqlite3_bind_int64(statement, 1, (sqlite3_int64)events[i].seq);
+        qm_store_bind_text(statement, 2, events[i].name);
+        qm_store_bind_text(statement, 3, events[i].members);
+        qm_store_bind_text(statement, 4, events[i].job);
+        appended = qm_store_run(store, statement);
+    }
+    return appended;
+}
+
+qm_status qm_store_append_events(qm_store *store, const qm_store_event *events, size_t count)
+{
+    if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
+    return qm_store_end_transaction(store, append(store, events, count)) ? QM_OK : QM_E_ARGUMENT;
+}
+
+/** In a transaction. */
+static bool finish(qm_store *store, const qm_store_job *end, const char *revisions)
+{
+    sqlite3_stmt *statement = qm_store_prepare(
+        store, "UPDATE jobs SET state = ?, document = ?, result = ?, revisions = ? WHERE id = ?");
     if (!statement) return false;
-    sqlite3_bind_int64(statement, 1, (sqlite3_int64)events->seq);
-    qm_store_bind_text(statement, 2, events->lines);
-    qm_store_bind_text(statement, 3, events->job);
+    sqlite3_bind_int(statement, 1, (int)end->state);
+    qm_store_bind_text(statement, 2, end->document);
+    qm_store_bind_text(statement, 3, end->result);
+    qm_store_bind_text(statement, 4, revisions);
+    qm_store_bind_text(statement, 5, end->id);
     return qm_store_run(store, statement);
 }
 
-qm_status qm_store_append_events(qm_store *store, const qm_store_events *events, size_t count)
+qm_status qm_store_finish_job(qm_store *store, const qm_store_job *end, const char *revisions,
+                              const qm_store_event *events, size_t count)
 {
+    QM_ASSERT(end->state > QM_JOB_RUNNING && end->document);
     if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
-    bool good = true;
-    for (size_t i = 0; good && i < count; i++)
-        good = append(store, &events[i]);
+    bool good = append(store, events, count) && finish(store, end, revisions);
     return qm_store_end_transaction(store, good) ? QM_OK : QM_E_ARGUMENT;
 }
 
-static bool finish(qm_store *store, const char *id, int state, const char *document, const char *revisions)
+qm_status qm_store_read_events(qm_store *store, const char *id, qm_store_event_fn *take, void *user)
 {
     sqlite3_stmt *statement =
-        qm_store_prepare(store, "UPDATE jobs SET state = ?, document = ?, revisions = ? WHERE id = ?");
-    if (!statement) return false;
-    sqlite3_bind_int(statement, 1, state);
-    qm_store_bind_text(statement, 2, document);
-    qm_store_bind_text(statement, 3, revisions);
-    qm_store_bind_text(statement, 4, id);
-    return qm_store_run(store, statement);
-}
-
-qm_status qm_store_finish_job(qm_store *store, const qm_store_events *last, int state, const char *document,
-                              const char *revisions)
-{
-    if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
-    bool good = append(store, last) && finish(store, last->job, state, document, revisions);
-    return qm_store_end_transaction(store, good) ? QM_OK : QM_E_ARGUMENT;
-}
-
-qm_status qm_store_read_events(qm_store *store, const char *id, qm_text *out)
-{
-    sqlite3_stmt *statement = qm_store_begin(
-        store,
-        "SELECT e.lines FROM jobs j JOIN job_events e ON e.job = j.sequence WHERE j.id = ? ORDER BY e.seq");
+        qm_store_begin(store, "SELECT e.seq, e.name, e.members FROM jobs j JOIN job_events e"
+                              " ON e.job = j.sequence WHERE j.id = ? ORDER BY e.seq");
     if (!statement) return QM_E_NO_MEMORY;
     qm_store_bind_text(statement, 1, id);
-    int result;
-    while ((result = sqlite3_step(statement)) == SQLITE_ROW) {
-        const char *lines = (const char *)sqlite3_column_text(statement, 0);
-        qm_text_add_string(out, lines ? lines : "");
-        out->failed |= !lines;
+    int result = SQLITE_DONE;
+    bool taken = true;
+    while (taken && (result = sqlite3_step(statement)) == SQLITE_ROW) {
+        const qm_store_event event = {id, (uint64_t)sqlite3_column_int64(statement, 0),
+                                      (const char *)sqlite3_column_text(statement, 1),
+                                      (const char *)sqlite3_column_text(statement, 2)};
+        taken = event.name && event.members && take(user, &event);
     }
-    if (result != SQLITE_DONE) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+    bool failed = taken && result != SQLITE_DONE;
+    if (failed) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
     qm_store_end(store, statement);
-    return out->failed ? QM_E_NO_MEMORY : result == SQLITE_DONE ? QM_OK : QM_E_ARGUMENT;
+    return !taken ? QM_E_NO_MEMORY : failed ? QM_E_ARGUMENT : QM_OK;
 }
 
 static bool read_row(sqlite3_stmt *statement, void *row)
 {
     qm_store_job *out = row;
-    *out = (qm_store_job){.state = sqlite3_column_int(statement, 5),
+    *out = (qm_store_job){.state = (qm_job_state)sqlite3_column_int(statement, 5),
                           .sequence = sqlite3_column_int64(statement, 6),
                           .restarts = sqlite3_column_int64(statement, 8)};
     if (qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
         qm_store_copy_text(statement, 1, &out->key) &&
         qm_store_copy_text(statement, 2, &out->idempotency_key) &&
         qm_store_copy_text(statement, 3, &out->body) && qm_store_copy_text(statement, 4, &out->created) &&
-        qm_store_copy_text(statement, 7, &out->document))
+        qm_store_copy_text(statement, 7, &out->document) && qm_store_copy_text(statement, 9, &out->result))
         return true;
     qm_store_job_reset(out);
     return false;
@@ -109,8 +119,8 @@ qm_status qm_store_find_job(qm_store *store, const char *id, qm_store_job *out)
     return qm_store_find_row_by(store, "SELECT " COLUMNS " FROM jobs WHERE id = ?", id, &table, out);
 }
 
-qm_status qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions, int state,
-                                   qm_store_job *out)
+qm_status qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions,
+                                   qm_job_state state, qm_store_job *out)
 {
     sqlite3_stmt *statement =
         qm_store_begin(store, "SELECT " COLUMNS " FROM jobs WHERE key = ? AND revisions = ?"
@@ -118,7 +128,7 @@ qm_status qm_store_find_job_by_key(qm_store *store, const char *key, const char 
     if (!statement) return QM_E_NO_MEMORY;
     qm_store_bind_text(statement, 1, key);
     qm_store_bind_text(statement, 2, revisions);
-    sqlite3_bind_int(statement, 3, state);
+    sqlite3_bind_int(statement, 3, (int)state);
     return qm_store_find_row(store, statement, &table, out);
 }
 
@@ -193,5 +203,6 @@ void qm_store_job_reset(qm_store_job *job)
     free(job->body);
     free(job->created);
     free(job->document);
+    free(job->result);
     *job = (qm_store_job){0};
 }

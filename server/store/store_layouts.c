@@ -1,3 +1,6 @@
+/**
+ * store_layouts.c: layouts with their revisions.
+ */
 #include <stdlib.h>
 
 #include "store_internal.h"
@@ -6,26 +9,28 @@
 #define SELECT                                                                                               \
     "SELECT l.id, l.mesh, l.created, r.layout, r.issues, l.revision, r.next_curve, l.sequence,"              \
     "  (SELECT min(revision) FROM layout_revisions WHERE id = l.id),"                                        \
-    "  (SELECT max(revision) FROM layout_revisions WHERE id = l.id)"                                         \
+    "  (SELECT max(revision) FROM layout_revisions WHERE id = l.id), r.is_complete"                          \
     " FROM layouts l JOIN layout_revisions r ON r.id = l.id AND r.revision = l.revision "
 
-/* What follows up to the calls of store.h runs in a transaction. */
+/* The functions up to those of store.h run in a transaction. */
 
 static bool add_revision(qm_store *store, const qm_store_layout *layout, int64_t revision)
 {
-    sqlite3_stmt *statement = qm_store_prepare(
-        store,
-        "INSERT INTO layout_revisions (id, revision, layout, issues, next_curve) VALUES (?, ?, ?, ?, ?)");
+    sqlite3_stmt *statement =
+        qm_store_prepare(store, "INSERT INTO layout_revisions (id, revision, layout, issues, next_curve, "
+                                "is_complete) VALUES (?, ?, ?, ?, ?, ?)");
     if (!statement) return false;
     qm_store_bind_text(statement, 1, layout->id);
     sqlite3_bind_int64(statement, 2, revision);
     qm_store_bind_text(statement, 3, layout->layout);
     qm_store_bind_text(statement, 4, layout->issues);
     sqlite3_bind_int64(statement, 5, layout->next_curve);
+    sqlite3_bind_int(statement, 6, layout->is_complete);
     return qm_store_run(store, statement);
 }
 
-static bool add_layout(qm_store *store, const qm_store_layout *layout, const qm_store_idempotency *once)
+static bool add_layout(qm_store *store, const qm_store_layout *layout,
+                       const qm_store_idempotency *idempotency)
 {
     sqlite3_stmt *statement =
         qm_store_prepare(store, "INSERT INTO layouts (id, mesh, created, revision, idempotency_key, request) "
@@ -34,12 +39,12 @@ static bool add_layout(qm_store *store, const qm_store_layout *layout, const qm_
     qm_store_bind_text(statement, 1, layout->id);
     qm_store_bind_text(statement, 2, layout->mesh);
     qm_store_bind_text(statement, 3, layout->created);
-    qm_store_bind_text(statement, 4, once->key);
-    qm_store_bind_text(statement, 5, once->request);
+    qm_store_bind_text(statement, 4, idempotency->key);
+    qm_store_bind_text(statement, 5, idempotency->request);
     return qm_store_run(store, statement) && add_revision(store, layout, 0);
 }
 
-/** Drops what was undone, and what is too old to be kept beside the next revision. */
+/** Deletes the undone revisions, and those that are too old to be kept beside the next one. */
 static bool drop_revisions(qm_store *store, const qm_store_layout *layout)
 {
     sqlite3_stmt *statement = qm_store_prepare(
@@ -51,7 +56,7 @@ static bool drop_revisions(qm_store *store, const qm_store_layout *layout)
     return qm_store_run(store, statement);
 }
 
-/** Makes `to` the current revision if `from` still is; *moved tells. */
+/** Makes `to` the current revision if `from` still is, and sets *moved. */
 static bool move(qm_store *store, const char *id, int64_t from, int64_t to, bool *moved)
 {
     sqlite3_stmt *statement =
@@ -67,10 +72,10 @@ static bool move(qm_store *store, const char *id, int64_t from, int64_t to, bool
 }
 
 qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout,
-                              const qm_store_idempotency *once)
+                              const qm_store_idempotency *idempotency)
 {
-    bool good =
-        qm_store_begin_transaction(store) && qm_store_end_transaction(store, add_layout(store, layout, once));
+    bool good = qm_store_begin_transaction(store) &&
+                qm_store_end_transaction(store, add_layout(store, layout, idempotency));
     return good ? QM_OK : QM_E_ARGUMENT;
 }
 
@@ -100,7 +105,8 @@ static bool read_row(sqlite3_stmt *statement, void *row)
                              .next_curve = sqlite3_column_int64(statement, 6),
                              .sequence = sqlite3_column_int64(statement, 7),
                              .first = sqlite3_column_int64(statement, 8),
-                             .latest = sqlite3_column_int64(statement, 9)};
+                             .latest = sqlite3_column_int64(statement, 9),
+                             .is_complete = sqlite3_column_int(statement, 10) != 0};
     if (qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
         qm_store_read_text(statement, 1, out->mesh, sizeof out->mesh) &&
         qm_store_copy_text(statement, 2, &out->created) && qm_store_copy_text(statement, 3, &out->layout) &&
@@ -140,4 +146,11 @@ void qm_store_layout_reset(qm_store_layout *layout)
     free(layout->layout);
     free(layout->issues);
     *layout = (qm_store_layout){0};
+}
+
+qm_status qm_store_find_layout_by_idempotency_key(qm_store *store, const char *key,
+                                                  qm_store_idempotency_record *out)
+{
+    return qm_store_find_idempotency_record(
+        store, "SELECT id, request FROM layouts WHERE idempotency_key = ?", key, out);
 }

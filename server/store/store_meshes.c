@@ -1,3 +1,6 @@
+/**
+ * store_meshes.c: rows of meshes.
+ */
 #include <stdio.h>
 #include <stdlib.h>
 

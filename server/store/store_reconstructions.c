@@ -1,3 +1,6 @@
+/**
+ * store_reconstructions.c: rows of reconstructions.
+ */
 #include <stdlib.h>
 
 #include "store_internal.h"
@@ -7,7 +10,7 @@
     " pull_curves"
 
 qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *r,
-                                      const qm_store_idempotency *once)
+                                      const qm_store_idempotency *idempotency)
 {
     sqlite3_stmt *statement = qm_store_begin(
         store,
@@ -22,8 +25,8 @@ qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruc
     sqlite3_bind_int64(statement, 10, r->revision);
     sqlite3_bind_double(statement, 11, r->cover_share);
     sqlite3_bind_int(statement, 12, r->pull_curves);
-    qm_store_bind_text(statement, 13, once->key);
-    qm_store_bind_text(statement, 14, once->request);
+    qm_store_bind_text(statement, 13, idempotency->key);
+    qm_store_bind_text(statement, 14, idempotency->request);
     return qm_store_execute(store, statement);
 }
 
@@ -94,4 +97,11 @@ void qm_store_reconstruction_reset(qm_store_reconstruction *r)
     free(r->records);
     free(r->state);
     *r = (qm_store_reconstruction){0};
+}
+
+qm_status qm_store_find_reconstruction_by_idempotency_key(qm_store *store, const char *key,
+                                                          qm_store_idempotency_record *out)
+{
+    return qm_store_find_idempotency_record(
+        store, "SELECT id, request FROM reconstructions WHERE idempotency_key = ?", key, out);
 }

@@ -1,6 +1,6 @@
 /**
- * store_sqlite.c: the database of the store. A write-ahead log with full synchronisation: a commit that has
- * returned is on disk.
+ * store_sqlite.c: the database of the store: its schema, its statements, alone or in a transaction, and how
+ * rows are read. A write-ahead log with full synchronisation: a commit that has returned is on disk.
  */
 #include <errno.h>
 #include <fcntl.h>
@@ -10,10 +10,11 @@
 #include <sys/file.h>
 #include <unistd.h>
 
+#include "base/log.h"
 #include "store_internal.h"
 
 #define BUSY_TIMEOUT_MS 5000
-#define SCHEMA_VERSION "6"
+#define SCHEMA_VERSION "7"
 
 static const char schema[] =
     "PRAGMA synchronous = FULL;"
@@ -27,18 +28,19 @@ static const char schema[] =
     "CREATE TABLE IF NOT EXISTS jobs ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, key TEXT NOT NULL,"
     "  idempotency_key TEXT UNIQUE, body TEXT NOT NULL, created TEXT NOT NULL, document TEXT,"
-    "  state INTEGER NOT NULL, revisions TEXT NOT NULL, restarts INTEGER NOT NULL DEFAULT 0);"
+    "  result TEXT, state INTEGER NOT NULL, revisions TEXT NOT NULL, restarts INTEGER NOT NULL DEFAULT 0);"
     "CREATE INDEX IF NOT EXISTS jobs_by_key ON jobs (key, revisions, state);"
     "CREATE INDEX IF NOT EXISTS jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
     "CREATE TABLE IF NOT EXISTS job_events ("
     "  job INTEGER NOT NULL REFERENCES jobs (sequence) ON DELETE CASCADE, seq INTEGER NOT NULL,"
-    "  lines TEXT NOT NULL, PRIMARY KEY (job, seq)) WITHOUT ROWID;"
+    "  name TEXT NOT NULL, members TEXT NOT NULL, PRIMARY KEY (job, seq)) WITHOUT ROWID;"
     "CREATE TABLE IF NOT EXISTS layouts ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, mesh TEXT NOT NULL,"
     "  created TEXT NOT NULL, revision INTEGER NOT NULL, idempotency_key TEXT UNIQUE, request TEXT NOT NULL);"
     "CREATE TABLE IF NOT EXISTS layout_revisions ("
     "  id TEXT NOT NULL REFERENCES layouts (id) ON DELETE CASCADE, revision INTEGER NOT NULL,"
-    "  layout TEXT NOT NULL, issues TEXT NOT NULL, next_curve INTEGER NOT NULL, PRIMARY KEY (id, revision));"
+    "  layout TEXT NOT NULL, issues TEXT NOT NULL, next_curve INTEGER NOT NULL,"
+    "  is_complete INTEGER NOT NULL, PRIMARY KEY (id, revision));"
     "CREATE TABLE IF NOT EXISTS reconstructions ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, source TEXT NOT NULL,"
     "  layout_id TEXT NOT NULL, mesh TEXT NOT NULL, layout TEXT NOT NULL, document TEXT NOT NULL,"
@@ -47,16 +49,16 @@ static const char schema[] =
     "  request TEXT NOT NULL);"
     "PRAGMA user_version = " SCHEMA_VERSION ";";
 
-/** What a pragma answers, in out; false, and "" in out, after a fault. */
+/** Writes the value of a pragma; false, and "", after a fault. */
 static bool ask(sqlite3 *database, const char *pragma, char out[16])
 {
     sqlite3_stmt *statement = NULL;
-    bool answered = sqlite3_prepare_v2(database, pragma, -1, &statement, NULL) == SQLITE_OK &&
-                    sqlite3_step(statement) == SQLITE_ROW;
-    const char *answer = answered ? (const char *)sqlite3_column_text(statement, 0) : NULL;
-    snprintf(out, 16, "%s", answer ? answer : "");
+    bool has_value = sqlite3_prepare_v2(database, pragma, -1, &statement, NULL) == SQLITE_OK &&
+                     sqlite3_step(statement) == SQLITE_ROW;
+    const char *value = has_value ? (const char *)sqlite3_column_text(statement, 0) : NULL;
+    snprintf(out, 16, "%s", value ? value : "");
     sqlite3_finalize(statement);
-    return answer != NULL;
+    return value != NULL;
 }
 
 static qm_status fail_to_open(sqlite3 *database, char message[QM_MESSAGE_SIZE])
@@ -65,7 +67,7 @@ static qm_status fail_to_open(sqlite3 *database, char message[QM_MESSAGE_SIZE])
     return QM_E_ARGUMENT;
 }
 
-/** The version is looked at first: a database of another one is left as it is. */
+/** Checks the version first: a database of another version is left as it is. */
 static qm_status set_up(sqlite3 *database, char message[QM_MESSAGE_SIZE])
 {
     char version[16], mode[16];
@@ -117,7 +119,7 @@ static qm_status take_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
     return status;
 }
 
-/** A store with a folder that nobody looked at yet; NULL: out of memory. */
+/** A store whose folder is not yet opened; NULL: out of memory. */
 static qm_store *create(const char *folder)
 {
     qm_store *store = calloc(1, sizeof *store);
@@ -168,4 +170,199 @@ void qm_store_close(qm_store *store)
     pthread_mutex_destroy(&store->lock);
     free(store->folder);
     free(store);
+}
+
+/* ---- statements ---- */
+
+/** Prepared once, which takes longer than running it. The code has fewer statements than the table has
+ * entries. */
+sqlite3_stmt *qm_store_prepare(qm_store *store, const char *sql)
+{
+    for (size_t i = 0; i < store->statement_count; i++)
+        if (store->statements[i].sql == sql) return store->statements[i].prepared;
+    QM_ASSERT(store->statement_count <= QM_STORE_STATEMENTS);
+    if (store->statement_count == QM_STORE_STATEMENTS) abort();
+    sqlite3_stmt *statement = NULL;
+    if (sqlite3_prepare_v2(store->database, sql, -1, &statement, NULL) == SQLITE_OK)
+        store->statements[store->statement_count++] = (qm_store_statement){sql, statement};
+    else
+        qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+    return statement;
+}
+
+sqlite3_stmt *qm_store_begin(qm_store *store, const char *sql)
+{
+    pthread_mutex_lock(&store->lock);
+    sqlite3_stmt *statement = qm_store_prepare(store, sql);
+    if (!statement) pthread_mutex_unlock(&store->lock);
+    return statement;
+}
+
+static void put_back(sqlite3_stmt *statement)
+{
+    sqlite3_reset(statement);
+    sqlite3_clear_bindings(statement);
+}
+
+void qm_store_end(qm_store *store, sqlite3_stmt *statement)
+{
+    put_back(statement);
+    pthread_mutex_unlock(&store->lock);
+}
+
+bool qm_store_run(qm_store *store, sqlite3_stmt *statement)
+{
+    QM_ASSERT(pthread_mutex_trylock(&store->lock) != 0);
+    if (!statement) return false;
+    int result = sqlite3_step(statement);
+    if (result != SQLITE_DONE) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+    put_back(statement);
+    return result == SQLITE_DONE;
+}
+
+static const char begin[] = "BEGIN IMMEDIATE", commit[] = "COMMIT", rollback[] = "ROLLBACK";
+
+/** Prepares the statements that end the transaction first, so that they cannot run out of memory then. */
+bool qm_store_begin_transaction(qm_store *store)
+{
+    pthread_mutex_lock(&store->lock);
+    if (qm_store_prepare(store, commit) && qm_store_prepare(store, rollback) &&
+        qm_store_run(store, qm_store_prepare(store, begin)))
+        return true;
+    pthread_mutex_unlock(&store->lock);
+    return false;
+}
+
+bool qm_store_end_transaction(qm_store *store, bool good)
+{
+    good = good && qm_store_run(store, qm_store_prepare(store, commit));
+    /* Some faults have rolled it back already. */
+    if (!good && !sqlite3_get_autocommit(store->database))
+        qm_store_run(store, qm_store_prepare(store, rollback));
+    pthread_mutex_unlock(&store->lock);
+    return good;
+}
+
+bool qm_store_step(qm_store *store, sqlite3_stmt *statement)
+{
+    int result = sqlite3_step(statement);
+    if (result != SQLITE_ROW && result != SQLITE_DONE)
+        qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+    return result == SQLITE_ROW;
+}
+
+qm_status qm_store_execute(qm_store *store, sqlite3_stmt *statement)
+{
+    bool done = qm_store_run(store, statement);
+    pthread_mutex_unlock(&store->lock);
+    return done ? QM_OK : QM_E_ARGUMENT;
+}
+
+static qm_status status_of(int result)
+{
+    return result == SQLITE_NOMEM ? QM_E_NO_MEMORY : QM_E_ARGUMENT;
+}
+
+qm_status qm_store_find_row(qm_store *store, sqlite3_stmt *statement, const qm_store_table *table, void *out)
+{
+    if (!statement) return QM_E_NO_MEMORY;
+    int result = sqlite3_step(statement);
+    qm_status status = QM_E_EMPTY;
+    if (result == SQLITE_ROW)
+        status = table->read(statement, out) ? QM_OK : QM_E_NO_MEMORY;
+    else if (result != SQLITE_DONE)
+        status = status_of(result);
+    if (status != QM_OK && status != QM_E_EMPTY)
+        qm_log(QM_LOG_ERROR, "database: a row cannot be read: %s", sqlite3_errmsg(store->database));
+    qm_store_end(store, statement);
+    return status;
+}
+
+qm_status qm_store_find_row_by(qm_store *store, const char *sql, const char *text,
+                               const qm_store_table *table, void *out)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, sql);
+    if (statement) qm_store_bind_text(statement, 1, text);
+    return qm_store_find_row(store, statement, table, out);
+}
+
+qm_status qm_store_list_rows(qm_store *store, const char *sql, int64_t after, size_t limit,
+                             const qm_store_table *table, void *out, size_t *count)
+{
+    *count = 0;
+    sqlite3_stmt *statement = qm_store_begin(store, sql);
+    if (!statement) return QM_E_NO_MEMORY;
+    sqlite3_bind_int64(statement, 1, after);
+    sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
+    int result = SQLITE_DONE;
+    qm_status status = QM_OK;
+    while (status == QM_OK && *count < limit && (result = sqlite3_step(statement)) == SQLITE_ROW) {
+        status = table->read(statement, (char *)out + *count * table->size) ? QM_OK : QM_E_NO_MEMORY;
+        if (status == QM_OK) ++*count;
+    }
+    if (status == QM_OK && result != SQLITE_ROW && result != SQLITE_DONE) status = status_of(result);
+    if (status != QM_OK) {
+        qm_log(QM_LOG_ERROR, "database: rows cannot be read: %s", sqlite3_errmsg(store->database));
+        while (*count > 0)
+            table->reset((char *)out + --*count * table->size);
+    }
+    QM_ASSERT(*count <= limit);
+    qm_store_end(store, statement);
+    return status;
+}
+
+qm_status qm_store_delete_row(qm_store *store, const char *sql, const char *id)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, sql);
+    if (!statement) return QM_E_NO_MEMORY;
+    qm_store_bind_text(statement, 1, id);
+    int result = sqlite3_step(statement);
+    bool deleted = result == SQLITE_DONE && sqlite3_changes(store->database) > 0;
+    if (result != SQLITE_DONE) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+    qm_store_end(store, statement);
+    return deleted ? QM_OK : result == SQLITE_DONE ? QM_E_EMPTY : status_of(result);
+}
+
+static bool fail_to_read(void)
+{
+    qm_log(QM_LOG_ERROR, "database: there is no memory for a row");
+    return false;
+}
+
+bool qm_store_copy_text(sqlite3_stmt *statement, int column, char **out)
+{
+    *out = NULL;
+    if (sqlite3_column_type(statement, column) == SQLITE_NULL) return true;
+    const char *text = (const char *)sqlite3_column_text(statement, column);
+    if (text) *out = strdup(text);
+    return *out || fail_to_read();
+}
+
+bool qm_store_read_text(sqlite3_stmt *statement, int column, char *out, size_t size)
+{
+    const char *text = (const char *)sqlite3_column_text(statement, column);
+    if (!text) return fail_to_read();
+    snprintf(out, size, "%s", text);
+    return true;
+}
+
+void qm_store_bind_text(sqlite3_stmt *statement, int index, const char *text)
+{
+    QM_ASSERT(statement && index > 0);
+    sqlite3_bind_text(statement, index, text, -1, SQLITE_STATIC);
+}
+
+static bool read_record(sqlite3_stmt *statement, void *row)
+{
+    qm_store_idempotency_record *out = row;
+    return qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
+           qm_store_read_text(statement, 1, out->request, sizeof out->request);
+}
+
+static const qm_store_table record_table = {sizeof(qm_store_idempotency_record), read_record, NULL};
+
+qm_status qm_store_find_idempotency_record(qm_store *store, const char *sql, const char *key,
+                                           qm_store_idempotency_record *out)
+{
+    return qm_store_find_row_by(store, sql, key, &record_table, out);
 }

@@ -65,7 +65,7 @@ def wait_until_stored(running, seq):
     """Looks into the store, as nobody else can tell."""
     end = time.monotonic() + PATIENCE
     with contextlib.closing(sqlite3.connect(f"file:{running.folder}/data/quadmeshd.sqlite?mode=ro", uri=True)) as store:
-        while not store.execute("SELECT 1 FROM job_events WHERE lines LIKE ?", [f'%"seq":{seq},%']).fetchone():
+        while not store.execute("SELECT 1 FROM job_events WHERE seq = ?", [seq]).fetchone():
             assert time.monotonic() < end, "the event is not stored"
             time.sleep(0.02)
 

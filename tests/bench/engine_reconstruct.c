@@ -24,7 +24,7 @@ static char *read_text(const char *path, size_t *size)
     return text;
 }
 
-static qm_layout read_layout(qm_context *ctx, const char *path, const qm_source *source)
+static qm_layout read_layout(qm_context *ctx, const char *path, const qm_ref_surface *source)
 {
     size_t size;
     char *text = read_text(path, &size);
@@ -58,13 +58,13 @@ static qm_camera camera_over(const qm_mesh *mesh)
 }
 
 /** Picks along the diagonals of the window; prints the set-up of a stroke and one pick, in ms. */
-static void time_picks(qm_context *ctx, const qm_source *source)
+static void time_picks(qm_context *ctx, const qm_ref_surface *source)
 {
     const qm_camera camera = camera_over(qm_bvh_mesh(source->bvh));
     const qm_pick_options options = {0};
-    qm_view view;
+    qm_pick_view view;
     double start = qm_bench_now_ms();
-    if (qm_view_init(ctx, source, &camera, &options, &view) != QM_OK) bench_fail("camera", ctx->message);
+    if (qm_pick_view_init(ctx, source, &camera, &options, &view) != QM_OK) bench_fail("camera", ctx->message);
     double ready = qm_bench_now_ms(), slowest = 0.0;
     size_t hits = 0;
     for (int i = 0; i < PICKS; i++) {
@@ -72,7 +72,7 @@ static void time_picks(qm_context *ctx, const qm_source *source)
                                   i % 2 ? 1000.0 * i / PICKS : 1000.0 - 1000.0 * i / PICKS};
         double at[3], before = qm_bench_now_ms();
         bool found;
-        if (qm_view_pick(ctx, &view, window, at, &found) != QM_OK) bench_fail("pick", ctx->message);
+        if (qm_pick_point(ctx, &view, window, at, &found) != QM_OK) bench_fail("pick", ctx->message);
         double took = qm_bench_now_ms() - before;
         slowest = took > slowest ? took : slowest;
         hits += found;
@@ -100,12 +100,12 @@ void bench_reconstruct(const char *path, const char *layout_path, size_t max_qua
     size_t quads;
     long resting_kb = qm_bench_rest();
     qm_bvh *tree;
-    qm_source source;
+    qm_ref_surface source;
     do {
         double start = qm_bench_now_ms();
         if (qm_bvh_build(&ctx, &mesh, QM_BVH_TARGET, threads, &tree) != QM_OK)
             bench_fail("tree", ctx.message);
-        if (qm_source_init(&ctx, tree, &source) != QM_OK) bench_fail(path, ctx.message);
+        if (qm_ref_surface_init(&ctx, tree, &source) != QM_OK) bench_fail(path, ctx.message);
         double built = qm_bench_now_ms();
         qm_layout layout = read_layout(&ctx, layout_path, &source);
         qm_reconstruction *r;

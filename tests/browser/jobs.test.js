@@ -84,7 +84,7 @@ test("a token is asked for, refused when wrong, and kept in memory only", () => 
     await page.getByText("The daemon wants a token").waitFor();
     await page.getByRole("button", { name: "Token", exact: true }).click();
     await enter("wrong".repeat(5));
-    await page.getByText("this token is not known").waitFor();
+    await page.getByText("the token is not valid").waitFor();
     await enter(token);
     await page.getByText("There is no mesh yet").waitFor();
     await upload(page, { name: "box.off", content: off(box()) });

@@ -31,7 +31,7 @@ def test_a_distance_of_one(quadmesh, square, raised, direction, quads):
 
 
 @pytest.mark.parametrize("accelerator", ["auto", "boxes", "grid"])
-@pytest.mark.parametrize("bounds", ["cells", "matching"])
+@pytest.mark.parametrize("bounds", ["cover", "matching", "cells"])
 def test_each_choice_gives_the_distance(quadmesh, square, raised, accelerator, bounds):
     done = quadmesh("hausdorff", square, raised, "--accelerator", accelerator, "--bounds", bounds, "--json")
     assert (done.returncode, done.stderr) == (0, "")

@@ -3,7 +3,7 @@
  * have to agree with it: every tolerance, bound, accelerator, threshold and limit of work.
  */
 #include "ask.h"
-#include "base/parallel.h"
+#include "base/host.h"
 #include "qm/hausdorff.h"
 #include "wide_farthest.h"
 
@@ -78,7 +78,7 @@ static qm_hausdorff_options draw_options(qm_trial *trial, qm_quad_reading quads,
     options.quads = quads;
     double coarsest = trial->kind->coarsest < 0 ? trial->kind->coarsest : -3;
     options.tolerance = trial->size * qm_random_power(random, -13.5, coarsest);
-    options.bounds = qm_random_below(random, 4) ? QM_BOUNDS_CELLS : QM_BOUNDS_MATCHING;
+    options.bounds = qm_random_below(random, 4) ? QM_BOUNDS_COVER : QM_BOUNDS_MATCHING;
     bool is_cloud = trial->pair.a.face_count == 0 || trial->pair.b.face_count == 0;
     options.accelerator = (qm_accelerator)qm_random_below(random, QM_ACCELERATOR_COUNT);
     if (is_cloud && options.accelerator == QM_ACCELERATOR_TETRA) options.accelerator = QM_ACCELERATOR_GRID;
@@ -129,7 +129,7 @@ static void call(qm_trial *trial, const qm_hausdorff_options *drawn, interval di
     watch seen = {0, INFINITY};
     options.progress = look;
     options.progress_user = &seen;
-    trial->ctx.parallel = options.thread_count > 1 ? qm_parallel_run : NULL;
+    trial->ctx.parallel = options.thread_count > 1 ? qm_host_parallel : NULL;
     qm_status status = qm_hausdorff_measure(&trial->ctx, trial->tree[0], trial->tree[1], &options, &result);
     if (status == QM_OK)
         compare(trial, &options, &result, &seen, distance);

@@ -3,13 +3,13 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "check.h"
 
 qm_decoded qm_decode_limited(qm_format format, const void *bytes, size_t size, qm_codec_limits limits)
 {
     qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    ctx.parallel = qm_host_parallel;
     qm_decoded decoded;
     /* An exact copy on the heap lets the sanitizer see a read past the end. */
     uint8_t *copy = malloc(size ? size : 1);
@@ -19,12 +19,12 @@ qm_decoded qm_decode_limited(qm_format format, const void *bytes, size_t size, q
     free(copy);
     if (decoded.status == QM_OK) {
         assert_int_equal(qm_mesh_validate(&ctx, &decoded.mesh), QM_OK);
-        assert_true(decoded.report.line == QM_NO_PLACE && decoded.report.offset == QM_NO_PLACE);
+        assert_true(decoded.report.line == QM_NO_LOCATION && decoded.report.offset == QM_NO_LOCATION);
     } else {
         assert_null(decoded.mesh.positions);
         assert_null(decoded.mesh.faces);
         assert_true(decoded.report.detail[0] != 0);
-        assert_true((decoded.report.line == QM_NO_PLACE) != (decoded.report.offset == QM_NO_PLACE));
+        assert_true((decoded.report.line == QM_NO_LOCATION) != (decoded.report.offset == QM_NO_LOCATION));
     }
     return decoded;
 }
@@ -56,7 +56,7 @@ void qm_check_refusals(qm_format format, const qm_refusal *refusals, size_t coun
 {
     for (size_t i = 0; i < count; ++i) {
         qm_decoded decoded = qm_decode_text(format, refusals[i].text);
-        size_t place = decoded.report.line != QM_NO_PLACE ? decoded.report.line : decoded.report.offset;
+        size_t place = decoded.report.line != QM_NO_LOCATION ? decoded.report.line : decoded.report.offset;
         QM_CHECK(decoded.status == refusals[i].status, "case %zu: %s instead of %s: %s", i,
                  qm_status_code(decoded.status), qm_status_code(refusals[i].status), decoded.report.detail);
         QM_CHECK(place == refusals[i].place, "case %zu: at %zu instead of %zu", i, place, refusals[i].place);

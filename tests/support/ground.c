@@ -6,7 +6,7 @@ void qm_ground_make(qm_ground *ground, qm_mesh mesh)
 {
     *ground = (qm_ground){.ctx = qm_context_make(), .mesh = mesh};
     assert_int_equal(qm_bvh_build(&ground->ctx, &ground->mesh, QM_BVH_TARGET, 1, &ground->tree), QM_OK);
-    assert_int_equal(qm_source_init(&ground->ctx, ground->tree, &ground->source), QM_OK);
+    assert_int_equal(qm_ref_surface_init(&ground->ctx, ground->tree, &ground->source), QM_OK);
 }
 
 void qm_ground_free(qm_ground *ground)

@@ -11,7 +11,7 @@ typedef struct qm_ground {
     qm_context ctx;
     qm_mesh mesh;
     qm_bvh *tree;
-    qm_source source;
+    qm_ref_surface source;
 } qm_ground;
 
 /** Takes the mesh over. */

@@ -1,6 +1,6 @@
 #include "measured.h"
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "check.h"
 
 #include <math.h>
@@ -18,7 +18,7 @@ double qm_measured_size(const qm_mesh *a, const qm_mesh *b)
 qm_hausdorff_result qm_measured(const qm_mesh *a, const qm_mesh *b, const qm_hausdorff_options *options)
 {
     qm_context ctx = qm_context_make();
-    if (options->thread_count > 1) ctx.parallel = qm_parallel_run;
+    if (options->thread_count > 1) ctx.parallel = qm_host_parallel;
     qm_bvh *tree_a = NULL, *tree_b = NULL;
     qm_hausdorff_result result;
     qm_status status = qm_bvh_build(&ctx, a, QM_BVH_ALL, 1, &tree_a);

@@ -4,7 +4,7 @@
 #ifndef QM_TARGET_H
 #define QM_TARGET_H
 
-#include "hausdorff/hausdorff_search.h"
+#include "hausdorff/hausdorff_worker.h"
 
 /** Sets a search that allows a distance, and its side, in the target's frame. */
 void qm_target_search(qm_search *search, qm_side *side, const qm_bvh *target, double allowed);

@@ -1,7 +1,7 @@
 /* The certified distance from a point to a bilinear patch, against the slow twin. */
 #include "check.h"
 
-#include "prim/bilinear_point.h"
+#include "prim/bilinear.h"
 #include "random.h"
 #include "slow_twin.h"
 
@@ -62,7 +62,7 @@ static double foot_distance(const qm_bilinear *patch, const double uv[2], const 
     return sqrt(qm_vec_dot(gap, gap));
 }
 
-static void check_foot(const qm_bilinear *patch, const qm_bilinear_foot *foot, const double p[3],
+static void check_foot(const qm_bilinear *patch, const qm_bilinear_footpoint *foot, const double p[3],
                        const char *name, uint64_t seed)
 {
     QM_CHECK(foot->uv[0] >= 0 && foot->uv[0] <= 1 && foot->uv[1] >= 0 && foot->uv[1] <= 1,
@@ -86,7 +86,7 @@ static void certified_distances_match_the_slow_twin(void **state)
         draw_patch(&random, c, corner);
         qm_bilinear patch = engine_patch(corner);
         draw_query(&random, &patch, p);
-        qm_bilinear_foot foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        qm_bilinear_footpoint foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
         check_foot(&patch, &foot, p, c->name, seed);
         QM_CHECK(foot.distance - foot.lower <= ERROR + ROUND(foot.distance), "%s, seed %llu: gap %g", c->name,
                  (unsigned long long)seed, foot.distance - foot.lower);
@@ -130,7 +130,7 @@ static void winding_needles_are_certified(void **state)
         qm_random_point(&random, -reach, reach, p);
         qm_vec at = {on.x + p[0], on.y + p[1], on.z + p[2]};
         qm_vec_store(p, at);
-        qm_bilinear_foot foot = qm_bilinear_project(&patch, at, error, INFINITY);
+        qm_bilinear_footpoint foot = qm_bilinear_project(&patch, at, error, INFINITY);
         check_foot(&patch, &foot, p, "winding needle", seed);
         QM_CHECK(foot.distance - foot.lower <= error + ROUND(foot.distance), "seed %llu: gap %g",
                  (unsigned long long)seed, foot.distance - foot.lower);
@@ -150,7 +150,7 @@ static void no_lattice_point_is_nearer(void **state)
         draw_patch(&random, c, corner);
         qm_bilinear patch = engine_patch(corner);
         draw_query(&random, &patch, p);
-        qm_bilinear_foot foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        qm_bilinear_footpoint foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
         check_foot(&patch, &foot, p, c->name, seed);
         for (int i = 0; i <= LATTICE; ++i)
             for (int j = 0; j <= LATTICE; ++j) {
@@ -174,9 +174,9 @@ static void a_bound_to_stop_at_keeps_its_promise(void **state)
         draw_patch(&random, c, corner);
         qm_bilinear patch = engine_patch(corner);
         draw_query(&random, &patch, p);
-        qm_bilinear_foot whole = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        qm_bilinear_footpoint whole = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
         double stop = whole.distance * qm_random_range(&random, 0.5, 1.5);
-        qm_bilinear_foot foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, stop);
+        qm_bilinear_footpoint foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, stop);
         check_foot(&patch, &foot, p, c->name, seed);
         QM_CHECK(foot.lower <= whole.distance + ROUND(whole.distance),
                  "%s, seed %llu: lower %.17g above %.17g", c->name, (unsigned long long)seed, foot.lower,
@@ -197,12 +197,12 @@ static void descents_are_points_of_the_patch(void **state)
         draw_patch(&random, c, corner);
         qm_bilinear patch = engine_patch(corner);
         draw_query(&random, &patch, p);
-        qm_bilinear_foot foot = qm_bilinear_descend(&patch, qm_vec_load(p), INFINITY);
+        qm_bilinear_footpoint foot = qm_bilinear_minimise(&patch, qm_vec_load(p), INFINITY);
         check_foot(&patch, &foot, p, c->name, seed);
         assert_true(foot.lower == 0);
         /* A bound to stop at may cost the best point, but only of a patch that lies beyond it. */
         double stop = foot.distance * qm_random_range(&random, 0.5, 1.5);
-        qm_bilinear_foot stopped = qm_bilinear_descend(&patch, qm_vec_load(p), stop);
+        qm_bilinear_footpoint stopped = qm_bilinear_minimise(&patch, qm_vec_load(p), stop);
         check_foot(&patch, &stopped, p, c->name, seed);
         QM_CHECK(stopped.distance <= foot.distance || foot.distance >= stop - ROUND(stop),
                  "%s, seed %llu: %.17g of %.17g at stop %.17g", c->name, (unsigned long long)seed,
@@ -233,7 +233,7 @@ static void halves_are_within_their_slack(void **state)
                                  : qm_vec_mix(h[0], qm_vec_mix(h[3], h[2], t > 0 ? s / t : 0), t);
             double apart = qm_vec_distance(qm_bilinear_at(&patch, s, t), flat), size = qm_vec_norm(flat);
             bool is_moved = qm_vec_distance(h[0], at[0]) > 0.0; /* else it is the nearest point that counts */
-            qm_bilinear_foot foot = qm_bilinear_project(&patch, flat, ERROR, INFINITY);
+            qm_bilinear_footpoint foot = qm_bilinear_project(&patch, flat, ERROR, INFINITY);
             apart = is_moved ? apart : foot.distance;
             QM_CHECK(apart <= halves.slack + ERROR + ROUND(size), "%s, seed %llu: %g apart, slack %g",
                      c->name, (unsigned long long)seed, apart, halves.slack);
@@ -301,7 +301,7 @@ static void descents_find_both_sheets_of_a_bow_tie(void **state)
         double near = pow(10, qm_random_range(&random, -6, 0)), along = qm_random_range(&random, 0, 1);
         double across = flip + near * (qm_random_below(&random, 2) ? 1 - flip : -flip);
         qm_vec p = is_s ? qm_bilinear_at(&patch, across, along) : qm_bilinear_at(&patch, along, across);
-        double found = qm_bilinear_descend(&patch, p, INFINITY).distance;
+        double found = qm_bilinear_minimise(&patch, p, INFINITY).distance;
         QM_CHECK(found <= 1e-9, "seed %llu: %g beside %g (%d), %g along: %g away", (unsigned long long)seed,
                  across - flip, flip, (int)is_s, along, found);
     }
@@ -316,7 +316,7 @@ static void saddles_are_certified_at_their_centres_of_curvature(void **state)
     qm_bilinear patch = engine_patch(corner);
     for (int i = -40; i <= 40; ++i) {
         const double p[3] = {0, 0, i / 20.0};
-        qm_bilinear_foot foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+        qm_bilinear_footpoint foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
         /* On x = y: z = x^2, so |p - Q|^2 = 2 x^2 + (x^2 - h)^2, least at x^2 = |h| - 1 where that is > 0. */
         double h = fabs(p[2]), square = fmin(1, fmax(0, h - 1));
         double expected = sqrt(2 * square + (square - h) * (square - h));
@@ -344,7 +344,7 @@ static void degenerate_patches_are_segments_and_points(void **state)
                 for (int axis = 0; axis < 3; ++axis)
                     corner[i][axis] = end[orders[k][i]][axis];
             qm_bilinear patch = engine_patch(corner);
-            qm_bilinear_foot foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
+            qm_bilinear_footpoint foot = qm_bilinear_project(&patch, qm_vec_load(p), ERROR, INFINITY);
             check_foot(&patch, &foot, p, "degenerate", seed);
             double expected = qm_slow_triangle_distance(p, end[0], k == 0 ? end[0] : end[1], end[0]);
             QM_CHECK(fabs(foot.distance - expected) <= 2 * ERROR, "order %zu, seed %llu: %.17g, not %.17g", k,

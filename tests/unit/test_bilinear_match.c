@@ -122,7 +122,7 @@ static void points_are_not_covered_by_a_speck(void **state)
         for (int alike = 0; alike < 2; alike++) {
             rest_list rest = {0};
             bool is_covered =
-                alike ? qm_bilinear_match_alike(&source, &square, &target, cutoff, keep_rest, &rest)
+                alike ? qm_bilinear_match_coincident(&source, &square, &target, cutoff, keep_rest, &rest)
                       : qm_bilinear_match(&source, &square, &target, middle, cutoff, keep_rest, &rest);
             QM_CHECK(!is_covered || rest.count > 0, "a corner %.17g away is covered for %.17g, size %.3g",
                      farthest, cutoff, size);
@@ -176,15 +176,15 @@ static void parts_of_patches_that_are_alike(void **state)
             box.high[axis] = fmax(a, b);
         }
         rest_list rest = {0};
-        assert_true(qm_bilinear_match_alike(&source, &box, &target, 1.001 * most, keep_rest, &rest));
+        assert_true(qm_bilinear_match_coincident(&source, &box, &target, 1.001 * most, keep_rest, &rest));
         assert_int_equal(rest.count, 0);
         double cutoff = most * qm_random_range(&random, 0.5, 1.0);
-        if (qm_bilinear_match_alike(&source, &box, &target, cutoff, keep_rest, &rest))
+        if (qm_bilinear_match_coincident(&source, &box, &target, cutoff, keep_rest, &rest))
             check_covered(&source, &box, to, cutoff, &rest, &random);
         partly += rest.count > 0;
         to[k % 4] = qm_vec_add(to[k % 4], (qm_vec){5, 0, 0});
         target = qm_bilinear_make(to);
-        assert_false(qm_bilinear_match_alike(&source, &box, &target, 0.1, keep_rest, &rest));
+        assert_false(qm_bilinear_match_coincident(&source, &box, &target, 0.1, keep_rest, &rest));
     }
     assert_true(partly > TRIES / 50);
 }

@@ -4,7 +4,7 @@
  */
 #include "check.h"
 
-#include "prim/bilinear_over.h"
+#include "prim/bilinear.h"
 #include "random.h"
 #include "slow_twin.h"
 
@@ -70,11 +70,11 @@ static void no_point_is_farther(void **state)
                       (const double[]){1e-6, 1e-2, 0.3, 2.0}[qm_random_below(&random, 4)], corner);
         bool nearest = qm_random_below(&random, 3) > 0;
         for (int i = 0; i < 3; i++) {
-            qm_bilinear_foot foot = qm_bilinear_project(&patch, corner[i], ERROR, INFINITY);
+            qm_bilinear_footpoint foot = qm_bilinear_project(&patch, corner[i], ERROR, INFINITY);
             for (int k = 0; k < 2; k++)
                 uv[i][k] = nearest ? foot.uv[k] : qm_random_range(&random, 0.0, 1.0);
         }
-        double bound = qm_bilinear_under(&patch, corner, uv);
+        double bound = qm_bilinear_triangle_upper(&patch, corner, uv);
         for (int i = 0; i <= GRID; i++)
             for (int j = 0; i + j <= GRID; j++) {
                 double d = slow_distance(c, point_of(corner, (double)i / GRID, (double)j / GRID));
@@ -117,11 +117,11 @@ static void the_excess_falls_with_the_fourth_power(void **state)
             {0.5 - size, 0.5 - size, 0.5}, {0.5 + size, 0.5 - 0.5 * size, 0.5}, {0.5, 0.5 + size, 0.5}};
         double uv[3][2];
         for (int i = 0; i < 3; i++) {
-            qm_bilinear_foot foot = qm_bilinear_project(&patch, corner[i], ERROR, INFINITY);
+            qm_bilinear_footpoint foot = qm_bilinear_project(&patch, corner[i], ERROR, INFINITY);
             uv[i][0] = foot.uv[0];
             uv[i][1] = foot.uv[1];
         }
-        double excess = qm_bilinear_under(&patch, corner, uv) - farthest(c, corner);
+        double excess = qm_bilinear_triangle_upper(&patch, corner, uv) - farthest(c, corner);
         QM_CHECK(excess >= -ERROR && excess <= fmax(last / 12.0, 10.0 * ERROR), "size %g: %g after %g", size,
                  excess, last);
         last = excess;

@@ -1,7 +1,7 @@
 /* Trees: the same on any number of threads, only the parts that are asked for, and the sort below them. */
 #include "check.h"
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "bvh/bvh_demand.h"
 #include "bvh/kernel.h"
 #include "core/radix.h"
@@ -15,7 +15,7 @@
 static qm_bvh *build(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts parts, int threads)
 {
     qm_bvh *tree;
-    ctx->parallel = threads > 1 ? qm_parallel_run : NULL;
+    ctx->parallel = threads > 1 ? qm_host_parallel : NULL;
     assert_int_equal(qm_bvh_build(ctx, mesh, parts, threads, &tree), QM_OK);
     return tree;
 }
@@ -27,8 +27,8 @@ static void check_same(const qm_bvh *a, const qm_bvh *b)
     assert_int_equal(a->pack_count, b->pack_count);
     for (size_t i = 0; i < a->pack_count; i++) {
         qm_pack spare[2];
-        assert_memory_equal(qm_bvh_rows(a, i, &spare[0]), qm_bvh_rows(b, i, &spare[1]), sizeof(qm_pack));
-        assert_memory_equal(qm_bvh_floats(a, i), qm_bvh_floats(b, i), sizeof(qm_float_pack));
+        assert_memory_equal(qm_bvh_pack(a, i, &spare[0]), qm_bvh_pack(b, i, &spare[1]), sizeof(qm_pack));
+        assert_memory_equal(qm_bvh_float_pack(a, i), qm_bvh_float_pack(b, i), sizeof(qm_float_pack));
         if (a->has_quads)
             assert_memory_equal(qm_bvh_twists(a, i), qm_bvh_twists(b, i), sizeof(qm_pack_twists));
         const qm_pack_lanes *one = &a->lanes[i], *other = &b->lanes[i];
@@ -63,9 +63,9 @@ static void ask_for_everything(void *data, int worker)
     (void)worker;
     const qm_bvh *tree = data;
     for (size_t i = 0; i < tree->pack_count; i++) {
-        qm_bvh_floats(tree, i);
+        qm_bvh_float_pack(tree, i);
         qm_pack spare;
-        qm_bvh_rows(tree, i, &spare);
+        qm_bvh_pack(tree, i, &spare);
         qm_bvh_twists(tree, i);
     }
 }
@@ -73,8 +73,8 @@ static void ask_for_everything(void *data, int worker)
 static void check_all_made(const qm_demand *demand)
 {
     for (size_t i = 0; i < demand->count; i++)
-        assert_true(demand->place[i] < demand->count);
-    assert_int_equal(*demand->made, demand->count);
+        assert_true(demand->slot[i] < demand->count);
+    assert_int_equal(*demand->used, demand->count);
 }
 
 /** All threads come to the same pack at about the same time, again and again. */
@@ -84,7 +84,7 @@ static void threads_make_the_same_items(void **state)
     qm_context ctx = qm_context_make();
     qm_mesh mesh = qm_shape_torus(200, 50, 2.0, 0.5);
     qm_bvh *alone = build(&ctx, &mesh, QM_BVH_ALL, 1), *shared = build(&ctx, &mesh, QM_BVH_ALL, 1);
-    qm_parallel_run(NULL, 4, ask_for_everything, shared);
+    qm_host_parallel(NULL, 4, ask_for_everything, shared);
     check_all_made(&shared->floats);
     check_all_made(&shared->rows);
     check_all_made(&shared->twists);
@@ -118,8 +118,8 @@ static void rows_without_room_are_the_same(void **state)
         size_t whole = tree->rows.room;
         assert_int_equal(whole, tree->pack_count);
         tree->rows.room = rooms[i];
-        qm_parallel_run(NULL, 4, ask_for_everything, tree);
-        assert_int_equal(*tree->rows.made, rooms[i]);
+        qm_host_parallel(NULL, 4, ask_for_everything, tree);
+        assert_int_equal(*tree->rows.used, rooms[i]);
         check_same(kept, tree);
         qm_hausdorff_result result = measure(&ctx, source, tree);
         assert_true(result.lower == expected.lower && result.upper == expected.upper);
@@ -303,7 +303,7 @@ static void entries_are_sorted_by_any_number_of_workers(void **state)
     (void)state;
     qm_random random = qm_random_make(qm_check_seed(), 0);
     qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    ctx.parallel = qm_host_parallel;
     const size_t counts[] = {0, 1, 2, 1000, 16384, 50001, 70000};
     for (int part = 0; part < 3; part++) {
         for (size_t c = 0; c < sizeof counts / sizeof *counts; c++) {
@@ -342,7 +342,7 @@ static void numbers_are_sorted_below_bits_in_common(void **state)
     (void)state;
     qm_random random = qm_random_make(qm_check_seed(), 1);
     qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    ctx.parallel = qm_host_parallel;
     for (int bit_count = 0; bit_count <= 40; bit_count += bit_count == 0 ? 1 : 3) {
         check_numbers(&ctx, &random, 3, bit_count);
         check_numbers(&ctx, &random, 60000, bit_count);

@@ -80,7 +80,7 @@ static void empty_and_unknown_files_are_refused(void **state)
     assert_int_equal(
         qm_codec_decode(&ctx, QM_FORMAT_UNKNOWN, (const uint8_t *)"v", 1, &limits, &mesh, &report),
         QM_E_UNSUPPORTED);
-    assert_non_null(strstr(report.detail, "not known"));
+    assert_non_null(strstr(report.detail, "is unknown"));
 }
 
 static void limits_are_kept(void **state)

@@ -4,7 +4,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "check.h"
 #include "decode.h"
 #include "format/codec_blocks.h"
@@ -295,14 +295,14 @@ static void all_but_the_end_of_a_text_is_read_in_blocks(void **state)
     for (size_t i = 0; i < size; i++)
         bytes[i] = i % 7 == 6 ? '\n' : '1';
     qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    ctx.parallel = qm_host_parallel;
     const qm_codec_limits limits = {1000000, 1000000, 2};
     qm_codec_report report;
     qm_builder builder = {.ctx = &ctx, .limits = &limits, .report = &report};
     qm_scan text;
     assert_int_equal(qm_scan_open(&text, bytes, size, &report), QM_OK);
     const qm_block_reader reader = {.rows = QM_BLOCK_VERTICES,
-                                    .most_lines = UINT64_MAX,
+                                    .max_lines = UINT64_MAX,
                                     .read = read_numbers,
                                     .take = count_block,
                                     .user = &blocks};

@@ -79,7 +79,7 @@ static void triangle_and_its_quantisation(void **state)
     assert_int_equal(decoded.mesh.faces[3], QM_NO_INDEX);
     assert_int_equal(decoded.report.warning_count, 1);
     /* sqrt(3) / 2 / 255 = 0.003396..., and a little for single precision */
-    assert_true(qm_decoded_warns(&decoded, "quantised to 8 bits; a vertex may lie up to 0.0034 from"));
+    assert_true(qm_decoded_warns(&decoded, "quantised to 8 bits; a vertex may be up to 0.0034 from"));
     qm_decoded_free(&decoded);
 }
 

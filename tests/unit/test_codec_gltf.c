@@ -156,28 +156,28 @@ static void json_faults_are_refused(void **state)
 {
     (void)state;
     static const json_case cases[] = {
-        {"", QM_E_FORMAT, "JSON part is broken"},
-        {"{\"a\":", QM_E_FORMAT, "JSON part is broken"},
-        {"[]", QM_E_FORMAT, "JSON part is broken"},
+        {"", QM_E_FORMAT, "JSON part is invalid"},
+        {"{\"a\":", QM_E_FORMAT, "JSON part is invalid"},
+        {"[]", QM_E_FORMAT, "JSON part is invalid"},
         {"{}", QM_E_FORMAT, "no scene"},
-        {"{\"scenes\":[]}", QM_E_FORMAT, "no scene of the number"},
-        {"{\"scenes\":[{}],\"scene\":-1}", QM_E_FORMAT, "no whole number"},
+        {"{\"scenes\":[]}", QM_E_FORMAT, "refers to a scene"},
+        {"{\"scenes\":[{}],\"scene\":-1}", QM_E_FORMAT, "must be an integer"},
         {"{\"scenes\":[{}]}", QM_E_EMPTY, "no mesh"},
         {"{\"scenes\":[{\"nodes\":[1]}],\"nodes\":[{}]}", QM_E_FORMAT, "does not exist"},
         {"{\"scenes\":[{\"nodes\":[0,0]}],\"nodes\":[{}]}", QM_E_FORMAT, "two parents"},
         {"{\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"children\":[0]}]}", QM_E_FORMAT, "two parents"},
-        {"{\"scenes\":[{\"nodes\":{}}],\"nodes\":[{}]}", QM_E_FORMAT, "no list"},
-        {"{\"nodes\":[1]}", QM_E_FORMAT, "no object"},
-        {"{\"nodes\":{}}", QM_E_FORMAT, "is none"},
-        {"{\"nodes\":[{\"mesh\":0}]}", QM_E_FORMAT, "mesh refers to entry 0 of 0"},
+        {"{\"scenes\":[{\"nodes\":{}}],\"nodes\":[{}]}", QM_E_FORMAT, "must be an array"},
+        {"{\"nodes\":[1]}", QM_E_FORMAT, "must be an object"},
+        {"{\"nodes\":{}}", QM_E_FORMAT, "must be an array"},
+        {"{\"nodes\":[{\"mesh\":0}]}", QM_E_FORMAT, "`mesh` refers to entry 0 of 0"},
         {"{\"nodes\":[{\"matrix\":[1,2]}]}", QM_E_FORMAT, "16 numbers"},
         {"{\"nodes\":[{\"scale\":[1,2,\"x\"]}]}", QM_E_FORMAT, "3 numbers"},
         {"{\"nodes\":[{\"rotation\":[0,0,0,0]}]}", QM_E_FORMAT, "quaternion"},
-        {"{\"bufferViews\":[{\"buffer\":0}]}", QM_E_FORMAT, "buffer refers to entry 0 of 0"},
-        {"{\"accessors\":[{\"count\":1.5}]}", QM_E_FORMAT, "count is no whole number"},
-        {"{\"meshes\":[{\"primitives\":{}}]}", QM_E_FORMAT, "no list"},
-        {"{\"meshes\":[{\"primitives\":[1]}]}", QM_E_FORMAT, "no object"},
-        {"{\"meshes\":[{\"primitives\":[{\"mode\":7}]}]}", QM_E_FORMAT, "mode above 6"},
+        {"{\"bufferViews\":[{\"buffer\":0}]}", QM_E_FORMAT, "`buffer` refers to entry 0 of 0"},
+        {"{\"accessors\":[{\"count\":1.5}]}", QM_E_FORMAT, "`count` must be an integer"},
+        {"{\"meshes\":[{\"primitives\":{}}]}", QM_E_FORMAT, "must be an array"},
+        {"{\"meshes\":[{\"primitives\":[1]}]}", QM_E_FORMAT, "must be an object"},
+        {"{\"meshes\":[{\"primitives\":[{\"mode\":7}]}]}", QM_E_FORMAT, "`mode` of a primitive"},
         {"{\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]}", QM_E_UNSUPPORTED, "Draco"},
         {"{\"extensionsRequired\":[\"EXT_meshopt_compression\"]}", QM_E_UNSUPPORTED, "extension"},
         {"{\"extensionsRequired\":[\"KHR_materials_unlit\"]}", QM_E_FORMAT, "no scene"},
@@ -188,7 +188,7 @@ static void json_faults_are_refused(void **state)
          QM_E_UNSUPPORTED, "three floats"},
         {"{" VIEWS "," ACCESSORS "," SCENE "," MESH(",\"indices\":0") "}", QM_E_FORMAT, "unsigned"},
         {"{" VIEWS "," ACCESSORS "," SCENE "," MESH("") "}", QM_E_FORMAT,
-         "4 corners make up no whole triangles"},
+         "4 indices are not a multiple of 3"},
         {"{" VIEWS "," ACCESSORS "," SCENE
          "," MESH(",\"extensions\":{\"KHR_draco_mesh_compression\":{}}") "}",
          QM_E_UNSUPPORTED, "Draco"},
@@ -226,7 +226,7 @@ static void json_faults_are_refused(void **state)
         qm_decoded decoded = decode_square(cases[i].json);
         QM_CHECK(decoded.status == cases[i].status && strstr(decoded.report.detail, cases[i].words),
                  "case %zu: %s: %s", i, qm_status_code(decoded.status), decoded.report.detail);
-        assert_true(decoded.report.offset != QM_NO_PLACE);
+        assert_true(decoded.report.offset != QM_NO_LOCATION);
     }
 }
 

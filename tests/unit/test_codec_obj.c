@@ -155,7 +155,7 @@ static void faults_name_their_line(void **state)
         {SQUARE "f 1 \\\n2 \\\n9\n", QM_E_INDEX, 7, "vertex 9"},
         {"v 0 0\n", QM_E_FORMAT, 1, "line ends"},
         {"v 0 0 \\\n", QM_E_FORMAT, 2, "line ends"},
-        {"v 0 zero 0\n", QM_E_FORMAT, 1, "something else"},
+        {"v 0 zero 0\n", QM_E_FORMAT, 1, "expected a number"},
         {"v 0,5 0 0\n", QM_E_FORMAT, 1, "comma"},
         {"\nv 0 nan 0\n", QM_E_NOT_FINITE, 2, "not a finite"},
         {"v 0 1e999 0\n", QM_E_NOT_FINITE, 1, "too large"},

@@ -128,14 +128,14 @@ static void text_faults_name_their_line(void **state)
         {"solid x\nvertex 0 0 0\n", QM_E_FORMAT, 2, "outside of a facet"},
         {"solid x\nfacet normal 0 0 1\nfacet\n", QM_E_FORMAT, 3, "within another"},
         {"solid x\nfacet normal 0 0\n", QM_E_FORMAT, 2, "fewer than three numbers"},
-        {"solid x\nfacet 0 0 1\n", QM_E_FORMAT, 2, "no normal"},
-        {"solid x\nendfacet\n", QM_E_FORMAT, 2, "never began"},
+        {"solid x\nfacet 0 0 1\n", QM_E_FORMAT, 2, "without a normal"},
+        {"solid x\nendfacet\n", QM_E_FORMAT, 2, "endfacet without"},
         {"solid x\nfacet\nendsolid\n", QM_E_FORMAT, 3, "no end"},
         {"solid x\nfacet\nvertex 0 0 0\n", QM_E_FORMAT, 4, "within a facet"},
         {"solid x\nsolid y\n", QM_E_FORMAT, 2, "within another"},
-        {"solid x\nendsolid\nendsolid\n", QM_E_FORMAT, 3, "never began"},
+        {"solid x\nendsolid\nendsolid\n", QM_E_FORMAT, 3, "endsolid without"},
         {"solid x\nendsolid\nfacet\n", QM_E_FORMAT, 3, "outside of a solid"},
-        {"solid x\nwhat\n", QM_E_FORMAT, 2, "does not know"},
+        {"solid x\nwhat\n", QM_E_FORMAT, 2, "unknown keyword"},
         {"solid x\nfacet\nvertex 0 0\n", QM_E_FORMAT, 3, "line ends"},
         {"solid x\nfacet\nvertex 0 0 inf\n", QM_E_NOT_FINITE, 3, "not a finite"},
         {"facet normal 0 0 1\n", QM_E_FORMAT, 19, "neither a text STL"},
@@ -153,7 +153,7 @@ static void binary_faults_name_their_byte(void **state)
     qm_decoded decoded = qm_decode(QM_FORMAT_STL, file.data, file.size - 1);
     assert_int_equal(decoded.status, QM_E_FORMAT);
     assert_int_equal(decoded.report.offset, 80);
-    assert_non_null(strstr(decoded.report.detail, "announces 2 triangles, but has room for 1"));
+    assert_non_null(strstr(decoded.report.detail, "specifies 2 triangles, but the file has room for 1"));
 
     memset(file.data + 84 + 50 + 12, 0xff, 4);
     decoded = qm_decode(QM_FORMAT_STL, file.data, file.size);

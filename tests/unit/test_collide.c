@@ -1,7 +1,7 @@
 /* Collision of meshes against all pairs of their triangles in whole numbers. */
 #include <string.h>
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "check.h"
 #include "data_mesh.h"
 #include "exact_twin.h"
@@ -112,7 +112,7 @@ static uint8_t *slow_pairs(const bigint_soup *a, const bigint_soup *b, bool is_s
 static qm_collision collide(const qm_mesh *a, const qm_mesh *b, qm_collide_mode mode, int threads)
 {
     qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    ctx.parallel = qm_host_parallel;
     qm_bvh *bvh_a, *bvh_b = NULL;
     qm_collision found;
     qm_collide_options options = qm_collide_options_default();
@@ -316,7 +316,7 @@ static void order_of_faces_does_not_matter(void **state)
 static void check_changes(bigint_soup *soup, qm_random *random, int limit, size_t moved, int threads)
 {
     qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    ctx.parallel = qm_host_parallel;
     qm_collide_options options = qm_collide_options_default();
     options.thread_count = threads;
     qm_collision before = collide(&soup->mesh, NULL, QM_COLLIDE_ALL, 1), after;

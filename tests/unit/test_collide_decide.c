@@ -52,7 +52,7 @@ typedef struct found {
 static found decide(const qm_kernel *kernel, const whole_pack *a, const whole_pack *b, bool seeks_alike)
 {
     const whole_pack *const side[2] = {a, b};
-    qm_leaf leaf[2];
+    qm_collide_leaf leaf[2];
     qm_lane_pairs pairs;
     memset(&pairs, 0, sizeof pairs);
     for (int k = 0; k < 2; k++)

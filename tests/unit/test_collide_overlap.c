@@ -2,7 +2,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "bvh/kernel.h"
 #include "check.h"
 #include "collide/collide_overlap.h"
@@ -13,7 +13,7 @@
 static void check_same(const qm_mesh *a, const qm_mesh *b, qm_quad_reading quads, bool *has_pairs)
 {
     qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    ctx.parallel = qm_host_parallel;
     qm_collide_options options = qm_collide_options_default();
     options.quads = quads;
     options.tolerance = 1e-6;
@@ -262,7 +262,7 @@ static void cells_of_vertices_are_those_of_a_slow_twin(void **state)
         b.vertex_count = (count + 1) / 2;
         qm_cell_grid grid;
         qm_box own[2];
-        assert_true(qm_cell_grid_lay((const qm_mesh *const[]){&a, &b}, own, &grid));
+        assert_true(qm_cell_grid_init((const qm_mesh *const[]){&a, &b}, own, &grid));
         for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
             qm_cell cells[MOST];
             qm_box box, slow = qm_mesh_bounding_box(&points);

@@ -17,14 +17,14 @@ static void a_few_numbers_are_sorted(void **state)
     (void)state;
     qm_random random = qm_random_make(qm_check_seed(), 1);
     for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
-        for (int count = 0; count <= QM_SORT_FEW; count++) {
+        for (int count = 0; count <= QM_SORT_SMALL_MAX; count++) {
             for (int run = 0; run < 20; run++) {
-                uint64_t numbers[QM_SORT_FEW], expected[QM_SORT_FEW];
+                uint64_t numbers[QM_SORT_SMALL_MAX], expected[QM_SORT_SMALL_MAX];
                 size_t limit = run % 2 ? 5 : (size_t)1 << 58;
                 for (int i = 0; i < count; i++)
                     numbers[i] = expected[i] = qm_random_below(&random, limit);
                 qsort(expected, (size_t)count, sizeof *expected, compare_numbers);
-                (*kernel)->sort_few(numbers, count);
+                (*kernel)->sort_small(numbers, count);
                 if (count > 0) assert_memory_equal(numbers, expected, (size_t)count * sizeof *numbers);
             }
         }
@@ -46,7 +46,7 @@ static void check_list(qm_context *ctx, qm_random *random, size_t count, const u
         expected[i] = (uint64_t)a << 32 | b;
         assert_true(qm_pair_list_add(ctx, i % 3 ? &list : &other, (qm_face_pair){a, b}));
     }
-    qm_pair_list_join(&list, &other);
+    qm_pair_list_append(&list, &other);
     assert_int_equal(list.count, count);
     qsort(expected, count, sizeof *expected, compare_numbers);
     qm_collide_options options = qm_collide_options_default();

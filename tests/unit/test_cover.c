@@ -77,7 +77,7 @@ static void check_rest(const trial *t, bool is_covered, const qm_polygon *rest, 
 static bool cover_in_doubles(const trial *t, qm_random *random)
 {
     qm_pack rows;
-    t->kernel->shortlist_rows(t->tree, &t->list, &rows);
+    t->kernel->shortlist_pack(t->tree, &t->list, &rows);
     qm_candidates candidates = {.count = 1, .pack = {&rows}};
     for (int i = 0; i < QM_PACK_LANES; i++) {
         double rest = t->cutoff - (double)t->twist[i];
@@ -94,7 +94,7 @@ static bool cover_in_doubles(const trial *t, qm_random *random)
 static bool cover_in_floats(const trial *t, qm_random *random)
 {
     qm_float_pack rows;
-    t->kernel->shortlist_floats(t->tree, &t->list, &rows);
+    t->kernel->shortlist_float_pack(t->tree, &t->list, &rows);
     qm_polygon polygon = {.count = 3, .cuts_left = 48, .corner = {t->corner[0], t->corner[1], t->corner[2]}};
     bool moved = false;
     qm_float_verdict verdict = t->kernel->float_cover(&rows, t->twist, t->cutoff, &polygon, &moved);
@@ -163,7 +163,7 @@ static void tiny_distances_are_too_coarse(void **state)
     for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
         qm_shortlist list = {.pack = {0}, .lane = {0, 1, 2, 3, 4, 5, 6, 7}};
         qm_float_pack rows;
-        (*kernel)->shortlist_floats(tree, &list, &rows);
+        (*kernel)->shortlist_float_pack(tree, &list, &rows);
         qm_polygon polygon = {.count = 3, .cuts_left = 48, .corner = {corner[0], corner[1], corner[2]}};
         bool moved = false;
         assert_int_equal((*kernel)->float_cover(&rows, NULL, 1e-9, &polygon, &moved), QM_FLOAT_TOO_COARSE);

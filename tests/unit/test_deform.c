@@ -1,7 +1,7 @@
 /* Refitting: the same as refitting everything, the same answers as trees built from scratch. */
 #include "check.h"
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "bvh/bvh_demand.h"
 #include "bvh/kernel.h"
 #include "bvh/tetra_tree.h"
@@ -55,8 +55,8 @@ static size_t follow(body *b, const uint32_t *vertices, size_t count)
     size_t face_count = 0, boxes = 0, radii = 0;
     for (size_t i = 0; i < b->tree->pack_count; i++) { /* as of before: they must not stay so */
         qm_pack spare;
-        qm_bvh_rows(b->tree, i, &spare);
-        qm_bvh_floats(b->tree, i);
+        qm_bvh_pack(b->tree, i, &spare);
+        qm_bvh_float_pack(b->tree, i);
         if (qm_bvh_has_twists(b->tree)) qm_bvh_twists(b->tree, i);
     }
     if (vertices)
@@ -85,9 +85,10 @@ static void check_same(body *a, body *b)
     assert_true(a->tree->reach == b->tree->reach);
     for (size_t i = 0; i < a->tree->pack_count; i++) {
         qm_pack spare[2];
-        assert_memory_equal(qm_bvh_rows(a->tree, i, &spare[0]), qm_bvh_rows(b->tree, i, &spare[1]),
+        assert_memory_equal(qm_bvh_pack(a->tree, i, &spare[0]), qm_bvh_pack(b->tree, i, &spare[1]),
                             sizeof(qm_pack));
-        assert_memory_equal(qm_bvh_floats(a->tree, i), qm_bvh_floats(b->tree, i), sizeof(qm_float_pack));
+        assert_memory_equal(qm_bvh_float_pack(a->tree, i), qm_bvh_float_pack(b->tree, i),
+                            sizeof(qm_float_pack));
         if (qm_bvh_has_twists(a->tree))
             assert_memory_equal(qm_bvh_twists(a->tree, i), qm_bvh_twists(b->tree, i), sizeof(qm_pack_twists));
     }
@@ -246,7 +247,7 @@ static void threads_find_the_same(void **state)
     memcpy(two.mesh.positions, one.mesh.positions, 24 * one.mesh.vertex_count);
     follow(&one, NULL, 0);
     size_t updated;
-    two.ctx.parallel = qm_parallel_run;
+    two.ctx.parallel = qm_host_parallel;
     assert_int_equal(qm_bvh_refit(&two.ctx, two.tree, two.deformer, &two.mesh, NULL, 0, 3, &updated), QM_OK);
     assert_int_equal(qm_tetra_refit(&two.ctx, two.tetra, NULL, 0, &updated), QM_OK);
     check_same(&one, &two);
@@ -271,8 +272,8 @@ static void check_groups(body *b, const qm_kernel *kernel)
     if (parents > 0) memcpy(expected + groups, boxes->groups[2], parent_size);
     memset(boxes->groups[1], 0, group_size);
     if (parents > 0) memset(boxes->groups[2], 0, parent_size);
-    kernel->fit_groups(b->tree, b->deformer, groups / 2, groups);
-    kernel->fit_groups(b->tree, b->deformer, 0, groups / 2);
+    kernel->fit_nodes(b->tree, b->deformer, groups / 2, groups);
+    kernel->fit_nodes(b->tree, b->deformer, 0, groups / 2);
     assert_memory_equal(boxes->groups[1], expected, group_size);
     if (parents > 0) assert_memory_equal(boxes->groups[2], expected + groups, parent_size);
     free(expected);

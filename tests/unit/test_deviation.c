@@ -6,7 +6,7 @@
 #include <stdatomic.h>
 #include <string.h>
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "check.h"
 #include "failing_allocator.h"
 #include "qm/deviation.h"
@@ -835,7 +835,7 @@ static void threads_change_no_more_than_the_maximum_may(void **state)
     qm_mesh a = qm_shape_torus(24, 12, 1.0, 0.3), b = qm_shape_torus(20, 10, 1.0, 0.31);
     qm_deviation found[3];
     qm_context ctx = qm_context_make();
-    ctx.parallel = qm_parallel_run;
+    ctx.parallel = qm_host_parallel;
     static const int threads[3] = {1, 2, 7};
     for (int i = 0; i < 3; i++) {
         qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-9);

@@ -42,8 +42,8 @@ static double greatest_of(const double *x, int count)
 }
 
 typedef struct bent_piece {
-    qm_piece_shape shape;
-    qm_piece_bounds bounds;
+    qm_deviation_shape shape;
+    qm_deviation_bounds bounds;
     double value[6], below, above;
 } bent_piece;
 
@@ -59,18 +59,18 @@ static bent_piece draw_piece(qm_random *random)
     for (int i = 0; i < 3; i++)
         piece.shape.low[i] = piece.shape.high[i] =
             piece.shape.is_uniform ? density : qm_random_range(random, 0.5, 2.0);
-    qm_bend_open(piece.value, open);
+    qm_quadratic_linear_error(piece.value, open);
     piece.bounds.bend.below = piece.below;
     piece.bounds.bend.above = piece.above;
-    piece.bounds.bend.cells = 2 + (int)qm_random_below(random, QM_BEND_CELLS - 1);
+    piece.bounds.bend.cells = 2 + (int)qm_random_below(random, QM_QUADRATIC_CELLS - 1);
     for (int k = 0; k < 6; k++)
         piece.bounds.bend.value[k] = piece.value[k];
     for (int i = 0; i < 3; i++) {
         piece.bounds.low[i] = piece.value[i] - open[0] - piece.below;
         piece.bounds.high[i] = piece.value[i] + open[1] + piece.above;
     }
-    qm_piece_integrate_bent(&piece.shape, (qm_positive_part){0.0, 0.0, 0.0}, (qm_outside){.most = 0.0}, 0.0,
-                            1e-3, &piece.bounds);
+    qm_deviation_integrate_quadratic(&piece.shape, (qm_positive_part){0.0, 0.0, 0.0},
+                                     (qm_excess){.most = 0.0}, 0.0, 1e-3, &piece.bounds);
     return piece;
 }
 
@@ -89,7 +89,7 @@ static void check_integrals(const bent_piece *piece, qm_random *random, uint64_t
         square += part * d * d;
     }
     double most = greatest_of(piece->value, 6) + 0.2, spare = SPARE * area;
-    const qm_piece_bounds *bounds = &piece->bounds;
+    const qm_deviation_bounds *bounds = &piece->bounds;
     QM_CHECK(bounds->mean_low <= mean + spare && bounds->mean_high >= mean - spare,
              "seed %llu, piece %llu: mean [%.17g, %.17g] against %.17g", (unsigned long long)qm_check_seed(),
              (unsigned long long)number, bounds->mean_low, bounds->mean_high, mean);
@@ -125,11 +125,11 @@ static void check_shares(const bent_piece *piece, uint64_t number)
     double x[PLACES], open[2], most = greatest_of(piece->value, 6), steep = 8.0 * most / GRID;
     long double work[QM_SHARE_ROWS * (PLACES + 1)];
     qm_interval share[PLACES];
-    qm_piece_list list = {&piece->bounds, 1, 0.0, INFINITY};
+    qm_deviation_piece_list list = {&piece->bounds, 1, 0.0, INFINITY};
     for (int i = 0; i < PLACES; i++)
         x[i] = (most + 0.2) * i / (PLACES - 1);
-    qm_piece_shares(list, x, PLACES, work, share);
-    qm_bend_open(piece->value, open);
+    qm_deviation_shares(list, x, PLACES, work, share);
+    qm_quadratic_linear_error(piece->value, open);
     double cells = piece->bounds.bend.cells, wide = piece->below + piece->above;
     double blur = wide + (open[0] + open[1]) / (cells * cells) + steep;
     for (int i = 0; i < PLACES; i++) {

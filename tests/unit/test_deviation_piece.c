@@ -4,7 +4,7 @@
  */
 #include "check.h"
 
-#include "deviation/deviation_shape.h"
+#include "deviation/deviation_piece.h"
 #include "shapes.h"
 #include "slow_twin.h"
 
@@ -18,9 +18,9 @@ typedef struct piece_pair {
     qm_quad_reading reading;
     qm_mesh a, b;
     qm_bvh *tree_a, *tree_b;
-    qm_piece_maker maker;
+    qm_deviation_setup maker;
     qm_random random;
-    qm_piece_desk desk;
+    qm_deviation_workspace desk;
 } piece_pair;
 
 /** Of random points in pieces that have strays: how many were told to stray, and how many do. */
@@ -36,7 +36,7 @@ static void open_pair(piece_pair *pair)
     qm_context ctx = qm_context_make();
     assert_int_equal(qm_bvh_build(&ctx, &pair->a, QM_BVH_ALL, 1, &pair->tree_a), QM_OK);
     assert_int_equal(qm_bvh_build(&ctx, &pair->b, QM_BVH_ALL, 1, &pair->tree_b), QM_OK);
-    assert_int_equal(qm_piece_maker_init(&ctx, pair->tree_a, pair->tree_b, pair->reading, &pair->maker),
+    assert_int_equal(qm_deviation_setup_init(&ctx, pair->tree_a, pair->tree_b, pair->reading, &pair->maker),
                      QM_OK);
 }
 
@@ -115,7 +115,7 @@ static void find_over(const patch_view *view, const exact_vec from, exact_vec at
 
 /** The point of the source with these weights of the piece's corners; of a triangle that stands for a patch,
  * that of the patch over it. */
-static void find_position(const piece_pair *pair, const qm_source_piece *piece, const double weight[3],
+static void find_position(const piece_pair *pair, const qm_deviation_piece *piece, const double weight[3],
                           double out[3])
 {
     double uv[2] = {0, 0};
@@ -145,7 +145,7 @@ static void find_position(const piece_pair *pair, const qm_source_piece *piece, 
 }
 
 /** The functions that a height that bends lies between, term by term. */
-static void find_bend(const qm_bend *bend, const double weight[3], double between[2])
+static void find_bend(const qm_quadratic *bend, const double weight[3], double between[2])
 {
     static const int pair_of[6][2] = {{0, 0}, {1, 1}, {2, 2}, {0, 1}, {1, 2}, {2, 0}};
     double value = 0.0;
@@ -155,8 +155,8 @@ static void find_bend(const qm_bend *bend, const double weight[3], double betwee
     between[1] = value + bend->above;
 }
 
-static void check_at(const piece_pair *pair, const qm_source_piece *piece, const qm_piece_bounds *bounds,
-                     const double weight[3])
+static void check_at(const piece_pair *pair, const qm_deviation_piece *piece,
+                     const qm_deviation_bounds *bounds, const double weight[3])
 {
     double at[3], low = 0.0, high = 0.0, inverse_scale = pair->tree_b->frame.inverse_scale;
     find_position(pair, piece, weight, at);
@@ -180,8 +180,8 @@ static void check_at(const piece_pair *pair, const qm_source_piece *piece, const
         low = fmax(low, inverse_scale * fmax(between[0], -between[1]));
         high = fmin(high, inverse_scale * fmax(between[1], -between[0]));
     }
-    high += (bounds->stray_high > 0.0 ? bounds->excess : 0.0) * inverse_scale;
-    if (bounds->stray_low > 0.0) low = 0.0;
+    high += (bounds->invalid_high > 0.0 ? bounds->excess : 0.0) * inverse_scale;
+    if (bounds->invalid_low > 0.0) low = 0.0;
     QM_CHECK(low <= truth.upper && high >= truth.lower,
              "seed %llu, pair %llu, face %u, depth %d, weights %.17g %.17g %.17g: [%.17g, %.17g] against "
              "[%.17g, %.17g]",
@@ -190,9 +190,9 @@ static void check_at(const piece_pair *pair, const qm_source_piece *piece, const
 }
 
 /** Whether a random point of a piece is one where a function does not hold. */
-static void count_strays(piece_pair *pair, const qm_source_piece *piece, const qm_piece_bounds *bounds)
+static void count_strays(piece_pair *pair, const qm_deviation_piece *piece, const qm_deviation_bounds *bounds)
 {
-    double expected = fmin(1.0, bounds->stray_low + bounds->stray_high);
+    double expected = fmin(1.0, bounds->invalid_low + bounds->invalid_high);
     if (!(expected > 0.0)) return;
     double u = qm_random_range(&pair->random, 0.0, 1.0), v = qm_random_range(&pair->random, 0.0, 1.0);
     if (u + v > 1.0) {
@@ -228,7 +228,7 @@ static void check_strays(void)
 }
 
 /** Corners, a point of each edge, and points inside. */
-static void check_piece(piece_pair *pair, const qm_source_piece *piece, const qm_piece_bounds *bounds)
+static void check_piece(piece_pair *pair, const qm_deviation_piece *piece, const qm_deviation_bounds *bounds)
 {
     for (int i = 0; i < 3; i++) {
         double corner[3] = {0, 0, 0}, edge[3] = {0, 0, 0}, share = qm_random_range(&pair->random, 0.0, 1.0);
@@ -246,7 +246,7 @@ static void check_piece(piece_pair *pair, const qm_source_piece *piece, const qm
     assert_true(bounds->area_low <= bounds->area_high);
 }
 
-static __float128 parameter_area(const qm_source_piece *piece)
+static __float128 parameter_area(const qm_deviation_piece *piece)
 {
     __float128 u[3], v[3];
     for (int i = 0; i < 3; i++) {
@@ -260,32 +260,32 @@ static __float128 parameter_area(const qm_source_piece *piece)
 /** The areas of the parts in the parameters, which are about exact here, make that of the piece but for the
  * leak.
  */
-static void check_areas(const piece_pair *pair, const qm_source_piece *piece, const qm_source_piece *part,
-                        int count, double leak)
+static void check_areas(const piece_pair *pair, const qm_deviation_piece *piece,
+                        const qm_deviation_piece *part, int count, double leak)
 {
     __float128 off = -parameter_area(piece);
     for (int i = 0; i < count; i++)
         off += parameter_area(&part[i]);
-    qm_piece_face face = qm_piece_face_load(&pair->maker, piece);
+    qm_deviation_face face = qm_deviation_face_load(&pair->maker, piece);
     /* Corners on cuts of cuts have products of more than 113 bits. */
-    double missed = fmax(0.0, fabs((double)off) - 0x1p-104) * qm_piece_face_density(&pair->maker, &face);
+    double missed = fmax(0.0, fabs((double)off) - 0x1p-104) * qm_deviation_face_density(&pair->maker, &face);
     QM_CHECK(missed <= leak, "seed %llu, pair %llu: off by %.17g, which was to be %.17g at most",
              (unsigned long long)qm_check_seed(), (unsigned long long)pair->number, missed, leak);
 }
 
 /** How finely the pieces are cut is drawn anew for each cut, from exactly to hardly. */
-static void check_parts(piece_pair *pair, const qm_source_piece *piece, int levels)
+static void check_parts(piece_pair *pair, const qm_deviation_piece *piece, int levels)
 {
-    qm_source_piece part[QM_PIECE_PARTS];
-    qm_piece_bounds bounds[QM_PIECE_PARTS];
-    qm_piece_maker *maker = &pair->maker;
+    qm_deviation_piece part[QM_DEVIATION_PARTS];
+    qm_deviation_bounds bounds[QM_DEVIATION_PARTS];
+    qm_deviation_setup *maker = &pair->maker;
     double finest = 4.0 * maker->eta;
     maker->worth = fmax(finest, pow(10.0, qm_random_range(&pair->random, -14.0, -1.0)));
     maker->patch_error = fmax(finest, pow(10.0, qm_random_range(&pair->random, -5.0, 0.0)));
-    maker->part_limit = 3 + (int)qm_random_below(&pair->random, QM_PIECE_PARTS - 2);
+    maker->part_limit = 3 + (int)qm_random_below(&pair->random, QM_DEVIATION_PARTS - 2);
     double leak;
-    int count = qm_piece_split(maker, piece, &pair->desk, part, bounds, &leak);
-    assert_in_range(count, 2, QM_PIECE_PARTS);
+    int count = qm_deviation_piece_split(maker, piece, &pair->desk, part, bounds, &leak);
+    assert_in_range(count, 2, QM_DEVIATION_PARTS);
     check_areas(pair, piece, part, count, leak);
     for (int i = 0; i < 4; i++) {
         int k = (int)qm_random_below(&pair->random, (size_t)count);
@@ -299,9 +299,9 @@ static void check_pair(piece_pair *pair, int levels)
     open_pair(pair);
     for (uint32_t face = 0; face < pair->a.face_count; face++)
         for (int second = 0; second < (pair->a.faces[4 * face + 3] == QM_NO_INDEX ? 1 : 2); second++) {
-            qm_source_piece piece = qm_piece_first(&pair->maker, face, second == 1);
-            qm_piece_bounds bounds;
-            qm_piece_bound(&pair->maker, &piece, &pair->desk, &bounds);
+            qm_deviation_piece piece = qm_deviation_piece_first(&pair->maker, face, second == 1);
+            qm_deviation_bounds bounds;
+            qm_deviation_piece_bound(&pair->maker, &piece, &pair->desk, &bounds);
             check_piece(pair, &piece, &bounds);
             check_parts(pair, &piece, levels);
         }
@@ -346,13 +346,13 @@ static void pieces_of_patches_hold(void **state)
 }
 
 /** Cuts a piece again and again, and checks a part of each level. */
-static void check_down(piece_pair *pair, qm_source_piece piece, int levels)
+static void check_down(piece_pair *pair, qm_deviation_piece piece, int levels)
 {
     for (int level = 0; level < levels; level++) {
-        qm_source_piece part[QM_PIECE_PARTS];
-        qm_piece_bounds bounds[QM_PIECE_PARTS];
+        qm_deviation_piece part[QM_DEVIATION_PARTS];
+        qm_deviation_bounds bounds[QM_DEVIATION_PARTS];
         double leak;
-        int count = qm_piece_split(&pair->maker, &piece, &pair->desk, part, bounds, &leak);
+        int count = qm_deviation_piece_split(&pair->maker, &piece, &pair->desk, part, bounds, &leak);
         int k = (int)qm_random_below(&pair->random, (size_t)count);
         check_areas(pair, &piece, part, count, leak);
         check_piece(pair, &part[k], &bounds[k]);
@@ -405,7 +405,7 @@ static void pieces_next_to_bent_patches_hold(void **state)
         for (int i = 0; i < 4; i++) {
             uint32_t face = (uint32_t)qm_random_below(&pair.random, pair.a.face_count);
             bool second = pair.a.faces[4 * face + 3] != QM_NO_INDEX && qm_random_below(&pair.random, 2) == 1;
-            check_down(&pair, qm_piece_first(&pair.maker, face, second),
+            check_down(&pair, qm_deviation_piece_first(&pair.maker, face, second),
                        2 + (int)qm_random_below(&pair.random, 14));
         }
         close_pair(&pair);
@@ -415,11 +415,11 @@ static void pieces_next_to_bent_patches_hold(void **state)
 
 /** Half of a quad that two triangles stand for: at random points of it the area of the patch, for an area of
  * the triangle under it, is within what the shape allows for the whole. */
-static void check_spread(piece_pair *pair, const qm_source_piece *piece)
+static void check_spread(piece_pair *pair, const qm_deviation_piece *piece)
 {
     patch_view view = see_patch(&pair->a, piece->face);
-    qm_piece_face face = qm_piece_face_load(&pair->maker, piece);
-    qm_piece_shape shape = qm_piece_shape_make(&pair->maker, &face, piece);
+    qm_deviation_face face = qm_deviation_face_load(&pair->maker, piece);
+    qm_deviation_shape shape = qm_deviation_shape_make(&pair->maker, &face, piece);
     const long double *corner[3] = {view.corner[0], view.corner[piece->second ? 2 : 1],
                                     view.corner[piece->second ? 3 : 2]};
     exact_vec edge[2], triangle, at, over, normal;
@@ -465,13 +465,14 @@ static void triangles_stand_for_patches(void **state)
         qm_shape_shake(&pair.b, random, pow(10.0, qm_random_range(random, -10.0, -0.5)));
         open_pair(&pair);
         pair.maker.flat_error = pair.maker.flat_spread = 1.0;
-        double stray_error = pair.maker.stray_error;
+        double base_margin = pair.maker.base_margin;
         pair.maker.patch_error = pow(10.0, qm_random_range(random, -10.0, -2.0));
         for (int i = 0; i < 4; i++) {
             uint32_t face = (uint32_t)qm_random_below(random, pair.a.face_count);
-            pair.maker.stray_error = 1.0; /* twisted targets are no matter */
-            qm_source_piece piece = qm_piece_first(&pair.maker, face, qm_random_below(random, 2) == 1);
-            pair.maker.stray_error = stray_error;
+            pair.maker.base_margin = 1.0; /* twisted targets are no matter */
+            qm_deviation_piece piece =
+                qm_deviation_piece_first(&pair.maker, face, qm_random_below(random, 2) == 1);
+            pair.maker.base_margin = base_margin;
             flat += piece.is_flat;
             if (piece.is_flat) check_spread(&pair, &piece);
             check_down(&pair, piece, 2 + (int)qm_random_below(random, 14));
@@ -517,9 +518,9 @@ static void pieces_over_a_point_hold(void **state)
         pair.a = qm_shape_face(3, (const double(*)[3])corner);
         pair.b = qm_shape_face(3, (const double(*)[3])point);
         open_pair(&pair);
-        qm_source_piece piece = qm_piece_first(&pair.maker, 0, false);
-        qm_piece_bounds bounds;
-        qm_piece_bound(&pair.maker, &piece, &pair.desk, &bounds);
+        qm_deviation_piece piece = qm_deviation_piece_first(&pair.maker, 0, false);
+        qm_deviation_bounds bounds;
+        qm_deviation_piece_bound(&pair.maker, &piece, &pair.desk, &bounds);
         check_at(&pair, &piece, &bounds, (const double[]){1.0 / 3, 1.0 / 3, 1.0 / 3});
         check_piece(&pair, &piece, &bounds);
         close_pair(&pair);

@@ -81,7 +81,7 @@ typedef struct trial {
 /** The bound of a pack holds, and is no farther from the truth than the margin says. */
 static double check_pack(const trial *t, uint32_t pack)
 {
-    const qm_float_pack *rows = qm_bvh_floats(t->tree, pack);
+    const qm_float_pack *rows = qm_bvh_float_pack(t->tree, pack);
     double least = INFINITY, distance[QM_PACK_LANES];
     for (int lane = 0; lane < QM_PACK_LANES; lane++)
         least = fmin(least, distance[lane] = lane_distance(t->tree, pack, lane, t->p));
@@ -173,7 +173,7 @@ static void wanted_points_are_compared(void **state)
             qm_float_bits bits[MOST_POINTS];
             for (int k = 0; k < MOST_POINTS; k++)
                 bits[k] = UNTOUCHED;
-            (*kernel)->float_reach(qm_bvh_floats(tree, pack), NULL, allowed, p, wanted, bits);
+            (*kernel)->float_reach(qm_bvh_float_pack(tree, pack), NULL, allowed, p, wanted, bits);
             for (int k = 0; k < MOST_POINTS; k++) {
                 if (!(wanted >> k & 1)) {
                     assert_int_equal(bits[k], UNTOUCHED);
@@ -208,11 +208,11 @@ static void twists_count(void **state)
         twist[lane] = 0.25f;
     const qm_vec p = {0.9, 0.1, 0.2};
     for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
-        double without = (*kernel)->float_upper(qm_bvh_floats(tree, 0), NULL, p);
-        double with = (*kernel)->float_upper(qm_bvh_floats(tree, 0), twist, p);
+        double without = (*kernel)->float_upper(qm_bvh_float_pack(tree, 0), NULL, p);
+        double with = (*kernel)->float_upper(qm_bvh_float_pack(tree, 0), twist, p);
         QM_CHECK(fabs(with - without - 0.25) < 1e-6, "%s: %g and %g", (*kernel)->name, with, without);
         qm_float_bits bits;
-        (*kernel)->float_reach(qm_bvh_floats(tree, 0), twist, without + 0.2, &p, 1, &bits);
+        (*kernel)->float_reach(qm_bvh_float_pack(tree, 0), twist, without + 0.2, &p, 1, &bits);
         assert_int_equal(qm_float_certain(bits), 0);
     }
     qm_bvh_destroy(&ctx, tree);
@@ -231,12 +231,12 @@ static void far_points_have_no_bound(void **state)
     for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
         for (size_t i = 0; i < sizeof far / sizeof *far; i++) {
             double distance = qm_vec_norm(far[i]) - 1.0;
-            assert_true((*kernel)->float_upper(qm_bvh_floats(tree, 0), NULL, far[i]) >= distance);
+            assert_true((*kernel)->float_upper(qm_bvh_float_pack(tree, 0), NULL, far[i]) >= distance);
             qm_float_hit hit = {.pack = 1};
             (*kernel)->float_closest(tree, far[i], 0.0, &hit);
             assert_true(hit.upper >= distance && hit.pack < tree->pack_count && hit.lane < QM_PACK_LANES);
             qm_float_bits bits;
-            (*kernel)->float_reach(qm_bvh_floats(tree, 0), NULL, 0.5 * distance, &far[i], 1, &bits);
+            (*kernel)->float_reach(qm_bvh_float_pack(tree, 0), NULL, 0.5 * distance, &far[i], 1, &bits);
             assert_int_equal(qm_float_certain(bits), 0);
         }
     }

@@ -2,7 +2,7 @@
  * known. */
 #include "check.h"
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "qm/hausdorff.h"
 #include "random.h"
 #include "shapes.h"
@@ -23,7 +23,7 @@ static qm_hausdorff_options options_of(qm_bounds bounds, qm_quad_reading reading
 static qm_hausdorff_result measure(const qm_mesh *a, const qm_mesh *b, const qm_hausdorff_options *options)
 {
     qm_context ctx = qm_context_make();
-    if (options->thread_count > 1) ctx.parallel = qm_parallel_run;
+    if (options->thread_count > 1) ctx.parallel = qm_host_parallel;
     qm_bvh *tree_a, *tree_b;
     qm_hausdorff_result result;
     assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_ALL, 1, &tree_a), QM_OK);
@@ -90,7 +90,7 @@ static void brackets_hold_the_slow_twins_value(void **state)
             options.direction = pair.direction;
             options.work_limit = is_slow ? 2000 : 20000;
             qm_hausdorff_result matching = measure(&pair.a, &pair.b, &options);
-            options.bounds = QM_BOUNDS_CELLS;
+            options.bounds = QM_BOUNDS_COVER;
             qm_hausdorff_result cells = measure(&pair.a, &pair.b, &options);
             qm_slow_bracket slow = qm_slow_hausdorff(&pair.a, &pair.b, pair.direction, pair.reading,
                                                      0.1 * tolerance, is_slow ? 2000 : 20000);
@@ -158,7 +158,7 @@ static void translated_twisted_quads_are_their_shift_apart(void **state)
     qm_shape_move(&moved, 1, shift);
     qm_hausdorff_options options = options_of(QM_BOUNDS_MATCHING, QM_QUADS_BILINEAR, 1e-8);
     qm_hausdorff_result matching = measure(&saddle, &moved, &options);
-    options.bounds = QM_BOUNDS_CELLS;
+    options.bounds = QM_BOUNDS_COVER;
     qm_hausdorff_result cells = measure(&saddle, &moved, &options);
     check_overlap("shifted saddle", 0, &matching, cells.lower, cells.upper, 1e-15);
     assert_true(matching.upper <= 1e-3 + 1e-8);

@@ -2,7 +2,7 @@
  * patches, whatever was near the faces before them. */
 #include "check.h"
 
-#include "hausdorff/hausdorff_search.h"
+#include "hausdorff/hausdorff_worker.h"
 #include "random.h"
 #include "shapes.h"
 #include "target.h"

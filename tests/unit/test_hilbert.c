@@ -12,7 +12,7 @@
 static uint64_t key_of(const qm_kernel *kernel, uint32_t x, uint32_t y, uint32_t z, int bits)
 {
     qm_hilbert_cells cells = {{{x}, {y}, {z}}};
-    uint64_t keys[QM_HILBERT_TOGETHER];
+    uint64_t keys[QM_HILBERT_BATCH];
     kernel->hilbert_keys(&cells, 1, bits, keys);
     return keys[0];
 }
@@ -68,11 +68,11 @@ static void all_instruction_sets_agree(void **state)
     qm_random random = qm_random_make(qm_check_seed(), 1);
     qm_hilbert_cells cells;
     for (int k = 0; k < 3; k++)
-        for (int i = 0; i < QM_HILBERT_TOGETHER; i++)
+        for (int i = 0; i < QM_HILBERT_BATCH; i++)
             cells.axis[k][i] = (uint32_t)qm_random_below(&random, 1 << QM_HILBERT_BITS);
     for (const qm_kernel *const *kernel = qm_kernel_list(); *kernel; kernel++) {
-        for (int count = 1; count <= QM_HILBERT_TOGETHER; count++) {
-            uint64_t keys[QM_HILBERT_TOGETHER];
+        for (int count = 1; count <= QM_HILBERT_BATCH; count++) {
+            uint64_t keys[QM_HILBERT_BATCH];
             (*kernel)->hilbert_keys(&cells, count, QM_HILBERT_BITS, keys);
             for (int i = 0; i < count; i++)
                 assert_int_equal(keys[i], key_of(qm_kernel_get(), cells.axis[0][i], cells.axis[1][i],

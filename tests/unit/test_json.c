@@ -7,7 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "base/utf8.h"
+#include "base/json.h"
 #include "check.h"
 #include "folder.h"
 #include "job/json_in.h"
@@ -168,7 +168,7 @@ static void absent_fields_have_defaults(void **state)
     assert_true(request.deadline_ms == 0.0);
     assert_int_equal(request.threads, 0);
     assert_int_equal(request.accelerator, QM_ACCELERATOR_AUTO);
-    assert_int_equal(request.bounds, QM_BOUNDS_CELLS);
+    assert_int_equal(request.bounds, QM_BOUNDS_COVER);
     assert_false(request.detach);
 }
 
@@ -269,9 +269,9 @@ static void malformed_text_is_refused(void **state)
     (void)state;
     static const bad_text cases[] = {
         {"", 0},
-        {"{", QM_NO_PLACE},
+        {"{", QM_NO_LOCATION},
         {"nonsense", 0},
-        {"{\"type\":\"hausdorff\"", QM_NO_PLACE},
+        {"{\"type\":\"hausdorff\"", QM_NO_LOCATION},
         {"{\"type\":\"hausdorff\",\"a\":\"m\",\"b\":\"n\"} x", 37},
         {"{} {}", 3},
         {"{\"a\":\"\xff\"}", 6},
@@ -289,7 +289,7 @@ static void malformed_text_is_refused(void **state)
         QM_CHECK(problem.code == QM_PROBLEM_MALFORMED_JSON, "%s: %s", cases[i].text,
                  qm_problem_name(problem.code));
         assert_int_equal(problem.error_count, 1);
-        if (cases[i].offset != QM_NO_PLACE) assert_int_equal(problem.errors[0].offset, cases[i].offset);
+        if (cases[i].offset != QM_NO_LOCATION) assert_int_equal(problem.errors[0].offset, cases[i].offset);
     }
 }
 
@@ -459,7 +459,7 @@ static void a_problem_is_a_document(void **state)
     qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "a \"b\"\n\x01\xff\xc3\xa9");
     qm_problem_add_pointer(&problem, "/a", "is %s", "missing");
     problem.errors[problem.error_count++] =
-        (qm_problem_error){.line = 3, .offset = QM_NO_PLACE, .detail = "odd"};
+        (qm_problem_error){.line = 3, .offset = QM_NO_LOCATION, .detail = "odd"};
     qm_text text = {0};
     qm_json_write_problem(&text, &problem);
     check_text(&text,
@@ -544,16 +544,16 @@ static void relative_bounds_are_rounded_outwards(void **state)
 static void only_utf8_has_a_length(void **state)
 {
     (void)state;
-    assert_int_equal(qm_utf8_length("a", 1), 1);
-    assert_int_equal(qm_utf8_length("\xc3\xa9", 2), 2);
-    assert_int_equal(qm_utf8_length("\xed\x9f\xbf", 3), 3);
-    assert_int_equal(qm_utf8_length("\xf4\x8f\xbf\xbf", 4), 4);
-    assert_int_equal(qm_utf8_length("\xc3\xa9", 1), 0);
-    assert_int_equal(qm_utf8_length("\xc1\xbf", 2), 0);
-    assert_int_equal(qm_utf8_length("\xe0\x9f\xbf", 3), 0);
-    assert_int_equal(qm_utf8_length("\xf0\x8f\xbf\xbf", 4), 0);
-    assert_int_equal(qm_utf8_length("\xe1\x80\x28", 3), 0);
-    assert_int_equal(qm_utf8_length("\x80", 1), 0);
+    assert_int_equal(qm_text_utf8_length("a", 1), 1);
+    assert_int_equal(qm_text_utf8_length("\xc3\xa9", 2), 2);
+    assert_int_equal(qm_text_utf8_length("\xed\x9f\xbf", 3), 3);
+    assert_int_equal(qm_text_utf8_length("\xf4\x8f\xbf\xbf", 4), 4);
+    assert_int_equal(qm_text_utf8_length("\xc3\xa9", 1), 0);
+    assert_int_equal(qm_text_utf8_length("\xc1\xbf", 2), 0);
+    assert_int_equal(qm_text_utf8_length("\xe0\x9f\xbf", 3), 0);
+    assert_int_equal(qm_text_utf8_length("\xf0\x8f\xbf\xbf", 4), 0);
+    assert_int_equal(qm_text_utf8_length("\xe1\x80\x28", 3), 0);
+    assert_int_equal(qm_text_utf8_length("\x80", 1), 0);
 }
 
 int main(void)

@@ -1,5 +1,5 @@
 /* Memory on large pages: what is in a block stays as it is, whatever becomes of its size. */
-#include "base/large_pages.h"
+#include "base/host.h"
 
 #include "check.h"
 #include "random.h"
@@ -11,7 +11,7 @@
 
 static void *resize(void *block, size_t from, size_t to)
 {
-    return qm_large_pages.resize(qm_large_pages.user, block, from, to);
+    return qm_host_allocator.resize(qm_host_allocator.user, block, from, to);
 }
 
 /** Every place of a block says where it is, and in which block. */
@@ -103,7 +103,7 @@ static void test_what_is_not_to_be_had(void **state)
 /** The same blocks once more, which are those of malloc up to larger sizes. */
 static void test_heap_of_large_pages(void **state)
 {
-    qm_large_pages_for_heap();
+    qm_host_use_large_heap();
     test_contents_stay(state);
     test_blocks_keep_apart(state);
     unsigned char *block = resize(NULL, 0, 31 * MEBIBYTE);

@@ -204,7 +204,7 @@ static void split_and_merge_undo_one_another(void **state)
     assert_int_equal(layout.curve_count, 1);
     assert_int_equal(layout.node_count, 2);
     assert_int_equal(layout.curves[0].id, part);
-    assert_true(qm_curve_length(&layout.curves[0]) == 2.0);
+    assert_true(qm_layout_curve_length(&layout.curves[0]) == 2.0);
     assert_int_equal(qm_layout_validate(&ctx, &layout, 1.0), QM_OK);
     assert_int_equal(qm_layout_merge_curves(&ctx, &layout, part, part), QM_E_ARGUMENT);
     assert_int_equal(qm_layout_merge_curves(&ctx, &layout, part, 99), QM_E_ARGUMENT);
@@ -306,7 +306,7 @@ static void strokes_cut_what_they_cross(void **state)
 }
 
 /** Every edit and the search for patches with an allocator that fails at each call in turn. */
-static qm_status run_all(qm_context *ctx, const qm_source *source, qm_layout *layout)
+static qm_status run_all(qm_context *ctx, const qm_ref_surface *source, qm_layout *layout)
 {
     const double stroke[] = {0.25, 0, 0, 0.25, 1, 0};
     uint32_t id;

@@ -1,7 +1,7 @@
 /* The uniform grid and the offset tetrahedra against the box tree, bit for bit, and against brute force. */
 #include "check.h"
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "bvh/nearest.h"
 #include "failing_allocator.h"
 #include "qm/hausdorff.h"
@@ -249,7 +249,7 @@ static void project_batch(bench *b, qm_accelerator accelerator, qm_quad_reading 
     double *row = answers[which];
     qm_projection out = {row, row + 1000, answer_faces[which], row + 4000};
     qm_locator locator;
-    b->ctx.parallel = qm_parallel_run;
+    b->ctx.parallel = qm_host_parallel;
     assert_int_equal(qm_locator_build(&b->ctx, b->tree, NULL, accelerator, &locator), QM_OK);
     assert_int_equal(qm_project_points_with(&b->ctx, &locator, reading, points, 1000, 2, &out), QM_OK);
     qm_locator_reset(&b->ctx, &locator);

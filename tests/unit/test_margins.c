@@ -2,9 +2,8 @@
  * segments and points, near and far, and for edges that are nearly parallel. */
 #include "check.h"
 
-#include "bvh/nearest_face.h"
-#include "prim/tri_distance.h"
-#include "prim/tri_point.h"
+#include "bvh/nearest.h"
+#include "prim/triangle.h"
 #include "random.h"
 
 typedef __float128 wide;
@@ -194,8 +193,8 @@ static void distances_of_triangles_are_off_by_what_is_counted(void **state)
             wide_a[i] = widen(a[i]);
             wide_b[i] = widen(b[i]);
         }
-        double truth = (double)root(triangles2(wide_a, wide_b)), told = qm_tri_tri_distance(a, b).distance;
-        QM_CHECK(fabs(told - truth) <= QM_TRI_DISTANCE_ERROR, "seed %llu: %.17g, true %.17g, off by %g",
+        double truth = (double)root(triangles2(wide_a, wide_b)), told = qm_triangle_find_gap(a, b).distance;
+        QM_CHECK(fabs(told - truth) <= QM_TRIANGLE_GAP_ERROR, "seed %llu: %.17g, true %.17g, off by %g",
                  (unsigned long long)seed, told, truth, told - truth);
     }
 }

@@ -13,29 +13,29 @@
 #define ERROR 1e-9
 
 /** Adds the sides of the triangle, as walls. */
-static int with_sides(const qm_slope *slopes, int count, double radius, qm_slope *all)
+static int with_sides(const qm_max_min_plane *slopes, int count, double radius, qm_max_min_plane *all)
 {
     memcpy(all, slopes, (size_t)count * sizeof *all);
     for (int k = 0; k < 3; k++) {
         double angle = 2.0 * k * acos(-1.0) / 3.0;
-        all[count + k] = (qm_slope){{-cos(angle), -sin(angle)}, radius, true};
+        all[count + k] = (qm_max_min_plane){{-cos(angle), -sin(angle)}, radius, true};
     }
     return count + 3;
 }
 
-static double room(const qm_slope *s, const double x[3])
+static double room(const qm_max_min_plane *s, const double x[3])
 {
-    return s->height + s->slope[0] * x[0] + s->slope[1] * x[1] - (s->is_wall ? 0.0 : x[2]);
+    return s->height + s->slope[0] * x[0] + s->slope[1] * x[1] - (s->is_bound ? 0.0 : x[2]);
 }
 
 /** Where three meet: x, y, t; false when they do so nowhere or everywhere. */
-static bool meet(const qm_slope *const s[3], double x[3])
+static bool meet(const qm_max_min_plane *const s[3], double x[3])
 {
     double m[3][4];
     for (int i = 0; i < 3; i++) {
         m[i][0] = s[i]->slope[0];
         m[i][1] = s[i]->slope[1];
-        m[i][2] = s[i]->is_wall ? 0.0 : -1.0;
+        m[i][2] = s[i]->is_bound ? 0.0 : -1.0;
         m[i][3] = -s[i]->height;
     }
     for (int k = 0; k < 3; k++) {
@@ -60,13 +60,13 @@ static bool meet(const qm_slope *const s[3], double x[3])
     return true;
 }
 
-static double highest_by_all_triples(const qm_slope *slopes, int count)
+static double highest_by_all_triples(const qm_max_min_plane *slopes, int count)
 {
     double highest = -INFINITY;
     for (int i = 0; i < count; i++)
         for (int j = 0; j < i; j++)
             for (int k = 0; k < j; k++) {
-                const qm_slope *three[3] = {&slopes[i], &slopes[j], &slopes[k]};
+                const qm_max_min_plane *three[3] = {&slopes[i], &slopes[j], &slopes[k]};
                 double x[3];
                 if (!meet(three, x) || !(x[2] > highest)) continue;
                 bool below = true;
@@ -77,9 +77,9 @@ static double highest_by_all_triples(const qm_slope *slopes, int count)
     return highest;
 }
 
-static void check_one(const qm_slope *slopes, int count, double radius, int number)
+static void check_one(const qm_max_min_plane *slopes, int count, double radius, int number)
 {
-    qm_slope all[MAX_SLOPES + 3];
+    qm_max_min_plane all[MAX_SLOPES + 3];
     int total = with_sides(slopes, count, radius, all);
     double x[3];
     x[2] = qm_max_min(slopes, count, radius, x);
@@ -91,11 +91,11 @@ static void check_one(const qm_slope *slopes, int count, double radius, int numb
                  (unsigned long long)qm_check_seed(), number, i, total, room(&all[i], x));
 }
 
-static qm_slope random_slope(qm_random *random, double spread)
+static qm_max_min_plane random_slope(qm_random *random, double spread)
 {
-    return (qm_slope){{qm_random_range(random, -1.0, 1.0), qm_random_range(random, -1.0, 1.0)},
-                      spread * qm_random_range(random, 0.0, 1.0),
-                      false};
+    return (qm_max_min_plane){{qm_random_range(random, -1.0, 1.0), qm_random_range(random, -1.0, 1.0)},
+                              spread * qm_random_range(random, 0.0, 1.0),
+                              false};
 }
 
 static void random_planes_and_walls(void **state)
@@ -103,14 +103,14 @@ static void random_planes_and_walls(void **state)
     (void)state;
     for (int number = 0; number < 1500; number++) {
         qm_random random = qm_random_make(qm_check_seed(), (uint64_t)number);
-        qm_slope slopes[MAX_SLOPES];
+        qm_max_min_plane slopes[MAX_SLOPES];
         int planes = 1 + (int)qm_random_below(&random, 12), count = 0;
         double spread = qm_random_below(&random, 2) ? 1.0 : 1e-3;
         while (count < planes)
             slopes[count++] = random_slope(&random, spread);
         for (int walls = (int)qm_random_below(&random, 5); walls > 0; walls--) {
             slopes[count] = random_slope(&random, qm_random_below(&random, 2) ? 1.0 : 0.0);
-            slopes[count++].is_wall = true;
+            slopes[count++].is_bound = true;
         }
         check_one(slopes, count, pow(10.0, qm_random_range(&random, -6.0, 1.0)), number);
     }
@@ -122,10 +122,10 @@ static void places_where_many_meet(void **state)
     (void)state;
     for (int number = 0; number < 1500; number++) {
         qm_random random = qm_random_make(qm_check_seed() + 1, (uint64_t)number);
-        qm_slope slopes[MAX_SLOPES];
+        qm_max_min_plane slopes[MAX_SLOPES];
         int planes = 1 + (int)qm_random_below(&random, 12), count = 0;
         while (count < planes) {
-            qm_slope s = random_slope(&random, 0.0);
+            qm_max_min_plane s = random_slope(&random, 0.0);
             switch (qm_random_below(&random, 4)) {
             case 0:
                 s.slope[0] = 0.0;
@@ -144,10 +144,10 @@ static void places_where_many_meet(void **state)
             slopes[count++] = s;
         }
         double u = (double)qm_random_below(&random, 3) / 2.0, v = (double)qm_random_below(&random, 3) / 2.0;
-        slopes[count++] = (qm_slope){{1.0, 0.0}, u, true};
-        slopes[count++] = (qm_slope){{0.0, 1.0}, v, true};
-        slopes[count++] = (qm_slope){{-1.0, 0.0}, 1.0 - u, true};
-        slopes[count++] = (qm_slope){{0.0, -1.0}, 1.0 - v, true};
+        slopes[count++] = (qm_max_min_plane){{1.0, 0.0}, u, true};
+        slopes[count++] = (qm_max_min_plane){{0.0, 1.0}, v, true};
+        slopes[count++] = (qm_max_min_plane){{-1.0, 0.0}, 1.0 - u, true};
+        slopes[count++] = (qm_max_min_plane){{0.0, -1.0}, 1.0 - v, true};
         check_one(slopes, count, pow(10.0, qm_random_range(&random, -6.0, 1.0)), number);
     }
 }

@@ -149,9 +149,9 @@ static void bad_files_name_the_place(void **state)
 {
     (void)state;
     static const refusal cases[] = {
-        {"", QM_E_EMPTY, QM_NO_PLACE},
-        {"# nothing\n", QM_E_FORMAT, QM_NO_PLACE},
-        {"What is this?\n", QM_E_FORMAT, QM_NO_PLACE},
+        {"", QM_E_EMPTY, QM_NO_LOCATION},
+        {"# nothing\n", QM_E_FORMAT, QM_NO_LOCATION},
+        {"What is this?\n", QM_E_FORMAT, QM_NO_LOCATION},
         {"v 0 0 0\nv 1 0 nan\n", QM_E_NOT_FINITE, 2},
         {"v 0 0 0\nv 1 0 0\nf 1 2 3\n", QM_E_INDEX, 3},
         {"v 0 0 0\nv 1 0\n", QM_E_FORMAT, 2},
@@ -219,7 +219,7 @@ static void a_witness_counts_the_faces_of_the_file(void **state)
     qm_job_request request = qm_job_request_default();
     request.direction = QM_A_TO_B;
     qm_job_result result;
-    assert_int_equal(qm_job_answer(&ctx, &request, &a, &b, NULL, NULL, &result), QM_OK);
+    assert_int_equal(qm_job_execute(&ctx, &request, &a, &b, NULL, NULL, &result), QM_OK);
     assert_int_equal(result.hausdorff.stop, QM_STOP_CONVERGED);
     assert_true(result.hausdorff.lower <= 5.0 && result.hausdorff.upper >= 5.0);
     assert_true(result.tolerance == request.tolerance * a.diagonal);
@@ -239,7 +239,7 @@ static void a_point_has_an_absolute_tolerance(void **state)
     assert_int_equal(load(&ctx, QM_FORMAT_XYZ, "1 2 5\n", &b, &report), QM_OK);
     qm_job_request request = qm_job_request_default();
     qm_job_result result;
-    assert_int_equal(qm_job_answer(&ctx, &request, &a, &b, NULL, NULL, &result), QM_OK);
+    assert_int_equal(qm_job_execute(&ctx, &request, &a, &b, NULL, NULL, &result), QM_OK);
     assert_true(result.tolerance == request.tolerance);
     assert_true(result.hausdorff.lower <= 2.0 && result.hausdorff.upper >= 2.0);
     assert_true(result.hausdorff.upper - result.hausdorff.lower <= result.tolerance);

@@ -5,7 +5,7 @@
  */
 #include "check.h"
 
-#include "hausdorff/hausdorff_piece.h"
+#include "hausdorff/hausdorff_candidates.h"
 #include "random.h"
 #include "slow_twin.h"
 
@@ -37,11 +37,12 @@ static void check_fewer(const qm_piece_work *work, qm_vec p, const qm_near_quads
                              INFINITY};
     for (int i = 0; i < 3; i++) {
         qm_near_quads few =
-            qm_piece_near_quads(work, p, (qm_quads_asked){.wanted = QM_NEAR_QUADS, .within = within[i]});
+            qm_candidates_near_quads(work, p, (qm_quads_asked){.wanted = QM_NEAR_QUADS, .within = within[i]});
         assert_int_equal(few.count, all->at[0].distance < all->at[1].distance ? i : i / 2 * 2);
         for (int k = 0; k < few.count; k++)
             assert_true(few.at[k].distance < within[i]);
-        qm_near_quads one = qm_piece_near_quads(work, p, (qm_quads_asked){.wanted = 1, .within = within[i]});
+        qm_near_quads one =
+            qm_candidates_near_quads(work, p, (qm_quads_asked){.wanted = 1, .within = within[i]});
         assert_int_equal(one.count, few.count > 0);
         if (one.count > 0) assert_true(one.at[0].distance == all->at[0].distance);
     }
@@ -59,7 +60,7 @@ static int check_points(const qm_mesh *mesh, qm_piece_work *work, qm_random *ran
         p[1] += 0.5;
         qm_vec local = qm_frame_local(frame, p);
         qm_quads_asked asked = {.wanted = QM_NEAR_QUADS, .within = INFINITY};
-        qm_near_quads near = qm_piece_near_quads(work, local, asked);
+        qm_near_quads near = qm_candidates_near_quads(work, local, asked);
         assert_int_equal(near.count, 2);
         check_fewer(work, local, &near);
         for (int k = 0; k < near.count; k++) {
@@ -92,7 +93,7 @@ static void distances_are_upper_bounds(void **state)
         qm_search search = {.tolerance = TOLERANCE, .kernel = qm_kernel_get()};
         qm_piece_work work = {
             .search = &search, .side = &side, .kernel = search.kernel, .packs = {0}, .pack_count = 1};
-        qm_piece_fill_candidates(&work);
+        qm_candidates_refill(&work);
         flat += check_points(&mesh, &work, &random, trial);
         qm_bvh_destroy(&ctx, tree);
     }

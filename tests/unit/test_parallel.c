@@ -3,7 +3,7 @@
 #include <stdatomic.h>
 #include <time.h>
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "check.h"
 #include "qm/context.h"
 
@@ -24,7 +24,7 @@ static void count_call(void *data, int worker)
 static void run_and_check(int workers)
 {
     tally t = {.workers = workers};
-    qm_parallel_run(NULL, workers, count_call, &t);
+    qm_host_parallel(NULL, workers, count_call, &t);
     for (int i = 0; i < MOST_WORKERS; i++)
         assert_int_equal(atomic_load(&t.calls[i]), i < workers ? 1 : 0);
 }
@@ -60,7 +60,7 @@ static void the_caller_waits_for_all(void **state)
     (void)state;
     for (int i = 0; i < 10; i++) {
         tally t = {.workers = 4};
-        qm_parallel_run(NULL, 4, take_a_nap, &t);
+        qm_host_parallel(NULL, 4, take_a_nap, &t);
         for (int worker = 0; worker < 4; worker++)
             assert_int_equal(atomic_load(&t.calls[worker]), 1);
     }
@@ -76,7 +76,7 @@ static void calls_may_lie_inside_calls(void **state)
 {
     (void)state;
     tally t = {.workers = 5};
-    qm_parallel_run(NULL, 5, call_inside, &t);
+    qm_host_parallel(NULL, 5, call_inside, &t);
     for (int worker = 0; worker < 5; worker++)
         assert_int_equal(atomic_load(&t.calls[worker]), 1);
 }
@@ -118,7 +118,7 @@ static void count_block(void *data, int worker, size_t block)
 static void share_and_check(qm_context *ctx, int workers, size_t blocks, bool first_sleeps)
 {
     block_tally t = {.workers = workers, .first_sleeps = first_sleeps};
-    qm_context_share(ctx, workers, blocks, count_block, &t);
+    qm_context_parallel_for(ctx, workers, blocks, count_block, &t);
     for (size_t i = 0; i < MOST_BLOCKS; i++)
         assert_int_equal(atomic_load(&t.calls[i]), i < blocks ? 1 : 0);
 }
@@ -127,7 +127,7 @@ static void each_block_is_taken_once(void **state)
 {
     (void)state;
     qm_context alone = qm_context_make(), together = qm_context_make();
-    together.parallel = qm_parallel_run;
+    together.parallel = qm_host_parallel;
     const size_t counts[] = {0, 1, 2, 7, MOST_BLOCKS};
     for (size_t c = 0; c < sizeof counts / sizeof *counts; c++) {
         for (int workers = 1; workers <= 5; workers++) {

@@ -35,11 +35,11 @@ static qm_camera camera_above(void)
     return camera;
 }
 
-static qm_view view_of(qm_ground *g, const qm_camera *camera)
+static qm_pick_view view_of(qm_ground *g, const qm_camera *camera)
 {
-    qm_view view;
+    qm_pick_view view;
     const qm_pick_options options = {0};
-    qm_status status = qm_view_init(&g->ctx, &g->source, camera, &options, &view);
+    qm_status status = qm_pick_view_init(&g->ctx, &g->source, camera, &options, &view);
     QM_CHECK(status == QM_OK, "%s", g->ctx.message);
     return view;
 }
@@ -58,14 +58,14 @@ static void check_sphere(qm_mesh mesh, double tolerance)
     qm_ground g;
     qm_ground_make(&g, mesh);
     qm_camera camera = camera_above();
-    qm_view view = view_of(&g, &camera);
+    qm_pick_view view = view_of(&g, &camera);
     qm_random random = qm_random_make(qm_check_seed(), 7);
     for (int i = 0; i < 200; i++) {
         double p[3], window[2], at[3];
         sphere_at(NULL, qm_random_range(&random, 0, 1), qm_random_range(&random, 0.8, 0.99), p);
         window_of(&camera, qm_vec_load(p), window);
         bool found;
-        assert_int_equal(qm_view_pick(&g.ctx, &view, window, at, &found), QM_OK);
+        assert_int_equal(qm_pick_point(&g.ctx, &view, window, at, &found), QM_OK);
         assert_true(found);
         double off = qm_vec_distance(qm_vec_load(at), qm_vec_load(p));
         QM_CHECK(off < tolerance, "point %d: off by %g", i, off);
@@ -73,9 +73,9 @@ static void check_sphere(qm_mesh mesh, double tolerance)
     const double beside[2] = {5, 5}, nowhere[2] = {NAN, 0};
     double at[3];
     bool found = true;
-    assert_int_equal(qm_view_pick(&g.ctx, &view, beside, at, &found), QM_OK);
+    assert_int_equal(qm_pick_point(&g.ctx, &view, beside, at, &found), QM_OK);
     assert_false(found);
-    assert_int_equal(qm_view_pick(&g.ctx, &view, nowhere, at, &found), QM_OK);
+    assert_int_equal(qm_pick_point(&g.ctx, &view, nowhere, at, &found), QM_OK);
     assert_false(found);
     qm_ground_free(&g);
 }
@@ -95,7 +95,7 @@ static void a_ray_meets_the_same_triangle_as_all_of_them_tried(void **state)
         qm_ground g;
         qm_ground_make(&g, qm_shape_soup(&random, 200, QM_SOUP_MIXED, QM_SOUP_APART, 0.0));
         qm_camera camera = camera_above();
-        qm_view view = view_of(&g, &camera);
+        qm_pick_view view = view_of(&g, &camera);
         for (int i = 0; i < 40; i++) {
             const double window[2] = {qm_random_range(&random, 200, 600), qm_random_range(&random, 100, 500)};
             /* The eye is at (0, 0, 5), and the near plane at a distance of 1. */
@@ -119,7 +119,7 @@ static void a_ray_meets_the_same_triangle_as_all_of_them_tried(void **state)
             }
             double at[3];
             bool found;
-            assert_int_equal(qm_view_pick(&g.ctx, &view, window, at, &found), QM_OK);
+            assert_int_equal(qm_pick_point(&g.ctx, &view, window, at, &found), QM_OK);
             QM_CHECK(found == (first < INFINITY) && (!found || fabs(5.0 - at[2] - first) < 1e-9),
                      "seed %llu, ray %d: at depth %g, tried %g", (unsigned long long)seed, i, 5.0 - at[2],
                      first);
@@ -140,11 +140,11 @@ static void the_same_stroke_gives_the_same_bits(void **state)
         window[2 * i + 1] = 280.0 + 2.0 * i;
     }
     size_t count, missed, count_again;
-    qm_view view = view_of(&g, &camera);
-    assert_int_equal(qm_view_stroke(&g.ctx, &view, window, 20, first, &count, &missed), QM_OK);
+    qm_pick_view view = view_of(&g, &camera);
+    assert_int_equal(qm_pick_stroke(&g.ctx, &view, window, 20, first, &count, &missed), QM_OK);
     QM_CHECK(count + missed == 20 && count > 8 && missed > 0, "%zu hit, %zu missed", count, missed);
     view = view_of(&g, &camera);
-    assert_int_equal(qm_view_stroke(&g.ctx, &view, window, 20, again, &count_again, &missed), QM_OK);
+    assert_int_equal(qm_pick_stroke(&g.ctx, &view, window, 20, again, &count_again, &missed), QM_OK);
     assert_int_equal(count, count_again);
     assert_memory_equal(first, again, 24 * count);
     qm_ground_free(&g);
@@ -156,16 +156,16 @@ static void cameras_that_see_nothing_are_refused(void **state)
     qm_ground g;
     qm_ground_make(&g, qm_shape_plane(2, 0.0));
     const qm_pick_options options = {0};
-    qm_view view;
+    qm_pick_view view;
     qm_camera camera = camera_above();
     camera.viewport[2] = 0.0;
-    assert_int_equal(qm_view_init(&g.ctx, &g.source, &camera, &options, &view), QM_E_ARGUMENT);
+    assert_int_equal(qm_pick_view_init(&g.ctx, &g.source, &camera, &options, &view), QM_E_ARGUMENT);
     camera = camera_above();
     camera.view[0] = NAN;
-    assert_int_equal(qm_view_init(&g.ctx, &g.source, &camera, &options, &view), QM_E_ARGUMENT);
+    assert_int_equal(qm_pick_view_init(&g.ctx, &g.source, &camera, &options, &view), QM_E_ARGUMENT);
     camera = camera_above();
     memset(camera.projection, 0, sizeof camera.projection);
-    assert_int_equal(qm_view_init(&g.ctx, &g.source, &camera, &options, &view), QM_E_ARGUMENT);
+    assert_int_equal(qm_pick_view_init(&g.ctx, &g.source, &camera, &options, &view), QM_E_ARGUMENT);
     assert_non_null(strstr(g.ctx.message, "inverse"));
     qm_ground_free(&g);
 }
@@ -181,13 +181,13 @@ static void pulled_points_lie_on_the_sphere(void **state)
         qm_random_direction(&random, p);
         qm_vec truth = qm_vec_load(p);
         qm_vec_store(p, qm_vec_scale(qm_random_range(&random, 0.95, 1.05), truth));
-        qm_foothold foot;
-        qm_source_pull(&g.source, p, &foot);
+        qm_ref_surface_point foot;
+        qm_ref_surface_project(&g.source, p, &foot);
         double off = fabs(qm_vec_norm(qm_vec_load(foot.position)) - 1.0);
         double turned = fabs(qm_vec_dot(qm_vec_load(foot.normal), truth));
         QM_CHECK(off < 2e-4 && turned > 0.998, "point %d: off by %g, cosine %g", i, off, turned);
     }
-    double radius = qm_mesh_disc_radius(&g.mesh);
+    double radius = qm_ref_surface_disc_radius(&g.mesh);
     QM_CHECK(fabs(radius - 0.15 * cbrt(8.0 / 20000.0)) < 1e-3 * radius, "disc radius %g", radius);
     qm_ground_free(&g);
 }
@@ -199,7 +199,7 @@ static void normals_are_estimated_on_one_side(void **state)
     qm_ground_make(&g, qm_ground_sample(qm_torus_at, 20000, 0.0, 4));
     double *normals = malloc(3 * sizeof(double) * g.mesh.vertex_count);
     assert_non_null(normals);
-    assert_int_equal(qm_source_estimate_normals(&g.ctx, &g.source, normals), QM_OK);
+    assert_int_equal(qm_ref_surface_estimate_normals(&g.ctx, &g.source, normals), QM_OK);
     for (size_t i = 0; i < g.mesh.vertex_count; i++) {
         qm_vec p = qm_vec_load(g.mesh.positions + 3 * i);
         double across = hypot(p.x, p.y);
@@ -211,7 +211,7 @@ static void normals_are_estimated_on_one_side(void **state)
     qm_ground_free(&g);
 
     qm_ground_make(&g, qm_shape_plane(2, 0.0));
-    assert_int_equal(qm_source_estimate_normals(&g.ctx, &g.source, NULL), QM_E_ARGUMENT);
+    assert_int_equal(qm_ref_surface_estimate_normals(&g.ctx, &g.source, NULL), QM_E_ARGUMENT);
     qm_ground_free(&g);
 }
 
@@ -221,9 +221,9 @@ static void sources_of_no_size_are_refused(void **state)
     qm_context ctx = qm_context_make();
     qm_mesh points = qm_shape_make(3, 0);
     qm_bvh *tree;
-    qm_source source;
+    qm_ref_surface source;
     assert_int_equal(qm_bvh_build(&ctx, &points, QM_BVH_TARGET, 1, &tree), QM_OK);
-    assert_int_equal(qm_source_init(&ctx, tree, &source), QM_E_EMPTY);
+    assert_int_equal(qm_ref_surface_init(&ctx, tree, &source), QM_E_EMPTY);
     qm_bvh_destroy(&ctx, tree);
     qm_shape_free(&points);
 }
@@ -236,15 +236,15 @@ static void running_out_of_memory_is_a_status(void **state)
     double *normals = malloc(3 * sizeof(double) * g.mesh.vertex_count), at[3];
     assert_non_null(normals);
     qm_camera camera = camera_above();
-    qm_view view = view_of(&g, &camera);
+    qm_pick_view view = view_of(&g, &camera);
     const double middle[2] = {400, 300};
     qm_status status = QM_E_NO_MEMORY;
     for (size_t fail_at = 0; status != QM_OK; fail_at++) {
         qm_failing_allocator memory = {.fail_at = fail_at};
         qm_context ctx = {.allocator = qm_failing_allocator_hook(&memory)};
         bool found;
-        status = qm_view_pick(&ctx, &view, middle, at, &found);
-        if (status == QM_OK) status = qm_source_estimate_normals(&ctx, &g.source, normals);
+        status = qm_pick_point(&ctx, &view, middle, at, &found);
+        if (status == QM_OK) status = qm_ref_surface_estimate_normals(&ctx, &g.source, normals);
         QM_CHECK(status == QM_OK || status == QM_E_NO_MEMORY, "call %zu: %s", fail_at, ctx.message);
         QM_CHECK(memory.live_blocks == 0 && !memory.mismatched, "call %zu leaves %zu blocks", fail_at,
                  memory.live_blocks);

@@ -1,7 +1,7 @@
 /* Projection against brute force over all faces: values, feet, ties, order, threads, scales, bad input. */
 #include "check.h"
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "failing_allocator.h"
 #include "qm/project.h"
 #include "random.h"
@@ -26,7 +26,7 @@ static batch first_batch, second_batch;
 static void project(batch *out, const qm_mesh *mesh, qm_quad_reading reading, int threads)
 {
     qm_context ctx = qm_context_make();
-    if (threads > 1) ctx.parallel = qm_parallel_run;
+    if (threads > 1) ctx.parallel = qm_host_parallel;
     qm_bvh *tree;
     assert_int_equal(qm_bvh_build(&ctx, mesh, QM_BVH_ALL, 1, &tree), QM_OK);
     qm_projection to = {out->distance, out->position, out->face, out->uv};

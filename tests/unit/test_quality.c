@@ -67,7 +67,7 @@ static void bad_quads_are_counted(void **state)
     found = quality_of_face(4, shut);
     assert_int_equal(found.folded, 1);
     near_to(found.least_jacobian, -1.0);
-    near_to(found.max_edge_ratio, QM_QUALITY_MOST_RATIO);
+    near_to(found.max_edge_ratio, QM_QUALITY_MAX_RATIO);
 
     const double gone[4][3] = {{3, 3, 3}, {3, 3, 3}, {3, 3, 3}, {3, 3, 3}};
     found = quality_of_face(4, gone);

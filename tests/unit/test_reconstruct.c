@@ -1,7 +1,7 @@
 /* Reconstruction: structure of the mesh, distance that falls, the same bits, faults, lack of memory. */
 #include "check.h"
 
-#include "base/parallel.h"
+#include "base/host.h"
 #include "core/vec.h"
 #include "failing_allocator.h"
 #include "ground.h"
@@ -179,7 +179,7 @@ static void threads_and_pauses_do_not_change_a_bit(void **state)
     for (int threads = 2; threads <= 7; threads += 5) {
         qm_reconstruction_options options = qm_reconstruction_options_default();
         options.thread_count = threads;
-        g.ctx.parallel = qm_parallel_run;
+        g.ctx.parallel = qm_host_parallel;
         assert_int_equal(qm_reconstruction_create(&g.ctx, &g.source, &layout, &options, &many), QM_OK);
         step_to(&g, many, 1536);
         qm_mesh mesh = mesh_of(&g, many);
@@ -537,7 +537,7 @@ static void an_edit_redoes_only_the_patches_that_it_touches(void **state)
     qm_ground_free(&g);
 }
 
-static qm_status run_once(qm_context *ctx, const qm_source *source, const qm_layout *layout)
+static qm_status run_once(qm_context *ctx, const qm_ref_surface *source, const qm_layout *layout)
 {
     qm_reconstruction_options options = qm_reconstruction_options_default();
     qm_reconstruction *r;

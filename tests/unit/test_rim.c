@@ -39,7 +39,7 @@ static void the_rim_is_what_one_patch_alone_has(void **state)
     qm_reconstruction *r = start(&g, &layout, 32);
     double *points;
     size_t count;
-    assert_int_equal(qm_reconstruction_rim(&g.ctx, r, &points, &count), QM_OK);
+    assert_int_equal(qm_reconstruction_boundary(&g.ctx, r, &points, &count), QM_OK);
     assert_true(count > 0);
     for (size_t i = 0; i < count; i++) {
         const double *p = points + 3 * i;
@@ -58,7 +58,7 @@ static void the_rim_is_what_one_patch_alone_has(void **state)
             qm_vec a = corner_at(&mesh, face, k), b = corner_at(&mesh, face, (k + 1) % 4);
             qm_vec p = qm_vec_mix(a, b, 0.5);
             bool expected = fmin(fmin(p.x, 1.0 - p.x), fmin(p.y, 1.0 - p.y)) < 1e-9, found;
-            assert_int_equal(qm_reconstruction_find_rim(&g.ctx, r, &face, uv, 1, &found), QM_OK);
+            assert_int_equal(qm_reconstruction_mark_boundary(&g.ctx, r, &face, uv, 1, &found), QM_OK);
             QM_CHECK(found == expected, "face %u, side %d", face, k);
         }
     }
@@ -77,7 +77,7 @@ static void closed_surfaces_have_no_rim(void **state)
     qm_reconstruction *r = start(&g, &layout, 6);
     double *points;
     size_t count;
-    assert_int_equal(qm_reconstruction_rim(&g.ctx, r, &points, &count), QM_OK);
+    assert_int_equal(qm_reconstruction_boundary(&g.ctx, r, &points, &count), QM_OK);
     assert_true(count == 0 && !points);
     qm_reconstruction_destroy(&g.ctx, r);
     qm_layout_free(&layout);
@@ -96,14 +96,14 @@ static void running_out_of_memory_is_a_status(void **state)
         qm_context ctx = {.allocator = qm_failing_allocator_hook(&memory)};
         double *points;
         size_t count;
-        assert_int_equal(qm_reconstruction_rim(&ctx, r, &points, &count), QM_E_NO_MEMORY);
+        assert_int_equal(qm_reconstruction_boundary(&ctx, r, &points, &count), QM_E_NO_MEMORY);
         assert_null(points);
         assert_true(memory.live_blocks == 0 && !memory.mismatched);
         const uint32_t face = 0;
         const double uv[2] = {0.5, 0.0};
         bool found;
         memory = (qm_failing_allocator){.fail_at = fail_at};
-        assert_int_equal(qm_reconstruction_find_rim(&ctx, r, &face, uv, 1, &found), QM_E_NO_MEMORY);
+        assert_int_equal(qm_reconstruction_mark_boundary(&ctx, r, &face, uv, 1, &found), QM_E_NO_MEMORY);
         assert_true(memory.live_blocks == 0 && !memory.mismatched);
     }
     qm_reconstruction_destroy(&g.ctx, r);

@@ -379,11 +379,13 @@ static qm_status submit(const fixture *f, const char *id, const char *key, const
     return qm_store_submit_job(f->store, &job);
 }
 
-static qm_status finish(const fixture *f, const char *id, int state, const char *document,
+static qm_status finish(const fixture *f, const char *id, qm_job_state state, const char *document,
                         const char *revisions)
 {
-    qm_store_events last = {id, 1000, "{\"last\":1}\n"};
-    return qm_store_finish_job(f->store, &last, state, document, revisions);
+    const qm_store_event last = {id, 1000, "result", "\"last\":1"};
+    qm_store_job end = {.state = state, .document = (char *)document, .result = (char *)"{\"result\":1}"};
+    snprintf(end.id, sizeof end.id, "%s", id);
+    return qm_store_finish_job(f->store, &end, revisions, &last, 1);
 }
 
 static void test_jobs_survive(void **state)
@@ -398,6 +400,7 @@ static void test_jobs_survive(void **state)
     assert_int_equal(QM_OK, qm_store_find_job(f->store, "j_2", &found));
     assert_int_equal(found.state, 2);
     assert_string_equal(found.document, "{\"done\":1}");
+    assert_string_equal(found.result, "{\"result\":1}");
     assert_null(found.idempotency_key);
     qm_store_job_reset(&found);
     assert_int_equal(QM_OK, qm_store_find_job_by_key(f->store, "key", "0 3", 2, &found));
@@ -445,10 +448,17 @@ static void test_unfinished_jobs(void **state)
     qm_store_job_reset(&rows[1]);
 }
 
+/** Adds "SEQ NAME MEMBERS;" to a text. */
+static bool note_event(void *user, const qm_store_event *event)
+{
+    qm_text_printf(user, "%llu %s %s;", (unsigned long long)event->seq, event->name, event->members);
+    return true;
+}
+
 static void check_events(const fixture *f, const char *id, const char *expected)
 {
     qm_text all = {0};
-    assert_int_equal(qm_store_read_events(f->store, id, &all), QM_OK);
+    assert_int_equal(qm_store_read_events(f->store, id, note_event, &all), QM_OK);
     assert_string_equal(all.data ? all.data : "", expected);
     qm_text_reset(&all);
 }
@@ -459,25 +469,27 @@ static void test_events_are_appended(void **state)
     submit(f, "j_1", "k", NULL);
     submit(f, "j_2", "k", NULL);
     check_events(f, "j_1", "");
-    const qm_store_events first[] = {{"j_1", 1, "a\nb\n"}, {"j_2", 1, "x\n"}, {"j_none", 1, "?\n"}};
-    const qm_store_events second[] = {{"j_1", 10, "d\n"}, {"j_1", 3, "c\n"}};
-    assert_int_equal(qm_store_append_events(f->store, first, 3), QM_OK);
+    const qm_store_event first[] = {
+        {"j_1", 1, "n", "a"}, {"j_1", 2, "n", "b"}, {"j_2", 1, "n", "x"}, {"j_none", 1, "n", "?"}};
+    const qm_store_event second[] = {{"j_1", 10, "n", "d"}, {"j_1", 3, "n", "c"}};
+    assert_int_equal(qm_store_append_events(f->store, first, 4), QM_OK);
     assert_int_equal(qm_store_append_events(f->store, second, 2), QM_OK);
     reopen(f);
-    check_events(f, "j_1", "a\nb\nc\nd\n");
-    check_events(f, "j_2", "x\n");
+    check_events(f, "j_1", "1 n a;2 n b;3 n c;10 n d;");
+    check_events(f, "j_2", "1 n x;");
     check_events(f, "j_none", "");
     /* What may have been stored already comes once more, with what followed; then the job has ended. */
-    const qm_store_events longer = {"j_1", 10, "d\ne\n"}, late = {"j_1", 10, "d\n"};
-    assert_int_equal(qm_store_finish_job(f->store, &longer, 2, "{}", ""), QM_OK);
-    assert_int_equal(qm_store_append_events(f->store, &late, 1), QM_OK);
-    check_events(f, "j_1", "a\nb\nc\nd\ne\n");
+    const qm_store_event longer[] = {{"j_1", 10, "n", "d"}, {"j_1", 11, "result", "e"}};
+    const qm_store_job end = {.id = "j_1", .state = QM_JOB_SUCCEEDED, .document = (char *)"{}"};
+    assert_int_equal(qm_store_finish_job(f->store, &end, "", longer, 2), QM_OK);
+    assert_int_equal(qm_store_append_events(f->store, &second[0], 1), QM_OK);
+    check_events(f, "j_1", "1 n a;2 n b;3 n c;10 n d;11 result e;");
     /* They go with their job; another one's stay. */
     assert_int_equal(qm_store_delete_job(f->store, "j_1"), QM_OK);
     check_events(f, "j_1", "");
     submit(f, "j_1", "k", NULL);
     check_events(f, "j_1", "");
-    check_events(f, "j_2", "x\n");
+    check_events(f, "j_2", "1 n x;");
 }
 
 static void drop(const fixture *f, size_t kept, const char *before, size_t limit, const char *expected)

@@ -2,7 +2,7 @@
  * bits, on every accelerator and kernel, from any start, and with the faces in the opposite order. */
 #include "check.h"
 
-#include "bvh/nearest_face.h"
+#include "bvh/nearest.h"
 #include "data_mesh.h"
 #include "qm/project.h"
 #include "random.h"

@@ -1,10 +1,8 @@
 /**
- * base.h: what every part of the engine shares: the version, the list of status codes, the assertion,
- * the allocator hook and checked sizes.
+ * base.h: the version, the list of status codes, the assertion, the allocator hook and checked sizes.
  *
- * Two kinds of fault are kept apart. What only a programmer can break (a NULL where a pointer is due) is
- * asserted; what data can break (a face index out of range) comes back as a qm_status, with words in the
- * context's message.
+ * Conditions that only a programmer can break (a NULL argument) are asserted. Conditions that data can break
+ * (a face index out of range) are reported as a qm_status, with a sentence in the context's message.
  */
 #ifndef QM_BASE_H
 #define QM_BASE_H
@@ -44,9 +42,9 @@ const char *qm_status_code(qm_status status);
 const char *qm_status_text(qm_status status);
 
 /**
- * Memory hook. resize(user, NULL, 0, n) allocates, resize(user, p, old, 0) frees and returns NULL, anything
- * else moves; NULL for n > 0 means out of memory and leaves p alive. The old size is passed so that a host
- * can keep a budget without headers of its own.
+ * Memory hook. resize(user, NULL, 0, n) allocates, resize(user, p, old, 0) frees and returns NULL, any other
+ * call resizes; NULL for n > 0 means out of memory and leaves p alive. The old size lets a host keep a budget
+ * without headers of its own.
  */
 typedef struct qm_allocator {
     void *(*resize)(void *user, void *block, size_t old_size, size_t new_size);

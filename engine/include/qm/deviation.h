@@ -1,35 +1,37 @@
 /**
- * deviation.h: how far a surface A lies from a surface B: at A's vertices, and over A's whole surface as
- * mean, root mean square, percentiles and histogram, each as an interval that is proven to hold the true
- * value.
+ * deviation.h: the distance of a surface A from a surface B: at A's vertices, and over all of A as mean, root
+ * mean square, percentiles and histogram, each as an interval that is proven to contain the true value.
  *
  * Nothing is sampled. A is cut into pieces; over each piece the distance to B lies between two linear
- * functions, but for a part of known size (deviation_piece.h has the proofs), whose integrals and level sets
- * are known in closed form. The pieces that leave most in doubt are cut again until the accuracy is reached,
- * and the functions leave no more than eight times as much open, which is about how wide percentiles get.
+ * functions, but for a subset of known size (deviation_piece.h has the proofs); their integrals and level
+ * sets have closed forms. The pieces with the widest intervals are cut again until the accuracy is reached,
+ * and the two functions differ by at most eight times as much, which is about the width of the percentiles'
+ * intervals.
  *
- * What is averaged over:
- *   a surface            its area, that of folded patches once for each fold; faces of no area then count
- *                        nothing
- *   a surface of no area its vertices that faces use, each alike (segments and points: needles, spikes)
- *   a point set          its points, each alike
+ * The measure of the averages:
+ *   a surface              its area, of folded patches once for each fold; faces without area then count
+ *                          nothing
+ *   a surface without area its vertices that faces use, with equal weights (segments and points: needles,
+ *                          spikes)
+ *   a point set            its points, with equal weights
  */
 #ifndef QM_DEVIATION_H
 #define QM_DEVIATION_H
 
 #include "qm/hausdorff.h"
 
-/** An interval that holds a true value. */
+/** An interval that contains a true value. */
 typedef struct qm_interval {
     double lower, upper;
 } qm_interval;
 
 typedef struct qm_deviation_options {
     qm_quad_reading quads;
-    double accuracy;    /* > 0: mean and rms are narrowed until upper - lower <= accuracy * lower */
-    double tolerance;   /* > 0, unit of the meshes: width of the interval of the maximum; it stays wider when
-                           its search takes many times the work that such meshes need, or long beside the rest */
-    size_t piece_limit; /* pieces besides those that A's faces make; 0: none, so that nothing is cut */
+    double accuracy; /* > 0: mean and rms are narrowed until upper - lower <= accuracy * lower */
+    /* > 0, unit of the meshes: width of the interval of the maximum; it stays wider when its search takes
+       many times the usual work */
+    double tolerance;
+    size_t piece_limit;       /* pieces besides the initial ones, A's faces; 0: nothing is cut */
     const double *percentile; /* percentile_count numbers above 0, at most 100 */
     size_t percentile_count;
     size_t bin_count;                   /* of the histogram */
@@ -45,18 +47,17 @@ typedef enum qm_measure { QM_OVER_AREA, QM_OVER_VERTICES, QM_OVER_POINTS } qm_me
 
 typedef struct qm_deviation {
     qm_measure measure;
-    qm_interval size; /* the area in square units, or the count of vertices or points */
+    qm_interval size; /* the measure of A: area in square units, or the count of vertices or points */
     qm_interval mean, rms;
-    qm_interval max; /* over all of A, faces of no area included */
-    qm_interval
-        *percentile;  /* the least x such that the share of A with a distance of x or less is this much */
-    qm_interval *bin; /* shares of A, 0 to 1: bin i is [i, i + 1) * bin_width, the last one is closed */
-    double bin_width; /* max.upper / bin_count */
+    qm_interval max;         /* over all of A, faces without area included */
+    qm_interval *percentile; /* smallest x such that at least this percentage of A is within x */
+    qm_interval *bin;        /* fractions of A, 0 to 1: bin i is [i, i + 1) * bin_width, the last closed */
+    double bin_width;        /* max.upper / bin_count */
     double *vertex_distance; /* vertex_count: at every vertex of A, used by a face or not */
     size_t percentile_count, bin_count, vertex_count;
     size_t pieces;
-    uint64_t projections; /* searches of a nearest point, those of the maximum included */
-    bool is_accurate;     /* the accuracy was reached, or what rounding leaves of it */
+    uint64_t projections; /* nearest-point searches, with those of the maximum */
+    bool is_accurate;     /* the accuracy was reached, up to rounding */
     bool is_canceled;     /* the context's flag was raised before the end; the intervals hold */
     double elapsed_ms;
 } qm_deviation;

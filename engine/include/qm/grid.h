@@ -1,14 +1,16 @@
 /**
- * grid.h: a uniform grid over the faces of a tree, as another way to search for nearest points.
+ * grid.h: a uniform grid over the faces of a tree, as another accelerator for nearest-point searches.
  *
- * A cell lists the packs of the tree that come through it, so that no face is held twice. Cells are cubes:
- * about as many as QM_GRID_DENSITY 2times the triangles in the box of the mesh, or in its rectangle or on its
- * line where the box is flatter or thinner than such a cube. Blocks of 4 x 4 x 4 cells know which of their
- * cells are used, and only those are kept. Where faces come through more cells than QM_GRID_SHARE times their
- * number, the cells are doubled until they do not: so a grid is never larger than a few words a triangle.
+ * A cell lists the packs of the tree that intersect it, so that no face is stored twice. Cells are cubes:
+ * their number is about QM_GRID_DENSITY times that of the triangles, in the box of the mesh, or in its
+ * rectangle or on its line where the box is flatter or thinner than such a cube. Bricks of 4 x 4 x 4 cells
+ * know which of their cells are used, and store only those. Where the lists have more than QM_GRID_SHARE
+ * entries a triangle, the cells are doubled in size until they have not: so a grid takes at most a few words
+ * a triangle.
  *
- * Source: Y. Kang, Hausdorff distance computation between triangle mesh and quad mesh, section 4.3; with the
- * exact rule to stop: every cell that meets the ball round the point through the best foot so far is visited.
+ * Source: Y. Kang, Hausdorff distance computation between triangle mesh and quad mesh, section 4.3; with an
+ * exact stopping rule: visits every cell that intersects the ball around the point through the best footpoint
+ * so far.
  */
 #ifndef QM_GRID_H
 #define QM_GRID_H
@@ -16,7 +18,7 @@
 #include "qm/bvh.h"
 
 #define QM_GRID_DENSITY 2 /* cells a triangle in the box of the mesh, used or not */
-#define QM_GRID_SHARE 4   /* entries of the cells' lists a triangle, at most, beside a constant */
+#define QM_GRID_SHARE 4   /* entries of the cells' lists a triangle, at most, besides a constant */
 
 typedef struct qm_grid qm_grid;
 
@@ -30,7 +32,7 @@ typedef struct qm_grid qm_grid;
  */
 qm_status qm_grid_build(qm_context *ctx, const qm_bvh *bvh, qm_grid **out);
 
-/** Frees a grid with the allocator that built it. NULL is fine. */
+/** Frees a grid with the allocator that built it. NULL is allowed. */
 void qm_grid_destroy(qm_context *ctx, qm_grid *grid);
 
 /** Bytes that the grid holds, without the tree. */

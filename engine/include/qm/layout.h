@@ -1,10 +1,10 @@
 /**
- * layout.h: a quad layout: boundary curves over a surface, the nodes that they meet at, and the patches of
- * four sides that they bound.
+ * layout.h: a quad layout: boundary curves over a surface, the nodes where they meet, and the four-sided
+ * patches that they bound.
  *
  * A curve is a polyline that starts at its node `from` and ends at its node `to`; its first and last points
- * are the nodes' own, bit for bit. Curves keep their ids through every edit; nodes are numbered from 0 and
- * close up when one goes. A patch names its sides in turn; side k runs from corner k to corner k + 1.
+ * equal the nodes' positions, bit for bit. Curves keep their ids through every edit; nodes are numbered from
+ * 0 without gaps. A patch lists its sides in cyclic order; side k runs from corner k to corner k + 1.
  *
  *     corner 3 ---- side 2 ---- corner 2         side 0 is the bottom, c0 -> c1
  *        |                         |             side 1 the right,     c1 -> c2
@@ -26,13 +26,13 @@ typedef struct qm_curve {
     double *points;     /* rows of x y z */
 } qm_curve;
 
-/** A patch by places of curves in the layout; against[k] tells that curve k runs against its side. */
+/** A patch by indices of its curves in the layout; against[k] is true when curve k runs against its side. */
 typedef struct qm_layout_patch {
     uint32_t side[4];
     bool against[4];
 } qm_layout_patch;
 
-/** Allocated through the context that resets it. All zero is an empty layout. */
+/** A layout, allocated through the context that resets it. All zero is an empty layout. */
 typedef struct qm_layout {
     double *nodes; /* rows of x y z */
     size_t node_count;
@@ -45,26 +45,26 @@ typedef struct qm_layout {
 
 void qm_layout_reset(qm_context *ctx, qm_layout *layout);
 
-/** QM_OK or QM_E_NO_MEMORY; after an error *out is empty. */
+/** Copies a layout. Returns QM_OK or QM_E_NO_MEMORY; after an error *out is empty. */
 qm_status qm_layout_copy(qm_context *ctx, const qm_layout *layout, qm_layout *out);
 
-/** Adds a node or a curve; its place is the last one then. A curve's id is next_id; its ends become the
- * nodes' positions. The arrays are copied. QM_OK, QM_E_NO_MEMORY, or QM_E_ARGUMENT for a curve without two
- * points or with a node that is not there. Neither touches the patches. */
+/** Appends a node or a curve. A curve's id is next_id; its ends become the nodes' positions. The arrays are
+ * copied. Neither changes the patches. Returns QM_OK, QM_E_NO_MEMORY, or QM_E_ARGUMENT for a curve of fewer
+ * than two points or with a node that does not exist. */
 qm_status qm_layout_add_node(qm_context *ctx, qm_layout *layout, const double position[3]);
 qm_status qm_layout_add_curve(qm_context *ctx, qm_layout *layout, uint32_t from, uint32_t to,
                               const double *points, size_t point_count);
 
 /**
- * Adds a patch by its four curves' ids, in turn round it. Each must start where the one before it ends;
+ * Adds a patch by its four curves' ids, in cyclic order. Each must start where the previous one ends;
  * QM_E_ARGUMENT names the curve that does not.
  */
 qm_status qm_layout_add_patch(qm_context *ctx, qm_layout *layout, const uint32_t id[4]);
 
-/** Drops all patches. */
+/** Removes all patches. */
 void qm_layout_clear_patches(qm_context *ctx, qm_layout *layout);
 
-/** Place of the curve with this id, or QM_NO_INDEX. */
+/** Index of the curve with this id, or QM_NO_INDEX. */
 uint32_t qm_layout_find_curve(const qm_layout *layout, uint32_t id);
 
 /** The node that a side starts at. */
@@ -75,22 +75,22 @@ static inline uint32_t qm_layout_corner(const qm_layout *layout, const qm_layout
 }
 
 /** Length of a polyline. */
-double qm_curve_length(const qm_curve *curve);
+double qm_layout_curve_length(const qm_curve *curve);
 
 /**
- * Checks what a reconstruction takes for granted, and says what is wrong by curve id or patch number: finite
- * points, ends at their nodes, sides of some length, patches that close, curves with two patches at most, and
- * no curves that cross without a node. diagonal is that of the surface's box: a length below 1e-9 of it
- * counts as none.
+ * Checks the preconditions of a reconstruction: finite points, ends at their nodes, sides of positive length,
+ * closed patches, curves with at most two patches, and no curves that cross without a node.
  *
- * Returns QM_OK; QM_E_NOT_FINITE, QM_E_LAYOUT (ctx->message says where).
+ * diagonal  of the surface's box: a length below 1e-9 of it counts as zero
+ *
+ * Returns: QM_OK; QM_E_NOT_FINITE, QM_E_LAYOUT (ctx->message names the curve id or patch index).
  */
 qm_status qm_layout_validate(qm_context *ctx, const qm_layout *layout, double diagonal);
 
-/** What keeps a layout from bounding patches all over. */
+/** Faults of a layout: where its curves do not bound four-sided patches. */
 typedef enum qm_layout_fault {
     QM_LAYOUT_DANGLING_END, /* curve[0] ends at node, where no other curve begins */
-    QM_LAYOUT_CELL_SIDES,   /* the cell to the left of curve[0] has another number of sides than four */
+    QM_LAYOUT_CELL_SIDES,   /* the face of the curve arrangement left of curve[0] has not four sides */
     QM_LAYOUT_CROSSING,     /* curve[0] and curve[1] cross at position without a node */
     QM_LAYOUT_FAULT_COUNT
 } qm_layout_fault;
@@ -100,7 +100,7 @@ typedef struct qm_layout_issue {
     uint32_t curve[2]; /* ids; QM_NO_INDEX where there is none */
     uint32_t node;
     uint32_t sides;
-    double position[3]; /* where to look */
+    double position[3]; /* of the fault */
 } qm_layout_issue;
 
 typedef struct qm_layout_issues {
@@ -111,14 +111,14 @@ typedef struct qm_layout_issues {
 void qm_layout_issues_reset(qm_context *ctx, qm_layout_issues *issues);
 
 /**
- * Finds the patches of a layout from how its curves lie on a surface, in place of those it has: orders the
- * curves round each node in the surface's tangent plane, walks the cells that they bound, and takes those of
- * four sides. Cells that reach round the outside of a drawing (corners of more than a straight angle in the
- * mean) are none and no fault. out says what is amiss; it is the caller's.
+ * Replaces the patches of a layout by those that its curves bound on a surface: sorts the curves around each
+ * node in the surface's tangent plane, traces the faces of the arrangement, and takes the four-sided ones.
+ * Faces that enclose a drawing from outside (corners of more than a straight angle on average) are neither
+ * patches nor faults. out lists the faults; it is the caller's.
  *
- * Returns QM_OK, also when there are faults; QM_E_NO_MEMORY.
+ * Returns: QM_OK, also when there are faults; QM_E_NO_MEMORY.
  */
-qm_status qm_layout_find_patches(qm_context *ctx, const qm_source *source, qm_layout *layout,
+qm_status qm_layout_find_patches(qm_context *ctx, const qm_ref_surface *source, qm_layout *layout,
                                  qm_layout_issues *out);
 
 /** Adds an issue for each pair of curves that cross, and each curve that crosses itself. */

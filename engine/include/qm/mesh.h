@@ -1,9 +1,9 @@
 /**
  * mesh.h: a surface of triangles and quads, or a set of points, as flat arrays.
  *
- * Frame and unit are the input's own. A quad with corners c0 c1 c2 c3 has two readings: the two triangles
- * (c0 c1 c2) and (c0 c2 c3), always split at the first corner, or the bilinear patch through the four
- * corners. Parameters (u, v) are (0,0) at c0, (1,0) at c1, (1,1) at c2 and (0,1) at c3 in both. On a triangle
+ * Frame and unit are those of the input. A quad with corners c0 c1 c2 c3 has two readings: the two triangles
+ * (c0 c1 c2) and (c0 c2 c3), always split at the first corner, or the bilinear patch of the four corners.
+ * Parameters (u, v) are (0,0) at c0, (1,0) at c1, (1,1) at c2 and (0,1) at c3 in both readings. On a triangle
  * the point is (1 - u - v) c0 + u c1 + v c2.
  */
 #ifndef QM_MESH_H
@@ -11,22 +11,22 @@
 
 #include "qm/context.h"
 
-/** Fourth corner of a triangle; also "none" wherever an index may be absent. */
+/** The fourth corner of a triangle; also "none" for any index that may be absent. */
 #define QM_NO_INDEX UINT32_MAX
 
-/** How a quad is read as a surface. */
+/** The surface of a quad. */
 typedef enum qm_quad_reading { QM_QUADS_TRIANGLES, QM_QUADS_BILINEAR } qm_quad_reading;
 
-/** A rectangle of quads that a mesh was made of: faces row by row, the grids one after the other. Corner 0 of
- * each quad is at the row's and the column's start, corner 1 at the next column, corner 3 at the next row. */
+/** A structured block of quads in a mesh: its faces row by row, the blocks one after the other. Corner 0 of
+ * each quad is at the start of its row and column, corner 1 at the next column, corner 3 at the next row. */
 typedef struct qm_mesh_grid {
     uint32_t rows, columns;
 } qm_mesh_grid;
 
 /**
- * Arrays allocated through the same context's allocator that frees them. face_count 0 means a point set: the
- * points are the surface. Polygons of the input are held as fans of triangles, and face_origin then tells for
- * each face which face of the input it came from; NULL means that they are the same.
+ * A mesh or point set. Its arrays belong to the allocator of the context that resets it. face_count 0 means a
+ * point set: the points are the surface. Polygons of the input are stored as fans of triangles; face_origin
+ * then maps each face to its face of the input. NULL means that both have equal indices.
  */
 typedef struct qm_mesh {
     double *positions;     /* vertex_count rows of x y z */
@@ -35,13 +35,14 @@ typedef struct qm_mesh {
     size_t face_count;     /* at most QM_NO_INDEX - 1 */
     uint32_t *face_origin; /* face_count entries, non-decreasing, or NULL */
     size_t polygon_count;  /* faces of the input with five corners or more */
-    qm_mesh_grid *grids;   /* grid_count entries: what the mesh was made of, or NULL */
+    qm_mesh_grid *grids;   /* grid_count entries: the structured blocks of the mesh, or NULL */
     size_t grid_count;
-    float *normals; /* of a point set that came with them: vertex_count rows of x y z of any length, 0 0 0
-                       where there is none; or NULL */
+    /* input normals of a point set: vertex_count rows of x y z of any length, 0 0 0 for an unknown one; or
+       NULL */
+    float *normals;
 } qm_mesh;
 
-/** Frees the arrays and sets everything to zero. */
+/** Frees the arrays and sets all members to zero. */
 void qm_mesh_reset(qm_context *ctx, qm_mesh *mesh);
 
 /** The index of face in the numbering of the input. */
@@ -51,10 +52,10 @@ static inline uint32_t qm_mesh_input_face(const qm_mesh *mesh, uint32_t face)
 }
 
 /**
- * Checks what every other call takes for granted: at least one vertex that counts, indices in range,
- * coordinates finite and of a span that does not overflow.
+ * Checks the preconditions of every other call: the mesh is not empty, indices are in range, coordinates are
+ * finite, and distances do not overflow.
  *
- * Returns QM_OK; QM_E_EMPTY; QM_E_INDEX or QM_E_NOT_FINITE (ctx->message names the face or vertex, counted
+ * Returns: QM_OK; QM_E_EMPTY; QM_E_INDEX or QM_E_NOT_FINITE (ctx->message names the face or vertex, counted
  * from 0).
  */
 qm_status qm_mesh_validate(qm_context *ctx, const qm_mesh *mesh);
@@ -64,32 +65,32 @@ typedef struct qm_box {
     double min[3], max[3];
 } qm_box;
 
-/** Box of the surface: vertices that a face uses, or all vertices of a point set. The mesh is valid and not
- * empty. */
+/** Box of the surface: of the vertices that faces use, or of all vertices of a point set. The mesh is valid
+ * and not empty. */
 qm_box qm_mesh_bounding_box(const qm_mesh *mesh);
 
-/** Length of the box's diagonal, without overflow or underflow on the way. */
+/** Length of the box's diagonal, without intermediate overflow or underflow. */
 double qm_box_diagonal(const qm_box *box);
 
 /** Counts of a mesh that need no geometry. */
 typedef struct qm_mesh_facts {
-    size_t triangles, quads; /* faces as stored, so without those of fans: triangles and quads of the input */
-    size_t polygons;         /* faces of the input with five corners or more */
-    size_t unused_vertices;  /* no face uses them: they are not part of the surface (0 for a point set) */
-    size_t boundary_edges;   /* edges with one face */
+    size_t triangles, quads;      /* of the input: triangles of fans do not count */
+    size_t polygons;              /* faces of the input with five corners or more */
+    size_t unused_vertices;       /* of no face: they are not part of the surface (0 for a point set) */
+    size_t boundary_edges;        /* edges with one face */
     size_t nonmanifold_edges;     /* edges with three faces or more */
-    size_t irregular_vertices;    /* inner vertices of quads only whose valence is not 4 */
-    size_t components;            /* connected by shared vertices; for a point set 0 */
-    size_t repeated_corner_faces; /* faces that name a vertex twice: kept, they are segments or points */
-    bool manifold; /* every edge has one or two faces and the faces round each vertex form one fan */
+    size_t irregular_vertices;    /* inner vertices with quads only and a valence other than 4 */
+    size_t components;            /* connected by shared vertices; 0 for a point set */
+    size_t repeated_corner_faces; /* faces that repeat a vertex: kept, as triangles, segments or points */
+    bool manifold; /* every edge has one or two faces, and the faces around each vertex form one fan */
 } qm_mesh_facts;
 
 /**
- * Counts edges, components and irregular vertices. Vertices are one when they share an index; files with
+ * Counts edges, components and irregular vertices. Vertices are equal when their indices are: meshes with
  * unshared corners (STL) must be welded before.
  *
- * Cost: sorts the edges; memory of about 50 bytes an edge, given back before returning.
- * Returns QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ * Cost:    linear in the faces; scratch memory of about 50 bytes an edge.
+ * Returns: QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
  */
 qm_status qm_mesh_find_facts(qm_context *ctx, const qm_mesh *mesh, qm_mesh_facts *out);
 

@@ -1,56 +1,66 @@
 /**
- * source.h: the surface that a layout is drawn on and a reconstruction is held against: a mesh, or a point
- * set read as samples of a surface.
+ * source.h: the reference surface of a layout and of a reconstruction: a mesh, or a point set as samples of a
+ * surface.
  */
 #ifndef QM_SOURCE_H
 #define QM_SOURCE_H
 
 #include "qm/bvh.h"
 
-/** Only read while it is used, by any number of calls at once. */
-typedef struct qm_source {
+/** A reference surface. Calls only read it, so any number of them may use it at once. */
+typedef struct qm_ref_surface {
     const qm_bvh *bvh;
     bool is_cloud;
     double diagonal; /* of the surface's box */
-} qm_source;
+} qm_ref_surface;
 
 /**
- * Makes a source of a mesh or point set; the tree was built with QM_BVH_TARGET and outlives it.
- * Returns QM_OK; QM_E_ARGUMENT (no target); QM_E_EMPTY (the surface has no size).
+ * Makes a reference surface of a mesh or point set.
+ *
+ * bvh  was built with QM_BVH_TARGET
+ *
+ * Ownership: borrows the tree, which must outlive it.
+ * Returns:   QM_OK; QM_E_ARGUMENT (no target); QM_E_EMPTY (the surface has no extent).
  */
-qm_status qm_source_init(qm_context *ctx, const qm_bvh *bvh, qm_source *out);
+qm_status qm_ref_surface_init(qm_context *ctx, const qm_bvh *bvh, qm_ref_surface *out);
 
-/** A place of the surface. */
-typedef struct qm_foothold {
+/** A point of the surface. */
+typedef struct qm_ref_surface_point {
     double position[3];
-    double normal[3]; /* of length 1; a face's own on a mesh; of no certain side on a point set; 0 where none
-                         can be told */
-    double distance;  /* from the point asked about */
-    double spacing;   /* on a point set: how far the fitted points reach from the place; on a mesh 0 */
-} qm_foothold;
+    double normal
+        [3]; /* of length 1; of the face on a mesh; without orientation on a point set; 0 when undefined */
+    double distance; /* from the projected point */
+    double spacing;  /* on a point set: largest distance of the fitted points from position; on a mesh 0 */
+} qm_ref_surface_point;
 
 /**
- * Pulls a point onto the surface. On a mesh it goes to the nearest point. On a point set it goes to a
- * surface of second order fitted to the points around (moving least squares): this follows curvature
- * between the points and takes noise away, where the nearest point would do neither.
+ * Projects a point onto the surface: on a mesh to the nearest point, on a point set to a quadratic surface
+ * fitted to the points around (moving least squares), which follows curvature between the points and averages
+ * noise.
  *
- * p is finite. Source: Levin, Mesh-independent surface interpolation, 2003 (one step of the projection).
+ * p  x y z, finite, in the frame of the surface
+ *
+ * Source: Levin, Mesh-independent surface interpolation, 2003 (one step of the projection).
  */
-void qm_source_pull(const qm_source *source, const double p[3], qm_foothold *out);
-
-/** Radius to draw the points of a set with as discs: 0.15 (V / n)^(1/3), V the volume of its box, whose
- * thin sides count as a hundredth of its diagonal. 0 for a mesh. Source: Kang, section 6.1.1. */
-double qm_mesh_disc_radius(const qm_mesh *mesh);
+void qm_ref_surface_project(const qm_ref_surface *source, const double p[3], qm_ref_surface_point *out);
 
 /**
- * Normals of a point set: each that of the plane through its neighbours, all of a connected part on one side;
- * in each part the point highest along z looks up.
+ * Radius of the discs that draw the points of a set: 0.15 (V / n)^(1/3), where V is the volume of its box,
+ * whose thin sides count as a hundredth of its diagonal. 0 for a mesh.
  *
- * normals   rows of x y z, one a vertex; 0 0 0 where the neighbours lie on a line
+ * Source: Y. Kang, Hausdorff distance computation between triangle mesh and quad mesh, section 6.1.1.
+ */
+double qm_ref_surface_disc_radius(const qm_mesh *mesh);
+
+/**
+ * Estimates the normals of a point set: of the plane through the neighbours of each point, oriented
+ * consistently in each connected component; the highest point of a component along z is oriented towards +z.
  *
- * Returns QM_OK; QM_E_ARGUMENT (not a point set); QM_E_NO_MEMORY; QM_E_CANCELED.
+ * normals  the caller's, a row of x y z for each vertex; 0 0 0 where the neighbours lie on a line
+ *
+ * Returns: QM_OK; QM_E_ARGUMENT (not a point set); QM_E_NO_MEMORY; QM_E_CANCELED.
  * Source: Hoppe, DeRose, Duchamp, McDonald, Stuetzle, Surface reconstruction from unorganized points, 1992.
  */
-qm_status qm_source_estimate_normals(qm_context *ctx, const qm_source *source, double *normals);
+qm_status qm_ref_surface_estimate_normals(qm_context *ctx, const qm_ref_surface *source, double *normals);
 
 #endif

@@ -1,21 +1,22 @@
 /**
- * tetra.h: a hierarchy of offset tetrahedra over the regular patches of a quad mesh, as another way to search
- * for nearest points. It follows a deformation at little cost: only the offsets change.
+ * tetra.h: a hierarchy of offset tetrahedra over the regular patches of a quad mesh, as another accelerator
+ * for nearest-point searches. A refit after a deformation is cheap: only the offsets change.
  *
- * A part of a patch is bounded by the solid tetrahedron of its four corners, grown by an offset radius. Parts
- * of more than QM_TETRA_LEAF quads are cut in two across their longer side, so that the halves differ by one
- * row or column at most; smaller ones are leaves, which list the packs of the box tree that hold their quads.
- * Nothing of a part but its radius is stored: the corners are vertices of the mesh. Above the patches lie
- * boxes, eight to a node.
+ * The bounding volume of a part of a patch is the solid tetrahedron of its four corners, grown by an offset
+ * radius. Parts of more than QM_TETRA_LEAF quads are cut in two across their longer side, so that the halves
+ * differ by at most one row or column; smaller ones are leaves, which list the packs of the box tree that
+ * contain their quads. A part stores its radius only: the corners are vertices of the mesh. Above the patches
+ * is a tree of boxes, eight to a node.
  *
- * Radii: of a leaf, the greatest distance of its vertices to the tetrahedron's faces, which bounds all quads,
- * in either reading, since the tetrahedron is convex. Of a part with halves a and b that meet in v1 v2,
+ * The radius of a leaf is the maximum distance of its vertices to the tetrahedron's faces, which bounds all
+ * quads in either reading, since the tetrahedron is convex. For a part with halves a and b that meet in v1
+ * v2,
  *
  *     r = max(r_a, r_b) + max(d(v1, T), d(v2, T)).
  *
  * Source: Y. Kang, Hausdorff distance computation between triangle mesh and quad mesh, sections 4.1 and 4.2;
- * with distances of vertices taken to the faces of T, never as 0 inside, so that no rounding on a flat T can
- * make a radius too small.
+ * but distances of vertices are taken to the faces of T, never as 0 inside, so that no rounding on a flat T
+ * makes a radius too small.
  */
 #ifndef QM_TETRA_H
 #define QM_TETRA_H
@@ -23,13 +24,13 @@
 #include "qm/bvh.h"
 #include "qm/patch.h"
 
-#define QM_TETRA_LEAF 8 /* quads: as many as two packs of the box tree hold */
+#define QM_TETRA_LEAF 8 /* quads: two packs of the box tree */
 
 typedef struct qm_tetra qm_tetra;
 
 /**
- * Builds the hierarchy over the faces of a tree that was built with QM_BVH_TARGET, from the patches of the
- * same mesh; it serves the readings that the tree serves.
+ * Builds the hierarchy over the faces of a tree that was built with QM_BVH_TARGET, from the patches of its
+ * mesh; it serves the readings that the tree serves.
  *
  * Ownership: borrows tree and patches, which must outlive it; *out is the caller's, for qm_tetra_destroy.
  * Threads:   the finished hierarchy is only read, so any number of calls may use it at once.
@@ -38,13 +39,13 @@ typedef struct qm_tetra qm_tetra;
  */
 qm_status qm_tetra_build(qm_context *ctx, const qm_bvh *bvh, const qm_patch_set *patches, qm_tetra **out);
 
-/** Frees a hierarchy with the allocator that built it. NULL is fine. */
+/** Frees a hierarchy with the allocator that built it. NULL is allowed. */
 void qm_tetra_destroy(qm_context *ctx, qm_tetra *tetra);
 
-/** The tree that the hierarchy lies over. */
+/** The tree below the hierarchy. */
 const qm_bvh *qm_tetra_bvh(const qm_tetra *tetra);
 
-/** The patch that holds a face, by its place in the patch set. */
+/** Index in the patch set of the patch that contains a face. */
 size_t qm_tetra_find_patch(const qm_tetra *tetra, uint32_t face);
 
 /** Bytes that the hierarchy holds, without tree and patches. */

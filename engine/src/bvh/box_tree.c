@@ -1,13 +1,18 @@
+/**
+ * box_tree.c: boxes from the leaves up.
+ */
 #include "box_tree.h"
 
 #include <string.h>
 
 bool qm_box_tree_init(qm_context *ctx, size_t count, qm_box_tree *out)
 {
+    QM_ASSERT(count >= 1);
     *out = (qm_box_tree){.group_count = {count}};
     do {
         count = (count + 7) / 8;
         int level = ++out->level_count;
+        QM_ASSERT(level < QM_TREE_LEVELS);
         out->group_count[level] = count;
         out->groups[level] = qm_context_alloc_aligned(ctx, count, sizeof *out->groups[level]);
         if (!out->groups[level]) return false;
@@ -24,28 +29,29 @@ void qm_box_tree_reset(qm_context *ctx, qm_box_tree *tree)
     *tree = (qm_box_tree){0};
 }
 
-/** The box of group i of a level below, as a member of the level above; floats are copied, so nothing is lost
- * on the way up. */
-static void fill_member(qm_box_tree *tree, int level, size_t i)
+/** Sets the box of node i of level - 1 as a child at level; floats are copied, so no margin is added on the
+ * way up. */
+static void fill_child(qm_box_tree *tree, int level, size_t i)
 {
-    const qm_box_node *below = &tree->groups[level - 1][i];
-    qm_box_node *here = &tree->groups[level][i / 8];
-    int members = qm_box_tree_child_count(tree, level - 1, i);
+    const qm_box_node *from = &tree->groups[level - 1][i];
+    qm_box_node *parent = &tree->groups[level][i / 8];
+    int children = qm_box_tree_child_count(tree, level - 1, i);
     for (int k = 0; k < 3; k++) {
-        float low = below->low[k][0], high = below->high[k][0];
-        for (int m = 1; m < members; m++) {
-            if (below->low[k][m] < low) low = below->low[k][m];
-            if (below->high[k][m] > high) high = below->high[k][m];
+        float low = from->low[k][0], high = from->high[k][0];
+        for (int j = 1; j < children; j++) {
+            if (from->low[k][j] < low) low = from->low[k][j];
+            if (from->high[k][j] > high) high = from->high[k][j];
         }
-        here->low[k][i % 8] = low;
-        here->high[k][i % 8] = high;
+        parent->low[k][i % 8] = low;
+        parent->high[k][i % 8] = high;
     }
 }
 
 void qm_box_tree_fill_children(qm_box_tree *tree, int level, size_t begin, size_t end)
 {
+    QM_ASSERT(level >= 2 && level <= tree->level_count && end <= tree->group_count[level - 1]);
     for (size_t i = begin; i < end; i++)
-        fill_member(tree, level, i);
+        fill_child(tree, level, i);
 }
 
 void qm_box_tree_fill(qm_box_tree *tree, int first)
@@ -54,42 +60,43 @@ void qm_box_tree_fill(qm_box_tree *tree, int first)
         qm_box_tree_fill_children(tree, level, 0, tree->group_count[level - 1]);
 }
 
-size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *members, size_t count)
+size_t qm_box_tree_refill(qm_box_tree *tree, uint32_t *leaves, size_t count)
 {
-    size_t made = 0;
+    size_t filled = 0;
     for (int level = 2; level <= tree->level_count; level++) {
         size_t kept = 0;
         for (size_t i = 0; i < count; i++) {
-            uint32_t group = members[i] / 8;
-            if (kept > 0 && members[kept - 1] == group) continue;
-            members[kept++] = group;
-            fill_member(tree, level, group);
+            uint32_t node = leaves[i] / 8;
+            QM_ASSERT(kept == 0 || node >= leaves[kept - 1]);
+            if (kept > 0 && leaves[kept - 1] == node) continue;
+            leaves[kept++] = node;
+            fill_child(tree, level, node);
         }
-        made += count = kept;
+        filled += count = kept;
     }
-    return made;
+    return filled;
 }
 
-qm_box qm_box_tree_whole(const qm_box_tree *tree)
+qm_box qm_box_tree_bounds(const qm_box_tree *tree)
 {
-    const qm_box_node *top = &tree->groups[tree->level_count][0];
+    const qm_box_node *root = &tree->groups[tree->level_count][0];
     qm_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (int m = 0; m < qm_box_tree_child_count(tree, tree->level_count, 0); m++) {
+    for (int i = 0; i < qm_box_tree_child_count(tree, tree->level_count, 0); i++) {
         for (int k = 0; k < 3; k++) {
-            box.min[k] = fmin(box.min[k], (double)top->low[k][m]);
-            box.max[k] = fmax(box.max[k], (double)top->high[k][m]);
+            box.min[k] = fmin(box.min[k], (double)root->low[k][i]);
+            box.max[k] = fmax(box.max[k], (double)root->high[k][i]);
         }
     }
     return box;
 }
 
-double qm_box_tree_reach(const qm_box_tree *tree)
+double qm_box_tree_max_coordinate(const qm_box_tree *tree)
 {
-    qm_box box = qm_box_tree_whole(tree);
-    double reach = 0.0;
+    qm_box box = qm_box_tree_bounds(tree);
+    double max = 0.0;
     for (int k = 0; k < 3; k++)
-        reach = fmax(reach, fmax(-box.min[k], box.max[k]));
-    return fmin(reach, 1.0);
+        max = fmax(max, fmax(-box.min[k], box.max[k]));
+    return fmin(max, 1.0);
 }
 
 size_t qm_box_tree_memory_size(const qm_box_tree *tree)

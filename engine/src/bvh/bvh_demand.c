@@ -1,49 +1,52 @@
+/**
+ * bvh_demand.c: making the items of a pack once, whichever thread asks first.
+ */
 #include "bvh_demand.h"
 
 #include "kernel.h"
 
-/** Fills a claimed place and publishes it. */
-static void fill_floats(const qm_bvh *bvh, size_t pack, unsigned place, const qm_pack_corners *corners)
+/** Fills a claimed slot and publishes it. */
+static void fill_float_pack(const qm_bvh *bvh, size_t pack, unsigned slot, const qm_pack_corners *corners)
 {
     qm_float_pack *floats = bvh->floats.items;
-    qm_kernel_get()->fill_float(&floats[place], corners->at);
-    qm_demand_publish(&bvh->floats, pack, place);
+    qm_kernel_get()->fill_float(&floats[slot], corners->at);
+    qm_demand_publish(&bvh->floats, pack, slot);
 }
 
-const qm_float_pack *qm_bvh_make_floats(const qm_bvh *bvh, size_t pack)
+const qm_float_pack *qm_bvh_make_float_pack(const qm_bvh *bvh, size_t pack)
 {
-    unsigned place;
+    unsigned slot;
     const qm_float_pack *floats = bvh->floats.items;
-    if (qm_demand_claim(&bvh->floats, pack, &place) == QM_DEMAND_WANTED) {
+    if (qm_demand_claim(&bvh->floats, pack, &slot) == QM_DEMAND_WANTED) {
         qm_pack_corners corners;
         qm_kernel_get()->load_corners(bvh, pack, &corners);
-        fill_floats(bvh, pack, place, &corners);
+        fill_float_pack(bvh, pack, slot, &corners);
     }
-    return &floats[place];
+    return &floats[slot];
 }
 
-void qm_bvh_put_floats(const qm_bvh *bvh, size_t pack, const qm_pack_corners *corners)
+void qm_bvh_put_float_pack(const qm_bvh *bvh, size_t pack, const qm_pack_corners *corners)
 {
-    unsigned place;
-    if (qm_demand_claim(&bvh->floats, pack, &place) == QM_DEMAND_WANTED)
-        fill_floats(bvh, pack, place, corners);
+    unsigned slot;
+    if (qm_demand_claim(&bvh->floats, pack, &slot) == QM_DEMAND_WANTED)
+        fill_float_pack(bvh, pack, slot, corners);
 }
 
-const qm_pack *qm_bvh_make_rows(const qm_bvh *bvh, size_t pack, qm_pack *spare)
+const qm_pack *qm_bvh_make_pack(const qm_bvh *bvh, size_t pack, qm_pack *spare)
 {
-    unsigned place;
-    qm_demand_answer answer = qm_demand_claim(&bvh->rows, pack, &place);
-    qm_pack *rows = answer == QM_DEMAND_FULL ? spare : (qm_pack *)bvh->rows.items + place;
-    if (answer == QM_DEMAND_MADE) return rows;
+    unsigned slot;
+    qm_demand_claim_result answer = qm_demand_claim(&bvh->rows, pack, &slot);
+    qm_pack *out = answer == QM_DEMAND_FULL ? spare : (qm_pack *)bvh->rows.items + slot;
+    if (answer == QM_DEMAND_MADE) return out;
     const qm_kernel *kernel = qm_kernel_get();
     qm_pack_corners corners;
     kernel->load_corners(bvh, pack, &corners);
-    kernel->fill_pack(rows, corners.at);
-    if (answer == QM_DEMAND_WANTED) qm_demand_publish(&bvh->rows, pack, place);
-    return rows;
+    kernel->fill_pack(out, corners.at);
+    if (answer == QM_DEMAND_WANTED) qm_demand_publish(&bvh->rows, pack, slot);
+    return out;
 }
 
-/** How far the patch of a quad leaves its two triangles at most; 0 for a triangle. Local. */
+/** Bound of the distance of points of a quad's patch from its two triangles; 0 for a triangle. Local. */
 static double face_twist(const qm_bvh *bvh, uint32_t face)
 {
     qm_vec corner[4];
@@ -60,11 +63,11 @@ static void fill_twists(const qm_bvh *bvh, size_t pack, qm_pack_twists *twists)
 
 const qm_pack_twists *qm_bvh_make_twists(const qm_bvh *bvh, size_t pack)
 {
-    unsigned place;
+    unsigned slot;
     qm_pack_twists *twists = bvh->twists.items;
-    if (qm_demand_claim(&bvh->twists, pack, &place) == QM_DEMAND_WANTED) {
-        fill_twists(bvh, pack, &twists[place]);
-        qm_demand_publish(&bvh->twists, pack, place);
+    if (qm_demand_claim(&bvh->twists, pack, &slot) == QM_DEMAND_WANTED) {
+        fill_twists(bvh, pack, &twists[slot]);
+        qm_demand_publish(&bvh->twists, pack, slot);
     }
-    return &twists[place];
+    return &twists[slot];
 }

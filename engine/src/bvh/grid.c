@@ -1,29 +1,28 @@
 /**
- * grid.c: building a grid. Each pack is taken in turn, and its faces mark the cells that they may come
- * through: those that meet both the box of the face's corners and the slab that holds them along the face's
- * normal. Both hold the hull of the corners, and with it the triangles and the bilinear patch; a slab along
- * any direction would, so nothing hangs on the normal of a needle. What was marked is counted, then sorted by
- * cell.
+ * grid.c: builds a uniform grid. The faces of each pack in turn mark the cells that they may meet: those that
+ * meet both the box of the face's corners and the slab that holds the corners along the face's normal. Both
+ * contain the convex hull of the corners, and with it the triangles and the bilinear patch; a slab along any
+ * direction would, so the normal of a sliver does no harm. The marks are counted, then sorted by cell.
  */
 #include <string.h>
 
 #include "grid_cells.h"
 
 #define MAX_CELLS 0x1p26     /* in the box of the mesh */
-#define FREE_ENTRIES 1024    /* that a grid may have whatever the size of the mesh */
-#define TESTS_AN_ENTRY 16    /* cells looked at for each entry allowed */
-#define TOUCHED_BLOCKS 32    /* blocks of one pack held together */
-#define CANCEL_INTERVAL 4096 /* packs between two looks at the cancel flag */
+#define MIN_ENTRY_LIMIT 1024 /* entries that a grid may have whatever the size of the mesh */
+#define TESTS_PER_ENTRY 16   /* cells tested for each entry allowed */
+#define TOUCHED_BLOCKS 32    /* blocks of one pack kept until they are flushed */
+#define CANCEL_INTERVAL 4096 /* packs between two checks of the cancel flag */
 
 /**
- * Share of half a cell's extent along the normal n by which slabs are widened, |n|_1 2^-11. Coordinates are
- * at most C = 2^31 cells (2 by at least 2^-30), so with u = 2^-53 two dot products are off by 3 u |n|_1 C
- * each and the corners' places by 2 u C along each axis: |n|_1 2^-19 in all. How n itself is rounded does not
- * matter.
+ * Fraction of half a cell's extent along the normal n by which slabs are enlarged, |n|_1 2^-11. Coordinates
+ * are at most C = 2^31 cells (2 by at least 2^-30), so with u = 2^-53 two dot products are off by 3 u |n|_1 C
+ * each and the corners' positions by 2 u C along each axis: |n|_1 2^-19 in all. The rounding of n itself does
+ * not matter.
  */
 #define SLAB_MARGIN 0x1p-10
 
-/** Cells of one block that one pack comes through. */
+/** Cells of one block that one pack meets. */
 typedef struct marked_block {
     uint64_t cells;
     uint32_t block, pack;
@@ -35,12 +34,12 @@ typedef struct grid_builder {
     marked_block *marked;
     size_t marked_count, marked_capacity;
     size_t entries, entry_limit; /* of the cells' lists */
-    size_t tests, test_limit;    /* cells looked at */
+    size_t tests, test_limit;    /* cells tested */
     int touched_count;
-    marked_block touched[TOUCHED_BLOCKS]; /* of the pack at hand */
+    marked_block touched[TOUCHED_BLOCKS]; /* of the current pack */
 } grid_builder;
 
-/** Hands the cells of the pack at hand over. False when out of memory. */
+/** Appends the touched blocks of the current pack to the marked ones. False when out of memory. */
 static bool flush_touched(grid_builder *builder)
 {
     size_t wanted = builder->marked_count + (size_t)builder->touched_count;
@@ -78,11 +77,11 @@ static bool mark_cell(grid_builder *builder, uint32_t pack, const int cell[3])
     return true;
 }
 
-/** A range of cells and the slab that the cells marked have to meet. */
+/** A range of cells, and the slab that marked cells meet. */
 typedef struct hull_cells {
     int low[3], high[3];
     qm_vec normal;
-    double least, greatest; /* of normal . centre of a cell */
+    double min, max; /* of normal . center of a cell */
 } hull_cells;
 
 static hull_cells hull_cells_make(const qm_grid *grid, const qm_vec *corner, int count)
@@ -94,15 +93,15 @@ static hull_cells hull_cells_make(const qm_grid *grid, const qm_vec *corner, int
         hull.high[k] = qm_grid_clamp(box.max[k] + QM_GRID_MARGIN, grid->size[k]);
     }
     hull.normal = qm_vec_cross(qm_vec_sub(corner[2], corner[0]), qm_vec_sub(corner[count - 1], corner[1]));
-    hull.least = hull.greatest = qm_vec_dot(hull.normal, corner[0]);
+    hull.min = hull.max = qm_vec_dot(hull.normal, corner[0]);
     for (int i = 1; i < count; i++) {
         double along = qm_vec_dot(hull.normal, corner[i]);
-        hull.least = fmin(hull.least, along);
-        hull.greatest = fmax(hull.greatest, along);
+        hull.min = fmin(hull.min, along);
+        hull.max = fmax(hull.max, along);
     }
     double half = 0.5 * (fabs(hull.normal.x) + fabs(hull.normal.y) + fabs(hull.normal.z));
-    hull.least -= (1.0 + SLAB_MARGIN) * half;
-    hull.greatest += (1.0 + SLAB_MARGIN) * half;
+    hull.min -= (1.0 + SLAB_MARGIN) * half;
+    hull.max += (1.0 + SLAB_MARGIN) * half;
     return hull;
 }
 
@@ -115,9 +114,9 @@ static bool mark_hull(grid_builder *builder, uint32_t pack, const qm_vec *corner
             builder->tests += (size_t)(hull.high[0] - hull.low[0] + 1);
             if (builder->tests > builder->test_limit) return true;
             for (cell[0] = hull.low[0]; cell[0] <= hull.high[0]; cell[0]++) {
-                qm_vec centre = {cell[0] + 0.5, cell[1] + 0.5, cell[2] + 0.5};
-                double along = qm_vec_dot(hull.normal, centre);
-                if (along < hull.least || along > hull.greatest) continue;
+                qm_vec center = {cell[0] + 0.5, cell[1] + 0.5, cell[2] + 0.5};
+                double along = qm_vec_dot(hull.normal, center);
+                if (along < hull.min || along > hull.max) continue;
                 if (!mark_cell(builder, pack, cell)) return false;
             }
         }
@@ -125,7 +124,7 @@ static bool mark_hull(grid_builder *builder, uint32_t pack, const qm_vec *corner
     return true;
 }
 
-/** True when the grid came out too large for its cells. */
+/** True when the cells are too small: the grid has too many entries or tests. */
 static bool is_over_limit(const grid_builder *builder)
 {
     return builder->entries > builder->entry_limit || builder->tests > builder->test_limit;
@@ -135,15 +134,15 @@ static bool mark_pack(grid_builder *builder, uint32_t pack)
 {
     const qm_bvh *bvh = builder->grid->bvh;
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    qm_vec place[3 * QM_PACK_LANES];
+    qm_vec position[3 * QM_PACK_LANES];
     for (int i = 0; i < lanes->vertex_count; i++)
-        place[i] = qm_grid_place(builder->grid, qm_bvh_vertex(bvh, lanes->vertex[i]));
+        position[i] = qm_grid_position(builder->grid, qm_bvh_vertex(bvh, lanes->vertex[i]));
     for (int lane = 0, count; lane < lanes->lane_count; lane += count - 2) {
-        int place_of[4];
-        count = qm_lane_corners(lanes, (uint32_t)lane, qm_bvh_has_twists(bvh), place_of);
+        int index[4];
+        count = qm_lane_corners(lanes, (uint32_t)lane, qm_bvh_has_twists(bvh), index);
         qm_vec corner[4];
         for (int i = 0; i < count; i++)
-            corner[i] = place[place_of[i]];
+            corner[i] = position[index[i]];
         if (!mark_hull(builder, pack, corner, count)) return false;
         if (is_over_limit(builder)) return true;
     }
@@ -161,7 +160,7 @@ static qm_status mark_all(grid_builder *builder)
     return QM_OK;
 }
 
-/** Sorts what was marked by cell; packs are taken in order, so each list comes out ascending. */
+/** Sorts the marked cells (counting sort); packs come in order, so each list ascends. */
 static qm_status sort_marked(grid_builder *builder)
 {
     qm_grid *grid = builder->grid;
@@ -175,7 +174,8 @@ static qm_status sort_marked(grid_builder *builder)
     if (!grid->start || !grid->packs) return QM_E_NO_MEMORY;
     memset(grid->start, 0, (grid->cell_count + 2) * sizeof *grid->start);
     for (int pass = 0; pass < 2; pass++) {
-        /* The first pass counts two places on, so that the second one moves each start to its place. */
+        /* The first pass counts two entries on; after the prefix sum, the second pass moves each start into
+         * place. */
         for (size_t i = 0; i < builder->marked_count; i++) {
             const qm_grid_block *block = &grid->block[builder->marked[i].block];
             for (uint64_t rest = builder->marked[i].cells; rest; rest &= rest - 1) {
@@ -193,7 +193,7 @@ static qm_status sort_marked(grid_builder *builder)
     return QM_OK;
 }
 
-/** The edge of a cube of which about count fill the box, or its largest side or length when it is flatter. */
+/** The edge of a cube of which about count fill the box, or its largest side or length when it is flat. */
 static double cube_edge(const double extent[3], double count)
 {
     double sorted[3] = {extent[0], extent[1], extent[2]};
@@ -211,10 +211,10 @@ static double cube_edge(const double extent[3], double count)
     return fmax(edge, 0x1p-30);
 }
 
-/** The box of the surface as the tree has it: reaching QM_BOX_MARGIN outward, so never without extent. */
+/** The box of the surface in the tree: enlarged by QM_BOX_MARGIN, so that its extent is never 0. */
 static void tree_box(const qm_bvh *bvh, double low[3], double extent[3])
 {
-    qm_box box = qm_box_tree_whole(&bvh->boxes);
+    qm_box box = qm_box_tree_bounds(&bvh->boxes);
     for (int k = 0; k < 3; k++) {
         low[k] = box.min[k];
         extent[k] = box.max[k] - box.min[k];
@@ -241,8 +241,8 @@ static qm_status fill_grid(grid_builder *builder)
 {
     qm_grid *grid = builder->grid;
     size_t triangles = QM_PACK_LANES * grid->bvh->pack_count;
-    builder->entry_limit = QM_GRID_SHARE * triangles + FREE_ENTRIES;
-    builder->test_limit = TESTS_AN_ENTRY * builder->entry_limit;
+    builder->entry_limit = QM_GRID_SHARE * triangles + MIN_ENTRY_LIMIT;
+    builder->test_limit = TESTS_PER_ENTRY * builder->entry_limit;
     double low[3], extent[3];
     tree_box(grid->bvh, low, extent);
     grid->low = qm_vec_load(low);
@@ -270,6 +270,7 @@ qm_status qm_grid_build(qm_context *ctx, const qm_bvh *bvh, qm_grid **out)
         qm_grid_destroy(ctx, grid);
         return qm_context_fail(ctx, status, "%s while building the grid", qm_status_text(status));
     }
+    QM_ASSERT(grid->start[grid->cell_count] == grid->pack_count);
     *out = grid;
     return QM_OK;
 }

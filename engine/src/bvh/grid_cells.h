@@ -1,13 +1,13 @@
 /**
- * grid_cells.h: the inside of a grid, shared by its builder and the kernels.
+ * grid_cells.h: the representation of a uniform grid, shared by its builder and the kernels.
  *
- * Lengths are in cells: a point p of the tree's local frame is at (p - low) * inverse, and cell i spans
- * [i, i + 1] along each axis. Cells lie in blocks of 4 x 4 x 4; cell (x, y, z) of a block is bit x + 4 y +
- * 16 z. Used cells are counted through the blocks in order:
+ * Lengths are in cells: a point p of the tree's local space is at (p - low) * inverse, and cell i spans [i, i
+ * + 1] along each axis. Cells lie in blocks of 4 x 4 x 4; cell (x, y, z) of a block is bit x + 4 y + 16 z.
+ * The used cells are numbered through the blocks in order:
  *
  *     blocks   { used: 0b...0110, first: 7 }
  *     start            [7]  [8]                   one entry a used cell, and one more at the end
- *     packs    ... | 12 13 | 13 | ...             the packs that come through it, ascending
+ *     packs    ... | 12 13 | 13 | ...             the packs that meet the cell, ascending
  */
 #ifndef QM_GRID_CELLS_H
 #define QM_GRID_CELLS_H
@@ -16,12 +16,13 @@
 #include "qm/grid.h"
 
 /**
- * Faces and balls reach this far beyond themselves, in cells. Places are off by two roundings of at most 2^31
- * cells (2 by at least 2^-30), 2^-21, while the point lies within 32 of the middle; from farther points the
- * kernel's REACH_SHARE of the distance covers theirs.
+ * Faces and balls are enlarged by this, in cells. Positions are off by two roundings of at most 2^31 cells (2
+ * by at least 2^-30), 2^-21, while the point lies within 32 of the center; for farther points the factor
+ * REACH_FACTOR of kernel/grid_search.c covers the error.
  */
 #define QM_GRID_MARGIN 0x1p-16
 
+/** A block (brick) of cells: which of them are used, and the index of the first used one. */
 typedef struct qm_grid_block {
     uint64_t used;
     uint32_t first;
@@ -39,23 +40,26 @@ struct qm_grid {
     uint32_t *packs;
 };
 
-/** The cell, from 0 to size - 1, that holds x or is nearest to it; 0 for what is not a number. */
+/** The cell, from 0 to size - 1, that holds x or is nearest to it; 0 for NaN. */
 static inline int qm_grid_clamp(double x, int size)
 {
     return x > 0.0 ? x < (double)size ? (int)x : size - 1 : 0;
 }
 
-static inline qm_vec qm_grid_place(const qm_grid *grid, qm_vec p)
+/** A local point in cells. */
+static inline qm_vec qm_grid_position(const qm_grid *grid, qm_vec p)
 {
     return qm_vec_scale(grid->inverse, qm_vec_sub(p, grid->low));
 }
 
 static inline size_t qm_grid_block_at(const qm_grid *grid, int x, int y, int z)
 {
+    QM_ASSERT(x >= 0 && x < grid->blocks[0] && y >= 0 && y < grid->blocks[1] && z >= 0 &&
+              z < grid->blocks[2]);
     return ((size_t)z * (size_t)grid->blocks[1] + (size_t)y) * (size_t)grid->blocks[0] + (size_t)x;
 }
 
-/** Bits of a block's cells with low[k] <= place[k] <= high[k], each from 0 to 3. */
+/** Bits of a block's cells with low[k] <= coordinate k <= high[k], each from 0 to 3. */
 static inline uint64_t qm_grid_range_bits(const int low[3], const int high[3])
 {
     uint64_t x = ((UINT64_C(2) << high[0]) - (UINT64_C(1) << low[0])) * UINT64_C(0x1111111111111111);

@@ -1,3 +1,7 @@
+/**
+ * locator.c: chooses the accelerator of nearest-point searches, and builds it: the tree's boxes, a uniform
+ * grid, or offset tetrahedra.
+ */
 #include "qm/locator.h"
 
 #include "bvh_tree.h"

@@ -1,17 +1,17 @@
 /**
- * project.c: batches of nearest points. The points are visited along a Hilbert curve, so that each search
- * starts from the pack that the last one ended in; answers go back to the caller's order.
+ * project.c: projects batches of points. The points are visited along a Hilbert curve, so that each search
+ * starts from the pack where the last one ended; results are written in the caller's order.
  */
 #include "qm/project.h"
 
 #include "core/hilbert.h"
 #include "core/radix.h"
-#include "nearest_face.h"
+#include "nearest.h"
 #include "surface.h"
 
-#define BLOCK 1024      /* points between two looks at the cancel flag */
-#define MIN_ORDERED 256 /* points that make it worth to sort them */
-#define AHEAD 16        /* points ahead of the one at hand that are fetched: the order jumps about */
+#define BLOCK 1024     /* points between two checks of the cancel flag */
+#define MIN_SORTED 256 /* points that make sorting worthwhile */
+#define AHEAD 16       /* points ahead that are prefetched: the order jumps about */
 
 typedef struct point_batch {
     qm_context *ctx;
@@ -24,7 +24,8 @@ typedef struct point_batch {
     const qm_projection *out;
 } point_batch;
 
-static void write_foot(const qm_projection *out, size_t i, double distance, const qm_surface_point *foot)
+/** Writes a result where the caller wants it. */
+static void write_footpoint(const qm_projection *out, size_t i, double distance, const qm_surface_point *foot)
 {
     if (out->distance) out->distance[i] = distance;
     if (out->position) qm_vec_store(out->position + 3 * i, qm_vec_load(foot->position));
@@ -45,11 +46,11 @@ static void project_one(const point_batch *batch, const qm_kernel *kernel, size_
         foot = batch->reading == QM_QUADS_BILINEAR && qm_bvh_has_twists(bvh)
                    ? qm_surface_face_foot(bvh, batch->reading, found.face, p, qm_bilinear_error(p))
                    : qm_surface_triangle_foot(bvh, found.pack, found.lane, p);
-    write_foot(batch->out, i, found.distance * bvh->frame.inverse_scale, &foot);
+    write_footpoint(batch->out, i, found.distance * bvh->frame.inverse_scale, &foot);
 }
 
-/** Fetches a point that comes soon, and what it will be answered in. Inline by force: GCC takes a function
- * that does nothing else for one without effect, and leaves its calls out. */
+/** Prefetches a point soon to be projected, and the memory of its result. Always inlined: GCC considers a
+ * function that only prefetches to have no effect, and drops its calls. */
 __attribute__((always_inline)) static inline void fetch_soon(const point_batch *batch, size_t i)
 {
     const qm_projection *out = batch->out;
@@ -77,21 +78,16 @@ static void project_range(void *data, int worker)
     }
 }
 
-static double greatest(qm_vec a)
-{
-    return fmax(fabs(a.x), fmax(fabs(a.y), fabs(a.z)));
-}
-
 static qm_status check_point(qm_context *ctx, const qm_frame *frame, const double *p, size_t row)
 {
-    double origin = greatest(frame->origin), most = greatest(qm_frame_local(frame, p));
+    double origin = qm_max_coordinate(frame->origin), max = qm_max_coordinate(qm_frame_local(frame, p));
     if (!isfinite(p[0]) || !isfinite(p[1]) || !isfinite(p[2]))
         return qm_context_fail(ctx, QM_E_NOT_FINITE, "point %zu has a coordinate that is not finite", row);
-    if (!(most <= QM_MAX_SCALE_RATIO))
+    if (!(max <= QM_MAX_SCALE_RATIO))
         return qm_context_fail(ctx, QM_E_SCALE, "point %zu lies farther than 2^300 sizes from the mesh", row);
-    /* Distances are below 2 (most + 1), positions within 1 of the origin along each axis and their
+    /* Distances are below 2 (max + 1), positions within 1 of the origin along each axis and their
      * roundings. */
-    if (!isfinite(origin + 2.0 * (most + 1.0) * frame->inverse_scale))
+    if (!isfinite(origin + 2.0 * (max + 1.0) * frame->inverse_scale))
         return qm_context_fail(ctx, QM_E_SCALE, "distances from point %zu overflow double precision", row);
     return QM_OK;
 }
@@ -109,17 +105,17 @@ static qm_status sort_points(qm_context *ctx, const qm_bvh *bvh, const double *p
                              uint64_t *order)
 {
     qm_hilbert_cells cells;
-    uint64_t keys[QM_HILBERT_TOGETHER];
-    for (size_t first = 0; first < count; first += QM_HILBERT_TOGETHER) {
-        int together = count - first < QM_HILBERT_TOGETHER ? (int)(count - first) : QM_HILBERT_TOGETHER;
-        for (int i = 0; i < together; i++) {
+    uint64_t keys[QM_HILBERT_BATCH];
+    for (size_t first = 0; first < count; first += QM_HILBERT_BATCH) {
+        int batch = count - first < QM_HILBERT_BATCH ? (int)(count - first) : QM_HILBERT_BATCH;
+        for (int i = 0; i < batch; i++) {
             qm_vec local = qm_frame_local(&bvh->frame, points + 3 * (first + (size_t)i));
             cells.axis[0][i] = qm_hilbert_quantise(local.x);
             cells.axis[1][i] = qm_hilbert_quantise(local.y);
             cells.axis[2][i] = qm_hilbert_quantise(local.z);
         }
-        qm_kernel_get()->hilbert_keys(&cells, together, QM_HILBERT_BITS, keys);
-        for (int i = 0; i < together; i++)
+        qm_kernel_get()->hilbert_keys(&cells, batch, QM_HILBERT_BITS, keys);
+        for (int i = 0; i < batch; i++)
             order[first + (size_t)i] = qm_radix_entry(keys[i], first + (size_t)i);
     }
     return qm_radix_sort(ctx, order, count, 3 * QM_HILBERT_BITS, 1);
@@ -129,7 +125,7 @@ static qm_status fill_order(qm_context *ctx, const qm_bvh *bvh, const double *po
                             uint64_t *order)
 {
     qm_status status = qm_project_check(ctx, bvh, points, 0, count);
-    if (status != QM_OK || count >= MIN_ORDERED)
+    if (status != QM_OK || count >= MIN_SORTED)
         return status == QM_OK ? sort_points(ctx, bvh, points, count, order) : status;
     for (size_t i = 0; i < count; i++)
         order[i] = i;

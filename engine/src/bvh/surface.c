@@ -1,11 +1,14 @@
+/**
+ * surface.c: footpoints on triangles, quads of two triangles and bilinear patches.
+ */
 #include "surface.h"
 
 #include <string.h>
 
-#include "prim/bilinear_point.h"
-#include "prim/tri_point.h"
+#include "prim/bilinear.h"
+#include "prim/triangle.h"
 
-/** Foot of p on corners[i0 i1 i2] of a face; second tells (c0 c2 c3) of a quad from (c0 c1 c2). */
+/** The footpoint of p on the triangle (c0 c1 c2) of a face, or on the second, (c0 c2 c3), of a quad. */
 static qm_surface_point corner_foot(const qm_bvh *bvh, uint32_t face, const qm_vec corner[4], int corners,
                                     bool second, qm_vec p)
 {
@@ -28,6 +31,7 @@ static qm_surface_point corner_foot(const qm_bvh *bvh, uint32_t face, const qm_v
 
 qm_surface_point qm_surface_triangle_foot(const qm_bvh *bvh, uint32_t pack, uint32_t lane, qm_vec p)
 {
+    QM_ASSERT(pack < bvh->pack_count && lane < QM_PACK_LANES);
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     qm_vec corner[4];
     int corners = qm_bvh_load_face(bvh, lanes->face[lane], corner);
@@ -46,7 +50,7 @@ qm_surface_point qm_surface_face_foot(const qm_bvh *bvh, qm_quad_reading reading
     int corners = qm_bvh_load_face(bvh, face, corner);
     if (corners == 4 && reading == QM_QUADS_BILINEAR) {
         qm_bilinear patch = qm_bilinear_make(corner);
-        qm_bilinear_foot found = qm_bilinear_project(&patch, p, error, INFINITY);
+        qm_bilinear_footpoint found = qm_bilinear_project(&patch, p, error, INFINITY);
         qm_surface_point foot = {.face = face, .uv = {found.uv[0], found.uv[1]}};
         qm_vec_store(foot.position,
                      qm_frame_world(&bvh->frame, qm_bilinear_at(&patch, found.uv[0], found.uv[1])));

@@ -1,5 +1,5 @@
 /**
- * surface.h: points of a surface with face and parameters, from what the searches find.
+ * surface.h: footpoints on a surface, with face and parameters, from the packs and faces that searches find.
  */
 #ifndef QM_SURFACE_H
 #define QM_SURFACE_H
@@ -10,7 +10,7 @@
 /** The footpoint of p (local frame of the tree) on one triangle lane. */
 qm_surface_point qm_surface_triangle_foot(const qm_bvh *bvh, uint32_t pack, uint32_t lane, qm_vec p);
 
-/** The footpoint of p (local) on a whole face, under the given reading; for quads certified to within error
+/** The footpoint of p (local) on a face, under the given reading; for quads certified to within error
  * (local). */
 qm_surface_point qm_surface_face_foot(const qm_bvh *bvh, qm_quad_reading reading, uint32_t face, qm_vec p,
                                       double error);

@@ -1,6 +1,7 @@
 /**
- * tetra.c: building a hierarchy. Patches are put in the order of the packs of their first faces, which is
- * their order along the space-filling curve; nodes and lists of packs are laid out; the kernel finds radii.
+ * tetra.c: builds a hierarchy of offset tetrahedra. Patches are sorted by the packs of their first faces,
+ * which is their order along the space-filling curve; then nodes and lists of packs are laid out, and the
+ * kernel computes radii.
  */
 #include "qm/tetra.h"
 
@@ -26,7 +27,7 @@ static uint32_t *map_packs(qm_context *ctx, const qm_bvh *bvh)
     return map;
 }
 
-/** Nodes of a patch: parts of more quads than a leaf holds have two halves. */
+/** Counts the nodes of a part: parts of more quads than a leaf holds have two halves. */
 static size_t count_nodes(const qm_tetra_part *part, size_t *leaf_faces)
 {
     if (qm_tetra_part_is_leaf(part)) {
@@ -65,15 +66,15 @@ static qm_status lay_out_patches(tetra_builder *builder)
         tetra->set_patch[i] = index;
         tetra->patches[i] =
             (qm_tetra_patch){patch->rows, patch->columns, (uint32_t)tetra->node_count, tetra->vertex_count};
-        qm_tetra_part whole = qm_tetra_part_whole(&tetra->patches[i]);
-        tetra->node_count += count_nodes(&whole, &builder->pack_capacity);
+        qm_tetra_part root = qm_tetra_part_root(&tetra->patches[i]);
+        tetra->node_count += count_nodes(&root, &builder->pack_capacity);
         tetra->vertex_count += ((size_t)patch->rows + 1) * ((size_t)patch->columns + 1);
     }
     qm_context_free(builder->ctx, order, set->patch_count, sizeof *order);
     return QM_OK;
 }
 
-/** A triangle stands for a quad whose last two corners are one. */
+/** The vertex at a row and column of a patch; a triangle counts as a quad whose last two corners coincide. */
 static uint32_t patch_vertex(const qm_tetra *tetra, uint32_t patch, uint32_t row, uint32_t column)
 {
     const qm_mesh *mesh = &tetra->bvh->mesh;
@@ -95,9 +96,9 @@ static void map_faces(qm_tetra *tetra, size_t at)
 {
     const qm_regular_patch *patch = &tetra->set.patches[tetra->set_patch[at]];
     size_t end = patch->first + (size_t)patch->rows * patch->columns;
-    for (size_t place = patch->first; place < end; place++) {
-        tetra->face_place[tetra->set.faces[place]] = (uint32_t)place;
-        tetra->face_patch[tetra->set.faces[place]] = (uint32_t)at;
+    for (size_t slot = patch->first; slot < end; slot++) {
+        tetra->face_slot[tetra->set.faces[slot]] = (uint32_t)slot;
+        tetra->face_patch[tetra->set.faces[slot]] = (uint32_t)at;
     }
 }
 
@@ -117,6 +118,8 @@ static uint32_t add_leaf_packs(tetra_builder *builder, size_t at, const qm_tetra
             if (i == tetra->pack_count) tetra->packs[tetra->pack_count++] = pack;
         }
     }
+    QM_ASSERT(tetra->pack_count - first < 1u << QM_TETRA_COUNT_BITS &&
+              tetra->pack_count <= tetra->pack_capacity);
     return (uint32_t)(first << QM_TETRA_COUNT_BITS | (tetra->pack_count - first));
 }
 
@@ -142,8 +145,8 @@ static qm_status fill_patches(tetra_builder *builder)
         if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
         fill_vertices(tetra, i);
         map_faces(tetra, i);
-        qm_tetra_part whole = qm_tetra_part_whole(&tetra->patches[i]);
-        fill_nodes(builder, i, &whole);
+        qm_tetra_part root = qm_tetra_part_root(&tetra->patches[i]);
+        fill_nodes(builder, i, &root);
         kernel->tetra_fit(tetra, i, NULL);
     }
     qm_box_tree_fill(&tetra->boxes, 2);
@@ -156,9 +159,9 @@ static qm_status build(tetra_builder *builder)
     qm_tetra *tetra = builder->tetra;
     tetra->patches = qm_context_alloc(ctx, tetra->patch_count, sizeof *tetra->patches);
     tetra->set_patch = qm_context_alloc(ctx, tetra->patch_count, sizeof *tetra->set_patch);
-    tetra->face_place = qm_context_alloc(ctx, tetra->set.face_count, sizeof *tetra->face_place);
+    tetra->face_slot = qm_context_alloc(ctx, tetra->set.face_count, sizeof *tetra->face_slot);
     tetra->face_patch = qm_context_alloc(ctx, tetra->set.face_count, sizeof *tetra->face_patch);
-    if (!tetra->patches || !tetra->set_patch || !tetra->face_place || !tetra->face_patch ||
+    if (!tetra->patches || !tetra->set_patch || !tetra->face_slot || !tetra->face_patch ||
         !builder->face_pack)
         return QM_E_NO_MEMORY;
     qm_status status = lay_out_patches(builder);
@@ -213,7 +216,7 @@ void qm_tetra_destroy(qm_context *ctx, qm_tetra *tetra)
     qm_box_tree_reset(ctx, &tetra->boxes);
     qm_context_free(ctx, tetra->patches, tetra->patch_count, sizeof *tetra->patches);
     qm_context_free(ctx, tetra->set_patch, tetra->patch_count, sizeof *tetra->set_patch);
-    qm_context_free(ctx, tetra->face_place, tetra->set.face_count, sizeof *tetra->face_place);
+    qm_context_free(ctx, tetra->face_slot, tetra->set.face_count, sizeof *tetra->face_slot);
     qm_context_free(ctx, tetra->face_patch, tetra->set.face_count, sizeof *tetra->face_patch);
     qm_context_free(ctx, tetra->nodes, tetra->node_count, sizeof *tetra->nodes);
     qm_context_free(ctx, tetra->vertices, tetra->vertex_count, sizeof *tetra->vertices);
@@ -235,6 +238,6 @@ size_t qm_tetra_memory_size(const qm_tetra *tetra)
 {
     return sizeof *tetra + tetra->patch_count * (sizeof *tetra->patches + sizeof *tetra->set_patch) +
            tetra->node_count * sizeof *tetra->nodes + tetra->vertex_count * sizeof *tetra->vertices +
-           tetra->set.face_count * (sizeof *tetra->face_place + sizeof *tetra->face_patch) +
+           tetra->set.face_count * (sizeof *tetra->face_slot + sizeof *tetra->face_patch) +
            tetra->pack_capacity * sizeof *tetra->packs + qm_box_tree_memory_size(&tetra->boxes);
 }

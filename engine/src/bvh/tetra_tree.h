@@ -1,8 +1,10 @@
 /**
- * tetra_tree.h: the inside of a hierarchy of offset tetrahedra, shared by its builder and the kernels.
+ * tetra_tree.h: the representation of a hierarchy of offset tetrahedra, shared by its builder and the
+ * kernels.
  *
- * Nodes of one patch lie in preorder: the first half follows its parent, the second is linked. Which rows and
- * columns a node spans is found on the way down, by the same cuts for everybody (qm_tetra_part_cut).
+ * The nodes of one patch lie in preorder: the first half follows its parent, a link leads to the second. A
+ * traversal finds the rows and columns that a node spans on the way down, always by the same cuts
+ * (qm_tetra_part_cut).
  *
  *     nodes    { r, right: 4 } { r, leaf } { r, leaf } ...
  *     packs    ... | 12 13 | 13 17 18 | ...                 of the leaves, each pack once a leaf
@@ -32,22 +34,22 @@ struct qm_tetra {
     qm_patch_set set; /* the arrays are borrowed */
     size_t patch_count, node_count, vertex_count, pack_count, pack_capacity;
     qm_frame frame;          /* of the tree when the radii were found */
-    qm_tetra_patch *patches; /* in the order of the boxes above them: neighbours in space are near */
-    uint32_t *set_patch;     /* patch_count: which patch of the set each one is */
+    qm_tetra_patch *patches; /* in the order of the boxes above them: along the space-filling curve */
+    uint32_t *set_patch;     /* patch_count: index of each patch in the set */
     qm_tetra_node *nodes;
     uint32_t *vertices;
     uint32_t *packs;
-    uint32_t *face_place; /* by face: its place in the set's faces */
-    uint32_t *face_patch; /* by face: its patch */
+    uint32_t *face_slot;  /* by face: its index in the set's faces */
+    uint32_t *face_patch; /* by face: the index of its patch in patches */
     qm_box_tree boxes;    /* over the patches */
 };
 
-/** A part of a patch: rows and columns of quads from a corner on, and its node. */
+/** A part of a patch: rows x columns of quads from quad (row, column) on, and its node. */
 typedef struct qm_tetra_part {
     uint32_t row, column, rows, columns, node;
 } qm_tetra_part;
 
-static inline qm_tetra_part qm_tetra_part_whole(const qm_tetra_patch *patch)
+static inline qm_tetra_part qm_tetra_part_root(const qm_tetra_patch *patch)
 {
     return (qm_tetra_part){0, 0, patch->rows, patch->columns, patch->node};
 }
@@ -57,9 +59,11 @@ static inline bool qm_tetra_part_is_leaf(const qm_tetra_part *part)
     return (uint64_t)part->rows * part->columns <= QM_TETRA_LEAF;
 }
 
-/** Cuts a part across its longer side; the second half's node is left at the first's. */
+/** Cuts a part across its longer side. The caller sets the node of the second half, here that of the
+ * first. */
 static inline void qm_tetra_part_cut(const qm_tetra_part *part, qm_tetra_part half[2])
 {
+    QM_ASSERT(!qm_tetra_part_is_leaf(part));
     half[0] = half[1] = *part;
     half[0].node = half[1].node = part->node + 1;
     if (part->rows > part->columns) {
@@ -73,7 +77,7 @@ static inline void qm_tetra_part_cut(const qm_tetra_part *part, qm_tetra_part ha
     }
 }
 
-/** Vertices of the mesh at the corners of a part, in turn. */
+/** Vertices of the mesh at the corners of a part, in cyclic order. */
 static inline void qm_tetra_part_corners(const qm_tetra *tetra, const qm_tetra_patch *patch,
                                          const qm_tetra_part *part, uint32_t corner[4])
 {

@@ -1,16 +1,21 @@
+/**
+ * collide_faces.c: the tests of two faces. Triangles are tested by exact signs (prim/tri_tri.h); bilinear
+ * patches by subdivision to within the tolerance (prim/bilinear_pair.h), after both faces were moved to the
+ * origin and scaled by a power of two, which is exact but for the subtraction of the origin.
+ */
 #include "collide_faces.h"
 
 #include "prim/bilinear_pair.h"
 #include "prim/tri_tri.h"
 
-#define LEAST_TOLERANCE 1e-12 /* of faces scaled to about 1: below it, rounding decides */
+#define MIN_TOLERANCE 1e-12 /* of faces scaled to about 1: below it, rounding decides */
 
 static bool is_quad(const qm_mesh *mesh, uint32_t face)
 {
     return mesh->face_count > 0 && mesh->faces[4 * (size_t)face + 3] != QM_NO_INDEX;
 }
 
-bool qm_faces_have_quad(const qm_faces *faces)
+bool qm_collide_faces_have_quad(const qm_collide_faces *faces)
 {
     return is_quad(faces->mesh[0], faces->face[0]) || is_quad(faces->mesh[1], faces->face[1]);
 }
@@ -28,7 +33,7 @@ static qm_face_shape load_face(const qm_mesh *mesh, uint32_t face)
 
 /* ---- as triangles ---- */
 
-bool qm_faces_meet_exactly(const qm_faces *faces)
+bool qm_collide_faces_meet_exactly(const qm_collide_faces *faces)
 {
     qm_face_shape a = load_face(faces->mesh[0], faces->face[0]),
                   b = load_face(faces->mesh[1], faces->face[1]);
@@ -43,7 +48,8 @@ static bool is_larger(const qm_contact *a, const qm_contact *b)
            qm_vec_distance(qm_vec_load(b->point[0]), qm_vec_load(b->point[1]));
 }
 
-bool qm_faces_find_contact(const qm_faces *faces, qm_contact *contact)
+/** Finds the largest contact of two faces as triangles; false when they have none. */
+static bool find_triangle_contact(const qm_collide_faces *faces, qm_contact *contact)
 {
     qm_face_shape a = load_face(faces->mesh[0], faces->face[0]),
                   b = load_face(faces->mesh[1], faces->face[1]);
@@ -63,43 +69,92 @@ bool qm_faces_find_contact(const qm_faces *faces, qm_contact *contact)
 
 /* ---- as patches ---- */
 
-/** Moves and scales both faces so that they lie round the origin and measure about 1. Returns the scale, a
- * power of two. */
-static double bring_near(qm_face_shape *a, qm_face_shape *b)
+/** Moves and scales both faces so that the first one begins at the origin and the largest coordinate is about
+ * 1. Returns the scale, a power of two. */
+static double normalize(qm_face_shape *a, qm_face_shape *b)
 {
     qm_vec origin = a->corner[0];
     qm_face_shape *const both[2] = {a, b};
-    double reach = 0.0;
+    double extent = 0.0;
     for (int side = 0; side < 2; side++) {
         for (int i = 0; i < both[side]->count; i++) {
             qm_vec *c = &both[side]->corner[i];
             *c = qm_vec_sub(*c, origin);
-            reach = fmax(reach, fmax(fabs(c->x), fmax(fabs(c->y), fabs(c->z))));
+            extent = fmax(extent, fmax(fabs(c->x), fmax(fabs(c->y), fabs(c->z))));
         }
     }
+    QM_ASSERT(extent >= 0.0);
     int exponent = 0;
-    if (reach > 0.0) frexp(reach, &exponent);
-    double scale = ldexp(1.0, exponent < -1000 ? 1000 : -exponent); /* a number, as its inverse is */
+    if (extent > 0.0) frexp(extent, &exponent);
+    double scale = ldexp(1.0, exponent < -1000 ? 1000 : -exponent); /* finite, as its inverse is */
     for (int side = 0; side < 2; side++)
         for (int i = 0; i < both[side]->count; i++)
             both[side]->corner[i] = qm_vec_scale(scale, both[side]->corner[i]);
     return scale;
 }
 
-bool qm_faces_meet_bilinear(const qm_faces *faces, double tolerance, qm_contact *contact)
+bool qm_collide_faces_meet_bilinear(const qm_collide_faces *faces, double tolerance, qm_contact *contact)
 {
     qm_face_shape a = load_face(faces->mesh[0], faces->face[0]),
                   b = load_face(faces->mesh[1], faces->face[1]);
     qm_vec origin = a.corner[0];
-    double scale = bring_near(&a, &b), scaled = fmax(tolerance * scale, LEAST_TOLERANCE);
+    double scale = normalize(&a, &b), scaled = fmax(tolerance * scale, MIN_TOLERANCE);
     qm_bilinear_gap gap;
     bool meets = faces->is_self ? qm_bilinear_pair_cross(&a, &b, scaled, &gap)
                                 : qm_bilinear_pair_meet(&a, &b, scaled, &gap);
     if (meets && contact) {
-        qm_vec middle = qm_vec_axpy(origin, 1.0 / scale, qm_vec_mix(gap.point[0], gap.point[1], 0.5));
+        qm_vec midpoint = qm_vec_axpy(origin, 1.0 / scale, qm_vec_mix(gap.point[0], gap.point[1], 0.5));
         contact->kind = QM_CONTACT_POINT;
-        qm_vec_store(contact->point[0], middle);
-        qm_vec_store(contact->point[1], middle);
+        qm_vec_store(contact->point[0], midpoint);
+        qm_vec_store(contact->point[1], midpoint);
     }
     return meets;
+}
+
+/* ---- where a pair of input faces meets ---- */
+
+/** The first face of the mesh that was cut from this input face, or from a later one: origins ascend. */
+static uint32_t first_face(const qm_mesh *mesh, uint32_t input_face)
+{
+    if (!mesh->face_origin) return input_face;
+    size_t low = 0, high = mesh->face_count;
+    while (low < high) {
+        size_t middle = (low + high) / 2;
+        if (mesh->face_origin[middle] < input_face)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return (uint32_t)low;
+}
+
+static bool is_of_face(const qm_mesh *mesh, uint32_t face, uint32_t input_face)
+{
+    size_t count = mesh->face_count > 0 ? mesh->face_count : mesh->vertex_count;
+    return face < count && qm_mesh_input_face(mesh, face) == input_face;
+}
+
+bool qm_collide_faces_find_contact(qm_collide_faces *faces, const qm_collide_options *options,
+                                   qm_face_pair pair, qm_contact *contact)
+{
+    const qm_mesh *a = faces->mesh[0], *b = faces->mesh[1];
+    for (uint32_t i = first_face(a, pair.a); is_of_face(a, i, pair.a); i++) {
+        for (uint32_t k = first_face(b, pair.b); is_of_face(b, k, pair.b); k++) {
+            faces->face[0] = i;
+            faces->face[1] = k;
+            bool is_bilinear = options->quads == QM_QUADS_BILINEAR && qm_collide_faces_have_quad(faces);
+            if (is_bilinear ? qm_collide_faces_meet_bilinear(faces, options->tolerance, contact)
+                            : find_triangle_contact(faces, contact))
+                return true;
+        }
+    }
+    return false;
+}
+
+bool qm_collide_contact(const qm_mesh *a, const qm_mesh *b, const qm_collide_options *options,
+                        qm_face_pair pair, qm_contact *out)
+{
+    QM_ASSERT(a && b && options && out);
+    qm_collide_faces faces = {.mesh = {a, b}, .is_self = a == b};
+    return qm_collide_faces_find_contact(&faces, options, pair, out);
 }

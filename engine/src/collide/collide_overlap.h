@@ -1,21 +1,21 @@
 /**
- * collide_overlap.h: the faces of two meshes that lie where the other one has faces too. No others can meet
- * a face of the other mesh, and often those that can are few.
+ * collide_overlap.h: the parts of two meshes that lie where the other one has faces too. No other faces can
+ * meet, and often these are few.
  */
 #ifndef QM_COLLIDE_OVERLAP_H
 #define QM_COLLIDE_OVERLAP_H
 
-#include "bvh/bvh_part.h"
+#include "bvh/bvh_build.h"
 
 typedef struct qm_overlap {
-    bool is_whole;       /* leaving out faces would not pay: there are no parts */
-    bool is_empty;       /* no face can meet another: there are no parts either */
-    qm_bvh_part part[2]; /* faces that may meet the other mesh, ready for a tree */
-    size_t capacity[2];  /* entries that there is room for */
+    bool is_whole;         /* too few faces would be left out to pay: there are no parts */
+    bool is_empty;         /* no two faces can meet: there are no parts either */
+    qm_bvh_subset part[2]; /* faces that may meet the other mesh, ready for a tree */
+    size_t capacity[2];    /* of the entries of each part */
 } qm_overlap;
 
 /**
- * Finds the parts. Faces whose boxes meet are in them, both of them.
+ * Finds the parts: two faces whose boxes overlap are both in them.
  *
  * Returns QM_OK or QM_E_NO_MEMORY; qm_overlap_reset frees in any case.
  */

@@ -1,5 +1,6 @@
 /**
- * collide_pairs.c: pairs are put in order by buckets of their first faces, most of which hold a few pairs.
+ * collide_pairs.c: lists of pairs, sorted by buckets of their first faces. A face meets few others, so that
+ * most buckets hold a few pairs, which a sorting network puts in order.
  */
 #include "collide_pairs.h"
 
@@ -19,8 +20,9 @@ bool qm_pair_list_grow(qm_context *ctx, qm_pair_list *list)
     return true;
 }
 
-void qm_pair_list_join(qm_pair_list *list, qm_pair_list *other)
+void qm_pair_list_append(qm_pair_list *list, qm_pair_list *other)
 {
+    QM_ASSERT(list != other);
     qm_pair_block **end = &other->first;
     while (*end)
         end = &(*end)->next;
@@ -41,15 +43,15 @@ void qm_pair_list_reset(qm_context *ctx, qm_pair_list *list)
 }
 
 /**
- * How pairs are sorted. A pair is a number: its first face, then its second one in as few bits as do. Buckets
- * are as many first faces each as it takes to have no more buckets than twice the pairs.
+ * A pair is sorted as a number: its first face, then its second one in as few bits as it needs. A bucket is a
+ * range of 2^shift first faces, with the smallest shift that makes at most twice as many buckets as pairs.
  */
 typedef struct sorter {
     qm_context *ctx;
     const qm_pair_list *list;
-    int b_bits, shift; /* a bucket is what is left of a number shifted down by both */
+    int b_bits, shift; /* a number's bucket is number >> (b_bits + shift) */
     size_t bucket_count;
-    size_t *end; /* of each bucket; while the numbers are dealt out, where its next goes */
+    size_t *end; /* of each bucket; while the buckets are filled, where its next number goes */
     uint64_t *numbers;
 } sorter;
 
@@ -58,17 +60,8 @@ static int bits_of(uint32_t x)
     return x > 0 ? 32 - __builtin_clz(x) : 0;
 }
 
-static sorter make_sorter(qm_context *ctx, const qm_pair_list *list, const uint32_t last_face[2])
-{
-    sorter s = {.ctx = ctx, .list = list, .b_bits = bits_of(last_face[1])};
-    while (last_face[0] >> s.shift >= 2 * list->count)
-        s.shift++;
-    s.bucket_count = (last_face[0] >> s.shift) + 1;
-    return s;
-}
-
-/** Sorts by bucket: counts, then puts every number where its bucket's next one goes. */
-static void deal_out(sorter *s)
+/** Sorts by bucket: counts, takes the prefix sums, then writes each number to the next slot of its bucket. */
+static void fill_buckets(sorter *s)
 {
     memset(s->end, 0, (s->bucket_count + 1) * sizeof *s->end);
     size_t *start = s->end + 1;
@@ -83,6 +76,7 @@ static void deal_out(sorter *s)
     for (const qm_pair_block *block = s->list->first; block; block = block->next) {
         for (size_t i = 0; i < block->count; i++) {
             qm_face_pair pair = block->pairs[i];
+            QM_ASSERT((uint64_t)pair.b >> s->b_bits == 0);
             s->numbers[s->end[pair.a >> s->shift]++] = (uint64_t)pair.a << s->b_bits | pair.b;
         }
     }
@@ -97,8 +91,8 @@ static qm_status sort_buckets(const sorter *s, int thread_count)
         size_t count = s->end[i] - begin;
         begin = s->end[i];
         if (count < 2) continue;
-        if (count <= QM_SORT_FEW) {
-            kernel->sort_few(bucket, (int)count);
+        if (count <= QM_SORT_SMALL_MAX) {
+            kernel->sort_small(bucket, (int)count);
             continue;
         }
         qm_status status = qm_radix_sort_numbers(s->ctx, bucket, count, s->b_bits + s->shift, thread_count);
@@ -107,71 +101,61 @@ static qm_status sort_buckets(const sorter *s, int thread_count)
     return QM_OK;
 }
 
-/** Writes the different numbers as pairs over themselves; returns how many there are. */
-static size_t tell(const sorter *s, size_t count, qm_face_pair *pairs)
+static qm_status sort_list(qm_context *ctx, const qm_pair_list *list, const uint32_t last_face[2],
+                           int thread_count, qm_collision *out)
 {
-    const uint64_t b_mask = ((uint64_t)1 << s->b_bits) - 1;
+    static_assert(sizeof *out->pairs == sizeof(uint64_t), "numbers become pairs in place");
+    size_t count = list->count, written = 0;
+    sorter s = {.ctx = ctx, .list = list, .b_bits = bits_of(last_face[1])};
+    while (last_face[0] >> s.shift >= 2 * count)
+        s.shift++;
+    s.bucket_count = (last_face[0] >> s.shift) + 1;
+    s.end = qm_context_alloc(ctx, s.bucket_count + 1, sizeof *s.end);
+    out->pairs = qm_context_alloc(ctx, count, sizeof *out->pairs);
+    out->pair_count = out->pairs ? count : 0;
+    s.numbers = (uint64_t *)(void *)out->pairs;
+    qm_status status = s.end && out->pairs ? QM_OK : QM_E_NO_MEMORY;
+    if (status == QM_OK) {
+        fill_buckets(&s);
+        status = sort_buckets(&s, thread_count);
+    }
+    qm_context_free(ctx, s.end, s.bucket_count + 1, sizeof *s.end);
+    if (status != QM_OK) return status;
+
+    /* The numbers become pairs in place, each once. */
+    const uint64_t b_mask = ((uint64_t)1 << s.b_bits) - 1;
     uint64_t last = UINT64_MAX;
-    size_t told = 0;
     for (size_t i = 0; i < count; i++) {
-        uint64_t number = s->numbers[i];
+        uint64_t number = s.numbers[i];
         if (number == last) continue;
         last = number;
-        pairs[told++] = (qm_face_pair){(uint32_t)(number >> s->b_bits), (uint32_t)(number & b_mask)};
+        out->pairs[written++] = (qm_face_pair){(uint32_t)(number >> s.b_bits), (uint32_t)(number & b_mask)};
     }
-    return told;
-}
-
-static qm_face_pair find_least(const qm_pair_list *list)
-{
-    qm_face_pair least = list->first->pairs[0];
-    for (const qm_pair_block *block = list->first; block; block = block->next) {
-        for (size_t i = 0; i < block->count; i++) {
-            qm_face_pair pair = block->pairs[i];
-            if (pair.a < least.a || (pair.a == least.a && pair.b < least.b)) least = pair;
-        }
-    }
-    return least;
-}
-
-static qm_status sort_pairs(sorter *s, int thread_count, qm_collision *out)
-{
-    size_t count = s->list->count;
-    deal_out(s);
-    qm_status status = sort_buckets(s, thread_count);
-    if (status != QM_OK) return status;
-    size_t told = tell(s, count, out->pairs);
-    if (told < count) {
-        qm_face_pair *fitting = qm_context_resize(s->ctx, out->pairs, count, told, sizeof *fitting);
+    QM_ASSERT(written > 0 && written <= count);
+    if (written < count) {
+        qm_face_pair *fitting = qm_context_resize(ctx, out->pairs, count, written, sizeof *fitting);
         if (!fitting) return QM_E_NO_MEMORY;
         out->pairs = fitting;
     }
-    out->pair_count = told;
+    out->pair_count = written;
     return QM_OK;
-}
-
-static qm_status tell_all(qm_context *ctx, const qm_pair_list *list, const uint32_t last_face[2],
-                          int thread_count, qm_collision *out)
-{
-    static_assert(sizeof *out->pairs == sizeof(uint64_t), "numbers become pairs in place");
-    sorter s = make_sorter(ctx, list, last_face);
-    s.end = qm_context_alloc(ctx, s.bucket_count + 1, sizeof *s.end);
-    out->pairs = qm_context_alloc(ctx, list->count, sizeof *out->pairs);
-    out->pair_count = list->count;
-    s.numbers = (uint64_t *)(void *)out->pairs;
-    qm_status status = s.end && out->pairs ? sort_pairs(&s, thread_count, out) : QM_E_NO_MEMORY;
-    qm_context_free(ctx, s.end, s.bucket_count + 1, sizeof *s.end);
-    return status;
 }
 
 qm_status qm_pair_list_finish(qm_context *ctx, const qm_pair_list *list, const uint32_t last_face[2],
                               const qm_collide_options *options, qm_collision *out)
 {
     if (list->count == 0) return QM_OK;
-    if (options->mode == QM_COLLIDE_ALL) return tell_all(ctx, list, last_face, options->thread_count, out);
+    if (options->mode == QM_COLLIDE_ALL) return sort_list(ctx, list, last_face, options->thread_count, out);
     out->pairs = qm_context_alloc(ctx, 1, sizeof *out->pairs);
     if (!out->pairs) return QM_E_NO_MEMORY;
-    out->pairs[0] = find_least(list);
+    qm_face_pair first = list->first->pairs[0];
+    for (const qm_pair_block *block = list->first; block; block = block->next) {
+        for (size_t i = 0; i < block->count; i++) {
+            qm_face_pair pair = block->pairs[i];
+            if (pair.a < first.a || (pair.a == first.a && pair.b < first.b)) first = pair;
+        }
+    }
+    out->pairs[0] = first;
     out->pair_count = 1;
     return QM_OK;
 }

@@ -1,3 +1,6 @@
+/**
+ * base.c: status codes and their texts, the default allocator, the end of a failed assertion.
+ */
 #include "qm/base.h"
 
 #include <stdio.h>

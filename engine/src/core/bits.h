@@ -1,5 +1,5 @@
 /**
- * bits.h: sets of small whole numbers as bits, 64 to a word.
+ * bits.h: a bitset: a set of indices below a fixed count, 64 to a word.
  */
 #ifndef QM_BITS_H
 #define QM_BITS_H
@@ -13,7 +13,7 @@ static inline size_t qm_bits_words(size_t count)
     return (count + 63) / 64;
 }
 
-/** An empty set of numbers below count; NULL when out of memory. For qm_bits_free with the same count. */
+/** An empty set of indices below count, for qm_bits_free with the same count; NULL when out of memory. */
 static inline uint64_t *qm_bits_create(qm_context *ctx, size_t count)
 {
     uint64_t *bits = qm_context_alloc(ctx, qm_bits_words(count), sizeof *bits);
@@ -36,19 +36,20 @@ static inline bool qm_bits_has(const uint64_t *bits, size_t i)
     return bits[i / 64] >> i % 64 & 1;
 }
 
-/** Writes the numbers of the set in ascending order; returns how many there are. */
+/** Writes the indices in the set to out, in ascending order; returns their count. */
 static inline size_t qm_bits_list(const uint64_t *bits, size_t count, uint32_t *out)
 {
     size_t listed = 0;
     for (size_t word = 0; word < qm_bits_words(count); word++)
-        for (uint64_t rest = bits[word]; rest; rest &= rest - 1)
-            out[listed++] = (uint32_t)(64 * word) + (uint32_t)__builtin_ctzll(rest);
+        for (uint64_t unlisted = bits[word]; unlisted; unlisted &= unlisted - 1)
+            out[listed++] = (uint32_t)(64 * word) + (uint32_t)__builtin_ctzll(unlisted);
     return listed;
 }
 
+/** Size of the set. Skips empty words: most are, and a bit count may be a library call. */
 static inline size_t qm_bits_count(const uint64_t *bits, size_t count)
 {
-    size_t sum = 0; /* most words hold nothing, and counting bits may take a call */
+    size_t sum = 0;
     for (size_t word = 0; word < qm_bits_words(count); word++)
         if (bits[word] != 0) sum += (size_t)__builtin_popcountll(bits[word]);
     return sum;

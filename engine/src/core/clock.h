@@ -1,12 +1,12 @@
 /**
- * clock.h: the time since some moment in the past, which no change of the date moves.
+ * clock.h: a monotonic clock, which changes of the date do not move.
  */
 #ifndef QM_ENGINE_CLOCK_H
 #define QM_ENGINE_CLOCK_H
 
 #include <time.h>
 
-/** Milliseconds. */
+/** Milliseconds since an unspecified moment. */
 static inline double qm_clock_ms(void)
 {
     struct timespec now;

@@ -1,10 +1,13 @@
+/**
+ * context.c: memory, messages and parallel loops of a call.
+ */
 #include "qm/context.h"
 
 #include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 
-#define MAX_RUNS 64 /* of blocks that workers share: those beyond take from the others */
+#define MAX_RANGES 64 /* of blocks: workers beyond this number only steal */
 
 qm_context qm_context_make(void)
 {
@@ -13,6 +16,7 @@ qm_context qm_context_make(void)
 
 qm_status qm_context_fail(qm_context *ctx, qm_status status, const char *format, ...)
 {
+    QM_ASSERT(ctx && format && status != QM_OK);
     va_list arguments;
     va_start(arguments, format);
     vsnprintf(ctx->message, sizeof ctx->message, format, arguments);
@@ -30,42 +34,45 @@ void qm_context_parallel(qm_context *ctx, int worker_count, void (*task)(void *d
         task(data, worker);
 }
 
-/** A run of blocks, on a line of its own: a worker's own, until others are through with theirs. */
-typedef struct block_run {
+/** A worker's range of blocks, on a cache line of its own. Other workers steal from it when theirs are done.
+ */
+typedef struct block_range {
     _Alignas(64) atomic_size_t next;
     size_t end;
-} block_run;
+} block_range;
 
-typedef struct shared_blocks {
+typedef struct block_loop {
     void (*task)(void *data, int worker, size_t block);
     void *data;
-    int run_count;
-    block_run run[MAX_RUNS];
-} shared_blocks;
+    int range_count;
+    block_range range[MAX_RANGES];
+} block_loop;
 
-static void take_blocks(void *data, int worker)
+/** Works through the worker's own range first, then through the ranges of the workers after it. */
+static void run_blocks(void *data, int worker)
 {
-    shared_blocks *blocks = data;
-    for (int i = 0; i < blocks->run_count; i++) {
-        block_run *run = &blocks->run[(worker + i) % blocks->run_count];
-        for (size_t block; (block = atomic_fetch_add(&run->next, 1)) < run->end;)
-            blocks->task(blocks->data, worker, block);
+    block_loop *loop = data;
+    for (int i = 0; i < loop->range_count; i++) {
+        block_range *range = &loop->range[(worker + i) % loop->range_count];
+        for (size_t block; (block = atomic_fetch_add(&range->next, 1)) < range->end;)
+            loop->task(loop->data, worker, block);
     }
 }
 
-void qm_context_share(qm_context *ctx, int worker_count, size_t block_count,
-                      void (*task)(void *data, int worker, size_t block), void *data)
+void qm_context_parallel_for(qm_context *ctx, int worker_count, size_t block_count,
+                             void (*task)(void *data, int worker, size_t block), void *data)
 {
+    QM_ASSERT(ctx && task && worker_count >= 1);
     if ((size_t)worker_count > block_count) worker_count = (int)block_count;
-    shared_blocks blocks;
-    blocks.task = task;
-    blocks.data = data;
-    blocks.run_count = worker_count < MAX_RUNS ? worker_count : MAX_RUNS;
-    for (int i = 0; i < blocks.run_count; i++) {
-        atomic_init(&blocks.run[i].next, block_count * (size_t)i / (size_t)blocks.run_count);
-        blocks.run[i].end = block_count * ((size_t)i + 1) / (size_t)blocks.run_count;
+    block_loop loop;
+    loop.task = task;
+    loop.data = data;
+    loop.range_count = worker_count < MAX_RANGES ? worker_count : MAX_RANGES;
+    for (int i = 0; i < loop.range_count; i++) {
+        atomic_init(&loop.range[i].next, block_count * (size_t)i / (size_t)loop.range_count);
+        loop.range[i].end = block_count * ((size_t)i + 1) / (size_t)loop.range_count;
     }
-    qm_context_parallel(ctx, worker_count, take_blocks, &blocks);
+    qm_context_parallel(ctx, worker_count, run_blocks, &loop);
 }
 
 void *qm_context_alloc(qm_context *ctx, size_t count, size_t width)
@@ -85,25 +92,25 @@ void qm_context_free(qm_context *ctx, void *block, size_t count, size_t width)
     if (block) ctx->allocator.resize(ctx->allocator.user, block, count * width, 0);
 }
 
-/* The block lies in a larger one; the 8 bytes before it remember where the larger one starts. */
+/* The block lies in a larger one; the 8 bytes before it hold the address of the larger one. */
 enum { ALIGNMENT = 64 };
 
 void *qm_context_alloc_aligned(qm_context *ctx, size_t count, size_t width)
 {
     size_t size;
     if (count == 0 || !qm_array_size(count, width, &size) || size > SIZE_MAX - 2 * ALIGNMENT) return NULL;
-    char *whole = qm_context_alloc(ctx, size + 2 * ALIGNMENT, 1);
-    if (!whole) return NULL;
-    uintptr_t start = ((uintptr_t)whole + 2 * ALIGNMENT - 1) & ~(uintptr_t)(ALIGNMENT - 1);
-    char *block = whole + (start - (uintptr_t)whole);
-    memcpy(block - sizeof whole, &whole, sizeof whole);
+    char *outer = qm_context_alloc(ctx, size + 2 * ALIGNMENT, 1);
+    if (!outer) return NULL;
+    uintptr_t start = ((uintptr_t)outer + 2 * ALIGNMENT - 1) & ~(uintptr_t)(ALIGNMENT - 1);
+    char *block = outer + (start - (uintptr_t)outer);
+    memcpy(block - sizeof outer, &outer, sizeof outer);
     return block;
 }
 
 void qm_context_free_aligned(qm_context *ctx, void *block, size_t count, size_t width)
 {
     if (!block) return;
-    char *whole;
-    memcpy(&whole, (char *)block - sizeof whole, sizeof whole);
-    qm_context_free(ctx, whole, count * width + 2 * ALIGNMENT, 1);
+    char *outer;
+    memcpy(&outer, (char *)block - sizeof outer, sizeof outer);
+    qm_context_free(ctx, outer, count * width + 2 * ALIGNMENT, 1);
 }

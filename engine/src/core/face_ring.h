@@ -1,6 +1,5 @@
 /**
- * face_ring.h: what is left of a face that names a vertex twice, for everything that asks which faces lie
- * beside which.
+ * face_ring.h: the corners of a face without repeated vertices, as adjacency needs them.
  */
 #ifndef QM_FACE_RING_H
 #define QM_FACE_RING_H
@@ -14,7 +13,7 @@ static inline int qm_face_corners(const uint32_t face[4])
     return face[3] == QM_NO_INDEX ? 3 : 4;
 }
 
-static inline bool qm_face_names_twice(const uint32_t face[4], int count)
+static inline bool qm_face_repeats_vertex(const uint32_t face[4], int count)
 {
     for (int i = 1; i < count; ++i)
         for (int j = 0; j < i; ++j)
@@ -22,18 +21,19 @@ static inline bool qm_face_names_twice(const uint32_t face[4], int count)
     return false;
 }
 
-/** The corners without neighbours that are equal; 0 when that leaves no area. */
+/** Writes the corners that differ from the next one, and returns their count; 0 when the face has no area:
+ * fewer than three corners remain, or a vertex still repeats. */
 static inline int qm_face_ring(const uint32_t face[4], uint32_t ring[4])
 {
     int count = qm_face_corners(face);
-    if (!qm_face_names_twice(face, count)) {
+    if (!qm_face_repeats_vertex(face, count)) {
         memcpy(ring, face, 4 * sizeof *ring);
         return count;
     }
     int kept = 0;
     for (int i = 0; i < count; ++i)
         if (face[i] != face[(i + 1) % count]) ring[kept++] = face[i];
-    return kept >= 3 && !qm_face_names_twice(ring, kept) ? kept : 0;
+    return kept >= 3 && !qm_face_repeats_vertex(ring, kept) ? kept : 0;
 }
 
 #endif

@@ -7,35 +7,37 @@ static bool comes_before(const qm_heap_item *a, const qm_heap_item *b)
 
 qm_status qm_heap_push(qm_context *ctx, qm_heap *heap, qm_heap_item item)
 {
+    QM_ASSERT(heap->count <= heap->capacity);
     if (heap->count == heap->capacity) {
         size_t capacity = heap->capacity ? 2 * heap->capacity : 1024;
         qm_heap_item *items =
             qm_context_resize(ctx, heap->items, heap->capacity, capacity, sizeof *heap->items);
-        if (!items) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a queue");
+        if (!items) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a priority queue");
         heap->items = items;
         heap->capacity = capacity;
     }
-    size_t place = heap->count++;
-    for (; place > 0 && comes_before(&item, &heap->items[(place - 1) / 2]); place = (place - 1) / 2)
-        heap->items[place] = heap->items[(place - 1) / 2];
-    heap->items[place] = item;
+    size_t index = heap->count++;
+    for (; index > 0 && comes_before(&item, &heap->items[(index - 1) / 2]); index = (index - 1) / 2)
+        heap->items[index] = heap->items[(index - 1) / 2];
+    heap->items[index] = item;
     return QM_OK;
 }
 
 qm_heap_item qm_heap_pop(qm_heap *heap)
 {
-    qm_heap_item least = heap->items[0], last = heap->items[--heap->count];
-    size_t place = 0, count = heap->count;
+    QM_ASSERT(heap->count > 0);
+    qm_heap_item first = heap->items[0], last = heap->items[--heap->count];
+    size_t index = 0, count = heap->count;
     for (;;) {
-        size_t child = 2 * place + 1;
+        size_t child = 2 * index + 1;
         if (child >= count) break;
         if (child + 1 < count && comes_before(&heap->items[child + 1], &heap->items[child])) child++;
         if (!comes_before(&heap->items[child], &last)) break;
-        heap->items[place] = heap->items[child];
-        place = child;
+        heap->items[index] = heap->items[child];
+        index = child;
     }
-    heap->items[place] = last;
-    return least;
+    heap->items[index] = last;
+    return first;
 }
 
 void qm_heap_reset(qm_context *ctx, qm_heap *heap)

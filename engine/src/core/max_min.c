@@ -1,12 +1,15 @@
+/**
+ * max_min.c: the dual simplex method on three columns.
+ */
 #include "max_min.h"
 
 #include "vec.h"
 
-#define MAX_CHANGES 32          /* of the basis */
-#define ROUNDING 0x1p-40        /* below it a weight is none, and of the radius a height */
-#define HEIGHT_ROUNDING 0x1p-50 /* of the heights: a difference below it is none */
+#define MAX_CHANGES 32   /* of the basis */
+#define ROUNDING 0x1p-40 /* a smaller weight is 0, and as a fraction of the radius a smaller violation */
+#define HEIGHT_ROUNDING 0x1p-50 /* as a fraction of the heights: a smaller violation is 0 */
 
-/** A slope as the column (slope, 1 or 0 for a wall) of the dual program, and its height. */
+/** A constraint as the column (slope, 1 or 0 for a bound) of the dual program, and its height. */
 typedef struct column {
     qm_vec a;
     double height;
@@ -21,12 +24,12 @@ typedef struct basis {
 
 static const double directions[3][2] = {{1.0, 0.0}, {-0.5, 0.8660254037844386}, {-0.5, -0.8660254037844386}};
 
-/** The slopes, and after them the sides of the triangle. */
-static column column_of(const qm_slope *slopes, int count, double radius, int i)
+/** The planes, and after them the sides of the triangle. */
+static column column_of(const qm_max_min_plane *planes, int count, double radius, int i)
 {
     if (i >= count) return (column){{-directions[i - count][0], -directions[i - count][1], 0.0}, radius};
-    const qm_slope *s = &slopes[i];
-    return (column){{s->slope[0], s->slope[1], s->is_wall ? 0.0 : 1.0}, s->height};
+    const qm_max_min_plane *s = &planes[i];
+    return (column){{s->slope[0], s->slope[1], s->is_bound ? 0.0 : 1.0}, s->height};
 }
 
 static void find_crosses(basis *b)
@@ -36,34 +39,34 @@ static void find_crosses(basis *b)
     b->determinant = qm_vec_dot(b->at[0].a, b->cross[0]);
 }
 
-/** The first slope, and the two sides of the triangle that it leads to. */
-static void start(basis *b, const qm_slope *slopes, int count, double radius)
+/** The first basis: the first plane, and the two sides of the triangle towards which it rises. */
+static void start(basis *b, const qm_max_min_plane *planes, int count, double radius)
 {
     int out = 0;
-    double least = INFINITY;
+    double lowest = INFINITY;
     for (int i = 0; i < 3; i++) {
-        double along = slopes[0].slope[0] * directions[i][0] + slopes[0].slope[1] * directions[i][1];
-        if (along < least) {
-            least = along;
+        double along = planes[0].slope[0] * directions[i][0] + planes[0].slope[1] * directions[i][1];
+        if (along < lowest) {
+            lowest = along;
             out = i;
         }
     }
-    b->at[0] = column_of(slopes, count, radius, 0);
+    b->at[0] = column_of(planes, count, radius, 0);
     for (int k = 1; k < 3; k++)
-        b->at[k] = column_of(slopes, count, radius, count + (out + k) % 3);
+        b->at[k] = column_of(planes, count, radius, count + (out + k) % 3);
     find_crosses(b);
 }
 
-/** Lets a column in for the one that it drives out first. False when there is none. */
-static bool change(basis *b, column entering)
+/** Exchanges the column that the ratio test selects for the entering one. False when there is none. */
+static bool pivot(basis *b, column entering)
 {
     int leaving = -1;
-    double least = INFINITY;
+    double min_ratio = INFINITY;
     for (int i = 0; i < 3; i++) {
         double weight = b->cross[i].z / b->determinant;
-        double share = qm_vec_dot(b->cross[i], entering.a) / b->determinant;
-        if (!(share > ROUNDING) || !(weight < least * share)) continue;
-        least = weight / share;
+        double rate = qm_vec_dot(b->cross[i], entering.a) / b->determinant;
+        if (!(rate > ROUNDING) || !(weight < min_ratio * rate)) continue;
+        min_ratio = weight / rate;
         leaving = i;
     }
     if (leaving < 0) return false;
@@ -72,8 +75,8 @@ static bool change(basis *b, column entering)
     return b->determinant != 0.0;
 }
 
-/** Where the three meet: (x, y, -t). */
-static qm_vec meeting(const basis *b)
+/** The vertex of the three constraints: (x, y, -t). */
+static qm_vec vertex_of(const basis *b)
 {
     qm_vec sum = {0, 0, 0};
     for (int i = 0; i < 3; i++)
@@ -81,19 +84,20 @@ static qm_vec meeting(const basis *b)
     return sum;
 }
 
-double qm_max_min(const qm_slope *slopes, int count, double radius, double at[2])
+double qm_max_min(const qm_max_min_plane *planes, int count, double radius, double at[2])
 {
+    QM_ASSERT(count >= 1 && !planes[0].is_bound);
     basis b;
-    start(&b, slopes, count, radius);
+    start(&b, planes, count, radius);
     for (int changes = 0; changes < MAX_CHANGES; changes++) {
-        qm_vec top = meeting(&b);
-        double lowest = -fmax(ROUNDING * radius, HEIGHT_ROUNDING * fabs(slopes[0].height));
+        qm_vec top = vertex_of(&b);
+        double lowest = -fmax(ROUNDING * radius, HEIGHT_ROUNDING * fabs(planes[0].height));
         int entering = -1;
         for (int i = 0; i < count + 3; i++) {
-            column c = column_of(slopes, count, radius, i);
-            double room = c.height + qm_vec_dot(c.a, top);
-            if (room >= lowest) continue;
-            lowest = room;
+            column c = column_of(planes, count, radius, i);
+            double slack = c.height + qm_vec_dot(c.a, top);
+            if (slack >= lowest) continue;
+            lowest = slack;
             entering = i;
         }
         if (entering < 0) {
@@ -101,8 +105,8 @@ double qm_max_min(const qm_slope *slopes, int count, double radius, double at[2]
             at[1] = top.y;
             return -top.z;
         }
-        if (!change(&b, column_of(slopes, count, radius, entering))) break;
+        if (!pivot(&b, column_of(planes, count, radius, entering))) break;
     }
     at[0] = at[1] = 0.0;
-    return slopes[0].height;
+    return planes[0].height;
 }

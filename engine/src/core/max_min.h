@@ -1,22 +1,23 @@
 /**
- * max_min.h: the highest point below several planes, over a convex part of the plane: a linear program in
- * three variables.
+ * max_min.h: a max-min linear program: the highest point (x, t) below several planes, where x lies in a
+ * convex region of two dimensions.
  */
 #ifndef QM_MAX_MIN_H
 #define QM_MAX_MIN_H
 
 #include <stdbool.h>
 
-/** height + slope . x, which t must not be above; 0 when it is a wall. */
-typedef struct qm_slope {
+/** The constraint t <= height + slope . x, or 0 <= height + slope . x when it bounds the region. */
+typedef struct qm_max_min_plane {
     double slope[2], height;
-    bool is_wall;
-} qm_slope;
+    bool is_bound;
+} qm_max_min_plane;
 
 /**
- * Greatest t over the places x in a triangle round 0, whose sides are radius away, and inside all walls. The
- * first slope is no wall; walls hold 0: their heights are not negative. at is where.
+ * Maximum of t over all points x of a triangle around 0, whose sides are at the distance radius, within all
+ * bounds. The first plane is no bound; bounds contain 0: their heights are not negative. at gets the
+ * maximizing x. Returns the first plane's height, at 0, when rounding ends the iteration early.
  */
-double qm_max_min(const qm_slope *slopes, int count, double radius, double at[2]);
+double qm_max_min(const qm_max_min_plane *planes, int count, double radius, double at[2]);
 
 #endif

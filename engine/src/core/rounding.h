@@ -20,10 +20,10 @@
  *        longest edge is off by 7 u L. The third corner is off by 14 u L where its height h is above 2^-50 L:
  *        the direction of Y is off by 8 u L / h, and acts on the height alone. Below that any perpendicular
  *        will do: the height is then at most 16 u L with its rounding, computed as 20 u L at most.
- *   30   In the plane: the parameter on an edge is off by 7 u |d| / length, the rest of the segment's
- * distance by 4 u |d|. A point is taken to lie inside wrongly only if the two products of an edge's test
- * cancel, hence within 4 u |d| of the edge itself: the longest edge is the base, so the angles at it are
- * acute.
+ *   30   In the plane: the parameter on an edge is off by 7 u |d| / length, the remainder of the segment's
+ *        distance by 4 u |d|. A point is classified as inside wrongly only if the two products of an edge's
+ *        test cancel, hence within 4 u |d| of the edge itself: the longest edge is the base, so the angles at
+ *        it are acute.
  *
  *   2    A quarter of |w|, by which the patch of a quad may leave its triangles: w is a sum of four corners.
  *
@@ -33,11 +33,11 @@
  *   147  together. 256 u S = 147.8 u R.
  *
  * Cuts. A search cuts faces into parts at computed points. Mapping the exact parts to the computed ones,
- * linearly on each, moves no point farther than the cut point nearest to it was moved: so each cut on the way
- * from the face to a part adds its own rounding, and nothing else. qm_vec_mix is off by at most 2.5 u R
- * = 4.34 u S: (1 - t) by u / 2, both products and the sum by half an ulp each. QM_FREE_CUTS such cuts fit
- * into the other half of eta; a part with more of them lies within QM_CUT_ROUNDINGS u S a cut of its face,
- * and is bounded with a slack of that (hausdorff_piece.h).
+ * linearly on each, moves no point farther than the rounding moved the nearest cut point: so each cut from
+ * the face down to a part adds its own rounding, and nothing else. qm_vec_mix is off by at most 2.5 u R =
+ * 4.34 u S: (1 - t) by u / 2, both products and the sum by half an ulp each. QM_FREE_CUTS such cuts fit into
+ * the other half of eta; a part with more of them lies within QM_CUT_ROUNDINGS u S a cut of its face, and is
+ * bounded with a slack of that (hausdorff_piece.c).
  */
 #ifndef QM_ROUNDING_H
 #define QM_ROUNDING_H

@@ -1,9 +1,12 @@
+/**
+ * symmetric.c: Jacobi eigenvalue iteration, Cholesky factorization.
+ */
 #include "symmetric.h"
 
 #define SWEEPS 12
-#define SINGULAR 1e-10 /* pivots below this share of the diagonal tell nothing */
+#define SINGULAR 1e-10 /* a smaller pivot, as a fraction of the diagonal, is rounding */
 
-/** Turns the plane (p, q) so that a[p][q] vanishes; v collects the turns. */
+/** Rotates the plane (p, q) so that a[p][q] becomes 0; v accumulates the rotations. */
 static void rotate(double a[3][3], double v[3][3], int p, int q)
 {
     if (a[p][q] == 0.0) return;
@@ -51,6 +54,7 @@ void qm_symmetric_eigen(const double m[6], double value[3], qm_vec vector[3])
 
 void qm_least_squares_add(qm_least_squares *sums, const double *row, double right, double weight)
 {
+    QM_ASSERT(sums->count >= 1 && sums->count <= QM_LEAST_SQUARES_MAX);
     for (int i = 0; i < sums->count; i++) {
         double scaled = weight * row[i];
         sums->right[i] += scaled * right;
@@ -61,6 +65,7 @@ void qm_least_squares_add(qm_least_squares *sums, const double *row, double righ
 
 bool qm_least_squares_solve(const qm_least_squares *sums, double *x)
 {
+    QM_ASSERT(sums->count >= 1 && sums->count <= QM_LEAST_SQUARES_MAX);
     double factor[QM_LEAST_SQUARES_MAX][QM_LEAST_SQUARES_MAX];
     for (int i = 0; i < sums->count; i++) {
         for (int j = 0; j <= i; j++) {

@@ -1,5 +1,5 @@
 /**
- * vec.h: vectors of three doubles, shared by every kernel. All by value, all inline, no branches.
+ * vec.h: vectors of three doubles, by value and inline.
  */
 #ifndef QM_VEC_H
 #define QM_VEC_H
@@ -9,8 +9,8 @@
 
 #include "qm/mesh.h"
 
-/** A vector is normalized only when it is longer: the square of its length is a normal number then. */
-#define QM_LEAST_LENGTH 0x1p-400
+/** A vector is normalized only when it is longer: the square of its length is then a normal number. */
+#define QM_MIN_LENGTH 0x1p-400
 
 typedef struct qm_vec {
     double x, y, z;
@@ -81,6 +81,19 @@ static inline bool qm_vec_equal(qm_vec a, qm_vec b)
     return a.x == b.x && a.y == b.y && a.z == b.z;
 }
 
+static inline qm_vec qm_vec_longer(qm_vec a, qm_vec b)
+{
+    return qm_vec_norm2(b) > qm_vec_norm2(a) ? b : a;
+}
+
+/** Lexicographic order by x, then y, then z: along a line in space this is one of its two directions. */
+static inline int qm_vec_compare(qm_vec a, qm_vec b)
+{
+    if (a.x != b.x) return a.x < b.x ? -1 : 1;
+    if (a.y != b.y) return a.y < b.y ? -1 : 1;
+    return (a.z > b.z) - (a.z < b.z);
+}
+
 static inline double qm_vec_distance(qm_vec a, qm_vec b)
 {
     return qm_vec_norm(qm_vec_sub(a, b));
@@ -100,13 +113,13 @@ static inline qm_box qm_vec_box(const qm_vec *point, int count)
     return box;
 }
 
-/** Mean of count points. */
+/** Mean of count points, count >= 1. */
 static inline qm_vec qm_vec_centroid(const qm_vec *point, int count)
 {
-    qm_vec middle = {0, 0, 0};
+    qm_vec mean = {0, 0, 0};
     for (int i = 0; i < count; i++)
-        middle = qm_vec_axpy(middle, 1.0 / count, point[i]);
-    return middle;
+        mean = qm_vec_axpy(mean, 1.0 / count, point[i]);
+    return mean;
 }
 
 static inline double qm_min(double a, double b)
@@ -119,12 +132,12 @@ static inline double qm_max(double a, double b)
     return a > b ? a : b;
 }
 
-/** Radius of the least ball round a middle that holds count points. */
-static inline double qm_vec_radius(const qm_vec *point, int count, qm_vec middle)
+/** Radius of the smallest ball around center that contains count points. */
+static inline double qm_vec_radius(const qm_vec *point, int count, qm_vec center)
 {
     double radius2 = 0.0;
     for (int i = 0; i < count; i++)
-        radius2 = qm_max(radius2, qm_vec_norm2(qm_vec_sub(point[i], middle)));
+        radius2 = qm_max(radius2, qm_vec_norm2(qm_vec_sub(point[i], center)));
     return sqrt(radius2);
 }
 

@@ -5,7 +5,7 @@
  * The pieces bound the maximum too, if not closely; a search narrows it afterwards. It takes a share of the
  * work: steps for half of the vertices and pieces that there were, and a few thousand besides. Two spheres of
  * 2,400 packs take 5,784, and scans 1,000; a step costs about what a piece does, also where both are slow.
- * Work is counted, not timed, so that the same question has the same answer. Where the search ends before its
+ * Work is counted, not timed, so that equal calls have equal results. Where the search ends before its
  * time the bracket is wider than the tolerance, and holds.
  */
 #include "qm/deviation.h"
@@ -18,9 +18,9 @@
 #include "deviation_refine.h"
 
 #define SEARCH_WORK 4096 /* steps of the search for the maximum */
-#define SEARCH_SHARE 0.5 /* and so many for each vertex and each piece */
+#define SEARCH_SHARE 0.5 /* further steps for each vertex and each piece */
 
-/** What the stages of a call share. */
+/** The state that the stages of a call share. */
 typedef struct deviation_work {
     qm_context *ctx;
     const qm_bvh *a, *b;
@@ -73,20 +73,15 @@ static qm_status find_vertex_distances(deviation_work *work)
 
 /* ---- the surface ---- */
 
-/** The mean over the vertices, which tells about what the mean over the surface will be. */
-static double mean_of_vertices(const deviation_work *work)
-{
-    double sum = 0.0;
-    for (size_t i = 0; i < work->out->vertex_count; i++)
-        sum += work->out->vertex_distance[i];
-    return sum / (double)work->out->vertex_count * work->b->frame.scale;
-}
-
 static qm_status refine(deviation_work *work)
 {
     qm_refinement *pieces = &work->refinement;
+    double sum = 0.0;
+    for (size_t i = 0; i < work->out->vertex_count; i++)
+        sum += work->out->vertex_distance[i];
+    /* The mean over the vertices estimates that over the surface. */
+    pieces->typical = sum / (double)work->out->vertex_count * work->b->frame.scale;
     pieces->accuracy = work->options->accuracy;
-    pieces->typical = mean_of_vertices(work);
     pieces->piece_limit = work->options->piece_limit;
     pieces->thread_count = work->options->thread_count;
     qm_status status = qm_refinement_run(pieces);
@@ -97,16 +92,9 @@ static qm_status refine(deviation_work *work)
 
 /* ---- points ---- */
 
-/** Marks the vertices that count: all of a point set, else those that a face uses. */
-static void mark_vertices(const qm_mesh *mesh, uint8_t *is_used)
-{
-    memset(is_used, mesh->face_count == 0, mesh->vertex_count);
-    for (size_t i = 0; i < 4 * mesh->face_count; i++)
-        if (mesh->faces[i] != QM_NO_INDEX) is_used[mesh->faces[i]] = 1;
-}
-
-/** The points themselves in place of pieces. How near the projection of the vertices comes to a patch it does
- * not tell, so that patches are searched again. */
+/** Takes the points themselves instead of pieces: all of a point set, else the vertices that a face uses. The
+ * projection of the vertices does not report its error
+ * for patches, so that these are searched again. */
 static qm_status take_points(deviation_work *work, qm_measure measure)
 {
     const qm_mesh *mesh = &work->a->mesh;
@@ -115,14 +103,16 @@ static qm_status take_points(deviation_work *work, qm_measure measure)
     double scale = work->b->frame.scale;
     pieces->count = 0;
     pieces->leak = 0.0;
-    pieces->maker.patch_error = 4.0 * pieces->maker.eta;
+    pieces->setup.patch_error = 4.0 * pieces->setup.eta;
     qm_status status = is_used ? qm_refinement_reserve(pieces, mesh->vertex_count) : QM_E_NO_MEMORY;
     if (status == QM_OK) {
-        mark_vertices(mesh, is_used);
+        memset(is_used, mesh->face_count == 0, mesh->vertex_count);
+        for (size_t i = 0; i < 4 * mesh->face_count; i++)
+            if (mesh->faces[i] != QM_NO_INDEX) is_used[mesh->faces[i]] = 1;
         for (size_t i = 0; i < mesh->vertex_count; i++)
             if (is_used[i])
-                pieces->bounds[pieces->count++] = qm_piece_bound_point(
-                    &pieces->maker, mesh->positions + 3 * i, scale * work->out->vertex_distance[i]);
+                pieces->bounds[pieces->count++] = qm_deviation_point_bound(
+                    &pieces->setup, mesh->positions + 3 * i, scale * work->out->vertex_distance[i]);
     }
     qm_context_free(work->ctx, is_used, mesh->vertex_count, 1);
     work->out->measure = measure;
@@ -138,8 +128,8 @@ static void bound_maximum(deviation_work *work)
 {
     const qm_refinement *pieces = &work->refinement;
     double inverse_scale = work->b->frame.inverse_scale;
-    double crack = QM_CRACK_ROUNDINGS * QM_UNIT_ROUNDING * pieces->maker.reach;
-    qm_interval greatest = qm_piece_greatest(qm_refinement_list(pieces));
+    double crack = QM_CRACK_ROUNDINGS * QM_UNIT_ROUNDING * pieces->setup.extent;
+    qm_interval greatest = qm_deviation_max(qm_refinement_list(pieces));
     work->out->max = (qm_interval){fmax(0.0, greatest.lower - crack) * inverse_scale,
                                    (greatest.upper + crack) * inverse_scale};
 }
@@ -191,11 +181,11 @@ static qm_status set_distribution(deviation_work *work)
     out->bin = qm_context_alloc(ctx, out->bin_count, sizeof *out->bin);
     if ((out->percentile_count > 0 && !out->percentile) || (out->bin_count > 0 && !out->bin))
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the distribution");
-    qm_status status = qm_piece_percentiles(ctx, qm_refinement_list(&work->refinement), greatest,
-                                            options->percentile, out->percentile_count, out->percentile);
+    qm_status status = qm_deviation_percentiles(ctx, qm_refinement_list(&work->refinement), greatest,
+                                                options->percentile, out->percentile_count, out->percentile);
     if (status == QM_OK)
-        status = qm_piece_histogram(ctx, qm_refinement_list(&work->refinement), greatest, out->bin_count,
-                                    out->bin);
+        status = qm_deviation_histogram(ctx, qm_refinement_list(&work->refinement), greatest, out->bin_count,
+                                        out->bin);
     for (size_t i = 0; status == QM_OK && i < out->percentile_count; i++)
         scale_interval(&out->percentile[i], inverse_scale);
     if (out->bin_count > 0) out->bin_width = out->max.upper / (double)out->bin_count;
@@ -206,7 +196,7 @@ static void set_totals(deviation_work *work)
 {
     qm_deviation *out = work->out;
     double inverse_scale = work->b->frame.inverse_scale;
-    qm_piece_totals totals = qm_piece_sum(qm_refinement_list(&work->refinement));
+    qm_deviation_totals totals = qm_deviation_sum(qm_refinement_list(&work->refinement));
     out->mean = totals.mean;
     out->rms = totals.rms;
     out->size = totals.area;
@@ -215,7 +205,7 @@ static void set_totals(deviation_work *work)
     out->mean.upper = fmin(out->mean.upper, out->max.upper);
     out->rms.upper = fmin(out->rms.upper, out->max.upper);
     if (out->measure == QM_OVER_AREA) {
-        scale_interval(&out->size, inverse_scale / work->refinement.maker.area_unit);
+        scale_interval(&out->size, inverse_scale / work->refinement.setup.area_unit);
         scale_interval(&out->size, inverse_scale);
     } else {
         out->size.lower = out->size.upper = (double)work->refinement.count;
@@ -227,7 +217,7 @@ static void set_totals(deviation_work *work)
 static qm_status run(deviation_work *work)
 {
     qm_status status =
-        qm_piece_maker_init(work->ctx, work->a, work->b, work->options->quads, &work->refinement.maker);
+        qm_deviation_setup_init(work->ctx, work->a, work->b, work->options->quads, &work->refinement.setup);
     if (status == QM_OK) status = find_vertex_distances(work);
     bool has_faces = work->a->mesh.face_count > 0;
     if (status == QM_OK) status = has_faces ? refine(work) : take_points(work, QM_OVER_POINTS);

@@ -1,49 +1,57 @@
-#include "deviation_bound.h"
-
+/**
+ * deviation_bound.c: the two linear functions of a piece, from the facets near it. deviation_piece.h has the
+ * proofs; here they are tried in this order, and for each bound the best function is kept:
+ *   facets of the list   upper functions by single facets; the lower one by one plane for each facet
+ *   matches              both functions by bilinear patches, for rectangles that bend little
+ *   centroid, corners    constants and roots, for pieces far from the target
+ *   over the base        the integral of the height over the facet or patch under the piece, with bounds of
+ *                        what other facets take off it, and of the excess beside it
+ */
 #include "deviation_integral.h"
 #include "deviation_match.h"
+#include "deviation_piece.h"
 
 #define SQUARE_ROUNDINGS 0x1p-49 /* relative: of a difference of squares, 16 u */
-#define MOST_OUTSIDE 0.5         /* share of a piece beside the ground: with more its height tells little */
-#define NEAR_GROUND 4.0      /* radii: pieces farther from the target are bounded by their corners better */
-#define ATTACHED_PART 0x1p-6 /* of a height: what other parts of the ground's patch may take off */
-#define LITTLE 0x1p-6        /* of what functions are opened by: losses that are less are not made any less */
-#define BEND_PART 0x1p-6     /* of what cells may leave open: what parts of the integrals may */
+#define MAX_OUTSIDE 0.5          /* share of a piece beside the base: with more the height is a poor bound */
+#define NEAR_BASE 4.0        /* radii: pieces farther from the target are bounded by their corners better */
+#define ATTACHED_PART 0x1p-6 /* of a height: the greatest loss to other parts of the base's patch */
+#define NEGLIGIBLE 0x1p-6    /* of base_margin: a loss below it is not reduced any further */
+#define BEND_PART 0x1p-6     /* of bend_error: the error of an integral over a part of a cell */
 #define TILT 1.25            /* how much steeper than needed a height is tilted */
 
-/** A piece on its way to its bounds. */
+/** The state of one piece while it is bounded. */
 typedef struct bound_work {
-    const qm_piece_maker *maker;
-    const qm_piece_face *face;
-    const qm_source_piece *piece;
-    const qm_piece_shape *shape;
-    const qm_near_facets *near;
-    double at_middle, certain; /* distance of the middle, from above and below */
-    double ball;               /* no facet farther than this from the middle is nearest to any point */
+    const qm_deviation_setup *setup;
+    const qm_deviation_face *face;
+    const qm_deviation_piece *piece;
+    const qm_deviation_shape *shape;
+    const qm_deviation_facets *near;
+    double at_centroid, certain; /* distance of the centroid, from above and below */
+    double ball;                 /* no facet farther than this from the centroid is nearest to any point */
     double low[3], low_sum, high[3], high_sum;
     double cap[3]; /* the least distance to a facet at each corner, from above and below */
     double floor[3];
-    int ground;       /* place of the facet nearest to the middle */
-    int patch_ground; /* the rectangle that the piece is nearest to, or QM_NO_RECTANGLE */
-    qm_triangle ground_facet;
-    double rectangle_distance[QM_NEAR_RECTANGLES]; /* of the middle from their facets, at least */
+    int base;       /* index of the facet nearest to the centroid */
+    int patch_base; /* the rectangle that the piece is nearest to, or QM_NO_RECTANGLE */
+    qm_triangle base_facet;
+    double rectangle_distance[QM_MAX_RECTANGLES]; /* of the centroid from their facets, at least */
     /* Matches with the rectangles of the list, made when they are asked for: with the whole surface of their
      * patches, and with what is within their edges where that is another one. */
     struct {
-        bool is_made, is_made_within;
+        bool is_computed, is_computed_within;
         int same; /* the rectangle whose matches these are: another one of the same patch, or itself */
-        qm_piece_match match, within;
-    } matched[QM_NEAR_RECTANGLES];
+        qm_deviation_match match, within;
+    } matches[QM_MAX_RECTANGLES];
 } bound_work;
 
 /** The lower function by planes on one side of the surface. */
 typedef struct plane_work {
-    double cap[3];   /* what the function is at most */
+    double cap[3];   /* an upper bound of the function at each corner */
     double facet[3]; /* the least of the facets' planes at each corner; cap, to begin with */
-    qm_vec up;       /* the normal of the ground, towards the middle */
+    qm_vec up;       /* the normal of the base, towards the centroid */
 } plane_work;
 
-/* ---- offers ---- */
+/* ---- the best functions so far ---- */
 
 static void offer_high(bound_work *work, const double high[3])
 {
@@ -68,41 +76,42 @@ static void offer_low(bound_work *work, const double low[3])
 /** The rectangle, of those before it, whose match holds for this one as well; otherwise itself. */
 static int find_matched(const bound_work *work, int rectangle)
 {
-    const qm_near_rectangle *of = work->near->rectangle;
+    const qm_deviation_rectangle *of = work->near->rectangle;
     for (int i = 0; i < rectangle; i++)
-        if (of[i].face == of[rectangle].face && work->matched[i].is_made && work->matched[i].same == i &&
-            qm_piece_match_loss(work->maker, &work->matched[i].match, &of[rectangle].box) < INFINITY)
+        if (of[i].face == of[rectangle].face && work->matches[i].is_computed && work->matches[i].same == i &&
+            qm_deviation_match_loss(work->setup, &work->matches[i].match, &of[rectangle].box) < INFINITY)
             return i;
     return rectangle;
 }
 
 /** The match of the piece with the patch of a rectangle that bends little, else NULL. */
-static const qm_piece_match *match_of(bound_work *work, int rectangle, bool within)
+static const qm_deviation_match *match_of(bound_work *work, int rectangle, bool within)
 {
-    const qm_near_rectangle *of = &work->near->rectangle[rectangle];
+    const qm_deviation_rectangle *of = &work->near->rectangle[rectangle];
+    QM_ASSERT(rectangle >= 0 && rectangle < work->near->rectangle_count);
     if (!of->is_mild) return NULL;
-    const double middle[2] = {0.5 * (of->box.low[0] + of->box.high[0]),
+    const double centre[2] = {0.5 * (of->box.low[0] + of->box.high[0]),
                               0.5 * (of->box.low[1] + of->box.high[1])};
-    if (!work->matched[rectangle].is_made) {
-        work->matched[rectangle].is_made = true;
-        work->matched[rectangle].same = find_matched(work, rectangle);
-        if (work->matched[rectangle].same == rectangle)
-            qm_piece_match_make(work->maker, work->face, work->piece, &of->patch, middle, false,
-                                &work->matched[rectangle].match);
+    if (!work->matches[rectangle].is_computed) {
+        work->matches[rectangle].is_computed = true;
+        work->matches[rectangle].same = find_matched(work, rectangle);
+        if (work->matches[rectangle].same == rectangle)
+            qm_deviation_match_make(work->setup, work->face, work->piece, &of->patch, centre, false,
+                                    &work->matches[rectangle].match);
     }
-    int same = work->matched[rectangle].same;
-    const qm_piece_match *match = &work->matched[same].match;
-    qm_piece_match *inner = &work->matched[same].within;
-    if (!within || qm_piece_match_is_inside(match)) return match->holds ? match : NULL;
-    if (!work->matched[same].is_made_within) {
-        qm_piece_match_make(work->maker, work->face, work->piece, &of->patch, middle, true, inner);
-        work->matched[same].is_made_within = true;
+    int same = work->matches[rectangle].same;
+    const qm_deviation_match *match = &work->matches[same].match;
+    qm_deviation_match *inner = &work->matches[same].within;
+    if (!within || qm_deviation_match_is_inside(match)) return match->holds ? match : NULL;
+    if (!work->matches[same].is_computed_within) {
+        qm_deviation_match_make(work->setup, work->face, work->piece, &of->patch, centre, true, inner);
+        work->matches[same].is_computed_within = true;
     }
     return inner->holds ? inner : NULL;
 }
 
 /** Whether the rectangle is the first one of its patch on the list that bends much. */
-static bool is_first(const qm_near_facets *near, int rectangle)
+static bool is_first(const qm_deviation_facets *near, int rectangle)
 {
     for (int i = 0; i < rectangle; i++)
         if (near->rectangle[i].face == near->rectangle[rectangle].face && !near->rectangle[i].is_mild)
@@ -113,33 +122,33 @@ static bool is_first(const qm_near_facets *near, int rectangle)
 /** Upper bounds by matches with all rectangles, and which is under the piece: the one that is nearest. */
 static void offer_matches(bound_work *work)
 {
-    const qm_near_facets *near = work->near;
+    const qm_deviation_facets *near = work->near;
     double least = INFINITY, high[3];
-    work->patch_ground = QM_NO_RECTANGLE;
+    work->patch_base = QM_NO_RECTANGLE;
     for (int i = 0; i < near->rectangle_count; i++) {
         if (work->rectangle_distance[i] > work->ball) continue;
-        const qm_piece_match *match = match_of(work, i, true);
-        if (match && work->matched[i].same == i) {
-            qm_piece_match_above(match, high);
+        const qm_deviation_match *match = match_of(work, i, true);
+        if (match && work->matches[i].same == i) {
+            qm_deviation_match_upper(match, high);
             offer_high(work, high);
-            if (high[0] + high[1] + high[2] < least) work->patch_ground = i;
+            if (high[0] + high[1] + high[2] < least) work->patch_base = i;
             least = qm_min(least, high[0] + high[1] + high[2]);
         }
         if (!work->face->is_patch || !is_first(near, i)) continue;
-        qm_piece_match alike;
-        qm_piece_match_alike(work->maker, work->face, work->piece, &near->rectangle[i].patch, &alike);
+        qm_deviation_match alike;
+        qm_deviation_match_aligned(work->setup, work->face, work->piece, &near->rectangle[i].patch, &alike);
         if (!alike.holds) continue;
-        qm_piece_match_above(&alike, high);
+        qm_deviation_match_upper(&alike, high);
         offer_high(work, high);
     }
 }
 
-/** The linear function below the distance to a rectangle that its match tells; false when there is none. */
+/** The linear function below the distance to a rectangle that its match gives; false when there is none. */
 static bool find_match_plane(bound_work *work, int rectangle, double height[3])
 {
-    const qm_piece_match *match = rectangle == QM_NO_RECTANGLE ? NULL : match_of(work, rectangle, true);
+    const qm_deviation_match *match = rectangle == QM_NO_RECTANGLE ? NULL : match_of(work, rectangle, true);
     if (!match || !(match->least > 0.0)) return false;
-    double loss = qm_piece_match_loss(work->maker, match, &work->near->rectangle[rectangle].box);
+    double loss = qm_deviation_match_loss(work->setup, match, &work->near->rectangle[rectangle].box);
     for (int i = 0; i < 3; i++)
         height[i] = (match->low[i] > 0.0 ? match->low[i] : -match->high[i]) - loss;
     return loss < INFINITY;
@@ -147,20 +156,20 @@ static bool find_match_plane(bound_work *work, int rectangle, double height[3])
 
 /* ---- distances to the list ---- */
 
-/** Distances of the middle from all facets of the list. */
-static void measure_middle(bound_work *work, double distance[QM_FACET_PACKS][QM_PACK_LANES])
+/** Distances of the centroid from all facets of the list. */
+static void measure_centroid(bound_work *work, double distance[QM_FACET_PACKS][QM_PACK_LANES])
 {
-    const qm_near_facets *near = work->near;
-    work->at_middle = work->certain = INFINITY;
+    const qm_deviation_facets *near = work->near;
+    work->at_centroid = work->certain = INFINITY;
     for (int i = 0; i < near->rectangle_count; i++)
         work->rectangle_distance[i] = INFINITY;
     for (int pack = 0; pack < near->pack_count; pack++) {
-        work->maker->kernel->pack_distances(&near->pack[pack], work->shape->middle, distance[pack]);
+        work->setup->kernel->pack_distances(&near->pack[pack], work->shape->centroid, distance[pack]);
         for (int lane = 0; lane < QM_PACK_LANES; lane++) {
             double here = sqrt(distance[pack][lane]), slack = near->slack[pack][lane];
-            if (here + slack < work->at_middle) {
-                work->at_middle = here + slack;
-                work->ground = pack * QM_PACK_LANES + lane;
+            if (here + slack < work->at_centroid) {
+                work->at_centroid = here + slack;
+                work->base = pack * QM_PACK_LANES + lane;
             }
             work->certain = qm_min(work->certain, here - slack);
             distance[pack][lane] = here - slack;
@@ -175,10 +184,10 @@ static void measure_middle(bound_work *work, double distance[QM_FACET_PACKS][QM_
 /** Upper bounds by the facets of a pack, and the corners' own distances. */
 static void offer_pack(bound_work *work, int pack)
 {
-    const qm_near_facets *near = work->near;
+    const qm_deviation_facets *near = work->near;
     _Alignas(64) double d[3][QM_PACK_LANES];
     for (int i = 0; i < 3; i++) {
-        work->maker->kernel->pack_distances(&near->pack[pack], work->shape->corner[i], d[i]);
+        work->setup->kernel->pack_distances(&near->pack[pack], work->shape->corner[i], d[i]);
         for (int lane = 0; lane < QM_PACK_LANES; lane++) {
             double here = sqrt(d[i][lane]), slack = near->slack[pack][lane];
             work->floor[i] = qm_min(work->floor[i], here - slack);
@@ -203,7 +212,7 @@ static bool has_any_within(const double distance[QM_PACK_LANES], double reach)
 
 /* ---- planes ---- */
 
-static qm_vec turn_up(qm_vec normal, double side)
+static qm_vec flip_towards(qm_vec normal, double side)
 {
     return side < 0.0 ? qm_vec_scale(-1.0, normal) : normal;
 }
@@ -234,7 +243,7 @@ static void heights_from(const bound_work *work, const qm_triangle *facet, qm_ve
     /* Over the facet itself it is the plane of the facet, whose normal is exact however near the point is. */
     if (weight[0] > 0.0 && weight[1] > 0.0 && weight[2] > 0.0) {
         double side = qm_vec_dot(qm_vec_sub(from, facet->origin), facet->z);
-        heights_over_facet(work, facet, turn_up(facet->z, side), height);
+        heights_over_facet(work, facet, flip_towards(facet->z, side), height);
         return;
     }
     const qm_vec end = qm_vec_axpy(facet->origin, facet->length, facet->x);
@@ -244,11 +253,11 @@ static void heights_from(const bound_work *work, const qm_triangle *facet, qm_ve
     qm_vec direction = qm_vec_sub(from, foot);
     double distance = qm_vec_norm(direction);
     /* The foot may be off, the direction too; nothing of the facet lies beyond its farthest corner. */
-    heights_along(work, facet,
-                  distance > QM_LEAST_LENGTH ? qm_vec_scale(1.0 / distance, direction) : facet->z, height);
+    heights_along(work, facet, distance > QM_MIN_LENGTH ? qm_vec_scale(1.0 / distance, direction) : facet->z,
+                  height);
 }
 
-/** How much of what the corners' distances may be at most a linear function reaches. */
+/** The sum of a linear function at the corners, cut at the corners' own distances. */
 static double score(const plane_work *planes, const double height[3])
 {
     double sum = 0.0;
@@ -257,14 +266,14 @@ static double score(const plane_work *planes, const double height[3])
     return sum;
 }
 
-/** True when the least of the planes is no less for a facet with these heights. */
-static bool hides_nothing(const plane_work *planes, const double height[3], double slack)
+/** Whether a facet with these heights leaves the minimum of the planes unchanged. */
+static bool changes_nothing(const plane_work *planes, const double height[3], double slack)
 {
     return height[0] - slack >= planes->facet[0] && height[1] - slack >= planes->facet[1] &&
            height[2] - slack >= planes->facet[2];
 }
 
-/** The corner where a linear function hides most. */
+/** The corner where a linear function is farthest below the corner's own distance. */
 static int find_worst(const plane_work *planes, const double height[3])
 {
     int worst = 0;
@@ -282,29 +291,29 @@ static void keep_better(const plane_work *planes, double best[3], const double h
 
 /**
  * A facet takes part in the least of the planes with one plane of its own: that of the facet, one that is
- * parallel to the ground, or one seen from a corner or from the middle; or with the function that its match
- * tells. Any is valid; the one that hides least is taken.
+ * parallel to the base, or one seen from a corner or from the centroid; or with the function that its match
+ * gives. Any is valid; the one with the highest values at the corners is taken.
  */
 static void add_plane(const bound_work *work, plane_work *planes, const qm_triangle *facet, double slack,
                       const double *by_match)
 {
     double best[3], height[3];
-    double side = qm_vec_dot(qm_vec_sub(work->shape->middle, facet->origin), facet->z);
-    qm_vec up = turn_up(facet->z, side);
+    double side = qm_vec_dot(qm_vec_sub(work->shape->centroid, facet->origin), facet->z);
+    qm_vec up = flip_towards(facet->z, side);
     heights_over_facet(work, facet, up, best);
     if (by_match) {
         for (int i = 0; i < 3; i++)
             height[i] = by_match[i] + slack;
         keep_better(planes, best, height);
     }
-    if (!hides_nothing(planes, best, slack)) {
+    if (!changes_nothing(planes, best, slack)) {
         heights_along(work, facet, planes->up, height);
         keep_better(planes, best, height);
     }
     int worst = find_worst(planes, best);
-    const qm_vec from[4] = {work->shape->corner[worst], work->shape->middle,
+    const qm_vec from[4] = {work->shape->corner[worst], work->shape->centroid,
                             work->shape->corner[(worst + 1) % 3], work->shape->corner[(worst + 2) % 3]};
-    for (int k = 0; k < 4 && !hides_nothing(planes, best, slack); k++) {
+    for (int k = 0; k < 4 && !changes_nothing(planes, best, slack); k++) {
         heights_from(work, facet, from[k], height);
         keep_better(planes, best, height);
     }
@@ -312,18 +321,18 @@ static void add_plane(const bound_work *work, plane_work *planes, const qm_trian
         planes->facet[i] = qm_min(planes->facet[i], best[i] - slack);
 }
 
-/** Planes of the facets of a pack that may be nearest to any point; a facet that is farther than the corners
- * are, everywhere, can be no matter. */
+/** Adds planes of the facets of a pack that may be nearest to any point of the piece; a facet that is farther
+ * than the corners are, everywhere, cannot be. */
 static void add_pack_planes(bound_work *work, plane_work *planes, int pack,
                             const double distance[QM_PACK_LANES])
 {
-    const qm_near_facets *near = work->near;
-    const qm_piece_shape *shape = work->shape;
+    const qm_deviation_facets *near = work->near;
+    const qm_deviation_shape *shape = work->shape;
     double most = qm_max(planes->facet[0], qm_max(planes->facet[1], planes->facet[2]));
-    double reach = qm_min(work->ball, most + shape->radius + shape->slack + 4.0 * work->maker->eta);
+    double reach = qm_min(work->ball, most + shape->radius + shape->slack + 4.0 * work->setup->eta);
     for (int lane = 0; lane < QM_PACK_LANES; lane++) {
         if (pack * QM_PACK_LANES + lane >= near->count || distance[lane] > reach) continue;
-        qm_triangle facet = qm_pack_triangle(&near->pack[pack], lane);
+        qm_triangle facet = qm_deviation_facet_at(&near->pack[pack], lane);
         double by_match[3];
         bool is_matched = find_match_plane(work, near->rectangle_of[pack][lane], by_match);
         add_plane(work, planes, &facet, near->slack[pack][lane] + shape->slack, is_matched ? by_match : NULL);
@@ -342,92 +351,94 @@ static void add_planes(bound_work *work, plane_work *planes,
 /** Bounds by the facets of a complete list. */
 static void bound_by_facets(bound_work *work, double distance[QM_FACET_PACKS][QM_PACK_LANES])
 {
-    const qm_near_facets *near = work->near;
-    measure_middle(work, distance);
-    work->ball = work->at_middle + 2.0 * (work->shape->radius + work->shape->slack) + 4.0 * work->maker->eta;
-    work->ground_facet =
-        qm_pack_triangle(&near->pack[work->ground / QM_PACK_LANES], work->ground % QM_PACK_LANES);
+    const qm_deviation_facets *near = work->near;
+    QM_ASSERT(near->is_complete && near->count > 0);
+    measure_centroid(work, distance);
+    work->ball =
+        work->at_centroid + 2.0 * (work->shape->radius + work->shape->slack) + 4.0 * work->setup->eta;
+    work->base_facet =
+        qm_deviation_facet_at(&near->pack[work->base / QM_PACK_LANES], work->base % QM_PACK_LANES);
     for (int pack = 0; pack < near->pack_count; pack++)
         if (has_any_within(distance[pack], work->ball)) offer_pack(work, pack);
     offer_matches(work);
-    const qm_triangle *ground = &work->ground_facet;
-    double side = qm_vec_dot(qm_vec_sub(work->shape->middle, ground->origin), ground->z);
-    plane_work planes = {.up = turn_up(ground->z, side)};
+    const qm_triangle *base = &work->base_facet;
+    double side = qm_vec_dot(qm_vec_sub(work->shape->centroid, base->origin), base->z);
+    plane_work planes = {.up = flip_towards(base->z, side)};
     for (int i = 0; i < 3; i++)
         planes.cap[i] = work->cap[i];
     add_planes(work, &planes, distance);
     offer_low(work, planes.facet);
 }
 
-/* ---- over the ground ---- */
+/* ---- over the base ---- */
 
 /** The surface that the height is over: a facet, or the patch of a rectangle. */
-typedef struct ground {
-    double low[3], high[3]; /* the height lies between them, and so does the distance to the ground, signed */
-    double cap[2][3];       /* no less than what bounds that distance from below, on either side */
+typedef struct base {
+    double low[3], high[3]; /* the height lies between them, and so does the distance to the base, signed */
+    double cap[2][3];       /* an upper bound of the lower bound of that distance, on either side */
     qm_vec normal;
-    qm_outside outside;          /* what of the piece may be beside it */
-    const qm_piece_match *match; /* NULL of a facet */
+    qm_excess outside;               /* of the parts of the piece that may be beside it */
+    const qm_deviation_match *match; /* NULL of a facet */
     double loss, more;   /* of the match: by how much the distance may be below the height, and above, */
-    double below, above; /* and what opens the height of the match to hold the signed distance */
+    double below, above; /* widen the height of the match to hold the signed distance */
     uint32_t face;
-} ground;
+} base;
 
-/** The height on one side of the ground, and what the other facets take off it there. */
+/** The height on one side of the base, and its loss to the other facets there. */
 typedef struct side_work {
-    const ground *over;
-    double room;            /* by how much the height may exceed the distance before it strays */
-    double up;              /* 1 or -1: the side that the normal of the ground points to, or the other one */
-    qm_vec normal;          /* towards the side */
-    double height[3], most; /* what the height is at least; at the corners, and the greatest */
+    const base *over;
+    double room;   /* by how much the height may exceed the distance and still count as a valid bound */
+    double up;     /* 1 or -1: the side that the normal of the base points to, or the other one */
+    qm_vec normal; /* towards the side */
+    double height[3], most; /* a lower bound of the height at the corners, and its greatest value */
     qm_positive_region region;
     qm_positive_part lost;
 } side_work;
 
 /** The part of the height above a linear function less slack, as its mean over the piece; no more than the
- * height itself, as no distance is below 0. The share is that of the places where this part exceeds room. */
+ * height itself, as no distance is below 0. The share is that of the points where this part exceeds room. */
 static qm_positive_part find_loss(const side_work *side, const double height[3], double slack)
 {
     double above[3];
     for (int i = 0; i < 3; i++)
         above[i] = side->height[i] - (height[i] - slack);
-    qm_positive_part part = qm_positive_part_in(&side->region, above);
+    qm_positive_part part = qm_integral_positive_part_in(&side->region, above);
     part.mean = qm_min(part.mean, part.share * side->most);
     for (int i = 0; i < 3; i++)
         above[i] -= side->room;
-    part.share = qm_positive_part_in(&side->region, above).share;
+    part.share = qm_integral_positive_part_in(&side->region, above).share;
     return part;
 }
 
-static void keep_least(qm_positive_part *least, qm_positive_part loss)
+static void keep_min(qm_positive_part *least, qm_positive_part loss)
 {
     if (loss.mean < least->mean) *least = loss;
 }
 
-/** What a facet may lower: by its own plane, one parallel to the ground, or one as seen from a corner or the
- * middle. Any is valid; the one that takes off least is taken. */
+/** The loss to a facet: by its own plane, one parallel to the base, or one as seen from a corner or the
+ * centroid. Any is valid; the one with the smallest loss is taken. */
 static qm_positive_part find_facet_loss(const bound_work *work, const side_work *side,
                                         const qm_triangle *facet, double slack)
 {
     double height[3];
-    qm_vec up = turn_up(facet->z, qm_vec_dot(side->normal, facet->z));
+    qm_vec up = flip_towards(facet->z, qm_vec_dot(side->normal, facet->z));
     heights_over_facet(work, facet, up, height);
     qm_positive_part least = find_loss(side, height, slack);
     if (least.mean > 0.0) {
         heights_along(work, facet, side->normal, height);
-        keep_least(&least, find_loss(side, height, slack));
+        keep_min(&least, find_loss(side, height, slack));
     }
     for (int k = 0; k < 4 && least.mean > 0.0; k++) {
-        qm_vec from = k < 3 ? work->shape->corner[k] : work->shape->middle;
+        qm_vec from = k < 3 ? work->shape->corner[k] : work->shape->centroid;
         if (k < 3 && !(side->height[k] > 0.0)) continue;
         heights_from(work, facet, from, height);
-        keep_least(&least, find_loss(side, height, slack));
+        keep_min(&least, find_loss(side, height, slack));
     }
     return least;
 }
 
 /** Tilts a height over a rectangle's surface towards it: by as little as lifts all corners that are beyond
- * its edge to what they are over the ground. */
+ * its edge to their heights over the base. */
 static void tilt(const side_work *side, const double beyond[3], double height[3])
 {
     double slope = 0.0;
@@ -440,43 +451,44 @@ static void tilt(const side_work *side, const double beyond[3], double height[3]
         height[i] = (height[i] + slope * beyond[i]) * shorter;
 }
 
-/** What a rectangle may lower, by how far the piece is beyond one of its edges. */
+/** The loss to a rectangle, by how far the piece is beyond one of its edges. */
 static qm_positive_part find_aside_loss(const bound_work *work, const side_work *side, int rectangle)
 {
     qm_positive_part least = {INFINITY, INFINITY, 1.0};
-    const qm_near_rectangle *of = &work->near->rectangle[rectangle];
+    const qm_deviation_rectangle *of = &work->near->rectangle[rectangle];
     double height[4][3];
-    qm_piece_match_aside(work->face, work->piece, &of->patch, &of->box, side->normal, height);
+    qm_deviation_match_beside(work->face, work->piece, &of->patch, &of->box, side->normal, height);
     for (int edge = 0; edge < 4 && least.mean > 0.0; edge++)
-        keep_least(&least, find_loss(side, height[edge], work->face->slack));
+        keep_min(&least, find_loss(side, height[edge], work->face->slack));
     return least;
 }
 
-/** What a rectangle may lower, by its matches: that with the ground, if of the same patch, and its own. */
+/** The loss to a rectangle, by its matches: that with the base, if it belongs to the same patch, and its
+ * own. */
 static qm_positive_part find_match_loss(bound_work *work, const side_work *side, int rectangle)
 {
-    const qm_near_rectangle *of = &work->near->rectangle[rectangle];
+    const qm_deviation_rectangle *of = &work->near->rectangle[rectangle];
     if (side->over->match && side->over->face == of->face) {
-        double loss = qm_piece_match_loss(work->maker, side->over->match, &of->box);
-        /* No more than that of the ground, or at least little: nowhere is it the nearest by more. */
+        double loss = qm_deviation_match_loss(work->setup, side->over->match, &of->box);
+        /* No more than that of the base, or at least little: nowhere is it the nearest by more. */
         if (loss <= side->over->loss) return (qm_positive_part){0.0, 0.0, 0.0};
     }
     qm_positive_part least = find_aside_loss(work, side, rectangle);
-    double enough = LITTLE * work->maker->stray_error;
-    for (int within = 0; within < 2 && least.mean > enough; within++) {
-        const qm_piece_match *match = match_of(work, rectangle, within == 1);
+    double negligible = NEGLIGIBLE * work->setup->base_margin;
+    for (int within = 0; within < 2 && least.mean > negligible; within++) {
+        const qm_deviation_match *match = match_of(work, rectangle, within == 1);
         double height[3], beyond[3];
         if (!match) continue;
-        qm_match_margin margin = qm_piece_match_margin(work->maker, match, &of->box);
+        qm_match_margin margin = qm_deviation_match_margin(work->setup, match, &of->box);
         if (!(margin.loss < INFINITY)) continue;
-        if (margin.tilted < INFINITY) qm_piece_match_beyond(match, &of->box, &margin, beyond);
-        for (int turned = 0; turned < 2 && least.mean > 0.0; turned++) {
+        if (margin.tilted < INFINITY) qm_deviation_match_beyond(match, &of->box, &margin, beyond);
+        for (int flipped = 0; flipped < 2 && least.mean > 0.0; flipped++) {
             for (int i = 0; i < 3; i++)
-                height[i] = turned ? -match->high[i] : match->low[i];
-            keep_least(&least, find_loss(side, height, margin.loss));
+                height[i] = flipped ? -match->high[i] : match->low[i];
+            keep_min(&least, find_loss(side, height, margin.loss));
             if (!(margin.tilted < INFINITY)) continue;
             tilt(side, beyond, height);
-            keep_least(&least, find_loss(side, height, margin.tilted));
+            keep_min(&least, find_loss(side, height, margin.tilted));
         }
     }
     return least;
@@ -487,16 +499,16 @@ static qm_positive_part find_match_loss(bound_work *work, const side_work *side,
 static void take_facets_off(bound_work *work, side_work *side,
                             const double distance[QM_FACET_PACKS][QM_PACK_LANES])
 {
-    const qm_near_facets *near = work->near;
-    const qm_piece_shape *shape = work->shape;
-    double reach = qm_min(work->ball, side->most + shape->radius + shape->slack + 4.0 * work->maker->eta);
+    const qm_deviation_facets *near = work->near;
+    const qm_deviation_shape *shape = work->shape;
+    double reach = qm_min(work->ball, side->most + shape->radius + shape->slack + 4.0 * work->setup->eta);
     int before = QM_NO_RECTANGLE;
     qm_positive_part whole = {0.0, 0.0, 0.0}, sum = whole;
-    for (int place = 0; place <= near->count; place++) {
-        int pack = place / QM_PACK_LANES, lane = place % QM_PACK_LANES;
-        int rectangle = place < near->count ? near->rectangle_of[pack][lane] : QM_NO_RECTANGLE;
+    for (int index = 0; index <= near->count; index++) {
+        int pack = index / QM_PACK_LANES, lane = index % QM_PACK_LANES;
+        int rectangle = index < near->count ? near->rectangle_of[pack][lane] : QM_NO_RECTANGLE;
         if (before != QM_NO_RECTANGLE && rectangle != before) {
-            keep_least(&sum, whole);
+            keep_min(&sum, whole);
             side->lost.mean += sum.mean;
             side->lost.share += sum.share;
         }
@@ -505,10 +517,10 @@ static void take_facets_off(bound_work *work, side_work *side,
             whole = work->rectangle_distance[rectangle] > reach ? (qm_positive_part){0.0, 0.0, 0.0}
                                                                 : find_match_loss(work, side, rectangle);
         before = rectangle;
-        bool is_ground = !side->over->match && place == work->ground;
-        if (place == near->count || is_ground || distance[pack][lane] > reach) continue;
+        bool is_base = !side->over->match && index == work->base;
+        if (index == near->count || is_base || distance[pack][lane] > reach) continue;
         if (rectangle != QM_NO_RECTANGLE && !(whole.mean > sum.mean)) continue;
-        qm_triangle facet = qm_pack_triangle(&near->pack[pack], lane);
+        qm_triangle facet = qm_deviation_facet_at(&near->pack[pack], lane);
         qm_positive_part least = find_facet_loss(work, side, &facet, near->slack[pack][lane] + shape->slack);
         qm_positive_part *to = rectangle == QM_NO_RECTANGLE ? &side->lost : &sum;
         to->mean += least.mean;
@@ -516,22 +528,22 @@ static void take_facets_off(bound_work *work, side_work *side,
     }
 }
 
-static double greatest_corner(const double x[3])
+static double max3(const double x[3])
 {
     return qm_max(x[0], qm_max(x[1], x[2]));
 }
 
-/** What a piece may be beside some walls, by how far its corners are beyond each: by how much its distance is
- * above the height at most, and in the mean, and in what share. Where it is beyond more than one wall, it is
- * no farther than the sum, sharpness times. */
-static qm_outside find_outside(const double wall[][3], int count, double sharpness)
+/** Bounds by how much the distance exceeds the height where a piece is beyond some edges, from how far its
+ * corners are beyond each: at most, in the mean, and in which share of the piece. Beyond more than one edge
+ * the excess is no more than the sum over the edges, times sharpness. */
+static qm_excess find_outside(const double edge[][3], int count, double sharpness)
 {
     double most = 0.0;
-    qm_outside outside = {0.0, {0.0, 0.0, 0.0}};
+    qm_excess outside = {0.0, {0.0, 0.0, 0.0}};
     for (int k = 0; k < count; k++) {
-        double here = greatest_corner(wall[k]);
+        double here = max3(edge[k]);
         if (!(here > 0.0)) continue;
-        qm_positive_part part = qm_positive_part_of(wall[k]);
+        qm_positive_part part = qm_integral_positive_part(edge[k]);
         most += here;
         outside.part.mean += part.mean;
         outside.part.share += part.share;
@@ -542,46 +554,46 @@ static qm_outside find_outside(const double wall[][3], int count, double sharpne
     return outside;
 }
 
-/** Lowers the bounds of find_outside by how far the corners are past both ends of each wall: beyond a wall, a
- * point is no farther from it than the sum of these and its distance from the wall's plane. */
-static void narrow_outside(qm_outside *outside, const double wall[3][3], const double past[3][2][3])
+/** Lowers the bounds of find_outside by how far the corners are past both ends of each edge: a point beyond
+ * an edge is no farther from it than the sum of these and its distance from the plane on the edge. */
+static void narrow_outside(qm_excess *outside, const double edge[3][3], const double past[3][2][3])
 {
     double most = 0.0, mean = 0.0;
     for (int k = 0; k < 3; k++) {
-        double here = greatest_corner(wall[k]);
+        double here = max3(edge[k]);
         if (!(here > 0.0)) continue;
-        qm_positive_region region = qm_positive_region_of(wall[k]);
+        qm_positive_region region = qm_integral_positive_region(edge[k]);
         most += here;
-        mean += qm_positive_part_of(wall[k]).mean;
+        mean += qm_integral_positive_part(edge[k]).mean;
         for (int end = 0; end < 2; end++) {
-            most += qm_max(0.0, greatest_corner(past[k][end]));
-            mean += qm_positive_part_in(&region, past[k][end]).mean;
+            most += qm_max(0.0, max3(past[k][end]));
+            mean += qm_integral_positive_part_in(&region, past[k][end]).mean;
         }
     }
     outside->most = qm_min(outside->most, most * (1.0 + SQUARE_ROUNDINGS));
     outside->part.mean = qm_min(outside->part.mean, mean * (1.0 + SQUARE_ROUNDINGS));
 }
 
-static void set_facet_ground(const bound_work *work, ground *over)
+static void set_facet_base(const bound_work *work, base *over)
 {
-    const qm_triangle *t = &work->ground_facet;
-    double slack = work->near->slack[work->ground / QM_PACK_LANES][work->ground % QM_PACK_LANES];
-    double wall[3][3], past[3][2][3], height[3], open = slack + work->shape->slack;
+    const qm_triangle *t = &work->base_facet;
+    double slack = work->near->slack[work->base / QM_PACK_LANES][work->base % QM_PACK_LANES];
+    double edge[3][3], past[3][2][3], height[3], open = slack + work->shape->slack;
     for (int i = 0; i < 3; i++) {
         double inside[3], within[3][2];
-        qm_triangle_walls(t, work->shape->corner[i], inside);
-        qm_triangle_ends(t, work->shape->corner[i], within);
+        qm_deviation_facet_edges(t, work->shape->corner[i], inside);
+        qm_deviation_facet_ends(t, work->shape->corner[i], within);
         for (int k = 0; k < 3; k++) {
-            wall[k][i] = work->maker->eta - inside[k];
+            edge[k][i] = work->setup->eta - inside[k];
             for (int end = 0; end < 2; end++)
-                past[k][end][i] = work->maker->eta - within[k][end];
+                past[k][end][i] = work->setup->eta - within[k][end];
         }
     }
     over->match = NULL;
     over->normal = t->z;
-    over->outside =
-        find_outside((const double(*)[3])wall, 3, 1.0 / qm_triangle_least_sine(t) * (1.0 + SQUARE_ROUNDINGS));
-    narrow_outside(&over->outside, (const double(*)[3])wall, (const double(*)[2][3])past);
+    over->outside = find_outside((const double(*)[3])edge, 3,
+                                 1.0 / qm_deviation_facet_min_sine(t) * (1.0 + SQUARE_ROUNDINGS));
+    narrow_outside(&over->outside, (const double(*)[3])edge, (const double(*)[2][3])past);
     heights_over_facet(work, t, t->z, height);
     for (int i = 0; i < 3; i++) {
         over->low[i] = over->cap[0][i] = height[i] - open;
@@ -590,16 +602,17 @@ static void set_facet_ground(const bound_work *work, ground *over)
     }
 }
 
-/** What the match loses to the parts of its patch that are on the list: the least that it loses to any, and
- * what it loses to others if that is but a small part of the height. */
-static double find_patch_loss(const bound_work *work, const ground *over)
+/** The loss of the match to the parts of its patch on the list: the least loss to any of them, and the losses
+ * to others that are but a small part of the height. */
+static double find_patch_loss(const bound_work *work, const base *over)
 {
-    double height = 0.0, loss[QM_NEAR_RECTANGLES], least = INFINITY;
+    double height = 0.0, loss[QM_MAX_RECTANGLES], least = INFINITY;
     for (int i = 0; i < 3; i++)
         height = qm_max(height, qm_max(over->match->low[i], -over->match->high[i]));
     for (int k = 0; k < work->near->rectangle_count; k++) {
-        const qm_near_rectangle *of = &work->near->rectangle[k];
-        loss[k] = of->face == over->face ? qm_piece_match_loss(work->maker, over->match, &of->box) : INFINITY;
+        const qm_deviation_rectangle *of = &work->near->rectangle[k];
+        loss[k] =
+            of->face == over->face ? qm_deviation_match_loss(work->setup, over->match, &of->box) : INFINITY;
         least = qm_min(least, loss[k]);
     }
     double most = least;
@@ -608,35 +621,35 @@ static double find_patch_loss(const bound_work *work, const ground *over)
     return most;
 }
 
-/** Bounds how far the distance to a patch exceeds the height: by the patch as a graph, with the walls of its
+/** Bounds how far the distance to a patch exceeds the height: by the patch as a graph, with the edges of its
  * view, where that is less. */
-static void set_patch_outside(const bound_work *work, ground *over, const qm_uv_box *box)
+static void set_patch_outside(const bound_work *work, base *over, const qm_uv_box *box)
 {
-    double wall[4][3];
+    double edge[4][3];
     over->more = over->match->over;
-    qm_match_graph graph = qm_piece_match_graph(work->maker, over->match, box);
+    qm_match_graph graph = qm_deviation_match_graph(work->setup, over->match, box);
     if (graph.holds && graph.over < over->more) {
         double sharpness =
-            qm_piece_match_view_walls(work->maker, work->face, work->piece, over->match, &graph, wall);
+            qm_deviation_match_view_edges(work->setup, work->face, work->piece, over->match, &graph, edge);
         if (sharpness < INFINITY) {
             over->more = graph.over;
-            over->outside = find_outside((const double(*)[3])wall, 4, sharpness);
+            over->outside = find_outside((const double(*)[3])edge, 4, sharpness);
             return;
         }
     }
-    qm_piece_match_walls(work->maker, over->match, wall);
-    over->outside = find_outside((const double(*)[3])wall, 4, 1.0);
+    qm_deviation_match_edges(work->setup, over->match, edge);
+    over->outside = find_outside((const double(*)[3])edge, 4, 1.0);
 }
 
-static bool set_patch_ground(bound_work *work, ground *over)
+static bool set_patch_base(bound_work *work, base *over)
 {
-    int rectangle = work->patch_ground;
+    int rectangle = work->patch_base;
     over->match = rectangle == QM_NO_RECTANGLE ? NULL : match_of(work, rectangle, false);
     if (!over->match) return false;
     over->face = work->near->rectangle[rectangle].face;
     over->loss = find_patch_loss(work, over);
     if (!(over->loss < INFINITY)) return false;
-    const qm_piece_match *match = over->match;
+    const qm_deviation_match *match = over->match;
     over->normal = match->normal;
     set_patch_outside(work, over, &work->near->rectangle[rectangle].box);
     bool has_sign = match->least > 0.0, is_above = match->low[0] > 0.0;
@@ -652,35 +665,24 @@ static bool set_patch_ground(bound_work *work, ground *over)
     return true;
 }
 
-/** The height over a patch itself. */
-static void set_bend(const bound_work *work, const ground *over, qm_bend *bend)
+/** Bounds by the height over the base; false when the piece is not over it for the most part. */
+static bool bound_over_base(bound_work *work, const base *over,
+                            const double distance[QM_FACET_PACKS][QM_PACK_LANES], qm_deviation_bounds *out)
 {
-    const qm_piece_match *match = over->match;
-    for (int k = 0; k < 6; k++)
-        bend->value[k] = match->height[k];
-    bend->below = match->slack + over->below + work->maker->eta;
-    bend->above = match->slack + over->above + work->maker->eta;
-    bend->cells = qm_bend_count_cells(match->height, work->maker->bend_error);
-}
-
-/** Bounds by the height over the ground; false when the piece is not over it for the most part. */
-static bool bound_over_ground(bound_work *work, const ground *over,
-                              const double distance[QM_FACET_PACKS][QM_PACK_LANES], qm_piece_bounds *out)
-{
-    double eta = work->maker->eta;
-    if (!(over->outside.part.share < MOST_OUTSIDE) || !(over->outside.most < INFINITY)) return false;
+    double eta = work->setup->eta;
+    if (!(over->outside.part.share < MAX_OUTSIDE) || !(over->outside.most < INFINITY)) return false;
     qm_positive_part lost = {0.0, 0.0, 0.0};
     for (int k = 0; k < 2; k++) {
         side_work side = {.over = over,
-                          .room = work->maker->stray_error,
+                          .room = work->setup->base_margin,
                           .up = k ? -1.0 : 1.0,
-                          .normal = turn_up(over->normal, k ? -1.0 : 1.0)};
+                          .normal = flip_towards(over->normal, k ? -1.0 : 1.0)};
         for (int i = 0; i < 3; i++) {
             side.height[i] = over->cap[k][i];
             side.most = qm_max(side.most, side.height[i]);
         }
         if (!(side.most > 0.0)) continue;
-        side.region = qm_positive_region_of(side.height);
+        side.region = qm_integral_positive_region(side.height);
         take_facets_off(work, &side, distance);
         lost.mean += side.lost.mean;
         lost.share += side.lost.share;
@@ -689,41 +691,46 @@ static bool bound_over_ground(bound_work *work, const ground *over,
         out->low[i] = over->low[i] - eta;
         out->high[i] = over->high[i] + eta;
     }
-    double room = lost.mean > 0.0 ? work->maker->stray_error : 0.0;
+    double room = lost.mean > 0.0 ? work->setup->base_margin : 0.0;
     if (over->match) {
-        set_bend(work, over, &out->bend);
-        qm_piece_integrate_bent(work->shape, lost, over->outside, room, BEND_PART * work->maker->bend_error,
-                                out);
+        for (int k = 0; k < 6; k++)
+            out->bend.value[k] = over->match->height[k];
+        out->bend.below = over->match->slack + over->below + eta;
+        out->bend.above = over->match->slack + over->above + eta;
+        out->bend.cells = qm_quadratic_count_cells(over->match->height, work->setup->bend_error);
+        qm_deviation_integrate_quadratic(work->shape, lost, over->outside, room,
+                                         BEND_PART * work->setup->bend_error, out);
     } else {
-        qm_piece_integrate_signed(work->shape, lost, over->outside, room, out);
+        qm_deviation_integrate_signed(work->shape, lost, over->outside, room, out);
     }
     return true;
 }
 
 /* ---- without planes ---- */
 
-double qm_piece_search(const qm_piece_maker *maker, qm_piece_desk *desk, qm_vec p, double *certain)
+double qm_deviation_search(const qm_deviation_setup *setup, qm_deviation_workspace *workspace, qm_vec p,
+                           double *certain)
 {
-    qm_hit hit = {.d2 = INFINITY, .pack = desk->hint};
-    maker->kernel->closest(maker->target, p, &hit);
-    desk->hint = hit.pack;
-    desk->searches++;
+    qm_hit hit = {.d2 = INFINITY, .pack = workspace->hint};
+    setup->kernel->closest(setup->target, p, &hit);
+    workspace->hint = hit.pack;
+    workspace->searches++;
     *certain = sqrt(hit.d2);
-    if (!maker->target_patches) return *certain;
+    if (!setup->target_patches) return *certain;
     qm_bilinear_hit patch;
-    maker->kernel->closest_patch(maker->target, p, hit.pack, maker->patch_error, &patch);
+    setup->kernel->closest_patch(setup->target, p, hit.pack, setup->patch_error, &patch);
     *certain = qm_max(0.0, patch.lower);
     return patch.distance;
 }
 
-/** The distances of middle and corners by searches, and upper bounds by what is listed. */
-static void bound_by_searches(bound_work *work, qm_piece_desk *desk)
+/** The distances of centroid and corners by searches, and upper functions by the facets that are listed. */
+static void bound_by_searches(bound_work *work, qm_deviation_workspace *workspace)
 {
-    work->at_middle = qm_piece_search(work->maker, desk, work->shape->middle, &work->certain);
+    work->at_centroid = qm_deviation_search(work->setup, workspace, work->shape->centroid, &work->certain);
     for (int pack = 0; pack < work->near->pack_count; pack++)
         offer_pack(work, pack);
     for (int i = 0; i < 3; i++)
-        qm_piece_search(work->maker, desk, work->shape->corner[i], &work->floor[i]);
+        qm_deviation_search(work->setup, workspace, work->shape->corner[i], &work->floor[i]);
 }
 
 /**
@@ -735,7 +742,7 @@ static void bound_by_corners(bound_work *work)
 {
     double third = work->shape->longest2 / 3.0 * (1.0 + SQUARE_ROUNDINGS), low[3];
     for (int i = 0; i < 3; i++) {
-        double sure = work->floor[i] - work->maker->eta;
+        double sure = work->floor[i] - work->setup->eta;
         double excess = sure * sure * (1.0 - SQUARE_ROUNDINGS) - third;
         if (!(sure > 0.0 && excess >= 0.0)) return;
         low[i] = sqrt(excess) - work->shape->slack;
@@ -743,69 +750,72 @@ static void bound_by_corners(bound_work *work)
     offer_low(work, low);
 }
 
-static void bound_by_middle(bound_work *work)
+static void bound_by_centroid(bound_work *work)
 {
     double extent = work->shape->radius + work->shape->slack;
     double sure = qm_max(0.0, work->certain - extent);
     const double low[3] = {sure, sure, sure};
     offer_low(work, low);
-    double most = work->at_middle + extent;
+    double most = work->at_centroid + extent;
     const double high[3] = {most, most, most};
     offer_high(work, high);
 }
 
 /* ---- the calls ---- */
 
-void qm_piece_list_near(const qm_piece_maker *maker, const qm_piece_shape *shape, qm_piece_desk *desk)
+void qm_deviation_list_facets(const qm_deviation_setup *setup, const qm_deviation_shape *shape,
+                              qm_deviation_workspace *workspace)
 {
-    double certain, distance = qm_piece_search(maker, desk, shape->middle, &certain);
-    qm_near_facets_find(maker->kernel, maker->target, maker->target_patches, maker->patch_error,
-                        shape->middle, distance, qm_piece_reach(maker, shape, distance), &desk->near);
+    double certain, distance = qm_deviation_search(setup, workspace, shape->centroid, &certain);
+    qm_deviation_facets_find(setup->kernel, setup->target, setup->target_patches, setup->patch_error,
+                             shape->centroid, distance, qm_deviation_search_radius(setup, shape, distance),
+                             &workspace->near);
 }
 
 /** Bounds over the patch or the facet under the piece, when they are better. */
-static void combine_over_ground(bound_work *work, const double distance[QM_FACET_PACKS][QM_PACK_LANES],
-                                qm_piece_bounds *out)
+static void combine_over_base(bound_work *work, const double distance[QM_FACET_PACKS][QM_PACK_LANES],
+                              qm_deviation_bounds *out)
 {
-    ground over;
-    qm_piece_bounds bounds;
-    bool is_found = set_patch_ground(work, &over) && bound_over_ground(work, &over, distance, &bounds);
-    if (!is_found && work->at_middle < NEAR_GROUND * work->shape->radius) {
-        set_facet_ground(work, &over);
-        is_found = bound_over_ground(work, &over, distance, &bounds);
+    base over;
+    qm_deviation_bounds bounds;
+    bool is_found = set_patch_base(work, &over) && bound_over_base(work, &over, distance, &bounds);
+    if (!is_found && work->at_centroid < NEAR_BASE * work->shape->radius) {
+        set_facet_base(work, &over);
+        is_found = bound_over_base(work, &over, distance, &bounds);
     }
-    if (is_found) qm_piece_bounds_combine(out, &bounds);
+    if (is_found) qm_deviation_bounds_combine(out, &bounds);
 }
 
-void qm_piece_bound_near(const qm_piece_maker *maker, const qm_piece_face *face, const qm_source_piece *piece,
-                         const qm_piece_shape *shape, qm_piece_desk *desk, qm_piece_bounds *out)
+void qm_deviation_piece_bound_near(const qm_deviation_setup *setup, const qm_deviation_face *face,
+                                   const qm_deviation_piece *piece, const qm_deviation_shape *shape,
+                                   qm_deviation_workspace *workspace, qm_deviation_bounds *out)
 {
     bound_work work; /* large, and filled as it is used */
-    work.maker = maker;
+    work.setup = setup;
     work.face = face;
     work.piece = piece;
     work.shape = shape;
-    work.near = &desk->near;
+    work.near = &workspace->near;
     work.low_sum = -INFINITY;
     work.high_sum = INFINITY;
     for (int i = 0; i < 3; i++)
         work.cap[i] = work.floor[i] = INFINITY;
-    for (int i = 0; i < desk->near.rectangle_count; i++)
-        work.matched[i].is_made = work.matched[i].is_made_within = false;
+    for (int i = 0; i < workspace->near.rectangle_count; i++)
+        work.matches[i].is_computed = work.matches[i].is_computed_within = false;
     _Alignas(64) double distance[QM_FACET_PACKS][QM_PACK_LANES];
-    if (desk->near.is_complete)
+    if (workspace->near.is_complete)
         bound_by_facets(&work, distance);
     else
-        bound_by_searches(&work, desk);
-    bound_by_middle(&work);
+        bound_by_searches(&work, workspace);
+    bound_by_centroid(&work);
     bound_by_corners(&work);
     out->is_signed = false;
     out->bend.cells = 0;
-    out->stray_low = out->stray_high = out->excess = 0.0;
+    out->invalid_low = out->invalid_high = out->excess = 0.0;
     for (int i = 0; i < 3; i++) {
-        out->low[i] = work.low[i] - maker->eta;
-        out->high[i] = work.high[i] + maker->eta;
+        out->low[i] = work.low[i] - setup->eta;
+        out->high[i] = work.high[i] + setup->eta;
     }
-    qm_piece_integrate(shape, out);
-    if (desk->near.is_complete) combine_over_ground(&work, distance, out);
+    qm_deviation_integrate(shape, out);
+    if (workspace->near.is_complete) combine_over_base(&work, distance, out);
 }

@@ -1,3 +1,7 @@
+/**
+ * deviation_integral.c: means, squares and areas over a triangle, in closed form: of linear functions where
+ * they are positive, and of quadratic ones, in parts of one sign, by a rule that is exact for them.
+ */
 #include "deviation_integral.h"
 
 #define BEND_DEPTH 6 /* of quarters of a part whose height changes its sign */
@@ -7,12 +11,12 @@ static double sum3(const double x[3])
     return x[0] + x[1] + x[2];
 }
 
-static double least(const double x[3])
+static double min3(const double x[3])
 {
     return qm_min(x[0], qm_min(x[1], x[2]));
 }
 
-static double greatest(const double x[3])
+static double max3(const double x[3])
 {
     return qm_max(x[0], qm_max(x[1], x[2]));
 }
@@ -48,7 +52,7 @@ static int find_odd(const double f[3], int positive)
     return odd;
 }
 
-qm_positive_part qm_positive_part_of(const double f[3])
+qm_positive_part qm_integral_positive_part(const double f[3])
 {
     int positive = count_positive(f);
     if (positive == 0) return (qm_positive_part){0.0, 0.0, 0.0};
@@ -60,10 +64,10 @@ qm_positive_part qm_positive_part_of(const double f[3])
     return add_parts(part_between(b / (b - a), b, c), part_between(-a / (b - a) * (c / (c - a)), c, 0.0));
 }
 
-/** Sets a triangle of the region: corners are places of the piece's corners, or 3 + i for the zero on the
- * edge from corner i to the odd one. */
+/** Adds a triangle to the region, by the weights of its corners. */
 static void add_triangle(qm_positive_region *region, double share, const double corner[3][3])
 {
+    QM_ASSERT(region->count < 2);
     region->share[region->count] = share;
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++)
@@ -71,7 +75,7 @@ static void add_triangle(qm_positive_region *region, double share, const double 
     region->count++;
 }
 
-qm_positive_region qm_positive_region_of(const double f[3])
+qm_positive_region qm_integral_positive_region(const double f[3])
 {
     static const double whole[3][3] = {{1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
     qm_positive_region region = {.count = 0};
@@ -102,7 +106,7 @@ qm_positive_region qm_positive_region_of(const double f[3])
     return region;
 }
 
-qm_positive_part qm_positive_part_in(const qm_positive_region *region, const double f[3])
+qm_positive_part qm_integral_positive_part_in(const qm_positive_region *region, const double f[3])
 {
     qm_positive_part sum = {0.0, 0.0, 0.0};
     if (count_positive(f) == 0) return sum;
@@ -112,7 +116,7 @@ qm_positive_part qm_positive_part_in(const qm_positive_region *region, const dou
             const double *weight = region->weight[i][k];
             here[k] = weight[0] * f[0] + weight[1] * f[1] + weight[2] * f[2];
         }
-        qm_positive_part part = qm_positive_part_of(here);
+        qm_positive_part part = qm_integral_positive_part(here);
         sum.mean += region->share[i] * part.mean;
         sum.square += region->share[i] * part.square;
         sum.share += region->share[i] * part.share;
@@ -121,42 +125,42 @@ qm_positive_part qm_positive_part_in(const qm_positive_region *region, const dou
 }
 
 /** Integral of max(f, 0)^2 from below. */
-static double square_below(const double f[3], const qm_piece_shape *w)
+static double square_below(const double f[3], const qm_deviation_shape *w)
 {
-    if (w->is_uniform || least(f) < 0.0) return least(w->low) * qm_positive_part_of(f).square;
-    /* f^2 lies above its tangent at the middle, which is linear. */
-    double tangent[3], mean = sum3(f) / 3.0, by_mean = least(w->low) * mean * mean;
+    if (w->is_uniform || min3(f) < 0.0) return min3(w->low) * qm_integral_positive_part(f).square;
+    /* f^2 lies above its tangent at the centroid, which is linear. */
+    double tangent[3], mean = sum3(f) / 3.0, by_mean = min3(w->low) * mean * mean;
     for (int i = 0; i < 3; i++)
         tangent[i] = (2.0 * f[i] - mean) * mean;
-    return least(tangent) < 0.0 ? by_mean : qm_max(by_mean, mean_product(tangent, w->low));
+    return min3(tangent) < 0.0 ? by_mean : qm_max(by_mean, mean_product(tangent, w->low));
 }
 
 /** Integral of max(f, 0)^2 from above; f^2 is convex. */
-static double square_above(const double f[3], const qm_piece_shape *w)
+static double square_above(const double f[3], const qm_deviation_shape *w)
 {
-    if (w->is_uniform || least(f) < 0.0) return greatest(w->high) * qm_positive_part_of(f).square;
+    if (w->is_uniform || min3(f) < 0.0) return max3(w->high) * qm_integral_positive_part(f).square;
     const double f2[3] = {f[0] * f[0], f[1] * f[1], f[2] * f[2]};
     return mean_product(f2, w->high);
 }
 
 /** Integral of max(f, 0) from below. */
-static double mean_below(const double f[3], const qm_piece_shape *w)
+static double mean_below(const double f[3], const qm_deviation_shape *w)
 {
-    return least(f) < 0.0 ? least(w->low) * qm_positive_part_of(f).mean : mean_product(f, w->low);
+    return min3(f) < 0.0 ? min3(w->low) * qm_integral_positive_part(f).mean : mean_product(f, w->low);
 }
 
 /** Integral of max(f, 0) from above. */
-static double mean_above(const double f[3], const qm_piece_shape *w)
+static double mean_above(const double f[3], const qm_deviation_shape *w)
 {
-    return least(f) < 0.0 ? greatest(w->high) * qm_positive_part_of(f).mean : mean_product(f, w->high);
+    return min3(f) < 0.0 ? max3(w->high) * qm_integral_positive_part(f).mean : mean_product(f, w->high);
 }
 
-void qm_piece_integrate(const qm_piece_shape *w, qm_piece_bounds *out)
+void qm_deviation_integrate(const qm_deviation_shape *w, qm_deviation_bounds *out)
 {
     out->area_low = sum3(w->low) / 3.0;
     out->area_high = sum3(w->high) / 3.0;
-    out->density_low = least(w->low);
-    out->density_high = greatest(w->high);
+    out->density_low = min3(w->low);
+    out->density_high = max3(w->high);
     out->mean_low = mean_below(out->low, w);
     out->mean_high = mean_above(out->high, w);
     out->square_low = square_below(out->low, w);
@@ -165,8 +169,8 @@ void qm_piece_integrate(const qm_piece_shape *w, qm_piece_bounds *out)
 }
 
 /** Adds the integrals of the greater of high and -low, and of low and -high, where they are positive. */
-static void add_signed(const double low[3], const double high[3], const qm_piece_shape *w,
-                       qm_piece_bounds *sum)
+static void add_signed(const double low[3], const double high[3], const qm_deviation_shape *w,
+                       qm_deviation_bounds *sum)
 {
     const double other_low[3] = {-high[0], -high[1], -high[2]}, other_high[3] = {-low[0], -low[1], -low[2]};
     sum->mean_low += mean_below(low, w) + mean_below(other_low, w);
@@ -175,30 +179,31 @@ static void add_signed(const double low[3], const double high[3], const qm_piece
     sum->square_high += square_above(high, w) + square_above(other_high, w);
 }
 
-/** Takes off what is lost, and adds what is outside, of a height between two greatest values. */
-static void add_strays(qm_positive_part lost, qm_outside outside, double most_low, double most_high,
-                       qm_piece_bounds *out)
+/** Subtracts the loss of a height from the integrals, and adds its excess; the greatest values of its lower
+ * and upper function bound both. */
+static void add_invalid(qm_positive_part lost, qm_excess outside, double max_low, double max_high,
+                        qm_deviation_bounds *out)
 {
     double missed = out->density_high * lost.mean, beside = out->density_high * outside.part.mean;
     out->mean_low = qm_max(0.0, out->mean_low - missed);
     out->mean_high += beside;
-    out->square_low = qm_max(0.0, out->square_low - 2.0 * qm_max(0.0, most_low) * missed);
-    out->square_high += (2.0 * most_high + outside.most) * beside;
-    out->stray_low = qm_min(1.0, lost.share);
-    out->stray_high = qm_min(1.0, outside.part.share);
+    out->square_low = qm_max(0.0, out->square_low - 2.0 * qm_max(0.0, max_low) * missed);
+    out->square_high += (2.0 * max_high + outside.most) * beside;
+    out->invalid_low = qm_min(1.0, lost.share);
+    out->invalid_high = qm_min(1.0, outside.part.share);
     out->excess = outside.most;
-    out->blur = out->density_high * (most_high + outside.most) * (out->stray_low + out->stray_high);
+    out->blur = out->density_high * (max_high + outside.most) * (out->invalid_low + out->invalid_high);
 }
 
-static void start_signed(const qm_piece_shape *w, qm_piece_bounds *out)
+static void start_signed(const qm_deviation_shape *w, qm_deviation_bounds *out)
 {
-    qm_piece_integrate(w, out);
+    qm_deviation_integrate(w, out);
     out->is_signed = true;
     out->bend.cells = 0;
     out->mean_low = out->mean_high = out->square_low = out->square_high = 0.0;
 }
 
-static void open_signed(double room, qm_piece_bounds *out)
+static void open_signed(double room, qm_deviation_bounds *out)
 {
     for (int i = 0; i < 3; i++) {
         out->low[i] -= room;
@@ -206,15 +211,14 @@ static void open_signed(double room, qm_piece_bounds *out)
     }
 }
 
-void qm_piece_integrate_signed(const qm_piece_shape *w, qm_positive_part lost, qm_outside outside,
-                               double room, qm_piece_bounds *out)
+void qm_deviation_integrate_signed(const qm_deviation_shape *w, qm_positive_part lost, qm_excess outside,
+                                   double room, qm_deviation_bounds *out)
 {
     double low[3], high[3];
     start_signed(w, out);
     add_signed(out->low, out->high, w, out);
-    qm_piece_bounds_turn(out, low, high);
-    add_strays(lost, outside, qm_max(greatest(out->low), greatest(low)),
-               qm_max(greatest(out->high), greatest(high)), out);
+    qm_deviation_bounds_flip(out, low, high);
+    add_invalid(lost, outside, qm_max(max3(out->low), max3(low)), qm_max(max3(out->high), max3(high)), out);
     open_signed(room, out);
     out->blur += out->density_high * (sum3(out->high) - sum3(out->low)) / 3.0;
 }
@@ -238,25 +242,26 @@ static void mean_quadratic(const double f[6], const double w[3], double mean[2])
         }
 }
 
-static double greatest_of_six(const double x[6])
+static double max6(const double x[6])
 {
-    return qm_max(greatest(x), greatest(x + 3));
+    return qm_max(max3(x), max3(x + 3));
 }
 
-static double least_of_six(const double x[6])
+static double min6(const double x[6])
 {
-    return qm_min(least(x), least(x + 3));
+    return qm_min(min3(x), min3(x + 3));
 }
 
 /** Adds the integrals of a height that is nowhere negative on a side, 1 or -1; false when it may be. */
-static bool add_sided(const qm_bend *bend, double side, const qm_piece_shape *w, qm_piece_bounds *sum)
+static bool add_sided(const qm_quadratic *bend, double side, const qm_deviation_shape *w,
+                      qm_deviation_bounds *sum)
 {
     double low[6], high[6], below[2], above[2];
     for (int k = 0; k < 6; k++) {
         low[k] = side * bend->value[k] - (side > 0.0 ? bend->below : bend->above);
         high[k] = side * bend->value[k] + (side > 0.0 ? bend->above : bend->below);
     }
-    if (least_of_six(low) < 0.0) return false;
+    if (min6(low) < 0.0) return false;
     mean_quadratic(low, w->low, below);
     mean_quadratic(high, w->high, above);
     sum->mean_low += below[0];
@@ -267,11 +272,11 @@ static bool add_sided(const qm_bend *bend, double side, const qm_piece_shape *w,
 }
 
 /** A quarter of a piece. */
-static void cut_quarter(const qm_bend *bend, const qm_piece_shape *w, const double corner[3][3],
-                        qm_bend *part, qm_piece_shape *of)
+static void cut_quarter(const qm_quadratic *bend, const qm_deviation_shape *w, const double corner[3][3],
+                        qm_quadratic *part, qm_deviation_shape *of)
 {
     *part = *bend;
-    qm_bend_part(bend->value, corner, part->value);
+    qm_quadratic_restrict(bend->value, corner, part->value);
     of->is_uniform = w->is_uniform;
     for (int i = 0; i < 3; i++) {
         of->low[i] = of->high[i] = 0.0;
@@ -284,8 +289,8 @@ static void cut_quarter(const qm_bend *bend, const qm_piece_shape *w, const doub
 
 /** Adds the integrals of a part. Its height is off linear by open, which is wrong only where it changes its
  * sign, and in a share of the whole of about 1 / 2^depth then. */
-static void add_bent(const qm_bend *bend, const qm_piece_shape *w, int depth, double little,
-                     qm_piece_bounds *sum)
+static void add_bent(const qm_quadratic *bend, const qm_deviation_shape *w, int depth, double little,
+                     qm_deviation_bounds *sum)
 {
     static const double quarter[4][3][3] = {{{1, 0, 0}, {0.5, 0.5, 0}, {0.5, 0, 0.5}},
                                             {{0.5, 0.5, 0}, {0, 1, 0}, {0, 0.5, 0.5}},
@@ -293,7 +298,7 @@ static void add_bent(const qm_bend *bend, const qm_piece_shape *w, int depth, do
                                             {{0, 0.5, 0.5}, {0.5, 0, 0.5}, {0.5, 0.5, 0}}};
     if (add_sided(bend, 1.0, w, sum) || add_sided(bend, -1.0, w, sum)) return;
     double open[2];
-    qm_bend_open(bend->value, open);
+    qm_quadratic_linear_error(bend->value, open);
     if (depth == BEND_DEPTH || ldexp(open[0] + open[1], -depth) <= little) {
         double low[3], high[3];
         for (int i = 0; i < 3; i++) {
@@ -304,34 +309,34 @@ static void add_bent(const qm_bend *bend, const qm_piece_shape *w, int depth, do
         return;
     }
     for (int k = 0; k < 4; k++) {
-        qm_bend part;
-        qm_piece_shape of;
+        qm_quadratic part;
+        qm_deviation_shape of;
         cut_quarter(bend, w, quarter[k], &part, &of);
         add_bent(&part, &of, depth + 1, little, sum);
     }
 }
 
-void qm_piece_integrate_bent(const qm_piece_shape *w, qm_positive_part lost, qm_outside outside, double room,
-                             double little, qm_piece_bounds *out)
+void qm_deviation_integrate_quadratic(const qm_deviation_shape *w, qm_positive_part lost, qm_excess outside,
+                                      double room, double little, qm_deviation_bounds *out)
 {
-    qm_bend bend = out->bend;
-    double open[2], up = greatest_of_six(bend.value), down = -least_of_six(bend.value);
+    qm_quadratic bend = out->bend;
+    double open[2], up = max6(bend.value), down = -min6(bend.value);
     start_signed(w, out);
     add_bent(&bend, w, 0, little, out);
-    add_strays(lost, outside, qm_max(up - bend.below, down - bend.above),
-               qm_max(up + bend.above, down + bend.below), out);
+    add_invalid(lost, outside, qm_max(up - bend.below, down - bend.above),
+                qm_max(up + bend.above, down + bend.below), out);
     open_signed(room, out);
     bend.below += room;
     bend.above += room;
-    qm_bend_open(bend.value, open);
+    qm_quadratic_linear_error(bend.value, open);
     out->bend = bend;
     out->blur += out->density_high *
                  (bend.below + bend.above + (open[0] + open[1]) / (double)(bend.cells * bend.cells));
 }
 
-void qm_piece_bounds_combine(qm_piece_bounds *bounds, const qm_piece_bounds *over)
+void qm_deviation_bounds_combine(qm_deviation_bounds *bounds, const qm_deviation_bounds *over)
 {
-    qm_piece_bounds best = over->blur < bounds->blur ? *over : *bounds;
+    qm_deviation_bounds best = over->blur < bounds->blur ? *over : *bounds;
     best.mean_low = qm_max(bounds->mean_low, over->mean_low);
     best.mean_high = qm_min(bounds->mean_high, over->mean_high);
     best.square_low = qm_max(bounds->square_low, over->square_low);

@@ -1,3 +1,7 @@
+/**
+ * deviation_match.c: finds the parameters of a match by a few Newton steps, then bounds its coefficients. The
+ * parameters need not be footpoints: any affine map is valid, and the bounds are as good as it is near.
+ */
 #include "deviation_match.h"
 
 #include "core/rounding.h"
@@ -16,14 +20,14 @@ static const int pair_of[6][2] = {{0, 0}, {1, 1}, {2, 2}, {0, 1}, {1, 2}, {2, 0}
 
 /* ---- feet ---- */
 
-/** Keeps a step within the walls: parameters on a wall stay there when the step leads beyond it. */
+/** Keeps a step within the square: parameters on an edge stay there if the step leads beyond it. */
 static double clamp_to(double x, bool within)
 {
     return within ? qm_clamp(x, 0.0, 1.0) : qm_clamp(x, -BEYOND, 1.0 + BEYOND);
 }
 
 /** Newton's step for |p - Q|^2 / 2, or that of Gauss and Newton where the function is not convex; along one
- * parameter alone where the other is held by a wall. */
+ * parameter alone where the other is held by an edge. */
 static void find_step(const qm_bilinear *q, qm_vec p, const double at[2], bool within, double step[2])
 {
     qm_vec along_s = qm_vec_axpy(q->e1, at[1], q->w), along_t = qm_vec_axpy(q->e2, at[0], q->w);
@@ -68,18 +72,19 @@ static qm_vec patch_coefficient(const qm_bilinear *q, const double a[2], const d
     return qm_vec_axpy(sum, 0.5 * (a[0] * b[1] + b[0] * a[1]), q->w);
 }
 
-static qm_vec source_coefficient(const qm_piece_face *face, const qm_source_piece *piece, const int pair[2])
+static qm_vec source_coefficient(const qm_deviation_face *face, const qm_deviation_piece *piece,
+                                 const int pair[2])
 {
     const double a[2] = {piece->u[pair[0]], piece->v[pair[0]]}, b[2] = {piece->u[pair[1]], piece->v[pair[1]]};
     if (face->is_patch) return patch_coefficient(&face->patch, a, b);
-    return qm_piece_face_at(face, 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]));
+    return qm_deviation_face_at(face, 0.5 * (a[0] + b[0]), 0.5 * (a[1] + b[1]));
 }
 
-/** Opens a linear function by what a quadratic one is off it. */
+/** Widens a linear function by its distance from a quadratic one. */
 static void open_by(const double value[6], double low[3], double high[3])
 {
     double open[2];
-    qm_bend_open(value, open);
+    qm_quadratic_linear_error(value, open);
     for (int i = 0; i < 3; i++) {
         low[i] = value[i] - open[0];
         high[i] = value[i] + open[1];
@@ -102,21 +107,21 @@ static void raise_over(const double value[6], double high[3])
 
 /** A unit vector that differences of feet are along: the normal of the patch; for points beside it that of
  * the differences themselves. */
-static qm_vec find_direction(const qm_piece_match *match)
+static qm_vec find_direction(const qm_deviation_match *match)
 {
     qm_vec direction = {0, 0, 0};
     if (!match->is_clamped)
         for (int i = 0; i < 3; i++)
             direction = qm_vec_add(direction, qm_vec_cross(match->along[0][i], match->along[1][i]));
     double length = qm_vec_norm(direction);
-    if (!(length > QM_LEAST_LENGTH)) {
+    if (!(length > QM_MIN_LENGTH)) {
         direction = qm_vec_add(qm_vec_add(match->difference[0], match->difference[1]), match->difference[2]);
         length = qm_vec_norm(direction);
     }
-    return length > QM_LEAST_LENGTH ? qm_vec_scale(1.0 / length, direction) : (qm_vec){0, 0, 1};
+    return length > QM_MIN_LENGTH ? qm_vec_scale(1.0 / length, direction) : (qm_vec){0, 0, 1};
 }
 
-static void set_heights(const qm_piece_maker *maker, qm_piece_match *match)
+static void set_heights(const qm_deviation_setup *setup, qm_deviation_match *match)
 {
     qm_vec n = find_direction(match);
     double *height = match->height, beside = 0.0;
@@ -134,24 +139,24 @@ static void set_heights(const qm_piece_maker *maker, qm_piece_match *match)
     }
     double low = qm_min(match->low[0], qm_min(match->low[1], match->low[2]));
     double high = qm_max(match->high[0], qm_max(match->high[1], match->high[2]));
-    match->least = qm_max(0.0, qm_max(low, -high) - maker->eta);
-    beside = (beside + maker->eta) * RELATIVE;
+    match->least = qm_max(0.0, qm_max(low, -high) - setup->eta);
+    beside = (beside + setup->eta) * RELATIVE;
     match->beside = beside;
     match->over = beside < 2.0 * match->least ? 0.5 * beside * beside / match->least : beside;
     match->over *= RELATIVE;
 }
 
 /** The coefficient of F for a parameter at three corners, which may be the same. */
-static double slope_at(const qm_piece_match *match, int axis, int i, int j, int k)
+static double slope_at(const qm_deviation_match *match, int axis, int i, int j, int k)
 {
-    static const int place[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
+    static const int index[3][3] = {{0, 3, 5}, {3, 1, 4}, {5, 4, 2}};
     const qm_vec *along = match->along[axis], *difference = match->difference;
-    return (qm_vec_dot(difference[place[i][j]], along[k]) + qm_vec_dot(difference[place[j][k]], along[i]) +
-            qm_vec_dot(difference[place[i][k]], along[j])) /
+    return (qm_vec_dot(difference[index[i][j]], along[k]) + qm_vec_dot(difference[index[j][k]], along[i]) +
+            qm_vec_dot(difference[index[i][k]], along[j])) /
            3.0;
 }
 
-static void set_slopes(qm_piece_match *match)
+static void set_slopes(qm_deviation_match *match)
 {
     static const int corners[10][3] = {{0, 0, 0}, {1, 1, 1}, {2, 2, 2}, {0, 0, 1}, {0, 1, 1},
                                        {1, 1, 2}, {1, 2, 2}, {0, 2, 2}, {0, 0, 2}, {0, 1, 2}};
@@ -160,8 +165,8 @@ static void set_slopes(qm_piece_match *match)
             match->slope[c][axis] = slope_at(match, axis, corners[c][0], corners[c][1], corners[c][2]);
 }
 
-/** What the parameters of a match make of it. */
-static void finish(const qm_piece_maker *maker, const qm_vec corner[6], qm_piece_match *match)
+/** Sets the members of a match that follow from its parameters. */
+static void finish(const qm_deviation_setup *setup, const qm_vec corner[6], qm_deviation_match *match)
 {
     const qm_bilinear *patch = match->patch;
     double farthest = 0.0;
@@ -174,17 +179,18 @@ static void finish(const qm_piece_maker *maker, const qm_vec corner[6], qm_piece
         match->difference[k] = qm_vec_sub(corner[k], there);
         farthest = qm_max(farthest, qm_vec_norm2(match->difference[k]));
     }
-    match->holds = farthest <= FARTHEST * FARTHEST * maker->reach * maker->reach;
+    match->holds = farthest <= FARTHEST * FARTHEST * setup->extent * setup->extent;
     if (!match->holds) return;
-    set_heights(maker, match);
+    set_heights(setup, match);
     set_slopes(match);
 }
 
-void qm_piece_match_make(const qm_piece_maker *maker, const qm_piece_face *face, const qm_source_piece *piece,
-                         const qm_bilinear *patch, const double start[2], bool within, qm_piece_match *match)
+void qm_deviation_match_make(const qm_deviation_setup *setup, const qm_deviation_face *face,
+                             const qm_deviation_piece *piece, const qm_bilinear *patch, const double start[2],
+                             bool within, qm_deviation_match *match)
 {
     qm_vec corner[6], sum = {0, 0, 0};
-    double middle[2] = {start[0], start[1]};
+    double centre[2] = {start[0], start[1]};
     match->patch = patch;
     match->slack = face->slack;
     match->is_clamped = false;
@@ -192,15 +198,15 @@ void qm_piece_match_make(const qm_piece_maker *maker, const qm_piece_face *face,
         corner[k] = source_coefficient(face, piece, pair_of[k]);
     for (int i = 0; i < 3; i++)
         sum = qm_vec_axpy(sum, 1.0 / 3.0, corner[i]);
-    find_foot(patch, sum, within, middle);
+    find_foot(patch, sum, within, centre);
     for (int i = 0; i < 3; i++) {
         double *at = match->at[i];
-        at[0] = middle[0];
-        at[1] = middle[1];
+        at[0] = centre[0];
+        at[1] = centre[1];
         find_foot(patch, corner[i], within, at);
         match->is_clamped |= within && (at[0] <= 0.0 || at[0] >= 1.0 || at[1] <= 0.0 || at[1] >= 1.0);
     }
-    finish(maker, corner, match);
+    finish(setup, corner, match);
 }
 
 /** The parameters of a patch that go with those of another one when it is laid out in one of eight ways. */
@@ -229,8 +235,9 @@ static int find_layout(const qm_bilinear *source, const qm_bilinear *target)
     return best;
 }
 
-void qm_piece_match_alike(const qm_piece_maker *maker, const qm_piece_face *face,
-                          const qm_source_piece *piece, const qm_bilinear *patch, qm_piece_match *match)
+void qm_deviation_match_aligned(const qm_deviation_setup *setup, const qm_deviation_face *face,
+                                const qm_deviation_piece *piece, const qm_bilinear *patch,
+                                qm_deviation_match *match)
 {
     qm_vec corner[6];
     int layout = find_layout(&face->patch, patch);
@@ -241,12 +248,12 @@ void qm_piece_match_alike(const qm_piece_maker *maker, const qm_piece_face *face
         corner[k] = source_coefficient(face, piece, pair_of[k]);
     for (int i = 0; i < 3; i++)
         lay_out(layout, piece->u[i], piece->v[i], match->at[i]);
-    finish(maker, corner, match);
+    finish(setup, corner, match);
 }
 
 /* ---- the lower bound ---- */
 
-/** What the lower bound of a match takes from the rectangle round all parameters. */
+/** The terms of the lower bound of a match that depend on the rectangle round all parameters. */
 typedef struct frame {
     double upper[3]; /* M: rows (0 1), (. 2) */
     double least;    /* a */
@@ -255,21 +262,21 @@ typedef struct frame {
     double turn;     /* r */
 } frame;
 
-static bool make_frame(const qm_piece_maker *maker, const qm_piece_match *match, const qm_uv_box *box,
+static bool make_frame(const qm_deviation_setup *setup, const qm_deviation_match *match, const qm_uv_box *box,
                        frame *out)
 {
-    double middle[2], half[2];
+    double centre[2], half[2];
     for (int k = 0; k < 2; k++) {
         double low = box->low[k], high = box->high[k];
         for (int i = 0; i < 3; i++) {
             low = qm_min(low, match->at[i][k]);
             high = qm_max(high, match->at[i][k]);
         }
-        middle[k] = 0.5 * (low + high);
+        centre[k] = 0.5 * (low + high);
         half[k] = 0.5 * (high - low);
     }
-    qm_vec along_s = qm_vec_axpy(match->patch->e1, middle[1], match->patch->w);
-    qm_vec along_t = qm_vec_axpy(match->patch->e2, middle[0], match->patch->w);
+    qm_vec along_s = qm_vec_axpy(match->patch->e1, centre[1], match->patch->w);
+    qm_vec along_t = qm_vec_axpy(match->patch->e2, centre[0], match->patch->w);
     double length = qm_vec_norm(along_s);
     if (!(length > 0.0)) return false;
     double skew = qm_vec_dot(along_s, along_t) / length;
@@ -285,13 +292,13 @@ static bool make_frame(const qm_piece_maker *maker, const qm_piece_match *match,
     out->reach[1] = length / determinant * RELATIVE;
     out->product = length * (other + fabs(skew)) / (determinant * determinant) * RELATIVE;
     double widths = half[0] * out->reach[1] + half[1] * out->reach[0];
-    out->turn = qm_vec_norm(match->patch->w) * widths * RELATIVE + maker->eta / out->least;
+    out->turn = qm_vec_norm(match->patch->w) * widths * RELATIVE + setup->eta / out->least;
     return out->turn < 1.0;
 }
 
-/** On which wall of the square all parameters are, and the difference points away: 1 or -1 for the side, else
+/** On which edge of the square all parameters are, and the difference points away: 1 or -1 for the side, else
  * 0. */
-static int wall_of(const qm_piece_match *match, int axis)
+static int wall_of(const qm_deviation_match *match, int axis)
 {
     bool is_high = true, is_low = true;
     for (int i = 0; i < 3; i++) {
@@ -302,7 +309,7 @@ static int wall_of(const qm_piece_match *match, int axis)
 }
 
 /** f: the greatest length of M^-T F. */
-static double find_slope(const qm_piece_maker *maker, const qm_piece_match *match, const frame *at)
+static double find_slope(const qm_deviation_setup *setup, const qm_deviation_match *match, const frame *at)
 {
     const int wall[2] = {wall_of(match, 0), wall_of(match, 1)};
     double most2 = 0.0, part[2] = {0.0, 0.0}, longest = 0.0;
@@ -319,13 +326,13 @@ static double find_slope(const qm_piece_maker *maker, const qm_piece_match *matc
     for (int i = 0; i < 3; i++)
         longest = qm_max(longest, qm_vec_norm(match->along[0][i]) + qm_vec_norm(match->along[1][i]));
     double most = sqrt(most2), by_walls = part[0] * at->reach[0] + part[1] * at->reach[1];
-    double rounding = maker->eta * (longest + match->greatest) + 0x1p-40 * match->greatest * longest;
+    double rounding = setup->eta * (longest + match->greatest) + 0x1p-40 * match->greatest * longest;
     if ((wall[0] || wall[1]) && by_walls < most) most = by_walls;
     return (most + rounding / at->least) * RELATIVE;
 }
 
 /** The box U' of deviation_match.h, as far as it can lie within the rectangle or at the match. */
-static qm_uv_box find_view(const qm_piece_match *match, const qm_uv_box *box, const frame *at)
+static qm_uv_box find_view(const qm_deviation_match *match, const qm_uv_box *box, const frame *at)
 {
     qm_uv_box view;
     for (int k = 0; k < 2; k++) {
@@ -342,7 +349,7 @@ static qm_uv_box find_view(const qm_piece_match *match, const qm_uv_box *box, co
 }
 
 /** The slope of a patch over the plane normal to n; INFINITY where it is no graph over that plane. */
-static double find_graph_slope(const qm_piece_maker *maker, const qm_piece_match *match,
+static double find_graph_slope(const qm_deviation_setup *setup, const qm_deviation_match *match,
                                const qm_uv_box *view)
 {
     double least = INFINITY, most = 0.0;
@@ -351,18 +358,18 @@ static double find_graph_slope(const qm_piece_maker *maker, const qm_piece_match
         qm_vec along_t = qm_vec_axpy(match->patch->e2, i & 2 ? view->high[0] : view->low[0], match->patch->w);
         qm_vec normal = qm_vec_cross(along_s, along_t);
         double up = qm_vec_dot(normal, match->normal);
-        double error = maker->eta * (qm_vec_norm(along_s) + qm_vec_norm(along_t));
+        double error = setup->eta * (qm_vec_norm(along_s) + qm_vec_norm(along_t));
         least = qm_min(least, up - error);
         most = qm_max(most, qm_vec_norm(qm_vec_axpy(normal, -up, match->normal)) + error);
     }
     return least > 0.0 ? most / least * RELATIVE : INFINITY;
 }
 
-static qm_match_graph find_graph(const qm_piece_maker *maker, const qm_piece_match *match,
+static qm_match_graph find_graph(const qm_deviation_setup *setup, const qm_deviation_match *match,
                                  const qm_uv_box *box, const frame *at)
 {
     qm_match_graph graph = {.view = find_view(match, box, at)};
-    graph.slope = find_graph_slope(maker, match, &graph.view);
+    graph.slope = find_graph_slope(setup, match, &graph.view);
     graph.holds = graph.slope <= MOST_SLOPE;
     if (!graph.holds) return graph;
     graph.over = graph.slope * match->beside * RELATIVE;
@@ -374,29 +381,29 @@ static qm_match_graph find_graph(const qm_piece_maker *maker, const qm_piece_mat
     return graph;
 }
 
-qm_match_graph qm_piece_match_graph(const qm_piece_maker *maker, const qm_piece_match *match,
-                                    const qm_uv_box *box)
+qm_match_graph qm_deviation_match_graph(const qm_deviation_setup *setup, const qm_deviation_match *match,
+                                        const qm_uv_box *box)
 {
     frame at;
-    if (!match->holds || !make_frame(maker, match, box, &at)) return (qm_match_graph){.holds = false};
-    return find_graph(maker, match, box, &at);
+    if (!match->holds || !make_frame(setup, match, box, &at)) return (qm_match_graph){.holds = false};
+    return find_graph(setup, match, box, &at);
 }
 
-qm_match_margin qm_piece_match_margin(const qm_piece_maker *maker, const qm_piece_match *match,
-                                      const qm_uv_box *box)
+qm_match_margin qm_deviation_match_margin(const qm_deviation_setup *setup, const qm_deviation_match *match,
+                                          const qm_uv_box *box)
 {
     frame at;
     double bent = 0.0;
     qm_match_margin margin = {INFINITY, INFINITY, {0.0, 0.0}, 0.0};
-    if (!match->holds || !make_frame(maker, match, box, &at)) return margin;
-    qm_match_graph graph = find_graph(maker, match, box, &at);
+    if (!match->holds || !make_frame(setup, match, box, &at)) return margin;
+    qm_match_graph graph = find_graph(setup, match, box, &at);
     if (graph.holds) margin.loss = graph.loss;
     for (int k = 0; k < 6; k++)
         bent = qm_max(bent, fabs(qm_vec_dot(match->difference[k], match->patch->w)));
-    bent += maker->eta * (qm_vec_norm(match->patch->w) + match->greatest);
+    bent += setup->eta * (qm_vec_norm(match->patch->w) + match->greatest);
     double left = (1.0 - at.turn) * (1.0 - at.turn) - bent * at.product * RELATIVE;
     if (!(left > CLEAR)) return margin;
-    double root = sqrt(left), f = find_slope(maker, match, &at), loss = f / root;
+    double root = sqrt(left), f = find_slope(setup, match, &at), loss = f / root;
     if (match->least > 0.0) loss = qm_min(loss, f * f / (left * match->least));
     margin.tilted = loss * RELATIVE;
     margin.loss = qm_min(margin.loss, margin.tilted);
@@ -406,8 +413,8 @@ qm_match_margin qm_piece_match_margin(const qm_piece_maker *maker, const qm_piec
     return margin;
 }
 
-void qm_piece_match_beyond(const qm_piece_match *match, const qm_uv_box *box, const qm_match_margin *margin,
-                           double beyond[3])
+void qm_deviation_match_beyond(const qm_deviation_match *match, const qm_uv_box *box,
+                               const qm_match_margin *margin, double beyond[3])
 {
     double most = -INFINITY;
     for (int k = 0; k < 4; k++) {
@@ -424,8 +431,9 @@ void qm_piece_match_beyond(const qm_piece_match *match, const qm_uv_box *box, co
     }
 }
 
-void qm_piece_match_aside(const qm_piece_face *face, const qm_source_piece *piece, const qm_bilinear *patch,
-                          const qm_uv_box *box, qm_vec normal, double height[4][3])
+void qm_deviation_match_beside(const qm_deviation_face *face, const qm_deviation_piece *piece,
+                               const qm_bilinear *patch, const qm_uv_box *box, qm_vec normal,
+                               double height[4][3])
 {
     qm_vec corner[4], at[6];
     qm_uv_box_corners(patch, box, corner);
@@ -438,7 +446,7 @@ void qm_piece_match_aside(const qm_piece_face *face, const qm_source_piece *piec
         double value[6], farthest = -INFINITY;
         /* Any vector that is not longer than 1 will do. */
         outwards =
-            length > QM_LEAST_LENGTH ? qm_vec_scale(side / (length * RELATIVE), outwards) : (qm_vec){0, 0, 0};
+            length > QM_MIN_LENGTH ? qm_vec_scale(side / (length * RELATIVE), outwards) : (qm_vec){0, 0, 0};
         for (int i = 0; i < 4; i++)
             farthest = qm_max(farthest, qm_vec_dot(outwards, corner[i]));
         for (int k = 0; k < 6; k++)
@@ -451,7 +459,7 @@ void qm_piece_match_aside(const qm_piece_face *face, const qm_source_piece *piec
 
 /* ---- the upper bounds ---- */
 
-void qm_piece_match_above(const qm_piece_match *match, double high[3])
+void qm_deviation_match_upper(const qm_deviation_match *match, double high[3])
 {
     double length[6], low[3];
     for (int k = 0; k < 6; k++)
@@ -459,7 +467,8 @@ void qm_piece_match_above(const qm_piece_match *match, double high[3])
     open_by(length, low, high);
 }
 
-void qm_piece_match_walls(const qm_piece_maker *maker, const qm_piece_match *match, double beyond[4][3])
+void qm_deviation_match_edges(const qm_deviation_setup *setup, const qm_deviation_match *match,
+                              double beyond[4][3])
 {
     for (int axis = 0; axis < 2; axis++) {
         qm_vec edge = axis ? match->patch->e2 : match->patch->e1;
@@ -469,7 +478,7 @@ void qm_piece_match_walls(const qm_piece_maker *maker, const qm_piece_match *mat
             speed = qm_max(speed, qm_vec_norm(match->along[axis][i]));
             speed = qm_max(speed, qm_vec_norm(inside));
         }
-        speed += maker->eta;
+        speed += setup->eta;
         for (int i = 0; i < 3; i++) {
             beyond[2 * axis][i] = -match->at[i][axis] * speed * RELATIVE;
             beyond[2 * axis + 1][i] = (match->at[i][axis] - 1.0) * speed * RELATIVE;
@@ -492,9 +501,9 @@ static double find_least_sine(const qm_vec edge[4], double error)
     return least;
 }
 
-double qm_piece_match_view_walls(const qm_piece_maker *maker, const qm_piece_face *face,
-                                 const qm_source_piece *piece, const qm_piece_match *match,
-                                 const qm_match_graph *graph, double beyond[4][3])
+double qm_deviation_match_view_edges(const qm_deviation_setup *setup, const qm_deviation_face *face,
+                                     const qm_deviation_piece *piece, const qm_deviation_match *match,
+                                     const qm_match_graph *graph, double beyond[4][3])
 {
     qm_vec corner[4], edge[4], at[6], n = match->normal;
     qm_uv_box_corners(match->patch, &graph->view, corner);
@@ -504,7 +513,7 @@ double qm_piece_match_view_walls(const qm_piece_maker *maker, const qm_piece_fac
         qm_vec on = qm_vec_sub(corner[(k + 1) % 4], corner[k]);
         edge[k] = qm_vec_axpy(on, -qm_vec_dot(on, n), n);
     }
-    double sine = find_least_sine(edge, maker->eta);
+    double sine = find_least_sine(edge, setup->eta);
     if (!(sine > 0.0)) return INFINITY;
     for (int k = 0; k < 4; k++) {
         double length = qm_vec_norm(edge[k]), value[6], farthest = 0.0;
@@ -515,7 +524,7 @@ double qm_piece_match_view_walls(const qm_piece_maker *maker, const qm_piece_fac
             farthest = qm_max(farthest, qm_vec_norm(from));
         }
         raise_over(value, beyond[k]);
-        double error = maker->eta * (1.0 + farthest / length);
+        double error = setup->eta * (1.0 + farthest / length);
         for (int i = 0; i < 3; i++)
             beyond[k][i] += error;
     }

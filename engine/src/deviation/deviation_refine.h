@@ -6,30 +6,36 @@
 
 #include <stdatomic.h>
 
-#include "deviation_choose.h"
+#include "deviation_sum.h"
+
+/** A piece to cut, and its uncertainty. */
+typedef struct qm_open_piece {
+    size_t index;
+    double open;
+} qm_open_piece;
 
 /** Parts of one piece. */
 typedef struct qm_batch_part qm_batch_part;
 
-/** Set up all zero but for the first few members. */
+/** All zero but for the members that the caller sets: down to thread_count. */
 typedef struct qm_refinement {
     qm_context *ctx;
-    qm_piece_maker maker;
+    qm_deviation_setup setup;
     double accuracy;
-    double typical;     /* about what the mean will be, local */
+    double typical;     /* an estimate of the mean, local */
     size_t piece_limit; /* besides those that the source's faces make */
     int thread_count;
 
-    qm_source_piece *piece; /* count of them, and their bounds */
-    qm_piece_bounds *bounds;
+    qm_deviation_piece *piece; /* count of them, and their bounds */
+    qm_deviation_bounds *bounds;
     size_t count, limit;
-    double leak, farthest;                  /* see qm_piece_list */
+    double leak, farthest;                  /* see qm_deviation_piece_list */
     size_t piece_capacity, bounds_capacity; /* allocated */
     qm_open_piece *todo;                    /* the pieces to cut, todo_capacity allocated */
     size_t todo_count, todo_capacity;
     size_t begin, end;    /* the batch: todo[begin] to todo[end - 1] */
     qm_batch_part *parts; /* of each piece of the batch */
-    atomic_size_t next;   /* piece to bound, or place of todo */
+    atomic_size_t next;   /* piece to bound, or index in todo */
 
     double flat_slack; /* how far patches may be from the triangles that stand for them, in the mean */
     bool has_area;     /* rounding does not hide whether the source has an area at all */
@@ -37,12 +43,12 @@ typedef struct qm_refinement {
     _Atomic uint64_t searches;
 } qm_refinement;
 
-/** Room for so many pieces. */
+/** Makes room for count pieces. QM_OK or QM_E_NO_MEMORY. */
 qm_status qm_refinement_reserve(qm_refinement *work, size_t count);
 
-static inline qm_piece_list qm_refinement_list(const qm_refinement *work)
+static inline qm_deviation_piece_list qm_refinement_list(const qm_refinement *work)
 {
-    return (qm_piece_list){work->bounds, work->count, work->leak, work->farthest};
+    return (qm_deviation_piece_list){work->bounds, work->count, work->leak, work->farthest};
 }
 
 /**

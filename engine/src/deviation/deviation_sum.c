@@ -1,3 +1,8 @@
+/**
+ * deviation_sum.c: sums over all pieces in long double, with a bound of their rounding; shares of the area
+ * within many distances in one pass over the pieces; and percentiles as the points where a lower and an upper
+ * bound of that share reach a number, narrowed by regula falsi and bisection.
+ */
 #include "deviation_sum.h"
 
 #include <float.h>
@@ -8,14 +13,14 @@
 /* Of a piece's own area, integrals and shares, and of quotients and roots of sums */
 #define PIECE_ROUNDINGS 64.0
 #define BORDER_ROUNDINGS 0x1p-50 /* relative: of a quotient and a product, whichever comes first */
-#define FIRST_PLACES 128 /* looked at in the first round, closer to one another where distances are small */
-#define PLACES 3         /* of an end of a percentile, looked at in each other round */
-#define NEAR_PART 0x1p-5 /* of a range: places this near to where the end is thought to be */
+#define FIRST_SAMPLES 128        /* in the first round, denser at small distances */
+#define SAMPLES 3                /* of each end of a percentile, in each further round */
+#define NEAR_PART 0x1p-5         /* of a range: how near the samples are to the predicted end */
 #define MAX_ROUNDS 24
 #define END_SHARE 0x1p-6 /* of a percentile's own interval: its ends are found no closer */
 
 /**
- * What a sum over the pieces may be off by, relative to the sum of what is added. Every term is a short
+ * The rounding error of a sum over the pieces, relative to the sum of its terms. Every term is a short
  * expression of terms that are not negative; with L the unit roundoff of long double a sum of n is off by n
  * L, and the shares take two sums of 2 n terms one after the other.
  */
@@ -31,10 +36,10 @@ static qm_interval opened(long double low, long double high, double error)
 
 /** The interval of a sum over the surface of a function that is at most this, from the sums over all
  * pieces. */
-static qm_interval sum_interval(qm_piece_list pieces, const long double sum[2], double most)
+static qm_interval sum_interval(qm_deviation_piece_list pieces, const long double sum[2], double max)
 {
     qm_interval open = opened(sum[0], sum[1], sum_error(pieces.count));
-    double leak = pieces.leak > 0.0 ? pieces.leak * most * (1.0 + sum_error(pieces.count)) : 0.0;
+    double leak = pieces.leak > 0.0 ? pieces.leak * max * (1.0 + sum_error(pieces.count)) : 0.0;
     return (qm_interval){fmax(0.0, open.lower - leak), open.upper + leak};
 }
 
@@ -45,11 +50,12 @@ static qm_interval mean_interval(qm_interval sum, qm_interval area)
     return (qm_interval){area.upper > 0.0 ? sum.lower / area.upper : 0.0, upper};
 }
 
-qm_piece_totals qm_piece_sum(qm_piece_list pieces)
+qm_deviation_totals qm_deviation_sum(qm_deviation_piece_list pieces)
 {
     long double area[2] = {0, 0}, mean[2] = {0, 0}, square[2] = {0, 0}, blur = 0;
+    QM_ASSERT(pieces.bounds || pieces.count == 0);
     for (size_t i = 0; i < pieces.count; i++) {
-        const qm_piece_bounds *piece = &pieces.bounds[i];
+        const qm_deviation_bounds *piece = &pieces.bounds[i];
         area[0] += (long double)piece->area_low;
         area[1] += (long double)piece->area_high;
         mean[0] += (long double)piece->mean_low;
@@ -58,7 +64,8 @@ qm_piece_totals qm_piece_sum(qm_piece_list pieces)
         square[1] += (long double)piece->square_high;
         blur += (long double)piece->blur;
     }
-    qm_piece_totals totals = {.area = sum_interval(pieces, area, 1.0)};
+    qm_deviation_totals totals = {.area = sum_interval(pieces, area, 1.0)};
+    QM_ASSERT(!(pieces.leak < 0.0));
     totals.mean = mean_interval(sum_interval(pieces, mean, pieces.farthest), totals.area);
     qm_interval squares =
         mean_interval(sum_interval(pieces, square, pieces.farthest * pieces.farthest), totals.area);
@@ -67,24 +74,25 @@ qm_piece_totals qm_piece_sum(qm_piece_list pieces)
     return totals;
 }
 
-qm_interval qm_piece_greatest(qm_piece_list pieces)
+qm_interval qm_deviation_max(qm_deviation_piece_list pieces)
 {
-    qm_interval greatest = {-INFINITY, -INFINITY};
+    qm_interval max = {-INFINITY, -INFINITY};
     for (size_t i = 0; i < pieces.count; i++)
         for (int k = 0; k < 3; k++) {
-            const qm_piece_bounds *piece = &pieces.bounds[i];
+            const qm_deviation_bounds *piece = &pieces.bounds[i];
             double below = piece->is_signed ? -piece->high[k] : -INFINITY;
             double above = piece->is_signed ? fmax(piece->high[k], -piece->low[k]) : piece->high[k];
-            greatest.upper = fmax(greatest.upper, above + piece->excess);
-            if (!(piece->stray_low > 0.0)) greatest.lower = fmax(greatest.lower, fmax(piece->low[k], below));
+            max.upper = fmax(max.upper, above + piece->excess);
+            if (!(piece->invalid_low > 0.0)) max.lower = fmax(max.lower, fmax(piece->low[k], below));
         }
-    return greatest;
+    return max;
 }
 
 /* ---- shares ---- */
 
 /** How the share of a triangle grows in which a linear function is at most x: value are its values at the
- * corners in order, rise and fall what makes the squares of (x - value[0]) and (value[2] - x) shares. */
+ * corners in order, rise and fall the factors by which the squares of (x - value[0]) and (value[2] - x)
+ * become shares. */
 typedef struct ramp {
     double value[3], rise, fall;
 } ramp;
@@ -92,12 +100,12 @@ typedef struct ramp {
 static ramp make_ramp(const double v[3])
 {
     double a = v[0], b = v[1], c = v[2], low = a < b ? a : b, high = a < b ? b : a;
-    double least = low < c ? low : c, most = high > c ? high : c;
+    double min = low < c ? low : c, max = high > c ? high : c;
     double between = high < c ? high : low > c ? low : c;
-    double width = most - least;
-    return (ramp){{least, between, most},
-                  between > least ? 1.0 / ((between - least) * width) : 0.0,
-                  most > between ? 1.0 / ((most - between) * width) : 0.0};
+    double width = max - min;
+    return (ramp){{min, between, max},
+                  between > min ? 1.0 / ((between - min) * width) : 0.0,
+                  max > between ? 1.0 / ((max - between) * width) : 0.0};
 }
 
 static double share_within(const ramp *r, double x)
@@ -106,8 +114,8 @@ static double share_within(const ramp *r, double x)
     return 1.0 - (r->value[2] - x) * (r->value[2] - x) * r->fall;
 }
 
-/** The first place whose x is at least value. */
-static size_t find_place(const double *x, size_t count, double value)
+/** The first index whose x is at least value. */
+static size_t lower_bound(const double *x, size_t count, double value)
 {
     size_t low = 0;
     while (count > 0) {
@@ -122,14 +130,14 @@ static size_t find_place(const double *x, size_t count, double value)
     return low;
 }
 
-/** Areas within and beyond each x, by one of the two linear functions. steps hold what changes from one x to
- * the next: whole pieces, which are most of them, are added in two places only. */
+/** Areas within and beyond each x, by one of the two linear functions. steps hold the changes from one x to
+ * the next: whole pieces, which are most of them, are added at two indices only. */
 typedef struct share_sums {
     long double *within, *within_steps, *beyond, *beyond_steps;
 } share_sums;
 
-/** What a share within makes of the areas of a piece: whole and density are those of the part within, then of
- * the part beyond. */
+/** The areas of a piece within and beyond, for a share within: whole and density are those of the part
+ * within, then of the part beyond. */
 static void find_areas(double share, const double whole[2], const double density[2], double area[2])
 {
     double within = share * density[0], beyond = (1.0 - share) * density[1];
@@ -137,9 +145,10 @@ static void find_areas(double share, const double whole[2], const double density
     area[1] = share <= 0.0 || !(beyond < whole[1]) ? whole[1] : beyond;
 }
 
-/** The same share from one place to another. */
+/** Adds the same share from one index to another. */
 static void add_span(const share_sums *sums, size_t begin, size_t end, double share, const double area[2][2])
 {
+    QM_ASSERT(begin <= end);
     double part[2];
     find_areas(share, area[0], area[1], part);
     sums->within_steps[begin] += (long double)part[0];
@@ -149,19 +158,19 @@ static void add_span(const share_sums *sums, size_t begin, size_t end, double sh
 }
 
 /** How the share of a piece within x grows: by one of its functions on each side of it, and wrong by no more
- * than stray at an x below top. */
+ * than invalid at an x below top. */
 typedef struct piece_growth {
     ramp side[2];
     int sides;
-    double stray, top;
+    double invalid, top;
 } piece_growth;
 
-static piece_growth make_growth(const double v[3], const double *turned, double stray, double excess)
+static piece_growth make_growth(const double v[3], const double *flipped, double invalid, double excess)
 {
-    piece_growth growth = {.side[0] = make_ramp(v), .sides = 1, .stray = stray};
+    piece_growth growth = {.side[0] = make_ramp(v), .sides = 1, .invalid = invalid};
     growth.top = growth.side[0].value[2];
-    if (turned) {
-        ramp other = make_ramp(turned);
+    if (flipped) {
+        ramp other = make_ramp(flipped);
         /* A side on which nothing lies is left out. */
         if (!(growth.side[0].value[2] > 0.0)) growth.sides = 0;
         if (other.value[2] > 0.0) growth.side[growth.sides++] = other;
@@ -182,89 +191,89 @@ static double share_at(const piece_growth *growth, double x)
     return share;
 }
 
-static double strayed(const piece_growth *growth, double share)
+static double with_invalid(const piece_growth *growth, double share)
 {
-    return qm_min(1.0, qm_max(0.0, share + growth->stray));
+    return qm_min(1.0, qm_max(0.0, share + growth->invalid));
 }
 
 static void add_piece(const share_sums *sums, const piece_growth *growth, const double *x, size_t count,
                       const double area[2][2])
 {
     const ramp *one = &growth->side[0], *two = &growth->side[growth->sides - 1];
-    size_t begin = growth->sides > 1 ? 0 : find_place(x, count, one->value[0]);
-    size_t end = begin + find_place(x + begin, count - begin, qm_max(one->value[2], two->value[2]));
-    size_t top = end + find_place(x + end, count - end, growth->top);
-    add_span(sums, 0, begin, strayed(growth, 0.0), area);
+    size_t begin = growth->sides > 1 ? 0 : lower_bound(x, count, one->value[0]);
+    size_t end = begin + lower_bound(x + begin, count - begin, qm_max(one->value[2], two->value[2]));
+    size_t top = end + lower_bound(x + end, count - end, growth->top);
+    add_span(sums, 0, begin, with_invalid(growth, 0.0), area);
     for (size_t i = begin; i < end; i++) {
         double part[2];
-        find_areas(strayed(growth, share_at(growth, x[i])), area[0], area[1], part);
+        find_areas(with_invalid(growth, share_at(growth, x[i])), area[0], area[1], part);
         sums->within[i] += (long double)part[0];
         sums->beyond[i] += (long double)part[1];
     }
-    add_span(sums, end, top, strayed(growth, 1.0), area);
+    add_span(sums, end, top, with_invalid(growth, 1.0), area);
     add_span(sums, top, count, 1.0, area);
 }
 
-/** Adds to the shares within each x what a cell makes of them: steps of whole cells, and parts. */
+/** Adds a cell to the shares within each x: steps of whole cells, and parts. */
 static void add_cell(const piece_growth *cell, double part, const double *x, size_t count, long double *share,
                      long double *steps)
 {
     const ramp *one = &cell->side[0], *two = &cell->side[cell->sides - 1];
-    size_t begin = cell->sides > 1 ? 0 : find_place(x, count, one->value[0]);
-    size_t end = begin + find_place(x + begin, count - begin, qm_max(one->value[2], two->value[2]));
+    size_t begin = cell->sides > 1 ? 0 : lower_bound(x, count, one->value[0]);
+    size_t end = begin + lower_bound(x + begin, count - begin, qm_max(one->value[2], two->value[2]));
     for (size_t i = begin; i < end; i++)
         share[i] += (long double)(part * share_at(cell, x[i]));
     steps[end] += (long double)part;
 }
 
-/** Linear functions over the cells of a piece whose height bends, seen from one side: by what bounds the
- * distance from above, or below. */
+/** Linear functions over the cells of a piece whose height bends, seen from one side: those that bound
+ * the distance from above, or from below. */
 static piece_growth make_cell(const double at[3], const double open[2], bool from_above)
 {
-    double low[3], high[3], turned[3];
+    double low[3], high[3], flipped[3];
     for (int k = 0; k < 3; k++) {
         low[k] = at[k] - open[0];
         high[k] = at[k] + open[1];
-        turned[k] = from_above ? -low[k] : -high[k];
+        flipped[k] = from_above ? -low[k] : -high[k];
     }
-    return make_growth(from_above ? high : low, turned, 0.0, 0.0);
+    return make_growth(from_above ? high : low, flipped, 0.0, 0.0);
 }
 
 /** Adds a piece whose height bends, cell by cell; rows has room for count + 1 shares and steps. */
-static void add_bent(const share_sums *sums, const qm_piece_bounds *piece, bool from_above, const double *x,
-                     size_t count, const double area[2][2], long double *rows)
+static void add_bent(const share_sums *sums, const qm_deviation_bounds *piece, bool from_above,
+                     const double *x, size_t count, const double area[2][2], long double *rows)
 {
-    const qm_bend *bend = &piece->bend;
+    const qm_quadratic *bend = &piece->bend;
     long double *share = rows, *steps = rows + (count + 1), sum = 0;
     for (size_t i = 0; i < 2 * (count + 1); i++)
         rows[i] = 0;
-    double at[QM_BEND_CORNERS], open[2], part = 1.0 / (double)(bend->cells * bend->cells), top = 0.0;
-    qm_bend_corners(bend, at);
-    qm_bend_open(bend->value, open);
+    double at[QM_QUADRATIC_CORNERS], open[2], part = 1.0 / (double)(bend->cells * bend->cells), top = 0.0;
+    qm_quadratic_values(bend, at);
+    qm_quadratic_linear_error(bend->value, open);
     open[0] = open[0] * part + bend->below;
     open[1] = open[1] * part + bend->above;
     for (int j = 0; j < bend->cells; j++)
         for (int i = 0; i < 2 * (bend->cells - j) - 1; i++) {
-            int place[3];
-            qm_bend_cell(bend->cells, j, i, place);
+            int corner[3];
+            qm_quadratic_cell(bend->cells, j, i, corner);
             piece_growth cell =
-                make_cell((const double[3]){at[place[0]], at[place[1]], at[place[2]]}, open, from_above);
+                make_cell((const double[3]){at[corner[0]], at[corner[1]], at[corner[2]]}, open, from_above);
             add_cell(&cell, part, x, count, share, steps);
             top = qm_max(top, cell.top);
         }
-    const piece_growth whole = {.stray = from_above ? -piece->stray_high : piece->stray_low};
-    size_t end = find_place(x, count, top + (from_above ? piece->excess : 0.0));
+    const piece_growth whole = {.invalid = from_above ? -piece->invalid_high : piece->invalid_low};
+    size_t end = lower_bound(x, count, top + (from_above ? piece->excess : 0.0));
     for (size_t i = 0; i < end; i++) {
         double within[2];
         sum += steps[i];
-        find_areas(strayed(&whole, (double)(share[i] + sum)), area[0], area[1], within);
+        find_areas(with_invalid(&whole, (double)(share[i] + sum)), area[0], area[1], within);
         sums->within[i] += (long double)within[0];
         sums->beyond[i] += (long double)within[1];
     }
     add_span(sums, end, count, 1.0, area);
 }
 
-static void add_up(const share_sums *sums, size_t count)
+static void prefix_sums(const share_sums *sums, size_t count)
 {
     long double within = 0, beyond = 0;
     for (size_t i = 0; i < count; i++) {
@@ -290,12 +299,12 @@ static double share_of(const share_sums *sums, size_t i, double more)
     return within + beyond > 0 ? (double)(within / (within + beyond)) : 0.0;
 }
 
-void qm_piece_shares(qm_piece_list pieces, const double *x, size_t count, long double *work,
-                     qm_interval *share)
+void qm_deviation_shares(qm_deviation_piece_list pieces, const double *x, size_t count, long double *work,
+                         qm_interval *share)
 {
     share_sums low = make_sums(work, count), high = make_sums(work + 4 * (count + 1), count);
     for (size_t i = 0; i < pieces.count; i++) {
-        const qm_piece_bounds *piece = &pieces.bounds[i];
+        const qm_deviation_bounds *piece = &pieces.bounds[i];
         const double area[2][2] = {{piece->area_low, piece->area_high},
                                    {piece->density_low, piece->density_high}};
         const double other[2][2] = {{piece->area_high, piece->area_low},
@@ -305,17 +314,17 @@ void qm_piece_shares(qm_piece_list pieces, const double *x, size_t count, long d
             add_bent(&high, piece, false, x, count, other, work + 8 * (count + 1));
             continue;
         }
-        double turned_low[3], turned_high[3];
-        qm_piece_bounds_turn(piece, turned_low, turned_high);
-        piece_growth surely = make_growth(piece->high, piece->is_signed ? turned_high : NULL,
-                                          -piece->stray_high, piece->excess);
+        double flipped_low[3], flipped_high[3];
+        qm_deviation_bounds_flip(piece, flipped_low, flipped_high);
+        piece_growth surely = make_growth(piece->high, piece->is_signed ? flipped_high : NULL,
+                                          -piece->invalid_high, piece->excess);
         piece_growth possibly =
-            make_growth(piece->low, piece->is_signed ? turned_low : NULL, piece->stray_low, 0.0);
+            make_growth(piece->low, piece->is_signed ? flipped_low : NULL, piece->invalid_low, 0.0);
         add_piece(&low, &surely, x, count, area);
         add_piece(&high, &possibly, x, count, other);
     }
-    add_up(&low, count);
-    add_up(&high, count);
+    prefix_sums(&low, count);
+    prefix_sums(&high, count);
     double error = sum_error(pieces.count);
     for (size_t i = 0; i < count; i++)
         share[i] = (qm_interval){fmax(0.0, share_of(&low, i, -pieces.leak) - error),
@@ -324,7 +333,7 @@ void qm_piece_shares(qm_piece_list pieces, const double *x, size_t count, long d
 
 /* ---- percentiles ---- */
 
-/** The place where a growing function first reaches a share, between two places where it is known. */
+/** The point where an increasing function first reaches a share, between two points where it is known. */
 typedef struct crossing {
     qm_interval x, share;
 } crossing;
@@ -344,16 +353,16 @@ static int compare_numbers(const void *a, const void *b)
 
 /**
  * Places to look at next: one on each side of where the straight line through both ends reaches the share,
- * and the middle of the range in case that the function is far from straight. None when what is left of the
- * range hardly adds to the width of the interval.
+ * and the centroid of the range in case that the function is far from straight. None when the remainder of
+ * the range hardly adds to the width of the interval.
  */
-static size_t add_places(double *x, size_t count, const crossing *at, double share, double width)
+static size_t add_samples(double *x, size_t count, const crossing *at, double share, double width)
 {
     double range = at->x.upper - at->x.lower, rise = at->share.upper - at->share.lower;
     if (!(range > END_SHARE * width)) return count;
     double part = rise > 0.0 ? qm_clamp((share - at->share.lower) / rise, NEAR_PART, 1.0 - NEAR_PART) : 0.5;
-    const double parts[PLACES] = {part - 0.5 * NEAR_PART, 0.5, part + 0.5 * NEAR_PART};
-    for (int i = 0; i < PLACES; i++)
+    const double parts[SAMPLES] = {part - 0.5 * NEAR_PART, 0.5, part + 0.5 * NEAR_PART};
+    for (int i = 0; i < SAMPLES; i++)
         x[count++] = at->x.lower + range * parts[i];
     return count;
 }
@@ -369,68 +378,61 @@ static void narrow(crossing *at, double share, double x, double here)
     }
 }
 
-/** Narrows all ends by the shares at places. */
-static void narrow_all(percentile_search *search, size_t count, const double *x, const qm_interval *share,
-                       size_t used)
-{
-    for (size_t i = 0; i < count; i++)
-        for (size_t k = 0; k < used; k++) {
-            narrow(&search[i].lower, search[i].share, x[k], share[k].upper);
-            narrow(&search[i].upper, search[i].share, x[k], share[k].lower);
-        }
-}
-
 /** x and share have room for FIRST_PLACES and for PLACES for each end. */
-static void find_percentiles(qm_piece_list pieces, percentile_search *search, size_t count, double greatest,
-                             double *x, qm_interval *share, long double *work)
+static void find_percentiles(qm_deviation_piece_list pieces, percentile_search *search, size_t count,
+                             double max, double *x, qm_interval *share, long double *work)
 {
-    size_t used = FIRST_PLACES;
+    size_t used = FIRST_SAMPLES;
     for (size_t i = 0; i < used; i++) {
         double part = (double)(i + 1) / (double)(used + 1);
-        x[i] = greatest * part * part * part;
+        x[i] = max * part * part * part;
     }
     for (int round = 0; round < MAX_ROUNDS && used > 0; round++) {
-        qm_piece_shares(pieces, x, used, work, share);
-        narrow_all(search, count, x, share, used);
+        qm_deviation_shares(pieces, x, used, work, share);
+        for (size_t i = 0; i < count; i++)
+            for (size_t k = 0; k < used; k++) {
+                narrow(&search[i].lower, search[i].share, x[k], share[k].upper);
+                narrow(&search[i].upper, search[i].share, x[k], share[k].lower);
+            }
         used = 0;
         for (size_t i = 0; i < count; i++) {
             percentile_search *p = &search[i];
             double width = fmax(0.0, p->upper.x.lower - p->lower.x.upper);
-            used = add_places(x, used, &p->lower, p->share, width);
-            used = add_places(x, used, &p->upper, p->share, width);
+            used = add_samples(x, used, &p->lower, p->share, width);
+            used = add_samples(x, used, &p->upper, p->share, width);
         }
         qsort(x, used, sizeof *x, compare_numbers);
     }
 }
 
-qm_status qm_piece_percentiles(qm_context *ctx, qm_piece_list pieces, double greatest, const double *percent,
-                               size_t count, qm_interval *out)
+qm_status qm_deviation_percentiles(qm_context *ctx, qm_deviation_piece_list pieces, double max,
+                                   const double *percent, size_t count, qm_interval *out)
 {
     if (count == 0) return QM_OK;
-    size_t places = 2 * PLACES * count > FIRST_PLACES ? 2 * PLACES * count : FIRST_PLACES;
+    size_t samples = 2 * SAMPLES * count > FIRST_SAMPLES ? 2 * SAMPLES * count : FIRST_SAMPLES;
     percentile_search *search = qm_context_alloc(ctx, count, sizeof *search);
-    double *x = qm_context_alloc(ctx, places, sizeof *x);
-    qm_interval *share = qm_context_alloc(ctx, places, sizeof *share);
-    long double *work = qm_context_alloc(ctx, QM_SHARE_ROWS * (places + 1), sizeof *work);
+    double *x = qm_context_alloc(ctx, samples, sizeof *x);
+    qm_interval *share = qm_context_alloc(ctx, samples, sizeof *share);
+    long double *work = qm_context_alloc(ctx, QM_SHARE_ROWS * (samples + 1), sizeof *work);
     bool has_memory = search && x && share && work;
     if (has_memory) {
-        const crossing whole = {{0.0, greatest}, {0.0, 1.0}};
+        const crossing whole = {{0.0, max}, {0.0, 1.0}};
         for (size_t i = 0; i < count; i++)
             search[i] = (percentile_search){percent[i] / 100.0, whole, whole};
-        find_percentiles(pieces, search, count, greatest, x, share, work);
+        find_percentiles(pieces, search, count, max, x, share, work);
         for (size_t i = 0; i < count; i++)
             out[i] = (qm_interval){search[i].lower.x.lower, search[i].upper.x.upper};
     }
     qm_context_free(ctx, search, count, sizeof *search);
-    qm_context_free(ctx, x, places, sizeof *x);
-    qm_context_free(ctx, share, places, sizeof *share);
-    qm_context_free(ctx, work, QM_SHARE_ROWS * (places + 1), sizeof *work);
+    qm_context_free(ctx, x, samples, sizeof *x);
+    qm_context_free(ctx, share, samples, sizeof *share);
+    qm_context_free(ctx, work, QM_SHARE_ROWS * (samples + 1), sizeof *work);
     return has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the percentiles");
 }
 
 /* ---- histogram ---- */
 
-/** Share of the area with a distance below border i. Two places stand for it, just below and just above. */
+/** Share of the area with a distance below border i. Two samples stand for it, just below and just above. */
 static qm_interval share_below(const qm_interval *share, size_t i, size_t count)
 {
     if (i == 0) return (qm_interval){0.0, 0.0};
@@ -438,29 +440,29 @@ static qm_interval share_below(const qm_interval *share, size_t i, size_t count)
     return (qm_interval){share[2 * i].lower, share[2 * i + 1].upper};
 }
 
-qm_status qm_piece_histogram(qm_context *ctx, qm_piece_list pieces, double greatest, size_t count,
-                             qm_interval *out)
+qm_status qm_deviation_histogram(qm_context *ctx, qm_deviation_piece_list pieces, double max, size_t count,
+                                 qm_interval *out)
 {
     if (count == 0) return QM_OK;
-    size_t places = 2 * count;
-    double *x = qm_context_alloc(ctx, places, sizeof *x);
-    qm_interval *share = qm_context_alloc(ctx, places, sizeof *share);
-    long double *work = qm_context_alloc(ctx, QM_SHARE_ROWS * (places + 1), sizeof *work);
+    size_t samples = 2 * count;
+    double *x = qm_context_alloc(ctx, samples, sizeof *x);
+    qm_interval *share = qm_context_alloc(ctx, samples, sizeof *share);
+    long double *work = qm_context_alloc(ctx, QM_SHARE_ROWS * (samples + 1), sizeof *work);
     bool has_memory = x && share && work;
     if (has_memory) {
         for (size_t i = 0; i < count; i++) {
-            double border = greatest * (double)i / (double)count;
+            double border = max * (double)i / (double)count;
             x[2 * i + 1] = border * (1.0 + BORDER_ROUNDINGS);
             x[2 * i] = border * (1.0 - BORDER_ROUNDINGS);
         }
-        qm_piece_shares(pieces, x, places, work, share);
+        qm_deviation_shares(pieces, x, samples, work, share);
         for (size_t i = 0; i < count; i++) {
             qm_interval from = share_below(share, i, count), to = share_below(share, i + 1, count);
             out[i] = (qm_interval){fmax(0.0, to.lower - from.upper), fmin(1.0, to.upper - from.lower)};
         }
     }
-    qm_context_free(ctx, x, places, sizeof *x);
-    qm_context_free(ctx, share, places, sizeof *share);
-    qm_context_free(ctx, work, QM_SHARE_ROWS * (places + 1), sizeof *work);
+    qm_context_free(ctx, x, samples, sizeof *x);
+    qm_context_free(ctx, share, samples, sizeof *share);
+    qm_context_free(ctx, work, QM_SHARE_ROWS * (samples + 1), sizeof *work);
     return has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the histogram");
 }

@@ -1,10 +1,10 @@
 /**
- * hausdorff.c: the call: checks, frames and rounding margins, the first samples, the workers, the result.
+ * hausdorff.c: the public call: checks, local spaces and rounding margins, seeds, workers, the result.
  *
  * Roundings. Every distance is computed in the local frame of the target, and the bracket is opened by eta on
- * both sides for what that costs (rounding.h). So the search itself works to the tolerance less that, but to
- * no less than 2 eta: computed distances of one point differ by up to eta, and a piece must be let go at half
- * the tolerance (see hausdorff_triangle.c).
+ * both sides for the roundings (rounding.h). So the search itself works with the tolerance less these
+ * margins, but with no less than 2 eta: computed distances of one point differ by up to eta, and the search
+ * ends only if a piece may be discarded at half the tolerance (hausdorff_piece.c).
  */
 #include "qm/hausdorff.h"
 
@@ -13,7 +13,7 @@
 
 #include "bvh/surface.h"
 #include "core/rounding.h"
-#include "hausdorff_search.h"
+#include "hausdorff_worker.h"
 
 /* By how many eta the result is wider than the search's own bracket, and its rounding */
 #define OPENED_BY 2.25
@@ -43,6 +43,7 @@ static qm_status check_options(qm_context *ctx, const qm_hausdorff_options *opti
 static qm_status set_side(qm_context *ctx, qm_side *side, const qm_bvh *source, const qm_bvh *target,
                           qm_quad_reading quads)
 {
+    QM_ASSERT(source && target);
     if (!qm_bvh_is_target(target, quads))
         return qm_context_fail(ctx, QM_E_ARGUMENT,
                                "the tree of the target lacks parts that this reading needs");
@@ -81,13 +82,14 @@ static qm_status set_sides(qm_context *ctx, qm_search *search, const qm_bvh *a, 
     return QM_OK;
 }
 
-/** Looks for a good lower bound and queues the root of the source. */
+/** Raises the lower bound by seeds and queues the root of the source. */
 static void start_side(qm_context *ctx, qm_search *search, int index)
 {
+    QM_ASSERT(index < search->side_count);
     qm_side *side = &search->side[index];
     uint32_t hint = qm_search_seed_lower(ctx, search, side);
     double radius = sqrt(3.0) * side->source->reach * side->factor;
-    double upper = qm_side_pack_upper(search, side, hint, side->shift) + radius;
+    double upper = qm_side_pack_upper(search->kernel, side, hint, side->shift) + radius;
     qm_entry root = {
         .upper = upper * side->inverse_scale,
         .hint = hint,
@@ -120,13 +122,14 @@ static const qm_worker *best_witness(const qm_search *search)
 }
 
 /**
- * Fills in the two points of the witness: the foot on its own face, and the nearest point of the target. Both
- * are rounded to the doubles of the meshes' frame, which may take them off their surfaces, so nothing is
+ * Fills in the two points of the witness: the footpoint on its own face, and the nearest point of the target.
+ * Both are rounded to the doubles of the meshes' frame, which may take them off their surfaces, so nothing is
  * concluded from them. The unrounded point is certified once more, closely: the search saves itself that
  * where the lower bound would rise by less than a share of the tolerance.
  */
 static void set_witness(const qm_search *search, qm_hausdorff_result *out)
 {
+    QM_ASSERT(search->side_count > 0);
     const qm_worker *best = best_witness(search);
     const qm_side *side = &search->side[best->witness_side];
     qm_quad_reading quads = search->options->quads;
@@ -165,6 +168,7 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
     for (int i = 0; i < search->worker_count; i++)
         out->max_queue += search->workers[i].max_queue;
     int reason = atomic_load(&search->stop);
+    QM_ASSERT(!(out->lower > out->upper));
     set_witness(search, out);
     if (out->lower > options->threshold) out->verdict = 1;
     if (out->upper <= options->threshold) out->verdict = -1;
@@ -175,7 +179,7 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
                                               : (qm_hausdorff_stop)reason;
 }
 
-/** The hierarchy at hand over a target, or NULL. */
+/** The tetrahedron hierarchy over a target that the caller has given, or NULL. */
 static const qm_tetra *tetra_over(const qm_hausdorff_options *options, const qm_bvh *target)
 {
     for (int i = 0; i < 2; i++)
@@ -244,8 +248,8 @@ static bool are_same_faces(const qm_mesh *a, const qm_mesh *b)
            (a->face_count == 0 || memcmp(a->faces, b->faces, 4 * a->face_count * sizeof *a->faces) == 0);
 }
 
-/** True when two meshes have the same triangles in the same order, quads being two each. Tells in which face
- * of b the first triangle of a face of a lies. */
+/** True when two meshes have the same triangles in the same order, a quad being two. *of_b becomes the face
+ * of b that has the first triangle of a face of a. */
 static bool are_same_triangles(const qm_mesh *a, const qm_mesh *b, size_t face, uint32_t *of_b)
 {
     size_t i = 0, k = 0;

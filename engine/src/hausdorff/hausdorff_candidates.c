@@ -1,34 +1,52 @@
 /**
  * hausdorff_candidates.c: the facets of the target that a piece may be covered with.
+ *
+ * Any facets make valid bounds; the choice decides how often a cover succeeds. The candidates are the packs
+ * nearest to the piece. Where the target has patches, single quads among them are measured themselves, and
+ * the part of a patch under a polygon gets labels of its own.
  */
-#include "hausdorff_piece.h"
-#include "prim/bilinear_fold.h"
-#include "prim/bilinear_over.h"
+#include "hausdorff_candidates.h"
+#include "prim/bilinear.h"
 
 #define NEGLIGIBLE_TWIST 0.1 /* of the tolerance: labels with less are not refined */
 #define CERTAIN_DEPTH 16     /* from here on every quad that may be nearer is measured */
-#define MIN_SINE 0.01        /* between the directions of a patch, for a ball to tell where feet lie, */
+#define MIN_SINE 0.01        /* between the directions of a patch, for a ball to bound the footpoints, */
 #define MAX_BEND 0.1         /* and how much of their area they may lose or gain within the ball */
 #define QUAD_TRIES 2         /* of the nearest quads, to show that a point is near enough */
 #define FOLD_MARGIN 1e-3     /* of the change of the area: how far from the fold a part of a patch ends */
-#define REFINED_MARGIN 1.1   /* by which refined labels reach beyond the piece, as seen from its middle */
+#define REFINED_MARGIN 1.1   /* by which refined labels extend beyond the piece, from its centre */
 
-/** The greatest twist of a patch that is not refined, local. */
+/** The largest twist of a patch that is not refined, local. */
 static double negligible_twist(const qm_piece_work *work)
 {
     return NEGLIGIBLE_TWIST * work->search->tolerance * work->side->scale;
 }
 
-void qm_piece_fill_candidates(qm_piece_work *work)
+void qm_candidates_fill(qm_candidates *candidates, const qm_side *side, const uint32_t *packs, int count,
+                        double cutoff)
 {
-    work->filled_for = qm_piece_cutoff(work);
+    QM_ASSERT(candidates && side && packs);
+    QM_ASSERT(count >= 0 && count <= QM_COVER_PACKS);
+    candidates->count = count;
+    for (int k = 0; k < count; k++) {
+        candidates->pack[k] = qm_bvh_pack(side->target, packs[k], &candidates->spare[k]);
+        for (uint32_t lane = 0; lane < QM_PACK_LANES; lane++)
+            qm_candidates_set_cutoff(candidates, k, lane, qm_side_twist(side, packs[k], lane), cutoff);
+    }
+}
+
+void qm_candidates_refill(qm_piece_work *work)
+{
+    work->filled_for = qm_candidates_cutoff(work);
     qm_candidates_fill(&work->candidates, work->side, work->packs, work->pack_count,
                        work->filled_for - work->slack);
     work->generation++;
 }
 
-bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack)
+bool qm_candidates_add(qm_piece_work *work, uint32_t pack)
 {
+    QM_ASSERT(pack < work->side->target->pack_count);
+    QM_ASSERT(work->pack_count >= 0 && work->pack_count <= QM_COVER_PACKS);
     for (int k = 0; k < work->pack_count; k++)
         if (work->packs[k] == pack) return false;
     if (work->pack_count < QM_COVER_PACKS) work->pack_count++;
@@ -38,20 +56,21 @@ bool qm_piece_add_candidate(qm_piece_work *work, uint32_t pack)
     return true;
 }
 
-void qm_piece_gather(qm_piece_work *work, qm_near_packs *near)
+void qm_candidates_gather(qm_piece_work *work, qm_near_packs *near)
 {
+    QM_ASSERT(work && near);
     qm_box box = qm_vec_box(work->piece.corner, work->piece.corner_count);
-    work->kernel->gather(work->side->target, &box, qm_piece_cutoff(work), near);
+    work->kernel->gather(work->side->target, &box, qm_candidates_cutoff(work), near);
     work->near = near;
     work->pack_count =
-        work->kernel->narrow(work->near, &box, qm_piece_cutoff(work), QM_COVER_PACKS, work->packs);
-    if (work->pack_count == 0 || work->side->target_patches) qm_piece_add_candidate(work, work->entry.hint);
-    qm_piece_fill_candidates(work);
+        work->kernel->narrow(work->near, &box, qm_candidates_cutoff(work), QM_COVER_PACKS, work->packs);
+    if (work->pack_count == 0 || work->side->target_patches) qm_candidates_add(work, work->entry.hint);
+    qm_candidates_refill(work);
 }
 
 enum { MAX_QUADS = QM_COVER_PACKS * QM_PACK_LANES / 2 };
 
-/** Quads of the candidates with the distance of their triangles. */
+/** Quads of the candidates with the distance to their triangles. */
 typedef struct quad_list {
     int count;
     struct listed_quad {
@@ -60,7 +79,7 @@ typedef struct quad_list {
     } at[MAX_QUADS];
 } quad_list;
 
-static void list_quads(const qm_piece_work *work, qm_vec p, double least_twist, quad_list *list)
+static void list_quads(const qm_piece_work *work, qm_vec p, double min_twist, quad_list *list)
 {
     list->count = 0;
     for (int k = 0; k < work->pack_count; k++) {
@@ -69,7 +88,7 @@ static void list_quads(const qm_piece_work *work, qm_vec p, double least_twist, 
         work->kernel->pack_distances(work->candidates.pack[k], p, d2);
         for (uint32_t lane = 1; lane < lanes->lane_count; lane++) {
             double twist = work->candidates.twist[k][lane];
-            if (!qm_lane_is_second(lanes, lane) || twist < least_twist) continue;
+            if (!qm_lane_is_second(lanes, lane) || twist < min_twist) continue;
             list->at[list->count++] = (struct listed_quad){sqrt(fmin(d2[lane - 1], d2[lane])), twist,
                                                            lanes->face[lane], work->packs[k]};
         }
@@ -79,6 +98,7 @@ static void list_quads(const qm_piece_work *work, qm_vec p, double least_twist, 
 /** Takes the quad of the nearest triangles out of the list. */
 static struct listed_quad take_nearest(quad_list *list)
 {
+    QM_ASSERT(list->count > 0);
     int nearest = 0;
     for (int i = 1; i < list->count; i++)
         if (list->at[i].distance < list->at[nearest].distance) nearest = i;
@@ -87,10 +107,11 @@ static struct listed_quad take_nearest(quad_list *list)
     return quad;
 }
 
-void qm_piece_find_foot(qm_near_quad *quad, qm_vec p)
+void qm_candidates_find_foot(qm_near_quad *quad, qm_vec p)
 {
+    QM_ASSERT(quad);
     if (quad->has_foot) return;
-    qm_bilinear_foot foot = qm_bilinear_descend(&quad->patch, p, INFINITY);
+    qm_bilinear_footpoint foot = qm_bilinear_minimise(&quad->patch, p, INFINITY);
     quad->has_foot = true;
     quad->uv[0] = foot.uv[0];
     quad->uv[1] = foot.uv[1];
@@ -104,7 +125,7 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
         .face = listed.face, .pack = listed.pack, .distance = listed.distance, .twist = listed.twist};
     quad.patch = qm_bvh_load_patch(work->side->target, quad.face);
     if (quad.twist >= negligible) {
-        qm_bilinear_foot foot = qm_bilinear_descend(&quad.patch, p, near->farthest);
+        qm_bilinear_footpoint foot = qm_bilinear_minimise(&quad.patch, p, near->farthest);
         quad.distance = foot.distance;
         quad.has_foot = true;
         quad.uv[0] = foot.uv[0];
@@ -113,15 +134,16 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
         quad.distance += quad.twist;
     }
     if (!(quad.distance < near->farthest)) return;
-    int place = near->count < near->wanted ? near->count++ : near->wanted - 1;
-    for (; place > 0 && near->at[place - 1].distance > quad.distance; place--)
-        near->at[place] = near->at[place - 1];
-    near->at[place] = quad;
+    int index = near->count < near->wanted ? near->count++ : near->wanted - 1;
+    for (; index > 0 && near->at[index - 1].distance > quad.distance; index--)
+        near->at[index] = near->at[index - 1];
+    near->at[index] = quad;
     if (near->count == near->wanted) near->farthest = near->at[near->wanted - 1].distance;
 }
 
-qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, qm_quads_asked asked)
+qm_near_quads qm_candidates_near_quads(const qm_piece_work *work, qm_vec p, qm_quads_asked asked)
 {
+    QM_ASSERT(asked.wanted > 0 && asked.wanted <= QM_NEAR_QUADS);
     double negligible = negligible_twist(work);
     quad_list list;
     list_quads(work, p, asked.twisted_only ? negligible : 0.0, &list);
@@ -133,7 +155,7 @@ qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, qm_quads_
         is_enough = near.count == asked.wanted && near.at[0].distance <= asked.enough;
     }
     /* Patches that leave their triangles may still be nearer; that matters only where none of these is near
-     * enough, and to pieces which nothing else has settled. */
+     * enough, and to pieces that no cheaper test has covered. */
     is_enough = work->depth < CERTAIN_DEPTH && near.count > 0 && near.at[0].distance <= asked.enough;
     for (int i = 0; !is_enough && i < list.count; i++)
         if (list.at[i].distance - list.at[i].twist < near.farthest)
@@ -141,7 +163,7 @@ qm_near_quads qm_piece_near_quads(const qm_piece_work *work, qm_vec p, qm_quads_
     return near;
 }
 
-bool qm_piece_quad_within(const qm_piece_work *work, qm_vec p, double distance)
+bool qm_candidates_quad_within(const qm_piece_work *work, qm_vec p, double distance)
 {
     quad_list list;
     list_quads(work, p, 0.0, &list);
@@ -150,102 +172,101 @@ bool qm_piece_quad_within(const qm_piece_work *work, qm_vec p, double distance)
         if (quad.distance + quad.twist <= distance) return true;
         if (quad.distance - quad.twist > distance) return false;
         qm_bilinear patch = qm_bvh_load_patch(work->side->target, quad.face);
-        if (qm_bilinear_descend(&patch, p, distance).distance <= distance) return true;
+        if (qm_bilinear_minimise(&patch, p, distance).distance <= distance) return true;
     }
     return false;
 }
 
-bool qm_piece_over_face(const qm_piece_work *work, uint32_t face, const qm_polygon *polygon)
+bool qm_candidates_quad_covers(const qm_piece_work *work, uint32_t face, const qm_polygon *polygon)
 {
     qm_vec corner[4];
     if (polygon->count != 3 || qm_bvh_load_face(work->side->target, face, corner) != 4) return false;
     qm_bilinear patch = qm_bilinear_make(corner);
-    double uv[3][2], cutoff = qm_piece_cutoff(work) - work->slack;
+    double uv[3][2], cutoff = qm_candidates_cutoff(work) - work->slack;
     for (int i = 0; i < 3; i++) {
-        qm_bilinear_foot foot = qm_bilinear_descend(&patch, polygon->corner[i], cutoff);
+        qm_bilinear_footpoint foot = qm_bilinear_minimise(&patch, polygon->corner[i], cutoff);
         if (foot.distance > cutoff) return false;
         uv[i][0] = foot.uv[0];
         uv[i][1] = foot.uv[1];
     }
-    return qm_bilinear_under(&patch, polygon->corner, uv) <= cutoff;
+    return qm_bilinear_triangle_upper(&patch, polygon->corner, uv) <= cutoff;
 }
 
-bool qm_piece_over_patch(const qm_piece_work *work, const qm_polygon *polygon)
+bool qm_candidates_nearest_quad_covers(const qm_piece_work *work, const qm_polygon *polygon)
 {
     if (polygon->count != 3) return false;
     quad_list list;
     list_quads(work, qm_polygon_centroid(polygon), 0.0, &list);
-    return list.count > 0 && qm_piece_over_face(work, take_nearest(&list).face, polygon);
+    return list.count > 0 && qm_candidates_quad_covers(work, take_nearest(&list).face, polygon);
 }
 
-typedef struct feet_rectangle {
+typedef struct foot_range {
     double low[2], high[2];
-} feet_rectangle;
+} foot_range;
 
-/** The parameters round the foot of a piece's middle that a piece of this radius lies over, with a margin. */
-static feet_rectangle feet_of_ball(const qm_near_quad *quad, double radius, const double speed[2],
-                                   double area)
+/** The parameters round the footpoint of the centre that a piece of this radius is over, with a margin. */
+static foot_range range_of_ball(const qm_near_quad *quad, double radius, const double speed[2], double area)
 {
-    feet_rectangle feet;
+    foot_range range;
     for (int k = 0; k < 2; k++) {
         double reach = REFINED_MARGIN * radius * speed[1 - k] / area;
-        feet.low[k] = fmax(0.0, quad->uv[k] - reach);
-        feet.high[k] = fmin(1.0, quad->uv[k] + reach);
+        range.low[k] = fmax(0.0, quad->uv[k] - reach);
+        range.high[k] = fmin(1.0, quad->uv[k] + reach);
     }
-    return feet;
+    return range;
 }
 
-/** The parameters that lie under the corners of a piece, on the sheet of the quad's foot, with a margin. */
-static feet_rectangle feet_of_corners(const qm_near_quad *quad, const qm_polygon *polygon)
+/** The parameters under the corners of a piece, on the sheet of the quad's footpoint, with a margin. */
+static foot_range range_of_corners(const qm_near_quad *quad, const qm_polygon *polygon)
 {
-    feet_rectangle feet = {{1.0, 1.0}, {0.0, 0.0}};
+    foot_range range = {{1.0, 1.0}, {0.0, 0.0}};
     for (int i = 0; i < polygon->count; i++) {
-        qm_bilinear_foot foot = {.distance = INFINITY, .uv = {quad->uv[0], quad->uv[1]}};
+        qm_bilinear_footpoint foot = {.distance = INFINITY, .uv = {quad->uv[0], quad->uv[1]}};
         foot.distance =
             qm_vec_distance(polygon->corner[i], qm_bilinear_at(&quad->patch, foot.uv[0], foot.uv[1]));
         qm_bilinear_polish(&quad->patch, polygon->corner[i], &foot);
         for (int k = 0; k < 2; k++) {
-            feet.low[k] = fmin(feet.low[k], foot.uv[k]);
-            feet.high[k] = fmax(feet.high[k], foot.uv[k]);
+            range.low[k] = fmin(range.low[k], foot.uv[k]);
+            range.high[k] = fmax(range.high[k], foot.uv[k]);
         }
     }
     for (int k = 0; k < 2; k++) {
-        double margin = (REFINED_MARGIN - 1.0) * (feet.high[k] - feet.low[k]);
-        feet.low[k] = fmax(0.0, feet.low[k] - margin);
-        feet.high[k] = fmin(1.0, feet.high[k] + margin);
+        double margin = (REFINED_MARGIN - 1.0) * (range.high[k] - range.low[k]);
+        range.low[k] = fmax(0.0, range.low[k] - margin);
+        range.high[k] = fmin(1.0, range.high[k] + margin);
     }
-    return feet;
+    return range;
 }
 
 /**
- * Cuts a rectangle down to one side of the fold of its patch, the side of the foot: what is left of a flat
- * patch is convex, and its two triangles are exact. It is cut across the axis along which the area changes
- * most, where that leaves the foot inside.
+ * Cuts a rectangle down to one side of the fold of its patch, the side of the footpoint: that part of a flat
+ * patch is convex, and its two triangles are exact. The cut is across the axis along which the area changes
+ * most, where that leaves the footpoint inside.
  */
-static void keep_one_sheet(const qm_near_quad *quad, feet_rectangle *feet)
+static void keep_one_sheet(const qm_near_quad *quad, foot_range *range)
 {
-    qm_fold_area area = qm_fold_area_make(&quad->patch);
-    double here = qm_fold_area_at(&area, quad->uv), sign = here < 0.0 ? -1.0 : 1.0, change[2];
+    qm_bilinear_jacobian area = qm_bilinear_jacobian_make(&quad->patch);
+    double here = qm_bilinear_jacobian_at(&area, quad->uv), sign = here < 0.0 ? -1.0 : 1.0, change[2];
     for (int k = 0; k < 2; k++) {
         area.rise[k] *= sign;
-        change[k] = fabs(area.rise[k]) * (feet->high[k] - feet->low[k]);
+        change[k] = fabs(area.rise[k]) * (range->high[k] - range->low[k]);
     }
     int across = change[1] > change[0], along = 1 - across;
     bool falls = area.rise[across] < 0.0;
     double rise = area.rise[along];
-    /* At the end of the other axis where it is least. */
-    double least = sign * area.at + rise * (rise > 0.0 ? feet->low[along] : feet->high[along]);
-    double place = (FOLD_MARGIN * change[along] - least) / area.rise[across];
-    if (!(change[across] > 0.0) || (falls ? place < quad->uv[across] : place > quad->uv[across])) return;
+    /* At the end of the other axis where it is smallest. */
+    double smallest = sign * area.at + rise * (rise > 0.0 ? range->low[along] : range->high[along]);
+    double cut = (FOLD_MARGIN * change[along] - smallest) / area.rise[across];
+    if (!(change[across] > 0.0) || (falls ? cut < quad->uv[across] : cut > quad->uv[across])) return;
     if (falls)
-        feet->high[across] = fmin(feet->high[across], place);
+        range->high[across] = fmin(range->high[across], cut);
     else
-        feet->low[across] = fmax(feet->low[across], place);
+        range->low[across] = fmax(range->low[across], cut);
 }
 
-/** Which parameters of a quad a piece lies over; where the parameters' directions fall together or change
- * much within the piece, by its corners. */
-static feet_rectangle find_feet(const qm_near_quad *quad, const qm_polygon *polygon, double radius)
+/** The parameters of a quad that a piece is over; by its corners where the directions of the parameters
+ * nearly coincide or change much within the piece. */
+static foot_range find_range(const qm_near_quad *quad, const qm_polygon *polygon, double radius)
 {
     const qm_bilinear *patch = &quad->patch;
     qm_vec along_u = qm_vec_axpy(patch->e1, quad->uv[1], patch->w);
@@ -254,11 +275,11 @@ static feet_rectangle find_feet(const qm_near_quad *quad, const qm_polygon *poly
     double area = qm_vec_norm(qm_vec_cross(along_u, along_v));
     double bend = radius * qm_vec_norm(patch->w) * speed[0] * speed[1] / (area * area);
     if (area > MIN_SINE * speed[0] * speed[1] && bend < MAX_BEND)
-        return feet_of_ball(quad, radius, speed, area);
-    return feet_of_corners(quad, polygon);
+        return range_of_ball(quad, radius, speed, area);
+    return range_of_corners(quad, polygon);
 }
 
-/** Corners of eight triangles, as kernels take them. */
+/** Corners of eight triangles in the layout of the kernels: corner, axis, lane. */
 typedef struct lane_corners {
     _Alignas(64) double at[3][3][QM_PACK_LANES];
 } lane_corners;
@@ -270,15 +291,15 @@ static void set_lane_corner(lane_corners *corners, int i, int lane, qm_vec p)
     corners->at[i][2][lane] = p.z;
 }
 
-/** The two triangles of a part of a patch as labels; that part leaves them by a slack of its own. */
+/** Sets two lanes to the triangles of a part of a patch, which leaves them by a slack of its own. */
 static void set_refined_lanes(qm_candidates *labels, lane_corners *corners, int lane,
-                              const qm_bilinear *patch, const feet_rectangle *feet, qm_vec direction,
+                              const qm_bilinear *patch, const foot_range *range, qm_vec direction,
                               double cutoff)
 {
-    const qm_vec c[4] = {qm_bilinear_at(patch, feet->low[0], feet->low[1]),
-                         qm_bilinear_at(patch, feet->high[0], feet->low[1]),
-                         qm_bilinear_at(patch, feet->high[0], feet->high[1]),
-                         qm_bilinear_at(patch, feet->low[0], feet->high[1])};
+    const qm_vec c[4] = {qm_bilinear_at(patch, range->low[0], range->low[1]),
+                         qm_bilinear_at(patch, range->high[0], range->low[1]),
+                         qm_bilinear_at(patch, range->high[0], range->high[1]),
+                         qm_bilinear_at(patch, range->low[0], range->high[1])};
     qm_bilinear_halves halves = qm_bilinear_halve(c, direction);
     for (int half = 0; half < 2; half++) {
         set_lane_corner(corners, 0, lane + half, halves.corner[0]);
@@ -298,23 +319,24 @@ static void repeat_lane(qm_candidates *labels, lane_corners *corners, int from, 
     labels->cutoff2[0][to] = labels->cutoff2[0][from];
 }
 
-bool qm_piece_refine(const qm_piece_work *work, const qm_polygon *polygon, qm_vec middle,
-                     const qm_near_quads *near, qm_refined *refined)
+bool qm_candidates_refine(const qm_piece_work *work, const qm_polygon *polygon, qm_vec centre,
+                          const qm_near_quads *near, qm_refined *refined)
 {
-    double radius = qm_vec_radius(polygon->corner, polygon->count, middle);
-    double cutoff = qm_piece_cutoff(work) - work->slack;
+    QM_ASSERT(near->count <= QM_NEAR_QUADS);
+    double radius = qm_vec_radius(polygon->corner, polygon->count, centre);
+    double cutoff = qm_candidates_cutoff(work) - work->slack;
     double negligible = negligible_twist(work);
     lane_corners corners;
     int lane = 0;
     for (int i = 0; i < near->count; i++) {
         const qm_near_quad *quad = &near->at[i];
         if (quad->twist < negligible) continue;
-        feet_rectangle feet = find_feet(quad, polygon, radius);
-        keep_one_sheet(quad, &feet);
-        qm_vec from = qm_vec_sub(middle, qm_bilinear_at(&quad->patch, quad->uv[0], quad->uv[1]));
-        double length = qm_vec_norm(from); /* which may be roundings only, other than those of the distance */
+        foot_range range = find_range(quad, polygon, radius);
+        keep_one_sheet(quad, &range);
+        qm_vec from = qm_vec_sub(centre, qm_bilinear_at(&quad->patch, quad->uv[0], quad->uv[1]));
+        double length = qm_vec_norm(from); /* may be rounding alone, not the same as in the distance */
         qm_vec direction = qm_vec_scale(length > 0.0 ? 1.0 / length : 0.0, from);
-        set_refined_lanes(&refined->labels, &corners, lane, &quad->patch, &feet, direction, cutoff);
+        set_refined_lanes(&refined->labels, &corners, lane, &quad->patch, &range, direction, cutoff);
         lane += 2;
     }
     if (lane == 0) return false;
@@ -326,8 +348,8 @@ bool qm_piece_refine(const qm_piece_work *work, const qm_polygon *polygon, qm_ve
     return true;
 }
 
-bool qm_piece_cover_refined(const qm_piece_work *work, const qm_refined *refined, qm_polygon *polygon,
-                            bool *moved)
+bool qm_candidates_cover_refined(const qm_piece_work *work, const qm_refined *refined, qm_polygon *polygon,
+                                 bool *moved)
 {
     for (int i = 0; i < polygon->count; i++)
         polygon->in_reach[i] = work->kernel->in_reach(&refined->labels, polygon->corner[i]);

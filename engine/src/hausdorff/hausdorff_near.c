@@ -1,40 +1,41 @@
 /**
- * hausdorff_near.c: faces whose size is about that of the lower bound are settled by few searches, however
- * many facets of the target they lie over: a face is cut into parts, each of which one facet must reach.
+ * hausdorff_near.c: faces whose size is about that of the lower bound are discarded after few searches,
+ * however many facets of the target they are over: a face is cut into parts, each of which one facet must
+ * reach.
  *
- * A facet is convex, so it is within a distance of all of a part when it is within that of the part's
- * corners. Parts share corners, and these are compared with all facets of a pack at once: first with packs
- * that were near the faces before, and where those leave a part open, with the pack that a search from its
- * middle finds. A part that is open even then may lie in a ball round its middle that is near enough; else it
- * is cut again.
+ * The distance to a convex facet is convex. So a facet within the cutoff of a part's corners is within the
+ * cutoff of all of the part. Parts share corners, and these are compared with all facets of a pack at once:
+ * first with packs that were near recent faces, and where those leave a part open, with the pack that a
+ * search from its centroid finds. A part that is still open may be in a ball round its centroid that is
+ * within the cutoff; else it is cut again.
  *
- * Parts. A triangle falls into triangles with corners at the places (i, j) / n, i + j <= n, a patch into
- * patches with corners at those of i, j <= n. A part lies in the hull of its corners.
+ * Parts. A triangle is cut into triangles with corners at the parameters (i, j) / n, i + j <= n, a patch into
+ * patches with corners at those of i, j <= n. A part is in the hull of its corners.
  *
  * Roundings, in u R (see rounding.h). The weights of a face's corners are multiples of 1/16, exact; so a
  * part's corner is a sum of at most four products, which are off by 1 together, and each of the three sums by
  * 1. A face is cut MAX_CUTS times at most, one after the other: its corners are then off by 12. The radius of
- * the ball that holds the corners, round the middle as computed, is off by 8 for the differences and the
- * norm, and what is left of the cutoff distance by 1. A face that comes here has not been cut, and eta has
+ * the ball that holds the corners, round the centroid as computed, is off by 8 for the differences and the
+ * norm, and the cutoff less the radius by 1. A face that comes here has not been cut, and eta has
  * room for QM_FREE_CUTS cuts of 2.5.
  */
 #include <string.h>
 
-#include "hausdorff_search.h"
+#include "hausdorff_worker.h"
 
 #define TRIANGLE_LEVELS 3 /* how often the edges of a face are halved, */
 #define PATCH_LEVELS 1
 #define LEVELS_AT_ONCE 2  /* of these in one cut */
 #define MAX_CUTS 3        /* of parts of parts */
-#define MAX_RADIUS 1.25   /* of the cutoff distance: one facet seldom reaches all of a larger part */
-#define MIN_RADIUS 0.5    /* of it: what a smaller part misses its own parts seldom find */
+#define MAX_RADIUS 1.25   /* of the cutoff: one facet seldom reaches all of a larger part */
+#define MIN_RADIUS 0.5    /* of it: the parts of a smaller part seldom succeed where it fails */
 #define NEAR_SHARE 0.5    /* of it: where the target is farther, smaller parts gain little */
 #define RECENT_TRIES 2    /* recent packs that parts are compared with before a search */
-#define TRIED_PACKS 8     /* remembered, so as not to try them again */
+#define TRIED_PACKS 8     /* remembered, not to be tried again */
 #define COST_OF_SEARCH 40 /* in points compared with a pack */
 #define COST_OF_PACK 4
-#define MAX_COST 600      /* for each face that parts settle, on average: a cover costs about as much */
-#define FIRST_FACES 16    /* that may fail before that counts */
+#define MAX_COST 600      /* for each face that parts discard, on average: a cover costs about as much */
+#define FIRST_FACES 16    /* that may fail before MAX_COST applies */
 #define PARTS_INTERVAL 32 /* faces between two tries of parts where they cost more */
 
 enum { MAX_PARTS = 16, MAX_PART_CORNERS = 15 }; /* of one cut, */
@@ -46,17 +47,17 @@ _Static_assert(TRIANGLE_LEVELS <= MAX_CUTS && LEVELS_AT_ONCE <= 2 && PATCH_LEVEL
 typedef struct part_list {
     const qm_vec *point;
     int count;
-    uint8_t corner[MAX_PARTS][4]; /* places of points; a triangle's last one twice */
-    unsigned open;                /* a bit a part: not shown to be near */
+    uint8_t corner[MAX_PARTS][4]; /* indices of points; a triangle's last one twice */
+    unsigned open;                /* a bit a part: not shown to be within the cutoff */
     unsigned tried_count;
     uint32_t tried[TRIED_PACKS]; /* packs that all open parts have been compared with */
 } part_list;
 
-/** Where faces are tried, and how near the target must be, local. */
+/** The state of one call. */
 typedef struct near_work {
     qm_worker *worker;
     const qm_side *side;
-    double cutoff;
+    double cutoff; /* local */
     uint32_t hint; /* where the next search starts */
     unsigned cost;
 } near_work;
@@ -74,6 +75,7 @@ static qm_vec face_point(const qm_vec *corner, int count, double x, double y)
 
 static void add_part(part_list *parts, int a, int b, int c, int d)
 {
+    QM_ASSERT(parts->count < MAX_PARTS);
     uint8_t *corner = parts->corner[parts->count++];
     corner[0] = (uint8_t)a;
     corner[1] = (uint8_t)b;
@@ -85,6 +87,8 @@ static void add_part(part_list *parts, int a, int b, int c, int d)
 static void cut_face(const qm_vec *corner, int count, int level, qm_vec point[MAX_PART_CORNERS],
                      part_list *parts)
 {
+    QM_ASSERT(count == 3 || count == 4);
+    QM_ASSERT(level >= 0 && level <= LEVELS_AT_ONCE);
     int n = 1 << level, row = 0;
     parts->point = point;
     parts->count = 0;
@@ -103,16 +107,17 @@ static void cut_face(const qm_vec *corner, int count, int level, qm_vec point[MA
         }
         row = next;
     }
+    QM_ASSERT(row <= MAX_PART_CORNERS);
     parts->open = (1u << parts->count) - 1;
 }
 
 /** Corners of a part; returns how many. */
 static int part_corners(const part_list *parts, int part, qm_vec corner[4])
 {
-    const uint8_t *place = parts->corner[part];
-    int count = place[2] == place[3] ? 3 : 4;
+    const uint8_t *index = parts->corner[part];
+    int count = index[2] == index[3] ? 3 : 4;
     for (int i = 0; i < count; i++)
-        corner[i] = parts->point[place[i]];
+        corner[i] = parts->point[index[i]];
     return count;
 }
 
@@ -141,7 +146,7 @@ static void try_pack(near_work *work, part_list *parts, uint32_t pack)
     qm_float_bits bits[MAX_POINTS];
     unsigned corners = open_corners(parts);
     work->cost += COST_OF_PACK + (unsigned)__builtin_popcount(corners);
-    work->worker->search->kernel->float_reach(qm_bvh_floats(work->side->target, pack),
+    work->worker->search->kernel->float_reach(qm_bvh_float_pack(work->side->target, pack),
                                               qm_side_twists(work->side, pack), work->cutoff, parts->point,
                                               corners, bits);
     for (unsigned left = parts->open; left; left &= left - 1) {
@@ -160,13 +165,13 @@ static void remember(qm_worker *worker, const qm_side *side, uint32_t pack)
     worker->recent_side = side;
     for (int i = 0; i < recent->count; i++)
         if (recent->pack[i] == pack) return;
-    unsigned place = worker->recent_next++ % QM_RECENT_PACKS;
-    if (recent->count < QM_RECENT_PACKS) place = (unsigned)recent->count++;
+    unsigned slot = worker->recent_next++ % QM_RECENT_PACKS;
+    if (recent->count < QM_RECENT_PACKS) slot = (unsigned)recent->count++;
     const qm_box_node *from = &side->target->boxes.groups[1][pack / 8];
-    recent->pack[place] = pack;
+    recent->pack[slot] = pack;
     for (int k = 0; k < 3; k++) {
-        recent->box[0].low[k][place] = from->low[k][pack % 8];
-        recent->box[0].high[k][place] = from->high[k][pack % 8];
+        recent->box[0].low[k][slot] = from->low[k][pack % 8];
+        recent->box[0].high[k][slot] = from->high[k][pack % 8];
     }
 }
 
@@ -184,20 +189,21 @@ static void try_recent(near_work *work, part_list *parts, const qm_vec *point, i
 
 static bool parts_are_near(near_work *work, const qm_vec *corner, int count, int level, int deeper);
 
-/** Closes the first open part, and all others that the pack reaches which a search from its middle finds;
- * false when the first stays open. */
+/** Searches from the centroid of the first open part, and closes that and all others that the pack found
+ * reaches; false when the first stays open. */
 static bool close_part(near_work *work, part_list *parts, int deeper)
 {
     qm_worker *worker = work->worker;
     unsigned bit = parts->open & -parts->open;
     qm_vec corner[4];
     int count = part_corners(parts, __builtin_ctz(bit), corner);
-    qm_vec middle = qm_vec_centroid(corner, count);
-    double radius = qm_vec_radius(corner, count, middle);
+    qm_vec centroid = qm_vec_centroid(corner, count);
+    double radius = qm_vec_radius(corner, count, centroid);
     double enough = work->cutoff - radius, sought = fmax(enough, NEAR_SHARE * work->cutoff);
     worker->projections++;
     work->cost += COST_OF_SEARCH;
-    double distance = qm_side_nearly(worker->search, work->side, middle, sought, enough, &work->hint);
+    double distance =
+        qm_side_upper(worker->search->kernel, work->side, centroid, sought, enough, &work->hint);
     remember(worker, work->side, work->hint);
     if (distance <= enough) parts->open &= ~bit;
     try_pack(work, parts, work->hint);
@@ -208,8 +214,8 @@ static bool close_part(near_work *work, part_list *parts, int deeper)
     return true;
 }
 
-/** Cuts a face or part, and those of its parts that are not near again, down to some levels deeper. True when
- * all parts are near. */
+/** Cuts a face or part, and its parts that are not near again, down to some levels deeper. True when all
+ * parts are within the cutoff. */
 static bool parts_are_near(near_work *work, const qm_vec *corner, int count, int level, int deeper)
 {
     part_list parts;
@@ -221,7 +227,8 @@ static bool parts_are_near(near_work *work, const qm_vec *corner, int count, int
     return true;
 }
 
-/** Where surfaces nearly coincide parts cost dozens of searches a face, and covers are cheaper. */
+/** False where parts have cost more than covers, as where surfaces nearly coincide: dozens of searches a
+ * face. */
 static bool may_try_parts(qm_worker *worker)
 {
     bool is_due = worker->part_tries++ % PARTS_INTERVAL == 0;
@@ -242,17 +249,17 @@ static int level_of(const near_work *work, const qm_vec *corner, int count)
 static bool face_is_near(near_work *work, const qm_vec *corner, int count, int level)
 {
     qm_worker *worker = work->worker;
-    int most = count == 3 ? TRIANGLE_LEVELS : PATCH_LEVELS;
-    if (level > most || !may_try_parts(worker)) return false;
+    int max_level = count == 3 ? TRIANGLE_LEVELS : PATCH_LEVELS;
+    if (level > max_level || !may_try_parts(worker)) return false;
     if (level > LEVELS_AT_ONCE) level = LEVELS_AT_ONCE;
     work->cost = 0;
-    bool is_near = parts_are_near(work, corner, count, level, most - level);
+    bool is_near = parts_are_near(work, corner, count, level, max_level - level);
     worker->part_cost += work->cost;
     worker->part_hits += is_near;
     return is_near;
 }
 
-/** Bits of the open faces that are near, each tried whole first, then in parts. */
+/** Bits of the open faces within the cutoff, each tried whole first, then in parts. */
 static unsigned whole_are_near(near_work *work, part_list *whole, const qm_near_faces *faces)
 {
     unsigned near = whole->open;
@@ -269,6 +276,10 @@ static unsigned whole_are_near(near_work *work, part_list *whole, const qm_near_
 unsigned qm_worker_faces_near(qm_worker *worker, const qm_side *side, const qm_near_faces *faces,
                               uint32_t hint)
 {
+    QM_ASSERT(worker && side && faces);
+    QM_ASSERT(faces->count >= 0 && faces->count <= QM_PACK_LANES);
+    QM_ASSERT(faces->vertex_count <= MAX_POINTS);
+    QM_ASSERT(hint < side->target->pack_count);
     near_work work = {worker, side, qm_search_cutoff(worker->search) * side->scale, hint, 0};
     part_list whole = {.point = faces->vertex, .count = faces->count, .tried_count = 1, .tried = {hint}};
     memcpy(whole.corner, faces->corner, sizeof faces->corner);

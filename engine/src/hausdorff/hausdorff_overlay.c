@@ -1,34 +1,34 @@
 /**
- * hausdorff_overlay.c: faces of the source over a stretch of the target are bounded by the vertical distance,
+ * hausdorff_overlay.c: faces of the source over a region of the target are bounded by the vertical distance,
  * along one direction for all of them: a coarse face may lie over dozens of facets, none of which alone is
  * near to all of it.
  *
  * Everything is projected along a direction to a plane. If every point of a face has a facet over it, then no
- * point is farther from the target than the greatest vertical distance between the face and any facet, where
- * one lies over the other; that is found facet by facet (kernel/overlay.c).
+ * point is farther from the target than the largest vertical distance between the face and any facet, where
+ * one is over the other; that is found facet by facet (kernel/overlay.c).
  *
  * That every point of a face has a facet over it is shown as follows. Take any set of facets, and those edges
  * that an odd number of them has, by the indices of their vertices: the boundary of the set, modulo 2. Where
- * no edge of the boundary lies over the inside of a face, the number of facets over a place is odd
- * everywhere in the face or even everywhere, but for places on edges: crossing any other edge changes it by
+ * no edge of the boundary is over the inside of a face, the number of facets over a point is odd everywhere
+ * in the face or even everywhere, but for points on edges: crossing any other edge changes it by
  * an even number (the degree of a map modulo 2 is constant off the image of the boundary: Guillemin, Pollack,
- * Differential Topology, 1974, chapter 2). So an odd number over one place shows it for all, the places on
+ * Differential Topology, 1974, chapter 2). So an odd number over one point shows it for all, the points on
  * edges being limits of others. Meshes may be open, non-manifold, or fold back over themselves.
  *
- * Facets that lie higher or lower than all faces by more than the cutoff distance are left out, and so are
- * those beside all faces and, where a face is looked at alone, those that are too far from it, as the other
- * side of a sharp ridge is: what is left is any set. Which plane is taken, and what is left out, decides how
- * often this works, never whether it holds.
+ * Facets higher or lower than all faces by more than the cutoff are left out, and so are facets beside all
+ * faces and, where one face is tested alone, facets too far from it, as on the other side of a sharp ridge:
+ * the argument holds for any set. The choice of the plane and of the set decides how often the test succeeds,
+ * never whether it is sound.
  *
- * Ridges and corners of the target often lie on edges of the source, where roundings would leave it open on
- * which side of a face an edge of the boundary lies. So a face is shrunk first: each of its corners moves
- * towards the middle by a length d at most. A point of the face moves by d at most with them, hence is within
- * d of a point of the shrunk face, which alone is looked at.
+ * Ridges and corners of the target are often on edges of the source, where roundings would leave it open on
+ * which side of a face's edge an edge of the boundary is. So a face is shrunk first: each of its corners
+ * moves towards the centroid by a length d at most. A point of the face moves by d at most with them, hence
+ * is within d of a point of the shrunk face, which is tested in its stead.
  *
- * Roundings, s being the greatest coordinate of the facets and the faces in the plane's frame, by magnitude.
+ * Roundings, s being the largest coordinate of the facets and the faces in the plane's frame, by magnitude.
  * Mapping a vertex to the frame takes 1 u |d| for d = vertex - origin, 6 u |d| for the coordinates and 14 u
  * |d| for a frame that is not quite orthonormal: less than the 142 u R that rounding.h has for the distance
- * to a triangle, which is not computed here. A vertex has one place in the frame, whichever facet it is
+ * to a triangle, which is not computed here. A vertex has one position in the frame, whichever facet it is
  * reached from. Below, faces and facets are those of the mapped vertices, exactly.
  *   - A half plane (a, b, c) of a face with a, b divided by the edge's length is off by 12 u s at the edge's
  *     second end and by 6 u s at the first, and its value at a vertex of a facet by 9 u s: together less than
@@ -36,7 +36,7 @@
  *   - A doubled area of three points is a difference of two products of differences, at most 2 s each: off by
  *     4 u 4 s^2 twice and 8 u s^2, less than QM_OVERLAY_AREA u s^2.
  *   - The slopes of a plane come from two such areas over a third; they are off by 128 u s length / area, and
- *     heights by twice s times that and some u s. Planes steeper than QM_OVERLAY_SLOPE are not looked at.
+ *     heights by twice s times that and some u s. Planes steeper than QM_OVERLAY_SLOPE are not tested.
  * That, a few u of gaps, of 16 s at most, and 16 u s by which corners may move farther than d make
  * QM_OVERLAY_GAP, for the planes of faces and of facets.
  */
@@ -44,27 +44,27 @@
 
 #include <string.h>
 
-#define SHRINK_BY_CUTOFF 0x1p-6 /* of the cutoff distance, */
-#define SHRINK_BY_SIZE 0x1p-30  /* and of the greatest coordinate: how far corners move at most, */
-#define MAX_SHRINK 0.125        /* and of the way to the middle */
-#define EDGE_PLACES 1024        /* of the table of edges, a power of two */
+#define SHRINK_BY_CUTOFF 0x1p-6 /* of the cutoff, */
+#define SHRINK_BY_SIZE 0x1p-30  /* and of the largest coordinate: how far corners move at most, */
+#define MAX_SHRINK 0.125        /* and of the distance to the centroid */
+#define EDGE_SLOTS 1024         /* of the hash table of edges, a power of two */
 #define EDGE_BITS 10
-#define COST_OF_PART 200 /* hundreds of instructions of a part of a face that the search looks at, about */
+#define COST_OF_PART 200 /* hundreds of instructions of one part of a face in the search, about */
 #define MAX_FACETS (QM_OVERLAY_GROUPS * QM_PACK_LANES)
 
-_Static_assert(1 << EDGE_BITS == EDGE_PLACES && 3 * MAX_FACETS < EDGE_PLACES, "the table has room");
+_Static_assert(1 << EDGE_BITS == EDGE_SLOTS && 3 * MAX_FACETS < EDGE_SLOTS, "the table has room");
 
-/** An edge: its vertices, the lower first, and where they lie in the plane. */
+/** An edge: its vertices, the lower index first, and their positions in the plane. */
 typedef struct edge {
     uint32_t vertex[2];
     double at[2][2];
     bool is_odd; /* an odd number of facets has it */
 } edge;
 
-/** Those edges of the facets that may lie over the stretch, by a hash of their vertices. */
+/** The edges of the facets that may be over the region, by a hash of their vertices. */
 typedef struct edge_table {
     int count;
-    int16_t place[EDGE_PLACES]; /* of an edge, plus 1; 0 for none */
+    int16_t slot[EDGE_SLOTS]; /* index of an edge, plus 1; 0 for none */
     edge edges[3 * MAX_FACETS];
 } edge_table;
 
@@ -89,7 +89,7 @@ qm_vec qm_overlay_normal(const qm_overlay_source *source)
 static bool set_axes(qm_overlay_frame *frame, qm_vec origin, qm_vec normal)
 {
     double length = qm_vec_norm(normal);
-    if (!(length > QM_LEAST_LENGTH)) return false;
+    if (!(length > QM_MIN_LENGTH)) return false;
     frame->origin = origin;
     qm_vec z = qm_vec_scale(1.0 / length, normal);
     qm_vec other = fabs(z.x) < fabs(z.y) ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
@@ -100,9 +100,9 @@ static bool set_axes(qm_overlay_frame *frame, qm_vec origin, qm_vec normal)
     return true;
 }
 
-/** Sets the box of the frame to that of the points, and the cutoff distance above and below. Returns the
- * greatest coordinate by magnitude. */
-static double set_stretch(qm_overlay_frame *frame, const qm_vec *point, int count, double cutoff)
+/** Sets the box of the frame to that of the points, and the cutoff above and below. Returns the largest
+ * coordinate by magnitude. */
+static double set_region(qm_overlay_frame *frame, const qm_vec *point, int count, double cutoff)
 {
     double size = 0.0;
     for (int k = 0; k < 3; k++) {
@@ -125,7 +125,8 @@ static double set_stretch(qm_overlay_frame *frame, const qm_vec *point, int coun
 
 double qm_overlay_set_face(qm_overlay_face *face, double size)
 {
-    static const double probe_weight[3] = {0.4327, 0.3391, 0.2282}; /* on no line that meshes are cut along */
+    /* On no line along which meshes are subdivided. */
+    static const double probe_weight[3] = {0.4327, 0.3391, 0.2282};
     double(*c)[3] = face->corner;
     double dx[2] = {c[1][0] - c[0][0], c[2][0] - c[0][0]}, dy[2] = {c[1][1] - c[0][1], c[2][1] - c[0][1]};
     double dz[2] = {c[1][2] - c[0][2], c[2][2] - c[0][2]};
@@ -151,7 +152,7 @@ double qm_overlay_set_face(qm_overlay_face *face, double size)
     return QM_OVERLAY_GAP * QM_UNIT_ROUNDING * (1.0 + size * longest / fabs(area));
 }
 
-/** Counts an edge that an odd number of the facets of a pack has. */
+/** Adds an edge that an odd number of the facets of a pack has to the table, modulo 2. */
 static void toggle_edge(edge_table *table, const qm_pack_lanes *lanes, const qm_overlay_vertices *vertices,
                         const int end[2])
 {
@@ -159,22 +160,23 @@ static void toggle_edge(edge_table *table, const qm_pack_lanes *lanes, const qm_
     uint32_t low = lanes->vertex[end[turn]], high = lanes->vertex[end[1 - turn]];
     uint32_t hash = (low * UINT32_C(0x9e3779b1)) ^ (high * UINT32_C(0x85ebca6b));
     uint32_t i = hash >> (32 - EDGE_BITS);
-    for (; table->place[i] != 0; i = (i + 1) % EDGE_PLACES) {
-        edge *known = &table->edges[table->place[i] - 1];
+    for (; table->slot[i] != 0; i = (i + 1) % EDGE_SLOTS) {
+        edge *known = &table->edges[table->slot[i] - 1];
         if (known->vertex[0] != low || known->vertex[1] != high) continue;
         known->is_odd = !known->is_odd;
         return;
     }
+    QM_ASSERT(table->count < 3 * MAX_FACETS);
     edge *added = &table->edges[table->count++];
-    table->place[i] = (int16_t)table->count;
+    table->slot[i] = (int16_t)table->count;
     *added = (edge){.vertex = {low, high}, .is_odd = true};
     for (int j = 0; j < 2; j++)
         for (int k = 0; k < 2; k++)
             added->at[j][k] = vertices->at[k][end[j]];
 }
 
-/** Counts the edges of those facets of a pack that have a bit. Most are edges of two of them, found by a bit
- * for each pair of vertices. Edges beside the stretch are left out: they are no part of the rim. */
+/** Counts the edges of the facets of a pack that have a bit. Most are edges of two of them, found by a bit
+ * for each pair of vertices. Edges beside the region are left out: they are no part of its boundary. */
 static void toggle_pack(edge_table *table, const qm_pack_lanes *lanes, const qm_overlay_vertices *vertices,
                         unsigned facets)
 {
@@ -195,7 +197,7 @@ static void toggle_pack(edge_table *table, const qm_pack_lanes *lanes, const qm_
     }
 }
 
-/** Makes the rim of the edges of the boundary; false when there are too many. */
+/** Lists the odd edges as the rim, the boundary of the set; false when there are too many. */
 static bool set_rim(qm_overlay_facets *facets, const edge_table *table)
 {
     int count = 0;
@@ -214,15 +216,15 @@ static bool set_rim(qm_overlay_facets *facets, const edge_table *table)
     return true;
 }
 
-/** Takes the far ones out of the facets that a pack has added from index first on; place was the index of the
- * first of them when far was set. Returns the bits of the others. */
-static unsigned take_out_far(qm_overlay_facets *facets, int first, int place, unsigned added,
-                             const uint8_t *far)
+/** Removes the far facets of those that a pack has added from index first on; listed is the index that the
+ * first of them had when far was set. Returns the bits of the others. */
+static unsigned remove_far(qm_overlay_facets *facets, int first, int listed, unsigned added,
+                           const uint8_t *far)
 {
     unsigned kept = 0;
     int count = first;
-    for (int from = first; added; added &= added - 1, from++, place++) {
-        if (far[place / QM_PACK_LANES] >> place % QM_PACK_LANES & 1) continue;
+    for (int from = first; added; added &= added - 1, from++, listed++) {
+        if (far[listed / QM_PACK_LANES] >> listed % QM_PACK_LANES & 1) continue;
         qm_overlay_copy_facet(facets, from, count++);
         kept |= added & -added;
     }
@@ -230,7 +232,7 @@ static unsigned take_out_far(qm_overlay_facets *facets, int first, int place, un
     return kept;
 }
 
-/** Adds those facets of the packs that may lie over the stretch, but for those with a bit in far unless that
+/** Adds the facets of the packs that may be over the region, without those that have a bit in far unless far
  * is NULL; false when there are none, or no room. */
 static bool set_facets(const qm_kernel *kernel, const qm_side *side, const qm_near_packs *near,
                        const uint8_t *far, qm_overlay *overlay)
@@ -239,9 +241,9 @@ static bool set_facets(const qm_kernel *kernel, const qm_side *side, const qm_ne
     qm_overlay_facets *facets = &overlay->facets;
     edge_table table;
     table.count = 0;
-    memset(table.place, 0, sizeof table.place);
+    memset(table.slot, 0, sizeof table.slot);
     facets->count = 0;
-    for (int i = 0, place = 0; i < near->count; i++) {
+    for (int i = 0, listed = 0; i < near->count; i++) {
         uint32_t pack = near->pack[i];
         const qm_pack_lanes *lanes = &target->lanes[pack];
         int first = facets->count;
@@ -250,8 +252,8 @@ static bool set_facets(const qm_kernel *kernel, const qm_side *side, const qm_ne
         unsigned added =
             kernel->overlay_add(facets, &overlay->frame, target, pack, qm_side_twists(side, pack), &vertices);
         int count = facets->count - first;
-        if (far) added = take_out_far(facets, first, place, added, far);
-        place += count;
+        if (far) added = remove_far(facets, first, listed, added, far);
+        listed += count;
         toggle_pack(&table, lanes, &vertices, added);
     }
     if (facets->count == 0 || !set_rim(facets, &table)) return false;
@@ -279,32 +281,35 @@ static bool set_overlay(qm_worker *worker, const qm_side *side, const qm_near_pa
 bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal, const qm_vec *point,
                            int count, const qm_near_packs *near, qm_overlay *overlay)
 {
+    QM_ASSERT(worker && side && point && near && overlay);
+    QM_ASSERT(count > 0);
     if (!set_axes(&overlay->frame, point[0], normal)) return false;
     double cutoff = qm_search_cutoff(worker->search) * side->scale;
-    overlay->facets.size = set_stretch(&overlay->frame, point, count, cutoff);
+    overlay->facets.size = set_region(&overlay->frame, point, count, cutoff);
     overlay->shrink = qm_min(SHRINK_BY_CUTOFF * cutoff, SHRINK_BY_SIZE * overlay->facets.size);
     count_work(worker, (uint64_t)count / 2);
     return set_overlay(worker, side, near, NULL, overlay);
 }
 
-/** Moves the corners of a face towards its middle, by this length at most and a few roundings. */
+/** Moves the corners of a face towards its centroid, by this length at most and a few roundings. */
 static void shrink_face(qm_overlay_face *face, double length)
 {
-    double(*c)[3] = face->corner, middle[3], farthest2 = 0.0;
+    double(*c)[3] = face->corner, centroid[3], farthest2 = 0.0;
     for (int k = 0; k < 3; k++)
-        middle[k] = (c[0][k] + c[1][k] + c[2][k]) / 3.0;
+        centroid[k] = (c[0][k] + c[1][k] + c[2][k]) / 3.0;
     for (int i = 0; i < 3; i++) {
-        double x = middle[0] - c[i][0], y = middle[1] - c[i][1], z = middle[2] - c[i][2];
+        double x = centroid[0] - c[i][0], y = centroid[1] - c[i][1], z = centroid[2] - c[i][2];
         farthest2 = qm_max(x * x + y * y + z * z, farthest2);
     }
     if (!(farthest2 > 0.0)) return;
     double share = qm_min(length / sqrt(farthest2), MAX_SHRINK);
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++)
-            c[i][k] += share * (middle[k] - c[i][k]);
+            c[i][k] += share * (centroid[k] - c[i][k]);
 }
 
-/** Sets a face and shrinks it. Returns the vertical distance that is enough for it, or a negative number. */
+/** Sets a face and shrinks it. Returns the vertical distance up to which it may be discarded, or a negative
+ * number. */
 static double set_face(const qm_overlay *overlay, const qm_vec corner[3], double cutoff,
                        qm_overlay_face *face)
 {
@@ -315,7 +320,7 @@ static double set_face(const qm_overlay *overlay, const qm_vec corner[3], double
     return cutoff - overlay->shrink - size * qm_overlay_set_face(face, size);
 }
 
-static bool is_settled(const qm_kernel *kernel, const qm_overlay_facets *facets, const qm_overlay_face *face,
+static bool is_covered(const qm_kernel *kernel, const qm_overlay_facets *facets, const qm_overlay_face *face,
                        double enough)
 {
     if (!kernel->overlay_is_clear(facets, face)) return false;
@@ -327,16 +332,18 @@ static bool is_settled(const qm_kernel *kernel, const qm_overlay_facets *facets,
 unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
                            const qm_overlay_source *source)
 {
+    QM_ASSERT(worker && side && overlay && source);
+    QM_ASSERT(source->count >= 0 && source->count <= QM_OVERLAY_FACES);
     double cutoff = qm_search_cutoff(worker->search) * side->scale;
-    unsigned settled = 0;
+    unsigned discarded = 0;
     for (int i = 0; i < source->count; i++) {
         qm_overlay_face face;
         double enough = set_face(overlay, source->corner[i], cutoff, &face);
-        if (enough > 0.0 && is_settled(worker->search->kernel, &overlay->facets, &face, enough))
-            settled |= 1u << i;
+        if (enough > 0.0 && is_covered(worker->search->kernel, &overlay->facets, &face, enough))
+            discarded |= 1u << i;
     }
     count_work(worker, (uint64_t)source->count * (12 + (uint64_t)overlay->facets.count / 8));
-    return settled;
+    return discarded;
 }
 
 bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_piece *piece,
@@ -353,9 +360,9 @@ bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_pie
     double enough = set_face(&overlay, source.corner[0], cutoff, &face);
     if (!(enough > 0.0)) return false;
     count_work(worker, 12 + (uint64_t)overlay.facets.count / 8);
-    if (is_settled(kernel, &overlay.facets, &face, enough)) return true;
+    if (is_covered(kernel, &overlay.facets, &face, enough)) return true;
     uint8_t far[QM_OVERLAY_GROUPS] = {0};
     if (kernel->overlay_gap(&overlay.facets, &face, enough, far) <= enough) return false;
     return set_overlay(worker, side, near, far, &overlay) &&
-           is_settled(kernel, &overlay.facets, &face, enough);
+           is_covered(kernel, &overlay.facets, &face, enough);
 }

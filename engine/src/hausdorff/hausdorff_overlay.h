@@ -1,12 +1,12 @@
 /**
- * hausdorff_overlay.h: upper bounds for faces of the source from what lies straight over them. See the
+ * hausdorff_overlay.h: upper bounds for faces of the source by the facets straight over them. See the
  * argument in hausdorff_overlay.c.
  */
 #ifndef QM_HAUSDORFF_OVERLAY_H
 #define QM_HAUSDORFF_OVERLAY_H
 
 #include "bvh/overlay_facets.h"
-#include "hausdorff_search.h"
+#include "hausdorff_worker.h"
 
 #define QM_OVERLAY_FACES QM_PACK_LANES
 
@@ -16,32 +16,33 @@ typedef struct qm_overlay_source {
     qm_vec corner[QM_OVERLAY_FACES][3];
 } qm_overlay_source;
 
-/** Facets of the target over a stretch of the source, for all faces that lie in it. */
+/** Facets of the target over a region of the source, for all faces in it. */
 typedef struct qm_overlay {
     qm_overlay_frame frame;
     qm_overlay_facets facets;
-    double shrink; /* how far corners of faces move towards their middles, at most */
+    double shrink; /* how far corners of faces move towards their centroids, at most */
 } qm_overlay;
 
 /** Sum of the normals of triangles of the source, as long as their doubled areas. */
 qm_vec qm_overlay_normal(const qm_overlay_source *source);
 
-/** Takes the facets of packs that lie over the stretch of the points, as seen along a normal; false when
+/** Collects the facets of packs that are over the region of the points, as seen along a normal; false when
  * there are none, or too many. */
 bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal, const qm_vec *point,
                            int count, const qm_near_packs *near, qm_overlay *overlay);
 
-/** Bits of the triangles that the facets of an overlay show to be near enough; their corners are among its
- * points. */
+/** Bits of the triangles that the facets of an overlay show to be within the cutoff; their corners are among
+ * its points. */
 unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
                            const qm_overlay_source *source);
 
-/** True when an overlay of its own, without facets too far from it, shows a triangle to be near enough. */
+/** True when an overlay of its own, without facets too far from it, shows a triangle to be within the
+ * cutoff. */
 bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_piece *piece,
                             const qm_near_packs *near);
 
 /** Sets all else of a face from its corners. Returns the margin of its vertical distances for each unit of
- * size, the greatest coordinate by magnitude; INFINITY where the face is too steep or too thin. */
+ * size, the largest coordinate by magnitude; INFINITY where the face is too steep or too thin. */
 double qm_overlay_set_face(qm_overlay_face *face, double size);
 
 #endif

@@ -1,3 +1,6 @@
+/**
+ * hausdorff_queue.c: a priority queue as a 4-ary heap, and the pool of its pieces with a list of free slots.
+ */
 #include "hausdorff_queue.h"
 
 void qm_queue_init(qm_queue *queue)
@@ -37,19 +40,23 @@ static bool grow_pool(qm_context *ctx, qm_queue *queue)
     return true;
 }
 
-static uint32_t take_place(qm_queue *queue)
+static uint32_t take_slot(qm_queue *queue)
 {
-    uint32_t place = queue->free_head;
-    queue->free_head = queue->pool[place].next_free;
-    return place;
+    QM_ASSERT(queue->free_head < queue->pool_capacity);
+    uint32_t slot = queue->free_head;
+    queue->free_head = queue->pool[slot].next_free;
+    return slot;
 }
 
 bool qm_queue_push(qm_context *ctx, qm_queue *queue, qm_entry entry, const qm_piece *piece)
 {
+    QM_ASSERT(ctx && queue);
+    QM_ASSERT(queue->count <= queue->capacity);
+    QM_ASSERT((entry.kind == QM_ENTRY_PIECE) == (piece != NULL));
     if (queue->count == queue->capacity && !grow_heap(ctx, queue)) return false;
     if (piece) {
         if (queue->free_head == QM_NO_INDEX && !grow_pool(ctx, queue)) return false;
-        entry.index = take_place(queue);
+        entry.index = take_slot(queue);
         queue->pool[entry.index] = *piece;
     }
     size_t at = queue->count++;
@@ -59,8 +66,8 @@ bool qm_queue_push(qm_context *ctx, qm_queue *queue, qm_entry entry, const qm_pi
     return true;
 }
 
-/** Index of the child with the greatest bound, or count when there is none. Four children a place. */
-static size_t greatest_child(const qm_queue *queue, size_t at)
+/** Index of the child with the largest upper bound, or count when there is none. */
+static size_t largest_child(const qm_queue *queue, size_t at)
 {
     size_t first = 4 * at + 1, end = first + 4 < queue->count ? first + 4 : queue->count;
     if (first >= queue->count) return queue->count;
@@ -72,15 +79,18 @@ static size_t greatest_child(const qm_queue *queue, size_t at)
 
 qm_entry qm_queue_pop(qm_queue *queue, qm_piece *piece)
 {
+    QM_ASSERT(queue && piece);
+    QM_ASSERT(queue->count > 0);
     qm_entry top = queue->heap[0];
     qm_entry last = queue->heap[--queue->count];
     size_t at = 0;
     for (size_t child;
-         (child = greatest_child(queue, at)) < queue->count && queue->heap[child].upper > last.upper;
+         (child = largest_child(queue, at)) < queue->count && queue->heap[child].upper > last.upper;
          at = child)
         queue->heap[at] = queue->heap[child];
     queue->heap[at] = last;
     if (top.kind == QM_ENTRY_PIECE) {
+        QM_ASSERT(top.index < queue->pool_capacity);
         *piece = queue->pool[top.index];
         queue->pool[top.index].next_free = queue->free_head;
         queue->free_head = top.index;

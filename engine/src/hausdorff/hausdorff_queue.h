@@ -1,38 +1,38 @@
 /**
- * hausdorff_queue.h: what waits to be looked at, greatest upper bound first.
+ * hausdorff_queue.h: the priority queue of a worker: parts of the source, largest upper bound first.
  *
- * Nodes of the source tree fit in an entry; pieces of faces carry corners and candidates and lie in
- * a pool beside the heap.
+ * A node of the source's hierarchy fits in an entry; a piece has corners and is stored in a pool beside the
+ * heap.
  */
 #ifndef QM_HAUSDORFF_QUEUE_H
 #define QM_HAUSDORFF_QUEUE_H
 
 #include "bvh/kernel.h"
 
-/** A part of one face of the source: a triangle of it, or a parameter rectangle of a bilinear patch. */
+/** A piece of one face of the source: a triangle, or a rectangle in the parameters of a bilinear patch. */
 typedef struct qm_piece {
-    qm_vec corner[4]; /* local to the target; three for a triangle, (s0,t0) (s1,t0) (s1,t1) (s0,t1) for a
-                         rectangle */
+    /* In local space: three for a triangle; (s0,t0) (s1,t0) (s1,t1) (s0,t1) for a rectangle. */
+    qm_vec corner[4];
     union {
         struct {
-            double low[2], high[2]; /* by cells: rectangle in the parameters of the patch */
+            double low[2], high[2]; /* by covers: the rectangle in the parameters of the patch */
         };
         double distance[4]; /* by matching: upper bounds of the corners' distances, local */
     };
     uint32_t foot[4]; /* by matching: QM_PACK_LANES * pack + lane of the facet under each corner */
-    double slack;     /* the triangle lies within this distance of the source's surface; 0 mostly */
+    double slack;     /* the triangle is within this distance of the source's surface; mostly 0 */
     uint32_t face;
     uint16_t cuts; /* between the face and a triangle of it, see rounding.h */
     uint8_t corner_count, depth;
-    uint32_t next_free; /* list of free places in the pool */
+    uint32_t next_free; /* list of free slots in the pool */
 } qm_piece;
 
 typedef enum qm_entry_kind { QM_ENTRY_NODE, QM_ENTRY_PIECE } qm_entry_kind;
 
 typedef struct qm_entry {
-    double upper;   /* no point of it is farther from the target, world units */
-    uint32_t index; /* group of the source tree; place in the pool for a piece */
-    uint32_t hint;  /* pack of the target that is near */
+    double upper;   /* no point of it is farther from the target; world units */
+    uint32_t index; /* of a node or pack in its level; slot in the pool for a piece */
+    uint32_t hint;  /* a pack of the target near it */
     uint8_t kind, side, level;
 } qm_entry;
 
@@ -41,7 +41,7 @@ typedef struct qm_queue {
     size_t count, capacity;
     qm_piece *pool;
     size_t pool_capacity;
-    uint32_t free_head; /* list of free places; QM_NO_INDEX ends it */
+    uint32_t free_head; /* list of free slots; QM_NO_INDEX ends it */
 } qm_queue;
 
 void qm_queue_init(qm_queue *queue);

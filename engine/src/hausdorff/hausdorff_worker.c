@@ -1,12 +1,12 @@
 /**
  * hausdorff_worker.c: the workers of a search. Each keeps a queue of its own and shares only the lower bound;
- * one that runs dry takes half of another's entries. With one worker no lock is touched and a run always
- * takes the same path.
+ * one that runs dry steals half of another's entries. With one worker no lock is taken, and a run takes the
+ * same path each time.
  */
-#include "hausdorff_search.h"
+#include "hausdorff_worker.h"
 
-#define LOOK_INTERVAL 16    /* entries and parts between two looks at the clock and the cancel flag, */
-#define LOOK_SEARCHES 64    /* or searches of nearest points, which may be slow where many faces coincide */
+#define CHECK_INTERVAL 16   /* entries and parts between two checks of the clock and the cancel flag, */
+#define CHECK_SEARCHES 64   /* or searches of nearest points, which may be slow where many faces coincide */
 #define REPORT_INTERVAL 100 /* milliseconds between two reports at most */
 #define MIN_STEAL 2         /* entries that make it worth to take half */
 
@@ -34,6 +34,8 @@ static void stop_for(qm_search *search, int reason)
 
 bool qm_search_create_workers(qm_context *ctx, qm_search *search, int count)
 {
+    QM_ASSERT(ctx && search);
+    QM_ASSERT(count > 0);
     search->workers = qm_context_alloc_aligned(ctx, (size_t)count, sizeof *search->workers);
     if (!search->workers) return false;
     search->worker_count = count;
@@ -56,8 +58,8 @@ void qm_search_destroy_workers(qm_context *ctx, qm_search *search)
     qm_context_free_aligned(ctx, search->workers, (size_t)search->worker_count, sizeof *search->workers);
 }
 
-/** Puts an entry in a worker's queue. Where there is no memory for it, it is let go and the search ends: what
- * it could hold stays in the upper bound. */
+/** Puts an entry in a worker's queue. Where there is no memory for it, it is discarded with its bound, so
+ * that the upper bound stays valid, and the search ends. The caller holds the lock. */
 static void push_within_limit(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 {
     qm_search *search = worker->search;
@@ -70,6 +72,9 @@ static void push_within_limit(qm_worker *worker, qm_entry entry, const qm_piece 
 
 void qm_worker_push(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 {
+    QM_ASSERT(worker);
+    QM_ASSERT(entry.side < worker->search->side_count);
+    QM_ASSERT((entry.kind == QM_ENTRY_PIECE) == (piece != NULL));
     if (entry.upper <= qm_search_cutoff(worker->search)) {
         qm_worker_discard(worker, entry.upper);
         return;
@@ -80,7 +85,7 @@ void qm_worker_push(qm_worker *worker, qm_entry entry, const qm_piece *piece)
     unlock(worker);
 }
 
-/** Takes the worker's own topmost entry, and says with top that it is held. */
+/** Takes the entry with the largest bound from the worker's own queue; top is its bound while it is held. */
 static bool take_own(qm_worker *worker, qm_entry *entry, qm_piece *piece)
 {
     lock(worker);
@@ -99,6 +104,7 @@ static bool take_own(qm_worker *worker, qm_entry *entry, qm_piece *piece)
 /** Moves half of the victim's entries over; the caller holds both locks. */
 static void move_half(qm_worker *thief, qm_worker *victim)
 {
+    QM_ASSERT(thief != victim);
     for (size_t wanted = (victim->queue.count + 1) / 2; wanted > 0; wanted--) {
         qm_piece piece;
         qm_entry entry = qm_queue_pop(&victim->queue, &piece);
@@ -107,19 +113,19 @@ static void move_half(qm_worker *thief, qm_worker *victim)
     }
 }
 
-/** A last entry is left to its owner, unless no one is at work: the owner may not have begun, or have
- * left. */
+/** Takes half of another worker's entries. While any worker is busy, a last entry is not stolen; if none is,
+ * its owner may not have started, or may have exited. */
 static bool steal(qm_worker *thief)
 {
     qm_search *search = thief->search;
-    size_t least = atomic_load(&search->busy_count) > 0 ? MIN_STEAL : 1;
+    size_t min_count = atomic_load(&search->busy_count) > 0 ? MIN_STEAL : 1;
     for (int i = 1; i < search->worker_count; i++) {
         qm_worker *victim = &search->workers[(thief->index + i) % search->worker_count];
         qm_worker *first = victim->index < thief->index ? victim : thief;
         qm_worker *second = first == victim ? thief : victim;
         lock(first);
         lock(second);
-        if (victim->queue.count >= least) move_half(thief, victim);
+        if (victim->queue.count >= min_count) move_half(thief, victim);
         bool stolen = thief->queue.count > 0;
         unlock(second);
         unlock(first);
@@ -140,7 +146,7 @@ static void unlock_all(const qm_search *search)
         unlock(&search->workers[i]);
 }
 
-/** True when no entry is left, in a queue or at hand. */
+/** True when no entry is left, in a queue or held by a worker. */
 static bool is_over(const qm_search *search)
 {
     if (atomic_load(&search->busy_count) > 0) return false;
@@ -192,9 +198,9 @@ static void report(qm_search *search, double now, double upper)
     options->progress(options->progress_user, &progress);
 }
 
-/** Hands this worker's counts over, reports progress and looks for reasons to stop; one worker at a time does
- * so. */
-static void look_around(qm_worker *worker)
+/** Adds this worker's counts to the search's, reports progress and checks the limits; one worker at a
+ * time. */
+static void check_limits(qm_worker *worker)
 {
     qm_search *search = worker->search;
     const qm_hausdorff_options *options = search->options;
@@ -216,7 +222,7 @@ static void look_around(qm_worker *worker)
 
 bool qm_worker_must_stop(qm_worker *worker)
 {
-    if (worker->iterations >= LOOK_INTERVAL || worker->projections >= LOOK_SEARCHES) look_around(worker);
+    if (worker->iterations >= CHECK_INTERVAL || worker->projections >= CHECK_SEARCHES) check_limits(worker);
     return atomic_load_explicit(&worker->search->stop, memory_order_relaxed) != QM_SEARCH_RUNNING;
 }
 
@@ -227,7 +233,7 @@ static void process(qm_worker *worker, qm_entry entry, qm_piece *piece)
     else if (entry.kind == QM_ENTRY_NODE)
         qm_worker_node(worker, entry);
     else if (qm_search_is_matching(worker->search))
-        qm_matching_piece(worker, entry, piece);
+        qm_worker_match_piece(worker, entry, piece);
     else
         qm_worker_piece(worker, entry, piece);
     qm_worker_follow(worker);
@@ -235,12 +241,14 @@ static void process(qm_worker *worker, qm_entry entry, qm_piece *piece)
 
 void qm_worker_run(qm_worker *worker)
 {
+    QM_ASSERT(worker);
     qm_search *search = worker->search;
     qm_entry entry;
     qm_piece piece;
     while (!qm_worker_must_stop(worker)) {
         if (take_own(worker, &entry, &piece)) {
             process(worker, entry, &piece);
+            QM_ASSERT(atomic_load(&search->busy_count) > 0);
             atomic_fetch_sub(&search->busy_count, 1);
             worker->iterations++;
         } else if (!is_shared(worker) || !steal(worker)) {
@@ -248,5 +256,5 @@ void qm_worker_run(qm_worker *worker)
             thrd_yield();
         }
     }
-    look_around(worker);
+    check_limits(worker);
 }

@@ -1,13 +1,25 @@
+/**
+ * pick.c: positions on a surface under the pixels of a window.
+ *
+ * qm_pick_view holds the camera as one matrix from the local space of the surface's tree to clip space. On
+ * a mesh the result is the first hit of the view ray, which traverses the box tree nearest child first. On
+ * a point set the visible points near the cursor are candidates, and the result is interpolated in the
+ * smallest triangle of candidates that encloses the cursor in the window. Positions are local up to the last
+ * step.
+ */
 #include "qm/pick.h"
 
 #include <string.h>
 
+#include "bvh/bvh_demand.h"
 #include "bvh/bvh_tree.h"
-#include "pick_work.h"
+#include "core/vec.h"
 
-#define DISC_RADII 5.0 /* of the drawn discs: how far candidates reach by default */
+#define DISC_RADII 5.0       /* default radius and depth of candidates, in radii of the drawn discs */
+#define EDGE_TOLERANCE 1e-12 /* barycentric: triangles are larger by this, so that rays find no gaps */
+#define QUADRANT_POINTS 12   /* candidates kept in each quadrant round the cursor, the nearest ones */
 
-/** c = a b, both row by row. */
+/** c = a b, row by row. */
 static void multiply(const double a[16], const double b[16], double c[16])
 {
     for (int i = 0; i < 4; i++)
@@ -25,7 +37,7 @@ static void transpose(const double a[16], double out[16])
             out[4 * i + j] = a[4 * j + i];
 }
 
-/** Gauss and Jordan with the greatest pivot of each column. False without an inverse. */
+/** Gauss-Jordan elimination with partial pivoting. False if the matrix is singular. */
 static bool invert(const double matrix[16], double out[16])
 {
     double a[4][8];
@@ -54,6 +66,23 @@ static bool invert(const double matrix[16], double out[16])
     return true;
 }
 
+/** The product of row k of a matrix and the point (p, 1). */
+static double apply_row(const double *matrix, int k, qm_vec p)
+{
+    const double *row = matrix + 4 * k;
+    return row[0] * p.x + row[1] * p.y + row[2] * p.z + row[3];
+}
+
+/** Window coordinates to clip coordinates from -1 to 1. */
+static double clip_x(const qm_pick_view *view, double x)
+{
+    return 2.0 * (x - view->viewport[0]) / view->viewport[2] - 1.0;
+}
+static double clip_y(const qm_pick_view *view, double y)
+{
+    return 1.0 - 2.0 * (y - view->viewport[1]) / view->viewport[3];
+}
+
 static bool all_finite(const double *values, int count)
 {
     for (int i = 0; i < count; i++)
@@ -61,42 +90,38 @@ static bool all_finite(const double *values, int count)
     return true;
 }
 
-/** Pixels that a length at the middle of the surface measures in the window, about. */
-static double pixels_of(const qm_view *view, double local_length)
+/**
+ * Sets the radius and depth within which points are candidates. The default radius is a length at the centre
+ * of the surface, in pixels.
+ */
+static void set_candidate_limits(const qm_pick_options *options, qm_pick_view *view)
 {
-    const qm_vec middle = {0, 0, 0};
-    double w = qm_view_row(view->clip, 3, middle);
-    if (!(w > 0.0)) return 0.0;
-    double longest = 0.0;
-    for (int k = 0; k < 3; k++)
-        longest =
-            fmax(longest, hypot(view->clip[k] * view->viewport[2], view->clip[4 + k] * view->viewport[3]));
-    return 0.5 * longest * local_length / w;
-}
-
-static void set_candidates(const qm_pick_options *options, qm_view *view)
-{
-    double length = DISC_RADII * qm_mesh_disc_radius(&view->source->bvh->mesh);
+    double length = DISC_RADII * qm_ref_surface_disc_radius(&view->source->bvh->mesh);
     view->reach = options->depth > 0.0 ? options->depth : length;
     view->radius_px = options->radius_px;
     if (view->radius_px > 0.0) return;
-    double pixels = pixels_of(view, length * view->source->bvh->frame.scale);
+    const qm_vec centre = {0, 0, 0};
+    double w = apply_row(view->clip, 3, centre), scale = 0.0;
+    for (int k = 0; k < 3; k++)
+        scale = fmax(scale, hypot(view->clip[k] * view->viewport[2], view->clip[4 + k] * view->viewport[3]));
+    double pixels = w > 0.0 ? 0.5 * scale * (length * view->source->bvh->frame.scale) / w : 0.0;
     view->radius_px = qm_clamp(pixels, 2.0, 200.0);
 }
 
-qm_status qm_view_init(qm_context *ctx, const qm_source *source, const qm_camera *camera,
-                       const qm_pick_options *options, qm_view *out)
+qm_status qm_pick_view_init(qm_context *ctx, const qm_ref_surface *surface, const qm_camera *camera,
+                            const qm_pick_options *options, qm_pick_view *out)
 {
+    QM_ASSERT(ctx && surface && camera && options && out);
     if (!all_finite(camera->view, 16) || !all_finite(camera->projection, 16) ||
         !all_finite(camera->viewport, 4))
-        return qm_context_fail(ctx, QM_E_ARGUMENT, "the camera holds a number that is not finite");
+        return qm_context_fail(ctx, QM_E_ARGUMENT, "the camera has a number that is not finite");
     if (!(camera->viewport[2] > 0.0 && camera->viewport[3] > 0.0))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the viewport has no size");
     if (!(options->radius_px >= 0.0) || !(options->depth >= 0.0))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the radius and depth of candidates are 0 or more");
-    *out = (qm_view){.source = source};
+    *out = (qm_pick_view){.source = surface};
     memcpy(out->viewport, camera->viewport, sizeof out->viewport);
-    const qm_frame *frame = &source->bvh->frame;
+    const qm_frame *frame = &surface->bvh->frame;
     double s = frame->inverse_scale;
     const double world[16] = {s, 0, 0, frame->origin.x, 0, s, 0, frame->origin.y,
                               0, 0, s, frame->origin.z, 0, 0, 0, 1};
@@ -109,29 +134,303 @@ qm_status qm_view_init(qm_context *ctx, const qm_source *source, const qm_camera
         out->depth[k] = -eye[8 + k];
     if (!invert(out->clip, out->inverse) || !all_finite(out->inverse, 16))
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the camera's matrices have no inverse");
-    set_candidates(options, out);
+    set_candidate_limits(options, out);
     return QM_OK;
 }
 
-qm_vec qm_view_unproject(const qm_view *view, double x, double y, double z)
+/** The point at clip coordinates, after the perspective division. */
+static qm_vec unproject(const qm_pick_view *view, double x, double y, double z)
 {
     const qm_vec at = {x, y, z};
-    double w = qm_view_row(view->inverse, 3, at);
-    return qm_vec_scale(1.0 / w,
-                        (qm_vec){qm_view_row(view->inverse, 0, at), qm_view_row(view->inverse, 1, at),
-                                 qm_view_row(view->inverse, 2, at)});
+    double w = apply_row(view->inverse, 3, at);
+    return qm_vec_scale(1.0 / w, (qm_vec){apply_row(view->inverse, 0, at), apply_row(view->inverse, 1, at),
+                                          apply_row(view->inverse, 2, at)});
 }
 
-qm_status qm_view_pick(qm_context *ctx, const qm_view *view, const double window[2], double position[3],
-                       bool *found)
+/** The view ray: t is 0 on the near plane and 1 on the far plane. */
+typedef struct ray {
+    const qm_bvh *bvh;
+    qm_vec origin, direction, inverse;
+    double t; /* of the first hit so far */
+} ray;
+
+/** Source: T. Moeller, B. Trumbore, Fast, minimum storage ray-triangle intersection, 1997. */
+static void hit_pack(ray *r, uint32_t pack)
 {
+    for (uint32_t lane = 0; lane < r->bvh->lanes[pack].lane_count; lane++) {
+        qm_vec corner[3];
+        qm_bvh_load_triangle(r->bvh, pack, lane, corner);
+        qm_vec e = qm_vec_sub(corner[1], corner[0]), f = qm_vec_sub(corner[2], corner[0]);
+        qm_vec h = qm_vec_cross(r->direction, f);
+        double det = qm_vec_dot(e, h);
+        if (det == 0.0) continue;
+        qm_vec s = qm_vec_sub(r->origin, corner[0]), q = qm_vec_cross(s, e);
+        double u = qm_vec_dot(s, h) / det, v = qm_vec_dot(r->direction, q) / det, t = qm_vec_dot(f, q) / det;
+        bool is_inside = u >= -EDGE_TOLERANCE && v >= -EDGE_TOLERANCE && u + v <= 1.0 + EDGE_TOLERANCE;
+        if (is_inside && t >= 0.0 && t < r->t) r->t = t;
+    }
+}
+
+/** The parameter at which the ray enters a box, or INFINITY if it misses the box or hits nearer before. */
+static double enter_box(const ray *r, const qm_box_node *node, int child)
+{
+    const double origin[3] = {r->origin.x, r->origin.y, r->origin.z};
+    const double inverse[3] = {r->inverse.x, r->inverse.y, r->inverse.z};
+    double enter = 0.0, leave = r->t;
+    for (int k = 0; k < 3; k++) {
+        double a = ((double)node->low[k][child] - origin[k]) * inverse[k];
+        double b = ((double)node->high[k][child] - origin[k]) * inverse[k];
+        /* 0 times infinity is NaN, for a ray in the plane of a side; fmin and fmax ignore it. */
+        enter = fmax(enter, fmin(a, b));
+        leave = fmin(leave, fmax(a, b));
+    }
+    return enter <= leave ? enter : INFINITY;
+}
+
+/** Visits the children of a node, those first that the ray enters first. */
+static void hit_node(ray *r, int level, size_t node)
+{
+    QM_ASSERT(level >= 1);
+    double enter[QM_PACK_LANES];
+    int order[QM_PACK_LANES], count = 0, child_count = qm_box_tree_child_count(&r->bvh->boxes, level, node);
+    for (int i = 0; i < child_count; i++) {
+        enter[i] = enter_box(r, &r->bvh->boxes.groups[level][node], i);
+        if (enter[i] == INFINITY) continue;
+        int slot = count++;
+        for (; slot > 0 && enter[order[slot - 1]] > enter[i]; slot--)
+            order[slot] = order[slot - 1];
+        order[slot] = i;
+    }
+    for (int i = 0; i < count; i++) {
+        if (enter[order[i]] > r->t) return;
+        size_t child = 8 * node + (size_t)order[i];
+        if (level > 1)
+            hit_node(r, level - 1, child);
+        else
+            hit_pack(r, (uint32_t)child);
+    }
+}
+
+/** Picks on a mesh: the first hit of the view ray. False if there is none. */
+static bool pick_mesh(const qm_pick_view *view, const double window[2], qm_vec *out)
+{
+    double x = clip_x(view, window[0]), y = clip_y(view, window[1]);
+    ray r = {.bvh = view->source->bvh, .origin = unproject(view, x, y, -1.0), .t = INFINITY};
+    r.direction = qm_vec_sub(unproject(view, x, y, 1.0), r.origin);
+    r.inverse = (qm_vec){1.0 / r.direction.x, 1.0 / r.direction.y, 1.0 / r.direction.z};
+    hit_node(&r, r.bvh->boxes.level_count, 0);
+    if (!(r.t < INFINITY)) return false;
+    *out = qm_vec_axpy(r.origin, r.t, r.direction);
+    return true;
+}
+
+enum { CANDIDATES_MAX = 4 * QUADRANT_POINTS };
+
+/** A point near the cursor. */
+typedef struct candidate {
+    qm_vec at;
+    double x, y, depth; /* offset from the cursor in pixels; distance from the eye's plane */
+    uint32_t index;
+} candidate;
+
+typedef struct search {
+    qm_context *ctx;
+    const qm_pick_view *view;
+    const qm_bvh *bvh;
+    double x, y;        /* the cursor in clip coordinates */
+    double plane[5][4]; /* of the view frustum of the square round the cursor: not negative inside */
+    candidate *found;
+    size_t count, capacity;
+    qm_status status;
+} search;
+
+/** False if the whole box lies outside one plane of the frustum. */
+static bool intersects_box(const search *s, const qm_box_node *node, int child)
+{
+    for (int i = 0; i < 5; i++) {
+        double max_value = s->plane[i][3];
+        for (int k = 0; k < 3; k++) {
+            double n = s->plane[i][k];
+            max_value += n * (double)(n > 0.0 ? node->high[k][child] : node->low[k][child]);
+        }
+        if (max_value < 0.0) return false;
+    }
+    return true;
+}
+
+static void add_candidate(search *s, const candidate *found)
+{
+    if (s->count == s->capacity) {
+        size_t capacity = s->capacity ? 2 * s->capacity : 256;
+        candidate *larger = qm_context_resize(s->ctx, s->found, s->capacity, capacity, sizeof *larger);
+        if (!larger) {
+            s->status = qm_context_fail(s->ctx, QM_E_NO_MEMORY, "out of memory for the points of a pick");
+            return;
+        }
+        s->found = larger;
+        s->capacity = capacity;
+    }
+    QM_ASSERT(s->count < s->capacity);
+    s->found[s->count++] = *found;
+}
+
+/** Adds a point as a candidate if it is in front of the near plane and within the radius of the cursor. */
+static void test_point(search *s, uint32_t index, qm_vec p)
+{
+    double w = apply_row(s->view->clip, 3, p);
+    if (!(w > 0.0) || apply_row(s->view->clip, 2, p) < -w) return;
+    candidate c = {.at = p, .index = index};
+    c.x = 0.5 * s->view->viewport[2] * (apply_row(s->view->clip, 0, p) / w - s->x);
+    c.y = 0.5 * s->view->viewport[3] * (apply_row(s->view->clip, 1, p) / w - s->y);
+    if (c.x * c.x + c.y * c.y > s->view->radius_px * s->view->radius_px) return;
+    c.depth = apply_row(s->view->depth, 0, p);
+    add_candidate(s, &c);
+}
+
+static void visit_node(search *s, int level, size_t node)
+{
+    QM_ASSERT(level >= 1);
+    int child_count = qm_box_tree_child_count(&s->bvh->boxes, level, node);
+    for (int i = 0; i < child_count && s->status == QM_OK; i++) {
+        if (!intersects_box(s, &s->bvh->boxes.groups[level][node], i)) continue;
+        size_t child = 8 * node + (size_t)i;
+        if (level > 1) {
+            visit_node(s, level - 1, child);
+            continue;
+        }
+        const qm_pack_lanes *lanes = &s->bvh->lanes[child];
+        qm_pack scratch;
+        const qm_pack *frames = qm_bvh_pack(s->bvh, child, &scratch);
+        for (int lane = 0; lane < lanes->lane_count; lane++)
+            test_point(s, lanes->face[lane],
+                       (qm_vec){frames->row[QM_PACK_OX][lane], frames->row[QM_PACK_OY][lane],
+                                frames->row[QM_PACK_OZ][lane]});
+    }
+}
+
+static double cursor_distance2(const candidate *c)
+{
+    return c->x * c->x + c->y * c->y;
+}
+
+static bool is_nearer(const candidate *a, const candidate *b)
+{
+    double da = cursor_distance2(a), db = cursor_distance2(b);
+    return da < db || (da == db && a->index < b->index);
+}
+
+/** Keeps the nearest visible candidates of each quadrant, and returns their number. */
+static int keep_visible(const search *s, candidate kept[CANDIDATES_MAX])
+{
+    double min_depth = INFINITY;
+    int count[4] = {0}, total = 0;
+    candidate list[4][QUADRANT_POINTS];
+    for (size_t i = 0; i < s->count; i++)
+        min_depth = fmin(min_depth, s->found[i].depth);
+    for (size_t i = 0; i < s->count; i++) {
+        const candidate *c = &s->found[i];
+        if (c->depth > min_depth + s->view->reach) continue;
+        int quadrant = (c->x < 0.0) + 2 * (c->y < 0.0), slot = count[quadrant];
+        candidate *own = list[quadrant];
+        if (slot == QUADRANT_POINTS) {
+            if (!is_nearer(c, &own[--slot])) continue;
+        } else {
+            count[quadrant]++;
+        }
+        for (; slot > 0 && is_nearer(c, &own[slot - 1]); slot--)
+            own[slot] = own[slot - 1];
+        own[slot] = *c;
+    }
+    for (int quadrant = 0; quadrant < 4; quadrant++)
+        for (int i = 0; i < count[quadrant]; i++)
+            kept[total++] = list[quadrant][i];
+    QM_ASSERT(total <= CANDIDATES_MAX);
+    return total;
+}
+
+/** Barycentric coordinates of the cursor in the picture of a triangle. False if it lies outside. */
+static bool find_weights(const candidate *a, const candidate *b, const candidate *c, double weight[3])
+{
+    weight[0] = b->x * c->y - c->x * b->y;
+    weight[1] = c->x * a->y - a->x * c->y;
+    weight[2] = a->x * b->y - b->x * a->y;
+    double sum = weight[0] + weight[1] + weight[2];
+    if (sum == 0.0) return false;
+    for (int k = 0; k < 3; k++) {
+        weight[k] /= sum;
+        if (!(weight[k] >= 0.0)) return false;
+    }
+    return true;
+}
+
+/**
+ * Interpolates in the enclosing triangle of the smallest perimeter. False if no triangle encloses the cursor.
+ */
+static bool interpolate(const candidate *kept, int count, qm_vec *out)
+{
+    double best = INFINITY, weight[3];
+    for (int a = 0; a < count; a++) {
+        for (int b = a + 1; b < count; b++) {
+            double edge = qm_vec_distance(kept[a].at, kept[b].at);
+            if (2.0 * edge >= best) continue;
+            for (int c = b + 1; c < count; c++) {
+                if (!find_weights(&kept[a], &kept[b], &kept[c], weight)) continue;
+                double perimeter =
+                    edge + qm_vec_distance(kept[b].at, kept[c].at) + qm_vec_distance(kept[c].at, kept[a].at);
+                if (perimeter >= best) continue;
+                best = perimeter;
+                *out = qm_vec_axpy(qm_vec_axpy(qm_vec_scale(weight[0], kept[a].at), weight[1], kept[b].at),
+                                   weight[2], kept[c].at);
+            }
+        }
+    }
+    return best < INFINITY;
+}
+
+/** Picks on a point set. */
+static qm_status pick_cloud(qm_context *ctx, const qm_pick_view *view, const double window[2], qm_vec *out,
+                            bool *found)
+{
+    search s = {.ctx = ctx,
+                .view = view,
+                .bvh = view->source->bvh,
+                .x = clip_x(view, window[0]),
+                .y = clip_y(view, window[1])};
+    const double *clip = view->clip;
+    double rx = 2.0 * view->radius_px / view->viewport[2], ry = 2.0 * view->radius_px / view->viewport[3];
+    for (int k = 0; k < 4; k++) {
+        s.plane[0][k] = clip[k] - (s.x - rx) * clip[12 + k];
+        s.plane[1][k] = (s.x + rx) * clip[12 + k] - clip[k];
+        s.plane[2][k] = clip[4 + k] - (s.y - ry) * clip[12 + k];
+        s.plane[3][k] = (s.y + ry) * clip[12 + k] - clip[4 + k];
+        s.plane[4][k] = clip[8 + k] + clip[12 + k];
+    }
+    visit_node(&s, s.bvh->boxes.level_count, 0);
+    candidate kept[CANDIDATES_MAX];
+    int count = s.status == QM_OK ? keep_visible(&s, kept) : 0;
+    *found = count > 0;
+    if (count > 0 && !interpolate(kept, count, out)) { /* the cursor at the depth of the nearest candidate */
+        const candidate *nearest = &kept[0];
+        for (int i = 1; i < count; i++)
+            if (is_nearer(&kept[i], nearest)) nearest = &kept[i];
+        double z = apply_row(clip, 2, nearest->at) / apply_row(clip, 3, nearest->at);
+        *out = unproject(view, s.x, s.y, z);
+    }
+    qm_context_free(ctx, s.found, s.capacity, sizeof *s.found);
+    return s.status;
+}
+
+qm_status qm_pick_point(qm_context *ctx, const qm_pick_view *view, const double window[2], double position[3],
+                        bool *found)
+{
+    QM_ASSERT(ctx && view && window && position && found);
     *found = false;
     if (!isfinite(window[0]) || !isfinite(window[1])) return QM_OK;
     qm_vec at;
     if (!view->source->is_cloud) {
-        *found = qm_pick_mesh(view, window, &at);
+        *found = pick_mesh(view, window, &at);
     } else {
-        qm_status status = qm_pick_cloud(ctx, view, window, &at, found);
+        qm_status status = pick_cloud(ctx, view, window, &at, found);
         if (status != QM_OK) return status;
     }
     if (*found) qm_vec_store(position, qm_frame_world(&view->source->bvh->frame, at));
@@ -139,14 +438,15 @@ qm_status qm_view_pick(qm_context *ctx, const qm_view *view, const double window
     return QM_OK;
 }
 
-qm_status qm_view_stroke(qm_context *ctx, const qm_view *view, const double *window, size_t point_count,
+qm_status qm_pick_stroke(qm_context *ctx, const qm_pick_view *view, const double *window, size_t point_count,
                          double *positions, size_t *count, size_t *missed)
 {
+    QM_ASSERT(ctx && view && (window || point_count == 0) && count && missed);
     *count = *missed = 0;
     for (size_t i = 0; i < point_count; i++) {
         double at[3];
         bool found;
-        qm_status status = qm_view_pick(ctx, view, window + 2 * i, at, &found);
+        qm_status status = qm_pick_point(ctx, view, window + 2 * i, at, &found);
         if (status != QM_OK) return status;
         if (!found) {
             ++*missed;

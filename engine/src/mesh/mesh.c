@@ -1,3 +1,6 @@
+/**
+ * mesh.c: checks of a mesh and its bounding box.
+ */
 #include "qm/mesh.h"
 
 #include <math.h>
@@ -15,20 +18,6 @@ void qm_mesh_reset(qm_context *ctx, qm_mesh *mesh)
     *mesh = (qm_mesh){0};
 }
 
-static qm_box box_empty(void)
-{
-    return (qm_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-}
-
-/** Selections, not branches: one instruction each. */
-static inline void box_add(qm_box *box, const double *point)
-{
-    for (int axis = 0; axis < 3; ++axis) {
-        box->min[axis] = point[axis] < box->min[axis] ? point[axis] : box->min[axis];
-        box->max[axis] = point[axis] > box->max[axis] ? point[axis] : box->max[axis];
-    }
-}
-
 static qm_box box_of_vertices(const qm_mesh *mesh)
 {
     qm_box box;
@@ -38,21 +27,29 @@ static qm_box box_of_vertices(const qm_mesh *mesh)
 
 static qm_box box_of_faces(const qm_mesh *mesh)
 {
-    qm_box box = box_empty();
-    for (size_t i = 0; i < 4 * mesh->face_count; ++i)
-        if (mesh->faces[i] != QM_NO_INDEX) box_add(&box, mesh->positions + 3 * (size_t)mesh->faces[i]);
+    qm_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (size_t i = 0; i < 4 * mesh->face_count; ++i) {
+        if (mesh->faces[i] == QM_NO_INDEX) continue;
+        const double *point = mesh->positions + 3 * (size_t)mesh->faces[i];
+        for (int axis = 0; axis < 3;
+             ++axis) { /* conditional moves instead of branches: one instruction each */
+            box.min[axis] = point[axis] < box.min[axis] ? point[axis] : box.min[axis];
+            box.max[axis] = point[axis] > box.max[axis] ? point[axis] : box.max[axis];
+        }
+    }
     return box;
 }
 
-/** Mostly the box of all vertices, which is read in order, is the one that faces span. */
+/** Nearly always the box of all vertices, which the kernel reads in order, is the box of the used ones. */
 qm_box qm_mesh_bounding_box(const qm_mesh *mesh)
 {
+    QM_ASSERT(mesh);
     const qm_box box = box_of_vertices(mesh);
     if (mesh->face_count == 0) return box;
     const qm_kernel *kernel = qm_kernel_get();
     uint32_t side[QM_BOX_SIDES] = {0};
     kernel->vertices_on_sides(mesh->positions, mesh->vertex_count, &box, side);
-    return kernel->faces_name(mesh->faces, mesh->face_count, side) ? box : box_of_faces(mesh);
+    return kernel->faces_contain(mesh->faces, mesh->face_count, side) ? box : box_of_faces(mesh);
 }
 
 double qm_box_diagonal(const qm_box *box)
@@ -75,8 +72,8 @@ double qm_box_diagonal(const qm_box *box)
     return ldexp(sqrt(sum), exponent);
 }
 
-/** True when no number is infinite or none. An exponent of ones carries into the place of the sign: whole
- * numbers, many at a time, and no way out of the loop before its end. */
+/** True when no number is infinite or NaN. An exponent of ones carries into the sign bit: the compiler
+ * vectorizes integer operations in a loop without an early exit. */
 static bool all_finite(const double *numbers, size_t count)
 {
     const uint64_t exponent = 0x7ff0000000000000u, step = 0x0010000000000000u;
@@ -104,7 +101,7 @@ static qm_status check_positions(qm_context *ctx, const qm_mesh *mesh)
     return QM_OK;
 }
 
-/** The corner of a face that names no vertex; 4 when there is none. */
+/** The first corner of a face whose index is out of range; 4 when there is none. */
 static int find_bad_corner(const uint32_t face[4], size_t vertex_count)
 {
     int corner = 0;

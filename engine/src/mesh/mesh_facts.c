@@ -1,15 +1,15 @@
-/*
- * Counts of a mesh that need no geometry.
+/**
+ * mesh_facts.c: counts of a mesh that need no geometry.
  *
- * Every fact about edges and fans is read from the links of the vertices. The link of a vertex v is a graph:
- * its nodes are the neighbours of v, and every face at v gives one line, from the corner before v to the
- * corner after it. The degree of a node n is the number of faces on the edge (v, n), and the faces round v
- * form one fan when the link is connected and no degree exceeds two. The corners of all vertices are laid out
- * by counting, so the cost is linear but for the short walks of the union-find.
+ * All facts about edges and fans come from the links of the vertices. The link of a vertex v is a graph: its
+ * nodes are the neighbours of v, and every face at v adds one line, from the corner before v to the corner
+ * after it. The degree of a node n is the number of faces on the edge (v, n), and the faces around v form one
+ * fan when the link is connected and no degree exceeds two. A counting sort groups the lines by vertex, so
+ * the cost is linear but for the short paths of the union-find.
  *
- * A face that names a vertex twice counts as the shape that is left: a quad with two equal neighbouring
- * corners is a triangle, and a face that is left with fewer than three corners, or folds back on itself, has
- * no edges. So a triangle that was collapsed to a segment does not part its two neighbours.
+ * A face that repeats a vertex counts as its face ring (face_ring.h): a quad with two equal adjacent corners
+ * is a triangle, and a face with fewer than three distinct corners, or one that folds back on itself, has no
+ * edges. So a triangle that was collapsed to a segment does not separate its two neighbours.
  */
 #include <string.h>
 
@@ -29,15 +29,15 @@ typedef struct facts_work {
     link_line *lines;
     size_t line_count;
     bool *has_other; /* the vertex is a corner of a face that is not a quad */
-    /* Marks on the nodes of the link at hand, valid for n where seen[n] is the vertex at hand. */
+    /* Of the nodes of the current link: valid for n where seen[n] is the current vertex. */
     uint32_t *seen, *degree, *group;
 } facts_work;
 
-/** What the link of one vertex tells. */
+/** Facts from the link of one vertex. */
 typedef struct link_facts {
     size_t nodes, groups;
     size_t open_nodes, crowded_nodes;         /* of degree 1; of degree 3 or more */
-    size_t boundary_edges, nonmanifold_edges; /* those to vertices of higher index, to count each edge once */
+    size_t boundary_edges, nonmanifold_edges; /* to vertices of higher index, to count each edge once */
 } link_facts;
 
 static void work_free(qm_context *ctx, facts_work *work)
@@ -80,7 +80,7 @@ static uint32_t find_root(uint32_t *parent, uint32_t i)
     return i;
 }
 
-/** True when the two were apart. */
+/** Joins two components; true when they were separate. */
 static bool join(uint32_t *parent, uint32_t i, uint32_t j)
 {
     i = find_root(parent, i);
@@ -93,7 +93,7 @@ static bool join(uint32_t *parent, uint32_t i, uint32_t j)
     return true;
 }
 
-/** A face of a fan shares its number in the input with a neighbour in the list. */
+/** True when the face is part of a polygon: a neighbour in the list has its index in the input. */
 static bool is_fan_part(const qm_mesh *mesh, size_t face)
 {
     const uint32_t *origin = mesh->face_origin;
@@ -111,7 +111,7 @@ static void join_component(facts_work *work, const uint32_t face[4])
     }
 }
 
-/** First pass over the faces: what each one tells alone, components, and the number of lines a vertex. */
+/** First pass over the faces: facts of single faces, components, and the number of lines at each vertex. */
 static qm_status scan_faces(qm_context *ctx, const qm_mesh *mesh, facts_work *work, qm_mesh_facts *facts)
 {
     for (size_t f = 0; f < mesh->face_count; ++f) {
@@ -120,7 +120,7 @@ static qm_status scan_faces(qm_context *ctx, const qm_mesh *mesh, facts_work *wo
         const uint32_t *face = mesh->faces + 4 * f;
         int count = qm_face_corners(face);
         if (!is_fan_part(mesh, f)) ++*(count == 3 ? &facts->triangles : &facts->quads);
-        facts->repeated_corner_faces += qm_face_names_twice(face, count);
+        facts->repeated_corner_faces += qm_face_repeats_vertex(face, count);
         join_component(work, face);
 
         uint32_t ring[4];
@@ -134,18 +134,19 @@ static qm_status scan_faces(qm_context *ctx, const qm_mesh *mesh, facts_work *wo
     return QM_OK;
 }
 
-/** Turns the numbers of lines into places, and puts every line at its own. */
-static qm_status lay_out_lines(qm_context *ctx, const qm_mesh *mesh, facts_work *work)
+/** Second pass: a prefix sum over the numbers of lines, then each line goes to the group of its vertex. */
+static qm_status group_lines(qm_context *ctx, const qm_mesh *mesh, facts_work *work)
 {
     work->lines = qm_context_alloc(ctx, work->line_count, sizeof *work->lines);
     if (!work->lines && work->line_count > 0)
-        return qm_context_fail(ctx, QM_E_NO_MEMORY, "no memory for the edges of %zu faces", mesh->face_count);
+        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the edges of %zu faces",
+                               mesh->face_count);
     size_t end = 0;
     for (size_t v = 0; v <= work->vertex_count; ++v) {
         end += work->start[v];
         work->start[v] = end;
     }
-    /* Filling from the end moves each mark from the end of its vertex's lines to their start. */
+    /* Filling backwards moves each start from the end of its vertex's lines to their beginning. */
     for (size_t f = mesh->face_count; f-- > 0;) {
         if (f % CANCEL_STRIDE == 0 && qm_context_canceled(ctx))
             return qm_context_fail(ctx, QM_E_CANCELED, "canceled while the edges were gathered");
@@ -158,6 +159,7 @@ static qm_status lay_out_lines(qm_context *ctx, const qm_mesh *mesh, facts_work 
     return QM_OK;
 }
 
+/** Counts one end of a line at its node; a node of the current link starts as a component of its own. */
 static void touch_node(facts_work *work, uint32_t v, uint32_t node, link_facts *link)
 {
     if (work->seen[node] != v) {
@@ -170,8 +172,8 @@ static void touch_node(facts_work *work, uint32_t v, uint32_t node, link_facts *
     ++work->degree[node];
 }
 
-/** Counts a node of the finished link, once: its degree is set to zero. */
-static void settle_node(facts_work *work, uint32_t v, uint32_t node, link_facts *link)
+/** Classifies a node of the finished link, once: its degree is reset to zero. */
+static void classify_node(facts_work *work, uint32_t v, uint32_t node, link_facts *link)
 {
     uint32_t degree = work->degree[node];
     work->degree[node] = 0;
@@ -193,9 +195,10 @@ static link_facts scan_link(facts_work *work, uint32_t v)
         touch_node(work, v, line->after, &link);
         link.groups -= join(work->group, line->before, line->after);
     }
+    QM_ASSERT(link.groups <= link.nodes);
     for (const link_line *line = first; line < end; ++line) {
-        settle_node(work, v, line->before, &link);
-        settle_node(work, v, line->after, &link);
+        classify_node(work, v, line->before, &link);
+        classify_node(work, v, line->after, &link);
     }
     return link;
 }
@@ -222,16 +225,17 @@ static qm_status scan_vertices(qm_context *ctx, facts_work *work, qm_mesh_facts 
 
 qm_status qm_mesh_find_facts(qm_context *ctx, const qm_mesh *mesh, qm_mesh_facts *out)
 {
+    QM_ASSERT(ctx && mesh && out);
     *out = (qm_mesh_facts){.polygons = mesh->polygon_count, .manifold = mesh->face_count > 0};
     if (mesh->face_count == 0) return QM_OK;
 
     facts_work work;
     qm_status status = QM_OK;
     if (!work_alloc(ctx, &work, mesh->vertex_count))
-        status = qm_context_fail(ctx, QM_E_NO_MEMORY, "no memory to count the edges at %zu vertices",
+        status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the edges at %zu vertices",
                                  mesh->vertex_count);
     if (status == QM_OK) status = scan_faces(ctx, mesh, &work, out);
-    if (status == QM_OK) status = lay_out_lines(ctx, mesh, &work);
+    if (status == QM_OK) status = group_lines(ctx, mesh, &work);
     if (status == QM_OK) status = scan_vertices(ctx, &work, out);
     work_free(ctx, &work);
     return status;

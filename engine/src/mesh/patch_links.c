@@ -1,8 +1,8 @@
 /**
- * patch_links.c: sides with the same two vertices are brought together by counting: all sides are laid out
- * by their lower vertex, and within one vertex the upper ones are marked in arrays.
+ * patch_links.c: pairs of quads that share an edge. A counting sort groups all sides by their lower vertex;
+ * within one vertex, arrays by the upper vertex pair them.
  */
-#include "patch_links.h"
+#include "patch_work.h"
 
 #include <string.h>
 
@@ -12,19 +12,19 @@
 #define CANCEL_STRIDE 65536
 #define NOT_A_QUAD (UINT32_C(1) << 31)
 
-/** One side of a face, filed under its lower vertex. */
-typedef struct filed_side {
+/** One side of a face, in the group of its lower vertex. */
+typedef struct grouped_side {
     uint32_t upper;
-    uint32_t place; /* face * 4 + side; NOT_A_QUAD for a side of anything else */
-} filed_side;
+    uint32_t id; /* face * 4 + side; NOT_A_QUAD for a side of anything else */
+} grouped_side;
 
 typedef struct link_work {
     const qm_mesh *mesh;
     size_t side_count;
     uint32_t *start; /* vertex_count + 1 */
-    filed_side *filed;
+    grouped_side *sides;
     uint32_t *seen;  /* by upper vertex: the lower vertex that the two below belong to */
-    uint32_t *first; /* by upper vertex: place of the first side */
+    uint32_t *first; /* by upper vertex: id of the first side */
     uint32_t *count; /* by upper vertex: sides so far */
 } link_work;
 
@@ -49,7 +49,7 @@ static void work_free(qm_context *ctx, link_work *work)
     qm_context_free(ctx, work->seen, n, sizeof *work->seen);
     qm_context_free(ctx, work->first, n, sizeof *work->first);
     qm_context_free(ctx, work->count, n, sizeof *work->count);
-    qm_context_free(ctx, work->filed, work->side_count, sizeof *work->filed);
+    qm_context_free(ctx, work->sides, work->side_count, sizeof *work->sides);
 }
 
 static uint32_t lower_of(uint32_t a, uint32_t b)
@@ -73,8 +73,9 @@ static void count_sides(link_work *work)
     }
 }
 
-/** Filing from the last face on moves each start from the end of its vertex's sides to their beginning. */
-static void file_sides(link_work *work)
+/** Filling backwards from the last face moves each start from the end of its vertex's sides to their
+ * beginning. */
+static void fill_sides(link_work *work)
 {
     for (size_t f = work->mesh->face_count; f-- > 0;) {
         const uint32_t *face = work->mesh->faces + 4 * f;
@@ -83,8 +84,8 @@ static void file_sides(link_work *work)
         bool is_quad = corners == 4;
         for (int i = 0; i < corners; i++) {
             uint32_t a = ring[i], b = ring[(i + 1) % corners];
-            work->filed[--work->start[lower_of(a, b)]] =
-                (filed_side){a < b ? b : a, is_quad ? (uint32_t)(4 * f) + (uint32_t)i : NOT_A_QUAD};
+            work->sides[--work->start[lower_of(a, b)]] =
+                (grouped_side){a < b ? b : a, is_quad ? (uint32_t)(4 * f) + (uint32_t)i : NOT_A_QUAD};
         }
     }
 }
@@ -93,28 +94,29 @@ static void link_sides(const link_work *work, qm_patch_links *links, uint32_t a,
 {
     const uint32_t *faces = work->mesh->faces;
     bool same_way = faces[a] == faces[b];
+    QM_ASSERT(a != b && a / 4 < links->face_count && b / 4 < links->face_count);
     links->across[a] = b << 1 | same_way;
     links->across[b] = a << 1 | same_way;
     links->cuts[a / 4] &= (uint8_t) ~(1u << a % 4);
     links->cuts[b / 4] &= (uint8_t) ~(1u << b % 4);
 }
 
-/** Two passes over the sides of a vertex: the first counts, the second links those that are two. */
+/** Two passes over the sides of a vertex: the first counts, the second links the pairs. */
 static void link_vertex(link_work *work, qm_patch_links *links, uint32_t v)
 {
-    const filed_side *begin = work->filed + work->start[v], *end = work->filed + work->start[v + 1];
-    for (const filed_side *side = begin; side < end; side++) {
+    const grouped_side *begin = work->sides + work->start[v], *end = work->sides + work->start[v + 1];
+    for (const grouped_side *side = begin; side < end; side++) {
         if (work->seen[side->upper] != v) {
             work->seen[side->upper] = v;
             work->count[side->upper] = 0;
-            work->first[side->upper] = side->place;
+            work->first[side->upper] = side->id;
         }
         work->count[side->upper]++;
     }
-    for (const filed_side *side = begin; side < end; side++) {
+    for (const grouped_side *side = begin; side < end; side++) {
         uint32_t first = work->first[side->upper];
-        if (work->count[side->upper] != 2 || side->place == first) continue;
-        if (!((side->place | first) & NOT_A_QUAD)) link_sides(work, links, first, side->place);
+        if (work->count[side->upper] != 2 || side->id == first) continue;
+        if (!((side->id | first) & NOT_A_QUAD)) link_sides(work, links, first, side->id);
     }
 }
 
@@ -122,11 +124,11 @@ static qm_status link_all(qm_context *ctx, link_work *work, qm_patch_links *link
 {
     count_sides(work);
     if (work->side_count == 0) return QM_OK;
-    work->filed = qm_context_alloc(ctx, work->side_count, sizeof *work->filed);
-    if (!work->filed)
-        return qm_context_fail(ctx, QM_E_NO_MEMORY, "no memory for the sides of %zu faces",
+    work->sides = qm_context_alloc(ctx, work->side_count, sizeof *work->sides);
+    if (!work->sides)
+        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the sides of %zu faces",
                                work->mesh->face_count);
-    file_sides(work);
+    fill_sides(work);
     for (uint32_t v = 0; v < work->mesh->vertex_count; v++) {
         if (v % CANCEL_STRIDE == 0 && qm_context_canceled(ctx))
             return qm_context_fail(ctx, QM_E_CANCELED, "canceled while the quads were linked");
@@ -140,13 +142,14 @@ qm_status qm_patch_links_find(qm_context *ctx, const qm_mesh *mesh, qm_patch_lin
     size_t n = mesh->face_count;
     *out = (qm_patch_links){.face_count = n};
     if (n >= MAX_FACES)
-        return qm_context_fail(ctx, QM_E_TOO_LARGE, "patches are found among at most 2^29 faces");
+        return qm_context_fail(ctx, QM_E_TOO_LARGE, "patches need a mesh of fewer than 2^29 faces");
     out->across = qm_context_alloc(ctx, 4 * n, sizeof *out->across);
     out->cuts = qm_context_alloc(ctx, n, sizeof *out->cuts);
     link_work work;
     bool has_memory = work_alloc(ctx, mesh, &work) && out->across && out->cuts;
     qm_status status =
-        has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "no memory to link %zu faces", n);
+        has_memory ? QM_OK
+                   : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the links of %zu faces", n);
     if (has_memory) {
         memset(out->across, 0xff, 4 * n * sizeof *out->across);
         memset(out->cuts, 0xf, n);
@@ -161,4 +164,38 @@ void qm_patch_links_reset(qm_context *ctx, qm_patch_links *links)
     qm_context_free(ctx, links->across, 4 * links->face_count, sizeof *links->across);
     qm_context_free(ctx, links->cuts, links->face_count, sizeof *links->cuts);
     *links = (qm_patch_links){0};
+}
+
+/* ---- blocks ---- */
+
+/** Goes back to the first column; false when the cells form a ring, which has none. */
+static bool find_start(const qm_patch_links *links, qm_patch_cell *cell)
+{
+    qm_patch_cell at = qm_patch_cell_reverse_u(*cell), begin = at;
+    while (qm_patch_cell_next(links, &at))
+        if (at.face == begin.face && at.u == begin.u) return false;
+    *cell = qm_patch_cell_reverse_u(at);
+    return true;
+}
+
+/** Counts the cells from this one to the last column. */
+static uint32_t count_columns(const qm_patch_links *links, qm_patch_cell cell)
+{
+    uint32_t count = 1;
+    while (qm_patch_cell_next(links, &cell))
+        count++;
+    return count;
+}
+
+bool qm_patch_block_find(const qm_patch_links *links, qm_patch_cell cell, qm_patch_block *block,
+                         unsigned *ring)
+{
+    *ring = find_start(links, &cell) ? 0 : 1;
+    cell = qm_patch_cell_swap(cell);
+    if (!find_start(links, &cell)) *ring |= 2;
+    if (*ring) return false;
+    block->rows = count_columns(links, cell);
+    block->first = cell = qm_patch_cell_swap(cell);
+    block->columns = count_columns(links, cell);
+    return true;
 }

@@ -1,8 +1,11 @@
+/**
+ * quality.c: shape measures of quads, summed over a mesh.
+ */
 #include "qm/quality.h"
 
 #include "quad_shape.h"
 
-/** The sum of the corners' differences from a right angle, in degrees; *worst the greatest so far. */
+/** The sum of the corners' differences from a right angle, in degrees; *worst is the running maximum. */
 static double angle_sum(const qm_vec corner[4], double *worst)
 {
     const double degrees = 57.29577951308232;
@@ -25,10 +28,10 @@ static double edge_ratio(const qm_vec corner[4])
         shortest = fmin(shortest, length);
         longest = fmax(longest, length);
     }
-    return longest < QM_QUALITY_MOST_RATIO * shortest ? longest / shortest : QM_QUALITY_MOST_RATIO;
+    return longest < QM_QUALITY_MAX_RATIO * shortest ? longest / shortest : QM_QUALITY_MAX_RATIO;
 }
 
-/** How far the diagonals pass by one another, as a share of their mean length. */
+/** Distance between the diagonals, as a fraction of their mean length. */
 static double warp(const qm_vec corner[4])
 {
     qm_vec first = qm_vec_sub(corner[2], corner[0]), second = qm_vec_sub(corner[3], corner[1]);
@@ -40,15 +43,15 @@ static double warp(const qm_vec corner[4])
 
 static void add_quad(const qm_vec corner[4], qm_quality *out)
 {
-    double sine = qm_quad_least_sine(corner), ratio = edge_ratio(corner), bend = warp(corner);
+    double sine = qm_quad_min_sine(corner), ratio = edge_ratio(corner), twist = warp(corner);
     out->least_jacobian = out->quads == 0 ? sine : fmin(out->least_jacobian, sine);
     out->quads++;
     out->folded += !(sine > 0.0);
     out->mean_angle += angle_sum(corner, &out->max_angle) / 4.0;
     out->mean_edge_ratio += ratio;
     out->max_edge_ratio = fmax(out->max_edge_ratio, ratio);
-    out->mean_warp += bend;
-    out->max_warp = fmax(out->max_warp, bend);
+    out->mean_warp += twist;
+    out->max_warp = fmax(out->max_warp, twist);
 }
 
 static void load_corners(const qm_mesh *mesh, size_t face, qm_vec corner[4])
@@ -57,35 +60,36 @@ static void load_corners(const qm_mesh *mesh, size_t face, qm_vec corner[4])
         corner[k] = qm_vec_load(mesh->positions + 3 * (size_t)mesh->faces[4 * face + (size_t)k]);
 }
 
-static bool look_apart(const qm_mesh *mesh, size_t a, size_t b)
+static bool face_apart(const qm_mesh *mesh, size_t a, size_t b)
 {
     qm_vec one[4], other[4];
     load_corners(mesh, a, one);
     load_corners(mesh, b, other);
-    return qm_quads_look_apart(qm_quad_normal(one), qm_quad_normal(other));
+    return qm_quad_faces_apart(qm_quad_normal(one), qm_quad_normal(other));
 }
 
-/** Quads of a grid, the first of which is a face of the mesh, that lie upside down among those beside
- * them. */
-static size_t count_turned(const qm_mesh *mesh, const qm_mesh_grid *grid, size_t first)
+/** Counts the inverted quads of a grid whose first face is first: three or more neighbours face apart from
+ * each. */
+static size_t count_inverted(const qm_mesh *mesh, const qm_mesh_grid *grid, size_t first)
 {
-    size_t turned = 0, columns = grid->columns;
+    size_t inverted = 0, columns = grid->columns;
     for (size_t j = 0; j < grid->rows; j++) {
         for (size_t i = 0; i < columns; i++) {
             size_t face = first + j * columns + i;
             int apart = 0;
-            if (i > 0) apart += look_apart(mesh, face, face - 1);
-            if (i + 1 < columns) apart += look_apart(mesh, face, face + 1);
-            if (j > 0) apart += look_apart(mesh, face, face - columns);
-            if (j + 1 < grid->rows) apart += look_apart(mesh, face, face + columns);
-            turned += apart >= 3;
+            if (i > 0) apart += face_apart(mesh, face, face - 1);
+            if (i + 1 < columns) apart += face_apart(mesh, face, face + 1);
+            if (j > 0) apart += face_apart(mesh, face, face - columns);
+            if (j + 1 < grid->rows) apart += face_apart(mesh, face, face + columns);
+            inverted += apart >= 3;
         }
     }
-    return turned;
+    return inverted;
 }
 
 void qm_quality_measure(const qm_mesh *mesh, qm_quality *out)
 {
+    QM_ASSERT(mesh && out);
     *out = (qm_quality){0};
     for (size_t face = 0; face < mesh->face_count; face++) {
         if (mesh->faces[4 * face + 3] == QM_NO_INDEX) continue;
@@ -95,7 +99,7 @@ void qm_quality_measure(const qm_mesh *mesh, qm_quality *out)
     }
     size_t first = 0;
     for (size_t g = 0; g < mesh->grid_count; g++) {
-        out->turned += count_turned(mesh, &mesh->grids[g], first);
+        out->turned += count_inverted(mesh, &mesh->grids[g], first);
         first += (size_t)mesh->grids[g].rows * mesh->grids[g].columns;
     }
     if (out->quads == 0) return;

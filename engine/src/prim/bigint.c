@@ -2,7 +2,9 @@
 
 #include <string.h>
 
-/** A double as fraction * 2^exponent, fraction whole and odd; value is finite and not 0. */
+#include "qm/base.h"
+
+/** A double as fraction * 2^exponent, fraction an odd integer; value is finite and not 0. */
 static uint64_t split(double value, int *exponent)
 {
     uint64_t bits, fraction;
@@ -38,6 +40,7 @@ int64_t qm_bigint_small(double value, int low)
     if (value == 0.0) return 0;
     int exponent;
     uint64_t fraction = split(value, &exponent);
+    QM_ASSERT(exponent >= low && exponent - low < 64);
     int64_t size = (int64_t)(fraction << (exponent - low));
     return value < 0.0 ? -size : size;
 }
@@ -56,6 +59,7 @@ void qm_bigint_set(qm_bigint *out, double value, int low)
     int exponent;
     uint64_t fraction = split(value, &exponent);
     int shift = exponent - low, limbs = shift / 64, bits = shift % 64;
+    QM_ASSERT(shift >= 0 && limbs + 2 <= QM_BIGINT_LIMBS);
     for (int i = 0; i < limbs; i++)
         out->limb[i] = 0;
     out->limb[limbs] = fraction << bits;
@@ -72,33 +76,35 @@ static int compare_magnitudes(const qm_bigint *a, const qm_bigint *b)
     return 0;
 }
 
-static void add_magnitudes(qm_bigint *out, const qm_bigint *more, const qm_bigint *less, int sign)
+static void add_magnitudes(qm_bigint *out, const qm_bigint *larger, const qm_bigint *smaller, int sign)
 {
     unsigned carry = 0;
-    int count = more->count, less_count = less->count;
+    int count = larger->count, smaller_count = smaller->count;
     for (int i = 0; i < count; i++) {
         uint64_t sum;
-        unsigned over = __builtin_add_overflow(more->limb[i], (uint64_t)carry, &sum);
-        over |= __builtin_add_overflow(sum, i < less_count ? less->limb[i] : 0, &sum);
+        unsigned over = __builtin_add_overflow(larger->limb[i], (uint64_t)carry, &sum);
+        over |= __builtin_add_overflow(sum, i < smaller_count ? smaller->limb[i] : 0, &sum);
         out->limb[i] = sum;
         carry = over;
     }
     out->count = count;
+    QM_ASSERT(!carry || count < QM_BIGINT_LIMBS);
     if (carry) out->limb[out->count++] = 1;
     out->sign = sign;
 }
 
-static void subtract_magnitudes(qm_bigint *out, const qm_bigint *more, const qm_bigint *less, int sign)
+static void subtract_magnitudes(qm_bigint *out, const qm_bigint *larger, const qm_bigint *smaller, int sign)
 {
     unsigned borrow = 0;
-    int count = more->count, less_count = less->count;
+    int count = larger->count, smaller_count = smaller->count;
     for (int i = 0; i < count; i++) {
-        uint64_t rest;
-        unsigned under = __builtin_sub_overflow(more->limb[i], (uint64_t)borrow, &rest);
-        under |= __builtin_sub_overflow(rest, i < less_count ? less->limb[i] : 0, &rest);
-        out->limb[i] = rest;
+        uint64_t difference;
+        unsigned under = __builtin_sub_overflow(larger->limb[i], (uint64_t)borrow, &difference);
+        under |= __builtin_sub_overflow(difference, i < smaller_count ? smaller->limb[i] : 0, &difference);
+        out->limb[i] = difference;
         borrow = under;
     }
+    QM_ASSERT(borrow == 0);
     out->count = count;
     trim(out, sign);
 }
@@ -107,16 +113,17 @@ void qm_bigint_add(qm_bigint *out, const qm_bigint *a, const qm_bigint *b, int n
 {
     int sign_a = a->sign, sign_b = negate ? -b->sign : b->sign;
     int order = compare_magnitudes(a, b);
-    const qm_bigint *more = order < 0 ? b : a, *less = order < 0 ? a : b;
+    const qm_bigint *larger = order < 0 ? b : a, *smaller = order < 0 ? a : b;
     int sign = order < 0 ? sign_b : sign_a;
     if (sign_a * sign_b >= 0)
-        add_magnitudes(out, more, less, sign);
+        add_magnitudes(out, larger, smaller, sign);
     else
-        subtract_magnitudes(out, more, less, sign);
+        subtract_magnitudes(out, larger, smaller, sign);
 }
 
 void qm_bigint_multiply(qm_bigint *out, const qm_bigint *a, const qm_bigint *b)
 {
+    QM_ASSERT(out != a && out != b && a->count + b->count <= QM_BIGINT_LIMBS);
     out->count = a->count + b->count;
     for (int i = 0; i < out->count; i++)
         out->limb[i] = 0;

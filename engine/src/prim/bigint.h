@@ -1,6 +1,6 @@
 /**
- * bigint.h: signed whole numbers of many bits: just what exact determinants of doubles take. All by hand on
- * the stack, no allocation; only the limbs in use are touched.
+ * bigint.h: signed integers of many bits, as exact determinants of doubles need them. They live on the stack;
+ * operations touch only the limbs in use.
  */
 #ifndef QM_BIGINT_H
 #define QM_BIGINT_H
@@ -16,14 +16,14 @@ typedef struct qm_bigint {
     uint64_t limb[QM_BIGINT_LIMBS];
 } qm_bigint;
 
-/** The exponents of the highest and lowest bits that are set in any of count doubles; false when all are
- * 0. */
+/** Finds the exponents of the lowest and highest bits that are set in any of count finite doubles; false when
+ * all are 0. */
 int qm_bigint_span(const double *values, int count, int *low, int *high);
 
-/** value / 2^low, which is whole and has at most 63 bits. */
+/** value / 2^low, which must be an integer of at most 63 bits. */
 int64_t qm_bigint_small(double value, int low);
 
-/** value / 2^low, which is whole. */
+/** Sets out to value / 2^low, which must be an integer. */
 void qm_bigint_set(qm_bigint *out, double value, int low);
 
 /** The sum, or with negate the difference a - b; out may be a or b. */

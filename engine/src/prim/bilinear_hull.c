@@ -1,23 +1,26 @@
-#include "bilinear_hull.h"
+/**
+ * bilinear_hull.c: how near a bilinear patch can be to a point, by its four corners alone.
+ */
+#include "bilinear.h"
+#include "triangle.h"
 
-#include "tri_point.h"
-
-/* Of the lengths that a height comes from: an edge and each of three products and two sums are rounded once,
- * a direction has length 1 to within 4 u; together below 9 u of the sum of the edge's coordinates. */
+/* As a fraction of the lengths that a height comes from: an edge and each of three products and two sums are
+ * rounded once, a direction has length 1 to within 4 u; together below 9 u of the sum of the edge's
+ * coordinates. */
 #define ROUNDINGS 0x1p-49
-#define THIN 0.25 /* of what a patch can leave its triangles by: a hull this thin bounds it better */
+#define THIN 0.25 /* fraction of the flatness bound: a hull this thin bounds the patch better */
 
 /** The four faces of the hull, first the triangles of the patch. */
 static const int faces[4][3] = {{0, 1, 2}, {0, 2, 3}, {0, 1, 3}, {1, 2, 3}};
 
-/** The face nearest to p of those looked at so far. */
+/** The nearest to p of the faces visited so far. */
 typedef struct nearest_face {
     double distance2;
     int face;
     qm_triangle triangle;
 } nearest_face;
 
-static void look_at(const qm_vec c[4], int face, qm_vec p, nearest_face *nearest)
+static void visit_face(const qm_vec c[4], int face, qm_vec p, nearest_face *nearest)
 {
     const int *corner = faces[face];
     qm_triangle triangle = qm_triangle_make(c[corner[0]], c[corner[1]], c[corner[2]]);
@@ -25,7 +28,7 @@ static void look_at(const qm_vec c[4], int face, qm_vec p, nearest_face *nearest
     if (here < nearest->distance2) *nearest = (nearest_face){here, face, triangle};
 }
 
-double qm_hull_width(const qm_vec corner[4], qm_vec direction)
+double qm_bilinear_hull_width(const qm_vec corner[4], qm_vec direction)
 {
     double low = 0.0, high = 0.0, size = 0.0;
     for (int i = 1; i < 4; i++) {
@@ -40,10 +43,10 @@ double qm_hull_width(const qm_vec corner[4], qm_vec direction)
 
 /**
  * Thickness of the hull, rounded up: how far a point of it can be from its faces at most. A line through the
- * point along any direction leaves the hull within the width of the hull along it. Along the common normal of
- * the diagonals the width is least; where they are nearly parallel, that normal is lost, but then the hull is
- * thin across the longer: as seen along that, the other diagonal is the base of a triangle, whose width
- * across its base's middle line is at most that base, length / longer.
+ * point along any direction leaves the hull within the width of the hull along it. The width is smallest
+ * along the common normal of the diagonals; where they are nearly parallel, that normal is lost, but then the
+ * hull is thin across the longer: as seen along the longer diagonal, the other one is the base of a triangle,
+ * whose width across its base's middle line is at most that base, length / longer.
  */
 static double thickness_of(const qm_vec c[4])
 {
@@ -53,56 +56,57 @@ static double thickness_of(const qm_vec c[4])
     if (longer == 0.0) return qm_vec_distance(c[0], c[1]);
     double thin = length / longer + ROUNDINGS * longer;
     if (!(length > 0.0)) return thin;
-    return fmin(thin, qm_hull_width(c, qm_vec_scale(1.0 / length, normal)));
+    return fmin(thin, qm_bilinear_hull_width(c, qm_vec_scale(1.0 / length, normal)));
 }
 
-/** The foot of p on a face: its place, and the parameters that go with it. */
-static qm_vec foot_on(const qm_vec c[4], const nearest_face *nearest, qm_vec p, double share[2])
+/** The footpoint of p on a face: returns its position; fraction gets its parameters. */
+static qm_vec footpoint_on(const qm_vec c[4], const nearest_face *nearest, qm_vec p, double fraction[2])
 {
     double weight[3];
     qm_vec foot = {0, 0, 0};
     qm_triangle_footpoint(&nearest->triangle, p, weight);
-    share[0] = share[1] = 0.0;
+    fraction[0] = fraction[1] = 0.0;
     for (int i = 0; i < 3; i++) {
         int k = faces[nearest->face][i];
         foot = qm_vec_axpy(foot, weight[i], c[k]);
-        if (k == 1 || k == 2) share[0] += weight[i];
-        if (k >= 2) share[1] += weight[i];
+        if (k == 1 || k == 2) fraction[0] += weight[i];
+        if (k >= 2) fraction[1] += weight[i];
     }
     for (int i = 0; i < 2; i++)
-        share[i] = qm_clamp(share[i], 0.0, 1.0);
+        fraction[i] = qm_clamp(fraction[i], 0.0, 1.0);
     return foot;
 }
 
-/** How far p lies beyond the farthest corner in the direction away from a point: no more than the distance to
- * the hull, whatever the point is, and as much when it is the nearest of the hull. */
+/** How far p lies beyond the farthest corner in the direction from a point to p: at most the distance to the
+ * hull, whatever the point is, and equal to it when the point is the nearest of the hull. */
 static double distance_beyond(const qm_vec c[4], qm_vec from, qm_vec p)
 {
     qm_vec away = qm_vec_sub(p, from);
-    double length = qm_vec_norm(away), least = INFINITY;
+    double length = qm_vec_norm(away), beyond = INFINITY;
     if (!(length > 0.0)) return 0.0;
     away = qm_vec_scale(1.0 / length, away);
     for (int i = 0; i < 4; i++)
-        least = fmin(least, qm_vec_dot(away, qm_vec_sub(p, c[i])));
-    return least;
+        beyond = fmin(beyond, qm_vec_dot(away, qm_vec_sub(p, c[i])));
+    return beyond;
 }
 
-double qm_hull_lower(const qm_vec corner[4], qm_vec p, double twist, double enough, double share[2])
+double qm_bilinear_hull_lower(const qm_vec corner[4], qm_vec p, double twist, double enough,
+                              double fraction[2])
 {
     nearest_face nearest = {.distance2 = INFINITY};
-    look_at(corner, 0, p, &nearest);
-    look_at(corner, 1, p, &nearest);
+    visit_face(corner, 0, p, &nearest);
+    visit_face(corner, 1, p, &nearest);
     double lower = sqrt(nearest.distance2) - twist;
-    share[0] = share[1] = 0.5;
+    fraction[0] = fraction[1] = 0.5;
     if (lower >= enough) return fmax(0.0, lower);
     double thickness = thickness_of(corner);
     if (thickness < THIN * twist) {
-        look_at(corner, 2, p, &nearest);
-        look_at(corner, 3, p, &nearest);
+        visit_face(corner, 2, p, &nearest);
+        visit_face(corner, 3, p, &nearest);
         lower = fmax(lower, sqrt(nearest.distance2) - thickness);
-        lower = fmax(lower, distance_beyond(corner, foot_on(corner, &nearest, p, share), p));
+        lower = fmax(lower, distance_beyond(corner, footpoint_on(corner, &nearest, p, fraction), p));
     } else {
-        foot_on(corner, &nearest, p, share);
+        footpoint_on(corner, &nearest, p, fraction);
     }
     return fmax(0.0, lower);
 }

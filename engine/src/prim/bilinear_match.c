@@ -1,32 +1,36 @@
+/**
+ * bilinear_match.c: rectangles of the source in levels of equal size. Each is matched by a damped least
+ * squares (Gauss-Newton) iteration for the four sides of its rectangle in the target.
+ */
 #include "bilinear_match.h"
 
-#define STEPS 8          /* of least squares for one rectangle */
-#define MIN_GAIN 0.9     /* of the greatest difference: a step that leaves more is the last one */
-#define DAMPING 1e-9     /* of the matrix: where both directions of the target fall together, along a fold */
-#define MAX_DEPTH 12     /* of cuts */
-#define MIN_CUT_SIDE 0.5 /* of the longer side: a shorter one is not cut */
-#define MAX_EDGE_DEPTH 2 /* of rectangles that reach beyond the target, where another patch has to go on */
-#define MAX_FIRST 1      /* levels that are tried before any rectangle is covered, */
-#define MAX_BARREN 3     /* and when some has been */
-#define MIN_COVERED 4    /* one in so many rectangles of a level must be covered to go on after these */
-#define EDGE_PART 1e-7   /* of a side: less of it is not cut off at an edge of the target, */
-#define MIN_OVER 1e-3    /* and at least so much must lie over the target */
-#define BEYOND 64.0      /* sizes of the target that a match may reach beyond it */
+#define STEPS 8            /* of least squares for one rectangle */
+#define MIN_GAIN 0.9       /* of the longest difference: a step that leaves more is the last one */
+#define DAMPING 1e-9       /* of the trace: for folds, where both directions of the target coincide */
+#define MAX_DEPTH 12       /* of cuts */
+#define MIN_CUT_SIDE 0.5   /* of the longer side: a shorter one is not cut */
+#define MAX_EDGE_DEPTH 2   /* of rectangles that extend beyond the target: another patch must cover those */
+#define MAX_FIRST 1        /* levels that are tried before any rectangle is covered, */
+#define MAX_BARREN 3       /* and when some has been */
+#define MIN_COVERED 4      /* after these levels: one in this many rectangles must be covered to go on */
+#define EDGE_PART 1e-7     /* of a side: a smaller fraction is not cut off at an edge of the target, */
+#define MIN_OVER 1e-3      /* and at least this fraction must lie over the target */
+#define BEYOND 64.0        /* sizes of the target: how far a match may extend beyond it */
 #define MAX_RECTANGLES 256 /* of one level */
-#define MAX_ALIKE 8.0 /* of the cutoff distance: how far corners of patches that are alike may be apart */
+#define MAX_COINCIDENT 8.0 /* of the cutoff: how far apart the corners of coincident patches may be */
 
 /** A rectangle of the source with its match. */
 typedef struct pairing {
     qm_uv_box source, target;
-    double greatest; /* difference of two matched points */
-    bool is_beyond;  /* it reaches to where this target cannot cover it, at any size */
+    double longest; /* difference of two matched points */
+    bool is_beyond; /* it extends to where this target cannot cover it, at any size */
 } pairing;
 
 typedef struct match_work {
     const qm_bilinear *source;
-    qm_bilinear target; /* its parameters in the order of the source's */
+    qm_bilinear target; /* its parameters in the orientation of the source's */
     double cutoff;
-    qm_match_rest_fn *rest;
+    qm_bilinear_remainder_fn *remainder;
     void *user;
 } match_work;
 
@@ -37,23 +41,23 @@ static double *side_of(qm_uv_box *box, int corner, int axis)
     return is_high ? &box->high[axis] : &box->low[axis];
 }
 
-/** Differences of matched corners; returns the greatest length, INFINITY where one is no number. */
+/** Differences of matched corners; returns the largest length, INFINITY when one is NaN. */
 static double differences(const match_work *work, const qm_vec corner[4], qm_uv_box *target,
                           qm_vec difference[4])
 {
-    double greatest2 = 0.0;
+    double longest2 = 0.0;
     for (int i = 0; i < 4; i++) {
         difference[i] = qm_vec_sub(
             corner[i], qm_bilinear_at(&work->target, *side_of(target, i, 0), *side_of(target, i, 1)));
         double length2 = qm_vec_norm2(difference[i]);
-        /* A target too small to take products of its sides leads nowhere: its equations are singular. */
+        /* The equations of a target are singular when products of its sides underflow. */
         if (!(length2 < INFINITY)) return INFINITY;
-        greatest2 = qm_max(greatest2, length2);
+        longest2 = qm_max(longest2, length2);
     }
-    return sqrt(greatest2);
+    return sqrt(longest2);
 }
 
-/** The step of the four sides that makes the squares of the differences least, to first order. */
+/** The Gauss-Newton step of the four sides for the sum of squared differences. */
 static void solve_step(const match_work *work, const qm_uv_box *target, const qm_vec difference[4],
                        double step[2][2])
 {
@@ -90,9 +94,9 @@ static void solve_step(const match_work *work, const qm_uv_box *target, const qm
         step[0][k] = (right[0][k] - mixed[k][0] * step[1][0] - mixed[k][1] * step[1][1]) / diagonal[0][k];
 }
 
-/** True when a corner is farther than is cutoff from the plane that touches the target at its match: but for
- * the target's bend, no part with that corner is covered, however small. */
-static bool is_out_of_reach(const match_work *work, qm_uv_box *target, const qm_vec difference[4])
+/** True when a corner is farther than the cutoff from the tangent plane of the target at its match: but for
+ * the target's curvature, no part with that corner is covered, however small. */
+static bool is_beyond_cutoff(const match_work *work, qm_uv_box *target, const qm_vec difference[4])
 {
     for (int i = 0; i < 4; i++) {
         qm_vec along_u = qm_vec_axpy(work->target.e1, *side_of(target, i, 1), work->target.w);
@@ -103,8 +107,8 @@ static bool is_out_of_reach(const match_work *work, qm_uv_box *target, const qm_
     return false;
 }
 
-/** Improves the match of a rectangle until it is good enough or gets no better; its sides stay within margin
- * of the target. */
+/** Improves the match of a rectangle until it is within the cutoff or stalls; its sides stay within margin of
+ * the target. */
 static void improve(const match_work *work, pairing *pair, double margin)
 {
     qm_vec corner[4], difference[4];
@@ -113,9 +117,9 @@ static void improve(const match_work *work, pairing *pair, double margin)
         pair->target.low[axis] = qm_clamp(pair->target.low[axis], -margin, 1.0 + margin);
         pair->target.high[axis] = qm_clamp(pair->target.high[axis], -margin, 1.0 + margin);
     }
-    pair->greatest = differences(work, corner, &pair->target, difference);
+    pair->longest = differences(work, corner, &pair->target, difference);
     bool is_clamped = false;
-    for (int k = 0; k < STEPS && pair->greatest > work->cutoff; k++) {
+    for (int k = 0; k < STEPS && pair->longest > work->cutoff; k++) {
         double step[2][2];
         solve_step(work, &pair->target, difference, step);
         qm_uv_box moved;
@@ -127,18 +131,18 @@ static void improve(const match_work *work, pairing *pair, double margin)
             moved.high[axis] = qm_clamp(high, -margin, 1.0 + margin);
             is_clamped |= moved.low[axis] != low || moved.high[axis] != high;
         }
-        qm_vec there[4];
-        double greatest = differences(work, corner, &moved, there);
-        if (!(greatest < pair->greatest)) break;
-        bool is_last = greatest > MIN_GAIN * pair->greatest && greatest > work->cutoff;
+        qm_vec moved_difference[4];
+        double longest = differences(work, corner, &moved, moved_difference);
+        if (!(longest < pair->longest)) break;
+        bool is_last = longest > MIN_GAIN * pair->longest && longest > work->cutoff;
         pair->target = moved;
-        pair->greatest = greatest;
+        pair->longest = longest;
         for (int i = 0; i < 4; i++)
-            difference[i] = there[i];
+            difference[i] = moved_difference[i];
         if (is_last) break;
     }
     pair->is_beyond =
-        pair->greatest > work->cutoff && (is_clamped || is_out_of_reach(work, &pair->target, difference));
+        pair->longest > work->cutoff && (is_clamped || is_beyond_cutoff(work, &pair->target, difference));
 }
 
 /** Rectangles of equal depth. */
@@ -147,8 +151,8 @@ typedef struct level {
     pairing at[MAX_RECTANGLES];
 } level;
 
-/** Chooses the axes to cut a rectangle across: both, or only that of much longer sides, so that a thin
- * rectangle falls into fewer parts. */
+/** Chooses the axes to cut a rectangle across: both, or only the one of much longer sides, so that a thin
+ * rectangle is cut in two. */
 static void axes_to_cut(const qm_bilinear *source, const qm_uv_box *box, bool is_cut[2])
 {
     qm_vec c[4];
@@ -159,160 +163,157 @@ static void axes_to_cut(const qm_bilinear *source, const qm_uv_box *box, bool is
         is_cut[axis] = !(side[axis] < MIN_CUT_SIDE * side[1 - axis]);
 }
 
-/** Cuts a rectangle in the middle, across one axis or both. */
-static void keep_parts(const match_work *work, const pairing *pair, level *next)
+/** Cuts a rectangle at its midpoint, across one axis or both, and appends the parts. */
+static void add_parts(const match_work *work, const pairing *pair, level *next)
 {
     bool is_cut[2];
     axes_to_cut(work->source, &pair->source, is_cut);
     for (int k = 0; k < 4; k++) {
         if ((k & 1 && !is_cut[0]) || (k & 2 && !is_cut[1])) continue;
+        QM_ASSERT(next->count < MAX_RECTANGLES);
         pairing *part = &next->at[next->count++];
         *part = *pair;
         for (int axis = 0; axis < 2; axis++) {
             if (!is_cut[axis]) continue;
-            double middle = 0.5 * (pair->source.low[axis] + pair->source.high[axis]);
-            double below = 0.5 * (pair->target.low[axis] + pair->target.high[axis]);
-            *(k >> axis & 1 ? &part->source.low[axis] : &part->source.high[axis]) = middle;
-            *(k >> axis & 1 ? &part->target.low[axis] : &part->target.high[axis]) = below;
+            double source_midpoint = 0.5 * (pair->source.low[axis] + pair->source.high[axis]);
+            double target_midpoint = 0.5 * (pair->target.low[axis] + pair->target.high[axis]);
+            *(k >> axis & 1 ? &part->source.low[axis] : &part->source.high[axis]) = source_midpoint;
+            *(k >> axis & 1 ? &part->target.low[axis] : &part->target.high[axis]) = target_midpoint;
         }
     }
 }
 
-/** Drops the rectangles of a level that are covered; returns how many there were. */
+/** Removes the covered rectangles of a level; returns their count. */
 static int drop_covered(const match_work *work, level *here)
 {
     int kept = 0, count = here->count;
     for (int i = 0; i < count; i++) {
         improve(work, &here->at[i], 0.0);
-        if (!(here->at[i].greatest <= work->cutoff)) here->at[kept++] = here->at[i];
+        if (!(here->at[i].longest <= work->cutoff)) here->at[kept++] = here->at[i];
     }
     here->count = kept;
     return count - kept;
 }
 
-/** Hands over all of a level. */
-static void hand_over(const match_work *work, const level *rest)
-{
-    for (int i = 0; i < rest->count; i++)
-        work->rest(work->user, &rest->at[i].source);
-}
-
 /**
- * Level by level, so that what is left over at the end is large and little: a level of which too little is
- * covered is handed over as it is.
+ * Covers level by level, so that the remainder is in few large rectangles: a level of which too little is
+ * covered goes to the remainder as it is.
  */
-static bool cover(const match_work *work, const pairing *whole)
+static bool cover(const match_work *work, const pairing *start)
 {
     level levels[2], *here = &levels[0], *next = &levels[1];
     here->count = 1;
-    here->at[0] = *whole;
+    here->at[0] = *start;
     bool has_covered = false;
     for (int depth = 0; here->count > 0; depth++) {
         int before = here->count, covered = drop_covered(work, here);
         has_covered |= covered > 0;
-        bool gets_on = covered * MIN_COVERED >= before || depth < (has_covered ? MAX_BARREN : MAX_FIRST);
-        if (!gets_on || depth == MAX_DEPTH || 4 * here->count > MAX_RECTANGLES) break;
+        bool goes_on = covered * MIN_COVERED >= before || depth < (has_covered ? MAX_BARREN : MAX_FIRST);
+        if (!goes_on || depth == MAX_DEPTH || 4 * here->count > MAX_RECTANGLES) break;
         next->count = 0;
         for (int i = 0; i < here->count; i++) {
             if (here->at[i].is_beyond && depth >= MAX_EDGE_DEPTH)
-                work->rest(work->user, &here->at[i].source);
+                work->remainder(work->user, &here->at[i].source);
             else
-                keep_parts(work, &here->at[i], next);
+                add_parts(work, &here->at[i], next);
         }
         level *used = here;
         here = next;
         next = used;
     }
-    if (has_covered) hand_over(work, here);
+    for (int i = 0; has_covered && i < here->count; i++)
+        work->remainder(work->user, &here->at[i].source);
     return has_covered;
 }
 
-/** Which part of a side, from 0 to 1, lies over the target. */
-static void inner_part(double low, double high, double part[2])
+/** The range of a side, as fractions from 0 to 1, that lies over the target. */
+static void inner_range(double low, double high, double range[2])
 {
     double at_0 = (0.0 - low) / (high - low), at_1 = (1.0 - low) / (high - low);
-    part[0] = qm_clamp(qm_min(at_0, at_1), 0.0, 1.0);
-    part[1] = qm_clamp(qm_max(at_0, at_1), 0.0, 1.0);
-    if (!(part[0] > EDGE_PART)) part[0] = 0.0; /* as when the side has no length */
-    if (!(part[1] < 1.0 - EDGE_PART)) part[1] = 1.0;
+    range[0] = qm_clamp(qm_min(at_0, at_1), 0.0, 1.0);
+    range[1] = qm_clamp(qm_max(at_0, at_1), 0.0, 1.0);
+    if (!(range[0] > EDGE_PART)) range[0] = 0.0; /* also when the side has no length */
+    if (!(range[1] < 1.0 - EDGE_PART)) range[1] = 1.0;
 }
 
 /**
- * Cuts a rectangle down to what lies over the target, where the match of all of it with the target's whole
- * surface, beyond its edges, is good. strip are up to four rectangles, what is cut off. False when nothing
- * is.
+ * Cuts a rectangle down to the part over the target, where all of it matches the target's surface as
+ * continued beyond its edges. strip gets up to four rectangles that are cut off. False when nothing is cut
+ * off.
  */
 static bool cut_to_target(const match_work *work, pairing *pair, qm_uv_box strip[4], int *strips)
 {
     pairing beyond = *pair;
     improve(work, &beyond, BEYOND);
     *strips = 0;
-    if (!(beyond.greatest <= work->cutoff)) return false;
+    if (!(beyond.longest <= work->cutoff)) return false;
     for (int axis = 0; axis < 2; axis++) {
-        double part[2], low = pair->source.low[axis], size = pair->source.high[axis] - low;
+        double range[2], low = pair->source.low[axis], size = pair->source.high[axis] - low;
         double from = beyond.target.low[axis], length = beyond.target.high[axis] - from;
-        inner_part(from, beyond.target.high[axis], part);
-        if (part[1] - part[0] < MIN_OVER) return false;
+        inner_range(from, beyond.target.high[axis], range);
+        if (range[1] - range[0] < MIN_OVER) return false;
         for (int end = 0; end < 2; end++) {
-            double place = low + part[end] * size;
-            if (part[end] == (double)end) continue;
+            double cut = low + range[end] * size;
+            if (range[end] == (double)end) continue;
+            QM_ASSERT(*strips < 4);
             strip[*strips] = pair->source;
-            *(end ? &strip[*strips].low[axis] : &strip[*strips].high[axis]) = place;
-            *(end ? &pair->source.high[axis] : &pair->source.low[axis]) = place;
+            *(end ? &strip[*strips].low[axis] : &strip[*strips].high[axis]) = cut;
+            *(end ? &pair->source.high[axis] : &pair->source.low[axis]) = cut;
             ++*strips;
         }
-        pair->target.low[axis] = qm_clamp(from + part[0] * length, 0.0, 1.0);
-        pair->target.high[axis] = qm_clamp(from + part[1] * length, 0.0, 1.0);
+        pair->target.low[axis] = qm_clamp(from + range[0] * length, 0.0, 1.0);
+        pair->target.high[axis] = qm_clamp(from + range[1] * length, 0.0, 1.0);
     }
     return *strips > 0;
 }
 
-/** Covers what is possible of a rectangle that may reach beyond the target. */
-static bool cover_within(const match_work *work, const pairing *whole)
+/** Covers as much as possible of a rectangle that may extend beyond the target. */
+static bool cover_within(const match_work *work, const pairing *start)
 {
-    pairing inner = *whole;
+    pairing inner = *start;
     qm_uv_box strip[4];
     int strips;
     improve(work, &inner, 0.0);
-    if (inner.greatest <= work->cutoff) return true;
-    inner = *whole;
-    if (!cut_to_target(work, &inner, strip, &strips)) return cover(work, whole);
+    if (inner.longest <= work->cutoff) return true;
+    inner = *start;
+    if (!cut_to_target(work, &inner, strip, &strips)) return cover(work, start);
     if (!cover(work, &inner)) return false;
     for (int i = 0; i < strips; i++)
-        work->rest(work->user, &strip[i]);
+        work->remainder(work->user, &strip[i]);
     return true;
 }
 
-/** A way to lay the parameters of the target along those of the source: swapped, and each turned or not. */
-typedef struct layout {
-    bool is_swapped, is_turned[2];
-} layout;
+/** How the parameters of the target are oriented to run along those of the source: swapped, and each reversed
+ * or not. */
+typedef struct orientation {
+    bool is_swapped, is_reversed[2];
+} orientation;
 
-static qm_bilinear lay_out(const qm_bilinear *patch, layout to)
+static qm_bilinear orient(const qm_bilinear *patch, orientation to)
 {
-    qm_bilinear laid = *patch;
+    qm_bilinear oriented = *patch;
     if (to.is_swapped) {
-        laid.e1 = patch->e2;
-        laid.e2 = patch->e1;
+        oriented.e1 = patch->e2;
+        oriented.e2 = patch->e1;
     }
-    if (to.is_turned[0]) {
-        laid.origin = qm_vec_add(laid.origin, laid.e1);
-        laid.e1 = qm_vec_scale(-1.0, laid.e1);
-        laid.e2 = qm_vec_add(laid.e2, laid.w);
-        laid.w = qm_vec_scale(-1.0, laid.w);
+    if (to.is_reversed[0]) {
+        oriented.origin = qm_vec_add(oriented.origin, oriented.e1);
+        oriented.e1 = qm_vec_scale(-1.0, oriented.e1);
+        oriented.e2 = qm_vec_add(oriented.e2, oriented.w);
+        oriented.w = qm_vec_scale(-1.0, oriented.w);
     }
-    if (to.is_turned[1]) {
-        laid.origin = qm_vec_add(laid.origin, laid.e2);
-        laid.e2 = qm_vec_scale(-1.0, laid.e2);
-        laid.e1 = qm_vec_add(laid.e1, laid.w);
-        laid.w = qm_vec_scale(-1.0, laid.w);
+    if (to.is_reversed[1]) {
+        oriented.origin = qm_vec_add(oriented.origin, oriented.e2);
+        oriented.e2 = qm_vec_scale(-1.0, oriented.e2);
+        oriented.e1 = qm_vec_add(oriented.e1, oriented.w);
+        oriented.w = qm_vec_scale(-1.0, oriented.w);
     }
-    return laid;
+    return oriented;
 }
 
-/** As both run at the middles. */
-static layout layout_at(const qm_bilinear *source, const double from_at[2], const qm_bilinear *target,
-                        const double to_at[2])
+/** The orientation by the derivatives at one point of each patch. */
+static orientation orientation_at(const qm_bilinear *source, const double from_at[2],
+                                  const qm_bilinear *target, const double to_at[2])
 {
     const qm_vec from[2] = {qm_vec_axpy(source->e1, from_at[1], source->w),
                             qm_vec_axpy(source->e2, from_at[0], source->w)};
@@ -325,88 +326,89 @@ static layout layout_at(const qm_bilinear *source, const double from_at[2], cons
                 qm_vec_dot(from[i], to[k]) / (qm_vec_norm(from[i]) * qm_vec_norm(to[k]) + 0x1p-1000);
             *(i == k ? &straight : &swapped) += fabs(along[i][k]);
         }
-    layout found = {.is_swapped = swapped > straight};
+    orientation found = {.is_swapped = swapped > straight};
     for (int i = 0; i < 2; i++)
-        found.is_turned[i] = along[i][found.is_swapped ? 1 - i : i] < 0.0;
+        found.is_reversed[i] = along[i][found.is_swapped ? 1 - i : i] < 0.0;
     return found;
 }
 
-/** From the middles on: rectangles of the same size. */
-static bool match_middles(match_work *work, const qm_uv_box *box, const qm_bilinear *target,
-                          const double middle[2])
+/** Matches from the centers: rectangles of the same size. */
+static bool match_centers(match_work *work, const qm_uv_box *box, const qm_bilinear *target,
+                          const double center[2])
 {
-    const double from_at[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
-    layout as = layout_at(work->source, from_at, target, middle);
-    work->target = lay_out(target, as);
+    const double source_center[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
+    orientation as = orientation_at(work->source, source_center, target, center);
+    work->target = orient(target, as);
     double at[2];
     for (int axis = 0; axis < 2; axis++) {
-        double there = middle[as.is_swapped ? 1 - axis : axis];
-        at[axis] = as.is_turned[axis] ? 1.0 - there : there;
+        double x = center[as.is_swapped ? 1 - axis : axis];
+        at[axis] = as.is_reversed[axis] ? 1.0 - x : x;
     }
-    const qm_vec from[2] = {qm_vec_axpy(work->source->e1, from_at[1], work->source->w),
-                            qm_vec_axpy(work->source->e2, from_at[0], work->source->w)};
+    const qm_vec from[2] = {qm_vec_axpy(work->source->e1, source_center[1], work->source->w),
+                            qm_vec_axpy(work->source->e2, source_center[0], work->source->w)};
     const qm_vec to[2] = {qm_vec_axpy(work->target.e1, at[1], work->target.w),
                           qm_vec_axpy(work->target.e2, at[0], work->target.w)};
-    pairing whole = {.source = *box};
+    pairing start = {.source = *box};
     for (int axis = 0; axis < 2; axis++) {
         double faster = qm_vec_norm(from[axis]) / (qm_vec_norm(to[axis]) + 0x1p-1000);
         double half = 0.5 * qm_min(BEYOND, faster * (box->high[axis] - box->low[axis]));
-        whole.target.low[axis] = at[axis] - half;
-        whole.target.high[axis] = at[axis] + half;
+        start.target.low[axis] = at[axis] - half;
+        start.target.high[axis] = at[axis] + half;
     }
-    return cover_within(work, &whole);
+    return cover_within(work, &start);
 }
 
-/** The layout in which the corners of both patches are nearest to one another, and the sum of the squares of
- * their distances. */
-static layout layout_of_corners(const qm_bilinear *source, const qm_bilinear *target, double *difference2)
+/** The orientation in which the corners of both patches are nearest to one another, and the sum of their
+ * squared distances. */
+static orientation orientation_of_corners(const qm_bilinear *source, const qm_bilinear *target,
+                                          double *difference2)
 {
-    layout best = {false, {false, false}};
-    double least = INFINITY;
-    qm_vec corner[4], there[4];
+    orientation best = {false, {false, false}};
+    double min_sum = INFINITY;
+    qm_vec corner[4], target_corner[4];
     const qm_uv_box square = {{0.0, 0.0}, {1.0, 1.0}};
     qm_uv_box_corners(source, &square, corner);
     for (int k = 0; k < 8; k++) {
-        layout as = {k & 1, {k >> 1 & 1, k >> 2 & 1}};
-        qm_bilinear laid = lay_out(target, as);
+        orientation as = {k & 1, {k >> 1 & 1, k >> 2 & 1}};
+        qm_bilinear oriented = orient(target, as);
         double sum = 0.0;
-        qm_uv_box_corners(&laid, &square, there);
+        qm_uv_box_corners(&oriented, &square, target_corner);
         for (int i = 0; i < 4; i++)
-            sum += qm_vec_norm2(qm_vec_sub(corner[i], there[i]));
-        if (!(sum < least)) continue;
-        least = sum;
+            sum += qm_vec_norm2(qm_vec_sub(corner[i], target_corner[i]));
+        if (!(sum < min_sum)) continue;
+        min_sum = sum;
         best = as;
     }
-    *difference2 = least;
+    *difference2 = min_sum;
     return best;
 }
 
 bool qm_bilinear_match(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
-                       const double middle[2], double cutoff, qm_match_rest_fn *rest, void *user)
+                       const double center[2], double cutoff, qm_bilinear_remainder_fn *remainder, void *user)
 {
-    match_work work = {.source = source, .cutoff = cutoff, .rest = rest, .user = user};
-    /* Two patches between nearly the same corners: the same parameters. */
+    match_work work = {.source = source, .cutoff = cutoff, .remainder = remainder, .user = user};
+    /* Two patches between nearly the same corners have nearly the same parameters. */
     double difference2;
-    work.target = lay_out(target, layout_of_corners(source, target, &difference2));
-    pairing whole = {.source = *box, .target = *box};
-    return cover_within(&work, &whole) || match_middles(&work, box, target, middle);
+    work.target = orient(target, orientation_of_corners(source, target, &difference2));
+    pairing start = {.source = *box, .target = *box};
+    return cover_within(&work, &start) || match_centers(&work, box, target, center);
 }
 
-/** The sum of the corners, the same in all layouts. */
+/** The sum of the corners, which does not depend on the orientation. */
 static qm_vec sum_of_corners(const qm_bilinear *patch)
 {
     qm_vec half = qm_vec_axpy(qm_vec_add(patch->e1, patch->e2), 2.0, patch->origin);
     return qm_vec_axpy(patch->w, 2.0, half);
 }
 
-bool qm_bilinear_match_alike(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
-                             double cutoff, qm_match_rest_fn *rest, void *user)
+bool qm_bilinear_match_coincident(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
+                                  double cutoff, qm_bilinear_remainder_fn *remainder, void *user)
 {
-    match_work work = {.source = source, .cutoff = cutoff, .rest = rest, .user = user};
-    double difference2, most = MAX_ALIKE * cutoff;
+    match_work work = {.source = source, .cutoff = cutoff, .remainder = remainder, .user = user};
+    double difference2, limit = MAX_COINCIDENT * cutoff;
     qm_vec apart = qm_vec_sub(sum_of_corners(source), sum_of_corners(target));
-    if (!(qm_vec_norm2(apart) <= 16.0 * most * most)) return false;
-    work.target = lay_out(target, layout_of_corners(source, target, &difference2));
-    pairing whole = {.source = *box, .target = *box};
-    return difference2 <= 4.0 * most * most && cover_within(&work, &whole);
+    if (!(qm_vec_norm2(apart) <= 16.0 * limit * limit)) return false;
+    work.target = orient(target, orientation_of_corners(source, target, &difference2));
+    pairing start = {.source = *box, .target = *box};
+    return difference2 <= 4.0 * limit * limit && cover_within(&work, &start);
 }

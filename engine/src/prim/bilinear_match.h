@@ -6,14 +6,14 @@
 
 #include <stdbool.h>
 
-#include "bilinear_point.h"
+#include "bilinear.h"
 
 /** A rectangle of parameters of a patch. */
 typedef struct qm_uv_box {
     double low[2], high[2];
 } qm_uv_box;
 
-/** Corners in turn: (low, low), (high, low), (high, high), (low, high). */
+/** The corners in cyclic order: (low, low), (high, low), (high, high), (low, high). */
 static inline void qm_uv_box_corners(const qm_bilinear *patch, const qm_uv_box *box, qm_vec corner[4])
 {
     for (int i = 0; i < 4; i++)
@@ -21,33 +21,34 @@ static inline void qm_uv_box_corners(const qm_bilinear *patch, const qm_uv_box *
                                    i >= 2 ? box->high[1] : box->low[1]);
 }
 
-/** Called for each rectangle of the source that is left over. */
-typedef void qm_match_rest_fn(void *user, const qm_uv_box *rest);
+/** Called for each rectangle of the source that is not covered. */
+typedef void qm_bilinear_remainder_fn(void *user, const qm_uv_box *remainder);
 
 /**
- * Covers a rectangle of a source patch by a target patch: every point of what is covered lies within a
- * distance of the target. rest is called for what is not; together they are the whole rectangle.
+ * Covers a rectangle of a source patch by a target patch: every covered point lies within the cutoff distance
+ * of the target. Calls remainder for the rectangles that are not covered; covered and not, they fill the
+ * rectangle.
  *
  * Proof. Let the points of a rectangle of the source be matched to those of a rectangle of the target, sides
  * to sides, linearly in each parameter. The difference of matched points is then bilinear, and its length is
- * greatest at a corner. So four points prove a rectangle, however the one of the target was found: by
- * least squares of the four differences, from near the footpoint of the middle. What four points do not prove
- * is cut in halves or quarters, as long as that makes progress.
+ * maximal at a corner. So four points prove a rectangle, however the rectangle of the target was found: by
+ * least squares of the four differences, from near the footpoint of the center. A rectangle that four points
+ * do not prove is cut in halves or quarters, as long as that makes progress.
  *
- * This is what two patches need that nearly coincide. Where they are folded, nearest points jump from one
- * sheet to the other, and bounds from them fail along the whole fold; the matched rectangle stays on its
- * sheet.
+ * Patches that nearly coincide need this. Where they are folded, footpoints jump from one sheet to the other,
+ * and bounds from them fail along the whole fold; the matched rectangle stays on its sheet.
  *
- * middle  parameters of a point of the target near to the middle of the rectangle
+ * center  parameters of a point of the target near the center of the rectangle
  *
- * Returns false, without calling rest, when nothing was covered.
+ * Returns false, without calling remainder, when nothing was covered.
  */
 bool qm_bilinear_match(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
-                       const double middle[2], double cutoff, qm_match_rest_fn *rest, void *user);
+                       const double center[2], double cutoff, qm_bilinear_remainder_fn *remainder,
+                       void *user);
 
-/** Matches two patches whose corners nearly coincide, from equal parameters; false at little cost for other
- * patches. */
-bool qm_bilinear_match_alike(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
-                             double cutoff, qm_match_rest_fn *rest, void *user);
+/** As qm_bilinear_match for patches whose corners nearly coincide, from equal parameters; returns false at
+ * little cost for other patches. */
+bool qm_bilinear_match_coincident(const qm_bilinear *source, const qm_uv_box *box, const qm_bilinear *target,
+                                  double cutoff, qm_bilinear_remainder_fn *remainder, void *user);
 
 #endif

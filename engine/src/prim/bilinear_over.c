@@ -1,10 +1,13 @@
-#include "bilinear_over.h"
+/**
+ * bilinear_over.c: how far a triangle lies from a bilinear patch, as one bound.
+ */
+#include "bilinear.h"
 
 /*
- * Of the greatest Bezier point: what computing the bound from them may lose; the points themselves are off by
- * roundings of the coordinates, which are in eta (rounding.h). n is of length 1 to 4 u, a height along it off
- * by 3 u more, what is across by 5 u. The quadratic's six terms add 14 u, both squares and the root 3 u:
- * below 32 u.
+ * As a fraction of the longest Bezier point: what computing the bound from them may lose; the points
+ * themselves are off by roundings of the coordinates, which are in eta (rounding.h). n is of length 1 to 4 u,
+ * a height along it off by 3 u more, the component across by 5 u. The quadratic's six terms add 14 u, both
+ * squares and the root 3 u: below 32 u.
  */
 #define ROUNDINGS 0x1p-48
 
@@ -13,7 +16,7 @@ typedef struct difference {
     qm_vec at[6];
 } difference;
 
-/** The patch at two places at once: linear in each, Q(p, p) = Q(p). */
+/** Polar form (blossom) of the patch: linear in each argument, Q(p, p) = Q(p). */
 static qm_vec polar(const qm_bilinear *patch, const double p[2], const double q[2])
 {
     qm_vec sum = qm_vec_axpy(patch->origin, 0.5 * (p[0] + q[0]), patch->e1);
@@ -32,8 +35,8 @@ static difference difference_make(const qm_bilinear *patch, const qm_vec corner[
     return d;
 }
 
-/** Greatest value along an edge with Bezier points a, b, c where it is not at an end; else the lesser end. */
-static double peak_of_edge(double a, double b, double c)
+/** Maximum along an edge with Bezier points a, b, c where it lies inside; else the lower end. */
+static double edge_max(double a, double b, double c)
 {
     double bend = a - 2.0 * b + c, x = (a - b) / bend;
     if (!(bend < 0.0 && x > 0.0 && x < 1.0)) return qm_min(a, c);
@@ -41,11 +44,11 @@ static double peak_of_edge(double a, double b, double c)
 }
 
 /**
- * Value where a quadratic on a triangle is level, if that is inside; else that of a corner. It is the value
- * of all six terms at that place, which an error of the place changes by its square only: along a ridge the
- * place is lost, but the ridge is as high all along, and reaches an edge.
+ * Value of a quadratic on a triangle at its stationary point, if that is inside; else that of a corner. It is
+ * the value of all six terms at that point, which an error of the point changes by its square only: along a
+ * ridge the point is ill-conditioned, but the ridge is as high all along, and reaches an edge.
  */
-static double level_of_triangle(const double g[6])
+static double stationary_value(const double g[6])
 {
     /* g = g0 + 2 (r, s).(x, y) + (x, y) M (x, y) over the weights x, y of corners 1 and 2 */
     double r = g[5] - g[0], s = g[4] - g[0];
@@ -56,34 +59,35 @@ static double level_of_triangle(const double g[6])
     return g[0] + 2.0 * (r * x + s * y) + xx * x * x + 2.0 * xy * x * y + yy * y * y;
 }
 
-static double greatest(const double g[6])
+/** Maximum of a quadratic on a triangle. */
+static double quadratic_max(const double g[6])
 {
-    double most = level_of_triangle(g);
+    double highest = stationary_value(g);
     for (int i = 0; i < 3; i++) {
-        most = qm_max(most, g[i]);
-        most = qm_max(most, peak_of_edge(g[(i + 1) % 3], g[3 + i], g[(i + 2) % 3]));
+        highest = qm_max(highest, g[i]);
+        highest = qm_max(highest, edge_max(g[(i + 1) % 3], g[3 + i], g[(i + 2) % 3]));
     }
-    return most;
+    return highest;
 }
 
-double qm_bilinear_under(const qm_bilinear *patch, const qm_vec corner[3], const double uv[3][2])
+double qm_bilinear_triangle_upper(const qm_bilinear *patch, const qm_vec corner[3], const double uv[3][2])
 {
     difference d = difference_make(patch, corner, uv);
-    qm_vec middle = {0, 0, 0};
+    qm_vec mean = {0, 0, 0};
     double size2 = 0.0;
     for (int i = 0; i < 6; i++) {
-        middle = qm_vec_axpy(middle, i < 3 ? 1.0 : 2.0, d.at[i]);
+        mean = qm_vec_axpy(mean, i < 3 ? 1.0 : 2.0, d.at[i]);
         size2 = qm_max(size2, qm_vec_norm2(d.at[i]));
     }
-    double size = sqrt(size2), length = qm_vec_norm(middle);
+    double size = sqrt(size2), length = qm_vec_norm(mean);
     if (!(length > 0.0)) return size;
-    qm_vec n = qm_vec_scale(1.0 / length, middle);
-    double along[6], across2 = 0.0, most = 0.0;
+    qm_vec n = qm_vec_scale(1.0 / length, mean);
+    double along[6], across2 = 0.0, farthest = 0.0;
     for (int i = 0; i < 6; i++) {
         along[i] = qm_vec_dot(d.at[i], n);
         across2 = qm_max(across2, qm_vec_norm2(qm_vec_axpy(d.at[i], -along[i], n)));
-        most = qm_max(most, -along[i]);
+        farthest = qm_max(farthest, -along[i]);
     }
-    most = qm_max(most, greatest(along));
-    return sqrt(most * most + across2) + ROUNDINGS * size;
+    farthest = qm_max(farthest, quadratic_max(along));
+    return sqrt(farthest * farthest + across2) + ROUNDINGS * size;
 }

@@ -1,38 +1,43 @@
-#include "bilinear_point.h"
+/**
+ * bilinear_point.c: distance from a point to a bilinear patch, certified, and the flatness bound.
+ *
+ * f = |p - Q|^2 / 2 has f_ss = |Q_s|^2, f_tt = |Q_t|^2 and f_st = K(s, t) - (p - o).w, where
+ * K = Q_s.Q_t + (Q - o).w is bilinear, so that over any rectangle the range of f_st is found at its corners.
+ * Where |f_st|^2 < f_ss f_tt throughout, f is convex on the rectangle and one minimum is the minimum;
+ * elsewhere the rectangle is cut in quarters, each bounded below by its two triangles less |w| ds dt / 4.
+ */
+#include "bilinear.h"
 
-#include <stdbool.h>
-
-#include "bilinear_fold.h"
-#include "bilinear_hull.h"
-
-/* Of the size squared: by how much a quad must turn at each corner, as seen along a direction, to be convex.
- * Its rounding is a millionth of that: a product of three differences is off by at most 12 u of theirs. */
+/* Fraction of the squared size: the cross product of the edges at each corner of a convex quad, as seen along
+ * a direction. Its rounding is a millionth of that: a product of three differences is off by at most 12 u of
+ * theirs. */
 #define MIN_TURN 1e-6
-/* Of the size: a difference, a dot product of three terms, a quotient and one more difference and product. */
+/* Fraction of the size: a difference, a dot product of three terms, a quotient and one more difference and
+ * product. */
 #define NEEDLE_ROUNDINGS 0x1p-49
-#define SHARE_OF_SQUARES 0x1p-26
+#define SQUARE_SPLIT 0x1p-26
 #define SQUARED_ROUNDINGS 0x1p-72
-#define LEAST_CURVATURE 0x1p-50
+#define MIN_CURVATURE 0x1p-50
 #define SLOPE_ROUNDINGS 0x1p-49
-#define HALVINGS 6         /* of the square, to look for valleys: folded patches have several */
-#define MAX_TURNED 0.1     /* of the longer of two segments: the part of one along the other */
-#define BESIDE_FROM 0x1p-8 /* from the best point: valleys beside it are looked for from here */
-#define BESIDE_TO 0x1.cp-6 /* to here, which is almost two of its parts away, */
+#define HALVINGS 6         /* of the square, to find local minima: folded patches have several */
+#define MAX_REVERSAL 0.1   /* of the longer of two segments: the component of one along the other */
+#define BESIDE_FROM 0x1p-8 /* from the best point: local minima beside it are searched from here */
+#define BESIDE_TO 0x1.cp-6 /* to here, almost two intervals of the halvings away, */
 #define BESIDE_HALVINGS 2  /* at halves of that */
-#define MAX_FOLD_WAY 0.25  /* of the square: valleys farther apart are found each by itself */
+#define MAX_FOLD_STEP 0.25 /* of the square: local minima farther apart are found each by itself */
 #define POINT_HALVINGS 20  /* more where segments shrink to a point */
-#define MIN_STEPS 2        /* of a descent between two segments, before a small gain ends it */
-#define LEAST_SHARE 1e-2
-#define MUST_GAIN 0.999   /* of the squared distance: less is left to the other ways of going down */
-#define DESCENT_GAIN 1e-9 /* of the distance: a step that brings less ends a descent */
-#define MAX_DEPTH 26      /* quarters: |w| 4^-26 / 4 is below any rounding */
-#define MAX_PARTS 4000    /* of one query; beyond it what is left only lowers the certificate */
-#define MAX_STEPS 60      /* of one descent; more are never needed when f is convex */
+#define MIN_STEPS 2        /* of a minimisation between two segments, before a small gain ends it */
+#define MIN_STEP_FRACTION 1e-2
+#define REQUIRED_GAIN                                                                                        \
+    0.999              /* of the squared distance: the other kinds of step take over when it falls by less */
+#define MIN_GAIN 1e-9  /* of the distance: a step that gains less ends a minimisation */
+#define MAX_DEPTH 26   /* quarters: |w| 4^-26 / 4 is below any rounding */
+#define MAX_PARTS 4000 /* of one query; the remaining parts only lower the certificate */
+#define MAX_STEPS 60   /* of one minimisation; more are never needed when f is convex */
 
 /**
- * Width of the corners across an axis: of two points of their hull at one place along it no more than that
- * lies between them. Edges lead from the lowest corner along the axis to the highest, and lie on both
- * surfaces.
+ * Width of the corners across an axis: two points of their hull at one height along it are no farther apart.
+ * Edges lead from the lowest corner along the axis to the highest, and lie on both surfaces.
  */
 static double needle_width(const qm_vec corner[4], qm_vec axis)
 {
@@ -49,23 +54,23 @@ static double needle_width(const qm_vec corner[4], qm_vec axis)
 }
 
 /**
- * Twice the way from a corner to the segment between its neighbours, the shortest of all four. With the
- * corner moved there the quad is a triangle with a point on a side, which both surfaces fill: lines of the
- * patch run from the sides at that point to the others. The move takes no point of either surface farther
- * than the corner.
+ * Twice the distance from a corner to the segment between its neighbours, the smallest of all four. With the
+ * corner moved onto the segment the quad is a triangle with a point on a side, which both surfaces fill:
+ * lines of the patch run from the sides at that point to the others. The move takes no point of either
+ * surface farther than the corner.
  */
 static double collapse_width(const qm_vec corner[4])
 {
-    double least2 = INFINITY, size2 = 0.0;
+    double nearest2 = INFINITY, size2 = 0.0;
     for (int i = 0; i < 4; i++) {
         qm_vec before = corner[(i + 3) % 4], gap = qm_vec_sub(corner[i], before);
         qm_vec along = qm_vec_sub(corner[(i + 1) % 4], before);
         double length2 = qm_vec_norm2(along), share = 0.0;
         if (length2 > 0.0) share = qm_clamp(qm_vec_dot(gap, along) / length2, 0.0, 1.0);
-        least2 = fmin(least2, qm_vec_norm2(qm_vec_axpy(gap, -share, along)));
+        nearest2 = fmin(nearest2, qm_vec_norm2(qm_vec_axpy(gap, -share, along)));
         size2 = fmax(size2, fmax(length2, qm_vec_norm2(gap)));
     }
-    return 2.0 * (sqrt(least2) + NEEDLE_ROUNDINGS * sqrt(size2));
+    return 2.0 * (sqrt(nearest2) + NEEDLE_ROUNDINGS * sqrt(size2));
 }
 
 double qm_bilinear_twist(const qm_vec corner[4])
@@ -81,7 +86,7 @@ double qm_bilinear_twist(const qm_vec corner[4])
         is_convex = qm_vec_dot(qm_vec_cross(before, after), normal) > MIN_TURN * size2 * length;
     }
     if (is_convex)
-        twist = fmin(twist, qm_hull_width(corner, qm_vec_scale(1.0 / length, normal)));
+        twist = fmin(twist, qm_bilinear_hull_width(corner, qm_vec_scale(1.0 / length, normal)));
     else
         twist = fmin(twist,
                      fmin(collapse_width(corner),
@@ -108,7 +113,7 @@ typedef struct rectangle {
     double low[2], high[2];
 } rectangle;
 
-/** The query: patch and p - o, and what does not depend on the rectangle. */
+/** The query: patch and p - o, and products that do not depend on the rectangle. */
 typedef struct query {
     const qm_bilinear *patch;
     qm_vec r;                     /* p - o */
@@ -122,7 +127,7 @@ typedef struct slope {
     double distance2;
     double gradient[2];
     double hessian[3]; /* ss, st, tt */
-    double cross;      /* Q_s.Q_t: the st of a patch without its bend */
+    double cross;      /* Q_s.Q_t: f_st without the term of the twist vector */
 } slope;
 
 static slope slope_at(const query *q, const double x[2])
@@ -140,8 +145,8 @@ static slope slope_at(const query *q, const double x[2])
     };
 }
 
-/** Least |e + x w|^2 for x in [low, high]. */
-static double least_side2(qm_vec e, double ew, qm_vec w, double ww, double low, double high)
+/** Minimum of |e + x w|^2 for x in [low, high]. */
+static double min_side2(qm_vec e, double ew, qm_vec w, double ww, double low, double high)
 {
     double x = ww > 0.0 ? qm_clamp(-ew / ww, low, high) : low;
     return qm_vec_norm2(qm_vec_axpy(e, x, w));
@@ -150,32 +155,32 @@ static double least_side2(qm_vec e, double ew, qm_vec w, double ww, double low, 
 /**
  * Smallest eigenvalue that the second derivative can have on the rectangle; <= 0 when it may not be convex.
  *
- * Roundings, for u = 2^-53. A side e1 + x w is off by 8 u (|e1| + |w|) at most, with what its least x is off
- * by; k - r.w by 8 u (2 (|e1| + |w|) (|e2| + |w|) + |r| |w|). Squares of a sum are separated by (a + b)^2 <=
+ * Roundings, for u = 2^-53. A side e1 + x w is off by 8 u (|e1| + |w|) at most, with the error of its minimal
+ * x; k - r.w by 8 u (2 (|e1| + |w|) (|e2| + |w|) + |r| |w|). Squares of a sum are separated by (a + b)^2 <=
  * a^2 (1 + c) + b^2 (1 + 1 / c) with c = 2^-26, so that no root is taken: (8 u)^2 (1 + 2^26) 2 < 2^-72.
  */
-static double least_curvature(const query *q, const rectangle *box)
+static double min_curvature(const query *q, const rectangle *box)
 {
     const qm_bilinear *patch = q->patch;
-    double ss = least_side2(patch->e1, q->e1w, patch->w, q->ww, box->low[1], box->high[1]);
-    double tt = least_side2(patch->e2, q->e2w, patch->w, q->ww, box->low[0], box->high[0]);
-    double greatest = 0.0;
+    double ss = min_side2(patch->e1, q->e1w, patch->w, q->ww, box->low[1], box->high[1]);
+    double tt = min_side2(patch->e2, q->e2w, patch->w, q->ww, box->low[0], box->high[0]);
+    double largest = 0.0;
     for (int corner = 0; corner < 4; corner++) {
         double s = corner & 1 ? box->high[0] : box->low[0], t = corner & 2 ? box->high[1] : box->low[1];
         double k = q->e12 + 2.0 * (s * q->e1w + t * q->e2w + s * t * q->ww);
-        greatest = fmax(greatest, fabs(k - q->rw));
+        largest = fmax(largest, fabs(k - q->rw));
     }
     double first2 = q->e11 + q->ww, second2 = q->e22 + q->ww;
-    ss = ss * (1.0 - SHARE_OF_SQUARES) - SQUARED_ROUNDINGS * first2;
-    tt = tt * (1.0 - SHARE_OF_SQUARES) - SQUARED_ROUNDINGS * second2;
+    ss = ss * (1.0 - SQUARE_SPLIT) - SQUARED_ROUNDINGS * first2;
+    tt = tt * (1.0 - SQUARE_SPLIT) - SQUARED_ROUNDINGS * second2;
     if (!(ss > 0.0 && tt > 0.0)) return 0.0;
-    double cross2 = greatest * greatest * (1.0 + SHARE_OF_SQUARES) +
+    double cross2 = largest * largest * (1.0 + SQUARE_SPLIT) +
                     SQUARED_ROUNDINGS * (16.0 * first2 * second2 + q->rr * q->ww);
     double determinant = ss * tt * (1.0 - 0x1p-48) - cross2;
     /* The gradient at a point as far as d is off by 10 u d L, L^2 the sides' squares: the quadratic model of
-     * twice_gap is good to 10 u of the distance only where the curvature is not less than a share of them. */
+     * twice_gap is good to 10 u of the distance only where the curvature is not below a fraction of them. */
     double curvature = determinant / (ss + tt);
-    return curvature > LEAST_CURVATURE * (first2 + second2) ? curvature : 0.0;
+    return curvature > MIN_CURVATURE * (first2 + second2) ? curvature : 0.0;
 }
 
 /** Twice the most that f can fall below its value at x, by the linear and the quadratic lower model. */
@@ -198,7 +203,7 @@ static double value_at(const query *q, const double x[2])
     return qm_vec_norm2(qm_vec_sub(qm_vec_axpy(qm_vec_scale(x[1], patch->e2), x[0], along_s), q->r));
 }
 
-/** Best s for a given t (axis 0) or best t for a given s (axis 1): f is quadratic in each. */
+/** Minimises over s for a given t (axis 0), or over t for a given s (axis 1): f is quadratic in each. */
 static void minimise_along(const query *q, double x[2], int axis, const rectangle *box)
 {
     x[axis] = box->low[axis];
@@ -208,8 +213,9 @@ static void minimise_along(const query *q, double x[2], int axis, const rectangl
     x[axis] = qm_clamp(x[axis] + step, box->low[axis], box->high[axis]);
 }
 
-/** Goes along the line to the nearest point of a tangent plane, as far as that helps. Ends long winding
- * valleys, where Newton's matrix is not safe and single axes gain next to nothing. */
+/** Gauss-Newton step with backtracking: towards the footpoint on the tangent plane, as far as f falls. Ends
+ * long winding valleys, where Newton's matrix is not positive definite and steps along one axis gain little.
+ */
 static bool step_on_tangent(const query *q, const slope *at, double x[2], const rectangle *box)
 {
     const double *h = at->hessian, *g = at->gradient;
@@ -217,10 +223,10 @@ static bool step_on_tangent(const query *q, const slope *at, double x[2], const 
     if (!(determinant > 0.0)) return false;
     double s = -(h[2] * g[0] - at->cross * g[1]) / determinant;
     double t = -(h[0] * g[1] - at->cross * g[0]) / determinant;
-    for (double share = 1.0; share > LEAST_SHARE; share *= 0.25) {
-        const double to[2] = {qm_clamp(x[0] + share * s, box->low[0], box->high[0]),
-                              qm_clamp(x[1] + share * t, box->low[1], box->high[1])};
-        if (value_at(q, to) < at->distance2 * MUST_GAIN) {
+    for (double fraction = 1.0; fraction > MIN_STEP_FRACTION; fraction *= 0.25) {
+        const double to[2] = {qm_clamp(x[0] + fraction * s, box->low[0], box->high[0]),
+                              qm_clamp(x[1] + fraction * t, box->low[1], box->high[1])};
+        if (value_at(q, to) < at->distance2 * REQUIRED_GAIN) {
             x[0] = to[0];
             x[1] = to[1];
             return true;
@@ -230,8 +236,8 @@ static bool step_on_tangent(const query *q, const slope *at, double x[2], const 
 }
 
 /** One step of active-set Newton, or of exact alternating minimisation where the second derivative is not
- * safe. */
-static void descend(const query *q, const slope *at, double x[2], const rectangle *box)
+ * safely positive definite. */
+static void step_down(const query *q, const slope *at, double x[2], const rectangle *box)
 {
     const double *h = at->hessian, *g = at->gradient;
     double determinant = h[0] * h[2] - h[1] * h[1];
@@ -262,7 +268,7 @@ static void descend(const query *q, const slope *at, double x[2], const rectangl
 }
 
 /** Keeps the best point found so far. */
-static void keep_best(qm_bilinear_foot *best, double distance, const double x[2])
+static void keep_best(qm_bilinear_footpoint *best, double distance, const double x[2])
 {
     if (distance < best->distance) {
         best->distance = distance;
@@ -276,7 +282,7 @@ static void keep_best(qm_bilinear_foot *best, double distance, const double x[2]
  * lower bound of the distance to that part.
  */
 static double minimise_convex(const query *q, const rectangle *box, double curvature, double stop_above,
-                              qm_bilinear_foot *best)
+                              qm_bilinear_footpoint *best)
 {
     double x[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
     double lower = 0.0;
@@ -287,40 +293,40 @@ static double minimise_convex(const query *q, const rectangle *box, double curva
         double below = at.distance2 - twice_gap(&at, x, box, curvature);
         if (below > 0.0) lower = fmax(lower, sqrt(below));
         if (distance - lower <= q->error || lower >= stop_above) break;
-        descend(q, &at, x, box);
+        step_down(q, &at, x, box);
     }
     return lower;
 }
 
-/** The least and greatest Bernstein coefficient of a quadratic with these values at the ends and in the
- * middle. */
-static void quadratic_range(double first, double middle, double last, double *least, double *greatest)
+/** Range of the Bernstein coefficients of a quadratic, from its values at both ends and the midpoint. */
+static void quadratic_range(double first, double midpoint, double last, double *min, double *max)
 {
-    double control = 2.0 * middle - 0.5 * (first + last);
-    *least = fmin(control, fmin(first, last));
-    *greatest = fmax(control, fmax(first, last));
+    double control = 2.0 * midpoint - 0.5 * (first + last);
+    *min = fmin(control, fmin(first, last));
+    *max = fmax(control, fmax(first, last));
 }
 
 /**
  * Where f only rises, or only falls, across the rectangle along one axis, its minimum lies on one side, along
  * which f is a convex quadratic. The derivative along an axis rises with that axis, and is quadratic in the
- * other: so its sign on a side settles the whole rectangle. This ends minima on the border where f is not
- * convex. A derivative is off by 16 u of the squared lengths that it comes from, at most, and f may fall by
- * so much times the width of the rectangle: for a point that is very near that is too much, and it is cut.
+ * other: so its sign on a side decides for all of the rectangle. This finds minima on the border where f is
+ * not convex. A derivative is off by at most 16 u of the squared lengths that it comes from, and f may fall
+ * by that error times the width of the rectangle: for a point that is very near this is too much, and the
+ * rectangle is cut.
  */
-static bool minimise_on_side(const query *q, const rectangle *box, qm_bilinear_foot *best, double *lower)
+static bool minimise_on_side(const query *q, const rectangle *box, qm_bilinear_footpoint *best, double *lower)
 {
     double steep = SLOPE_ROUNDINGS * (q->e11 + q->e22 + q->ww + q->rr);
     for (int side = 0; side < 4; side++) {
         int across = side >> 1, along = 1 - across;
-        double x[2], g[3], least, greatest, width = box->high[across] - box->low[across];
+        double x[2], g[3], min, max, width = box->high[across] - box->low[across];
         x[across] = side & 1 ? box->high[across] : box->low[across];
         for (int i = 0; i < 3; i++) {
             x[along] = box->low[along] + 0.5 * i * (box->high[along] - box->low[along]);
             g[i] = slope_at(q, x).gradient[across];
         }
-        quadratic_range(g[0], g[1], g[2], &least, &greatest);
-        if (!(side & 1 ? greatest <= 0.0 : least >= 0.0)) continue;
+        quadratic_range(g[0], g[1], g[2], &min, &max);
+        if (!(side & 1 ? max <= 0.0 : min >= 0.0)) continue;
         minimise_along(q, x, along, box);
         double distance2 = value_at(q, x), distance = sqrt(distance2);
         keep_best(best, distance, x);
@@ -330,27 +336,27 @@ static bool minimise_on_side(const query *q, const rectangle *box, qm_bilinear_f
     return false;
 }
 
-/** Lower bound of the distance to a part; where it is not enough, guess is near to the nearest point, the
- * nearer the smaller the part. */
+/** Lower bound of the distance to a part; where it is below enough, guess is near the footpoint, the nearer
+ * the smaller the part. */
 static double part_lower(const query *q, const rectangle *box, double twist, double enough, double guess[2])
 {
     const qm_bilinear *patch = q->patch;
     const qm_vec c[4] = {
         qm_bilinear_at(patch, box->low[0], box->low[1]), qm_bilinear_at(patch, box->high[0], box->low[1]),
         qm_bilinear_at(patch, box->high[0], box->high[1]), qm_bilinear_at(patch, box->low[0], box->high[1])};
-    double share[2], asked = twist > q->error ? enough : 0.0;
-    double lower = qm_hull_lower(c, qm_vec_add(patch->origin, q->r), twist, asked, share);
+    double fraction[2], required = twist > q->error ? enough : 0.0;
+    double lower = qm_bilinear_hull_lower(c, qm_vec_add(patch->origin, q->r), twist, required, fraction);
     for (int i = 0; i < 2; i++)
-        guess[i] = box->low[i] + share[i] * (box->high[i] - box->low[i]);
+        guess[i] = box->low[i] + fraction[i] * (box->high[i] - box->low[i]);
     return lower;
 }
 
 /**
- * Goes down over the whole square as long as that helps, keeping the best point. Where f is convex on all of
- * it (curvature > 0) the way ends once nothing is found to lie within stop_above.
+ * Minimises over the square from a start as long as f falls, and keeps the best point. Where f is convex on
+ * all of it (curvature > 0) it ends once the patch is proven to lie beyond stop_above.
  */
-static void descend_from(const query *q, const double start[2], double curvature, double stop_above,
-                         qm_bilinear_foot *best)
+static void minimise_from(const query *q, const double start[2], double curvature, double stop_above,
+                          qm_bilinear_footpoint *best)
 {
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
     double x[2] = {start[0], start[1]}, last = INFINITY;
@@ -358,12 +364,12 @@ static void descend_from(const query *q, const double start[2], double curvature
         slope at = slope_at(q, x);
         double distance = sqrt(at.distance2);
         keep_best(best, distance, x);
-        if (distance >= last * (1.0 - DESCENT_GAIN)) break;
+        if (distance >= last * (1.0 - MIN_GAIN)) break;
         if (curvature > 0.0 &&
             at.distance2 - twice_gap(&at, x, &square, curvature) >= stop_above * stop_above)
             break;
         last = distance;
-        descend(q, &at, x, &square);
+        step_down(q, &at, x, &square);
     }
 }
 
@@ -374,57 +380,58 @@ typedef struct part {
     double lower; /* of the distance to it */
 } part;
 
-/** Makes the quarters of a part, the nearest last, and goes down from where they may be nearer than the
- * best. */
-static void make_quarters(const query *q, const part *whole, double twist, double reach, part quarter[4],
-                          qm_bilinear_foot *best)
+/** Makes the quarters of a part, the nearest last, and minimises from guesses in those that may hold a nearer
+ * point than the best. */
+static void make_quarters(const query *q, const part *parent, double twist, double stop_above,
+                          part quarter[4], qm_bilinear_footpoint *best)
 {
-    const rectangle *box = &whole->box;
-    const double middle[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
+    const rectangle *box = &parent->box;
+    const double center[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
     for (int k = 0; k < 4; k++) {
-        part made = {.box = *box, .depth = whole->depth + 1};
+        part made = {.box = *box, .depth = parent->depth + 1};
         double guess[2];
         for (int i = 0; i < 2; i++)
-            *(k >> i & 1 ? &made.box.low[i] : &made.box.high[i]) = middle[i];
-        double enough = fmin(best->distance, reach) - q->error;
+            *(k >> i & 1 ? &made.box.low[i] : &made.box.high[i]) = center[i];
+        double enough = fmin(best->distance, stop_above) - q->error;
         made.lower = part_lower(q, &made.box, ldexp(twist, -2 * made.depth), enough, guess);
         if (made.lower < enough && sqrt(value_at(q, guess)) < best->distance)
-            descend_from(q, guess, 0.0, INFINITY, best);
-        int place = k;
-        for (; place > 0 && quarter[place - 1].lower < made.lower; place--)
-            quarter[place] = quarter[place - 1];
-        quarter[place] = made;
+            minimise_from(q, guess, 0.0, INFINITY, best);
+        int slot = k;
+        for (; slot > 0 && quarter[slot - 1].lower < made.lower; slot--)
+            quarter[slot] = quarter[slot - 1];
+        quarter[slot] = made;
     }
 }
 
-/** Finishes a part without cutting it, where its minimum can be found directly: *lower is a bound then. */
-static bool minimise_whole(const query *q, const part *at, double reach, qm_bilinear_foot *best,
-                           double *lower)
+/** Finds the minimum of a part without cutting it, where possible: *lower is then a bound. */
+static bool minimise_part(const query *q, const part *at, double stop_above, qm_bilinear_footpoint *best,
+                          double *lower)
 {
-    double curvature = least_curvature(q, &at->box);
+    double curvature = min_curvature(q, &at->box);
     if (curvature > 0.0) {
-        *lower = fmax(at->lower, minimise_convex(q, &at->box, curvature, reach, best));
-        if (*lower >= fmin(best->distance, reach) - q->error) return true;
+        *lower = fmax(at->lower, minimise_convex(q, &at->box, curvature, stop_above, best));
+        if (*lower >= fmin(best->distance, stop_above) - q->error) return true;
     }
     return minimise_on_side(q, &at->box, best, lower);
 }
 
 /** Certified minimum over parts of the square, depth first, the nearest quarter first. */
-static double minimise_parts(const query *q, qm_bilinear_foot *best, double stop_above)
+static double minimise_parts(const query *q, qm_bilinear_footpoint *best, double stop_above)
 {
     part stack[3 * MAX_DEPTH + 4];
     int height = 0;
     double twist = 0.25 * sqrt(q->ww), lower = INFINITY;
     stack[height++] = (part){.box = {{0.0, 0.0}, {1.0, 1.0}}};
-    for (int looked = 0; height > 0; looked++) {
+    for (int visited = 0; height > 0; visited++) {
         const part at = stack[--height];
         bool is_far = at.lower >= fmin(best->distance, stop_above) - q->error;
         double here = at.lower;
-        if (is_far || at.depth == MAX_DEPTH || looked > MAX_PARTS ||
-            minimise_whole(q, &at, stop_above, best, &here)) {
+        if (is_far || at.depth == MAX_DEPTH || visited > MAX_PARTS ||
+            minimise_part(q, &at, stop_above, best, &here)) {
             lower = fmin(lower, here);
             continue;
         }
+        QM_ASSERT(height + 4 <= 3 * MAX_DEPTH + 4);
         make_quarters(q, &at, twist, stop_above, stack + height, best);
         height += 4;
     }
@@ -445,22 +452,23 @@ static query query_make(const qm_bilinear *patch, qm_vec p, double error)
     return q;
 }
 
-qm_bilinear_foot qm_bilinear_project(const qm_bilinear *patch, qm_vec p, double error, double stop_above)
+qm_bilinear_footpoint qm_bilinear_project(const qm_bilinear *patch, qm_vec p, double error, double stop_above)
 {
     query q = query_make(patch, p, error);
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
-    qm_bilinear_foot best = {.distance = INFINITY};
-    double curvature = least_curvature(&q, &square), lower = 0.0;
+    qm_bilinear_footpoint best = {.distance = INFINITY};
+    double curvature = min_curvature(&q, &square), lower = 0.0;
     if (curvature > 0.0) lower = minimise_convex(&q, &square, curvature, stop_above, &best);
     if (!(best.distance - lower <= error) && lower < stop_above) {
-        best = qm_bilinear_descend(patch, p, stop_above);
+        best = qm_bilinear_minimise(patch, p, stop_above);
         lower = fmax(lower, minimise_parts(&q, &best, stop_above));
     }
     best.lower = fmin(lower, best.distance);
+    QM_ASSERT(!(best.lower > best.distance));
     return best;
 }
 
-/** The point of the segment s = const that is nearest, and how its squared distance changes with s. */
+/** The footpoint on the segment s = const, and how its squared distance changes with s. */
 typedef struct segment_foot {
     double s, t, distance2;
     double slope, bend; /* of half the squared distance, along the nearest points of neighbouring segments */
@@ -487,18 +495,19 @@ static segment_foot segment_foot_at(const query *q, double s)
     };
 }
 
-static void keep_foot(qm_bilinear_foot *best, const segment_foot *foot)
+static void keep_foot(qm_bilinear_footpoint *best, const segment_foot *foot)
 {
     const double x[2] = {foot->s, foot->t};
     keep_best(best, sqrt(foot->distance2), x);
 }
 
 /**
- * The least between two segments, from one where it falls to one where it rises: Newton's steps, or halves. A
- * coordinate of the gap is off by some u of the lengths that it comes from, and the squared distance by that
- * much times the gap: near the patch that is a larger share of it than the gain that ends the steps.
+ * Minimises between two segments, from one where f falls to one where it rises, by Newton's steps or
+ * bisection. A coordinate of the gap is off by some u of the lengths that it comes from, and the squared
+ * distance by that error times the gap: near the patch that is a larger fraction of it than the gain that
+ * ends the steps.
  */
-static void minimise_between(const query *q, segment_foot low, segment_foot high, qm_bilinear_foot *best)
+static void minimise_between(const query *q, segment_foot low, segment_foot high, qm_bilinear_footpoint *best)
 {
     double roundings = SLOPE_ROUNDINGS * sqrt(q->e11 + q->e22 + q->ww + q->rr);
     segment_foot at = low.distance2 < high.distance2 ? low : high;
@@ -511,110 +520,110 @@ static void minimise_between(const query *q, segment_foot low, segment_foot high
         keep_foot(best, &at);
         if (at.slope == 0.0) break;
         *(at.slope < 0.0 ? &low : &high) = at;
-        double least_gain = qm_max(DESCENT_GAIN * before, roundings * sqrt(before));
-        if (fabs(before - at.distance2) <= least_gain && step >= MIN_STEPS) break;
+        double min_gain = qm_max(MIN_GAIN * before, roundings * sqrt(before));
+        if (fabs(before - at.distance2) <= min_gain && step >= MIN_STEPS) break;
     }
 }
 
-/** Whether the segments between two shrink to about a point and turn round. */
-static bool turn_round(const qm_bilinear *patch, const segment_foot *low, const segment_foot *high)
+/** True when the segments between two shrink to about a point and reverse their direction. */
+static bool are_reversed(const qm_bilinear *patch, const segment_foot *low, const segment_foot *high)
 {
     qm_vec first = qm_vec_axpy(patch->e2, low->s, patch->w), last = qm_vec_axpy(patch->e2, high->s, patch->w);
     double longer2 = qm_max(qm_vec_norm2(first), qm_vec_norm2(last));
-    return qm_vec_dot(first, last) <= MAX_TURNED * longer2;
+    return qm_vec_dot(first, last) <= MAX_REVERSAL * longer2;
 }
 
 /**
- * Looks for valleys between two segments: at halves, as long as there may be a point nearer than the best,
- * since the distance changes by no more than the ends of the segments move. Valleys are the narrower the
- * shorter the segments are, so that round those that shrink to a point it looks ever closer.
+ * Searches local minima between two segments: at halves, as long as there may be a point nearer than the
+ * best; the distance is Lipschitz: it changes by no more than the ends of the segments move. Valleys are the
+ * narrower the shorter the segments are, so that it halves more often round segments that shrink to a point.
  */
-static void look_between(const query *q, const segment_foot *low, const segment_foot *high, double speed,
-                         int depth, double stop_above, qm_bilinear_foot *best)
+static void search_between(const query *q, const segment_foot *low, const segment_foot *high, double speed,
+                           int depth, double stop_above, qm_bilinear_footpoint *best)
 {
     double nearest = 0.5 * (sqrt(low->distance2) + sqrt(high->distance2) - speed * (high->s - low->s));
     if (nearest >= qm_min(best->distance, stop_above)) return;
     if (depth <= 0) {
-        /* Where the best point lies between these two, a way down has led to it from segments farther
-         * apart. */
+        /* Where the best point lies between these two, an earlier minimisation between segments farther apart
+         * has led to it. */
         bool is_known = depth < 0 && best->uv[0] > low->s && best->uv[0] < high->s;
         if (!is_known && low->slope < 0.0 && high->slope > 0.0) minimise_between(q, *low, *high, best);
-        if (depth == -POINT_HALVINGS || !turn_round(q->patch, low, high)) return;
+        if (depth == -POINT_HALVINGS || !are_reversed(q->patch, low, high)) return;
     }
-    segment_foot middle = segment_foot_at(q, 0.5 * (low->s + high->s));
-    keep_foot(best, &middle);
+    segment_foot center = segment_foot_at(q, 0.5 * (low->s + high->s));
+    keep_foot(best, &center);
     bool is_low_nearer = low->distance2 < high->distance2;
     for (int half = 0; half < 2; half++)
         if ((half == 0) == is_low_nearer)
-            look_between(q, low, &middle, speed, depth - 1, stop_above, best);
+            search_between(q, low, &center, speed, depth - 1, stop_above, best);
         else
-            look_between(q, &middle, high, speed, depth - 1, stop_above, best);
+            search_between(q, &center, high, speed, depth - 1, stop_above, best);
 }
 
 /**
- * Near a fold a point has two valleys, one on each sheet, that lie too near to one another for the segments
- * looked at. So goes down from the other side of the fold, too: the two points of one place lie about as far
- * from it on both sides, in the direction k with Q_s k_s + Q_t k_t = 0.
+ * Near a fold a point has two local minima, one on each sheet, that lie too near to one another for the
+ * segments visited. So this minimises from the other side of the fold, too: the two parameter points of one
+ * position lie about as far from the fold on both sides, in the direction k with Q_s k_s + Q_t k_t = 0.
  */
-static void look_across_fold(const query *q, qm_bilinear_foot *best)
+static void search_across_fold(const query *q, qm_bilinear_footpoint *best)
 {
     const double x[2] = {best->uv[0], best->uv[1]};
-    qm_fold_area area = qm_fold_area_make(q->patch);
+    qm_bilinear_jacobian jacobian = qm_bilinear_jacobian_make(q->patch);
     slope at = slope_at(q, x);
     bool is_s = at.hessian[2] > at.hessian[0];
     const double k[2] = {is_s ? at.hessian[2] : -at.cross, is_s ? -at.cross : at.hessian[0]};
-    double way = -2.0 * qm_fold_area_at(&area, x) / (area.rise[0] * k[0] + area.rise[1] * k[1]);
-    const double far[2] = {way * k[0], way * k[1]};
-    if (!(fabs(far[0]) < MAX_FOLD_WAY && fabs(far[1]) < MAX_FOLD_WAY)) return;
-    const double across[2] = {qm_clamp(x[0] + far[0], 0.0, 1.0), qm_clamp(x[1] + far[1], 0.0, 1.0)};
-    descend_from(q, across, 0.0, INFINITY, best);
+    double length =
+        -2.0 * qm_bilinear_jacobian_at(&jacobian, x) / (jacobian.rise[0] * k[0] + jacobian.rise[1] * k[1]);
+    const double step[2] = {length * k[0], length * k[1]};
+    if (!(fabs(step[0]) < MAX_FOLD_STEP && fabs(step[1]) < MAX_FOLD_STEP)) return;
+    const double across[2] = {qm_clamp(x[0] + step[0], 0.0, 1.0), qm_clamp(x[1] + step[1], 0.0, 1.0)};
+    minimise_from(q, across, 0.0, INFINITY, best);
 }
 
-/** Two valleys between neighbouring segments show no rise between them: so looks closer on both sides of the
- * best point. */
-static void look_beside_best(const query *q, double speed, double stop_above, qm_bilinear_foot *best)
+/** Two local minima between neighbouring segments show no rise between them: so this searches closer on both
+ * sides of the best point. */
+static void search_beside_best(const query *q, double speed, double stop_above, qm_bilinear_footpoint *best)
 {
     double s = best->uv[0];
     for (int side = -1; side <= 1; side += 2) {
         segment_foot near = segment_foot_at(q, qm_clamp(s + side * BESIDE_FROM, 0.0, 1.0));
         segment_foot far = segment_foot_at(q, qm_clamp(s + side * BESIDE_TO, 0.0, 1.0));
         const segment_foot *low = side < 0 ? &far : &near, *high = side < 0 ? &near : &far;
-        look_between(q, low, high, speed, BESIDE_HALVINGS, stop_above, best);
+        search_between(q, low, high, speed, BESIDE_HALVINGS, stop_above, best);
     }
 }
 
 /**
- * Over a patch that is not convex as seen from the point, which may have several valleys, curved ones along
- * folds: the patch is a family of segments, s = const. The nearest point of each is known, so that one
- * parameter is left.
+ * Where f is not convex it may have several local minima, and curved valleys along folds. The patch is a
+ * family of segments, s = const; the footpoint on each has a closed form, so that one parameter remains.
  */
-static void descend_by_segments(const query *q, double stop_above, qm_bilinear_foot *best)
+static void minimise_by_segments(const query *q, double stop_above, qm_bilinear_footpoint *best)
 {
     const qm_bilinear *patch = q->patch;
     double speed = qm_max(qm_vec_norm(patch->e1), qm_vec_norm(qm_vec_add(patch->e1, patch->w)));
     segment_foot first = segment_foot_at(q, 0.0), last = segment_foot_at(q, 1.0);
     keep_foot(best, &first);
     keep_foot(best, &last);
-    look_between(q, &first, &last, speed, HALVINGS, stop_above, best);
-    look_across_fold(q, best);
-    look_beside_best(q, speed, stop_above, best);
+    search_between(q, &first, &last, speed, HALVINGS, stop_above, best);
+    search_across_fold(q, best);
+    search_beside_best(q, speed, stop_above, best);
 }
 
-qm_bilinear_foot qm_bilinear_descend(const qm_bilinear *patch, qm_vec p, double stop_above)
+qm_bilinear_footpoint qm_bilinear_minimise(const qm_bilinear *patch, qm_vec p, double stop_above)
 {
     query q = query_make(patch, p, 0.0);
-    qm_bilinear_foot best = {.distance = INFINITY};
+    qm_bilinear_footpoint best = {.distance = INFINITY};
     const rectangle square = {{0.0, 0.0}, {1.0, 1.0}};
-    double curvature = least_curvature(&q, &square);
+    double curvature = min_curvature(&q, &square);
     if (curvature > 0.0)
-        descend_from(&q, (const double[]){0.5, 0.5}, curvature, stop_above, &best);
+        minimise_from(&q, (const double[]){0.5, 0.5}, curvature, stop_above, &best);
     else
-        descend_by_segments(&q, stop_above, &best);
+        minimise_by_segments(&q, stop_above, &best);
     return best;
 }
 
-void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, qm_bilinear_foot *foot)
+void qm_bilinear_polish(const qm_bilinear *patch, qm_vec p, qm_bilinear_footpoint *foot)
 {
     query q = query_make(patch, p, 0.0);
-    descend_from(&q, (const double[]){foot->uv[0], foot->uv[1]}, 0.0, INFINITY, foot);
+    minimise_from(&q, (const double[]){foot->uv[0], foot->uv[1]}, 0.0, INFINITY, foot);
 }

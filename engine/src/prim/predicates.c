@@ -17,7 +17,7 @@ static int sign_of(double x)
     return (x > 0.0) - (x < 0.0);
 }
 
-/* ---- whole numbers of up to SMALL_BITS ---- */
+/* ---- integers of up to SMALL_BITS ---- */
 
 /** Differences then have a bit more, products of two of them twice that, and their differences one more: all
  * fit 128 bits. */
@@ -50,7 +50,7 @@ static int small_sign(const int64_t edge[3][3])
     return small_dot_sign(part, z);
 }
 
-/* ---- whole numbers of any size ---- */
+/* ---- integers of any size ---- */
 
 /** Out = (p - a) of one coordinate, in units of 2^low. */
 static void difference(qm_bigint *out, double p, double a, int low)
@@ -107,17 +107,14 @@ static int orient3d_exact(const double p[4][3])
     return small_sign(edge);
 }
 
-static bool is_same(qm_vec a, qm_vec b)
-{
-    return a.x == b.x && a.y == b.y && a.z == b.z;
-}
-
-/** Meshes whose parts share no vertices have corners at one place everywhere: then nothing is to be
- * computed. */
+/** The sign is 0 without computing where two points coincide: so they do all over meshes whose components
+ * share positions, but no vertices. */
 static int exact_side(const qm_vec plane[3], qm_vec p)
 {
-    if (is_same(p, plane[0]) || is_same(p, plane[1]) || is_same(p, plane[2])) return 0;
-    if (is_same(plane[0], plane[1]) || is_same(plane[1], plane[2]) || is_same(plane[2], plane[0])) return 0;
+    if (qm_vec_equal(p, plane[0]) || qm_vec_equal(p, plane[1]) || qm_vec_equal(p, plane[2])) return 0;
+    if (qm_vec_equal(plane[0], plane[1]) || qm_vec_equal(plane[1], plane[2]) ||
+        qm_vec_equal(plane[2], plane[0]))
+        return 0;
     const double points[4][3] = {{plane[0].x, plane[0].y, plane[0].z},
                                  {plane[1].x, plane[1].y, plane[1].z},
                                  {plane[2].x, plane[2].y, plane[2].z},

@@ -3,10 +3,10 @@
  * rounding, on the order of the arguments (but for the parity of a permutation) or on a common translation
  * that is exact in doubles.
  *
- * A quick answer in doubles comes with a bound of its own error; when it is too small to tell, the
- * determinant is computed again in whole numbers of as many bits as it takes.
+ * A filter computes the determinant in doubles with a bound of its error; when the bound leaves the sign
+ * open, the determinant is computed again in integers of as many bits as it takes.
  *
- * Source: the error bounds of the quick answers are those of J. R. Shewchuk, Adaptive precision
+ * Source: the error bounds of the filter are those of J. R. Shewchuk, Adaptive precision
  * floating-point arithmetic and fast robust geometric predicates, 1997, section 4.
  */
 #ifndef QM_PREDICATES_H
@@ -24,8 +24,8 @@ int qm_orient3d(qm_vec a, qm_vec b, qm_vec c, qm_vec d);
  * point[i]). */
 void qm_orient3d_sides(const qm_vec plane[3], const qm_vec *point, int count, int *side);
 
-/** The sign of (b - a) x (c - a) in the plane that is left without this axis: the cyclic next two axes are
- * its x and y. */
+/** The sign of (b - a) x (c - a) in the plane of the two other axes: the cyclic next two axes are its x and
+ * y. */
 int qm_orient2d(qm_vec a, qm_vec b, qm_vec c, int dropped_axis);
 
 #endif

@@ -2,7 +2,7 @@
  * tri_tri.h: whether two closed triangles have a point in common, decided exactly, and where.
  *
  * Triangles may be degenerate: they are the hulls of their corners, segments or single points. Coordinates
- * are at most QM_PREDICATE_LIMIT by magnitude. Nothing here allocates.
+ * are at most QM_PREDICATE_LIMIT by magnitude. No function here allocates.
  *
  * Source: two triangles meet when an edge of one meets the other, which the signs of tetrahedra decide:
  * P. Guigue, O. Devillers, Fast and robust triangle-triangle overlap test using orientation predicates, 2003.
@@ -17,14 +17,14 @@
 bool qm_tri_tri_meet(const qm_vec a[3], const qm_vec b[3]);
 
 /**
- * Where they meet: false when nowhere. The kind is exact; the points are rounded. A segment or area is told
- * by its two ends, or its two corners that are farthest apart; a point by itself, twice.
+ * Finds where they meet; false when they do not. The kind is exact; the points are rounded: the two ends of a
+ * segment, the two corners of an area that are farthest apart, a single point twice.
  */
 bool qm_tri_tri_contact(const qm_vec a[3], const qm_vec b[3], qm_contact *out);
 
 /**
- * For triangles of one mesh, whose corners have these indices: true when they have a point in common besides
- * the corners that they share and, when they share two, the edge between those.
+ * For triangles of one mesh, whose corners have these vertex indices: true when they have a point in common
+ * besides the corners that they share and, when they share two, the edge between them.
  */
 bool qm_tri_tri_cross(const qm_vec a[3], const uint32_t a_index[3], const qm_vec b[3],
                       const uint32_t b_index[3]);

@@ -1,181 +1,226 @@
-#include "bvh/bvh_tree.h"
-#include "reconstruct_atlas.h"
+/**
+ * reconstruct.c: creation, steps and edits of a reconstruction, as sequences of the stages that
+ * reconstruct_internal.h lists.
+ *
+ * Creation: chords, polylines, samples with parameters along the surface; lattices fitted by these parameters
+ * at the base count, then at the count that the samples allow, then by samples projected onto the lattices.
+ * A step doubles chords, and fits what that splits. An edit creates a reconstruction of the edited layout and
+ * takes over all that the edit left as it was.
+ */
+#include "reconstruct_internal.h"
 
 #include <string.h>
 
-#define FIRST_PER_PATCH 300 /* samples for the first parameters */
-#define FIRST_LEAST 8000
-#define FIRST_MOST 60000
-#define FIRST_PER_QUAD 6 /* samples that a quad of the first grids needs */
-#define START_FAIR 10    /* rounds of evening out after the first placing */
-#define EDIT_ROUNDS 2    /* of placing what an edit has touched */
+#include "bvh/bvh_tree.h"
 
-enum { ROW = 3 * sizeof(double) };
+#define FIRST_PER_PATCH 300 /* samples for the first parameters, within FIRST_MIN and FIRST_MAX */
+#define FIRST_MIN 8000
+#define FIRST_MAX 60000
+#define FIRST_PER_QUAD 6    /* of these, samples that a quad of the first lattices needs */
+#define SAMPLES_PER_QUAD 12 /* samples projected onto the lattices */
+#define START_FAIR 10       /* rounds of fairing of lattices that have just been created */
+#define STEP_FAIR 4         /* rounds of fairing of lattices that were fitted before */
+#define EDIT_ROUNDS 2       /* fits of the lattices that an edit has changed */
+
+enum { POINT_SIZE = 3 * sizeof(double) };
 
 qm_reconstruction_options qm_reconstruction_options_default(void)
 {
     return (qm_reconstruction_options){.cover_share = 0.02, .pull_curves = true, .thread_count = 1};
 }
 
-static void free_state(qm_context *ctx, qm_reconstruction *r)
+static qm_status no_memory(qm_context *ctx)
 {
-    for (size_t i = 0; i < r->layout.curve_count && r->tracks; i++) {
-        qm_track *track = &r->tracks[i];
-        qm_context_free(ctx, track->points, track->point_count, ROW);
-        qm_context_free(ctx, track->arc, track->point_count, sizeof *track->arc);
-        qm_context_free(ctx, track->vertices, (size_t)track->vertex_edges + 1, ROW);
-    }
-    for (size_t p = 0; p < r->layout.patch_count && r->grids; p++)
-        qm_grid_free(ctx, &r->grids[p]);
-    qm_context_free(ctx, r->tracks, r->layout.curve_count, sizeof *r->tracks);
-    qm_context_free(ctx, r->grids, r->layout.patch_count, sizeof *r->grids);
-    qm_context_free(ctx, r->chords, r->layout.curve_count, sizeof *r->chords);
+    return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the reconstruction");
 }
 
 void qm_reconstruction_destroy(qm_context *ctx, qm_reconstruction *r)
 {
     if (!r) return;
-    free_state(ctx, r);
+    for (size_t i = 0; i < r->layout.curve_count && r->polylines; i++) {
+        qm_polyline *polyline = &r->polylines[i];
+        qm_context_free(ctx, polyline->points, polyline->point_count, POINT_SIZE);
+        qm_context_free(ctx, polyline->arc, polyline->point_count, sizeof *polyline->arc);
+        qm_context_free(ctx, polyline->vertices, (size_t)polyline->vertex_edges + 1, POINT_SIZE);
+    }
+    for (size_t p = 0; p < r->layout.patch_count && r->lattices; p++)
+        qm_lattice_free(ctx, &r->lattices[p]);
+    qm_context_free(ctx, r->polylines, r->layout.curve_count, sizeof *r->polylines);
+    qm_context_free(ctx, r->lattices, r->layout.patch_count, sizeof *r->lattices);
+    qm_context_free(ctx, r->chords, r->layout.curve_count, sizeof *r->chords);
     qm_layout_reset(ctx, &r->layout);
     qm_context_free(ctx, r, 1, sizeof *r);
 }
 
-static qm_status allocate(qm_context *ctx, qm_reconstruction *r)
+/** Takes as many samples as the quads of the lattices need. */
+static qm_status create_fine_samples(qm_context *ctx, const qm_reconstruction *r, qm_samples *out)
 {
-    size_t curves = r->layout.curve_count, patches = r->layout.patch_count;
-    r->tracks = qm_context_alloc(ctx, curves, sizeof *r->tracks);
-    if (r->tracks) memset(r->tracks, 0, curves * sizeof *r->tracks);
-    r->grids = qm_context_alloc(ctx, patches, sizeof *r->grids);
-    if (r->grids) memset(r->grids, 0, patches * sizeof *r->grids);
-    r->chords = qm_context_alloc(ctx, curves, sizeof *r->chords);
-    if (r->tracks && r->grids && r->chords) return QM_OK;
-    return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the reconstruction");
+    size_t quads = 0;
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        quads += (size_t)r->lattices[p].columns * r->lattices[p].rows;
+    return qm_samples_create(ctx, r, SAMPLES_PER_QUAD * quads, out);
 }
 
-/** Samples for the first parameters. */
-static size_t first_samples(const qm_reconstruction *r)
+/** Fairs the stale lattices and fits them to the samples, projected onto the lattices. */
+static qm_status refine_lattices(qm_context *ctx, qm_reconstruction *r, int fair_rounds, qm_samples *samples)
 {
-    size_t wanted = r->layout.patch_count * FIRST_PER_PATCH;
-    return wanted < FIRST_LEAST ? FIRST_LEAST : wanted > FIRST_MOST ? FIRST_MOST : wanted;
+    qm_status status = qm_lattices_fair(ctx, r, fair_rounds);
+    if (status == QM_OK) status = qm_samples_project(ctx, r, samples);
+    if (status == QM_OK) status = qm_lattices_fit(ctx, r, samples);
+    for (size_t p = 0; p < r->layout.patch_count && status == QM_OK; p++)
+        if (r->lattices[p].is_stale) qm_lattice_untangle(&r->surface, &r->lattices[p]);
+    return status;
 }
 
-/** Samples of each patch by their first parameters; a patch without any lies beside the surface. */
+/**
+ * Counts the samples of each patch by their first parameters; a patch without any lies beside the surface.
+ */
 static qm_status count_points(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples)
 {
     for (size_t i = 0; i < samples->count; i++)
-        if (samples->place[i].distance < INFINITY) r->grids[samples->place[i].patch].points++;
-    for (size_t p = 0; p < r->layout.patch_count; p++)
-        if (r->grids[p].points == 0)
-            return qm_context_fail(ctx, QM_E_LAYOUT,
-                                   "patch %zu (curves %u, %u, %u, %u) has no point of the surface inside", p,
-                                   r->layout.curves[r->layout.patches[p].side[0]].id,
-                                   r->layout.curves[r->layout.patches[p].side[1]].id,
-                                   r->layout.curves[r->layout.patches[p].side[2]].id,
-                                   r->layout.curves[r->layout.patches[p].side[3]].id);
+        if (samples->location[i].distance < INFINITY) r->lattices[samples->location[i].patch].points++;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        const uint32_t *side = r->layout.patches[p].side;
+        if (r->lattices[p].points > 0) continue;
+        return qm_context_fail(ctx, QM_E_LAYOUT,
+                               "patch %zu (curves %u, %u, %u, %u) has no point of the surface inside", p,
+                               r->layout.curves[side[0]].id, r->layout.curves[side[1]].id,
+                               r->layout.curves[side[2]].id, r->layout.curves[side[3]].id);
+    }
     return QM_OK;
 }
 
-static void count_covered(qm_reconstruction *r, const qm_samples *samples)
+static void count_uncovered(qm_reconstruction *r, const qm_samples *samples)
 {
     r->point_count = samples->count;
     r->uncovered_count = 0;
     for (size_t i = 0; i < samples->count; i++)
-        r->uncovered_count += samples->place[i].distance > qm_reconstruction_reach(r);
+        r->uncovered_count += samples->location[i].distance > qm_reconstruction_cover_distance(r);
 }
 
-/** Grids by the first parameters: at the base count, then as fine as the samples allow where lines are long;
- * at last by as many samples as that needs. */
-static qm_status place_first(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
+/** The number of samples for the first parameters. */
+static size_t first_sample_count(const qm_reconstruction *r)
 {
-    qm_status status = qm_grids_create(ctx, r);
-    if (status == QM_OK) status = count_points(ctx, r, samples);
-    if (status == QM_OK) status = qm_place_vertices(ctx, r, samples);
-    if (status != QM_OK) return status;
-    qm_chords_measure(r);
-    qm_chords_refine_work(r, samples->count / FIRST_PER_QUAD);
-    status = qm_tracks_set_vertices(ctx, r);
-    if (status == QM_OK) status = qm_grids_create(ctx, r);
-    if (status != QM_OK) return status;
-    qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
-    status = qm_place_vertices(ctx, r, samples);
-    if (status == QM_OK) status = qm_grids_refine(ctx, r, START_FAIR, samples);
-    if (status != QM_OK) return status;
-    count_covered(r, samples);
-    qm_samples_reset(ctx, samples);
-    status = qm_samples_create_fine(ctx, r, samples);
-    if (status == QM_OK) status = qm_grids_refine(ctx, r, QM_STEP_FAIR, samples);
-    if (status != QM_OK) return status;
-    qm_chords_measure(r);
-    return QM_OK;
+    size_t wanted = r->layout.patch_count * FIRST_PER_PATCH;
+    return wanted < FIRST_MIN ? FIRST_MIN : wanted > FIRST_MAX ? FIRST_MAX : wanted;
 }
 
-/** Curves on the surface, chords and first parameters of samples; old is the one before an edit, or NULL. */
-static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old,
-                         qm_samples *samples)
+/*
+ * What an edit takes over from the reconstruction of the layout before it.
+ */
+
+/** The curve of the old layout that has the id of this one, or QM_NO_INDEX. */
+static uint32_t find_old_curve(const qm_reconstruction *r, const qm_reconstruction *old, size_t curve)
 {
-    qm_status status = allocate(ctx, r);
-    if (status == QM_OK) status = qm_chords_find(ctx, r);
-    if (status == QM_OK) status = qm_tracks_create(ctx, r);
-    if (status == QM_OK) status = qm_tracks_detour(ctx, r, first_samples(r));
-    if (status == QM_OK) qm_tracks_straighten(r);
-    if (status == QM_OK && old) {
-        qm_edit_inherit_counts(r, old);
-        qm_edit_inherit_tracks(r, old);
+    return qm_layout_find_curve(&old->layout, r->layout.curves[curve].id);
+}
+
+/** True if the points of a curve are those of the old one. */
+static bool is_unchanged(const qm_reconstruction *r, const qm_reconstruction *old, size_t curve,
+                         uint32_t old_curve)
+{
+    const qm_curve *a = &r->layout.curves[curve], *b = &old->layout.curves[old_curve];
+    return a->point_count == b->point_count && memcmp(a->points, b->points, a->point_count * POINT_SIZE) == 0;
+}
+
+/**
+ * Raises the counts of chords to those that their curves had, and copies the polylines of unchanged curves.
+ */
+static void inherit_curves(qm_reconstruction *r, const qm_reconstruction *old)
+{
+    for (size_t i = 0; i < r->layout.curve_count; i++) {
+        uint32_t old_curve = find_old_curve(r, old, i);
+        if (old_curve == QM_NO_INDEX) continue;
+        const qm_polyline *from = &old->polylines[old_curve];
+        qm_polyline *to = &r->polylines[i];
+        if (to->chord != QM_NO_INDEX && from->chord != QM_NO_INDEX) {
+            const qm_chord *old_chord = &old->chords[from->chord];
+            qm_chord *chord = &r->chords[to->chord];
+            if (chord->edges < old_chord->edges) chord->edges = old_chord->edges;
+            if (chord->lattice_edges < old_chord->lattice_edges)
+                chord->lattice_edges = old_chord->lattice_edges;
+        }
+        if (!is_unchanged(r, old, i, old_curve)) continue;
+        QM_ASSERT(to->point_count == from->point_count);
+        memcpy(to->points, from->points, from->point_count * POINT_SIZE);
+        memcpy(to->arc, from->arc, from->point_count * sizeof *from->arc);
     }
-    if (status == QM_OK) status = qm_tracks_set_vertices(ctx, r);
-    if (status == QM_OK) status = qm_atlas_join_patches(ctx, r);
-    qm_atlas_nodes nodes = {0};
-    if (status == QM_OK) status = qm_samples_create(ctx, r, first_samples(r), samples);
-    if (status == QM_OK) status = qm_atlas_nodes_create(ctx, r, samples, &nodes);
-    if (status == QM_OK) status = qm_atlas_locate(ctx, r, &nodes, samples);
-    qm_atlas_nodes_reset(ctx, &nodes);
-    return status;
 }
 
-static qm_status build(qm_context *ctx, qm_reconstruction *r)
+/**
+ * The number of sides by which a patch is rotated against an old one with the same unchanged curves, or -1.
+ */
+static int find_rotation(const qm_reconstruction *r, const qm_layout_patch *patch,
+                         const qm_reconstruction *old, const qm_layout_patch *old_patch)
 {
-    qm_samples samples = {0};
-    qm_status status = prepare(ctx, r, NULL, &samples);
-    if (status == QM_OK) status = place_first(ctx, r, &samples);
-    qm_samples_reset(ctx, &samples);
-    return status;
+    for (int rotation = 0; rotation < 4; rotation++) {
+        int equal = 0;
+        while (equal < 4) {
+            uint32_t old_curve = find_old_curve(r, old, patch->side[equal]);
+            int side = (equal + rotation) % 4;
+            if (old_curve != old_patch->side[side] || patch->against[equal] != old_patch->against[side] ||
+                !is_unchanged(r, old, patch->side[equal], old_curve))
+                break;
+            equal++;
+        }
+        if (equal == 4) return rotation;
+    }
+    return -1;
 }
 
-/** Places the grids that an edit has touched: by the first parameters, which may be too few for as fine a
- * grid as that, then by as many samples as it needs. */
-static qm_status place_touched(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old,
-                               qm_samples *samples, size_t *redone)
+/** Copies the vertices of a lattice that is rotated by a number of sides, unless its counts differ. */
+static void copy_rotated(const qm_lattice *from, int rotation, qm_lattice *to)
 {
-    qm_status status = qm_grids_create(ctx, r);
-    if (status == QM_OK) status = count_points(ctx, r, samples);
-    if (status != QM_OK) return status;
-    qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
-    *redone = qm_edit_keep_grids(r, old);
-    status = qm_place_vertices(ctx, r, samples);
-    qm_samples_reset(ctx, samples);
-    if (status == QM_OK) status = qm_samples_create_fine(ctx, r, samples);
-    for (int round = 0; round < EDIT_ROUNDS && status == QM_OK; round++)
-        status = qm_grids_refine(ctx, r, round == 0 ? START_FAIR : QM_STEP_FAIR, samples);
-    if (status != QM_OK) return status;
-    count_covered(r, samples);
-    qm_chords_measure(r);
-    return QM_OK;
+    QM_ASSERT(rotation >= 0 && rotation < 4);
+    bool is_odd = rotation % 2;
+    uint32_t columns = is_odd ? from->rows : from->columns, rows = is_odd ? from->columns : from->rows;
+    if (to->columns != columns || to->rows != rows) return;
+    for (uint32_t j = 0; j <= rows; j++) {
+        for (uint32_t i = 0; i <= columns; i++) {
+            /* The position before each rotation; entries of the other rotations may be out of range. */
+            const uint32_t column[4] = {i, from->columns - j, from->columns - i, j};
+            const uint32_t row[4] = {j, i, from->rows - j, from->rows - i};
+            size_t source = qm_lattice_index(from, column[rotation], row[rotation]);
+            size_t target = qm_lattice_index(to, i, j);
+            memcpy(to->vertices + 3 * target, from->vertices + 3 * source, POINT_SIZE);
+            to->in_hole[target] = from->in_hole[source];
+        }
+    }
+    to->is_stale = false;
 }
 
-/** A reconstruction with a copy of a layout that can be one, and nothing else yet; NULL with a status. */
-static qm_status begin(qm_context *ctx, const qm_source *source, const qm_layout *layout,
-                       const qm_reconstruction_options *options, qm_reconstruction **out)
+/** Copies the lattices of unchanged patches. Returns the number of the others, which remain stale. */
+static size_t inherit_lattices(qm_reconstruction *r, const qm_reconstruction *old)
+{
+    size_t stale_count = 0;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        for (size_t q = 0; q < old->layout.patch_count && r->lattices[p].is_stale; q++) {
+            int rotation = find_rotation(r, &r->layout.patches[p], old, &old->layout.patches[q]);
+            if (rotation >= 0) copy_rotated(&old->lattices[q], rotation, &r->lattices[p]);
+        }
+        stale_count += r->lattices[p].is_stale;
+    }
+    return stale_count;
+}
+
+/*
+ * Creation and edit.
+ */
+
+/** Creates a reconstruction with a copy of a valid layout, and nothing else; NULL after an error. */
+static qm_status create_empty(qm_context *ctx, const qm_ref_surface *surface, const qm_layout *layout,
+                              const qm_reconstruction_options *options, qm_reconstruction **out)
 {
     *out = NULL;
     if (!(options->cover_share > 0.0) || options->thread_count < 1)
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the cover share must be above 0, threads 1 or more");
     if (layout->patch_count == 0)
         return qm_context_fail(ctx, QM_E_LAYOUT, "the layout has no patch: no four curves close a cell");
-    qm_status status = qm_layout_validate(ctx, layout, source->diagonal);
+    qm_status status = qm_layout_validate(ctx, layout, surface->diagonal);
     if (status != QM_OK) return status;
     qm_reconstruction *r = qm_context_alloc(ctx, 1, sizeof *r);
-    if (!r) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the reconstruction");
-    *r = (qm_reconstruction){.source = *source, .options = *options};
+    if (!r) return no_memory(ctx);
+    *r = (qm_reconstruction){.surface = *surface, .options = *options};
     status = qm_layout_copy(ctx, layout, &r->layout);
     if (status == QM_OK)
         *out = r;
@@ -184,11 +229,83 @@ static qm_status begin(qm_context *ctx, const qm_source *source, const qm_layout
     return status;
 }
 
-qm_status qm_reconstruction_create(qm_context *ctx, const qm_source *source, const qm_layout *layout,
+/** Makes chords, polylines and the first parameters of samples; old is the state before an edit, or NULL. */
+static qm_status prepare(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old,
+                         qm_samples *samples)
+{
+    size_t curves = r->layout.curve_count, patches = r->layout.patch_count;
+    r->polylines = qm_context_alloc(ctx, curves, sizeof *r->polylines);
+    if (r->polylines) memset(r->polylines, 0, curves * sizeof *r->polylines);
+    r->lattices = qm_context_alloc(ctx, patches, sizeof *r->lattices);
+    if (r->lattices) memset(r->lattices, 0, patches * sizeof *r->lattices);
+    r->chords = qm_context_alloc(ctx, curves, sizeof *r->chords);
+    if (!r->polylines || !r->lattices || !r->chords) return no_memory(ctx);
+    qm_status status = qm_chords_find(ctx, r);
+    if (status == QM_OK) status = qm_polylines_create(ctx, r);
+    if (status == QM_OK) status = qm_polylines_reroute(ctx, r, first_sample_count(r));
+    if (status == QM_OK) qm_polylines_straighten(r);
+    if (status == QM_OK && old) inherit_curves(r, old);
+    if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_samples_create(ctx, r, first_sample_count(r), samples);
+    return status == QM_OK ? qm_parameters_find(ctx, r, samples) : status;
+}
+
+/** Fits new lattices: by the first parameters, then by projected samples, at last by as many as they need. */
+static qm_status fit_new(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
+{
+    qm_status status = qm_lattices_create(ctx, r);
+    if (status == QM_OK) status = count_points(ctx, r, samples);
+    if (status == QM_OK) status = qm_lattices_fit(ctx, r, samples);
+    if (status != QM_OK) return status;
+    qm_chords_measure(r);
+    qm_chords_refine_lattices(r, samples->count / FIRST_PER_QUAD);
+    status = qm_polylines_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_lattices_create(ctx, r);
+    if (status != QM_OK) return status;
+    qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
+    status = qm_lattices_fit(ctx, r, samples);
+    if (status == QM_OK) status = refine_lattices(ctx, r, START_FAIR, samples);
+    if (status != QM_OK) return status;
+    count_uncovered(r, samples);
+    qm_samples_reset(ctx, samples);
+    status = create_fine_samples(ctx, r, samples);
+    if (status == QM_OK) status = refine_lattices(ctx, r, STEP_FAIR, samples);
+    if (status == QM_OK) qm_chords_measure(r);
+    return status;
+}
+
+/**
+ * Fits the lattices that an edit has changed: by the first parameters, which may be too few for lattices as
+ * fine as these, then by as many samples as they need.
+ */
+static qm_status fit_changed(qm_context *ctx, qm_reconstruction *r, const qm_reconstruction *old,
+                             qm_samples *samples, size_t *redone)
+{
+    qm_status status = qm_lattices_create(ctx, r);
+    if (status == QM_OK) status = count_points(ctx, r, samples);
+    if (status != QM_OK) return status;
+    qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
+    *redone = inherit_lattices(r, old);
+    status = qm_lattices_fit(ctx, r, samples);
+    qm_samples_reset(ctx, samples);
+    if (status == QM_OK) status = create_fine_samples(ctx, r, samples);
+    for (int round = 0; round < EDIT_ROUNDS && status == QM_OK; round++)
+        status = refine_lattices(ctx, r, round == 0 ? START_FAIR : STEP_FAIR, samples);
+    if (status != QM_OK) return status;
+    count_uncovered(r, samples);
+    qm_chords_measure(r);
+    return QM_OK;
+}
+
+qm_status qm_reconstruction_create(qm_context *ctx, const qm_ref_surface *surface, const qm_layout *layout,
                                    const qm_reconstruction_options *options, qm_reconstruction **out)
 {
-    qm_status status = begin(ctx, source, layout, options, out);
-    if (status == QM_OK) status = build(ctx, *out);
+    QM_ASSERT(ctx && surface && layout && options && out);
+    qm_samples samples = {0};
+    qm_status status = create_empty(ctx, surface, layout, options, out);
+    if (status == QM_OK) status = prepare(ctx, *out, NULL, &samples);
+    if (status == QM_OK) status = fit_new(ctx, *out, &samples);
+    qm_samples_reset(ctx, &samples);
     if (status == QM_OK) return QM_OK;
     qm_reconstruction_destroy(ctx, *out);
     *out = NULL;
@@ -198,10 +315,11 @@ qm_status qm_reconstruction_create(qm_context *ctx, const qm_source *source, con
 qm_status qm_reconstruction_edit(qm_context *ctx, const qm_reconstruction *old, const qm_layout *layout,
                                  qm_reconstruction **out, size_t *redone_patches)
 {
+    QM_ASSERT(ctx && old && layout && out && redone_patches);
     qm_samples samples = {0};
-    qm_status status = begin(ctx, &old->source, layout, &old->options, out);
+    qm_status status = create_empty(ctx, &old->surface, layout, &old->options, out);
     if (status == QM_OK) status = prepare(ctx, *out, old, &samples);
-    if (status == QM_OK) status = place_touched(ctx, *out, old, &samples, redone_patches);
+    if (status == QM_OK) status = fit_changed(ctx, *out, old, &samples, redone_patches);
     qm_samples_reset(ctx, &samples);
     if (status == QM_OK) return QM_OK;
     qm_reconstruction_destroy(ctx, *out);
@@ -209,9 +327,143 @@ qm_status qm_reconstruction_edit(qm_context *ctx, const qm_reconstruction *old, 
     return status;
 }
 
+/*
+ * Steps.
+ */
+
+/** A copy of all that a step changes. Of the polylines, only the vertices are copies. */
+typedef struct saved_state {
+    qm_chord *chords;
+    qm_polyline *polylines;
+    qm_lattice *lattices;
+} saved_state;
+
+static void *copy_array(qm_context *ctx, const void *from, size_t count, size_t width)
+{
+    void *copy = qm_context_alloc(ctx, count, width);
+    if (copy) memcpy(copy, from, count * width);
+    return copy;
+}
+
+static size_t vertex_count(const qm_polyline *polyline)
+{
+    return (size_t)polyline->vertex_edges + 1;
+}
+
+/** Frees a copy, whose vertices may be NULL. */
+static void free_saved(qm_context *ctx, const qm_reconstruction *r, saved_state *saved)
+{
+    for (size_t i = 0; i < r->layout.curve_count && saved->polylines; i++)
+        qm_context_free(ctx, saved->polylines[i].vertices, vertex_count(&saved->polylines[i]), POINT_SIZE);
+    for (size_t p = 0; p < r->layout.patch_count && saved->lattices; p++)
+        qm_lattice_free(ctx, &saved->lattices[p]);
+    qm_context_free(ctx, saved->chords, r->layout.curve_count, sizeof *saved->chords);
+    qm_context_free(ctx, saved->polylines, r->layout.curve_count, sizeof *saved->polylines);
+    qm_context_free(ctx, saved->lattices, r->layout.patch_count, sizeof *saved->lattices);
+    *saved = (saved_state){0};
+}
+
+static qm_status save_state(qm_context *ctx, const qm_reconstruction *r, saved_state *out)
+{
+    size_t curves = r->layout.curve_count, patches = r->layout.patch_count;
+    out->chords = copy_array(ctx, r->chords, curves, sizeof *r->chords);
+    out->polylines = copy_array(ctx, r->polylines, curves, sizeof *r->polylines);
+    out->lattices = copy_array(ctx, r->lattices, patches, sizeof *r->lattices);
+    bool has_memory = out->chords && out->polylines && out->lattices;
+    for (size_t i = 0; i < curves && out->polylines; i++) {
+        const double *vertices = r->polylines[i].vertices;
+        out->polylines[i].vertices = NULL;
+        if (!vertices) continue;
+        out->polylines[i].vertices = copy_array(ctx, vertices, vertex_count(&r->polylines[i]), POINT_SIZE);
+        has_memory &= out->polylines[i].vertices != NULL;
+    }
+    for (size_t p = 0; p < patches && out->lattices; p++) {
+        const qm_lattice *from = &r->lattices[p];
+        qm_lattice *to = &out->lattices[p];
+        bool is_allocated = qm_lattice_allocate(ctx, to);
+        has_memory &= is_allocated;
+        if (!is_allocated) continue;
+        size_t count = qm_lattice_vertex_count(from);
+        memcpy(to->vertices, from->vertices, count * POINT_SIZE);
+        memcpy(to->in_hole, from->in_hole, count * sizeof *from->in_hole);
+    }
+    if (has_memory) return QM_OK;
+    free_saved(ctx, r, out);
+    return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a copy of the patches");
+}
+
+static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
+                           qm_reconstruction_record *out)
+{
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        r->lattices[p].is_stale = false;
+    qm_status status = qm_chords_double(ctx, r, max_quads, out);
+    if (status == QM_OK) status = qm_polylines_set_vertices(ctx, r);
+    if (status == QM_OK) status = qm_lattices_double(ctx, r);
+    bool is_any_stale = false;
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        is_any_stale |= r->lattices[p].is_stale;
+    /* The lattices are finer than the mesh of the first steps, which takes more of their vertices. */
+    if (status != QM_OK || !is_any_stale) return status;
+    qm_samples samples = {0};
+    status = create_fine_samples(ctx, r, &samples);
+    if (status == QM_OK) status = refine_lattices(ctx, r, STEP_FAIR, &samples);
+    qm_samples_reset(ctx, &samples);
+    return status;
+}
+
+/** Counts the inner vertices of the patches that a step has split, and those of them in holes. */
+static void count_moved(const qm_reconstruction *r, const saved_state *saved, qm_reconstruction_record *out)
+{
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        const qm_chord *across = qm_chord_of_patch(r, p, 0), *up = qm_chord_of_patch(r, p, 1);
+        if (saved->chords[across - r->chords].edges == across->edges &&
+            saved->chords[up - r->chords].edges == up->edges)
+            continue;
+        const qm_lattice *lattice = &r->lattices[p];
+        uint32_t column_step = lattice->columns / across->edges, row_step = lattice->rows / up->edges;
+        for (uint32_t j = 1; j < up->edges; j++) {
+            for (uint32_t i = 1; i < across->edges; i++) {
+                out->moved_vertices++;
+                size_t index = qm_lattice_index(lattice, i * column_step, j * row_step);
+                out->holes_filled += lattice->in_hole[index];
+            }
+        }
+    }
+}
+
+qm_status qm_reconstruction_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
+                                 qm_reconstruction_record *out)
+{
+    QM_ASSERT(ctx && r && out);
+    *out = (qm_reconstruction_record){0};
+    saved_state saved;
+    qm_status status = save_state(ctx, r, &saved);
+    if (status != QM_OK) return status;
+    status = take_step(ctx, r, max_quads, out);
+    if (status == QM_OK) {
+        count_moved(r, &saved, out);
+        free_saved(ctx, r, &saved);
+    } else {
+        saved_state failed = {.chords = r->chords, .polylines = r->polylines, .lattices = r->lattices};
+        r->chords = saved.chords;
+        r->polylines = saved.polylines;
+        r->lattices = saved.lattices;
+        free_saved(ctx, r, &failed);
+    }
+    out->quads = qm_chords_count_quads(r);
+    out->longest_edge = qm_chords_longest_edge(r);
+    return status;
+}
+
+/*
+ * Results.
+ */
+
 qm_status qm_reconstruction_mesh(qm_context *ctx, const qm_reconstruction *r, qm_mesh *out)
 {
-    return qm_grids_mesh(ctx, r, false, out);
+    QM_ASSERT(ctx && r && out);
+    return qm_lattices_mesh(ctx, r, false, out);
 }
 
 size_t qm_reconstruction_patch_count(const qm_reconstruction *r)
@@ -221,11 +473,12 @@ size_t qm_reconstruction_patch_count(const qm_reconstruction *r)
 
 qm_reconstruction_patch qm_reconstruction_get_patch(const qm_reconstruction *r, size_t patch)
 {
-    qm_reconstruction_patch out = {.columns = qm_patch_chord(r, patch, 0)->edges,
-                                   .rows = qm_patch_chord(r, patch, 1)->edges,
-                                   .points = r->grids[patch].points};
+    QM_ASSERT(patch < r->layout.patch_count);
+    qm_reconstruction_patch out = {.columns = qm_chord_of_patch(r, patch, 0)->edges,
+                                   .rows = qm_chord_of_patch(r, patch, 1)->edges,
+                                   .points = r->lattices[patch].points};
     for (size_t p = 0; p < patch; p++)
-        out.first_face += (size_t)qm_patch_chord(r, p, 0)->edges * qm_patch_chord(r, p, 1)->edges;
+        out.first_face += (size_t)qm_chord_of_patch(r, p, 0)->edges * qm_chord_of_patch(r, p, 1)->edges;
     return out;
 }
 
@@ -237,5 +490,5 @@ void qm_reconstruction_coverage(const qm_reconstruction *r, size_t *points, size
 
 double qm_reconstruction_cover_distance(const qm_reconstruction *r)
 {
-    return qm_reconstruction_reach(r);
+    return r->options.cover_share * r->surface.diagonal;
 }

@@ -1,30 +1,40 @@
 /**
- * reconstruct_mesh.c: grids to one mesh. Nodes come first, then the inner vertices of each curve, then those
- * of each patch, so that patches share what lies on their curves.
+ * reconstruct_mesh.c: lattices to one mesh, and its boundary.
+ *
+ * Vertices are numbered nodes first, then the inner vertices of each curve, then those of each patch, so that
+ * patches share the vertices of their curves. The boundary consists of the curves that one patch only has:
+ * beyond it nothing was drawn.
  */
-#include "reconstruct_work.h"
+#include "reconstruct_internal.h"
 
 #include <string.h>
 
-enum { ROW = 3 * sizeof(double) };
+#define SIDE_TOLERANCE 1e-9 /* of a quad: parameters nearer to a side lie on it */
 
-/** How a mesh is numbered. */
+enum { POINT_SIZE = 3 * sizeof(double) };
+
+static qm_status no_memory(qm_context *ctx)
+{
+    return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the boundary of the patches");
+}
+
+/** The numbering of a mesh. */
 typedef struct numbering {
     const qm_reconstruction *r;
     bool fine;
-    uint32_t *node;  /* of the layout, QM_NO_INDEX where no patch has it */
+    uint32_t *node;  /* vertex of each node; QM_NO_INDEX if no patch has it */
     uint32_t *curve; /* first inner vertex of each curve */
     size_t vertex_count, face_count;
 } numbering;
 
 static uint32_t chord_count(const numbering *n, const qm_chord *chord)
 {
-    return n->fine ? chord->work : chord->edges;
+    return n->fine ? chord->lattice_edges : chord->edges;
 }
 
 static uint32_t curve_edges(const numbering *n, uint32_t curve)
 {
-    return chord_count(n, &n->r->chords[n->r->tracks[curve].chord]);
+    return chord_count(n, &n->r->chords[n->r->polylines[curve].chord]);
 }
 
 static void number_vertices(numbering *n)
@@ -33,26 +43,26 @@ static void number_vertices(numbering *n)
     for (size_t i = 0; i < layout->node_count; i++)
         n->node[i] = QM_NO_INDEX;
     for (size_t i = 0; i < layout->curve_count; i++) {
-        if (n->r->tracks[i].chord == QM_NO_INDEX) continue;
+        if (n->r->polylines[i].chord == QM_NO_INDEX) continue;
         const uint32_t end[2] = {layout->curves[i].from, layout->curves[i].to};
         for (int k = 0; k < 2; k++)
             if (n->node[end[k]] == QM_NO_INDEX) n->node[end[k]] = (uint32_t)n->vertex_count++;
     }
     for (size_t i = 0; i < layout->curve_count; i++) {
-        if (n->r->tracks[i].chord == QM_NO_INDEX) continue;
+        if (n->r->polylines[i].chord == QM_NO_INDEX) continue;
         n->curve[i] = (uint32_t)n->vertex_count;
         n->vertex_count += curve_edges(n, (uint32_t)i) - 1;
     }
     for (size_t p = 0; p < layout->patch_count; p++) {
-        size_t columns = chord_count(n, qm_patch_chord(n->r, p, 0));
-        size_t rows = chord_count(n, qm_patch_chord(n->r, p, 1));
+        size_t columns = chord_count(n, qm_chord_of_patch(n->r, p, 0));
+        size_t rows = chord_count(n, qm_chord_of_patch(n->r, p, 1));
         n->vertex_count += (columns - 1) * (rows - 1);
         n->face_count += columns * rows;
     }
 }
 
-/** The number of vertex k along a side, from corner `side` on. */
-static uint32_t side_vertex(const numbering *n, const qm_layout_patch *patch, int side, uint32_t k)
+/** The mesh vertex of vertex k along a side, counted from corner `side`. */
+static uint32_t find_side_vertex(const numbering *n, const qm_layout_patch *patch, int side, uint32_t k)
 {
     uint32_t curve = patch->side[side], edges = curve_edges(n, curve);
     if (k == 0) return n->node[qm_layout_corner(&n->r->layout, patch, side)];
@@ -60,47 +70,51 @@ static uint32_t side_vertex(const numbering *n, const qm_layout_patch *patch, in
     return n->curve[curve] + (patch->against[side] ? edges - k : k) - 1;
 }
 
-static uint32_t grid_vertex(const numbering *n, const qm_layout_patch *patch, uint32_t columns, uint32_t rows,
+static uint32_t find_vertex(const numbering *n, const qm_layout_patch *patch, uint32_t columns, uint32_t rows,
                             uint32_t first, uint32_t i, uint32_t j)
 {
-    if (j == 0) return side_vertex(n, patch, 0, i);
-    if (j == rows) return side_vertex(n, patch, 2, columns - i);
-    if (i == columns) return side_vertex(n, patch, 1, j);
-    if (i == 0) return side_vertex(n, patch, 3, rows - j);
+    if (j == 0) return find_side_vertex(n, patch, 0, i);
+    if (j == rows) return find_side_vertex(n, patch, 2, columns - i);
+    if (i == columns) return find_side_vertex(n, patch, 1, j);
+    if (i == 0) return find_side_vertex(n, patch, 3, rows - j);
     return first + (j - 1) * (columns - 1) + i - 1;
 }
 
-/** Every so manieth vertex of a patch. Quads that come out folded are smoothed out here: in the finer grid
- * none may be. */
-static qm_status thin_grid(qm_context *ctx, const numbering *n, size_t p, qm_patch_grid *out)
+/**
+ * Takes every n-th vertex of a lattice. Quads that are folded after that, though none of the finer lattice
+ * was, are untangled.
+ */
+static qm_status thin_lattice(qm_context *ctx, const numbering *n, size_t p, qm_lattice *out)
 {
-    const qm_patch_grid *grid = &n->r->grids[p];
-    *out = (qm_patch_grid){.columns = chord_count(n, qm_patch_chord(n->r, p, 0)),
-                           .rows = chord_count(n, qm_patch_chord(n->r, p, 1))};
-    if (!qm_grid_allocate(ctx, out)) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a patch");
-    uint32_t across = grid->columns / out->columns, down = grid->rows / out->rows;
+    const qm_lattice *lattice = &n->r->lattices[p];
+    *out = (qm_lattice){.columns = chord_count(n, qm_chord_of_patch(n->r, p, 0)),
+                        .rows = chord_count(n, qm_chord_of_patch(n->r, p, 1))};
+    if (!qm_lattice_allocate(ctx, out))
+        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a patch");
+    uint32_t across = lattice->columns / out->columns, down = lattice->rows / out->rows;
     for (uint32_t j = 0; j <= out->rows; j++)
         for (uint32_t i = 0; i <= out->columns; i++)
-            memcpy(qm_grid_vertex(out, i, j), qm_grid_vertex(grid, i * across, j * down), ROW);
-    if (across > 1 || down > 1) qm_grid_untangle(&n->r->source, out);
+            memcpy(qm_lattice_vertex(out, i, j), qm_lattice_vertex(lattice, i * across, j * down),
+                   POINT_SIZE);
+    if (across > 1 || down > 1) qm_lattice_untangle(&n->r->surface, out);
     return QM_OK;
 }
 
-/** Vertices and faces of a patch; first is the number of its first inner vertex. */
-static void add_grid(const numbering *n, const qm_layout_patch *patch, const qm_patch_grid *grid,
-                     uint32_t first, uint32_t *faces, double *positions)
+/** Adds the vertices and faces of a patch; first is the index of its first inner vertex. */
+static void add_patch(const numbering *n, const qm_layout_patch *patch, const qm_lattice *lattice,
+                      uint32_t first, uint32_t *faces, double *positions)
 {
-    uint32_t columns = grid->columns, rows = grid->rows;
+    uint32_t columns = lattice->columns, rows = lattice->rows;
     for (uint32_t j = 0; j <= rows; j++) {
         for (uint32_t i = 0; i <= columns; i++) {
-            uint32_t vertex = grid_vertex(n, patch, columns, rows, first, i, j);
-            memcpy(positions + 3 * (size_t)vertex, qm_grid_vertex(grid, i, j), ROW);
+            uint32_t vertex = find_vertex(n, patch, columns, rows, first, i, j);
+            memcpy(positions + 3 * (size_t)vertex, qm_lattice_vertex(lattice, i, j), POINT_SIZE);
             if (i == columns || j == rows) continue;
             uint32_t *face = faces + 4 * ((size_t)j * columns + i);
             face[0] = vertex;
-            face[1] = grid_vertex(n, patch, columns, rows, first, i + 1, j);
-            face[2] = grid_vertex(n, patch, columns, rows, first, i + 1, j + 1);
-            face[3] = grid_vertex(n, patch, columns, rows, first, i, j + 1);
+            face[1] = find_vertex(n, patch, columns, rows, first, i + 1, j);
+            face[2] = find_vertex(n, patch, columns, rows, first, i + 1, j + 1);
+            face[3] = find_vertex(n, patch, columns, rows, first, i, j + 1);
         }
     }
 }
@@ -109,14 +123,14 @@ static qm_status fill_mesh(qm_context *ctx, const numbering *n, uint32_t first, 
 {
     uint32_t *faces = out->faces;
     for (size_t p = 0; p < n->r->layout.patch_count; p++) {
-        qm_patch_grid grid;
-        qm_status status = thin_grid(ctx, n, p, &grid);
+        qm_lattice lattice;
+        qm_status status = thin_lattice(ctx, n, p, &lattice);
         if (status != QM_OK) return status;
-        out->grids[p] = (qm_mesh_grid){grid.rows, grid.columns};
-        add_grid(n, &n->r->layout.patches[p], &grid, first, faces, out->positions);
-        first += (grid.columns - 1) * (grid.rows - 1);
-        faces += 4 * (size_t)grid.columns * grid.rows;
-        qm_grid_free(ctx, &grid);
+        out->grids[p] = (qm_mesh_grid){lattice.rows, lattice.columns};
+        add_patch(n, &n->r->layout.patches[p], &lattice, first, faces, out->positions);
+        first += (lattice.columns - 1) * (lattice.rows - 1);
+        faces += 4 * (size_t)lattice.columns * lattice.rows;
+        qm_lattice_free(ctx, &lattice);
     }
     return QM_OK;
 }
@@ -128,11 +142,11 @@ static qm_status make_mesh(qm_context *ctx, numbering *n, qm_mesh *out)
         return qm_context_fail(ctx, QM_E_TOO_LARGE, "the mesh would have %zu quads", n->face_count);
     uint32_t first = (uint32_t)n->vertex_count;
     for (size_t p = 0; p < n->r->layout.patch_count; p++)
-        first -= (chord_count(n, qm_patch_chord(n->r, p, 0)) - 1) *
-                 (chord_count(n, qm_patch_chord(n->r, p, 1)) - 1);
+        first -= (chord_count(n, qm_chord_of_patch(n->r, p, 0)) - 1) *
+                 (chord_count(n, qm_chord_of_patch(n->r, p, 1)) - 1);
     out->vertex_count = n->vertex_count;
     out->face_count = n->face_count;
-    out->positions = qm_context_alloc(ctx, n->vertex_count, ROW);
+    out->positions = qm_context_alloc(ctx, n->vertex_count, POINT_SIZE);
     out->faces = qm_context_alloc(ctx, n->face_count, 4 * sizeof *out->faces);
     out->grid_count = n->r->layout.patch_count;
     out->grids = qm_context_alloc(ctx, out->grid_count, sizeof *out->grids);
@@ -145,7 +159,7 @@ static qm_status make_mesh(qm_context *ctx, numbering *n, qm_mesh *out)
     return status;
 }
 
-qm_status qm_grids_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_mesh *out)
+qm_status qm_lattices_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_mesh *out)
 {
     const qm_layout *layout = &r->layout;
     numbering n = {.r = r, .fine = fine};
@@ -159,5 +173,86 @@ qm_status qm_grids_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, 
         qm_context_fail(ctx, status, "out of memory for the mesh");
     qm_context_free(ctx, n.node, layout->node_count, sizeof *n.node);
     qm_context_free(ctx, n.curve, layout->curve_count, sizeof *n.curve);
+    return status;
+}
+
+size_t qm_lattices_find_patch(const size_t *first, size_t patch_count, uint32_t face)
+{
+    size_t low = 0, high = patch_count;
+    while (high - low > 1) {
+        size_t middle = (low + high) / 2;
+        if (first[middle] <= face)
+            low = middle;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+/** The number of patch sides that each curve is; NULL when out of memory. */
+static uint32_t *count_uses(qm_context *ctx, const qm_layout *layout)
+{
+    uint32_t *uses = qm_context_alloc(ctx, layout->curve_count, sizeof *uses);
+    if (!uses) return NULL;
+    memset(uses, 0, layout->curve_count * sizeof *uses);
+    for (size_t p = 0; p < layout->patch_count; p++)
+        for (int k = 0; k < 4; k++)
+            uses[layout->patches[p].side[k]]++;
+    return uses;
+}
+
+qm_status qm_reconstruction_boundary(qm_context *ctx, const qm_reconstruction *r, double **points,
+                                     size_t *count)
+{
+    QM_ASSERT(ctx && r && points && count);
+    *points = NULL;
+    *count = 0;
+    uint32_t *uses = count_uses(ctx, &r->layout);
+    if (!uses) return no_memory(ctx);
+    size_t curves = r->layout.curve_count, done = 0;
+    for (size_t c = 0; c < curves; c++)
+        if (uses[c] == 1) *count += r->polylines[c].point_count;
+    if (*count > 0) *points = qm_context_alloc(ctx, *count, POINT_SIZE);
+    for (size_t c = 0; c < curves && *points; c++) {
+        if (uses[c] != 1) continue;
+        memcpy(*points + 3 * done, r->polylines[c].points, r->polylines[c].point_count * POINT_SIZE);
+        done += r->polylines[c].point_count;
+    }
+    qm_context_free(ctx, uses, curves, sizeof *uses);
+    return *count > 0 && !*points ? no_memory(ctx) : QM_OK;
+}
+
+/** True if a point of a patch, given by one of its faces, lies on a side that one patch only has. */
+static bool is_on_boundary(const qm_reconstruction *r, size_t p, const uint32_t *uses, size_t face,
+                           const double uv[2])
+{
+    size_t columns = qm_chord_of_patch(r, p, 0)->edges, rows = qm_chord_of_patch(r, p, 1)->edges;
+    size_t column = face % columns, row = face / columns;
+    const bool on_side[4] = {
+        row == 0 && uv[1] <= SIDE_TOLERANCE, column + 1 == columns && uv[0] >= 1.0 - SIDE_TOLERANCE,
+        row + 1 == rows && uv[1] >= 1.0 - SIDE_TOLERANCE, column == 0 && uv[0] <= SIDE_TOLERANCE};
+    for (int k = 0; k < 4; k++)
+        if (on_side[k] && uses[r->layout.patches[p].side[k]] == 1) return true;
+    return false;
+}
+
+qm_status qm_reconstruction_mark_boundary(qm_context *ctx, const qm_reconstruction *r, const uint32_t *faces,
+                                          const double *uv, size_t count, bool *on_boundary)
+{
+    size_t patches = r->layout.patch_count;
+    uint32_t *uses = count_uses(ctx, &r->layout);
+    size_t *first = qm_context_alloc(ctx, patches, sizeof *first), face_count = 0;
+    qm_status status = uses && first ? QM_OK : no_memory(ctx);
+    for (size_t p = 0; p < patches && status == QM_OK; p++) {
+        first[p] = face_count;
+        face_count += (size_t)qm_chord_of_patch(r, p, 0)->edges * qm_chord_of_patch(r, p, 1)->edges;
+    }
+    for (size_t i = 0; i < count && status == QM_OK; i++) {
+        QM_ASSERT(faces[i] < face_count);
+        size_t p = qm_lattices_find_patch(first, patches, faces[i]);
+        on_boundary[i] = is_on_boundary(r, p, uses, faces[i] - first[p], uv + 2 * i);
+    }
+    qm_context_free(ctx, uses, r->layout.curve_count, sizeof *uses);
+    qm_context_free(ctx, first, patches, sizeof *first);
     return status;
 }

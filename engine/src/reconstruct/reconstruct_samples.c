@@ -1,9 +1,16 @@
-#include "bvh/bvh_tree.h"
-#include "reconstruct_work.h"
+/**
+ * reconstruct_samples.c: samples of the surface, their projection onto the lattices, and what their normals
+ * say about sides.
+ */
+#include "reconstruct_internal.h"
 
 #include <string.h>
 
-enum { ROW = 3 * sizeof(double) };
+#include "bvh/bvh_tree.h"
+
+#define MIN_MAJORITY 0.8 /* fraction of the samples whose normals must agree for normals to be used */
+
+enum { POINT_SIZE = 3 * sizeof(double) };
 
 static qm_status no_memory(qm_context *ctx)
 {
@@ -18,7 +25,7 @@ static void load_triangle(const qm_mesh *mesh, size_t face, int half, qm_vec cor
         corner[k] = qm_vec_load(mesh->positions + 3 * (size_t)of[k]);
 }
 
-/** As long as the triangle's area twice. */
+/** A normal of twice the triangle's area. */
 static qm_vec triangle_normal(const qm_vec corner[3])
 {
     return qm_vec_cross(qm_vec_sub(corner[1], corner[0]), qm_vec_sub(corner[2], corner[0]));
@@ -39,9 +46,8 @@ static void store_normal(float row[3], qm_vec normal)
 }
 
 /**
- * A point of a triangle for the k-th sample: multiples of two irrational numbers, which fill the square
- * evenly, folded into the triangle. Source: M. Roberts, The unreasonable effectiveness of quasirandom
- * sequences, 2018.
+ * The k-th sample as a point of a triangle: a quasirandom sequence in the square, folded into the triangle.
+ * Source: M. Roberts, The unreasonable effectiveness of quasirandom sequences, 2018.
  */
 static qm_vec triangle_sample(const qm_vec corner[3], size_t k)
 {
@@ -55,7 +61,7 @@ static qm_vec triangle_sample(const qm_vec corner[3], size_t k)
     return qm_vec_axpy(along, t, qm_vec_sub(corner[2], corner[0]));
 }
 
-/** Samples at equal steps of the area summed up over the faces: each gets its share, however small it is. */
+/** Samples at equal steps of the cumulative area: each face gets samples in proportion to its area. */
 static void sample_mesh(const qm_mesh *mesh, double total, qm_samples *out)
 {
     double done = 0.0;
@@ -72,6 +78,7 @@ static void sample_mesh(const qm_mesh *mesh, double total, qm_samples *out)
             }
         }
     }
+    QM_ASSERT(k <= out->count);
     out->count = k;
 }
 
@@ -89,23 +96,18 @@ static double mesh_area(const qm_mesh *mesh)
     return area;
 }
 
-/** A share of a point set that does not follow the order of its rows, as scans are stored line by line. */
-static bool is_taken(size_t i, uint64_t limit)
-{
-    uint64_t x = (uint64_t)i * UINT64_C(0x9e3779b97f4a7c15);
-    x ^= x >> 32;
-    x *= UINT64_C(0xd6e8feb86659fd93);
-    return x >> 32 < limit;
-}
-
+/** Selects points by a hash of the index, as scans are stored line by line. */
 static void sample_cloud(const qm_mesh *cloud, size_t wanted, qm_samples *out)
 {
-    double share = (double)wanted / (double)cloud->vertex_count;
-    uint64_t limit = share >= 1.0 ? UINT64_C(1) << 32 : (uint64_t)(share * 0x1p32);
+    double fraction = (double)wanted / (double)cloud->vertex_count;
+    uint64_t limit = fraction >= 1.0 ? UINT64_C(1) << 32 : (uint64_t)(fraction * 0x1p32);
     size_t k = 0;
     for (size_t i = 0; i < cloud->vertex_count && k < out->count; i++) {
-        if (!is_taken(i, limit)) continue;
-        memcpy(out->positions + 3 * k, cloud->positions + 3 * i, ROW);
+        uint64_t x = (uint64_t)i * UINT64_C(0x9e3779b97f4a7c15);
+        x ^= x >> 32;
+        x *= UINT64_C(0xd6e8feb86659fd93);
+        if (x >> 32 >= limit) continue;
+        memcpy(out->positions + 3 * k, cloud->positions + 3 * i, POINT_SIZE);
         if (out->normals) memcpy(out->normals + 3 * k, cloud->normals + 3 * i, 3 * sizeof *out->normals);
         k++;
     }
@@ -114,20 +116,21 @@ static void sample_cloud(const qm_mesh *cloud, size_t wanted, qm_samples *out)
 
 qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t wanted, qm_samples *out)
 {
-    const qm_mesh *mesh = &r->source.bvh->mesh;
-    if (r->source.is_cloud && wanted > mesh->vertex_count) wanted = mesh->vertex_count;
-    /* A hashed share of the points may come out a little above what was wanted. */
+    const qm_mesh *mesh = &r->surface.bvh->mesh;
+    if (r->surface.is_cloud && wanted > mesh->vertex_count) wanted = mesh->vertex_count;
+    /* The hash may select a few more points than wanted. */
     size_t capacity = wanted + wanted / 8 + 64;
-    *out = (qm_samples){.count = r->source.is_cloud ? capacity : wanted, .capacity = capacity};
-    out->positions = qm_context_alloc(ctx, capacity, ROW);
-    out->place = qm_context_alloc(ctx, capacity, sizeof *out->place);
-    bool has_normals = !r->source.is_cloud || mesh->normals;
+    QM_ASSERT(ctx && r && out);
+    *out = (qm_samples){.count = r->surface.is_cloud ? capacity : wanted, .capacity = capacity};
+    out->positions = qm_context_alloc(ctx, capacity, POINT_SIZE);
+    out->location = qm_context_alloc(ctx, capacity, sizeof *out->location);
+    bool has_normals = !r->surface.is_cloud || mesh->normals;
     if (has_normals) out->normals = qm_context_alloc(ctx, capacity, 3 * sizeof *out->normals);
-    if (!out->positions || !out->place || (has_normals && !out->normals)) {
+    if (!out->positions || !out->location || (has_normals && !out->normals)) {
         qm_samples_reset(ctx, out);
         return no_memory(ctx);
     }
-    if (r->source.is_cloud)
+    if (r->surface.is_cloud)
         sample_cloud(mesh, wanted, out);
     else
         sample_mesh(mesh, mesh_area(mesh), out);
@@ -137,91 +140,170 @@ qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t 
 void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base)
 {
     for (size_t i = 0; i < samples->count; i++) {
-        const qm_patch_grid *grid = &r->grids[samples->place[i].patch];
-        samples->place[i].u *= (double)(grid->columns / base);
-        samples->place[i].v *= (double)(grid->rows / base);
+        const qm_lattice *lattice = &r->lattices[samples->location[i].patch];
+        samples->location[i].u *= (double)(lattice->columns / base);
+        samples->location[i].v *= (double)(lattice->rows / base);
     }
 }
 
 void qm_samples_reset(qm_context *ctx, qm_samples *samples)
 {
-    qm_context_free(ctx, samples->positions, samples->capacity, ROW);
+    qm_context_free(ctx, samples->positions, samples->capacity, POINT_SIZE);
     qm_context_free(ctx, samples->normals, samples->capacity, 3 * sizeof *samples->normals);
-    qm_context_free(ctx, samples->place, samples->capacity, sizeof *samples->place);
+    qm_context_free(ctx, samples->location, samples->capacity, sizeof *samples->location);
     *samples = (qm_samples){0};
 }
 
-size_t qm_patch_of_face(const size_t *first, size_t patch_count, uint32_t face)
+/*
+ * Samples and lattices with opposed normals.
+ */
+
+/** The numbers of samples whose normals agree with other normals, and of those opposed to them. */
+typedef struct side_votes {
+    size_t along, against;
+} side_votes;
+
+static qm_vec own_normal(const qm_samples *samples, size_t i)
 {
-    size_t low = 0, high = patch_count;
-    while (high - low > 1) {
-        size_t middle = (low + high) / 2;
-        if (first[middle] <= face)
-            low = middle;
-        else
-            high = middle;
-    }
-    return low;
+    const float *row = samples->normals + 3 * i;
+    return (qm_vec){row[0], row[1], row[2]};
 }
 
-static void set_places(const qm_reconstruction *r, const size_t *first, const qm_projection *feet,
-                       qm_samples *samples)
+/** The sign of a sample's normal against the normal of the lattice quad under it; 0 where it is unknown. */
+static int sample_side(const qm_reconstruction *r, const qm_samples *samples, size_t i)
 {
+    const qm_sample_location *location = &samples->location[i];
+    const qm_lattice *lattice = &r->lattices[location->patch];
+    uint32_t column = (uint32_t)location->u, row = (uint32_t)location->v;
+    if (column == lattice->columns) column--;
+    if (row == lattice->rows) row--;
+    const double *a = qm_lattice_vertex(lattice, column, row),
+                 *b = qm_lattice_vertex(lattice, column + 1, row);
+    const double *c = qm_lattice_vertex(lattice, column + 1, row + 1),
+                 *d = qm_lattice_vertex(lattice, column, row + 1);
+    qm_vec normal =
+        qm_vec_cross(qm_vec_sub(qm_vec_load(c), qm_vec_load(a)), qm_vec_sub(qm_vec_load(d), qm_vec_load(b)));
+    double dot = qm_vec_dot(normal, own_normal(samples, i));
+    return (dot > 0.0) - (dot < 0.0);
+}
+
+/** The sign of nearly all votes, or 0. */
+static int majority_side(const side_votes *votes)
+{
+    double all = (double)(votes->along + votes->against);
+    if ((double)votes->along > MIN_MAJORITY * all) return 1;
+    return (double)votes->against > MIN_MAJORITY * all ? -1 : 0;
+}
+
+/** True if the normals of nearly all neighbouring samples agree. */
+static bool are_consistent(const qm_samples *samples, const qm_knn_graph *graph)
+{
+    side_votes votes = {0};
     for (size_t i = 0; i < samples->count; i++) {
-        size_t patch = qm_patch_of_face(first, r->layout.patch_count, feet->face[i]);
-        uint32_t columns = r->grids[patch].columns, place = feet->face[i] - (uint32_t)first[patch];
-        samples->place[i] = (qm_sample_place){.patch = (uint32_t)patch,
-                                              .u = place % columns + feet->uv[2 * i],
-                                              .v = place / columns + feet->uv[2 * i + 1],
-                                              .distance = feet->distance[i]};
+        for (int k = 0; k < QM_KNN_MAX_LINKS && graph->link[i][k] != QM_NO_INDEX; k++) {
+            if (graph->link[i][k] >= samples->count) continue;
+            double dot = qm_vec_dot(own_normal(samples, i), own_normal(samples, graph->link[i][k]));
+            votes.along += dot > 0.0;
+            votes.against += dot < 0.0;
+        }
     }
+    return majority_side(&votes) > 0;
 }
 
-/** Numbers of the patches' first faces in the working mesh. */
-static void set_first(const qm_reconstruction *r, size_t *first)
+bool qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph)
 {
-    size_t count = 0;
-    for (size_t p = 0; p < r->layout.patch_count; p++) {
-        first[p] = count;
-        count += (size_t)r->grids[p].columns * r->grids[p].rows;
+    if (!samples->normals || !are_consistent(samples, graph)) return false;
+    for (size_t i = 0; i < graph->count; i++) {
+        qm_vec side = {0, 0, 0};
+        if (i < samples->count) side = own_normal(samples, i);
+        for (int k = 0; k < QM_KNN_MAX_LINKS && graph->link[i][k] != QM_NO_INDEX && i >= samples->count; k++)
+            if (graph->link[i][k] < samples->count)
+                side = qm_vec_add(side, own_normal(samples, graph->link[i][k]));
+        if (qm_vec_dot(graph->normal[i], side) < 0.0) graph->normal[i] = qm_vec_scale(-1.0, graph->normal[i]);
     }
+    return true;
 }
 
+/**
+ * Puts the samples whose normals are opposed to their lattice onto its corner, where the fit ignores them:
+ * they lie on the other side of a gap or sheet. Only in patches where nearly all samples agree, as normals
+ * may be wrong.
+ */
+static qm_status exclude_opposed(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples)
+{
+    size_t patches = r->layout.patch_count;
+    side_votes *votes = qm_context_alloc(ctx, patches, sizeof *votes);
+    if (!votes) return no_memory(ctx);
+    memset(votes, 0, patches * sizeof *votes);
+    for (size_t i = 0; i < samples->count; i++) {
+        int side = sample_side(r, samples, i);
+        QM_ASSERT(samples->location[i].patch < patches);
+        votes[samples->location[i].patch].along += side > 0;
+        votes[samples->location[i].patch].against += side < 0;
+    }
+    for (size_t i = 0; i < samples->count; i++) {
+        int majority = majority_side(&votes[samples->location[i].patch]);
+        if (majority == 0 || sample_side(r, samples, i) != -majority) continue;
+        samples->location[i].u = samples->location[i].v = 0.0;
+    }
+    qm_context_free(ctx, votes, patches, sizeof *votes);
+    return QM_OK;
+}
+
+/** Projects the samples onto the mesh of all lattice vertices. */
 static qm_status project(qm_context *ctx, const qm_reconstruction *r, const qm_samples *samples,
-                         const qm_projection *feet)
+                         const qm_projection *projections)
 {
     qm_mesh mesh;
     qm_bvh *tree = NULL;
-    qm_status status = qm_grids_mesh(ctx, r, true, &mesh);
+    qm_status status = qm_lattices_mesh(ctx, r, true, &mesh);
     if (status != QM_OK) return status;
     status = qm_bvh_build(ctx, &mesh, QM_BVH_TARGET, r->options.thread_count, &tree);
     if (status == QM_OK)
         status = qm_project_points(ctx, tree, QM_QUADS_TRIANGLES, samples->positions, samples->count,
-                                   r->options.thread_count, feet);
+                                   r->options.thread_count, projections);
     qm_bvh_destroy(ctx, tree);
     qm_mesh_reset(ctx, &mesh);
     return status;
 }
 
-qm_status qm_samples_locate(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples)
+/** Sets the locations of samples from their projections; first has room for an index for each patch. */
+static void set_locations(const qm_reconstruction *r, const qm_projection *projections, size_t *first,
+                          qm_samples *samples)
+{
+    size_t face_count = 0;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        first[p] = face_count;
+        face_count += (size_t)r->lattices[p].columns * r->lattices[p].rows;
+    }
+    for (size_t i = 0; i < samples->count; i++) {
+        size_t patch = qm_lattices_find_patch(first, r->layout.patch_count, projections->face[i]);
+        uint32_t columns = r->lattices[patch].columns, face = projections->face[i] - (uint32_t)first[patch];
+        samples->location[i] = (qm_sample_location){.patch = (uint32_t)patch,
+                                                    .u = face % columns + projections->uv[2 * i],
+                                                    .v = face / columns + projections->uv[2 * i + 1],
+                                                    .distance = projections->distance[i]};
+    }
+}
+
+qm_status qm_samples_project(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples)
 {
     size_t count = samples->count, patches = r->layout.patch_count;
-    qm_projection feet = {.distance = qm_context_alloc(ctx, count, sizeof *feet.distance),
-                          .face = qm_context_alloc(ctx, count, sizeof *feet.face),
-                          .uv = qm_context_alloc(ctx, count, 2 * sizeof *feet.uv)};
+    qm_projection projections = {.distance = qm_context_alloc(ctx, count, sizeof *projections.distance),
+                                 .face = qm_context_alloc(ctx, count, sizeof *projections.face),
+                                 .uv = qm_context_alloc(ctx, count, 2 * sizeof *projections.uv)};
     size_t *first = qm_context_alloc(ctx, patches, sizeof *first);
     qm_status status = QM_OK;
-    if (!feet.distance || !feet.face || !feet.uv || !first) status = no_memory(ctx);
-    if (status == QM_OK) status = project(ctx, r, samples, &feet);
+    if (!projections.distance || !projections.face || !projections.uv || !first) status = no_memory(ctx);
+    if (status == QM_OK) status = project(ctx, r, samples, &projections);
     if (status == QM_OK) {
-        set_first(r, first);
-        set_places(r, first, &feet, samples);
+        set_locations(r, &projections, first, samples);
         samples->is_projected = true;
-        if (samples->normals) status = qm_samples_drop_turned(ctx, r, samples);
+        if (samples->normals) status = exclude_opposed(ctx, r, samples);
     }
-    qm_context_free(ctx, feet.distance, count, sizeof *feet.distance);
-    qm_context_free(ctx, feet.face, count, sizeof *feet.face);
-    qm_context_free(ctx, feet.uv, count, 2 * sizeof *feet.uv);
+    qm_context_free(ctx, projections.distance, count, sizeof *projections.distance);
+    qm_context_free(ctx, projections.face, count, sizeof *projections.face);
+    qm_context_free(ctx, projections.uv, count, 2 * sizeof *projections.uv);
     qm_context_free(ctx, first, patches, sizeof *first);
     return status;
 }

@@ -1,8 +1,8 @@
 /**
- * box.h: which of the eight boxes of a group come within a distance of a point or box, in single precision
- * and never missing one.
+ * box.h: which of the eight boxes of a node come within a distance of a point or box, in single precision and
+ * never missing one.
  *
- * The boxes reach QM_BOX_MARGIN outward already. The query is widened by its own rounding before the
+ * The boxes are enlarged by QM_BOX_MARGIN already. The query is enlarged by its own rounding before the
  * subtraction: a float is within half a unit in its last place of the double, and is moved by at least one.
  * So gaps before rounding are at most the true ones, and with v = 2^-24 a computed squared distance is at
  * most (1 + v)^5 < 1 + 4e-7 times the true one: two for the gap, which is rounded and then squared, one for
@@ -14,7 +14,8 @@
 #include "bvh/kernel.h"
 #include "keys.h"
 
-/** A box as the query of a group: low is compared with the boxes' high sides and the other way round. */
+/** A box as a query: its low sides are compared with the high sides of the boxes, and its high sides with the
+ * low. */
 typedef struct qm_box_query {
     float low[3], high[3];
 } qm_box_query;
@@ -95,12 +96,12 @@ static inline unsigned qm_vi_bits(qm_vi mask)
 }
 
 /** Squared distances from the query to the eight boxes. */
-static inline qm_vf qm_box_node_d2(const qm_box_node *group, const qm_box_query *query)
+static inline qm_vf qm_box_node_d2(const qm_box_node *node, const qm_box_query *query)
 {
     qm_vf sum = {0};
     for (int k = 0; k < 3; k++) {
-        qm_vf below = *(const qm_vf *)(const void *)group->low[k] - query->high[k];
-        qm_vf above = query->low[k] - *(const qm_vf *)(const void *)group->high[k];
+        qm_vf below = *(const qm_vf *)(const void *)node->low[k] - query->high[k];
+        qm_vf above = query->low[k] - *(const qm_vf *)(const void *)node->high[k];
         qm_vf gap = qm_vf_max(qm_vf_max(below, above), (qm_vf){0});
         sum += gap * gap;
     }
@@ -110,10 +111,10 @@ static inline qm_vf qm_box_node_d2(const qm_box_node *group, const qm_box_query 
 /** Writes the squared distances from the query to the eight boxes, and returns bits of those within the
  * limit.
  */
-static inline unsigned qm_box_node_within(const qm_box_node *group, const qm_box_query *query, float limit,
+static inline unsigned qm_box_node_within(const qm_box_node *node, const qm_box_query *query, float limit,
                                           float d2[QM_PACK_LANES])
 {
-    qm_vf sum = qm_box_node_d2(group, query);
+    qm_vf sum = qm_box_node_d2(node, query);
     *(qm_vf *)(void *)d2 = sum;
     return qm_vi_bits(sum <= limit);
 }

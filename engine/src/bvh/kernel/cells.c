@@ -1,11 +1,11 @@
 /**
- * cells.c: the cells of a grid that eight faces reach into, whether any of those is marked, and lists of
- * some.
+ * cells.c: the cells of a grid that eight faces reach into, which of these faces reach into a marked cell,
+ * and lists of faces with their cells.
  */
 #include <string.h>
 
 #include "box.h"
-#include "bvh/collide_marks.h"
+#include "bvh/cell_grid.h"
 #include "kernels.h"
 
 typedef uint8_t qm_vb __attribute__((vector_size(32)));
@@ -32,8 +32,8 @@ static inline qm_vb bytes_max(qm_vb a, qm_vb b)
 #endif
 }
 
-/** The same of fewer bytes. */
-static inline qm_vs some_min(qm_vs a, qm_vs b)
+/** Min and max of half as many bytes. */
+static inline qm_vs half_min(qm_vs a, qm_vs b)
 {
 #if defined(__AVX2__)
     return (qm_vs)_mm_min_epu8((__m128i)a, (__m128i)b);
@@ -43,7 +43,7 @@ static inline qm_vs some_min(qm_vs a, qm_vs b)
 #endif
 }
 
-static inline qm_vs some_max(qm_vs a, qm_vs b)
+static inline qm_vs half_max(qm_vs a, qm_vs b)
 {
 #if defined(__AVX2__)
     return (qm_vs)_mm_max_epu8((__m128i)a, (__m128i)b);
@@ -59,7 +59,7 @@ static inline qm_vs cell_bytes(const qm_cell *cells, uint32_t vertex)
     return (qm_vs)(four){cells[vertex]};
 }
 
-/** Lanes in which no byte of a is greater than that of b. */
+/** Lanes in which each byte of a is at max that of b. */
 static inline qm_vi at_most(qm_vb a, qm_vb b)
 {
     return (qm_vi)(bytes_max(a, b) == b) == -1;
@@ -80,19 +80,19 @@ typedef struct one_box {
     qm_vs low, high;
 } one_box;
 
-/** One face at a time: their vertices lie anywhere, and no gather loads them faster. */
+/** Bounds one face at a time: vertices lie anywhere in memory, and a gather loads them no faster. */
 static inline one_box box_of_face(const qm_cell *cells, const uint32_t *face)
 {
     qm_vs a = cell_bytes(cells, face[0]), b = cell_bytes(cells, face[1]), c = cell_bytes(cells, face[2]);
-    one_box box = {some_min(a, some_min(b, c)), some_max(a, some_max(b, c))};
+    one_box box = {half_min(a, half_min(b, c)), half_max(a, half_max(b, c))};
     if (face[3] != QM_NO_INDEX) {
         qm_vs d = cell_bytes(cells, face[3]);
-        box = (one_box){some_min(box.low, d), some_max(box.high, d)};
+        box = (one_box){half_min(box.low, d), half_max(box.high, d)};
     }
     return box;
 }
 
-/** The first lanes of eight. */
+/** Joins the first lanes of eight vectors. */
 static inline qm_vb join_first(const qm_vs one[QM_CELL_FACES])
 {
     typedef uint32_t four __attribute__((vector_size(16)));
@@ -124,7 +124,7 @@ unsigned QM_KERNEL(cell_boxes)(const qm_cell_grid *grid, const uint32_t *faces, 
     return qm_vi_bits(at_most((qm_vb)(zero + first), high) & at_most(low, (qm_vb)(zero + last)));
 }
 
-/** 32 marks of a word from the byte on that z lies in. */
+/** Loads 32 marks of a word, from the byte that holds z. */
 static inline qm_vu marks_of(const qm_cell_marks *marks, qm_vu word, qm_vu z)
 {
 #if defined(__AVX2__)
@@ -142,8 +142,8 @@ unsigned QM_KERNEL(cells_marked)(const qm_cell_grid *grid, const qm_cell_marks *
                                  const qm_cell_boxes *boxes, unsigned *large)
 {
     const qm_vu zero = {0}, low = load(boxes->low), span = load(boxes->high) - low;
-    const qm_cell most = 1 << QM_CELL_X | 1 << QM_CELL_Y | QM_CELL_SPAN << QM_CELL_Z;
-    qm_vi is_small = at_most((qm_vb)span, (qm_vb)(zero + most));
+    const qm_cell max = 1 << QM_CELL_X | 1 << QM_CELL_Y | QM_CELL_SPAN << QM_CELL_Z;
+    qm_vi is_small = at_most((qm_vb)span, (qm_vb)(zero + max));
     qm_vu row = (low >> QM_CELL_X) * qm_cell_stride(grid) + (low >> QM_CELL_Y & 0xff), z = low & 0xff;
     qm_vu more = (span >> (QM_CELL_X - 1) & 2) | (span >> QM_CELL_Y & 1);
     qm_vu found = marks_of(marks, 4 * row + more, z);
@@ -152,8 +152,8 @@ unsigned QM_KERNEL(cells_marked)(const qm_cell_grid *grid, const qm_cell_marks *
     return qm_vi_bits((qm_vi)((found & wanted) != zero) & is_small);
 }
 
-/** The marked lanes in the order in which they come, then whatever. */
-static inline qm_vu pack_lanes(unsigned marked)
+/** The indices of the marked lanes in ascending order; the remaining lanes are arbitrary. */
+static inline qm_vu compress_lanes(unsigned marked)
 {
 #if defined(__AVX2__)
     uint64_t bytes = _pdep_u64(marked, 0x0101010101010101) * 0xff;
@@ -180,9 +180,10 @@ static inline qm_vu permute(qm_vu a, qm_vu lanes)
 #endif
 }
 
-void QM_KERNEL(keep_cells)(const qm_cell_boxes *boxes, uint32_t first, unsigned faces, qm_cell_list *list)
+void QM_KERNEL(append_cells)(const qm_cell_boxes *boxes, uint32_t first, unsigned faces, qm_cell_list *list)
 {
-    qm_vu lanes = pack_lanes(faces), face = lanes + first, low = permute(load(boxes->low), lanes),
+    QM_ASSERT(list->count <= QM_CELL_LIST);
+    qm_vu lanes = compress_lanes(faces), face = lanes + first, low = permute(load(boxes->low), lanes),
           high = permute(load(boxes->high), lanes);
     memcpy(list->face + list->count, &face, sizeof face);
     memcpy(list->low + list->count, &low, sizeof low);

@@ -1,16 +1,17 @@
 /**
- * compare.c: which lanes of two leaves of one mesh may meet: one triangle against eight, most of which share
- * corners with it or with their neighbours. What is told apart here is apart; the rest is for exact tests.
+ * compare.c: which lanes of two packs of one mesh may meet: one triangle against eight, most of which share
+ * corners with it or with its neighbors. Pairs that this filter separates are apart; all others go to exact
+ * tests.
  *
- * Triangles are told apart by planes: that of either triangle, and those through the edges of either at a
- * right angle to it. Where those corners of a triangle that are not shared lie strictly beyond a plane that
- * the shared ones lie in, and that the other triangle doesn't cross, only the hull of the shared ones can
- * meet it: a corner or an edge that both have.
+ * Triangles are separated by planes: that of either triangle, and those through the edges of either that are
+ * perpendicular to it. Where the corners of a triangle that are not shared lie strictly beyond a plane that
+ * contains the shared ones, and that the other triangle does not cross, only the hull of the shared ones can
+ * meet it: a corner or an edge of both.
  *
- * Errors: let e bound the error of every coordinate, E the size of the triangle whose plane it is, and W how
- * far the other's corners lie from it along an axis: at most both sizes when their boxes meet. Edges are then
- * wrong by at most 3 e, normals by 18 E e and what is computed for a corner by 78 E W e + 54 E^2 e, which is
- * below 128 e E (E + W); sizes are enlarged by 4 e for what is of second order. For planes through edges the
+ * Errors: let e bound the error of every coordinate, E the size of the triangle whose plane it is, and W the
+ * distance of the other's corners from it along an axis: at most both sizes when their boxes meet. Edges are
+ * then wrong by at most 3 e, normals by 18 E e and the height of a corner by 78 E W e + 54 E^2 e, which is
+ * below 128 e E (E + W); sizes are enlarged by 4 e for terms of second order. For planes through edges the
  * same count gives 228 E^2 W e + 72 E^3 e, below 256 e E^2 (E + W).
  */
 #include "kernels.h"
@@ -19,14 +20,15 @@
 /** Everything is inlined into the two kinds of search, so that neither pays for the other. */
 #define QM_INLINE __attribute__((always_inline))
 
-/** The corners of q as seen from p's middle. */
+/** The corners of q relative to p's center. */
 typedef struct against {
     leaf_boxes boxes;
     wide corner[3];
     qm_collide_kind kind;
 } against;
 
-static inline void set_against(against *g, const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind)
+static inline void set_against(against *g, const qm_collide_leaf *p, const qm_collide_leaf *q,
+                               qm_collide_kind kind)
 {
     leaf_boxes_set(&g->boxes, p, q);
     g->kind = kind;
@@ -54,8 +56,8 @@ QM_INLINE static inline shared_corners find_shared(const against *g, int i)
     return s;
 }
 
-/** Bits of q's lanes that have any corner of the same mark as one of p's lane i. */
-static inline unsigned lanes_alike(const against *g, int i)
+/** Bits of q's lanes with a corner whose mark equals that of a corner of p's lane i. */
+static inline unsigned lanes_sharing(const against *g, int i)
 {
     qm_vi any = {0};
     for (int c = 0; c < 3; c++)
@@ -64,7 +66,7 @@ static inline unsigned lanes_alike(const against *g, int i)
     return qm_vi_bits(any);
 }
 
-/** What is computed for lane i of p against all of q. */
+/** Lane i of p against all lanes of q. */
 typedef struct lane_against {
     const against *g;
     int i;
@@ -75,7 +77,7 @@ typedef struct lane_against {
 QM_INLINE static inline lane_against make_lane(const against *g, int i)
 {
     lane_against l = {.g = g, .i = i, .shared = find_shared(g, i)};
-    l.size = wide_row(g->boxes.q->size);
+    l.size = wide_load_row(g->boxes.q->size);
     l.own_size = (qm_vf){0} + g->boxes.p->size[i];
     l.tolerance =
         128.0f * g->boxes.error * l.own_size * (l.own_size + l.own_size + l.size) + QM_LEAF_UNDERFLOW;
@@ -128,7 +130,7 @@ QM_INLINE static inline qm_vi apart_by_own_edges(const lane_against *l)
     return apart;
 }
 
-/** A corner of lane i as seen from q's middle. */
+/** A corner of lane i relative to q's center. */
 static inline wide own_corner(const lane_against *l, int corner)
 {
     const qm_vf zero = {0};
@@ -141,7 +143,7 @@ static inline wide own_corner(const lane_against *l, int corner)
 /** Lanes of q that have lane i on one side of their planes, or beyond one of their edges. */
 QM_INLINE static inline qm_vi apart_by_other_planes(const lane_against *l)
 {
-    const qm_leaf *q = l->g->boxes.q;
+    const qm_collide_leaf *q = l->g->boxes.q;
     const qm_vi(*same)[3] = l->shared.same;
     wide own[3] = {own_corner(l, 0), own_corner(l, 1), own_corner(l, 2)};
     qm_vf tolerance =
@@ -150,13 +152,13 @@ QM_INLINE static inline qm_vi apart_by_other_planes(const lane_against *l)
                              same[2][0] | same[2][1] | same[2][2]};
     wide normal = wide_load(q->plane[0]);
     const qm_vf height[3] = {wide_dot(normal, own[0]), wide_dot(normal, own[1]), wide_dot(normal, own[2])};
-    qm_vf at = wide_row(q->plane[0][3]);
+    qm_vf at = wide_load_row(q->plane[0][3]);
     qm_vi apart = one_sided(height, at - tolerance, at + tolerance, shared);
     qm_vf edge_tolerance = 2.0f * l->size * tolerance + QM_LEAF_UNDERFLOW;
     for (int k = 0; k < 3; k++) {
         int next = (k + 1) % 3;
         wide out = wide_load(q->plane[1 + k]);
-        qm_vf limit = wide_row(q->plane[1 + k][3]) + edge_tolerance;
+        qm_vf limit = wide_load_row(q->plane[1 + k][3]) + edge_tolerance;
         qm_vi beyond = ~(qm_vi){0};
         for (int c = 0; c < 3; c++)
             beyond &= same[c][k] | same[c][next] | (wide_dot(out, own[c]) > limit);
@@ -172,7 +174,7 @@ QM_INLINE static inline void compare_lane(const against *g, int i, unsigned bits
     unsigned alike = 0;
     bits &= ~qm_vi_bits(apart_by_own_plane(&l));
     if (bits && g->kind != QM_COLLIDE_SELF) {
-        alike = bits & lanes_alike(g, i);
+        alike = bits & lanes_sharing(g, i);
         bits &= ~alike;
     }
     if (bits) bits &= ~qm_vi_bits(apart_by_own_edges(&l));
@@ -181,8 +183,7 @@ QM_INLINE static inline void compare_lane(const against *g, int i, unsigned bits
     out->alike |= (uint64_t)alike << (QM_PACK_LANES * i);
 }
 
-/** Inlined, so that neither kind of search pays for the other's. */
-QM_INLINE static inline bool compare(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind,
+QM_INLINE static inline bool compare(const qm_collide_leaf *p, const qm_collide_leaf *q, qm_collide_kind kind,
                                      unsigned moved_p, unsigned moved_q, qm_near_lanes *out)
 {
     against g;
@@ -199,9 +200,9 @@ QM_INLINE static inline bool compare(const qm_leaf *p, const qm_leaf *q, qm_coll
     return out->near != 0;
 }
 
-bool QM_KERNEL(compare_leaves)(const qm_leaf *p, const qm_leaf *q, qm_collide_kind kind, unsigned moved_p,
-                               unsigned moved_q, qm_near_lanes *out)
+bool QM_KERNEL(compare_leaves)(const qm_collide_leaf *p, const qm_collide_leaf *q, qm_collide_kind kind,
+                               unsigned moved_p, unsigned moved_q, qm_near_lanes *out)
 {
     if (kind == QM_COLLIDE_SELF) return compare(p, q, QM_COLLIDE_SELF, moved_p, moved_q, out);
-    return compare(p, q, QM_COLLIDE_TWIN, 0xff, 0xff, out);
+    return compare(p, q, QM_COLLIDE_COPY, 0xff, 0xff, out);
 }

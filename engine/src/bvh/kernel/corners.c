@@ -1,13 +1,14 @@
 /**
- * corners.c: the corners of a whole pack from where its vertices are now, each of which is loaded once.
+ * corners.c: the corners of a whole pack from the current positions of its vertices, each of which is loaded
+ * once.
  */
 #include <string.h>
 
 #include "extent.h"
 #include "kernels.h"
 
-/** Transposes positions to coordinates by axis. They are stored as whole rows, for which loads of whole rows
- * need not wait. */
+/** Transposes positions to coordinates by axis. They are stored as whole vectors, which loads of whole
+ * vectors need not wait for. */
 static inline void transpose(const qm_four position[QM_PACK_LANES], qm_eight row[3])
 {
     qm_four half[2][3];
@@ -40,7 +41,7 @@ static inline extent load_vertices(const qm_bvh *bvh, const qm_pack_lanes *lanes
     return e;
 }
 
-/** Stores the corners of all lanes; lanes past the last have those of the first. */
+/** Stores the corners of all lanes; lanes past the last repeat the first. */
 static inline void spread_vertices(const qm_pack_lanes *lanes, const qm_four vertex[3 * QM_PACK_LANES],
                                    qm_pack_corners *out)
 {
@@ -67,7 +68,7 @@ void QM_KERNEL(fit_corners)(qm_bvh *bvh, size_t pack, qm_pack_corners *out)
 {
     const qm_pack_lanes *lanes = &bvh->lanes[pack];
     qm_four vertex[3 * QM_PACK_LANES];
-    const extent reached = load_vertices(bvh, lanes, vertex);
-    extent_set_box(bvh, 1, pack, &reached);
+    const extent e = load_vertices(bvh, lanes, vertex);
+    extent_set_box(bvh, 1, pack, &e);
     spread_vertices(lanes, vertex, out);
 }

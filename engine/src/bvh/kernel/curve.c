@@ -1,8 +1,8 @@
 /**
- * curve.c: places of cells along a Hilbert curve, two vectors of cells at a time.
+ * curve.c: positions of cells along a Hilbert curve, two vectors of cells at a time.
  *
  * Source: J. Skilling, Programming the Hilbert curve, AIP Conference Proceedings 707, 2004: from the highest
- * bit down the lower bits of the axes are exchanged or turned round, and what is left is a Gray code.
+ * bit down the lower bits of the axes are exchanged or inverted, and the remainder is a Gray code.
  */
 #include <string.h>
 
@@ -13,7 +13,7 @@
 #else
 #define LANES 8
 #endif
-enum { PARTS = 2, HALF_BITS = QM_HILBERT_BITS / 2 }; /* parts: one's steps wait for each other */
+enum { PARTS = 2, HALF_BITS = QM_HILBERT_BITS / 2 }; /* two parts: the steps of one depend on each other */
 
 typedef uint32_t qm_vu __attribute__((vector_size(4 * LANES)));
 typedef int32_t signs __attribute__((vector_size(4 * LANES)));
@@ -29,8 +29,9 @@ static inline qm_vu bit_set(qm_vu a, int bit)
     return (qm_vu)((signs)(a << (31 - bit)) >> 31);
 }
 
-/** Where the bit of the axis is set, turns the lower bits of the first axis round, else exchanges the two. */
-static inline void undo_turn(qm_vu *first, qm_vu *axis, int bit)
+/** Where the bit of the axis is set, inverts the lower bits of the first axis, else exchanges those of the
+ * two. */
+static inline void undo_reflection(qm_vu *first, qm_vu *axis, int bit)
 {
     qm_vu below = (qm_vu){0} + ((1u << bit) - 1), set = bit_set(*axis, bit);
     qm_vu exchanged = (*first ^ *axis) & below & ~set;
@@ -38,20 +39,20 @@ static inline void undo_turn(qm_vu *first, qm_vu *axis, int bit)
     *axis ^= exchanged;
 }
 
-/** The bits of the axes, interleaved, become those of the place. */
-static inline void undo_turns(axes *a, int bits)
+/** Changes the axes so that their bits, interleaved, are the position. */
+static inline void axes_to_position(axes *a, int bits)
 {
     for (int bit = bits - 1; bit > 0; bit--) {
         for (int part = 0; part < PARTS; part++) {
             a->x[part] ^= bit_set(a->x[part], bit) & ((1u << bit) - 1);
-            undo_turn(&a->x[part], &a->y[part], bit);
-            undo_turn(&a->x[part], &a->z[part], bit);
+            undo_reflection(&a->x[part], &a->y[part], bit);
+            undo_reflection(&a->x[part], &a->z[part], bit);
         }
     }
     for (int part = 0; part < PARTS; part++) {
         a->y[part] ^= a->x[part];
         a->z[part] ^= a->y[part];
-        qm_vu odd = a->z[part]; /* each bit: how many bits from it upwards are set, odd or even */
+        qm_vu odd = a->z[part]; /* each bit: the parity of all bits from it upwards */
         for (int shift = 1; shift < QM_HILBERT_BITS; shift *= 2)
             odd ^= odd >> shift;
         a->x[part] ^= odd >> 1;
@@ -90,7 +91,7 @@ void QM_KERNEL(hilbert_keys)(const qm_hilbert_cells *cells, int count, int bits,
             a.y[part] = load(&cells->axis[1][i + part * LANES]);
             a.z[part] = load(&cells->axis[2][i + part * LANES]);
         }
-        undo_turns(&a, bits);
+        axes_to_position(&a, bits);
         for (int part = 0; part < PARTS; part++) {
             qm_vu high = interleave(a.x[part] >> HALF_BITS, a.y[part] >> HALF_BITS, a.z[part] >> HALF_BITS);
             qm_vu low = interleave(a.x[part] & low_half, a.y[part] & low_half, a.z[part] & low_half);

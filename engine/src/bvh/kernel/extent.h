@@ -1,5 +1,5 @@
 /**
- * extent.h: the extent of positions along all axes, and the boxes of a tree that are made from it.
+ * extent.h: the extent of positions along all axes, and the boxes of a tree made from it.
  */
 #ifndef QM_KERNEL_EXTENT_H
 #define QM_KERNEL_EXTENT_H
@@ -28,10 +28,10 @@ static inline void extent_set_box(qm_bvh *bvh, int level, size_t i, const extent
 {
     qm_four_floats low = qm_four_round(local->low - QM_BOX_MARGIN);
     qm_four_floats high = qm_four_round(local->high + QM_BOX_MARGIN);
-    qm_box_node *group = &bvh->boxes.groups[level][i / 8];
+    qm_box_node *node = &bvh->boxes.groups[level][i / 8];
     for (int k = 0; k < 3; k++) {
-        group->low[k][i % 8] = low[k];
-        group->high[k][i % 8] = high[k];
+        node->low[k][i % 8] = low[k];
+        node->high[k][i % 8] = high[k];
     }
 }
 

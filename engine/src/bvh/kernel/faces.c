@@ -1,5 +1,5 @@
 /**
- * faces.c: the corners of all faces of a mesh, two faces at a time.
+ * faces.c: passes over the corners of all faces of a mesh, two faces at a time.
  */
 #include <string.h>
 
@@ -32,19 +32,19 @@ static inline corners load_last(const uint32_t *faces, size_t count)
     return load(twice);
 }
 
-/** QM_NO_INDEX is the greatest number: one more is 0. */
+/** QM_NO_INDEX is the max index: adding 1 to it gives 0. */
 bool QM_KERNEL(faces_below)(const uint32_t *faces, size_t count, uint32_t vertex_count)
 {
     if (vertex_count == 0) return count == 0;
-    const corners step = {0, 0, 0, 1, 0, 0, 0, 1}, most = step + (vertex_count - 1);
+    const corners step = {0, 0, 0, 1, 0, 0, 0, 1}, max = step + (vertex_count - 1);
     corners beyond = {0};
     for (size_t i = 0; i + TOGETHER <= count; i += TOGETHER)
-        beyond |= (corners)(load(faces + CORNERS * i) + step > most);
-    if (count % TOGETHER != 0) beyond |= (corners)(load_last(faces, count) + step > most);
+        beyond |= (corners)(load(faces + CORNERS * i) + step > max);
+    if (count % TOGETHER != 0) beyond |= (corners)(load_last(faces, count) + step > max);
     return !any(beyond);
 }
 
-bool QM_KERNEL(faces_name)(const uint32_t *faces, size_t count, const uint32_t vertex[QM_BOX_SIDES])
+bool QM_KERNEL(faces_contain)(const uint32_t *faces, size_t count, const uint32_t vertex[QM_BOX_SIDES])
 {
     corners found[QM_BOX_SIDES] = {0};
     for (size_t i = 0; i + TOGETHER <= count; i += TOGETHER) {

@@ -1,7 +1,9 @@
 /**
- * fill.c: corners of eight triangles to a pack (bvh_tree.h tells the rows), QM_WIDTH at a time.
+ * fill.c: makes packs from the corners of eight triangles, QM_WIDTH at a time. bvh_tree.h defines the
+ * components.
  */
 #include "kernels.h"
+#include "simd.h"
 
 #define WIDE qm_vd
 #define WIDE_MASK qm_vl
@@ -9,7 +11,7 @@
 #define WIDE_SQRT(a) qm_vd_sqrt(a)
 #define WIDE_SELECT(mask, a, b) qm_vd_select(mask, a, b)
 #define WIDE_FLAT 0x1p-50
-#define WIDE_SHORT (QM_LEAST_LENGTH * QM_LEAST_LENGTH)
+#define WIDE_SHORT (QM_MIN_LENGTH * QM_MIN_LENGTH)
 #include "frames.inc"
 
 static inline wide_vec load(const double corner[3][QM_PACK_LANES], int at)
@@ -36,7 +38,7 @@ void QM_KERNEL(fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES
         wide_frame f = wide_frame_make(load(corner[0], at), load(corner[1], at), load(corner[2], at));
         wide_vec z = cross(f.x, f.y);
         qm_vd dx = f.cx - f.length;
-        const qm_vd row[QM_ROW_COUNT] = {
+        const qm_vd component[QM_PACK_COMPONENTS] = {
             f.origin.x,
             f.origin.y,
             f.origin.z,
@@ -55,7 +57,7 @@ void QM_KERNEL(fill_pack)(qm_pack *pack, const double corner[3][3][QM_PACK_LANES
             inverse_or_zero(f.cx * f.cx + f.cy * f.cy),
             inverse_or_zero(dx * dx + f.cy * f.cy),
         };
-        for (int r = 0; r < QM_ROW_COUNT; r++)
-            qm_vd_store(&pack->row[r][at], row[r]);
+        for (int i = 0; i < QM_PACK_COMPONENTS; i++)
+            qm_vd_store(&pack->row[i][at], component[i]);
     }
 }

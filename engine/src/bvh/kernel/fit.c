@@ -1,14 +1,13 @@
 /**
- * fit.c: the boxes of packs from where their vertices are now, all axes at once.
+ * fit.c: the boxes of packs from the current positions of their vertices, all axes at once.
  */
 #include "bvh/bvh_tree.h"
-#include "bvh/deform.h"
 #include "extent.h"
 #include "kernels.h"
 
-#define AHEAD 512 /* places ahead in the lists whose vertices are fetched: they lie all over the mesh */
+#define AHEAD 512 /* list entries ahead whose vertices are prefetched: they lie all over the mesh */
 
-/** What the vertices of a list reach. With each, the one so many places on is fetched, unless ahead is 0. */
+/** The extent of the vertices of a list. Prefetches the vertex ahead entries later, unless ahead is 0. */
 static inline extent find_extent(const double *positions, const uint32_t *vertex, size_t count, size_t ahead)
 {
     extent e = extent_of_nothing();
@@ -20,8 +19,8 @@ static inline extent find_extent(const double *positions, const uint32_t *vertex
     return e;
 }
 
-/** Sets box i of a level. Made local, the box in the mesh is that of the local vertices, since rounding keeps
- * order; so is the box of a group of packs made from what they all reach. */
+/** Sets box i of a level. The box in the mesh, made local, equals that of the local vertices, since rounding
+ * is monotone; so the box of a node may be made from the extent of all of its packs. */
 static inline void set_box(qm_bvh *bvh, int level, size_t i, const extent *e)
 {
     const qm_frame *frame = &bvh->frame;
@@ -36,20 +35,20 @@ void QM_KERNEL(fit_box)(qm_bvh *bvh, size_t pack, const uint32_t *vertices, size
     set_box(bvh, 1, pack, &e);
 }
 
-void QM_KERNEL(fit_groups)(qm_bvh *bvh, const qm_deformer *deformer, size_t begin, size_t end)
+void QM_KERNEL(fit_nodes)(qm_bvh *bvh, const qm_deformer *deformer, size_t begin, size_t end)
 {
-    for (size_t group = begin; group < end; group++) {
-        const uint32_t *start = deformer->pack_start + 8 * group;
-        int members = qm_box_tree_child_count(&bvh->boxes, 1, group);
-        size_t ahead = start[members] + AHEAD <= deformer->pack_vertex_count ? AHEAD : 0;
+    for (size_t node = begin; node < end; node++) {
+        const uint32_t *start = deformer->pack_start + 8 * node;
+        int children = qm_box_tree_child_count(&bvh->boxes, 1, node);
+        size_t ahead = start[children] + AHEAD <= deformer->pack_vertex_count ? AHEAD : 0;
         extent all = extent_of_nothing();
-        for (int i = 0; i < members; i++) {
+        for (int i = 0; i < children; i++) {
             extent e = find_extent(bvh->mesh.positions, deformer->pack_vertices + start[i],
                                    start[i + 1] - start[i], ahead);
-            set_box(bvh, 1, 8 * group + (size_t)i, &e);
+            set_box(bvh, 1, 8 * node + (size_t)i, &e);
             all.low = qm_four_min(e.low, all.low);
             all.high = qm_four_max(e.high, all.high);
         }
-        if (bvh->boxes.level_count > 1) set_box(bvh, 2, group, &all);
+        if (bvh->boxes.level_count > 1) set_box(bvh, 2, node, &all);
     }
 }

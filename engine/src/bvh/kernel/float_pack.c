@@ -1,13 +1,13 @@
 /**
- * float_pack.c: upper bounds of distances from packs in single precision.
+ * float_pack.c: float packs, upper bounds of distances from them, and the approximate nearest triangle.
  */
 #include "float_pack.h"
 
 #include "bvh/bvh_demand.h"
 #include "four.h"
-#include "walk.h"
+#include "traversal.h"
 
-#define NEARLY_SHARE2 0.7 /* of the least squared distance so far: no box is looked at that is not nearer */
+#define APPROXIMATE_RATIO2 0.7 /* of the min squared distance so far: boxes that are not nearer are pruned */
 
 #include <math.h>
 
@@ -20,16 +20,16 @@
 #define WIDE_SHORT 0x1p-120
 #include "frames.inc"
 
-/** A corner of all lanes about the middle of the pack. */
-static inline wide_vec load(const float middle[3], const double corner[3][QM_PACK_LANES])
+/** Loads a corner of all lanes relative to the center of the pack. */
+static inline wide_vec load(const float center[3], const double corner[3][QM_PACK_LANES])
 {
-    qm_vf about[3];
+    qm_vf relative[3];
     for (int k = 0; k < 3; k++) {
         qm_eight row;
         memcpy(&row, corner[k], sizeof row);
-        about[k] = __builtin_convertvector(row - (double)middle[k], qm_vf);
+        relative[k] = __builtin_convertvector(row - (double)center[k], qm_vf);
     }
-    return (wide_vec){about[0], about[1], about[2]};
+    return (wide_vec){relative[0], relative[1], relative[2]};
 }
 
 void QM_KERNEL(fill_float)(qm_float_pack *pack, const double corner[3][3][QM_PACK_LANES])
@@ -39,52 +39,53 @@ void QM_KERNEL(fill_float)(qm_float_pack *pack, const double corner[3][3][QM_PAC
     wide_vec a = load(pack->middle, corner[0]), b = load(pack->middle, corner[1]),
              c = load(pack->middle, corner[2]);
     wide_frame f = wide_frame_make(a, b, c);
-    const qm_vf row[QM_FLOAT_ROW_COUNT] = {f.origin.x, f.origin.y, f.origin.z, f.x.x,    f.x.y, f.x.z,
-                                           f.y.x,      f.y.y,      f.y.z,      f.length, f.cx,  f.cy};
-    memcpy(pack->row, row, sizeof row);
+    const qm_vf component[QM_FLOAT_PACK_COMPONENTS] = {
+        f.origin.x, f.origin.y, f.origin.z, f.x.x, f.x.y, f.x.z, f.y.x, f.y.y, f.y.z, f.length, f.cx, f.cy};
+    memcpy(pack->row, component, sizeof component);
     qm_vf far2 = qm_vf_max(wide_dot(a, a), qm_vf_max(wide_dot(b, b), wide_dot(c, c)));
     pack->radius = 1.000001f * __builtin_sqrtf(qm_vf_max_lane(far2));
 }
 
 /** Distances to the lanes' surfaces; twist may be NULL. */
-static inline qm_vf distance_row(const qm_float_pack *pack, const float *twist, const qm_float_point *q)
+static inline qm_vf lane_distances(const qm_float_pack *pack, const float *twist, const qm_float_point *q)
 {
-    qm_vf row = qm_vf_sqrt(qm_float_pack_d2(pack, q));
-    return twist ? row + qm_vf_load(twist) : row;
+    qm_vf distance = qm_vf_sqrt(qm_float_pack_d2(pack, q));
+    return twist ? distance + qm_vf_load(twist) : distance;
 }
 
 double QM_KERNEL(float_upper)(const qm_float_pack *pack, const float *twist, qm_vec p)
 {
     qm_float_point q = qm_float_point_make(pack, p);
-    double upper = ((double)qm_vf_least(distance_row(pack, twist, &q)) + (double)q.margin) * (1.0 + 0x1p-22);
+    double upper =
+        ((double)qm_vf_min_lane(lane_distances(pack, twist, &q)) + (double)q.margin) * (1.0 + 0x1p-22);
     return upper < INFINITY ? upper : INFINITY;
 }
 
-/** Points from the middle of a pack; returns the margin that holds for all of them. */
-static inline float points_from_middle(const qm_float_pack *pack, const qm_vec *point, unsigned wanted,
+/** Loads points relative to the center of a pack; returns the margin that holds for all of them. */
+static inline float points_from_center(const qm_float_pack *pack, const qm_vec *point, unsigned wanted,
                                        float (*at)[4])
 {
-    const qm_four middle = {(double)pack->middle[0], (double)pack->middle[1], (double)pack->middle[2], 0.0};
+    const qm_four center = {(double)pack->middle[0], (double)pack->middle[1], (double)pack->middle[2], 0.0};
     qm_four_floats far = {0};
     for (; wanted; wanted &= wanted - 1) {
         int i = __builtin_ctz(wanted);
-        qm_four_floats q = qm_four_round(qm_four_position(&point[i].x) - middle);
+        qm_four_floats q = qm_four_round(qm_four_position(&point[i].x) - center);
         memcpy(at[i], &q, sizeof q);
-        far = qm_four_farther(far, q);
+        far = qm_four_max_magnitude(far, q);
     }
     float sum = far[0] + far[1] + far[2] + pack->radius;
-    return QM_FLOAT_MARGIN * sum + QM_FLOAT_LEAST;
+    return QM_FLOAT_MARGIN * sum + QM_FLOAT_UNDERFLOW;
 }
 
 void QM_KERNEL(float_reach)(const qm_float_pack *pack, const float *twist, double cutoff, const qm_vec *point,
                             unsigned wanted, qm_float_bits *bits)
 {
     const qm_float_frames frames = qm_float_frames_make(pack);
-    const qm_vf leave = twist ? qm_vf_load(twist) : (qm_vf){0};
+    const qm_vf widening = twist ? qm_vf_load(twist) : (qm_vf){0};
     float at[3 * QM_PACK_LANES][4];
-    float margin = points_from_middle(pack, point, wanted, at);
-    qm_vf within2 = qm_float_reach2(qm_float_below(cutoff) - margin - leave),
-          about2 = qm_float_reach2(qm_float_above(cutoff) + margin - leave);
+    float margin = points_from_center(pack, point, wanted, at);
+    qm_vf within2 = qm_float_reach2(qm_float_below(cutoff) - margin - widening),
+          about2 = qm_float_reach2(qm_float_above(cutoff) + margin - widening);
     for (; wanted; wanted &= wanted - 1) {
         int i = __builtin_ctz(wanted);
         const qm_float_point q = {at[i][0], at[i][1], at[i][2], margin};
@@ -101,34 +102,34 @@ typedef struct float_search {
 
 static inline void visit(const float_search *search, uint32_t index)
 {
-    const qm_float_pack *pack = qm_bvh_floats(search->bvh, index);
+    const qm_float_pack *pack = qm_bvh_float_pack(search->bvh, index);
     qm_float_point q = qm_float_point_make(pack, search->p);
     qm_vf d2 = qm_float_pack_d2(pack, &q);
-    float least = qm_vf_least(d2);
-    double upper = (double)__builtin_sqrtf(least) + (double)q.margin;
+    float min = qm_vf_min_lane(d2);
+    double upper = (double)__builtin_sqrtf(min) + (double)q.margin;
     if (!(upper < search->hit->upper)) return;
-    unsigned lanes = qm_vi_bits(d2 == qm_vf_set(least));
+    unsigned lanes = qm_vi_bits(d2 == qm_vf_set(min));
     *search->hit = (qm_float_hit){upper, index, (uint32_t)__builtin_ctz(lanes)};
 }
 
-void QM_KERNEL(float_closest)(const qm_bvh *bvh, qm_vec p, double enough, qm_float_hit *hit)
+void QM_KERNEL(float_closest)(const qm_bvh *bvh, qm_vec p, double stop_below, qm_float_hit *hit)
 {
     const float_search search = {bvh, p, hit};
     qm_box_query query = qm_box_query_point(p);
     uint32_t start = hit->pack;
     *hit = (qm_float_hit){INFINITY, start, 0};
     visit(&search, start);
-    float limit = qm_box_limit(NEARLY_SHARE2 * hit->upper * hit->upper);
-    qm_walk walk;
-    qm_walk_start_at(&walk, start);
-    while (hit->upper > enough && qm_walk_climb(&walk, &bvh->boxes, &query, limit)) {
-        qm_stack_entry at = qm_walk_pop(&walk);
+    float limit = qm_box_limit(APPROXIMATE_RATIO2 * hit->upper * hit->upper);
+    qm_traversal traversal;
+    qm_traversal_start_at(&traversal, start);
+    while (hit->upper > stop_below && qm_traversal_climb(&traversal, &bvh->boxes, &query, limit)) {
+        qm_stack_entry at = qm_traversal_pop(&traversal);
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
-            qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
+            qm_traversal_push(&traversal, &bvh->boxes, &query, limit, at);
         } else {
             visit(&search, at.index);
-            limit = qm_box_limit(NEARLY_SHARE2 * hit->upper * hit->upper);
+            limit = qm_box_limit(APPROXIMATE_RATIO2 * hit->upper * hit->upper);
         }
     }
 }

@@ -1,6 +1,6 @@
 /**
- * float_pack.h: distances from a point to the eight triangles of a float pack, all at once. See the margin in
- * ../float_pack.h.
+ * float_pack.h: distances from a point to the eight triangles of a float pack, all at once. bvh_tree.h
+ * derives the margin.
  */
 #ifndef QM_KERNEL_FLOAT_PACK_H
 #define QM_KERNEL_FLOAT_PACK_H
@@ -9,12 +9,12 @@
 #include "kernels.h"
 
 #define QM_FLOAT_MARGIN (64.0f * 0x1p-24f)
-#define QM_FLOAT_LEAST 0x1p-60f /* squares of less may underflow */
+#define QM_FLOAT_UNDERFLOW 0x1p-60f /* squares of smaller numbers may underflow */
 
-/** A point as a float pack sees it. */
+/** A point relative to the center of a float pack. */
 typedef struct qm_float_point {
     float x, y, z;
-    float margin; /* no computed distance to a lane is off by more */
+    float margin; /* max error of a computed distance to a lane */
 } qm_float_point;
 
 static inline qm_vf qm_vf_set(float x)
@@ -49,7 +49,7 @@ static inline qm_vf qm_vf_sqrt(qm_vf a)
 #endif
 }
 
-static inline float qm_vf_least(qm_vf a)
+static inline float qm_vf_min_lane(qm_vf a)
 {
     a = qm_vf_min(a, __builtin_shufflevector(a, a, 4, 5, 6, 7, 0, 1, 2, 3));
     a = qm_vf_min(a, __builtin_shufflevector(a, a, 2, 3, 0, 1, 6, 7, 4, 5));
@@ -61,7 +61,7 @@ static inline qm_float_point qm_float_point_make(const qm_float_pack *pack, qm_v
     qm_float_point q = {(float)(p.x - (double)pack->middle[0]), (float)(p.y - (double)pack->middle[1]),
                         (float)(p.z - (double)pack->middle[2]), 0.0f};
     float sum = __builtin_fabsf(q.x) + __builtin_fabsf(q.y) + __builtin_fabsf(q.z) + pack->radius;
-    q.margin = QM_FLOAT_MARGIN * sum + QM_FLOAT_LEAST;
+    q.margin = QM_FLOAT_MARGIN * sum + QM_FLOAT_UNDERFLOW;
     return q;
 }
 
@@ -70,20 +70,20 @@ static inline qm_vf qm_vf_clamp01(qm_vf t)
     return qm_vf_min(qm_vf_max(t, (qm_vf){0}), qm_vf_set(1.0f));
 }
 
-/** The squares of distances that points may have: -1 where none may, and never so great that the overflow of
- * a point's own square would pass. */
+/** The squared cutoffs of distances: -1 where no distance passes, and never so large that an overflowing
+ * square passes. */
 static inline qm_vf qm_float_reach2(qm_vf reach)
 {
     qm_vf square = qm_vf_min(reach * reach, qm_vf_set(0x1p127f));
     return qm_vf_select(reach > (qm_vf){0}, square, qm_vf_set(-1.0f));
 }
 
-/** The triangles of a pack with what many points are compared by: the normal, and the edges that end at the
- * third corner as (x, y), both over their squared lengths too. */
+/** The triangles of a pack, with what comparing many points needs: the normal, and the edges that end at the
+ * third corner as (x, y), both also divided by their squared lengths. */
 typedef struct qm_float_frames {
     qm_vf ox, oy, oz, xx, xy, xz, yx, yy, yz, zx, zy, zz;
     qm_vf length, cx, cy, ex;
-    qm_vf cx_share, cy_share, ex_share, ey_share;
+    qm_vf cx_ratio, cy_ratio, ex_ratio, ey_ratio;
 } qm_float_frames;
 
 static inline qm_vf qm_float_inverse(qm_vf length2)
@@ -93,51 +93,55 @@ static inline qm_vf qm_float_inverse(qm_vf length2)
 
 static inline qm_float_frames qm_float_frames_make(const qm_float_pack *pack)
 {
-#define ROW(name) qm_vf_load(pack->row[QM_FLOAT_##name])
-    qm_float_frames f = {.ox = ROW(OX), .oy = ROW(OY), .oz = ROW(OZ), .xx = ROW(XX), .xy = ROW(XY)};
-    f.xz = ROW(XZ);
-    f.yx = ROW(YX);
-    f.yy = ROW(YY);
-    f.yz = ROW(YZ);
+#define COMPONENT(name) qm_vf_load(pack->row[QM_FLOAT_PACK_##name])
+    qm_float_frames f = {.ox = COMPONENT(OX),
+                         .oy = COMPONENT(OY),
+                         .oz = COMPONENT(OZ),
+                         .xx = COMPONENT(XX),
+                         .xy = COMPONENT(XY)};
+    f.xz = COMPONENT(XZ);
+    f.yx = COMPONENT(YX);
+    f.yy = COMPONENT(YY);
+    f.yz = COMPONENT(YZ);
     f.zx = f.xy * f.yz - f.xz * f.yy;
     f.zy = f.xz * f.yx - f.xx * f.yz;
     f.zz = f.xx * f.yy - f.xy * f.yx;
-    f.length = ROW(L);
-    f.cx = ROW(CX);
-    f.cy = ROW(CY);
+    f.length = COMPONENT(L);
+    f.cx = COMPONENT(CX);
+    f.cy = COMPONENT(CY);
     f.ex = f.cx - f.length;
-#undef ROW
+#undef COMPONENT
     qm_vf inverse_c2 = qm_float_inverse(f.cx * f.cx + f.cy * f.cy),
           inverse_e2 = qm_float_inverse(f.ex * f.ex + f.cy * f.cy);
-    f.cx_share = f.cx * inverse_c2;
-    f.cy_share = f.cy * inverse_c2;
-    f.ex_share = f.ex * inverse_e2;
-    f.ey_share = f.cy * inverse_e2;
+    f.cx_ratio = f.cx * inverse_c2;
+    f.cy_ratio = f.cy * inverse_c2;
+    f.ex_ratio = f.ex * inverse_e2;
+    f.ey_ratio = f.cy * inverse_e2;
     return f;
 }
 
 /** Squared distance from (x, y) to the segment from the origin to (ex, ey). */
-static inline qm_vf qm_float_segment2(qm_vf x, qm_vf y, qm_vf ex, qm_vf ey, qm_vf ex_share, qm_vf ey_share)
+static inline qm_vf qm_float_segment2(qm_vf x, qm_vf y, qm_vf ex, qm_vf ey, qm_vf ex_ratio, qm_vf ey_ratio)
 {
-    qm_vf t = qm_vf_clamp01(x * ex_share + y * ey_share);
+    qm_vf t = qm_vf_clamp01(x * ex_ratio + y * ey_ratio);
     qm_vf dx = x - t * ex, dy = y - t * ey;
     return dx * dx + dy * dy;
 }
 
-/** One lane's triangle in all lanes. */
+/** Broadcasts one lane's triangle to all lanes. */
 static inline qm_float_frames qm_float_frames_lane(const qm_float_frames *all, int lane)
 {
-#define SPREAD(name) .name = qm_vf_set(all->name[lane])
+#define BROADCAST(name) .name = qm_vf_set(all->name[lane])
     return (qm_float_frames){
-        SPREAD(ox), SPREAD(oy),       SPREAD(oz),       SPREAD(xx),       SPREAD(xy),
-        SPREAD(xz), SPREAD(yx),       SPREAD(yy),       SPREAD(yz),       SPREAD(zx),
-        SPREAD(zy), SPREAD(zz),       SPREAD(length),   SPREAD(cx),       SPREAD(cy),
-        SPREAD(ex), SPREAD(cx_share), SPREAD(cy_share), SPREAD(ex_share), SPREAD(ey_share),
+        BROADCAST(ox), BROADCAST(oy),       BROADCAST(oz),       BROADCAST(xx),       BROADCAST(xy),
+        BROADCAST(xz), BROADCAST(yx),       BROADCAST(yy),       BROADCAST(yz),       BROADCAST(zx),
+        BROADCAST(zy), BROADCAST(zz),       BROADCAST(length),   BROADCAST(cx),       BROADCAST(cy),
+        BROADCAST(ex), BROADCAST(cx_ratio), BROADCAST(cy_ratio), BROADCAST(ex_ratio), BROADCAST(ey_ratio),
     };
-#undef SPREAD
+#undef BROADCAST
 }
 
-/** Squared distances from a point in each lane to the triangles; see kernel/pack.h for the cases. */
+/** Squared distances from a point in each lane to the triangles; pack.h has the cases. */
 static inline qm_vf qm_float_frames_d2(const qm_float_frames *f, qm_vf px, qm_vf py, qm_vf pz)
 {
     const qm_vf zero = {0};
@@ -148,8 +152,8 @@ static inline qm_vf qm_float_frames_d2(const qm_float_frames *f, qm_vf px, qm_vf
     qm_vf ax = x - qm_vf_min(qm_vf_max(x, zero), f->length);
     qm_vf edge2 = ax * ax + y * y;
     qm_vf xl = x - f->length;
-    edge2 = qm_vf_min(edge2, qm_float_segment2(x, y, f->cx, f->cy, f->cx_share, f->cy_share));
-    edge2 = qm_vf_min(edge2, qm_float_segment2(xl, y, f->ex, f->cy, f->ex_share, f->ey_share));
+    edge2 = qm_vf_min(edge2, qm_float_segment2(x, y, f->cx, f->cy, f->cx_ratio, f->cy_ratio));
+    edge2 = qm_vf_min(edge2, qm_float_segment2(xl, y, f->ex, f->cy, f->ex_ratio, f->ey_ratio));
 
     qm_vi inside = (y > zero) & (f->cy * x - f->cx * y > zero) & (f->ex * y - f->cy * xl > zero);
     return qm_vf_select(inside, zero, edge2) + z * z;
@@ -161,7 +165,7 @@ static inline qm_vf qm_float_point_d2(const qm_float_frames *f, const qm_float_p
     return qm_float_frames_d2(f, qm_vf_set(q->x), qm_vf_set(q->y), qm_vf_set(q->z));
 }
 
-/** Squared distances to the lanes of a pack that one point is compared with. */
+/** Squared distances from one point to the lanes of a pack. */
 static inline qm_vf qm_float_pack_d2(const qm_float_pack *pack, const qm_float_point *q)
 {
     qm_float_frames frames = qm_float_frames_make(pack);

@@ -1,6 +1,6 @@
 /**
- * four.h: vectors of four doubles on every instruction set: a position and one more, or a third of four
- * positions; and rows of eight.
+ * four.h: vectors of four doubles on every instruction set: a position and one more number, or a third of
+ * four positions; and vectors of eight.
  */
 #ifndef QM_KERNEL_FOUR_H
 #define QM_KERNEL_FOUR_H
@@ -46,7 +46,7 @@ static inline qm_four qm_four_max(qm_four a, qm_four b)
 #endif
 }
 
-/** x, y, z and nothing */
+/** x, y, z and 0 */
 static inline qm_four qm_four_position(const double *p)
 {
 #if defined(__AVX2__)
@@ -66,8 +66,8 @@ static inline qm_four_floats qm_four_round(qm_four a)
 #endif
 }
 
-/** The greater magnitude of each coordinate, the first one's being taken already. */
-static inline qm_four_floats qm_four_farther(qm_four_floats magnitude, qm_four_floats a)
+/** The max magnitude of each coordinate; the first argument is a magnitude already. */
+static inline qm_four_floats qm_four_max_magnitude(qm_four_floats magnitude, qm_four_floats a)
 {
     typedef int32_t mask __attribute__((vector_size(16)));
     qm_four_floats other = (qm_four_floats)((mask)a & INT32_MAX);

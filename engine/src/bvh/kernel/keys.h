@@ -1,8 +1,8 @@
 /**
- * keys.h: the eight least of some distances, in order, in one vector.
+ * keys.h: the eight smallest of some distances, in order, in one vector.
  *
- * A key is a distance as a float, whose bits order like whole numbers, with the place that it belongs to in
- * its last bits. Inserting takes no branch, where a loop would mispredict most of them.
+ * A key is a distance as a float, whose bits order like integers, with its index in the last bits. Inserting
+ * takes no branch, where a loop would mispredict most of them.
  */
 #ifndef QM_KERNEL_KEYS_H
 #define QM_KERNEL_KEYS_H
@@ -14,7 +14,7 @@
 typedef int32_t qm_vi __attribute__((vector_size(32)));
 typedef float qm_vf __attribute__((vector_size(32)));
 
-#define QM_KEY_PLACE_BITS 8 /* of a key */
+#define QM_KEY_INDEX_BITS 8 /* of a key */
 #define QM_NO_KEY INT32_MAX
 
 static inline qm_vi qm_keys_min(qm_vi a, qm_vi b)
@@ -47,20 +47,20 @@ static inline qm_vi qm_vi_select(qm_vi mask, qm_vi a, qm_vi b)
 #endif
 }
 
-static inline unsigned qm_key_place(int32_t key)
+static inline unsigned qm_key_index(int32_t key)
 {
-    return (unsigned)key & ((1u << QM_KEY_PLACE_BITS) - 1);
+    return (unsigned)key & ((1u << QM_KEY_INDEX_BITS) - 1);
 }
 
-/** Of each lane and its partner the greater where greater has all ones, else the lesser. */
-#define QM_EXCHANGE(a, greater, ...)                                                                         \
+/** The max of each lane and its partner where takes_max has all ones, else the min. */
+#define QM_EXCHANGE(a, takes_max, ...)                                                                       \
     do {                                                                                                     \
         qm_vi partner = __builtin_shufflevector(a, a, __VA_ARGS__);                                          \
-        a = qm_vi_select(greater, qm_keys_max(a, partner), qm_keys_min(a, partner));                         \
+        a = qm_vi_select(takes_max, qm_keys_max(a, partner), qm_keys_min(a, partner));                       \
     } while (0)
 
-/** Eight numbers, greatest first: Batcher's bitonic network (Sorting Networks and their Applications, 1968),
- * in the form in which all comparisons go one way. */
+/** Eight numbers in descending order: Batcher's bitonic network (Sorting Networks and their Applications,
+ * 1968), in the form in which all comparisons go one way. */
 static inline qm_vi qm_vi_sort(qm_vi a)
 {
     const qm_vi odd = {-1, 0, -1, 0, -1, 0, -1, 0}, low = {-1, -1, 0, 0, -1, -1, 0, 0},
@@ -74,8 +74,8 @@ static inline qm_vi qm_vi_sort(qm_vi a)
     return a;
 }
 
-/** The eight least of two lists that are sorted, greatest first; sorted as well. */
-static inline qm_vi qm_vi_keep_least(qm_vi a, qm_vi b)
+/** The eight smallest numbers of two descending lists, descending. */
+static inline qm_vi qm_vi_keep_min(qm_vi a, qm_vi b)
 {
     const qm_vi odd = {-1, 0, -1, 0, -1, 0, -1, 0}, low = {-1, -1, 0, 0, -1, -1, 0, 0},
                 half = {-1, -1, -1, -1, 0, 0, 0, 0};
@@ -93,12 +93,12 @@ static inline qm_vi qm_first_lanes(int count)
     return lane < count;
 }
 
-/** Keys, sorted, of eight distances that are not negative, for places that follow on the first; those of
- * lanes that are not there come first. */
+/** Descending keys of eight distances, not negative, with the indices from first on; absent lanes come
+ * first. */
 static inline qm_vi qm_keys_sorted(qm_vf distance, unsigned first, qm_vi there)
 {
     const qm_vi lane = {0, 1, 2, 3, 4, 5, 6, 7};
-    qm_vi keys = ((qm_vi)distance & -(1 << QM_KEY_PLACE_BITS)) | (lane + (int32_t)first);
+    qm_vi keys = ((qm_vi)distance & -(1 << QM_KEY_INDEX_BITS)) | (lane + (int32_t)first);
     return qm_vi_sort(qm_vi_select(there, keys, (qm_vi){0} + QM_NO_KEY));
 }
 

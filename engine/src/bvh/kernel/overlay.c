@@ -1,26 +1,28 @@
 /**
  * overlay.c: facets of the target that lie over a face of the source, and their vertical distances from it.
- * The vertical distance is linear over what a facet and a face have in common; so it is greatest in a corner
- * of that: where an edge of the facet enters or leaves the face, or in a corner of the face under the facet.
- * Neither is looked for where all corners of the facet are within enough of the plane of the face, or all
- * corners of the face within enough of the plane of the facet: what they have in common lies within both.
+ * The vertical distance is linear over the intersection of a facet and a face; so its max is at a corner of
+ * that: where an edge of the facet enters or leaves the face, or at a corner of the face under the facet. The
+ * kernel computes neither where all corners of the facet are within the threshold of the plane of the face,
+ * or all corners of the face within the threshold of the plane of the facet: the intersection lies within
+ * both.
  *
- * Roundings. Let s be the greatest coordinate by magnitude. The half planes of a face are taken
- * QM_OVERLAY_SIDE u s wider, and facets QM_OVERLAY_AREA u s^2 (of a doubled area), than they are computed,
- * see hausdorff_overlay.c: nothing that truly lies over the face is missed. A corner (x, y) of the face
- * truly under a facet has weights w_k / w, w = w_0 + w_1 + w_2, for the gaps g_k in the facet's corners; the
- * computed ones are off by d_k, |d_k| <= QM_OVERLAY_AREA u s^2, and the gap by |sum d_k (g_k - g)| / |w| at
- * most, where w is what is computed: three times the bound of d_k times the range of g_k. Where that is more
- * than the greatest |g_k|, this is taken. The rest is left to the caller's margin: the interpolated gaps are
- * off by a few u of what they lie between.
+ * Roundings. Let s be the max coordinate by magnitude. The half planes of a face are taken QM_OVERLAY_SIDE u
+ * s wider, and facets QM_OVERLAY_AREA u s^2 (of a doubled area), than computed, see hausdorff_overlay.c: so
+ * all that truly lies over the face is included. A corner (x, y) of the face truly under a facet has weights
+ * w_k / w, w = w_0 + w_1 + w_2, for the gaps g_k at the facet's corners; the computed ones are off by d_k,
+ * |d_k| <= QM_OVERLAY_AREA u s^2, and the gap by |sum d_k (g_k
+ * - g)| / |w| at most, where w is the computed sum: three times the bound of d_k times the range of g_k.
+ *   Where that exceeds max |g_k|, max |g_k| is the bound. All else is left to the caller's margin: the
+ *   interpolated gaps are off by a few u of the gaps that they lie between.
  */
 #include <string.h>
 
 #include "kernels.h"
+#include "simd.h"
 
 #define NOT_OVER -1.0
 
-/** A facet in each lane, as one face sees it. */
+/** A facet in each lane, relative to one face. */
 typedef struct wide_facet {
     qm_vd x[3], y[3];
     qm_vd inside[3][3]; /* of edge k of the face, by corner; with the margin */
@@ -43,7 +45,7 @@ static inline bool is_all(qm_vl mask)
     return qm_vl_bits(mask) == (1u << QM_WIDTH) - 1;
 }
 
-static inline void load_places(wide_facet *f, const double at[3][3][QM_PACK_LANES], int first)
+static inline void load_corners(wide_facet *f, const double at[3][3][QM_PACK_LANES], int first)
 {
     for (int i = 0; i < 3; i++) {
         f->x[i] = qm_vd_load(&at[i][0][first]);
@@ -55,7 +57,7 @@ static inline void load_places(wide_facet *f, const double at[3][3][QM_PACK_LANE
 static inline bool load_facet(wide_facet *f, const double at[3][3][QM_PACK_LANES], int first,
                               const qm_overlay_face *face, double margin)
 {
-    load_places(f, at, first);
+    load_corners(f, at, first);
     const qm_vd zero = qm_vd_set(0.0);
     f->beyond = zero > zero;
     for (int k = 0; k < 3; k++) {
@@ -69,7 +71,7 @@ static inline bool load_facet(wide_facet *f, const double at[3][3][QM_PACK_LANES
     return true;
 }
 
-/** The greatest gap along an edge of each facet, over the face; NOT_OVER where it is not over the face. */
+/** The max gap along an edge of each facet, over the face; NOT_OVER where the edge is not over the face. */
 static inline qm_vd edge_gap(const wide_facet *f, int from, int to)
 {
     const qm_vd zero = qm_vd_set(0.0), one = qm_vd_set(1.0);
@@ -95,15 +97,15 @@ static inline void find_weights(const wide_facet *f, double x, double y, qm_vd w
     }
 }
 
-/** Lanes in which all weights are at least so much, or minus that at most. */
-static inline qm_vl have_one_sign(const qm_vd weight[3], double least)
+/** Lanes in which all weights are at least limit, or all at most -limit. */
+static inline qm_vl have_one_sign(const qm_vd weight[3], double limit)
 {
     qm_vd low = qm_vd_min(weight[0], qm_vd_min(weight[1], weight[2]));
     qm_vd high = qm_vd_max(weight[0], qm_vd_max(weight[1], weight[2]));
-    return (low >= qm_vd_set(least)) | (high <= qm_vd_set(-least));
+    return (low >= qm_vd_set(limit)) | (high <= qm_vd_set(-limit));
 }
 
-/** The gap in a corner of the face; NOT_OVER where it is not under the facet. */
+/** The gap at a corner of the face; NOT_OVER where the corner is not under the facet. */
 static inline qm_vd corner_gap(const wide_facet *f, const double corner[3], double margin)
 {
     qm_vd weight[3];
@@ -111,16 +113,17 @@ static inline qm_vd corner_gap(const wide_facet *f, const double corner[3], doub
     qm_vl under = have_one_sign(weight, -margin);
     if (!qm_vl_bits(under)) return qm_vd_set(NOT_OVER);
     const qm_vd *g = f->gap;
-    qm_vd whole = weight[0] + weight[1] + weight[2];
-    qm_vd here = (weight[1] * g[0] + weight[2] * g[1] + weight[0] * g[2]) / whole;
+    qm_vd sum = weight[0] + weight[1] + weight[2];
+    qm_vd here = (weight[1] * g[0] + weight[2] * g[1] + weight[0] * g[2]) / sum;
     qm_vd low = qm_vd_min(g[0], qm_vd_min(g[1], g[2])), high = qm_vd_max(g[0], qm_vd_max(g[1], g[2]));
-    qm_vd error = 3.0 * margin * (high - low) / magnitude(whole);
-    qm_vd bound = qm_vd_min(magnitude(here) + error, qm_vd_max(high, -low)); /* the latter of no number */
+    qm_vd error = 3.0 * margin * (high - low) / magnitude(sum);
+    qm_vd bound =
+        qm_vd_min(magnitude(here) + error, qm_vd_max(high, -low)); /* the latter where the former is NaN */
     return qm_vd_select(under, bound, qm_vd_set(NOT_OVER));
 }
 
-/** The lesser of the gaps between all of a face and the planes of the facets, and between all of these and
- * the plane of the face. */
+/** The min of two bounds: of the gaps between the whole face and the planes of the facets, and between the
+ * whole facets and the plane of the face. */
 static inline qm_vd plane_gap(const wide_facet *f, const qm_overlay_facets *facets, int group, int first,
                               const qm_overlay_face *face)
 {
@@ -136,7 +139,7 @@ static inline qm_vd plane_gap(const wide_facet *f, const qm_overlay_facets *face
     return qm_vd_min(by_facet, by_face);
 }
 
-/** The greatest gap over what each facet and the face have in common; NOT_OVER where that is nothing. */
+/** The max gap over the intersection of each facet and the face; NOT_OVER where it is empty. */
 static inline qm_vd common_gap(const wide_facet *f, const qm_overlay_face *face, double area_margin)
 {
     qm_vd gap = edge_gap(f, 0, 1);
@@ -160,7 +163,7 @@ static inline void load_positions(qm_overlay_vertices *m, const qm_bvh *bvh, con
             m->at[k][i] = m->at[k][0];
 }
 
-/** Maps the vertices; returns the greatest coordinate by magnitude. */
+/** Maps the vertices to the frame; returns the max coordinate by magnitude. */
 static inline double map_pack(qm_overlay_vertices *m, const qm_overlay_frame *frame, const qm_bvh *bvh,
                               const qm_pack_lanes *lanes)
 {
@@ -183,10 +186,10 @@ static inline double map_pack(qm_overlay_vertices *m, const qm_overlay_frame *fr
         }
         memcpy(&m->beyond[i], &beyond, sizeof beyond);
     }
-    double greatest = 0.0;
+    double max = 0.0;
     for (int lane = 0; lane < QM_WIDTH; lane++)
-        greatest = qm_max(size[lane], greatest);
-    return greatest;
+        max = qm_max(size[lane], max);
+    return max;
 }
 
 unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_frame *frame, const qm_bvh *bvh,
@@ -199,6 +202,7 @@ unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_fram
     for (int lane = 0; lane < lanes->lane_count; lane++) {
         const uint8_t *corner = lanes->corner[lane];
         if (beyond[corner[0]] & beyond[corner[1]] & beyond[corner[2]]) continue;
+        QM_ASSERT(facets->count < QM_OVERLAY_GROUPS * QM_PACK_LANES);
         int group = facets->count / QM_PACK_LANES, here = facets->count % QM_PACK_LANES;
         for (int i = 0; i < 3; i++)
             for (int k = 0; k < 3; k++)
@@ -211,7 +215,7 @@ unsigned QM_KERNEL(overlay_add)(qm_overlay_facets *facets, const qm_overlay_fram
     return added;
 }
 
-/** Repeats the first facet of the last group where there are no others. */
+/** Pads the last group with copies of its first facet. */
 static void fill_up(qm_overlay_facets *facets)
 {
     int group = facets->count / QM_PACK_LANES;
@@ -219,7 +223,7 @@ static void fill_up(qm_overlay_facets *facets)
         qm_overlay_copy_facet(facets, group * QM_PACK_LANES, to);
 }
 
-/** Sets the planes of facets, as qm_overlay_set_face does that of a face. */
+/** Sets the planes of facets, as qm_overlay_set_face sets that of a face. */
 static inline void set_planes(qm_overlay_facets *facets, int group, int first)
 {
     qm_vd at[3][3], to[2][3];
@@ -266,6 +270,7 @@ static inline void set_group_box(qm_overlay_facets *facets, int group)
 /** Boxes past the last group are empty. */
 void QM_KERNEL(overlay_close)(qm_overlay_facets *facets)
 {
+    QM_ASSERT(facets->count > 0 && facets->count <= QM_OVERLAY_GROUPS * QM_PACK_LANES);
     fill_up(facets);
     int group = 0;
     for (; group * QM_PACK_LANES < facets->count; group++) {
@@ -281,8 +286,8 @@ void QM_KERNEL(overlay_close)(qm_overlay_facets *facets)
     }
 }
 
-/** Each edge of the rim must lie certainly beside the face: beyond one of its edges, or with all of it on one
- * side of its own line. */
+/** Each edge of the rim must certainly lie beside the face: beyond one edge of the face, or with the whole
+ * face on one side of its line. */
 bool QM_KERNEL(overlay_is_clear)(const qm_overlay_facets *facets, const qm_overlay_face *face)
 {
     double side_margin = QM_OVERLAY_SIDE * QM_UNIT_ROUNDING * facets->size;
@@ -294,18 +299,18 @@ bool QM_KERNEL(overlay_is_clear)(const qm_overlay_facets *facets, const qm_overl
             y[end] = qm_vd_load(&facets->rim[end][1][first]);
         }
         const qm_vd outside = qm_vd_set(-side_margin);
-        qm_vl parted = outside > outside;
+        qm_vl separated = outside > outside;
         qm_vd low = qm_vd_set(INFINITY), high = -low;
         for (int k = 0; k < 3; k++) {
-            parted |=
+            separated |=
                 (affine(face->side[k], x[0], y[0]) < outside) & (affine(face->side[k], x[1], y[1]) < outside);
             qm_vd area =
                 (x[1] - x[0]) * (face->corner[k][1] - y[0]) - (y[1] - y[0]) * (face->corner[k][0] - x[0]);
             low = qm_vd_min(area, low);
             high = qm_vd_max(area, high);
         }
-        parted |= (low > qm_vd_set(area_margin)) | (high < qm_vd_set(-area_margin));
-        if (!is_all(parted)) return false;
+        separated |= (low > qm_vd_set(area_margin)) | (high < qm_vd_set(-area_margin));
+        if (!is_all(separated)) return false;
     }
     return true;
 }
@@ -339,13 +344,13 @@ static inline unsigned groups_over(const qm_overlay_facets *facets, const qm_ove
     return groups_about(facets, low, high);
 }
 
-double QM_KERNEL(overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, double enough,
+double QM_KERNEL(overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_face *face, double threshold,
                               uint8_t *far)
 {
     double side_margin = QM_OVERLAY_SIDE * QM_UNIT_ROUNDING * facets->size;
     double area_margin = QM_OVERLAY_AREA * QM_UNIT_ROUNDING * facets->size * facets->size;
     const qm_vd none = qm_vd_set(NOT_OVER);
-    qm_vd greatest = none;
+    qm_vd max = none;
     for (unsigned groups = groups_over(facets, face); groups; groups &= groups - 1) {
         int group = __builtin_ctz(groups);
         for (int first = 0; first < QM_PACK_LANES; first += QM_WIDTH) {
@@ -353,20 +358,20 @@ double QM_KERNEL(overlay_gap)(const qm_overlay_facets *facets, const qm_overlay_
             if (!load_facet(&f, facets->group[group].at, first, face, side_margin)) continue;
             const qm_vd twist = qm_vd_load(&facets->group[group].twist[first]);
             qm_vd gap = plane_gap(&f, facets, group, first, face) + twist;
-            qm_vl is_open = ~(gap <= qm_vd_set(enough)) & ~f.beyond;
+            qm_vl is_open = ~(gap <= qm_vd_set(threshold)) & ~f.beyond;
             if (qm_vl_bits(is_open)) {
                 qm_vd common = common_gap(&f, face, area_margin);
                 common = qm_vd_select(common >= qm_vd_set(0.0), common + twist, none);
                 gap = qm_vd_select(is_open, common, gap);
             }
             gap = qm_vd_select(f.beyond, none, gap);
-            if (far) far[group] |= (uint8_t)(qm_vl_bits(~(gap <= qm_vd_set(enough))) << first);
-            greatest = qm_vd_max(gap, greatest);
+            if (far) far[group] |= (uint8_t)(qm_vl_bits(~(gap <= qm_vd_set(threshold))) << first);
+            max = qm_vd_max(gap, max);
         }
     }
     double out = NOT_OVER;
     for (int lane = 0; lane < QM_WIDTH; lane++)
-        out = qm_max(greatest[lane], out);
+        out = qm_max(max[lane], out);
     return out;
 }
 
@@ -379,7 +384,7 @@ int QM_KERNEL(overlay_count)(const qm_overlay_facets *facets, const qm_overlay_f
         for (int first = 0; first < QM_PACK_LANES; first += QM_WIDTH) {
             wide_facet f;
             qm_vd weight[3];
-            load_places(&f, facets->group[group].at, first);
+            load_corners(&f, facets->group[group].at, first);
             find_weights(&f, face->probe[0], face->probe[1], weight);
             int left = facets->count - (group * QM_PACK_LANES + first);
             unsigned there = left <= 0 ? 0 : left < QM_WIDTH ? (1u << left) - 1 : ~0u;

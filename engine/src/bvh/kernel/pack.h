@@ -2,7 +2,7 @@
  * pack.h: distance from a point to the triangles of a pack, QM_WIDTH at a time, without a branch.
  *
  * In the frame of its longest edge (bvh_tree.h) a triangle is (0, 0), (L, 0), (CX, CY). The squared distance
- * is the height over the plane squared, plus nothing inside, plus the least squared distance to an edge
+ * is the height over the plane squared, plus nothing inside, plus the min squared distance to an edge
  * outside. Every term is a sum of squares of differences: no cancellation.
  */
 #ifndef QM_KERNEL_PACK_H
@@ -11,11 +11,6 @@
 #include "bvh/kernel.h"
 #include "simd.h"
 
-#define QM_KERNEL_PASTE_(name, isa) name##_##isa
-#define QM_KERNEL_PASTE(name, isa) QM_KERNEL_PASTE_(name, isa)
-/** The name of a kernel function for the instruction set of this compilation. */
-#define QM_KERNEL(name) QM_KERNEL_PASTE(qm_##name, QM_ISA)
-
 static inline qm_vd qm_vd_clamp01(qm_vd t)
 {
     return qm_vd_min(qm_vd_max(t, qm_vd_set(0.0)), qm_vd_set(1.0));
@@ -23,32 +18,32 @@ static inline qm_vd qm_vd_clamp01(qm_vd t)
 
 static inline qm_vd qm_pack_part_d2(const qm_pack *pack, int part, qm_vd px, qm_vd py, qm_vd pz)
 {
-#define ROW(name) qm_vd_load(&pack->row[QM_ROW_##name][part * QM_WIDTH])
+#define COMPONENT(name) qm_vd_load(&pack->row[QM_PACK_##name][part * QM_WIDTH])
     const qm_vd zero = qm_vd_set(0.0);
-    qm_vd dx = px - ROW(OX), dy = py - ROW(OY), dz = pz - ROW(OZ);
-    qm_vd x = dx * ROW(XX) + dy * ROW(XY) + dz * ROW(XZ);
-    qm_vd y = dx * ROW(YX) + dy * ROW(YY) + dz * ROW(YZ);
-    qm_vd z = dx * ROW(ZX) + dy * ROW(ZY) + dz * ROW(ZZ);
-    qm_vd length = ROW(L), cx = ROW(CX), cy = ROW(CY);
+    qm_vd dx = px - COMPONENT(OX), dy = py - COMPONENT(OY), dz = pz - COMPONENT(OZ);
+    qm_vd x = dx * COMPONENT(XX) + dy * COMPONENT(XY) + dz * COMPONENT(XZ);
+    qm_vd y = dx * COMPONENT(YX) + dy * COMPONENT(YY) + dz * COMPONENT(YZ);
+    qm_vd z = dx * COMPONENT(ZX) + dy * COMPONENT(ZY) + dz * COMPONENT(ZZ);
+    qm_vd length = COMPONENT(L), cx = COMPONENT(CX), cy = COMPONENT(CY);
 
     qm_vd ax = x - qm_vd_min(qm_vd_max(x, zero), length);
     qm_vd edge2 = ax * ax + y * y;
 
-    qm_vd t = qm_vd_clamp01((x * cx + y * cy) * ROW(INVERSE_C2));
+    qm_vd t = qm_vd_clamp01((x * cx + y * cy) * COMPONENT(INVERSE_C2));
     qm_vd bx = x - t * cx, by = y - t * cy;
     edge2 = qm_vd_min(edge2, bx * bx + by * by);
 
     qm_vd ex = cx - length, xl = x - length;
-    qm_vd s = qm_vd_clamp01((xl * ex + y * cy) * ROW(INVERSE_D2));
+    qm_vd s = qm_vd_clamp01((xl * ex + y * cy) * COMPONENT(INVERSE_D2));
     qm_vd gx = xl - s * ex, gy = y - s * cy;
     edge2 = qm_vd_min(edge2, gx * gx + gy * gy);
 
     qm_vl inside = (y > zero) & (cy * x - cx * y > zero) & (ex * y - cy * xl > zero);
     return qm_vd_select(inside, zero, edge2) + z * z;
-#undef ROW
+#undef COMPONENT
 }
 
-/** Splats a point for qm_pack_part_d2. */
+/** A point broadcast to all lanes, for qm_pack_part_d2. */
 typedef struct qm_splat {
     qm_vd x, y, z;
 } qm_splat;

@@ -1,18 +1,18 @@
 /**
- * search.c: nearest triangle or patch, by descent from the root, nearest box first.
+ * search.c: nearest triangle or patch, by traversal from the root, nearest box first.
  *
  * Source: Roussopoulos, Kelley, Vincent, Nearest Neighbor Queries, SIGMOD 1995.
  */
 #include "kernels.h"
+#include "traversal.h"
 #include "visit.h"
-#include "walk.h"
 
 void QM_KERNEL(pack_distances)(const qm_pack *pack, qm_vec p, double d2[QM_PACK_LANES])
 {
-    _Alignas(64) double row[QM_PACK_LANES];
-    qm_pack_d2(pack, p, row);
+    _Alignas(64) double aligned[QM_PACK_LANES];
+    qm_pack_d2(pack, p, aligned);
     for (int lane = 0; lane < QM_PACK_LANES; lane++)
-        d2[lane] = row[lane];
+        d2[lane] = aligned[lane];
 }
 
 void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit)
@@ -23,13 +23,13 @@ void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit)
     hit->lane = QM_PACK_LANES;
     qm_visit_pack(bvh, start, splat, hit);
     float limit = qm_box_limit(hit->d2);
-    qm_walk walk;
-    qm_walk_start(&walk, &bvh->boxes);
-    while (walk.height > 0) {
-        qm_stack_entry at = qm_walk_pop(&walk);
+    qm_traversal traversal;
+    qm_traversal_start(&traversal, &bvh->boxes);
+    while (traversal.height > 0) {
+        qm_stack_entry at = qm_traversal_pop(&traversal);
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
-            qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
+            qm_traversal_push(&traversal, &bvh->boxes, &query, limit, at);
         } else if (at.index != start && !qm_pack_is_far(bvh, at.index, p, sqrt(hit->d2))) {
             qm_visit_pack(bvh, at.index, splat, hit);
             limit = qm_box_limit(hit->d2);
@@ -37,25 +37,24 @@ void QM_KERNEL(closest)(const qm_bvh *bvh, qm_vec p, qm_hit *hit)
     }
 }
 
-/** What tells that a pack need not be visited. */
+/** True when a pack need not be visited. */
 typedef bool is_far_fn(const void *best, uint32_t pack);
 
-/** Visits every pack whose box comes within the distance that the last visit returned, from the pack start
- * on.
- */
-__attribute__((always_inline)) static inline void
-walk_boxes(const qm_bvh *bvh, qm_vec p, uint32_t start, is_far_fn *is_far, qm_visit_fn *visit, void *best)
+/** Visits every pack whose box comes within the distance that the last visit returned, the pack start
+ * first. */
+__attribute__((always_inline)) static inline void traverse(const qm_bvh *bvh, qm_vec p, uint32_t start,
+                                                           is_far_fn *is_far, qm_visit_fn *visit, void *best)
 {
     qm_box_query query = qm_box_query_point(p);
     double distance = visit(best, start);
     float limit = qm_box_limit(distance * distance);
-    qm_walk walk;
-    qm_walk_start(&walk, &bvh->boxes);
-    while (walk.height > 0) {
-        qm_stack_entry at = qm_walk_pop(&walk);
+    qm_traversal traversal;
+    qm_traversal_start(&traversal, &bvh->boxes);
+    while (traversal.height > 0) {
+        qm_stack_entry at = qm_traversal_pop(&traversal);
         if (!(at.d2 <= limit)) continue;
         if (at.level > 0) {
-            qm_walk_push(&walk, &bvh->boxes, &query, limit, at);
+            qm_traversal_push(&traversal, &bvh->boxes, &query, limit, at);
         } else if (at.index != start && !is_far(best, at.index)) {
             distance = visit(best, at.index);
             limit = qm_box_limit(distance * distance);
@@ -74,7 +73,7 @@ void QM_KERNEL(closest_patch)(const qm_bvh *bvh, qm_vec p, uint32_t start, doubl
 {
     *hit = (qm_bilinear_hit){.distance = INFINITY, .lower = INFINITY, .face = QM_NO_INDEX};
     qm_patch_search search = {bvh, p, error, hit, {.is_set = false}};
-    walk_boxes(bvh, p, start, is_never_far, qm_visit_all_patches, &search);
+    traverse(bvh, p, start, is_never_far, qm_visit_all_patches, &search);
     hit->lower = fmin(hit->lower, hit->distance);
 }
 
@@ -88,7 +87,7 @@ void QM_KERNEL(closest_ties)(const qm_bvh *bvh, qm_vec p, uint32_t start, qm_tie
 {
     qm_tie_search search = {bvh, qm_splat_make(p), p, ties};
     if (ties->error > 0.0)
-        walk_boxes(bvh, p, start, is_never_far, qm_visit_tied_patches, &search);
+        traverse(bvh, p, start, is_never_far, qm_visit_tied_patches, &search);
     else
-        walk_boxes(bvh, p, start, is_beyond_ties, qm_visit_tied_triangles, &search);
+        traverse(bvh, p, start, is_beyond_ties, qm_visit_tied_triangles, &search);
 }

@@ -1,6 +1,6 @@
 /**
- * simd.h: vectors as wide as the instruction set of this compilation has them. The same operations in the
- * same order on every width, so that all kernels give the same bits.
+ * simd.h: vectors as wide as the instruction set of this compilation. Every width does the same operations in
+ * the same order, so that all kernels give the same bits.
  */
 #ifndef QM_KERNEL_SIMD_H
 #define QM_KERNEL_SIMD_H

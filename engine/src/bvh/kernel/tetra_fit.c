@@ -6,25 +6,25 @@
 #include "kernels.h"
 #include "tetra_bound.h"
 
-#define FETCH_QUADS 64   /* of a part whose vertices are fetched together */
-#define LEAF_VERTICES 24 /* 18 at most: two rows of nine */
+#define FETCH_QUADS 64   /* of a part whose vertices are prefetched together */
+#define LEAF_VERTICES 24 /* 18 at max: two rows of nine */
 
 /**
- * Share of distance d and size S (greatest coordinate, as seen from a corner) by which a distance of floats
- * may be too small: 32 v with v = 2^-24. The point and a corner are off by v S along each axis, the point as
- * seen from the corner and both sides by 2 v S, what is gone along the sides by 6 v S, sqrt(3) times that
+ * Fraction of distance d and size S (max coordinate relative to a corner) by which a distance of floats may
+ * be too small: 32 v with v = 2^-24. The point and a corner are off by v S along each axis, the point
+ * relative to the corner and both sides by 2 v S, the steps along the sides by 6 v S, sqrt(3) times that
  * together: 24 v S. The last difference, squares, sum and root: 4 v d.
  */
 #define FLOAT_MARGIN 0x1p-19
 
-/** By which a distance of doubles may be too small: the same 24 v S + 4 v d with v = 2^-53, where S <= 2 and
- * d <= 4 in the local frame, is less than 2^-46. */
+/** By which a distance of doubles may be too small: 24 v S + 4 v d again, with v = 2^-53; as S <= 2 and d <=
+ * 4 in local space, less than 2^-46. */
 #define RADIUS_MARGIN 0x1p-44
 
 typedef struct tetra_fit {
     qm_tetra *tetra;
     const qm_tetra_patch *patch;
-    const uint64_t *changed; /* a bit a node: others keep their radii; NULL: all change */
+    const uint64_t *changed; /* a bit for each node to be computed; NULL: all */
     size_t updated;
 } tetra_fit;
 
@@ -38,12 +38,12 @@ static inline qm_vec vertex_at(const tetra_fit *fit, uint32_t row, uint32_t colu
     return qm_tetra_vertex(fit->tetra, vertex_row(fit, row)[column]);
 }
 
-/** The vertices of a leaf as seen from its first corner, eight at a time; what is left over repeats that
- * corner. Floats are enough: their errors go with the size of the leaf. */
+/** The vertices of a leaf relative to its first corner, padded with that corner to a multiple of eight.
+ * Floats suffice: their errors are in proportion to the size of the leaf. */
 typedef struct leaf_points {
     _Alignas(32) float at[3][LEAF_VERTICES];
     int count;
-    float size; /* the greatest coordinate by magnitude */
+    float size; /* the max coordinate by magnitude */
 } leaf_points;
 
 static inline qm_vf load_floats(const float *p)
@@ -67,16 +67,17 @@ static inline void load_leaf(const tetra_fit *fit, const qm_tetra_part *part, qm
     for (; points->count % 8 != 0; points->count++)
         for (int k = 0; k < 3; k++)
             points->at[k][points->count] = 0.0f;
-    qm_vf most = {0};
+    qm_vf max = {0};
     for (int i = 0; i < points->count; i += 8)
         for (int k = 0; k < 3; k++) {
             qm_vf x = load_floats(points->at[k] + i);
-            most = qm_vf_max(most, qm_vf_max(x, -x));
+            max = qm_vf_max(max, qm_vf_max(x, -x));
         }
-    points->size = qm_vf_max_lane(most);
+    QM_ASSERT(points->count <= LEAF_VERTICES);
+    points->size = qm_vf_max_lane(max);
 }
 
-/** A face by one of its corners and the two sides there, which in a patch stand about upright. */
+/** A face by one of its corners and the two sides there, which in a patch are about perpendicular. */
 typedef struct float_face {
     float a[3], e[3], g[3], ee, eg, gg, inverse;
 } float_face;
@@ -97,8 +98,8 @@ static inline float_face float_face_make(const float corner[4][3], int at)
     return face;
 }
 
-/** Squared distances from eight points to points of a face near to their feet. Whatever rounding does to the
- * weights, they are those of a point of the face. */
+/** Squared distances from eight points to points of a face near their footpoints. However the weights are
+ * rounded, they are those of a point of the face. */
 static inline qm_vf float_face_d2(const float_face *face, qm_vf x, qm_vf y, qm_vf z)
 {
     const qm_vf zero = {0}, one = zero + 1.0f;
@@ -115,7 +116,7 @@ static inline qm_vf float_face_d2(const float_face *face, qm_vf x, qm_vf y, qm_v
     return x * x + y * y + z * z;
 }
 
-/** An upper bound of the greatest distance of the vertices of a leaf to the faces. */
+/** An upper bound of the max distance of the vertices of a leaf to the faces. */
 static inline double leaf_radius(const tetra_fit *fit, const qm_tetra_part *part, const qm_vec corner[4])
 {
     leaf_points points;
@@ -130,20 +131,20 @@ static inline double leaf_radius(const tetra_fit *fit, const qm_tetra_part *part
     float_face face[4];
     for (int i = 0; i < 4; i++)
         face[i] = float_face_make(corners, i);
-    qm_vf most = {0};
+    qm_vf max = {0};
     for (int i = 0; i < points.count; i += 8) {
         qm_vf x = load_floats(points.at[0] + i), y = load_floats(points.at[1] + i),
               z = load_floats(points.at[2] + i);
         qm_vf d2 = float_face_d2(&face[0], x, y, z);
         for (int k = 1; k < 4; k++)
             d2 = qm_vf_min(d2, float_face_d2(&face[k], x, y, z));
-        most = qm_vf_max(most, d2);
+        max = qm_vf_max(max, d2);
     }
-    double distance = sqrt((double)qm_vf_max_lane(most));
+    double distance = sqrt((double)qm_vf_max_lane(max));
     return distance + FLOAT_MARGIN * (distance + (double)points.size);
 }
 
-/** Fetches the vertices of a part, whose rows lie far apart, while others are still at work. */
+/** Prefetches the vertices of a part, whose rows lie far apart in memory. */
 static inline void fetch_part(const tetra_fit *fit, const qm_tetra_part *part)
 {
     const double *positions = fit->tetra->bvh->mesh.positions;
@@ -160,7 +161,7 @@ static inline float keep_radius(tetra_fit *fit, uint32_t node, double radius)
     return fit->tetra->nodes[node].radius = radius > 0.0 ? qm_float_above(radius + RADIUS_MARGIN) : 0.0f;
 }
 
-/** The radius of a part with these corners, in turn. */
+/** Computes the radius of a part with these corners, in cyclic order. */
 static double fit_part(tetra_fit *fit, const qm_tetra_part *part, const qm_vec corner[4])
 {
     if (fit->changed && !(fit->changed[part->node / 64] >> part->node % 64 & 1))
@@ -188,13 +189,13 @@ static double fit_part(tetra_fit *fit, const qm_tetra_part *part, const qm_vec c
 size_t QM_KERNEL(tetra_fit)(qm_tetra *tetra, size_t patch, const uint64_t *changed)
 {
     tetra_fit fit = {.tetra = tetra, .patch = &tetra->patches[patch], .changed = changed};
-    qm_tetra_part whole = qm_tetra_part_whole(fit.patch);
+    qm_tetra_part root = qm_tetra_part_root(fit.patch);
     uint32_t vertex[4];
     qm_vec corner[4];
-    qm_tetra_part_corners(tetra, fit.patch, &whole, vertex);
+    qm_tetra_part_corners(tetra, fit.patch, &root, vertex);
     for (int i = 0; i < 4; i++)
         corner[i] = qm_tetra_vertex(tetra, vertex[i]);
-    double radius = fit_part(&fit, &whole, corner);
+    double radius = fit_part(&fit, &root, corner);
     qm_box box = qm_vec_box(corner, 4);
     for (int k = 0; k < 3; k++) {
         box.min[k] -= radius;

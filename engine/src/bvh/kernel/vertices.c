@@ -1,15 +1,15 @@
 /**
- * vertices.c: all vertices of a mesh, four at a time: twelve coordinates are three vectors, in each of which
- * the axes come in another order.
+ * vertices.c: passes over all vertices of a mesh, four at a time: twelve coordinates are three vectors, in
+ * each of which the axes come in another order.
  */
 #include <string.h>
 
-#include "bvh/collide_cells.h"
+#include "bvh/cell_grid.h"
 #include "core/hilbert.h"
 #include "four.h"
 #include "kernels.h"
 
-enum { TOGETHER = 4, PARTS = 3 };
+enum { BATCH = 4, PARTS = 3 };
 
 typedef int32_t four_cells __attribute__((vector_size(16)));
 
@@ -19,11 +19,11 @@ static inline qm_four load(const double *p)
     return (qm_four) * (const four *)(const void *)p;
 }
 
-/** A value for each axis as it comes in the twelve coordinates. */
+/** Repeats a value of each axis in the order of the twelve coordinates. */
 static inline void repeat(const double axis[3], qm_four part[PARTS])
 {
-    for (int i = 0; i < PARTS * TOGETHER; i++)
-        part[i / TOGETHER][i % TOGETHER] = axis[i % 3];
+    for (int i = 0; i < PARTS * BATCH; i++)
+        part[i / BATCH][i % BATCH] = axis[i % 3];
 }
 
 void QM_KERNEL(vertex_box)(const double *positions, size_t count, qm_box *box)
@@ -34,17 +34,17 @@ void QM_KERNEL(vertex_box)(const double *positions, size_t count, qm_box *box)
         high[part] = -low[part];
     }
     size_t i = 0;
-    for (; i + TOGETHER <= count; i += TOGETHER) {
+    for (; i + BATCH <= count; i += BATCH) {
         for (int part = 0; part < PARTS; part++) {
-            qm_four p = load(positions + 3 * i + TOGETHER * part);
+            qm_four p = load(positions + 3 * i + BATCH * part);
             low[part] = qm_four_min(p, low[part]);
             high[part] = qm_four_max(p, high[part]);
         }
     }
     *box = (qm_box){{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (int k = 0; k < PARTS * TOGETHER; k++) {
-        box->min[k % 3] = fmin(box->min[k % 3], low[k / TOGETHER][k % TOGETHER]);
-        box->max[k % 3] = fmax(box->max[k % 3], high[k / TOGETHER][k % TOGETHER]);
+    for (int k = 0; k < PARTS * BATCH; k++) {
+        box->min[k % 3] = fmin(box->min[k % 3], low[k / BATCH][k % BATCH]);
+        box->max[k % 3] = fmax(box->max[k % 3], high[k / BATCH][k % BATCH]);
     }
     for (; i < count; i++) {
         for (int k = 0; k < 3; k++) {
@@ -54,7 +54,7 @@ void QM_KERNEL(vertex_box)(const double *positions, size_t count, qm_box *box)
     }
 }
 
-/** Sets the sides that one of count positions from the first on lies on. */
+/** Sets the vertices that lie on a side, of count positions from first on. */
 static inline void set_sides(const double *positions, size_t first, size_t count, const qm_box *box,
                              uint32_t vertex[QM_BOX_SIDES])
 {
@@ -64,7 +64,7 @@ static inline void set_sides(const double *positions, size_t first, size_t count
     }
 }
 
-/** Few lie on any side: all but those are passed over four at a time. */
+/** Few vertices lie on any side: four at a time are tested and skipped. */
 void QM_KERNEL(vertices_on_sides)(const double *positions, size_t count, const qm_box *box,
                                   uint32_t vertex[QM_BOX_SIDES])
 {
@@ -72,18 +72,18 @@ void QM_KERNEL(vertices_on_sides)(const double *positions, size_t count, const q
     repeat(box->min, low);
     repeat(box->max, high);
     size_t i = 0;
-    for (; i + TOGETHER <= count; i += TOGETHER) {
+    for (; i + BATCH <= count; i += BATCH) {
         qm_four_mask on = {0};
         for (int part = 0; part < PARTS; part++) {
-            qm_four p = load(positions + 3 * i + TOGETHER * part);
+            qm_four p = load(positions + 3 * i + BATCH * part);
             on |= (p == low[part]) | (p == high[part]);
         }
-        if ((on[0] | on[1] | on[2] | on[3]) != 0) set_sides(positions, i, TOGETHER, box, vertex);
+        if ((on[0] | on[1] | on[2] | on[3]) != 0) set_sides(positions, i, BATCH, box, vertex);
     }
     set_sides(positions, i, count - i, box, vertex);
 }
 
-/** The grid as it lies to the twelve coordinates. */
+/** The grid in the order of the twelve coordinates. */
 typedef struct wide_grid {
     qm_four low[PARTS], high[PARTS], scale[PARTS], count[PARTS];
     four_cells shift[PARTS];
@@ -106,29 +106,27 @@ static inline void widen(const qm_cell_grid *grid, wide_grid *out)
     repeat(high, out->high);
     repeat(scale, out->scale);
     repeat(count, out->count);
-    for (int i = 0; i < PARTS * TOGETHER; i++)
-        out->shift[i / TOGETHER][i % TOGETHER] = shift[i % 3];
+    for (int i = 0; i < PARTS * BATCH; i++)
+        out->shift[i / BATCH][i % BATCH] = shift[i % 3];
 }
 
-/** Each coordinate's cell where it goes in the word. What is no number, from a grid of no length, counts as
- * the first cell. */
+/** The cell of each coordinate, shifted to its byte. NaN, from a grid of no length, gives the first cell. */
 static inline four_cells find_cells(const wide_grid *grid, int part, qm_four p)
 {
     const qm_four zero = {0}, none = zero - 1.0, count = grid->count[part];
-    qm_four place = qm_four_max((p - grid->low[part]) * grid->scale[part], zero);
-    place = qm_four_min(place, count - 1.0);
-    place = qm_four_select(p > grid->high[part], count, place);
-    place = qm_four_select(p < grid->low[part], none, place);
-    return (__builtin_convertvector(place, four_cells) + 1) << grid->shift[part];
+    qm_four cell = qm_four_max((p - grid->low[part]) * grid->scale[part], zero);
+    cell = qm_four_min(cell, count - 1.0);
+    cell = qm_four_select(p > grid->high[part], count, cell);
+    cell = qm_four_select(p < grid->low[part], none, cell);
+    return (__builtin_convertvector(cell, four_cells) + 1) << grid->shift[part];
 }
 
 static inline void find_four(const wide_grid *grid, const double *positions, qm_cell *cells)
 {
-    _Alignas(16) int32_t cell[PARTS * TOGETHER];
+    _Alignas(16) int32_t cell[PARTS * BATCH];
     for (int part = 0; part < PARTS; part++)
-        *(four_cells *)(void *)(cell + TOGETHER * part) =
-            find_cells(grid, part, load(positions + TOGETHER * part));
-    for (int i = 0; i < TOGETHER; i++)
+        *(four_cells *)(void *)(cell + BATCH * part) = find_cells(grid, part, load(positions + BATCH * part));
+    for (int i = 0; i < BATCH; i++)
         cells[i] = (qm_cell)(cell[3 * i] | cell[3 * i + 1] | cell[3 * i + 2]);
 }
 
@@ -137,30 +135,30 @@ void QM_KERNEL(vertex_cells)(const qm_cell_grid *grid, const double *positions, 
     wide_grid wide;
     widen(grid, &wide);
     size_t i = 0;
-    for (; i + TOGETHER <= count; i += TOGETHER)
+    for (; i + BATCH <= count; i += BATCH)
         find_four(&wide, positions + 3 * i, cells + i);
     if (i == count) return;
-    double rest[3 * TOGETHER] = {0};
-    qm_cell found[TOGETHER];
-    memcpy(rest, positions + 3 * i, 3 * (count - i) * sizeof *rest);
-    find_four(&wide, rest, found);
+    double remainder[3 * BATCH] = {0};
+    qm_cell found[BATCH];
+    memcpy(remainder, positions + 3 * i, 3 * (count - i) * sizeof *remainder);
+    find_four(&wide, remainder, found);
     memcpy(cells + i, found, (count - i) * sizeof *found);
 }
 
-/** Whole numbers of four vertices. */
+/** Quantizes four vertices. */
 static inline void fine_four(const qm_four origin[PARTS], qm_four scale, const double *positions,
-                             uint64_t fine[TOGETHER])
+                             uint64_t fine[BATCH])
 {
     const qm_four half = qm_four_set(1 << (QM_FINE_BITS - 1)), last = 2.0 * half - 1.0;
-    _Alignas(16) int32_t place[PARTS * TOGETHER];
+    _Alignas(16) int32_t number[PARTS * BATCH];
     for (int part = 0; part < PARTS; part++) {
-        qm_four local = (load(positions + TOGETHER * part) - origin[part]) * scale;
+        qm_four local = (load(positions + BATCH * part) - origin[part]) * scale;
         qm_four within = qm_four_min(qm_four_max((local + 1.0) * half, (qm_four){0}), last);
-        *(four_cells *)(void *)(place + TOGETHER * part) = __builtin_convertvector(within, four_cells);
+        *(four_cells *)(void *)(number + BATCH * part) = __builtin_convertvector(within, four_cells);
     }
-    for (int i = 0; i < TOGETHER; i++)
-        fine[i] = (uint64_t)place[3 * i] | (uint64_t)place[3 * i + 1] << QM_FINE_FIELD |
-                  (uint64_t)place[3 * i + 2] << (2 * QM_FINE_FIELD);
+    for (int i = 0; i < BATCH; i++)
+        fine[i] = (uint64_t)number[3 * i] | (uint64_t)number[3 * i + 1] << QM_FINE_FIELD |
+                  (uint64_t)number[3 * i + 2] << (2 * QM_FINE_FIELD);
 }
 
 void QM_KERNEL(vertex_fine)(const double origin[3], double scale, const double *positions, size_t count,
@@ -169,12 +167,12 @@ void QM_KERNEL(vertex_fine)(const double origin[3], double scale, const double *
     qm_four wide_origin[PARTS];
     repeat(origin, wide_origin);
     size_t i = 0;
-    for (; i + TOGETHER <= count; i += TOGETHER)
+    for (; i + BATCH <= count; i += BATCH)
         fine_four(wide_origin, qm_four_set(scale), positions + 3 * i, fine + i);
     if (i == count) return;
-    double rest[3 * TOGETHER] = {0};
-    uint64_t found[TOGETHER];
-    memcpy(rest, positions + 3 * i, 3 * (count - i) * sizeof *rest);
-    fine_four(wide_origin, qm_four_set(scale), rest, found);
+    double remainder[3 * BATCH] = {0};
+    uint64_t found[BATCH];
+    memcpy(remainder, positions + 3 * i, 3 * (count - i) * sizeof *remainder);
+    fine_four(wide_origin, qm_four_set(scale), remainder, found);
     memcpy(fine + i, found, (count - i) * sizeof *found);
 }

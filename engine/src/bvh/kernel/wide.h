@@ -1,5 +1,5 @@
 /**
- * wide.h: vectors of space for eight lanes at a time, in single precision.
+ * wide.h: vectors in space for eight lanes at a time, in single precision.
  */
 #ifndef QM_KERNEL_WIDE_H
 #define QM_KERNEL_WIDE_H
@@ -10,7 +10,7 @@ typedef struct wide {
     qm_vf x, y, z;
 } wide;
 
-static inline qm_vf wide_row(const float *p)
+static inline qm_vf wide_load_row(const float *p)
 {
     return *(const qm_vf *)(const void *)p;
 }
@@ -22,19 +22,19 @@ static inline void wide_store_row(float *p, qm_vf a)
 
 static inline wide wide_load(const float row[3][QM_PACK_LANES])
 {
-    return (wide){wide_row(row[0]), wide_row(row[1]), wide_row(row[2])};
+    return (wide){wide_load_row(row[0]), wide_load_row(row[1]), wide_load_row(row[2])};
 }
 
 typedef float wide_part __attribute__((vector_size(16)));
 
-/** Two rows of four in one. */
+/** Joins two rows of four. */
 static inline qm_vf wide_join(const float low[4], const float high[4])
 {
     return __builtin_shufflevector(*(const wide_part *)(const void *)low,
                                    *(const wide_part *)(const void *)high, 0, 1, 2, 3, 4, 5, 6, 7);
 }
 
-/** Columns of eight rows of four; two[i] holds rows i and i + 4. */
+/** Transposes eight rows of four to columns; two[i] holds rows i and i + 4. */
 static inline void wide_transpose(const qm_vf two[4], qm_vf column[4])
 {
     qm_vf xy01 = __builtin_shufflevector(two[0], two[1], 0, 8, 1, 9, 4, 12, 5, 13),

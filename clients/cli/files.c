@@ -1,0 +1,208 @@
+/**
+ * files.c: reads and checks files, loads meshes, and reports problems with them.
+ */
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "cli.h"
+
+const char *cli_base_name(const char *path)
+{
+    const char *slash = strrchr(path, '/');
+    return slash ? slash + 1 : path;
+}
+
+bool cli_path_ends_in(const char *path, const char *end)
+{
+    size_t length = strlen(path), size = strlen(end);
+    return length >= size && strcmp(path + length - size, end) == 0;
+}
+
+void cli_report(const char *path, const qm_problem *problem, bool as_json)
+{
+    if (as_json) {
+        qm_text text = {0};
+        qm_json_write_problem(&text, problem);
+        char *document = qm_text_take(&text);
+        puts(document ? document : "{}");
+        free(document);
+        return;
+    }
+    const qm_problem_error *error = problem->error_count > 0 ? &problem->errors[0] : NULL;
+    cli_print_problem(path, error && error->line != QM_NO_LOCATION ? (double)error->line : NAN,
+                      error && error->offset != QM_NO_LOCATION ? (double)error->offset : NAN,
+                      problem->detail);
+}
+
+void cli_report_status(const char *path, qm_status status, const qm_context *ctx, bool as_json)
+{
+    qm_problem problem = qm_problem_from_status(status, ctx->message);
+    cli_report(path, &problem, as_json);
+}
+
+void cli_print_problem(const char *path, double line, double offset, const char *detail)
+{
+    if (!isnan(line))
+        fprintf(stderr, "quadmesh: %s:%.0f: %s\n", path, line, detail);
+    else if (!isnan(offset))
+        fprintf(stderr, "quadmesh: %s: byte %.0f: %s\n", path, offset, detail);
+    else
+        fprintf(stderr, "quadmesh: %s: %s\n", path, detail);
+}
+
+/** Reads to the end of the file, whose size is only expected: standard input may be a pipe. */
+static uint8_t *read_all(FILE *file, size_t expected, size_t *size)
+{
+    size_t capacity = expected + 1;
+    uint8_t *bytes = malloc(capacity);
+    *size = 0;
+    while (bytes) {
+        *size += fread(bytes + *size, 1, capacity - *size, file);
+        if (*size < capacity) break;
+        uint8_t *larger = realloc(bytes, 2 * capacity);
+        if (!larger) free(bytes);
+        bytes = larger;
+        capacity *= 2;
+    }
+    return bytes;
+}
+
+/** Reads a file; NULL with a problem if it cannot be read. */
+static uint8_t *read_file(const char *path, size_t *size, qm_problem *problem)
+{
+    struct stat info;
+    bool is_stdin = strcmp(path, "-") == 0;
+    FILE *file = is_stdin ? stdin : fopen(path, "rb");
+    uint8_t *bytes = NULL;
+    errno = file ? 0 : errno;
+    if (file && fstat(fileno(file), &info) == 0 && S_ISDIR(info.st_mode)) errno = EISDIR;
+    /* A device may never end. */
+    if (errno == 0 && !is_stdin && (S_ISCHR(info.st_mode) || S_ISBLK(info.st_mode))) errno = ENOTSUP;
+    if (errno == 0) bytes = read_all(file, S_ISREG(info.st_mode) ? (size_t)info.st_size : 4096, size);
+    if (!bytes || ferror(file)) {
+        *problem =
+            qm_problem_make(QM_PROBLEM_NOT_FOUND, "cannot be read: %s", strerror(errno ? errno : ENOMEM));
+        free(bytes);
+        bytes = NULL;
+    }
+    if (file && !is_stdin) fclose(file);
+    return bytes;
+}
+
+uint8_t *cli_read_file(const char *path, size_t *size, bool as_json)
+{
+    qm_problem problem;
+    uint8_t *bytes = read_file(path, size, &problem);
+    if (!bytes) cli_report(path, &problem, as_json);
+    return bytes;
+}
+
+void cli_report_unwritable(const char *path, bool as_json)
+{
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_UNAVAILABLE, "cannot be written: %s", strerror(errno ? errno : ENOMEM));
+    cli_report(path, &problem, as_json);
+}
+
+/** The folder of a path, for free(); NULL if memory runs out. */
+static char *folder_of(const char *path)
+{
+    size_t size = (size_t)(cli_base_name(path) - path);
+    return size > 0 ? strndup(path, size) : strdup(".");
+}
+
+bool cli_check_writable(const char *path, bool as_json)
+{
+    if (strcmp(path, "-") == 0 || access(path, W_OK) == 0) return true;
+    if (errno == ENOENT) {
+        char *folder = folder_of(path);
+        bool is_writable = folder && access(folder, W_OK | X_OK) == 0;
+        free(folder);
+        if (is_writable) return true;
+    }
+    cli_report_unwritable(path, as_json);
+    return false;
+}
+
+qm_preparation cli_prepare(bool is_target, qm_quad_reading quads, int threads)
+{
+    qm_bvh_parts target = quads == QM_QUADS_BILINEAR ? QM_BVH_ALL : QM_BVH_TARGET;
+    return (qm_preparation){.parts = is_target ? target : QM_BVH_SOURCE, .thread_count = threads};
+}
+
+static bool load_mesh(qm_context *ctx, const char *path, const qm_preparation *preparation,
+                      qm_loaded_mesh *out, qm_problem *problem)
+{
+    size_t size;
+    *out = (qm_loaded_mesh){0};
+    uint8_t *bytes = read_file(path, &size, problem);
+    if (!bytes) return false;
+    const qm_codec_limits limits = {.max_vertices = QM_NO_INDEX - 1,
+                                    .max_faces = QM_NO_INDEX - 1,
+                                    .thread_count = preparation->thread_count};
+    qm_codec_report report;
+    qm_status status = qm_mesh_read(ctx, qm_format_from_path(path), bytes, size, &limits, out, &report);
+    free(bytes);
+    if (status == QM_OK) status = qm_mesh_make_ready(ctx, preparation, out, &report);
+    if (status != QM_OK) *problem = qm_problem_from_codec(status, &report);
+    return status == QM_OK;
+}
+
+bool cli_load_mesh(qm_context *ctx, const char *path, bool as_json, const qm_preparation *preparation,
+                   qm_loaded_mesh *out)
+{
+    qm_problem problem;
+    bool is_loaded = load_mesh(ctx, path, preparation, out, &problem);
+    if (!is_loaded) cli_report(path, &problem, as_json);
+    return is_loaded;
+}
+
+/** The task of loading two files. */
+typedef struct load_pair {
+    const qm_context *ctx;
+    const char *const *path;
+    const qm_preparation *preparation;
+    qm_loaded_mesh *mesh;
+    qm_problem problem[2];
+    bool is_loaded[2];
+} load_pair;
+
+static void load_one(void *data, int worker)
+{
+    load_pair *pair = data;
+    qm_context ctx = *pair->ctx; /* for a message of its own */
+    pair->is_loaded[worker] = load_mesh(&ctx, pair->path[worker], &pair->preparation[worker],
+                                        &pair->mesh[worker], &pair->problem[worker]);
+}
+
+bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
+                   const qm_preparation preparation[2], qm_loaded_mesh mesh[2])
+{
+    load_pair pair = {.ctx = ctx, .path = path, .preparation = preparation, .mesh = mesh};
+    mesh[0] = mesh[1] = (qm_loaded_mesh){0};
+    bool is_one_pipe = strcmp(path[0], "-") == 0 && strcmp(path[1], "-") == 0;
+    if (preparation[0].thread_count > 1 && !is_one_pipe) {
+        qm_context_parallel(ctx, 2, load_one, &pair);
+    } else {
+        load_one(&pair, 0);
+        if (pair.is_loaded[0]) load_one(&pair, 1);
+    }
+    for (int i = 0; i < 2; i++) {
+        if (pair.is_loaded[i]) continue;
+        cli_report(path[i], &pair.problem[i], as_json);
+        cli_unload_pair(ctx, mesh);
+        return false;
+    }
+    return true;
+}
+
+void cli_unload_pair(qm_context *ctx, qm_loaded_mesh mesh[2])
+{
+    qm_loaded_mesh_reset(ctx, &mesh[1]);
+    qm_loaded_mesh_reset(ctx, &mesh[0]);
+}

@@ -1,0 +1,101 @@
+/**
+ * jobs.c: runs a job in this process, or on a daemon.
+ */
+#include <stdlib.h>
+
+#include "base/host.h"
+#include "session.h"
+
+cli_job cli_job_make(qm_job_kind kind)
+{
+    cli_job job = {.request = qm_job_request_default()};
+    job.request.kind = kind;
+    return job;
+}
+
+static cli_bar make_bar(const cli_job *job, double diagonal)
+{
+    bool is_absolute = job->request.tolerance_is_absolute || diagonal == 0.0;
+    return cli_bar_make(job->request.tolerance * (is_absolute ? 1.0 : diagonal), job->shows_progress);
+}
+
+/* ---- in this process ---- */
+
+static void on_progress(void *user, const qm_hausdorff_progress *progress)
+{
+    cli_bar_show(user, progress->lower, progress->upper, progress->elapsed_ms, (double)progress->iterations);
+}
+
+static int run_loaded(const cli_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b,
+                      cli_finish_fn *finish, const void *user)
+{
+    qm_context ctx = qm_host_context();
+    ctx.cancel = &cli_interrupted;
+    cli_bar bar = make_bar(job, a->diagonal);
+    qm_job_result result;
+    qm_status status = qm_job_execute(&ctx, &job->request, a, b, on_progress, &bar, &result);
+    cli_bar_clear(&bar);
+    if (status != QM_OK) {
+        cli_report_status(job->path[0], status, &ctx, job->as_json);
+        return EXIT_BAD_INPUT;
+    }
+    qm_text text = {0};
+    qm_json_write_result(&text, &job->request, &result);
+    char *json = qm_text_take(&text);
+    const cli_job_output output = {.json = json, .mesh = &a->mesh, .result = &result};
+    int exit_status = json ? finish(user, job, &output) : EXIT_BAD_INPUT;
+    free(json);
+    qm_job_result_reset(&ctx, &result);
+    return exit_status;
+}
+
+/** Only the kinds that search for nearest points need targets. */
+static bool is_target(const qm_job_request *request, int side)
+{
+    if (request->kind == QM_JOB_HAUSDORFF) return request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A);
+    return request->kind == QM_JOB_DEVIATION && side == 1;
+}
+
+static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
+{
+    qm_context ctx = qm_host_context();
+    ctx.cancel = &cli_interrupted;
+    qm_preparation preparation[2];
+    for (int side = 0; side < 2; side++) {
+        preparation[side] =
+            cli_prepare(is_target(&job->request, side), job->request.quads, job->request.threads);
+        preparation[side].has_no_tree = job->request.kind == QM_JOB_COLLISION;
+    }
+    qm_loaded_mesh mesh[2] = {{.revision = 0}};
+    bool is_pair = job->path[1] != NULL;
+    bool is_loaded = is_pair ? cli_load_pair(&ctx, job->path, job->as_json, preparation, mesh)
+                             : cli_load_mesh(&ctx, job->path[0], job->as_json, &preparation[0], &mesh[0]);
+    if (!is_loaded) return EXIT_BAD_INPUT;
+    int status = run_loaded(job, &mesh[0], is_pair ? &mesh[1] : NULL, finish, user);
+    cli_unload_pair(&ctx, mesh);
+    return status;
+}
+
+/* ---- on a daemon ---- */
+
+static int run_on_server(const cli_job *job, cli_finish_fn *finish, const void *user)
+{
+    cli_session *session = cli_session_open(job->server, job->as_json);
+    qm_job_request request = job->request;
+    double diagonal = 0.0;
+    bool is_ready = session && cli_session_upload(session, job->path[0], request.a, &diagonal) &&
+                    (!job->path[1] || cli_session_upload(session, job->path[1], request.b, NULL));
+    char *json = is_ready ? cli_session_run_job(session, &request, make_bar(job, diagonal)) : NULL;
+    const cli_job_output output = {.json = json, .session = session};
+    int status = json ? finish(user, job, &output) : EXIT_BAD_INPUT;
+    free(json);
+    cli_session_close(session);
+    return status;
+}
+
+int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user)
+{
+    int status = job->server ? run_on_server(job, finish, user) : run_here(job, finish, user);
+    /* After an interrupt an input that could not be read is not to blame. */
+    return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
+}

@@ -1,0 +1,101 @@
+/**
+ * options.h: the commands and their options. One table for each command serves the parser and the usage text.
+ */
+#ifndef QM_CLI_OPTIONS_H
+#define QM_CLI_OPTIONS_H
+
+#include "cli.h"
+
+typedef struct cli_command {
+    const char *name;
+    const char *arguments; /* after the name in the usage line */
+    const char *summary;   /* for `quadmesh --help` */
+    const char *takes;     /* "two files" */
+    int path_count;
+    const char *description; /* of the usage text; "" for none */
+    const char *exit_status; /* its last line */
+    int (*run)(int argc, char **argv);
+} cli_command;
+
+extern const cli_command cmd_hausdorff, cmd_deviation, cmd_project, cmd_distance, cmd_collide,
+    cmd_self_collide, cmd_info, cmd_patches, cmd_reconstruct;
+
+typedef enum cli_option_type {
+    CLI_FLAG,     /* bool: set */
+    CLI_TEXT,     /* const char * */
+    CLI_POSITIVE, /* double above 0 */
+    CLI_NUMBER,   /* double of 0 or more */
+    CLI_INT,      /* int from min to max */
+    CLI_SIZE,     /* size_t from min to max */
+    CLI_CHOICE,   /* an enum, by its name in choices */
+    CLI_CUSTOM    /* read by a function */
+} cli_option_type;
+
+typedef struct cli_option {
+    const char *name;
+    char letter;       /* -o, or 0 */
+    const char *value; /* of the usage text; NULL for a flag */
+    cli_option_type type;
+    void *target;     /* where the value goes */
+    const char *help; /* lines of the usage text */
+    double min, max;
+    const char *const *choices;
+    bool (*read)(const char *text, void *target); /* false after a message */
+    bool is_required;                             /* a text */
+} cli_option;
+
+/** Options that several commands have. */
+#define CLI_OPTION_QUADS(address)                                                                            \
+    {                                                                                                        \
+        .name = "quads", .value = "R", .type = CLI_CHOICE, .choices = qm_quads_names, .target = (address),   \
+        .help = "how quads are read: triangles (default) or bilinear"                                        \
+    }
+#define CLI_OPTION_ACCELERATOR(address)                                                                      \
+    {                                                                                                        \
+        .name = "accelerator", .value = "A", .type = CLI_CHOICE, .choices = qm_accelerator_names,            \
+        .target = (address), .help = "of nearest points: auto (default), boxes, tetra or grid"               \
+    }
+#define CLI_OPTION_TOLERANCE(address, text)                                                                  \
+    {                                                                                                        \
+        .name = "tolerance", .value = "X", .type = CLI_POSITIVE, .target = (address), .help = (text)         \
+    }
+#define CLI_OPTION_ABSOLUTE(address)                                                                         \
+    {                                                                                                        \
+        .name = "absolute", .type = CLI_FLAG, .target = (address),                                           \
+        .help = "the tolerance is in the unit of the meshes"                                                 \
+    }
+#define CLI_OPTION_THREADS(address)                                                                          \
+    {                                                                                                        \
+        .name = "threads", .value = "N", .type = CLI_INT, .min = 1, .max = QM_JOB_MAX_THREADS,               \
+        .target = (address),                                                                                 \
+        .help = "threads (default: one for each processor; with --server the daemon decides)"                \
+    }
+#define CLI_OPTION_JSON(address)                                                                             \
+    {                                                                                                        \
+        .name = "json", .type = CLI_FLAG, .target = (address),                                               \
+        .help = "the result object of the API on standard output"                                            \
+    }
+#define CLI_OPTION_PROGRESS(address)                                                                         \
+    {                                                                                                        \
+        .name = "progress", .type = CLI_FLAG, .target = (address),                                           \
+        .help = "lines of progress on standard error even if it is not a terminal"                           \
+    }
+#define CLI_OPTION_SERVER(address)                                                                           \
+    {                                                                                                        \
+        .name = "server", .value = "URL", .type = CLI_TEXT, .target = (address),                             \
+        .help = "run on a daemon instead of in this process"                                                 \
+    }
+
+#define CLI_MAX_OPTIONS 20
+
+/**
+ * Reads the arguments of a command: options into their targets, and its paths. Returns true; or false with the exit
+ * status after --help or wrong usage.
+ */
+bool cli_read_options(const cli_command *command, const cli_option *options, size_t count, int argc,
+                      char **argv, const char **paths, int *status);
+
+/** The number of threads that was given, or else one for each processor. */
+int cli_count_threads(int given);
+
+#endif

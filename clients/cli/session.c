@@ -1,0 +1,355 @@
+/**
+ * session.c: HTTP by libcurl. The library is loaded when a daemon is used, because with its thirty libraries it takes
+ * longer to start than most jobs take to run in this process.
+ */
+#include "session.h"
+
+#include <curl/curl.h>
+#include <dlfcn.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+#include "base/json.h"
+
+#define URL_SIZE 2048
+
+/* ---- libcurl ---- */
+
+/** The functions in use, without the prefix curl_. */
+#define CLI_CURL_MAP(XX)                                                                                     \
+    XX(global_init)                                                                                          \
+    XX(global_cleanup)                                                                                       \
+    XX(easy_init)                                                                                            \
+    XX(easy_cleanup)                                                                                         \
+    XX(easy_reset)                                                                                           \
+    XX(easy_setopt)                                                                                          \
+    XX(easy_getinfo)                                                                                         \
+    XX(easy_perform)                                                                                         \
+    XX(easy_escape)                                                                                          \
+    XX(easy_strerror)                                                                                        \
+    XX(slist_append)                                                                                         \
+    XX(slist_free_all)                                                                                       \
+    XX(free)
+
+typedef struct curl_library {
+#define XX(name) __typeof__(curl_##name) *name;
+    CLI_CURL_MAP(XX)
+#undef XX
+} curl_library;
+
+/* The soname since 2006. */
+#define LIBRARY "libcurl.so.4"
+
+static bool find_symbol(void *library, const char *name, void *function)
+{
+    void *found = dlsym(library, name);
+    *(void **)function = found;
+    return found != NULL;
+}
+
+static bool find_symbols(void *library, curl_library *curl)
+{
+#define XX(name) &&find_symbol(library, "curl_" #name, &curl->name)
+    return library CLI_CURL_MAP(XX);
+#undef XX
+}
+
+/** The library, which stays loaded; NULL with a message. One thread. */
+static const curl_library *load_curl(const char **message)
+{
+    static curl_library curl;
+    static bool is_loaded;
+    if (!is_loaded) is_loaded = find_symbols(dlopen(LIBRARY, RTLD_LAZY), &curl);
+    if (is_loaded) return &curl;
+    *message = dlerror();
+    return NULL;
+}
+
+/* ---- sessions ---- */
+
+struct cli_session {
+    const curl_library *curl;
+    CURL *handle;
+    const char *server;
+    bool as_json;
+    qm_text body; /* of a plain response, or the incomplete line of a stream */
+    bool is_stream;
+    FILE *file;    /* receives the body of a successful response; or NULL */
+    char job[256]; /* path of the job, "" before its Location is known */
+    bool is_canceled;
+    cli_bar bar;
+    char *result;  /* the result object as the daemon wrote it */
+    char *problem; /* the problem document as the daemon wrote it */
+};
+
+cli_session *cli_session_open(const char *server, bool as_json)
+{
+    const char *message = "there is no memory for a connection";
+    const curl_library *curl = load_curl(&message);
+    cli_session *session = curl ? calloc(1, sizeof *session) : NULL;
+    if (session) {
+        curl->global_init(CURL_GLOBAL_DEFAULT);
+        *session =
+            (cli_session){.curl = curl, .handle = curl->easy_init(), .server = server, .as_json = as_json};
+        if (session->handle) return session;
+        cli_session_close(session);
+    }
+    qm_problem problem =
+        qm_problem_make(curl ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_UNAVAILABLE, "%s", message);
+    cli_report(server, &problem, as_json);
+    return NULL;
+}
+
+void cli_session_close(cli_session *session)
+{
+    if (!session) return;
+    session->curl->easy_cleanup(session->handle);
+    session->curl->global_cleanup();
+    qm_text_reset(&session->body);
+    free(session->result);
+    free(session->problem);
+    free(session);
+}
+
+const char *cli_session_job_path(const cli_session *session)
+{
+    return session->job;
+}
+
+/* ---- responses ---- */
+
+/** Returns the text of the object that is the last member of a line {..., "name":{...}}, for free(). */
+static char *last_member(const char *line, const char *name)
+{
+    char key[32];
+    snprintf(key, sizeof key, "\"%s\":", name);
+    const char *start = strstr(line, key);
+    if (!start) return NULL;
+    start += strlen(key);
+    return strndup(start, strlen(start) - 1);
+}
+
+static void read_line(cli_session *session, const char *line)
+{
+    qm_json *event = qm_json_parse(line);
+    const char *name = qm_json_get_string(event, "event");
+    if (!name) name = "";
+    if (strcmp(name, "bounds") == 0)
+        cli_bar_show(&session->bar, qm_json_get_number(event, "lower"), qm_json_get_number(event, "upper"),
+                     qm_json_get_number(event, "elapsed_ms"), qm_json_get_number(event, "iterations"));
+    if (strcmp(name, "result") == 0) session->result = last_member(line, "result");
+    if (strcmp(name, "error") == 0) session->problem = last_member(line, "problem");
+    qm_json_free(event);
+}
+
+static bool has_succeeded(const cli_session *session)
+{
+    long status = 0;
+    session->curl->easy_getinfo(session->handle, CURLINFO_RESPONSE_CODE, &status);
+    return status == 200;
+}
+
+static size_t on_bytes(char *bytes, size_t width, size_t count, void *user)
+{
+    cli_session *session = user;
+    size_t size = width * count;
+    if (session->file && has_succeeded(session)) return fwrite(bytes, 1, size, session->file);
+    qm_text_add(&session->body, bytes, size);
+    char *end;
+    while (session->is_stream && !session->body.failed &&
+           (end = memchr(session->body.data, '\n', session->body.size))) {
+        *end = '\0';
+        read_line(session, session->body.data);
+        size_t used = (size_t)(end + 1 - session->body.data);
+        session->body.size -= used;
+        memmove(session->body.data, end + 1, session->body.size + 1);
+    }
+    return session->body.failed ? 0 : size;
+}
+
+/** Keeps the location of the job, to be able to stop it. */
+static size_t on_header(char *bytes, size_t width, size_t count, void *user)
+{
+    static const char name[] = "Location: ";
+    cli_session *session = user;
+    size_t size = width * count, skip = sizeof name - 1;
+    if (session->is_stream && size > skip && strncasecmp(bytes, name, skip) == 0) {
+        size_t length = strcspn(bytes + skip, "\r\n");
+        if (length < sizeof session->job)
+            snprintf(session->job, sizeof session->job, "%.*s", (int)length, bytes + skip);
+    }
+    return size;
+}
+
+/* ---- requests ---- */
+
+/** Joins the server's address and a path by one slash. */
+static void make_url(const cli_session *session, const char *path, char *url, size_t size)
+{
+    size_t length = strlen(session->server);
+    while (length > 0 && session->server[length - 1] == '/')
+        length--;
+    snprintf(url, size, "%.*s%s", (int)length, session->server, path);
+}
+
+static size_t ignore_bytes(char *bytes, size_t width, size_t count, void *user)
+{
+    (void)bytes, (void)user;
+    return width * count;
+}
+
+/** Stops the job; its stream then ends with the bounds reached. */
+static bool cancel_job(const cli_session *session)
+{
+    char url[URL_SIZE];
+    CURL *handle = session->curl->easy_init();
+    if (!handle) return false;
+    make_url(session, session->job, url, sizeof url);
+    session->curl->easy_setopt(handle, CURLOPT_URL, url);
+    session->curl->easy_setopt(handle, CURLOPT_CUSTOMREQUEST, "DELETE");
+    session->curl->easy_setopt(handle, CURLOPT_WRITEFUNCTION, ignore_bytes);
+    CURLcode code = session->curl->easy_perform(handle);
+    session->curl->easy_cleanup(handle);
+    return code == CURLE_OK;
+}
+
+/** Called periodically during a transfer. An interrupt stops the job, or the transfer if there is no job. */
+static int on_tick(void *user, curl_off_t a, curl_off_t b, curl_off_t c, curl_off_t d)
+{
+    (void)a, (void)b, (void)c, (void)d;
+    cli_session *session = user;
+    if (!atomic_load(&cli_interrupted) || session->is_canceled) return 0;
+    if (!session->is_stream || !session->job[0] || !cancel_job(session)) return 1;
+    session->is_canceled = true;
+    return 0;
+}
+
+static void report_transfer(const cli_session *session, const char *url, CURLcode code)
+{
+    bool is_interrupted = code == CURLE_ABORTED_BY_CALLBACK;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s",
+                                         is_interrupted ? "interrupted" : session->curl->easy_strerror(code));
+    cli_report(url, &problem, session->as_json);
+}
+
+/** Posts bytes, or gets if they are NULL; returns the HTTP status, or 0 after a report. */
+static long transfer(cli_session *session, const char *path, const void *bytes, size_t size,
+                     const char *accept, const char *type)
+{
+    char url[URL_SIZE];
+    make_url(session, path, url, sizeof url);
+    struct curl_slist *headers = session->curl->slist_append(NULL, accept);
+    if (bytes) headers = session->curl->slist_append(headers, type);
+    qm_text_reset(&session->body);
+    session->curl->easy_reset(session->handle);
+    session->curl->easy_setopt(session->handle, CURLOPT_URL, url);
+    if (bytes) {
+        session->curl->easy_setopt(session->handle, CURLOPT_POSTFIELDS, bytes);
+        session->curl->easy_setopt(session->handle, CURLOPT_POSTFIELDSIZE_LARGE, (curl_off_t)size);
+    }
+    session->curl->easy_setopt(session->handle, CURLOPT_HTTPHEADER, headers);
+    session->curl->easy_setopt(session->handle, CURLOPT_WRITEFUNCTION, on_bytes);
+    session->curl->easy_setopt(session->handle, CURLOPT_WRITEDATA, session);
+    session->curl->easy_setopt(session->handle, CURLOPT_HEADERFUNCTION, on_header);
+    session->curl->easy_setopt(session->handle, CURLOPT_HEADERDATA, session);
+    session->curl->easy_setopt(session->handle, CURLOPT_XFERINFOFUNCTION, on_tick);
+    session->curl->easy_setopt(session->handle, CURLOPT_XFERINFODATA, session);
+    session->curl->easy_setopt(session->handle, CURLOPT_NOPROGRESS, 0L);
+    CURLcode code = session->curl->easy_perform(session->handle);
+    session->curl->slist_free_all(headers);
+    long status = 0;
+    if (code == CURLE_OK)
+        session->curl->easy_getinfo(session->handle, CURLINFO_RESPONSE_CODE, &status);
+    else if (!session->result ||
+             !session->is_stream) /* a broken stream is complete if it has brought the result */
+        report_transfer(session, url, code);
+    return status;
+}
+
+/** Reports a response without a problem document: a broken stream, or another kind of server. */
+static void report_response(const cli_session *session, const char *path, long status)
+{
+    bool is_cut = session->is_stream && status == 200;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE,
+                                         is_cut ? "the stream ended without a result"
+                                                : "the response, with status %ld, is not from quadmeshd",
+                                         status);
+    cli_report(path, &problem, session->as_json);
+}
+
+/** Reports a problem document as cli_report does a problem. */
+static void report_document(const cli_session *session, const char *path, const char *document, long status)
+{
+    qm_json *problem = document ? qm_json_parse(document) : NULL;
+    const char *detail = qm_json_get_string(problem, "detail");
+    if (!detail)
+        report_response(session, path, status);
+    else if (session->as_json)
+        puts(document);
+    else
+        cli_print_problem(path, qm_json_get_number(problem, "errors.line"),
+                          qm_json_get_number(problem, "errors.offset"), detail);
+    qm_json_free(problem);
+}
+
+/* ---- what a session offers ---- */
+
+bool cli_session_upload(cli_session *session, const char *path, char id[QM_ID_SIZE], double *diagonal)
+{
+    size_t size;
+    uint8_t *bytes = cli_read_file(path, &size, session->as_json);
+    if (!bytes) return false;
+    char target[1024];
+    char *name = session->curl->easy_escape(session->handle, cli_base_name(path), 0);
+    snprintf(target, sizeof target, "/v1/meshes?name=%s", name ? name : "");
+    session->curl->free(name);
+    long status = transfer(session, target, bytes, size, "Accept: application/json",
+                           "Content-Type: application/octet-stream");
+    free(bytes);
+    bool is_stored = status == 200 || status == 201;
+    if (is_stored) {
+        qm_json *mesh = qm_json_parse(session->body.data);
+        const char *value = qm_json_get_string(mesh, "id");
+        snprintf(id, QM_ID_SIZE, "%s", value ? value : "");
+        if (diagonal) *diagonal = qm_json_get_number(mesh, "bounding_box.diagonal");
+        qm_json_free(mesh);
+    } else if (status != 0) {
+        report_document(session, path, session->body.data, status);
+    }
+    return is_stored;
+}
+
+char *cli_session_run_job(cli_session *session, const qm_job_request *request, cli_bar bar)
+{
+    qm_text text = {0};
+    qm_json_write_request(&text, request);
+    char *body = qm_text_take(&text);
+    if (!body) return NULL;
+    session->is_stream = true;
+    session->bar = bar;
+    long status = transfer(session, "/v1/jobs", body, strlen(body), "Accept: application/x-ndjson",
+                           "Content-Type: application/json");
+    cli_bar_clear(&session->bar);
+    free(body);
+    if (!session->result && status != 0)
+        report_document(session, session->server, session->problem ? session->problem : session->body.data,
+                        status);
+    session->is_stream = false;
+    char *result = session->result;
+    session->result = NULL;
+    return result;
+}
+
+bool cli_session_fetch(cli_session *session, const char *path, const void *bytes, size_t size,
+                       const char *media, const char *subject, FILE *out)
+{
+    char accept[96];
+    snprintf(accept, sizeof accept, "Accept: %s", media);
+    session->file = out;
+    long status = transfer(session, path, bytes, size, accept, "Content-Type: application/octet-stream");
+    session->file = NULL;
+    if (status != 0 && status != 200) report_document(session, subject, session->body.data, status);
+    return status == 200;
+}

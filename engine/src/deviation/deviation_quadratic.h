@@ -1,0 +1,49 @@
+/**
+ * deviation_quadratic.h: a quadratic height over a piece, and the cells in which it is about linear.
+ *
+ * The piece is divided into n^2 similar cells, by lines parallel to its edges; every other one is inverted.
+ * The difference between a quadratic function and the linear one with its values at the corners depends on
+ * its second derivatives along the edges only: in each cell it is 1 / n^2 of the difference in the whole
+ * piece. So the values at the corners of the cells give the distribution of the heights, without a cut of the
+ * piece.
+ */
+#ifndef QM_DEVIATION_QUADRATIC_H
+#define QM_DEVIATION_QUADRATIC_H
+
+#include "core/vec.h"
+
+#define QM_QUADRATIC_CELLS 16 /* along an edge at most */
+#define QM_QUADRATIC_CORNERS ((QM_QUADRATIC_CELLS + 1) * (QM_QUADRATIC_CELLS + 2) / 2)
+
+/** A function between q - below and q + above; q has these coefficients in the Bernstein basis: 00 11 22,
+ * then 01 12 20. */
+typedef struct qm_quadratic {
+    double value[6];
+    double below, above;
+    int cells; /* n; 0: there is no such function */
+} qm_quadratic;
+
+/** The most by which a quadratic function is below the linear one with its values at the corners, and above
+ * it. */
+void qm_quadratic_linear_error(const double value[6], double open[2]);
+
+/** The coefficients over a triangle within the piece, whose corners have these weights. */
+void qm_quadratic_restrict(const double value[6], const double corner[3][3], double part[6]);
+
+/** The smallest n with a linear error of at most room in each cell; at most QM_QUADRATIC_CELLS. */
+int qm_quadratic_count_cells(const double value[6], double room);
+
+/** The values at the corners of all cells, row by row; qm_quadratic_cell gives the indices of one cell's. */
+void qm_quadratic_values(const qm_quadratic *bend, double at[QM_QUADRATIC_CORNERS]);
+
+/** The indices of the three corners of cell i of row j, 0 <= j < n and 0 <= i < 2 (n - j) - 1; odd cells are
+ * inverted. */
+static inline void qm_quadratic_cell(int n, int j, int i, int index[3])
+{
+    int row = j * (n + 1) - j * (j - 1) / 2, above = row + n + 1 - j, k = i / 2;
+    index[0] = i % 2 ? above + k + 1 : row + k;
+    index[1] = i % 2 ? above + k : row + k + 1;
+    index[2] = i % 2 ? row + k + 1 : above + k;
+}
+
+#endif

@@ -1,0 +1,339 @@
+/**
+ * hausdorff_sampling.c: the lower bound. The distance of any point of the source bounds the Hausdorff
+ * distance from below, when no point of the target is nearer: so a sample that may raise the lower bound is
+ * certified by a complete search of the target.
+ *
+ * Seeds. All stages of the search cost the less, the nearer the lower bound is to the distance, and distances
+ * vary little from face to face: so a sparse sample of the source shows where to sample more densely.
+ */
+#include <string.h>
+
+#include "hausdorff_worker.h"
+#include "prim/bilinear.h"
+
+#define SEED_COUNT 1024 /* packs measured at their centres, spread along the Hilbert curve */
+#define SHARED_SEEDS 32 /* seeds that one of several workers takes at once */
+#define PEAK_COUNT 16   /* the farthest seeds, around which more points are measured */
+#define CLOSER_COUNT 16 /* packs round a peak measured at their centres */
+
+#define CERTIFY_SHARE 0.25     /* of the tolerance: a smaller rise of the lower bound needs no certificate */
+#define FLOAT_FLOOR 0x1p-21    /* of the reach: a lower bound below it is lost in the margins of floats */
+#define PATCH_ERROR_SHARE 0.02 /* of the tolerance: certified error of a patch distance */
+
+/* --- One point --- */
+
+double qm_side_pack_upper(const qm_kernel *kernel, const qm_side *side, uint32_t pack, qm_vec p)
+{
+    QM_ASSERT(pack < side->target->pack_count);
+    return kernel->float_upper(qm_bvh_float_pack(side->target, pack), qm_side_twists(side, pack), p);
+}
+
+/** Raises the shared lower bound, and keeps the point as this worker's witness when it did. */
+static void raise_lower(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
+                        uint32_t hint, double distance)
+{
+    QM_ASSERT(distance >= 0.0);
+    qm_search *search = worker->search;
+    double world = distance * side->inverse_scale;
+    double lower = atomic_load_explicit(&search->lower, memory_order_relaxed);
+    while (world > lower && !atomic_compare_exchange_weak(&search->lower, &lower, world))
+        continue;
+    if (world > lower || worker->witness < 0.0) {
+        worker->witness = world;
+        worker->witness_side = (int)(side - search->side);
+        worker->witness_face = face;
+        worker->witness_hint = hint;
+        worker->witness_point = p;
+        worker->witness_slack = slack;
+    }
+}
+
+/** The slot of a point among the known ones. */
+static qm_known_point *slot_of(qm_worker *worker, qm_vec p)
+{
+    uint64_t bits[3], mixed = 0;
+    memcpy(bits, &p, sizeof bits);
+    for (int k = 0; k < 3; k++)
+        mixed = (mixed ^ bits[k]) * UINT64_C(0x9e3779b97f4a7c15);
+    return &worker->known[mixed >> 32 & (QM_KNOWN_POINTS - 1)];
+}
+
+/** True when known answers the request: the same point, searched for as closely or more. */
+static bool is_known(const qm_known_point *known, const qm_known_point *asked)
+{
+    return known->side == asked->side && qm_vec_equal(known->p, asked->p) && known->slack <= asked->slack &&
+           known->enough <= asked->enough && known->is_sample >= asked->is_sample;
+}
+
+double qm_side_upper(const qm_kernel *kernel, const qm_side *side, qm_vec p, double enough, double reach,
+                     uint32_t *hint)
+{
+    qm_float_hit hit = {.pack = *hint};
+    kernel->float_closest(side->target, p, enough, &hit);
+    *hint = hit.pack;
+    double twist = qm_side_twist(side, hit.pack, hit.lane), upper = hit.upper + twist;
+    if (upper <= reach || hit.upper - twist >= reach) return upper;
+    qm_bilinear patch = qm_bvh_load_patch(side->target, side->target->lanes[hit.pack].face[hit.lane]);
+    return fmin(upper, qm_bilinear_minimise(&patch, p, reach).distance);
+}
+
+double qm_worker_upper(qm_worker *worker, const qm_side *side, qm_vec p, double enough, double reach,
+                       uint32_t *hint)
+{
+    qm_known_point *known = slot_of(worker, p), asked = {.side = side, .p = p, .enough = enough};
+    if (!is_known(known, &asked)) {
+        asked.upper = qm_side_upper(worker->search->kernel, side, p, enough, reach, hint);
+        asked.hint = *hint;
+        *known = asked;
+    }
+    *hint = known->hint;
+    return known->upper;
+}
+
+/** Upper bound of the distance of p by the nearest facet of a pack. */
+static double pack_distance(const qm_search *search, const qm_side *side, uint32_t pack, qm_vec p,
+                            double enough)
+{
+    double d2[QM_PACK_LANES];
+    qm_pack spare;
+    search->kernel->pack_distances(qm_bvh_pack(side->target, pack, &spare), p, d2);
+    uint32_t nearest = 0;
+    for (uint32_t lane = 1; lane < side->target->lanes[pack].lane_count; lane++)
+        if (d2[lane] < d2[nearest]) nearest = lane;
+    double twist = qm_side_twist(side, pack, nearest), distance = sqrt(d2[nearest]);
+    if (!(twist > 0.0) || distance + twist <= enough || distance - twist > enough) return distance + twist;
+    qm_bilinear patch = qm_bvh_load_patch(side->target, side->target->lanes[pack].face[nearest]);
+    return qm_min(distance + twist, qm_bilinear_minimise(&patch, p, enough).distance);
+}
+
+/** Samples a point that is not known; see qm_worker_sample. */
+static double search_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
+                            double enough, uint32_t *hint)
+{
+    const qm_search *search = worker->search;
+    double known = qm_search_local_lower(search, side);
+    worker->projections++;
+    bool by_boxes = !side->nearest.grid && !side->nearest.tetra;
+    if (by_boxes && known > FLOAT_FLOOR * side->reach && worker->witness >= 0.0) {
+        double nearly = qm_side_upper(search->kernel, side, p, enough, known + slack, hint);
+        if (nearly - slack <= known) return nearly;
+    }
+    /* Where surfaces coincide the hint mostly shows that the point cannot raise the lower bound; among many
+     * facets at one location a search finds no box to prune. */
+    double at_hint = pack_distance(search, side, *hint, p, known + slack);
+    if (at_hint - slack <= known + CERTIFY_SHARE * search->tolerance * side->scale && worker->witness >= 0.0)
+        return at_hint;
+    qm_hit hit = {.d2 = INFINITY, .pack = *hint};
+    qm_nearest_triangle(search->kernel, &side->nearest, p, &hit);
+    *hint = hit.pack;
+    double upper = sqrt(hit.d2) + qm_side_twist(side, hit.pack, hit.lane), lower = upper;
+    if (side->target_patches && upper - slack > known) {
+        /* To find a near point of a patch costs little; to certify that none is nearer costs much more, and
+         * is worth it only when the lower bound would rise by CERTIFY_SHARE of the tolerance. */
+        qm_bilinear_hit patch;
+        qm_nearest_patch(search->kernel, &side->nearest, p, hit.pack, INFINITY, &patch);
+        double error =
+            fmax(PATCH_ERROR_SHARE * search->tolerance * side->scale, QM_BILINEAR_MIN_ERROR * side->reach);
+        double worthwhile = known + CERTIFY_SHARE * search->tolerance * side->scale;
+        if (patch.distance - slack > worthwhile)
+            qm_nearest_patch(search->kernel, &side->nearest, p, patch.pack, error, &patch);
+        *hint = patch.pack;
+        upper = patch.distance;
+        lower = patch.lower;
+    }
+    if (lower - slack > known || worker->witness < 0.0)
+        raise_lower(worker, side, p, slack, face, *hint, fmax(0.0, lower - slack));
+    return upper;
+}
+
+double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
+                        double enough, uint32_t *hint)
+{
+    QM_ASSERT(worker && side && hint);
+    QM_ASSERT(!(slack < 0.0));
+    QM_ASSERT(*hint < side->target->pack_count);
+    qm_known_point *known = slot_of(worker, p),
+                   asked = {.side = side, .p = p, .slack = slack, .enough = enough, .is_sample = true};
+    if (!is_known(known, &asked)) {
+        asked.upper = search_sample(worker, side, p, slack, face, enough, hint);
+        asked.hint = *hint;
+        *known = asked;
+    }
+    *hint = known->hint;
+    return known->upper;
+}
+
+/* --- Seeds --- */
+
+/** A pack of the source whose centre was measured. */
+typedef struct seed {
+    double distance;
+    uint32_t pack, hint;
+} seed;
+
+typedef struct seed_list {
+    int count;
+    seed at[PEAK_COUNT]; /* farthest first */
+} seed_list;
+
+/** The state that the workers share while they measure the seeds, block by block, and then the peaks. */
+typedef struct seed_task {
+    qm_search *search;
+    const qm_side *side;
+    size_t block_seeds;
+    mtx_t lock;
+    seed_list peaks; /* guarded by lock while seeds are measured */
+    uint32_t hint;   /* of the last seed */
+} seed_task;
+
+/** Inserts a seed in the list of the farthest. */
+static void keep_farthest(seed_list *list, seed s)
+{
+    QM_ASSERT(list->count >= 0 && list->count <= PEAK_COUNT);
+    if (list->count == PEAK_COUNT && s.distance <= list->at[PEAK_COUNT - 1].distance) return;
+    int index = list->count < PEAK_COUNT ? list->count++ : PEAK_COUNT - 1;
+    for (; index > 0 && list->at[index - 1].distance < s.distance; index--)
+        list->at[index] = list->at[index - 1];
+    list->at[index] = s;
+}
+
+/** The midpoint of the longest edge: where a flat face is farthest from a curved surface that its corners
+ * touch. */
+static qm_vec longest_edge_midpoint(const qm_vec corner[3])
+{
+    double longest2 = -1.0;
+    qm_vec midpoint = corner[0];
+    for (int i = 0; i < 3; i++) {
+        qm_vec from = corner[i], to = corner[(i + 1) % 3];
+        double length2 = qm_vec_norm2(qm_vec_sub(to, from));
+        if (length2 <= longest2) continue;
+        longest2 = length2;
+        midpoint = qm_vec_mix(from, to, 0.5);
+    }
+    return midpoint;
+}
+
+/** The point of a face of the source that is measured for all of it. */
+static qm_vec face_centre(const qm_vec *corner, int count)
+{
+    if (count == 3) return longest_edge_midpoint(corner);
+    qm_bilinear patch = qm_bilinear_make(corner);
+    return qm_bilinear_at(&patch, 0.5, 0.5);
+}
+
+qm_vec qm_side_pack_centre(const qm_side *side, uint32_t pack, uint32_t *face)
+{
+    QM_ASSERT(pack < side->source->pack_count);
+    const qm_pack_lanes *lanes = &side->source->lanes[pack];
+    uint32_t lane = lanes->lane_count / 2u;
+    if (side->source_patches && qm_lane_is_second(lanes, lane)) lane--;
+    *face = lanes->face[lane];
+    qm_vec corner[4];
+    return face_centre(corner, qm_side_corners(side, lanes, lane, corner));
+}
+
+static seed measure_centre(qm_worker *worker, const qm_side *side, uint32_t pack, uint32_t hint)
+{
+    uint32_t face;
+    qm_vec p = qm_side_pack_centre(side, pack, &face);
+    double lower = qm_search_local_lower(worker->search, side);
+    double distance = qm_worker_sample(worker, side, p, 0.0, face, QM_CLOSE_SHARE * lower, &hint);
+    return (seed){distance, pack, hint};
+}
+
+/** Measures a point unless the pack of the hint shows that it is below the lower bound. */
+static void measure_point(qm_worker *worker, const qm_side *side, qm_vec p, uint32_t face, uint32_t *hint)
+{
+    double lower = qm_search_local_lower(worker->search, side);
+    if (qm_side_pack_upper(worker->search->kernel, side, *hint, p) > lower)
+        qm_worker_sample(worker, side, p, 0.0, face, 0.0, hint);
+}
+
+/** Measures the vertices and the centres of all faces of a pack. */
+static void measure_pack(qm_worker *worker, const qm_side *side, seed s)
+{
+    const qm_pack_lanes *lanes = &side->source->lanes[s.pack];
+    for (int lane = 0, count; lane < lanes->lane_count && !qm_worker_must_stop(worker); lane += count - 2) {
+        qm_vec corner[4];
+        uint32_t face = lanes->face[lane];
+        count = qm_side_corners(side, lanes, (uint32_t)lane, corner);
+        measure_point(worker, side, face_centre(corner, count), face, &s.hint);
+        for (int i = 0; i < count; i++)
+            measure_point(worker, side, corner[i], face, &s.hint);
+    }
+}
+
+/** The farthest pack near a peak of the sparse sample, along the curve. */
+static seed refine_peak(qm_worker *worker, const qm_side *side, seed peak, size_t step)
+{
+    size_t count = side->source->pack_count, half = step / 2;
+    size_t begin = peak.pack > half ? peak.pack - half : 0;
+    size_t end = peak.pack + half < count ? peak.pack + half : count;
+    size_t stride = (end - begin) / CLOSER_COUNT + 1;
+    seed best = peak;
+    for (size_t i = begin; i < end && !qm_worker_must_stop(worker); i += stride) {
+        seed s = measure_centre(worker, side, (uint32_t)i, best.hint);
+        if (s.distance > best.distance) best = s;
+    }
+    return best;
+}
+
+static void measure_seeds(void *data, int worker, size_t block)
+{
+    seed_task *shared = data;
+    const qm_side *side = shared->side;
+    size_t first = block * shared->block_seeds, end = first + shared->block_seeds;
+    end = end < side->seed_count ? end : side->seed_count;
+    seed_list own = {0};
+    /* A guess: two surfaces that are compared mostly run alike along their curves. */
+    seed s = {.hint =
+                  (uint32_t)(first * side->seed_step * side->target->pack_count / side->source->pack_count)};
+    for (size_t i = first; i < end; i++) {
+        qm_seed measured = {INFINITY, s.hint};
+        if (!qm_worker_must_stop(&shared->search->workers[worker])) {
+            s = measure_centre(&shared->search->workers[worker], side, (uint32_t)(i * side->seed_step),
+                               s.hint);
+            keep_farthest(&own, s);
+            measured = (qm_seed){s.distance, s.hint};
+        }
+        if (side->seeds) side->seeds[i] = measured;
+    }
+    mtx_lock(&shared->lock);
+    for (int i = 0; i < own.count; i++)
+        keep_farthest(&shared->peaks, own.at[i]);
+    if (end == side->seed_count) shared->hint = s.hint;
+    mtx_unlock(&shared->lock);
+}
+
+static void measure_peak(void *data, int index, size_t peak_index)
+{
+    const seed_task *shared = data;
+    qm_worker *worker = &shared->search->workers[index];
+    seed peak = shared->peaks.at[peak_index];
+    size_t step = shared->side->seed_step;
+    if (step > 1) peak = refine_peak(worker, shared->side, peak, step);
+    measure_pack(worker, shared->side, peak);
+}
+
+uint32_t qm_search_seed_lower(qm_context *ctx, qm_search *search, qm_side *side)
+{
+    size_t packs = side->source->pack_count;
+    int workers = search->worker_count;
+    side->seed_step = packs > SEED_COUNT ? packs / SEED_COUNT : 1;
+    side->seed_count = (packs + side->seed_step - 1) / side->seed_step;
+    side->seeds = qm_context_alloc(ctx, side->seed_count, sizeof *side->seeds);
+    seed_task shared = {.search = search, .side = side};
+    shared.block_seeds = workers > 1 ? SHARED_SEEDS : side->seed_count;
+    mtx_init(&shared.lock, mtx_plain);
+    size_t blocks = (side->seed_count + shared.block_seeds - 1) / shared.block_seeds;
+    qm_context_parallel_for(ctx, workers, blocks, measure_seeds, &shared);
+    qm_context_parallel_for(ctx, workers, (size_t)shared.peaks.count, measure_peak, &shared);
+    mtx_destroy(&shared.lock);
+    return shared.hint;
+}
+
+void qm_side_reset_seeds(qm_context *ctx, qm_side *side)
+{
+    qm_context_free(ctx, side->seeds, side->seed_count, sizeof *side->seeds);
+    side->seeds = NULL;
+}

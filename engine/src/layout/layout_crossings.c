@@ -1,0 +1,124 @@
+/**
+ * layout_crossings.c: curves that cross without a node.
+ *
+ * Two segments cross if the nearest points of their lines lie inside both and are much nearer to each other
+ * than the segments are long. A sweep along x compares segments whose ranges of x overlap, and no others.
+ */
+#include "layout_internal.h"
+
+#define NEAR 0.1           /* of the sum of two lengths: crossing segments are nearer than that */
+#define END_TOLERANCE 1e-9 /* of a segment's length */
+#define HAND_JITTER 0.1    /* of a curve's points: a loop over fewer of its segments is hand jitter */
+
+typedef struct segment {
+    double low, high; /* range of x */
+    uint32_t curve, index;
+} segment;
+
+static double x_at(const qm_curve *curve, uint32_t index)
+{
+    return curve->points[3 * (size_t)index];
+}
+
+/**
+ * Sorts segments by the start of their range of x: a Shell sort, which needs no memory. The order that it
+ * leaves equal segments in is part of the results, as it decides which of two crossings is found first.
+ */
+static void sort_segments(segment *segments, size_t count)
+{
+    for (size_t gap = count / 2; gap > 0; gap = gap == 2 ? 1 : gap * 5 / 11) {
+        for (size_t i = gap; i < count; i++) {
+            segment moved = segments[i];
+            size_t k = i;
+            for (; k >= gap && segments[k - gap].low > moved.low; k -= gap)
+                segments[k] = segments[k - gap];
+            segments[k] = moved;
+        }
+    }
+}
+
+static qm_vec segment_end(const qm_layout *layout, const segment *p, uint32_t end)
+{
+    return qm_vec_load(layout->curves[p->curve].points + 3 * (size_t)(p->index + end));
+}
+
+/**
+ * True if parameter s of a segment is an end of its curve: a curve that touches another there does not cross
+ * it.
+ */
+static bool is_curve_end(const qm_layout *layout, const segment *p, double s)
+{
+    return (s <= END_TOLERANCE && p->index == 0) ||
+           (s >= 1.0 - END_TOLERANCE && p->index + 2 == layout->curves[p->curve].point_count);
+}
+
+/** Computes the crossing of two segments. False if they do not cross, or are nearly parallel. */
+static bool segments_cross(const qm_layout *layout, const segment *a, const segment *b, qm_vec *at)
+{
+    qm_vec p = segment_end(layout, a, 0), q = segment_end(layout, b, 0);
+    qm_vec d = qm_vec_sub(segment_end(layout, a, 1), p), e = qm_vec_sub(segment_end(layout, b, 1), q);
+    qm_vec r = qm_vec_sub(p, q);
+    double dd = qm_vec_norm2(d), ee = qm_vec_norm2(e), de = qm_vec_dot(d, e), dr = qm_vec_dot(d, r),
+           er = qm_vec_dot(e, r), det = dd * ee - de * de;
+    if (!(det > 1e-6 * dd * ee)) return false;
+    double s = (de * er - ee * dr) / det, t = (dd * er - de * dr) / det;
+    if (s < -END_TOLERANCE || s > 1.0 + END_TOLERANCE || t < -END_TOLERANCE || t > 1.0 + END_TOLERANCE)
+        return false;
+    if (is_curve_end(layout, a, s) || is_curve_end(layout, b, t)) return false;
+    *at = qm_vec_axpy(p, s, d);
+    return qm_vec_distance(*at, qm_vec_axpy(q, t, e)) < NEAR * (sqrt(dd) + sqrt(ee));
+}
+
+/** True if there is an issue for this pair of curves: a pair is reported once, however often it crosses. */
+static bool is_reported(const qm_layout_issues *issues, uint32_t a, uint32_t b)
+{
+    for (size_t i = 0; i < issues->count; i++)
+        if (issues->items[i].fault == QM_LAYOUT_CROSSING && issues->items[i].curve[0] == a &&
+            issues->items[i].curve[1] == b)
+            return true;
+    return false;
+}
+
+/** Adds an issue if two segments cross and their curves have none yet. */
+static qm_status test_pair(qm_context *ctx, const qm_layout *layout, const segment *a, const segment *b,
+                           qm_layout_issues *out)
+{
+    double gap = fabs((double)a->index - (double)b->index);
+    size_t point_count = layout->curves[a->curve].point_count;
+    if (a->curve == b->curve && (gap < 3.0 || gap < HAND_JITTER * (double)point_count)) return QM_OK;
+    qm_vec at;
+    if (!segments_cross(layout, a, b, &at)) return QM_OK;
+    uint32_t first = layout->curves[a->curve].id, second = layout->curves[b->curve].id;
+    qm_layout_issue issue = {.fault = QM_LAYOUT_CROSSING,
+                             .curve = {first < second ? first : second, first < second ? second : first},
+                             .node = QM_NO_INDEX};
+    if (is_reported(out, issue.curve[0], issue.curve[1])) return QM_OK;
+    qm_vec_store(issue.position, at);
+    return qm_layout_add_issue(ctx, out, &issue);
+}
+
+qm_status qm_layout_find_crossings(qm_context *ctx, const qm_layout *layout, qm_layout_issues *out)
+{
+    QM_ASSERT(ctx && layout && out);
+    size_t total = 0;
+    for (size_t c = 0; c < layout->curve_count; c++)
+        total += layout->curves[c].point_count - 1;
+    if (total == 0) return QM_OK;
+    segment *segments = qm_context_alloc(ctx, total, sizeof *segments);
+    if (!segments) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the curves");
+    size_t count = 0;
+    for (size_t c = 0; c < layout->curve_count; c++) {
+        for (uint32_t i = 0; i + 1 < layout->curves[c].point_count; i++) {
+            double a = x_at(&layout->curves[c], i), b = x_at(&layout->curves[c], i + 1);
+            segments[count++] = (segment){fmin(a, b), fmax(a, b), (uint32_t)c, i};
+        }
+    }
+    QM_ASSERT(count == total);
+    sort_segments(segments, count);
+    qm_status status = QM_OK;
+    for (size_t i = 0; i < total && status == QM_OK; i++)
+        for (size_t k = i + 1; k < total && segments[k].low <= segments[i].high && status == QM_OK; k++)
+            status = test_pair(ctx, layout, &segments[i], &segments[k], out);
+    qm_context_free(ctx, segments, total, sizeof *segments);
+    return status;
+}

@@ -1,0 +1,306 @@
+/**
+ * layout_faces.c: the faces of the arrangement that the curves make on the surface. Those with four sides are
+ * the patches.
+ *
+ * Each curve c is two darts (half-edges): 2 c runs along it and 2 c + 1 against it. The darts that leave
+ * a node are ordered anticlockwise about the surface's normal. A face lies to the left of its darts; at the
+ * end of a dart it continues with the dart that is next clockwise after the reversed one.
+ */
+#include "layout_internal.h"
+
+#include <string.h>
+
+#define TANGENT_LENGTH                                                                                       \
+    0.25 /* of the shortest curve at a node: the secants that give curves' directions there */
+#define TRANSPORT_STEPS 4 /* samples of the normal on each segment of a curve, as it is transported along */
+
+enum { POINT_SIZE = 3 * sizeof(double) };
+
+typedef struct arrangement {
+    qm_context *ctx;
+    const qm_ref_surface *surface;
+    qm_layout *layout;
+    size_t dart_count;
+    qm_vec *normal;  /* of each node, consistent along the curves; 0 while unknown */
+    double *angle;   /* of each dart in the tangent plane of its start node */
+    uint32_t *next;  /* the dart that follows on the same face */
+    uint32_t *queue; /* nodes whose normals are to be propagated */
+    bool *is_traced; /* of each dart: its face has been found */
+} arrangement;
+
+static uint32_t start_node(const qm_layout *layout, uint32_t dart)
+{
+    const qm_curve *curve = &layout->curves[dart / 2];
+    return dart % 2 ? curve->to : curve->from;
+}
+
+static qm_vec surface_normal(const qm_ref_surface *surface, const double p[3])
+{
+    qm_ref_surface_point projection;
+    qm_ref_surface_project(surface, p, &projection);
+    return qm_vec_load(projection.normal);
+}
+
+/** Point k of a curve in the direction of the dart. */
+static const double *dart_point(const qm_curve *curve, uint32_t dart, size_t k)
+{
+    return curve->points + 3 * (dart % 2 ? curve->point_count - 1 - k : k);
+}
+
+/**
+ * Transports a normal from the start of a dart to its end. A mesh has oriented normals of its own; the fitted
+ * normals of a point set have no certain side, so that each is flipped to agree with the one before it.
+ */
+static qm_vec transport_normal(const arrangement *arr, uint32_t dart, qm_vec normal)
+{
+    const qm_curve *curve = &arr->layout->curves[dart / 2];
+    if (!arr->surface->is_cloud) {
+        qm_vec own = surface_normal(arr->surface, dart_point(curve, dart, curve->point_count - 1));
+        return qm_vec_norm2(own) > 0.0 ? own : normal;
+    }
+    for (size_t k = 1; k < curve->point_count; k++) {
+        qm_vec before = qm_vec_load(dart_point(curve, dart, k - 1));
+        qm_vec after = qm_vec_load(dart_point(curve, dart, k));
+        for (int step = 1; step <= TRANSPORT_STEPS; step++) {
+            double at[3];
+            qm_vec_store(at, qm_vec_mix(before, after, (double)step / TRANSPORT_STEPS));
+            qm_vec here = surface_normal(arr->surface, at);
+            if (qm_vec_norm2(here) == 0.0) continue;
+            normal = qm_vec_dot(here, normal) < 0.0 ? qm_vec_scale(-1.0, here) : here;
+        }
+    }
+    return normal;
+}
+
+/** Sets the normals of all nodes that curves connect with a start node, breadth first. */
+static void propagate_normals(arrangement *arr, uint32_t start)
+{
+    size_t queued = 0;
+    arr->normal[start] = surface_normal(arr->surface, arr->layout->nodes + 3 * (size_t)start);
+    if (qm_vec_norm2(arr->normal[start]) == 0.0) arr->normal[start] = (qm_vec){0, 0, 1};
+    arr->queue[queued++] = start;
+    for (size_t at = 0; at < queued; at++) {
+        for (uint32_t dart = 0; dart < arr->dart_count; dart++) {
+            uint32_t end = start_node(arr->layout, dart ^ 1);
+            if (start_node(arr->layout, dart) != arr->queue[at] || qm_vec_norm2(arr->normal[end]) > 0.0)
+                continue;
+            QM_ASSERT(queued < arr->layout->node_count);
+            arr->normal[end] = transport_normal(arr, dart, arr->normal[arr->queue[at]]);
+            arr->queue[queued++] = end;
+        }
+    }
+}
+
+/** The secant from the start of a dart to its point at an arc length, or to its end if it is shorter. */
+static qm_vec dart_direction(const qm_layout *layout, uint32_t dart, double length)
+{
+    const qm_curve *curve = &layout->curves[dart / 2];
+    qm_vec start = qm_vec_load(dart_point(curve, dart, 0)), here = start;
+    for (size_t k = 1; k < curve->point_count; k++) {
+        qm_vec next = qm_vec_load(dart_point(curve, dart, k));
+        double segment = qm_vec_distance(here, next);
+        if (segment >= length)
+            return qm_vec_sub(qm_vec_mix(here, next, segment > 0.0 ? length / segment : 0.0), start);
+        length -= segment;
+        here = next;
+    }
+    return qm_vec_sub(here, start);
+}
+
+/**
+ * The mean of the normals between the darts of a node. The node's own normal would not do at the corner of
+ * a box: it is that of one of three faces, and one of the edges runs along it.
+ */
+static qm_vec mean_normal(const arrangement *arr, uint32_t node, double length)
+{
+    qm_vec at_node = arr->normal[node], start = qm_vec_load(arr->layout->nodes + 3 * (size_t)node),
+           sum = at_node;
+    for (uint32_t a = 0; a < arr->dart_count; a++) {
+        if (start_node(arr->layout, a) != node) continue;
+        for (uint32_t b = a + 1; b < arr->dart_count; b++) {
+            if (start_node(arr->layout, b) != node) continue;
+            qm_vec between =
+                qm_vec_add(dart_direction(arr->layout, a, length), dart_direction(arr->layout, b, length));
+            double at[3];
+            qm_vec_store(at, qm_vec_axpy(start, 0.5, between));
+            qm_vec here = surface_normal(arr->surface, at);
+            bool is_flipped = arr->surface->is_cloud && qm_vec_dot(here, at_node) < 0.0;
+            sum = qm_vec_axpy(sum, is_flipped ? -1.0 : 1.0, here);
+        }
+    }
+    double norm = qm_vec_norm(sum);
+    return norm > 1e-3 ? qm_vec_scale(1.0 / norm, sum) : at_node;
+}
+
+/** Sets the angles of the darts of a node in its tangent plane. */
+static void measure_angles(arrangement *arr, uint32_t node)
+{
+    double shortest = INFINITY;
+    for (size_t i = 0; i < arr->layout->curve_count; i++) {
+        const qm_curve *curve = &arr->layout->curves[i];
+        if (curve->from == node || curve->to == node)
+            shortest = fmin(shortest, qm_layout_curve_length(curve));
+    }
+    double length = TANGENT_LENGTH * shortest;
+    qm_vec normal = mean_normal(arr, node, length);
+    qm_vec x = fabs(normal.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
+    x = qm_vec_axpy(x, -qm_vec_dot(x, normal), normal);
+    x = qm_vec_scale(1.0 / qm_vec_norm(x), x);
+    qm_vec y = qm_vec_cross(normal, x);
+    for (uint32_t dart = 0; dart < arr->dart_count; dart++) {
+        if (start_node(arr->layout, dart) != node) continue;
+        qm_vec d = dart_direction(arr->layout, dart, length);
+        arr->angle[dart] = atan2(qm_vec_dot(d, y), qm_vec_dot(d, x));
+    }
+}
+
+/** The anticlockwise angle from one dart of a node to another, in (0, 2 pi]: 2 pi from a dart to itself. */
+static double angle_between(const arrangement *arr, uint32_t from, uint32_t to)
+{
+    const double full_turn = 6.283185307179586;
+    double angle = arr->angle[to] - arr->angle[from];
+    if (angle < 0.0 || (angle == 0.0 && to <= from)) angle += full_turn;
+    return angle;
+}
+
+/** The order of darts round a node: by angle, then by index. It is total, however the angles are rounded. */
+static bool is_before(const arrangement *arr, uint32_t dart, uint32_t other)
+{
+    return arr->angle[dart] < arr->angle[other] || (arr->angle[dart] == arr->angle[other] && dart < other);
+}
+
+/**
+ * The dart that is next clockwise: the last one before this in the order round the node, else the last of
+ * all. This is a permutation of the darts, so that the trace of a face returns to its first dart.
+ */
+static uint32_t next_clockwise(const arrangement *arr, uint32_t dart)
+{
+    uint32_t before = dart, last = dart, node = start_node(arr->layout, dart);
+    for (uint32_t other = 0; other < arr->dart_count; other++) {
+        if (start_node(arr->layout, other) != node) continue;
+        if (is_before(arr, last, other)) last = other;
+        if (is_before(arr, other, dart) && (before == dart || is_before(arr, before, other))) before = other;
+    }
+    return before != dart ? before : last;
+}
+
+/** A face of the arrangement. */
+typedef struct arrangement_face {
+    uint32_t first, sides;
+    uint32_t dart[4];      /* the first four */
+    double angle;          /* sum over the corners */
+    bool is_on_both_sides; /* the face lies on both sides of some curve */
+} arrangement_face;
+
+/** True if a dart is on the face that another one lies on. */
+static bool is_on_face(const arrangement *arr, uint32_t first, uint32_t wanted)
+{
+    uint32_t dart = first;
+    do {
+        if (dart == wanted) return true;
+        dart = arr->next[dart];
+    } while (dart != first);
+    return false;
+}
+
+static arrangement_face trace_face(arrangement *arr, uint32_t first)
+{
+    arrangement_face out = {.first = first};
+    uint32_t dart = first;
+    do {
+        if (out.sides < 4) out.dart[out.sides] = dart;
+        out.sides++;
+        QM_ASSERT(out.sides <= arr->dart_count);
+        arr->is_traced[dart] = true;
+        out.angle += angle_between(arr, arr->next[dart], dart ^ 1);
+        out.is_on_both_sides |= is_on_face(arr, first, dart ^ 1);
+        dart = arr->next[dart];
+    } while (dart != first);
+    return out;
+}
+
+/** Appends a face with four sides to the patches, reports any other as an issue. */
+static qm_status store_face(arrangement *arr, const arrangement_face *found, qm_layout_issues *out)
+{
+    const double straight = 3.141592653589793;
+    if (found->angle > straight * found->sides) return QM_OK; /* the face outside the drawing */
+    const qm_curve *curve = &arr->layout->curves[found->first / 2];
+    if (found->sides == 4 && !found->is_on_both_sides) {
+        qm_layout_patch patch;
+        for (int k = 0; k < 4; k++) {
+            patch.side[k] = found->dart[k] / 2;
+            patch.against[k] = found->dart[k] % 2;
+        }
+        return qm_layout_append_patch(arr->ctx, arr->layout, &patch);
+    }
+    qm_layout_issue issue = {.fault = QM_LAYOUT_CELL_SIDES,
+                             .curve = {curve->id, QM_NO_INDEX},
+                             .node = start_node(arr->layout, found->first),
+                             .sides = found->sides};
+    memcpy(issue.position, curve->points + 3 * (curve->point_count / 2), POINT_SIZE);
+    return qm_layout_add_issue(arr->ctx, out, &issue);
+}
+
+static qm_status report_dangling(arrangement *arr, qm_layout_issues *out)
+{
+    for (uint32_t dart = 0; dart < arr->dart_count; dart++) {
+        uint32_t node = start_node(arr->layout, dart);
+        if (next_clockwise(arr, dart) != dart) continue;
+        qm_layout_issue issue = {.fault = QM_LAYOUT_DANGLING_END,
+                                 .curve = {arr->layout->curves[dart / 2].id, QM_NO_INDEX},
+                                 .node = node};
+        memcpy(issue.position, arr->layout->nodes + 3 * (size_t)node, POINT_SIZE);
+        qm_status status = qm_layout_add_issue(arr->ctx, out, &issue);
+        if (status != QM_OK) return status;
+    }
+    return QM_OK;
+}
+
+static qm_status find_faces(arrangement *arr, qm_layout_issues *out)
+{
+    for (uint32_t node = 0; node < arr->layout->node_count; node++)
+        arr->normal[node] = (qm_vec){0, 0, 0};
+    for (uint32_t node = 0; node < arr->layout->node_count; node++)
+        if (qm_vec_norm2(arr->normal[node]) == 0.0) propagate_normals(arr, node);
+    for (uint32_t node = 0; node < arr->layout->node_count; node++)
+        measure_angles(arr, node);
+    for (uint32_t dart = 0; dart < arr->dart_count; dart++) {
+        arr->next[dart] = next_clockwise(arr, dart ^ 1);
+        arr->is_traced[dart] = false;
+    }
+    qm_status status = report_dangling(arr, out);
+    for (uint32_t dart = 0; dart < arr->dart_count && status == QM_OK; dart++) {
+        if (arr->is_traced[dart]) continue;
+        arrangement_face found = trace_face(arr, dart);
+        status = store_face(arr, &found, out);
+    }
+    return status == QM_OK ? qm_layout_find_crossings(arr->ctx, arr->layout, out) : status;
+}
+
+qm_status qm_layout_find_patches(qm_context *ctx, const qm_ref_surface *surface, qm_layout *layout,
+                                 qm_layout_issues *out)
+{
+    QM_ASSERT(ctx && surface && layout && out);
+    *out = (qm_layout_issues){0};
+    qm_layout_clear_patches(ctx, layout);
+    if (layout->curve_count == 0) return QM_OK;
+    size_t nodes = layout->node_count, darts = 2 * layout->curve_count;
+    arrangement arr = {.ctx = ctx, .surface = surface, .layout = layout, .dart_count = darts};
+    arr.normal = qm_context_alloc(ctx, nodes, sizeof *arr.normal);
+    arr.queue = qm_context_alloc(ctx, nodes, sizeof *arr.queue);
+    arr.angle = qm_context_alloc(ctx, darts, sizeof *arr.angle);
+    arr.next = qm_context_alloc(ctx, darts, sizeof *arr.next);
+    arr.is_traced = qm_context_alloc(ctx, darts, sizeof *arr.is_traced);
+    qm_status status = QM_E_NO_MEMORY;
+    if (arr.normal && arr.queue && arr.angle && arr.next && arr.is_traced)
+        status = find_faces(&arr, out);
+    else
+        qm_context_fail(ctx, status, "out of memory for the arrangement of the layout");
+    qm_context_free(ctx, arr.normal, nodes, sizeof *arr.normal);
+    qm_context_free(ctx, arr.queue, nodes, sizeof *arr.queue);
+    qm_context_free(ctx, arr.angle, darts, sizeof *arr.angle);
+    qm_context_free(ctx, arr.next, darts, sizeof *arr.next);
+    qm_context_free(ctx, arr.is_traced, darts, sizeof *arr.is_traced);
+    if (status != QM_OK) qm_layout_issues_reset(ctx, out);
+    return status;
+}

@@ -1,0 +1,232 @@
+/**
+ * reconstruct_internal.h: the state of a reconstruction, and what its stages call of each other.
+ *
+ *   reconstruct.c             creation, steps, edits; the order of the stages
+ *   reconstruct_chords.c      chords: which curves are doubled together, and which chord first
+ *   reconstruct_polylines.c   curves as polylines on the surface, rerouted where they left it; their vertices
+ *   reconstruct_samples.c     samples of the surface, and their parameters by projection onto the lattices
+ *   reconstruct_parameters.c  the first parameters of samples, along the surface
+ *   reconstruct_lattice.c     lattices: Coons patches, doubling, fairing
+ *   reconstruct_fit.c         inner vertices of lattices from the samples around them
+ *   reconstruct_untangle.c    repair of folded and inverted quads
+ *   reconstruct_mesh.c        lattices to a mesh, and its boundary
+ *
+ * A layout patch has a lattice of vertices. A chord has two counts: `edges` is that of the mesh, a power of
+ * two; `lattice_edges` is that of the lattices, a multiple of it and at least QM_RECONSTRUCTION_BASE. The
+ * mesh takes every (lattice_edges / edges)th vertex.
+ */
+#ifndef QM_RECONSTRUCT_INTERNAL_H
+#define QM_RECONSTRUCT_INTERNAL_H
+
+#include "core/vec.h"
+#include "layout/knn_graph.h"
+#include "mesh/quad_shape.h"
+#include "qm/reconstruct.h"
+
+/** The curves that are doubled together. */
+typedef struct qm_chord {
+    uint32_t edges, lattice_edges;
+    double length; /* of the longest lattice line along the chord */
+} qm_chord;
+
+/** A layout curve as a polyline on the surface. */
+typedef struct qm_polyline {
+    uint32_t chord;        /* QM_NO_INDEX: the curve is a side of no patch */
+    size_t point_count;    /* of the fine polyline */
+    double *points;        /* rows of x y z, on the surface if options.pull_curves */
+    double *arc;           /* arc length up to each point */
+    double *vertices;      /* vertex_edges + 1 rows at equal arc length */
+    uint32_t vertex_edges; /* lattice_edges of the chord */
+} qm_polyline;
+
+/**
+ * The vertices of a patch: rows + 1 rows of columns + 1 points. (0, 0) is corner 0; columns run along side 0.
+ */
+typedef struct qm_lattice {
+    uint32_t columns, rows;
+    double *vertices;
+    bool *in_hole;      /* of each vertex: no three samples enclosed it when it was fitted */
+    bool is_stale;      /* split in this step: its inner vertices are to be fitted */
+    uint32_t component; /* of the layout: patches that curves connect */
+    size_t points;      /* samples that belong to the patch */
+} qm_lattice;
+
+/** Parameters in a patch, in edges of its lattice from corner 0. */
+typedef struct qm_sample_location {
+    double u, v, distance;
+    uint32_t patch;
+} qm_sample_location;
+
+/** Points of the surface: quasirandom points of a mesh, or a subset of a point set. */
+typedef struct qm_samples {
+    size_t count, capacity;
+    double *positions; /* rows of x y z */
+    float
+        *normals; /* rows of x y z, of any length: of the faces, or of the points; NULL for points without */
+    qm_sample_location *location;
+    bool is_projected; /* locations come from projection onto the lattices */
+} qm_samples;
+
+struct qm_reconstruction {
+    qm_ref_surface surface;
+    qm_reconstruction_options options;
+    qm_layout layout;
+    qm_chord *chords; /* capacity layout.curve_count */
+    size_t chord_count;
+    qm_polyline *polylines; /* layout.curve_count */
+    qm_lattice *lattices;   /* layout.patch_count */
+    size_t point_count, uncovered_count;
+};
+
+/** Vertices low to high of a lattice: columns, then rows. */
+typedef struct qm_vertex_block {
+    uint32_t low[2], high[2];
+} qm_vertex_block;
+
+static inline size_t qm_lattice_index(const qm_lattice *lattice, uint32_t column, uint32_t row)
+{
+    return (size_t)row * (lattice->columns + 1) + column;
+}
+
+static inline double *qm_lattice_vertex(const qm_lattice *lattice, uint32_t column, uint32_t row)
+{
+    return lattice->vertices + 3 * qm_lattice_index(lattice, column, row);
+}
+
+static inline qm_vec qm_lattice_at(const qm_lattice *lattice, uint32_t column, uint32_t row)
+{
+    return qm_vec_load(qm_lattice_vertex(lattice, column, row));
+}
+
+static inline size_t qm_lattice_vertex_count(const qm_lattice *lattice)
+{
+    return ((size_t)lattice->rows + 1) * ((size_t)lattice->columns + 1);
+}
+
+/** The scaled Jacobian of a quad: the least sine at its corners; not above 0 where it is folded. */
+static inline double qm_lattice_quad_sine(const qm_lattice *lattice, uint32_t column, uint32_t row)
+{
+    QM_ASSERT(column < lattice->columns && row < lattice->rows);
+    const qm_vec corner[4] = {qm_lattice_at(lattice, column, row), qm_lattice_at(lattice, column + 1, row),
+                              qm_lattice_at(lattice, column + 1, row + 1),
+                              qm_lattice_at(lattice, column, row + 1)};
+    return qm_quad_min_sine(corner);
+}
+
+/** The chord of the columns (direction 0) or rows (direction 1) of a patch. */
+static inline qm_chord *qm_chord_of_patch(const qm_reconstruction *r, size_t patch, int direction)
+{
+    QM_ASSERT(patch < r->layout.patch_count);
+    return &r->chords[r->polylines[r->layout.patches[patch].side[direction]].chord];
+}
+
+/** Finds the chords of the layout. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r);
+
+/**
+ * Chooses and doubles the chords of one step; sets chords_doubled and patches_split. QM_OK or QM_E_NO_MEMORY.
+ */
+qm_status qm_chords_double(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
+                           qm_reconstruction_record *out);
+
+/** Sets the chords' lengths from the lattices. */
+void qm_chords_measure(qm_reconstruction *r);
+
+/**
+ * Doubles lattice_edges of the chord with the longest ones while the lattices have at most max_quads quads.
+ */
+void qm_chords_refine_lattices(qm_reconstruction *r, size_t max_quads);
+
+size_t qm_chords_count_quads(const qm_reconstruction *r);
+double qm_chords_longest_edge(const qm_reconstruction *r);
+
+/** Makes the polyline of each curve. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_polylines_create(qm_context *ctx, qm_reconstruction *r);
+
+/**
+ * Reroutes polylines that jump from one layer of the surface to another: along a shortest path over
+ * sample_count samples. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED.
+ */
+qm_status qm_polylines_reroute(qm_context *ctx, qm_reconstruction *r, size_t sample_count);
+
+/** Removes reversals from the polylines, which points make that are projected past their neighbours. */
+void qm_polylines_straighten(qm_reconstruction *r);
+
+/**
+ * Sets the vertices of each polyline whose chord has another number of lattice edges. QM_OK or
+ * QM_E_NO_MEMORY.
+ */
+qm_status qm_polylines_set_vertices(qm_context *ctx, qm_reconstruction *r);
+
+/** The point and unit tangent of a polyline at a fraction of its length. */
+void qm_polyline_at(const qm_polyline *polyline, double fraction, double position[3], qm_vec *tangent);
+
+/**
+ * Allocates the vertices of a lattice, none of them in a hole. False when out of memory, with nothing to
+ * free.
+ */
+bool qm_lattice_allocate(qm_context *ctx, qm_lattice *lattice);
+void qm_lattice_free(qm_context *ctx, qm_lattice *lattice);
+
+/** The point of the Coons patch over the border of a block at a vertex. */
+qm_vec qm_lattice_coons(const qm_lattice *lattice, const qm_vertex_block *block, uint32_t column,
+                        uint32_t row);
+
+/** Replaces all lattices by Coons patches. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_lattices_create(qm_context *ctx, qm_reconstruction *r);
+
+/**
+ * Doubles the lattices to their chords' counts; those that it splits become stale. QM_OK or QM_E_NO_MEMORY.
+ */
+qm_status qm_lattices_double(qm_context *ctx, qm_reconstruction *r);
+
+/** Evens out the inner vertices of stale lattices within the surface. QM_OK or QM_E_NO_MEMORY. */
+qm_status qm_lattices_fair(qm_context *ctx, qm_reconstruction *r, int rounds);
+
+/** Fits the inner vertices of stale lattices to the samples. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_lattices_fit(qm_context *ctx, qm_reconstruction *r, const qm_samples *samples);
+
+/** Moves the inner vertices of folded and inverted quads until none is left or none improves. */
+void qm_lattice_untangle(const qm_ref_surface *surface, const qm_lattice *lattice);
+
+/**
+ * Rebuilds blocks of vertices round quads that are folded or lie inverted between their neighbours, where
+ * that leaves fewer of them. True if a vertex has moved.
+ */
+bool qm_lattice_rebuild_inverted(const qm_ref_surface *surface, const qm_lattice *lattice);
+
+/** The patch of a face of a mesh of all lattices; first[p] is the index of patch p's first face. */
+size_t qm_lattices_find_patch(const size_t *first, size_t patch_count, uint32_t face);
+
+/**
+ * The mesh of all vertices of the lattices when fine, else that of the chords' edges, without folded quads as
+ * far as possible. QM_OK; QM_E_TOO_LARGE; QM_E_NO_MEMORY.
+ */
+qm_status qm_lattices_mesh(qm_context *ctx, const qm_reconstruction *r, bool fine, qm_mesh *out);
+
+/**
+ * Takes `wanted` samples of the surface, or fewer if a point set has fewer points. QM_OK or QM_E_NO_MEMORY.
+ */
+qm_status qm_samples_create(qm_context *ctx, const qm_reconstruction *r, size_t wanted, qm_samples *out);
+void qm_samples_reset(qm_context *ctx, qm_samples *samples);
+
+/** Sets the locations of samples by projection onto the lattices. QM_OK; QM_E_NO_MEMORY; QM_E_CANCELED. */
+qm_status qm_samples_project(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples);
+
+/** Scales locations that count `base` edges a side to the edges of the lattices. */
+void qm_samples_scale(const qm_reconstruction *r, qm_samples *samples, uint32_t base);
+
+/**
+ * Flips the normals of a graph, whose first nodes are the samples, to agree with the samples' own. False if
+ * these are unknown or inconsistent between neighbours.
+ */
+bool qm_samples_orient_graph(const qm_samples *samples, qm_knn_graph *graph);
+
+/**
+ * Orients the patches of the layout consistently, anticlockwise about the surface's normals, and sets the
+ * first locations of the samples by a parameterization along the surface. QM_OK; QM_E_NO_MEMORY;
+ * QM_E_CANCELED.
+ */
+qm_status qm_parameters_find(qm_context *ctx, qm_reconstruction *r, qm_samples *samples);
+
+#endif

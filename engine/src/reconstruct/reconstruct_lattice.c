@@ -1,0 +1,235 @@
+/**
+ * reconstruct_lattice.c: lattices as Coons patches, their doubling, and fairing, which slides vertices along
+ * the lattice lines until each edge has its share of the curvature.
+ *
+ * Source: S. Coons, Surfaces for computer-aided design of space forms, 1967.
+ */
+#include "reconstruct_internal.h"
+
+#include <string.h>
+
+#define FLAT_TURN 20.0 /* curvature that flat regions are given: radians along the surface's diagonal */
+
+enum { POINT_SIZE = 3 * sizeof(double) };
+
+static qm_status no_memory(qm_context *ctx)
+{
+    return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the patches");
+}
+
+bool qm_lattice_allocate(qm_context *ctx, qm_lattice *lattice)
+{
+    size_t count = qm_lattice_vertex_count(lattice);
+    lattice->vertices = qm_context_alloc(ctx, count, POINT_SIZE);
+    lattice->in_hole = qm_context_alloc(ctx, count, sizeof *lattice->in_hole);
+    if (lattice->vertices && lattice->in_hole) {
+        memset(lattice->in_hole, 0, count * sizeof *lattice->in_hole);
+        return true;
+    }
+    qm_lattice_free(ctx, lattice);
+    return false;
+}
+
+void qm_lattice_free(qm_context *ctx, qm_lattice *lattice)
+{
+    size_t count = qm_lattice_vertex_count(lattice);
+    qm_context_free(ctx, lattice->vertices, count, POINT_SIZE);
+    qm_context_free(ctx, lattice->in_hole, count, sizeof *lattice->in_hole);
+    lattice->vertices = NULL;
+    lattice->in_hole = NULL;
+}
+
+/** Vertex k, counted from corner `side`, of a side of a patch. */
+static const double *side_vertex(const qm_reconstruction *r, const qm_layout_patch *patch, int side,
+                                 uint32_t k)
+{
+    const qm_polyline *polyline = &r->polylines[patch->side[side]];
+    QM_ASSERT(k <= polyline->vertex_edges);
+    return polyline->vertices + 3 * (size_t)(patch->against[side] ? polyline->vertex_edges - k : k);
+}
+
+/** Copies the vertices of the four curves to the border of a lattice. */
+static void set_border(const qm_reconstruction *r, size_t p)
+{
+    const qm_layout_patch *patch = &r->layout.patches[p];
+    qm_lattice *lattice = &r->lattices[p];
+    for (uint32_t i = 0; i <= lattice->columns; i++) {
+        memcpy(qm_lattice_vertex(lattice, i, 0), side_vertex(r, patch, 0, i), POINT_SIZE);
+        memcpy(qm_lattice_vertex(lattice, i, lattice->rows), side_vertex(r, patch, 2, lattice->columns - i),
+               POINT_SIZE);
+    }
+    for (uint32_t j = 0; j <= lattice->rows; j++) {
+        memcpy(qm_lattice_vertex(lattice, lattice->columns, j), side_vertex(r, patch, 1, j), POINT_SIZE);
+        memcpy(qm_lattice_vertex(lattice, 0, j), side_vertex(r, patch, 3, lattice->rows - j), POINT_SIZE);
+    }
+}
+
+/** Bilinear blending: the sum of two ruled surfaces less the bilinear patch of the corners. */
+qm_vec qm_lattice_coons(const qm_lattice *lattice, const qm_vertex_block *block, uint32_t column,
+                        uint32_t row)
+{
+    QM_ASSERT(block->low[0] < block->high[0] && block->high[0] <= lattice->columns);
+    QM_ASSERT(block->low[1] < block->high[1] && block->high[1] <= lattice->rows);
+    uint32_t left = block->low[0], right = block->high[0], first = block->low[1], last = block->high[1];
+    double u = (double)(column - left) / (right - left), v = (double)(row - first) / (last - first);
+    qm_vec across =
+        qm_vec_mix(qm_lattice_at(lattice, column, first), qm_lattice_at(lattice, column, last), v);
+    qm_vec along = qm_vec_mix(qm_lattice_at(lattice, left, row), qm_lattice_at(lattice, right, row), u);
+    qm_vec bottom = qm_vec_mix(qm_lattice_at(lattice, left, first), qm_lattice_at(lattice, right, first), u);
+    qm_vec top = qm_vec_mix(qm_lattice_at(lattice, left, last), qm_lattice_at(lattice, right, last), u);
+    return qm_vec_sub(qm_vec_add(across, along), qm_vec_mix(bottom, top, v));
+}
+
+qm_status qm_lattices_create(qm_context *ctx, qm_reconstruction *r)
+{
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        qm_lattice *lattice = &r->lattices[p];
+        qm_lattice_free(ctx, lattice);
+        *lattice = (qm_lattice){.columns = qm_chord_of_patch(r, p, 0)->lattice_edges,
+                                .rows = qm_chord_of_patch(r, p, 1)->lattice_edges,
+                                .is_stale = true,
+                                .component = lattice->component,
+                                .points = lattice->points};
+        if (!qm_lattice_allocate(ctx, lattice)) return no_memory(ctx);
+        set_border(r, p);
+        const qm_vertex_block all = {{0, 0}, {lattice->columns, lattice->rows}};
+        for (uint32_t j = 1; j < lattice->rows; j++)
+            for (uint32_t i = 1; i < lattice->columns; i++)
+                qm_vec_store(qm_lattice_vertex(lattice, i, j), qm_lattice_coons(lattice, &all, i, j));
+    }
+    return QM_OK;
+}
+
+/** Sets the vertices of a finer lattice by bilinear interpolation between those of the old one. */
+static void interpolate_lattice(const qm_lattice *old, qm_lattice *fine)
+{
+    QM_ASSERT(fine->columns % old->columns == 0 && fine->rows % old->rows == 0);
+    uint32_t across = fine->columns / old->columns, down = fine->rows / old->rows;
+    for (uint32_t j = 0; j <= fine->rows; j++) {
+        uint32_t row = j / down, next_row = row < old->rows ? row + 1 : row;
+        double v = (double)(j % down) / down;
+        for (uint32_t i = 0; i <= fine->columns; i++) {
+            uint32_t column = i / across, next = column < old->columns ? column + 1 : column;
+            double u = (double)(i % across) / across;
+            qm_vec low = qm_vec_mix(qm_lattice_at(old, column, row), qm_lattice_at(old, next, row), u);
+            qm_vec high =
+                qm_vec_mix(qm_lattice_at(old, column, next_row), qm_lattice_at(old, next, next_row), u);
+            qm_vec_store(qm_lattice_vertex(fine, i, j), qm_vec_mix(low, high, v));
+        }
+    }
+}
+
+qm_status qm_lattices_double(qm_context *ctx, qm_reconstruction *r)
+{
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        uint32_t columns = qm_chord_of_patch(r, p, 0)->lattice_edges,
+                 rows = qm_chord_of_patch(r, p, 1)->lattice_edges;
+        if (columns == r->lattices[p].columns && rows == r->lattices[p].rows) continue;
+        qm_lattice *lattice = &r->lattices[p];
+        qm_lattice fine = {.columns = columns,
+                           .rows = rows,
+                           .is_stale = true,
+                           .component = lattice->component,
+                           .points = lattice->points};
+        if (!qm_lattice_allocate(ctx, &fine)) return no_memory(ctx);
+        interpolate_lattice(lattice, &fine);
+        qm_lattice_free(ctx, lattice);
+        *lattice = fine;
+        set_border(r, p);
+    }
+    return QM_OK;
+}
+
+/** The unit normal of a lattice at a vertex from its two to four neighbours; 0 where they lie on a line. */
+static qm_vec vertex_normal(const qm_lattice *lattice, uint32_t i, uint32_t j)
+{
+    uint32_t west = i > 0 ? i - 1 : i, east = i < lattice->columns ? i + 1 : i;
+    uint32_t south = j > 0 ? j - 1 : j, north = j < lattice->rows ? j + 1 : j;
+    qm_vec normal =
+        qm_vec_cross(qm_vec_sub(qm_lattice_at(lattice, east, j), qm_lattice_at(lattice, west, j)),
+                     qm_vec_sub(qm_lattice_at(lattice, i, north), qm_lattice_at(lattice, i, south)));
+    double length = qm_vec_norm(normal);
+    return length > 0.0 ? qm_vec_scale(1.0 / length, normal) : (qm_vec){0, 0, 0};
+}
+
+/** A vertex with its normal. */
+typedef struct fair_point {
+    qm_vec at, normal;
+} fair_point;
+
+/**
+ * The weight of an edge: the square root of the surface's height above it, which goes as its length times the
+ * angle between the normals at its ends, and of a term in its length, so that flat regions get vertices too.
+ * Equal weights mean equal distances from the surface.
+ */
+static double edge_weight(const fair_point *a, const fair_point *b, double flat)
+{
+    double length2 = qm_vec_norm2(qm_vec_sub(a->at, b->at));
+    double turn2 = qm_vec_norm2(qm_vec_sub(a->normal, b->normal));
+    return sqrt(flat * length2 + sqrt(length2 * turn2));
+}
+
+/** The move along the heavier of two edges by a quarter of the way to equal weights. */
+static qm_vec balance(const fair_point *before, const fair_point *here, const fair_point *after, double flat)
+{
+    double back = edge_weight(before, here, flat), on = edge_weight(here, after, flat);
+    double heavier = fmax(back, on);
+    if (heavier == 0.0) return (qm_vec){0, 0, 0};
+    return qm_vec_scale(0.25 * fabs(on - back) / heavier,
+                        qm_vec_sub(on > back ? after->at : before->at, here->at));
+}
+
+static fair_point point_of(const qm_lattice *lattice, const qm_vec *normal, uint32_t i, uint32_t j)
+{
+    return (fair_point){qm_lattice_at(lattice, i, j), normal[qm_lattice_index(lattice, i, j)]};
+}
+
+/** Slides each inner vertex along its row and its column towards equal weights on both sides. */
+static void fair_round(qm_lattice *lattice, qm_vec *normal, double flat)
+{
+    for (uint32_t j = 0; j <= lattice->rows; j++)
+        for (uint32_t i = 0; i <= lattice->columns; i++)
+            normal[qm_lattice_index(lattice, i, j)] = vertex_normal(lattice, i, j);
+    for (uint32_t j = 1; j < lattice->rows; j++) {
+        for (uint32_t i = 1; i < lattice->columns; i++) {
+            fair_point here = point_of(lattice, normal, i, j);
+            fair_point west = point_of(lattice, normal, i - 1, j), east = point_of(lattice, normal, i + 1, j);
+            fair_point south = point_of(lattice, normal, i, j - 1),
+                       north = point_of(lattice, normal, i, j + 1);
+            qm_vec move =
+                qm_vec_add(balance(&west, &here, &east, flat), balance(&south, &here, &north, flat));
+            qm_vec_store(qm_lattice_vertex(lattice, i, j), qm_vec_add(here.at, move));
+        }
+    }
+}
+
+qm_status qm_lattices_fair(qm_context *ctx, qm_reconstruction *r, int rounds)
+{
+    size_t max_count = 0;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        size_t count = qm_lattice_vertex_count(&r->lattices[p]);
+        if (count > max_count) max_count = count;
+    }
+    qm_vec *normal = qm_context_alloc(ctx, max_count, sizeof *normal);
+    if (!normal) return no_memory(ctx);
+    double flat = FLAT_TURN / r->surface.diagonal;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        qm_lattice *lattice = &r->lattices[p];
+        for (int round = 0; round < rounds && lattice->is_stale; round++) {
+            fair_round(lattice, normal, flat);
+            /* Noise of a point set would roughen the lattice before the fit averages it. On a mesh, vertices
+             * off the surface would be projected onto the wrong side of a narrow gap by the next stage. */
+            if (r->surface.is_cloud) continue;
+            for (uint32_t j = 1; j < lattice->rows; j++) {
+                for (uint32_t i = 1; i < lattice->columns; i++) {
+                    double *vertex = qm_lattice_vertex(lattice, i, j);
+                    qm_ref_surface_point projection;
+                    qm_ref_surface_project(&r->surface, vertex, &projection);
+                    memcpy(vertex, projection.position, POINT_SIZE);
+                }
+            }
+        }
+    }
+    qm_context_free(ctx, normal, max_count, sizeof *normal);
+    return QM_OK;
+}

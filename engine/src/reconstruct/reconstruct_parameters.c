@@ -1,0 +1,548 @@
+/**
+ * reconstruct_parameters.c: the first parameters of the samples, found along the surface.
+ *
+ * A patch may hold a whole protrusion such as an ear: samples projected onto its Coons patch would lie over
+ * one another. So each sample gets the patch on its side of the curve that is nearest along the surface, and
+ * parameters that are a weighted mean of its neighbours', with the curves held fixed on the border of the
+ * unit square. Such a map does not fold (Tutte). The weights are then divided by the stretch at each
+ * neighbour, a few times, so that the tip of the ear gets its fraction of the square.
+ *
+ * The sides of a curve are defined by the surface's normals and by the orientation of the patches, which is
+ * made consistent first.
+ *
+ * Sources: W. Tutte, How to draw a graph, 1963; M. Floater, Parametrization and smooth approximation of
+ * surface triangulations, 1997; S. Yoshizawa, A. Belyaev, H.-P. Seidel, A fast and simple stretch-minimizing
+ * mesh parameterization, 2004.
+ */
+#include "reconstruct_internal.h"
+
+#include <string.h>
+
+#include "core/heap.h"
+
+#define NODE_SPACING 0.8  /* of nodes on curves, in spacings of the samples */
+#define MAX_NODES 2000    /* of a curve */
+#define STRETCH_ROUNDS 10 /* of dividing the weights by the stretch */
+#define SWEEPS 24         /* of relaxation in a round, forward and backward */
+#define RELAXATION 1.7    /* the factor of successive over-relaxation */
+#define MIN_SIDE_SINE 0.1 /* of the angle between curve and sample, to tell the sides of the curve apart */
+
+enum { POINT_SIZE = 3 * sizeof(double) };
+
+/** A node of the graph with known parameters: on the border of patches. */
+typedef struct border_node {
+    uint32_t curve;  /* QM_NO_INDEX for a node of the layout */
+    uint32_t corner; /* that node */
+    double t;        /* fraction of the curve's length */
+    qm_vec tangent;  /* of the curve, of length 1 */
+} border_node;
+
+/** The nodes of the graph: samples first, then nodes on the curves. */
+typedef struct graph_nodes {
+    size_t count, sample_count;
+    double *positions; /* rows of x y z */
+    border_node *border;
+} graph_nodes;
+
+static qm_status no_memory(qm_context *ctx)
+{
+    return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the parameters of samples");
+}
+
+static double polyline_length(const qm_polyline *polyline)
+{
+    return polyline->arc[polyline->point_count - 1];
+}
+
+/** The number of nodes on a curve. */
+static size_t count_curve_nodes(const qm_polyline *polyline, double spacing)
+{
+    if (polyline->chord == QM_NO_INDEX) return 0;
+    double wanted = ceil(polyline_length(polyline) / spacing);
+    return wanted < 1.0 ? 1 : wanted < MAX_NODES ? (size_t)wanted : MAX_NODES;
+}
+
+static void free_nodes(qm_context *ctx, graph_nodes *nodes)
+{
+    qm_context_free(ctx, nodes->positions, nodes->count, POINT_SIZE);
+    qm_context_free(ctx, nodes->border, nodes->count - nodes->sample_count, sizeof *nodes->border);
+    *nodes = (graph_nodes){0};
+}
+
+/** Makes the nodes of the graph: on curves that are sides of patches, about as dense as the samples. */
+static qm_status create_nodes(qm_context *ctx, const qm_reconstruction *r, const qm_samples *samples,
+                              graph_nodes *out)
+{
+    /* The mean spacing of samples that cover the patches, as rectangles, evenly. */
+    double area = 0.0;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        const uint32_t *side = r->layout.patches[p].side;
+        area += 0.25 * (polyline_length(&r->polylines[side[0]]) + polyline_length(&r->polylines[side[2]])) *
+                (polyline_length(&r->polylines[side[1]]) + polyline_length(&r->polylines[side[3]]));
+    }
+    double spacing = NODE_SPACING * sqrt(area / (double)samples->count);
+    *out = (graph_nodes){.sample_count = samples->count, .count = samples->count + r->layout.node_count};
+    for (size_t c = 0; c < r->layout.curve_count; c++)
+        out->count += count_curve_nodes(&r->polylines[c], spacing);
+    out->positions = qm_context_alloc(ctx, out->count, POINT_SIZE);
+    out->border = qm_context_alloc(ctx, out->count - out->sample_count, sizeof *out->border);
+    if (!out->positions || !out->border) {
+        free_nodes(ctx, out);
+        return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for nodes on the curves");
+    }
+    memcpy(out->positions, samples->positions, samples->count * POINT_SIZE);
+    size_t next = out->sample_count;
+    for (size_t i = 0; i < r->layout.node_count; i++, next++) {
+        out->border[next - out->sample_count] = (border_node){.curve = QM_NO_INDEX, .corner = (uint32_t)i};
+        memcpy(out->positions + 3 * next, r->layout.nodes + 3 * i, POINT_SIZE);
+    }
+    for (size_t c = 0; c < r->layout.curve_count; c++) {
+        size_t count = count_curve_nodes(&r->polylines[c], spacing);
+        for (size_t k = 0; k < count; k++, next++) {
+            border_node *node = &out->border[next - out->sample_count];
+            *node = (border_node){.curve = (uint32_t)c, .t = ((double)k + 0.5) / (double)count};
+            qm_polyline_at(&r->polylines[c], node->t, out->positions + 3 * next, &node->tangent);
+        }
+    }
+    QM_ASSERT(next == out->count);
+    return QM_OK;
+}
+
+/*
+ * Orientation of the patches.
+ */
+
+/** Reverses the orientation of a patch; its corner 0 stays. */
+static void flip_patch(qm_layout_patch *patch)
+{
+    qm_layout_patch old = *patch;
+    for (int k = 0; k < 4; k++) {
+        patch->side[k] = old.side[3 - k];
+        patch->against[k] = !old.against[3 - k];
+    }
+}
+
+/** The patches that a curve is a side of, at most two. */
+typedef struct curve_owners {
+    size_t count;
+    uint32_t patch[2];
+} curve_owners;
+
+/** Flips the neighbours of a patch that run along a common curve in its direction, and queues them. */
+static size_t orient_neighbours(qm_reconstruction *r, const curve_owners *owners, uint32_t p,
+                                uint32_t component, bool *is_oriented, uint32_t *queue, size_t queued)
+{
+    qm_layout_patch *patches = r->layout.patches;
+    for (int k = 0; k < 4; k++) {
+        const curve_owners *shared = &owners[patches[p].side[k]];
+        for (size_t s = 0; s < shared->count; s++) {
+            uint32_t other = shared->patch[s];
+            if (is_oriented[other]) continue;
+            for (int m = 0; m < 4; m++) {
+                if (patches[other].side[m] != patches[p].side[k]) continue;
+                if (patches[other].against[m] == patches[p].against[k]) flip_patch(&patches[other]);
+                break;
+            }
+            is_oriented[other] = true;
+            r->lattices[other].component = component;
+            queue[queued++] = other;
+        }
+    }
+    return queued;
+}
+
+/**
+ * Orients the patches of each component as its first one, breadth first: two run along a common curve in
+ * opposite directions.
+ */
+static qm_status orient_consistently(qm_context *ctx, qm_reconstruction *r)
+{
+    size_t patches = r->layout.patch_count, curves = r->layout.curve_count;
+    curve_owners *owners = qm_context_alloc(ctx, curves, sizeof *owners);
+    bool *is_oriented = qm_context_alloc(ctx, patches, sizeof *is_oriented);
+    uint32_t *queue = qm_context_alloc(ctx, patches, sizeof *queue);
+    bool has_memory = owners && is_oriented && queue;
+    if (has_memory) {
+        memset(owners, 0, curves * sizeof *owners);
+        memset(is_oriented, 0, patches * sizeof *is_oriented);
+        for (size_t p = 0; p < patches; p++)
+            for (int k = 0; k < 4; k++) {
+                curve_owners *of = &owners[r->layout.patches[p].side[k]];
+                if (of->count < 2) of->patch[of->count++] = (uint32_t)p;
+            }
+        uint32_t component = 0;
+        for (size_t start = 0; start < patches; start++) {
+            if (is_oriented[start]) continue;
+            size_t queued = 0;
+            is_oriented[start] = true;
+            r->lattices[start].component = component;
+            queue[queued++] = (uint32_t)start;
+            for (size_t next = 0; next < queued; next++)
+                queued = orient_neighbours(r, owners, queue[next], component, is_oriented, queue, queued);
+            component++;
+        }
+    }
+    qm_context_free(ctx, owners, curves, sizeof *owners);
+    qm_context_free(ctx, is_oriented, patches, sizeof *is_oriented);
+    qm_context_free(ctx, queue, patches, sizeof *queue);
+    return has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the patches");
+}
+
+/** Twice the vector area of the border of a patch, which has about the direction of the patch's normal. */
+static qm_vec vector_area(const qm_reconstruction *r, const qm_layout_patch *patch)
+{
+    qm_vec area = {0, 0, 0}, origin = qm_vec_load(r->polylines[patch->side[0]].points);
+    for (int k = 0; k < 4; k++) {
+        const qm_polyline *polyline = &r->polylines[patch->side[k]];
+        double sign = patch->against[k] ? -1.0 : 1.0;
+        for (size_t i = 1; i < polyline->point_count; i++) {
+            qm_vec a = qm_vec_sub(qm_vec_load(polyline->points + 3 * i - 3), origin);
+            qm_vec b = qm_vec_sub(qm_vec_load(polyline->points + 3 * i), origin);
+            area = qm_vec_axpy(area, sign, qm_vec_cross(a, b));
+        }
+    }
+    return area;
+}
+
+/** Positive if the patches of a component are anticlockwise about the normals along their curves. */
+static double component_sign(const qm_reconstruction *r, uint32_t component, const qm_vec *curve_normal)
+{
+    double sum = 0.0;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        const qm_layout_patch *patch = &r->layout.patches[p];
+        if (r->lattices[p].component != component) continue;
+        qm_vec normal = {0, 0, 0};
+        for (int k = 0; k < 4; k++)
+            normal = qm_vec_add(normal, curve_normal[patch->side[k]]);
+        sum += qm_vec_dot(vector_area(r, patch), normal);
+    }
+    return sum;
+}
+
+/** Flips each component of patches that is clockwise about the surface's normals. */
+static qm_status orient_by_normals(qm_context *ctx, qm_reconstruction *r, const graph_nodes *nodes,
+                                   const qm_knn_graph *graph)
+{
+    size_t curves = r->layout.curve_count;
+    qm_vec *curve_normal = qm_context_alloc(ctx, curves, sizeof *curve_normal);
+    if (!curve_normal) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the patches");
+    memset(curve_normal, 0, curves * sizeof *curve_normal);
+    for (size_t i = nodes->sample_count; i < nodes->count; i++) {
+        uint32_t curve = nodes->border[i - nodes->sample_count].curve;
+        if (curve != QM_NO_INDEX) curve_normal[curve] = qm_vec_add(curve_normal[curve], graph->normal[i]);
+    }
+    uint32_t components = 0;
+    for (size_t p = 0; p < r->layout.patch_count; p++)
+        if (r->lattices[p].component >= components) components = r->lattices[p].component + 1;
+    for (uint32_t component = 0; component < components; component++) {
+        if (component_sign(r, component, curve_normal) >= 0.0) continue;
+        for (size_t p = 0; p < r->layout.patch_count; p++)
+            if (r->lattices[p].component == component) flip_patch(&r->layout.patches[p]);
+    }
+    qm_context_free(ctx, curve_normal, curves, sizeof *curve_normal);
+    return QM_OK;
+}
+
+/*
+ * Parameterization.
+ */
+
+typedef struct uv_point {
+    double u, v;
+} uv_point;
+
+/** Links of a sample within its patch, to indices of uv. */
+typedef struct patch_links {
+    int count;
+    uint32_t to[QM_KNN_MAX_LINKS];
+    double weight[QM_KNN_MAX_LINKS], length2[QM_KNN_MAX_LINKS];
+} patch_links;
+
+/** The parameterization as it is computed. */
+typedef struct parameterization {
+    qm_context *ctx;
+    qm_reconstruction *r;
+    const graph_nodes *nodes;
+    qm_knn_graph graph;
+    uint32_t (*beside)[2]; /* patches to the left and right of each curve */
+    uint32_t *label;       /* patch of each sample, or QM_NO_INDEX */
+    double *distance;      /* along the surface from the nearest curve */
+    uint32_t *nearest;     /* the node on that curve */
+    uv_point *uv;          /* of each sample, then of border nodes: one entry for each link to them */
+    double *stretch;
+    patch_links *link;
+    size_t uv_count;
+} parameterization;
+
+static qm_vec node_at(const parameterization *a, uint32_t i)
+{
+    return qm_vec_load(a->nodes->positions + 3 * (size_t)i);
+}
+
+static bool is_sample(const parameterization *a, uint32_t i)
+{
+    return i < a->nodes->sample_count;
+}
+
+static const border_node *border_node_of(const parameterization *a, uint32_t i)
+{
+    return &a->nodes->border[i - a->nodes->sample_count];
+}
+
+/** Parameters of a point of a side, at a fraction s of the way from corner `side` to the next. */
+static uv_point side_uv(int side, double s)
+{
+    const uv_point of[4] = {{s, 0.0}, {1.0, s}, {1.0 - s, 1.0}, {0.0, 1.0 - s}};
+    return of[side];
+}
+
+/** Parameters of a border node in a patch. False if it has none there, or more than one pair. */
+static bool border_uv(const parameterization *a, const border_node *node, uint32_t p, uv_point *out)
+{
+    const qm_layout_patch *patch = &a->r->layout.patches[p];
+    int found = 0;
+    for (int k = 0; k < 4; k++) {
+        if (node->curve != QM_NO_INDEX) {
+            if (patch->side[k] != node->curve) continue;
+            *out = side_uv(k, patch->against[k] ? 1.0 - node->t : node->t);
+        } else {
+            if (qm_layout_corner(&a->r->layout, patch, k) != node->corner) continue;
+            *out = side_uv(k, 0.0);
+        }
+        found++;
+    }
+    return found == 1;
+}
+
+/** Sets the patches beside each curve: each patch is to the left of the sides that run in its orientation. */
+static void set_sides(parameterization *a)
+{
+    const qm_layout *layout = &a->r->layout;
+    for (size_t i = 0; i < layout->curve_count; i++)
+        a->beside[i][0] = a->beside[i][1] = QM_NO_INDEX;
+    for (size_t p = 0; p < layout->patch_count; p++)
+        for (int k = 0; k < 4; k++)
+            a->beside[layout->patches[p].side[k]][layout->patches[p].against[k]] = (uint32_t)p;
+}
+
+/** Labels a sample near a node of a curve with the patch on its side, unless it is nearly on the curve. */
+static void label_by_side(parameterization *a, uint32_t border, uint32_t sample)
+{
+    const border_node *node = border_node_of(a, border);
+    if (node->curve == QM_NO_INDEX) return;
+    qm_vec d = qm_vec_sub(node_at(a, sample), node_at(a, border));
+    double distance = qm_vec_norm(d);
+    double side = qm_vec_dot(d, qm_vec_cross(a->graph.normal[border], node->tangent));
+    if (fabs(side) < MIN_SIDE_SINE * distance || distance >= a->distance[sample]) return;
+    a->distance[sample] = distance;
+    a->label[sample] = a->beside[node->curve][side < 0.0];
+    a->nearest[sample] = border;
+}
+
+/** Labels the samples that have links to curves. */
+static void label_near_curves(parameterization *a)
+{
+    uint32_t samples = (uint32_t)a->nodes->sample_count;
+    for (uint32_t i = 0; i < samples; i++) {
+        a->distance[i] = INFINITY;
+        a->label[i] = a->nearest[i] = QM_NO_INDEX;
+    }
+    for (uint32_t i = 0; i < (uint32_t)a->graph.count; i++) {
+        for (int k = 0; k < QM_KNN_MAX_LINKS && a->graph.link[i][k] != QM_NO_INDEX; k++) {
+            uint32_t j = a->graph.link[i][k];
+            if (is_sample(a, i) != is_sample(a, j))
+                label_by_side(a, i < samples ? j : i, i < samples ? i : j);
+        }
+    }
+}
+
+/** Propagates the labels from the curves inward, along shortest paths (Dijkstra). */
+static qm_status propagate_labels(parameterization *a)
+{
+    qm_heap heap = {0};
+    qm_status status = QM_OK;
+    for (uint32_t i = 0; i < (uint32_t)a->nodes->sample_count && status == QM_OK; i++)
+        if (a->distance[i] < INFINITY)
+            status = qm_heap_push(a->ctx, &heap, (qm_heap_item){.key = a->distance[i], .number = i});
+    while (status == QM_OK && heap.count > 0) {
+        qm_heap_item item = qm_heap_pop(&heap);
+        uint32_t i = item.number;
+        if (item.key > a->distance[i]) continue;
+        for (int k = 0; k < QM_KNN_MAX_LINKS && a->graph.link[i][k] != QM_NO_INDEX; k++) {
+            uint32_t j = a->graph.link[i][k];
+            if (!is_sample(a, j)) continue;
+            double distance = a->distance[i] + qm_vec_distance(node_at(a, i), node_at(a, j));
+            if (distance >= a->distance[j]) continue;
+            a->distance[j] = distance;
+            a->label[j] = a->label[i];
+            a->nearest[j] = a->nearest[i];
+            status = qm_heap_push(a->ctx, &heap, (qm_heap_item){.key = distance, .number = j});
+            if (status != QM_OK) break;
+        }
+    }
+    qm_heap_reset(a->ctx, &heap);
+    return status;
+}
+
+/** Keeps the links of a sample within its patch, with weights that fall with distance. */
+static void set_patch_links(parameterization *a, uint32_t i, size_t *border)
+{
+    int kept = 0;
+    for (int k = 0; k < QM_KNN_MAX_LINKS && a->graph.link[i][k] != QM_NO_INDEX; k++) {
+        uint32_t j = a->graph.link[i][k], at = j;
+        double distance = qm_vec_distance(node_at(a, i), node_at(a, j));
+        if (!(distance > 0.0)) continue;
+        if (is_sample(a, j)) {
+            if (a->label[j] != a->label[i]) continue;
+        } else {
+            if (!border_uv(a, border_node_of(a, j), a->label[i], &a->uv[*border])) continue;
+            at = (uint32_t)(*border)++;
+        }
+        a->link[i].to[kept] = at;
+        a->link[i].length2[kept] = distance * distance;
+        a->link[i].weight[kept++] = 1.0 / distance;
+    }
+    QM_ASSERT(kept <= QM_KNN_MAX_LINKS && *border <= a->uv_count);
+    a->link[i].count = kept;
+}
+
+/** Starts with the parameters of the nearest curves. */
+static void start_parameters(parameterization *a)
+{
+    size_t border = a->nodes->sample_count;
+    for (uint32_t i = 0; i < (uint32_t)a->nodes->sample_count; i++) {
+        uv_point near;
+        a->stretch[i] = 1.0;
+        a->uv[i] = (uv_point){0.5, 0.5};
+        a->link[i].count = 0;
+        if (a->label[i] == QM_NO_INDEX) continue;
+        if (border_uv(a, border_node_of(a, a->nearest[i]), a->label[i], &near)) a->uv[i] = near;
+        set_patch_links(a, i, &border);
+    }
+}
+
+/**
+ * Moves the parameters of each sample to, and beyond, the weighted mean of its neighbours', in several
+ * sweeps.
+ */
+static void relax(parameterization *a)
+{
+    uint32_t count = (uint32_t)a->nodes->sample_count;
+    for (int sweep = 0; sweep < SWEEPS; sweep++) {
+        for (uint32_t n = 0; n < count; n++) {
+            uint32_t i = sweep % 2 ? count - 1 - n : n;
+            const patch_links *links = &a->link[i];
+            double sum = 0.0, u = 0.0, v = 0.0;
+            for (int k = 0; k < links->count; k++) {
+                QM_ASSERT(links->to[k] < a->uv_count);
+                uv_point at = a->uv[links->to[k]];
+                sum += links->weight[k];
+                u += links->weight[k] * at.u;
+                v += links->weight[k] * at.v;
+            }
+            if (!(sum > 0.0)) continue;
+            a->uv[i].u += RELAXATION * (u / sum - a->uv[i].u);
+            a->uv[i].v += RELAXATION * (v / sum - a->uv[i].v);
+        }
+    }
+}
+
+/**
+ * Divides weights by the stretch at the neighbour, the ratio of lengths on the surface to those in the
+ * parameters: stretched regions then get more of the square.
+ */
+static void divide_weights(parameterization *a)
+{
+    uint32_t count = (uint32_t)a->nodes->sample_count;
+    for (uint32_t i = 0; i < count; i++) {
+        const patch_links *links = &a->link[i];
+        double length2 = 0.0, parameter2 = 0.0;
+        for (int k = 0; k < links->count; k++) {
+            double du = a->uv[links->to[k]].u - a->uv[i].u, dv = a->uv[links->to[k]].v - a->uv[i].v;
+            length2 += links->length2[k];
+            parameter2 += du * du + dv * dv;
+        }
+        a->stretch[i] = parameter2 > 0.0 ? sqrt(length2 / parameter2) : 1.0;
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        for (int k = 0; k < a->link[i].count; k++) {
+            uint32_t j = a->link[i].to[k];
+            a->link[i].weight[k] /= a->stretch[j < count ? j : i];
+        }
+    }
+}
+
+static qm_status parameterize(parameterization *a, qm_samples *samples)
+{
+    qm_status status = QM_OK;
+    if (!qm_samples_orient_graph(samples, &a->graph)) status = qm_knn_graph_orient(a->ctx, &a->graph);
+    if (status != QM_OK) return status;
+    status = orient_by_normals(a->ctx, a->r, a->nodes, &a->graph);
+    if (status != QM_OK) return status;
+    set_sides(a);
+    label_near_curves(a);
+    status = propagate_labels(a);
+    if (status != QM_OK) return status;
+    a->uv_count = a->nodes->sample_count; /* and an entry for each link from a sample to a border node */
+    for (size_t i = 0; i < a->nodes->sample_count; i++)
+        for (int k = 0; k < QM_KNN_MAX_LINKS && a->graph.link[i][k] != QM_NO_INDEX; k++)
+            a->uv_count += !is_sample(a, a->graph.link[i][k]);
+    a->uv = qm_context_alloc(a->ctx, a->uv_count, sizeof *a->uv);
+    if (!a->uv) return no_memory(a->ctx);
+    start_parameters(a);
+    relax(a);
+    for (int round = 0; round < STRETCH_ROUNDS; round++) {
+        if (qm_context_canceled(a->ctx))
+            return qm_context_fail(a->ctx, QM_E_CANCELED, "reconstruction canceled");
+        divide_weights(a);
+        relax(a);
+    }
+    for (size_t i = 0; i < samples->count; i++) {
+        uint32_t label = a->label[i];
+        samples->location[i] = (qm_sample_location){.distance = INFINITY};
+        if (label == QM_NO_INDEX) continue;
+        samples->location[i] =
+            (qm_sample_location){.patch = label,
+                                 .u = qm_clamp(a->uv[i].u, 0.0, 1.0) * QM_RECONSTRUCTION_BASE,
+                                 .v = qm_clamp(a->uv[i].v, 0.0, 1.0) * QM_RECONSTRUCTION_BASE};
+    }
+    return QM_OK;
+}
+
+/** Parameterizes the samples over patches with a consistent orientation. */
+static qm_status locate_samples(qm_context *ctx, qm_reconstruction *r, const graph_nodes *nodes,
+                                qm_samples *samples)
+{
+    size_t count = samples->count, curves = r->layout.curve_count;
+    parameterization a = {.ctx = ctx, .r = r, .nodes = nodes};
+    a.beside = qm_context_alloc(ctx, curves, sizeof *a.beside);
+    a.label = qm_context_alloc(ctx, count, sizeof *a.label);
+    a.distance = qm_context_alloc(ctx, count, sizeof *a.distance);
+    a.nearest = qm_context_alloc(ctx, count, sizeof *a.nearest);
+    a.stretch = qm_context_alloc(ctx, count, sizeof *a.stretch);
+    a.link = qm_context_alloc(ctx, count, sizeof *a.link);
+    qm_status status = QM_OK;
+    if (!a.beside || !a.label || !a.distance || !a.nearest || !a.stretch || !a.link) status = no_memory(ctx);
+    if (status == QM_OK) status = qm_knn_graph_build(ctx, nodes->positions, nodes->count, NULL, &a.graph);
+    if (status == QM_OK) status = parameterize(&a, samples);
+    qm_knn_graph_reset(ctx, &a.graph);
+    qm_context_free(ctx, a.beside, curves, sizeof *a.beside);
+    qm_context_free(ctx, a.label, count, sizeof *a.label);
+    qm_context_free(ctx, a.distance, count, sizeof *a.distance);
+    qm_context_free(ctx, a.nearest, count, sizeof *a.nearest);
+    qm_context_free(ctx, a.uv, a.uv_count, sizeof *a.uv);
+    qm_context_free(ctx, a.stretch, count, sizeof *a.stretch);
+    qm_context_free(ctx, a.link, count, sizeof *a.link);
+    return status;
+}
+
+qm_status qm_parameters_find(qm_context *ctx, qm_reconstruction *r, qm_samples *samples)
+{
+    QM_ASSERT(ctx && r && samples);
+    graph_nodes nodes = {0};
+    qm_status status = orient_consistently(ctx, r);
+    if (status == QM_OK) status = create_nodes(ctx, r, samples, &nodes);
+    if (status == QM_OK) status = locate_samples(ctx, r, &nodes, samples);
+    free_nodes(ctx, &nodes);
+    return status;
+}

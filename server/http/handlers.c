@@ -1,0 +1,165 @@
+/**
+ * handlers.c: what several handlers need: the mesh of the path with its entity tag, idempotency records, and
+ * pages of lists.
+ */
+#include <errno.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/hash.h"
+#include "handlers.h"
+#include "mesh/etag.h"
+
+#define MAX_KEY_LENGTH 255
+#define DEFAULT_LIMIT 100
+#define MAX_LIMIT 1000
+
+/* ---- the mesh of the path ---- */
+
+bool qm_find_mesh(qm_request *request, qm_store_mesh *out)
+{
+    const char *id = qm_request_id(request);
+    qm_status status = qm_store_find_mesh(qm_request_app(request)->store, id, out);
+    if (status == QM_OK) return true;
+    qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
+/** True when the client has this representation. */
+static bool is_known(const qm_request *request, const char *tag)
+{
+    return qm_request_only_reads(request) &&
+           qm_etag_is_listed(qm_request_header(request, "If-None-Match"), tag, true);
+}
+
+static bool check_tag(qm_request *request, const char *tag)
+{
+    const char *wanted = qm_request_header(request, "If-Match");
+    if (wanted && !qm_etag_is_listed(wanted, tag, false)) {
+        qm_problem problem = qm_problem_make(QM_PROBLEM_PRECONDITION_FAILED,
+                                             "If-Match does not match the current revision of the mesh");
+        qm_reply_problem(request, &problem);
+        return false;
+    }
+    qm_reply_header(request, "ETag", "%s", tag);
+    if (!is_known(request, tag)) return true;
+    qm_reply_empty(request, 304);
+    return false;
+}
+
+bool qm_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh)
+{
+    char tag[QM_ETAG_SIZE];
+    qm_etag_write_mesh(mesh->hash, mesh->revision, "", tag);
+    return check_tag(request, tag);
+}
+
+qm_mesh_ref *qm_take_mesh(qm_request *request, const char *suffix)
+{
+    qm_meshes *meshes = qm_request_app(request)->meshes;
+    qm_store_mesh row;
+    qm_problem problem;
+    qm_mesh_ref *mesh = NULL;
+    char tag[QM_ETAG_SIZE];
+    if (!qm_find_mesh(request, &row)) return NULL;
+    qm_etag_write_mesh(row.hash, row.revision, suffix, tag);
+    /* A client that has the revision gets its 304 without reading the mesh. Another thread may make a new
+     * revision after the row was read: the tag that is sent is that of the acquired one. */
+    bool known = is_known(request, tag);
+    if (!known && (mesh = qm_meshes_acquire(meshes, qm_request_id(request), &problem)))
+        qm_etag_write_mesh(row.hash, qm_mesh_ref_get(mesh)->revision, suffix, tag);
+    qm_store_mesh_reset(&row);
+    if (!known && !mesh) {
+        qm_reply_problem(request, &problem);
+        return NULL;
+    }
+    if (check_tag(request, tag)) return mesh;
+    qm_meshes_release(meshes, mesh);
+    return NULL;
+}
+
+/* ---- idempotency ---- */
+
+bool qm_read_idempotency_key(qm_request *request, const char **key)
+{
+    *key = qm_request_header(request, "Idempotency-Key");
+    if (!*key || (**key && strlen(*key) <= MAX_KEY_LENGTH)) return true;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                         "Idempotency-Key has 1 to %d characters", MAX_KEY_LENGTH);
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
+bool qm_read_idempotency(qm_request *request, qm_store_idempotency *out)
+{
+    size_t size;
+    const char *body = qm_request_body(request, &size);
+    *out = (qm_store_idempotency){0};
+    if (!qm_read_idempotency_key(request, &out->key)) return false;
+    if (out->key) qm_hash_text(body, size, out->request);
+    return true;
+}
+
+qm_idempotency qm_check_idempotency(qm_request *request, const qm_store_idempotency *idempotency,
+                                    qm_find_idempotency_record *find, char id[QM_ID_SIZE])
+{
+    qm_store_idempotency_record made;
+    qm_problem problem;
+    qm_status status =
+        idempotency->key ? find(qm_request_app(request)->store, idempotency->key, &made) : QM_E_EMPTY;
+    if (status == QM_E_EMPTY) return QM_IDEMPOTENCY_NEW;
+    if (status != QM_OK) {
+        problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "requests of this key");
+    } else if (strcmp(made.request, idempotency->request) != 0) {
+        problem = qm_problem_make(QM_PROBLEM_IDEMPOTENCY_MISMATCH,
+                                  "the Idempotency-Key was used for a different request");
+    } else {
+        memcpy(id, made.id, QM_ID_SIZE);
+        return QM_IDEMPOTENCY_MADE;
+    }
+    qm_reply_problem(request, &problem);
+    return QM_IDEMPOTENCY_REFUSED;
+}
+
+/* ---- pages ---- */
+
+bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after)
+{
+    const char *limit_text = qm_request_query(request, "limit"),
+               *cursor = qm_request_query(request, "cursor");
+    char *end;
+    qm_problem problem;
+    *limit = DEFAULT_LIMIT;
+    *after = 0;
+    if (limit_text) {
+        long value = strtol(limit_text, &end, 10);
+        if (end == limit_text || *end || value < 1 || value > MAX_LIMIT) {
+            problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`limit` must be an integer from 1 to %d",
+                                      MAX_LIMIT);
+            qm_reply_problem(request, &problem);
+            return false;
+        }
+        *limit = (size_t)value;
+    }
+    if (cursor) {
+        errno = 0;
+        long long value = strtoll(cursor, &end, 10);
+        if (end == cursor || *end || value < 0 || errno) {
+            problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                      "`cursor` must be the `next` of an earlier page of this list");
+            qm_reply_problem(request, &problem);
+            return false;
+        }
+        *after = value;
+    }
+    return true;
+}
+
+void qm_end_page(qm_text *out, int64_t next)
+{
+    if (next > 0)
+        qm_text_printf(out, "],\"next\":\"%lld\"}", (long long)next);
+    else
+        qm_text_add_string(out, "],\"next\":null}");
+}

@@ -1,0 +1,163 @@
+/**
+ * job_document.c: jobs as documents: the resource of one, the list a page at a time, and the removal of old
+ * ones.
+ */
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/log.h"
+#include "job_internal.h"
+#include "ops/json_out.h"
+#include "store/result_file.h"
+
+#define DROP_STEP 64
+#define LIST_STEP 8              /* documents that are in memory twice: they may be large */
+#define MAX_PAGE_SIZE (8u << 20) /* bytes of documents after which a page ends before its limit */
+
+/* ---- one job ---- */
+
+const char *qm_job_state_name(qm_job_state state)
+{
+    static const char *const names[] = {"queued", "running", "succeeded", "failed", "canceled"};
+    QM_ASSERT((size_t)state < sizeof names / sizeof *names);
+    return names[state];
+}
+
+char *qm_job_write_members(const qm_job *job, qm_job_state state, const char *problem)
+{
+    QM_ASSERT(qm_jobs_is_locked(job->jobs));
+    qm_text out = {0};
+    char now[QM_TIME_SIZE];
+    qm_time_format(now);
+    qm_text_printf(&out, "\"id\":\"%s\",\"type\":\"%s\",\"state\":\"%s\",\"created\":\"%s\"", job->id,
+                   qm_job_type_of(job->request.kind)->name, qm_job_state_name(state), job->created);
+    if (job->started[0]) qm_text_printf(&out, ",\"started\":\"%s\"", job->started);
+    if (state > QM_JOB_RUNNING) qm_text_printf(&out, ",\"ended\":\"%s\"", now);
+    qm_text_add_string(&out, ",\"request\":");
+    qm_json_write_request_briefly(&out, &job->request);
+    if (job->last_bounds) qm_text_printf(&out, ",\"progress\":{%s}", job->last_bounds);
+    if (problem) qm_text_printf(&out, ",\"problem\":%s", problem);
+    return qm_text_take(&out);
+}
+
+/** The resource of its members, with a result and the mark of a cached one when there are. */
+static char *join_document(const char *members, const char *result, bool is_cached)
+{
+    qm_text out = {0};
+    qm_text_add_string(&out, "{");
+    qm_text_add_string(&out, members);
+    if (result) {
+        qm_text_add_string(&out, ",\"result\":");
+        qm_text_add_string(&out, result);
+    }
+    qm_text_add_string(&out, is_cached ? ",\"cached\":true}" : "}");
+    return qm_text_take(&out);
+}
+
+static char *write_document(qm_jobs *jobs, const qm_job *job, bool is_cached, bool *has_ended)
+{
+    uv_mutex_lock(&jobs->lock);
+    char *now = job->document ? NULL : qm_job_write_members(job, job->state, NULL);
+    const char *members = job->document ? job->document : now;
+    char *document = members ? join_document(members, job->result, is_cached) : NULL;
+    *has_ended = job->state > QM_JOB_RUNNING;
+    uv_mutex_unlock(&jobs->lock);
+    free(now);
+    return document;
+}
+
+char *qm_job_document_now(qm_jobs *jobs, qm_job *job, bool *has_ended)
+{
+    return write_document(jobs, job, false, has_ended);
+}
+
+char *qm_job_document(qm_jobs *jobs, qm_job *job, bool is_cached)
+{
+    bool has_ended;
+    return write_document(jobs, job, is_cached, &has_ended);
+}
+
+char *qm_job_result_object(qm_jobs *jobs, qm_job *job)
+{
+    uv_mutex_lock(&jobs->lock);
+    char *result = job->result ? strdup(job->result) : NULL;
+    uv_mutex_unlock(&jobs->lock);
+    return result;
+}
+
+/* ---- all jobs ---- */
+
+/** The document of a row: as stored, or that of the job as it is now. NULL: out of memory. */
+static char *document_of_row(qm_jobs *jobs, const qm_store_job *row)
+{
+    if (row->document) return join_document(row->document, row->result, false);
+    qm_problem problem;
+    qm_job *job = qm_jobs_find(jobs, row->id, &problem);
+    char *document = job ? qm_job_document(jobs, job, false) : NULL;
+    qm_jobs_release(jobs, job);
+    return document;
+}
+
+/** A page: it ends at the limit of jobs or of bytes, whichever comes first. */
+typedef struct job_page {
+    qm_text *out;
+    size_t start; /* of the page in out */
+    size_t rest;  /* jobs that may follow */
+    int64_t after;
+} job_page;
+
+static bool has_room_for_more(const job_page *page)
+{
+    return page->rest > 0 && page->out->size - page->start < MAX_PAGE_SIZE && !page->out->failed;
+}
+
+/** Adds the next few jobs; false when there are no more. */
+static bool list_step(qm_jobs *jobs, job_page *page)
+{
+    QM_ASSERT(page->rest > 0);
+    qm_store_job rows[LIST_STEP];
+    size_t count;
+    if (qm_store_list_jobs(jobs->store, page->after, LIST_STEP, rows, &count) != QM_OK)
+        page->out->failed = true;
+    for (size_t i = 0; i < count; i++) {
+        if (has_room_for_more(page)) {
+            char *document = document_of_row(jobs, &rows[i]);
+            qm_json_add_comma(page->out);
+            qm_text_add_string(page->out, document ? document : "");
+            if (!document) page->out->failed = true;
+            free(document);
+            page->after = rows[i].sequence;
+            page->rest--;
+        }
+        qm_store_job_reset(&rows[i]);
+    }
+    return count > 0;
+}
+
+bool qm_jobs_list(qm_jobs *jobs, int64_t after, size_t limit, qm_text *out, int64_t *next)
+{
+    job_page page = {.out = out, .start = out->size, .rest = limit, .after = after};
+    while (has_room_for_more(&page) && list_step(jobs, &page))
+        continue;
+    qm_store_job following;
+    size_t count;
+    if (qm_store_list_jobs(jobs->store, page.after, 1, &following, &count) != QM_OK) out->failed = true;
+    bool is_last = count == 0;
+    if (!is_last) qm_store_job_reset(&following);
+    *next = is_last ? 0 : page.after;
+    return !out->failed;
+}
+
+void qm_jobs_drop_old(qm_jobs *jobs)
+{
+    char ids[DROP_STEP][QM_ID_SIZE], before[QM_TIME_SIZE] = "";
+    size_t total = 0, count;
+    if (jobs->limits.kept_s > 0.0) qm_time_format_past(jobs->limits.kept_s, before);
+    do {
+        count = qm_store_drop_old_jobs(jobs->store, jobs->limits.kept_jobs, before, DROP_STEP, ids);
+        for (size_t i = 0; i < count; i++)
+            qm_result_file_remove(jobs->store, ids[i]);
+        total += count;
+    } while (count == DROP_STEP);
+    if (total > 0) qm_log(QM_LOG_INFO, "%zu old jobs removed", total);
+}

@@ -1,0 +1,224 @@
+/**
+ * json_request.c: JSON of requests to values, with a JSON pointer or byte offset for every fault.
+ */
+#include "json_request.h"
+
+#include <cjson/cJSON.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "base/json.h"
+
+#define MAX_INDEX 2147483647.0
+#define POINTER_SIZE sizeof(((qm_problem_error *)NULL)->pointer)
+
+/* ---- the object of a body ---- */
+
+static qm_problem malformed_at(size_t offset, const char *message)
+{
+    qm_problem problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "%s at byte %zu", message, offset);
+    qm_problem_add_offset(&problem, offset, message);
+    return problem;
+}
+
+/** Parses the whole text; NULL with a problem if it is not exactly one JSON value. */
+static cJSON *parse(const char *text, size_t size, qm_problem *problem)
+{
+    const char *end;
+    bool no_memory;
+    cJSON *tree = qm_json_parse_tree(text, size, &end, &no_memory);
+    const char *tail = end;
+    while (tree && tail < text + size && *tail && strchr(" \t\r\n", *tail))
+        tail++;
+    if (tree && tail == text + size) return tree;
+    if (no_memory)
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory to read the JSON");
+    else
+        *problem = malformed_at((size_t)((tree ? tail : end) - text), "the JSON cannot be read");
+    cJSON_Delete(tree);
+    return NULL;
+}
+
+cJSON *qm_json_parse_object(const char *text, size_t size, const char *noun, qm_problem *problem)
+{
+    *problem = (qm_problem){0};
+    size_t offset;
+    const char *message;
+    if (size == 0) {
+        *problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "the body is empty; %s is a JSON object", noun);
+        qm_problem_add_offset(problem, 0, "is empty");
+        return NULL;
+    }
+    if (!qm_json_check_text(text, size, &offset, &message)) {
+        *problem = malformed_at(offset, message);
+        return NULL;
+    }
+    cJSON *tree = parse(text, size, problem);
+    if (!tree || cJSON_IsObject(tree)) return tree;
+    *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "%s is a JSON object", noun);
+    qm_problem_add_pointer(problem, "", "must be an object");
+    cJSON_Delete(tree);
+    return NULL;
+}
+
+/* ---- values ---- */
+
+bool qm_json_read_number(const cJSON *value, double *out)
+{
+    *out = cJSON_GetNumberValue(value);
+    return cJSON_IsNumber(value) && isfinite(*out);
+}
+
+bool qm_json_read_integer(const cJSON *value, double min, double max, double *out)
+{
+    QM_ASSERT(min <= max);
+    return qm_json_read_number(value, out) && *out >= min && *out <= max && *out == floor(*out);
+}
+
+bool qm_json_read_index(const cJSON *value, uint32_t *out)
+{
+    double number;
+    if (!qm_json_read_integer(value, 0.0, MAX_INDEX, &number)) return false;
+    *out = (uint32_t)number;
+    return true;
+}
+
+bool qm_json_read_numbers(const cJSON *value, int count, double *out)
+{
+    if (!cJSON_IsArray(value) || cJSON_GetArraySize(value) != count) return false;
+    for (const cJSON *number = value->child; number; number = number->next)
+        if (!qm_json_read_number(number, out++)) return false;
+    return true;
+}
+
+/** Reads an array of records of width finite numbers; the rules of qm_json_read_points hold. */
+static bool read_records(const cJSON *value, int width, double **out, size_t *count, qm_json_location *at)
+{
+    QM_ASSERT(!*out && *count == 0);
+    if (!cJSON_IsArray(value)) return false;
+    size_t capacity = (size_t)cJSON_GetArraySize(value);
+    if (capacity == 0) return true;
+    *out = malloc(capacity * (size_t)width * sizeof **out);
+    if (!*out) {
+        at->no_memory = true;
+        return false;
+    }
+    for (const cJSON *record = value->child; record; record = record->next) {
+        *at = (qm_json_location){.depth = 1, .index = {*count}};
+        if (!cJSON_IsArray(record) || cJSON_GetArraySize(record) != width) return false;
+        at->depth = 2;
+        for (const cJSON *number = record->child; number; number = number->next, at->index[1]++)
+            if (!qm_json_read_number(number, &(*out)[(size_t)width * *count + at->index[1]])) return false;
+        ++*count;
+    }
+    QM_ASSERT(*count == capacity);
+    return true;
+}
+
+bool qm_json_read_points(const cJSON *value, double **points, size_t *count, qm_json_location *at)
+{
+    return read_records(value, 3, points, count, at);
+}
+
+/* ---- reports ---- */
+
+/** A JSON pointer to a member, or to an entry of it: ~ and / of the name become ~0 and ~1; long names are cut off, and
+ * control characters and non-ASCII bytes become "?". */
+static void make_pointer(char out[POINTER_SIZE], const char *name, const qm_json_location *at)
+{
+    size_t length = 0;
+    out[length++] = '/';
+    for (const char *c = name; *c && length < 64; c++) {
+        if ((unsigned char)*c < 0x20 || (unsigned char)*c >= 0x7f) {
+            out[length++] = '?';
+        } else if (*c == '~' || *c == '/') {
+            out[length++] = '~';
+            out[length++] = *c == '~' ? '0' : '1';
+        } else {
+            out[length++] = *c;
+        }
+    }
+    QM_ASSERT(length < POINTER_SIZE && at->depth <= 2);
+    out[length] = '\0';
+    for (int i = 0; i < at->depth; i++)
+        length += (size_t)snprintf(out + length, POINTER_SIZE - length, "/%zu", at->index[i]);
+}
+
+void qm_json_report_at(qm_problem *problem, const char *name, const qm_json_location *at, const char *message)
+{
+    char pointer[POINTER_SIZE];
+    make_pointer(pointer, name, at);
+    if (at->no_memory) message = "needs more memory than there is";
+    qm_problem_code code = at->no_memory ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_INVALID_FIELD;
+    bool overrides = code == QM_PROBLEM_INVALID_FIELD && problem->code != code;
+    if (problem->error_count == 0 || overrides) {
+        problem->code = code;
+        snprintf(problem->detail, sizeof problem->detail, "%s %s", pointer + 1, message);
+    }
+    qm_problem_add_pointer(problem, pointer, "%s", message);
+}
+
+void qm_json_report(qm_problem *problem, const char *name, const char *message)
+{
+    qm_json_report_at(problem, name, &(qm_json_location){0}, message);
+}
+
+bool qm_json_reject(qm_problem *problem, const char *message, const char *format, size_t i, size_t k)
+{
+    char pointer[64];
+    snprintf(pointer, sizeof pointer, format, i, k);
+    QM_ASSERT(pointer[0] == '/');
+    *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "%s %s", pointer + 1, message);
+    qm_problem_add_pointer(problem, pointer, "%s", message);
+    return false;
+}
+
+bool qm_json_check_members(const cJSON *object, const char *const *known, qm_problem *problem)
+{
+    for (const cJSON *member = object->child; member; member = member->next) {
+        size_t i = 0;
+        while (known[i] && strcmp(known[i], member->string) != 0)
+            i++;
+        if (known[i]) continue;
+        *problem = (qm_problem){.code = QM_PROBLEM_INVALID_FIELD};
+        qm_json_report(problem, member->string, "is not a field of this request");
+        return false;
+    }
+    return true;
+}
+
+bool qm_json_read_table(const cJSON *value, int width, size_t min_count, const char *name, double **out,
+                        size_t *count, qm_problem *problem)
+{
+    char pointer[48], message[64];
+    snprintf(pointer, sizeof pointer, "/%s", name);
+    snprintf(message, sizeof message, "must hold %zu rows or more, each of %d finite numbers", min_count,
+             width);
+    *out = NULL;
+    *count = 0;
+    if (!cJSON_IsArray(value) || (size_t)cJSON_GetArraySize(value) < min_count)
+        return qm_json_reject(problem, message, pointer, 0, 0);
+    qm_json_location at = {0};
+    if (read_records(value, width, out, count, &at)) return true;
+    free(*out);
+    *out = NULL;
+    if (at.no_memory) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the layout");
+        return false;
+    }
+    snprintf(pointer, sizeof pointer, "/%s/%%zu", name);
+    return qm_json_reject(problem, message, pointer, at.index[0], 0);
+}
+
+bool qm_json_read_id(const cJSON *object, const char *name, char out[QM_ID_SIZE], qm_problem *problem)
+{
+    const char *id = cJSON_GetStringValue(cJSON_GetObjectItemCaseSensitive(object, name));
+    char pointer[32], message[48];
+    snprintf(pointer, sizeof pointer, "/%s", name);
+    snprintf(message, sizeof message, "must be the id of a %s", strcmp(name, "layout") == 0 ? name : "mesh");
+    if (!id || !*id || strlen(id) >= QM_ID_SIZE) return qm_json_reject(problem, message, pointer, 0, 0);
+    snprintf(out, QM_ID_SIZE, "%s", id);
+    return true;
+}

@@ -1,0 +1,75 @@
+/**
+ * json_request.h: reads the JSON of requests: the object of a body, its values, and reports of invalid ones. Only files
+ * that read requests include it.
+ *
+ * Two ways to report: qm_json_report collects the faults of all members in one problem; qm_json_reject is for readers
+ * that end at the first one.
+ */
+#ifndef QM_JSON_REQUEST_H
+#define QM_JSON_REQUEST_H
+
+#include "base/id.h"
+#include "problem.h"
+
+struct cJSON;
+
+/** Parses the body of a request. Returns its object, for cJSON_Delete; or NULL with a problem (400), which calls it by
+ * `noun` ("a job"). */
+struct cJSON *qm_json_parse_object(const char *text, size_t size, const char *noun, qm_problem *problem);
+
+/* ---- values: false for a value of another form ---- */
+
+/** A finite number. */
+bool qm_json_read_number(const struct cJSON *value, double *out);
+
+/** An integer from min to max. */
+bool qm_json_read_integer(const struct cJSON *value, double min, double max, double *out);
+
+/** An integer that may be an index or an id: 0 to 2^31 - 1. */
+bool qm_json_read_index(const struct cJSON *value, uint32_t *out);
+
+/** An array of exactly count finite numbers. */
+bool qm_json_read_numbers(const struct cJSON *value, int count, double *out);
+
+/* ---- reports ---- */
+
+/** Where in a member a value is invalid: array indices, outermost first. */
+typedef struct qm_json_location {
+    int depth;
+    size_t index[2];
+    bool no_memory; /* the value may be valid, but memory ran out */
+} qm_json_location;
+
+/**
+ * Reads an array of points, each of three finite numbers. *points must be NULL and *count 0; *points is malloc'ed
+ * unless the array is empty, and is the caller's to free on failure, too. Returns false with the location of the fault.
+ */
+bool qm_json_read_points(const struct cJSON *value, double **points, size_t *count, qm_json_location *at);
+
+/**
+ * Adds a fault at a location in a member, or that memory ran out there. The problem as a whole takes its code and
+ * message from its first fault; an invalid value overrides a failed allocation, because the request would be rejected
+ * with more memory, too.
+ */
+void qm_json_report_at(qm_problem *problem, const char *name, const qm_json_location *at,
+                       const char *message);
+
+/** Adds a fault of a member as a whole. */
+void qm_json_report(qm_problem *problem, const char *name, const char *message);
+
+/** Sets *problem to one fault and returns false; the pointer is a printf format with up to two indices. */
+bool qm_json_reject(qm_problem *problem, const char *message, const char *format, size_t i, size_t k);
+
+/* ---- members: false with a problem ---- */
+
+/** Rejects members that are not in the list, which NULL ends. */
+bool qm_json_check_members(const struct cJSON *object, const char *const *known, qm_problem *problem);
+
+/** Reads the array of at least min_count records of width finite numbers in the member called name; malloc'ed. */
+bool qm_json_read_table(const struct cJSON *value, int width, size_t min_count, const char *name,
+                        double **out, size_t *count, qm_problem *problem);
+
+/** Reads the id of a layout or mesh in the member called name. */
+bool qm_json_read_id(const struct cJSON *object, const char *name, char out[QM_ID_SIZE], qm_problem *problem);
+
+#endif
