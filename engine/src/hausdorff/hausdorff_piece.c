@@ -370,14 +370,15 @@ static int short_side(const qm_polygon *six)
 /**
  * Puts a triangle of a polygon on the stack in four parts, cut at the midpoints: each has half the diameter.
  * A side much shorter than the others is not cut: else two or three parts share its location on every level,
- * and where that is the one that is hard to cover, they would be exponentially many.
+ * and where that is the one that is hard to cover, they would be exponentially many. The cut is the one that
+ * process_part reserves.
  */
 static void stack_quarters(qm_piece_work *work, const qm_polygon *polygon, int a, int b, int c, uint8_t depth)
 {
     const int index[3] = {a, b, c};
     qm_polygon six;
     six.count = 6;
-    six.cuts_left = polygon->cuts_left - 1;
+    six.cuts_left = polygon->cuts_left;
     for (int i = 0; i < 3; i++) {
         six.corner[i] = polygon->corner[index[i]];
         six.in_reach[i] = polygon->in_reach[index[i]];
@@ -414,10 +415,11 @@ static double diameter(const qm_vec *corner, int count)
  * the square of the diameter as labels of patches do, they take off one thin strip after the other. Such a
  * remainder, and one that no cut has changed, is cut at its midpoints.
  */
-static void split_remainder(qm_piece_work *work, const qm_part *from, const qm_polygon *remainder, bool moved)
+static void split_remainder(qm_piece_work *work, const qm_part *from, qm_polygon *remainder, bool moved)
 {
     bool halve =
         !moved || diameter(remainder->corner, remainder->count) > MIN_SHRINK * diameter(from->corner, 3);
+    if (!halve) remainder->cuts_left++;
     uint8_t depth = from->depth;
     uint8_t deeper = (uint8_t)(depth < UINT8_MAX ? depth + 1 : UINT8_MAX);
     for (int i = 1; i + 1 < remainder->count; i++) {
@@ -435,7 +437,7 @@ static void process_part(qm_piece_work *work, const qm_part *from)
     bool moved = false;
     qm_polygon polygon;
     polygon.count = 3;
-    polygon.cuts_left = from->cuts_left;
+    polygon.cuts_left = from->cuts_left - 1; /* one is reserved for a cut into quarters */
     for (int i = 0; i < 3; i++) {
         polygon.corner[i] = from->corner[i];
         polygon.in_reach[i] = from->in_reach[i];
