@@ -25,7 +25,7 @@
 /** @typedef {{ quads?: QuadReading, threads?: number, accelerator?: Accelerator, detach?: boolean }} CommonRequest */
 /** @typedef {CommonRequest & { type: "hausdorff", a: string, b: string, direction?: Direction, tolerance?: number,
  *   tolerance_unit?: "relative" | "absolute", threshold?: number | null, deadline_ms?: number, memory_limit?: number,
- *   bounds?: "cells" | "matching" }} HausdorffRequest */
+ *   bounds?: "cover" | "matching" }} HausdorffRequest */
 /** @typedef {CommonRequest & { type: "project", mesh: string, points: Point[] }} ProjectRequest */
 /** @typedef {CommonRequest & { type: "deviation", a: string, b: string, accuracy?: number, pieces?: number,
  *   tolerance?: number, tolerance_unit?: "relative" | "absolute", percentiles?: number[],

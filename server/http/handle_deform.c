@@ -75,7 +75,7 @@ static void reply(qm_request *request, const qm_deformed *deformed)
     qm_text_add_string(&out, "{");
     qm_json_add_count(&out, "revision", deformed->revision);
     qm_json_add_count(&out, "updated_nodes", deformed->updated_nodes);
-    qm_json_add_number(&out, "refit_ms", deformed->refit_ms);
+    qm_json_add_ms(&out, "refit_ms", deformed->refit_ms);
     qm_text_add_string(&out, "}");
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));
 }

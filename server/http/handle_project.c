@@ -15,8 +15,6 @@
 #include "ops/job_kinds.h"
 #include "ops/projections.h"
 
-#define MAX_THREADS 256
-
 typedef enum number_type { F64, F32 } number_type;
 
 typedef struct projection_task {
@@ -160,9 +158,9 @@ static bool read_threads(qm_request *request, int *out)
     char *end;
     long threads = given ? strtol(given, &end, 10) : (long)qm_request_app(request)->config->job_threads;
     *out = (int)threads;
-    if (!given || (end != given && !*end && threads >= 1 && threads <= MAX_THREADS)) return true;
+    if (!given || (end != given && !*end && threads >= 1 && threads <= QM_JOB_MAX_THREADS)) return true;
     qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
-                                         "`threads` must be an integer from 1 to %d", MAX_THREADS);
+                                         "`threads` must be an integer from 1 to %d", QM_JOB_MAX_THREADS);
     qm_reply_problem(request, &problem);
     return false;
 }

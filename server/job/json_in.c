@@ -11,13 +11,7 @@
 #include "ops/job_kinds.h"
 #include "ops/json_request.h"
 
-#define MAX_THREADS 256
-#define MAX_PIECES 1e7
 #define MAX_STEPS 64
-#define MAX_BINS 1e4
-#define MAX_LISTED 1e5
-#define MIN_MEMORY 65536.0
-#define MAX_MEMORY 1099511627776.0
 
 /** A field of a job: its reader, and the text of the error when that returns false. */
 typedef struct job_field {
@@ -119,13 +113,13 @@ static bool read_count(const cJSON *value, double min, double max, size_t *out)
 
 static bool read_memory_limit(const cJSON *value, qm_job_request *out)
 {
-    return read_count(value, MIN_MEMORY, MAX_MEMORY, &out->memory_limit);
+    return read_count(value, QM_JOB_MIN_MEMORY, QM_JOB_MAX_MEMORY, &out->memory_limit);
 }
 
 static bool read_threads(const cJSON *value, qm_job_request *out)
 {
     size_t threads;
-    if (!read_count(value, 1, MAX_THREADS, &threads)) return false;
+    if (!read_count(value, 1, QM_JOB_MAX_THREADS, &threads)) return false;
     out->threads = (int)threads;
     return true;
 }
@@ -137,7 +131,7 @@ static bool read_accuracy(const cJSON *value, qm_job_request *out)
 
 static bool read_pieces(const cJSON *value, qm_job_request *out)
 {
-    return read_count(value, 0, MAX_PIECES, &out->pieces);
+    return read_count(value, 0, QM_JOB_MAX_PIECES, &out->pieces);
 }
 
 static bool read_steps(const cJSON *value, qm_job_request *out)
@@ -170,7 +164,7 @@ static bool read_measure(const cJSON *value, qm_job_request *out)
 
 static bool read_bins(const cJSON *value, qm_job_request *out)
 {
-    return read_count(value, 0, MAX_BINS, &out->bins);
+    return read_count(value, 0, QM_JOB_MAX_BINS, &out->bins);
 }
 
 static bool read_percentiles(const cJSON *value, qm_job_request *out, qm_json_location *at)
@@ -196,7 +190,7 @@ static bool read_mode(const cJSON *value, qm_job_request *out)
 
 static bool read_limit(const cJSON *value, qm_job_request *out)
 {
-    return read_count(value, 0, MAX_LISTED, &out->list_limit);
+    return read_count(value, 0, QM_JOB_MAX_LISTED, &out->list_limit);
 }
 
 static bool read_incremental(const cJSON *value, qm_job_request *out)
@@ -283,7 +277,7 @@ static const job_field job_fields[] = {
      "must be \"auto\", \"boxes\", \"tetra\" or \"grid\""},
     {"accelerator", ALL & ~(HAUSDORFF | PROJECT | STEP), 0, read_boxes, NULL,
      "must be \"auto\" or \"boxes\""},
-    {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cells\" or \"matching\""},
+    {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cover\" or \"matching\""},
 };
 
 #define FIELD_COUNT (sizeof job_fields / sizeof *job_fields)
