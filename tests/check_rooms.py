@@ -5,7 +5,7 @@
   - a name is defined in one header: types, functions and macros that begin with qm_ or QM_;
   - a function that a header of ours declares begins with a word of its folder (its module's prefix), and no two folders
     share such a word;
-  - files that comments name exist.
+  - files that comments name, and files that documents link to, exist.
 
 usage: tests/check_rooms.py [FOLDER]   (the source tree, default this one)
 Exit status: 0 when all holds; 1 with a line for each fault.
@@ -95,6 +95,14 @@ def check_named_files(root, files, faults):
                     fault(faults, path, f'a comment names {name}, which does not exist')
 
 
+def check_links(root, faults):
+    for document in sorted(root.glob('*.md')) + sorted(p for top in ('engine', 'server') for p in (root / top).glob('*.md')) + [
+            root / 'clients/README.md', root / 'tests/README.md']:
+        for link in re.findall(r'\]\(([^)#]+)(?:#[^)]*)?\)', document.read_text()):
+            if not link.startswith('http') and not (document.parent / link).exists():
+                fault(faults, document.relative_to(root), f'links to {link}, which does not exist')
+
+
 def main():
     root = pathlib.Path(sys.argv[1] if len(sys.argv) > 1 else pathlib.Path(__file__).parent.parent)
     files = {}
@@ -106,6 +114,7 @@ def main():
     check_edges(files, faults)
     check_definitions(files, faults)
     check_named_files(root, files, faults)
+    check_links(root, faults)
     for line in faults:
         print(f'check-rooms: {line}', file=sys.stderr)
     return 1 if faults else 0
