@@ -2,66 +2,23 @@
 """Draws the figures of engine/COLLISION.md as SVG files beside this script.
 
 Shapes are computed, not traced: intervals are those of the triangles on the common line, kept faces those of the grid.
-Lines follow the reader's colour scheme.
 
 usage: engine/figures/collision_figures.py
 """
 import math
-import pathlib
 
-FOLDER = pathlib.Path(__file__).resolve().parent
+from drawing import Figure
 
 STYLE = """
-text { font: 13px sans-serif; fill: #222 }
-.small { font-size: 11px }
-.source { stroke: #c0392b; fill: none; stroke-width: 2 }
-.target { stroke: #1f5fa8; fill: none; stroke-width: 2 }
 .sourceface { stroke: #c0392b; fill: #c0392b; fill-opacity: .14; stroke-width: 1.5 }
 .targetface { stroke: #1f5fa8; fill: #1f5fa8; fill-opacity: .14; stroke-width: 1.5 }
 .sourcewide { stroke: #c0392b; fill: none; stroke-width: 5; stroke-opacity: .75 }
 .targetwide { stroke: #1f5fa8; fill: none; stroke-width: 5; stroke-opacity: .75 }
-.thin { stroke: #888; stroke-width: 1; fill: none }
-.dash { stroke: #888; stroke-width: 1; fill: none; stroke-dasharray: 4 3 }
-.box { fill: #888; fill-opacity: .08; stroke: #888; stroke-width: 1 }
-.good { fill: #2e8b57; fill-opacity: .16; stroke: #2e8b57; stroke-width: 1 }
 @media (prefers-color-scheme: dark) {
-text { fill: #ddd }
-.source, .sourcewide { stroke: #ff7b6b } .sourceface { stroke: #ff7b6b; fill: #ff7b6b }
-.target, .targetwide { stroke: #79b4ff } .targetface { stroke: #79b4ff; fill: #79b4ff }
+.sourcewide { stroke: #ff7b6b } .sourceface { stroke: #ff7b6b; fill: #ff7b6b }
+.targetwide { stroke: #79b4ff } .targetface { stroke: #79b4ff; fill: #79b4ff }
 }
 """
-
-
-class Figure:
-    def __init__(self, width, height):
-        self.width, self.height, self.parts = width, height, []
-
-    def add(self, part):
-        self.parts.append(part)
-
-    def path(self, points, kind, close=False):
-        lines = ' L '.join(f'{x:.1f} {y:.1f}' for x, y in points)
-        self.add(f'<path class="{kind}" d="M {lines}{" Z" if close else ""}"/>')
-
-    def box(self, x, y, width, height, kind='box', radius=5):
-        self.add(f'<rect class="{kind}" x="{x:.1f}" y="{y:.1f}" width="{width:.1f}" height="{height:.1f}" rx="{radius}"/>')
-
-    def text(self, x, y, text, anchor='start', kind=''):
-        self.add(f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{text}</text>')
-
-    def arrow(self, start, end, kind='thin'):
-        self.path([start, end], kind)
-        angle = math.atan2(end[1] - start[1], end[0] - start[0])
-        for side in (2.7, -2.7):
-            tip = (end[0] + 8 * math.cos(angle + side), end[1] + 8 * math.sin(angle + side))
-            self.path([end, tip], 'thin')
-
-    def save(self, name):
-        body = '\n'.join(self.parts)
-        (FOLDER / f'{name}.svg').write_text(
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width} {self.height}" width="{self.width}" '
-            f'height="{self.height}">\n<style>{STYLE}</style>\n{body}\n</svg>\n')
-
 
 # ---- two triangles ----
 
@@ -83,7 +40,7 @@ def on_line(triangle, axis):
 
 
 def triangles():
-    figure = Figure(640, 250)
+    figure = Figure(640, 250, STYLE)
     a = [(-1.6, -1.5, 0), (1.7, -1.1, 0), (0.1, 1.9, 0)]
     for origin, shift, verdict in (((150, 110), 0.55, 'the intervals overlap: they meet'),
                                    ((440, 110), 2.1, 'the intervals are apart: they do not')):
@@ -103,7 +60,7 @@ def triangles():
 # ---- the filter ----
 
 def filters():
-    figure = Figure(640, 270)
+    figure = Figure(640, 270, STYLE)
     rows = [('boxes of the facets', 'apart', 'nearly all pairs'),
             ('common corners', 'the same position: meet', 'where meshes share vertices'),
             ('signs, or separating planes', 'apart, or proven to meet', 'most of the rest'),
@@ -145,7 +102,7 @@ def cells_of(face, low, high, size):
 
 
 def overlap():
-    figure = Figure(640, 290)
+    figure = Figure(640, 290, STYLE)
     meshes = [ring((235, 158), 115, 36), ring((405, 158), 105, 32)]
     bounds = [[f(p[k] for face in mesh for p in face) for f in (min, max) for k in (0, 1)] for mesh in meshes]
     low = [max(b[k] for b in bounds) for k in (0, 1)]

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Draws the figures of RECONSTRUCTION.md as SVG files beside this script, in the style of figures.py.
+"""Draws the figures of engine/RECONSTRUCTION.md as SVG files beside this script.
 
 Shapes are computed: lattices are Coons patches of the curves that are drawn, and the moving least squares curve is the true
 projection of the engine (one step, polynomial of second order) in the plane.
@@ -9,7 +9,7 @@ usage: engine/figures/reconstruction_figures.py
 import math
 import random
 
-from figures import Figure
+from drawing import Figure
 
 
 def mix(a, b, t):

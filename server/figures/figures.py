@@ -1,65 +1,37 @@
 #!/usr/bin/env python3
 """Draws the figures of server/ARCHITECTURE.md as SVG files beside this script.
 
-Lines follow the reader's colour scheme.
-
 usage: server/figures/figures.py
 """
-import math
 import pathlib
+import sys
 
-FOLDER = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[2] / 'engine/figures'))
+from drawing import Figure
 
 STYLE = """
-text { font: 13px sans-serif; fill: #222 }
-.small { font-size: 11px }
-.box { fill: #888; fill-opacity: .08; stroke: #888; stroke-width: 1 }
 .thread { fill: #1f5fa8; fill-opacity: .14; stroke: #1f5fa8; stroke-width: 1 }
 .stored { fill: #2e8b57; fill-opacity: .16; stroke: #2e8b57; stroke-width: 1 }
 .lock { fill: #c0392b; fill-opacity: .12; stroke: #c0392b; stroke-width: 1 }
-.thin { stroke: #888; stroke-width: 1; fill: none }
-.dash { stroke: #888; stroke-width: 1; fill: none; stroke-dasharray: 4 3 }
 @media (prefers-color-scheme: dark) {
-text { fill: #ddd }
 .thread { fill: #79b4ff; stroke: #79b4ff }
 .lock { fill: #ff7b6b; stroke: #ff7b6b }
 }
 """
 
 
-class Figure:
-    def __init__(self, width, height):
-        self.width, self.height, self.parts = width, height, []
+class ServerFigure(Figure):
+    """Its texts are small and centred."""
 
-    def path(self, points, kind='thin'):
-        lines = ' L '.join(f'{x:.1f} {y:.1f}' for x, y in points)
-        self.parts.append(f'<path class="{kind}" d="M {lines}"/>')
+    def __init__(self, width, height):
+        super().__init__(width, height, STYLE)
 
     def text(self, x, y, text, anchor='middle', kind='small'):
-        self.parts.append(f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{text}</text>')
-
-    def stage(self, x, y, width, title, line, kind='box'):
-        self.parts.append(f'<rect class="{kind}" x="{x}" y="{y}" width="{width}" height="46" rx="5"/>')
-        self.text(x + width / 2, y + (19 if line else 28), title, kind='')
-        self.text(x + width / 2, y + 36, line)
-
-    def arrow(self, *points, kind='thin'):
-        """A line through points with a tip at its end."""
-        self.path(points, kind)
-        (x0, y0), (x, y) = points[-2:]
-        angle = math.atan2(y - y0, x - x0)
-        for side in (2.7, -2.7):
-            self.path([(x, y), (x + 8 * math.cos(angle + side), y + 8 * math.sin(angle + side))])
-
-    def save(self, name):
-        body = '\n'.join(self.parts)
-        (FOLDER / f'{name}.svg').write_text(
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width} {self.height}" width="{self.width}" '
-            f'height="{self.height}">\n<style>{STYLE}</style>\n{body}\n</svg>\n')
+        super().text(x, y, text, anchor, kind)
 
 
 def job():
-    f = Figure(720, 330)
+    f = ServerFigure(720, 330)
     f.stage(20, 100, 130, 'submitted', 'POST /v1/jobs')
     f.stage(210, 100, 130, 'queued', 'row without document', 'stored')
     f.stage(420, 100, 130, 'running', 'events: bounds, step', 'thread')
@@ -92,7 +64,7 @@ def job():
 
 
 def threads():
-    f = Figure(760, 410)
+    f = ServerFigure(760, 410)
     f.text(20, 18, 'threads', 'start', '')
     f.stage(20, 28, 150, 'connections (2)', 'libmicrohttpd', 'thread')
     f.stage(20, 94, 150, 'request pool (4)', 'wait for the disk', 'thread')

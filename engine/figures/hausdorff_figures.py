@@ -1,73 +1,13 @@
 #!/usr/bin/env python3
-"""Draws the figures of the engine's documents as SVG files beside this script.
+"""Draws the figures of engine/HAUSDORFF.md as SVG files beside this script.
 
 Shapes are computed, not traced: covers are the true sets of points within a distance of a segment, patches are evaluated.
-Lines follow the reader's colour scheme.
 
-usage: engine/figures/figures.py
+usage: engine/figures/hausdorff_figures.py
 """
 import math
-import pathlib
 
-FOLDER = pathlib.Path(__file__).resolve().parent
-
-STYLE = """
-text { font: 13px sans-serif; fill: #222 }
-.small { font-size: 11px }
-.source { stroke: #c0392b; fill: none; stroke-width: 2.5 }
-.target { stroke: #1f5fa8; fill: none; stroke-width: 2.5 }
-.sourcefill { fill: #c0392b }
-.targetfill { fill: #1f5fa8 }
-.set { fill: #1f5fa8; fill-opacity: .14; stroke: #1f5fa8; stroke-width: 1 }
-.hull { fill: #888; fill-opacity: .12; stroke: #888; stroke-width: 1; stroke-dasharray: 4 3 }
-.thin { stroke: #888; stroke-width: 1; fill: none }
-.dash { stroke: #888; stroke-width: 1; fill: none; stroke-dasharray: 4 3 }
-.box { fill: #888; fill-opacity: .08; stroke: #888; stroke-width: 1 }
-.good { fill: #2e8b57; fill-opacity: .16; stroke: #2e8b57; stroke-width: 1 }
-@media (prefers-color-scheme: dark) {
-text { fill: #ddd }
-.source { stroke: #ff7b6b } .sourcefill { fill: #ff7b6b }
-.target { stroke: #79b4ff } .targetfill { fill: #79b4ff }
-.set { fill: #79b4ff; stroke: #79b4ff }
-}
-"""
-
-
-class Figure:
-    def __init__(self, width, height):
-        self.width, self.height, self.parts = width, height, []
-
-    def add(self, part):
-        self.parts.append(part)
-
-    def path(self, points, kind, close=False):
-        lines = ' L '.join(f'{x:.1f} {y:.1f}' for x, y in points)
-        self.add(f'<path class="{kind}" d="M {lines}{" Z" if close else ""}"/>')
-
-    def dot(self, point, kind, radius=4):
-        self.add(f'<circle class="{kind}" cx="{point[0]:.1f}" cy="{point[1]:.1f}" r="{radius}"/>')
-
-    def circle(self, centre, radius, kind):
-        self.add(f'<circle class="{kind}" cx="{centre[0]:.1f}" cy="{centre[1]:.1f}" r="{radius:.1f}"/>')
-
-    def box(self, x, y, width, height, kind='box'):
-        self.add(f'<rect class="{kind}" x="{x}" y="{y}" width="{width}" height="{height}" rx="5"/>')
-
-    def text(self, x, y, text, anchor='start', kind=''):
-        self.add(f'<text class="{kind}" x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{text}</text>')
-
-    def arrow(self, start, end, kind='thin'):
-        self.path([start, end], kind)
-        angle = math.atan2(end[1] - start[1], end[0] - start[0])
-        for side in (2.7, -2.7):
-            tip = (end[0] + 8 * math.cos(angle + side), end[1] + 8 * math.sin(angle + side))
-            self.path([end, tip], 'thin')
-
-    def save(self, name):
-        body = '\n'.join(self.parts)
-        (FOLDER / f'{name}.svg').write_text(
-            f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width} {self.height}" width="{self.width}" '
-            f'height="{self.height}">\n<style>{STYLE}</style>\n{body}\n</svg>\n')
+from drawing import Figure
 
 
 def offset_segment(a, b, distance, steps=16):
@@ -228,19 +168,14 @@ def patch():
 def search():
     f = Figure(720, 400)
 
-    def stage(x, y, width, title, line, kind='box'):
-        f.box(x, y, width, 46, kind)
-        f.text(x + width / 2, y + 19, title, 'middle')
-        f.text(x + width / 2, y + 36, line, 'middle', 'small')
-
-    stage(20, 20, 170, 'seeds', 'samples of all packs')
-    stage(20, 110, 170, 'ascent', 'to a local maximum')
-    stage(280, 20, 180, 'queue', 'largest upper bound first')
-    stage(280, 110, 180, 'node', 'balls about children')
-    stage(280, 200, 180, 'pack of eight faces', 'one facet, parts, overlay')
-    stage(280, 290, 180, 'face or piece', 'cover by several facets')
-    stage(540, 200, 160, 'discarded', 'bound at most the cutoff', 'good')
-    stage(20, 200, 170, 'lower bound', 'cutoff = lower + tolerance', 'good')
+    f.stage(20, 20, 170, 'seeds', 'samples of all packs')
+    f.stage(20, 110, 170, 'ascent', 'to a local maximum')
+    f.stage(280, 20, 180, 'queue', 'largest upper bound first')
+    f.stage(280, 110, 180, 'node', 'balls about children')
+    f.stage(280, 200, 180, 'pack of eight faces', 'one facet, parts, overlay')
+    f.stage(280, 290, 180, 'face or piece', 'cover by several facets')
+    f.stage(540, 200, 160, 'discarded', 'bound at most the cutoff', 'good')
+    f.stage(20, 200, 170, 'lower bound', 'cutoff = lower + tolerance', 'good')
     f.arrow((105, 66), (105, 110))
     f.arrow((105, 156), (105, 200))
     f.arrow((370, 66), (370, 110))
@@ -255,7 +190,7 @@ def search():
     f.path([(370, 336), (370, 366), (700, 366), (712, 358), (712, 51), (704, 43)], 'thin')
     f.arrow((704, 43), (460, 43))
     f.text(500, 384, 'what a cover leaves over, in parts', kind='small')
-    f.arrow((190, 223), (280, 223), 'dash')
+    f.arrow((190, 223), (280, 223), kind='dash')
     f.save('search')
 
 
