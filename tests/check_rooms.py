@@ -3,8 +3,6 @@
 
   - a folder includes headers of the folders that it may use, and of no others (ROOMS);
   - a name is defined in one header: types, functions and macros that begin with qm_ or QM_;
-  - a function that a header of ours declares begins with a word of its folder (its module's prefix), and no two folders
-    share such a word;
   - files that comments name, and files that documents link to, exist.
 
 usage: tests/check_rooms.py [FOLDER]   (the source tree, default this one)

@@ -8,20 +8,20 @@
 
 const char *qm_data_folder(void);
 
+/** True when the folder can be read. */
+bool qm_data_is_there(void);
+
 /**
- * Runs a group of tests that need the folder. Without it prints "NOT RUN N", which tests/run.sh adds up, and counts
- * them as failed only where QM_REQUIRE_DATA is set. Returns the number of failed tests.
+ * Runs a group of tests that need the folder, or skips it with qm_data_skip_tests. Returns the number of failed
+ * tests.
  */
 #define qm_data_run_group_tests(tests)                                                                       \
-    (qm_data_is_there(sizeof(tests) / sizeof *(tests))                                                       \
-         ? cmocka_run_group_tests(tests, NULL, NULL)                                                         \
-         : qm_data_count_missing(sizeof(tests) / sizeof *(tests)))
+    (qm_data_is_there() ? cmocka_run_group_tests(tests, NULL, NULL)                                          \
+                        : qm_data_skip_tests(sizeof(tests) / sizeof *(tests)))
 
-/** True when the folder can be read; else says that count tests are not run. */
-bool qm_data_is_there(size_t count);
-
-/** How many of count tests that are not run have failed by that: all where QM_REQUIRE_DATA is set, else none. */
-int qm_data_count_missing(size_t count);
+/** Prints "NOT RUN count", which tests/run.sh adds up. Returns the tests that failed by that: all where
+ * QM_REQUIRE_DATA is set, else none. */
+int qm_data_skip_tests(size_t count);
 
 /** Reads a mesh by its name in the folder, e.g. "pairs/spot/tri.obj"; a fault ends the test. The mesh is the
  * context's, for qm_mesh_reset. */

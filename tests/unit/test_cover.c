@@ -23,7 +23,7 @@ typedef struct trial {
     unsigned long long seed;
 } trial;
 
-/** Distance from p to a lane of the list, less what its twist takes from the cutoff distance. */
+/** Distance from p to a lane of the list, less what its twist takes from the cutoff. */
 static bool within_reach(const trial *t, qm_vec p)
 {
     for (int i = 0; i < QM_PACK_LANES; i++) {
@@ -150,7 +150,7 @@ static void covers_take_only_what_is_in_reach(void **state)
              (unsigned long long)seed, taken[0], taken[1]);
 }
 
-/** Where the cutoff distance is lost in the roundings of single precision, it says so. */
+/** Where the cutoff is lost in the roundings of single precision, it says so. */
 static void tiny_distances_are_too_coarse(void **state)
 {
     (void)state;

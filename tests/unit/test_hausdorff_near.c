@@ -100,7 +100,7 @@ static void settled_faces_are_near(void **state)
              (unsigned long long)seed, settled_count[0], settled_count[1], large);
 }
 
-/** Faces over many facets of a plane are settled where they are well within what is cutoff, and not beyond
+/** Faces over many facets of a plane are settled where they are well within the cutoff, and not beyond
  * it. */
 static void parts_of_a_face_over_a_plane(void **state)
 {

@@ -91,20 +91,19 @@ typedef struct qm_shortlist {
     uint8_t lane[QM_PACK_LANES];
 } qm_shortlist;
 
-/** The candidates to cover a piece with, a facet a lane, and their cutoff distances. */
+/** The candidates to cover a piece with, a facet a lane, and their cutoffs. */
 typedef struct qm_candidates {
     int count;
     const qm_pack *pack[QM_COVER_PACKS];
     qm_pack spare[QM_COVER_PACKS]; /* for packs that the target has no room to keep */
-    _Alignas(
-        64) double cutoff2[QM_COVER_PACKS][QM_PACK_LANES]; /* squared cutoff distance; -1: covers nothing */
-    double twist[QM_COVER_PACKS][QM_PACK_LANES];           /* flatness bound of the lane's surface */
+    _Alignas(64) double cutoff2[QM_COVER_PACKS][QM_PACK_LANES]; /* squared cutoff; -1: covers nothing */
+    double twist[QM_COVER_PACKS][QM_PACK_LANES];                /* flatness bound of the lane's surface */
 } qm_candidates;
 
 /** What single precision decides about a cover. */
 typedef enum qm_float_verdict { QM_FLOAT_OPEN, QM_FLOAT_COVERED, QM_FLOAT_TOO_COARSE } qm_float_verdict;
 
-/** A convex polygon of a source piece; in_reach has a bit for each lane within its cutoff distance of a
+/** A convex polygon of a source piece; in_reach has a bit for each lane within its cutoff of a
  * corner. */
 typedef struct qm_polygon {
     int count;

@@ -25,7 +25,7 @@ static inline void qm_uv_box_corners(const qm_bilinear *patch, const qm_uv_box *
 typedef void qm_bilinear_remainder_fn(void *user, const qm_uv_box *remainder);
 
 /**
- * Covers a rectangle of a source patch by a target patch: every covered point lies within the cutoff distance
+ * Covers a rectangle of a source patch by a target patch: every covered point lies within the cutoff
  * of the target. Calls remainder for the rectangles that are not covered; covered and not, they fill the
  * rectangle.
  *

@@ -14,7 +14,7 @@
 #define MAX_CUTS 48 /* parts cut off a piece before its remainder is returned */
 #define ROUNDS 2 /* of narrowing down where a facet ends: one cuts too little where distances hardly vary */
 #define STEPS (QM_PACK_LANES - 1) /* between the points of a line that single precision samples */
-#define MIN_MARGINS 16            /* that a cutoff distance must exceed in single precision */
+#define MIN_MARGINS 16            /* that a cutoff must exceed in single precision */
 #define MIN_PROGRESS 0.02 /* fraction of an edge that a cut must gain, or the facet is not tried again */
 #define CUT_TRIES 3       /* of a cut point, each nearer to the corner that is within the cutoff */
 #define CUT_RETREAT 0.99
