@@ -1,16 +1,17 @@
 /**
- * picture.c: draws triangles into a depth buffer and the edges of faces over them, and writes a PNG of stored blocks. Sources: W3C, Portable Network Graphics, 2003; RFC 1950 and 1951 (stored blocks, Adler-32).
+ * picture.c: draws triangles into a depth buffer and the edges of faces over them; libspng writes the file.
  */
 #include "picture.h"
 
 #include <errno.h>
 #include <float.h>
 #include <math.h>
+#include <spng.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { WIDTH = 1000, HEIGHT = 800, LINE_SIZE = 1 + 3 * WIDTH, BLOCK = 65535 };
+enum { WIDTH = 1000, HEIGHT = 800, PIXELS_SIZE = 3 * WIDTH * HEIGHT };
 
 #define MARGIN 0.92     /* fraction of the picture that the mesh fills */
 #define EDGE_LIFT 0.004 /* edges are drawn over faces nearer by up to this fraction of the mesh's diagonal */
@@ -19,7 +20,7 @@ typedef struct canvas {
     double right[3], up[3], towards[3]; /* axes of the view */
     double centre[3], scale;            /* pixels per length */
     double lift;
-    uint8_t *pixels; /* HEIGHT lines of a filter byte and WIDTH colours */
+    uint8_t *pixels; /* HEIGHT lines of WIDTH colours */
     double *depth;
 } canvas;
 
@@ -85,7 +86,7 @@ static void set_view(canvas *c, const qm_mesh *mesh)
 static void put(canvas *c, int x, int y, const uint8_t colour[3])
 {
     QM_ASSERT(x >= 0 && x < WIDTH && y >= 0 && y < HEIGHT);
-    memcpy(c->pixels + (size_t)y * LINE_SIZE + 1 + 3 * (size_t)x, colour, 3);
+    memcpy(c->pixels + 3 * ((size_t)y * WIDTH + (size_t)x), colour, 3);
 }
 
 static int clamp(double x, int max)
@@ -165,90 +166,26 @@ static void draw(canvas *c, const qm_mesh *mesh)
     }
 }
 
-/* ---- PNG ---- */
-
-static void add_u32(uint8_t *out, uint32_t value)
-{
-    for (int k = 0; k < 4; k++)
-        out[k] = (uint8_t)(value >> (24 - 8 * k));
-}
-
-/** CRC-32, bit by bit. */
-static uint32_t add_crc(uint32_t crc, const uint8_t *bytes, size_t size)
-{
-    for (size_t i = 0; i < size; i++) {
-        crc ^= bytes[i];
-        for (int bit = 0; bit < 8; bit++)
-            crc = crc >> 1 ^ (crc & 1 ? 0xedb88320u : 0);
-    }
-    return crc;
-}
-
-static bool write_chunk(FILE *file, const char *type, const uint8_t *bytes, size_t size)
-{
-    uint8_t number[4];
-    add_u32(number, (uint32_t)size);
-    bool is_written = fwrite(number, 1, 4, file) == 4 && fwrite(type, 1, 4, file) == 4 &&
-                      fwrite(bytes, 1, size, file) == size;
-    add_u32(number, ~add_crc(add_crc(~0u, (const uint8_t *)type, 4), bytes, size));
-    return is_written && fwrite(number, 1, 4, file) == 4;
-}
-
-/** A zlib stream of stored blocks; returns its size. */
-static size_t deflate_stored(const uint8_t *bytes, size_t size, uint8_t *out)
-{
-    size_t length = 0;
-    uint32_t a = 1, b = 0;
-    out[length++] = 0x78;
-    out[length++] = 0x01;
-    for (size_t done = 0; done < size;) {
-        size_t block = size - done < BLOCK ? size - done : BLOCK;
-        out[length++] = done + block == size;
-        out[length++] = (uint8_t)(block & 0xff);
-        out[length++] = (uint8_t)(block >> 8);
-        out[length++] = (uint8_t)(~block & 0xff);
-        out[length++] = (uint8_t)(~block >> 8 & 0xff);
-        memcpy(out + length, bytes + done, block);
-        length += block;
-        done += block;
-    }
-    for (size_t i = 0; i < size; i++) {
-        a = (a + bytes[i]) % 65521;
-        b = (b + a) % 65521;
-    }
-    add_u32(out + length, b << 16 | a);
-    return length + 4;
-}
-
 static bool write_png(const char *path, const uint8_t *pixels)
 {
-    const size_t size = (size_t)HEIGHT * LINE_SIZE;
-    uint8_t *stream = malloc(size + 5 * (size / BLOCK + 1) + 16);
-    FILE *file = stream ? fopen(path, "wb") : NULL;
-    if (!file) {
-        free(stream);
-        return false;
-    }
-    uint8_t header[13] = {[8] = 8, [9] = 2};
-    add_u32(header, WIDTH);
-    add_u32(header + 4, HEIGHT);
-    bool is_written = fwrite("\x89PNG\r\n\x1a\n", 1, 8, file) == 8 &&
-                      write_chunk(file, "IHDR", header, sizeof header) &&
-                      write_chunk(file, "IDAT", stream, deflate_stored(pixels, size, stream)) &&
-                      write_chunk(file, "IEND", header, 0);
-    free(stream);
+    FILE *file = fopen(path, "wb");
+    if (!file) return false;
+    struct spng_ihdr header = {
+        .width = WIDTH, .height = HEIGHT, .bit_depth = 8, .color_type = SPNG_COLOR_TYPE_TRUECOLOR};
+    spng_ctx *png = spng_ctx_new(SPNG_CTX_ENCODER);
+    if (!png) errno = ENOMEM;
+    bool is_written = png && spng_set_png_file(png, file) == 0 && spng_set_ihdr(png, &header) == 0 &&
+                      spng_encode_image(png, pixels, PIXELS_SIZE, SPNG_FMT_PNG, SPNG_ENCODE_FINALIZE) == 0;
+    spng_ctx_free(png);
     return fclose(file) == 0 && is_written;
 }
 
 bool picture_write(const char *path, const qm_mesh *mesh)
 {
-    canvas c = {.pixels = malloc((size_t)HEIGHT * LINE_SIZE),
-                .depth = malloc((size_t)WIDTH * HEIGHT * sizeof(double))};
+    canvas c = {.pixels = malloc(PIXELS_SIZE), .depth = malloc((size_t)WIDTH * HEIGHT * sizeof(double))};
     bool is_written = c.pixels && c.depth;
     if (is_written) {
-        memset(c.pixels, 255, (size_t)HEIGHT * LINE_SIZE);
-        for (size_t y = 0; y < HEIGHT; y++)
-            c.pixels[y * LINE_SIZE] = 0;
+        memset(c.pixels, 255, PIXELS_SIZE);
         for (size_t i = 0; i < (size_t)WIDTH * HEIGHT; i++)
             c.depth[i] = -DBL_MAX;
         set_view(&c, mesh);
