@@ -4,6 +4,8 @@
  */
 #include <cjson/cJSON.h>
 #include <math.h>
+#include <stddef.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "base/json.h"
@@ -11,97 +13,28 @@
 #include "ops/job_kinds.h"
 #include "ops/json_request.h"
 
-#define MAX_STEPS 64
+/** How the value of a field is read. */
+typedef enum value_type {
+    ID,       /* char[QM_ID_SIZE] */
+    POSITIVE, /* double above 0 */
+    COUNT,    /* size_t from min to max */
+    INTEGER,  /* int from min to max */
+    FLAG,     /* bool */
+    CHOICE,   /* an enum, by its place among the names */
+    OTHER     /* by a function of its own */
+} value_type;
 
-/** A field of a job: its reader, and the text of the error when that returns false. */
+/** A field of a job. */
 typedef struct job_field {
     const char *name;
     unsigned kinds, required; /* a bit for each kind that has it, and that must have it */
-    bool (*read)(const struct cJSON *value, qm_job_request *out);
-    bool (*read_list)(const struct cJSON *value, qm_job_request *out,
-                      qm_json_location *at); /* for arrays, in place of read */
-    const char *expected;
+    value_type type;
+    size_t offset;            /* of the member of qm_job_request; not of OTHER */
+    double min, max;          /* of COUNT and INTEGER */
+    const char *const *names; /* of CHOICE, NULL-ended */
+    bool (*read)(const cJSON *value, qm_job_request *out, qm_json_location *at); /* of OTHER */
+    const char *expected; /* the text of the error, of ID and OTHER; the others make it of their limits */
 } job_field;
-
-static bool read_string(const cJSON *value, const char **out)
-{
-    *out = cJSON_GetStringValue(value);
-    return *out != NULL;
-}
-
-static bool read_id(const cJSON *value, char out[QM_ID_SIZE])
-{
-    const char *id;
-    if (!read_string(value, &id) || !id[0] || strlen(id) >= QM_ID_SIZE) return false;
-    strcpy(out, id);
-    return true;
-}
-
-/** The index of a name in a NULL-ended list, or -1. */
-static int find_name(const cJSON *value, const char *const *names)
-{
-    const char *given;
-    if (!read_string(value, &given)) return -1;
-    for (int i = 0; names[i]; i++)
-        if (strcmp(given, names[i]) == 0) return i;
-    return -1;
-}
-
-#define XX(suffix, name, first, second) " \"" #name "\""
-#define TYPE_NAMES QM_JOB_MAP(XX)
-
-static bool read_type(const cJSON *value, qm_job_request *out)
-{
-    const char *given;
-    return read_string(value, &given) && qm_job_kind_find(given, &out->kind);
-}
-
-static bool read_a(const cJSON *value, qm_job_request *out)
-{
-    return read_id(value, out->a);
-}
-
-static bool read_b(const cJSON *value, qm_job_request *out)
-{
-    return read_id(value, out->b);
-}
-
-static bool read_direction(const cJSON *value, qm_job_request *out)
-{
-    int index = find_name(value, qm_direction_names);
-    if (index >= 0) out->direction = (qm_direction)index;
-    return index >= 0;
-}
-
-static bool read_quads(const cJSON *value, qm_job_request *out)
-{
-    int index = find_name(value, qm_quads_names);
-    if (index >= 0) out->quads = (qm_quad_reading)index;
-    return index >= 0;
-}
-
-static bool read_tolerance(const cJSON *value, qm_job_request *out)
-{
-    return qm_json_read_number(value, &out->tolerance) && out->tolerance > 0.0;
-}
-
-static bool read_tolerance_unit(const cJSON *value, qm_job_request *out)
-{
-    int index = find_name(value, qm_tolerance_unit_names);
-    out->tolerance_is_absolute = index == 1;
-    return index >= 0;
-}
-
-static bool read_threshold(const cJSON *value, qm_job_request *out)
-{
-    if (cJSON_IsNull(value)) return true;
-    return qm_json_read_number(value, &out->threshold) && out->threshold >= 0.0;
-}
-
-static bool read_deadline(const cJSON *value, qm_job_request *out)
-{
-    return qm_json_read_number(value, &out->deadline_ms) && out->deadline_ms > 0.0;
-}
 
 static bool read_count(const cJSON *value, double min, double max, size_t *out)
 {
@@ -111,36 +44,35 @@ static bool read_count(const cJSON *value, double min, double max, size_t *out)
     return true;
 }
 
-static bool read_memory_limit(const cJSON *value, qm_job_request *out)
+/** The index of a name in a NULL-ended list, or -1. */
+static int find_name(const cJSON *value, const char *const *names)
 {
-    return read_count(value, QM_JOB_MIN_MEMORY, QM_JOB_MAX_MEMORY, &out->memory_limit);
+    const char *given = cJSON_GetStringValue(value);
+    for (int i = 0; given && names[i]; i++)
+        if (strcmp(given, names[i]) == 0) return i;
+    return -1;
 }
 
-static bool read_threads(const cJSON *value, qm_job_request *out)
+/* ---- fields that are read by a function of their own ---- */
+
+static bool read_tolerance_unit(const cJSON *value, qm_job_request *out, qm_json_location *at)
 {
-    size_t threads;
-    if (!read_count(value, 1, QM_JOB_MAX_THREADS, &threads)) return false;
-    out->threads = (int)threads;
-    return true;
+    (void)at;
+    int index = find_name(value, qm_tolerance_unit_names);
+    out->tolerance_is_absolute = index == 1;
+    return index >= 0;
 }
 
-static bool read_accuracy(const cJSON *value, qm_job_request *out)
+static bool read_threshold(const cJSON *value, qm_job_request *out, qm_json_location *at)
 {
-    return qm_json_read_number(value, &out->accuracy) && out->accuracy > 0.0;
+    (void)at;
+    if (cJSON_IsNull(value)) return true;
+    return qm_json_read_number(value, &out->threshold) && out->threshold >= 0.0;
 }
 
-static bool read_pieces(const cJSON *value, qm_job_request *out)
+static bool read_until(const cJSON *value, qm_job_request *out, qm_json_location *at)
 {
-    return read_count(value, 0, QM_JOB_MAX_PIECES, &out->pieces);
-}
-
-static bool read_steps(const cJSON *value, qm_job_request *out)
-{
-    return read_count(value, 1, MAX_STEPS, &out->goal.steps);
-}
-
-static bool read_until(const cJSON *value, qm_job_request *out)
-{
+    (void)at;
     if (!cJSON_IsObject(value)) return false;
     for (const cJSON *member = value->child; member; member = member->next) {
         bool good = false;
@@ -154,17 +86,6 @@ static bool read_until(const cJSON *value, qm_job_request *out)
         if (!good) return false;
     }
     return true;
-}
-
-static bool read_measure(const cJSON *value, qm_job_request *out)
-{
-    out->goal.measures = cJSON_IsTrue(value);
-    return cJSON_IsBool(value);
-}
-
-static bool read_bins(const cJSON *value, qm_job_request *out)
-{
-    return read_count(value, 0, QM_JOB_MAX_BINS, &out->bins);
 }
 
 static bool read_percentiles(const cJSON *value, qm_job_request *out, qm_json_location *at)
@@ -181,45 +102,9 @@ static bool read_percentiles(const cJSON *value, qm_job_request *out, qm_json_lo
     return true;
 }
 
-static bool read_mode(const cJSON *value, qm_job_request *out)
+static bool read_bounds(const cJSON *value, qm_job_request *out, qm_json_location *at)
 {
-    int index = find_name(value, qm_collide_mode_names);
-    if (index >= 0) out->mode = (qm_collide_mode)index;
-    return index >= 0;
-}
-
-static bool read_limit(const cJSON *value, qm_job_request *out)
-{
-    return read_count(value, 0, QM_JOB_MAX_LISTED, &out->list_limit);
-}
-
-static bool read_incremental(const cJSON *value, qm_job_request *out)
-{
-    out->incremental = cJSON_IsTrue(value);
-    return cJSON_IsBool(value);
-}
-
-static bool read_detach(const cJSON *value, qm_job_request *out)
-{
-    out->detach = cJSON_IsTrue(value);
-    return cJSON_IsBool(value);
-}
-
-static bool read_accelerator(const cJSON *value, qm_job_request *out)
-{
-    int index = find_name(value, qm_accelerator_names);
-    if (index >= 0) out->accelerator = (qm_accelerator)index;
-    return index >= 0;
-}
-
-/** For a kind that has one way to search. */
-static bool read_boxes(const cJSON *value, qm_job_request *out)
-{
-    return read_accelerator(value, out) && out->accelerator <= QM_ACCELERATOR_BOXES;
-}
-
-static bool read_bounds(const cJSON *value, qm_job_request *out)
-{
+    (void)at;
     int index = find_name(value, qm_bounds_names);
     /* A name past the methods is a second name of the first. */
     if (index >= 0) out->bounds = index == QM_BOUNDS_MATCHING ? QM_BOUNDS_MATCHING : QM_BOUNDS_COVER;
@@ -230,6 +115,8 @@ static bool read_points(const cJSON *value, qm_job_request *out, qm_json_locatio
 {
     return qm_json_read_points(value, &out->points, &out->point_count, at);
 }
+
+/* ---- the table ---- */
 
 enum {
     ALL = (1u << QM_JOB_KIND_COUNT) - 1,
@@ -243,42 +130,53 @@ enum {
     STEP = 1u << QM_JOB_RECONSTRUCTION_STEP
 };
 
+/** The accelerators of a kind that has one way to search: the first ones. */
+static const char *const box_names[] = {"auto", "boxes", NULL};
+
+#define AT(member) .offset = offsetof(qm_job_request, member)
+
 static const job_field job_fields[] = {
-    {"type", ALL, ALL, read_type, NULL, "must be one of" TYPE_NAMES},
-    {"a", PAIRS, PAIRS, read_a, NULL, "must be the id of a mesh"},
-    {"b", PAIRS, PAIRS, read_b, NULL, "must be the id of a mesh"},
-    {"mesh", SINGLE, SINGLE, read_a, NULL, "must be the id of a mesh"},
-    {"points", PROJECT, PROJECT, NULL, read_points,
-     "must be an array of points, each an array of three finite numbers"},
-    {"direction", HAUSDORFF, 0, read_direction, NULL, "must be \"two_sided\", \"a_to_b\" or \"b_to_a\""},
-    {"reconstruction", STEP, STEP, read_a, NULL, "must be the id of a reconstruction"},
-    {"steps", STEP, 0, read_steps, NULL, "must be a whole number from 1 to 64"},
-    {"until", STEP, 0, read_until, NULL,
-     "must be an object with one or more of hausdorff_relative, max_quads and edge_length, each above 0"},
-    {"measure", STEP, 0, read_measure, NULL, "must be true or false"},
-    {"quads", ALL & ~STEP, 0, read_quads, NULL, "must be \"triangles\" or \"bilinear\""},
-    {"tolerance", PAIRS | SELF, 0, read_tolerance, NULL, "must be a number above 0"},
-    {"tolerance_unit", PAIRS | SELF, 0, read_tolerance_unit, NULL, "must be \"relative\" or \"absolute\""},
-    {"threshold", HAUSDORFF, 0, read_threshold, NULL, "must be a number of 0 or more, or null"},
-    {"deadline_ms", HAUSDORFF, 0, read_deadline, NULL, "must be a number above 0"},
-    {"memory_limit", HAUSDORFF, 0, read_memory_limit, NULL,
-     "must be a whole number from 65536 to 1099511627776"},
-    {"accuracy", DEVIATION, 0, read_accuracy, NULL, "must be a number above 0"},
-    {"pieces", DEVIATION, 0, read_pieces, NULL, "must be a whole number from 0 to 10000000"},
-    {"bins", DEVIATION, 0, read_bins, NULL, "must be a whole number from 0 to 10000"},
-    {"percentiles", DEVIATION, 0, NULL, read_percentiles,
-     "must be an array of at most 64 numbers above 0 and at most 100"},
-    {"mode", COLLISION | SELF, 0, read_mode, NULL, "must be \"all\", \"first\" or \"any\""},
-    {"limit", COLLISION | SELF, 0, read_limit, NULL, "must be a whole number from 0 to 100000"},
-    {"incremental", SELF, 0, read_incremental, NULL, "must be true or false"},
-    {"threads", ALL, 0, read_threads, NULL, "must be a whole number from 1 to 256"},
-    {"detach", ALL, 0, read_detach, NULL, "must be true or false"},
-    {"accelerator", HAUSDORFF | PROJECT, 0, read_accelerator, NULL,
-     "must be \"auto\", \"boxes\", \"tetra\" or \"grid\""},
-    {"accelerator", ALL & ~(HAUSDORFF | PROJECT | STEP), 0, read_boxes, NULL,
-     "must be \"auto\" or \"boxes\""},
-    {"bounds", HAUSDORFF, 0, read_bounds, NULL, "must be \"cover\" or \"matching\""},
+    {"type", ALL, ALL, CHOICE, AT(kind), .names = qm_job_kind_names},
+    {"a", PAIRS, PAIRS, ID, AT(a), .expected = "must be the id of a mesh"},
+    {"b", PAIRS, PAIRS, ID, AT(b), .expected = "must be the id of a mesh"},
+    {"mesh", SINGLE, SINGLE, ID, AT(a), .expected = "must be the id of a mesh"},
+    {"points", PROJECT, PROJECT, OTHER, .read = read_points,
+     .expected = "must be an array of points, each an array of three finite numbers"},
+    {"direction", HAUSDORFF, 0, CHOICE, AT(direction), .names = qm_direction_names},
+    {"reconstruction", STEP, STEP, ID, AT(a), .expected = "must be the id of a reconstruction"},
+    {"steps", STEP, 0, COUNT, AT(goal.steps), .min = 1, .max = QM_JOB_MAX_STEPS},
+    {"until", STEP, 0, OTHER, .read = read_until,
+     .expected =
+         "must be an object with one or more of hausdorff_relative, max_quads and edge_length, each above 0"},
+    {"measure", STEP, 0, FLAG, AT(goal.measures)},
+    {"quads", ALL & ~STEP, 0, CHOICE, AT(quads), .names = qm_quads_names},
+    {"tolerance", PAIRS | SELF, 0, POSITIVE, AT(tolerance)},
+    {"tolerance_unit", PAIRS | SELF, 0, OTHER, .read = read_tolerance_unit,
+     .expected = "must be \"relative\" or \"absolute\""},
+    {"threshold", HAUSDORFF, 0, OTHER, .read = read_threshold,
+     .expected = "must be a number of 0 or more, or null"},
+    {"deadline_ms", HAUSDORFF, 0, POSITIVE, AT(deadline_ms)},
+    {"memory_limit", HAUSDORFF, 0, COUNT, AT(memory_limit), .min = QM_JOB_MIN_MEMORY,
+     .max = QM_JOB_MAX_MEMORY},
+    {"accuracy", DEVIATION, 0, POSITIVE, AT(accuracy)},
+    {"pieces", DEVIATION, 0, COUNT, AT(pieces), .max = QM_JOB_MAX_PIECES},
+    {"bins", DEVIATION, 0, COUNT, AT(bins), .max = QM_JOB_MAX_BINS},
+    {"percentiles", DEVIATION, 0, OTHER, .read = read_percentiles,
+     .expected = "must be an array of at most 64 numbers above 0 and at most 100"},
+    {"mode", COLLISION | SELF, 0, CHOICE, AT(mode), .names = qm_collide_mode_names},
+    {"limit", COLLISION | SELF, 0, COUNT, AT(list_limit), .max = QM_JOB_MAX_LISTED},
+    {"incremental", SELF, 0, FLAG, AT(incremental)},
+    {"threads", ALL, 0, INTEGER, AT(threads), .min = 1, .max = QM_JOB_MAX_THREADS},
+    {"detach", ALL, 0, FLAG, AT(detach)},
+    {"accelerator", HAUSDORFF | PROJECT, 0, CHOICE, AT(accelerator), .names = qm_accelerator_names},
+    {"accelerator", ALL & ~(HAUSDORFF | PROJECT | STEP), 0, CHOICE, AT(accelerator), .names = box_names},
+    {"bounds", HAUSDORFF, 0, OTHER, .read = read_bounds, .expected = "must be \"cover\" or \"matching\""},
 };
+_Static_assert(QM_JOB_MAX_PERCENTILES == 64, "the text of percentiles names the limit");
+_Static_assert(sizeof(qm_job_kind) == sizeof(int) && sizeof(qm_direction) == sizeof(int) &&
+                   sizeof(qm_quad_reading) == sizeof(int) && sizeof(qm_collide_mode) == sizeof(int) &&
+                   sizeof(qm_accelerator) == sizeof(int),
+               "a choice is copied into its enum as an int");
 
 #define FIELD_COUNT (sizeof job_fields / sizeof *job_fields)
 
@@ -290,32 +188,90 @@ static const job_field *find_field(const char *name, unsigned kind)
     return NULL;
 }
 
-/* ---- requests ---- */
-
-/** Reads one member that is known and given for the first time. */
-static void read_member(const job_field *known, const cJSON *member, qm_job_request *out, qm_problem *problem)
+/** Reads a value into its member; false leaves the location of the fault. */
+static bool read_value(const job_field *field, const cJSON *value, qm_job_request *out, qm_json_location *at)
 {
-    qm_json_location at = {0};
-    bool good = known->read ? known->read(member, out) : known->read_list(member, out, &at);
-    if (!good) qm_json_report_at(problem, known->name, &at, known->expected);
+    void *member = (char *)out + field->offset;
+    const char *text = cJSON_GetStringValue(value);
+    double number;
+    int index;
+    switch (field->type) {
+    case ID:
+        if (!text || !text[0] || strlen(text) >= QM_ID_SIZE) return false;
+        strcpy(member, text);
+        return true;
+    case POSITIVE:
+        return qm_json_read_number(value, member) && *(double *)member > 0.0;
+    case COUNT:
+        return read_count(value, field->min, field->max, member);
+    case INTEGER:
+        if (!qm_json_read_integer(value, field->min, field->max, &number)) return false;
+        *(int *)member = (int)number;
+        return true;
+    case FLAG:
+        *(bool *)member = cJSON_IsTrue(value);
+        return cJSON_IsBool(value);
+    case CHOICE:
+        index = find_name(value, field->names);
+        if (index >= 0) memcpy(member, &index, sizeof index);
+        return index >= 0;
+    case OTHER:
+        break;
+    }
+    return field->read(value, out, at);
 }
+
+/** Reports a value that is not as the field needs it. */
+static void report_value(const job_field *field, const qm_json_location *at, qm_problem *problem)
+{
+    char text[192] = "must be ";
+    const char *message = field->expected ? field->expected : text;
+    size_t used = strlen(text);
+    switch (field->type) {
+    case POSITIVE:
+        message = "must be a number above 0";
+        break;
+    case FLAG:
+        message = "must be true or false";
+        break;
+    case COUNT:
+    case INTEGER:
+        snprintf(text, sizeof text, "must be a whole number from %.15g to %.15g", field->min, field->max);
+        break;
+    case CHOICE:
+        for (int i = 0; field->names[i] && used < sizeof text; i++)
+            used += (size_t)snprintf(text + used, sizeof text - used, "%s\"%s\"",
+                                     i == 0                ? ""
+                                     : field->names[i + 1] ? ", "
+                                                           : " or ",
+                                     field->names[i]);
+        break;
+    case ID:
+    case OTHER:
+        break;
+    }
+    qm_json_report_at(problem, field->name, at, message);
+}
+
+/* ---- requests ---- */
 
 static void read_members(const cJSON *object, qm_job_request *out, qm_problem *problem)
 {
     bool seen[FIELD_COUNT] = {false};
     /* The type decides which other members are allowed. Without a valid one they are checked against the
      * default. */
-    const cJSON *type = cJSON_GetObjectItemCaseSensitive(object, "type");
-    if (type) find_field("type", 1u << out->kind)->read(type, out);
+    int given = find_name(cJSON_GetObjectItemCaseSensitive(object, "type"), qm_job_kind_names);
+    if (given >= 0) out->kind = (qm_job_kind)given;
     unsigned kind = 1u << out->kind;
     for (const cJSON *member = object->child; member; member = member->next) {
         const job_field *known = find_field(member->string, kind);
+        qm_json_location at = {0};
         if (!known)
             qm_json_report(problem, member->string, "is not a field of this job");
         else if (seen[known - job_fields])
             qm_json_report(problem, member->string, "is given more than once");
-        else
-            read_member(known, member, out, problem);
+        else if (!read_value(known, member, out, &at))
+            report_value(known, &at, problem);
         if (known) seen[known - job_fields] = true;
     }
     for (size_t i = 0; i < FIELD_COUNT; i++)

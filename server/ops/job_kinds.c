@@ -9,6 +9,9 @@
 
 #include "base/clock.h"
 
+#define XX(suffix, name, first, second) #name,
+const char *const qm_job_kind_names[] = {QM_JOB_MAP(XX) NULL};
+#undef XX
 const char *const qm_direction_names[] = {"two_sided", "a_to_b", "b_to_a", NULL};
 const char *const qm_quads_names[] = {"triangles", "bilinear", NULL};
 const char *const qm_accelerator_names[] = {"auto", "boxes", "tetra", "grid", NULL};
@@ -90,17 +93,7 @@ static qm_status run_hausdorff(const job_call *call, qm_job_result *out)
     return QM_OK;
 }
 
-static void reset_hausdorff(qm_context *ctx, qm_job_result *result)
-{
-    (void)ctx, (void)result;
-}
-
 /* ---- project ---- */
-
-static void reset_project(qm_context *ctx, qm_job_result *result)
-{
-    qm_projections_reset(ctx, &result->projections);
-}
 
 static qm_status run_project(const job_call *call, qm_job_result *out)
 {
@@ -116,11 +109,6 @@ static qm_status run_project(const job_call *call, qm_job_result *out)
 }
 
 /* ---- deviation ---- */
-
-static void reset_deviation(qm_context *ctx, qm_job_result *result)
-{
-    qm_deviation_reset(ctx, &result->deviation);
-}
 
 static qm_status run_deviation(const job_call *call, qm_job_result *out)
 {
@@ -144,11 +132,6 @@ static qm_status run_deviation(const job_call *call, qm_job_result *out)
 
 /* ---- distance ---- */
 
-static void reset_distance(qm_context *ctx, qm_job_result *result)
-{
-    (void)ctx, (void)result;
-}
-
 static qm_status run_distance(const job_call *call, qm_job_result *out)
 {
     qm_distance_options options = {.quads = call->request->quads, .tolerance = absolute_tolerance(call)};
@@ -161,11 +144,6 @@ static qm_status run_distance(const job_call *call, qm_job_result *out)
 
 /* ---- collision, self_collision ---- */
 
-static void reset_collision(qm_context *ctx, qm_job_result *result)
-{
-    qm_listed_pairs_reset(ctx, &result->pairs);
-}
-
 static qm_status run_collision(const job_call *call, qm_job_result *out)
 {
     qm_collide_options options = qm_collide_options_default();
@@ -177,22 +155,12 @@ static qm_status run_collision(const job_call *call, qm_job_result *out)
                                 call->request->list_limit, &out->pairs);
 }
 
-static void reset_self_collision(qm_context *ctx, qm_job_result *result)
-{
-    reset_collision(ctx, result);
-}
-
 static qm_status run_self_collision(const job_call *call, qm_job_result *out)
 {
     return run_collision(call, out);
 }
 
 /* ---- reconstruction_step ---- */
-
-static void reset_reconstruction_step(qm_context *ctx, qm_job_result *result)
-{
-    (void)ctx, (void)result;
-}
 
 static qm_status run_reconstruction_step(const job_call *call, qm_job_result *out)
 {
@@ -211,12 +179,11 @@ static qm_status run_reconstruction_step(const job_call *call, qm_job_result *ou
 typedef struct kind_row {
     qm_job_type type;
     qm_status (*run)(const job_call *call, qm_job_result *out);
-    void (*reset)(qm_context *ctx, qm_job_result *result);
 } kind_row;
 
 static const kind_row rows[] = {
 #define XX(suffix, name, first, second)                                                                      \
-    {{#name, {first, second}, QM_JOB_##suffix != QM_JOB_RECONSTRUCTION_STEP}, run_##name, reset_##name},
+    {{#name, {first, second}, QM_JOB_##suffix != QM_JOB_RECONSTRUCTION_STEP}, run_##name},
     QM_JOB_MAP(XX)
 #undef XX
 };
@@ -280,5 +247,8 @@ const double *qm_job_result_array(const qm_job_result *result, size_t *count)
 
 void qm_job_result_reset(qm_context *ctx, qm_job_result *result)
 {
-    rows[result->kind].reset(ctx, result);
+    /* What other kinds have is empty. */
+    qm_projections_reset(ctx, &result->projections);
+    qm_deviation_reset(ctx, &result->deviation);
+    qm_listed_pairs_reset(ctx, &result->pairs);
 }

@@ -20,6 +20,7 @@
 /** Limits of requests. */
 #define QM_JOB_MAX_THREADS QM_HOST_MAX_THREADS
 #define QM_JOB_MAX_PERCENTILES 64
+#define QM_JOB_MAX_STEPS 64
 #define QM_JOB_MAX_PIECES 1e7
 #define QM_JOB_MAX_BINS 1e4
 #define QM_JOB_MAX_LISTED 1e5 /* pairs */
@@ -27,6 +28,7 @@
 #define QM_JOB_MAX_MEMORY 1099511627776.0
 
 /** Names of the values of some fields, in the order of their enums, with NULL after the last. */
+extern const char *const qm_job_kind_names[];       /* qm_job_kind */
 extern const char *const qm_direction_names[];      /* qm_direction */
 extern const char *const qm_quads_names[];          /* qm_quad_reading */
 extern const char *const qm_accelerator_names[];    /* qm_accelerator */
