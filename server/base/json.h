@@ -38,6 +38,9 @@ void qm_json_add_ms(qm_text *out, const char *name, double ms);
 void qm_json_add_count(qm_text *out, const char *name, uint64_t value);
 void qm_json_add_numbers(qm_text *out, const char *name, const double *values, int count);
 
+/** The members of an object that this program has written as text, to continue it with others. */
+void qm_json_add_members(qm_text *out, const char *object);
+
 /** Numbers as an array without a name. */
 void qm_json_add_array(qm_text *out, const double *values, int count);
 

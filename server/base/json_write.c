@@ -98,3 +98,11 @@ void qm_json_add_numbers(qm_text *out, const char *name, const double *values, i
     qm_json_add_name(out, name);
     qm_json_add_array(out, values, count);
 }
+
+void qm_json_add_members(qm_text *out, const char *object)
+{
+    size_t size = strlen(object);
+    QM_ASSERT(size >= 2 && object[0] == '{' && object[size - 1] == '}');
+    if (size > 2) qm_json_add_comma(out);
+    qm_text_add(out, object + 1, size - 2);
+}

@@ -19,29 +19,25 @@ static bool find_row(qm_request *request, const char *id, qm_store_reconstructio
     return false;
 }
 
-/** Adds the resource; lists leave out the records of the steps. */
-static void write_row(qm_text *out, const qm_store_reconstruction *row, bool is_brief)
+/** Adds the resource but for the records of its steps, which lists leave out, and for its last brace. */
+static void open_row(qm_text *out, const qm_store_reconstruction *row)
 {
     qm_json_add_comma(out);
     qm_text_printf(out, "{%s,%s", row->document, row->state);
     qm_json_add_count(out, "revision", (uint64_t)row->revision);
-    if (!is_brief) {
-        qm_json_open(out, "steps", "[");
-        qm_text_add_string(out, row->records);
-        qm_text_add_string(out, "]");
-    }
-    qm_text_add_string(out, "}");
 }
 
-/** Replies with the resource; more is a further member, or NULL. */
-static void reply_row(qm_request *request, int status, const qm_store_reconstruction *row, const char *more)
+/** Replies with the resource; redone_patches is a member of it when not NULL. */
+static void reply_row(qm_request *request, int status, const qm_store_reconstruction *row,
+                      const size_t *redone_patches)
 {
     qm_text out = {0};
-    write_row(&out, row, false);
-    if (more && !out.failed) {
-        out.size--; /* continues before the last brace */
-        qm_text_printf(&out, ",%s}", more);
-    }
+    open_row(&out, row);
+    qm_json_open(&out, "steps", "[");
+    qm_text_add_string(&out, row->records);
+    qm_text_add_string(&out, "]");
+    if (redone_patches) qm_json_add_count(&out, "redone_patches", *redone_patches);
+    qm_text_add_string(&out, "}");
     qm_reply_header(request, "ETag", "\"%s-%lld\"", row->id, (long long)row->revision);
     qm_reply_text(request, status, "application/json", qm_text_take(&out));
 }
@@ -118,8 +114,10 @@ void qm_handle_reconstruction_list(qm_request *request)
     qm_text out = {0};
     qm_text_add_string(&out, "{");
     qm_json_open(&out, "reconstructions", "[");
-    for (size_t i = 0; i < count && i < limit; i++)
-        write_row(&out, &rows[i], true);
+    for (size_t i = 0; i < count && i < limit; i++) {
+        open_row(&out, &rows[i]);
+        qm_text_add_string(&out, "}");
+    }
     qm_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
     for (size_t i = 0; i < count; i++)
         qm_store_reconstruction_reset(&rows[i]);
@@ -166,9 +164,7 @@ void qm_handle_reconstruction_edit(qm_request *request)
     size_t redone;
     if (qm_reconstructions_edit(app->reconstructions, qm_request_id(request), layout.layout, &row, &redone,
                                 &problem)) {
-        char more[48];
-        snprintf(more, sizeof more, "\"redone_patches\":%zu", redone);
-        reply_row(request, 200, &row, more);
+        reply_row(request, 200, &row, &redone);
         qm_store_reconstruction_reset(&row);
     } else {
         qm_reply_problem(request, &problem);

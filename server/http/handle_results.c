@@ -12,7 +12,7 @@
 
 #define BLOCK 16384 /* numbers: whole rows */
 
-/** A reply with an array; in JSON it begins with the result object without its last brace. */
+/** A reply with an array; in JSON it is the last member of the result object. */
 typedef struct array_reply {
     qm_result_file *file;
     const qm_job_array *array;
@@ -33,7 +33,8 @@ static void write_begin(const array_reply *s, qm_text *out)
 {
     if (s->rows == QM_ARRAY_CSV) qm_text_printf(out, "%s\n", s->array->header);
     if (s->rows != QM_ARRAY_JSON) return;
-    qm_text_add(out, s->result, strlen(s->result) - 1);
+    qm_text_add_string(out, "{");
+    qm_json_add_members(out, s->result);
     qm_json_open(out, s->array->member, "[");
 }
 

@@ -4,6 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/json.h"
 #include "base/metrics.h"
 #include "handlers.h"
 #include "ops/job_kinds.h"
@@ -47,27 +48,32 @@ void qm_handle_metrics(qm_request *request)
     qm_reply_text(request, 200, "text/plain; version=0.0.4; charset=utf-8", qm_text_take(&out));
 }
 
+/** A member with the names of a NULL-ended list. */
+static void add_names(qm_text *out, const char *member, const char *const *names)
+{
+    qm_json_open(out, member, "[");
+    for (; *names; names++) {
+        qm_json_add_comma(out);
+        qm_json_add_quoted(out, *names);
+    }
+    qm_text_add_string(out, "]");
+}
+
 void qm_handle_info(qm_request *request)
 {
     const qm_config *config = qm_request_app(request)->config;
     qm_job_counts counts = qm_jobs_count(qm_request_app(request)->jobs);
     qm_text out = {0};
-    qm_text_printf(&out, "{\"name\":\"quadmeshd\",\"version\":\"%s\",\"kernel\":\"%s\",\"formats\":[",
-                   QM_VERSION, qm_kernel_name());
-#define XX(suffix, name, extension, media) qm_text_add_string(&out, "\"" name "\",");
-    QM_FORMAT_MAP(XX)
+#define XX(suffix, name, extension, media) name,
+    static const char *const formats[] = {QM_FORMAT_MAP(XX) NULL};
 #undef XX
-    if (out.size > 0) out.size--;
-    qm_text_add_string(&out, "],\"jobs\":[");
-#define XX(suffix, name, first, second) qm_text_add_string(&out, "\"" #name "\",");
-    QM_JOB_MAP(XX)
-#undef XX
-    if (out.size > 0) out.size--;
-    qm_text_add_string(&out, "],\"accelerators\":[");
-    for (int i = 0; qm_accelerator_names[i]; i++)
-        qm_text_printf(&out, "%s\"%s\"", i > 0 ? "," : "", qm_accelerator_names[i]);
+    qm_text_printf(&out, "{\"name\":\"quadmeshd\",\"version\":\"%s\",\"kernel\":\"%s\"", QM_VERSION,
+                   qm_kernel_name());
+    add_names(&out, "formats", formats);
+    add_names(&out, "jobs", qm_job_kind_names);
+    add_names(&out, "accelerators", qm_accelerator_names);
     qm_text_printf(&out,
-                   "],\"limits\":{\"body_bytes\":%.15g,"
+                   ",\"limits\":{\"body_bytes\":%.15g,"
                    "\"memory_bytes\":%zu,"
                    "\"faces\":%.15g,\"queued_jobs\":%.15g,\"connections\":%.15g,\"streams\":%.15g},"
                    "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu}",

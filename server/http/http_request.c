@@ -156,11 +156,9 @@ void qm_reply_problem(qm_request *request, const qm_problem *problem)
 {
     static const char fallback[] = "{\"type\":\"about:blank\",\"title\":\"Out of memory\",\"status\":507}";
     qm_text text = {0};
-    qm_json_write_problem(&text, problem);
-    if (text.size > 0 && !text.failed) {
-        text.size--; /* of the closing brace */
-        qm_text_printf(&text, ",\"instance\":\"urn:request:%s\"}", request->name);
-    }
+    qm_text_add_string(&text, "{");
+    qm_json_add_problem(&text, problem);
+    qm_text_printf(&text, ",\"instance\":\"urn:request:%s\"}", request->name);
     char *body = qm_text_take(&text);
     drop_header(&request->reply, "ETag");
     if (problem->allow[0]) qm_reply_header(request, "Allow", "%s", problem->allow);

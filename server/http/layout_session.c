@@ -71,13 +71,6 @@ bool qm_layout_session_write(const qm_layout_session *s, char **layout, char **i
     return *layout && *issues;
 }
 
-/** The members of a stored object, without its braces. */
-static void add_members(qm_text *out, const char *object)
-{
-    qm_json_add_comma(out);
-    qm_text_add(out, object + 1, strlen(object) - 2);
-}
-
 void qm_write_layout(qm_text *out, const qm_store_layout *row, bool is_brief)
 {
     qm_json_add_string(out, "id", row->id);
@@ -88,7 +81,7 @@ void qm_write_layout(qm_text *out, const qm_store_layout *row, bool is_brief)
     qm_json_add_bool(out, "complete", row->is_complete);
     qm_json_add_string(out, "created", row->created);
     if (is_brief) return;
-    add_members(out, row->layout);
+    qm_json_add_members(out, row->layout);
     qm_json_add_comma(out);
     qm_text_add_string(out, row->issues);
 }

@@ -126,18 +126,15 @@ typedef struct progress_target {
 static void on_progress(void *user, const qm_hausdorff_progress *progress)
 {
     const progress_target *target = user;
-    qm_text object = {0};
-    qm_json_write_bounds(&object, progress, target->diagonal);
-    char *text = qm_text_take(&object);
-    if (!text) return;
-    char *members = text + 1; /* the object without its braces */
-    members[strlen(members) - 1] = '\0';
+    qm_text text = {0};
+    qm_json_add_bounds(&text, progress, target->diagonal);
+    char *members = qm_text_take(&text);
+    if (!members) return;
     uv_mutex_lock(&target->job->jobs->lock);
     free(target->job->last_bounds);
-    target->job->last_bounds = strdup(members);
+    target->job->last_bounds = members;
     qm_job_add_event(target->job, "bounds", members);
     uv_mutex_unlock(&target->job->jobs->lock);
-    free(text);
 }
 
 bool qm_job_is_canceled(qm_job *job)

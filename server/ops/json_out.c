@@ -98,11 +98,10 @@ static void add_error(qm_text *out, const qm_problem_error *error)
     qm_text_add_string(out, "}");
 }
 
-void qm_json_write_problem(qm_text *out, const qm_problem *problem)
+void qm_json_add_problem(qm_text *out, const qm_problem *problem)
 {
     char type[96];
     snprintf(type, sizeof type, "/problems/%s", qm_problem_name(problem->code));
-    qm_text_add_string(out, "{");
     qm_json_add_string(out, "type", type);
     qm_json_add_string(out, "title", qm_problem_title(problem->code));
     qm_json_add_count(out, "status", (uint64_t)qm_problem_status(problem->code));
@@ -114,6 +113,12 @@ void qm_json_write_problem(qm_text *out, const qm_problem *problem)
             add_error(out, &problem->errors[i]);
         qm_text_add_string(out, "]");
     }
+}
+
+void qm_json_write_problem(qm_text *out, const qm_problem *problem)
+{
+    qm_text_add_string(out, "{");
+    qm_json_add_problem(out, problem);
     qm_text_add_string(out, "}");
 }
 
@@ -310,9 +315,8 @@ static void write_hausdorff_result(qm_text *out, const qm_job_request *request, 
         qm_json_add_string(out, "verdict", h->verdict > 0 ? "above" : "below");
 }
 
-void qm_json_write_bounds(qm_text *out, const qm_hausdorff_progress *progress, double diagonal)
+void qm_json_add_bounds(qm_text *out, const qm_hausdorff_progress *progress, double diagonal)
 {
-    qm_text_add_string(out, "{");
     qm_json_add_ms(out, "elapsed_ms", progress->elapsed_ms);
     add_bounds(out, progress->lower, progress->upper, diagonal);
     qm_json_add_number(out, "gap_relative",
@@ -320,7 +324,6 @@ void qm_json_write_bounds(qm_text *out, const qm_hausdorff_progress *progress, d
     qm_json_add_count(out, "iterations", progress->iterations);
     qm_json_add_count(out, "projections", progress->projections);
     qm_json_add_count(out, "queue", progress->queue_count);
-    qm_text_add_string(out, "}");
 }
 
 /* ---- project ---- */

@@ -20,8 +20,9 @@ typedef struct qm_mesh_label {
 /** The mesh resource, one JSON object without a newline. */
 void qm_json_write_mesh(qm_text *out, const qm_mesh_label *label, const qm_loaded_mesh *mesh);
 
-/** The problem document. */
+/** The problem document, and its members for a document with more of them. */
 void qm_json_write_problem(qm_text *out, const qm_problem *problem);
+void qm_json_add_problem(qm_text *out, const qm_problem *problem);
 
 /** A request with all its fields in a fixed order: the body sent to a daemon, and the key of its cache. */
 void qm_json_write_request(qm_text *out, const qm_job_request *request);
@@ -36,8 +37,8 @@ void qm_json_write_projection(qm_text *out, const qm_projections *projections, s
 /** The result object of a job of any kind. */
 void qm_json_write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result);
 
-/** The members of a bounds event as one object, without event and seq; relative figures refer to diagonal. */
-void qm_json_write_bounds(qm_text *out, const qm_hausdorff_progress *progress, double diagonal);
+/** Adds the members of a bounds event but for event and seq; relative figures refer to diagonal. */
+void qm_json_add_bounds(qm_text *out, const qm_hausdorff_progress *progress, double diagonal);
 
 /** Adds the members of the record of a step; relative figures refer to diagonal, that of the source. */
 void qm_json_add_step(qm_text *out, const qm_refine_record *record, double diagonal);

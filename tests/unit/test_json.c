@@ -528,7 +528,7 @@ static void relative_bounds_are_rounded_outwards(void **state)
         progress.upper = progress.lower;
         double diagonal = qm_random_range(&random, 0.1, 10.0);
         qm_text text = {0};
-        qm_json_write_bounds(&text, &progress, diagonal);
+        qm_json_add_bounds(&text, &progress, diagonal);
         /* long double has 11 bits more: enough to see on which side of the true share a double lies. */
         long double share = (long double)progress.lower / (long double)diagonal;
         QM_CHECK((long double)number_of(text.data, "lower_relative") < share, "seed %llu: %s",
