@@ -48,11 +48,11 @@ static void on_signal(uv_signal_t *handle, int number)
 /** Reads the tokens; false with a record in the log, and the old tokens stay. */
 static bool load_tokens(const qm_app *app)
 {
-    char message[QM_TOKENS_MESSAGE_SIZE];
+    char message[QM_ACCESS_TOKENS_MESSAGE_SIZE];
     if (!app->config->token_file[0]) return true;
-    bool loaded = qm_tokens_load(app->tokens, app->config->token_file, message);
+    bool loaded = qm_access_tokens_load(app->tokens, app->config->token_file, message);
     if (loaded)
-        qm_log(QM_LOG_INFO, "token file: %zu tokens", qm_tokens_count(app->tokens));
+        qm_log(QM_LOG_INFO, "token file: %zu tokens", qm_access_tokens_count(app->tokens));
     else
         qm_log(QM_LOG_ERROR, "token file: %s", message);
     return loaded;
@@ -165,7 +165,7 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     qm_app *app = &state->app;
     char message[QM_MESSAGE_SIZE];
     app->config = config;
-    app->tokens = qm_tokens_create();
+    app->tokens = qm_access_tokens_create();
     if (!app->tokens || !load_tokens(app)) return false;
     if (qm_store_open(config->data_dir, &app->store, message) != QM_OK) {
         qm_log(QM_LOG_ERROR, "data folder: %s", message);
@@ -213,7 +213,7 @@ static void stop_parts(daemon_state *state)
     qm_reconstructions_destroy(app->reconstructions);
     qm_meshes_destroy(app->meshes);
     qm_store_close(app->store);
-    qm_tokens_destroy(app->tokens);
+    qm_access_tokens_destroy(app->tokens);
 }
 
 static qm_log_level read_level(const char *name)

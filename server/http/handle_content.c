@@ -107,7 +107,7 @@ void qm_handle_mesh_content(qm_request *request)
     if (!read_format(request, &format) || !read_bits(request, format, &bits)) return;
     char suffix[32];
     snprintf(suffix, sizeof suffix, "-%s-%d", qm_format_name(format), bits);
-    qm_mesh_ref *mesh = qm_take_mesh(request, suffix);
+    qm_mesh_ref *mesh = qm_handlers_take_mesh(request, suffix);
     if (!mesh) return;
     content_reply *s = begin_content(qm_request_app(request)->meshes, mesh, format, bits, &problem);
     if (!s) {
@@ -159,7 +159,7 @@ void qm_handle_mesh_vertices(qm_request *request)
     static const char *const suffixes[] = {"-vertices-f64", "-vertices-csv", "-vertices-json"};
     qm_meshes *meshes = qm_request_app(request)->meshes;
     qm_array_format rows = qm_request_rows(request);
-    qm_mesh_ref *mesh = qm_take_mesh(request, suffixes[rows]);
+    qm_mesh_ref *mesh = qm_handlers_take_mesh(request, suffixes[rows]);
     if (!mesh) return;
     vertices_reply *s = malloc(sizeof *s);
     if (!s) {
@@ -187,7 +187,7 @@ static char *write_patches(const qm_loaded_mesh *mesh)
 void qm_handle_mesh_patches(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
-    qm_mesh_ref *mesh = qm_take_mesh(request, "-patches");
+    qm_mesh_ref *mesh = qm_handlers_take_mesh(request, "-patches");
     if (!mesh) return;
     char *document = write_patches(qm_mesh_ref_get(mesh));
     qm_meshes_release(app->meshes, mesh);

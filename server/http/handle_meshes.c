@@ -1,13 +1,16 @@
 /**
- * handle_meshes.c: meshes as a resource: upload, list, document, removal.
+ * handle_meshes.c: meshes as a resource: upload, list, document, removal, and the next revision of one
+ * (PATCH /v1/meshes/{id}/vertices).
  */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/json.h"
 #include "handlers.h"
 #include "media.h"
 #include "mesh/etag.h"
+#include "ops/projections.h"
 
 #define NAME_SIZE 200
 
@@ -101,7 +104,7 @@ void qm_handle_mesh_list(qm_request *request)
     qm_app *app = qm_request_app(request);
     size_t limit;
     int64_t after;
-    if (!qm_read_paging(request, &limit, &after)) return;
+    if (!qm_handlers_read_paging(request, &limit, &after)) return;
     qm_store_mesh *rows = calloc(limit + 1, sizeof *rows);
     size_t count = 0;
     qm_status status =
@@ -116,7 +119,7 @@ void qm_handle_mesh_list(qm_request *request)
     qm_text_add_string(&out, "{\"meshes\":[");
     for (size_t i = 0; i < count && i < limit; i++)
         qm_text_printf(&out, "%s%s", i > 0 ? "," : "", rows[i].document);
-    qm_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
+    qm_handlers_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
     for (size_t i = 0; i < count; i++)
         qm_store_mesh_reset(&rows[i]);
     free(rows);
@@ -126,8 +129,8 @@ void qm_handle_mesh_list(qm_request *request)
 void qm_handle_mesh_get(qm_request *request)
 {
     qm_store_mesh mesh;
-    if (!qm_find_mesh(request, &mesh)) return;
-    if (qm_check_mesh_tag(request, &mesh))
+    if (!qm_handlers_find_mesh(request, &mesh)) return;
+    if (qm_handlers_check_mesh_tag(request, &mesh))
         reply_mesh(request, 200, &mesh);
     else
         qm_store_mesh_reset(&mesh);
@@ -139,6 +142,97 @@ void qm_handle_mesh_delete(qm_request *request)
     if (qm_meshes_delete(qm_request_app(request)->meshes, qm_request_id(request),
                          qm_request_header(request, "If-Match"), &problem))
         qm_reply_empty(request, 204);
+    else
+        qm_reply_problem(request, &problem);
+}
+
+/* ---- deformation ---- */
+
+/** Reads the body into a block of `times` its size, with a zero after it; NULL with a problem. */
+static char *read_body(const qm_blob_writer *upload, size_t times, size_t *size, qm_problem *problem)
+{
+    *size = (size_t)qm_blob_size(upload);
+    char *bytes = malloc(times * *size + 1);
+    if (!bytes) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the vertices");
+        return NULL;
+    }
+    bytes[*size] = '\0';
+    if (qm_blob_read(upload, 0, bytes, *size) == QM_OK) return bytes;
+    free(bytes);
+    *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the body cannot be read back");
+    return NULL;
+}
+
+/** Converts a binary body to doubles of this machine, in place; takes over the bytes, which have room for
+ * doubles. False with a problem. */
+static bool read_numbers(char *bytes, size_t size, bool is_float, qm_moved_vertices *out, qm_problem *problem)
+{
+    size_t width = is_float ? sizeof(float) : sizeof(double);
+    *out = (qm_moved_vertices){.count = size / (3 * width)};
+    if (size == 0 || size % (3 * width) != 0) {
+        free(bytes);
+        *problem =
+            qm_problem_make(QM_PROBLEM_MALFORMED_BODY,
+                            "the body has %zu bytes; it must be a multiple of %zu above 0", size, 3 * width);
+        return false;
+    }
+    out->positions = (double *)(void *)bytes;
+    (is_float ? qm_projections_widen : qm_array_swap_bytes)(out->positions, 3 * out->count);
+    return true;
+}
+
+static bool read_moved(qm_request *request, const qm_blob_writer *upload, bool is_float,
+                       qm_moved_vertices *out, qm_problem *problem)
+{
+    const char *type = qm_request_header(request, "Content-Type");
+    bool is_json = type && qm_media_is(type, "application/json");
+    *out = (qm_moved_vertices){0};
+    if (type && !is_json && !qm_media_is(type, "application/octet-stream")) {
+        *problem = qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
+                                   "the Content-Type of vertices must be application/json, or "
+                                   "application/octet-stream for all vertices");
+        return false;
+    }
+    size_t size;
+    char *bytes = read_body(upload, is_float ? 2 : 1, &size, problem);
+    if (!bytes) return false;
+    if (!is_json) return read_numbers(bytes, size, is_float, out, problem);
+    bool read = qm_json_read_moved_vertices(bytes, size, out, problem);
+    free(bytes);
+    return read;
+}
+
+static void reply_deformed(qm_request *request, const qm_deformed *deformed)
+{
+    char tag[QM_ETAG_SIZE];
+    qm_etag_write_mesh(deformed->hash, deformed->revision, "", tag);
+    qm_reply_header(request, "ETag", "%s", tag);
+    qm_text out = {0};
+    qm_text_add_string(&out, "{");
+    qm_json_add_count(&out, "revision", deformed->revision);
+    qm_json_add_count(&out, "updated_nodes", deformed->updated_nodes);
+    qm_json_add_ms(&out, "refit_ms", deformed->refit_ms);
+    qm_text_add_string(&out, "}");
+    qm_reply_text(request, 200, "application/json", qm_text_take(&out));
+}
+
+void qm_handle_mesh_deform(qm_request *request)
+{
+    static const char *const types[] = {"f64", "f32", NULL};
+    int type;
+    if (!qm_request_choice(request, "dtype", types, &type)) return;
+    qm_blob_writer *upload = qm_request_take_upload(request);
+    qm_moved_vertices moved;
+    qm_problem problem;
+    qm_deformed deformed;
+    bool done = read_moved(request, upload, type == 1, &moved, &problem) &&
+                qm_meshes_deform(qm_request_app(request)->meshes, qm_request_id(request), &moved,
+                                 qm_request_header(request, "If-Match"), &deformed, &problem);
+    qm_moved_vertices_reset(&moved);
+    qm_blob_abort(upload);
+    if (done)
+        reply_deformed(request, &deformed);
     else
         qm_reply_problem(request, &problem);
 }

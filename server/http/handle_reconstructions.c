@@ -57,8 +57,8 @@ static bool take_layout(qm_app *app, const char *id, qm_store_layout *out, qm_pr
 static bool reply_again(qm_request *request, const qm_store_idempotency *idempotency)
 {
     char id[QM_ID_SIZE];
-    qm_idempotency outcome =
-        qm_check_idempotency(request, idempotency, qm_store_find_reconstruction_by_idempotency_key, id);
+    qm_idempotency outcome = qm_handlers_check_idempotency(
+        request, idempotency, qm_store_find_reconstruction_by_idempotency_key, id);
     if (outcome != QM_IDEMPOTENCY_MADE) return outcome == QM_IDEMPOTENCY_REFUSED;
     qm_store_reconstruction row;
     if (!find_row(request, id, &row)) return true;
@@ -71,7 +71,7 @@ static bool reply_again(qm_request *request, const qm_store_idempotency *idempot
 void qm_handle_reconstruction_create(qm_request *request)
 {
     qm_store_idempotency idempotency;
-    if (!qm_read_idempotency(request, &idempotency) || reply_again(request, &idempotency)) return;
+    if (!qm_handlers_read_idempotency(request, &idempotency) || reply_again(request, &idempotency)) return;
     qm_app *app = qm_request_app(request);
     size_t size;
     const char *body = qm_request_body(request, &size);
@@ -99,7 +99,7 @@ void qm_handle_reconstruction_list(qm_request *request)
 {
     size_t limit;
     int64_t after;
-    if (!qm_read_paging(request, &limit, &after)) return;
+    if (!qm_handlers_read_paging(request, &limit, &after)) return;
     qm_store_reconstruction *rows = calloc(limit + 1, sizeof *rows);
     qm_store *store = qm_request_app(request)->store;
     size_t count = 0;
@@ -118,7 +118,7 @@ void qm_handle_reconstruction_list(qm_request *request)
         open_row(&out, &rows[i]);
         qm_text_add_string(&out, "}");
     }
-    qm_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
+    qm_handlers_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
     for (size_t i = 0; i < count; i++)
         qm_store_reconstruction_reset(&rows[i]);
     free(rows);

@@ -16,7 +16,7 @@
 
 /* ---- the mesh of the path ---- */
 
-bool qm_find_mesh(qm_request *request, qm_store_mesh *out)
+bool qm_handlers_find_mesh(qm_request *request, qm_store_mesh *out)
 {
     const char *id = qm_request_id(request);
     qm_status status = qm_store_find_mesh(qm_request_app(request)->store, id, out);
@@ -48,21 +48,21 @@ static bool check_tag(qm_request *request, const char *tag)
     return false;
 }
 
-bool qm_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh)
+bool qm_handlers_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh)
 {
     char tag[QM_ETAG_SIZE];
     qm_etag_write_mesh(mesh->hash, mesh->revision, "", tag);
     return check_tag(request, tag);
 }
 
-qm_mesh_ref *qm_take_mesh(qm_request *request, const char *suffix)
+qm_mesh_ref *qm_handlers_take_mesh(qm_request *request, const char *suffix)
 {
     qm_meshes *meshes = qm_request_app(request)->meshes;
     qm_store_mesh row;
     qm_problem problem;
     qm_mesh_ref *mesh = NULL;
     char tag[QM_ETAG_SIZE];
-    if (!qm_find_mesh(request, &row)) return NULL;
+    if (!qm_handlers_find_mesh(request, &row)) return NULL;
     qm_etag_write_mesh(row.hash, row.revision, suffix, tag);
     /* A client that has the revision gets its 304 without reading the mesh. Another thread may make a new
      * revision after the row was read: the tag that is sent is that of the acquired one. */
@@ -81,7 +81,7 @@ qm_mesh_ref *qm_take_mesh(qm_request *request, const char *suffix)
 
 /* ---- idempotency ---- */
 
-bool qm_read_idempotency_key(qm_request *request, const char **key)
+bool qm_handlers_read_idempotency_key(qm_request *request, const char **key)
 {
     *key = qm_request_header(request, "Idempotency-Key");
     if (!*key || (**key && strlen(*key) <= MAX_KEY_LENGTH)) return true;
@@ -91,18 +91,18 @@ bool qm_read_idempotency_key(qm_request *request, const char **key)
     return false;
 }
 
-bool qm_read_idempotency(qm_request *request, qm_store_idempotency *out)
+bool qm_handlers_read_idempotency(qm_request *request, qm_store_idempotency *out)
 {
     size_t size;
     const char *body = qm_request_body(request, &size);
     *out = (qm_store_idempotency){0};
-    if (!qm_read_idempotency_key(request, &out->key)) return false;
+    if (!qm_handlers_read_idempotency_key(request, &out->key)) return false;
     if (out->key) qm_hash_text(body, size, out->request);
     return true;
 }
 
-qm_idempotency qm_check_idempotency(qm_request *request, const qm_store_idempotency *idempotency,
-                                    qm_find_idempotency_record *find, char id[QM_ID_SIZE])
+qm_idempotency qm_handlers_check_idempotency(qm_request *request, const qm_store_idempotency *idempotency,
+                                             qm_find_idempotency_record *find, char id[QM_ID_SIZE])
 {
     qm_store_idempotency_record made;
     qm_problem problem;
@@ -124,7 +124,7 @@ qm_idempotency qm_check_idempotency(qm_request *request, const qm_store_idempote
 
 /* ---- pages ---- */
 
-bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after)
+bool qm_handlers_read_paging(qm_request *request, size_t *limit, int64_t *after)
 {
     const char *limit_text = qm_request_query(request, "limit"),
                *cursor = qm_request_query(request, "cursor");
@@ -156,7 +156,7 @@ bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after)
     return true;
 }
 
-void qm_end_page(qm_text *out, int64_t next)
+void qm_handlers_end_page(qm_text *out, int64_t next)
 {
     if (next > 0)
         qm_text_printf(out, "],\"next\":\"%lld\"}", (long long)next);

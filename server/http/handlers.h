@@ -56,27 +56,27 @@ void qm_handle_docs(qm_request *request);
 void qm_handle_page(qm_request *request);
 
 /** The row of the mesh that the path names, for qm_store_mesh_reset; false after a problem was the reply. */
-bool qm_find_mesh(qm_request *request, qm_store_mesh *out);
+bool qm_handlers_find_mesh(qm_request *request, qm_store_mesh *out);
 
 /**
  * Gives the reply the entity tag of a mesh (content and revision) and compares it: false after a 304
  * (If-None-Match, on GET) or 412 (If-Match).
  */
-bool qm_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh);
+bool qm_handlers_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh);
 
 /**
  * Takes a reference to the mesh in the path, to reply with a representation of the very revision that the
  * reply's tag names. suffix tells the representations of a mesh apart in the tag. NULL after a reply: 304,
  * 404, 412, or what kept the mesh from being read.
  */
-qm_mesh_ref *qm_take_mesh(qm_request *request, const char *suffix);
+qm_mesh_ref *qm_handlers_take_mesh(qm_request *request, const char *suffix);
 
 /** Reads the Idempotency-Key, NULL when there is none; false, and replied with a problem, when it cannot be
  * one. */
-bool qm_read_idempotency_key(qm_request *request, const char **key);
+bool qm_handlers_read_idempotency_key(qm_request *request, const char **key);
 
 /** Reads the key with the hash of the request, which distinguishes requests of one key. */
-bool qm_read_idempotency(qm_request *request, qm_store_idempotency *out);
+bool qm_handlers_read_idempotency(qm_request *request, qm_store_idempotency *out);
 
 /** Whether a request has created something already. */
 typedef enum qm_idempotency {
@@ -86,13 +86,13 @@ typedef enum qm_idempotency {
 } qm_idempotency;
 typedef qm_status qm_find_idempotency_record(qm_store *store, const char *key,
                                              qm_store_idempotency_record *out);
-qm_idempotency qm_check_idempotency(qm_request *request, const qm_store_idempotency *idempotency,
-                                    qm_find_idempotency_record *find, char id[QM_ID_SIZE]);
+qm_idempotency qm_handlers_check_idempotency(qm_request *request, const qm_store_idempotency *idempotency,
+                                             qm_find_idempotency_record *find, char id[QM_ID_SIZE]);
 
 /** Ends a page of a list: closes its array and adds the cursor of the next page; 0 after the last one. */
-void qm_end_page(qm_text *out, int64_t next);
+void qm_handlers_end_page(qm_text *out, int64_t next);
 
 /** Reads ?limit= and ?cursor=; replies with a problem and returns false when they are not valid. */
-bool qm_read_paging(qm_request *request, size_t *limit, int64_t *after);
+bool qm_handlers_read_paging(qm_request *request, size_t *limit, int64_t *after);
 
 #endif

@@ -113,7 +113,7 @@ static enum MHD_Result handle(qm_request *request)
         if (!qm_pool_submit(pool_of(request), run_on_pool, request)) refuse(request);
         return MHD_YES;
     }
-    return qm_request_send_reply(request);
+    return qm_reply_send(request);
 }
 
 static bool has_body(const qm_request *request)
@@ -201,8 +201,8 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
     }
     if (request->stage == RECEIVING) return handle(request);
     if (request->stage != WAITING) return MHD_YES;
-    if (request->awaited && !qm_request_check_awaited(request)) return MHD_YES;
-    return qm_request_send_reply(request);
+    if (request->awaited && !qm_reply_check_awaited(request)) return MHD_YES;
+    return qm_reply_send(request);
 }
 
 static void log_request(const qm_request *request, bool is_whole)

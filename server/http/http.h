@@ -4,13 +4,13 @@
 #ifndef QM_HTTP_H
 #define QM_HTTP_H
 
+#include "access.h"
 #include "base/arrays.h"
 #include "base/config.h"
 #include "base/pool.h"
 #include "job/job.h"
 #include "layout/reconstructions.h"
 #include "ops/problem.h"
-#include "tokens.h"
 
 /** The parts of the daemon that a handler may use; created by main.c, alive as long as the daemon. */
 typedef struct qm_app {

@@ -1,13 +1,16 @@
 /**
  * http_guard.c: the list of connections, and the limits on idle and slow ones.
+ *
+ * The library's own time limit starts again with every byte, so that a client can hold a connection for ever
+ * by sending one now and then. Here a connection without a request ends after the idle time whatever it
+ * sends, and one whose body comes more slowly than a rate ends as well.
  */
-#include "http_guard.h"
-
 #include <stdlib.h>
 #include <sys/socket.h>
 
 #include "base/clock.h"
 #include "base/metrics.h"
+#include "http_internal.h"
 
 #define RATE_GRACE_MS 10000.0 /* time of an upload before its rate is checked */
 #define MS_PER_S 1e3

@@ -1,7 +1,7 @@
 /**
- * http_internal.h: what the files that see libmicrohttpd share: http.c (life of a request), http_checks.c
- * (before the body), http_request.c (replies), http_stream.c (replies that wait for jobs), http_blocks.c
- * (long replies).
+ * http_internal.h: what the files that see libmicrohttpd share: http.c (life of a request), http_request.c (what a
+ * request has, and its checks before the body), http_reply.c (replies of whole bodies), http_reply_stream.c (replies
+ * that are sent while they are made), http_guard.c (slow connections).
  */
 #ifndef QM_HTTP_INTERNAL_H
 #define QM_HTTP_INTERNAL_H
@@ -9,11 +9,57 @@
 #include <arpa/inet.h>
 #include <microhttpd.h>
 #include <netinet/in.h>
+#include <stdatomic.h>
 #include <sys/socket.h>
 #include <unistd.h>
+#include <uv.h>
 
-#include "http_guard.h"
 #include "route.h"
+
+/* ---- connections that keep the daemon waiting (http_guard.c) ---- */
+
+typedef enum qm_connection_stage {
+    QM_CONNECTION_IDLE,
+    QM_CONNECTION_RECEIVING,
+    QM_CONNECTION_BUSY
+} qm_connection_stage;
+
+typedef struct qm_connection {
+    MHD_socket socket;
+    qm_connection_stage stage;
+    double since_ms;        /* of the stage */
+    atomic_size_t received; /* bytes of the body, while receiving */
+    struct qm_connection *previous, *next;
+} qm_connection;
+
+/** lock guards the list and the stages. */
+typedef struct qm_guard {
+    uv_mutex_t lock;
+    qm_connection *first;
+    size_t count;
+    double idle_ms;
+    double least_rate; /* bytes a second; 0: any */
+} qm_guard;
+
+void qm_guard_init(qm_guard *guard, double idle_ms, double least_rate);
+void qm_guard_reset(qm_guard *guard);
+
+/** The library's hook for connections that come and go; cls is the guard. */
+void qm_guard_on_connection(void *cls, struct MHD_Connection *connection, void **socket_context,
+                            enum MHD_ConnectionNotificationCode code);
+
+/** The guard's record of a connection; NULL when there was no memory for one. */
+qm_connection *qm_guard_find(struct MHD_Connection *connection);
+
+/** NULL is fine. */
+void qm_guard_set_stage(qm_guard *guard, qm_connection *connection, qm_connection_stage stage);
+
+size_t qm_guard_count(qm_guard *guard);
+
+/** Ends the connections that are over time; called now and then. */
+void qm_guard_tick(qm_guard *guard, double now_ms);
+
+/* ---- requests and replies ---- */
 
 #define QM_REQUEST_ID_SIZE 65
 
@@ -65,32 +111,19 @@ void qm_request_set_problem(qm_request *request, qm_problem problem);
 size_t qm_request_body_limit(const qm_request *request);
 
 /** Sends the reply that the handler has made. */
-enum MHD_Result qm_request_send_reply(qm_request *request);
+enum MHD_Result qm_reply_send(qm_request *request);
 
-/** Headers that let pages of other origins use the reply, when they may; an OPTIONS request is answered
- * here. */
-void qm_request_add_cors(const qm_request *request, struct MHD_Response *response);
-void qm_request_answer_options(qm_request *request);
+/** The reply to OPTIONS, for pages of other origins. */
+void qm_reply_options(qm_request *request);
 
 /** Makes the reply when the awaited job is over; else suspends the connection and returns false. */
-bool qm_request_check_awaited(qm_request *request);
+bool qm_reply_check_awaited(qm_request *request);
 
 /** Makes the response of a whole body, which is malloc'ed and taken over. */
-void qm_request_set_buffer(qm_request *request, int status, char *body, size_t size);
+void qm_reply_set_buffer(qm_request *request, int status, char *body, size_t size);
 
 /** Makes the response of a body that is read while it is sent; size may be MHD_SIZE_UNKNOWN. */
-void qm_request_set_reader(qm_request *request, int status, uint64_t size, size_t piece_size,
-                           MHD_ContentReaderCallback read, void *user, MHD_ContentReaderFreeCallback end);
-
-/**
- * Every reply that is sent while it is made takes one of the --streams slots. take: false when all are in
- * use; refuse: replies with that problem.
- */
-bool qm_request_take_stream_slot(qm_app *app);
-void qm_request_return_stream_slot(qm_app *app);
-void qm_request_refuse_stream_slot(qm_request *request);
-
-/** Replies that out of memory for the reply. */
-void qm_request_refuse_memory(qm_request *request);
+void qm_reply_set_reader(qm_request *request, int status, uint64_t size, size_t piece_size,
+                         MHD_ContentReaderCallback read, void *user, MHD_ContentReaderFreeCallback end);
 
 #endif

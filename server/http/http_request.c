@@ -1,24 +1,18 @@
 /**
- * http_request.c: what handlers ask of a request, the replies that they make of whole bodies, and the headers
- * for pages of other origins (WHATWG Fetch, CORS protocol), which are off unless origins are named.
+ * http_request.c: what handlers ask of a request, and the checks of a request before its body is received: framing,
+ * route, access, parameters, length.
  */
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
+#include "access.h"
+#include "base/metrics.h"
 #include "http_internal.h"
-#include "ops/json_out.h"
-#include "origin.h"
+#include "media.h"
 
-#define MAX_AGE_S "600"
-
-static const char allowed_headers[] =
-    "Authorization, Content-Type, Accept, Prefer, Cache-Control, Idempotency-Key, If-Match, If-None-Match, "
-    "Last-Event-ID, X-Request-Id";
-static const char exposed_headers[] =
-    "Location, ETag, Retry-After, Preference-Applied, X-Request-Id, Content-Disposition, Mesh-Displacement, "
-    "Mesh-Quantization, Mesh-Cut-Faces, Mesh-Left-Out-Vertices";
+#define MAX_JSON_BODY (1u << 20)
 
 qm_app *qm_request_app(const qm_request *request)
 {
@@ -90,136 +84,242 @@ qm_blob_writer *qm_request_take_upload(qm_request *request)
     return upload;
 }
 
-/* ---- replies ---- */
+/* ---- checks ---- */
 
-static void set_reply(qm_request *request, int status, const char *content_type, void *body, size_t size,
-                      enum MHD_ResponseMemoryMode mode)
+void qm_request_set_problem(qm_request *request, qm_problem problem)
 {
-    request->reply.status = status;
-    request->reply.response = MHD_create_response_from_buffer(size, body, mode);
-    /* Without a response the connection is closed. */
-    if (!request->reply.response && mode == MHD_RESPMEM_MUST_FREE) free(body);
-    if (content_type) qm_reply_header(request, "Content-Type", "%s", content_type);
+    if (request->has_problem) return;
+    request->problem = problem;
+    request->has_problem = true;
 }
 
-void qm_request_set_buffer(qm_request *request, int status, char *body, size_t size)
+size_t qm_request_body_limit(const qm_request *request)
 {
-    set_reply(request, status, NULL, body, size, MHD_RESPMEM_MUST_FREE);
+    return request->route->body == QM_BODY_SPOOL ? (size_t)request->app->config->max_body : MAX_JSON_BODY;
 }
 
-void qm_reply_text(qm_request *request, int status, const char *content_type, char *body)
+/** Counts of the headers that frame a request, and of Host. */
+typedef struct counted_headers {
+    int lengths, codings, hosts;
+} counted_headers;
+
+static enum MHD_Result count_header(void *user, enum MHD_ValueKind kind, const char *name, const char *value)
 {
-    if (body) {
-        set_reply(request, status, content_type, body, strlen(body), MHD_RESPMEM_MUST_FREE);
+    (void)kind;
+    (void)value;
+    counted_headers *found = user;
+    if (strcasecmp(name, "Content-Length") == 0) found->lengths++;
+    if (strcasecmp(name, "Transfer-Encoding") == 0) found->codings++;
+    if (strcasecmp(name, "Host") == 0) found->hosts++;
+    return MHD_YES;
+}
+
+/** Two lengths, a coding other than chunked, or two hosts can smuggle a request past a proxy. */
+static bool check_framing(qm_request *request)
+{
+    counted_headers found = {0};
+    MHD_get_connection_values(request->connection, MHD_HEADER_KIND, count_header, &found);
+    const char *coding = qm_request_header(request, "Transfer-Encoding");
+    if (found.lengths + found.codings > 1)
+        qm_request_set_problem(request,
+                               qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
+                                               "the request must have at most one of Content-Length and "
+                                               "Transfer-Encoding"));
+    else if (coding && strcasecmp(coding, "chunked") != 0)
+        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
+                                                        "the only supported Transfer-Encoding is chunked"));
+    else if (found.hosts > 1 || (found.hosts == 0 && request->needs_host))
+        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                                        "the request must have exactly one Host header"));
+    return !request->has_problem;
+}
+
+static void check_accept(qm_request *request)
+{
+    const char *const *offers = request->route->produces;
+    if (!offers) return;
+    if (offers[1]) qm_reply_header(request, "Vary", "Accept");
+    int chosen = qm_media_choose(qm_request_header(request, "Accept"), offers);
+    if (chosen >= 0) {
+        request->media = offers[chosen];
         return;
     }
-    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reply");
-    qm_reply_problem(request, &problem);
+    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE, "this comes as %s", offers[0]);
+    for (size_t i = 1; offers[i]; i++) {
+        size_t used = strlen(problem.detail);
+        snprintf(problem.detail + used, sizeof problem.detail - used, " or %s", offers[i]);
+    }
+    qm_request_set_problem(request, problem);
 }
 
-void qm_reply_static(qm_request *request, int status, const char *content_type, const char *body)
+/** A search of the query for unknown and repeated parameters. */
+typedef struct query_check {
+    const char *const *known;
+    unsigned seen; /* a bit for each of these */
+    const char *name, *fault;
+} query_check;
+
+static enum MHD_Result check_argument(void *user, enum MHD_ValueKind kind, const char *name,
+                                      const char *value)
 {
-    set_reply(request, status, content_type, (void *)(uintptr_t)body, strlen(body), MHD_RESPMEM_PERSISTENT);
+    (void)kind;
+    query_check *check = user;
+    if (!name[0] && !value) return MHD_YES; /* an empty part between ampersands */
+    unsigned index = 0;
+    while (check->known[index] && strcmp(check->known[index], name) != 0)
+        index++;
+    bool is_known = check->known[index];
+    if (is_known && !(check->seen & 1u << index)) {
+        check->seen |= 1u << index;
+        return MHD_YES;
+    }
+    check->name = name;
+    check->fault = is_known ? "is given more than once" : "is not a parameter of this operation";
+    return MHD_NO;
 }
 
-void qm_reply_empty(qm_request *request, int status)
+/** A misspelt parameter must not be ignored: the reply would be to another request. */
+static void check_query(qm_request *request)
 {
-    set_reply(request, status, NULL, (void *)(uintptr_t) "", 0, MHD_RESPMEM_PERSISTENT);
+    query_check check = {.known = request->route->query};
+    if (!check.known) return;
+    MHD_get_connection_values(request->connection, MHD_GET_ARGUMENT_KIND, check_argument, &check);
+    if (!check.fault) return;
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%.60s %s", check.name, check.fault);
+    for (size_t i = 0; check.known[i]; i++) {
+        size_t used = strlen(problem.detail);
+        snprintf(problem.detail + used, sizeof problem.detail - used, "%s %s", i > 0 ? "," : "; it has",
+                 check.known[i]);
+    }
+    qm_request_set_problem(request, problem);
 }
 
-void qm_request_set_reader(qm_request *request, int status, uint64_t size, size_t piece_size,
-                           MHD_ContentReaderCallback read, void *user, MHD_ContentReaderFreeCallback end)
+/** Compressed bodies are not supported: they would be decoded as meshes or JSON. */
+static void check_encoding(qm_request *request)
 {
-    request->reply.status = status;
-    request->reply.response = MHD_create_response_from_callback(size, piece_size, read, user, end);
-    if (!request->reply.response) {
-        end(user);
+    const char *encoding = qm_request_header(request, "Content-Encoding");
+    if (!encoding || request->route->body == QM_BODY_NONE || strcasecmp(encoding, "identity") == 0) return;
+    qm_request_set_problem(
+        request, qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE, "Content-Encoding is not supported"));
+}
+
+static void check_length(qm_request *request)
+{
+    const char *length = qm_request_header(request, "Content-Length");
+    if (!length || request->route->body == QM_BODY_NONE) return;
+    if (strtoull(length, NULL, 10) > qm_request_body_limit(request))
+        qm_request_set_problem(request,
+                               qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body must not exceed %zu bytes",
+                                               qm_request_body_limit(request)));
+}
+
+static bool is_path(const qm_request *request, const char *path)
+{
+    return strcmp(request->route->path, path) == 0;
+}
+
+/** A projection is a POST only because of its size: it reads. */
+static qm_scope needed_scope(const qm_request *request)
+{
+    const qm_route *route = request->route;
+    if (strncmp(route->path, "/v1/", strlen("/v1/")) != 0 && !is_path(request, "/metrics"))
+        return QM_SCOPE_NONE;
+    bool only_reads = strcmp(route->method, "GET") == 0 || is_path(request, "/v1/meshes/{id}/project");
+    return only_reads ? QM_SCOPE_READ : QM_SCOPE_WRITE;
+}
+
+static void check_token(qm_request *request)
+{
+    qm_scope needed = needed_scope(request);
+    if (needed == QM_SCOPE_NONE) return;
+    const char *given = qm_request_header(request, "Authorization");
+    qm_scope scope = qm_access_tokens_check(request->app->tokens, given);
+    if (scope >= needed) return;
+    qm_metrics_add(QM_METRICS_REFUSED_TOKENS, 1);
+    if (scope != QM_SCOPE_NONE) {
+        qm_reply_header(request, "WWW-Authenticate", "Bearer error=\"insufficient_scope\", scope=\"write\"");
+        qm_request_set_problem(request,
+                               qm_problem_make(QM_PROBLEM_FORBIDDEN, "this token only allows reading"));
         return;
     }
-    /* libmicrohttpd 0.9.75 ends a chunked reply to HEAD with a last chunk, which the client takes for the
-     * start of the next reply. */
-    if (strcmp(request->method, "HEAD") == 0 && size == MHD_SIZE_UNKNOWN)
-        MHD_set_response_options(request->reply.response, MHD_RF_HTTP_1_0_COMPATIBLE_STRICT, MHD_RO_END);
+    qm_reply_header(request, "WWW-Authenticate", given ? "Bearer error=\"invalid_token\"" : "Bearer");
+    qm_request_set_problem(request,
+                           qm_problem_make(QM_PROBLEM_UNAUTHORIZED,
+                                           given ? "the token is not valid"
+                                                 : "the request needs a token: Authorization: Bearer TOKEN"));
 }
 
-/** Removes a header that a handler has set before it failed. */
-static void drop_header(qm_reply *reply, const char *name)
+static bool is_known_host(const qm_request *request, const char *host)
 {
-    int kept = 0;
-    for (int i = 0; i < reply->header_count; i++)
-        if (strcmp(reply->header[i][0], name) != 0)
-            memmove(reply->header[kept++], reply->header[i], sizeof reply->header[i]);
-    reply->header_count = kept;
+    char name[256];
+    if (qm_access_host_is_plain(host)) return true;
+    snprintf(name, sizeof name, "%.*s", (int)strcspn(host, ":"), host);
+    return qm_access_origin_is_listed(request->app->config->hosts, name);
 }
 
-void qm_reply_problem(qm_request *request, const qm_problem *problem)
+/**
+ * Without tokens the daemon trusts every client, and a browser on this machine reaches it for every page
+ * that it shows. So Host must be the daemon's address, and pages of other origins may not change anything.
+ */
+static void check_page(qm_request *request)
 {
-    static const char fallback[] = "{\"type\":\"about:blank\",\"title\":\"Out of memory\",\"status\":507}";
-    qm_text text = {0};
-    qm_text_add_string(&text, "{");
-    qm_json_add_problem(&text, problem);
-    qm_text_printf(&text, ",\"instance\":\"urn:request:%s\"}", request->name);
-    char *body = qm_text_take(&text);
-    drop_header(&request->reply, "ETag");
-    if (problem->allow[0]) qm_reply_header(request, "Allow", "%s", problem->allow);
-    if (problem->retry_after_s) qm_reply_header(request, "Retry-After", "%d", problem->retry_after_s);
-    if (body)
-        set_reply(request, qm_problem_status(problem->code), "application/problem+json", body, strlen(body),
-                  MHD_RESPMEM_MUST_FREE);
+    const char *host = qm_request_header(request, "Host"), *origin = qm_request_header(request, "Origin");
+    if (!is_known_host(request, host))
+        qm_request_set_problem(
+            request, qm_problem_make(QM_PROBLEM_FORBIDDEN, "the name in Host is not one of this server"));
+    bool is_strange = origin && !qm_access_origin_is_host(origin, host) &&
+                      !qm_access_origin_is_listed(request->app->config->cors_origins, origin);
+    if (is_strange && strcmp(request->route->method, "GET") != 0)
+        qm_request_set_problem(request,
+                               qm_problem_make(QM_PROBLEM_FORBIDDEN, "pages of this Origin are not allowed"));
+}
+
+static void check_access(qm_request *request)
+{
+    if (request->listener->is_private) return;
+    if (qm_access_tokens_count(request->app->tokens) > 0)
+        check_token(request);
     else
-        qm_reply_static(request, 507, "application/problem+json", fallback);
+        check_page(request);
 }
 
-void qm_reply_header(qm_request *request, const char *name, const char *format, ...)
+/** The private listener has health and metrics only. */
+static bool is_served(const qm_request *request)
 {
-    qm_reply *reply = &request->reply;
-    QM_ASSERT(reply->header_count < QM_REPLY_HEADERS);
-    char(*header)[256] = reply->header[reply->header_count++];
-    snprintf(header[0], sizeof header[0], "%s", name);
-    va_list arguments;
-    va_start(arguments, format);
-    vsnprintf(header[1], sizeof header[1], format, arguments);
-    va_end(arguments);
+    return !request->listener->is_private || is_path(request, "/healthz") || is_path(request, "/readyz") ||
+           is_path(request, "/metrics");
 }
 
-enum MHD_Result qm_request_send_reply(qm_request *request)
+/** OPTIONS replies with the methods of the path's routes. */
+static const qm_route options_route = {"OPTIONS",       "",  qm_reply_options, NULL, QM_BODY_NONE,
+                                       QM_RUNS_AT_ONCE, NULL};
+
+static bool find_route(qm_request *request)
 {
-    qm_reply *reply = &request->reply;
-    if (!reply->response) return MHD_NO;
-    for (int i = 0; i < reply->header_count; i++)
-        MHD_add_response_header(reply->response, reply->header[i][0], reply->header[i][1]);
-    MHD_add_response_header(reply->response, "X-Content-Type-Options", "nosniff");
-    MHD_add_response_header(reply->response, "X-Request-Id", request->name);
-    qm_request_add_cors(request, reply->response);
-    enum MHD_Result result =
-        MHD_queue_response(request->connection, (unsigned)reply->status, reply->response);
-    MHD_destroy_response(reply->response);
-    reply->response = NULL;
-    request->stage = DONE;
-    return result;
+    qm_problem problem;
+    request->route = qm_route_find(request->method, request->path, request->ids, &problem);
+    if (!request->route && strcmp(request->method, "OPTIONS") == 0 && problem.allow[0]) {
+        qm_reply_header(request, "Allow", "%s, OPTIONS", problem.allow);
+        request->route = &options_route;
+    }
+    if (request->route && !is_served(request)) {
+        request->route = NULL;
+        problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "there is no resource at this path");
+    }
+    if (!request->route) qm_request_set_problem(request, problem);
+    return request->route;
 }
 
-/* ---- pages of other origins ---- */
-
-void qm_request_add_cors(const qm_request *request, struct MHD_Response *response)
+void qm_request_check(qm_request *request)
 {
-    const char *origins = request->app->config->cors_origins;
-    const char *origin = qm_request_header(request, "Origin");
-    if (!*origins) return;
-    MHD_add_response_header(response, "Vary", "Origin");
-    if (!origin || !qm_origin_is_listed(origins, origin)) return;
-    MHD_add_response_header(response, "Access-Control-Allow-Origin", origin);
-    MHD_add_response_header(response, "Access-Control-Expose-Headers", exposed_headers);
-}
-
-void qm_request_answer_options(qm_request *request)
-{
-    const char *origins = request->app->config->cors_origins;
-    const char *origin = qm_request_header(request, "Origin");
-    qm_reply_empty(request, 204);
-    if (!*origins || !origin || !qm_origin_is_listed(origins, origin)) return;
-    struct MHD_Response *response = request->reply.response;
-    MHD_add_response_header(response, "Access-Control-Allow-Methods", "GET, HEAD, POST, PUT, PATCH, DELETE");
-    MHD_add_response_header(response, "Access-Control-Allow-Headers", allowed_headers);
-    MHD_add_response_header(response, "Access-Control-Max-Age", MAX_AGE_S);
+    if (!check_framing(request) || !find_route(request) || request->route == &options_route) return;
+    check_access(request);
+    check_query(request);
+    check_encoding(request);
+    check_length(request);
+    check_accept(request);
+    if (!request->has_problem && request->route->body == QM_BODY_SPOOL &&
+        qm_blob_begin(request->app->store, &request->upload) != QM_OK)
+        qm_request_set_problem(request,
+                               qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));
 }

@@ -8,6 +8,13 @@
 #include "meshes.h"
 #include "ops/json_request.h"
 
+void qm_moved_vertices_reset(qm_moved_vertices *moved)
+{
+    free(moved->indices);
+    free(moved->positions);
+    *moved = (qm_moved_vertices){0};
+}
+
 static bool read_indices(const cJSON *value, qm_moved_vertices *out, size_t *count, qm_json_location *at)
 {
     if (!cJSON_IsArray(value)) return false;

@@ -1,17 +1,64 @@
 /**
- * meshes.c: the table of meshes in memory: loading, references, eviction, deletion.
+ * meshes.c: the table of meshes in memory: loading, references, eviction, deletion; uploads, which are sealed, decoded and
+ * prepared, then stored under their content; and the next revisions of meshes.
  */
-#include "meshes_internal.h"
+#include "meshes.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <uv.h>
 
+#include "base/budget.h"
+#include "base/clock.h"
 #include "base/host.h"
 #include "base/log.h"
 #include "base/metrics.h"
 #include "etag.h"
 #include "ops/json_out.h"
+
+/** An entry lives while it is in the list or anybody holds a reference. */
+struct qm_mesh_ref {
+    char id[QM_ID_SIZE];
+    qm_loaded_mesh mesh;
+    enum { QM_MESH_LOADING, QM_MESH_READY, QM_MESH_BROKEN } state; /* loading, or being changed in place */
+    int references;                                                /* the list counts as one */
+    bool listed;
+    qm_problem problem; /* when broken */
+    qm_meshes *meshes;
+    qm_mesh_ref *next;
+};
+
+/**
+ * lock guards the list, which has the most recently used mesh first, references and states; changed signals a
+ * new state. A mesh that is READY is never written. store_lock is taken before lock, by threads that add,
+ * change or remove a mesh in the store: no two rows have equal content and options, no blob is removed that a
+ * row is about to name, and list and store agree.
+ */
+struct qm_meshes {
+    qm_store *store;
+    qm_codec_limits limits;
+    qm_budget budget;
+    int threads; /* that prepare a mesh */
+    uv_mutex_t store_lock;
+    uv_mutex_t lock;
+    uv_cond_t changed;
+    qm_mesh_ref *first;
+};
+
+/** True while any thread holds the mutex; for assertions of functions whose caller holds it. */
+static inline bool is_locked(uv_mutex_t *mutex)
+{
+    if (uv_mutex_trylock(mutex) != 0) return true;
+    uv_mutex_unlock(mutex);
+    return false;
+}
+
+/** A file in memory. */
+typedef struct mapped_bytes {
+    const uint8_t *bytes;
+    size_t size;
+} mapped_bytes;
 
 qm_context qm_meshes_context(qm_meshes *meshes)
 {
@@ -37,7 +84,8 @@ qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memo
     return meshes;
 }
 
-void qm_meshes_drop_reference(qm_mesh_ref *ref)
+/** The lock is held. */
+static void drop_reference(qm_mesh_ref *ref)
 {
     QM_ASSERT(ref->references > 0);
     if (--ref->references > 0) return;
@@ -51,7 +99,7 @@ void qm_meshes_destroy(qm_meshes *meshes)
     if (!meshes) return;
     for (qm_mesh_ref *ref = meshes->first, *next; ref; ref = next) {
         next = ref->next;
-        qm_meshes_drop_reference(ref);
+        drop_reference(ref);
     }
     uv_cond_destroy(&meshes->changed);
     uv_mutex_destroy(&meshes->lock);
@@ -61,22 +109,23 @@ void qm_meshes_destroy(qm_meshes *meshes)
 
 static qm_mesh_ref *find_listed(qm_meshes *meshes, const char *id)
 {
-    QM_ASSERT(qm_meshes_is_locked(&meshes->lock));
+    QM_ASSERT(is_locked(&meshes->lock));
     for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
         if (strcmp(ref->id, id) == 0) return ref;
     return NULL;
 }
 
-void qm_meshes_unlist(qm_meshes *meshes, qm_mesh_ref *ref)
+/** Takes a mesh out of the list. The lock is held. */
+static void unlist(qm_meshes *meshes, qm_mesh_ref *ref)
 {
-    QM_ASSERT(qm_meshes_is_locked(&meshes->lock));
+    QM_ASSERT(is_locked(&meshes->lock));
     if (!ref->listed) return;
     qm_mesh_ref **link = &meshes->first;
     while (*link != ref)
         link = &(*link)->next;
     *link = ref->next;
     ref->listed = false;
-    qm_meshes_drop_reference(ref);
+    drop_reference(ref);
 }
 
 /** Drops the least recently used mesh without a reference; false when there is none. */
@@ -87,7 +136,7 @@ static bool drop_coldest(void *user)
     uv_mutex_lock(&meshes->lock);
     for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
         if (ref->references == 1 && ref->state == QM_MESH_READY) coldest = ref;
-    if (coldest) qm_meshes_unlist(meshes, coldest);
+    if (coldest) unlist(meshes, coldest);
     uv_mutex_unlock(&meshes->lock);
     qm_metrics_add(QM_METRICS_MESH_EVICTIONS, coldest != NULL);
     return coldest;
@@ -106,7 +155,7 @@ qm_meshes_memory qm_meshes_measure(qm_meshes *meshes)
 /** Moves a listed mesh to the front. */
 static void touch(qm_meshes *meshes, qm_mesh_ref *ref)
 {
-    QM_ASSERT(qm_meshes_is_locked(&meshes->lock));
+    QM_ASSERT(is_locked(&meshes->lock));
     qm_mesh_ref **link = &meshes->first;
     while (*link != ref)
         link = &(*link)->next;
@@ -115,9 +164,10 @@ static void touch(qm_meshes *meshes, qm_mesh_ref *ref)
     meshes->first = ref;
 }
 
-qm_mesh_ref *qm_meshes_list(qm_meshes *meshes, const char *id)
+/** A new entry of a mesh in the list, which holds its one reference; NULL: out of memory. The lock is held. */
+static qm_mesh_ref *list_entry(qm_meshes *meshes, const char *id)
 {
-    QM_ASSERT(qm_meshes_is_locked(&meshes->lock));
+    QM_ASSERT(is_locked(&meshes->lock));
     qm_mesh_ref *ref = calloc(1, sizeof *ref);
     if (!ref) return NULL;
     snprintf(ref->id, sizeof ref->id, "%s", id);
@@ -129,7 +179,8 @@ qm_mesh_ref *qm_meshes_list(qm_meshes *meshes, const char *id)
     return ref;
 }
 
-qm_preparation qm_meshes_preparation(const qm_meshes *meshes)
+/** The structures that a mesh of the table is prepared with. */
+static qm_preparation preparation_of(const qm_meshes *meshes)
 {
     return (qm_preparation){.has_facts = true,
                             .has_patches = true,
@@ -139,12 +190,13 @@ qm_preparation qm_meshes_preparation(const qm_meshes *meshes)
                             .thread_count = meshes->threads};
 }
 
-bool qm_meshes_load_bytes(qm_meshes *meshes, qm_mapped_bytes file, qm_mapped_bytes positions,
-                          qm_format format, qm_loaded_mesh *out, qm_problem *problem)
+/** Decodes the bytes of a file and prepares the mesh; positions are a revision's, or empty. False with a problem. */
+static bool load_bytes(qm_meshes *meshes, mapped_bytes file, mapped_bytes positions, qm_format format,
+                       qm_loaded_mesh *out, qm_problem *problem)
 {
     qm_context ctx = qm_meshes_context(meshes);
     ctx.parallel = qm_host_parallel;
-    qm_preparation preparation = qm_meshes_preparation(meshes);
+    qm_preparation preparation = preparation_of(meshes);
     preparation.positions = (const double *)(const void *)positions.bytes;
     preparation.position_count = positions.size / (3 * sizeof(double));
     qm_codec_report report;
@@ -155,9 +207,9 @@ bool qm_meshes_load_bytes(qm_meshes *meshes, qm_mapped_bytes file, qm_mapped_byt
 }
 
 /** Maps a blob that is there; "" gives no bytes. */
-static bool map_blob(qm_meshes *meshes, const char *hash, qm_mapped_bytes *out)
+static bool map_blob(qm_meshes *meshes, const char *hash, mapped_bytes *out)
 {
-    *out = (qm_mapped_bytes){0};
+    *out = (mapped_bytes){0};
     if (!hash[0] || qm_blob_map(meshes->store, hash, &out->bytes, &out->size) == QM_OK) return true;
     qm_log(QM_LOG_ERROR, "blob %s cannot be read", hash);
     return false;
@@ -166,17 +218,18 @@ static bool map_blob(qm_meshes *meshes, const char *hash, qm_mapped_bytes *out)
 /** Reads the mesh of a row back. */
 static bool load_row(qm_meshes *meshes, const qm_store_mesh *row, qm_loaded_mesh *out, qm_problem *problem)
 {
-    qm_mapped_bytes file = {0}, positions = {0};
+    mapped_bytes file = {0}, positions = {0};
     *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the mesh cannot be read");
     bool loaded = map_blob(meshes, row->hash, &file) && map_blob(meshes, row->positions, &positions) &&
-                  qm_meshes_load_bytes(meshes, file, positions, (qm_format)row->format, out, problem);
+                  load_bytes(meshes, file, positions, (qm_format)row->format, out, problem);
     qm_blob_unmap(file.bytes, file.size);
     qm_blob_unmap(positions.bytes, positions.size);
     if (loaded) out->revision = row->revision;
     return loaded;
 }
 
-char *qm_meshes_make_document(const qm_store_mesh *row, const qm_loaded_mesh *mesh)
+/** The document of a mesh; NULL: out of memory. */
+static char *make_document(const qm_store_mesh *row, const qm_loaded_mesh *mesh)
 {
     qm_mesh_label label = {.id = row->id,
                            .name = row->name,
@@ -203,7 +256,7 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
     qm_metrics_add(QM_METRICS_MESH_LOADS, loaded);
     uv_mutex_lock(&meshes->lock);
     ref->state = loaded ? QM_MESH_READY : QM_MESH_BROKEN;
-    if (!loaded) qm_meshes_unlist(meshes, ref);
+    if (!loaded) unlist(meshes, ref);
     uv_cond_broadcast(&meshes->changed);
     uv_mutex_unlock(&meshes->lock);
 }
@@ -213,7 +266,7 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
     bool is_mine = !ref;
-    if (is_mine && !(ref = qm_meshes_list(meshes, id))) {
+    if (is_mine && !(ref = list_entry(meshes, id))) {
         uv_mutex_unlock(&meshes->lock);
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for mesh %s", id);
         return NULL;
@@ -229,7 +282,7 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
         uv_cond_wait(&meshes->changed, &meshes->lock);
     if (ref->state == QM_MESH_BROKEN) {
         *problem = ref->problem;
-        qm_meshes_drop_reference(ref);
+        drop_reference(ref);
         ref = NULL;
     }
     uv_mutex_unlock(&meshes->lock);
@@ -245,14 +298,15 @@ void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref)
 {
     if (!ref) return;
     uv_mutex_lock(&meshes->lock);
-    qm_meshes_drop_reference(ref);
+    drop_reference(ref);
     uv_mutex_unlock(&meshes->lock);
 }
 
-bool qm_meshes_find_row(qm_meshes *meshes, const char *id, const char *if_match, qm_store_mesh *out,
-                        qm_problem *problem)
+/** The row of a mesh, which must be among the entity tags of if_match, unless that is NULL: false with a problem. store_lock is held, so that it stays so. */
+static bool find_row(qm_meshes *meshes, const char *id, const char *if_match, qm_store_mesh *out,
+                     qm_problem *problem)
 {
-    QM_ASSERT(qm_meshes_is_locked(&meshes->store_lock));
+    QM_ASSERT(is_locked(&meshes->store_lock));
     qm_status status = qm_store_find_mesh(meshes->store, id, out);
     if (status != QM_OK) {
         *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
@@ -270,9 +324,9 @@ bool qm_meshes_find_row(qm_meshes *meshes, const char *id, const char *if_match,
 /** store_lock is held. */
 static bool delete_row(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem)
 {
-    QM_ASSERT(qm_meshes_is_locked(&meshes->store_lock));
+    QM_ASSERT(is_locked(&meshes->store_lock));
     qm_store_mesh row;
-    if (!qm_meshes_find_row(meshes, id, if_match, &row, problem)) return false;
+    if (!find_row(meshes, id, if_match, &row, problem)) return false;
     qm_store_mesh_reset(&row);
     qm_status status = qm_store_delete_mesh(meshes->store, id);
     if (status != QM_OK) *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
@@ -285,8 +339,362 @@ bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, q
     bool deleted = delete_row(meshes, id, if_match, problem);
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
-    if (ref && deleted) qm_meshes_unlist(meshes, ref);
+    if (ref && deleted) unlist(meshes, ref);
     uv_mutex_unlock(&meshes->lock);
     uv_mutex_unlock(&meshes->store_lock);
     return deleted;
+}
+
+/* ---- uploads ---- */
+
+static bool load_upload(qm_meshes *meshes, const qm_blob_writer *upload, qm_format format,
+                        qm_loaded_mesh *out, qm_problem *problem)
+{
+    mapped_bytes file = {0};
+    *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the upload cannot be read");
+    bool loaded = qm_blob_map_sealed(upload, &file.bytes, &file.size) == QM_OK &&
+                  load_bytes(meshes, file, (mapped_bytes){0}, format, out, problem);
+    qm_blob_unmap(file.bytes, file.size);
+    return loaded;
+}
+
+static char *make_options(const char *name, qm_format format)
+{
+    qm_text options = {0};
+    qm_text_printf(&options, "format=%s name=%s",
+                   format == QM_FORMAT_UNKNOWN ? "auto" : qm_format_name(format), name);
+    return qm_text_take(&options);
+}
+
+static void free_loaded(qm_meshes *meshes, qm_loaded_mesh *mesh)
+{
+    qm_context ctx = qm_meshes_context(meshes);
+    qm_loaded_mesh_reset(&ctx, mesh);
+}
+
+/** Lists a mesh that waits in memory for its first job. Without memory for that it is loaded again then. */
+static void keep_in_memory(qm_meshes *meshes, const char *id, qm_loaded_mesh *mesh)
+{
+    uv_mutex_lock(&meshes->lock);
+    qm_mesh_ref *ref = list_entry(meshes, id);
+    if (ref) {
+        ref->mesh = *mesh;
+        ref->state = QM_MESH_READY;
+    }
+    uv_mutex_unlock(&meshes->lock);
+    if (!ref) free_loaded(meshes, mesh);
+}
+
+/** Finds a mesh of equal content and options. */
+static bool find_same(qm_meshes *meshes, const qm_store_mesh *wanted, qm_store_mesh *found)
+{
+    return qm_store_find_mesh_by_content(meshes->store, wanted->hash, wanted->options, found) == QM_OK;
+}
+
+/** Names the blob and inserts the row; takes over the upload. store_lock is held. */
+static bool store_new(qm_meshes *meshes, qm_blob_writer *upload, const qm_store_mesh *row)
+{
+    QM_ASSERT(is_locked(&meshes->store_lock));
+    if (qm_blob_keep(upload) != QM_OK) return false;
+    if (qm_store_put_mesh(meshes->store, row) == QM_OK) return true;
+    qm_blob_remove(meshes->store, row->hash);
+    return false;
+}
+
+/** Stores a decoded upload, unless equal content was stored meanwhile. Takes over mesh and upload. */
+static bool store_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mesh *row, qm_loaded_mesh *mesh,
+                         bool *is_new, qm_problem *problem)
+{
+    qm_store_mesh same;
+    bool stored = false;
+    uv_mutex_lock(&meshes->store_lock);
+    bool found = find_same(meshes, row, &same);
+    if (found) {
+        qm_store_mesh_reset(row);
+        *row = same;
+        qm_blob_abort(upload);
+    } else {
+        stored = store_new(meshes, upload, row);
+        if (stored) keep_in_memory(meshes, row->id, mesh);
+    }
+    uv_mutex_unlock(&meshes->store_lock);
+    if (!stored) free_loaded(meshes, mesh);
+    if (!found && !stored) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
+    *is_new = stored;
+    if (stored) qm_metrics_add(QM_METRICS_MESHES_ADDED, 1);
+    return found || stored;
+}
+
+/** The row of an upload with all but its document; false when out of memory or when it cannot be written. */
+static bool make_row(qm_blob_writer *upload, const char *name, qm_format format, qm_store_mesh *row,
+                     qm_problem *problem)
+{
+    qm_id_make('m', row->id);
+    row->options = make_options(name, format);
+    row->name = strdup(name);
+    char created[QM_TIME_SIZE];
+    qm_time_format(created);
+    row->created = strdup(created);
+    if (!row->options || !row->name || !row->created) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the upload");
+        return false;
+    }
+    if (qm_blob_seal(upload, row->hash) == QM_OK) return true;
+    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload could not be written to disk");
+    return false;
+}
+
+/** Decodes the upload of a row and makes its document. */
+static bool prepare(qm_meshes *meshes, const qm_blob_writer *upload, qm_format format, qm_store_mesh *row,
+                    qm_loaded_mesh *mesh, qm_problem *problem)
+{
+    if (!load_upload(meshes, upload, format, mesh, problem)) return false;
+    row->format = (int)mesh->format;
+    row->document = make_document(row, mesh);
+    if (row->document) return true;
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
+    free_loaded(meshes, mesh);
+    return false;
+}
+
+bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
+                   qm_store_mesh *out, bool *is_new, qm_problem *problem)
+{
+    qm_store_mesh row = {0};
+    qm_loaded_mesh mesh = {0};
+    *is_new = false;
+    bool sealed = make_row(upload, name, format, &row, problem);
+    if (sealed && find_same(meshes, &row, out)) {
+        qm_store_mesh_reset(&row);
+        qm_blob_abort(upload);
+        return true;
+    }
+    bool prepared = sealed && prepare(meshes, upload, format, &row, &mesh, problem);
+    if (!prepared) qm_blob_abort(upload);
+    bool added = prepared && store_loaded(meshes, upload, &row, &mesh, is_new, problem);
+    *out = row;
+    if (!added) qm_store_mesh_reset(out);
+    return added;
+}
+
+/* ---- revisions ----
+ *
+ * A revision is on disk before memory changes: one that a client knows survives, and a fault leaves the one before. */
+
+/** The state of one deformation. */
+typedef struct deform_task {
+    qm_meshes *meshes;
+    const qm_moved_vertices *moved;
+    qm_mesh_ref *ref;
+    qm_store_mesh row; /* of the next revision */
+    double *positions; /* of the next revision, until the mesh takes them over */
+    qm_deformed *out;
+    qm_problem *problem;
+} deform_task;
+
+static size_t vertex_count(const deform_task *work)
+{
+    return work->ref->mesh.mesh.vertex_count;
+}
+
+static bool fail(deform_task *work, qm_problem_code code, const char *detail)
+{
+    *work->problem = qm_problem_make(code, "%s", detail);
+    return false;
+}
+
+static bool move_some(deform_task *work)
+{
+    const qm_moved_vertices *moved = work->moved;
+    for (size_t i = 0; i < moved->count; i++) {
+        if (moved->indices[i] >= vertex_count(work)) {
+            char pointer[48];
+            snprintf(pointer, sizeof pointer, "/indices/%zu", i);
+            *work->problem =
+                qm_problem_make(QM_PROBLEM_INDEX_OUT_OF_RANGE,
+                                "entry %zu is vertex %u; the mesh has %zu vertices, numbered from 0", i,
+                                moved->indices[i], vertex_count(work));
+            qm_problem_add_pointer(work->problem, pointer, "no such vertex");
+            return false;
+        }
+        memcpy(work->positions + 3 * (size_t)moved->indices[i], moved->positions + 3 * i, 3 * sizeof(double));
+    }
+    return true;
+}
+
+static bool move_all(deform_task *work)
+{
+    if (work->moved->count != vertex_count(work)) {
+        *work->problem = qm_problem_make(QM_PROBLEM_MALFORMED_BODY,
+                                         "the body has %zu positions; the mesh has %zu vertices",
+                                         work->moved->count, vertex_count(work));
+        return false;
+    }
+    memcpy(work->positions, work->moved->positions, work->moved->count * 3 * sizeof(double));
+    return true;
+}
+
+/** Makes the positions and checks that they are within the limits of a mesh. */
+static bool make_positions(deform_task *work, qm_context *ctx)
+{
+    const qm_mesh *mesh = &work->ref->mesh.mesh;
+    work->positions = qm_context_alloc(ctx, mesh->vertex_count, 3 * sizeof *work->positions);
+    if (!work->positions) return fail(work, QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the vertices");
+    memcpy(work->positions, mesh->positions, mesh->vertex_count * 3 * sizeof *work->positions);
+    if (!(work->moved->indices ? move_some(work) : move_all(work))) return false;
+    qm_mesh next = *mesh;
+    next.positions = work->positions;
+    qm_status status = qm_mesh_validate(ctx, &next);
+    if (status != QM_OK) *work->problem = qm_problem_from_status(status, ctx->message);
+    return status == QM_OK;
+}
+
+static bool write_positions(deform_task *work)
+{
+    qm_blob_writer *writer;
+    if (qm_blob_begin(work->meshes->store, &writer) != QM_OK) return false;
+    size_t size = vertex_count(work) * 3 * sizeof *work->positions;
+    if (qm_blob_write(writer, work->positions, size) == QM_OK &&
+        qm_blob_seal(writer, work->row.positions) == QM_OK)
+        return qm_blob_keep(writer) == QM_OK;
+    qm_blob_abort(writer);
+    return false;
+}
+
+/** The row of the next revision. It leaves the content index: an upload of the original bytes makes a new
+ * mesh. */
+static bool make_revision_row(deform_task *work)
+{
+    qm_loaded_mesh next = work->ref->mesh;
+    next.mesh.positions = work->positions;
+    next.box = qm_mesh_bounding_box(&next.mesh);
+    next.diagonal = qm_box_diagonal(&next.box);
+    next.revision = ++work->row.revision;
+    free(work->row.document);
+    work->row.document = make_document(&work->row, &next);
+    qm_text options = {0};
+    qm_text_printf(&options, "deformed %s", work->row.id);
+    free(work->row.options);
+    work->row.options = qm_text_take(&options);
+    return work->row.document && work->row.options;
+}
+
+static bool store_revision(deform_task *work)
+{
+    if (!make_revision_row(work)) return fail(work, QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
+    if (!write_positions(work)) return fail(work, QM_PROBLEM_UNAVAILABLE, "the vertices could not be stored");
+    if (qm_store_deform_mesh(work->meshes->store, &work->row) == QM_OK) return true;
+    qm_blob_remove(work->meshes->store, work->row.positions);
+    return fail(work, QM_PROBLEM_UNAVAILABLE, "the revision could not be stored");
+}
+
+/** True when only the list and this deformation hold the mesh: other threads then wait for it. */
+static bool take_alone(deform_task *work)
+{
+    uv_mutex_lock(&work->meshes->lock);
+    bool is_alone = work->ref->references == 2 && work->ref->listed;
+    if (is_alone) work->ref->state = QM_MESH_LOADING;
+    uv_mutex_unlock(&work->meshes->lock);
+    return is_alone;
+}
+
+/** Releases a mesh that was changed in place. After a failure it is read back from the store when it is next
+ * acquired. */
+static void let_go(deform_task *work, bool is_good)
+{
+    uv_mutex_lock(&work->meshes->lock);
+    work->ref->state = is_good ? QM_MESH_READY : QM_MESH_BROKEN;
+    if (!is_good) {
+        work->ref->problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
+        unlist(work->meshes, work->ref);
+    }
+    uv_cond_broadcast(&work->meshes->changed);
+    uv_mutex_unlock(&work->meshes->lock);
+}
+
+/** Lists the next revision; holders of the one before keep it. */
+static void list_copy(deform_task *work, qm_loaded_mesh *copy)
+{
+    uv_mutex_lock(&work->meshes->lock);
+    unlist(work->meshes, work->ref);
+    qm_mesh_ref *next = list_entry(work->meshes, work->row.id);
+    if (next) {
+        next->mesh = *copy;
+        next->state = QM_MESH_READY;
+    }
+    uv_mutex_unlock(&work->meshes->lock);
+    qm_context ctx = qm_meshes_context(work->meshes);
+    if (!next) qm_loaded_mesh_reset(&ctx, copy);
+}
+
+/** The known self collisions go to the new revision; holders of the old one keep theirs. */
+static void take_pairs_along(const deform_task *work, const qm_loaded_mesh *copy)
+{
+    qm_self_pairs *known = work->ref->mesh.self_pairs;
+    if (!copy->self_pairs || !known) return;
+    qm_self_pairs_inherit(copy->self_pairs, known);
+    qm_self_pairs_move(copy->self_pairs, work->moved->indices, work->moved->count);
+}
+
+/** Out of memory for a copy: the revision is read back from the store when it is next acquired. */
+static void follow_in_copy(deform_task *work, qm_context *ctx)
+{
+    qm_loaded_mesh copy;
+    qm_preparation preparation = preparation_of(work->meshes);
+    if (qm_loaded_mesh_copy(ctx, &work->ref->mesh, work->positions, &preparation, &copy) == QM_OK) {
+        work->positions = NULL;
+        work->out->updated_nodes = qm_bvh_box_count(copy.bvh);
+        take_pairs_along(work, &copy);
+        list_copy(work, &copy);
+    } else {
+        uv_mutex_lock(&work->meshes->lock);
+        unlist(work->meshes, work->ref);
+        uv_mutex_unlock(&work->meshes->lock);
+    }
+}
+
+static void follow(deform_task *work, qm_context *ctx)
+{
+    double start = qm_now_ms();
+    if (take_alone(work)) {
+        qm_status status =
+            qm_loaded_mesh_deform(ctx, &work->ref->mesh, work->positions, work->moved->indices,
+                                  work->moved->count, work->meshes->threads, &work->out->updated_nodes);
+        work->positions = NULL;
+        if (status != QM_OK) qm_log(QM_LOG_ERROR, "mesh %s could not follow in memory", work->row.id);
+        let_go(work, status == QM_OK);
+    } else {
+        follow_in_copy(work, ctx);
+    }
+    work->out->refit_ms = qm_now_ms() - start;
+    work->out->revision = work->row.revision;
+    memcpy(work->out->hash, work->row.hash, sizeof work->out->hash);
+}
+
+static bool deform(deform_task *work, const char *id, const char *if_match)
+{
+    if (!find_row(work->meshes, id, if_match, &work->row, work->problem)) return false;
+    work->ref = qm_meshes_acquire(work->meshes, id, work->problem);
+    if (!work->ref) return false;
+    qm_context ctx = qm_meshes_context(work->meshes);
+    ctx.parallel = qm_host_parallel;
+    size_t vertices = vertex_count(work);
+    bool stored = make_positions(work, &ctx) && store_revision(work);
+    if (stored) follow(work, &ctx);
+    qm_context_free(&ctx, work->positions, vertices, 3 * sizeof *work->positions);
+    return stored;
+}
+
+bool qm_meshes_deform(qm_meshes *meshes, const char *id, const qm_moved_vertices *moved, const char *if_match,
+                      qm_deformed *out, qm_problem *problem)
+{
+    QM_ASSERT(id && moved && out && problem);
+    *out = (qm_deformed){0};
+    deform_task work = {.meshes = meshes, .moved = moved, .out = out, .problem = problem};
+    uv_mutex_lock(&meshes->store_lock);
+    bool done = deform(&work, id, if_match);
+    uv_mutex_unlock(&meshes->store_lock);
+    qm_meshes_release(meshes, work.ref);
+    qm_store_mesh_reset(&work.row);
+    return done;
 }

@@ -5,31 +5,30 @@
 #include <unistd.h>
 
 #include "check.h"
-#include "http/origin.h"
-#include "http/tokens.h"
+#include "http/access.h"
 #include "mesh/etag.h"
 
 static void test_lists_of_origins(void **state)
 {
     (void)state;
-    assert_true(qm_origin_is_listed("https://a.example", "https://a.example"));
-    assert_true(qm_origin_is_listed(" http://b , https://a.example,", "https://A.example"));
-    assert_true(qm_origin_is_listed("*", "null"));
+    assert_true(qm_access_origin_is_listed("https://a.example", "https://a.example"));
+    assert_true(qm_access_origin_is_listed(" http://b , https://a.example,", "https://A.example"));
+    assert_true(qm_access_origin_is_listed("*", "null"));
     static const char *const others[] = {"https://a.exampl", "https://a.example.evil", "http://a.example",
                                          ""};
     for (size_t i = 0; i < sizeof others / sizeof *others; i++)
-        QM_CHECK(!qm_origin_is_listed("https://a.example,http://b", others[i]), "%s", others[i]);
-    assert_false(qm_origin_is_listed("", "https://a.example"));
+        QM_CHECK(!qm_access_origin_is_listed("https://a.example,http://b", others[i]), "%s", others[i]);
+    assert_false(qm_access_origin_is_listed("", "https://a.example"));
 }
 
 static void test_an_origin_is_that_of_its_host(void **state)
 {
     (void)state;
-    assert_true(qm_origin_is_host("http://127.0.0.1:7878", "127.0.0.1:7878"));
-    assert_true(qm_origin_is_host("https://mesh.example", "Mesh.example"));
-    assert_false(qm_origin_is_host("http://127.0.0.1:7879", "127.0.0.1:7878"));
-    assert_false(qm_origin_is_host("null", "null"));
-    assert_false(qm_origin_is_host("http://a", NULL));
+    assert_true(qm_access_origin_is_host("http://127.0.0.1:7878", "127.0.0.1:7878"));
+    assert_true(qm_access_origin_is_host("https://mesh.example", "Mesh.example"));
+    assert_false(qm_access_origin_is_host("http://127.0.0.1:7879", "127.0.0.1:7878"));
+    assert_false(qm_access_origin_is_host("null", "null"));
+    assert_false(qm_access_origin_is_host("http://a", NULL));
 }
 
 static void test_hosts(void **state)
@@ -40,10 +39,10 @@ static void test_hosts(void **state)
     static const char *const named[] = {"example.org", "localhost.", "127.0.0.1.example.org:80",
                                         "[::1",        "1.2.3",      "localhost.example.org"};
     for (size_t i = 0; i < sizeof plain / sizeof *plain; i++)
-        QM_CHECK(qm_origin_host_is_plain(plain[i]), "%s", plain[i]);
+        QM_CHECK(qm_access_host_is_plain(plain[i]), "%s", plain[i]);
     for (size_t i = 0; i < sizeof named / sizeof *named; i++)
-        QM_CHECK(!qm_origin_host_is_plain(named[i]), "%s", named[i]);
-    assert_true(qm_origin_host_is_plain(NULL));
+        QM_CHECK(!qm_access_host_is_plain(named[i]), "%s", named[i]);
+    assert_true(qm_access_host_is_plain(NULL));
 }
 
 static void test_entity_tags(void **state)
@@ -74,13 +73,13 @@ static void test_entity_tags(void **state)
 }
 
 /** Loads a file of this text. */
-static bool load(qm_tokens *tokens, const char *text, char message[QM_TOKENS_MESSAGE_SIZE])
+static bool load(qm_tokens *tokens, const char *text, char message[QM_ACCESS_TOKENS_MESSAGE_SIZE])
 {
     char path[] = "/tmp/quadmeshd-tokens-XXXXXX";
     int file = mkstemp(path);
     assert_true(file >= 0 && write(file, text, strlen(text)) == (ssize_t)strlen(text));
     close(file);
-    bool loaded = qm_tokens_load(tokens, path, message);
+    bool loaded = qm_access_tokens_load(tokens, path, message);
     unlink(path);
     return loaded;
 }
@@ -88,18 +87,18 @@ static bool load(qm_tokens *tokens, const char *text, char message[QM_TOKENS_MES
 static void test_tokens(void **state)
 {
     (void)state;
-    char message[QM_TOKENS_MESSAGE_SIZE];
-    qm_tokens *tokens = qm_tokens_create();
-    assert_int_equal(qm_tokens_count(tokens), 0);
-    assert_int_equal(qm_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_NONE);
+    char message[QM_ACCESS_TOKENS_MESSAGE_SIZE];
+    qm_tokens *tokens = qm_access_tokens_create();
+    assert_int_equal(qm_access_tokens_count(tokens), 0);
+    assert_int_equal(qm_access_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_NONE);
     assert_true(load(tokens,
                      "# x\n\n read 0123456789abcdef\nwrite\tfedcba9876543210\r\nread same0000same0000\n"
                      "write same0000same0000",
                      message));
-    assert_int_equal(qm_tokens_count(tokens), 4);
-    assert_int_equal(qm_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_READ);
-    assert_int_equal(qm_tokens_check(tokens, "bEARER   fedcba9876543210 "), QM_SCOPE_WRITE);
-    assert_int_equal(qm_tokens_check(tokens, "Bearer same0000same0000"), QM_SCOPE_WRITE);
+    assert_int_equal(qm_access_tokens_count(tokens), 4);
+    assert_int_equal(qm_access_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_READ);
+    assert_int_equal(qm_access_tokens_check(tokens, "bEARER   fedcba9876543210 "), QM_SCOPE_WRITE);
+    assert_int_equal(qm_access_tokens_check(tokens, "Bearer same0000same0000"), QM_SCOPE_WRITE);
     static const char *const others[] = {"Bearer",
                                          "Bearer ",
                                          "Bearer 0123456789abcde",
@@ -108,9 +107,9 @@ static void test_tokens(void **state)
                                          "Basic fedcba9876543210",
                                          ""};
     for (size_t i = 0; i < sizeof others / sizeof *others; i++)
-        QM_CHECK(qm_tokens_check(tokens, others[i]) == QM_SCOPE_NONE, "%s", others[i]);
-    assert_int_equal(qm_tokens_check(tokens, NULL), QM_SCOPE_NONE);
-    qm_tokens_destroy(tokens);
+        QM_CHECK(qm_access_tokens_check(tokens, others[i]) == QM_SCOPE_NONE, "%s", others[i]);
+    assert_int_equal(qm_access_tokens_check(tokens, NULL), QM_SCOPE_NONE);
+    qm_access_tokens_destroy(tokens);
 }
 
 static void test_a_faulty_file_changes_nothing(void **state)
@@ -126,8 +125,8 @@ static void test_a_faulty_file_changes_nothing(void **state)
         {"write short\n", "too short"},
         {"write 0123456789abcdef more\n", "more than"},
     };
-    char message[QM_TOKENS_MESSAGE_SIZE], line[1100] = "write ";
-    qm_tokens *tokens = qm_tokens_create();
+    char message[QM_ACCESS_TOKENS_MESSAGE_SIZE], line[1100] = "write ";
+    qm_tokens *tokens = qm_access_tokens_create();
     assert_true(load(tokens, "write 0123456789abcdef\n", message));
     for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
         QM_CHECK(!load(tokens, cases[i].text, message), "%s", cases[i].text);
@@ -136,9 +135,9 @@ static void test_a_faulty_file_changes_nothing(void **state)
     memset(line + 6, 'x', sizeof line - 7);
     assert_false(load(tokens, line, message));
     assert_non_null(strstr(message, "too long"));
-    assert_false(qm_tokens_load(tokens, "/nowhere/at/all", message));
-    assert_int_equal(qm_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_WRITE);
-    qm_tokens_destroy(tokens);
+    assert_false(qm_access_tokens_load(tokens, "/nowhere/at/all", message));
+    assert_int_equal(qm_access_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_WRITE);
+    qm_access_tokens_destroy(tokens);
 }
 
 int main(void)

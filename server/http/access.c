@@ -1,8 +1,9 @@
 /**
- * tokens.c: the token file, and the comparison in constant time.
+ * access.c: the token file and the comparison in constant time; hosts and origins.
  */
-#include "tokens.h"
+#include "access.h"
 
+#include <arpa/inet.h>
 #include <errno.h>
 #include <nettle/memops.h>
 #include <nettle/sha2.h>
@@ -15,6 +16,9 @@
 #define MAX_TOKENS 1024
 #define MAX_LINE 1024
 #define BLANK " \t\r\n"
+#define SEPARATORS ", \t"
+
+/* ---- tokens ---- */
 
 typedef struct token {
     uint8_t hash[SHA256_DIGEST_SIZE];
@@ -28,14 +32,14 @@ struct qm_tokens {
     size_t count;
 };
 
-qm_tokens *qm_tokens_create(void)
+qm_tokens *qm_access_tokens_create(void)
 {
     qm_tokens *tokens = calloc(1, sizeof *tokens);
     if (tokens) pthread_rwlock_init(&tokens->lock, NULL);
     return tokens;
 }
 
-void qm_tokens_destroy(qm_tokens *tokens)
+void qm_access_tokens_destroy(qm_tokens *tokens)
 {
     if (!tokens) return;
     pthread_rwlock_destroy(&tokens->lock);
@@ -58,17 +62,17 @@ static bool read_line(char *line, token *out, const char **fault)
     out->scope = strcmp(scope, "read") == 0    ? QM_SCOPE_READ
                  : strcmp(scope, "write") == 0 ? QM_SCOPE_WRITE
                                                : QM_SCOPE_NONE;
-    *fault = out->scope == QM_SCOPE_NONE           ? "does not start with read or write"
-             : !text                               ? "has no token"
-             : strtok_r(NULL, BLANK, &rest)        ? "has more than a scope and a token"
-             : strlen(text) < QM_TOKENS_MIN_LENGTH ? "has a token that is too short"
-                                                   : NULL;
+    *fault = out->scope == QM_SCOPE_NONE                  ? "does not start with read or write"
+             : !text                                      ? "has no token"
+             : strtok_r(NULL, BLANK, &rest)               ? "has more than a scope and a token"
+             : strlen(text) < QM_ACCESS_TOKENS_MIN_LENGTH ? "has a token that is too short"
+                                                          : NULL;
     if (!*fault) hash_token(text, strlen(text), out->hash);
     return !*fault;
 }
 
 /** Reads the lines into a list of MAX_TOKENS; returns how many, or 0 with a message. */
-static size_t read_lines(FILE *file, token *list, char message[QM_TOKENS_MESSAGE_SIZE])
+static size_t read_lines(FILE *file, token *list, char message[QM_ACCESS_TOKENS_MESSAGE_SIZE])
 {
     char line[MAX_LINE];
     size_t count = 0;
@@ -86,22 +90,22 @@ static size_t read_lines(FILE *file, token *list, char message[QM_TOKENS_MESSAGE
     }
     explicit_bzero(line, sizeof line);
     if (fault)
-        snprintf(message, QM_TOKENS_MESSAGE_SIZE, "line %d %s", number, fault);
+        snprintf(message, QM_ACCESS_TOKENS_MESSAGE_SIZE, "line %d %s", number, fault);
     else if (count == 0)
-        snprintf(message, QM_TOKENS_MESSAGE_SIZE, "it holds no token");
+        snprintf(message, QM_ACCESS_TOKENS_MESSAGE_SIZE, "it holds no token");
     return fault ? 0 : count;
 }
 
-bool qm_tokens_load(qm_tokens *tokens, const char *path, char message[QM_TOKENS_MESSAGE_SIZE])
+bool qm_access_tokens_load(qm_tokens *tokens, const char *path, char message[QM_ACCESS_TOKENS_MESSAGE_SIZE])
 {
     FILE *file = fopen(path, "re");
     if (!file) {
-        snprintf(message, QM_TOKENS_MESSAGE_SIZE, "%s", strerror(errno));
+        snprintf(message, QM_ACCESS_TOKENS_MESSAGE_SIZE, "%s", strerror(errno));
         return false;
     }
     token *list = calloc(MAX_TOKENS, sizeof *list);
     size_t count = list ? read_lines(file, list, message) : 0;
-    if (!list) snprintf(message, QM_TOKENS_MESSAGE_SIZE, "out of memory");
+    if (!list) snprintf(message, QM_ACCESS_TOKENS_MESSAGE_SIZE, "out of memory");
     fclose(file);
     if (count == 0) {
         free(list);
@@ -116,7 +120,7 @@ bool qm_tokens_load(qm_tokens *tokens, const char *path, char message[QM_TOKENS_
     return true;
 }
 
-size_t qm_tokens_count(qm_tokens *tokens)
+size_t qm_access_tokens_count(qm_tokens *tokens)
 {
     pthread_rwlock_rdlock(&tokens->lock);
     size_t count = tokens->count;
@@ -124,7 +128,7 @@ size_t qm_tokens_count(qm_tokens *tokens)
     return count;
 }
 
-qm_scope qm_tokens_check(qm_tokens *tokens, const char *authorization)
+qm_scope qm_access_tokens_check(qm_tokens *tokens, const char *authorization)
 {
     static const char scheme[] = "Bearer ";
     if (!authorization || strncasecmp(authorization, scheme, strlen(scheme)) != 0) return QM_SCOPE_NONE;
@@ -139,4 +143,47 @@ qm_scope qm_tokens_check(qm_tokens *tokens, const char *authorization)
             scope = tokens->list[i].scope;
     pthread_rwlock_unlock(&tokens->lock);
     return scope;
+}
+
+/* ---- hosts and origins ---- */
+
+bool qm_access_origin_is_listed(const char *list, const char *origin)
+{
+    size_t length = strlen(origin);
+    for (list += strspn(list, SEPARATORS); *list; list += strspn(list, SEPARATORS)) {
+        size_t size = strcspn(list, SEPARATORS);
+        if ((size == 1 && *list == '*') || (size == length && strncasecmp(list, origin, length) == 0))
+            return true;
+        list += size;
+    }
+    return false;
+}
+
+bool qm_access_origin_is_host(const char *origin, const char *host)
+{
+    const char *name = strstr(origin, "://");
+    return name && host && strcasecmp(name + strlen("://"), host) == 0;
+}
+
+/** The name without its port, and without the brackets of an address of version 6; false when it is too
+ * long. */
+static bool copy_name(const char *host, char *out, size_t size)
+{
+    bool has_brackets = *host == '[';
+    if (has_brackets) host++;
+    size_t length = strcspn(host, has_brackets ? "]" : ":");
+    if (length >= size || (has_brackets && host[length] != ']')) return false;
+    memcpy(out, host, length);
+    out[length] = '\0';
+    return true;
+}
+
+bool qm_access_host_is_plain(const char *host)
+{
+    char name[64];
+    struct in6_addr address;
+    if (!host || !*host) return true;
+    if (!copy_name(host, name, sizeof name)) return false;
+    return strcasecmp(name, "localhost") == 0 || inet_pton(AF_INET, name, &address) == 1 ||
+           inet_pton(AF_INET6, name, &address) == 1;
 }

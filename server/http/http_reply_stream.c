@@ -1,19 +1,56 @@
 /**
- * http_stream.c: replies that wait for jobs: the stream of one's events or of a batch's answers, or the
- * document of a job once it has ended.
+ * http_reply_stream.c: replies that are sent while they are made: those that wait for jobs (the stream of one's events or
+ * of a batch's answers, or the document of a job once it has ended), and long ones that are made a block at a time.
  *
- * A connection with nothing to send is suspended under the lock of the jobs (job.h), and its subscriber is
- * marked as no longer waiting under the lock before the connection is resumed: no wake-up is lost, and no
- * connection is resumed that is not suspended.
+ * Waiting: a connection with nothing to send is suspended under the lock of the jobs (job.h), and its subscriber is
+ * marked as no longer waiting under the lock before the connection is resumed: no wake-up is lost, and no connection is
+ * resumed that is not suspended.
+ *
+ * Blocks: the first block is made by the handler's thread; often it is all there is. For the others the connection is
+ * suspended while they are made on the long pool, and then resumed. The next block is made when the last one was sent:
+ * a slow client costs one block of memory, and a closed connection is noticed at the next write. While a block is made
+ * no other thread touches the reply, as the library ends no suspended connection.
  */
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "base/log.h"
 #include "http_internal.h"
 #include "job/job_batch.h"
 
 #define BLOCK_SIZE 16384
+#define PIECE_SIZE 65536 /* bytes that the library asks for at a time */
+
+/* ---- slots: every reply that is sent while it is made takes one of --streams ---- */
+
+static bool take_slot(qm_app *app)
+{
+    if (atomic_fetch_add(&app->stream_count, 1) < (int)app->config->streams) return true;
+    atomic_fetch_sub(&app->stream_count, 1);
+    return false;
+}
+
+static void return_slot(qm_app *app)
+{
+    QM_ASSERT(atomic_load(&app->stream_count) > 0);
+    atomic_fetch_sub(&app->stream_count, 1);
+}
+
+static void refuse_slot(qm_request *request)
+{
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_UNAVAILABLE, "all %.0f streams are in use", request->app->config->streams);
+    problem.retry_after_s = 1;
+    qm_reply_problem(request, &problem);
+}
+
+static void refuse_memory(qm_request *request)
+{
+    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reply");
+    qm_reply_problem(request, &problem);
+}
+
+/* ---- streams that wait for jobs ---- */
 
 /** Where the lines of a stream come from: the events of one job, or the answers of a batch. */
 typedef struct line_source {
@@ -70,45 +107,18 @@ static void free_stream(void *user)
 {
     stream *s = user;
     s->source.end(s->source.user, s->has_ended);
-    qm_request_return_stream_slot(s->app);
+    return_slot(s->app);
     qm_text_reset(&s->pending);
     free(s);
-}
-
-bool qm_request_take_stream_slot(qm_app *app)
-{
-    if (atomic_fetch_add(&app->stream_count, 1) < (int)app->config->streams) return true;
-    atomic_fetch_sub(&app->stream_count, 1);
-    return false;
-}
-
-void qm_request_return_stream_slot(qm_app *app)
-{
-    QM_ASSERT(atomic_load(&app->stream_count) > 0);
-    atomic_fetch_sub(&app->stream_count, 1);
-}
-
-void qm_request_refuse_stream_slot(qm_request *request)
-{
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_UNAVAILABLE, "all %.0f streams are in use", request->app->config->streams);
-    problem.retry_after_s = 1;
-    qm_reply_problem(request, &problem);
-}
-
-void qm_request_refuse_memory(qm_request *request)
-{
-    qm_problem problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reply");
-    qm_reply_problem(request, &problem);
 }
 
 /** A stream with a slot and without a source; NULL after a problem was the reply. */
 static stream *make_stream(qm_request *request)
 {
     qm_app *app = request->app;
-    stream *s = qm_request_take_stream_slot(app) ? calloc(1, sizeof *s) : NULL;
+    stream *s = take_slot(app) ? calloc(1, sizeof *s) : NULL;
     if (!s) {
-        qm_request_refuse_stream_slot(request);
+        refuse_slot(request);
         return NULL;
     }
     *s =
@@ -121,7 +131,7 @@ static stream *make_stream(qm_request *request)
 
 static void reply_stream(qm_request *request, int status, const char *media, stream *s)
 {
-    qm_request_set_reader(request, status, MHD_SIZE_UNKNOWN, BLOCK_SIZE, read_stream, s, free_stream);
+    qm_reply_set_reader(request, status, MHD_SIZE_UNKNOWN, BLOCK_SIZE, read_stream, s, free_stream);
     qm_reply_header(request, "Content-Type", "%s", media);
     qm_reply_header(request, "Cache-Control", "no-store, no-transform");
     qm_reply_header(request, "X-Accel-Buffering", "no");
@@ -174,7 +184,7 @@ void qm_reply_stream(qm_request *request, int status, qm_job *job, uint64_t afte
         if (!is_readable)
             qm_reply_problem(request, &problem);
         else if (!e)
-            qm_request_refuse_memory(request);
+            refuse_memory(request);
         free(e);
         return;
     }
@@ -212,16 +222,16 @@ void qm_reply_batch(qm_request *request, qm_blob_writer *upload)
     }
     qm_batch *batch = qm_batch_create(app->jobs, app->pool, upload, &s->subscriber);
     if (!batch) {
-        qm_request_return_stream_slot(app);
+        return_slot(app);
         free(s);
-        qm_request_refuse_memory(request);
+        refuse_memory(request);
         return;
     }
     s->source = (line_source){read_batch, batch_is_cut, end_batch, batch};
     reply_stream(request, 200, QM_MEDIA_NDJSON, s);
 }
 
-/* ---- the end of a job ---- */
+/* ---- the document of a job once it has ended ---- */
 
 static void resume_request(void *user)
 {
@@ -242,7 +252,7 @@ void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms, int st
     qm_job_subscribe(request->app->jobs, job, &request->subscriber);
 }
 
-bool qm_request_check_awaited(qm_request *request)
+bool qm_reply_check_awaited(qm_request *request)
 {
     qm_jobs *jobs = request->app->jobs;
     qm_job *job = request->awaited;
@@ -254,4 +264,112 @@ bool qm_request_check_awaited(qm_request *request)
     qm_jobs_release(jobs, job);
     qm_reply_text(request, ended ? 200 : request->status_before, "application/json", document);
     return true;
+}
+
+/* ---- blocks ---- */
+
+typedef struct block_reply {
+    qm_app *app;
+    struct MHD_Connection *connection;
+    qm_block_source source;
+    qm_text block;
+    size_t sent; /* of block */
+    qm_block state;
+} block_reply;
+
+/** The source's next block; QM_BLOCK_FAILED also when the block is out of memory. */
+static qm_block next_block(qm_block_source source, qm_text *out, qm_problem *problem)
+{
+    qm_block state = source.next(source.user, out, problem);
+    if (!out->failed) return state;
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reply");
+    return QM_BLOCK_FAILED;
+}
+
+static void make_block(void *user)
+{
+    block_reply *reply = user;
+    qm_problem problem;
+    reply->state = next_block(reply->source, &reply->block, &problem);
+    if (reply->state == QM_BLOCK_FAILED) qm_log(QM_LOG_ERROR, "a reply is cut: %s", problem.detail);
+    MHD_resume_connection(reply->connection);
+}
+
+/** Cuts the reply when the pool is closed because the daemon stops. */
+static void ask_for_block(block_reply *reply)
+{
+    reply->block.size = 0;
+    reply->sent = 0;
+    MHD_suspend_connection(reply->connection);
+    if (qm_pool_submit(reply->app->long_pool, make_block, reply)) return;
+    reply->state = QM_BLOCK_FAILED;
+    MHD_resume_connection(reply->connection);
+}
+
+static ssize_t read_block(void *user, uint64_t position, char *buffer, size_t size)
+{
+    (void)position;
+    block_reply *reply = user;
+    size_t rest = reply->block.size - reply->sent, count = rest < size ? rest : size;
+    if (reply->state == QM_BLOCK_FAILED) return MHD_CONTENT_READER_END_WITH_ERROR;
+    if (rest == 0 && reply->state == QM_BLOCK_LAST) return MHD_CONTENT_READER_END_OF_STREAM;
+    if (rest == 0) {
+        ask_for_block(reply);
+        return 0;
+    }
+    memcpy(buffer, reply->block.data + reply->sent, count);
+    reply->sent += count;
+    return (ssize_t)count;
+}
+
+static void free_blocks(void *user)
+{
+    block_reply *reply = user;
+    reply->source.end(reply->source.user);
+    return_slot(reply->app);
+    qm_text_reset(&reply->block);
+    free(reply);
+}
+
+/** Makes the first block, whose failure can still be the reply. */
+static void reply_whole(qm_request *request, int status, const char *content_type, const qm_problem *problem,
+                        qm_text *body)
+{
+    if (problem) {
+        qm_text_reset(body);
+        request->reply.header_count = 0; /* they describe the failed reply */
+        qm_reply_problem(request, problem);
+        return;
+    }
+    size_t size = body->size;
+    qm_reply_set_buffer(request, status, qm_text_take(body), size);
+    qm_reply_header(request, "Content-Type", "%s", content_type);
+}
+
+void qm_reply_blocks(qm_request *request, int status, const char *content_type, uint64_t size,
+                     qm_block_source source)
+{
+    qm_app *app = request->app;
+    qm_text first = {0};
+    qm_block state = QM_BLOCK_MORE;
+    qm_problem problem;
+    if (strcmp(request->method, "HEAD") != 0) state = next_block(source, &first, &problem);
+    if (state != QM_BLOCK_MORE) {
+        source.end(source.user);
+        reply_whole(request, status, content_type, state == QM_BLOCK_FAILED ? &problem : NULL, &first);
+        return;
+    }
+    block_reply *reply = take_slot(app) ? calloc(1, sizeof *reply) : NULL;
+    if (!reply) {
+        qm_text_reset(&first);
+        source.end(source.user);
+        refuse_slot(request);
+        return;
+    }
+    *reply = (block_reply){
+        .app = app, .connection = request->connection, .source = source, .block = first, .state = state};
+    qm_reply_set_reader(request, status, size == QM_SIZE_UNKNOWN ? MHD_SIZE_UNKNOWN : size, PIECE_SIZE,
+                        read_block, reply, free_blocks);
+    qm_reply_header(request, "Content-Type", "%s", content_type);
+    qm_reply_header(request, "X-Accel-Buffering", "no");
 }
