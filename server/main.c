@@ -11,7 +11,6 @@
 #include <unistd.h>
 #include <uv.h>
 
-#include "base/budget.h"
 #include "base/host.h"
 #include "base/log.h"
 #include "format/draco_child.h"
@@ -71,14 +70,14 @@ static void clean(void *jobs)
 
 static void save(void *jobs)
 {
-    qm_jobs_save_events(jobs);
+    qm_job_events_save(jobs);
 }
 
 static void on_tick(uv_timer_t *handle)
 {
     daemon_state *state = handle->data;
-    double now = qm_now_ms();
-    qm_jobs_tick(state->app.jobs, now);
+    double now = qm_clock_now_ms();
+    qm_job_events_tick(state->app.jobs, now);
     if (now < state->saved_ms + SAVING_MS) return;
     qm_pool_submit(state->app.pool, save, state->app.jobs);
     state->saved_ms = now;
@@ -173,7 +172,7 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     }
     qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
                               .max_faces = (size_t)config->max_faces};
-    size_t memory = config->memory_budget > 0 ? (size_t)config->memory_budget : qm_budget_default_limit();
+    size_t memory = config->memory_budget > 0 ? (size_t)config->memory_budget : qm_host_default_budget();
     int prepare_threads = config->prepare_threads > 0 ? (int)config->prepare_threads : qm_host_thread_count();
     app->meshes = qm_meshes_create(app->store, limits, memory, prepare_threads);
     app->pool = qm_pool_create(REQUEST_THREADS, 0);
@@ -205,7 +204,7 @@ static void stop_parts(daemon_state *state)
     if (state->http) qm_http_quiesce(state->http);
     if (app->pool) qm_pool_close(app->pool);
     if (app->long_pool) qm_pool_close(app->long_pool);
-    if (app->jobs) qm_jobs_stop_notifier(app->jobs);
+    if (app->jobs) qm_job_events_stop_notifier(app->jobs);
     qm_http_stop(state->http);
     qm_pool_destroy(app->pool);
     qm_pool_destroy(app->long_pool);

@@ -174,7 +174,7 @@ static bool fetch_distances(const cli_job *job, cli_session *session, distance_l
     out->values = malloc((size_t)size + 1);
     is_read = is_read && out->values && fread(out->values, sizeof(double), out->count, file) == out->count;
     fclose(file);
-    if (is_read) qm_array_swap_bytes(out->values, out->count);
+    if (is_read) qm_text_swap_bytes(out->values, out->count);
     return is_read;
 }
 

@@ -38,7 +38,7 @@ static bool read_binary(const project_options *options, uint8_t *bytes, size_t s
         cli_report(options->points, &problem, options->as_json);
         return false;
     }
-    qm_array_swap_bytes(out->positions, 3 * out->count);
+    qm_text_swap_bytes(out->positions, 3 * out->count);
     size_t invalid = qm_projections_find_invalid(out->positions, 3 * out->count);
     if (invalid == 3 * out->count) return true;
     qm_problem problem =
@@ -154,7 +154,7 @@ static bool project_on_server(const project_options *options, point_list *points
     if (is_done) {
         snprintf(path, sizeof path, "/v1/meshes/%s/project?quads=%s&accelerator=%s%s", id,
                  qm_quads_names[options->quads], qm_accelerator_names[options->accelerator], threads);
-        qm_array_swap_bytes(points->positions, 3 * points->count);
+        qm_text_swap_bytes(points->positions, 3 * points->count);
         is_done = cli_session_fetch(session, path, points->count > 0 ? (const void *)points->positions : "",
                                     points->count * 3 * sizeof(double), media[options->format],
                                     options->points, out);

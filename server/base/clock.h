@@ -1,5 +1,5 @@
 /**
- * clock.h: a monotonic clock, which changes of the date do not affect.
+ * clock.h: a monotonic clock, which changes of the date do not affect, and times of day in RFC 3339.
  */
 #ifndef QM_CLOCK_H
 #define QM_CLOCK_H
@@ -7,11 +7,19 @@
 #include <time.h>
 
 /** Milliseconds since an arbitrary moment. */
-static inline double qm_now_ms(void)
+static inline double qm_clock_now_ms(void)
 {
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
     return 1e3 * (double)now.tv_sec + 1e-6 * (double)now.tv_nsec;
 }
+
+#define QM_TIME_SIZE 32
+
+/** The time now as RFC 3339 in UTC, to the millisecond. */
+void qm_clock_format(char out[QM_TIME_SIZE]);
+
+/** The time a number of seconds ago. */
+void qm_clock_format_past(double seconds, char out[QM_TIME_SIZE]);
 
 #endif

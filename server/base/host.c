@@ -9,6 +9,7 @@
 #include <sched.h>
 #include <stdatomic.h>
 #include <stdbool.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
@@ -301,4 +302,53 @@ qm_context qm_host_context(void)
     ctx.parallel = qm_host_parallel;
     ctx.allocator = qm_host_allocator;
     return ctx;
+}
+
+/* ---- budget ---- */
+
+/** Reserves bytes of the budget; false if they cannot be made free. */
+static bool budget_reserve(qm_budget *budget, size_t more)
+{
+    size_t used = atomic_load(&budget->used);
+    for (;;) {
+        if (more <= budget->limit && used <= budget->limit - more) {
+            if (atomic_compare_exchange_weak(&budget->used, &used, used + more)) return true;
+            continue;
+        }
+        if (more > budget->limit || !budget->make_room(budget->user)) return false;
+        used = atomic_load(&budget->used);
+    }
+}
+
+static void *budget_resize(void *user, void *block, size_t old_size, size_t new_size)
+{
+    qm_budget *budget = user;
+    if (new_size > old_size && !budget_reserve(budget, new_size - old_size)) return NULL;
+    void *moved = qm_host_allocator.resize(qm_host_allocator.user, block, old_size, new_size);
+    QM_ASSERT(new_size > old_size || atomic_load(&budget->used) >= old_size - new_size);
+    if (!moved && new_size > old_size) atomic_fetch_sub(&budget->used, new_size - old_size);
+    if (new_size < old_size && (moved || new_size == 0)) atomic_fetch_sub(&budget->used, old_size - new_size);
+    return moved;
+}
+
+qm_allocator qm_host_budget_allocator(qm_budget *budget)
+{
+    return (qm_allocator){.resize = budget_resize, .user = budget};
+}
+
+/** The memory limit of the control group (version 2); SIZE_MAX if there is none. */
+static size_t find_group_limit(void)
+{
+    FILE *file = fopen("/sys/fs/cgroup/memory.max", "re");
+    unsigned long long limit;
+    bool is_limited = file && fscanf(file, "%llu", &limit) == 1;
+    if (file) fclose(file);
+    return is_limited ? (size_t)limit : SIZE_MAX;
+}
+
+size_t qm_host_default_budget(void)
+{
+    size_t machine = (size_t)sysconf(_SC_PHYS_PAGES) * (size_t)sysconf(_SC_PAGESIZE);
+    size_t group = find_group_limit();
+    return (group < machine ? group : machine) / 2;
 }

@@ -1,8 +1,10 @@
 /**
- * host.h: what a program gives the engine: threads, and memory on large pages.
+ * host.h: what a program gives the engine: threads, memory on large pages, and a budget of it.
  */
 #ifndef QM_HOST_H
 #define QM_HOST_H
+
+#include <stdatomic.h>
 
 #include "qm/context.h"
 
@@ -36,5 +38,22 @@ extern const qm_allocator qm_host_allocator;
  * before the first allocation and before other threads start.
  */
 void qm_host_use_large_heap(void);
+
+/* ---- budget ---- */
+
+/** An allocator with a limit. An allocation beyond it first asks the owner to free memory, and fails like malloc if the
+ * owner cannot. */
+typedef struct qm_budget {
+    size_t limit; /* bytes */
+    atomic_size_t used;
+    bool (*make_room)(void *user); /* frees something; false if nothing can be freed. Any thread. */
+    void *user;
+} qm_budget;
+
+/** qm_host_allocator within the budget, for any thread; blocks are freed through the same allocator. */
+qm_allocator qm_host_budget_allocator(qm_budget *budget);
+
+/** Half of the memory that this process may have: of the machine, or of its control group. */
+size_t qm_host_default_budget(void);
 
 #endif

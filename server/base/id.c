@@ -1,13 +1,13 @@
 /**
- * id.c: random ids, and RFC 3339 times.
+ * id.c: random ids, and SHA-256 by nettle.
  */
 #include "id.h"
 
-#include <stdint.h>
+#include <nettle/base64.h>
+#include <nettle/sha2.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/random.h>
-#include <time.h>
 
 void qm_id_make(char prefix, char out[QM_ID_SIZE])
 {
@@ -21,18 +21,31 @@ void qm_id_make(char prefix, char out[QM_ID_SIZE])
     out[2 + sizeof random] = '\0';
 }
 
-void qm_time_format(char out[QM_TIME_SIZE])
+void qm_id_hash_print(const uint8_t digest[QM_DIGEST_SIZE], char out[QM_HASH_SIZE])
 {
-    qm_time_format_past(0.0, out);
+    for (size_t i = 0; i < QM_DIGEST_SIZE; i++)
+        snprintf(out + 2 * i, 3, "%02x", digest[i]);
 }
 
-void qm_time_format_past(double seconds, char out[QM_TIME_SIZE])
+void qm_id_hash_bytes(const void *bytes, size_t size, uint8_t digest[QM_DIGEST_SIZE])
 {
-    struct timespec now;
-    struct tm utc;
-    clock_gettime(CLOCK_REALTIME, &now);
-    now.tv_sec -= (time_t)seconds;
-    gmtime_r(&now.tv_sec, &utc);
-    size_t length = strftime(out, QM_TIME_SIZE, "%Y-%m-%dT%H:%M:%S", &utc);
-    snprintf(out + length, QM_TIME_SIZE - length, ".%03dZ", (int)(now.tv_nsec / 1000000));
+    struct sha256_ctx hash;
+    sha256_init(&hash);
+    sha256_update(&hash, size, bytes);
+    sha256_digest(&hash, QM_DIGEST_SIZE, digest);
+}
+
+void qm_id_hash_text(const char *text, size_t size, char out[QM_HASH_SIZE])
+{
+    uint8_t digest[QM_DIGEST_SIZE];
+    qm_id_hash_bytes(text, size, digest);
+    qm_id_hash_print(digest, out);
+}
+
+void qm_id_hash_text_base64(const char *text, size_t size, char out[QM_HASH_BASE64_SIZE])
+{
+    uint8_t digest[QM_DIGEST_SIZE];
+    qm_id_hash_bytes(text, size, digest);
+    base64_encode_raw(out, sizeof digest, digest);
+    out[QM_HASH_BASE64_SIZE - 1] = '\0';
 }

@@ -18,7 +18,7 @@
 #include <sys/wait.h>
 #include <unistd.h>
 
-#include "base/budget.h"
+#include "base/host.h"
 #include "base/log.h"
 #include "sandbox.h"
 
@@ -84,7 +84,7 @@ static bool prepare_shared(void *user, const qm_draco_facts *facts, qm_draco_arr
 /** Small files, which may be many, get little memory. */
 static size_t choose_memory(size_t file_size)
 {
-    size_t most = qm_budget_default_limit(), fair = MEMORY_PER_BYTE * file_size;
+    size_t most = qm_host_default_budget(), fair = MEMORY_PER_BYTE * file_size;
     return MEMORY_BASE + (fair < most ? fair : most);
 }
 

@@ -147,7 +147,7 @@ static qm_block next_vertices(void *user, qm_text *out, qm_problem *problem)
     size_t rest = mesh->vertex_count - s->done, count = rest < VERTICES_BLOCK ? rest : VERTICES_BLOCK;
     if (s->done == 0) qm_text_add_string(out, starts[s->rows]);
     memcpy(numbers, mesh->positions + 3 * s->done, 3 * count * sizeof *numbers);
-    qm_array_write(out, s->rows, 3, s->done, numbers, 3 * count);
+    qm_text_add_array(out, s->rows, 3, s->done, numbers, 3 * count);
     s->done += count;
     if (s->done < mesh->vertex_count) return QM_BLOCK_MORE;
     if (s->rows == QM_ARRAY_JSON) qm_text_add_string(out, "]}");

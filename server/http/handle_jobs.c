@@ -220,7 +220,7 @@ static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
     }
     if (s->done == 0) write_begin(s, out);
     int columns = s->array->columns;
-    qm_array_write(out, s->rows, columns, s->done / (size_t)columns, numbers, count);
+    qm_text_add_array(out, s->rows, columns, s->done / (size_t)columns, numbers, count);
     s->done += count;
     if (s->done < s->count) return QM_BLOCK_MORE;
     if (s->rows == QM_ARRAY_JSON) qm_text_add_string(out, "]}");

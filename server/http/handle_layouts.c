@@ -201,7 +201,7 @@ static void session_finish(qm_request *request, layout_session *s, const char *m
 static bool store_new(layout_session *s, const qm_store_idempotency *idempotency, qm_problem *problem)
 {
     char created[QM_TIME_SIZE];
-    qm_time_format(created);
+    qm_clock_format(created);
     qm_id_make('l', s->row.id);
     s->row.created = strdup(created);
     s->row.next_curve = s->layout.next_id;

@@ -178,7 +178,7 @@ static bool read_numbers(char *bytes, size_t size, bool is_float, qm_moved_verti
         return false;
     }
     out->positions = (double *)(void *)bytes;
-    (is_float ? qm_projections_widen : qm_array_swap_bytes)(out->positions, 3 * out->count);
+    (is_float ? qm_projections_widen : qm_text_swap_bytes)(out->positions, 3 * out->count);
     return true;
 }
 

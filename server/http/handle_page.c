@@ -8,7 +8,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "base/hash.h"
+#include "base/id.h"
 #include "handlers.h"
 #include "mesh/etag.h"
 
@@ -52,7 +52,7 @@ static reading read_file(const char *path, char **text)
 static void reply_file(qm_request *request, const char *content_type, char *text)
 {
     char hash[QM_HASH_SIZE], tag[QM_HASH_SIZE + 2];
-    qm_hash_text(text, strlen(text), hash);
+    qm_id_hash_text(text, strlen(text), hash);
     snprintf(tag, sizeof tag, "\"%s\"", hash);
     qm_reply_header(request, "Cache-Control", "no-cache");
     qm_reply_header(request, "ETag", "%s", tag);
@@ -100,7 +100,7 @@ static void add_policy(qm_request *request, const char *page)
     if (end) {
         char hash[QM_HASH_BASE64_SIZE];
         map += strlen(before);
-        qm_hash_text_base64(map, (size_t)(end - map), hash);
+        qm_id_hash_text_base64(map, (size_t)(end - map), hash);
         snprintf(script, sizeof script, " 'sha256-%s'", hash);
     }
     qm_reply_header(request, "Content-Security-Policy",

@@ -64,7 +64,7 @@ static bool read_block(const projection_task *p, uint64_t first, double *points,
     if (p->type == F32)
         qm_projections_widen(points, 3 * count);
     else
-        qm_array_swap_bytes(points, 3 * count);
+        qm_text_swap_bytes(points, 3 * count);
     return true;
 }
 

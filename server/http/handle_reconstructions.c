@@ -197,8 +197,8 @@ void qm_handle_reconstruction_patches(qm_request *request)
     }
     qm_text out = {0};
     qm_text_add_string(&out, "{");
-    qm_json_add_count(&out, "quads", qm_reconstruction_lease_quads(refining));
-    qm_reconstruction_lease_add_patches(refining, &out);
+    qm_json_add_count(&out, "quads", qm_reconstructions_count_quads(refining));
+    qm_reconstructions_add_patches(refining, &out);
     qm_text_add_string(&out, "}");
     qm_reconstructions_release(app->reconstructions, refining, true);
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));

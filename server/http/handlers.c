@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "base/hash.h"
+#include "base/id.h"
 #include "handlers.h"
 #include "mesh/etag.h"
 
@@ -97,7 +97,7 @@ bool qm_handlers_read_idempotency(qm_request *request, qm_store_idempotency *out
     const char *body = qm_request_body(request, &size);
     *out = (qm_store_idempotency){0};
     if (!qm_handlers_read_idempotency_key(request, &out->key)) return false;
-    if (out->key) qm_hash_text(body, size, out->request);
+    if (out->key) qm_id_hash_text(body, size, out->request);
     return true;
 }
 

@@ -170,7 +170,7 @@ static qm_request *begin(qm_listener *listener, struct MHD_Connection *connectio
     request->listener = listener;
     request->connection = connection;
     request->guarded = qm_guard_find(connection);
-    request->start_ms = qm_now_ms();
+    request->start_ms = qm_clock_now_ms();
     snprintf(request->method, sizeof request->method, "%s", method);
     snprintf(request->path, sizeof request->path, "%s", url);
     set_name(request);
@@ -207,7 +207,7 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
 
 static void log_request(const qm_request *request, bool is_whole)
 {
-    double ms = qm_now_ms() - request->start_ms;
+    double ms = qm_clock_now_ms() - request->start_ms;
     const qm_log_field fields[] = {
         {"request_id", request->name, 0},
         {"method", request->method, 0},
@@ -367,8 +367,8 @@ void qm_http_stop(qm_http *http)
 {
     if (!http) return;
     /* What is on its way out, the last lines of streams above all, may still arrive. */
-    double end = qm_now_ms() + LINGER_MS;
-    while (atomic_load(&http->app->request_count) > 0 && qm_now_ms() < end)
+    double end = qm_clock_now_ms() + LINGER_MS;
+    while (atomic_load(&http->app->request_count) > 0 && qm_clock_now_ms() < end)
         usleep(1000);
     stop_listener(&http->everything);
     stop_listener(&http->health);

@@ -5,9 +5,9 @@
 #define QM_HTTP_H
 
 #include "access.h"
-#include "base/arrays.h"
 #include "base/config.h"
 #include "base/pool.h"
+#include "base/text.h"
 #include "job/job.h"
 #include "layout/reconstructions.h"
 #include "ops/problem.h"

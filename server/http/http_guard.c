@@ -32,7 +32,7 @@ static void add(qm_guard *guard, struct MHD_Connection *connection, void **conte
     *context = added;
     if (!added) return;
     added->socket = MHD_get_connection_info(connection, MHD_CONNECTION_INFO_CONNECTION_FD)->connect_fd;
-    added->since_ms = qm_now_ms();
+    added->since_ms = qm_clock_now_ms();
     uv_mutex_lock(&guard->lock);
     added->next = guard->first;
     if (guard->first) guard->first->previous = added;
@@ -75,7 +75,7 @@ void qm_guard_set_stage(qm_guard *guard, qm_connection *connection, qm_connectio
     if (!connection) return;
     uv_mutex_lock(&guard->lock);
     connection->stage = stage;
-    connection->since_ms = qm_now_ms();
+    connection->since_ms = qm_clock_now_ms();
     uv_mutex_unlock(&guard->lock);
     if (stage == QM_CONNECTION_RECEIVING) atomic_store(&connection->received, 0);
 }

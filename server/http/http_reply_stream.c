@@ -121,11 +121,11 @@ static stream *make_stream(qm_request *request)
         refuse_slot(request);
         return NULL;
     }
-    *s =
-        (stream){.app = app,
-                 .connection = request->connection,
-                 .subscriber = {
-                     .wake = resume, .user = s, .wake_at_ms = qm_now_ms() + qm_jobs_heartbeat_ms(app->jobs)}};
+    *s = (stream){.app = app,
+                  .connection = request->connection,
+                  .subscriber = {.wake = resume,
+                                 .user = s,
+                                 .wake_at_ms = qm_clock_now_ms() + qm_job_events_heartbeat_ms(app->jobs)}};
     return s;
 }
 
@@ -248,7 +248,7 @@ void qm_reply_when_done(qm_request *request, qm_job *job, double wait_ms, int st
     request->awaited = job;
     request->status_before = status_before;
     request->subscriber =
-        (qm_subscriber){.wake = resume_request, .user = request, .wake_at_ms = qm_now_ms() + wait_ms};
+        (qm_subscriber){.wake = resume_request, .user = request, .wake_at_ms = qm_clock_now_ms() + wait_ms};
     qm_job_subscribe(request->app->jobs, job, &request->subscriber);
 }
 

@@ -27,7 +27,7 @@ typedef struct qm_subscriber {
     void (*wake)(void *user);
     void *user;
     bool is_waiting;
-    double wake_at_ms;                     /* wake at this time at the latest (qm_now_ms); INFINITY: never */
+    double wake_at_ms; /* wake at this time at the latest (qm_clock_now_ms); INFINITY: never */
     struct qm_subscriber *next, *next_due; /* of the same job; in the list of the notifier */
 } qm_subscriber;
 
@@ -52,7 +52,7 @@ void qm_jobs_drain(qm_jobs *jobs);
 void qm_jobs_destroy(qm_jobs *jobs);
 
 /** Stores the events of running jobs that the store lacks. */
-void qm_jobs_save_events(qm_jobs *jobs);
+void qm_job_events_save(qm_jobs *jobs);
 
 /** Removes the jobs that have ended and are too old or too many, with their results. */
 void qm_jobs_drop_old(qm_jobs *jobs);
@@ -128,14 +128,14 @@ bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber, voi
 void qm_job_subscribe(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber);
 void qm_job_unsubscribe(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber);
 
-double qm_jobs_heartbeat_ms(const qm_jobs *jobs);
+double qm_job_events_heartbeat_ms(const qm_jobs *jobs);
 
 /** Notifies subscribers whose wake_at_ms has passed; called by the loop's timer. */
-void qm_jobs_tick(qm_jobs *jobs, double now_ms);
+void qm_job_events_tick(qm_jobs *jobs, double now_ms);
 
 /** Notifies all that are due and ends the notifier: from now on wake is called at once, under the lock. For
  * the time between the end of the pools and the end of the connections. */
-void qm_jobs_stop_notifier(qm_jobs *jobs);
+void qm_job_events_stop_notifier(qm_jobs *jobs);
 
 typedef struct qm_job_counts {
     size_t queued, running;

@@ -56,7 +56,7 @@ static void drop_reference(qm_batch *batch)
 static void notify_subscriber(qm_batch *batch)
 {
     qm_subscriber *subscriber = batch->subscriber;
-    if (subscriber) qm_jobs_notify(batch->jobs, subscriber);
+    if (subscriber) qm_job_events_notify(batch->jobs, subscriber);
 }
 
 static void feed(void *data);
@@ -352,7 +352,7 @@ qm_read_status qm_batch_read(qm_batch *batch, qm_text *out, void (*suspend)(void
     qm_subscriber *subscriber = batch->subscriber;
     qm_read_status status = QM_READ_SOME;
     uv_mutex_lock(&jobs->lock);
-    double now = qm_now_ms();
+    double now = qm_clock_now_ms();
     batch->is_cut |= batch->answers.failed;
     if (batch->answers.size > 0 && !batch->answers.failed) {
         take_answers(batch, out);

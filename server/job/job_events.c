@@ -129,7 +129,7 @@ static size_t gather(qm_jobs *jobs, unsaved_job *found, size_t *event_count)
     return count;
 }
 
-void qm_jobs_save_events(qm_jobs *jobs)
+void qm_job_events_save(qm_jobs *jobs)
 {
     unsaved_job *found = calloc((size_t)jobs->limits.workers, sizeof *found);
     if (!found) return;
@@ -199,7 +199,7 @@ qm_read_status qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing
     QM_ASSERT(seq && out && subscriber && suspend);
     uv_mutex_lock(&jobs->lock);
     qm_read_status status = QM_READ_SOME;
-    double now = qm_now_ms();
+    double now = qm_clock_now_ms();
     /* A client that names a number past the last event has read events of an earlier run which were not
      * stored, or of none: it gets all events of this run. */
     if (*seq > last_seq(job)) *seq = job->seq_base;
@@ -227,7 +227,7 @@ qm_read_status qm_job_read(qm_jobs *jobs, qm_job *job, uint64_t *seq, qm_framing
 bool qm_job_await_end(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber, void (*suspend)(void *user))
 {
     uv_mutex_lock(&jobs->lock);
-    bool is_over = qm_job_is_over(job) || qm_now_ms() >= subscriber->wake_at_ms;
+    bool is_over = qm_job_is_over(job) || qm_clock_now_ms() >= subscriber->wake_at_ms;
     if (!is_over) qm_job_wait(jobs, subscriber, suspend);
     uv_mutex_unlock(&jobs->lock);
     return is_over;
@@ -265,7 +265,7 @@ void qm_job_unsubscribe(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber)
     uv_mutex_unlock(&jobs->lock);
 }
 
-double qm_jobs_heartbeat_ms(const qm_jobs *jobs)
+double qm_job_events_heartbeat_ms(const qm_jobs *jobs)
 {
     return jobs->limits.heartbeat_ms;
 }
@@ -273,10 +273,10 @@ double qm_jobs_heartbeat_ms(const qm_jobs *jobs)
 static void notify_late(qm_jobs *jobs, qm_subscriber *first, double now_ms)
 {
     for (qm_subscriber *subscriber = first; subscriber; subscriber = subscriber->next)
-        if (now_ms >= subscriber->wake_at_ms) qm_jobs_notify(jobs, subscriber);
+        if (now_ms >= subscriber->wake_at_ms) qm_job_events_notify(jobs, subscriber);
 }
 
-void qm_jobs_tick(qm_jobs *jobs, double now_ms)
+void qm_job_events_tick(qm_jobs *jobs, double now_ms)
 {
     uv_mutex_lock(&jobs->lock);
     notify_late(jobs, jobs->subscribers, now_ms);
@@ -287,7 +287,7 @@ void qm_jobs_tick(qm_jobs *jobs, double now_ms)
 
 /* ---- the notifier ---- */
 
-void qm_jobs_notify(qm_jobs *jobs, qm_subscriber *subscriber)
+void qm_job_events_notify(qm_jobs *jobs, qm_subscriber *subscriber)
 {
     QM_ASSERT(qm_jobs_is_locked(jobs));
     if (!subscriber->is_waiting) return;
@@ -304,7 +304,7 @@ void qm_jobs_notify(qm_jobs *jobs, qm_subscriber *subscriber)
 void qm_job_notify_all(qm_job *job)
 {
     for (qm_subscriber *subscriber = job->subscribers; subscriber; subscriber = subscriber->next)
-        qm_jobs_notify(job->jobs, subscriber);
+        qm_job_events_notify(job->jobs, subscriber);
 }
 
 static void notify_due(void *data)
@@ -328,14 +328,14 @@ static void notify_due(void *data)
     uv_mutex_unlock(&jobs->lock);
 }
 
-bool qm_jobs_start_notifier(qm_jobs *jobs)
+bool qm_job_events_start_notifier(qm_jobs *jobs)
 {
     uv_cond_init(&jobs->has_due);
     jobs->has_notifier = uv_thread_create(&jobs->notifier, notify_due, jobs) == 0;
     return jobs->has_notifier;
 }
 
-void qm_jobs_stop_notifier(qm_jobs *jobs)
+void qm_job_events_stop_notifier(qm_jobs *jobs)
 {
     if (!jobs->has_notifier) return;
     uv_mutex_lock(&jobs->lock);

@@ -1,8 +1,7 @@
 /**
- * job_internal.h: what the files of the job table share: jobs.c (start and stop), job.c (table and
- * submission), job_events.c (event log, subscribers, notifier), job_document.c (resources and lists),
- * job_run.c (what a worker does with a job on meshes, and how jobs end), job_steps.c (the same for
- * reconstruction steps), job_batch.c (jobs that are lines of a file).
+ * job_internal.h: what the files of the job table share: jobs.c (table, submission, start and stop), job_events.c (event
+ * log, subscribers, notifier), jobs_list.c (resources and lists), job_run.c (what a worker does with a job on meshes,
+ * and how jobs end), job_steps.c (the same for reconstruction steps), job_batch.c (jobs that are lines of a file).
  *
  * "The lock" is qm_jobs.lock. A job is either stored, with a row, events and a document, or it lives in
  * memory alone and its end goes to on_end.
@@ -40,7 +39,7 @@ struct qm_job {
     qm_job_request request;
     char *key;
     char created[QM_TIME_SIZE], started[QM_TIME_SIZE];
-    double started_ms; /* qm_now_ms when it was marked as running */
+    double started_ms; /* qm_clock_now_ms when it was marked as running */
     qm_job_state state;
     atomic_bool cancel;    /* polled by the engine: set by a client or by the end of the daemon */
     bool is_canceled;      /* by a client */
@@ -93,11 +92,11 @@ static inline bool qm_jobs_is_locked(qm_jobs *jobs)
     return false;
 }
 
-/** The thread that notifies subscribers; ended by qm_jobs_stop_notifier. */
-bool qm_jobs_start_notifier(qm_jobs *jobs);
+/** The thread that notifies subscribers; ended by qm_job_events_stop_notifier. */
+bool qm_job_events_start_notifier(qm_jobs *jobs);
 
 /** Has the subscriber notified if it waits. The caller holds the lock. */
-void qm_jobs_notify(qm_jobs *jobs, qm_subscriber *subscriber);
+void qm_job_events_notify(qm_jobs *jobs, qm_subscriber *subscriber);
 
 /** Calls suspend, until the subscriber is notified. The caller holds the lock. */
 void qm_job_wait(qm_jobs *jobs, qm_subscriber *subscriber, void (*suspend)(void *user));

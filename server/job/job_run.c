@@ -69,7 +69,7 @@ static void finish(qm_job *job, const qm_job_outcome *outcome)
 {
     QM_ASSERT(job->state == QM_JOB_RUNNING && outcome->state > QM_JOB_RUNNING);
     qm_metrics_add_job(qm_job_type_of(job->request.kind)->name, qm_job_state_name(outcome->state),
-                       (qm_now_ms() - job->started_ms) / MS_PER_S);
+                       (qm_clock_now_ms() - job->started_ms) / MS_PER_S);
     if (!job->on_end) {
         finish_stored(job, outcome);
         return;
@@ -220,7 +220,7 @@ void qm_job_mark_running(qm_job *job)
 {
     QM_ASSERT(qm_jobs_is_locked(job->jobs) && job->state == QM_JOB_QUEUED && job->jobs->queued > 0);
     job->state = QM_JOB_RUNNING;
-    job->started_ms = qm_now_ms();
+    job->started_ms = qm_clock_now_ms();
     job->jobs->queued--;
     job->jobs->running++;
 }
@@ -235,7 +235,7 @@ static bool start(qm_job *job)
     /* A job that is not stored cannot run later: it ends now, and is running until then. */
     if (runs || (is_queued && job->on_end)) {
         qm_job_mark_running(job);
-        qm_time_format(job->started);
+        qm_clock_format(job->started);
     }
     uv_mutex_unlock(&jobs->lock);
     if (is_queued && !runs) qm_job_interrupt(job);

@@ -57,7 +57,7 @@ static void commit(const qm_job *job, qm_reconstruction_lease *refining, const s
     size_t limit = job->request.goal.max_quads > 0 ? job->request.goal.max_quads : QM_REFINE_MAX_QUADS;
     end->result.records = records;
     end->result.step_count = log->count;
-    end->result.quads = log->count > 0 ? log->quads : qm_reconstruction_lease_quads(refining);
+    end->result.quads = log->count > 0 ? log->quads : qm_reconstructions_count_quads(refining);
     qm_problem problem;
     end->keeps = qm_reconstructions_commit(job->jobs->reconstructions, refining, limit, log->count, records,
                                            end->result.mesh, &problem);

@@ -1,18 +1,337 @@
 /**
- * jobs.c: start and stop of the job table: queues the unfinished jobs of the store, and interrupts running
- * ones.
+ * jobs.c: the table of jobs: references, submission, and cancelation; its start, which queues the unfinished jobs of the
+ * store, and its stop, which interrupts running ones.
  */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/log.h"
+#include "base/metrics.h"
 #include "job_internal.h"
 #include "json_in.h"
+#include "ops/json_out.h"
 
 #define JOB_NICENESS 5
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
+
+/* ---- references ---- */
+
+static void free_job(qm_job *job)
+{
+    for (size_t i = 0; i < job->event_count; i++)
+        free(job->events[i]);
+    free(job->events);
+    free(job->last_bounds);
+    free(job->document);
+    free(job->result);
+    free(job->key);
+    qm_job_request_reset(&job->request);
+    free(job);
+}
+
+void qm_job_drop_reference(qm_job *job)
+{
+    QM_ASSERT(qm_jobs_is_locked(job->jobs) && job->references > 0);
+    if (--job->references == 0) free_job(job);
+}
+
+void qm_jobs_release(qm_jobs *jobs, qm_job *job)
+{
+    if (!job) return;
+    uv_mutex_lock(&jobs->lock);
+    qm_job_drop_reference(job);
+    uv_mutex_unlock(&jobs->lock);
+}
+
+void qm_job_unlist(qm_job *job)
+{
+    QM_ASSERT(qm_jobs_is_locked(job->jobs));
+    if (!job->listed) return;
+    qm_job **link = &job->jobs->first;
+    while (*link != job)
+        link = &(*link)->next;
+    *link = job->next;
+    job->listed = false;
+    qm_job_drop_reference(job);
+}
+
+const char *qm_job_id(const qm_job *job)
+{
+    return job->id;
+}
+
+/* ---- submitting ---- */
+
+/* A request may hold many points: its hash stands for it. */
+char *qm_job_make_key(const qm_job_request *request)
+{
+    qm_text written = {0}, key = {0};
+    char hash[QM_HASH_SIZE];
+    qm_json_write_request(&written, request);
+    if (!written.failed) {
+        qm_id_hash_text(written.data, written.size, hash);
+        qm_text_printf(&key, "%s %s %s", QM_VERSION, qm_job_type_of(request->kind)->name, hash);
+    }
+    key.failed |= written.failed;
+    qm_text_reset(&written);
+    return qm_text_take(&key);
+}
+
+qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request)
+{
+    qm_job *job = calloc(1, sizeof *job);
+    if (!job) return NULL;
+    job->jobs = jobs;
+    job->key = qm_job_make_key(request);
+    job->request = *request;
+    request->points = NULL;
+    request->point_count = 0;
+    qm_id_make('j', job->id);
+    qm_clock_format(job->created);
+    job->references = 1;
+    return job;
+}
+
+void qm_job_enlist(qm_jobs *jobs, qm_job *job)
+{
+    QM_ASSERT(job->state == QM_JOB_QUEUED && !job->listed);
+    uv_mutex_lock(&jobs->lock);
+    job->references++;
+    job->listed = true;
+    job->next = jobs->first;
+    jobs->first = job;
+    jobs->queued++;
+    uv_mutex_unlock(&jobs->lock);
+}
+
+void qm_job_withdraw(qm_jobs *jobs, qm_job *job)
+{
+    uv_mutex_lock(&jobs->lock);
+    if (job->state == QM_JOB_QUEUED) {
+        QM_ASSERT(jobs->queued > 0);
+        jobs->queued--;
+        qm_job_unlist(job);
+    }
+    uv_mutex_unlock(&jobs->lock);
+}
+
+bool qm_job_enqueue(qm_jobs *jobs, qm_job *job)
+{
+    uv_mutex_lock(&jobs->lock);
+    job->references++;
+    bool queued = qm_pool_submit(jobs->pool, qm_job_run, job);
+    if (!queued) qm_job_drop_reference(job);
+    uv_mutex_unlock(&jobs->lock);
+    return queued;
+}
+
+/** The job of a row that has ended; only the caller has it. qm_job_fetch_events loads its events. */
+static qm_job *job_from_row(qm_jobs *jobs, const qm_store_job *row)
+{
+    qm_job *job = calloc(1, sizeof *job);
+    if (!job) return NULL;
+    job->jobs = jobs;
+    memcpy(job->id, row->id, sizeof job->id);
+    job->state = row->state;
+    job->document = row->document ? strdup(row->document) : NULL;
+    job->result = row->result ? strdup(row->result) : NULL;
+    job->references = 1;
+    job->is_from_row = true;
+    qm_job_set_restarts(job, row->restarts);
+    return job;
+}
+
+static qm_job *find_listed(qm_jobs *jobs, const char *id)
+{
+    uv_mutex_lock(&jobs->lock);
+    qm_job *job = jobs->first;
+    while (job && strcmp(job->id, id) != 0)
+        job = job->next;
+    if (job) job->references++;
+    uv_mutex_unlock(&jobs->lock);
+    return job;
+}
+
+qm_job *qm_jobs_find(qm_jobs *jobs, const char *id, qm_problem *problem)
+{
+    QM_ASSERT(id && problem);
+    qm_store_job row;
+    qm_job *job = find_listed(jobs, id);
+    if (job) return job;
+    qm_status status = qm_store_find_job(jobs->store, id, &row);
+    if (status != QM_OK) {
+        *problem = qm_problem_from_store(status, QM_PROBLEM_JOB_NOT_FOUND, "job %s", id);
+        return NULL;
+    }
+    /* A row without a document was inserted after the first search: its job has been listed since. */
+    job = row.document ? job_from_row(jobs, &row) : find_listed(jobs, id);
+    if (!job) *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for job %s", id);
+    qm_store_job_reset(&row);
+    return job;
+}
+
+static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const char *request_key,
+                                       qm_problem *problem)
+{
+    qm_store_job row;
+    qm_status status = qm_store_find_job_by_idempotency_key(jobs->store, key, &row);
+    if (status != QM_OK) {
+        if (status != QM_E_EMPTY)
+            *problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "jobs of this key");
+        return NULL;
+    }
+    qm_job *job = NULL;
+    if (strcmp(row.key, request_key) == 0)
+        job = qm_jobs_find(jobs, row.id, problem);
+    else
+        *problem = qm_problem_make(QM_PROBLEM_IDEMPOTENCY_MISMATCH,
+                                   "the Idempotency-Key was used for a different request");
+    qm_store_job_reset(&row);
+    return job;
+}
+
+qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions)
+{
+    qm_store_job row;
+    if (qm_store_find_job_by_key(jobs->store, key, revisions, QM_JOB_SUCCEEDED, &row) != QM_OK) return NULL;
+    qm_job *job = job_from_row(jobs, &row);
+    qm_store_job_reset(&row);
+    return job;
+}
+
+static bool is_open(qm_jobs *jobs, qm_problem *problem)
+{
+    if (!atomic_load(&jobs->closed)) return true;
+    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new jobs");
+    return false;
+}
+
+static bool has_room(qm_jobs *jobs, qm_problem *problem)
+{
+    if (qm_jobs_count(jobs).queued < (size_t)jobs->limits.queue) return true;
+    *problem = qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "the queue is full: %d jobs are waiting",
+                               jobs->limits.queue);
+    return false;
+}
+
+static bool store_new(qm_jobs *jobs, qm_job *job, const qm_job_submission *submission)
+{
+    qm_store_job row = {.key = job->key,
+                        .idempotency_key = (char *)submission->idempotency_key,
+                        .body = (char *)submission->body,
+                        .created = job->created,
+                        .state = QM_JOB_QUEUED};
+    memcpy(row.id, job->id, sizeof row.id);
+    return qm_store_submit_job(jobs->store, &row) == QM_OK;
+}
+
+/**
+ * Creates a job: stored before it is queued, so that a job which was accepted with 202 survives the daemon,
+ * and listed before it is stored, so that an unfinished job of the store is always in the table.
+ */
+static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, qm_problem *problem)
+{
+    qm_job *job = qm_job_create(jobs, submission->request);
+    if (!job) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
+        return NULL;
+    }
+    qm_job_enlist(jobs, job);
+    bool stored = store_new(jobs, job, submission);
+    if (stored && qm_job_enqueue(jobs, job)) return job;
+    if (stored) qm_store_delete_job(jobs->store, job->id);
+    qm_job_withdraw(jobs, job);
+    qm_jobs_release(jobs, job);
+    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the job could not be stored");
+    return NULL;
+}
+
+/** The job that answers a request already, or NULL; with a problem when the request has a fault. */
+static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, const char *key,
+                           bool *is_cached, qm_problem *problem)
+{
+    if (submission->idempotency_key) {
+        qm_job *same = find_by_idempotency_key(jobs, submission->idempotency_key, key, problem);
+        if (same || problem->code != QM_PROBLEM_COUNT) return same;
+    }
+    char revisions[QM_REVISIONS_SIZE];
+    if (!qm_job_runner_of(submission->request->kind)->check(jobs, submission->request, revisions, problem))
+        return NULL;
+    bool may_be_cached = submission->use_cache && qm_job_type_of(submission->request->kind)->is_pure;
+    qm_job *cached = may_be_cached ? qm_job_find_cached(jobs, key, revisions) : NULL;
+    *is_cached = cached != NULL;
+    return cached;
+}
+
+/** Counts the client as an owner, or keeps the job when all owners leave. */
+static void add_owner(qm_jobs *jobs, qm_job *job, bool owns)
+{
+    uv_mutex_lock(&jobs->lock);
+    if (owns)
+        job->owners++;
+    else
+        job->is_kept = true;
+    uv_mutex_unlock(&jobs->lock);
+}
+
+qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool *is_cached,
+                       qm_problem *problem)
+{
+    QM_ASSERT(submission && submission->request && submission->body && is_cached && problem);
+    *is_cached = false;
+    *problem = (qm_problem){.code = QM_PROBLEM_COUNT};
+    char *key = qm_job_make_key(submission->request);
+    if (!key) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
+        return NULL;
+    }
+    qm_job *job = NULL;
+    uv_mutex_lock(&jobs->submitting);
+    if (is_open(jobs, problem)) job = find_answer(jobs, submission, key, is_cached, problem);
+    if (!job && problem->code == QM_PROBLEM_COUNT && has_room(jobs, problem))
+        job = submit_new(jobs, submission, problem);
+    if (*is_cached) qm_metrics_add(QM_METRICS_CACHED_ANSWERS, 1);
+    if (job) add_owner(jobs, job, submission->owns_job);
+    uv_mutex_unlock(&jobs->submitting);
+    free(key);
+    return job;
+}
+
+bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
+{
+    uv_mutex_lock(&jobs->lock);
+    bool over = qm_job_is_over(job), queued = job->state == QM_JOB_QUEUED && !over;
+    if (!over) job->is_canceled = true;
+    atomic_store(&job->cancel, true);
+    if (queued) qm_job_mark_running(job); /* so that no worker takes it */
+    uv_mutex_unlock(&jobs->lock);
+    if (queued) {
+        qm_problem problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job was canceled before it ran");
+        qm_job_finish_with_problem(job, QM_JOB_CANCELED, &problem);
+    }
+    return !over;
+}
+
+void qm_jobs_disown(qm_jobs *jobs, qm_job *job)
+{
+    uv_mutex_lock(&jobs->lock);
+    QM_ASSERT(job->owners > 0);
+    bool ends = --job->owners == 0 && !job->is_kept;
+    uv_mutex_unlock(&jobs->lock);
+    if (ends) qm_jobs_cancel(jobs, job);
+}
+
+qm_job_counts qm_jobs_count(qm_jobs *jobs)
+{
+    uv_mutex_lock(&jobs->lock);
+    qm_job_counts counts = {jobs->queued, jobs->running};
+    uv_mutex_unlock(&jobs->lock);
+    return counts;
+}
+
+/* ---- start and stop ---- */
 
 /** Queues the job of a row that was queued or running when the daemon last ended. */
 static void resume_row(qm_jobs *jobs, const qm_store_job *row)
@@ -84,7 +403,7 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *
     uv_mutex_init(&jobs->saving);
     uv_mutex_init(&jobs->lock);
     jobs->pool = qm_pool_create(limits.workers, JOB_NICENESS);
-    if (!qm_jobs_start_notifier(jobs) || !jobs->pool) {
+    if (!qm_job_events_start_notifier(jobs) || !jobs->pool) {
         qm_jobs_destroy(jobs);
         return NULL;
     }
@@ -97,17 +416,17 @@ void qm_jobs_drain(qm_jobs *jobs)
     uv_mutex_lock(&jobs->submitting); /* no submission is half done */
     atomic_store(&jobs->closed, true);
     uv_mutex_unlock(&jobs->submitting);
-    double end = qm_now_ms() + jobs->limits.grace_ms;
-    while (qm_jobs_count(jobs).running > 0 && qm_now_ms() < end) {
+    double end = qm_clock_now_ms() + jobs->limits.grace_ms;
+    while (qm_jobs_count(jobs).running > 0 && qm_clock_now_ms() < end) {
         uv_sleep(DRAIN_STEP_MS);
-        qm_jobs_tick(jobs, qm_now_ms());
+        qm_job_events_tick(jobs, qm_clock_now_ms());
     }
     uv_mutex_lock(&jobs->lock);
     for (qm_job *job = jobs->first; job; job = job->next)
         atomic_store(&job->cancel, true);
     uv_mutex_unlock(&jobs->lock);
     qm_pool_close(jobs->pool);
-    qm_jobs_save_events(jobs);
+    qm_job_events_save(jobs);
 }
 
 void qm_jobs_destroy(qm_jobs *jobs)
@@ -115,7 +434,7 @@ void qm_jobs_destroy(qm_jobs *jobs)
     if (!jobs) return;
     if (jobs->pool && !atomic_load(&jobs->closed)) qm_jobs_drain(jobs);
     qm_pool_destroy(jobs->pool);
-    qm_jobs_stop_notifier(jobs);
+    qm_job_events_stop_notifier(jobs);
     uv_mutex_lock(&jobs->lock);
     while (jobs->first)
         qm_job_unlist(jobs->first);

@@ -7,6 +7,7 @@
 #include <string.h>
 #include <uv.h>
 
+#include "base/clock.h"
 #include "base/json.h"
 #include "format/encode.h"
 #include "ops/json_layout.h"
@@ -272,7 +273,7 @@ qm_status qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
     return status;
 }
 
-size_t qm_reconstruction_lease_quads(const qm_reconstruction_lease *lease)
+size_t qm_reconstructions_count_quads(const qm_reconstruction_lease *lease)
 {
     size_t quads = 0;
     for (size_t p = 0; p < qm_reconstruction_patch_count(lease->reconstruction); p++) {
@@ -282,7 +283,7 @@ size_t qm_reconstruction_lease_quads(const qm_reconstruction_lease *lease)
     return quads;
 }
 
-void qm_reconstruction_lease_add_patches(const qm_reconstruction_lease *lease, qm_text *out)
+void qm_reconstructions_add_patches(const qm_reconstruction_lease *lease, qm_text *out)
 {
     qm_json_open(out, "patches", "[");
     for (size_t p = 0; p < qm_reconstruction_patch_count(lease->reconstruction); p++) {
@@ -344,7 +345,7 @@ static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, char ou
 {
     qm_blob_writer *upload = write_upload(rs, r, problem);
     if (!upload) return false;
-    *quads = qm_reconstruction_lease_quads(r);
+    *quads = qm_reconstructions_count_quads(r);
     char *name = name_mesh(rs, r, *quads);
     if (!name) {
         qm_blob_abort(upload);
@@ -374,7 +375,7 @@ static char *make_document(const qm_reconstruction_lease *r, const qm_store_reco
 {
     char created[QM_TIME_SIZE];
     size_t points, uncovered;
-    qm_time_format(created);
+    qm_clock_format(created);
     qm_reconstruction_coverage(r->reconstruction, &points, &uncovered);
     qm_text text = {0};
     qm_json_add_string(&text, "id", r->id);

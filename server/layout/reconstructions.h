@@ -62,9 +62,9 @@ bool qm_reconstructions_edit(qm_reconstructions *reconstructions, const char *id
 qm_status qm_reconstructions_delete(qm_reconstructions *reconstructions, const char *id);
 
 /** Number of quads of the current mesh. */
-size_t qm_reconstruction_lease_quads(const qm_reconstruction_lease *refining);
+size_t qm_reconstructions_count_quads(const qm_reconstruction_lease *refining);
 
 /** Adds the current patches as a JSON member. */
-void qm_reconstruction_lease_add_patches(const qm_reconstruction_lease *refining, qm_text *out);
+void qm_reconstructions_add_patches(const qm_reconstruction_lease *refining, qm_text *out);
 
 #endif

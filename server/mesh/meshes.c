@@ -9,7 +9,6 @@
 #include <string.h>
 #include <uv.h>
 
-#include "base/budget.h"
 #include "base/clock.h"
 #include "base/host.h"
 #include "base/log.h"
@@ -63,7 +62,7 @@ typedef struct mapped_bytes {
 qm_context qm_meshes_context(qm_meshes *meshes)
 {
     qm_context ctx = qm_context_make();
-    ctx.allocator = qm_budget_allocator(&meshes->budget);
+    ctx.allocator = qm_host_budget_allocator(&meshes->budget);
     return ctx;
 }
 
@@ -433,7 +432,7 @@ static bool make_row(qm_blob_writer *upload, const char *name, qm_format format,
     row->options = make_options(name, format);
     row->name = strdup(name);
     char created[QM_TIME_SIZE];
-    qm_time_format(created);
+    qm_clock_format(created);
     row->created = strdup(created);
     if (!row->options || !row->name || !row->created) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the upload");
@@ -655,7 +654,7 @@ static void follow_in_copy(deform_task *work, qm_context *ctx)
 
 static void follow(deform_task *work, qm_context *ctx)
 {
-    double start = qm_now_ms();
+    double start = qm_clock_now_ms();
     if (take_alone(work)) {
         qm_status status =
             qm_loaded_mesh_deform(ctx, &work->ref->mesh, work->positions, work->moved->indices,
@@ -666,7 +665,7 @@ static void follow(deform_task *work, qm_context *ctx)
     } else {
         follow_in_copy(work, ctx);
     }
-    work->out->refit_ms = qm_now_ms() - start;
+    work->out->refit_ms = qm_clock_now_ms() - start;
     work->out->revision = work->row.revision;
     memcpy(work->out->hash, work->row.hash, sizeof work->out->hash);
 }

@@ -228,9 +228,9 @@ qm_status qm_job_execute(qm_context *ctx, const qm_job_request *request, const q
     QM_ASSERT(ctx && a && request->kind < QM_JOB_KIND_COUNT);
     const job_call call = {
         ctx, request, a, b, progress, progress_user, request->threads > 0 ? request->threads : 1};
-    double start_ms = qm_now_ms();
+    double start_ms = qm_clock_now_ms();
     qm_status status = rows[request->kind].run(&call, out);
-    out->elapsed_ms = qm_now_ms() - start_ms;
+    out->elapsed_ms = qm_clock_now_ms() - start_ms;
     if (status != QM_OK) qm_job_result_reset(ctx, out);
     return status;
 }

@@ -53,18 +53,18 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
 {
     QM_ASSERT(preparation->thread_count >= 1 && !out->bvh && !out->tetra);
     QM_ASSERT(preparation->has_facts || !preparation->has_patches);
-    double start = qm_now_ms();
+    double start = qm_clock_now_ms();
     qm_status status = preparation->has_facts ? qm_mesh_find_facts(ctx, &out->mesh, &out->facts) : QM_OK;
     out->box = qm_mesh_bounding_box(&out->mesh);
     out->diagonal = qm_box_diagonal(&out->box);
-    double facts_end = qm_now_ms();
+    double facts_end = qm_clock_now_ms();
     out->topology_ms = facts_end - start;
     bool has_patches = status == QM_OK && preparation->has_patches && out->facts.quads > 0;
     /* A grid does not show a third face at one of its inner edges. */
     if (!out->facts.manifold) drop_grids(ctx, &out->mesh);
     if (has_patches) status = qm_patch_set_find(ctx, &out->mesh, &out->patches);
     drop_grids(ctx, &out->mesh);
-    double patches_end = qm_now_ms();
+    double patches_end = qm_clock_now_ms();
     out->patches_ms = patches_end - facts_end;
     if (status == QM_OK && !preparation->has_no_tree)
         status = qm_bvh_build(ctx, &out->mesh, preparation->parts, preparation->thread_count, &out->bvh);
@@ -74,7 +74,7 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
         out->self_pairs = qm_self_pairs_create(out->mesh.vertex_count);
         if (!out->self_pairs) status = QM_E_NO_MEMORY;
     }
-    out->bvh_ms = qm_now_ms() - patches_end;
+    out->bvh_ms = qm_clock_now_ms() - patches_end;
     return status;
 }
 
@@ -105,7 +105,7 @@ qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, 
 {
     *out = (qm_loaded_mesh){.file_size = size};
     *report = (qm_codec_report){.line = QM_NO_LOCATION, .offset = QM_NO_LOCATION};
-    double start = qm_now_ms();
+    double start = qm_clock_now_ms();
     format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format;
     if (format == QM_FORMAT_UNKNOWN) {
         snprintf(report->detail, sizeof report->detail,
@@ -115,7 +115,7 @@ qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, 
     }
     out->format = format;
     qm_status status = qm_codec_decode(ctx, format, bytes, size, limits, &out->mesh, report);
-    out->parse_ms = qm_now_ms() - start;
+    out->parse_ms = qm_clock_now_ms() - start;
     if (status != QM_OK) qm_loaded_mesh_reset(ctx, out);
     return status;
 }

@@ -89,6 +89,6 @@ void qm_projections_write(qm_text *out, qm_array_format format, const qm_project
         if (format == QM_ARRAY_JSON)
             qm_json_write_projection(out, projections, i, diagonal);
         else
-            qm_array_write(out, format, 7, 0, record, 7);
+            qm_text_add_array(out, format, 7, 0, record, 7);
     }
 }

@@ -5,7 +5,7 @@
 #ifndef QM_PROJECTIONS_H
 #define QM_PROJECTIONS_H
 
-#include "base/arrays.h"
+#include "base/text.h"
 #include "mesh_load.h"
 #include "qm/project.h"
 

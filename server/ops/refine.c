@@ -141,14 +141,14 @@ static qm_status measure_distance(const refinement *r, const qm_mesh *mesh, qm_r
 static qm_status measure_step(const refinement *r, const qm_reconstruction *reconstruction,
                               qm_refine_record *record)
 {
-    double start = qm_now_ms();
+    double start = qm_clock_now_ms();
     qm_mesh mesh;
     qm_status status = qm_reconstruction_mesh(r->ctx, reconstruction, &mesh);
     if (status != QM_OK) return status;
     qm_quality_measure(&mesh, &record->quality);
     if (r->goal->measures || r->goal->hausdorff > 0.0) status = measure_distance(r, &mesh, record);
     qm_mesh_reset(r->ctx, &mesh);
-    record->measure_ms = qm_now_ms() - start;
+    record->measure_ms = qm_clock_now_ms() - start;
     return status;
 }
 
@@ -188,9 +188,9 @@ qm_status qm_refine(qm_context *ctx, qm_reconstruction *reconstruction, const qm
     for (size_t steps = 1;; steps++) {
         if (qm_context_canceled(ctx)) return *stop = QM_REFINE_CANCELED, QM_OK;
         qm_refine_record record = {0};
-        double start = qm_now_ms();
+        double start = qm_clock_now_ms();
         qm_status status = qm_reconstruction_step(ctx, reconstruction, max_quads, &record.step);
-        record.step_ms = qm_now_ms() - start;
+        record.step_ms = qm_clock_now_ms() - start;
         if (status == QM_E_CANCELED) return *stop = QM_REFINE_CANCELED, QM_OK;
         if (status != QM_OK) return status;
         if (record.step.chords_doubled == 0) return *stop = QM_REFINE_QUADS, QM_OK;

@@ -15,7 +15,7 @@
 #include <unistd.h>
 #include <uv.h>
 
-#include "base/hash.h"
+#include "base/id.h"
 #include "base/log.h"
 #include "blob.h"
 
@@ -294,7 +294,7 @@ void qm_blob_abort(qm_blob_writer *writer)
 static qm_status settle(qm_blob_writer *writer, uint8_t digest[QM_DIGEST_SIZE])
 {
     if (writer->file < 0) {
-        qm_hash_bytes(writer->held.data, writer->held.size, digest);
+        qm_id_hash_bytes(writer->held.data, writer->held.size, digest);
         qm_status status = make_file(writer);
         return status == QM_OK ? flush(writer) : status;
     }
@@ -308,7 +308,7 @@ qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE])
 {
     uint8_t digest[QM_DIGEST_SIZE];
     qm_status status = settle(writer, digest);
-    if (status == QM_OK) qm_hash_print(digest, writer->name);
+    if (status == QM_OK) qm_id_hash_print(digest, writer->name);
     memcpy(hash, writer->name, QM_HASH_SIZE);
     return status;
 }

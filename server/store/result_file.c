@@ -11,8 +11,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#include "base/arrays.h"
 #include "base/log.h"
+#include "base/text.h"
 #include "blob.h"
 
 #define BLOCK 8192 /* numbers that are turned and written at a time */
@@ -46,7 +46,7 @@ static bool write_numbers(int file, const double *numbers, size_t count)
     for (size_t done = 0; done < count;) {
         size_t part = count - done < BLOCK ? count - done : BLOCK;
         memcpy(block, numbers + done, part * sizeof *block);
-        qm_array_swap_bytes(block, part);
+        qm_text_swap_bytes(block, part);
         if (!write_all(file, block, part * sizeof *block)) return false;
         done += part;
     }
@@ -126,6 +126,6 @@ bool qm_result_file_read(const qm_result_file *file, uint64_t first, double *num
         size -= (size_t)got;
         offset += (uint64_t)got;
     }
-    qm_array_swap_bytes(numbers, count);
+    qm_text_swap_bytes(numbers, count);
     return true;
 }

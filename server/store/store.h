@@ -14,7 +14,6 @@
 #ifndef QM_STORE_H
 #define QM_STORE_H
 
-#include "base/hash.h"
 #include "base/id.h"
 #include "base/text.h"
 #include "qm/context.h"

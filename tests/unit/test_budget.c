@@ -2,7 +2,7 @@
 #include <pthread.h>
 #include <string.h>
 
-#include "base/budget.h"
+#include "base/host.h"
 #include "check.h"
 
 typedef struct spare {
@@ -32,7 +32,7 @@ static void test_bytes_are_counted(void **state)
     (void)state;
     spare none = {.count = 0};
     qm_budget budget = {.limit = 1000, .make_room = give_back, .user = &none};
-    qm_allocator allocator = qm_budget_allocator(&budget);
+    qm_allocator allocator = qm_host_budget_allocator(&budget);
     char *a = grow(&allocator, NULL, 0, 600);
     assert_non_null(a);
     memset(a, 7, 600);
@@ -54,7 +54,7 @@ static void test_room_is_made(void **state)
     (void)state;
     spare spares = {.count = 0};
     qm_budget budget = {.limit = 1000, .make_room = give_back, .user = &spares};
-    qm_allocator allocator = spares.allocator = qm_budget_allocator(&budget);
+    qm_allocator allocator = spares.allocator = qm_host_budget_allocator(&budget);
     for (; spares.count < 4; spares.count++) {
         spares.size[spares.count] = 250;
         spares.block[spares.count] = grow(&allocator, NULL, 0, 250);
@@ -97,7 +97,7 @@ static void test_threads_do_not_pass_the_limit(void **state)
     contest contests[4];
     pthread_t threads[4];
     for (int i = 0; i < 4; i++) {
-        contests[i] = (contest){qm_budget_allocator(&budget), &budget, false};
+        contests[i] = (contest){qm_host_budget_allocator(&budget), &budget, false};
         assert_int_equal(pthread_create(&threads[i], NULL, contend, &contests[i]), 0);
     }
     for (int i = 0; i < 4; i++) {

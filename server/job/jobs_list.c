@@ -1,5 +1,5 @@
 /**
- * job_document.c: jobs as documents: the resource of one, the list a page at a time, and the removal of old
+ * jobs_list.c: jobs as documents: the resource of one, the list a page at a time, and the removal of old
  * ones.
  */
 #include <stdlib.h>
@@ -28,7 +28,7 @@ char *qm_job_write_members(const qm_job *job, qm_job_state state, const char *pr
     QM_ASSERT(qm_jobs_is_locked(job->jobs));
     qm_text out = {0};
     char now[QM_TIME_SIZE];
-    qm_time_format(now);
+    qm_clock_format(now);
     qm_text_printf(&out, "\"id\":\"%s\",\"type\":\"%s\",\"state\":\"%s\",\"created\":\"%s\"", job->id,
                    qm_job_type_of(job->request.kind)->name, qm_job_state_name(state), job->created);
     if (job->started[0]) qm_text_printf(&out, ",\"started\":\"%s\"", job->started);
@@ -152,7 +152,7 @@ void qm_jobs_drop_old(qm_jobs *jobs)
 {
     char ids[DROP_STEP][QM_ID_SIZE], before[QM_TIME_SIZE] = "";
     size_t total = 0, count;
-    if (jobs->limits.kept_s > 0.0) qm_time_format_past(jobs->limits.kept_s, before);
+    if (jobs->limits.kept_s > 0.0) qm_clock_format_past(jobs->limits.kept_s, before);
     do {
         count = qm_store_drop_old_jobs(jobs->store, jobs->limits.kept_jobs, before, DROP_STEP, ids);
         for (size_t i = 0; i < count; i++)
