@@ -27,22 +27,16 @@
 #define MS_PER_S 1e3
 #define S_PER_H 3600.0
 
+enum { SIGNAL_COUNT = 3 };
+
 typedef struct daemon_state {
     qm_app app;
     qm_http *http;
     uv_loop_t loop;
-    uv_signal_t terminate, interrupt, hang_up;
+    uv_signal_t signals[SIGNAL_COUNT];
     uv_timer_t tick;
     double saved_ms, connections_checked_ms, cleaned_ms;
 } daemon_state;
-
-static void on_signal(uv_signal_t *handle, int number)
-{
-    daemon_state *state = handle->data;
-    qm_log(QM_LOG_INFO, "signal %d: draining", number);
-    atomic_store(&state->app.draining, true);
-    uv_stop(&state->loop);
-}
 
 /** Reads the tokens; false with a record in the log, and the old tokens stay. */
 static bool load_tokens(const qm_app *app)
@@ -57,20 +51,26 @@ static bool load_tokens(const qm_app *app)
     return loaded;
 }
 
-static void on_hang_up(uv_signal_t *handle, int number)
+static void on_signal(uv_signal_t *handle, int number)
 {
-    (void)number;
-    load_tokens(&((daemon_state *)handle->data)->app);
-}
-
-static void clean(void *jobs)
-{
-    qm_jobs_drop_old(jobs);
+    daemon_state *state = handle->data;
+    if (number == SIGHUP) {
+        load_tokens(&state->app);
+        return;
+    }
+    qm_log(QM_LOG_INFO, "signal %d: draining", number);
+    atomic_store(&state->app.draining, true);
+    uv_stop(&state->loop);
 }
 
 static void save(void *jobs)
 {
     qm_job_events_save(jobs);
+}
+
+static void clean(void *jobs)
+{
+    qm_jobs_drop_old(jobs);
 }
 
 static void on_tick(uv_timer_t *handle)
@@ -89,37 +89,17 @@ static void on_tick(uv_timer_t *handle)
     state->cleaned_ms = now;
 }
 
-static void start_loop(daemon_state *state)
+static void stop_loop(daemon_state *state)
 {
-    uv_loop_init(&state->loop);
-    uv_signal_init(&state->loop, &state->terminate);
-    uv_signal_init(&state->loop, &state->interrupt);
-    uv_signal_init(&state->loop, &state->hang_up);
-    uv_timer_init(&state->loop, &state->tick);
-    state->terminate.data = state->interrupt.data = state->hang_up.data = state->tick.data = state;
-    uv_signal_start(&state->terminate, on_signal, SIGTERM);
-    uv_signal_start(&state->interrupt, on_signal, SIGINT);
-    uv_signal_start(&state->hang_up, on_hang_up, SIGHUP);
-    uv_timer_start(&state->tick, on_tick, TICK_MS, TICK_MS);
-}
-
-/** Ignores further signals: when the loop is closed they would kill the process again. */
-static void ignore_signals(void)
-{
+    /* Further signals are ignored: once the loop is closed they would kill the process. */
     sigset_t set;
     sigemptyset(&set);
     sigaddset(&set, SIGTERM);
     sigaddset(&set, SIGINT);
     sigaddset(&set, SIGHUP);
     pthread_sigmask(SIG_BLOCK, &set, NULL);
-}
-
-static void stop_loop(daemon_state *state)
-{
-    ignore_signals();
-    uv_close((uv_handle_t *)&state->terminate, NULL);
-    uv_close((uv_handle_t *)&state->interrupt, NULL);
-    uv_close((uv_handle_t *)&state->hang_up, NULL);
+    for (size_t i = 0; i < SIGNAL_COUNT; i++)
+        uv_close((uv_handle_t *)&state->signals[i], NULL);
     uv_close((uv_handle_t *)&state->tick, NULL);
     uv_run(&state->loop, UV_RUN_DEFAULT);
     uv_loop_close(&state->loop);
@@ -144,21 +124,6 @@ static void find_dashboard(qm_config *config, char *found, size_t size)
     }
 }
 
-static bool write_port(const char *path, int port)
-{
-    if (!path[0]) return true;
-    FILE *file = fopen(path, "w");
-    if (!file) return false;
-    fprintf(file, "%d\n", port);
-    return fclose(file) == 0;
-}
-
-/** Limit of the queue of one search, in bytes. */
-static size_t search_memory(size_t budget)
-{
-    return budget / 4 < QM_HAUSDORFF_MEMORY ? budget / 4 : QM_HAUSDORFF_MEMORY;
-}
-
 static bool start_parts(daemon_state *state, const qm_config *config)
 {
     qm_app *app = &state->app;
@@ -179,18 +144,23 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     app->long_pool = qm_pool_create(UPLOAD_THREADS, 0);
     app->reconstructions = qm_reconstructions_create(app->store, app->meshes);
     if (!app->meshes || !app->reconstructions || !app->pool || !app->long_pool) return false;
-    app->jobs = qm_jobs_create(app->store, app->meshes, app->reconstructions,
-                               (qm_job_limits){.workers = (int)config->workers,
-                                               .queue = (int)config->queue,
-                                               .threads = (int)config->job_threads,
-                                               .search_memory = search_memory(memory),
-                                               .grace_ms = config->grace * MS_PER_S,
-                                               .kept_jobs = (size_t)config->kept_jobs,
-                                               .kept_s = config->kept_hours * S_PER_H,
-                                               .heartbeat_ms = config->heartbeat * MS_PER_S});
+    app->jobs = qm_jobs_create(
+        app->store, app->meshes, app->reconstructions,
+        (qm_job_limits){.workers = (int)config->workers,
+                        .queue = (int)config->queue,
+                        .threads = (int)config->job_threads,
+                        .search_memory = memory / 4 < QM_HAUSDORFF_MEMORY ? memory / 4 : QM_HAUSDORFF_MEMORY,
+                        .grace_ms = config->grace * MS_PER_S,
+                        .kept_jobs = (size_t)config->kept_jobs,
+                        .kept_s = config->kept_hours * S_PER_H,
+                        .heartbeat_ms = config->heartbeat * MS_PER_S});
     if (!app->jobs) return false;
     state->http = qm_http_start(app);
-    return state->http && write_port(config->port_file, qm_http_port(state->http));
+    if (!state->http || !config->port_file[0]) return state->http;
+    FILE *file = fopen(config->port_file, "w");
+    if (!file) return false;
+    fprintf(file, "%d\n", qm_http_port(state->http));
+    return fclose(file) == 0;
 }
 
 /**
@@ -215,14 +185,6 @@ static void stop_parts(daemon_state *state)
     qm_access_tokens_destroy(app->tokens);
 }
 
-static qm_log_level read_level(const char *name)
-{
-    qm_log_level level = QM_LOG_ERROR;
-    while (strcmp(name, qm_log_level_name(level)) != 0)
-        level++;
-    return level;
-}
-
 /** Raises the limit on open files: one for each connection, and some for the daemon. */
 static void allow_connections(const qm_config *config)
 {
@@ -242,7 +204,10 @@ int main(int argc, char **argv)
     qm_config config;
     qm_config_outcome outcome = qm_config_read(&config, argc, argv);
     if (outcome != QM_CONFIG_RUN) return outcome == QM_CONFIG_EXIT_OK ? 0 : 2;
-    qm_log_init(strcmp(config.log_format, "json") == 0, read_level(config.log_level));
+    qm_log_level level = QM_LOG_ERROR;
+    while (strcmp(config.log_level, qm_log_level_name(level)) != 0)
+        level++;
+    qm_log_init(strcmp(config.log_format, "json") == 0, level);
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a failed write, as on a full disk */
     qm_codec_drc_set_decoder(qm_draco_child_decode);
@@ -250,7 +215,16 @@ int main(int argc, char **argv)
     char dashboard[4096];
     find_dashboard(&config, dashboard, sizeof dashboard);
     static daemon_state state;
-    start_loop(&state);
+    static const int signals[SIGNAL_COUNT] = {SIGTERM, SIGINT, SIGHUP};
+    uv_loop_init(&state.loop);
+    uv_timer_init(&state.loop, &state.tick);
+    state.tick.data = &state;
+    for (size_t i = 0; i < SIGNAL_COUNT; i++) {
+        uv_signal_init(&state.loop, &state.signals[i]);
+        state.signals[i].data = &state;
+        uv_signal_start(&state.signals[i], on_signal, signals[i]);
+    }
+    uv_timer_start(&state.tick, on_tick, TICK_MS, TICK_MS);
     bool started = start_parts(&state, &config);
     if (started) {
         printf("quadmeshd %s listens on http://%s:%d/\n", QM_VERSION, config.listen,

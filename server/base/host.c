@@ -336,19 +336,13 @@ qm_allocator qm_host_budget_allocator(qm_budget *budget)
     return (qm_allocator){.resize = budget_resize, .user = budget};
 }
 
-/** The memory limit of the control group (version 2); SIZE_MAX if there is none. */
-static size_t find_group_limit(void)
-{
-    FILE *file = fopen("/sys/fs/cgroup/memory.max", "re");
-    unsigned long long limit;
-    bool is_limited = file && fscanf(file, "%llu", &limit) == 1;
-    if (file) fclose(file);
-    return is_limited ? (size_t)limit : SIZE_MAX;
-}
-
 size_t qm_host_default_budget(void)
 {
     size_t machine = (size_t)sysconf(_SC_PHYS_PAGES) * (size_t)sysconf(_SC_PAGESIZE);
-    size_t group = find_group_limit();
+    /* Of the control group (version 2). */
+    FILE *file = fopen("/sys/fs/cgroup/memory.max", "re");
+    unsigned long long limit;
+    size_t group = file && fscanf(file, "%llu", &limit) == 1 ? (size_t)limit : SIZE_MAX;
+    if (file) fclose(file);
     return (group < machine ? group : machine) / 2;
 }

@@ -200,15 +200,6 @@ static void end_array(void *user)
     free(s);
 }
 
-static void write_begin(const array_reply *s, qm_text *out)
-{
-    if (s->rows == QM_ARRAY_CSV) qm_text_printf(out, "%s\n", s->array->header);
-    if (s->rows != QM_ARRAY_JSON) return;
-    qm_text_add_string(out, "{");
-    qm_json_add_members(out, s->result);
-    qm_json_open(out, s->array->member, "[");
-}
-
 static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
 {
     array_reply *s = user;
@@ -218,26 +209,18 @@ static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
         *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the result cannot be read back");
         return QM_BLOCK_FAILED;
     }
-    if (s->done == 0) write_begin(s, out);
+    if (s->done == 0 && s->rows == QM_ARRAY_CSV) qm_text_printf(out, "%s\n", s->array->header);
+    if (s->done == 0 && s->rows == QM_ARRAY_JSON) {
+        qm_text_add_string(out, "{");
+        qm_json_add_members(out, s->result);
+        qm_json_open(out, s->array->member, "[");
+    }
     int columns = s->array->columns;
     qm_text_add_array(out, s->rows, columns, s->done / (size_t)columns, numbers, count);
     s->done += count;
     if (s->done < s->count) return QM_BLOCK_MORE;
     if (s->rows == QM_ARRAY_JSON) qm_text_add_string(out, "]}");
     return QM_BLOCK_LAST;
-}
-
-/** Replies with a result that has no array. */
-static void reply_object(qm_request *request, char *result)
-{
-    if (qm_request_rows(request) == QM_ARRAY_JSON) {
-        qm_reply_text(request, 200, QM_MEDIA_JSON, result);
-        return;
-    }
-    free(result);
-    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE,
-                                         "the result of this job is available as application/json only");
-    qm_reply_problem(request, &problem);
 }
 
 static void reply_array(qm_request *request, const qm_job_array *array, qm_result_file *file, char *result)
@@ -293,20 +276,21 @@ void qm_handle_job_result(qm_request *request)
         return;
     }
     qm_result_file *file = array ? qm_result_file_open(app->store, id) : NULL;
-    if (file)
+    if (file) {
         reply_array(request, array, file, result);
-    else
-        reply_object(request, result);
+        return;
+    }
+    if (qm_request_rows(request) == QM_ARRAY_JSON) {
+        qm_reply_text(request, 200, QM_MEDIA_JSON, result);
+        return;
+    }
+    free(result);
+    problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE,
+                              "the result of this job is available as application/json only");
+    qm_reply_problem(request, &problem);
 }
 
 /* ---- batches ---- */
-
-/** curl sends the type of form data by default. */
-static bool is_lines(const char *type)
-{
-    return !type || qm_media_is(type, QM_MEDIA_NDJSON) || qm_media_is(type, QM_MEDIA_BINARY) ||
-           qm_media_is(type, "application/x-www-form-urlencoded");
-}
 
 void qm_handle_batch_create(qm_request *request)
 {
@@ -316,7 +300,10 @@ void qm_handle_batch_create(qm_request *request)
         qm_reply_problem(request, &problem);
         return;
     }
-    if (is_lines(qm_request_header(request, "Content-Type"))) {
+    const char *type = qm_request_header(request, "Content-Type");
+    /* curl sends the type of form data by default. */
+    if (!type || qm_media_is(type, QM_MEDIA_NDJSON) || qm_media_is(type, QM_MEDIA_BINARY) ||
+        qm_media_is(type, "application/x-www-form-urlencoded")) {
         qm_reply_batch(request, qm_request_take_upload(request));
         return;
     }

@@ -129,34 +129,20 @@ static void reply_layout(qm_request *request, int status, const qm_store_layout 
     qm_reply_text(request, status, "application/json", qm_text_take(&out));
 }
 
-static bool same_points(const qm_curve *a, const qm_curve *b)
-{
-    return a->point_count == b->point_count &&
-           memcmp(a->points, b->points, 3 * sizeof(double) * a->point_count) == 0;
-}
-
 /** Adds the ids of the curves of one layout that the other lacks, or has with other points. */
 static void add_ids(qm_text *out, const char *name, const qm_layout *of, const qm_layout *other, bool changed)
 {
     qm_json_open(out, name, "[");
     for (size_t i = 0; i < of->curve_count; i++) {
         uint32_t index = qm_layout_find_curve(other, of->curves[i].id);
-        bool is_meant = changed ? index != QM_NO_INDEX && !same_points(&of->curves[i], &other->curves[index])
-                                : index == QM_NO_INDEX;
-        if (!is_meant) continue;
+        const qm_curve *a = &of->curves[i], *b = index == QM_NO_INDEX ? NULL : &other->curves[index];
+        bool is_changed = b && (a->point_count != b->point_count ||
+                                memcmp(a->points, b->points, 3 * sizeof(double) * a->point_count) != 0);
+        if (changed ? !is_changed : b != NULL) continue;
         qm_json_add_comma(out);
         qm_text_printf(out, "%u", of->curves[i].id);
     }
     qm_text_add_string(out, "]");
-}
-
-static void add_changes(qm_text *out, const layout_session *s)
-{
-    qm_json_open(out, "changed", "{");
-    add_ids(out, "added_curves", &s->layout, &s->before, false);
-    add_ids(out, "changed_curves", &s->layout, &s->before, true);
-    add_ids(out, "removed_curves", &s->before, &s->layout, false);
-    qm_text_add_string(out, "}");
 }
 
 /** Stores the edited layout as the next revision and replies with it; more has members that the edit adds. */
@@ -170,7 +156,11 @@ static void session_finish(qm_request *request, layout_session *s, const char *m
         return;
     }
     qm_text changed = {0};
-    add_changes(&changed, s);
+    qm_json_open(&changed, "changed", "{");
+    add_ids(&changed, "added_curves", &s->layout, &s->before, false);
+    add_ids(&changed, "changed_curves", &s->layout, &s->before, true);
+    add_ids(&changed, "removed_curves", &s->before, &s->layout, false);
+    qm_text_add_string(&changed, "}");
     if (more[0]) qm_json_add_comma(&changed);
     qm_text_add_string(&changed, more);
     char *layout, *issues, *members = qm_text_take(&changed);

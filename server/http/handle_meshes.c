@@ -66,15 +66,6 @@ static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
     qm_store_mesh_reset(mesh);
 }
 
-/** Replies to an upload with the mesh and its tag; conditions like If-Match do not apply. */
-static void reply_made_mesh(qm_request *request, int status, qm_store_mesh *mesh)
-{
-    char tag[QM_ETAG_SIZE];
-    qm_etag_write_mesh(mesh->hash, mesh->revision, "", tag);
-    qm_reply_header(request, "ETag", "%s", tag);
-    reply_mesh(request, status, mesh);
-}
-
 void qm_handle_mesh_create(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
@@ -93,10 +84,15 @@ void qm_handle_mesh_create(qm_request *request)
         return;
     }
     qm_blob_writer *upload = qm_request_take_upload(request);
-    if (!qm_meshes_add(app->meshes, upload, name, format, &mesh, &is_new, &problem))
+    if (!qm_meshes_add(app->meshes, upload, name, format, &mesh, &is_new, &problem)) {
         qm_reply_problem(request, &problem);
-    else
-        reply_made_mesh(request, is_new ? 201 : 200, &mesh);
+        return;
+    }
+    /* Conditions like If-Match do not apply to an upload. */
+    char tag[QM_ETAG_SIZE];
+    qm_etag_write_mesh(mesh.hash, mesh.revision, "", tag);
+    qm_reply_header(request, "ETag", "%s", tag);
+    reply_mesh(request, is_new ? 201 : 200, &mesh);
 }
 
 void qm_handle_mesh_list(qm_request *request)

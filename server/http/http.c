@@ -86,19 +86,6 @@ static void run_on_pool(void *data)
     hand_back(request);
 }
 
-/** The pool is closed because the daemon stops, or memory ran out. */
-static void refuse(qm_request *request)
-{
-    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the request cannot be queued");
-    qm_reply_problem(request, &problem);
-    hand_back(request);
-}
-
-static qm_pool *pool_of(const qm_request *request)
-{
-    return request->route->runs == QM_RUNS_LONG ? request->app->long_pool : request->app->pool;
-}
-
 static enum MHD_Result handle(qm_request *request)
 {
     QM_ASSERT(request->stage == RECEIVING && (request->route || request->has_problem));
@@ -110,16 +97,15 @@ static enum MHD_Result handle(qm_request *request)
     } else {
         request->stage = HANDLING;
         MHD_suspend_connection(request->connection);
-        if (!qm_pool_submit(pool_of(request), run_on_pool, request)) refuse(request);
+        qm_pool *pool = request->route->runs == QM_RUNS_LONG ? request->app->long_pool : request->app->pool;
+        if (qm_pool_submit(pool, run_on_pool, request)) return MHD_YES;
+        /* The pool is closed because the daemon stops, or memory ran out. */
+        qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the request cannot be queued");
+        qm_reply_problem(request, &problem);
+        hand_back(request);
         return MHD_YES;
     }
     return qm_reply_send(request);
-}
-
-static bool has_body(const qm_request *request)
-{
-    const char *length = qm_request_header(request, "Content-Length");
-    return (length && strcmp(length, "0") != 0) || qm_request_header(request, "Transfer-Encoding");
 }
 
 /**
@@ -135,19 +121,14 @@ static bool has_little_body(const qm_request *request)
     return strtoull(length, NULL, 10) <= MAX_READ_AND_DROPPED;
 }
 
-/** Letters, digits and a few marks: what may be repeated in a header, a log and JSON as it is. */
-static bool is_plain_name(const char *name)
-{
-    static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-";
-    size_t length = strlen(name);
-    return length > 0 && length < QM_REQUEST_ID_SIZE && strspn(name, plain) == length;
-}
-
 /** Takes the client's id for the request, or makes one. */
 static void set_name(qm_request *request)
 {
+    /* These may be repeated in a header, a log and JSON as they are. */
+    static const char plain[] = "abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789._-";
     const char *given = qm_request_header(request, "X-Request-Id");
-    if (given && is_plain_name(given)) {
+    size_t length = given ? strlen(given) : 0;
+    if (length > 0 && length < QM_REQUEST_ID_SIZE && strspn(given, plain) == length) {
         snprintf(request->name, sizeof request->name, "%s", given);
         return;
     }
@@ -191,7 +172,10 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
         qm_request_check(request);
         if (!request->has_problem) return MHD_YES;
         /* The body was not received yet: the bytes that follow must not be read as a request. */
-        if (has_body(request)) qm_reply_header(request, "Connection", "close");
+        const char *length = qm_request_header(request, "Content-Length");
+        bool has_body =
+            (length && strcmp(length, "0") != 0) || qm_request_header(request, "Transfer-Encoding");
+        if (has_body) qm_reply_header(request, "Connection", "close");
         return has_little_body(request) ? MHD_YES : handle(request);
     }
     if (*size > 0) {
@@ -312,16 +296,6 @@ static void stop_listener(qm_listener *listener)
     qm_guard_reset(&listener->guard);
 }
 
-static bool start_listeners(qm_http *http, const qm_config *config)
-{
-    http->health.is_private = true;
-    if (!start_listener(&http->everything, http->app, config->listen, config->port,
-                        (unsigned)config->connections))
-        return false;
-    return config->health_port == 0 || start_listener(&http->health, http->app, config->health_listen,
-                                                      config->health_port, HEALTH_CONNECTIONS);
-}
-
 qm_http *qm_http_start(qm_app *app)
 {
     qm_http *http = calloc(1, sizeof *http);
@@ -329,7 +303,12 @@ qm_http *qm_http_start(qm_app *app)
     http->app = app;
     http->quiet_socket = MHD_INVALID_SOCKET;
     app->http = http;
-    if (!start_listeners(http, app->config)) {
+    const qm_config *config = app->config;
+    http->health.is_private = true;
+    if (!start_listener(&http->everything, app, config->listen, config->port,
+                        (unsigned)config->connections) ||
+        (config->health_port != 0 && !start_listener(&http->health, app, config->health_listen,
+                                                     config->health_port, HEALTH_CONNECTIONS))) {
         app->http = NULL;
         stop_listener(&http->everything);
         free(http);

@@ -70,16 +70,6 @@ void qm_reply_set_reader(qm_request *request, int status, uint64_t size, size_t 
         MHD_set_response_options(request->reply.response, MHD_RF_HTTP_1_0_COMPATIBLE_STRICT, MHD_RO_END);
 }
 
-/** Removes a header that a handler has set before it failed. */
-static void drop_header(qm_reply *reply, const char *name)
-{
-    int kept = 0;
-    for (int i = 0; i < reply->header_count; i++)
-        if (strcmp(reply->header[i][0], name) != 0)
-            memmove(reply->header[kept++], reply->header[i], sizeof reply->header[i]);
-    reply->header_count = kept;
-}
-
 void qm_reply_problem(qm_request *request, const qm_problem *problem)
 {
     static const char fallback[] = "{\"type\":\"about:blank\",\"title\":\"Out of memory\",\"status\":507}";
@@ -88,7 +78,13 @@ void qm_reply_problem(qm_request *request, const qm_problem *problem)
     qm_json_add_problem(&text, problem);
     qm_text_printf(&text, ",\"instance\":\"urn:request:%s\"}", request->name);
     char *body = qm_text_take(&text);
-    drop_header(&request->reply, "ETag");
+    /* A tag that the handler has set before it failed is not that of the problem. */
+    qm_reply *reply = &request->reply;
+    int kept = 0;
+    for (int i = 0; i < reply->header_count; i++)
+        if (strcmp(reply->header[i][0], "ETag") != 0)
+            memmove(reply->header[kept++], reply->header[i], sizeof reply->header[i]);
+    reply->header_count = kept;
     if (problem->allow[0]) qm_reply_header(request, "Allow", "%s", problem->allow);
     if (problem->retry_after_s) qm_reply_header(request, "Retry-After", "%d", problem->retry_after_s);
     if (body)

@@ -331,21 +331,6 @@ static void free_blocks(void *user)
     free(reply);
 }
 
-/** Makes the first block, whose failure can still be the reply. */
-static void reply_whole(qm_request *request, int status, const char *content_type, const qm_problem *problem,
-                        qm_text *body)
-{
-    if (problem) {
-        qm_text_reset(body);
-        request->reply.header_count = 0; /* they describe the failed reply */
-        qm_reply_problem(request, problem);
-        return;
-    }
-    size_t size = body->size;
-    qm_reply_set_buffer(request, status, qm_text_take(body), size);
-    qm_reply_header(request, "Content-Type", "%s", content_type);
-}
-
 void qm_reply_blocks(qm_request *request, int status, const char *content_type, uint64_t size,
                      qm_block_source source)
 {
@@ -356,7 +341,15 @@ void qm_reply_blocks(qm_request *request, int status, const char *content_type, 
     if (strcmp(request->method, "HEAD") != 0) state = next_block(source, &first, &problem);
     if (state != QM_BLOCK_MORE) {
         source.end(source.user);
-        reply_whole(request, status, content_type, state == QM_BLOCK_FAILED ? &problem : NULL, &first);
+        if (state == QM_BLOCK_FAILED) {
+            qm_text_reset(&first);
+            request->reply.header_count = 0; /* they describe the failed reply */
+            qm_reply_problem(request, &problem);
+            return;
+        }
+        size_t first_size = first.size;
+        qm_reply_set_buffer(request, status, qm_text_take(&first), first_size);
+        qm_reply_header(request, "Content-Type", "%s", content_type);
         return;
     }
     block_reply *reply = take_slot(app) ? calloc(1, sizeof *reply) : NULL;

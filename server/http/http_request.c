@@ -194,20 +194,16 @@ static void check_query(qm_request *request)
     qm_request_set_problem(request, problem);
 }
 
-/** Compressed bodies are not supported: they would be decoded as meshes or JSON. */
-static void check_encoding(qm_request *request)
+/** Checks what the headers say of the body. */
+static void check_body(qm_request *request)
 {
+    /* Compressed bodies are not supported: they would be decoded as meshes or JSON. */
     const char *encoding = qm_request_header(request, "Content-Encoding");
-    if (!encoding || request->route->body == QM_BODY_NONE || strcasecmp(encoding, "identity") == 0) return;
-    qm_request_set_problem(
-        request, qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE, "Content-Encoding is not supported"));
-}
-
-static void check_length(qm_request *request)
-{
+    if (encoding && strcasecmp(encoding, "identity") != 0)
+        qm_request_set_problem(
+            request, qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE, "Content-Encoding is not supported"));
     const char *length = qm_request_header(request, "Content-Length");
-    if (!length || request->route->body == QM_BODY_NONE) return;
-    if (strtoull(length, NULL, 10) > qm_request_body_limit(request))
+    if (length && strtoull(length, NULL, 10) > qm_request_body_limit(request))
         qm_request_set_problem(request,
                                qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body must not exceed %zu bytes",
                                                qm_request_body_limit(request)));
@@ -218,20 +214,13 @@ static bool is_path(const qm_request *request, const char *path)
     return strcmp(request->route->path, path) == 0;
 }
 
-/** A projection is a POST only because of its size: it reads. */
-static qm_scope needed_scope(const qm_request *request)
-{
-    const qm_route *route = request->route;
-    if (strncmp(route->path, "/v1/", strlen("/v1/")) != 0 && !is_path(request, "/metrics"))
-        return QM_SCOPE_NONE;
-    bool only_reads = strcmp(route->method, "GET") == 0 || is_path(request, "/v1/meshes/{id}/project");
-    return only_reads ? QM_SCOPE_READ : QM_SCOPE_WRITE;
-}
-
 static void check_token(qm_request *request)
 {
-    qm_scope needed = needed_scope(request);
-    if (needed == QM_SCOPE_NONE) return;
+    const qm_route *route = request->route;
+    if (strncmp(route->path, "/v1/", strlen("/v1/")) != 0 && !is_path(request, "/metrics")) return;
+    /* A projection is a POST only because of its size: it reads. */
+    bool only_reads = strcmp(route->method, "GET") == 0 || is_path(request, "/v1/meshes/{id}/project");
+    qm_scope needed = only_reads ? QM_SCOPE_READ : QM_SCOPE_WRITE;
     const char *given = qm_request_header(request, "Authorization");
     qm_scope scope = qm_access_tokens_check(request->app->tokens, given);
     if (scope >= needed) return;
@@ -274,22 +263,6 @@ static void check_page(qm_request *request)
                                qm_problem_make(QM_PROBLEM_FORBIDDEN, "pages of this Origin are not allowed"));
 }
 
-static void check_access(qm_request *request)
-{
-    if (request->listener->is_private) return;
-    if (qm_access_tokens_count(request->app->tokens) > 0)
-        check_token(request);
-    else
-        check_page(request);
-}
-
-/** The private listener has health and metrics only. */
-static bool is_served(const qm_request *request)
-{
-    return !request->listener->is_private || is_path(request, "/healthz") || is_path(request, "/readyz") ||
-           is_path(request, "/metrics");
-}
-
 /** OPTIONS replies with the methods of the path's routes. */
 static const qm_route options_route = {"OPTIONS",       "",  qm_reply_options, NULL, QM_BODY_NONE,
                                        QM_RUNS_AT_ONCE, NULL};
@@ -302,7 +275,10 @@ static bool find_route(qm_request *request)
         qm_reply_header(request, "Allow", "%s, OPTIONS", problem.allow);
         request->route = &options_route;
     }
-    if (request->route && !is_served(request)) {
+    /* The private listener has health and metrics only. */
+    bool is_served = !request->route || !request->listener->is_private || is_path(request, "/healthz") ||
+                     is_path(request, "/readyz") || is_path(request, "/metrics");
+    if (!is_served) {
         request->route = NULL;
         problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "there is no resource at this path");
     }
@@ -313,10 +289,14 @@ static bool find_route(qm_request *request)
 void qm_request_check(qm_request *request)
 {
     if (!check_framing(request) || !find_route(request) || request->route == &options_route) return;
-    check_access(request);
+    if (!request->listener->is_private) {
+        if (qm_access_tokens_count(request->app->tokens) > 0)
+            check_token(request);
+        else
+            check_page(request);
+    }
     check_query(request);
-    check_encoding(request);
-    check_length(request);
+    if (request->route->body != QM_BODY_NONE) check_body(request);
     check_accept(request);
     if (!request->has_problem && request->route->body == QM_BODY_SPOOL &&
         qm_blob_begin(request->app->store, &request->upload) != QM_OK)

@@ -169,13 +169,6 @@ static void answer(const batch_line *line, qm_job_state state, const char *membe
     free(object);
 }
 
-static void answer_with_problem(const batch_line *line, const qm_problem *problem)
-{
-    qm_text object = {0};
-    qm_json_write_problem(&object, problem);
-    answer(line, QM_JOB_FAILED, "problem", qm_text_take(&object));
-}
-
 /** Answers from a finished job; false when there is none. */
 static bool answer_from_store(const batch_line *line, const char *key, const char *revisions)
 {
@@ -254,10 +247,13 @@ static void take_line(qm_batch *batch)
         line.key = qm_text_take(&key);
         taken = readable && line.key && take_request(&line, &request, &problem);
     }
-    if (!taken && line.key)
-        answer_with_problem(&line, &problem);
-    else if (!taken)
+    if (!taken && line.key) {
+        qm_text object = {0};
+        qm_json_write_problem(&object, &problem);
+        answer(&line, QM_JOB_FAILED, "problem", qm_text_take(&object));
+    } else if (!taken) {
         give_up(batch);
+    }
     free(line.key);
     qm_job_request_reset(&request);
 }
@@ -277,12 +273,6 @@ static bool read_piece(qm_batch *batch)
     return true;
 }
 
-static void keep_part(qm_batch *batch, const char *part, size_t size)
-{
-    if (batch->line.size + size > MAX_LINE) batch->line_is_too_long = true;
-    if (!batch->line_is_too_long) qm_text_add(&batch->line, part, size);
-}
-
 /** Reads the next line into batch->line; false when there is none. */
 static bool read_line(qm_batch *batch)
 {
@@ -297,15 +287,11 @@ static bool read_line(qm_batch *batch)
         size_t rest = batch->piece_size - batch->piece_at;
         const char *end = memchr(part, '\n', rest);
         size_t size = end ? (size_t)(end - part) : rest;
-        keep_part(batch, part, size);
+        if (batch->line.size + size > MAX_LINE) batch->line_is_too_long = true;
+        if (!batch->line_is_too_long) qm_text_add(&batch->line, part, size);
         batch->piece_at += end ? size + 1 : size;
         if (end) return true;
     }
-}
-
-static bool is_blank(const qm_text *line)
-{
-    return line->size == 0 || strspn(line->data, " \t\r") == line->size;
 }
 
 /** True when another line is to be read. */
@@ -324,7 +310,8 @@ static void feed(void *data)
     bool at_end = false;
     for (int lines = 0; lines < LINES_A_TURN && !at_end && wants_line(batch); lines++) {
         at_end = !read_line(batch);
-        if (!at_end && (batch->line_is_too_long || !is_blank(&batch->line))) take_line(batch);
+        bool is_blank = batch->line.size == 0 || strspn(batch->line.data, " \t\r") == batch->line.size;
+        if (!at_end && (batch->line_is_too_long || !is_blank)) take_line(batch);
     }
     qm_jobs *jobs = batch->jobs;
     uv_mutex_lock(&jobs->lock);
@@ -339,13 +326,6 @@ static void feed(void *data)
 
 /* ---- the subscriber ---- */
 
-static void take_answers(qm_batch *batch, qm_text *out)
-{
-    qm_text_add(out, batch->answers.data, batch->answers.size);
-    batch->answers.size = 0;
-    if (batch->answers.capacity > 4 * MAX_PENDING) qm_text_reset(&batch->answers);
-}
-
 qm_read_status qm_batch_read(qm_batch *batch, qm_text *out, void (*suspend)(void *user))
 {
     qm_jobs *jobs = batch->jobs;
@@ -355,7 +335,9 @@ qm_read_status qm_batch_read(qm_batch *batch, qm_text *out, void (*suspend)(void
     double now = qm_clock_now_ms();
     batch->is_cut |= batch->answers.failed;
     if (batch->answers.size > 0 && !batch->answers.failed) {
-        take_answers(batch, out);
+        qm_text_add(out, batch->answers.data, batch->answers.size);
+        batch->answers.size = 0;
+        if (batch->answers.capacity > 4 * MAX_PENDING) qm_text_reset(&batch->answers);
         subscriber->wake_at_ms = now + jobs->limits.heartbeat_ms;
         ask_for_lines(batch);
     } else if (ask_for_lines(batch), is_over(batch)) {

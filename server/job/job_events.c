@@ -107,20 +107,14 @@ typedef struct unsaved_job {
     size_t end;  /* number of its events that the store has afterwards */
 } unsaved_job;
 
-/** Number of events of a job that the store is to have. server_shutdown is for the subscribers of this run,
- * not for clients of the next start. */
-static size_t count_lasting(const qm_job *job)
-{
-    return job->event_count - (job->interrupted ? 1 : 0);
-}
-
 /** Lists the running jobs with unsaved events, no more than there are workers, and adds up these events. */
 static size_t gather(qm_jobs *jobs, unsaved_job *found, size_t *event_count)
 {
     size_t count = 0;
     *event_count = 0;
     for (qm_job *job = jobs->first; job && count < (size_t)jobs->limits.workers; job = job->next) {
-        size_t end = count_lasting(job);
+        /* server_shutdown is for the subscribers of this run, not for clients of the next start. */
+        size_t end = job->event_count - (job->interrupted ? 1 : 0);
         if (job->state != QM_JOB_RUNNING || job->saved_count >= end) continue;
         found[count++] = (unsaved_job){job, end};
         *event_count += end - job->saved_count;

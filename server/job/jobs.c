@@ -201,32 +201,6 @@ qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions
     return job;
 }
 
-static bool is_open(qm_jobs *jobs, qm_problem *problem)
-{
-    if (!atomic_load(&jobs->closed)) return true;
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new jobs");
-    return false;
-}
-
-static bool has_room(qm_jobs *jobs, qm_problem *problem)
-{
-    if (qm_jobs_count(jobs).queued < (size_t)jobs->limits.queue) return true;
-    *problem = qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "the queue is full: %d jobs are waiting",
-                               jobs->limits.queue);
-    return false;
-}
-
-static bool store_new(qm_jobs *jobs, qm_job *job, const qm_job_submission *submission)
-{
-    qm_store_job row = {.key = job->key,
-                        .idempotency_key = (char *)submission->idempotency_key,
-                        .body = (char *)submission->body,
-                        .created = job->created,
-                        .state = QM_JOB_QUEUED};
-    memcpy(row.id, job->id, sizeof row.id);
-    return qm_store_submit_job(jobs->store, &row) == QM_OK;
-}
-
 /**
  * Creates a job: stored before it is queued, so that a job which was accepted with 202 survives the daemon,
  * and listed before it is stored, so that an unfinished job of the store is always in the table.
@@ -239,7 +213,13 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, qm
         return NULL;
     }
     qm_job_enlist(jobs, job);
-    bool stored = store_new(jobs, job, submission);
+    qm_store_job row = {.key = job->key,
+                        .idempotency_key = (char *)submission->idempotency_key,
+                        .body = (char *)submission->body,
+                        .created = job->created,
+                        .state = QM_JOB_QUEUED};
+    memcpy(row.id, job->id, sizeof row.id);
+    bool stored = qm_store_submit_job(jobs->store, &row) == QM_OK;
     if (stored && qm_job_enqueue(jobs, job)) return job;
     if (stored) qm_store_delete_job(jobs->store, job->id);
     qm_job_withdraw(jobs, job);
@@ -265,17 +245,6 @@ static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, c
     return cached;
 }
 
-/** Counts the client as an owner, or keeps the job when all owners leave. */
-static void add_owner(qm_jobs *jobs, qm_job *job, bool owns)
-{
-    uv_mutex_lock(&jobs->lock);
-    if (owns)
-        job->owners++;
-    else
-        job->is_kept = true;
-    uv_mutex_unlock(&jobs->lock);
-}
-
 qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool *is_cached,
                        qm_problem *problem)
 {
@@ -289,11 +258,22 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
     }
     qm_job *job = NULL;
     uv_mutex_lock(&jobs->submitting);
-    if (is_open(jobs, problem)) job = find_answer(jobs, submission, key, is_cached, problem);
-    if (!job && problem->code == QM_PROBLEM_COUNT && has_room(jobs, problem))
-        job = submit_new(jobs, submission, problem);
+    if (atomic_load(&jobs->closed))
+        *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new jobs");
+    else
+        job = find_answer(jobs, submission, key, is_cached, problem);
+    if (!job && problem->code == QM_PROBLEM_COUNT) {
+        if (qm_jobs_count(jobs).queued < (size_t)jobs->limits.queue)
+            job = submit_new(jobs, submission, problem);
+        else
+            *problem = qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "the queue is full: %d jobs are waiting",
+                                       jobs->limits.queue);
+    }
     if (*is_cached) qm_metrics_add(QM_METRICS_CACHED_ANSWERS, 1);
-    if (job) add_owner(jobs, job, submission->owns_job);
+    uv_mutex_lock(&jobs->lock);
+    if (job && submission->owns_job) job->owners++;
+    if (job && !submission->owns_job) job->is_kept = true; /* it runs on when all owners leave */
+    uv_mutex_unlock(&jobs->lock);
     uv_mutex_unlock(&jobs->submitting);
     free(key);
     return job;

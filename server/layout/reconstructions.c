@@ -123,14 +123,6 @@ static bool replay(lease_entry *e, const qm_store_reconstruction *row, qm_proble
     return good;
 }
 
-static qm_reconstruction_options options_of(double cover_share, bool pull_curves)
-{
-    qm_reconstruction_options options = qm_reconstruction_options_default();
-    options.cover_share = cover_share;
-    options.pull_curves = pull_curves;
-    return options;
-}
-
 static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, qm_problem *problem)
 {
     qm_store_reconstruction row;
@@ -140,7 +132,9 @@ static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, qm_pro
             qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
         return NULL;
     }
-    const qm_reconstruction_options options = options_of(row.cover_share, row.pull_curves);
+    qm_reconstruction_options options = qm_reconstruction_options_default();
+    options.cover_share = row.cover_share;
+    options.pull_curves = row.pull_curves;
     lease_entry *e = lease_begin(rs, row.source, row.layout, &options, problem);
     if (e) memcpy(e->lease.id, row.id, sizeof e->lease.id);
     if (e && !replay(e, &row, problem)) {
@@ -174,32 +168,34 @@ void qm_reconstructions_destroy(qm_reconstructions *rs)
     free(rs);
 }
 
-/** Takes an entry out of the list; NULL when it is not there. The caller holds the lock. */
-static lease_entry *unlist(qm_reconstructions *rs, const char *id)
+/** The link that leads to an entry, or to the end of the list. The caller holds the lock. */
+static lease_entry **find_link(qm_reconstructions *rs, const char *id)
 {
     lease_entry **link = &rs->first;
     while (*link && strcmp((*link)->lease.id, id) != 0)
         link = &(*link)->next;
-    lease_entry *found = *link;
-    if (found) *link = found->next;
-    return found;
+    return link;
 }
 
-static void list_entry(qm_reconstructions *rs, lease_entry *e)
+/** Lists an entry as the one used last. The caller holds the lock. */
+static void list_first(qm_reconstructions *rs, lease_entry *e)
 {
-    e->in_work = true;
-    uv_mutex_lock(&rs->lock);
     e->next = rs->first;
     rs->first = e;
-    uv_mutex_unlock(&rs->lock);
+}
+
+/** Takes an entry out of the list; NULL when it is not there. The caller holds the lock. */
+static lease_entry *unlist(qm_reconstructions *rs, const char *id)
+{
+    lease_entry **link = find_link(rs, id), *found = *link;
+    if (found) *link = found->next;
+    return found;
 }
 
 qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *rs, const char *id, qm_problem *problem)
 {
     uv_mutex_lock(&rs->lock);
-    lease_entry *e = rs->first;
-    while (e && strcmp(e->lease.id, id) != 0)
-        e = e->next;
+    lease_entry *e = *find_link(rs, id);
     bool is_mine = e && !e->in_work, is_taken = e && e->in_work;
     if (is_mine) e->in_work = true;
     uv_mutex_unlock(&rs->lock);
@@ -212,31 +208,12 @@ qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *rs, const c
     if (!e) return NULL;
     e->in_work = true;
     uv_mutex_lock(&rs->lock);
-    lease_entry *other = rs->first;
-    while (other && strcmp(other->lease.id, id) != 0)
-        other = other->next;
-    if (!other) {
-        e->next = rs->first;
-        rs->first = e;
-    }
+    lease_entry *other = *find_link(rs, id);
+    if (!other) list_first(rs, e);
     uv_mutex_unlock(&rs->lock);
     if (!other) return &e->lease;
     lease_free(rs, e);
     *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "another job works on the reconstruction");
-    return NULL;
-}
-
-/** The first idle entry beyond those that are kept, out of the list; NULL for none. The caller holds the
- * lock. */
-static lease_entry *unlist_surplus(qm_reconstructions *rs)
-{
-    int idle = 0;
-    for (lease_entry **link = &rs->first; *link; link = &(*link)->next) {
-        if ((*link)->in_work || ++idle <= KEPT_IDLE) continue;
-        lease_entry *surplus = *link;
-        *link = surplus->next;
-        return surplus;
-    }
     return NULL;
 }
 
@@ -249,9 +226,13 @@ void qm_reconstructions_release(qm_reconstructions *rs, qm_reconstruction_lease 
     if (keeps) {
         QM_ASSERT(own && own->in_work);
         own->in_work = false;
-        own->next = rs->first;
-        rs->first = own;
-        dropped = unlist_surplus(rs);
+        list_first(rs, own);
+        /* The first idle entry beyond those that are kept. */
+        lease_entry **link = &rs->first;
+        for (int idle = 0; *link; link = &(*link)->next)
+            if (!(*link)->in_work && ++idle > KEPT_IDLE) break;
+        dropped = *link;
+        if (dropped) *link = dropped->next;
     }
     uv_mutex_unlock(&rs->lock);
     if (dropped) lease_free(rs, dropped);
@@ -264,8 +245,7 @@ qm_status qm_reconstructions_delete(qm_reconstructions *rs, const char *id)
     lease_entry *e = unlist(rs, id);
     /* The holder of the lease releases it; it is dropped when newer idle ones follow. */
     if (e && e->in_work) {
-        e->next = rs->first;
-        rs->first = e;
+        list_first(rs, e);
         e = NULL;
     }
     uv_mutex_unlock(&rs->lock);
@@ -328,17 +308,6 @@ static qm_blob_writer *write_upload(qm_reconstructions *rs, qm_reconstruction_le
     return NULL;
 }
 
-/** The name of a mesh of the reconstruction: after its source, if that has a name. */
-static char *name_mesh(qm_reconstructions *rs, const qm_reconstruction_lease *r, size_t quads)
-{
-    qm_store_mesh source;
-    bool is_there = qm_store_find_mesh(rs->store, r->source_id, &source) == QM_OK;
-    qm_text name = {0};
-    qm_text_printf(&name, "%s, %zu quads", is_there && source.name[0] ? source.name : r->id, quads);
-    if (is_there) qm_store_mesh_reset(&source);
-    return qm_text_take(&name);
-}
-
 /** Makes an ordinary mesh of the reconstruction as it is; its id goes to out. */
 static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, char out[QM_ID_SIZE], size_t *quads,
                      qm_problem *problem)
@@ -346,7 +315,13 @@ static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, char ou
     qm_blob_writer *upload = write_upload(rs, r, problem);
     if (!upload) return false;
     *quads = qm_reconstructions_count_quads(r);
-    char *name = name_mesh(rs, r, *quads);
+    /* It is named after its source, if that has a name. */
+    qm_store_mesh source;
+    bool has_source = qm_store_find_mesh(rs->store, r->source_id, &source) == QM_OK;
+    qm_text text = {0};
+    qm_text_printf(&text, "%s, %zu quads", has_source && source.name[0] ? source.name : r->id, *quads);
+    if (has_source) qm_store_mesh_reset(&source);
+    char *name = qm_text_take(&text);
     if (!name) {
         qm_blob_abort(upload);
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
@@ -433,17 +408,12 @@ bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const ch
         lease_free(rs, e);
         return false;
     }
-    list_entry(rs, e);
+    e->in_work = true;
+    uv_mutex_lock(&rs->lock);
+    list_first(rs, e);
+    uv_mutex_unlock(&rs->lock);
     qm_reconstructions_release(rs, &e->lease, true);
     return true;
-}
-
-/** The steps with these added. NULL: out of memory. */
-static char *add_steps(const char *steps, size_t max_quads, size_t count)
-{
-    qm_text text = {0};
-    qm_text_printf(&text, "%s%s%zu:%zu", steps, steps[0] ? " " : "", max_quads, count);
-    return qm_text_take(&text);
 }
 
 static size_t count_steps(const char *steps)
@@ -470,10 +440,11 @@ static bool store_steps(qm_reconstructions *rs, const char *mesh, size_t quads, 
                         qm_problem *problem)
 {
     qm_store_reconstruction next = *row;
-    qm_text joined = {0};
+    qm_text steps = {0}, joined = {0};
+    qm_text_printf(&steps, "%s%s%zu:%zu", row->steps, row->steps[0] ? " " : "", max_quads, step_count);
     qm_text_printf(&joined, "%s%s%s", row->records, row->records[0] ? "," : "", records);
     memcpy(next.mesh, mesh, sizeof next.mesh);
-    next.steps = add_steps(row->steps, max_quads, step_count);
+    next.steps = qm_text_take(&steps);
     next.records = qm_text_take(&joined);
     next.state = next.steps ? make_state(mesh, quads, count_steps(next.steps)) : NULL;
     next.revision++;

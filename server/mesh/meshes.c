@@ -151,18 +151,6 @@ qm_meshes_memory qm_meshes_measure(qm_meshes *meshes)
     return memory;
 }
 
-/** Moves a listed mesh to the front. */
-static void touch(qm_meshes *meshes, qm_mesh_ref *ref)
-{
-    QM_ASSERT(is_locked(&meshes->lock));
-    qm_mesh_ref **link = &meshes->first;
-    while (*link != ref)
-        link = &(*link)->next;
-    *link = ref->next;
-    ref->next = meshes->first;
-    meshes->first = ref;
-}
-
 /** A new entry of a mesh in the list, which holds its one reference; NULL: out of memory. The lock is held. */
 static qm_mesh_ref *list_entry(qm_meshes *meshes, const char *id)
 {
@@ -214,19 +202,6 @@ static bool map_blob(qm_meshes *meshes, const char *hash, mapped_bytes *out)
     return false;
 }
 
-/** Reads the mesh of a row back. */
-static bool load_row(qm_meshes *meshes, const qm_store_mesh *row, qm_loaded_mesh *out, qm_problem *problem)
-{
-    mapped_bytes file = {0}, positions = {0};
-    *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the mesh cannot be read");
-    bool loaded = map_blob(meshes, row->hash, &file) && map_blob(meshes, row->positions, &positions) &&
-                  load_bytes(meshes, file, positions, (qm_format)row->format, out, problem);
-    qm_blob_unmap(file.bytes, file.size);
-    qm_blob_unmap(positions.bytes, positions.size);
-    if (loaded) out->revision = row->revision;
-    return loaded;
-}
-
 /** The document of a mesh; NULL: out of memory. */
 static char *make_document(const qm_store_mesh *row, const qm_loaded_mesh *mesh)
 {
@@ -247,7 +222,13 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
     bool loaded = false;
     qm_status status = qm_store_find_mesh(meshes->store, ref->id, &row);
     if (status == QM_OK) {
-        loaded = load_row(meshes, &row, &ref->mesh, &ref->problem);
+        mapped_bytes file = {0}, positions = {0};
+        ref->problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the mesh cannot be read");
+        loaded = map_blob(meshes, row.hash, &file) && map_blob(meshes, row.positions, &positions) &&
+                 load_bytes(meshes, file, positions, (qm_format)row.format, &ref->mesh, &ref->problem);
+        qm_blob_unmap(file.bytes, file.size);
+        qm_blob_unmap(positions.bytes, positions.size);
+        if (loaded) ref->mesh.revision = row.revision;
         qm_store_mesh_reset(&row);
     } else {
         ref->problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", ref->id);
@@ -271,7 +252,13 @@ qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *pr
         return NULL;
     }
     ref->references++;
-    touch(meshes, ref);
+    /* The most recently used one is the first. */
+    qm_mesh_ref **link = &meshes->first;
+    while (*link != ref)
+        link = &(*link)->next;
+    *link = ref->next;
+    ref->next = meshes->first;
+    meshes->first = ref;
     if (is_mine) {
         uv_mutex_unlock(&meshes->lock);
         load_listed(meshes, ref);
@@ -320,22 +307,18 @@ static bool find_row(qm_meshes *meshes, const char *id, const char *if_match, qm
     return false;
 }
 
-/** store_lock is held. */
-static bool delete_row(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem)
-{
-    QM_ASSERT(is_locked(&meshes->store_lock));
-    qm_store_mesh row;
-    if (!find_row(meshes, id, if_match, &row, problem)) return false;
-    qm_store_mesh_reset(&row);
-    qm_status status = qm_store_delete_mesh(meshes->store, id);
-    if (status != QM_OK) *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
-    return status == QM_OK;
-}
-
 bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem)
 {
     uv_mutex_lock(&meshes->store_lock);
-    bool deleted = delete_row(meshes, id, if_match, problem);
+    qm_store_mesh row;
+    bool deleted = find_row(meshes, id, if_match, &row, problem);
+    if (deleted) {
+        qm_store_mesh_reset(&row);
+        qm_status status = qm_store_delete_mesh(meshes->store, id);
+        if (status != QM_OK)
+            *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
+        deleted = status == QM_OK;
+    }
     uv_mutex_lock(&meshes->lock);
     qm_mesh_ref *ref = find_listed(meshes, id);
     if (ref && deleted) unlist(meshes, ref);
@@ -346,42 +329,10 @@ bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, q
 
 /* ---- uploads ---- */
 
-static bool load_upload(qm_meshes *meshes, const qm_blob_writer *upload, qm_format format,
-                        qm_loaded_mesh *out, qm_problem *problem)
-{
-    mapped_bytes file = {0};
-    *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the upload cannot be read");
-    bool loaded = qm_blob_map_sealed(upload, &file.bytes, &file.size) == QM_OK &&
-                  load_bytes(meshes, file, (mapped_bytes){0}, format, out, problem);
-    qm_blob_unmap(file.bytes, file.size);
-    return loaded;
-}
-
-static char *make_options(const char *name, qm_format format)
-{
-    qm_text options = {0};
-    qm_text_printf(&options, "format=%s name=%s",
-                   format == QM_FORMAT_UNKNOWN ? "auto" : qm_format_name(format), name);
-    return qm_text_take(&options);
-}
-
 static void free_loaded(qm_meshes *meshes, qm_loaded_mesh *mesh)
 {
     qm_context ctx = qm_meshes_context(meshes);
     qm_loaded_mesh_reset(&ctx, mesh);
-}
-
-/** Lists a mesh that waits in memory for its first job. Without memory for that it is loaded again then. */
-static void keep_in_memory(qm_meshes *meshes, const char *id, qm_loaded_mesh *mesh)
-{
-    uv_mutex_lock(&meshes->lock);
-    qm_mesh_ref *ref = list_entry(meshes, id);
-    if (ref) {
-        ref->mesh = *mesh;
-        ref->state = QM_MESH_READY;
-    }
-    uv_mutex_unlock(&meshes->lock);
-    if (!ref) free_loaded(meshes, mesh);
 }
 
 /** Finds a mesh of equal content and options. */
@@ -405,6 +356,7 @@ static bool store_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mes
                          bool *is_new, qm_problem *problem)
 {
     qm_store_mesh same;
+    qm_mesh_ref *listed = NULL;
     bool stored = false;
     uv_mutex_lock(&meshes->store_lock);
     bool found = find_same(meshes, row, &same);
@@ -414,10 +366,17 @@ static bool store_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mes
         qm_blob_abort(upload);
     } else {
         stored = store_new(meshes, upload, row);
-        if (stored) keep_in_memory(meshes, row->id, mesh);
+        uv_mutex_lock(&meshes->lock);
+        /* It waits in memory for its first job. Without memory to list it, it is loaded again then. */
+        listed = stored ? list_entry(meshes, row->id) : NULL;
+        if (listed) {
+            listed->mesh = *mesh;
+            listed->state = QM_MESH_READY;
+        }
+        uv_mutex_unlock(&meshes->lock);
     }
     uv_mutex_unlock(&meshes->store_lock);
-    if (!stored) free_loaded(meshes, mesh);
+    if (!listed) free_loaded(meshes, mesh);
     if (!found && !stored) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
     *is_new = stored;
     if (stored) qm_metrics_add(QM_METRICS_MESHES_ADDED, 1);
@@ -429,7 +388,10 @@ static bool make_row(qm_blob_writer *upload, const char *name, qm_format format,
                      qm_problem *problem)
 {
     qm_id_make('m', row->id);
-    row->options = make_options(name, format);
+    qm_text options = {0};
+    qm_text_printf(&options, "format=%s name=%s",
+                   format == QM_FORMAT_UNKNOWN ? "auto" : qm_format_name(format), name);
+    row->options = qm_text_take(&options);
     row->name = strdup(name);
     char created[QM_TIME_SIZE];
     qm_clock_format(created);
@@ -447,7 +409,12 @@ static bool make_row(qm_blob_writer *upload, const char *name, qm_format format,
 static bool prepare(qm_meshes *meshes, const qm_blob_writer *upload, qm_format format, qm_store_mesh *row,
                     qm_loaded_mesh *mesh, qm_problem *problem)
 {
-    if (!load_upload(meshes, upload, format, mesh, problem)) return false;
+    mapped_bytes file = {0};
+    *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the upload cannot be read");
+    bool loaded = qm_blob_map_sealed(upload, &file.bytes, &file.size) == QM_OK &&
+                  load_bytes(meshes, file, (mapped_bytes){0}, format, mesh, problem);
+    qm_blob_unmap(file.bytes, file.size);
+    if (!loaded) return false;
     row->format = (int)mesh->format;
     row->document = make_document(row, mesh);
     if (row->document) return true;
@@ -560,9 +527,7 @@ static bool write_positions(deform_task *work)
     return false;
 }
 
-/** The row of the next revision. It leaves the content index: an upload of the original bytes makes a new
- * mesh. */
-static bool make_revision_row(deform_task *work)
+static bool store_revision(deform_task *work)
 {
     qm_loaded_mesh next = work->ref->mesh;
     next.mesh.positions = work->positions;
@@ -571,16 +536,13 @@ static bool make_revision_row(deform_task *work)
     next.revision = ++work->row.revision;
     free(work->row.document);
     work->row.document = make_document(&work->row, &next);
+    /* It leaves the content index: an upload of the original bytes makes a new mesh. */
     qm_text options = {0};
     qm_text_printf(&options, "deformed %s", work->row.id);
     free(work->row.options);
     work->row.options = qm_text_take(&options);
-    return work->row.document && work->row.options;
-}
-
-static bool store_revision(deform_task *work)
-{
-    if (!make_revision_row(work)) return fail(work, QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
+    if (!work->row.document || !work->row.options)
+        return fail(work, QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
     if (!write_positions(work)) return fail(work, QM_PROBLEM_UNAVAILABLE, "the vertices could not be stored");
     if (qm_store_deform_mesh(work->meshes->store, &work->row) == QM_OK) return true;
     qm_blob_remove(work->meshes->store, work->row.positions);
@@ -611,30 +573,6 @@ static void let_go(deform_task *work, bool is_good)
     uv_mutex_unlock(&work->meshes->lock);
 }
 
-/** Lists the next revision; holders of the one before keep it. */
-static void list_copy(deform_task *work, qm_loaded_mesh *copy)
-{
-    uv_mutex_lock(&work->meshes->lock);
-    unlist(work->meshes, work->ref);
-    qm_mesh_ref *next = list_entry(work->meshes, work->row.id);
-    if (next) {
-        next->mesh = *copy;
-        next->state = QM_MESH_READY;
-    }
-    uv_mutex_unlock(&work->meshes->lock);
-    qm_context ctx = qm_meshes_context(work->meshes);
-    if (!next) qm_loaded_mesh_reset(&ctx, copy);
-}
-
-/** The known self collisions go to the new revision; holders of the old one keep theirs. */
-static void take_pairs_along(const deform_task *work, const qm_loaded_mesh *copy)
-{
-    qm_self_pairs *known = work->ref->mesh.self_pairs;
-    if (!copy->self_pairs || !known) return;
-    qm_self_pairs_inherit(copy->self_pairs, known);
-    qm_self_pairs_move(copy->self_pairs, work->moved->indices, work->moved->count);
-}
-
 /** Out of memory for a copy: the revision is read back from the store when it is next acquired. */
 static void follow_in_copy(deform_task *work, qm_context *ctx)
 {
@@ -643,8 +581,21 @@ static void follow_in_copy(deform_task *work, qm_context *ctx)
     if (qm_loaded_mesh_copy(ctx, &work->ref->mesh, work->positions, &preparation, &copy) == QM_OK) {
         work->positions = NULL;
         work->out->updated_nodes = qm_bvh_box_count(copy.bvh);
-        take_pairs_along(work, &copy);
-        list_copy(work, &copy);
+        /* The known self collisions go to the new revision; holders of the old one keep theirs. */
+        qm_self_pairs *known = work->ref->mesh.self_pairs;
+        if (copy.self_pairs && known) {
+            qm_self_pairs_inherit(copy.self_pairs, known);
+            qm_self_pairs_move(copy.self_pairs, work->moved->indices, work->moved->count);
+        }
+        uv_mutex_lock(&work->meshes->lock);
+        unlist(work->meshes, work->ref);
+        qm_mesh_ref *next = list_entry(work->meshes, work->row.id);
+        if (next) {
+            next->mesh = copy;
+            next->state = QM_MESH_READY;
+        }
+        uv_mutex_unlock(&work->meshes->lock);
+        if (!next) free_loaded(work->meshes, &copy);
     } else {
         uv_mutex_lock(&work->meshes->lock);
         unlist(work->meshes, work->ref);
@@ -670,20 +621,6 @@ static void follow(deform_task *work, qm_context *ctx)
     memcpy(work->out->hash, work->row.hash, sizeof work->out->hash);
 }
 
-static bool deform(deform_task *work, const char *id, const char *if_match)
-{
-    if (!find_row(work->meshes, id, if_match, &work->row, work->problem)) return false;
-    work->ref = qm_meshes_acquire(work->meshes, id, work->problem);
-    if (!work->ref) return false;
-    qm_context ctx = qm_meshes_context(work->meshes);
-    ctx.parallel = qm_host_parallel;
-    size_t vertices = vertex_count(work);
-    bool stored = make_positions(work, &ctx) && store_revision(work);
-    if (stored) follow(work, &ctx);
-    qm_context_free(&ctx, work->positions, vertices, 3 * sizeof *work->positions);
-    return stored;
-}
-
 bool qm_meshes_deform(qm_meshes *meshes, const char *id, const qm_moved_vertices *moved, const char *if_match,
                       qm_deformed *out, qm_problem *problem)
 {
@@ -691,7 +628,16 @@ bool qm_meshes_deform(qm_meshes *meshes, const char *id, const qm_moved_vertices
     *out = (qm_deformed){0};
     deform_task work = {.meshes = meshes, .moved = moved, .out = out, .problem = problem};
     uv_mutex_lock(&meshes->store_lock);
-    bool done = deform(&work, id, if_match);
+    bool done = false;
+    if (find_row(meshes, id, if_match, &work.row, problem)) work.ref = qm_meshes_acquire(meshes, id, problem);
+    if (work.ref) {
+        qm_context ctx = qm_meshes_context(meshes);
+        ctx.parallel = qm_host_parallel;
+        size_t vertices = vertex_count(&work);
+        done = make_positions(&work, &ctx) && store_revision(&work);
+        if (done) follow(&work, &ctx);
+        qm_context_free(&ctx, work.positions, vertices, 3 * sizeof *work.positions);
+    }
     uv_mutex_unlock(&meshes->store_lock);
     qm_meshes_release(meshes, work.ref);
     qm_store_mesh_reset(&work.row);
