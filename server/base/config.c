@@ -55,16 +55,16 @@ static const setting settings[] = {
            "bytes for meshes and jobs; 0 takes half of the memory"),
     NUMBER(queue, "queue", 1000, 1, 1e6, "jobs that wait at most; more get 429"),
     NUMBER(kept_jobs, "kept-jobs", 100000, 0, 1e9, "jobs that have ended and are kept, the newest ones"),
-    NUMBER(kept_hours, "kept-hours", 0, 0, 1e6, "hours that a job is kept; 0 for any time"),
+    NUMBER(kept_hours, "kept-hours", 0, 0, 1e6, "hours that a job is kept; 0 for no limit"),
     NUMBER(connections, "connections", 1000, 8, 100000, "connections at most"),
     NUMBER(client_connections, "client-connections", 0, 0, 100000,
-           "connections of one address at most; 0 for any"),
+           "connections of one address at most; 0 for no limit"),
     NUMBER(streams, "streams", 500, 1, 100000, "event streams at most; more get 503"),
-    NUMBER(heartbeat, "heartbeat", 10, 1, 600, "seconds of silence after which a stream says that it lives"),
+    NUMBER(heartbeat, "heartbeat", 10, 1, 600, "seconds of silence after which a stream sends a heartbeat"),
     NUMBER(idle_timeout, "idle-timeout", 60, 1, 3600,
            "seconds before a connection that is silent or has no request is closed"),
     NUMBER(min_upload_rate, "min-upload-rate", 1000, 0, 1e9,
-           "bytes a second that a body must bring after ten seconds"),
+           "bytes a second that a body must have after ten seconds"),
     NUMBER(grace, "grace", 5, 0, 3600, "seconds that running jobs get to end at SIGTERM"),
     TEXT(log_format, "log-format", "text", "text or json"),
     TEXT(log_level, "log-level", "info", "least urgent records that are shown: error, warn or info"),
@@ -118,8 +118,8 @@ static bool set(qm_config *config, const setting *s, const char *value, const ch
     char *end;
     double number = strtod(value, &end);
     if (end == value || *end || !(number >= s->min && number <= s->max) || number != floor(number)) {
-        fprintf(stderr, "quadmeshd: %s must be a whole number from %.15g to %.15g, got \"%s\"\n", origin,
-                s->min, s->max, value);
+        fprintf(stderr, "quadmeshd: %s must be an integer from %.15g to %.15g, got \"%s\"\n", origin, s->min,
+                s->max, value);
         return false;
     }
     *(double *)(void *)member = number;

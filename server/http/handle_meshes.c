@@ -21,7 +21,7 @@ static bool read_format(const qm_request *request, qm_format *format, qm_problem
     const char *named = qm_request_query(request, "format");
     *format = named ? qm_format_from_name(named) : QM_FORMAT_UNKNOWN;
     if (named && *format == QM_FORMAT_UNKNOWN) {
-        *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "format is " QM_FORMAT_NAMES);
+        *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`format` must be " QM_FORMAT_NAMES);
         return false;
     }
     if (*format != QM_FORMAT_UNKNOWN) return true;
@@ -33,9 +33,9 @@ static bool read_format(const qm_request *request, qm_format *format, qm_problem
     for (size_t i = 0; i < sizeof untyped / sizeof untyped[0]; i++)
         if (type && qm_media_is(type, untyped[i])) is_untyped = true;
     if (!is_untyped) {
-        *problem =
-            qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
-                            "send the raw file, as application/octet-stream or with the type of its format");
+        *problem = qm_problem_make(
+            QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
+            "the Content-Type of a mesh must be application/octet-stream or that of its format");
         return false;
     }
     const char *name = qm_request_query(request, "name");

@@ -47,7 +47,7 @@ static bool take_layout(qm_app *app, const char *id, qm_store_layout *out, qm_pr
 {
     qm_status status = qm_store_find_layout(app->store, id, out);
     if (status == QM_OK) return true;
-    *problem = qm_problem_from_store(status, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout of the id given in layout");
+    *problem = qm_problem_from_store(status, QM_PROBLEM_LAYOUT_NOT_FOUND, "layout with the id in `layout`");
     if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, "/layout", "no such layout");
     return false;
 }

@@ -86,7 +86,7 @@ bool qm_handlers_read_idempotency_key(qm_request *request, const char **key)
     *key = qm_request_header(request, "Idempotency-Key");
     if (!*key || (**key && strlen(*key) <= MAX_KEY_LENGTH)) return true;
     qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
-                                         "Idempotency-Key has 1 to %d characters", MAX_KEY_LENGTH);
+                                         "Idempotency-Key must have 1 to %d characters", MAX_KEY_LENGTH);
     qm_reply_problem(request, &problem);
     return false;
 }
@@ -110,7 +110,8 @@ qm_idempotency qm_handlers_check_idempotency(qm_request *request, const qm_store
         idempotency->key ? find(qm_request_app(request)->store, idempotency->key, &made) : QM_E_EMPTY;
     if (status == QM_E_EMPTY) return QM_IDEMPOTENCY_NEW;
     if (status != QM_OK) {
-        problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "requests of this key");
+        problem =
+            qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "the requests with this Idempotency-Key");
     } else if (strcmp(made.request, idempotency->request) != 0) {
         problem = qm_problem_make(QM_PROBLEM_IDEMPOTENCY_MISMATCH,
                                   "the Idempotency-Key was used for a different request");

@@ -51,7 +51,7 @@ bool qm_request_choice(qm_request *request, const char *name, const char *const 
     if (!given) return true;
     for (; choices[*out]; (*out)++)
         if (strcmp(given, choices[*out]) == 0) return true;
-    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%s is %s", name, choices[0]);
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`%s` must be %s", name, choices[0]);
     for (int i = 1; choices[i]; i++) {
         size_t used = strlen(problem.detail);
         snprintf(problem.detail + used, sizeof problem.detail - used, " or %s", choices[i]);
@@ -144,7 +144,8 @@ static void check_accept(qm_request *request)
         request->media = offers[chosen];
         return;
     }
-    qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE, "this comes as %s", offers[0]);
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_NOT_ACCEPTABLE, "this resource is available as %s", offers[0]);
     for (size_t i = 1; offers[i]; i++) {
         size_t used = strlen(problem.detail);
         snprintf(problem.detail + used, sizeof problem.detail - used, " or %s", offers[i]);
@@ -185,11 +186,11 @@ static void check_query(qm_request *request)
     if (!check.known) return;
     MHD_get_connection_values(request->connection, MHD_GET_ARGUMENT_KIND, check_argument, &check);
     if (!check.fault) return;
-    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "%.60s %s", check.name, check.fault);
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`%.60s` %s", check.name, check.fault);
     for (size_t i = 0; check.known[i]; i++) {
         size_t used = strlen(problem.detail);
-        snprintf(problem.detail + used, sizeof problem.detail - used, "%s %s", i > 0 ? "," : "; it has",
-                 check.known[i]);
+        snprintf(problem.detail + used, sizeof problem.detail - used, "%s %s",
+                 i > 0 ? "," : "; its parameters are", check.known[i]);
     }
     qm_request_set_problem(request, problem);
 }
@@ -255,7 +256,7 @@ static void check_page(qm_request *request)
     const char *host = qm_request_header(request, "Host"), *origin = qm_request_header(request, "Origin");
     if (!is_known_host(request, host))
         qm_request_set_problem(
-            request, qm_problem_make(QM_PROBLEM_FORBIDDEN, "the name in Host is not one of this server"));
+            request, qm_problem_make(QM_PROBLEM_FORBIDDEN, "the Host header does not name this server"));
     bool is_strange = origin && !qm_access_origin_is_host(origin, host) &&
                       !qm_access_origin_is_listed(request->app->config->cors_origins, origin);
     if (is_strange && strcmp(request->route->method, "GET") != 0)

@@ -142,7 +142,7 @@ const qm_route *qm_route_find(const char *method, const char *path, char ids[2][
                  strcmp(routes[i].method, "GET") == 0 ? "GET, HEAD" : routes[i].method);
     }
     if (allow[0]) {
-        *problem = qm_problem_make(QM_PROBLEM_METHOD_NOT_ALLOWED, "this resource answers %s", allow);
+        *problem = qm_problem_make(QM_PROBLEM_METHOD_NOT_ALLOWED, "this resource allows %s", allow);
         snprintf(problem->allow, sizeof problem->allow, "%s", allow);
     } else {
         *problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "there is no resource at this path");

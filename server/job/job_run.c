@@ -112,7 +112,7 @@ void qm_job_interrupt(qm_job *job)
     uv_mutex_lock(&job->jobs->lock);
     job->interrupted = true;
     qm_job_add_event(job, "server_shutdown",
-                     "\"detail\":\"the daemon is stopping; the job runs again when it is back\"");
+                     "\"detail\":\"the daemon is stopping; the job runs again after its next start\"");
     uv_mutex_unlock(&job->jobs->lock);
 }
 
@@ -170,7 +170,7 @@ static bool check_mesh(qm_jobs *jobs, const char *id, const char *field, uint64_
     }
     char pointer[32];
     snprintf(pointer, sizeof pointer, "/%s", field);
-    *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh of the id given in %s", field);
+    *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh with the id in `%s`", field);
     if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, pointer, "no such mesh");
     return false;
 }

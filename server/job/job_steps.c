@@ -122,8 +122,8 @@ static bool check_reconstruction(qm_jobs *jobs, const qm_job_request *request,
         qm_store_reconstruction_reset(&row);
         return true;
     }
-    *problem =
-        qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction of this id");
+    *problem = qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND,
+                                     "reconstruction with the id in `reconstruction`");
     if (status == QM_E_EMPTY) qm_problem_add_pointer(problem, "/reconstruction", "no such reconstruction");
     return false;
 }

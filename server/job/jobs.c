@@ -179,7 +179,8 @@ static qm_job *find_by_idempotency_key(qm_jobs *jobs, const char *key, const cha
     qm_status status = qm_store_find_job_by_idempotency_key(jobs->store, key, &row);
     if (status != QM_OK) {
         if (status != QM_E_EMPTY)
-            *problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "jobs of this key");
+            *problem =
+                qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "the jobs with this Idempotency-Key");
         return NULL;
     }
     qm_job *job = NULL;
@@ -334,7 +335,7 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     qm_job_enlist(jobs, job);
     uv_mutex_lock(&jobs->lock);
     qm_job_add_event(job, "server_restart",
-                     "\"detail\":\"the daemon was started again; the job begins anew\"");
+                     "\"detail\":\"the daemon was restarted; the job runs again from its beginning\"");
     uv_mutex_unlock(&jobs->lock);
     if (!readable) {
         uv_mutex_lock(&jobs->lock);

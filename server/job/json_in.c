@@ -236,7 +236,7 @@ static void report_value(const job_field *field, const qm_json_location *at, qm_
         break;
     case COUNT:
     case INTEGER:
-        snprintf(text, sizeof text, "must be a whole number from %.15g to %.15g", field->min, field->max);
+        snprintf(text, sizeof text, "must be an integer from %.15g to %.15g", field->min, field->max);
         break;
     case CHOICE:
         for (int i = 0; field->names[i] && used < sizeof text; i++)

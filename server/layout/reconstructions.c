@@ -430,7 +430,7 @@ static bool find_row(qm_reconstructions *rs, const char *id, qm_store_reconstruc
 {
     qm_status status = qm_store_find_reconstruction(rs->store, id, row);
     if (status == QM_OK) return true;
-    *problem = qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction any more");
+    *problem = qm_problem_from_store(status, QM_PROBLEM_RECONSTRUCTION_NOT_FOUND, "reconstruction %s", id);
     return false;
 }
 

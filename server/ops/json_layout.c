@@ -51,7 +51,7 @@ static bool read_curve(qm_context *ctx, const cJSON *value, size_t index, qm_lay
 {
     static const char *const names[] = {"id", "from", "to", "points", NULL};
     if (!cJSON_IsObject(value) || !qm_json_check_members(value, names, problem))
-        return qm_json_reject(problem, "must be an object of id, from, to and points", "/curves/%zu", index,
+        return qm_json_reject(problem, "must be an object with id, from, to and points", "/curves/%zu", index,
                               0);
     uint32_t id, from, to;
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(value, "id"), &id))
@@ -60,9 +60,9 @@ static bool read_curve(qm_context *ctx, const cJSON *value, size_t index, qm_lay
         return qm_json_reject(problem, "is the id of an earlier curve", "/curves/%zu/id", index, 0);
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(value, "from"), &from) ||
         from >= out->node_count)
-        return qm_json_reject(problem, "must be an index of nodes", "/curves/%zu/from", index, 0);
+        return qm_json_reject(problem, "must be an index into nodes", "/curves/%zu/from", index, 0);
     if (!qm_json_read_index(cJSON_GetObjectItemCaseSensitive(value, "to"), &to) || to >= out->node_count)
-        return qm_json_reject(problem, "must be an index of nodes", "/curves/%zu/to", index, 0);
+        return qm_json_reject(problem, "must be an index into nodes", "/curves/%zu/to", index, 0);
     char name[48];
     snprintf(name, sizeof name, "curves/%zu/points", index);
     double *points;
@@ -103,7 +103,8 @@ static bool read_patches(qm_context *ctx, const cJSON *value, qm_layout *out, qm
         for (int k = 0; k < 4 && is_valid; k++)
             is_valid = qm_json_read_index(cJSON_GetArrayItem(row, k), &id[k]);
         if (!is_valid)
-            return qm_json_reject(problem, "must hold the ids of four curves", "/patches/%zu", index, 0);
+            return qm_json_reject(problem, "must be an array of the ids of four curves", "/patches/%zu",
+                                  index, 0);
         qm_status status = qm_layout_add_patch(ctx, out, id);
         if (status == QM_E_ARGUMENT) return qm_json_reject(problem, ctx->message, "/patches/%zu", index, 0);
         if (status != QM_OK) return fail_with_status(status, ctx, problem);

@@ -34,7 +34,7 @@ static cJSON *parse(const char *text, size_t size, qm_problem *problem)
         tail++;
     if (tree && tail == text + size) return tree;
     if (no_memory)
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory to read the JSON");
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the JSON");
     else
         *problem = malformed_at((size_t)((tree ? tail : end) - text), "the JSON cannot be read");
     cJSON_Delete(tree);
@@ -47,7 +47,8 @@ cJSON *qm_json_parse_object(const char *text, size_t size, const char *noun, qm_
     size_t offset;
     const char *message;
     if (size == 0) {
-        *problem = qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "the body is empty; %s is a JSON object", noun);
+        *problem =
+            qm_problem_make(QM_PROBLEM_MALFORMED_JSON, "the body is empty; %s must be a JSON object", noun);
         qm_problem_add_offset(problem, 0, "is empty");
         return NULL;
     }
@@ -57,7 +58,7 @@ cJSON *qm_json_parse_object(const char *text, size_t size, const char *noun, qm_
     }
     cJSON *tree = parse(text, size, problem);
     if (!tree || cJSON_IsObject(tree)) return tree;
-    *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "%s is a JSON object", noun);
+    *problem = qm_problem_make(QM_PROBLEM_INVALID_FIELD, "%s must be a JSON object", noun);
     qm_problem_add_pointer(problem, "", "must be an object");
     cJSON_Delete(tree);
     return NULL;
@@ -150,7 +151,7 @@ void qm_json_report_at(qm_problem *problem, const char *name, const qm_json_loca
 {
     char pointer[POINTER_SIZE];
     make_pointer(pointer, name, at);
-    if (at->no_memory) message = "needs more memory than there is";
+    if (at->no_memory) message = "does not fit in memory";
     qm_problem_code code = at->no_memory ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_INVALID_FIELD;
     bool overrides = code == QM_PROBLEM_INVALID_FIELD && problem->code != code;
     if (problem->error_count == 0 || overrides) {
@@ -194,8 +195,8 @@ bool qm_json_read_table(const cJSON *value, int width, size_t min_count, const c
 {
     char pointer[48], message[64];
     snprintf(pointer, sizeof pointer, "/%s", name);
-    snprintf(message, sizeof message, "must hold %zu rows or more, each of %d finite numbers", min_count,
-             width);
+    snprintf(message, sizeof message, "must be an array of %zu or more arrays of %d finite numbers",
+             min_count, width);
     *out = NULL;
     *count = 0;
     if (!cJSON_IsArray(value) || (size_t)cJSON_GetArraySize(value) < min_count)
@@ -205,7 +206,7 @@ bool qm_json_read_table(const cJSON *value, int width, size_t min_count, const c
     free(*out);
     *out = NULL;
     if (at.no_memory) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory for the layout");
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the layout");
         return false;
     }
     snprintf(pointer, sizeof pointer, "/%s/%%zu", name);

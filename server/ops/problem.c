@@ -79,7 +79,7 @@ qm_problem qm_problem_from_store(qm_status status, qm_problem_code none, const c
     va_end(arguments);
     if (status == QM_E_EMPTY) return qm_problem_make(none, "there is no %s", name);
     if (status == QM_E_NO_MEMORY)
-        return qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "there is no memory to read %s", name);
+        return qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for %s", name);
     return qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s cannot be read", name);
 }
 

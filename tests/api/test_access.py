@@ -323,7 +323,7 @@ def test_settings_come_from_file_environment_and_flags(tmp_path):
     file.write_text(done.stdout)
     again, same = print_config(QUADMESHD_CONFIG=str(file))
     assert again.stdout == done.stdout and same == settings
-    for line, words in (("nothing = 1", 'no setting "nothing"'), ("queue = x", "line 1 must be a whole number"),
+    for line, words in (("nothing = 1", 'no setting "nothing"'), ("queue = x", "line 1 must be an integer"),
                         ("queue", 'no setting "queue"'), ("config = other", 'no setting "config"')):
         file.write_text(line + "\n")
         refused, _ = print_config(f"--config={file}")
