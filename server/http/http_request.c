@@ -210,18 +210,10 @@ static void check_body(qm_request *request)
                                                qm_request_body_limit(request)));
 }
 
-static bool is_path(const qm_request *request, const char *path)
-{
-    return strcmp(request->route->path, path) == 0;
-}
-
 static void check_token(qm_request *request)
 {
-    const qm_route *route = request->route;
-    if (strncmp(route->path, "/v1/", strlen("/v1/")) != 0 && !is_path(request, "/metrics")) return;
-    /* A projection is a POST only because of its size: it reads. */
-    bool only_reads = strcmp(route->method, "GET") == 0 || is_path(request, "/v1/meshes/{id}/project");
-    qm_scope needed = only_reads ? QM_SCOPE_READ : QM_SCOPE_WRITE;
+    qm_scope needed = request->route->scope;
+    if (needed == QM_SCOPE_NONE) return;
     const char *given = qm_request_header(request, "Authorization");
     qm_scope scope = qm_access_tokens_check(request->app->tokens, given);
     if (scope >= needed) return;
@@ -239,14 +231,6 @@ static void check_token(qm_request *request)
                                                  : "the request needs a token: Authorization: Bearer TOKEN"));
 }
 
-static bool is_known_host(const qm_request *request, const char *host)
-{
-    char name[256];
-    if (qm_access_host_is_plain(host)) return true;
-    snprintf(name, sizeof name, "%.*s", (int)strcspn(host, ":"), host);
-    return qm_access_origin_is_listed(request->app->config->hosts, name);
-}
-
 /**
  * Without tokens the daemon trusts every client, and a browser on this machine reaches it for every page
  * that it shows. So Host must be the daemon's address, and pages of other origins may not change anything.
@@ -254,7 +238,9 @@ static bool is_known_host(const qm_request *request, const char *host)
 static void check_page(qm_request *request)
 {
     const char *host = qm_request_header(request, "Host"), *origin = qm_request_header(request, "Origin");
-    if (!is_known_host(request, host))
+    char name[256] = "";
+    if (host) snprintf(name, sizeof name, "%.*s", (int)strcspn(host, ":"), host);
+    if (!qm_access_host_is_plain(host) && !qm_access_origin_is_listed(request->app->config->hosts, name))
         qm_request_set_problem(
             request, qm_problem_make(QM_PROBLEM_FORBIDDEN, "the Host header does not name this server"));
     bool is_strange = origin && !qm_access_origin_is_host(origin, host) &&
@@ -265,8 +251,7 @@ static void check_page(qm_request *request)
 }
 
 /** OPTIONS replies with the methods of the path's routes. */
-static const qm_route options_route = {"OPTIONS",       "",  qm_reply_options, NULL, QM_BODY_NONE,
-                                       QM_RUNS_AT_ONCE, NULL};
+static const qm_route options_route = {.method = "OPTIONS", .path = "", .handle = qm_reply_options};
 
 static bool find_route(qm_request *request)
 {
@@ -276,10 +261,11 @@ static bool find_route(qm_request *request)
         qm_reply_header(request, "Allow", "%s, OPTIONS", problem.allow);
         request->route = &options_route;
     }
-    /* The private listener has health and metrics only. */
-    bool is_served = !request->route || !request->listener->is_private || is_path(request, "/healthz") ||
-                     is_path(request, "/readyz") || is_path(request, "/metrics");
-    if (!is_served) {
+    bool is_served = !request->listener->is_private;
+    static const char *const private_paths[] = {"/healthz", "/readyz", "/metrics"};
+    for (size_t i = 0; request->route && i < sizeof private_paths / sizeof *private_paths; i++)
+        if (strcmp(request->route->path, private_paths[i]) == 0) is_served = true;
+    if (request->route && !is_served) {
         request->route = NULL;
         problem = qm_problem_make(QM_PROBLEM_NOT_FOUND, "there is no resource at this path");
     }

@@ -19,6 +19,7 @@ typedef struct qm_route {
     const char *method;
     const char *path; /* {id}, and a second name in braces, stand for one segment of letters, digits and _.-;
                          {path} for several */
+    qm_scope scope;   /* of the token that it needs, when the daemon has tokens */
     void (*handle)(qm_request *request);
     const char *const *produces; /* media types to choose from by Accept, NULL-ended; NULL: not negotiated */
     qm_body body;

@@ -208,8 +208,10 @@ const qm_job_array *qm_job_array_of(qm_job_kind kind)
 {
     static const qm_job_array distances = {"vertex_distances", "vertex,distance", 1};
     static const qm_job_array pairs = {"all_pairs", "face_a,face_b", 2};
-    bool has_pairs = kind == QM_JOB_COLLISION || kind == QM_JOB_SELF_COLLISION;
-    return kind == QM_JOB_DEVIATION ? &distances : has_pairs ? &pairs : NULL;
+    static const qm_job_array *const arrays[QM_JOB_KIND_COUNT] = {
+        [QM_JOB_DEVIATION] = &distances, [QM_JOB_COLLISION] = &pairs, [QM_JOB_SELF_COLLISION] = &pairs};
+    QM_ASSERT(kind < QM_JOB_KIND_COUNT);
+    return arrays[kind];
 }
 
 static double prepare_ms(const qm_loaded_mesh *mesh)

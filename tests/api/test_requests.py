@@ -61,9 +61,9 @@ def test_media_type_of_jobs(client):
 
 
 @pytest.mark.parametrize("path, fault", [
-    ("/v1/meshes?limt=3", "limt is not a parameter"), ("/v1/meshes?Limit=3", "Limit is not a parameter"),
-    ("/v1/jobs/j_1?wait", "wait is not a parameter"), ("/v1/jobs?limit=3&limit=4", "limit is given more than once"),
-    ("/v1/info?%22%0a%ff", '"\n\ufffd is not a parameter')])
+    ("/v1/meshes?limt=3", "`limt` is not a parameter"), ("/v1/meshes?Limit=3", "`Limit` is not a parameter"),
+    ("/v1/jobs/j_1?wait", "`wait` is not a parameter"), ("/v1/jobs?limit=3&limit=4", "`limit` is given more than once"),
+    ("/v1/info?%22%0a%ff", '`"\n\ufffd` is not a parameter')])
 def test_slips_in_the_query_are_told(client, path, fault):
     assert check_problem(client.get(path), 400, "invalid_parameter")["detail"].startswith(fault)
 
