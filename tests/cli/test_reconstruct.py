@@ -104,8 +104,8 @@ def test_threads_do_not_change_the_mesh(quadmesh, surface, layout, tmp_path):
 
 @pytest.mark.parametrize("change, words", [
     ({"curves": [{"id": 0, "from": 0, "to": 9, "points": [[0, 0, 0], [1, 1, 1]]}]}, "curves/0/to must be an index"),
-    ({"nodes": "none"}, "nodes must hold"),
-    ({"patches": [[0, 1, 2]]}, "patches/0 must hold the ids of four curves"),
+    ({"nodes": "none"}, "nodes must be an array of"),
+    ({"patches": [[0, 1, 2]]}, "patches/0 must be an array of the ids of four curves"),
     ({"patches": []}, "no patch"),
     ({"colour": 1}, "colour is not a field of this request"),
 ])
