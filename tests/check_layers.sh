@@ -82,7 +82,7 @@ only() {
     done <"$scratch/found"
 }
 only 'microhttpd\.h' 'server/http/http[a-z_]*\.[ch]'
-only '(cjson/)?cJSON\.h' 'server/[a-z]*/(json(_[a-z_]*)?|codec_gltf_json)\.c'
+only '(cjson/)?cJSON\.h' 'server/[a-z]*/(json(_[a-z_]*)?|codec_glb)\.c'
 only 'sqlite3\.h' 'server/store/store_[a-z_]*\.[ch]'
 only 'spng\.h' 'clients/cli/picture\.c'
 only 'draco/' 'server/format/codec_draco\.cc'

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "base/host.h"
-#include "format/encode.h"
+#include "format/encoder.h"
 #include "ops/json_layout.h"
 #include "options.h"
 #include "picture.h"

@@ -25,7 +25,7 @@ static void print_help(FILE *file)
     }
     fputs("       quadmesh --help | --version\n\n"
           "`quadmesh COMMAND --help` prints the options of a command.\n"
-          "Files: OBJ, PLY, STL, OFF, glTF binary, Draco, XYZ points.\n"
+          "Files, by extension or content:" QM_FORMAT_NAMES ".\n"
           "Exit status: 0 done, 1 bad input, 2 wrong usage, 3 stopped before the tolerance was reached,\n"
           "4 colliding (collide and self-collide).\n",
           file);

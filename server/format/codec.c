@@ -5,68 +5,55 @@
 
 #include <strings.h>
 
-#include "codec_build.h"
+#include "codec_builder.h"
 #include "codec_scan.h"
 
 typedef struct format_facts {
-    qm_format format;
-    const char *name, *extension, *media_type;
+    const char *name, *media_type, *magic;
+    qm_decoder *decode;
 } format_facts;
 
+#define FORMAT_COUNT (sizeof formats / sizeof *formats)
+
 static const format_facts formats[] = {
-#define XX(suffix, name, extension, media) {QM_FORMAT_##suffix, name, extension, media},
+    [QM_FORMAT_UNKNOWN] = {"unknown", "application/octet-stream", "", NULL},
+#define XX(number, suffix, name, media, magic)                                                               \
+    [QM_FORMAT_##suffix] = {#name, media, magic, qm_codec_decode_##name},
     QM_FORMAT_MAP(XX)
 #undef XX
 };
 
-#define FORMAT_COUNT (sizeof formats / sizeof *formats)
-
-static qm_decoder *const decoders[] = {
-    [QM_FORMAT_OBJ] = qm_codec_decode_obj, [QM_FORMAT_PLY] = qm_codec_decode_ply,
-    [QM_FORMAT_STL] = qm_codec_decode_stl, [QM_FORMAT_OFF] = qm_codec_decode_off,
-    [QM_FORMAT_GLB] = qm_codec_decode_glb, [QM_FORMAT_DRC] = qm_codec_decode_drc,
-    [QM_FORMAT_XYZ] = qm_codec_decode_xyz,
-};
-
-_Static_assert(sizeof decoders / sizeof *decoders == FORMAT_COUNT + 1, "each format has its decoder");
-
 qm_format qm_format_from_name(const char *name)
 {
-    for (size_t i = 0; i < FORMAT_COUNT; ++i)
-        if (strcasecmp(name, formats[i].name) == 0) return formats[i].format;
+    for (size_t i = 1; i < FORMAT_COUNT; ++i)
+        if (strcasecmp(name, formats[i].name) == 0) return (qm_format)i;
     return QM_FORMAT_UNKNOWN;
 }
 
 qm_format qm_format_from_path(const char *path)
 {
-    const char *extension = strrchr(path, '.');
-    for (size_t i = 0; extension && i < FORMAT_COUNT; ++i)
-        if (strcasecmp(extension, formats[i].extension) == 0) return formats[i].format;
-    return QM_FORMAT_UNKNOWN;
+    const char *dot = strrchr(path, '.');
+    return dot ? qm_format_from_name(dot + 1) : QM_FORMAT_UNKNOWN;
 }
 
 qm_format qm_format_from_media_type(const char *media_type)
 {
     size_t length = strcspn(media_type, "; \t");
-    for (size_t i = 0; i < FORMAT_COUNT; ++i)
+    for (size_t i = 1; i < FORMAT_COUNT; ++i)
         if (strlen(formats[i].media_type) == length &&
             strncasecmp(media_type, formats[i].media_type, length) == 0)
-            return formats[i].format;
+            return (qm_format)i;
     return QM_FORMAT_UNKNOWN;
 }
 
 const char *qm_format_name(qm_format format)
 {
-    for (size_t i = 0; i < FORMAT_COUNT; ++i)
-        if (formats[i].format == format) return formats[i].name;
-    return "unknown";
+    return formats[format].name;
 }
 
 const char *qm_format_media_type(qm_format format)
 {
-    for (size_t i = 0; i < FORMAT_COUNT; ++i)
-        if (formats[i].format == format) return formats[i].media_type;
-    return "application/octet-stream";
+    return formats[format].media_type;
 }
 
 static bool has_prefix(const uint8_t *bytes, size_t size, const char *prefix)
@@ -127,8 +114,8 @@ static qm_format sniff_text(const uint8_t *bytes, size_t size)
 
 qm_format qm_format_sniff(const uint8_t *bytes, size_t size)
 {
-    if (has_prefix(bytes, size, "DRACO")) return QM_FORMAT_DRC;
-    if (has_prefix(bytes, size, "glTF")) return QM_FORMAT_GLB;
+    for (size_t i = 1; i < FORMAT_COUNT; ++i)
+        if (formats[i].magic[0] && has_prefix(bytes, size, formats[i].magic)) return (qm_format)i;
     if (qm_codec_is_binary_stl(bytes, size)) return QM_FORMAT_STL;
     return sniff_text(bytes, size);
 }
@@ -150,16 +137,16 @@ qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *byte
     report->line = report->offset = QM_NO_LOCATION;
     report->detail[0] = 0;
     report->warning_count = 0;
-    if ((unsigned)format > FORMAT_COUNT || !decoders[format])
+    if ((unsigned)format >= FORMAT_COUNT || !formats[format].decode)
         return qm_codec_fail(report, QM_E_UNSUPPORTED, "the format of the file is unknown");
     if (size == 0) {
-        bool is_text = format != QM_FORMAT_GLB && format != QM_FORMAT_DRC;
+        bool is_text = !formats[format].magic[0];
         *(is_text ? &report->line : &report->offset) = is_text;
         return qm_codec_fail(report, QM_E_EMPTY, "the file is empty");
     }
 
     qm_builder builder = {.ctx = ctx, .limits = limits, .report = report};
-    qm_status status = decoders[format](&builder, bytes, size);
+    qm_status status = formats[format].decode(&builder, bytes, size);
     if (status == QM_OK) status = qm_builder_finish(&builder, out);
     qm_builder_free(&builder);
     settle_report(status, report);

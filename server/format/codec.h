@@ -1,25 +1,29 @@
 /**
- * codec.h: decodes files to meshes, one source file for each format. Files are untrusted: every count is checked against
- * the size of the file before memory is allocated, and errors have a line or byte offset.
+ * codec.h: decodes files to meshes. Files are untrusted: every count is checked against the size of the file before
+ * memory is allocated, and errors have a line or byte offset.
  */
 #ifndef QM_CODEC_H
 #define QM_CODEC_H
 
 #include "qm/mesh.h"
 
-/** XX(suffix, name in ?format=, file extension, media type). */
+/**
+ * The table of formats: XX(number, suffix, name, media type, magic). A row and the file codec_NAME.c, which decodes and
+ * encodes, make a format. The number is stored with meshes; the name is also the extension; the magic is the start of
+ * all files of a binary format, "" for others. Replies prefer the first row, which is short and exact.
+ */
 #define QM_FORMAT_MAP(XX)                                                                                    \
-    XX(OBJ, "obj", ".obj", "model/obj")                                                                      \
-    XX(PLY, "ply", ".ply", "application/x-ply")                                                              \
-    XX(STL, "stl", ".stl", "model/stl")                                                                      \
-    XX(OFF, "off", ".off", "application/x-off")                                                              \
-    XX(GLB, "glb", ".glb", "model/gltf-binary")                                                              \
-    XX(DRC, "drc", ".drc", "application/x-draco")                                                            \
-    XX(XYZ, "xyz", ".xyz", "text/x-xyz")
+    XX(2, PLY, ply, "application/x-ply", "")                                                                 \
+    XX(1, OBJ, obj, "model/obj", "")                                                                         \
+    XX(3, STL, stl, "model/stl", "")                                                                         \
+    XX(4, OFF, off, "application/x-off", "")                                                                 \
+    XX(5, GLB, glb, "model/gltf-binary", "glTF")                                                             \
+    XX(6, DRC, drc, "application/x-draco", "DRACO")                                                          \
+    XX(7, XYZ, xyz, "text/x-xyz", "")
 
 typedef enum qm_format {
     QM_FORMAT_UNKNOWN,
-#define XX(suffix, name, extension, media) QM_FORMAT_##suffix,
+#define XX(number, suffix, name, media, magic) QM_FORMAT_##suffix = number,
     QM_FORMAT_MAP(XX)
 #undef XX
 } qm_format;
@@ -32,8 +36,9 @@ qm_format qm_format_from_media_type(const char *media_type);
 const char *qm_format_name(qm_format format);
 const char *qm_format_media_type(qm_format format);
 
-/** The names, for messages. */
-#define QM_FORMAT_NAMES "obj, ply, stl, off, glb, drc or xyz"
+/** The names for messages, each after a blank. */
+#define QM_FORMAT_NAME(number, suffix, name, media, magic) " " #name
+#define QM_FORMAT_NAMES QM_FORMAT_MAP(QM_FORMAT_NAME)
 
 /** The format by the first bytes of the file, and by size for binary STL; QM_FORMAT_UNKNOWN if there is none. */
 qm_format qm_format_sniff(const uint8_t *bytes, size_t size);

@@ -9,7 +9,7 @@
 #ifndef QM_CODEC_BLOCKS_H
 #define QM_CODEC_BLOCKS_H
 
-#include "codec_build.h"
+#include "codec_builder.h"
 #include "codec_scan.h"
 
 #define QM_BLOCK_SIZE ((size_t)32 << 10) /* min bytes of a block, which ends with its last line */

@@ -1,10 +1,319 @@
 /**
- * codec_drc.c: Draco: the library does the decoding behind codec_draco.h. Before that codec_drc_head.c looks at the counts
- * that the file announces; after it codec_drc_join.c makes polygons of triangles again.
+ * codec_drc.c: Draco: the library decodes and encodes behind codec_draco.h. Before it decodes, the counts in the header are
+ * checked. Draco's meshes are triangles; the edges that cut a quad or polygon are marked in an attribute "added_edges",
+ * as the library's own tools do: the encoder writes the marks, and the decoder joins triangles along them.
+ *
+ * The shorter of its two encodings drops degenerate faces and vertices without a face and splits vertices where the
+ * surface is not a manifold, so it is for manifolds without such. A cut that other faces have as an edge is beyond
+ * such marks: a reader finds the triangles there.
+ * Source: Draco bitstream specification 2.2, sections 4 and 5.
  */
+#include <float.h>
 #include <math.h>
+#include <stdlib.h>
 
-#include "codec_drc.h"
+#include "codec_draco.h"
+#include "codec_welder.h"
+#include "encoder_internal.h"
+
+/* ---- the header ---- */
+
+typedef struct drc_head {
+    const uint8_t *at, *end;
+} drc_head;
+
+#define MAGIC "DRACO"
+#define HEAD_SIZE 11
+#define HAS_METADATA 0x8000
+#define DEEPEST_METADATA 64
+/* 2.2 tells the number of points again behind the head, and Draco sizes its arrays by it */
+#define FIRST_SAFE_KD_TREE 3
+
+static bool skip_bytes(drc_head *head, uint64_t size)
+{
+    if ((uint64_t)(head->end - head->at) < size) return false;
+    head->at += size;
+    return true;
+}
+
+/** Seven bits a byte, the low ones first. */
+static bool read_varint(drc_head *head, uint64_t *number)
+{
+    *number = 0;
+    for (unsigned shift = 0; shift < 63; shift += 7) {
+        if (head->at == head->end) return false;
+        uint8_t byte = *head->at++;
+        *number |= (uint64_t)(byte & 0x7f) << shift;
+        if (!(byte & 0x80)) return true;
+    }
+    return false;
+}
+
+static bool skip_name(drc_head *head)
+{
+    return head->at < head->end && skip_bytes(head, 1 + (uint64_t)*head->at);
+}
+
+/** One table of named values, and the tables within it. */
+static bool skip_metadata(drc_head *head, int depth)
+{
+    uint64_t count, size;
+    if (depth > DEEPEST_METADATA || !read_varint(head, &count)) return false;
+    for (; count > 0; --count)
+        if (!skip_name(head) || !read_varint(head, &size) || !skip_bytes(head, size)) return false;
+    if (!read_varint(head, &count)) return false;
+    for (; count > 0; --count)
+        if (!skip_name(head) || !skip_metadata(head, depth + 1)) return false;
+    return true;
+}
+
+static bool skip_all_metadata(drc_head *head)
+{
+    uint64_t attribute_count, id;
+    if (!read_varint(head, &attribute_count)) return false;
+    for (; attribute_count > 0; --attribute_count)
+        if (!read_varint(head, &id) || !skip_metadata(head, 0)) return false;
+    return skip_metadata(head, 0);
+}
+
+/** Vertices and faces as the head announces them. */
+static bool read_counts(drc_head *head, bool is_mesh, bool is_edgebreaker, uint64_t *vertices,
+                        uint64_t *faces)
+{
+    *faces = 0;
+    if (!is_mesh) {
+        if (head->end - head->at < 4) return false;
+        *vertices = qm_read_u32_le(head->at);
+        return true;
+    }
+    if (!is_edgebreaker) return read_varint(head, faces) && read_varint(head, vertices);
+    return skip_bytes(head, 1) && read_varint(head, vertices) && read_varint(head, faces);
+}
+
+/** Checks the counts in the header of a file against the limits, because a few bytes may specify a mesh that exhausts
+ * memory. */
+static qm_status check_head(qm_builder *builder, const uint8_t *bytes, size_t size)
+{
+    size_t *offset = &builder->report->offset;
+    *offset = 0;
+    if (size < HEAD_SIZE || memcmp(bytes, MAGIC, strlen(MAGIC)) != 0)
+        return qm_codec_fail(builder->report, QM_E_FORMAT, "the file does not start like a Draco file");
+    *offset = strlen(MAGIC);
+    if (bytes[5] != 2 || bytes[6] < 2)
+        return qm_codec_fail(builder->report, QM_E_UNSUPPORTED,
+                             "only version 2.2 and later of the Draco format is supported");
+    if (bytes[7] == 0 && bytes[8] == 1 && bytes[6] < FIRST_SAFE_KD_TREE)
+        return qm_codec_fail(
+            builder->report, QM_E_UNSUPPORTED,
+            "point clouds in a kd-tree are supported from version 2.3 of the Draco format on");
+    drc_head head = {bytes + HEAD_SIZE, bytes + size};
+    bool has_metadata = (bytes[9] | bytes[10] << 8) & HAS_METADATA;
+    uint64_t vertices, faces;
+    bool whole = (!has_metadata || skip_all_metadata(&head)) &&
+                 read_counts(&head, bytes[7] == 1, bytes[8] == 1, &vertices, &faces);
+    *offset = (size_t)(head.at - bytes);
+    if (!whole) return qm_codec_fail(builder->report, QM_E_FORMAT, "the header of the file is invalid");
+    if (vertices > builder->limits->max_vertices || faces > builder->limits->max_faces)
+        return qm_codec_fail(builder->report, QM_E_TOO_LARGE,
+                             "the file has more than %zu vertices or more than %zu faces",
+                             builder->limits->max_vertices, builder->limits->max_faces);
+    return QM_OK;
+}
+
+/* ---- polygons of triangles ---- */
+
+/** Half-edge 3 * t + c of triangle t runs opposite to corner c. */
+typedef struct edge_side {
+    uint32_t low, high; /* its two vertices */
+    uint32_t half_edge;
+} edge_side;
+
+typedef struct joining {
+    qm_builder *builder;
+    qm_draco_facts facts;
+    qm_draco_arrays arrays;
+    uint32_t *twins; /* for each half-edge: the one beyond an added edge, or QM_NO_INDEX */
+    uint8_t *done;   /* for each triangle: its polygon is stored */
+} joining;
+
+static uint32_t next_half_edge(uint32_t half_edge)
+{
+    return half_edge % 3 == 2 ? half_edge - 2 : half_edge + 1;
+}
+
+/** The vertex where the half-edge begins: the corner after the one opposite. */
+static uint32_t start_of(const joining *join, uint32_t half_edge)
+{
+    return join->arrays.triangles[next_half_edge(half_edge)];
+}
+
+static uint32_t end_of(const joining *join, uint32_t half_edge)
+{
+    return join->arrays.triangles[next_half_edge(next_half_edge(half_edge))];
+}
+
+static int compare_sides(const void *left, const void *right)
+{
+    const edge_side *a = left, *b = right;
+    if (a->low != b->low) return a->low < b->low ? -1 : 1;
+    if (a->high != b->high) return a->high < b->high ? -1 : 1;
+    return a->half_edge < b->half_edge ? -1 : 1;
+}
+
+static void list_sides(const joining *join, edge_side *sides)
+{
+    for (uint32_t h = 0; h < 3 * join->facts.triangle_count; ++h) {
+        uint32_t start = start_of(join, h), end = end_of(join, h);
+        sides[h] = (edge_side){start < end ? start : end, start < end ? end : start, h};
+    }
+}
+
+/**
+ * Pairs the two sides of each added edge, of which one or both carry the mark. Where an edge has not exactly
+ * two sides in opposite directions the marks mean nothing; returns how many do.
+ */
+static size_t pair_sides(joining *join, edge_side *sides)
+{
+    size_t count = 3 * join->facts.triangle_count, meaningless = 0;
+    list_sides(join, sides);
+    qsort(sides, count, sizeof *sides, compare_sides);
+    for (size_t i = 0, next; i < count; i = next) {
+        size_t marks = 0;
+        for (next = i; next < count; ++next) {
+            if (sides[next].low != sides[i].low || sides[next].high != sides[i].high) break;
+            marks += join->arrays.added[sides[next].half_edge] == 1;
+        }
+        if (marks == 0) continue;
+        uint32_t first = sides[i].half_edge, second = sides[next - 1].half_edge;
+        if (next - i != 2 || first / 3 == second / 3 || start_of(join, first) != end_of(join, second)) {
+            meaningless += marks;
+            continue;
+        }
+        join->twins[first] = second;
+        join->twins[second] = first;
+    }
+    return meaningless;
+}
+
+/** Walks round the polygon from an edge that was not added, adding corners; counts the edges met. */
+static qm_status walk_outline(joining *join, uint32_t first, size_t *edge_count)
+{
+    uint32_t half_edge = first;
+    *edge_count = 0;
+    do {
+        qm_status status = qm_builder_add_corner(join->builder, start_of(join, half_edge));
+        if (status != QM_OK) return status;
+        ++*edge_count;
+        half_edge = next_half_edge(half_edge);
+        while (join->twins[half_edge] != QM_NO_INDEX)
+            half_edge = next_half_edge(join->twins[half_edge]);
+    } while (half_edge != first);
+    return QM_OK;
+}
+
+/** Marks the triangles joined to one, listing them; returns their number and counts their outer edges. */
+static size_t gather_triangles(joining *join, uint32_t triangle, uint32_t *list, size_t *outer_count)
+{
+    size_t count = 0;
+    *outer_count = 0;
+    list[count++] = triangle;
+    join->done[triangle] = 1;
+    for (size_t i = 0; i < count; ++i)
+        for (uint32_t h = 3 * list[i]; h < 3 * list[i] + 3; ++h) {
+            uint32_t twin = join->twins[h];
+            *outer_count += twin == QM_NO_INDEX;
+            if (twin == QM_NO_INDEX || join->done[twin / 3]) continue;
+            join->done[twin / 3] = 1;
+            list[count++] = twin / 3;
+        }
+    return count;
+}
+
+static qm_status add_triangles(joining *join, const uint32_t *list, size_t count)
+{
+    const uint32_t *corners = join->arrays.triangles;
+    qm_status status = QM_OK;
+    for (size_t i = 0; status == QM_OK && i < count; ++i) {
+        const uint32_t *c = corners + 3 * (size_t)list[i];
+        status = qm_builder_add_triangle(join->builder, c[0], c[1], c[2]);
+    }
+    return status;
+}
+
+/**
+ * An outer edge from which to walk: the one after an added edge, so that a quad starts on its diagonal and is
+ * split again where it was split.
+ */
+static uint32_t find_first_edge(const joining *join, const uint32_t *list, size_t count)
+{
+    uint32_t outer = QM_NO_INDEX;
+    for (size_t i = 0; i < count; ++i)
+        for (uint32_t h = 3 * list[i]; h < 3 * list[i] + 3; ++h) {
+            if (join->twins[h] != QM_NO_INDEX) continue;
+            outer = h;
+            if (join->twins[next_half_edge(next_half_edge(h))] != QM_NO_INDEX) return h;
+        }
+    return outer;
+}
+
+/** Adds the face that a triangle is part of; *whole is false if its triangles do not form one polygon. */
+static qm_status add_polygon(joining *join, uint32_t triangle, uint32_t *list, bool *whole)
+{
+    size_t outer_count, edge_count = 0;
+    size_t count = gather_triangles(join, triangle, list, &outer_count);
+    *whole = true;
+    if (count == 1) return add_triangles(join, list, 1);
+    uint32_t first = find_first_edge(join, list, count);
+    qm_status status = first == QM_NO_INDEX ? QM_OK : walk_outline(join, first, &edge_count);
+    if (status != QM_OK) return status;
+    *whole = edge_count == outer_count && outer_count == count + 2;
+    if (*whole) return qm_builder_end_face(join->builder);
+    join->builder->corner_count = 0;
+    return add_triangles(join, list, count);
+}
+
+static qm_status add_polygons(joining *join, uint32_t *list, size_t meaningless)
+{
+    size_t broken = 0;
+    for (uint32_t t = 0; t < join->facts.triangle_count; ++t) {
+        bool whole;
+        if (join->done[t]) continue;
+        qm_status status = add_polygon(join, t, list, &whole);
+        if (status != QM_OK) return status;
+        broken += !whole;
+    }
+    if (meaningless + broken > 0)
+        qm_codec_warn(join->builder->report,
+                      "inconsistent marks of edges that cut polygons: %zu (the triangles there were kept)",
+                      meaningless + broken);
+    return QM_OK;
+}
+
+/** Adds the faces that the triangles were cut from, or the triangles themselves if their marks are inconsistent. */
+static qm_status join_triangles(qm_builder *builder, const qm_draco_facts *facts,
+                                const qm_draco_arrays *arrays)
+{
+    qm_context *ctx = builder->ctx;
+    size_t triangle_count = facts->triangle_count, corner_count = 3 * triangle_count;
+    joining join = {.builder = builder, .facts = *facts, .arrays = *arrays};
+    edge_side *sides = qm_context_alloc(ctx, corner_count, sizeof *sides);
+    uint32_t *list = qm_context_alloc(ctx, triangle_count, sizeof *list);
+    join.twins = qm_context_alloc(ctx, corner_count, sizeof *join.twins);
+    join.done = qm_context_alloc(ctx, triangle_count, sizeof *join.done);
+    qm_status status = QM_E_NO_MEMORY;
+    if (sides && list && join.twins && join.done) {
+        memset(join.twins, 0xff, corner_count * sizeof *join.twins);
+        memset(join.done, 0, triangle_count * sizeof *join.done);
+        status = add_polygons(&join, list, pair_sides(&join, sides));
+    }
+    qm_context_free(ctx, sides, corner_count, sizeof *sides);
+    qm_context_free(ctx, list, triangle_count, sizeof *list);
+    qm_context_free(ctx, join.twins, corner_count, sizeof *join.twins);
+    qm_context_free(ctx, join.done, triangle_count, sizeof *join.done);
+    return status;
+}
+
+/* ---- decoding ---- */
 
 typedef struct drc_reader {
     qm_builder *builder;
@@ -109,7 +418,7 @@ static qm_status add_faces(drc_reader *reader)
 {
     if (reader->facts.triangle_count == 0) return QM_OK;
     if (reader->facts.has_added_edges)
-        return qm_drc_join_triangles(reader->builder, &reader->facts, &reader->arrays);
+        return join_triangles(reader->builder, &reader->facts, &reader->arrays);
     const uint32_t *corners = reader->arrays.triangles;
     qm_status status = QM_OK;
     for (size_t i = 0; status == QM_OK && i < reader->facts.triangle_count; ++i, corners += 3)
@@ -136,7 +445,7 @@ static void warn_about_quantization(const drc_reader *reader)
 static qm_status read_file(drc_reader *reader, const uint8_t *bytes, size_t size)
 {
     qm_codec_report *report = reader->builder->report;
-    qm_status status = qm_drc_check_head(reader->builder, bytes, size);
+    qm_status status = check_head(reader->builder, bytes, size);
     if (status != QM_OK) return status;
     qm_draco_outcome outcome = decode_draco(bytes, size, prepare_arrays, reader, &report->offset);
     status = explain_outcome(reader, outcome);
@@ -156,3 +465,113 @@ qm_status qm_codec_decode_drc(qm_builder *builder, const uint8_t *bytes, size_t 
     free_arrays(&reader);
     return status;
 }
+
+/* ---- encoding ---- */
+
+typedef struct encoder_arrays {
+    float *positions;
+    uint32_t *triangles;
+    uint8_t *added;
+} encoder_arrays;
+
+static size_t corner_count(const qm_encoder *encoder)
+{
+    return 3 * encoder->triangles;
+}
+
+static bool make_arrays(const qm_encoder *encoder, encoder_arrays *arrays)
+{
+    size_t vertex_count = encoder->mesh->vertex_count, corners = corner_count(encoder);
+    arrays->positions = qm_context_alloc(encoder->ctx, vertex_count, 3 * sizeof(float));
+    if (corners > 0) arrays->triangles = qm_context_alloc(encoder->ctx, corners, sizeof(uint32_t));
+    bool is_cut = encoder->triangles > encoder->input_faces;
+    if (is_cut) arrays->added = qm_context_alloc(encoder->ctx, corners, 1);
+    return arrays->positions && (arrays->triangles || corners == 0) && (arrays->added || !is_cut);
+}
+
+static void free_encoder_arrays(const qm_encoder *encoder, const encoder_arrays *arrays)
+{
+    size_t corners = corner_count(encoder);
+    qm_context_free(encoder->ctx, arrays->positions, encoder->mesh->vertex_count, 3 * sizeof(float));
+    qm_context_free(encoder->ctx, arrays->triangles, corners, sizeof(uint32_t));
+    qm_context_free(encoder->ctx, arrays->added, corners, 1);
+}
+
+/** Adds the fan of a face. Of its triangle (c0, ci, ci+1) the sides at c0 are cuts, but for the first and the
+ * last. */
+static void fill_face(const qm_mesh *mesh, uint32_t first, uint32_t end, const encoder_arrays *arrays,
+                      size_t *filled)
+{
+    size_t corners = qm_encoder_corner_count(mesh, first, end);
+    for (size_t i = 1; i + 1 < corners; i++, *filled += 3) {
+        arrays->triangles[*filled] = qm_encoder_corner(mesh, first, 0);
+        arrays->triangles[*filled + 1] = qm_encoder_corner(mesh, first, i);
+        arrays->triangles[*filled + 2] = qm_encoder_corner(mesh, first, i + 1);
+        if (!arrays->added) continue;
+        arrays->added[*filled] = 0;
+        arrays->added[*filled + 1] = i + 2 < corners;
+        arrays->added[*filled + 2] = i > 1;
+    }
+}
+
+static void fill_arrays(const qm_mesh *mesh, const encoder_arrays *arrays)
+{
+    size_t filled = 0;
+    for (size_t i = 0; i < 3 * mesh->vertex_count; i++)
+        arrays->positions[i] = (float)mesh->positions[i];
+    for (uint32_t face = 0, end; face < mesh->face_count; face = end) {
+        end = qm_encoder_face_end(mesh, face);
+        fill_face(mesh, face, end, arrays, &filled);
+    }
+}
+
+static bool take_file(void *user, const char *bytes, size_t size)
+{
+    qm_text *whole = user;
+    qm_text_add(whole, bytes, size);
+    return !whole->failed;
+}
+
+static qm_status run_library(qm_encoder *encoder, const encoder_arrays *arrays)
+{
+    const qm_mesh_facts *facts = encoder->facts;
+    qm_draco_input input = {.positions = arrays->positions,
+                            .vertex_count = encoder->mesh->vertex_count,
+                            .triangles = arrays->triangles,
+                            .triangle_count = encoder->triangles,
+                            .added = arrays->added,
+                            .quantization_bits = encoder->bits,
+                            .keeps_all = !facts->manifold || facts->repeated_corner_faces > 0 ||
+                                         facts->unused_vertices > 0};
+    double displacement;
+    qm_draco_outcome outcome = qm_draco_encode(&input, take_file, &encoder->file, &displacement);
+    if (outcome == QM_DRACO_NO_MEMORY) return QM_E_NO_MEMORY;
+    if (outcome != QM_DRACO_DONE)
+        return qm_context_fail(encoder->ctx, QM_E_UNSUPPORTED, "the mesh cannot be written as Draco");
+    /* Rounded to single precision, then quantised: the displacements add up at most. */
+    encoder->losses.displacement = (encoder->losses.displacement + displacement) * (1.0 + 8.0 * DBL_EPSILON);
+    encoder->size = encoder->file.size;
+    return QM_OK;
+}
+
+static qm_status prepare_drc(qm_encoder *encoder)
+{
+    qm_status status = qm_encoder_round_to_floats(encoder);
+    if (status != QM_OK) return status;
+    encoder_arrays arrays = {0};
+    status = QM_E_NO_MEMORY;
+    if (make_arrays(encoder, &arrays)) {
+        fill_arrays(encoder->mesh, &arrays);
+        status = run_library(encoder, &arrays);
+    }
+    free_encoder_arrays(encoder, &arrays);
+    if (status == QM_E_NO_MEMORY) qm_context_fail(encoder->ctx, status, "out of memory for the file");
+    return status;
+}
+
+static void add_whole(const qm_encoder *encoder, qm_text *out)
+{
+    qm_text_add(out, encoder->file.data, encoder->file.size);
+}
+
+const qm_encoder_format qm_encoder_drc = {prepare_drc, add_whole, NULL, NULL};

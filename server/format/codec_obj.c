@@ -4,6 +4,7 @@
  * and forgotten, as are the statements that carry no geometry.
  */
 #include "codec_blocks.h"
+#include "encoder_internal.h"
 
 typedef struct obj_reader {
     qm_scan text;
@@ -219,3 +220,23 @@ qm_status qm_codec_decode_obj(qm_builder *builder, const uint8_t *bytes, size_t 
     builder->report->line = reader.text.line;
     return status;
 }
+
+/* ---- encoding ---- */
+
+static void add_obj_head(const qm_encoder *encoder, qm_text *out)
+{
+    qm_text_printf(out, "# %zu vertices, %zu faces\n", encoder->mesh->vertex_count, encoder->input_faces);
+}
+
+static void add_obj_vertex(const qm_encoder *encoder, size_t vertex, qm_text *out)
+{
+    qm_encoder_add_position(encoder, vertex, "v ", out);
+}
+
+static void add_obj_face(const qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
+{
+    qm_text_add_string(out, "f");
+    qm_encoder_add_corners(encoder, first, end, 1, out);
+}
+
+const qm_encoder_format qm_encoder_obj = {NULL, add_obj_head, add_obj_vertex, add_obj_face};

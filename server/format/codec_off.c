@@ -4,6 +4,7 @@
  * Source: Geomview manual, OFF Files.
  */
 #include "codec_blocks.h"
+#include "encoder_internal.h"
 
 #define MIN_VERTEX_SIZE 5 /* "0 0 0" */
 #define MIN_FACE_SIZE 7   /* "3 0 0 0" */
@@ -175,3 +176,18 @@ qm_status qm_codec_decode_off(qm_builder *builder, const uint8_t *bytes, size_t 
     builder->report->line = text.line;
     return status;
 }
+
+/* ---- encoding ---- */
+
+static void add_off_head(const qm_encoder *encoder, qm_text *out)
+{
+    qm_text_printf(out, "OFF\n%zu %zu 0\n", encoder->mesh->vertex_count, encoder->input_faces);
+}
+
+static void add_off_face(const qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
+{
+    qm_text_printf(out, "%zu", qm_encoder_corner_count(encoder->mesh, first, end));
+    qm_encoder_add_corners(encoder, first, end, 0, out);
+}
+
+const qm_encoder_format qm_encoder_off = {NULL, add_off_head, qm_encoder_add_vertex_row, add_off_face};

@@ -8,7 +8,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "codec_build.h"
+#include "codec_builder.h"
 
 static void skip_byte_order_mark(qm_scan *text)
 {

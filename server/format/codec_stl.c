@@ -5,8 +5,9 @@
  */
 #include <math.h>
 
-#include "codec_build.h"
 #include "codec_scan.h"
+#include "codec_welder.h"
+#include "encoder_internal.h"
 
 #define HEADER_SIZE 80
 #define PREFIX_SIZE 84 /* header and count */
@@ -225,3 +226,68 @@ qm_status qm_codec_decode_stl(qm_builder *builder, const uint8_t *bytes, size_t 
     qm_welder_destroy(&welder);
     return status;
 }
+
+/* ---- encoding ---- */
+
+static qm_status prepare_stl(qm_encoder *encoder)
+{
+    if (encoder->mesh->face_count == 0)
+        return qm_context_fail(encoder->ctx, QM_E_UNSUPPORTED,
+                               "stl holds triangles only, and the mesh has points");
+    if (encoder->triangles > UINT32_MAX) return qm_encoder_fail_size(encoder);
+    encoder->size = HEADER_SIZE + 4 + 50 * (uint64_t)encoder->triangles;
+    encoder->losses.cut_faces = encoder->facts->quads + encoder->facts->polygons;
+    encoder->losses.left_out_vertices = encoder->facts->unused_vertices;
+    return qm_encoder_round_to_floats(encoder);
+}
+
+static void add_stl_head(const qm_encoder *encoder, qm_text *out)
+{
+    char head[HEADER_SIZE + 1] = {0};
+    memcpy(head, "binary STL", strlen("binary STL"));
+    qm_text_add(out, head, HEADER_SIZE);
+    qm_encoder_add_u32(out, (uint32_t)encoder->triangles);
+}
+
+/** The unit normal; zero for a degenerate triangle, as the format allows. */
+static void find_normal(const double *a, const double *b, const double *c, double normal[3])
+{
+    double u[3], v[3];
+    for (int i = 0; i < 3; i++) {
+        u[i] = b[i] - a[i];
+        v[i] = c[i] - a[i];
+    }
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        normal[i] = u[j] * v[k] - u[k] * v[j];
+    }
+    double length = hypot(hypot(normal[0], normal[1]), normal[2]);
+    for (int i = 0; i < 3; i++)
+        normal[i] = length > 0.0 && isfinite(length) ? normal[i] / length : 0.0;
+}
+
+static void add_stl_triangle(const qm_mesh *mesh, const uint32_t corners[3], qm_text *out)
+{
+    const double *p[3];
+    double normal[3];
+    for (int i = 0; i < 3; i++)
+        p[i] = mesh->positions + 3 * (size_t)corners[i];
+    find_normal(p[0], p[1], p[2], normal);
+    for (int i = 0; i < 3; i++)
+        qm_encoder_add_f32(out, normal[i]);
+    for (int i = 0; i < 9; i++)
+        qm_encoder_add_f32(out, p[i / 3][i % 3]);
+    qm_text_add(out, "\0", 2);
+}
+
+static void add_stl_face(const qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
+{
+    for (uint32_t face = first; face < end; face++) {
+        uint32_t rows[2][3];
+        int count = qm_encoder_list_triangles(encoder->mesh->faces + 4 * (size_t)face, rows);
+        for (int i = 0; i < count; i++)
+            add_stl_triangle(encoder->mesh, rows[i], out);
+    }
+}
+
+const qm_encoder_format qm_encoder_stl = {prepare_stl, add_stl_head, NULL, add_stl_face};

@@ -2,8 +2,9 @@
  * codec_xyz.c: XYZ: a point a line, three numbers set apart by blanks or commas; further columns are left out. A file with
  * decimal commas must not pass as one with comma columns, so both gaps of a line have to look alike.
  */
-#include "codec_build.h"
+#include "codec_builder.h"
 #include "codec_scan.h"
+#include "encoder_internal.h"
 
 typedef struct column_gap {
     bool has_comma, has_blank;
@@ -55,3 +56,18 @@ qm_status qm_codec_decode_xyz(qm_builder *builder, const uint8_t *bytes, size_t 
     builder->report->line = text.line;
     return status;
 }
+
+/* ---- encoding ---- */
+
+static qm_status prepare_xyz(qm_encoder *encoder)
+{
+    if (encoder->mesh->face_count == 0) return QM_OK;
+    return qm_context_fail(encoder->ctx, QM_E_UNSUPPORTED, "xyz holds points only, and the mesh has faces");
+}
+
+static void add_xyz_head(const qm_encoder *encoder, qm_text *out)
+{
+    (void)encoder, (void)out;
+}
+
+const qm_encoder_format qm_encoder_xyz = {prepare_xyz, add_xyz_head, qm_encoder_add_vertex_row, NULL};

@@ -8,7 +8,7 @@
 #include <string.h>
 
 #include "base/json.h"
-#include "format/encode.h"
+#include "format/encoder.h"
 #include "handlers.h"
 #include "ops/patches_out.h"
 
@@ -44,7 +44,7 @@ static bool read_format(qm_request *request, qm_format *format)
     const char *named = qm_request_query(request, "format");
     *format = named ? qm_format_from_name(named) : qm_format_from_media_type(qm_request_media(request));
     if (*format != QM_FORMAT_UNKNOWN) return true;
-    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`format` must be " QM_FORMAT_NAMES);
+    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`format` must be one of" QM_FORMAT_NAMES);
     qm_reply_problem(request, &problem);
     return false;
 }

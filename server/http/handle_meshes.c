@@ -21,7 +21,7 @@ static bool read_format(const qm_request *request, qm_format *format, qm_problem
     const char *named = qm_request_query(request, "format");
     *format = named ? qm_format_from_name(named) : QM_FORMAT_UNKNOWN;
     if (named && *format == QM_FORMAT_UNKNOWN) {
-        *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`format` must be " QM_FORMAT_NAMES);
+        *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`format` must be one of" QM_FORMAT_NAMES);
         return false;
     }
     if (*format != QM_FORMAT_UNKNOWN) return true;

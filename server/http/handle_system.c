@@ -64,7 +64,7 @@ void qm_handle_info(qm_request *request)
     const qm_config *config = qm_request_app(request)->config;
     qm_job_counts counts = qm_jobs_count(qm_request_app(request)->jobs);
     qm_text out = {0};
-#define XX(suffix, name, extension, media) name,
+#define XX(number, suffix, name, media, magic) #name,
     static const char *const formats[] = {QM_FORMAT_MAP(XX) NULL};
 #undef XX
     qm_text_printf(&out, "{\"name\":\"quadmeshd\",\"version\":\"%s\",\"kernel\":\"%s\"", QM_VERSION,

@@ -9,10 +9,11 @@
 #include "handlers.h"
 
 static const char *const json[] = {"application/json", NULL};
-/* PLY is first, the default: it is short and exact. */
 static const char *const files[] = {
-    "application/x-ply", "model/obj",           "model/stl",  "application/x-off",
-    "model/gltf-binary", "application/x-draco", "text/x-xyz", NULL};
+#define XX(number, suffix, name, media, magic) media,
+    QM_FORMAT_MAP(XX)
+#undef XX
+        NULL};
 static const char *const rows[] = {QM_MEDIA_BINARY, QM_MEDIA_CSV, QM_MEDIA_JSON, NULL};
 static const char *const object_or_rows[] = {QM_MEDIA_JSON, QM_MEDIA_BINARY, QM_MEDIA_CSV, NULL};
 static const char *const events[] = {QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};

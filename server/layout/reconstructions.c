@@ -9,7 +9,7 @@
 
 #include "base/clock.h"
 #include "base/json.h"
-#include "format/encode.h"
+#include "format/encoder.h"
 #include "ops/json_layout.h"
 #include "reconstructions.h"
 

@@ -13,7 +13,7 @@
 #include "check.h"
 #include "decode.h"
 #include "format/draco_child.h"
-#include "format/encode.h"
+#include "format/encoder.h"
 #include "format/sandbox.h"
 #include "shapes.h"
 

@@ -1,13 +1,11 @@
 /**
- * codec_build.c: the growing arrays of a mesh that is being decoded, and the merging of equal positions.
+ * codec_builder.c: the growing arrays of a mesh that is being decoded.
  */
-#include "codec_build.h"
+#include "codec_builder.h"
 
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
-
-#include <sys/random.h>
 
 qm_status qm_codec_fail(qm_codec_report *report, qm_status status, const char *format, ...)
 {
@@ -308,119 +306,4 @@ void qm_builder_free(qm_builder *builder)
     qm_context_free(ctx, builder->faces, builder->face_capacity, 4 * sizeof *builder->faces);
     qm_context_free(ctx, builder->face_origin, builder->origin_capacity, sizeof *builder->face_origin);
     qm_context_free(ctx, builder->corners, builder->corner_capacity, sizeof *builder->corners);
-}
-
-#define LEAST_SLOT_COUNT ((size_t)1024)
-
-/** At most half of the slots are used. */
-static qm_status make_slots(qm_welder *welder, size_t vertex_count)
-{
-    welder->slot_count = LEAST_SLOT_COUNT;
-    while (welder->slot_count / 2 < vertex_count)
-        welder->slot_count *= 2;
-    welder->slots = qm_context_alloc(welder->builder->ctx, welder->slot_count, sizeof *welder->slots);
-    if (!welder->slots) return QM_E_NO_MEMORY;
-    memset(welder->slots, 0xff, welder->slot_count * sizeof *welder->slots);
-    return QM_OK;
-}
-
-qm_status qm_welder_create(qm_builder *builder, size_t vertex_count, qm_welder *welder)
-{
-    *welder = (qm_welder){.builder = builder};
-    if (getrandom(&welder->seed, sizeof welder->seed, GRND_NONBLOCK) < 0) welder->seed = (uintptr_t)welder;
-    return make_slots(welder, vertex_count);
-}
-
-void qm_welder_destroy(qm_welder *welder)
-{
-    qm_context_free(welder->builder->ctx, welder->slots, welder->slot_count, sizeof *welder->slots);
-}
-
-/** Folds the 128-bit product, so that every bit of the input affects every bit of the hash. */
-static uint64_t mix(uint64_t a, uint64_t b)
-{
-    unsigned __int128 product = (unsigned __int128)a * b;
-    return (uint64_t)product ^ (uint64_t)(product >> 64);
-}
-
-/** The first slot to probe for a position. */
-static size_t first_slot(const qm_welder *welder, const double position[3])
-{
-    uint64_t bits[3];
-    memcpy(bits, position, sizeof bits);
-    uint64_t hash = mix(bits[0] ^ welder->seed, 0x9e3779b97f4a7c15u);
-    hash = mix(bits[1] ^ hash, 0xd6e8feb86659fd93u ^ welder->seed);
-    return (size_t)mix(bits[2] ^ hash, 0xa0761d6478bd642fu) & (welder->slot_count - 1);
-}
-
-static size_t find_slot(const qm_welder *welder, size_t slot, const double position[3])
-{
-    const double *positions = welder->builder->positions;
-    while (welder->slots[slot] != QM_NO_INDEX &&
-           memcmp(positions + 3 * (size_t)welder->slots[slot], position, 3 * sizeof *position) != 0)
-        slot = (slot + 1) & (welder->slot_count - 1);
-    return slot;
-}
-
-/** Rehashes all vertices into a table for vertex_count of them. */
-static qm_status add_slots(qm_welder *welder, size_t vertex_count)
-{
-    qm_welder grown = *welder;
-    qm_status status = make_slots(&grown, vertex_count);
-    if (status != QM_OK) return status;
-    for (size_t i = 0; i < welder->builder->vertex_count; ++i) {
-        const double *position = welder->builder->positions + 3 * i;
-        grown.slots[find_slot(&grown, first_slot(&grown, position), position)] = (uint32_t)i;
-    }
-    qm_welder_destroy(welder);
-    *welder = grown;
-    return QM_OK;
-}
-
-static qm_status find_vertex(qm_welder *welder, size_t slot, const double position[3], uint32_t *vertex)
-{
-    slot = find_slot(welder, slot, position);
-    *vertex = welder->slots[slot];
-    if (*vertex != QM_NO_INDEX) return QM_OK;
-    *vertex = (uint32_t)welder->builder->vertex_count;
-    qm_status status = qm_builder_add_vertex(welder->builder, position);
-    if (status == QM_OK) welder->slots[slot] = *vertex;
-    return status;
-}
-
-/** Prefetches the slots of all positions, then the vertices in them, so that the cache misses overlap. */
-static qm_status find_few(qm_welder *welder, const double *positions, size_t count, uint32_t *vertices,
-                          size_t *done)
-{
-    double plain[QM_WELDER_BATCH][3];
-    size_t slots[QM_WELDER_BATCH];
-    for (size_t i = 0; i < count; ++i) {
-        /* Adding zero turns -0 into 0: equal coordinates then have equal bits. */
-        for (int k = 0; k < 3; ++k)
-            plain[i][k] = positions[3 * i + (size_t)k] + 0.0;
-        slots[i] = first_slot(welder, plain[i]);
-        __builtin_prefetch(&welder->slots[slots[i]]);
-    }
-    for (size_t i = 0; i < count; ++i) {
-        uint32_t vertex = welder->slots[slots[i]];
-        if (vertex != QM_NO_INDEX) __builtin_prefetch(welder->builder->positions + 3 * (size_t)vertex);
-    }
-    for (size_t i = 0; i < count; ++i, ++*done) {
-        qm_status status = find_vertex(welder, slots[i], plain[i], &vertices[i]);
-        if (status != QM_OK) return status;
-    }
-    return QM_OK;
-}
-
-qm_status qm_welder_find(qm_welder *welder, const double *positions, size_t count, uint32_t *vertices,
-                         size_t *done)
-{
-    qm_status status = QM_OK;
-    for (*done = 0; *done < count && status == QM_OK;) {
-        size_t few = count - *done < QM_WELDER_BATCH ? count - *done : QM_WELDER_BATCH;
-        size_t most = welder->builder->vertex_count + few;
-        if (most > welder->slot_count / 2) status = add_slots(welder, most);
-        if (status == QM_OK) status = find_few(welder, positions + 3 * *done, few, vertices + *done, done);
-    }
-    return status;
 }

@@ -7,7 +7,7 @@
 #include "check.h"
 #include "decode.h"
 #include "failing_allocator.h"
-#include "format/encode.h"
+#include "format/encoder.h"
 #include "shapes.h"
 
 typedef struct written {

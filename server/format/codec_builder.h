@@ -1,12 +1,12 @@
 /**
- * codec_build.h: the internal header of the decoders: a mesh that grows while a file is read, errors and warnings, and
+ * codec_builder.h: the internal header of the decoders: a mesh that grows while a file is read, errors and warnings, and
  * reads of little-endian values. Others include codec.h.
  *
  * A decoder adds vertices and faces; the builder checks limits, cuts polygons into fans, counts events for warnings and
  * trims the arrays at the end. Corners may refer to later vertices.
  */
-#ifndef QM_CODEC_BUILD_H
-#define QM_CODEC_BUILD_H
+#ifndef QM_CODEC_BUILDER_H
+#define QM_CODEC_BUILDER_H
 
 #include <string.h>
 
@@ -34,8 +34,10 @@ typedef struct qm_builder {
 /** Decodes the whole file into the builder. In any case it sets the location in the report where it stopped. */
 typedef qm_status qm_decoder(qm_builder *builder, const uint8_t *bytes, size_t size);
 
-qm_decoder qm_codec_decode_obj, qm_codec_decode_ply, qm_codec_decode_stl, qm_codec_decode_off,
-    qm_codec_decode_glb, qm_codec_decode_drc, qm_codec_decode_xyz;
+/** The decoder of each format, in the file codec_FORMAT.c. */
+#define XX(number, suffix, name, media, magic) extern qm_decoder qm_codec_decode_##name;
+QM_FORMAT_MAP(XX)
+#undef XX
 
 /** Whether a file is a binary STL, by the size that follows from its count: a text may start with the same bytes. */
 bool qm_codec_is_binary_stl(const uint8_t *bytes, size_t size);
@@ -146,25 +148,6 @@ qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out);
 
 /** Frees what qm_builder_finish did not move. */
 void qm_builder_free(qm_builder *builder);
-
-/** A hash table of vertices by position, which merges equal ones (-0 equals 0). */
-typedef struct qm_welder {
-    qm_builder *builder;
-    uint32_t *slots; /* open addressing, slot_count a power of two; QM_NO_INDEX is free */
-    size_t slot_count;
-    uint64_t seed; /* random for each file, so that no file can force collisions */
-} qm_welder;
-
-#define QM_WELDER_BATCH 48 /* max positions whose slots are prefetched together */
-
-/** vertex_count is the expected number of vertices, which the size of the file confirms. After a failure there is
- * nothing to free. */
-qm_status qm_welder_create(qm_builder *builder, size_t vertex_count, qm_welder *welder);
-
-/** Finds or adds the vertices of count positions; after a failure *done counts those before it. */
-qm_status qm_welder_find(qm_welder *welder, const double *positions, size_t count, uint32_t *vertices,
-                         size_t *done);
-void qm_welder_destroy(qm_welder *welder);
 
 static inline uint32_t qm_read_u32_le(const uint8_t *bytes)
 {

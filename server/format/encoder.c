@@ -1,32 +1,34 @@
 /**
- * encode.c: the table of encoders, and the loop over vertices and faces in blocks.
+ * encoder.c: the table of encoders, and the loop over vertices and faces in blocks.
  */
-#include "encode_internal.h"
+#include "encoder_internal.h"
 
 #include <float.h>
 #include <math.h>
 
+#include "base/json.h"
+
 #define BLOCK_SIZE 100000 /* min bytes of a block */
 
-static const qm_encode_format *const formats[] = {
-    [QM_FORMAT_OBJ] = &qm_encode_obj, [QM_FORMAT_PLY] = &qm_encode_ply, [QM_FORMAT_STL] = &qm_encode_stl,
-    [QM_FORMAT_OFF] = &qm_encode_off, [QM_FORMAT_GLB] = &qm_encode_glb, [QM_FORMAT_DRC] = &qm_encode_drc,
-    [QM_FORMAT_XYZ] = &qm_encode_xyz,
+static const qm_encoder_format *const formats[] = {
+#define XX(number, suffix, name, media, magic) [QM_FORMAT_##suffix] = &qm_encoder_##name,
+    QM_FORMAT_MAP(XX)
+#undef XX
 };
 
 static void count_faces(qm_encoder *encoder)
 {
     const qm_mesh *mesh = encoder->mesh;
     for (uint32_t face = 0, end; face < mesh->face_count; face = end) {
-        end = qm_encode_face_end(mesh, face);
-        size_t corners = qm_encode_corner_count(mesh, face, end);
+        end = qm_encoder_face_end(mesh, face);
+        size_t corners = qm_encoder_corner_count(mesh, face, end);
         encoder->input_faces++;
         encoder->triangles += corners - 2;
         if (corners > encoder->max_corners) encoder->max_corners = corners;
     }
 }
 
-qm_status qm_encode_round_to_floats(qm_encoder *encoder)
+qm_status qm_encoder_round_to_floats(qm_encoder *encoder)
 {
     const double *p = encoder->mesh->positions;
     double largest = 0.0;
@@ -84,7 +86,7 @@ bool qm_encoder_size(const qm_encoder *encoder, uint64_t *size)
 
 bool qm_encoder_next(qm_encoder *encoder, qm_text *out)
 {
-    const qm_encode_format *format = encoder->format;
+    const qm_encoder_format *format = encoder->format;
     const qm_mesh *mesh = encoder->mesh;
     size_t end = out->size + BLOCK_SIZE;
     if (!encoder->has_head) format->add_head(encoder, out);
@@ -93,11 +95,43 @@ bool qm_encoder_next(qm_encoder *encoder, qm_text *out)
          encoder->vertex++)
         format->add_vertex(encoder, encoder->vertex, out);
     while (format->add_face && encoder->face < mesh->face_count && out->size < end && !out->failed) {
-        uint32_t first = (uint32_t)encoder->face, last = qm_encode_face_end(mesh, first);
+        uint32_t first = (uint32_t)encoder->face, last = qm_encoder_face_end(mesh, first);
         format->add_face(encoder, first, last, out);
         encoder->face = last;
     }
     bool has_vertices = format->add_vertex && encoder->vertex < mesh->vertex_count;
     bool has_faces = format->add_face && encoder->face < mesh->face_count;
     return (has_vertices || has_faces) && !out->failed;
+}
+
+/* ---- what several formats share ---- */
+
+void qm_encoder_add_position(const qm_encoder *encoder, size_t vertex, const char *start, qm_text *out)
+{
+    char number[QM_NUMBER_SIZE];
+    const double *p = encoder->mesh->positions + 3 * vertex;
+    qm_text_add_string(out, start);
+    for (int axis = 0; axis < 3; axis++) {
+        qm_text_add_string(out, qm_text_number(p[axis], number));
+        qm_text_add_string(out, axis < 2 ? " " : "\n");
+    }
+}
+
+void qm_encoder_add_corners(const qm_encoder *encoder, uint32_t first, uint32_t end, uint32_t base,
+                            qm_text *out)
+{
+    size_t count = qm_encoder_corner_count(encoder->mesh, first, end);
+    for (size_t i = 0; i < count; i++)
+        qm_text_printf(out, " %u", qm_encoder_corner(encoder->mesh, first, i) + base);
+    qm_text_add_string(out, "\n");
+}
+
+void qm_encoder_add_vertex_row(const qm_encoder *encoder, size_t vertex, qm_text *out)
+{
+    qm_encoder_add_position(encoder, vertex, "", out);
+}
+
+qm_status qm_encoder_fail_size(const qm_encoder *encoder)
+{
+    return qm_context_fail(encoder->ctx, QM_E_TOO_LARGE, "the mesh exceeds the counts of the format");
 }

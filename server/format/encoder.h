@@ -1,9 +1,9 @@
 /**
- * encode.h: encodes meshes as files, a block at a time. OBJ, PLY, OFF and Draco keep quads and polygons; STL and glTF
+ * encoder.h: encodes meshes as files, a block at a time. OBJ, PLY, OFF and Draco keep quads and polygons; STL and glTF
  * have triangles only, into which faces are cut as mesh.h reads them.
  */
-#ifndef QM_ENCODE_H
-#define QM_ENCODE_H
+#ifndef QM_ENCODER_H
+#define QM_ENCODER_H
 
 #include "base/text.h"
 #include "codec.h"

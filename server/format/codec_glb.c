@@ -1,0 +1,911 @@
+/**
+ * codec_glb.c: glTF binary: a header, a part of JSON and a part of bytes. The JSON part becomes plain arrays first. Then the
+ * tree of the scene is traversed from its roots; each mesh is added in the coordinates of the scene, so a mesh of two
+ * nodes is added twice. Files are written in single precision, as one mesh of triangles.
+ * Source: glTF 2.0 specification, sections 3.5 to 3.7 and 4.
+ */
+#include <math.h>
+
+#include <cjson/cJSON.h>
+
+#include "base/json.h"
+#include "codec_builder.h"
+#include "encoder_internal.h"
+
+#define HEADER_SIZE 12
+#define CHUNK_HEADER_SIZE 8
+#define MAGIC 0x46546c67u
+#define CHUNK_JSON 0x4e4f534au
+#define CHUNK_BINARY 0x004e4942u
+#define TYPE_UINT32 5125
+#define TYPE_FLOAT 5126
+#define ARRAY_BUFFER 34962
+#define ELEMENT_BUFFER 34963
+
+typedef enum primitive_mode {
+    POINTS = 0,
+    TRIANGLES = 4,
+    TRIANGLE_STRIP = 5,
+    TRIANGLE_FAN = 6
+} primitive_mode;
+
+/* ---- the JSON part ---- */
+
+/* The JSON part as plain arrays. Every index is in range or GLTF_NONE, every node has at most one parent, and roots have
+ * none. */
+
+#define GLTF_NONE SIZE_MAX
+
+typedef struct gltf_view {
+    uint64_t offset, size; /* bytes within the binary part, unchecked */
+    uint64_t stride;       /* 0: elements are contiguous */
+    bool is_foreign;       /* in another buffer than the binary part of the file */
+} gltf_view;
+
+typedef struct gltf_accessor {
+    size_t view;
+    uint64_t offset, count;
+    int component_type;  /* the OpenGL constant, 5120 to 5126 */
+    int component_count; /* 1 for SCALAR, 3 for VEC3, 0 for anything else */
+    bool is_sparse;
+} gltf_accessor;
+
+typedef struct gltf_primitive {
+    size_t positions, indices; /* accessors */
+    int mode;                  /* 0 to 6: points, three kinds of lines, triangles, strip, fan */
+    bool is_draco;
+} gltf_primitive;
+
+typedef struct gltf_mesh {
+    size_t first_primitive, primitive_count;
+} gltf_mesh;
+
+typedef struct gltf_node {
+    double matrix[16]; /* column-major, to the coordinates of the parent */
+    size_t mesh;
+    size_t first_child, child_count; /* in links */
+    bool has_parent;                 /* or is a root of the scene */
+} gltf_node;
+
+typedef struct gltf_scene {
+    gltf_view *views;
+    gltf_accessor *accessors;
+    gltf_primitive *primitives;
+    gltf_mesh *meshes;
+    gltf_node *nodes;
+    size_t *links; /* children of all nodes, then the roots of the scene */
+    size_t view_count, accessor_count, primitive_count, mesh_count, node_count, link_count;
+    size_t primitive_capacity, link_capacity;
+    size_t first_root;
+    bool has_poses; /* skins or morph targets, which are not applied */
+} gltf_scene;
+
+#define MAX_JSON_SIZE ((size_t)16 << 20) /* the tree takes some 30 times this memory */
+#define MAX_NUMBER 9007199254740992.0    /* integers are exact up to here */
+
+typedef struct json_reader {
+    qm_builder *builder;
+    gltf_scene *gltf;
+    const cJSON *root;
+    size_t buffer_count;
+    bool first_buffer_is_foreign;
+} json_reader;
+
+static qm_status fail_json(json_reader *reader, const char *detail)
+{
+    return qm_codec_fail(reader->builder->report, QM_E_FORMAT, "%s", detail);
+}
+
+static const cJSON *find(const cJSON *object, const char *name)
+{
+    return cJSON_GetObjectItemCaseSensitive(object, name);
+}
+
+/** Reads an integer of 0 or more; an absent member leaves *number unchanged. */
+static qm_status read_integer(json_reader *reader, const cJSON *object, const char *name, uint64_t *number)
+{
+    const cJSON *item = find(object, name);
+    if (!item) return QM_OK;
+    if (!cJSON_IsNumber(item) || !(item->valuedouble >= 0 && item->valuedouble <= MAX_NUMBER) ||
+        floor(item->valuedouble) != item->valuedouble)
+        return qm_codec_fail(reader->builder->report, QM_E_FORMAT, "`%s` must be an integer of 0 or more",
+                             name);
+    *number = (uint64_t)item->valuedouble;
+    return QM_OK;
+}
+
+/** Reads an index below count; GLTF_NONE if it is absent. */
+static qm_status read_json_index(json_reader *reader, const cJSON *object, const char *name, size_t count,
+                                 size_t *index)
+{
+    uint64_t number = 0;
+    qm_status status = read_integer(reader, object, name, &number);
+    if (status != QM_OK) return status;
+    if (!find(object, name)) {
+        *index = GLTF_NONE;
+        return QM_OK;
+    }
+    *index = (size_t)number;
+    if (number < count) return QM_OK;
+    return qm_codec_fail(reader->builder->report, QM_E_FORMAT,
+                         "`%s` refers to entry %llu of %zu, counted from 0", name, (unsigned long long)number,
+                         count);
+}
+
+/** Counts the objects of an array at the root and allocates as many entries; 0 and NULL if it is absent. */
+static qm_status start_list(json_reader *reader, const char *name, size_t width, void **block, size_t *count,
+                            const cJSON **first)
+{
+    const cJSON *list = find(reader->root, name);
+    *first = NULL;
+    if (!list) return QM_OK;
+    if (!cJSON_IsArray(list)) return fail_json(reader, "a list in the JSON must be an array");
+    size_t length = 0;
+    for (const cJSON *item = list->child; item; item = item->next, ++length)
+        if (!cJSON_IsObject(item))
+            return fail_json(reader, "an entry of a list in the JSON must be an object");
+    if (length == 0) return QM_OK;
+    *block = qm_context_alloc(reader->builder->ctx, length, width);
+    if (!*block) return QM_E_NO_MEMORY;
+    memset(*block, 0, length * width);
+    *count = length;
+    *first = list->child;
+    return QM_OK;
+}
+
+static qm_status read_buffers(json_reader *reader)
+{
+    const cJSON *list = find(reader->root, "buffers");
+    if (!list) return QM_OK;
+    if (!cJSON_IsArray(list)) return fail_json(reader, "`buffers` must be an array");
+    reader->first_buffer_is_foreign = list->child && find(list->child, "uri");
+    for (const cJSON *item = list->child; item; item = item->next)
+        ++reader->buffer_count;
+    return QM_OK;
+}
+
+static qm_status read_views(json_reader *reader)
+{
+    void *block = NULL;
+    const cJSON *item;
+    gltf_scene *gltf = reader->gltf;
+    qm_status status =
+        start_list(reader, "bufferViews", sizeof *gltf->views, &block, &gltf->view_count, &item);
+    gltf->views = block;
+    for (gltf_view *view = gltf->views; status == QM_OK && item; item = item->next, ++view) {
+        size_t buffer = GLTF_NONE;
+        status = read_json_index(reader, item, "buffer", reader->buffer_count, &buffer);
+        if (status == QM_OK) status = read_integer(reader, item, "byteOffset", &view->offset);
+        if (status == QM_OK) status = read_integer(reader, item, "byteLength", &view->size);
+        if (status == QM_OK) status = read_integer(reader, item, "byteStride", &view->stride);
+        view->is_foreign = buffer != 0 || reader->first_buffer_is_foreign;
+    }
+    return status;
+}
+
+static int count_components(const cJSON *accessor)
+{
+    const char *type = cJSON_GetStringValue(find(accessor, "type"));
+    if (type && strcmp(type, "SCALAR") == 0) return 1;
+    return type && strcmp(type, "VEC3") == 0 ? 3 : 0;
+}
+
+static qm_status read_accessors(json_reader *reader)
+{
+    void *block = NULL;
+    const cJSON *item;
+    gltf_scene *gltf = reader->gltf;
+    qm_status status =
+        start_list(reader, "accessors", sizeof *gltf->accessors, &block, &gltf->accessor_count, &item);
+    gltf->accessors = block;
+    for (gltf_accessor *accessor = gltf->accessors; status == QM_OK && item; item = item->next, ++accessor) {
+        uint64_t component_type = 0;
+        status = read_json_index(reader, item, "bufferView", gltf->view_count, &accessor->view);
+        if (status == QM_OK) status = read_integer(reader, item, "byteOffset", &accessor->offset);
+        if (status == QM_OK) status = read_integer(reader, item, "count", &accessor->count);
+        if (status == QM_OK) status = read_integer(reader, item, "componentType", &component_type);
+        accessor->component_type = component_type <= 5126 ? (int)component_type : 0;
+        accessor->component_count = count_components(item);
+        accessor->is_sparse = find(item, "sparse") != NULL;
+    }
+    return status;
+}
+
+static qm_status read_primitive(json_reader *reader, const cJSON *item, gltf_primitive *primitive)
+{
+    size_t accessor_count = reader->gltf->accessor_count;
+    uint64_t mode = 4;
+    if (!cJSON_IsObject(item)) return fail_json(reader, "an entry of `primitives` must be an object");
+    qm_status status =
+        read_json_index(reader, find(item, "attributes"), "POSITION", accessor_count, &primitive->positions);
+    if (status == QM_OK)
+        status = read_json_index(reader, item, "indices", accessor_count, &primitive->indices);
+    if (status == QM_OK) status = read_integer(reader, item, "mode", &mode);
+    if (status == QM_OK && mode > 6) return fail_json(reader, "`mode` of a primitive must not exceed 6");
+    primitive->mode = (int)mode;
+    primitive->is_draco = find(find(item, "extensions"), "KHR_draco_mesh_compression") != NULL;
+    if (find(item, "targets")) reader->gltf->has_poses = true;
+    return status;
+}
+
+static qm_status read_primitives(json_reader *reader, const cJSON *list)
+{
+    gltf_scene *gltf = reader->gltf;
+    if (list && !cJSON_IsArray(list)) return fail_json(reader, "`primitives` must be an array");
+    for (const cJSON *item = list ? list->child : NULL; item; item = item->next) {
+        void *block = gltf->primitives;
+        gltf_primitive primitive;
+        qm_status status = read_primitive(reader, item, &primitive);
+        if (status != QM_OK) return status;
+        if (!qm_codec_reserve(reader->builder->ctx, &block, &gltf->primitive_capacity,
+                              gltf->primitive_count + 1, sizeof primitive))
+            return QM_E_NO_MEMORY;
+        gltf->primitives = block;
+        gltf->primitives[gltf->primitive_count++] = primitive;
+    }
+    return QM_OK;
+}
+
+static qm_status read_meshes(json_reader *reader)
+{
+    void *block = NULL;
+    const cJSON *item;
+    gltf_scene *gltf = reader->gltf;
+    qm_status status = start_list(reader, "meshes", sizeof *gltf->meshes, &block, &gltf->mesh_count, &item);
+    gltf->meshes = block;
+    for (gltf_mesh *mesh = gltf->meshes; status == QM_OK && item; item = item->next, ++mesh) {
+        mesh->first_primitive = gltf->primitive_count;
+        status = read_primitives(reader, find(item, "primitives"));
+        mesh->primitive_count = gltf->primitive_count - mesh->first_primitive;
+    }
+    return status;
+}
+
+/** Reads an array of exactly count numbers; an absent member leaves them unchanged. */
+static qm_status read_numbers(json_reader *reader, const cJSON *object, const char *name, double *numbers,
+                              int count)
+{
+    const cJSON *list = find(object, name);
+    if (!list) return QM_OK;
+    const cJSON *item = cJSON_IsArray(list) ? list->child : NULL;
+    for (int i = 0; i < count; ++i, item = item->next) {
+        if (!item || !cJSON_IsNumber(item))
+            return qm_codec_fail(reader->builder->report, QM_E_FORMAT, "`%s` must be an array of %d numbers",
+                                 name, count);
+        numbers[i] = item->valuedouble;
+    }
+    return QM_OK;
+}
+
+/** Translation * rotation * scale, column-major. */
+static void compose(const double t[3], const double q[4], const double s[3], double matrix[16])
+{
+    double x = q[0], y = q[1], z = q[2], w = q[3];
+    const double columns[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)},
+                                  {2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)},
+                                  {2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)}};
+    for (int column = 0; column < 3; ++column)
+        for (int row = 0; row < 3; ++row)
+            matrix[4 * column + row] = columns[column][row] * s[column];
+    memcpy(matrix + 12, t, 3 * sizeof *t);
+}
+
+static qm_status read_transform(json_reader *reader, const cJSON *item, double matrix[16])
+{
+    static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
+    memcpy(matrix, identity, sizeof identity);
+    if (find(item, "matrix")) return read_numbers(reader, item, "matrix", matrix, 16);
+    double t[3] = {0}, q[4] = {0, 0, 0, 1}, s[3] = {1, 1, 1};
+    qm_status status = read_numbers(reader, item, "translation", t, 3);
+    if (status == QM_OK) status = read_numbers(reader, item, "rotation", q, 4);
+    if (status == QM_OK) status = read_numbers(reader, item, "scale", s, 3);
+    if (status != QM_OK) return status;
+    double length = sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
+    if (!(length > 0 && isfinite(length)))
+        return fail_json(reader, "`rotation` of a node must be a quaternion");
+    for (int i = 0; i < 4; ++i)
+        q[i] /= length;
+    compose(t, q, s, matrix);
+    return QM_OK;
+}
+
+/** Adds the nodes of a list to links, and sets their parents. */
+static qm_status read_links(json_reader *reader, const cJSON *list)
+{
+    gltf_scene *gltf = reader->gltf;
+    if (list && !cJSON_IsArray(list)) return fail_json(reader, "a list of nodes must be an array");
+    for (const cJSON *item = list ? list->child : NULL; item; item = item->next) {
+        if (!cJSON_IsNumber(item) ||
+            !(item->valuedouble >= 0 && item->valuedouble < (double)gltf->node_count) ||
+            floor(item->valuedouble) != item->valuedouble)
+            return fail_json(reader, "a list of nodes refers to a node that does not exist");
+        size_t node = (size_t)item->valuedouble;
+        if (gltf->nodes[node].has_parent)
+            return fail_json(reader, "a node has two parents, or is also a root of the scene");
+        gltf->nodes[node].has_parent = true;
+
+        void *block = gltf->links;
+        if (!qm_codec_reserve(reader->builder->ctx, &block, &gltf->link_capacity, gltf->link_count + 1,
+                              sizeof *gltf->links))
+            return QM_E_NO_MEMORY;
+        gltf->links = block;
+        gltf->links[gltf->link_count++] = node;
+    }
+    return QM_OK;
+}
+
+static qm_status read_nodes(json_reader *reader)
+{
+    void *block = NULL;
+    const cJSON *item;
+    gltf_scene *gltf = reader->gltf;
+    qm_status status = start_list(reader, "nodes", sizeof *gltf->nodes, &block, &gltf->node_count, &item);
+    gltf->nodes = block;
+    for (gltf_node *node = gltf->nodes; status == QM_OK && item; item = item->next, ++node) {
+        status = read_transform(reader, item, node->matrix);
+        if (status == QM_OK) status = read_json_index(reader, item, "mesh", gltf->mesh_count, &node->mesh);
+        if (find(item, "skin")) gltf->has_poses = true;
+        node->first_child = gltf->link_count;
+        if (status == QM_OK) status = read_links(reader, find(item, "children"));
+        node->child_count = gltf->link_count - node->first_child;
+    }
+    return status;
+}
+
+/** The roots of the default scene, or of the first one. */
+static qm_status read_roots(json_reader *reader)
+{
+    const cJSON *scene = find(reader->root, "scenes");
+    uint64_t index = 0;
+    reader->gltf->first_root = reader->gltf->link_count;
+    qm_status status = read_integer(reader, reader->root, "scene", &index);
+    if (status != QM_OK) return status;
+    if (!cJSON_IsArray(scene)) return fail_json(reader, "the file has no scene");
+    scene = scene->child;
+    for (; scene && index > 0; --index)
+        scene = scene->next;
+    if (!scene) return fail_json(reader, "`scene` refers to a scene that does not exist");
+    return read_links(reader, find(scene, "nodes"));
+}
+
+/** Extensions that change the appearance, but not the shape. */
+static bool is_harmless_extension(const char *name)
+{
+    static const char *const prefixes[] = {"KHR_materials_", "KHR_texture_", "KHR_lights_",
+                                           "EXT_texture_",   "KHR_xmp",      "KHR_mesh_quantization"};
+    for (size_t i = 0; i < sizeof prefixes / sizeof *prefixes; ++i)
+        if (strncmp(name, prefixes[i], strlen(prefixes[i])) == 0) return true;
+    return false;
+}
+
+static qm_status check_extensions(json_reader *reader)
+{
+    const cJSON *list = find(reader->root, "extensionsRequired");
+    for (const cJSON *item = cJSON_IsArray(list) ? list->child : NULL; item; item = item->next) {
+        const char *name = cJSON_GetStringValue(item);
+        if (name && is_harmless_extension(name)) continue;
+        if (name && strcmp(name, "KHR_draco_mesh_compression") == 0)
+            return qm_codec_fail(
+                reader->builder->report, QM_E_UNSUPPORTED,
+                "glTF with Draco compression is not supported; export it without, or as .drc");
+        return qm_codec_fail(reader->builder->report, QM_E_UNSUPPORTED,
+                             "the file requires a glTF extension that is not supported");
+    }
+    return QM_OK;
+}
+
+static qm_status read_tree(json_reader *reader)
+{
+    qm_status status = check_extensions(reader);
+    if (status == QM_OK) status = read_buffers(reader);
+    if (status == QM_OK) status = read_views(reader);
+    if (status == QM_OK) status = read_accessors(reader);
+    if (status == QM_OK) status = read_meshes(reader);
+    if (status == QM_OK) status = read_nodes(reader);
+    if (status == QM_OK) status = read_roots(reader);
+    return status;
+}
+
+/** Parses the JSON part, for gltf_free in any case. QM_E_FORMAT, QM_E_UNSUPPORTED, QM_E_TOO_LARGE, QM_E_NO_MEMORY. For
+ * invalid JSON it adds the location of the error to report->offset, which is that of the part. */
+static qm_status gltf_parse(qm_builder *builder, const uint8_t *json, size_t size, gltf_scene *gltf)
+{
+    *gltf = (gltf_scene){0};
+    if (size > MAX_JSON_SIZE)
+        return qm_codec_fail(builder->report, QM_E_TOO_LARGE, "the JSON part is larger than %zu bytes",
+                             MAX_JSON_SIZE);
+    const char *end;
+    bool no_memory;
+    cJSON *root = qm_json_parse_tree((const char *)json, size, &end, &no_memory);
+    json_reader reader = {.builder = builder, .gltf = gltf, .root = root};
+    if (no_memory) return qm_codec_fail(builder->report, QM_E_NO_MEMORY, "out of memory for the JSON part");
+    if (!cJSON_IsObject(root)) {
+        if (!root) builder->report->offset += (size_t)(end - (const char *)json);
+        cJSON_Delete(root);
+        return fail_json(&reader, "the JSON part is invalid");
+    }
+    qm_status status = read_tree(&reader);
+    cJSON_Delete(root);
+    return status;
+}
+
+static void gltf_free(qm_context *ctx, gltf_scene *gltf)
+{
+    qm_context_free(ctx, gltf->views, gltf->view_count, sizeof *gltf->views);
+    qm_context_free(ctx, gltf->accessors, gltf->accessor_count, sizeof *gltf->accessors);
+    qm_context_free(ctx, gltf->primitives, gltf->primitive_capacity, sizeof *gltf->primitives);
+    qm_context_free(ctx, gltf->meshes, gltf->mesh_count, sizeof *gltf->meshes);
+    qm_context_free(ctx, gltf->nodes, gltf->node_count, sizeof *gltf->nodes);
+    qm_context_free(ctx, gltf->links, gltf->link_capacity, sizeof *gltf->links);
+}
+
+/* ---- the file ---- */
+
+typedef struct byte_range {
+    const uint8_t *bytes;
+    size_t offset, size; /* within the file */
+} byte_range;
+
+typedef struct glb_reader {
+    qm_builder *builder;
+    qm_codec_report *report;
+    byte_range json, binary;
+    gltf_scene gltf;
+    size_t *vertex_bases; /* for each accessor: where its vertices begin, if the mesh in hand has them */
+    size_t *base_owners;  /* for each accessor: the number of the mesh that set vertex_bases, from 1 */
+    size_t visit_count;   /* meshes added */
+    size_t line_count;    /* primitives of lines, left out */
+} glb_reader;
+
+static qm_status fail_file(glb_reader *reader, qm_status status, const char *detail)
+{
+    return qm_codec_fail(reader->report, status, "%s", detail);
+}
+
+/* Chunks */
+
+static void warn_about_rest(glb_reader *reader, size_t size, size_t announced)
+{
+    if (announced < size)
+        qm_codec_warn(reader->report, "bytes after the specified end of the file: %zu (ignored)",
+                      size - announced);
+}
+
+/** Finds the two parts; report->offset follows. */
+static qm_status find_chunks(glb_reader *reader, const uint8_t *bytes, size_t size)
+{
+    size_t *at = &reader->report->offset;
+    *at = 0;
+    if (size < HEADER_SIZE || memcmp(bytes, "glTF", 4) != 0)
+        return fail_file(reader, QM_E_FORMAT, "the file does not start like a glTF binary");
+    *at = 4;
+    if (qm_read_u32_le(bytes + 4) != 2)
+        return fail_file(reader, QM_E_UNSUPPORTED, "only version 2 of glTF binary is supported");
+    *at = 8;
+    size_t announced = qm_read_u32_le(bytes + 8);
+    if (announced > size)
+        return qm_codec_fail(reader->report, QM_E_FORMAT,
+                             "the header specifies %zu bytes, but the file has %zu", announced, size);
+    warn_about_rest(reader, size, announced);
+    for (*at = HEADER_SIZE; *at < announced;) {
+        size_t left = announced - *at;
+        if (left < CHUNK_HEADER_SIZE) return fail_file(reader, QM_E_FORMAT, "the file ends within a chunk");
+        size_t length = qm_read_u32_le(bytes + *at);
+        uint32_t type = qm_read_u32_le(bytes + *at + 4);
+        if (length > left - CHUNK_HEADER_SIZE)
+            return qm_codec_fail(reader->report, QM_E_FORMAT,
+                                 "a chunk specifies %zu bytes, but the file has %zu left", length,
+                                 left - CHUNK_HEADER_SIZE);
+        *at += CHUNK_HEADER_SIZE;
+        byte_range *part = type == CHUNK_JSON ? &reader->json : &reader->binary;
+        if ((type == CHUNK_JSON || type == CHUNK_BINARY) && !part->bytes)
+            *part = (byte_range){bytes + *at, *at, length};
+        *at += length;
+    }
+    return reader->json.bytes ? QM_OK : fail_file(reader, QM_E_FORMAT, "the file has no JSON part");
+}
+
+/* Accessors */
+
+static size_t component_size(int component_type)
+{
+    switch (component_type) {
+    case 5120:
+    case 5121:
+        return 1;
+    case 5122:
+    case 5123:
+        return 2;
+    case 5125:
+    case TYPE_FLOAT:
+        return 4;
+    default:
+        return 0;
+    }
+}
+
+/** The location of the elements of an accessor, all within the binary part. */
+typedef struct element_range {
+    const uint8_t *first;
+    size_t offset; /* of first within the file */
+    size_t count, stride;
+} element_range;
+
+static qm_status locate_elements(glb_reader *reader, size_t index, element_range *range)
+{
+    const gltf_accessor *accessor = &reader->gltf.accessors[index];
+    reader->report->offset = reader->json.offset;
+    if (accessor->is_sparse || accessor->view == GLTF_NONE)
+        return fail_file(reader, QM_E_UNSUPPORTED,
+                         "sparse accessors and ones without data are not supported");
+    const gltf_view *view = &reader->gltf.views[accessor->view];
+    if (view->is_foreign)
+        return fail_file(reader, QM_E_UNSUPPORTED, "buffers outside of the file are not supported");
+    size_t width = component_size(accessor->component_type) * (size_t)accessor->component_count;
+    uint64_t stride = view->stride ? view->stride : width;
+    if (view->size > reader->binary.size || view->offset > reader->binary.size - view->size)
+        return qm_codec_fail(reader->report, QM_E_FORMAT, "buffer view %zu reaches past the binary part",
+                             accessor->view);
+    /* The last element may be followed by less than a stride. */
+    uint64_t room = accessor->offset <= view->size ? view->size - accessor->offset : 0;
+    uint64_t most = room >= width && stride >= width ? (room - width) / stride + 1 : 0;
+    if (accessor->count > most)
+        return qm_codec_fail(
+            reader->report, QM_E_FORMAT,
+            "accessor %zu reaches past its buffer view: it has room for %llu elements of %llu", index,
+            (unsigned long long)most, (unsigned long long)accessor->count);
+    range->offset = (size_t)(view->offset + accessor->offset);
+    range->count = (size_t)accessor->count;
+    /* An accessor without elements needs no binary part. */
+    range->first = range->count > 0 ? reader->binary.bytes + range->offset : NULL;
+    range->offset += reader->binary.offset;
+    range->stride = (size_t)stride;
+    return QM_OK;
+}
+
+/* Vertices */
+
+static bool transform_point(const double matrix[16], const float point[3], double out[3])
+{
+    for (int row = 0; row < 3; ++row)
+        out[row] = matrix[row] * point[0] + matrix[4 + row] * point[1] + matrix[8 + row] * point[2] +
+                   matrix[12 + row];
+    return isfinite(out[0]) && isfinite(out[1]) && isfinite(out[2]);
+}
+
+static qm_status add_vertices(glb_reader *reader, size_t index, const double matrix[16])
+{
+    const gltf_accessor *accessor = &reader->gltf.accessors[index];
+    if (accessor->component_type != TYPE_FLOAT || accessor->component_count != 3)
+        return fail_file(reader, QM_E_UNSUPPORTED, "positions other than three floats are not supported");
+    element_range range;
+    qm_status status = locate_elements(reader, index, &range);
+    if (status == QM_OK) status = qm_builder_reserve_vertices(reader->builder, range.count);
+    for (size_t i = 0; status == QM_OK && i < range.count; ++i) {
+        const uint8_t *at = range.first + i * range.stride;
+        const float point[3] = {qm_read_f32_le(at), qm_read_f32_le(at + 4), qm_read_f32_le(at + 8)};
+        double position[3];
+        reader->report->offset = range.offset + i * range.stride;
+        if (!transform_point(matrix, point, position))
+            return fail_file(reader, QM_E_NOT_FINITE, "a coordinate is not a finite number");
+        status = qm_builder_add_vertex(reader->builder, position);
+    }
+    return status;
+}
+
+/** Primitives of a mesh often share their positions, which are then added once. */
+static qm_status find_vertices(glb_reader *reader, size_t accessor, const double matrix[16], size_t *base)
+{
+    if (reader->base_owners[accessor] != reader->visit_count) {
+        reader->vertex_bases[accessor] = reader->builder->vertex_count;
+        qm_status status = add_vertices(reader, accessor, matrix);
+        if (status != QM_OK) return status;
+        reader->base_owners[accessor] = reader->visit_count;
+    }
+    *base = reader->vertex_bases[accessor];
+    return QM_OK;
+}
+
+/* Faces */
+
+typedef struct index_list {
+    element_range range; /* first is NULL where the vertices are used in their order */
+    int component_type;
+    size_t base, vertex_count;
+} index_list;
+
+static qm_status check_indices(glb_reader *reader, size_t accessor, index_list *list)
+{
+    const gltf_accessor *facts = &reader->gltf.accessors[accessor];
+    list->component_type = facts->component_type;
+    bool is_unsigned =
+        list->component_type == 5121 || list->component_type == 5123 || list->component_type == 5125;
+    if (!is_unsigned || facts->component_count != 1)
+        return fail_file(reader, QM_E_FORMAT, "indices must be of an unsigned type");
+    return locate_elements(reader, accessor, &list->range);
+}
+
+static qm_status read_index(glb_reader *reader, const index_list *list, size_t i, uint32_t *vertex)
+{
+    size_t index = i;
+    if (list->range.first) {
+        const uint8_t *at = list->range.first + i * list->range.stride;
+        index = at[0];
+        if (list->component_type == 5123) index |= (size_t)at[1] << 8;
+        if (list->component_type == 5125) index = qm_read_u32_le(at);
+        reader->report->offset = list->range.offset + i * list->range.stride;
+    }
+    if (index >= list->vertex_count)
+        return qm_codec_fail(reader->report, QM_E_INDEX,
+                             "face refers to vertex %zu, but its primitive has %zu vertices, counted from 0",
+                             index, list->vertex_count);
+    *vertex = (uint32_t)(list->base + index);
+    return QM_OK;
+}
+
+/** The positions in the index list of the corners of triangle i, in the order of the mode. */
+static void list_triangle(int mode, size_t i, size_t places[3])
+{
+    size_t odd = i & 1;
+    if (mode == TRIANGLES)
+        memcpy(places, (const size_t[3]){3 * i, 3 * i + 1, 3 * i + 2}, 3 * sizeof *places);
+    else if (mode == TRIANGLE_STRIP)
+        memcpy(places, (const size_t[3]){i, i + 1 + odd, i + 2 - odd}, 3 * sizeof *places);
+    else
+        memcpy(places, (const size_t[3]){0, i + 1, i + 2}, 3 * sizeof *places);
+}
+
+static double determinant(const double m[16])
+{
+    return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[4] * (m[1] * m[10] - m[2] * m[9]) +
+           m[8] * (m[1] * m[6] - m[2] * m[5]);
+}
+
+/** A mirroring transform flips the triangles, so their corners are stored in reverse order. */
+static qm_status add_faces(glb_reader *reader, const index_list *list, int mode, bool mirrored)
+{
+    size_t index_count = list->range.count, triangle_count = mode == TRIANGLES ? index_count / 3
+                                                             : index_count > 2 ? index_count - 2
+                                                                               : 0;
+    reader->report->offset = reader->json.offset;
+    if (triangle_count == 0 || (mode == TRIANGLES && index_count % 3 != 0))
+        return qm_codec_fail(reader->report, QM_E_FORMAT, "%zu indices are not a multiple of 3", index_count);
+    qm_status status = qm_builder_reserve_faces(reader->builder, triangle_count);
+    for (size_t i = 0; status == QM_OK && i < triangle_count; ++i) {
+        size_t places[3];
+        uint32_t corners[3];
+        list_triangle(mode, i, places);
+        for (int k = 0; status == QM_OK && k < 3; ++k)
+            status = read_index(reader, list, places[k], &corners[k]);
+        if (status == QM_OK)
+            status = qm_builder_add_triangle(reader->builder, corners[0], corners[1 + mirrored],
+                                             corners[2 - mirrored]);
+    }
+    return status;
+}
+
+static qm_status add_primitive(glb_reader *reader, const gltf_primitive *primitive, const double matrix[16])
+{
+    reader->report->offset = reader->json.offset;
+    if (primitive->is_draco)
+        return fail_file(reader, QM_E_UNSUPPORTED,
+                         "glTF with Draco compression is not supported; export it without, or as .drc");
+    if (primitive->mode != POINTS && primitive->mode < TRIANGLES) {
+        ++reader->line_count;
+        return QM_OK;
+    }
+    if (primitive->positions == GLTF_NONE)
+        return fail_file(reader, QM_E_FORMAT, "a primitive has no positions");
+    index_list list = {.vertex_count = (size_t)reader->gltf.accessors[primitive->positions].count};
+    qm_status status = find_vertices(reader, primitive->positions, matrix, &list.base);
+    if (status != QM_OK || primitive->mode == POINTS) return status;
+    list.range.count = list.vertex_count;
+    if (primitive->indices != GLTF_NONE) status = check_indices(reader, primitive->indices, &list);
+    return status == QM_OK ? add_faces(reader, &list, primitive->mode, determinant(matrix) < 0) : status;
+}
+
+/* Scene */
+
+/** matrix = parent * matrix, both with a last row of 0 0 0 1. */
+static void multiply(const double parent[16], double matrix[16])
+{
+    double product[16];
+    for (int column = 0; column < 4; ++column)
+        for (int row = 0; row < 4; ++row) {
+            double sum = 0;
+            for (int k = 0; k < 4; ++k)
+                sum += parent[4 * k + row] * matrix[4 * column + k];
+            product[4 * column + row] = sum;
+        }
+    memcpy(matrix, product, sizeof product);
+}
+
+static qm_status add_mesh(glb_reader *reader, const gltf_node *node)
+{
+    if (node->mesh == GLTF_NONE) return QM_OK;
+    const gltf_mesh *mesh = &reader->gltf.meshes[node->mesh];
+    ++reader->visit_count;
+    for (size_t i = 0; i < mesh->primitive_count; ++i) {
+        qm_status status =
+            add_primitive(reader, &reader->gltf.primitives[mesh->first_primitive + i], node->matrix);
+        if (status != QM_OK) return status;
+    }
+    return QM_OK;
+}
+
+/** Depth-first traversal with a stack; a node has at most one parent, and is therefore visited at most once. */
+static qm_status walk_nodes(glb_reader *reader, size_t *stack)
+{
+    gltf_scene *gltf = &reader->gltf;
+    size_t depth = 0;
+    for (size_t i = gltf->link_count; i > gltf->first_root; --i)
+        stack[depth++] = gltf->links[i - 1];
+    while (depth > 0) {
+        const gltf_node *node = &gltf->nodes[stack[--depth]];
+        qm_status status = add_mesh(reader, node);
+        if (status != QM_OK) return status;
+        for (size_t i = node->child_count; i > 0; --i) {
+            size_t child = gltf->links[node->first_child + i - 1];
+            multiply(node->matrix, gltf->nodes[child].matrix);
+            stack[depth++] = child;
+        }
+    }
+    return QM_OK;
+}
+
+static void warn_about_scene(glb_reader *reader)
+{
+    if (reader->line_count > 0)
+        qm_codec_warn(reader->report, "primitives of lines: %zu (ignored)", reader->line_count);
+    if (reader->gltf.has_poses) qm_codec_warn(reader->report, "skins and morph targets were not applied");
+}
+
+static qm_status read_scene(glb_reader *reader)
+{
+    gltf_scene *gltf = &reader->gltf;
+    qm_context *ctx = reader->builder->ctx;
+    reader->report->offset = reader->json.offset;
+    if (gltf->accessor_count == 0 || gltf->node_count == 0)
+        return fail_file(reader, QM_E_EMPTY, "the scene has no mesh");
+    reader->vertex_bases = qm_context_alloc(ctx, gltf->accessor_count, sizeof *reader->vertex_bases);
+    reader->base_owners = qm_context_alloc(ctx, gltf->accessor_count, sizeof *reader->base_owners);
+    size_t *stack = qm_context_alloc(ctx, gltf->node_count, sizeof *stack);
+    qm_status status = QM_E_NO_MEMORY;
+    if (reader->vertex_bases && reader->base_owners && stack) {
+        memset(reader->base_owners, 0, gltf->accessor_count * sizeof *reader->base_owners);
+        status = walk_nodes(reader, stack);
+    }
+    if (status == QM_OK) warn_about_scene(reader);
+    qm_context_free(ctx, stack, gltf->node_count, sizeof *stack);
+    qm_context_free(ctx, reader->base_owners, gltf->accessor_count, sizeof *reader->base_owners);
+    qm_context_free(ctx, reader->vertex_bases, gltf->accessor_count, sizeof *reader->vertex_bases);
+    return status;
+}
+
+qm_status qm_codec_decode_glb(qm_builder *builder, const uint8_t *bytes, size_t size)
+{
+    glb_reader reader = {.builder = builder, .report = builder->report};
+    qm_status status = find_chunks(&reader, bytes, size);
+    if (status != QM_OK) return status;
+    builder->report->offset = reader.json.offset;
+    status = gltf_parse(builder, reader.json.bytes, reader.json.size, &reader.gltf);
+    if (status == QM_OK) status = read_scene(&reader);
+    gltf_free(builder->ctx, &reader.gltf);
+    return status;
+}
+
+/* ---- encoding ---- */
+
+static uint64_t positions_size(const qm_encoder *encoder)
+{
+    return 12 * (uint64_t)encoder->mesh->vertex_count;
+}
+
+static uint64_t indices_size(const qm_encoder *encoder)
+{
+    return 12 * (uint64_t)encoder->triangles;
+}
+
+static void add_view(qm_text *json, uint64_t offset, uint64_t size, int target)
+{
+    qm_json_add_comma(json);
+    qm_text_add_string(json, "{");
+    qm_json_add_count(json, "buffer", 0);
+    qm_json_add_count(json, "byteOffset", offset);
+    qm_json_add_count(json, "byteLength", size);
+    qm_json_add_count(json, "target", (uint64_t)target);
+    qm_text_add_string(json, "}");
+}
+
+static void open_accessor(qm_text *json, int view, int type, uint64_t count, const char *shape)
+{
+    qm_json_add_comma(json);
+    qm_text_add_string(json, "{");
+    qm_json_add_count(json, "bufferView", (uint64_t)view);
+    qm_json_add_count(json, "componentType", (uint64_t)type);
+    qm_json_add_count(json, "count", count);
+    qm_json_add_string(json, "type", shape);
+}
+
+/** The bounding box of the vertices in single precision. */
+static void add_bounds(const qm_encoder *encoder, qm_text *json)
+{
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    const double *p = encoder->mesh->positions;
+    for (size_t i = 0; i < 3 * encoder->mesh->vertex_count; i++) {
+        double value = (double)(float)p[i];
+        low[i % 3] = fmin(low[i % 3], value);
+        high[i % 3] = fmax(high[i % 3], value);
+    }
+    qm_json_add_numbers(json, "min", low, 3);
+    qm_json_add_numbers(json, "max", high, 3);
+}
+
+/** The JSON part, padded with blanks to a multiple of four bytes. */
+static void write_glb_json(const qm_encoder *encoder, qm_text *json)
+{
+    uint64_t positions = positions_size(encoder), indices = indices_size(encoder);
+    bool has_faces = indices > 0;
+    qm_text_printf(json,
+                   "{\"asset\":{\"version\":\"2.0\",\"generator\":\"quadmeshd\"},\"scene\":0,\"scenes\":[{"
+                   "\"nodes\":[0]}],"
+                   "\"nodes\":[{\"mesh\":0}],\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},%s"
+                   "\"mode\":%d}]}],\"buffers\":[{\"byteLength\":%llu}],\"bufferViews\":[",
+                   has_faces ? "\"indices\":1," : "", has_faces ? TRIANGLES : POINTS,
+                   (unsigned long long)(positions + indices));
+    add_view(json, 0, positions, ARRAY_BUFFER);
+    if (has_faces) add_view(json, positions, indices, ELEMENT_BUFFER);
+    qm_text_add_string(json, "],\"accessors\":[");
+    open_accessor(json, 0, TYPE_FLOAT, encoder->mesh->vertex_count, "VEC3");
+    add_bounds(encoder, json);
+    qm_text_add_string(json, "}");
+    if (has_faces) {
+        open_accessor(json, 1, TYPE_UINT32, indices / 4, "SCALAR");
+        qm_text_add_string(json, "}");
+    }
+    qm_text_add_string(json, "]}");
+    while (json->size % 4 != 0 && !json->failed)
+        qm_text_add_string(json, " ");
+}
+
+static qm_status prepare_glb(qm_encoder *encoder)
+{
+    qm_status status = qm_encoder_round_to_floats(encoder);
+    if (status != QM_OK) return status;
+    write_glb_json(encoder, &encoder->file);
+    if (encoder->file.failed) return QM_E_NO_MEMORY;
+    encoder->size = 12 + 8 + encoder->file.size + 8 + positions_size(encoder) + indices_size(encoder);
+    encoder->losses.cut_faces = encoder->facts->quads + encoder->facts->polygons;
+    return encoder->size <= UINT32_MAX ? QM_OK : qm_encoder_fail_size(encoder);
+}
+
+static void add_glb_head(const qm_encoder *encoder, qm_text *out)
+{
+    qm_encoder_add_u32(out, MAGIC);
+    qm_encoder_add_u32(out, 2);
+    qm_encoder_add_u32(out, (uint32_t)encoder->size);
+    qm_encoder_add_u32(out, (uint32_t)encoder->file.size);
+    qm_encoder_add_u32(out, CHUNK_JSON);
+    qm_text_add(out, encoder->file.data, encoder->file.size);
+    qm_encoder_add_u32(out, (uint32_t)(positions_size(encoder) + indices_size(encoder)));
+    qm_encoder_add_u32(out, CHUNK_BINARY);
+}
+
+static void add_glb_vertex(const qm_encoder *encoder, size_t vertex, qm_text *out)
+{
+    for (int axis = 0; axis < 3; axis++)
+        qm_encoder_add_f32(out, encoder->mesh->positions[3 * vertex + (size_t)axis]);
+}
+
+static void add_glb_face(const qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
+{
+    for (uint32_t face = first; face < end; face++) {
+        uint32_t rows[2][3];
+        int count = qm_encoder_list_triangles(encoder->mesh->faces + 4 * (size_t)face, rows);
+        for (int i = 0; i < count; i++)
+            for (int corner = 0; corner < 3; corner++)
+                qm_encoder_add_u32(out, rows[i][corner]);
+    }
+}
+
+const qm_encoder_format qm_encoder_glb = {prepare_glb, add_glb_head, add_glb_vertex, add_glb_face};
