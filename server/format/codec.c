@@ -93,8 +93,11 @@ static qm_format sniff_numbers(qm_scan text)
     return QM_FORMAT_XYZ;
 }
 
-static qm_format sniff_text(const uint8_t *bytes, size_t size)
+qm_format qm_format_sniff(const uint8_t *bytes, size_t size)
 {
+    for (size_t i = 1; i < FORMAT_COUNT; ++i)
+        if (formats[i].magic[0] && has_prefix(bytes, size, formats[i].magic)) return (qm_format)i;
+    if (qm_codec_is_binary_stl(bytes, size)) return QM_FORMAT_STL;
     static const char *const obj_words[] = {"v", "vt", "vn", "f", "o", "g", "s", "mtllib", "usemtl"};
     qm_codec_report ignored;
     qm_scan text = {.at = bytes, .end = bytes + size, .line = 1, .has_comma = true, .report = &ignored};
@@ -110,23 +113,6 @@ static qm_format sniff_text(const uint8_t *bytes, size_t size)
     if (qm_scan_word_is(word, word_size, "solid")) return QM_FORMAT_STL;
     if (word_size >= 3 && qm_scan_word_is(word + word_size - 3, 3, "off")) return QM_FORMAT_OFF;
     return sniff_numbers(row);
-}
-
-qm_format qm_format_sniff(const uint8_t *bytes, size_t size)
-{
-    for (size_t i = 1; i < FORMAT_COUNT; ++i)
-        if (formats[i].magic[0] && has_prefix(bytes, size, formats[i].magic)) return (qm_format)i;
-    if (qm_codec_is_binary_stl(bytes, size)) return QM_FORMAT_STL;
-    return sniff_text(bytes, size);
-}
-
-/** Clears the location after success; after an error makes sure that there is a detail. */
-static void settle_report(qm_status status, qm_codec_report *report)
-{
-    if (status == QM_OK)
-        report->line = report->offset = QM_NO_LOCATION;
-    else if (!report->detail[0])
-        qm_codec_fail(report, status, "%s", qm_status_text(status));
 }
 
 qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
@@ -149,6 +135,9 @@ qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *byte
     qm_status status = formats[format].decode(&builder, bytes, size);
     if (status == QM_OK) status = qm_builder_finish(&builder, out);
     qm_builder_free(&builder);
-    settle_report(status, report);
+    if (status == QM_OK)
+        report->line = report->offset = QM_NO_LOCATION;
+    else if (!report->detail[0])
+        qm_codec_fail(report, status, "%s", qm_status_text(status));
     return status;
 }

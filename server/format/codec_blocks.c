@@ -68,8 +68,11 @@ static inline line_counts count_some(const uint8_t *at, size_t size)
     return counts;
 }
 
-static void count_rows(text_block *block)
+static void count_block(void *data, int worker, size_t index)
 {
+    block_round *round = data;
+    text_block *block = &round->blocks[index];
+    (void)worker;
     /* The last two bytes cannot start a line, and the first line has no line end before it. */
     const uint8_t *at = block->at, *end = block->end - 2;
     const bool has_word = end - at > 0 && at[1] == ' ';
@@ -89,14 +92,6 @@ static void count_rows(text_block *block)
         block->vertex_count += counts.vertices;
         block->face_count += counts.faces;
     }
-}
-
-static void count_block(void *data, int worker, size_t index)
-{
-    block_round *round = data;
-    text_block *block = &round->blocks[index];
-    (void)worker;
-    count_rows(block);
     if (round->reader->rows == QM_BLOCK_WORDS) return;
     block->vertex_count = round->reader->rows == QM_BLOCK_VERTICES ? block->line_count : 0;
     block->face_count = round->reader->rows == QM_BLOCK_FACES ? block->line_count : 0;
@@ -124,15 +119,6 @@ static void place_blocks(block_round *round, size_t line, uint64_t max_lines)
         vertex += block->vertex_count;
         face += block->face_count;
     }
-}
-
-static qm_status reserve_arrays(qm_builder *builder, const block_round *round)
-{
-    const text_block *last = &round->blocks[round->count - 1];
-    size_t vertices = last->first_vertex + last->vertex_count - builder->vertex_count;
-    size_t faces = last->first_face + last->face_count - builder->face_count;
-    qm_status status = qm_builder_reserve_vertices(builder, vertices);
-    return status == QM_OK ? qm_builder_reserve_faces(builder, faces) : status;
 }
 
 /** The builder of a block writes at the block's indices in the arrays of the mesh. Its limits are the block's counts, so
@@ -198,7 +184,11 @@ static qm_status read_round(block_round *round, qm_builder *builder, qm_scan *te
     qm_context_parallel_for(builder->ctx, workers, round->count, count_block, round);
     place_blocks(round, text->line, max_lines);
     if (round->count == 0) return QM_OK;
-    qm_status status = reserve_arrays(builder, round);
+    const text_block *last = &round->blocks[round->count - 1];
+    size_t vertices = last->first_vertex + last->vertex_count - builder->vertex_count;
+    size_t faces = last->first_face + last->face_count - builder->face_count;
+    qm_status status = qm_builder_reserve_vertices(builder, vertices);
+    if (status == QM_OK) status = qm_builder_reserve_faces(builder, faces);
     if (status != QM_OK) return status;
     qm_context_parallel_for(builder->ctx, workers, round->count, read_block, round);
     take_blocks(round, builder, text);

@@ -37,31 +37,17 @@ bool qm_codec_reserve(qm_context *ctx, void **block, size_t *capacity, size_t ne
     return true;
 }
 
-static qm_status reserve_vertices(qm_builder *builder, size_t needed)
-{
-    void *block = builder->positions;
-    if (!qm_codec_reserve(builder->ctx, &block, &builder->vertex_capacity, needed,
-                          3 * sizeof *builder->positions))
-        return QM_E_NO_MEMORY;
-    builder->positions = block;
-    return QM_OK;
-}
-
-static qm_status reserve_faces(qm_builder *builder, size_t needed)
-{
-    void *block = builder->faces;
-    if (!qm_codec_reserve(builder->ctx, &block, &builder->face_capacity, needed, 4 * sizeof *builder->faces))
-        return QM_E_NO_MEMORY;
-    builder->faces = block;
-    return QM_OK;
-}
-
 qm_status qm_builder_reserve_vertices(qm_builder *builder, uint64_t count)
 {
     if (count > builder->limits->max_vertices - builder->vertex_count)
         return qm_codec_fail(builder->report, QM_E_TOO_LARGE, "the file has more than %zu vertices",
                              builder->limits->max_vertices);
-    return reserve_vertices(builder, builder->vertex_count + (size_t)count);
+    void *block = builder->positions;
+    if (!qm_codec_reserve(builder->ctx, &block, &builder->vertex_capacity,
+                          builder->vertex_count + (size_t)count, 3 * sizeof *builder->positions))
+        return QM_E_NO_MEMORY;
+    builder->positions = block;
+    return QM_OK;
 }
 
 qm_status qm_builder_reserve_faces(qm_builder *builder, uint64_t count)
@@ -69,7 +55,12 @@ qm_status qm_builder_reserve_faces(qm_builder *builder, uint64_t count)
     if (count > builder->limits->max_faces - builder->face_count)
         return qm_codec_fail(builder->report, QM_E_TOO_LARGE, "the file has more than %zu faces",
                              builder->limits->max_faces);
-    return reserve_faces(builder, builder->face_count + (size_t)count);
+    void *block = builder->faces;
+    if (!qm_codec_reserve(builder->ctx, &block, &builder->face_capacity, builder->face_count + (size_t)count,
+                          4 * sizeof *builder->faces))
+        return QM_E_NO_MEMORY;
+    builder->faces = block;
+    return QM_OK;
 }
 
 qm_status qm_builder_add_grid(qm_builder *builder, qm_mesh_grid grid)
@@ -153,30 +144,27 @@ static qm_status reserve_for_face(qm_builder *builder, size_t triangle_count)
     return wants_origins && needed > builder->origin_capacity ? reserve_origins(builder) : QM_OK;
 }
 
-static qm_status end_polygon(qm_builder *builder)
-{
-    const uint32_t *corners = builder->corners;
-    qm_status status = reserve_for_face(builder, builder->corner_count - 2);
-    if (status != QM_OK) return status;
-    bool repeats = false;
-    for (size_t i = 2; i < builder->corner_count; ++i) {
-        const uint32_t part[4] = {corners[0], corners[i - 1], corners[i], QM_NO_INDEX};
-        repeats |= qm_face_repeats_corner(part);
-        qm_builder_store_face(builder, part);
-    }
-    builder->repeated_count += repeats;
-    ++builder->polygon_count;
-    ++builder->input_face_count;
-    builder->corner_count = 0;
-    return QM_OK;
-}
-
 qm_status qm_builder_end_face(qm_builder *builder)
 {
     if (builder->corner_count < 3)
         return qm_codec_fail(builder->report, QM_E_FORMAT, "a face has %zu corners, but it needs three",
                              builder->corner_count);
-    if (builder->corner_count > 4) return end_polygon(builder);
+    if (builder->corner_count > 4) {
+        const uint32_t *corners = builder->corners;
+        qm_status status = reserve_for_face(builder, builder->corner_count - 2);
+        if (status != QM_OK) return status;
+        bool repeats = false;
+        for (size_t i = 2; i < builder->corner_count; ++i) {
+            const uint32_t part[4] = {corners[0], corners[i - 1], corners[i], QM_NO_INDEX};
+            repeats |= qm_face_repeats_corner(part);
+            qm_builder_store_face(builder, part);
+        }
+        builder->repeated_count += repeats;
+        ++builder->polygon_count;
+        ++builder->input_face_count;
+        builder->corner_count = 0;
+        return QM_OK;
+    }
     const uint32_t *corners = builder->corners;
     const uint32_t face[4] = {corners[0], corners[1], corners[2],
                               builder->corner_count == 4 ? corners[3] : QM_NO_INDEX};
@@ -228,32 +216,6 @@ static bool trim(qm_context *ctx, void **block, size_t *capacity, size_t count, 
     return true;
 }
 
-static qm_status trim_arrays(qm_builder *builder)
-{
-    void *positions = builder->positions, *faces = builder->faces, *origins = builder->face_origin;
-    bool trimmed = trim(builder->ctx, &positions, &builder->vertex_capacity, builder->vertex_count,
-                        3 * sizeof *builder->positions);
-    builder->positions = positions;
-    trimmed = trimmed && trim(builder->ctx, &faces, &builder->face_capacity, builder->face_count,
-                              4 * sizeof *builder->faces);
-    builder->faces = faces;
-    if (trimmed && origins)
-        trimmed = trim(builder->ctx, &origins, &builder->origin_capacity, builder->face_count,
-                       sizeof *builder->face_origin);
-    builder->face_origin = origins;
-    void *normals = builder->normals;
-    if (trimmed && normals)
-        trimmed = trim(builder->ctx, &normals, &builder->normal_capacity, builder->vertex_count,
-                       3 * sizeof *builder->normals);
-    builder->normals = normals;
-    void *grids = builder->grids;
-    if (trimmed && grids)
-        trimmed =
-            trim(builder->ctx, &grids, &builder->grid_capacity, builder->grid_count, sizeof *builder->grids);
-    builder->grids = grids;
-    return trimmed ? QM_OK : QM_E_NO_MEMORY;
-}
-
 static qm_mesh mesh_of(const qm_builder *builder)
 {
     return (qm_mesh){.positions = builder->positions,
@@ -287,8 +249,28 @@ qm_status qm_builder_finish(qm_builder *builder, qm_mesh *out)
     qm_mesh mesh = mesh_of(builder);
     qm_status status = qm_mesh_validate(builder->ctx, &mesh);
     if (status != QM_OK) return qm_codec_fail(builder->report, status, "%s", builder->ctx->message);
-    status = trim_arrays(builder);
-    if (status != QM_OK) return status;
+    void *positions = builder->positions, *faces = builder->faces, *origins = builder->face_origin;
+    bool trimmed = trim(builder->ctx, &positions, &builder->vertex_capacity, builder->vertex_count,
+                        3 * sizeof *builder->positions);
+    builder->positions = positions;
+    trimmed = trimmed && trim(builder->ctx, &faces, &builder->face_capacity, builder->face_count,
+                              4 * sizeof *builder->faces);
+    builder->faces = faces;
+    if (trimmed && origins)
+        trimmed = trim(builder->ctx, &origins, &builder->origin_capacity, builder->face_count,
+                       sizeof *builder->face_origin);
+    builder->face_origin = origins;
+    void *normals = builder->normals;
+    if (trimmed && normals)
+        trimmed = trim(builder->ctx, &normals, &builder->normal_capacity, builder->vertex_count,
+                       3 * sizeof *builder->normals);
+    builder->normals = normals;
+    void *grids = builder->grids;
+    if (trimmed && grids)
+        trimmed =
+            trim(builder->ctx, &grids, &builder->grid_capacity, builder->grid_count, sizeof *builder->grids);
+    builder->grids = grids;
+    if (!trimmed) return QM_E_NO_MEMORY;
     *out = mesh_of(builder);
     builder->positions = NULL;
     builder->normals = NULL;

@@ -160,14 +160,6 @@ static int compare_sides(const void *left, const void *right)
     return a->half_edge < b->half_edge ? -1 : 1;
 }
 
-static void list_sides(const joining *join, edge_side *sides)
-{
-    for (uint32_t h = 0; h < 3 * join->facts.triangle_count; ++h) {
-        uint32_t start = start_of(join, h), end = end_of(join, h);
-        sides[h] = (edge_side){start < end ? start : end, start < end ? end : start, h};
-    }
-}
-
 /**
  * Pairs the two sides of each added edge, of which one or both carry the mark. Where an edge has not exactly
  * two sides in opposite directions the marks mean nothing; returns how many do.
@@ -175,7 +167,10 @@ static void list_sides(const joining *join, edge_side *sides)
 static size_t pair_sides(joining *join, edge_side *sides)
 {
     size_t count = 3 * join->facts.triangle_count, meaningless = 0;
-    list_sides(join, sides);
+    for (uint32_t h = 0; h < 3 * join->facts.triangle_count; ++h) {
+        uint32_t start = start_of(join, h), end = end_of(join, h);
+        sides[h] = (edge_side){start < end ? start : end, start < end ? end : start, h};
+    }
     qsort(sides, count, sizeof *sides, compare_sides);
     for (size_t i = 0, next; i < count; i = next) {
         size_t marks = 0;
@@ -351,15 +346,6 @@ static bool prepare_arrays(void *user, const qm_draco_facts *facts, qm_draco_arr
     return true;
 }
 
-static void free_arrays(drc_reader *reader)
-{
-    qm_context *ctx = reader->builder->ctx;
-    size_t corner_count = 3 * reader->facts.triangle_count;
-    qm_context_free(ctx, reader->arrays.positions, reader->facts.vertex_count, 3 * sizeof(double));
-    qm_context_free(ctx, reader->arrays.triangles, corner_count, sizeof(uint32_t));
-    qm_context_free(ctx, reader->arrays.added, corner_count, 1);
-}
-
 static qm_status explain_outcome(const drc_reader *reader, qm_draco_outcome outcome)
 {
     qm_codec_report *report = reader->builder->report;
@@ -462,7 +448,11 @@ qm_status qm_codec_decode_drc(qm_builder *builder, const uint8_t *bytes, size_t 
 {
     drc_reader reader = {.builder = builder};
     qm_status status = read_file(&reader, bytes, size);
-    free_arrays(&reader);
+    qm_context *ctx = reader.builder->ctx;
+    size_t corner_count = 3 * reader.facts.triangle_count;
+    qm_context_free(ctx, reader.arrays.positions, reader.facts.vertex_count, 3 * sizeof(double));
+    qm_context_free(ctx, reader.arrays.triangles, corner_count, sizeof(uint32_t));
+    qm_context_free(ctx, reader.arrays.added, corner_count, 1);
     return status;
 }
 
@@ -487,42 +477,6 @@ static bool make_arrays(const qm_encoder *encoder, encoder_arrays *arrays)
     bool is_cut = encoder->triangles > encoder->input_faces;
     if (is_cut) arrays->added = qm_context_alloc(encoder->ctx, corners, 1);
     return arrays->positions && (arrays->triangles || corners == 0) && (arrays->added || !is_cut);
-}
-
-static void free_encoder_arrays(const qm_encoder *encoder, const encoder_arrays *arrays)
-{
-    size_t corners = corner_count(encoder);
-    qm_context_free(encoder->ctx, arrays->positions, encoder->mesh->vertex_count, 3 * sizeof(float));
-    qm_context_free(encoder->ctx, arrays->triangles, corners, sizeof(uint32_t));
-    qm_context_free(encoder->ctx, arrays->added, corners, 1);
-}
-
-/** Adds the fan of a face. Of its triangle (c0, ci, ci+1) the sides at c0 are cuts, but for the first and the
- * last. */
-static void fill_face(const qm_mesh *mesh, uint32_t first, uint32_t end, const encoder_arrays *arrays,
-                      size_t *filled)
-{
-    size_t corners = qm_encoder_corner_count(mesh, first, end);
-    for (size_t i = 1; i + 1 < corners; i++, *filled += 3) {
-        arrays->triangles[*filled] = qm_encoder_corner(mesh, first, 0);
-        arrays->triangles[*filled + 1] = qm_encoder_corner(mesh, first, i);
-        arrays->triangles[*filled + 2] = qm_encoder_corner(mesh, first, i + 1);
-        if (!arrays->added) continue;
-        arrays->added[*filled] = 0;
-        arrays->added[*filled + 1] = i + 2 < corners;
-        arrays->added[*filled + 2] = i > 1;
-    }
-}
-
-static void fill_arrays(const qm_mesh *mesh, const encoder_arrays *arrays)
-{
-    size_t filled = 0;
-    for (size_t i = 0; i < 3 * mesh->vertex_count; i++)
-        arrays->positions[i] = (float)mesh->positions[i];
-    for (uint32_t face = 0, end; face < mesh->face_count; face = end) {
-        end = qm_encoder_face_end(mesh, face);
-        fill_face(mesh, face, end, arrays, &filled);
-    }
 }
 
 static bool take_file(void *user, const char *bytes, size_t size)
@@ -561,10 +515,29 @@ static qm_status prepare_drc(qm_encoder *encoder)
     encoder_arrays arrays = {0};
     status = QM_E_NO_MEMORY;
     if (make_arrays(encoder, &arrays)) {
-        fill_arrays(encoder->mesh, &arrays);
+        size_t filled = 0;
+        for (size_t i = 0; i < 3 * encoder->mesh->vertex_count; i++)
+            arrays.positions[i] = (float)encoder->mesh->positions[i];
+        for (uint32_t face = 0, end; face < encoder->mesh->face_count; face = end) {
+            end = qm_encoder_face_end(encoder->mesh, face);
+            /* Of a triangle (c0, ci, ci+1) of a fan the sides at c0 are cuts, but for the first and the last. */
+            size_t corners = qm_encoder_corner_count(encoder->mesh, face, end);
+            for (size_t i = 1; i + 1 < corners; i++, filled += 3) {
+                arrays.triangles[filled] = qm_encoder_corner(encoder->mesh, face, 0);
+                arrays.triangles[filled + 1] = qm_encoder_corner(encoder->mesh, face, i);
+                arrays.triangles[filled + 2] = qm_encoder_corner(encoder->mesh, face, i + 1);
+                if (!arrays.added) continue;
+                arrays.added[filled] = 0;
+                arrays.added[filled + 1] = i + 2 < corners;
+                arrays.added[filled + 2] = i > 1;
+            }
+        }
         status = run_library(encoder, &arrays);
     }
-    free_encoder_arrays(encoder, &arrays);
+    size_t corners = corner_count(encoder);
+    qm_context_free(encoder->ctx, arrays.positions, encoder->mesh->vertex_count, 3 * sizeof(float));
+    qm_context_free(encoder->ctx, arrays.triangles, corners, sizeof(uint32_t));
+    qm_context_free(encoder->ctx, arrays.added, corners, 1);
     if (status == QM_E_NO_MEMORY) qm_context_fail(encoder->ctx, status, "out of memory for the file");
     return status;
 }

@@ -211,23 +211,6 @@ static qm_status read_accessors(json_reader *reader)
     return status;
 }
 
-static qm_status read_primitive(json_reader *reader, const cJSON *item, gltf_primitive *primitive)
-{
-    size_t accessor_count = reader->gltf->accessor_count;
-    uint64_t mode = 4;
-    if (!cJSON_IsObject(item)) return fail_json(reader, "an entry of `primitives` must be an object");
-    qm_status status =
-        read_json_index(reader, find(item, "attributes"), "POSITION", accessor_count, &primitive->positions);
-    if (status == QM_OK)
-        status = read_json_index(reader, item, "indices", accessor_count, &primitive->indices);
-    if (status == QM_OK) status = read_integer(reader, item, "mode", &mode);
-    if (status == QM_OK && mode > 6) return fail_json(reader, "`mode` of a primitive must not exceed 6");
-    primitive->mode = (int)mode;
-    primitive->is_draco = find(find(item, "extensions"), "KHR_draco_mesh_compression") != NULL;
-    if (find(item, "targets")) reader->gltf->has_poses = true;
-    return status;
-}
-
 static qm_status read_primitives(json_reader *reader, const cJSON *list)
 {
     gltf_scene *gltf = reader->gltf;
@@ -235,7 +218,18 @@ static qm_status read_primitives(json_reader *reader, const cJSON *list)
     for (const cJSON *item = list ? list->child : NULL; item; item = item->next) {
         void *block = gltf->primitives;
         gltf_primitive primitive;
-        qm_status status = read_primitive(reader, item, &primitive);
+        const size_t accessor_count = gltf->accessor_count;
+        uint64_t mode = 4;
+        if (!cJSON_IsObject(item)) return fail_json(reader, "an entry of `primitives` must be an object");
+        qm_status status = read_json_index(reader, find(item, "attributes"), "POSITION", accessor_count,
+                                           &primitive.positions);
+        if (status == QM_OK)
+            status = read_json_index(reader, item, "indices", accessor_count, &primitive.indices);
+        if (status == QM_OK) status = read_integer(reader, item, "mode", &mode);
+        if (status == QM_OK && mode > 6) return fail_json(reader, "`mode` of a primitive must not exceed 6");
+        primitive.mode = (int)mode;
+        primitive.is_draco = find(find(item, "extensions"), "KHR_draco_mesh_compression") != NULL;
+        if (find(item, "targets")) gltf->has_poses = true;
         if (status != QM_OK) return status;
         if (!qm_codec_reserve(reader->builder->ctx, &block, &gltf->primitive_capacity,
                               gltf->primitive_count + 1, sizeof primitive))
@@ -277,19 +271,6 @@ static qm_status read_numbers(json_reader *reader, const cJSON *object, const ch
     return QM_OK;
 }
 
-/** Translation * rotation * scale, column-major. */
-static void compose(const double t[3], const double q[4], const double s[3], double matrix[16])
-{
-    double x = q[0], y = q[1], z = q[2], w = q[3];
-    const double columns[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)},
-                                  {2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)},
-                                  {2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)}};
-    for (int column = 0; column < 3; ++column)
-        for (int row = 0; row < 3; ++row)
-            matrix[4 * column + row] = columns[column][row] * s[column];
-    memcpy(matrix + 12, t, 3 * sizeof *t);
-}
-
 static qm_status read_transform(json_reader *reader, const cJSON *item, double matrix[16])
 {
     static const double identity[16] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1};
@@ -305,7 +286,15 @@ static qm_status read_transform(json_reader *reader, const cJSON *item, double m
         return fail_json(reader, "`rotation` of a node must be a quaternion");
     for (int i = 0; i < 4; ++i)
         q[i] /= length;
-    compose(t, q, s, matrix);
+    /* Translation * rotation * scale, column-major. */
+    double x = q[0], y = q[1], z = q[2], w = q[3];
+    const double columns[3][3] = {{1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w)},
+                                  {2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w)},
+                                  {2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y)}};
+    for (int column = 0; column < 3; ++column)
+        for (int row = 0; row < 3; ++row)
+            matrix[4 * column + row] = columns[column][row] * s[column];
+    memcpy(matrix + 12, t, 3 * sizeof *t);
     return QM_OK;
 }
 
@@ -394,18 +383,6 @@ static qm_status check_extensions(json_reader *reader)
     return QM_OK;
 }
 
-static qm_status read_tree(json_reader *reader)
-{
-    qm_status status = check_extensions(reader);
-    if (status == QM_OK) status = read_buffers(reader);
-    if (status == QM_OK) status = read_views(reader);
-    if (status == QM_OK) status = read_accessors(reader);
-    if (status == QM_OK) status = read_meshes(reader);
-    if (status == QM_OK) status = read_nodes(reader);
-    if (status == QM_OK) status = read_roots(reader);
-    return status;
-}
-
 /** Parses the JSON part, for gltf_free in any case. QM_E_FORMAT, QM_E_UNSUPPORTED, QM_E_TOO_LARGE, QM_E_NO_MEMORY. For
  * invalid JSON it adds the location of the error to report->offset, which is that of the part. */
 static qm_status gltf_parse(qm_builder *builder, const uint8_t *json, size_t size, gltf_scene *gltf)
@@ -424,7 +401,13 @@ static qm_status gltf_parse(qm_builder *builder, const uint8_t *json, size_t siz
         cJSON_Delete(root);
         return fail_json(&reader, "the JSON part is invalid");
     }
-    qm_status status = read_tree(&reader);
+    qm_status status = check_extensions(&reader);
+    if (status == QM_OK) status = read_buffers(&reader);
+    if (status == QM_OK) status = read_views(&reader);
+    if (status == QM_OK) status = read_accessors(&reader);
+    if (status == QM_OK) status = read_meshes(&reader);
+    if (status == QM_OK) status = read_nodes(&reader);
+    if (status == QM_OK) status = read_roots(&reader);
     cJSON_Delete(root);
     return status;
 }
@@ -464,13 +447,6 @@ static qm_status fail_file(glb_reader *reader, qm_status status, const char *det
 
 /* Chunks */
 
-static void warn_about_rest(glb_reader *reader, size_t size, size_t announced)
-{
-    if (announced < size)
-        qm_codec_warn(reader->report, "bytes after the specified end of the file: %zu (ignored)",
-                      size - announced);
-}
-
 /** Finds the two parts; report->offset follows. */
 static qm_status find_chunks(glb_reader *reader, const uint8_t *bytes, size_t size)
 {
@@ -486,7 +462,9 @@ static qm_status find_chunks(glb_reader *reader, const uint8_t *bytes, size_t si
     if (announced > size)
         return qm_codec_fail(reader->report, QM_E_FORMAT,
                              "the header specifies %zu bytes, but the file has %zu", announced, size);
-    warn_about_rest(reader, size, announced);
+    if (announced < size)
+        qm_codec_warn(reader->report, "bytes after the specified end of the file: %zu (ignored)",
+                      size - announced);
     for (*at = HEADER_SIZE; *at < announced;) {
         size_t left = announced - *at;
         if (left < CHUNK_HEADER_SIZE) return fail_file(reader, QM_E_FORMAT, "the file ends within a chunk");
@@ -643,18 +621,6 @@ static qm_status read_index(glb_reader *reader, const index_list *list, size_t i
     return QM_OK;
 }
 
-/** The positions in the index list of the corners of triangle i, in the order of the mode. */
-static void list_triangle(int mode, size_t i, size_t places[3])
-{
-    size_t odd = i & 1;
-    if (mode == TRIANGLES)
-        memcpy(places, (const size_t[3]){3 * i, 3 * i + 1, 3 * i + 2}, 3 * sizeof *places);
-    else if (mode == TRIANGLE_STRIP)
-        memcpy(places, (const size_t[3]){i, i + 1 + odd, i + 2 - odd}, 3 * sizeof *places);
-    else
-        memcpy(places, (const size_t[3]){0, i + 1, i + 2}, 3 * sizeof *places);
-}
-
 static double determinant(const double m[16])
 {
     return m[0] * (m[5] * m[10] - m[6] * m[9]) - m[4] * (m[1] * m[10] - m[2] * m[9]) +
@@ -674,7 +640,14 @@ static qm_status add_faces(glb_reader *reader, const index_list *list, int mode,
     for (size_t i = 0; status == QM_OK && i < triangle_count; ++i) {
         size_t places[3];
         uint32_t corners[3];
-        list_triangle(mode, i, places);
+        /* The positions in the index list of the corners of triangle i, in the order of the mode. */
+        size_t odd = i & 1;
+        if (mode == TRIANGLES)
+            memcpy(places, (const size_t[3]){3 * i, 3 * i + 1, 3 * i + 2}, 3 * sizeof *places);
+        else if (mode == TRIANGLE_STRIP)
+            memcpy(places, (const size_t[3]){i, i + 1 + odd, i + 2 - odd}, 3 * sizeof *places);
+        else
+            memcpy(places, (const size_t[3]){0, i + 1, i + 2}, 3 * sizeof *places);
         for (int k = 0; status == QM_OK && k < 3; ++k)
             status = read_index(reader, list, places[k], &corners[k]);
         if (status == QM_OK)
@@ -753,13 +726,6 @@ static qm_status walk_nodes(glb_reader *reader, size_t *stack)
     return QM_OK;
 }
 
-static void warn_about_scene(glb_reader *reader)
-{
-    if (reader->line_count > 0)
-        qm_codec_warn(reader->report, "primitives of lines: %zu (ignored)", reader->line_count);
-    if (reader->gltf.has_poses) qm_codec_warn(reader->report, "skins and morph targets were not applied");
-}
-
 static qm_status read_scene(glb_reader *reader)
 {
     gltf_scene *gltf = &reader->gltf;
@@ -775,7 +741,11 @@ static qm_status read_scene(glb_reader *reader)
         memset(reader->base_owners, 0, gltf->accessor_count * sizeof *reader->base_owners);
         status = walk_nodes(reader, stack);
     }
-    if (status == QM_OK) warn_about_scene(reader);
+    if (status == QM_OK) {
+        if (reader->line_count > 0)
+            qm_codec_warn(reader->report, "primitives of lines: %zu (ignored)", reader->line_count);
+        if (reader->gltf.has_poses) qm_codec_warn(reader->report, "skins and morph targets were not applied");
+    }
     qm_context_free(ctx, stack, gltf->node_count, sizeof *stack);
     qm_context_free(ctx, reader->base_owners, gltf->accessor_count, sizeof *reader->base_owners);
     qm_context_free(ctx, reader->vertex_bases, gltf->accessor_count, sizeof *reader->vertex_bases);
@@ -827,20 +797,6 @@ static void open_accessor(qm_text *json, int view, int type, uint64_t count, con
     qm_json_add_string(json, "type", shape);
 }
 
-/** The bounding box of the vertices in single precision. */
-static void add_bounds(const qm_encoder *encoder, qm_text *json)
-{
-    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
-    const double *p = encoder->mesh->positions;
-    for (size_t i = 0; i < 3 * encoder->mesh->vertex_count; i++) {
-        double value = (double)(float)p[i];
-        low[i % 3] = fmin(low[i % 3], value);
-        high[i % 3] = fmax(high[i % 3], value);
-    }
-    qm_json_add_numbers(json, "min", low, 3);
-    qm_json_add_numbers(json, "max", high, 3);
-}
-
 /** The JSON part, padded with blanks to a multiple of four bytes. */
 static void write_glb_json(const qm_encoder *encoder, qm_text *json)
 {
@@ -857,7 +813,16 @@ static void write_glb_json(const qm_encoder *encoder, qm_text *json)
     if (has_faces) add_view(json, positions, indices, ELEMENT_BUFFER);
     qm_text_add_string(json, "],\"accessors\":[");
     open_accessor(json, 0, TYPE_FLOAT, encoder->mesh->vertex_count, "VEC3");
-    add_bounds(encoder, json);
+    /* The bounding box of the vertices in single precision. */
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    const double *p = encoder->mesh->positions;
+    for (size_t i = 0; i < 3 * encoder->mesh->vertex_count; i++) {
+        double value = (double)(float)p[i];
+        low[i % 3] = fmin(low[i % 3], value);
+        high[i % 3] = fmax(high[i % 3], value);
+    }
+    qm_json_add_numbers(json, "min", low, 3);
+    qm_json_add_numbers(json, "max", high, 3);
     qm_text_add_string(json, "}");
     if (has_faces) {
         open_accessor(json, 1, TYPE_UINT32, indices / 4, "SCALAR");

@@ -14,14 +14,6 @@ typedef struct obj_reader {
     size_t skipped_count; /* statements of unsupported geometry, or unknown ones */
 } obj_reader;
 
-static qm_status read_vertex(obj_reader *reader)
-{
-    double position[3];
-    qm_status status = qm_scan_read_position(&reader->text, position);
-    if (status == QM_OK) status = qm_builder_add_vertex(reader->builder, position);
-    return status;
-}
-
 static qm_status fail_corner(obj_reader *reader)
 {
     return qm_codec_fail(reader->text.report, QM_E_FORMAT,
@@ -115,13 +107,6 @@ static bool read_plain_corners(obj_reader *reader, uint32_t corners[4])
     return true;
 }
 
-static qm_status read_face(obj_reader *reader)
-{
-    uint32_t corners[4];
-    return read_plain_corners(reader, corners) ? qm_builder_add_face(reader->builder, corners)
-                                               : read_any_face(reader);
-}
-
 /** Statements about appearance and names, and attributes of vertices. */
 static bool is_known_statement(const uint8_t *word, size_t size)
 {
@@ -141,8 +126,17 @@ static qm_status read_statement(obj_reader *reader)
     } else if (!qm_scan_read_word(&reader->text, &word, &size)) {
         return QM_OK;
     }
-    if (size == 1 && *word == 'v') return read_vertex(reader);
-    if (size == 1 && *word == 'f') return read_face(reader);
+    if (size == 1 && *word == 'v') {
+        double position[3];
+        qm_status status = qm_scan_read_position(&reader->text, position);
+        if (status == QM_OK) status = qm_builder_add_vertex(reader->builder, position);
+        return status;
+    }
+    if (size == 1 && *word == 'f') {
+        uint32_t corners[4];
+        return read_plain_corners(reader, corners) ? qm_builder_add_face(reader->builder, corners)
+                                                   : read_any_face(reader);
+    }
     if (!is_known_statement(word, size)) ++reader->skipped_count;
     return QM_OK;
 }
@@ -185,19 +179,14 @@ static void take_block(void *user, size_t index)
     whole->skipped_count += part->skipped_count;
 }
 
-static qm_status read_blocks(obj_reader *reader)
+static qm_status read_file(obj_reader *reader)
 {
+    const qm_scan *text = &reader->text;
     obj_blocks blocks;
     blocks.whole = reader;
     const qm_block_reader of_words = {
         .rows = QM_BLOCK_WORDS, .read = read_block, .take = take_block, .user = &blocks};
-    return qm_blocks_read(reader->builder, &reader->text, &of_words);
-}
-
-static qm_status read_file(obj_reader *reader)
-{
-    const qm_scan *text = &reader->text;
-    qm_status status = read_blocks(reader);
+    qm_status status = qm_blocks_read(reader->builder, &reader->text, &of_words);
     if (status == QM_OK) status = read_statements(reader);
     if (status != QM_OK) return status;
     if (reader->max_index > reader->builder->vertex_count) {

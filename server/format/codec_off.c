@@ -110,19 +110,15 @@ static qm_status read_any_face(qm_builder *builder, qm_scan *text)
     return qm_builder_end_face(builder);
 }
 
-static qm_status read_face(qm_builder *builder, qm_scan *text)
-{
-    uint32_t corners[4];
-    return qm_scan_plain_face(text, builder->vertex_count, corners) ? qm_builder_add_face(builder, corners)
-                                                                    : read_any_face(builder, text);
-}
-
 static qm_status read_faces(qm_builder *builder, qm_scan *text, size_t done, size_t count)
 {
     for (size_t i = done; i < count; ++i) {
         if (!qm_scan_find_row(text))
             return qm_codec_fail(text->report, QM_E_FORMAT, "the file ends after %zu of %zu faces", i, count);
-        qm_status status = read_face(builder, text);
+        uint32_t corners[4];
+        qm_status status = qm_scan_plain_face(text, builder->vertex_count, corners)
+                               ? qm_builder_add_face(builder, corners)
+                               : read_any_face(builder, text);
         if (status != QM_OK) return status;
         qm_scan_skip_line(text);
     }
@@ -143,28 +139,25 @@ static qm_status read_face_block(void *user, size_t index, size_t line_count, qm
     return read_faces(builder, text, 0, line_count);
 }
 
-static qm_status read_rows(qm_builder *builder, qm_scan *text, size_t vertex_count, size_t face_count)
-{
-    const qm_block_reader vertices = {
-        .rows = QM_BLOCK_VERTICES, .max_lines = vertex_count, .read = read_vertex_block};
-    const qm_block_reader faces = {.rows = QM_BLOCK_FACES, .max_lines = face_count, .read = read_face_block};
-    qm_status status = qm_blocks_read(builder, text, &vertices);
-    if (status == QM_OK) status = read_vertices(builder, text, builder->vertex_count, vertex_count);
-    if (status == QM_OK) status = qm_blocks_read(builder, text, &faces);
-    if (status == QM_OK) status = read_faces(builder, text, builder->input_face_count, face_count);
-    if (status == QM_OK && qm_scan_find_row(text))
-        qm_codec_warn(text->report,
-                      "line %zu and the following ones come after the last face and were ignored",
-                      text->line);
-    return status;
-}
-
 static qm_status read_file(qm_builder *builder, qm_scan *text)
 {
     size_t vertex_count = 0, face_count = 0;
     qm_status status = read_keyword(text);
     if (status == QM_OK) status = read_counts(builder, text, &vertex_count, &face_count);
-    if (status == QM_OK) status = read_rows(builder, text, vertex_count, face_count);
+    if (status == QM_OK) {
+        const qm_block_reader vertices = {
+            .rows = QM_BLOCK_VERTICES, .max_lines = vertex_count, .read = read_vertex_block};
+        const qm_block_reader faces = {
+            .rows = QM_BLOCK_FACES, .max_lines = face_count, .read = read_face_block};
+        status = qm_blocks_read(builder, text, &vertices);
+        if (status == QM_OK) status = read_vertices(builder, text, builder->vertex_count, vertex_count);
+        if (status == QM_OK) status = qm_blocks_read(builder, text, &faces);
+        if (status == QM_OK) status = read_faces(builder, text, builder->input_face_count, face_count);
+        if (status == QM_OK && qm_scan_find_row(text))
+            qm_codec_warn(text->report,
+                          "line %zu and the following ones come after the last face and were ignored",
+                          text->line);
+    }
     return status;
 }
 

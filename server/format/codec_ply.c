@@ -169,23 +169,6 @@ static int find_role(const ply_element *element, bool is_list, const uint8_t *wo
     return element->kind == PLY_FACES && is_list && is_corners ? PLY_CORNERS : PLY_OTHER;
 }
 
-static qm_status add_property(ply_reader *reader, ply_element *element, ply_property property)
-{
-    for (size_t i = 0; property.role != PLY_OTHER && i < element->property_count; ++i)
-        if (reader->properties[element->first_property + i].role == property.role)
-            return ply_fail(reader, "the header describes a coordinate, a normal or the corners twice");
-    if (property.role == PLY_CORNERS && ply_is_float(property.type))
-        return ply_fail(reader, "the corners of faces must be integers");
-    void *block = reader->properties;
-    if (!qm_codec_reserve(reader->builder->ctx, &block, &reader->property_capacity,
-                          reader->property_count + 1, sizeof property))
-        return QM_E_NO_MEMORY;
-    reader->properties = block;
-    reader->properties[reader->property_count++] = property;
-    ++element->property_count;
-    return QM_OK;
-}
-
 static qm_status read_property(ply_reader *reader)
 {
     if (reader->element_count == 0) return ply_fail(reader, "a property comes before the first element");
@@ -206,7 +189,19 @@ static qm_status read_property(ply_reader *reader)
     if (status != QM_OK) return status;
     if (!qm_scan_read_word(&reader->text, &word, &size)) return ply_fail(reader, "a property has no name");
     property.role = find_role(element, is_list, word, size);
-    return add_property(reader, element, property);
+    for (size_t i = 0; property.role != PLY_OTHER && i < element->property_count; ++i)
+        if (reader->properties[element->first_property + i].role == property.role)
+            return ply_fail(reader, "the header describes a coordinate, a normal or the corners twice");
+    if (property.role == PLY_CORNERS && ply_is_float(property.type))
+        return ply_fail(reader, "the corners of faces must be integers");
+    void *block = reader->properties;
+    if (!qm_codec_reserve(reader->builder->ctx, &block, &reader->property_capacity,
+                          reader->property_count + 1, sizeof property))
+        return QM_E_NO_MEMORY;
+    reader->properties = block;
+    reader->properties[reader->property_count++] = property;
+    ++element->property_count;
+    return QM_OK;
 }
 
 /** A comment "grid ROWS COLUMNS" says that faces form a grid; other comments are ignored. */
@@ -251,8 +246,17 @@ static qm_status read_header_lines(ply_reader *reader)
     }
 }
 
-static qm_status check_elements(ply_reader *reader)
+static qm_status ply_read_header(ply_reader *reader)
 {
+    const uint8_t *word;
+    size_t size;
+    if (!qm_scan_read_word(&reader->text, &word, &size) || !qm_scan_word_is(word, size, "ply"))
+        return ply_fail(reader, "the file does not start with the word ply");
+    qm_scan_skip_line(&reader->text);
+    qm_status status = read_header_lines(reader);
+    if (status != QM_OK) return status;
+    if (reader->encoding == PLY_NO_ENCODING) return ply_fail(reader, "the header has no format line");
+    qm_scan_skip_line(&reader->text);
     unsigned roles = 0;
     bool has_corners = false, has_faces = false;
     size_t other_count = 0;
@@ -276,45 +280,25 @@ static qm_status check_elements(ply_reader *reader)
     return QM_OK;
 }
 
-static qm_status ply_read_header(ply_reader *reader)
-{
-    const uint8_t *word;
-    size_t size;
-    if (!qm_scan_read_word(&reader->text, &word, &size) || !qm_scan_word_is(word, size, "ply"))
-        return ply_fail(reader, "the file does not start with the word ply");
-    qm_scan_skip_line(&reader->text);
-    qm_status status = read_header_lines(reader);
-    if (status != QM_OK) return status;
-    if (reader->encoding == PLY_NO_ENCODING) return ply_fail(reader, "the header has no format line");
-    qm_scan_skip_line(&reader->text);
-    return check_elements(reader);
-}
-
 /* ---- rows ---- */
-
-/** The min size of a row: lists are empty, except for the corners of a triangle. */
-static size_t smallest_row(const ply_reader *reader, const ply_element *element)
-{
-    size_t size = 0;
-    for (size_t i = 0; i < element->property_count; ++i) {
-        const ply_property *property = &reader->properties[element->first_property + i];
-        bool is_list = property->count_type != PLY_NO_SCALAR;
-        size_t values = property->role == PLY_CORNERS ? 3 : !is_list;
-        if (reader->encoding == PLY_ASCII)
-            size += 2 * (values + is_list);
-        else
-            size += (is_list ? ply_scalars[property->count_type].size : 0) +
-                    values * ply_scalars[property->type].size;
-    }
-    return size;
-}
 
 /** Checks the count of the header against the remaining bytes, and reserves arrays. */
 static qm_status start_element(ply_reader *reader, const ply_element *element)
 {
     uint64_t left = (uint64_t)(reader->text.end - reader->text.at);
     if (reader->encoding == PLY_ASCII) ++left; /* the last line end is optional */
-    size_t row = smallest_row(reader, element);
+    /* The min size of a row: lists are empty, except for the corners of a triangle. */
+    size_t row = 0;
+    for (size_t i = 0; i < element->property_count; ++i) {
+        const ply_property *property = &reader->properties[element->first_property + i];
+        bool is_list = property->count_type != PLY_NO_SCALAR;
+        size_t values = property->role == PLY_CORNERS ? 3 : !is_list;
+        if (reader->encoding == PLY_ASCII)
+            row += 2 * (values + is_list);
+        else
+            row += (is_list ? ply_scalars[property->count_type].size : 0) +
+                   values * ply_scalars[property->type].size;
+    }
     if (row > 0 && element->count > left / row)
         return qm_codec_fail(reader->report, QM_E_FORMAT,
                              "the header specifies %llu rows of an element, but the file has room for %llu",
@@ -695,19 +679,6 @@ static qm_status ply_read_binary_rows(ply_reader *reader, const ply_element *ele
 
 /* ---- the file ---- */
 
-static void warn_about_rest(ply_reader *reader)
-{
-    if (reader->encoding == PLY_ASCII) {
-        if (qm_scan_find_row(&reader->text))
-            qm_codec_warn(reader->report,
-                          "line %zu and the following ones come after the last row and were ignored",
-                          reader->text.line);
-    } else if (reader->text.at < reader->text.end) {
-        qm_codec_warn(reader->report, "bytes after the last row: %zu (ignored)",
-                      (size_t)(reader->text.end - reader->text.at));
-    }
-}
-
 static qm_status read_rows(ply_reader *reader)
 {
     for (size_t i = 0; i < reader->element_count; ++i) {
@@ -718,7 +689,15 @@ static qm_status read_rows(ply_reader *reader)
                                                    : ply_read_binary_rows(reader, element);
         if (status != QM_OK) return status;
     }
-    warn_about_rest(reader);
+    if (reader->encoding == PLY_ASCII) {
+        if (qm_scan_find_row(&reader->text))
+            qm_codec_warn(reader->report,
+                          "line %zu and the following ones come after the last row and were ignored",
+                          reader->text.line);
+    } else if (reader->text.at < reader->text.end) {
+        qm_codec_warn(reader->report, "bytes after the last row: %zu (ignored)",
+                      (size_t)(reader->text.end - reader->text.at));
+    }
     return QM_OK;
 }
 

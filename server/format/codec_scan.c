@@ -10,12 +10,6 @@
 
 #include "codec_builder.h"
 
-static void skip_byte_order_mark(qm_scan *text)
-{
-    static const uint8_t mark[3] = {0xef, 0xbb, 0xbf};
-    if (text->end - text->at >= 3 && memcmp(text->at, mark, sizeof mark) == 0) text->at += sizeof mark;
-}
-
 qm_status qm_scan_open(qm_scan *text, const uint8_t *bytes, size_t size, qm_codec_report *report)
 {
     *text = (qm_scan){.at = bytes, .end = bytes + size, .line = 1, .report = report};
@@ -28,7 +22,8 @@ qm_status qm_scan_open(qm_scan *text, const uint8_t *bytes, size_t size, qm_code
                 ++text->at;
         return qm_codec_fail(report, QM_E_FORMAT, "the text contains a NUL byte");
     }
-    skip_byte_order_mark(text);
+    static const uint8_t mark[3] = {0xef, 0xbb, 0xbf};
+    if (text->end - text->at >= 3 && memcmp(text->at, mark, sizeof mark) == 0) text->at += sizeof mark;
     return QM_OK;
 }
 

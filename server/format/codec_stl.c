@@ -60,24 +60,6 @@ static bool load_triangle(const uint8_t *at, double corners[3][3])
     return is_finite;
 }
 
-static qm_status read_binary_triangles(qm_welder *welder, const uint8_t *bytes, size_t count)
-{
-    qm_codec_report *report = welder->builder->report;
-    for (size_t i = 0; i < count; i += TRIANGLES_TOGETHER) {
-        const size_t most = count - i < TRIANGLES_TOGETHER ? count - i : TRIANGLES_TOGETHER;
-        double corners[3 * TRIANGLES_TOGETHER][3];
-        size_t good = 0, done;
-        while (good < most &&
-               load_triangle(bytes + report->offset + good * TRIANGLE_SIZE, &corners[3 * good]))
-            ++good;
-        qm_status status = add_triangles(welder, (const double(*)[3])corners, good, &done);
-        report->offset += done / 3 * TRIANGLE_SIZE;
-        if (status != QM_OK) return status;
-        if (good < most) return qm_codec_fail(report, QM_E_NOT_FINITE, "a coordinate is not a finite number");
-    }
-    return QM_OK;
-}
-
 static qm_status read_binary(qm_welder *welder, const uint8_t *bytes, size_t size)
 {
     qm_codec_report *report = welder->builder->report;
@@ -97,7 +79,19 @@ static qm_status read_binary(qm_welder *welder, const uint8_t *bytes, size_t siz
     qm_status status = qm_builder_reserve_faces(welder->builder, count);
     if (status != QM_OK) return status;
     report->offset = PREFIX_SIZE;
-    return read_binary_triangles(welder, bytes, count);
+    for (size_t i = 0; i < count; i += TRIANGLES_TOGETHER) {
+        const size_t most = count - i < TRIANGLES_TOGETHER ? count - i : TRIANGLES_TOGETHER;
+        double corners[3 * TRIANGLES_TOGETHER][3];
+        size_t good = 0, done;
+        while (good < most &&
+               load_triangle(bytes + report->offset + good * TRIANGLE_SIZE, &corners[3 * good]))
+            ++good;
+        status = add_triangles(welder, (const double(*)[3])corners, good, &done);
+        report->offset += done / 3 * TRIANGLE_SIZE;
+        if (status != QM_OK) return status;
+        if (good < most) return qm_codec_fail(report, QM_E_NOT_FINITE, "a coordinate is not a finite number");
+    }
+    return QM_OK;
 }
 
 /* Text */
@@ -153,15 +147,6 @@ static qm_status add_facets(stl_text *reader)
     return status;
 }
 
-static qm_status end_facet(stl_text *reader)
-{
-    if (!reader->in_facet) return fail_text(reader, "endfacet without a facet");
-    if (reader->corner_count < 3) return fail_text(reader, "a facet has fewer than three vertices");
-    reader->in_facet = false;
-    reader->lines[reader->facet_count++] = reader->text.line;
-    return reader->facet_count == TRIANGLES_TOGETHER ? add_facets(reader) : QM_OK;
-}
-
 /** A name may follow and fills the rest of the line. */
 static qm_status change_solid(stl_text *reader, bool begins)
 {
@@ -180,7 +165,13 @@ static qm_status read_statement(stl_text *reader)
     qm_scan_read_word(&reader->text, &word, &size);
     if (qm_scan_word_is(word, size, "vertex")) return read_corner(reader);
     if (qm_scan_word_is(word, size, "facet")) return begin_facet(reader);
-    if (qm_scan_word_is(word, size, "endfacet")) return end_facet(reader);
+    if (qm_scan_word_is(word, size, "endfacet")) {
+        if (!reader->in_facet) return fail_text(reader, "endfacet without a facet");
+        if (reader->corner_count < 3) return fail_text(reader, "a facet has fewer than three vertices");
+        reader->in_facet = false;
+        reader->lines[reader->facet_count++] = reader->text.line;
+        return reader->facet_count == TRIANGLES_TOGETHER ? add_facets(reader) : QM_OK;
+    }
     if (qm_scan_word_is(word, size, "solid")) return change_solid(reader, true);
     if (qm_scan_word_is(word, size, "endsolid")) return change_solid(reader, false);
     if (qm_scan_word_is(word, size, "outer") || qm_scan_word_is(word, size, "loop") ||

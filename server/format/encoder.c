@@ -16,18 +16,6 @@ static const qm_encoder_format *const formats[] = {
 #undef XX
 };
 
-static void count_faces(qm_encoder *encoder)
-{
-    const qm_mesh *mesh = encoder->mesh;
-    for (uint32_t face = 0, end; face < mesh->face_count; face = end) {
-        end = qm_encoder_face_end(mesh, face);
-        size_t corners = qm_encoder_corner_count(mesh, face, end);
-        encoder->input_faces++;
-        encoder->triangles += corners - 2;
-        if (corners > encoder->max_corners) encoder->max_corners = corners;
-    }
-}
-
 qm_status qm_encoder_round_to_floats(qm_encoder *encoder)
 {
     const double *p = encoder->mesh->positions;
@@ -55,13 +43,20 @@ qm_status qm_encoder_create(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_
                             qm_format format, int bits, qm_encoder **out)
 {
     QM_ASSERT(format != QM_FORMAT_UNKNOWN && bits >= 0 && bits <= QM_ENCODE_MAX_BITS);
-    *out = qm_context_alloc(ctx, 1, sizeof **out);
-    if (!*out) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the file");
-    **out = (qm_encoder){.ctx = ctx, .mesh = mesh, .facts = facts, .format = formats[format], .bits = bits};
-    count_faces(*out);
-    qm_status status = (*out)->format->prepare ? (*out)->format->prepare(*out) : QM_OK;
+    qm_encoder *encoder = *out = qm_context_alloc(ctx, 1, sizeof *encoder);
+    if (!encoder) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the file");
+    *encoder =
+        (qm_encoder){.ctx = ctx, .mesh = mesh, .facts = facts, .format = formats[format], .bits = bits};
+    for (uint32_t face = 0, end; face < mesh->face_count; face = end) {
+        end = qm_encoder_face_end(mesh, face);
+        size_t corners = qm_encoder_corner_count(mesh, face, end);
+        encoder->input_faces++;
+        encoder->triangles += corners - 2;
+        if (corners > encoder->max_corners) encoder->max_corners = corners;
+    }
+    qm_status status = encoder->format->prepare ? encoder->format->prepare(encoder) : QM_OK;
     if (status == QM_OK) return QM_OK;
-    qm_encoder_destroy(*out);
+    qm_encoder_destroy(encoder);
     *out = NULL;
     return status;
 }

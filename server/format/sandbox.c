@@ -28,12 +28,6 @@ static bool set_limit(int resource, rlim_t value)
     return setrlimit((__rlimit_resource_t)resource, &limit) == 0;
 }
 
-static bool set_limits(const qm_sandbox_limits *limits)
-{
-    return set_limit(RLIMIT_CPU, (rlim_t)limits->cpu_s) && set_limit(RLIMIT_CORE, 0) &&
-           (IS_SANITIZED || set_limit(RLIMIT_AS, limits->memory));
-}
-
 /** Forbids access to all files by path; true also if the kernel has no Landlock. */
 static bool close_files(void)
 {
@@ -105,6 +99,8 @@ static bool filter_calls(void)
 
 bool qm_sandbox_enter(const qm_sandbox_limits *limits)
 {
-    bool entered = prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0 && set_limits(limits);
+    bool entered = prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0) == 0 &&
+                   (set_limit(RLIMIT_CPU, (rlim_t)limits->cpu_s) && set_limit(RLIMIT_CORE, 0) &&
+                    (IS_SANITIZED || set_limit(RLIMIT_AS, limits->memory)));
     return entered && (IS_SANITIZED || (close_files() && filter_calls()));
 }
