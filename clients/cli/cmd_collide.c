@@ -14,41 +14,6 @@
 
 /* ---- output ---- */
 
-static void print_contact(const qm_json *result, size_t pair)
-{
-    char path[64];
-    snprintf(path, sizeof path, "pairs.%zu.contact", pair);
-    printf("%s at", qm_json_get_string(result, path));
-    for (int i = 0; i < 2; i++) {
-        snprintf(path, sizeof path, "pairs.%zu.points.%d", pair, i);
-        if (!qm_json_has(result, path)) break;
-        if (i == 1) fputs(" to", stdout);
-        for (int k = 0; k < 3; k++) {
-            snprintf(path, sizeof path, "pairs.%zu.points.%d.%d", pair, i, k);
-            printf(" %.9g", qm_json_get_number(result, path));
-        }
-    }
-}
-
-static void print_pairs(const qm_json *result)
-{
-    double count = qm_json_get_number(result, "count");
-    printf("%.0f pair%s of faces meet%s, quads as %s\n", count, count == 1.0 ? "" : "s",
-           count == 1.0 ? "s" : "", qm_json_get_string(result, "quads"));
-    char path[64];
-    for (size_t i = 0; i < MAX_PRINTED; i++) {
-        snprintf(path, sizeof path, "pairs.%zu.faces.0", i);
-        double a = qm_json_get_number(result, path);
-        snprintf(path, sizeof path, "pairs.%zu.faces.1", i);
-        if (isnan(a)) break;
-        printf("  %.0f and %.0f: ", a, qm_json_get_number(result, path));
-        print_contact(result, i);
-        puts("");
-    }
-    printf("  search   %.1f ms, %.0f exact tests\n", qm_json_get_number(result, "elapsed_ms"),
-           qm_json_get_number(result, "tests"));
-}
-
 static void print_distance(const qm_json *result)
 {
     double lower = qm_json_get_number(result, "lower"), upper = qm_json_get_number(result, "upper");
@@ -112,8 +77,33 @@ static int finish(const void *user, const cli_job *job, const cli_job_output *ou
         puts(output->json);
     else if (is_distance)
         print_distance(result);
-    else
-        print_pairs(result);
+    else {
+        double count = qm_json_get_number(result, "count");
+        printf("%.0f pair%s of faces meet%s, quads as %s\n", count, count == 1.0 ? "" : "s",
+               count == 1.0 ? "s" : "", qm_json_get_string(result, "quads"));
+        char path[64];
+        for (size_t i = 0; i < MAX_PRINTED; i++) {
+            snprintf(path, sizeof path, "pairs.%zu.faces.0", i);
+            double a = qm_json_get_number(result, path);
+            snprintf(path, sizeof path, "pairs.%zu.faces.1", i);
+            if (isnan(a)) break;
+            printf("  %.0f and %.0f: ", a, qm_json_get_number(result, path));
+            snprintf(path, sizeof path, "pairs.%zu.contact", i);
+            printf("%s at", qm_json_get_string(result, path));
+            for (int side = 0; side < 2; side++) {
+                snprintf(path, sizeof path, "pairs.%zu.points.%d", i, side);
+                if (!qm_json_has(result, path)) break;
+                if (side == 1) fputs(" to", stdout);
+                for (int k = 0; k < 3; k++) {
+                    snprintf(path, sizeof path, "pairs.%zu.points.%d.%d", i, side, k);
+                    printf(" %.9g", qm_json_get_number(result, path));
+                }
+            }
+            puts("");
+        }
+        printf("  search   %.1f ms, %.0f exact tests\n", qm_json_get_number(result, "elapsed_ms"),
+               qm_json_get_number(result, "tests"));
+    }
     qm_json_free(result);
     return status;
 }

@@ -37,20 +37,6 @@ static void print_interval(const qm_json *result, const char *name)
            cli_format_bound(upper, true, high));
 }
 
-static void print_percentiles(const qm_json *result, size_t count)
-{
-    char path[64], low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE], name[32];
-    for (size_t i = 0; i < count; i++) {
-        snprintf(path, sizeof path, "percentiles.%zu.percent", i);
-        snprintf(name, sizeof name, "%.6g %%", qm_json_get_number(result, path));
-        snprintf(path, sizeof path, "percentiles.%zu.lower", i);
-        double lower = qm_json_get_number(result, path);
-        snprintf(path, sizeof path, "percentiles.%zu.upper", i);
-        printf("  %-8s %s to %s\n", name, cli_format_bound(lower, false, low),
-               cli_format_bound(qm_json_get_number(result, path), true, high));
-    }
-}
-
 static void print_text(const cli_job *job, const qm_json *result)
 {
     const char *over = qm_json_get_string(result, "over");
@@ -59,7 +45,16 @@ static void print_text(const cli_job *job, const qm_json *result)
     print_interval(result, "mean");
     print_interval(result, "rms");
     print_interval(result, "max");
-    print_percentiles(result, job->request.percentile_count);
+    char path[64], low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE], name[32];
+    for (size_t i = 0; i < job->request.percentile_count; i++) {
+        snprintf(path, sizeof path, "percentiles.%zu.percent", i);
+        snprintf(name, sizeof name, "%.6g %%", qm_json_get_number(result, path));
+        snprintf(path, sizeof path, "percentiles.%zu.lower", i);
+        double lower = qm_json_get_number(result, path);
+        snprintf(path, sizeof path, "percentiles.%zu.upper", i);
+        printf("  %-8s %s to %s\n", name, cli_format_bound(lower, false, low),
+               cli_format_bound(qm_json_get_number(result, path), true, high));
+    }
     printf("  search   %.1f ms after %.1f + %.1f ms to prepare, %.0f pieces, %.0f projections\n",
            qm_json_get_number(result, "elapsed_ms"), qm_json_get_number(result, "prepare_ms.a"),
            qm_json_get_number(result, "prepare_ms.b"), qm_json_get_number(result, "pieces"),
@@ -84,33 +79,12 @@ static const double stops[][3] = {{38, 22, 92},   {48, 62, 142},  {40, 100, 152}
                                   {52, 164, 122}, {112, 190, 84}, {184, 210, 62}, {246, 226, 62}};
 enum { STOPS = sizeof stops / sizeof stops[0] };
 
-/** The colour of a fraction from 0 to 1. */
-static void find_colour(double fraction, uint8_t out[3])
-{
-    QM_ASSERT(fraction >= 0.0 && fraction <= 1.0);
-    double position = fraction * (STOPS - 1);
-    int below = position >= STOPS - 1 ? STOPS - 2 : (int)position;
-    double weight = position - below;
-    for (int i = 0; i < 3; i++)
-        out[i] = (uint8_t)lround(stops[below][i] + weight * (stops[below + 1][i] - stops[below][i]));
-}
-
 static void write_double(FILE *file, double value)
 {
     uint64_t bits;
     memcpy(&bits, &value, sizeof bits);
     bits = htole64(bits);
     fwrite(&bits, sizeof bits, 1, file);
-}
-
-static void write_face(FILE *file, const uint32_t *index)
-{
-    uint8_t count = index[3] == QM_NO_INDEX ? 3 : 4;
-    fwrite(&count, 1, 1, file);
-    for (int i = 0; i < count; i++) {
-        uint32_t vertex = htole32(index[i]);
-        fwrite(&vertex, sizeof vertex, 1, file);
-    }
 }
 
 /** Binary PLY: positions in double, a colour from dark blue (0) through green to yellow (the maximum), and the distance
@@ -130,12 +104,25 @@ static bool write_ply(FILE *file, const qm_mesh *mesh, const double *value)
         uint8_t colour[3];
         for (int k = 0; k < 3; k++)
             write_double(file, mesh->positions[3 * i + (size_t)k]);
-        find_colour(max > 0.0 ? value[i] / max : 0.0, colour);
+        double fraction = max > 0.0 ? value[i] / max : 0.0;
+        QM_ASSERT(fraction >= 0.0 && fraction <= 1.0);
+        double position = fraction * (STOPS - 1);
+        int below = position >= STOPS - 1 ? STOPS - 2 : (int)position;
+        double weight = position - below;
+        for (int k = 0; k < 3; k++)
+            colour[k] = (uint8_t)lround(stops[below][k] + weight * (stops[below + 1][k] - stops[below][k]));
         fwrite(colour, 1, sizeof colour, file);
         write_double(file, value[i]);
     }
-    for (size_t i = 0; i < mesh->face_count; i++)
-        write_face(file, mesh->faces + 4 * i);
+    for (size_t i = 0; i < mesh->face_count; i++) {
+        const uint32_t *face = mesh->faces + 4 * i;
+        uint8_t count = face[3] == QM_NO_INDEX ? 3 : 4;
+        fwrite(&count, 1, 1, file);
+        for (int corner = 0; corner < count; corner++) {
+            uint32_t vertex = htole32(face[corner]);
+            fwrite(&vertex, sizeof vertex, 1, file);
+        }
+    }
     return !ferror(file);
 }
 

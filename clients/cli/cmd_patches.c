@@ -14,18 +14,6 @@ typedef struct patches_options {
     bool as_json;
 } patches_options;
 
-static void print_counts(const patches_options *options, const qm_loaded_mesh *mesh)
-{
-    qm_regular_patch largest = qm_loaded_mesh_largest_patch(mesh);
-    const char *format =
-        options->as_json
-            ? "{\"patch_count\":%zu,\"quads\":%zu,\"irregular_vertices\":%zu,\"largest_patch\":{\"rows\":%u,"
-              "\"columns\":%u},\"elapsed_ms\":%.3f}\n"
-            : "%zu patches of %zu quads, %zu irregular vertices, the largest %u x %u, found in %.1f ms\n";
-    printf(format, mesh->patches.patch_count, mesh->facts.quads, mesh->facts.irregular_vertices, largest.rows,
-           largest.columns, mesh->patches_ms);
-}
-
 static bool write_file(const patches_options *options, const qm_loaded_mesh *mesh)
 {
     qm_text text = {0};
@@ -68,7 +56,16 @@ static int run(int argc, char **argv)
     if (!cli_load_mesh(&ctx, o.mesh, o.as_json, &structure, &mesh)) return EXIT_BAD_INPUT;
     bool is_written = !o.output || write_file(&o, &mesh);
     /* Standard output holds either the patches or the counts. */
-    if (is_written && !(o.output && strcmp(o.output, "-") == 0)) print_counts(&o, &mesh);
+    if (is_written && !(o.output && strcmp(o.output, "-") == 0)) {
+        qm_regular_patch largest = qm_loaded_mesh_largest_patch(&mesh);
+        const char *format =
+            o.as_json
+                ? "{\"patch_count\":%zu,\"quads\":%zu,\"irregular_vertices\":%zu,\"largest_patch\":"
+                  "{\"rows\":%u,\"columns\":%u},\"elapsed_ms\":%.3f}\n"
+                : "%zu patches of %zu quads, %zu irregular vertices, the largest %u x %u, found in %.1f ms\n";
+        printf(format, mesh.patches.patch_count, mesh.facts.quads, mesh.facts.irregular_vertices,
+               largest.rows, largest.columns, mesh.patches_ms);
+    }
     qm_loaded_mesh_reset(&ctx, &mesh);
     return is_written ? EXIT_OK : EXIT_BAD_INPUT;
 }

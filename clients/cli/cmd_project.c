@@ -29,25 +29,6 @@ typedef struct point_list {
     size_t count;
 } point_list;
 
-static bool read_binary(const project_options *options, uint8_t *bytes, size_t size, point_list *out)
-{
-    *out = (point_list){(double *)(void *)bytes, size / (3 * sizeof(double))};
-    if (size % (3 * sizeof(double)) != 0) {
-        qm_problem problem = qm_problem_make(
-            QM_PROBLEM_MALFORMED_FILE, "has %zu bytes, which is not a multiple of the 24 of a point", size);
-        cli_report(options->points, &problem, options->as_json);
-        return false;
-    }
-    qm_text_swap_bytes(out->positions, 3 * out->count);
-    size_t invalid = qm_projections_find_invalid(out->positions, 3 * out->count);
-    if (invalid == 3 * out->count) return true;
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_NOT_FINITE, "point %zu has a coordinate that is not finite", invalid / 3);
-    qm_problem_add_offset(&problem, invalid * sizeof(double), "is not a finite number");
-    cli_report(options->points, &problem, options->as_json);
-    return false;
-}
-
 static bool read_text(const project_options *options, const uint8_t *bytes, size_t size, point_list *out)
 {
     const qm_codec_limits limits = {.max_vertices = QM_NO_INDEX - 1, .max_faces = QM_NO_INDEX - 1};
@@ -77,7 +58,24 @@ static bool read_points(const project_options *options, point_list *out)
     bool is_binary = options->input == FORMAT_F64 ||
                      (options->input == FORMAT_BY_NAME && (cli_path_ends_in(options->points, ".f64") ||
                                                            cli_path_ends_in(options->points, ".bin")));
-    if (is_binary) return read_binary(options, bytes, size, out);
+    if (is_binary) {
+        *out = (point_list){(double *)(void *)bytes, size / (3 * sizeof(double))};
+        if (size % (3 * sizeof(double)) != 0) {
+            qm_problem problem =
+                qm_problem_make(QM_PROBLEM_MALFORMED_FILE,
+                                "has %zu bytes, which is not a multiple of the 24 of a point", size);
+            cli_report(options->points, &problem, options->as_json);
+            return false;
+        }
+        qm_text_swap_bytes(out->positions, 3 * out->count);
+        size_t invalid = qm_projections_find_invalid(out->positions, 3 * out->count);
+        if (invalid == 3 * out->count) return true;
+        qm_problem problem = qm_problem_make(QM_PROBLEM_NOT_FINITE,
+                                             "point %zu has a coordinate that is not finite", invalid / 3);
+        qm_problem_add_offset(&problem, invalid * sizeof(double), "is not a finite number");
+        cli_report(options->points, &problem, options->as_json);
+        return false;
+    }
     bool is_read = read_text(options, bytes, size, out);
     free(bytes);
     return is_read;

@@ -109,18 +109,12 @@ void cli_report_unwritable(const char *path, bool as_json)
     cli_report(path, &problem, as_json);
 }
 
-/** The folder of a path, for free(); NULL if memory runs out. */
-static char *folder_of(const char *path)
-{
-    size_t size = (size_t)(cli_base_name(path) - path);
-    return size > 0 ? strndup(path, size) : strdup(".");
-}
-
 bool cli_check_writable(const char *path, bool as_json)
 {
     if (strcmp(path, "-") == 0 || access(path, W_OK) == 0) return true;
     if (errno == ENOENT) {
-        char *folder = folder_of(path);
+        size_t size = (size_t)(cli_base_name(path) - path);
+        char *folder = size > 0 ? strndup(path, size) : strdup(".");
         bool is_writable = folder && access(folder, W_OK | X_OK) == 0;
         free(folder);
         if (is_writable) return true;

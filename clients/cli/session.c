@@ -131,19 +131,6 @@ static char *last_member(const char *line, const char *name)
     return strndup(start, strlen(start) - 1);
 }
 
-static void read_line(cli_session *session, const char *line)
-{
-    qm_json *event = qm_json_parse(line);
-    const char *name = qm_json_get_string(event, "event");
-    if (!name) name = "";
-    if (strcmp(name, "bounds") == 0)
-        cli_bar_show(&session->bar, qm_json_get_number(event, "lower"), qm_json_get_number(event, "upper"),
-                     qm_json_get_number(event, "elapsed_ms"), qm_json_get_number(event, "iterations"));
-    if (strcmp(name, "result") == 0) session->result = last_member(line, "result");
-    if (strcmp(name, "error") == 0) session->problem = last_member(line, "problem");
-    qm_json_free(event);
-}
-
 static bool has_succeeded(const cli_session *session)
 {
     long status = 0;
@@ -161,7 +148,16 @@ static size_t on_bytes(char *bytes, size_t width, size_t count, void *user)
     while (session->is_stream && !session->body.failed &&
            (end = memchr(session->body.data, '\n', session->body.size))) {
         *end = '\0';
-        read_line(session, session->body.data);
+        qm_json *event = qm_json_parse(session->body.data);
+        const char *name = qm_json_get_string(event, "event");
+        if (!name) name = "";
+        if (strcmp(name, "bounds") == 0)
+            cli_bar_show(&session->bar, qm_json_get_number(event, "lower"),
+                         qm_json_get_number(event, "upper"), qm_json_get_number(event, "elapsed_ms"),
+                         qm_json_get_number(event, "iterations"));
+        if (strcmp(name, "result") == 0) session->result = last_member(session->body.data, "result");
+        if (strcmp(name, "error") == 0) session->problem = last_member(session->body.data, "problem");
+        qm_json_free(event);
         size_t used = (size_t)(end + 1 - session->body.data);
         session->body.size -= used;
         memmove(session->body.data, end + 1, session->body.size + 1);
