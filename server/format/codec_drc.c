@@ -122,9 +122,12 @@ static qm_status check_head(qm_builder *builder, const uint8_t *bytes, size_t si
 
 /* ---- polygons of triangles ---- */
 
-/** Half-edge 3 * t + c of triangle t runs opposite to corner c. */
+#define MAX_INSERTION 32 /* sides that an insertion sort sorts faster than qsort */
+
+/** One side of an edge, filed under the lower one of its two vertices. Half-edge 3 * t + c of triangle t runs opposite to
+ * corner c. */
 typedef struct edge_side {
-    uint32_t low, high; /* its two vertices */
+    uint32_t high; /* its other vertex */
     uint32_t half_edge;
 } edge_side;
 
@@ -155,37 +158,68 @@ static uint32_t end_of(const joining *join, uint32_t half_edge)
 static int compare_sides(const void *left, const void *right)
 {
     const edge_side *a = left, *b = right;
-    if (a->low != b->low) return a->low < b->low ? -1 : 1;
     if (a->high != b->high) return a->high < b->high ? -1 : 1;
     return a->half_edge < b->half_edge ? -1 : 1;
+}
+
+/** Sorts the sides filed under a vertex, which are in the order of their half-edges: few, except in hostile files. */
+static void sort_sides(edge_side *sides, size_t count)
+{
+    if (count > MAX_INSERTION) {
+        qsort(sides, count, sizeof *sides, compare_sides);
+        return;
+    }
+    for (size_t i = 1; i < count; ++i) {
+        const edge_side side = sides[i];
+        size_t at = i;
+        for (; at > 0 && sides[at - 1].high > side.high; --at)
+            sides[at] = sides[at - 1];
+        sides[at] = side;
+    }
+}
+
+/** Files all sides under their lower vertices by a counting sort: those of vertex v end at ends[v], where those of the
+ * next one begin. ends has one entry more than vertices. */
+static void file_sides(const joining *join, edge_side *sides, uint32_t *ends)
+{
+    const uint32_t count = (uint32_t)(3 * join->facts.triangle_count);
+    memset(ends, 0, (join->facts.vertex_count + 1) * sizeof *ends);
+    for (uint32_t h = 0; h < count; ++h) {
+        uint32_t start = start_of(join, h), end = end_of(join, h);
+        ++ends[(start < end ? start : end) + 1];
+    }
+    for (size_t v = 1; v <= join->facts.vertex_count; ++v)
+        ends[v] += ends[v - 1];
+    for (uint32_t h = 0; h < count; ++h) {
+        uint32_t start = start_of(join, h), end = end_of(join, h);
+        sides[ends[start < end ? start : end]++] = (edge_side){start < end ? end : start, h};
+    }
 }
 
 /**
  * Pairs the two sides of each added edge, of which one or both carry the mark. Where an edge has not exactly
  * two sides in opposite directions the marks mean nothing; returns how many do.
  */
-static size_t pair_sides(joining *join, edge_side *sides)
+static size_t pair_sides(joining *join, edge_side *sides, uint32_t *ends)
 {
-    size_t count = 3 * join->facts.triangle_count, meaningless = 0;
-    for (uint32_t h = 0; h < 3 * join->facts.triangle_count; ++h) {
-        uint32_t start = start_of(join, h), end = end_of(join, h);
-        sides[h] = (edge_side){start < end ? start : end, start < end ? end : start, h};
-    }
-    qsort(sides, count, sizeof *sides, compare_sides);
-    for (size_t i = 0, next; i < count; i = next) {
-        size_t marks = 0;
-        for (next = i; next < count; ++next) {
-            if (sides[next].low != sides[i].low || sides[next].high != sides[i].high) break;
-            marks += join->arrays.added[sides[next].half_edge] == 1;
+    size_t meaningless = 0, i = 0;
+    file_sides(join, sides, ends);
+    for (size_t vertex = 0; vertex < join->facts.vertex_count; ++vertex) {
+        const size_t last = ends[vertex];
+        sort_sides(sides + i, last - i);
+        for (size_t next; i < last; i = next) {
+            size_t marks = 0;
+            for (next = i; next < last && sides[next].high == sides[i].high; ++next)
+                marks += join->arrays.added[sides[next].half_edge] == 1;
+            if (marks == 0) continue;
+            uint32_t first = sides[i].half_edge, second = sides[next - 1].half_edge;
+            if (next - i != 2 || first / 3 == second / 3 || start_of(join, first) != end_of(join, second)) {
+                meaningless += marks;
+                continue;
+            }
+            join->twins[first] = second;
+            join->twins[second] = first;
         }
-        if (marks == 0) continue;
-        uint32_t first = sides[i].half_edge, second = sides[next - 1].half_edge;
-        if (next - i != 2 || first / 3 == second / 3 || start_of(join, first) != end_of(join, second)) {
-            meaningless += marks;
-            continue;
-        }
-        join->twins[first] = second;
-        join->twins[second] = first;
     }
     return meaningless;
 }
@@ -292,16 +326,18 @@ static qm_status join_triangles(qm_builder *builder, const qm_draco_facts *facts
     size_t triangle_count = facts->triangle_count, corner_count = 3 * triangle_count;
     joining join = {.builder = builder, .facts = *facts, .arrays = *arrays};
     edge_side *sides = qm_context_alloc(ctx, corner_count, sizeof *sides);
+    uint32_t *ends = qm_context_alloc(ctx, facts->vertex_count + 1, sizeof *ends);
     uint32_t *list = qm_context_alloc(ctx, triangle_count, sizeof *list);
     join.twins = qm_context_alloc(ctx, corner_count, sizeof *join.twins);
     join.done = qm_context_alloc(ctx, triangle_count, sizeof *join.done);
     qm_status status = QM_E_NO_MEMORY;
-    if (sides && list && join.twins && join.done) {
+    if (sides && ends && list && join.twins && join.done) {
         memset(join.twins, 0xff, corner_count * sizeof *join.twins);
         memset(join.done, 0, triangle_count * sizeof *join.done);
-        status = add_polygons(&join, list, pair_sides(&join, sides));
+        status = add_polygons(&join, list, pair_sides(&join, sides, ends));
     }
     qm_context_free(ctx, sides, corner_count, sizeof *sides);
+    qm_context_free(ctx, ends, facts->vertex_count + 1, sizeof *ends);
     qm_context_free(ctx, list, triangle_count, sizeof *list);
     qm_context_free(ctx, join.twins, corner_count, sizeof *join.twins);
     qm_context_free(ctx, join.done, triangle_count, sizeof *join.done);
