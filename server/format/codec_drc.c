@@ -430,10 +430,8 @@ static qm_status add_vertices(drc_reader *reader)
             return qm_codec_fail(reader->builder->report, QM_E_NOT_FINITE,
                                  "a coordinate is not a finite number");
     if (reader->facts.has_split_points && reader->facts.vertex_count > 0) return weld_vertices(reader);
-    qm_status status = QM_OK;
-    for (size_t i = 0; status == QM_OK && i < reader->facts.vertex_count; ++i)
-        status = qm_builder_add_vertex(reader->builder, reader->arrays.positions + 3 * i);
-    return status;
+    if (reader->facts.vertex_count == 0) return QM_OK;
+    return qm_builder_add_vertices(reader->builder, reader->arrays.positions, reader->facts.vertex_count);
 }
 
 static qm_status add_faces(drc_reader *reader)

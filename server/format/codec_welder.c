@@ -5,13 +5,14 @@
 
 #include <sys/random.h>
 
-#define LEAST_SLOT_COUNT ((size_t)1024)
+#define MIN_SLOT_COUNT ((size_t)1024)
 
-/** At most half of the slots are used. */
+/** A quarter of the slots are used, and at most half before the table grows: fuller ones need more probes, whose number
+ * the processor predicts worse. */
 static qm_status make_slots(qm_welder *welder, size_t vertex_count)
 {
-    welder->slot_count = LEAST_SLOT_COUNT;
-    while (welder->slot_count / 2 < vertex_count)
+    welder->slot_count = MIN_SLOT_COUNT;
+    while (welder->slot_count / 4 < vertex_count)
         welder->slot_count *= 2;
     welder->slots = qm_context_alloc(welder->builder->ctx, welder->slot_count, sizeof *welder->slots);
     if (!welder->slots) return QM_E_NO_MEMORY;
@@ -72,20 +73,9 @@ static qm_status add_slots(qm_welder *welder, size_t vertex_count)
     return QM_OK;
 }
 
-static qm_status find_vertex(qm_welder *welder, size_t slot, const double position[3], uint32_t *vertex)
-{
-    slot = find_slot(welder, slot, position);
-    *vertex = welder->slots[slot];
-    if (*vertex != QM_NO_INDEX) return QM_OK;
-    *vertex = (uint32_t)welder->builder->vertex_count;
-    qm_status status = qm_builder_add_vertex(welder->builder, position);
-    if (status == QM_OK) welder->slots[slot] = *vertex;
-    return status;
-}
-
 /** Prefetches the slots of all positions, then the vertices in them, so that the cache misses overlap. */
-static qm_status find_few(qm_welder *welder, const double *positions, size_t count, uint32_t *vertices,
-                          size_t *done)
+static qm_status find_batch(qm_welder *welder, const double *positions, size_t count, uint32_t *vertices,
+                            size_t *done)
 {
     double plain[QM_WELDER_BATCH][3];
     size_t slots[QM_WELDER_BATCH];
@@ -101,8 +91,13 @@ static qm_status find_few(qm_welder *welder, const double *positions, size_t cou
         if (vertex != QM_NO_INDEX) __builtin_prefetch(welder->builder->positions + 3 * (size_t)vertex);
     }
     for (size_t i = 0; i < count; ++i, ++*done) {
-        qm_status status = find_vertex(welder, slots[i], plain[i], &vertices[i]);
+        const size_t slot = find_slot(welder, slots[i], plain[i]);
+        vertices[i] = welder->slots[slot];
+        if (vertices[i] != QM_NO_INDEX) continue;
+        vertices[i] = (uint32_t)welder->builder->vertex_count;
+        qm_status status = qm_builder_add_vertex(welder->builder, plain[i]);
         if (status != QM_OK) return status;
+        welder->slots[slot] = vertices[i];
     }
     return QM_OK;
 }
@@ -112,10 +107,11 @@ qm_status qm_welder_find(qm_welder *welder, const double *positions, size_t coun
 {
     qm_status status = QM_OK;
     for (*done = 0; *done < count && status == QM_OK;) {
-        size_t few = count - *done < QM_WELDER_BATCH ? count - *done : QM_WELDER_BATCH;
-        size_t most = welder->builder->vertex_count + few;
+        size_t batch = count - *done < QM_WELDER_BATCH ? count - *done : QM_WELDER_BATCH;
+        size_t most = welder->builder->vertex_count + batch;
         if (most > welder->slot_count / 2) status = add_slots(welder, most);
-        if (status == QM_OK) status = find_few(welder, positions + 3 * *done, few, vertices + *done, done);
+        if (status == QM_OK)
+            status = find_batch(welder, positions + 3 * *done, batch, vertices + *done, done);
     }
     return status;
 }
