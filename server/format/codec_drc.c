@@ -67,29 +67,6 @@ static bool skip_metadata(drc_head *head, int depth)
     return true;
 }
 
-static bool skip_all_metadata(drc_head *head)
-{
-    uint64_t attribute_count, id;
-    if (!read_varint(head, &attribute_count)) return false;
-    for (; attribute_count > 0; --attribute_count)
-        if (!read_varint(head, &id) || !skip_metadata(head, 0)) return false;
-    return skip_metadata(head, 0);
-}
-
-/** Vertices and faces as the head announces them. */
-static bool read_counts(drc_head *head, bool is_mesh, bool is_edgebreaker, uint64_t *vertices,
-                        uint64_t *faces)
-{
-    *faces = 0;
-    if (!is_mesh) {
-        if (head->end - head->at < 4) return false;
-        *vertices = qm_read_u32_le(head->at);
-        return true;
-    }
-    if (!is_edgebreaker) return read_varint(head, faces) && read_varint(head, vertices);
-    return skip_bytes(head, 1) && read_varint(head, vertices) && read_varint(head, faces);
-}
-
 /** Checks the counts in the header of a file against the limits, because a few bytes may specify a mesh that exhausts
  * memory. */
 static qm_status check_head(qm_builder *builder, const uint8_t *bytes, size_t size)
@@ -108,9 +85,19 @@ static qm_status check_head(qm_builder *builder, const uint8_t *bytes, size_t si
             "point clouds in a kd-tree are supported from version 2.3 of the Draco format on");
     drc_head head = {bytes + HEAD_SIZE, bytes + size};
     bool has_metadata = (bytes[9] | bytes[10] << 8) & HAS_METADATA;
-    uint64_t vertices, faces;
-    bool whole = (!has_metadata || skip_all_metadata(&head)) &&
-                 read_counts(&head, bytes[7] == 1, bytes[8] == 1, &vertices, &faces);
+    uint64_t vertices = 0, faces = 0, table_count = 0, id;
+    bool whole = !has_metadata || read_varint(&head, &table_count);
+    for (; whole && table_count > 0; --table_count) /* of attributes */
+        whole = read_varint(&head, &id) && skip_metadata(&head, 0);
+    if (has_metadata) whole = whole && skip_metadata(&head, 0);
+    if (bytes[7] != 1) { /* a point cloud */
+        whole = whole && head.end - head.at >= 4;
+        if (whole) vertices = qm_read_u32_le(head.at);
+    } else if (bytes[8] != 1) { /* sequential */
+        whole = whole && read_varint(&head, &faces) && read_varint(&head, &vertices);
+    } else { /* Edgebreaker */
+        whole = whole && skip_bytes(&head, 1) && read_varint(&head, &vertices) && read_varint(&head, &faces);
+    }
     *offset = (size_t)(head.at - bytes);
     if (!whole) return qm_codec_fail(builder->report, QM_E_FORMAT, "the header of the file is invalid");
     if (vertices > builder->limits->max_vertices || faces > builder->limits->max_faces)
@@ -285,31 +272,26 @@ static uint32_t find_first_edge(const joining *join, const uint32_t *list, size_
     return outer;
 }
 
-/** Adds the face that a triangle is part of; *whole is false if its triangles do not form one polygon. */
-static qm_status add_polygon(joining *join, uint32_t triangle, uint32_t *list, bool *whole)
-{
-    size_t outer_count, edge_count = 0;
-    size_t count = gather_triangles(join, triangle, list, &outer_count);
-    *whole = true;
-    if (count == 1) return add_triangles(join, list, 1);
-    uint32_t first = find_first_edge(join, list, count);
-    qm_status status = first == QM_NO_INDEX ? QM_OK : walk_outline(join, first, &edge_count);
-    if (status != QM_OK) return status;
-    *whole = edge_count == outer_count && outer_count == count + 2;
-    if (*whole) return qm_builder_end_face(join->builder);
-    join->builder->corner_count = 0;
-    return add_triangles(join, list, count);
-}
-
+/** Adds the faces that the triangles are part of, and triangles that do not form one polygon as they are. */
 static qm_status add_polygons(joining *join, uint32_t *list, size_t meaningless)
 {
     size_t broken = 0;
     for (uint32_t t = 0; t < join->facts.triangle_count; ++t) {
-        bool whole;
         if (join->done[t]) continue;
-        qm_status status = add_polygon(join, t, list, &whole);
+        size_t outer_count, edge_count = 0;
+        const size_t count = gather_triangles(join, t, list, &outer_count);
+        const uint32_t first = count > 1 ? find_first_edge(join, list, count) : QM_NO_INDEX;
+        qm_status status = first == QM_NO_INDEX ? QM_OK : walk_outline(join, first, &edge_count);
         if (status != QM_OK) return status;
-        broken += !whole;
+        const bool is_polygon = edge_count == outer_count && outer_count == count + 2;
+        broken += count > 1 && !is_polygon;
+        if (count > 1 && is_polygon) {
+            status = qm_builder_end_face(join->builder);
+        } else {
+            join->builder->corner_count = 0;
+            status = add_triangles(join, list, count);
+        }
+        if (status != QM_OK) return status;
     }
     if (meaningless + broken > 0)
         qm_codec_warn(join->builder->report,
@@ -382,24 +364,6 @@ static bool prepare_arrays(void *user, const qm_draco_facts *facts, qm_draco_arr
     return true;
 }
 
-static qm_status explain_outcome(const drc_reader *reader, qm_draco_outcome outcome)
-{
-    qm_codec_report *report = reader->builder->report;
-    switch (outcome) {
-    case QM_DRACO_DONE:
-        return QM_OK;
-    case QM_DRACO_STOPPED:
-        return reader->status;
-    case QM_DRACO_NO_MEMORY:
-        return QM_E_NO_MEMORY;
-    case QM_DRACO_UNSUPPORTED:
-        return qm_codec_fail(report, QM_E_UNSUPPORTED,
-                             "positions other than three floats or integers are not supported");
-    default:
-        return qm_codec_fail(report, QM_E_FORMAT, "the Draco data is invalid or truncated");
-    }
-}
-
 /** Where the file splits vertices for their attributes, equal positions are one vertex again. */
 static qm_status weld_vertices(drc_reader *reader)
 {
@@ -434,18 +398,6 @@ static qm_status add_vertices(drc_reader *reader)
     return qm_builder_add_vertices(reader->builder, reader->arrays.positions, reader->facts.vertex_count);
 }
 
-static qm_status add_faces(drc_reader *reader)
-{
-    if (reader->facts.triangle_count == 0) return QM_OK;
-    if (reader->facts.has_added_edges)
-        return join_triangles(reader->builder, &reader->facts, &reader->arrays);
-    const uint32_t *corners = reader->arrays.triangles;
-    qm_status status = QM_OK;
-    for (size_t i = 0; status == QM_OK && i < reader->facts.triangle_count; ++i, corners += 3)
-        status = qm_builder_add_triangle(reader->builder, corners[0], corners[1], corners[2]);
-    return status;
-}
-
 /**
  * Half a step along each axis moves a vertex by no more than half the diagonal of a cell; the rest covers the
  * library's single precision, where a step has a relative rounding of 2^-24 and so has the sum.
@@ -468,9 +420,21 @@ static qm_status read_file(drc_reader *reader, const uint8_t *bytes, size_t size
     qm_status status = check_head(reader->builder, bytes, size);
     if (status != QM_OK) return status;
     qm_draco_outcome outcome = decode_draco(bytes, size, prepare_arrays, reader, &report->offset);
-    status = explain_outcome(reader, outcome);
-    if (status == QM_OK) status = add_vertices(reader);
-    if (status == QM_OK) status = add_faces(reader);
+    if (outcome == QM_DRACO_STOPPED) return reader->status;
+    if (outcome == QM_DRACO_NO_MEMORY) return QM_E_NO_MEMORY;
+    if (outcome == QM_DRACO_UNSUPPORTED)
+        return qm_codec_fail(report, QM_E_UNSUPPORTED,
+                             "positions other than three floats or integers are not supported");
+    if (outcome != QM_DRACO_DONE)
+        return qm_codec_fail(report, QM_E_FORMAT, "the Draco data is invalid or truncated");
+    status = add_vertices(reader);
+    if (status == QM_OK && reader->facts.triangle_count > 0 && reader->facts.has_added_edges) {
+        status = join_triangles(reader->builder, &reader->facts, &reader->arrays);
+    } else {
+        const uint32_t *corners = reader->arrays.triangles;
+        for (size_t i = 0; status == QM_OK && i < reader->facts.triangle_count; ++i, corners += 3)
+            status = qm_builder_add_triangle(reader->builder, corners[0], corners[1], corners[2]);
+    }
     if (status != QM_OK) return status;
     warn_about_quantization(reader);
     if (report->offset < size)
@@ -497,21 +461,6 @@ typedef struct encoder_arrays {
     uint32_t *triangles;
     uint8_t *added;
 } encoder_arrays;
-
-static size_t corner_count(const qm_encoder *encoder)
-{
-    return 3 * encoder->triangles;
-}
-
-static bool make_arrays(const qm_encoder *encoder, encoder_arrays *arrays)
-{
-    size_t vertex_count = encoder->mesh->vertex_count, corners = corner_count(encoder);
-    arrays->positions = qm_context_alloc(encoder->ctx, vertex_count, 3 * sizeof(float));
-    if (corners > 0) arrays->triangles = qm_context_alloc(encoder->ctx, corners, sizeof(uint32_t));
-    bool is_cut = encoder->triangles > encoder->input_faces;
-    if (is_cut) arrays->added = qm_context_alloc(encoder->ctx, corners, 1);
-    return arrays->positions && (arrays->triangles || corners == 0) && (arrays->added || !is_cut);
-}
 
 static bool take_file(void *user, const char *bytes, size_t size)
 {
@@ -546,9 +495,14 @@ static qm_status prepare_drc(qm_encoder *encoder)
 {
     qm_status status = qm_encoder_round_to_floats(encoder);
     if (status != QM_OK) return status;
+    const size_t corner_count = 3 * encoder->triangles;
+    const bool is_cut = encoder->triangles > encoder->input_faces;
     encoder_arrays arrays = {0};
+    arrays.positions = qm_context_alloc(encoder->ctx, encoder->mesh->vertex_count, 3 * sizeof(float));
+    if (corner_count > 0) arrays.triangles = qm_context_alloc(encoder->ctx, corner_count, sizeof(uint32_t));
+    if (is_cut) arrays.added = qm_context_alloc(encoder->ctx, corner_count, 1);
     status = QM_E_NO_MEMORY;
-    if (make_arrays(encoder, &arrays)) {
+    if (arrays.positions && (arrays.triangles || corner_count == 0) && (arrays.added || !is_cut)) {
         size_t filled = 0;
         for (size_t i = 0; i < 3 * encoder->mesh->vertex_count; i++)
             arrays.positions[i] = (float)encoder->mesh->positions[i];
@@ -568,10 +522,9 @@ static qm_status prepare_drc(qm_encoder *encoder)
         }
         status = run_library(encoder, &arrays);
     }
-    size_t corners = corner_count(encoder);
     qm_context_free(encoder->ctx, arrays.positions, encoder->mesh->vertex_count, 3 * sizeof(float));
-    qm_context_free(encoder->ctx, arrays.triangles, corners, sizeof(uint32_t));
-    qm_context_free(encoder->ctx, arrays.added, corners, 1);
+    qm_context_free(encoder->ctx, arrays.triangles, corner_count, sizeof(uint32_t));
+    qm_context_free(encoder->ctx, arrays.added, corner_count, 1);
     if (status == QM_E_NO_MEMORY) qm_context_fail(encoder->ctx, status, "out of memory for the file");
     return status;
 }

@@ -183,13 +183,6 @@ static qm_status read_views(json_reader *reader)
     return status;
 }
 
-static int count_components(const cJSON *accessor)
-{
-    const char *type = cJSON_GetStringValue(find(accessor, "type"));
-    if (type && strcmp(type, "SCALAR") == 0) return 1;
-    return type && strcmp(type, "VEC3") == 0 ? 3 : 0;
-}
-
 static qm_status read_accessors(json_reader *reader)
 {
     void *block = NULL;
@@ -205,7 +198,11 @@ static qm_status read_accessors(json_reader *reader)
         if (status == QM_OK) status = read_integer(reader, item, "count", &accessor->count);
         if (status == QM_OK) status = read_integer(reader, item, "componentType", &component_type);
         accessor->component_type = component_type <= 5126 ? (int)component_type : 0;
-        accessor->component_count = count_components(item);
+        const char *type = cJSON_GetStringValue(find(item, "type"));
+        accessor->component_count = !type                         ? 0
+                                    : strcmp(type, "SCALAR") == 0 ? 1
+                                    : strcmp(type, "VEC3") == 0   ? 3
+                                                                  : 0;
         accessor->is_sparse = find(item, "sparse") != NULL;
     }
     return status;
@@ -571,19 +568,6 @@ static qm_status add_vertices(glb_reader *reader, size_t index, const double mat
     return status;
 }
 
-/** Primitives of a mesh often share their positions, which are then added once. */
-static qm_status find_vertices(glb_reader *reader, size_t accessor, const double matrix[16], size_t *base)
-{
-    if (reader->base_owners[accessor] != reader->visit_count) {
-        reader->vertex_bases[accessor] = reader->builder->vertex_count;
-        qm_status status = add_vertices(reader, accessor, matrix);
-        if (status != QM_OK) return status;
-        reader->base_owners[accessor] = reader->visit_count;
-    }
-    *base = reader->vertex_bases[accessor];
-    return QM_OK;
-}
-
 /* Faces */
 
 typedef struct index_list {
@@ -591,17 +575,6 @@ typedef struct index_list {
     int component_type;
     size_t base, vertex_count;
 } index_list;
-
-static qm_status check_indices(glb_reader *reader, size_t accessor, index_list *list)
-{
-    const gltf_accessor *facts = &reader->gltf.accessors[accessor];
-    list->component_type = facts->component_type;
-    bool is_unsigned =
-        list->component_type == 5121 || list->component_type == 5123 || list->component_type == 5125;
-    if (!is_unsigned || facts->component_count != 1)
-        return fail_file(reader, QM_E_FORMAT, "indices must be of an unsigned type");
-    return locate_elements(reader, accessor, &list->range);
-}
 
 static qm_status read_index(glb_reader *reader, const index_list *list, size_t i, uint32_t *vertex)
 {
@@ -670,10 +643,26 @@ static qm_status add_primitive(glb_reader *reader, const gltf_primitive *primiti
     if (primitive->positions == GLTF_NONE)
         return fail_file(reader, QM_E_FORMAT, "a primitive has no positions");
     index_list list = {.vertex_count = (size_t)reader->gltf.accessors[primitive->positions].count};
-    qm_status status = find_vertices(reader, primitive->positions, matrix, &list.base);
-    if (status != QM_OK || primitive->mode == POINTS) return status;
+    qm_status status = QM_OK;
+    /* Primitives of a mesh often share their positions, which are then added once. */
+    if (reader->base_owners[primitive->positions] != reader->visit_count) {
+        reader->vertex_bases[primitive->positions] = reader->builder->vertex_count;
+        status = add_vertices(reader, primitive->positions, matrix);
+        if (status != QM_OK) return status;
+        reader->base_owners[primitive->positions] = reader->visit_count;
+    }
+    if (primitive->mode == POINTS) return QM_OK;
+    list.base = reader->vertex_bases[primitive->positions];
     list.range.count = list.vertex_count;
-    if (primitive->indices != GLTF_NONE) status = check_indices(reader, primitive->indices, &list);
+    if (primitive->indices != GLTF_NONE) {
+        const gltf_accessor *indices = &reader->gltf.accessors[primitive->indices];
+        list.component_type = indices->component_type;
+        bool is_unsigned =
+            list.component_type == 5121 || list.component_type == 5123 || list.component_type == 5125;
+        if (!is_unsigned || indices->component_count != 1)
+            return fail_file(reader, QM_E_FORMAT, "indices must be of an unsigned type");
+        status = locate_elements(reader, primitive->indices, &list.range);
+    }
     return status == QM_OK ? add_faces(reader, &list, primitive->mode, determinant(matrix) < 0) : status;
 }
 
@@ -693,19 +682,6 @@ static void multiply(const double parent[16], double matrix[16])
     memcpy(matrix, product, sizeof product);
 }
 
-static qm_status add_mesh(glb_reader *reader, const gltf_node *node)
-{
-    if (node->mesh == GLTF_NONE) return QM_OK;
-    const gltf_mesh *mesh = &reader->gltf.meshes[node->mesh];
-    ++reader->visit_count;
-    for (size_t i = 0; i < mesh->primitive_count; ++i) {
-        qm_status status =
-            add_primitive(reader, &reader->gltf.primitives[mesh->first_primitive + i], node->matrix);
-        if (status != QM_OK) return status;
-    }
-    return QM_OK;
-}
-
 /** Depth-first traversal with a stack; a node has at most one parent, and is therefore visited at most once. */
 static qm_status walk_nodes(glb_reader *reader, size_t *stack)
 {
@@ -715,8 +691,13 @@ static qm_status walk_nodes(glb_reader *reader, size_t *stack)
         stack[depth++] = gltf->links[i - 1];
     while (depth > 0) {
         const gltf_node *node = &gltf->nodes[stack[--depth]];
-        qm_status status = add_mesh(reader, node);
-        if (status != QM_OK) return status;
+        const gltf_mesh *mesh = node->mesh != GLTF_NONE ? &gltf->meshes[node->mesh] : NULL;
+        if (mesh) ++reader->visit_count;
+        for (size_t i = 0; mesh && i < mesh->primitive_count; ++i) {
+            qm_status status =
+                add_primitive(reader, &gltf->primitives[mesh->first_primitive + i], node->matrix);
+            if (status != QM_OK) return status;
+        }
         for (size_t i = node->child_count; i > 0; --i) {
             size_t child = gltf->links[node->first_child + i - 1];
             multiply(node->matrix, gltf->nodes[child].matrix);

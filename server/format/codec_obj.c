@@ -107,15 +107,6 @@ static bool read_plain_corners(obj_reader *reader, uint32_t corners[4])
     return true;
 }
 
-/** Statements about appearance and names, and attributes of vertices. */
-static bool is_known_statement(const uint8_t *word, size_t size)
-{
-    static const char *const known[] = {"vt", "vn", "g", "o", "s", "mg", "usemtl", "mtllib", "usemap", "lod"};
-    for (size_t i = 0; i < sizeof known / sizeof *known; ++i)
-        if (qm_scan_word_is(word, size, known[i])) return true;
-    return false;
-}
-
 static qm_status read_statement(obj_reader *reader)
 {
     const uint8_t *word = reader->text.at;
@@ -137,7 +128,11 @@ static qm_status read_statement(obj_reader *reader)
         return read_plain_corners(reader, corners) ? qm_builder_add_face(reader->builder, corners)
                                                    : read_any_face(reader);
     }
-    if (!is_known_statement(word, size)) ++reader->skipped_count;
+    /* Statements about appearance and names, and attributes of vertices. */
+    static const char *const known[] = {"vt", "vn", "g", "o", "s", "mg", "usemtl", "mtllib", "usemap", "lod"};
+    for (size_t i = 0; i < sizeof known / sizeof *known; ++i)
+        if (qm_scan_word_is(word, size, known[i])) return QM_OK;
+    ++reader->skipped_count;
     return QM_OK;
 }
 

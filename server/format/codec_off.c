@@ -9,31 +9,20 @@
 #define MIN_VERTEX_SIZE 5 /* "0 0 0" */
 #define MIN_FACE_SIZE 7   /* "3 0 0 0" */
 
-/** Whether a word is OFF with any of the prefixes ST, C and N. */
-static bool is_plain_keyword(const uint8_t *word, size_t size)
-{
-    static const char *const keywords[] = {"off",   "coff",   "noff",   "cnoff",
-                                           "stoff", "stcoff", "stnoff", "stcnoff"};
-    for (size_t i = 0; i < sizeof keywords / sizeof *keywords; ++i)
-        if (qm_scan_word_is(word, size, keywords[i])) return true;
-    return false;
-}
-
-static bool next_word_is_binary(qm_scan ahead)
-{
-    const uint8_t *word;
-    size_t size;
-    return qm_scan_read_word(&ahead, &word, &size) && qm_scan_word_is(word, size, "binary");
-}
-
 static qm_status read_keyword(qm_scan *text)
 {
-    const uint8_t *word;
-    size_t size;
+    /* OFF with any of the prefixes ST, C and N. */
+    static const char *const keywords[] = {"off",   "coff",   "noff",   "cnoff",
+                                           "stoff", "stcoff", "stnoff", "stcnoff"};
+    const uint8_t *word, *next;
+    size_t size, next_size;
     if (!qm_scan_find_row(text)) return qm_codec_fail(text->report, QM_E_EMPTY, "the file has no data");
     qm_scan_read_word(text, &word, &size);
-    if (is_plain_keyword(word, size)) {
-        if (!next_word_is_binary(*text)) return QM_OK;
+    for (size_t i = 0; i < sizeof keywords / sizeof *keywords; ++i) {
+        if (!qm_scan_word_is(word, size, keywords[i])) continue;
+        qm_scan ahead = *text;
+        if (!qm_scan_read_word(&ahead, &next, &next_size) || !qm_scan_word_is(next, next_size, "binary"))
+            return QM_OK;
         return qm_codec_fail(text->report, QM_E_UNSUPPORTED, "binary OFF is not supported");
     }
     if (size > 3 && qm_scan_word_is(word + size - 3, 3, "off"))

@@ -87,21 +87,16 @@ static qm_status ply_fail(ply_reader *reader, const char *detail)
     return qm_codec_fail(reader->report, QM_E_FORMAT, "%s", detail);
 }
 
-static ply_scalar find_scalar_type(const uint8_t *word, size_t size)
-{
-    for (int i = 0; i < PLY_NO_SCALAR; ++i)
-        if (qm_scan_word_is(word, size, ply_scalars[i].name) ||
-            qm_scan_word_is(word, size, ply_scalars[i].sized_name))
-            return (ply_scalar)i;
-    return PLY_NO_SCALAR;
-}
-
 static qm_status read_scalar_type(ply_reader *reader, ply_scalar *type)
 {
     const uint8_t *word;
     size_t size;
     *type = PLY_NO_SCALAR;
-    if (qm_scan_read_word(&reader->text, &word, &size)) *type = find_scalar_type(word, size);
+    const bool has_word = qm_scan_read_word(&reader->text, &word, &size);
+    for (int i = 0; has_word && i < PLY_NO_SCALAR; ++i)
+        if (qm_scan_word_is(word, size, ply_scalars[i].name) ||
+            qm_scan_word_is(word, size, ply_scalars[i].sized_name))
+            *type = (ply_scalar)i;
     return *type == PLY_NO_SCALAR ? ply_fail(reader, "a property has an unknown type") : QM_OK;
 }
 
@@ -122,28 +117,22 @@ static qm_status read_format(ply_reader *reader)
     return ply_fail(reader, "the format line has another version than 1.0");
 }
 
-static qm_status name_element(ply_reader *reader, const uint8_t *word, size_t size, ply_kind *kind)
-{
-    *kind = PLY_OTHERS;
-    if (qm_scan_word_is(word, size, "vertex")) *kind = PLY_VERTICES;
-    if (qm_scan_word_is(word, size, "face")) *kind = PLY_FACES;
-    if (qm_scan_word_is(word, size, "tristrips"))
-        return qm_codec_fail(reader->report, QM_E_UNSUPPORTED, "triangle strips in PLY are not supported");
-    for (size_t i = 0; *kind != PLY_OTHERS && i < reader->element_count; ++i)
-        if (reader->elements[i].kind == *kind)
-            return ply_fail(reader, "the header describes vertices or faces twice");
-    return QM_OK;
-}
-
 static qm_status read_element(ply_reader *reader)
 {
     const uint8_t *word;
     size_t size;
     ply_element element = {.first_property = reader->property_count};
     if (!qm_scan_read_word(&reader->text, &word, &size)) return ply_fail(reader, "an element has no name");
-    qm_status status = name_element(reader, word, size, &element.kind);
+    element.kind = PLY_OTHERS;
+    if (qm_scan_word_is(word, size, "vertex")) element.kind = PLY_VERTICES;
+    if (qm_scan_word_is(word, size, "face")) element.kind = PLY_FACES;
+    if (qm_scan_word_is(word, size, "tristrips"))
+        return qm_codec_fail(reader->report, QM_E_UNSUPPORTED, "triangle strips in PLY are not supported");
+    for (size_t i = 0; element.kind != PLY_OTHERS && i < reader->element_count; ++i)
+        if (reader->elements[i].kind == element.kind)
+            return ply_fail(reader, "the header describes vertices or faces twice");
     int64_t count;
-    if (status == QM_OK) status = qm_scan_read_integer(&reader->text, &count);
+    qm_status status = qm_scan_read_integer(&reader->text, &count);
     if (status != QM_OK) return status;
     if (count < 0) return ply_fail(reader, "the count of an element is negative");
     element.count = (uint64_t)count;
@@ -447,13 +436,6 @@ static qm_status read_blocks(ply_reader *reader, const ply_element *element, uin
     return status;
 }
 
-static qm_status read_text_element(ply_reader *reader, const ply_element *element)
-{
-    uint64_t done;
-    qm_status status = read_blocks(reader, element, &done);
-    return status == QM_OK ? read_text_rows(reader, element, done) : status;
-}
-
 /* ---- binary rows ---- */
 
 static uint64_t load_bits(const uint8_t *at, size_t size, bool swaps)
@@ -658,20 +640,16 @@ static qm_status read_plain_faces(ply_reader *reader, uint64_t count, uint64_t *
     return status;
 }
 
-static qm_status read_plain_rows(ply_reader *reader, plain_row plain, uint64_t count, uint64_t *done)
-{
-    if (plain == NOT_PLAIN) return QM_OK;
-    return plain == PLAIN_CORNERS ? read_plain_faces(reader, count, done)
-                                  : read_plain_positions(reader, plain, count, done);
-}
-
 static qm_status ply_read_binary_rows(ply_reader *reader, const ply_element *element)
 {
     if (element->property_count == 0) return QM_OK;
     plain_row plain = find_plain(reader, element);
     qm_status status = QM_OK;
     for (uint64_t done = 0; done < element->count && status == QM_OK; ++done) {
-        status = read_plain_rows(reader, plain, element->count, &done);
+        if (plain == PLAIN_CORNERS)
+            status = read_plain_faces(reader, element->count, &done);
+        else if (plain != NOT_PLAIN)
+            status = read_plain_positions(reader, plain, element->count, &done);
         if (status == QM_OK && done < element->count) status = read_binary_row(reader, element);
     }
     return status;
@@ -684,9 +662,13 @@ static qm_status read_rows(ply_reader *reader)
     for (size_t i = 0; i < reader->element_count; ++i) {
         const ply_element *element = &reader->elements[i];
         qm_status status = start_element(reader, element);
-        if (status == QM_OK)
-            status = reader->encoding == PLY_ASCII ? read_text_element(reader, element)
-                                                   : ply_read_binary_rows(reader, element);
+        if (status == QM_OK && reader->encoding == PLY_ASCII) {
+            uint64_t done;
+            status = read_blocks(reader, element, &done);
+            if (status == QM_OK) status = read_text_rows(reader, element, done);
+        } else if (status == QM_OK) {
+            status = ply_read_binary_rows(reader, element);
+        }
         if (status != QM_OK) return status;
     }
     if (reader->encoding == PLY_ASCII) {
@@ -701,19 +683,15 @@ static qm_status read_rows(ply_reader *reader)
     return QM_OK;
 }
 
-/** Reopens the file as text, which checks all of it for NUL bytes, and skips to its rows. */
-static qm_status reopen_as_text(ply_reader *reader, size_t size)
-{
-    qm_scan header = reader->text;
-    qm_status status = qm_scan_open(&reader->text, reader->bytes, size, reader->report);
-    if (status == QM_OK) reader->text = header;
-    return status;
-}
-
 static qm_status read_file(ply_reader *reader, size_t size)
 {
     qm_status status = ply_read_header(reader);
-    if (status == QM_OK && reader->encoding == PLY_ASCII) status = reopen_as_text(reader, size);
+    if (status == QM_OK && reader->encoding == PLY_ASCII) {
+        /* Opening the file again as text checks all of it for NUL bytes. */
+        qm_scan header = reader->text;
+        status = qm_scan_open(&reader->text, reader->bytes, size, reader->report);
+        if (status == QM_OK) reader->text = header;
+    }
     if (status == QM_OK) status = read_rows(reader);
     return status;
 }

@@ -341,14 +341,6 @@ qm_status qm_scan_read_position(qm_scan *text, double position[3])
 
 #define SAFE_DIGITS 18 /* integers with so many digits fit 63 bits */
 
-/** Whether an integer with more digits fits, too; value wraps beyond 19. */
-static bool fits(const uint8_t *first, const uint8_t *end, uint64_t value)
-{
-    while (first < end && *first == '0')
-        ++first;
-    return end - first <= SAFE_DIGITS + 1 && value <= INT64_MAX;
-}
-
 bool qm_scan_any_integer(qm_scan *text, int64_t *integer, bool *overflow)
 {
     const uint8_t *p = text->at, *end = text->end;
@@ -359,9 +351,11 @@ bool qm_scan_any_integer(qm_scan *text, int64_t *integer, bool *overflow)
     uint64_t value = 0;
     p = scan_many_digits(p, end, &value);
     if (p == first) return false;
-    if (p - first > SAFE_DIGITS && !fits(first, p, value)) {
-        *overflow = true;
-        return false;
+    if (p - first > SAFE_DIGITS) { /* a longer one may fit, too; value wraps beyond 19 digits */
+        while (first < p && *first == '0')
+            ++first;
+        *overflow = p - first > SAFE_DIGITS + 1 || value > INT64_MAX;
+        if (*overflow) return false;
     }
     *integer = negative ? -(int64_t)value : (int64_t)value;
     text->at = p;

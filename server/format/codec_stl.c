@@ -111,14 +111,6 @@ static qm_status fail_text(stl_text *reader, const char *detail)
     return qm_codec_fail(reader->text.report, QM_E_FORMAT, "%s", detail);
 }
 
-static qm_status read_corner(stl_text *reader)
-{
-    if (!reader->in_facet) return fail_text(reader, "a vertex outside of a facet");
-    if (reader->corner_count == 3) return fail_text(reader, "a facet has more than three vertices");
-    size_t corner = 3 * reader->facet_count + (size_t)reader->corner_count++;
-    return qm_scan_read_position(&reader->text, reader->corners[corner]);
-}
-
 /** Begins a facet and skips its normal unread, because writers put NaN into those of slivers. */
 static qm_status begin_facet(stl_text *reader)
 {
@@ -163,7 +155,12 @@ static qm_status read_statement(stl_text *reader)
     const uint8_t *word;
     size_t size;
     qm_scan_read_word(&reader->text, &word, &size);
-    if (qm_scan_word_is(word, size, "vertex")) return read_corner(reader);
+    if (qm_scan_word_is(word, size, "vertex")) {
+        if (!reader->in_facet) return fail_text(reader, "a vertex outside of a facet");
+        if (reader->corner_count == 3) return fail_text(reader, "a facet has more than three vertices");
+        size_t corner = 3 * reader->facet_count + (size_t)reader->corner_count++;
+        return qm_scan_read_position(&reader->text, reader->corners[corner]);
+    }
     if (qm_scan_word_is(word, size, "facet")) return begin_facet(reader);
     if (qm_scan_word_is(word, size, "endfacet")) {
         if (!reader->in_facet) return fail_text(reader, "endfacet without a facet");
@@ -180,22 +177,15 @@ static qm_status read_statement(stl_text *reader)
     return fail_text(reader, "unknown keyword");
 }
 
-static qm_status read_statements(stl_text *reader)
-{
-    while (qm_scan_find_row(&reader->text)) {
-        qm_status status = read_statement(reader);
-        if (status != QM_OK) return status;
-    }
-    if (reader->in_facet) return fail_text(reader, "the file ends within a facet");
-    if (reader->in_solid) qm_codec_warn(reader->text.report, "the file ends without endsolid");
-    return QM_OK;
-}
-
 static qm_status read_text(qm_welder *welder, const uint8_t *bytes, size_t size)
 {
     stl_text reader = {.welder = welder};
     qm_status status = qm_scan_open(&reader.text, bytes, size, welder->builder->report);
-    if (status == QM_OK) status = read_statements(&reader);
+    while (status == QM_OK && qm_scan_find_row(&reader.text))
+        status = read_statement(&reader);
+    if (status == QM_OK && reader.in_facet) status = fail_text(&reader, "the file ends within a facet");
+    if (status == QM_OK && reader.in_solid)
+        qm_codec_warn(reader.text.report, "the file ends without endsolid");
     /* An error of an earlier facet is reported first. */
     if (reader.facet_count > 0) {
         qm_status added = add_facets(&reader);

@@ -6,41 +6,31 @@
 #include "codec_scan.h"
 #include "encoder_internal.h"
 
+/** What separates two columns. */
 typedef struct column_gap {
     bool has_comma, has_blank;
 } column_gap;
-
-static column_gap skip_gap(qm_scan *text)
-{
-    const uint8_t *from = text->at;
-    qm_scan_skip_blanks(text);
-    bool has_comma = text->at < text->end && *text->at == ',';
-    if (has_comma) ++text->at;
-    qm_scan_skip_blanks(text);
-    return (column_gap){has_comma, text->at > from + has_comma};
-}
-
-static qm_status read_point(qm_scan *text, double position[3])
-{
-    column_gap gaps[2];
-    qm_status status = qm_scan_read_number(text, position);
-    for (int i = 0; status == QM_OK && i < 2; ++i) {
-        gaps[i] = skip_gap(text);
-        status = qm_scan_read_number(text, position + i + 1);
-    }
-    if (status != QM_OK) return status;
-    if (gaps[0].has_comma != gaps[1].has_comma || gaps[0].has_blank != gaps[1].has_blank)
-        return qm_codec_fail(text->report, QM_E_FORMAT,
-                             "columns are separated in different ways; are these decimal commas?");
-    return QM_OK;
-}
 
 static qm_status read_points(qm_builder *builder, qm_scan *text)
 {
     while (qm_scan_find_row(text)) {
         double position[3];
-        qm_status status = read_point(text, position);
-        if (status == QM_OK) status = qm_builder_add_vertex(builder, position);
+        column_gap gaps[2];
+        qm_status status = qm_scan_read_number(text, position);
+        for (int i = 0; status == QM_OK && i < 2; ++i) {
+            const uint8_t *from = text->at;
+            qm_scan_skip_blanks(text);
+            gaps[i].has_comma = text->at < text->end && *text->at == ',';
+            if (gaps[i].has_comma) ++text->at;
+            qm_scan_skip_blanks(text);
+            gaps[i].has_blank = text->at > from + gaps[i].has_comma;
+            status = qm_scan_read_number(text, position + i + 1);
+        }
+        if (status != QM_OK) return status;
+        if (gaps[0].has_comma != gaps[1].has_comma || gaps[0].has_blank != gaps[1].has_blank)
+            return qm_codec_fail(text->report, QM_E_FORMAT,
+                                 "columns are separated in different ways; are these decimal commas?");
+        status = qm_builder_add_vertex(builder, position);
         if (status != QM_OK) return status;
         qm_scan_skip_line(text);
     }

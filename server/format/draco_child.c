@@ -81,13 +81,6 @@ static bool prepare_shared(void *user, const qm_draco_facts *facts, qm_draco_arr
     return true;
 }
 
-/** Small files, which may be many, get little memory. */
-static size_t choose_memory(size_t file_size)
-{
-    size_t most = qm_host_default_budget(), fair = MEMORY_PER_BYTE * file_size;
-    return MEMORY_BASE + (fair < most ? fair : most);
-}
-
 int qm_draco_child_main(void)
 {
     struct stat input;
@@ -95,7 +88,9 @@ int qm_draco_child_main(void)
     syscall(SYS_close_range, OUTPUT + 1, ~0u, 0);
     if (fstat(INPUT, &input) != 0) return 1;
     size_t size = (size_t)input.st_size;
-    qm_sandbox_limits limits = {choose_memory(size), CPU_LIMIT_S};
+    /* Small files, which may be many, get little memory. */
+    const size_t max_memory = qm_host_default_budget(), fair = MEMORY_PER_BYTE * size;
+    qm_sandbox_limits limits = {MEMORY_BASE + (fair < max_memory ? fair : max_memory), CPU_LIMIT_S};
     const uint8_t *bytes = mmap(NULL, size, PROT_READ, MAP_SHARED, INPUT, 0);
     child c = {NULL, sizeof(child_result)};
     if (bytes == MAP_FAILED || ftruncate(OUTPUT, (off_t)c.size) != 0) return 1;
