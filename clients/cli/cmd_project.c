@@ -89,40 +89,30 @@ typedef struct target {
     qm_locator locator;
 } target;
 
-static bool write_block(const project_options *options, qm_context *ctx, const target *surface,
-                        const point_list *points, size_t first, qm_text *text, FILE *out)
-{
-    size_t left = points->count - first, count = left < QM_PROJECTIONS_BLOCK ? left : QM_PROJECTIONS_BLOCK;
-    qm_projections projections;
-    qm_status status =
-        qm_projections_find(ctx, &surface->mesh, &surface->locator, options->quads,
-                            points->positions + 3 * first, count, options->threads, &projections);
-    if (status == QM_OK) {
-        qm_projections_write(text, options->format, &projections, surface->mesh.diagonal, first == 0);
-        qm_projections_reset(ctx, &projections);
-        if (text->failed) status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the records");
-    }
-    if (status != QM_OK) {
-        cli_report_status(options->mesh, status, ctx, options->as_json);
-        return false;
-    }
-    fwrite(text->data, 1, text->size, out);
-    text->size = 0;
-    return true;
-}
-
 static bool write_projections(const project_options *options, qm_context *ctx, const target *surface,
                               const point_list *points, FILE *out)
 {
     qm_text text = {0};
-    bool is_done = true;
+    qm_status status = QM_OK;
     qm_projections_write_begin(&text, options->format);
-    for (size_t first = 0; is_done && first < points->count; first += QM_PROJECTIONS_BLOCK)
-        is_done = write_block(options, ctx, surface, points, first, &text, out);
+    for (size_t first = 0; status == QM_OK && first < points->count; first += QM_PROJECTIONS_BLOCK) {
+        size_t left = points->count - first,
+               count = left < QM_PROJECTIONS_BLOCK ? left : QM_PROJECTIONS_BLOCK;
+        qm_projections projections;
+        status = qm_projections_find(ctx, &surface->mesh, &surface->locator, options->quads,
+                                     points->positions + 3 * first, count, options->threads, &projections);
+        if (status != QM_OK) break;
+        qm_projections_write(&text, options->format, &projections, surface->mesh.diagonal, first == 0);
+        qm_projections_reset(ctx, &projections);
+        if (text.failed) status = qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the records");
+        if (status == QM_OK) fwrite(text.data, 1, text.size, out);
+        text.size = 0;
+    }
+    if (status != QM_OK) cli_report_status(options->mesh, status, ctx, options->as_json);
     qm_projections_write_end(&text, options->format);
-    if (is_done && text.size > 0) fwrite(text.data, 1, text.size, out);
+    if (status == QM_OK && text.size > 0) fwrite(text.data, 1, text.size, out);
     qm_text_reset(&text);
-    return is_done;
+    return status == QM_OK;
 }
 
 static bool project_here(const project_options *options, const point_list *points, FILE *out)

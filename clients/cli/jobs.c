@@ -49,21 +49,18 @@ static int run_loaded(const cli_job *job, const qm_loaded_mesh *a, const qm_load
     return exit_status;
 }
 
-/** Only the kinds that search for nearest points need targets. */
-static bool is_target(const qm_job_request *request, int side)
-{
-    if (request->kind == QM_JOB_HAUSDORFF) return request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A);
-    return request->kind == QM_JOB_DEVIATION && side == 1;
-}
-
 static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
 {
     qm_context ctx = qm_host_context();
     ctx.cancel = &cli_interrupted;
     qm_preparation preparation[2];
     for (int side = 0; side < 2; side++) {
-        preparation[side] =
-            cli_prepare(is_target(&job->request, side), job->request.quads, job->request.threads);
+        /* Only the kinds that search for nearest points need targets. */
+        const qm_job_request *request = &job->request;
+        const bool is_target = request->kind == QM_JOB_HAUSDORFF
+                                   ? request->direction != (side == 0 ? QM_A_TO_B : QM_B_TO_A)
+                                   : request->kind == QM_JOB_DEVIATION && side == 1;
+        preparation[side] = cli_prepare(is_target, request->quads, request->threads);
         preparation[side].has_no_tree = job->request.kind == QM_JOB_COLLISION;
     }
     qm_loaded_mesh mesh[2] = {{.revision = 0}};
@@ -76,26 +73,25 @@ static int run_here(const cli_job *job, cli_finish_fn *finish, const void *user)
     return status;
 }
 
-/* ---- on a daemon ---- */
-
-static int run_on_server(const cli_job *job, cli_finish_fn *finish, const void *user)
-{
-    cli_session *session = cli_session_open(job->server, job->as_json);
-    qm_job_request request = job->request;
-    double diagonal = 0.0;
-    bool is_ready = session && cli_session_upload(session, job->path[0], request.a, &diagonal) &&
-                    (!job->path[1] || cli_session_upload(session, job->path[1], request.b, NULL));
-    char *json = is_ready ? cli_session_run_job(session, &request, make_bar(job, diagonal)) : NULL;
-    const cli_job_output output = {.json = json, .session = session};
-    int status = json ? finish(user, job, &output) : EXIT_BAD_INPUT;
-    free(json);
-    cli_session_close(session);
-    return status;
-}
+/* ---- in this process, or on a daemon ---- */
 
 int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user)
 {
-    int status = job->server ? run_on_server(job, finish, user) : run_here(job, finish, user);
+    int status = EXIT_BAD_INPUT;
+    if (job->server) {
+        cli_session *session = cli_session_open(job->server, job->as_json);
+        qm_job_request request = job->request;
+        double diagonal = 0.0;
+        bool is_ready = session && cli_session_upload(session, job->path[0], request.a, &diagonal) &&
+                        (!job->path[1] || cli_session_upload(session, job->path[1], request.b, NULL));
+        char *json = is_ready ? cli_session_run_job(session, &request, make_bar(job, diagonal)) : NULL;
+        const cli_job_output output = {.json = json, .session = session};
+        if (json) status = finish(user, job, &output);
+        free(json);
+        cli_session_close(session);
+    } else {
+        status = run_here(job, finish, user);
+    }
     /* After an interrupt an input that could not be read is not to blame. */
     return status == EXIT_BAD_INPUT && atomic_load(&cli_interrupted) ? EXIT_NOT_CONVERGED : status;
 }

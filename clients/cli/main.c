@@ -37,24 +37,6 @@ static void on_interrupt(int number)
     atomic_store(&cli_interrupted, true);
 }
 
-static int run_command(int argc, char **argv)
-{
-    const char *name = argc > 1 ? argv[1] : "";
-    for (int i = 0; i < COMMAND_COUNT; i++)
-        if (strcmp(name, commands[i]->name) == 0) return commands[i]->run(argc - 1, argv + 1);
-    if (strcmp(name, "--version") == 0) {
-        puts("quadmesh " QM_VERSION);
-        return EXIT_OK;
-    }
-    if (strcmp(name, "--help") == 0) {
-        print_help(stdout);
-        return EXIT_OK;
-    }
-    if (name[0]) fprintf(stderr, "quadmesh: unknown command \"%s\"\n\n", name);
-    print_help(stderr);
-    return EXIT_USAGE;
-}
-
 int main(int argc, char **argv)
 {
     qm_host_use_large_heap();
@@ -62,7 +44,22 @@ int main(int argc, char **argv)
     struct sigaction action = {.sa_handler = on_interrupt, .sa_flags = (int)SA_RESETHAND};
     sigaction(SIGINT, &action, NULL);
     signal(SIGPIPE, SIG_IGN);
-    int status = run_command(argc, argv);
+    const char *name = argc > 1 ? argv[1] : "";
+    const cli_command *command = NULL;
+    for (int i = 0; i < COMMAND_COUNT && !command; i++)
+        if (strcmp(name, commands[i]->name) == 0) command = commands[i];
+    int status = EXIT_OK;
+    if (command) {
+        status = command->run(argc - 1, argv + 1);
+    } else if (strcmp(name, "--version") == 0) {
+        puts("quadmesh " QM_VERSION);
+    } else if (strcmp(name, "--help") == 0) {
+        print_help(stdout);
+    } else {
+        if (name[0]) fprintf(stderr, "quadmesh: unknown command \"%s\"\n\n", name);
+        print_help(stderr);
+        status = EXIT_USAGE;
+    }
     if (fflush(stdout) == 0 && !ferror(stdout)) return status;
     perror("quadmesh: the output could not be written");
     return EXIT_BAD_INPUT;

@@ -47,54 +47,10 @@ static void print_usage(FILE *file, const cli_command *command, const cli_option
 
 /* ---- values ---- */
 
-static bool read_number(const cli_option *option, const char *text)
-{
-    char *end;
-    double number = strtod(text, &end);
-    bool is_positive = option->type == CLI_POSITIVE;
-    if (end != text && !*end && isfinite(number) && (is_positive ? number > 0.0 : number >= 0.0)) {
-        *(double *)option->target = number;
-        return true;
-    }
-    fprintf(stderr, "quadmesh: --%s takes a number%s, got \"%s\"\n", option->name,
-            is_positive ? " above 0" : " of 0 or more", text);
-    return false;
-}
-
-static bool read_integer(const cli_option *option, const char *text)
-{
-    QM_ASSERT(option->min <= option->max);
-    char *end;
-    double number = strtod(text, &end);
-    if (end == text || *end || !(number >= option->min && number <= option->max) || number != floor(number)) {
-        fprintf(stderr, "quadmesh: --%s takes an integer from %.0f to %.0f, got \"%s\"\n", option->name,
-                option->min, option->max, text);
-        return false;
-    }
-    if (option->type == CLI_INT)
-        *(int *)option->target = (int)number;
-    else
-        *(size_t *)option->target = (size_t)number;
-    return true;
-}
-
-static bool read_choice(const cli_option *option, const char *text)
-{
-    const char *const *choices = option->choices;
-    for (int i = 0; choices[i]; i++) {
-        if (strcmp(text, choices[i]) != 0) continue;
-        memcpy(option->target, &i, sizeof i); /* enums have the size of int */
-        return true;
-    }
-    fprintf(stderr, "quadmesh: --%s takes %s", option->name, choices[0]);
-    for (int i = 1; choices[i]; i++)
-        fprintf(stderr, "%s%s", choices[i + 1] ? ", " : " or ", choices[i]);
-    fprintf(stderr, ", got \"%s\"\n", text);
-    return false;
-}
-
 static bool read_value(const cli_option *option, const char *text)
 {
+    char *end;
+    const double number = option->type >= CLI_POSITIVE && option->type <= CLI_SIZE ? strtod(text, &end) : NAN;
     switch (option->type) {
     case CLI_FLAG:
         return *(bool *)option->target = true;
@@ -102,13 +58,43 @@ static bool read_value(const cli_option *option, const char *text)
         *(const char **)option->target = text;
         return true;
     case CLI_POSITIVE:
-    case CLI_NUMBER:
-        return read_number(option, text);
+    case CLI_NUMBER: {
+        const bool is_positive = option->type == CLI_POSITIVE;
+        if (end != text && !*end && isfinite(number) && (is_positive ? number > 0.0 : number >= 0.0)) {
+            *(double *)option->target = number;
+            return true;
+        }
+        fprintf(stderr, "quadmesh: --%s takes a number%s, got \"%s\"\n", option->name,
+                is_positive ? " above 0" : " of 0 or more", text);
+        return false;
+    }
     case CLI_INT:
     case CLI_SIZE:
-        return read_integer(option, text);
-    case CLI_CHOICE:
-        return read_choice(option, text);
+        QM_ASSERT(option->min <= option->max);
+        if (end == text || *end || !(number >= option->min && number <= option->max) ||
+            number != floor(number)) {
+            fprintf(stderr, "quadmesh: --%s takes an integer from %.0f to %.0f, got \"%s\"\n", option->name,
+                    option->min, option->max, text);
+            return false;
+        }
+        if (option->type == CLI_INT)
+            *(int *)option->target = (int)number;
+        else
+            *(size_t *)option->target = (size_t)number;
+        return true;
+    case CLI_CHOICE: {
+        const char *const *choices = option->choices;
+        for (int i = 0; choices[i]; i++) {
+            if (strcmp(text, choices[i]) != 0) continue;
+            memcpy(option->target, &i, sizeof i); /* enums have the size of int */
+            return true;
+        }
+        fprintf(stderr, "quadmesh: --%s takes %s", option->name, choices[0]);
+        for (int i = 1; choices[i]; i++)
+            fprintf(stderr, "%s%s", choices[i + 1] ? ", " : " or ", choices[i]);
+        fprintf(stderr, ", got \"%s\"\n", text);
+        return false;
+    }
     case CLI_CUSTOM:
         return option->read(text, option->target);
     }
@@ -116,13 +102,6 @@ static bool read_value(const cli_option *option, const char *text)
 }
 
 /* ---- arguments ---- */
-
-static int find_letter(const cli_option *options, size_t count, int letter)
-{
-    for (size_t i = 0; i < count; i++)
-        if (options[i].letter && options[i].letter == letter) return (int)i;
-    return -1;
-}
 
 bool cli_read_options(const cli_command *command, const cli_option *options, size_t count, int argc,
                       char **argv, const char **paths, int *status)
@@ -146,8 +125,10 @@ bool cli_read_options(const cli_command *command, const cli_option *options, siz
             print_usage(stdout, command, options, count);
             return false;
         }
-        int index = option >= FIRST_OPTION ? option - FIRST_OPTION : find_letter(options, count, option);
-        if (index < 0 || !read_value(&options[index], optarg)) {
+        size_t index = option >= FIRST_OPTION ? (size_t)(option - FIRST_OPTION) : 0;
+        while (option < FIRST_OPTION && index < count && options[index].letter != option)
+            index++;
+        if (index == count || !read_value(&options[index], optarg)) {
             print_usage(stderr, command, options, count);
             return false;
         }

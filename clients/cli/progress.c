@@ -28,13 +28,6 @@ char *cli_format_bound(double bound, bool is_upper, char out[CLI_BOUND_SIZE])
     return out;
 }
 
-/** The completed fraction of the way from the first gap to the tolerance, on a log scale. */
-static double find_fraction(const cli_bar *bar, double gap)
-{
-    if (!(gap > bar->tolerance) || !(bar->first_gap > bar->tolerance)) return 1.0;
-    return log(bar->first_gap / gap) / log(bar->first_gap / bar->tolerance);
-}
-
 void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, double iterations)
 {
     if (!(bar->is_terminal || bar->is_forced) || !isfinite(upper)) return;
@@ -42,7 +35,10 @@ void cli_bar_show(cli_bar *bar, double lower, double upper, double elapsed_ms, d
     double gap = upper - lower;
     if (bar->first_gap == 0.0) bar->first_gap = gap;
     char low[CLI_BOUND_SIZE], high[CLI_BOUND_SIZE];
-    int filled = (int)(find_fraction(bar, gap) * BAR_WIDTH);
+    /* The completed fraction of the way from the first gap to the tolerance, on a log scale. */
+    const bool is_open = gap > bar->tolerance && bar->first_gap > bar->tolerance;
+    const double fraction = is_open ? log(bar->first_gap / gap) / log(bar->first_gap / bar->tolerance) : 1.0;
+    int filled = (int)(fraction * BAR_WIDTH);
     char drawn[BAR_WIDTH + 1];
     for (int i = 0; i < BAR_WIDTH; i++)
         drawn[i] = i < filled ? '#' : '.';

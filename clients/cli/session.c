@@ -49,19 +49,17 @@ static bool find_symbol(void *library, const char *name, void *function)
     return found != NULL;
 }
 
-static bool find_symbols(void *library, curl_library *curl)
-{
-#define XX(name) &&find_symbol(library, "curl_" #name, &curl->name)
-    return library CLI_CURL_MAP(XX);
-#undef XX
-}
-
 /** The library, which stays loaded; NULL with a message. One thread. */
 static const curl_library *load_curl(const char **message)
 {
     static curl_library curl;
     static bool is_loaded;
-    if (!is_loaded) is_loaded = find_symbols(dlopen(LIBRARY, RTLD_LAZY), &curl);
+    if (!is_loaded) {
+        void *library = dlopen(LIBRARY, RTLD_LAZY);
+#define XX(name) &&find_symbol(library, "curl_" #name, &curl.name)
+        is_loaded = library CLI_CURL_MAP(XX);
+#undef XX
+    }
     if (is_loaded) return &curl;
     *message = dlerror();
     return NULL;
@@ -131,18 +129,13 @@ static char *last_member(const char *line, const char *name)
     return strndup(start, strlen(start) - 1);
 }
 
-static bool has_succeeded(const cli_session *session)
-{
-    long status = 0;
-    session->curl->easy_getinfo(session->handle, CURLINFO_RESPONSE_CODE, &status);
-    return status == 200;
-}
-
 static size_t on_bytes(char *bytes, size_t width, size_t count, void *user)
 {
     cli_session *session = user;
     size_t size = width * count;
-    if (session->file && has_succeeded(session)) return fwrite(bytes, 1, size, session->file);
+    long status = 0;
+    session->curl->easy_getinfo(session->handle, CURLINFO_RESPONSE_CODE, &status);
+    if (session->file && status == 200) return fwrite(bytes, 1, size, session->file);
     qm_text_add(&session->body, bytes, size);
     char *end;
     while (session->is_stream && !session->body.failed &&
