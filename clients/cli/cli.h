@@ -5,6 +5,7 @@
 #define QM_CLI_H
 
 #include <stdatomic.h>
+#include <stdio.h>
 
 #include "ops/json_out.h"
 
@@ -53,7 +54,7 @@ bool cli_load_pair(qm_context *ctx, const char *const path[2], bool as_json,
                    const qm_preparation preparation[2], qm_loaded_mesh mesh[2]);
 void cli_unload_pair(qm_context *ctx, qm_loaded_mesh mesh[2]);
 
-/* ---- progress (progress.c) ---- */
+/* ---- progress (jobs.c) ---- */
 
 /** A bound in 9 digits, rounded outward, so that the printed interval contains the computed one. Returns out. */
 #define CLI_BOUND_SIZE 32
@@ -96,5 +97,37 @@ typedef int cli_finish_fn(const void *user, const cli_job *job, const cli_job_ou
 
 /** Loads the meshes, runs the job, and calls finish with its outcome. Returns the exit status. */
 int cli_run_job(const cli_job *job, cli_finish_fn *finish, const void *user);
+
+/* ---- sessions (session.c) ----
+ *
+ * A connection to a daemon, which uploads files, runs jobs, and reads streamed results. Failures are reported as by
+ * cli_report.
+ */
+
+/** NULL after a report if libcurl cannot be loaded or memory runs out. */
+cli_session *cli_session_open(const char *server, bool as_json);
+void cli_session_close(cli_session *session);
+
+/** Uploads a file; writes the id of its mesh, and the diagonal of its box unless that is NULL. */
+bool cli_session_upload(cli_session *session, const char *path, char id[QM_ID_SIZE], double *diagonal);
+
+/**
+ * Runs a job to its end and returns the result object as the daemon wrote it, for the caller to free; NULL after a
+ * report. bar shows intermediate bounds. An interrupt stops the job.
+ */
+char *cli_session_run_job(cli_session *session, const qm_job_request *request, cli_bar bar);
+
+/** Posts bytes, or gets if they are NULL, and writes the response to a file as it arrives. Reports name subject. */
+bool cli_session_fetch(cli_session *session, const char *path, const void *bytes, size_t size,
+                       const char *media, const char *subject, FILE *out);
+
+/** The path of the last job, "" if there is none. */
+const char *cli_session_job_path(const cli_session *session);
+
+/* ---- pictures (picture.c) ---- */
+
+/** Draws the mesh shaded, with its edges, from the side that shows most of it. False with errno if the file cannot be
+ * written or memory runs out. */
+bool cli_write_picture(const char *path, const qm_mesh *mesh);
 
 #endif

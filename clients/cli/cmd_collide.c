@@ -8,7 +8,6 @@
 
 #include "base/json.h"
 #include "options.h"
-#include "session.h"
 
 #define MAX_PRINTED 10 /* pairs that are printed as text */
 

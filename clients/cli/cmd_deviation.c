@@ -11,7 +11,6 @@
 #include "base/host.h"
 #include "base/json.h"
 #include "options.h"
-#include "session.h"
 
 /** Files to write; NULL for none. */
 typedef struct file_names {

@@ -7,7 +7,6 @@
 
 #include "base/host.h"
 #include "options.h"
-#include "session.h"
 
 typedef enum point_format { FORMAT_BY_NAME, FORMAT_TEXT, FORMAT_F64 } point_format;
 

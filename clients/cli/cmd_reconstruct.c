@@ -9,7 +9,6 @@
 #include "format/encoder.h"
 #include "ops/json_layout.h"
 #include "options.h"
-#include "picture.h"
 
 #define DEFAULT_QUADS 10000
 
@@ -106,7 +105,7 @@ static bool write_mesh(qm_context *ctx, const reconstruct_options *options, cons
 
 static bool write_picture(const reconstruct_options *options, const qm_mesh *mesh)
 {
-    if (!options->picture || picture_write(options->picture, mesh)) return true;
+    if (!options->picture || cli_write_picture(options->picture, mesh)) return true;
     cli_report_unwritable(options->picture, options->as_json);
     return false;
 }

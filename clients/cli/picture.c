@@ -1,7 +1,7 @@
 /**
  * picture.c: draws triangles into a depth buffer and the edges of faces over them; libspng writes the file.
  */
-#include "picture.h"
+#include "cli.h"
 
 #include <errno.h>
 #include <float.h>
@@ -180,7 +180,7 @@ static bool write_png(const char *path, const uint8_t *pixels)
     return fclose(file) == 0 && is_written;
 }
 
-bool picture_write(const char *path, const qm_mesh *mesh)
+bool cli_write_picture(const char *path, const qm_mesh *mesh)
 {
     canvas c = {.pixels = malloc(PIXELS_SIZE), .depth = malloc((size_t)WIDTH * HEIGHT * sizeof(double))};
     bool is_written = c.pixels && c.depth;

@@ -2,7 +2,7 @@
  * session.c: HTTP by libcurl. The library is loaded when a daemon is used, because with its thirty libraries it takes
  * longer to start than most jobs take to run in this process.
  */
-#include "session.h"
+#include "cli.h"
 
 #include <curl/curl.h>
 #include <dlfcn.h>
