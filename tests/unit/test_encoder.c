@@ -283,6 +283,40 @@ static void test_draco_keeps_polygons_and_points(void **state)
     qm_text_reset(&file.file);
 }
 
+/** Quads about one vertex, and a polygon about them: most sides of the edges are filed under few vertices. */
+static void test_draco_joins_many_faces_at_one_vertex(void **state)
+{
+    (void)state;
+    for (size_t quads = 3; quads <= 60; quads += 19) {
+        qm_text obj = {0};
+        const size_t corners = 2 * quads;
+        qm_text_add_string(&obj, "v 0 0 1\n");
+        for (size_t i = 0; i < corners; i++) {
+            const double angle = 2.0 * M_PI * (double)i / (double)corners;
+            qm_text_printf(&obj, "v %.9f %.9f 0\n", cos(angle), sin(angle));
+        }
+        for (size_t i = 0; i < quads; i++)
+            qm_text_printf(&obj, "f 1 %zu %zu %zu\n", 2 * i + 2, 2 * i + 3, (2 * i + 2) % corners + 2);
+        qm_text_add_string(&obj, "f");
+        for (size_t i = corners; i > 0; i--)
+            qm_text_printf(&obj, " %zu", i + 1);
+        qm_text_add_string(&obj, "\n");
+        qm_decoded original = qm_decode(QM_FORMAT_OBJ, obj.data, obj.size);
+        written file = write_mesh(&original.mesh, QM_FORMAT_DRC, 0);
+        qm_decoded decoded = read_back(QM_FORMAT_DRC, &file);
+        size_t found = 0;
+        for (size_t i = 0; i < decoded.mesh.face_count; i++)
+            found += decoded.mesh.faces[4 * i + 3] != QM_NO_INDEX;
+        assert_int_equal(found, quads);
+        assert_int_equal(decoded.mesh.polygon_count, 1);
+        assert_int_equal(decoded.mesh.face_count, original.mesh.face_count);
+        qm_decoded_free(&decoded);
+        qm_decoded_free(&original);
+        qm_text_reset(&file.file);
+        qm_text_reset(&obj);
+    }
+}
+
 /* ---- what cannot be written ---- */
 
 static void check_refused(const char *text, qm_format from, qm_format to, qm_status status, const char *words)
@@ -340,6 +374,7 @@ int main(void)
         cmocka_unit_test(test_draco_keeps_quads_and_tells_the_displacement),
         cmocka_unit_test(test_draco_keeps_what_is_not_a_manifold),
         cmocka_unit_test(test_draco_keeps_polygons_and_points),
+        cmocka_unit_test(test_draco_joins_many_faces_at_one_vertex),
         cmocka_unit_test(test_what_a_format_cannot_hold_is_refused),
         cmocka_unit_test(test_memory_that_runs_out_is_a_status),
     };
