@@ -1,5 +1,5 @@
 /**
- * codec_draco.h: the C interface to the Draco library, for codec_drc.c, encode_drc.c and draco_child.c.
+ * codec_draco.h: the C interface to the Draco library, for codec_drc.c and draco_child.c.
  */
 #ifndef QM_CODEC_DRACO_H
 #define QM_CODEC_DRACO_H
