@@ -44,7 +44,8 @@ static bool read_format(qm_request *request, qm_format *format)
     const char *named = qm_request_query(request, "format");
     *format = named ? qm_format_from_name(named) : qm_format_from_media_type(qm_request_media(request));
     if (*format != QM_FORMAT_UNKNOWN) return true;
-    qm_problem problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`format` must be one of" QM_FORMAT_NAMES);
+    qm_problem problem =
+        qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`format` must be one of" QM_FORMAT_NAMES);
     qm_reply_problem(request, &problem);
     return false;
 }
