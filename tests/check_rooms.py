@@ -3,6 +3,8 @@
 
   - a folder includes headers of the folders that it may use, and of no others (ROOMS);
   - a name is defined in one header: types, functions and macros that begin with qm_ or QM_;
+  - the first word after qm_ of a function that other files call is a word of its file's or its folder's name,
+    but for its ending (job, jobs; encode, encoder);
   - files that comments name, and files that documents link to, exist.
 
 usage: tests/check_rooms.py [FOLDER]   (the source tree, default this one)
@@ -36,6 +38,7 @@ ROOMS = {
     'clients/cli': 'base format ops',
 }
 INCLUDE = re.compile(r'^\s*#\s*include\s*"([^"]+)"', re.M)
+DEFINITION = re.compile(r'^(?!static\b|typedef\b)[a-z_][\w ]*[ *](qm_\w+)\([^;{}]*\)\s*\{', re.M)
 COMMENT = re.compile(r'/\*.*?\*/|//[^\n]*', re.S)
 NAMED_FILE = re.compile(r'\b([a-z][a-z0-9_]*(?:/[a-z0-9_]+)*\.(?:c|h|cc|py|sh|js))\b')
 
@@ -84,6 +87,17 @@ def check_definitions(files, faults):
             fault(faults, sorted(paths)[0], f'defines {name}, and so does ' + ', '.join(str(p) for p in sorted(paths)[1:]))
 
 
+def check_prefixes(files, faults):
+    for path, text in files.items():
+        if path.suffix not in ('.c', '.cc') or room_of(path) is None:
+            continue
+        words = set(path.stem.split('_')) | set(path.parent.name.split('_'))
+        for name in DEFINITION.findall(COMMENT.sub('', text)):
+            first = name.split('_')[1]
+            if not any(len(word) > 2 and (first.startswith(word) or word.startswith(first)) for word in words):
+                fault(faults, path, f'defines {name}, whose first word is in the name of neither the file nor the folder')
+
+
 def check_named_files(root, files, faults):
     known = {p.name for top in ('engine', 'server', 'clients', 'tests', 'proto', 'docker') for p in (root / top).rglob('*.*')}
     for path, text in files.items():
@@ -111,6 +125,7 @@ def main():
     faults = []
     check_edges(files, faults)
     check_definitions(files, faults)
+    check_prefixes(files, faults)
     check_named_files(root, files, faults)
     check_links(root, faults)
     for line in faults:

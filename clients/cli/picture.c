@@ -80,7 +80,7 @@ static void set_view(canvas *c, const qm_mesh *mesh)
         high = fmax(high, fabs(s.y - 0.5 * HEIGHT));
     }
     c->scale = MARGIN * fmin(0.5 * WIDTH / fmax(wide, DBL_MIN), 0.5 * HEIGHT / fmax(high, DBL_MIN));
-    c->lift = EDGE_LIFT * c->scale * qm_box_diagonal(&box);
+    c->lift = EDGE_LIFT * c->scale * qm_mesh_box_diagonal(&box);
 }
 
 static void put(canvas *c, int x, int y, const uint8_t colour[3])

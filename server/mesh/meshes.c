@@ -532,7 +532,7 @@ static bool store_revision(deform_task *work)
     qm_loaded_mesh next = work->ref->mesh;
     next.mesh.positions = work->positions;
     next.box = qm_mesh_bounding_box(&next.mesh);
-    next.diagonal = qm_box_diagonal(&next.box);
+    next.diagonal = qm_mesh_box_diagonal(&next.box);
     next.revision = ++work->row.revision;
     free(work->row.document);
     work->row.document = make_document(&work->row, &next);

@@ -72,6 +72,6 @@ void qm_listed_pairs_reset(qm_context *ctx, qm_listed_pairs *pairs)
 {
     qm_context_free(ctx, pairs->faces, face_capacity(pairs), sizeof *pairs->faces);
     qm_context_free(ctx, pairs->contacts, pairs->listed_count, sizeof *pairs->contacts);
-    qm_collision_reset(ctx, &pairs->found);
+    qm_collide_reset(ctx, &pairs->found);
     *pairs = (qm_listed_pairs){0};
 }

@@ -56,7 +56,7 @@ static qm_status prepare(qm_context *ctx, const qm_preparation *preparation, qm_
     double start = qm_clock_now_ms();
     qm_status status = preparation->has_facts ? qm_mesh_find_facts(ctx, &out->mesh, &out->facts) : QM_OK;
     out->box = qm_mesh_bounding_box(&out->mesh);
-    out->diagonal = qm_box_diagonal(&out->box);
+    out->diagonal = qm_mesh_box_diagonal(&out->box);
     double facts_end = qm_clock_now_ms();
     out->topology_ms = facts_end - start;
     bool has_patches = status == QM_OK && preparation->has_patches && out->facts.quads > 0;
@@ -193,7 +193,7 @@ qm_status qm_loaded_mesh_deform(qm_context *ctx, qm_loaded_mesh *mesh, double *p
     mesh->mesh.positions = positions;
     drop_normals(ctx, &mesh->mesh);
     mesh->box = qm_mesh_bounding_box(&mesh->mesh);
-    mesh->diagonal = qm_box_diagonal(&mesh->box);
+    mesh->diagonal = qm_mesh_box_diagonal(&mesh->box);
     mesh->revision++;
     if (mesh->self_pairs) qm_self_pairs_move(mesh->self_pairs, vertices, vertex_count);
     qm_status status = mesh->deformer ? QM_OK : qm_deformer_build(ctx, mesh->bvh, &mesh->deformer);

@@ -55,7 +55,7 @@ void bench_agree(const char *path, size_t count, uint64_t seed)
     agree_bench b = {.ctx = qm_host_context(), .count = count};
     b.mesh = bench_read_mesh(&b.ctx, path, &(bench_change){0});
     qm_box box = qm_mesh_bounding_box(&b.mesh);
-    double diagonal = qm_box_diagonal(&box);
+    double diagonal = qm_mesh_box_diagonal(&box);
     if (qm_bvh_build(&b.ctx, &b.mesh, QM_BVH_ALL, 1, &b.tree) != QM_OK) bench_fail("tree", b.ctx.message);
     for (int set = 0; set < 3; set++)
         b.points[set] = bench_alloc(count, 3 * sizeof *b.points[set]);

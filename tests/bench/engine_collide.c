@@ -50,12 +50,12 @@ void bench_collide(const char *path_a, const char *path_b, const bench_change *c
     long resting_kb = qm_bench_rest();
     qm_bench_times times = {0};
     do {
-        qm_collision_reset(&ctx, &found);
+        qm_collide_reset(&ctx, &found);
         measure_once(&ctx, &a, path_b ? &b : NULL, &times, &found);
     } while (qm_bench_wants_more(&times));
     qm_bench_print_times(&times, resting_kb);
     print_pairs(&found);
-    qm_collision_reset(&ctx, &found);
+    qm_collide_reset(&ctx, &found);
     qm_mesh_reset(&ctx, &b);
     qm_mesh_reset(&ctx, &a);
 }

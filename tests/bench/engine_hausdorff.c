@@ -43,7 +43,7 @@ void bench_hausdorff(const bench_hausdorff_question *question)
     options.direction = QM_A_TO_B;
     options.quads = question->quads;
     options.accelerator = question->accelerator;
-    options.tolerance = question->tolerance * qm_box_diagonal(&box);
+    options.tolerance = question->tolerance * qm_mesh_box_diagonal(&box);
     options.thread_count = question->threads;
 
     long resting_kb = qm_bench_rest();

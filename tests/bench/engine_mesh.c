@@ -41,7 +41,7 @@ static uint8_t *read_file(const char *path, size_t *size)
 static void disturb(qm_mesh *mesh, const bench_change *change)
 {
     qm_box box = qm_mesh_bounding_box(mesh);
-    double diagonal = qm_box_diagonal(&box);
+    double diagonal = qm_mesh_box_diagonal(&box);
     double step = change->shift * diagonal / sqrt(3.0), reach = change->noise * diagonal;
     qm_random random = qm_random_make(NOISE_SEED, 0);
     for (size_t i = 0; i < 3 * mesh->vertex_count; i++)
@@ -148,7 +148,7 @@ void bench_export(const char *path, const bench_change *change, const char *pref
     bench_write_array(prefix, "vertices", mesh.positions, vertex_count, 3 * sizeof *mesh.positions);
     bench_write_array(prefix, "triangles", triangles, triangle_count, 3 * sizeof *triangles);
     printf("{\"vertices\": %zu, \"faces\": %zu, \"triangles\": %zu, \"diagonal\": %.17g}\n", vertex_count,
-           mesh.face_count, triangle_count, qm_box_diagonal(&box));
+           mesh.face_count, triangle_count, qm_mesh_box_diagonal(&box));
     free(triangles);
     free(number);
     qm_mesh_reset(&ctx, &mesh);
@@ -160,7 +160,7 @@ uint32_t *bench_pick_part(const qm_mesh *mesh, size_t *count)
     size_t wanted = mesh->vertex_count / PART + 1;
     uint32_t *part = bench_alloc(mesh->vertex_count, sizeof *part);
     *count = 0;
-    for (double reach = 1e-3 * qm_box_diagonal(&box); *count < wanted; reach *= 1.05) {
+    for (double reach = 1e-3 * qm_mesh_box_diagonal(&box); *count < wanted; reach *= 1.05) {
         *count = 0;
         for (uint32_t v = 0; v < mesh->vertex_count && *count < wanted; v++) {
             double d2 = 0.0;

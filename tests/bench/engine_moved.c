@@ -32,7 +32,7 @@ static void check(const moved_bench *b, qm_status status, const char *what)
 static void move(moved_bench *b, int repeat)
 {
     qm_box box = qm_mesh_bounding_box(&b->mesh);
-    double step = 1e-3 * qm_box_diagonal(&box);
+    double step = 1e-3 * qm_mesh_box_diagonal(&box);
     for (size_t i = 0; i < b->part_count; i++) {
         double *p = b->mesh.positions + 3 * (size_t)b->part[i];
         p[i % 3] += step * sin((double)i + repeat);
@@ -61,8 +61,8 @@ static void measure_once(moved_bench *b, qm_bench_times *all, qm_bench_times *pa
         anew.pair_count == after.pair_count &&
         (anew.pair_count == 0 || memcmp(anew.pairs, after.pairs, anew.pair_count * sizeof *anew.pairs) == 0);
     if (!same) bench_fail("changed pairs", "they are not those of a full run");
-    qm_collision_reset(&b->ctx, &b->before);
-    qm_collision_reset(&b->ctx, &anew);
+    qm_collide_reset(&b->ctx, &b->before);
+    qm_collide_reset(&b->ctx, &anew);
     b->before = after;
 }
 
@@ -85,7 +85,7 @@ void bench_moved(const char *path)
     printf(", ");
     qm_bench_print_list("full_ms", all.query_ms, all.count);
     printf(", \"part\": %zu, \"pairs\": %zu}\n", b.part_count, b.before.pair_count);
-    qm_collision_reset(&b.ctx, &b.before);
+    qm_collide_reset(&b.ctx, &b.before);
     qm_deformer_destroy(&b.ctx, b.deformer);
     qm_bvh_destroy(&b.ctx, b.tree);
     free(b.part);

@@ -94,7 +94,7 @@ static void draw_box(qm_random *random, const qm_box *box, double scale, double 
 void bench_draw_sets(const qm_mesh *mesh, size_t count, uint64_t seed, double *out[3])
 {
     qm_box box = qm_mesh_bounding_box(mesh);
-    double deviation = NEAR_DEVIATION * qm_box_diagonal(&box);
+    double deviation = NEAR_DEVIATION * qm_mesh_box_diagonal(&box);
     double *sums = sum_areas(mesh);
     qm_random random = qm_random_make(seed, 0);
     for (size_t i = 0; i < count; i++)

@@ -45,7 +45,7 @@ static qm_layout read_layout(qm_context *ctx, const char *path, const qm_ref_sur
 static qm_camera camera_over(const qm_mesh *mesh)
 {
     qm_box box = qm_mesh_bounding_box(mesh);
-    double size = qm_box_diagonal(&box), near = 2.0 * size, far = 5.0 * size, half = 0.45 * size;
+    double size = qm_mesh_box_diagonal(&box), near = 2.0 * size, far = 5.0 * size, half = 0.45 * size;
     qm_camera camera = {.view = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1},
                         .viewport = {0, 0, 1000, 1000}};
     for (int k = 0; k < 3; k++)

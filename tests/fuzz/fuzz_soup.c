@@ -218,10 +218,10 @@ static void collide(question *q)
         if (q->kind == QM_SOUP_WHOLE && q->quads == QM_QUADS_TRIANGLES) check_pairs(q, &found);
         check_least_distance(q, found.pair_count > 0);
     }
-    if (status == QM_OK) qm_collision_reset(&q->ctx, &found);
+    if (status == QM_OK) qm_collide_reset(&q->ctx, &found);
     status = qm_collide_self(&q->ctx, q->tree[0], &options, NULL, &found);
     CHECK(status == QM_OK || is_refusal(status));
-    if (status == QM_OK) qm_collision_reset(&q->ctx, &found);
+    if (status == QM_OK) qm_collide_reset(&q->ctx, &found);
 }
 
 /* ---- the whole ---- */

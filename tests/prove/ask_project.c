@@ -231,7 +231,7 @@ static void ask_mesh(qm_trial *trial, int side, bool ties)
     q.frame = qm_wide_frame_make(q.mesh, NULL);
     q.surface = qm_wide_surface_make(&q.frame, q.mesh, q.quads);
     qm_box box = qm_mesh_bounding_box(q.mesh);
-    q.size = qm_box_diagonal(&box);
+    q.size = qm_mesh_box_diagonal(&box);
     for (int k = 0; k < 3; k++)
         q.magnitude = fmax(q.magnitude, fmax(fabs(box.min[k]), fabs(box.max[k])));
     qm_wide_distance reference[POINTS];

@@ -70,7 +70,7 @@ qm_near_grid qm_near_grid_make(const qm_mesh *mesh, qm_quad_reading reading, dou
 {
     qm_near_grid grid = {.mesh = mesh, .reading = reading, .reach = reach};
     qm_box box = qm_mesh_bounding_box(mesh);
-    grid.cell = fmax(reach, qm_box_diagonal(&box) / SIZE_LIMIT);
+    grid.cell = fmax(reach, qm_mesh_box_diagonal(&box) / SIZE_LIMIT);
     size_t cells = 1;
     for (int k = 0; k < 3; ++k) {
         grid.low[k] = box.min[k] - 1.01 * reach;

@@ -125,7 +125,7 @@ static void check_pairs(qm_mesh mesh, size_t expected, const char *name)
     qm_context ctx = qm_context_make();
     qm_collision found = collide_self(&mesh, 1e-7);
     QM_CHECK(found.pair_count == expected, "%s: %zu pairs, not %zu", name, found.pair_count, expected);
-    qm_collision_reset(&ctx, &found);
+    qm_collide_reset(&ctx, &found);
     qm_shape_free(&mesh);
 }
 

@@ -133,7 +133,7 @@ static qm_collision collide(const qm_mesh *a, const qm_mesh *b, qm_collide_mode 
 static void free_collision(qm_collision *collision)
 {
     qm_context ctx = qm_context_make();
-    qm_collision_reset(&ctx, collision);
+    qm_collide_reset(&ctx, collision);
 }
 
 static void check_order(const qm_collision *found)
@@ -377,7 +377,7 @@ static void check_data(const char *name_a, const char *name_b, bool meets)
                          QM_OK);
         QM_CHECK((found.pair_count > 0) == meets, "%s, reading %d: %zu pairs", name_a, reading,
                  found.pair_count);
-        qm_collision_reset(&ctx, &found);
+        qm_collide_reset(&ctx, &found);
         qm_bvh_destroy(&ctx, bvh_a);
         qm_bvh_destroy(&ctx, bvh_b);
         qm_mesh_reset(&ctx, &a);
@@ -420,7 +420,7 @@ static void out_of_memory_is_a_status(void **state)
             ctx.allocator = qm_failing_allocator_hook(&failing);
             status = form == 0 ? qm_collide_meshes(&ctx, bvh, bvh, &options, &found)
                                : qm_collide_self(&ctx, bvh, &options, form == 1 ? NULL : &changes, &found);
-            if (status == QM_OK) qm_collision_reset(&ctx, &found);
+            if (status == QM_OK) qm_collide_reset(&ctx, &found);
             assert_true(failing.live_blocks == 0 && !failing.mismatched);
         }
         assert_int_equal(status, QM_OK);

@@ -28,8 +28,8 @@ static void check_same(const qm_mesh *a, const qm_mesh *b, qm_quad_reading quads
     if (whole.pair_count > 0)
         assert_memory_equal(whole.pairs, near.pairs, whole.pair_count * sizeof *whole.pairs);
     *has_pairs = whole.pair_count > 0;
-    qm_collision_reset(&ctx, &whole);
-    qm_collision_reset(&ctx, &near);
+    qm_collide_reset(&ctx, &whole);
+    qm_collide_reset(&ctx, &near);
     qm_bvh_destroy(&ctx, tree[0]);
     qm_bvh_destroy(&ctx, tree[1]);
 }
@@ -295,7 +295,7 @@ static void out_of_memory_is_a_status(void **state)
         qm_collision found;
         status = qm_collide_surfaces(&ctx, &a, &b, &options, &found);
         if (status == QM_OK)
-            qm_collision_reset(&ctx, &found);
+            qm_collide_reset(&ctx, &found);
         else
             assert_true(strlen(ctx.message) > 0 && !found.pairs);
         assert_true(failing.live_blocks == 0 && !failing.mismatched);

@@ -61,12 +61,12 @@ static void check_list(qm_context *ctx, qm_random *random, size_t count, const u
         told++;
     }
     assert_int_equal(told, out.pair_count);
-    qm_collision_reset(ctx, &out);
+    qm_collide_reset(ctx, &out);
     options.mode = QM_COLLIDE_FIRST;
     assert_int_equal(qm_pair_list_finish(ctx, &list, last, &options, &out), QM_OK);
     assert_int_equal(out.pair_count, count > 0);
     if (count > 0) assert_int_equal((uint64_t)out.pairs[0].a << 32 | out.pairs[0].b, expected[0]);
-    qm_collision_reset(ctx, &out);
+    qm_collide_reset(ctx, &out);
     qm_pair_list_reset(ctx, &list);
     free(expected);
 }

@@ -113,7 +113,7 @@ static void check_answers(body *b, qm_random *random)
     assert_int_equal(qm_bvh_build(&b->ctx, &b->mesh, QM_BVH_ALL, 1, &fresh), QM_OK);
     double points[3 * POINT_COUNT], expected[POINT_COUNT], boxes[POINT_COUNT], tetra[POINT_COUNT];
     qm_box box = qm_mesh_bounding_box(&b->mesh);
-    double size = qm_box_diagonal(&box);
+    double size = qm_mesh_box_diagonal(&box);
     size = size > 0.0 ? size : 1.0;
     for (int i = 0; i < 3 * POINT_COUNT; i++)
         points[i] = 0.5 * (box.min[i % 3] + box.max[i % 3]) + qm_random_range(random, -1.0, 1.0) * size;

@@ -61,7 +61,7 @@ static void bench_free(bench *b)
 static void draw_point(const bench *b, qm_random *random, int i, double p[3])
 {
     static const double reach[] = {0, 0, 0, 1, 3, 1e3, 1e9};
-    double diagonal = qm_box_diagonal(&b->box);
+    double diagonal = qm_mesh_box_diagonal(&b->box);
     int kind = i % 7;
     if (kind == 0) {
         memcpy(p, b->mesh.positions + 3 * qm_random_below(random, b->mesh.vertex_count), 24);

@@ -145,12 +145,12 @@ static void diagonal_keeps_its_digits_at_every_scale(void **state)
     for (size_t i = 0; i < sizeof exponents / sizeof *exponents; ++i) {
         double unit = ldexp(1, exponents[i]);
         qm_box box = {{-unit, 0, 0}, {unit, 3 * unit, 6 * unit}};
-        assert_true(qm_box_diagonal(&box) == 7 * unit);
+        assert_true(qm_mesh_box_diagonal(&box) == 7 * unit);
     }
     qm_box point = {{5, 5, 5}, {5, 5, 5}};
-    assert_true(qm_box_diagonal(&point) == 0);
+    assert_true(qm_mesh_box_diagonal(&point) == 0);
     qm_box smallest = {{0, 0, 0}, {DBL_TRUE_MIN, 0, 0}};
-    assert_true(qm_box_diagonal(&smallest) == DBL_TRUE_MIN);
+    assert_true(qm_mesh_box_diagonal(&smallest) == DBL_TRUE_MIN);
 }
 
 static void reset_leaves_nothing(void **state)

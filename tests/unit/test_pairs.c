@@ -29,7 +29,7 @@ static void check_samples(const char *name, const qm_mesh *from, const qm_mesh *
                           const qm_hausdorff_result *r)
 {
     qm_box box = qm_mesh_bounding_box(to);
-    double slack = 1e-12 * qm_box_diagonal(&box);
+    double slack = 1e-12 * qm_mesh_box_diagonal(&box);
     qm_near_grid grid = qm_near_grid_make(to, reading, r->upper + slack);
     qm_random random = qm_random_make(qm_check_seed(), 0);
     size_t count = qm_check_long() ? SAMPLES : SAMPLES / 4;
@@ -62,7 +62,7 @@ static void check_pair(size_t index, qm_quad_reading reading)
     qm_box box = qm_mesh_bounding_box(&mesh[0]);
     qm_hausdorff_options options = qm_hausdorff_options_default();
     options.quads = reading;
-    options.tolerance = 1e-6 * qm_box_diagonal(&box);
+    options.tolerance = 1e-6 * qm_mesh_box_diagonal(&box);
     for (int side = 0; side < 2; ++side) {
         options.direction = QM_A_TO_B;
         qm_hausdorff_result r;

@@ -47,8 +47,8 @@ static double distance(const qm_mesh *mesh, const qm_mesh *truth)
 {
     qm_box box = qm_mesh_bounding_box(truth);
     qm_hausdorff_options options = qm_hausdorff_options_default();
-    options.tolerance = 5e-6 * qm_box_diagonal(&box);
-    return qm_measured(mesh, truth, &options).upper / qm_box_diagonal(&box);
+    options.tolerance = 5e-6 * qm_mesh_box_diagonal(&box);
+    return qm_measured(mesh, truth, &options).upper / qm_mesh_box_diagonal(&box);
 }
 
 static qm_vec corner_at(const qm_mesh *mesh, size_t face, int k)
@@ -143,7 +143,7 @@ static void noise_is_averaged_away(void **state)
     (void)state;
     qm_mesh truth = qm_shape_torus(192, 96, 1.0, 0.35);
     qm_box box = qm_mesh_bounding_box(&truth);
-    double noise = 0.002 * qm_box_diagonal(&box);
+    double noise = 0.002 * qm_mesh_box_diagonal(&box);
     qm_ground g;
     qm_ground_make(&g, qm_ground_sample(qm_torus_at, 30000, noise, 1));
     qm_layout layout = qm_layout_of_grid(6, 4, true, true, 24, qm_torus_at, NULL);

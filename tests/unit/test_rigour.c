@@ -219,7 +219,7 @@ static void contact_of_large_coordinates(void **state)
     }
     qm_wide_surface_free(&a);
     qm_wide_surface_free(&b);
-    qm_collision_reset(&pair.ctx, &found);
+    qm_collide_reset(&pair.ctx, &found);
     free_pair(&pair);
 }
 
@@ -232,7 +232,7 @@ static void ends_in_time(const char *name, double share)
         qm_hausdorff_options options = qm_hausdorff_options_default();
         options.direction = (qm_direction)direction;
         options.quads = QM_QUADS_BILINEAR;
-        options.tolerance = share * qm_box_diagonal(&box);
+        options.tolerance = share * qm_mesh_box_diagonal(&box);
         options.work_limit = PARTS;
         qm_hausdorff_result r = qm_measured(&pair.a, &pair.b, &options);
         QM_CHECK(r.stop != QM_STOP_DEADLINE, "%s, direction %d: [%.17g, %.17g] after %llu parts", name,

@@ -1,7 +1,7 @@
 /* Exact signs, and contact of triangles against a twin in whole numbers. */
 #include "check.h"
 #include "exact_twin.h"
-#include "prim/predicates.h"
+#include "prim/orient.h"
 #include "prim/tri_tri.h"
 #include "random.h"
 #include "slow_twin.h"

@@ -61,12 +61,12 @@ static inline bool qm_array_size(size_t count, size_t width, size_t *size)
 }
 
 /** Called when an assertion fails: prints to stderr and aborts. */
-_Noreturn void qm_assert_failed(const char *condition, const char *file, int line);
+_Noreturn void qm_core_abort(const char *condition, const char *file, int line);
 
 #ifdef NDEBUG
 #define QM_ASSERT(condition) ((void)0)
 #else
-#define QM_ASSERT(condition) ((condition) ? (void)0 : qm_assert_failed(#condition, __FILE__, __LINE__))
+#define QM_ASSERT(condition) ((condition) ? (void)0 : qm_core_abort(#condition, __FILE__, __LINE__))
 #endif
 
 #endif

@@ -72,7 +72,7 @@ typedef struct qm_collision {
 /**
  * Finds the pairs of faces of a and b that meet. Trees for any purpose serve.
  *
- * Ownership: borrows everything but *out, which is the caller's, for qm_collision_reset in the same context.
+ * Ownership: borrows everything but *out, which is the caller's, for qm_collide_reset in the same context.
  * Threads:   only reads the trees; splits its work with ctx->parallel.
  * Returns:   QM_OK; QM_E_ARGUMENT (tolerance, threads); QM_E_TOO_LARGE (more pairs than the limit);
  *            QM_E_SCALE (coordinates beyond 2^300, or a ratio of the sizes beyond that); QM_E_NO_MEMORY;
@@ -108,7 +108,7 @@ typedef struct qm_collide_changes {
 qm_status qm_collide_self(qm_context *ctx, const qm_bvh *bvh, const qm_collide_options *options,
                           const qm_collide_changes *changes, qm_collision *out);
 
-void qm_collision_reset(qm_context *ctx, qm_collision *collision);
+void qm_collide_reset(qm_context *ctx, qm_collision *collision);
 
 /**
  * Computes the intersection of a pair of faces that was found: the largest of several (a quad has two

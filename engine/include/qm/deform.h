@@ -57,13 +57,4 @@ qm_status qm_bvh_refit(qm_context *ctx, qm_bvh *bvh, const qm_deformer *deformer
 /** Number of boxes of a tree: of its packs and of the nodes above them. */
 size_t qm_bvh_box_count(const qm_bvh *bvh);
 
-/**
- * Refits the radii of a hierarchy, after a refit of its tree: takes the same faces, or NULL for all;
- * recomputes all when the tree has a new frame. *updated is the number of recomputed radii.
- *
- * Returns: QM_OK; QM_E_NO_MEMORY, and then nothing has changed.
- */
-qm_status qm_tetra_refit(qm_context *ctx, qm_tetra *tetra, const uint32_t *faces, size_t face_count,
-                         size_t *updated);
-
 #endif

@@ -70,7 +70,7 @@ typedef struct qm_box {
 qm_box qm_mesh_bounding_box(const qm_mesh *mesh);
 
 /** Length of the box's diagonal, without intermediate overflow or underflow. */
-double qm_box_diagonal(const qm_box *box);
+double qm_mesh_box_diagonal(const qm_box *box);
 
 /** Counts of a mesh that need no geometry. */
 typedef struct qm_mesh_facts {

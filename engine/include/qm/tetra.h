@@ -42,6 +42,15 @@ qm_status qm_tetra_build(qm_context *ctx, const qm_bvh *bvh, const qm_patch_set 
 /** Frees a hierarchy with the allocator that built it. NULL is allowed. */
 void qm_tetra_destroy(qm_context *ctx, qm_tetra *tetra);
 
+/**
+ * Refits the radii of a hierarchy, after a refit of its tree (deform.h): takes the same faces, or NULL for all;
+ * recomputes all when the tree has a new frame. *updated is the number of recomputed radii.
+ *
+ * Returns: QM_OK; QM_E_NO_MEMORY, and then nothing has changed.
+ */
+qm_status qm_tetra_refit(qm_context *ctx, qm_tetra *tetra, const uint32_t *faces, size_t face_count,
+                         size_t *updated);
+
 /** The tree below the hierarchy. */
 const qm_bvh *qm_tetra_bvh(const qm_tetra *tetra);
 

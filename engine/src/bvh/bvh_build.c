@@ -13,7 +13,6 @@
 #include <string.h>
 
 #include "bvh_demand.h"
-#include "core/hilbert.h"
 #include "core/radix.h"
 #include "kernel.h"
 
@@ -103,7 +102,7 @@ static void find_box(void *data, int worker, size_t block)
         qm_kernel_get()->vertex_box(work->mesh->positions + 3 * begin, end - begin, &work->box[block]);
 }
 
-qm_frame qm_frame_make(const qm_box *box)
+qm_frame qm_bvh_frame_make(const qm_box *box)
 {
     qm_frame frame;
     double half = 0.0, center[3];
@@ -222,7 +221,7 @@ static qm_status order_faces(qm_context *ctx, const qm_mesh *mesh, qm_bvh_parts 
             box.max[k] = fmax(box.max[k], work.box[i].max[k]);
         }
     }
-    *frame = work.frame = qm_frame_make(&box);
+    *frame = work.frame = qm_bvh_frame_make(&box);
     double half = 0.0;
     for (int k = 0; k < 3; k++)
         half = fmax(half, (0.5 * box.max[k] - 0.5 * box.min[k]) * frame->scale);
@@ -514,12 +513,12 @@ static qm_box box_of_subset(const qm_mesh *mesh, const qm_bvh_subset *subset)
 static qm_status build_subset(qm_context *ctx, qm_bvh *bvh, const qm_bvh_subset *subset, int thread_count)
 {
     const face_order order = {subset->entries, subset->count, subset->quad_count};
-    bvh->frame = qm_frame_make(&subset->box);
+    bvh->frame = qm_bvh_frame_make(&subset->box);
     qm_status status = build_ordered(ctx, bvh, QM_BVH_SOURCE, thread_count, &order);
     if (status != QM_OK || !frame_is_wide(bvh)) return status;
     reset(ctx, bvh);
     qm_box box = box_of_subset(&bvh->mesh, subset);
-    bvh->frame = qm_frame_make(&box);
+    bvh->frame = qm_bvh_frame_make(&box);
     return build_ordered(ctx, bvh, QM_BVH_SOURCE, thread_count, &order);
 }
 

@@ -8,7 +8,7 @@
 #include "bvh_tree.h"
 
 /** The local space of a mesh whose surface has this box. */
-qm_frame qm_frame_make(const qm_box *box);
+qm_frame qm_bvh_frame_make(const qm_box *box);
 
 /** Some faces of a mesh, one at least, that already have keys along a space-filling curve. */
 typedef struct qm_bvh_subset {

@@ -4,7 +4,6 @@
  */
 #include "qm/project.h"
 
-#include "core/hilbert.h"
 #include "core/radix.h"
 #include "nearest.h"
 #include "surface.h"

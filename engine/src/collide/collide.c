@@ -13,7 +13,7 @@
 #include "bvh/bvh_build.h"
 #include "collide_search.h"
 #include "core/clock.h"
-#include "prim/predicates.h"
+#include "prim/orient.h"
 
 qm_collide_options qm_collide_options_default(void)
 {
@@ -31,7 +31,7 @@ static double max_coordinate(const qm_bvh *bvh)
 
 qm_status qm_collide_check_scale(qm_context *ctx, const qm_bvh *a, const qm_bvh *b)
 {
-    if (!(max_coordinate(a) < QM_PREDICATE_LIMIT && max_coordinate(b) < QM_PREDICATE_LIMIT))
+    if (!(max_coordinate(a) < QM_ORIENT_LIMIT && max_coordinate(b) < QM_ORIENT_LIMIT))
         return qm_context_fail(ctx, QM_E_SCALE, "coordinates are too large to compare exactly");
     double ratio = a->frame.scale * b->frame.inverse_scale;
     if (!(ratio <= QM_MAX_SCALE_RATIO && ratio >= 1.0 / QM_MAX_SCALE_RATIO))
@@ -158,7 +158,7 @@ static qm_status collide(qm_collide_search *search, const qm_collide_changes *ch
         out->elapsed_ms = qm_clock_ms() - start_ms;
         return QM_OK;
     }
-    qm_collision_reset(ctx, out);
+    qm_collide_reset(ctx, out);
     if (status == QM_E_INDEX) return status; /* it has a message already */
     if (status == QM_E_TOO_LARGE)
         return qm_context_fail(ctx, status, "more than %zu pairs of faces meet", search->options->pair_limit);
@@ -201,7 +201,7 @@ qm_status qm_collide_self(qm_context *ctx, const qm_bvh *bvh, const qm_collide_o
     return collide(&search, changes, out);
 }
 
-void qm_collision_reset(qm_context *ctx, qm_collision *collision)
+void qm_collide_reset(qm_context *ctx, qm_collision *collision)
 {
     QM_ASSERT(collision->pairs || collision->pair_count == 0);
     qm_context_free(ctx, collision->pairs, collision->pair_count, sizeof *collision->pairs);

@@ -12,7 +12,6 @@
 #include <string.h>
 
 #include "collide_search.h"
-#include "core/hilbert.h"
 #include "core/radix.h"
 
 #define MAX_ROWS 64            /* faces that overlap more rows of cells stay without a look at the marks */

@@ -291,7 +291,7 @@ static qm_status find_contact(const search *s, qm_distance *out, bool *meets)
         out->to = find_point(s, 1, faces.face[1], contact.point[0]);
         out->is_converged = true;
     }
-    qm_collision_reset(s->ctx, &found);
+    qm_collide_reset(s->ctx, &found);
     return QM_OK;
 }
 

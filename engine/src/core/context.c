@@ -5,9 +5,21 @@
 
 #include <stdarg.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 #define MAX_RANGES 64 /* of blocks: workers beyond this number only steal */
+
+static void *default_resize(void *user, void *block, size_t old_size, size_t new_size)
+{
+    (void)user;
+    (void)old_size;
+    if (new_size > 0) return realloc(block, new_size);
+    free(block);
+    return NULL;
+}
+
+const qm_allocator qm_allocator_default = {.resize = default_resize, .user = NULL};
 
 qm_context qm_context_make(void)
 {

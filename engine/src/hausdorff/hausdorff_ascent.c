@@ -4,12 +4,12 @@
  *
  * The distance is the minimum of the distances to the facets of the target; each of these is nearly linear
  * near a point. The point with the largest minimum of the linear functions within the trust region
- * (max_min.h) is the next to be measured. One whose distance is below that value shows either the facet that
+ * (linear.h) is the next to be measured. One whose distance is below that value shows either the facet that
  * was missing, which is added, or that the region is too large.
  *
  * The ascent proves nothing, and need not: its last point is a sample like any other.
  */
-#include "core/max_min.h"
+#include "core/linear.h"
 #include "hausdorff_worker.h"
 #include "prim/triangle.h"
 
@@ -241,7 +241,7 @@ static double expect(const ascent *c, const incident_facet *on, double step[2])
         };
     }
     count += edge_bounds(on, speed, slopes + count);
-    double expected = qm_max_min(slopes, count, c->radius, step);
+    double expected = qm_linear_max_min(slopes, count, c->radius, step);
     for (int k = 0; k < 2; k++)
         step[k] /= speed[k];
     return expected - c->distance;

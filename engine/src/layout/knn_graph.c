@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "core/heap.h"
-#include "core/symmetric.h"
+#include "core/linear.h"
 
 #define PLANE_POINTS 12 /* neighbours that a plane is fitted to */
 #define MAX_SLOPE 0.7   /* rise of a link above the tangent plane of its start, as a fraction of its length */
@@ -41,7 +41,7 @@ static qm_vec plane_normal(const qm_nearest_points *near)
         m[4] += d.y * d.z;
         m[5] += d.z * d.z;
     }
-    qm_symmetric_eigen(m, value, axis);
+    qm_linear_eigen(m, value, axis);
     return value[1] > 1e-9 * value[2] ? axis[0] : (qm_vec){0, 0, 0};
 }
 

@@ -10,7 +10,7 @@
 #include "bvh/bvh_demand.h"
 #include "bvh/nearest.h"
 #include "bvh/surface.h"
-#include "core/symmetric.h"
+#include "core/linear.h"
 #include "knn_graph.h"
 
 #define FIT_POINTS 20 /* neighbours that a polynomial of second order is fitted to: it has six unknowns */
@@ -23,7 +23,7 @@ qm_status qm_ref_surface_init(qm_context *ctx, const qm_bvh *bvh, qm_ref_surface
         return qm_context_fail(ctx, QM_E_ARGUMENT, "the tree was not built as a target");
     qm_box box = qm_mesh_bounding_box(&bvh->mesh);
     *out = (qm_ref_surface){
-        .bvh = bvh, .is_cloud = bvh->mesh.face_count == 0, .diagonal = qm_box_diagonal(&box)};
+        .bvh = bvh, .is_cloud = bvh->mesh.face_count == 0, .diagonal = qm_mesh_box_diagonal(&box)};
     if (!(out->diagonal > 0.0))
         return qm_context_fail(ctx, QM_E_EMPTY, "all points of the surface are the same");
     return QM_OK;
@@ -71,7 +71,7 @@ static local_frame fit_plane(const qm_nearest_points *near, const double *weight
         m[4] += w.y * d.z;
         m[5] += w.z * d.z;
     }
-    qm_symmetric_eigen(m, value, frame.axis);
+    qm_linear_eigen(m, value, frame.axis);
     double total = value[0] + value[1] + value[2];
     frame.flatness = total > 0.0 && value[1] > 1e-6 * value[2] ? value[0] / total : 1.0;
     return frame;
@@ -89,11 +89,11 @@ static bool fit_heights(const qm_nearest_points *near, const double *weight, con
         qm_vec d = qm_vec_scale(scale, qm_vec_sub(near->position[i], p));
         double a = qm_vec_dot(d, frame->axis[1]), b = qm_vec_dot(d, frame->axis[2]);
         const double row[] = {1.0, a, b, a * a, a * b, b * b};
-        qm_least_squares_add(&sums, row, qm_vec_dot(d, frame->axis[0]), weight[i]);
+        qm_linear_add(&sums, row, qm_vec_dot(d, frame->axis[0]), weight[i]);
     }
-    if (qm_least_squares_solve(&sums, x)) return true;
+    if (qm_linear_solve(&sums, x)) return true;
     sums.count = 3;
-    return qm_least_squares_solve(&sums, x);
+    return qm_linear_solve(&sums, x);
 }
 
 static void set_point(const qm_ref_surface *surface, qm_vec p, qm_vec at, qm_vec normal,
@@ -149,7 +149,8 @@ double qm_ref_surface_disc_radius(const qm_mesh *mesh)
 {
     if (mesh->face_count > 0) return 0.0;
     qm_box box = qm_mesh_bounding_box(mesh);
-    double root = 1.0, diagonal = qm_box_diagonal(&box); /* the cube root of the volume, which may overflow */
+    double root = 1.0,
+           diagonal = qm_mesh_box_diagonal(&box); /* the cube root of the volume, which may overflow */
     for (int k = 0; k < 3; k++)
         root *= cbrt(fmax(box.max[k] - box.min[k], MIN_SIDE * diagonal));
     return 0.15 * root / cbrt((double)mesh->vertex_count);

@@ -52,7 +52,7 @@ qm_box qm_mesh_bounding_box(const qm_mesh *mesh)
     return kernel->faces_contain(mesh->faces, mesh->face_count, side) ? box : box_of_faces(mesh);
 }
 
-double qm_box_diagonal(const qm_box *box)
+double qm_mesh_box_diagonal(const qm_box *box)
 {
     double extent[3], largest = 0;
     for (int axis = 0; axis < 3; ++axis) {
@@ -95,7 +95,7 @@ static qm_status check_positions(qm_context *ctx, const qm_mesh *mesh)
         return qm_context_fail(ctx, QM_E_NOT_FINITE, "vertex %zu has a coordinate that is not finite", i / 3);
     }
     qm_box box = box_of_vertices(mesh);
-    if (!isfinite(qm_box_diagonal(&box)))
+    if (!isfinite(qm_mesh_box_diagonal(&box)))
         return qm_context_fail(ctx, QM_E_NOT_FINITE,
                                "the vertices lie so far apart that distances overflow double precision");
     return QM_OK;

@@ -9,7 +9,7 @@
 #ifndef QM_HULL_H
 #define QM_HULL_H
 
-#include "predicates.h"
+#include "orient.h"
 
 /** The hull of count corners that no fewer of them span: a point, a segment or a proper triangle. */
 typedef struct qm_hull {

@@ -2,7 +2,7 @@
  * tri_tri.h: whether two closed triangles have a point in common, decided exactly, and where.
  *
  * Triangles may be degenerate: they are the hulls of their corners, segments or single points. Coordinates
- * are at most QM_PREDICATE_LIMIT by magnitude. No function here allocates.
+ * are at most QM_ORIENT_LIMIT by magnitude. No function here allocates.
  *
  * Source: two triangles meet when an edge of one meets the other, which the signs of tetrahedra decide:
  * P. Guigue, O. Devillers, Fast and robust triangle-triangle overlap test using orientation predicates, 2003.

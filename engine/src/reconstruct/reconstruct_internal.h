@@ -7,9 +7,9 @@
  *   reconstruct_samples.c     samples of the surface, and their parameters by projection onto the lattices
  *   reconstruct_parameters.c  the first parameters of samples, along the surface
  *   reconstruct_lattice.c     lattices: Coons patches, doubling, fairing
- *   reconstruct_fit.c         inner vertices of lattices from the samples around them
- *   reconstruct_untangle.c    repair of folded and inverted quads
- *   reconstruct_mesh.c        lattices to a mesh, and its boundary
+ *   reconstruct_lattice_fit.c         inner vertices of lattices from the samples around them
+ *   reconstruct_lattice_untangle.c    repair of folded and inverted quads
+ *   reconstruct_lattice_mesh.c        lattices to a mesh, and its boundary
  *
  * A layout patch has a lattice of vertices. A chord has two counts: `edges` is that of the mesh, a power of
  * two; `lattice_edges` is that of the lattices, a multiple of it and at least QM_RECONSTRUCTION_BASE. The

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "bvh/cell_grid.h"
-#include "core/hilbert.h"
 #include "four.h"
 #include "kernels.h"
 

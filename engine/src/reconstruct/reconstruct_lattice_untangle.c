@@ -1,5 +1,5 @@
 /**
- * reconstruct_untangle.c: repair of folded and inverted quads of a lattice, whose border stays.
+ * reconstruct_lattice_untangle.c: repair of folded and inverted quads of a lattice, whose border stays.
  *
  * First each vertex of a folded quad tries positions towards the centroid of its neighbours, and then round
  * itself, and takes those that improve its worst quad. Quads may then still be inverted between their

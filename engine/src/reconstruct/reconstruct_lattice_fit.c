@@ -1,5 +1,5 @@
 /**
- * reconstruct_fit.c: inner vertices of lattices from the samples around them.
+ * reconstruct_lattice_fit.c: inner vertices of lattices from the samples around them.
  *
  * Of all triangles of samples that enclose the parameters of a vertex, the one with the smallest perimeter is
  * interpolated, and the result projected onto the surface. Where no triangle encloses them, in a hole, the

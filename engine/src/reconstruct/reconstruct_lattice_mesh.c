@@ -1,5 +1,5 @@
 /**
- * reconstruct_mesh.c: lattices to one mesh, and its boundary.
+ * reconstruct_lattice_mesh.c: lattices to one mesh, and its boundary.
  *
  * Vertices are numbered nodes first, then the inner vertices of each curve, then those of each patch, so that
  * patches share the vertices of their curves. The boundary consists of the curves that one patch only has:

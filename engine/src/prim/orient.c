@@ -1,4 +1,4 @@
-#include "predicates.h"
+#include "orient.h"
 
 #include "bigint.h"
 

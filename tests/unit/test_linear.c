@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "check.h"
-#include "core/max_min.h"
+#include "core/linear.h"
 #include "random.h"
 
 #define MAX_SLOPES 19
@@ -82,7 +82,7 @@ static void check_one(const qm_max_min_plane *slopes, int count, double radius, 
     qm_max_min_plane all[MAX_SLOPES + 3];
     int total = with_sides(slopes, count, radius, all);
     double x[3];
-    x[2] = qm_max_min(slopes, count, radius, x);
+    x[2] = qm_linear_max_min(slopes, count, radius, x);
     double expected = highest_by_all_triples(all, total);
     QM_CHECK(fabs(x[2] - expected) <= ERROR * (1.0 + radius), "seed %llu, case %d: %.17g, not %.17g",
              (unsigned long long)qm_check_seed(), number, x[2], expected);

@@ -1,5 +1,5 @@
 /**
- * predicates.h: on which side of a line or plane a point lies, decided exactly: the sign never depends on
+ * orient.h: on which side of a line or plane a point lies, decided exactly: the sign never depends on
  * rounding, on the order of the arguments (but for the parity of a permutation) or on a common translation
  * that is exact in doubles.
  *
@@ -9,13 +9,13 @@
  * Source: the error bounds of the filter are those of J. R. Shewchuk, Adaptive precision
  * floating-point arithmetic and fast robust geometric predicates, 1997, section 4.
  */
-#ifndef QM_PREDICATES_H
-#define QM_PREDICATES_H
+#ifndef QM_ORIENT_H
+#define QM_ORIENT_H
 
 #include "core/vec.h"
 
 /** Coordinates must not be larger, so that no product overflows. There is no limit below. */
-#define QM_PREDICATE_LIMIT 0x1p300
+#define QM_ORIENT_LIMIT 0x1p300
 
 /** The sign, 1, 0 or -1, of (b - a) x (c - a) . (d - a): 1 when a, b, c turn left as seen from d. */
 int qm_orient3d(qm_vec a, qm_vec b, qm_vec c, qm_vec d);

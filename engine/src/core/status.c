@@ -1,5 +1,5 @@
 /**
- * base.c: status codes and their texts, the default allocator, the end of a failed assertion.
+ * status.c: the codes and texts of statuses, and the end of a failed assertion.
  */
 #include "qm/base.h"
 
@@ -28,18 +28,7 @@ const char *qm_status_text(qm_status status)
     return (unsigned)status < QM_STATUS_COUNT ? status_texts[status] : "unknown status";
 }
 
-static void *default_resize(void *user, void *block, size_t old_size, size_t new_size)
-{
-    (void)user;
-    (void)old_size;
-    if (new_size > 0) return realloc(block, new_size);
-    free(block);
-    return NULL;
-}
-
-const qm_allocator qm_allocator_default = {.resize = default_resize, .user = NULL};
-
-void qm_assert_failed(const char *condition, const char *file, int line)
+void qm_core_abort(const char *condition, const char *file, int line)
 {
     fprintf(stderr, "%s:%d: assertion failed: %s\n", file, line, condition);
     abort();
