@@ -147,23 +147,6 @@ static inline uint64_t face_sum(const order_work *work, size_t face, uint32_t *i
     return is_quad ? sum + vertices[corner[3]] : sum;
 }
 
-/** Cells of the curve that the centroids of faces lie in. Returns the number of quads. */
-static inline size_t set_cells(const order_work *work, size_t first, int count, qm_hilbert_cells *cells)
-{
-    int shift = 24 + QM_FINE_BITS - work->key_bits;
-    size_t quads = 0;
-    for (int i = 0; i < count; i++) {
-        uint32_t inverse;
-        uint64_t sum = face_sum(work, first + (size_t)i, &inverse);
-        quads += inverse == INVERSE_OF_ONE / 4;
-        for (int k = 0; k < 3; k++) {
-            uint64_t fine = sum >> (k * QM_FINE_FIELD) & ((1u << QM_FINE_FIELD) - 1);
-            cells->axis[k][i] = (uint32_t)(fine * inverse >> shift);
-        }
-    }
-    return quads;
-}
-
 static void make_entries(void *data, size_t begin, size_t end, uint64_t *entries)
 {
     order_work *work = data;
@@ -173,7 +156,16 @@ static void make_entries(void *data, size_t begin, size_t end, uint64_t *entries
     size_t quads = 0;
     for (size_t first = begin; first < end; first += QM_HILBERT_BATCH) {
         int count = end - first < QM_HILBERT_BATCH ? (int)(end - first) : QM_HILBERT_BATCH;
-        quads += set_cells(work, first, count, &cells);
+        int shift = 24 + QM_FINE_BITS - work->key_bits;
+        for (int i = 0; i < count; i++) {
+            uint32_t inverse;
+            uint64_t sum = face_sum(work, first + (size_t)i, &inverse);
+            quads += inverse == INVERSE_OF_ONE / 4;
+            for (int k = 0; k < 3; k++) {
+                uint64_t fine = sum >> (k * QM_FINE_FIELD) & ((1u << QM_FINE_FIELD) - 1);
+                cells.axis[k][i] = (uint32_t)(fine * inverse >> shift);
+            }
+        }
         kernel->hilbert_keys(&cells, count, work->key_bits, keys);
         for (int i = 0; i < count; i++)
             *entries++ = qm_radix_entry(keys[i], first + (size_t)i);
@@ -346,21 +338,6 @@ static void fill_lanes(const pack_builder *builder, size_t pack)
     }
 }
 
-/** Sets the box of a pack. Searches ask for most packs of a small tree: their float packs are made here,
- * while the vertices are in the cache. */
-static void finish_pack(const pack_builder *builder, size_t pack)
-{
-    qm_bvh *bvh = builder->bvh;
-    const qm_pack_lanes *lanes = &bvh->lanes[pack];
-    if (bvh->floats.items && bvh->pack_count <= ALL_FLOATS_MAX) {
-        qm_pack_corners corners;
-        builder->kernel->fit_corners(bvh, pack, &corners);
-        qm_bvh_put_float_pack(bvh, pack, &corners);
-    } else {
-        builder->kernel->fit_box(bvh, pack, lanes->vertex, lanes->vertex_count);
-    }
-}
-
 /** Makes the packs of a block, and the boxes of the nodes above them. */
 static void build_block(void *data, int worker, size_t block)
 {
@@ -372,31 +349,39 @@ static void build_block(void *data, int worker, size_t block)
            end = begin + BLOCK_PACKS < bvh->pack_count ? begin + BLOCK_PACKS : bvh->pack_count;
     for (size_t i = begin; i < end + PACKS_AHEAD; i++) {
         if (i < end) fill_lanes(builder, i);
-        if (i >= begin + PACKS_AHEAD) finish_pack(builder, i - PACKS_AHEAD);
+        if (i >= begin + PACKS_AHEAD) {
+            /* Searches ask for most packs of a small tree: their float packs are made here, while the vertices
+             * are in the cache. */
+            size_t pack = i - PACKS_AHEAD;
+            const qm_pack_lanes *lanes = &bvh->lanes[pack];
+            if (bvh->floats.items && bvh->pack_count <= ALL_FLOATS_MAX) {
+                qm_pack_corners corners;
+                builder->kernel->fit_corners(bvh, pack, &corners);
+                qm_bvh_put_float_pack(bvh, pack, &corners);
+            } else {
+                builder->kernel->fit_box(bvh, pack, lanes->vertex, lanes->vertex_count);
+            }
+        }
     }
     if (bvh->boxes.level_count > 1) qm_box_tree_fill_children(&bvh->boxes, 2, begin / 8, (end + 7) / 8);
-}
-
-/** Allocates the tree. Triangles in double precision take more memory than all else, so that a large mesh has
- * room for some of its packs only. */
-static qm_status allocate_tree(qm_context *ctx, qm_bvh *bvh, qm_bvh_parts parts)
-{
-    size_t count = bvh->pack_count;
-    size_t kept = count <= PACKS_KEPT ? count : PACKS_KEPT + (count - PACKS_KEPT) / PACKS_KEPT_BEYOND;
-    bool is_target = parts & QM_BVH_TARGET, has_twists = parts & QM_BVH_PATCHES && bvh->has_quads;
-    bvh->lanes = qm_context_alloc(ctx, count, sizeof *bvh->lanes);
-    bool has_room = bvh->lanes &&
-                    (!is_target || qm_demand_init(ctx, count, 0, sizeof(qm_float_pack), &bvh->floats)) &&
-                    (!is_target || qm_demand_init(ctx, count, kept, sizeof(qm_pack), &bvh->rows)) &&
-                    (!has_twists || qm_demand_init(ctx, count, 0, sizeof(qm_pack_twists), &bvh->twists)) &&
-                    qm_box_tree_init(ctx, count, &bvh->boxes);
-    return has_room ? QM_OK : QM_E_NO_MEMORY;
 }
 
 static qm_status fill_tree(pack_builder *builder, qm_bvh_parts parts)
 {
     qm_bvh *bvh = builder->bvh;
-    qm_status status = allocate_tree(builder->ctx, bvh, parts);
+    /* Triangles in double precision take more memory than all else, so that a large mesh has room for some of
+     * its packs only. */
+    size_t packs = bvh->pack_count;
+    size_t kept = packs <= PACKS_KEPT ? packs : PACKS_KEPT + (packs - PACKS_KEPT) / PACKS_KEPT_BEYOND;
+    bool is_target = parts & QM_BVH_TARGET, has_twists = parts & QM_BVH_PATCHES && bvh->has_quads;
+    bvh->lanes = qm_context_alloc(builder->ctx, packs, sizeof *bvh->lanes);
+    bool has_room =
+        bvh->lanes &&
+        (!is_target || qm_demand_init(builder->ctx, packs, 0, sizeof(qm_float_pack), &bvh->floats)) &&
+        (!is_target || qm_demand_init(builder->ctx, packs, kept, sizeof(qm_pack), &bvh->rows)) &&
+        (!has_twists || qm_demand_init(builder->ctx, packs, 0, sizeof(qm_pack_twists), &bvh->twists)) &&
+        qm_box_tree_init(builder->ctx, packs, &bvh->boxes);
+    qm_status status = has_room ? QM_OK : QM_E_NO_MEMORY;
     if (status != QM_OK) return status;
     size_t blocks = (bvh->pack_count + BLOCK_PACKS - 1) / BLOCK_PACKS;
     qm_context_parallel_for(builder->ctx, builder->workers, blocks, build_block, builder);

@@ -16,36 +16,24 @@
 #define FACES_PER_ROW 3.5
 #define FACES_PER_CELL 1.8
 
-/** Puts the shortest axis last. */
-static void order_axes(const qm_box *box, int axis[3])
-{
-    int last = 0;
-    for (int k = 1; k < 3; k++)
-        if (box->max[k] - box->min[k] < box->max[last] - box->min[last]) last = k;
-    axis[0] = (last + 1) % 3;
-    axis[1] = (last + 2) % 3;
-    axis[2] = last;
-}
-
-/** The intersection of two boxes; false when it is empty. */
-static bool intersect_boxes(const qm_box *a, const qm_box *b, qm_box *out)
-{
-    bool is_there = true;
-    for (int k = 0; k < 3; k++) {
-        out->min[k] = fmax(a->min[k], b->min[k]);
-        out->max[k] = fmin(a->max[k], b->max[k]);
-        is_there &= out->min[k] <= out->max[k];
-    }
-    return is_there;
-}
-
 bool qm_cell_grid_init(const qm_mesh *const mesh[2], qm_box own[2], qm_cell_grid *grid)
 {
     qm_box box;
     for (int side = 0; side < 2; side++)
         qm_kernel_get()->vertex_box(mesh[side]->positions, mesh[side]->vertex_count, &own[side]);
-    if (!intersect_boxes(&own[0], &own[1], &box)) return false;
-    order_axes(&box, grid->axis);
+    bool is_there = true; /* a point that both boxes contain */
+    for (int k = 0; k < 3; k++) {
+        box.min[k] = fmax(own[0].min[k], own[1].min[k]);
+        box.max[k] = fmin(own[0].max[k], own[1].max[k]);
+        is_there &= box.min[k] <= box.max[k];
+    }
+    if (!is_there) return false;
+    int last = 0; /* the shortest axis */
+    for (int k = 1; k < 3; k++)
+        if (box.max[k] - box.min[k] < box.max[last] - box.min[last]) last = k;
+    grid->axis[0] = (last + 1) % 3;
+    grid->axis[1] = (last + 2) % 3;
+    grid->axis[2] = last;
     double faces = (double)(mesh[0]->face_count + mesh[1]->face_count) / 2.0, longest = 0.0;
     for (int k = 0; k < 3; k++)
         longest = fmax(longest, box.max[k] - box.min[k]);
@@ -72,13 +60,13 @@ void qm_cell_marks_add_large(const qm_cell_grid *grid, qm_cell_marks *marks, con
             marks[qm_cell_rows_index(grid, x, y)].over[0] |= rows->bits;
 }
 
-/** Sets word 0 of each row to all of its marks. A row has the marks of boxes that begin there, one row before
- * along either axis, or along both. Rows are changed from the last to the first, so that the rows read are
- * unchanged. */
-static void gather_rows(const qm_cell_grid *grid, qm_cell_marks *marks)
+/** Two passes. The first sets word 0 of each row to all of its marks: a row has the marks of boxes that begin
+ * there, one row before along either axis, or along both. Rows are changed from the last to the first, so that
+ * the rows read are unchanged. */
+void qm_cell_marks_spread(const qm_cell_grid *grid, qm_cell_marks *marks)
 {
-    size_t stride = qm_cell_stride(grid);
-    for (size_t i = grid->row_count; i-- > 0;) {
+    size_t stride = qm_cell_stride(grid), count = grid->row_count;
+    for (size_t i = count; i-- > 0;) {
         const qm_cell_row *own = marks[i].over;
         qm_cell_row all = own[0] | own[1] | own[2] | own[3];
         if (i >= 1) all |= marks[i - 1].over[1] | marks[i - 1].over[3];
@@ -86,12 +74,6 @@ static void gather_rows(const qm_cell_grid *grid, qm_cell_marks *marks)
         if (i >= stride + 1) all |= marks[i - stride - 1].over[3];
         marks[i].over[0] = all;
     }
-}
-
-void qm_cell_marks_spread(const qm_cell_grid *grid, qm_cell_marks *marks)
-{
-    size_t stride = qm_cell_stride(grid), count = grid->row_count;
-    gather_rows(grid, marks);
     for (size_t i = 0; i < count; i++) {
         qm_cell_row own = marks[i].over[0], y = i + 1 < count ? marks[i + 1].over[0] : 0,
                     x = i + stride < count ? marks[i + stride].over[0] : 0,

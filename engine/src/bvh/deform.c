@@ -17,38 +17,6 @@
 
 #define VERTICES_AHEAD 16 /* vertices ahead whose faces are prefetched */
 
-static void lay_out_faces(qm_deformer *deformer, const qm_mesh *mesh)
-{
-    memset(deformer->start, 0, (mesh->vertex_count + 1) * sizeof *deformer->start);
-    for (size_t f = 0; f < mesh->face_count; f++)
-        for (int i = 0; i < qm_face_corners(mesh->faces + 4 * f); i++)
-            deformer->start[mesh->faces[4 * f + (size_t)i]]++;
-    /* Inclusive prefix sum: the end of each vertex's faces. */
-    uint32_t end = 0;
-    for (size_t v = 0; v <= mesh->vertex_count; v++) {
-        end += deformer->start[v];
-        deformer->start[v] = end;
-    }
-    /* Filling backwards moves each start from the end of its vertex's faces to their beginning. */
-    for (size_t f = mesh->face_count; f-- > 0;)
-        for (int i = 0; i < qm_face_corners(mesh->faces + 4 * f); i++)
-            deformer->faces[--deformer->start[mesh->faces[4 * f + (size_t)i]]] = (uint32_t)f;
-}
-
-static void map_packs(qm_deformer *deformer, const qm_bvh *bvh)
-{
-    uint32_t end = 0;
-    for (size_t pack = 0; pack < bvh->pack_count; pack++) {
-        const qm_pack_lanes *lanes = &bvh->lanes[pack];
-        for (int lane = 0; lane < lanes->lane_count; lane++)
-            deformer->face_pack[lanes->face[lane]] = (uint32_t)pack;
-        deformer->pack_start[pack] = end;
-        for (int i = 0; i < lanes->vertex_count; i++)
-            deformer->pack_vertices[end++] = lanes->vertex[i];
-    }
-    deformer->pack_start[bvh->pack_count] = end;
-}
-
 qm_status qm_deformer_build(qm_context *ctx, const qm_bvh *bvh, qm_deformer **out)
 {
     const qm_mesh *mesh = &bvh->mesh;
@@ -74,8 +42,30 @@ qm_status qm_deformer_build(qm_context *ctx, const qm_bvh *bvh, qm_deformer **ou
         qm_deformer_destroy(ctx, deformer);
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a deformation");
     }
-    lay_out_faces(deformer, mesh);
-    map_packs(deformer, bvh);
+    memset(deformer->start, 0, (mesh->vertex_count + 1) * sizeof *deformer->start);
+    for (size_t f = 0; f < mesh->face_count; f++)
+        for (int i = 0; i < qm_face_corners(mesh->faces + 4 * f); i++)
+            deformer->start[mesh->faces[4 * f + (size_t)i]]++;
+    /* Inclusive prefix sum: the end of each vertex's faces. */
+    uint32_t end = 0;
+    for (size_t v = 0; v <= mesh->vertex_count; v++) {
+        end += deformer->start[v];
+        deformer->start[v] = end;
+    }
+    /* Filling backwards moves each start from the end of its vertex's faces to their beginning. */
+    for (size_t f = mesh->face_count; f-- > 0;)
+        for (int i = 0; i < qm_face_corners(mesh->faces + 4 * f); i++)
+            deformer->faces[--deformer->start[mesh->faces[4 * f + (size_t)i]]] = (uint32_t)f;
+    uint32_t pack_end = 0;
+    for (size_t pack = 0; pack < bvh->pack_count; pack++) {
+        const qm_pack_lanes *lanes = &bvh->lanes[pack];
+        for (int lane = 0; lane < lanes->lane_count; lane++)
+            deformer->face_pack[lanes->face[lane]] = (uint32_t)pack;
+        deformer->pack_start[pack] = pack_end;
+        for (int i = 0; i < lanes->vertex_count; i++)
+            deformer->pack_vertices[pack_end++] = lanes->vertex[i];
+    }
+    deformer->pack_start[bvh->pack_count] = pack_end;
     *out = deformer;
     return QM_OK;
 }
@@ -101,20 +91,18 @@ size_t qm_deformer_memory_size(const qm_deformer *deformer)
            deformer->pack_vertex_count * sizeof *deformer->pack_vertices;
 }
 
-/** Prefetches the faces of a vertex soon to be visited, and the start of those of a later one. */
-static void fetch_faces(const qm_deformer *deformer, uint32_t soon, uint32_t later)
-{
-    if (soon < deformer->vertex_count) __builtin_prefetch(deformer->faces + deformer->start[soon]);
-    if (later < deformer->vertex_count) __builtin_prefetch(deformer->start + later);
-}
-
 static qm_status mark_faces(qm_context *ctx, const qm_deformer *deformer, const uint32_t *vertices,
                             size_t vertex_count, uint64_t *marks)
 {
     bool is_point_set = deformer->corner_count == 0;
     for (size_t i = 0; i < vertex_count; i++) {
-        if (i + 2 * VERTICES_AHEAD < vertex_count)
-            fetch_faces(deformer, vertices[i + VERTICES_AHEAD], vertices[i + 2 * VERTICES_AHEAD]);
+        if (i + 2 * VERTICES_AHEAD < vertex_count) {
+            /* Prefetch the faces of a vertex soon to be visited, and the start of those of a later one. */
+            uint32_t soon = vertices[i + VERTICES_AHEAD];
+            uint32_t later = vertices[i + 2 * VERTICES_AHEAD];
+            if (soon < deformer->vertex_count) __builtin_prefetch(deformer->faces + deformer->start[soon]);
+            if (later < deformer->vertex_count) __builtin_prefetch(deformer->start + later);
+        }
         uint32_t v = vertices[i];
         if (v >= deformer->vertex_count)
             return qm_context_fail(ctx, QM_E_INDEX, "entry %zu names vertex %u, the mesh has %zu", i, v,
@@ -200,13 +188,6 @@ static bool boxes_fit_frame(const qm_box_tree *boxes)
     return frame_serves(box.min, box.max);
 }
 
-static bool mesh_fits_frame(const qm_frame *frame, const qm_box *box)
-{
-    qm_vec from = qm_frame_local(frame, box->min), to = qm_frame_local(frame, box->max);
-    const double low[3] = {from.x, from.y, from.z}, high[3] = {to.x, to.y, to.z};
-    return frame_serves(low, high);
-}
-
 static bool face_in_frame(const qm_bvh *bvh, uint32_t face)
 {
     qm_vec corner[4];
@@ -255,7 +236,9 @@ static size_t refit_boxes(qm_context *ctx, qm_bvh *bvh, const qm_deformer *defor
     fit_all(ctx, bvh, deformer, thread_count);
     if (!boxes_fit_frame(&bvh->boxes)) {
         qm_box box = qm_mesh_bounding_box(&bvh->mesh);
-        if (!mesh_fits_frame(&bvh->frame, &box)) {
+        qm_vec from = qm_frame_local(&bvh->frame, box.min), to = qm_frame_local(&bvh->frame, box.max);
+        const double low[3] = {from.x, from.y, from.z}, high[3] = {to.x, to.y, to.z};
+        if (!frame_serves(low, high)) {
             bvh->frame = qm_bvh_frame_make(&box);
             fit_all(ctx, bvh, deformer, thread_count);
         }

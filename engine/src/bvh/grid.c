@@ -211,16 +211,6 @@ static double cube_edge(const double extent[3], double count)
     return fmax(edge, 0x1p-30);
 }
 
-/** The box of the surface in the tree: enlarged by QM_BOX_MARGIN, so that its extent is never 0. */
-static void tree_box(const qm_bvh *bvh, double low[3], double extent[3])
-{
-    qm_box box = qm_box_tree_bounds(&bvh->boxes);
-    for (int k = 0; k < 3; k++) {
-        low[k] = box.min[k];
-        extent[k] = box.max[k] - box.min[k];
-    }
-}
-
 static qm_status lay_out(qm_context *ctx, qm_grid *grid, const double extent[3], double edge)
 {
     qm_context_free(ctx, grid->block, grid->block_count, sizeof *grid->block);
@@ -244,7 +234,12 @@ static qm_status fill_grid(grid_builder *builder)
     builder->entry_limit = QM_GRID_SHARE * triangles + MIN_ENTRY_LIMIT;
     builder->test_limit = TESTS_PER_ENTRY * builder->entry_limit;
     double low[3], extent[3];
-    tree_box(grid->bvh, low, extent);
+    /* The box of the surface in the tree: enlarged by QM_BOX_MARGIN, so that its extent is never 0. */
+    qm_box box = qm_box_tree_bounds(&grid->bvh->boxes);
+    for (int k = 0; k < 3; k++) {
+        low[k] = box.min[k];
+        extent[k] = box.max[k] - box.min[k];
+    }
     grid->low = qm_vec_load(low);
     double edge = cube_edge(extent, fmin(QM_GRID_DENSITY * (double)triangles, MAX_CELLS));
     qm_status status;

@@ -6,15 +6,6 @@
 
 #include "bvh_tree.h"
 
-static qm_status build_tetra(qm_context *ctx, qm_locator *locator)
-{
-    qm_status status = qm_patch_set_find(ctx, &locator->bvh->mesh, &locator->own_patches);
-    if (status == QM_OK)
-        status = qm_tetra_build(ctx, locator->bvh, &locator->own_patches, &locator->own_tetra);
-    locator->tetra = locator->own_tetra;
-    return status;
-}
-
 qm_status qm_locator_build(qm_context *ctx, const qm_bvh *bvh, const qm_tetra *tetra,
                            qm_accelerator accelerator, qm_locator *out)
 {
@@ -32,7 +23,10 @@ qm_status qm_locator_build(qm_context *ctx, const qm_bvh *bvh, const qm_tetra *t
         break;
     case QM_ACCELERATOR_TETRA:
         locator.tetra = tetra;
-        if (!tetra) status = build_tetra(ctx, &locator);
+        if (tetra) break;
+        status = qm_patch_set_find(ctx, &bvh->mesh, &locator.own_patches);
+        if (status == QM_OK) status = qm_tetra_build(ctx, bvh, &locator.own_patches, &locator.own_tetra);
+        locator.tetra = locator.own_tetra;
         break;
     default:
         return qm_context_fail(ctx, QM_E_ARGUMENT, "there is no accelerator %d", (int)accelerator);

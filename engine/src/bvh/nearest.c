@@ -7,17 +7,6 @@
 
 /* ---- the nearest face ---- */
 
-static inline void start_ties(qm_ties *ties, qm_vec p, bool has_patches)
-{
-    double rounding = qm_distance_rounding(p);
-    ties->error = has_patches ? qm_bilinear_error(p) : 0.0;
-    ties->tau = 2.0 * ties->error + QM_TIE_ROUNDING * (1.0 + qm_max_coordinate(p));
-    ties->margin = 2.0 * rounding; /* that of the bound and that of the distance */
-    ties->min = ties->reach = ties->reach2 = INFINITY;
-    ties->is_min_known = ties->is_overfull = false;
-    ties->count = 0;
-}
-
 /** The lowest face within reach, with the min distance of all. */
 static qm_tie find_lowest(const qm_ties *ties)
 {
@@ -37,7 +26,13 @@ qm_tie qm_nearest_face(const qm_kernel *kernel, const qm_locator *locator, qm_qu
 {
     bool has_patches = reading == QM_QUADS_BILINEAR && qm_bvh_has_twists(locator->bvh);
     qm_ties ties;
-    start_ties(&ties, p, has_patches);
+    double rounding = qm_distance_rounding(p);
+    ties.error = has_patches ? qm_bilinear_error(p) : 0.0;
+    ties.tau = 2.0 * ties.error + QM_TIE_ROUNDING * (1.0 + qm_max_coordinate(p));
+    ties.margin = 2.0 * rounding; /* that of the bound and that of the distance */
+    ties.min = ties.reach = ties.reach2 = INFINITY;
+    ties.is_min_known = ties.is_overfull = false;
+    ties.count = 0;
     if (has_patches) {
         qm_hit hit = {.d2 = INFINITY, .pack = *hint};
         qm_nearest_triangle(kernel, locator, p, &hit);
@@ -116,28 +111,22 @@ static void visit_pack(point_search *search, size_t index)
     }
 }
 
-/** Squared distances from the point to the boxes of a node, which are a little larger than their contents. */
-static void box_distances(const qm_box_node *node, qm_vec p, float d2[QM_PACK_LANES])
+/** Visits the children of a node, nearest box first. */
+static void visit_node(point_search *search, int level, size_t node)
 {
-    const float at[3] = {(float)p.x, (float)p.y, (float)p.z};
-    for (int i = 0; i < QM_PACK_LANES; i++)
-        d2[i] = 0.0f;
+    int order[QM_PACK_LANES], children = qm_box_tree_child_count(&search->bvh->boxes, level, node);
+    /* Squared distances from the point to the boxes, which are a little larger than their contents. */
+    const qm_box_node *boxes = &search->bvh->boxes.groups[level][node];
+    const float at[3] = {(float)search->p.x, (float)search->p.y, (float)search->p.z};
+    float d2[QM_PACK_LANES] = {0};
     for (int k = 0; k < 3; k++) {
         for (int i = 0; i < QM_PACK_LANES; i++) {
-            float below = node->low[k][i] - at[k], above = at[k] - node->high[k][i];
+            float below = boxes->low[k][i] - at[k], above = at[k] - boxes->high[k][i];
             float gap = below > above ? below : above;
             gap = gap > 0.0f ? gap : 0.0f;
             d2[i] += gap * gap;
         }
     }
-}
-
-/** Visits the children of a node, nearest box first. */
-static void visit_node(point_search *search, int level, size_t node)
-{
-    float d2[QM_PACK_LANES];
-    int order[QM_PACK_LANES], children = qm_box_tree_child_count(&search->bvh->boxes, level, node);
-    box_distances(&search->bvh->boxes.groups[level][node], search->p, d2);
     for (int i = 0; i < children; i++) {
         int slot = i;
         for (; slot > 0 && d2[order[slot - 1]] > d2[i]; slot--)

@@ -23,18 +23,6 @@ typedef struct point_batch {
     const qm_projection *out;
 } point_batch;
 
-/** Writes a result where the caller wants it. */
-static void write_footpoint(const qm_projection *out, size_t i, double distance, const qm_surface_point *foot)
-{
-    if (out->distance) out->distance[i] = distance;
-    if (out->position) qm_vec_store(out->position + 3 * i, qm_vec_load(foot->position));
-    if (out->face) out->face[i] = foot->face;
-    if (out->uv) {
-        out->uv[2 * i] = foot->uv[0];
-        out->uv[2 * i + 1] = foot->uv[1];
-    }
-}
-
 static void project_one(const point_batch *batch, const qm_kernel *kernel, size_t i, uint32_t *hint)
 {
     const qm_bvh *bvh = batch->locator->bvh;
@@ -45,7 +33,13 @@ static void project_one(const point_batch *batch, const qm_kernel *kernel, size_
         foot = batch->reading == QM_QUADS_BILINEAR && qm_bvh_has_twists(bvh)
                    ? qm_surface_face_foot(bvh, batch->reading, found.face, p, qm_bilinear_error(p))
                    : qm_surface_triangle_foot(bvh, found.pack, found.lane, p);
-    write_footpoint(batch->out, i, found.distance * bvh->frame.inverse_scale, &foot);
+    if (batch->out->distance) batch->out->distance[i] = found.distance * bvh->frame.inverse_scale;
+    if (batch->out->position) qm_vec_store(batch->out->position + 3 * i, qm_vec_load(foot.position));
+    if (batch->out->face) batch->out->face[i] = foot.face;
+    if (batch->out->uv) {
+        batch->out->uv[2 * i] = foot.uv[0];
+        batch->out->uv[2 * i + 1] = foot.uv[1];
+    }
 }
 
 /** Prefetches a point soon to be projected, and the memory of its result. Always inlined: GCC considers a
@@ -131,24 +125,6 @@ static qm_status fill_order(qm_context *ctx, const qm_bvh *bvh, const double *po
     return QM_OK;
 }
 
-static qm_status project_chunk(qm_context *ctx, point_batch *batch, int thread_count)
-{
-    uint64_t *order = qm_context_alloc(ctx, batch->count, sizeof *order);
-    if (!order) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for %zu points", batch->count);
-    qm_status status = fill_order(ctx, batch->locator->bvh, batch->points, batch->count, order);
-    if (status == QM_OK) {
-        batch->order = order;
-        batch->workers = ctx->parallel && thread_count > 1 ? thread_count : 1;
-        if (batch->workers > 1)
-            ctx->parallel(ctx->parallel_user, batch->workers, project_range, batch);
-        else
-            project_range(batch, 0);
-        if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "projection canceled");
-    }
-    qm_context_free(ctx, order, batch->count, sizeof *order);
-    return status;
-}
-
 qm_status qm_project_points_with(qm_context *ctx, const qm_locator *locator, qm_quad_reading reading,
                                  const double *points, size_t point_count, int thread_count,
                                  const qm_projection *out)
@@ -165,7 +141,20 @@ qm_status qm_project_points_with(qm_context *ctx, const qm_locator *locator, qm_
                          .points = points,
                          .count = point_count,
                          .out = out};
-    return project_chunk(ctx, &batch, thread_count);
+    uint64_t *order = qm_context_alloc(ctx, batch.count, sizeof *order);
+    if (!order) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for %zu points", batch.count);
+    qm_status status = fill_order(ctx, batch.locator->bvh, batch.points, batch.count, order);
+    if (status == QM_OK) {
+        batch.order = order;
+        batch.workers = ctx->parallel && thread_count > 1 ? thread_count : 1;
+        if (batch.workers > 1)
+            ctx->parallel(ctx->parallel_user, batch.workers, project_range, &batch);
+        else
+            project_range(&batch, 0);
+        if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "projection canceled");
+    }
+    qm_context_free(ctx, order, batch.count, sizeof *order);
+    return status;
 }
 
 qm_status qm_project_points(qm_context *ctx, const qm_bvh *bvh, qm_quad_reading reading, const double *points,

@@ -19,15 +19,6 @@ typedef struct tetra_builder {
     size_t node_capacity, pack_capacity;
 } tetra_builder;
 
-static uint32_t *map_packs(qm_context *ctx, const qm_bvh *bvh)
-{
-    uint32_t *map = qm_context_alloc(ctx, bvh->mesh.face_count, sizeof *map);
-    for (size_t pack = 0; map && pack < bvh->pack_count; pack++)
-        for (int lane = 0; lane < bvh->lanes[pack].lane_count; lane++)
-            map[bvh->lanes[pack].face[lane]] = (uint32_t)pack;
-    return map;
-}
-
 /** Counts the nodes of a part: parts of more quads than a leaf holds have two halves. */
 static size_t count_nodes(const qm_tetra_part *part, size_t *leaf_faces)
 {
@@ -38,13 +29,6 @@ static size_t count_nodes(const qm_tetra_part *part, size_t *leaf_faces)
     qm_tetra_part half[2];
     qm_tetra_part_cut(part, half);
     return 1 + count_nodes(&half[0], leaf_faces) + count_nodes(&half[1], leaf_faces);
-}
-
-static void sort_patches(tetra_builder *builder, uint64_t *order)
-{
-    const qm_patch_set *set = &builder->tetra->set;
-    for (size_t i = 0; i < set->patch_count; i++)
-        order[i] = (uint64_t)builder->face_pack[set->faces[set->patches[i].first]] << 32 | i;
 }
 
 static int compare_words(const void *a, const void *b)
@@ -59,7 +43,8 @@ static qm_status lay_out_patches(tetra_builder *builder)
     const qm_patch_set *set = &tetra->set;
     uint64_t *order = qm_context_alloc(builder->ctx, set->patch_count, sizeof *order);
     if (!order) return QM_E_NO_MEMORY;
-    sort_patches(builder, order);
+    for (size_t i = 0; i < set->patch_count; i++)
+        order[i] = (uint64_t)builder->face_pack[set->faces[set->patches[i].first]] << 32 | i;
     qsort(order, set->patch_count, sizeof *order, compare_words);
     for (size_t i = 0; i < set->patch_count; i++) {
         uint32_t index = (uint32_t)order[i];
@@ -84,52 +69,28 @@ static uint32_t patch_vertex(const qm_tetra *tetra, uint32_t patch, uint32_t row
     return qm_patch_vertex(&tetra->set, mesh, patch, row, column);
 }
 
-static void fill_vertices(qm_tetra *tetra, size_t at)
-{
-    const qm_tetra_patch *patch = &tetra->patches[at];
-    uint32_t *vertex = tetra->vertices + patch->vertices;
-    for (uint32_t r = 0; r <= patch->rows; r++)
-        for (uint32_t c = 0; c <= patch->columns; c++)
-            *vertex++ = patch_vertex(tetra, tetra->set_patch[at], r, c);
-}
-
-static void map_faces(qm_tetra *tetra, size_t at)
-{
-    const qm_regular_patch *patch = &tetra->set.patches[tetra->set_patch[at]];
-    size_t end = patch->first + (size_t)patch->rows * patch->columns;
-    for (size_t slot = patch->first; slot < end; slot++) {
-        tetra->face_slot[tetra->set.faces[slot]] = (uint32_t)slot;
-        tetra->face_patch[tetra->set.faces[slot]] = (uint32_t)at;
-    }
-}
-
-/** Lists each pack of a leaf's quads once. */
-static uint32_t add_leaf_packs(tetra_builder *builder, size_t at, const qm_tetra_part *part)
-{
-    qm_tetra *tetra = builder->tetra;
-    const qm_regular_patch *patch = &tetra->set.patches[tetra->set_patch[at]];
-    size_t first = tetra->pack_count;
-    for (uint32_t r = part->row; r < part->row + part->rows; r++) {
-        for (uint32_t c = part->column; c < part->column + part->columns; c++) {
-            uint32_t pack =
-                builder->face_pack[tetra->set.faces[patch->first + (size_t)r * patch->columns + c]];
-            size_t i = first;
-            while (i < tetra->pack_count && tetra->packs[i] != pack)
-                i++;
-            if (i == tetra->pack_count) tetra->packs[tetra->pack_count++] = pack;
-        }
-    }
-    QM_ASSERT(tetra->pack_count - first < 1u << QM_TETRA_COUNT_BITS &&
-              tetra->pack_count <= tetra->pack_capacity);
-    return (uint32_t)(first << QM_TETRA_COUNT_BITS | (tetra->pack_count - first));
-}
-
 /** Lays the nodes of a part out in preorder; returns the next free one. */
 static uint32_t fill_nodes(tetra_builder *builder, size_t at, const qm_tetra_part *part)
 {
     qm_tetra_node *node = &builder->tetra->nodes[part->node];
     if (qm_tetra_part_is_leaf(part)) {
-        node->link = add_leaf_packs(builder, at, part);
+        /* List each pack of the leaf's quads once. */
+        qm_tetra *tetra = builder->tetra;
+        const qm_regular_patch *patch = &tetra->set.patches[tetra->set_patch[at]];
+        size_t first = tetra->pack_count;
+        for (uint32_t r = part->row; r < part->row + part->rows; r++) {
+            for (uint32_t c = part->column; c < part->column + part->columns; c++) {
+                uint32_t pack =
+                    builder->face_pack[tetra->set.faces[patch->first + (size_t)r * patch->columns + c]];
+                size_t i = first;
+                while (i < tetra->pack_count && tetra->packs[i] != pack)
+                    i++;
+                if (i == tetra->pack_count) tetra->packs[tetra->pack_count++] = pack;
+            }
+        }
+        QM_ASSERT(tetra->pack_count - first < 1u << QM_TETRA_COUNT_BITS &&
+                  tetra->pack_count <= tetra->pack_capacity);
+        node->link = (uint32_t)(first << QM_TETRA_COUNT_BITS | (tetra->pack_count - first));
         return part->node + 1;
     }
     qm_tetra_part half[2];
@@ -144,8 +105,17 @@ static qm_status fill_patches(tetra_builder *builder)
     const qm_kernel *kernel = qm_kernel_get();
     for (size_t i = 0; i < tetra->patch_count; i++) {
         if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
-        fill_vertices(tetra, i);
-        map_faces(tetra, i);
+        const qm_tetra_patch *patch = &tetra->patches[i];
+        uint32_t *corner = tetra->vertices + patch->vertices;
+        for (uint32_t r = 0; r <= patch->rows; r++)
+            for (uint32_t c = 0; c <= patch->columns; c++)
+                *corner++ = patch_vertex(tetra, tetra->set_patch[i], r, c);
+        const qm_regular_patch *regular = &tetra->set.patches[tetra->set_patch[i]];
+        size_t end = regular->first + (size_t)regular->rows * regular->columns;
+        for (size_t slot = regular->first; slot < end; slot++) {
+            tetra->face_slot[tetra->set.faces[slot]] = (uint32_t)slot;
+            tetra->face_patch[tetra->set.faces[slot]] = (uint32_t)i;
+        }
         qm_tetra_part root = qm_tetra_part_root(&tetra->patches[i]);
         fill_nodes(builder, i, &root);
         kernel->tetra_fit(tetra, i, NULL);
@@ -199,7 +169,11 @@ qm_status qm_tetra_build(qm_context *ctx, const qm_bvh *bvh, const qm_patch_set 
     if (tetra) {
         *tetra =
             (qm_tetra){.bvh = bvh, .set = *patches, .frame = bvh->frame, .patch_count = patches->patch_count};
-        tetra_builder builder = {.ctx = ctx, .tetra = tetra, .face_pack = map_packs(ctx, bvh)};
+        uint32_t *face_pack = qm_context_alloc(ctx, bvh->mesh.face_count, sizeof *face_pack);
+        for (size_t pack = 0; face_pack && pack < bvh->pack_count; pack++)
+            for (int lane = 0; lane < bvh->lanes[pack].lane_count; lane++)
+                face_pack[bvh->lanes[pack].face[lane]] = (uint32_t)pack;
+        tetra_builder builder = {.ctx = ctx, .tetra = tetra, .face_pack = face_pack};
         status = build(&builder);
         qm_context_free(ctx, builder.face_pack, faces, sizeof *builder.face_pack);
     }
@@ -280,33 +254,16 @@ static void mark_path(path_marker *marker, uint32_t face)
     marker->leaf = part;
 }
 
-static size_t refit_tetra(qm_tetra *tetra)
-{
-    const qm_kernel *kernel = qm_kernel_get();
-    size_t updated = 0;
-    for (size_t i = 0; i < tetra->patch_count; i++)
-        updated += kernel->tetra_fit(tetra, i, NULL);
-    qm_box_tree_fill(&tetra->boxes, 2);
-    tetra->frame = tetra->bvh->frame;
-    return updated;
-}
-
-static size_t refit_paths(qm_tetra *tetra, const uint64_t *nodes, uint32_t *patches, size_t patch_count)
-{
-    const qm_kernel *kernel = qm_kernel_get();
-    size_t updated = 0;
-    for (size_t i = 0; i < patch_count; i++)
-        updated += kernel->tetra_fit(tetra, patches[i], nodes);
-    qm_box_tree_refill(&tetra->boxes, patches, patch_count);
-    return updated;
-}
-
 qm_status qm_tetra_refit(qm_context *ctx, qm_tetra *tetra, const uint32_t *faces, size_t face_count,
                          size_t *updated)
 {
     *updated = 0;
     if (!faces || memcmp(&tetra->frame, &tetra->bvh->frame, sizeof tetra->frame) != 0) {
-        *updated = refit_tetra(tetra);
+        const qm_kernel *kernel = qm_kernel_get();
+        for (size_t i = 0; i < tetra->patch_count; i++)
+            *updated += kernel->tetra_fit(tetra, i, NULL);
+        qm_box_tree_fill(&tetra->boxes, 2);
+        tetra->frame = tetra->bvh->frame;
         return QM_OK;
     }
     if (face_count == 0) return QM_OK;
@@ -322,7 +279,10 @@ qm_status qm_tetra_refit(qm_context *ctx, qm_tetra *tetra, const uint32_t *faces
         for (size_t i = 0; i < face_count; i++)
             mark_path(&marker, faces[i]);
         size_t count = qm_bits_list(marker.patches, tetra->patch_count, patches);
-        *updated = refit_paths(tetra, marker.nodes, patches, count);
+        const qm_kernel *kernel = qm_kernel_get();
+        for (size_t i = 0; i < count; i++)
+            *updated += kernel->tetra_fit(tetra, patches[i], marker.nodes);
+        qm_box_tree_refill(&tetra->boxes, patches, count);
     }
     qm_context_free(ctx, patches, list_size, sizeof *patches);
     qm_bits_free(ctx, marker.patches, tetra->patch_count);

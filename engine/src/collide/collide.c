@@ -100,15 +100,6 @@ static qm_status set_marks(qm_context *ctx, const qm_bvh *bvh, const qm_collide_
     return QM_OK;
 }
 
-static void reset_marks(qm_context *ctx, const qm_bvh *bvh, qm_motion_marks *marks)
-{
-    qm_context_free(ctx, marks->vertex, bvh->mesh.vertex_count, 1);
-    qm_context_free(ctx, marks->face, qm_bvh_facet_count(&bvh->mesh), 1);
-    for (int level = 0; level <= bvh->boxes.level_count; level++)
-        qm_context_free(ctx, marks->level[level], bvh->boxes.group_count[level], 1);
-    *marks = (qm_motion_marks){0};
-}
-
 /** Adds the previous pairs whose faces have not moved: they still meet. QM_OK; QM_E_INDEX; QM_E_NO_MEMORY. */
 static qm_status keep_unmoved_pairs(qm_context *ctx, const qm_bvh *bvh, const qm_motion_marks *marks,
                                     const qm_collide_changes *changes, qm_pair_list *list)
@@ -149,7 +140,10 @@ static qm_status collide(qm_collide_search *search, const qm_collide_changes *ch
         search->marks = &marks;
     }
     if (status == QM_OK) status = qm_collide_run(search, &list, &out->tests);
-    if (changes) reset_marks(ctx, a, &marks);
+    for (int level = 0; level <= a->boxes.level_count; level++)
+        qm_context_free(ctx, marks.level[level], a->boxes.group_count[level], 1);
+    qm_context_free(ctx, marks.face, qm_bvh_facet_count(&a->mesh), 1);
+    qm_context_free(ctx, marks.vertex, a->mesh.vertex_count, 1);
     const uint32_t last_face[2] = {last_input_face(a), last_input_face(b)};
     if (status == QM_OK) status = qm_pair_list_finish(ctx, &list, last_face, search->options, out);
     qm_pair_list_reset(ctx, &list);

@@ -41,26 +41,24 @@ bool qm_collide_faces_meet_exactly(const qm_collide_faces *faces)
                           : qm_tri_tri_meet(a.corner, b.corner);
 }
 
-static bool is_larger(const qm_contact *a, const qm_contact *b)
-{
-    if (a->kind != b->kind) return a->kind > b->kind;
-    return qm_vec_distance(qm_vec_load(a->point[0]), qm_vec_load(a->point[1])) >
-           qm_vec_distance(qm_vec_load(b->point[0]), qm_vec_load(b->point[1]));
-}
-
 /** Finds the largest contact of two faces as triangles; false when they have none. */
 static bool find_triangle_contact(const qm_collide_faces *faces, qm_contact *contact)
 {
     qm_face_shape a = load_face(faces->mesh[0], faces->face[0]),
                   b = load_face(faces->mesh[1], faces->face[1]);
     bool found = false;
+    double length = 0.0;
     for (int i = 0; i < a.count - 2; i++) {
         for (int k = 0; k < b.count - 2; k++) {
             const qm_vec p[3] = {a.corner[0], a.corner[i + 1], a.corner[i + 2]};
             const qm_vec q[3] = {b.corner[0], b.corner[k + 1], b.corner[k + 2]};
             qm_contact here;
             if (!qm_tri_tri_contact(p, q, &here)) continue;
-            if (!found || is_larger(&here, contact)) *contact = here;
+            double here_length = qm_vec_distance(qm_vec_load(here.point[0]), qm_vec_load(here.point[1]));
+            if (found && (here.kind != contact->kind ? here.kind < contact->kind : !(here_length > length)))
+                continue;
+            *contact = here;
+            length = here_length;
             found = true;
         }
     }

@@ -133,14 +133,6 @@ static void add_faces(overlap_work *work, int side, unsigned first, unsigned cou
     }
 }
 
-static void add_list(overlap_work *work, int side)
-{
-    for (unsigned first = 0; first < work->list.count; first += QM_HILBERT_BATCH) {
-        unsigned left = work->list.count - first;
-        add_faces(work, side, first, left < QM_HILBERT_BATCH ? left : QM_HILBERT_BATCH);
-    }
-}
-
 /** Adds the faces of one mesh that overlap marked cells of the other to their part. Those of the first mesh
  * mark their own cells, against which the second mesh is compared. The array has room for all faces; memory
  * that is never written costs nothing. */
@@ -161,7 +153,10 @@ static qm_status keep_near(overlap_work *work, int side)
                                    &work->list);
         if (work->list.count < QM_CELL_LIST && first + QM_CELL_FACES < count) continue;
         if (side == 0) mark_list(work, 0);
-        add_list(work, side);
+        for (unsigned at = 0; at < work->list.count; at += QM_HILBERT_BATCH) {
+            unsigned left = work->list.count - at;
+            add_faces(work, side, at, left < QM_HILBERT_BATCH ? left : QM_HILBERT_BATCH);
+        }
         work->list.count = 0;
     }
     if (side == 0) qm_cell_marks_spread(&work->grid, work->marks[0]);
@@ -202,19 +197,15 @@ static qm_status run(overlap_work *work)
     return status;
 }
 
-/** Whether the grid can pay, and the kernels can index all vertices and faces. */
-static bool fits(const qm_mesh *a, const qm_mesh *b)
-{
-    return a->face_count > 0 && b->face_count > 0 && a->face_count + b->face_count >= MIN_FACES &&
-           a->vertex_count <= MAX_VERTICES && b->vertex_count <= MAX_VERTICES &&
-           a->face_count <= QM_RADIX_INDEX_MASK && b->face_count <= QM_RADIX_INDEX_MASK;
-}
-
 qm_status qm_overlap_find(qm_context *ctx, const qm_mesh *a, const qm_mesh *b, qm_overlap *out)
 {
     QM_ASSERT(ctx && a && b && out);
-    *out = (qm_overlap){.is_whole = !fits(a, b)};
-    if (out->is_whole) return QM_OK;
+    /* Whether the grid can pay, and the kernels can index all vertices and faces. */
+    bool fits = a->face_count > 0 && b->face_count > 0 && a->face_count + b->face_count >= MIN_FACES &&
+                a->vertex_count <= MAX_VERTICES && b->vertex_count <= MAX_VERTICES &&
+                a->face_count <= QM_RADIX_INDEX_MASK && b->face_count <= QM_RADIX_INDEX_MASK;
+    *out = (qm_overlap){.is_whole = !fits};
+    if (!fits) return QM_OK;
     overlap_work *work = qm_context_alloc_aligned(ctx, 1, sizeof *work);
     if (!work) return QM_E_NO_MEMORY;
     *work = (overlap_work){.ctx = ctx, .kernel = qm_kernel_get(), .mesh = {a, b}, .out = out};
@@ -237,23 +228,6 @@ void qm_overlap_reset(qm_context *ctx, qm_overlap *overlap)
 
 /* ---- the search ---- */
 
-/** Searches in trees of both meshes, or of their parts that may meet the other mesh. */
-static qm_status collide_parts(qm_context *ctx, const qm_mesh *const mesh[2], const qm_overlap *overlap,
-                               const qm_collide_options *options, qm_collision *out)
-{
-    qm_bvh *tree[2] = {NULL, NULL};
-    qm_status status = QM_OK;
-    int threads = options->thread_count;
-    for (int side = 0; side < 2 && status == QM_OK; side++)
-        status = overlap->is_whole
-                     ? qm_bvh_build(ctx, mesh[side], QM_BVH_SOURCE, threads, &tree[side])
-                     : qm_bvh_build_subset(ctx, mesh[side], &overlap->part[side], threads, &tree[side]);
-    if (status == QM_OK) status = qm_collide_meshes(ctx, tree[0], tree[1], options, out);
-    qm_bvh_destroy(ctx, tree[1]);
-    qm_bvh_destroy(ctx, tree[0]);
-    return status;
-}
-
 qm_status qm_collide_surfaces(qm_context *ctx, const qm_mesh *a, const qm_mesh *b,
                               const qm_collide_options *options, qm_collision *out)
 {
@@ -272,8 +246,18 @@ qm_status qm_collide_surfaces(qm_context *ctx, const qm_mesh *a, const qm_mesh *
     status = qm_overlap_find(ctx, a, b, &overlap);
     if (status != QM_OK)
         qm_context_fail(ctx, status, "%s while looking for collisions", qm_status_text(status));
-    else if (!overlap.is_empty)
-        status = collide_parts(ctx, (const qm_mesh *const[2]){a, b}, &overlap, options, out);
+    /* Trees of both meshes, or of their parts that may meet the other mesh. */
+    const qm_mesh *const mesh[2] = {a, b};
+    qm_bvh *tree[2] = {NULL, NULL};
+    int threads = options->thread_count;
+    bool searches = status == QM_OK && !overlap.is_empty;
+    for (int side = 0; side < 2 && searches && status == QM_OK; side++)
+        status = overlap.is_whole
+                     ? qm_bvh_build(ctx, mesh[side], QM_BVH_SOURCE, threads, &tree[side])
+                     : qm_bvh_build_subset(ctx, mesh[side], &overlap.part[side], threads, &tree[side]);
+    if (searches && status == QM_OK) status = qm_collide_meshes(ctx, tree[0], tree[1], options, out);
+    qm_bvh_destroy(ctx, tree[1]);
+    qm_bvh_destroy(ctx, tree[0]);
     qm_overlap_reset(ctx, &overlap);
     return status;
 }

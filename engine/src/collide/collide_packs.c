@@ -84,16 +84,6 @@ static uint32_t corner_vertex(const side *s, int lane, int corner)
     return s->lanes->vertex[s->lanes->corner[lane][corner]];
 }
 
-/** Whether two corners have the same position, so that their triangles meet there. Bits are compared, which
- * is fast: 0 and -0 are left to the exact test. */
-static bool corners_coincide(const side *a, int i, const side *b, int j, int32_t corners)
-{
-    uint64_t x[3], y[3];
-    memcpy(x, a->mesh->positions + 3 * (size_t)corner_vertex(a, i, corners >> 2), sizeof x);
-    memcpy(y, b->mesh->positions + 3 * (size_t)corner_vertex(b, j, corners & 3), sizeof y);
-    return ((x[0] ^ y[0]) | (x[1] ^ y[1]) | (x[2] ^ y[2])) == 0;
-}
-
 static void load_triangle(const side *s, int lane, uint32_t vertex[3], qm_vec corner[3])
 {
     for (int i = 0; i < 3; i++) {
@@ -184,9 +174,14 @@ static bool take_alike(qm_collide_worker *w, const uint32_t pack[2], const qm_ne
     w->alike += (size_t)__builtin_popcountll(lanes->alike);
     for (uint64_t alike = lanes->alike; alike && goes_on; alike &= alike - 1) {
         int index = __builtin_ctzll(alike), i = index / QM_PACK_LANES, j = index % QM_PACK_LANES;
-        goes_on = corners_coincide(&a, i, &b, j, lanes->corners[i][j])
-                      ? record_faces(w, lane_face(&a, i), lane_face(&b, j))
-                      : test_lanes(w, &a, i, &b, j);
+        /* Corners that have the same position: their triangles meet there. Bits are compared, which is fast: 0
+         * and -0 are left to the exact test. */
+        uint64_t x[3], y[3];
+        memcpy(x, a.mesh->positions + 3 * (size_t)corner_vertex(&a, i, lanes->corners[i][j] >> 2), sizeof x);
+        memcpy(y, b.mesh->positions + 3 * (size_t)corner_vertex(&b, j, lanes->corners[i][j] & 3), sizeof y);
+        bool coincide = ((x[0] ^ y[0]) | (x[1] ^ y[1]) | (x[2] ^ y[2])) == 0;
+        goes_on =
+            coincide ? record_faces(w, lane_face(&a, i), lane_face(&b, j)) : test_lanes(w, &a, i, &b, j);
     }
     return goes_on;
 }

@@ -55,33 +55,6 @@ typedef struct sorter {
     uint64_t *numbers;
 } sorter;
 
-static int bits_of(uint32_t x)
-{
-    return x > 0 ? 32 - __builtin_clz(x) : 0;
-}
-
-/** Sorts by bucket: counts, takes the prefix sums, then writes each number to the next slot of its bucket. */
-static void fill_buckets(sorter *s)
-{
-    memset(s->end, 0, (s->bucket_count + 1) * sizeof *s->end);
-    size_t *start = s->end + 1;
-    for (const qm_pair_block *block = s->list->first; block; block = block->next)
-        for (size_t i = 0; i < block->count; i++)
-            start[block->pairs[i].a >> s->shift]++;
-    size_t sum = 0;
-    for (size_t i = 0; i <= s->bucket_count; i++) {
-        sum += s->end[i];
-        s->end[i] = sum;
-    }
-    for (const qm_pair_block *block = s->list->first; block; block = block->next) {
-        for (size_t i = 0; i < block->count; i++) {
-            qm_face_pair pair = block->pairs[i];
-            QM_ASSERT((uint64_t)pair.b >> s->b_bits == 0);
-            s->numbers[s->end[pair.a >> s->shift]++] = (uint64_t)pair.a << s->b_bits | pair.b;
-        }
-    }
-}
-
 static qm_status sort_buckets(const sorter *s, int thread_count)
 {
     const qm_kernel *kernel = qm_kernel_get();
@@ -106,7 +79,7 @@ static qm_status sort_list(qm_context *ctx, const qm_pair_list *list, const uint
 {
     static_assert(sizeof *out->pairs == sizeof(uint64_t), "numbers become pairs in place");
     size_t count = list->count, written = 0;
-    sorter s = {.ctx = ctx, .list = list, .b_bits = bits_of(last_face[1])};
+    sorter s = {.ctx = ctx, .list = list, .b_bits = last_face[1] > 0 ? 32 - __builtin_clz(last_face[1]) : 0};
     while (last_face[0] >> s.shift >= 2 * count)
         s.shift++;
     s.bucket_count = (last_face[0] >> s.shift) + 1;
@@ -116,7 +89,24 @@ static qm_status sort_list(qm_context *ctx, const qm_pair_list *list, const uint
     s.numbers = (uint64_t *)(void *)out->pairs;
     qm_status status = s.end && out->pairs ? QM_OK : QM_E_NO_MEMORY;
     if (status == QM_OK) {
-        fill_buckets(&s);
+        /* Sort by bucket: count, take the prefix sums, then write each number to the next slot of its bucket. */
+        memset(s.end, 0, (s.bucket_count + 1) * sizeof *s.end);
+        size_t *start = s.end + 1;
+        for (const qm_pair_block *block = s.list->first; block; block = block->next)
+            for (size_t i = 0; i < block->count; i++)
+                start[block->pairs[i].a >> s.shift]++;
+        size_t sum = 0;
+        for (size_t i = 0; i <= s.bucket_count; i++) {
+            sum += s.end[i];
+            s.end[i] = sum;
+        }
+        for (const qm_pair_block *block = s.list->first; block; block = block->next) {
+            for (size_t i = 0; i < block->count; i++) {
+                qm_face_pair pair = block->pairs[i];
+                QM_ASSERT((uint64_t)pair.b >> s.b_bits == 0);
+                s.numbers[s.end[pair.a >> s.shift]++] = (uint64_t)pair.a << s.b_bits | pair.b;
+            }
+        }
         status = sort_buckets(&s, thread_count);
     }
     qm_context_free(ctx, s.end, s.bucket_count + 1, sizeof *s.end);

@@ -140,14 +140,6 @@ static bool make_worker(shared_state *c, worker *out)
     return true;
 }
 
-static void free_worker(qm_context *ctx, worker *w)
-{
-    for (int side = 0; side < 2; side++)
-        qm_context_free_aligned(ctx, w->own.cache[side], QM_CACHED_LEAVES, sizeof **w->own.cache);
-    qm_context_free_aligned(ctx, w->own.waiting, 1, sizeof *w->own.waiting);
-    qm_pair_list_reset(ctx, &w->own.pairs);
-}
-
 qm_status qm_collide_run(const qm_collide_search *search, qm_pair_list *list, uint64_t *tests)
 {
     qm_context *ctx = search->ctx;
@@ -183,8 +175,13 @@ qm_status qm_collide_run(const qm_collide_search *search, qm_pair_list *list, ui
     qm_face_pair pair = {(uint32_t)(first >> 32), (uint32_t)first};
     if (first < UINT64_MAX && !qm_pair_list_add(ctx, list, pair)) status = QM_E_NO_MEMORY;
 
-    for (int i = 0; i < made; i++)
-        free_worker(ctx, &c.workers[i]);
+    for (int i = 0; i < made; i++) {
+        qm_collide_worker *w = &c.workers[i].own;
+        for (int side = 0; side < 2; side++)
+            qm_context_free_aligned(ctx, w->cache[side], QM_CACHED_LEAVES, sizeof **w->cache);
+        qm_context_free_aligned(ctx, w->waiting, 1, sizeof *w->waiting);
+        qm_pair_list_reset(ctx, &w->pairs);
+    }
     qm_context_free(ctx, c.workers, (size_t)workers, sizeof *c.workers);
     qm_context_free(ctx, c.tasks, c.task_capacity, sizeof *c.tasks);
     return status;

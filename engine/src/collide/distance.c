@@ -102,12 +102,6 @@ static node_pair pop(node_queue *queue)
     return top;
 }
 
-static void reset_queue(qm_context *ctx, node_queue *queue)
-{
-    qm_context_free(ctx, queue->heap, queue->capacity, sizeof *queue->heap);
-    *queue = (node_queue){0};
-}
-
 /* ---- faces ---- */
 
 /** Discards a pair that cannot improve the result by more than the tolerance: remembers its lower bound and
@@ -238,41 +232,11 @@ static qm_status run(search *s)
 
 /* ---- the result ---- */
 
-/** Sets the local space of the search: that of a, widened by a power of two so that b fits in as well. */
-static void set_frame(search *s)
-{
-    const qm_frame *a = &s->bvh[0]->frame, *b = &s->bvh[1]->frame;
-    const qm_frame_change *change = &s->descent.change;
-    double extent = 1.0;
-    for (int k = 0; k < 3; k++)
-        extent = fmax(extent, fabs(change->shift_ab[k]) + change->scale_ab);
-    int exponent;
-    frexp(extent, &exponent);
-    s->frame = *a;
-    s->frame.scale = ldexp(a->scale, 1 - exponent);
-    s->frame.inverse_scale = ldexp(a->inverse_scale, exponent - 1);
-    s->unit[0] = s->frame.scale * a->inverse_scale;
-    s->unit[1] = s->frame.scale * b->inverse_scale;
-}
-
 static qm_surface_point find_point(const search *s, int side, uint32_t face, const double position[3])
 {
     const qm_bvh *bvh = s->bvh[side];
     return qm_surface_face_foot(bvh, s->options->quads, face, qm_frame_local(&bvh->frame, position),
                                 FOOT_ERROR);
-}
-
-static void set_result(const search *s, qm_distance *out)
-{
-    double scale = s->frame.inverse_scale, position[2][3];
-    out->upper = (s->best + ERROR) * scale;
-    out->lower = fmax(fmin(s->lowest, s->best) - ERROR, 0.0) * scale;
-    for (int side = 0; side < 2; side++)
-        qm_vec_store(position[side], qm_frame_world(&s->frame, s->point[side]));
-    QM_ASSERT(!(out->lower > out->upper));
-    out->from = find_point(s, 0, s->face[0], position[0]);
-    out->to = find_point(s, 1, s->face[1], position[1]);
-    out->is_converged = out->upper - out->lower <= s->options->tolerance;
 }
 
 /** Finds out whether the surfaces meet as triangles, and where. */
@@ -315,13 +279,33 @@ qm_status qm_distance_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
     if (status == QM_OK && !has_patches) status = find_contact(&s, out, &meets);
     if (status != QM_OK) return status;
     if (!meets) {
-        set_frame(&s);
+        /* The local space of the search: that of a, widened by a power of two so that b fits in as well. */
+        const qm_frame *first = &s.bvh[0]->frame, *second = &s.bvh[1]->frame;
+        const qm_frame_change *change = &s.descent.change;
+        double extent = 1.0;
+        for (int k = 0; k < 3; k++)
+            extent = fmax(extent, fabs(change->shift_ab[k]) + change->scale_ab);
+        int exponent;
+        frexp(extent, &exponent);
+        s.frame = *first;
+        s.frame.scale = ldexp(first->scale, 1 - exponent);
+        s.frame.inverse_scale = ldexp(first->inverse_scale, exponent - 1);
+        s.unit[0] = s.frame.scale * first->inverse_scale;
+        s.unit[1] = s.frame.scale * second->inverse_scale;
         s.tolerance = 0.5 * options->tolerance * s.frame.scale;
         status = run(&s);
-        reset_queue(ctx, &s.queue);
+        qm_context_free(ctx, s.queue.heap, s.queue.capacity, sizeof *s.queue.heap);
         if (status != QM_OK)
             return qm_context_fail(ctx, status, "%s while measuring the distance", qm_status_text(status));
-        set_result(&s, out);
+        double scale = s.frame.inverse_scale, position[2][3];
+        out->upper = (s.best + ERROR) * scale;
+        out->lower = fmax(fmin(s.lowest, s.best) - ERROR, 0.0) * scale;
+        for (int side = 0; side < 2; side++)
+            qm_vec_store(position[side], qm_frame_world(&s.frame, s.point[side]));
+        QM_ASSERT(!(out->lower > out->upper));
+        out->from = find_point(&s, 0, s.face[0], position[0]);
+        out->to = find_point(&s, 1, s.face[1], position[1]);
+        out->is_converged = out->upper - out->lower <= s.options->tolerance;
     }
     out->pairs = s.pairs;
     out->elapsed_ms = qm_clock_ms() - start_ms;

@@ -294,26 +294,6 @@ qm_status qm_layout_merge_curves(qm_context *ctx, qm_layout *layout, uint32_t fi
     return finish_edit(ctx, layout, &copy, join_curves(ctx, &copy, a, b, node));
 }
 
-/** True if the ends of a polyline are nearer to a curve's nodes when they are exchanged. */
-static bool runs_backward(const qm_layout *layout, const qm_curve *curve, const double *points, size_t count)
-{
-    qm_vec from = qm_vec_load(layout->nodes + 3 * (size_t)curve->from);
-    qm_vec to = qm_vec_load(layout->nodes + 3 * (size_t)curve->to);
-    qm_vec first = qm_vec_load(points), last = qm_vec_load(points + 3 * (count - 1));
-    return qm_vec_distance(first, to) + qm_vec_distance(last, from) <
-           qm_vec_distance(first, from) + qm_vec_distance(last, to);
-}
-
-static void reverse_points(qm_curve *curve)
-{
-    for (size_t i = 0, j = curve->point_count - 1; i < j; i++, j--) {
-        double swapped[3];
-        memcpy(swapped, curve->points + 3 * i, POINT_SIZE);
-        memcpy(curve->points + 3 * i, curve->points + 3 * j, POINT_SIZE);
-        memcpy(curve->points + 3 * j, swapped, POINT_SIZE);
-    }
-}
-
 qm_status qm_layout_redraw_curve(qm_context *ctx, qm_layout *layout, uint32_t id, const double *points,
                                  size_t point_count)
 {
@@ -327,7 +307,19 @@ qm_status qm_layout_redraw_curve(qm_context *ctx, qm_layout *layout, uint32_t id
     qm_curve *curve = &copy.curves[index];
     status = set_points(ctx, curve, points, point_count);
     if (status == QM_OK) {
-        if (runs_backward(&copy, curve, points, point_count)) reverse_points(curve);
+        /* Reverse the points if their ends are nearer to the curve's nodes when they are exchanged. */
+        qm_vec from = qm_vec_load(copy.nodes + 3 * (size_t)curve->from);
+        qm_vec to = qm_vec_load(copy.nodes + 3 * (size_t)curve->to);
+        qm_vec first = qm_vec_load(points), last = qm_vec_load(points + 3 * (point_count - 1));
+        if (qm_vec_distance(first, to) + qm_vec_distance(last, from) <
+            qm_vec_distance(first, from) + qm_vec_distance(last, to)) {
+            for (size_t i = 0, j = curve->point_count - 1; i < j; i++, j--) {
+                double swapped[3];
+                memcpy(swapped, curve->points + 3 * i, POINT_SIZE);
+                memcpy(curve->points + 3 * i, curve->points + 3 * j, POINT_SIZE);
+                memcpy(curve->points + 3 * j, swapped, POINT_SIZE);
+            }
+        }
         memcpy(curve->points, copy.nodes + 3 * (size_t)curve->from, POINT_SIZE);
         memcpy(curve->points + 3 * (point_count - 1), copy.nodes + 3 * (size_t)curve->to, POINT_SIZE);
     }

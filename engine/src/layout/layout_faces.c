@@ -107,12 +107,20 @@ static qm_vec dart_direction(const qm_layout *layout, uint32_t dart, double leng
     return qm_vec_sub(here, start);
 }
 
-/**
- * The mean of the normals between the darts of a node. The node's own normal would not do at the corner of
- * a box: it is that of one of three faces, and one of the edges runs along it.
- */
-static qm_vec mean_normal(const arrangement *arr, uint32_t node, double length)
+/** Sets the angles of the darts of a node in its tangent plane. */
+static void measure_angles(arrangement *arr, uint32_t node)
 {
+    double shortest = INFINITY;
+    for (size_t i = 0; i < arr->layout->curve_count; i++) {
+        const qm_curve *curve = &arr->layout->curves[i];
+        if (curve->from == node || curve->to == node)
+            shortest = fmin(shortest, qm_layout_curve_length(curve));
+    }
+    double length = TANGENT_LENGTH * shortest;
+    /*
+     * The mean of the normals between the darts of a node. The node's own normal would not do at the corner of
+     * a box: it is that of one of three faces, and one of the edges runs along it.
+     */
     qm_vec at_node = arr->normal[node], start = qm_vec_load(arr->layout->nodes + 3 * (size_t)node),
            sum = at_node;
     for (uint32_t a = 0; a < arr->dart_count; a++) {
@@ -129,20 +137,7 @@ static qm_vec mean_normal(const arrangement *arr, uint32_t node, double length)
         }
     }
     double norm = qm_vec_norm(sum);
-    return norm > 1e-3 ? qm_vec_scale(1.0 / norm, sum) : at_node;
-}
-
-/** Sets the angles of the darts of a node in its tangent plane. */
-static void measure_angles(arrangement *arr, uint32_t node)
-{
-    double shortest = INFINITY;
-    for (size_t i = 0; i < arr->layout->curve_count; i++) {
-        const qm_curve *curve = &arr->layout->curves[i];
-        if (curve->from == node || curve->to == node)
-            shortest = fmin(shortest, qm_layout_curve_length(curve));
-    }
-    double length = TANGENT_LENGTH * shortest;
-    qm_vec normal = mean_normal(arr, node, length);
+    qm_vec normal = norm > 1e-3 ? qm_vec_scale(1.0 / norm, sum) : at_node;
     qm_vec x = fabs(normal.x) < 0.6 ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
     x = qm_vec_axpy(x, -qm_vec_dot(x, normal), normal);
     x = qm_vec_scale(1.0 / qm_vec_norm(x), x);
@@ -152,15 +147,6 @@ static void measure_angles(arrangement *arr, uint32_t node)
         qm_vec d = dart_direction(arr->layout, dart, length);
         arr->angle[dart] = atan2(qm_vec_dot(d, y), qm_vec_dot(d, x));
     }
-}
-
-/** The anticlockwise angle from one dart of a node to another, in (0, 2 pi]: 2 pi from a dart to itself. */
-static double angle_between(const arrangement *arr, uint32_t from, uint32_t to)
-{
-    const double full_turn = 6.283185307179586;
-    double angle = arr->angle[to] - arr->angle[from];
-    if (angle < 0.0 || (angle == 0.0 && to <= from)) angle += full_turn;
-    return angle;
 }
 
 /** The order of darts round a node: by angle, then by index. It is total, however the angles are rounded. */
@@ -212,7 +198,12 @@ static arrangement_face trace_face(arrangement *arr, uint32_t first)
         out.sides++;
         QM_ASSERT(out.sides <= arr->dart_count);
         arr->is_traced[dart] = true;
-        out.angle += angle_between(arr, arr->next[dart], dart ^ 1);
+        /* The anticlockwise angle from one dart of the node to the other, in (0, 2 pi]: 2 pi to itself. */
+        uint32_t to = dart ^ 1;
+        const double full_turn = 6.283185307179586;
+        double angle = arr->angle[to] - arr->angle[arr->next[dart]];
+        if (angle < 0.0 || (angle == 0.0 && to <= arr->next[dart])) angle += full_turn;
+        out.angle += angle;
         out.is_on_both_sides |= is_on_face(arr, first, dart ^ 1);
         dart = arr->next[dart];
     } while (dart != first);

@@ -258,8 +258,16 @@ static bool intersects_box(const search *s, const qm_box_node *node, int child)
     return true;
 }
 
-static void add_candidate(search *s, const candidate *found)
+/** Adds a point as a candidate if it is in front of the near plane and within the radius of the cursor. */
+static void test_point(search *s, uint32_t index, qm_vec p)
 {
+    double w = apply_row(s->view->clip, 3, p);
+    if (!(w > 0.0) || apply_row(s->view->clip, 2, p) < -w) return;
+    candidate c = {.at = p, .index = index};
+    c.x = 0.5 * s->view->viewport[2] * (apply_row(s->view->clip, 0, p) / w - s->x);
+    c.y = 0.5 * s->view->viewport[3] * (apply_row(s->view->clip, 1, p) / w - s->y);
+    if (c.x * c.x + c.y * c.y > s->view->radius_px * s->view->radius_px) return;
+    c.depth = apply_row(s->view->depth, 0, p);
     if (s->count == s->capacity) {
         size_t capacity = s->capacity ? 2 * s->capacity : 256;
         candidate *larger = qm_context_resize(s->ctx, s->found, s->capacity, capacity, sizeof *larger);
@@ -271,20 +279,7 @@ static void add_candidate(search *s, const candidate *found)
         s->capacity = capacity;
     }
     QM_ASSERT(s->count < s->capacity);
-    s->found[s->count++] = *found;
-}
-
-/** Adds a point as a candidate if it is in front of the near plane and within the radius of the cursor. */
-static void test_point(search *s, uint32_t index, qm_vec p)
-{
-    double w = apply_row(s->view->clip, 3, p);
-    if (!(w > 0.0) || apply_row(s->view->clip, 2, p) < -w) return;
-    candidate c = {.at = p, .index = index};
-    c.x = 0.5 * s->view->viewport[2] * (apply_row(s->view->clip, 0, p) / w - s->x);
-    c.y = 0.5 * s->view->viewport[3] * (apply_row(s->view->clip, 1, p) / w - s->y);
-    if (c.x * c.x + c.y * c.y > s->view->radius_px * s->view->radius_px) return;
-    c.depth = apply_row(s->view->depth, 0, p);
-    add_candidate(s, &c);
+    s->found[s->count++] = c;
 }
 
 static void visit_node(search *s, int level, size_t node)

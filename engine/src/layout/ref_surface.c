@@ -29,23 +29,6 @@ qm_status qm_ref_surface_init(qm_context *ctx, const qm_bvh *bvh, qm_ref_surface
     return QM_OK;
 }
 
-static void project_to_mesh(const qm_ref_surface *surface, qm_vec p, qm_ref_surface_point *out)
-{
-    const qm_bvh *bvh = surface->bvh;
-    qm_hit hit = {.d2 = INFINITY};
-    qm_kernel_get()->closest(bvh, p, &hit);
-    qm_surface_point nearest = qm_surface_triangle_foot(bvh, hit.pack, hit.lane, p);
-    qm_vec_store(out->position, qm_vec_load(nearest.position));
-    qm_pack scratch;
-    const qm_pack *frames = qm_bvh_pack(bvh, hit.pack, &scratch);
-    qm_vec z = {frames->row[QM_PACK_ZX][hit.lane], frames->row[QM_PACK_ZY][hit.lane],
-                frames->row[QM_PACK_ZZ][hit.lane]};
-    /* The frame of a triangle has the orientation of its corners; CY is 0 where they lie on a line. */
-    qm_vec_store(out->normal, frames->row[QM_PACK_CY][hit.lane] > 0.0 ? z : (qm_vec){0, 0, 0});
-    out->distance = sqrt(hit.d2) * bvh->frame.inverse_scale;
-    out->spacing = 0.0;
-}
-
 /** Centroid and principal axes of weighted points. */
 typedef struct local_frame {
     qm_vec centroid, axis[3]; /* the first axis is the normal */
@@ -139,10 +122,23 @@ void qm_ref_surface_project(const qm_ref_surface *surface, const double p[3], qm
 {
     QM_ASSERT(surface && surface->bvh && p && out);
     qm_vec local = qm_frame_local(&surface->bvh->frame, p);
-    if (surface->is_cloud)
+    if (surface->is_cloud) {
         project_to_cloud(surface, local, out);
-    else
-        project_to_mesh(surface, local, out);
+    } else {
+        const qm_bvh *bvh = surface->bvh;
+        qm_hit hit = {.d2 = INFINITY};
+        qm_kernel_get()->closest(bvh, local, &hit);
+        qm_surface_point nearest = qm_surface_triangle_foot(bvh, hit.pack, hit.lane, local);
+        qm_vec_store(out->position, qm_vec_load(nearest.position));
+        qm_pack scratch;
+        const qm_pack *frames = qm_bvh_pack(bvh, hit.pack, &scratch);
+        qm_vec z = {frames->row[QM_PACK_ZX][hit.lane], frames->row[QM_PACK_ZY][hit.lane],
+                    frames->row[QM_PACK_ZZ][hit.lane]};
+        /* The frame of a triangle has the orientation of its corners; CY is 0 where they lie on a line. */
+        qm_vec_store(out->normal, frames->row[QM_PACK_CY][hit.lane] > 0.0 ? z : (qm_vec){0, 0, 0});
+        out->distance = sqrt(hit.d2) * bvh->frame.inverse_scale;
+        out->spacing = 0.0;
+    }
 }
 
 double qm_ref_surface_disc_radius(const qm_mesh *mesh)

@@ -25,21 +25,6 @@ static qm_box box_of_vertices(const qm_mesh *mesh)
     return box;
 }
 
-static qm_box box_of_faces(const qm_mesh *mesh)
-{
-    qm_box box = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
-    for (size_t i = 0; i < 4 * mesh->face_count; ++i) {
-        if (mesh->faces[i] == QM_NO_INDEX) continue;
-        const double *point = mesh->positions + 3 * (size_t)mesh->faces[i];
-        for (int axis = 0; axis < 3;
-             ++axis) { /* conditional moves instead of branches: one instruction each */
-            box.min[axis] = point[axis] < box.min[axis] ? point[axis] : box.min[axis];
-            box.max[axis] = point[axis] > box.max[axis] ? point[axis] : box.max[axis];
-        }
-    }
-    return box;
-}
-
 /** Nearly always the box of all vertices, which the kernel reads in order, is the box of the used ones. */
 qm_box qm_mesh_bounding_box(const qm_mesh *mesh)
 {
@@ -49,7 +34,17 @@ qm_box qm_mesh_bounding_box(const qm_mesh *mesh)
     const qm_kernel *kernel = qm_kernel_get();
     uint32_t side[QM_BOX_SIDES] = {0};
     kernel->vertices_on_sides(mesh->positions, mesh->vertex_count, &box, side);
-    return kernel->faces_contain(mesh->faces, mesh->face_count, side) ? box : box_of_faces(mesh);
+    if (kernel->faces_contain(mesh->faces, mesh->face_count, side)) return box;
+    qm_box used = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+    for (size_t i = 0; i < 4 * mesh->face_count; ++i) {
+        if (mesh->faces[i] == QM_NO_INDEX) continue;
+        const double *point = mesh->positions + 3 * (size_t)mesh->faces[i];
+        for (int axis = 0; axis < 3; ++axis) { /* conditional moves, not branches: one instruction each */
+            used.min[axis] = point[axis] < used.min[axis] ? point[axis] : used.min[axis];
+            used.max[axis] = point[axis] > used.max[axis] ? point[axis] : used.max[axis];
+        }
+    }
+    return used;
 }
 
 double qm_mesh_box_diagonal(const qm_box *box)
@@ -86,8 +81,11 @@ static bool all_finite(const double *numbers, size_t count)
     return carried >> 63 == 0;
 }
 
-static qm_status check_positions(qm_context *ctx, const qm_mesh *mesh)
+qm_status qm_mesh_validate(qm_context *ctx, const qm_mesh *mesh)
 {
+    QM_ASSERT(ctx && mesh);
+    if (mesh->vertex_count == 0 && mesh->face_count == 0)
+        return qm_context_fail(ctx, QM_E_EMPTY, "the mesh has no vertex and no face");
     if (!all_finite(mesh->positions, 3 * mesh->vertex_count)) {
         size_t i = 0;
         while (isfinite(mesh->positions[i]))
@@ -98,38 +96,17 @@ static qm_status check_positions(qm_context *ctx, const qm_mesh *mesh)
     if (!isfinite(qm_mesh_box_diagonal(&box)))
         return qm_context_fail(ctx, QM_E_NOT_FINITE,
                                "the vertices lie so far apart that distances overflow double precision");
-    return QM_OK;
-}
-
-/** The first corner of a face whose index is out of range; 4 when there is none. */
-static int find_bad_corner(const uint32_t face[4], size_t vertex_count)
-{
-    int corner = 0;
-    while (corner < 4 && (face[corner] < vertex_count || (corner == 3 && face[3] == QM_NO_INDEX)))
-        ++corner;
-    return corner;
-}
-
-static qm_status check_faces(qm_context *ctx, const qm_mesh *mesh)
-{
     if (mesh->vertex_count < QM_NO_INDEX &&
         qm_kernel_get()->faces_below(mesh->faces, mesh->face_count, (uint32_t)mesh->vertex_count))
         return QM_OK;
     for (size_t i = 0; i < mesh->face_count; ++i) {
         const uint32_t *face = mesh->faces + 4 * i;
-        int bad = find_bad_corner(face, mesh->vertex_count);
-        if (bad < 4)
+        int corner = 0;
+        while (corner < 4 && (face[corner] < mesh->vertex_count || (corner == 3 && face[3] == QM_NO_INDEX)))
+            ++corner;
+        if (corner < 4)
             return qm_context_fail(ctx, QM_E_INDEX, "face %zu refers to vertex %u of %zu, counted from 0", i,
-                                   face[bad], mesh->vertex_count);
+                                   face[corner], mesh->vertex_count);
     }
     return QM_OK;
-}
-
-qm_status qm_mesh_validate(qm_context *ctx, const qm_mesh *mesh)
-{
-    QM_ASSERT(ctx && mesh);
-    if (mesh->vertex_count == 0 && mesh->face_count == 0)
-        return qm_context_fail(ctx, QM_E_EMPTY, "the mesh has no vertex and no face");
-    qm_status status = check_positions(ctx, mesh);
-    return status == QM_OK ? check_faces(ctx, mesh) : status;
 }

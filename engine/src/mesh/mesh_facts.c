@@ -40,18 +40,6 @@ typedef struct link_facts {
     size_t boundary_edges, nonmanifold_edges; /* to vertices of higher index, to count each edge once */
 } link_facts;
 
-static void work_free(qm_context *ctx, facts_work *work)
-{
-    size_t n = work->vertex_count;
-    qm_context_free(ctx, work->component, n, sizeof *work->component);
-    qm_context_free(ctx, work->start, n + 1, sizeof *work->start);
-    qm_context_free(ctx, work->lines, work->line_count, sizeof *work->lines);
-    qm_context_free(ctx, work->has_other, n, sizeof *work->has_other);
-    qm_context_free(ctx, work->seen, n, sizeof *work->seen);
-    qm_context_free(ctx, work->degree, n, sizeof *work->degree);
-    qm_context_free(ctx, work->group, n, sizeof *work->group);
-}
-
 static bool work_alloc(qm_context *ctx, facts_work *work, size_t vertex_count)
 {
     size_t n = vertex_count;
@@ -102,15 +90,6 @@ static bool is_fan_part(const qm_mesh *mesh, size_t face)
            (face + 1 < mesh->face_count && origin[face + 1] == origin[face]);
 }
 
-/** Marks the vertices of a face as used and as one component. */
-static void join_component(facts_work *work, const uint32_t face[4])
-{
-    for (int i = 0; i < qm_face_corners(face); ++i) {
-        if (work->component[face[i]] == QM_NO_INDEX) work->component[face[i]] = face[i];
-        join(work->component, face[0], face[i]);
-    }
-}
-
 /** First pass over the faces: facts of single faces, components, and the number of lines at each vertex. */
 static qm_status scan_faces(qm_context *ctx, const qm_mesh *mesh, facts_work *work, qm_mesh_facts *facts)
 {
@@ -121,7 +100,11 @@ static qm_status scan_faces(qm_context *ctx, const qm_mesh *mesh, facts_work *wo
         int count = qm_face_corners(face);
         if (!is_fan_part(mesh, f)) ++*(count == 3 ? &facts->triangles : &facts->quads);
         facts->repeated_corner_faces += qm_face_repeats_vertex(face, count);
-        join_component(work, face);
+        /* The vertices of a face are used, and are one component. */
+        for (int i = 0; i < qm_face_corners(face); ++i) {
+            if (work->component[face[i]] == QM_NO_INDEX) work->component[face[i]] = face[i];
+            join(work->component, face[0], face[i]);
+        }
 
         uint32_t ring[4];
         int ring_count = qm_face_ring(face, ring);
@@ -186,23 +169,6 @@ static void classify_node(facts_work *work, uint32_t v, uint32_t node, link_fact
     }
 }
 
-static link_facts scan_link(facts_work *work, uint32_t v)
-{
-    link_facts link = {0};
-    const link_line *first = work->lines + work->start[v], *end = work->lines + work->start[v + 1];
-    for (const link_line *line = first; line < end; ++line) {
-        touch_node(work, v, line->before, &link);
-        touch_node(work, v, line->after, &link);
-        link.groups -= join(work->group, line->before, line->after);
-    }
-    QM_ASSERT(link.groups <= link.nodes);
-    for (const link_line *line = first; line < end; ++line) {
-        classify_node(work, v, line->before, &link);
-        classify_node(work, v, line->after, &link);
-    }
-    return link;
-}
-
 static qm_status scan_vertices(qm_context *ctx, facts_work *work, qm_mesh_facts *facts)
 {
     for (uint32_t v = 0; v < work->vertex_count; ++v) {
@@ -212,7 +178,18 @@ static qm_status scan_vertices(qm_context *ctx, facts_work *work, qm_mesh_facts 
         facts->components += work->component[v] == v;
         if (work->start[v] == work->start[v + 1]) continue;
 
-        link_facts link = scan_link(work, v);
+        link_facts link = {0};
+        const link_line *first = work->lines + work->start[v], *end = work->lines + work->start[v + 1];
+        for (const link_line *line = first; line < end; ++line) {
+            touch_node(work, v, line->before, &link);
+            touch_node(work, v, line->after, &link);
+            link.groups -= join(work->group, line->before, line->after);
+        }
+        QM_ASSERT(link.groups <= link.nodes);
+        for (const link_line *line = first; line < end; ++line) {
+            classify_node(work, v, line->before, &link);
+            classify_node(work, v, line->after, &link);
+        }
         facts->boundary_edges += link.boundary_edges;
         facts->nonmanifold_edges += link.nonmanifold_edges;
         bool is_fan = link.groups == 1 && link.crowded_nodes == 0;
@@ -237,6 +214,13 @@ qm_status qm_mesh_find_facts(qm_context *ctx, const qm_mesh *mesh, qm_mesh_facts
     if (status == QM_OK) status = scan_faces(ctx, mesh, &work, out);
     if (status == QM_OK) status = group_lines(ctx, mesh, &work);
     if (status == QM_OK) status = scan_vertices(ctx, &work, out);
-    work_free(ctx, &work);
+    size_t n = work.vertex_count;
+    qm_context_free(ctx, work.component, n, sizeof *work.component);
+    qm_context_free(ctx, work.start, n + 1, sizeof *work.start);
+    qm_context_free(ctx, work.lines, work.line_count, sizeof *work.lines);
+    qm_context_free(ctx, work.has_other, n, sizeof *work.has_other);
+    qm_context_free(ctx, work.seen, n, sizeof *work.seen);
+    qm_context_free(ctx, work.degree, n, sizeof *work.degree);
+    qm_context_free(ctx, work.group, n, sizeof *work.group);
     return status;
 }

@@ -22,36 +22,6 @@ typedef struct patch_finder {
     size_t block_count, block_capacity;
 } patch_finder;
 
-/** Finds the block of a cell, after cutting where cells form a ring. False: out of memory. */
-static bool find_block(patch_finder *finder, uint32_t face, qm_patch_block *block)
-{
-    unsigned ring;
-    while (!qm_patch_block_find(&finder->links, qm_patch_cell_make(face), block, &ring)) {
-        qm_patch_cell cell = qm_patch_cell_make(face);
-        if ((ring & 1) && !qm_patch_trace_start_through(&finder->trace, (qm_patch_side){face, cell.u}))
-            return false;
-        if ((ring & 2) && !qm_patch_links_is_cut(&finder->links, (qm_patch_side){face, cell.v}) &&
-            !qm_patch_trace_start_through(&finder->trace, (qm_patch_side){face, cell.v}))
-            return false;
-        qm_patch_trace_run(&finder->trace);
-    }
-    return true;
-}
-
-static bool add_block(patch_finder *finder, const qm_patch_block *block)
-{
-    if (finder->block_count == finder->block_capacity) {
-        size_t capacity = 2 * finder->block_capacity + 64;
-        qm_patch_block *grown =
-            qm_context_resize(finder->ctx, finder->block, finder->block_capacity, capacity, sizeof *grown);
-        if (!grown) return false;
-        finder->block = grown;
-        finder->block_capacity = capacity;
-    }
-    finder->block[finder->block_count++] = *block;
-    return true;
-}
-
 /** Calls visit for every cell of a block, row by row. */
 static void visit_cells(const qm_patch_links *links, const qm_patch_block *block,
                         void (*visit)(void *user, size_t index, qm_patch_cell cell), void *user)
@@ -81,10 +51,28 @@ static qm_status find_blocks(patch_finder *finder)
     for (size_t f = 0; f < finder->mesh->face_count; f++)
         finder->owner[f] = NO_OWNER;
     for (uint32_t f = 0; f < finder->mesh->face_count; f++) {
-        qm_patch_block block;
         if (finder->owner[f] != NO_OWNER) continue;
         if (qm_context_canceled(finder->ctx)) return QM_E_CANCELED;
-        if (!find_block(finder, f, &block) || !add_block(finder, &block)) return QM_E_NO_MEMORY;
+        qm_patch_block block;
+        qm_patch_cell cell = qm_patch_cell_make(f);
+        unsigned ring;
+        while (!qm_patch_block_find(&finder->links, cell, &block, &ring)) { /* cells form a ring: cut it */
+            if ((ring & 1) && !qm_patch_trace_start_through(&finder->trace, (qm_patch_side){f, cell.u}))
+                return QM_E_NO_MEMORY;
+            if ((ring & 2) && !qm_patch_links_is_cut(&finder->links, (qm_patch_side){f, cell.v}) &&
+                !qm_patch_trace_start_through(&finder->trace, (qm_patch_side){f, cell.v}))
+                return QM_E_NO_MEMORY;
+            qm_patch_trace_run(&finder->trace);
+        }
+        if (finder->block_count == finder->block_capacity) {
+            size_t capacity = 2 * finder->block_capacity + 64;
+            qm_patch_block *grown = qm_context_resize(finder->ctx, finder->block, finder->block_capacity,
+                                                      capacity, sizeof *grown);
+            if (!grown) return QM_E_NO_MEMORY;
+            finder->block = grown;
+            finder->block_capacity = capacity;
+        }
+        finder->block[finder->block_count++] = block;
         visit_cells(&finder->links, &block, own_cell, finder);
     }
     return QM_OK;
@@ -158,25 +146,6 @@ static bool has_four_corners(const uint32_t *face)
     return face[3] != QM_NO_INDEX;
 }
 
-static bool grid_holds(const qm_mesh *mesh, size_t first, const qm_mesh_grid *grid)
-{
-    for (uint32_t row = 0; row < grid->rows; row++) {
-        for (uint32_t column = 0; column < grid->columns; column++) {
-            const uint32_t *face = face_at(mesh, first, grid, row, column);
-            if (!has_four_corners(face)) return false;
-            if (column > 0) {
-                const uint32_t *before = face_at(mesh, first, grid, row, column - 1);
-                if (before[1] != face[0] || before[2] != face[3]) return false;
-            }
-            if (row > 0) {
-                const uint32_t *below = face_at(mesh, first, grid, row - 1, column);
-                if (below[3] != face[0] || below[2] != face[1]) return false;
-            }
-        }
-    }
-    return true;
-}
-
 /** True when the grids of a mesh contain all of its faces, and neighbours in them share their corners. */
 static bool grids_hold(const qm_mesh *mesh)
 {
@@ -185,7 +154,16 @@ static bool grids_hold(const qm_mesh *mesh)
         const qm_mesh_grid *grid = &mesh->grids[i];
         size_t remaining = mesh->face_count - first;
         if (grid->rows == 0 || grid->columns == 0 || grid->rows > remaining / grid->columns) return false;
-        if (!grid_holds(mesh, first, grid)) return false;
+        for (uint32_t row = 0; row < grid->rows; row++) {
+            for (uint32_t column = 0; column < grid->columns; column++) {
+                const uint32_t *face = face_at(mesh, first, grid, row, column);
+                if (!has_four_corners(face)) return false;
+                const uint32_t *before = column > 0 ? face_at(mesh, first, grid, row, column - 1) : NULL;
+                if (before && (before[1] != face[0] || before[2] != face[3])) return false;
+                const uint32_t *below = row > 0 ? face_at(mesh, first, grid, row - 1, column) : NULL;
+                if (below && (below[3] != face[0] || below[2] != face[1])) return false;
+            }
+        }
         first += (size_t)grid->rows * grid->columns;
     }
     return mesh->grid_count > 0 && first == mesh->face_count;

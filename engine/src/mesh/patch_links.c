@@ -42,63 +42,9 @@ static bool work_alloc(qm_context *ctx, const qm_mesh *mesh, link_work *work)
     return true;
 }
 
-static void work_free(qm_context *ctx, link_work *work)
-{
-    size_t n = work->mesh->vertex_count;
-    qm_context_free(ctx, work->start, n + 1, sizeof *work->start);
-    qm_context_free(ctx, work->seen, n, sizeof *work->seen);
-    qm_context_free(ctx, work->first, n, sizeof *work->first);
-    qm_context_free(ctx, work->count, n, sizeof *work->count);
-    qm_context_free(ctx, work->sides, work->side_count, sizeof *work->sides);
-}
-
 static uint32_t lower_of(uint32_t a, uint32_t b)
 {
     return a < b ? a : b;
-}
-
-static void count_sides(link_work *work)
-{
-    for (size_t f = 0; f < work->mesh->face_count; f++) {
-        uint32_t ring[4];
-        int corners = qm_face_ring(work->mesh->faces + 4 * f, ring);
-        for (int i = 0; i < corners; i++)
-            work->start[lower_of(ring[i], ring[(i + 1) % corners])]++;
-        work->side_count += (size_t)corners;
-    }
-    uint32_t end = 0;
-    for (size_t v = 0; v <= work->mesh->vertex_count; v++) {
-        end += work->start[v];
-        work->start[v] = end;
-    }
-}
-
-/** Filling backwards from the last face moves each start from the end of its vertex's sides to their
- * beginning. */
-static void fill_sides(link_work *work)
-{
-    for (size_t f = work->mesh->face_count; f-- > 0;) {
-        const uint32_t *face = work->mesh->faces + 4 * f;
-        uint32_t ring[4];
-        int corners = qm_face_ring(face, ring);
-        bool is_quad = corners == 4;
-        for (int i = 0; i < corners; i++) {
-            uint32_t a = ring[i], b = ring[(i + 1) % corners];
-            work->sides[--work->start[lower_of(a, b)]] =
-                (grouped_side){a < b ? b : a, is_quad ? (uint32_t)(4 * f) + (uint32_t)i : NOT_A_QUAD};
-        }
-    }
-}
-
-static void link_sides(const link_work *work, qm_patch_links *links, uint32_t a, uint32_t b)
-{
-    const uint32_t *faces = work->mesh->faces;
-    bool same_way = faces[a] == faces[b];
-    QM_ASSERT(a != b && a / 4 < links->face_count && b / 4 < links->face_count);
-    links->across[a] = b << 1 | same_way;
-    links->across[b] = a << 1 | same_way;
-    links->cuts[a / 4] &= (uint8_t) ~(1u << a % 4);
-    links->cuts[b / 4] &= (uint8_t) ~(1u << b % 4);
 }
 
 /** Two passes over the sides of a vertex: the first counts, the second links the pairs. */
@@ -116,19 +62,50 @@ static void link_vertex(link_work *work, qm_patch_links *links, uint32_t v)
     for (const grouped_side *side = begin; side < end; side++) {
         uint32_t first = work->first[side->upper];
         if (work->count[side->upper] != 2 || side->id == first) continue;
-        if (!((side->id | first) & NOT_A_QUAD)) link_sides(work, links, first, side->id);
+        if (!((side->id | first) & NOT_A_QUAD)) {
+            const uint32_t *faces = work->mesh->faces;
+            bool same_way = faces[first] == faces[side->id];
+            QM_ASSERT(first != side->id && first / 4 < links->face_count && side->id / 4 < links->face_count);
+            links->across[first] = side->id << 1 | same_way;
+            links->across[side->id] = first << 1 | same_way;
+            links->cuts[first / 4] &= (uint8_t) ~(1u << first % 4);
+            links->cuts[side->id / 4] &= (uint8_t) ~(1u << side->id % 4);
+        }
     }
 }
 
 static qm_status link_all(qm_context *ctx, link_work *work, qm_patch_links *links)
 {
-    count_sides(work);
+    for (size_t f = 0; f < work->mesh->face_count; f++) {
+        uint32_t ring[4];
+        int corners = qm_face_ring(work->mesh->faces + 4 * f, ring);
+        for (int i = 0; i < corners; i++)
+            work->start[lower_of(ring[i], ring[(i + 1) % corners])]++;
+        work->side_count += (size_t)corners;
+    }
+    uint32_t end = 0;
+    for (size_t v = 0; v <= work->mesh->vertex_count; v++) {
+        end += work->start[v];
+        work->start[v] = end;
+    }
     if (work->side_count == 0) return QM_OK;
     work->sides = qm_context_alloc(ctx, work->side_count, sizeof *work->sides);
     if (!work->sides)
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the sides of %zu faces",
                                work->mesh->face_count);
-    fill_sides(work);
+    /* Filling backwards from the last face moves each start from the end of its vertex's sides to their
+     * beginning. */
+    for (size_t f = work->mesh->face_count; f-- > 0;) {
+        const uint32_t *face = work->mesh->faces + 4 * f;
+        uint32_t ring[4];
+        int corners = qm_face_ring(face, ring);
+        bool is_quad = corners == 4;
+        for (int i = 0; i < corners; i++) {
+            uint32_t a = ring[i], b = ring[(i + 1) % corners];
+            work->sides[--work->start[lower_of(a, b)]] =
+                (grouped_side){a < b ? b : a, is_quad ? (uint32_t)(4 * f) + (uint32_t)i : NOT_A_QUAD};
+        }
+    }
     for (uint32_t v = 0; v < work->mesh->vertex_count; v++) {
         if (v % CANCEL_STRIDE == 0 && qm_context_canceled(ctx))
             return qm_context_fail(ctx, QM_E_CANCELED, "canceled while the quads were linked");
@@ -155,7 +132,12 @@ qm_status qm_patch_links_find(qm_context *ctx, const qm_mesh *mesh, qm_patch_lin
         memset(out->cuts, 0xf, n);
         status = link_all(ctx, &work, out);
     }
-    work_free(ctx, &work);
+    size_t vertices = work.mesh->vertex_count;
+    qm_context_free(ctx, work.start, vertices + 1, sizeof *work.start);
+    qm_context_free(ctx, work.seen, vertices, sizeof *work.seen);
+    qm_context_free(ctx, work.first, vertices, sizeof *work.first);
+    qm_context_free(ctx, work.count, vertices, sizeof *work.count);
+    qm_context_free(ctx, work.sides, work.side_count, sizeof *work.sides);
     return status;
 }
 

@@ -151,23 +151,17 @@ typedef struct level {
     pairing at[MAX_RECTANGLES];
 } level;
 
-/** Chooses the axes to cut a rectangle across: both, or only the one of much longer sides, so that a thin
- * rectangle is cut in two. */
-static void axes_to_cut(const qm_bilinear *source, const qm_uv_box *box, bool is_cut[2])
-{
-    qm_vec c[4];
-    qm_uv_box_corners(source, box, c);
-    const double side[2] = {qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]),
-                            qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2])};
-    for (int axis = 0; axis < 2; axis++)
-        is_cut[axis] = !(side[axis] < MIN_CUT_SIDE * side[1 - axis]);
-}
-
 /** Cuts a rectangle at its midpoint, across one axis or both, and appends the parts. */
 static void add_parts(const match_work *work, const pairing *pair, level *next)
 {
     bool is_cut[2];
-    axes_to_cut(work->source, &pair->source, is_cut);
+    /* Across both axes, or only the one of much longer sides, so that a thin rectangle is cut in two. */
+    qm_vec c[4];
+    qm_uv_box_corners(work->source, &pair->source, c);
+    const double side[2] = {qm_vec_distance(c[0], c[1]) + qm_vec_distance(c[3], c[2]),
+                            qm_vec_distance(c[0], c[3]) + qm_vec_distance(c[1], c[2])};
+    for (int axis = 0; axis < 2; axis++)
+        is_cut[axis] = !(side[axis] < MIN_CUT_SIDE * side[1 - axis]);
     for (int k = 0; k < 4; k++) {
         if ((k & 1 && !is_cut[0]) || (k & 2 && !is_cut[1])) continue;
         QM_ASSERT(next->count < MAX_RECTANGLES);
@@ -183,18 +177,6 @@ static void add_parts(const match_work *work, const pairing *pair, level *next)
     }
 }
 
-/** Removes the covered rectangles of a level; returns their count. */
-static int drop_covered(const match_work *work, level *here)
-{
-    int kept = 0, count = here->count;
-    for (int i = 0; i < count; i++) {
-        improve(work, &here->at[i], 0.0);
-        if (!(here->at[i].longest <= work->cutoff)) here->at[kept++] = here->at[i];
-    }
-    here->count = kept;
-    return count - kept;
-}
-
 /**
  * Covers level by level, so that the remainder is in few large rectangles: a level of which too little is
  * covered goes to the remainder as it is.
@@ -206,7 +188,14 @@ static bool cover(const match_work *work, const pairing *start)
     here->at[0] = *start;
     bool has_covered = false;
     for (int depth = 0; here->count > 0; depth++) {
-        int before = here->count, covered = drop_covered(work, here);
+        /* Remove the covered rectangles of the level. */
+        int kept = 0, count = here->count;
+        for (int i = 0; i < count; i++) {
+            improve(work, &here->at[i], 0.0);
+            if (!(here->at[i].longest <= work->cutoff)) here->at[kept++] = here->at[i];
+        }
+        here->count = kept;
+        int before = here->count, covered = count - kept;
         has_covered |= covered > 0;
         bool goes_on = covered * MIN_COVERED >= before || depth < (has_covered ? MAX_BARREN : MAX_FIRST);
         if (!goes_on || depth == MAX_DEPTH || 4 * here->count > MAX_RECTANGLES) break;
@@ -226,16 +215,6 @@ static bool cover(const match_work *work, const pairing *start)
     return has_covered;
 }
 
-/** The range of a side, as fractions from 0 to 1, that lies over the target. */
-static void inner_range(double low, double high, double range[2])
-{
-    double at_0 = (0.0 - low) / (high - low), at_1 = (1.0 - low) / (high - low);
-    range[0] = qm_clamp(qm_min(at_0, at_1), 0.0, 1.0);
-    range[1] = qm_clamp(qm_max(at_0, at_1), 0.0, 1.0);
-    if (!(range[0] > EDGE_PART)) range[0] = 0.0; /* also when the side has no length */
-    if (!(range[1] < 1.0 - EDGE_PART)) range[1] = 1.0;
-}
-
 /**
  * Cuts a rectangle down to the part over the target, where all of it matches the target's surface as
  * continued beyond its edges. strip gets up to four rectangles that are cut off. False when nothing is cut
@@ -250,7 +229,13 @@ static bool cut_to_target(const match_work *work, pairing *pair, qm_uv_box strip
     for (int axis = 0; axis < 2; axis++) {
         double range[2], low = pair->source.low[axis], size = pair->source.high[axis] - low;
         double from = beyond.target.low[axis], length = beyond.target.high[axis] - from;
-        inner_range(from, beyond.target.high[axis], range);
+        /* The range of a side, as fractions from 0 to 1, that lies over the target. */
+        double at_0 = (0.0 - from) / (beyond.target.high[axis] - from),
+               at_1 = (1.0 - from) / (beyond.target.high[axis] - from);
+        range[0] = qm_clamp(qm_min(at_0, at_1), 0.0, 1.0);
+        range[1] = qm_clamp(qm_max(at_0, at_1), 0.0, 1.0);
+        if (!(range[0] > EDGE_PART)) range[0] = 0.0; /* also when the side has no length */
+        if (!(range[1] < 1.0 - EDGE_PART)) range[1] = 1.0;
         if (range[1] - range[0] < MIN_OVER) return false;
         for (int end = 0; end < 2; end++) {
             double cut = low + range[end] * size;
@@ -311,33 +296,25 @@ static qm_bilinear orient(const qm_bilinear *patch, orientation to)
     return oriented;
 }
 
-/** The orientation by the derivatives at one point of each patch. */
-static orientation orientation_at(const qm_bilinear *source, const double from_at[2],
-                                  const qm_bilinear *target, const double to_at[2])
-{
-    const qm_vec from[2] = {qm_vec_axpy(source->e1, from_at[1], source->w),
-                            qm_vec_axpy(source->e2, from_at[0], source->w)};
-    const qm_vec to[2] = {qm_vec_axpy(target->e1, to_at[1], target->w),
-                          qm_vec_axpy(target->e2, to_at[0], target->w)};
-    double along[2][2], straight = 0.0, swapped = 0.0;
-    for (int i = 0; i < 2; i++)
-        for (int k = 0; k < 2; k++) {
-            along[i][k] =
-                qm_vec_dot(from[i], to[k]) / (qm_vec_norm(from[i]) * qm_vec_norm(to[k]) + 0x1p-1000);
-            *(i == k ? &straight : &swapped) += fabs(along[i][k]);
-        }
-    orientation found = {.is_swapped = swapped > straight};
-    for (int i = 0; i < 2; i++)
-        found.is_reversed[i] = along[i][found.is_swapped ? 1 - i : i] < 0.0;
-    return found;
-}
-
 /** Matches from the centers: rectangles of the same size. */
 static bool match_centers(match_work *work, const qm_uv_box *box, const qm_bilinear *target,
                           const double center[2])
 {
     const double source_center[2] = {0.5 * (box->low[0] + box->high[0]), 0.5 * (box->low[1] + box->high[1])};
-    orientation as = orientation_at(work->source, source_center, target, center);
+    /* The orientation by the derivatives at one point of each patch. */
+    const qm_vec a[2] = {qm_vec_axpy(work->source->e1, source_center[1], work->source->w),
+                         qm_vec_axpy(work->source->e2, source_center[0], work->source->w)};
+    const qm_vec b[2] = {qm_vec_axpy(target->e1, center[1], target->w),
+                         qm_vec_axpy(target->e2, center[0], target->w)};
+    double along[2][2], straight = 0.0, swapped = 0.0;
+    for (int i = 0; i < 2; i++)
+        for (int k = 0; k < 2; k++) {
+            along[i][k] = qm_vec_dot(a[i], b[k]) / (qm_vec_norm(a[i]) * qm_vec_norm(b[k]) + 0x1p-1000);
+            *(i == k ? &straight : &swapped) += fabs(along[i][k]);
+        }
+    orientation as = {.is_swapped = swapped > straight};
+    for (int i = 0; i < 2; i++)
+        as.is_reversed[i] = along[i][as.is_swapped ? 1 - i : i] < 0.0;
     work->target = orient(target, as);
     double at[2];
     for (int axis = 0; axis < 2; axis++) {

@@ -24,17 +24,6 @@ static qm_vec polar(const qm_bilinear *patch, const double p[2], const double q[
     return qm_vec_axpy(sum, 0.5 * (p[0] * q[1] + q[0] * p[1]), patch->w);
 }
 
-static difference difference_make(const qm_bilinear *patch, const qm_vec corner[3], const double uv[3][2])
-{
-    difference d;
-    for (int i = 0; i < 3; i++) {
-        int j = (i + 1) % 3, k = (i + 2) % 3;
-        d.at[i] = qm_vec_sub(corner[i], polar(patch, uv[i], uv[i]));
-        d.at[3 + i] = qm_vec_sub(qm_vec_mix(corner[j], corner[k], 0.5), polar(patch, uv[j], uv[k]));
-    }
-    return d;
-}
-
 /** Maximum along an edge with Bezier points a, b, c where it lies inside; else the lower end. */
 static double edge_max(double a, double b, double c)
 {
@@ -59,20 +48,14 @@ static double stationary_value(const double g[6])
     return g[0] + 2.0 * (r * x + s * y) + xx * x * x + 2.0 * xy * x * y + yy * y * y;
 }
 
-/** Maximum of a quadratic on a triangle. */
-static double quadratic_max(const double g[6])
-{
-    double highest = stationary_value(g);
-    for (int i = 0; i < 3; i++) {
-        highest = qm_max(highest, g[i]);
-        highest = qm_max(highest, edge_max(g[(i + 1) % 3], g[3 + i], g[(i + 2) % 3]));
-    }
-    return highest;
-}
-
 double qm_bilinear_triangle_upper(const qm_bilinear *patch, const qm_vec corner[3], const double uv[3][2])
 {
-    difference d = difference_make(patch, corner, uv);
+    difference d;
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        d.at[i] = qm_vec_sub(corner[i], polar(patch, uv[i], uv[i]));
+        d.at[3 + i] = qm_vec_sub(qm_vec_mix(corner[j], corner[k], 0.5), polar(patch, uv[j], uv[k]));
+    }
     qm_vec mean = {0, 0, 0};
     double size2 = 0.0;
     for (int i = 0; i < 6; i++) {
@@ -88,6 +71,12 @@ double qm_bilinear_triangle_upper(const qm_bilinear *patch, const qm_vec corner[
         across2 = qm_max(across2, qm_vec_norm2(qm_vec_axpy(d.at[i], -along[i], n)));
         farthest = qm_max(farthest, -along[i]);
     }
-    farthest = qm_max(farthest, quadratic_max(along));
+    /* The maximum of the quadratic on the triangle. */
+    double highest = stationary_value(along);
+    for (int i = 0; i < 3; i++) {
+        highest = qm_max(highest, along[i]);
+        highest = qm_max(highest, edge_max(along[(i + 1) % 3], along[3 + i], along[(i + 2) % 3]));
+    }
+    farthest = qm_max(farthest, highest);
     return sqrt(farthest * farthest + across2) + ROUNDINGS * size;
 }

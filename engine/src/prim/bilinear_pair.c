@@ -81,23 +81,7 @@ static int mark_shared(const qm_face_shape *face, const qm_face_shape *other, fa
     return count;
 }
 
-static int mark_shared_corners(const qm_face_shape *a, const qm_face_shape *b, face_part *part_a,
-                               face_part *part_b)
-{
-    mark_shared(b, a, part_b);
-    return mark_shared(a, b, part_a);
-}
-
 /* ---- cutting ---- */
-
-/** Sets a corner of a quarter to a corner of the part. */
-static void copy_corner(face_part *to, int at, const face_part *from, int i)
-{
-    to->corner[at] = from->corner[i];
-    to->uv[at][0] = from->uv[i][0];
-    to->uv[at][1] = from->uv[i][1];
-    to->is_shared[at] = from->is_shared[i];
-}
 
 /** Sets a corner of a quarter to the midpoint of edge i of the part. */
 static void copy_midpoint(face_part *to, int at, const face_part *from, int i)
@@ -109,16 +93,6 @@ static void copy_midpoint(face_part *to, int at, const face_part *from, int i)
     to->is_shared[at] = from->is_shared_edge[i];
 }
 
-static void copy_center(face_part *to, int at, const face_part *from)
-{
-    qm_vec sum = qm_vec_add(qm_vec_add(from->corner[0], from->corner[2]),
-                            qm_vec_add(from->corner[1], from->corner[3]));
-    to->corner[at] = qm_vec_scale(0.25, sum);
-    for (int k = 0; k < 2; k++)
-        to->uv[at][k] = 0.25 * (from->uv[0][k] + from->uv[1][k] + from->uv[2][k] + from->uv[3][k]);
-    to->is_shared[at] = false;
-}
-
 static face_part part_quarter(const face_part *part, int i)
 {
     face_part quarter = {.count = part->count};
@@ -128,9 +102,19 @@ static face_part part_quarter(const face_part *part, int i)
         return quarter;
     }
     int last = (i + part->count - 1) % part->count;
-    copy_corner(&quarter, 0, part, i);
+    quarter.corner[0] = part->corner[i];
+    quarter.uv[0][0] = part->uv[i][0];
+    quarter.uv[0][1] = part->uv[i][1];
+    quarter.is_shared[0] = part->is_shared[i];
     copy_midpoint(&quarter, 1, part, i);
-    if (part->count == 4) copy_center(&quarter, 2, part);
+    if (part->count == 4) {
+        qm_vec sum = qm_vec_add(qm_vec_add(part->corner[0], part->corner[2]),
+                                qm_vec_add(part->corner[1], part->corner[3]));
+        quarter.corner[2] = qm_vec_scale(0.25, sum);
+        for (int k = 0; k < 2; k++)
+            quarter.uv[2][k] = 0.25 * (part->uv[0][k] + part->uv[1][k] + part->uv[2][k] + part->uv[3][k]);
+        quarter.is_shared[2] = false;
+    }
     copy_midpoint(&quarter, part->count - 1, part, last);
     quarter.is_shared_edge[0] = part->is_shared_edge[i];
     quarter.is_shared_edge[part->count - 1] = part->is_shared_edge[last];
@@ -144,14 +128,6 @@ static double part_size(const face_part *part)
     return fmax(box.max[0] - box.min[0], fmax(box.max[1] - box.min[1], box.max[2] - box.min[2]));
 }
 
-static void part_uv(const face_part *part, const double local[2], double uv[2])
-{
-    const double(*corner)[2] = part->uv;
-    for (int k = 0; k < 2; k++)
-        uv[k] = corner[0][k] + local[0] * (corner[1][k] - corner[0][k]) +
-                local[1] * (corner[part->count - 1][k] - corner[0][k]);
-}
-
 static qm_vec face_at(const face_part *face, const double uv[2])
 {
     if (face->count == 4) {
@@ -163,17 +139,6 @@ static qm_vec face_at(const face_part *face, const double uv[2])
 }
 
 /* ---- distance ---- */
-
-static double part_box_distance(const face_part *p, const face_part *q)
-{
-    qm_box a = qm_vec_box(p->corner, p->count), b = qm_vec_box(q->corner, q->count);
-    double sum = 0.0;
-    for (int k = 0; k < 3; k++) {
-        double gap = fmax(fmax(a.min[k] - b.max[k], b.min[k] - a.max[k]), 0.0);
-        sum += gap * gap;
-    }
-    return fmax(sqrt(sum) - PART_ERROR, 0.0);
-}
 
 /** Triangle t of a part: (c0 c1 c2), or (c0 c2 c3). */
 static void part_triangle(const face_part *part, int t, qm_vec corner[3])
@@ -334,7 +299,10 @@ static void offer(search *f, const face_part part[2], const part_gap *found)
 {
     qm_bilinear_gap gap;
     for (int side = 0; side < 2; side++) {
-        part_uv(&part[side], found->uv[side], gap.uv[side]);
+        const double(*corner)[2] = part[side].uv;
+        for (int k = 0; k < 2; k++)
+            gap.uv[side][k] = corner[0][k] + found->uv[side][0] * (corner[1][k] - corner[0][k]) +
+                              found->uv[side][1] * (corner[part[side].count - 1][k] - corner[0][k]);
         gap.point[side] = face_at(f->face[side], gap.uv[side]);
     }
     gap.upper = qm_vec_distance(gap.point[0], gap.point[1]);
@@ -368,7 +336,13 @@ static bool is_decided(search *f, part_pair *pair)
 {
     const face_part *p = &pair->part[0], *q = &pair->part[1];
     if (f->has_shared && are_separated(p, q)) return true;
-    pair->lower = part_box_distance(p, q);
+    qm_box a = qm_vec_box(p->corner, p->count), b = qm_vec_box(q->corner, q->count);
+    double sum = 0.0;
+    for (int k = 0; k < 3; k++) {
+        double gap = fmax(fmax(a.min[k] - b.max[k], b.min[k] - a.max[k]), 0.0);
+        sum += gap * gap;
+    }
+    pair->lower = fmax(sqrt(sum) - PART_ERROR, 0.0);
     if (pair->lower <= limit(f)) {
         part_gap found = part_distance(p, q);
         pair->lower = fmax(found.distance - p->twist - q->twist - PART_ERROR, 0.0);
@@ -497,6 +471,7 @@ bool qm_bilinear_pair_cross(const qm_face_shape *a, const qm_face_shape *b, doub
 {
     face_part part_a = part_make(a), part_b = part_make(b);
     search f = {.tolerance = tolerance};
-    f.has_shared = mark_shared_corners(a, b, &part_a, &part_b) > 0;
+    mark_shared(b, a, &part_b);
+    f.has_shared = mark_shared(a, b, &part_a) > 0;
     return decide(&f, &part_a, &part_b, gap);
 }

@@ -580,19 +580,6 @@ static void search_across_fold(const query *q, qm_bilinear_footpoint *best)
     minimise_from(q, across, 0.0, INFINITY, best);
 }
 
-/** Two local minima between neighbouring segments show no rise between them: so this searches closer on both
- * sides of the best point. */
-static void search_beside_best(const query *q, double speed, double stop_above, qm_bilinear_footpoint *best)
-{
-    double s = best->uv[0];
-    for (int side = -1; side <= 1; side += 2) {
-        segment_foot near = segment_foot_at(q, qm_clamp(s + side * BESIDE_FROM, 0.0, 1.0));
-        segment_foot far = segment_foot_at(q, qm_clamp(s + side * BESIDE_TO, 0.0, 1.0));
-        const segment_foot *low = side < 0 ? &far : &near, *high = side < 0 ? &near : &far;
-        search_between(q, low, high, speed, BESIDE_HALVINGS, stop_above, best);
-    }
-}
-
 /**
  * Where f is not convex it may have several local minima, and curved valleys along folds. The patch is a
  * family of segments, s = const; the footpoint on each has a closed form, so that one parameter remains.
@@ -606,7 +593,15 @@ static void minimise_by_segments(const query *q, double stop_above, qm_bilinear_
     keep_foot(best, &last);
     search_between(q, &first, &last, speed, HALVINGS, stop_above, best);
     search_across_fold(q, best);
-    search_beside_best(q, speed, stop_above, best);
+    /* Two local minima between neighbouring segments show no rise between them: so this searches closer on both
+     * sides of the best point. */
+    double s = best->uv[0];
+    for (int side = -1; side <= 1; side += 2) {
+        segment_foot near = segment_foot_at(q, qm_clamp(s + side * BESIDE_FROM, 0.0, 1.0));
+        segment_foot far = segment_foot_at(q, qm_clamp(s + side * BESIDE_TO, 0.0, 1.0));
+        const segment_foot *low = side < 0 ? &far : &near, *high = side < 0 ? &near : &far;
+        search_between(q, low, high, speed, BESIDE_HALVINGS, stop_above, best);
+    }
 }
 
 qm_bilinear_footpoint qm_bilinear_minimise(const qm_bilinear *patch, qm_vec p, double stop_above)

@@ -224,12 +224,6 @@ bool qm_hull_find_sides(const qm_vec plane[3], const qm_hull *hull, int side[3],
     return above == hull->count || below == hull->count;
 }
 
-static bool segments_are_skew(const qm_hull *a, const qm_hull *b)
-{
-    return a->count == 2 && b->count == 2 &&
-           qm_orient3d(a->corner[0], a->corner[1], b->corner[0], b->corner[1]) != 0;
-}
-
 void qm_hull_intersect(const qm_hull *a, const qm_hull *b, int enough, qm_hull_intersection *out)
 {
     QM_ASSERT(a->count >= 1 && a->count <= 3 && b->count >= 1 && b->count <= 3);
@@ -240,7 +234,9 @@ void qm_hull_intersect(const qm_hull *a, const qm_hull *b, int enough, qm_hull_i
     int side_a[3], side_b[3];
     bool a_in_plane = false, b_in_plane = false;
     if (a->count < 3 && b->count < 3) {
-        if (!segments_are_skew(a, b)) meet_in_plane(out);
+        if (!(a->count == 2 && b->count == 2 &&
+              qm_orient3d(a->corner[0], a->corner[1], b->corner[0], b->corner[1]) != 0))
+            meet_in_plane(out);
         return;
     }
     if (a->count == 3 && qm_hull_find_sides(a->corner, b, side_b, &b_in_plane)) return;

@@ -44,37 +44,27 @@ bool qm_tri_tri_meet(const qm_vec a[3], const qm_vec b[3])
     return qm_hull_meets(&hull_a, &hull_b);
 }
 
-/** Length by hypot: no square overflows or underflows. */
-static double length_between(qm_vec a, qm_vec b)
-{
-    qm_vec d = qm_vec_sub(a, b);
-    return hypot(hypot(d.x, d.y), d.z);
-}
-
-static qm_contact contact_from(const qm_hull_intersection *m)
-{
-    static const qm_contact_kind kinds[] = {QM_CONTACT_POINT, QM_CONTACT_SEGMENT};
-    qm_contact contact = {.kind = m->count < 3 ? kinds[m->count - 1] : QM_CONTACT_AREA};
-    double longest = -1.0;
-    for (int i = 0; i < m->count; i++) {
-        for (int k = m->count == 1 ? i : i + 1; k < m->count; k++) {
-            double length = length_between(m->extreme[i].point, m->extreme[k].point);
-            if (!(length > longest)) continue;
-            longest = length;
-            qm_vec_store(contact.point[0], m->extreme[i].point);
-            qm_vec_store(contact.point[1], m->extreme[k].point);
-        }
-    }
-    return contact;
-}
-
 bool qm_tri_tri_contact(const qm_vec a[3], const qm_vec b[3], qm_contact *out)
 {
     qm_hull_intersection m;
     qm_hull hull_a = qm_hull_make(a), hull_b = qm_hull_make(b);
     qm_hull_intersect(&hull_a, &hull_b, QM_HULL_EXTREMES, &m);
     if (m.count == 0) return false;
-    *out = contact_from(&m);
+    static const qm_contact_kind kinds[] = {QM_CONTACT_POINT, QM_CONTACT_SEGMENT};
+    qm_contact contact = {.kind = m.count < 3 ? kinds[m.count - 1] : QM_CONTACT_AREA};
+    double longest = -1.0;
+    for (int i = 0; i < m.count; i++) {
+        for (int k = m.count == 1 ? i : i + 1; k < m.count; k++) {
+            /* Length by hypot: no square overflows or underflows. */
+            qm_vec d = qm_vec_sub(m.extreme[i].point, m.extreme[k].point);
+            double length = hypot(hypot(d.x, d.y), d.z);
+            if (!(length > longest)) continue;
+            longest = length;
+            qm_vec_store(contact.point[0], m.extreme[i].point);
+            qm_vec_store(contact.point[1], m.extreme[k].point);
+        }
+    }
+    *out = contact;
     return true;
 }
 

@@ -189,20 +189,6 @@ static void copy_rotated(const qm_lattice *from, int rotation, qm_lattice *to)
     to->is_stale = false;
 }
 
-/** Copies the lattices of unchanged patches. Returns the number of the others, which remain stale. */
-static size_t inherit_lattices(qm_reconstruction *r, const qm_reconstruction *old)
-{
-    size_t stale_count = 0;
-    for (size_t p = 0; p < r->layout.patch_count; p++) {
-        for (size_t q = 0; q < old->layout.patch_count && r->lattices[p].is_stale; q++) {
-            int rotation = find_rotation(r, &r->layout.patches[p], old, &old->layout.patches[q]);
-            if (rotation >= 0) copy_rotated(&old->lattices[q], rotation, &r->lattices[p]);
-        }
-        stale_count += r->lattices[p].is_stale;
-    }
-    return stale_count;
-}
-
 /*
  * Creation and edit.
  */
@@ -285,7 +271,16 @@ static qm_status fit_changed(qm_context *ctx, qm_reconstruction *r, const qm_rec
     if (status == QM_OK) status = count_points(ctx, r, samples);
     if (status != QM_OK) return status;
     qm_samples_scale(r, samples, QM_RECONSTRUCTION_BASE);
-    *redone = inherit_lattices(r, old);
+    /* Copy the lattices of unchanged patches; the others remain stale. */
+    size_t stale_count = 0;
+    for (size_t p = 0; p < r->layout.patch_count; p++) {
+        for (size_t q = 0; q < old->layout.patch_count && r->lattices[p].is_stale; q++) {
+            int rotation = find_rotation(r, &r->layout.patches[p], old, &old->layout.patches[q]);
+            if (rotation >= 0) copy_rotated(&old->lattices[q], rotation, &r->lattices[p]);
+        }
+        stale_count += r->lattices[p].is_stale;
+    }
+    *redone = stale_count;
     status = qm_lattices_fit(ctx, r, samples);
     qm_samples_reset(ctx, samples);
     if (status == QM_OK) status = create_fine_samples(ctx, r, samples);
@@ -412,26 +407,6 @@ static qm_status take_step(qm_context *ctx, qm_reconstruction *r, size_t max_qua
     return status;
 }
 
-/** Counts the inner vertices of the patches that a step has split, and those of them in holes. */
-static void count_moved(const qm_reconstruction *r, const saved_state *saved, qm_reconstruction_record *out)
-{
-    for (size_t p = 0; p < r->layout.patch_count; p++) {
-        const qm_chord *across = qm_chord_of_patch(r, p, 0), *up = qm_chord_of_patch(r, p, 1);
-        if (saved->chords[across - r->chords].edges == across->edges &&
-            saved->chords[up - r->chords].edges == up->edges)
-            continue;
-        const qm_lattice *lattice = &r->lattices[p];
-        uint32_t column_step = lattice->columns / across->edges, row_step = lattice->rows / up->edges;
-        for (uint32_t j = 1; j < up->edges; j++) {
-            for (uint32_t i = 1; i < across->edges; i++) {
-                out->moved_vertices++;
-                size_t index = qm_lattice_index(lattice, i * column_step, j * row_step);
-                out->holes_filled += lattice->in_hole[index];
-            }
-        }
-    }
-}
-
 qm_status qm_reconstruction_step(qm_context *ctx, qm_reconstruction *r, size_t max_quads,
                                  qm_reconstruction_record *out)
 {
@@ -442,7 +417,22 @@ qm_status qm_reconstruction_step(qm_context *ctx, qm_reconstruction *r, size_t m
     if (status != QM_OK) return status;
     status = take_step(ctx, r, max_quads, out);
     if (status == QM_OK) {
-        count_moved(r, &saved, out);
+        /* Count the inner vertices of the patches that the step has split, and those of them in holes. */
+        for (size_t p = 0; p < r->layout.patch_count; p++) {
+            const qm_chord *across = qm_chord_of_patch(r, p, 0), *up = qm_chord_of_patch(r, p, 1);
+            if (saved.chords[across - r->chords].edges == across->edges &&
+                saved.chords[up - r->chords].edges == up->edges)
+                continue;
+            const qm_lattice *lattice = &r->lattices[p];
+            uint32_t column_step = lattice->columns / across->edges, row_step = lattice->rows / up->edges;
+            for (uint32_t j = 1; j < up->edges; j++) {
+                for (uint32_t i = 1; i < across->edges; i++) {
+                    out->moved_vertices++;
+                    size_t index = qm_lattice_index(lattice, i * column_step, j * row_step);
+                    out->holes_filled += lattice->in_hole[index];
+                }
+            }
+        }
         free_saved(ctx, r, &saved);
     } else {
         saved_state failed = {.chords = r->chords, .polylines = r->polylines, .lattices = r->lattices};

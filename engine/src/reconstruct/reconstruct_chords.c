@@ -13,37 +13,6 @@ static uint32_t find_root(uint32_t *parent, uint32_t i)
     return i;
 }
 
-/** Unites the opposite sides of every patch (union-find), and marks the curves that are sides. */
-static void unite_sides(const qm_layout *layout, uint32_t *parent, bool *is_used)
-{
-    for (size_t i = 0; i < layout->curve_count; i++)
-        parent[i] = (uint32_t)i;
-    for (size_t p = 0; p < layout->patch_count; p++) {
-        const uint32_t *side = layout->patches[p].side;
-        for (int k = 0; k < 4; k++)
-            is_used[side[k]] = true;
-        for (int k = 0; k < 2; k++)
-            parent[find_root(parent, side[k + 2])] = find_root(parent, side[k]);
-    }
-}
-
-/** Numbers the chords by their first curves, so that the order of the layout breaks ties between chords. */
-static void number_chords(qm_reconstruction *r, uint32_t *parent, const bool *is_used, uint32_t *number)
-{
-    for (size_t i = 0; i < r->layout.curve_count; i++)
-        number[i] = QM_NO_INDEX;
-    for (size_t i = 0; i < r->layout.curve_count; i++) {
-        r->polylines[i].chord = QM_NO_INDEX;
-        if (!is_used[i]) continue;
-        uint32_t *chord = &number[find_root(parent, (uint32_t)i)];
-        if (*chord == QM_NO_INDEX) {
-            *chord = (uint32_t)r->chord_count;
-            r->chords[r->chord_count++] = (qm_chord){.edges = 1, .lattice_edges = QM_RECONSTRUCTION_BASE};
-        }
-        r->polylines[i].chord = *chord;
-    }
-}
-
 qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r)
 {
     size_t count = r->layout.curve_count;
@@ -54,8 +23,29 @@ qm_status qm_chords_find(qm_context *ctx, qm_reconstruction *r)
     if (has_memory) {
         for (size_t i = 0; i < count; i++)
             is_used[i] = false;
-        unite_sides(&r->layout, parent, is_used);
-        number_chords(r, parent, is_used, number);
+        /* Unite the opposite sides of every patch (union-find), and mark the curves that are sides. */
+        for (size_t i = 0; i < r->layout.curve_count; i++)
+            parent[i] = (uint32_t)i;
+        for (size_t p = 0; p < r->layout.patch_count; p++) {
+            const uint32_t *side = r->layout.patches[p].side;
+            for (int k = 0; k < 4; k++)
+                is_used[side[k]] = true;
+            for (int k = 0; k < 2; k++)
+                parent[find_root(parent, side[k + 2])] = find_root(parent, side[k]);
+        }
+        /* Number the chords by their first curves, so that the order of the layout breaks ties between chords. */
+        for (size_t i = 0; i < r->layout.curve_count; i++)
+            number[i] = QM_NO_INDEX;
+        for (size_t i = 0; i < r->layout.curve_count; i++) {
+            r->polylines[i].chord = QM_NO_INDEX;
+            if (!is_used[i]) continue;
+            uint32_t *chord = &number[find_root(parent, (uint32_t)i)];
+            if (*chord == QM_NO_INDEX) {
+                *chord = (uint32_t)r->chord_count;
+                r->chords[r->chord_count++] = (qm_chord){.edges = 1, .lattice_edges = QM_RECONSTRUCTION_BASE};
+            }
+            r->polylines[i].chord = *chord;
+        }
     }
     qm_context_free(ctx, parent, count, sizeof *parent);
     qm_context_free(ctx, number, count, sizeof *number);

@@ -100,25 +100,6 @@ qm_status qm_lattices_create(qm_context *ctx, qm_reconstruction *r)
     return QM_OK;
 }
 
-/** Sets the vertices of a finer lattice by bilinear interpolation between those of the old one. */
-static void interpolate_lattice(const qm_lattice *old, qm_lattice *fine)
-{
-    QM_ASSERT(fine->columns % old->columns == 0 && fine->rows % old->rows == 0);
-    uint32_t across = fine->columns / old->columns, down = fine->rows / old->rows;
-    for (uint32_t j = 0; j <= fine->rows; j++) {
-        uint32_t row = j / down, next_row = row < old->rows ? row + 1 : row;
-        double v = (double)(j % down) / down;
-        for (uint32_t i = 0; i <= fine->columns; i++) {
-            uint32_t column = i / across, next = column < old->columns ? column + 1 : column;
-            double u = (double)(i % across) / across;
-            qm_vec low = qm_vec_mix(qm_lattice_at(old, column, row), qm_lattice_at(old, next, row), u);
-            qm_vec high =
-                qm_vec_mix(qm_lattice_at(old, column, next_row), qm_lattice_at(old, next, next_row), u);
-            qm_vec_store(qm_lattice_vertex(fine, i, j), qm_vec_mix(low, high, v));
-        }
-    }
-}
-
 qm_status qm_lattices_double(qm_context *ctx, qm_reconstruction *r)
 {
     for (size_t p = 0; p < r->layout.patch_count; p++) {
@@ -132,7 +113,22 @@ qm_status qm_lattices_double(qm_context *ctx, qm_reconstruction *r)
                            .component = lattice->component,
                            .points = lattice->points};
         if (!qm_lattice_allocate(ctx, &fine)) return no_memory(ctx);
-        interpolate_lattice(lattice, &fine);
+        /* Bilinear interpolation between the vertices of the old lattice. */
+        QM_ASSERT(fine.columns % lattice->columns == 0 && fine.rows % lattice->rows == 0);
+        uint32_t across = fine.columns / lattice->columns, down = fine.rows / lattice->rows;
+        for (uint32_t j = 0; j <= fine.rows; j++) {
+            uint32_t row = j / down, next_row = row < lattice->rows ? row + 1 : row;
+            double v = (double)(j % down) / down;
+            for (uint32_t i = 0; i <= fine.columns; i++) {
+                uint32_t column = i / across, next = column < lattice->columns ? column + 1 : column;
+                double u = (double)(i % across) / across;
+                qm_vec low =
+                    qm_vec_mix(qm_lattice_at(lattice, column, row), qm_lattice_at(lattice, next, row), u);
+                qm_vec high = qm_vec_mix(qm_lattice_at(lattice, column, next_row),
+                                         qm_lattice_at(lattice, next, next_row), u);
+                qm_vec_store(qm_lattice_vertex(&fine, i, j), qm_vec_mix(low, high, v));
+            }
+        }
         qm_lattice_free(ctx, lattice);
         *lattice = fine;
         set_border(r, p);

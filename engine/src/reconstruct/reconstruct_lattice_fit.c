@@ -250,26 +250,6 @@ static void blend_holes(const qm_lattice *lattice, qm_vec *move)
                                                         qm_vec_add(move[k - width], move[k + width])));
 }
 
-/**
- * Moves the inner vertices. A blended one is projected onto the surface where there is one: always on a mesh,
- * on a point set where the vertex lies among points.
- */
-static void apply_moves(const qm_ref_surface *surface, qm_lattice *lattice, const qm_vec *move)
-{
-    for (uint32_t j = 1; j < lattice->rows; j++) {
-        for (uint32_t i = 1; i < lattice->columns; i++) {
-            size_t k = qm_lattice_index(lattice, i, j);
-            double *vertex = lattice->vertices + 3 * k;
-            qm_vec_store(vertex, qm_vec_add(qm_vec_load(vertex), move[k]));
-            if (!lattice->in_hole[k]) continue;
-            qm_ref_surface_point projection;
-            qm_ref_surface_project(surface, vertex, &projection);
-            if (!surface->is_cloud || projection.distance <= projection.spacing)
-                memcpy(vertex, projection.position, POINT_SIZE);
-        }
-    }
-}
-
 static qm_status fit_lattice(qm_context *ctx, qm_reconstruction *r, const vertex_bins *bins,
                              const qm_samples *samples, size_t p)
 {
@@ -278,7 +258,22 @@ static qm_status fit_lattice(qm_context *ctx, qm_reconstruction *r, const vertex
     qm_vec *move = qm_context_alloc(ctx, count, sizeof *move);
     if (!move) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for a patch");
     if (set_moves(r, bins, samples, p, move)) blend_holes(lattice, move);
-    apply_moves(&r->surface, lattice, move);
+    /*
+     * Move the inner vertices. A blended one is projected onto the surface where there is one: always on a mesh,
+     * on a point set where the vertex lies among points.
+     */
+    for (uint32_t j = 1; j < lattice->rows; j++) {
+        for (uint32_t i = 1; i < lattice->columns; i++) {
+            size_t k = qm_lattice_index(lattice, i, j);
+            double *vertex = lattice->vertices + 3 * k;
+            qm_vec_store(vertex, qm_vec_add(qm_vec_load(vertex), move[k]));
+            if (!lattice->in_hole[k]) continue;
+            qm_ref_surface_point projection;
+            qm_ref_surface_project(&r->surface, vertex, &projection);
+            if (!r->surface.is_cloud || projection.distance <= projection.spacing)
+                memcpy(vertex, projection.position, POINT_SIZE);
+        }
+    }
     qm_context_free(ctx, move, count, sizeof *move);
     return QM_OK;
 }

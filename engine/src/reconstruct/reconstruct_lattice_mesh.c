@@ -37,30 +37,6 @@ static uint32_t curve_edges(const numbering *n, uint32_t curve)
     return chord_count(n, &n->r->chords[n->r->polylines[curve].chord]);
 }
 
-static void number_vertices(numbering *n)
-{
-    const qm_layout *layout = &n->r->layout;
-    for (size_t i = 0; i < layout->node_count; i++)
-        n->node[i] = QM_NO_INDEX;
-    for (size_t i = 0; i < layout->curve_count; i++) {
-        if (n->r->polylines[i].chord == QM_NO_INDEX) continue;
-        const uint32_t end[2] = {layout->curves[i].from, layout->curves[i].to};
-        for (int k = 0; k < 2; k++)
-            if (n->node[end[k]] == QM_NO_INDEX) n->node[end[k]] = (uint32_t)n->vertex_count++;
-    }
-    for (size_t i = 0; i < layout->curve_count; i++) {
-        if (n->r->polylines[i].chord == QM_NO_INDEX) continue;
-        n->curve[i] = (uint32_t)n->vertex_count;
-        n->vertex_count += curve_edges(n, (uint32_t)i) - 1;
-    }
-    for (size_t p = 0; p < layout->patch_count; p++) {
-        size_t columns = chord_count(n, qm_chord_of_patch(n->r, p, 0));
-        size_t rows = chord_count(n, qm_chord_of_patch(n->r, p, 1));
-        n->vertex_count += (columns - 1) * (rows - 1);
-        n->face_count += columns * rows;
-    }
-}
-
 /** The mesh vertex of vertex k along a side, counted from corner `side`. */
 static uint32_t find_side_vertex(const numbering *n, const qm_layout_patch *patch, int side, uint32_t k)
 {
@@ -100,25 +76,6 @@ static qm_status thin_lattice(qm_context *ctx, const numbering *n, size_t p, qm_
     return QM_OK;
 }
 
-/** Adds the vertices and faces of a patch; first is the index of its first inner vertex. */
-static void add_patch(const numbering *n, const qm_layout_patch *patch, const qm_lattice *lattice,
-                      uint32_t first, uint32_t *faces, double *positions)
-{
-    uint32_t columns = lattice->columns, rows = lattice->rows;
-    for (uint32_t j = 0; j <= rows; j++) {
-        for (uint32_t i = 0; i <= columns; i++) {
-            uint32_t vertex = find_vertex(n, patch, columns, rows, first, i, j);
-            memcpy(positions + 3 * (size_t)vertex, qm_lattice_vertex(lattice, i, j), POINT_SIZE);
-            if (i == columns || j == rows) continue;
-            uint32_t *face = faces + 4 * ((size_t)j * columns + i);
-            face[0] = vertex;
-            face[1] = find_vertex(n, patch, columns, rows, first, i + 1, j);
-            face[2] = find_vertex(n, patch, columns, rows, first, i + 1, j + 1);
-            face[3] = find_vertex(n, patch, columns, rows, first, i, j + 1);
-        }
-    }
-}
-
 static qm_status fill_mesh(qm_context *ctx, const numbering *n, uint32_t first, qm_mesh *out)
 {
     uint32_t *faces = out->faces;
@@ -127,7 +84,20 @@ static qm_status fill_mesh(qm_context *ctx, const numbering *n, uint32_t first, 
         qm_status status = thin_lattice(ctx, n, p, &lattice);
         if (status != QM_OK) return status;
         out->grids[p] = (qm_mesh_grid){lattice.rows, lattice.columns};
-        add_patch(n, &n->r->layout.patches[p], &lattice, first, faces, out->positions);
+        /* The vertices and faces of the patch; first is the index of its first inner vertex. */
+        uint32_t columns = lattice.columns, rows = lattice.rows;
+        for (uint32_t j = 0; j <= rows; j++) {
+            for (uint32_t i = 0; i <= columns; i++) {
+                uint32_t vertex = find_vertex(n, &n->r->layout.patches[p], columns, rows, first, i, j);
+                memcpy(out->positions + 3 * (size_t)vertex, qm_lattice_vertex(&lattice, i, j), POINT_SIZE);
+                if (i == columns || j == rows) continue;
+                uint32_t *face = faces + 4 * ((size_t)j * columns + i);
+                face[0] = vertex;
+                face[1] = find_vertex(n, &n->r->layout.patches[p], columns, rows, first, i + 1, j);
+                face[2] = find_vertex(n, &n->r->layout.patches[p], columns, rows, first, i + 1, j + 1);
+                face[3] = find_vertex(n, &n->r->layout.patches[p], columns, rows, first, i, j + 1);
+            }
+        }
         first += (lattice.columns - 1) * (lattice.rows - 1);
         faces += 4 * (size_t)lattice.columns * lattice.rows;
         qm_lattice_free(ctx, &lattice);
@@ -137,7 +107,26 @@ static qm_status fill_mesh(qm_context *ctx, const numbering *n, uint32_t first, 
 
 static qm_status make_mesh(qm_context *ctx, numbering *n, qm_mesh *out)
 {
-    number_vertices(n);
+    const qm_layout *layout = &n->r->layout;
+    for (size_t i = 0; i < layout->node_count; i++)
+        n->node[i] = QM_NO_INDEX;
+    for (size_t i = 0; i < layout->curve_count; i++) {
+        if (n->r->polylines[i].chord == QM_NO_INDEX) continue;
+        const uint32_t end[2] = {layout->curves[i].from, layout->curves[i].to};
+        for (int k = 0; k < 2; k++)
+            if (n->node[end[k]] == QM_NO_INDEX) n->node[end[k]] = (uint32_t)n->vertex_count++;
+    }
+    for (size_t i = 0; i < layout->curve_count; i++) {
+        if (n->r->polylines[i].chord == QM_NO_INDEX) continue;
+        n->curve[i] = (uint32_t)n->vertex_count;
+        n->vertex_count += curve_edges(n, (uint32_t)i) - 1;
+    }
+    for (size_t p = 0; p < layout->patch_count; p++) {
+        size_t columns = chord_count(n, qm_chord_of_patch(n->r, p, 0));
+        size_t rows = chord_count(n, qm_chord_of_patch(n->r, p, 1));
+        n->vertex_count += (columns - 1) * (rows - 1);
+        n->face_count += columns * rows;
+    }
     if (n->vertex_count >= QM_NO_INDEX || n->face_count >= QM_NO_INDEX)
         return qm_context_fail(ctx, QM_E_TOO_LARGE, "the mesh would have %zu quads", n->face_count);
     uint32_t first = (uint32_t)n->vertex_count;

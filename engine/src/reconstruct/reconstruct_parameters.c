@@ -204,21 +204,6 @@ static qm_vec vector_area(const qm_reconstruction *r, const qm_layout_patch *pat
     return area;
 }
 
-/** Positive if the patches of a component are anticlockwise about the normals along their curves. */
-static double component_sign(const qm_reconstruction *r, uint32_t component, const qm_vec *curve_normal)
-{
-    double sum = 0.0;
-    for (size_t p = 0; p < r->layout.patch_count; p++) {
-        const qm_layout_patch *patch = &r->layout.patches[p];
-        if (r->lattices[p].component != component) continue;
-        qm_vec normal = {0, 0, 0};
-        for (int k = 0; k < 4; k++)
-            normal = qm_vec_add(normal, curve_normal[patch->side[k]]);
-        sum += qm_vec_dot(vector_area(r, patch), normal);
-    }
-    return sum;
-}
-
 /** Flips each component of patches that is clockwise about the surface's normals. */
 static qm_status orient_by_normals(qm_context *ctx, qm_reconstruction *r, const graph_nodes *nodes,
                                    const qm_knn_graph *graph)
@@ -235,7 +220,17 @@ static qm_status orient_by_normals(qm_context *ctx, qm_reconstruction *r, const 
     for (size_t p = 0; p < r->layout.patch_count; p++)
         if (r->lattices[p].component >= components) components = r->lattices[p].component + 1;
     for (uint32_t component = 0; component < components; component++) {
-        if (component_sign(r, component, curve_normal) >= 0.0) continue;
+        /* The sum is positive if the patches are anticlockwise about the normals along their curves. */
+        double sum = 0.0;
+        for (size_t p = 0; p < r->layout.patch_count; p++) {
+            const qm_layout_patch *patch = &r->layout.patches[p];
+            if (r->lattices[p].component != component) continue;
+            qm_vec normal = {0, 0, 0};
+            for (int k = 0; k < 4; k++)
+                normal = qm_vec_add(normal, curve_normal[patch->side[k]]);
+            sum += qm_vec_dot(vector_area(r, patch), normal);
+        }
+        if (sum >= 0.0) continue;
         for (size_t p = 0; p < r->layout.patch_count; p++)
             if (r->lattices[p].component == component) flip_patch(&r->layout.patches[p]);
     }
@@ -312,17 +307,6 @@ static bool border_uv(const parameterization *a, const border_node *node, uint32
         found++;
     }
     return found == 1;
-}
-
-/** Sets the patches beside each curve: each patch is to the left of the sides that run in its orientation. */
-static void set_sides(parameterization *a)
-{
-    const qm_layout *layout = &a->r->layout;
-    for (size_t i = 0; i < layout->curve_count; i++)
-        a->beside[i][0] = a->beside[i][1] = QM_NO_INDEX;
-    for (size_t p = 0; p < layout->patch_count; p++)
-        for (int k = 0; k < 4; k++)
-            a->beside[layout->patches[p].side[k]][layout->patches[p].against[k]] = (uint32_t)p;
 }
 
 /** Labels a sample near a node of a curve with the patch on its side, unless it is nearly on the curve. */
@@ -479,7 +463,13 @@ static qm_status parameterize(parameterization *a, qm_samples *samples)
     if (status != QM_OK) return status;
     status = orient_by_normals(a->ctx, a->r, a->nodes, &a->graph);
     if (status != QM_OK) return status;
-    set_sides(a);
+    /* The patches beside each curve: each patch is to the left of the sides that run in its orientation. */
+    const qm_layout *layout = &a->r->layout;
+    for (size_t i = 0; i < layout->curve_count; i++)
+        a->beside[i][0] = a->beside[i][1] = QM_NO_INDEX;
+    for (size_t p = 0; p < layout->patch_count; p++)
+        for (int k = 0; k < 4; k++)
+            a->beside[layout->patches[p].side[k]][layout->patches[p].against[k]] = (uint32_t)p;
     label_near_curves(a);
     status = propagate_labels(a);
     if (status != QM_OK) return status;

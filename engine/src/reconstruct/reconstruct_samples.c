@@ -267,25 +267,6 @@ static qm_status project(qm_context *ctx, const qm_reconstruction *r, const qm_s
     return status;
 }
 
-/** Sets the locations of samples from their projections; first has room for an index for each patch. */
-static void set_locations(const qm_reconstruction *r, const qm_projection *projections, size_t *first,
-                          qm_samples *samples)
-{
-    size_t face_count = 0;
-    for (size_t p = 0; p < r->layout.patch_count; p++) {
-        first[p] = face_count;
-        face_count += (size_t)r->lattices[p].columns * r->lattices[p].rows;
-    }
-    for (size_t i = 0; i < samples->count; i++) {
-        size_t patch = qm_lattices_find_patch(first, r->layout.patch_count, projections->face[i]);
-        uint32_t columns = r->lattices[patch].columns, face = projections->face[i] - (uint32_t)first[patch];
-        samples->location[i] = (qm_sample_location){.patch = (uint32_t)patch,
-                                                    .u = face % columns + projections->uv[2 * i],
-                                                    .v = face / columns + projections->uv[2 * i + 1],
-                                                    .distance = projections->distance[i]};
-    }
-}
-
 qm_status qm_samples_project(qm_context *ctx, const qm_reconstruction *r, qm_samples *samples)
 {
     size_t count = samples->count, patches = r->layout.patch_count;
@@ -297,7 +278,21 @@ qm_status qm_samples_project(qm_context *ctx, const qm_reconstruction *r, qm_sam
     if (!projections.distance || !projections.face || !projections.uv || !first) status = no_memory(ctx);
     if (status == QM_OK) status = project(ctx, r, samples, &projections);
     if (status == QM_OK) {
-        set_locations(r, &projections, first, samples);
+        /* The locations of samples, from their projections. */
+        size_t face_count = 0;
+        for (size_t p = 0; p < r->layout.patch_count; p++) {
+            first[p] = face_count;
+            face_count += (size_t)r->lattices[p].columns * r->lattices[p].rows;
+        }
+        for (size_t i = 0; i < samples->count; i++) {
+            size_t patch = qm_lattices_find_patch(first, r->layout.patch_count, projections.face[i]);
+            uint32_t columns = r->lattices[patch].columns,
+                     face = projections.face[i] - (uint32_t)first[patch];
+            samples->location[i] = (qm_sample_location){.patch = (uint32_t)patch,
+                                                        .u = face % columns + projections.uv[2 * i],
+                                                        .v = face / columns + projections.uv[2 * i + 1],
+                                                        .distance = projections.distance[i]};
+        }
         samples->is_projected = true;
         if (samples->normals) status = exclude_opposed(ctx, r, samples);
     }
