@@ -77,7 +77,7 @@ static void settled_faces_are_near(void **state)
             drawn_faces drawn;
             draw_faces(&random, target, &drawn);
             uint32_t hint = (uint32_t)qm_random_below(&random, target->pack_count);
-            unsigned near = qm_worker_faces_near(&worker, &side, &drawn.faces, hint);
+            unsigned near = qm_near_test_faces(&worker, &side, &drawn.faces, hint);
             assert_int_equal(near >> drawn.faces.count, 0);
             for (; near; near &= near - 1) {
                 int face = __builtin_ctz(near);
@@ -124,7 +124,7 @@ static void parts_of_a_face_over_a_plane(void **state)
         qm_side side;
         qm_target_search(&search, &side, target, cases[i].share * height * target->frame.scale);
         qm_worker worker = {.search = &search};
-        assert_int_equal(qm_worker_faces_near(&worker, &side, &faces, 0), cases[i].settled);
+        assert_int_equal(qm_near_test_faces(&worker, &side, &faces, 0), cases[i].settled);
     }
     qm_bvh_destroy(&ctx, target);
     qm_shape_free(&mesh);

@@ -147,7 +147,7 @@ static bool set_overlay(qm_worker *worker, const qm_side *side, const qm_overlay
     qm_near_packs near;
     qm_box box = qm_vec_box(point, points);
     worker->search->kernel->gather(side->target, &box, reach, &near);
-    return qm_worker_set_overlay(worker, side, normal, point, points, &near, out);
+    return qm_overlay_set(worker, side, normal, point, points, &near, out);
 }
 
 /** Whether a face is settled by an overlay of its own. */
@@ -158,7 +158,7 @@ static bool settles_alone(qm_worker *worker, const qm_side *side, const qm_vec c
     qm_near_packs near;
     qm_box box = qm_vec_box(corner, 3);
     worker->search->kernel->gather(side->target, &box, reach, &near);
-    return qm_worker_overlay_face(worker, side, &face, &near);
+    return qm_overlay_test_face(worker, side, &face, &near);
 }
 
 static void settled_faces_are_near(void **state)
@@ -187,7 +187,7 @@ static void settled_faces_are_near(void **state)
             qm_overlay overlay;
             if (!set_overlay(&worker, &side, source, source_count, reach, &overlay)) continue;
             for (int j = 0; j < source_count; j++) {
-                unsigned settled = qm_worker_overlay(&worker, &side, &overlay, &source[j]);
+                unsigned settled = qm_overlay_test(&worker, &side, &overlay, &source[j]);
                 for (int face = 0; face < source[j].count; face++) {
                     bool is_alone = settles_alone(&worker, &side, source[j].corner[face], reach);
                     alone_count[flaw] += is_alone;
@@ -226,7 +226,7 @@ static void overlays_count_as_work(void **state)
         for (int k = 0; k < TRIES; k++) {
             qm_overlay overlay;
             if (set_overlay(&worker, &side, &source, 1, 0.1, &overlay))
-                qm_worker_overlay(&worker, &side, &overlay, &source);
+                qm_overlay_test(&worker, &side, &overlay, &source);
         }
         assert_true(worker.iterations > before);
         before = worker.iterations;
@@ -362,7 +362,7 @@ static void gaps_over_a_plane_are_exact(void **state)
             qm_worker worker = {.search = &search};
             qm_overlay overlay;
             bool is_settled = set_overlay(&worker, &side, &source, 1, 2.0 * height, &overlay) &&
-                              qm_worker_overlay(&worker, &side, &overlay, &source) != 0;
+                              qm_overlay_test(&worker, &side, &overlay, &source) != 0;
             assert_int_equal(is_settled, flaw == WHOLE && cases[i].is_enough);
         }
         qm_bvh_destroy(&ctx, target);

@@ -13,7 +13,7 @@
 
 #include "bvh/surface.h"
 #include "core/rounding.h"
-#include "hausdorff_worker.h"
+#include "hausdorff_sample.h"
 
 /* By how many eta the result is wider than the search's own bracket, and its rounding */
 #define OPENED_BY 2.25
@@ -87,9 +87,9 @@ static void start_side(qm_context *ctx, qm_search *search, int index)
 {
     QM_ASSERT(index < search->side_count);
     qm_side *side = &search->side[index];
-    uint32_t hint = qm_search_seed_lower(ctx, search, side);
+    uint32_t hint = qm_sample_seeds(ctx, search, side);
     double radius = sqrt(3.0) * side->source->reach * side->factor;
-    double upper = qm_side_pack_upper(search->kernel, side, hint, side->shift) + radius;
+    double upper = qm_sample_pack_upper(search->kernel, side, hint, side->shift) + radius;
     qm_entry root = {
         .upper = upper * side->inverse_scale,
         .hint = hint,
@@ -162,7 +162,7 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
     const qm_hausdorff_options *options = search->options;
     double lower = atomic_load(&search->lower);
     out->lower = fmin(DBL_MAX, fmax(0.0, lower - search->eta)); /* a distance may be beyond all doubles */
-    out->upper = fmin(search->reported_upper, fmax(lower, qm_search_upper(search)) + search->eta);
+    out->upper = fmin(search->reported_upper, fmax(lower, qm_worker_max_upper(search)) + search->eta);
     out->iterations = atomic_load(&search->iterations);
     out->projections = atomic_load(&search->projections);
     for (int i = 0; i < search->worker_count; i++)
@@ -224,14 +224,14 @@ static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_res
 {
     int workers = ctx->parallel ? search->options->thread_count : 1;
     set_limits(search, workers);
-    if (!qm_search_create_workers(ctx, search, workers))
+    if (!qm_worker_create_all(ctx, search, workers))
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the workers of a search");
     run(ctx, search);
     set_result(search, out);
     out->elapsed_ms = qm_clock_ms() - search->start_ms;
-    qm_search_destroy_workers(ctx, search);
+    qm_worker_destroy_all(ctx, search);
     for (int i = 0; i < search->side_count; i++)
-        qm_side_reset_seeds(ctx, &search->side[i]);
+        qm_sample_free_seeds(ctx, &search->side[i]);
     return QM_OK;
 }
 

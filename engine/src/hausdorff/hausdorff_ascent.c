@@ -10,7 +10,7 @@
  * The ascent proves nothing, and need not: its last point is a sample like any other.
  */
 #include "core/linear.h"
-#include "hausdorff_worker.h"
+#include "hausdorff_sample.h"
 #include "prim/triangle.h"
 
 #define MAX_FACETS 12   /* of the target, known to an ascent */
@@ -293,7 +293,7 @@ static incident_facet *best_incident(ascent *c, double enough)
     return best;
 }
 
-void qm_worker_ascend(qm_worker *worker)
+void qm_ascent_run(qm_worker *worker)
 {
     QM_ASSERT(worker && worker->witness >= 0.0);
     const qm_search *search = worker->search;
@@ -312,6 +312,6 @@ void qm_worker_ascend(qm_worker *worker)
         face = on->face;
         find_incident(search, side, c.point, &c.incident);
     }
-    if (face != QM_NO_INDEX) qm_worker_sample(worker, side, c.point, 0.0, face, 0.0, &c.hint);
+    if (face != QM_NO_INDEX) qm_sample_point(worker, side, c.point, 0.0, face, 0.0, &c.hint);
     worker->ascend_above = worker->witness + MIN_RISE * search->tolerance;
 }

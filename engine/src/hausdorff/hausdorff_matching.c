@@ -23,7 +23,7 @@
  *
  * Source: the thesis cited in HAUSDORFF.md, sections 5.2 to 5.4; equation numbers are of it.
  */
-#include "hausdorff_worker.h"
+#include "hausdorff_sample.h"
 #include "prim/bilinear.h"
 
 /* Halvings of a piece, which leave less of it than the smallest tolerance, 2^-42 of the size. A midpoint is
@@ -365,7 +365,7 @@ typedef struct corner_data {
 /** Measures a point of the piece, which may raise the lower bound, and finds the facet under it. */
 static corner_data measure_point(const matching_work *work, qm_vec p, uint32_t hint)
 {
-    double distance = qm_worker_sample(work->worker, work->side, p, 0.0, work->piece.face, 0.0, &hint);
+    double distance = qm_sample_point(work->worker, work->side, p, 0.0, work->piece.face, 0.0, &hint);
     return (corner_data){p, distance, nearest_facet(work->worker->search, work->side, hint, p)};
 }
 
@@ -400,7 +400,7 @@ static void start_work(matching_work *work, qm_worker *worker, qm_entry entry, c
     work->piece = *piece;
 }
 
-void qm_worker_match_face(qm_worker *worker, qm_entry pack, const qm_piece *face)
+void qm_matching_visit_face(qm_worker *worker, qm_entry pack, const qm_piece *face)
 {
     QM_ASSERT(worker && face);
     matching_work work;
@@ -424,7 +424,7 @@ static void push_part(qm_worker *worker, qm_entry entry, const qm_piece *piece, 
     push_piece(&work);
 }
 
-void qm_worker_match_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
+void qm_matching_visit_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 {
     QM_ASSERT(worker && piece);
     if (piece->depth >= MAX_DEPTH) {

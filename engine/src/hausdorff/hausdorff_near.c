@@ -21,7 +21,7 @@
  */
 #include <string.h>
 
-#include "hausdorff_worker.h"
+#include "hausdorff_sample.h"
 
 #define TRIANGLE_LEVELS 3 /* how often the edges of a face are halved, */
 #define PATCH_LEVELS 1
@@ -203,7 +203,7 @@ static bool close_part(near_work *work, part_list *parts, int deeper)
     worker->projections++;
     work->cost += COST_OF_SEARCH;
     double distance =
-        qm_side_upper(worker->search->kernel, work->side, centroid, sought, enough, &work->hint);
+        qm_sample_upper(worker->search->kernel, work->side, centroid, sought, enough, &work->hint);
     remember(worker, work->side, work->hint);
     if (distance <= enough) parts->open &= ~bit;
     try_pack(work, parts, work->hint);
@@ -273,8 +273,7 @@ static unsigned whole_are_near(near_work *work, part_list *whole, const qm_near_
     return near;
 }
 
-unsigned qm_worker_faces_near(qm_worker *worker, const qm_side *side, const qm_near_faces *faces,
-                              uint32_t hint)
+unsigned qm_near_test_faces(qm_worker *worker, const qm_side *side, const qm_near_faces *faces, uint32_t hint)
 {
     QM_ASSERT(worker && side && faces);
     QM_ASSERT(faces->count >= 0 && faces->count <= QM_PACK_LANES);

@@ -3,7 +3,7 @@
  * its leaves, the packs. A node is discarded when the ball round its box is within the cutoff: the distance
  * is 1-Lipschitz, so no point of the ball is farther than its centre by more than the radius.
  */
-#include "hausdorff_worker.h"
+#include "hausdorff_sample.h"
 
 /** The ball round the box of a child, in local space. */
 static double child_ball(const qm_side *side, const qm_box_node *node, int index, qm_vec *centre)
@@ -49,7 +49,7 @@ static double bound_node(qm_worker *worker, const qm_side *side, qm_vec centre, 
     double reach = qm_search_cutoff(worker->search) * side->scale - radius;
     double enough = fmax(reach, QM_CLOSE_SHARE * lower);
     worker->projections++;
-    return qm_worker_upper(worker, side, centre, enough, reach, hint) + radius;
+    return qm_sample_known_upper(worker, side, centre, enough, reach, hint) + radius;
 }
 
 /**
@@ -60,7 +60,7 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_no
                          uint32_t pack, uint32_t *hint)
 {
     uint32_t face;
-    qm_vec p = qm_side_pack_centre(side, pack, &face);
+    qm_vec p = qm_sample_pack_centre(side, pack, &face);
     double radius = child_radius(side, node, index, p);
     /* A seed: this point is measured already, at least as closely. */
     if (side->seeds && pack % side->seed_step == 0) {
@@ -68,12 +68,12 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_no
         *hint = seed.hint;
         return seed.distance + radius;
     }
-    double upper = qm_side_pack_upper(worker->search->kernel, side, *hint, p);
+    double upper = qm_sample_pack_upper(worker->search->kernel, side, *hint, p);
     double lower = qm_search_local_lower(worker->search, side);
     if (upper <= QM_CLOSE_SHARE * lower) return upper + radius;
     double enough = qm_search_cutoff(worker->search) * side->scale - radius;
     enough = fmin(fmax(enough, QM_CLOSE_SHARE * lower), lower);
-    return qm_worker_sample(worker, side, p, 0.0, face, enough, hint) + radius;
+    return qm_sample_point(worker, side, p, 0.0, face, enough, hint) + radius;
 }
 
 /** Prefetches the vertices of a pack, which are far apart in memory. */
@@ -84,7 +84,7 @@ static void fetch_vertices(const qm_side *side, uint32_t pack)
         __builtin_prefetch(side->source->mesh.positions + 3 * (size_t)lanes->vertex[i]);
 }
 
-void qm_worker_node(qm_worker *worker, qm_entry entry)
+void qm_node_visit(qm_worker *worker, qm_entry entry)
 {
     QM_ASSERT(worker && entry.kind == QM_ENTRY_NODE);
     QM_ASSERT(entry.level >= 1);
@@ -101,7 +101,8 @@ void qm_worker_node(qm_worker *worker, qm_entry entry)
         double radius = child_ball(side, node, m, &centre);
         /* A ball larger than the cutoff cannot be discarded, wherever its centre is. */
         bool is_small = radius * side->inverse_scale <= qm_search_cutoff(search);
-        double upper = is_small ? qm_side_pack_upper(search->kernel, side, hint, centre) + radius : INFINITY;
+        double upper =
+            is_small ? qm_sample_pack_upper(search->kernel, side, hint, centre) + radius : INFINITY;
         if (upper * side->inverse_scale > qm_search_cutoff(search) && !qm_worker_must_stop(worker)) {
             double nearer = entry.level > 1
                                 ? bound_node(worker, side, centre, radius, &hint)
@@ -119,10 +120,10 @@ void qm_worker_node(qm_worker *worker, qm_entry entry)
             qm_worker_push(worker, child[m], NULL);
         } else if (entry.level == 2) {
             worker->iterations++; /* counted as an entry of the queue is: reports and limits come as often */
-            qm_worker_node(worker, child[m]);
+            qm_node_visit(worker, child[m]);
         } else {
             child[open_count++] = child[m];
         }
     }
-    if (open_count > 0) qm_worker_packs(worker, child, open_count);
+    if (open_count > 0) qm_pack_visit_all(worker, child, open_count);
 }

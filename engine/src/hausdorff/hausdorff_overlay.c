@@ -278,8 +278,8 @@ static bool set_overlay(qm_worker *worker, const qm_side *side, const qm_near_pa
     return is_set;
 }
 
-bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal, const qm_vec *point,
-                           int count, const qm_near_packs *near, qm_overlay *overlay)
+bool qm_overlay_set(qm_worker *worker, const qm_side *side, qm_vec normal, const qm_vec *point, int count,
+                    const qm_near_packs *near, qm_overlay *overlay)
 {
     QM_ASSERT(worker && side && point && near && overlay);
     QM_ASSERT(count > 0);
@@ -329,8 +329,8 @@ static bool is_covered(const qm_kernel *kernel, const qm_overlay_facets *facets,
     return count > 0 && count % 2 == 1;
 }
 
-unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
-                           const qm_overlay_source *source)
+unsigned qm_overlay_test(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
+                         const qm_overlay_source *source)
 {
     QM_ASSERT(worker && side && overlay && source);
     QM_ASSERT(source->count >= 0 && source->count <= QM_OVERLAY_FACES);
@@ -346,14 +346,14 @@ unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_over
     return discarded;
 }
 
-bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_piece *piece,
-                            const qm_near_packs *near)
+bool qm_overlay_test_face(qm_worker *worker, const qm_side *side, const qm_piece *piece,
+                          const qm_near_packs *near)
 {
     const qm_kernel *kernel = worker->search->kernel;
     qm_overlay overlay;
     qm_overlay_source source = {.count = 1};
     memcpy(source.corner[0], piece->corner, sizeof source.corner[0]);
-    if (!qm_worker_set_overlay(worker, side, qm_overlay_normal(&source), source.corner[0], 3, near, &overlay))
+    if (!qm_overlay_set(worker, side, qm_overlay_normal(&source), source.corner[0], 3, near, &overlay))
         return false;
     double cutoff = qm_search_cutoff(worker->search) * side->scale;
     qm_overlay_face face;

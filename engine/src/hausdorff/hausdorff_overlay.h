@@ -28,18 +28,18 @@ qm_vec qm_overlay_normal(const qm_overlay_source *source);
 
 /** Collects the facets of packs that are over the region of the points, as seen along a normal; false when
  * there are none, or too many. */
-bool qm_worker_set_overlay(qm_worker *worker, const qm_side *side, qm_vec normal, const qm_vec *point,
-                           int count, const qm_near_packs *near, qm_overlay *overlay);
+bool qm_overlay_set(qm_worker *worker, const qm_side *side, qm_vec normal, const qm_vec *point, int count,
+                    const qm_near_packs *near, qm_overlay *overlay);
 
 /** Bits of the triangles that the facets of an overlay show to be within the cutoff; their corners are among
  * its points. */
-unsigned qm_worker_overlay(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
-                           const qm_overlay_source *source);
+unsigned qm_overlay_test(qm_worker *worker, const qm_side *side, const qm_overlay *overlay,
+                         const qm_overlay_source *source);
 
 /** True when an overlay of its own, without facets too far from it, shows a triangle to be within the
  * cutoff. */
-bool qm_worker_overlay_face(qm_worker *worker, const qm_side *side, const qm_piece *piece,
-                            const qm_near_packs *near);
+bool qm_overlay_test_face(qm_worker *worker, const qm_side *side, const qm_piece *piece,
+                          const qm_near_packs *near);
 
 /** Sets all else of a face from its corners. Returns the margin of its vertical distances for each unit of
  * size, the largest coordinate by magnitude; INFINITY where the face is too steep or too thin. */

@@ -14,6 +14,7 @@
 
 #include "hausdorff_candidates.h"
 #include "hausdorff_overlay.h"
+#include "hausdorff_sample.h"
 
 #define NEAR_SHARE 0.05    /* of a pack's diagonal: facets farther than its centre by this are gathered */
 #define DEARER_INTERVAL 64 /* packs between two that try the way that seems dearer: overlays or covers */
@@ -112,7 +113,7 @@ static void gather_about(const qm_worker *worker, const pack_work *work, const q
     qm_box box = qm_vec_box(point, count);
     qm_vec low = qm_vec_load(box.min), high = qm_vec_load(box.max);
     double centre =
-        qm_side_pack_upper(search->kernel, work->side, work->entry.hint, qm_vec_mix(low, high, 0.5));
+        qm_sample_pack_upper(search->kernel, work->side, work->entry.hint, qm_vec_mix(low, high, 0.5));
     double reach =
         fmin(centre + NEAR_SHARE * qm_vec_distance(low, high), qm_search_cutoff(search) * work->side->scale);
     search->kernel->gather(work->side->target, &box, reach, near);
@@ -132,9 +133,9 @@ static unsigned overlay_together(qm_worker *worker, const pack_work *work, const
                                  const qm_near_packs *near)
 {
     qm_overlay overlay;
-    bool is_set = qm_worker_set_overlay(worker, work->side, qm_overlay_normal(source), &source->corner[0][0],
-                                        3 * source->count, near, &overlay);
-    return is_set ? qm_worker_overlay(worker, work->side, &overlay, source) : 0;
+    bool is_set = qm_overlay_set(worker, work->side, qm_overlay_normal(source), &source->corner[0][0],
+                                 3 * source->count, near, &overlay);
+    return is_set ? qm_overlay_test(worker, work->side, &overlay, source) : 0;
 }
 
 /** True when an overlay over one face discards it. */
@@ -142,7 +143,7 @@ static bool overlay_alone(qm_worker *worker, const pack_work *work, const qm_pie
 {
     qm_near_packs near;
     gather_about(worker, work, face->corner, 3, &near);
-    return qm_worker_overlay_face(worker, work->side, face, &near);
+    return qm_overlay_test_face(worker, work->side, face, &near);
 }
 
 /** Lists the open triangles, and the index of each in open. */
@@ -190,8 +191,8 @@ static void begin_node_overlay(qm_worker *worker, const pack_work *work)
     int count = node_points(node, work->side, point, &normal);
     qm_near_packs near;
     gather_about(worker, work, point, count, &near);
-    node->has_overlay = near.count < QM_NEAR_PACKS && qm_worker_set_overlay(worker, work->side, normal, point,
-                                                                            count, &near, &node->overlay);
+    node->has_overlay = near.count < QM_NEAR_PACKS &&
+                        qm_overlay_set(worker, work->side, normal, point, count, &near, &node->overlay);
     node->has_failed = !node->has_overlay;
 }
 
@@ -215,7 +216,7 @@ static void discard_by_node_overlay(qm_worker *worker, pack_work *work)
     if (source.count == 0) return;
     if (!work->node->is_begun) begin_node_overlay(worker, work);
     if (!work->node->has_overlay) return;
-    unsigned discarded = qm_worker_overlay(worker, work->side, &work->node->overlay, &source), gone = 0;
+    unsigned discarded = qm_overlay_test(worker, work->side, &work->node->overlay, &source), gone = 0;
     for (int i = 0; i < source.count; i++)
         if (discarded >> i & 1) gone |= 1u << index[i];
     int hits = __builtin_popcount(discarded);
@@ -280,7 +281,7 @@ static bool choose_overlay(qm_worker *worker)
 static void visit_open(qm_worker *worker, pack_work *work)
 {
     bool is_matching = qm_search_is_matching(worker->search);
-    remove_faces(work, qm_worker_faces_near(worker, work->side, &work->faces, work->entry.hint));
+    remove_faces(work, qm_near_test_faces(worker, work->side, &work->faces, work->entry.hint));
     if (work->open_count == 0) return;
     if (!is_matching) {
         bool by_overlay = choose_overlay(worker);
@@ -295,10 +296,10 @@ static void visit_open(qm_worker *worker, pack_work *work)
             return;
         }
         if (is_matching) {
-            qm_worker_match_face(worker, work->entry, &work->open[i]);
+            qm_matching_visit_face(worker, work->entry, &work->open[i]);
             continue;
         }
-        qm_worker_face(worker, work->entry, &work->open[i], &work->near);
+        qm_piece_visit_face(worker, work->entry, &work->open[i], &work->near);
         qm_worker_follow(worker);
     }
 }
@@ -340,7 +341,7 @@ static void visit_pack(qm_worker *worker, qm_entry entry, node_work *node)
     qm_worker_discard(worker, qm_search_cutoff(search)); /* the lower bound may have risen on the way */
 }
 
-void qm_worker_packs(qm_worker *worker, const qm_entry *pack, int count)
+void qm_pack_visit_all(qm_worker *worker, const qm_entry *pack, int count)
 {
     QM_ASSERT(worker && pack);
     QM_ASSERT(count > 0 && count <= QM_PACK_LANES);

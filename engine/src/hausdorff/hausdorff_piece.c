@@ -22,6 +22,7 @@
 
 #include "hausdorff_candidates.h"
 #include "hausdorff_overlay.h"
+#include "hausdorff_sample.h"
 #include "prim/bilinear_match.h"
 
 #define VISIT_CUTS 32   /* of a part in one visit, beyond those that eta has room for */
@@ -292,8 +293,8 @@ static bool sample_corners(qm_piece_work *work, qm_polygon *polygon, int depth)
     for (int i = 0; i < polygon->count; i++) {
         if (!needs_sample(work, polygon, i, depth)) continue;
         uint32_t hint = work->packs[0];
-        qm_worker_sample(work->worker, work->side, polygon->corner[i], work->slack, work->piece.face, 0.0,
-                         &hint);
+        qm_sample_point(work->worker, work->side, polygon->corner[i], work->slack, work->piece.face, 0.0,
+                        &hint);
         found |= qm_candidates_add(work, hint);
     }
     /* A corner that raised the lower bound is reached now, by the pack that was its nearest all along. */
@@ -315,7 +316,7 @@ static bool sample_unreached(qm_piece_work *work, qm_vec p)
     double upper = work->kernel->hull_upper(&work->candidates, &p, 1, &index);
     if (upper + work->slack <= qm_candidates_cutoff(work) || patch_reaches(work, p, 0.0)) return false;
     uint32_t hint = work->packs[index];
-    qm_worker_sample(work->worker, work->side, p, work->slack, work->piece.face, 0.0, &hint);
+    qm_sample_point(work->worker, work->side, p, work->slack, work->piece.face, 0.0, &hint);
     bool added = qm_candidates_add(work, hint);
     bool raised = qm_candidates_cutoff(work) > work->filled_for;
     if (added || raised) qm_candidates_refill(work);
@@ -894,7 +895,7 @@ static void start_work(qm_piece_work *work, qm_worker *worker, qm_entry entry, c
     work->near = near;
 }
 
-void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece)
+void qm_piece_visit(qm_worker *worker, qm_entry entry, const qm_piece *piece)
 {
     QM_ASSERT(worker && piece);
     QM_ASSERT(entry.kind == QM_ENTRY_PIECE);
@@ -917,7 +918,7 @@ static bool try_overlay(const qm_piece_work *work)
     qm_worker *worker = work->worker;
     if (worker->overlay_hits * MIN_HIT_SHARE < worker->overlay_tries) return false;
     uint64_t before = worker->overlay_cost;
-    bool is_covered = qm_worker_overlay_face(worker, work->side, &work->piece, work->near);
+    bool is_covered = qm_overlay_test_face(worker, work->side, &work->piece, work->near);
     worker->cover_cost += worker->overlay_cost - before;
     worker->overlay_cost = before;
     return is_covered;
@@ -957,7 +958,7 @@ static void process_patch(qm_piece_work *work)
     process_rectangle(work);
 }
 
-void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near)
+void qm_piece_visit_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near)
 {
     QM_ASSERT(worker && face && near);
     qm_piece_work work;

@@ -66,17 +66,4 @@ static inline bool qm_search_is_matching(const qm_search *search)
     return search->options->bounds == QM_BOUNDS_MATCHING;
 }
 
-/** The upper bound at this moment, world units, without the rounding margin. Takes all locks. */
-double qm_search_upper(const qm_search *search);
-
-/**
- * Raises the lower bound by a sparse sample of the source and a denser one where that is farthest, with all
- * workers; keeps the sample as the side's seeds when there is memory for them. Returns a hint.
- */
-uint32_t qm_search_seed_lower(qm_context *ctx, qm_search *search, qm_side *side);
-
-/** Creates the workers of a search; false when out of memory: none is then left. */
-bool qm_search_create_workers(qm_context *ctx, qm_search *search, int count);
-void qm_search_destroy_workers(qm_context *ctx, qm_search *search);
-
 #endif

@@ -59,21 +59,4 @@ static inline const float *qm_side_twists(const qm_side *side, uint32_t pack)
     return side->target_patches ? qm_bvh_twists(side->target, pack) : NULL;
 }
 
-/** A point of a pack of the source, in local space: the centre of a face halfway along the pack. */
-qm_vec qm_side_pack_centre(const qm_side *side, uint32_t pack, uint32_t *face);
-
-/** Upper bound (local) of the distance of p, by the triangles of one pack of the target alone. */
-double qm_side_pack_upper(const qm_kernel *kernel, const qm_side *side, uint32_t pack, qm_vec p);
-
-/**
- * Upper bound (local) of the distance of p by one search in single precision that starts at the pack hint;
- * hint becomes the pack found. The search ends as soon as the bound is at most enough. Where the twist leaves
- * it open whether p is within reach, the patch found is measured.
- */
-double qm_side_upper(const qm_kernel *kernel, const qm_side *side, qm_vec p, double enough, double reach,
-                     uint32_t *hint);
-
-/** Frees the seeds. */
-void qm_side_reset_seeds(qm_context *ctx, qm_side *side);
-
 #endif

@@ -32,7 +32,7 @@ static void stop_for(qm_search *search, int reason)
     atomic_compare_exchange_strong(&search->stop, &running, reason);
 }
 
-bool qm_search_create_workers(qm_context *ctx, qm_search *search, int count)
+bool qm_worker_create_all(qm_context *ctx, qm_search *search, int count)
 {
     QM_ASSERT(ctx && search);
     QM_ASSERT(count > 0);
@@ -49,7 +49,7 @@ bool qm_search_create_workers(qm_context *ctx, qm_search *search, int count)
     return true;
 }
 
-void qm_search_destroy_workers(qm_context *ctx, qm_search *search)
+void qm_worker_destroy_all(qm_context *ctx, qm_search *search)
 {
     for (int i = 0; i < search->worker_count; i++) {
         qm_queue_reset(ctx, &search->workers[i].queue);
@@ -158,7 +158,7 @@ static bool is_over(const qm_search *search)
     return over;
 }
 
-double qm_search_upper(const qm_search *search)
+double qm_worker_max_upper(const qm_search *search)
 {
     double upper = atomic_load(&search->lower);
     lock_all(search);
@@ -209,7 +209,7 @@ static void check_limits(qm_worker *worker)
     worker->iterations = worker->projections = 0;
     if (atomic_flag_test_and_set(&search->reporting)) return;
     double now = qm_clock_ms();
-    if (search->is_queued) report(search, now, qm_search_upper(search));
+    if (search->is_queued) report(search, now, qm_worker_max_upper(search));
     int reason = QM_SEARCH_RUNNING;
     if (qm_context_canceled(worker->ctx)) reason = QM_STOP_CANCELED;
     if (options->deadline_ms > 0.0 && now - search->start_ms >= options->deadline_ms)
@@ -231,11 +231,11 @@ static void process(qm_worker *worker, qm_entry entry, qm_piece *piece)
     if (entry.upper <= qm_search_cutoff(worker->search))
         qm_worker_discard(worker, entry.upper);
     else if (entry.kind == QM_ENTRY_NODE)
-        qm_worker_node(worker, entry);
+        qm_node_visit(worker, entry);
     else if (qm_search_is_matching(worker->search))
-        qm_worker_match_piece(worker, entry, piece);
+        qm_matching_visit_piece(worker, entry, piece);
     else
-        qm_worker_piece(worker, entry, piece);
+        qm_piece_visit(worker, entry, piece);
     qm_worker_follow(worker);
 }
 

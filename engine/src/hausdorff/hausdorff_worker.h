@@ -1,7 +1,7 @@
 /**
  * hausdorff_worker.h: a worker of a search, and the stages that it takes an entry of its queue through.
  *
- *   first samples    hausdorff_sampling.c   a good lower bound before anything else; samples of points
+ *   first samples    hausdorff_sample.c     a good lower bound before anything else; samples of points
  *   nodes            hausdorff_node.c       balls about nodes and packs of the source
  *   packs            hausdorff_pack.c       one facet for each face; overlays of a node or pack
  *                    hausdorff_near.c       single facets and balls for the parts of a face
@@ -70,6 +70,13 @@ typedef struct qm_worker {
     qm_last_face last_face;                /* the last face: discarded, or queued in pieces */
 } qm_worker;
 
+/** Creates the workers of a search; false when out of memory: none is then left. */
+bool qm_worker_create_all(qm_context *ctx, qm_search *search, int count);
+void qm_worker_destroy_all(qm_context *ctx, qm_search *search);
+
+/** The upper bound at this moment, world units, without the rounding margin. Takes all locks. */
+double qm_worker_max_upper(const qm_search *search);
+
 /** Discards a part of the source: remembers the upper bound that it had. */
 static inline void qm_worker_discard(qm_worker *worker, double upper)
 {
@@ -88,38 +95,22 @@ void qm_worker_run(qm_worker *worker);
  * stops for it discards the part of the source that it has in work, with its bound. */
 bool qm_worker_must_stop(qm_worker *worker);
 
-/**
- * Upper bound of the distance of p, as qm_side_upper. A point that this worker has searched for recently, for
- * as much, is not searched for again: over many copies of one face each search visits all of them, and the
- * copies of a source have the same few points.
- */
-double qm_worker_upper(qm_worker *worker, const qm_side *side, qm_vec p, double enough, double reach,
-                       uint32_t *hint);
-
-/**
- * Samples a point: an upper bound of its distance (local), and, where the point may raise the lower bound, a
- * certified distance that raises it. face is the face of the source that p is on, slack how far p may be from
- * its surface. enough is at most the lower bound: an upper bound at or below it ends the search.
- */
-double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
-                        double enough, uint32_t *hint);
-
 /** Ascends from the worker's witness over the source to a local maximum, and samples that. */
-void qm_worker_ascend(qm_worker *worker);
+void qm_ascent_run(qm_worker *worker);
 
 /** Ascends when the witness is a new one, and that of the lower bound. */
 static inline void qm_worker_follow(qm_worker *worker)
 {
     if (worker->witness > worker->ascend_above &&
         worker->witness >= atomic_load_explicit(&worker->search->lower, memory_order_relaxed))
-        qm_worker_ascend(worker);
+        qm_ascent_run(worker);
 }
 
 /** Bounds the children of a node; queues them, or visits them at once where they are packs. */
-void qm_worker_node(qm_worker *worker, qm_entry entry);
+void qm_node_visit(qm_worker *worker, qm_entry entry);
 
 /** Visits packs of the source that are children of one node: discards faces, or queues them as pieces. */
-void qm_worker_packs(qm_worker *worker, const qm_entry *pack, int count);
+void qm_pack_visit_all(qm_worker *worker, const qm_entry *pack, int count);
 
 /** Faces of one pack, in local space. */
 typedef struct qm_near_faces {
@@ -130,17 +121,17 @@ typedef struct qm_near_faces {
 
 /** A bit for each face that single labels, or balls, show to be within the cutoff, whole or in parts. hint is
  * a pack of the target near the faces whose labels reach none of them. */
-unsigned qm_worker_faces_near(qm_worker *worker, const qm_side *side, const qm_near_faces *faces,
-                              uint32_t hint);
+unsigned qm_near_test_faces(qm_worker *worker, const qm_side *side, const qm_near_faces *faces,
+                            uint32_t hint);
 
 /** Visits a face of a pack: discards it when it can be covered at little cost, else queues it as a piece. */
-void qm_worker_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near);
+void qm_piece_visit_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near);
 
 /** Visits a piece taken from the queue. */
-void qm_worker_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
+void qm_piece_visit(qm_worker *worker, qm_entry entry, const qm_piece *piece);
 
 /** Visit a face and a piece by matching: bounded by the facets under its corners, and split. */
-void qm_worker_match_face(qm_worker *worker, qm_entry pack, const qm_piece *face);
-void qm_worker_match_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
+void qm_matching_visit_face(qm_worker *worker, qm_entry pack, const qm_piece *face);
+void qm_matching_visit_piece(qm_worker *worker, qm_entry entry, const qm_piece *piece);
 
 #endif

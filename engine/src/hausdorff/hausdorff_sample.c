@@ -1,5 +1,5 @@
 /**
- * hausdorff_sampling.c: the lower bound. The distance of any point of the source bounds the Hausdorff
+ * hausdorff_sample.c: the lower bound. The distance of any point of the source bounds the Hausdorff
  * distance from below, when no point of the target is nearer: so a sample that may raise the lower bound is
  * certified by a complete search of the target.
  *
@@ -8,7 +8,7 @@
  */
 #include <string.h>
 
-#include "hausdorff_worker.h"
+#include "hausdorff_sample.h"
 #include "prim/bilinear.h"
 
 #define SEED_COUNT 1024 /* packs measured at their centres, spread along the Hilbert curve */
@@ -22,7 +22,7 @@
 
 /* --- One point --- */
 
-double qm_side_pack_upper(const qm_kernel *kernel, const qm_side *side, uint32_t pack, qm_vec p)
+double qm_sample_pack_upper(const qm_kernel *kernel, const qm_side *side, uint32_t pack, qm_vec p)
 {
     QM_ASSERT(pack < side->target->pack_count);
     return kernel->float_upper(qm_bvh_float_pack(side->target, pack), qm_side_twists(side, pack), p);
@@ -65,8 +65,8 @@ static bool is_known(const qm_known_point *known, const qm_known_point *asked)
            known->enough <= asked->enough && known->is_sample >= asked->is_sample;
 }
 
-double qm_side_upper(const qm_kernel *kernel, const qm_side *side, qm_vec p, double enough, double reach,
-                     uint32_t *hint)
+double qm_sample_upper(const qm_kernel *kernel, const qm_side *side, qm_vec p, double enough, double reach,
+                       uint32_t *hint)
 {
     qm_float_hit hit = {.pack = *hint};
     kernel->float_closest(side->target, p, enough, &hit);
@@ -77,12 +77,12 @@ double qm_side_upper(const qm_kernel *kernel, const qm_side *side, qm_vec p, dou
     return fmin(upper, qm_bilinear_minimise(&patch, p, reach).distance);
 }
 
-double qm_worker_upper(qm_worker *worker, const qm_side *side, qm_vec p, double enough, double reach,
-                       uint32_t *hint)
+double qm_sample_known_upper(qm_worker *worker, const qm_side *side, qm_vec p, double enough, double reach,
+                             uint32_t *hint)
 {
     qm_known_point *known = slot_of(worker, p), asked = {.side = side, .p = p, .enough = enough};
     if (!is_known(known, &asked)) {
-        asked.upper = qm_side_upper(worker->search->kernel, side, p, enough, reach, hint);
+        asked.upper = qm_sample_upper(worker->search->kernel, side, p, enough, reach, hint);
         asked.hint = *hint;
         *known = asked;
     }
@@ -106,7 +106,7 @@ static double pack_distance(const qm_search *search, const qm_side *side, uint32
     return qm_min(distance + twist, qm_bilinear_minimise(&patch, p, enough).distance);
 }
 
-/** Samples a point that is not known; see qm_worker_sample. */
+/** Samples a point that is not known; see qm_sample_point. */
 static double search_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
                             double enough, uint32_t *hint)
 {
@@ -115,7 +115,7 @@ static double search_sample(qm_worker *worker, const qm_side *side, qm_vec p, do
     worker->projections++;
     bool by_boxes = !side->nearest.grid && !side->nearest.tetra;
     if (by_boxes && known > FLOAT_FLOOR * side->reach && worker->witness >= 0.0) {
-        double nearly = qm_side_upper(search->kernel, side, p, enough, known + slack, hint);
+        double nearly = qm_sample_upper(search->kernel, side, p, enough, known + slack, hint);
         if (nearly - slack <= known) return nearly;
     }
     /* Where surfaces coincide the hint mostly shows that the point cannot raise the lower bound; among many
@@ -146,8 +146,8 @@ static double search_sample(qm_worker *worker, const qm_side *side, qm_vec p, do
     return upper;
 }
 
-double qm_worker_sample(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
-                        double enough, uint32_t *hint)
+double qm_sample_point(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
+                       double enough, uint32_t *hint)
 {
     QM_ASSERT(worker && side && hint);
     QM_ASSERT(!(slack < 0.0));
@@ -221,7 +221,7 @@ static qm_vec face_centre(const qm_vec *corner, int count)
     return qm_bilinear_at(&patch, 0.5, 0.5);
 }
 
-qm_vec qm_side_pack_centre(const qm_side *side, uint32_t pack, uint32_t *face)
+qm_vec qm_sample_pack_centre(const qm_side *side, uint32_t pack, uint32_t *face)
 {
     QM_ASSERT(pack < side->source->pack_count);
     const qm_pack_lanes *lanes = &side->source->lanes[pack];
@@ -235,9 +235,9 @@ qm_vec qm_side_pack_centre(const qm_side *side, uint32_t pack, uint32_t *face)
 static seed measure_centre(qm_worker *worker, const qm_side *side, uint32_t pack, uint32_t hint)
 {
     uint32_t face;
-    qm_vec p = qm_side_pack_centre(side, pack, &face);
+    qm_vec p = qm_sample_pack_centre(side, pack, &face);
     double lower = qm_search_local_lower(worker->search, side);
-    double distance = qm_worker_sample(worker, side, p, 0.0, face, QM_CLOSE_SHARE * lower, &hint);
+    double distance = qm_sample_point(worker, side, p, 0.0, face, QM_CLOSE_SHARE * lower, &hint);
     return (seed){distance, pack, hint};
 }
 
@@ -245,8 +245,8 @@ static seed measure_centre(qm_worker *worker, const qm_side *side, uint32_t pack
 static void measure_point(qm_worker *worker, const qm_side *side, qm_vec p, uint32_t face, uint32_t *hint)
 {
     double lower = qm_search_local_lower(worker->search, side);
-    if (qm_side_pack_upper(worker->search->kernel, side, *hint, p) > lower)
-        qm_worker_sample(worker, side, p, 0.0, face, 0.0, hint);
+    if (qm_sample_pack_upper(worker->search->kernel, side, *hint, p) > lower)
+        qm_sample_point(worker, side, p, 0.0, face, 0.0, hint);
 }
 
 /** Measures the vertices and the centres of all faces of a pack. */
@@ -315,7 +315,7 @@ static void measure_peak(void *data, int index, size_t peak_index)
     measure_pack(worker, shared->side, peak);
 }
 
-uint32_t qm_search_seed_lower(qm_context *ctx, qm_search *search, qm_side *side)
+uint32_t qm_sample_seeds(qm_context *ctx, qm_search *search, qm_side *side)
 {
     size_t packs = side->source->pack_count;
     int workers = search->worker_count;
@@ -332,7 +332,7 @@ uint32_t qm_search_seed_lower(qm_context *ctx, qm_search *search, qm_side *side)
     return shared.hint;
 }
 
-void qm_side_reset_seeds(qm_context *ctx, qm_side *side)
+void qm_sample_free_seeds(qm_context *ctx, qm_side *side)
 {
     qm_context_free(ctx, side->seeds, side->seed_count, sizeof *side->seeds);
     side->seeds = NULL;
