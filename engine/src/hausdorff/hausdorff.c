@@ -82,43 +82,9 @@ static qm_status set_sides(qm_context *ctx, qm_search *search, const qm_bvh *a, 
     return QM_OK;
 }
 
-/** Raises the lower bound by seeds and queues the root of the source. */
-static void start_side(qm_context *ctx, qm_search *search, int index)
-{
-    QM_ASSERT(index < search->side_count);
-    qm_side *side = &search->side[index];
-    uint32_t hint = qm_sample_seeds(ctx, search, side);
-    double radius = sqrt(3.0) * side->source->reach * side->factor;
-    double upper = qm_sample_pack_upper(search->kernel, side, hint, side->shift) + radius;
-    qm_entry root = {
-        .upper = upper * side->inverse_scale,
-        .hint = hint,
-        .kind = QM_ENTRY_NODE,
-        .side = (uint8_t)index,
-        .level = (uint8_t)side->source->boxes.level_count,
-    };
-    qm_worker_push(&search->workers[0], root, NULL);
-}
-
 static void run_worker(void *data, int index)
 {
     qm_worker_run(&((qm_search *)data)->workers[index]);
-}
-
-static void run(qm_context *ctx, qm_search *search)
-{
-    for (int i = 0; i < search->side_count; i++)
-        start_side(ctx, search, i);
-    search->is_queued = true;
-    qm_context_parallel(ctx, search->worker_count, run_worker, search);
-}
-
-static const qm_worker *best_witness(const qm_search *search)
-{
-    const qm_worker *best = &search->workers[0];
-    for (int i = 1; i < search->worker_count; i++)
-        if (search->workers[i].witness > best->witness) best = &search->workers[i];
-    return best;
 }
 
 /**
@@ -130,7 +96,9 @@ static const qm_worker *best_witness(const qm_search *search)
 static void set_witness(const qm_search *search, qm_hausdorff_result *out)
 {
     QM_ASSERT(search->side_count > 0);
-    const qm_worker *best = best_witness(search);
+    const qm_worker *best = &search->workers[0];
+    for (int i = 1; i < search->worker_count; i++)
+        if (search->workers[i].witness > best->witness) best = &search->workers[i];
     const qm_side *side = &search->side[best->witness_side];
     qm_quad_reading quads = search->options->quads;
     double error = fmax(WITNESS_ERROR * search->tolerance * side->scale, QM_BILINEAR_MIN_ERROR * side->reach);
@@ -179,23 +147,19 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
                                               : (qm_hausdorff_stop)reason;
 }
 
-/** The tetrahedron hierarchy over a target that the caller has given, or NULL. */
-static const qm_tetra *tetra_over(const qm_hausdorff_options *options, const qm_bvh *target)
-{
-    for (int i = 0; i < 2; i++)
-        if (options->tetra[i] && qm_tetra_bvh(options->tetra[i]) == target) return options->tetra[i];
-    return NULL;
-}
-
-/** A call canceled meanwhile goes on with the tree alone: the workers see the flag, and the result is
+/** Takes the tetrahedron hierarchies that the caller has given. A call canceled meanwhile goes on with the tree alone: the workers see the flag, and the result is
  * valid. */
 static qm_status build_locators(qm_context *ctx, qm_search *search)
 {
+    const qm_hausdorff_options *options = search->options;
     qm_status status = QM_OK;
     for (int i = 0; i < search->side_count && status == QM_OK; i++) {
         qm_side *side = &search->side[i];
-        status = qm_locator_build(ctx, side->target, tetra_over(search->options, side->target),
-                                  search->options->accelerator, &side->nearest);
+        const qm_tetra *tetra = NULL;
+        for (int k = 0; k < 2 && !tetra; k++)
+            if (options->tetra[k] && qm_tetra_bvh(options->tetra[k]) == side->target)
+                tetra = options->tetra[k];
+        status = qm_locator_build(ctx, side->target, tetra, options->accelerator, &side->nearest);
         if (status == QM_E_CANCELED)
             status = qm_locator_build(ctx, side->target, NULL, QM_ACCELERATOR_BOXES, &side->nearest);
     }
@@ -220,32 +184,35 @@ static void set_limits(qm_search *search, int workers)
     search->memory_limit = memory / (size_t)workers;
 }
 
+/** Raises the lower bound by seeds, queues the root of each source, and runs the workers until they end. */
 static qm_status run_search(qm_context *ctx, qm_search *search, qm_hausdorff_result *out)
 {
     int workers = ctx->parallel ? search->options->thread_count : 1;
     set_limits(search, workers);
     if (!qm_worker_create_all(ctx, search, workers))
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the workers of a search");
-    run(ctx, search);
+    for (int i = 0; i < search->side_count; i++) {
+        const qm_side *side = &search->side[i];
+        uint32_t hint = qm_sample_seeds(ctx, search, &search->side[i]);
+        double radius = sqrt(3.0) * side->source->reach * side->factor;
+        double upper = qm_sample_pack_upper(search->kernel, side, hint, side->shift) + radius;
+        qm_entry root = {
+            .upper = upper * side->inverse_scale,
+            .hint = hint,
+            .kind = QM_ENTRY_NODE,
+            .side = (uint8_t)i,
+            .level = (uint8_t)side->source->boxes.level_count,
+        };
+        qm_worker_push(&search->workers[0], root, NULL);
+    }
+    search->is_queued = true;
+    qm_context_parallel(ctx, search->worker_count, run_worker, search);
     set_result(search, out);
     out->elapsed_ms = qm_clock_ms() - search->start_ms;
     qm_worker_destroy_all(ctx, search);
     for (int i = 0; i < search->side_count; i++)
         qm_sample_free_seeds(ctx, &search->side[i]);
     return QM_OK;
-}
-
-/** Bit by bit: the usual difference shows in the counts or at the first vertices. */
-static bool are_same_vertices(const qm_mesh *a, const qm_mesh *b)
-{
-    return a->vertex_count == b->vertex_count &&
-           memcmp(a->positions, b->positions, 3 * a->vertex_count * sizeof *a->positions) == 0;
-}
-
-static bool are_same_faces(const qm_mesh *a, const qm_mesh *b)
-{
-    return a->face_count == b->face_count &&
-           (a->face_count == 0 || memcmp(a->faces, b->faces, 4 * a->face_count * sizeof *a->faces) == 0);
 }
 
 /** True when two meshes have the same triangles in the same order, a quad being two. *of_b becomes the face
@@ -277,9 +244,15 @@ static bool set_same(const qm_search *search, qm_hausdorff_result *out)
     const qm_bvh *source = search->side[0].source;
     const qm_mesh *mesh = &source->mesh, *other = &search->side[0].target->mesh;
     uint32_t face = source->lanes[0].face[0], of_other = face;
-    if (!are_same_vertices(mesh, other)) return false;
-    bool is_same = are_same_faces(mesh, other) || (search->options->quads == QM_QUADS_TRIANGLES &&
-                                                   are_same_triangles(mesh, other, face, &of_other));
+    /* Bit by bit: the usual difference shows in the counts or at the first vertices. */
+    if (mesh->vertex_count != other->vertex_count ||
+        memcmp(mesh->positions, other->positions, 3 * mesh->vertex_count * sizeof *mesh->positions) != 0)
+        return false;
+    bool is_same = mesh->face_count == other->face_count &&
+                   (mesh->face_count == 0 ||
+                    memcmp(mesh->faces, other->faces, 4 * mesh->face_count * sizeof *mesh->faces) == 0);
+    is_same = is_same || (search->options->quads == QM_QUADS_TRIANGLES &&
+                          are_same_triangles(mesh, other, face, &of_other));
     if (!is_same) return false;
     uint32_t vertex = mesh->face_count > 0 ? mesh->faces[4 * (size_t)face] : face;
     out->from.face = face;

@@ -89,21 +89,6 @@ static incident_facet incident_triangle(const qm_vec corner[3], qm_vec point, do
     return on;
 }
 
-/** Adds the facets of a pack that are incident to a point. */
-static void add_incident(const qm_side *side, uint32_t pack, qm_vec point, incident_list *out)
-{
-    const qm_pack_lanes *lanes = &side->source->lanes[pack];
-    for (int lane = 0, count; lane < lanes->lane_count && out->count < MAX_INCIDENT; lane += count - 2) {
-        qm_vec corner[4];
-        count = qm_side_corners(side, lanes, (uint32_t)lane, corner);
-        double away;
-        incident_facet on =
-            count == 4 ? incident_patch(corner, point, &away) : incident_triangle(corner, point, &away);
-        on.face = lanes->face[lane];
-        if (away <= TOUCH * side->reach) out->at[out->count++] = on;
-    }
-}
-
 /** Finds the facets that hold a point of the source. */
 static void find_incident(const qm_search *search, const qm_side *side, qm_vec point, incident_list *out)
 {
@@ -112,8 +97,18 @@ static void find_incident(const qm_search *search, const qm_side *side, qm_vec p
     qm_near_packs near;
     search->kernel->gather(side->source, &box, TOUCH, &near);
     out->count = 0;
-    for (int k = 0; k < near.count; k++)
-        add_incident(side, near.pack[k], point, out);
+    for (int k = 0; k < near.count; k++) {
+        const qm_pack_lanes *lanes = &side->source->lanes[near.pack[k]];
+        for (int lane = 0, count; lane < lanes->lane_count && out->count < MAX_INCIDENT; lane += count - 2) {
+            qm_vec corner[4];
+            count = qm_side_corners(side, lanes, (uint32_t)lane, corner);
+            double away;
+            incident_facet on =
+                count == 4 ? incident_patch(corner, point, &away) : incident_triangle(corner, point, &away);
+            on.face = lanes->face[lane];
+            if (away <= TOUCH * side->reach) out->at[out->count++] = on;
+        }
+    }
 }
 
 /** The edges of a facet as bound constraints on steps from its current point, in units of length along its
@@ -134,17 +129,6 @@ static int edge_bounds(const incident_facet *on, const double speed[2], qm_max_m
     }
     QM_ASSERT(count <= MAX_BOUNDS);
     return count;
-}
-
-/** Length of the longest edge. */
-static double longest_edge(const incident_list *incident)
-{
-    double largest = 0.0;
-    for (int i = 0; i < incident->count; i++) {
-        const qm_bilinear *patch = &incident->at[i].patch;
-        largest = qm_max(largest, qm_max(qm_vec_norm(patch->e1), qm_vec_norm(patch->e2)));
-    }
-    return largest;
 }
 
 /* --- The ascent --- */
@@ -187,14 +171,6 @@ static bool remember(ascent *c, const facet *f)
     return true;
 }
 
-static facet load_triangle(const ascent *c, qm_hit hit)
-{
-    facet f = {.key = (uint64_t)hit.pack * QM_PACK_LANES + hit.lane};
-    qm_bvh_load_triangle(c->side->target, hit.pack, hit.lane, f.corner);
-    f.triangle = qm_triangle_make(f.corner[0], f.corner[1], f.corner[2]);
-    return f;
-}
-
 /** Distance of a point; *is_new reports whether the facet there was not known. */
 static double measure(ascent *c, qm_vec p, bool *is_new)
 {
@@ -219,7 +195,9 @@ static double measure(ascent *c, qm_vec p, bool *is_new)
         }
         distance = found.distance;
     }
-    facet f = load_triangle(c, hit);
+    facet f = {.key = (uint64_t)hit.pack * QM_PACK_LANES + hit.lane};
+    qm_bvh_load_triangle(c->side->target, hit.pack, hit.lane, f.corner);
+    f.triangle = qm_triangle_make(f.corner[0], f.corner[1], f.corner[2]);
     *is_new = remember(c, &f);
     return distance;
 }
@@ -247,14 +225,6 @@ static double expect(const ascent *c, const incident_facet *on, double step[2])
     return expected - c->distance;
 }
 
-static void move_to(ascent *c, qm_vec p, double distance)
-{
-    c->point = p;
-    c->distance = distance;
-    for (int i = 0; i < c->facet_count; i++)
-        set_footpoint(&c->facets[i], p);
-}
-
 /** Ascends on one facet of the source as far as it leads. True when that moved the point. */
 static bool ascend_on(ascent *c, incident_facet *on, double enough)
 {
@@ -274,7 +244,10 @@ static bool ascend_on(ascent *c, incident_facet *on, double enough)
         if (!(gained > 0.0)) continue;
         on->uv[0] = u;
         on->uv[1] = v;
-        move_to(c, p, distance);
+        c->point = p;
+        c->distance = distance;
+        for (int i = 0; i < c->facet_count; i++)
+            set_footpoint(&c->facets[i], p);
     }
     return qm_vec_distance(from, c->point) > 0.0;
 }
@@ -304,7 +277,10 @@ void qm_ascent_run(qm_worker *worker)
     bool is_new;
     c.distance = measure(&c, c.point, &is_new);
     find_incident(search, side, c.point, &c.incident);
-    c.radius = longest_edge(&c.incident);
+    for (int i = 0; i < c.incident.count; i++) {
+        const qm_bilinear *patch = &c.incident.at[i].patch;
+        c.radius = qm_max(c.radius, qm_max(qm_vec_norm(patch->e1), qm_vec_norm(patch->e2)));
+    }
     /* A witness may be off the source by its slack; the points of an ascent are on it. */
     uint32_t face = QM_NO_INDEX;
     for (incident_facet *on; c.measured < MAX_MEASURED && (on = best_incident(&c, enough));) {

@@ -204,18 +204,6 @@ typedef struct foot_range {
     double low[2], high[2];
 } foot_range;
 
-/** The parameters round the footpoint of the centre that a piece of this radius is over, with a margin. */
-static foot_range range_of_ball(const qm_near_quad *quad, double radius, const double speed[2], double area)
-{
-    foot_range range;
-    for (int k = 0; k < 2; k++) {
-        double reach = REFINED_MARGIN * radius * speed[1 - k] / area;
-        range.low[k] = fmax(0.0, quad->uv[k] - reach);
-        range.high[k] = fmin(1.0, quad->uv[k] + reach);
-    }
-    return range;
-}
-
 /** The parameters under the corners of a piece, on the sheet of the quad's footpoint, with a margin. */
 static foot_range range_of_corners(const qm_near_quad *quad, const qm_polygon *polygon)
 {
@@ -264,7 +252,8 @@ static void keep_one_sheet(const qm_near_quad *quad, foot_range *range)
         range->low[across] = fmax(range->low[across], cut);
 }
 
-/** The parameters of a quad that a piece is over; by its corners where the directions of the parameters
+/** The parameters of a quad that a piece is over, with a margin: those round the footpoint of the centre that
+ * the piece's radius takes in, or by its corners where the directions of the parameters
  * nearly coincide or change much within the piece. */
 static foot_range find_range(const qm_near_quad *quad, const qm_polygon *polygon, double radius)
 {
@@ -274,9 +263,15 @@ static foot_range find_range(const qm_near_quad *quad, const qm_polygon *polygon
     const double speed[2] = {qm_vec_norm(along_u), qm_vec_norm(along_v)};
     double area = qm_vec_norm(qm_vec_cross(along_u, along_v));
     double bend = radius * qm_vec_norm(patch->w) * speed[0] * speed[1] / (area * area);
-    if (area > MIN_SINE * speed[0] * speed[1] && bend < MAX_BEND)
-        return range_of_ball(quad, radius, speed, area);
-    return range_of_corners(quad, polygon);
+    bool by_ball = area > MIN_SINE * speed[0] * speed[1] && bend < MAX_BEND;
+    if (!by_ball) return range_of_corners(quad, polygon);
+    foot_range range;
+    for (int k = 0; k < 2; k++) {
+        double reach = REFINED_MARGIN * radius * speed[1 - k] / area;
+        range.low[k] = fmax(0.0, quad->uv[k] - reach);
+        range.high[k] = fmin(1.0, quad->uv[k] + reach);
+    }
+    return range;
 }
 
 /** Corners of eight triangles in the layout of the kernels: corner, axis, lane. */
@@ -291,34 +286,6 @@ static void set_lane_corner(lane_corners *corners, int i, int lane, qm_vec p)
     corners->at[i][2][lane] = p.z;
 }
 
-/** Sets two lanes to the triangles of a part of a patch, which leaves them by a slack of its own. */
-static void set_refined_lanes(qm_candidates *labels, lane_corners *corners, int lane,
-                              const qm_bilinear *patch, const foot_range *range, qm_vec direction,
-                              double cutoff)
-{
-    const qm_vec c[4] = {qm_bilinear_at(patch, range->low[0], range->low[1]),
-                         qm_bilinear_at(patch, range->high[0], range->low[1]),
-                         qm_bilinear_at(patch, range->high[0], range->high[1]),
-                         qm_bilinear_at(patch, range->low[0], range->high[1])};
-    qm_bilinear_halves halves = qm_bilinear_halve(c, direction);
-    for (int half = 0; half < 2; half++) {
-        set_lane_corner(corners, 0, lane + half, halves.corner[0]);
-        set_lane_corner(corners, 1, lane + half, halves.corner[1 + half]);
-        set_lane_corner(corners, 2, lane + half, halves.corner[2 + half]);
-        qm_candidates_set_cutoff(labels, 0, (uint32_t)(lane + half), halves.slack, cutoff);
-    }
-}
-
-/** Fills an unused lane with a copy of another. */
-static void repeat_lane(qm_candidates *labels, lane_corners *corners, int from, int to)
-{
-    for (int i = 0; i < 3; i++)
-        for (int axis = 0; axis < 3; axis++)
-            corners->at[i][axis][to] = corners->at[i][axis][from];
-    labels->twist[0][to] = labels->twist[0][from];
-    labels->cutoff2[0][to] = labels->cutoff2[0][from];
-}
-
 bool qm_candidates_refine(const qm_piece_work *work, const qm_polygon *polygon, qm_vec centre,
                           const qm_near_quads *near, qm_refined *refined)
 {
@@ -326,6 +293,7 @@ bool qm_candidates_refine(const qm_piece_work *work, const qm_polygon *polygon, 
     double radius = qm_vec_radius(polygon->corner, polygon->count, centre);
     double cutoff = qm_candidates_cutoff(work) - work->slack;
     double negligible = negligible_twist(work);
+    qm_candidates *labels = &refined->labels;
     lane_corners corners;
     int lane = 0;
     for (int i = 0; i < near->count; i++) {
@@ -336,14 +304,29 @@ bool qm_candidates_refine(const qm_piece_work *work, const qm_polygon *polygon, 
         qm_vec from = qm_vec_sub(centre, qm_bilinear_at(&quad->patch, quad->uv[0], quad->uv[1]));
         double length = qm_vec_norm(from); /* may be rounding alone, not the same as in the distance */
         qm_vec direction = qm_vec_scale(length > 0.0 ? 1.0 / length : 0.0, from);
-        set_refined_lanes(&refined->labels, &corners, lane, &quad->patch, &range, direction, cutoff);
-        lane += 2;
+        /* Two triangles stand for this part of the patch, which leaves them by a slack of its own. */
+        const qm_vec c[4] = {qm_bilinear_at(&quad->patch, range.low[0], range.low[1]),
+                             qm_bilinear_at(&quad->patch, range.high[0], range.low[1]),
+                             qm_bilinear_at(&quad->patch, range.high[0], range.high[1]),
+                             qm_bilinear_at(&quad->patch, range.low[0], range.high[1])};
+        qm_bilinear_halves halves = qm_bilinear_halve(c, direction);
+        for (int half = 0; half < 2; half++, lane++) {
+            set_lane_corner(&corners, 0, lane, halves.corner[0]);
+            set_lane_corner(&corners, 1, lane, halves.corner[1 + half]);
+            set_lane_corner(&corners, 2, lane, halves.corner[2 + half]);
+            qm_candidates_set_cutoff(labels, 0, (uint32_t)lane, halves.slack, cutoff);
+        }
     }
     if (lane == 0) return false;
-    for (; lane < QM_PACK_LANES; lane++)
-        repeat_lane(&refined->labels, &corners, lane % 2, lane);
-    refined->labels.count = 1;
-    refined->labels.pack[0] = &refined->pack;
+    for (; lane < QM_PACK_LANES; lane++) { /* unused lanes are copies of the first two */
+        for (int i = 0; i < 3; i++)
+            for (int axis = 0; axis < 3; axis++)
+                corners.at[i][axis][lane] = corners.at[i][axis][lane % 2];
+        labels->twist[0][lane] = labels->twist[0][lane % 2];
+        labels->cutoff2[0][lane] = labels->cutoff2[0][lane % 2];
+    }
+    labels->count = 1;
+    labels->pack[0] = &refined->pack;
     work->kernel->fill_pack(&refined->pack, corners.at);
     return true;
 }

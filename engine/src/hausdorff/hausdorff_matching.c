@@ -187,29 +187,6 @@ static double subpolygon_bound(const facet *to, const match_pair *part, int coun
     return count == 4 ? fmax(upper, centre_distance(&to->patch, part)) : upper;
 }
 
-/** All corners matched to one facet: (5.13), (5.19), (5.26), and the minima in (5.16), (5.22), (5.31). */
-static double one_facet_bound(const matching *work, int k)
-{
-    QM_ASSERT(k < work->facet_count);
-    match_pair part[4];
-    for (int i = 0; i < work->piece->corner_count; i++)
-        part[i] = work->at[i][k];
-    return subpolygon_bound(&work->facets[k], part, work->piece->corner_count);
-}
-
-/** The ball round a corner, whose distance grows by the distance to the other corners at most. */
-static double corner_ball_bound(const qm_piece *piece)
-{
-    double upper = INFINITY;
-    for (int i = 0; i < piece->corner_count; i++) {
-        double radius = 0.0;
-        for (int j = 0; j < piece->corner_count; j++)
-            radius = fmax(radius, qm_vec_distance(piece->corner[i], piece->corner[j]));
-        upper = fmin(upper, piece->distance[i] + radius);
-    }
-    return upper;
-}
-
 static double local_cutoff(const matching *work)
 {
     return qm_search_cutoff(work->search) * work->side->scale;
@@ -316,20 +293,6 @@ static double corners_bound(const matching *work)
     return upper;
 }
 
-/** The bound by parts on several facets. */
-static double several_facets_bound(const matching *work)
-{
-    const int *label = work->label;
-    if (work->piece->corner_count == 3) {
-        for (int k = 0; k < 3 && work->facet_count == 2; k++)
-            if (label[(k + 1) % 3] == label[(k + 2) % 3]) return lone_corner_bound(work, k);
-    } else if (work->facet_count == 2) {
-        for (int k = 0; k < 2; k++)
-            if (label[k] == label[k + 1] && label[k + 2] == label[(k + 3) % 4]) return halves_bound(work, k);
-    }
-    return corners_bound(work);
-}
-
 /**
  * Upper bound (local) of the distance of any point of a piece, whose corners have their facets and distances.
  * Not improved once it is at most the cutoff.
@@ -338,11 +301,32 @@ static double matching_bound(const qm_search *search, const qm_side *side, const
 {
     matching work = {.search = search, .side = side, .piece = piece};
     gather_facets(&work);
-    double upper = corner_ball_bound(piece), cutoff = local_cutoff(&work);
-    for (int k = 0; k < work.facet_count && upper > cutoff; k++)
-        upper = fmin(upper, one_facet_bound(&work, k));
-    if (work.facet_count > 1 && upper > cutoff) upper = fmin(upper, several_facets_bound(&work));
-    return upper;
+    int count = piece->corner_count;
+    double upper = INFINITY, cutoff = local_cutoff(&work);
+    /* The ball round a corner: the distance grows by the distance to the other corners at most. */
+    for (int i = 0; i < count; i++) {
+        double radius = 0.0;
+        for (int j = 0; j < count; j++)
+            radius = fmax(radius, qm_vec_distance(piece->corner[i], piece->corner[j]));
+        upper = fmin(upper, piece->distance[i] + radius);
+    }
+    /* All corners matched to one facet: (5.13), (5.19), (5.26), and the minima in (5.16), (5.22), (5.31). */
+    for (int k = 0; k < work.facet_count && upper > cutoff; k++) {
+        match_pair part[4];
+        for (int i = 0; i < count; i++)
+            part[i] = work.at[i][k];
+        upper = fmin(upper, subpolygon_bound(&work.facets[k], part, count));
+    }
+    if (work.facet_count < 2 || !(upper > cutoff)) return upper;
+    /* Parts on two facets, where a cut parts their corners, or else one part a corner. */
+    const int *label = work.label;
+    for (int k = 0; k < count && work.facet_count == 2; k++) {
+        if (count == 3 && label[(k + 1) % 3] == label[(k + 2) % 3])
+            return fmin(upper, lone_corner_bound(&work, k));
+        if (count == 4 && label[k] == label[(k + 1) % 4] && label[(k + 2) % 4] == label[(k + 3) % 4])
+            return fmin(upper, halves_bound(&work, k));
+    }
+    return fmin(upper, corners_bound(&work));
 }
 
 /* --- Pieces --- */
@@ -367,11 +351,6 @@ static corner_data measure_point(const matching_work *work, qm_vec p, uint32_t h
 {
     double distance = qm_sample_point(work->worker, work->side, p, 0.0, work->piece.face, 0.0, &hint);
     return (corner_data){p, distance, nearest_facet(work->worker->search, work->side, hint, p)};
-}
-
-static corner_data load_corner(const qm_piece *piece, int i)
-{
-    return (corner_data){piece->corner[i], piece->distance[i], piece->foot[i]};
 }
 
 static void store_corner(qm_piece *piece, int i, corner_data point)
@@ -440,7 +419,8 @@ void qm_matching_visit_piece(qm_worker *worker, qm_entry entry, const qm_piece *
         midpoint[i] = measure_point(&work, at[i], piece->foot[i] / QM_PACK_LANES);
     if (count == 4) centre = measure_point(&work, centre_place, midpoint[0].foot / QM_PACK_LANES);
     for (int i = 0; i < count; i++) {
-        corner_data before = midpoint[(i + count - 1) % count], corner = load_corner(piece, i);
+        corner_data before = midpoint[(i + count - 1) % count],
+                    corner = {piece->corner[i], piece->distance[i], piece->foot[i]};
         const corner_data part[4] = {corner, midpoint[i], count == 4 ? centre : before, before};
         push_part(worker, entry, piece, part);
     }

@@ -18,7 +18,7 @@ double qm_sample_pack_upper(const qm_kernel *kernel, const qm_side *side, uint32
  * it open whether p is within reach, the patch found is measured.
  */
 double qm_sample_upper(const qm_kernel *kernel, const qm_side *side, qm_vec p, double enough, double reach,
-                     uint32_t *hint);
+                       uint32_t *hint);
 
 /**
  * Upper bound of the distance of p, as qm_sample_upper. A point that this worker has searched for recently, for
@@ -26,7 +26,7 @@ double qm_sample_upper(const qm_kernel *kernel, const qm_side *side, qm_vec p, d
  * copies of a source have the same few points.
  */
 double qm_sample_known_upper(qm_worker *worker, const qm_side *side, qm_vec p, double enough, double reach,
-                       uint32_t *hint);
+                             uint32_t *hint);
 
 /**
  * Samples a point: an upper bound of its distance (local), and, where the point may raise the lower bound, a
@@ -34,7 +34,7 @@ double qm_sample_known_upper(qm_worker *worker, const qm_side *side, qm_vec p, d
  * its surface. enough is at most the lower bound: an upper bound at or below it ends the search.
  */
 double qm_sample_point(qm_worker *worker, const qm_side *side, qm_vec p, double slack, uint32_t face,
-                        double enough, uint32_t *hint);
+                       double enough, uint32_t *hint);
 
 /**
  * Raises the lower bound by a sparse sample of the source and a denser one where that is farthest, with all
