@@ -34,9 +34,11 @@
 #define TRIED_PACKS 8     /* remembered, not to be tried again */
 #define COST_OF_SEARCH 40 /* in points compared with a pack */
 #define COST_OF_PACK 4
-#define MAX_COST 600      /* for each face that parts discard, on average: a cover costs about as much */
-#define FIRST_FACES 16    /* that may fail before MAX_COST applies */
-#define PARTS_INTERVAL 32 /* faces between two tries of parts where they cost more */
+#define MAX_COST 600   /* for each face that parts discard, on average: a cover costs about as much */
+#define FIRST_FACES 16 /* that may fail before MAX_COST applies */
+/* Faces between two tries of parts where they cost more than covers: dozens of searches in one of so many faces are
+ * about one search a face, and a region where parts pay is noticed within four packs. */
+#define PARTS_INTERVAL 32
 
 enum { MAX_PARTS = 16, MAX_PART_CORNERS = 15 }; /* of one cut, */
 enum { MAX_POINTS = 3 * QM_PACK_LANES };        /* or those of a pack */
@@ -121,30 +123,16 @@ static int part_corners(const part_list *parts, int part, qm_vec corner[4])
     return count;
 }
 
-/** Bits of the corners of all open parts. */
-static unsigned open_corners(const part_list *parts)
-{
-    unsigned corners = 0;
-    for (unsigned left = parts->open; left; left &= left - 1)
-        for (int i = 0; i < 4; i++)
-            corners |= 1u << parts->corner[__builtin_ctz(left)][i];
-    return corners;
-}
-
-static bool is_tried(const part_list *parts, uint32_t pack)
-{
-    unsigned known = parts->tried_count < TRIED_PACKS ? parts->tried_count : TRIED_PACKS;
-    for (unsigned i = 0; i < known; i++)
-        if (parts->tried[i] == pack) return true;
-    return false;
-}
-
 /** Closes the open parts that one facet of a pack reaches. */
 static void try_pack(near_work *work, part_list *parts, uint32_t pack)
 {
-    if (is_tried(parts, pack)) return;
+    unsigned known = parts->tried_count < TRIED_PACKS ? parts->tried_count : TRIED_PACKS, corners = 0;
+    for (unsigned i = 0; i < known; i++)
+        if (parts->tried[i] == pack) return;
+    for (unsigned left = parts->open; left; left &= left - 1)
+        for (int i = 0; i < 4; i++)
+            corners |= 1u << parts->corner[__builtin_ctz(left)][i];
     qm_float_bits bits[MAX_POINTS];
-    unsigned corners = open_corners(parts);
     work->cost += COST_OF_PACK + (unsigned)__builtin_popcount(corners);
     work->worker->search->kernel->float_reach(qm_bvh_float_pack(work->side->target, pack),
                                               qm_side_twists(work->side, pack), work->cutoff, parts->point,
@@ -227,14 +215,6 @@ static bool parts_are_near(near_work *work, const qm_vec *corner, int count, int
     return true;
 }
 
-/** False where parts have cost more than covers, as where surfaces nearly coincide: dozens of searches a
- * face. */
-static bool may_try_parts(qm_worker *worker)
-{
-    bool is_due = worker->part_tries++ % PARTS_INTERVAL == 0;
-    return is_due || worker->part_cost <= MAX_COST * (worker->part_hits + FIRST_FACES);
-}
-
 /** How often the edges of a face must be halved for parts that are small enough. */
 static int level_of(const near_work *work, const qm_vec *corner, int count)
 {
@@ -250,27 +230,16 @@ static bool face_is_near(near_work *work, const qm_vec *corner, int count, int l
 {
     qm_worker *worker = work->worker;
     int max_level = count == 3 ? TRIANGLE_LEVELS : PATCH_LEVELS;
-    if (level > max_level || !may_try_parts(worker)) return false;
+    if (level > max_level) return false;
+    /* Where surfaces nearly coincide, parts cost more than covers: dozens of searches a face. */
+    bool is_due = worker->part_tries++ % PARTS_INTERVAL == 0;
+    if (!is_due && worker->part_cost > MAX_COST * (worker->part_hits + FIRST_FACES)) return false;
     if (level > LEVELS_AT_ONCE) level = LEVELS_AT_ONCE;
     work->cost = 0;
     bool is_near = parts_are_near(work, corner, count, level, max_level - level);
     worker->part_cost += work->cost;
     worker->part_hits += is_near;
     return is_near;
-}
-
-/** Bits of the open faces within the cutoff, each tried whole first, then in parts. */
-static unsigned whole_are_near(near_work *work, part_list *whole, const qm_near_faces *faces)
-{
-    unsigned near = whole->open;
-    if (near) try_recent(work, whole, faces->vertex, faces->vertex_count);
-    while (whole->open) {
-        unsigned bit = whole->open & -whole->open;
-        if (close_part(work, whole, 1)) continue;
-        near &= ~bit;
-        whole->open &= ~bit;
-    }
-    return near;
 }
 
 unsigned qm_near_test_faces(qm_worker *worker, const qm_side *side, const qm_near_faces *faces, uint32_t hint)
@@ -293,5 +262,13 @@ unsigned qm_near_test_faces(qm_worker *worker, const qm_side *side, const qm_nea
             near |= 1u << i;
     }
     work.hint = hint;
-    return near | whole_are_near(&work, &whole, faces);
+    near |= whole.open;
+    if (whole.open) try_recent(&work, &whole, faces->vertex, faces->vertex_count);
+    while (whole.open) {
+        unsigned bit = whole.open & -whole.open;
+        if (close_part(&work, &whole, 1)) continue;
+        near &= ~bit;
+        whole.open &= ~bit;
+    }
+    return near;
 }

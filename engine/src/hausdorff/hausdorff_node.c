@@ -18,30 +18,6 @@ static double child_ball(const qm_side *side, const qm_box_node *node, int index
     return side->factor * sqrt(half2);
 }
 
-/** Radius of the ball round p that holds the box of a child, in local space. */
-static double child_radius(const qm_side *side, const qm_box_node *node, int index, qm_vec p)
-{
-    double far2 = 0.0;
-    const double shift[3] = {side->shift.x, side->shift.y, side->shift.z}, point[3] = {p.x, p.y, p.z};
-    for (int k = 0; k < 3; k++) {
-        double low = point[k] - (shift[k] + side->factor * (double)node->low[k][index]);
-        double high = shift[k] + side->factor * (double)node->high[k][index] - point[k];
-        double far = low > high ? low : high;
-        far2 += far * far;
-    }
-    return sqrt(far2);
-}
-
-static qm_entry child_entry(const qm_entry *node, int index, double upper, uint32_t hint)
-{
-    qm_entry child = *node;
-    child.upper = fmin(node->upper, upper);
-    child.index = 8 * node->index + (uint32_t)index;
-    child.hint = hint;
-    child.level = (uint8_t)(node->level - 1);
-    return child;
-}
-
 /** Upper bound (local) of a node by the ball round its box; one search where the hint is too far. */
 static double bound_node(qm_worker *worker, const qm_side *side, qm_vec centre, double radius, uint32_t *hint)
 {
@@ -61,7 +37,15 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_no
 {
     uint32_t face;
     qm_vec p = qm_sample_pack_centre(side, pack, &face);
-    double radius = child_radius(side, node, index, p);
+    double far2 = 0.0; /* of the ball round p that holds the box */
+    const double shift[3] = {side->shift.x, side->shift.y, side->shift.z}, point[3] = {p.x, p.y, p.z};
+    for (int k = 0; k < 3; k++) {
+        double low = point[k] - (shift[k] + side->factor * (double)node->low[k][index]);
+        double high = shift[k] + side->factor * (double)node->high[k][index] - point[k];
+        double far = low > high ? low : high;
+        far2 += far * far;
+    }
+    double radius = sqrt(far2);
     /* A seed: this point is measured already, at least as closely. */
     if (side->seeds && pack % side->seed_step == 0) {
         qm_seed seed = side->seeds[pack / side->seed_step];
@@ -76,14 +60,6 @@ static double bound_pack(qm_worker *worker, const qm_side *side, const qm_box_no
     return qm_sample_point(worker, side, p, 0.0, face, enough, hint) + radius;
 }
 
-/** Prefetches the vertices of a pack, which are far apart in memory. */
-static void fetch_vertices(const qm_side *side, uint32_t pack)
-{
-    const qm_pack_lanes *lanes = &side->source->lanes[pack];
-    for (int i = 0; i < lanes->vertex_count; i++)
-        __builtin_prefetch(side->source->mesh.positions + 3 * (size_t)lanes->vertex[i]);
-}
-
 void qm_node_visit(qm_worker *worker, qm_entry entry)
 {
     QM_ASSERT(worker && entry.kind == QM_ENTRY_NODE);
@@ -96,7 +72,12 @@ void qm_node_visit(qm_worker *worker, qm_entry entry)
     qm_entry child[QM_PACK_LANES];
     uint32_t hint = entry.hint;
     for (int m = 0; m < children; m++) {
-        if (entry.level == 1 && m + 1 < children) fetch_vertices(side, 8 * entry.index + (uint32_t)m + 1);
+        if (entry.level == 1 &&
+            m + 1 < children) { /* the next pack's vertices, which are far apart in memory */
+            const qm_pack_lanes *lanes = &side->source->lanes[8 * entry.index + (uint32_t)m + 1];
+            for (int i = 0; i < lanes->vertex_count; i++)
+                __builtin_prefetch(side->source->mesh.positions + 3 * (size_t)lanes->vertex[i]);
+        }
         qm_vec centre;
         double radius = child_ball(side, node, m, &centre);
         /* A ball larger than the cutoff cannot be discarded, wherever its centre is. */
@@ -109,7 +90,11 @@ void qm_node_visit(qm_worker *worker, qm_entry entry)
                                 : bound_pack(worker, side, node, m, 8 * entry.index + (uint32_t)m, &hint);
             upper = fmin(upper, nearer);
         }
-        child[m] = child_entry(&entry, m, upper * side->inverse_scale, hint);
+        child[m] = entry;
+        child[m].upper = fmin(entry.upper, upper * side->inverse_scale);
+        child[m].index = 8 * entry.index + (uint32_t)m;
+        child[m].hint = hint;
+        child[m].level = (uint8_t)(entry.level - 1);
     }
     /* Packs are visited at once, but after all eight have been bounded, which may raise the lower bound.
      * Nodes of packs are visited at once as well, in the order of the curve, while hints and vertices are in

@@ -85,44 +85,6 @@ qm_vec qm_overlay_normal(const qm_overlay_source *source)
     return normal;
 }
 
-/** False when the normal has no direction. */
-static bool set_axes(qm_overlay_frame *frame, qm_vec origin, qm_vec normal)
-{
-    double length = qm_vec_norm(normal);
-    if (!(length > QM_MIN_LENGTH)) return false;
-    frame->origin = origin;
-    qm_vec z = qm_vec_scale(1.0 / length, normal);
-    qm_vec other = fabs(z.x) < fabs(z.y) ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
-    qm_vec across = qm_vec_cross(other, z);
-    frame->axis[0] = qm_vec_scale(1.0 / qm_vec_norm(across), across);
-    frame->axis[1] = qm_vec_cross(z, frame->axis[0]);
-    frame->axis[2] = z;
-    return true;
-}
-
-/** Sets the box of the frame to that of the points, and the cutoff above and below. Returns the largest
- * coordinate by magnitude. */
-static double set_region(qm_overlay_frame *frame, const qm_vec *point, int count, double cutoff)
-{
-    double size = 0.0;
-    for (int k = 0; k < 3; k++) {
-        frame->low[k] = INFINITY;
-        frame->high[k] = -INFINITY;
-    }
-    for (int i = 0; i < count; i++) {
-        double at[3];
-        map_point(frame, point[i], at);
-        for (int k = 0; k < 3; k++) {
-            frame->low[k] = qm_min(at[k], frame->low[k]);
-            frame->high[k] = qm_max(at[k], frame->high[k]);
-            size = qm_max(fabs(at[k]), size);
-        }
-    }
-    frame->low[2] -= cutoff;
-    frame->high[2] += cutoff;
-    return size;
-}
-
 double qm_overlay_set_face(qm_overlay_face *face, double size)
 {
     /* On no line along which meshes are subdivided. */
@@ -283,40 +245,56 @@ bool qm_overlay_set(qm_worker *worker, const qm_side *side, qm_vec normal, const
 {
     QM_ASSERT(worker && side && point && near && overlay);
     QM_ASSERT(count > 0);
-    if (!set_axes(&overlay->frame, point[0], normal)) return false;
-    double cutoff = qm_search_cutoff(worker->search) * side->scale;
-    overlay->facets.size = set_region(&overlay->frame, point, count, cutoff);
-    overlay->shrink = qm_min(SHRINK_BY_CUTOFF * cutoff, SHRINK_BY_SIZE * overlay->facets.size);
+    qm_overlay_frame *frame = &overlay->frame;
+    double length = qm_vec_norm(normal), size = 0.0, cutoff = qm_search_cutoff(worker->search) * side->scale;
+    if (!(length > QM_MIN_LENGTH)) return false;
+    qm_vec z = qm_vec_scale(1.0 / length, normal);
+    qm_vec other = fabs(z.x) < fabs(z.y) ? (qm_vec){1, 0, 0} : (qm_vec){0, 1, 0};
+    qm_vec across = qm_vec_cross(other, z);
+    frame->origin = point[0];
+    frame->axis[0] = qm_vec_scale(1.0 / qm_vec_norm(across), across);
+    frame->axis[1] = qm_vec_cross(z, frame->axis[0]);
+    frame->axis[2] = z;
+    /* The region is the box of the points, and the cutoff above and below. */
+    for (int k = 0; k < 3; k++) {
+        frame->low[k] = INFINITY;
+        frame->high[k] = -INFINITY;
+    }
+    for (int i = 0; i < count; i++) {
+        double at[3];
+        map_point(frame, point[i], at);
+        for (int k = 0; k < 3; k++) {
+            frame->low[k] = qm_min(at[k], frame->low[k]);
+            frame->high[k] = qm_max(at[k], frame->high[k]);
+            size = qm_max(fabs(at[k]), size);
+        }
+    }
+    frame->low[2] -= cutoff;
+    frame->high[2] += cutoff;
+    overlay->facets.size = size;
+    overlay->shrink = qm_min(SHRINK_BY_CUTOFF * cutoff, SHRINK_BY_SIZE * size);
     count_work(worker, (uint64_t)count / 2);
     return set_overlay(worker, side, near, NULL, overlay);
 }
 
-/** Moves the corners of a face towards its centroid, by this length at most and a few roundings. */
-static void shrink_face(qm_overlay_face *face, double length)
+/** Sets a face whose corners have moved towards its centroid, by shrink at most and a few roundings. Returns the vertical distance up to which it may be discarded, or a negative
+ * number. */
+static double set_face(const qm_overlay *overlay, const qm_vec corner[3], double cutoff,
+                       qm_overlay_face *face)
 {
-    double(*c)[3] = face->corner, centroid[3], farthest2 = 0.0;
+    double(*c)[3] = face->corner, centroid[3], farthest2 = 0.0, size = overlay->facets.size;
+    for (int i = 0; i < 3; i++)
+        map_point(&overlay->frame, corner[i], c[i]);
     for (int k = 0; k < 3; k++)
         centroid[k] = (c[0][k] + c[1][k] + c[2][k]) / 3.0;
     for (int i = 0; i < 3; i++) {
         double x = centroid[0] - c[i][0], y = centroid[1] - c[i][1], z = centroid[2] - c[i][2];
         farthest2 = qm_max(x * x + y * y + z * z, farthest2);
     }
-    if (!(farthest2 > 0.0)) return;
-    double share = qm_min(length / sqrt(farthest2), MAX_SHRINK);
-    for (int i = 0; i < 3; i++)
+    double share = farthest2 > 0.0 ? qm_min(overlay->shrink / sqrt(farthest2), MAX_SHRINK) : 0.0;
+    for (int i = 0; i < 3 && share > 0.0; i++)
         for (int k = 0; k < 3; k++)
             c[i][k] += share * (centroid[k] - c[i][k]);
-}
-
-/** Sets a face and shrinks it. Returns the vertical distance up to which it may be discarded, or a negative
- * number. */
-static double set_face(const qm_overlay *overlay, const qm_vec corner[3], double cutoff,
-                       qm_overlay_face *face)
-{
-    for (int c = 0; c < 3; c++)
-        map_point(&overlay->frame, corner[c], face->corner[c]);
-    shrink_face(face, overlay->shrink);
-    double size = overlay->facets.size;
     return cutoff - overlay->shrink - size * qm_overlay_set_face(face, size);
 }
 

@@ -52,17 +52,6 @@ typedef struct pack_work {
 
 /* --- One facet --- */
 
-/** Computes in double precision which lanes reach a vertex: where single precision leaves it open, as it does
- * where the cutoff is tiny or the source runs beside the target. */
-static void measure_vertex(pack_work *work, double cutoff, int vertex)
-{
-    if (work->measured >> vertex & 1) return;
-    if (work->measured == 0) qm_candidates_fill(&work->hinted, work->side, &work->entry.hint, 1, cutoff);
-    work->measured |= 1u << vertex;
-    unsigned bits = (unsigned)work->kernel->in_reach(&work->hinted, work->vertex[vertex]);
-    work->in_reach[vertex] = (qm_float_bits)(bits << 8 | bits);
-}
-
 /** True when one lane of the pack of the hint reaches all corners of a face. */
 static bool face_reached(pack_work *work, double cutoff, const int *corner, int count)
 {
@@ -71,19 +60,19 @@ static bool face_reached(pack_work *work, double cutoff, const int *corner, int 
     for (int i = 0; i < count; i++)
         bits &= work->in_reach[corner[i]];
     if (qm_float_certain(bits) || bits == 0) return bits != 0;
+    /* Single precision leaves it open where the cutoff is tiny or the source runs beside the target. */
     for (int i = 0; i < count; i++) {
-        measure_vertex(work, cutoff, corner[i]);
-        bits &= work->in_reach[corner[i]];
+        int vertex = corner[i];
+        if (!(work->measured >> vertex & 1)) {
+            if (work->measured == 0)
+                qm_candidates_fill(&work->hinted, work->side, &work->entry.hint, 1, cutoff);
+            work->measured |= 1u << vertex;
+            unsigned lanes = (unsigned)work->kernel->in_reach(&work->hinted, work->vertex[vertex]);
+            work->in_reach[vertex] = (qm_float_bits)(lanes << 8 | lanes);
+        }
+        bits &= work->in_reach[vertex];
     }
     return bits != 0;
-}
-
-/** Bits of the lanes of a pack that reach a point each, for count points. */
-static void reach_by_pack(const pack_work *work, double cutoff, uint32_t pack, const qm_vec *point, int count,
-                          qm_float_bits *bits)
-{
-    work->kernel->float_reach(qm_bvh_float_pack(work->side->target, pack), qm_side_twists(work->side, pack),
-                              cutoff, point, (1u << count) - 1, bits);
 }
 
 /** True when a face is a copy of the last one, whose bounds hold for it, too; else it becomes the last. */
@@ -128,24 +117,6 @@ static void remove_faces(pack_work *work, unsigned gone)
     work->open_count = left;
 }
 
-/** Bits of the triangles that an overlay over all of them discards. */
-static unsigned overlay_together(qm_worker *worker, const pack_work *work, const qm_overlay_source *source,
-                                 const qm_near_packs *near)
-{
-    qm_overlay overlay;
-    bool is_set = qm_overlay_set(worker, work->side, qm_overlay_normal(source), &source->corner[0][0],
-                                 3 * source->count, near, &overlay);
-    return is_set ? qm_overlay_test(worker, work->side, &overlay, source) : 0;
-}
-
-/** True when an overlay over one face discards it. */
-static bool overlay_alone(qm_worker *worker, const pack_work *work, const qm_piece *face)
-{
-    qm_near_packs near;
-    gather_about(worker, work, face->corner, 3, &near);
-    return qm_overlay_test_face(worker, work->side, face, &near);
-}
-
 /** Lists the open triangles, and the index of each in open. */
 static void list_open(const pack_work *work, qm_overlay_source *source, int *index)
 {
@@ -157,26 +128,7 @@ static void list_open(const pack_work *work, qm_overlay_source *source, int *ind
     }
 }
 
-/** The vertices of the packs of a node, and the sum of their normals; returns how many. */
-static int node_points(const node_work *node, const qm_side *side, qm_vec *point, qm_vec *normal)
-{
-    int count = 0;
-    *normal = (qm_vec){0, 0, 0};
-    for (int i = 0; i < node->pack_count; i++) {
-        const qm_pack_lanes *lanes = &side->source->lanes[node->pack[i].index];
-        const qm_vec *vertex = point + count;
-        for (int k = 0; k < lanes->vertex_count; k++)
-            point[count++] = qm_side_vertex(side, lanes->vertex[k]);
-        qm_overlay_source faces = {.count = lanes->lane_count};
-        for (int lane = 0; lane < faces.count; lane++)
-            for (int c = 0; c < 3; c++)
-                faces.corner[lane][c] = vertex[lanes->corner[lane][c]];
-        *normal = qm_vec_add(*normal, qm_overlay_normal(&faces));
-    }
-    return count;
-}
-
-/** Makes the overlay of a node unless that has failed recently, as it does where a node of the source is much
+/** Makes the overlay over the vertices of all packs of a node, along the sum of their normals, unless that has failed recently, as it does where a node of the source is much
  * larger than one of the target. */
 static void begin_node_overlay(qm_worker *worker, const pack_work *work)
 {
@@ -187,24 +139,25 @@ static void begin_node_overlay(qm_worker *worker, const pack_work *work)
         worker->share_wait--;
         return;
     }
-    qm_vec point[3 * QM_PACK_LANES * QM_PACK_LANES], normal;
-    int count = node_points(node, work->side, point, &normal);
+    const qm_side *side = work->side;
+    qm_vec point[3 * QM_PACK_LANES * QM_PACK_LANES], normal = {0, 0, 0};
+    int count = 0;
+    for (int i = 0; i < node->pack_count; i++) {
+        const qm_pack_lanes *lanes = &side->source->lanes[node->pack[i].index];
+        const qm_vec *vertex = point + count;
+        for (int k = 0; k < lanes->vertex_count; k++)
+            point[count++] = qm_side_vertex(side, lanes->vertex[k]);
+        qm_overlay_source faces = {.count = lanes->lane_count};
+        for (int lane = 0; lane < faces.count; lane++)
+            for (int c = 0; c < 3; c++)
+                faces.corner[lane][c] = vertex[lanes->corner[lane][c]];
+        normal = qm_vec_add(normal, qm_overlay_normal(&faces));
+    }
     qm_near_packs near;
     gather_about(worker, work, point, count, &near);
     node->has_overlay = near.count < QM_NEAR_PACKS &&
                         qm_overlay_set(worker, work->side, normal, point, count, &near, &node->overlay);
     node->has_failed = !node->has_overlay;
-}
-
-/** Sets the pause before the next common overlay when all packs of a node are done. */
-static void end_node_overlay(qm_worker *worker, const node_work *node)
-{
-    if (node->has_failed || 2 * node->hits < node->tries) {
-        unsigned pause = 2 * worker->share_pause + 1;
-        worker->share_wait = worker->share_pause = pause < MAX_SHARE_PAUSE ? pause : MAX_SHARE_PAUSE;
-    } else if (node->has_overlay) {
-        worker->share_pause = 0;
-    }
 }
 
 /** Discards open triangles by the common overlay of the node. */
@@ -237,24 +190,24 @@ static void discard_by_overlay(qm_worker *worker, pack_work *work)
     list_open(work, &source, index);
     if (source.count == 0) return;
     bool has_all = source.count > 1 && work->near.count < QM_NEAR_PACKS;
-    unsigned discarded = has_all ? overlay_together(worker, work, &source, &work->near) : 0, gone = 0;
-    for (int i = 0; i < source.count; i++)
-        if ((discarded >> i & 1) || overlay_alone(worker, work, &work->open[index[i]]))
-            gone |= 1u << index[i];
+    unsigned discarded = 0, gone = 0;
+    qm_overlay overlay;
+    if (has_all && qm_overlay_set(worker, work->side, qm_overlay_normal(&source), &source.corner[0][0],
+                                  3 * source.count, &work->near, &overlay))
+        discarded = qm_overlay_test(worker, work->side, &overlay, &source);
+    for (int i = 0; i < source.count; i++) {
+        const qm_piece *face = &work->open[index[i]];
+        bool is_discarded = discarded >> i & 1;
+        if (!is_discarded) {
+            qm_near_packs near;
+            gather_about(worker, work, face->corner, 3, &near);
+            is_discarded = qm_overlay_test_face(worker, work->side, face, &near);
+        }
+        if (is_discarded) gone |= 1u << index[i];
+    }
     remove_faces(work, gone);
     worker->overlay_tries += (uint64_t)source.count;
     worker->overlay_hits += (uint64_t)__builtin_popcount(gone);
-}
-
-/** Gathers the packs near the open faces. */
-static void gather_open(const qm_worker *worker, pack_work *work)
-{
-    qm_vec point[4 * QM_PACK_LANES] = {work->open[0].corner[0]};
-    int count = 0;
-    for (int i = 0; i < work->open_count; i++)
-        for (int c = 0; c < work->open[i].corner_count; c++)
-            point[count++] = work->open[i].corner[c];
-    gather_about(worker, work, point, count, &work->near);
 }
 
 /**
@@ -287,7 +240,12 @@ static void visit_open(qm_worker *worker, pack_work *work)
         bool by_overlay = choose_overlay(worker);
         if (by_overlay) discard_by_node_overlay(worker, work);
         if (work->open_count == 0) return;
-        gather_open(worker, work);
+        qm_vec point[4 * QM_PACK_LANES] = {work->open[0].corner[0]};
+        int count = 0;
+        for (int i = 0; i < work->open_count; i++)
+            for (int c = 0; c < work->open[i].corner_count; c++)
+                point[count++] = work->open[i].corner[c];
+        gather_about(worker, work, point, count, &work->near);
         if (by_overlay) discard_by_overlay(worker, work);
     }
     for (int i = 0; i < work->open_count; i++) {
@@ -320,7 +278,9 @@ static void visit_pack(qm_worker *worker, qm_entry entry, node_work *node)
     double cutoff = qm_search_cutoff(search) * work.side->scale;
     for (int i = 0; i < work.lanes->vertex_count; i++)
         work.vertex[i] = qm_side_vertex(work.side, work.lanes->vertex[i]);
-    reach_by_pack(&work, cutoff, entry.hint, work.vertex, work.lanes->vertex_count, work.in_reach);
+    search->kernel->float_reach(qm_bvh_float_pack(work.side->target, entry.hint),
+                                qm_side_twists(work.side, entry.hint), cutoff, work.vertex,
+                                (1u << work.lanes->vertex_count) - 1, work.in_reach);
     for (int lane = 0, count; lane < work.lanes->lane_count; lane += count - 2) {
         int corner[4];
         count = qm_lane_corners(work.lanes, (uint32_t)lane, work.side->source_patches, corner);
@@ -356,5 +316,10 @@ void qm_pack_visit_all(qm_worker *worker, const qm_entry *pack, int count)
         else
             visit_pack(worker, pack[i], &node);
     }
-    end_node_overlay(worker, &node);
+    if (node.has_failed || 2 * node.hits < node.tries) {
+        unsigned pause = 2 * worker->share_pause + 1;
+        worker->share_wait = worker->share_pause = pause < MAX_SHARE_PAUSE ? pause : MAX_SHARE_PAUSE;
+    } else if (node.has_overlay) {
+        worker->share_pause = 0;
+    }
 }
