@@ -49,7 +49,7 @@
 #define MAX_SHRINK 0.125        /* and of the distance to the centroid */
 #define EDGE_SLOTS 1024         /* of the hash table of edges, a power of two */
 #define EDGE_BITS 10
-#define COST_OF_PART 200 /* hundreds of instructions of one part of a face in the search, about */
+#define COST_OF_PART 200 /* hundreds of instructions (AVX2) of one part of a face in the search, about */
 #define MAX_FACETS (QM_OVERLAY_GROUPS * QM_PACK_LANES)
 
 _Static_assert(1 << EDGE_BITS == EDGE_SLOTS && 3 * MAX_FACETS < EDGE_SLOTS, "the table has room");
@@ -223,7 +223,12 @@ static bool set_facets(const qm_kernel *kernel, const qm_side *side, const qm_ne
     return true;
 }
 
-/** Counts work in hundreds of instructions, about, and in parts, the unit of the search's limit. */
+/**
+ * Counts work in hundreds of instructions, about, for the choice between overlays and covers, and in parts as
+ * the search's iterations, which its limit is about. The counts of the callers are fitted to the instructions
+ * that the AVX2 kernels execute, as are the costs of covers in hausdorff_piece.c. Other kernels execute more or
+ * fewer, but count the same: so every machine makes the same choices, and returns the same bits.
+ */
 static void count_work(qm_worker *worker, uint64_t hundreds)
 {
     uint64_t before = worker->overlay_work / COST_OF_PART;
@@ -277,8 +282,8 @@ bool qm_overlay_set(qm_worker *worker, const qm_side *side, qm_vec normal, const
     return set_overlay(worker, side, near, NULL, overlay);
 }
 
-/** Sets a face whose corners have moved towards its centroid, by shrink at most and a few roundings. Returns the vertical distance up to which it may be discarded, or a negative
- * number. */
+/** Sets a face, its corners moved towards its centroid by shrink at most and a few roundings. Returns the
+ * vertical distance up to which it may be discarded, or a negative number. */
 static double set_face(const qm_overlay *overlay, const qm_vec corner[3], double cutoff,
                        qm_overlay_face *face)
 {

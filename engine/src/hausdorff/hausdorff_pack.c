@@ -16,9 +16,11 @@
 #include "hausdorff_overlay.h"
 #include "hausdorff_sample.h"
 
-#define NEAR_SHARE 0.05    /* of a pack's diagonal: facets farther than its centre by this are gathered */
-#define DEARER_INTERVAL 64 /* packs between two that try the way that seems dearer: overlays or covers */
-#define COVER_PRIOR 50.0   /* cost of a cover of a face assumed before there is one, and of an overlay */
+#define NEAR_SHARE 0.05 /* of a pack's diagonal: facets farther than its centre by this are gathered */
+/* Packs between two that try the way that seems dearer, overlays or covers, times the ratio of their costs: so
+ * these tries add a 64th to the time, whatever the ratio is. */
+#define DEARER_INTERVAL 64
+#define COVER_PRIOR 50.0 /* cost of a cover of a face assumed before there is one, and of an overlay */
 #define OVERLAY_PRIOR 100.0
 #define MAX_SHARE_PAUSE 63 /* nodes without a common overlay, at most, after failures in a row */
 #define OVERLAY_GAIN 2.0   /* by which an overlay must be cheaper: the counts only estimate times */
@@ -128,8 +130,8 @@ static void list_open(const pack_work *work, qm_overlay_source *source, int *ind
     }
 }
 
-/** Makes the overlay over the vertices of all packs of a node, along the sum of their normals, unless that has failed recently, as it does where a node of the source is much
- * larger than one of the target. */
+/** Makes the overlay over the vertices of all packs of a node, along the sum of their normals, unless that has
+ * failed recently, as it does where a node of the source is much larger than one of the target. */
 static void begin_node_overlay(qm_worker *worker, const pack_work *work)
 {
     node_work *node = work->node;

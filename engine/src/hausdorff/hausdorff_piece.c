@@ -36,8 +36,8 @@
 /* New faces */
 #define FACE_ATTEMPTS 3       /* covers of one face, each with the candidates that the last one brought */
 #define ONE_LABEL_PACKS 3     /* searched for one label that reaches all of a piece */
-#define ONE_LABEL_INTERVAL 16 /* pieces between two tries where one label seldom does */
-#define COST_BY_NEAREST 30    /* hundreds of instructions of a cover by the nearest facets, */
+#define ONE_LABEL_INTERVAL 16 /* pieces from try to try where one label seldom does: a try costs little */
+#define COST_BY_NEAREST 30    /* hundreds of AVX2 instructions of a cover by the nearest facets, */
 #define COST_BY_ALL 150       /* of a cover by all candidates, */
 #define COST_OF_FAILURE 300   /* of all attempts, where none covers the face, */
 #define COST_OF_PARTS 2000    /* of a face that is queued and comes back in parts, mostly dozens */
@@ -84,23 +84,6 @@ static void reach_corners(const qm_piece_work *work, qm_polygon *polygon)
 /* --- The bound of a piece --- */
 
 /**
- * Upper bound by the ball round the centroid, measured to the patches themselves, or known when that is no
- * better: it falls with the size, which the bound by a label does not. hint becomes the pack of the nearest.
- */
-static double ball_bound(const qm_piece_work *work, const qm_piece *piece, double known, uint32_t *hint)
-{
-    qm_vec centroid = qm_vec_centroid(piece->corner, piece->corner_count);
-    double radius = qm_vec_radius(piece->corner, piece->corner_count, centroid);
-    if (radius >= known) return known;
-    qm_quads_asked asked = {
-        .wanted = 1, .within = known - radius, .enough = fmax(qm_candidates_cutoff(work), radius)};
-    qm_near_quads near = qm_candidates_near_quads(work, centroid, asked);
-    if (near.count == 0) return known;
-    *hint = near.at[0].pack;
-    return near.at[0].distance + radius;
-}
-
-/**
  * Upper bound (local) of the distance of any point of a piece: the smallest, over all labels, of the largest
  * distance of a corner, or the bound by the ball where the target has patches. The distance to a convex facet
  * is convex, so its maximum over the hull of the corners is at a corner; a piece is in that hull but for its
@@ -114,8 +97,18 @@ static double piece_bound(const qm_piece_work *work, const qm_piece *piece, uint
     double upper = work->kernel->hull_upper(&work->candidates, piece->corner, piece->corner_count, &index);
     double known = work->entry.upper * work->side->scale - work->slack;
     *hint = work->packs[index < work->pack_count ? index : 0];
-    if (work->side->target_patches) upper = ball_bound(work, piece, fmin(upper, known), hint);
-    return upper + work->slack;
+    if (!work->side->target_patches) return upper + work->slack;
+    /* The ball is measured to the patches themselves: its bound falls with the size, a label's does not. */
+    upper = fmin(upper, known);
+    qm_vec centroid = qm_vec_centroid(piece->corner, piece->corner_count);
+    double radius = qm_vec_radius(piece->corner, piece->corner_count, centroid);
+    if (radius >= upper) return upper + work->slack;
+    qm_quads_asked asked = {
+        .wanted = 1, .within = upper - radius, .enough = fmax(qm_candidates_cutoff(work), radius)};
+    qm_near_quads near = qm_candidates_near_quads(work, centroid, asked);
+    if (near.count == 0) return upper + work->slack;
+    *hint = near.at[0].pack;
+    return near.at[0].distance + radius + work->slack;
 }
 
 /** Queues a triangle or rectangle with its bound, or discards it. */
@@ -129,27 +122,10 @@ static void queue_piece(qm_piece_work *work, const qm_piece *piece)
 
 /* --- Covers --- */
 
-/** True when one label of the nearest packs reaches all corners, as far as single precision is certain. */
-static bool cover_by_one(const qm_piece_work *work, const qm_polygon *polygon)
-{
-    qm_box box = qm_vec_box(polygon->corner, polygon->count);
-    uint32_t packs[ONE_LABEL_PACKS];
-    double cutoff = qm_candidates_cutoff(work);
-    int count = work->kernel->narrow(work->near, &box, cutoff, ONE_LABEL_PACKS, packs);
-    for (int k = 0; k < count; k++) {
-        qm_float_bits bits[QM_COVER_CORNERS];
-        unsigned labels = ~0u;
-        work->kernel->float_reach(qm_bvh_float_pack(work->side->target, packs[k]),
-                                  qm_side_twists(work->side, packs[k]), cutoff - work->slack, polygon->corner,
-                                  (1u << polygon->count) - 1, bits);
-        for (int i = 0; i < polygon->count; i++)
-            labels &= bits[i];
-        if (qm_float_certain(labels)) return true;
-    }
-    return false;
-}
-
-/** Tries one label where that is worth it: where surfaces nearly coincide hardly any face has one. */
+/**
+ * True when one label of the nearest packs reaches all corners, as far as single precision is certain. It is
+ * tried where that is worth it: where surfaces nearly coincide hardly any face has one.
+ */
 static bool try_one_label(const qm_piece_work *work, const qm_polygon *polygon)
 {
     qm_worker *worker = work->worker;
@@ -158,24 +134,25 @@ static bool try_one_label(const qm_piece_work *work, const qm_polygon *polygon)
         worker->one_label_tries++;
         return false;
     }
-    bool is_covered = cover_by_one(work, polygon);
+    qm_box box = qm_vec_box(polygon->corner, polygon->count);
+    uint32_t packs[ONE_LABEL_PACKS];
+    double cutoff = qm_candidates_cutoff(work);
+    int count = work->kernel->narrow(work->near, &box, cutoff, ONE_LABEL_PACKS, packs);
+    bool is_covered = false;
+    for (int k = 0; k < count && !is_covered; k++) {
+        qm_float_bits bits[QM_COVER_CORNERS];
+        unsigned labels = ~0u;
+        work->kernel->float_reach(qm_bvh_float_pack(work->side->target, packs[k]),
+                                  qm_side_twists(work->side, packs[k]), cutoff - work->slack, polygon->corner,
+                                  (1u << polygon->count) - 1, bits);
+        for (int i = 0; i < polygon->count; i++)
+            labels &= bits[i];
+        is_covered = qm_float_certain(labels);
+    }
     worker->one_label_tries++;
     worker->one_label_probes++;
     worker->one_label_hits += is_covered;
     return is_covered;
-}
-
-/** Covers by the facets of a list in single precision. */
-static qm_float_verdict cover_in_floats(const qm_piece_work *work, const qm_shortlist *list,
-                                        qm_polygon *polygon, bool *moved)
-{
-    qm_float_pack rows;
-    _Alignas(32) float twist[QM_PACK_LANES];
-    work->kernel->shortlist_float_pack(work->side->target, list, &rows);
-    for (int i = 0; work->side->target_patches && i < QM_PACK_LANES; i++)
-        twist[i] = qm_bvh_twists(work->side->target, list->pack[i])[list->lane[i]];
-    return work->kernel->float_cover(&rows, work->side->target_patches ? twist : NULL,
-                                     qm_candidates_cutoff(work) - work->slack, polygon, moved);
 }
 
 /** Covers by the facets of a list in double precision. */
@@ -208,11 +185,18 @@ static bool cover_by_nearest(const qm_piece_work *work, qm_polygon *polygon, boo
     if (try_one_label(work, polygon)) return true;
     qm_shortlist list;
     work->kernel->shortlist(work->side->target, work->near, qm_polygon_centroid(polygon), &list);
-    qm_float_verdict verdict = cover_in_floats(work, &list, polygon, moved);
+    const qm_bvh *target = work->side->target;
+    bool has_patches = work->side->target_patches;
+    qm_float_pack rows;
+    _Alignas(32) float twist[QM_PACK_LANES];
+    work->kernel->shortlist_float_pack(target, &list, &rows);
+    for (int i = 0; has_patches && i < QM_PACK_LANES; i++)
+        twist[i] = qm_bvh_twists(target, list.pack[i])[list.lane[i]];
+    qm_float_verdict verdict = work->kernel->float_cover(
+        &rows, has_patches ? twist : NULL, qm_candidates_cutoff(work) - work->slack, polygon, moved);
     if (verdict == QM_FLOAT_COVERED) return true;
     if (verdict == QM_FLOAT_TOO_COARSE && cover_in_doubles(work, &list, polygon, moved)) return true;
-    const qm_bvh *target = work->side->target;
-    return work->side->target_patches &&
+    return has_patches &&
            qm_candidates_quad_covers(work, target->lanes[list.pack[0]].face[list.lane[0]], polygon);
 }
 
@@ -353,21 +337,6 @@ static void stack_part(qm_piece_work *work, const qm_polygon *polygon, int a, in
         queue_part(work, &kept);
 }
 
-/** The side (i to i + 1) of a triangle that is much shorter than the longest, or -1. */
-static int short_side(const qm_polygon *six)
-{
-    double min2 = INFINITY, max2 = 0.0;
-    int shortest = -1;
-    for (int i = 0; i < 3; i++) {
-        double length2 = qm_vec_norm2(qm_vec_sub(six->corner[(i + 1) % 3], six->corner[i]));
-        max2 = fmax(max2, length2);
-        if (!(length2 < min2)) continue;
-        min2 = length2;
-        shortest = i;
-    }
-    return min2 < SHORT_SIDE * SHORT_SIDE * max2 ? shortest : -1;
-}
-
 /**
  * Puts a triangle of a polygon on the stack in four parts, cut at the midpoints: each has half the diameter.
  * A side much shorter than the others is not cut: else two or three parts share its location on every level,
@@ -386,8 +355,16 @@ static void stack_quarters(qm_piece_work *work, const qm_polygon *polygon, int a
         six.corner[3 + i] = qm_vec_mix(polygon->corner[index[i]], polygon->corner[index[(i + 1) % 3]], 0.5);
         six.in_reach[3 + i] = work->kernel->in_reach(&work->candidates, six.corner[3 + i]);
     }
-    int side = short_side(&six);
-    if (side >= 0) {
+    double min2 = INFINITY, max2 = 0.0;
+    int side = 0; /* the shortest, i to i + 1 */
+    for (int i = 0; i < 3; i++) {
+        double length2 = qm_vec_norm2(qm_vec_sub(six.corner[(i + 1) % 3], six.corner[i]));
+        max2 = fmax(max2, length2);
+        if (!(length2 < min2)) continue;
+        min2 = length2;
+        side = i;
+    }
+    if (min2 < SHORT_SIDE * SHORT_SIDE * max2) {
         int next = (side + 1) % 3, tip = (side + 2) % 3;
         stack_part(work, &six, side, next, 3 + tip, depth);
         stack_part(work, &six, 3 + tip, next, 3 + next, depth);
@@ -542,16 +519,6 @@ static bool triangles_reached(qm_piece_work *work, const qm_bilinear_halves *hal
     return covered;
 }
 
-/** The nearest face of the target to a point, or QM_NO_INDEX when it is a triangle. */
-static uint32_t quad_under(const qm_piece_work *work, qm_vec p)
-{
-    qm_hit hit = {.d2 = INFINITY, .pack = work->packs[0]};
-    work->kernel->closest(work->side->target, p, &hit);
-    uint32_t face = work->side->target->lanes[hit.pack].face[hit.lane];
-    qm_vec corner[4];
-    return qm_bvh_load_face(work->side->target, face, corner) == 4 ? face : QM_NO_INDEX;
-}
-
 /** The last parameter along [from, to] up to which the target's patch under the point at from is within
  * reach; from when not even that is. */
 static double patch_reach(const qm_piece_work *work, const qm_bilinear *source, int axis, double from,
@@ -560,9 +527,12 @@ static double patch_reach(const qm_piece_work *work, const qm_bilinear *source, 
     double at[2] = {0.5 * (work->piece.low[0] + work->piece.high[0]),
                     0.5 * (work->piece.low[1] + work->piece.high[1])};
     at[axis] = from + INSET * (to - from); /* off the line where two patches meet */
-    uint32_t face = quad_under(work, qm_bilinear_at(source, at[0], at[1]));
-    if (face == QM_NO_INDEX) return from;
-    qm_bilinear target = qm_bvh_load_patch(work->side->target, face);
+    qm_hit hit = {.d2 = INFINITY, .pack = work->packs[0]};
+    work->kernel->closest(work->side->target, qm_bilinear_at(source, at[0], at[1]), &hit);
+    qm_vec corner[4];
+    if (qm_bvh_load_face(work->side->target, work->side->target->lanes[hit.pack].face[hit.lane], corner) != 4)
+        return from;
+    qm_bilinear target = qm_bilinear_make(corner);
     /* Half the cutoff: the speed along this line may be up to twice as great at the rectangle's sides. */
     double cutoff = 0.5 * qm_candidates_cutoff(work), inside = from, outside = to;
     for (int step = 0; step < CROSSING_STEPS; step++) {
@@ -621,24 +591,6 @@ static void keep_remainder(void *user, const qm_uv_box *part)
     remainder_list *list = user;
     if (list->count < MAX_REMAINDERS) list->at[list->count] = *part;
     list->count++;
-}
-
-static void copy_remainder(const remainder_list *from, remainder_list *to)
-{
-    QM_ASSERT(from->count <= MAX_REMAINDERS);
-    to->count = from->count;
-    memcpy(to->at, from->at, (size_t)from->count * sizeof *from->at);
-}
-
-/** Area in the parameters. */
-static double area_of(const remainder_list *list)
-{
-    double area = 0.0;
-    for (int i = 0; i < list->count; i++) {
-        const qm_uv_box *box = &list->at[i];
-        area += (box->high[0] - box->low[0]) * (box->high[1] - box->low[1]);
-    }
-    return area;
 }
 
 /** Sums of the lengths of opposite sides. */
@@ -717,16 +669,6 @@ static bool hinted_reached(const qm_piece_work *work, const qm_bilinear *patch)
     return false;
 }
 
-/** The quads of the target near the centre of the rectangle that may cover some of it. */
-static qm_near_quads quads_below(const qm_piece_work *work, qm_vec centre)
-{
-    double cutoff = qm_candidates_cutoff(work), radius = qm_vec_radius(work->piece.corner, 4, centre);
-    qm_quads_asked asked = {.wanted = QM_NEAR_QUADS, .within = cutoff + radius, .enough = cutoff};
-    if (!work->side->target_patches) return (qm_near_quads){.count = 0};
-    if (is_left_often(work)) asked.enough = -1.0;
-    return qm_candidates_near_quads(work, centre, asked);
-}
-
 /** Covers the rectangle, or parts of it, by one of the quads near its centre: the first that covers any of
  * it, or, once it is left over often, the one that leaves the smallest area. */
 static bool match_reached(const qm_piece_work *work, const qm_bilinear *patch, qm_vec centre,
@@ -742,10 +684,16 @@ static bool match_reached(const qm_piece_work *work, const qm_bilinear *patch, q
         bool is_matched = qm_bilinear_match(patch, &box, &quad->patch, quad->uv, qm_candidates_cutoff(work),
                                             keep_remainder, &remainder);
         if (!is_matched || !makes_progress(work, patch, &remainder)) continue;
-        double area = area_of(&remainder);
+        double area = 0.0; /* in the parameters */
+        for (int k = 0; k < remainder.count; k++) {
+            const qm_uv_box *part = &remainder.at[k];
+            area += (part->high[0] - part->low[0]) * (part->high[1] - part->low[1]);
+        }
         if (!(area < left)) continue;
         left = area;
-        copy_remainder(&remainder, smallest);
+        QM_ASSERT(remainder.count <= MAX_REMAINDERS);
+        smallest->count = remainder.count;
+        memcpy(smallest->at, remainder.at, (size_t)remainder.count * sizeof *remainder.at);
         if (!is_left_often(work)) break;
     }
     return left < INFINITY;
@@ -762,7 +710,13 @@ static bool patch_reached(const qm_piece_work *work, const qm_bilinear *patch, q
     near->count = 0;
     if (counterpart_reached(work, patch, remainder) && (remainder->count == 0 || work->piece.depth == 0))
         return true;
-    *near = quads_below(work, centre);
+    if (work->side->target_patches) {
+        double cutoff = qm_candidates_cutoff(work), radius = qm_vec_radius(work->piece.corner, 4, centre);
+        qm_quads_asked asked = {.wanted = QM_NEAR_QUADS,
+                                .within = cutoff + radius,
+                                .enough = is_left_often(work) ? -1.0 : cutoff};
+        *near = qm_candidates_near_quads(work, centre, asked);
+    }
     return match_reached(work, patch, centre, near, remainder);
 }
 
@@ -814,16 +768,6 @@ static bool rectangle_is_covered(qm_piece_work *work)
     return covered;
 }
 
-/** Measures the corners that no candidate reaches; true when that brought candidates or raised the lower
- * bound. */
-static bool sample_unreached_corners(qm_piece_work *work)
-{
-    bool found = false;
-    for (int i = 0; i < 4; i++)
-        found |= sample_unreached(work, work->piece.corner[i]);
-    return found;
-}
-
 /** Covers a rectangle by all candidates and those that a sample of its centre brings; else *corners are its
  * own, with in_reach. */
 static bool rectangle_reached(qm_piece_work *work, const qm_bilinear *patch, const qm_bilinear_halves *halves,
@@ -840,8 +784,10 @@ static bool rectangle_reached(qm_piece_work *work, const qm_bilinear *patch, con
         if (is_matched && remainder.count == 0) return true;
         bool is_flat = halves->slack < qm_candidates_cutoff(work);
         if (is_flat && triangles_reached(work, halves, centre, &near)) return true;
-        if (is_matched &&
-            !(is_left_often(work) && attempt + 1 < RECTANGLE_ATTEMPTS && sample_unreached_corners(work))) {
+        bool has_new = false; /* candidates, or a larger lower bound */
+        for (int i = 0; i < 4 && is_matched && is_left_often(work) && attempt + 1 < RECTANGLE_ATTEMPTS; i++)
+            has_new |= sample_unreached(work, work->piece.corner[i]);
+        if (is_matched && !has_new) {
             for (int k = 0; k < remainder.count; k++)
                 queue_rectangle(work, patch, remainder.at[k].low, remainder.at[k].high);
             return true;
@@ -911,30 +857,18 @@ void qm_piece_visit(qm_worker *worker, qm_entry entry, const qm_piece *piece)
     process_stack(&work);
 }
 
-/** Discards a triangle by an overlay, unless overlays seldom succeed. The overlay is tried because covers
- * failed, so its cost is counted as theirs. */
-static bool try_overlay(const qm_piece_work *work)
-{
-    qm_worker *worker = work->worker;
-    if (worker->overlay_hits * MIN_HIT_SHARE < worker->overlay_tries) return false;
-    uint64_t before = worker->overlay_cost;
-    bool is_covered = qm_overlay_test_face(worker, work->side, &work->piece, work->near);
-    worker->cover_cost += worker->overlay_cost - before;
-    worker->overlay_cost = before;
-    return is_covered;
-}
-
 /** Covers a triangle of the source by the nearest facets, then by all candidates and those that samples
  * bring; else queues it. */
 static void process_face(qm_piece_work *work)
 {
+    qm_worker *worker = work->worker;
     const qm_vec *corner = work->piece.corner;
     qm_polygon polygon = piece_triangle(work, corner[0], corner[1], corner[2]);
     bool moved = false;
-    work->worker->cover_tries++;
-    work->worker->cover_cost += COST_BY_NEAREST;
+    worker->cover_tries++;
+    worker->cover_cost += COST_BY_NEAREST;
     if (cover_by_nearest(work, &polygon, &moved)) return;
-    work->worker->cover_cost += COST_BY_ALL;
+    worker->cover_cost += COST_BY_ALL;
     qm_near_packs all;
     qm_candidates_gather(work, &all);
     for (int attempt = 0; attempt < FACE_ATTEMPTS; attempt++) {
@@ -943,19 +877,17 @@ static void process_face(qm_piece_work *work)
         /* The centroid of the remainder is likely as far as any point of the face. */
         if (!sample_unreached(work, qm_polygon_centroid(&polygon))) break;
     }
-    work->worker->cover_cost += COST_OF_FAILURE;
-    if (try_overlay(work)) return;
-    work->worker->cover_cost += COST_OF_PARTS;
+    worker->cover_cost += COST_OF_FAILURE;
+    /* An overlay, unless overlays seldom succeed. It is tried because covers failed, so its cost is theirs. */
+    if (worker->overlay_hits * MIN_HIT_SHARE >= worker->overlay_tries) {
+        uint64_t before = worker->overlay_cost;
+        bool is_covered = qm_overlay_test_face(worker, work->side, &work->piece, work->near);
+        worker->cover_cost += worker->overlay_cost - before;
+        worker->overlay_cost = before;
+        if (is_covered) return;
+    }
+    worker->cover_cost += COST_OF_PARTS;
     queue_piece(work, &work->piece);
-}
-
-/** Covers a patch of the source; else queues parts of it. */
-static void process_patch(qm_piece_work *work)
-{
-    if (rectangle_is_covered(work)) return;
-    qm_near_packs all;
-    qm_candidates_gather(work, &all);
-    process_rectangle(work);
 }
 
 void qm_piece_visit_face(qm_worker *worker, qm_entry pack, const qm_piece *face, const qm_near_packs *near)
@@ -964,8 +896,11 @@ void qm_piece_visit_face(qm_worker *worker, qm_entry pack, const qm_piece *face,
     qm_piece_work work;
     start_work(&work, worker, pack, face, near);
     work.entry.kind = QM_ENTRY_PIECE;
-    if (face->corner_count == 3)
+    if (face->corner_count == 3) {
         process_face(&work);
-    else
-        process_patch(&work);
+    } else if (!rectangle_is_covered(&work)) {
+        qm_near_packs all;
+        qm_candidates_gather(&work, &all);
+        process_rectangle(&work);
+    }
 }

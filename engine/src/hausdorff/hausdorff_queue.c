@@ -15,48 +15,34 @@ void qm_queue_reset(qm_context *ctx, qm_queue *queue)
     qm_queue_init(queue);
 }
 
-static bool grow_heap(qm_context *ctx, qm_queue *queue)
-{
-    size_t capacity = queue->capacity ? 2 * queue->capacity : 256;
-    qm_entry *heap = qm_context_resize(ctx, queue->heap, queue->capacity, capacity, sizeof *heap);
-    if (!heap) return false;
-    queue->heap = heap;
-    queue->capacity = capacity;
-    return true;
-}
-
-static bool grow_pool(qm_context *ctx, qm_queue *queue)
-{
-    size_t old = queue->pool_capacity, capacity = old ? 2 * old : 64;
-    if (capacity >= QM_NO_INDEX) return false;
-    qm_piece *pool = qm_context_resize(ctx, queue->pool, old, capacity, sizeof *pool);
-    if (!pool) return false;
-    for (size_t i = capacity; i-- > old;) {
-        pool[i].next_free = queue->free_head;
-        queue->free_head = (uint32_t)i;
-    }
-    queue->pool = pool;
-    queue->pool_capacity = capacity;
-    return true;
-}
-
-static uint32_t take_slot(qm_queue *queue)
-{
-    QM_ASSERT(queue->free_head < queue->pool_capacity);
-    uint32_t slot = queue->free_head;
-    queue->free_head = queue->pool[slot].next_free;
-    return slot;
-}
-
 bool qm_queue_push(qm_context *ctx, qm_queue *queue, qm_entry entry, const qm_piece *piece)
 {
     QM_ASSERT(ctx && queue);
     QM_ASSERT(queue->count <= queue->capacity);
     QM_ASSERT((entry.kind == QM_ENTRY_PIECE) == (piece != NULL));
-    if (queue->count == queue->capacity && !grow_heap(ctx, queue)) return false;
+    if (queue->count == queue->capacity) {
+        size_t capacity = queue->capacity ? 2 * queue->capacity : 256;
+        qm_entry *heap = qm_context_resize(ctx, queue->heap, queue->capacity, capacity, sizeof *heap);
+        if (!heap) return false;
+        queue->heap = heap;
+        queue->capacity = capacity;
+    }
     if (piece) {
-        if (queue->free_head == QM_NO_INDEX && !grow_pool(ctx, queue)) return false;
-        entry.index = take_slot(queue);
+        if (queue->free_head == QM_NO_INDEX) {
+            size_t old = queue->pool_capacity, capacity = old ? 2 * old : 64;
+            if (capacity >= QM_NO_INDEX) return false;
+            qm_piece *pool = qm_context_resize(ctx, queue->pool, old, capacity, sizeof *pool);
+            if (!pool) return false;
+            for (size_t i = capacity; i-- > old;) {
+                pool[i].next_free = queue->free_head;
+                queue->free_head = (uint32_t)i;
+            }
+            queue->pool = pool;
+            queue->pool_capacity = capacity;
+        }
+        QM_ASSERT(queue->free_head < queue->pool_capacity);
+        entry.index = queue->free_head;
+        queue->free_head = queue->pool[entry.index].next_free;
         queue->pool[entry.index] = *piece;
     }
     size_t at = queue->count++;
@@ -66,17 +52,6 @@ bool qm_queue_push(qm_context *ctx, qm_queue *queue, qm_entry entry, const qm_pi
     return true;
 }
 
-/** Index of the child with the largest upper bound, or count when there is none. */
-static size_t largest_child(const qm_queue *queue, size_t at)
-{
-    size_t first = 4 * at + 1, end = first + 4 < queue->count ? first + 4 : queue->count;
-    if (first >= queue->count) return queue->count;
-    size_t best = first;
-    for (size_t i = first + 1; i < end; i++)
-        if (queue->heap[i].upper > queue->heap[best].upper) best = i;
-    return best;
-}
-
 qm_entry qm_queue_pop(qm_queue *queue, qm_piece *piece)
 {
     QM_ASSERT(queue && piece);
@@ -84,10 +59,14 @@ qm_entry qm_queue_pop(qm_queue *queue, qm_piece *piece)
     qm_entry top = queue->heap[0];
     qm_entry last = queue->heap[--queue->count];
     size_t at = 0;
-    for (size_t child;
-         (child = largest_child(queue, at)) < queue->count && queue->heap[child].upper > last.upper;
-         at = child)
+    for (size_t first = 1; first < queue->count; first = 4 * at + 1) {
+        size_t end = first + 4 < queue->count ? first + 4 : queue->count, child = first;
+        for (size_t i = first + 1; i < end; i++)
+            if (queue->heap[i].upper > queue->heap[child].upper) child = i;
+        if (!(queue->heap[child].upper > last.upper)) break;
         queue->heap[at] = queue->heap[child];
+        at = child;
+    }
     queue->heap[at] = last;
     if (top.kind == QM_ENTRY_PIECE) {
         QM_ASSERT(top.index < queue->pool_capacity);

@@ -197,10 +197,14 @@ static void keep_farthest(seed_list *list, seed s)
     list->at[index] = s;
 }
 
-/** The midpoint of the longest edge: where a flat face is farthest from a curved surface that its corners
- * touch. */
-static qm_vec longest_edge_midpoint(const qm_vec corner[3])
+/** The point of a face of the source that is measured for all of it: of a triangle the midpoint of the longest
+ * edge, where a flat face is farthest from a curved surface that its corners touch. */
+static qm_vec face_centre(const qm_vec *corner, int count)
 {
+    if (count == 4) {
+        qm_bilinear patch = qm_bilinear_make(corner);
+        return qm_bilinear_at(&patch, 0.5, 0.5);
+    }
     double longest2 = -1.0;
     qm_vec midpoint = corner[0];
     for (int i = 0; i < 3; i++) {
@@ -211,14 +215,6 @@ static qm_vec longest_edge_midpoint(const qm_vec corner[3])
         midpoint = qm_vec_mix(from, to, 0.5);
     }
     return midpoint;
-}
-
-/** The point of a face of the source that is measured for all of it. */
-static qm_vec face_centre(const qm_vec *corner, int count)
-{
-    if (count == 3) return longest_edge_midpoint(corner);
-    qm_bilinear patch = qm_bilinear_make(corner);
-    return qm_bilinear_at(&patch, 0.5, 0.5);
 }
 
 qm_vec qm_sample_pack_centre(const qm_side *side, uint32_t pack, uint32_t *face)
@@ -249,35 +245,6 @@ static void measure_point(qm_worker *worker, const qm_side *side, qm_vec p, uint
         qm_sample_point(worker, side, p, 0.0, face, 0.0, hint);
 }
 
-/** Measures the vertices and the centres of all faces of a pack. */
-static void measure_pack(qm_worker *worker, const qm_side *side, seed s)
-{
-    const qm_pack_lanes *lanes = &side->source->lanes[s.pack];
-    for (int lane = 0, count; lane < lanes->lane_count && !qm_worker_must_stop(worker); lane += count - 2) {
-        qm_vec corner[4];
-        uint32_t face = lanes->face[lane];
-        count = qm_side_corners(side, lanes, (uint32_t)lane, corner);
-        measure_point(worker, side, face_centre(corner, count), face, &s.hint);
-        for (int i = 0; i < count; i++)
-            measure_point(worker, side, corner[i], face, &s.hint);
-    }
-}
-
-/** The farthest pack near a peak of the sparse sample, along the curve. */
-static seed refine_peak(qm_worker *worker, const qm_side *side, seed peak, size_t step)
-{
-    size_t count = side->source->pack_count, half = step / 2;
-    size_t begin = peak.pack > half ? peak.pack - half : 0;
-    size_t end = peak.pack + half < count ? peak.pack + half : count;
-    size_t stride = (end - begin) / CLOSER_COUNT + 1;
-    seed best = peak;
-    for (size_t i = begin; i < end && !qm_worker_must_stop(worker); i += stride) {
-        seed s = measure_centre(worker, side, (uint32_t)i, best.hint);
-        if (s.distance > best.distance) best = s;
-    }
-    return best;
-}
-
 static void measure_seeds(void *data, int worker, size_t block)
 {
     seed_task *shared = data;
@@ -305,14 +272,33 @@ static void measure_seeds(void *data, int worker, size_t block)
     mtx_unlock(&shared->lock);
 }
 
+/** Finds the farthest pack near a peak of the sparse sample, along the curve, and measures the vertices and
+ * the centres of all its faces. */
 static void measure_peak(void *data, int index, size_t peak_index)
 {
     const seed_task *shared = data;
+    const qm_side *side = shared->side;
     qm_worker *worker = &shared->search->workers[index];
-    seed peak = shared->peaks.at[peak_index];
-    size_t step = shared->side->seed_step;
-    if (step > 1) peak = refine_peak(worker, shared->side, peak, step);
-    measure_pack(worker, shared->side, peak);
+    seed peak = shared->peaks.at[peak_index], best = peak;
+    if (side->seed_step > 1) {
+        size_t count = side->source->pack_count, half = side->seed_step / 2;
+        size_t begin = peak.pack > half ? peak.pack - half : 0;
+        size_t end = peak.pack + half < count ? peak.pack + half : count;
+        size_t stride = (end - begin) / CLOSER_COUNT + 1;
+        for (size_t i = begin; i < end && !qm_worker_must_stop(worker); i += stride) {
+            seed s = measure_centre(worker, side, (uint32_t)i, best.hint);
+            if (s.distance > best.distance) best = s;
+        }
+    }
+    const qm_pack_lanes *lanes = &side->source->lanes[best.pack];
+    for (int lane = 0, count; lane < lanes->lane_count && !qm_worker_must_stop(worker); lane += count - 2) {
+        qm_vec corner[4];
+        uint32_t face = lanes->face[lane];
+        count = qm_side_corners(side, lanes, (uint32_t)lane, corner);
+        measure_point(worker, side, face_centre(corner, count), face, &best.hint);
+        for (int i = 0; i < count; i++)
+            measure_point(worker, side, corner[i], face, &best.hint);
+    }
 }
 
 uint32_t qm_sample_seeds(qm_context *ctx, qm_search *search, qm_side *side)

@@ -101,18 +101,6 @@ static bool take_own(qm_worker *worker, qm_entry *entry, qm_piece *piece)
     return taken;
 }
 
-/** Moves half of the victim's entries over; the caller holds both locks. */
-static void move_half(qm_worker *thief, qm_worker *victim)
-{
-    QM_ASSERT(thief != victim);
-    for (size_t wanted = (victim->queue.count + 1) / 2; wanted > 0; wanted--) {
-        qm_piece piece;
-        qm_entry entry = qm_queue_pop(&victim->queue, &piece);
-        if (entry.upper > thief->top) thief->top = entry.upper;
-        push_within_limit(thief, entry, entry.kind == QM_ENTRY_PIECE ? &piece : NULL);
-    }
-}
-
 /** Takes half of another worker's entries. While any worker is busy, a last entry is not stolen; if none is,
  * its owner may not have started, or may have exited. */
 static bool steal(qm_worker *thief)
@@ -123,9 +111,16 @@ static bool steal(qm_worker *thief)
         qm_worker *victim = &search->workers[(thief->index + i) % search->worker_count];
         qm_worker *first = victim->index < thief->index ? victim : thief;
         qm_worker *second = first == victim ? thief : victim;
+        QM_ASSERT(thief != victim);
         lock(first);
         lock(second);
-        if (victim->queue.count >= min_count) move_half(thief, victim);
+        size_t wanted = victim->queue.count >= min_count ? (victim->queue.count + 1) / 2 : 0;
+        for (; wanted > 0; wanted--) {
+            qm_piece piece;
+            qm_entry entry = qm_queue_pop(&victim->queue, &piece);
+            if (entry.upper > thief->top) thief->top = entry.upper;
+            push_within_limit(thief, entry, entry.kind == QM_ENTRY_PIECE ? &piece : NULL);
+        }
         bool stolen = thief->queue.count > 0;
         unlock(second);
         unlock(first);
@@ -226,19 +221,6 @@ bool qm_worker_must_stop(qm_worker *worker)
     return atomic_load_explicit(&worker->search->stop, memory_order_relaxed) != QM_SEARCH_RUNNING;
 }
 
-static void process(qm_worker *worker, qm_entry entry, qm_piece *piece)
-{
-    if (entry.upper <= qm_search_cutoff(worker->search))
-        qm_worker_discard(worker, entry.upper);
-    else if (entry.kind == QM_ENTRY_NODE)
-        qm_node_visit(worker, entry);
-    else if (qm_search_is_matching(worker->search))
-        qm_matching_visit_piece(worker, entry, piece);
-    else
-        qm_piece_visit(worker, entry, piece);
-    qm_worker_follow(worker);
-}
-
 void qm_worker_run(qm_worker *worker)
 {
     QM_ASSERT(worker);
@@ -246,15 +228,24 @@ void qm_worker_run(qm_worker *worker)
     qm_entry entry;
     qm_piece piece;
     while (!qm_worker_must_stop(worker)) {
-        if (take_own(worker, &entry, &piece)) {
-            process(worker, entry, &piece);
-            QM_ASSERT(atomic_load(&search->busy_count) > 0);
-            atomic_fetch_sub(&search->busy_count, 1);
-            worker->iterations++;
-        } else if (!is_shared(worker) || !steal(worker)) {
+        if (!take_own(worker, &entry, &piece)) {
+            if (is_shared(worker) && steal(worker)) continue;
             if (is_over(search)) break;
             thrd_yield();
+            continue;
         }
+        if (entry.upper <= qm_search_cutoff(search)) /* which may have risen since it was queued */
+            qm_worker_discard(worker, entry.upper);
+        else if (entry.kind == QM_ENTRY_NODE)
+            qm_node_visit(worker, entry);
+        else if (qm_search_is_matching(search))
+            qm_matching_visit_piece(worker, entry, &piece);
+        else
+            qm_piece_visit(worker, entry, &piece);
+        qm_worker_follow(worker);
+        QM_ASSERT(atomic_load(&search->busy_count) > 0);
+        atomic_fetch_sub(&search->busy_count, 1);
+        worker->iterations++;
     }
     check_limits(worker);
 }
