@@ -147,8 +147,8 @@ static void set_result(const qm_search *search, qm_hausdorff_result *out)
                                               : (qm_hausdorff_stop)reason;
 }
 
-/** Takes the tetrahedron hierarchies that the caller has given. A call canceled meanwhile goes on with the tree
- * alone: the workers see the flag, and the result is valid. */
+/** Takes the tetrahedron hierarchies that the caller has given. A call canceled meanwhile goes on with the
+ * tree alone: the workers see the flag, and the result is valid. */
 static qm_status build_locators(qm_context *ctx, qm_search *search)
 {
     const qm_hausdorff_options *options = search->options;

@@ -36,8 +36,8 @@
 #define COST_OF_PACK 4
 #define MAX_COST 600   /* for each face that parts discard, on average: a cover costs about as much */
 #define FIRST_FACES 16 /* that may fail before MAX_COST applies */
-/* Faces between two tries of parts where they cost more than covers: some dozens of searches for one face in 32
- * are about one for each, and still show when parts begin to pay. */
+/* Faces between two tries of parts where they cost more than covers: some dozens of searches for one face
+ * in 32 are about one for each, and still show when parts begin to pay. */
 #define PARTS_INTERVAL 32
 
 enum { MAX_PARTS = 16, MAX_PART_CORNERS = 15 }; /* of one cut, */

@@ -226,8 +226,8 @@ static bool set_facets(const qm_kernel *kernel, const qm_side *side, const qm_ne
 /**
  * Counts work in hundreds of instructions, about, for the choice between overlays and covers, and in parts as
  * the search's iterations, which its limit is about. The counts of the callers are fitted to the instructions
- * that the AVX2 kernels execute, as are the costs of covers in hausdorff_piece.c. Other kernels execute more or
- * fewer, but count the same: so every machine makes the same choices, and returns the same bits.
+ * that the AVX2 kernels execute, as are the costs of covers in hausdorff_piece.c. Other kernels execute more
+ * or fewer, but count the same: so every machine makes the same choices, and returns the same bits.
  */
 static void count_work(qm_worker *worker, uint64_t hundreds)
 {

@@ -21,8 +21,8 @@ double qm_sample_upper(const qm_kernel *kernel, const qm_side *side, qm_vec p, d
                        uint32_t *hint);
 
 /**
- * Upper bound of the distance of p, as qm_sample_upper. A point that this worker has searched for recently, for
- * as much, is not searched for again: over many copies of one face each search visits all of them, and the
+ * Upper bound of the distance of p, as qm_sample_upper. A point that this worker has searched for recently,
+ * for as much, is not searched for again: over many copies of one face each search visits all of them, and the
  * copies of a source have the same few points.
  */
 double qm_sample_known_upper(qm_worker *worker, const qm_side *side, qm_vec p, double enough, double reach,
