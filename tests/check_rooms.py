@@ -94,7 +94,7 @@ def check_prefixes(files, faults):
         words = set(path.stem.split('_')) | set(path.parent.name.split('_'))
         for name in DEFINITION.findall(COMMENT.sub('', text)):
             first = name.split('_')[1]
-            if not any(len(word) > 2 and (first.startswith(word) or word.startswith(first)) for word in words):
+            if not any(len(word) > 1 and (first.startswith(word) or word.startswith(first)) for word in words):
                 fault(faults, path, f'defines {name}, whose first word is in the name of neither the file nor the folder')
 
 
