@@ -547,6 +547,35 @@ static void noisy_copies_of_bent_patches_close(void **state)
     }
 }
 
+/** A twisted surface that slides along itself: pieces stick out over the edges of the patches under them by more
+ * than they are away, and are cut there, although the facets of a patch are farther from it than that. */
+static void turned_copies_of_twisted_patches_close(void **state)
+{
+    (void)state;
+    static const double turns[] = {1e-6, 1e-3};
+    for (int k = 0; k < 2; k++) {
+        qm_random random = qm_random_make(qm_check_seed(), 97);
+        qm_mesh a = qm_shape_torus(16, 10, 1.0, 0.3);
+        qm_shape_shake(&a, &random, 1e-3);
+        qm_mesh b = qm_shape_copy(&a);
+        for (size_t i = 0; i < b.vertex_count; i++) {
+            double *at = b.positions + 3 * i, x = at[0];
+            at[0] = x * cos(turns[k]) - at[1] * sin(turns[k]);
+            at[1] = x * sin(turns[k]) + at[1] * cos(turns[k]);
+        }
+        qm_deviation_options options = options_for(QM_QUADS_BILINEAR, 1e-2);
+        options.accuracy = 1e-3;
+        options.piece_limit = 20000;
+        qm_deviation found = measure(&a, &b, &options);
+        QM_CHECK(found.is_accurate, "seed %llu, turn %g: mean [%g, %g], rms [%g, %g], %zu pieces",
+                 (unsigned long long)qm_check_seed(), turns[k], found.mean.lower, found.mean.upper,
+                 found.rms.lower, found.rms.upper, found.pieces);
+        release(&found);
+        qm_shape_free(&a);
+        qm_shape_free(&b);
+    }
+}
+
 static void near_planes_of_other_facets_are_exact(void **state)
 {
     (void)state;
@@ -1011,6 +1040,7 @@ int main(void)
         cmocka_unit_test(finer_copies_agree_with_sampling),
         cmocka_unit_test(percentiles_of_noisy_copies_are_narrow),
         cmocka_unit_test(noisy_copies_of_bent_patches_close),
+        cmocka_unit_test(turned_copies_of_twisted_patches_close),
         cmocka_unit_test(near_planes_of_other_facets_are_exact),
         cmocka_unit_test(a_ceiling_takes_nothing_off),
         cmocka_unit_test(flat_patches_close_as_triangles_do),

@@ -1,5 +1,7 @@
 /**
- * deviation_cut.c: where a piece is cut: along the borders of the facets under it.
+ * deviation_cut.c: where a piece is cut: along the borders of the facets under it. A patch takes the place of
+ * its facets where they are farther from it than the piece is: their borders then say nothing. Where a cut
+ * lies decides how good the bounds of the parts are, never whether they hold.
  *
  * A new corner is rounded and lies beside the edge that it is on, so that a sliver of the piece is in no
  * part, or in one and in its neighbour too. A coordinate is found by a difference, a product and a sum of
@@ -10,12 +12,15 @@
  * defined by their corners alone, the leaks of cuts of cuts add up.
  */
 #include "core/rounding.h"
-#include "deviation_piece.h"
+#include "deviation_match.h"
 
 #define OUTLINE_CORNERS 16
+#define FACET_LIMIT (QM_FACET_PACKS * QM_PACK_LANES)
 #define MAX_CUTS ((QM_DEVIATION_PARTS - 1) / 2)
-#define MARGIN 1e-4 /* of an outline's size: less than this on one side of a line is not cut off */
-#define SNAP 1e-6   /* likewise: corners this near to a line lie on it */
+#define MARGIN 1e-4 /* of an outline's size: less than this on one side of a line is not cut off, */
+#define THIN 0.25   /* unless its share of the size, times its width, exceeds this part of worth, */
+#define LEAST_MARGIN 1e-9
+#define SNAP 1e-2 /* of the margin: corners this near to a line lie on it */
 
 /** A convex polygon of parameters. */
 typedef struct outline {
@@ -26,10 +31,19 @@ typedef struct outline {
     double area;
 } outline;
 
+/** A part of the target that an outline may belong to: a facet, or a patch in place of its facets. */
+typedef struct cell {
+    int index; /* of the facet, or FACET_LIMIT and that of the rectangle */
+    double distance;
+    qm_triangle triangle;
+    const qm_bilinear *patch; /* NULL of a facet */
+} cell;
+
 typedef struct cut_work {
     const qm_deviation_setup *setup;
     const qm_deviation_face *face;
     const qm_deviation_facets *near;
+    bool has_patches;            /* the patches themselves are measured, not their facets */
     outline aside[MAX_CUTS + 1]; /* count of them, still to be cut */
     int count, cuts, cut_limit;
     double slack; /* the greatest of a facet on the list, where it is more than the distance: then differences
@@ -51,9 +65,108 @@ static double flip_leak(const qm_deviation_piece *part)
     return doubled > error ? 0.0 : fabs(doubled) + error;
 }
 
-static qm_deviation_facet find_facet(const cut_work *work, qm_vec p)
+/* ---- cells ---- */
+
+static double patch_distance(const qm_bilinear *patch, qm_vec p)
 {
-    return qm_deviation_facets_nearest(work->setup->kernel, work->near, p);
+    double at[2] = {0.5, 0.5};
+    qm_deviation_match_foot(patch, p, true, at);
+    return qm_vec_distance(p, qm_bilinear_at(patch, at[0], at[1]));
+}
+
+static cell find_facet(const cut_work *work, qm_vec p)
+{
+    qm_deviation_facet found = qm_deviation_facets_nearest(work->setup->kernel, work->near, p);
+    return (cell){found.index, found.distance, found.triangle, NULL};
+}
+
+/** The cell nearest to a point, with patches in place of their facets. */
+static cell find_patch(const cut_work *work, qm_vec p)
+{
+    const qm_deviation_facets *near = work->near;
+    cell found = {.distance = INFINITY};
+    double least[QM_MAX_RECTANGLES]; /* distance of a patch from below */
+    for (int i = 0; i < near->rectangle_count; i++)
+        least[i] = INFINITY;
+    for (int pack = 0; pack < near->pack_count; pack++) {
+        _Alignas(64) double d2[QM_PACK_LANES];
+        work->setup->kernel->pack_distances(&near->pack[pack], p, d2);
+        for (int lane = 0; lane < QM_PACK_LANES; lane++) {
+            int rectangle = near->rectangle_of[pack][lane];
+            double distance = sqrt(d2[lane]);
+            if (rectangle != QM_NO_RECTANGLE) {
+                least[rectangle] = qm_min(least[rectangle], distance - near->slack[pack][lane]);
+            } else if (distance < found.distance) {
+                found.distance = distance;
+                found.index = pack * QM_PACK_LANES + lane;
+            }
+        }
+    }
+    for (int i = 0; i < near->rectangle_count; i++) {
+        if (!(least[i] < found.distance)) continue;
+        double distance = patch_distance(&near->rectangle[i].patch, p);
+        if (!(distance < found.distance)) continue;
+        found.distance = distance;
+        found.index = FACET_LIMIT + i;
+    }
+    if (found.index >= FACET_LIMIT)
+        found.patch = &near->rectangle[found.index - FACET_LIMIT].patch;
+    else
+        found.triangle =
+            qm_deviation_facet_at(&near->pack[found.index / QM_PACK_LANES], found.index % QM_PACK_LANES);
+    return found;
+}
+
+static cell find_cell(const cut_work *work, qm_vec p)
+{
+    return work->has_patches ? find_patch(work, p) : find_facet(work, p);
+}
+
+static double distance_from(const cell *of, qm_vec p)
+{
+    return of->patch ? patch_distance(of->patch, p) : sqrt(qm_triangle_distance2(&of->triangle, p));
+}
+
+static qm_vec patch_normal(const qm_bilinear *patch, const double at[2])
+{
+    qm_vec normal =
+        qm_vec_cross(qm_vec_axpy(patch->e1, at[1], patch->w), qm_vec_axpy(patch->e2, at[0], patch->w));
+    double length = qm_vec_norm(normal);
+    return length > QM_MIN_LENGTH ? qm_vec_scale(1.0 / length, normal) : (qm_vec){0, 0, 0};
+}
+
+/** The signed distance from the plane of a facet, or from the surface of a patch, also beyond its edges. */
+static double height_over(const cell *of, qm_vec p)
+{
+    if (!of->patch) return qm_vec_dot(qm_vec_sub(p, of->triangle.origin), of->triangle.z);
+    double at[2] = {0.5, 0.5};
+    qm_deviation_match_foot(of->patch, p, false, at);
+    return qm_vec_dot(qm_vec_sub(p, qm_bilinear_at(of->patch, at[0], at[1])), patch_normal(of->patch, at));
+}
+
+/** How far points lie inside of the planes that stand on an edge of a cell, as seen from a point. */
+static void distances_inside(const cell *of, int edge, qm_vec from, const outline *o,
+                             double value[OUTLINE_CORNERS])
+{
+    if (!of->patch) {
+        for (int i = 0; i < o->count; i++) {
+            double inside[3];
+            qm_deviation_facet_edges(&of->triangle, o->at[i], inside);
+            value[i] = inside[edge];
+        }
+        return;
+    }
+    const qm_uv_box whole = {{0.0, 0.0}, {1.0, 1.0}};
+    double at[2] = {0.5, 0.5};
+    qm_vec corner[4];
+    qm_uv_box_corners(of->patch, &whole, corner);
+    qm_deviation_match_foot(of->patch, from, true, at);
+    qm_vec inwards =
+        qm_vec_cross(patch_normal(of->patch, at), qm_vec_sub(corner[(edge + 1) % 4], corner[edge]));
+    double length = qm_vec_norm(inwards);
+    if (length > QM_MIN_LENGTH) inwards = qm_vec_scale(1.0 / length, inwards);
+    for (int i = 0; i < o->count; i++)
+        value[i] = qm_vec_dot(inwards, qm_vec_sub(o->at[i], corner[edge]));
 }
 
 /* ---- outlines ---- */
@@ -80,7 +193,7 @@ static void add_crossing(cut_work *work, const outline *from, int i, double shar
     double u = from->u[i] + share * du, v = from->v[i] + share * dv;
     work->leak += edge_leak(du, dv);
     qm_vec at = qm_deviation_face_at(work->face, u, v);
-    add_corner(one, u, v, at, find_facet(work, at).distance);
+    add_corner(one, u, v, at, find_cell(work, at).distance);
     copy_corner(two, one, one->count - 1);
 }
 
@@ -121,13 +234,14 @@ static bool has_one_chord(const outline *o, const double value[OUTLINE_CORNERS])
 static bool cut(cut_work *work, outline *o, double value[OUTLINE_CORNERS])
 {
     double size = size_of(o), low = 0.0, high = 0.0;
+    double margin = fmax(LEAST_MARGIN * size, fmin(MARGIN * size, sqrt(THIN * size * work->worth)));
     for (int i = 0; i < o->count; i++) {
         low = fmin(low, value[i]);
         high = fmax(high, value[i]);
-        if (fabs(value[i]) <= SNAP * size) value[i] = 0.0;
+        if (fabs(value[i]) <= SNAP * margin) value[i] = 0.0;
     }
     bool has_room = work->cuts < work->cut_limit && o->count + 2 <= OUTLINE_CORNERS;
-    if (!has_room || -low <= MARGIN * size || high <= MARGIN * size || !has_one_chord(o, value)) return false;
+    if (!has_room || -low <= margin || high <= margin || !has_one_chord(o, value)) return false;
     QM_ASSERT(work->count <= MAX_CUTS);
     outline kept, *cut_off = &work->aside[work->count++];
     kept.count = cut_off->count = 0;
@@ -150,58 +264,48 @@ static bool cut(cut_work *work, outline *o, double value[OUTLINE_CORNERS])
 /** The gain that a cut must bring at a corner of an outline: a greater one if the outline is small. */
 static double find_min_gain(const cut_work *work, const outline *o)
 {
-    double cell = work->setup->cell_area;
-    double worth = work->setup->worth * (o->area < cell ? cell / fmax(o->area, 1e-6 * cell) : 1.0);
+    double area = work->setup->cell_area;
+    double worth = work->setup->worth * (o->area < area ? area / fmax(o->area, 1e-6 * area) : 1.0);
     return fmax(worth, work->slack);
 }
 
-static double height_over(const qm_triangle *t, qm_vec p)
+/** Whether a cell misfits a corner: another one is nearer by more than the gain that a cut must bring. */
+static bool misfits_at(const cut_work *work, const outline *o, const cell *of, int corner)
 {
-    return qm_vec_dot(qm_vec_sub(p, t->origin), t->z);
+    return distance_from(of, o->at[corner]) - o->nearest[corner] > work->worth;
 }
 
-/** Whether a facet misfits a corner: another one is nearer by more than the gain that a cut must bring. */
-static bool misfits_at(const cut_work *work, const outline *o, const qm_deviation_facet *facet, int corner)
-{
-    double distance = sqrt(qm_triangle_distance2(&facet->triangle, o->at[corner]));
-    return distance - o->nearest[corner] > work->worth;
-}
-
-static bool fits(const cut_work *work, const outline *o, const qm_deviation_facet *facet)
+static bool fits(const cut_work *work, const outline *o, const cell *of)
 {
     for (int i = 0; i < o->count; i++)
-        if (misfits_at(work, o, facet, i)) return false;
+        if (misfits_at(work, o, of, i)) return false;
     return true;
 }
 
-/** Cuts off the parts beyond the planes on the edges of a facet, where a corner there misfits. */
-static void cut_along_edges(cut_work *work, outline *o, const qm_deviation_facet *facet)
+/** Cuts off the parts beyond the planes on the edges of a cell, where a corner there misfits. */
+static void cut_along_edges(cut_work *work, outline *o, const cell *of, qm_vec from)
 {
-    for (int edge = 0; edge < 3; edge++) {
+    for (int edge = 0; edge < (of->patch ? 4 : 3); edge++) {
         double value[OUTLINE_CORNERS];
         bool misfits = false;
-        for (int i = 0; i < o->count; i++) {
-            double inside[3];
-            qm_deviation_facet_edges(&facet->triangle, o->at[i], inside);
-            value[i] = inside[edge];
-            misfits |= value[i] < 0.0 && misfits_at(work, o, facet, i);
-        }
+        distances_inside(of, edge, from, o, value);
+        for (int i = 0; i < o->count; i++)
+            misfits |= value[i] < 0.0 && misfits_at(work, o, of, i);
         if (misfits && cut(work, o, value)) work->worth = find_min_gain(work, o);
     }
 }
 
-/** Cuts along the bisector of two facets, where the heights over both are equal, as seen from the side of o:
+/** Cuts along the bisector of two cells, where the heights over both are equal, as seen from the side of o:
  * for a corner that is nearer to another facet. */
-static bool cut_along_bisector(cut_work *work, outline *o, const qm_deviation_facet *facet)
+static bool cut_along_bisector(cut_work *work, outline *o, const cell *of)
 {
     for (int i = 0; i < o->count; i++) {
-        qm_deviation_facet other = find_facet(work, o->at[i]);
-        double here = height_over(&facet->triangle, o->at[i]), there = height_over(&other.triangle, o->at[i]);
-        if (other.index == facet->index || !(fabs(here) - fabs(there) > work->worth)) continue;
+        cell other = find_cell(work, o->at[i]);
+        double here = height_over(of, o->at[i]), there = height_over(&other, o->at[i]);
+        if (other.index == of->index || !(fabs(here) - fabs(there) > work->worth)) continue;
         double sign[2] = {here < 0.0 ? -1.0 : 1.0, there < 0.0 ? -1.0 : 1.0}, value[OUTLINE_CORNERS];
         for (int k = 0; k < o->count; k++)
-            value[k] = sign[1] * height_over(&other.triangle, o->at[k]) -
-                       sign[0] * height_over(&facet->triangle, o->at[k]);
+            value[k] = sign[1] * height_over(&other, o->at[k]) - sign[0] * height_over(of, o->at[k]);
         if (cut(work, o, value)) return true;
     }
     return false;
@@ -258,26 +362,39 @@ int qm_deviation_piece_cut(const qm_deviation_setup *setup, const qm_deviation_f
     work.cut_limit = (setup->part_limit - 1) / 2; /* each adds two triangles at most */
 
     outline *first = &work.aside[0];
+    double nearest = INFINITY;
     first->count = 0;
     for (int i = 0; i < 3; i++) {
         qm_vec at = qm_deviation_face_at(face, piece->u[i], piece->v[i]);
         add_corner(first, piece->u[i], piece->v[i], at, find_facet(&work, at).distance);
+        nearest = fmin(nearest, first->nearest[i]);
     }
     first->area = area_of(first);
     work.count = 1;
-    work.slack = 0.0;
-    for (int i = 0; i < near->count; i++)
-        work.slack = fmax(work.slack, near->slack[i / QM_PACK_LANES][i % QM_PACK_LANES]);
-    if (work.slack < fmin(first->nearest[0], fmin(first->nearest[1], first->nearest[2]))) work.slack = 0.0;
+    double slack[2] = {0.0, 0.0}; /* the greatest of a facet, and of one that is no part of a patch */
+    for (int i = 0; i < near->count; i++) {
+        double here = near->slack[i / QM_PACK_LANES][i % QM_PACK_LANES];
+        slack[0] = fmax(slack[0], here);
+        if (near->rectangle_of[i / QM_PACK_LANES][i % QM_PACK_LANES] == QM_NO_RECTANGLE)
+            slack[1] = fmax(slack[1], here);
+    }
+    work.has_patches = !(slack[0] < nearest) && slack[0] > slack[1];
+    for (int i = 0; i < 3 && work.has_patches; i++) {
+        first->nearest[i] = find_patch(&work, first->at[i]).distance;
+        nearest = fmin(nearest, first->nearest[i]);
+    }
+    work.slack = work.has_patches ? slack[1] : slack[0];
+    if (work.slack < nearest) work.slack = 0.0;
 
-    /* Each outline is cut down to the part that belongs to the facet under its centroid. */
+    /* Each outline is cut down to the part that belongs to the cell under its centroid. */
     int count = 0;
     while (work.count > 0) {
         outline at = take_largest(&work);
-        qm_deviation_facet facet = find_facet(&work, centroid_of(&at));
+        qm_vec centroid = centroid_of(&at);
+        cell of = find_cell(&work, centroid);
         work.worth = find_min_gain(&work, &at);
-        cut_along_edges(&work, &at, &facet);
-        if (!fits(&work, &at, &facet)) cut_along_bisector(&work, &at, &facet);
+        cut_along_edges(&work, &at, &of, centroid);
+        if (!fits(&work, &at, &of)) cut_along_bisector(&work, &at, &of);
         count = add_parts(piece, &at, part, count);
     }
     for (int i = 0; i < count; i++)

@@ -49,7 +49,7 @@ static void find_step(const qm_bilinear *q, qm_vec p, const double at[2], bool w
     }
 }
 
-static void find_foot(const qm_bilinear *patch, qm_vec p, bool within, double at[2])
+void qm_deviation_match_foot(const qm_bilinear *patch, qm_vec p, bool within, double at[2])
 {
     at[0] = clamp_to(at[0], within);
     at[1] = clamp_to(at[1], within);
@@ -198,12 +198,12 @@ void qm_deviation_match_make(const qm_deviation_setup *setup, const qm_deviation
         corner[k] = source_coefficient(face, piece, pair_of[k]);
     for (int i = 0; i < 3; i++)
         sum = qm_vec_axpy(sum, 1.0 / 3.0, corner[i]);
-    find_foot(patch, sum, within, centre);
+    qm_deviation_match_foot(patch, sum, within, centre);
     for (int i = 0; i < 3; i++) {
         double *at = match->at[i];
         at[0] = centre[0];
         at[1] = centre[1];
-        find_foot(patch, corner[i], within, at);
+        qm_deviation_match_foot(patch, corner[i], within, at);
         match->is_clamped |= within && (at[0] <= 0.0 || at[0] >= 1.0 || at[1] <= 0.0 || at[1] >= 1.0);
     }
     finish(setup, corner, match);

@@ -90,6 +90,10 @@ typedef struct qm_deviation_match {
     bool holds;             /* the match was found, and all of the above is set */
 } qm_deviation_match;
 
+/** Parameters of about the point of a patch nearest to p, from those in at on: of its surface, up to half a
+ * patch beyond its edges, or of the patch alone. */
+void qm_deviation_match_foot(const qm_bilinear *patch, qm_vec p, bool within, double at[2]);
+
 /**
  * Matches the corners of a piece to the points of a patch nearest to them, near to start: of all of its
  * surface, also beyond its edges, or of the patch alone.

@@ -286,8 +286,8 @@ void qm_deviation_piece_bound_near(const qm_deviation_setup *setup, const qm_dev
 /* ---- cuts: deviation_cut.c ---- */
 
 /**
- * Cuts a piece by the facets of a list until each part has one facet that is, at all of its corners, within
- * maker->worth of being the nearest. Returns how many parts, 1 when no cut is worth it; adds to *leak.
+ * Cuts a piece by the facets of a list, or the patches that they are of, until each part has one that is, at all
+ * of its corners, within setup->worth of being the nearest. Returns how many parts, 1 when no cut is worth it; adds to *leak.
  */
 int qm_deviation_piece_cut(const qm_deviation_setup *setup, const qm_deviation_face *face,
                            const qm_deviation_piece *piece, const qm_deviation_facets *near,
