@@ -19,7 +19,7 @@
 
 #define REQUEST_THREADS 4
 #define UPLOAD_THREADS 2
-#define TICK_MS 50
+#define TICK_MS 20
 #define CONNECTIONS_MS 1000
 #define OWN_FILES 64
 #define SAVING_MS 500
@@ -149,6 +149,8 @@ static bool start_parts(daemon_state *state, const qm_config *config)
         (qm_job_limits){.workers = (int)config->workers,
                         .queue = (int)config->queue,
                         .threads = (int)config->job_threads,
+                        .max_job_ms =
+                            config->max_job_seconds > 0.0 ? config->max_job_seconds * MS_PER_S : INFINITY,
                         .search_memory = memory / 4 < QM_HAUSDORFF_MEMORY ? memory / 4 : QM_HAUSDORFF_MEMORY,
                         .grace_ms = config->grace * MS_PER_S,
                         .kept_jobs = (size_t)config->kept_jobs,

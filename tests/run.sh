@@ -106,6 +106,7 @@ api() { # BUILD FOLDER
 }
 api build/asan tests/api
 api build/asan tests/cli
+api build/asan tests/pressure
 data=${QM_TEST_DATA:-../shared/data}
 if [ -d "$data/pairs" ]; then api build tests/pairs; else
     missing=$(cat tests/pairs/test_*.py tests/api/test_collection.py | grep -c '^def test_')

@@ -53,6 +53,7 @@ static const setting settings[] = {
     NUMBER(max_faces, "max-faces", 5e7, 1, 2.6e8, "faces (and vertices) of a mesh at most"),
     NUMBER(memory_budget, "memory-budget", 0, 0, 1e15,
            "bytes for meshes and jobs; 0 takes half of the memory"),
+    NUMBER(max_job_seconds, "max-job-seconds", 0, 0, 1e9, "seconds that a job may run; 0 for any time"),
     NUMBER(queue, "queue", 1000, 1, 1e6, "jobs that wait at most; more get 429"),
     NUMBER(kept_jobs, "kept-jobs", 100000, 0, 1e9, "jobs that have ended and are kept, the newest ones"),
     NUMBER(kept_hours, "kept-hours", 0, 0, 1e6, "hours that a job is kept; 0 for no limit"),

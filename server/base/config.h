@@ -20,7 +20,8 @@ typedef struct qm_config {
     const char *port_file; /* file that receives the port once the daemon listens; "" for none */
     const char *dashboard; /* folder of the page that is served at / */
     const char *log_format, *log_level;
-    double port;            /* 0: any free one */
+    double port; /* 0: any free one */
+    double max_job_seconds;
     double workers;         /* jobs that run at once */
     double job_threads;     /* threads of one job */
     double prepare_threads; /* threads that prepare one mesh; 0: one for each processor */

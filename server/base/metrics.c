@@ -28,7 +28,7 @@ typedef struct series {
     _Atomic uint64_t nanoseconds;
 } series;
 
-static series requests[MAX_SERIES], jobs[MAX_SERIES];
+static series requests[MAX_SERIES], jobs[MAX_SERIES], waits[MAX_SERIES];
 static _Atomic uint64_t counters[QM_METRICS_COUNTER_COUNT];
 
 void qm_metrics_add(qm_metrics_counter counter, uint64_t amount)
@@ -86,6 +86,11 @@ void qm_metrics_add_job(const char *type, const char *state, double seconds)
     add_time(find_series(jobs, type, state, 0), seconds);
 }
 
+void qm_metrics_add_wait(const char *type, double seconds)
+{
+    add_time(find_series(waits, type, "", 0), seconds);
+}
+
 /* ---- writing ---- */
 
 static void write_head(qm_text *out, const char *name, const char *type, const char *help)
@@ -114,16 +119,17 @@ static void write_series(qm_text *out, const char *name, const char *labels, con
                    qm_text_number(sum, number), name, labels, (unsigned long long)total);
 }
 
-static void write_histogram(qm_text *out, const char *name, const char *help, const series *table,
-                            bool is_requests)
+static void write_histogram(qm_text *out, const char *name, const char *help, const series *table)
 {
     write_head(out, name, "histogram", help);
     for (size_t i = 0; i < MAX_SERIES && atomic_load(&table[i].state) == SERIES_READY; i++) {
         const series *s = &table[i];
         qm_text labels = {0};
-        if (is_requests)
+        if (table == requests)
             qm_text_printf(&labels, "method=\"%s\",route=\"%s\",status=\"%d\"", s->first, s->second,
                            s->status);
+        else if (table == waits)
+            qm_text_printf(&labels, "type=\"%s\"", s->first);
         else
             qm_text_printf(&labels, "type=\"%s\",state=\"%s\"", s->first, s->second);
         if (labels.failed)
@@ -151,7 +157,7 @@ void qm_metrics_write(qm_text *out, const qm_metrics_gauge *gauges, size_t count
         write_head(out, names[i].name, "counter", names[i].help);
         write_value(out, names[i].name, "", (double)atomic_load_explicit(&counters[i], memory_order_relaxed));
     }
-    write_histogram(out, "request_seconds", "Time from the first header to the end of the reply.", requests,
-                    true);
-    write_histogram(out, "job_seconds", "Time that a worker had a job.", jobs, false);
+    write_histogram(out, "request_seconds", "Time from the first header to the end of the reply.", requests);
+    write_histogram(out, "job_wait_seconds", "Time that a job waited for its first turn.", waits);
+    write_histogram(out, "job_seconds", "Time from a job's first turn to its end.", jobs);
 }

@@ -38,6 +38,9 @@ void qm_metrics_add_request(const char *method, const char *route, int status, d
 /** Counts a finished job; both names are literals. */
 void qm_metrics_add_job(const char *type, const char *state, double seconds);
 
+/** Counts the time that a job waited for its first turn. */
+void qm_metrics_add_wait(const char *type, double seconds);
+
 /** A current value. */
 typedef struct qm_metrics_gauge {
     const char *name, *help; /* without the prefix */

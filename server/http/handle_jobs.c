@@ -80,9 +80,12 @@ void qm_handle_job_create(qm_request *request)
     qm_framing framing;
     bool streams = wants_stream(request, &framing);
     const char *caching = qm_request_header(request, "Cache-Control");
+    char client[QM_CLIENT_SIZE];
+    qm_request_client(request, client);
     qm_job_submission submission = {.request = &job_request,
                                     .body = body,
                                     .idempotency_key = idempotency_key,
+                                    .client = client,
                                     .use_cache = !(caching && strcasestr(caching, "no-cache")),
                                     .owns_job = streams && !job_request.detach};
     bool is_cached;

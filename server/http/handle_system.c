@@ -33,6 +33,7 @@ void qm_handle_metrics(qm_request *request)
     const qm_metrics_gauge gauges[] = {
         {"jobs_queued", "Queued jobs.", (double)jobs.queued},
         {"jobs_running", "Running jobs.", (double)jobs.running},
+        {"jobs_paused", "Running jobs that wait for their next turn.", (double)jobs.paused},
         {"jobs_limit", "Capacity of the queue.", app->config->queue},
         {"streams_open", "Open streams.", atomic_load(&app->stream_count)},
         {"streams_limit", "Limit of open streams.", app->config->streams},

@@ -44,6 +44,9 @@ bool qm_request_only_reads(const qm_request *request);
 const char *qm_request_header(const qm_request *request, const char *name);
 const char *qm_request_query(const qm_request *request, const char *name);
 
+/** Who asks: a name made of the token when there is one, else of the address. */
+void qm_request_client(const qm_request *request, char out[QM_CLIENT_SIZE]);
+
 /** The media type that the client prefers among those of the route (media.h). */
 #define QM_MEDIA_JSON "application/json"
 #define QM_MEDIA_BINARY "application/octet-stream"

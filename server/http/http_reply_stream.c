@@ -220,7 +220,9 @@ void qm_reply_batch(qm_request *request, qm_blob_writer *upload)
         qm_blob_abort(upload);
         return;
     }
-    qm_batch *batch = qm_batch_create(app->jobs, app->pool, upload, &s->subscriber);
+    char client[QM_CLIENT_SIZE];
+    qm_request_client(request, client);
+    qm_batch *batch = qm_batch_create(app->jobs, app->pool, upload, client, &s->subscriber);
     if (!batch) {
         return_slot(app);
         free(s);

@@ -60,6 +60,27 @@ bool qm_request_choice(qm_request *request, const char *name, const char *const 
     return false;
 }
 
+void qm_request_client(const qm_request *request, char out[QM_CLIENT_SIZE])
+{
+    const char *given = qm_request_header(request, "Authorization");
+    char hash[QM_HASH_SIZE];
+    if (given && qm_access_tokens_count(request->app->tokens) > 0) {
+        qm_id_hash_text(given, strlen(given), hash);
+        snprintf(out, QM_CLIENT_SIZE, "token %.32s", hash);
+        return;
+    }
+    const union MHD_ConnectionInfo *info =
+        MHD_get_connection_info(request->connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
+    char address[INET6_ADDRSTRLEN] = "";
+    if (info && info->client_addr) {
+        bool is_6 = info->client_addr->sa_family == AF_INET6;
+        const void *bytes = is_6 ? (const void *)&((const struct sockaddr_in6 *)info->client_addr)->sin6_addr
+                                 : (const void *)&((const struct sockaddr_in *)info->client_addr)->sin_addr;
+        inet_ntop(is_6 ? AF_INET6 : AF_INET, bytes, address, sizeof address);
+    }
+    snprintf(out, QM_CLIENT_SIZE, "%s", address);
+}
+
 const char *qm_request_media(const qm_request *request)
 {
     return request->media;

@@ -33,6 +33,7 @@ typedef struct qm_subscriber {
 
 typedef struct qm_job_limits {
     int workers, queue, threads;
+    double max_job_ms;    /* after which a running job ends with what it has; INFINITY: never */
     size_t search_memory; /* of the queue of one search, bytes */
     double grace_ms;
     size_t kept_jobs;    /* number of ended jobs in the store */
@@ -62,6 +63,7 @@ typedef struct qm_job_submission {
     qm_job_request *request;     /* a new job takes over its points */
     const char *body;            /* the JSON, to run the job again after a restart */
     const char *idempotency_key; /* or NULL */
+    const char *client;          /* whose share of the workers it takes */
     bool use_cache;
     bool owns_job; /* the job is canceled when its last owner leaves: the client streams it without detach */
 } qm_job_submission;
@@ -130,7 +132,7 @@ void qm_job_unsubscribe(qm_jobs *jobs, qm_job *job, qm_subscriber *subscriber);
 
 double qm_job_events_heartbeat_ms(const qm_jobs *jobs);
 
-/** Notifies subscribers whose wake_at_ms has passed; called by the loop's timer. */
+/** Notifies subscribers whose wake_at_ms has passed, and ends jobs whose time is over; called by the loop's timer. */
 void qm_job_events_tick(qm_jobs *jobs, double now_ms);
 
 /** Notifies all that are due and ends the notifier: from now on wake is called at once, under the lock. For
@@ -138,7 +140,7 @@ void qm_job_events_tick(qm_jobs *jobs, double now_ms);
 void qm_job_events_stop_notifier(qm_jobs *jobs);
 
 typedef struct qm_job_counts {
-    size_t queued, running;
+    size_t queued, running, paused; /* those that are paused are running, too */
 } qm_job_counts;
 qm_job_counts qm_jobs_count(qm_jobs *jobs);
 

@@ -3,6 +3,7 @@
  */
 #include "job_batch.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -31,6 +32,7 @@ struct qm_batch {
     qm_text line;
     uint64_t line_number;
     bool line_is_too_long;
+    char client[QM_CLIENT_SIZE];
 
     qm_subscriber *subscriber;
     qm_text answers;
@@ -88,7 +90,8 @@ static void ask_for_lines(qm_batch *batch)
     batch->references--;
 }
 
-qm_batch *qm_batch_create(qm_jobs *jobs, qm_pool *pool, qm_blob_writer *upload, qm_subscriber *subscriber)
+qm_batch *qm_batch_create(qm_jobs *jobs, qm_pool *pool, qm_blob_writer *upload, const char *client,
+                          qm_subscriber *subscriber)
 {
     qm_batch *batch = calloc(1, sizeof *batch);
     char *piece = malloc(PIECE_SIZE);
@@ -104,6 +107,7 @@ qm_batch *qm_batch_create(qm_jobs *jobs, qm_pool *pool, qm_blob_writer *upload, 
                         .piece = piece,
                         .subscriber = subscriber,
                         .references = 1};
+    snprintf(batch->client, sizeof batch->client, "%s", client);
     uv_mutex_lock(&jobs->lock);
     qm_job_subscribers_add(&jobs->subscribers, subscriber);
     uv_mutex_unlock(&jobs->lock);
@@ -189,7 +193,7 @@ static bool queue_line(batch_line *line, qm_job_request *request)
     qm_batch *batch = line->batch;
     qm_jobs *jobs = batch->jobs;
     batch_line *owned = malloc(sizeof *owned);
-    qm_job *job = owned ? qm_job_create(jobs, request) : NULL;
+    qm_job *job = owned ? qm_job_create(jobs, request, batch->client) : NULL;
     if (!job) {
         free(owned);
         return false;
@@ -371,7 +375,7 @@ void qm_batch_close(qm_batch *batch)
     for (qm_job *job = jobs->first; job; job = job->next) {
         if (job->on_end != end_line || ((const batch_line *)job->end_user)->batch != batch) continue;
         job->is_canceled = true;
-        atomic_store(&job->cancel, true);
+        qm_job_stop(job);
     }
     drop_reference(batch);
     uv_mutex_unlock(&jobs->lock);

@@ -19,7 +19,8 @@ typedef struct qm_batch qm_batch;
  *
  * NULL: out of memory, and the upload is gone.
  */
-qm_batch *qm_batch_create(qm_jobs *jobs, qm_pool *pool, qm_blob_writer *upload, qm_subscriber *subscriber);
+qm_batch *qm_batch_create(qm_jobs *jobs, qm_pool *pool, qm_blob_writer *upload, const char *client,
+                          qm_subscriber *subscriber);
 
 /**
  * Adds the finished answers to out, one JSON object a line:

@@ -67,6 +67,19 @@ void qm_job_add_event(qm_job *job, const char *name, const char *members)
     if (job->on_end) return;
     append_event(job, qm_job_next_seq(job), name, members);
     qm_job_notify_all(job);
+    for (qm_job *follower = job->followers; follower; follower = follower->next_follower)
+        qm_job_add_event(follower, name, members);
+}
+
+void qm_job_add_bounds(qm_job *job, const char *members)
+{
+    for (qm_job *each = job; each; each = each == job ? job->followers : each->next_follower) {
+        char *kept = strdup(members);
+        if (!kept) continue;
+        free(each->last_bounds);
+        each->last_bounds = kept;
+    }
+    qm_job_add_event(job, "bounds", members);
 }
 
 /* ---- to the store and back ---- */
@@ -107,12 +120,12 @@ typedef struct unsaved_job {
     size_t end;  /* number of its events that the store has afterwards */
 } unsaved_job;
 
-/** Lists the running jobs with unsaved events, no more than there are workers, and adds up these events. */
+/** Lists the running jobs with unsaved events, and adds up these events. */
 static size_t gather(qm_jobs *jobs, unsaved_job *found, size_t *event_count)
 {
     size_t count = 0;
     *event_count = 0;
-    for (qm_job *job = jobs->first; job && count < (size_t)jobs->limits.workers; job = job->next) {
+    for (qm_job *job = jobs->first; job && count < QM_JOBS_BEGUN; job = job->next) {
         /* server_shutdown is for the subscribers of this run, not for clients of the next start. */
         size_t end = job->event_count - (job->interrupted ? 1 : 0);
         if (job->state != QM_JOB_RUNNING || job->saved_count >= end) continue;
@@ -125,7 +138,7 @@ static size_t gather(qm_jobs *jobs, unsaved_job *found, size_t *event_count)
 
 void qm_job_events_save(qm_jobs *jobs)
 {
-    unsaved_job *found = calloc((size_t)jobs->limits.workers, sizeof *found);
+    unsaved_job *found = calloc(QM_JOBS_BEGUN, sizeof *found);
     if (!found) return;
     uv_mutex_lock(&jobs->saving);
 
@@ -274,8 +287,10 @@ void qm_job_events_tick(qm_jobs *jobs, double now_ms)
 {
     uv_mutex_lock(&jobs->lock);
     notify_late(jobs, jobs->subscribers, now_ms);
-    for (qm_job *job = jobs->first; job; job = job->next)
+    for (qm_job *job = jobs->first; job; job = job->next) {
         notify_late(jobs, job->subscribers, now_ms);
+        qm_job_check_time(job, now_ms);
+    }
     uv_mutex_unlock(&jobs->lock);
 }
 

@@ -34,12 +34,25 @@ typedef struct qm_job_outcome {
 /** Called at the end of a job that is not stored, under the lock. */
 typedef void qm_job_end_fn(void *user, const qm_job_outcome *outcome);
 
+/** Jobs that have begun and not ended: each keeps its meshes and its memory while it waits for a worker. */
+#define QM_JOBS_BEGUN 64
+
+/** Why the daemon ends a job. */
+typedef enum qm_job_expiry { QM_JOB_IN_TIME, QM_JOB_PAST_DEADLINE, QM_JOB_PAST_LIMIT } qm_job_expiry;
+
 struct qm_job {
     char id[QM_ID_SIZE];
     qm_job_request request;
     char *key;
     char created[QM_TIME_SIZE], started[QM_TIME_SIZE];
-    double started_ms; /* qm_clock_now_ms when it was marked as running */
+    double submitted_ms, started_ms; /* qm_clock_now_ms; the latter when it was marked as running */
+    qm_job_expiry expiry;
+    /* A job whose request equals that of one in the table follows it, in place of being computed: it is queued, but has
+     * no turn, gets the events of its leader, and ends with its result. The leader has a reference. */
+    qm_job *leader, *followers, *next_follower;
+    char asked[QM_REVISIONS_SIZE]; /* revisions of the meshes when it was submitted */
+    qm_turn *turn; /* its place among the workers; NULL before it was queued and after it has ended */
+    char client[QM_CLIENT_SIZE];
     qm_job_state state;
     atomic_bool cancel;    /* polled by the engine: set by a client or by the end of the daemon */
     bool is_canceled;      /* by a client */
@@ -69,7 +82,7 @@ struct qm_jobs {
     qm_meshes *meshes;
     qm_reconstructions *reconstructions;
     qm_job_limits limits;
-    qm_pool *pool;
+    qm_scheduler *scheduler;
     /* Two outer locks, taken before the lock: one submission at a time looks for an answer, else queues; one
      * thread at a time saves events. */
     uv_mutex_t submitting, saving;
@@ -105,13 +118,14 @@ void qm_job_wait(qm_jobs *jobs, qm_subscriber *subscriber, void (*suspend)(void 
  * out of memory. */
 char *qm_job_make_key(const qm_job_request *request);
 
-/** A new job, not yet in the table; takes over the points of the request. NULL: out of memory. */
-qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request);
+/** A new job of a client, not yet in the table; takes over the points of the request. NULL: out of memory. */
+qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request, const char *client);
 
 /** Adds a queued job to the table; gives a listed one to the workers (false: it will not run); removes one
  * that will not run from the table. */
 void qm_job_enlist(qm_jobs *jobs, qm_job *job);
 bool qm_job_enqueue(qm_jobs *jobs, qm_job *job);
+bool qm_job_enqueue_locked(qm_job *job); /* the same for a caller who holds the lock */
 void qm_job_withdraw(qm_jobs *jobs, qm_job *job);
 
 /** What a kind of job works on decides how the daemon checks its request and runs it. */
@@ -138,12 +152,24 @@ void qm_job_drop_reference(qm_job *job);
 void qm_job_unlist(qm_job *job);
 void qm_job_mark_running(qm_job *job);
 
+/** Takes a job that follows another one away from it, with the reference that the leader had. */
+void qm_job_unfollow(qm_job *job);
+
+/** Ends a job whose time is over; called now and then. */
+void qm_job_check_time(qm_job *job, double now_ms);
+
+/** Raises the cancel flag; a job that is paused or waits goes on at once, to its end. */
+void qm_job_stop(qm_job *job);
+
 /** Notifies all subscribers of a job. The caller holds the lock. */
 void qm_job_notify_all(qm_job *job);
 
 /** Adds an event and notifies the subscribers; does nothing for a job that is not stored. The caller holds
  * the lock. */
 void qm_job_add_event(qm_job *job, const char *name, const char *members);
+
+/** Adds a bounds event, and keeps its members for the document. The caller holds the lock. */
+void qm_job_add_bounds(qm_job *job, const char *members);
 
 /** The number of the event to come. The caller holds the lock. */
 uint64_t qm_job_next_seq(const qm_job *job);
@@ -182,6 +208,13 @@ bool qm_job_is_canceled(qm_job *job);
 
 /** The task of a worker: runs the job if it is still queued, and drops the worker's reference. */
 void qm_job_run(void *job);
+
+/** Why the daemon has ended the run of a job that no client has canceled, and the problem of a job that has no result. */
+qm_job_expiry qm_job_get_expiry(qm_job *job);
+qm_problem qm_job_expiry_problem(const qm_job *job, qm_job_expiry expiry);
+
+/** Lets the engine poll the job's flags, and use the host's threads. */
+void qm_job_set_context(qm_job *job, qm_context *ctx);
 
 /** Ends a job that is marked as running with a problem. */
 void qm_job_finish_with_problem(qm_job *job, qm_job_state state, const qm_problem *problem);

@@ -2,6 +2,7 @@
  * job_run.c: what a worker does with a job, and how a job ends: a stored one with its document and last
  * events in the store before any subscriber is notified, one that is not stored by its on_end.
  */
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -34,6 +35,37 @@ static bool store_end(qm_job *job, const qm_store_job *end, const char *name, co
     return stored;
 }
 
+static void finish(qm_job *job, const qm_job_outcome *outcome);
+
+/** Takes the list of the jobs that follow a job; those that share its result run from now on. The caller holds the
+ * lock. */
+static qm_job *take_followers(qm_job *job, bool share_result)
+{
+    qm_job *first = job->followers;
+    job->followers = NULL;
+    for (qm_job *follower = first; follower; follower = follower->next_follower) {
+        follower->leader = NULL;
+        if (!share_result) continue;
+        qm_job_mark_running(follower);
+        memcpy(follower->started, job->started, sizeof follower->started);
+        memcpy(follower->revisions, job->revisions, sizeof follower->revisions);
+    }
+    return first;
+}
+
+/** Ends the jobs of such a list with the result that they share, or, without one, has them computed. */
+static void end_followers(qm_job *job, qm_job *first, const qm_job_outcome *shared)
+{
+    for (qm_job *next; first; first = next) {
+        next = first->next_follower;
+        if (shared)
+            finish(first, shared);
+        else if (!qm_job_enqueue(job->jobs, first))
+            qm_job_interrupt(first);
+        qm_jobs_release(job->jobs, first);
+    }
+}
+
 /** Ends a stored job: stores the outcome, then adds the terminal event. */
 static void finish_stored(qm_job *job, const qm_job_outcome *outcome)
 {
@@ -53,6 +85,8 @@ static void finish_stored(qm_job *job, const qm_job_outcome *outcome)
     bool stored = is_whole && store_end(job, &end, name, event);
     if (!stored) qm_log(QM_LOG_ERROR, "the end of job %s could not be stored: it is kept in memory", job->id);
     uv_mutex_lock(&jobs->lock);
+    bool shares = outcome->state == QM_JOB_SUCCEEDED && job->expiry == QM_JOB_IN_TIME;
+    qm_job *followers = take_followers(job, shares);
     QM_ASSERT(jobs->running > 0);
     jobs->running--;
     job->state = outcome->state;
@@ -62,6 +96,7 @@ static void finish_stored(qm_job *job, const qm_job_outcome *outcome)
     if (stored) qm_job_unlist(job);
     uv_mutex_unlock(&jobs->lock);
     free(event);
+    end_followers(job, followers, shares ? outcome : NULL);
 }
 
 /** Ends a job that is marked as running. Only the thread that runs a job ends it. */
@@ -110,10 +145,12 @@ void qm_job_interrupt(qm_job *job)
         return;
     }
     uv_mutex_lock(&job->jobs->lock);
+    qm_job *followers = take_followers(job, false);
     job->interrupted = true;
     qm_job_add_event(job, "server_shutdown",
                      "\"detail\":\"the daemon is stopping; the job runs again after its next start\"");
     uv_mutex_unlock(&job->jobs->lock);
+    end_followers(job, followers, NULL);
 }
 
 /* ---- running ---- */
@@ -131,9 +168,7 @@ static void on_progress(void *user, const qm_hausdorff_progress *progress)
     char *members = qm_text_take(&text);
     if (!members) return;
     uv_mutex_lock(&target->job->jobs->lock);
-    free(target->job->last_bounds);
-    target->job->last_bounds = members;
-    qm_job_add_event(target->job, "bounds", members);
+    qm_job_add_bounds(target->job, members);
     uv_mutex_unlock(&target->job->jobs->lock);
 }
 
@@ -143,6 +178,33 @@ bool qm_job_is_canceled(qm_job *job)
     bool canceled = job->is_canceled;
     uv_mutex_unlock(&job->jobs->lock);
     return canceled;
+}
+
+qm_job_expiry qm_job_get_expiry(qm_job *job)
+{
+    uv_mutex_lock(&job->jobs->lock);
+    qm_job_expiry expiry = job->is_canceled ? QM_JOB_IN_TIME : job->expiry;
+    uv_mutex_unlock(&job->jobs->lock);
+    return expiry;
+}
+
+qm_problem qm_job_expiry_problem(const qm_job *job, qm_job_expiry expiry)
+{
+    if (expiry == QM_JOB_PAST_LIMIT)
+        return qm_problem_make(QM_PROBLEM_DEADLINE_EXCEEDED,
+                               "the job ran longer than the %.15g s that the daemon allows",
+                               job->jobs->limits.max_job_ms / MS_PER_S);
+    return qm_problem_make(QM_PROBLEM_DEADLINE_EXCEEDED, "the deadline of %.15g ms was over",
+                           job->request.deadline_ms);
+}
+
+void qm_job_set_context(qm_job *job, qm_context *ctx)
+{
+    ctx->cancel = &job->cancel;
+    ctx->pause = qm_scheduler_flag(job->turn);
+    ctx->wait = qm_scheduler_pause;
+    ctx->wait_user = job->turn;
+    ctx->parallel = qm_host_parallel;
 }
 
 /** Stores the long array of a result, if it has one, beside the job, for GET .../result. */
@@ -190,9 +252,11 @@ static bool check_meshes(qm_jobs *jobs, const qm_job_request *request, char revi
 static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b)
 {
     qm_context ctx = qm_meshes_context(job->jobs->meshes);
-    ctx.cancel = &job->cancel;
-    ctx.parallel = qm_host_parallel;
+    qm_job_set_context(job, &ctx);
     qm_job_request request = job->request;
+    /* At least a moment is left, in which the search finds its first bounds. */
+    if (request.deadline_ms > 0.0)
+        request.deadline_ms = fmax(request.deadline_ms - (qm_clock_now_ms() - job->submitted_ms), 1.0);
     write_revisions(a->revision, b ? b->revision : 0, job->revisions);
     if (request.threads == 0) request.threads = job->jobs->limits.threads;
     if (request.memory_limit == 0 || request.memory_limit > job->jobs->limits.search_memory)
@@ -202,7 +266,19 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
     qm_job_result result;
     qm_status status = qm_job_execute(&ctx, &request, a, b, progress, &target, &result);
     bool canceled = status == QM_E_CANCELED || (status == QM_OK && result.is_canceled);
-    if (canceled && !qm_job_is_canceled(job)) {
+    qm_job_expiry expiry = canceled ? qm_job_get_expiry(job) : QM_JOB_IN_TIME;
+    qm_scheduler_leave(job->turn);
+    if (expiry != QM_JOB_IN_TIME ||
+        (status == QM_OK && result.kind == QM_JOB_HAUSDORFF && result.hausdorff.stop == QM_STOP_DEADLINE))
+        job->revisions[0] = '\0'; /* no answer for a later request */
+    if (expiry != QM_JOB_IN_TIME && status == QM_OK) {
+        result.is_canceled = canceled = false;
+        if (result.kind == QM_JOB_HAUSDORFF) result.hausdorff.stop = QM_STOP_DEADLINE;
+    }
+    if (expiry != QM_JOB_IN_TIME && status != QM_OK) {
+        qm_problem problem = qm_job_expiry_problem(job, expiry);
+        qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
+    } else if (canceled && !qm_job_is_canceled(job)) {
         qm_job_interrupt(job);
     } else if (status == QM_OK && !store_array(job, &result)) {
         qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the result could not be stored");
@@ -239,6 +315,9 @@ static bool start(qm_job *job)
     }
     uv_mutex_unlock(&jobs->lock);
     if (is_queued && !runs) qm_job_interrupt(job);
+    if (runs)
+        qm_metrics_add_wait(qm_job_type_of(job->request.kind)->name,
+                            (job->started_ms - job->submitted_ms) / MS_PER_S);
     return runs;
 }
 
@@ -246,12 +325,16 @@ static void run_on_meshes(qm_job *job)
 {
     qm_jobs *jobs = job->jobs;
     qm_problem problem;
-    qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, &problem);
     bool has_b = qm_job_type_of(job->request.kind)->mesh_field[1];
+    bool loads = !qm_meshes_has_loaded(jobs->meshes, job->request.a) ||
+                 (has_b && !qm_meshes_has_loaded(jobs->meshes, job->request.b));
+    if (loads) qm_scheduler_leave(job->turn);
+    qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, &problem);
     /* A mesh compared with itself is compared at one revision. */
     bool is_same = has_b && strcmp(job->request.a, job->request.b) == 0;
     qm_mesh_ref *b =
         a && has_b && !is_same ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
+    if (loads) qm_scheduler_return(job->turn);
     if (a && (b || !has_b || is_same))
         answer(job, qm_mesh_ref_get(a), b ? qm_mesh_ref_get(b) : is_same ? qm_mesh_ref_get(a) : NULL);
     else
@@ -274,6 +357,16 @@ void qm_job_run(void *data)
 {
     qm_job *job = data;
     qm_jobs *jobs = job->jobs;
-    if (start(job)) qm_job_runner_of(job->request.kind)->run(job);
+    if (start(job)) {
+        qm_job_expiry expiry = qm_job_get_expiry(job);
+        qm_problem problem = qm_job_expiry_problem(job, expiry);
+        if (expiry == QM_JOB_IN_TIME)
+            qm_job_runner_of(job->request.kind)->run(job);
+        else
+            qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
+    }
+    uv_mutex_lock(&jobs->lock);
+    job->turn = NULL; /* it ends with this call */
+    uv_mutex_unlock(&jobs->lock);
     qm_jobs_release(jobs, job);
 }

@@ -72,15 +72,16 @@ static void refine(qm_job *job, qm_reconstruction_lease *refining, step_log *log
     if (request.threads == 0) request.threads = job->jobs->limits.threads;
     request.refining = &work;
     log->diagonal = refining->source.diagonal;
-    refining->ctx.cancel = &job->cancel;
-    refining->ctx.parallel = qm_host_parallel;
+    qm_job_set_context(job, &refining->ctx);
     qm_status status = qm_job_execute(&refining->ctx, &request, qm_mesh_ref_get(refining->mesh), NULL, NULL,
                                       NULL, &end->result);
-    refining->ctx.cancel = NULL;
+    refining->ctx.cancel = refining->ctx.pause = NULL;
+    qm_scheduler_leave(job->turn);
+    bool has_expired = end->result.is_canceled && qm_job_get_expiry(job) != QM_JOB_IN_TIME;
     end->keeps = log->count == 0;
     if (status != QM_OK)
         end_with(end, qm_problem_from_status(status, refining->ctx.message));
-    else if (end->result.is_canceled && !qm_job_is_canceled(job))
+    else if (end->result.is_canceled && !has_expired && !qm_job_is_canceled(job))
         end->how = INTERRUPTED;
     else if (log->records.failed)
         end_with(end, qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the records"));

@@ -79,7 +79,7 @@ char *qm_job_make_key(const qm_job_request *request)
     return qm_text_take(&key);
 }
 
-qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request)
+qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request, const char *client)
 {
     qm_job *job = calloc(1, sizeof *job);
     if (!job) return NULL;
@@ -90,6 +90,8 @@ qm_job *qm_job_create(qm_jobs *jobs, qm_job_request *request)
     request->point_count = 0;
     qm_id_make('j', job->id);
     qm_clock_format(job->created);
+    job->submitted_ms = qm_clock_now_ms();
+    snprintf(job->client, sizeof job->client, "%s", client);
     job->references = 1;
     return job;
 }
@@ -117,12 +119,22 @@ void qm_job_withdraw(qm_jobs *jobs, qm_job *job)
     uv_mutex_unlock(&jobs->lock);
 }
 
+bool qm_job_enqueue_locked(qm_job *job)
+{
+    qm_jobs *jobs = job->jobs;
+    QM_ASSERT(qm_jobs_is_locked(jobs));
+    job->references++;
+    int threads = job->request.threads > 0 ? job->request.threads : jobs->limits.threads;
+    const qm_task task = {qm_job_run, job, threads, job->request.priority, job->client};
+    bool queued = qm_scheduler_submit(jobs->scheduler, &task, &job->turn);
+    if (!queued) qm_job_drop_reference(job);
+    return queued;
+}
+
 bool qm_job_enqueue(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
-    job->references++;
-    bool queued = qm_pool_submit(jobs->pool, qm_job_run, job);
-    if (!queued) qm_job_drop_reference(job);
+    bool queued = qm_job_enqueue_locked(job);
     uv_mutex_unlock(&jobs->lock);
     return queued;
 }
@@ -202,17 +214,56 @@ qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions
     return job;
 }
 
+/** A job of the table that computes the answer of this request, and may be waited for; NULL when there is none. The
+ * caller holds the lock. */
+static qm_job *find_leader(qm_jobs *jobs, const char *key, const char *asked)
+{
+    for (qm_job *job = jobs->first; job; job = job->next)
+        if (!qm_job_is_over(job) && !job->is_canceled && !job->on_end && !job->leader && job->turn &&
+            job->expiry == QM_JOB_IN_TIME && strcmp(job->key, key) == 0 && strcmp(job->asked, asked) == 0)
+            return job;
+    return NULL;
+}
+
+/** Lets a listed job follow one that computes the same; false when there is none. */
+static bool follow(qm_jobs *jobs, qm_job *job)
+{
+    uv_mutex_lock(&jobs->lock);
+    qm_job *leader = find_leader(jobs, job->key, job->asked);
+    if (leader) {
+        job->leader = leader;
+        job->next_follower = leader->followers;
+        leader->followers = job;
+        job->references++;
+        if (leader->last_bounds) qm_job_add_bounds(job, leader->last_bounds);
+    }
+    uv_mutex_unlock(&jobs->lock);
+    return leader != NULL;
+}
+
+void qm_job_unfollow(qm_job *job)
+{
+    QM_ASSERT(qm_jobs_is_locked(job->jobs) && job->leader);
+    qm_job **link = &job->leader->followers;
+    while (*link != job)
+        link = &(*link)->next_follower;
+    *link = job->next_follower;
+    job->leader = NULL;
+}
+
 /**
  * Creates a job: stored before it is queued, so that a job which was accepted with 202 survives the daemon,
  * and listed before it is stored, so that an unfinished job of the store is always in the table.
  */
-static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, qm_problem *problem)
+static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, const char *asked,
+                          qm_problem *problem)
 {
-    qm_job *job = qm_job_create(jobs, submission->request);
+    qm_job *job = qm_job_create(jobs, submission->request, submission->client);
     if (!job) {
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
         return NULL;
     }
+    snprintf(job->asked, sizeof job->asked, "%s", asked);
     qm_job_enlist(jobs, job);
     qm_store_job row = {.key = job->key,
                         .idempotency_key = (char *)submission->idempotency_key,
@@ -221,7 +272,8 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, qm
                         .state = QM_JOB_QUEUED};
     memcpy(row.id, job->id, sizeof row.id);
     bool stored = qm_store_submit_job(jobs->store, &row) == QM_OK;
-    if (stored && qm_job_enqueue(jobs, job)) return job;
+    bool may_follow = submission->use_cache && qm_job_type_of(job->request.kind)->is_pure;
+    if (stored && ((may_follow && follow(jobs, job)) || qm_job_enqueue(jobs, job))) return job;
     if (stored) qm_store_delete_job(jobs->store, job->id);
     qm_job_withdraw(jobs, job);
     qm_jobs_release(jobs, job);
@@ -231,17 +283,16 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, qm
 
 /** The job that answers a request already, or NULL; with a problem when the request has a fault. */
 static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, const char *key,
-                           bool *is_cached, qm_problem *problem)
+                           char asked[QM_REVISIONS_SIZE], bool *is_cached, qm_problem *problem)
 {
     if (submission->idempotency_key) {
         qm_job *same = find_by_idempotency_key(jobs, submission->idempotency_key, key, problem);
         if (same || problem->code != QM_PROBLEM_COUNT) return same;
     }
-    char revisions[QM_REVISIONS_SIZE];
-    if (!qm_job_runner_of(submission->request->kind)->check(jobs, submission->request, revisions, problem))
+    if (!qm_job_runner_of(submission->request->kind)->check(jobs, submission->request, asked, problem))
         return NULL;
     bool may_be_cached = submission->use_cache && qm_job_type_of(submission->request->kind)->is_pure;
-    qm_job *cached = may_be_cached ? qm_job_find_cached(jobs, key, revisions) : NULL;
+    qm_job *cached = may_be_cached ? qm_job_find_cached(jobs, key, asked) : NULL;
     *is_cached = cached != NULL;
     return cached;
 }
@@ -258,14 +309,15 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
         return NULL;
     }
     qm_job *job = NULL;
+    char asked[QM_REVISIONS_SIZE];
     uv_mutex_lock(&jobs->submitting);
     if (atomic_load(&jobs->closed))
         *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new jobs");
     else
-        job = find_answer(jobs, submission, key, is_cached, problem);
+        job = find_answer(jobs, submission, key, asked, is_cached, problem);
     if (!job && problem->code == QM_PROBLEM_COUNT) {
         if (qm_jobs_count(jobs).queued < (size_t)jobs->limits.queue)
-            job = submit_new(jobs, submission, problem);
+            job = submit_new(jobs, submission, asked, problem);
         else
             *problem = qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "the queue is full: %d jobs are waiting",
                                        jobs->limits.queue);
@@ -280,18 +332,46 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
     return job;
 }
 
+void qm_job_stop(qm_job *job)
+{
+    QM_ASSERT(qm_jobs_is_locked(job->jobs));
+    atomic_store(&job->cancel, true);
+    if (job->turn) qm_scheduler_hurry(job->turn);
+}
+
+void qm_job_check_time(qm_job *job, double now_ms)
+{
+    if (qm_job_is_over(job) || job->expiry != QM_JOB_IN_TIME) return;
+    if (job->request.deadline_ms > 0.0 && now_ms - job->submitted_ms >= job->request.deadline_ms)
+        job->expiry = QM_JOB_PAST_DEADLINE;
+    else if (job->state == QM_JOB_RUNNING && now_ms - job->started_ms >= job->jobs->limits.max_job_ms)
+        job->expiry = QM_JOB_PAST_LIMIT;
+    if (job->expiry == QM_JOB_IN_TIME) return;
+    if (job->leader) { /* it gets a turn of its own, in which it ends */
+        qm_job_unfollow(job);
+        qm_job_enqueue_locked(job);
+        qm_job_drop_reference(job);
+    }
+    qm_job_stop(job);
+}
+
 bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
     bool over = qm_job_is_over(job), queued = job->state == QM_JOB_QUEUED && !over;
-    if (!over) job->is_canceled = true;
-    atomic_store(&job->cancel, true);
+    if (!over) {
+        job->is_canceled = true;
+        qm_job_stop(job);
+    }
+    bool follows = queued && job->leader;
+    if (follows) qm_job_unfollow(job);
     if (queued) qm_job_mark_running(job); /* so that no worker takes it */
     uv_mutex_unlock(&jobs->lock);
     if (queued) {
         qm_problem problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job was canceled before it ran");
         qm_job_finish_with_problem(job, QM_JOB_CANCELED, &problem);
     }
+    if (follows) qm_jobs_release(jobs, job);
     return !over;
 }
 
@@ -307,7 +387,7 @@ void qm_jobs_disown(qm_jobs *jobs, qm_job *job)
 qm_job_counts qm_jobs_count(qm_jobs *jobs)
 {
     uv_mutex_lock(&jobs->lock);
-    qm_job_counts counts = {jobs->queued, jobs->running};
+    qm_job_counts counts = {jobs->queued, jobs->running, qm_scheduler_count_paused(jobs->scheduler)};
     uv_mutex_unlock(&jobs->lock);
     return counts;
 }
@@ -320,7 +400,7 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     qm_job_request request;
     qm_problem problem;
     bool readable = qm_json_read_job(row->body, strlen(row->body), &request, &problem);
-    qm_job *job = qm_job_create(jobs, &request);
+    qm_job *job = qm_job_create(jobs, &request, "");
     qm_job_request_reset(&request);
     if (!job) {
         qm_log(QM_LOG_ERROR, "out of memory: job %s cannot run again", row->id);
@@ -383,8 +463,9 @@ qm_jobs *qm_jobs_create(qm_store *store, qm_meshes *meshes, qm_reconstructions *
     uv_mutex_init(&jobs->submitting);
     uv_mutex_init(&jobs->saving);
     uv_mutex_init(&jobs->lock);
-    jobs->pool = qm_pool_create(limits.workers, JOB_NICENESS);
-    if (!qm_job_events_start_notifier(jobs) || !jobs->pool) {
+    size_t begun = limits.workers < QM_JOBS_BEGUN ? QM_JOBS_BEGUN : (size_t)limits.workers;
+    jobs->scheduler = qm_scheduler_create(limits.workers, begun, JOB_NICENESS);
+    if (!qm_job_events_start_notifier(jobs) || !jobs->scheduler) {
         qm_jobs_destroy(jobs);
         return NULL;
     }
@@ -404,17 +485,17 @@ void qm_jobs_drain(qm_jobs *jobs)
     }
     uv_mutex_lock(&jobs->lock);
     for (qm_job *job = jobs->first; job; job = job->next)
-        atomic_store(&job->cancel, true);
+        qm_job_stop(job);
     uv_mutex_unlock(&jobs->lock);
-    qm_pool_close(jobs->pool);
+    qm_scheduler_close(jobs->scheduler);
     qm_job_events_save(jobs);
 }
 
 void qm_jobs_destroy(qm_jobs *jobs)
 {
     if (!jobs) return;
-    if (jobs->pool && !atomic_load(&jobs->closed)) qm_jobs_drain(jobs);
-    qm_pool_destroy(jobs->pool);
+    if (jobs->scheduler && !atomic_load(&jobs->closed)) qm_jobs_drain(jobs);
+    qm_scheduler_destroy(jobs->scheduler);
     qm_job_events_stop_notifier(jobs);
     uv_mutex_lock(&jobs->lock);
     while (jobs->first)

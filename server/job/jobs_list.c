@@ -31,7 +31,8 @@ char *qm_job_write_members(const qm_job *job, qm_job_state state, const char *pr
     qm_clock_format(now);
     qm_text_printf(&out, "\"id\":\"%s\",\"type\":\"%s\",\"state\":\"%s\",\"created\":\"%s\"", job->id,
                    qm_job_type_of(job->request.kind)->name, qm_job_state_name(state), job->created);
-    if (job->started[0]) qm_text_printf(&out, ",\"started\":\"%s\"", job->started);
+    const char *started = job->leader ? job->leader->started : job->started;
+    if (started[0]) qm_text_printf(&out, ",\"started\":\"%s\"", started);
     if (state > QM_JOB_RUNNING) qm_text_printf(&out, ",\"ended\":\"%s\"", now);
     qm_text_add_string(&out, ",\"request\":");
     qm_json_write_request_briefly(&out, &job->request);
@@ -57,7 +58,8 @@ static char *join_document(const char *members, const char *result, bool is_cach
 static char *write_document(qm_jobs *jobs, const qm_job *job, bool is_cached, bool *has_ended)
 {
     uv_mutex_lock(&jobs->lock);
-    char *now = job->document ? NULL : qm_job_write_members(job, job->state, NULL);
+    const qm_job *runs = job->leader ? job->leader : job;
+    char *now = job->document ? NULL : qm_job_write_members(job, runs->state, NULL);
     const char *members = job->document ? job->document : now;
     char *document = members ? join_document(members, job->result, is_cached) : NULL;
     *has_ended = job->state > QM_JOB_RUNNING;

@@ -155,7 +155,6 @@ static const job_field job_fields[] = {
      .expected = "must be \"relative\" or \"absolute\""},
     {"threshold", HAUSDORFF, 0, OTHER, .read = read_threshold,
      .expected = "must be a number of 0 or more, or null"},
-    {"deadline_ms", HAUSDORFF, 0, POSITIVE, AT(deadline_ms)},
     {"memory_limit", HAUSDORFF, 0, COUNT, AT(memory_limit), .min = QM_JOB_MIN_MEMORY,
      .max = QM_JOB_MAX_MEMORY},
     {"accuracy", DEVIATION, 0, POSITIVE, AT(accuracy)},
@@ -168,6 +167,8 @@ static const job_field job_fields[] = {
     {"incremental", SELF, 0, FLAG, AT(incremental)},
     {"threads", ALL, 0, INTEGER, AT(threads), .min = 1, .max = QM_JOB_MAX_THREADS},
     {"detach", ALL, 0, FLAG, AT(detach)},
+    {"priority", ALL, 0, CHOICE, AT(priority), .names = qm_priority_names},
+    {"deadline_ms", ALL, 0, POSITIVE, AT(deadline_ms)},
     {"accelerator", HAUSDORFF | PROJECT, 0, CHOICE, AT(accelerator), .names = qm_accelerator_names},
     {"accelerator", ALL & ~(HAUSDORFF | PROJECT | STEP), 0, CHOICE, AT(accelerator), .names = box_names},
     {"bounds", HAUSDORFF, 0, OTHER, .read = read_bounds, .expected = "must be \"cover\" or \"matching\""},
@@ -175,7 +176,7 @@ static const job_field job_fields[] = {
 _Static_assert(QM_JOB_MAX_PERCENTILES == 64, "the text of percentiles names the limit");
 _Static_assert(sizeof(qm_job_kind) == sizeof(int) && sizeof(qm_direction) == sizeof(int) &&
                    sizeof(qm_quad_reading) == sizeof(int) && sizeof(qm_collide_mode) == sizeof(int) &&
-                   sizeof(qm_accelerator) == sizeof(int),
+                   sizeof(qm_accelerator) == sizeof(int) && sizeof(qm_priority) == sizeof(int),
                "a choice is copied into its enum as an int");
 
 #define FIELD_COUNT (sizeof job_fields / sizeof *job_fields)

@@ -241,6 +241,15 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
     uv_mutex_unlock(&meshes->lock);
 }
 
+bool qm_meshes_has_loaded(qm_meshes *meshes, const char *id)
+{
+    uv_mutex_lock(&meshes->lock);
+    const qm_mesh_ref *ref = find_listed(meshes, id);
+    bool is_ready = ref && ref->state == QM_MESH_READY;
+    uv_mutex_unlock(&meshes->lock);
+    return is_ready;
+}
+
 qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem)
 {
     uv_mutex_lock(&meshes->lock);

@@ -45,6 +45,9 @@ bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, 
 
 /** Takes a reference; reads the mesh from its blob when needed. NULL with a problem. */
 qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem);
+
+/** True when the mesh is in memory at this moment, so that the call above need not wait. */
+bool qm_meshes_has_loaded(qm_meshes *meshes, const char *id);
 const qm_loaded_mesh *qm_mesh_ref_get(const qm_mesh_ref *ref);
 void qm_meshes_release(qm_meshes *meshes, qm_mesh_ref *ref);
 

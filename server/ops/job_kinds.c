@@ -9,6 +9,7 @@
 
 #include "base/clock.h"
 
+const char *const qm_priority_names[] = {"low", "normal", "high", NULL};
 #define XX(suffix, name, first, second) #name,
 const char *const qm_job_kind_names[] = {QM_JOB_MAP(XX) NULL};
 #undef XX
@@ -23,6 +24,7 @@ qm_job_request qm_job_request_default(void)
 {
     return (qm_job_request){
         .kind = QM_JOB_HAUSDORFF,
+        .priority = QM_PRIORITY_NORMAL,
         .direction = QM_TWO_SIDED,
         .quads = QM_QUADS_TRIANGLES,
         .tolerance = 1e-6,

@@ -10,6 +10,7 @@
 
 #include "base/host.h"
 #include "base/id.h"
+#include "base/scheduler.h"
 #include "listed_pairs.h"
 #include "projections.h"
 #include "qm/deviation.h"
@@ -29,6 +30,7 @@
 
 /** Names of the values of some fields, in the order of their enums, with NULL after the last. */
 extern const char *const qm_job_kind_names[];       /* qm_job_kind */
+extern const char *const qm_priority_names[];       /* qm_priority */
 extern const char *const qm_direction_names[];      /* qm_direction */
 extern const char *const qm_quads_names[];          /* qm_quad_reading */
 extern const char *const qm_accelerator_names[];    /* qm_accelerator */
@@ -90,6 +92,8 @@ typedef struct qm_job_request {
     qm_quad_reading quads;
     int threads; /* 0: the host decides */
     bool detach; /* the job continues when the client that streams it disconnects */
+    qm_priority priority;
+    double deadline_ms; /* from submission on; 0: none */
 
     /* hausdorff, deviation for its maximum, distance, and collisions of bilinear quads */
     double tolerance;
@@ -98,7 +102,6 @@ typedef struct qm_job_request {
     /* hausdorff */
     qm_direction direction;
     double threshold;    /* NAN: none */
-    double deadline_ms;  /* 0: none */
     size_t memory_limit; /* of the queue, bytes; 0: the host decides */
     qm_accelerator accelerator;
     qm_bounds bounds;

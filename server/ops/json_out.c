@@ -142,7 +142,6 @@ static void write_hausdorff_request(qm_text *out, const qm_job_request *request,
     qm_json_add_string(out, "direction", qm_direction_names[request->direction]);
     write_tolerance(out, request);
     if (!isnan(request->threshold)) qm_json_add_number(out, "threshold", request->threshold);
-    if (request->deadline_ms > 0.0) qm_json_add_number(out, "deadline_ms", request->deadline_ms);
     if (request->memory_limit > 0) qm_json_add_count(out, "memory_limit", request->memory_limit);
     write_accelerator(out, request);
     if (request->bounds == QM_BOUNDS_MATCHING)
@@ -224,6 +223,10 @@ static void write_request(qm_text *out, const qm_job_request *request, bool is_b
     if (request->threads > 0) qm_json_add_count(out, "threads", (uint64_t)request->threads);
     QM_ASSERT(request->kind < QM_JOB_KIND_COUNT);
     request_writers[request->kind](out, request, is_brief);
+    if (request->deadline_ms > 0.0) qm_json_add_number(out, "deadline_ms", request->deadline_ms);
+    /* It does not change the result: it is no part of the key. */
+    if (is_brief && request->priority != QM_PRIORITY_NORMAL)
+        qm_json_add_string(out, "priority", qm_priority_names[request->priority]);
     qm_text_add_string(out, "}");
 }
 

@@ -39,6 +39,7 @@
     XX(TOO_MANY_JOBS, 429, "too_many_jobs", "The queue of jobs is full")                                     \
     XX(INTERNAL, 500, "internal", "The daemon failed to process the request")                                \
     XX(UNAVAILABLE, 503, "unavailable", "The daemon cannot process the request now")                         \
+    XX(DEADLINE_EXCEEDED, 504, "deadline_exceeded", "The time for the job was over before it had a result")  \
     XX(OUT_OF_MEMORY, 507, "out_of_memory", "There is not enough memory for this")
 
 typedef enum qm_problem_code {

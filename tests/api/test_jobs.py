@@ -128,17 +128,21 @@ def test_a_canceled_job_answers_no_other(client, slow_pair):
 def test_a_full_queue_is_told(make_daemon, slow_files):
     with make_daemon("--workers", 1, "--queue", 2).client() as client:
         pair = [client.upload(content)["id"] for content in slow_files]
-        jobs = [client.start(*pair, **SLOW)]
-        while client.get(f"/v1/jobs/{jobs[0]['id']}").json()["state"] == "queued":
-            time.sleep(0.02)
-        jobs += [client.start(*pair, direction=direction, **SLOW) for direction in ("a_to_b", "b_to_a")]
-        request = {"type": "hausdorff", "a": pair[0], "b": pair[1], "tolerance": 0.5}
-        reply = client.post("/v1/jobs", json=request)
+        # Jobs that have begun are no longer in the queue: it fills when no more may begin.
+        jobs = []
+        for k in range(100):
+            request = {"type": "hausdorff", "a": pair[0], "b": pair[1], **SLOW, "tolerance": 1e-12 * (1 + k)}
+            reply = client.post("/v1/jobs", json=request)
+            if reply.status_code != 202:
+                break
+            jobs.append(reply.json())
         check_problem(reply, 429, "too_many_jobs")
         assert int(reply.headers["retry-after"]) >= 1
+        assert client.get("/v1/info").json()["queued"] == 2
         for job in reversed(jobs):
             client.delete(f"/v1/jobs/{job['id']}")
-            client.wait(job["id"])
+        for job in jobs:
+            assert client.wait(job["id"])["state"] == "canceled"
         assert client.post("/v1/jobs", json=request).status_code == 202
 
 

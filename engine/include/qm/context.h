@@ -1,5 +1,5 @@
 /**
- * context.h: the environment of a call. The host provides memory, threads and a cancel flag, and reads the
+ * context.h: the environment of a call. The host provides memory, threads and flags, and reads the
  * message after a failed call. The engine keeps no global state and starts no thread of its own.
  */
 #ifndef QM_CONTEXT_H
@@ -19,10 +19,15 @@ typedef void qm_parallel_fn(void *user, int worker_count, void (*task)(void *dat
 
 /** One call at a time may use a context; calls that overlap need a context each. */
 typedef struct qm_context {
-    qm_allocator allocator;        /* thread-safe when parallel is given */
-    qm_parallel_fn *parallel;      /* NULL: everything runs on the calling thread */
-    void *parallel_user;           /* first argument of parallel */
-    const atomic_bool *cancel;     /* polled; NULL: never canceled */
+    qm_allocator allocator;    /* thread-safe when parallel is given */
+    qm_parallel_fn *parallel;  /* NULL: everything runs on the calling thread */
+    void *parallel_user;       /* first argument of parallel */
+    const atomic_bool *cancel; /* polled; NULL: never canceled */
+    const atomic_bool *pause;  /* polled; NULL: never paused */
+    void (*wait)(
+        void *user); /* called by each thread of the call that finds pause raised; the call goes on when it
+                                      returns. The engine holds no lock meanwhile, and nothing that another call waits for. */
+    void *wait_user; /* argument of wait */
     char message[QM_MESSAGE_SIZE]; /* of the last failed call, with the location in the input; never paths */
 } qm_context;
 
@@ -44,9 +49,10 @@ void qm_context_parallel(qm_context *ctx, int worker_count, void (*task)(void *d
 void qm_context_parallel_for(qm_context *ctx, int worker_count, size_t block_count,
                              void (*task)(void *data, int worker, size_t block), void *data);
 
-/** True once the host has raised the cancel flag. */
+/** True once the host has raised the cancel flag. Waits first while the host wants the call to pause. */
 static inline bool qm_context_canceled(const qm_context *ctx)
 {
+    if (ctx->pause && atomic_load_explicit(ctx->pause, memory_order_relaxed)) ctx->wait(ctx->wait_user);
     return ctx->cancel && atomic_load_explicit(ctx->cancel, memory_order_relaxed);
 }
 

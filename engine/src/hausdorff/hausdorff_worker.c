@@ -202,11 +202,12 @@ static void check_limits(qm_worker *worker)
     atomic_fetch_add(&search->iterations, worker->iterations);
     atomic_fetch_add(&search->projections, worker->projections);
     worker->iterations = worker->projections = 0;
+    bool is_canceled = qm_context_canceled(worker->ctx); /* may wait: before the flag is taken */
     if (atomic_flag_test_and_set(&search->reporting)) return;
     double now = qm_clock_ms();
     if (search->is_queued) report(search, now, qm_worker_max_upper(search));
     int reason = QM_SEARCH_RUNNING;
-    if (qm_context_canceled(worker->ctx)) reason = QM_STOP_CANCELED;
+    if (is_canceled) reason = QM_STOP_CANCELED;
     if (options->deadline_ms > 0.0 && now - search->start_ms >= options->deadline_ms)
         reason = QM_STOP_DEADLINE;
     if (atomic_load(&search->iterations) >= search->work_limit) reason = (int)search->work_stop;
