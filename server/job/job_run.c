@@ -170,6 +170,7 @@ static void on_progress(void *user, const qm_hausdorff_progress *progress)
     uv_mutex_lock(&target->job->jobs->lock);
     qm_job_add_bounds(target->job, members);
     uv_mutex_unlock(&target->job->jobs->lock);
+    free(members);
 }
 
 bool qm_job_is_canceled(qm_job *job)
