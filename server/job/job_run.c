@@ -313,6 +313,8 @@ static bool start(qm_job *job)
     if (runs || (is_queued && job->on_end)) {
         qm_job_mark_running(job);
         qm_clock_format(job->started);
+        /* A deadline that is over ends the job here, unless the job is a search that may find bounds. */
+        if (!qm_job_type_of(job->request.kind)->is_anytime) qm_job_check_time(job, job->started_ms);
     }
     uv_mutex_unlock(&jobs->lock);
     if (is_queued && !runs) qm_job_interrupt(job);

@@ -185,7 +185,11 @@ typedef struct kind_row {
 
 static const kind_row rows[] = {
 #define XX(suffix, name, first, second)                                                                      \
-    {{#name, {first, second}, QM_JOB_##suffix != QM_JOB_RECONSTRUCTION_STEP}, run_##name},
+    {{#name,                                                                                                 \
+      {first, second},                                                                                       \
+      QM_JOB_##suffix != QM_JOB_RECONSTRUCTION_STEP,                                                         \
+      QM_JOB_##suffix == QM_JOB_HAUSDORFF || QM_JOB_##suffix == QM_JOB_DEVIATION},                           \
+     run_##name},
     QM_JOB_MAP(XX)
 #undef XX
 };

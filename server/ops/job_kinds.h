@@ -61,6 +61,7 @@ typedef struct qm_job_type {
     const char
         *mesh_field[2]; /* fields of the request that name its meshes; [1] is NULL for a kind of one mesh */
     bool is_pure;       /* the result depends on the request alone: that of an earlier job may be reused */
+    bool is_anytime;    /* a search that is stopped has a result: the bounds that it has so far */
 } qm_job_type;
 const qm_job_type *qm_job_type_of(qm_job_kind kind);
 

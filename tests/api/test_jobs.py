@@ -3,7 +3,7 @@ import time
 
 import pytest
 
-from conftest import SLOW, SLOW_DISTANCE, check_bounds, check_problem
+from conftest import MET_CODES, SLOW, SLOW_DISTANCE, check_bounds, check_problem
 
 
 def test_a_job_is_accepted_then_done(client, spheres):
@@ -157,6 +157,16 @@ def test_a_mesh_deleted_under_a_job(client, slow_files, make_daemon):
         done = own.wait(job["id"])
         assert done["state"] == "succeeded"
         assert done["result"]["lower"] <= SLOW_DISTANCE <= done["result"]["upper"]
+
+
+def test_a_deadline_that_is_over_when_the_job_begins(client, slow_pair):
+    """A kind without a partial result fails."""
+    reply = client.post("/v1/jobs", json={"type": "self_collision", "mesh": slow_pair[0], "deadline_ms": 1e-6},
+                        headers={"Prefer": "wait=30"})
+    ended = reply.json()
+    assert reply.status_code == 200 and ended["state"] == "failed", ended
+    assert (ended["problem"]["status"], ended["problem"]["code"]) == (504, "deadline_exceeded")
+    MET_CODES.add(ended["problem"]["code"])
 
 
 def test_lists_come_in_pages(make_daemon):
