@@ -159,7 +159,7 @@ def ndjson(text):
 
 
 def check_problem(reply, status, code=None):
-    """A refusal is a whole problem document that tells nothing of the inside."""
+    """A refusal is a complete problem document that reveals no internals."""
     assert reply.status_code == status, reply.text
     assert reply.headers["content-type"] == "application/problem+json"
     problem = reply.json()

@@ -76,7 +76,7 @@ def test_every_accelerator_follows(client, plane, accelerator):
 
 
 def test_questions_of_shape_come_before_those_of_nearest_points(client, plane):
-    """Collisions take a revision as it is; who then asks for nearest points gets them on that revision."""
+    """Collisions use the present revision; a later request for nearest points gets them on that revision."""
     for z in (1.0, 2.0):
         assert deform(client, plane, {"indices": [12], "positions": [[2, 2, z]]}).status_code == 200
         for question in ({"type": "self_collision", "mesh": plane}, {"type": "distance", "a": plane, "b": plane}):
@@ -119,7 +119,7 @@ def revision_of(tag):
 
 
 def test_a_tag_is_that_of_the_body_that_comes_with_it(daemon, client, plane):
-    """The height of the plane tells the revision, while one client moves it on and others read it."""
+    """The height of the plane gives the revision, while one client moves the plane and others read it."""
     ended = threading.Event()
 
     def move():

@@ -20,7 +20,7 @@ SEED = int(os.environ.get("QM_TEST_SEED", "1"))
 
 
 class Load:
-    """Clients that write down what they were told, and what they had asked when the answer did not come."""
+    """Clients that record each reply, and each request whose reply did not come."""
 
     def __init__(self, running, sides, meshes):
         """meshes are there already."""
@@ -161,7 +161,7 @@ def test_what_no_row_names_is_swept(make_daemon):
     (data / "incoming/half").write_bytes(b"v 0 0")
     folder = data / "blobs/ab"
     folder.mkdir(exist_ok=True)
-    (folder / ("ab" + "0" * 62)).write_bytes(b"whole, and nobody's")
+    (folder / ("ab" + "0" * 62)).write_bytes(b"complete, and unused")
     for name in ("j_nobody.f64", f"{job['id']}.part", "odd"):
         (data / "results" / name).write_bytes(bytes(8))
     running.start()

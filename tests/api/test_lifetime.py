@@ -1,4 +1,4 @@
-"""What survives the daemon's end, whether it is asked to stop or killed, and how it starts and stops."""
+"""State that survives the end of the daemon, by a signal to stop or a kill, and how it starts and stops."""
 import contextlib
 import json
 import os
@@ -62,7 +62,7 @@ def read_some(client, job, **query):
 
 
 def wait_until_stored(running, seq):
-    """Looks into the store, as nobody else can tell."""
+    """Reads the store, which alone has this state."""
     end = time.monotonic() + PATIENCE
     with contextlib.closing(sqlite3.connect(f"file:{running.folder}/data/quadmeshd.sqlite?mode=ro", uri=True)) as store:
         while not store.execute("SELECT 1 FROM job_events WHERE seq = ?", [seq]).fetchone():
@@ -146,7 +146,7 @@ def test_killed_while_clients_upload(make_daemon):
 
 
 def test_sigterm_drains(make_daemon, slow_files):
-    """A running job gets its grace time; the stream is told; then the daemon is gone with status 0."""
+    """A running job gets its grace time, its stream gets an event, and the daemon exits with status 0."""
     running = make_daemon("--grace", 1)
     with running.client() as client:
         slow = [client.upload(content)["id"] for content in slow_files]
@@ -282,7 +282,7 @@ def test_a_full_disk_refuses_and_the_daemon_lives(make_daemon):
 
 @pytest.fixture
 def plain_folder():
-    """A folder whose daemon runs as somebody who is not root, for root may write everywhere."""
+    """A folder of a daemon that does not run as root, since root may write everywhere."""
     folder = pathlib.Path(tempfile.mkdtemp(prefix="quadmeshd-"))
     user = {"user": 65534, "group": 65534} if os.getuid() == 0 else {}
     if user:

@@ -17,7 +17,7 @@ from conftest import BUILD, ROOT, WAIT, Daemon
 from test_layouts import saddle_layout
 
 STEP = 1000000 if os.environ.get("QM_TEST_LONG", "0") != "0" else 10
-# What a client may be told when there is no memory. A mesh that is there is never said not to be.
+# The replies that a client may get when there is no memory. A mesh that exists is never reported missing.
 REFUSALS = {("out_of_memory", 507), ("unavailable", 503)}
 
 
@@ -185,7 +185,7 @@ def test_draco(frail):
 
     def upload(client, place):
         reply = client.post("/v1/meshes", params={"format": "drc", "name": str(place)}, content=file)
-        # Of a decoder that did not get through, nobody can tell whether the file asked for too much.
+        # When a decoder fails, the file may have needed too much memory.
         if reply.status_code == 422:
             assert reply.json()["code"] == "malformed_file"
             raise httpx.RemoteProtocolError("refused")

@@ -1,4 +1,4 @@
-"""Uploads in every format, what the mesh resource tells, lists, deletion."""
+"""Uploads in every format, the members of the mesh resource, lists, deletion."""
 import hashlib
 import math
 import subprocess
@@ -22,10 +22,10 @@ FORMATS = {
 
 
 @pytest.mark.parametrize("name", FORMATS)
-@pytest.mark.parametrize("tell", ["format", "name", "sniffed"])
-def test_every_format_gives_the_cube(client, name, tell):
+@pytest.mark.parametrize("given", ["format", "name", "sniffed"])
+def test_every_format_gives_the_cube(client, name, given):
     write, suffix, keeps_quads = FORMATS[name]
-    query = {"format": {"format": suffix}, "name": {"name": f"cube.{suffix}"}, "sniffed": {}}[tell]
+    query = {"format": {"format": suffix}, "name": {"name": f"cube.{suffix}"}, "sniffed": {}}[given]
     mesh = client.upload(write(shapes.cube()), **query)
     assert mesh["format"] == suffix
     assert mesh["vertices"] == 8

@@ -1,4 +1,4 @@
-"""Regular patches of meshes of quads, as the daemon tells them."""
+"""Regular patches of quad meshes in the API."""
 import shapes
 from conftest import check_problem
 

@@ -113,7 +113,7 @@ def test_a_point_set_becomes_quads(client):
 
 
 def test_what_is_not_drawn_does_not_keep_a_goal_away(client):
-    """One of the two patches alone: points beyond its rim are told of, and the distance is that of the others."""
+    """One of the two patches alone: points beyond its boundary are counted, and the distance is measured from the others."""
     cloud = client.upload(points(6000, seed=11), format="xyz")["id"]
     whole = saddle_layout()
     first = whole["patches"][0]
@@ -232,7 +232,7 @@ def test_steps_go_on_after_a_kill_to_the_same_bits(make_daemon):
 
 
 def bend(client, layout_id):
-    """Draws curve 0, which bounds the first patch alone, anew."""
+    """Replaces curve 0, which bounds the first patch alone."""
     line = [on_saddle(-1 + k / 8, -1 + 0.05 * k * (8 - k) / 16) for k in range(9)]
     return edit(client, {"id": layout_id}, "curves/0/redraw", points=line)
 

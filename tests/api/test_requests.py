@@ -1,4 +1,4 @@
-"""HTTP itself: methods, media types, sizes, lengths told twice, and what a daemon tells of its state."""
+"""HTTP itself: methods, media types, sizes, two lengths in one request, and the daemon's reports of its state."""
 import gzip
 import json
 import socket
@@ -195,7 +195,7 @@ def test_many_clients_at_once(daemon):
     assert not failures
 
 
-# ---- what it tells of itself ----
+# ---- reports of its state ----
 
 
 def test_health(client):

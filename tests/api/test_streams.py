@@ -52,7 +52,7 @@ def test_bounds_only_ever_close_in(client, spheres, reading, direction):
 def test_every_halving_is_told(client, spheres):
     reply = client.post("/v1/jobs", json=request_for(spheres, tolerance=1e-9), headers={**NDJSON, **FRESH})
     gaps = [event["upper"] - event["lower"] for event in ndjson(reply.text)[:-1] if event["upper"] is not None]
-    # Of bounds that jump by more than a half only the jump itself can be told; there must be some on the way.
+    # Bounds may jump by more than a half between two events; there must be some events in between.
     assert len(gaps) >= 3, gaps
     assert gaps == sorted(gaps, reverse=True)
 

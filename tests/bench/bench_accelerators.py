@@ -105,7 +105,7 @@ def run_refit(settings, say):
              ["tetra", tables.ms(middle["patches_find_ms"] + middle["tetra_build_ms"]), tables.ms(middle["tetra_all_ms"]),
               tables.times(build / middle["tetra_all_ms"]), tables.ms(middle["tetra_part_ms"]),
               tables.times(middle["tetra_all_ms"] / middle["tetra_part_ms"]), f"{answer['tetra_size'] / quads:.0f}"],
-             ["grid", tables.ms(middle["grid_build_ms"]), "built anew", "", "", "", f"{answer['grid_size'] / quads:.0f}"]]
+             ["grid", tables.ms(middle["grid_build_ms"]), "built again", "", "", "", f"{answer['grid_size'] / quads:.0f}"]]
     print(f"Following a deformation of {quads} quads, one thread, ms. Gain: over building the boxes; part: "
           f"{answer['part']} vertices that lie together; gain: over all.\n")
     print(tables.table(["", "build:", "all moved:", "gain:", "part moved:", "gain:", "bytes a quad:"], lines))

@@ -1,4 +1,4 @@
-"""Whether all accelerators tell the same distances to every mesh of the data."""
+"""Compares the distances of all accelerators to every mesh of the data."""
 import child
 import measuring
 import pairs as meshes

@@ -102,7 +102,7 @@ def compare_with_cgal(settings, programs, paths, say):
 
 
 def run_moved(settings, paths, say):
-    """Self-collision after a hundredth part of the vertices has moved: all pairs anew, and those that could change."""
+    """Self-collision after a hundredth part of the vertices has moved: all pairs again, and the pairs that could change."""
     torus = meshes.MADE / f"torus_{MOVED_SIDE}.off"
     if not torus.exists():
         meshes.write_torus(torus, MOVED_SIDE, MOVED_SIDE, 4)

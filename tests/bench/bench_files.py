@@ -64,7 +64,7 @@ def ask(settings, programs, pair):
 
 
 def find_faults(row, programs):
-    """Sentences; the process and the warm engine give the same bracket, and nobody finds more than its upper end."""
+    """Sentences; the process and the warm engine give the same bracket, and no peer finds more than its upper end."""
     found, warm = [], row["answers"]["warm"]
     for threads, answer in row["processes"].items():
         if "failed" in answer:

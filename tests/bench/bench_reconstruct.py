@@ -62,7 +62,7 @@ def refine(layout, surface, quads, *options):
 
 def follow(layout, surface):
     """The last steps with the distance after each. On meshes that is measured afterwards, as a step stops that at a
-    deadline; on point sets it is that of the points, and at hand."""
+    deadline; on point sets it is measured from the points, and is in the result."""
     is_mesh = quadmesh("info", surface)["lines"][0]["kind"] != "points"
     row = refine(layout, surface, MOST_QUADS, *["--no-measure"] * is_mesh)
     for step in row.get("steps", [])[-STEPS_SHOWN:]:

@@ -25,7 +25,7 @@ def ask_engine(settings, path):
 
 
 def ask_peers(settings, programs, path):
-    """The guaranteed peers once each; those that never end here are told to stop."""
+    """The guaranteed peers once each, with a time limit: some never end here."""
     a, facts = measuring.export(path)
     rows = []
     for name, change in CHANGES.items():

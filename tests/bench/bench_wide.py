@@ -93,7 +93,7 @@ def per_face(answer, faces):
 
 
 def run_largest(settings, say):
-    """What no file holds and no peer is asked for, both ways."""
+    """Pairs that no file holds and that no peer measures, both ways."""
     rows, lines = [], []
     for a, b in (LARGEST, LARGEST[::-1]):
         say(f"large: {a} -> {b}")

@@ -1,5 +1,5 @@
 /*
- * Whether all accelerators tell the same distances: of points near a mesh, in its box and far round it, in
+ * Compares the distances of all accelerators: of points near a mesh, in its box and far round it, in
  * both readings of quads.
  */
 #include "engine.h"

@@ -1,5 +1,5 @@
 /*
- * Times pairs of faces of a mesh that meet after some of its vertices have moved: all anew, and those alone
+ * Times pairs of faces of a mesh that meet after some of its vertices have moved: all of them, and those alone
  * that could have changed. The tree follows first; that is no part of the times.
  */
 #include "engine.h"
@@ -50,19 +50,19 @@ static void measure_once(moved_bench *b, qm_bench_times *all, qm_bench_times *pa
 {
     qm_collide_options options = qm_collide_options_default();
     qm_collide_changes changes = {b->part, b->part_count, b->before.pairs, b->before.pair_count};
-    qm_collision anew, after;
+    qm_collision full, after;
     double start = qm_bench_now_ms();
-    check(b, qm_collide_self(&b->ctx, b->tree, &options, NULL, &anew), "all pairs");
+    check(b, qm_collide_self(&b->ctx, b->tree, &options, NULL, &full), "all pairs");
     double middle = qm_bench_now_ms();
     check(b, qm_collide_self(&b->ctx, b->tree, &options, &changes, &after), "changed pairs");
     qm_bench_add(part, 0.0, qm_bench_now_ms() - middle);
     qm_bench_add(all, 0.0, middle - start);
     bool same =
-        anew.pair_count == after.pair_count &&
-        (anew.pair_count == 0 || memcmp(anew.pairs, after.pairs, anew.pair_count * sizeof *anew.pairs) == 0);
+        full.pair_count == after.pair_count &&
+        (full.pair_count == 0 || memcmp(full.pairs, after.pairs, full.pair_count * sizeof *full.pairs) == 0);
     if (!same) bench_fail("changed pairs", "they are not those of a full run");
     qm_collide_reset(&b->ctx, &b->before);
-    qm_collide_reset(&b->ctx, &anew);
+    qm_collide_reset(&b->ctx, &full);
     b->before = after;
 }
 

@@ -1,6 +1,6 @@
 /*
  * Times how trees follow a mesh that moves, beside building them: all vertices in a wave, and a part of them
- * that lies together. The grid has no refit: it is built anew.
+ * that lies together. The grid has no refit: it is built again.
  */
 #include "engine.h"
 

@@ -63,7 +63,7 @@ static inline long qm_bench_memory_kb(const char *key)
     return size;
 }
 
-/** Gives back what reading left over and starts the peak anew; returns the kilobytes held. */
+/** Gives back what reading left over and resets the peak; returns the kilobytes held. */
 static inline long qm_bench_rest(void)
 {
     malloc_trim(0);

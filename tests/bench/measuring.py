@@ -15,7 +15,7 @@ ARRAYS = programs.OUT / "arrays"
 class Settings:
     runs: int = 5              # of this engine
     peer_runs: int = 3
-    patience_s: float = 10.0   # a program that took longer is not asked the same thing again
+    patience_s: float = 10.0   # a program that took longer does not run this case again
     limit_s: float = 120.0
     limit_bytes: int = 6 << 30
     tolerance: float = 1e-8    # a share of the diagonal of A

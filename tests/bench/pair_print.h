@@ -1,5 +1,5 @@
 /**
- * pair_print.h: pairs of faces that meet, as every program of the benchmark tells them: how many, and a sum
+ * pair_print.h: pairs of faces that meet, as every program of the benchmark prints them: their number, and a sum
  * over them, so that run.py sees whether two programs have found the same ones.
  */
 #ifndef QM_BENCH_PAIR_PRINT_H

@@ -29,7 +29,7 @@ class Variant:
     of_b: bool
 
     def make(self):
-        """The changed pair, whose file is written anew."""
+        """The changed pair, whose file is written again."""
         words = CHANGES[self.change]
         if not words:
             return self.pair

@@ -106,7 +106,7 @@ test("two meshes are compared by keyboard alone", async () => {
 test("who goes elsewhere while a view is on its way gets there", async () => {
   const page = await browser.open(`${daemon.url}/#jobs`);
   await page.locator('body[data-page="jobs"]').waitFor();
-  // The view arrives, and writes its choices into the address, before the page is told of the step.
+  // The view arrives, and writes its choices into the address, before the page gets the event of the step.
   await page.evaluate(() => {
     location.hash = "#meshes";
     history.replaceState(null, "", "#jobs");

@@ -99,8 +99,8 @@ test("a job: events to the end, the result, the list", async () => {
   assert.deepEqual(later, [last]);
   const streamed = await collect(client.jobs.stream({ type: "hausdorff", a: a.id, b: b.id, direction: "a_to_b" }));
   assert.equal(streamed.at(-1).event, "result");
-  const asked = await client.jobs.create({ type: "hausdorff", a: a.id, b: b.id }, { wait: 10 });
-  assert.equal(asked.cached, true);
+  const again = await client.jobs.create({ type: "hausdorff", a: a.id, b: b.id }, { wait: 10 });
+  assert.equal(again.cached, true);
   const fresh = await client.jobs.create({ type: "hausdorff", a: a.id, b: b.id }, { wait: 30, fresh: true });
   assert.notEqual(fresh.id, job.id);
   const [once, twice] = await Promise.all([1, 2].map(() => client.jobs.create(
@@ -126,7 +126,7 @@ test("a batch answers every line", async () => {
   assert.equal(answers.find((answer) => answer.key === 2).problem.code, "mesh_not_found");
 });
 
-test("a job can be told to stop, and a reader can leave", async () => {
+test("a job can be canceled, and a subscriber can leave", async () => {
   const job = await slowJob(client);
   const left = new AbortController();
   await assert.rejects(async () => {
@@ -145,12 +145,12 @@ test("a job can be told to stop, and a reader can leave", async () => {
 test("moved vertices make a revision; collisions and least distances follow", async () => {
   const one = (await client.meshes.create(off(box(4)), { name: "one.off" })).mesh;
   const two = (await client.meshes.create(off(moved(box(4), [2, 0, 0])), { name: "two.off" })).mesh;
-  const asked = { a: one.id, b: two.id };
-  const apart = await client.jobs.create({ type: "distance", ...asked }, { wait: 30 });
+  const pair = { a: one.id, b: two.id };
+  const apart = await client.jobs.create({ type: "distance", ...pair }, { wait: 30 });
   assert(apart.result.lower <= 1 && apart.result.upper >= 1 && apart.result.lower > 0.999999);
   const { revision } = await client.meshes.deform(two.id, Float64Array.from(moved(box(4), [0.75, 0, 0]).vertices.flat()));
   assert.equal(revision, 1);
-  const found = await client.jobs.create({ type: "collision", ...asked }, { wait: 30 });
+  const found = await client.jobs.create({ type: "collision", ...pair }, { wait: 30 });
   assert(found.result.collides);
   const pairs = await client.jobs.pairs(found.id);
   assert.equal(pairs.length, 2 * found.result.count);
@@ -199,7 +199,7 @@ test("a layout is edited, undone, and grows into quads", async () => {
   await assert.rejects(client.layouts.get(layout.id), { status: 404 });
 });
 
-test("curves along the normal of the surface are told as they lie", async () => {
+test("curves along the normal of the surface are returned as they are", async () => {
   // At a corner of a box one of the three edges may have no direction in the plane of the surface.
   const { mesh } = await client.meshes.create(off(box(8)), { name: "box.off" });
   const layout = await client.layouts.create({ mesh: mesh.id, ...boxLayout() });
@@ -221,7 +221,7 @@ test("a stroke in the window becomes a curve", async () => {
   assert.equal(edited.issues.filter((issue) => issue.kind === "dangling_end").length, 2);
 });
 
-test("refusals are told with their place", async () => {
+test("refusals name their location", async () => {
   await assert.rejects(client.meshes.create("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n", { format: "obj" }), (error) => {
     assert(error instanceof ProblemError);
     assert.deepEqual([error.status, error.code, error.places[0].line], [422, "index_out_of_range", 4]);
@@ -230,8 +230,8 @@ test("refusals are told with their place", async () => {
   });
   await assert.rejects(client.jobs.create({ type: "hausdorff", a: a.id, b: b.id, tolerance: -1 }),
     (error) => error.places[0].pointer === "/tolerance");
-  const nobody = new Client({ base: "http://127.0.0.1:1" });
-  await assert.rejects(nobody.system.info(), (error) => error instanceof ConnectionError);
+  const unreachable = new Client({ base: "http://127.0.0.1:1" });
+  await assert.rejects(unreachable.system.info(), (error) => error instanceof ConnectionError);
 });
 
 test("the system's calls", async () => {

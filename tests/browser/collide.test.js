@@ -23,7 +23,7 @@ after(async () => {
   await daemon.remove();
 });
 
-test("contacts are counted, stepped through and flown to; apart, the least distance is told", async () => {
+test("contacts are counted, stepped through and flown to; apart, the least distance is shown", async () => {
   const page = await browser.open(`${daemon.url}/#collide?a=${ids.one}&b=${ids.near}`);
   await waitForView(page);
   await page.getByRole("button", { name: "Find collisions" }).click();

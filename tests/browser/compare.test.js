@@ -115,7 +115,7 @@ test("the heat map comes with colour bar, histogram and percentiles; a link brin
   await finish(other);
 });
 
-test("signed distances tell inside from outside; a link brings the look back", async () => {
+test("signed distances distinguish inside from outside; a link restores the view", async () => {
   const [near, whole] = await Promise.all([moved(ball(8), [0.3, 0, 0]), ball(16)].map(async (mesh, place) =>
     (await daemon.client().meshes.create(off(mesh), { name: `ball_${place}.off` })).mesh.id));
   const page = await browser.open(`${daemon.url}/#compare?a=${near}&b=${whole}`);
@@ -146,7 +146,7 @@ test("signed distances tell inside from outside; a link brings the look back", a
   await finish(other);
 });
 
-test("a fault of the request is told in words", async () => {
+test("a fault of the request is shown in words", async () => {
   const page = await browser.open(`${daemon.url}/#compare`);
   await choose(page, "a", "b");
   const gone = (await daemon.client().meshes.create(off(sphere(0.2, 8, 16)), { name: "gone.off" })).mesh.id;

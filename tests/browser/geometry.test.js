@@ -148,7 +148,7 @@ test("points lie inside or outside a box, also where their feet are on its edges
   assert(counted.every((count) => count > 200), `${counted}`);
 });
 
-test("the sides of a box are told apart by the curves of its layout, of a mesh and of points", () => {
+test("the curves of its layout separate the sides of a box, of a mesh and of points", () => {
   const { curves, nodes } = boxLayout();
   const frame = { centre: [0.5, 0.5, 0.5], scale: 1 / Math.sqrt(3) };
   const shape = shapeOf(box(40));

@@ -51,7 +51,7 @@ test("files may be dropped anywhere, several at once", async () => {
   await finish(page);
 });
 
-test("a faulty file is told with its line", async () => {
+test("the error of a faulty file names its line", async () => {
   const page = await browser.open(daemon.url);
   await page.locator("#files").setInputFiles({ name: "bad.obj", mimeType: "", buffer: Buffer.from("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 4\n") });
   const message = page.locator(".message.is-fault");

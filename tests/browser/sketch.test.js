@@ -83,7 +83,7 @@ test("a whole layout is drawn, undone and done again, and grown into a thousand 
   const { upper_relative: checked } = JSON.parse(execFileSync(path.join(BUILD, "quadmesh"), ["hausdorff", source, grown, "--json"], { encoding: "utf8" }));
   assert(100 * checked >= 0.995 * lower && 100 * checked <= 1.005 * upper, `${lower} ${upper} ${checked}`); // three digits
 
-  // The layout is touched up; only the two patches beside the curve are made anew.
+  // The layout is edited; only the two patches beside the curve are computed again.
   const layout = (await daemon.client().layouts.list().next()).value;
   const bent = curves[0].points.map(([x, y, z], k) => (k > 1 && k < 7 ? [x, y + 0.04, z + 0.04] : [x, y, z]));
   await daemon.client().layouts.redraw(layout.id, (await daemon.client().layouts.get(layout.id)).curves[0].id, bent);

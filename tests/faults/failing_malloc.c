@@ -1,5 +1,5 @@
 /*
- * A library to preload into the daemon: one allocation of its choice finds no memory, whoever asks for it.
+ * A library to preload into the daemon: one chosen allocation fails, whichever code makes it.
  *
  * The environment names in FAILING_MALLOC a file of two 64-bit numbers. While the first is greater than 0
  * every allocation of the process counts it down, and the one that brings it to 0 fails; the second counts
@@ -26,7 +26,7 @@ static void *(*next_aligned_alloc)(size_t, size_t);
 static void (*next_free)(void *);
 static int is_ready;
 
-/** What is asked for before the functions are known, each block after its size; never used again. */
+/** Allocations before the functions are known, each block after its size; never used again. */
 static _Alignas(16) char early[1 << 20];
 static size_t early_size;
 

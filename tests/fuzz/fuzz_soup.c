@@ -1,5 +1,5 @@
 /*
- * libFuzzer target over the engine: two little soups of faces are asked everything that the engine answers.
+ * libFuzzer target over the engine: all queries of the engine on two small triangle soups.
  * Every answer is compared with the slow twins, or with another answer that it must agree with.
  */
 #include <float.h>
@@ -27,7 +27,7 @@
         }                                                                                                    \
     } while (0)
 
-/** What one input asks. */
+/** The queries of one input. */
 typedef struct question {
     qm_soup soup[2];
     qm_soup_kind kind;
@@ -184,9 +184,9 @@ static void check_pairs(const question *q, const qm_collision *found)
     size_t next = 0;
     for (size_t a = 0; a < q->soup[0].mesh.face_count; a++)
         for (size_t b = 0; b < q->soup[1].mesh.face_count; b++) {
-            bool told = next < found->pair_count && found->pairs[next].a == a && found->pairs[next].b == b;
-            CHECK(told == faces_meet(q, a, b));
-            next += told;
+            bool reported = next < found->pair_count && found->pairs[next].a == a && found->pairs[next].b == b;
+            CHECK(reported == faces_meet(q, a, b));
+            next += reported;
         }
     CHECK(next == found->pair_count);
 }

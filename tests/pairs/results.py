@@ -37,7 +37,7 @@ def questions():
             both = [str(a), str(b), '--quads', reading, '--json', '--threads', '1']
             for direction in ('a_to_b', 'b_to_a', 'two_sided'):
                 for bounds in ('cover', 'matching'):
-                    # Matching is slow on large pairs; a share of the work tells as much.
+                    # Matching is slow on large pairs; a part of the work shows as much.
                     if bounds == 'matching' and a.stat().st_size > 2_000_000:
                         continue
                     yield (f'{name} {reading} hausdorff {direction} {bounds}',

@@ -14,7 +14,7 @@ import pytest
 ROOT = pathlib.Path(__file__).resolve().parents[2]
 BUILD = ROOT / os.environ.get("QM_BUILD", "build")
 DATA = pathlib.Path(os.environ.get("QM_TEST_DATA", ROOT / "../shared/data"))
-OURS = ROOT / "tests" / "layouts"  # README.md there tells how they were made
+OURS = ROOT / "tests" / "layouts"  # README.md there says how they were made
 
 
 def run(*words):

@@ -1,5 +1,5 @@
 /**
- * ask.h: one case: a pair of meshes, what is asked of the engine about it, and whether the answers are true.
+ * ask.h: one case: a pair of meshes, the queries about it, and whether the engine's answers are true.
  */
 #ifndef QM_PROVE_ASK_H
 #define QM_PROVE_ASK_H
@@ -14,11 +14,11 @@
 typedef struct qm_tally {
     uint64_t cases, tries; /* a try is an answer of the engine that was held against a reference */
     uint64_t failures;
-    uint64_t open;    /* answers whose reference was too wide to tell more than a rough error */
+    uint64_t open;    /* answers whose reference was too wide to find more than a gross error */
     uint64_t refused; /* calls that gave no answer: scales too different */
 } qm_tally;
 
-/** A case that is being asked about. */
+/** The case that is tested. */
 typedef struct qm_trial {
     const char *family; /* the kind of question */
     const qm_case_kind *kind;
@@ -35,7 +35,7 @@ typedef struct qm_trial {
     double size; /* of the frame: the meshes are about as large */
 } qm_trial;
 
-/** Counts a failure and prints it: the words, how to draw the case again, and the meshes where asked for. */
+/** Counts a failure and prints it: the message, how to draw the case again, and the meshes on request. */
 void qm_trial_fail(qm_trial *trial, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
 typedef void qm_ask(qm_trial *trial);

@@ -24,7 +24,7 @@ typedef struct parts {
     part *at;
     size_t count;
     qm_wide area;
-    qm_wide_distance *distance; /* of the middle of the part at hand, to each facet of b */
+    qm_wide_distance *distance; /* of the centroid of the current part, to each facet of b */
     const qm_wide_surface *b;
 } parts;
 
@@ -108,11 +108,11 @@ static parts make_parts(const qm_wide_surface *a, const qm_wide_surface *b)
 }
 
 /** Fails unless both intervals, the engine's and the reference's, have a number in common. */
-static void check_overlap(qm_trial *trial, const char *name, qm_interval told, double lower, double upper)
+static void check_overlap(qm_trial *trial, const char *name, qm_interval reported, double lower, double upper)
 {
     trial->tally->tries++;
-    if (!(told.lower <= upper && told.upper >= lower && told.lower <= told.upper))
-        qm_trial_fail(trial, "%s [%.17g, %.17g], true in [%.17g, %.17g]", name, told.lower, told.upper, lower,
+    if (!(reported.lower <= upper && reported.upper >= lower && reported.lower <= reported.upper))
+        qm_trial_fail(trial, "%s [%.17g, %.17g], true in [%.17g, %.17g]", name, reported.lower, reported.upper, lower,
                       upper);
 }
 
@@ -132,7 +132,7 @@ static void find_share(const parts *all, qm_wide low, qm_wide high, double share
 /** The reference's own roundings are 2^-100 or so; shares that end in a double round by 2^-53. */
 #define SHARE_ROUNDING 0x1p-50
 
-static void check_averages(qm_trial *trial, const parts *all, const qm_deviation *told)
+static void check_averages(qm_trial *trial, const parts *all, const qm_deviation *reported)
 {
     qm_wide mean[2] = {0, 0}, square[2] = {0, 0};
     for (size_t i = 0; i < all->count; i++)
@@ -141,47 +141,47 @@ static void check_averages(qm_trial *trial, const parts *all, const qm_deviation
             square[k] += all->at[i].area / all->area * all->at[i].square[k];
         }
     qm_wide scale = trial->frame.scale, round = 0x1p-98;
-    check_overlap(trial, "mean", told->mean, (double)((mean[0] - round) / scale),
+    check_overlap(trial, "mean", reported->mean, (double)((mean[0] - round) / scale),
                   (double)((mean[1] + round) / scale));
-    check_overlap(trial, "rms", told->rms, (double)((qm_wide_sqrt(square[0]) - round) / scale),
+    check_overlap(trial, "rms", reported->rms, (double)((qm_wide_sqrt(square[0]) - round) / scale),
                   (double)((qm_wide_sqrt(square[1]) + round) / scale));
     double area = (double)(all->area / scale / scale);
-    check_overlap(trial, "area", told->size, area * (1 - 0x1p-52), area * (1 + 0x1p-52));
+    check_overlap(trial, "area", reported->size, area * (1 - 0x1p-52), area * (1 + 0x1p-52));
 }
 
-static void check_percentile(qm_trial *trial, const parts *all, double percent, qm_interval told)
+static void check_percentile(qm_trial *trial, const parts *all, double percent, qm_interval reported)
 {
     double share[2], wanted = percent / 100;
     trial->tally->tries++;
-    find_share(all, 0, told.upper * trial->frame.scale, share);
+    find_share(all, 0, reported.upper * trial->frame.scale, share);
     if (share[1] < wanted - SHARE_ROUNDING)
         qm_trial_fail(trial, "percentile %.17g at most %.17g, where the share is at most %.17g", percent,
-                      told.upper, share[1]);
-    find_share(all, 0, told.lower * trial->frame.scale, share);
-    if (told.lower > 0 && share[0] >= wanted + SHARE_ROUNDING)
+                      reported.upper, share[1]);
+    find_share(all, 0, reported.lower * trial->frame.scale, share);
+    if (reported.lower > 0 && share[0] >= wanted + SHARE_ROUNDING)
         qm_trial_fail(trial, "percentile %.17g at least %.17g, where the share is at least %.17g", percent,
-                      told.lower, share[0]);
+                      reported.lower, share[0]);
 }
 
-static void check_bins(qm_trial *trial, const parts *all, const qm_deviation *told)
+static void check_bins(qm_trial *trial, const parts *all, const qm_deviation *reported)
 {
-    for (size_t i = 0; i < told->bin_count; i++) {
+    for (size_t i = 0; i < reported->bin_count; i++) {
         double share[2];
-        qm_wide width = told->bin_width * trial->frame.scale;
+        qm_wide width = reported->bin_width * trial->frame.scale;
         find_share(all, (qm_wide)i * width, (qm_wide)(i + 1) * width, share);
-        check_overlap(trial, "share of a bin", told->bin[i], share[0] - SHARE_ROUNDING,
+        check_overlap(trial, "share of a bin", reported->bin[i], share[0] - SHARE_ROUNDING,
                       share[1] + SHARE_ROUNDING);
     }
 }
 
-static void check_vertices(qm_trial *trial, const qm_wide_surface *b, const qm_deviation *told)
+static void check_vertices(qm_trial *trial, const qm_wide_surface *b, const qm_deviation *reported)
 {
-    for (size_t v = 0; v < told->vertex_count; v++) {
+    for (size_t v = 0; v < reported->vertex_count; v++) {
         qm_wide_vec p = qm_wide_local(&trial->frame, trial->pair.a.positions + 3 * v);
         qm_wide_distance d = qm_wide_surface_distance(b, p, 0x1p-60L);
         double lower = (double)(d.lower / trial->frame.scale), upper = (double)(d.upper / trial->frame.scale);
         double error = 1e-13 * trial->size;
-        qm_interval at = {told->vertex_distance[v] - error, told->vertex_distance[v] + error};
+        qm_interval at = {reported->vertex_distance[v] - error, reported->vertex_distance[v] + error};
         check_overlap(trial, "vertex", at, lower, upper);
     }
 }
@@ -252,13 +252,13 @@ static qm_interval in_frame(qm_interval world, qm_wide scale)
 /** Draws; all sums are of what a point is off by from the middle of the engine's interval, so that their
  * ratio to the area is as good as they are. */
 static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide_surface *b,
-                        const qm_deviation_options *options, const qm_deviation *told)
+                        const qm_deviation_options *options, const qm_deviation *reported)
 {
     double off[2][DRAWS] = {{0}}, area[DRAWS] = {0}, within[2][PERCENTILES][DRAWS] = {{{0}}}, error;
     qm_wide scale = trial->frame.scale;
-    qm_interval mean_told = in_frame(told->mean, scale), rms_told = in_frame(told->rms, scale);
-    double mean = 0.5 * (mean_told.lower + mean_told.upper);
-    double square = 0.5 * (rms_told.lower * rms_told.lower + rms_told.upper * rms_told.upper);
+    qm_interval mean_reported = in_frame(reported->mean, scale), rms_reported = in_frame(reported->rms, scale);
+    double mean = 0.5 * (mean_reported.lower + mean_reported.upper);
+    double square = 0.5 * (rms_reported.lower * rms_reported.lower + rms_reported.upper * rms_reported.upper);
     for (int draw = 0; draw < DRAWS; draw++) {
         for (size_t i = 0; i < a->count * STRATA * STRATA; i++) {
             point_sample at =
@@ -267,25 +267,25 @@ static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide
             area[draw] += at.weight;
             off[0][draw] += at.weight * (d - mean);
             off[1][draw] += at.weight * (d * d - square);
-            for (size_t k = 0; k < told->percentile_count; k++) {
-                within[0][k][draw] += at.high < told->percentile[k].lower * scale ? at.weight : 0;
-                within[1][k][draw] += at.low <= told->percentile[k].upper * scale ? at.weight : 0;
+            for (size_t k = 0; k < reported->percentile_count; k++) {
+                within[0][k][draw] += at.high < reported->percentile[k].lower * scale ? at.weight : 0;
+                within[1][k][draw] += at.low <= reported->percentile[k].upper * scale ? at.weight : 0;
             }
         }
     }
     double total = mean_of(area, &error), rounding = 0x1p-46;
-    check_overlap(trial, "area", in_frame(told->size, scale * scale), (total - error) * (1 - 0x1p-40),
+    check_overlap(trial, "area", in_frame(reported->size, scale * scale), (total - error) * (1 - 0x1p-40),
                   (total + error) * (1 + 0x1p-40));
     const qm_interval half[2] = {
-        {mean_told.lower - mean, mean_told.upper - mean},
-        {rms_told.lower * rms_told.lower - square, rms_told.upper * rms_told.upper - square}};
+        {mean_reported.lower - mean, mean_reported.upper - mean},
+        {rms_reported.lower * rms_reported.lower - square, rms_reported.upper * rms_reported.upper - square}};
     for (int k = 0; k < 2; k++) {
         double at = mean_of(off[k], &error) / total, wide = error / total;
-        double round = k ? rounding * (2 * in_frame(told->max, scale).upper + rounding) : rounding;
+        double round = k ? rounding * (2 * in_frame(reported->max, scale).upper + rounding) : rounding;
         check_overlap(trial, k ? "mean square, less its middle," : "mean, less its middle,", half[k],
                       at - wide - round, at + wide + round);
     }
-    for (size_t k = 0; k < told->percentile_count; k++) {
+    for (size_t k = 0; k < reported->percentile_count; k++) {
         double wanted = options->percentile[k] / 100, few = 16.0 / (DRAWS * STRATA * STRATA);
         double below = mean_of(within[0][k], &error) / total, low_error = error / total + few;
         double up_to = mean_of(within[1][k], &error) / total, high_error = error / total + few;
@@ -293,7 +293,7 @@ static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide
         if (below - low_error > wanted || up_to + high_error < wanted)
             qm_trial_fail(
                 trial, "percentile %.17g [%.17g, %.17g], of points %.17g are below and %.17g up to it",
-                options->percentile[k], told->percentile[k].lower, told->percentile[k].upper, below, up_to);
+                options->percentile[k], reported->percentile[k].lower, reported->percentile[k].upper, below, up_to);
     }
 }
 
@@ -305,26 +305,26 @@ static bool has_mean(const qm_wide_surface *a)
     return true;
 }
 
-static void check(qm_trial *trial, const qm_deviation_options *options, const qm_deviation *told)
+static void check(qm_trial *trial, const qm_deviation_options *options, const qm_deviation *reported)
 {
     qm_wide_surface a = qm_wide_surface_make(&trial->frame, &trial->pair.a, options->quads);
     qm_wide_surface b = qm_wide_surface_make(&trial->frame, &trial->pair.b, options->quads);
     qm_wide_maximum max = qm_wide_farthest(&a, &b, 0x1p-54L, CELLS_OF_MAXIMUM);
     qm_wide scale = trial->frame.scale;
-    check_overlap(trial, "max", told->max, (double)(max.lower / scale), (double)(max.upper / scale));
-    check_vertices(trial, &b, told);
+    check_overlap(trial, "max", reported->max, (double)(max.lower / scale), (double)(max.upper / scale));
+    check_vertices(trial, &b, reported);
     if (has_mean(&a) && has_mean(&b)) {
         parts all = make_parts(&a, &b);
-        if (told->measure == QM_OVER_AREA && all.area > 1e-12) {
-            check_averages(trial, &all, told);
-            for (size_t i = 0; i < told->percentile_count; i++)
-                check_percentile(trial, &all, options->percentile[i], told->percentile[i]);
-            check_bins(trial, &all, told);
+        if (reported->measure == QM_OVER_AREA && all.area > 1e-12) {
+            check_averages(trial, &all, reported);
+            for (size_t i = 0; i < reported->percentile_count; i++)
+                check_percentile(trial, &all, options->percentile[i], reported->percentile[i]);
+            check_bins(trial, &all, reported);
         }
         free(all.at);
         free(all.distance);
-    } else if (told->measure == QM_OVER_AREA && told->mean.upper < INFINITY && a.count * b.count <= 9) {
-        check_draws(trial, &a, &b, options, told);
+    } else if (reported->measure == QM_OVER_AREA && reported->mean.upper < INFINITY && a.count * b.count <= 9) {
+        check_draws(trial, &a, &b, options, reported);
     }
     qm_wide_surface_free(&a);
     qm_wide_surface_free(&b);
@@ -344,14 +344,14 @@ void qm_ask_deviation(qm_trial *trial)
     options.percentile = percentile;
     options.percentile_count = PERCENTILES;
     options.bin_count = BINS;
-    qm_deviation told;
-    qm_status status = qm_deviation_measure(&trial->ctx, trial->tree[0], trial->tree[1], &options, &told);
+    qm_deviation reported;
+    qm_status status = qm_deviation_measure(&trial->ctx, trial->tree[0], trial->tree[1], &options, &reported);
     if (status == QM_E_SCALE) {
         trial->tally->refused++;
     } else if (status != QM_OK) {
         qm_trial_fail(trial, "%s: %s", qm_status_code(status), trial->ctx.message);
     } else {
-        check(trial, &options, &told);
-        qm_deviation_reset(&trial->ctx, &told);
+        check(trial, &options, &reported);
+        qm_deviation_reset(&trial->ctx, &reported);
     }
 }

@@ -14,7 +14,7 @@ enum { CALLS = 8, CELLS_OF_TRIANGLES = 3000, CELLS_OF_PATCHES = 600 };
 #define REFERENCE_EPS 0x1p-54L /* of the frame */
 #define OPEN_WIDTH 1e-13       /* of the frame: references wider than this are counted */
 
-/** The best bounds that the progress of a call told. */
+/** The best bounds that the progress of a call reported. */
 typedef struct watch {
     double lower, upper;
 } watch;

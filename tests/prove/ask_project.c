@@ -21,7 +21,7 @@ typedef struct answer {
     uint32_t face;
 } answer;
 
-/** A surface with points to be asked about. */
+/** A surface and the points to project onto it. */
 typedef struct inquiry {
     qm_trial *trial;
     const qm_mesh *mesh;
@@ -61,7 +61,7 @@ static void draw_point(qm_random *random, const inquiry *q, const qm_mesh *other
 {
     double direction[3], away = 0;
     draw_on_surface(random, q, out);
-    /* Where b is the trouble, points elsewhere tell nothing. */
+    /* Where b is degenerate, points elsewhere test nothing. */
     size_t kind = q->trial->kind->only_from_a ? 0 : qm_random_below(random, 6);
     if (kind == 1) away = q->size * qm_random_power(random, -15, -3);
     if (kind == 2) away = q->size * qm_random_power(random, -3, 1);
@@ -116,35 +116,35 @@ static void position_at(const inquiry *q, uint32_t face, const double uv[2], dou
     out[2] = (double)p.z;
 }
 
-static void check_answer(const inquiry *q, const double p[3], const answer *told, qm_wide_distance d,
+static void check_answer(const inquiry *q, const double p[3], const answer *reported, qm_wide_distance d,
                          const char *how)
 {
     double lower = (double)(d.lower / q->frame.scale), upper = (double)(d.upper / q->frame.scale), at[3];
     double error = PROJECTION_ERROR * q->size + FAR_ROUNDINGS * ROUNDING * upper;
     double place = PLACE_ROUNDINGS * ROUNDING * q->magnitude;
-    if (!(told->distance >= lower - error && told->distance <= upper + error))
+    if (!(reported->distance >= lower - error && reported->distance <= upper + error))
         qm_trial_fail(q->trial, "%s: distance %.17g of %.17g %.17g %.17g, true in [%.17g, %.17g], size %g",
-                      how, told->distance, p[0], p[1], p[2], lower, upper, q->size);
-    if (told->face >= (q->mesh->face_count ? q->mesh->face_count : q->mesh->vertex_count)) {
-        qm_trial_fail(q->trial, "%s: face %u", how, told->face);
+                      how, reported->distance, p[0], p[1], p[2], lower, upper, q->size);
+    if (reported->face >= (q->mesh->face_count ? q->mesh->face_count : q->mesh->vertex_count)) {
+        qm_trial_fail(q->trial, "%s: face %u", how, reported->face);
         return;
     }
-    qm_wide_distance own = face_distance(q, told->face, p);
+    qm_wide_distance own = face_distance(q, reported->face, p);
     if (!((double)own.lower <= upper + 2 * error))
         qm_trial_fail(q->trial, "%s: face %u of %.17g %.17g %.17g is %.17g away, the nearest at most %.17g",
-                      how, told->face, p[0], p[1], p[2], (double)own.lower, upper);
-    double off = (double)face_distance(q, told->face, told->position).lower,
-           apart = length(p, told->position);
-    if (!(off <= error + place && fabs(apart - told->distance) <= 2 * error + place))
+                      how, reported->face, p[0], p[1], p[2], (double)own.lower, upper);
+    double off = (double)face_distance(q, reported->face, reported->position).lower,
+           apart = length(p, reported->position);
+    if (!(off <= error + place && fabs(apart - reported->distance) <= 2 * error + place))
         qm_trial_fail(q->trial,
                       "%s: foot %.17g %.17g %.17g is %g off face %u, %.17g from %.17g %.17g %.17g, not %.17g",
-                      how, told->position[0], told->position[1], told->position[2], off, told->face, apart,
-                      p[0], p[1], p[2], told->distance);
-    position_at(q, told->face, told->uv, at);
-    bool is_inside = told->uv[0] >= 0 && told->uv[0] <= 1 && told->uv[1] >= 0 && told->uv[1] <= 1;
-    if (!(is_inside && length(at, told->position) <= error + place))
+                      how, reported->position[0], reported->position[1], reported->position[2], off, reported->face, apart,
+                      p[0], p[1], p[2], reported->distance);
+    position_at(q, reported->face, reported->uv, at);
+    bool is_inside = reported->uv[0] >= 0 && reported->uv[0] <= 1 && reported->uv[1] >= 0 && reported->uv[1] <= 1;
+    if (!(is_inside && length(at, reported->position) <= error + place))
         qm_trial_fail(q->trial, "%s: parameters %.17g %.17g of face %u are %g from the foot", how,
-                      told->uv[0], told->uv[1], told->face, length(at, told->position));
+                      reported->uv[0], reported->uv[1], reported->face, length(at, reported->position));
 }
 
 /** The first face that is as near as the nearest, to 100 bits; *count how many there are. */
@@ -164,7 +164,7 @@ static uint32_t first_nearest(const inquiry *q, const double p[3], qm_wide neare
     return first;
 }
 
-static void check_tie(const inquiry *q, const double p[3], const answer *told, qm_wide_distance d,
+static void check_tie(const inquiry *q, const double p[3], const answer *reported, qm_wide_distance d,
                       const char *how)
 {
     size_t count;
@@ -172,14 +172,14 @@ static void check_tie(const inquiry *q, const double p[3], const answer *told, q
     if (count < 2) return;
     q->trial->tally->tries++;
     /* A lower index may win that is farther by no more than what the distance may be off. */
-    if (told->face > first)
+    if (reported->face > first)
         qm_trial_fail(q->trial, "%s: of %zu faces equally near to %.17g %.17g %.17g, face %u, not %u", how,
-                      count, p[0], p[1], p[2], told->face, first);
+                      count, p[0], p[1], p[2], reported->face, first);
 }
 
 /* ---- questions ---- */
 
-static bool project(inquiry *q, qm_accelerator accelerator, answer told[POINTS])
+static bool project(inquiry *q, qm_accelerator accelerator, answer reported[POINTS])
 {
     qm_context *ctx = &q->trial->ctx;
     qm_locator locator;
@@ -197,8 +197,8 @@ static bool project(inquiry *q, qm_accelerator accelerator, answer told[POINTS])
     if (status != QM_OK && status != QM_E_SCALE)
         qm_trial_fail(q->trial, "%s: %s", qm_status_code(status), ctx->message);
     for (int i = 0; status == QM_OK && i < POINTS; i++) {
-        told[i] = (answer){.distance = distance[i], .uv = {uv[i][0], uv[i][1]}, .face = face[i]};
-        memcpy(told[i].position, position[i], sizeof position[i]);
+        reported[i] = (answer){.distance = distance[i], .uv = {uv[i][0], uv[i][1]}, .face = face[i]};
+        memcpy(reported[i].position, position[i], sizeof position[i]);
     }
     return status == QM_OK;
 }
@@ -207,17 +207,17 @@ static void ask_with(inquiry *q, qm_accelerator accelerator, const qm_wide_dista
                      bool ties)
 {
     static const char *const names[] = {"auto", "boxes", "tetra", "grid"};
-    answer told[POINTS];
+    answer reported[POINTS];
     char how[96];
     snprintf(how, sizeof how, "%s, mesh %s, quads %d", names[accelerator],
              q->mesh == &q->trial->pair.a ? "A" : "B", (int)q->quads);
-    if (!project(q, accelerator, told)) return;
+    if (!project(q, accelerator, reported)) return;
     for (int i = 0; i < POINTS; i++) {
         if (ties) {
-            check_tie(q, q->point[i], &told[i], reference[i], how);
+            check_tie(q, q->point[i], &reported[i], reference[i], how);
         } else {
             q->trial->tally->tries++;
-            check_answer(q, q->point[i], &told[i], reference[i], how);
+            check_answer(q, q->point[i], &reported[i], reference[i], how);
         }
     }
 }

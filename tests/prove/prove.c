@@ -1,5 +1,5 @@
 /*
- * prove: draws cases by class, asks the engine about them, and holds its answers against certified
+ * prove: draws cases by class, queries the engine, and compares its answers with certified
  * references.
  *
  *   prove [--seconds S] [--seed N] [--jobs N] [CLASS ...]     all classes, or those whose names begin so
@@ -50,7 +50,7 @@ typedef struct errand {
 /** What a job shares with its parent. */
 typedef struct progress {
     qm_tally tally;
-    uint64_t index; /* of the case at hand */
+    uint64_t index; /* of the current case */
 } progress;
 
 static double now(void)
@@ -226,7 +226,7 @@ static int run(const errand *plan)
             else
                 sum = run_class(&families[f], &qm_case_kinds[k], plan, seconds, shared);
             failures += sum.failures;
-            if (sum.tries == 0) failures++; /* a class that asks nothing proves nothing */
+            if (sum.tries == 0) failures++; /* a class without tries proves nothing */
             printf("%s %s/%s: %llu tries, %llu failures, seed %llu (%llu cases, %llu open, %llu refused)\n",
                    sum.failures || sum.tries == 0 ? "FAILED" : "ok", families[f].name, qm_case_kinds[k].name,
                    (unsigned long long)sum.tries, (unsigned long long)sum.failures,

@@ -25,7 +25,7 @@
         }                                                                                                    \
     } while (0)
 
-/** True when the long version of the tests is asked for (QM_TEST_LONG=1). */
+/** True when the long version of the tests is requested (QM_TEST_LONG=1). */
 static inline bool qm_check_long(void)
 {
     const char *value = getenv("QM_TEST_LONG");

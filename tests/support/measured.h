@@ -9,7 +9,7 @@
 /** The greatest coordinate of both meshes, by absolute value. */
 double qm_measured_size(const qm_mesh *a, const qm_mesh *b);
 
-/** Measures on malloc, with real threads when more than one is asked for; a refusal fails the test. */
+/** Measures on malloc, with real threads when more than one is requested; an error fails the test. */
 qm_hausdorff_result qm_measured(const qm_mesh *a, const qm_mesh *b, const qm_hausdorff_options *options);
 
 #endif

@@ -471,7 +471,7 @@ typedef struct slow_search {
     cell *cells;
     size_t cell_count, cell_capacity;
     heap queue;      /* by upper bound */
-    real *distances; /* of the samples of the cell at hand to all labels: rows of label_count */
+    real *distances; /* of the samples of the current cell to all labels: rows of label_count */
     size_t label_count;
 } slow_search;
 

@@ -13,7 +13,7 @@
 /** An interval that holds the true value. */
 typedef struct qm_slow_bracket {
     double lower, upper;
-    bool finished; /* upper - lower is at most the eps asked for; otherwise a limit of work ended it */
+    bool finished; /* upper - lower is at most the requested eps; otherwise a limit of work ended it */
 } qm_slow_bracket;
 
 /** Distance from a point to a triangle, which may be a segment or a point. */

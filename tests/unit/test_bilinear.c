@@ -7,7 +7,7 @@
 
 #include <math.h>
 
-#define ERROR 1e-13                  /* asked for; the patches measure about 1 */
+#define ERROR 1e-13                  /* tolerance; the patches measure about 1 */
 #define ROUND(d) (2e-15 * (1 + (d))) /* roundings of the engine's own arithmetic at a distance d */
 
 /** How the patches of a run are drawn. */

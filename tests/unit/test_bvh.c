@@ -1,4 +1,4 @@
-/* Trees: the same on any number of threads, only the parts that are asked for, and the sort below them. */
+/* Trees: equal on any number of threads, with only the requested parts, and the sort below them. */
 #include "check.h"
 
 #include "base/host.h"
@@ -104,7 +104,7 @@ static qm_hausdorff_result measure(qm_context *ctx, const qm_bvh *a, const qm_bv
     return result;
 }
 
-/** What is not kept is made by each who asks, and is the same; several threads take the last places. */
+/** Frames that are not stored are computed on each query, with equal bits; several threads take the last slots. */
 static void rows_without_room_are_the_same(void **state)
 {
     (void)state;

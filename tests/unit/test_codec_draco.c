@@ -229,7 +229,7 @@ static void announced_counts_are_held_against_the_limits(void **state)
     qm_decoded_free(&decoded);
 }
 
-/** A kd-tree of version 2.2 tells the number of points twice; by the second Draco would ask for gigabytes. */
+/** A kd-tree of version 2.2 has the number of points twice; by the second one Draco would allocate gigabytes. */
 static void old_kd_trees_are_refused(void **state)
 {
     (void)state;

@@ -173,7 +173,7 @@ static void normals_of_points_are_kept(void **state)
     assert_true(decoded.mesh.normals[1] == -1.0f);
     qm_decoded_free(&decoded);
 
-    /* A mesh has faces to tell its normals, and two numbers are none. */
+    /* A mesh gets its normals from its faces, and two numbers are no normal. */
     const char *mesh = "ply\nformat ascii 1.0\nelement vertex 3\n" XYZ NORMALS "element face 1\n" LIST
                        "end_header\n0 0 0 0 0 1\n1 0 0 0 0 1\n0 1 0 0 0 1\n3 0 1 2\n";
     decoded = qm_decode_text(QM_FORMAT_PLY, mesh);

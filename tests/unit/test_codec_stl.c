@@ -232,7 +232,7 @@ static void random_triangles_are_welded_in_their_order(void **state)
     }
 }
 
-/** Facets are welded some at a time; the fault of the first line is told all the same. */
+/** Facets are welded in batches; the error still names the first faulty line. */
 static void the_first_of_two_text_faults_is_told(void **state)
 {
     (void)state;

@@ -150,7 +150,7 @@ static void check_same(const qm_collision *x, const qm_collision *y)
     if (x->pair_count > 0) assert_memory_equal(x->pairs, y->pairs, x->pair_count * sizeof *x->pairs);
 }
 
-/** Modes and threads tell the same story as all pairs on one thread. */
+/** All modes and thread counts agree with all pairs on one thread. */
 static void check_modes(const bigint_soup *a, const bigint_soup *b, const qm_collision *all)
 {
     const qm_mesh *other = b ? &b->mesh : NULL;

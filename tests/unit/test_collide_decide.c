@@ -102,7 +102,7 @@ static void proofs_hold_on_every_instruction_set(void **state)
         qm_context ctx = qm_context_make();
         const int limits[] = {3, 20, 300, QM_EXACT_TWIN_LIMIT};
         int limit = limits[run % 4];
-        /* Exact in doubles; far out, single precision can tell little. */
+        /* Exact in doubles; far out, single precision decides little. */
         const double far = run % 3 == 0 ? 0x1p20 : run % 3 == 1 ? 64 : 0, shift[3] = {far, -far, far};
         double step = run % 5 == 0 ? 0x1p-60 : 1.0;
         whole_pack a, b;
@@ -123,7 +123,7 @@ static void proofs_hold_on_every_instruction_set(void **state)
     assert_true(open < (size_t)runs * 8);
 }
 
-/** Corners at one place are told, so that nothing need be computed. */
+/** Coincident corners are passed on, so that nothing is computed for them. */
 static void common_corners_are_told(void **state)
 {
     (void)state;

@@ -53,14 +53,14 @@ static void check_list(qm_context *ctx, qm_random *random, size_t count, const u
     options.thread_count = threads;
     qm_collision out = {0};
     assert_int_equal(qm_pair_list_finish(ctx, &list, last, &options, &out), QM_OK);
-    size_t told = 0;
+    size_t reported = 0;
     for (size_t i = 0; i < count; i++) {
         if (i > 0 && expected[i] == expected[i - 1]) continue;
-        assert_true(told < out.pair_count);
-        assert_int_equal((uint64_t)out.pairs[told].a << 32 | out.pairs[told].b, expected[i]);
-        told++;
+        assert_true(reported < out.pair_count);
+        assert_int_equal((uint64_t)out.pairs[reported].a << 32 | out.pairs[reported].b, expected[i]);
+        reported++;
     }
-    assert_int_equal(told, out.pair_count);
+    assert_int_equal(reported, out.pair_count);
     qm_collide_reset(ctx, &out);
     options.mode = QM_COLLIDE_FIRST;
     assert_int_equal(qm_pair_list_finish(ctx, &list, last, &options, &out), QM_OK);

@@ -818,7 +818,7 @@ static void folded_patches_count_by_their_area(void **state)
     qm_shape_free(&b);
 }
 
-/** Raises the flag when the search for the maximum tells of itself. */
+/** Raises the flag when the search for the maximum reports progress. */
 static void cancel_search(void *user, const qm_hausdorff_progress *progress)
 {
     (void)progress;
@@ -936,7 +936,7 @@ static void *canceling_resize(void *user, void *block, size_t old_size, size_t n
     return qm_allocator_default.resize(qm_allocator_default.user, block, old_size, new_size);
 }
 
-/** Cancels a call when it asks for memory for the n-th time; adds the outcome to the counts. */
+/** Cancels a call at its n-th allocation; adds the outcome to the counts. */
 static bool cancel_at(const qm_mesh *a, const qm_mesh *b, const qm_deviation_options *options, size_t n,
                       const qm_deviation *truth, int counts[2])
 {
@@ -962,7 +962,7 @@ static bool cancel_at(const qm_mesh *a, const qm_mesh *b, const qm_deviation_opt
     return was_raised;
 }
 
-/** Cancels a call wherever it asks for memory. */
+/** Cancels a call at each of its allocations. */
 static void check_canceled_calls(const qm_mesh *a, const qm_mesh *b, const qm_deviation_options *options)
 {
     qm_deviation truth = measure(a, b, options);
@@ -970,7 +970,7 @@ static void check_canceled_calls(const qm_mesh *a, const qm_mesh *b, const qm_de
     size_t n = 0;
     while (cancel_at(a, b, options, n, &truth, counts))
         n++;
-    /* Early on there is nothing to tell yet, later on there is. */
+    /* An early end has no result yet, a later one has. */
     QM_CHECK(counts[0] > 0 && counts[1] > 0, "%d without, %d with bounds", counts[0], counts[1]);
     release(&truth);
 }
@@ -985,7 +985,7 @@ static void a_canceled_call_tells_what_it_has(void **state)
     qm_shape_free(&b);
 }
 
-/** Pieces that are made anew have no bounds at first. */
+/** New pieces have no bounds at first. */
 static void a_canceled_restart_tells_what_was_there(void **state)
 {
     (void)state;

@@ -450,7 +450,7 @@ static void triangles_over_a_point_are_exact(void **state)
 
 /* ---- points ---- */
 
-/** Points up to 1e12 sizes away from a bent patch; the twin in long double tells where they are. */
+/** Points up to 1e12 sizes away from a bent patch; the twin in long double finds their footpoints. */
 static void far_points_are_measured_to_patches(void **state)
 {
     (void)state;

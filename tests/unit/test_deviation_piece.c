@@ -23,7 +23,7 @@ typedef struct piece_pair {
     qm_deviation_workspace desk;
 } piece_pair;
 
-/** Of random points in pieces that have strays: how many were told to stray, and how many do. */
+/** Of random points in pieces that have strays: the expected number of strays, and the number found. */
 typedef struct stray_count {
     double expected, variance;
     size_t found;
@@ -161,7 +161,7 @@ static void check_at(const piece_pair *pair, const qm_deviation_piece *piece,
     double at[3], low = 0.0, high = 0.0, inverse_scale = pair->tree_b->frame.inverse_scale;
     find_position(pair, piece, weight, at);
     qm_slow_bracket truth = qm_slow_distance(&pair->b, pair->reading, at, EPS);
-    /* The place itself is rounded, which tells where the target is far smaller. */
+    /* The position itself is rounded, which matters where the target is far smaller. */
     double rounded = 0x1p-52 * fmax(fabs(at[0]), fmax(fabs(at[1]), fabs(at[2])));
     truth.lower -= rounded;
     truth.upper += rounded;
@@ -218,11 +218,11 @@ static void count_strays(piece_pair *pair, const qm_deviation_piece *piece, cons
     strays.found += fmax(low, -high) > truth.upper || fmax(high, -low) < truth.lower;
 }
 
-/** The share of random points that stray is what the pieces have told, to within six deviations. */
+/** The share of random points that stray is the pieces' own, within six standard deviations. */
 static void check_strays(void)
 {
     QM_CHECK((double)strays.found <= strays.expected + 6.0 * sqrt(strays.variance) + 3.0,
-             "seed %llu: %zu points stray, %g were told", (unsigned long long)qm_check_seed(), strays.found,
+             "seed %llu: %zu points stray, %g were reported", (unsigned long long)qm_check_seed(), strays.found,
              strays.expected);
     strays = (stray_count){0.0, 0.0, 0};
 }
@@ -273,7 +273,7 @@ static void check_areas(const piece_pair *pair, const qm_deviation_piece *piece,
              (unsigned long long)qm_check_seed(), (unsigned long long)pair->number, missed, leak);
 }
 
-/** How finely the pieces are cut is drawn anew for each cut, from exactly to hardly. */
+/** The fineness of the pieces is drawn for each cut, from exact to coarse. */
 static void check_parts(piece_pair *pair, const qm_deviation_piece *piece, int levels)
 {
     qm_deviation_piece part[QM_DEVIATION_PARTS];

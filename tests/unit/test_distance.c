@@ -20,7 +20,7 @@ static qm_distance measure(const qm_mesh *a, const qm_mesh *b, qm_quad_reading q
     return found;
 }
 
-/** The points told lie on their faces, and as far apart as the upper bound says. */
+/** The returned points lie on their faces, and are as far apart as the upper bound says. */
 static void check_witness(const qm_mesh *a, const qm_mesh *b, qm_quad_reading quads, const qm_distance *found,
                           unsigned run)
 {

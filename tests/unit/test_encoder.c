@@ -1,4 +1,4 @@
-/* Meshes written and read back: what a format can keep comes back bit for bit, and what it cannot is told. */
+/* Meshes written and read back: all that a format can keep comes back bit for bit, and the rest is a warning. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>

@@ -40,7 +40,7 @@ static qm_hausdorff_result measure(const qm_mesh *a, const qm_mesh *b, qm_direct
     return qm_measured(a, b, &options);
 }
 
-/** The bracket holds the expected value, up to rounding of the input, and is as narrow as asked. */
+/** The bracket holds the expected value, up to rounding of the input, and is as narrow as requested. */
 static void check_value(const char *name, const qm_mesh *a, const qm_mesh *b, qm_direction direction,
                         qm_quad_reading reading, double tolerance, double expected)
 {
@@ -646,7 +646,7 @@ static void running_out_of_memory_is_a_status_and_leaks_nothing(void **state)
 }
 
 /** The trees' frames differ by the sizes of the meshes: either point of the witness is looked for as closely
- * as the tolerance asks, in the unit of its own. */
+ * as the tolerance requires, in its own unit. */
 static void witnesses_on_meshes_of_very_different_sizes(void **state)
 {
     (void)state;

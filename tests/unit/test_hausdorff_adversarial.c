@@ -18,7 +18,7 @@ enum { SLOW_CELLS = 250 };
 static const char *const direction_names[] = {"two-sided", "a to b", "b to a"};
 static const char *const reading_names[] = {"triangles", "bilinear"};
 
-/** A pair, what is known about it, and how it is asked. */
+/** A pair, its known distances, and the options of the query. */
 typedef struct challenge {
     const char *name;
     const qm_mesh *a, *b;

@@ -79,12 +79,12 @@ static void check_overlap(const char *name, uint64_t seed, const qm_hausdorff_re
 static void brackets_hold_the_slow_twins_value(void **state)
 {
     (void)state;
-    uint64_t count = qm_check_long() ? 20000 : 500, converged = 0, asked = 0;
+    uint64_t count = qm_check_long() ? 20000 : 500, converged = 0, measured = 0;
     for (uint64_t seed = 0; seed < count; seed++) {
         soup_pair pair = draw_pair(seed);
         double tolerance = pair.size * (seed % 3 ? 1e-3 : 1e-6), slack = 1e-12 * pair.size;
         bool is_slow = pair.reading == QM_QUADS_BILINEAR;
-        /* The slow twin takes a tenth of a second for patches: the short run asks it for fewer of them. */
+        /* The slow twin takes a tenth of a second for patches: the short run measures fewer of them. */
         if (!is_slow || seed % 8 == 0 || qm_check_long()) {
             qm_hausdorff_options options = options_of(QM_BOUNDS_MATCHING, pair.reading, tolerance);
             options.direction = pair.direction;
@@ -96,14 +96,14 @@ static void brackets_hold_the_slow_twins_value(void **state)
                                                      0.1 * tolerance, is_slow ? 2000 : 20000);
             check_overlap("cells", seed, &matching, cells.lower, cells.upper, slack);
             check_overlap("slow twin", seed, &matching, slow.lower, slow.upper, slack);
-            asked++;
+            measured++;
             converged += matching.stop == QM_STOP_CONVERGED;
         }
         qm_shape_free(&pair.a);
         qm_shape_free(&pair.b);
     }
-    QM_CHECK(converged > asked * 3 / 4, "only %llu of %llu converged", (unsigned long long)converged,
-             (unsigned long long)asked);
+    QM_CHECK(converged > measured * 3 / 4, "only %llu of %llu converged", (unsigned long long)converged,
+             (unsigned long long)measured);
 }
 
 /** Both bounds hold the value, in every direction and on one thread and two; matching converges. */

@@ -236,7 +236,7 @@ static void overlays_count_as_work(void **state)
 }
 
 /** Two sheets of one formula, the source the finer one or the target: no sampled point of the source is
- * beyond the upper bound, the witness is no nearer than the lower one, and the bracket is as narrow as asked
+ * beyond the upper bound, the witness is no nearer than the lower one, and the bracket is as narrow as requested
  * for. */
 static void near_sheets_are_bracketed(void **state)
 {

@@ -156,7 +156,7 @@ static void brackets_meet_those_of_the_slow_twin(void **state)
     assert_true(closed * 2 >= all);
 }
 
-/** The bounds that the progress callback was told last, and whether one of them ever moved the wrong way. */
+/** The last bounds that the progress callback got, and whether one of them ever moved the wrong way. */
 typedef struct watch {
     double lower, upper;
     int calls;
@@ -175,7 +175,7 @@ static void look(void *user, const qm_hausdorff_progress *now)
 static void brackets_hold_for_any_number_of_threads(void **state)
 {
     (void)state;
-    uint64_t count = qm_check_long() ? 1500 : 150, told = 0;
+    uint64_t count = qm_check_long() ? 1500 : 150, reported = 0;
     for (uint64_t seed = 0; seed < count; ++seed) {
         soup_pair pair = draw_pair(1000000 + seed);
         qm_slow_bracket slow =
@@ -193,11 +193,11 @@ static void brackets_hold_for_any_number_of_threads(void **state)
                      SEED_FORMAT ", %d threads: [%.17g, %.17g] after [%.17g, %.17g], loosened %d",
                      SEED_VALUES(&pair), options.thread_count, fast.lower, fast.upper, seen.lower, seen.upper,
                      seen.loosened);
-            told += (uint64_t)seen.calls;
+            reported += (uint64_t)seen.calls;
         }
         free_pair(&pair);
     }
-    assert_true(told > count);
+    assert_true(reported > count);
 }
 
 static void one_thread_gives_the_same_bits_twice(void **state)

@@ -59,7 +59,7 @@ static void test_contents_stay(void **state)
     assert_null(resize(NULL, 0, 0));
 }
 
-/** Mostly of the sizes of arrays that are asked for in truth, from a few bytes to some megabytes. */
+/** Mostly of realistic sizes of arrays, from a few bytes to some megabytes. */
 static size_t draw_size(qm_random *random)
 {
     return 1 + qm_random_below(random, (size_t)1 << (4 + qm_random_below(random, 19)));

@@ -95,7 +95,7 @@ static void check_triangle(const bench *b, int other, int i, qm_vec p, uint32_t 
     }
 }
 
-/** Both brackets of the distance to the patches hold the same value, and are as narrow as asked. */
+/** Both brackets of the distance to the patches hold the same value, and are as narrow as requested. */
 static void check_patch(const bench *b, int other, int i, qm_vec p, uint32_t start)
 {
     const qm_kernel *kernel = qm_kernel_get();

@@ -154,9 +154,9 @@ static void distances_to_points_are_off_by_what_is_counted(void **state)
         p = qm_vec_add(p, draw(&random, reach));
         wide truth =
             root(point_triangle2(widen(p), (const wide_vec[]){widen(c[0]), widen(c[1]), widen(c[2])}));
-        double told = sqrt(qm_triangle_distance2(&triangle, p)), error = fabs((double)(told - truth));
+        double reported = sqrt(qm_triangle_distance2(&triangle, p)), error = fabs((double)(reported - truth));
         QM_CHECK(error <= qm_distance_rounding(p), "seed %llu: %.17g is off by %g, more than %g",
-                 (unsigned long long)seed, told, error, qm_distance_rounding(p));
+                 (unsigned long long)seed, reported, error, qm_distance_rounding(p));
     }
 }
 
@@ -193,9 +193,9 @@ static void distances_of_triangles_are_off_by_what_is_counted(void **state)
             wide_a[i] = widen(a[i]);
             wide_b[i] = widen(b[i]);
         }
-        double truth = (double)root(triangles2(wide_a, wide_b)), told = qm_triangle_find_gap(a, b).distance;
-        QM_CHECK(fabs(told - truth) <= QM_TRIANGLE_GAP_ERROR, "seed %llu: %.17g, true %.17g, off by %g",
-                 (unsigned long long)seed, told, truth, told - truth);
+        double truth = (double)root(triangles2(wide_a, wide_b)), reported = qm_triangle_find_gap(a, b).distance;
+        QM_CHECK(fabs(reported - truth) <= QM_TRIANGLE_GAP_ERROR, "seed %llu: %.17g, true %.17g, off by %g",
+                 (unsigned long long)seed, reported, truth, reported - truth);
     }
 }
 

@@ -112,7 +112,7 @@ typedef struct refusal {
     "\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n2 0 0\n0 1 0\n1 1 0\n2 1 0\n"
 #define STRIP_FACES "4 0 1 4 3\n4 1 2 5 4\n"
 
-/** Two quads side by side are one patch, or those that the file tells of: not with a third at their edge. */
+/** Two adjacent quads are one patch, or the patches of the file: not with a third quad at their edge. */
 static void told_grids_are_believed_where_they_can_be(void **state)
 {
     (void)state;

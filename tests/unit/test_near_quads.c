@@ -30,7 +30,7 @@ static qm_mesh draw_strip(qm_random *random, double bend, double positions[18], 
     return (qm_mesh){.positions = positions, .vertex_count = 6, .faces = faces, .face_count = 2};
 }
 
-/** The only one asked for is the nearest of all, and none is returned beyond the distance asked for. */
+/** A query for one returns the nearest of all, and none beyond the distance of the query is returned. */
 static void check_fewer(const qm_piece_work *work, qm_vec p, const qm_near_quads *all)
 {
     const double within[] = {0.5 * all->at[0].distance, 0.5 * (all->at[0].distance + all->at[1].distance),

@@ -91,7 +91,7 @@ static void no_sample_lies_above_upper_in_the_bilinear_reading(void **state)
         check_pair(i, QM_QUADS_BILINEAR);
 }
 
-/** A grid that is asked for less than the true distance must say no. */
+/** A grid that is queried with less than the true distance must say no. */
 static void the_grid_tells_near_from_far(void **state)
 {
     (void)state;

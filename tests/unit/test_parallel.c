@@ -1,4 +1,4 @@
-/* The team of threads: every worker of a call runs once, whoever else calls, and however long it slept. */
+/* The team of threads: every worker of a call runs once, beside any other calls, and however long it slept. */
 #include <pthread.h>
 #include <stdatomic.h>
 #include <time.h>

@@ -144,7 +144,7 @@ static void grids_are_one_patch(void **state)
     check_one(qm_shape_torus(3, 3, 2.0, 0.5), 3, 3);
 }
 
-/** How many patches a plane of 6 x 6 quads has that tells these grids. */
+/** The number of patches of a plane of 6 x 6 quads with these grids. */
 static size_t count_told(qm_mesh_grid *grids, size_t count, uint32_t *first_rows)
 {
     qm_mesh mesh = qm_shape_plane(6, 0.0);

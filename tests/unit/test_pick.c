@@ -1,4 +1,4 @@
-/* Picking, and what a point set tells of its surface: pulls, normals, the disc radius. */
+/* Picking, and the surface of a point set: projection, normals, the disc radius. */
 #include "check.h"
 
 #include "core/vec.h"

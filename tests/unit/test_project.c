@@ -13,7 +13,7 @@
 
 enum { BATCH_LIMIT = 3000 };
 
-/** A finished batch, every array asked for. */
+/** A finished batch with all arrays. */
 typedef struct batch {
     size_t count;
     double points[3 * BATCH_LIMIT];
@@ -51,7 +51,7 @@ static double mesh_size(const qm_mesh *mesh)
     return size;
 }
 
-/** One answer of a batch: the distance, and that face, parameters and position tell of one and the same
+/** One answer of a batch: the distance, and that face, parameters and position name one and the same
  * point. */
 static void check_answer(const batch *b, size_t i, const qm_mesh *mesh, qm_quad_reading reading,
                          const char *name, uint64_t seed)
@@ -185,12 +185,12 @@ static void errors_are_those_promised_however_far_the_points(void **state)
         for (int reading = 0; reading < 2; ++reading) {
             project(&first_batch, &mesh, (qm_quad_reading)reading, 1);
             for (size_t i = 0; i < first_batch.count; ++i) {
-                const double *p = first_batch.points + 3 * i, told = first_batch.distance[i];
+                const double *p = first_batch.points + 3 * i, reported = first_batch.distance[i];
                 qm_slow_bracket slow = qm_slow_distance(&mesh, (qm_quad_reading)reading, p, 1e-14 * side);
                 double error =
                     reading ? 3.5e-13 * side + 2.5e-14 * slow.upper : 1.5e-13 * side + 2e-14 * slow.upper;
-                QM_CHECK(told >= slow.lower - error && told <= slow.upper + error,
-                         "1e%d, reading %d, point %zu: %.17g, true [%.17g, %.17g]", power, reading, i, told,
+                QM_CHECK(reported >= slow.lower - error && reported <= slow.upper + error,
+                         "1e%d, reading %d, point %zu: %.17g, true [%.17g, %.17g]", power, reading, i, reported,
                          slow.lower, slow.upper);
                 check_answer(&first_batch, i, &mesh, (qm_quad_reading)reading, "far", (uint64_t)(power + 2));
             }
@@ -392,7 +392,7 @@ static void meshes_of_any_size_are_answered_or_refused(void **state)
         for (int reading = 0; reading < 2; ++reading) {
             project(&first_batch, &mesh, (qm_quad_reading)reading, 1);
             for (size_t i = 0; i < first_batch.count; ++i) {
-                /* The twin takes squares: it is asked at size 1, to which the powers of two bring all
+                /* The twin takes squares: it measures at size 1, to which the powers of two bring all
                  * exactly. */
                 double at[3];
                 qm_mesh near = qm_shape_copy(&mesh);
@@ -401,12 +401,12 @@ static void meshes_of_any_size_are_answered_or_refused(void **state)
                     near.positions[j] = ldexp(near.positions[j], power);
                 for (int j = 0; j < 3; ++j)
                     at[j] = ldexp(first_batch.points[3 * i + (size_t)j], power);
-                double told = ldexp(first_batch.distance[i], power);
+                double reported = ldexp(first_batch.distance[i], power);
                 qm_slow_bracket slow = qm_slow_distance(&near, (qm_quad_reading)reading, at, 1e-14);
                 double error = 3.5e-13 * ldexp(side, power) + 2.5e-14 * slow.upper + ldexp(0x1p-1074, power);
-                QM_CHECK(told >= slow.lower - error && told <= slow.upper + error,
+                QM_CHECK(reported >= slow.lower - error && reported <= slow.upper + error,
                          "size %g, reading %d, point %zu: %.17g, true [%.17g, %.17g]", sizes[k], reading, i,
-                         told, slow.lower, slow.upper);
+                         reported, slow.lower, slow.upper);
                 for (int j = 0; j < 3; ++j)
                     assert_true(isfinite(first_batch.position[3 * i + (size_t)j]));
                 qm_shape_free(&near);
@@ -439,10 +439,10 @@ static void a_speck_is_as_far_as_its_place(void **state)
         for (int reading = 0; reading < 2; ++reading) {
             project(&first_batch, &mesh, (qm_quad_reading)reading, 1);
             for (size_t i = 0; i < first_batch.count; ++i) {
-                double truth = gap(first_batch.points + 3 * i, origin), told = first_batch.distance[i];
-                QM_CHECK(first_batch.face[i] == 2 && fabs(told - truth) <= 3.5e-13 * 18,
+                double truth = gap(first_batch.points + 3 * i, origin), reported = first_batch.distance[i];
+                QM_CHECK(first_batch.face[i] == 2 && fabs(reported - truth) <= 3.5e-13 * 18,
                          "size %.3g, reading %d: face %u, %.17g, true %.17g", size, reading,
-                         first_batch.face[i], told, truth);
+                         first_batch.face[i], reported, truth);
             }
         }
         qm_shape_free(&mesh);

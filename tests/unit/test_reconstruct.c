@@ -336,7 +336,7 @@ static void flat_ring_at(const void *user, double u, double v, double out[3])
     out[2] *= THINNESS;
 }
 
-/** Gives points of the flat ring its outer normals: with the sign that a function tells. */
+/** Gives points of the flat ring its outer normals: with the sign that a function gives. */
 static void set_ring_normals(qm_mesh *points, float (*sign)(qm_random *random))
 {
     qm_random random = qm_random_make(qm_check_seed(), 20);

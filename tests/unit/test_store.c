@@ -1,5 +1,5 @@
 /*
- * What the store keeps is there again after it was opened anew; blobs are named by their hash.
+ * All records of the store are there after it was opened again; blobs are named by their hash.
  */
 #include <signal.h>
 #include <stdio.h>
@@ -135,7 +135,7 @@ static void test_files_without_a_row_are_swept(void **state)
 {
     fixture *f = *state;
     char hash[QM_HASH_SIZE];
-    keep_blob(f, "nobody's", hash);
+    keep_blob(f, "unused", hash);
     qm_store_job job = {.key = (char *)"k", .body = (char *)"{}", .created = (char *)"2030"};
     snprintf(job.id, sizeof job.id, "j_here");
     assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
@@ -551,7 +551,7 @@ static void test_a_folder_has_one_owner(void **state)
     assert_non_null(strstr(message, "another process"));
 }
 
-/** Runs in a child process, and tells how it ended. */
+/** Runs in a child process, and returns how it ended. */
 static int run_child(void (*task)(const char *folder), const char *folder)
 {
     pid_t child = fork();

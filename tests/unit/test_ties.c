@@ -1,4 +1,4 @@
-/* Which of several equally near faces a projection tells: the rule of project.h against distances in 113
+/* The face that a projection returns among several equally near ones: the rule of project.h against distances in 113
  * bits, on every accelerator and kernel, from any start, and with the faces in the opposite order. */
 #include "check.h"
 
@@ -71,7 +71,7 @@ static void find_truth(const target *t, qm_quad_reading reading, const double p[
     }
 }
 
-/** No face that surely ties has a lower index, and the one told is hardly farther than the nearest. */
+/** No face that surely ties has a lower index, and the returned one is hardly farther than the nearest. */
 static void check_rule(const target *t, qm_quad_reading reading, const double p[3], uint32_t face,
                        double distance)
 {
@@ -81,7 +81,7 @@ static void check_rule(const target *t, qm_quad_reading reading, const double p[
              t->name, (unsigned long long)t->seed, (int)reading, p[0], p[1], p[2], face, known.lower[face],
              known.least_upper);
     QM_CHECK(distance >= known.lower[face] - known.error && distance <= known.upper[face] + known.error,
-             "%s, seed %llu, reading %d: face %u told at %.17g, is at [%.17g, %.17g]", t->name,
+             "%s, seed %llu, reading %d: face %u reported at %.17g, is at [%.17g, %.17g]", t->name,
              (unsigned long long)t->seed, (int)reading, face, distance, known.lower[face], known.upper[face]);
     for (uint32_t lower = 0; lower < face; lower++)
         QM_CHECK(known.upper[lower] > known.least_lower + known.tied,

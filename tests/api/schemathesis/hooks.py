@@ -20,7 +20,7 @@ def is_id(value):
 
 @schemathesis.hook
 def map_path_parameters(context, path_parameters):
-    """Most ids are of something that is there: of all that fits, nobody guesses one."""
+    """Most ids name objects that exist: random strings of the pattern never do."""
     if path_parameters and is_id(path_parameters.get("id")) and chance.random() < 0.8:
         path_parameters["id"] = chance.choice(JOBS if "/jobs/" in context.operation.path else MESHES)
     return path_parameters

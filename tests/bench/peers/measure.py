@@ -32,14 +32,14 @@ def memory_kb(key):
 
 
 def rest():
-    """Gives back what reading left over and starts the peak anew; returns the kilobytes held."""
+    """Gives back what reading left over and resets the peak; returns the kilobytes held."""
     ctypes.CDLL(None).malloc_trim(0)
     pathlib.Path("/proc/self/clear_refs").write_text("5", encoding="ascii")
     return memory_kb("VmRSS")
 
 
 def tell_pairs(a, b):
-    """Pairs of faces as pair_print.h tells them; a and b are arrays of indices."""
+    """Pairs of faces as pair_print.h prints them; a and b are arrays of indices."""
     pairs = numpy.unique(a.astype(numpy.uint64) << numpy.uint64(32) | b.astype(numpy.uint64))
     mixed = (pairs ^ pairs >> numpy.uint64(30)) * numpy.uint64(0xBF58476D1CE4E5B9)
     mixed = (mixed ^ mixed >> numpy.uint64(27)) * numpy.uint64(0x94D049BB133111EB)

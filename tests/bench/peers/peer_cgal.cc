@@ -155,7 +155,7 @@ static void measure_self(const char *prefix)
                                                                                 std::back_inserter(found));
         qm_bench_add(&times, 0.0, qm_bench_now_ms() - start);
     } while (qm_bench_wants_more(&times));
-    /* Faces that had to get corners of their own meet their neighbours in them, which tells nothing. */
+    /* Faces that had to get corners of their own meet their neighbours in them, which is no contact. */
     std::vector<std::uint64_t> pairs;
     std::size_t undecided = 0;
     for (const auto &pair : found) {

@@ -6,7 +6,7 @@
  *   peer_embree_collide version
  *
  * A, B and MESH are prefixes of arrays (arrays.h). Embree finds pairs of boxes and hands them over; whether
- * the triangles meet is the caller's to tell: here by the signs of tetrahedra in doubles, without exactness.
+ * the triangles meet is for the caller to decide: here by the signs of tetrahedra in doubles, without exactness.
  */
 #include "arrays.h"
 #include "measure.h"

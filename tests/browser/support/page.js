@@ -29,7 +29,7 @@ export class Browser {
     page.faults = [];
     page.on("pageerror", (error) => page.faults.push(error.stack ?? String(error)));
     page.on("console", (message) => {
-      // A refused request is told by the page; the console tells of it as well.
+      // The page shows a refused request; the console logs it as well.
       const isExpected = message.text().startsWith("Failed to load resource") || message.text().includes("GPU stall");
       if (["error", "warning"].includes(message.type()) && !isExpected) page.faults.push(message.text());
     });
@@ -55,7 +55,7 @@ export async function upload(page, ...files) {
   for (const { name } of files) await page.locator(".meshes .name", { hasText: name }).waitFor();
 }
 
-/** Waits for the view to have drawn what it was told to. */
+/** Waits until the view has drawn the present state. */
 export function rest(page) {
   return page.evaluate(async () => (await import("/dashboard/view/view.js")).currentStage()?.rest());
 }
