@@ -80,7 +80,7 @@ export class Jobs {
 
   /**
    * A job's events, from the first or after one, to the end. A stream that breaks is taken up again where it was, for
-   * as long as `signal` lets it, also when the daemon was started anew meanwhile; onBreak is told of each attempt.
+   * as long as `signal` lets it, also when the daemon was restarted meanwhile; onBreak is called for each attempt.
    * @param {string} id
    * @param {Options & { after?: number, onBreak?: (error: Error, attempt: number) => void, onOpen?: () => void }} [options]
    * @returns {AsyncGenerator<JobEvent, void>}

@@ -97,7 +97,7 @@ export class Layouts {
   }
 
   /**
-   * Draws a curve anew between its nodes, from either end.
+   * Redraws a curve between its nodes, from either end.
    * @param {string} id
    * @param {number} curve
    * @param {Point[] | Stroke} line points in space, or a stroke in the window

@@ -24,7 +24,7 @@ export class Meshes {
    * Uploads a file. The same bytes with the same name and format give the same mesh again.
    * @param {Blob | ArrayBuffer | Uint8Array<ArrayBuffer> | string} file the raw bytes
    * @param {{ name?: string, format?: Format, onProgress?: OnProgress, signal?: AbortSignal }} [options] onProgress is
-   *   called where the platform can tell: in a browser
+   *   called where the platform reports it: in a browser
    * @returns {Promise<{ mesh: Mesh, isNew: boolean }>}
    */
   async create(file, { name, format, onProgress, signal } = {}) {

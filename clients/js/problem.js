@@ -26,7 +26,7 @@ export class ProblemError extends Error {
     this.retryAfter = retryAfter;
   }
 
-  /** Would the same request, asked later, have a chance? */
+  /** Whether the request may succeed later. */
   get isTemporary() {
     return this.status === 429 || this.status === 503;
   }

@@ -45,7 +45,7 @@ export class Reconstructions {
   }
 
   /**
-   * Goes over to an edited layout; only the patches that the edits have touched are made anew.
+   * Takes over an edited layout; only the patches that the edits have touched are computed again.
    * @param {string} id
    * @param {string} layout
    * @param {Options} [options]

@@ -1,4 +1,4 @@
-// Uploads that tell how far they are. fetch cannot do that, so a browser's own older request does.
+// Uploads that report their progress. fetch cannot do that, so a browser's own older request does.
 
 import { ConnectionError, makeProblem } from "./problem.js";
 

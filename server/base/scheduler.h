@@ -23,7 +23,7 @@ typedef struct qm_turn qm_turn; /* a task's place in the scheduler */
 
 typedef enum qm_priority { QM_PRIORITY_LOW, QM_PRIORITY_NORMAL, QM_PRIORITY_HIGH } qm_priority;
 
-/** The longest name of a client that is told apart. */
+/** The longest name that distinguishes clients. */
 #define QM_CLIENT_SIZE 64
 
 typedef struct qm_task {

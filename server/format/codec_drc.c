@@ -26,7 +26,7 @@ typedef struct drc_head {
 #define HEAD_SIZE 11
 #define HAS_METADATA 0x8000
 #define DEEPEST_METADATA 64
-/* 2.2 tells the number of points again behind the head, and Draco sizes its arrays by it */
+/* 2.2 has the number of points again behind the head, and Draco sizes its arrays by it */
 #define FIRST_SAFE_KD_TREE 3
 
 static bool skip_bytes(drc_head *head, uint64_t size)

@@ -1,6 +1,6 @@
 /**
  * access.h: who may use the daemon: clients with a bearer token (RFC 6750), and web pages by the host and the origin
- * that their browsers tell (WHATWG Fetch, CORS protocol; RFC 6454 for origins).
+ * that their browsers send (WHATWG Fetch, CORS protocol; RFC 6454 for origins).
  *
  * A line of the token file is "read TOKEN" or "write TOKEN"; write includes read. Empty lines and lines that start with
  * # are skipped. Only hashes of the tokens are kept, and a given token is compared with all of them in constant time.

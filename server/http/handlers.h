@@ -66,7 +66,7 @@ bool qm_handlers_check_mesh_tag(qm_request *request, const qm_store_mesh *mesh);
 
 /**
  * Takes a reference to the mesh in the path, to reply with a representation of the very revision that the
- * reply's tag names. suffix tells the representations of a mesh apart in the tag. NULL after a reply: 304,
+ * reply's tag names. suffix distinguishes the representations of a mesh in the tag. NULL after a reply: 304,
  * 404, 412, or what kept the mesh from being read.
  */
 qm_mesh_ref *qm_handlers_take_mesh(qm_request *request, const char *suffix);

@@ -50,7 +50,7 @@ struct qm_job {
     /* A job whose request equals that of one in the table follows it, in place of being computed: it is queued, but has
      * no turn, gets the events of its leader, and ends with its result. The leader has a reference. */
     qm_job *leader, *followers, *next_follower;
-    char asked[QM_REVISIONS_SIZE]; /* revisions of the meshes when it was submitted */
+    char submitted_revisions[QM_REVISIONS_SIZE]; /* revisions of the meshes when it was submitted */
     qm_turn *turn; /* its place among the workers; NULL before it was queued and after it has ended */
     char client[QM_CLIENT_SIZE];
     qm_job_state state;

@@ -216,11 +216,12 @@ qm_job *qm_job_find_cached(qm_jobs *jobs, const char *key, const char *revisions
 
 /** A job of the table that computes the answer of this request, and may be waited for; NULL when there is none. The
  * caller holds the lock. */
-static qm_job *find_leader(qm_jobs *jobs, const char *key, const char *asked)
+static qm_job *find_leader(qm_jobs *jobs, const char *key, const char *revisions)
 {
     for (qm_job *job = jobs->first; job; job = job->next)
         if (!qm_job_is_over(job) && !job->is_canceled && !job->on_end && !job->leader && job->turn &&
-            job->expiry == QM_JOB_IN_TIME && strcmp(job->key, key) == 0 && strcmp(job->asked, asked) == 0)
+            job->expiry == QM_JOB_IN_TIME && strcmp(job->key, key) == 0 &&
+            strcmp(job->submitted_revisions, revisions) == 0)
             return job;
     return NULL;
 }
@@ -229,7 +230,7 @@ static qm_job *find_leader(qm_jobs *jobs, const char *key, const char *asked)
 static bool follow(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
-    qm_job *leader = find_leader(jobs, job->key, job->asked);
+    qm_job *leader = find_leader(jobs, job->key, job->submitted_revisions);
     if (leader) {
         job->leader = leader;
         job->next_follower = leader->followers;
@@ -255,7 +256,7 @@ void qm_job_unfollow(qm_job *job)
  * Creates a job: stored before it is queued, so that a job which was accepted with 202 survives the daemon,
  * and listed before it is stored, so that an unfinished job of the store is always in the table.
  */
-static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, const char *asked,
+static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, const char *revisions,
                           qm_problem *problem)
 {
     qm_job *job = qm_job_create(jobs, submission->request, submission->client);
@@ -263,7 +264,7 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the job");
         return NULL;
     }
-    snprintf(job->asked, sizeof job->asked, "%s", asked);
+    snprintf(job->submitted_revisions, sizeof job->submitted_revisions, "%s", revisions);
     qm_job_enlist(jobs, job);
     qm_store_job row = {.key = job->key,
                         .idempotency_key = (char *)submission->idempotency_key,
@@ -283,16 +284,16 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
 
 /** The job that answers a request already, or NULL; with a problem when the request has a fault. */
 static qm_job *find_answer(qm_jobs *jobs, const qm_job_submission *submission, const char *key,
-                           char asked[QM_REVISIONS_SIZE], bool *is_cached, qm_problem *problem)
+                           char revisions[QM_REVISIONS_SIZE], bool *is_cached, qm_problem *problem)
 {
     if (submission->idempotency_key) {
         qm_job *same = find_by_idempotency_key(jobs, submission->idempotency_key, key, problem);
         if (same || problem->code != QM_PROBLEM_COUNT) return same;
     }
-    if (!qm_job_runner_of(submission->request->kind)->check(jobs, submission->request, asked, problem))
+    if (!qm_job_runner_of(submission->request->kind)->check(jobs, submission->request, revisions, problem))
         return NULL;
     bool may_be_cached = submission->use_cache && qm_job_type_of(submission->request->kind)->is_pure;
-    qm_job *cached = may_be_cached ? qm_job_find_cached(jobs, key, asked) : NULL;
+    qm_job *cached = may_be_cached ? qm_job_find_cached(jobs, key, revisions) : NULL;
     *is_cached = cached != NULL;
     return cached;
 }
@@ -309,15 +310,15 @@ qm_job *qm_jobs_submit(qm_jobs *jobs, const qm_job_submission *submission, bool 
         return NULL;
     }
     qm_job *job = NULL;
-    char asked[QM_REVISIONS_SIZE];
+    char revisions[QM_REVISIONS_SIZE];
     uv_mutex_lock(&jobs->submitting);
     if (atomic_load(&jobs->closed))
         *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new jobs");
     else
-        job = find_answer(jobs, submission, key, asked, is_cached, problem);
+        job = find_answer(jobs, submission, key, revisions, is_cached, problem);
     if (!job && problem->code == QM_PROBLEM_COUNT) {
         if (qm_jobs_count(jobs).queued < (size_t)jobs->limits.queue)
-            job = submit_new(jobs, submission, asked, problem);
+            job = submit_new(jobs, submission, revisions, problem);
         else
             *problem = qm_problem_make(QM_PROBLEM_TOO_MANY_JOBS, "the queue is full: %d jobs are waiting",
                                        jobs->limits.queue);

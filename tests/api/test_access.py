@@ -141,8 +141,8 @@ def test_pages_of_other_origins_change_nothing(daemon, client):
 def test_origins_that_are_named_may_use_the_daemon(make_daemon):
     origin = "https://mesh.example"
     with make_daemon("--cors-origins", f"http://a.example,{origin}").client() as client:
-        asked = {"Origin": origin, "Access-Control-Request-Method": "POST"}
-        reply = client.options("/v1/jobs", headers=asked)
+        preflight = {"Origin": origin, "Access-Control-Request-Method": "POST"}
+        reply = client.options("/v1/jobs", headers=preflight)
         assert reply.status_code == 204 and reply.headers["access-control-allow-origin"] == origin
         assert "POST" in reply.headers["access-control-allow-methods"]
         assert "Idempotency-Key" in reply.headers["access-control-allow-headers"]
@@ -150,7 +150,7 @@ def test_origins_that_are_named_may_use_the_daemon(make_daemon):
         assert made.status_code == 201 and made.headers["access-control-allow-origin"] == origin
         assert made.headers["vary"] == "Origin" and "ETag" in made.headers["access-control-expose-headers"]
         for other in ("https://evil.example", "https://mesh.example.evil", "https://mesh.exampl"):
-            refused = client.options("/v1/jobs", headers={**asked, "Origin": other})
+            refused = client.options("/v1/jobs", headers={**preflight, "Origin": other})
             assert "access-control-allow-origin" not in refused.headers and refused.headers["vary"] == "Origin"
     with make_daemon("--cors-origins", "*").client() as client:
         assert client.get("/v1/info", headers={"Origin": "null"}).headers["access-control-allow-origin"] == "null"

@@ -90,9 +90,9 @@ def problems():
 def test_problem_codes_agree():
     described = DESCRIPTION["components"]["schemas"]["ProblemCode"]
     assert {code for _, code in problems()} == set(described["enum"])
-    told = {(int(status), code) for status, codes in re.findall(r"(\d{3})\s+([a-z_, \n]+)", described["description"])
+    listed = {(int(status), code) for status, codes in re.findall(r"(\d{3})\s+([a-z_, \n]+)", described["description"])
             for code in re.findall(r"[a-z_]+", codes.replace("with", ""))}
-    assert told == problems()
+    assert listed == problems()
 
 
 @pytest.mark.looks_back

@@ -82,22 +82,22 @@ def corner_sines(quad):
 def test_the_shape_of_the_quads_is_told(client, saddle):
     made = start(client, saddle)
     result = refine(client, made, until={"max_quads": 128}, measure=False)["result"]
-    told = result["steps"][-1]["quality"]
+    quality = result["steps"][-1]["quality"]
     text = client.get(f"/v1/meshes/{result['mesh']}/content?format=off").text.split()
     vertices, faces = int(text[1]), int(text[2])
     places = [[float(x) for x in text[4 + 3 * i:7 + 3 * i]] for i in range(vertices)]
     rows = [[int(x) for x in text[5 + 3 * vertices + 5 * i:9 + 3 * vertices + 5 * i]] for i in range(faces)]
     quads = [[places[i] for i in row] for row in rows]
-    assert told["folded_quads"] == 0 and told["turned_quads"] == 0
-    assert told["least_jacobian"] == pytest.approx(min(sine for quad in quads for sine in corner_sines(quad)))
+    assert quality["folded_quads"] == 0 and quality["turned_quads"] == 0
+    assert quality["least_jacobian"] == pytest.approx(min(sine for quad in quads for sine in corner_sines(quad)))
     ratios = []
     for quad in quads:
         lengths = [math.dist(quad[k], quad[k - 1]) for k in range(4)]
         ratios.append(max(lengths) / min(lengths))
-    assert told["max_edge_ratio"] == pytest.approx(max(ratios))
-    assert told["mean_edge_ratio"] == pytest.approx(sum(ratios) / len(ratios))
-    assert 0 < told["mean_warp"] < told["max_warp"] < 0.1
-    assert 0 < told["mean_angle_deviation_deg"] < told["max_angle_deviation_deg"] < 40
+    assert quality["max_edge_ratio"] == pytest.approx(max(ratios))
+    assert quality["mean_edge_ratio"] == pytest.approx(sum(ratios) / len(ratios))
+    assert 0 < quality["mean_warp"] < quality["max_warp"] < 0.1
+    assert 0 < quality["mean_angle_deviation_deg"] < quality["max_angle_deviation_deg"] < 40
 
 
 def test_a_point_set_becomes_quads(client):

@@ -45,7 +45,7 @@ def find_disagreements(row, programs):
         return [f"{row['mesh']}, {row['task']}: this engine failed: {ours['failed']} {ours['complaint']}"]
     return [f"{row['mesh']}, {row['task']}: {peer.name} finds {answer['pairs']} pairs, this engine {ours['pairs']}"
             for peer in programs.colliding() if peer.collide == "exact"
-            for answer in [row["answers"].get(peer.name, {"failed": "not asked"})]
+            for answer in [row["answers"].get(peer.name, {"failed": "not run"})]
             if "failed" not in answer and not is_same(answer, ours)]
 
 

@@ -60,5 +60,5 @@ def run(command, threads=1, limit_s=120.0, limit_bytes=6 << 30):
         except json.JSONDecodeError:
             complaint = lines[-1]
     if "alloc" in complaint.lower() or "memory" in complaint.lower():
-        why = f"asked for more than {limit_bytes / 2**30:g} GiB"
+        why = f"allocated more than {limit_bytes / 2**30:g} GiB"
     return {"failed": why, "complaint": complaint[-400:], "peak_kb": usage.ru_maxrss}

@@ -88,7 +88,7 @@ test("a whole layout is drawn, undone and done again, and grown into a thousand 
   const bent = curves[0].points.map(([x, y, z], k) => (k > 1 && k < 7 ? [x, y + 0.04, z + 0.04] : [x, y, z]));
   await daemon.client().layouts.redraw(layout.id, (await daemon.client().layouts.get(layout.id)).curves[0].id, bent);
   await page.getByRole("button", { name: "Take over edits" }).click();
-  await page.locator("#remesh", { hasText: "2 of 6 patches made anew" }).waitFor();
+  await page.locator("#remesh", { hasText: "2 of 6 patches computed again" }).waitFor();
   await finish(page);
 });
 
@@ -122,7 +122,7 @@ test("what an end will snap to is shown; curves are chosen, split, merged, redra
   await page.getByRole("button", { name: "Redraw" }).click();
   const bent = curves[0].points.map(([x, y, z], k) => (k > 1 && k < 7 ? [x, y + 0.08, z + 0.08] : [x, y, z]));
   await draw(page, (await lookAt(page, curves[0].points[4], bent)).reverse());
-  await did(page, "drawn anew");
+  await did(page, "redrawn");
   await says(page, "12 curves, 6 patches; every cell is closed");
   assert.notDeepEqual((await daemon.client().layouts.get(layout.id)).curves[0].points, before);
 

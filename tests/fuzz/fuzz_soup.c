@@ -184,7 +184,8 @@ static void check_pairs(const question *q, const qm_collision *found)
     size_t next = 0;
     for (size_t a = 0; a < q->soup[0].mesh.face_count; a++)
         for (size_t b = 0; b < q->soup[1].mesh.face_count; b++) {
-            bool reported = next < found->pair_count && found->pairs[next].a == a && found->pairs[next].b == b;
+            bool reported =
+                next < found->pair_count && found->pairs[next].a == a && found->pairs[next].b == b;
             CHECK(reported == faces_meet(q, a, b));
             next += reported;
         }

@@ -112,8 +112,8 @@ static void check_overlap(qm_trial *trial, const char *name, qm_interval reporte
 {
     trial->tally->tries++;
     if (!(reported.lower <= upper && reported.upper >= lower && reported.lower <= reported.upper))
-        qm_trial_fail(trial, "%s [%.17g, %.17g], true in [%.17g, %.17g]", name, reported.lower, reported.upper, lower,
-                      upper);
+        qm_trial_fail(trial, "%s [%.17g, %.17g], true in [%.17g, %.17g]", name, reported.lower,
+                      reported.upper, lower, upper);
 }
 
 /** The least and greatest share of the area whose distance is from low to high, in the frame. */
@@ -256,7 +256,8 @@ static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide
 {
     double off[2][DRAWS] = {{0}}, area[DRAWS] = {0}, within[2][PERCENTILES][DRAWS] = {{{0}}}, error;
     qm_wide scale = trial->frame.scale;
-    qm_interval mean_reported = in_frame(reported->mean, scale), rms_reported = in_frame(reported->rms, scale);
+    qm_interval mean_reported = in_frame(reported->mean, scale),
+                rms_reported = in_frame(reported->rms, scale);
     double mean = 0.5 * (mean_reported.lower + mean_reported.upper);
     double square = 0.5 * (rms_reported.lower * rms_reported.lower + rms_reported.upper * rms_reported.upper);
     for (int draw = 0; draw < DRAWS; draw++) {
@@ -291,9 +292,10 @@ static void check_draws(qm_trial *trial, const qm_wide_surface *a, const qm_wide
         double up_to = mean_of(within[1][k], &error) / total, high_error = error / total + few;
         trial->tally->tries++;
         if (below - low_error > wanted || up_to + high_error < wanted)
-            qm_trial_fail(
-                trial, "percentile %.17g [%.17g, %.17g], of points %.17g are below and %.17g up to it",
-                options->percentile[k], reported->percentile[k].lower, reported->percentile[k].upper, below, up_to);
+            qm_trial_fail(trial,
+                          "percentile %.17g [%.17g, %.17g], of points %.17g are below and %.17g up to it",
+                          options->percentile[k], reported->percentile[k].lower,
+                          reported->percentile[k].upper, below, up_to);
     }
 }
 
@@ -323,7 +325,8 @@ static void check(qm_trial *trial, const qm_deviation_options *options, const qm
         }
         free(all.at);
         free(all.distance);
-    } else if (reported->measure == QM_OVER_AREA && reported->mean.upper < INFINITY && a.count * b.count <= 9) {
+    } else if (reported->measure == QM_OVER_AREA && reported->mean.upper < INFINITY &&
+               a.count * b.count <= 9) {
         check_draws(trial, &a, &b, options, reported);
     }
     qm_wide_surface_free(&a);

@@ -138,10 +138,11 @@ static void check_answer(const inquiry *q, const double p[3], const answer *repo
     if (!(off <= error + place && fabs(apart - reported->distance) <= 2 * error + place))
         qm_trial_fail(q->trial,
                       "%s: foot %.17g %.17g %.17g is %g off face %u, %.17g from %.17g %.17g %.17g, not %.17g",
-                      how, reported->position[0], reported->position[1], reported->position[2], off, reported->face, apart,
-                      p[0], p[1], p[2], reported->distance);
+                      how, reported->position[0], reported->position[1], reported->position[2], off,
+                      reported->face, apart, p[0], p[1], p[2], reported->distance);
     position_at(q, reported->face, reported->uv, at);
-    bool is_inside = reported->uv[0] >= 0 && reported->uv[0] <= 1 && reported->uv[1] >= 0 && reported->uv[1] <= 1;
+    bool is_inside =
+        reported->uv[0] >= 0 && reported->uv[0] <= 1 && reported->uv[1] >= 0 && reported->uv[1] <= 1;
     if (!(is_inside && length(at, reported->position) <= error + place))
         qm_trial_fail(q->trial, "%s: parameters %.17g %.17g of face %u are %g from the foot", how,
                       reported->uv[0], reported->uv[1], reported->face, length(at, reported->position));

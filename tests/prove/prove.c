@@ -110,11 +110,11 @@ static bool build_trees(qm_trial *trial)
     return true;
 }
 
-static void run_case(const family *asked, const qm_case_kind *kind, const errand *plan, uint64_t index,
+static void run_case(const family *group, const qm_case_kind *kind, const errand *plan, uint64_t index,
                      qm_tally *tally)
 {
     qm_trial trial = {
-        .family = asked->name, .kind = kind, .seed = plan->seed, .index = index, .tally = tally};
+        .family = group->name, .kind = kind, .seed = plan->seed, .index = index, .tally = tally};
     trial.ctx = qm_context_make();
     trial.is_shown = tally->failures < SHOWN;
     trial.random = qm_random_make(plan->seed, index);
@@ -122,7 +122,7 @@ static void run_case(const family *asked, const qm_case_kind *kind, const errand
     trial.frame = qm_wide_frame_make(&trial.pair.a, &trial.pair.b);
     trial.size = (double)(1 / trial.frame.scale);
     tally->cases++;
-    if (build_trees(&trial)) asked->ask(&trial);
+    if (build_trees(&trial)) group->ask(&trial);
     for (int i = 0; i < 2; i++)
         qm_bvh_destroy(&trial.ctx, trial.tree[i]);
     qm_shape_free(&trial.pair.a);
@@ -132,7 +132,7 @@ static void run_case(const family *asked, const qm_case_kind *kind, const errand
 /* ---- a class ---- */
 
 /** As many cases as the time allows; longer on a busy machine where none of them came to a try yet. */
-static void run_job(const family *asked, const qm_case_kind *kind, const errand *plan, int job,
+static void run_job(const family *group, const qm_case_kind *kind, const errand *plan, int job,
                     double seconds, progress *shared)
 {
     double end = now() + seconds;
@@ -142,7 +142,7 @@ static void run_job(const family *asked, const qm_case_kind *kind, const errand 
         /* Whatever does not end by then ends the job; processor time, so that a busy machine makes no
          * difference. */
         setitimer(ITIMER_PROF, &(struct itimerval){.it_value.tv_sec = LONGEST_CASE}, NULL);
-        run_case(asked, kind, plan, index, &shared->tally);
+        run_case(group, kind, plan, index, &shared->tally);
     }
     fflush(stdout);
 }
@@ -158,7 +158,7 @@ static void add_tally(qm_tally *sum, const qm_tally *one)
 
 /** Runs a class in processes of its own, so that a crash or a case that does not end is a failure like
  * others. */
-static qm_tally run_class(const family *asked, const qm_case_kind *kind, const errand *plan, double seconds,
+static qm_tally run_class(const family *group, const qm_case_kind *kind, const errand *plan, double seconds,
                           progress shared[MAX_JOBS])
 {
     pid_t child[MAX_JOBS];
@@ -168,7 +168,7 @@ static qm_tally run_class(const family *asked, const qm_case_kind *kind, const e
     for (int job = 0; job < plan->jobs; job++) {
         child[job] = fork();
         if (child[job] == 0) {
-            run_job(asked, kind, plan, job, seconds, &shared[job]);
+            run_job(group, kind, plan, job, seconds, &shared[job]);
             _exit(0);
         }
     }
@@ -176,8 +176,8 @@ static qm_tally run_class(const family *asked, const qm_case_kind *kind, const e
         int status = 0;
         if (child[job] < 0 || waitpid(child[job], &status, 0) < 0 || status != 0) {
             printf("FAILED %s/%s: ended by signal %d\n    again: prove --seed %llu --index %llu %s/%s\n",
-                   asked->name, kind->name, WIFSIGNALED(status) ? WTERMSIG(status) : 0,
-                   (unsigned long long)plan->seed, (unsigned long long)shared[job].index, asked->name,
+                   group->name, kind->name, WIFSIGNALED(status) ? WTERMSIG(status) : 0,
+                   (unsigned long long)plan->seed, (unsigned long long)shared[job].index, group->name,
                    kind->name);
             sum.failures++;
         }
@@ -186,19 +186,19 @@ static qm_tally run_class(const family *asked, const qm_case_kind *kind, const e
     return sum;
 }
 
-static bool is_wanted(const errand *plan, const family *asked, const qm_case_kind *kind)
+static bool is_wanted(const errand *plan, const family *group, const qm_case_kind *kind)
 {
     char name[64];
-    if (asked->needs_ties && kind->has_no_ties) return false;
-    snprintf(name, sizeof name, "%s/%s", asked->name, kind->name);
+    if (group->needs_ties && kind->has_no_ties) return false;
+    snprintf(name, sizeof name, "%s/%s", group->name, kind->name);
     for (int i = 0; i < plan->name_count; i++)
         if (strncmp(name, plan->names[i], strlen(plan->names[i])) == 0) return true;
     return plan->name_count == 0;
 }
 
-static int class_share(const family *asked, const qm_case_kind *kind)
+static int class_share(const family *group, const qm_case_kind *kind)
 {
-    return asked->share * (kind->share > 0 ? kind->share : 1);
+    return group->share * (kind->share > 0 ? kind->share : 1);
 }
 
 static int run(const errand *plan)

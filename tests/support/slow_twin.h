@@ -1,7 +1,7 @@
 /**
  * slow_twin.h: the engine's questions answered again by the plainest means that are still certain, to check
  * the engine against. Nothing here shares code or formulas with the engine; everything is computed in long
- * double (in 113 bits where a thin triangle needs it), so its own rounding is far below any tolerance asked
+ * double (in 113 bits where a thin triangle needs it), so its own rounding is far below any requested tolerance
  * for. Small meshes only. Running out of memory ends the test program.
  */
 #ifndef QM_SLOW_TWIN_H

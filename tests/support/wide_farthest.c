@@ -181,7 +181,7 @@ static void add_near(const search *s, cell *c, size_t facet, qm_long u, qm_long 
     add_label(s, c, made);
 }
 
-/** Labels near the middle p of a cell of this radius: convex facets anew, those on patches from the
+/** Labels near the middle p of a cell of this radius: convex facets again, facets on patches from the
  * parent's. */
 static void find_labels(const search *s, cell *c, qm_long_vec p, qm_long radius, bool is_root)
 {

@@ -8,14 +8,14 @@
 typedef struct spare {
     qm_allocator allocator;
     void *block[4];
-    size_t size[4], count, asked;
+    size_t size[4], count, calls;
 } spare;
 
 /** Gives back one block at a time. */
 static bool give_back(void *user)
 {
     spare *spares = user;
-    spares->asked++;
+    spares->calls++;
     if (spares->count == 0) return false;
     size_t last = --spares->count;
     spares->allocator.resize(spares->allocator.user, spares->block[last], spares->size[last], 0);

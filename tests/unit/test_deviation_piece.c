@@ -222,8 +222,8 @@ static void count_strays(piece_pair *pair, const qm_deviation_piece *piece, cons
 static void check_strays(void)
 {
     QM_CHECK((double)strays.found <= strays.expected + 6.0 * sqrt(strays.variance) + 3.0,
-             "seed %llu: %zu points stray, %g were reported", (unsigned long long)qm_check_seed(), strays.found,
-             strays.expected);
+             "seed %llu: %zu points stray, %g were reported", (unsigned long long)qm_check_seed(),
+             strays.found, strays.expected);
     strays = (stray_count){0.0, 0.0, 0};
 }
 

@@ -193,7 +193,8 @@ static void distances_of_triangles_are_off_by_what_is_counted(void **state)
             wide_a[i] = widen(a[i]);
             wide_b[i] = widen(b[i]);
         }
-        double truth = (double)root(triangles2(wide_a, wide_b)), reported = qm_triangle_find_gap(a, b).distance;
+        double truth = (double)root(triangles2(wide_a, wide_b)),
+               reported = qm_triangle_find_gap(a, b).distance;
         QM_CHECK(fabs(reported - truth) <= QM_TRIANGLE_GAP_ERROR, "seed %llu: %.17g, true %.17g, off by %g",
                  (unsigned long long)seed, reported, truth, reported - truth);
     }

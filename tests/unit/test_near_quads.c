@@ -37,12 +37,12 @@ static void check_fewer(const qm_piece_work *work, qm_vec p, const qm_near_quads
                              INFINITY};
     for (int i = 0; i < 3; i++) {
         qm_near_quads few =
-            qm_candidates_near_quads(work, p, (qm_quads_asked){.wanted = QM_NEAR_QUADS, .within = within[i]});
+            qm_candidates_near_quads(work, p, (qm_quads_query){.wanted = QM_NEAR_QUADS, .within = within[i]});
         assert_int_equal(few.count, all->at[0].distance < all->at[1].distance ? i : i / 2 * 2);
         for (int k = 0; k < few.count; k++)
             assert_true(few.at[k].distance < within[i]);
         qm_near_quads one =
-            qm_candidates_near_quads(work, p, (qm_quads_asked){.wanted = 1, .within = within[i]});
+            qm_candidates_near_quads(work, p, (qm_quads_query){.wanted = 1, .within = within[i]});
         assert_int_equal(one.count, few.count > 0);
         if (one.count > 0) assert_true(one.at[0].distance == all->at[0].distance);
     }
@@ -59,8 +59,8 @@ static int check_points(const qm_mesh *mesh, qm_piece_work *work, qm_random *ran
         p[0] += 1.0;
         p[1] += 0.5;
         qm_vec local = qm_frame_local(frame, p);
-        qm_quads_asked asked = {.wanted = QM_NEAR_QUADS, .within = INFINITY};
-        qm_near_quads near = qm_candidates_near_quads(work, local, asked);
+        qm_quads_query query = {.wanted = QM_NEAR_QUADS, .within = INFINITY};
+        qm_near_quads near = qm_candidates_near_quads(work, local, query);
         assert_int_equal(near.count, 2);
         check_fewer(work, local, &near);
         for (int k = 0; k < near.count; k++) {

@@ -190,8 +190,8 @@ static void errors_are_those_promised_however_far_the_points(void **state)
                 double error =
                     reading ? 3.5e-13 * side + 2.5e-14 * slow.upper : 1.5e-13 * side + 2e-14 * slow.upper;
                 QM_CHECK(reported >= slow.lower - error && reported <= slow.upper + error,
-                         "1e%d, reading %d, point %zu: %.17g, true [%.17g, %.17g]", power, reading, i, reported,
-                         slow.lower, slow.upper);
+                         "1e%d, reading %d, point %zu: %.17g, true [%.17g, %.17g]", power, reading, i,
+                         reported, slow.lower, slow.upper);
                 check_answer(&first_batch, i, &mesh, (qm_quad_reading)reading, "far", (uint64_t)(power + 2));
             }
         }

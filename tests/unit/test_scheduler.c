@@ -10,7 +10,7 @@
 #include "base/clock.h"
 #include "base/scheduler.h"
 
-/** A task that counts pieces of work until it is told to end or has done them all. */
+/** A task that counts pieces of work until a flag ends it or has done them all. */
 typedef struct worker_task {
     qm_turn *turn;
     atomic_bool is_ended;

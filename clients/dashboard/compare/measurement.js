@@ -71,7 +71,7 @@ export class Measurement {
     const onOpen = () => { this.stage = "running"; };
     for await (const event of client.jobs.events(job.id, { signal, onBreak, onOpen })) {
       if (event.event === "bounds") {
-        // A daemon that was started anew searches from the beginning; bounds that were proven still hold.
+        // A daemon that was restarted searches from the beginning; bounds that were proven still hold.
         const last = this.samples.at(-1);
         if (last && event.elapsed_ms < last.elapsed_ms) this.samples = [];
         this.samples.push(event);

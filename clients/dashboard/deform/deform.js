@@ -49,7 +49,7 @@ export function showDeform(panel) {
     outcome.classList.toggle("fault", collisions.collides);
     numbers.replaceChildren(figures([
       ["Revision", count(round.revision)], ["Vertices moved", count(round.moved)], ["Refit", duration(round.refit_ms)],
-      ["Boxes anew", count(round.updated_nodes)], ["Search", duration(collisions.elapsed_ms)],
+      ["Boxes updated", count(round.updated_nodes)], ["Search", duration(collisions.elapsed_ms)],
       ["Round trip", duration(round.round_ms)]]));
     undo.disabled = sender.undos.length === 0;
     run(() => drawFolds(round));

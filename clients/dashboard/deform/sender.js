@@ -66,7 +66,7 @@ export class Sender {
     });
   }
 
-  /** Puts the vertices of the last drag back; the view has to read the mesh anew. @param {string} id */
+  /** Puts the vertices of the last drag back; the view has to read the mesh again. @param {string} id */
   async undo(id) {
     await this.sending;
     const places = this.undos.pop();

@@ -31,7 +31,7 @@ export function showJobs(panel) {
     title.textContent = open > 0 ? `Jobs, ${open} open` : "Jobs";
     table.hidden = state.jobs.length === 0;
     empty.hidden = state.jobs.length > 0;
-    empty.textContent = state.hasJobs ? "Nothing was asked yet. Choose two meshes and compare them." : "Asking the daemon.";
+    empty.textContent = state.hasJobs ? "No jobs yet. Choose two meshes and compare them." : "Asking the daemon.";
   };
   draw();
   refreshJobs();

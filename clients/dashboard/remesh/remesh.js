@@ -29,7 +29,7 @@ export function showRemesh(panel) {
   const side = h("div", { className: "form" });
   const outcome = h("p", { className: "outcome muted", id: "remesh", role: "status" });
   const start = h("button", { type: "button", disabled: true, onclick: () => run(begin) }, "Start from the layout");
-  const take = h("button", { type: "button", disabled: true, title: "Make those patches anew that the edits have touched", onclick: () => run(takeEdits) }, "Take over edits");
+  const take = h("button", { type: "button", disabled: true, title: "Compute the patches again that the edits have touched", onclick: () => run(takeEdits) }, "Take over edits");
   const edit = h("a", { className: "button", href: "#sketch" }, "Edit the layout");
   const grown = h("div");
   const goal = makeGoal({ onStep: () => run(() => refine(1, {})), onRun: (wanted) => run(() => refine(MOST_STEPS, wanted)), onStop: () => run(() => runner.stop()) });
@@ -176,7 +176,7 @@ export function showRemesh(panel) {
     if (!current) return;
     const now = await client.reconstructions.takeLayout(current.id, chosenLayout());
     await accept(now);
-    outcome.textContent = now.redone_patches === 0 ? "No patch has changed." : `${count(now.redone_patches)} of ${count(now.patch_count)} patches made anew.`;
+    outcome.textContent = now.redone_patches === 0 ? "No patch has changed." : `${count(now.redone_patches)} of ${count(now.patch_count)} patches computed again.`;
   }
 
   function drawChoices() {

@@ -86,7 +86,7 @@ export class Editor {
   stroke(stroke) {
     if (!this.isRedrawing) return this.edit((id) => client.layouts.stroke(id, stroke), describeStroke);
     const { curve } = this;
-    return this.edit((id) => client.layouts.redraw(id, curve, stroke), (now) => `Curve ${curve} is drawn anew.${describeMissed(now)}`);
+    return this.edit((id) => client.layouts.redraw(id, curve, stroke), (now) => `Curve ${curve} is redrawn.${describeMissed(now)}`);
   }
 
   split() {

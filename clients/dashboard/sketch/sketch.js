@@ -45,7 +45,7 @@ export function showSketch(panel) {
   const remove = button("Delete", () => editor.delete(), "Delete");
   const redraw = button("Redraw", async () => {
     editor.isRedrawing = true;
-    words.textContent = "Draw the chosen curve anew; it stays between its nodes. Escape leaves it as it is.";
+    words.textContent = "Redraw the chosen curve; it stays between its nodes. Escape leaves it as it is.";
   }, "The next stroke takes the chosen curve's place");
   const discard = button("Delete layout", () => editor.discard().then(drawChoices));
   const remesh = h("a", { className: "button primary", href: "#remesh", hidden: true }, "Remesh this layout");

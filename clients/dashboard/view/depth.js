@@ -42,7 +42,7 @@ export class DepthMap {
     stage.eye.controls.addEventListener("change", this.plan);
   }
 
-  /** Reads anew when the eye has rested for a while. */
+  /** Reads again when the eye has rested for a while. */
   plan = () => {
     clearTimeout(this.timer);
     this.timer = setTimeout(() => this.read(), REST_MS);

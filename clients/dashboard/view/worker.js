@@ -156,7 +156,7 @@ function regions({ task, plan, request }) {
 }
 
 /**
- * Moves the vertices within a radius of a point, less the farther they are; sends their places and the pieces anew.
+ * Moves the vertices within a radius of a point, less the farther they are; sends their positions and the pieces again.
  * @param {{ task: number, centre: number[], radius: number, offset: number[], request: number, starts: boolean }} request
  *   starts: from where the vertices are now
  */
@@ -171,7 +171,7 @@ function deform({ task, centre, radius, offset, request, starts: isStart }) {
   rebuild(task, new Set(indices));
 }
 
-/** Sends the pieces anew that have one of the vertices. @param {number} task @param {Set<number>} moved */
+/** Sends the pieces again that have one of the vertices. @param {number} task @param {Set<number>} moved */
 function rebuild(task, moved) {
   const { shape, steps, frame, tints } = /** @type {Kept} */ (kept.get(task));
   const normals = cornerNormals(shape, faceNormals(shape), facesOfVertices(shape));

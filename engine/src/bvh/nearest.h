@@ -73,7 +73,7 @@ static inline void qm_nearest_ties(const qm_kernel *kernel, const qm_locator *lo
  *   - squares, sum and root, 2.5 of the distance: 2.5 sqrt(3) < 5. Together less than 120 u s:
  *     QM_DISTANCE_ROUNDING = 128 u. Tests find 9 u s at most.
  *
- * To a patch: the certified error asked for, 128 u and 32 u |p| (less could not be certified of a rounded
+ * To a patch: the requested certified error, 128 u and 32 u |p| (less could not be certified of a rounded
  * distance), and the roundings of |p - Q(uv)|. Corners and p are off by 2 s, e1 and e2 by one rounding and w
  * by three of 2 sqrt(3), the six sums and products of Q - p by 6 (sqrt(3) s + 2 sqrt(3)) and the length by 5
  * s: less than 70 u s. A patch within a quarter of the certified error of its triangles is as far as the

@@ -35,7 +35,7 @@ typedef struct bound_work {
     int patch_base; /* the rectangle that the piece is nearest to, or QM_NO_RECTANGLE */
     qm_triangle base_facet;
     double rectangle_distance[QM_MAX_RECTANGLES]; /* of the centroid from their facets, at least */
-    /* Matches with the rectangles of the list, made when they are asked for: with the whole surface of their
+    /* Matches with the rectangles of the list, made on demand: with the whole surface of their
      * patches, and with what is within their edges where that is another one. */
     struct {
         bool is_computed, is_computed_within;

@@ -68,7 +68,7 @@ static bool load_corners(const qm_deviation_setup *setup, uint32_t face, qm_vec 
     return is_quad;
 }
 
-/** True when the parameters of a patch tell its distance from a target nearby better than its triangles,
+/** True when the parameters of a patch bound its distance from a target nearby better than its triangles,
  * whose points are up to |w| / 4 beside those of the patch: over a patch that is twisted against them,
  * heights differ there by more than base_margin. Farther away than that they
  * change sign nowhere, and differ less. */

@@ -141,22 +141,22 @@ static void visit_quad(const qm_piece_work *work, qm_vec p, struct listed_quad l
     if (near->count == near->wanted) near->farthest = near->at[near->wanted - 1].distance;
 }
 
-qm_near_quads qm_candidates_near_quads(const qm_piece_work *work, qm_vec p, qm_quads_asked asked)
+qm_near_quads qm_candidates_near_quads(const qm_piece_work *work, qm_vec p, qm_quads_query query)
 {
-    QM_ASSERT(asked.wanted > 0 && asked.wanted <= QM_NEAR_QUADS);
+    QM_ASSERT(query.wanted > 0 && query.wanted <= QM_NEAR_QUADS);
     double negligible = negligible_twist(work);
     quad_list list;
-    list_quads(work, p, asked.twisted_only ? negligible : 0.0, &list);
-    qm_near_quads near = {.wanted = asked.wanted, .farthest = asked.within};
+    list_quads(work, p, query.twisted_only ? negligible : 0.0, &list);
+    qm_near_quads near = {.wanted = query.wanted, .farthest = query.within};
     bool is_enough = false;
     for (int tries = 0; list.count > 0 && tries < QM_NEAR_QUADS && !is_enough; tries++) {
         struct listed_quad quad = take_nearest(&list);
         if (quad.distance - quad.twist < near.farthest) visit_quad(work, p, quad, negligible, &near);
-        is_enough = near.count == asked.wanted && near.at[0].distance <= asked.enough;
+        is_enough = near.count == query.wanted && near.at[0].distance <= query.enough;
     }
     /* Patches that leave their triangles may still be nearer; that matters only where none of these is near
      * enough, and to pieces that no cheaper test has covered. */
-    is_enough = work->depth < CERTAIN_DEPTH && near.count > 0 && near.at[0].distance <= asked.enough;
+    is_enough = work->depth < CERTAIN_DEPTH && near.count > 0 && near.at[0].distance <= query.enough;
     for (int i = 0; !is_enough && i < list.count; i++)
         if (list.at[i].distance - list.at[i].twist < near.farthest)
             visit_quad(work, p, list.at[i], negligible, &near);

@@ -61,12 +61,12 @@ typedef struct qm_near_quads {
 } qm_near_quads;
 
 /** A request for quads near a point. */
-typedef struct qm_quads_asked {
+typedef struct qm_quads_query {
     int wanted;        /* at most this many, */
     double within;     /* all nearer than this; */
     double enough;     /* a nearest one within this ends the search, and others may be nearer then */
     bool twisted_only; /* no flat ones */
-} qm_quads_asked;
+} qm_quads_query;
 
 /** Labels for the parts of the target's patches under a polygon: they lose only their share of the twist. */
 typedef struct qm_refined {
@@ -112,7 +112,7 @@ void qm_candidates_refill(qm_piece_work *work);
 bool qm_candidates_add(qm_piece_work *work, uint32_t pack);
 
 /** The quads among the candidates that are nearest to a point. */
-qm_near_quads qm_candidates_near_quads(const qm_piece_work *work, qm_vec p, qm_quads_asked asked);
+qm_near_quads qm_candidates_near_quads(const qm_piece_work *work, qm_vec p, qm_quads_query query);
 
 /** Finds the footpoint of p on a quad near it, unless it is known. */
 void qm_candidates_find_foot(qm_near_quad *quad, qm_vec p);

@@ -103,9 +103,9 @@ static double piece_bound(const qm_piece_work *work, const qm_piece *piece, uint
     qm_vec centroid = qm_vec_centroid(piece->corner, piece->corner_count);
     double radius = qm_vec_radius(piece->corner, piece->corner_count, centroid);
     if (radius >= upper) return upper + work->slack;
-    qm_quads_asked asked = {
+    qm_quads_query query = {
         .wanted = 1, .within = upper - radius, .enough = fmax(qm_candidates_cutoff(work), radius)};
-    qm_near_quads near = qm_candidates_near_quads(work, centroid, asked);
+    qm_near_quads near = qm_candidates_near_quads(work, centroid, query);
     if (near.count == 0) return upper + work->slack;
     *hint = near.at[0].pack;
     return near.at[0].distance + radius + work->slack;
@@ -228,9 +228,9 @@ static bool refine(const qm_piece_work *work, const qm_polygon *polygon, qm_refi
     qm_vec centroid = qm_polygon_centroid(polygon);
     double cutoff = qm_candidates_cutoff(work),
            radius = qm_vec_radius(polygon->corner, polygon->count, centroid);
-    qm_quads_asked asked = {
+    qm_quads_query query = {
         .wanted = QM_NEAR_QUADS, .within = cutoff + radius, .enough = cutoff, .twisted_only = true};
-    qm_near_quads near = qm_candidates_near_quads(work, centroid, asked);
+    qm_near_quads near = qm_candidates_near_quads(work, centroid, query);
     return qm_candidates_refine(work, polygon, centroid, &near, refined);
 }
 
@@ -646,7 +646,7 @@ static bool alike_reached(const qm_piece_work *work, const qm_bilinear *patch, u
 /**
  * Covers by the target's face of the same index. Meshes that nearly coincide are mostly one mesh twice; in a
  * heap of patches that cross each other hundreds of others are as near to the centre of a face, and no search
- * tells its counterpart from them.
+ * distinguishes its counterpart from them.
  */
 static bool counterpart_reached(const qm_piece_work *work, const qm_bilinear *patch,
                                 remainder_list *remainder)
@@ -712,10 +712,10 @@ static bool patch_reached(const qm_piece_work *work, const qm_bilinear *patch, q
         return true;
     if (work->side->target_patches) {
         double cutoff = qm_candidates_cutoff(work), radius = qm_vec_radius(work->piece.corner, 4, centre);
-        qm_quads_asked asked = {.wanted = QM_NEAR_QUADS,
+        qm_quads_query query = {.wanted = QM_NEAR_QUADS,
                                 .within = cutoff + radius,
                                 .enough = is_left_often(work) ? -1.0 : cutoff};
-        *near = qm_candidates_near_quads(work, centre, asked);
+        *near = qm_candidates_near_quads(work, centre, query);
     }
     return match_reached(work, patch, centre, near, remainder);
 }

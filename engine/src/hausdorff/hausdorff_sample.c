@@ -59,10 +59,10 @@ static qm_known_point *slot_of(qm_worker *worker, qm_vec p)
 }
 
 /** True when known answers the request: the same point, searched for as closely or more. */
-static bool is_known(const qm_known_point *known, const qm_known_point *asked)
+static bool is_known(const qm_known_point *known, const qm_known_point *query)
 {
-    return known->side == asked->side && qm_vec_equal(known->p, asked->p) && known->slack <= asked->slack &&
-           known->enough <= asked->enough && known->is_sample >= asked->is_sample;
+    return known->side == query->side && qm_vec_equal(known->p, query->p) && known->slack <= query->slack &&
+           known->enough <= query->enough && known->is_sample >= query->is_sample;
 }
 
 double qm_sample_upper(const qm_kernel *kernel, const qm_side *side, qm_vec p, double enough, double reach,
@@ -80,11 +80,11 @@ double qm_sample_upper(const qm_kernel *kernel, const qm_side *side, qm_vec p, d
 double qm_sample_known_upper(qm_worker *worker, const qm_side *side, qm_vec p, double enough, double reach,
                              uint32_t *hint)
 {
-    qm_known_point *known = slot_of(worker, p), asked = {.side = side, .p = p, .enough = enough};
-    if (!is_known(known, &asked)) {
-        asked.upper = qm_sample_upper(worker->search->kernel, side, p, enough, reach, hint);
-        asked.hint = *hint;
-        *known = asked;
+    qm_known_point *known = slot_of(worker, p), query = {.side = side, .p = p, .enough = enough};
+    if (!is_known(known, &query)) {
+        query.upper = qm_sample_upper(worker->search->kernel, side, p, enough, reach, hint);
+        query.hint = *hint;
+        *known = query;
     }
     *hint = known->hint;
     return known->upper;
@@ -153,11 +153,11 @@ double qm_sample_point(qm_worker *worker, const qm_side *side, qm_vec p, double 
     QM_ASSERT(!(slack < 0.0));
     QM_ASSERT(*hint < side->target->pack_count);
     qm_known_point *known = slot_of(worker, p),
-                   asked = {.side = side, .p = p, .slack = slack, .enough = enough, .is_sample = true};
-    if (!is_known(known, &asked)) {
-        asked.upper = search_sample(worker, side, p, slack, face, enough, hint);
-        asked.hint = *hint;
-        *known = asked;
+                   query = {.side = side, .p = p, .slack = slack, .enough = enough, .is_sample = true};
+    if (!is_known(known, &query)) {
+        query.upper = search_sample(worker, side, p, slack, face, enough, hint);
+        query.hint = *hint;
+        *known = query;
     }
     *hint = known->hint;
     return known->upper;

@@ -99,7 +99,7 @@ static inline double qm_bilinear_jacobian_at(const qm_bilinear_jacobian *jacobia
 
 /* ---- the distance from a point ---- */
 
-/** Smallest error that a certified distance can be asked for, as a fraction of the largest coordinate. Both
+/** Smallest error that a certified distance may have, as a fraction of the largest coordinate. Both
  * ends of its interval are rounded by up to 60 u (rounding.h), so that half of this is spent on roundings. */
 #define QM_BILINEAR_MIN_ERROR 0x1p-46
 

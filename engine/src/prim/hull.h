@@ -4,7 +4,7 @@
  *
  * The intersection is convex, and its extreme points are of three kinds: corners of one hull that lie in the
  * other, crossings of two edges, and an edge of one through the inside of the other. Each is collected once;
- * their count tells a point from a segment from an area.
+ * their count distinguishes a point, a segment and an area.
  */
 #ifndef QM_HULL_H
 #define QM_HULL_H

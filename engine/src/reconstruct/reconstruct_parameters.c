@@ -25,7 +25,7 @@
 #define STRETCH_ROUNDS 10 /* of dividing the weights by the stretch */
 #define SWEEPS 24         /* of relaxation in a round, forward and backward */
 #define RELAXATION 1.7    /* the factor of successive over-relaxation */
-#define MIN_SIDE_SINE 0.1 /* of the angle between curve and sample, to tell the sides of the curve apart */
+#define MIN_SIDE_SINE 0.1 /* of the angle between curve and sample, to separate the sides of the curve */
 
 enum { POINT_SIZE = 3 * sizeof(double) };
 
