@@ -100,7 +100,7 @@ static void measure_shares(int workers, int clients, const int *tasks, double se
     int total = 0;
     for (int i = 0; i < clients; i++)
         for (int k = 0; k < tasks[i]; k++) {
-            char name[16];
+            char name[24];
             snprintf(name, sizeof name, "client %d", i);
             submit(scheduler, &all[total++], name, QM_PRIORITY_NORMAL);
         }
