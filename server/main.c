@@ -17,8 +17,10 @@
 #include "http/http.h"
 #include "http/route.h"
 
-#define REQUEST_THREADS 4
-#define UPLOAD_THREADS 2
+#define SHORT_THREADS 4
+#define EDIT_THREADS 2
+#define DOWNLOAD_THREADS 2
+#define LONG_NICENESS 5 /* of downloads and decoders: as jobs have */
 #define TICK_MS 20
 #define CONNECTIONS_MS 1000
 #define OWN_FILES 64
@@ -79,13 +81,13 @@ static void on_tick(uv_timer_t *handle)
     double now = qm_clock_now_ms();
     qm_job_events_tick(state->app.jobs, now);
     if (now < state->saved_ms + SAVING_MS) return;
-    qm_pool_submit(state->app.pool, save, state->app.jobs);
+    qm_pool_submit(state->app.pools[QM_LANE_SHORT], save, state->app.jobs);
     state->saved_ms = now;
     if (now < state->connections_checked_ms + CONNECTIONS_MS) return;
     qm_http_tick(state->http, now);
     state->connections_checked_ms = now;
     if (now < state->cleaned_ms + CLEANING_MS) return;
-    qm_pool_submit(state->app.pool, clean, state->app.jobs);
+    qm_pool_submit(state->app.pools[QM_LANE_SHORT], clean, state->app.jobs);
     state->cleaned_ms = now;
 }
 
@@ -124,6 +126,25 @@ static void find_dashboard(qm_config *config, char *found, size_t size)
     }
 }
 
+static bool create_pools(qm_app *app, const qm_config *config)
+{
+    int processors = qm_host_thread_count();
+    const struct {
+        int threads, niceness;
+    } sizes[QM_LANE_COUNT] = {
+        [QM_LANE_SHORT] = {SHORT_THREADS, 0},
+        [QM_LANE_QUERY] = {processors > 2 ? processors : 2, 0},
+        [QM_LANE_EDIT] = {EDIT_THREADS, 0},
+        [QM_LANE_DOWNLOAD] = {DOWNLOAD_THREADS, LONG_NICENESS},
+        [QM_LANE_DECODE] = {(int)config->decodes, LONG_NICENESS},
+    };
+    for (int lane = QM_LANE_SHORT; lane < QM_LANE_COUNT; lane++) {
+        app->pools[lane] = qm_pool_create(sizes[lane].threads, sizes[lane].niceness);
+        if (!app->pools[lane]) return false;
+    }
+    return true;
+}
+
 static bool start_parts(daemon_state *state, const qm_config *config)
 {
     qm_app *app = &state->app;
@@ -140,10 +161,9 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     size_t memory = config->memory_budget > 0 ? (size_t)config->memory_budget : qm_host_default_budget();
     int prepare_threads = config->prepare_threads > 0 ? (int)config->prepare_threads : qm_host_thread_count();
     app->meshes = qm_meshes_create(app->store, limits, memory, prepare_threads);
-    app->pool = qm_pool_create(REQUEST_THREADS, 0);
-    app->long_pool = qm_pool_create(UPLOAD_THREADS, 0);
+    bool has_pools = create_pools(app, config);
     app->reconstructions = qm_reconstructions_create(app->store, app->meshes);
-    if (!app->meshes || !app->reconstructions || !app->pool || !app->long_pool) return false;
+    if (!app->meshes || !app->reconstructions || !has_pools) return false;
     app->jobs = qm_jobs_create(
         app->store, app->meshes, app->reconstructions,
         (qm_job_limits){.workers = (int)config->workers,
@@ -174,12 +194,12 @@ static void stop_parts(daemon_state *state)
     qm_app *app = &state->app;
     if (app->jobs) qm_jobs_drain(app->jobs);
     if (state->http) qm_http_quiesce(state->http);
-    if (app->pool) qm_pool_close(app->pool);
-    if (app->long_pool) qm_pool_close(app->long_pool);
+    for (int lane = 0; lane < QM_LANE_COUNT; lane++)
+        if (app->pools[lane]) qm_pool_close(app->pools[lane]);
     if (app->jobs) qm_job_events_stop_notifier(app->jobs);
     qm_http_stop(state->http);
-    qm_pool_destroy(app->pool);
-    qm_pool_destroy(app->long_pool);
+    for (int lane = 0; lane < QM_LANE_COUNT; lane++)
+        qm_pool_destroy(app->pools[lane]);
     qm_jobs_destroy(app->jobs);
     qm_reconstructions_destroy(app->reconstructions);
     qm_meshes_destroy(app->meshes);

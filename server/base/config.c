@@ -49,6 +49,7 @@ static const setting settings[] = {
     NUMBER(job_threads, "job-threads", 1, 1, 256, "threads of one job that does not ask for a number"),
     NUMBER(prepare_threads, "prepare-threads", 0, 0, 256,
            "threads that prepare one mesh; 0 for one a processor"),
+    NUMBER(decodes, "decodes", 2, 1, 256, "meshes that are decoded at the same time"),
     NUMBER(max_body, "max-body", 1073741824.0, 1024, 1e12, "bytes of an upload at most"),
     NUMBER(max_faces, "max-faces", 5e7, 1, 2.6e8, "faces (and vertices) of a mesh at most"),
     NUMBER(memory_budget, "memory-budget", 0, 0, 1e15,

@@ -25,6 +25,7 @@ typedef struct qm_config {
     double workers;         /* jobs that run at once */
     double job_threads;     /* threads of one job */
     double prepare_threads; /* threads that prepare one mesh; 0: one for each processor */
+    double decodes;         /* meshes that are decoded at the same time */
     double max_body;        /* bytes of an upload */
     double max_faces;
     double memory_budget; /* bytes of meshes and jobs; 0: half of the memory */

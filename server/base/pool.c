@@ -16,11 +16,12 @@ typedef struct task {
     struct task *next;
 } task;
 
-/** lock guards first, last and closing. */
+/** lock guards first, last, load and closing. */
 struct qm_pool {
     uv_mutex_t lock;
     uv_cond_t changed;
     task *first, *last;
+    qm_pool_load load;
     bool closing;
     int niceness;
     int thread_count;
@@ -39,11 +40,14 @@ static void work(void *data)
         if (!next) break;
         pool->first = next->next;
         if (!pool->first) pool->last = NULL;
+        pool->load.waiting--;
+        pool->load.running++;
         uv_mutex_unlock(&pool->lock);
         QM_ASSERT(next->run);
         next->run(next->data);
         free(next);
         uv_mutex_lock(&pool->lock);
+        pool->load.running--;
     }
     uv_mutex_unlock(&pool->lock);
 }
@@ -76,6 +80,7 @@ bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data)
         else
             pool->first = added;
         pool->last = added;
+        pool->load.waiting++;
     }
     uv_mutex_unlock(&pool->lock);
     /* Signal after unlocking, so that the woken thread does not wait for the lock. */
@@ -84,6 +89,14 @@ bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data)
     else
         free(added);
     return is_open;
+}
+
+qm_pool_load qm_pool_count(qm_pool *pool)
+{
+    uv_mutex_lock(&pool->lock);
+    qm_pool_load load = pool->load;
+    uv_mutex_unlock(&pool->lock);
+    return load;
 }
 
 void qm_pool_close(qm_pool *pool)

@@ -5,6 +5,7 @@
 #define QM_POOL_H
 
 #include <stdbool.h>
+#include <stddef.h>
 
 typedef struct qm_pool qm_pool;
 typedef void qm_task_fn(void *data);
@@ -16,6 +17,13 @@ qm_pool *qm_pool_create(int thread_count, int niceness);
 
 /** Queues run(data). Returns false, and never runs it, if memory ran out or the pool is closed. */
 bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data);
+
+typedef struct qm_pool_load {
+    size_t running, waiting;
+} qm_pool_load;
+
+/** Counts the tasks that run and those that wait for a thread. */
+qm_pool_load qm_pool_count(qm_pool *pool);
 
 /** Runs all queued tasks, then ends the threads; nothing can be queued any more. */
 void qm_pool_close(qm_pool *pool);

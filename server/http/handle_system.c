@@ -30,6 +30,7 @@ void qm_handle_metrics(qm_request *request)
     qm_app *app = qm_request_app(request);
     qm_job_counts jobs = qm_jobs_count(app->jobs);
     qm_meshes_memory memory = qm_meshes_measure(app->meshes);
+    qm_pool_load decodes = qm_pool_count(app->pools[QM_LANE_DECODE]);
     const qm_metrics_gauge gauges[] = {
         {"jobs_queued", "Queued jobs.", (double)jobs.queued},
         {"jobs_running", "Running jobs.", (double)jobs.running},
@@ -42,6 +43,8 @@ void qm_handle_metrics(qm_request *request)
         {"memory_bytes", "Memory of meshes and jobs, bytes.", (double)memory.used},
         {"memory_limit_bytes", "Memory budget, bytes.", (double)memory.limit},
         {"meshes_loaded", "Meshes in memory.", (double)memory.loaded},
+        {"decodes_running", "Meshes that are decoded.", (double)decodes.running},
+        {"decodes_waiting", "Meshes that wait for a decoder.", (double)decodes.waiting},
         {"requests_open", "Requests in progress.", atomic_load(&app->request_count)},
     };
     qm_text out = {0};

@@ -86,19 +86,27 @@ static void run_on_pool(void *data)
     hand_back(request);
 }
 
+/** A query or download of a mesh that is not in memory decodes it first, and does so in the lane of decoders. */
+static qm_lane choose_lane(const qm_request *request)
+{
+    qm_lane lane = request->route->lane;
+    bool loads = (lane == QM_LANE_QUERY || lane == QM_LANE_DOWNLOAD) &&
+                 !qm_meshes_has_loaded(request->app->meshes, request->ids[0]);
+    return loads ? QM_LANE_DECODE : lane;
+}
+
 static enum MHD_Result handle(qm_request *request)
 {
     QM_ASSERT(request->stage == RECEIVING && (request->route || request->has_problem));
     qm_guard_set_stage(&request->listener->guard, request->guarded, QM_CONNECTION_BUSY);
     if (request->has_problem) {
         qm_reply_problem(request, &request->problem);
-    } else if (request->route->runs == QM_RUNS_AT_ONCE) {
+    } else if (request->route->lane == QM_LANE_AT_ONCE) {
         request->route->handle(request);
     } else {
         request->stage = HANDLING;
         MHD_suspend_connection(request->connection);
-        qm_pool *pool = request->route->runs == QM_RUNS_LONG ? request->app->long_pool : request->app->pool;
-        if (qm_pool_submit(pool, run_on_pool, request)) return MHD_YES;
+        if (qm_pool_submit(request->app->pools[choose_lane(request)], run_on_pool, request)) return MHD_YES;
         /* The pool is closed because the daemon stops, or memory ran out. */
         qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the request cannot be queued");
         qm_reply_problem(request, &problem);

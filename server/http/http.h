@@ -12,6 +12,20 @@
 #include "layout/reconstructions.h"
 #include "ops/problem.h"
 
+/**
+ * Where a handler runs: on its connection's own thread, or with the connection suspended on one of the pools, each
+ * with threads of its own, so that requests of one kind do not wait for those of another.
+ */
+typedef enum qm_lane {
+    QM_LANE_AT_ONCE,  /* neither waits nor computes: the connection's thread */
+    QM_LANE_SHORT,    /* waits for the disk */
+    QM_LANE_QUERY,    /* answers a question about a mesh in memory */
+    QM_LANE_EDIT,     /* moves vertices, edits layouts and reconstructions */
+    QM_LANE_DOWNLOAD, /* encodes a mesh, at a lower priority */
+    QM_LANE_DECODE,   /* decodes and prepares a mesh, at a lower priority */
+    QM_LANE_COUNT
+} qm_lane;
+
 /** The parts of the daemon that a handler may use; created by main.c, alive as long as the daemon. */
 typedef struct qm_app {
     const qm_config *config;
@@ -19,9 +33,8 @@ typedef struct qm_app {
     qm_meshes *meshes;
     qm_jobs *jobs;
     qm_reconstructions *reconstructions;
-    qm_pool *pool;      /* runs the handlers that wait for the disk */
-    qm_pool *long_pool; /* runs the handlers that decode, so that a large mesh holds up no other request */
-    qm_tokens *tokens;  /* empty: every client may do everything */
+    qm_pool *pools[QM_LANE_COUNT]; /* NULL at QM_LANE_AT_ONCE */
+    qm_tokens *tokens;             /* empty: every client may do everything */
     struct qm_http *http;
     atomic_bool draining;
     atomic_int stream_count, request_count; /* open now */
@@ -100,7 +113,7 @@ typedef enum qm_block { QM_BLOCK_MORE, QM_BLOCK_LAST, QM_BLOCK_FAILED } qm_block
 
 /** Makes the body of a reply a block at a time. */
 typedef struct qm_block_source {
-    /** Adds bytes to the empty out, on the long pool; QM_BLOCK_FAILED with the problem. */
+    /** Adds bytes to the empty out, on the pool of its lane; QM_BLOCK_FAILED with the problem. */
     qm_block (*next)(void *user, qm_text *out, qm_problem *problem);
     void (*end)(void *user); /* called once, whether all was sent or not */
     void *user;

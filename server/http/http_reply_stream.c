@@ -7,9 +7,9 @@
  * resumed that is not suspended.
  *
  * Blocks: the first block is made by the handler's thread; often it is all there is. For the others the connection is
- * suspended while they are made on the long pool, and then resumed. The next block is made when the last one was sent:
- * a slow client costs one block of memory, and a closed connection is noticed at the next write. While a block is made
- * no other thread touches the reply, as the library ends no suspended connection.
+ * suspended while they are made on the pool of their lane, and then resumed. The next block is made when the last one
+ * was sent: a slow client costs one block of memory, and a closed connection is noticed at the next write. While a block
+ * is made no other thread touches the reply, as the library ends no suspended connection.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -222,7 +222,7 @@ void qm_reply_batch(qm_request *request, qm_blob_writer *upload)
     }
     char client[QM_CLIENT_SIZE];
     qm_request_client(request, client);
-    qm_batch *batch = qm_batch_create(app->jobs, app->pool, upload, client, &s->subscriber);
+    qm_batch *batch = qm_batch_create(app->jobs, app->pools[QM_LANE_SHORT], upload, client, &s->subscriber);
     if (!batch) {
         return_slot(app);
         free(s);
@@ -272,6 +272,7 @@ bool qm_reply_check_awaited(qm_request *request)
 
 typedef struct block_reply {
     qm_app *app;
+    qm_pool *pool; /* makes the blocks */
     struct MHD_Connection *connection;
     qm_block_source source;
     qm_text block;
@@ -303,7 +304,7 @@ static void ask_for_block(block_reply *reply)
     reply->block.size = 0;
     reply->sent = 0;
     MHD_suspend_connection(reply->connection);
-    if (qm_pool_submit(reply->app->long_pool, make_block, reply)) return;
+    if (qm_pool_submit(reply->pool, make_block, reply)) return;
     reply->state = QM_BLOCK_FAILED;
     MHD_resume_connection(reply->connection);
 }
@@ -361,8 +362,13 @@ void qm_reply_blocks(qm_request *request, int status, const char *content_type, 
         refuse_slot(request);
         return;
     }
-    *reply = (block_reply){
-        .app = app, .connection = request->connection, .source = source, .block = first, .state = state};
+    QM_ASSERT(app->pools[request->route->lane]);
+    *reply = (block_reply){.app = app,
+                           .pool = app->pools[request->route->lane],
+                           .connection = request->connection,
+                           .source = source,
+                           .block = first,
+                           .state = state};
     qm_reply_set_reader(request, status, size == QM_SIZE_UNKNOWN ? MHD_SIZE_UNKNOWN : size, PIECE_SIZE,
                         read_block, reply, free_blocks);
     qm_reply_header(request, "Content-Type", "%s", content_type);

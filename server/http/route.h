@@ -8,13 +8,6 @@
 
 typedef enum qm_body { QM_BODY_NONE, QM_BODY_MEMORY, QM_BODY_SPOOL } qm_body;
 
-/** Where a handler runs: on the connection's own thread, or with the connection suspended on a pool. */
-typedef enum qm_runs {
-    QM_RUNS_AT_ONCE, /* neither waits nor computes */
-    QM_RUNS_SHORT,   /* waits for the disk */
-    QM_RUNS_LONG     /* decodes a mesh */
-} qm_runs;
-
 typedef struct qm_route {
     const char *method;
     const char *path; /* {id}, and a second name in braces, stand for one segment of letters, digits and _.-;
@@ -23,7 +16,7 @@ typedef struct qm_route {
     void (*handle)(qm_request *request);
     const char *const *produces; /* media types to choose from by Accept, NULL-ended; NULL: not negotiated */
     qm_body body;
-    qm_runs runs;
+    qm_lane lane;
     const char *const *query; /* parameters that it has, NULL-ended; NULL: any, none is read */
 } qm_route;
 

@@ -34,6 +34,8 @@ static void run_all(int thread_count, tally *into)
         assert_true(qm_pool_submit(pool, note, &tasks[i]));
     }
     qm_pool_close(pool);
+    qm_pool_load load = qm_pool_count(pool);
+    assert_true(load.running == 0 && load.waiting == 0);
     assert_int_equal(atomic_load(&into->runs), TASK_COUNT);
     assert_false(qm_pool_submit(pool, note, &tasks[0]));
     qm_pool_destroy(pool);
