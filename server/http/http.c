@@ -14,6 +14,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 
 #include "base/log.h"
 #include "base/metrics.h"
@@ -145,6 +146,18 @@ static void set_name(qm_request *request)
     snprintf(request->name, sizeof request->name, "%s", id);
 }
 
+/** Splits a target in absolute form, http://host:port/path, which every server must accept (RFC 9112, section 3.2.2). */
+static void set_target(qm_request *request, const char *url)
+{
+    const char *host = strncasecmp(url, "http://", 7) == 0    ? url + 7
+                       : strncasecmp(url, "https://", 8) == 0 ? url + 8
+                                                              : NULL;
+    size_t length = host ? strcspn(host, "/") : 0;
+    const char *path = host ? host + length : url;
+    snprintf(request->authority, sizeof request->authority, "%.*s", (int)length, host ? host : "");
+    snprintf(request->path, sizeof request->path, "%s", host && !*path ? "/" : path);
+}
+
 static qm_request *begin(qm_listener *listener, struct MHD_Connection *connection, const char *url,
                          const char *method)
 {
@@ -161,7 +174,7 @@ static qm_request *begin(qm_listener *listener, struct MHD_Connection *connectio
     request->guarded = qm_guard_find(connection);
     request->start_ms = qm_clock_now_ms();
     snprintf(request->method, sizeof request->method, "%s", method);
-    snprintf(request->path, sizeof request->path, "%s", url);
+    set_target(request, url);
     set_name(request);
     atomic_fetch_add(&request->app->request_count, 1);
     qm_guard_set_stage(&listener->guard, request->guarded, QM_CONNECTION_RECEIVING);
@@ -176,13 +189,15 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
     if (!request) {
         *state = request = begin(cls, connection, url, method);
         if (!request) return MHD_NO;
-        request->needs_host = strcmp(version, "HTTP/1.1") == 0;
+        request->needs_host = strcmp(version, "HTTP/1.0") != 0;
         qm_request_check(request);
         if (!request->has_problem) return MHD_YES;
-        /* The body was not received yet: the bytes that follow must not be read as a request. */
+        /* The body was not received yet, or its length is not certain: the bytes that follow must not be read as a
+         * request. */
         const char *length = qm_request_header(request, "Content-Length");
-        bool has_body =
-            (length && strcmp(length, "0") != 0) || qm_request_header(request, "Transfer-Encoding");
+        bool has_body = (length && strcmp(length, "0") != 0) ||
+                        qm_request_header(request, "Transfer-Encoding") ||
+                        request->problem.code == QM_PROBLEM_AMBIGUOUS_LENGTH;
         if (has_body) qm_reply_header(request, "Connection", "close");
         return has_little_body(request) ? MHD_YES : handle(request);
     }

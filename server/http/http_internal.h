@@ -89,7 +89,8 @@ struct qm_request {
     const char *media;             /* the negotiated type */
     char ids[2][QM_ID_SIZE];       /* of the path */
     char method[16], path[256];
-    bool needs_host; /* as HTTP/1.1 does */
+    char authority[256]; /* of a target in absolute form, which goes before Host; else "" */
+    bool needs_host;     /* as HTTP/1.1 does */
     double start_ms;
     qm_blob_writer *upload;
     qm_text body;
@@ -102,6 +103,9 @@ struct qm_request {
     qm_problem problem; /* found before the body was received, sent after it; set with has_problem */
     qm_reply reply;
 };
+
+/** The host that the request is for: "name:port" or "name"; NULL when it names none. */
+const char *qm_request_host(const qm_request *request);
 
 /** Finds the route and checks the headers; sets the problem. */
 void qm_request_check(qm_request *request);

@@ -39,6 +39,11 @@ const char *qm_request_header(const qm_request *request, const char *name)
     return MHD_lookup_connection_value(request->connection, MHD_HEADER_KIND, name);
 }
 
+const char *qm_request_host(const qm_request *request)
+{
+    return request->authority[0] ? request->authority : qm_request_header(request, "Host");
+}
+
 const char *qm_request_query(const qm_request *request, const char *name)
 {
     return MHD_lookup_connection_value(request->connection, MHD_GET_ARGUMENT_KIND, name);
@@ -119,29 +124,62 @@ size_t qm_request_body_limit(const qm_request *request)
     return request->route->body == QM_BODY_SPOOL ? (size_t)request->app->config->max_body : MAX_JSON_BODY;
 }
 
-/** Counts of the headers that frame a request, and of Host. */
-typedef struct counted_headers {
+/** Counts of the headers that frame a request, and of Host; the first fault, or NULL. */
+typedef struct header_check {
     int lengths, codings, hosts;
-} counted_headers;
+    const char *fault;
+} header_check;
 
-static enum MHD_Result count_header(void *user, enum MHD_ValueKind kind, const char *name, const char *value)
+/** True for a token (RFC 9110, section 5.6.2). */
+static bool is_token(const char *text, size_t size)
 {
-    (void)kind;
-    (void)value;
-    counted_headers *found = user;
-    if (strcasecmp(name, "Content-Length") == 0) found->lengths++;
-    if (strcasecmp(name, "Transfer-Encoding") == 0) found->codings++;
-    if (strcasecmp(name, "Host") == 0) found->hosts++;
-    return MHD_YES;
+    static const char letters[] =
+        "!#$%&'*+-.^_`|~0123456789abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ";
+    return size > 0 && strspn(text, letters) == size;
 }
 
-/** Two lengths, a coding other than chunked, or two hosts can smuggle a request past a proxy. */
+static bool has_prefix(const char *text, const char *prefix)
+{
+    return strncasecmp(text, prefix, strlen(prefix)) == 0;
+}
+
+/**
+ * Checks a header as the library has read it. Version 0.9.75 takes a blank before the colon for a part of the name,
+ * appends a folded line (obs-fold, RFC 9112, section 5.2) to the name of the header before it, and ends a value at a
+ * NUL, behind which the bytes that were received still stand: two NULs have replaced a line's CR and LF.
+ */
+static enum MHD_Result check_header(void *user, enum MHD_ValueKind kind, const char *name, size_t name_size,
+                                    const char *value, size_t value_size)
+{
+    (void)kind;
+    static const char length[] = "Content-Length", coding[] = "Transfer-Encoding";
+    header_check *check = user;
+    bool is_length = strcasecmp(name, length) == 0, is_coding = strcasecmp(name, coding) == 0;
+    check->lengths += is_length;
+    check->codings += is_coding;
+    check->hosts += strcasecmp(name, "Host") == 0;
+    if (!is_token(name, name_size))
+        check->fault = "the name of a header must be a token";
+    else if ((has_prefix(name, length) && !is_length) || (has_prefix(name, coding) && !is_coding))
+        check->fault = "a header must not be folded over several lines";
+    else if (value && memchr(value, '\r', value_size))
+        check->fault = "the value of a header must not have a carriage return";
+    else if ((is_length || is_coding) && value &&
+             (strlen(value) != value_size || value[value_size + 1] != '\0'))
+        check->fault = "the line of a header must end with CR and LF, and have no NUL";
+    return check->fault ? MHD_NO : MHD_YES;
+}
+
+/** Headers that two readers may read in two ways, two lengths, a coding other than chunked, or two hosts can smuggle a
+ * request past a proxy. */
 static bool check_framing(qm_request *request)
 {
-    counted_headers found = {0};
-    MHD_get_connection_values(request->connection, MHD_HEADER_KIND, count_header, &found);
+    header_check found = {0};
+    MHD_get_connection_values_n(request->connection, MHD_HEADER_KIND, check_header, &found);
     const char *coding = qm_request_header(request, "Transfer-Encoding");
-    if (found.lengths + found.codings > 1)
+    if (found.fault)
+        qm_request_set_problem(request, qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH, "%s", found.fault));
+    else if (found.lengths + found.codings > 1)
         qm_request_set_problem(request,
                                qm_problem_make(QM_PROBLEM_AMBIGUOUS_LENGTH,
                                                "the request must have at most one of Content-Length and "
@@ -258,7 +296,7 @@ static void check_token(qm_request *request)
  */
 static void check_page(qm_request *request)
 {
-    const char *host = qm_request_header(request, "Host"), *origin = qm_request_header(request, "Origin");
+    const char *host = qm_request_host(request), *origin = qm_request_header(request, "Origin");
     char name[256] = "";
     if (host) snprintf(name, sizeof name, "%.*s", (int)strcspn(host, ":"), host);
     if (!qm_access_host_is_plain(host) && !qm_access_origin_is_listed(request->app->config->hosts, name))
