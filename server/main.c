@@ -8,11 +8,13 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include <uv.h>
 
 #include "base/host.h"
 #include "base/log.h"
+#include "base/notify.h"
 #include "format/draco_child.h"
 #include "http/http.h"
 #include "http/route.h"
@@ -46,10 +48,12 @@ static bool load_tokens(const qm_app *app)
     char message[QM_ACCESS_TOKENS_MESSAGE_SIZE];
     if (!app->config->token_file[0]) return true;
     bool loaded = qm_access_tokens_load(app->tokens, app->config->token_file, message);
-    if (loaded)
-        qm_log(QM_LOG_INFO, "token file: %zu tokens", qm_access_tokens_count(app->tokens));
-    else
-        qm_log(QM_LOG_ERROR, "token file: %s", message);
+    struct stat file;
+    if (loaded) qm_log(QM_LOG_INFO, "token file: %zu tokens", qm_access_tokens_count(app->tokens));
+    if (loaded && stat(app->config->token_file, &file) == 0 && (file.st_mode & (S_IRWXG | S_IRWXO)))
+        qm_log(QM_LOG_WARN, "token file: other users may use %s; its mode should be 600",
+               app->config->token_file);
+    if (!loaded) qm_log(QM_LOG_ERROR, "token file: %s", message);
     return loaded;
 }
 
@@ -252,8 +256,10 @@ int main(int argc, char **argv)
         printf("quadmeshd %s listens on http://%s:%d/\n", QM_VERSION, config.listen,
                qm_http_port(state.http));
         fflush(stdout);
+        qm_notify_send("READY=1");
         uv_run(&state.loop, UV_RUN_DEFAULT);
     }
+    qm_notify_send("STOPPING=1");
     stop_parts(&state);
     stop_loop(&state);
     if (started) qm_log(QM_LOG_INFO, "stopped");

@@ -60,7 +60,7 @@ static const setting settings[] = {
     NUMBER(kept_hours, "kept-hours", 0, 0, 1e6, "hours that a job is kept; 0 for no limit"),
     NUMBER(connections, "connections", 1000, 8, 100000, "connections at most"),
     NUMBER(client_connections, "client-connections", 0, 0, 100000,
-           "connections of one address at most; 0 for no limit"),
+           "connections of one address at most; 0 for four fifths of --connections"),
     NUMBER(streams, "streams", 500, 1, 100000, "event streams at most; more get 503"),
     NUMBER(heartbeat, "heartbeat", 10, 1, 600, "seconds of silence after which a stream sends a heartbeat"),
     NUMBER(idle_timeout, "idle-timeout", 60, 1, 3600,

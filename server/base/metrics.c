@@ -161,3 +161,10 @@ void qm_metrics_write(qm_text *out, const qm_metrics_gauge *gauges, size_t count
     write_histogram(out, "job_wait_seconds", "Time that a job waited for its first turn.", waits);
     write_histogram(out, "job_seconds", "Time from a job's first turn to its end.", jobs);
 }
+
+void qm_metrics_write_plain(qm_text *out, const char *name, const char *type, const char *help, double value)
+{
+    char number[QM_NUMBER_SIZE];
+    qm_text_printf(out, "# HELP %s %s\n# TYPE %s %s\n%s %s\n", name, help, name, type, name,
+                   qm_text_number(value, number));
+}

@@ -50,4 +50,7 @@ typedef struct qm_metrics_gauge {
 /** Writes all gauges, counters and histograms. */
 void qm_metrics_write(qm_text *out, const qm_metrics_gauge *gauges, size_t count);
 
+/** Writes one metric whose name is complete. */
+void qm_metrics_write_plain(qm_text *out, const char *name, const char *type, const char *help, double value);
+
 #endif

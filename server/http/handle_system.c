@@ -1,8 +1,14 @@
 /**
  * handle_system.c: health, metrics, and facts about the daemon.
  */
+#include <dirent.h>
+#include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
+#include <sys/statvfs.h>
+#include <unistd.h>
 
 #include "base/json.h"
 #include "base/metrics.h"
@@ -10,19 +16,66 @@
 #include "ops/job_kinds.h"
 #include "qm/bvh.h"
 
+/** Free bytes below which the daemon is not ready: a small upload and the database need about this. */
+#define MIN_FREE_DISK (64.0 * 1048576.0)
+
 void qm_handle_health(qm_request *request)
 {
     qm_reply_static(request, 200, "application/json", "{\"status\":\"ok\"}");
 }
 
+/** Bytes of the data folder's disk that are free for this process; NAN when that is not known. */
+static double measure_free_disk(const qm_app *app)
+{
+    struct statvfs disk;
+    if (statvfs(app->config->data_dir, &disk) != 0) return NAN;
+    return (double)disk.f_bavail * (double)disk.f_frsize;
+}
+
 void qm_handle_ready(qm_request *request)
 {
-    if (!atomic_load(&qm_request_app(request)->draining)) {
+    qm_app *app = qm_request_app(request);
+    double free_bytes = measure_free_disk(app);
+    qm_problem problem;
+    if (atomic_load(&app->draining)) {
+        problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping");
+    } else if (!(free_bytes >= MIN_FREE_DISK)) {
+        problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE,
+                                  "the disk of the data folder is full: %.0f bytes are free, %.0f are needed",
+                                  fmax(free_bytes, 0.0), MIN_FREE_DISK);
+    } else {
         qm_reply_static(request, 200, "application/json", "{\"status\":\"ready\"}");
         return;
     }
-    qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping");
     qm_reply_problem(request, &problem);
+}
+
+/** Writes the process metrics that Prometheus' client libraries have, from /proc; nothing when it is not there. */
+static void write_process(qm_text *out)
+{
+    struct rusage usage;
+    if (getrusage(RUSAGE_SELF, &usage) == 0)
+        qm_metrics_write_plain(out, "process_cpu_seconds_total", "counter", "Processor time, seconds.",
+                               (double)(usage.ru_utime.tv_sec + usage.ru_stime.tv_sec) +
+                                   1e-6 * (double)(usage.ru_utime.tv_usec + usage.ru_stime.tv_usec));
+    FILE *file = fopen("/proc/self/statm", "re");
+    unsigned long long size, resident;
+    if (file && fscanf(file, "%llu %llu", &size, &resident) == 2) {
+        double page = (double)sysconf(_SC_PAGESIZE);
+        qm_metrics_write_plain(out, "process_virtual_memory_bytes", "gauge", "Address space, bytes.",
+                               page * (double)size);
+        qm_metrics_write_plain(out, "process_resident_memory_bytes", "gauge", "Memory in use, bytes.",
+                               page * (double)resident);
+    }
+    if (file) fclose(file);
+    DIR *folder = opendir("/proc/self/fd");
+    if (!folder) return;
+    size_t count = 0;
+    while (readdir(folder))
+        count++;
+    closedir(folder);
+    /* Without the two dots and the folder itself. */
+    qm_metrics_write_plain(out, "process_open_fds", "gauge", "Open files.", (double)(count - 3));
 }
 
 void qm_handle_metrics(qm_request *request)
@@ -45,10 +98,16 @@ void qm_handle_metrics(qm_request *request)
         {"meshes_loaded", "Meshes in memory.", (double)memory.loaded},
         {"decodes_running", "Meshes that are decoded.", (double)decodes.running},
         {"decodes_waiting", "Meshes that wait for a decoder.", (double)decodes.waiting},
+        {"disk_free_bytes", "Free bytes on the disk of the data folder.", measure_free_disk(app)},
         {"requests_open", "Requests in progress.", atomic_load(&app->request_count)},
     };
     qm_text out = {0};
     qm_metrics_write(&out, gauges, sizeof gauges / sizeof gauges[0]);
+    qm_text_printf(&out,
+                   "# HELP quadmeshd_build_info The version, as a label.\n# TYPE quadmeshd_build_info gauge\n"
+                   "quadmeshd_build_info{version=\"%s\"} 1\n",
+                   QM_VERSION);
+    write_process(&out);
     qm_reply_text(request, 200, "text/plain; version=0.0.4; charset=utf-8", qm_text_take(&out));
 }
 

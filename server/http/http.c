@@ -24,6 +24,7 @@
 #define CONNECTION_MEMORY (256u << 10)   /* of which half is what is read of a body at once */
 #define CONNECTION_THREADS 2
 #define HEALTH_CONNECTIONS 64
+#define MAX_LOG_RATE 5 /* messages of the library that are logged in a second */
 #define LINGER_MS 1000.0
 #define MS_PER_S 1e3
 
@@ -215,8 +216,12 @@ static enum MHD_Result on_request(void *cls, struct MHD_Connection *connection, 
 static void log_request(const qm_request *request, bool is_whole)
 {
     double ms = qm_clock_now_ms() - request->start_ms;
+    char address[INET6_ADDRSTRLEN];
+    qm_request_address(request, address);
     const qm_log_field fields[] = {
         {"request_id", request->name, 0},
+        {"client", address, 0},
+        {"token", request->token[0] ? request->token : "-", 0},
         {"method", request->method, 0},
         {"path", request->path, 0},
         {"status", NULL, request->reply.status},
@@ -260,11 +265,21 @@ struct qm_http {
     MHD_socket quiet_socket; /* the listening one, once there are no new connections */
 };
 
+/** Logs a message of the library. When descriptors run out it has thousands a second: a few of each second are shown,
+ * and how many were not. */
 static void on_library_log(void *cls, const char *format, va_list arguments)
 {
-    (void)cls;
+    qm_listener *listener = cls;
+    uint64_t second = (uint64_t)(qm_clock_now_ms() / MS_PER_S);
+    if (atomic_exchange(&listener->log_second, second) != second) {
+        unsigned count = atomic_exchange(&listener->log_count, 0);
+        if (count > MAX_LOG_RATE)
+            qm_log(QM_LOG_WARN, "http: %u more messages in that second", count - MAX_LOG_RATE);
+    }
+    if (atomic_fetch_add(&listener->log_count, 1) >= MAX_LOG_RATE) return;
     char line[256];
     vsnprintf(line, sizeof line, format, arguments);
+    line[strcspn(line, "\n")] = '\0';
     qm_log(QM_LOG_WARN, "http: %s", line);
 }
 
@@ -294,14 +309,17 @@ static bool start_listener(qm_listener *listener, qm_app *app, const char *name,
     struct sockaddr_storage address;
     listener->app = app;
     qm_guard_init(&listener->guard, MS_PER_S * config->idle_timeout, config->min_upload_rate);
+    /* One address leaves a fifth of the connections to others. */
+    unsigned client_connections =
+        config->client_connections > 0 ? (unsigned)config->client_connections : connections - connections / 5;
     unsigned flags = MHD_USE_EPOLL_INTERNAL_THREAD | MHD_ALLOW_SUSPEND_RESUME | MHD_USE_ERROR_LOG;
     if (make_address(name, port, &address)) {
         if (address.ss_family == AF_INET6) flags |= MHD_USE_IPv6;
         listener->daemon = MHD_start_daemon(
-            flags, 0, NULL, NULL, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_library_log, NULL,
+            flags, 0, NULL, NULL, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_library_log, listener,
             MHD_OPTION_SOCK_ADDR, (struct sockaddr *)&address, MHD_OPTION_THREAD_POOL_SIZE,
             (unsigned)(listener->is_private ? 0 : CONNECTION_THREADS), MHD_OPTION_CONNECTION_LIMIT,
-            connections, MHD_OPTION_PER_IP_CONNECTION_LIMIT, (unsigned)config->client_connections,
+            connections, MHD_OPTION_PER_IP_CONNECTION_LIMIT, client_connections,
             MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)config->idle_timeout, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
             (size_t)CONNECTION_MEMORY, MHD_OPTION_NOTIFY_CONNECTION, qm_guard_on_connection, &listener->guard,
             MHD_OPTION_NOTIFY_COMPLETED, on_completed, NULL, MHD_OPTION_END);

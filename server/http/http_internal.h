@@ -68,7 +68,9 @@ typedef struct qm_listener {
     qm_app *app;
     qm_guard guard;
     struct MHD_Daemon *daemon;
-    bool is_private; /* health and metrics only, without a token */
+    bool is_private;                  /* health and metrics only, without a token */
+    atomic_uint_least64_t log_second; /* of the library's last message, and its messages in that second */
+    atomic_uint log_count;
 } qm_listener;
 
 typedef struct qm_reply {
@@ -89,8 +91,9 @@ struct qm_request {
     const char *media;             /* the negotiated type */
     char ids[2][QM_ID_SIZE];       /* of the path */
     char method[16], path[256];
-    char authority[256]; /* of a target in absolute form, which goes before Host; else "" */
-    bool needs_host;     /* as HTTP/1.1 does */
+    char token[QM_ACCESS_NAME_SIZE]; /* the name of its token in the log; "" without a valid one */
+    char authority[256];             /* of a target in absolute form, which goes before Host; else "" */
+    bool needs_host;                 /* as HTTP/1.1 does */
     double start_ms;
     qm_blob_writer *upload;
     qm_text body;
@@ -103,6 +106,9 @@ struct qm_request {
     qm_problem problem; /* found before the body was received, sent after it; set with has_problem */
     qm_reply reply;
 };
+
+/** The address of the client; "" when it is not known. */
+void qm_request_address(const qm_request *request, char out[INET6_ADDRSTRLEN]);
 
 /** The host that the request is for: "name:port" or "name"; NULL when it names none. */
 const char *qm_request_host(const qm_request *request);

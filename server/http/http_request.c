@@ -69,21 +69,26 @@ void qm_request_client(const qm_request *request, char out[QM_CLIENT_SIZE])
 {
     const char *given = qm_request_header(request, "Authorization");
     char hash[QM_HASH_SIZE];
-    if (given && qm_access_tokens_count(request->app->tokens) > 0) {
+    if (given && qm_access_tokens_are_needed(request->app->tokens)) {
         qm_id_hash_text(given, strlen(given), hash);
         snprintf(out, QM_CLIENT_SIZE, "token %.32s", hash);
         return;
     }
+    char address[INET6_ADDRSTRLEN];
+    qm_request_address(request, address);
+    snprintf(out, QM_CLIENT_SIZE, "%s", address);
+}
+
+void qm_request_address(const qm_request *request, char out[INET6_ADDRSTRLEN])
+{
     const union MHD_ConnectionInfo *info =
         MHD_get_connection_info(request->connection, MHD_CONNECTION_INFO_CLIENT_ADDRESS);
-    char address[INET6_ADDRSTRLEN] = "";
-    if (info && info->client_addr) {
-        bool is_6 = info->client_addr->sa_family == AF_INET6;
-        const void *bytes = is_6 ? (const void *)&((const struct sockaddr_in6 *)info->client_addr)->sin6_addr
-                                 : (const void *)&((const struct sockaddr_in *)info->client_addr)->sin_addr;
-        inet_ntop(is_6 ? AF_INET6 : AF_INET, bytes, address, sizeof address);
-    }
-    snprintf(out, QM_CLIENT_SIZE, "%s", address);
+    out[0] = '\0';
+    if (!info || !info->client_addr) return;
+    bool is_6 = info->client_addr->sa_family == AF_INET6;
+    const void *bytes = is_6 ? (const void *)&((const struct sockaddr_in6 *)info->client_addr)->sin6_addr
+                             : (const void *)&((const struct sockaddr_in *)info->client_addr)->sin_addr;
+    inet_ntop(is_6 ? AF_INET6 : AF_INET, bytes, out, INET6_ADDRSTRLEN);
 }
 
 const char *qm_request_media(const qm_request *request)
@@ -274,7 +279,7 @@ static void check_token(qm_request *request)
     qm_scope needed = request->route->scope;
     if (needed == QM_SCOPE_NONE) return;
     const char *given = qm_request_header(request, "Authorization");
-    qm_scope scope = qm_access_tokens_check(request->app->tokens, given);
+    qm_scope scope = qm_access_tokens_check(request->app->tokens, given, request->token);
     if (scope >= needed) return;
     qm_metrics_add(QM_METRICS_REFUSED_TOKENS, 1);
     if (scope != QM_SCOPE_NONE) {
@@ -336,7 +341,7 @@ void qm_request_check(qm_request *request)
 {
     if (!check_framing(request) || !find_route(request) || request->route == &options_route) return;
     if (!request->listener->is_private) {
-        if (qm_access_tokens_count(request->app->tokens) > 0)
+        if (qm_access_tokens_are_needed(request->app->tokens))
             check_token(request);
         else
             check_page(request);

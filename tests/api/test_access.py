@@ -88,12 +88,27 @@ def test_tokens_are_read_again_at_sighup(guarded):
         assert client.get("/v1/info", headers=bearer(OTHER)).status_code == 200
         # A file that cannot be read leaves the old tokens.
         for words, text in (("line 1 does not start with read or write", "admin " + WRITE),
-                            ("line 2 has a token that is too short", f"read {READ}\nwrite abc\n"),
-                            ("it holds no token", "# nothing\n")):
+                            ("line 2 has a token that is too short", f"read {READ}\nwrite abc\n")):
             guarded.tokens.write_text(text)
             guarded.process.send_signal(signal.SIGHUP)
             wait_for_log(guarded, words)
             assert client.get("/v1/info", headers=bearer(OTHER)).status_code == 200
+        # An empty file leaves none, and does not open the daemon.
+        guarded.tokens.write_text("# nothing\n")
+        guarded.process.send_signal(signal.SIGHUP)
+        wait_for_log(guarded, "token file: 0 tokens")
+        assert client.get("/v1/info", headers=bearer(OTHER)).status_code == 401
+        assert client.get("/v1/info").status_code == 401
+        guarded.tokens.write_text(f"write {OTHER} robot\n")
+        guarded.process.send_signal(signal.SIGHUP)
+        wait_for_log(guarded, "token file: 1 tokens")
+        assert client.get("/v1/info", headers=bearer(OTHER)).status_code == 200
+        guarded.tokens.unlink()
+        guarded.process.send_signal(signal.SIGHUP)
+        end = time.monotonic() + PATIENCE
+        while client.get("/v1/info", headers=bearer(OTHER)).status_code != 401:
+            assert time.monotonic() < end, "a token of a file that is gone is still valid"
+    wait_for_log(guarded, '"client":"127.0.0.1","token":"robot"')
     for token in (READ, WRITE, OTHER):
         assert token not in guarded.log()
 

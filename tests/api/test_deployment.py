@@ -132,9 +132,13 @@ def test_who_hangs_up_at_nginx_ends_the_job(nginx, slow_files):
     assert nginx.get(path).json()["state"] == "canceled"
 
 
-def test_the_unit_is_tight(tmp_path):
+@pytest.mark.parametrize("has_tokens", [False, True])
+def test_the_unit_is_tight(tmp_path, has_tokens):
     text = (ROOT / "docker/quadmeshd.service").read_text()
     unit = tmp_path / "quadmeshd.service"
+    if has_tokens:
+        assert text.count("\n#LoadCredential=") == text.count("\n#Environment=") == 1
+        text = text.replace("\n#LoadCredential=", "\nLoadCredential=").replace("\n#Environment=", "\nEnvironment=")
     unit.write_text(text.replace("/usr/local/bin/quadmeshd", str(BUILD / "quadmeshd")))
     verified = subprocess.run(["systemd-analyze", "verify", unit], capture_output=True, text=True)
     assert verified.returncode == 0 and "quadmeshd.service" not in verified.stderr, verified.stderr

@@ -90,15 +90,15 @@ static void test_tokens(void **state)
     char message[QM_ACCESS_TOKENS_MESSAGE_SIZE];
     qm_tokens *tokens = qm_access_tokens_create();
     assert_int_equal(qm_access_tokens_count(tokens), 0);
-    assert_int_equal(qm_access_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_NONE);
+    assert_int_equal(qm_access_tokens_check(tokens, "Bearer 0123456789abcdef", NULL), QM_SCOPE_NONE);
     assert_true(load(tokens,
                      "# x\n\n read 0123456789abcdef\nwrite\tfedcba9876543210\r\nread same0000same0000\n"
                      "write same0000same0000",
                      message));
     assert_int_equal(qm_access_tokens_count(tokens), 4);
-    assert_int_equal(qm_access_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_READ);
-    assert_int_equal(qm_access_tokens_check(tokens, "bEARER   fedcba9876543210 "), QM_SCOPE_WRITE);
-    assert_int_equal(qm_access_tokens_check(tokens, "Bearer same0000same0000"), QM_SCOPE_WRITE);
+    assert_int_equal(qm_access_tokens_check(tokens, "Bearer 0123456789abcdef", NULL), QM_SCOPE_READ);
+    assert_int_equal(qm_access_tokens_check(tokens, "bEARER   fedcba9876543210 ", NULL), QM_SCOPE_WRITE);
+    assert_int_equal(qm_access_tokens_check(tokens, "Bearer same0000same0000", NULL), QM_SCOPE_WRITE);
     static const char *const others[] = {"Bearer",
                                          "Bearer ",
                                          "Bearer 0123456789abcde",
@@ -107,9 +107,45 @@ static void test_tokens(void **state)
                                          "Basic fedcba9876543210",
                                          ""};
     for (size_t i = 0; i < sizeof others / sizeof *others; i++)
-        QM_CHECK(qm_access_tokens_check(tokens, others[i]) == QM_SCOPE_NONE, "%s", others[i]);
-    assert_int_equal(qm_access_tokens_check(tokens, NULL), QM_SCOPE_NONE);
+        QM_CHECK(qm_access_tokens_check(tokens, others[i], NULL) == QM_SCOPE_NONE, "%s", others[i]);
+    assert_int_equal(qm_access_tokens_check(tokens, NULL, NULL), QM_SCOPE_NONE);
     qm_access_tokens_destroy(tokens);
+}
+
+static void test_names_of_tokens(void **state)
+{
+    (void)state;
+    char message[QM_ACCESS_TOKENS_MESSAGE_SIZE], name[QM_ACCESS_NAME_SIZE];
+    qm_tokens *tokens = qm_access_tokens_create();
+    assert_true(load(tokens, "read 0123456789abcdef ci@host-1\nwrite fedcba9876543210\n", message));
+    assert_int_equal(qm_access_tokens_check(tokens, "Bearer 0123456789abcdef", name), QM_SCOPE_READ);
+    assert_string_equal(name, "ci@host-1");
+    assert_int_equal(qm_access_tokens_check(tokens, "Bearer fedcba9876543210", name), QM_SCOPE_WRITE);
+    assert_string_equal(name, "3465f6e6"); /* sha256sum's first digits */
+    assert_int_equal(qm_access_tokens_check(tokens, "Bearer fedcba987654321", name), QM_SCOPE_NONE);
+    assert_string_equal(name, "");
+    qm_access_tokens_destroy(tokens);
+}
+
+/** The first file must have a token; a later one without any, or that is gone, leaves no token valid. */
+static void test_all_tokens_can_be_revoked(void **state)
+{
+    (void)state;
+    char message[QM_ACCESS_TOKENS_MESSAGE_SIZE];
+    for (int gone = 0; gone < 2; gone++) {
+        qm_tokens *tokens = qm_access_tokens_create();
+        assert_false(load(tokens, "# only\n", message));
+        assert_non_null(strstr(message, "no token"));
+        assert_false(qm_access_tokens_load(tokens, "/nowhere/at/all", message));
+        assert_false(qm_access_tokens_are_needed(tokens));
+        assert_true(load(tokens, "write 0123456789abcdef\n", message));
+        assert_true(gone ? qm_access_tokens_load(tokens, "/nowhere/at/all", message)
+                         : load(tokens, "# none\n", message));
+        assert_int_equal(qm_access_tokens_count(tokens), 0);
+        assert_true(qm_access_tokens_are_needed(tokens));
+        assert_int_equal(qm_access_tokens_check(tokens, "Bearer 0123456789abcdef", NULL), QM_SCOPE_NONE);
+        qm_access_tokens_destroy(tokens);
+    }
 }
 
 static void test_a_faulty_file_changes_nothing(void **state)
@@ -118,12 +154,11 @@ static void test_a_faulty_file_changes_nothing(void **state)
     static const struct {
         const char *text, *words;
     } cases[] = {
-        {"", "no token"},
-        {"# only\n", "no token"},
         {"read 0123456789abcdef\nadmin 0123456789abcdef\n", "line 2 does not start"},
         {"read\n", "line 1 has no token"},
         {"write short\n", "too short"},
-        {"write 0123456789abcdef more\n", "more than"},
+        {"write 0123456789abcdef one more\n", "more than"},
+        {"write 0123456789abcdef \"one\"\n", "other characters"},
     };
     char message[QM_ACCESS_TOKENS_MESSAGE_SIZE], line[1100] = "write ";
     qm_tokens *tokens = qm_access_tokens_create();
@@ -135,8 +170,8 @@ static void test_a_faulty_file_changes_nothing(void **state)
     memset(line + 6, 'x', sizeof line - 7);
     assert_false(load(tokens, line, message));
     assert_non_null(strstr(message, "too long"));
-    assert_false(qm_access_tokens_load(tokens, "/nowhere/at/all", message));
-    assert_int_equal(qm_access_tokens_check(tokens, "Bearer 0123456789abcdef"), QM_SCOPE_WRITE);
+    assert_false(qm_access_tokens_load(tokens, "/dev/null/at/all", message));
+    assert_int_equal(qm_access_tokens_check(tokens, "Bearer 0123456789abcdef", NULL), QM_SCOPE_WRITE);
     qm_access_tokens_destroy(tokens);
 }
 
@@ -148,6 +183,8 @@ int main(void)
         cmocka_unit_test(test_hosts),
         cmocka_unit_test(test_entity_tags),
         cmocka_unit_test(test_tokens),
+        cmocka_unit_test(test_names_of_tokens),
+        cmocka_unit_test(test_all_tokens_can_be_revoked),
         cmocka_unit_test(test_a_faulty_file_changes_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
