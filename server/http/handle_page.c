@@ -1,6 +1,6 @@
 /**
- * handle_page.c: the page at /, its modules under /dashboard/, and the API's description: text files of one
- * folder.
+ * handle_page.c: the page at /, its modules under /dashboard/, the API's description, which are text files of one
+ * folder, and a page for each problem code.
  */
 #include <errno.h>
 #include <stdio.h>
@@ -124,6 +124,27 @@ void qm_handle_docs(qm_request *request)
         "default-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; base-uri 'none'; "
         "form-action 'none'; frame-ancestors 'none'");
     reply_file(request, type_of("docs.html"), text);
+}
+
+/** The texts have no character that HTML would read as markup. */
+void qm_handle_problem(qm_request *request)
+{
+    qm_problem_code code;
+    if (!qm_problem_find(qm_request_id(request), &code)) {
+        reply_missing(request, NOT_THERE);
+        return;
+    }
+    qm_text out = {0};
+    qm_text_printf(&out,
+                   "<!doctype html>\n<html lang=\"en\">\n<meta charset=\"utf-8\">\n"
+                   "<meta name=\"viewport\" content=\"width=device-width\">\n<title>%s</title>\n"
+                   "<h1>%s</h1>\n<p><code>%s</code>, status %d</p>\n<p>%s</p>\n<p><a href=\"/docs\">All of "
+                   "the API</a></p>\n",
+                   qm_problem_name(code), qm_problem_title(code), qm_problem_name(code),
+                   qm_problem_status(code), qm_problem_explanation(code));
+    qm_reply_header(request, "Content-Security-Policy",
+                    "default-src 'none'; base-uri 'none'; frame-ancestors 'none'");
+    qm_reply_text(request, 200, "text/html; charset=utf-8", qm_text_take(&out));
 }
 
 void qm_handle_page(qm_request *request)

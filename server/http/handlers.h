@@ -53,6 +53,7 @@ void qm_handle_metrics(qm_request *request);
 void qm_handle_info(qm_request *request);
 void qm_handle_openapi(qm_request *request);
 void qm_handle_docs(qm_request *request);
+void qm_handle_problem(qm_request *request);
 void qm_handle_page(qm_request *request);
 
 /** The row of the mesh that the path names, for qm_store_mesh_reset; false after a problem was the reply. */

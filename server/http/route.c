@@ -104,6 +104,7 @@ static const qm_route routes[] = {
     {"GET", "/metrics", QM_SCOPE_READ, qm_handle_metrics, NULL, QM_BODY_NONE, QM_LANE_AT_ONCE, NULL},
     {"GET", "/openapi.yaml", QM_SCOPE_NONE, qm_handle_openapi, NULL, QM_BODY_NONE, QM_LANE_SHORT, NULL},
     {"GET", "/docs", QM_SCOPE_NONE, qm_handle_docs, NULL, QM_BODY_NONE, QM_LANE_SHORT, NULL},
+    {"GET", "/problems/{code}", QM_SCOPE_NONE, qm_handle_problem, NULL, QM_BODY_NONE, QM_LANE_AT_ONCE, NULL},
     {"GET", "/", QM_SCOPE_NONE, qm_handle_page, NULL, QM_BODY_NONE, QM_LANE_SHORT, NULL},
     {"GET", "/dashboard/{path}", QM_SCOPE_NONE, qm_handle_page, NULL, QM_BODY_NONE, QM_LANE_SHORT, NULL},
 };

@@ -18,6 +18,76 @@ static const problem_row rows[] = {
 #undef XX
 };
 
+/** The texts of the pages at /problems/CODE: the cause, and the remedy. */
+static const char *const explanations[QM_PROBLEM_COUNT] = {
+    [QM_PROBLEM_MALFORMED_JSON] =
+        "The body could not be read as JSON. The detail names the byte at which reading failed.",
+    [QM_PROBLEM_INVALID_FIELD] =
+        "A field is unknown, missing, given twice, or has a value that it cannot have. errors names each one "
+        "by a JSON pointer. Fields that are not known are errors, so that a misspelt one is not ignored.",
+    [QM_PROBLEM_INVALID_PARAMETER] = "A query parameter or a header is unknown, given twice, or has a value "
+                                     "that it cannot have. The detail names it.",
+    [QM_PROBLEM_AMBIGUOUS_LENGTH] =
+        "Two readers of the request could see its end in two places. Send one Content-Length, or "
+        "Transfer-Encoding: chunked, in plain lines. The connection is closed.",
+    [QM_PROBLEM_MALFORMED_BODY] = "A body of numbers or lines has another length or form than its type says. "
+                                  "The detail says which one is needed.",
+    [QM_PROBLEM_UNAUTHORIZED] = "The daemon has tokens. Send one of them as Authorization: Bearer TOKEN.",
+    [QM_PROBLEM_FORBIDDEN] =
+        "The token only allows reading, or a page of another origin sent the request, or Host names another "
+        "server. An operator can allow origins by --cors-origins and names by --hosts.",
+    [QM_PROBLEM_NOT_FOUND] = "The path names nothing. /docs lists all paths.",
+    [QM_PROBLEM_MESH_NOT_FOUND] = "No mesh has this id. It may have been deleted. GET /v1/meshes lists all.",
+    [QM_PROBLEM_JOB_NOT_FOUND] = "No job has this id. Jobs that have ended are kept for a time and a number "
+                                 "that the operator sets (--kept-jobs, --kept-hours).",
+    [QM_PROBLEM_LAYOUT_NOT_FOUND] = "No layout has this id. GET /v1/layouts lists all.",
+    [QM_PROBLEM_CURVE_NOT_FOUND] =
+        "The layout has no curve of this number. An edit may have removed or split it.",
+    [QM_PROBLEM_RECONSTRUCTION_NOT_FOUND] =
+        "No reconstruction has this id. GET /v1/reconstructions lists all.",
+    [QM_PROBLEM_METHOD_NOT_ALLOWED] =
+        "The path exists, but not with this method. The header Allow lists its methods.",
+    [QM_PROBLEM_NOT_ACCEPTABLE] =
+        "The resource exists in none of the media types that Accept names. The detail lists its types.",
+    [QM_PROBLEM_CONFLICT] =
+        "The resource is in a state that does not allow the request: for example a job that has ended "
+        "already, or a reconstruction that another request is working on. Read it again and decide.",
+    [QM_PROBLEM_PRECONDITION_FAILED] =
+        "If-Match or If-None-Match did not hold: another client has changed the resource. Read it again, and "
+        "repeat the request with its new ETag.",
+    [QM_PROBLEM_TOO_LARGE] = "The body, the mesh or a count is above a limit of the daemon. GET /v1/info "
+                             "lists the limits; an operator can raise them.",
+    [QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE] =
+        "Content-Type or Content-Encoding names a type that this resource does not take.",
+    [QM_PROBLEM_MALFORMED_FILE] =
+        "The file breaks the rules of its format. The detail and errors name the line or the byte.",
+    [QM_PROBLEM_UNSUPPORTED_FEATURE] =
+        "The file is valid, but uses a part of its format that the daemon does not read; or the request asks "
+        "for something that this mesh does not have. The detail names it.",
+    [QM_PROBLEM_EMPTY_MESH] = "The file has neither faces nor points, or each face has lost its area.",
+    [QM_PROBLEM_NOT_FINITE] =
+        "A coordinate is infinite, not a number, or beyond the range that distances can be computed in.",
+    [QM_PROBLEM_INDEX_OUT_OF_RANGE] =
+        "A face names a vertex that the file does not have. The detail names the line or the byte.",
+    [QM_PROBLEM_SCALE_OUT_OF_RANGE] = "One mesh is so much larger than the other, or so far away, that "
+                                      "double precision proves nothing about their distance.",
+    [QM_PROBLEM_INVALID_LAYOUT] = "The curves do not bound patches with four sides each, or name nodes that "
+                                  "do not exist. The detail names the curve or the patch.",
+    [QM_PROBLEM_IDEMPOTENCY_MISMATCH] =
+        "This Idempotency-Key came with another request before. Use a new key for a new request.",
+    [QM_PROBLEM_TOO_MANY_JOBS] =
+        "The queue of jobs is full. Repeat the request after the time in Retry-After.",
+    [QM_PROBLEM_INTERNAL] =
+        "The daemon failed, and the request is not to blame. The log has more under the id in instance.",
+    [QM_PROBLEM_UNAVAILABLE] = "The daemon cannot do this now: it stops, its disk is full, or too many "
+                               "streams are open. Repeat the request after the time in Retry-After.",
+    [QM_PROBLEM_DEADLINE_EXCEEDED] =
+        "The time that the request (deadline_ms) or the operator (--max-job-seconds) allows a job was over "
+        "before it had a result. Searches for bounds end with the bounds that they have instead.",
+    [QM_PROBLEM_OUT_OF_MEMORY] = "The mesh or the search does not fit into the memory that the daemon may "
+                                 "use. An operator can raise it by --memory-budget.",
+};
+
 int qm_problem_status(qm_problem_code code)
 {
     QM_ASSERT(code < QM_PROBLEM_COUNT);
@@ -32,6 +102,22 @@ const char *qm_problem_name(qm_problem_code code)
 const char *qm_problem_title(qm_problem_code code)
 {
     return rows[code].title;
+}
+
+const char *qm_problem_explanation(qm_problem_code code)
+{
+    QM_ASSERT(code < QM_PROBLEM_COUNT && explanations[code]);
+    return explanations[code];
+}
+
+bool qm_problem_find(const char *name, qm_problem_code *out)
+{
+    for (int code = 0; code < QM_PROBLEM_COUNT; code++) {
+        if (strcmp(rows[code].name, name) != 0) continue;
+        *out = (qm_problem_code)code;
+        return true;
+    }
+    return false;
 }
 
 /** Conditions that pass may be retried: a full queue soon, an unavailable daemon after a restart. */

@@ -71,6 +71,12 @@ int qm_problem_status(qm_problem_code code);
 const char *qm_problem_name(qm_problem_code code);
 const char *qm_problem_title(qm_problem_code code);
 
+/** The cause and the remedy, in sentences. */
+const char *qm_problem_explanation(qm_problem_code code);
+
+/** Finds a code by its name; false if there is none. */
+bool qm_problem_find(const char *name, qm_problem_code *out);
+
 /** A problem with a detail. Returned by value, so that a check reads: return qm_problem_make(...). */
 qm_problem qm_problem_make(qm_problem_code code, const char *format, ...)
     __attribute__((format(printf, 2, 3)));

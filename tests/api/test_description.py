@@ -95,6 +95,14 @@ def test_problem_codes_agree():
     assert listed == problems()
 
 
+def test_each_problem_has_a_page(client):
+    for status, code in problems():
+        page = client.get(f"/problems/{code}")
+        assert page.status_code == 200 and page.headers["content-type"] == "text/html; charset=utf-8"
+        assert f"<code>{code}</code>, status {status}" in page.text and page.text.count("<p>") == 3
+    check_problem(client.get("/problems/none"), 404, "not_found")
+
+
 @pytest.mark.looks_back
 def test_every_problem_code_was_met():
     """The daemons of this run have sent each of them."""
