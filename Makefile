@@ -269,6 +269,8 @@ format:
 check-types: npm
 	clients/js/node_modules/.bin/tsc -p clients/js
 	clients/js/node_modules/.bin/tsc -p clients/dashboard
+	clients/js/node_modules/.bin/openapi-typescript proto/openapi.yaml --default-non-nullable false -o $(OUT)/api.d.ts
+	clients/js/node_modules/.bin/tsc --noEmit --strict $(OUT)/api.d.ts
 
 .PHONY: all page npm check-types test test-tsan prove unit-programs unit check-layers demo bench fuzz fuzz-programs clean format
 .SECONDARY:
