@@ -18,6 +18,8 @@
     XX(MESHES_ADDED, "meshes_added_total", "Meshes that were new.")                                          \
     XX(MESH_LOADS, "mesh_loads_total", "Meshes that were read back from their blob.")                        \
     XX(MESH_EVICTIONS, "mesh_evictions_total", "Meshes that were dropped from memory for others.")           \
+    XX(DAMAGES, "damages_total", "Times that a stored file or record was found damaged or missing.")         \
+    XX(REPAIRS, "repairs_total", "Damaged files of meshes that an upload of the same bytes has replaced.")   \
     XX(CACHED_ANSWERS, "cached_answers_total", "Jobs that were answered from an earlier one.")               \
     XX(BATCH_LINES, "batch_lines_total", "Lines of batches that were read.")                                 \
     XX(REFUSED_TOKENS, "refused_tokens_total", "Requests without a token that allows them.")                 \

@@ -193,12 +193,31 @@ static bool load_bytes(qm_meshes *meshes, mapped_bytes file, mapped_bytes positi
     return status == QM_OK;
 }
 
-/** Maps a blob that is there; "" gives no bytes. */
-static bool map_blob(qm_meshes *meshes, const char *hash, mapped_bytes *out)
+/** True for the status of a blob that has other bytes than its hash says, or is missing. */
+static bool is_damaged(qm_status status)
+{
+    return status == QM_E_FORMAT || status == QM_E_EMPTY;
+}
+
+/** Maps a blob of a mesh; "" gives no bytes. False with a problem; remedy says what helps against damage. */
+static bool map_blob(qm_meshes *meshes, const char *id, const char *hash, const char *remedy,
+                     mapped_bytes *out, qm_problem *problem)
 {
     *out = (mapped_bytes){0};
-    if (!hash[0] || qm_blob_map(meshes->store, hash, &out->bytes, &out->size) == QM_OK) return true;
-    qm_log(QM_LOG_ERROR, "blob %s cannot be read", hash);
+    qm_status status = hash[0] ? qm_blob_map(meshes->store, hash, &out->bytes, &out->size) : QM_OK;
+    if (status == QM_OK) return true;
+    if (is_damaged(status)) {
+        qm_metrics_add(QM_METRICS_DAMAGES, 1);
+        qm_log(QM_LOG_ERROR, "blob %s of mesh %s is %s", hash, id,
+               status == QM_E_EMPTY ? "missing" : "damaged");
+        *problem =
+            qm_problem_make(QM_PROBLEM_BLOB_DAMAGED, "a stored file of mesh %s is damaged; %s", id, remedy);
+    } else {
+        qm_log(QM_LOG_ERROR, "blob %s of mesh %s cannot be opened", hash, id);
+        *problem =
+            qm_problem_make(status == QM_E_NO_MEMORY ? QM_PROBLEM_OUT_OF_MEMORY : QM_PROBLEM_UNAVAILABLE,
+                            "the bytes of mesh %s cannot be read", id);
+    }
     return false;
 }
 
@@ -223,8 +242,10 @@ static void load_listed(qm_meshes *meshes, qm_mesh_ref *ref)
     qm_status status = qm_store_find_mesh(meshes->store, ref->id, &row);
     if (status == QM_OK) {
         mapped_bytes file = {0}, positions = {0};
-        ref->problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the mesh cannot be read");
-        loaded = map_blob(meshes, row.hash, &file) && map_blob(meshes, row.positions, &positions) &&
+        loaded = map_blob(meshes, row.id, row.hash, "an upload of the same file repairs it", &file,
+                          &ref->problem) &&
+                 map_blob(meshes, row.id, row.positions, "the moved vertices are lost", &positions,
+                          &ref->problem) &&
                  load_bytes(meshes, file, positions, (qm_format)row.format, &ref->mesh, &ref->problem);
         qm_blob_unmap(file.bytes, file.size);
         qm_blob_unmap(positions.bytes, positions.size);
@@ -432,6 +453,26 @@ static bool prepare(qm_meshes *meshes, const qm_blob_writer *upload, qm_format f
     return false;
 }
 
+/** Ends an upload whose bytes a mesh has already: it takes the place of their blob when that is damaged. */
+static bool give_to_same(qm_meshes *meshes, qm_blob_writer *upload, const char *hash, qm_problem *problem)
+{
+    if (!is_damaged(qm_blob_check(meshes->store, hash))) {
+        qm_blob_abort(upload);
+        return true;
+    }
+    uv_mutex_lock(&meshes->store_lock);
+    bool kept = qm_blob_keep(upload) == QM_OK;
+    if (kept) qm_blob_remove(meshes->store, hash); /* the mesh may have been deleted meanwhile */
+    uv_mutex_unlock(&meshes->store_lock);
+    if (kept) {
+        qm_metrics_add(QM_METRICS_REPAIRS, 1);
+        qm_log(QM_LOG_WARN, "blob %s was damaged or missing: an upload has replaced it", hash);
+    } else {
+        *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
+    }
+    return kept;
+}
+
 bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
                    qm_store_mesh *out, bool *is_new, qm_problem *problem)
 {
@@ -441,8 +482,9 @@ bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, 
     bool sealed = make_row(upload, name, format, &row, problem);
     if (sealed && find_same(meshes, &row, out)) {
         qm_store_mesh_reset(&row);
-        qm_blob_abort(upload);
-        return true;
+        bool given = give_to_same(meshes, upload, out->hash, problem);
+        if (!given) qm_store_mesh_reset(out);
+        return given;
     }
     bool prepared = sealed && prepare(meshes, upload, format, &row, &mesh, problem);
     if (!prepared) qm_blob_abort(upload);

@@ -43,8 +43,14 @@ uint64_t qm_blob_size(const qm_blob_writer *writer);
 qm_status qm_blob_read(const qm_blob_writer *writer, uint64_t offset, void *bytes, size_t size);
 /** Drops a blob that is not kept. NULL is fine. */
 void qm_blob_abort(qm_blob_writer *writer);
-/** Maps a blob for reading; release with qm_blob_unmap. QM_E_EMPTY when there is none of this hash. */
+/**
+ * Maps a blob for reading, after its bytes were compared with its hash; release with qm_blob_unmap. QM_E_EMPTY
+ * when there is none of this hash; QM_E_FORMAT when it is damaged: its bytes are others, or the disk does not
+ * give them; QM_E_NO_MEMORY or QM_E_ARGUMENT after a fault.
+ */
 qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, size_t *size);
+/** The status that qm_blob_map would return. */
+qm_status qm_blob_check(qm_store *store, const char *hash);
 void qm_blob_unmap(const uint8_t *bytes, size_t size);
 /** Removes a blob unless a mesh refers to it. The caller ensures that no thread puts such a mesh. */
 void qm_blob_remove(qm_store *store, const char *hash);

@@ -106,6 +106,44 @@ static void test_hashes(void **state)
     }
 }
 
+/** Replaces what stands in the file of a blob. */
+static void overwrite_blob(const fixture *f, const char *hash, const char *bytes, size_t size)
+{
+    char path[256];
+    snprintf(path, sizeof path, "%s/blobs/%.2s/%s", f->folder, hash, hash);
+    FILE *file = fopen(path, "wb");
+    assert_non_null(file);
+    assert_int_equal(fwrite(bytes, 1, size, file), size);
+    assert_int_equal(fclose(file), 0);
+}
+
+/** Whatever bit is another one, and wherever the file ends. The same bytes, stored again, repair it. */
+static void test_a_damaged_blob_is_never_mapped(void **state)
+{
+    fixture *f = *state;
+    static const char text[] = "the bytes of a mesh";
+    char hash[QM_HASH_SIZE], damaged[sizeof text] = "";
+    size_t size = sizeof text - 1, got;
+    const uint8_t *bytes;
+    keep_blob(f, text, hash);
+    for (size_t bit = 0; bit < 8 * size; bit++) {
+        memcpy(damaged, text, sizeof text);
+        damaged[bit / 8] ^= (char)(1 << bit % 8);
+        overwrite_blob(f, hash, damaged, size);
+        assert_int_equal(qm_blob_map(f->store, hash, &bytes, &got), QM_E_FORMAT);
+        assert_int_equal(qm_blob_check(f->store, hash), QM_E_FORMAT);
+    }
+    for (size_t length = 0; length < size; length++) {
+        overwrite_blob(f, hash, text, length);
+        assert_int_equal(qm_blob_map(f->store, hash, &bytes, &got), QM_E_FORMAT);
+    }
+    overwrite_blob(f, hash, text, size + 1);
+    assert_int_equal(qm_blob_map(f->store, hash, &bytes, &got), QM_E_FORMAT);
+    keep_blob(f, text, hash);
+    assert_int_equal(qm_blob_check(f->store, hash), QM_OK);
+    check_blob(f, hash, text);
+}
+
 static void put_mesh(const fixture *f, const char *id, const char *hash, const char *options)
 {
     qm_store_mesh mesh = {.options = (char *)options,
@@ -712,6 +750,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         TEST(test_hashes),
+        TEST(test_a_damaged_blob_is_never_mapped),
         TEST(test_kept_blobs_survive),
         TEST(test_files_without_a_row_are_swept),
         TEST(test_dropped_blobs_leave_nothing),
