@@ -4,17 +4,20 @@
  */
 #include <errno.h>
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "base/json.h"
+#include "base/log.h"
+#include "base/metrics.h"
 #include "handlers.h"
 #include "job/json_in.h"
 #include "media.h"
 #include "ops/json_out.h"
 #include "store/result_file.h"
 
-#define BLOCK 16384 /* numbers: complete records */
+#define BLOCK (2 * QM_RESULT_BLOCK) /* numbers: complete records */
 #define MAX_WAIT_S 600.0
 #define MS_PER_S 1e3
 /* The largest number that clients with doubles read exactly. */
@@ -186,9 +189,22 @@ void qm_handle_job_events(qm_request *request)
 
 /* ---- results, whose long arrays are streamed from their files ---- */
 
+/** Notes that the array of a job is not what was written: an equal request is then computed again. */
+static qm_problem note_damage(qm_store *store, const char *id)
+{
+    qm_metrics_add(QM_METRICS_DAMAGES, 1);
+    qm_log(QM_LOG_ERROR, "the stored array of job %s is damaged or missing", id);
+    qm_store_forget_answer(store, id);
+    return qm_problem_make(QM_PROBLEM_RECORD_DAMAGED,
+                           "the stored array of job %s is damaged; the same request will be computed again",
+                           id);
+}
+
 /** A reply with an array; in JSON it is the last member of the result object. */
 typedef struct array_reply {
     qm_result_file *file;
+    qm_store *store;
+    char id[QM_ID_SIZE];
     const qm_job_array *array;
     qm_array_format rows;
     char *result;
@@ -208,8 +224,8 @@ static qm_block next_block(void *user, qm_text *out, qm_problem *problem)
     array_reply *s = user;
     double numbers[BLOCK];
     size_t count = s->count - s->done < BLOCK ? (size_t)(s->count - s->done) : BLOCK;
-    if (!qm_result_file_read(s->file, s->done, numbers, count)) {
-        *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the result cannot be read back");
+    if (qm_result_file_read(s->file, s->done, numbers, count) != QM_OK) {
+        *problem = note_damage(s->store, s->id);
         return QM_BLOCK_FAILED;
     }
     if (s->done == 0 && s->rows == QM_ARRAY_CSV) qm_text_printf(out, "%s\n", s->array->header);
@@ -237,10 +253,12 @@ static void reply_array(qm_request *request, const qm_job_array *array, qm_resul
         return;
     }
     *s = (array_reply){.file = file,
+                       .store = qm_request_app(request)->store,
                        .array = array,
                        .rows = qm_request_rows(request),
                        .result = result,
                        .count = qm_result_file_count(file)};
+    snprintf(s->id, sizeof s->id, "%s", qm_request_id(request));
     uint64_t size = s->rows == QM_ARRAY_BINARY ? s->count * sizeof(double) : QM_SIZE_UNKNOWN;
     qm_reply_blocks(request, 200, qm_request_media(request), size,
                     (qm_block_source){next_block, end_array, s});
@@ -278,9 +296,18 @@ void qm_handle_job_result(qm_request *request)
         qm_reply_problem(request, &problem);
         return;
     }
-    qm_result_file *file = array ? qm_result_file_open(app->store, id) : NULL;
+    qm_result_file *file = NULL;
+    qm_status status = array ? qm_result_file_open(app->store, id, &file) : QM_E_EMPTY;
     if (file) {
         reply_array(request, array, file, result);
+        return;
+    }
+    if (status != QM_E_EMPTY) {
+        free(result);
+        problem = status == QM_E_FORMAT
+                      ? note_damage(app->store, id)
+                      : qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "result of job %s", id);
+        qm_reply_problem(request, &problem);
         return;
     }
     if (qm_request_rows(request) == QM_ARRAY_JSON) {

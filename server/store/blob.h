@@ -38,4 +38,23 @@ bool qm_store_needs_blob(qm_store *store, const char *hash);
 /** True when there is a job of this id, and after a fault. */
 bool qm_store_has_job(qm_store *store, const char *id);
 
+/** What the row of a job says of its array: count numbers, and the checksums of its blocks. */
+#define QM_STORE_ARRAY_BLOCK 8192 /* numbers; the last block may have fewer */
+typedef struct qm_store_array {
+    uint64_t count;
+    uint64_t *sums; /* on the heap */
+} qm_store_array;
+
+static inline size_t qm_store_array_blocks(uint64_t count)
+{
+    return (size_t)((count + QM_STORE_ARRAY_BLOCK - 1) / QM_STORE_ARRAY_BLOCK);
+}
+
+/** Stores the array of a job in place of one before; without _locked in a transaction of its own. */
+qm_status qm_store_put_array(qm_store *store, const char *job_id, const qm_store_array *array);
+bool qm_store_put_array_locked(qm_store *store, const char *job_id, const qm_store_array *array);
+
+/** QM_E_EMPTY when the job has none; QM_E_FORMAT when what is stored cannot be one. */
+qm_status qm_store_find_array(qm_store *store, const char *job_id, qm_store_array *out);
+
 #endif

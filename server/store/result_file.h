@@ -1,7 +1,7 @@
 /**
  * result_file.h: long arrays of results, which documents and events leave out: little-endian doubles in
- * results/ of the data folder, named by their job. A job writes its file before it ends; when it runs again
- * after a restart it overwrites the file.
+ * results/ of the data folder, named by their job. The database has their length and checksums. A job writes
+ * its file before it ends; when it runs again after a restart it overwrites the file.
  */
 #ifndef QM_RESULT_FILE_H
 #define QM_RESULT_FILE_H
@@ -16,14 +16,25 @@ void qm_result_file_remove(qm_store *store, const char *job_id);
 
 typedef struct qm_result_file qm_result_file;
 
-/** Opens the array of a job for reading; NULL when there is none. */
-qm_result_file *qm_result_file_open(qm_store *store, const char *job_id);
+/**
+ * Opens the array of a job for reading. QM_E_EMPTY when it has none; QM_E_FORMAT when its file is missing or
+ * does not have the length that was written; QM_E_NO_MEMORY or QM_E_ARGUMENT after a fault.
+ */
+qm_status qm_result_file_open(qm_store *store, const char *job_id, qm_result_file **out);
 void qm_result_file_close(qm_result_file *file);
 
 /** Count of its numbers. */
 uint64_t qm_result_file_count(const qm_result_file *file);
 
-/** Reads count numbers from index first on; false after a fault. */
-bool qm_result_file_read(const qm_result_file *file, uint64_t first, double *numbers, size_t count);
+/**
+ * Reads whole blocks: count numbers from index first on, a multiple of QM_RESULT_BLOCK, to another one or to
+ * the end. QM_E_FORMAT when they are not those that were written.
+ */
+#define QM_RESULT_BLOCK 8192
+qm_status qm_result_file_read(const qm_result_file *file, uint64_t first, double *numbers, size_t count);
+
+/** Stores length and checksums of the files that an earlier version has written without. In a transaction of
+ * the store; false after a fault. */
+bool qm_result_file_add_sums(qm_store *store);
 
 #endif

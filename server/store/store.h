@@ -142,6 +142,8 @@ qm_status qm_store_find_job(qm_store *store, const char *id, qm_store_job *out);
 /** Finds the newest job of a key that ran on these revisions and is in this state. */
 qm_status qm_store_find_job_by_key(qm_store *store, const char *key, const char *revisions,
                                    qm_job_state state, qm_store_job *out);
+/** Lets a job answer no later request: its result is damaged. */
+qm_status qm_store_forget_answer(qm_store *store, const char *id);
 qm_status qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
 qm_status qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out, size_t *count);
 /** Takes over the unfinished jobs of an earlier process: counts one more restart of each. */

@@ -3,6 +3,7 @@
  */
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "base/log.h"
 #include "store_internal.h"
@@ -159,6 +160,61 @@ qm_status qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t l
                               "SELECT " COLUMNS
                               " FROM jobs WHERE document IS NULL AND sequence > ? ORDER BY sequence LIMIT ?",
                               after, limit, &table, out, count);
+}
+
+qm_status qm_store_forget_answer(qm_store *store, const char *id)
+{
+    sqlite3_stmt *statement =
+        qm_store_begin(store, "UPDATE jobs SET revisions = '' WHERE id = ? AND document IS NOT NULL");
+    if (!statement) return QM_E_ARGUMENT;
+    qm_store_bind_text(statement, 1, id);
+    return qm_store_execute(store, statement);
+}
+
+/* ---- arrays ---- */
+
+bool qm_store_put_array_locked(qm_store *store, const char *job_id, const qm_store_array *array)
+{
+    sqlite3_stmt *statement = qm_store_prepare(store, "INSERT OR REPLACE INTO job_arrays (job, count, sums)"
+                                                      " SELECT sequence, ?, ? FROM jobs WHERE id = ?");
+    if (!statement) return false;
+    sqlite3_bind_int64(statement, 1, (sqlite3_int64)array->count);
+    sqlite3_bind_blob64(statement, 2, array->sums, qm_store_array_blocks(array->count) * sizeof *array->sums,
+                        SQLITE_STATIC);
+    qm_store_bind_text(statement, 3, job_id);
+    return qm_store_run(store, statement);
+}
+
+qm_status qm_store_put_array(qm_store *store, const char *job_id, const qm_store_array *array)
+{
+    if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
+    bool good = qm_store_put_array_locked(store, job_id, array);
+    return qm_store_end_transaction(store, good) ? QM_OK : QM_E_ARGUMENT;
+}
+
+static bool read_array(sqlite3_stmt *statement, void *row)
+{
+    qm_store_array *out = row;
+    *out = (qm_store_array){.count = (uint64_t)sqlite3_column_int64(statement, 0)};
+    size_t size = (size_t)sqlite3_column_bytes(statement, 1);
+    const void *sums = sqlite3_column_blob(statement, 1);
+    if (out->count > INT64_MAX / sizeof(double) ||
+        size != qm_store_array_blocks(out->count) * sizeof *out->sums)
+        return true; /* without sums */
+    out->sums = malloc(size + 1);
+    if (out->sums && size > 0) memcpy(out->sums, sums, size);
+    return out->sums;
+}
+
+qm_status qm_store_find_array(qm_store *store, const char *job_id, qm_store_array *out)
+{
+    static const qm_store_table array_table = {sizeof(qm_store_array), read_array, NULL};
+    qm_status status =
+        qm_store_find_row_by(store,
+                             "SELECT a.count, a.sums FROM jobs j JOIN job_arrays a ON a.job = j.sequence"
+                             " WHERE j.id = ?",
+                             job_id, &array_table, out);
+    return status == QM_OK && !out->sums ? QM_E_FORMAT : status;
 }
 
 bool qm_store_has_job(qm_store *store, const char *id)

@@ -11,43 +11,62 @@
 #include <unistd.h>
 
 #include "base/log.h"
+#include "result_file.h"
 #include "store_internal.h"
 
 #define BUSY_TIMEOUT_MS 5000
-#define SCHEMA_VERSION "7"
+#define OLDEST_SCHEMA 7
+#define SCHEMA 8
 
+static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON;";
+
+#define CREATE_ARRAYS                                                                                        \
+    "CREATE TABLE job_arrays ("                                                                              \
+    "  job INTEGER PRIMARY KEY REFERENCES jobs (sequence) ON DELETE CASCADE, count INTEGER NOT NULL,"        \
+    "  sums BLOB NOT NULL);"
+
+/** Of a new database. */
 static const char schema[] =
-    "PRAGMA synchronous = FULL;"
-    "PRAGMA foreign_keys = ON;"
-    "CREATE TABLE IF NOT EXISTS meshes ("
+    "CREATE TABLE meshes ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, hash TEXT NOT NULL,"
     "  options TEXT NOT NULL, name TEXT NOT NULL, document TEXT NOT NULL, format INTEGER NOT NULL,"
     "  revision INTEGER NOT NULL, positions TEXT NOT NULL, created TEXT NOT NULL);"
-    "CREATE INDEX IF NOT EXISTS meshes_by_content ON meshes (hash, options);"
-    "CREATE INDEX IF NOT EXISTS meshes_by_positions ON meshes (positions);"
-    "CREATE TABLE IF NOT EXISTS jobs ("
+    "CREATE INDEX meshes_by_content ON meshes (hash, options);"
+    "CREATE INDEX meshes_by_positions ON meshes (positions);"
+    "CREATE TABLE jobs ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, key TEXT NOT NULL,"
     "  idempotency_key TEXT UNIQUE, body TEXT NOT NULL, created TEXT NOT NULL, document TEXT,"
     "  result TEXT, state INTEGER NOT NULL, revisions TEXT NOT NULL, restarts INTEGER NOT NULL DEFAULT 0);"
-    "CREATE INDEX IF NOT EXISTS jobs_by_key ON jobs (key, revisions, state);"
-    "CREATE INDEX IF NOT EXISTS jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
-    "CREATE TABLE IF NOT EXISTS job_events ("
+    "CREATE INDEX jobs_by_key ON jobs (key, revisions, state);"
+    "CREATE INDEX jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
+    "CREATE TABLE job_events ("
     "  job INTEGER NOT NULL REFERENCES jobs (sequence) ON DELETE CASCADE, seq INTEGER NOT NULL,"
     "  name TEXT NOT NULL, members TEXT NOT NULL, PRIMARY KEY (job, seq)) WITHOUT ROWID;"
-    "CREATE TABLE IF NOT EXISTS layouts ("
+    "CREATE TABLE layouts ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, mesh TEXT NOT NULL,"
     "  created TEXT NOT NULL, revision INTEGER NOT NULL, idempotency_key TEXT UNIQUE, request TEXT NOT NULL);"
-    "CREATE TABLE IF NOT EXISTS layout_revisions ("
+    "CREATE TABLE layout_revisions ("
     "  id TEXT NOT NULL REFERENCES layouts (id) ON DELETE CASCADE, revision INTEGER NOT NULL,"
     "  layout TEXT NOT NULL, issues TEXT NOT NULL, next_curve INTEGER NOT NULL,"
     "  is_complete INTEGER NOT NULL, PRIMARY KEY (id, revision));"
-    "CREATE TABLE IF NOT EXISTS reconstructions ("
+    "CREATE TABLE reconstructions ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, source TEXT NOT NULL,"
     "  layout_id TEXT NOT NULL, mesh TEXT NOT NULL, layout TEXT NOT NULL, document TEXT NOT NULL,"
     "  steps TEXT NOT NULL, records TEXT NOT NULL, state TEXT NOT NULL, revision INTEGER NOT NULL,"
     "  cover_share REAL NOT NULL, pull_curves INTEGER NOT NULL, idempotency_key TEXT UNIQUE,"
-    "  request TEXT NOT NULL);"
-    "PRAGMA user_version = " SCHEMA_VERSION ";";
+    "  request TEXT NOT NULL);" CREATE_ARRAYS;
+
+/** The step from a version of the schema to the next one; the task runs after the statements, in the same
+ * transaction. */
+typedef struct migration {
+    const char *sql;
+    bool (*task)(qm_store *store);
+} migration;
+
+/** From OLDEST_SCHEMA on. A step that was released is never changed. */
+static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
+    {CREATE_ARRAYS, qm_result_file_add_sums}, /* 7 to 8 */
+};
 
 /** Writes the value of a pragma; false, and "", after a fault. */
 static bool ask(sqlite3 *database, const char *pragma, char out[16])
@@ -67,13 +86,29 @@ static qm_status fail_to_open(sqlite3 *database, char message[QM_MESSAGE_SIZE])
     return QM_E_ARGUMENT;
 }
 
-/** Checks the version first: a database of another version is left as it is. */
-static qm_status set_up(sqlite3 *database, char message[QM_MESSAGE_SIZE])
+/** Runs statements and a task, and sets the version of the schema: all of it, or nothing. */
+static bool change_schema(qm_store *store, const migration *change, int version)
 {
-    char version[16], mode[16];
-    if (!ask(database, "PRAGMA user_version", version)) return fail_to_open(database, message);
-    if (strcmp(version, "0") != 0 && strcmp(version, SCHEMA_VERSION) != 0) {
-        snprintf(message, QM_MESSAGE_SIZE, "database: written by another version of quadmeshd");
+    char sql[48];
+    snprintf(sql, sizeof sql, "PRAGMA user_version = %d", version);
+    return qm_store_begin_transaction(store) &&
+           qm_store_end_transaction(
+               store, sqlite3_exec(store->database, change->sql, NULL, NULL, NULL) == SQLITE_OK &&
+                          (!change->task || change->task(store)) &&
+                          sqlite3_exec(store->database, sql, NULL, NULL, NULL) == SQLITE_OK);
+}
+
+/** Checks the version first: a database of a newer version, or of one too old, is left as it is. */
+static qm_status set_up(qm_store *store, char message[QM_MESSAGE_SIZE])
+{
+    sqlite3 *database = store->database;
+    char text[16], mode[16];
+    if (!ask(database, "PRAGMA user_version", text)) return fail_to_open(database, message);
+    int version = atoi(text);
+    if (version != 0 && (version < OLDEST_SCHEMA || version > SCHEMA)) {
+        snprintf(message, QM_MESSAGE_SIZE,
+                 "database: schema %d was written by another version of quadmeshd; this one reads %d to %d",
+                 version, OLDEST_SCHEMA, SCHEMA);
         return QM_E_UNSUPPORTED;
     }
     if (!ask(database, "PRAGMA journal_mode = WAL", mode)) return fail_to_open(database, message);
@@ -81,8 +116,13 @@ static qm_status set_up(sqlite3 *database, char message[QM_MESSAGE_SIZE])
         snprintf(message, QM_MESSAGE_SIZE, "database: the file system does not allow a write-ahead log");
         return QM_E_UNSUPPORTED;
     }
-    bool made = sqlite3_exec(database, schema, NULL, NULL, NULL) == SQLITE_OK;
-    return made ? QM_OK : fail_to_open(database, message);
+    bool good = sqlite3_exec(database, pragmas, NULL, NULL, NULL) == SQLITE_OK;
+    if (good && version == 0) good = change_schema(store, &(migration){schema, NULL}, version = SCHEMA);
+    for (; good && version < SCHEMA; version++) {
+        qm_log(QM_LOG_INFO, "database: schema %d becomes %d", version, version + 1);
+        good = change_schema(store, &migrations[version - OLDEST_SCHEMA], version + 1);
+    }
+    return good ? QM_OK : fail_to_open(database, message);
 }
 
 static qm_status open_database(qm_store *store, char message[QM_MESSAGE_SIZE])
@@ -93,7 +133,7 @@ static qm_status open_database(qm_store *store, char message[QM_MESSAGE_SIZE])
                                  SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, NULL);
     if (result != SQLITE_OK) return fail_to_open(store->database, message);
     sqlite3_busy_timeout(store->database, BUSY_TIMEOUT_MS);
-    return set_up(store->database, message);
+    return set_up(store, message);
 }
 
 static qm_status lock_folder(qm_store *store, char message[QM_MESSAGE_SIZE])

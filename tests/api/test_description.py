@@ -123,6 +123,15 @@ def test_a_mesh_whose_bytes_are_gone_is_a_fault_of_the_daemon(make_daemon):
         assert client.get("/healthz").status_code == 200
 
 
+def test_an_array_whose_file_is_gone_is_a_fault_of_the_daemon(make_daemon):
+    running = make_daemon("--log-level", "error")
+    with running.client() as client:
+        mesh = client.upload(shapes.cube())["id"]
+        job = client.post("/v1/jobs", json={"type": "deviation", "a": mesh, "b": mesh}, headers={"Prefer": WAIT}).json()["id"]
+        (running.folder / f"data/results/{job}.f64").unlink()
+        check_problem(client.get(f"/v1/jobs/{job}/result"), 500, "record_damaged")
+
+
 # ---- examples ----
 
 

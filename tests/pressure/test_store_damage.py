@@ -1,12 +1,18 @@
 """A data folder whose files have changed behind the daemon's back: reported, never a wrong answer."""
+import json
 import os
+import pathlib
 import random
+import sqlite3
+import tarfile
 
+import httpx
 import pytest
 
 import shapes
 from api_conftest import WAIT, Daemon, check_problem
 
+STORED = pathlib.Path(__file__).parent / "stored"
 LONG = os.environ.get("QM_TEST_LONG") == "1"
 SEED = int(os.environ.get("QM_TEST_SEED", 1))
 
@@ -120,3 +126,99 @@ def test_damaged_positions_are_reported(stopped, how):
         check_problem(reply, 500, "blob_damaged")
         assert client.delete(f"/v1/meshes/{mesh['id']}").status_code == 204
         assert client.get(f"/v1/meshes/{client.upload(shapes.cube())['id']}/content").status_code == 200
+
+
+# ---- arrays of results ----
+
+
+def deviation(client, pair):
+    """Few pieces: what counts are the distances at the vertices."""
+    reply = client.post("/v1/jobs", json={"type": "deviation", "a": pair[0], "b": pair[1], "pieces": 1024},
+                        headers={"Prefer": WAIT})
+    assert reply.status_code == 200, reply.text
+    return reply.json()
+
+
+@pytest.mark.parametrize("how", ["flipped", "truncated", "longer", "gone"])
+def test_a_damaged_array_is_reported_and_computed_again(stopped, how):
+    """Never served in part: 104 of 39,200 bytes were an array of 13 numbers."""
+    chance = random.Random(SEED)
+    with stopped().client() as client:
+        pair = [client.upload(shapes.sphere(turn))["id"] for turn in (0, shapes.SPHERE_TURN)]
+        job = deviation(client, pair)["id"]
+        distances = client.get(f"/v1/jobs/{job}/result").json()["vertex_distances"]
+        assert len(distances) == 4900
+    for _ in range(50 if LONG else 3):
+        stopped.stop()
+        damage(stopped.data / "results" / f"{job}.f64", how, chance)
+        running = stopped()
+        with running.client() as client:
+            assert client.get(f"/v1/jobs/{job}").json()["state"] == "succeeded"
+            assert deviation(client, pair)["id"] == job  # nobody has read the array yet
+            for media in ("application/json", "text/csv", "application/octet-stream"):
+                check_problem(client.get(f"/v1/jobs/{job}/result", headers={"Accept": media}), 500, "record_damaged")
+            assert metric(client, "damages_total") == 3
+            assert f"array of job {job} is damaged" in running.log()
+            new = deviation(client, pair)["id"]
+            assert new != job
+            assert client.get(f"/v1/jobs/{new}/result").json()["vertex_distances"] == distances
+            job = new
+
+
+def test_a_long_reply_is_cut_where_the_damage_begins(stopped):
+    """Its status has been sent: what is left is an end that no client takes for a whole one."""
+    with stopped().client() as client:
+        pair = [client.upload(shapes.sphere(turn, parallels=300, meridians=300))["id"] for turn in (0, 0.01)]
+        job = deviation(client, pair)["id"]
+    stopped.stop()
+    flip(stopped.data / "results" / f"{job}.f64", 8 * 8 * 80_000)
+    with stopped().client() as client:
+        for media in ("application/json", "text/csv", "application/octet-stream"):
+            with pytest.raises(httpx.RemoteProtocolError):
+                client.get(f"/v1/jobs/{job}/result", headers={"Accept": media})
+        assert deviation(client, pair)["id"] != job
+
+
+# ---- folders of earlier versions ----
+
+
+@pytest.mark.parametrize("name", sorted(path.name for path in STORED.iterdir()))
+def test_a_folder_of_an_earlier_version_is_read(stopped, name):
+    """Everything in it is there as it was, and in use."""
+    with tarfile.open(STORED / name) as packed:
+        packed.extractall(stopped.data.parent, filter="data")
+    with sqlite3.connect(stopped.data / "quadmeshd.sqlite") as old:
+        before = [row[0] for row in old.execute("SELECT document FROM meshes ORDER BY sequence")]
+        jobs = old.execute("SELECT id, result, idempotency_key FROM jobs WHERE document IS NOT NULL").fetchall()
+        unfinished = [row[0] for row in old.execute("SELECT id FROM jobs WHERE document IS NULL")]
+        old.execute("PRAGMA journal_mode").fetchone()
+    old.close()
+    arrays = {path.stem: path.read_bytes() for path in (stopped.data / "results").iterdir()}
+    assert len(before) == 6 and len(jobs) == 4 and len(unfinished) == 1 and len(arrays) == 2
+    for start in range(2):
+        running = stopped("--grace", 0)
+        with running.client() as client:
+            meshes = client.get("/v1/meshes").json()["meshes"]
+            assert meshes == [json.loads(document) for document in before]
+            for mesh in meshes:
+                reply = client.get(f"/v1/meshes/{mesh['id']}/vertices", headers={"Accept": "application/octet-stream"})
+                assert reply.status_code == 200 and len(reply.content) == 24 * mesh["vertices"]
+            for job, result, _ in jobs:
+                assert client.get(f"/v1/jobs/{job}").json()["result"] == json.loads(result)
+                reply = client.get(f"/v1/jobs/{job}/result", headers={"Accept": "application/octet-stream"})
+                assert reply.status_code == (200 if job in arrays else 406)
+                if job in arrays:
+                    assert reply.content == arrays[job]
+                assert client.events(job)[-1]["result"] == json.loads(result)
+            [named] = [job for job, _, key in jobs if key == "the first"]
+            request = client.get(f"/v1/jobs/{named}").json()["request"]
+            same = client.post("/v1/jobs", json={"type": "hausdorff", "a": meshes[0]["id"], "b": meshes[1]["id"]},
+                               headers={"Idempotency-Key": "the first", "Prefer": WAIT})
+            assert same.json()["id"] == named and request["a"] == meshes[0]["id"]
+            assert client.get(f"/v1/jobs/{unfinished[0]}").json()["state"] in ("queued", "running")
+            assert len(client.get("/v1/layouts").json()["layouts"]) == 1
+            new = client.upload(shapes.cube(side=3 + start))["id"]
+            assert client.hausdorff(new, meshes[0]["id"])["state"] == "succeeded"
+            before.append(json.dumps(client.get(f"/v1/meshes/{new}").json()))
+        if start == 0:
+            assert ("becomes" in running.log()) and stopped.stop() is None

@@ -10,6 +10,7 @@
 
 #include "check.h"
 #include "folder.h"
+#include "store/checksum.h"
 #include "store/result_file.h"
 #include "store/store.h"
 
@@ -182,8 +183,8 @@ static void test_files_without_a_row_are_swept(void **state)
     reopen(f);
     assert_int_equal(count_files(f, "blobs"), 0);
     assert_int_equal(count_files(f, "results"), 1);
-    qm_result_file *kept = qm_result_file_open(f->store, "j_here");
-    assert_non_null(kept);
+    qm_result_file *kept;
+    assert_int_equal(qm_result_file_open(f->store, "j_here", &kept), QM_OK);
     assert_int_equal(qm_result_file_count(kept), 1);
     qm_result_file_close(kept);
 }
@@ -567,6 +568,105 @@ static void test_old_jobs_are_dropped(void **state)
     qm_store_job_reset(&rows[0]);
 }
 
+/* ---- arrays ---- */
+
+/** Bytes that differ in one bit have different sums, and so have equal bytes in different places. */
+static void test_checksums_tell_bits_apart(void **state)
+{
+    (void)state;
+    uint8_t bytes[67];
+    for (size_t i = 0; i < sizeof bytes; i++)
+        bytes[i] = (uint8_t)(i * 37);
+    for (size_t size = 0; size <= sizeof bytes; size++) {
+        uint64_t whole = qm_checksum(bytes, size, 5);
+        assert_true(whole != qm_checksum(bytes, size, 6));
+        if (size > 0) assert_true(whole != qm_checksum(bytes, size - 1, 5));
+        for (size_t bit = 0; bit < 8 * size; bit++) {
+            bytes[bit / 8] ^= (uint8_t)(1 << bit % 8);
+            assert_true(whole != qm_checksum(bytes, size, 5));
+            for (size_t second = bit + 1; size == 67 && second < 8 * size; second++) {
+                bytes[second / 8] ^= (uint8_t)(1 << second % 8);
+                assert_true(whole != qm_checksum(bytes, size, 5));
+                bytes[second / 8] ^= (uint8_t)(1 << second % 8);
+            }
+            bytes[bit / 8] ^= (uint8_t)(1 << bit % 8);
+        }
+    }
+}
+
+/** The status of reading the array of a job, which must have its numbers 0, 1, 2 ... when it is read. */
+static qm_status read_array(const fixture *f, const char *id, size_t expected)
+{
+    static double numbers[3 * QM_RESULT_BLOCK];
+    qm_result_file *file;
+    qm_status status = qm_result_file_open(f->store, id, &file);
+    if (status != QM_OK) return status;
+    assert_int_equal(qm_result_file_count(file), expected);
+    for (size_t done = 0, part; status == QM_OK && done < expected; done += part) {
+        part = expected - done < 2 * QM_RESULT_BLOCK ? expected - done : 2 * QM_RESULT_BLOCK;
+        status = qm_result_file_read(file, done, numbers, part);
+        for (size_t i = 0; status == QM_OK && i < part; i++)
+            assert_true(numbers[i] == (double)(done + i));
+    }
+    qm_result_file_close(file);
+    return status;
+}
+
+static void test_a_damaged_array_is_never_read(void **state)
+{
+    fixture *f = *state;
+    static const size_t counts[] = {0, 1, QM_RESULT_BLOCK, QM_RESULT_BLOCK + 1, 3 * QM_RESULT_BLOCK - 1};
+    static double numbers[3 * QM_RESULT_BLOCK];
+    char path[256];
+    for (size_t i = 0; i < 3 * QM_RESULT_BLOCK; i++)
+        numbers[i] = (double)i;
+    submit(f, "j_1", "k", NULL);
+    assert_int_equal(read_array(f, "j_1", 0), QM_E_EMPTY);
+    snprintf(path, sizeof path, "%s/results/j_1.f64", f->folder);
+    for (size_t i = 0; i < sizeof counts / sizeof *counts; i++) {
+        size_t size = 8 * counts[i];
+        assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, counts[i]), QM_OK);
+        reopen(f);
+        assert_int_equal(read_array(f, "j_1", counts[i]), QM_OK);
+        for (size_t k = 0; size > 0 && k < 40; k++) {
+            FILE *file = fopen(path, "r+b");
+            long place = (long)(k * 7919 % size);
+            assert_int_equal(fseek(file, place, SEEK_SET), 0);
+            int byte = fgetc(file);
+            for (int pass = 0; pass < 2; pass++) { /* a bit turns, and turns back */
+                byte ^= 1 << k % 8;
+                assert_int_equal(fseek(file, place, SEEK_SET), 0);
+                assert_int_equal(fputc(byte, file), byte);
+                fflush(file);
+                assert_int_equal(read_array(f, "j_1", counts[i]), pass == 0 ? QM_E_FORMAT : QM_OK);
+            }
+            fclose(file);
+        }
+        if (size > 0) assert_int_equal(truncate(path, (off_t)size - 1), 0);
+        if (size > 0) assert_int_equal(read_array(f, "j_1", counts[i]), QM_E_FORMAT);
+        assert_int_equal(truncate(path, (off_t)size + 8), 0);
+        assert_int_equal(read_array(f, "j_1", counts[i]), QM_E_FORMAT);
+        assert_int_equal(unlink(path), 0);
+        assert_int_equal(read_array(f, "j_1", counts[i]), QM_E_FORMAT);
+    }
+    assert_int_equal(qm_store_delete_job(f->store, "j_1"), QM_OK);
+    assert_int_equal(read_array(f, "j_1", 0), QM_E_EMPTY);
+}
+
+static void test_a_forgotten_answer_is_not_found_by_its_key(void **state)
+{
+    fixture *f = *state;
+    qm_store_job found;
+    submit(f, "j_1", "k", NULL);
+    assert_int_equal(finish(f, "j_1", QM_JOB_SUCCEEDED, "{}", "0 0"), QM_OK);
+    assert_int_equal(qm_store_find_job_by_key(f->store, "k", "0 0", QM_JOB_SUCCEEDED, &found), QM_OK);
+    qm_store_job_reset(&found);
+    assert_int_equal(qm_store_forget_answer(f->store, "j_1"), QM_OK);
+    assert_int_equal(qm_store_find_job_by_key(f->store, "k", "0 0", QM_JOB_SUCCEEDED, &found), QM_E_EMPTY);
+    assert_int_equal(qm_store_find_job(f->store, "j_1", &found), QM_OK);
+    qm_store_job_reset(&found);
+}
+
 static void test_an_idempotency_key_names_one_job(void **state)
 {
     fixture *f = *state;
@@ -767,6 +867,9 @@ int main(void)
         TEST(test_unfinished_jobs),
         TEST(test_events_are_appended),
         TEST(test_old_jobs_are_dropped),
+        cmocka_unit_test(test_checksums_tell_bits_apart),
+        TEST(test_a_damaged_array_is_never_read),
+        TEST(test_a_forgotten_answer_is_not_found_by_its_key),
         TEST(test_an_idempotency_key_names_one_job),
         TEST(test_a_folder_has_one_owner),
         TEST(test_a_refused_process_leaves_uploads_alone),
