@@ -149,6 +149,15 @@ static bool create_pools(qm_app *app, const qm_config *config)
     return true;
 }
 
+static qm_meshes *create_meshes(qm_store *store, const qm_config *config)
+{
+    qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
+                              .max_faces = (size_t)config->max_faces};
+    size_t memory = config->memory_budget > 0 ? (size_t)config->memory_budget : qm_host_default_budget();
+    int prepare_threads = config->prepare_threads > 0 ? (int)config->prepare_threads : qm_host_thread_count();
+    return qm_meshes_create(store, limits, memory, prepare_threads);
+}
+
 static bool start_parts(daemon_state *state, const qm_config *config)
 {
     qm_app *app = &state->app;
@@ -156,15 +165,12 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     app->config = config;
     app->tokens = qm_access_tokens_create();
     if (!app->tokens || !load_tokens(app)) return false;
-    if (qm_store_open(config->data_dir, &app->store, message) != QM_OK) {
+    if (qm_store_open(config->data_dir, QM_STORE_SERVE, &app->store, message) != QM_OK) {
         qm_log(QM_LOG_ERROR, "data folder: %s", message);
         return false;
     }
-    qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
-                              .max_faces = (size_t)config->max_faces};
-    size_t memory = config->memory_budget > 0 ? (size_t)config->memory_budget : qm_host_default_budget();
-    int prepare_threads = config->prepare_threads > 0 ? (int)config->prepare_threads : qm_host_thread_count();
-    app->meshes = qm_meshes_create(app->store, limits, memory, prepare_threads);
+    app->meshes = create_meshes(app->store, config);
+    size_t memory = app->meshes ? qm_meshes_measure(app->meshes).limit : 0;
     bool has_pools = create_pools(app, config);
     app->reconstructions = qm_reconstructions_create(app->store, app->meshes);
     if (!app->meshes || !app->reconstructions || !has_pools) return false;
@@ -223,6 +229,66 @@ static void allow_connections(const qm_config *config)
                (uintmax_t)files.rlim_cur);
 }
 
+/* ---- tasks ---- */
+
+typedef struct adoption {
+    qm_store *store;
+    qm_meshes *meshes;
+    size_t adopted, moved;
+    bool failed;
+} adoption;
+
+/** Makes a mesh of a blob. One that is none, positions of a revision or damaged, is moved away. */
+static void adopt(void *user, const char *hash)
+{
+    adoption *work = user;
+    qm_store_mesh mesh;
+    qm_problem problem;
+    if (qm_meshes_adopt(work->meshes, hash, &mesh, &problem)) {
+        printf("%s is mesh %s\n", hash, mesh.id);
+        qm_store_mesh_reset(&mesh);
+        work->adopted++;
+        return;
+    }
+    bool may_be_one = problem.code == QM_PROBLEM_UNAVAILABLE || problem.code == QM_PROBLEM_OUT_OF_MEMORY;
+    bool moved = !may_be_one && qm_blob_move_away(work->store, hash);
+    printf("%s is no mesh: %s; it %s\n", hash, problem.detail, moved ? "was moved to lost/" : "stays");
+    work->moved += moved;
+    work->failed |= !moved;
+}
+
+static bool run_adopt(const qm_config *config, char message[QM_MESSAGE_SIZE])
+{
+    adoption work = {0};
+    if (qm_store_open(config->data_dir, QM_STORE_ADOPT, &work.store, message) != QM_OK) return false;
+    work.meshes = create_meshes(work.store, config);
+    if (!work.meshes || !qm_blob_each_orphan(work.store, adopt, &work)) work.failed = true;
+    snprintf(message, QM_MESSAGE_SIZE, "%zu meshes adopted, %zu files moved to lost/%s", work.adopted,
+             work.moved, work.failed ? "; some could not be read" : "");
+    qm_meshes_destroy(work.meshes);
+    qm_store_close(work.store);
+    return !work.failed;
+}
+
+static int run_task(const qm_config *config)
+{
+    char message[QM_MESSAGE_SIZE] = "";
+    bool done = false;
+    switch (config->task) {
+    case QM_CONFIG_SERVE:
+        break;
+    case QM_CONFIG_ADOPT:
+        done = run_adopt(config, message);
+        break;
+    case QM_CONFIG_EMPTY:
+        done = qm_store_empty(config->data_dir, message) == QM_OK;
+        if (done) snprintf(message, sizeof message, "the files are in lost/");
+        break;
+    }
+    fprintf(done ? stdout : stderr, "quadmeshd: %s\n", message);
+    return done ? 0 : 1;
+}
+
 int main(int argc, char **argv)
 {
     if (argc == 2 && strcmp(argv[1], QM_DRACO_CHILD_FLAG) == 0) return qm_draco_child_main();
@@ -237,6 +303,7 @@ int main(int argc, char **argv)
     signal(SIGPIPE, SIG_IGN);
     signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a failed write, as on a full disk */
     qm_codec_drc_set_decoder(qm_draco_child_decode);
+    if (config.task != QM_CONFIG_SERVE) return run_task(&config);
     allow_connections(&config);
     char dashboard[4096];
     find_dashboard(&config, dashboard, sizeof dashboard);

@@ -73,6 +73,20 @@ static const setting settings[] = {
 };
 enum { SETTING_COUNT = sizeof settings / sizeof settings[0] };
 
+/** Flags that name a task. */
+typedef struct task_flag {
+    const char *name;
+    qm_config_task task;
+    const char *help;
+} task_flag;
+
+static const task_flag tasks[] = {
+    {"adopt", QM_CONFIG_ADOPT,
+     "makes meshes of the files in the data folder that the database does not know"},
+    {"empty", QM_CONFIG_EMPTY, "moves the files of a data folder without a database away, to lost/"},
+};
+enum { TASK_COUNT = sizeof tasks / sizeof tasks[0] };
+
 static const char *show_value(const char *text, double number, char out[32])
 {
     if (text) return text;
@@ -88,8 +102,11 @@ static void print_help(void)
     for (size_t i = 0; i < SETTING_COUNT; i++)
         printf("  --%-18s %s [%s]\n", settings[i].name, settings[i].help,
                show_value(settings[i].text, settings[i].number, value));
+    puts("\nWith a stopped daemon, instead of serving:\n");
+    for (size_t i = 0; i < TASK_COUNT; i++)
+        printf("  --%-18s %s\n", tasks[i].name, tasks[i].help);
     puts(
-        "  --print-config       the settings as they are, as a file for --config\n"
+        "\n  --print-config       the settings as they are, as a file for --config\n"
         "  --print-routes       what the daemon answers: method, path, types, ?parameters\n"
         "  --help               this text\n"
         "  --version            the version\n\n"
@@ -260,6 +277,16 @@ static bool set_from_flag(qm_config *config, int argc, char **argv, int *index)
     return set(config, s, argv[++*index], name);
 }
 
+static bool set_task(qm_config *config, const char *flag)
+{
+    for (size_t i = 0; i < TASK_COUNT; i++) {
+        if (strncmp(flag, "--", 2) != 0 || strcmp(flag + 2, tasks[i].name) != 0) continue;
+        config->task = tasks[i].task;
+        return true;
+    }
+    return false;
+}
+
 /** The file is named by a flag, else by the environment; both override its settings nevertheless. */
 static bool set_from_named_file(qm_config *config, int argc, char **argv)
 {
@@ -278,6 +305,7 @@ qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
 {
     bool is_printing = false;
     set_defaults(config);
+    config->task = QM_CONFIG_SERVE;
     if (!set_from_named_file(config, argc, argv)) return QM_CONFIG_EXIT_USAGE;
     for (size_t i = 0; i < SETTING_COUNT; i++)
         if (!set_from_environment(config, &settings[i])) return QM_CONFIG_EXIT_USAGE;
@@ -286,7 +314,7 @@ qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
         if (strcmp(argv[i], "--version") == 0) return puts("quadmeshd " QM_VERSION), QM_CONFIG_EXIT_OK;
         if (strcmp(argv[i], "--print-config") == 0)
             is_printing = true;
-        else if (!set_from_flag(config, argc, argv, &i))
+        else if (!set_task(config, argv[i]) && !set_from_flag(config, argc, argv, &i))
             return QM_CONFIG_EXIT_USAGE;
     }
     if (!check(config)) return QM_CONFIG_EXIT_USAGE;

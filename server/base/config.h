@@ -8,7 +8,11 @@
 #include <stdbool.h>
 #include <stddef.h>
 
+/** What the process is asked to do: serve, or one thing with the data folder of a daemon that is stopped. */
+typedef enum qm_config_task { QM_CONFIG_SERVE, QM_CONFIG_ADOPT, QM_CONFIG_EMPTY } qm_config_task;
+
 typedef struct qm_config {
+    qm_config_task task;
     const char *config;       /* file of settings; "" for none */
     const char *listen;       /* address; other than loopback only with tokens */
     const char *token_file;   /* "" for none: every client may do everything */
@@ -45,7 +49,7 @@ typedef enum qm_config_outcome { QM_CONFIG_RUN, QM_CONFIG_EXIT_OK, QM_CONFIG_EXI
 
 /**
  * Fills *config from defaults, the file of settings, QUADMESHD_* variables and flags; each overrides the ones before
- * it. --help, --version and --print-config print and ask to exit.
+ * it. Tasks are flags alone. --help, --version and --print-config print and ask to exit.
  *
  * A line of the file is "name = value", as --print-config writes it; # starts a comment.
  *

@@ -413,9 +413,8 @@ static bool store_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mes
     return found || stored;
 }
 
-/** The row of an upload with all but its document; false when out of memory or when it cannot be written. */
-static bool make_row(qm_blob_writer *upload, const char *name, qm_format format, qm_store_mesh *row,
-                     qm_problem *problem)
+/** A row with all but its hash and document; false when out of memory. */
+static bool make_row(const char *name, qm_format format, qm_store_mesh *row, qm_problem *problem)
 {
     qm_id_make('m', row->id);
     qm_text options = {0};
@@ -426,25 +425,24 @@ static bool make_row(qm_blob_writer *upload, const char *name, qm_format format,
     char created[QM_TIME_SIZE];
     qm_clock_format(created);
     row->created = strdup(created);
-    if (!row->options || !row->name || !row->created) {
-        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the upload");
-        return false;
-    }
+    if (row->options && row->name && row->created) return true;
+    *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the upload");
+    return false;
+}
+
+/** Ends the writing of an upload and takes its hash. */
+static bool seal(qm_blob_writer *upload, qm_store_mesh *row, qm_problem *problem)
+{
     if (qm_blob_seal(upload, row->hash) == QM_OK) return true;
     *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload could not be written to disk");
     return false;
 }
 
-/** Decodes the upload of a row and makes its document. */
-static bool prepare(qm_meshes *meshes, const qm_blob_writer *upload, qm_format format, qm_store_mesh *row,
+/** Decodes the file of a row and makes its document. */
+static bool prepare(qm_meshes *meshes, mapped_bytes file, qm_format format, qm_store_mesh *row,
                     qm_loaded_mesh *mesh, qm_problem *problem)
 {
-    mapped_bytes file = {0};
-    *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the upload cannot be read");
-    bool loaded = qm_blob_map_sealed(upload, &file.bytes, &file.size) == QM_OK &&
-                  load_bytes(meshes, file, (mapped_bytes){0}, format, mesh, problem);
-    qm_blob_unmap(file.bytes, file.size);
-    if (!loaded) return false;
+    if (!load_bytes(meshes, file, (mapped_bytes){0}, format, mesh, problem)) return false;
     row->format = (int)mesh->format;
     row->document = make_document(row, mesh);
     if (row->document) return true;
@@ -479,19 +477,44 @@ bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, 
     qm_store_mesh row = {0};
     qm_loaded_mesh mesh = {0};
     *is_new = false;
-    bool sealed = make_row(upload, name, format, &row, problem);
+    bool sealed = make_row(name, format, &row, problem) && seal(upload, &row, problem);
     if (sealed && find_same(meshes, &row, out)) {
         qm_store_mesh_reset(&row);
         bool given = give_to_same(meshes, upload, out->hash, problem);
         if (!given) qm_store_mesh_reset(out);
         return given;
     }
-    bool prepared = sealed && prepare(meshes, upload, format, &row, &mesh, problem);
+    mapped_bytes file = {0};
+    if (sealed) *problem = qm_problem_make(QM_PROBLEM_INTERNAL, "the bytes of the upload cannot be read");
+    bool prepared = sealed && qm_blob_map_sealed(upload, &file.bytes, &file.size) == QM_OK &&
+                    prepare(meshes, file, format, &row, &mesh, problem);
+    qm_blob_unmap(file.bytes, file.size);
     if (!prepared) qm_blob_abort(upload);
     bool added = prepared && store_loaded(meshes, upload, &row, &mesh, is_new, problem);
     *out = row;
     if (!added) qm_store_mesh_reset(out);
     return added;
+}
+
+bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm_problem *problem)
+{
+    qm_loaded_mesh mesh;
+    mapped_bytes file = {0};
+    *out = (qm_store_mesh){0};
+    memcpy(out->hash, hash, sizeof out->hash);
+    bool adopted = make_row("", QM_FORMAT_UNKNOWN, out, problem) &&
+                   map_blob(meshes, out->id, hash, "it makes no mesh", &file, problem) &&
+                   prepare(meshes, file, QM_FORMAT_UNKNOWN, out, &mesh, problem);
+    qm_blob_unmap(file.bytes, file.size);
+    if (adopted) {
+        free_loaded(meshes, &mesh);
+        uv_mutex_lock(&meshes->store_lock);
+        adopted = qm_store_put_mesh(meshes->store, out) == QM_OK;
+        uv_mutex_unlock(&meshes->store_lock);
+        if (!adopted) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
+    }
+    if (!adopted) qm_store_mesh_reset(out);
+    return adopted;
 }
 
 /* ---- revisions ----

@@ -43,6 +43,9 @@ void qm_meshes_destroy(qm_meshes *meshes);
 bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
                    qm_store_mesh *out, bool *is_new, qm_problem *problem);
 
+/** Makes a mesh without a name of a blob that no mesh has; out is as above. False with a problem. */
+bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm_problem *problem);
+
 /** Takes a reference; reads the mesh from its blob when needed. NULL with a problem. */
 qm_mesh_ref *qm_meshes_acquire(qm_meshes *meshes, const char *id, qm_problem *problem);
 

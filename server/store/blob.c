@@ -10,11 +10,16 @@
 #include <string.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
+#include "base/clock.h"
 #include "base/id.h"
 #include "base/log.h"
 #include "blob.h"
+
+#define PREFIXES 256u /* folders of blobs, by the first two digits of the hash */
+#define SWEEP_AGE_S (24 * 60 * 60)
 
 static bool make_folder(const char *path)
 {
@@ -76,13 +81,22 @@ void qm_blob_sweep(const char *folder)
     if (files) closedir(files);
 }
 
-/** Removes the files of a folder that the store knows nothing of; returns how many. */
+/** Whatever is younger was perhaps left by a fault that somebody is about to repair. */
+static bool is_old(DIR *files, const char *name)
+{
+    struct stat facts;
+    return fstatat(dirfd(files), name, &facts, AT_SYMLINK_NOFOLLOW) == 0 &&
+           facts.st_mtime < time(NULL) - SWEEP_AGE_S;
+}
+
+/** Removes the old files of a folder that the store knows nothing of; returns how many. */
 static size_t sweep_folder(qm_store *store, const char *path, bool (*is_needed)(qm_store *, const char *))
 {
     size_t removed = 0;
     DIR *files = opendir(path);
     for (struct dirent *entry; files && (entry = readdir(files));) {
-        if (entry->d_name[0] == '.' || is_needed(store, entry->d_name)) continue;
+        if (entry->d_name[0] == '.' || !is_old(files, entry->d_name) || is_needed(store, entry->d_name))
+            continue;
         removed += unlinkat(dirfd(files), entry->d_name, 0) == 0;
     }
     if (files) closedir(files);
@@ -103,13 +117,74 @@ void qm_blob_sweep_orphans(qm_store *store)
 {
     char path[QM_STORE_PATH_SIZE];
     size_t removed = 0;
-    for (int first = 0; first < 256; first++) {
-        snprintf(path, sizeof path, "%s/blobs/%02x", qm_store_folder(store), (unsigned)first);
+    for (unsigned first = 0; first < PREFIXES; first++) {
+        snprintf(path, sizeof path, "%s/blobs/%02x", qm_store_folder(store), first);
         removed += sweep_folder(store, path, qm_store_needs_blob);
     }
     snprintf(path, sizeof path, "%s/results", qm_store_folder(store));
     removed += sweep_folder(store, path, needs_result);
-    if (removed > 0) qm_log(QM_LOG_INFO, "%zu files without a mesh or job removed", removed);
+    if (removed > 0) qm_log(QM_LOG_WARN, "%zu old files without a mesh or job removed", removed);
+}
+
+static bool has_files(const char *path)
+{
+    bool found = false;
+    DIR *files = opendir(path);
+    for (struct dirent *entry; files && !found && (entry = readdir(files));)
+        found = entry->d_name[0] != '.';
+    if (files) closedir(files);
+    return found;
+}
+
+bool qm_blob_has_files(const char *folder)
+{
+    char path[QM_STORE_PATH_SIZE];
+    snprintf(path, sizeof path, "%s/results", folder);
+    bool found = has_files(path);
+    for (unsigned first = 0; first < PREFIXES && !found; first++) {
+        snprintf(path, sizeof path, "%s/blobs/%02x", folder, first);
+        found = has_files(path);
+    }
+    return found;
+}
+
+bool qm_blob_move_all_away(const char *folder)
+{
+    static const char *const names[] = {"blobs", "results"};
+    char from[QM_STORE_PATH_SIZE], to[QM_STORE_PATH_SIZE], now[QM_TIME_SIZE];
+    qm_clock_format(now);
+    snprintf(to, sizeof to, "%s/lost", folder);
+    bool moved = make_folder(to);
+    for (size_t i = 0; moved && i < sizeof names / sizeof *names; i++) {
+        snprintf(from, sizeof from, "%s/%s", folder, names[i]);
+        snprintf(to, sizeof to, "%s/lost/%s %s", folder, names[i], now);
+        moved = rename(from, to) == 0 || errno == ENOENT;
+    }
+    return moved && sync_folder(folder);
+}
+
+/** Calls a function for each orphan of a folder, which from now on counts as new. */
+static void take_orphans(qm_store *store, DIR *files, void (*take)(void *user, const char *hash), void *user)
+{
+    for (struct dirent *entry; (entry = readdir(files));) {
+        if (strlen(entry->d_name) != QM_HASH_SIZE - 1 || qm_store_needs_blob(store, entry->d_name)) continue;
+        utimensat(dirfd(files), entry->d_name, NULL, 0);
+        take(user, entry->d_name);
+    }
+}
+
+bool qm_blob_each_orphan(qm_store *store, void (*take)(void *user, const char *hash), void *user)
+{
+    char path[QM_STORE_PATH_SIZE];
+    bool read = true;
+    for (unsigned first = 0; first < PREFIXES; first++) {
+        snprintf(path, sizeof path, "%s/blobs/%02x", qm_store_folder(store), first);
+        DIR *files = opendir(path);
+        if (files) take_orphans(store, files, take, user);
+        if (!files && errno != ENOENT) read = false;
+        if (files) closedir(files);
+    }
+    return read;
 }
 
 static void find_path(const qm_store *store, const char *hash, char out[QM_STORE_PATH_SIZE])
@@ -201,6 +276,16 @@ qm_status qm_blob_check(qm_store *store, const char *hash)
 void qm_blob_unmap(const uint8_t *bytes, size_t size)
 {
     if (size > 0) munmap((void *)(uintptr_t)bytes, size);
+}
+
+bool qm_blob_move_away(qm_store *store, const char *hash)
+{
+    char from[QM_STORE_PATH_SIZE], to[QM_STORE_PATH_SIZE];
+    find_path(store, hash, from);
+    snprintf(to, sizeof to, "%s/lost", qm_store_folder(store));
+    if (!make_folder(to)) return false;
+    snprintf(to, sizeof to, "%s/lost/%s", qm_store_folder(store), hash);
+    return rename(from, to) == 0;
 }
 
 void qm_blob_remove(qm_store *store, const char *hash)

@@ -19,8 +19,17 @@ bool qm_blob_make_folders(const char *folder, char message[QM_MESSAGE_SIZE]);
 /** Removes half-written files. Only for the process that holds the folder: it may have uploads of another. */
 void qm_blob_sweep(const char *folder);
 
-/** Removes blobs and result arrays without a row, which a crash leaves behind. For the start, when no other
- * thread uses the store. */
+/** True when there is any blob, or array of a result. */
+bool qm_blob_has_files(const char *folder);
+
+/** Moves all blobs and arrays to lost/. */
+bool qm_blob_move_all_away(const char *folder);
+
+/**
+ * Removes blobs and result arrays without a row that are older than a day. A crash leaves some behind, but so
+ * does a database that has lost rows: there is a day to notice. For the start, when no other thread uses the
+ * store.
+ */
 void qm_blob_sweep_orphans(qm_store *store);
 
 /** Renames a synced file to its hash, and syncs the folders. */

@@ -20,12 +20,24 @@
 
 typedef struct qm_store qm_store;
 
+/** What a data folder is opened for. */
+typedef enum qm_store_purpose {
+    QM_STORE_SERVE, /* removes half-written files, and files without a row that are older than a day */
+    QM_STORE_ADOPT, /* leaves files without a row, and makes a database when there is none */
+    QM_STORE_CHECK  /* changes nothing; refused when there is no database of this version */
+} qm_store_purpose;
+
 /**
- * Opens the data folder, creates it if needed, and removes half-written blobs. One process at a time holds a
- * folder. Returns QM_OK, or a status with a message (which may name the folder: for the log only).
+ * Opens the data folder, and creates it if needed. One process at a time holds a folder. Returns QM_OK, or a
+ * status with a message (which may name the folder: for the log only). To serve a folder that has files of
+ * meshes or results but no database is refused with QM_E_EMPTY: every one of them would be without a row.
  */
-qm_status qm_store_open(const char *folder, qm_store **out, char message[QM_MESSAGE_SIZE]);
+qm_status qm_store_open(const char *folder, qm_store_purpose purpose, qm_store **out,
+                        char message[QM_MESSAGE_SIZE]);
 void qm_store_close(qm_store *store);
+
+/** Moves the files of meshes and results of a folder without a database to a folder beside them, lost/. */
+qm_status qm_store_empty(const char *folder, char message[QM_MESSAGE_SIZE]);
 
 /** A blob that is being written: bytes go to a file of their own while the hash is computed. */
 typedef struct qm_blob_writer qm_blob_writer;
@@ -52,6 +64,13 @@ qm_status qm_blob_map(qm_store *store, const char *hash, const uint8_t **bytes, 
 /** The status that qm_blob_map would return. */
 qm_status qm_blob_check(qm_store *store, const char *hash);
 void qm_blob_unmap(const uint8_t *bytes, size_t size);
+/**
+ * Calls a function for each blob that no mesh refers to. From now on they are younger than a day. False when a
+ * folder cannot be read.
+ */
+bool qm_blob_each_orphan(qm_store *store, void (*take)(void *user, const char *hash), void *user);
+/** Moves a blob to the folder lost/. */
+bool qm_blob_move_away(qm_store *store, const char *hash);
 /** Removes a blob unless a mesh refers to it. The caller ensures that no thread puts such a mesh. */
 void qm_blob_remove(qm_store *store, const char *hash);
 

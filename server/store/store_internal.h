@@ -26,6 +26,16 @@ struct qm_store {
     size_t statement_count;
 };
 
+#define QM_STORE_DATABASE "quadmeshd.sqlite"
+#define QM_STORE_FRESH                                                                                       \
+    "there are files of meshes or results, but no database: put it back, or --restore a backup; --adopt "    \
+    "makes"                                                                                                  \
+    " meshes of the files, --empty moves them away"
+
+/** Opens the database of a folder whose lock is held, and brings it up to date. */
+qm_status qm_store_open_database(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE]);
+void qm_store_close_database(qm_store *store);
+
 /** A statement, a literal, with the lock held until qm_store_end; NULL after a fault, with the lock given
  * back.
  */

@@ -2,13 +2,9 @@
  * store_sqlite.c: the database of the store: its schema, its statements, alone or in a transaction, and how
  * rows are read. A write-ahead log with full synchronisation: a commit that has returned is on disk.
  */
-#include <errno.h>
-#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/file.h>
-#include <unistd.h>
 
 #include "base/log.h"
 #include "result_file.h"
@@ -99,7 +95,7 @@ static bool change_schema(qm_store *store, const migration *change, int version)
 }
 
 /** Checks the version first: a database of a newer version, or of one too old, is left as it is. */
-static qm_status set_up(qm_store *store, char message[QM_MESSAGE_SIZE])
+static qm_status set_up(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE])
 {
     sqlite3 *database = store->database;
     char text[16], mode[16];
@@ -109,6 +105,16 @@ static qm_status set_up(qm_store *store, char message[QM_MESSAGE_SIZE])
         snprintf(message, QM_MESSAGE_SIZE,
                  "database: schema %d was written by another version of quadmeshd; this one reads %d to %d",
                  version, OLDEST_SCHEMA, SCHEMA);
+        return QM_E_UNSUPPORTED;
+    }
+    if (version == 0 && purpose == QM_STORE_SERVE && qm_blob_has_files(store->folder)) {
+        snprintf(message, QM_MESSAGE_SIZE, QM_STORE_FRESH);
+        return QM_E_EMPTY;
+    }
+    if (version < SCHEMA && purpose == QM_STORE_CHECK) {
+        snprintf(message, QM_MESSAGE_SIZE,
+                 "database: schema %d is brought up to date by the next start of the daemon, not by a check",
+                 version);
         return QM_E_UNSUPPORTED;
     }
     if (!ask(database, "PRAGMA journal_mode = WAL", mode)) return fail_to_open(database, message);
@@ -125,91 +131,25 @@ static qm_status set_up(qm_store *store, char message[QM_MESSAGE_SIZE])
     return good ? QM_OK : fail_to_open(database, message);
 }
 
-static qm_status open_database(qm_store *store, char message[QM_MESSAGE_SIZE])
+qm_status qm_store_open_database(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE])
 {
     char path[QM_STORE_PATH_SIZE];
-    snprintf(path, sizeof path, "%s/quadmeshd.sqlite", store->folder);
-    int result = sqlite3_open_v2(path, &store->database,
-                                 SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX, NULL);
-    if (result != SQLITE_OK) return fail_to_open(store->database, message);
+    int flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOMUTEX;
+    if (purpose != QM_STORE_CHECK) flags |= SQLITE_OPEN_CREATE;
+    snprintf(path, sizeof path, "%s/" QM_STORE_DATABASE, store->folder);
+    if (sqlite3_open_v2(path, &store->database, flags, NULL) != SQLITE_OK)
+        return fail_to_open(store->database, message);
     sqlite3_busy_timeout(store->database, BUSY_TIMEOUT_MS);
-    return set_up(store, message);
+    return set_up(store, purpose, message);
 }
 
-static qm_status lock_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
+void qm_store_close_database(qm_store *store)
 {
-    char path[QM_STORE_PATH_SIZE];
-    snprintf(path, sizeof path, "%s/lock", store->folder);
-    store->lock_file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
-    if (store->lock_file >= 0 && flock(store->lock_file, LOCK_EX | LOCK_NB) == 0) return QM_OK;
-    snprintf(message, QM_MESSAGE_SIZE,
-             errno == EWOULDBLOCK ? "another process uses the folder" : "cannot lock: %s", strerror(errno));
-    return QM_E_ARGUMENT;
-}
-
-/** Takes the folder over: nothing in it is touched before the lock is held. */
-static qm_status take_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
-{
-    if (!qm_blob_make_folders(store->folder, message)) return QM_E_ARGUMENT;
-    qm_status status = lock_folder(store, message);
-    if (status != QM_OK) return status;
-    qm_blob_sweep(store->folder);
-    status = open_database(store, message);
-    if (status == QM_OK) qm_blob_sweep_orphans(store);
-    return status;
-}
-
-/** A store whose folder is not yet opened; NULL: out of memory. */
-static qm_store *create(const char *folder)
-{
-    qm_store *store = calloc(1, sizeof *store);
-    if (!store) return NULL;
-    store->lock_file = -1;
-    pthread_mutex_init(&store->lock, NULL);
-    size_t length = strlen(folder);
-    while (length > 1 && folder[length - 1] == '/')
-        length--;
-    store->folder = strndup(folder, length);
-    if (store->folder) return store;
-    qm_store_close(store);
-    return NULL;
-}
-
-qm_status qm_store_open(const char *folder, qm_store **out, char message[QM_MESSAGE_SIZE])
-{
-    *out = NULL;
-    if (strlen(folder) >= QM_STORE_FOLDER_SIZE) {
-        snprintf(message, QM_MESSAGE_SIZE, "the name of the folder is too long");
-        return QM_E_ARGUMENT;
-    }
-    qm_store *store = create(folder);
-    if (!store) {
-        snprintf(message, QM_MESSAGE_SIZE, "%s", qm_status_text(QM_E_NO_MEMORY));
-        return QM_E_NO_MEMORY;
-    }
-    qm_status status = take_folder(store, message);
-    if (status == QM_OK)
-        *out = store;
-    else
-        qm_store_close(store);
-    return status;
-}
-
-const char *qm_store_folder(const qm_store *store)
-{
-    return store->folder;
-}
-
-void qm_store_close(qm_store *store)
-{
-    if (!store) return;
     for (size_t i = 0; i < store->statement_count; i++)
         sqlite3_finalize(store->statements[i].prepared);
+    store->statement_count = 0;
     sqlite3_close(store->database);
-    if (store->lock_file >= 0) close(store->lock_file);
-    pthread_mutex_destroy(&store->lock);
-    free(store->folder);
-    free(store);
+    store->database = NULL;
 }
 
 /* ---- statements ---- */

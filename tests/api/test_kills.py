@@ -146,7 +146,18 @@ def test_kills_at_random_instants(make_daemon):
     assert hashes <= blobs(running)
     running.stop(signal.SIGKILL)
     running.start()
+    assert blobs(running) >= hashes
+    running.stop(signal.SIGKILL)
+    age(running.folder / "data")
+    running.start()
     assert blobs(running) == hashes, "a blob without a mesh stays behind"
+
+
+def age(data):
+    """Makes all files older than the day for which those without a row are kept."""
+    for folder in ("blobs", "results"):
+        for path in (data / folder).rglob("*"):
+            os.utime(path, (time.time() - 90_000,) * 2)
 
 
 def test_what_no_row_names_is_swept(make_daemon):
@@ -164,6 +175,10 @@ def test_what_no_row_names_is_swept(make_daemon):
     (folder / ("ab" + "0" * 62)).write_bytes(b"complete, and unused")
     for name in ("j_nobody.f64", f"{job['id']}.part", "odd"):
         (data / "results" / name).write_bytes(bytes(8))
+    running.start()
+    assert (folder / ("ab" + "0" * 62)).exists(), "it is younger than a day"
+    running.stop()
+    age(data)
     running.start()
     assert not (data / "incoming/half").exists() and not any(folder.iterdir())
     assert [path.name for path in (data / "results").iterdir()] == [f"{job['id']}.f64"]

@@ -4,13 +4,14 @@ import os
 import pathlib
 import random
 import sqlite3
+import subprocess
 import tarfile
 
 import httpx
 import pytest
 
 import shapes
-from api_conftest import WAIT, Daemon, check_problem
+from api_conftest import BUILD, FINDINGS, WAIT, Daemon, check_problem
 
 STORED = pathlib.Path(__file__).parent / "stored"
 LONG = os.environ.get("QM_TEST_LONG") == "1"
@@ -222,3 +223,56 @@ def test_a_folder_of_an_earlier_version_is_read(stopped, name):
             before.append(json.dumps(client.get(f"/v1/meshes/{new}").json()))
         if start == 0:
             assert ("becomes" in running.log()) and stopped.stop() is None
+
+
+# ---- a lost database ----
+
+
+def command(start, *flags):
+    done = subprocess.run([BUILD / "quadmeshd", "--data-dir", start.data, *flags], capture_output=True, text=True, timeout=60)
+    assert not any(finding in done.stderr for finding in FINDINGS), done.stderr
+    return done
+
+
+@pytest.mark.parametrize("how", ["gone", "empty"])
+def test_files_without_a_database_are_never_swept(stopped, how):
+    """`rm quadmeshd.sqlite*` and a start deleted every mesh."""
+    with stopped().client() as client:
+        content = shapes.ply_little(shapes.sphere())
+        mesh = client.upload(content, name="sphere.ply")
+        moved = client.upload(shapes.cube())["id"]
+        client.patch(f"/v1/meshes/{moved}/vertices", json={"indices": [7], "positions": [[2, 2, 2]]})
+        deviation(client, (mesh["id"], moved))
+    assert "another process" in command(stopped, "--empty").stderr
+    stopped.stop()
+    assert "there is a database" in command(stopped, "--empty").stderr
+    for path in stopped.data.glob("quadmeshd.sqlite*"):
+        path.unlink() if how == "gone" else os.truncate(path, 0)
+    for path in (stopped.data / "blobs").rglob("*"):
+        os.utime(path, (1e9, 1e9))
+    refused = command(stopped)
+    assert refused.returncode == 1 and "--adopt" in refused.stderr and "--empty" in refused.stderr
+    adopted = command(stopped, "--adopt")
+    assert adopted.returncode == 0, adopted.stderr
+    # The two files, not the positions of the moved one.
+    assert "2 meshes adopted, 1 files moved to lost/" in adopted.stdout
+    with stopped().client() as client:
+        meshes = {one["content_hash"]: one for one in client.get("/v1/meshes").json()["meshes"]}
+        assert len(meshes) == 2
+        again = meshes[mesh["content_hash"]]
+        assert again["vertices"] == mesh["vertices"] and again["name"] == "" and again["id"] != mesh["id"]
+        assert client.upload(content)["id"] == again["id"]
+        assert client.hausdorff(again["id"], again["id"])["state"] == "succeeded"
+    stopped.stop()
+    assert "0 meshes adopted, 0 files" in command(stopped, "--adopt").stdout
+
+
+def test_files_without_a_database_can_be_moved_away(stopped):
+    with stopped().client() as client:
+        client.upload(shapes.cube())
+    stopped.stop()
+    (stopped.data / "quadmeshd.sqlite").unlink()
+    assert command(stopped, "--empty").returncode == 0
+    assert len([path for path in (stopped.data / "lost").rglob("*") if path.is_file()]) == 1
+    with stopped().client() as client:
+        assert client.get("/v1/meshes").json()["meshes"] == []

@@ -1,11 +1,14 @@
 /*
  * All records of the store are there after it was opened again; blobs are named by their hash.
  */
+#include <fcntl.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
 #include "check.h"
@@ -22,7 +25,7 @@ typedef struct fixture {
 static void open_store(fixture *f)
 {
     char message[QM_MESSAGE_SIZE] = "";
-    qm_status status = qm_store_open(f->folder, &f->store, message);
+    qm_status status = qm_store_open(f->folder, QM_STORE_SERVE, &f->store, message);
     QM_CHECK(status == QM_OK, "%s", message);
 }
 
@@ -169,8 +172,16 @@ static void test_kept_blobs_survive(void **state)
     check_blob(f, hash, "a mesh");
 }
 
-/** Left by an end between a file and its row. */
-static void test_files_without_a_row_are_swept(void **state)
+static void set_age(const fixture *f, const char *file, time_t seconds)
+{
+    char path[256];
+    const struct timespec then[2] = {{.tv_sec = time(NULL) - seconds}, {.tv_sec = time(NULL) - seconds}};
+    snprintf(path, sizeof path, "%s/%s", f->folder, file);
+    assert_int_equal(utimensat(AT_FDCWD, path, then, 0), 0);
+}
+
+/** Left by an end between a file and its row, or by a database that has lost rows: there is a day to notice. */
+static void test_old_files_without_a_row_are_swept(void **state)
 {
     fixture *f = *state;
     char hash[QM_HASH_SIZE];
@@ -180,6 +191,18 @@ static void test_files_without_a_row_are_swept(void **state)
     assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
     assert_int_equal(qm_result_file_write(f->store, "j_here", (double[]){1.0}, 1), QM_OK);
     assert_int_equal(qm_result_file_write(f->store, "j_gone", (double[]){1.0}, 1), QM_OK);
+    char blob[QM_HASH_SIZE + 16];
+    snprintf(blob, sizeof blob, "blobs/%.2s/%s", hash, hash);
+    for (int age = 0; age < 2; age++) {
+        set_age(f, blob, age * 86000);
+        set_age(f, "results/j_gone.f64", age * 86000);
+        reopen(f);
+        assert_int_equal(count_files(f, "blobs"), 1);
+        assert_int_equal(count_files(f, "results"), 2);
+    }
+    set_age(f, blob, 86500);
+    set_age(f, "results/j_gone.f64", 86500);
+    set_age(f, "results/j_here.f64", 86500);
     reopen(f);
     assert_int_equal(count_files(f, "blobs"), 0);
     assert_int_equal(count_files(f, "results"), 1);
@@ -187,6 +210,45 @@ static void test_files_without_a_row_are_swept(void **state)
     assert_int_equal(qm_result_file_open(f->store, "j_here", &kept), QM_OK);
     assert_int_equal(qm_result_file_count(kept), 1);
     qm_result_file_close(kept);
+}
+
+static void note_orphan(void *user, const char *hash)
+{
+    qm_text_printf(user, "%s;", hash);
+}
+
+/** Every file would be without a row: a folder like this is opened when somebody says what is to become of them. */
+static void test_files_without_a_database_are_left_alone(void **state)
+{
+    fixture *f = *state;
+    char hash[QM_HASH_SIZE], path[256], message[QM_MESSAGE_SIZE] = "", expected[QM_HASH_SIZE + 1];
+    keep_blob(f, "a mesh", hash);
+    put_mesh(f, "m_1", hash, "");
+    snprintf(expected, sizeof expected, "%s;", hash);
+    snprintf(path, sizeof path, "%s/quadmeshd.sqlite", f->folder);
+    assert_int_equal(qm_store_empty(f->folder, message), QM_E_ARGUMENT); /* in use */
+    qm_store_close(f->store);
+    f->store = NULL;
+    assert_int_equal(qm_store_empty(f->folder, message), QM_E_ARGUMENT); /* there is a database */
+    for (int pass = 0; pass < 2; pass++) {
+        if (pass == 0) assert_int_equal(unlink(path), 0);
+        if (pass == 1) assert_int_equal(truncate(path, 0), 0);
+        assert_int_equal(qm_store_open(f->folder, QM_STORE_SERVE, &f->store, message), QM_E_EMPTY);
+        assert_non_null(strstr(message, "--adopt"));
+        assert_int_equal(qm_store_open(f->folder, QM_STORE_CHECK, &f->store, message), QM_E_EMPTY);
+        assert_int_equal(count_files(f, "blobs"), 1);
+        assert_int_equal(qm_store_open(f->folder, QM_STORE_ADOPT, &f->store, message), QM_OK);
+        qm_text orphans = {0};
+        assert_true(qm_blob_each_orphan(f->store, note_orphan, &orphans));
+        assert_string_equal(orphans.data, expected);
+        qm_text_reset(&orphans);
+        qm_store_close(f->store);
+    }
+    assert_int_equal(unlink(path), 0);
+    assert_int_equal(qm_store_empty(f->folder, message), QM_OK);
+    open_store(f);
+    assert_int_equal(count_files(f, "blobs"), 0);
+    assert_int_equal(count_files(f, "lost"), 1);
 }
 
 static void test_dropped_blobs_leave_nothing(void **state)
@@ -684,7 +746,7 @@ static void test_a_folder_has_one_owner(void **state)
     fixture *f = *state;
     qm_store *other;
     char message[QM_MESSAGE_SIZE];
-    assert_int_not_equal(qm_store_open(f->folder, &other, message), QM_OK);
+    assert_int_not_equal(qm_store_open(f->folder, QM_STORE_SERVE, &other, message), QM_OK);
     assert_null(other);
     assert_non_null(strstr(message, "another process"));
 }
@@ -708,7 +770,7 @@ static void open_in_vain(const char *folder)
 {
     qm_store *store;
     char message[QM_MESSAGE_SIZE] = "";
-    if (qm_store_open(folder, &store, message) == QM_OK) _exit(1);
+    if (qm_store_open(folder, QM_STORE_SERVE, &store, message) == QM_OK) _exit(1);
     if (!strstr(message, "another process")) _exit(2);
 }
 
@@ -731,7 +793,7 @@ static void write_and_die(const char *folder)
     fixture f = {.folder = (char *)folder};
     char hash[QM_HASH_SIZE], message[QM_MESSAGE_SIZE];
     qm_blob_writer *writer;
-    if (qm_store_open(folder, &f.store, message) != QM_OK) _exit(1);
+    if (qm_store_open(folder, QM_STORE_SERVE, &f.store, message) != QM_OK) _exit(1);
     keep_blob(&f, "kept", hash);
     put_mesh(&f, "m_1", hash, "");
     submit(&f, "j_1", "key", NULL);
@@ -773,7 +835,7 @@ static void test_a_broken_database_is_refused(void **state)
     for (int i = 0; i < 1000; i++)
         fputs("not a database ", file);
     fclose(file);
-    assert_int_not_equal(qm_store_open(f->folder, &f->store, message), QM_OK);
+    assert_int_not_equal(qm_store_open(f->folder, QM_STORE_SERVE, &f->store, message), QM_OK);
     QM_CHECK(strstr(message, "database: file is not a database"), "%s", message);
 }
 
@@ -790,7 +852,7 @@ static void test_a_database_of_another_version_is_refused(void **state)
     assert_int_equal(fseek(file, 60, SEEK_SET), 0);
     assert_int_equal(fwrite("\0\0\3\xe7", 1, 4, file), 4);
     fclose(file);
-    assert_int_equal(qm_store_open(f->folder, &f->store, message), QM_E_UNSUPPORTED);
+    assert_int_equal(qm_store_open(f->folder, QM_STORE_SERVE, &f->store, message), QM_E_UNSUPPORTED);
     assert_non_null(strstr(message, "another version"));
 }
 
@@ -798,7 +860,7 @@ static void check_refused(const char *folder, const char *words)
 {
     qm_store *store;
     char message[QM_MESSAGE_SIZE] = "";
-    assert_int_not_equal(qm_store_open(folder, &store, message), QM_OK);
+    assert_int_not_equal(qm_store_open(folder, QM_STORE_SERVE, &store, message), QM_OK);
     assert_null(store);
     QM_CHECK(strstr(message, words), "%s", message);
 }
@@ -852,7 +914,8 @@ int main(void)
         TEST(test_hashes),
         TEST(test_a_damaged_blob_is_never_mapped),
         TEST(test_kept_blobs_survive),
-        TEST(test_files_without_a_row_are_swept),
+        TEST(test_old_files_without_a_row_are_swept),
+        TEST(test_files_without_a_database_are_left_alone),
         TEST(test_dropped_blobs_leave_nothing),
         TEST(test_bytes_are_read_back_while_they_come),
         TEST(test_hashes_of_all_sizes),

@@ -1,0 +1,125 @@
+/**
+ * store_folder.c: the data folder of a store: who holds it, what is in it at a start, and the commands that do
+ * away with files without a database.
+ */
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#include "store_internal.h"
+
+static qm_status lock_folder(qm_store *store, char message[QM_MESSAGE_SIZE])
+{
+    char path[QM_STORE_PATH_SIZE];
+    snprintf(path, sizeof path, "%s/lock", store->folder);
+    store->lock_file = open(path, O_RDWR | O_CREAT | O_CLOEXEC, 0600);
+    if (store->lock_file >= 0 && flock(store->lock_file, LOCK_EX | LOCK_NB) == 0) return QM_OK;
+    snprintf(message, QM_MESSAGE_SIZE,
+             errno == EWOULDBLOCK ? "another process uses the folder" : "cannot lock: %s", strerror(errno));
+    return QM_E_ARGUMENT;
+}
+
+/** True when there is no database, or one of no bytes. */
+static bool is_fresh(const char *folder)
+{
+    char path[QM_STORE_PATH_SIZE];
+    struct stat facts;
+    snprintf(path, sizeof path, "%s/" QM_STORE_DATABASE, folder);
+    return stat(path, &facts) != 0 ? errno == ENOENT : facts.st_size == 0;
+}
+
+/** Takes the folder over: nothing in it is touched before the lock is held. */
+static qm_status take_folder(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE])
+{
+    if (purpose != QM_STORE_CHECK && !qm_blob_make_folders(store->folder, message)) return QM_E_ARGUMENT;
+    qm_status status = lock_folder(store, message);
+    if (status != QM_OK) return status;
+    /* SQLite would make an empty database, and remove the log of a lost one. */
+    if (is_fresh(store->folder) &&
+        (purpose == QM_STORE_CHECK || (purpose == QM_STORE_SERVE && qm_blob_has_files(store->folder)))) {
+        snprintf(message, QM_MESSAGE_SIZE, "%s",
+                 purpose == QM_STORE_SERVE ? QM_STORE_FRESH : "there is no database");
+        return QM_E_EMPTY;
+    }
+    if (purpose == QM_STORE_SERVE) qm_blob_sweep(store->folder);
+    status = qm_store_open_database(store, purpose, message);
+    if (status == QM_OK && purpose == QM_STORE_SERVE) qm_blob_sweep_orphans(store);
+    return status;
+}
+
+/** A store whose folder is not yet opened; NULL: out of memory. */
+static qm_store *create(const char *folder)
+{
+    qm_store *store = calloc(1, sizeof *store);
+    if (!store) return NULL;
+    store->lock_file = -1;
+    pthread_mutex_init(&store->lock, NULL);
+    size_t length = strlen(folder);
+    while (length > 1 && folder[length - 1] == '/')
+        length--;
+    store->folder = strndup(folder, length);
+    if (store->folder) return store;
+    qm_store_close(store);
+    return NULL;
+}
+
+static qm_store *create_checked(const char *folder, char message[QM_MESSAGE_SIZE])
+{
+    bool fits = strlen(folder) < QM_STORE_FOLDER_SIZE;
+    qm_store *store = fits ? create(folder) : NULL;
+    if (!store)
+        snprintf(message, QM_MESSAGE_SIZE, "%s",
+                 fits ? qm_status_text(QM_E_NO_MEMORY) : "the name of the folder is too long");
+    return store;
+}
+
+qm_status qm_store_open(const char *folder, qm_store_purpose purpose, qm_store **out,
+                        char message[QM_MESSAGE_SIZE])
+{
+    *out = NULL;
+    qm_store *store = create_checked(folder, message);
+    if (!store) return QM_E_NO_MEMORY;
+    qm_status status = take_folder(store, purpose, message);
+    if (status == QM_OK)
+        *out = store;
+    else
+        qm_store_close(store);
+    return status;
+}
+
+const char *qm_store_folder(const qm_store *store)
+{
+    return store->folder;
+}
+
+void qm_store_close(qm_store *store)
+{
+    if (!store) return;
+    qm_store_close_database(store);
+    if (store->lock_file >= 0) close(store->lock_file);
+    pthread_mutex_destroy(&store->lock);
+    free(store->folder);
+    free(store);
+}
+
+qm_status qm_store_empty(const char *folder, char message[QM_MESSAGE_SIZE])
+{
+    qm_store *store = create_checked(folder, message);
+    if (!store) return QM_E_NO_MEMORY;
+    qm_status status = lock_folder(store, message);
+    if (status == QM_OK && !is_fresh(store->folder)) {
+        snprintf(message, QM_MESSAGE_SIZE, "there is a database: nothing was moved");
+        status = QM_E_ARGUMENT;
+    }
+    if (status == QM_OK && !qm_blob_move_all_away(store->folder)) {
+        snprintf(message, QM_MESSAGE_SIZE, "cannot move the files: %s", strerror(errno));
+        status = QM_E_ARGUMENT;
+    }
+    qm_store_close(store);
+    return status;
+}
