@@ -270,12 +270,27 @@ static bool run_adopt(const qm_config *config, char message[QM_MESSAGE_SIZE])
     return !work.failed;
 }
 
+static bool run_check(const qm_config *config, char message[QM_MESSAGE_SIZE])
+{
+    qm_store_findings found;
+    bool repairs = config->task == QM_CONFIG_REPAIR;
+    if (qm_store_check(config->data_dir, repairs, stdout, &found, message) != QM_OK) return false;
+    snprintf(message, QM_MESSAGE_SIZE,
+             "%zu meshes, %zu files, %zu jobs: %zu faults, %zu repaired; %zu files without a mesh",
+             found.meshes, found.files, found.jobs, found.faults, found.repaired, found.orphans);
+    return found.faults == found.repaired;
+}
+
 static int run_task(const qm_config *config)
 {
     char message[QM_MESSAGE_SIZE] = "";
     bool done = false;
     switch (config->task) {
     case QM_CONFIG_SERVE:
+        break;
+    case QM_CONFIG_CHECK:
+    case QM_CONFIG_REPAIR:
+        done = run_check(config, message);
         break;
     case QM_CONFIG_ADOPT:
         done = run_adopt(config, message);

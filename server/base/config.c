@@ -81,6 +81,9 @@ typedef struct task_flag {
 } task_flag;
 
 static const task_flag tasks[] = {
+    {"check", QM_CONFIG_CHECK,
+     "compares everything stored with its hashes and checksums; exit status 1: faults"},
+    {"repair", QM_CONFIG_REPAIR, "the same, and repairs what can be; status 0 when no fault is left"},
     {"adopt", QM_CONFIG_ADOPT,
      "makes meshes of the files in the data folder that the database does not know"},
     {"empty", QM_CONFIG_EMPTY, "moves the files of a data folder without a database away, to lost/"},
@@ -281,7 +284,9 @@ static bool set_task(qm_config *config, const char *flag)
 {
     for (size_t i = 0; i < TASK_COUNT; i++) {
         if (strncmp(flag, "--", 2) != 0 || strcmp(flag + 2, tasks[i].name) != 0) continue;
-        config->task = tasks[i].task;
+        /* --check --repair is --repair, in any order. */
+        if (config->task != QM_CONFIG_REPAIR || tasks[i].task != QM_CONFIG_CHECK)
+            config->task = tasks[i].task;
         return true;
     }
     return false;

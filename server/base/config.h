@@ -9,7 +9,13 @@
 #include <stddef.h>
 
 /** What the process is asked to do: serve, or one thing with the data folder of a daemon that is stopped. */
-typedef enum qm_config_task { QM_CONFIG_SERVE, QM_CONFIG_ADOPT, QM_CONFIG_EMPTY } qm_config_task;
+typedef enum qm_config_task {
+    QM_CONFIG_SERVE,
+    QM_CONFIG_CHECK,
+    QM_CONFIG_REPAIR,
+    QM_CONFIG_ADOPT,
+    QM_CONFIG_EMPTY
+} qm_config_task;
 
 typedef struct qm_config {
     qm_config_task task;

@@ -14,6 +14,8 @@
 #ifndef QM_STORE_H
 #define QM_STORE_H
 
+#include <stdio.h>
+
 #include "base/id.h"
 #include "base/text.h"
 #include "qm/context.h"
@@ -24,7 +26,7 @@ typedef struct qm_store qm_store;
 typedef enum qm_store_purpose {
     QM_STORE_SERVE, /* removes half-written files, and files without a row that are older than a day */
     QM_STORE_ADOPT, /* leaves files without a row, and makes a database when there is none */
-    QM_STORE_CHECK  /* changes nothing; refused when there is no database of this version */
+    QM_STORE_CHECK  /* leaves everything; refused when there is no database of this version */
 } qm_store_purpose;
 
 /**
@@ -35,6 +37,20 @@ typedef enum qm_store_purpose {
 qm_status qm_store_open(const char *folder, qm_store_purpose purpose, qm_store **out,
                         char message[QM_MESSAGE_SIZE]);
 void qm_store_close(qm_store *store);
+
+/** What a check has found. */
+typedef struct qm_store_findings {
+    size_t meshes, jobs, files; /* that were looked at */
+    size_t faults, repaired;
+    size_t orphans; /* files of meshes that no row names: kept for a day, and no fault */
+} qm_store_findings;
+
+/**
+ * Compares everything in a folder that no process holds with its hashes and checksums, a line on out for each
+ * fault; repairs what can be if asked. The status says whether the folder could be opened.
+ */
+qm_status qm_store_check(const char *folder, bool repairs, FILE *out, qm_store_findings *found,
+                         char message[QM_MESSAGE_SIZE]);
 
 /** Moves the files of meshes and results of a folder without a database to a folder beside them, lost/. */
 qm_status qm_store_empty(const char *folder, char message[QM_MESSAGE_SIZE]);

@@ -276,3 +276,59 @@ def test_files_without_a_database_can_be_moved_away(stopped):
     assert len([path for path in (stopped.data / "lost").rglob("*") if path.is_file()]) == 1
     with stopped().client() as client:
         assert client.get("/v1/meshes").json()["meshes"] == []
+
+
+# ---- check and repair ----
+
+
+def test_a_check_finds_what_is_damaged(stopped):
+    with stopped().client() as client:
+        good, bad = (client.upload(shapes.sphere(turn)) for turn in (0, shapes.SPHERE_TURN))
+        moved = client.upload(shapes.cube())["id"]
+        client.patch(f"/v1/meshes/{moved}/vertices", json={"indices": [7], "positions": [[2, 2, 2]]})
+        jobs = [deviation(client, pair)["id"] for pair in ((good["id"], bad["id"]), (bad["id"], good["id"]))]
+        assert "another process" in command(stopped, "--check").stderr
+    stopped.stop()
+    whole = command(stopped, "--check")
+    assert whole.returncode == 0 and whole.stdout == "quadmeshd: 3 meshes, 4 files, 2 jobs: 0 faults, 0 repaired; " \
+        "0 files without a mesh\n", whole.stdout + whole.stderr
+    flip(blob_of(stopped, bad), 5000)
+    os.truncate(stopped.data / "results" / f"{jobs[0]}.f64", 104)
+    stray = stopped.data / "blobs/ab" / ("ab" + "0" * 62)
+    stray.parent.mkdir(exist_ok=True)
+    stray.write_bytes(b"nobody's")
+    for repair, faults in ((["--check"], "2 faults, 0 repaired"), (["--check", "--repair"], "2 faults, 1 repaired")):
+        found = command(stopped, *repair)
+        assert found.returncode == 1
+        lines = found.stdout.splitlines()
+        assert f"mesh {bad['id']}: file {bad['content_hash']} is damaged" in lines
+        assert lines[1].startswith(f"job {jobs[0]} has a damaged array")
+        assert lines[2] == f"file {stray.name} belongs to no mesh"
+        assert len(lines) == 3 and faults in found.stderr
+    with stopped().client() as client:
+        client.upload(shapes.sphere(shapes.SPHERE_TURN))
+        assert deviation(client, (good["id"], bad["id"]))["id"] != jobs[0]
+        assert deviation(client, (bad["id"], good["id"]))["id"] == jobs[1]
+        assert client.delete(f"/v1/meshes/{moved}").status_code == 204
+
+
+def test_a_check_makes_indices_again(stopped):
+    with stopped().client() as client:
+        for side in range(1, 30):
+            client.upload(shapes.cube(side=side))
+    stopped.stop()
+    with sqlite3.connect(stopped.data / "quadmeshd.sqlite") as database:
+        [(root, size)] = database.execute("SELECT rootpage, (SELECT page_size FROM pragma_page_size) FROM sqlite_master"
+                                          " WHERE name = 'sqlite_autoindex_meshes_1'")
+    database.close()
+    data = (stopped.data / "quadmeshd.sqlite").read_bytes()
+    place = data.index(b"m_", root * size - size // 2)
+    flip(stopped.data / "quadmeshd.sqlite", 8 * (place + 4))
+    assert command(stopped, "--check").returncode == 1
+    assert command(stopped, "--repair").returncode == 0
+    assert command(stopped, "--check").returncode == 0
+
+
+def test_there_is_nothing_to_check(stopped, tmp_path):
+    assert command(stopped, "--check").returncode == 1
+    assert not stopped.data.exists()
