@@ -360,6 +360,8 @@ void qm_job_run(void *data)
 {
     qm_job *job = data;
     qm_jobs *jobs = job->jobs;
+    if (job->seq_base > 0 && qm_store_begin_job(jobs->store, job->id) != QM_OK)
+        qm_log(QM_LOG_ERROR, "the run of job %s could not be counted", job->id);
     if (start(job)) {
         qm_job_expiry expiry = qm_job_get_expiry(job);
         qm_problem problem = qm_job_expiry_problem(job, expiry);

@@ -15,6 +15,7 @@
 #define JOB_NICENESS 5
 #define DRAIN_STEP_MS 10
 #define RESUME_STEP 64
+#define MAX_STARTS 3 /* of a job during each of which the daemon was killed */
 
 /* ---- references ---- */
 
@@ -418,7 +419,13 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
     qm_job_add_event(job, "server_restart",
                      "\"detail\":\"the daemon was restarted; the job runs again from its beginning\"");
     uv_mutex_unlock(&jobs->lock);
-    if (!readable) {
+    bool is_given_up = readable && row->begun + 1 >= MAX_STARTS;
+    if (is_given_up)
+        problem = qm_problem_make(QM_PROBLEM_INTERNAL,
+                                  "the daemon was killed %d times while the job ran: it is not started again",
+                                  MAX_STARTS);
+    if (is_given_up) qm_log(QM_LOG_ERROR, "job %s is given up: %s", job->id, problem.detail);
+    if (!readable || is_given_up) {
         uv_mutex_lock(&jobs->lock);
         qm_job_mark_running(job);
         uv_mutex_unlock(&jobs->lock);
@@ -490,6 +497,8 @@ void qm_jobs_drain(qm_jobs *jobs)
     uv_mutex_unlock(&jobs->lock);
     qm_scheduler_close(jobs->scheduler);
     qm_job_events_save(jobs);
+    if (qm_store_leave_jobs(jobs->store) != QM_OK)
+        qm_log(QM_LOG_ERROR, "the end could not be noted: it counts as a kill for the jobs that run");
 }
 
 void qm_jobs_destroy(qm_jobs *jobs)

@@ -140,6 +140,7 @@ typedef struct qm_store_job {
     qm_job_state state;
     int64_t sequence; /* order of creation; given by the store */
     int64_t restarts; /* number of times that it was claimed, and began again */
+    int64_t begun;    /* runs that began, but for the first, since the process was last ended in order */
 } qm_store_job;
 
 /** An event of a job. */
@@ -183,6 +184,10 @@ qm_status qm_store_find_job_by_idempotency_key(qm_store *store, const char *key,
 qm_status qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out, size_t *count);
 /** Takes over the unfinished jobs of an earlier process: counts one more restart of each. */
 qm_status qm_store_claim_jobs(qm_store *store);
+/** Counts a run of a claimed job, before it begins. */
+qm_status qm_store_begin_job(qm_store *store, const char *id);
+/** Ends in order: the unfinished jobs have not ended the process. */
+qm_status qm_store_leave_jobs(qm_store *store);
 /** Lists the unfinished jobs. */
 qm_status qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out,
                                         size_t *count);

@@ -79,7 +79,8 @@ static qm_status read_array(qm_store *store, const char *job)
     uint64_t count = status == QM_OK ? qm_result_file_count(file) : 0;
     for (uint64_t done = 0; status == QM_OK && done < count; done += QM_RESULT_BLOCK) {
         uint64_t rest = count - done;
-        status = qm_result_file_read(file, done, block, rest < QM_RESULT_BLOCK ? (size_t)rest : QM_RESULT_BLOCK);
+        status =
+            qm_result_file_read(file, done, block, rest < QM_RESULT_BLOCK ? (size_t)rest : QM_RESULT_BLOCK);
     }
     qm_result_file_close(file);
     return status;

@@ -8,7 +8,7 @@
 #include "base/log.h"
 #include "store_internal.h"
 
-#define COLUMNS "id, key, idempotency_key, body, created, state, sequence, document, restarts, result"
+#define COLUMNS "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun"
 
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
 {
@@ -97,7 +97,8 @@ static bool read_row(sqlite3_stmt *statement, void *row)
     qm_store_job *out = row;
     *out = (qm_store_job){.state = (qm_job_state)sqlite3_column_int(statement, 5),
                           .sequence = sqlite3_column_int64(statement, 6),
-                          .restarts = sqlite3_column_int64(statement, 8)};
+                          .restarts = sqlite3_column_int64(statement, 8),
+                          .begun = sqlite3_column_int64(statement, 10)};
     if (qm_store_read_text(statement, 0, out->id, sizeof out->id) &&
         qm_store_copy_text(statement, 1, &out->key) &&
         qm_store_copy_text(statement, 2, &out->idempotency_key) &&
@@ -150,6 +151,20 @@ qm_status qm_store_claim_jobs(qm_store *store)
 {
     sqlite3_stmt *statement =
         qm_store_begin(store, "UPDATE jobs SET restarts = restarts + 1 WHERE document IS NULL");
+    return statement ? qm_store_execute(store, statement) : QM_E_ARGUMENT;
+}
+
+qm_status qm_store_begin_job(qm_store *store, const char *id)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "UPDATE jobs SET begun = begun + 1 WHERE id = ?");
+    if (!statement) return QM_E_ARGUMENT;
+    qm_store_bind_text(statement, 1, id);
+    return qm_store_execute(store, statement);
+}
+
+qm_status qm_store_leave_jobs(qm_store *store)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "UPDATE jobs SET begun = -1 WHERE document IS NULL");
     return statement ? qm_store_execute(store, statement) : QM_E_ARGUMENT;
 }
 

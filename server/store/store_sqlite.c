@@ -12,7 +12,7 @@
 
 #define BUSY_TIMEOUT_MS 5000
 #define OLDEST_SCHEMA 7
-#define SCHEMA 8
+#define SCHEMA 9
 
 static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON;";
 
@@ -32,7 +32,8 @@ static const char schema[] =
     "CREATE TABLE jobs ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, key TEXT NOT NULL,"
     "  idempotency_key TEXT UNIQUE, body TEXT NOT NULL, created TEXT NOT NULL, document TEXT,"
-    "  result TEXT, state INTEGER NOT NULL, revisions TEXT NOT NULL, restarts INTEGER NOT NULL DEFAULT 0);"
+    "  result TEXT, state INTEGER NOT NULL, revisions TEXT NOT NULL, restarts INTEGER NOT NULL DEFAULT 0,"
+    "  begun INTEGER NOT NULL DEFAULT 0);"
     "CREATE INDEX jobs_by_key ON jobs (key, revisions, state);"
     "CREATE INDEX jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
     "CREATE TABLE job_events ("
@@ -61,7 +62,8 @@ typedef struct migration {
 
 /** From OLDEST_SCHEMA on. A step that was released is never changed. */
 static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
-    {CREATE_ARRAYS, qm_result_file_add_sums}, /* 7 to 8 */
+    {CREATE_ARRAYS, qm_result_file_add_sums},                               /* 7 to 8 */
+    {"ALTER TABLE jobs ADD COLUMN begun INTEGER NOT NULL DEFAULT 0", NULL}, /* 8 to 9 */
 };
 
 /** Writes the value of a pragma; false, and "", after a fault. */

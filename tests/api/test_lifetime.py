@@ -106,6 +106,33 @@ def test_unfinished_jobs_run_again(make_daemon, slow_files, how):
             check_bounds(client.events(job["id"]), done["result"])
 
 
+def kill_while_running(running, job, how=signal.SIGKILL):
+    with running.client() as client:
+        client.wait_until_running(job)
+    running.stop(how)
+    running.start()
+
+
+def test_a_job_that_kills_the_daemon_is_given_up(make_daemon, slow_files):
+    """After three starts. One that was interrupted in order has not killed it."""
+    running = make_daemon("--grace", 0)
+    with running.client() as client:
+        slow = [client.upload(content)["id"] for content in slow_files]
+        job = client.start(*slow, **SLOW)["id"]
+    for how in (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGKILL, signal.SIGKILL):
+        kill_while_running(running, job, how)
+    kill_while_running(running, job)
+    with running.client() as client:
+        document = client.wait(job)
+        assert document["state"] == "failed" and document["problem"]["code"] == "internal"
+        assert "killed 3 times" in document["problem"]["detail"]
+        events = client.events(job)
+        assert events[-1]["event"] == "error" and split_runs(events)
+        assert f"job {job} is given up" in running.log()
+        # The same request is another job.
+        assert client.start(*slow, **SLOW)["id"] != job
+
+
 def test_a_deleted_mesh_stays_deleted(make_daemon):
     running = make_daemon()
     with running.client() as client:
