@@ -166,6 +166,8 @@ qm_problem qm_problem_from_store(qm_status status, qm_problem_code none, const c
     if (status == QM_E_EMPTY) return qm_problem_make(none, "there is no %s", name);
     if (status == QM_E_NO_MEMORY)
         return qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for %s", name);
+    if (status == QM_E_FORMAT)
+        return qm_problem_make(QM_PROBLEM_RECORD_DAMAGED, "what is stored of %s is damaged", name);
     return qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s cannot be read", name);
 }
 

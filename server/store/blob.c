@@ -26,7 +26,7 @@ static bool make_folder(const char *path)
     return mkdir(path, 0700) == 0 || errno == EEXIST;
 }
 
-static bool sync_folder(const char *path)
+bool qm_blob_sync_folder(const char *path)
 {
     int folder = open(path, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
     bool synced = folder >= 0 && fsync(folder) == 0;
@@ -49,7 +49,7 @@ static bool make_data_folder(const char *path)
     char parent[QM_STORE_PATH_SIZE];
     if (mkdir(path, 0700) != 0) return errno == EEXIST;
     parent_of(path, parent);
-    return sync_folder(parent);
+    return qm_blob_sync_folder(parent);
 }
 
 bool qm_blob_make_folders(const char *folder, char message[QM_MESSAGE_SIZE])
@@ -59,7 +59,7 @@ bool qm_blob_make_folders(const char *folder, char message[QM_MESSAGE_SIZE])
     snprintf(incoming, sizeof incoming, "%s/incoming", folder);
     snprintf(results, sizeof results, "%s/results", folder);
     if (!make_data_folder(folder) || !make_folder(blobs) || !make_folder(incoming) || !make_folder(results) ||
-        !sync_folder(folder)) {
+        !qm_blob_sync_folder(folder)) {
         snprintf(message, QM_MESSAGE_SIZE, "cannot make %.200s: %s", folder, strerror(errno));
         return false;
     }
@@ -160,7 +160,7 @@ bool qm_blob_move_all_away(const char *folder)
         snprintf(to, sizeof to, "%s/lost/%s %s", folder, names[i], now);
         moved = rename(from, to) == 0 || errno == ENOENT;
     }
-    return moved && sync_folder(folder);
+    return moved && qm_blob_sync_folder(folder);
 }
 
 /** Calls a function for each orphan of a folder, which from now on counts as new. */
@@ -199,7 +199,8 @@ bool qm_blob_commit_file(const qm_store *store, const char *file, const char *ha
     snprintf(blobs, sizeof blobs, "%s/blobs", qm_store_folder(store));
     snprintf(folder, sizeof folder, "%s/blobs/%.2s", qm_store_folder(store), hash);
     find_path(store, hash, path);
-    return make_folder(folder) && sync_folder(blobs) && rename(file, path) == 0 && sync_folder(folder);
+    return make_folder(folder) && qm_blob_sync_folder(blobs) && rename(file, path) == 0 &&
+           qm_blob_sync_folder(folder);
 }
 
 qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size)

@@ -19,6 +19,8 @@ bool qm_blob_make_folders(const char *folder, char message[QM_MESSAGE_SIZE]);
 /** Removes half-written files. Only for the process that holds the folder: it may have uploads of another. */
 void qm_blob_sweep(const char *folder);
 
+bool qm_blob_sync_folder(const char *path);
+
 /** True when there is any blob, or array of a result. */
 bool qm_blob_has_files(const char *folder);
 

@@ -4,7 +4,7 @@
  * JSON.
  *
  * Find calls return QM_OK, and the row is the caller's to reset; QM_E_EMPTY when there is none;
- * QM_E_NO_MEMORY or QM_E_ARGUMENT after a fault. List calls write up to limit rows after a sequence number
+ * QM_E_FORMAT when it, or what it is found by, is damaged; QM_E_NO_MEMORY or QM_E_ARGUMENT after another fault. List calls write up to limit rows after a sequence number
  * (0: from the first), in order, and their count, which is 0 after a fault. Delete calls return QM_OK,
  * QM_E_EMPTY when there was none, or a fault.
  *

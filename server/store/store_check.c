@@ -1,9 +1,9 @@
 /**
  * store_check.c: compares all that is stored with its hashes and checksums, and repairs what can be.
  *
- * The database is asked whether its pages, rows and indices agree. An index can be made again of its table.
- * The file of a mesh cannot, and its row stays: an upload of the same bytes repairs it. A job whose array is
- * damaged answers no later request, so that an equal one is computed again.
+ * The database is asked whether its pages, rows and indices agree. The row of a mesh whose file is damaged
+ * stays: an upload of the same bytes repairs it. A job whose array is damaged answers no later request, so that
+ * an equal one is computed again.
  */
 #include <stdlib.h>
 #include <string.h>
@@ -26,7 +26,7 @@ static void tell(check *work, bool is_repaired, const char *what, const char *id
 }
 
 /** What the database says of itself; true when it finds nothing. */
-static bool check_database(check *work, const char *pragma, bool shows)
+static bool check_database(check *work, const char *pragma)
 {
     sqlite3_stmt *statement = qm_store_begin(work->store, pragma);
     bool good = statement;
@@ -34,11 +34,11 @@ static bool check_database(check *work, const char *pragma, bool shows)
     while (statement && (result = sqlite3_step(statement)) == SQLITE_ROW) {
         const char *line = (const char *)sqlite3_column_text(statement, 0);
         if (line && strcmp(line, "ok") == 0) continue;
-        if (shows) tell(work, false, "database:", line ? line : "a row", "");
+        tell(work, false, "database:", line ? line : "a row", "");
         good = false;
     }
     if (!statement || result != SQLITE_DONE) {
-        if (shows) tell(work, false, "database:", sqlite3_errmsg(work->store->database), "");
+        tell(work, false, "database:", sqlite3_errmsg(work->store->database), "");
         good = false;
     }
     if (statement) qm_store_end(work->store, statement);
@@ -112,24 +112,14 @@ static void count_orphan(void *user, const char *hash)
     work->found.orphans++;
 }
 
-/** An index that contradicts its table is made again. */
-static void repair_database(check *work)
-{
-    sqlite3_exec(work->store->database, "REINDEX", NULL, NULL, NULL);
-    if (!check_database(work, "PRAGMA integrity_check", false)) return;
-    work->found.repaired = work->found.faults;
-    fprintf(work->out, "database: the indices were made again: repaired\n");
-}
-
 qm_status qm_store_check(const char *folder, bool repairs, FILE *out, qm_store_findings *found,
                          char message[QM_MESSAGE_SIZE])
 {
     check work = {.repairs = repairs, .out = out};
     qm_status status = qm_store_open(folder, QM_STORE_CHECK, &work.store, message);
     if (status == QM_OK) {
-        bool is_good = check_database(&work, "PRAGMA integrity_check", true) &&
-                       check_database(&work, "PRAGMA foreign_key_check", true);
-        if (!is_good && repairs) repair_database(&work);
+        if (check_database(&work, "PRAGMA integrity_check"))
+            check_database(&work, "PRAGMA foreign_key_check");
         check_meshes(&work);
         check_arrays(&work);
         qm_blob_each_orphan(work.store, count_orphan, &work);

@@ -32,6 +32,14 @@ struct qm_store {
     "makes"                                                                                                  \
     " meshes of the files, --empty moves them away"
 
+/** The layer that gives each page of a database a checksum (store_sums.c), and its name. */
+#define QM_STORE_SUMS "quadmeshd-sums"
+#define QM_STORE_SUM_SIZE 8 /* bytes at the end of a page */
+void qm_store_sums_register(void);
+
+/** File control code: sets a bool, true for a database that has no checksums yet. */
+#define QM_STORE_ASK_PLAIN 0x716d70
+
 /** Opens the database of a folder whose lock is held, and brings it up to date. */
 qm_status qm_store_open_database(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE]);
 void qm_store_close_database(qm_store *store);

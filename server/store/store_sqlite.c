@@ -2,17 +2,22 @@
  * store_sqlite.c: the database of the store: its schema, its statements, alone or in a transaction, and how
  * rows are read. A write-ahead log with full synchronisation: a commit that has returned is on disk.
  */
+#include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "base/log.h"
+#include "base/metrics.h"
 #include "result_file.h"
 #include "store_internal.h"
 
 #define BUSY_TIMEOUT_MS 5000
 #define OLDEST_SCHEMA 7
-#define SCHEMA 9
+#define FIRST_SUMMED 10 /* schema whose pages have checksums */
+#define SCHEMA 10
 
 static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON;";
 
@@ -64,6 +69,7 @@ typedef struct migration {
 static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
     {CREATE_ARRAYS, qm_result_file_add_sums},                               /* 7 to 8 */
     {"ALTER TABLE jobs ADD COLUMN begun INTEGER NOT NULL DEFAULT 0", NULL}, /* 8 to 9 */
+    {"", NULL}, /* 9 to 10: the file was written again, with checksums */
 };
 
 /** Writes the value of a pragma; false, and "", after a fault. */
@@ -80,7 +86,9 @@ static bool ask(sqlite3 *database, const char *pragma, char out[16])
 
 static qm_status fail_to_open(sqlite3 *database, char message[QM_MESSAGE_SIZE])
 {
-    snprintf(message, QM_MESSAGE_SIZE, "database: %s", sqlite3_errmsg(database));
+    bool is_damaged = sqlite3_extended_errcode(database) == SQLITE_IOERR_DATA;
+    snprintf(message, QM_MESSAGE_SIZE, "database: %s",
+             is_damaged ? "a page is not as it was written" : sqlite3_errmsg(database));
     return QM_E_ARGUMENT;
 }
 
@@ -94,6 +102,34 @@ static bool change_schema(qm_store *store, const migration *change, int version)
                store, sqlite3_exec(store->database, change->sql, NULL, NULL, NULL) == SQLITE_OK &&
                           (!change->task || change->task(store)) &&
                           sqlite3_exec(store->database, sql, NULL, NULL, NULL) == SQLITE_OK);
+}
+
+/**
+ * Writes the database again as a new file, whose pages have checksums, and puts it in its place. The old one is
+ * closed, without a log, when the new one is whole and on disk.
+ */
+static qm_status write_again(qm_store *store, char message[QM_MESSAGE_SIZE])
+{
+    char path[QM_STORE_PATH_SIZE], new_path[QM_STORE_PATH_SIZE], mode[16];
+    snprintf(path, sizeof path, "%s/" QM_STORE_DATABASE, store->folder);
+    snprintf(new_path, sizeof new_path, "%s/" QM_STORE_DATABASE ".new", store->folder);
+    unlink(new_path);
+    sqlite3_stmt *statement = NULL;
+    bool written = sqlite3_prepare_v2(store->database, "VACUUM INTO ?", -1, &statement, NULL) == SQLITE_OK &&
+                   sqlite3_bind_text(statement, 1, new_path, -1, SQLITE_STATIC) == SQLITE_OK &&
+                   sqlite3_step(statement) == SQLITE_DONE;
+    sqlite3_finalize(statement);
+    int file = written ? open(new_path, O_RDONLY | O_CLOEXEC) : -1;
+    written = file >= 0 && fsync(file) == 0;
+    if (file >= 0) close(file);
+    /* Without a log: that of the old file is none of the new one. */
+    written =
+        written && ask(store->database, "PRAGMA journal_mode = DELETE", mode) && strcmp(mode, "delete") == 0;
+    if (!written) return fail_to_open(store->database, message);
+    qm_store_close_database(store);
+    if (rename(new_path, path) == 0 && qm_blob_sync_folder(store->folder)) return QM_OK;
+    snprintf(message, QM_MESSAGE_SIZE, "database: cannot replace: %s", strerror(errno));
+    return QM_E_ARGUMENT;
 }
 
 /** Checks the version first: a database of a newer version, or of one too old, is left as it is. */
@@ -124,9 +160,19 @@ static qm_status set_up(qm_store *store, qm_store_purpose purpose, char message[
         snprintf(message, QM_MESSAGE_SIZE, "database: the file system does not allow a write-ahead log");
         return QM_E_UNSUPPORTED;
     }
+    bool is_plain = false;
+    sqlite3_file_control(database, "main", QM_STORE_ASK_PLAIN, &is_plain);
+    if (is_plain && version >= FIRST_SUMMED) {
+        snprintf(message, QM_MESSAGE_SIZE, "database: its header is damaged");
+        return QM_E_FORMAT;
+    }
     bool good = sqlite3_exec(database, pragmas, NULL, NULL, NULL) == SQLITE_OK;
     if (good && version == 0) good = change_schema(store, &(migration){schema, NULL}, version = SCHEMA);
     for (; good && version < SCHEMA; version++) {
+        if (version + 1 == FIRST_SUMMED && is_plain) {
+            qm_status status = write_again(store, message);
+            return status == QM_OK ? qm_store_open_database(store, purpose, message) : status;
+        }
         qm_log(QM_LOG_INFO, "database: schema %d becomes %d", version, version + 1);
         good = change_schema(store, &migrations[version - OLDEST_SCHEMA], version + 1);
     }
@@ -139,7 +185,10 @@ qm_status qm_store_open_database(qm_store *store, qm_store_purpose purpose, char
     int flags = SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOMUTEX;
     if (purpose != QM_STORE_CHECK) flags |= SQLITE_OPEN_CREATE;
     snprintf(path, sizeof path, "%s/" QM_STORE_DATABASE, store->folder);
-    if (sqlite3_open_v2(path, &store->database, flags, NULL) != SQLITE_OK)
+    int reserved = QM_STORE_SUM_SIZE;
+    qm_store_sums_register();
+    if (sqlite3_open_v2(path, &store->database, flags, QM_STORE_SUMS) != SQLITE_OK ||
+        sqlite3_file_control(store->database, "main", SQLITE_FCNTL_RESERVE_BYTES, &reserved) != SQLITE_OK)
         return fail_to_open(store->database, message);
     sqlite3_busy_timeout(store->database, BUSY_TIMEOUT_MS);
     return set_up(store, purpose, message);
@@ -240,9 +289,14 @@ qm_status qm_store_execute(qm_store *store, sqlite3_stmt *statement)
     return done ? QM_OK : QM_E_ARGUMENT;
 }
 
-static qm_status status_of(int result)
+/** Of the fault that the database has just had. */
+static qm_status status_of(qm_store *store)
 {
-    return result == SQLITE_NOMEM ? QM_E_NO_MEMORY : QM_E_ARGUMENT;
+    int code = sqlite3_extended_errcode(store->database);
+    bool is_damaged = code == SQLITE_IOERR_DATA || code == SQLITE_IOERR_READ ||
+                      (code & 0xff) == SQLITE_CORRUPT || code == SQLITE_NOTADB;
+    if (is_damaged) qm_metrics_add(QM_METRICS_DAMAGES, 1);
+    return is_damaged ? QM_E_FORMAT : (code & 0xff) == SQLITE_NOMEM ? QM_E_NO_MEMORY : QM_E_ARGUMENT;
 }
 
 qm_status qm_store_find_row(qm_store *store, sqlite3_stmt *statement, const qm_store_table *table, void *out)
@@ -253,7 +307,7 @@ qm_status qm_store_find_row(qm_store *store, sqlite3_stmt *statement, const qm_s
     if (result == SQLITE_ROW)
         status = table->read(statement, out) ? QM_OK : QM_E_NO_MEMORY;
     else if (result != SQLITE_DONE)
-        status = status_of(result);
+        status = status_of(store);
     if (status != QM_OK && status != QM_E_EMPTY)
         qm_log(QM_LOG_ERROR, "database: a row cannot be read: %s", sqlite3_errmsg(store->database));
     qm_store_end(store, statement);
@@ -282,7 +336,7 @@ qm_status qm_store_list_rows(qm_store *store, const char *sql, int64_t after, si
         status = table->read(statement, (char *)out + *count * table->size) ? QM_OK : QM_E_NO_MEMORY;
         if (status == QM_OK) ++*count;
     }
-    if (status == QM_OK && result != SQLITE_ROW && result != SQLITE_DONE) status = status_of(result);
+    if (status == QM_OK && result != SQLITE_ROW && result != SQLITE_DONE) status = status_of(store);
     if (status != QM_OK) {
         qm_log(QM_LOG_ERROR, "database: rows cannot be read: %s", sqlite3_errmsg(store->database));
         while (*count > 0)
@@ -301,8 +355,9 @@ qm_status qm_store_delete_row(qm_store *store, const char *sql, const char *id)
     int result = sqlite3_step(statement);
     bool deleted = result == SQLITE_DONE && sqlite3_changes(store->database) > 0;
     if (result != SQLITE_DONE) qm_log(QM_LOG_ERROR, "database: %s", sqlite3_errmsg(store->database));
+    qm_status status = deleted ? QM_OK : result == SQLITE_DONE ? QM_E_EMPTY : status_of(store);
     qm_store_end(store, statement);
-    return deleted ? QM_OK : result == SQLITE_DONE ? QM_E_EMPTY : status_of(result);
+    return status;
 }
 
 static bool fail_to_read(void)

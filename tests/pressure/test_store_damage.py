@@ -312,20 +312,87 @@ def test_a_check_finds_what_is_damaged(stopped):
         assert client.delete(f"/v1/meshes/{moved}").status_code == 204
 
 
-def test_a_check_makes_indices_again(stopped):
+# ---- the database ----
+
+
+def answers(client, ids):
+    """What the daemon says of everything stored: the status and, unless that is a fault of its own, the text."""
+    paths = ["/v1/meshes", "/v1/jobs", "/v1/layouts", *(f"/v1/meshes/{mesh}" for mesh in ids["meshes"]),
+             *(f"/v1/jobs/{job}{part}" for job in ids["jobs"] for part in ("", "/result", "/events")),
+             *(f"/v1/layouts/{layout}" for layout in ids["layouts"])]
+    found = {}
+    for path in paths:
+        reply = client.get(path, headers={"Accept": "application/x-ndjson" if path.endswith("events") else "application/json"})
+        found[path] = (reply.status_code, reply.text if reply.status_code < 500 else None)
+    # A request that was answered before: by the same job, or computed again.
+    request = {"type": "hausdorff", "a": ids["meshes"][0], "b": ids["meshes"][1]}
+    reply = client.post("/v1/jobs", json=request, headers={"Prefer": WAIT})
+    again = reply.json().get("result", {})
+    found["again"] = (reply.status_code, (again["lower"], again["upper"]) if reply.status_code == 200 else None)
+    return found
+
+
+def test_a_bit_of_the_database_is_never_a_wrong_answer(stopped):
+    """Wherever it is: rows, indices, the schema, the header, free pages. The daemon does not start, or says 500."""
+    with stopped().client() as client:
+        meshes = [client.upload(shapes.sphere(turn, parallels=8, meridians=12), name=f"m{turn}")["id"] for turn in (0, 0.1)]
+        meshes += [client.upload(shapes.cube(side=side))["id"] for side in range(1, 12)]
+        jobs = [client.hausdorff(*meshes[:2])["id"], deviation(client, meshes[:2])["id"]]
+        jobs += [client.hausdorff(meshes[0], other)["id"] for other in meshes[2:]]
+        layouts = [client.post("/v1/layouts", json={"mesh": meshes[0]}).json()["id"]]
+        ids = {"meshes": meshes, "jobs": jobs, "layouts": layouts}
+        whole = answers(client, ids)
+        assert all(status == 200 for status, _ in whole.values()), whole
+    stopped.stop()
+    path = stopped.data / "quadmeshd.sqlite"
+    database, blobs = path.read_bytes(), sorted((stopped.data / "blobs").rglob("*"))
+    chance = random.Random(SEED)
+    # Each page once, and each byte of the header that decides how the file is read.
+    places = [page * 4096 + chance.randrange(4096) for page in range(len(database) // 4096)]
+    places += [chance.randrange(len(database)) for _ in range(2000)] if LONG else []
+    places += [*range(16, 24), 60, 63, 92, 99] if LONG else [16, 18, 20, 63]
+    refused = reported = 0
+    for place in places:
+        path.write_bytes(database)
+        bit = 3 if place == 20 else chance.randrange(8)  # the bit that says that there are checksums
+        flip(path, 8 * place + bit)
+        try:
+            running = stopped()
+        except AssertionError as refusal:
+            assert "data folder: database" in str(refusal), (place, bit)
+            (stopped.data.parent / "log").write_text("")
+            refused += 1
+            continue
+        with running.client() as client:
+            found = answers(client, ids)
+        for question, answer in found.items():
+            if answer[0] >= 500:
+                reported += 1
+            elif question == "again":
+                assert answer == whole[question], (place, bit)
+            elif question != "/v1/jobs":  # which may have one more
+                assert answer == whole[question], (place, bit, question)
+        running.process.kill()
+        running.process.wait()
+        for rest in stopped.data.glob("quadmeshd.sqlite-*"):
+            rest.unlink()
+        assert set(blobs) <= set((stopped.data / "blobs").rglob("*"))
+    path.write_bytes(database)
+    assert refused >= 3 and reported > len(places) / 3, (refused, reported)
+    with stopped().client() as client:
+        assert answers(client, ids) == whole
+
+
+def test_a_check_finds_a_damaged_page(stopped):
     with stopped().client() as client:
         for side in range(1, 30):
             client.upload(shapes.cube(side=side))
     stopped.stop()
-    with sqlite3.connect(stopped.data / "quadmeshd.sqlite") as database:
-        [(root, size)] = database.execute("SELECT rootpage, (SELECT page_size FROM pragma_page_size) FROM sqlite_master"
-                                          " WHERE name = 'sqlite_autoindex_meshes_1'")
-    database.close()
-    data = (stopped.data / "quadmeshd.sqlite").read_bytes()
-    place = data.index(b"m_", root * size - size // 2)
-    flip(stopped.data / "quadmeshd.sqlite", 8 * (place + 4))
-    assert command(stopped, "--check").returncode == 1
-    assert command(stopped, "--repair").returncode == 0
+    path = stopped.data / "quadmeshd.sqlite"
+    for page in range(path.stat().st_size // 4096):
+        flip(path, 8 * (4096 * page + 2000))
+        assert command(stopped, "--check").returncode == 1, page
+        flip(path, 8 * (4096 * page + 2000))
     assert command(stopped, "--check").returncode == 0
 
 

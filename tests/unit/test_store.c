@@ -836,7 +836,7 @@ static void test_a_broken_database_is_refused(void **state)
         fputs("not a database ", file);
     fclose(file);
     assert_int_not_equal(qm_store_open(f->folder, QM_STORE_SERVE, &f->store, message), QM_OK);
-    QM_CHECK(strstr(message, "database: file is not a database"), "%s", message);
+    QM_CHECK(strstr(message, "database: a page is not as it was written"), "%s", message);
 }
 
 static void test_a_database_of_another_version_is_refused(void **state)
@@ -847,10 +847,16 @@ static void test_a_database_of_another_version_is_refused(void **state)
     f->store = NULL;
     snprintf(path, sizeof path, "%s/quadmeshd.sqlite", f->folder);
     FILE *file = fopen(path, "r+b");
+    uint8_t page[4096];
     assert_non_null(file);
-    /* The user version of an SQLite file, big-endian (sqlite.org/fileformat2.html, 1.3). */
-    assert_int_equal(fseek(file, 60, SEEK_SET), 0);
-    assert_int_equal(fwrite("\0\0\3\xe7", 1, 4, file), 4);
+    assert_int_equal(fread(page, 1, sizeof page, file), sizeof page);
+    assert_int_equal(page[16] << 8 | page[17], sizeof page);
+    /* The user version of an SQLite file, big-endian (sqlite.org/fileformat2.html, 1.3), and the sum of the page. */
+    memcpy(page + 60, "\0\0\3\xe7", 4);
+    uint64_t sum = qm_checksum(page, sizeof page - sizeof sum, 0);
+    memcpy(page + sizeof page - sizeof sum, &sum, sizeof sum);
+    rewind(file);
+    assert_int_equal(fwrite(page, 1, sizeof page, file), sizeof page);
     fclose(file);
     assert_int_equal(qm_store_open(f->folder, QM_STORE_SERVE, &f->store, message), QM_E_UNSUPPORTED);
     assert_non_null(strstr(message, "another version"));
