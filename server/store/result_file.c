@@ -105,6 +105,7 @@ qm_status qm_result_file_open(qm_store *store, const char *job_id, qm_result_fil
     if (!opened) return QM_E_NO_MEMORY;
     opened->file = -1;
     qm_status status = qm_store_find_array(store, job_id, &opened->array);
+    if (status == QM_E_EMPTY && access(path, F_OK) == 0) status = QM_E_FORMAT; /* its row is lost */
     if (status == QM_OK) {
         opened->file = open(path, O_RDONLY | O_CLOEXEC);
         bool is_whole = opened->file >= 0 && fstat(opened->file, &facts) == 0 &&

@@ -17,7 +17,7 @@ void qm_result_file_remove(qm_store *store, const char *job_id);
 typedef struct qm_result_file qm_result_file;
 
 /**
- * Opens the array of a job for reading. QM_E_EMPTY when it has none; QM_E_FORMAT when its file is missing or
+ * Opens the array of a job for reading. QM_E_EMPTY when it has none; QM_E_FORMAT when its file or row is missing, or it
  * does not have the length that was written; QM_E_NO_MEMORY or QM_E_ARGUMENT after a fault.
  */
 qm_status qm_result_file_open(qm_store *store, const char *job_id, qm_result_file **out);

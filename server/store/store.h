@@ -41,8 +41,8 @@ void qm_store_close(qm_store *store);
 /** What a check has found. */
 typedef struct qm_store_findings {
     size_t meshes, jobs, files; /* that were looked at */
-    size_t faults, repaired;
-    size_t orphans; /* files of meshes that no row names: kept for a day, and no fault */
+    size_t faults, repaired;    /* an array stays a fault until its job is gone */
+    size_t orphans;             /* files of meshes that no row names: kept for a day, and no fault */
 } qm_store_findings;
 
 /**

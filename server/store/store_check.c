@@ -1,7 +1,8 @@
 /**
  * store_check.c: compares all that is stored with its hashes and checksums, and repairs what can be.
  *
- * The database is asked whether its pages, rows and indices agree. The row of a mesh whose file is damaged
+ * The database is asked whether its pages, rows and indices agree; one where they do not is made anew of its
+ * rows (store_salvage.c). The row of a mesh whose file is damaged
  * stays: an upload of the same bytes repairs it. A job whose array is damaged answers no later request, so that
  * an equal one is computed again.
  */
@@ -118,8 +119,9 @@ qm_status qm_store_check(const char *folder, bool repairs, FILE *out, qm_store_f
     check work = {.repairs = repairs, .out = out};
     qm_status status = qm_store_open(folder, QM_STORE_CHECK, &work.store, message);
     if (status == QM_OK) {
-        if (check_database(&work, "PRAGMA integrity_check"))
-            check_database(&work, "PRAGMA foreign_key_check");
+        bool is_good = check_database(&work, "PRAGMA integrity_check") &&
+                       check_database(&work, "PRAGMA foreign_key_check");
+        if (!is_good && repairs && qm_store_salvage(work.store, out)) work.found.repaired = work.found.faults;
         check_meshes(&work);
         check_arrays(&work);
         qm_blob_each_orphan(work.store, count_orphan, &work);

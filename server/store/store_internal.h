@@ -44,6 +44,12 @@ void qm_store_sums_register(void);
 qm_status qm_store_open_database(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE]);
 void qm_store_close_database(qm_store *store);
 
+/** Makes an empty database of this version beside that of the store. *out is to be closed in either case. */
+bool qm_store_make_database(const char *path, sqlite3 **out);
+
+/** Makes the database of a store anew of the rows that can be read, and opens it. */
+bool qm_store_salvage(qm_store *store, FILE *out);
+
 /** A statement, a literal, with the lock held until qm_store_end; NULL after a fault, with the lock given
  * back.
  */

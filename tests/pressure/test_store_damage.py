@@ -396,6 +396,47 @@ def test_a_check_finds_a_damaged_page(stopped):
     assert command(stopped, "--check").returncode == 0
 
 
+def test_a_damaged_page_costs_what_is_on_it(stopped):
+    """What --repair copies is as it was; files whose rows are lost stay, for --adopt."""
+    with stopped().client() as client:
+        meshes = {mesh["id"]: mesh for mesh in (client.upload(shapes.cube(side=side)) for side in range(1, 40))}
+        ids = list(meshes)
+        jobs = {job["id"]: job for job in (client.hausdorff(ids[0], other) for other in ids[1:])}
+        array = deviation(client, ids[:2])["id"]
+        client.post("/v1/layouts", json={"mesh": ids[0]})
+    stopped.stop()
+    path = stopped.data / "quadmeshd.sqlite"
+    whole = path.read_bytes()
+    repaired = poor = 0
+    pages = range(0, len(whole) // 4096, 1 if LONG else 5)
+    for page in pages:
+        for rest in stopped.data.glob("quadmeshd.sqlite*"):
+            rest.unlink()
+        path.write_bytes(whole)
+        flip(path, 8 * (4096 * page + 2000))
+        done = command(stopped, "--repair")
+        if done.returncode != 0:  # the header or the schema: for a backup, or --adopt
+            assert page < 12 and "database" in done.stderr, (page, done.stderr)
+            continue
+        repaired += 1
+        assert "made anew" in done.stdout, (page, done.stdout)
+        # An array whose checksums are lost counts as damaged, until its job is gone.
+        again = command(stopped, "--check")
+        assert again.returncode == 0 or f"job {array} has a damaged array" in again.stdout.splitlines()[0], again.stdout
+        adopted = int(command(stopped, "--adopt").stdout.split("quadmeshd: ")[1].split()[0])
+        with stopped().client() as client:
+            found = client.get("/v1/meshes", params={"limit": 1000}).json()["meshes"]
+            assert len(found) == len(meshes) and sum(mesh["id"] not in meshes for mesh in found) == adopted
+            assert all(mesh == meshes[mesh["id"]] for mesh in found if mesh["id"] in meshes)
+            left = client.get("/v1/jobs", params={"limit": 1000}).json()["jobs"]
+            assert all(job["result"] == jobs[job["id"]]["result"] for job in left if job["id"] in jobs)
+            poor += len(left) < len(jobs) - 20
+            assert client.get(f"/v1/jobs/{array}/result").status_code in (200, 404, 500)
+        stopped.stop()
+    # The page from which all others of a table are found costs the table.
+    assert repaired >= len(pages) - 12 and repaired > 2 and poor <= 1
+
+
 def test_there_is_nothing_to_check(stopped, tmp_path):
     assert command(stopped, "--check").returncode == 1
     assert not stopped.data.exists()
