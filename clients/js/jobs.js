@@ -79,6 +79,15 @@ export class Jobs {
   }
 
   /**
+   * Removes a job that has ended, with its events and result. One that has not ended is refused with 409.
+   * @param {string} id
+   * @param {Options} [options]
+   */
+  async delete(id, { signal } = {}) {
+    await this.transport.send(pathOf(id), { method: "DELETE", query: { job: "ended" }, signal });
+  }
+
+  /**
    * A job's events, from the first or after one, to the end. A stream that breaks is taken up again where it was, for
    * as long as `signal` lets it, also when the daemon was restarted meanwhile; onBreak is called for each attempt.
    * @param {string} id

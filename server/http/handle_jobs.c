@@ -143,11 +143,24 @@ void qm_handle_job_get(qm_request *request)
         reply_job(request, 200, job, false);
 }
 
-void qm_handle_job_cancel(qm_request *request)
+void qm_handle_job_delete(qm_request *request)
 {
+    static const char *const choices[] = {"running", "ended", NULL};
+    int choice;
+    if (!qm_request_choice(request, "job", choices, &choice)) return;
     qm_job *job = find_job(request);
     if (!job) return;
     qm_jobs *jobs = qm_request_app(request)->jobs;
+    if (choice == 1) {
+        qm_problem fault;
+        bool removed = qm_jobs_remove(jobs, job, &fault);
+        qm_jobs_release(jobs, job);
+        if (removed)
+            qm_reply_empty(request, 204);
+        else
+            qm_reply_problem(request, &fault);
+        return;
+    }
     if (qm_jobs_cancel(jobs, job)) {
         reply_job(request, 202, job, false);
         return;

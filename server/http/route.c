@@ -27,6 +27,7 @@ static const char *const format_query[] = {"format", NULL};
 static const char *const content_query[] = {"format", "quantization", NULL};
 static const char *const rows_query[] = {"dtype", NULL};
 static const char *const project_query[] = {"dtype", "quads", "order", "threads", "accelerator", NULL};
+static const char *const delete_query[] = {"job", NULL};
 static const char *const events_query[] = {"after", NULL};
 
 static const qm_route routes[] = {
@@ -52,8 +53,8 @@ static const qm_route routes[] = {
      no_query},
     {"GET", "/v1/jobs", QM_SCOPE_READ, qm_handle_job_list, json, QM_BODY_NONE, QM_LANE_SHORT, page_query},
     {"GET", "/v1/jobs/{id}", QM_SCOPE_READ, qm_handle_job_get, json, QM_BODY_NONE, QM_LANE_SHORT, no_query},
-    {"DELETE", "/v1/jobs/{id}", QM_SCOPE_WRITE, qm_handle_job_cancel, NULL, QM_BODY_NONE, QM_LANE_SHORT,
-     no_query},
+    {"DELETE", "/v1/jobs/{id}", QM_SCOPE_WRITE, qm_handle_job_delete, NULL, QM_BODY_NONE, QM_LANE_SHORT,
+     delete_query},
     {"GET", "/v1/jobs/{id}/events", QM_SCOPE_READ, qm_handle_job_events, events, QM_BODY_NONE, QM_LANE_SHORT,
      events_query},
     {"GET", "/v1/jobs/{id}/result", QM_SCOPE_READ, qm_handle_job_result, object_or_rows, QM_BODY_NONE,

@@ -87,6 +87,9 @@ void qm_jobs_release(qm_jobs *jobs, qm_job *job);
 /** Asks a job to stop; it ends as canceled with its last bounds. False when it has ended already. */
 bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job);
 
+/** Removes a job that has ended, with its events and result. False with a problem. */
+bool qm_jobs_remove(qm_jobs *jobs, qm_job *job, qm_problem *problem);
+
 /** An owner of the job (qm_job_submission) has left: cancels the job when it was the last one, and no client
  * without a stream has submitted it. */
 void qm_jobs_disown(qm_jobs *jobs, qm_job *job);

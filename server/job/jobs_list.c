@@ -150,6 +150,27 @@ bool qm_jobs_list(qm_jobs *jobs, int64_t after, size_t limit, qm_text *out, int6
     return !out->failed;
 }
 
+bool qm_jobs_remove(qm_jobs *jobs, qm_job *job, qm_problem *problem)
+{
+    uv_mutex_lock(&jobs->lock);
+    bool has_ended = job->state > QM_JOB_RUNNING;
+    uv_mutex_unlock(&jobs->lock);
+    if (!has_ended) {
+        *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job has not ended");
+        return false;
+    }
+    qm_status status = qm_store_delete_job(jobs->store, job->id);
+    if (status != QM_OK) {
+        *problem = qm_problem_from_store(status, QM_PROBLEM_JOB_NOT_FOUND, "job %s", job->id);
+        return false;
+    }
+    qm_result_file_remove(jobs->store, job->id);
+    uv_mutex_lock(&jobs->lock);
+    qm_job_unlist(job); /* one whose end could not be stored */
+    uv_mutex_unlock(&jobs->lock);
+    return true;
+}
+
 void qm_jobs_drop_old(qm_jobs *jobs)
 {
     char ids[DROP_STEP][QM_ID_SIZE], before[QM_TIME_SIZE] = "";

@@ -87,8 +87,10 @@ static const char clean[] =
 static bool copy_all(salvage *work, const char *path)
 {
     static const char *const tables[][2] = {
-        {"meshes", "rowid"},          {"jobs", "rowid"},       {"layouts", "rowid"},    {"reconstructions", "rowid"},
-        {"layout_revisions", "rowid"}, {"job_arrays", "rowid"}, {"job_events", "job"},
+        {"meshes", "rowid"},           {"jobs", "rowid"},
+        {"layouts", "rowid"},          {"reconstructions", "rowid"},
+        {"layout_revisions", "rowid"}, {"job_arrays", "rowid"},
+        {"job_events", "job"},
     };
     bool good = sqlite3_open_v2(path, &work->damaged, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOMUTEX,
                                 QM_STORE_SUMS) == SQLITE_OK &&
@@ -125,9 +127,11 @@ bool qm_store_salvage(qm_store *store, FILE *out)
     sqlite3_close(work.database);
     good = good && replace(store, path, new_path);
     if (good)
-        fprintf(out, "database: made anew of %zu rows; %zu could not be looked for; the old one is " QM_STORE_DATABASE
-                     ".damaged\n",
-                work.copied, work.failed);
+        fprintf(
+            out,
+            "database: made anew of %zu rows; %zu could not be looked for; the old one is " QM_STORE_DATABASE
+            ".damaged\n",
+            work.copied, work.failed);
     else
         unlink(new_path);
     return qm_store_open_database(store, QM_STORE_CHECK, message) == QM_OK && good;

@@ -3,7 +3,8 @@ import time
 
 import pytest
 
-from conftest import MET_CODES, SLOW, SLOW_DISTANCE, check_bounds, check_problem
+import shapes
+from conftest import MET_CODES, SLOW, SLOW_DISTANCE, WAIT, check_bounds, check_problem
 
 
 def test_a_job_is_accepted_then_done(client, spheres):
@@ -100,6 +101,33 @@ def test_canceling_keeps_the_bounds(client, slow_pair):
     assert result["lower"] <= SLOW_DISTANCE <= result["upper"]
     check_bounds(client.events(job["id"]), result)
     check_problem(client.delete(f"/v1/jobs/{job['id']}"), 409, "conflict")
+    check_problem(client.delete(f"/v1/jobs/{job['id']}", params={"job": "running"}), 409, "conflict")
+    assert client.get(f"/v1/jobs/{job['id']}").status_code == 200
+
+
+def test_an_ended_job_is_removed(client, daemon, slow_pair):
+    """With all that belongs to it; one that runs is not canceled by it."""
+    cube = client.upload(shapes.cube(side=17))["id"]
+    request = {"type": "deviation", "a": cube, "b": cube}
+    headers = {"Idempotency-Key": "removed", "Prefer": WAIT}
+    job = client.post("/v1/jobs", json=request, headers=headers).json()["id"]
+    array = daemon.folder / f"data/results/{job}.f64"
+    assert array.exists()
+    check_problem(client.delete(f"/v1/jobs/{job}", params={"job": "any"}), 400, "invalid_parameter")
+    reply = client.delete(f"/v1/jobs/{job}", params={"job": "ended"})
+    assert reply.status_code == 204 and not reply.content
+    assert not array.exists()
+    for path in ("", "/result", "/events"):
+        check_problem(client.get(f"/v1/jobs/{job}{path}"), 404, "job_not_found")
+    check_problem(client.delete(f"/v1/jobs/{job}", params={"job": "ended"}), 404, "job_not_found")
+    # Neither the cache nor the key knows it any more.
+    again = client.post("/v1/jobs", json=request, headers=headers)
+    assert again.json()["id"] != job and "cached" not in again.json()
+    runs = client.start(*slow_pair, headers={"Cache-Control": "no-cache"}, **SLOW)["id"]
+    client.wait_until_running(runs)
+    check_problem(client.delete(f"/v1/jobs/{runs}", params={"job": "ended"}), 409, "conflict")
+    assert client.get(f"/v1/jobs/{runs}").json()["state"] == "running"
+    assert client.delete(f"/v1/jobs/{runs}").status_code == 202
 
 
 def test_canceling_a_job_that_waits(make_daemon, slow_files):
