@@ -167,9 +167,11 @@ static qm_status set_up(qm_store *store, qm_store_purpose purpose, char message[
         return QM_E_FORMAT;
     }
     bool good = sqlite3_exec(database, pragmas, NULL, NULL, NULL) == SQLITE_OK;
-    if (good && version == 0) good = change_schema(store, &(migration){schema, NULL}, version = SCHEMA);
+    bool is_unmade = is_plain && version == 0; /* by an earlier version that was killed */
+    if (good && !is_unmade && version == 0)
+        good = change_schema(store, &(migration){schema, NULL}, version = SCHEMA);
     for (; good && version < SCHEMA; version++) {
-        if (version + 1 == FIRST_SUMMED && is_plain) {
+        if (is_unmade || (version + 1 == FIRST_SUMMED && is_plain)) {
             qm_status status = write_again(store, message);
             return status == QM_OK ? qm_store_open_database(store, purpose, message) : status;
         }

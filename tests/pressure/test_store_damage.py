@@ -225,6 +225,19 @@ def test_a_folder_of_an_earlier_version_is_read(stopped, name):
             assert ("becomes" in running.log()) and stopped.stop() is None
 
 
+def test_a_database_that_an_earlier_version_began_is_made(stopped):
+    """Killed after the first page and before the tables."""
+    stopped.data.mkdir()
+    database = sqlite3.connect(stopped.data / "quadmeshd.sqlite")
+    assert database.execute("PRAGMA journal_mode = WAL").fetchone() == ("wal",)
+    database.close()
+    assert (stopped.data / "quadmeshd.sqlite").stat().st_size > 0
+    for _ in range(2):
+        with stopped().client() as client:
+            client.upload(shapes.cube())
+            assert len(client.get("/v1/meshes").json()["meshes"]) == 1
+
+
 # ---- a lost database ----
 
 
