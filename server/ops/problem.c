@@ -79,6 +79,13 @@ static const char *const explanations[QM_PROBLEM_COUNT] = {
         "The queue of jobs is full. Repeat the request after the time in Retry-After.",
     [QM_PROBLEM_INTERNAL] =
         "The daemon failed, and the request is not to blame. The log has more under the id in instance.",
+    [QM_PROBLEM_BLOB_DAMAGED] =
+        "The bytes of the file that the daemon has stored are not the bytes that were uploaded: a disk has "
+        "changed or lost them. Upload the file again, which repairs the mesh under its old id. quadmeshd "
+        "--check lists all damage.",
+    [QM_PROBLEM_RECORD_DAMAGED] =
+        "A part of the database or of a stored result does not have its checksum: a disk has changed or lost "
+        "it. quadmeshd --check lists all damage, and quadmeshd --repair mends what can be.",
     [QM_PROBLEM_UNAVAILABLE] = "The daemon cannot do this now: it stops, its disk is full, or too many "
                                "streams are open. Repeat the request after the time in Retry-After.",
     [QM_PROBLEM_DEADLINE_EXCEEDED] =

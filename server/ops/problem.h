@@ -38,7 +38,7 @@
     XX(IDEMPOTENCY_MISMATCH, 422, "idempotency_mismatch", "The key was used for another request")            \
     XX(TOO_MANY_JOBS, 429, "too_many_jobs", "The queue of jobs is full")                                     \
     XX(BLOB_DAMAGED, 500, "blob_damaged", "The stored file of a mesh is damaged or missing")                 \
-    XX(RECORD_DAMAGED, 500, "record_damaged", "What is stored of this resource is damaged or missing")       \
+    XX(RECORD_DAMAGED, 500, "record_damaged", "The stored data of this resource is damaged or missing")      \
     XX(INTERNAL, 500, "internal", "The daemon failed to process the request")                                \
     XX(UNAVAILABLE, 503, "unavailable", "The daemon cannot process the request now")                         \
     XX(DEADLINE_EXCEEDED, 504, "deadline_exceeded", "The time for the job was over before it had a result")  \

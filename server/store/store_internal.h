@@ -28,7 +28,7 @@ struct qm_store {
 
 #define QM_STORE_DATABASE "quadmeshd.sqlite"
 #define QM_STORE_FRESH                                                                                       \
-    "there are files of meshes or results, but no database: put it back, or --restore a backup; --adopt "    \
+    "there are files of meshes or results, but no database: put it back from a copy; --adopt "               \
     "makes"                                                                                                  \
     " meshes of the files, --empty moves them away"
 
