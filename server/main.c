@@ -13,6 +13,7 @@
 #include <uv.h>
 
 #include "base/host.h"
+#include "base/json.h"
 #include "base/log.h"
 #include "base/notify.h"
 #include "format/draco_child.h"
@@ -171,6 +172,7 @@ static bool start_parts(daemon_state *state, const qm_config *config)
     }
     app->meshes = create_meshes(app->store, config);
     size_t memory = app->meshes ? qm_meshes_measure(app->meshes).limit : 0;
+    if (app->meshes) qm_json_set_budget(qm_meshes_budget(app->meshes));
     bool has_pools = create_pools(app, config);
     app->reconstructions = qm_reconstructions_create(app->store, app->meshes);
     if (!app->meshes || !app->reconstructions || !has_pools) return false;
@@ -212,6 +214,7 @@ static void stop_parts(daemon_state *state)
         qm_pool_destroy(app->pools[lane]);
     qm_jobs_destroy(app->jobs);
     qm_reconstructions_destroy(app->reconstructions);
+    qm_json_set_budget(NULL);
     qm_meshes_destroy(app->meshes);
     qm_store_close(app->store);
     qm_access_tokens_destroy(app->tokens);

@@ -306,8 +306,7 @@ qm_context qm_host_context(void)
 
 /* ---- budget ---- */
 
-/** Reserves bytes of the budget; false if they cannot be made free. */
-static bool budget_reserve(qm_budget *budget, size_t more)
+bool qm_host_budget_reserve(qm_budget *budget, size_t more)
 {
     size_t used = atomic_load(&budget->used);
     for (;;) {
@@ -320,14 +319,19 @@ static bool budget_reserve(qm_budget *budget, size_t more)
     }
 }
 
+void qm_host_budget_release(qm_budget *budget, size_t size)
+{
+    QM_ASSERT(atomic_load(&budget->used) >= size);
+    atomic_fetch_sub(&budget->used, size);
+}
+
 static void *budget_resize(void *user, void *block, size_t old_size, size_t new_size)
 {
     qm_budget *budget = user;
-    if (new_size > old_size && !budget_reserve(budget, new_size - old_size)) return NULL;
+    if (new_size > old_size && !qm_host_budget_reserve(budget, new_size - old_size)) return NULL;
     void *moved = qm_host_allocator.resize(qm_host_allocator.user, block, old_size, new_size);
-    QM_ASSERT(new_size > old_size || atomic_load(&budget->used) >= old_size - new_size);
-    if (!moved && new_size > old_size) atomic_fetch_sub(&budget->used, new_size - old_size);
-    if (new_size < old_size && (moved || new_size == 0)) atomic_fetch_sub(&budget->used, old_size - new_size);
+    if (!moved && new_size > old_size) qm_host_budget_release(budget, new_size - old_size);
+    if (new_size < old_size && (moved || new_size == 0)) qm_host_budget_release(budget, old_size - new_size);
     return moved;
 }
 

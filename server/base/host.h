@@ -53,6 +53,11 @@ typedef struct qm_budget {
 /** qm_host_allocator within the budget, for any thread; blocks are freed through the same allocator. */
 qm_allocator qm_host_budget_allocator(qm_budget *budget);
 
+/** Reserves bytes for memory that comes from elsewhere; false if they cannot be made free. qm_host_budget_release gives
+ * them back. */
+bool qm_host_budget_reserve(qm_budget *budget, size_t size);
+void qm_host_budget_release(qm_budget *budget, size_t size);
+
 /** Half of the memory that this process may have: of the machine, or of its control group. */
 size_t qm_host_default_budget(void);
 

@@ -5,12 +5,19 @@
 #include "json.h"
 
 #include <cjson/cJSON.h>
+#include <malloc.h>
 #include <math.h>
 #include <pthread.h>
+#include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "host.h"
 #include "qm/base.h"
+
+#define TREE_SHARE 4                  /* of the budget, a quarter: trees cannot push out all meshes */
+#define BLOCK_HEAD 8                  /* bytes of malloc before a block */
+#define LARGE_TREE ((size_t)16 << 20) /* bytes */
 
 /* ---- writing ---- */
 
@@ -176,16 +183,59 @@ bool qm_json_check_text(const char *text, size_t size, size_t *offset, const cha
 /** cJSON returns NULL for bad text and for failed allocations alike; this records the latter. */
 static _Thread_local bool allocation_failed;
 
+/* A tree is many small blocks of malloc. Their sizes count, with malloc's head of each. */
+static qm_budget *tree_budget;
+static atomic_size_t tree_bytes, tree_peak; /* all trees; the most since there was none */
+
+static size_t measure_block(void *block)
+{
+    return malloc_usable_size(block) + BLOCK_HEAD;
+}
+
+static void deallocate(void *block)
+{
+    if (!block) return;
+    size_t size = measure_block(block);
+    free(block);
+    if (tree_budget) qm_host_budget_release(tree_budget, size);
+    if (atomic_fetch_sub(&tree_bytes, size) != size) return;
+    /* malloc keeps small blocks that were freed: after a large tree the system gets their pages back. */
+    if (atomic_exchange(&tree_peak, 0) >= LARGE_TREE) malloc_trim(0);
+}
+
 static void *allocate(size_t size)
 {
     void *block = malloc(size);
-    if (!block) allocation_failed = true;
-    return block;
+    if (!block) {
+        allocation_failed = true;
+        return NULL;
+    }
+    size_t counted = measure_block(block), used = atomic_fetch_add(&tree_bytes, counted) + counted;
+    for (size_t peak = atomic_load(&tree_peak); used > peak;)
+        if (atomic_compare_exchange_weak(&tree_peak, &peak, used)) break;
+    if (!tree_budget ||
+        (used <= tree_budget->limit / TREE_SHARE && qm_host_budget_reserve(tree_budget, counted)))
+        return block;
+    allocation_failed = true;
+    atomic_fetch_sub(&tree_bytes, counted);
+    free(block);
+    return NULL;
 }
 
 static void set_hooks(void)
 {
-    cJSON_InitHooks(&(cJSON_Hooks){allocate, free});
+    cJSON_InitHooks(&(cJSON_Hooks){allocate, deallocate});
+}
+
+void qm_json_set_budget(qm_budget *budget)
+{
+    QM_ASSERT(qm_json_measure() == 0);
+    tree_budget = budget;
+}
+
+size_t qm_json_measure(void)
+{
+    return atomic_load(&tree_bytes);
 }
 
 cJSON *qm_json_parse_tree(const char *text, size_t size, const char **end, bool *no_memory)

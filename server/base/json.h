@@ -14,6 +14,7 @@
 #include "text.h"
 
 struct cJSON;
+struct qm_budget;
 
 /* ---- writing ---- */
 
@@ -53,6 +54,16 @@ void qm_json_add_array(qm_text *out, const double *values, int count);
  * parser would truncate the string there); else the offset of the first fault and a message.
  */
 bool qm_json_check_text(const char *text, size_t size, size_t *offset, const char **message);
+
+/**
+ * Sets the budget of all trees of this process: they may use a share of it, which they reserve, and a tree that does
+ * not fit is a failed allocation. A tree can be forty times as large as its text. NULL, as at the start: no limit. Call
+ * it while there is no tree.
+ */
+void qm_json_set_budget(struct qm_budget *budget);
+
+/** Bytes that all trees use now, for tests. */
+size_t qm_json_measure(void);
 
 /**
  * Parses the value at the start of the text, for cJSON_Delete; NULL on failure. *end is the first byte after the

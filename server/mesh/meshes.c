@@ -59,6 +59,11 @@ typedef struct mapped_bytes {
     size_t size;
 } mapped_bytes;
 
+qm_budget *qm_meshes_budget(qm_meshes *meshes)
+{
+    return &meshes->budget;
+}
+
 qm_context qm_meshes_context(qm_meshes *meshes)
 {
     qm_context ctx = qm_context_make();

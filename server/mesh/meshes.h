@@ -10,6 +10,7 @@
 #ifndef QM_MESHES_H
 #define QM_MESHES_H
 
+#include "base/host.h"
 #include "ops/mesh_load.h"
 #include "ops/problem.h"
 #include "store/store.h"
@@ -22,6 +23,9 @@ typedef struct qm_mesh_ref qm_mesh_ref;
 
 /** memory_limit is in bytes; `threads` threads prepare a mesh that is uploaded or read back. */
 qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memory_limit, int threads);
+
+/** The budget that meshes and jobs share. */
+qm_budget *qm_meshes_budget(qm_meshes *meshes);
 
 /** A context that allocates from the budget. */
 qm_context qm_meshes_context(qm_meshes *meshes);

@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "base/host.h"
 #include "base/json.h"
 #include "check.h"
 #include "folder.h"
@@ -556,6 +557,45 @@ static void only_utf8_has_a_length(void **state)
     assert_int_equal(qm_text_utf8_length("\x80", 1), 0);
 }
 
+static bool make_no_room(void *user)
+{
+    (void)user;
+    return false;
+}
+
+/** Trees are in the budget, of which all together may have a quarter, and leave it when they end. */
+static void test_trees_are_in_the_budget(void **state)
+{
+    (void)state;
+    static char text[20003];
+    qm_budget budget = {.limit = 1 << 20, .make_room = make_no_room};
+    const char *end;
+    bool no_memory;
+    memset(text, 0, sizeof text);
+    text[0] = '[';
+    for (size_t i = 0; i < 10000; i++)
+        memcpy(text + 1 + 2 * i, i < 9999 ? "0," : "0]", 2);
+    qm_json_set_budget(&budget);
+    struct cJSON *small = qm_json_parse_tree("[1,{\"a\":\"text\"}]", 16, &end, &no_memory);
+    assert_non_null(small);
+    size_t used = qm_json_measure();
+    assert_true(used > 4 * 64 && used < 1000 && atomic_load(&budget.used) == used);
+    assert_null(qm_json_parse_tree(text, strlen(text), &end, &no_memory));
+    assert_true(no_memory && qm_json_measure() == used && atomic_load(&budget.used) == used);
+    qm_json_free((qm_json *)small);
+    assert_true(qm_json_measure() == 0 && atomic_load(&budget.used) == 0);
+    /* Other memory of the budget counts, too. */
+    atomic_store(&budget.used, budget.limit - 100);
+    assert_null(qm_json_parse_tree("[1,2,3]", 7, &end, &no_memory));
+    assert_true(no_memory && atomic_load(&budget.used) == budget.limit - 100);
+    atomic_store(&budget.used, 0);
+    qm_json_set_budget(NULL);
+    small = qm_json_parse_tree(text, strlen(text), &end, &no_memory);
+    assert_true(small && qm_json_measure() > 640000);
+    qm_json_free((qm_json *)small);
+    assert_int_equal(qm_json_measure(), 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -583,6 +623,7 @@ int main(void)
         cmocka_unit_test(a_result_without_witness_says_so),
         cmocka_unit_test(relative_bounds_are_rounded_outwards),
         cmocka_unit_test(only_utf8_has_a_length),
+        cmocka_unit_test(test_trees_are_in_the_budget),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
