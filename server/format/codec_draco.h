@@ -19,6 +19,7 @@ typedef enum qm_draco_outcome {
     QM_DRACO_MALFORMED,
     QM_DRACO_UNSUPPORTED, /* positions that are not three floats, doubles or ints */
     QM_DRACO_NO_MEMORY,   /* in the library */
+    QM_DRACO_TOO_LARGE,   /* decoding takes more memory or time than a file of this size may use */
     QM_DRACO_STOPPED      /* prepare returned false */
 } qm_draco_outcome;
 

@@ -425,6 +425,9 @@ static qm_status read_file(drc_reader *reader, const uint8_t *bytes, size_t size
     if (outcome == QM_DRACO_UNSUPPORTED)
         return qm_codec_fail(report, QM_E_UNSUPPORTED,
                              "positions other than three floats or integers are not supported");
+    if (outcome == QM_DRACO_TOO_LARGE)
+        return qm_codec_fail(report, QM_E_TOO_LARGE,
+                             "decoding takes more memory or time than Draco data of %zu bytes may use", size);
     if (outcome != QM_DRACO_DONE)
         return qm_codec_fail(report, QM_E_FORMAT, "the Draco data is invalid or truncated");
     status = add_vertices(reader);

@@ -24,6 +24,7 @@
 
 #define INPUT 3 /* descriptors of the child */
 #define OUTPUT 4
+#define EXIT_NO_MEMORY 3 /* of the child, when the arrays do not fit */
 #define CPU_LIMIT_S 120
 #define TIME_LIMIT_MS (3 * 1000 * CPU_LIMIT_S)
 #define MEMORY_BASE ((size_t)512 << 20) /* of the program, and for any file */
@@ -98,7 +99,7 @@ int qm_draco_child_main(void)
     if (c.shared == MAP_FAILED || !qm_sandbox_enter(&limits)) return 1;
     size_t consumed;
     qm_draco_outcome outcome = qm_draco_decode(bytes, size, prepare_shared, &c, &consumed);
-    if (!c.shared) return 1;
+    if (!c.shared) _exit(EXIT_NO_MEMORY);
     c.shared->consumed = consumed;
     c.shared->outcome = outcome;
     /* _exit runs no exit handlers of the library. */
@@ -143,8 +144,8 @@ static pid_t start(int input, int output)
     return error == 0 ? pid : -1;
 }
 
-/** Waits for the child until its time limit; false if it failed. */
-static bool wait_for(pid_t pid)
+/** Waits for the child until its time limit; QM_DRACO_DONE when it has left an answer. */
+static qm_draco_outcome wait_for(pid_t pid)
 {
     int file = (int)syscall(SYS_pidfd_open, pid, 0), status = 0;
     struct pollfd end = {.fd = file, .events = POLLIN};
@@ -155,7 +156,10 @@ static bool wait_for(pid_t pid)
         continue;
     if (WIFSIGNALED(status))
         qm_log(QM_LOG_WARN, "the Draco decoder was killed by signal %d", WTERMSIG(status));
-    return WIFEXITED(status) && WEXITSTATUS(status) == 0;
+    if (WIFEXITED(status) && WEXITSTATUS(status) == 0) return QM_DRACO_DONE;
+    bool is_over = ended == 0 || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU) ||
+                   (WIFEXITED(status) && WEXITSTATUS(status) == EXIT_NO_MEMORY);
+    return is_over ? QM_DRACO_TOO_LARGE : QM_DRACO_MALFORMED;
 }
 
 /** Validates and copies the results of the child. */
@@ -190,9 +194,10 @@ static qm_draco_outcome take_answer(int output, qm_draco_prepare *prepare, void 
     const child_result *shared = mmap(NULL, size, PROT_READ, MAP_SHARED, output, 0);
     if (shared == MAP_FAILED) return QM_DRACO_NO_MEMORY;
     *consumed = (size_t)shared->consumed;
-    qm_draco_outcome outcome = shared->outcome == QM_DRACO_DONE ? take_arrays(shared, size, prepare, user)
-                               : shared->outcome == QM_DRACO_UNSUPPORTED ? QM_DRACO_UNSUPPORTED
-                                                                         : QM_DRACO_MALFORMED;
+    qm_draco_outcome outcome = QM_DRACO_MALFORMED;
+    if (shared->outcome == QM_DRACO_DONE) outcome = take_arrays(shared, size, prepare, user);
+    if (shared->outcome == QM_DRACO_UNSUPPORTED) outcome = QM_DRACO_UNSUPPORTED;
+    if (shared->outcome == QM_DRACO_NO_MEMORY) outcome = QM_DRACO_TOO_LARGE; /* of the child's own limit */
     munmap((void *)(uintptr_t)shared, size);
     return outcome;
 }
@@ -204,7 +209,8 @@ qm_draco_outcome qm_draco_child_decode(const uint8_t *bytes, size_t size, qm_dra
     int input = make_memory("draco-file", bytes, size), output = make_memory("draco-arrays", NULL, 0);
     *consumed = 0;
     pid_t pid = input >= 0 && output >= 0 ? start(input, output) : -1;
-    if (pid > 0) outcome = wait_for(pid) ? take_answer(output, prepare, user, consumed) : QM_DRACO_MALFORMED;
+    if (pid > 0) outcome = wait_for(pid);
+    if (outcome == QM_DRACO_DONE) outcome = take_answer(output, prepare, user, consumed);
     if (*consumed > size) outcome = QM_DRACO_MALFORMED;
     if (input >= 0) close(input);
     if (output >= 0) close(output);

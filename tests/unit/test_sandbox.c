@@ -191,30 +191,36 @@ static void test_broken_files_hurt_the_child_alone(void **state)
     qm_shape_free(&mesh);
 }
 
-/** Children that end early, by themselves or by a signal, or answer nothing. */
+/** Children that end early, by themselves or by a signal, or answer nothing; the last two have used up their limits. */
 static void test_a_child_that_fails_is_a_broken_file(void **state)
 {
     (void)state;
-    char script[] = "/tmp/quadmeshd-child-XXXXXX";
-    int file = mkstemp(script);
-    static const char text[] = "#!/bin/sh\nkill -SEGV $$\n";
-    assert_true(write(file, text, strlen(text)) == (ssize_t)strlen(text));
-    fchmod(file, 0700);
-    close(file);
+    static const struct {
+        const char *text;
+        qm_status status;
+    } cases[] = {{"exit 1", QM_E_FORMAT},
+                 {"exit 0", QM_E_FORMAT},
+                 {"kill -SEGV $$", QM_E_FORMAT},
+                 {"exit 3", QM_E_TOO_LARGE},
+                 {"kill -XCPU $$", QM_E_TOO_LARGE}};
     qm_mesh mesh = qm_shape_box(1, 1, 1);
     qm_text drc = encode(&mesh, 0);
-    const char *const programs[] = {"/bin/false", "/bin/true", script};
-    for (size_t i = 0; i < 3; i++) {
-        use_child(programs[i]);
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        char script[] = "/tmp/quadmeshd-child-XXXXXX";
+        int file = mkstemp(script);
+        dprintf(file, "#!/bin/sh\n%s\n", cases[i].text);
+        fchmod(file, 0700);
+        close(file);
+        use_child(script);
         qm_decoded decoded = qm_decode(QM_FORMAT_DRC, drc.data, drc.size);
-        QM_CHECK(decoded.status == QM_E_FORMAT, "%s: %s", programs[i], qm_status_code(decoded.status));
+        QM_CHECK(decoded.status == cases[i].status, "%s: %s", cases[i].text, qm_status_code(decoded.status));
         qm_decoded_free(&decoded);
+        unlink(script);
     }
     use_child("/nowhere/at/all");
     qm_decoded decoded = qm_decode(QM_FORMAT_DRC, drc.data, drc.size);
     assert_int_equal(decoded.status, QM_E_NO_MEMORY);
     qm_decoded_free(&decoded);
-    unlink(script);
     qm_text_reset(&drc);
     qm_shape_free(&mesh);
 }
