@@ -30,7 +30,7 @@ DAEMON = meshes.ROOT / "build/quadmeshd"
 POINTS = 100
 STREAMS = 200
 CONNECTIONS = 16
-GOALS = {"health": None, "projection": 5000, "cached": 1000, "p99_ms": 10, "obj": 150, "ply": 400}
+GOALS = {"health": None, "projection": 5000, "cached": 1000, "p99_ms": 10, "obj": 150, "ply": 400, "small_ms": 50, "beside_ms": 50}
 
 
 class Daemon:
@@ -150,6 +150,77 @@ def bench_streams(daemon, slow):
            "unit": "ms", "note": f"median {late[len(late) // 2]:.2f}, {len(late)} lines" + ("" if whole else ", LINES LOST")}
 
 
+# ---- small requests beside large ones ----
+
+
+def time_each(count, call):
+    """The median and the 99th percentile of the times of calls, in ms."""
+    times = []
+    for number in range(count):
+        start = time.perf_counter()
+        call(number)
+        times.append(1e3 * (time.perf_counter() - start))
+    times.sort()
+    return times[count // 2], times[int(0.99 * count)]
+
+
+def bench_small_jobs(daemon, slow, count):
+    """Small jobs, one at a time, beside deviations that do not end."""
+    a, b = (daemon.upload(shapes.ply_little(shapes.sphere(turn, 20, 40)))["id"] for turn in (0.0, 0.05))
+    endless = []
+
+    def small(number):
+        request = {"type": "hausdorff", "a": a, "b": b, "tolerance": 1e-3 * (1 + 1e-6 * number)}
+        _, body = daemon.call("POST", "/v1/jobs", json.dumps(request), {"Cache-Control": "no-cache", "Prefer": "wait=600"})
+        assert json.loads(body)["state"] == "succeeded", body
+
+    for beside in (0, 1, 2, 10):
+        while len(endless) < beside:
+            request = {"type": "deviation", "a": slow[0], "b": slow[1], "accuracy": 1e-12 * (1 + len(endless)), "pieces": 10000000}
+            _, body = daemon.call("POST", "/v1/jobs", json.dumps(request))
+            endless.append(json.loads(body)["id"])
+        time.sleep(0.5)
+        median, late = time_each(count, small)
+        yield {"name": "small_ms", "what": f"small job beside {beside} endless ones, p99", "figure": late, "unit": "ms",
+               "note": f"median {median:.1f}" + ("; waited for their end before jobs took turns" if beside == 2 else "")}
+    for job in endless:
+        daemon.call("DELETE", f"/v1/jobs/{job}")
+
+
+def bench_beside_uploads(daemon, mesh, count, faults):
+    """Projections beside clients that upload GLB files which decode into millions of faces, again and again."""
+    points = array.array("d", [0.3] * 3 * POINTS).tobytes()
+    ends = threading.Event()
+
+    def upload(client):
+        number = 0
+        while not ends.is_set():
+            number += 1
+            status, body = daemon.call("POST", f"/v1/meshes?format=glb&name={client}-{number}",
+                                       shapes.crowded_glb(300 + 10 * client + number % 7, 100))
+            if status == 201:
+                daemon.call("DELETE", f"/v1/meshes/{json.loads(body)['id']}")
+            elif status not in (503, 507):
+                faults.append(f"service: an upload was answered with {status}")
+
+    def project(number):
+        status, _ = daemon.call("POST", f"/v1/meshes/{mesh}/project", points, {"Content-Type": "application/octet-stream"})
+        assert status == 200
+
+    for beside, before in ((0, ""), (8, "; 9770 when both shared two threads")):
+        ends.clear()
+        threads = [threading.Thread(target=upload, args=[client]) for client in range(beside)]
+        for thread in threads:
+            thread.start()
+        time.sleep(1.5 if beside else 0)
+        median, late = time_each(count, project)
+        ends.set()
+        for thread in threads:
+            thread.join()
+        yield {"name": "beside_ms", "what": f"projection beside {beside} hostile uploads, p99", "figure": late, "unit": "ms",
+               "note": f"median {median:.1f}{before}"}
+
+
 # ---- uploads ----
 
 
@@ -244,6 +315,10 @@ def measure(settings, say, faults):
         yield from bench_requests(daemon, folder, 3 if quick else 10, spheres)
         say("service: streams")
         yield from bench_streams(daemon, slow)
+        say("service: small jobs beside endless ones")
+        yield from bench_small_jobs(daemon, slow, 100 if quick else 500)
+        say("service: projections beside uploads")
+        yield from bench_beside_uploads(daemon, spheres[0], 200 if quick else 1000, faults)
         say("service: uploads")
         yield from bench_uploads(daemon, 600 if quick else 800, 3 if quick else 5)
         say("service: soak")

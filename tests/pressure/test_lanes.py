@@ -1,7 +1,6 @@
 """Uploads that take long to decode hold up no query, edit or download of another mesh.
 
 No test measures how fast the daemon is: all queries have been answered when the first upload is."""
-import json
 import struct
 import threading
 
@@ -10,30 +9,6 @@ import pytest
 import shapes
 
 UPLOADS = 6
-
-
-def crowded_glb(nodes, cells):
-    """A small file that decodes into many faces: nodes that all show one grid of 2 x cells^2 triangles."""
-    width = cells + 1
-    positions = b"".join(struct.pack("<3f", x, y, 0) for y in range(width) for x in range(width))
-    corners = [(y * width + x, y * width + x + 1, (y + 1) * width + x + 1, (y + 1) * width + x)
-               for y in range(cells) for x in range(cells)]
-    indices = b"".join(struct.pack("<6I", a, b, c, a, c, d) for a, b, c, d in corners)
-    document = {
-        "asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": list(range(nodes))}],
-        "nodes": [{"mesh": 0, "translation": [0, 0, n]} for n in range(nodes)],
-        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
-        "buffers": [{"byteLength": len(positions) + len(indices)}],
-        "bufferViews": [{"buffer": 0, "byteLength": len(positions)},
-                        {"buffer": 0, "byteOffset": len(positions), "byteLength": len(indices)}],
-        "accessors": [{"bufferView": 0, "componentType": 5126, "count": width * width, "type": "VEC3",
-                       "min": [0, 0, 0], "max": [cells, cells, 0]},
-                      {"bufferView": 1, "componentType": 5125, "count": 6 * cells * cells, "type": "SCALAR"}]}
-    text = json.dumps(document).encode()
-    text += b" " * (-len(text) % 4)
-    binary = positions + indices
-    return (struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(binary)) + struct.pack("<I4s", len(text), b"JSON") + text +
-            struct.pack("<I4s", len(binary), b"BIN\0") + binary)
 
 
 @pytest.fixture
@@ -48,7 +23,7 @@ def uploads(make_daemon):
     def upload(seed):
         with running.client() as client:
             statuses.append(client.post("/v1/meshes", params={"format": "glb", "name": str(seed)},
-                                        content=crowded_glb(150 + seed, 100)).status_code)
+                                        content=shapes.crowded_glb(150 + seed, 100)).status_code)
 
     threads = [threading.Thread(target=upload, args=[k]) for k in range(UPLOADS)]
     for thread in threads:
