@@ -131,38 +131,50 @@ def test_results_survive_a_restart(make_daemon):
         assert client.get(f"/v1/jobs/{done['id']}/result").text == before
 
 
-def test_a_running_job_can_be_canceled(client, slow_pair):
-    reply = client.post("/v1/jobs", json={"type": "deviation", "a": slow_pair[0], "b": slow_pair[1],
-                                          "quads": "bilinear", "accuracy": 1e-9, "pieces": 10000000})
-    job = reply.json()
-    while client.get(f"/v1/jobs/{job['id']}").json()["state"] == "queued":
-        time.sleep(0.02)
-    time.sleep(0.2)
-    reply = client.delete(f"/v1/jobs/{job['id']}")
-    assert reply.status_code == 202, reply.text
-    done = client.wait(job["id"])
-    assert done["state"] == "canceled" and done["problem"]["code"] == "conflict"
-    check_problem(client.get(f"/v1/jobs/{job['id']}/result"), 409, "conflict")
-
-
-def test_a_canceled_job_keeps_its_bounds(client, spheres):
-    job = client.post("/v1/jobs", json={"type": "deviation", "a": spheres[0], "b": spheres[1], "accuracy": 1e-9,
-                                        "pieces": 10000000, "tolerance": 1e-2}).json()
-    with client.stream("GET", f"/v1/jobs/{job['id']}/events", headers={"Accept": "application/x-ndjson"}) as reply:
-        next(reply.iter_lines())
-    time.sleep(1)
-    client.delete(f"/v1/jobs/{job['id']}")
-    done = client.wait(job["id"])
-    assert done["state"] == "canceled"
-    # Whether the pieces had bounds by then depends on the machine.
-    if "result" in done:
-        result = done["result"]
-        assert result["accurate"] is False
-        assert result["mean"]["lower"] < result["mean"]["upper"] <= result["max"]["upper"] * (1 + 1e-9)
-        numbers = client.get(f"/v1/jobs/{job['id']}/result", headers={"Accept": "application/octet-stream"}).content
-        assert len(numbers) == 8 * result["vertex_count"]
+def check_canceled(client, job):
+    """Whatever was known when a job was canceled: intervals for everything, and distances or none at all."""
+    assert job["state"] == "canceled", job
+    result = job["result"]
+    assert result["accurate"] is False
+    for interval in (result["mean"], result["rms"], *result["percentiles"]):
+        assert 0 <= interval["lower"] <= interval["upper"] <= result["max"]["upper"] * (1 + 1e-9)
+    assert all(0 <= low <= high <= 1 for low, high in result["histogram"]["shares"])
+    path = f"/v1/jobs/{job['id']}/result"
+    whole = client.get(path)
+    assert whole.status_code == 200 and len(whole.json().get("vertex_distances", [])) == result["vertex_count"]
+    numbers = client.get(path, headers={"Accept": "application/octet-stream"})
+    if result["vertex_count"] == 0:
+        check_problem(numbers, 406, "not_acceptable")
     else:
-        assert done["problem"]["code"] == "conflict"
+        assert len(numbers.content) == 8 * result["vertex_count"]
+    return result
+
+
+@pytest.mark.parametrize("quads", ["triangles", "bilinear"])
+def test_a_canceled_job_keeps_its_intervals(client, slow_pair, quads):
+    """However early it is canceled: at first they are those of the boxes."""
+    whole = None
+    for wait in (0, 0.02, 0.1, 0.3, 1, 2):
+        job = client.post("/v1/jobs", json={"type": "deviation", "a": slow_pair[0], "b": slow_pair[1], "quads": quads,
+                                            "accuracy": 1e-9, "pieces": 10000000}).json()
+        while client.get(f"/v1/jobs/{job['id']}").json()["state"] == "queued":
+            time.sleep(0.005)
+        time.sleep(wait)
+        reply = client.delete(f"/v1/jobs/{job['id']}")
+        assert reply.status_code == 202, reply.text
+        result = check_canceled(client, client.wait(job["id"]))
+        # All of them hold for one distance.
+        whole = whole or result
+        for name in ("mean", "rms", "max"):
+            assert result[name]["lower"] <= whole[name]["upper"] and whole[name]["lower"] <= result[name]["upper"]
+
+
+def test_a_deadline_leaves_intervals(client, slow_pair):
+    reply = client.post("/v1/jobs", json={"type": "deviation", "a": slow_pair[0], "b": slow_pair[1], "accuracy": 1e-9,
+                                          "pieces": 10000000, "deadline_ms": 300}, headers={"Prefer": "wait=60"})
+    done = reply.json()
+    assert done["state"] == "succeeded" and done["result"]["accurate"] is False
+    assert done["result"]["mean"]["lower"] <= done["result"]["mean"]["upper"] <= done["result"]["max"]["upper"]
 
 
 @pytest.mark.parametrize("field, value, pointer", [

@@ -239,6 +239,24 @@ static void needles_count_by_their_vertices(void **state)
     qm_shape_free(&b);
 }
 
+/** Through the hole of a torus, where it is farther than at its ends. */
+static void the_maximum_over_a_needle_is_between_its_corners(void **state)
+{
+    (void)state;
+    static const double corners[3][3] = {{-1, 0, 0}, {1, 0, 0}, {1, 0, 0}};
+    qm_mesh a = qm_shape_face(3, corners), b = qm_shape_torus(64, 32, 1.0, 0.3);
+    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-9);
+    qm_deviation found = measure(&a, &b, &options);
+    assert_int_equal(found.measure, QM_OVER_VERTICES);
+    assert_true(found.mean.upper < 0.35);
+    /* 0.7 but for the chords of the polygons. */
+    QM_CHECK(found.max.lower > 0.69 && found.max.upper < 0.71, "max: [%.17g, %.17g]", found.max.lower,
+             found.max.upper);
+    release(&found);
+    qm_shape_free(&a);
+    qm_shape_free(&b);
+}
+
 /* ---- against dense sampling ---- */
 
 /** A cell of the source: its area, and the interval of the distances in it. */
@@ -906,72 +924,74 @@ static void bad_options_are_refused(void **state)
     qm_shape_free(&a);
 }
 
-static void a_canceled_call_leaves_nothing(void **state)
-{
-    (void)state;
-    qm_mesh a = qm_shape_torus(24, 12, 1.0, 0.3);
-    qm_context ctx = qm_context_make();
-    qm_bvh *tree = NULL;
-    assert_int_equal(qm_bvh_build(&ctx, &a, QM_BVH_ALL, 1, &tree), QM_OK);
-    atomic_bool cancel = true;
-    ctx.cancel = &cancel;
-    qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-3);
-    qm_deviation found;
-    assert_int_equal(qm_deviation_measure(&ctx, tree, tree, &options, &found), QM_E_CANCELED);
-    assert_null(found.vertex_distance);
-    qm_bvh_destroy(&ctx, tree);
-    qm_shape_free(&a);
-}
-
-/** Raises the flag at a call of the allocator, which is how far a call has come. */
-typedef struct canceling_allocator {
+/** Raises the cancel flag when the engine asks for the n-th time whether it is to pause. */
+typedef struct canceling {
     atomic_bool cancel;
-    size_t calls, cancel_at;
-} canceling_allocator;
+    size_t polls, cancel_at;
+} canceling;
 
-static void *canceling_resize(void *user, void *block, size_t old_size, size_t new_size)
+static const atomic_bool always = true;
+
+static void cancel_in_time(void *user)
 {
-    canceling_allocator *allocator = user;
-    if (new_size > 0 && allocator->calls++ == allocator->cancel_at) atomic_store(&allocator->cancel, true);
-    return qm_allocator_default.resize(qm_allocator_default.user, block, old_size, new_size);
+    canceling *at = user;
+    if (at->polls++ >= at->cancel_at) atomic_store(&at->cancel, true);
 }
 
-/** Cancels a call at its n-th allocation; adds the outcome to the counts. */
+static bool meet(qm_interval a, qm_interval b)
+{
+    return a.lower <= a.upper && a.lower <= b.upper && b.lower <= a.upper;
+}
+
+/** Cancels a call at its n-th poll: all intervals hold nevertheless. Returns whether it was canceled; adds up
+ * how often vertex distances were known, and the mean within a tenth of the maximum. */
 static bool cancel_at(const qm_mesh *a, const qm_mesh *b, const qm_deviation_options *options, size_t n,
                       const qm_deviation *truth, int counts[2])
 {
-    canceling_allocator allocator = {.cancel_at = n};
+    canceling at = {.cancel_at = n};
     qm_context ctx = qm_context_make();
-    ctx.allocator = (qm_allocator){canceling_resize, &allocator};
-    ctx.cancel = &allocator.cancel;
+    qm_bvh *of_a = NULL, *of_b = NULL;
+    assert_int_equal(qm_bvh_build(&ctx, a, QM_BVH_ALL, 1, &of_a), QM_OK);
+    assert_int_equal(qm_bvh_build(&ctx, b, QM_BVH_ALL, 1, &of_b), QM_OK);
+    ctx.cancel = &at.cancel;
+    ctx.pause = &always;
+    ctx.wait = cancel_in_time;
+    ctx.wait_user = &at;
     qm_deviation found;
-    qm_status status = measure_in(&ctx, a, b, options, &found);
-    bool was_raised = atomic_load(&allocator.cancel);
-    if (status == QM_E_CANCELED) {
-        counts[0]++;
-        assert_null(found.vertex_distance);
-    } else {
-        assert_int_equal(status, QM_OK);
-        counts[1] += found.is_canceled;
-        QM_CHECK(found.mean.lower <= truth->mean.upper && found.mean.upper >= truth->mean.lower &&
-                     found.rms.lower <= truth->rms.upper && found.rms.upper >= truth->rms.lower,
-                 "canceled at %zu: mean [%g, %g]", n, found.mean.lower, found.mean.upper);
-        assert_true(found.is_accurate || found.is_canceled);
-        qm_deviation_reset(&ctx, &found);
+    assert_int_equal(qm_deviation_measure(&ctx, of_a, of_b, options, &found), QM_OK);
+    bool was_raised = atomic_load(&at.cancel);
+    assert_true(found.is_canceled == was_raised && (was_raised || found.is_accurate));
+    bool holds = meet(found.max, truth->max) && meet(found.mean, truth->mean) && meet(found.rms, truth->rms);
+    /* Before the area is known, the measure may not be. */
+    holds &= found.measure != truth->measure || meet(found.size, truth->size);
+    for (size_t i = 0; i < PERCENTS; i++)
+        holds &= meet(found.percentile[i], truth->percentile[i]);
+    double last = 0.0;
+    for (size_t i = 0; i < BINS; i++) {
+        holds &= found.bin[i].lower <= found.bin[i].upper;
+        last += found.bin[i].upper;
     }
+    QM_CHECK(holds && last >= 1.0, "canceled at %zu: mean [%g, %g] and [%g, %g], max [%g, %g] and [%g, %g]",
+             n, found.mean.lower, found.mean.upper, truth->mean.lower, truth->mean.upper, found.max.lower,
+             found.max.upper, truth->max.lower, truth->max.upper);
+    counts[0] += found.vertex_distance != NULL;
+    counts[1] += found.mean.upper - found.mean.lower <= 0.1 * truth->max.upper;
+    qm_deviation_reset(&ctx, &found);
+    qm_bvh_destroy(&ctx, of_a);
+    qm_bvh_destroy(&ctx, of_b);
     return was_raised;
 }
 
-/** Cancels a call at each of its allocations. */
+/** Cancels a call at its first polls, and at later ones that are farther and farther apart. */
 static void check_canceled_calls(const qm_mesh *a, const qm_mesh *b, const qm_deviation_options *options)
 {
     qm_deviation truth = measure(a, b, options);
     int counts[2] = {0, 0};
-    size_t n = 0;
-    while (cancel_at(a, b, options, n, &truth, counts))
-        n++;
-    /* An early end has no result yet, a later one has. */
-    QM_CHECK(counts[0] > 0 && counts[1] > 0, "%d without, %d with bounds", counts[0], counts[1]);
+    size_t n = 0, calls = 1;
+    for (; cancel_at(a, b, options, n, &truth, counts); n += 1 + n / 50)
+        calls++;
+    QM_CHECK(counts[0] > 1 && counts[1] > 1 && calls > 2, "%zu calls: %d with vertices, %d narrow", calls,
+             counts[0], counts[1]);
     release(&truth);
 }
 
@@ -981,6 +1001,20 @@ static void a_canceled_call_tells_what_it_has(void **state)
     qm_mesh a = qm_shape_torus(12, 6, 1.0, 0.3), b = qm_shape_torus(10, 5, 1.0, 0.31);
     qm_deviation_options options = options_for(QM_QUADS_TRIANGLES, 1e-4);
     check_canceled_calls(&a, &b, &options);
+    options.quads = QM_QUADS_BILINEAR;
+    options.piece_limit = 3000;
+    check_canceled_calls(&a, &b, &options);
+    /* Points, and a surface without area. */
+    qm_mesh points = a;
+    points.face_count = 0;
+    check_canceled_calls(&points, &b, &options);
+    qm_mesh needles = a;
+    needles.positions = malloc(3 * a.vertex_count * sizeof *needles.positions);
+    assert_non_null(needles.positions);
+    for (size_t i = 0; i < 3 * a.vertex_count; i++)
+        needles.positions[i] = i % 3 == 0 ? a.positions[i] : 0.0;
+    check_canceled_calls(&needles, &b, &options);
+    free(needles.positions);
     qm_shape_free(&a);
     qm_shape_free(&b);
 }
@@ -1033,6 +1067,7 @@ int main(void)
         cmocka_unit_test(a_mesh_lies_on_itself),
         cmocka_unit_test(points_are_counted),
         cmocka_unit_test(needles_count_by_their_vertices),
+        cmocka_unit_test(the_maximum_over_a_needle_is_between_its_corners),
         cmocka_unit_test(random_soups_agree_with_sampling),
         cmocka_unit_test(random_patches_agree_with_sampling),
         cmocka_unit_test(more_pieces_only_narrow),
@@ -1051,7 +1086,6 @@ int main(void)
         cmocka_unit_test(the_pieces_bound_the_maximum),
         cmocka_unit_test(threads_change_no_more_than_the_maximum_may),
         cmocka_unit_test(bad_options_are_refused),
-        cmocka_unit_test(a_canceled_call_leaves_nothing),
         cmocka_unit_test(a_canceled_call_tells_what_it_has),
         cmocka_unit_test(a_canceled_restart_tells_what_was_there),
         cmocka_unit_test(every_allocation_may_fail),

@@ -128,7 +128,8 @@ static void check_shares(const bent_piece *piece, uint64_t number)
     qm_deviation_piece_list list = {&piece->bounds, 1, 0.0, INFINITY};
     for (int i = 0; i < PLACES; i++)
         x[i] = (most + 0.2) * i / (PLACES - 1);
-    qm_deviation_shares(list, x, PLACES, work, share);
+    qm_context ctx = qm_context_make();
+    QM_CHECK(qm_deviation_shares(&ctx, list, x, PLACES, work, share) == QM_OK, "shares failed");
     qm_quadratic_linear_error(piece->value, open);
     double cells = piece->bounds.bend.cells, wide = piece->below + piece->above;
     double blur = wide + (open[0] + open[1]) / (cells * cells) + steep;

@@ -53,7 +53,9 @@ typedef struct qm_deviation {
     qm_interval *percentile; /* smallest x such that at least this percentage of A is within x */
     qm_interval *bin;        /* fractions of A, 0 to 1: bin i is [i, i + 1) * bin_width, the last closed */
     double bin_width;        /* max.upper / bin_count */
-    double *vertex_distance; /* vertex_count: at every vertex of A, used by a face or not */
+    double
+        *vertex_distance; /* vertex_count: at every vertex of A, used by a face or not; NULL and 0 where the
+                                call was canceled before all were known */
     size_t percentile_count, bin_count, vertex_count;
     size_t pieces;
     uint64_t projections; /* nearest-point searches, with those of the maximum */
@@ -67,9 +69,10 @@ typedef struct qm_deviation {
  *
  * Ownership: borrows everything but *out, which is the caller's, for qm_deviation_reset in the same context.
  * Threads:   only reads the trees; splits its work with ctx->parallel.
- * Returns:   QM_OK, also when the pieces ran out before the accuracy was reached, or the call was canceled
- *            once there were bounds for all of A; QM_E_ARGUMENT (accuracy, tolerance, percentiles, threads);
- *            QM_E_NO_MEMORY; QM_E_CANCELED; QM_E_SCALE. After an error *out is all zero.
+ * Returns:   QM_OK, also when the pieces ran out before the accuracy was reached, or the call was canceled:
+ *            its intervals are those that were known, first by the size of both meshes, then by A's vertices,
+ *            then by its pieces; QM_E_ARGUMENT (accuracy, tolerance, percentiles, threads); QM_E_NO_MEMORY;
+ *            QM_E_SCALE. After an error *out is all zero.
  */
 qm_status qm_deviation_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,
                                const qm_deviation_options *options, qm_deviation *out);

@@ -63,7 +63,7 @@ qm_status qm_project_points_with(qm_context *ctx, const qm_locator *locator, qm_
  *
  * first  row of points[0] in the batch, for messages
  *
- * Returns: QM_OK; QM_E_NOT_FINITE, QM_E_SCALE (ctx->message names the row).
+ * Returns: QM_OK; QM_E_NOT_FINITE, QM_E_SCALE (ctx->message names the row); QM_E_CANCELED.
  */
 qm_status qm_project_check(qm_context *ctx, const qm_bvh *bvh, const double *points, size_t first,
                            size_t point_count);

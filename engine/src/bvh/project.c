@@ -8,9 +8,10 @@
 #include "nearest.h"
 #include "surface.h"
 
-#define BLOCK 1024     /* points between two checks of the cancel flag */
-#define MIN_SORTED 256 /* points that make sorting worthwhile */
-#define AHEAD 16       /* points ahead that are prefetched: the order jumps about */
+#define CHECK_STRIDE 0x4000 /* points between two checks before they are projected */
+#define BLOCK 1024          /* points between two checks of the cancel flag */
+#define MIN_SORTED 256      /* points that make sorting worthwhile */
+#define AHEAD 16            /* points ahead that are prefetched: the order jumps about */
 
 typedef struct point_batch {
     qm_context *ctx;
@@ -71,6 +72,11 @@ static void project_range(void *data, int worker)
     }
 }
 
+static qm_status check_canceled(qm_context *ctx)
+{
+    return qm_context_canceled(ctx) ? qm_context_fail(ctx, QM_E_CANCELED, "projection canceled") : QM_OK;
+}
+
 static qm_status check_point(qm_context *ctx, const qm_frame *frame, const double *p, size_t row)
 {
     double origin = qm_max_coordinate(frame->origin), max = qm_max_coordinate(qm_frame_local(frame, p));
@@ -89,17 +95,20 @@ qm_status qm_project_check(qm_context *ctx, const qm_bvh *bvh, const double *poi
                            size_t point_count)
 {
     qm_status status = QM_OK;
-    for (size_t i = 0; status == QM_OK && i < point_count; i++)
+    for (size_t i = 0; status == QM_OK && i < point_count; i++) {
         status = check_point(ctx, &bvh->frame, points + 3 * i, first + i);
+        if (i % CHECK_STRIDE == 0 && status == QM_OK) status = check_canceled(ctx);
+    }
     return status;
 }
 
 static qm_status sort_points(qm_context *ctx, const qm_bvh *bvh, const double *points, size_t count,
-                             uint64_t *order)
+                             int workers, uint64_t *order)
 {
     qm_hilbert_cells cells;
     uint64_t keys[QM_HILBERT_BATCH];
     for (size_t first = 0; first < count; first += QM_HILBERT_BATCH) {
+        if (first % CHECK_STRIDE == 0 && qm_context_canceled(ctx)) return check_canceled(ctx);
         int batch = count - first < QM_HILBERT_BATCH ? (int)(count - first) : QM_HILBERT_BATCH;
         for (int i = 0; i < batch; i++) {
             qm_vec local = qm_frame_local(&bvh->frame, points + 3 * (first + (size_t)i));
@@ -111,15 +120,15 @@ static qm_status sort_points(qm_context *ctx, const qm_bvh *bvh, const double *p
         for (int i = 0; i < batch; i++)
             order[first + (size_t)i] = qm_radix_entry(keys[i], first + (size_t)i);
     }
-    return qm_radix_sort(ctx, order, count, 3 * QM_HILBERT_BITS, 1);
+    return qm_radix_sort(ctx, order, count, 3 * QM_HILBERT_BITS, workers);
 }
 
 static qm_status fill_order(qm_context *ctx, const qm_bvh *bvh, const double *points, size_t count,
-                            uint64_t *order)
+                            int workers, uint64_t *order)
 {
     qm_status status = qm_project_check(ctx, bvh, points, 0, count);
     if (status != QM_OK || count >= MIN_SORTED)
-        return status == QM_OK ? sort_points(ctx, bvh, points, count, order) : status;
+        return status == QM_OK ? sort_points(ctx, bvh, points, count, workers, order) : status;
     for (size_t i = 0; i < count; i++)
         order[i] = i;
     return QM_OK;
@@ -143,15 +152,15 @@ qm_status qm_project_points_with(qm_context *ctx, const qm_locator *locator, qm_
                          .out = out};
     uint64_t *order = qm_context_alloc(ctx, batch.count, sizeof *order);
     if (!order) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for %zu points", batch.count);
-    qm_status status = fill_order(ctx, batch.locator->bvh, batch.points, batch.count, order);
+    batch.workers = ctx->parallel && thread_count > 1 ? thread_count : 1;
+    qm_status status = fill_order(ctx, locator->bvh, points, point_count, batch.workers, order);
     if (status == QM_OK) {
         batch.order = order;
-        batch.workers = ctx->parallel && thread_count > 1 ? thread_count : 1;
         if (batch.workers > 1)
             ctx->parallel(ctx->parallel_user, batch.workers, project_range, &batch);
         else
             project_range(&batch, 0);
-        if (qm_context_canceled(ctx)) status = qm_context_fail(ctx, QM_E_CANCELED, "projection canceled");
+        status = check_canceled(ctx);
     }
     qm_context_free(ctx, order, batch.count, sizeof *order);
     return status;

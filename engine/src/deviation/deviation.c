@@ -19,6 +19,7 @@
 
 #define SEARCH_WORK 4096 /* steps of the search for the maximum */
 #define SEARCH_SHARE 0.5 /* further steps for each vertex and each piece */
+#define CANCEL_STRIDE 0x400
 
 /** The state that the stages of a call share. */
 typedef struct deviation_work {
@@ -66,9 +67,16 @@ static qm_status find_vertex_distances(deviation_work *work)
     if (!out->vertex_distance)
         return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the vertices");
     qm_projection projection = {.distance = out->vertex_distance};
-    out->projections += mesh->vertex_count;
-    return qm_project_points(work->ctx, work->b, work->options->quads, mesh->positions, mesh->vertex_count,
-                             work->options->thread_count, &projection);
+    qm_status status = qm_project_points(work->ctx, work->b, work->options->quads, mesh->positions,
+                                         mesh->vertex_count, work->options->thread_count, &projection);
+    if (status == QM_OK) {
+        out->projections += mesh->vertex_count;
+    } else { /* those that were not found are undefined */
+        qm_context_free(work->ctx, out->vertex_distance, mesh->vertex_count, sizeof *out->vertex_distance);
+        out->vertex_distance = NULL;
+        out->vertex_count = 0;
+    }
+    return status;
 }
 
 /* ---- the surface ---- */
@@ -84,52 +92,66 @@ static qm_status refine(deviation_work *work)
     pieces->accuracy = work->options->accuracy;
     pieces->piece_limit = work->options->piece_limit;
     pieces->thread_count = work->options->thread_count;
-    qm_status status = qm_refinement_run(pieces);
-    work->out->is_accurate = pieces->is_accurate;
-    work->out->is_canceled = pieces->is_canceled;
+    qm_status status = qm_refinement_run(pieces, work->out->vertex_distance);
+    work->out->is_accurate = status == QM_OK && pieces->is_accurate;
     return status;
 }
 
 /* ---- points ---- */
 
-/** Takes the points themselves instead of pieces: all of a point set, else the vertices that a face uses. The
- * projection of the vertices does not report its error
- * for patches, so that these are searched again. */
+/** Marks the points that are measured: all of a point set, else the vertices that a face uses; returns how
+ * many. */
+static size_t mark_points(const qm_mesh *mesh, uint8_t *is_used)
+{
+    size_t count = 0;
+    memset(is_used, mesh->face_count == 0, mesh->vertex_count);
+    for (size_t i = 0; i < 4 * mesh->face_count; i++)
+        if (mesh->faces[i] != QM_NO_INDEX) is_used[mesh->faces[i]] = 1;
+    for (size_t i = 0; i < mesh->vertex_count; i++)
+        count += is_used[i];
+    return count;
+}
+
+/** Takes the points themselves instead of pieces, and surveys them. The projection of the vertices does not
+ * report its error for patches, so that these are searched again. */
 static qm_status take_points(deviation_work *work, qm_measure measure)
 {
     const qm_mesh *mesh = &work->a->mesh;
-    uint8_t *is_used = qm_context_alloc(work->ctx, mesh->vertex_count, 1);
+    qm_deviation *out = work->out;
     qm_refinement *pieces = &work->refinement;
     double scale = work->b->frame.scale;
+    uint8_t *is_used = qm_context_alloc(work->ctx, mesh->vertex_count, 1);
+    if (!is_used) return qm_context_fail(work->ctx, QM_E_NO_MEMORY, "out of memory for the points");
     pieces->count = 0;
     pieces->leak = 0.0;
     pieces->setup.patch_error = 4.0 * pieces->setup.eta;
-    qm_status status = is_used ? qm_refinement_reserve(pieces, mesh->vertex_count) : QM_E_NO_MEMORY;
-    if (status == QM_OK) {
-        memset(is_used, mesh->face_count == 0, mesh->vertex_count);
-        for (size_t i = 0; i < 4 * mesh->face_count; i++)
-            if (mesh->faces[i] != QM_NO_INDEX) is_used[mesh->faces[i]] = 1;
-        for (size_t i = 0; i < mesh->vertex_count; i++)
-            if (is_used[i])
-                pieces->bounds[pieces->count++] = qm_deviation_point_bound(
-                    &pieces->setup, mesh->positions + 3 * i, scale * work->out->vertex_distance[i]);
+    size_t count = mark_points(mesh, is_used);
+    out->measure = measure;
+    out->size = (qm_interval){(double)count, (double)count};
+    qm_status status = qm_refinement_reserve(pieces, count);
+    for (size_t i = 0; status == QM_OK && i < mesh->vertex_count; i++) {
+        if (is_used[i])
+            pieces->bounds[pieces->count++] = qm_deviation_point_bound(
+                &pieces->setup, mesh->positions + 3 * i, scale * out->vertex_distance[i]);
+        if (i % CANCEL_STRIDE == 0 && qm_context_canceled(work->ctx))
+            status = qm_context_fail(work->ctx, QM_E_CANCELED, "deviation canceled");
     }
     qm_context_free(work->ctx, is_used, mesh->vertex_count, 1);
-    work->out->measure = measure;
-    work->out->is_accurate = true;
-    return status == QM_OK ? QM_OK : qm_context_fail(work->ctx, status, "out of memory for the points");
+    if (status == QM_OK) status = qm_refinement_survey(pieces);
+    out->is_accurate = status == QM_OK;
+    return status;
 }
 
 /* ---- the maximum ---- */
 
-/** Bounds the maximum by the pieces. Points, and pieces that have not been cut, are exact but for eta, which
+/** Bounds the maximum by the last survey. Points, and pieces that have not been cut, are exact but for eta, which
  * is in their bounds; a part may be a little beside the face, and a point of the face beside all parts. */
 static void bound_maximum(deviation_work *work)
 {
     const qm_refinement *pieces = &work->refinement;
     double inverse_scale = work->b->frame.inverse_scale;
     double crack = QM_CRACK_ROUNDINGS * QM_UNIT_ROUNDING * pieces->setup.extent;
-    qm_interval greatest = qm_deviation_max(qm_refinement_list(pieces));
+    qm_interval greatest = pieces->survey.max;
     work->out->max = (qm_interval){fmax(0.0, greatest.lower - crack) * inverse_scale,
                                    (greatest.upper + crack) * inverse_scale};
 }
@@ -169,9 +191,11 @@ static void scale_interval(qm_interval *interval, double scale)
     if (interval->upper < DBL_MIN) interval->upper = nextafter(interval->upper, 1.0);
 }
 
-static qm_status set_distribution(deviation_work *work)
+/** Percentiles and histogram: of the pieces, or of their last survey alone. */
+static qm_status set_distribution(deviation_work *work, bool from_pieces)
 {
     const qm_deviation_options *options = work->options;
+    const qm_refinement *pieces = &work->refinement;
     qm_deviation *out = work->out;
     qm_context *ctx = work->ctx;
     double inverse_scale = work->b->frame.inverse_scale, greatest = out->max.upper * work->b->frame.scale;
@@ -181,12 +205,16 @@ static qm_status set_distribution(deviation_work *work)
     out->bin = qm_context_alloc(ctx, out->bin_count, sizeof *out->bin);
     if ((out->percentile_count > 0 && !out->percentile) || (out->bin_count > 0 && !out->bin))
         return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the distribution");
-    qm_status status = qm_deviation_percentiles(ctx, qm_refinement_list(&work->refinement), greatest,
-                                                options->percentile, out->percentile_count, out->percentile);
-    if (status == QM_OK)
-        status = qm_deviation_histogram(ctx, qm_refinement_list(&work->refinement), greatest, out->bin_count,
-                                        out->bin);
-    for (size_t i = 0; status == QM_OK && i < out->percentile_count; i++)
+    const qm_deviation_piece_list list = qm_refinement_list(pieces), *used = from_pieces ? &list : NULL;
+    qm_status status = qm_deviation_percentiles(ctx, used, &pieces->survey, greatest, options->percentile,
+                                                out->percentile_count, out->percentile);
+    if (status == QM_E_CANCELED) used = NULL;
+    if (status != QM_E_NO_MEMORY) {
+        qm_status bins =
+            qm_deviation_histogram(ctx, used, &pieces->survey, greatest, out->bin_count, out->bin);
+        if (status == QM_OK || bins == QM_E_NO_MEMORY) status = bins;
+    }
+    for (size_t i = 0; i < out->percentile_count; i++)
         scale_interval(&out->percentile[i], inverse_scale);
     if (out->bin_count > 0) out->bin_width = out->max.upper / (double)out->bin_count;
     return status;
@@ -196,38 +224,56 @@ static void set_totals(deviation_work *work)
 {
     qm_deviation *out = work->out;
     double inverse_scale = work->b->frame.inverse_scale;
-    qm_deviation_totals totals = qm_deviation_sum(qm_refinement_list(&work->refinement));
-    out->mean = totals.mean;
-    out->rms = totals.rms;
-    out->size = totals.area;
+    const qm_deviation_survey *survey = &work->refinement.survey;
+    out->mean = survey->mean;
+    out->rms = survey->rms;
     scale_interval(&out->mean, inverse_scale);
     scale_interval(&out->rms, inverse_scale);
     out->mean.upper = fmin(out->mean.upper, out->max.upper);
     out->rms.upper = fmin(out->rms.upper, out->max.upper);
     if (out->measure == QM_OVER_AREA) {
+        out->size = survey->area;
         scale_interval(&out->size, inverse_scale / work->refinement.setup.area_unit);
         scale_interval(&out->size, inverse_scale);
-    } else {
-        out->size.lower = out->size.upper = (double)work->refinement.count;
     }
     out->pieces = work->refinement.count;
     out->projections += atomic_load(&work->refinement.searches);
 }
 
+static qm_status measure(deviation_work *work)
+{
+    const qm_mesh *mesh = &work->a->mesh;
+    bool has_faces = mesh->face_count > 0;
+    if (!has_faces) {
+        work->out->measure = QM_OVER_POINTS;
+        work->out->size = (qm_interval){(double)mesh->vertex_count, (double)mesh->vertex_count};
+    }
+    qm_status status = find_vertex_distances(work);
+    if (status == QM_OK) status = has_faces ? refine(work) : take_points(work, QM_OVER_POINTS);
+    if (status == QM_OK && has_faces && !work->refinement.has_area) {
+        /* The maximum is that over the faces, which are more than their corners. */
+        qm_interval max = work->refinement.survey.max;
+        status = take_points(work, QM_OVER_VERTICES);
+        work->refinement.survey.max = max;
+    }
+    return status;
+}
+
+/** The stages. One that is canceled leaves the survey of the stages before it. */
 static qm_status run(deviation_work *work)
 {
-    qm_status status =
-        qm_deviation_setup_init(work->ctx, work->a, work->b, work->options->quads, &work->refinement.setup);
-    if (status == QM_OK) status = find_vertex_distances(work);
-    bool has_faces = work->a->mesh.face_count > 0;
-    if (status == QM_OK) status = has_faces ? refine(work) : take_points(work, QM_OVER_POINTS);
-    if (status == QM_OK) bound_maximum(work);
-    if (status == QM_OK && has_faces && !work->refinement.has_area)
-        status = take_points(work, QM_OVER_VERTICES);
-    if (status == QM_OK) status = search_maximum(work);
-    if (status == QM_OK) status = set_distribution(work);
-    if (status == QM_OK) set_totals(work);
-    return status;
+    qm_deviation *out = work->out;
+    qm_status status = qm_refinement_init(&work->refinement, work->a, work->b, work->options->quads);
+    if (status == QM_OK) status = measure(work);
+    out->is_canceled = status == QM_E_CANCELED;
+    if (status == QM_OK || out->is_canceled) {
+        bound_maximum(work);
+        status = out->is_canceled ? QM_OK : search_maximum(work);
+    }
+    if (status == QM_OK) status = set_distribution(work, !out->is_canceled);
+    out->is_canceled |= status == QM_E_CANCELED;
+    if (status == QM_OK || status == QM_E_CANCELED) set_totals(work);
+    return status == QM_E_CANCELED ? QM_OK : status;
 }
 
 qm_status qm_deviation_measure(qm_context *ctx, const qm_bvh *a, const qm_bvh *b,

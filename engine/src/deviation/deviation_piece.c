@@ -231,16 +231,12 @@ qm_deviation_shape qm_deviation_shape_make(const qm_deviation_setup *setup, cons
 
 /* ---- the calls ---- */
 
-/** The greatest local coordinate that a search can meet. */
+/** A bound of the local coordinates that a search can meet: those of either surface. */
 static double find_extent(const qm_bvh *a, const qm_bvh *b)
 {
-    qm_box box = qm_mesh_bounding_box(&a->mesh);
-    qm_vec low = qm_frame_local(&b->frame, box.min), high = qm_frame_local(&b->frame, box.max);
-    double extent = b->reach;
-    const double ends[6] = {low.x, low.y, low.z, high.x, high.y, high.z};
-    for (int i = 0; i < 6; i++)
-        extent = fmax(extent, fabs(ends[i]));
-    return extent;
+    qm_vec shift = qm_vec_scale(b->frame.scale, qm_vec_sub(a->frame.origin, b->frame.origin));
+    double offset = fmax(fabs(shift.x), fmax(fabs(shift.y), fabs(shift.z)));
+    return fmax(b->reach, offset + a->frame.inverse_scale * b->frame.scale * a->reach);
 }
 
 qm_status qm_deviation_setup_init(qm_context *ctx, const qm_bvh *a, const qm_bvh *b, qm_quad_reading reading,

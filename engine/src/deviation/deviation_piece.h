@@ -3,7 +3,8 @@
  * lies. This is the internal header of the folder:
  *   deviation.c            the call: vertices, pieces or points, the maximum, the result
  *   deviation_refine.c     the rounds: which pieces are cut next
- *   deviation_sum.c        totals, percentiles and histogram from the bounds of all pieces
+ *   deviation_survey.c     totals, maximum and coarse distribution from the bounds of all pieces
+ *   deviation_sum.c        percentiles and histogram
  *   deviation_piece.c      the shape of a piece; how one is bounded and split
  *   deviation_bound.c      its two functions
  *   deviation_cut.c        where it is cut
@@ -103,7 +104,7 @@
  * A distance beyond the base's edges takes an eta of its own (deviation_bound.c).
  * Corners are found from their parameters alone, so that nothing adds up with depth but the leak of the cuts:
  * parts may cover a little of a piece twice or not at all (deviation_cut.c), which the sums over all pieces
- * count (deviation_sum.h). A point of the face may be QM_CRACK_ROUNDINGS u S from all pieces, and a piece so
+ * count (deviation_survey.h). A point of the face may be QM_CRACK_ROUNDINGS u S from all pieces, and a piece so
  * far from the face: one rounding of 3 sqrt(2) u in the parameters, where Q changes by 2 sqrt(6) S each, for
  * each of QM_DEVIATION_PARTS / 2 cuts on each of QM_DEVIATION_DEPTH levels, is 53,207 u S.
  *

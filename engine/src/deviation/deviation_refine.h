@@ -8,12 +8,6 @@
 
 #include "deviation_sum.h"
 
-/** A piece to cut, and its uncertainty. */
-typedef struct qm_open_piece {
-    size_t index;
-    double open;
-} qm_open_piece;
-
 /** Parts of one piece. */
 typedef struct qm_batch_part qm_batch_part;
 
@@ -30,8 +24,9 @@ typedef struct qm_refinement {
     qm_deviation_bounds *bounds;
     size_t count, limit;
     double leak, farthest;                  /* see qm_deviation_piece_list */
+    qm_deviation_survey survey;             /* of the pieces when a round last began */
     size_t piece_capacity, bounds_capacity; /* allocated */
-    qm_open_piece *todo;                    /* the pieces to cut, todo_capacity allocated */
+    size_t *todo;                           /* the pieces to cut, todo_capacity allocated */
     size_t todo_count, todo_capacity;
     size_t begin, end;    /* the batch: todo[begin] to todo[end - 1] */
     qm_batch_part *parts; /* of each piece of the batch */
@@ -39,7 +34,7 @@ typedef struct qm_refinement {
 
     double flat_slack; /* how far patches may be from the triangles that stand for them, in the mean */
     bool has_area;     /* rounding does not hide whether the source has an area at all */
-    bool is_accurate, is_canceled;
+    bool is_accurate;
     _Atomic uint64_t searches;
 } qm_refinement;
 
@@ -51,13 +46,21 @@ static inline qm_deviation_piece_list qm_refinement_list(const qm_refinement *wo
     return (qm_deviation_piece_list){work->bounds, work->count, work->leak, work->farthest};
 }
 
+/** Sets up the data of a source and a target, and a survey of nothing. As qm_deviation_setup_init. */
+qm_status qm_refinement_init(qm_refinement *work, const qm_bvh *a, const qm_bvh *b, qm_quad_reading reading);
+
+/** Surveys the pieces, or points. QM_OK or QM_E_CANCELED, which leaves the last survey. */
+qm_status qm_refinement_survey(qm_refinement *work);
+
 /**
  * Makes a piece of each triangle of the source, bounds them, and cuts them in rounds, if they have an area.
  *
- * Returns QM_OK, also when the pieces ran out before the accuracy was reached, and when the call is canceled
- * once each piece has bounds (is_canceled); QM_E_NO_MEMORY; QM_E_CANCELED.
+ * vertex_distance  of all vertices of the source, in the unit of the meshes
+ *
+ * Returns QM_OK, also when the pieces ran out before the accuracy was reached; QM_E_NO_MEMORY; QM_E_CANCELED,
+ * and the survey holds.
  */
-qm_status qm_refinement_run(qm_refinement *work);
+qm_status qm_refinement_run(qm_refinement *work, const double *vertex_distance);
 
 /** Frees the arrays. */
 void qm_refinement_reset(qm_refinement *work);

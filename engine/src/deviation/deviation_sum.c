@@ -1,92 +1,21 @@
 /**
- * deviation_sum.c: sums over all pieces in long double, with a bound of their rounding; shares of the area
- * within many distances in one pass over the pieces; and percentiles as the points where a lower and an upper
- * bound of that share reach a number, narrowed by regula falsi and bisection.
+ * deviation_sum.c: shares of the area within many distances in one pass over the pieces; and percentiles as
+ * the points where a lower and an upper bound of that share reach a number, narrowed by regula falsi and
+ * bisection.
  */
 #include "deviation_sum.h"
 
-#include <float.h>
 #include <stdlib.h>
 
 #include "core/rounding.h"
 
-/* Of a piece's own area, integrals and shares, and of quotients and roots of sums */
-#define PIECE_ROUNDINGS 64.0
 #define BORDER_ROUNDINGS 0x1p-50 /* relative: of a quotient and a product, whichever comes first */
-#define FIRST_SAMPLES 128        /* in the first round, denser at small distances */
-#define SAMPLES 3                /* of each end of a percentile, in each further round */
-#define NEAR_PART 0x1p-5         /* of a range: how near the samples are to the predicted end */
+#define FIRST_SAMPLES 16         /* of each percentile in the first round */
+#define SAMPLES 3        /* of each end of a percentile, in each further round; 2 of them at most 16 */
+#define NEAR_PART 0x1p-5 /* of a range: how near the samples are to the predicted end */
 #define MAX_ROUNDS 24
-#define END_SHARE 0x1p-6 /* of a percentile's own interval: its ends are found no closer */
-
-/**
- * The rounding error of a sum over the pieces, relative to the sum of its terms. Every term is a short
- * expression of terms that are not negative; with L the unit roundoff of long double a sum of n is off by n
- * L, and the shares take two sums of 2 n terms one after the other.
- */
-static double sum_error(size_t count)
-{
-    return PIECE_ROUNDINGS * QM_UNIT_ROUNDING + 32.0 * (double)count * (double)LDBL_EPSILON;
-}
-
-static qm_interval opened(long double low, long double high, double error)
-{
-    return (qm_interval){(double)low * (1.0 - error), (double)high * (1.0 + error)};
-}
-
-/** The interval of a sum over the surface of a function that is at most this, from the sums over all
- * pieces. */
-static qm_interval sum_interval(qm_deviation_piece_list pieces, const long double sum[2], double max)
-{
-    qm_interval open = opened(sum[0], sum[1], sum_error(pieces.count));
-    double leak = pieces.leak > 0.0 ? pieces.leak * max * (1.0 + sum_error(pieces.count)) : 0.0;
-    return (qm_interval){fmax(0.0, open.lower - leak), open.upper + leak};
-}
-
-/** Of a sum divided by the area. */
-static qm_interval mean_interval(qm_interval sum, qm_interval area)
-{
-    double upper = area.lower > 0.0 ? sum.upper / area.lower : INFINITY;
-    return (qm_interval){area.upper > 0.0 ? sum.lower / area.upper : 0.0, upper};
-}
-
-qm_deviation_totals qm_deviation_sum(qm_deviation_piece_list pieces)
-{
-    long double area[2] = {0, 0}, mean[2] = {0, 0}, square[2] = {0, 0}, blur = 0;
-    QM_ASSERT(pieces.bounds || pieces.count == 0);
-    for (size_t i = 0; i < pieces.count; i++) {
-        const qm_deviation_bounds *piece = &pieces.bounds[i];
-        area[0] += (long double)piece->area_low;
-        area[1] += (long double)piece->area_high;
-        mean[0] += (long double)piece->mean_low;
-        mean[1] += (long double)piece->mean_high;
-        square[0] += (long double)piece->square_low;
-        square[1] += (long double)piece->square_high;
-        blur += (long double)piece->blur;
-    }
-    qm_deviation_totals totals = {.area = sum_interval(pieces, area, 1.0)};
-    QM_ASSERT(!(pieces.leak < 0.0));
-    totals.mean = mean_interval(sum_interval(pieces, mean, pieces.farthest), totals.area);
-    qm_interval squares =
-        mean_interval(sum_interval(pieces, square, pieces.farthest * pieces.farthest), totals.area);
-    totals.rms = (qm_interval){sqrt(squares.lower), sqrt(squares.upper)};
-    totals.blur = totals.area.lower > 0.0 ? (double)blur / totals.area.lower : INFINITY;
-    return totals;
-}
-
-qm_interval qm_deviation_max(qm_deviation_piece_list pieces)
-{
-    qm_interval max = {-INFINITY, -INFINITY};
-    for (size_t i = 0; i < pieces.count; i++)
-        for (int k = 0; k < 3; k++) {
-            const qm_deviation_bounds *piece = &pieces.bounds[i];
-            double below = piece->is_signed ? -piece->high[k] : -INFINITY;
-            double above = piece->is_signed ? fmax(piece->high[k], -piece->low[k]) : piece->high[k];
-            max.upper = fmax(max.upper, above + piece->excess);
-            if (!(piece->invalid_low > 0.0)) max.lower = fmax(max.lower, fmax(piece->low[k], below));
-        }
-    return max;
-}
+#define END_SHARE 0x1p-6    /* of a percentile's own interval: its ends are found no closer */
+#define CANCEL_STRIDE 0x400 /* pieces: each may have a part at every distance */
 
 /* ---- shares ---- */
 
@@ -299,11 +228,13 @@ static double share_of(const share_sums *sums, size_t i, double more)
     return within + beyond > 0 ? (double)(within / (within + beyond)) : 0.0;
 }
 
-void qm_deviation_shares(qm_deviation_piece_list pieces, const double *x, size_t count, long double *work,
-                         qm_interval *share)
+qm_status qm_deviation_shares(qm_context *ctx, qm_deviation_piece_list pieces, const double *x, size_t count,
+                              long double *work, qm_interval *share)
 {
     share_sums low = make_sums(work, count), high = make_sums(work + 4 * (count + 1), count);
     for (size_t i = 0; i < pieces.count; i++) {
+        if (i % CANCEL_STRIDE == 0 && qm_context_canceled(ctx))
+            return qm_context_fail(ctx, QM_E_CANCELED, "deviation canceled");
         const qm_deviation_bounds *piece = &pieces.bounds[i];
         const double area[2][2] = {{piece->area_low, piece->area_high},
                                    {piece->density_low, piece->density_high}};
@@ -325,10 +256,11 @@ void qm_deviation_shares(qm_deviation_piece_list pieces, const double *x, size_t
     }
     prefix_sums(&low, count);
     prefix_sums(&high, count);
-    double error = sum_error(pieces.count);
+    double error = qm_deviation_sum_error(pieces.count);
     for (size_t i = 0; i < count; i++)
         share[i] = (qm_interval){fmax(0.0, share_of(&low, i, -pieces.leak) - error),
                                  fmin(1.0, share_of(&high, i, pieces.leak) + error)};
+    return QM_OK;
 }
 
 /* ---- percentiles ---- */
@@ -378,17 +310,21 @@ static void narrow(crossing *at, double share, double x, double here)
     }
 }
 
-/** x and share have room for FIRST_PLACES and for PLACES for each end. */
-static void find_percentiles(qm_deviation_piece_list pieces, percentile_search *search, size_t count,
-                             double max, double *x, qm_interval *share, long double *work)
+/** x and share have room for FIRST_SAMPLES of each percentile. What is found until the call is canceled
+ * holds. */
+static qm_status find_percentiles(qm_context *ctx, qm_deviation_piece_list pieces, percentile_search *search,
+                                  size_t count, double *x, qm_interval *share, long double *work)
 {
-    size_t used = FIRST_SAMPLES;
-    for (size_t i = 0; i < used; i++) {
-        double part = (double)(i + 1) / (double)(used + 1);
-        x[i] = max * part * part * part;
+    size_t used = 0;
+    for (size_t i = 0; i < count; i++) {
+        qm_interval range = search[i].lower.x;
+        for (int k = 1; k <= FIRST_SAMPLES; k++)
+            x[used++] = range.lower + (range.upper - range.lower) * k / (FIRST_SAMPLES + 1);
     }
     for (int round = 0; round < MAX_ROUNDS && used > 0; round++) {
-        qm_deviation_shares(pieces, x, used, work, share);
+        qsort(x, used, sizeof *x, compare_numbers);
+        qm_status status = qm_deviation_shares(ctx, pieces, x, used, work, share);
+        if (status != QM_OK) return status;
         for (size_t i = 0; i < count; i++)
             for (size_t k = 0; k < used; k++) {
                 narrow(&search[i].lower, search[i].share, x[k], share[k].upper);
@@ -401,25 +337,28 @@ static void find_percentiles(qm_deviation_piece_list pieces, percentile_search *
             used = add_samples(x, used, &p->lower, p->share, width);
             used = add_samples(x, used, &p->upper, p->share, width);
         }
-        qsort(x, used, sizeof *x, compare_numbers);
     }
+    return QM_OK;
 }
 
-qm_status qm_deviation_percentiles(qm_context *ctx, qm_deviation_piece_list pieces, double max,
-                                   const double *percent, size_t count, qm_interval *out)
+qm_status qm_deviation_percentiles(qm_context *ctx, const qm_deviation_piece_list *pieces,
+                                   const qm_deviation_survey *survey, double max, const double *percent,
+                                   size_t count, qm_interval *out)
 {
     if (count == 0) return QM_OK;
-    size_t samples = 2 * SAMPLES * count > FIRST_SAMPLES ? 2 * SAMPLES * count : FIRST_SAMPLES;
+    size_t samples = FIRST_SAMPLES * count;
     percentile_search *search = qm_context_alloc(ctx, count, sizeof *search);
     double *x = qm_context_alloc(ctx, samples, sizeof *x);
     qm_interval *share = qm_context_alloc(ctx, samples, sizeof *share);
     long double *work = qm_context_alloc(ctx, QM_SHARE_ROWS * (samples + 1), sizeof *work);
-    bool has_memory = search && x && share && work;
-    if (has_memory) {
-        const crossing whole = {{0.0, max}, {0.0, 1.0}};
-        for (size_t i = 0; i < count; i++)
-            search[i] = (percentile_search){percent[i] / 100.0, whole, whole};
-        find_percentiles(pieces, search, count, max, x, share, work);
+    qm_status status = QM_E_NO_MEMORY;
+    if (search && x && share && work) {
+        for (size_t i = 0; i < count; i++) {
+            double part = percent[i] / 100.0;
+            const crossing start = {qm_deviation_survey_percentile(survey, part, max), {0.0, 1.0}};
+            search[i] = (percentile_search){part, start, start};
+        }
+        status = pieces ? find_percentiles(ctx, *pieces, search, count, x, share, work) : QM_OK;
         for (size_t i = 0; i < count; i++)
             out[i] = (qm_interval){search[i].lower.x.lower, search[i].upper.x.upper};
     }
@@ -427,7 +366,8 @@ qm_status qm_deviation_percentiles(qm_context *ctx, qm_deviation_piece_list piec
     qm_context_free(ctx, x, samples, sizeof *x);
     qm_context_free(ctx, share, samples, sizeof *share);
     qm_context_free(ctx, work, QM_SHARE_ROWS * (samples + 1), sizeof *work);
-    return has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the percentiles");
+    return status == QM_E_NO_MEMORY ? qm_context_fail(ctx, status, "out of memory for the percentiles")
+                                    : status;
 }
 
 /* ---- histogram ---- */
@@ -440,7 +380,8 @@ static qm_interval share_below(const qm_interval *share, size_t i, size_t count)
     return (qm_interval){share[2 * i].lower, share[2 * i + 1].upper};
 }
 
-qm_status qm_deviation_histogram(qm_context *ctx, qm_deviation_piece_list pieces, double max, size_t count,
+qm_status qm_deviation_histogram(qm_context *ctx, const qm_deviation_piece_list *pieces,
+                                 const qm_deviation_survey *survey, double max, size_t count,
                                  qm_interval *out)
 {
     if (count == 0) return QM_OK;
@@ -448,14 +389,16 @@ qm_status qm_deviation_histogram(qm_context *ctx, qm_deviation_piece_list pieces
     double *x = qm_context_alloc(ctx, samples, sizeof *x);
     qm_interval *share = qm_context_alloc(ctx, samples, sizeof *share);
     long double *work = qm_context_alloc(ctx, QM_SHARE_ROWS * (samples + 1), sizeof *work);
-    bool has_memory = x && share && work;
-    if (has_memory) {
+    qm_status status = QM_E_NO_MEMORY;
+    if (x && share && work) {
         for (size_t i = 0; i < count; i++) {
             double border = max * (double)i / (double)count;
             x[2 * i + 1] = border * (1.0 + BORDER_ROUNDINGS);
             x[2 * i] = border * (1.0 - BORDER_ROUNDINGS);
         }
-        qm_deviation_shares(pieces, x, samples, work, share);
+        status = pieces ? qm_deviation_shares(ctx, *pieces, x, samples, work, share) : QM_OK;
+        for (size_t i = 0; (!pieces || status != QM_OK) && i < samples; i++)
+            share[i] = qm_deviation_survey_share(survey, x[i]);
         for (size_t i = 0; i < count; i++) {
             qm_interval from = share_below(share, i, count), to = share_below(share, i + 1, count);
             out[i] = (qm_interval){fmax(0.0, to.lower - from.upper), fmin(1.0, to.upper - from.lower)};
@@ -464,5 +407,6 @@ qm_status qm_deviation_histogram(qm_context *ctx, qm_deviation_piece_list pieces
     qm_context_free(ctx, x, samples, sizeof *x);
     qm_context_free(ctx, share, samples, sizeof *share);
     qm_context_free(ctx, work, QM_SHARE_ROWS * (samples + 1), sizeof *work);
-    return has_memory ? QM_OK : qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the histogram");
+    return status == QM_E_NO_MEMORY ? qm_context_fail(ctx, status, "out of memory for the histogram")
+                                    : status;
 }
