@@ -187,7 +187,7 @@ def test_a_long_reply_is_cut_where_the_damage_begins(stopped):
 def test_a_folder_of_an_earlier_version_is_read(stopped, name):
     """Everything in it is there as it was, and in use."""
     with tarfile.open(STORED / name) as packed:
-        packed.extractall(stopped.data.parent, filter="data")
+        packed.extractall(stopped.data.parent)
     with sqlite3.connect(stopped.data / "quadmeshd.sqlite") as old:
         before = [row[0] for row in old.execute("SELECT document FROM meshes ORDER BY sequence")]
         jobs = old.execute("SELECT id, result, idempotency_key FROM jobs WHERE document IS NOT NULL").fetchall()
