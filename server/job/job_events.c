@@ -285,13 +285,25 @@ static void notify_late(qm_jobs *jobs, qm_subscriber *first, double now_ms)
 
 void qm_job_events_tick(qm_jobs *jobs, double now_ms)
 {
+    qm_job *expired = NULL; /* while their meshes are being read */
     uv_mutex_lock(&jobs->lock);
     notify_late(jobs, jobs->subscribers, now_ms);
     for (qm_job *job = jobs->first; job; job = job->next) {
         notify_late(jobs, job->subscribers, now_ms);
         qm_job_check_time(job, now_ms);
+        if (!job->is_loading || job->expiry == QM_JOB_IN_TIME) continue;
+        job->is_loading = false;
+        job->references++;
+        job->next_expired = expired;
+        expired = job;
     }
     uv_mutex_unlock(&jobs->lock);
+    for (qm_job *next; expired; expired = next) {
+        next = expired->next_expired;
+        qm_problem problem = qm_job_expiry_problem(expired, expired->expiry);
+        qm_job_finish_with_problem(expired, QM_JOB_FAILED, &problem);
+        qm_jobs_release(jobs, expired);
+    }
 }
 
 /* ---- the notifier ---- */

@@ -54,8 +54,10 @@ struct qm_job {
     qm_turn *turn; /* its place among the workers; NULL before it was queued and after it has ended */
     char client[QM_CLIENT_SIZE];
     qm_job_state state;
-    atomic_bool cancel;    /* polled by the engine: set by a client or by the end of the daemon */
-    bool is_canceled;      /* by a client */
+    atomic_bool cancel; /* polled by the engine: set by a client or by the end of the daemon */
+    bool is_canceled;   /* by a client */
+    bool is_loading;    /* its meshes are being read, which cannot be stopped: who clears this ends the job */
+    qm_job *next_expired;  /* in a list of qm_job_events_tick */
     bool interrupted;      /* by the end of the daemon: it will run again */
     uint64_t seq_base;     /* events up to this number belong to interrupted runs */
     qm_job_event **events; /* by seq */
@@ -202,6 +204,12 @@ void qm_job_finish_with_result(qm_job *job, qm_job_state state, const qm_job_res
 /** Ends the run of a job because the daemon stops: a stored one runs again at the next start, one that is not
  * stored ends as canceled. */
 void qm_job_interrupt(qm_job *job);
+
+/** Marks a running job as one whose meshes are being read. Until the end of that, another thread may end it. */
+void qm_job_begin_loading(qm_job *job);
+
+/** False when the job has been ended meanwhile, and its caller has nothing more to do for it. */
+bool qm_job_end_loading(qm_job *job);
 
 /** True when a client has canceled the job. */
 bool qm_job_is_canceled(qm_job *job);

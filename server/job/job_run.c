@@ -99,7 +99,8 @@ static void finish_stored(qm_job *job, const qm_job_outcome *outcome)
     end_followers(job, followers, shares ? outcome : NULL);
 }
 
-/** Ends a job that is marked as running. Only the thread that runs a job ends it. */
+/** Ends a job that is marked as running. Only the thread that runs a job ends it, or, while the job is loading, the
+ * one that clears this mark. */
 static void finish(qm_job *job, const qm_job_outcome *outcome)
 {
     QM_ASSERT(job->state == QM_JOB_RUNNING && outcome->state > QM_JOB_RUNNING);
@@ -179,6 +180,23 @@ bool qm_job_is_canceled(qm_job *job)
     bool canceled = job->is_canceled;
     uv_mutex_unlock(&job->jobs->lock);
     return canceled;
+}
+
+void qm_job_begin_loading(qm_job *job)
+{
+    uv_mutex_lock(&job->jobs->lock);
+    QM_ASSERT(job->state == QM_JOB_RUNNING && !job->is_loading);
+    job->is_loading = true;
+    uv_mutex_unlock(&job->jobs->lock);
+}
+
+bool qm_job_end_loading(qm_job *job)
+{
+    uv_mutex_lock(&job->jobs->lock);
+    bool is_mine = job->is_loading;
+    job->is_loading = false;
+    uv_mutex_unlock(&job->jobs->lock);
+    return is_mine;
 }
 
 qm_job_expiry qm_job_get_expiry(qm_job *job)
@@ -331,16 +349,20 @@ static void run_on_meshes(qm_job *job)
     bool has_b = qm_job_type_of(job->request.kind)->mesh_field[1];
     bool loads = !qm_meshes_has_loaded(jobs->meshes, job->request.a) ||
                  (has_b && !qm_meshes_has_loaded(jobs->meshes, job->request.b));
-    if (loads) qm_scheduler_leave(job->turn);
+    if (loads) {
+        qm_job_begin_loading(job);
+        qm_scheduler_leave(job->turn);
+    }
     qm_mesh_ref *a = qm_meshes_acquire(jobs->meshes, job->request.a, &problem);
     /* A mesh compared with itself is compared at one revision. */
     bool is_same = has_b && strcmp(job->request.a, job->request.b) == 0;
     qm_mesh_ref *b =
         a && has_b && !is_same ? qm_meshes_acquire(jobs->meshes, job->request.b, &problem) : NULL;
     if (loads) qm_scheduler_return(job->turn);
-    if (a && (b || !has_b || is_same))
+    bool is_over = loads && !qm_job_end_loading(job);
+    if (!is_over && a && (b || !has_b || is_same))
         answer(job, qm_mesh_ref_get(a), b ? qm_mesh_ref_get(b) : is_same ? qm_mesh_ref_get(a) : NULL);
-    else
+    else if (!is_over)
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     qm_meshes_release(jobs->meshes, a);
     qm_meshes_release(jobs->meshes, b);

@@ -361,6 +361,7 @@ bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
 {
     uv_mutex_lock(&jobs->lock);
     bool over = qm_job_is_over(job), queued = job->state == QM_JOB_QUEUED && !over;
+    bool ends_here = queued || (job->is_loading && !over);
     if (!over) {
         job->is_canceled = true;
         qm_job_stop(job);
@@ -368,8 +369,9 @@ bool qm_jobs_cancel(qm_jobs *jobs, qm_job *job)
     bool follows = queued && job->leader;
     if (follows) qm_job_unfollow(job);
     if (queued) qm_job_mark_running(job); /* so that no worker takes it */
+    job->is_loading = false;
     uv_mutex_unlock(&jobs->lock);
-    if (queued) {
+    if (ends_here) {
         qm_problem problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job was canceled before it ran");
         qm_job_finish_with_problem(job, QM_JOB_CANCELED, &problem);
     }

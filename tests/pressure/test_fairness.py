@@ -109,6 +109,28 @@ def test_deadlines_count_from_submission(make_daemon, slow_files, small_files):
             check_problem(reply, 400, "invalid_field")
 
 
+def test_a_job_can_be_ended_while_its_meshes_are_read(make_daemon, slow_files):
+    """After a restart no mesh is in memory. A job that is canceled or past its deadline does not wait for them."""
+    daemon = make_daemon()
+    with daemon.client() as client:
+        slow = upload_all(client, slow_files)
+    for wait in (0, 0.005, 0.02, 0.05):
+        daemon.stop()
+        daemon.start()
+        with daemon.client() as client:
+            reply = client.post("/v1/jobs", json={"type": "self_collision", "mesh": slow[0], "deadline_ms": 1})
+            other = client.start(*slow, **SLOW)
+            time.sleep(wait)
+            assert client.delete(f"/v1/jobs/{other['id']}").status_code == 202
+            done = client.wait(other["id"])
+            assert done["state"] == "canceled" and ("result" in done or done["problem"]["code"] == "conflict"), done
+            late = client.wait(reply.json()["id"])
+            assert late["state"] == "failed" and late["problem"]["code"] == "deadline_exceeded", late
+            # The meshes are there for the next one.
+            after = client.hausdorff(*slow, deadline_ms=20000, tolerance=0.1)
+            assert after["state"] == "succeeded" and after["result"]["stopped_by"] == "converged"
+
+
 def test_a_job_may_not_run_for_ever(make_daemon, slow_files):
     with make_daemon("--max-job-seconds", 1).client() as client:
         slow = upload_all(client, slow_files)
