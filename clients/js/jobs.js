@@ -51,8 +51,9 @@ export class Jobs {
   }
 
   /**
-   * All jobs in order of creation.
-   * @param {Options & { pageSize?: number }} [options]
+   * All jobs that pass the filters, in order of creation.
+   * @param {Options & { pageSize?: number, order?: "oldest" | "newest", state?: string, type?: string, mesh?: string,
+   *   reconstruction?: string }} [options]
    * @returns {AsyncGenerator<Job, void>}
    */
   list(options = {}) {

@@ -37,7 +37,7 @@ export class Layouts {
 
   /**
    * All layouts in order of creation, without their curves.
-   * @param {Options & { pageSize?: number }} [options]
+   * @param {Options & { pageSize?: number, order?: "oldest" | "newest", mesh?: string }} [options]
    * @returns {AsyncGenerator<LayoutBrief, void>}
    */
   list(options = {}) {

@@ -40,8 +40,9 @@ export class Meshes {
   }
 
   /**
-   * All meshes in order of creation.
-   * @param {{ pageSize?: number, signal?: AbortSignal }} [options]
+   * All meshes that pass the filters, in order of creation.
+   * @param {{ pageSize?: number, order?: "oldest" | "newest", name?: string, content_hash?: string,
+   *   signal?: AbortSignal }} [options]
    * @returns {AsyncGenerator<Mesh, void>}
    */
   list(options = {}) {

@@ -28,7 +28,7 @@ export class Reconstructions {
 
   /**
    * All of them in order of creation, without their steps.
-   * @param {Options & { pageSize?: number }} [options]
+   * @param {Options & { pageSize?: number, order?: "oldest" | "newest", mesh?: string }} [options]
    * @returns {AsyncGenerator<ReconstructionBrief, void>}
    */
   list(options = {}) {

@@ -111,14 +111,39 @@ void qm_handle_job_create(qm_request *request)
     }
 }
 
+/** Reads the filters of a list; *state is where that of the filter may be. False after a refusal. */
+static bool read_filter(qm_request *request, qm_store_job_filter *out, qm_job_state *state)
+{
+    const char *type = qm_request_query(request, "type"), *mesh = qm_request_query(request, "mesh"),
+               *reconstruction = qm_request_query(request, "reconstruction"),
+               *name = qm_request_query(request, "state");
+    qm_job_kind kind;
+    qm_problem problem;
+    *out = (qm_store_job_filter){type, mesh ? mesh : reconstruction, name ? state : NULL};
+    if (type && !qm_job_kind_find(type, &kind))
+        problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`type` is not a kind of job");
+    else if (name && !qm_job_state_find(name, state))
+        problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                  "`state` must be queued, running, succeeded, failed or canceled");
+    else if (mesh && reconstruction)
+        problem =
+            qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "no job has both a `mesh` and a `reconstruction`");
+    else
+        return true;
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
 void qm_handle_job_list(qm_request *request)
 {
-    size_t limit;
-    int64_t after, next;
-    if (!qm_handlers_read_paging(request, &limit, &after)) return;
+    qm_store_page page;
+    qm_store_job_filter filter;
+    qm_job_state state;
+    int64_t next;
+    if (!qm_handlers_read_paging(request, &page) || !read_filter(request, &filter, &state)) return;
     qm_text out = {0};
     qm_text_add_string(&out, "{\"jobs\":[");
-    if (!qm_jobs_list(qm_request_app(request)->jobs, after, limit, &out, &next)) out.failed = true;
+    if (!qm_jobs_list(qm_request_app(request)->jobs, page, &filter, &out, &next)) out.failed = true;
     qm_handlers_end_page(&out, next);
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));
 }

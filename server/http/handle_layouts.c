@@ -261,13 +261,16 @@ void qm_handle_layout_create(qm_request *request)
 
 void qm_handle_layout_list(qm_request *request)
 {
-    size_t limit;
-    int64_t after;
-    if (!qm_handlers_read_paging(request, &limit, &after)) return;
-    qm_store_layout *rows = calloc(limit + 1, sizeof *rows);
+    qm_store_page page;
+    if (!qm_handlers_read_paging(request, &page)) return;
+    qm_store_page asked = page;
+    asked.limit++; /* one more says whether there is a next page */
+    qm_store_layout *rows = calloc(asked.limit, sizeof *rows);
     size_t count = 0;
     qm_store *store = qm_request_app(request)->store;
-    qm_status status = rows ? qm_store_list_layouts(store, after, limit + 1, rows, &count) : QM_E_NO_MEMORY;
+    qm_status status =
+        rows ? qm_store_list_layouts(store, &asked, qm_request_query(request, "mesh"), rows, &count)
+             : QM_E_NO_MEMORY;
     if (status != QM_OK) {
         free(rows);
         qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "layouts");
@@ -277,13 +280,13 @@ void qm_handle_layout_list(qm_request *request)
     qm_text out = {0};
     qm_text_add_string(&out, "{");
     qm_json_open(&out, "layouts", "[");
-    for (size_t i = 0; i < count && i < limit; i++) {
+    for (size_t i = 0; i < count && i < page.limit; i++) {
         qm_json_add_comma(&out);
         qm_text_add_string(&out, "{");
         write_layout(&out, &rows[i], true);
         qm_text_add_string(&out, "}");
     }
-    qm_handlers_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
+    qm_handlers_end_page(&out, count > page.limit ? rows[page.limit - 1].sequence : 0);
     for (size_t i = 0; i < count; i++)
         qm_store_layout_reset(&rows[i]);
     free(rows);

@@ -98,13 +98,16 @@ void qm_handle_mesh_create(qm_request *request)
 void qm_handle_mesh_list(qm_request *request)
 {
     qm_app *app = qm_request_app(request);
-    size_t limit;
-    int64_t after;
-    if (!qm_handlers_read_paging(request, &limit, &after)) return;
-    qm_store_mesh *rows = calloc(limit + 1, sizeof *rows);
+    qm_store_page page;
+    if (!qm_handlers_read_paging(request, &page)) return;
+    qm_store_page asked = page;
+    asked.limit++; /* one more says whether there is a next page */
+    const qm_store_mesh_filter filter = {qm_request_query(request, "name"),
+                                         qm_request_query(request, "content_hash")};
+    qm_store_mesh *rows = calloc(asked.limit, sizeof *rows);
     size_t count = 0;
     qm_status status =
-        rows ? qm_store_list_meshes(app->store, after, limit + 1, rows, &count) : QM_E_NO_MEMORY;
+        rows ? qm_store_list_meshes(app->store, &asked, &filter, rows, &count) : QM_E_NO_MEMORY;
     if (status != QM_OK) {
         free(rows);
         qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "meshes");
@@ -113,9 +116,9 @@ void qm_handle_mesh_list(qm_request *request)
     }
     qm_text out = {0};
     qm_text_add_string(&out, "{\"meshes\":[");
-    for (size_t i = 0; i < count && i < limit; i++)
+    for (size_t i = 0; i < count && i < page.limit; i++)
         qm_text_printf(&out, "%s%s", i > 0 ? "," : "", rows[i].document);
-    qm_handlers_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
+    qm_handlers_end_page(&out, count > page.limit ? rows[page.limit - 1].sequence : 0);
     for (size_t i = 0; i < count; i++)
         qm_store_mesh_reset(&rows[i]);
     free(rows);

@@ -97,14 +97,16 @@ void qm_handle_reconstruction_create(qm_request *request)
 
 void qm_handle_reconstruction_list(qm_request *request)
 {
-    size_t limit;
-    int64_t after;
-    if (!qm_handlers_read_paging(request, &limit, &after)) return;
-    qm_store_reconstruction *rows = calloc(limit + 1, sizeof *rows);
+    qm_store_page page;
+    if (!qm_handlers_read_paging(request, &page)) return;
+    qm_store_page asked = page;
+    asked.limit++; /* one more says whether there is a next page */
+    qm_store_reconstruction *rows = calloc(asked.limit, sizeof *rows);
     qm_store *store = qm_request_app(request)->store;
     size_t count = 0;
     qm_status status =
-        rows ? qm_store_list_reconstructions(store, after, limit + 1, rows, &count) : QM_E_NO_MEMORY;
+        rows ? qm_store_list_reconstructions(store, &asked, qm_request_query(request, "mesh"), rows, &count)
+             : QM_E_NO_MEMORY;
     if (status != QM_OK) {
         free(rows);
         qm_problem problem = qm_problem_from_store(status, QM_PROBLEM_INTERNAL, "reconstructions");
@@ -114,11 +116,11 @@ void qm_handle_reconstruction_list(qm_request *request)
     qm_text out = {0};
     qm_text_add_string(&out, "{");
     qm_json_open(&out, "reconstructions", "[");
-    for (size_t i = 0; i < count && i < limit; i++) {
+    for (size_t i = 0; i < count && i < page.limit; i++) {
         open_row(&out, &rows[i]);
         qm_text_add_string(&out, "}");
     }
-    qm_handlers_end_page(&out, count > limit ? rows[limit - 1].sequence : 0);
+    qm_handlers_end_page(&out, count > page.limit ? rows[page.limit - 1].sequence : 0);
     for (size_t i = 0; i < count; i++)
         qm_store_reconstruction_reset(&rows[i]);
     free(rows);

@@ -125,34 +125,40 @@ qm_idempotency qm_handlers_check_idempotency(qm_request *request, const qm_store
 
 /* ---- pages ---- */
 
-bool qm_handlers_read_paging(qm_request *request, size_t *limit, int64_t *after)
+static bool refuse_parameter(qm_request *request, qm_problem problem)
 {
-    const char *limit_text = qm_request_query(request, "limit"),
-               *cursor = qm_request_query(request, "cursor");
+    qm_reply_problem(request, &problem);
+    return false;
+}
+
+bool qm_handlers_read_paging(qm_request *request, qm_store_page *out)
+{
+    const char *limit = qm_request_query(request, "limit"), *cursor = qm_request_query(request, "cursor"),
+               *order = qm_request_query(request, "order");
     char *end;
-    qm_problem problem;
-    *limit = DEFAULT_LIMIT;
-    *after = 0;
-    if (limit_text) {
-        long value = strtol(limit_text, &end, 10);
-        if (end == limit_text || *end || value < 1 || value > MAX_LIMIT) {
-            problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`limit` must be an integer from 1 to %d",
-                                      MAX_LIMIT);
-            qm_reply_problem(request, &problem);
-            return false;
-        }
-        *limit = (size_t)value;
+    *out = (qm_store_page){.limit = DEFAULT_LIMIT};
+    if (limit) {
+        long value = strtol(limit, &end, 10);
+        if (end == limit || *end || value < 1 || value > MAX_LIMIT)
+            return refuse_parameter(request,
+                                    qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                                    "`limit` must be an integer from 1 to %d", MAX_LIMIT));
+        out->limit = (size_t)value;
     }
     if (cursor) {
         errno = 0;
         long long value = strtoll(cursor, &end, 10);
-        if (end == cursor || *end || value < 0 || errno) {
-            problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
-                                      "`cursor` must be the `next` of an earlier page of this list");
-            qm_reply_problem(request, &problem);
-            return false;
-        }
-        *after = value;
+        if (end == cursor || *end || value < 0 || errno)
+            return refuse_parameter(
+                request, qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                                         "`cursor` must be the `next` of an earlier page of this list"));
+        out->after = value;
+    }
+    if (order) {
+        out->newest_first = strcmp(order, "newest") == 0;
+        if (!out->newest_first && strcmp(order, "oldest") != 0)
+            return refuse_parameter(
+                request, qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`order` must be oldest or newest"));
     }
     return true;
 }

@@ -93,7 +93,7 @@ qm_idempotency qm_handlers_check_idempotency(qm_request *request, const qm_store
 /** Ends a page of a list: closes its array and adds the cursor of the next page; 0 after the last one. */
 void qm_handlers_end_page(qm_text *out, int64_t next);
 
-/** Reads ?limit= and ?cursor=; replies with a problem and returns false when they are not valid. */
-bool qm_handlers_read_paging(qm_request *request, size_t *limit, int64_t *after);
+/** Reads ?limit=, ?cursor= and ?order=; replies with a problem and returns false when they are not valid. */
+bool qm_handlers_read_paging(qm_request *request, qm_store_page *out);
 
 #endif

@@ -21,7 +21,10 @@ static const char *const lines[] = {QM_MEDIA_NDJSON, NULL};
 static const char *const job_or_events[] = {"application/json", QM_MEDIA_NDJSON, QM_MEDIA_SSE, NULL};
 
 static const char *const no_query[] = {NULL};
-static const char *const page_query[] = {"limit", "cursor", NULL};
+static const char *const mesh_list_query[] = {"limit", "cursor", "order", "name", "content_hash", NULL};
+static const char *const job_list_query[] = {"limit", "cursor", "order",          "state",
+                                             "type",  "mesh",   "reconstruction", NULL};
+static const char *const list_query[] = {"limit", "cursor", "order", "mesh", NULL};
 static const char *const upload_query[] = {"name", "format", NULL};
 static const char *const format_query[] = {"format", NULL};
 static const char *const content_query[] = {"format", "quantization", NULL};
@@ -33,7 +36,8 @@ static const char *const events_query[] = {"after", NULL};
 static const qm_route routes[] = {
     {"POST", "/v1/meshes", QM_SCOPE_WRITE, qm_handle_mesh_create, json, QM_BODY_SPOOL, QM_LANE_DECODE,
      upload_query},
-    {"GET", "/v1/meshes", QM_SCOPE_READ, qm_handle_mesh_list, json, QM_BODY_NONE, QM_LANE_SHORT, page_query},
+    {"GET", "/v1/meshes", QM_SCOPE_READ, qm_handle_mesh_list, json, QM_BODY_NONE, QM_LANE_SHORT,
+     mesh_list_query},
     {"GET", "/v1/meshes/{id}", QM_SCOPE_READ, qm_handle_mesh_get, json, QM_BODY_NONE, QM_LANE_SHORT,
      no_query},
     {"DELETE", "/v1/meshes/{id}", QM_SCOPE_WRITE, qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_LANE_SHORT,
@@ -51,7 +55,7 @@ static const qm_route routes[] = {
      QM_LANE_QUERY, project_query},
     {"POST", "/v1/jobs", QM_SCOPE_WRITE, qm_handle_job_create, job_or_events, QM_BODY_MEMORY, QM_LANE_SHORT,
      no_query},
-    {"GET", "/v1/jobs", QM_SCOPE_READ, qm_handle_job_list, json, QM_BODY_NONE, QM_LANE_SHORT, page_query},
+    {"GET", "/v1/jobs", QM_SCOPE_READ, qm_handle_job_list, json, QM_BODY_NONE, QM_LANE_SHORT, job_list_query},
     {"GET", "/v1/jobs/{id}", QM_SCOPE_READ, qm_handle_job_get, json, QM_BODY_NONE, QM_LANE_SHORT, no_query},
     {"DELETE", "/v1/jobs/{id}", QM_SCOPE_WRITE, qm_handle_job_delete, NULL, QM_BODY_NONE, QM_LANE_SHORT,
      delete_query},
@@ -62,7 +66,7 @@ static const qm_route routes[] = {
     {"POST", "/v1/layouts", QM_SCOPE_WRITE, qm_handle_layout_create, json, QM_BODY_MEMORY, QM_LANE_EDIT,
      no_query},
     {"GET", "/v1/layouts", QM_SCOPE_READ, qm_handle_layout_list, json, QM_BODY_NONE, QM_LANE_SHORT,
-     page_query},
+     list_query},
     {"GET", "/v1/layouts/{id}", QM_SCOPE_READ, qm_handle_layout_get, json, QM_BODY_NONE, QM_LANE_SHORT,
      no_query},
     {"DELETE", "/v1/layouts/{id}", QM_SCOPE_WRITE, qm_handle_layout_delete, NULL, QM_BODY_NONE, QM_LANE_SHORT,
@@ -86,7 +90,7 @@ static const qm_route routes[] = {
     {"POST", "/v1/reconstructions", QM_SCOPE_WRITE, qm_handle_reconstruction_create, json, QM_BODY_MEMORY,
      QM_LANE_EDIT, no_query},
     {"GET", "/v1/reconstructions", QM_SCOPE_READ, qm_handle_reconstruction_list, json, QM_BODY_NONE,
-     QM_LANE_SHORT, page_query},
+     QM_LANE_SHORT, list_query},
     {"GET", "/v1/reconstructions/{id}", QM_SCOPE_READ, qm_handle_reconstruction_get, json, QM_BODY_NONE,
      QM_LANE_SHORT, no_query},
     {"DELETE", "/v1/reconstructions/{id}", QM_SCOPE_WRITE, qm_handle_reconstruction_delete, NULL,

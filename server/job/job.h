@@ -105,11 +105,15 @@ char *qm_job_document_now(qm_jobs *jobs, qm_job *job, bool *has_ended);
 /** The result object, for the caller to free; NULL when the job has none (yet), or out of memory. */
 char *qm_job_result_object(qm_jobs *jobs, qm_job *job);
 
+/** Writes the state of a name; false when there is none of this name. */
+bool qm_job_state_find(const char *name, qm_job_state *out);
+
 /**
- * Adds the resources of a page of jobs after a sequence number to the JSON array that out ends in. A page of
- * large resources ends before its limit. *next is 0 on the last page. False: out of memory.
+ * Adds the resources of a page of jobs to the JSON array that out ends in. A page of large resources ends
+ * before its limit. *next is 0 on the last page. False: out of memory.
  */
-bool qm_jobs_list(qm_jobs *jobs, int64_t after, size_t limit, qm_text *out, int64_t *next);
+bool qm_jobs_list(qm_jobs *jobs, qm_store_page page, const qm_store_job_filter *filter, qm_text *out,
+                  int64_t *next);
 
 /** How an event is framed. */
 typedef enum qm_framing { QM_FRAMING_NDJSON, QM_FRAMING_SSE } qm_framing;

@@ -270,6 +270,8 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
     qm_store_job row = {.key = job->key,
                         .idempotency_key = (char *)submission->idempotency_key,
                         .body = (char *)submission->body,
+                        .type = qm_job_type_of(job->request.kind)->name,
+                        .subjects = {job->request.a, job->request.b},
                         .created = job->created,
                         .state = QM_JOB_QUEUED};
     memcpy(row.id, job->id, sizeof row.id);
@@ -441,15 +443,16 @@ static void resume_row(qm_jobs *jobs, const qm_store_job *row)
 static void resume_unfinished(qm_jobs *jobs)
 {
     qm_store_job rows[RESUME_STEP];
-    int64_t after = 0;
+    qm_store_page page = {.limit = RESUME_STEP};
+    const qm_job_state unfinished = QM_JOB_QUEUED;
+    const qm_store_job_filter filter = {.state = &unfinished};
     size_t total = 0, count;
     qm_status status;
     if (qm_store_claim_jobs(jobs->store) != QM_OK)
         qm_log(QM_LOG_ERROR,
                "the jobs that run again could not be counted: their events may have old numbers");
-    while ((status = qm_store_list_unfinished_jobs(jobs->store, after, RESUME_STEP, rows, &count)) == QM_OK &&
-           count > 0) {
-        after = rows[count - 1].sequence;
+    while ((status = qm_store_list_jobs(jobs->store, &page, &filter, rows, &count)) == QM_OK && count > 0) {
+        page.after = rows[count - 1].sequence;
         for (size_t i = 0; i < count; i++) {
             resume_row(jobs, &rows[i]);
             qm_store_job_reset(&rows[i]);

@@ -16,11 +16,23 @@
 
 /* ---- one job ---- */
 
+static const char *const state_names[] = {"queued", "running", "succeeded", "failed", "canceled"};
+enum { STATES = sizeof state_names / sizeof *state_names };
+
 const char *qm_job_state_name(qm_job_state state)
 {
-    static const char *const names[] = {"queued", "running", "succeeded", "failed", "canceled"};
-    QM_ASSERT((size_t)state < sizeof names / sizeof *names);
-    return names[state];
+    QM_ASSERT((size_t)state < STATES);
+    return state_names[state];
+}
+
+bool qm_job_state_find(const char *name, qm_job_state *out)
+{
+    for (int i = 0; i < STATES; i++) {
+        if (strcmp(state_names[i], name) != 0) continue;
+        *out = (qm_job_state)i;
+        return true;
+    }
+    return false;
 }
 
 char *qm_job_write_members(const qm_job *job, qm_job_state state, const char *problem)
@@ -105,12 +117,27 @@ typedef struct job_page {
     qm_text *out;
     size_t start; /* of the page in out */
     size_t rest;  /* jobs that may follow */
-    int64_t after;
+    const qm_store_job_filter *filter;
+    qm_store_page rows; /* those to read next */
 } job_page;
 
 static bool has_room_for_more(const job_page *page)
 {
     return page->rest > 0 && page->out->size - page->start < MAX_PAGE_SIZE && !page->out->failed;
+}
+
+/** True when an unfinished job of a row, which the table has, is in a state: the row says no more than queued. */
+static bool is_in_state(qm_jobs *jobs, const qm_store_job *row, const qm_job_state *state)
+{
+    if (!state || *state > QM_JOB_RUNNING) return true;
+    qm_problem problem;
+    qm_job *job = qm_jobs_find(jobs, row->id, &problem);
+    if (!job) return false;
+    uv_mutex_lock(&jobs->lock);
+    qm_job_state now = job->leader ? job->leader->state : job->state;
+    uv_mutex_unlock(&jobs->lock);
+    qm_jobs_release(jobs, job);
+    return now == *state;
 }
 
 /** Adds the next few jobs; false when there are no more. */
@@ -119,34 +146,39 @@ static bool list_step(qm_jobs *jobs, job_page *page)
     QM_ASSERT(page->rest > 0);
     qm_store_job rows[LIST_STEP];
     size_t count;
-    if (qm_store_list_jobs(jobs->store, page->after, LIST_STEP, rows, &count) != QM_OK)
+    if (qm_store_list_jobs(jobs->store, &page->rows, page->filter, rows, &count) != QM_OK)
         page->out->failed = true;
     for (size_t i = 0; i < count; i++) {
         if (has_room_for_more(page)) {
-            char *document = document_of_row(jobs, &rows[i]);
-            qm_json_add_comma(page->out);
-            qm_text_add_string(page->out, document ? document : "");
-            if (!document) page->out->failed = true;
-            free(document);
-            page->after = rows[i].sequence;
-            page->rest--;
+            page->rows.after = rows[i].sequence;
+            if (is_in_state(jobs, &rows[i], page->filter->state)) {
+                char *document = document_of_row(jobs, &rows[i]);
+                qm_json_add_comma(page->out);
+                qm_text_add_string(page->out, document ? document : "");
+                if (!document) page->out->failed = true;
+                free(document);
+                page->rest--;
+            }
         }
         qm_store_job_reset(&rows[i]);
     }
     return count > 0;
 }
 
-bool qm_jobs_list(qm_jobs *jobs, int64_t after, size_t limit, qm_text *out, int64_t *next)
+bool qm_jobs_list(qm_jobs *jobs, qm_store_page page, const qm_store_job_filter *filter, qm_text *out,
+                  int64_t *next)
 {
-    job_page page = {.out = out, .start = out->size, .rest = limit, .after = after};
-    while (has_room_for_more(&page) && list_step(jobs, &page))
+    job_page work = {out, out->size, page.limit, filter, page};
+    work.rows.limit = LIST_STEP;
+    while (has_room_for_more(&work) && list_step(jobs, &work))
         continue;
     qm_store_job following;
     size_t count;
-    if (qm_store_list_jobs(jobs->store, page.after, 1, &following, &count) != QM_OK) out->failed = true;
+    work.rows.limit = 1;
+    if (qm_store_list_jobs(jobs->store, &work.rows, filter, &following, &count) != QM_OK) out->failed = true;
     bool is_last = count == 0;
     if (!is_last) qm_store_job_reset(&following);
-    *next = is_last ? 0 : page.after;
+    *next = is_last ? 0 : work.rows.after;
     return !out->failed;
 }
 

@@ -4,9 +4,9 @@
  * JSON.
  *
  * Find calls return QM_OK, and the row is the caller's to reset; QM_E_EMPTY when there is none;
- * QM_E_FORMAT when it, or what it is found by, is damaged; QM_E_NO_MEMORY or QM_E_ARGUMENT after another fault. List calls write up to limit rows after a sequence number
- * (0: from the first), in order, and their count, which is 0 after a fault. Delete calls return QM_OK,
- * QM_E_EMPTY when there was none, or a fault.
+ * QM_E_FORMAT when it, or what it is found by, is damaged; QM_E_NO_MEMORY or QM_E_ARGUMENT after another fault.
+ * List calls write the rows of a page, in order, and their count, which is 0 after a fault; a filter's NULL members
+ * let every row pass. Delete calls return QM_OK, QM_E_EMPTY when there was none, or a fault.
  *
  * Durability: a call that returned QM_OK survives a kill -9 and a power cut. Threads: every call may come
  * from any thread; the store takes a lock of its own.
@@ -54,6 +54,13 @@ qm_status qm_store_check(const char *folder, bool repairs, FILE *out, qm_store_f
 
 /** Moves the files of meshes and results of a folder without a database to a folder beside them, lost/. */
 qm_status qm_store_empty(const char *folder, char message[QM_MESSAGE_SIZE]);
+
+/** Up to limit rows after the one with a sequence number; 0: from the first, which is the newest one if asked. */
+typedef struct qm_store_page {
+    int64_t after;
+    bool newest_first;
+    size_t limit;
+} qm_store_page;
 
 /** A blob that is being written: bytes go to a file of their own while the hash is computed. */
 typedef struct qm_blob_writer qm_blob_writer;
@@ -109,8 +116,11 @@ qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh);
 qm_status qm_store_find_mesh(qm_store *store, const char *id, qm_store_mesh *out);
 qm_status qm_store_find_mesh_by_content(qm_store *store, const char *hash, const char *options,
                                         qm_store_mesh *out);
-qm_status qm_store_list_meshes(qm_store *store, int64_t after, size_t limit, qm_store_mesh *out,
-                               size_t *count);
+typedef struct qm_store_mesh_filter {
+    const char *name, *hash;
+} qm_store_mesh_filter;
+qm_status qm_store_list_meshes(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
+                               qm_store_mesh *out, size_t *count);
 /**
  * Replaces a mesh by its next revision: revision, positions, options, document. Removes the blob of the
  * positions before. QM_E_ARGUMENT when the mesh is no longer at the revision before.
@@ -134,9 +144,12 @@ typedef struct qm_store_job {
     char *key; /* hash of the canonical request: jobs of one key have one result on the same revisions */
     char *idempotency_key; /* of the client, or NULL */
     char *body;            /* the JSON of the request, to run it again after a restart */
-    char *created;         /* time of submission, RFC 3339 */
-    char *document;        /* members of the job resource as of its end but for its result; NULL before */
-    char *result;          /* the result object; NULL when the job has none */
+    const char
+        *type; /* of a row that is submitted: its kind, and the ids that its request names; NULL else */
+    const char *subjects[2];
+    char *created;  /* time of submission, RFC 3339 */
+    char *document; /* members of the job resource as of its end but for its result; NULL before */
+    char *result;   /* the result object; NULL when the job has none */
     qm_job_state state;
     int64_t sequence; /* order of creation; given by the store */
     int64_t restarts; /* number of times that it was claimed, and began again */
@@ -181,16 +194,18 @@ qm_status qm_store_find_job_by_key(qm_store *store, const char *key, const char 
 /** Lets a job answer no later request: its result is damaged. */
 qm_status qm_store_forget_answer(qm_store *store, const char *id);
 qm_status qm_store_find_job_by_idempotency_key(qm_store *store, const char *key, qm_store_job *out);
-qm_status qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out, size_t *count);
+typedef struct qm_store_job_filter {
+    const char *type, *subject; /* a kind; the id of a mesh or reconstruction that the request names */
+    const qm_job_state *state;  /* all that have not ended are QM_JOB_QUEUED here */
+} qm_store_job_filter;
+qm_status qm_store_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
+                             qm_store_job *out, size_t *count);
 /** Takes over the unfinished jobs of an earlier process: counts one more restart of each. */
 qm_status qm_store_claim_jobs(qm_store *store);
 /** Counts a run of a claimed job, before it begins. */
 qm_status qm_store_begin_job(qm_store *store, const char *id);
 /** Ends in order: the unfinished jobs have not ended the process. */
 qm_status qm_store_leave_jobs(qm_store *store);
-/** Lists the unfinished jobs. */
-qm_status qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out,
-                                        size_t *count);
 /**
  * Removes up to limit jobs that have ended, the oldest first: jobs that were submitted before a time (RFC
  * 3339), and jobs with at least `kept` newer ones. Writes their ids; returns their number.
@@ -236,8 +251,9 @@ typedef struct qm_store_layout {
 qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout,
                               const qm_store_idempotency *idempotency);
 qm_status qm_store_find_layout(qm_store *store, const char *id, qm_store_layout *out);
-qm_status qm_store_list_layouts(qm_store *store, int64_t after, size_t limit, qm_store_layout *out,
-                                size_t *count);
+/** mesh: of one mesh only, or NULL. */
+qm_status qm_store_list_layouts(qm_store *store, const qm_store_page *page, const char *mesh,
+                                qm_store_layout *out, size_t *count);
 /** Adds the revision after layout->revision and drops the undone ones. QM_E_CANCELED when the current
  * revision is another one. */
 qm_status qm_store_edit_layout(qm_store *store, const qm_store_layout *layout);
@@ -265,7 +281,8 @@ typedef struct qm_store_reconstruction {
 qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction,
                                       const qm_store_idempotency *idempotency);
 qm_status qm_store_find_reconstruction(qm_store *store, const char *id, qm_store_reconstruction *out);
-qm_status qm_store_list_reconstructions(qm_store *store, int64_t after, size_t limit,
+/** source: of one mesh only, or NULL. */
+qm_status qm_store_list_reconstructions(qm_store *store, const qm_store_page *page, const char *source,
                                         qm_store_reconstruction *out, size_t *count);
 /** Writes mesh, layout, steps, records, state and revision. */
 qm_status qm_store_update_reconstruction(qm_store *store, const qm_store_reconstruction *reconstruction);

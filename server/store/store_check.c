@@ -61,9 +61,10 @@ static void check_meshes(check *work)
     qm_store_mesh row;
     size_t count;
     qm_status status;
-    int64_t after = 0;
-    while ((status = qm_store_list_meshes(work->store, after, 1, &row, &count)) == QM_OK && count > 0) {
-        after = row.sequence;
+    qm_store_page page = {.limit = 1};
+    const qm_store_mesh_filter all = {0};
+    while ((status = qm_store_list_meshes(work->store, &page, &all, &row, &count)) == QM_OK && count > 0) {
+        page.after = row.sequence;
         work->found.meshes++;
         check_blob(work, row.id, row.hash);
         check_blob(work, row.id, row.positions);
@@ -92,9 +93,10 @@ static void check_arrays(check *work)
     qm_store_job row;
     size_t count;
     qm_status status;
-    int64_t after = 0;
-    while ((status = qm_store_list_jobs(work->store, after, 1, &row, &count)) == QM_OK && count > 0) {
-        after = row.sequence;
+    qm_store_page page = {.limit = 1};
+    const qm_store_job_filter all = {0};
+    while ((status = qm_store_list_jobs(work->store, &page, &all, &row, &count)) == QM_OK && count > 0) {
+        page.after = row.sequence;
         work->found.jobs++;
         status = row.document ? read_array(work->store, row.id) : QM_E_EMPTY;
         if (status != QM_OK && status != QM_E_EMPTY) {

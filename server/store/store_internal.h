@@ -70,8 +70,17 @@ qm_status qm_store_find_row(qm_store *store, sqlite3_stmt *statement, const qm_s
 qm_status qm_store_find_row_by(qm_store *store, const char *sql, const char *text,
                                const qm_store_table *table, void *out);
 
-/** The rows of a statement with two numbers: those after a sequence number, and how many at most. */
-qm_status qm_store_list_rows(qm_store *store, const char *sql, int64_t after, size_t limit,
+/** A query for pages: SELECT ... FROM ..., its column of sequence numbers, and conditions with a parameter each.
+ * Those whose value is NULL are left out; there is an index for each. */
+#define QM_STORE_CONDITIONS 3
+typedef struct qm_store_listing {
+    const char *select, *sequence;
+    const char *conditions[QM_STORE_CONDITIONS];
+    const char *values[QM_STORE_CONDITIONS];
+} qm_store_listing;
+
+/** The rows of a page. */
+qm_status qm_store_list_rows(qm_store *store, const qm_store_listing *listing, const qm_store_page *page,
                              const qm_store_table *table, void *out, size_t *count);
 
 /** Runs a statement that deletes the row of an id. */

@@ -10,19 +10,36 @@
 
 #define COLUMNS "id, key, idempotency_key, body, created, state, sequence, document, restarts, result, begun"
 
+/** In a transaction. */
+static bool submit(qm_store *store, const qm_store_job *job)
+{
+    sqlite3_stmt *row = qm_store_prepare(
+        store, "INSERT INTO jobs (id, key, idempotency_key, body, created, state, revisions, type)"
+               " VALUES (?, ?, ?, ?, ?, ?, '', ?)");
+    sqlite3_stmt *subject = qm_store_prepare(store, "INSERT OR IGNORE INTO job_subjects (job, subject)"
+                                                    " SELECT sequence, ? FROM jobs WHERE id = ?");
+    if (!row || !subject) return false;
+    qm_store_bind_text(row, 1, job->id);
+    qm_store_bind_text(row, 2, job->key);
+    qm_store_bind_text(row, 3, job->idempotency_key);
+    qm_store_bind_text(row, 4, job->body);
+    qm_store_bind_text(row, 5, job->created);
+    sqlite3_bind_int(row, 6, (int)job->state);
+    qm_store_bind_text(row, 7, job->type ? job->type : "");
+    bool good = qm_store_run(store, row);
+    for (int i = 0; good && i < 2; i++) {
+        if (!job->subjects[i] || !job->subjects[i][0]) continue;
+        qm_store_bind_text(subject, 1, job->subjects[i]);
+        qm_store_bind_text(subject, 2, job->id);
+        good = qm_store_run(store, subject);
+    }
+    return good;
+}
+
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
 {
-    sqlite3_stmt *statement =
-        qm_store_begin(store, "INSERT INTO jobs (id, key, idempotency_key, body, created, state, revisions)"
-                              " VALUES (?, ?, ?, ?, ?, ?, '')");
-    if (!statement) return QM_E_ARGUMENT;
-    qm_store_bind_text(statement, 1, job->id);
-    qm_store_bind_text(statement, 2, job->key);
-    qm_store_bind_text(statement, 3, job->idempotency_key);
-    qm_store_bind_text(statement, 4, job->body);
-    qm_store_bind_text(statement, 5, job->created);
-    sqlite3_bind_int(statement, 6, (int)job->state);
-    return qm_store_execute(store, statement);
+    if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
+    return qm_store_end_transaction(store, submit(store, job)) ? QM_OK : QM_E_ARGUMENT;
 }
 
 /** In a transaction. */
@@ -140,11 +157,21 @@ qm_status qm_store_find_job_by_idempotency_key(qm_store *store, const char *key,
                                 out);
 }
 
-qm_status qm_store_list_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out, size_t *count)
+qm_status qm_store_list_jobs(qm_store *store, const qm_store_page *page, const qm_store_job_filter *filter,
+                             qm_store_job *out, size_t *count)
 {
-    return qm_store_list_rows(store,
-                              "SELECT " COLUMNS " FROM jobs WHERE sequence > ? ORDER BY sequence LIMIT ?",
-                              after, limit, &table, out, count);
+    static const char *const states[] = {"0", "0", "2", "3", "4"}; /* one that runs is stored as queued */
+    qm_store_listing listing = {"SELECT " COLUMNS " FROM jobs",
+                                "sequence",
+                                {"type = ?", "state = ?", NULL},
+                                {filter->type, filter->state ? states[*filter->state] : NULL, NULL}};
+    if (filter->subject) { /* in the order of its index */
+        listing.select = "SELECT " COLUMNS " FROM job_subjects CROSS JOIN jobs ON sequence = job";
+        listing.sequence = "job";
+        listing.conditions[2] = "subject = ?";
+        listing.values[2] = filter->subject;
+    }
+    return qm_store_list_rows(store, &listing, page, &table, out, count);
 }
 
 qm_status qm_store_claim_jobs(qm_store *store)
@@ -166,15 +193,6 @@ qm_status qm_store_leave_jobs(qm_store *store)
 {
     sqlite3_stmt *statement = qm_store_begin(store, "UPDATE jobs SET begun = -1 WHERE document IS NULL");
     return statement ? qm_store_execute(store, statement) : QM_E_ARGUMENT;
-}
-
-qm_status qm_store_list_unfinished_jobs(qm_store *store, int64_t after, size_t limit, qm_store_job *out,
-                                        size_t *count)
-{
-    return qm_store_list_rows(store,
-                              "SELECT " COLUMNS
-                              " FROM jobs WHERE document IS NULL AND sequence > ? ORDER BY sequence LIMIT ?",
-                              after, limit, &table, out, count);
 }
 
 qm_status qm_store_forget_answer(qm_store *store, const char *id)

@@ -128,11 +128,11 @@ qm_status qm_store_find_layout(qm_store *store, const char *id, qm_store_layout 
     return qm_store_find_row_by(store, SELECT "WHERE l.id = ?", id, &table, out);
 }
 
-qm_status qm_store_list_layouts(qm_store *store, int64_t after, size_t limit, qm_store_layout *out,
-                                size_t *count)
+qm_status qm_store_list_layouts(qm_store *store, const qm_store_page *page, const char *mesh,
+                                qm_store_layout *out, size_t *count)
 {
-    return qm_store_list_rows(store, SELECT "WHERE l.sequence > ? ORDER BY l.sequence LIMIT ?", after, limit,
-                              &table, out, count);
+    const qm_store_listing listing = {SELECT, "l.sequence", {"l.mesh = ?"}, {mesh}};
+    return qm_store_list_rows(store, &listing, page, &table, out, count);
 }
 
 qm_status qm_store_delete_layout(qm_store *store, const char *id)

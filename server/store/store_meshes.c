@@ -65,12 +65,12 @@ qm_status qm_store_find_mesh_by_content(qm_store *store, const char *hash, const
     return qm_store_find_row(store, statement, &table, out);
 }
 
-qm_status qm_store_list_meshes(qm_store *store, int64_t after, size_t limit, qm_store_mesh *out,
-                               size_t *count)
+qm_status qm_store_list_meshes(qm_store *store, const qm_store_page *page, const qm_store_mesh_filter *filter,
+                               qm_store_mesh *out, size_t *count)
 {
-    return qm_store_list_rows(store,
-                              "SELECT " COLUMNS " FROM meshes WHERE sequence > ? ORDER BY sequence LIMIT ?",
-                              after, limit, &table, out, count);
+    const qm_store_listing listing = {
+        "SELECT " COLUMNS " FROM meshes", "sequence", {"name = ?", "hash = ?"}, {filter->name, filter->hash}};
+    return qm_store_list_rows(store, &listing, page, &table, out, count);
 }
 
 qm_status qm_store_delete_mesh(qm_store *store, const char *id)

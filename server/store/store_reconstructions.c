@@ -76,12 +76,12 @@ qm_status qm_store_find_reconstruction(qm_store *store, const char *id, qm_store
                                 out);
 }
 
-qm_status qm_store_list_reconstructions(qm_store *store, int64_t after, size_t limit,
+qm_status qm_store_list_reconstructions(qm_store *store, const qm_store_page *page, const char *source,
                                         qm_store_reconstruction *out, size_t *count)
 {
-    return qm_store_list_rows(
-        store, "SELECT " COLUMNS " FROM reconstructions WHERE sequence > ? ORDER BY sequence LIMIT ?", after,
-        limit, &table, out, count);
+    const qm_store_listing listing = {
+        "SELECT " COLUMNS " FROM reconstructions", "sequence", {"source = ?"}, {source}};
+    return qm_store_list_rows(store, &listing, page, &table, out, count);
 }
 
 qm_status qm_store_delete_reconstruction(qm_store *store, const char *id)

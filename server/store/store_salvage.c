@@ -80,6 +80,7 @@ static bool copy_table(salvage *work, const char *table, const char *key)
 static const char clean[] =
     "DELETE FROM job_events WHERE job NOT IN (SELECT sequence FROM jobs);"
     "DELETE FROM job_arrays WHERE job NOT IN (SELECT sequence FROM jobs);"
+    "DELETE FROM job_subjects WHERE job NOT IN (SELECT sequence FROM jobs);"
     "DELETE FROM layouts WHERE NOT EXISTS"
     "  (SELECT 1 FROM layout_revisions r WHERE r.id = layouts.id AND r.revision = layouts.revision);"
     "DELETE FROM layout_revisions WHERE id NOT IN (SELECT id FROM layouts);";
@@ -90,7 +91,7 @@ static bool copy_all(salvage *work, const char *path)
         {"meshes", "rowid"},           {"jobs", "rowid"},
         {"layouts", "rowid"},          {"reconstructions", "rowid"},
         {"layout_revisions", "rowid"}, {"job_arrays", "rowid"},
-        {"job_events", "job"},
+        {"job_events", "job"},         {"job_subjects", "job"},
     };
     bool good = sqlite3_open_v2(path, &work->damaged, SQLITE_OPEN_READWRITE | SQLITE_OPEN_NOMUTEX,
                                 QM_STORE_SUMS) == SQLITE_OK &&

@@ -17,7 +17,7 @@
 #define BUSY_TIMEOUT_MS 5000
 #define OLDEST_SCHEMA 7
 #define FIRST_SUMMED 10 /* schema whose pages have checksums */
-#define SCHEMA 10
+#define SCHEMA 11
 
 static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON;";
 
@@ -25,6 +25,18 @@ static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = 
     "CREATE TABLE job_arrays ("                                                                              \
     "  job INTEGER PRIMARY KEY REFERENCES jobs (sequence) ON DELETE CASCADE, count INTEGER NOT NULL,"        \
     "  sums BLOB NOT NULL);"
+
+/** What the filters of lists need. Unfinished jobs have state 0. */
+#define CREATE_FILTERS                                                                                       \
+    "CREATE TABLE job_subjects ("                                                                            \
+    "  job INTEGER NOT NULL REFERENCES jobs (sequence) ON DELETE CASCADE, subject TEXT NOT NULL,"            \
+    "  PRIMARY KEY (job, subject)) WITHOUT ROWID;"                                                           \
+    "CREATE INDEX job_subjects_by_subject ON job_subjects (subject, job);"                                   \
+    "CREATE INDEX jobs_by_state ON jobs (state);"                                                            \
+    "CREATE INDEX jobs_by_type ON jobs (type);"                                                              \
+    "CREATE INDEX meshes_by_name ON meshes (name);"                                                          \
+    "CREATE INDEX layouts_by_mesh ON layouts (mesh);"                                                        \
+    "CREATE INDEX reconstructions_by_source ON reconstructions (source);"
 
 /** Of a new database. */
 static const char schema[] =
@@ -38,7 +50,7 @@ static const char schema[] =
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, key TEXT NOT NULL,"
     "  idempotency_key TEXT UNIQUE, body TEXT NOT NULL, created TEXT NOT NULL, document TEXT,"
     "  result TEXT, state INTEGER NOT NULL, revisions TEXT NOT NULL, restarts INTEGER NOT NULL DEFAULT 0,"
-    "  begun INTEGER NOT NULL DEFAULT 0);"
+    "  begun INTEGER NOT NULL DEFAULT 0, type TEXT NOT NULL DEFAULT '');"
     "CREATE INDEX jobs_by_key ON jobs (key, revisions, state);"
     "CREATE INDEX jobs_unfinished ON jobs (sequence) WHERE document IS NULL;"
     "CREATE TABLE job_events ("
@@ -56,7 +68,7 @@ static const char schema[] =
     "  layout_id TEXT NOT NULL, mesh TEXT NOT NULL, layout TEXT NOT NULL, document TEXT NOT NULL,"
     "  steps TEXT NOT NULL, records TEXT NOT NULL, state TEXT NOT NULL, revision INTEGER NOT NULL,"
     "  cover_share REAL NOT NULL, pull_curves INTEGER NOT NULL, idempotency_key TEXT UNIQUE,"
-    "  request TEXT NOT NULL);" CREATE_ARRAYS;
+    "  request TEXT NOT NULL);" CREATE_ARRAYS CREATE_FILTERS;
 
 /** The step from a version of the schema to the next one; the task runs after the statements, in the same
  * transaction. */
@@ -70,6 +82,12 @@ static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
     {CREATE_ARRAYS, qm_result_file_add_sums},                               /* 7 to 8 */
     {"ALTER TABLE jobs ADD COLUMN begun INTEGER NOT NULL DEFAULT 0", NULL}, /* 8 to 9 */
     {"", NULL}, /* 9 to 10: the file was written again, with checksums */
+    {"ALTER TABLE jobs ADD COLUMN type TEXT NOT NULL DEFAULT '';"
+     "UPDATE jobs SET type = coalesce(json_extract(body, '$.type'), '');" CREATE_FILTERS
+     "INSERT OR IGNORE INTO job_subjects (job, subject) SELECT sequence, json_extract(body, f.value)"
+     "  FROM jobs, json_each('[\"$.a\", \"$.b\", \"$.mesh\", \"$.reconstruction\"]') f"
+     "  WHERE json_extract(body, f.value) IS NOT NULL",
+     NULL}, /* 10 to 11 */
 };
 
 /** Writes the value of a pragma; false, and "", after a fault. */
@@ -336,17 +354,39 @@ qm_status qm_store_find_row_by(qm_store *store, const char *sql, const char *tex
     return qm_store_find_row(store, statement, table, out);
 }
 
-qm_status qm_store_list_rows(qm_store *store, const char *sql, int64_t after, size_t limit,
+/** Prepares the query for a page; NULL after a fault. */
+static sqlite3_stmt *prepare_page(qm_store *store, const qm_store_listing *listing, const qm_store_page *page)
+{
+    qm_text sql = {0};
+    const char *order = page->newest_first ? "DESC" : "ASC";
+    /* From the last one down, when no row came before. */
+    int64_t after = page->newest_first && page->after == 0 ? INT64_MAX : page->after;
+    qm_text_printf(&sql, "%s WHERE %s %c ?", listing->select, listing->sequence,
+                   page->newest_first ? '<' : '>');
+    for (int i = 0; i < QM_STORE_CONDITIONS; i++)
+        if (listing->values[i]) qm_text_printf(&sql, " AND %s", listing->conditions[i]);
+    qm_text_printf(&sql, " ORDER BY %s %s LIMIT %zu", listing->sequence, order, page->limit);
+    char *text = qm_text_take(&sql);
+    sqlite3_stmt *statement = NULL;
+    if (text && sqlite3_prepare_v2(store->database, text, -1, &statement, NULL) == SQLITE_OK) {
+        int index = 1;
+        sqlite3_bind_int64(statement, index++, after);
+        for (int i = 0; i < QM_STORE_CONDITIONS; i++)
+            if (listing->values[i]) qm_store_bind_text(statement, index++, listing->values[i]);
+    }
+    free(text);
+    return statement;
+}
+
+qm_status qm_store_list_rows(qm_store *store, const qm_store_listing *listing, const qm_store_page *page,
                              const qm_store_table *table, void *out, size_t *count)
 {
     *count = 0;
-    sqlite3_stmt *statement = qm_store_begin(store, sql);
-    if (!statement) return QM_E_NO_MEMORY;
-    sqlite3_bind_int64(statement, 1, after);
-    sqlite3_bind_int64(statement, 2, (sqlite3_int64)limit);
+    pthread_mutex_lock(&store->lock);
+    sqlite3_stmt *statement = prepare_page(store, listing, page);
     int result = SQLITE_DONE;
-    qm_status status = QM_OK;
-    while (status == QM_OK && *count < limit && (result = sqlite3_step(statement)) == SQLITE_ROW) {
+    qm_status status = statement ? QM_OK : status_of(store);
+    while (status == QM_OK && *count < page->limit && (result = sqlite3_step(statement)) == SQLITE_ROW) {
         status = table->read(statement, (char *)out + *count * table->size) ? QM_OK : QM_E_NO_MEMORY;
         if (status == QM_OK) ++*count;
     }
@@ -356,8 +396,9 @@ qm_status qm_store_list_rows(qm_store *store, const char *sql, int64_t after, si
         while (*count > 0)
             table->reset((char *)out + --*count * table->size);
     }
-    QM_ASSERT(*count <= limit);
-    qm_store_end(store, statement);
+    QM_ASSERT(*count <= page->limit);
+    sqlite3_finalize(statement);
+    pthread_mutex_unlock(&store->lock);
     return status;
 }
 

@@ -130,6 +130,47 @@ def test_an_ended_job_is_removed(client, daemon, slow_pair):
     assert client.delete(f"/v1/jobs/{runs}").status_code == 202
 
 
+def test_lists_have_filters_and_orders(make_daemon, slow_files):
+    with make_daemon("--workers", 1).client() as client:
+        cube, box = client.upload(shapes.obj(shapes.cube()), name="cube"), client.upload(shapes.obj(shapes.cube(2.0)))
+        slow = [client.upload(file)["id"] for file in slow_files]
+        done = [client.hausdorff(cube["id"], box["id"], tolerance=x)["id"] for x in (0.1, 0.2, 0.3)]
+        done.append(client.post("/v1/jobs", json={"type": "distance", "a": box["id"], "b": cube["id"]},
+                                headers={"Prefer": "wait=20"}).json()["id"])
+        runs = client.start(*slow, **SLOW)["id"]
+        client.wait_until_running(runs)
+
+        def ids(path="jobs", **query):
+            found, cursor = [], None
+            while True:
+                page = client.get(f"/v1/{path}", params={**query, "limit": 2, **({"cursor": cursor} if cursor else {})})
+                assert page.status_code == 200, page.text
+                found += [entry["id"] for entry in page.json()[path]]
+                cursor = page.json()["next"]
+                if not cursor:
+                    return found
+
+        assert ids() == [*done, runs] and ids(order="newest") == [runs, *done[::-1]] and ids(order="oldest") == ids()
+        assert ids(type="distance") == done[3:] and ids(type="hausdorff", order="newest") == [runs, *done[2::-1]]
+        assert ids(state="succeeded") == done and ids(state="running") == [runs] and ids(state="queued") == []
+        assert ids(mesh=cube["id"]) == done and ids(mesh=slow[1]) == [runs] and ids(mesh="m_none") == []
+        assert ids(mesh=box["id"], state="succeeded", type="hausdorff", order="newest") == done[2::-1]
+        assert ids(reconstruction="r_1") == []
+        client.delete(f"/v1/jobs/{runs}")
+        client.wait(runs)
+        assert ids(state="canceled") == [runs] and ids(state="running") == []
+        assert ids("meshes", name="cube") == [cube["id"]] and ids("meshes", name="cub") == []
+        assert ids("meshes", content_hash=box["content_hash"]) == [box["id"]]
+        assert ids("meshes", order="newest")[-1] == cube["id"]
+        layout = client.post("/v1/layouts", json={"mesh": cube["id"]}).json()["id"]
+        assert ids("layouts", mesh=cube["id"]) == [layout] and ids("layouts", mesh=box["id"]) == []
+        assert ids("reconstructions", mesh=cube["id"], order="newest") == []
+        for query, word in (({"order": "up"}, "`order`"), ({"state": "done"}, "`state`"), ({"type": "x"}, "`type`"),
+                            ({"mesh": "m_1", "reconstruction": "r_1"}, "`mesh`")):
+            problem = check_problem(client.get("/v1/jobs", params=query), 400, "invalid_parameter")
+            assert word in problem["detail"]
+
+
 def test_canceling_a_job_that_waits(make_daemon, slow_files):
     with make_daemon("--workers", 1).client() as client:
         pair = [client.upload(content)["id"] for content in slow_files]

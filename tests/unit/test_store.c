@@ -440,18 +440,22 @@ static void test_pages_of_meshes(void **state)
         put_mesh(f, id, "", "");
     }
     qm_store_mesh page[PAGE];
-    int64_t after = 0;
-    size_t total = 0, count;
-    while (qm_store_list_meshes(f->store, after, PAGE, page, &count) == QM_OK && count > 0) {
-        for (size_t i = 0; i < count; i++) {
-            assert_int_equal(page[i].id[2] - '0', total + i);
-            assert_true(page[i].sequence > after);
-            after = page[i].sequence;
-            qm_store_mesh_reset(&page[i]);
+    for (int newest = 0; newest < 2; newest++) {
+        qm_store_page asked = {.limit = PAGE, .newest_first = newest};
+        const qm_store_mesh_filter all = {0};
+        size_t total = 0, count;
+        while (qm_store_list_meshes(f->store, &asked, &all, page, &count) == QM_OK && count > 0) {
+            for (size_t i = 0; i < count; i++) {
+                size_t number = newest ? COUNT - 1 - (total + i) : total + i;
+                assert_int_equal(page[i].id[2] - '0', number);
+                assert_true(asked.after == 0 || (page[i].sequence < asked.after) == newest);
+                asked.after = page[i].sequence;
+                qm_store_mesh_reset(&page[i]);
+            }
+            total += count;
         }
-        total += count;
+        assert_int_equal(total, COUNT);
     }
-    assert_int_equal(total, COUNT);
 }
 
 static void test_a_blob_goes_with_its_last_mesh(void **state)
@@ -469,6 +473,16 @@ static void test_a_blob_goes_with_its_last_mesh(void **state)
 }
 
 /* ---- jobs ---- */
+
+static const qm_job_state unfinished = QM_JOB_QUEUED;
+
+static qm_status list_jobs(fixture *f, int64_t after, size_t limit, const qm_job_state *of_state,
+                           qm_store_job *out, size_t *count)
+{
+    const qm_store_page page = {.after = after, .limit = limit};
+    const qm_store_job_filter filter = {.state = of_state};
+    return qm_store_list_jobs(f->store, &page, &filter, out, count);
+}
 
 static qm_status submit(const fixture *f, const char *id, const char *key, const char *idempotency_key)
 {
@@ -530,7 +544,7 @@ static void test_unfinished_jobs(void **state)
     assert_int_equal(QM_OK, qm_store_find_job(f->store, "j_2", &rows[0]));
     assert_int_equal(rows[0].restarts, 1);
     qm_store_job_reset(&rows[0]);
-    assert_int_equal(QM_OK, qm_store_list_unfinished_jobs(f->store, 0, 4, rows, &listed));
+    assert_int_equal(QM_OK, list_jobs(f, 0, 4, &unfinished, rows, &listed));
     assert_int_equal(listed, 2);
     assert_int_equal(rows[0].restarts, 2);
     assert_string_equal(rows[0].id, "j_1");
@@ -538,11 +552,11 @@ static void test_unfinished_jobs(void **state)
     int64_t first = rows[0].sequence;
     qm_store_job_reset(&rows[0]);
     qm_store_job_reset(&rows[1]);
-    assert_int_equal(QM_OK, qm_store_list_unfinished_jobs(f->store, first, 4, rows, &listed));
+    assert_int_equal(QM_OK, list_jobs(f, first, 4, &unfinished, rows, &listed));
     assert_int_equal(listed, 1);
     assert_string_equal(rows[0].id, "j_3");
     qm_store_job_reset(&rows[0]);
-    assert_int_equal(QM_OK, qm_store_list_jobs(f->store, 0, 2, rows, &listed));
+    assert_int_equal(QM_OK, list_jobs(f, 0, 2, NULL, rows, &listed));
     assert_int_equal(listed, 2);
     assert_string_equal(rows[1].document, "{}");
     qm_store_job_reset(&rows[0]);
@@ -602,6 +616,55 @@ static void drop(const fixture *f, size_t kept, const char *before, size_t limit
     assert_string_equal(joined, expected);
 }
 
+/** Lists the last digits of the ids of all jobs that pass a filter, a page of two at a time. */
+static void check_filter(fixture *f, const qm_store_job_filter *filter, bool newest_first,
+                         const char *expected)
+{
+    char found[16] = "";
+    qm_store_job rows[2];
+    qm_store_page page = {.newest_first = newest_first, .limit = 2};
+    size_t count, total = 0;
+    while (qm_store_list_jobs(f->store, &page, filter, rows, &count) == QM_OK && count > 0)
+        for (size_t i = 0; i < count; i++) {
+            assert_true(total + 1 < sizeof found);
+            found[total++] = rows[i].id[2];
+            page.after = rows[i].sequence;
+            qm_store_job_reset(&rows[i]);
+        }
+    assert_string_equal(found, expected);
+}
+
+static void test_jobs_are_listed_by_filters(void **state)
+{
+    fixture *f = *state;
+    static const char *const types[] = {"hausdorff", "deviation"}, *const meshes[] = {"m_1", "m_2", "m_3"};
+    for (int i = 0; i < 6; i++) {
+        qm_store_job job = {.key = (char *)"k", .body = (char *)"{}", .created = (char *)"2020"};
+        job.type = types[i % 2];
+        job.subjects[0] = meshes[i % 3];
+        job.subjects[1] = i == 5 ? "m_3" : i % 2 ? "m_1" : "";
+        snprintf(job.id, sizeof job.id, "j_%d", i);
+        assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
+        if (i > 2)
+            assert_int_equal(finish(f, job.id, i == 4 ? QM_JOB_FAILED : QM_JOB_SUCCEEDED, "{}", ""), QM_OK);
+    }
+    const qm_job_state succeeded = QM_JOB_SUCCEEDED, failed = QM_JOB_FAILED;
+    check_filter(f, &(qm_store_job_filter){0}, false, "012345");
+    check_filter(f, &(qm_store_job_filter){0}, true, "543210");
+    check_filter(f, &(qm_store_job_filter){.type = "deviation"}, false, "135");
+    check_filter(f, &(qm_store_job_filter){.state = &unfinished}, true, "210");
+    check_filter(f, &(qm_store_job_filter){.state = &succeeded}, false, "35");
+    check_filter(f, &(qm_store_job_filter){.state = &failed, .type = "hausdorff"}, true, "4");
+    check_filter(f, &(qm_store_job_filter){.subject = "m_1"}, false, "013");
+    check_filter(f, &(qm_store_job_filter){.subject = "m_3"}, true, "52");
+    check_filter(f, &(qm_store_job_filter){.subject = "m_3", .type = "deviation", .state = &succeeded}, false,
+                 "5");
+    check_filter(f, &(qm_store_job_filter){.subject = "' OR 1"}, false, "");
+    /* With the job goes what it names. */
+    assert_int_equal(qm_store_delete_job(f->store, "j_0"), QM_OK);
+    check_filter(f, &(qm_store_job_filter){.subject = "m_1"}, false, "13");
+}
+
 static void test_old_jobs_are_dropped(void **state)
 {
     size_t listed;
@@ -624,7 +687,7 @@ static void test_old_jobs_are_dropped(void **state)
     drop(f, 2, "", 8, "j_4 ");
     drop(f, 0, "", 8, "j_5 j_6 ");
     qm_store_job rows[2];
-    assert_int_equal(QM_OK, qm_store_list_jobs(f->store, 0, 2, rows, &listed));
+    assert_int_equal(QM_OK, list_jobs(f, 0, 2, NULL, rows, &listed));
     assert_int_equal(listed, 1);
     assert_string_equal(rows[0].id, "j_2");
     qm_store_job_reset(&rows[0]);
@@ -816,7 +879,7 @@ static void test_what_was_stored_survives_a_kill(void **state)
     check_blob(f, mesh.hash, "kept");
     qm_store_mesh_reset(&mesh);
     qm_store_job job;
-    assert_int_equal(QM_OK, qm_store_list_unfinished_jobs(f->store, 0, 1, &job, &listed));
+    assert_int_equal(QM_OK, list_jobs(f, 0, 1, &unfinished, &job, &listed));
     assert_int_equal(listed, 1);
     assert_string_equal(job.id, "j_1");
     qm_store_job_reset(&job);
@@ -936,6 +999,7 @@ int main(void)
         TEST(test_unfinished_jobs),
         TEST(test_events_are_appended),
         TEST(test_old_jobs_are_dropped),
+        TEST(test_jobs_are_listed_by_filters),
         cmocka_unit_test(test_checksums_tell_bits_apart),
         TEST(test_a_damaged_array_is_never_read),
         TEST(test_a_forgotten_answer_is_not_found_by_its_key),

@@ -130,17 +130,18 @@ static qm_interval face_area(const qm_deviation_setup *setup, const qm_vec corne
         high = 0.5 * qm_vec_norm(qm_vec_cross(edge, other));
         return (qm_interval){fmax(0.0, high - margin), high + margin};
     }
-    qm_vec diagonals =
-        qm_vec_cross(qm_vec_sub(corner[2], corner[0]), qm_vec_sub(corner[3], corner[1]));
+    qm_vec diagonals = qm_vec_cross(qm_vec_sub(corner[2], corner[0]), qm_vec_sub(corner[3], corner[1]));
     for (int i = 0; i < 4; i++) {
-        qm_vec on = qm_vec_sub(corner[(i + 1) % 4], corner[i]), back = qm_vec_sub(corner[(i + 3) % 4], corner[i]);
+        qm_vec on = qm_vec_sub(corner[(i + 1) % 4], corner[i]),
+               back = qm_vec_sub(corner[(i + 3) % 4], corner[i]);
         high = fmax(high, qm_vec_norm(qm_vec_cross(on, back)));
     }
     return (qm_interval){fmax(0.0, 0.5 * qm_vec_norm(diagonals) - margin), high + margin};
 }
 
 /** The interval of the distance over a face, and its longest edge or diagonal. */
-static qm_interval face_distance(const qm_vec corner[4], const double distance[4], int corners, double *longest)
+static qm_interval face_distance(const qm_vec corner[4], const double distance[4], int corners,
+                                 double *longest)
 {
     qm_interval within = {0.0, INFINITY};
     *longest = 0.0;
