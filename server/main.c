@@ -284,6 +284,21 @@ static bool run_check(const qm_config *config, char message[QM_MESSAGE_SIZE])
     return found.faults == found.repaired;
 }
 
+static bool run_backup(const qm_config *config, char message[QM_MESSAGE_SIZE])
+{
+    qm_store_findings found;
+    bool restores = config->task == QM_CONFIG_RESTORE;
+    qm_status status = restores
+                           ? qm_store_restore(config->task_file, config->data_dir, stdout, &found, message)
+                           : qm_store_backup(config->data_dir, config->task_file, stdout, &found, message);
+    if (status != QM_OK) return false;
+    snprintf(message, QM_MESSAGE_SIZE,
+             restores ? "%zu meshes, %zu jobs and %zu files restored: %zu faults"
+                      : "%zu meshes, %zu jobs with arrays and %zu files saved: %zu faults",
+             found.meshes, found.jobs, found.files, found.faults);
+    return found.faults == 0;
+}
+
 static int run_task(const qm_config *config)
 {
     char message[QM_MESSAGE_SIZE] = "";
@@ -294,6 +309,10 @@ static int run_task(const qm_config *config)
     case QM_CONFIG_CHECK:
     case QM_CONFIG_REPAIR:
         done = run_check(config, message);
+        break;
+    case QM_CONFIG_BACKUP:
+    case QM_CONFIG_RESTORE:
+        done = run_backup(config, message);
         break;
     case QM_CONFIG_ADOPT:
         done = run_adopt(config, message);

@@ -77,16 +77,20 @@ enum { SETTING_COUNT = sizeof settings / sizeof settings[0] };
 typedef struct task_flag {
     const char *name;
     qm_config_task task;
+    bool has_file; /* the flag has a value */
     const char *help;
 } task_flag;
 
 static const task_flag tasks[] = {
-    {"check", QM_CONFIG_CHECK,
+    {"backup", QM_CONFIG_BACKUP, true,
+     "writes all of the data folder to a new file, also of a daemon that runs; exit status 1: faults"},
+    {"restore", QM_CONFIG_RESTORE, true, "makes the data folder, which is missing or empty, of such a file"},
+    {"check", QM_CONFIG_CHECK, false,
      "compares everything stored with its hashes and checksums; exit status 1: faults"},
-    {"repair", QM_CONFIG_REPAIR, "the same, and repairs what can be; status 0 when no fault is left"},
-    {"adopt", QM_CONFIG_ADOPT,
+    {"repair", QM_CONFIG_REPAIR, false, "the same, and repairs what can be; status 0 when no fault is left"},
+    {"adopt", QM_CONFIG_ADOPT, false,
      "makes meshes of the files in the data folder that the database does not know"},
-    {"empty", QM_CONFIG_EMPTY, "moves the files of a data folder without a database away, to lost/"},
+    {"empty", QM_CONFIG_EMPTY, false, "moves the files of a data folder without a database away, to lost/"},
 };
 enum { TASK_COUNT = sizeof tasks / sizeof tasks[0] };
 
@@ -105,9 +109,11 @@ static void print_help(void)
     for (size_t i = 0; i < SETTING_COUNT; i++)
         printf("  --%-18s %s [%s]\n", settings[i].name, settings[i].help,
                show_value(settings[i].text, settings[i].number, value));
-    puts("\nWith a stopped daemon, instead of serving:\n");
-    for (size_t i = 0; i < TASK_COUNT; i++)
-        printf("  --%-18s %s\n", tasks[i].name, tasks[i].help);
+    puts("\nInstead of serving; all but --backup with a stopped daemon:\n");
+    for (size_t i = 0; i < TASK_COUNT; i++) {
+        snprintf(value, sizeof value, "%s%s", tasks[i].name, tasks[i].has_file ? " FILE" : "");
+        printf("  --%-18s %s\n", value, tasks[i].help);
+    }
     puts(
         "\n  --print-config       the settings as they are, as a file for --config\n"
         "  --print-routes       what the daemon answers: method, path, types, ?parameters\n"
@@ -280,10 +286,18 @@ static bool set_from_flag(qm_config *config, int argc, char **argv, int *index)
     return set(config, s, argv[++*index], name);
 }
 
-static bool set_task(qm_config *config, const char *flag)
+/** True for a flag that names a task, or lacks its file (*lacks_file); *index advances to the last argument used. */
+static bool set_task(qm_config *config, int argc, char **argv, int *index, bool *lacks_file)
 {
+    const char *flag = argv[*index];
     for (size_t i = 0; i < TASK_COUNT; i++) {
-        if (strncmp(flag, "--", 2) != 0 || strcmp(flag + 2, tasks[i].name) != 0) continue;
+        size_t length = strlen(tasks[i].name);
+        if (strncmp(flag, "--", 2) != 0 || strncmp(flag + 2, tasks[i].name, length) != 0) continue;
+        const char *end = flag + 2 + length;
+        if (*end && (*end != '=' || !tasks[i].has_file)) continue;
+        if (tasks[i].has_file) config->task_file = *end ? end + 1 : *index + 1 < argc ? argv[++*index] : "";
+        *lacks_file = tasks[i].has_file && !config->task_file[0];
+        if (*lacks_file) fprintf(stderr, "quadmeshd: %s needs a file\n", flag);
         /* --check --repair is --repair, in any order. */
         if (config->task != QM_CONFIG_REPAIR || tasks[i].task != QM_CONFIG_CHECK)
             config->task = tasks[i].task;
@@ -308,7 +322,7 @@ static bool set_from_named_file(qm_config *config, int argc, char **argv)
 
 qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
 {
-    bool is_printing = false;
+    bool is_printing = false, lacks_file = false;
     set_defaults(config);
     config->task = QM_CONFIG_SERVE;
     if (!set_from_named_file(config, argc, argv)) return QM_CONFIG_EXIT_USAGE;
@@ -319,8 +333,9 @@ qm_config_outcome qm_config_read(qm_config *config, int argc, char **argv)
         if (strcmp(argv[i], "--version") == 0) return puts("quadmeshd " QM_VERSION), QM_CONFIG_EXIT_OK;
         if (strcmp(argv[i], "--print-config") == 0)
             is_printing = true;
-        else if (!set_task(config, argv[i]) && !set_from_flag(config, argc, argv, &i))
+        else if (!set_task(config, argc, argv, &i, &lacks_file) && !set_from_flag(config, argc, argv, &i))
             return QM_CONFIG_EXIT_USAGE;
+        if (lacks_file) return QM_CONFIG_EXIT_USAGE;
     }
     if (!check(config)) return QM_CONFIG_EXIT_USAGE;
     if (!is_printing) return QM_CONFIG_RUN;

@@ -14,11 +14,14 @@ typedef enum qm_config_task {
     QM_CONFIG_CHECK,
     QM_CONFIG_REPAIR,
     QM_CONFIG_ADOPT,
-    QM_CONFIG_EMPTY
+    QM_CONFIG_EMPTY,
+    QM_CONFIG_BACKUP,
+    QM_CONFIG_RESTORE
 } qm_config_task;
 
 typedef struct qm_config {
     qm_config_task task;
+    const char *task_file;    /* of a backup, or to restore */
     const char *config;       /* file of settings; "" for none */
     const char *listen;       /* address; other than loopback only with tokens */
     const char *token_file;   /* "" for none: every client may do everything */

@@ -52,6 +52,19 @@ typedef struct qm_store_findings {
 qm_status qm_store_check(const char *folder, bool repairs, FILE *out, qm_store_findings *found,
                          char message[QM_MESSAGE_SIZE]);
 
+/**
+ * Writes all of a folder to one file, while the daemon that holds the folder goes on: everything that was
+ * acknowledged before the call, but for deletions since. What is damaged is left out, with a line on out and
+ * a fault. QM_E_ARGUMENT with a message: there is no backup.
+ */
+qm_status qm_store_backup(const char *folder, const char *file, FILE *out, qm_store_findings *found,
+                          char message[QM_MESSAGE_SIZE]);
+
+/** Makes a folder of such a file, of this or an earlier version: all of it, or none. The folder must be missing or
+ * empty. */
+qm_status qm_store_restore(const char *file, const char *folder, FILE *out, qm_store_findings *found,
+                           char message[QM_MESSAGE_SIZE]);
+
 /** Moves the files of meshes and results of a folder without a database to a folder beside them, lost/. */
 qm_status qm_store_empty(const char *folder, char message[QM_MESSAGE_SIZE]);
 

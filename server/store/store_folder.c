@@ -68,7 +68,7 @@ static qm_store *create(const char *folder)
     return NULL;
 }
 
-static qm_store *create_checked(const char *folder, char message[QM_MESSAGE_SIZE])
+qm_store *qm_store_create(const char *folder, char message[QM_MESSAGE_SIZE])
 {
     bool fits = strlen(folder) < QM_STORE_FOLDER_SIZE;
     qm_store *store = fits ? create(folder) : NULL;
@@ -82,7 +82,7 @@ qm_status qm_store_open(const char *folder, qm_store_purpose purpose, qm_store *
                         char message[QM_MESSAGE_SIZE])
 {
     *out = NULL;
-    qm_store *store = create_checked(folder, message);
+    qm_store *store = qm_store_create(folder, message);
     if (!store) return QM_E_NO_MEMORY;
     qm_status status = take_folder(store, purpose, message);
     if (status == QM_OK)
@@ -109,7 +109,7 @@ void qm_store_close(qm_store *store)
 
 qm_status qm_store_empty(const char *folder, char message[QM_MESSAGE_SIZE])
 {
-    qm_store *store = create_checked(folder, message);
+    qm_store *store = qm_store_create(folder, message);
     if (!store) return QM_E_NO_MEMORY;
     qm_status status = lock_folder(store, message);
     if (status == QM_OK && !is_fresh(store->folder)) {

@@ -40,12 +40,16 @@ void qm_store_sums_register(void);
 /** File control code: sets a bool, true for a database that has no checksums yet. */
 #define QM_STORE_ASK_PLAIN 0x716d70
 
+/** A store of a folder that is neither held nor opened, for qm_store_close; NULL with a message. */
+qm_store *qm_store_create(const char *folder, char message[QM_MESSAGE_SIZE]);
+
 /** Opens the database of a folder whose lock is held, and brings it up to date. */
 qm_status qm_store_open_database(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE]);
 void qm_store_close_database(qm_store *store);
 
-/** Makes an empty database of this version beside that of the store. *out is to be closed in either case. */
+/** Makes an empty database of this version, or without any table. *out is to be closed in either case. */
 bool qm_store_make_database(const char *path, sqlite3 **out);
+bool qm_store_make_file(const char *path, sqlite3 **out);
 
 /** Makes the database of a store anew of the rows that can be read, and opens it. */
 bool qm_store_salvage(qm_store *store, FILE *out);

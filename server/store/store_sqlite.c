@@ -214,15 +214,20 @@ qm_status qm_store_open_database(qm_store *store, qm_store_purpose purpose, char
     return set_up(store, purpose, message);
 }
 
-bool qm_store_make_database(const char *path, sqlite3 **out)
+bool qm_store_make_file(const char *path, sqlite3 **out)
 {
     int reserved = QM_STORE_SUM_SIZE;
-    char sql[48];
-    snprintf(sql, sizeof sql, "PRAGMA user_version = %d", SCHEMA);
+    qm_store_sums_register();
     return sqlite3_open_v2(path, out, SQLITE_OPEN_READWRITE | SQLITE_OPEN_CREATE | SQLITE_OPEN_NOMUTEX,
                            QM_STORE_SUMS) == SQLITE_OK &&
-           sqlite3_file_control(*out, "main", SQLITE_FCNTL_RESERVE_BYTES, &reserved) == SQLITE_OK &&
-           sqlite3_exec(*out, schema, NULL, NULL, NULL) == SQLITE_OK &&
+           sqlite3_file_control(*out, "main", SQLITE_FCNTL_RESERVE_BYTES, &reserved) == SQLITE_OK;
+}
+
+bool qm_store_make_database(const char *path, sqlite3 **out)
+{
+    char sql[48];
+    snprintf(sql, sizeof sql, "PRAGMA user_version = %d", SCHEMA);
+    return qm_store_make_file(path, out) && sqlite3_exec(*out, schema, NULL, NULL, NULL) == SQLITE_OK &&
            sqlite3_exec(*out, sql, NULL, NULL, NULL) == SQLITE_OK;
 }
 
