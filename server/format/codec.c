@@ -3,6 +3,7 @@
  */
 #include "codec.h"
 
+#include <stdio.h>
 #include <strings.h>
 
 #include "codec_builder.h"
@@ -32,8 +33,14 @@ qm_format qm_format_from_name(const char *name)
 
 qm_format qm_format_from_path(const char *path)
 {
-    const char *dot = strrchr(path, '.');
-    return dot ? qm_format_from_name(dot + 1) : QM_FORMAT_UNKNOWN;
+    const char *end = path + strlen(path), *const packed = ".gz";
+    if ((size_t)(end - path) >= strlen(packed) && strcasecmp(end - strlen(packed), packed) == 0)
+        end -= strlen(packed);
+    const char *dot = memrchr(path, '.', (size_t)(end - path));
+    char name[8];
+    if (!dot || (size_t)(end - dot) > sizeof name) return QM_FORMAT_UNKNOWN;
+    snprintf(name, sizeof name, "%.*s", (int)(end - dot - 1), dot + 1);
+    return qm_format_from_name(name);
 }
 
 qm_format qm_format_from_media_type(const char *media_type)

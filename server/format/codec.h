@@ -28,8 +28,8 @@ typedef enum qm_format {
 #undef XX
 } qm_format;
 
-/** The format of a name ("ply"), of the extension of a path, or of a media type (without its parameters);
- * QM_FORMAT_UNKNOWN if there is none. */
+/** The format of a name ("ply"), of the extension of a path (before a ".gz"), or of a media type (without its
+ * parameters); QM_FORMAT_UNKNOWN if there is none. */
 qm_format qm_format_from_name(const char *name);
 qm_format qm_format_from_path(const char *path);
 qm_format qm_format_from_media_type(const char *media_type);
@@ -46,6 +46,7 @@ qm_format qm_format_sniff(const uint8_t *bytes, size_t size);
 typedef struct qm_codec_limits {
     size_t max_vertices, max_faces; /* QM_E_TOO_LARGE beyond; at most QM_NO_INDEX - 1 */
     int thread_count;               /* for large texts; ctx->parallel is needed for more than one */
+    size_t max_size;                /* bytes that a compressed file may inflate to; 0: no limit */
 } qm_codec_limits;
 
 #define QM_NO_LOCATION SIZE_MAX /* no line, or no offset */
