@@ -57,7 +57,7 @@ typedef struct qm_codec_limits {
 typedef struct qm_codec_report {
     size_t line;                       /* of the error, from 1; QM_NO_LOCATION for binary formats */
     size_t offset;                     /* of the error in bytes from 0; QM_NO_LOCATION for text formats */
-    char detail[QM_CODEC_DETAIL_SIZE]; /* UTF-8, one sentence; never contains bytes of the file */
+    char detail[QM_CODEC_DETAIL_SIZE]; /* UTF-8, one sentence; of the file it has printable words only */
     char warnings[QM_CODEC_WARNING_COUNT][QM_CODEC_DETAIL_SIZE];
     size_t warning_count;
 } qm_codec_report;

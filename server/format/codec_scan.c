@@ -71,6 +71,17 @@ bool qm_scan_read_word(qm_scan *text, const uint8_t **word, size_t *size)
     return true;
 }
 
+const char *qm_scan_show(const uint8_t *word, size_t size, char shown[QM_SCAN_SHOWN_SIZE])
+{
+    static const char cut[] = "...";
+    const size_t most = QM_SCAN_SHOWN_SIZE - sizeof cut;
+    const size_t length = size < most ? size : most;
+    for (size_t i = 0; i < length; ++i)
+        shown[i] = (char)(word[i] > ' ' && word[i] < 0x7f && word[i] != '"' ? word[i] : '?');
+    memcpy(shown + length, size > most ? cut : "", size > most ? sizeof cut : 1);
+    return shown;
+}
+
 static bool is_digit(uint8_t c)
 {
     return c >= '0' && c <= '9';

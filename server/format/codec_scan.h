@@ -89,6 +89,11 @@ static inline bool qm_scan_find_row(qm_scan *text)
 /** Skips blanks and reads a word: bytes up to a blank or line end. False at the end of the row. */
 bool qm_scan_read_word(qm_scan *text, const uint8_t **word, size_t *size);
 
+#define QM_SCAN_SHOWN_SIZE 28
+
+/** Writes a word of the file for a message: ASCII, other bytes as question marks, cut when it is long. Returns shown. */
+const char *qm_scan_show(const uint8_t *word, size_t size, char shown[QM_SCAN_SHOWN_SIZE]);
+
 static inline uint8_t qm_scan_to_lower(uint8_t c)
 {
     return c >= 'A' && c <= 'Z' ? (uint8_t)(c | 0x20) : c;
