@@ -110,7 +110,7 @@ qm_format qm_format_sniff(const uint8_t *bytes, size_t size)
     qm_scan text = {.at = bytes, .end = bytes + size, .line = 1, .has_comma = true, .report = &ignored};
     const uint8_t *word;
     size_t word_size;
-    if (has_prefix(bytes, size, "\xef\xbb\xbf")) text.at += 3;
+    qm_scan_skip_mark(&text);
     if (!qm_scan_find_row(&text)) return QM_FORMAT_UNKNOWN;
     qm_scan row = text;
     qm_scan_read_word(&text, &word, &word_size);
@@ -136,6 +136,13 @@ qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *byte
         bool is_text = !formats[format].magic[0];
         *(is_text ? &report->line : &report->offset) = is_text;
         return qm_codec_fail(report, QM_E_EMPTY, "the file is empty");
+    }
+
+    bool is_utf16 = has_prefix(bytes, size, "\xff\xfe") || has_prefix(bytes, size, "\xfe\xff");
+    if (is_utf16 && !formats[format].magic[0] && !qm_codec_is_binary_stl(bytes, size)) {
+        report->line = 1;
+        return qm_codec_fail(report, QM_E_UNSUPPORTED,
+                             "the text is UTF-16; only UTF-8 and ASCII are supported");
     }
 
     qm_builder builder = {.ctx = ctx, .limits = limits, .report = report};

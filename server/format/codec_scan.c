@@ -10,6 +10,12 @@
 
 #include "codec_builder.h"
 
+void qm_scan_skip_mark(qm_scan *text)
+{
+    static const uint8_t mark[3] = {0xef, 0xbb, 0xbf};
+    if (text->end - text->at >= 3 && memcmp(text->at, mark, sizeof mark) == 0) text->at += sizeof mark;
+}
+
 qm_status qm_scan_open(qm_scan *text, const uint8_t *bytes, size_t size, qm_codec_report *report)
 {
     *text = (qm_scan){.at = bytes, .end = bytes + size, .line = 1, .report = report};
@@ -22,8 +28,7 @@ qm_status qm_scan_open(qm_scan *text, const uint8_t *bytes, size_t size, qm_code
                 ++text->at;
         return qm_codec_fail(report, QM_E_FORMAT, "the text contains a NUL byte");
     }
-    static const uint8_t mark[3] = {0xef, 0xbb, 0xbf};
-    if (text->end - text->at >= 3 && memcmp(text->at, mark, sizeof mark) == 0) text->at += sizeof mark;
+    qm_scan_skip_mark(text);
     return QM_OK;
 }
 

@@ -18,6 +18,9 @@ typedef struct qm_scan {
     qm_codec_report *report;
 } qm_scan;
 
+/** Skips the byte order mark of UTF-8. */
+void qm_scan_skip_mark(qm_scan *text);
+
 /** Starts at the first byte after a byte order mark. QM_E_FORMAT if the text contains a NUL byte. */
 qm_status qm_scan_open(qm_scan *text, const uint8_t *bytes, size_t size, qm_codec_report *report);
 
