@@ -119,6 +119,10 @@ qm_format qm_format_sniff(const uint8_t *bytes, size_t size)
     if (qm_scan_word_is(word, word_size, "ply")) return QM_FORMAT_PLY;
     if (qm_scan_word_is(word, word_size, "solid")) return QM_FORMAT_STL;
     if (word_size >= 3 && qm_scan_word_is(word + word_size - 3, 3, "off")) return QM_FORMAT_OFF;
+    if (qm_scan_word_is(word, word_size, "version") && qm_scan_find_next_row(&text))
+        qm_scan_read_word(&text, &word, &word_size); /* only a PCD file goes on as follows */
+    if (qm_scan_word_is(word, word_size, "fields") || qm_scan_word_is(word, word_size, "columns"))
+        return QM_FORMAT_PCD;
     return sniff_numbers(row);
 }
 

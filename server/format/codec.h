@@ -19,7 +19,8 @@
     XX(4, OFF, off, "application/x-off", "")                                                                 \
     XX(5, GLB, glb, "model/gltf-binary", "glTF")                                                             \
     XX(6, DRC, drc, "application/x-draco", "DRACO")                                                          \
-    XX(7, XYZ, xyz, "text/x-xyz", "")
+    XX(7, XYZ, xyz, "text/x-xyz", "")                                                                        \
+    XX(8, PCD, pcd, "application/x-pcd", "")
 
 typedef enum qm_format {
     QM_FORMAT_UNKNOWN,

@@ -89,6 +89,13 @@ static inline bool qm_scan_find_row(qm_scan *text)
     return (text->end > text->at && *text->at > '#' && *text->at != '\\') || qm_scan_find_any_row(text);
 }
 
+/** Skips the remainder of the line and finds the next row. */
+static inline bool qm_scan_find_next_row(qm_scan *text)
+{
+    qm_scan_skip_line(text);
+    return qm_scan_find_row(text);
+}
+
 /** Skips blanks and reads a word: bytes up to a blank or line end. False at the end of the row. */
 bool qm_scan_read_word(qm_scan *text, const uint8_t **word, size_t *size);
 
