@@ -10,7 +10,7 @@
 set -eu
 
 build="gcc g++ make pkg-config libmicrohttpd-dev libuv1-dev libcjson-dev libsqlite3-dev libdraco-dev
-    libcurl4-openssl-dev nettle-dev libspng-dev"
+    libcurl4-openssl-dev nettle-dev libspng-dev zlib1g-dev"
 # draco brings the encoder and decoder programs that files are compared with.
 # nginx and systemd check the files of this folder; chromium is what the page's tests drive.
 test="libcmocka-dev python3-venv clang-format clang libclang-rt-14-dev draco git locales nginx-light openssl systemd chromium"

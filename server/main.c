@@ -153,7 +153,8 @@ static bool create_pools(qm_app *app, const qm_config *config)
 static qm_meshes *create_meshes(qm_store *store, const qm_config *config)
 {
     qm_codec_limits limits = {.max_vertices = (size_t)config->max_faces,
-                              .max_faces = (size_t)config->max_faces};
+                              .max_faces = (size_t)config->max_faces,
+                              .max_size = (size_t)config->max_body};
     size_t memory = config->memory_budget > 0 ? (size_t)config->memory_budget : qm_host_default_budget();
     int prepare_threads = config->prepare_threads > 0 ? (int)config->prepare_threads : qm_host_thread_count();
     return qm_meshes_create(store, limits, memory, prepare_threads);

@@ -3,6 +3,7 @@
  */
 #include "codec.h"
 
+#include <stdio.h>
 #include <strings.h>
 
 #include "codec_builder.h"
@@ -32,8 +33,14 @@ qm_format qm_format_from_name(const char *name)
 
 qm_format qm_format_from_path(const char *path)
 {
-    const char *dot = strrchr(path, '.');
-    return dot ? qm_format_from_name(dot + 1) : QM_FORMAT_UNKNOWN;
+    const char *end = path + strlen(path), *const packed = ".gz";
+    if ((size_t)(end - path) >= strlen(packed) && strcasecmp(end - strlen(packed), packed) == 0)
+        end -= strlen(packed);
+    const char *dot = memrchr(path, '.', (size_t)(end - path));
+    char name[8];
+    if (!dot || (size_t)(end - dot) > sizeof name) return QM_FORMAT_UNKNOWN;
+    snprintf(name, sizeof name, "%.*s", (int)(end - dot - 1), dot + 1);
+    return qm_format_from_name(name);
 }
 
 qm_format qm_format_from_media_type(const char *media_type)
@@ -103,7 +110,7 @@ qm_format qm_format_sniff(const uint8_t *bytes, size_t size)
     qm_scan text = {.at = bytes, .end = bytes + size, .line = 1, .has_comma = true, .report = &ignored};
     const uint8_t *word;
     size_t word_size;
-    if (has_prefix(bytes, size, "\xef\xbb\xbf")) text.at += 3;
+    qm_scan_skip_mark(&text);
     if (!qm_scan_find_row(&text)) return QM_FORMAT_UNKNOWN;
     qm_scan row = text;
     qm_scan_read_word(&text, &word, &word_size);
@@ -112,6 +119,10 @@ qm_format qm_format_sniff(const uint8_t *bytes, size_t size)
     if (qm_scan_word_is(word, word_size, "ply")) return QM_FORMAT_PLY;
     if (qm_scan_word_is(word, word_size, "solid")) return QM_FORMAT_STL;
     if (word_size >= 3 && qm_scan_word_is(word + word_size - 3, 3, "off")) return QM_FORMAT_OFF;
+    if (qm_scan_word_is(word, word_size, "version") && qm_scan_find_next_row(&text))
+        qm_scan_read_word(&text, &word, &word_size); /* only a PCD file goes on as follows */
+    if (qm_scan_word_is(word, word_size, "fields") || qm_scan_word_is(word, word_size, "columns"))
+        return QM_FORMAT_PCD;
     return sniff_numbers(row);
 }
 
@@ -129,6 +140,13 @@ qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *byte
         bool is_text = !formats[format].magic[0];
         *(is_text ? &report->line : &report->offset) = is_text;
         return qm_codec_fail(report, QM_E_EMPTY, "the file is empty");
+    }
+
+    bool is_utf16 = has_prefix(bytes, size, "\xff\xfe") || has_prefix(bytes, size, "\xfe\xff");
+    if (is_utf16 && !formats[format].magic[0] && !qm_codec_is_binary_stl(bytes, size)) {
+        report->line = 1;
+        return qm_codec_fail(report, QM_E_UNSUPPORTED,
+                             "the text is UTF-16; only UTF-8 and ASCII are supported");
     }
 
     qm_builder builder = {.ctx = ctx, .limits = limits, .report = report};

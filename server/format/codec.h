@@ -19,7 +19,8 @@
     XX(4, OFF, off, "application/x-off", "")                                                                 \
     XX(5, GLB, glb, "model/gltf-binary", "glTF")                                                             \
     XX(6, DRC, drc, "application/x-draco", "DRACO")                                                          \
-    XX(7, XYZ, xyz, "text/x-xyz", "")
+    XX(7, XYZ, xyz, "text/x-xyz", "")                                                                        \
+    XX(8, PCD, pcd, "application/x-pcd", "")
 
 typedef enum qm_format {
     QM_FORMAT_UNKNOWN,
@@ -28,8 +29,8 @@ typedef enum qm_format {
 #undef XX
 } qm_format;
 
-/** The format of a name ("ply"), of the extension of a path, or of a media type (without its parameters);
- * QM_FORMAT_UNKNOWN if there is none. */
+/** The format of a name ("ply"), of the extension of a path (before a ".gz"), or of a media type (without its
+ * parameters); QM_FORMAT_UNKNOWN if there is none. */
 qm_format qm_format_from_name(const char *name);
 qm_format qm_format_from_path(const char *path);
 qm_format qm_format_from_media_type(const char *media_type);
@@ -46,6 +47,7 @@ qm_format qm_format_sniff(const uint8_t *bytes, size_t size);
 typedef struct qm_codec_limits {
     size_t max_vertices, max_faces; /* QM_E_TOO_LARGE beyond; at most QM_NO_INDEX - 1 */
     int thread_count;               /* for large texts; ctx->parallel is needed for more than one */
+    size_t max_size;                /* bytes that a compressed file may inflate to; 0: no limit */
 } qm_codec_limits;
 
 #define QM_NO_LOCATION SIZE_MAX /* no line, or no offset */
@@ -56,7 +58,7 @@ typedef struct qm_codec_limits {
 typedef struct qm_codec_report {
     size_t line;                       /* of the error, from 1; QM_NO_LOCATION for binary formats */
     size_t offset;                     /* of the error in bytes from 0; QM_NO_LOCATION for text formats */
-    char detail[QM_CODEC_DETAIL_SIZE]; /* UTF-8, one sentence; never contains bytes of the file */
+    char detail[QM_CODEC_DETAIL_SIZE]; /* UTF-8, one sentence; of the file it has printable words only */
     char warnings[QM_CODEC_WARNING_COUNT][QM_CODEC_DETAIL_SIZE];
     size_t warning_count;
 } qm_codec_report;

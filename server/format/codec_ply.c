@@ -1,8 +1,10 @@
 /**
  * codec_ply.c: PLY: a text header that describes elements and their properties, then their rows as text or as binary in
  * either byte order. The coordinates are the properties x, y, z of the element vertex, the corners the list
- * vertex_indices or vertex_index of the element face. Of a point set the properties nx, ny, nz are kept too;
- * everything else is skipped by its declared size. Files are written as binary, in double precision.
+ * vertex_indices or vertex_index of the element face. The same list of the element tristrips has strips of triangles, as
+ * Stanford's scans do: each vertex makes a triangle with the two before it, every second one is turned around, and -1
+ * ends a strip. Of a point set the properties nx, ny, nz are kept too; everything else is skipped by its declared
+ * size. Files are written as binary, in double precision.
  * Source: Turk, The PLY Polygon File Format, 1994.
  */
 #include <math.h>
@@ -41,7 +43,7 @@ typedef struct ply_property {
     int role;
 } ply_property;
 
-typedef enum ply_kind { PLY_VERTICES, PLY_FACES, PLY_OTHERS } ply_kind;
+typedef enum ply_kind { PLY_VERTICES, PLY_FACES, PLY_STRIPS, PLY_OTHERS } ply_kind;
 
 typedef struct ply_element {
     ply_kind kind;
@@ -56,6 +58,13 @@ typedef enum ply_encoding {
     PLY_BIG_ENDIAN_BINARY
 } ply_encoding;
 
+/** The strip that is being read. */
+typedef struct ply_strip {
+    uint64_t length;   /* vertices of it so far */
+    uint32_t last[2];  /* the last two of them, the one of even place first, as the next triangle has them */
+    size_t flat_count; /* triangles of all strips that name a vertex twice */
+} ply_strip;
+
 typedef struct ply_reader {
     qm_builder *builder;
     qm_codec_report *report;
@@ -69,6 +78,8 @@ typedef struct ply_reader {
     size_t property_count, property_capacity;
     uint64_t vertex_count; /* of the header */
     bool has_normals;      /* it is a point set with three normal properties */
+    bool is_strips;        /* the corners of the current element are strips */
+    ply_strip strip;
 } ply_reader;
 
 static inline bool ply_is_float(ply_scalar type)
@@ -87,6 +98,14 @@ static qm_status ply_fail(ply_reader *reader, const char *detail)
     return qm_codec_fail(reader->report, QM_E_FORMAT, "%s", detail);
 }
 
+/** Fails about a word of the header, which takes the place of %s. */
+__attribute__((format(printf, 2, 0))) static qm_status fail_word(ply_reader *reader, const char *format,
+                                                                 const uint8_t *word, size_t size)
+{
+    char shown[QM_SCAN_SHOWN_SIZE];
+    return qm_codec_fail(reader->report, QM_E_FORMAT, format, qm_scan_show(word, size, shown));
+}
+
 static qm_status read_scalar_type(ply_reader *reader, ply_scalar *type)
 {
     const uint8_t *word;
@@ -97,7 +116,9 @@ static qm_status read_scalar_type(ply_reader *reader, ply_scalar *type)
         if (qm_scan_word_is(word, size, ply_scalars[i].name) ||
             qm_scan_word_is(word, size, ply_scalars[i].sized_name))
             *type = (ply_scalar)i;
-    return *type == PLY_NO_SCALAR ? ply_fail(reader, "a property has an unknown type") : QM_OK;
+    if (!has_word) return ply_fail(reader, "a property has no type");
+    return *type == PLY_NO_SCALAR ? fail_word(reader, "a property has the unknown type \"%s\"", word, size)
+                                  : QM_OK;
 }
 
 static qm_status read_format(ply_reader *reader)
@@ -112,7 +133,8 @@ static qm_status read_format(ply_reader *reader)
     if (qm_scan_word_is(word, size, "binary_big_endian")) reader->encoding = PLY_BIG_ENDIAN_BINARY;
     bool host_is_big = __BYTE_ORDER__ == __ORDER_BIG_ENDIAN__;
     reader->swaps_bytes = host_is_big != (reader->encoding == PLY_BIG_ENDIAN_BINARY);
-    if (reader->encoding == PLY_NO_ENCODING) return ply_fail(reader, "the format line has an unknown format");
+    if (reader->encoding == PLY_NO_ENCODING)
+        return fail_word(reader, "the format line has the unknown format \"%s\"", word, size);
     if (qm_scan_read_word(&reader->text, &word, &size) && qm_scan_word_is(word, size, "1.0")) return QM_OK;
     return ply_fail(reader, "the format line has another version than 1.0");
 }
@@ -126,11 +148,10 @@ static qm_status read_element(ply_reader *reader)
     element.kind = PLY_OTHERS;
     if (qm_scan_word_is(word, size, "vertex")) element.kind = PLY_VERTICES;
     if (qm_scan_word_is(word, size, "face")) element.kind = PLY_FACES;
-    if (qm_scan_word_is(word, size, "tristrips"))
-        return qm_codec_fail(reader->report, QM_E_UNSUPPORTED, "triangle strips in PLY are not supported");
+    if (qm_scan_word_is(word, size, "tristrips")) element.kind = PLY_STRIPS;
     for (size_t i = 0; element.kind != PLY_OTHERS && i < reader->element_count; ++i)
         if (reader->elements[i].kind == element.kind)
-            return ply_fail(reader, "the header describes vertices or faces twice");
+            return ply_fail(reader, "the header describes vertices, faces or strips twice");
     int64_t count;
     qm_status status = qm_scan_read_integer(&reader->text, &count);
     if (status != QM_OK) return status;
@@ -155,7 +176,8 @@ static int find_role(const ply_element *element, bool is_list, const uint8_t *wo
             return role;
     bool is_corners =
         qm_scan_word_is(word, size, "vertex_indices") || qm_scan_word_is(word, size, "vertex_index");
-    return element->kind == PLY_FACES && is_list && is_corners ? PLY_CORNERS : PLY_OTHER;
+    bool has_corners = element->kind == PLY_FACES || element->kind == PLY_STRIPS;
+    return has_corners && is_list && is_corners ? PLY_CORNERS : PLY_OTHER;
 }
 
 static qm_status read_property(ply_reader *reader)
@@ -209,6 +231,14 @@ static qm_status read_comment(ply_reader *reader)
     return qm_builder_add_grid(reader->builder, (qm_mesh_grid){(uint32_t)count[0], (uint32_t)count[1]});
 }
 
+static qm_status fail_unknown_line(ply_reader *reader, const uint8_t *word, size_t size)
+{
+    char shown[QM_SCAN_SHOWN_SIZE];
+    return qm_codec_fail(reader->report, QM_E_FORMAT,
+                         "line %zu of the header starts with \"%s\", which is no keyword of PLY",
+                         reader->text.line, qm_scan_show(word, size, shown));
+}
+
 /** Reads the lines of the header through end_header. */
 static qm_status read_header_lines(ply_reader *reader)
 {
@@ -228,7 +258,7 @@ static qm_status read_header_lines(ply_reader *reader)
             else if (qm_scan_word_is(word, size, "comment"))
                 status = read_comment(reader);
             else if (!qm_scan_word_is(word, size, "obj_info"))
-                status = ply_fail(reader, "the header has an unknown line");
+                status = fail_unknown_line(reader, word, size);
         }
         if (status != QM_OK) return status;
         qm_scan_skip_line(&reader->text);
@@ -247,25 +277,27 @@ static qm_status ply_read_header(ply_reader *reader)
     if (reader->encoding == PLY_NO_ENCODING) return ply_fail(reader, "the header has no format line");
     qm_scan_skip_line(&reader->text);
     unsigned roles = 0;
-    bool has_corners = false, has_faces = false;
+    bool has_faces = false;
     size_t other_count = 0;
-    for (size_t i = 0; i < reader->property_count; ++i) {
-        int role = reader->properties[i].role;
-        if (role < PLY_CORNERS) roles |= 1u << role;
-        has_corners |= role == PLY_CORNERS;
-    }
+    for (size_t i = 0; i < reader->property_count; ++i)
+        if (reader->properties[i].role < PLY_CORNERS) roles |= 1u << reader->properties[i].role;
     if ((roles & 7) != 7)
         return ply_fail(reader, "the header describes no element vertex with properties x, y and z");
     for (size_t i = 0; i < reader->element_count; ++i) {
         const ply_element *element = &reader->elements[i];
-        if (element->kind == PLY_FACES && element->count > 0 && !has_corners)
+        if (element->count == 0 || element->kind == PLY_VERTICES) continue;
+        bool has_corners = false;
+        for (size_t p = 0; p < element->property_count; ++p)
+            has_corners |= reader->properties[element->first_property + p].role == PLY_CORNERS;
+        if (element->kind != PLY_OTHERS && !has_corners)
             return ply_fail(reader, "the faces have no list named vertex_indices or vertex_index");
-        other_count += element->kind == PLY_OTHERS && element->count > 0;
-        has_faces |= element->kind == PLY_FACES && element->count > 0;
+        other_count += element->kind == PLY_OTHERS;
+        has_faces |= has_corners;
     }
     reader->has_normals = roles == 63 && !has_faces;
     if (other_count > 0)
-        qm_codec_warn(reader->report, "elements other than vertex and face: %zu (ignored)", other_count);
+        qm_codec_warn(reader->report, "elements other than vertex, face and tristrips: %zu (ignored)",
+                      other_count);
     return QM_OK;
 }
 
@@ -276,39 +308,56 @@ static qm_status start_element(ply_reader *reader, const ply_element *element)
 {
     uint64_t left = (uint64_t)(reader->text.end - reader->text.at);
     if (reader->encoding == PLY_ASCII) ++left; /* the last line end is optional */
-    /* The min size of a row: lists are empty, except for the corners of a triangle. */
-    size_t row = 0;
+    reader->is_strips = element->kind == PLY_STRIPS;
+    /* The min size of a row, with empty lists; and in more of a row that can be read, for the corners of a triangle. */
+    size_t row = 0, more = 0;
     for (size_t i = 0; i < element->property_count; ++i) {
         const ply_property *property = &reader->properties[element->first_property + i];
         bool is_list = property->count_type != PLY_NO_SCALAR;
-        size_t values = property->role == PLY_CORNERS ? 3 : !is_list;
-        if (reader->encoding == PLY_ASCII)
-            row += 2 * (values + is_list);
-        else
-            row += (is_list ? ply_scalars[property->count_type].size : 0) +
-                   values * ply_scalars[property->type].size;
+        bool is_binary = reader->encoding != PLY_ASCII;
+        size_t value = is_binary ? ply_scalars[property->type].size : 2;
+        row += !is_list ? value : is_binary ? ply_scalars[property->count_type].size : 2;
+        if (property->role == PLY_CORNERS && element->kind == PLY_FACES) more += 3 * value;
     }
     if (row > 0 && element->count > left / row)
         return qm_codec_fail(reader->report, QM_E_FORMAT,
                              "the header specifies %llu rows of an element, but the file has room for %llu",
                              (unsigned long long)element->count, (unsigned long long)(left / row));
     if (element->kind == PLY_VERTICES) return qm_builder_reserve_vertices(reader->builder, element->count);
-    if (element->kind == PLY_FACES) return qm_builder_reserve_faces(reader->builder, element->count);
-    return QM_OK;
+    if (element->kind != PLY_FACES || row == 0) return QM_OK;
+    uint64_t most = left / (row + more);
+    return qm_builder_reserve_faces(reader->builder, element->count < most ? element->count : most);
+}
+
+/** Adds a vertex to the strip. A triangle that names a vertex twice only leads to the next one. */
+static qm_status add_to_strip(ply_reader *reader, uint32_t vertex)
+{
+    ply_strip *strip = &reader->strip;
+    const uint32_t a = strip->last[0], b = strip->last[1];
+    const bool is_triangle = strip->length >= 2, is_flat = (a == b) | (a == vertex) | (b == vertex);
+    strip->flat_count += is_triangle && is_flat;
+    strip->last[strip->length++ % 2] = vertex;
+    return is_triangle && !is_flat ? qm_builder_add_triangle(reader->builder, a, b, vertex) : QM_OK;
 }
 
 static qm_status ply_add_corner(ply_reader *reader, int64_t vertex)
 {
+    if (reader->is_strips && vertex == -1) {
+        reader->strip.length = 0;
+        return QM_OK;
+    }
     if (vertex < 0 || (uint64_t)vertex >= reader->vertex_count)
         return qm_codec_fail(reader->report, QM_E_INDEX,
                              "face refers to vertex %lld, but the file has %llu vertices, counted from 0",
                              (long long)vertex, (unsigned long long)reader->vertex_count);
-    return qm_builder_add_corner(reader->builder, (uint32_t)vertex);
+    return reader->is_strips ? add_to_strip(reader, (uint32_t)vertex)
+                             : qm_builder_add_corner(reader->builder, (uint32_t)vertex);
 }
 
 static qm_status ply_end_row(ply_reader *reader, ply_kind kind, const double value[PLY_CORNERS])
 {
     if (kind == PLY_FACES) return qm_builder_end_face(reader->builder);
+    reader->strip.length = 0;
     if (kind != PLY_VERTICES) return QM_OK;
     qm_status status = qm_builder_add_vertex(reader->builder, value + PLY_COORDINATE);
     if (status != QM_OK || !reader->has_normals) return status;
@@ -430,7 +479,8 @@ static qm_status read_blocks(ply_reader *reader, const ply_element *element, uin
                                   .read = read_block,
                                   .user = &user};
     *done = 0;
-    if (element->kind == PLY_OTHERS || reader->has_normals) return QM_OK;
+    const bool has_blocks = element->kind == PLY_VERTICES || element->kind == PLY_FACES;
+    if (!has_blocks || reader->has_normals) return QM_OK;
     qm_status status = qm_blocks_read(reader->builder, &reader->text, &rows);
     *done = reader->text.line - first_line;
     return status;
@@ -671,6 +721,9 @@ static qm_status read_rows(ply_reader *reader)
         }
         if (status != QM_OK) return status;
     }
+    if (reader->strip.flat_count > 0)
+        qm_codec_warn(reader->report, "triangles of strips that name a vertex twice: %zu (left out)",
+                      reader->strip.flat_count);
     if (reader->encoding == PLY_ASCII) {
         if (qm_scan_find_row(&reader->text))
             qm_codec_warn(reader->report,

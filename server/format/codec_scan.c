@@ -10,6 +10,12 @@
 
 #include "codec_builder.h"
 
+void qm_scan_skip_mark(qm_scan *text)
+{
+    static const uint8_t mark[3] = {0xef, 0xbb, 0xbf};
+    if (text->end - text->at >= 3 && memcmp(text->at, mark, sizeof mark) == 0) text->at += sizeof mark;
+}
+
 qm_status qm_scan_open(qm_scan *text, const uint8_t *bytes, size_t size, qm_codec_report *report)
 {
     *text = (qm_scan){.at = bytes, .end = bytes + size, .line = 1, .report = report};
@@ -22,8 +28,7 @@ qm_status qm_scan_open(qm_scan *text, const uint8_t *bytes, size_t size, qm_code
                 ++text->at;
         return qm_codec_fail(report, QM_E_FORMAT, "the text contains a NUL byte");
     }
-    static const uint8_t mark[3] = {0xef, 0xbb, 0xbf};
-    if (text->end - text->at >= 3 && memcmp(text->at, mark, sizeof mark) == 0) text->at += sizeof mark;
+    qm_scan_skip_mark(text);
     return QM_OK;
 }
 
@@ -69,6 +74,17 @@ bool qm_scan_read_word(qm_scan *text, const uint8_t **word, size_t *size)
         ++text->at;
     *size = (size_t)(text->at - *word);
     return true;
+}
+
+const char *qm_scan_show(const uint8_t *word, size_t size, char shown[QM_SCAN_SHOWN_SIZE])
+{
+    static const char cut[] = "...";
+    const size_t most = QM_SCAN_SHOWN_SIZE - sizeof cut;
+    const size_t length = size < most ? size : most;
+    for (size_t i = 0; i < length; ++i)
+        shown[i] = (char)(word[i] > ' ' && word[i] < 0x7f && word[i] != '"' ? word[i] : '?');
+    memcpy(shown + length, size > most ? cut : "", size > most ? sizeof cut : 1);
+    return shown;
 }
 
 static bool is_digit(uint8_t c)

@@ -18,6 +18,9 @@ typedef struct qm_scan {
     qm_codec_report *report;
 } qm_scan;
 
+/** Skips the byte order mark of UTF-8. */
+void qm_scan_skip_mark(qm_scan *text);
+
 /** Starts at the first byte after a byte order mark. QM_E_FORMAT if the text contains a NUL byte. */
 qm_status qm_scan_open(qm_scan *text, const uint8_t *bytes, size_t size, qm_codec_report *report);
 
@@ -86,8 +89,20 @@ static inline bool qm_scan_find_row(qm_scan *text)
     return (text->end > text->at && *text->at > '#' && *text->at != '\\') || qm_scan_find_any_row(text);
 }
 
+/** Skips the remainder of the line and finds the next row. */
+static inline bool qm_scan_find_next_row(qm_scan *text)
+{
+    qm_scan_skip_line(text);
+    return qm_scan_find_row(text);
+}
+
 /** Skips blanks and reads a word: bytes up to a blank or line end. False at the end of the row. */
 bool qm_scan_read_word(qm_scan *text, const uint8_t **word, size_t *size);
+
+#define QM_SCAN_SHOWN_SIZE 28
+
+/** Writes a word of the file for a message: ASCII, other bytes as question marks, cut when it is long. Returns shown. */
+const char *qm_scan_show(const uint8_t *word, size_t size, char shown[QM_SCAN_SHOWN_SIZE]);
 
 static inline uint8_t qm_scan_to_lower(uint8_t c)
 {

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/json.h"
+#include "format/gzip.h"
 #include "handlers.h"
 #include "media.h"
 #include "mesh/etag.h"
@@ -58,6 +59,20 @@ static bool read_name(const qm_request *request, const char **name, qm_problem *
     return is_clean;
 }
 
+/** Whether a body whose Content-Encoding is gzip is so: else a proxy may have inflated it and left the header. */
+static bool check_packed(const qm_blob_writer *upload, qm_problem *problem)
+{
+    uint8_t start[QM_GZIP_MAGIC_SIZE];
+    bool is_packed = qm_blob_size(upload) >= sizeof start &&
+                     qm_blob_read(upload, 0, start, sizeof start) == QM_OK &&
+                     qm_gzip_is_packed(start, sizeof start);
+    if (!is_packed)
+        *problem =
+            qm_problem_make(QM_PROBLEM_MALFORMED_FILE,
+                            "the Content-Encoding is gzip, but the body does not start like gzip data");
+    return is_packed;
+}
+
 static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
 {
     qm_reply_header(request, "Location", "/v1/meshes/%s", mesh->id);
@@ -84,6 +99,11 @@ void qm_handle_mesh_create(qm_request *request)
         return;
     }
     qm_blob_writer *upload = qm_request_take_upload(request);
+    if (qm_request_is_packed(request) && !check_packed(upload, &problem)) {
+        qm_blob_abort(upload);
+        qm_reply_problem(request, &problem);
+        return;
+    }
     if (!qm_meshes_add(app->meshes, upload, name, format, &mesh, &is_new, &problem)) {
         qm_reply_problem(request, &problem);
         return;

@@ -53,6 +53,9 @@ const char *qm_request_second_id(const qm_request *request);
 /** True for GET and HEAD. */
 bool qm_request_only_reads(const qm_request *request);
 
+/** Whether Content-Encoding says that the body is compressed with gzip. */
+bool qm_request_is_packed(const qm_request *request);
+
 /** A header or query parameter, or NULL. Lives as long as the request. */
 const char *qm_request_header(const qm_request *request, const char *name);
 const char *qm_request_query(const qm_request *request, const char *name);

@@ -126,7 +126,7 @@ void qm_request_set_problem(qm_request *request, qm_problem problem)
 
 size_t qm_request_body_limit(const qm_request *request)
 {
-    return request->route->body == QM_BODY_SPOOL ? (size_t)request->app->config->max_body : MAX_JSON_BODY;
+    return request->route->body >= QM_BODY_SPOOL ? (size_t)request->app->config->max_body : MAX_JSON_BODY;
 }
 
 /** Counts of the headers that frame a request, and of Host; the first fault, or NULL. */
@@ -259,14 +259,30 @@ static void check_query(qm_request *request)
     qm_request_set_problem(request, problem);
 }
 
+/** x-gzip is an old name of it (RFC 9110, 8.4.1.3). */
+static bool is_gzip(const char *encoding)
+{
+    return strcasecmp(encoding, "gzip") == 0 || strcasecmp(encoding, "x-gzip") == 0;
+}
+
+bool qm_request_is_packed(const qm_request *request)
+{
+    const char *encoding = qm_request_header(request, "Content-Encoding");
+    return encoding && is_gzip(encoding);
+}
+
 /** Checks what the headers say of the body. */
 static void check_body(qm_request *request)
 {
-    /* Compressed bodies are not supported: they would be decoded as meshes or JSON. */
     const char *encoding = qm_request_header(request, "Content-Encoding");
-    if (encoding && strcasecmp(encoding, "identity") != 0)
+    const bool takes_gzip = request->route->body == QM_BODY_FILE;
+    if (encoding && strcasecmp(encoding, "identity") != 0 && !(takes_gzip && is_gzip(encoding))) {
+        qm_reply_header(request, "Accept-Encoding", takes_gzip ? "gzip" : "identity");
         qm_request_set_problem(
-            request, qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE, "Content-Encoding is not supported"));
+            request, qm_problem_make(QM_PROBLEM_UNSUPPORTED_MEDIA_TYPE,
+                                     takes_gzip ? "the Content-Encoding of a mesh must be gzip or identity"
+                                                : "the body must not have a Content-Encoding"));
+    }
     const char *length = qm_request_header(request, "Content-Length");
     if (length && strtoull(length, NULL, 10) > qm_request_body_limit(request))
         qm_request_set_problem(request,
@@ -349,7 +365,7 @@ void qm_request_check(qm_request *request)
     check_query(request);
     if (request->route->body != QM_BODY_NONE) check_body(request);
     check_accept(request);
-    if (!request->has_problem && request->route->body == QM_BODY_SPOOL &&
+    if (!request->has_problem && request->route->body >= QM_BODY_SPOOL &&
         qm_blob_begin(request->app->store, &request->upload) != QM_OK)
         qm_request_set_problem(request,
                                qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));

@@ -34,7 +34,7 @@ static const char *const delete_query[] = {"job", NULL};
 static const char *const events_query[] = {"after", NULL};
 
 static const qm_route routes[] = {
-    {"POST", "/v1/meshes", QM_SCOPE_WRITE, qm_handle_mesh_create, json, QM_BODY_SPOOL, QM_LANE_DECODE,
+    {"POST", "/v1/meshes", QM_SCOPE_WRITE, qm_handle_mesh_create, json, QM_BODY_FILE, QM_LANE_DECODE,
      upload_query},
     {"GET", "/v1/meshes", QM_SCOPE_READ, qm_handle_mesh_list, json, QM_BODY_NONE, QM_LANE_SHORT,
      mesh_list_query},

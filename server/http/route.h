@@ -6,7 +6,8 @@
 
 #include "http.h"
 
-typedef enum qm_body { QM_BODY_NONE, QM_BODY_MEMORY, QM_BODY_SPOOL } qm_body;
+/** How a body is received. A file is spooled as it comes, also with Content-Encoding: gzip, which others may not have. */
+typedef enum qm_body { QM_BODY_NONE, QM_BODY_MEMORY, QM_BODY_SPOOL, QM_BODY_FILE } qm_body;
 
 typedef struct qm_route {
     const char *method;

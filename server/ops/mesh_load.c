@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "base/clock.h"
+#include "format/gzip.h"
 
 #define FACT_WARNINGS 3
 
@@ -100,21 +101,35 @@ static qm_status set_positions(qm_context *ctx, const qm_preparation *preparatio
     return status;
 }
 
+static qm_status decode(qm_context *ctx, const uint8_t *bytes, size_t size, const qm_codec_limits *limits,
+                        qm_loaded_mesh *out, qm_codec_report *report)
+{
+    if (out->format != QM_FORMAT_UNKNOWN)
+        return qm_codec_decode(ctx, out->format, bytes, size, limits, &out->mesh, report);
+    snprintf(report->detail, sizeof report->detail,
+             size == 0 ? "the file is empty"
+                       : "the format cannot be determined from the name or the content of the file");
+    return size == 0 ? QM_E_EMPTY : QM_E_FORMAT;
+}
+
 qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
                        const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report)
 {
     *out = (qm_loaded_mesh){.file_size = size};
     *report = (qm_codec_report){.line = QM_NO_LOCATION, .offset = QM_NO_LOCATION};
     double start = qm_clock_now_ms();
-    format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format;
-    if (format == QM_FORMAT_UNKNOWN) {
-        snprintf(report->detail, sizeof report->detail,
-                 size == 0 ? "the file is empty"
-                           : "the format cannot be determined from the name or the content of the file");
-        return size == 0 ? QM_E_EMPTY : QM_E_FORMAT;
+    qm_gzip_content inflated = {0};
+    qm_status status = QM_OK;
+    if (qm_gzip_is_packed(bytes, size)) {
+        status = qm_gzip_inflate(ctx, bytes, size, limits->max_size, &inflated, report);
+        bytes = inflated.bytes;
+        size = inflated.size;
     }
-    out->format = format;
-    qm_status status = qm_codec_decode(ctx, format, bytes, size, limits, &out->mesh, report);
+    if (status == QM_OK) {
+        out->format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format;
+        status = decode(ctx, bytes, size, limits, out, report);
+    }
+    qm_gzip_content_free(ctx, &inflated);
     out->parse_ms = qm_clock_now_ms() - start;
     if (status != QM_OK) qm_loaded_mesh_reset(ctx, out);
     return status;

@@ -21,7 +21,7 @@ typedef struct qm_loaded_mesh {
     qm_self_pairs *self_pairs; /* cache of its self-collisions; NULL if not requested */
     qm_deformer *deformer;     /* created by the first deformation in memory; NULL before */
     qm_format format;
-    size_t file_size;
+    size_t file_size; /* compressed if it is */
     double parse_ms, topology_ms, patches_ms, bvh_ms;
     char (*warnings)[QM_CODEC_DETAIL_SIZE]; /* of the decoder, then of the facts */
     size_t warning_count;
@@ -41,7 +41,8 @@ typedef struct qm_preparation {
 } qm_preparation;
 
 /**
- * Decodes the file (QM_FORMAT_UNKNOWN: the format is detected from its content) and prepares the mesh. On success *out
+ * Decodes the file (QM_FORMAT_UNKNOWN: the format is detected from its content), which may be compressed with gzip, and
+ * prepares the mesh. On success *out
  * is the caller's, for qm_loaded_mesh_reset with the same allocator.
  *
  * Returns QM_OK; or a status with report->detail and the location in the file. After an error *out is all zero.

@@ -123,6 +123,12 @@ def xyz(mesh):
     return "".join("{!r} {!r} {!r}\n".format(*v) for v in mesh[0]).encode()
 
 
+def pcd(mesh):
+    head = (f"VERSION 0.7\nFIELDS x y z\nSIZE 8 8 8\nTYPE F F F\nCOUNT 1 1 1\nWIDTH {len(mesh[0])}\nHEIGHT 1\n"
+            f"POINTS {len(mesh[0])}\nDATA binary\n")
+    return head.encode() + b"".join(struct.pack("<3d", *v) for v in mesh[0])
+
+
 def _ply_header(kind, mesh):
     return (f"ply\nformat {kind} 1.0\nelement vertex {len(mesh[0])}\nproperty double x\nproperty double y\n"
             f"property double z\nelement face {len(mesh[1])}\nproperty list uchar int vertex_indices\n"

@@ -78,7 +78,7 @@ def test_the_library_s_own_tool_finds_the_quads(client, sphere, tmp_path):
 def test_points_have_their_own_formats(client):
     cloud = client.upload(b"0 0 0\n1 2.5 3\n-4 0.1 1e-30\n", format="xyz")
     assert download(client, cloud, format="xyz").content == b"0 0 0\n1 2.5 3\n-4 0.1 1e-30\n"
-    for name in ("obj", "ply", "off", "drc", "glb"):
+    for name in ("obj", "ply", "off", "drc", "glb", "pcd"):
         again = client.upload(download(client, cloud, format=name).content, format=name)
         assert again["kind"] == "points" and again["vertices"] == 3
     check_problem(client.get(f"/v1/meshes/{cloud['id']}/content?format=stl"), 422, "unsupported_feature")
@@ -86,6 +86,7 @@ def test_points_have_their_own_formats(client):
 
 def test_what_cannot_be_is_refused(client, sphere):
     path = f"/v1/meshes/{sphere['id']}/content"
+    check_problem(client.get(path + "?format=pcd"), 422, "unsupported_feature")
     refused = client.get(path + "?format=xyz")
     check_problem(refused, 422, "unsupported_feature")
     assert "etag" not in refused.headers

@@ -41,7 +41,8 @@ def test_every_format_gives_the_cube(client, name, given):
 
 
 MEDIA_TYPES = [("model/obj", shapes.obj), ("application/x-ply", shapes.ply_big), ("model/stl", shapes.stl_binary),
-               ("application/x-off", shapes.off), ("model/gltf-binary", shapes.glb), ("text/x-xyz", shapes.xyz)]
+               ("application/x-off", shapes.off), ("model/gltf-binary", shapes.glb), ("text/x-xyz", shapes.xyz),
+               ("application/x-pcd", shapes.pcd)]
 
 
 @pytest.mark.parametrize("media_type,write", MEDIA_TYPES)
@@ -173,6 +174,8 @@ BAD_FILES = [
     ("obj", b"# nothing\n", "empty_mesh", None),
     ("off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n", "malformed_file", {"line": None}),
     ("xyz", b"1 2 3\n4 5\n", "malformed_file", {"line": 2}),
+    ("pcd", shapes.pcd(shapes.cube())[:-1], "malformed_file", {"offset": None}),
+    ("off", b"OFF BINARY\n\0\0\0\1", "malformed_file", {"offset": None}),
     ("stl", shapes.stl_binary(shapes.cube())[:-7], "malformed_file", {"offset": None}),
     ("glb", shapes.glb(shapes.cube())[:-9], "malformed_file", {"offset": None}),
     ("ply", shapes.ply_little(shapes.cube())[:-3], "malformed_file", {"offset": None}),

@@ -1,5 +1,6 @@
 """HTTP itself: methods, media types, sizes, two lengths in one request, and the daemon's reports of its state."""
 import gzip
+import hashlib
 import json
 import socket
 import threading
@@ -73,12 +74,64 @@ def test_nothing_is_wrong_with_these_queries(client, path):
     assert client.get(path).status_code == 200
 
 
-def test_packed_bodies_are_refused(client):
+def test_packed_bodies_of_others_are_refused(client):
     content = shapes.obj(shapes.cube(side=7.25))
-    for path in ("/v1/meshes", "/v1/jobs", "/v1/layouts"):
+    for path in ("/v1/jobs", "/v1/layouts"):
         reply = client.post(path, content=gzip.compress(content), headers={"Content-Encoding": "gzip"})
         check_problem(reply, 415, "unsupported_media_type")
+        assert reply.headers["Accept-Encoding"] == "identity"
+    for encoding in ("br", "gzip, gzip", "deflate", ""):
+        reply = client.post("/v1/meshes", content=gzip.compress(content), headers={"Content-Encoding": encoding})
+        assert "gzip or identity" in check_problem(reply, 415, "unsupported_media_type")["detail"]
+        assert reply.headers["Accept-Encoding"] == "gzip"
     assert client.post("/v1/meshes", content=content, headers={"Content-Encoding": "identity"}).status_code == 201
+
+
+@pytest.mark.parametrize("headers, name", [
+    ({"Content-Encoding": "gzip"}, ""), ({"Content-Encoding": "X-GZIP", "Content-Type": "model/obj"}, ""), ({}, "packed.obj.gz"),
+    ({}, "")])
+def test_packed_uploads(client, headers, name):
+    content = shapes.obj(shapes.cube(side=7.5))
+    packed = gzip.compress(content[:50]) + gzip.compress(content[50:] + f"# {headers} {name}".encode())
+    reply = client.post("/v1/meshes", params={"name": name}, content=packed, headers=headers)
+    assert reply.status_code == 201, reply.text
+    mesh = reply.json()
+    assert (mesh["vertices"], mesh["format"], mesh["size_bytes"]) == (8, "obj", len(packed))
+    assert mesh["content_hash"] == hashlib.sha256(packed).hexdigest()
+    again = client.post("/v1/meshes", params={"name": name}, content=packed, headers=headers)
+    assert (again.status_code, again.json()["id"]) == (200, mesh["id"])
+    assert b"\nv " in client.get(f"/v1/meshes/{mesh['id']}/content", params={"format": "obj"}).content
+
+
+def test_a_packed_mesh_outlives_the_daemon(make_daemon):
+    daemon = make_daemon()
+    with daemon.client() as client:
+        mesh = client.post("/v1/meshes", params={"name": "a.obj.gz"}, content=gzip.compress(shapes.obj(shapes.cube(side=7.75)))).json()
+    daemon.stop()
+    daemon.start()
+    with daemon.client() as client:
+        assert client.get(f"/v1/meshes/{mesh['id']}").json() == mesh
+        assert client.get(f"/v1/meshes/{mesh['id']}/content").status_code == 200
+
+
+def test_damaged_gzip_data(client):
+    packed = gzip.compress(shapes.obj(shapes.cube(side=7.25)))
+    problem = check_problem(client.post("/v1/meshes", content=packed[:60]), 422, "malformed_file")
+    assert problem["detail"] == "the gzip data ends early at byte 60"
+    assert problem["errors"][0]["offset"] == 60
+    problem = check_problem(client.post("/v1/meshes", content=packed + b"more"), 422, "malformed_file")
+    assert f"at byte {len(packed)}" in problem["detail"]
+    reply = client.post("/v1/meshes", content=b"v 0 0 0", headers={"Content-Encoding": "gzip"})
+    assert "does not start like gzip data" in check_problem(reply, 422, "malformed_file")["detail"]
+
+
+def test_gzip_bombs(make_daemon):
+    bomb = gzip.compress(b"v 0 0 0\n" * 4_000_000)
+    with make_daemon("--max-body", 100_000).client() as client:
+        problem = check_problem(client.post("/v1/meshes", content=bomb), 413, "too_large")
+        assert problem["detail"] == "the gzip data inflates to more than 100000 bytes"
+    with make_daemon("--memory-budget", 10_000_000).client() as client:
+        check_problem(client.post("/v1/meshes", content=bomb), 507, "out_of_memory")
 
 
 def test_empty_bodies_are_called_so(client):

@@ -1,5 +1,6 @@
 """`quadmesh` as a shell sees it: standard output, standard error, exit status."""
 
+import gzip
 import json
 import os
 import pty
@@ -180,6 +181,18 @@ def test_info_is_the_mesh_resource(quadmesh, square):
     assert mesh["bounding_box"] == {"min": [0, 0, 0], "max": [2, 2, 0], "diagonal": 8**0.5}
     assert set(mesh["prepare_ms"]) == {"parse", "topology", "patches", "bvh"}
     assert mesh["warnings"] == []
+
+
+def test_info_inflates_gzip_data(quadmesh, square, tmp_path):
+    plain = json.loads(quadmesh("info", square, "--json").stdout)
+    packed = gzip.compress(square.read_bytes())
+    for name in ("packed.obj.gz", "packed"):
+        (tmp_path / name).write_bytes(packed)
+        done = json.loads(quadmesh("info", name, "--json").stdout)
+        assert (done["format"], done["faces"], done["size_bytes"]) == ("obj", plain["faces"], len(packed))
+    (tmp_path / "short.obj.gz").write_bytes(packed[:-1])
+    done = quadmesh("info", "short.obj.gz")
+    assert done.returncode != 0 and f"the gzip data ends early at byte {len(packed) - 1}" in done.stderr
 
 
 def test_info_reads_standard_input(quadmesh, square):

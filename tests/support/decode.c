@@ -31,7 +31,7 @@ qm_decoded qm_decode_limited(qm_format format, const void *bytes, size_t size, q
 
 qm_decoded qm_decode(qm_format format, const void *bytes, size_t size)
 {
-    return qm_decode_limited(format, bytes, size, (qm_codec_limits){1000000, 1000000, 1});
+    return qm_decode_limited(format, bytes, size, (qm_codec_limits){1000000, 1000000, 1, 0});
 }
 
 qm_decoded qm_decode_text(qm_format format, const char *text)

@@ -17,6 +17,10 @@ static void formats_are_found_by_name_path_and_media_type(void **state)
     assert_int_equal(qm_format_from_name(""), QM_FORMAT_UNKNOWN);
     assert_int_equal(qm_format_from_path("a.b/part.STL"), QM_FORMAT_STL);
     assert_int_equal(qm_format_from_path("no_extension"), QM_FORMAT_UNKNOWN);
+    assert_int_equal(qm_format_from_path("a.b/scan.ply.gz"), QM_FORMAT_PLY);
+    assert_int_equal(qm_format_from_path("SCAN.PLY.GZ"), QM_FORMAT_PLY);
+    assert_int_equal(qm_format_from_path(".gz"), QM_FORMAT_UNKNOWN);
+    assert_int_equal(qm_format_from_path("scan.a_long_one"), QM_FORMAT_UNKNOWN);
     assert_int_equal(qm_format_from_path("mesh.objx"), QM_FORMAT_UNKNOWN);
     assert_int_equal(qm_format_from_media_type("model/gltf-binary"), QM_FORMAT_GLB);
     assert_int_equal(qm_format_from_media_type("Model/OBJ; charset=utf-8"), QM_FORMAT_OBJ);
@@ -74,7 +78,7 @@ static void empty_and_unknown_files_are_refused(void **state)
         assert_int_equal(decoded.status, QM_E_EMPTY);
     }
     qm_context ctx = qm_context_make();
-    qm_codec_limits limits = {1, 1, 1};
+    qm_codec_limits limits = {1, 1, 1, 0};
     qm_mesh mesh;
     qm_codec_report report;
     assert_int_equal(
@@ -89,17 +93,17 @@ static void limits_are_kept(void **state)
     static const char triangle[] = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
     static const char pentagon[] = "v 0 0 0\nv 1 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nf 1 2 3 4 5\n";
     qm_decoded decoded =
-        qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){3, 1, 1});
+        qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){3, 1, 1, 0});
     assert_int_equal(decoded.status, QM_OK);
     qm_decoded_free(&decoded);
-    decoded = qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){2, 1, 1});
+    decoded = qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){2, 1, 1, 0});
     assert_int_equal(decoded.status, QM_E_TOO_LARGE);
     assert_int_equal(decoded.report.line, 3);
-    decoded = qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){3, 0, 1});
+    decoded = qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){3, 0, 1, 0});
     assert_int_equal(decoded.status, QM_E_TOO_LARGE);
     assert_int_equal(decoded.report.line, 4);
     /* The fan of a pentagon counts as three. */
-    decoded = qm_decode_limited(QM_FORMAT_OBJ, pentagon, strlen(pentagon), (qm_codec_limits){5, 2, 1});
+    decoded = qm_decode_limited(QM_FORMAT_OBJ, pentagon, strlen(pentagon), (qm_codec_limits){5, 2, 1, 0});
     assert_int_equal(decoded.status, QM_E_TOO_LARGE);
 }
 
@@ -110,7 +114,7 @@ static void raised_flag_cancels(void **state)
     atomic_bool cancel = true;
     qm_context ctx = qm_context_make();
     ctx.cancel = &cancel;
-    qm_codec_limits limits = {10, 10, 1};
+    qm_codec_limits limits = {10, 10, 1, 0};
     qm_mesh mesh;
     qm_codec_report report;
     assert_int_equal(

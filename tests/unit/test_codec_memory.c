@@ -11,7 +11,7 @@ static qm_status decode_failing_at(qm_format format, const uint8_t *bytes, size_
     qm_failing_allocator allocator = {.fail_at = fail_at};
     qm_context ctx = qm_context_make();
     ctx.allocator = qm_failing_allocator_hook(&allocator);
-    qm_codec_limits limits = {1000000, 1000000, 2};
+    qm_codec_limits limits = {1000000, 1000000, 2, 0};
     qm_mesh mesh;
     qm_codec_report report;
     qm_status status = qm_codec_decode(&ctx, format, bytes, size, &limits, &mesh, &report);
@@ -48,11 +48,20 @@ static void text_decoders_survive_every_failure(void **state)
     CHECK_TEXT(QM_FORMAT_OBJ, "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nf 1 2 3 4\nf 1 2 3 4 5\n");
     CHECK_TEXT(QM_FORMAT_OFF, "OFF\n5 1 0\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1\n5 0 1 2 3 4\n");
     CHECK_TEXT(QM_FORMAT_XYZ, "0 0 0\n1 0 0\n");
+    CHECK_TEXT(QM_FORMAT_PCD, "FIELDS x y z\nPOINTS 2\nDATA ascii\n0 0 0\n1 0 0\n");
     CHECK_TEXT(QM_FORMAT_PLY,
                "ply\nformat ascii 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
                "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
                "0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1\n5 0 1 2 3 4\n");
     CHECK_TEXT(QM_FORMAT_STL, "solid\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendfacet\nendsolid\n");
+}
+
+static void compressed_points_survive_every_failure(void **state)
+{
+    (void)state;
+    static const char file[] =
+        "FIELDS x y z\nPOINTS 1\nDATA binary_compressed\n\15\0\0\0\14\0\0\0\13abcdefghijkl";
+    check_every_failure(QM_FORMAT_PCD, file, sizeof file - 1);
 }
 
 static void growing_arrays_survive_every_failure(void **state)
@@ -122,6 +131,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(text_decoders_survive_every_failure),
+        cmocka_unit_test(compressed_points_survive_every_failure),
         cmocka_unit_test(growing_arrays_survive_every_failure),
         cmocka_unit_test(blocks_of_text_survive_every_failure),
         cmocka_unit_test(glb_decoder_survives_every_failure),

@@ -10,6 +10,7 @@
 #define XYZ "property float x\nproperty float y\nproperty float z\n"
 #define LIST "property list uchar int vertex_indices\n"
 #define TRIANGLE_HEAD HEAD "element vertex 3\n" XYZ "element face 1\n" LIST "end_header\n"
+#define STRIP_HEAD HEAD "element vertex 4\n" XYZ "element tristrips 1\n" LIST "end_header\n"
 #define BINARY_HEAD                                                                                          \
     "ply\nformat binary_little_endian 1.0\nelement vertex 3\n" XYZ "element face 1\n" LIST "end_header\n"
 
@@ -121,7 +122,7 @@ static void binary_rows_step_over_everything_else(void **state)
         qm_bytes_add_u32(&file, i);
     qm_bytes_add(&file, "aaaaaaaaeeee", 12);
     qm_decoded decoded = qm_decode(QM_FORMAT_PLY, file.data, file.size);
-    assert_true(qm_decoded_warns(&decoded, "other than vertex and face: 3"));
+    assert_true(qm_decoded_warns(&decoded, "other than vertex, face and tristrips: 3"));
     assert_int_equal(decoded.report.warning_count, 1);
     check_triangle(decoded, "other elements");
 }
@@ -228,22 +229,29 @@ static void faults_name_their_line(void **state)
         {"ply\n", QM_E_FORMAT, 2, "no end"},
         {"ply\nelement vertex 0\n" XYZ "end_header\n", QM_E_FORMAT, 6, "no format line"},
         {"ply\nformat\n", QM_E_FORMAT, 2, "has no format"},
-        {"ply\nformat binary 1.0\n", QM_E_FORMAT, 2, "unknown format"},
+        {"ply\nformat binary 1.0\n", QM_E_FORMAT, 2, "unknown format \"binary\""},
         {"ply\nformat ascii 2.0\n", QM_E_FORMAT, 2, "1.0"},
         {HEAD "format ascii 1.0\n", QM_E_FORMAT, 3, "second format"},
-        {HEAD "what\n", QM_E_FORMAT, 3, "unknown line"},
+        {HEAD "what is this\n", QM_E_FORMAT, 3, "line 3 of the header starts with \"what\""},
+        {HEAD "\xff\"a_word_of_very_many_characters\n", QM_E_FORMAT, 3, "\"??a_word_of_very_many_ch...\""},
         {HEAD "element\n", QM_E_FORMAT, 3, "no name"},
         {HEAD "element vertex\n", QM_E_FORMAT, 3, "line ends"},
         {HEAD "element vertex x\n", QM_E_FORMAT, 3, "expected an integer"},
         {HEAD "element vertex -1\n", QM_E_FORMAT, 3, "negative"},
         {HEAD "element vertex 99999999999999999999\n", QM_E_FORMAT, 3, "too large"},
         {HEAD "property float x\n", QM_E_FORMAT, 3, "before the first element"},
-        {HEAD "element vertex 1\nproperty\n", QM_E_FORMAT, 4, "unknown type"},
-        {HEAD "element vertex 1\nproperty half x\n", QM_E_FORMAT, 4, "unknown type"},
+        {HEAD "element vertex 1\nproperty\n", QM_E_FORMAT, 4, "no type"},
+        {HEAD "element vertex 1\nproperty half x\n", QM_E_FORMAT, 4, "unknown type \"half\""},
         {HEAD "element vertex 1\nproperty float\n", QM_E_FORMAT, 4, "no name"},
         {HEAD "element vertex 1\nproperty float x\nproperty int x\n", QM_E_FORMAT, 5, "twice"},
         {HEAD "element vertex 1\nelement vertex 1\n", QM_E_FORMAT, 4, "twice"},
-        {HEAD "element tristrips 1\n", QM_E_UNSUPPORTED, 3, "strips"},
+        {HEAD "element tristrips 1\nelement tristrips 1\n", QM_E_FORMAT, 4, "twice"},
+        {STRIP_HEAD "0 0 0\n1 0 0\n0 1 0\n1 1 0\n4 0 1 2 4\n", QM_E_INDEX, 14,
+         "vertex 4, but the file has 4"},
+        {STRIP_HEAD "0 0 0\n1 0 0\n0 1 0\n1 1 0\n4 0 1 2 -2\n", QM_E_INDEX, 14, "vertex -2"},
+        {STRIP_HEAD "0 0 0\n1 0 0\n0 1 0\n1 1 0\n4 0 1 2\n", QM_E_FORMAT, 14, "line ends"},
+        {HEAD "element vertex 1\n" XYZ "element tristrips 1\nproperty int a\nend_header\n0 0 0\n1\n",
+         QM_E_FORMAT, 10, "no list named"},
         {HEAD "element face 1\nproperty list float int vertex_indices\n", QM_E_FORMAT, 4, "length of a list"},
         {HEAD "element face 1\nproperty list uchar float vertex_indices\n", QM_E_FORMAT, 4,
          "must be integers"},
@@ -260,6 +268,11 @@ static void faults_name_their_line(void **state)
         {TRIANGLE_HEAD "0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n", QM_E_INDEX, 13, "vertex 3, but the file has 3"},
         {TRIANGLE_HEAD "0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n", QM_E_INDEX, 13, "vertex -1"},
         {TRIANGLE_HEAD "0 0 0\n1 0 0\n0 1 0\n2 0 1    \n", QM_E_FORMAT, 13, "2 corners"},
+        {TRIANGLE_HEAD "0 0 0\n1 0 0\n0 1 0\n0", QM_E_FORMAT, 13, "0 corners"},
+        {HEAD "element vertex 3\n" XYZ "element face 2\n" LIST "end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n0",
+         QM_E_FORMAT, 14, "0 corners"},
+        {HEAD "element vertex 3\n" XYZ "element face 2\n" LIST "end_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+         QM_E_FORMAT, 14, "ends after 1 of 2 rows"},
         {TRIANGLE_HEAD "0 0 0\n1 0 0\n0 1 0\n-3 0 1 2\n", QM_E_FORMAT, 13, "negative"},
         {TRIANGLE_HEAD "0 0 0\n1 0 0\n0 1 0\n9999999 0 1 2\n", QM_E_FORMAT, 13, "line ends"},
     };
@@ -313,6 +326,46 @@ static void announced_counts_need_bytes(void **state)
         {HEAD "element vertex 9000000000000000000\n" XYZ "end_header\n0 0 0\n", QM_E_FORMAT, 8, "room for 1"},
     };
     QM_CHECK_REFUSALS(QM_FORMAT_PLY, refusals);
+}
+
+/** A strip in all encodings, against its triangles one by one. */
+static void strips_turn_every_second_triangle(void **state)
+{
+    (void)state;
+    static const int strip[] = {0, 1, 2, 3, 4, -1, 5, 4, -1, 3, 2, 2, 1, 0};
+    static const uint32_t faces[][4] = {
+        {0, 1, 2, QM_NO_INDEX}, {2, 1, 3, QM_NO_INDEX}, {2, 3, 4, QM_NO_INDEX}, {2, 1, 0, QM_NO_INDEX}};
+    enum { LENGTH = sizeof strip / sizeof *strip, ROWS = 2 };
+    static const char *const encodings[] = {"ascii", "binary_little_endian", "binary_big_endian"};
+    for (int e = 0; e < 3; ++e) {
+        qm_bytes file = {.size = 0};
+        char text[200];
+        snprintf(text, sizeof text, "ply\nformat %s 1.0\nelement vertex 6\n" XYZ "element tristrips %d\n",
+                 encodings[e], ROWS);
+        qm_bytes_add_text(&file, text);
+        qm_bytes_add_text(&file, "property list int int vertex_indices\nend_header\n");
+        for (int i = 0; i < 18; ++i) {
+            snprintf(text, sizeof text, "%d%c", i * i % 7, i % 3 == 2 ? '\n' : ' ');
+            if (e == 0) qm_bytes_add_text(&file, text);
+            if (e > 0) add_scalar(&file, "float", e == 2, i * i % 7);
+        }
+        for (int i = 0; i < ROWS * (1 + LENGTH); ++i) {
+            const int value = i % (1 + LENGTH) == 0 ? LENGTH : strip[i % (1 + LENGTH) - 1];
+            snprintf(text, sizeof text, "%d%c", value, i % (1 + LENGTH) == LENGTH ? '\n' : ' ');
+            if (e == 0) qm_bytes_add_text(&file, text);
+            if (e > 0) add_scalar(&file, "int", e == 2, value);
+        }
+        qm_decoded decoded = qm_decode(QM_FORMAT_PLY, file.data, file.size);
+        QM_CHECK(decoded.status == QM_OK, "%s: %s", encodings[e], decoded.report.detail);
+        assert_int_equal(decoded.mesh.vertex_count, 6);
+        assert_int_equal(decoded.mesh.face_count, 4 * ROWS);
+        for (int row = 0; row < ROWS; ++row)
+            assert_memory_equal(decoded.mesh.faces + 16 * row, faces, sizeof faces);
+        assert_true(qm_decoded_warns(&decoded, "name a vertex twice: 4 (left out)"));
+        qm_decoded_free(&decoded);
+        decoded = qm_decode_limited(QM_FORMAT_PLY, file.data, file.size, (qm_codec_limits){6, 7, 1, 0});
+        assert_int_equal(decoded.status, QM_E_TOO_LARGE);
+    }
 }
 
 enum { MANY = 2500, FIRST_QUAD = 1700 }; /* rows: more than two blocks of those that are read together */
@@ -392,6 +445,7 @@ int main(void)
         cmocka_unit_test(faults_name_their_line),
         cmocka_unit_test(binary_faults_name_their_byte),
         cmocka_unit_test(announced_counts_need_bytes),
+        cmocka_unit_test(strips_turn_every_second_triangle),
         cmocka_unit_test(blocks_of_rows_are_as_single_ones),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -84,10 +84,11 @@ static void test_text_and_ply_keep_everything(void **state)
 static void test_points_stay_points(void **state)
 {
     (void)state;
-    static const qm_format exact[] = {QM_FORMAT_OBJ, QM_FORMAT_PLY, QM_FORMAT_OFF, QM_FORMAT_XYZ};
+    static const qm_format exact[] = {QM_FORMAT_OBJ, QM_FORMAT_PLY, QM_FORMAT_OFF, QM_FORMAT_XYZ,
+                                      QM_FORMAT_PCD};
     qm_random random = qm_random_make(qm_check_seed(), 1000);
     qm_mesh points = qm_shape_points(&random, 500);
-    for (size_t i = 0; i < 4; i++)
+    for (size_t i = 0; i < sizeof exact / sizeof *exact; i++)
         check_exact(&points, exact[i]);
     qm_shape_free(&points);
 }
@@ -334,6 +335,7 @@ static void test_what_a_format_cannot_hold_is_refused(void **state)
     static const char far[] = "v 0 0 0\nv 1e39 0 0\nv 0 1 0\nf 1 2 3\n";
     check_refused("0 0 0\n1 1 1\n", QM_FORMAT_XYZ, QM_FORMAT_STL, QM_E_UNSUPPORTED, "points");
     check_refused(polygons_obj, QM_FORMAT_OBJ, QM_FORMAT_XYZ, QM_E_UNSUPPORTED, "faces");
+    check_refused(polygons_obj, QM_FORMAT_OBJ, QM_FORMAT_PCD, QM_E_UNSUPPORTED, "faces");
     check_refused(far, QM_FORMAT_OBJ, QM_FORMAT_STL, QM_E_SCALE, "vertex 1");
     check_refused(far, QM_FORMAT_OBJ, QM_FORMAT_GLB, QM_E_SCALE, "vertex 1");
     check_refused(far, QM_FORMAT_OBJ, QM_FORMAT_DRC, QM_E_SCALE, "vertex 1");

@@ -58,7 +58,8 @@ function sizeOf({ bounding_box: { min, max } }) {
 
 /** @param {Mesh} mesh */
 export function downloads(mesh) {
-  const formats = (state.info?.formats ?? []).filter((format) => (mesh.kind === "points" ? format !== "stl" : format !== "xyz"));
+  const unfit = mesh.kind === "points" ? ["stl"] : ["xyz", "pcd"];
+  const formats = (state.info?.formats ?? []).filter((format) => !unfit.includes(format));
   const format = select("format", formats.map((name) => [name, name.toUpperCase()]), mesh.format);
   format.setAttribute("aria-label", "Format of the download");
   const button = h("button", { type: "button", onclick: () => run(() => fetchFile(mesh, /** @type {Format} */ (format.value))) }, "Download");
