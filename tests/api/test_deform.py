@@ -186,12 +186,12 @@ def test_a_deformed_mesh_leaves_the_content_index(client, plane, request):
 def test_a_running_job_keeps_its_revision(make_daemon):
     daemon = make_daemon()
     with daemon.client() as client:
-        rough = client.upload(shapes.obj(shapes.rough(60, seed=1, height=0.5)), name="rough", format="obj")["id"]
-        other = client.upload(shapes.obj(shapes.rough(60, seed=2, height=0.5)), name="other", format="obj")["id"]
+        rough = client.upload(shapes.obj(shapes.rough(150, seed=1, height=0.5)), name="rough", format="obj")["id"]
+        other = client.upload(shapes.obj(shapes.rough(150, seed=2, height=0.5)), name="other", format="obj")["id"]
         ask = {"type": "hausdorff", "a": rough, "b": other, "tolerance": 1e-13, "bounds": "matching", "detach": True}
         job = client.post("/v1/jobs", json=ask).json()["id"]
         client.wait_until_running(job)
-        vertices = shapes.rough(60, seed=1, height=0.5)[0]
+        vertices = shapes.rough(150, seed=1, height=0.5)[0]
         moved = array.array("d", [c + 5 for p in vertices for c in p]).tobytes()
         assert deform(client, rough, moved, headers={"Content-Type": "application/octet-stream"}).status_code == 200
         client.delete(f"/v1/jobs/{job}")
