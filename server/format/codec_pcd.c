@@ -287,7 +287,8 @@ static qm_status read_text_rows(pcd_reader *reader)
         if (status == QM_OK) qm_scan_skip_line(&reader->text);
     }
     if (status == QM_OK && qm_scan_find_row(&reader->text))
-        qm_codec_warn(reader->report, "line %zu and the following ones come after the last point and were ignored",
+        qm_codec_warn(reader->report,
+                      "line %zu and the following ones come after the last point and were ignored",
                       reader->text.line);
     return status;
 }
@@ -330,7 +331,7 @@ static qm_status read_binary_rows(pcd_reader *reader, const uint8_t *bytes, bool
 /**
  * Expands LZF data, which must fill the output; false for data that is damaged. A byte below 32 is followed by one more
  * literal byte than it says; others have a length in the high three bits, where 7 adds a byte, and a distance back.
- * Source: liblzf by Marc Lehmann, lzf_d.c, for the format.
+ * Source: liblzf by Marc Lehmann, its decoder, for the format.
  */
 static bool expand_lzf(const uint8_t *at, size_t size, uint8_t *out, size_t out_size)
 {
@@ -366,12 +367,14 @@ static qm_status read_compressed(pcd_reader *reader)
 {
     const uint8_t *at = reader->text.at;
     const size_t left = (size_t)(reader->text.end - at);
-    if (left < 8) return pcd_fail(reader, "the file ends where the sizes of the compressed points are expected");
+    if (left < 8)
+        return pcd_fail(reader, "the file ends where the sizes of the compressed points are expected");
     const size_t size = qm_read_u32_le(at), out_size = qm_read_u32_le(at + 4);
     reader->text.at = at += 8;
     if (size > left - 8)
         return qm_codec_fail(reader->report, QM_E_FORMAT,
-                             "the compressed points have %zu bytes, but the file ends after %zu", size, left - 8);
+                             "the compressed points have %zu bytes, but the file ends after %zu", size,
+                             left - 8);
     if (out_size / MAX_LZF_RATIO > size || out_size % reader->row_size != 0 ||
         out_size / reader->row_size != reader->points)
         return qm_codec_fail(reader->report, QM_E_FORMAT,
@@ -397,8 +400,7 @@ static qm_status read_compressed(pcd_reader *reader)
 static qm_status read_binary(pcd_reader *reader)
 {
     if (reader->encoding == PCD_COMPRESSED) return read_compressed(reader);
-    qm_status status =
-        start_points(reader, (uint64_t)(reader->text.end - reader->text.at), reader->row_size);
+    qm_status status = start_points(reader, (uint64_t)(reader->text.end - reader->text.at), reader->row_size);
     if (status == QM_OK) status = read_binary_rows(reader, reader->text.at, false);
     if (status == QM_OK) reader->text.at += reader->points * reader->row_size;
     return status;

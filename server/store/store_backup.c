@@ -172,7 +172,8 @@ static bool copy_array(backup *work, const char *job)
         size_t here = rest < QM_RESULT_BLOCK ? (size_t)rest : QM_RESULT_BLOCK;
         status = qm_result_file_read(file, done, block, here);
         qm_text_swap_bytes(block, here); /* as they are in the file */
-        written = status != QM_OK || put_part(work, name, done / QM_RESULT_BLOCK, block, here * sizeof *block);
+        written =
+            status != QM_OK || put_part(work, name, done / QM_RESULT_BLOCK, block, here * sizeof *block);
     }
     if (status == QM_OK || status == QM_E_FORMAT || status == QM_E_EMPTY) {
         work->found.files += status == QM_OK;
@@ -316,7 +317,8 @@ static bool make_database(const char *path, const char *file, char message[QM_ME
     bool good = qm_store_make_file(path, &database) && run_text(database, "ATTACH ? AS old", file) &&
                 find(database, "PRAGMA old.user_version", NULL, 1, version) &&
                 sqlite3_exec(database, "BEGIN", NULL, NULL, NULL) == SQLITE_OK &&
-                make_all(database, "table", "CREATE TABLE ") && make_all(database, "index", "CREATE INDEX ") &&
+                make_all(database, "table", "CREATE TABLE ") &&
+                make_all(database, "index", "CREATE INDEX ") &&
                 sqlite3_exec(database,
                              "DELETE FROM main.sqlite_sequence;"
                              "INSERT INTO main.sqlite_sequence SELECT * FROM old.sqlite_sequence;"
@@ -395,7 +397,8 @@ static bool write_part(const restored_file *file, const void *bytes, size_t size
 static bool restore_files(backup *work, char message[QM_MESSAGE_SIZE])
 {
     sqlite3_stmt *each = prepare(
-        work->copy, "SELECT file, bytes FROM backup_parts INDEXED BY sqlite_autoindex_backup_parts_1 ORDER BY file, part",
+        work->copy,
+        "SELECT file, bytes FROM backup_parts INDEXED BY sqlite_autoindex_backup_parts_1 ORDER BY file, part",
         NULL, NULL);
     restored_file file = {.array = -1};
     int result = SQLITE_ERROR;
@@ -405,7 +408,8 @@ static bool restore_files(backup *work, char message[QM_MESSAGE_SIZE])
         if (!name) break;
         if (strcmp(name, file.name) != 0)
             written = close_file(work, &file) && open_file(work->store, name, &file);
-        written = written && write_part(&file, sqlite3_column_blob(each, 1), (size_t)sqlite3_column_bytes(each, 1));
+        written =
+            written && write_part(&file, sqlite3_column_blob(each, 1), (size_t)sqlite3_column_bytes(each, 1));
     }
     if (!written) snprintf(message, QM_MESSAGE_SIZE, "cannot write a file: %s", strerror(errno));
     if (written && result != SQLITE_DONE)
@@ -419,9 +423,10 @@ static bool open_backup(backup *work, const char *file, char message[QM_MESSAGE_
     char found[1][SCALAR_SIZE];
     bool is_plain = true;
     qm_store_sums_register();
-    bool good = sqlite3_open_v2(file, &work->copy, SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX, QM_STORE_SUMS) ==
-                    SQLITE_OK &&
-                find(work->copy, "SELECT count(*) FROM sqlite_master WHERE name = 'backup_parts'", NULL, 1, found);
+    bool good =
+        sqlite3_open_v2(file, &work->copy, SQLITE_OPEN_READONLY | SQLITE_OPEN_NOMUTEX, QM_STORE_SUMS) ==
+            SQLITE_OK &&
+        find(work->copy, "SELECT count(*) FROM sqlite_master WHERE name = 'backup_parts'", NULL, 1, found);
     if (good) sqlite3_file_control(work->copy, "main", QM_STORE_ASK_PLAIN, &is_plain);
     if (good && !is_plain && strcmp(found[0], "1") == 0) return true;
     snprintf(message, QM_MESSAGE_SIZE, "%.200s is no backup, or damaged: %s", file,
@@ -443,7 +448,8 @@ static bool restore(backup *work, const char *path, const char *folder, const ch
         work->found.jobs = strtoul(count[0], NULL, 10);
     char results[QM_STORE_PATH_SIZE];
     snprintf(results, sizeof results, "%s/results", path);
-    if (qm_blob_sync_folder(results) && put_in_place(database, database) && put_in_place(path, folder)) return true;
+    if (qm_blob_sync_folder(results) && put_in_place(database, database) && put_in_place(path, folder))
+        return true;
     snprintf(message, QM_MESSAGE_SIZE, "cannot name %.200s: %s", folder, strerror(errno));
     return false;
 }

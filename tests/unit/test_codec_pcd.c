@@ -27,7 +27,8 @@ static void texts_are_read(void **state)
     static const char *const texts[] = {
         TEXT_HEAD "1 2 3\n4 5 6\n",
         TEXT_HEAD "1 2 3\n\n# between\n 4\t5  6 # end",
-        "VERSION .7\r\nFIELDS x y z\r\n" FACTS "WIDTH 2\r\nHEIGHT 1\r\nPOINTS 2\r\nDATA ascii\r\n1 2 3\r\n4 5 6\r\n",
+        "VERSION .7\r\nFIELDS x y z\r\n" FACTS
+        "WIDTH 2\r\nHEIGHT 1\r\nPOINTS 2\r\nDATA ascii\r\n1 2 3\r\n4 5 6\r\n",
         "version .5\ncolumns x y z\nsize 4 4 4\ntype f f f\nwidth 1\nheight 2\ndata ascii\n1 2 3\n4 5 6\n",
         "FIELDS x y z\nPOINTS 2\nDATA ascii\n1 2 3\n4 5 6\n",
         "\xef\xbb\xbf# c\nFIELDS rgb z x _ y\nSIZE 4 4 4 1 4\nTYPE U F F U F\nCOUNT 1 1 1 3 1\n" TWO
@@ -46,8 +47,9 @@ static void texts_are_read(void **state)
 static void points_that_were_not_seen_are_left_out(void **state)
 {
     (void)state;
-    static const char text[] = HEAD FACTS "WIDTH 3\nHEIGHT 2\nDATA ascii\nnan nan nan\n1 2 3\n0 -NaN 0\n4 5 6\n+inf 0 0\n"
-                                          "0 0 -INF\nmore\n";
+    static const char text[] =
+        HEAD FACTS "WIDTH 3\nHEIGHT 2\nDATA ascii\nnan nan nan\n1 2 3\n0 -NaN 0\n4 5 6\n+inf 0 0\n"
+                   "0 0 -INF\nmore\n";
     qm_decoded decoded = qm_decode_text(QM_FORMAT_PCD, text);
     assert_true(qm_decoded_warns(&decoded, "not finite: 4 (left out)"));
     assert_true(qm_decoded_warns(&decoded, "line 16"));
@@ -61,8 +63,9 @@ static void points_that_were_not_seen_are_left_out(void **state)
 static void normals_are_kept(void **state)
 {
     (void)state;
-    static const char text[] = "FIELDS x y z normal_x normal_y normal_z curvature\nSIZE 4 4 4 4 4 4 4\n"
-                               "TYPE F F F F F F F\nWIDTH 2\nHEIGHT 1\nDATA ascii\n1 2 3 0 0 1 9\n4 5 6 nan 0 1 9\n";
+    static const char text[] =
+        "FIELDS x y z normal_x normal_y normal_z curvature\nSIZE 4 4 4 4 4 4 4\n"
+        "TYPE F F F F F F F\nWIDTH 2\nHEIGHT 1\nDATA ascii\n1 2 3 0 0 1 9\n4 5 6 nan 0 1 9\n";
     qm_decoded decoded = qm_decode_text(QM_FORMAT_PCD, text);
     assert_int_equal(decoded.status, QM_OK);
     assert_non_null(decoded.mesh.normals);
@@ -115,10 +118,11 @@ static size_t write_typed(qm_bytes *file, char type, size_t size, bool is_compre
 {
     char text[300];
     qm_bytes rows = {.size = 0};
-    snprintf(text, sizeof text,
-             "FIELDS a z x _ y\nSIZE 2 %zu %zu 1 %zu\nTYPE U %c %c U %c\nCOUNT 1 1 1 3 1\nWIDTH %d\nHEIGHT 1\n"
-             "DATA %s\n",
-             size, size, size, type, type, type, POINTS, is_compressed ? "binary_compressed" : "binary");
+    snprintf(
+        text, sizeof text,
+        "FIELDS a z x _ y\nSIZE 2 %zu %zu 1 %zu\nTYPE U %c %c U %c\nCOUNT 1 1 1 3 1\nWIDTH %d\nHEIGHT 1\n"
+        "DATA %s\n",
+        size, size, size, type, type, type, POINTS, is_compressed ? "binary_compressed" : "binary");
     *file = (qm_bytes){.size = 0};
     qm_bytes_add_text(file, text);
     const size_t start = file->size;
@@ -150,22 +154,25 @@ static void binary_files_have_every_type(void **state)
     static const struct {
         char type;
         size_t size;
-    } types[] = {{'F', 4}, {'F', 8}, {'I', 1}, {'I', 2}, {'I', 4}, {'I', 8}, {'U', 1}, {'U', 2}, {'U', 4}, {'U', 8}};
+    } types[] = {{'F', 4}, {'F', 8}, {'I', 1}, {'I', 2}, {'I', 4},
+                 {'I', 8}, {'U', 1}, {'U', 2}, {'U', 4}, {'U', 8}};
     for (size_t i = 0; i < sizeof types / sizeof *types; ++i)
         for (size_t distance = 0; distance <= 3; ++distance) {
             qm_bytes file;
             write_typed(&file, types[i].type, types[i].size, distance > 0, distance);
             qm_decoded decoded = qm_decode(QM_FORMAT_PCD, file.data, file.size);
-            QM_CHECK(decoded.status == QM_OK, "%c%zu: %s", types[i].type, types[i].size, decoded.report.detail);
+            QM_CHECK(decoded.status == QM_OK, "%c%zu: %s", types[i].type, types[i].size,
+                     decoded.report.detail);
             assert_int_equal(decoded.mesh.vertex_count, POINTS);
             assert_int_equal(decoded.report.warning_count, 0);
             for (int k = 0; k < 3 * POINTS; ++k) {
                 const int expected = value_at(types[i].type == 'U', k / 3, k % 3);
-                QM_CHECK(decoded.mesh.positions[k] == (double)expected, "%c%zu: %g instead of %d", types[i].type,
-                         types[i].size, decoded.mesh.positions[k], expected);
+                QM_CHECK(decoded.mesh.positions[k] == (double)expected, "%c%zu: %g instead of %d",
+                         types[i].type, types[i].size, decoded.mesh.positions[k], expected);
             }
             qm_decoded_free(&decoded);
-            decoded = qm_decode_limited(QM_FORMAT_PCD, file.data, file.size, (qm_codec_limits){POINTS - 1, 1, 1, 0});
+            decoded = qm_decode_limited(QM_FORMAT_PCD, file.data, file.size,
+                                        (qm_codec_limits){POINTS - 1, 1, 1, 0});
             assert_int_equal(decoded.status, QM_E_TOO_LARGE);
             qm_bytes_add_u32(&file, 7);
             decoded = qm_decode(QM_FORMAT_PCD, file.data, file.size);
@@ -188,7 +195,8 @@ static void binary_faults_name_their_byte(void **state)
     }
     qm_bytes file;
     const size_t start = write_typed(&file, 'F', 4, true, 4);
-    qm_decoded decoded = qm_decode_limited(QM_FORMAT_PCD, file.data, file.size, (qm_codec_limits){POINTS, 1, 1, 100});
+    qm_decoded decoded =
+        qm_decode_limited(QM_FORMAT_PCD, file.data, file.size, (qm_codec_limits){POINTS, 1, 1, 100});
     assert_int_equal(decoded.status, QM_E_TOO_LARGE);
     assert_non_null(strstr(decoded.report.detail, "more than 100 bytes"));
     /* One literal becomes a reference to before the first byte. */
