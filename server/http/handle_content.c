@@ -41,13 +41,10 @@ static qm_block next_content(void *user, qm_text *out, qm_problem *problem)
 /** ?format=, else what Accept likes best. */
 static bool read_format(qm_request *request, qm_format *format)
 {
-    const char *named = qm_request_query(request, "format");
-    *format = named ? qm_format_from_name(named) : qm_format_from_media_type(qm_request_media(request));
-    if (*format != QM_FORMAT_UNKNOWN) return true;
-    qm_problem problem =
-        qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`format` must be one of" QM_FORMAT_NAMES);
-    qm_reply_problem(request, &problem);
-    return false;
+    if (!qm_handlers_read_format(request, format)) return false;
+    if (*format == QM_FORMAT_UNKNOWN) *format = qm_format_from_media_type(qm_request_media(request));
+    QM_ASSERT(*format != QM_FORMAT_UNKNOWN);
+    return true;
 }
 
 static bool read_bits(qm_request *request, qm_format format, int *bits)

@@ -178,11 +178,12 @@ void qm_handle_reconstruction_edit(qm_request *request)
 void qm_handle_reconstruction_mesh(qm_request *request)
 {
     qm_store_reconstruction row;
-    if (!find_row(request, qm_request_id(request), &row)) return;
-    const char *format = qm_request_query(request, "format");
-    bool is_name = format && qm_format_from_name(format) != QM_FORMAT_UNKNOWN;
-    qm_reply_header(request, "Location", "/v1/meshes/%s/content%s%s", row.mesh, is_name ? "?format=" : "",
-                    is_name ? format : "");
+    qm_format format;
+    if (!qm_handlers_read_format(request, &format) || !find_row(request, qm_request_id(request), &row))
+        return;
+    const char *name = qm_request_query(request, "format");
+    qm_reply_header(request, "Location", "/v1/meshes/%s/content%s%s", row.mesh, name ? "?format=" : "",
+                    name ? name : "");
     qm_store_reconstruction_reset(&row);
     qm_reply_empty(request, 307);
 }

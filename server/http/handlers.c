@@ -131,6 +131,15 @@ static bool refuse_parameter(qm_request *request, qm_problem problem)
     return false;
 }
 
+bool qm_handlers_read_format(qm_request *request, qm_format *out)
+{
+    const char *name = qm_request_query(request, "format");
+    *out = name ? qm_format_from_name(name) : QM_FORMAT_UNKNOWN;
+    if (!name || *out != QM_FORMAT_UNKNOWN) return true;
+    return refuse_parameter(
+        request, qm_problem_make(QM_PROBLEM_INVALID_PARAMETER, "`format` must be one of" QM_FORMAT_NAMES));
+}
+
 bool qm_handlers_read_paging(qm_request *request, qm_store_page *out)
 {
     const char *limit = qm_request_query(request, "limit"), *cursor = qm_request_query(request, "cursor"),

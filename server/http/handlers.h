@@ -90,6 +90,10 @@ typedef qm_status qm_find_idempotency_record(qm_store *store, const char *key,
 qm_idempotency qm_handlers_check_idempotency(qm_request *request, const qm_store_idempotency *idempotency,
                                              qm_find_idempotency_record *find, char id[QM_ID_SIZE]);
 
+/** Reads ?format=, QM_FORMAT_UNKNOWN when it is not given; replies with a problem and returns false when it names
+ * none. */
+bool qm_handlers_read_format(qm_request *request, qm_format *out);
+
 /** Ends a page of a list: closes its array and adds the cursor of the next page; 0 after the last one. */
 void qm_handlers_end_page(qm_text *out, int64_t next);
 

@@ -182,6 +182,7 @@ def test_the_content_is_redirected(client, saddle):
     reply = client.get(f"/v1/reconstructions/{made['id']}/mesh", params={"format": "off"})
     assert reply.status_code == 307
     assert reply.headers["location"] == f"/v1/meshes/{made['mesh']}/content?format=off"
+    check_problem(client.get(f"/v1/reconstructions/{made['id']}/mesh?format=AAA"), 400, "invalid_parameter")
     body = client.get(f"/v1/reconstructions/{made['id']}/mesh?format=off", follow_redirects=True)
     assert body.text.startswith("OFF")
 

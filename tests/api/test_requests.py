@@ -274,3 +274,25 @@ def test_the_description_and_the_page_are_served(client):
 def test_replies_may_not_be_guessed_at(client):
     for path in ("/v1/info", "/", "/v1/none"):
         assert client.get(path).headers["x-content-type-options"] == "nosniff"
+
+
+def test_strict_bodies_refuse_unknown_members(client):
+    """Each body that the description calls strict (additionalProperties: false)."""
+    mesh = client.upload(shapes.saddle(8))["id"]
+    layout = client.post("/v1/layouts", json={"mesh": mesh}).json()["id"]
+    matrix = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]
+    stroke = {"points": [[1, 1], [9, 9]], "view": matrix, "projection": matrix, "viewport": [0, 0, 10, 10]}
+    for path, body in (("/v1/layouts", {"mesh": mesh}),
+                       (f"/v1/layouts/{layout}/strokes", stroke),
+                       (f"/v1/layouts/{layout}/curves/0/split", {"point": [0, 0, 0]}),
+                       (f"/v1/layouts/{layout}/curves/0/snap", {"end": "from", "point": [0, 0, 0]}),
+                       (f"/v1/layouts/{layout}/curves/0/redraw", {"points": [[0, 0, 0], [1, 0, 0]]}),
+                       (f"/v1/layouts/{layout}/curves/merge", {"first": 0, "second": 1}),
+                       ("/v1/reconstructions", {"layout": layout}),
+                       ("/v1/jobs", {"type": "reconstruction_step", "reconstruction": "r_1"}),
+                       ("/v1/jobs", {"type": "distance", "a": mesh, "b": mesh})):
+        problem = check_problem(client.post(path, json={**body, "nonsense": 1}), 400)
+        assert "nonsense" in str(problem), (path, problem)
+    problem = check_problem(client.post("/v1/jobs", json={"type": "reconstruction_step", "reconstruction": "r_1",
+                                                          "until": {"nonsense": 1}}), 400)
+    assert problem["errors"][0]["pointer"] == "/until"
