@@ -182,7 +182,7 @@ qm_status qm_builder_add_faces(qm_builder *builder, const uint32_t (*faces)[4], 
     if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
     qm_status status = qm_builder_reserve_faces(builder, count);
     if (status == QM_OK && builder->face_origin) status = reserve_origins(builder);
-    if (status != QM_OK) return status;
+    if (status != QM_OK || count == 0) return status;
     memcpy(builder->faces + 4 * builder->face_count, faces, count * sizeof *faces);
     for (size_t i = 0; i < count; ++i)
         builder->repeated_count += qm_face_repeats_corner(faces[i]);
