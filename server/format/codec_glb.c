@@ -42,12 +42,20 @@ typedef struct gltf_view {
     bool is_foreign;       /* in another buffer than the binary part of the file */
 } gltf_view;
 
+/** Elements that replace those of an accessor (section 3.6.2.3); count 0: none. */
+typedef struct gltf_sparse {
+    size_t index_view, value_view;
+    uint64_t count, index_offset, value_offset;
+    int index_type;
+} gltf_sparse;
+
 typedef struct gltf_accessor {
-    size_t view;
+    size_t view; /* GLTF_NONE: all elements are 0 */
     uint64_t offset, count;
     int component_type;  /* the OpenGL constant, 5120 to 5126 */
     int component_count; /* 1 for SCALAR, 3 for VEC3, 0 for anything else */
-    bool is_sparse;
+    bool is_normalized;  /* integers stand for fractions, section 3.11 */
+    gltf_sparse sparse;
 } gltf_accessor;
 
 typedef struct gltf_primitive {
@@ -80,6 +88,7 @@ typedef struct gltf_scene {
     bool has_poses; /* skins or morph targets, which are not applied */
 } gltf_scene;
 
+#define MAX_ZEROS 0x100000u              /* elements without data: a file may claim them at no cost */
 #define MAX_JSON_SIZE ((size_t)16 << 20) /* the tree takes some 30 times this memory */
 #define MAX_NUMBER 9007199254740992.0    /* integers are exact up to here */
 
@@ -183,6 +192,27 @@ static qm_status read_views(json_reader *reader)
     return status;
 }
 
+static qm_status read_sparse(json_reader *reader, const cJSON *item, gltf_sparse *out)
+{
+    uint64_t type = 0;
+    if (!item) return QM_OK;
+    const cJSON *indices = find(item, "indices"), *values = find(item, "values");
+    size_t views = reader->gltf->view_count;
+    qm_status status = read_integer(reader, item, "count", &out->count);
+    if (status == QM_OK) status = read_json_index(reader, indices, "bufferView", views, &out->index_view);
+    if (status == QM_OK) status = read_integer(reader, indices, "byteOffset", &out->index_offset);
+    if (status == QM_OK) status = read_integer(reader, indices, "componentType", &type);
+    if (status == QM_OK) status = read_json_index(reader, values, "bufferView", views, &out->value_view);
+    if (status == QM_OK) status = read_integer(reader, values, "byteOffset", &out->value_offset);
+    out->index_type = type <= 5126 ? (int)type : 0;
+    bool is_whole = out->index_view != GLTF_NONE && out->value_view != GLTF_NONE;
+    bool is_index = type == 5121 || type == 5123 || type == 5125;
+    if (status == QM_OK && out->count > 0 && !(is_whole && is_index))
+        return fail_json(reader,
+                         "`sparse` must have indices of an unsigned type and values, each in a buffer view");
+    return status;
+}
+
 static qm_status read_accessors(json_reader *reader)
 {
     void *block = NULL;
@@ -203,7 +233,8 @@ static qm_status read_accessors(json_reader *reader)
                                     : strcmp(type, "SCALAR") == 0 ? 1
                                     : strcmp(type, "VEC3") == 0   ? 3
                                                                   : 0;
-        accessor->is_sparse = find(item, "sparse") != NULL;
+        accessor->is_normalized = cJSON_IsTrue(find(item, "normalized"));
+        if (status == QM_OK) status = read_sparse(reader, find(item, "sparse"), &accessor->sparse);
     }
     return status;
 }
@@ -338,6 +369,29 @@ static qm_status read_nodes(json_reader *reader)
     return status;
 }
 
+/** Without scenes: all nodes without a parent; without nodes, each mesh as it is. */
+static qm_status take_all(json_reader *reader)
+{
+    gltf_scene *gltf = reader->gltf;
+    if (gltf->node_count == 0 && gltf->mesh_count > 0) {
+        gltf->nodes = qm_context_alloc(reader->builder->ctx, gltf->mesh_count, sizeof *gltf->nodes);
+        if (!gltf->nodes) return QM_E_NO_MEMORY;
+        gltf->node_count = gltf->mesh_count;
+        for (size_t i = 0; i < gltf->node_count; ++i)
+            gltf->nodes[i] = (gltf_node){.matrix = {[0] = 1, [5] = 1, [10] = 1, [15] = 1}, .mesh = i};
+    }
+    for (size_t i = 0; i < gltf->node_count; ++i) {
+        void *block = gltf->links;
+        if (gltf->nodes[i].has_parent) continue;
+        if (!qm_codec_reserve(reader->builder->ctx, &block, &gltf->link_capacity, gltf->link_count + 1,
+                              sizeof *gltf->links))
+            return QM_E_NO_MEMORY;
+        gltf->links = block;
+        gltf->links[gltf->link_count++] = i;
+    }
+    return QM_OK;
+}
+
 /** The roots of the default scene, or of the first one. */
 static qm_status read_roots(json_reader *reader)
 {
@@ -346,7 +400,8 @@ static qm_status read_roots(json_reader *reader)
     reader->gltf->first_root = reader->gltf->link_count;
     qm_status status = read_integer(reader, reader->root, "scene", &index);
     if (status != QM_OK) return status;
-    if (!cJSON_IsArray(scene)) return fail_json(reader, "the file has no scene");
+    if (scene && !cJSON_IsArray(scene)) return fail_json(reader, "`scenes` must be an array");
+    if (!scene || !scene->child) return take_all(reader);
     scene = scene->child;
     for (; scene && index > 0; --index)
         scene = scene->next;
@@ -357,8 +412,10 @@ static qm_status read_roots(json_reader *reader)
 /** Extensions that change the appearance, but not the shape. */
 static bool is_harmless_extension(const char *name)
 {
-    static const char *const prefixes[] = {"KHR_materials_", "KHR_texture_", "KHR_lights_",
-                                           "EXT_texture_",   "KHR_xmp",      "KHR_mesh_quantization"};
+    static const char *const prefixes[] = {
+        "KHR_materials_", "KHR_texture_",          "KHR_lights_",           "EXT_texture_",
+        "KHR_xmp",        "KHR_animation_pointer", "KHR_mesh_quantization",
+    };
     for (size_t i = 0; i < sizeof prefixes / sizeof *prefixes; ++i)
         if (strncmp(name, prefixes[i], strlen(prefixes[i])) == 0) return true;
     return false;
@@ -375,7 +432,8 @@ static qm_status check_extensions(json_reader *reader)
                 reader->builder->report, QM_E_UNSUPPORTED,
                 "glTF with Draco compression is not supported; export it without, or as .drc");
         return qm_codec_fail(reader->builder->report, QM_E_UNSUPPORTED,
-                             "the file requires a glTF extension that is not supported");
+                             "the file requires the glTF extension %.64s, which is not supported",
+                             name ? name : "without a name");
     }
     return QM_OK;
 }
@@ -506,36 +564,54 @@ typedef struct element_range {
     size_t count, stride;
 } element_range;
 
-static qm_status locate_elements(glb_reader *reader, size_t index, element_range *range)
+/** Finds count elements of a width in a view, tightly packed when stride is 0. what and index name them. */
+static qm_status locate_range(glb_reader *reader, size_t view_index, uint64_t offset, size_t width,
+                              uint64_t stride, uint64_t count, const char *what, size_t index,
+                              element_range *range)
 {
-    const gltf_accessor *accessor = &reader->gltf.accessors[index];
-    reader->report->offset = reader->json.offset;
-    if (accessor->is_sparse || accessor->view == GLTF_NONE)
-        return fail_file(reader, QM_E_UNSUPPORTED,
-                         "sparse accessors and ones without data are not supported");
-    const gltf_view *view = &reader->gltf.views[accessor->view];
+    const gltf_view *view = &reader->gltf.views[view_index];
     if (view->is_foreign)
         return fail_file(reader, QM_E_UNSUPPORTED, "buffers outside of the file are not supported");
-    size_t width = component_size(accessor->component_type) * (size_t)accessor->component_count;
-    uint64_t stride = view->stride ? view->stride : width;
+    if (stride == 0) stride = width;
     if (view->size > reader->binary.size || view->offset > reader->binary.size - view->size)
         return qm_codec_fail(reader->report, QM_E_FORMAT, "buffer view %zu reaches past the binary part",
-                             accessor->view);
+                             view_index);
     /* The last element may be followed by less than a stride. */
-    uint64_t room = accessor->offset <= view->size ? view->size - accessor->offset : 0;
-    uint64_t most = room >= width && stride >= width ? (room - width) / stride + 1 : 0;
-    if (accessor->count > most)
-        return qm_codec_fail(
-            reader->report, QM_E_FORMAT,
-            "accessor %zu reaches past its buffer view: it has room for %llu elements of %llu", index,
-            (unsigned long long)most, (unsigned long long)accessor->count);
-    range->offset = (size_t)(view->offset + accessor->offset);
-    range->count = (size_t)accessor->count;
-    /* An accessor without elements needs no binary part. */
+    uint64_t room = offset <= view->size ? view->size - offset : 0;
+    uint64_t most = width > 0 && room >= width && stride >= width ? (room - width) / stride + 1 : 0;
+    if (count > most)
+        return qm_codec_fail(reader->report, QM_E_FORMAT,
+                             "%s %zu reaches past its buffer view: it has room for %llu elements of %llu",
+                             what, index, (unsigned long long)most, (unsigned long long)count);
+    range->offset = (size_t)(view->offset + offset);
+    range->count = (size_t)count;
+    /* Nothing needs no binary part. */
     range->first = range->count > 0 ? reader->binary.bytes + range->offset : NULL;
     range->offset += reader->binary.offset;
     range->stride = (size_t)stride;
     return QM_OK;
+}
+
+static size_t element_size(const gltf_accessor *accessor)
+{
+    return component_size(accessor->component_type) * (size_t)accessor->component_count;
+}
+
+static qm_status locate_elements(glb_reader *reader, size_t index, element_range *range)
+{
+    const gltf_accessor *accessor = &reader->gltf.accessors[index];
+    QM_ASSERT(accessor->view != GLTF_NONE);
+    reader->report->offset = reader->json.offset;
+    return locate_range(reader, accessor->view, accessor->offset, element_size(accessor),
+                        reader->gltf.views[accessor->view].stride, accessor->count, "accessor", index, range);
+}
+
+/** An unsigned integer of one of three types. */
+static size_t read_unsigned(const uint8_t *at, int component_type)
+{
+    return component_type == 5125   ? qm_read_u32_le(at)
+           : component_type == 5123 ? (size_t)at[0] | (size_t)at[1] << 8
+                                    : at[0];
 }
 
 /* Vertices */
@@ -548,24 +624,86 @@ static bool transform_point(const double matrix[16], const float point[3], doubl
     return isfinite(out[0]) && isfinite(out[1]) && isfinite(out[2]);
 }
 
+/** A component as a number; of integers that stand for fractions the fraction (section 3.11). */
+static float read_component(const uint8_t *at, const gltf_accessor *accessor)
+{
+    int type = accessor->component_type;
+    if (type == TYPE_FLOAT) return qm_read_f32_le(at);
+    bool is_signed = type == 5120 || type == 5122, is_short = type == 5122 || type == 5123;
+    int value = is_short ? at[0] | at[1] << 8 : at[0], bits = is_short ? 16 : 8;
+    if (is_signed && value >> (bits - 1)) value -= 1 << bits;
+    if (!accessor->is_normalized) return (float)value;
+    float fraction = (float)value / (float)((1 << (bits - is_signed)) - 1);
+    return fraction < -1.0f ? -1.0f : fraction;
+}
+
+static qm_status read_position(glb_reader *reader, const gltf_accessor *accessor, const element_range *range,
+                               size_t i, const double matrix[16], double out[3])
+{
+    const uint8_t *at = range->first + i * range->stride;
+    size_t size = component_size(accessor->component_type);
+    const float point[3] = {read_component(at, accessor), read_component(at + size, accessor),
+                            read_component(at + 2 * size, accessor)};
+    reader->report->offset = range->offset + i * range->stride;
+    return transform_point(matrix, point, out)
+               ? QM_OK
+               : fail_file(reader, QM_E_NOT_FINITE, "a coordinate is not a finite number");
+}
+
+/** Replaces vertices that were added last, from number base on, by those of a sparse accessor. */
+static qm_status replace_vertices(glb_reader *reader, size_t index, size_t base, const double matrix[16])
+{
+    const gltf_accessor *accessor = &reader->gltf.accessors[index];
+    const gltf_sparse *sparse = &accessor->sparse;
+    element_range indices, values;
+    reader->report->offset = reader->json.offset;
+    qm_status status =
+        locate_range(reader, sparse->index_view, sparse->index_offset, component_size(sparse->index_type), 0,
+                     sparse->count, "the list of sparse indices of accessor", index, &indices);
+    if (status == QM_OK)
+        status = locate_range(reader, sparse->value_view, sparse->value_offset, element_size(accessor), 0,
+                              sparse->count, "the list of sparse values of accessor", index, &values);
+    for (size_t i = 0; status == QM_OK && i < indices.count; ++i) {
+        size_t vertex = read_unsigned(indices.first + i * indices.stride, sparse->index_type);
+        reader->report->offset = indices.offset + i * indices.stride;
+        if (vertex >= accessor->count)
+            return qm_codec_fail(reader->report, QM_E_INDEX,
+                                 "a sparse accessor replaces element %zu, but has %llu, counted from 0",
+                                 vertex, (unsigned long long)accessor->count);
+        status = read_position(reader, accessor, &values, i, matrix,
+                               reader->builder->positions + 3 * (base + vertex));
+    }
+    return status;
+}
+
 static qm_status add_vertices(glb_reader *reader, size_t index, const double matrix[16])
 {
     const gltf_accessor *accessor = &reader->gltf.accessors[index];
-    if (accessor->component_type != TYPE_FLOAT || accessor->component_count != 3)
-        return fail_file(reader, QM_E_UNSUPPORTED, "positions other than three floats are not supported");
-    element_range range;
-    qm_status status = locate_elements(reader, index, &range);
+    int type = accessor->component_type;
+    bool is_position =
+        accessor->component_count == 3 && (type == TYPE_FLOAT || (type >= 5120 && type <= 5123));
+    if (!is_position)
+        return qm_codec_fail(reader->report, QM_E_UNSUPPORTED,
+                             "accessor %zu is not one of positions: three floats, bytes or shorts", index);
+    size_t base = reader->builder->vertex_count;
+    element_range range = {.count = (size_t)accessor->count};
+    qm_status status = QM_OK;
+    if (accessor->view != GLTF_NONE)
+        status = locate_elements(reader, index, &range);
+    else if (accessor->sparse.count == 0)
+        return qm_codec_fail(reader->report, QM_E_UNSUPPORTED, "accessor %zu has no data", index);
+    else if (accessor->count > MAX_ZEROS)
+        return qm_codec_fail(reader->report, QM_E_TOO_LARGE,
+                             "accessor %zu has %llu elements without data; at most %u may be", index,
+                             (unsigned long long)accessor->count, MAX_ZEROS);
     if (status == QM_OK) status = qm_builder_reserve_vertices(reader->builder, range.count);
     for (size_t i = 0; status == QM_OK && i < range.count; ++i) {
-        const uint8_t *at = range.first + i * range.stride;
-        const float point[3] = {qm_read_f32_le(at), qm_read_f32_le(at + 4), qm_read_f32_le(at + 8)};
-        double position[3];
-        reader->report->offset = range.offset + i * range.stride;
-        if (!transform_point(matrix, point, position))
-            return fail_file(reader, QM_E_NOT_FINITE, "a coordinate is not a finite number");
-        status = qm_builder_add_vertex(reader->builder, position);
+        double position[3] = {matrix[12], matrix[13], matrix[14]};
+        if (range.first) status = read_position(reader, accessor, &range, i, matrix, position);
+        if (status == QM_OK) status = qm_builder_add_vertex(reader->builder, position);
     }
-    return status;
+    if (status != QM_OK || accessor->sparse.count == 0) return status;
+    return replace_vertices(reader, index, base, matrix);
 }
 
 /* Faces */
@@ -581,9 +719,7 @@ static qm_status read_index(glb_reader *reader, const index_list *list, size_t i
     size_t index = i;
     if (list->range.first) {
         const uint8_t *at = list->range.first + i * list->range.stride;
-        index = at[0];
-        if (list->component_type == 5123) index |= (size_t)at[1] << 8;
-        if (list->component_type == 5125) index = qm_read_u32_le(at);
+        index = read_unsigned(at, list->component_type);
         reader->report->offset = list->range.offset + i * list->range.stride;
     }
     if (index >= list->vertex_count)
@@ -661,6 +797,10 @@ static qm_status add_primitive(glb_reader *reader, const gltf_primitive *primiti
             list.component_type == 5121 || list.component_type == 5123 || list.component_type == 5125;
         if (!is_unsigned || indices->component_count != 1)
             return fail_file(reader, QM_E_FORMAT, "indices must be of an unsigned type");
+        if (indices->view == GLTF_NONE || indices->sparse.count > 0)
+            return qm_codec_fail(reader->report, QM_E_UNSUPPORTED,
+                                 "accessor %zu has sparse indices or none: they are not supported",
+                                 primitive->indices);
         status = locate_elements(reader, primitive->indices, &list.range);
     }
     return status == QM_OK ? add_faces(reader, &list, primitive->mode, determinant(matrix) < 0) : status;

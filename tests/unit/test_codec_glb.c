@@ -1,5 +1,6 @@
 /* glTF binary files by hand: transforms, modes, shared accessors, every fault. */
 #include <math.h>
+#include <stdio.h>
 #include <string.h>
 
 #include "check.h"
@@ -146,6 +147,90 @@ static void strides_step_over_other_attributes(void **state)
     qm_decoded_free(&decoded);
 }
 
+/** Positions of a number without data, the first ones replaced; of the indices 2, 0, 2, ... of the square. */
+#define SPARSE(count, replaced, value_offset)                                                                \
+    "{\"componentType\":5126,\"count\":" #count ",\"type\":\"VEC3\",\"sparse\":{\"count\":" #replaced        \
+    ",\"indices\":{\"bufferView\":1,\"byteOffset\":2,\"componentType\":5121},"                               \
+    "\"values\":{\"bufferView\":0,\"byteOffset\":" #value_offset "}}}"
+
+static void check_positions(const char *json, const double (*expected)[3], size_t count)
+{
+    qm_decoded decoded = decode_square(json);
+    QM_CHECK(decoded.status == QM_OK, "%s: %s", json, decoded.report.detail);
+    assert_int_equal(decoded.mesh.vertex_count, count);
+    for (size_t i = 0; i < 3 * count; ++i)
+        QM_CHECK(decoded.mesh.positions[i] == expected[i / 3][i % 3], "%s: coordinate %zu is %.17g", json, i,
+                 decoded.mesh.positions[i]);
+    qm_decoded_free(&decoded);
+}
+
+static void sparse_accessors_replace_elements(void **state)
+{
+    (void)state;
+    /* The indices at bytes 2 to 4 of their view are 2, 0, 2. */
+    static const double zeros[4][3] = {{1, 0, 0}, {0, 0, 0}, {1, 1, 0}, {0, 0, 0}};
+    static const double square[4][3] = {
+        {0, 0x1p-148, 0x1.8p-148}, {1, 0, 0}, {0, 0x1p-149, 0x1p-148}, {0, 1, 0}};
+    check_positions("{" VIEWS ",\"accessors\":[" SPARSE(4, 3, 0) "]," SCENE "," MESH(",\"mode\":6") "}",
+                    zeros, 4);
+    check_positions(
+        "{" VIEWS ",\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,"
+        "\"type\":\"VEC3\",\"sparse\":{\"count\":2,\"indices\":{\"bufferView\":1,\"byteOffset\":2,"
+        "\"componentType\":5121},\"values\":{\"bufferView\":3}}}]," SCENE "," MESH(",\"mode\":6") "}",
+        square, 4);
+}
+
+static void files_without_a_scene_are_taken_whole(void **state)
+{
+    (void)state;
+    static const double plain[4][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}};
+    static const double moved[4][3] = {{3, 0, 0}, {4, 0, 0}, {4, 1, 0}, {3, 1, 0}};
+    check_positions("{" VIEWS "," ACCESSORS "," MESH(",\"indices\":1") "}", plain, 4);
+    check_positions("{" VIEWS "," ACCESSORS
+                    "," MESH(",\"indices\":1") ",\"nodes\":[{\"mesh\":0},"
+                                               "{\"translation\":[3,0,0],\"children\":[0]}]}",
+                    moved, 4);
+}
+
+static void integers_stand_for_positions(void **state)
+{
+    (void)state;
+    static const uint8_t bytes[12] = {0, 127, 128, 0, 255, 1, 129, 0, 2, 3, 255, 0};
+    static const char format[] =
+        "{\"buffers\":[{}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":12,\"byteStride\":%d}],"
+        "\"extensionsRequired\":[\"KHR_mesh_quantization\"],\"accessors\":[{\"bufferView\":0,"
+        "\"componentType\":%d,\"normalized\":%s,\"count\":%d,\"type\":\"VEC3\"}]," SCENE
+        "," MESH(",\"mode\":%d") "}";
+    static const struct {
+        int type, count;
+        const char *normalized;
+        double expected[3];
+    } cases[] = {
+        {5120, 3, "false", {0, 127, -128}},
+        {5121, 3, "false", {0, 127, 128}},
+        {5120, 3, "true", {0, 1, -1}}, /* -128 / 127 is clamped */
+        {5121, 3, "true", {0, (float)127 / 255.0f, (float)128 / 255.0f}},
+        {5122, 1, "false", {0x7f00, 0x0080, 0x01ff}},
+        {5123, 1, "true", {(float)0x7f00 / 65535.0f, (float)0x0080 / 65535.0f, (float)0x01ff / 65535.0f}},
+        {5122, 1, "true", {(float)0x7f00 / 32767.0f, (float)0x0080 / 32767.0f, (float)0x01ff / 32767.0f}},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        char json[1024];
+        qm_bytes file, part = {.size = 0};
+        bool is_byte = cases[i].type < 5122;
+        snprintf(json, sizeof json, format, is_byte ? 4 : 8, cases[i].type, cases[i].normalized,
+                 cases[i].count, is_byte ? 4 : 0);
+        qm_bytes_add(&part, bytes, sizeof bytes);
+        add_file(&file, json, &part);
+        qm_decoded decoded = qm_decode(QM_FORMAT_GLB, file.data, file.size);
+        QM_CHECK(decoded.status == QM_OK, "%s: %s", json, decoded.report.detail);
+        for (int axis = 0; axis < 3; ++axis)
+            QM_CHECK(decoded.mesh.positions[axis] == cases[i].expected[axis], "case %zu axis %d: %.17g", i,
+                     axis, decoded.mesh.positions[axis]);
+        qm_decoded_free(&decoded);
+    }
+}
+
 typedef struct json_case {
     const char *json;
     qm_status status;
@@ -159,8 +244,10 @@ static void json_faults_are_refused(void **state)
         {"", QM_E_FORMAT, "JSON part is invalid"},
         {"{\"a\":", QM_E_FORMAT, "JSON part is invalid"},
         {"[]", QM_E_FORMAT, "JSON part is invalid"},
-        {"{}", QM_E_FORMAT, "no scene"},
-        {"{\"scenes\":[]}", QM_E_FORMAT, "refers to a scene"},
+        {"{}", QM_E_EMPTY, "no mesh"},
+        {"{\"scenes\":[]}", QM_E_EMPTY, "no mesh"},
+        {"{\"scenes\":{}}", QM_E_FORMAT, "must be an array"},
+        {"{\"scenes\":[{}],\"scene\":1}", QM_E_FORMAT, "refers to a scene"},
         {"{\"scenes\":[{}],\"scene\":-1}", QM_E_FORMAT, "must be an integer"},
         {"{\"scenes\":[{}]}", QM_E_EMPTY, "no mesh"},
         {"{\"scenes\":[{\"nodes\":[1]}],\"nodes\":[{}]}", QM_E_FORMAT, "does not exist"},
@@ -179,8 +266,10 @@ static void json_faults_are_refused(void **state)
         {"{\"meshes\":[{\"primitives\":[1]}]}", QM_E_FORMAT, "must be an object"},
         {"{\"meshes\":[{\"primitives\":[{\"mode\":7}]}]}", QM_E_FORMAT, "`mode` of a primitive"},
         {"{\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]}", QM_E_UNSUPPORTED, "Draco"},
-        {"{\"extensionsRequired\":[\"EXT_meshopt_compression\"]}", QM_E_UNSUPPORTED, "extension"},
-        {"{\"extensionsRequired\":[\"KHR_materials_unlit\"]}", QM_E_FORMAT, "no scene"},
+        {"{\"extensionsRequired\":[\"EXT_meshopt_compression\"]}", QM_E_UNSUPPORTED,
+         "EXT_meshopt_compression"},
+        {"{\"extensionsRequired\":[7]}", QM_E_UNSUPPORTED, "without a name"},
+        {"{\"extensionsRequired\":[\"KHR_materials_unlit\"]}", QM_E_EMPTY, "no mesh"},
         {"{" VIEWS "," ACCESSORS "," SCENE ",\"meshes\":[{\"primitives\":[{}]}]}", QM_E_FORMAT,
          "no positions"},
         {"{" VIEWS "," ACCESSORS "," SCENE
@@ -204,10 +293,18 @@ static void json_faults_are_refused(void **state)
          QM_E_FORMAT, "room for 0 elements"},
         {"{" VIEWS ",\"accessors\":[{\"componentType\":5126,\"count\":3,\"type\":\"VEC3\"}]," SCENE
          "," MESH("") "}",
-         QM_E_UNSUPPORTED, "sparse"},
-        {"{" VIEWS ",\"accessors\":[{\"bufferView\":0,\"sparse\":{},\"componentType\":5126,\"count\":3,"
-         "\"type\":\"VEC3\"}]," SCENE "," MESH("") "}",
-         QM_E_UNSUPPORTED, "sparse"},
+         QM_E_UNSUPPORTED, "accessor 0 has no data"},
+        {"{" VIEWS ",\"accessors\":[" SPARSE(2000000, 1, 0) "]," SCENE "," MESH("") "}", QM_E_TOO_LARGE,
+         "without data"},
+        {"{" VIEWS ",\"accessors\":[" SPARSE(2, 1, 0) "]," SCENE "," MESH("") "}", QM_E_INDEX,
+         "replaces element 2"},
+        {"{" VIEWS ",\"accessors\":[" SPARSE(4, 7, 0) "]," SCENE "," MESH("") "}", QM_E_FORMAT,
+         "sparse indices of accessor 0 reaches past"},
+        {"{" VIEWS ",\"accessors\":[" SPARSE(4, 1, 40) "]," SCENE "," MESH("") "}", QM_E_FORMAT,
+         "sparse values of accessor 0 reaches past"},
+        {"{" VIEWS ",\"accessors\":[{\"componentType\":5126,\"count\":3,\"type\":\"VEC3\","
+         "\"sparse\":{\"count\":1}}]," SCENE "," MESH("") "}",
+         QM_E_FORMAT, "`sparse` must have"},
         {"{\"buffers\":[{}],\"bufferViews\":[{\"buffer\":0,\"byteOffset\":80,\"byteLength\":48}],"
          "\"accessors\":[" POSITIONS "]," SCENE "," MESH("") "}",
          QM_E_FORMAT, "past the binary part"},
@@ -285,6 +382,9 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(indices_come_in_three_widths_or_not_at_all),
         cmocka_unit_test(strips_turn_every_second_triangle),
+        cmocka_unit_test(sparse_accessors_replace_elements),
+        cmocka_unit_test(files_without_a_scene_are_taken_whole),
+        cmocka_unit_test(integers_stand_for_positions),
         cmocka_unit_test(nodes_place_their_meshes),
         cmocka_unit_test(shared_positions_are_added_once_a_mesh),
         cmocka_unit_test(strides_step_over_other_attributes),
