@@ -51,7 +51,7 @@ CXX_LIBS       = -Wl,-Bstatic -ldraco -lstdc++ -Wl,-Bdynamic -static-libgcc
 endif
 LIBRARY_LIBS   = $(shell pkg-config --libs $(PACKAGES)) $(CXX_LIBS) -lm -lpthread
 # The command line is linked without the libraries that only the daemon uses.
-CLI_LIBS       = $(shell pkg-config --libs libcjson spng zlib) $(CXX_LIBS) -lm -lpthread
+CLI_LIBS       = $(shell pkg-config --libs libcjson spng zlib nettle) $(CXX_LIBS) -lm -lpthread
 
 # What the command line and the daemon share: an archive of its own, which needs no library of the daemon's.
 SHARED_ROOMS   := base format ops

@@ -40,12 +40,15 @@ qm_format qm_format_from_path(const char *path)
     char name[8];
     if (!dot || (size_t)(end - dot) > sizeof name) return QM_FORMAT_UNKNOWN;
     snprintf(name, sizeof name, "%.*s", (int)(end - dot - 1), dot + 1);
+    if (strcasecmp(name, "gltf") == 0) return QM_FORMAT_GLB; /* its text form */
     return qm_format_from_name(name);
 }
 
 qm_format qm_format_from_media_type(const char *media_type)
 {
     size_t length = strcspn(media_type, "; \t");
+    static const char gltf_text[] = "model/gltf+json";
+    if (length == strlen(gltf_text) && strncasecmp(media_type, gltf_text, length) == 0) return QM_FORMAT_GLB;
     for (size_t i = 1; i < FORMAT_COUNT; ++i)
         if (strlen(formats[i].media_type) == length &&
             strncasecmp(media_type, formats[i].media_type, length) == 0)
@@ -105,6 +108,7 @@ qm_format qm_format_sniff(const uint8_t *bytes, size_t size)
     for (size_t i = 1; i < FORMAT_COUNT; ++i)
         if (formats[i].magic[0] && has_prefix(bytes, size, formats[i].magic)) return (qm_format)i;
     if (qm_codec_is_binary_stl(bytes, size)) return QM_FORMAT_STL;
+    if (qm_codec_is_gltf_text(bytes, size)) return QM_FORMAT_GLB;
     static const char *const obj_words[] = {"v", "vt", "vn", "f", "o", "g", "s", "mtllib", "usemtl"};
     qm_codec_report ignored;
     qm_scan text = {.at = bytes, .end = bytes + size, .line = 1, .has_comma = true, .report = &ignored};

@@ -35,6 +35,9 @@ typedef struct qm_builder {
 typedef qm_status qm_decoder(qm_builder *builder, const uint8_t *bytes, size_t size);
 
 /** The decoder of each format, in the file codec_FORMAT.c. */
+/** True for the text form of glTF: an object of JSON. */
+bool qm_codec_is_gltf_text(const uint8_t *bytes, size_t size);
+
 #define XX(number, suffix, name, media, magic) extern qm_decoder qm_codec_decode_##name;
 QM_FORMAT_MAP(XX)
 #undef XX

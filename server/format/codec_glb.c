@@ -1,12 +1,15 @@
 /**
- * codec_glb.c: glTF binary: a header, a part of JSON and a part of bytes. The JSON part becomes plain arrays first. Then the
+ * codec_glb.c: glTF: a header, a part of JSON and a part of bytes, or the JSON alone, with its bytes in base64 (the
+ * text form, .gltf). The JSON part becomes plain arrays first. Then the
  * tree of the scene is traversed from its roots; each mesh is added in the coordinates of the scene, so a mesh of two
  * nodes is added twice. Files are written in single precision, as one mesh of triangles.
  * Source: glTF 2.0 specification, sections 3.5 to 3.7 and 4.
  */
 #include <math.h>
+#include <stdio.h>
 
 #include <cjson/cJSON.h>
+#include <nettle/base64.h>
 
 #include "base/json.h"
 #include "codec_builder.h"
@@ -36,10 +39,19 @@ typedef enum primitive_mode {
 
 #define GLTF_NONE SIZE_MAX
 
+/** Bytes of a data URI, or of the binary part: the first buffer, when it has no URI. */
+#define SHOWN_URI 40
+typedef struct gltf_buffer {
+    uint8_t *bytes; /* of a data URI; NULL else */
+    size_t size, capacity;
+    bool is_binary_part;
+    char uri[SHOWN_URI + 1]; /* the beginning of one that is not a data URI */
+} gltf_buffer;
+
 typedef struct gltf_view {
-    uint64_t offset, size; /* bytes within the binary part, unchecked */
+    size_t buffer;
+    uint64_t offset, size; /* bytes within the buffer, unchecked */
     uint64_t stride;       /* 0: elements are contiguous */
-    bool is_foreign;       /* in another buffer than the binary part of the file */
 } gltf_view;
 
 /** Elements that replace those of an accessor (section 3.6.2.3); count 0: none. */
@@ -76,6 +88,8 @@ typedef struct gltf_node {
 } gltf_node;
 
 typedef struct gltf_scene {
+    gltf_buffer *buffers;
+    size_t buffer_count;
     gltf_view *views;
     gltf_accessor *accessors;
     gltf_primitive *primitives;
@@ -96,8 +110,6 @@ typedef struct json_reader {
     qm_builder *builder;
     gltf_scene *gltf;
     const cJSON *root;
-    size_t buffer_count;
-    bool first_buffer_is_foreign;
 } json_reader;
 
 static qm_status fail_json(json_reader *reader, const char *detail)
@@ -162,15 +174,45 @@ static qm_status start_list(json_reader *reader, const char *name, size_t width,
     return QM_OK;
 }
 
+/** Decodes a data URI (RFC 2397) in base64. */
+static qm_status read_data_uri(json_reader *reader, const char *uri, size_t number, gltf_buffer *out)
+{
+    static const char marker[] = ";base64,";
+    const char *data = strstr(uri, marker);
+    struct base64_decode_ctx decoder;
+    if (!data)
+        return qm_codec_fail(reader->builder->report, QM_E_UNSUPPORTED,
+                             "the data URI of buffer %zu is not in base64", number);
+    data += strlen(marker);
+    size_t length = strlen(data);
+    out->capacity = BASE64_DECODE_LENGTH(length) + 1;
+    out->bytes = qm_context_alloc(reader->builder->ctx, out->capacity, 1);
+    if (!out->bytes) return QM_E_NO_MEMORY;
+    base64_decode_init(&decoder);
+    out->size = out->capacity;
+    if (base64_decode_update(&decoder, &out->size, out->bytes, length, data) && base64_decode_final(&decoder))
+        return QM_OK;
+    return qm_codec_fail(reader->builder->report, QM_E_FORMAT, "the base64 of buffer %zu is invalid", number);
+}
+
 static qm_status read_buffers(json_reader *reader)
 {
-    const cJSON *list = find(reader->root, "buffers");
-    if (!list) return QM_OK;
-    if (!cJSON_IsArray(list)) return fail_json(reader, "`buffers` must be an array");
-    reader->first_buffer_is_foreign = list->child && find(list->child, "uri");
-    for (const cJSON *item = list->child; item; item = item->next)
-        ++reader->buffer_count;
-    return QM_OK;
+    void *block = NULL;
+    const cJSON *item;
+    gltf_scene *gltf = reader->gltf;
+    qm_status status =
+        start_list(reader, "buffers", sizeof *gltf->buffers, &block, &gltf->buffer_count, &item);
+    gltf->buffers = block;
+    for (size_t i = 0; status == QM_OK && item; item = item->next, ++i) {
+        gltf_buffer *buffer = &gltf->buffers[i];
+        const char *uri = cJSON_GetStringValue(find(item, "uri"));
+        buffer->is_binary_part = i == 0 && !uri;
+        if (uri && strncmp(uri, "data:", 5) == 0)
+            status = read_data_uri(reader, uri, i, buffer);
+        else
+            snprintf(buffer->uri, sizeof buffer->uri, "%s", uri ? uri : "");
+    }
+    return status;
 }
 
 static qm_status read_views(json_reader *reader)
@@ -182,12 +224,10 @@ static qm_status read_views(json_reader *reader)
         start_list(reader, "bufferViews", sizeof *gltf->views, &block, &gltf->view_count, &item);
     gltf->views = block;
     for (gltf_view *view = gltf->views; status == QM_OK && item; item = item->next, ++view) {
-        size_t buffer = GLTF_NONE;
-        status = read_json_index(reader, item, "buffer", reader->buffer_count, &buffer);
+        status = read_json_index(reader, item, "buffer", gltf->buffer_count, &view->buffer);
         if (status == QM_OK) status = read_integer(reader, item, "byteOffset", &view->offset);
         if (status == QM_OK) status = read_integer(reader, item, "byteLength", &view->size);
         if (status == QM_OK) status = read_integer(reader, item, "byteStride", &view->stride);
-        view->is_foreign = buffer != 0 || reader->first_buffer_is_foreign;
     }
     return status;
 }
@@ -421,6 +461,15 @@ static bool is_harmless_extension(const char *name)
     return false;
 }
 
+/** Version 1 is another format. */
+static qm_status check_version(json_reader *reader)
+{
+    const char *version = cJSON_GetStringValue(find(find(reader->root, "asset"), "version"));
+    if (!version || strncmp(version, "1.", 2) != 0) return QM_OK;
+    return qm_codec_fail(reader->builder->report, QM_E_UNSUPPORTED, "glTF %.16s is not supported, only 2.0",
+                         version);
+}
+
 static qm_status check_extensions(json_reader *reader)
 {
     const cJSON *list = find(reader->root, "extensionsRequired");
@@ -456,7 +505,8 @@ static qm_status gltf_parse(qm_builder *builder, const uint8_t *json, size_t siz
         cJSON_Delete(root);
         return fail_json(&reader, "the JSON part is invalid");
     }
-    qm_status status = check_extensions(&reader);
+    qm_status status = check_version(&reader);
+    if (status == QM_OK) status = check_extensions(&reader);
     if (status == QM_OK) status = read_buffers(&reader);
     if (status == QM_OK) status = read_views(&reader);
     if (status == QM_OK) status = read_accessors(&reader);
@@ -469,6 +519,9 @@ static qm_status gltf_parse(qm_builder *builder, const uint8_t *json, size_t siz
 
 static void gltf_free(qm_context *ctx, gltf_scene *gltf)
 {
+    for (size_t i = 0; i < gltf->buffer_count; ++i)
+        qm_context_free(ctx, gltf->buffers[i].bytes, gltf->buffers[i].capacity, 1);
+    qm_context_free(ctx, gltf->buffers, gltf->buffer_count, sizeof *gltf->buffers);
     qm_context_free(ctx, gltf->views, gltf->view_count, sizeof *gltf->views);
     qm_context_free(ctx, gltf->accessors, gltf->accessor_count, sizeof *gltf->accessors);
     qm_context_free(ctx, gltf->primitives, gltf->primitive_capacity, sizeof *gltf->primitives);
@@ -500,13 +553,32 @@ static qm_status fail_file(glb_reader *reader, qm_status status, const char *det
     return qm_codec_fail(reader->report, status, "%s", detail);
 }
 
+/** Where the text form begins, after a byte-order mark and blanks; size for other files. */
+static size_t find_text(const uint8_t *bytes, size_t size)
+{
+    size_t i = size >= 3 && memcmp(bytes, "\xef\xbb\xbf", 3) == 0 ? 3 : 0;
+    while (i < size && (bytes[i] == ' ' || bytes[i] == '\t' || bytes[i] == '\r' || bytes[i] == '\n'))
+        ++i;
+    return i < size && bytes[i] == '{' ? i : size;
+}
+
+bool qm_codec_is_gltf_text(const uint8_t *bytes, size_t size)
+{
+    return find_text(bytes, size) < size;
+}
+
 /* Chunks */
 
-/** Finds the two parts; report->offset follows. */
+/** Finds the two parts; report->offset follows. The text form is its JSON part. */
 static qm_status find_chunks(glb_reader *reader, const uint8_t *bytes, size_t size)
 {
     size_t *at = &reader->report->offset;
     *at = 0;
+    size_t text = find_text(bytes, size);
+    if (text < size) {
+        reader->json = (byte_range){bytes + text, text, size - text};
+        return QM_OK;
+    }
     if (size < HEADER_SIZE || memcmp(bytes, "glTF", 4) != 0)
         return fail_file(reader, QM_E_FORMAT, "the file does not start like a glTF binary");
     *at = 4;
@@ -570,12 +642,20 @@ static qm_status locate_range(glb_reader *reader, size_t view_index, uint64_t of
                               element_range *range)
 {
     const gltf_view *view = &reader->gltf.views[view_index];
-    if (view->is_foreign)
-        return fail_file(reader, QM_E_UNSUPPORTED, "buffers outside of the file are not supported");
+    const gltf_buffer *buffer = view->buffer != GLTF_NONE ? &reader->gltf.buffers[view->buffer] : NULL;
+    byte_range part = {.offset = reader->json.offset};
+    if (buffer && buffer->is_binary_part)
+        part = reader->binary;
+    else if (buffer && buffer->bytes)
+        part = (byte_range){buffer->bytes, reader->json.offset, buffer->size};
+    else
+        return qm_codec_fail(reader->report, QM_E_UNSUPPORTED,
+                             "buffer view %zu is in another file (%s): only data within the file is read",
+                             view_index, buffer ? buffer->uri : "");
     if (stride == 0) stride = width;
-    if (view->size > reader->binary.size || view->offset > reader->binary.size - view->size)
-        return qm_codec_fail(reader->report, QM_E_FORMAT, "buffer view %zu reaches past the binary part",
-                             view_index);
+    if (view->size > part.size || view->offset > part.size - view->size)
+        return qm_codec_fail(reader->report, QM_E_FORMAT, "buffer view %zu reaches past %s", view_index,
+                             buffer->is_binary_part ? "the binary part" : "its buffer");
     /* The last element may be followed by less than a stride. */
     uint64_t room = offset <= view->size ? view->size - offset : 0;
     uint64_t most = width > 0 && room >= width && stride >= width ? (room - width) / stride + 1 : 0;
@@ -586,8 +666,9 @@ static qm_status locate_range(glb_reader *reader, size_t view_index, uint64_t of
     range->offset = (size_t)(view->offset + offset);
     range->count = (size_t)count;
     /* Nothing needs no binary part. */
-    range->first = range->count > 0 ? reader->binary.bytes + range->offset : NULL;
-    range->offset += reader->binary.offset;
+    range->first = range->count > 0 ? part.bytes + range->offset : NULL;
+    /* Within base64 there is no place to name. */
+    range->offset = buffer->is_binary_part ? range->offset + part.offset : part.offset;
     range->stride = (size_t)stride;
     return QM_OK;
 }

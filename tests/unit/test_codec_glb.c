@@ -3,6 +3,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#include <nettle/base64.h>
+
 #include "check.h"
 #include "decode.h"
 
@@ -21,8 +23,9 @@ static void add_square(qm_bytes *part)
         qm_bytes_add_u32(part, indices[i]);
 }
 
-#define VIEWS                                                                                                \
-    "\"buffers\":[{\"byteLength\":92}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},"                   \
+#define VIEWS "\"buffers\":[{\"byteLength\":92}]," TEXT_VIEWS
+#define TEXT_VIEWS                                                                                           \
+    "\"bufferViews\":[{\"buffer\":0,\"byteLength\":48},"                                                     \
     "{\"buffer\":0,\"byteOffset\":48,\"byteLength\":6},{\"buffer\":0,\"byteOffset\":56,\"byteLength\":12},"  \
     "{\"buffer\":0,\"byteOffset\":68,\"byteLength\":24}]"
 #define POSITIONS "{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}"
@@ -231,6 +234,57 @@ static void integers_stand_for_positions(void **state)
     }
 }
 
+/** The text form of the square, its bytes in base64, with something before and after. */
+static qm_decoded decode_text(const char *before, const char *uri_start, const char *uri_end)
+{
+    qm_bytes part = {.size = 0}, file = {.size = 0};
+    char base64[256] = "";
+    add_square(&part);
+    assert_true(BASE64_ENCODE_RAW_LENGTH(part.size) < sizeof base64);
+    base64_encode_raw(base64, part.size, part.data);
+    qm_bytes_add_text(&file, before);
+    qm_bytes_add_text(&file, "{\"asset\":{\"version\":\"2.0\"},\"buffers\":[{\"byteLength\":92,\"uri\":\"");
+    qm_bytes_add_text(&file, uri_start);
+    qm_bytes_add_text(&file, base64);
+    qm_bytes_add_text(&file, uri_end);
+    qm_bytes_add_text(&file, "\"}]," TEXT_VIEWS "," ACCESSORS "," SCENE "," MESH(",\"indices\":3") "}");
+    assert_int_equal(qm_format_sniff(file.data, file.size), QM_FORMAT_GLB);
+    return qm_decode(QM_FORMAT_GLB, file.data, file.size);
+}
+
+static void the_text_form_has_its_bytes_in_base64(void **state)
+{
+    (void)state;
+    static const char start[] = "data:application/octet-stream;base64,";
+    static const struct {
+        const char *before, *start, *end;
+        qm_status status;
+        const char *words;
+    } cases[] = {
+        {"", start, "", QM_OK, ""},
+        {" \r\n\t", "data:;base64,", "", QM_OK, ""},
+        {"\xef\xbb\xbf", start, "", QM_OK, ""},
+        {"", start, "A", QM_E_FORMAT, "base64 of buffer 0 is invalid"},
+        {"", start, "?", QM_E_FORMAT, "base64 of buffer 0 is invalid"},
+        {"", "data:text/plain,", "", QM_E_UNSUPPORTED, "buffer 0 is not in base64"},
+        {"", "scan.bin?", "", QM_E_UNSUPPORTED, "another file (scan.bin?"},
+    };
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; ++i) {
+        qm_decoded decoded = decode_text(cases[i].before, cases[i].start, cases[i].end);
+        QM_CHECK(decoded.status == cases[i].status && strstr(decoded.report.detail, cases[i].words),
+                 "case %zu: %s", i, decoded.report.detail);
+        if (decoded.status == QM_OK) {
+            assert_int_equal(decoded.mesh.vertex_count, 4);
+            assert_int_equal(decoded.mesh.face_count, 2);
+            assert_true(decoded.mesh.positions[6] == 1.0 && decoded.mesh.positions[7] == 1.0);
+        }
+        qm_decoded_free(&decoded);
+    }
+    assert_int_equal(qm_format_from_path("a/scan.GLTF"), QM_FORMAT_GLB);
+    assert_int_equal(qm_format_from_media_type("model/gltf+json; charset=utf-8"), QM_FORMAT_GLB);
+    assert_int_equal(qm_format_from_name("gltf"), QM_FORMAT_UNKNOWN); /* none that is written */
+}
+
 typedef struct json_case {
     const char *json;
     qm_status status;
@@ -268,6 +322,7 @@ static void json_faults_are_refused(void **state)
         {"{\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]}", QM_E_UNSUPPORTED, "Draco"},
         {"{\"extensionsRequired\":[\"EXT_meshopt_compression\"]}", QM_E_UNSUPPORTED,
          "EXT_meshopt_compression"},
+        {"{\"asset\":{\"version\":\"1.0\"}}", QM_E_UNSUPPORTED, "glTF 1.0 is not supported"},
         {"{\"extensionsRequired\":[7]}", QM_E_UNSUPPORTED, "without a name"},
         {"{\"extensionsRequired\":[\"KHR_materials_unlit\"]}", QM_E_EMPTY, "no mesh"},
         {"{" VIEWS "," ACCESSORS "," SCENE ",\"meshes\":[{\"primitives\":[{}]}]}", QM_E_FORMAT,
@@ -310,7 +365,7 @@ static void json_faults_are_refused(void **state)
          QM_E_FORMAT, "past the binary part"},
         {"{\"buffers\":[{\"uri\":\"a.bin\"}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":48}],"
          "\"accessors\":[" POSITIONS "]," SCENE "," MESH("") "}",
-         QM_E_UNSUPPORTED, "outside of the file"},
+         QM_E_UNSUPPORTED, "another file (a.bin)"},
         {"{\"buffers\":[{}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":48,\"byteStride\":4}],"
          "\"accessors\":[" POSITIONS "]," SCENE "," MESH("") "}",
          QM_E_FORMAT, "room for 0"},
@@ -385,6 +440,7 @@ int main(void)
         cmocka_unit_test(sparse_accessors_replace_elements),
         cmocka_unit_test(files_without_a_scene_are_taken_whole),
         cmocka_unit_test(integers_stand_for_positions),
+        cmocka_unit_test(the_text_form_has_its_bytes_in_base64),
         cmocka_unit_test(nodes_place_their_meshes),
         cmocka_unit_test(shared_positions_are_added_once_a_mesh),
         cmocka_unit_test(strides_step_over_other_attributes),

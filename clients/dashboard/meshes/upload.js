@@ -12,7 +12,7 @@ const uploads = h("div", { className: "uploads" });
 let before = Promise.resolve();
 
 export function makeUpload() {
-  const input = h("input", { type: "file", id: "files", multiple: true, accept: ".obj,.ply,.stl,.off,.glb,.drc,.xyz,.pcd,.gz,.txt" });
+  const input = h("input", { type: "file", id: "files", multiple: true, accept: ".obj,.ply,.stl,.off,.glb,.gltf,.drc,.xyz,.pcd,.gz,.txt" });
   input.addEventListener("change", () => {
     add([...(input.files ?? [])]);
     input.value = "";
