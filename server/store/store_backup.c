@@ -175,6 +175,7 @@ static bool copy_array(backup *work, const char *job)
         written =
             status != QM_OK || put_part(work, name, done / QM_RESULT_BLOCK, block, here * sizeof *block);
     }
+    qm_result_file_close(file);
     if (status == QM_OK || status == QM_E_FORMAT || status == QM_E_EMPTY) {
         work->found.files += status == QM_OK;
         if (status != QM_OK && !qm_store_has_job(work->store, job))
