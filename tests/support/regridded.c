@@ -4,6 +4,7 @@
 #include <string.h>
 
 enum { MOST = 6 };
+#define CROWDED 0.8 /* of the way to one point: quads of a heap cross one another */
 
 static void patch_at(const qm_mesh *mesh, const uint32_t *face, double s, double t, double out[3])
 {
@@ -80,6 +81,20 @@ static void fold_quad(qm_random *random, qm_fold fold, double *c)
             shake(random, c + 3 * i, crumb);
         }
     }
+}
+
+qm_mesh qm_folded_heap(qm_random *random, size_t count)
+{
+    qm_mesh heap = qm_shape_soup(random, count, QM_SOUP_QUADS, QM_SOUP_APART, 1);
+    for (size_t f = 0; f < count; f++) {
+        double *c = heap.positions + 12 * f, apart[3];
+        for (int k = 0; k < 3; k++)
+            apart[k] = CROWDED * c[k];
+        for (int i = 0; i < 12; i++)
+            c[i] -= apart[i % 3];
+        fold_quad(random, (qm_fold)qm_random_below(random, QM_FOLD_COUNT), c);
+    }
+    return heap;
 }
 
 /** Cuts 0 = cut[0] < ... < cut[count] = 1. */

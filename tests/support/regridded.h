@@ -1,5 +1,5 @@
 /**
- * regridded.h: one surface of folded quads in two grids, which do not match.
+ * regridded.h: folded quads: heaps of them, and one surface of them in two grids, which do not match.
  */
 #ifndef QM_REGRIDDED_H
 #define QM_REGRIDDED_H
@@ -35,6 +35,9 @@ typedef struct qm_regridded_pair {
     qm_mesh a, b; /* for qm_shape_free */
     double noise; /* of each coordinate of b */
 } qm_regridded_pair;
+
+/** A soup of quads with corners of their own, each folded in any of these ways: they cross one another. */
+qm_mesh qm_folded_heap(qm_random *random, size_t count);
 
 /** One to four such quads in two grids. */
 qm_regridded_pair qm_regridded_draw(qm_random *random, qm_fold fold, qm_regridding how);

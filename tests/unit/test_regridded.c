@@ -1,6 +1,7 @@
 /*
- * One surface of folded quads in two grids, where nearest points jump from sheet to sheet: the search ends
- * within its bound of parts, and its bracket holds what the slow twin finds.
+ * One surface of folded quads in two grids, where nearest points jump from sheet to sheet, and heaps of folded
+ * quads that cross one another: the search ends within its bound of parts, and its bracket holds what the slow
+ * twin finds.
  */
 #include "check.h"
 #include "measured.h"
@@ -9,7 +10,7 @@
 
 #include <math.h>
 
-enum { PAIRS = 16, SAMPLES = 2 };
+enum { PAIRS = 16, SAMPLES = 2, HEAP = 100, HEAPS = 6, PARTS_PER_FACE = 100 };
 
 static const char *const names[QM_FOLD_COUNT] = {"bow-tie",         "swapped", "at an edge", "reflex",
                                                  "over a diagonal", "in line", "any"};
@@ -58,6 +59,26 @@ static void check_pair(qm_random *random, qm_fold fold, qm_regridding how, int k
     qm_shape_free(&pair.b);
 }
 
+/** A heap and a noisy copy in another order end after a few parts of each face. */
+static void check_heap(uint64_t seed, uint64_t stream)
+{
+    qm_random random = qm_random_make(seed, stream);
+    qm_mesh heap = qm_folded_heap(&random, HEAP), copy = qm_shape_copy(&heap);
+    qm_shape_shake(&copy, &random, 0.03);
+    qm_regridded_pair pair = {heap, qm_shape_reversed(&copy), 0.03};
+    qm_hausdorff_options options = qm_hausdorff_options_default();
+    options.quads = QM_QUADS_BILINEAR;
+    options.tolerance = 1e-6 * diagonal_of(&heap);
+    qm_hausdorff_result r = qm_measured(&pair.a, &pair.b, &options);
+    QM_CHECK(r.stop == QM_STOP_CONVERGED && r.iterations < PARTS_PER_FACE * HEAP,
+             "heap %llu.%llu: stop %d after %llu parts", (unsigned long long)seed, (unsigned long long)stream,
+             (int)r.stop, (unsigned long long)r.iterations);
+    check_samples(&pair, &r, &random, "heap", (int)stream);
+    qm_shape_free(&copy);
+    qm_shape_free(&pair.a);
+    qm_shape_free(&pair.b);
+}
+
 static void check_regridding(qm_regridding how)
 {
     uint64_t seed = qm_check_seed();
@@ -86,12 +107,32 @@ static void a_grid_and_its_triangles_converge(void **state)
     check_regridding(QM_REGRIDDED_TRIANGLES);
 }
 
+/** In these a patch is just as far as the cutoff: matches came down to rectangles between neighbouring
+ * numbers, and left these over again and again. */
+static void heaps_that_a_patch_just_reaches_converge(void **state)
+{
+    (void)state;
+    const uint64_t endless[] = {88, 563, 988};
+    for (size_t i = 0; i < sizeof endless / sizeof *endless; i++)
+        check_heap(20261125, endless[i]);
+}
+
+static void shuffled_heaps_converge(void **state)
+{
+    (void)state;
+    uint64_t seed = qm_check_seed();
+    for (int k = 0; k < HEAPS; k++)
+        check_heap(seed, (uint64_t)(100000 + k));
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(grids_that_nearly_coincide_converge),
         cmocka_unit_test(noisy_grids_converge),
         cmocka_unit_test(a_grid_and_its_triangles_converge),
+        cmocka_unit_test(heaps_that_a_patch_just_reaches_converge),
+        cmocka_unit_test(shuffled_heaps_converge),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -768,6 +768,16 @@ static bool rectangle_is_covered(qm_piece_work *work)
     return covered;
 }
 
+/**
+ * A rectangle so small that a sample of any point of it ends it: cuts at the border of what a patch reaches
+ * would come down to rectangles between neighbouring numbers, of which a match covers nothing.
+ */
+static bool is_small(const qm_piece_work *work)
+{
+    const qm_vec *corner = work->piece.corner;
+    return diameter(corner, 4) <= 0.5 * work->search->tolerance * work->side->scale;
+}
+
 /** Covers a rectangle by all candidates and those that a sample of its centre brings; else *corners are its
  * own, with in_reach. */
 static bool rectangle_reached(qm_piece_work *work, const qm_bilinear *patch, const qm_bilinear_halves *halves,
@@ -787,7 +797,7 @@ static bool rectangle_reached(qm_piece_work *work, const qm_bilinear *patch, con
         bool has_new = false; /* candidates, or a larger lower bound */
         for (int i = 0; i < 4 && is_matched && is_left_often(work) && attempt + 1 < RECTANGLE_ATTEMPTS; i++)
             has_new |= sample_unreached(work, work->piece.corner[i]);
-        if (is_matched && !has_new) {
+        if (is_matched && !has_new && !is_small(work)) {
             for (int k = 0; k < remainder.count; k++)
                 queue_rectangle(work, patch, remainder.at[k].low, remainder.at[k].high);
             return true;

@@ -94,10 +94,12 @@ double qm_bilinear_hull_lower(const qm_vec corner[4], qm_vec p, double twist, do
                               double fraction[2])
 {
     nearest_face nearest = {.distance2 = INFINITY};
+    fraction[0] = fraction[1] = 0.5;
+    double beyond = distance_beyond(corner, qm_vec_centroid(corner, 4), p);
+    if (beyond >= enough) return fmax(0.0, beyond);
     visit_face(corner, 0, p, &nearest);
     visit_face(corner, 1, p, &nearest);
     double lower = sqrt(nearest.distance2) - twist;
-    fraction[0] = fraction[1] = 0.5;
     if (lower >= enough) return fmax(0.0, lower);
     double thickness = thickness_of(corner);
     if (thickness < THIN * twist) {
