@@ -168,15 +168,38 @@ static piece_growth make_cell(const double at[3], const double open[2], bool fro
     return make_growth(from_above ? high : low, flipped, 0.0, 0.0);
 }
 
-/** Adds a piece whose height bends, cell by cell; rows has room for count + 1 shares and steps. */
+/** The range of the distances over a piece whose height bends: a quadratic lies between its Bezier points. */
+static qm_interval bent_range(const qm_quadratic *bend)
+{
+    double low = bend->value[0], high = bend->value[0];
+    for (int i = 1; i < 6; i++) {
+        low = qm_min(low, bend->value[i]);
+        high = qm_max(high, bend->value[i]);
+    }
+    low -= bend->below;
+    high += bend->above;
+    return (qm_interval){qm_max(0.0, qm_max(low, -high)), qm_max(high, -low)};
+}
+
+/** Adds a piece whose height bends, cell by cell where it lies within some x and beyond others; rows has room
+ * for count + 1 shares and steps. */
 static void add_bent(const share_sums *sums, const qm_deviation_bounds *piece, bool from_above,
                      const double *x, size_t count, const double area[2][2], long double *rows)
 {
     const qm_quadratic *bend = &piece->bend;
+    const piece_growth whole = {.invalid = from_above ? -piece->invalid_high : piece->invalid_low};
+    qm_interval range = bent_range(bend);
+    size_t begin = lower_bound(x, count, range.lower);
+    size_t end = begin + lower_bound(x + begin, count - begin, range.upper);
+    size_t top = end + lower_bound(x + end, count - end, range.upper + (from_above ? piece->excess : 0.0));
     long double *share = rows, *steps = rows + (count + 1), sum = 0;
-    for (size_t i = 0; i < 2 * (count + 1); i++)
-        rows[i] = 0;
-    double at[QM_QUADRATIC_CORNERS], open[2], part = 1.0 / (double)(bend->cells * bend->cells), top = 0.0;
+    add_span(sums, 0, begin, with_invalid(&whole, 0.0), area);
+    add_span(sums, end, top, with_invalid(&whole, 1.0), area);
+    add_span(sums, top, count, 1.0, area);
+    if (begin == end) return;
+    for (size_t i = begin; i <= end; i++)
+        share[i] = steps[i] = 0;
+    double at[QM_QUADRATIC_CORNERS], open[2], part = 1.0 / (double)(bend->cells * bend->cells);
     qm_quadratic_values(bend, at);
     qm_quadratic_linear_error(bend->value, open);
     open[0] = open[0] * part + bend->below;
@@ -187,19 +210,15 @@ static void add_bent(const share_sums *sums, const qm_deviation_bounds *piece, b
             qm_quadratic_cell(bend->cells, j, i, corner);
             piece_growth cell =
                 make_cell((const double[3]){at[corner[0]], at[corner[1]], at[corner[2]]}, open, from_above);
-            add_cell(&cell, part, x, count, share, steps);
-            top = qm_max(top, cell.top);
+            add_cell(&cell, part, x + begin, end - begin, share + begin, steps + begin);
         }
-    const piece_growth whole = {.invalid = from_above ? -piece->invalid_high : piece->invalid_low};
-    size_t end = lower_bound(x, count, top + (from_above ? piece->excess : 0.0));
-    for (size_t i = 0; i < end; i++) {
+    for (size_t i = begin; i < end; i++) {
         double within[2];
         sum += steps[i];
         find_areas(with_invalid(&whole, (double)(share[i] + sum)), area[0], area[1], within);
         sums->within[i] += (long double)within[0];
         sums->beyond[i] += (long double)within[1];
     }
-    add_span(sums, end, count, 1.0, area);
 }
 
 static void prefix_sums(const share_sums *sums, size_t count)
