@@ -11,9 +11,10 @@ set -eu
 
 build="gcc g++ make pkg-config libmicrohttpd-dev libuv1-dev libcjson-dev libsqlite3-dev libdraco-dev
     libcurl4-openssl-dev nettle-dev libspng-dev zlib1g-dev"
-# draco brings the encoder and decoder programs that files are compared with.
+# draco brings the encoder and decoder programs that files are compared with. The daemon loads meshoptimizer's library
+# when a glTF file needs it (server/format/meshopt.h).
 # nginx and systemd check the files of this folder; chromium is what the page's tests drive.
-test="libcmocka-dev python3-venv clang-format clang libclang-rt-14-dev draco git locales nginx-light openssl systemd chromium"
+test="libcmocka-dev python3-venv clang-format clang libclang-rt-14-dev draco libmeshoptimizer2d git locales nginx-light openssl systemd chromium"
 # glmark2-data holds a scanned bunny (GPL-3+, no dependencies).
 demo="curl ca-certificates python3 glmark2-data"
 bench="python3-venv wrk util-linux libcgal-dev libembree-dev libfcl-dev"

@@ -136,12 +136,15 @@ static bool load_mesh(qm_context *ctx, const char *path, const qm_preparation *p
     *out = (qm_loaded_mesh){0};
     uint8_t *bytes = read_file(path, &size, problem);
     if (!bytes) return false;
+    char *folder = strndup(path, (size_t)(cli_base_name(path) - path));
     const qm_codec_limits limits = {.max_vertices = QM_NO_INDEX - 1,
                                     .max_faces = QM_NO_INDEX - 1,
-                                    .thread_count = preparation->thread_count};
+                                    .thread_count = preparation->thread_count,
+                                    .folder = folder};
     qm_codec_report report;
     qm_status status = qm_mesh_read(ctx, qm_format_from_path(path), bytes, size, &limits, out, &report);
     free(bytes);
+    free(folder);
     if (status == QM_OK) status = qm_mesh_make_ready(ctx, preparation, out, &report);
     if (status != QM_OK) *problem = qm_problem_from_codec(status, &report);
     return status == QM_OK;

@@ -48,6 +48,9 @@ typedef struct qm_codec_limits {
     size_t max_vertices, max_faces; /* QM_E_TOO_LARGE beyond; at most QM_NO_INDEX - 1 */
     int thread_count;               /* for large texts; ctx->parallel is needed for more than one */
     size_t max_size;                /* bytes that a compressed file may inflate to; 0: no limit */
+    const char
+        *folder; /* of the files that the text form of glTF names, "" or with a slash at its end; NULL: such
+                           a file is refused */
 } qm_codec_limits;
 
 #define QM_NO_LOCATION SIZE_MAX /* no line, or no offset */

@@ -217,7 +217,7 @@ static void add_obj_vertex(const qm_encoder *encoder, size_t vertex, qm_text *ou
     qm_encoder_add_position(encoder, vertex, "v ", out);
 }
 
-static void add_obj_face(const qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
+static void add_obj_face(qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
 {
     qm_text_add_string(out, "f");
     qm_encoder_add_corners(encoder, first, end, 1, out);

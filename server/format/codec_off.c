@@ -300,7 +300,7 @@ static void add_off_head(const qm_encoder *encoder, qm_text *out)
     qm_text_printf(out, "OFF\n%zu %zu 0\n", encoder->mesh->vertex_count, encoder->input_faces);
 }
 
-static void add_off_face(const qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
+static void add_off_face(qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
 {
     qm_text_printf(out, "%zu", qm_encoder_corner_count(encoder->mesh, first, end));
     qm_encoder_add_corners(encoder, first, end, 0, out);

@@ -808,7 +808,7 @@ static void add_ply_vertex(const qm_encoder *encoder, size_t vertex, qm_text *ou
         qm_encoder_add_f64(out, encoder->mesh->positions[3 * vertex + (size_t)axis]);
 }
 
-static void add_ply_face(const qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
+static void add_ply_face(qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
 {
     size_t count = qm_encoder_corner_count(encoder->mesh, first, end);
     uint8_t byte = (uint8_t)count;

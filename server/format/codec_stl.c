@@ -261,7 +261,7 @@ static void add_stl_triangle(const qm_mesh *mesh, const uint32_t corners[3], qm_
     qm_text_add(out, "\0", 2);
 }
 
-static void add_stl_face(const qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
+static void add_stl_face(qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out)
 {
     for (uint32_t face = first; face < end; face++) {
         uint32_t rows[2][3];

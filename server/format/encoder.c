@@ -45,8 +45,12 @@ qm_status qm_encoder_create(qm_context *ctx, const qm_mesh *mesh, const qm_mesh_
     QM_ASSERT(format != QM_FORMAT_UNKNOWN && bits >= 0 && bits <= QM_ENCODE_MAX_BITS);
     qm_encoder *encoder = *out = qm_context_alloc(ctx, 1, sizeof *encoder);
     if (!encoder) return qm_context_fail(ctx, QM_E_NO_MEMORY, "out of memory for the file");
-    *encoder =
-        (qm_encoder){.ctx = ctx, .mesh = mesh, .facts = facts, .format = formats[format], .bits = bits};
+    *encoder = (qm_encoder){.ctx = ctx,
+                            .mesh = mesh,
+                            .facts = facts,
+                            .format = formats[format],
+                            .bits = bits,
+                            .last_first = QM_NO_INDEX};
     for (uint32_t face = 0, end; face < mesh->face_count; face = end) {
         end = qm_encoder_face_end(mesh, face);
         size_t corners = qm_encoder_corner_count(mesh, face, end);

@@ -18,7 +18,7 @@ typedef struct qm_encoder_format {
     void (*add_vertex)(const qm_encoder *encoder, size_t vertex,
                        qm_text *out); /* NULL: the format has none */
     /* A face of the input, which is the faces first to end - 1 of the mesh. */
-    void (*add_face)(const qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out);
+    void (*add_face)(qm_encoder *encoder, uint32_t first, uint32_t end, qm_text *out);
 } qm_encoder_format;
 
 /** The encoder of each format, in the file codec_FORMAT.c. */
@@ -36,6 +36,7 @@ struct qm_encoder {
     uint64_t size; /* 0: unknown */
     size_t input_faces, triangles, max_corners;
     size_t vertex, face; /* written so far */
+    uint32_t last_first; /* the corner that the last face was written from, in a format where that counts */
     bool has_head;
     qm_text file; /* of a format that is encoded at once */
 };

@@ -86,7 +86,7 @@ qm_mesh bench_read_any(qm_context *ctx, const char *path)
     if (bench_make_torus(ctx, path, &mesh)) return mesh;
     size_t size;
     uint8_t *bytes = read_file(path, &size);
-    qm_codec_limits limits = {QM_NO_INDEX - 1, QM_NO_INDEX - 1, 1, 0};
+    qm_codec_limits limits = {QM_NO_INDEX - 1, QM_NO_INDEX - 1, 1, 0, NULL};
     qm_codec_report report = {0};
     qm_format format = qm_format_from_path(path);
     qm_status status =

@@ -5,6 +5,7 @@ import json
 import os
 import pty
 import signal
+import struct
 import subprocess
 import time
 
@@ -181,6 +182,34 @@ def test_info_is_the_mesh_resource(quadmesh, square):
     assert mesh["bounding_box"] == {"min": [0, 0, 0], "max": [2, 2, 0], "diagonal": 8**0.5}
     assert set(mesh["prepare_ms"]) == {"parse", "topology", "patches", "bvh"}
     assert mesh["warnings"] == []
+
+
+def write_gltf(path, uri):
+    """A triangle whose buffer is in another file."""
+    path.write_text(json.dumps({
+        "asset": {"version": "2.0"}, "buffers": [{"uri": uri, "byteLength": 36}],
+        "bufferViews": [{"buffer": 0, "byteLength": 36}],
+        "accessors": [{"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}]}))
+    return path
+
+
+def test_a_gltf_file_has_its_buffers_beside_it(quadmesh, tmp_path):
+    folder = tmp_path / "a folder"
+    folder.mkdir()
+    (folder / "the buffer.bin").write_bytes(struct.pack("<9f", 0, 0, 0, 1, 0, 0, 0, 2, 0))
+    path = write_gltf(folder / "triangle.gltf", "the%20buffer.bin")
+    for name, where in ((path, tmp_path), (path.name, folder)):
+        told = quadmesh("info", name, "--json", cwd=where)
+        assert told.returncode == 0, told.stderr
+        assert json.loads(told.stdout)["faces"]["triangles"] == 1
+    for uri, words in (("none.bin", "the file none.bin cannot be read"), ("../triangle.bin", "not in a file beside"),
+                       ("/etc/hostname", "not in a file beside"), ("https://a.b/c.bin", "not in a file beside")):
+        told = quadmesh("info", write_gltf(folder / "other.gltf", uri))
+        assert told.returncode == 1 and words in told.stderr, told.stderr
+    (folder / "short.bin").write_bytes(bytes(35))
+    told = quadmesh("info", write_gltf(folder / "other.gltf", "short.bin"))
+    assert told.returncode == 1 and "buffer view 0 reaches past its buffer" in told.stderr
 
 
 def test_info_inflates_gzip_data(quadmesh, square, tmp_path):

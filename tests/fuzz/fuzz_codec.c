@@ -26,7 +26,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
     const char *name = getenv("FUZZ_FORMAT");
     if (name && strcmp(name, "gzip") == 0) return inflate_input(data, size);
     qm_context ctx = qm_context_make();
-    qm_codec_limits limits = {100000, 100000, 1, MAX_INFLATED};
+    qm_codec_limits limits = {100000, 100000, 1, MAX_INFLATED, NULL};
     qm_format format = name ? qm_format_from_name(name) : qm_format_sniff(data, size);
     qm_mesh mesh;
     qm_codec_report report;

@@ -40,7 +40,7 @@ void qm_data_mesh_read(qm_context *ctx, const char *name, qm_mesh *mesh)
     assert_non_null(bytes);
     assert_int_equal(fread(bytes, 1, size, file), size);
     fclose(file);
-    qm_codec_limits limits = {10000000, 10000000, 1, 0};
+    qm_codec_limits limits = {10000000, 10000000, 1, 0, NULL};
     qm_codec_report report = {0};
     qm_status status = qm_codec_decode(ctx, qm_format_from_path(name), bytes, size, &limits, mesh, &report);
     free(bytes);

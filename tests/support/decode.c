@@ -5,6 +5,7 @@
 
 #include "base/host.h"
 #include "check.h"
+#include "format/encoder.h"
 
 qm_decoded qm_decode_limited(qm_format format, const void *bytes, size_t size, qm_codec_limits limits)
 {
@@ -31,7 +32,7 @@ qm_decoded qm_decode_limited(qm_format format, const void *bytes, size_t size, q
 
 qm_decoded qm_decode(qm_format format, const void *bytes, size_t size)
 {
-    return qm_decode_limited(format, bytes, size, (qm_codec_limits){1000000, 1000000, 1, 0});
+    return qm_decode_limited(format, bytes, size, (qm_codec_limits){1000000, 1000000, 1, 0, NULL});
 }
 
 qm_decoded qm_decode_text(qm_format format, const char *text)
@@ -98,4 +99,20 @@ void qm_bytes_add_floats(qm_bytes *bytes, const float *values, size_t count)
         memcpy(&bits, &values[i], sizeof bits);
         qm_bytes_add_u32(bytes, bits);
     }
+}
+
+void qm_encoded_bytes(const qm_mesh *mesh, qm_format format, qm_bytes *bytes)
+{
+    qm_context ctx = qm_context_make();
+    qm_mesh_facts facts;
+    qm_encoder *encoder;
+    qm_text out = {0};
+    assert_int_equal(qm_mesh_find_facts(&ctx, mesh, &facts), QM_OK);
+    assert_int_equal(qm_encoder_create(&ctx, mesh, &facts, format, 0, &encoder), QM_OK);
+    while (qm_encoder_next(encoder, &out))
+        continue;
+    assert_false(out.failed);
+    qm_bytes_add(bytes, out.data, out.size);
+    qm_text_reset(&out);
+    qm_encoder_destroy(encoder);
 }

@@ -48,4 +48,7 @@ void qm_bytes_add_u32(qm_bytes *bytes, uint32_t value); /* little-endian, like t
 void qm_bytes_add_u16(qm_bytes *bytes, uint16_t value);
 void qm_bytes_add_floats(qm_bytes *bytes, const float *values, size_t count);
 
+/** A mesh as a file, after what bytes holds already. */
+void qm_encoded_bytes(const qm_mesh *mesh, qm_format format, qm_bytes *bytes);
+
 #endif

@@ -78,7 +78,7 @@ static void empty_and_unknown_files_are_refused(void **state)
         assert_int_equal(decoded.status, QM_E_EMPTY);
     }
     qm_context ctx = qm_context_make();
-    qm_codec_limits limits = {1, 1, 1, 0};
+    qm_codec_limits limits = {1, 1, 1, 0, NULL};
     qm_mesh mesh;
     qm_codec_report report;
     assert_int_equal(
@@ -93,17 +93,20 @@ static void limits_are_kept(void **state)
     static const char triangle[] = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n";
     static const char pentagon[] = "v 0 0 0\nv 1 0 0\nv 2 1 0\nv 1 2 0\nv 0 1 0\nf 1 2 3 4 5\n";
     qm_decoded decoded =
-        qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){3, 1, 1, 0});
+        qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){3, 1, 1, 0, NULL});
     assert_int_equal(decoded.status, QM_OK);
     qm_decoded_free(&decoded);
-    decoded = qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){2, 1, 1, 0});
+    decoded =
+        qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){2, 1, 1, 0, NULL});
     assert_int_equal(decoded.status, QM_E_TOO_LARGE);
     assert_int_equal(decoded.report.line, 3);
-    decoded = qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){3, 0, 1, 0});
+    decoded =
+        qm_decode_limited(QM_FORMAT_OBJ, triangle, strlen(triangle), (qm_codec_limits){3, 0, 1, 0, NULL});
     assert_int_equal(decoded.status, QM_E_TOO_LARGE);
     assert_int_equal(decoded.report.line, 4);
     /* The fan of a pentagon counts as three. */
-    decoded = qm_decode_limited(QM_FORMAT_OBJ, pentagon, strlen(pentagon), (qm_codec_limits){5, 2, 1, 0});
+    decoded =
+        qm_decode_limited(QM_FORMAT_OBJ, pentagon, strlen(pentagon), (qm_codec_limits){5, 2, 1, 0, NULL});
     assert_int_equal(decoded.status, QM_E_TOO_LARGE);
 }
 
@@ -114,7 +117,7 @@ static void raised_flag_cancels(void **state)
     atomic_bool cancel = true;
     qm_context ctx = qm_context_make();
     ctx.cancel = &cancel;
-    qm_codec_limits limits = {10, 10, 1, 0};
+    qm_codec_limits limits = {10, 10, 1, 0, NULL};
     qm_mesh mesh;
     qm_codec_report report;
     assert_int_equal(

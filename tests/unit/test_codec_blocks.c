@@ -125,7 +125,7 @@ static void write_sample(sample *s, qm_random *random, qm_format format, bool ha
 
 static qm_decoded decode(const sample *s, qm_format format, int thread_count, size_t most)
 {
-    return qm_decode_limited(format, s->text, s->size, (qm_codec_limits){most, most, thread_count, 0});
+    return qm_decode_limited(format, s->text, s->size, (qm_codec_limits){most, most, thread_count, 0, NULL});
 }
 
 static void plain_texts_give_what_was_written(void **state)
@@ -296,7 +296,7 @@ static void all_but_the_end_of_a_text_is_read_in_blocks(void **state)
         bytes[i] = i % 7 == 6 ? '\n' : '1';
     qm_context ctx = qm_context_make();
     ctx.parallel = qm_host_parallel;
-    const qm_codec_limits limits = {1000000, 1000000, 2, 0};
+    const qm_codec_limits limits = {1000000, 1000000, 2, 0, NULL};
     qm_codec_report report;
     qm_builder builder = {.ctx = &ctx, .limits = &limits, .report = &report};
     qm_scan text;

@@ -220,11 +220,11 @@ static void announced_counts_are_held_against_the_limits(void **state)
     assert_int_equal(decoded.status, QM_E_TOO_LARGE);
     decoded = DECODE(cloud);
     assert_int_equal(decoded.status, QM_E_TOO_LARGE);
-    decoded =
-        qm_decode_limited(QM_FORMAT_DRC, pentagon_file, sizeof pentagon_file, (qm_codec_limits){5, 2, 1, 0});
+    decoded = qm_decode_limited(QM_FORMAT_DRC, pentagon_file, sizeof pentagon_file,
+                                (qm_codec_limits){5, 2, 1, 0, NULL});
     assert_int_equal(decoded.status, QM_E_TOO_LARGE);
-    decoded =
-        qm_decode_limited(QM_FORMAT_DRC, pentagon_file, sizeof pentagon_file, (qm_codec_limits){5, 3, 1, 0});
+    decoded = qm_decode_limited(QM_FORMAT_DRC, pentagon_file, sizeof pentagon_file,
+                                (qm_codec_limits){5, 3, 1, 0, NULL});
     assert_int_equal(decoded.status, QM_OK);
     qm_decoded_free(&decoded);
 }

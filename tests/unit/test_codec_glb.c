@@ -1,4 +1,5 @@
 /* glTF binary files by hand: transforms, modes, shared accessors, every fault. */
+#include <dlfcn.h>
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -7,6 +8,8 @@
 
 #include "check.h"
 #include "decode.h"
+#include "random.h"
+#include "shapes.h"
 
 /** A binary part of a square: four positions (48 bytes), indices of two triangles as bytes, shorts and
  * ints. */
@@ -34,6 +37,13 @@ static void add_square(qm_bytes *part)
     ",{\"bufferView\":1,\"componentType\":5121,\"count\":6,\"type\":\"SCALAR\"},"                            \
     "{\"bufferView\":2,\"componentType\":5123,\"count\":6,\"type\":\"SCALAR\"},"                             \
     "{\"bufferView\":3,\"componentType\":5125,\"count\":6,\"type\":\"SCALAR\"}]"
+/** The positions as an encoded view, of which nothing is there but the plain bytes. */
+#define ENCODED(size, stride, count, more)                                                                   \
+    "\"buffers\":[{\"byteLength\":92}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":48,\"extensions\":{"    \
+    "\"EXT_meshopt_compression\":{\"buffer\":0,\"byteLength\":" size ",\"byteStride\":" stride               \
+    ",\"count\":" count ",\"mode\":\"ATTRIBUTES\"" more "}}},"                                               \
+    "{\"buffer\":0,\"byteOffset\":48,\"byteLength\":6},{\"buffer\":0,\"byteOffset\":56,\"byteLength\":12},"  \
+    "{\"buffer\":0,\"byteOffset\":68,\"byteLength\":24}]"
 #define SCENE "\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[{\"mesh\":0}]"
 #define MESH(indices) "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0}" indices "}]}]"
 
@@ -319,9 +329,9 @@ static void json_faults_are_refused(void **state)
         {"{\"meshes\":[{\"primitives\":{}}]}", QM_E_FORMAT, "must be an array"},
         {"{\"meshes\":[{\"primitives\":[1]}]}", QM_E_FORMAT, "must be an object"},
         {"{\"meshes\":[{\"primitives\":[{\"mode\":7}]}]}", QM_E_FORMAT, "`mode` of a primitive"},
-        {"{\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]}", QM_E_UNSUPPORTED, "Draco"},
-        {"{\"extensionsRequired\":[\"EXT_meshopt_compression\"]}", QM_E_UNSUPPORTED,
-         "EXT_meshopt_compression"},
+        {"{\"extensionsRequired\":[\"KHR_draco_mesh_compression\"]}", QM_E_EMPTY, "no mesh"},
+        {"{\"extensionsRequired\":[\"EXT_mesh_gpu_instancing\"]}", QM_E_UNSUPPORTED,
+         "EXT_mesh_gpu_instancing"},
         {"{\"asset\":{\"version\":\"1.0\"}}", QM_E_UNSUPPORTED, "glTF 1.0 is not supported"},
         {"{\"extensionsRequired\":[7]}", QM_E_UNSUPPORTED, "without a name"},
         {"{\"extensionsRequired\":[\"KHR_materials_unlit\"]}", QM_E_EMPTY, "no mesh"},
@@ -335,7 +345,25 @@ static void json_faults_are_refused(void **state)
          "4 indices are not a multiple of 3"},
         {"{" VIEWS "," ACCESSORS "," SCENE
          "," MESH(",\"extensions\":{\"KHR_draco_mesh_compression\":{}}") "}",
-         QM_E_UNSUPPORTED, "Draco"},
+         QM_E_FORMAT, "must name a buffer view"},
+        {"{" VIEWS "," ACCESSORS "," SCENE
+         "," MESH(",\"extensions\":{\"KHR_draco_mesh_compression\":{\"bufferView\":4}}") "}",
+         QM_E_FORMAT, "`bufferView` refers to entry 4 of 4"},
+        {"{" VIEWS "," ACCESSORS "," SCENE
+         "," MESH(",\"extensions\":{\"KHR_draco_mesh_compression\":{\"bufferView\":1}}") "}",
+         QM_E_FORMAT, "buffer view 1: the file does not start like a Draco file"},
+        {"{" ENCODED("48", "12", "4", "") "," ACCESSORS "," SCENE "," MESH("") "}", QM_E_FORMAT,
+         "the encoded data of buffer view 0 is invalid"},
+        {"{" ENCODED("0", "12", "4", "") "," ACCESSORS "," SCENE "," MESH("") "}", QM_E_FORMAT,
+         "the encoded data of buffer view 0 is invalid"},
+        {"{" ENCODED("48", "10", "4", "") "," ACCESSORS "," SCENE "," MESH("") "}", QM_E_FORMAT,
+         "48 bytes cannot be 4 elements of 10"},
+        {"{" ENCODED("48", "12", "999999", "") "," ACCESSORS "," SCENE "," MESH("") "}", QM_E_FORMAT,
+         "48 bytes cannot be 999999 elements of 12"},
+        {"{" ENCODED("48", "12", "99999999999", "") "," ACCESSORS "," SCENE "," MESH("") "}", QM_E_TOO_LARGE,
+         "more than 1000000 elements"},
+        {"{" ENCODED("48", "12", "4", ",\"filter\":\"OCTAHEDRAL\"") "," ACCESSORS "," SCENE "," MESH("") "}",
+         QM_E_UNSUPPORTED, "a filter for normals"},
         {"{" VIEWS
          ",\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":5,\"type\":\"VEC3\"}]," SCENE
          "," MESH("") "}",
@@ -380,6 +408,174 @@ static void json_faults_are_refused(void **state)
                  "case %zu: %s: %s", i, qm_status_code(decoded.status), decoded.report.detail);
         assert_true(decoded.report.offset != QM_NO_LOCATION);
     }
+}
+
+/** A square twice, one of them mirrored, whose positions and indices are the Draco data part. */
+static qm_decoded decode_draco_twice(const qm_bytes *part)
+{
+    char json[1024];
+    qm_bytes file;
+    snprintf(json, sizeof json,
+             "{\"extensionsRequired\":[\"KHR_draco_mesh_compression\"],\"buffers\":[{\"byteLength\":%zu}],"
+             "\"bufferViews\":[{\"buffer\":0,\"byteLength\":%zu}],"
+             "\"accessors\":[{\"componentType\":5126,\"count\":4,\"type\":\"VEC3\"}],"
+             "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"extensions\":{"
+             "\"KHR_draco_mesh_compression\":{\"bufferView\":0,\"attributes\":{\"POSITION\":0}}}}]}],"
+             "\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"scale\":[-2,2,2],\"translation\":[0,0,5]}]}",
+             part->size, part->size);
+    add_file(&file, json, part);
+    return qm_decode(QM_FORMAT_GLB, file.data, file.size);
+}
+
+static void draco_primitives_are_decoded_once_for_all_nodes(void **state)
+{
+    (void)state;
+    static const uint32_t faces[2][4] = {{0, 1, 2, 3}, {3, 2, 4, NONE}};
+    static const double positions[5][3] = {{0, 0, 0}, {1, 0, 0}, {1, 1, 0}, {0, 1, 0}, {0.5, 2, 0}};
+    qm_mesh mesh = qm_shape_make(5, 2);
+    memcpy(mesh.positions, positions, sizeof positions);
+    memcpy(mesh.faces, faces, sizeof faces);
+    qm_bytes part = {.size = 0};
+    qm_encoded_bytes(&mesh, QM_FORMAT_DRC, &part);
+    qm_decoded decoded = decode_draco_twice(&part);
+    QM_CHECK(decoded.status == QM_OK, "%s", decoded.report.detail);
+    assert_int_equal(decoded.mesh.vertex_count, 10);
+    assert_int_equal(decoded.mesh.face_count, 4);
+    size_t quads = 0;
+    for (size_t f = 0; f < 4; ++f) {
+        const uint32_t *face = decoded.mesh.faces + 4 * f;
+        quads += face[3] != NONE;
+        /* The mirrored one turns as the other does: both face up. */
+        const double *a = decoded.mesh.positions + 3 * face[0], *b = decoded.mesh.positions + 3 * face[1],
+                     *c = decoded.mesh.positions + 3 * face[2];
+        double up = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]);
+        QM_CHECK(up > 0 && a[2] == (f < 2 ? 0.0 : 5.0), "face %zu: area %g, z %g", f, up, a[2]);
+    }
+    assert_int_equal(quads, 2);
+    qm_decoded_free(&decoded);
+    part.size -= 3;
+    decoded = decode_draco_twice(&part);
+    assert_int_equal(decoded.status, QM_E_FORMAT);
+    assert_non_null(strstr(decoded.report.detail, "buffer view 0: the Draco data is invalid or truncated"));
+    qm_decoded_free(&decoded);
+    qm_shape_free(&mesh);
+}
+
+static void triangles_that_fan_out_are_polygons_where_the_file_says_so(void **state)
+{
+    (void)state;
+    static const float positions[18] = {0, 0, 0, 1, 0, 0, 1, 1, 0, 0, 1, 0, -1, 1, 0, -1, 0, 0};
+    /* A quad, a pentagon from another corner, and a triangle that has the pentagon's first corner in another place. */
+    static const uint8_t indices[18] = {0, 1, 2, 0, 2, 3, 3, 4, 5, 3, 5, 0, 3, 0, 1, 1, 2, 3};
+    qm_bytes part = {.size = 0}, file;
+    qm_bytes_add_floats(&part, positions, 18);
+    qm_bytes_add(&part, indices, 18);
+    for (int mirrored = 0; mirrored < 2; ++mirrored) {
+        char json[1024];
+        snprintf(json, sizeof json,
+                 "{\"buffers\":[{\"byteLength\":90}],\"bufferViews\":[{\"buffer\":0,\"byteLength\":72},"
+                 "{\"buffer\":0,\"byteOffset\":72,\"byteLength\":18}],\"accessors\":["
+                 "{\"bufferView\":0,\"componentType\":5126,\"count\":6,\"type\":\"VEC3\"},"
+                 "{\"bufferView\":1,\"componentType\":5121,\"count\":18,\"type\":\"SCALAR\"}],"
+                 "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1,"
+                 "\"extensions\":{\"FB_ngon_encoding\":{}}}]}],\"nodes\":[{\"mesh\":0,\"scale\":[1,1,%d]}]}",
+                 mirrored ? -1 : 1);
+        add_file(&file, json, &part);
+        qm_decoded decoded = qm_decode(QM_FORMAT_GLB, file.data, file.size);
+        QM_CHECK(decoded.status == QM_OK, "%s", decoded.report.detail);
+        static const uint32_t faces[2][5][4] = {
+            {{0, 1, 2, 3}, {3, 4, 5, NONE}, {3, 5, 0, NONE}, {3, 0, 1, NONE}, {1, 2, 3, NONE}},
+            {{0, 3, 2, 1}, {3, 1, 0, NONE}, {3, 0, 5, NONE}, {3, 5, 4, NONE}, {1, 3, 2, NONE}}};
+        assert_int_equal(decoded.mesh.face_count, 5);
+        assert_memory_equal(decoded.mesh.faces, faces[mirrored], sizeof faces[mirrored]);
+        assert_non_null(decoded.mesh.face_origin);
+        assert_int_equal(decoded.mesh.face_origin[1], decoded.mesh.face_origin[3]);
+        qm_decoded_free(&decoded);
+    }
+}
+
+/** Quads come back as quads, and no face begins at the corner where the face before it does. */
+static void quads_come_back_from_a_file(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 7);
+    for (int k = 0; k < 50; ++k) {
+        enum { FACES = 12 };
+        qm_mesh mesh = qm_shape_soup(&random, FACES, QM_SOUP_MIXED, QM_SOUP_POOLED, 1);
+        qm_bytes file = {.size = 0};
+        qm_encoded_bytes(&mesh, QM_FORMAT_GLB, &file);
+        qm_decoded decoded = qm_decode(QM_FORMAT_GLB, file.data, file.size);
+        QM_CHECK(decoded.status == QM_OK, "%d: %s", k, decoded.report.detail);
+        QM_CHECK(decoded.mesh.face_count == FACES, "%d: %zu faces", k, decoded.mesh.face_count);
+        for (size_t f = 0; f < FACES; ++f) {
+            const uint32_t *is = decoded.mesh.faces + 4 * f, *was = mesh.faces + 4 * f;
+            uint32_t count = was[3] == NONE ? 3 : 4, shift = 0;
+            for (uint32_t i = 0; i < count; ++i)
+                if (is[i] == was[0]) shift = i;
+            bool is_equal = true;
+            for (uint32_t i = 0; i < count; ++i)
+                is_equal &= is[(i + shift) % count] == was[i];
+            QM_CHECK(is_equal && (is[3] == NONE) == (count == 3) && (count == 3 || shift % 2 == 0),
+                     "%d: face %zu is %u %u %u %u, was %u %u %u %u", k, f, is[0], is[1], is[2], is[3], was[0],
+                     was[1], was[2], was[3]);
+        }
+        qm_decoded_free(&decoded);
+        qm_shape_free(&mesh);
+    }
+}
+
+/** Positions and triangles as the library encodes them. */
+static void encoded_views_are_decoded(void **state)
+{
+    (void)state;
+    size_t (*encode_vertices)(unsigned char *, size_t, const void *, size_t, size_t) = NULL;
+    size_t (*encode_indices)(unsigned char *, size_t, const unsigned *, size_t) = NULL;
+    void *library = dlopen("libmeshoptimizer.so.2d", RTLD_NOW), *symbol;
+    assert_non_null(library);
+    symbol = dlsym(library, "meshopt_encodeVertexBuffer");
+    memcpy(&encode_vertices, &symbol, sizeof symbol);
+    symbol = dlsym(library, "meshopt_encodeIndexBuffer");
+    memcpy(&encode_indices, &symbol, sizeof symbol);
+    enum { SIDE = 6, VERTICES = SIDE * SIDE, INDICES = 6 * (SIDE - 1) * (SIDE - 1) };
+    float positions[3 * VERTICES];
+    unsigned indices[INDICES];
+    size_t used = 0;
+    for (unsigned v = 0; v < VERTICES; ++v) {
+        const float p[3] = {(float)(v % SIDE), (float)(v / SIDE), 0.25f * (float)(v % 5)};
+        memcpy(positions + 3 * (size_t)v, p, sizeof p);
+        if (v % SIDE + 1 == SIDE || v / SIDE + 1 == SIDE) continue;
+        const unsigned square[6] = {v, v + 1, v + SIDE + 1, v, v + SIDE + 1, v + SIDE};
+        memcpy(indices + used, square, sizeof square);
+        used += 6;
+    }
+    qm_bytes part = {.size = 0}, file;
+    size_t first = encode_vertices(part.data, sizeof part.data, positions, VERTICES, 3 * sizeof *positions);
+    size_t second = encode_indices(part.data + first, sizeof part.data - first, indices, INDICES);
+    assert_true(first > 0 && second > 0);
+    part.size = first + second;
+    char json[2048];
+    snprintf(
+        json, sizeof json,
+        "{\"extensionsRequired\":[\"EXT_meshopt_compression\"],\"buffers\":[{\"byteLength\":%zu},{"
+        "\"byteLength\":900}],\"bufferViews\":[{\"buffer\":1,\"byteLength\":432,\"byteStride\":12,"
+        "\"extensions\":{\"EXT_meshopt_compression\":{\"buffer\":0,\"byteLength\":%zu,\"byteStride\":12,"
+        "\"count\":%d,\"mode\":\"ATTRIBUTES\"}}},"
+        "{\"buffer\":1,\"byteOffset\":432,\"byteLength\":600,"
+        "\"extensions\":{\"KHR_meshopt_compression\":{\"buffer\":0,\"byteOffset\":%zu,\"byteLength\":%zu,"
+        "\"byteStride\":4,\"count\":%d,\"mode\":\"TRIANGLES\",\"filter\":\"NONE\"}}}],"
+        "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":%d,\"type\":\"VEC3\"},"
+        "{\"bufferView\":1,\"componentType\":5125,\"count\":%d,\"type\":\"SCALAR\"}],"
+        "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}]}",
+        part.size, first, (int)VERTICES, first, second, (int)INDICES, (int)VERTICES, (int)INDICES);
+    add_file(&file, json, &part);
+    qm_decoded decoded = qm_decode(QM_FORMAT_GLB, file.data, file.size);
+    QM_CHECK(decoded.status == QM_OK, "%s", decoded.report.detail);
+    assert_int_equal(decoded.mesh.vertex_count, VERTICES);
+    assert_int_equal(decoded.mesh.face_count, INDICES / 3);
+    for (size_t i = 0; i < 3 * VERTICES; ++i)
+        assert_true(decoded.mesh.positions[i] == (double)positions[i]);
+    qm_decoded_free(&decoded);
+    dlclose(library);
 }
 
 static void indices_past_their_vertices_are_refused(void **state)
@@ -444,6 +640,10 @@ int main(void)
         cmocka_unit_test(nodes_place_their_meshes),
         cmocka_unit_test(shared_positions_are_added_once_a_mesh),
         cmocka_unit_test(strides_step_over_other_attributes),
+        cmocka_unit_test(draco_primitives_are_decoded_once_for_all_nodes),
+        cmocka_unit_test(triangles_that_fan_out_are_polygons_where_the_file_says_so),
+        cmocka_unit_test(quads_come_back_from_a_file),
+        cmocka_unit_test(encoded_views_are_decoded),
         cmocka_unit_test(json_faults_are_refused),
         cmocka_unit_test(indices_past_their_vertices_are_refused),
         cmocka_unit_test(broken_chunks_name_their_byte),

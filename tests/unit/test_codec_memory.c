@@ -11,7 +11,7 @@ static qm_status decode_failing_at(qm_format format, const uint8_t *bytes, size_
     qm_failing_allocator allocator = {.fail_at = fail_at};
     qm_context ctx = qm_context_make();
     ctx.allocator = qm_failing_allocator_hook(&allocator);
-    qm_codec_limits limits = {1000000, 1000000, 2, 0};
+    qm_codec_limits limits = {1000000, 1000000, 2, 0, NULL};
     qm_mesh mesh;
     qm_codec_report report;
     qm_status status = qm_codec_decode(&ctx, format, bytes, size, &limits, &mesh, &report);

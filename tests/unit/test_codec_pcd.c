@@ -172,7 +172,7 @@ static void binary_files_have_every_type(void **state)
             }
             qm_decoded_free(&decoded);
             decoded = qm_decode_limited(QM_FORMAT_PCD, file.data, file.size,
-                                        (qm_codec_limits){POINTS - 1, 1, 1, 0});
+                                        (qm_codec_limits){POINTS - 1, 1, 1, 0, NULL});
             assert_int_equal(decoded.status, QM_E_TOO_LARGE);
             qm_bytes_add_u32(&file, 7);
             decoded = qm_decode(QM_FORMAT_PCD, file.data, file.size);
@@ -196,7 +196,7 @@ static void binary_faults_name_their_byte(void **state)
     qm_bytes file;
     const size_t start = write_typed(&file, 'F', 4, true, 4);
     qm_decoded decoded =
-        qm_decode_limited(QM_FORMAT_PCD, file.data, file.size, (qm_codec_limits){POINTS, 1, 1, 100});
+        qm_decode_limited(QM_FORMAT_PCD, file.data, file.size, (qm_codec_limits){POINTS, 1, 1, 100, NULL});
     assert_int_equal(decoded.status, QM_E_TOO_LARGE);
     assert_non_null(strstr(decoded.report.detail, "more than 100 bytes"));
     /* One literal becomes a reference to before the first byte. */

@@ -363,7 +363,7 @@ static void strips_turn_every_second_triangle(void **state)
             assert_memory_equal(decoded.mesh.faces + 16 * row, faces, sizeof faces);
         assert_true(qm_decoded_warns(&decoded, "name a vertex twice: 4 (left out)"));
         qm_decoded_free(&decoded);
-        decoded = qm_decode_limited(QM_FORMAT_PLY, file.data, file.size, (qm_codec_limits){6, 7, 1, 0});
+        decoded = qm_decode_limited(QM_FORMAT_PLY, file.data, file.size, (qm_codec_limits){6, 7, 1, 0, NULL});
         assert_int_equal(decoded.status, QM_E_TOO_LARGE);
     }
 }

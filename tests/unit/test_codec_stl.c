@@ -164,7 +164,7 @@ static void binary_faults_name_their_byte(void **state)
     add_head(&file, "x", 0);
     decoded = qm_decode(QM_FORMAT_STL, file.data, file.size);
     assert_int_equal(decoded.status, QM_E_EMPTY);
-    decoded = qm_decode_limited(QM_FORMAT_STL, file.data, file.size, (qm_codec_limits){1, 1, 1, 0});
+    decoded = qm_decode_limited(QM_FORMAT_STL, file.data, file.size, (qm_codec_limits){1, 1, 1, 0, NULL});
     assert_int_equal(decoded.status, QM_E_EMPTY);
 }
 
@@ -220,8 +220,8 @@ static void random_triangles_are_welded_in_their_order(void **state)
 
         const bool is_bad = i % 2 == 0;
         if (is_bad) memset(file + 84 + 50 * bad + 12 + 4 * qm_random_below(&random, 9), 0xff, 4);
-        decoded =
-            qm_decode_limited(QM_FORMAT_STL, file, sizeof file, (qm_codec_limits){most, TRIANGLES, 1, 0});
+        decoded = qm_decode_limited(QM_FORMAT_STL, file, sizeof file,
+                                    (qm_codec_limits){most, TRIANGLES, 1, 0, NULL});
         const size_t place = is_bad && bad <= beyond ? bad : beyond;
         const qm_status expected = is_bad && bad <= beyond && bad < TRIANGLES ? QM_E_NOT_FINITE
                                    : beyond < TRIANGLES                       ? QM_E_TOO_LARGE
@@ -248,10 +248,10 @@ static void the_first_of_two_text_faults_is_told(void **state)
                                          "vertex %s 2 0\nendloop endfacet\n",
                                          i, i == bad ? "x" : "0.5e1");
             qm_decoded decoded =
-                qm_decode_limited(QM_FORMAT_STL, text, size, (qm_codec_limits){99, 99, 1, 0});
+                qm_decode_limited(QM_FORMAT_STL, text, size, (qm_codec_limits){99, 99, 1, 0, NULL});
             QM_CHECK(decoded.status == QM_E_FORMAT, "%zu facets: %s", facets, decoded.report.detail);
             assert_int_equal(decoded.report.line, 5 * bad + 5);
-            decoded = qm_decode_limited(QM_FORMAT_STL, text, size, (qm_codec_limits){22, 99, 1, 0});
+            decoded = qm_decode_limited(QM_FORMAT_STL, text, size, (qm_codec_limits){22, 99, 1, 0, NULL});
             const bool is_full = bad >= 21;
             QM_CHECK(decoded.status == (is_full ? QM_E_TOO_LARGE : QM_E_FORMAT), "%zu facets, %zu bad: %s",
                      facets, bad, decoded.report.detail);

@@ -8,7 +8,7 @@
 #include "failing_allocator.h"
 #include "ops/job_kinds.h"
 
-static const qm_codec_limits limits = {1000000, 1000000, 1, 0};
+static const qm_codec_limits limits = {1000000, 1000000, 1, 0, NULL};
 static const qm_preparation everything = {.has_facts = true, .parts = QM_BVH_ALL, .thread_count = 1};
 
 static const char cube[] = "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nv 0 0 1\nv 1 0 1\nv 1 1 1\nv 0 1 1\n"
