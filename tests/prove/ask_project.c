@@ -169,6 +169,10 @@ static void check_tie(const inquiry *q, const double p[3], const answer *reporte
                       const char *how)
 {
     size_t count;
+    if (!(d.lower >= d.upper - 2 * 0x1p-60L)) { /* nothing is known of the nearest */
+        q->trial->tally->open++;
+        return;
+    }
     uint32_t first = first_nearest(q, p, d.upper, &count);
     if (count < 2) return;
     q->trial->tally->tries++;

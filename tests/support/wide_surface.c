@@ -339,10 +339,15 @@ static qm_wide_distance patch_distance(const qm_wide_vec c[4], qm_wide size, qm_
         if (!(target > 0)) break;
         best.lower = certify(&r, target, best.upper, round + 1 < ROUNDS ? slack : INFINITY, &nearer);
         if (nearer.s0 < 0) break;
-        qm_wide s = go_down(&r, (nearer.s0 + nearer.s1) / 2, (nearer.s1 - nearer.s0) / 2), at;
-        qm_wide distance = segment_distance(ruling_end(r.a, s), ruling_end(r.b, s), &at);
-        keep(&best, distance, by_v ? at : s, by_v ? s : at);
-        improve(c, best.uv[0], best.uv[1], &best);
+        /* A stride may cross a minimum and a maximum and end higher, so the start counts too. */
+        qm_wide middle = (nearer.s0 + nearer.s1) / 2;
+        const qm_wide along[2] = {middle, go_down(&r, middle, (nearer.s1 - nearer.s0) / 2)};
+        for (int i = 0; i < 2; i++) {
+            qm_wide s = along[i], at;
+            qm_wide distance = segment_distance(ruling_end(r.a, s), ruling_end(r.b, s), &at);
+            keep(&best, distance, by_v ? at : s, by_v ? s : at);
+            improve(c, best.uv[0], best.uv[1], &best);
+        }
     }
     best.lower = qm_wide_least(best.lower, best.upper);
     return best;

@@ -39,6 +39,30 @@ static void distances_of_points_agree(void **state)
     }
 }
 
+/* The distance to a patch has several minima; from a ruling that is nearer than the best, one stride down crossed a
+ * minimum and a maximum. */
+static void points_of_patches_are_found(void **state)
+{
+    (void)state;
+    for (uint64_t seed = 0; seed < (qm_check_long() ? 200000u : 10000u); seed++) {
+        qm_random random = qm_random_make(qm_check_seed(), 200000 + seed);
+        double corner[4][3], p[3], u = qm_random_range(&random, 0, 1), v = qm_random_range(&random, 0, 1);
+        for (int i = 0; i < 4; i++)
+            qm_random_point(&random, -1, 1, corner[i]);
+        for (int k = 0; k < 3; k++)
+            p[k] = (1 - v) * ((1 - u) * corner[0][k] + u * corner[1][k]) +
+                   v * ((1 - u) * corner[3][k] + u * corner[2][k]);
+        qm_mesh mesh = qm_shape_face(4, (const double(*)[3])corner);
+        qm_wide_frame frame = qm_wide_frame_make(&mesh, NULL);
+        qm_wide_surface surface = qm_wide_surface_make(&frame, &mesh, QM_QUADS_BILINEAR);
+        qm_wide_distance d = qm_wide_surface_distance(&surface, qm_wide_local(&frame, p), 0x1p-60L);
+        QM_CHECK((double)(d.upper / frame.scale) <= 1e-15, "seed %llu: %g", (unsigned long long)seed,
+                 (double)(d.upper / frame.scale));
+        qm_wide_surface_free(&surface);
+        qm_shape_free(&mesh);
+    }
+}
+
 static void distances_of_surfaces_agree(void **state)
 {
     (void)state;
@@ -104,6 +128,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(distances_of_points_agree),
+        cmocka_unit_test(points_of_patches_are_found),
         cmocka_unit_test(distances_of_surfaces_agree),
         cmocka_unit_test(values_on_paper),
     };
