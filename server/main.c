@@ -28,7 +28,7 @@
 #define CONNECTIONS_MS 1000
 #define OWN_FILES 64
 #define SAVING_MS 500
-#define CLEANING_MS 60000
+#define CLEANING_MS 5000
 #define MS_PER_S 1e3
 #define S_PER_H 3600.0
 
@@ -75,9 +75,11 @@ static void save(void *jobs)
     qm_job_events_save(jobs);
 }
 
-static void clean(void *jobs)
+static void clean(void *user)
 {
-    qm_jobs_drop_old(jobs);
+    qm_app *app = user;
+    qm_jobs_drop_old(app->jobs);
+    qm_meshes_drop_expired(app->meshes);
 }
 
 static void on_tick(uv_timer_t *handle)
@@ -92,7 +94,7 @@ static void on_tick(uv_timer_t *handle)
     qm_http_tick(state->http, now);
     state->connections_checked_ms = now;
     if (now < state->cleaned_ms + CLEANING_MS) return;
-    qm_pool_submit(state->app.pools[QM_LANE_SHORT], clean, state->app.jobs);
+    qm_pool_submit(state->app.pools[QM_LANE_SHORT], clean, &state->app);
     state->cleaned_ms = now;
 }
 

@@ -23,12 +23,13 @@ export class Meshes {
   /**
    * Uploads a file. The same bytes with the same name and format give the same mesh again.
    * @param {Blob | ArrayBuffer | Uint8Array<ArrayBuffer> | string} file the raw bytes
-   * @param {{ name?: string, format?: Format, onProgress?: OnProgress, signal?: AbortSignal }} [options] onProgress is
-   *   called where the platform reports it: in a browser
+   * @param {{ name?: string, format?: Format, ttlSeconds?: number, onProgress?: OnProgress,
+   *   signal?: AbortSignal }} [options] ttlSeconds: after which the mesh is removed; onProgress is called where the
+   *   platform reports it: in a browser
    * @returns {Promise<{ mesh: Mesh, isNew: boolean }>}
    */
-  async create(file, { name, format, onProgress, signal } = {}) {
-    const query = { name, format };
+  async create(file, { name, format, ttlSeconds, onProgress, signal } = {}) {
+    const query = { name, format, ttl_seconds: ttlSeconds?.toString() };
     const headers = { "Content-Type": "application/octet-stream", Accept: "application/json" };
     if (onProgress && globalThis.XMLHttpRequest) {
       const body = file instanceof Blob ? file : new Blob([file]);
@@ -56,6 +57,20 @@ export class Meshes {
    */
   get(id, { signal } = {}) {
     return this.transport.json(pathOf(id), { signal });
+  }
+
+  /**
+   * Sets how long the mesh lives from now on; null: for good.
+   * @param {string} id
+   * @param {number | null} ttlSeconds
+   * @param {{ ifMatch?: string, signal?: AbortSignal }} [options]
+   * @returns {Promise<Mesh>}
+   */
+  setTtl(id, ttlSeconds, { ifMatch, signal } = {}) {
+    return this.transport.json(pathOf(id), {
+      method: "PATCH", body: JSON.stringify({ ttl_seconds: ttlSeconds }), signal,
+      headers: { "Content-Type": "application/json", "If-Match": ifMatch },
+    });
   }
 
   /**

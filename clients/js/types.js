@@ -17,7 +17,7 @@
  *   patches: number, largest_patch: { rows: number, columns: number } | null, boundary_edges: number,
  *   components: number, manifold: boolean, bounding_box: { min: Point, max: Point, diagonal: number },
  *   size_bytes: number, memory_bytes: number, prepare_ms: Record<string, number>, revision: number,
- *   content_hash: string, created: string, warnings: string[] }} Mesh */
+ *   content_hash: string, created: string, expires_at?: string, warnings: string[] }} Mesh */
 
 /** @typedef {{ rows: number, columns: number, faces: number[] }} Patch */
 /** @typedef {{ patch_count: number, irregular_vertices: number, patches: Patch[] }} Patches */

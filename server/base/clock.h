@@ -22,4 +22,8 @@ void qm_clock_format(char out[QM_TIME_SIZE]);
 /** The time a number of seconds ago. */
 void qm_clock_format_past(double seconds, char out[QM_TIME_SIZE]);
 
+/** The time in a number of seconds, by a clock that was set when the process began and that changes of the date since
+ * then do not affect: for removals, which a clock that jumps ahead must not hasten. */
+void qm_clock_format_steady(double seconds, char out[QM_TIME_SIZE]);
+
 #endif

@@ -260,7 +260,8 @@ static qm_status read_accessors(json_reader *reader)
     qm_status status =
         start_list(reader, "accessors", sizeof *gltf->accessors, &block, &gltf->accessor_count, &item);
     gltf->accessors = block;
-    for (qm_gltf_accessor *accessor = gltf->accessors; status == QM_OK && item; item = item->next, ++accessor) {
+    for (qm_gltf_accessor *accessor = gltf->accessors; status == QM_OK && item;
+         item = item->next, ++accessor) {
         uint64_t component_type = 0;
         status = read_json_index(reader, item, "bufferView", gltf->view_count, &accessor->view);
         if (status == QM_OK) status = read_integer(reader, item, "byteOffset", &accessor->offset);
@@ -298,8 +299,7 @@ static qm_status read_primitives(json_reader *reader, const cJSON *list)
         const cJSON *draco = find_extension(item, "KHR_draco_mesh_compression", NULL);
         primitive.is_draco = draco != NULL;
         if (status == QM_OK)
-            status =
-                read_json_index(reader, draco, "bufferView", reader->gltf->view_count, &primitive.draco);
+            status = read_json_index(reader, draco, "bufferView", reader->gltf->view_count, &primitive.draco);
         primitive.has_polygons = find_extension(item, "FB_ngon_encoding", NULL) != NULL;
         if (find(item, "targets")) gltf->has_poses = true;
         if (status != QM_OK) return status;
@@ -457,9 +457,17 @@ static qm_status read_roots(json_reader *reader)
 static bool is_supported(const char *extension)
 {
     static const char *const prefixes[] = {
-        "KHR_draco_mesh_compression", "EXT_meshopt_compression", "KHR_meshopt_compression", "FB_ngon_encoding",
-        "KHR_mesh_quantization",      "KHR_materials_",          "KHR_texture_",            "KHR_lights_",
-        "KHR_animation_pointer",      "KHR_xmp",                 "EXT_texture_",
+        "KHR_draco_mesh_compression",
+        "EXT_meshopt_compression",
+        "KHR_meshopt_compression",
+        "FB_ngon_encoding",
+        "KHR_mesh_quantization",
+        "KHR_materials_",
+        "KHR_texture_",
+        "KHR_lights_",
+        "KHR_animation_pointer",
+        "KHR_xmp",
+        "EXT_texture_",
     };
     for (size_t i = 0; i < sizeof prefixes / sizeof *prefixes; ++i)
         if (strncmp(extension, prefixes[i], strlen(prefixes[i])) == 0) return true;
@@ -531,4 +539,3 @@ void qm_gltf_free(qm_context *ctx, qm_gltf_scene *gltf)
     qm_context_free(ctx, gltf->nodes, gltf->node_count, sizeof *gltf->nodes);
     qm_context_free(ctx, gltf->links, gltf->link_capacity, sizeof *gltf->links);
 }
-

@@ -26,11 +26,14 @@ static bool find_symbol(void *library, const char *name, void *function)
 static void load(void)
 {
     void *library = dlopen(LIBRARY, RTLD_NOW | RTLD_LOCAL);
-    is_loaded = library && find_symbol(library, "meshopt_decodeVertexBuffer", &decoders[QM_GLTF_ATTRIBUTES]) &&
+    is_loaded = library &&
+                find_symbol(library, "meshopt_decodeVertexBuffer", &decoders[QM_GLTF_ATTRIBUTES]) &&
                 find_symbol(library, "meshopt_decodeIndexBuffer", &decoders[QM_GLTF_TRIANGLES]) &&
                 find_symbol(library, "meshopt_decodeIndexSequence", &decoders[QM_GLTF_INDICES]) &&
                 find_symbol(library, "meshopt_decodeFilterExp", &decode_exponential);
-    if (!is_loaded) qm_log(QM_LOG_WARN, "%s cannot be loaded: %s", LIBRARY, library ? "a function is missing" : dlerror());
+    if (!is_loaded)
+        qm_log(QM_LOG_WARN, "%s cannot be loaded: %s", LIBRARY,
+               library ? "a function is missing" : dlerror());
 }
 
 bool qm_meshopt_is_possible(const qm_gltf_view *view)
@@ -49,7 +52,8 @@ qm_meshopt_outcome qm_meshopt_decode(const qm_gltf_view *view, const uint8_t *en
     pthread_once(&once, load);
     if (!is_loaded) return QM_MESHOPT_UNAVAILABLE;
     size_t count = (size_t)view->count, stride = (size_t)view->stride;
-    if (decoders[view->coding](out, count, stride, encoded, (size_t)view->size) != 0) return QM_MESHOPT_MALFORMED;
+    if (decoders[view->coding](out, count, stride, encoded, (size_t)view->size) != 0)
+        return QM_MESHOPT_MALFORMED;
     if (view->filter == QM_GLTF_EXPONENTIAL) decode_exponential(out, count, stride);
     return QM_MESHOPT_DONE;
 }

@@ -1,5 +1,5 @@
 /**
- * handle_meshes.c: meshes as a resource: upload, list, document, removal, and the next revision of one
+ * handle_meshes.c: meshes as a resource: upload, list, document, time to live, removal, and the next revision of one
  * (PATCH /v1/meshes/{id}/vertices).
  */
 #include <stdio.h>
@@ -59,6 +59,31 @@ static bool read_name(const qm_request *request, const char **name, qm_problem *
     return is_clean;
 }
 
+/** Reads ?ttl_seconds=; 0 when it is absent. */
+static bool read_ttl(const qm_request *request, double *ttl_s, qm_problem *problem)
+{
+    const char *given = qm_request_query(request, "ttl_seconds");
+    char *end;
+    *ttl_s = given ? strtod(given, &end) : 0.0;
+    if (!given) return true;
+    bool is_integer = strspn(given, "0123456789") == strlen(given) && end != given;
+    if (is_integer && *ttl_s >= 1.0 && *ttl_s <= QM_MESHES_MAX_TTL_S) return true;
+    *problem = qm_problem_make(QM_PROBLEM_INVALID_PARAMETER,
+                               "`ttl_seconds` must be an integer from 1 to %.0f", QM_MESHES_MAX_TTL_S);
+    return false;
+}
+
+/** Adds the resource of a mesh: its document, and when it expires. */
+static void add_mesh(qm_text *out, const qm_store_mesh *mesh)
+{
+    size_t length = strlen(mesh->document);
+    QM_ASSERT(length > 2 && mesh->document[length - 1] == '}');
+    if (mesh->expires[0])
+        qm_text_printf(out, "%.*s,\"expires_at\":\"%s\"}", (int)(length - 1), mesh->document, mesh->expires);
+    else
+        qm_text_add(out, mesh->document, length);
+}
+
 /** Whether a body whose Content-Encoding is gzip is so: else a proxy may have inflated it and left the header. */
 static bool check_packed(const qm_blob_writer *upload, qm_problem *problem)
 {
@@ -76,8 +101,9 @@ static bool check_packed(const qm_blob_writer *upload, qm_problem *problem)
 static void reply_mesh(qm_request *request, int status, qm_store_mesh *mesh)
 {
     qm_reply_header(request, "Location", "/v1/meshes/%s", mesh->id);
-    qm_reply_text(request, status, "application/json", mesh->document);
-    mesh->document = NULL;
+    qm_text out = {0};
+    add_mesh(&out, mesh);
+    qm_reply_text(request, status, "application/json", qm_text_take(&out));
     qm_store_mesh_reset(mesh);
 }
 
@@ -89,12 +115,14 @@ void qm_handle_mesh_create(qm_request *request)
     qm_format format;
     qm_store_mesh mesh;
     bool is_new;
+    double ttl_s;
     if (atomic_load(&app->draining)) {
         problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the daemon is stopping and takes no new meshes");
         qm_reply_problem(request, &problem);
         return;
     }
-    if (!read_format(request, &format, &problem) || !read_name(request, &name, &problem)) {
+    if (!read_format(request, &format, &problem) || !read_name(request, &name, &problem) ||
+        !read_ttl(request, &ttl_s, &problem)) {
         qm_reply_problem(request, &problem);
         return;
     }
@@ -104,7 +132,7 @@ void qm_handle_mesh_create(qm_request *request)
         qm_reply_problem(request, &problem);
         return;
     }
-    if (!qm_meshes_add(app->meshes, upload, name, format, &mesh, &is_new, &problem)) {
+    if (!qm_meshes_add(app->meshes, upload, name, format, ttl_s, &mesh, &is_new, &problem)) {
         qm_reply_problem(request, &problem);
         return;
     }
@@ -136,8 +164,10 @@ void qm_handle_mesh_list(qm_request *request)
     }
     qm_text out = {0};
     qm_text_add_string(&out, "{\"meshes\":[");
-    for (size_t i = 0; i < count && i < page.limit; i++)
-        qm_text_printf(&out, "%s%s", i > 0 ? "," : "", rows[i].document);
+    for (size_t i = 0; i < count && i < page.limit; i++) {
+        if (i > 0) qm_text_add_string(&out, ",");
+        add_mesh(&out, &rows[i]);
+    }
     qm_handlers_end_page(&out, count > page.limit ? rows[page.limit - 1].sequence : 0);
     for (size_t i = 0; i < count; i++)
         qm_store_mesh_reset(&rows[i]);
@@ -153,6 +183,25 @@ void qm_handle_mesh_get(qm_request *request)
         reply_mesh(request, 200, &mesh);
     else
         qm_store_mesh_reset(&mesh);
+}
+
+void qm_handle_mesh_patch(qm_request *request)
+{
+    size_t size;
+    const char *body = qm_request_body(request, &size);
+    qm_problem problem;
+    double ttl_s;
+    qm_store_mesh mesh;
+    if (!qm_json_read_lifetime(body, size, &ttl_s, &problem) ||
+        !qm_meshes_set_ttl(qm_request_app(request)->meshes, qm_request_id(request), ttl_s,
+                           qm_request_header(request, "If-Match"), &mesh, &problem)) {
+        qm_reply_problem(request, &problem);
+        return;
+    }
+    char tag[QM_ETAG_SIZE];
+    qm_etag_write_mesh(mesh.hash, mesh.revision, "", tag);
+    qm_reply_header(request, "ETag", "%s", tag);
+    reply_mesh(request, 200, &mesh);
 }
 
 void qm_handle_mesh_delete(qm_request *request)
@@ -248,7 +297,7 @@ void qm_handle_mesh_deform(qm_request *request)
     bool done = read_moved(request, upload, type == 1, &moved, &problem) &&
                 qm_meshes_deform(qm_request_app(request)->meshes, qm_request_id(request), &moved,
                                  qm_request_header(request, "If-Match"), &deformed, &problem);
-    qm_moved_vertices_reset(&moved);
+    qm_json_reset_moved_vertices(&moved);
     qm_blob_abort(upload);
     if (done)
         reply_deformed(request, &deformed);

@@ -25,7 +25,7 @@ static const char *const mesh_list_query[] = {"limit", "cursor", "order", "name"
 static const char *const job_list_query[] = {"limit", "cursor", "order",          "state",
                                              "type",  "mesh",   "reconstruction", NULL};
 static const char *const list_query[] = {"limit", "cursor", "order", "mesh", NULL};
-static const char *const upload_query[] = {"name", "format", NULL};
+static const char *const upload_query[] = {"name", "format", "ttl_seconds", NULL};
 static const char *const format_query[] = {"format", NULL};
 static const char *const content_query[] = {"format", "quantization", NULL};
 static const char *const rows_query[] = {"dtype", NULL};
@@ -39,6 +39,8 @@ static const qm_route routes[] = {
     {"GET", "/v1/meshes", QM_SCOPE_READ, qm_handle_mesh_list, json, QM_BODY_NONE, QM_LANE_SHORT,
      mesh_list_query},
     {"GET", "/v1/meshes/{id}", QM_SCOPE_READ, qm_handle_mesh_get, json, QM_BODY_NONE, QM_LANE_SHORT,
+     no_query},
+    {"PATCH", "/v1/meshes/{id}", QM_SCOPE_WRITE, qm_handle_mesh_patch, json, QM_BODY_MEMORY, QM_LANE_SHORT,
      no_query},
     {"DELETE", "/v1/meshes/{id}", QM_SCOPE_WRITE, qm_handle_mesh_delete, NULL, QM_BODY_NONE, QM_LANE_SHORT,
      no_query},

@@ -329,7 +329,7 @@ static bool add_mesh(qm_reconstructions *rs, qm_reconstruction_lease *r, char ou
     }
     qm_store_mesh row;
     bool is_new;
-    bool added = qm_meshes_add(rs->meshes, upload, name, QM_FORMAT_PLY, &row, &is_new, problem);
+    bool added = qm_meshes_add(rs->meshes, upload, name, QM_FORMAT_PLY, 0.0, &row, &is_new, problem);
     free(name);
     if (!added) return false;
     memcpy(out, row.id, QM_ID_SIZE);

@@ -342,6 +342,18 @@ static bool find_row(qm_meshes *meshes, const char *id, const char *if_match, qm
     return false;
 }
 
+/** Removes a row, and the mesh from memory. store_lock is held. */
+static qm_status remove_row(qm_meshes *meshes, const char *id)
+{
+    QM_ASSERT(is_locked(&meshes->store_lock));
+    qm_status status = qm_store_delete_mesh(meshes->store, id);
+    uv_mutex_lock(&meshes->lock);
+    qm_mesh_ref *ref = find_listed(meshes, id);
+    if (ref && status == QM_OK) unlist(meshes, ref);
+    uv_mutex_unlock(&meshes->lock);
+    return status;
+}
+
 bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem)
 {
     uv_mutex_lock(&meshes->store_lock);
@@ -349,17 +361,68 @@ bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, q
     bool deleted = find_row(meshes, id, if_match, &row, problem);
     if (deleted) {
         qm_store_mesh_reset(&row);
-        qm_status status = qm_store_delete_mesh(meshes->store, id);
+        qm_status status = remove_row(meshes, id);
         if (status != QM_OK)
             *problem = qm_problem_from_store(status, QM_PROBLEM_MESH_NOT_FOUND, "mesh %s", id);
         deleted = status == QM_OK;
     }
-    uv_mutex_lock(&meshes->lock);
-    qm_mesh_ref *ref = find_listed(meshes, id);
-    if (ref && deleted) unlist(meshes, ref);
-    uv_mutex_unlock(&meshes->lock);
     uv_mutex_unlock(&meshes->store_lock);
     return deleted;
+}
+
+/* ---- expiry ---- */
+
+/** When a mesh expires that lives for a time from now on; "" for 0. */
+static void set_expires(qm_store_mesh *row, double ttl_s)
+{
+    row->expires[0] = 0;
+    if (ttl_s > 0.0) qm_clock_format_steady(ttl_s, row->expires);
+}
+
+bool qm_meshes_set_ttl(qm_meshes *meshes, const char *id, double ttl_s, const char *if_match,
+                       qm_store_mesh *out, qm_problem *problem)
+{
+    uv_mutex_lock(&meshes->store_lock);
+    bool is_set = find_row(meshes, id, if_match, out, problem);
+    if (is_set) {
+        set_expires(out, ttl_s);
+        is_set = qm_store_set_expiry(meshes->store, id, out->expires) == QM_OK;
+        if (!is_set) {
+            *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be stored");
+            qm_store_mesh_reset(out);
+        }
+    }
+    uv_mutex_unlock(&meshes->store_lock);
+    return is_set;
+}
+
+/** An upload of a mesh that exists: it lives for the longer of both times. store_lock is held. */
+static bool extend_life(qm_meshes *meshes, qm_store_mesh *row, double ttl_s)
+{
+    QM_ASSERT(is_locked(&meshes->store_lock));
+    qm_store_mesh wanted = {0};
+    set_expires(&wanted, ttl_s);
+    bool is_longer = row->expires[0] && (ttl_s <= 0.0 || strcmp(wanted.expires, row->expires) > 0);
+    if (!is_longer) return true;
+    memcpy(row->expires, wanted.expires, sizeof row->expires);
+    return qm_store_set_expiry(meshes->store, row->id, row->expires) == QM_OK;
+}
+
+void qm_meshes_drop_expired(qm_meshes *meshes)
+{
+    char now[QM_TIME_SIZE];
+    qm_clock_format_steady(0.0, now);
+    for (bool found = true; found;) {
+        qm_store_mesh row;
+        uv_mutex_lock(&meshes->store_lock);
+        found = qm_store_find_expired_mesh(meshes->store, now, &row) == QM_OK;
+        if (found) {
+            qm_log(QM_LOG_INFO, "mesh %s expired at %s", row.id, row.expires);
+            found = remove_row(meshes, row.id) == QM_OK;
+            qm_store_mesh_reset(&row);
+        }
+        uv_mutex_unlock(&meshes->store_lock);
+    }
 }
 
 /* ---- uploads ---- */
@@ -387,8 +450,8 @@ static bool store_new(qm_meshes *meshes, qm_blob_writer *upload, const qm_store_
 }
 
 /** Stores a decoded upload, unless equal content was stored meanwhile. Takes over mesh and upload. */
-static bool store_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mesh *row, qm_loaded_mesh *mesh,
-                         bool *is_new, qm_problem *problem)
+static bool store_loaded(qm_meshes *meshes, qm_blob_writer *upload, double ttl_s, qm_store_mesh *row,
+                         qm_loaded_mesh *mesh, bool *is_new, qm_problem *problem)
 {
     qm_store_mesh same;
     qm_mesh_ref *listed = NULL;
@@ -399,7 +462,9 @@ static bool store_loaded(qm_meshes *meshes, qm_blob_writer *upload, qm_store_mes
         qm_store_mesh_reset(row);
         *row = same;
         qm_blob_abort(upload);
+        found = extend_life(meshes, row, ttl_s);
     } else {
+        set_expires(row, ttl_s);
         stored = store_new(meshes, upload, row);
         uv_mutex_lock(&meshes->lock);
         /* It waits in memory for its first job. Without memory to list it, it is loaded again then. */
@@ -457,8 +522,18 @@ static bool prepare(qm_meshes *meshes, mapped_bytes file, qm_format format, qm_s
 }
 
 /** Ends an upload whose bytes a mesh has already: it takes the place of their blob when that is damaged. */
-static bool give_to_same(qm_meshes *meshes, qm_blob_writer *upload, const char *hash, qm_problem *problem)
+static bool give_to_same(qm_meshes *meshes, qm_blob_writer *upload, double ttl_s, qm_store_mesh *row,
+                         qm_problem *problem)
 {
+    const char *hash = row->hash;
+    uv_mutex_lock(&meshes->store_lock);
+    bool lives = extend_life(meshes, row, ttl_s);
+    uv_mutex_unlock(&meshes->store_lock);
+    if (!lives) {
+        qm_blob_abort(upload);
+        *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh has just expired: upload it again");
+        return false;
+    }
     if (!is_damaged(qm_blob_check(meshes->store, hash))) {
         qm_blob_abort(upload);
         return true;
@@ -477,7 +552,7 @@ static bool give_to_same(qm_meshes *meshes, qm_blob_writer *upload, const char *
 }
 
 bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
-                   qm_store_mesh *out, bool *is_new, qm_problem *problem)
+                   double ttl_s, qm_store_mesh *out, bool *is_new, qm_problem *problem)
 {
     qm_store_mesh row = {0};
     qm_loaded_mesh mesh = {0};
@@ -485,7 +560,7 @@ bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, 
     bool sealed = make_row(name, format, &row, problem) && seal(upload, &row, problem);
     if (sealed && find_same(meshes, &row, out)) {
         qm_store_mesh_reset(&row);
-        bool given = give_to_same(meshes, upload, out->hash, problem);
+        bool given = give_to_same(meshes, upload, ttl_s, out, problem);
         if (!given) qm_store_mesh_reset(out);
         return given;
     }
@@ -495,7 +570,7 @@ bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, 
                     prepare(meshes, file, format, &row, &mesh, problem);
     qm_blob_unmap(file.bytes, file.size);
     if (!prepared) qm_blob_abort(upload);
-    bool added = prepared && store_loaded(meshes, upload, &row, &mesh, is_new, problem);
+    bool added = prepared && store_loaded(meshes, upload, ttl_s, &row, &mesh, is_new, problem);
     *out = row;
     if (!added) qm_store_mesh_reset(out);
     return added;

@@ -39,13 +39,20 @@ qm_meshes_memory qm_meshes_measure(qm_meshes *meshes);
 /** Frees every mesh. No reference may be left. */
 void qm_meshes_destroy(qm_meshes *meshes);
 
+#define QM_MESHES_MAX_TTL_S 3155760000.0 /* a hundred years */
+
 /**
  * Makes a mesh of an upload, which it takes over: equal bytes with equal options give the mesh that exists
- * (*is_new false). Decodes on the calling thread. After a fault nothing of the upload is kept. out is the
- * caller's, for qm_store_mesh_reset.
+ * (*is_new false), which then lives for the longer of both times. Decodes on the calling thread.
+ *
+ * ttl_s  seconds after which the mesh is removed, unless an unfinished job, a layout or a reconstruction needs
+ *        it; 0: never
+ * out    the caller's, for qm_store_mesh_reset
+ *
+ * False with a problem, and then nothing of the upload is kept.
  */
 bool qm_meshes_add(qm_meshes *meshes, qm_blob_writer *upload, const char *name, qm_format format,
-                   qm_store_mesh *out, bool *is_new, qm_problem *problem);
+                   double ttl_s, qm_store_mesh *out, bool *is_new, qm_problem *problem);
 
 /** Makes a mesh without a name of a blob that no mesh has; out is as above. False with a problem. */
 bool qm_meshes_adopt(qm_meshes *meshes, const char *hash, qm_store_mesh *out, qm_problem *problem);
@@ -65,7 +72,7 @@ typedef struct qm_moved_vertices {
     size_t count;
 } qm_moved_vertices;
 
-void qm_moved_vertices_reset(qm_moved_vertices *moved);
+void qm_json_reset_moved_vertices(qm_moved_vertices *moved);
 
 typedef struct qm_deformed {
     uint64_t revision;
@@ -84,9 +91,22 @@ bool qm_meshes_deform(qm_meshes *meshes, const char *id, const qm_moved_vertices
 
 /**
  * Reads the body of a deformation: "positions" of the vertices in "indices", or of all without it. Returns
- * true and fills *out, for qm_moved_vertices_reset; or false and fills *problem (400, 507).
+ * true and fills *out, for qm_json_reset_moved_vertices; or false and fills *problem (400, 507).
  */
 bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertices *out, qm_problem *problem);
+
+/**
+ * Sets the time that a mesh lives from now on, 0: for good; if_match as above. out is the mesh, for
+ * qm_store_mesh_reset. False with a problem, and then nothing has changed.
+ */
+bool qm_meshes_set_ttl(qm_meshes *meshes, const char *id, double ttl_s, const char *if_match,
+                       qm_store_mesh *out, qm_problem *problem);
+
+/** Reads {"ttl_seconds": ...}; null is 0. False with a problem (400). */
+bool qm_json_read_lifetime(const char *text, size_t size, double *ttl_s, qm_problem *problem);
+
+/** Removes meshes that have expired and that no unfinished job, layout or reconstruction needs. */
+void qm_meshes_drop_expired(qm_meshes *meshes);
 
 /** Deletes a mesh; if_match as above. False with a problem, and then nothing has changed. */
 bool qm_meshes_delete(qm_meshes *meshes, const char *id, const char *if_match, qm_problem *problem);

@@ -16,6 +16,7 @@
 
 #include <stdio.h>
 
+#include "base/clock.h"
 #include "base/id.h"
 #include "base/text.h"
 #include "qm/context.h"
@@ -122,6 +123,7 @@ typedef struct qm_store_mesh {
     uint64_t revision;            /* deformations so far */
     char positions[QM_HASH_SIZE]; /* of the blob with the vertices of this revision: rows of three doubles
                                      as this machine writes them; "" for those of the file */
+    char expires[QM_TIME_SIZE];   /* RFC 3339; "": never */
     int64_t sequence;             /* order of creation; given by the store */
 } qm_store_mesh;
 
@@ -139,6 +141,10 @@ qm_status qm_store_list_meshes(qm_store *store, const qm_store_page *page, const
  * positions before. QM_E_ARGUMENT when the mesh is no longer at the revision before.
  */
 qm_status qm_store_deform_mesh(qm_store *store, const qm_store_mesh *mesh);
+/** Sets when a mesh expires. QM_E_EMPTY when there is no such mesh. */
+qm_status qm_store_set_expiry(qm_store *store, const char *id, const char *expires);
+/** Finds a mesh that expired before a time, and that no unfinished job, layout or reconstruction needs. */
+qm_status qm_store_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out);
 /** Removes the row, and its blobs unless another row has them. */
 qm_status qm_store_delete_mesh(qm_store *store, const char *id);
 void qm_store_mesh_reset(qm_store_mesh *mesh);

@@ -6,13 +6,13 @@
 
 #include "store_internal.h"
 
-#define COLUMNS "id, hash, options, name, document, format, sequence, revision, positions, created"
+#define COLUMNS "id, hash, options, name, document, format, sequence, revision, positions, created, expires"
 
 qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
 {
     sqlite3_stmt *statement = qm_store_begin(
-        store, "INSERT INTO meshes (id, hash, options, name, document, format, revision, positions, created)"
-               " VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)");
+        store, "INSERT INTO meshes (id, hash, options, name, document, format, revision, positions, created,"
+               "  expires) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)");
     if (!statement) return QM_E_ARGUMENT;
     qm_store_bind_text(statement, 1, mesh->id);
     qm_store_bind_text(statement, 2, mesh->hash);
@@ -23,6 +23,7 @@ qm_status qm_store_put_mesh(qm_store *store, const qm_store_mesh *mesh)
     sqlite3_bind_int64(statement, 7, (sqlite3_int64)mesh->revision);
     qm_store_bind_text(statement, 8, mesh->positions);
     qm_store_bind_text(statement, 9, mesh->created);
+    qm_store_bind_text(statement, 10, mesh->expires);
     return qm_store_execute(store, statement);
 }
 
@@ -37,7 +38,8 @@ static bool read_row(sqlite3_stmt *statement, void *row)
         qm_store_copy_text(statement, 2, &out->options) && qm_store_copy_text(statement, 3, &out->name) &&
         qm_store_copy_text(statement, 4, &out->document) &&
         qm_store_read_text(statement, 8, out->positions, sizeof out->positions) &&
-        qm_store_copy_text(statement, 9, &out->created))
+        qm_store_copy_text(statement, 9, &out->created) &&
+        qm_store_read_text(statement, 10, out->expires, sizeof out->expires))
         return true;
     qm_store_mesh_reset(out);
     return false;
@@ -71,6 +73,34 @@ qm_status qm_store_list_meshes(qm_store *store, const qm_store_page *page, const
     const qm_store_listing listing = {
         "SELECT " COLUMNS " FROM meshes", "sequence", {"name = ?", "hash = ?"}, {filter->name, filter->hash}};
     return qm_store_list_rows(store, &listing, page, &table, out, count);
+}
+
+qm_status qm_store_set_expiry(qm_store *store, const char *id, const char *expires)
+{
+    sqlite3_stmt *statement = qm_store_begin(store, "UPDATE meshes SET expires = ? WHERE id = ? RETURNING 1");
+    if (!statement) return QM_E_ARGUMENT;
+    qm_store_bind_text(statement, 1, expires);
+    qm_store_bind_text(statement, 2, id);
+    int step = sqlite3_step(statement);
+    bool is_found = step == SQLITE_ROW;
+    if (is_found) step = sqlite3_step(statement);
+    qm_store_end(store, statement);
+    if (step != SQLITE_DONE) return QM_E_ARGUMENT;
+    return is_found ? QM_OK : QM_E_EMPTY;
+}
+
+qm_status qm_store_find_expired_mesh(qm_store *store, const char *before, qm_store_mesh *out)
+{
+    return qm_store_find_row_by(
+        store,
+        "SELECT " COLUMNS " FROM meshes WHERE expires <> '' AND expires < ?"
+        "  AND NOT EXISTS (SELECT 1 FROM job_subjects JOIN jobs ON jobs.sequence = job_subjects.job"
+        "    WHERE job_subjects.subject = meshes.id AND jobs.state = 0)"
+        "  AND NOT EXISTS (SELECT 1 FROM layouts WHERE layouts.mesh = meshes.id)"
+        "  AND NOT EXISTS (SELECT 1 FROM reconstructions"
+        "    WHERE reconstructions.source = meshes.id OR reconstructions.mesh = meshes.id)"
+        "  ORDER BY expires LIMIT 1",
+        before, &table, out);
 }
 
 qm_status qm_store_delete_mesh(qm_store *store, const char *id)

@@ -17,7 +17,7 @@
 #define BUSY_TIMEOUT_MS 5000
 #define OLDEST_SCHEMA 7
 #define FIRST_SUMMED 10 /* schema whose pages have checksums */
-#define SCHEMA 11
+#define SCHEMA 12
 
 static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = ON;";
 
@@ -38,12 +38,15 @@ static const char pragmas[] = "PRAGMA synchronous = FULL; PRAGMA foreign_keys = 
     "CREATE INDEX layouts_by_mesh ON layouts (mesh);"                                                        \
     "CREATE INDEX reconstructions_by_source ON reconstructions (source);"
 
+#define CREATE_EXPIRY "CREATE INDEX meshes_by_expiry ON meshes (expires) WHERE expires <> '';"
+
 /** Of a new database. */
 static const char schema[] =
     "CREATE TABLE meshes ("
     "  sequence INTEGER PRIMARY KEY AUTOINCREMENT, id TEXT NOT NULL UNIQUE, hash TEXT NOT NULL,"
     "  options TEXT NOT NULL, name TEXT NOT NULL, document TEXT NOT NULL, format INTEGER NOT NULL,"
-    "  revision INTEGER NOT NULL, positions TEXT NOT NULL, created TEXT NOT NULL);"
+    "  revision INTEGER NOT NULL, positions TEXT NOT NULL, created TEXT NOT NULL,"
+    "  expires TEXT NOT NULL DEFAULT '');"
     "CREATE INDEX meshes_by_content ON meshes (hash, options);"
     "CREATE INDEX meshes_by_positions ON meshes (positions);"
     "CREATE TABLE jobs ("
@@ -68,7 +71,7 @@ static const char schema[] =
     "  layout_id TEXT NOT NULL, mesh TEXT NOT NULL, layout TEXT NOT NULL, document TEXT NOT NULL,"
     "  steps TEXT NOT NULL, records TEXT NOT NULL, state TEXT NOT NULL, revision INTEGER NOT NULL,"
     "  cover_share REAL NOT NULL, pull_curves INTEGER NOT NULL, idempotency_key TEXT UNIQUE,"
-    "  request TEXT NOT NULL);" CREATE_ARRAYS CREATE_FILTERS;
+    "  request TEXT NOT NULL);" CREATE_ARRAYS CREATE_FILTERS CREATE_EXPIRY;
 
 /** The step from a version of the schema to the next one; the task runs after the statements, in the same
  * transaction. */
@@ -87,7 +90,8 @@ static const migration migrations[SCHEMA - OLDEST_SCHEMA] = {
      "INSERT OR IGNORE INTO job_subjects (job, subject) SELECT sequence, json_extract(body, f.value)"
      "  FROM jobs, json_each('[\"$.a\", \"$.b\", \"$.mesh\", \"$.reconstruction\"]') f"
      "  WHERE json_extract(body, f.value) IS NOT NULL",
-     NULL}, /* 10 to 11 */
+     NULL},                                                                                  /* 10 to 11 */
+    {"ALTER TABLE meshes ADD COLUMN expires TEXT NOT NULL DEFAULT '';" CREATE_EXPIRY, NULL}, /* 11 to 12 */
 };
 
 /** Writes the value of a pragma; false, and "", after a fault. */

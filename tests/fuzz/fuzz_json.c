@@ -46,7 +46,7 @@ static void read_moved_vertices(void)
     qm_problem problem = {0};
     bool taken = qm_json_read_moved_vertices(text, text_size, &moved, &problem);
     check(taken, &problem);
-    if (taken) qm_moved_vertices_reset(&moved);
+    if (taken) qm_json_reset_moved_vertices(&moved);
 }
 
 static void read_layout(void)

@@ -430,6 +430,34 @@ static void test_a_revision_takes_the_place_of_the_one_before(void **state)
     assert_int_equal(qm_blob_map(f->store, file, &bytes, &size), QM_E_EMPTY);
 }
 
+static void check_expired(const fixture *f, const char *before, const char *expected)
+{
+    qm_store_mesh mesh;
+    qm_status status = qm_store_find_expired_mesh(f->store, before, &mesh);
+    assert_int_equal(status, expected ? QM_OK : QM_E_EMPTY);
+    if (!expected) return;
+    assert_string_equal(mesh.id, expected);
+    qm_store_mesh_reset(&mesh);
+}
+
+static void test_meshes_expire_in_order(void **state)
+{
+    fixture *f = *state;
+    for (const char *id = "abc"; *id; id++)
+        put_mesh(f, (char[]){*id, 0}, "", "");
+    check_expired(f, "9999-01-01T00:00:00.000Z", NULL);
+    assert_int_equal(qm_store_set_expiry(f->store, "a", "2026-03-01T00:00:00.000Z"), QM_OK);
+    assert_int_equal(qm_store_set_expiry(f->store, "b", "2026-02-01T00:00:00.000Z"), QM_OK);
+    assert_int_equal(qm_store_set_expiry(f->store, "d", "2026-02-01T00:00:00.000Z"), QM_E_EMPTY);
+    reopen(f);
+    check_expired(f, "2026-02-01T00:00:00.000Z", NULL);
+    check_expired(f, "2026-02-01T00:00:00.001Z", "b");
+    assert_int_equal(qm_store_set_expiry(f->store, "b", ""), QM_OK);
+    check_expired(f, "2026-12-31T00:00:00.000Z", "a");
+    assert_int_equal(qm_store_delete_mesh(f->store, "a"), QM_OK);
+    check_expired(f, "9999-01-01T00:00:00.000Z", NULL);
+}
+
 static void test_pages_of_meshes(void **state)
 {
     fixture *f = *state;
@@ -993,6 +1021,7 @@ int main(void)
         TEST(test_half_written_files_are_swept),
         TEST(test_meshes_survive),
         TEST(test_a_revision_takes_the_place_of_the_one_before),
+        TEST(test_meshes_expire_in_order),
         TEST(test_pages_of_meshes),
         TEST(test_a_blob_goes_with_its_last_mesh),
         TEST(test_jobs_survive),

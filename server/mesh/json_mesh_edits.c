@@ -1,5 +1,5 @@
 /**
- * json_moved.c: the body of a deformation.
+ * json_mesh_edits.c: the bodies of requests that change a mesh: new positions of its vertices, and its time to live.
  */
 #include <cjson/cJSON.h>
 #include <stdlib.h>
@@ -8,7 +8,7 @@
 #include "meshes.h"
 #include "ops/json_request.h"
 
-void qm_moved_vertices_reset(qm_moved_vertices *moved)
+void qm_json_reset_moved_vertices(qm_moved_vertices *moved)
 {
     free(moved->indices);
     free(moved->positions);
@@ -63,6 +63,23 @@ bool qm_json_read_moved_vertices(const char *text, size_t size, qm_moved_vertice
     read_moved(object, out, problem);
     cJSON_Delete(object);
     if (problem->error_count == 0) return true;
-    qm_moved_vertices_reset(out);
+    qm_json_reset_moved_vertices(out);
     return false;
+}
+
+bool qm_json_read_lifetime(const char *text, size_t size, double *ttl_s, qm_problem *problem)
+{
+    static const char *const known[] = {"ttl_seconds", NULL};
+    cJSON *object = qm_json_parse_object(text, size, "a change of a mesh", problem);
+    if (!object) return false;
+    const cJSON *ttl = cJSON_GetObjectItemCaseSensitive(object, known[0]);
+    *ttl_s = 0.0;
+    bool is_read = qm_json_check_members(object, known, problem);
+    if (is_read && !cJSON_IsNull(ttl) && !qm_json_read_integer(ttl, 1, QM_MESHES_MAX_TTL_S, ttl_s)) {
+        *problem = (qm_problem){.code = QM_PROBLEM_INVALID_FIELD};
+        qm_json_report(problem, known[0], "must be an integer from 1 to 3155760000, or null");
+        is_read = false;
+    }
+    cJSON_Delete(object);
+    return is_read;
 }
