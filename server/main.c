@@ -173,6 +173,7 @@ static bool start_parts(daemon_state *state, const qm_config *config)
         qm_log(QM_LOG_ERROR, "data folder: %s", message);
         return false;
     }
+    qm_store_set_quota(app->store, (uint64_t)config->max_data_bytes);
     app->meshes = create_meshes(app->store, config);
     size_t memory = app->meshes ? qm_meshes_measure(app->meshes).limit : 0;
     if (app->meshes) qm_json_set_budget(qm_meshes_budget(app->meshes));

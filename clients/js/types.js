@@ -113,7 +113,9 @@
  *   cached?: true, result?: JobResult, problem?: Problem }} BatchAnswer */
 
 /** @typedef {{ name: string, version: string, kernel: string, formats: Format[], jobs: string[],
- *   accelerators: Accelerator[], limits: { body_bytes: number, faces: number, queued_jobs: number,
- *   connections: number, streams: number }, workers: number, queued: number, running: number }} Info */
+ *   accelerators: Accelerator[], limits: { body_bytes: number, data_bytes: number,
+ *   memory_bytes: number, faces: number, queued_jobs: number,
+ *   connections: number, streams: number }, workers: number, queued: number, running: number,
+ *   data_bytes: number }} Info */
 
 export {};

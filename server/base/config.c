@@ -51,6 +51,8 @@ static const setting settings[] = {
            "threads that prepare one mesh; 0 for one a processor"),
     NUMBER(decodes, "decodes", 2, 1, 256, "meshes that are decoded at the same time"),
     NUMBER(max_body, "max-body", 1073741824.0, 1024, 1e12, "bytes of an upload at most"),
+    NUMBER(max_data_bytes, "max-data-bytes", 0, 0, 1e15,
+           "bytes of all that is stored at most; more gets 507; 0 for no limit"),
     NUMBER(max_faces, "max-faces", 5e7, 1, 2.6e8, "faces (and vertices) of a mesh at most"),
     NUMBER(memory_budget, "memory-budget", 0, 0, 1e15,
            "bytes for meshes and jobs; 0 takes half of the memory"),

@@ -40,6 +40,7 @@ typedef struct qm_config {
     double prepare_threads; /* threads that prepare one mesh; 0: one for each processor */
     double decodes;         /* meshes that are decoded at the same time */
     double max_body;        /* bytes of an upload */
+    double max_data_bytes;  /* of all that is stored; 0: no limit */
     double max_faces;
     double memory_budget; /* bytes of meshes and jobs; 0: half of the memory */
     double queue;         /* max waiting jobs */

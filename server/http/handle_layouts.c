@@ -178,7 +178,7 @@ static void session_finish(qm_request *request, layout_session *s, const char *m
     } else {
         problem = status == QM_E_CANCELED
                       ? qm_problem_make(QM_PROBLEM_CONFLICT, "another client has edited the layout")
-                      : qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the layout could not be stored");
+                      : qm_problem_from_write(status, "the layout");
         qm_reply_problem(request, &problem);
     }
     free(layout);
@@ -201,9 +201,9 @@ static bool store_new(layout_session *s, const qm_store_idempotency *idempotency
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the layout");
         return false;
     }
-    if (qm_store_put_layout(s->app->store, &s->row, idempotency) == QM_OK) return true;
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the layout could not be stored");
-    return false;
+    qm_status status = qm_store_put_layout(s->app->store, &s->row, idempotency);
+    if (status != QM_OK) *problem = qm_problem_from_write(status, "the layout");
+    return status == QM_OK;
 }
 
 /** Patches that the request names stay as they are; else they are found. */

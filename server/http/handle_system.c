@@ -84,6 +84,8 @@ void qm_handle_metrics(qm_request *request)
     qm_job_counts jobs = qm_jobs_count(app->jobs);
     qm_meshes_memory memory = qm_meshes_measure(app->meshes);
     qm_pool_load decodes = qm_pool_count(app->pools[QM_LANE_DECODE]);
+    qm_store_usage usage;
+    qm_store_measure(app->store, &usage);
     const qm_metrics_gauge gauges[] = {
         {"jobs_queued", "Queued jobs.", (double)jobs.queued},
         {"jobs_running", "Running jobs.", (double)jobs.running},
@@ -98,6 +100,12 @@ void qm_handle_metrics(qm_request *request)
         {"meshes_loaded", "Meshes in memory.", (double)memory.loaded},
         {"decodes_running", "Meshes that are decoded.", (double)decodes.running},
         {"decodes_waiting", "Meshes that wait for a decoder.", (double)decodes.waiting},
+        {"data_bytes", "Bytes of all that is stored.", (double)usage.total},
+        {"data_blob_bytes", "Bytes of stored files of meshes.", (double)usage.files[QM_STORE_BLOBS]},
+        {"data_result_bytes", "Bytes of stored arrays of results.", (double)usage.files[QM_STORE_RESULTS]},
+        {"data_upload_bytes", "Bytes of uploads on their way.", (double)usage.files[QM_STORE_UPLOADS]},
+        {"data_database_bytes", "Bytes of the database in use.", (double)usage.database},
+        {"data_limit_bytes", "Quota of all that is stored, bytes; 0: none.", (double)usage.quota},
         {"disk_free_bytes", "Free bytes on the disk of the data folder.", measure_free_disk(app)},
         {"requests_open", "Requests in progress.", atomic_load(&app->request_count)},
     };
@@ -126,6 +134,8 @@ void qm_handle_info(qm_request *request)
 {
     const qm_config *config = qm_request_app(request)->config;
     qm_job_counts counts = qm_jobs_count(qm_request_app(request)->jobs);
+    qm_store_usage usage;
+    qm_store_measure(qm_request_app(request)->store, &usage);
     qm_text out = {0};
 #define XX(number, suffix, name, media, magic) #name,
     static const char *const formats[] = {QM_FORMAT_MAP(XX) NULL};
@@ -137,11 +147,12 @@ void qm_handle_info(qm_request *request)
     add_names(&out, "accelerators", qm_accelerator_names);
     qm_text_printf(&out,
                    ",\"limits\":{\"body_bytes\":%.15g,"
-                   "\"memory_bytes\":%zu,"
+                   "\"data_bytes\":%.15g,\"memory_bytes\":%zu,"
                    "\"faces\":%.15g,\"queued_jobs\":%.15g,\"connections\":%.15g,\"streams\":%.15g},"
-                   "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu}",
-                   config->max_body, qm_meshes_measure(qm_request_app(request)->meshes).limit,
-                   config->max_faces, config->queue, config->connections, config->streams, config->workers,
-                   counts.queued, counts.running);
+                   "\"workers\":%.15g,\"queued\":%zu,\"running\":%zu,\"data_bytes\":%.15g}",
+                   config->max_body, config->max_data_bytes,
+                   qm_meshes_measure(qm_request_app(request)->meshes).limit, config->max_faces, config->queue,
+                   config->connections, config->streams, config->workers, counts.queued, counts.running,
+                   (double)usage.total);
     qm_reply_text(request, 200, "application/json", qm_text_take(&out));
 }

@@ -44,9 +44,8 @@ static void keep(qm_request *request, const char *bytes, size_t size)
                                qm_problem_make(QM_PROBLEM_TOO_LARGE, "the body must not exceed %zu bytes",
                                                qm_request_body_limit(request)));
     } else if (request->upload) {
-        if (qm_blob_write(request->upload, bytes, size) != QM_OK)
-            qm_request_set_problem(request,
-                                   qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));
+        qm_status status = qm_blob_write(request->upload, bytes, size);
+        if (status != QM_OK) qm_request_set_problem(request, qm_problem_from_write(status, "the body"));
     } else {
         qm_text_add(&request->body, bytes, size);
         if (request->body.failed)
@@ -262,7 +261,6 @@ struct qm_http {
     qm_app *app;
     qm_listener everything, health; /* the second only with --health-port */
     int port;
-    MHD_socket quiet_socket; /* the listening one, once there are no new connections */
 };
 
 /** Logs a message of the library. When descriptors run out it has thousands a second: a few of each second are shown,
@@ -281,6 +279,18 @@ static void on_library_log(void *cls, const char *format, va_list arguments)
     vsnprintf(line, sizeof line, format, arguments);
     line[strcspn(line, "\n")] = '\0';
     qm_log(QM_LOG_WARN, "http: %s", line);
+}
+
+/**
+ * Takes no connection any more once the daemon stops. MHD_quiesce_daemon would close the port, but of version 0.9.75
+ * it races with the threads of its pool for the listening socket, and the loser ends the process.
+ */
+static enum MHD_Result on_accept(void *cls, const struct sockaddr *address, socklen_t size)
+{
+    const qm_listener *listener = cls;
+    (void)address;
+    (void)size;
+    return atomic_load(&listener->is_quiet) ? MHD_NO : MHD_YES;
 }
 
 static bool make_address(const char *name, double port, struct sockaddr_storage *address)
@@ -316,8 +326,8 @@ static bool start_listener(qm_listener *listener, qm_app *app, const char *name,
     if (make_address(name, port, &address)) {
         if (address.ss_family == AF_INET6) flags |= MHD_USE_IPv6;
         listener->daemon = MHD_start_daemon(
-            flags, 0, NULL, NULL, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_library_log, listener,
-            MHD_OPTION_SOCK_ADDR, (struct sockaddr *)&address, MHD_OPTION_THREAD_POOL_SIZE,
+            flags, 0, on_accept, listener, on_request, listener, MHD_OPTION_EXTERNAL_LOGGER, on_library_log,
+            listener, MHD_OPTION_SOCK_ADDR, (struct sockaddr *)&address, MHD_OPTION_THREAD_POOL_SIZE,
             (unsigned)(listener->is_private ? 0 : CONNECTION_THREADS), MHD_OPTION_CONNECTION_LIMIT,
             connections, MHD_OPTION_PER_IP_CONNECTION_LIMIT, client_connections,
             MHD_OPTION_CONNECTION_TIMEOUT, (unsigned)config->idle_timeout, MHD_OPTION_CONNECTION_MEMORY_LIMIT,
@@ -342,7 +352,6 @@ qm_http *qm_http_start(qm_app *app)
     qm_http *http = calloc(1, sizeof *http);
     if (!http) return NULL;
     http->app = app;
-    http->quiet_socket = MHD_INVALID_SOCKET;
     app->http = http;
     const qm_config *config = app->config;
     http->health.is_private = true;
@@ -377,10 +386,7 @@ void qm_http_tick(qm_http *http, double now_ms)
 
 void qm_http_quiesce(qm_http *http)
 {
-    http->quiet_socket = MHD_quiesce_daemon(http->everything.daemon);
-    /* The library's threads may still ask about the socket: it refuses from now on, and is closed after
-     * them. */
-    if (http->quiet_socket != MHD_INVALID_SOCKET) shutdown(http->quiet_socket, SHUT_RDWR);
+    atomic_store(&http->everything.is_quiet, true);
 }
 
 void qm_http_stop(qm_http *http)
@@ -392,6 +398,5 @@ void qm_http_stop(qm_http *http)
         usleep(1000);
     stop_listener(&http->everything);
     stop_listener(&http->health);
-    if (http->quiet_socket != MHD_INVALID_SOCKET) close(http->quiet_socket);
     free(http);
 }

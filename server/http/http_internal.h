@@ -68,6 +68,7 @@ typedef struct qm_listener {
     qm_app *app;
     qm_guard guard;
     struct MHD_Daemon *daemon;
+    atomic_bool is_quiet;             /* takes no connection any more */
     bool is_private;                  /* health and metrics only, without a token */
     atomic_uint_least64_t log_second; /* of the library's last message, and its messages in that second */
     atomic_uint log_count;

@@ -353,6 +353,15 @@ static bool find_route(qm_request *request)
     return request->route;
 }
 
+/** Begins the file of a body; without room for it the request is refused before the body comes. */
+static void begin_upload(qm_request *request)
+{
+    const char *length = qm_request_header(request, "Content-Length");
+    uint64_t expected = length ? strtoull(length, NULL, 10) : 0;
+    qm_status status = qm_blob_begin(request->app->store, expected, &request->upload);
+    if (status != QM_OK) qm_request_set_problem(request, qm_problem_from_write(status, "the body"));
+}
+
 void qm_request_check(qm_request *request)
 {
     if (!check_framing(request) || !find_route(request) || request->route == &options_route) return;
@@ -365,8 +374,5 @@ void qm_request_check(qm_request *request)
     check_query(request);
     if (request->route->body != QM_BODY_NONE) check_body(request);
     check_accept(request);
-    if (!request->has_problem && request->route->body >= QM_BODY_SPOOL &&
-        qm_blob_begin(request->app->store, &request->upload) != QM_OK)
-        qm_request_set_problem(request,
-                               qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload cannot be written"));
+    if (!request->has_problem && request->route->body >= QM_BODY_SPOOL) begin_upload(request);
 }

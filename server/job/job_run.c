@@ -227,11 +227,11 @@ void qm_job_set_context(qm_job *job, qm_context *ctx)
 }
 
 /** Stores the long array of a result, if it has one, beside the job, for GET .../result. */
-static bool store_array(const qm_job *job, const qm_job_result *result)
+static qm_status store_array(const qm_job *job, const qm_job_result *result)
 {
     size_t count;
     const double *numbers = job->on_end ? NULL : qm_job_result_array(result, &count);
-    return !numbers || qm_result_file_write(job->jobs->store, job->id, numbers, count) == QM_OK;
+    return numbers ? qm_result_file_write(job->jobs->store, job->id, numbers, count) : QM_OK;
 }
 
 static void write_revisions(uint64_t a, uint64_t b, char out[QM_REVISIONS_SIZE])
@@ -299,11 +299,13 @@ static void answer(qm_job *job, const qm_loaded_mesh *a, const qm_loaded_mesh *b
         qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else if (canceled && !qm_job_is_canceled(job)) {
         qm_job_interrupt(job);
-    } else if (status == QM_OK && !store_array(job, &result)) {
-        qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the result could not be stored");
-        qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else if (status == QM_OK) {
-        qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, &result);
+        qm_status stored = store_array(job, &result);
+        qm_problem problem = qm_problem_from_write(stored, "the result");
+        if (stored == QM_OK)
+            qm_job_finish_with_result(job, canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED, &result);
+        else
+            qm_job_finish_with_problem(job, QM_JOB_FAILED, &problem);
     } else {
         qm_problem problem = qm_problem_from_status(status, ctx.message);
         qm_job_finish_with_problem(job, canceled ? QM_JOB_CANCELED : QM_JOB_FAILED, &problem);

@@ -275,13 +275,14 @@ static qm_job *submit_new(qm_jobs *jobs, const qm_job_submission *submission, co
                         .created = job->created,
                         .state = QM_JOB_QUEUED};
     memcpy(row.id, job->id, sizeof row.id);
-    bool stored = qm_store_submit_job(jobs->store, &row) == QM_OK;
+    qm_status status = qm_store_submit_job(jobs->store, &row);
+    bool stored = status == QM_OK;
     bool may_follow = submission->use_cache && qm_job_type_of(job->request.kind)->is_pure;
     if (stored && ((may_follow && follow(jobs, job)) || qm_job_enqueue(jobs, job))) return job;
     if (stored) qm_store_delete_job(jobs->store, job->id);
     qm_job_withdraw(jobs, job);
     qm_jobs_release(jobs, job);
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the job could not be stored");
+    *problem = qm_problem_from_write(status, "the job");
     return NULL;
 }
 

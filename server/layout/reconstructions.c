@@ -292,7 +292,7 @@ static qm_blob_writer *write_upload(qm_reconstructions *rs, qm_reconstruction_le
     qm_status status = qm_reconstruction_mesh(&r->ctx, r->reconstruction, &mesh);
     if (status == QM_OK) status = qm_mesh_find_facts(&r->ctx, &mesh, &facts);
     if (status == QM_OK) status = qm_encoder_create(&r->ctx, &mesh, &facts, QM_FORMAT_PLY, 0, &encoder);
-    if (status == QM_OK) status = qm_blob_begin(rs->store, &upload);
+    if (status == QM_OK) status = qm_blob_begin(rs->store, 0, &upload);
     for (bool goes_on = status == QM_OK; goes_on;) {
         qm_text block = {0};
         goes_on = qm_encoder_next(encoder, &block);
@@ -304,7 +304,7 @@ static qm_blob_writer *write_upload(qm_reconstructions *rs, qm_reconstruction_le
     qm_mesh_reset(&r->ctx, &mesh);
     if (status == QM_OK) return upload;
     qm_blob_abort(upload);
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the mesh could not be written");
+    *problem = qm_problem_from_write(status, "the mesh");
     return NULL;
 }
 
@@ -386,8 +386,9 @@ static bool fill_row(qm_reconstructions *rs, qm_reconstruction_lease *r, const c
         *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the reconstruction");
         return false;
     }
-    if (qm_store_put_reconstruction(rs->store, row, idempotency) == QM_OK) return true;
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the reconstruction could not be stored");
+    qm_status status = qm_store_put_reconstruction(rs->store, row, idempotency);
+    if (status == QM_OK) return true;
+    *problem = qm_problem_from_write(status, "the reconstruction");
     return false;
 }
 
@@ -448,13 +449,14 @@ static bool store_steps(qm_reconstructions *rs, const char *mesh, size_t quads, 
     next.records = qm_text_take(&joined);
     next.state = next.steps ? make_state(mesh, quads, count_steps(next.steps)) : NULL;
     next.revision++;
-    bool good =
-        next.steps && next.records && next.state && qm_store_update_reconstruction(rs->store, &next) == QM_OK;
-    if (!good) *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the reconstruction could not be stored");
+    qm_status status = next.steps && next.records && next.state
+                           ? qm_store_update_reconstruction(rs->store, &next)
+                           : QM_E_NO_MEMORY;
+    if (status != QM_OK) *problem = qm_problem_from_write(status, "the reconstruction");
     free(next.steps);
     free(next.records);
     free(next.state);
-    return good;
+    return status == QM_OK;
 }
 
 bool qm_reconstructions_commit(qm_reconstructions *rs, qm_reconstruction_lease *lease, size_t max_quads,
@@ -487,10 +489,11 @@ static bool store_edit(qm_reconstructions *rs, const char *mesh, size_t quads, c
     row->state = row->steps ? make_state(mesh, quads, count_steps(row->steps)) : NULL;
     row->revision++;
     memcpy(row->mesh, mesh, sizeof row->mesh);
-    if (row->layout && row->steps && row->state && qm_store_update_reconstruction(rs->store, row) == QM_OK)
-        return true;
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the reconstruction could not be stored");
-    return false;
+    qm_status status = row->layout && row->steps && row->state
+                           ? qm_store_update_reconstruction(rs->store, row)
+                           : QM_E_NO_MEMORY;
+    if (status != QM_OK) *problem = qm_problem_from_write(status, "the reconstruction");
+    return status == QM_OK;
 }
 
 bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char *layout_text,

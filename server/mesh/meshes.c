@@ -503,9 +503,9 @@ static bool make_row(const char *name, qm_format format, qm_store_mesh *row, qm_
 /** Ends the writing of an upload and takes its hash. */
 static bool seal(qm_blob_writer *upload, qm_store_mesh *row, qm_problem *problem)
 {
-    if (qm_blob_seal(upload, row->hash) == QM_OK) return true;
-    *problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the upload could not be written to disk");
-    return false;
+    qm_status status = qm_blob_seal(upload, row->hash);
+    if (status != QM_OK) *problem = qm_problem_from_write(status, "the upload");
+    return status == QM_OK;
 }
 
 /** Decodes the file of a row and makes its document. */
@@ -669,16 +669,16 @@ static bool make_positions(deform_task *work, qm_context *ctx)
     return status == QM_OK;
 }
 
-static bool write_positions(deform_task *work)
+static qm_status write_positions(deform_task *work)
 {
     qm_blob_writer *writer;
-    if (qm_blob_begin(work->meshes->store, &writer) != QM_OK) return false;
     size_t size = vertex_count(work) * 3 * sizeof *work->positions;
-    if (qm_blob_write(writer, work->positions, size) == QM_OK &&
-        qm_blob_seal(writer, work->row.positions) == QM_OK)
-        return qm_blob_keep(writer) == QM_OK;
+    qm_status status = qm_blob_begin(work->meshes->store, size, &writer);
+    if (status == QM_OK) status = qm_blob_write(writer, work->positions, size);
+    if (status == QM_OK) status = qm_blob_seal(writer, work->row.positions);
+    if (status == QM_OK) return qm_blob_keep(writer);
     qm_blob_abort(writer);
-    return false;
+    return status;
 }
 
 static bool store_revision(deform_task *work)
@@ -697,7 +697,11 @@ static bool store_revision(deform_task *work)
     work->row.options = qm_text_take(&options);
     if (!work->row.document || !work->row.options)
         return fail(work, QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the mesh");
-    if (!write_positions(work)) return fail(work, QM_PROBLEM_UNAVAILABLE, "the vertices could not be stored");
+    qm_status status = write_positions(work);
+    if (status != QM_OK) {
+        *work->problem = qm_problem_from_write(status, "the vertices");
+        return false;
+    }
     if (qm_store_deform_mesh(work->meshes->store, &work->row) == QM_OK) return true;
     qm_blob_remove(work->meshes->store, work->row.positions);
     return fail(work, QM_PROBLEM_UNAVAILABLE, "the revision could not be stored");

@@ -93,6 +93,11 @@ static const char *const explanations[QM_PROBLEM_COUNT] = {
         "before it had a result. Searches for bounds end with the bounds that they have instead.",
     [QM_PROBLEM_OUT_OF_MEMORY] = "The mesh or the search does not fit into the memory that the daemon may "
                                  "use. An operator can raise it by --memory-budget.",
+    [QM_PROBLEM_STORAGE_FULL] =
+        "What is stored has reached the quota of the data folder, or would exceed it. Delete meshes and "
+        "ended "
+        "jobs that nobody needs, or let meshes expire by ttl_seconds; an operator can raise the quota by "
+        "--max-data-bytes. Nothing that was stored is lost.",
 };
 
 int qm_problem_status(qm_problem_code code)
@@ -176,6 +181,15 @@ qm_problem qm_problem_from_store(qm_status status, qm_problem_code none, const c
     if (status == QM_E_FORMAT)
         return qm_problem_make(QM_PROBLEM_RECORD_DAMAGED, "what is stored of %s is damaged", name);
     return qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s cannot be read", name);
+}
+
+qm_problem qm_problem_from_write(qm_status status, const char *noun)
+{
+    if (status == QM_E_TOO_LARGE)
+        return qm_problem_make(QM_PROBLEM_STORAGE_FULL, "the data folder has no room for %s", noun);
+    if (status == QM_E_NO_MEMORY)
+        return qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for %s", noun);
+    return qm_problem_make(QM_PROBLEM_UNAVAILABLE, "%s could not be stored", noun);
 }
 
 /** The problem code of each status of the engine. */

@@ -42,7 +42,8 @@
     XX(INTERNAL, 500, "internal", "The daemon failed to process the request")                                \
     XX(UNAVAILABLE, 503, "unavailable", "The daemon cannot process the request now")                         \
     XX(DEADLINE_EXCEEDED, 504, "deadline_exceeded", "The time for the job was over before it had a result")  \
-    XX(OUT_OF_MEMORY, 507, "out_of_memory", "There is not enough memory for this")
+    XX(OUT_OF_MEMORY, 507, "out_of_memory", "There is not enough memory for this")                           \
+    XX(STORAGE_FULL, 507, "storage_full", "There is not enough room in the data folder for this")
 
 typedef enum qm_problem_code {
 #define XX(suffix, status, code, title) QM_PROBLEM_##suffix,
@@ -92,6 +93,9 @@ void qm_problem_add_offset(qm_problem *problem, size_t offset, const char *messa
 
 /** Converts a status of the engine, with the context's message. */
 qm_problem qm_problem_from_status(qm_status status, const char *message);
+
+/** Converts the status of a failed write to the store (store/store.h): of what, "the layout". */
+qm_problem qm_problem_from_write(qm_status status, const char *noun);
 
 /** Converts the status of a failed look-up (store/store.h): to the code `none` if the store has no such record, which
  * the format names ("mesh m_7"), else to that of the failure. */

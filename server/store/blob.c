@@ -17,6 +17,7 @@
 #include "base/id.h"
 #include "base/log.h"
 #include "blob.h"
+#include "space.h"
 
 #define PREFIXES 256u /* folders of blobs, by the first two digits of the hash */
 #define SWEEP_AGE_S (24 * 60 * 60)
@@ -192,15 +193,18 @@ static void find_path(const qm_store *store, const char *hash, char out[QM_STORE
     snprintf(out, QM_STORE_PATH_SIZE, "%s/blobs/%.2s/%s", qm_store_folder(store), hash, hash);
 }
 
-bool qm_blob_commit_file(const qm_store *store, const char *file, const char *hash)
+bool qm_blob_commit_file(qm_store *store, const char *file, const char *hash)
 {
     QM_ASSERT(strlen(hash) == QM_HASH_SIZE - 1);
     char blobs[QM_STORE_PATH_SIZE], folder[QM_STORE_PATH_SIZE], path[QM_STORE_PATH_SIZE];
     snprintf(blobs, sizeof blobs, "%s/blobs", qm_store_folder(store));
     snprintf(folder, sizeof folder, "%s/blobs/%.2s", qm_store_folder(store), hash);
     find_path(store, hash, path);
-    return make_folder(folder) && qm_blob_sync_folder(blobs) && rename(file, path) == 0 &&
-           qm_blob_sync_folder(folder);
+    if (!make_folder(folder) || !qm_blob_sync_folder(blobs)) return false;
+    uint64_t replaced = qm_space_size_of(path);
+    if (rename(file, path) != 0) return false;
+    qm_space_release(store, QM_STORE_BLOBS, replaced);
+    return qm_blob_sync_folder(folder);
 }
 
 qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size)
@@ -286,7 +290,10 @@ bool qm_blob_move_away(qm_store *store, const char *hash)
     snprintf(to, sizeof to, "%s/lost", qm_store_folder(store));
     if (!make_folder(to)) return false;
     snprintf(to, sizeof to, "%s/lost/%s", qm_store_folder(store), hash);
-    return rename(from, to) == 0;
+    uint64_t size = qm_space_size_of(from);
+    if (rename(from, to) != 0) return false;
+    qm_space_release(store, QM_STORE_BLOBS, size);
+    return true;
 }
 
 void qm_blob_remove(qm_store *store, const char *hash)
@@ -294,5 +301,5 @@ void qm_blob_remove(qm_store *store, const char *hash)
     char path[QM_STORE_PATH_SIZE];
     if (qm_store_needs_blob(store, hash)) return;
     find_path(store, hash, path);
-    unlink(path);
+    qm_space_unlink(store, QM_STORE_BLOBS, path);
 }

@@ -35,13 +35,16 @@ bool qm_blob_move_all_away(const char *folder);
 void qm_blob_sweep_orphans(qm_store *store);
 
 /** Renames a synced file to its hash, and syncs the folders. */
-bool qm_blob_commit_file(const qm_store *store, const char *file, const char *hash);
+bool qm_blob_commit_file(qm_store *store, const char *file, const char *hash);
 
 /** Maps a whole open file for reading. */
 qm_status qm_blob_map_file(int file, const uint8_t **bytes, size_t *size);
 
 /** The data folder, without a slash at its end. */
 const char *qm_store_folder(const qm_store *store);
+
+/** The count of its bytes. */
+struct qm_space *qm_store_space(qm_store *store);
 
 /** True when a mesh has this blob, and after a fault. */
 bool qm_store_needs_blob(qm_store *store, const char *hash);

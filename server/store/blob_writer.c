@@ -18,6 +18,7 @@
 #include "base/id.h"
 #include "base/log.h"
 #include "blob.h"
+#include "space.h"
 
 /* ---- the hash ---- */
 
@@ -153,6 +154,7 @@ struct qm_blob_writer {
     int file;                /* -1 while the bytes are few and in memory */
     qm_text held;            /* the last ones, which are not in the file yet */
     uint64_t size;
+    uint64_t claimed; /* bytes of the folder's quota */
 };
 
 /** Logs the cause: the client only learns that nothing was stored. */
@@ -162,13 +164,26 @@ static qm_status fail_to_store(const char *step)
     return QM_E_ARGUMENT;
 }
 
-qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out)
+/** Claims room for a file of so many bytes. */
+static qm_status claim(qm_blob_writer *writer, uint64_t size)
+{
+    if (size <= writer->claimed) return QM_OK;
+    qm_status status = qm_space_claim(writer->store, QM_STORE_UPLOADS, size - writer->claimed);
+    if (status == QM_OK) writer->claimed = size;
+    return status;
+}
+
+qm_status qm_blob_begin(qm_store *store, uint64_t expected, qm_blob_writer **out)
 {
     *out = calloc(1, sizeof **out);
     if (!*out) return QM_E_NO_MEMORY;
     (*out)->store = store;
     (*out)->file = -1;
-    return QM_OK;
+    qm_status status = expected > STEP ? claim(*out, expected) : QM_OK;
+    if (status == QM_OK) return QM_OK;
+    free(*out);
+    *out = NULL;
+    return status;
 }
 
 /** Bytes in the file. */
@@ -224,7 +239,8 @@ static qm_status follow(qm_blob_writer *writer)
 /** Writes the held bytes and whole steps of the new ones; holds the remainder. */
 static qm_status write_steps(qm_blob_writer *writer, const char *bytes, size_t size)
 {
-    qm_status status = make_file(writer);
+    qm_status status = claim(writer, writer->size);
+    if (status == QM_OK) status = make_file(writer);
     size_t missing = (STEP - writer->held.size) % STEP;
     if (status == QM_OK && missing > 0) status = hold(writer, bytes, missing);
     if (status == QM_OK) status = flush(writer);
@@ -287,6 +303,7 @@ void qm_blob_abort(qm_blob_writer *writer)
 {
     if (!writer) return;
     if (writer->file >= 0) unlink(writer->path);
+    qm_space_release(writer->store, QM_STORE_UPLOADS, writer->claimed);
     end(writer);
 }
 
@@ -295,7 +312,8 @@ static qm_status settle(qm_blob_writer *writer, uint8_t digest[QM_DIGEST_SIZE])
 {
     if (writer->file < 0) {
         qm_id_hash_bytes(writer->held.data, writer->held.size, digest);
-        qm_status status = make_file(writer);
+        qm_status status = claim(writer, writer->size);
+        if (status == QM_OK) status = make_file(writer);
         return status == QM_OK ? flush(writer) : status;
     }
     qm_status status = flush(writer);
@@ -320,6 +338,8 @@ qm_status qm_blob_keep(qm_blob_writer *writer)
     if (status == QM_OK && !qm_blob_commit_file(writer->store, writer->path, writer->name))
         status = fail_to_store("name a file");
     if (status != QM_OK) unlink(writer->path);
+    qm_space_release(writer->store, QM_STORE_UPLOADS, writer->claimed - (status == QM_OK ? writer->size : 0));
+    if (status == QM_OK) qm_space_move(writer->store, QM_STORE_UPLOADS, QM_STORE_BLOBS, writer->size);
     end(writer);
     return status;
 }

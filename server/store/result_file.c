@@ -16,6 +16,7 @@
 #include "base/text.h"
 #include "blob.h"
 #include "checksum.h"
+#include "space.h"
 
 _Static_assert(QM_RESULT_BLOCK == QM_STORE_ARRAY_BLOCK, "a block that is read has a checksum");
 
@@ -74,16 +75,26 @@ qm_status qm_result_file_write(qm_store *store, const char *job_id, const double
     make_path(store, job_id, QM_RESULT_ENDING, path);
     qm_store_array array = {count, malloc(qm_store_array_blocks(count) * sizeof *array.sums + 1)};
     if (!array.sums) return QM_E_NO_MEMORY;
+    uint64_t size = count * sizeof *numbers;
+    qm_space_unlink(store, QM_STORE_RESULTS, part); /* of a run that was killed */
+    qm_status status = qm_space_claim(store, QM_STORE_RESULTS, size);
+    if (status != QM_OK) {
+        free(array.sums);
+        return status;
+    }
     int file = open(part, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
     bool written = file >= 0 && write_numbers(file, numbers, &array) && fsync(file) == 0;
     if (file >= 0) close(file);
-    qm_status status = QM_E_ARGUMENT;
-    if (written && rename(part, path) == 0 && sync_folder(store)) {
-        status = qm_store_put_array(store, job_id, &array);
+    uint64_t replaced = qm_space_size_of(path);
+    if (written && rename(part, path) == 0) {
+        qm_space_release(store, QM_STORE_RESULTS, replaced);
+        status = sync_folder(store) ? qm_store_put_array(store, job_id, &array) : QM_E_ARGUMENT;
     } else {
-        qm_log(QM_LOG_ERROR, "result of %s: cannot write: %s", job_id, strerror(errno));
         unlink(part);
+        qm_space_release(store, QM_STORE_RESULTS, size);
+        status = QM_E_ARGUMENT;
     }
+    if (status != QM_OK) qm_log(QM_LOG_ERROR, "result of %s: cannot write: %s", job_id, strerror(errno));
     free(array.sums);
     return status;
 }
@@ -92,7 +103,7 @@ void qm_result_file_remove(qm_store *store, const char *job_id)
 {
     char path[QM_STORE_PATH_SIZE];
     make_path(store, job_id, QM_RESULT_ENDING, path);
-    unlink(path);
+    qm_space_unlink(store, QM_STORE_RESULTS, path);
 }
 
 qm_status qm_result_file_open(qm_store *store, const char *job_id, qm_result_file **out)

@@ -69,6 +69,28 @@ qm_status qm_store_restore(const char *file, const char *folder, FILE *out, qm_s
 /** Moves the files of meshes and results of a folder without a database to a folder beside them, lost/. */
 qm_status qm_store_empty(const char *folder, char message[QM_MESSAGE_SIZE]);
 
+/** The files of a data folder, by their kind. */
+typedef enum qm_store_files {
+    QM_STORE_BLOBS,
+    QM_STORE_RESULTS,
+    QM_STORE_UPLOADS, /* on their way */
+    QM_STORE_FILES_COUNT
+} qm_store_files;
+
+/** Bytes in use; space.h says what counts. */
+typedef struct qm_store_usage {
+    uint64_t files[QM_STORE_FILES_COUNT], database;
+    uint64_t total, quota; /* quota 0: none */
+} qm_store_usage;
+
+/**
+ * Sets how many bytes the files and the database may have. Calls that write files, or rows that begin something,
+ * return QM_E_TOO_LARGE when there is no room; what was begun may end, and its rows go beyond the quota. To be
+ * called before there are other threads.
+ */
+void qm_store_set_quota(qm_store *store, uint64_t quota);
+void qm_store_measure(qm_store *store, qm_store_usage *out);
+
 /** Up to limit rows after the one with a sequence number; 0: from the first, which is the newest one if asked. */
 typedef struct qm_store_page {
     int64_t after;
@@ -78,7 +100,8 @@ typedef struct qm_store_page {
 
 /** A blob that is being written: bytes go to a file of their own while the hash is computed. */
 typedef struct qm_blob_writer qm_blob_writer;
-qm_status qm_blob_begin(qm_store *store, qm_blob_writer **out);
+/** expected: bytes that will be written, if known; room for them is reserved. */
+qm_status qm_blob_begin(qm_store *store, uint64_t expected, qm_blob_writer **out);
 qm_status qm_blob_write(qm_blob_writer *writer, const void *bytes, size_t size);
 /** Ends the writing; returns the hash. */
 qm_status qm_blob_seal(qm_blob_writer *writer, char hash[QM_HASH_SIZE]);

@@ -352,7 +352,7 @@ static bool open_file(qm_store *store, const char *name, restored_file *out)
     char path[QM_STORE_PATH_SIZE];
     *out = (restored_file){.array = -1};
     snprintf(out->name, sizeof out->name, "%s", name);
-    if (!is_array(name)) return qm_blob_begin(store, &out->blob) == QM_OK;
+    if (!is_array(name)) return qm_blob_begin(store, 0, &out->blob) == QM_OK;
     snprintf(path, sizeof path, "%s/results/%s", qm_store_folder(store), name);
     out->array = open(path, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600);
     return out->array >= 0;

@@ -49,6 +49,8 @@ static qm_status take_folder(qm_store *store, qm_store_purpose purpose, char mes
     if (purpose == QM_STORE_SERVE) qm_blob_sweep(store->folder);
     status = qm_store_open_database(store, purpose, message);
     if (status == QM_OK && purpose == QM_STORE_SERVE) qm_blob_sweep_orphans(store);
+    if (status == QM_OK) qm_store_measure_database(store);
+    if (status == QM_OK) qm_space_count(store);
     return status;
 }
 
@@ -59,6 +61,7 @@ static qm_store *create(const char *folder)
     if (!store) return NULL;
     store->lock_file = -1;
     pthread_mutex_init(&store->lock, NULL);
+    pthread_mutex_init(&store->space.lock, NULL);
     size_t length = strlen(folder);
     while (length > 1 && folder[length - 1] == '/')
         length--;
@@ -92,6 +95,11 @@ qm_status qm_store_open(const char *folder, qm_store_purpose purpose, qm_store *
     return status;
 }
 
+qm_space *qm_store_space(qm_store *store)
+{
+    return &store->space;
+}
+
 const char *qm_store_folder(const qm_store *store)
 {
     return store->folder;
@@ -103,6 +111,7 @@ void qm_store_close(qm_store *store)
     qm_store_close_database(store);
     if (store->lock_file >= 0) close(store->lock_file);
     pthread_mutex_destroy(&store->lock);
+    pthread_mutex_destroy(&store->space.lock);
     free(store->folder);
     free(store);
 }

@@ -8,6 +8,7 @@
 #include <sqlite3.h>
 
 #include "blob.h"
+#include "space.h"
 
 #define QM_STORE_STATEMENTS 64
 
@@ -24,6 +25,8 @@ struct qm_store {
     pthread_mutex_t lock; /* guards the database connection and what follows */
     qm_store_statement statements[QM_STORE_STATEMENTS];
     size_t statement_count;
+    int measured; /* changes of the database when its size was measured */
+    qm_space space;
 };
 
 #define QM_STORE_DATABASE "quadmeshd.sqlite"
@@ -46,6 +49,9 @@ qm_store *qm_store_create(const char *folder, char message[QM_MESSAGE_SIZE]);
 /** Opens the database of a folder whose lock is held, and brings it up to date. */
 qm_status qm_store_open_database(qm_store *store, qm_store_purpose purpose, char message[QM_MESSAGE_SIZE]);
 void qm_store_close_database(qm_store *store);
+
+/** Counts the bytes of the pages in use. The lock is held, or no other thread uses the store. */
+void qm_store_measure_database(qm_store *store);
 
 /** Makes an empty database of this version, or without any table. *out is to be closed in either case. */
 bool qm_store_make_database(const char *path, sqlite3 **out);

@@ -38,6 +38,8 @@ static bool submit(qm_store *store, const qm_store_job *job)
 
 qm_status qm_store_submit_job(qm_store *store, const qm_store_job *job)
 {
+    qm_status status = qm_space_check(store);
+    if (status != QM_OK) return status;
     if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
     return qm_store_end_transaction(store, submit(store, job)) ? QM_OK : QM_E_ARGUMENT;
 }

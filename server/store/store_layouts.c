@@ -74,6 +74,8 @@ static bool move(qm_store *store, const char *id, int64_t from, int64_t to, bool
 qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout,
                               const qm_store_idempotency *idempotency)
 {
+    qm_status status = qm_space_check(store);
+    if (status != QM_OK) return status;
     bool good = qm_store_begin_transaction(store) &&
                 qm_store_end_transaction(store, add_layout(store, layout, idempotency));
     return good ? QM_OK : QM_E_ARGUMENT;
@@ -81,6 +83,8 @@ qm_status qm_store_put_layout(qm_store *store, const qm_store_layout *layout,
 
 qm_status qm_store_edit_layout(qm_store *store, const qm_store_layout *layout)
 {
+    qm_status status = qm_space_check(store);
+    if (status != QM_OK) return status;
     if (!qm_store_begin_transaction(store)) return QM_E_ARGUMENT;
     int64_t next = layout->revision + 1;
     bool moved;

@@ -12,6 +12,8 @@
 qm_status qm_store_put_reconstruction(qm_store *store, const qm_store_reconstruction *r,
                                       const qm_store_idempotency *idempotency)
 {
+    qm_status status = qm_space_check(store);
+    if (status != QM_OK) return status;
     sqlite3_stmt *statement = qm_store_begin(
         store,
         "INSERT INTO reconstructions (id, source, layout_id, mesh, layout, document, steps, records, state,"

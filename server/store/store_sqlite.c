@@ -276,10 +276,36 @@ static void put_back(sqlite3_stmt *statement)
     sqlite3_clear_bindings(statement);
 }
 
+static uint64_t read_number(qm_store *store, const char *pragma)
+{
+    sqlite3_stmt *statement = qm_store_prepare(store, pragma);
+    uint64_t number =
+        statement && sqlite3_step(statement) == SQLITE_ROW ? (uint64_t)sqlite3_column_int64(statement, 0) : 0;
+    if (statement) sqlite3_reset(statement);
+    return number;
+}
+
+void qm_store_measure_database(qm_store *store)
+{
+    static const char count[] = "PRAGMA page_count", free_count[] = "PRAGMA freelist_count",
+                      page[] = "PRAGMA page_size";
+    uint64_t pages = read_number(store, count), free_pages = read_number(store, free_count);
+    qm_space_set_database(store,
+                          (pages - (free_pages < pages ? free_pages : pages)) * read_number(store, page));
+    store->measured = sqlite3_total_changes(store->database);
+}
+
+/** Gives the lock back. */
+static void leave(qm_store *store)
+{
+    if (sqlite3_total_changes(store->database) != store->measured) qm_store_measure_database(store);
+    pthread_mutex_unlock(&store->lock);
+}
+
 void qm_store_end(qm_store *store, sqlite3_stmt *statement)
 {
     put_back(statement);
-    pthread_mutex_unlock(&store->lock);
+    leave(store);
 }
 
 bool qm_store_run(qm_store *store, sqlite3_stmt *statement)
@@ -311,7 +337,7 @@ bool qm_store_end_transaction(qm_store *store, bool good)
     /* Some faults have rolled it back already. */
     if (!good && !sqlite3_get_autocommit(store->database))
         qm_store_run(store, qm_store_prepare(store, rollback));
-    pthread_mutex_unlock(&store->lock);
+    leave(store);
     return good;
 }
 
@@ -326,7 +352,7 @@ bool qm_store_step(qm_store *store, sqlite3_stmt *statement)
 qm_status qm_store_execute(qm_store *store, sqlite3_stmt *statement)
 {
     bool done = qm_store_run(store, statement);
-    pthread_mutex_unlock(&store->lock);
+    leave(store);
     return done ? QM_OK : QM_E_ARGUMENT;
 }
 

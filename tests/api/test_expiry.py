@@ -98,7 +98,7 @@ def test_other_members_are_refused(client):
 def test_jobs_and_layouts_keep_a_mesh(client, slow_files):
     needed = client.upload(shapes.saddle(8), ttl_seconds=1)
     layout = client.post("/v1/layouts", json={"mesh": needed["id"]}).json()
-    a, b = (client.upload(content, ttl_seconds=1) for content in slow_files)
+    a, b = (client.upload(content, name="expires", ttl_seconds=1) for content in slow_files)
     job = client.start(a["id"], b["id"], **SLOW)
     probe = client.upload(shapes.sphere(0.36), ttl_seconds=1)
     wait_until_gone(client, probe)

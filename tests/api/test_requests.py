@@ -13,7 +13,7 @@ from conftest import MET_CODES, check_problem
 
 METHODS = [
     ("PUT", "/v1/meshes", {"GET", "HEAD", "POST"}), ("PATCH", "/v1/jobs", {"GET", "HEAD", "POST"}),
-    ("POST", "/v1/meshes/m_1", {"GET", "HEAD", "DELETE"}), ("POST", "/healthz", {"GET", "HEAD"}),
+    ("POST", "/v1/meshes/m_1", {"GET", "HEAD", "DELETE", "PATCH"}), ("POST", "/healthz", {"GET", "HEAD"}),
     ("DELETE", "/v1/info", {"GET", "HEAD"}), ("PUT", "/v1/jobs/j_1/events", {"GET", "HEAD"}),
 ]
 

@@ -1,15 +1,19 @@
 """The daemon among the tools of its operators: a service manager, a full disk, descriptors that run out, metrics, logs."""
+import http.client
 import os
 import pathlib
 import resource
 import socket
 import subprocess
+import threading
 import time
 
 import pytest
 
 import shapes
 from api_conftest import PATIENCE, Daemon, check_problem
+
+STOPS = 2000 if os.environ.get("QM_TEST_LONG", "0") != "0" else 20
 
 
 def test_the_service_manager_is_told_of_start_and_end(tmp_path):
@@ -23,6 +27,36 @@ def test_the_service_manager_is_told_of_start_and_end(tmp_path):
         assert manager.recv(100) == b"READY=1"
         assert running.stop() == 0
         assert manager.recv(100) == b"STOPPING=1"
+
+
+def test_it_stops_in_order_while_clients_come_and_go(tmp_path):
+    """Closing the port raced with the threads that take connections: one stop in some thousand ended in an abort."""
+    running = Daemon(tmp_path)
+    ends = threading.Event()
+
+    def come_and_go():
+        while not ends.is_set():
+            connection = http.client.HTTPConnection("127.0.0.1", running.port, timeout=PATIENCE)
+            try:
+                for _ in range(3):
+                    connection.request("GET", "/v1/meshes")
+                    connection.getresponse().read()
+            except (OSError, http.client.HTTPException):
+                pass  # it stops
+            connection.close()
+
+    clients = [threading.Thread(target=come_and_go) for _ in range(4)]
+    for client in clients:
+        client.start()
+    try:
+        for _ in range(STOPS):
+            assert running.stop() == 0, running.log()
+            running.start()
+    finally:
+        ends.set()
+        for client in clients:
+            client.join()
+    assert running.stop() == 0
 
 
 @pytest.fixture

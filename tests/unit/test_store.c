@@ -67,7 +67,7 @@ static qm_blob_writer *write_blob(const fixture *f, const char *text, char hash[
 {
     qm_blob_writer *writer;
     size_t half = strlen(text) / 2;
-    assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
+    assert_int_equal(qm_blob_begin(f->store, 0, &writer), QM_OK);
     assert_int_equal(qm_blob_write(writer, text, half), QM_OK);
     assert_int_equal(qm_blob_write(writer, text + half, strlen(text) - half), QM_OK);
     assert_int_equal(qm_blob_seal(writer, hash), QM_OK);
@@ -270,7 +270,7 @@ static qm_blob_writer *write_long(const fixture *f, size_t size)
 {
     qm_blob_writer *writer;
     uint8_t piece[1000];
-    assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
+    assert_int_equal(qm_blob_begin(f->store, 0, &writer), QM_OK);
     for (size_t done = 0; done < size;) {
         size_t part = size - done < sizeof piece ? size - done : sizeof piece;
         for (size_t i = 0; i < part; i++)
@@ -318,7 +318,7 @@ static void test_hashes_of_all_sizes(void **state)
         qm_id_hash_bytes(bytes, sizes[i], digest);
         qm_id_hash_print(digest, expected);
         qm_blob_writer *writer;
-        assert_int_equal(qm_blob_begin(f->store, &writer), QM_OK);
+        assert_int_equal(qm_blob_begin(f->store, 0, &writer), QM_OK);
         for (size_t done = 0, piece; done < sizes[i]; done += piece) {
             piece = sizes[i] - done < 47001 ? sizes[i] - done : 47001;
             assert_int_equal(qm_blob_write(writer, bytes + done, piece), QM_OK);
@@ -529,6 +529,64 @@ static qm_status finish(const fixture *f, const char *id, qm_job_state state, co
     qm_store_job end = {.state = state, .document = (char *)document, .result = (char *)"{\"result\":1}"};
     snprintf(end.id, sizeof end.id, "%s", id);
     return qm_store_finish_job(f->store, &end, revisions, &last, 1);
+}
+
+static void check_usage(const fixture *f, uint64_t blobs, uint64_t results, uint64_t uploads)
+{
+    qm_store_usage usage;
+    qm_store_measure(f->store, &usage);
+    assert_int_equal(usage.files[QM_STORE_BLOBS], blobs);
+    assert_int_equal(usage.files[QM_STORE_RESULTS], results);
+    assert_int_equal(usage.files[QM_STORE_UPLOADS], uploads);
+    assert_int_equal(usage.total, blobs + results + uploads + usage.database);
+}
+
+static void test_bytes_are_counted(void **state)
+{
+    enum { LARGE = 1 << 20 };
+    fixture *f = *state;
+    char hash[QM_HASH_SIZE];
+    double numbers[100] = {0};
+    qm_blob_writer *writer;
+    uint8_t *bytes = calloc(LARGE, 1);
+    keep_blob(f, "1234567", hash);
+    put_mesh(f, "m_1", hash, "");
+    check_usage(f, 7, 0, 0);
+    keep_blob(f, "1234567", hash); /* in place of itself */
+    check_usage(f, 7, 0, 0);
+    assert_int_equal(qm_blob_begin(f->store, LARGE, &writer), QM_OK);
+    check_usage(f, 7, 0, LARGE);
+    assert_int_equal(qm_blob_write(writer, bytes, LARGE / 2), QM_OK);
+    check_usage(f, 7, 0, LARGE);
+    qm_blob_abort(writer);
+    check_usage(f, 7, 0, 0);
+    assert_int_equal(submit(f, "j_1", "", NULL), QM_OK);
+    assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 100), QM_OK);
+    check_usage(f, 7, 800, 0);
+    assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 50), QM_OK);
+    check_usage(f, 7, 400, 0);
+    reopen(f);
+    check_usage(f, 7, 400, 0);
+
+    qm_store_usage usage;
+    qm_store_measure(f->store, &usage);
+    qm_store_set_quota(f->store, usage.total + LARGE);
+    assert_int_equal(qm_blob_begin(f->store, LARGE + 1, &writer), QM_E_TOO_LARGE);
+    assert_int_equal(qm_blob_begin(f->store, 0, &writer), QM_OK);
+    assert_int_equal(qm_blob_write(writer, bytes, LARGE), QM_OK);
+    assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 1), QM_E_TOO_LARGE);
+    assert_int_equal(qm_blob_write(writer, bytes, LARGE), QM_E_TOO_LARGE);
+    qm_blob_abort(writer);
+    check_usage(f, 7, 400, 0);
+    qm_store_set_quota(f->store, usage.total);
+    qm_store_job job = {.id = "j_2", .key = "", .body = "{}", .created = ""};
+    assert_int_equal(qm_store_submit_job(f->store, &job), QM_E_TOO_LARGE);
+    qm_result_file_remove(f->store, "j_1");
+    check_usage(f, 7, 0, 0);
+    assert_int_equal(qm_store_submit_job(f->store, &job), QM_OK);
+    assert_int_equal(qm_store_delete_mesh(f->store, "m_1"), QM_OK);
+    check_usage(f, 0, 0, 0);
+    free(bytes);
 }
 
 static void test_jobs_survive(void **state)
@@ -888,7 +946,7 @@ static void write_and_die(const char *folder)
     keep_blob(&f, "kept", hash);
     put_mesh(&f, "m_1", hash, "");
     submit(&f, "j_1", "key", NULL);
-    if (qm_blob_begin(f.store, &writer) != QM_OK || qm_blob_write(writer, "half", 4) != QM_OK) _exit(2);
+    if (qm_blob_begin(f.store, 0, &writer) != QM_OK || qm_blob_write(writer, "half", 4) != QM_OK) _exit(2);
     raise(SIGKILL);
 }
 
@@ -1022,6 +1080,7 @@ int main(void)
         TEST(test_meshes_survive),
         TEST(test_a_revision_takes_the_place_of_the_one_before),
         TEST(test_meshes_expire_in_order),
+        TEST(test_bytes_are_counted),
         TEST(test_pages_of_meshes),
         TEST(test_a_blob_goes_with_its_last_mesh),
         TEST(test_jobs_survive),
