@@ -41,7 +41,7 @@ ENGINE_FLAGS := -D_POSIX_C_SOURCE=200809L -Iengine/include -Iengine/src
 # What numbers are compared with teaches a fuzzer nothing about geometry, and takes half of its time.
 ENGINE_FLAGS += $(if $(filter fuzz,$(config)),-fno-sanitize-coverage=trace-cmp)
 
-PACKAGES := libmicrohttpd libuv libcjson sqlite3 nettle zlib
+PACKAGES := libmicrohttpd libuv libcjson sqlite3 nettle zlib expat
 # The command line loads libcurl when it is to ask a daemon.
 LIBRARY_CFLAGS = $(shell pkg-config --cflags $(PACKAGES) libcurl spng)
 # A command line often runs for milliseconds, and to find the symbols of shared C++ libraries took one.
@@ -51,7 +51,7 @@ CXX_LIBS       = -Wl,-Bstatic -ldraco -lstdc++ -Wl,-Bdynamic -static-libgcc
 endif
 LIBRARY_LIBS   = $(shell pkg-config --libs $(PACKAGES)) $(CXX_LIBS) -lm -lpthread
 # The command line is linked without the libraries that only the daemon uses.
-CLI_LIBS       = $(shell pkg-config --libs libcjson spng zlib nettle) $(CXX_LIBS) -lm -lpthread
+CLI_LIBS       = $(shell pkg-config --libs libcjson spng zlib nettle expat) $(CXX_LIBS) -lm -lpthread
 
 # What the command line and the daemon share: an archive of its own, which needs no library of the daemon's.
 SHARED_ROOMS   := base format ops

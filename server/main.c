@@ -88,13 +88,13 @@ static void on_tick(uv_timer_t *handle)
     double now = qm_clock_now_ms();
     qm_job_events_tick(state->app.jobs, now);
     if (now < state->saved_ms + SAVING_MS) return;
-    qm_pool_submit(state->app.pools[QM_LANE_SHORT], save, state->app.jobs);
+    qm_pool_submit(state->app.pools[QM_LANE_SHORT], NULL, save, state->app.jobs);
     state->saved_ms = now;
     if (now < state->connections_checked_ms + CONNECTIONS_MS) return;
     qm_http_tick(state->http, now);
     state->connections_checked_ms = now;
     if (now < state->cleaned_ms + CLEANING_MS) return;
-    qm_pool_submit(state->app.pools[QM_LANE_SHORT], clean, &state->app);
+    qm_pool_submit(state->app.pools[QM_LANE_SHORT], NULL, clean, &state->app);
     state->cleaned_ms = now;
 }
 

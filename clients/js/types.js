@@ -1,6 +1,6 @@
 // The shapes of requests and replies, as proto/openapi.yaml has them.
 
-/** @typedef {"obj" | "ply" | "stl" | "off" | "glb" | "drc" | "xyz" | "pcd"} Format */
+/** @typedef {"obj" | "ply" | "stl" | "off" | "glb" | "drc" | "xyz" | "pcd" | "3mf"} Format */
 /** @typedef {"triangles" | "bilinear"} QuadReading */
 /** @typedef {"two_sided" | "a_to_b" | "b_to_a"} Direction */
 /** @typedef {"auto" | "boxes" | "tetra" | "grid"} Accelerator */

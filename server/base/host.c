@@ -314,7 +314,9 @@ bool qm_host_budget_reserve(qm_budget *budget, size_t more)
             if (atomic_compare_exchange_weak(&budget->used, &used, used + more)) return true;
             continue;
         }
-        if (more > budget->limit || !budget->make_room(budget->user)) return false;
+        if (more > budget->limit) return false;
+        size_t free_bytes = used < budget->limit ? budget->limit - used : 0;
+        if (!budget->make_room(budget->user, more - free_bytes)) return false;
         used = atomic_load(&budget->used);
     }
 }
@@ -340,13 +342,38 @@ qm_allocator qm_host_budget_allocator(qm_budget *budget)
     return (qm_allocator){.resize = budget_resize, .user = budget};
 }
 
+/** Lowers a limit to that in a file; one that cannot be read, or is "max", changes nothing. */
+static void lower_to(size_t *limit, const char *path)
+{
+    unsigned long long found;
+    FILE *file = fopen(path, "re");
+    if (file && fscanf(file, "%llu", &found) == 1 && found < *limit) *limit = (size_t)found;
+    if (file) fclose(file);
+}
+
+/** Lowers a limit to those of a control group and the groups that it is in; file is the name of the limit. */
+static void lower_to_group(size_t *limit, const char *root, char *group, const char *file)
+{
+    char path[2 * PATH_MAX];
+    for (char *end = group + strcspn(group, "\n"); end; end = strrchr(group, '/')) {
+        *end = '\0';
+        snprintf(path, sizeof path, "%s%s/%s", root, group, file);
+        lower_to(limit, path);
+    }
+}
+
 size_t qm_host_default_budget(void)
 {
-    size_t machine = (size_t)sysconf(_SC_PHYS_PAGES) * (size_t)sysconf(_SC_PAGESIZE);
-    /* Of the control group (version 2). */
-    FILE *file = fopen("/sys/fs/cgroup/memory.max", "re");
-    unsigned long long limit;
-    size_t group = file && fscanf(file, "%llu", &limit) == 1 ? (size_t)limit : SIZE_MAX;
-    if (file) fclose(file);
-    return (group < machine ? group : machine) / 2;
+    size_t limit = (size_t)sysconf(_SC_PHYS_PAGES) * (size_t)sysconf(_SC_PAGESIZE);
+    char line[PATH_MAX];
+    FILE *groups = fopen("/proc/self/cgroup", "re");
+    while (groups && fgets(line, sizeof line, groups)) {
+        char *group = strchr(line, '/');
+        if (strncmp(line, "0::", strlen("0::")) == 0)
+            lower_to_group(&limit, "/sys/fs/cgroup", line + strlen("0::"), "memory.max");
+        else if (group && strstr(line, ":memory:"))
+            lower_to_group(&limit, "/sys/fs/cgroup/memory", group, "memory.limit_in_bytes");
+    }
+    if (groups) fclose(groups);
+    return limit / 2;
 }

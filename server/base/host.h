@@ -46,7 +46,9 @@ void qm_host_use_large_heap(void);
 typedef struct qm_budget {
     size_t limit; /* bytes */
     atomic_size_t used;
-    bool (*make_room)(void *user); /* frees something; false if nothing can be freed. Any thread. */
+    /* Frees something when as many bytes as are missing can be freed, perhaps by several calls; else false, and nothing is
+     * freed. Any thread. */
+    bool (*make_room)(void *user, size_t missing);
     void *user;
 } qm_budget;
 
@@ -58,7 +60,7 @@ qm_allocator qm_host_budget_allocator(qm_budget *budget);
 bool qm_host_budget_reserve(qm_budget *budget, size_t size);
 void qm_host_budget_release(qm_budget *budget, size_t size);
 
-/** Half of the memory that this process may have: of the machine, or of its control group. */
+/** Half of the memory that this process may have: of the machine, or of its control groups (version 1 or 2). */
 size_t qm_host_default_budget(void);
 
 #endif

@@ -1,9 +1,11 @@
 /**
- * pool.c: worker threads and their queue, a singly linked list.
+ * pool.c: worker threads and their queue, a singly linked list in the order of rounds: the next task of a client is in the
+ * round after its last one that waits, and the first in the current round (round robin).
  */
 #include "pool.h"
 
 #include <stdlib.h>
+#include <string.h>
 #include <sys/resource.h>
 #include <unistd.h>
 #include <uv.h>
@@ -13,14 +15,17 @@
 typedef struct task {
     qm_task_fn *run;
     void *data;
+    const char *client;
+    uint64_t round;
     struct task *next;
 } task;
 
-/** lock guards first, last, load and closing. */
+/** lock guards first, round, load and closing. */
 struct qm_pool {
     uv_mutex_t lock;
     uv_cond_t changed;
-    task *first, *last;
+    task *first;
+    uint64_t round; /* of the task that was taken last */
     qm_pool_load load;
     bool closing;
     int niceness;
@@ -39,7 +44,7 @@ static void work(void *data)
         task *next = pool->first;
         if (!next) break;
         pool->first = next->next;
-        if (!pool->first) pool->last = NULL;
+        pool->round = next->round;
         pool->load.waiting--;
         pool->load.running++;
         uv_mutex_unlock(&pool->lock);
@@ -67,21 +72,28 @@ qm_pool *qm_pool_create(int thread_count, int niceness)
     return NULL;
 }
 
-bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data)
+/** Queues a task. The lock is held. */
+static void insert(qm_pool *pool, task *added)
+{
+    added->round = pool->round;
+    for (const task *t = pool->first; t; t = t->next)
+        if (t->client && added->client && strcmp(t->client, added->client) == 0) added->round = t->round + 1;
+    task **link = &pool->first;
+    while (*link && (*link)->round <= added->round)
+        link = &(*link)->next;
+    added->next = *link;
+    *link = added;
+    pool->load.waiting++;
+}
+
+bool qm_pool_submit(qm_pool *pool, const char *client, qm_task_fn *run, void *data)
 {
     task *added = malloc(sizeof *added);
     if (!added) return false;
-    *added = (task){run, data, NULL};
+    *added = (task){.run = run, .data = data, .client = client};
     uv_mutex_lock(&pool->lock);
     bool is_open = !pool->closing;
-    if (is_open) {
-        if (pool->last)
-            pool->last->next = added;
-        else
-            pool->first = added;
-        pool->last = added;
-        pool->load.waiting++;
-    }
+    if (is_open) insert(pool, added);
     uv_mutex_unlock(&pool->lock);
     /* Signal after unlocking, so that the woken thread does not wait for the lock. */
     if (is_open)

@@ -1,5 +1,6 @@
 /**
- * pool.h: threads that take tasks from one queue, first in, first out.
+ * pool.h: threads that take tasks from one queue: those of one client first in, first out, and those of several clients
+ * by turns, so that a client waits for one task of each other client and not for all.
  */
 #ifndef QM_POOL_H
 #define QM_POOL_H
@@ -15,8 +16,9 @@ typedef void qm_task_fn(void *data);
  * size and one priority for the process. */
 qm_pool *qm_pool_create(int thread_count, int niceness);
 
-/** Queues run(data). Returns false, and never runs it, if memory ran out or the pool is closed. */
-bool qm_pool_submit(qm_pool *pool, qm_task_fn *run, void *data);
+/** Queues run(data) of a client, a name that lives as long as data; NULL for tasks that are no client's. Returns false,
+ * and never runs it, if memory ran out or the pool is closed. */
+bool qm_pool_submit(qm_pool *pool, const char *client, qm_task_fn *run, void *data);
 
 typedef struct qm_pool_load {
     size_t running, waiting;

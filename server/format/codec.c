@@ -130,6 +130,62 @@ qm_format qm_format_sniff(const uint8_t *bytes, size_t size)
     return sniff_numbers(row);
 }
 
+/** Formats of meshes and scenes that are not read, by the first bytes after blanks. */
+static const struct {
+    const char *magic, *name;
+} other_formats[] = {
+    {"# vtk DataFile", "VTK"},
+    {"$MeshFormat", "Gmsh (MSH)"},
+    {"ISO-10303-21", "STEP"},
+    {"Kaydara FBX Binary", "FBX"},
+    {"; FBX", "FBX"},
+    {"<VTKFile", "VTK"},
+    {"<COLLADA", "COLLADA"},
+    {"<X3D", "X3D"},
+    {"#VRML", "VRML"},
+    {"#X3D", "X3D"},
+    {"PXR-USDC", "USD"},
+    {"#usda", "USD"},
+    {"BLENDER", "Blender"},
+    {"3D Geometry File Format", "Rhino (3DM)"},
+    {"ASTM-E57", "E57"},
+    {"LASF", "LAS"},
+    {"MeshVersionFormatted", "Medit (mesh)"},
+    {"\x89HDF", "HDF5"},
+    {"\x89PNG", "PNG"},
+    {"\xff\xd8\xff", "JPEG"},
+    {"%PDF", "PDF"},
+    {"<!DOCTYPE html", "HTML"},
+    {"<html", "HTML"},
+    {"7z\xbc\xaf", "7-Zip"},
+    {"Rar!", "RAR"},
+    {"BZh", "bzip2"},
+    {"\xfd"
+     "7zXZ",
+     "xz"},
+    {"\x28\xb5\x2f\xfd", "Zstandard"},
+};
+
+static const uint8_t *skip_blanks(const uint8_t *at, const uint8_t *end)
+{
+    while (at < end && (*at == ' ' || *at == '\t' || *at == '\r' || *at == '\n'))
+        at++;
+    return at;
+}
+
+/** The name of the format that a file seems to have; NULL when that is not known. */
+static const char *find_other_format(const uint8_t *bytes, size_t size)
+{
+    const uint8_t *end = bytes + size;
+    const uint8_t *at = skip_blanks(bytes + (has_prefix(bytes, size, "\xef\xbb\xbf") ? 3 : 0), end);
+    bool is_xml = has_prefix(at, (size_t)(end - at), "<?xml");
+    const uint8_t *declared = is_xml ? memmem(at, (size_t)(end - at), "?>", 2) : NULL;
+    if (declared) at = skip_blanks(declared + 2, end);
+    for (size_t i = 0; i < sizeof other_formats / sizeof *other_formats; i++)
+        if (has_prefix(at, (size_t)(end - at), other_formats[i].magic)) return other_formats[i].name;
+    return is_xml ? "XML" : NULL;
+}
+
 qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
                           const qm_codec_limits *limits, qm_mesh *out, qm_codec_report *report)
 {
@@ -138,8 +194,17 @@ qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *byte
     report->line = report->offset = QM_NO_LOCATION;
     report->detail[0] = 0;
     report->warning_count = 0;
-    if ((unsigned)format >= FORMAT_COUNT || !formats[format].decode)
-        return qm_codec_fail(report, QM_E_UNSUPPORTED, "the format of the file is unknown");
+    if ((unsigned)format >= FORMAT_COUNT || !formats[format].decode) {
+        const char *name = find_other_format(bytes, size);
+        report->offset = 0;
+        return name ? qm_codec_fail(
+                          report, QM_E_UNSUPPORTED,
+                          "the file seems to be %s, which is not read; formats that are:" QM_FORMAT_NAMES,
+                          name)
+                    : qm_codec_fail(
+                          report, QM_E_UNSUPPORTED,
+                          "the format of the file is unknown; formats that are read:" QM_FORMAT_NAMES);
+    }
     if (size == 0) {
         bool is_text = !formats[format].magic[0];
         *(is_text ? &report->line : &report->offset) = is_text;

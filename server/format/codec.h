@@ -20,7 +20,8 @@
     XX(5, GLB, glb, "model/gltf-binary", "glTF")                                                             \
     XX(6, DRC, drc, "application/x-draco", "DRACO")                                                          \
     XX(7, XYZ, xyz, "text/x-xyz", "")                                                                        \
-    XX(8, PCD, pcd, "application/x-pcd", "")
+    XX(8, PCD, pcd, "application/x-pcd", "")                                                                 \
+    XX(9, 3MF, 3mf, "model/3mf", "PK\x03\x04")
 
 typedef enum qm_format {
     QM_FORMAT_UNKNOWN,

@@ -216,6 +216,12 @@ void qm_handle_mesh_delete(qm_request *request)
 
 /* ---- deformation ---- */
 
+/** Bytes that a body becomes, with its numbers: those of JSON stand beside its text. */
+static size_t size_in_memory(const qm_blob_writer *upload, bool is_json, bool is_float)
+{
+    return (is_json || is_float ? 2 : 1) * (size_t)qm_blob_size(upload) + 1;
+}
+
 /** Reads the body into a block of `times` its size, with a zero after it; NULL with a problem. */
 static char *read_body(const qm_blob_writer *upload, size_t times, size_t *size, qm_problem *problem)
 {
@@ -250,8 +256,9 @@ static bool read_numbers(char *bytes, size_t size, bool is_float, qm_moved_verti
     return true;
 }
 
+/** Reads the vertices; *reserved is what they take of the budget, also after a problem. */
 static bool read_moved(qm_request *request, const qm_blob_writer *upload, bool is_float,
-                       qm_moved_vertices *out, qm_problem *problem)
+                       qm_moved_vertices *out, size_t *reserved, qm_problem *problem)
 {
     const char *type = qm_request_header(request, "Content-Type");
     bool is_json = type && qm_media_is(type, "application/json");
@@ -262,7 +269,13 @@ static bool read_moved(qm_request *request, const qm_blob_writer *upload, bool i
                                    "application/octet-stream for all vertices");
         return false;
     }
-    size_t size;
+    size_t size, needed = size_in_memory(upload, is_json, is_float);
+    qm_budget *budget = qm_meshes_budget(qm_request_app(request)->meshes);
+    if (!qm_host_budget_reserve(budget, needed)) {
+        *problem = qm_problem_make(QM_PROBLEM_OUT_OF_MEMORY, "out of memory for the vertices");
+        return false;
+    }
+    *reserved = needed;
     char *bytes = read_body(upload, is_float ? 2 : 1, &size, problem);
     if (!bytes) return false;
     if (!is_json) return read_numbers(bytes, size, is_float, out, problem);
@@ -294,10 +307,12 @@ void qm_handle_mesh_deform(qm_request *request)
     qm_moved_vertices moved;
     qm_problem problem;
     qm_deformed deformed;
-    bool done = read_moved(request, upload, type == 1, &moved, &problem) &&
+    size_t reserved = 0;
+    bool done = read_moved(request, upload, type == 1, &moved, &reserved, &problem) &&
                 qm_meshes_deform(qm_request_app(request)->meshes, qm_request_id(request), &moved,
                                  qm_request_header(request, "If-Match"), &deformed, &problem);
     qm_json_reset_moved_vertices(&moved);
+    qm_host_budget_release(qm_meshes_budget(qm_request_app(request)->meshes), reserved);
     qm_blob_abort(upload);
     if (done)
         reply_deformed(request, &deformed);

@@ -106,8 +106,10 @@ static enum MHD_Result handle(qm_request *request)
         request->route->handle(request);
     } else {
         request->stage = HANDLING;
+        qm_request_client(request, request->client);
         MHD_suspend_connection(request->connection);
-        if (qm_pool_submit(request->app->pools[choose_lane(request)], run_on_pool, request)) return MHD_YES;
+        if (qm_pool_submit(request->app->pools[choose_lane(request)], request->client, run_on_pool, request))
+            return MHD_YES;
         /* The pool is closed because the daemon stops, or memory ran out. */
         qm_problem problem = qm_problem_make(QM_PROBLEM_UNAVAILABLE, "the request cannot be queued");
         qm_reply_problem(request, &problem);

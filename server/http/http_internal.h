@@ -92,6 +92,7 @@ struct qm_request {
     const char *media;             /* the negotiated type */
     char ids[2][QM_ID_SIZE];       /* of the path */
     char method[16], path[256];
+    char client[QM_CLIENT_SIZE];     /* whose turn it is in a pool; "" until then */
     char token[QM_ACCESS_NAME_SIZE]; /* the name of its token in the log; "" without a valid one */
     char authority[256];             /* of a target in absolute form, which goes before Host; else "" */
     bool needs_host;                 /* as HTTP/1.1 does */
@@ -107,6 +108,10 @@ struct qm_request {
     qm_problem problem; /* found before the body was received, sent after it; set with has_problem */
     qm_reply reply;
 };
+
+/** Queues a reply, as MHD_queue_response of the library does (http_library.c). */
+enum MHD_Result qm_http_queue(struct MHD_Connection *connection, unsigned status,
+                              struct MHD_Response *response);
 
 /** The address of the client; "" when it is not known. */
 void qm_request_address(const qm_request *request, char out[INET6_ADDRSTRLEN]);

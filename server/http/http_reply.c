@@ -129,8 +129,7 @@ enum MHD_Result qm_reply_send(qm_request *request)
     MHD_add_response_header(reply->response, "X-Content-Type-Options", "nosniff");
     MHD_add_response_header(reply->response, "X-Request-Id", request->name);
     add_cors(request, reply->response);
-    enum MHD_Result result =
-        MHD_queue_response(request->connection, (unsigned)reply->status, reply->response);
+    enum MHD_Result result = qm_http_queue(request->connection, (unsigned)reply->status, reply->response);
     MHD_destroy_response(reply->response);
     reply->response = NULL;
     request->stage = DONE;

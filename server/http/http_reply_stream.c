@@ -273,6 +273,7 @@ bool qm_reply_check_awaited(qm_request *request)
 typedef struct block_reply {
     qm_app *app;
     qm_pool *pool; /* makes the blocks */
+    char client[QM_CLIENT_SIZE];
     struct MHD_Connection *connection;
     qm_block_source source;
     qm_text block;
@@ -304,7 +305,7 @@ static void ask_for_block(block_reply *reply)
     reply->block.size = 0;
     reply->sent = 0;
     MHD_suspend_connection(reply->connection);
-    if (qm_pool_submit(reply->pool, make_block, reply)) return;
+    if (qm_pool_submit(reply->pool, reply->client, make_block, reply)) return;
     reply->state = QM_BLOCK_FAILED;
     MHD_resume_connection(reply->connection);
 }
@@ -369,6 +370,7 @@ void qm_reply_blocks(qm_request *request, int status, const char *content_type, 
                            .source = source,
                            .block = first,
                            .state = state};
+    memcpy(reply->client, request->client, sizeof reply->client);
     qm_reply_set_reader(request, status, size == QM_SIZE_UNKNOWN ? MHD_SIZE_UNKNOWN : size, PIECE_SIZE,
                         read_block, reply, free_blocks);
     qm_reply_header(request, "Content-Type", "%s", content_type);

@@ -84,7 +84,7 @@ static void ask_for_lines(qm_batch *batch)
     if (!has_room(batch) || batch->is_feeding || batch->at_end || batch->is_closed || batch->is_cut) return;
     batch->is_feeding = true;
     batch->references++;
-    if (qm_pool_submit(batch->pool, feed, batch)) return;
+    if (qm_pool_submit(batch->pool, batch->client, feed, batch)) return;
     batch->is_feeding = false;
     batch->is_cut = true;
     batch->references--;

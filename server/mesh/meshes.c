@@ -71,7 +71,7 @@ qm_context qm_meshes_context(qm_meshes *meshes)
     return ctx;
 }
 
-static bool drop_coldest(void *user);
+static bool drop_coldest(void *user, size_t missing);
 
 qm_meshes *qm_meshes_create(qm_store *store, qm_codec_limits limits, size_t memory_limit, int threads)
 {
@@ -133,13 +133,18 @@ static void unlist(qm_meshes *meshes, qm_mesh_ref *ref)
 }
 
 /** Drops the least recently used mesh without a reference; false when there is none. */
-static bool drop_coldest(void *user)
+static bool drop_coldest(void *user, size_t missing)
 {
     qm_meshes *meshes = user;
     qm_mesh_ref *coldest = NULL;
+    size_t unused = 0;
     uv_mutex_lock(&meshes->lock);
-    for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next)
-        if (ref->references == 1 && ref->state == QM_MESH_READY) coldest = ref;
+    for (qm_mesh_ref *ref = meshes->first; ref; ref = ref->next) {
+        if (ref->references != 1 || ref->state != QM_MESH_READY) continue;
+        coldest = ref;
+        unused += qm_loaded_mesh_memory_size(&ref->mesh);
+    }
+    if (unused < missing) coldest = NULL;
     if (coldest) unlist(meshes, coldest);
     uv_mutex_unlock(&meshes->lock);
     qm_metrics_add(QM_METRICS_MESH_EVICTIONS, coldest != NULL);

@@ -93,6 +93,14 @@ static const char *const explanations[QM_PROBLEM_COUNT] = {
         "before it had a result. Searches for bounds end with the bounds that they have instead.",
     [QM_PROBLEM_OUT_OF_MEMORY] = "The mesh or the search does not fit into the memory that the daemon may "
                                  "use. An operator can raise it by --memory-budget.",
+    [QM_PROBLEM_MALFORMED_REQUEST] = "The bytes of the request break the rules of HTTP/1.1 (RFC 9112): its "
+                                     "first line, a header or a chunk of "
+                                     "its body is malformed. The connection is closed.",
+    [QM_PROBLEM_URI_TOO_LONG] =
+        "The path and the query of the request have more bytes than a connection has memory for.",
+    [QM_PROBLEM_HEADERS_TOO_LARGE] =
+        "The headers of the request have more bytes than a connection has memory for.",
+    [QM_PROBLEM_UNSUPPORTED_VERSION] = "The daemon speaks HTTP/1.0 and HTTP/1.1.",
     [QM_PROBLEM_STORAGE_FULL] =
         "What is stored has reached the quota of the data folder, or would exceed it. Delete meshes and "
         "ended "

@@ -14,6 +14,7 @@
     XX(INVALID_PARAMETER, 400, "invalid_parameter", "A query parameter or header is not valid")              \
     XX(AMBIGUOUS_LENGTH, 400, "ambiguous_length", "The request gives its length in two ways")                \
     XX(MALFORMED_BODY, 400, "malformed_body", "The request body does not have the required form")            \
+    XX(MALFORMED_REQUEST, 400, "malformed_request", "The request does not follow HTTP")                      \
     XX(UNAUTHORIZED, 401, "unauthorized", "The request has no valid token")                                  \
     XX(FORBIDDEN, 403, "forbidden", "The request is not allowed to do this")                                 \
     XX(NOT_FOUND, 404, "not_found", "There is no such resource")                                             \
@@ -27,6 +28,7 @@
     XX(CONFLICT, 409, "conflict", "The state of the resource does not allow this")                           \
     XX(PRECONDITION_FAILED, 412, "precondition_failed", "The resource is not in the required state")         \
     XX(TOO_LARGE, 413, "too_large", "The input is larger than a limit allows")                               \
+    XX(URI_TOO_LONG, 414, "uri_too_long", "The target of the request is too long")                           \
     XX(UNSUPPORTED_MEDIA_TYPE, 415, "unsupported_media_type", "The body has a type that is not supported")   \
     XX(MALFORMED_FILE, 422, "malformed_file", "The file does not follow its format")                         \
     XX(UNSUPPORTED_FEATURE, 422, "unsupported_feature", "The file or request uses an unsupported feature")   \
@@ -37,11 +39,13 @@
     XX(INVALID_LAYOUT, 422, "invalid_layout", "The layout does not bound patches of four sides")             \
     XX(IDEMPOTENCY_MISMATCH, 422, "idempotency_mismatch", "The key was used for another request")            \
     XX(TOO_MANY_JOBS, 429, "too_many_jobs", "The queue of jobs is full")                                     \
+    XX(HEADERS_TOO_LARGE, 431, "headers_too_large", "The headers of the request are too large")              \
     XX(BLOB_DAMAGED, 500, "blob_damaged", "The stored file of a mesh is damaged or missing")                 \
     XX(RECORD_DAMAGED, 500, "record_damaged", "The stored data of this resource is damaged or missing")      \
     XX(INTERNAL, 500, "internal", "The daemon failed to process the request")                                \
     XX(UNAVAILABLE, 503, "unavailable", "The daemon cannot process the request now")                         \
     XX(DEADLINE_EXCEEDED, 504, "deadline_exceeded", "The time for the job was over before it had a result")  \
+    XX(UNSUPPORTED_VERSION, 505, "unsupported_version", "The version of HTTP is not supported")              \
     XX(OUT_OF_MEMORY, 507, "out_of_memory", "There is not enough memory for this")                           \
     XX(STORAGE_FULL, 507, "storage_full", "There is not enough room in the data folder for this")
 

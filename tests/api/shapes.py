@@ -2,10 +2,12 @@
 
 A mesh is a pair (vertices, faces): tuples of three floats, and tuples of three or more indices from 0.
 """
+import io
 import json
 import math
 import random
 import struct
+import zipfile
 
 SPHERE_TURN = math.pi / 100
 SPHERE_DISTANCE = 1 - math.cos(SPHERE_TURN)
@@ -121,6 +123,19 @@ def off(mesh):
 
 def xyz(mesh):
     return "".join("{!r} {!r} {!r}\n".format(*v) for v in mesh[0]).encode()
+
+
+def threemf(mesh):
+    """A 3MF package; quads become two triangles each."""
+    triangles = [(f[0], f[i], f[i + 1]) for f in mesh[1] for i in range(1, len(f) - 1)]
+    model = ('<model xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources><object id="1"><mesh>'
+             "<vertices>" + "".join('<vertex x="{!r}" y="{!r}" z="{!r}"/>'.format(*v) for v in mesh[0]) + "</vertices>"
+             "<triangles>" + "".join('<triangle v1="{}" v2="{}" v3="{}"/>'.format(*t) for t in triangles) + "</triangles>"
+             '</mesh></object></resources><build><item objectid="1"/></build></model>')
+    package = io.BytesIO()
+    with zipfile.ZipFile(package, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("3D/3dmodel.model", model)
+    return package.getvalue()
 
 
 def pcd(mesh):

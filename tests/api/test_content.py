@@ -7,7 +7,7 @@ import shapes
 from conftest import check_problem
 
 FORMATS = {"obj": "model/obj", "ply": "application/x-ply", "off": "application/x-off", "drc": "application/x-draco",
-           "stl": "model/stl", "glb": "model/gltf-binary"}
+           "stl": "model/stl", "glb": "model/gltf-binary", "3mf": "model/3mf"}
 EXACT = ("obj", "ply", "off")
 
 
@@ -31,11 +31,11 @@ def test_every_format_comes_back_as_what_it_says(client, sphere, name):
     again = client.upload(reply.content, format=name)
     displacement = float(reply.headers["mesh-displacement"])
     cut = int(reply.headers.get("mesh-cut-faces", 0))
-    if name == "stl":
+    if name in ("stl", "3mf"):
         assert cut == 4800 and again["faces"] == {"triangles": 9600, "quads": 0, "polygons": 0}
     else:
         assert cut == 0 and again["faces"] == sphere["faces"] and again["vertices"] == sphere["vertices"]
-    assert (displacement == 0.0) == (name in EXACT)
+    assert (displacement == 0.0) == (name in EXACT or name == "3mf")
     by_type = client.get(f"/v1/meshes/{sphere['id']}/content", headers={"Accept": FORMATS[name]})
     assert by_type.content == reply.content
     # The distance between the two is no more than what the download said.
@@ -81,7 +81,8 @@ def test_points_have_their_own_formats(client):
     for name in ("obj", "ply", "off", "drc", "glb", "pcd"):
         again = client.upload(download(client, cloud, format=name).content, format=name)
         assert again["kind"] == "points" and again["vertices"] == 3
-    check_problem(client.get(f"/v1/meshes/{cloud['id']}/content?format=stl"), 422, "unsupported_feature")
+    for name in ("stl", "3mf"):
+        check_problem(client.get(f"/v1/meshes/{cloud['id']}/content?format={name}"), 422, "unsupported_feature")
 
 
 def test_what_cannot_be_is_refused(client, sphere):

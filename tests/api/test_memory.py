@@ -71,6 +71,28 @@ def test_what_does_not_fit_is_refused_and_the_daemon_lives(small):
         assert used < 1 << 20
 
 
+def test_what_cannot_fit_evicts_nothing(small):
+    """Counts of the header ask for more than the budget has, whatever is dropped."""
+    with small.client() as client:
+        meshes = [client.upload(shapes.rough(40, seed=seed))["id"] for seed in range(3)]
+        before = gauge(client, "mesh_evictions_total")
+        count = 2 * BUDGET // 24
+        head = (f"ply\nformat binary_little_endian 1.0\nelement vertex {count}\nproperty double x\nproperty double y\n"
+                "property double z\nend_header\n").encode()
+        check_problem(client.post("/v1/meshes", content=head + bytes(24 * count)), 507, "out_of_memory")
+        assert gauge(client, "mesh_evictions_total") == before and gauge(client, "meshes_loaded") == len(meshes)
+
+
+def test_moved_vertices_are_in_the_budget(small):
+    with small.client() as client:
+        mesh = client.upload(shapes.cube())["id"]
+        before = gauge(client, "memory_bytes")
+        for kind, body in (("application/octet-stream", bytes(2 * BUDGET)), ("application/json", b" " * 2 * BUDGET)):
+            moved = client.patch(f"/v1/meshes/{mesh}/vertices", content=body, headers={"Content-Type": kind})
+            check_problem(moved, 507, "out_of_memory")
+        assert gauge(client, "memory_bytes") == before
+
+
 def test_a_job_that_needs_too_much_fails_alone(make_daemon):
     """The mesh was taken in with more memory than there is now."""
     running = make_daemon()

@@ -18,6 +18,7 @@ FORMATS = {
     "stl_binary": (shapes.stl_binary, "stl", False),
     "off": (shapes.off, "off", True),
     "glb": (shapes.glb, "glb", False),
+    "3mf": (shapes.threemf, "3mf", False),
 }
 
 
@@ -42,7 +43,7 @@ def test_every_format_gives_the_cube(client, name, given):
 
 MEDIA_TYPES = [("model/obj", shapes.obj), ("application/x-ply", shapes.ply_big), ("model/stl", shapes.stl_binary),
                ("application/x-off", shapes.off), ("model/gltf-binary", shapes.glb), ("text/x-xyz", shapes.xyz),
-               ("application/x-pcd", shapes.pcd)]
+               ("application/x-pcd", shapes.pcd), ("model/3mf", shapes.threemf)]
 
 
 @pytest.mark.parametrize("media_type,write", MEDIA_TYPES)
@@ -175,6 +176,8 @@ BAD_FILES = [
     ("off", b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n", "malformed_file", {"line": None}),
     ("xyz", b"1 2 3\n4 5\n", "malformed_file", {"line": 2}),
     ("pcd", shapes.pcd(shapes.cube())[:-1], "malformed_file", {"offset": None}),
+    ("3mf", shapes.threemf(shapes.cube())[:-1], "malformed_file", None),
+    ("3mf", shapes.threemf(([(0, 0, 0)], [(0, 0, 1)])), "index_out_of_range", {"line": 1}),
     ("off", b"OFF BINARY\n\0\0\0\1", "malformed_file", {"offset": None}),
     ("stl", shapes.stl_binary(shapes.cube())[:-7], "malformed_file", {"offset": None}),
     ("glb", shapes.glb(shapes.cube())[:-9], "malformed_file", {"offset": None}),

@@ -1,4 +1,5 @@
 """HTTP itself: methods, media types, sizes, two lengths in one request, and the daemon's reports of its state."""
+import contextlib
 import gzip
 import hashlib
 import json
@@ -296,3 +297,32 @@ def test_strict_bodies_refuse_unknown_members(client):
     problem = check_problem(client.post("/v1/jobs", json={"type": "reconstruction_step", "reconstruction": "r_1",
                                                           "until": {"nonsense": 1}}), 400)
     assert problem["errors"][0]["pointer"] == "/until"
+
+
+LIBRARY = [
+    (b"GET /v1/info HTTP/7.1\r\nHost: localhost\r\n\r\n", 505, "unsupported_version"),
+    (b"GET /v1/info?" + b"a" * (1 << 20) + b" HTTP/1.1\r\nHost: localhost\r\n\r\n", 414, "uri_too_long"),
+    (b"GET /v1/info HTTP/1.1\r\nHost: localhost\r\n" + b"X: y\r\n" * (1 << 17) + b"\r\n", 431, "headers_too_large"),
+    (b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nzz\r\n", 400, "malformed_request"),
+    (b"POST /v1/jobs HTTP/1.1\r\nHost: localhost\r\nTransfer-Encoding: chunked\r\n\r\nffffffffffffffffff\r\n", 413,
+     "too_large"),
+]
+
+
+@pytest.mark.parametrize("text,status,code", LIBRARY, ids=range(len(LIBRARY)))
+def test_errors_of_the_library_are_problems(daemon, text, status, code):
+    received = b""
+    with socket.create_connection(("127.0.0.1", daemon.port), timeout=10) as connection:
+        with contextlib.suppress(OSError):
+            connection.sendall(text)
+        with contextlib.suppress(OSError):
+            while block := connection.recv(65536):
+                received += block
+    head, _, body = received.partition(b"\r\n\r\n")
+    lines = head.decode().lower().split("\r\n")
+    assert lines[0].split()[1] == str(status), received
+    assert "content-type: application/problem+json" in lines, received
+    problem = json.loads(body)
+    assert problem["code"] == code and problem["status"] == status and problem["detail"]
+    assert problem["instance"].startswith("urn:request:")
+    MET_CODES.add(code)

@@ -12,8 +12,9 @@ typedef struct spare {
 } spare;
 
 /** Gives back one block at a time. */
-static bool give_back(void *user)
+static bool give_back(void *user, size_t missing)
 {
+    assert_true(missing > 0);
     spare *spares = user;
     spares->calls++;
     if (spares->count == 0) return false;

@@ -87,6 +87,29 @@ static void empty_and_unknown_files_are_refused(void **state)
     assert_non_null(strstr(report.detail, "is unknown"));
 }
 
+static void formats_that_are_not_read_are_named(void **state)
+{
+    (void)state;
+    static const char *const files[][2] = {
+        {"# vtk DataFile Version 3.0\ntitle\nASCII\n", "VTK"},
+        {"$MeshFormat\n4.1 0 8\n", "Gmsh"},
+        {"\xef\xbb\xbf<?xml version=\"1.0\"?>\n  <COLLADA xmlns=\"a\">", "COLLADA"},
+        {"<?xml version=\"1.0\"?><VTKFile type=\"PolyData\">", "VTK"},
+        {"<?xml version=\"1.0\"", "XML"},
+        {"\n<!DOCTYPE html>", "HTML"},
+        {"Kaydara FBX Binary  ", "FBX"},
+    };
+    for (size_t i = 0; i < sizeof files / sizeof *files; i++) {
+        size_t size = strlen(files[i][0]);
+        qm_format format = qm_format_sniff((const uint8_t *)files[i][0], size);
+        assert_int_equal(format, QM_FORMAT_UNKNOWN);
+        qm_decoded decoded = qm_decode(format, files[i][0], size);
+        assert_int_equal(decoded.status, QM_E_UNSUPPORTED);
+        QM_CHECK(strstr(decoded.report.detail, files[i][1]) && strstr(decoded.report.detail, " ply obj"),
+                 "%s", decoded.report.detail);
+    }
+}
+
 static void limits_are_kept(void **state)
 {
     (void)state;
@@ -244,6 +267,7 @@ int main(void)
         cmocka_unit_test(text_formats_are_told_by_their_first_row),
         cmocka_unit_test(binary_stl_is_told_by_its_size),
         cmocka_unit_test(empty_and_unknown_files_are_refused),
+        cmocka_unit_test(formats_that_are_not_read_are_named),
         cmocka_unit_test(limits_are_kept),
         cmocka_unit_test(raised_flag_cancels),
         cmocka_unit_test(span_that_overflows_is_refused),

@@ -4,6 +4,7 @@
 #include "check.h"
 #include "decode.h"
 #include "failing_allocator.h"
+#include "format/archive.h"
 
 static qm_status decode_failing_at(qm_format format, const uint8_t *bytes, size_t size, size_t fail_at,
                                    size_t *calls)
@@ -54,6 +55,22 @@ static void text_decoders_survive_every_failure(void **state)
                "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
                "0 0 0\n1 0 0\n1 1 0\n0 1 0\n0 0 1\n5 0 1 2 3 4\n");
     CHECK_TEXT(QM_FORMAT_STL, "solid\nfacet\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendfacet\nendsolid\n");
+}
+
+static void archives_survive_every_failure(void **state)
+{
+    (void)state;
+    static const char model[] =
+        "<model><resources><object id=\"1\"><mesh><vertices><vertex x=\"0\" y=\"0\" z=\"0\"/>"
+        "<vertex x=\"1\" y=\"0\" z=\"0\"/><vertex x=\"0\" y=\"1\" z=\"0\"/></vertices><triangles>"
+        "<triangle v1=\"0\" v2=\"1\" v3=\"2\"/></triangles></mesh></object><object id=\"2\"><components>"
+        "<component objectid=\"1\"/></components></object></resources><build><item "
+        "objectid=\"2\"/></build></model>";
+    const qm_archive_file file = {"3D/3dmodel.model", model, strlen(model)};
+    qm_text archive = {0};
+    assert_int_equal(qm_archive_write(&file, 1, &archive), QM_OK);
+    check_every_failure(QM_FORMAT_3MF, archive.data, archive.size);
+    qm_text_reset(&archive);
 }
 
 static void compressed_points_survive_every_failure(void **state)
@@ -131,6 +148,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(text_decoders_survive_every_failure),
+        cmocka_unit_test(archives_survive_every_failure),
         cmocka_unit_test(compressed_points_survive_every_failure),
         cmocka_unit_test(growing_arrays_survive_every_failure),
         cmocka_unit_test(blocks_of_text_survive_every_failure),

@@ -1,6 +1,7 @@
 /*
  * Every task that was taken runs once, in the order of the queue, and none is taken after the end.
  */
+#include <sched.h>
 #include <stdatomic.h>
 
 #include "base/pool.h"
@@ -31,13 +32,13 @@ static void run_all(int thread_count, tally *into)
     assert_non_null(pool);
     for (int i = 0; i < TASK_COUNT; i++) {
         tasks[i] = (numbered){into, i};
-        assert_true(qm_pool_submit(pool, note, &tasks[i]));
+        assert_true(qm_pool_submit(pool, "client", note, &tasks[i]));
     }
     qm_pool_close(pool);
     qm_pool_load load = qm_pool_count(pool);
     assert_true(load.running == 0 && load.waiting == 0);
     assert_int_equal(atomic_load(&into->runs), TASK_COUNT);
-    assert_false(qm_pool_submit(pool, note, &tasks[0]));
+    assert_false(qm_pool_submit(pool, NULL, note, &tasks[0]));
     qm_pool_destroy(pool);
     assert_int_equal(atomic_load(&into->runs), TASK_COUNT);
 }
@@ -49,6 +50,37 @@ static void test_one_thread_keeps_the_order(void **state)
     run_all(1, &done);
     for (int i = 0; i < TASK_COUNT; i++)
         assert_int_equal(done.order[i], i);
+}
+
+static void await_start(void *data)
+{
+    while (!atomic_load((atomic_bool *)data))
+        sched_yield();
+}
+
+/** One client has queued six tasks when others come with two and one. */
+static void test_clients_take_turns(void **state)
+{
+    (void)state;
+    static const char *const clients = "aaaaaabbca";
+    static const int expected[] = {0, 6, 8, 1, 7, 2, 3, 4, 5, 9};
+    static tally done;
+    static numbered tasks[10];
+    static char names[10][2];
+    static atomic_bool starts;
+    qm_pool *pool = qm_pool_create(1, 0);
+    assert_true(qm_pool_submit(pool, "a", await_start, &starts));
+    while (qm_pool_count(pool).running == 0)
+        sched_yield();
+    for (int i = 0; i < 10; i++) {
+        tasks[i] = (numbered){&done, i};
+        names[i][0] = clients[i];
+        assert_true(qm_pool_submit(pool, names[i], note, &tasks[i]));
+    }
+    atomic_store(&starts, true);
+    qm_pool_close(pool);
+    qm_pool_destroy(pool);
+    assert_memory_equal(done.order, expected, sizeof expected);
 }
 
 static void test_many_threads_run_each_task_once(void **state)
@@ -76,6 +108,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_one_thread_keeps_the_order),
+        cmocka_unit_test(test_clients_take_turns),
         cmocka_unit_test(test_many_threads_run_each_task_once),
         cmocka_unit_test(test_an_idle_pool_ends),
     };

@@ -58,7 +58,7 @@ function sizeOf({ bounding_box: { min, max } }) {
 
 /** @param {Mesh} mesh */
 export function downloads(mesh) {
-  const unfit = mesh.kind === "points" ? ["stl"] : ["xyz", "pcd"];
+  const unfit = mesh.kind === "points" ? ["stl", "3mf"] : ["xyz", "pcd"];
   const formats = (state.info?.formats ?? []).filter((format) => !unfit.includes(format));
   const format = select("format", formats.map((name) => [name, name.toUpperCase()]), mesh.format);
   format.setAttribute("aria-label", "Format of the download");

@@ -12,14 +12,14 @@ const uploads = h("div", { className: "uploads" });
 let before = Promise.resolve();
 
 export function makeUpload() {
-  const input = h("input", { type: "file", id: "files", multiple: true, accept: ".obj,.ply,.stl,.off,.glb,.gltf,.drc,.xyz,.pcd,.gz,.txt" });
+  const input = h("input", { type: "file", id: "files", multiple: true, accept: ".obj,.ply,.stl,.off,.glb,.gltf,.drc,.3mf,.xyz,.pcd,.gz,.txt" });
   input.addEventListener("change", () => {
     add([...(input.files ?? [])]);
     input.value = "";
   });
   input.className = "unseen";
   const drop = h("label", { className: "drop" }, h("strong", {}, "Drop meshes or scans here, or choose files"),
-    h("span", { className: "muted small" }, "OBJ, PLY, STL, OFF, GLB, DRC, XYZ, PCD"), input);
+    h("span", { className: "muted small" }, "OBJ, PLY, STL, OFF, GLB, DRC, 3MF, XYZ, PCD"), input);
   return h("section", { className: "section", "aria-label": "Upload" }, drop, uploads);
 }
 
