@@ -310,7 +310,9 @@ def measure(settings, say, faults):
         obj, ply = write_files(40)
         spheres = [daemon.upload(shapes.ply_little(shapes.sphere(turn)))["id"] for turn in (0.0, shapes.SPHERE_TURN)]
         heap = shapes.crumpled(1500, seed=1)
-        slow = [daemon.upload(shapes.ply_little(mesh))["id"] for mesh in (heap, shapes.moved(heap, 0, 0, 1 / 512))]
+        # Two grids of one heap of folded patches, one raised: to prove their distance takes many minutes.
+        slow = [daemon.upload(shapes.ply_little(mesh))["id"]
+                for mesh in (shapes.cut(heap, 2), shapes.moved(shapes.cut(heap, 3), 0, 0, 1 / 512))]
         say("service: requests")
         yield from bench_requests(daemon, folder, 3 if quick else 10, spheres)
         say("service: streams")
