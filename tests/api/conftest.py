@@ -25,6 +25,7 @@ FINDINGS = ("ERROR: AddressSanitizer", "ERROR: LeakSanitizer", "WARNING: ThreadS
 
 class Daemon:
     """One process of quadmeshd over a data folder that may outlive it."""
+    build = BUILD
 
     def __init__(self, folder, *settings, **user):
         """user may have the ids `user` and `group` of whom it runs as."""
@@ -39,7 +40,7 @@ class Daemon:
         port_file.unlink(missing_ok=True)
         with open(self.log_path, "ab") as log:
             self.process = subprocess.Popen(
-                [BUILD / "quadmeshd", "--port", "0", "--port-file", port_file, "--data-dir", self.folder / "data",
+                [self.build / "quadmeshd", "--port", "0", "--port-file", port_file, "--data-dir", self.folder / "data",
                  *map(str, self.settings)], stdout=log, stderr=log, **self.user)
         end = time.monotonic() + PATIENCE
         while not self._is_ready(port_file):

@@ -13,7 +13,7 @@ import httpx
 import pytest
 
 import shapes
-from api_conftest import PATIENCE, Daemon
+from api_conftest import PATIENCE, ROOT, Daemon
 from test_memory import resident, wide_glb
 
 SECONDS = 600 if os.environ.get("QM_TEST_LONG", "0") != "0" else 20
@@ -22,9 +22,14 @@ RESERVE = 256 << 20  # README: what is not counted by the budget
 SEED = int(os.environ.get("QM_TEST_SEED", random.randrange(1 << 30)))
 
 
+class Released(Daemon):
+    """Sanitizers keep what was freed, to find late uses."""
+    build = ROOT / "build"
+
+
 @pytest.fixture
 def group():
-    """A control group of this size, of version 1 or 2; its files for processes and for what it has refused."""
+    """A control group of this size, of version 1 or 2; None where this user, or this container, cannot make one."""
     root = pathlib.Path("/sys/fs/cgroup")
     old = (root / "memory").is_dir()
     folder = (root / "memory" if old else root) / f"quadmeshd-test-{os.getpid()}"
@@ -32,7 +37,11 @@ def group():
         folder.mkdir()
         (folder / ("memory.limit_in_bytes" if old else "memory.max")).write_text(str(GROUP_BYTES))
     except OSError as problem:
-        pytest.skip(f"a control group can only be made by root: {problem}")
+        print(f"there is no control group, only the budget: {problem}")
+        with contextlib.suppress(OSError):
+            folder.rmdir()
+        yield None
+        return
     yield folder
     for _ in range(100):  # its last process may not be gone yet
         with contextlib.suppress(OSError):
@@ -78,9 +87,13 @@ class Mix:
                     self.faults.append(f"{work.__name__}: {problem!r}")
 
 
+@pytest.mark.timeout(SECONDS + 300)
 def test_a_hostile_mix_in_a_small_group(tmp_path, group):
     print("QM_TEST_SEED =", SEED)
-    running = Daemon(tmp_path, preexec_fn=lambda: (group / "cgroup.procs").write_text("0"))
+    if group:
+        running = Released(tmp_path, preexec_fn=lambda: (group / "cgroup.procs").write_text("0"))
+    else:
+        running = Released(tmp_path, "--memory-budget", GROUP_BYTES // 2)
     mix, files = Mix(running), hostile_files()
     with running.client() as client:
         limit = client.get("/v1/info").json()["limits"]["memory_bytes"]
@@ -136,8 +149,7 @@ def test_a_hostile_mix_in_a_small_group(tmp_path, group):
     assert mix.faults == []
     most = max(most, resident(running)[1])
     print(f"resident at most {most >> 20} MiB, budget {limit >> 20} MiB; {mix.counts}")
-    if "asan" not in str(running.process.args[0]):  # it keeps what was freed, to find late uses
-        assert most <= limit + RESERVE, (most, limit)
+    assert most <= limit + RESERVE, (most, limit)
     with running.client() as client:
         result = client.hausdorff(sphere, turned, tolerance=1e-6)["result"]
         assert (result["lower"], result["upper"]) == (expected["lower"], expected["upper"])
