@@ -345,6 +345,7 @@ int main(int argc, char **argv)
     signal(SIGXFSZ, SIG_IGN); /* a file that may not grow is a failed write, as on a full disk */
     qm_codec_drc_set_decoder(qm_draco_child_decode);
     if (config.task != QM_CONFIG_SERVE) return run_task(&config);
+    qm_host_return_memory();
     allow_connections(&config);
     char dashboard[4096];
     find_dashboard(&config, dashboard, sizeof dashboard);

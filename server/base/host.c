@@ -128,6 +128,11 @@ void qm_host_use_large_heap(void)
     min_mapped = HEAP_MAX_BLOCK;
 }
 
+void qm_host_return_memory(void)
+{
+    mallopt(M_MMAP_THRESHOLD, 256 << 10);
+}
+
 const qm_allocator qm_host_allocator = {.resize = resize, .user = NULL};
 
 /* ---- threads ----

@@ -39,6 +39,13 @@ extern const qm_allocator qm_host_allocator;
  */
 void qm_host_use_large_heap(void);
 
+/**
+ * For a process that stays: malloc maps large blocks one by one, so that each returns to the system when it is freed.
+ * glibc raises the size from which it does so to that of the largest one that was freed; bodies and texts of a few MiB
+ * would then stay in the heaps of all threads. Call it before other threads start.
+ */
+void qm_host_return_memory(void);
+
 /* ---- budget ---- */
 
 /** An allocator with a limit. An allocation beyond it first asks the owner to free memory, and fails like malloc if the
