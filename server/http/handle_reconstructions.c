@@ -193,7 +193,7 @@ void qm_handle_reconstruction_patches(qm_request *request)
     qm_app *app = qm_request_app(request);
     qm_problem problem;
     qm_reconstruction_lease *refining =
-        qm_reconstructions_take(app->reconstructions, qm_request_id(request), &problem);
+        qm_reconstructions_take(app->reconstructions, qm_request_id(request), NULL, &problem);
     if (!refining) {
         qm_reply_problem(request, &problem);
         return;

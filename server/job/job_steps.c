@@ -95,18 +95,29 @@ static void run_steps(qm_job *job)
     qm_reconstructions *reconstructions = job->jobs->reconstructions;
     step_end end = {.how = WITH_RESULT};
     step_log log = {.job = job};
+    qm_context host = qm_context_make();
+    qm_job_set_context(job, &host);
     qm_reconstruction_lease *refining =
-        qm_reconstructions_take(reconstructions, job->request.a, &end.problem);
+        qm_reconstructions_take(reconstructions, job->request.a, &host, &end.problem);
+    bool canceled = false; /* by the client, before there was a result */
     if (refining) {
         refine(job, refining, &log, &end);
         qm_reconstructions_release(reconstructions, refining, end.keeps);
     } else {
+        qm_job_expiry expiry = qm_job_get_expiry(job);
+        canceled = qm_job_is_canceled(job);
         end.how = WITH_PROBLEM;
+        if (canceled)
+            end.problem = qm_problem_make(QM_PROBLEM_CONFLICT, "the job was canceled before its first step");
+        else if (expiry != QM_JOB_IN_TIME)
+            end.problem = qm_job_expiry_problem(job, expiry);
+        else if (atomic_load(&job->cancel))
+            end.how = INTERRUPTED;
     }
     if (end.how == INTERRUPTED)
         qm_job_interrupt(job);
     else if (end.how == WITH_PROBLEM)
-        qm_job_finish_with_problem(job, QM_JOB_FAILED, &end.problem);
+        qm_job_finish_with_problem(job, canceled ? QM_JOB_CANCELED : QM_JOB_FAILED, &end.problem);
     else
         qm_job_finish_with_result(job, end.result.is_canceled ? QM_JOB_CANCELED : QM_JOB_SUCCEEDED,
                                   &end.result);

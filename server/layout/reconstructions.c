@@ -41,8 +41,18 @@ static void lease_free(qm_reconstructions *rs, lease_entry *e)
     free(e);
 }
 
+/** Sets the flags that end or pause the work on a lease; NULL: none. */
+static void set_flags(qm_context *ctx, const qm_context *host)
+{
+    ctx->cancel = host ? host->cancel : NULL;
+    ctx->pause = host ? host->pause : NULL;
+    ctx->wait = host ? host->wait : NULL;
+    ctx->wait_user = host ? host->wait_user : NULL;
+}
+
 static lease_entry *lease_begin(qm_reconstructions *rs, const char *source, const char *layout_text,
-                                const qm_reconstruction_options *options, qm_problem *problem)
+                                const qm_reconstruction_options *options, const qm_context *host,
+                                qm_problem *problem)
 {
     lease_entry *e = calloc(1, sizeof *e);
     if (!e) {
@@ -51,6 +61,7 @@ static lease_entry *lease_begin(qm_reconstructions *rs, const char *source, cons
     }
     qm_reconstruction_lease *r = &e->lease;
     r->ctx = qm_meshes_context(rs->meshes);
+    set_flags(&r->ctx, host);
     snprintf(r->source_id, sizeof r->source_id, "%s", source);
     r->mesh = qm_meshes_acquire(rs->meshes, source, problem);
     qm_layout layout = {0};
@@ -123,7 +134,8 @@ static bool replay(lease_entry *e, const qm_store_reconstruction *row, qm_proble
     return good;
 }
 
-static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, qm_problem *problem)
+static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, const qm_context *host,
+                                  qm_problem *problem)
 {
     qm_store_reconstruction row;
     qm_status status = qm_store_find_reconstruction(rs->store, id, &row);
@@ -135,12 +147,13 @@ static lease_entry *lease_rebuild(qm_reconstructions *rs, const char *id, qm_pro
     qm_reconstruction_options options = qm_reconstruction_options_default();
     options.cover_share = row.cover_share;
     options.pull_curves = row.pull_curves;
-    lease_entry *e = lease_begin(rs, row.source, row.layout, &options, problem);
+    lease_entry *e = lease_begin(rs, row.source, row.layout, &options, host, problem);
     if (e) memcpy(e->lease.id, row.id, sizeof e->lease.id);
     if (e && !replay(e, &row, problem)) {
         lease_free(rs, e);
         e = NULL;
     }
+    if (e) set_flags(&e->lease.ctx, NULL);
     qm_store_reconstruction_reset(&row);
     return e;
 }
@@ -192,7 +205,8 @@ static lease_entry *unlist(qm_reconstructions *rs, const char *id)
     return found;
 }
 
-qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *rs, const char *id, qm_problem *problem)
+qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *rs, const char *id,
+                                                 const qm_context *host, qm_problem *problem)
 {
     uv_mutex_lock(&rs->lock);
     lease_entry *e = *find_link(rs, id);
@@ -204,7 +218,7 @@ qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *rs, const c
         *problem = qm_problem_make(QM_PROBLEM_CONFLICT, "another job works on the reconstruction");
         return NULL;
     }
-    e = lease_rebuild(rs, id, problem);
+    e = lease_rebuild(rs, id, host, problem);
     if (!e) return NULL;
     e->in_work = true;
     uv_mutex_lock(&rs->lock);
@@ -401,7 +415,7 @@ bool qm_reconstructions_add(qm_reconstructions *rs, const char *source, const ch
         (qm_store_reconstruction){.cover_share = options->cover_share, .pull_curves = options->pull_curves};
     snprintf(out->source, sizeof out->source, "%s", source);
     snprintf(out->layout_id, sizeof out->layout_id, "%s", layout_id);
-    lease_entry *e = lease_begin(rs, source, layout_text, options, problem);
+    lease_entry *e = lease_begin(rs, source, layout_text, options, NULL, problem);
     if (!e) return false;
     qm_id_make('r', e->lease.id);
     if (!fill_row(rs, &e->lease, layout_text, idempotency, out, problem)) {
@@ -500,7 +514,7 @@ bool qm_reconstructions_edit(qm_reconstructions *rs, const char *id, const char 
                              qm_store_reconstruction *out, size_t *redone, qm_problem *problem)
 {
     *out = (qm_store_reconstruction){0};
-    qm_reconstruction_lease *r = qm_reconstructions_take(rs, id, problem);
+    qm_reconstruction_lease *r = qm_reconstructions_take(rs, id, NULL, problem);
     if (!r) return false;
     char mesh[QM_ID_SIZE];
     size_t quads;

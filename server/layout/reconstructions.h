@@ -36,10 +36,12 @@ bool qm_reconstructions_add(qm_reconstructions *reconstructions, const char *sou
                             const qm_store_idempotency *idempotency, qm_store_reconstruction *out,
                             qm_problem *problem);
 
-/** Leases a reconstruction, which is rebuilt when it is not in memory. NULL with a problem (404; 409:
- * leased). */
+/**
+ * Leases a reconstruction, which is rebuilt when it is not in memory: with the flags of host, or, for NULL, to its end.
+ * NULL with a problem (404; 409: leased, or canceled while it was rebuilt).
+ */
 qm_reconstruction_lease *qm_reconstructions_take(qm_reconstructions *reconstructions, const char *id,
-                                                 qm_problem *problem);
+                                                 const qm_context *host, qm_problem *problem);
 /** Ends a lease. Without keeps the reconstruction is dropped from memory: its state is not the stored one. */
 void qm_reconstructions_release(qm_reconstructions *reconstructions, qm_reconstruction_lease *refining,
                                 bool keeps);

@@ -208,6 +208,29 @@ def test_a_canceled_job_keeps_the_last_whole_step(client, saddle):
     assert ended["result"]["steps"][-1]["quads"] == ended["result"]["quads"]
 
 
+def test_a_rebuild_can_be_left(make_daemon):
+    """After a restart the first job takes all earlier steps again; it ends when it is canceled or late meanwhile."""
+    running = make_daemon()
+    with running.client() as client:
+        made = start(client, client.upload(shapes.saddle(24))["id"])
+        refine(client, made, until={"max_quads": 30000}, measure=False)
+        before = client.get(f"/v1/reconstructions/{made['id']}").json()
+    running.stop()
+    running.start()
+    with running.client() as client:
+        request = {"type": "reconstruction_step", "reconstruction": made["id"], "steps": 1, "measure": False}
+        late = refine(client, made, steps=1, measure=False, deadline_ms=20)
+        assert late["state"] == "failed" and late["problem"]["code"] == "deadline_exceeded", late
+        job = client.post("/v1/jobs", json=request).json()
+        client.wait_until_running(job["id"])
+        assert client.delete(f"/v1/jobs/{job['id']}").status_code == 202
+        ended = client.wait(job["id"])
+        assert ended["state"] == "canceled" and "before its first step" in ended["problem"]["detail"], ended
+        assert client.get(f"/v1/reconstructions/{made['id']}").json() == before
+        after = refine(client, made, steps=1, measure=False)
+        assert after["state"] == "succeeded" and after["result"]["quads"] > before["quads"]
+
+
 def stream_so_far(client, job):
     with client.stream("GET", f"/v1/jobs/{job['id']}/events",
                        headers={"Accept": "application/x-ndjson"}) as reply:
