@@ -310,13 +310,13 @@ void qm_blob_abort(qm_blob_writer *writer)
 /** Moves all bytes to the file and takes their hash, from where they are now. */
 static qm_status settle(qm_blob_writer *writer, uint8_t digest[QM_DIGEST_SIZE])
 {
+    qm_status status = claim(writer, writer->size);
     if (writer->file < 0) {
         qm_id_hash_bytes(writer->held.data, writer->held.size, digest);
-        qm_status status = claim(writer, writer->size);
         if (status == QM_OK) status = make_file(writer);
         return status == QM_OK ? flush(writer) : status;
     }
-    qm_status status = flush(writer);
+    if (status == QM_OK) status = flush(writer);
     if (status == QM_OK) status = follow(writer);
     if (status == QM_OK && !hash_take(writer->hash, digest)) status = fail_to_store("read");
     return status;

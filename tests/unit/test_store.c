@@ -560,6 +560,17 @@ static void test_bytes_are_counted(void **state)
     check_usage(f, 7, 0, LARGE);
     qm_blob_abort(writer);
     check_usage(f, 7, 0, 0);
+    /* The last bytes wait in memory until the end. */
+    char long_hash[QM_HASH_SIZE];
+    assert_int_equal(qm_blob_begin(f->store, 0, &writer), QM_OK);
+    assert_int_equal(qm_blob_write(writer, bytes, LARGE), QM_OK);
+    assert_int_equal(qm_blob_write(writer, bytes, 100), QM_OK);
+    assert_int_equal(qm_blob_seal(writer, long_hash), QM_OK);
+    check_usage(f, 7, 0, LARGE + 100);
+    assert_int_equal(qm_blob_keep(writer), QM_OK);
+    check_usage(f, LARGE + 107, 0, 0);
+    qm_blob_remove(f->store, long_hash);
+    check_usage(f, 7, 0, 0);
     assert_int_equal(submit(f, "j_1", "", NULL), QM_OK);
     assert_int_equal(qm_result_file_write(f->store, "j_1", numbers, 100), QM_OK);
     check_usage(f, 7, 800, 0);
