@@ -194,6 +194,11 @@ qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *byte
     report->line = report->offset = QM_NO_LOCATION;
     report->detail[0] = 0;
     report->warning_count = 0;
+    if (size == 0) {
+        bool is_text = !formats[format].magic[0];
+        *(is_text ? &report->line : &report->offset) = is_text;
+        return qm_codec_fail(report, QM_E_EMPTY, "the file is empty");
+    }
     if ((unsigned)format >= FORMAT_COUNT || !formats[format].decode) {
         const char *name = find_other_format(bytes, size);
         report->offset = 0;
@@ -204,11 +209,6 @@ qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *byte
                     : qm_codec_fail(
                           report, QM_E_UNSUPPORTED,
                           "the format of the file is unknown; formats that are read:" QM_FORMAT_NAMES);
-    }
-    if (size == 0) {
-        bool is_text = !formats[format].magic[0];
-        *(is_text ? &report->line : &report->offset) = is_text;
-        return qm_codec_fail(report, QM_E_EMPTY, "the file is empty");
     }
 
     bool is_utf16 = has_prefix(bytes, size, "\xff\xfe") || has_prefix(bytes, size, "\xfe\xff");

@@ -101,17 +101,6 @@ static qm_status set_positions(qm_context *ctx, const qm_preparation *preparatio
     return status;
 }
 
-static qm_status decode(qm_context *ctx, const uint8_t *bytes, size_t size, const qm_codec_limits *limits,
-                        qm_loaded_mesh *out, qm_codec_report *report)
-{
-    if (out->format != QM_FORMAT_UNKNOWN)
-        return qm_codec_decode(ctx, out->format, bytes, size, limits, &out->mesh, report);
-    snprintf(report->detail, sizeof report->detail,
-             size == 0 ? "the file is empty"
-                       : "the format cannot be determined from the name or the content of the file");
-    return size == 0 ? QM_E_EMPTY : QM_E_FORMAT;
-}
-
 qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
                        const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report)
 {
@@ -127,7 +116,7 @@ qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, 
     }
     if (status == QM_OK) {
         out->format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format;
-        status = decode(ctx, bytes, size, limits, out, report);
+        status = qm_codec_decode(ctx, out->format, bytes, size, limits, &out->mesh, report);
     }
     qm_gzip_content_free(ctx, &inflated);
     out->parse_ms = qm_clock_now_ms() - start;

@@ -202,3 +202,9 @@ def test_bad_files_leave_nothing_behind(make_daemon):
         assert client.get("/v1/meshes").json()["meshes"] == []
     left = [path for path in (running.folder / "data").rglob("*") if path.is_file() and path.stat().st_size > 0]
     assert not [path for path in left if "blobs" in path.parts or "incoming" in path.parts], left
+
+
+def test_a_format_that_is_not_read_is_named(client):
+    for content, name in ((b"# vtk DataFile Version 3.0\n", "VTK"), (b"ISO-10303-21;\n", "STEP"), (b"\x01\x02\x03", "unknown")):
+        problem = check_problem(client.post("/v1/meshes", content=content), 422, "unsupported_feature")
+        assert name in problem["detail"] and " ply obj" in problem["detail"], problem
