@@ -69,7 +69,7 @@ static void test_other_methods_name_the_allowed_ones(void **state)
 {
     (void)state;
     check_allow("PUT", "/v1/meshes", "POST, GET, HEAD");
-    check_allow("POST", "/v1/meshes/m_1", "GET, HEAD, DELETE");
+    check_allow("POST", "/v1/meshes/m_1", "GET, HEAD, PATCH, DELETE");
     check_allow("DELETE", "/healthz", "GET, HEAD");
     check_allow("get", "/healthz", "GET, HEAD");
 }
