@@ -149,9 +149,9 @@ static void bad_files_name_the_place(void **state)
 {
     (void)state;
     static const refusal cases[] = {
-        {"", QM_E_EMPTY, QM_NO_LOCATION},
-        {"# nothing\n", QM_E_FORMAT, QM_NO_LOCATION},
-        {"What is this?\n", QM_E_FORMAT, QM_NO_LOCATION},
+        {"", QM_E_EMPTY, 1},
+        {"# nothing\n", QM_E_UNSUPPORTED, QM_NO_LOCATION},
+        {"What is this?\n", QM_E_UNSUPPORTED, QM_NO_LOCATION},
         {"v 0 0 0\nv 1 0 nan\n", QM_E_NOT_FINITE, 2},
         {"v 0 0 0\nv 1 0 0\nf 1 2 3\n", QM_E_INDEX, 3},
         {"v 0 0 0\nv 1 0\n", QM_E_FORMAT, 2},
