@@ -86,6 +86,7 @@ typedef struct reader {
 
     /* The part in hand. */
     size_t part;
+    size_t depth; /* of the element in hand: 0 is the root */
     XML_Parser parser;
     bool is_relations, is_in_build, has_object;
     char target[PATH_SIZE]; /* of the relationship to the first model */
@@ -370,6 +371,8 @@ static void on_model_element(reader *r, const char *name, const char **attribute
         r->is_in_build = r->part == 0; /* of the first model only */
     } else if (r->is_in_build ? strcmp(name, "item") == 0 : strcmp(name, "component") == 0 && r->has_object) {
         add_component(r, attributes);
+    } else if (strcmp(name, "model") == 0 && r->depth > 0) {
+        FAIL(r, QM_E_FORMAT, "a model inside another element");
     } else if (strcmp(name, "model") == 0) {
         const char *unit = find(attributes, "unit");
         char shown[QM_SCAN_SHOWN_SIZE];
@@ -387,6 +390,7 @@ static void on_start(void *user, const char *name, const char **attributes)
     if (!r->is_relations) {
         const char *local = local_name(name, CORE);
         if (local) on_model_element(r, local, attributes);
+        r->depth++;
         return;
     }
     const char *local = local_name(name, RELATIONSHIPS), *type = find(attributes, "Type"),
@@ -402,6 +406,7 @@ static void on_end(void *user, const char *name)
     const char *local = r->is_relations ? NULL : local_name(name, CORE);
     if (local && strcmp(local, "object") == 0) r->has_object = false;
     if (local && strcmp(local, "build") == 0) r->is_in_build = false;
+    if (!r->is_relations && r->status == QM_OK) r->depth--;
 }
 
 /** A document type may define entities that grow without end. 3MF forbids them. */
@@ -435,6 +440,7 @@ static qm_status parse(reader *r, const char *path)
     if (!r->parser) return QM_E_NO_MEMORY;
     r->status = QM_OK;
     r->has_object = r->is_in_build = false;
+    r->depth = 0;
     r->prefix_count = 0;
     XML_SetUserData(r->parser, r);
     XML_SetElementHandler(r->parser, on_start, on_end);

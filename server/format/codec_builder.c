@@ -18,7 +18,7 @@ qm_status qm_codec_fail(qm_codec_report *report, qm_status status, const char *f
 
 void qm_codec_warn(qm_codec_report *report, const char *format, ...)
 {
-    QM_ASSERT(report->warning_count < QM_CODEC_WARNING_COUNT);
+    if (report->warning_count == QM_CODEC_WARNING_COUNT) return;
     va_list arguments;
     va_start(arguments, format);
     vsnprintf(report->warnings[report->warning_count++], sizeof report->warnings[0], format, arguments);

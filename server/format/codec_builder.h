@@ -49,7 +49,7 @@ bool qm_codec_is_binary_stl(const uint8_t *bytes, size_t size);
 qm_status qm_codec_fail(qm_codec_report *report, qm_status status, const char *format, ...)
     __attribute__((format(printf, 3, 4)));
 
-/** Adds a warning. No decoder has more kinds of warnings than QM_CODEC_WARNING_COUNT. */
+/** Adds a warning. Warnings after the first QM_CODEC_WARNING_COUNT are dropped. */
 void qm_codec_warn(qm_codec_report *report, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
 /** Grows an array to at least needed elements, by doubling; false if memory runs out. */

@@ -126,6 +126,7 @@ static void faults_have_their_place(void **state)
     } cases[] = {
         {"<model>\n\n<resources>", QM_E_FORMAT, 3, "no element found"},
         {"<model>\n<a></b></model>", QM_E_FORMAT, 2, "mismatched tag"},
+        {MODEL "\n<model unit=\"inch\"/></model>", QM_E_FORMAT, 2, "a model inside another element"},
         {"<!DOCTYPE model [<!ENTITY a \"b\">]>" ONE, QM_E_FORMAT, 1, "document type"},
         {MODEL "\n<resources><object id=\"7\"><mesh><vertices>\n<vertex x=\"0\" y=\"1\"/>", QM_E_FORMAT, 3,
          "a vertex has no z"},
