@@ -82,7 +82,7 @@ only() {
     done <"$scratch/found"
 }
 only 'microhttpd\.h' 'server/http/http[a-z_]*\.[ch]'
-only '(cjson/)?cJSON\.h' 'server/[a-z]*/(json(_[a-z_]*)?|gltf)\.c'
+only '(cjson/)?cJSON\.h' 'server/[a-z]*/(json(_[a-z_]*)?|gltf|kind_[a-z_]*)\.c'
 only 'sqlite3\.h' 'server/store/store_[a-z_]*\.[ch]'
 only 'spng\.h' 'clients/cli/picture\.c'
 only 'zlib\.h' 'server/format/gzip\.c'

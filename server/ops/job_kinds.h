@@ -2,8 +2,8 @@
  * job_kinds.h: requests and results of jobs as plain structs, and the call that executes a request. No HTTP, no JSON, no
  * store: the command line executes jobs in its own process through it.
  *
- * A kind of job is a row of QM_JOB_MAP. Three tables follow that list: how it runs (job_kinds.c), which fields its
- * request has (job/json_in.c), and how its request and result are written (json_out.c).
+ * A kind of job is a row of QM_JOB_MAP, and a file of its own: the fields of its request, how it runs, and how its request
+ * and result are written (job_kinds_internal.h).
  */
 #ifndef QM_JOB_KINDS_H
 #define QM_JOB_KINDS_H
@@ -38,18 +38,18 @@ extern const char *const qm_bounds_names[];         /* qm_bounds, then the forme
 extern const char *const qm_collide_mode_names[];   /* qm_collide_mode */
 extern const char *const qm_tolerance_unit_names[]; /* qm_job_request.tolerance_is_absolute */
 
-/** XX(suffix, name in "type", field of the first mesh, field of the second or NULL). */
+/** XX(suffix, name in "type"). */
 #define QM_JOB_MAP(XX)                                                                                       \
-    XX(HAUSDORFF, hausdorff, "a", "b")                                                                       \
-    XX(PROJECT, project, "mesh", NULL)                                                                       \
-    XX(DEVIATION, deviation, "a", "b")                                                                       \
-    XX(DISTANCE, distance, "a", "b")                                                                         \
-    XX(COLLISION, collision, "a", "b")                                                                       \
-    XX(SELF_COLLISION, self_collision, "mesh", NULL)                                                         \
-    XX(RECONSTRUCTION_STEP, reconstruction_step, "reconstruction", NULL)
+    XX(HAUSDORFF, hausdorff)                                                                                 \
+    XX(PROJECT, project)                                                                                     \
+    XX(DEVIATION, deviation)                                                                                 \
+    XX(DISTANCE, distance)                                                                                   \
+    XX(COLLISION, collision)                                                                                 \
+    XX(SELF_COLLISION, self_collision)                                                                       \
+    XX(RECONSTRUCTION_STEP, reconstruction_step)
 
 typedef enum qm_job_kind {
-#define XX(suffix, name, first, second) QM_JOB_##suffix,
+#define XX(suffix, name) QM_JOB_##suffix,
     QM_JOB_MAP(XX)
 #undef XX
         QM_JOB_KIND_COUNT

@@ -37,6 +37,19 @@ void qm_json_write_projection(qm_text *out, const qm_projections *projections, s
 /** The result object of a job of any kind. */
 void qm_json_write_result(qm_text *out, const qm_job_request *request, const qm_job_result *result);
 
+/** Adds the members lower and upper, and both as fractions of the diagonal, rounded outward. */
+void qm_json_add_lower_upper(qm_text *out, double lower, double upper, double diagonal);
+
+/** An interval as an object of those members. */
+void qm_json_add_interval(qm_text *out, const char *name, qm_interval interval, double diagonal);
+
+/** A point of a surface: mesh is its name in the request, id that of the resource or "". */
+void qm_json_add_surface_point(qm_text *out, const char *name, const char *mesh, const char *id,
+                               uint32_t face, const qm_surface_point *point);
+
+/** The times in which the two meshes were prepared. */
+void qm_json_add_prepare_ms(qm_text *out, const qm_job_result *result);
+
 /** Adds the members of a bounds event but for event and seq; relative figures refer to diagonal. */
 void qm_json_add_bounds(qm_text *out, const qm_hausdorff_progress *progress, double diagonal);
 

@@ -78,6 +78,22 @@ bool qm_json_read_integer(const cJSON *value, double min, double max, double *ou
     return qm_json_read_number(value, out) && *out >= min && *out <= max && *out == floor(*out);
 }
 
+bool qm_json_read_count(const cJSON *value, double min, double max, size_t *out)
+{
+    double count;
+    if (!qm_json_read_integer(value, min, max, &count)) return false;
+    *out = (size_t)count;
+    return true;
+}
+
+int qm_json_find_name(const cJSON *value, const char *const *names)
+{
+    const char *given = cJSON_GetStringValue(value);
+    for (int i = 0; given && names[i]; i++)
+        if (strcmp(given, names[i]) == 0) return i;
+    return -1;
+}
+
 bool qm_json_read_index(const cJSON *value, uint32_t *out)
 {
     double number;

@@ -25,6 +25,12 @@ bool qm_json_read_number(const struct cJSON *value, double *out);
 /** An integer from min to max. */
 bool qm_json_read_integer(const struct cJSON *value, double min, double max, double *out);
 
+/** The same as a size. */
+bool qm_json_read_count(const struct cJSON *value, double min, double max, size_t *out);
+
+/** The index of a string in a NULL-ended list, or -1. */
+int qm_json_find_name(const struct cJSON *value, const char *const *names);
+
 /** An integer that may be an index or an id: 0 to 2^31 - 1. */
 bool qm_json_read_index(const struct cJSON *value, uint32_t *out);
 

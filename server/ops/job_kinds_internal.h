@@ -1,0 +1,126 @@
+/**
+ * job_kinds_internal.h: the hooks of a kind of job, and what several kinds share. A kind x has a row in
+ * QM_JOB_MAP and a file that defines qm_job_kind_x (kind_distance.c is a short one).
+ */
+#ifndef QM_JOB_KINDS_INTERNAL_H
+#define QM_JOB_KINDS_INTERNAL_H
+
+#include <stddef.h>
+
+#include "job_kinds.h"
+#include "json_out.h"
+
+struct cJSON;
+struct qm_json_location;
+
+/* ---- fields of requests ---- */
+
+/** How the value of a field is read. */
+typedef enum qm_field_type {
+    QM_FIELD_ID,       /* char[QM_ID_SIZE] */
+    QM_FIELD_POSITIVE, /* double above 0 */
+    QM_FIELD_LIMIT,    /* double of 0 or more; null leaves the default */
+    QM_FIELD_COUNT,    /* size_t from min to max */
+    QM_FIELD_INTEGER,  /* int from min to max */
+    QM_FIELD_FLAG,     /* bool */
+    QM_FIELD_CHOICE,   /* an enum, by its place among the names */
+    QM_FIELD_SWITCH,   /* bool, by the place among two names */
+    QM_FIELD_OTHER     /* by a function of its own */
+} qm_field_type;
+
+/** A field of a request. A table of them ends with one without a name. */
+typedef struct qm_job_field {
+    const char *name;
+    qm_field_type type;
+    size_t offset; /* of the member of qm_job_request; not of OTHER */
+    bool is_required;
+    double min, max;          /* of COUNT and INTEGER */
+    const char *const *names; /* of CHOICE and SWITCH, NULL-ended */
+    bool (*read)(const struct cJSON *value, qm_job_request *out, struct qm_json_location *at); /* of OTHER */
+    const char
+        *expected; /* the text of the error, of ID and OTHER; else NULL: made of the type and its limits */
+} qm_job_field;
+
+#define QM_FIELD_AT(member) .offset = offsetof(qm_job_request, member)
+
+/* Fields of several kinds. */
+#define QM_JOB_FIELD_ID(name, member, text)                                                                  \
+    {                                                                                                        \
+        name, QM_FIELD_ID, QM_FIELD_AT(member), .is_required = true, .expected = text                        \
+    }
+#define QM_JOB_FIELD_MESH QM_JOB_FIELD_ID("mesh", a, "must be the id of a mesh")
+#define QM_JOB_FIELD_PAIR                                                                                    \
+    QM_JOB_FIELD_ID("a", a, "must be the id of a mesh"), QM_JOB_FIELD_ID("b", b, "must be the id of a mesh")
+#define QM_JOB_FIELD_QUADS                                                                                   \
+    {                                                                                                        \
+        "quads", QM_FIELD_CHOICE, QM_FIELD_AT(quads), .names = qm_quads_names                                \
+    }
+#define QM_JOB_FIELDS_TOLERANCE                                                                              \
+    {"tolerance", QM_FIELD_POSITIVE, QM_FIELD_AT(tolerance)},                                                \
+    {                                                                                                        \
+        "tolerance_unit", QM_FIELD_SWITCH, QM_FIELD_AT(tolerance_is_absolute),                               \
+            .names = qm_tolerance_unit_names                                                                 \
+    }
+#define QM_JOB_FIELD_ACCELERATOR                                                                             \
+    {                                                                                                        \
+        "accelerator", QM_FIELD_CHOICE, QM_FIELD_AT(accelerator), .names = qm_accelerator_names              \
+    }
+/** The accelerators of a kind that has one way to search: the first ones. */
+#define QM_JOB_FIELD_BOXES                                                                                   \
+    {                                                                                                        \
+        "accelerator", QM_FIELD_CHOICE, QM_FIELD_AT(accelerator), .names = qm_job_box_names                  \
+    }
+extern const char *const qm_job_box_names[];
+
+/* ---- hooks ---- */
+
+/** A request with its meshes and its context. */
+typedef struct qm_job_call {
+    qm_context *ctx;
+    const qm_job_request *request;
+    const qm_loaded_mesh *a, *b;
+    qm_hausdorff_progress_fn *progress;
+    void *progress_user;
+    int threads;
+} qm_job_call;
+
+typedef struct qm_job_hooks {
+    qm_job_type type;
+    const qm_job_field *fields; /* besides those of all kinds */
+    const qm_job_array *array;  /* NULL: its results have none */
+
+    /** Calls the engine and sets the result's members of this kind. */
+    qm_status (*run)(const qm_job_call *call, qm_job_result *out);
+
+    /** Adds the members of the request that only this kind has, in a fixed order; brief: without long arrays. */
+    void (*write_request)(qm_text *out, const qm_job_request *request, bool is_brief);
+
+    /** Adds the members of the result. */
+    void (*write_result)(qm_text *out, const qm_job_request *request, const qm_job_result *result);
+
+    /** The numbers of the array; of kinds that have one. */
+    const double *(*find_array)(const qm_job_result *result, size_t *count);
+
+    /** Frees the result's members of this kind; NULL: nothing is allocated. */
+    void (*reset)(qm_context *ctx, qm_job_result *result);
+} qm_job_hooks;
+
+#define XX(suffix, name) extern const qm_job_hooks qm_job_kind_##name;
+QM_JOB_MAP(XX)
+#undef XX
+
+const qm_job_hooks *qm_job_hooks_of(qm_job_kind kind);
+
+/** The field of this name that a table has, or NULL. */
+const qm_job_field *qm_job_find_field(const qm_job_field *fields, const char *name);
+
+/* ---- what several kinds share ---- */
+
+/** The tolerance in the unit of the meshes. */
+double qm_job_tolerance(const qm_job_call *call);
+
+/** Adds the members tolerance and tolerance_unit; and accelerator, unless it is the default. */
+void qm_job_add_tolerance(qm_text *out, const qm_job_request *request);
+void qm_job_add_accelerator(qm_text *out, const qm_job_request *request);
+
+#endif
