@@ -311,19 +311,25 @@ qm_context qm_host_context(void)
 
 /* ---- budget ---- */
 
-bool qm_host_budget_reserve(qm_budget *budget, size_t more)
+/** Reserves bytes of the part of the budget that is free. */
+static bool reserve_spare(qm_budget *budget, size_t more)
 {
     size_t used = atomic_load(&budget->used);
-    for (;;) {
-        if (more <= budget->limit && used <= budget->limit - more) {
-            if (atomic_compare_exchange_weak(&budget->used, &used, used + more)) return true;
-            continue;
-        }
+    while (more <= budget->limit && used <= budget->limit - more)
+        if (atomic_compare_exchange_weak(&budget->used, &used, used + more)) return true;
+    return false;
+}
+
+bool qm_host_budget_reserve(qm_budget *budget, size_t more)
+{
+    while (!reserve_spare(budget, more)) {
         if (more > budget->limit) return false;
+        size_t used = atomic_load(&budget->used);
+        if (used <= budget->limit - more) continue;
         size_t free_bytes = used < budget->limit ? budget->limit - used : 0;
         if (!budget->make_room(budget->user, more - free_bytes)) return false;
-        used = atomic_load(&budget->used);
     }
+    return true;
 }
 
 void qm_host_budget_release(qm_budget *budget, size_t size)
@@ -332,14 +338,36 @@ void qm_host_budget_release(qm_budget *budget, size_t size)
     atomic_fetch_sub(&budget->used, size);
 }
 
-static void *budget_resize(void *user, void *block, size_t old_size, size_t new_size)
+bool qm_host_budget_make_room(qm_budget *budget, size_t size)
 {
-    qm_budget *budget = user;
-    if (new_size > old_size && !qm_host_budget_reserve(budget, new_size - old_size)) return NULL;
+    if (!qm_host_budget_reserve(budget, size)) return false;
+    qm_host_budget_release(budget, size);
+    return true;
+}
+
+static void *resize_within(qm_budget *budget, bool (*reserve)(qm_budget *budget, size_t more), void *block,
+                           size_t old_size, size_t new_size)
+{
+    if (new_size > old_size && !reserve(budget, new_size - old_size)) return NULL;
     void *moved = qm_host_allocator.resize(qm_host_allocator.user, block, old_size, new_size);
     if (!moved && new_size > old_size) qm_host_budget_release(budget, new_size - old_size);
     if (new_size < old_size && (moved || new_size == 0)) qm_host_budget_release(budget, old_size - new_size);
     return moved;
+}
+
+static void *budget_resize(void *user, void *block, size_t old_size, size_t new_size)
+{
+    return resize_within(user, qm_host_budget_reserve, block, old_size, new_size);
+}
+
+static void *spare_resize(void *user, void *block, size_t old_size, size_t new_size)
+{
+    return resize_within(user, reserve_spare, block, old_size, new_size);
+}
+
+qm_allocator qm_host_budget_spare_allocator(qm_budget *budget)
+{
+    return (qm_allocator){.resize = spare_resize, .user = budget};
 }
 
 qm_allocator qm_host_budget_allocator(qm_budget *budget)

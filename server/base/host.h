@@ -62,6 +62,13 @@ typedef struct qm_budget {
 /** qm_host_allocator within the budget, for any thread; blocks are freed through the same allocator. */
 qm_allocator qm_host_budget_allocator(qm_budget *budget);
 
+/** The same without asking the owner to free memory: an allocation beyond the limit fails. */
+qm_allocator qm_host_budget_spare_allocator(qm_budget *budget);
+
+/** Asks the owner for as much memory as so many bytes need that are allocated next. False, and nothing is freed, when
+ * they would not fit. */
+bool qm_host_budget_make_room(qm_budget *budget, size_t size);
+
 /** Reserves bytes for memory that comes from elsewhere; false if they cannot be made free. qm_host_budget_release gives
  * them back. */
 bool qm_host_budget_reserve(qm_budget *budget, size_t size);

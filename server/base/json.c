@@ -18,6 +18,7 @@
 #define TREE_SHARE 4                  /* of the budget, a quarter: trees cannot push out all meshes */
 #define BLOCK_HEAD 8                  /* bytes of malloc before a block */
 #define LARGE_TREE ((size_t)16 << 20) /* bytes */
+#define LARGE_TEXT ((size_t)1 << 20)  /* bytes */
 
 /* ---- writing ---- */
 
@@ -222,6 +223,28 @@ static void *allocate(size_t size)
     return NULL;
 }
 
+/** The number of values of a JSON text, or somewhat less: those after a comma that is in no string. */
+static size_t count_values(const char *text, size_t size)
+{
+    size_t count = 0;
+    bool is_string = false;
+    for (size_t i = 0; i < size; i++) {
+        if (text[i] == '"') is_string = !is_string;
+        if (is_string && text[i] == '\\') i++;
+        count += !is_string && text[i] == ',';
+    }
+    return count;
+}
+
+/** Whether the budget has room for the tree of a text; others lose their memory for it only if it has. */
+static bool make_room_for(const char *text, size_t size)
+{
+    if (!tree_budget || size < LARGE_TEXT) return true;
+    size_t needed = count_values(text, size) * (sizeof(cJSON) + BLOCK_HEAD);
+    return atomic_load(&tree_bytes) + needed <= tree_budget->limit / TREE_SHARE &&
+           qm_host_budget_make_room(tree_budget, needed);
+}
+
 static void set_hooks(void)
 {
     cJSON_InitHooks(&(cJSON_Hooks){allocate, deallocate});
@@ -244,6 +267,8 @@ cJSON *qm_json_parse_tree(const char *text, size_t size, const char **end, bool 
     pthread_once(&once, set_hooks);
     allocation_failed = false;
     *end = text;
+    *no_memory = !make_room_for(text, size);
+    if (*no_memory) return NULL;
     cJSON *tree = cJSON_ParseWithLengthOpts(text, size, end, false);
     *no_memory = !tree && allocation_failed;
     return tree;

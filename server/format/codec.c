@@ -186,11 +186,10 @@ static const char *find_other_format(const uint8_t *bytes, size_t size)
     return is_xml ? "XML" : NULL;
 }
 
-qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
-                          const qm_codec_limits *limits, qm_mesh *out, qm_codec_report *report)
+/** Checks what concerns all formats, and decodes the file into the builder. */
+static qm_status decode(qm_builder *builder, qm_format format, const uint8_t *bytes, size_t size)
 {
-    QM_ASSERT(ctx && limits && out && report && (bytes || size == 0));
-    *out = (qm_mesh){0};
+    qm_codec_report *report = builder->report;
     report->line = report->offset = QM_NO_LOCATION;
     report->detail[0] = 0;
     report->warning_count = 0;
@@ -218,13 +217,41 @@ qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *byte
                              "the text is UTF-16; only UTF-8 and ASCII are supported");
     }
 
-    qm_builder builder = {.ctx = ctx, .limits = limits, .report = report};
-    qm_status status = formats[format].decode(&builder, bytes, size);
-    if (status == QM_OK) status = qm_builder_finish(&builder, out);
-    qm_builder_free(&builder);
+    return formats[format].decode(builder, bytes, size);
+}
+
+/** Frees the builder, and completes the report. */
+static qm_status end(qm_builder *builder, qm_status status)
+{
+    qm_codec_report *report = builder->report;
+    qm_builder_free(builder);
     if (status == QM_OK)
         report->line = report->offset = QM_NO_LOCATION;
     else if (!report->detail[0])
         qm_codec_fail(report, status, "%s", qm_status_text(status));
     return status;
+}
+
+qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                          const qm_codec_limits *limits, qm_mesh *out, qm_codec_report *report)
+{
+    QM_ASSERT(ctx && limits && out && report && (bytes || size == 0));
+    *out = (qm_mesh){0};
+    qm_builder builder = {.ctx = ctx, .limits = limits, .report = report};
+    qm_status status = decode(&builder, format, bytes, size);
+    if (status == QM_OK) status = qm_builder_finish(&builder, out);
+    return end(&builder, status);
+}
+
+qm_status qm_codec_count(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                         const qm_codec_limits *limits, qm_codec_counts *out, qm_codec_report *report)
+{
+    QM_ASSERT(ctx && limits && out && report && (bytes || size == 0));
+    qm_builder builder = {.ctx = ctx, .limits = limits, .report = report, .only_counts = true};
+    qm_status status = decode(&builder, format, bytes, size);
+    *out = (qm_codec_counts){.vertices = builder.vertex_count,
+                             .faces = builder.face_count,
+                             .quads = builder.quad_count,
+                             .is_exact = !builder.counts_are_low};
+    return end(&builder, status);
 }

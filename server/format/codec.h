@@ -78,4 +78,17 @@ typedef struct qm_codec_report {
 qm_status qm_codec_decode(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
                           const qm_codec_limits *limits, qm_mesh *out, qm_codec_report *report);
 
+/** The size of a mesh in a file. */
+typedef struct qm_codec_counts {
+    size_t vertices, faces, quads; /* faces as stored: polygons count as their triangles */
+    bool is_exact;                 /* else there may be more: equal vertices are not merged, for example */
+} qm_codec_counts;
+
+/**
+ * Counts the vertices and faces of a file as qm_codec_decode would store them, without memory for them. A file that
+ * cannot be decoded fails alike, but for faces that refer to missing vertices.
+ */
+qm_status qm_codec_count(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                         const qm_codec_limits *limits, qm_codec_counts *out, qm_codec_report *report);
+
 #endif

@@ -202,7 +202,7 @@ qm_status qm_blocks_read(qm_builder *builder, qm_scan *text, const qm_block_read
     const size_t first_line = text->line;
     qm_status status = QM_OK;
     /* After a polygon the index of a face is not the number of rows before it. */
-    bool goes_on = builder->limits->thread_count > 1 && !builder->face_origin;
+    bool goes_on = builder->limits->thread_count > 1 && !builder->face_origin && !builder->only_counts;
     while (status == QM_OK && goes_on)
         status = read_round(&round, builder, text, reader->max_lines - (text->line - first_line), &goes_on);
     return status;

@@ -25,10 +25,14 @@ void qm_codec_warn(qm_codec_report *report, const char *format, ...)
     va_end(arguments);
 }
 
-bool qm_codec_reserve(qm_context *ctx, void **block, size_t *capacity, size_t needed, size_t width)
+/** Grows an array as qm_codec_reserve does, to at most most elements. */
+static bool reserve_up_to(qm_context *ctx, void **block, size_t *capacity, size_t needed, size_t most,
+                          size_t width)
 {
+    QM_ASSERT(needed <= most);
     if (needed <= *capacity) return true;
     size_t grown = *capacity < 8 ? 16 : 2 * *capacity;
+    if (grown > most) grown = most;
     if (grown < needed) grown = needed;
     void *moved = qm_context_resize(ctx, *block, *capacity, grown, width);
     if (!moved) return false;
@@ -37,14 +41,20 @@ bool qm_codec_reserve(qm_context *ctx, void **block, size_t *capacity, size_t ne
     return true;
 }
 
+bool qm_codec_reserve(qm_context *ctx, void **block, size_t *capacity, size_t needed, size_t width)
+{
+    return reserve_up_to(ctx, block, capacity, needed, SIZE_MAX, width);
+}
+
 qm_status qm_builder_reserve_vertices(qm_builder *builder, uint64_t count)
 {
     if (count > builder->limits->max_vertices - builder->vertex_count)
         return qm_codec_fail(builder->report, QM_E_TOO_LARGE, "the file has more than %zu vertices",
                              builder->limits->max_vertices);
+    if (builder->only_counts) return QM_OK;
     void *block = builder->positions;
-    if (!qm_codec_reserve(builder->ctx, &block, &builder->vertex_capacity,
-                          builder->vertex_count + (size_t)count, 3 * sizeof *builder->positions))
+    if (!reserve_up_to(builder->ctx, &block, &builder->vertex_capacity, builder->vertex_count + (size_t)count,
+                       builder->limits->max_vertices, 3 * sizeof *builder->positions))
         return QM_E_NO_MEMORY;
     builder->positions = block;
     return QM_OK;
@@ -55,9 +65,10 @@ qm_status qm_builder_reserve_faces(qm_builder *builder, uint64_t count)
     if (count > builder->limits->max_faces - builder->face_count)
         return qm_codec_fail(builder->report, QM_E_TOO_LARGE, "the file has more than %zu faces",
                              builder->limits->max_faces);
+    if (builder->only_counts) return QM_OK;
     void *block = builder->faces;
-    if (!qm_codec_reserve(builder->ctx, &block, &builder->face_capacity, builder->face_count + (size_t)count,
-                          4 * sizeof *builder->faces))
+    if (!reserve_up_to(builder->ctx, &block, &builder->face_capacity, builder->face_count + (size_t)count,
+                       builder->limits->max_faces, 4 * sizeof *builder->faces))
         return QM_E_NO_MEMORY;
     builder->faces = block;
     return QM_OK;
@@ -85,6 +96,10 @@ qm_status qm_builder_add_vertices(qm_builder *builder, const double *positions, 
     if (qm_context_canceled(builder->ctx)) return QM_E_CANCELED;
     qm_status status = qm_builder_reserve_vertices(builder, count);
     if (status != QM_OK) return status;
+    if (builder->only_counts) {
+        qm_builder_count(builder, count, 0, 0);
+        return QM_OK;
+    }
     memcpy(builder->positions + 3 * builder->vertex_count, positions, 3 * count * sizeof *positions);
     builder->vertex_count += count;
     return QM_OK;
@@ -92,6 +107,7 @@ qm_status qm_builder_add_vertices(qm_builder *builder, const double *positions, 
 
 qm_status qm_builder_set_normal(qm_builder *builder, const double normal[3])
 {
+    if (builder->only_counts) return QM_OK;
     void *block = builder->normals;
     if (!qm_codec_reserve(builder->ctx, &block, &builder->normal_capacity, builder->vertex_count,
                           3 * sizeof *builder->normals))
@@ -140,7 +156,7 @@ static qm_status reserve_for_face(qm_builder *builder, size_t triangle_count)
         qm_status status = qm_builder_reserve_faces(builder, triangle_count);
         if (status != QM_OK) return status;
     }
-    bool wants_origins = builder->face_origin || triangle_count > 1;
+    bool wants_origins = !builder->only_counts && (builder->face_origin || triangle_count > 1);
     return wants_origins && needed > builder->origin_capacity ? reserve_origins(builder) : QM_OK;
 }
 
@@ -154,7 +170,8 @@ qm_status qm_builder_end_face(qm_builder *builder)
         qm_status status = reserve_for_face(builder, builder->corner_count - 2);
         if (status != QM_OK) return status;
         bool repeats = false;
-        for (size_t i = 2; i < builder->corner_count; ++i) {
+        if (builder->only_counts) qm_builder_count(builder, 0, builder->corner_count - 2, 0);
+        for (size_t i = 2; !builder->only_counts && i < builder->corner_count; ++i) {
             const uint32_t part[4] = {corners[0], corners[i - 1], corners[i], QM_NO_INDEX};
             repeats |= qm_face_repeats_corner(part);
             qm_builder_store_face(builder, part);
@@ -183,6 +200,14 @@ qm_status qm_builder_add_faces(qm_builder *builder, const uint32_t (*faces)[4], 
     qm_status status = qm_builder_reserve_faces(builder, count);
     if (status == QM_OK && builder->face_origin) status = reserve_origins(builder);
     if (status != QM_OK || count == 0) return status;
+    if (builder->only_counts) {
+        size_t quads = 0;
+        for (size_t i = 0; i < count; ++i)
+            quads += faces[i][3] != QM_NO_INDEX;
+        qm_builder_count(builder, 0, count, quads);
+        builder->input_face_count += count;
+        return QM_OK;
+    }
     memcpy(builder->faces + 4 * builder->face_count, faces, count * sizeof *faces);
     for (size_t i = 0; i < count; ++i)
         builder->repeated_count += qm_face_repeats_corner(faces[i]);

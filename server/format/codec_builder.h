@@ -29,6 +29,10 @@ typedef struct qm_builder {
     uint32_t *corners; /* of the current face */
     size_t corner_count, corner_capacity;
     size_t input_face_count, polygon_count, repeated_count, bad_normal_count;
+    /* Vertices and faces are counted and not stored: there are no arrays, and the capacities stay equal to the counts,
+     * so that each addition takes the slow path. */
+    bool only_counts, counts_are_low; /* low: there may be more than were counted */
+    size_t quad_count;                /* with only_counts */
 } qm_builder;
 
 /** Decodes the whole file into the builder. In any case it sets the location in the report where it stopped. */
@@ -68,6 +72,15 @@ qm_status qm_builder_grow_vertices(qm_builder *builder);
 qm_status qm_builder_grow_corners(qm_builder *builder);
 qm_status qm_builder_grow_faces(qm_builder *builder);
 
+/** Counts vertices, and faces of which some are quads, in a builder that only counts. */
+static inline void qm_builder_count(qm_builder *builder, size_t vertices, size_t faces, size_t quads)
+{
+    QM_ASSERT(builder->only_counts && quads <= faces);
+    builder->vertex_capacity = builder->vertex_count += vertices;
+    builder->face_capacity = builder->face_count += faces;
+    builder->quad_count += quads;
+}
+
 /** Adds a vertex. The coordinates are finite. */
 static inline qm_status qm_builder_add_vertex(qm_builder *builder, const double position[3])
 {
@@ -76,9 +89,20 @@ static inline qm_status qm_builder_add_vertex(qm_builder *builder, const double 
         (count & 0xffff) == 0) {
         qm_status status = qm_builder_grow_vertices(builder);
         if (status != QM_OK) return status;
+        if (builder->only_counts) {
+            qm_builder_count(builder, 1, 0, 0);
+            return QM_OK;
+        }
     }
     memcpy(builder->positions + 3 * builder->vertex_count++, position, 3 * sizeof *position);
     return QM_OK;
+}
+
+/** Replaces the position of a vertex. The coordinates are finite. */
+static inline void qm_builder_set_vertex(qm_builder *builder, size_t vertex, const double position[3])
+{
+    QM_ASSERT(vertex < builder->vertex_count);
+    if (!builder->only_counts) memcpy(builder->positions + 3 * vertex, position, 3 * sizeof *position);
 }
 
 /** Adds count vertices. */
@@ -125,6 +149,11 @@ static inline qm_status qm_builder_add_face(qm_builder *builder, const uint32_t 
         (builder->input_face_count & 0xffff) == 0) {
         qm_status status = qm_builder_grow_faces(builder);
         if (status != QM_OK) return status;
+        if (builder->only_counts) {
+            qm_builder_count(builder, 0, 1, corners[3] != QM_NO_INDEX);
+            ++builder->input_face_count;
+            return QM_OK;
+        }
     }
     builder->repeated_count += qm_face_repeats_corner(corners);
     qm_builder_store_face(builder, corners);

@@ -342,6 +342,15 @@ void qm_codec_drc_set_decoder(qm_draco_decode_fn *decode)
     decode_draco = decode;
 }
 
+/** Counts what the facts promise: split vertices are merged, and two triangles or more may be one face. */
+static void count_arrays(qm_builder *builder, const qm_draco_facts *facts)
+{
+    const size_t vertices = facts->has_split_points ? 0 : facts->vertex_count;
+    const size_t quads = facts->has_added_edges ? facts->triangle_count / 2 : 0;
+    qm_builder_count(builder, vertices, facts->has_added_edges ? quads : facts->triangle_count, quads);
+    builder->counts_are_low |= facts->has_split_points || facts->has_added_edges;
+}
+
 static bool prepare_arrays(void *user, const qm_draco_facts *facts, qm_draco_arrays *arrays)
 {
     drc_reader *reader = user;
@@ -351,6 +360,10 @@ static bool prepare_arrays(void *user, const qm_draco_facts *facts, qm_draco_arr
     if (reader->status == QM_OK)
         reader->status = qm_builder_reserve_faces(reader->builder, facts->triangle_count);
     if (reader->status != QM_OK) return false;
+    if (reader->builder->only_counts) {
+        count_arrays(reader->builder, facts);
+        return false;
+    }
     reader->status = QM_E_NO_MEMORY;
     size_t corner_count = 3 * facts->triangle_count;
     reader->arrays.positions = qm_context_alloc(ctx, facts->vertex_count, 3 * sizeof(double));

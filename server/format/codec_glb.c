@@ -39,6 +39,13 @@ typedef struct byte_range {
     size_t offset, size; /* within the file */
 } byte_range;
 
+/** The mesh of a primitive that is compressed with Draco; its counts only for a builder that counts. */
+typedef struct draco_mesh {
+    bool is_known;
+    qm_mesh mesh;
+    qm_codec_counts counts;
+} draco_mesh;
+
 typedef struct glb_reader {
     qm_builder *builder;
     qm_codec_report *report;
@@ -47,7 +54,7 @@ typedef struct glb_reader {
     size_t *vertex_bases; /* for each accessor: where its vertices begin, if the mesh in hand has them */
     size_t *base_owners;  /* for each accessor: the number of the mesh that set vertex_bases, from 1 */
     size_t visit_count;   /* meshes added */
-    qm_mesh *draco;       /* for each primitive: its mesh, once it is decoded; NULL: none has been */
+    draco_mesh *draco;    /* for each primitive: its mesh, once it is decoded; NULL: none has been */
     size_t line_count;    /* primitives of lines, left out */
     size_t hidden_count;  /* warnings about Draco data beyond MAX_DRACO_WARNINGS */
 } glb_reader;
@@ -308,8 +315,9 @@ static qm_status replace_vertices(glb_reader *reader, size_t index, size_t base,
             return qm_codec_fail(reader->report, QM_E_INDEX,
                                  "a sparse accessor replaces element %zu, but has %llu, counted from 0",
                                  vertex, (unsigned long long)accessor->count);
-        status = read_position(reader, accessor, &values, i, matrix,
-                               reader->builder->positions + 3 * (base + vertex));
+        double position[3];
+        status = read_position(reader, accessor, &values, i, matrix, position);
+        if (status == QM_OK) qm_builder_set_vertex(reader->builder, base + vertex, position);
     }
     return status;
 }
@@ -442,8 +450,8 @@ static qm_status add_faces(glb_reader *reader, const index_list *list, const qm_
 
 /* Draco */
 
-/** Decodes a primitive as a Draco file, once for all nodes that have it. */
-static qm_status decode_draco(glb_reader *reader, const qm_gltf_primitive *primitive, qm_mesh *mesh)
+/** Decodes a primitive as a Draco file, once for all nodes that have it; only counts it in a builder that does. */
+static qm_status decode_draco(glb_reader *reader, const qm_gltf_primitive *primitive, draco_mesh *out)
 {
     byte_range bytes = {0};
     if (primitive->draco == QM_GLTF_NONE)
@@ -454,8 +462,11 @@ static qm_status decode_draco(glb_reader *reader, const qm_gltf_primitive *primi
     qm_codec_limits limits = *reader->builder->limits;
     limits.max_vertices -= reader->builder->vertex_count;
     limits.max_faces -= reader->builder->face_count;
-    status =
-        qm_codec_decode(reader->builder->ctx, QM_FORMAT_DRC, bytes.bytes, bytes.size, &limits, mesh, &inner);
+    qm_context *ctx = reader->builder->ctx;
+    status = reader->builder->only_counts
+                 ? qm_codec_count(ctx, QM_FORMAT_DRC, bytes.bytes, bytes.size, &limits, &out->counts, &inner)
+                 : qm_codec_decode(ctx, QM_FORMAT_DRC, bytes.bytes, bytes.size, &limits, &out->mesh, &inner);
+    out->is_known = status == QM_OK;
     report->offset = bytes.offset + (inner.offset != QM_NO_LOCATION ? inner.offset : 0);
     if (status == QM_E_NO_MEMORY || status == QM_E_CANCELED) return status;
     if (status != QM_OK)
@@ -490,9 +501,19 @@ static qm_status add_draco(glb_reader *reader, const qm_gltf_primitive *primitiv
         if (!reader->draco) return QM_E_NO_MEMORY;
         memset(reader->draco, 0, gltf->primitive_count * sizeof *reader->draco);
     }
-    qm_mesh *mesh = &reader->draco[primitive - gltf->primitives];
-    qm_status status = mesh->positions ? QM_OK : decode_draco(reader, primitive, mesh);
+    draco_mesh *decoded = &reader->draco[primitive - gltf->primitives];
+    qm_status status = decoded->is_known ? QM_OK : decode_draco(reader, primitive, decoded);
+    const qm_mesh *mesh = &decoded->mesh;
+    const qm_codec_counts *counts = &decoded->counts;
     size_t base = builder->vertex_count;
+    if (status == QM_OK && builder->only_counts) {
+        status = qm_builder_reserve_vertices(builder, counts->vertices);
+        if (status == QM_OK) status = qm_builder_reserve_faces(builder, counts->faces);
+        if (status != QM_OK) return status;
+        qm_builder_count(builder, counts->vertices, counts->faces, counts->quads);
+        builder->counts_are_low |= !counts->is_exact;
+        return QM_OK;
+    }
     if (status == QM_OK) status = qm_builder_reserve_vertices(builder, mesh->vertex_count);
     for (size_t i = 0; status == QM_OK && i < mesh->vertex_count; ++i) {
         double position[3];
@@ -613,7 +634,7 @@ static qm_status read_scene(glb_reader *reader)
     }
     qm_context_free(ctx, stack, gltf->node_count, sizeof *stack);
     for (size_t i = 0; reader->draco && i < gltf->primitive_count; ++i)
-        qm_mesh_reset(ctx, &reader->draco[i]);
+        qm_mesh_reset(ctx, &reader->draco[i].mesh);
     if (reader->draco) qm_context_free(ctx, reader->draco, gltf->primitive_count, sizeof *reader->draco);
     qm_context_free(ctx, reader->base_owners, gltf->accessor_count, sizeof *reader->base_owners);
     qm_context_free(ctx, reader->vertex_bases, gltf->accessor_count, sizeof *reader->vertex_bases);

@@ -23,6 +23,7 @@ static qm_status make_slots(qm_welder *welder, size_t vertex_count)
 qm_status qm_welder_create(qm_builder *builder, size_t vertex_count, qm_welder *welder)
 {
     *welder = (qm_welder){.builder = builder};
+    if (builder->only_counts) return QM_OK;
     if (getrandom(&welder->seed, sizeof welder->seed, GRND_NONBLOCK) < 0) welder->seed = (uintptr_t)welder;
     return make_slots(welder, vertex_count);
 }
@@ -106,6 +107,13 @@ qm_status qm_welder_find(qm_welder *welder, const double *positions, size_t coun
                          size_t *done)
 {
     qm_status status = QM_OK;
+    if (welder->builder->only_counts) {
+        /* How many are equal is not known without storing them. */
+        for (*done = 0; *done < count; ++*done)
+            vertices[*done] = 0;
+        welder->builder->counts_are_low = true;
+        return QM_OK;
+    }
     for (*done = 0; *done < count && status == QM_OK;) {
         size_t batch = count - *done < QM_WELDER_BATCH ? count - *done : QM_WELDER_BATCH;
         size_t most = welder->builder->vertex_count + batch;

@@ -30,8 +30,9 @@ static size_t guess_size(const uint8_t *bytes, size_t size, size_t max_size)
 static qm_status make_room(qm_context *ctx, qm_gzip_content *out, size_t needed, size_t max_size)
 {
     QM_ASSERT(out->size <= max_size);
-    if (out->size < out->capacity) return QM_OK;
+    if (out->only_counts ? out->bytes != NULL : out->size < out->capacity) return QM_OK;
     size_t capacity = needed < max_size ? needed + 1 : max_size + 1;
+    if (out->only_counts) capacity = MAX_STEP;
     uint8_t *bytes = qm_context_resize(ctx, out->bytes, out->capacity, capacity, 1);
     if (!bytes) return QM_E_NO_MEMORY;
     out->bytes = bytes;
@@ -42,10 +43,10 @@ static qm_status make_room(qm_context *ctx, qm_gzip_content *out, size_t needed,
 /** Inflates up to MAX_STEP bytes; *result is the library's. */
 static qm_status inflate_step(z_stream *stream, qm_gzip_content *out, size_t left, int *result)
 {
-    const size_t room = out->capacity - out->size;
+    const size_t at = out->only_counts ? 0 : out->size, room = out->capacity - at;
     const uInt step = room < MAX_STEP ? (uInt)room : MAX_STEP;
     const uInt input = left < MAX_STEP ? (uInt)left : MAX_STEP;
-    stream->next_out = out->bytes + out->size;
+    stream->next_out = out->bytes + at;
     stream->avail_out = step;
     stream->avail_in = input;
     *result = inflate(stream, Z_NO_FLUSH);
@@ -85,11 +86,11 @@ static qm_status inflate_members(qm_context *ctx, z_stream *stream, const uint8_
     }
 }
 
-qm_status qm_gzip_inflate(qm_context *ctx, const uint8_t *bytes, size_t size, size_t max_size,
-                          qm_gzip_content *out, qm_codec_report *report)
+/** Inflates the file into *out, which is empty. */
+static qm_status inflate_file(qm_context *ctx, const uint8_t *bytes, size_t size, size_t max_size,
+                              qm_gzip_content *out, qm_codec_report *report)
 {
     z_stream stream = {0};
-    *out = (qm_gzip_content){0};
     report->offset = 0;
     if (max_size == 0) max_size = SIZE_MAX / 4;
     qm_status status = inflateInit2(&stream, GZIP_WINDOW) == Z_OK ? QM_OK : QM_E_NO_MEMORY;
@@ -103,6 +104,23 @@ qm_status qm_gzip_inflate(qm_context *ctx, const uint8_t *bytes, size_t size, si
     }
     if (!report->detail[0]) qm_codec_fail(report, status, "%s", qm_status_text(status));
     qm_gzip_content_free(ctx, out);
+    return status;
+}
+
+qm_status qm_gzip_inflate(qm_context *ctx, const uint8_t *bytes, size_t size, size_t max_size,
+                          qm_gzip_content *out, qm_codec_report *report)
+{
+    *out = (qm_gzip_content){0};
+    return inflate_file(ctx, bytes, size, max_size, out, report);
+}
+
+qm_status qm_gzip_measure(qm_context *ctx, const uint8_t *bytes, size_t size, size_t max_size, size_t *out,
+                          qm_codec_report *report)
+{
+    qm_gzip_content content = {.only_counts = true};
+    qm_status status = inflate_file(ctx, bytes, size, max_size, &content, report);
+    *out = content.size;
+    qm_gzip_content_free(ctx, &content);
     return status;
 }
 

@@ -15,6 +15,7 @@ bool qm_gzip_is_packed(const uint8_t *bytes, size_t size);
 typedef struct qm_gzip_content {
     uint8_t *bytes;
     size_t size, capacity;
+    bool only_counts; /* bytes are a buffer that each step overwrites */
 } qm_gzip_content;
 
 /**
@@ -28,5 +29,9 @@ typedef struct qm_gzip_content {
 qm_status qm_gzip_inflate(qm_context *ctx, const uint8_t *bytes, size_t size, size_t max_size,
                           qm_gzip_content *out, qm_codec_report *report);
 void qm_gzip_content_free(qm_context *ctx, qm_gzip_content *content);
+
+/** The size that a file inflates to, in *out. Returns as qm_gzip_inflate. */
+qm_status qm_gzip_measure(qm_context *ctx, const uint8_t *bytes, size_t size, size_t max_size, size_t *out,
+                          qm_codec_report *report);
 
 #endif

@@ -187,18 +187,65 @@ static qm_preparation preparation_of(const qm_meshes *meshes)
                             .thread_count = meshes->threads};
 }
 
+/** The bytes of a mesh, and how they become one. */
+typedef struct mesh_source {
+    qm_format format;
+    mapped_bytes file;
+    qm_codec_limits limits;
+    qm_preparation preparation;
+} mesh_source;
+
+static qm_status load_with(qm_context *ctx, const mesh_source *source, qm_loaded_mesh *out,
+                           qm_codec_report *report)
+{
+    return qm_mesh_load(ctx, source->format, source->file.bytes, source->file.size, &source->limits,
+                        &source->preparation, out, report);
+}
+
+static bool make_room(qm_meshes *meshes, size_t needed, qm_codec_report *report)
+{
+    if (qm_host_budget_make_room(&meshes->budget, needed)) return true;
+    snprintf(report->detail, sizeof report->detail,
+             "the mesh takes at least %zu bytes, more than the memory budget has for it", needed);
+    return false;
+}
+
+/**
+ * Evicts meshes until a mesh fits that needs more than the free part of the budget; QM_E_NO_MEMORY, and none is evicted,
+ * when all that can be evicted is too little. Some may be evicted for the content of a compressed file before.
+ */
+static qm_status make_room_for(qm_meshes *meshes, qm_context *spare, mesh_source *source,
+                               qm_codec_report *report)
+{
+    size_t needed = 0;
+    qm_status status = QM_E_NO_MEMORY;
+    for (int attempt = 0; attempt < 2 && status == QM_E_NO_MEMORY; attempt++) {
+        status = qm_mesh_measure(spare, source->format, source->file.bytes, source->file.size,
+                                 &source->limits, &source->preparation, &needed, report);
+        bool is_known = status == QM_OK || status == QM_E_NO_MEMORY;
+        if (is_known && !make_room(meshes, needed, report)) return QM_E_NO_MEMORY;
+    }
+    /* What cannot be measured is loaded, and fails there if it must. */
+    return status == QM_E_NO_MEMORY ? QM_OK : status;
+}
+
 /** Decodes the bytes of a file and prepares the mesh; positions are a revision's, or empty. False with a problem. */
 static bool load_bytes(qm_meshes *meshes, mapped_bytes file, mapped_bytes positions, qm_format format,
                        qm_loaded_mesh *out, qm_problem *problem)
 {
+    mesh_source source = {format, file, meshes->limits, preparation_of(meshes)};
+    source.preparation.positions = (const double *)(const void *)positions.bytes;
+    source.preparation.position_count = positions.size / (3 * sizeof(double));
     qm_context ctx = qm_meshes_context(meshes);
     ctx.parallel = qm_host_parallel;
-    qm_preparation preparation = preparation_of(meshes);
-    preparation.positions = (const double *)(const void *)positions.bytes;
-    preparation.position_count = positions.size / (3 * sizeof(double));
+    qm_context spare = ctx;
+    spare.allocator = qm_host_budget_spare_allocator(&meshes->budget);
     qm_codec_report report;
-    qm_status status =
-        qm_mesh_load(&ctx, format, file.bytes, file.size, &meshes->limits, &preparation, out, &report);
+    qm_status status = load_with(&spare, &source, out, &report);
+    if (status == QM_E_NO_MEMORY) {
+        status = make_room_for(meshes, &spare, &source, &report);
+        if (status == QM_OK) status = load_with(&ctx, &source, out, &report);
+    }
     if (status != QM_OK) *problem = qm_problem_from_codec(status, &report);
     return status == QM_OK;
 }

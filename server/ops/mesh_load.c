@@ -101,27 +101,81 @@ static qm_status set_positions(qm_context *ctx, const qm_preparation *preparatio
     return status;
 }
 
+/** The content of a file, which may be compressed with gzip. */
+typedef struct file_content {
+    const uint8_t *bytes;
+    size_t size;
+    qm_gzip_content inflated;
+    qm_format format;
+} file_content;
+
+/** Inflates what is compressed and detects the format; close_file frees in any case. */
+static qm_status open_file(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                           const qm_codec_limits *limits, file_content *out, qm_codec_report *report)
+{
+    *out = (file_content){.bytes = bytes, .size = size};
+    *report = (qm_codec_report){.line = QM_NO_LOCATION, .offset = QM_NO_LOCATION};
+    if (qm_gzip_is_packed(bytes, size)) {
+        qm_status status = qm_gzip_inflate(ctx, bytes, size, limits->max_size, &out->inflated, report);
+        if (status != QM_OK) return status;
+        out->bytes = out->inflated.bytes;
+        out->size = out->inflated.size;
+    }
+    out->format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(out->bytes, out->size) : format;
+    return QM_OK;
+}
+
+static void close_file(qm_context *ctx, file_content *file)
+{
+    qm_gzip_content_free(ctx, &file->inflated);
+}
+
 qm_status qm_mesh_read(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
                        const qm_codec_limits *limits, qm_loaded_mesh *out, qm_codec_report *report)
 {
     *out = (qm_loaded_mesh){.file_size = size};
-    *report = (qm_codec_report){.line = QM_NO_LOCATION, .offset = QM_NO_LOCATION};
     double start = qm_clock_now_ms();
-    qm_gzip_content inflated = {0};
-    qm_status status = QM_OK;
-    if (qm_gzip_is_packed(bytes, size)) {
-        status = qm_gzip_inflate(ctx, bytes, size, limits->max_size, &inflated, report);
-        bytes = inflated.bytes;
-        size = inflated.size;
-    }
-    if (status == QM_OK) {
-        out->format = format == QM_FORMAT_UNKNOWN ? qm_format_sniff(bytes, size) : format;
-        status = qm_codec_decode(ctx, out->format, bytes, size, limits, &out->mesh, report);
-    }
-    qm_gzip_content_free(ctx, &inflated);
+    file_content file;
+    qm_status status = open_file(ctx, format, bytes, size, limits, &file, report);
+    if (status == QM_OK)
+        status = qm_codec_decode(ctx, file.format, file.bytes, file.size, limits, &out->mesh, report);
+    out->format = file.format;
+    close_file(ctx, &file);
     out->parse_ms = qm_clock_now_ms() - start;
     if (status != QM_OK) qm_loaded_mesh_reset(ctx, out);
     return status;
+}
+
+qm_status qm_mesh_measure(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                          qm_codec_limits *limits, const qm_preparation *preparation, size_t *needed,
+                          qm_codec_report *report)
+{
+    file_content file;
+    qm_codec_counts counts;
+    qm_status status = QM_OK;
+    size_t inflated = 0;
+    *report = (qm_codec_report){.line = QM_NO_LOCATION, .offset = QM_NO_LOCATION};
+    if (qm_gzip_is_packed(bytes, size))
+        status = qm_gzip_measure(ctx, bytes, size, limits->max_size, &inflated, report);
+    *needed = inflated;
+    if (status != QM_OK) return status;
+    status = open_file(ctx, format, bytes, size, limits, &file, report);
+    if (status == QM_OK)
+        status = qm_codec_count(ctx, file.format, file.bytes, file.size, limits, &counts, report);
+    close_file(ctx, &file);
+    if (status != QM_OK) return status;
+    /* The content of a compressed file is freed before the tree is built. */
+    const size_t facets = counts.faces > 0 ? counts.faces : counts.vertices;
+    size_t tree = preparation->has_no_tree
+                      ? 0
+                      : qm_bvh_memory_needed(facets - counts.quads, counts.quads, preparation->parts);
+    *needed = 3 * sizeof(double) * counts.vertices + 4 * sizeof(uint32_t) * counts.faces +
+              (tree > inflated ? tree : inflated);
+    if (counts.is_exact) {
+        limits->max_vertices = counts.vertices;
+        limits->max_faces = counts.faces;
+    }
+    return QM_OK;
 }
 
 qm_status qm_mesh_make_ready(qm_context *ctx, const qm_preparation *preparation, qm_loaded_mesh *mesh,

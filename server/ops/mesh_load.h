@@ -52,6 +52,16 @@ qm_status qm_mesh_load(qm_context *ctx, qm_format format, const uint8_t *bytes, 
                        qm_codec_report *report);
 
 /**
+ * Measures the memory that qm_mesh_load needs at least for the mesh of a file, by decoding the file without storing its
+ * mesh. Where the counts of the file are exact it lowers *limits to them, so that qm_mesh_load allocates no more than
+ * the arrays take. Returns a status as qm_mesh_load does; after QM_E_NO_MEMORY *needed is the memory of the content of a
+ * compressed file, else 0.
+ */
+qm_status qm_mesh_measure(qm_context *ctx, qm_format format, const uint8_t *bytes, size_t size,
+                          qm_codec_limits *limits, const qm_preparation *preparation, size_t *needed,
+                          qm_codec_report *report);
+
+/**
  * The two halves of qm_mesh_load, so that the caller can free the bytes in between and their memory serves the tree. A
  * mesh that has been read has no tree, facts or warnings until it is prepared.
  */

@@ -159,6 +159,14 @@ def ndjson(text):
     return [event for event in events if event["event"] != "heartbeat"]
 
 
+def gauge(client, name):
+    """The value of a metric."""
+    for line in client.get("/metrics").text.splitlines():
+        if line.startswith(f"quadmeshd_{name} "):
+            return float(line.split()[1])
+    raise AssertionError(f"there is no metric {name}")
+
+
 def check_problem(reply, status, code=None):
     """A refusal is a complete problem document that reveals no internals."""
     assert reply.status_code == status, reply.text

@@ -5,14 +5,9 @@ import random
 import pytest
 
 import shapes
-from conftest import check_problem
+from conftest import check_problem, gauge
 
 BUDGET = 12 << 20
-
-
-def gauge(client, name):
-    (line,) = [line for line in client.get("/metrics").text.splitlines() if line.startswith(f"quadmeshd_{name} ")]
-    return float(line.split()[1])
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import sqlite3
 import pytest
 
 import shapes
-from conftest import WAIT, check_problem
+from conftest import WAIT, check_problem, gauge
 from test_layouts import saddle_layout
 
 QUOTA = 3 << 20
@@ -15,13 +15,6 @@ QUOTA = 3 << 20
 @pytest.fixture
 def small(make_daemon):
     return make_daemon("--max-data-bytes", QUOTA)
-
-
-def gauge(client, name):
-    for line in client.get("/metrics").text.splitlines():
-        if line.startswith(f"quadmeshd_{name} "):
-            return float(line.split()[1])
-    raise AssertionError(f"there is no metric {name}")
 
 
 def count_files(folder):

@@ -11,7 +11,7 @@ import httpx
 import pytest
 
 import shapes
-from api_conftest import BUILD, FINDINGS, WAIT, Daemon, check_problem
+from api_conftest import BUILD, FINDINGS, WAIT, Daemon, check_problem, gauge
 
 STORED = pathlib.Path(__file__).parent / "stored"
 LONG = os.environ.get("QM_TEST_LONG") == "1"
@@ -51,11 +51,6 @@ def blob_of(start, mesh):
     return start.data / "blobs" / mesh["content_hash"][:2] / mesh["content_hash"]
 
 
-def metric(client, name):
-    return next(float(line.split()[1]) for line in client.get("/metrics").text.splitlines()
-                if line.startswith(f"quadmeshd_{name} "))
-
-
 def damage(path, how, chance):
     """Changes a file in one way."""
     size = path.stat().st_size
@@ -86,18 +81,18 @@ def test_a_damaged_file_of_a_mesh_is_reported_and_healed_by_its_upload(stopped, 
             assert mesh["id"] in problem["detail"]
             job = client.hausdorff(mesh["id"], mesh["id"], {"Cache-Control": "no-cache"})
             assert job["state"] == "failed" and job["problem"]["code"] == "blob_damaged"
-            assert metric(client, "damages_total") == 2 and metric(client, "repairs_total") == 0
+            assert gauge(client, "damages_total") == 2 and gauge(client, "repairs_total") == 0
             assert f"blob {mesh['content_hash']} of mesh {mesh['id']} is" in running.log()
             # An upload of other bytes changes nothing; one of the same bytes is the same mesh, and repairs it.
             client.upload(shapes.cube())
             check_problem(client.get(f"/v1/meshes/{mesh['id']}/content"), 500, "blob_damaged")
             reply = client.post("/v1/meshes", params={"name": "a.obj"}, content=content)
             assert reply.status_code == 200 and reply.json()["id"] == mesh["id"]
-            assert metric(client, "repairs_total") == 1
+            assert gauge(client, "repairs_total") == 1
             again = client.hausdorff(mesh["id"], mesh["id"], {"Cache-Control": "no-cache"})["result"]
             assert (again["lower"], again["upper"]) == (first["lower"], first["upper"])
             reply = client.post("/v1/meshes", params={"name": "a.obj"}, content=content)
-            assert reply.status_code == 200 and metric(client, "repairs_total") == 1
+            assert reply.status_code == 200 and gauge(client, "repairs_total") == 1
             assert blob_of(stopped, mesh).read_bytes() == content
 
 
@@ -158,7 +153,7 @@ def test_a_damaged_array_is_reported_and_computed_again(stopped, how):
             assert deviation(client, pair)["id"] == job  # nobody has read the array yet
             for media in ("application/json", "text/csv", "application/octet-stream"):
                 check_problem(client.get(f"/v1/jobs/{job}/result", headers={"Accept": media}), 500, "record_damaged")
-            assert metric(client, "damages_total") == 3
+            assert gauge(client, "damages_total") == 3
             assert f"array of job {job} is damaged" in running.log()
             new = deviation(client, pair)["id"]
             assert new != job

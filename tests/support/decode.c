@@ -7,6 +7,35 @@
 #include "check.h"
 #include "format/encoder.h"
 
+/** Counting a file agrees with decoding it, and allocates no array of its vertices or faces. */
+static void check_counts(const qm_decoded *decoded, qm_format format, const uint8_t *bytes, size_t size,
+                         const qm_codec_limits *limits)
+{
+    qm_context ctx = qm_context_make();
+    qm_codec_counts counts;
+    qm_codec_report report;
+    qm_status status = qm_codec_count(&ctx, format, bytes, size, limits, &counts, &report);
+    if (decoded->status != QM_OK) {
+        bool is_found_late = decoded->status == QM_E_INDEX || decoded->status == QM_E_EMPTY ||
+                             decoded->status == QM_E_NOT_FINITE || decoded->status == QM_E_TOO_LARGE ||
+                             format == QM_FORMAT_DRC || format == QM_FORMAT_GLB;
+        QM_CHECK(status == decoded->status || is_found_late, "%s: counting gives %s, decoding %s",
+                 qm_format_name(format), qm_status_code(status), qm_status_code(decoded->status));
+        return;
+    }
+    QM_CHECK(status == QM_OK, "%s: counting gives %s: %s", qm_format_name(format), qm_status_code(status),
+             report.detail);
+    const qm_mesh *mesh = &decoded->mesh;
+    size_t quads = 0;
+    for (size_t i = 0; i < mesh->face_count; ++i)
+        quads += mesh->faces[4 * i + 3] != QM_NO_INDEX;
+    QM_CHECK(counts.is_exact ? counts.vertices == mesh->vertex_count && counts.faces == mesh->face_count &&
+                                   counts.quads == quads
+                             : counts.vertices <= mesh->vertex_count && counts.faces <= mesh->face_count,
+             "%s: counted %zu vertices, %zu faces, %zu quads of %zu, %zu, %zu", qm_format_name(format),
+             counts.vertices, counts.faces, counts.quads, mesh->vertex_count, mesh->face_count, quads);
+}
+
 qm_decoded qm_decode_limited(qm_format format, const void *bytes, size_t size, qm_codec_limits limits)
 {
     qm_context ctx = qm_context_make();
@@ -17,6 +46,7 @@ qm_decoded qm_decode_limited(qm_format format, const void *bytes, size_t size, q
     assert_non_null(copy);
     memcpy(copy, bytes, size);
     decoded.status = qm_codec_decode(&ctx, format, copy, size, &limits, &decoded.mesh, &decoded.report);
+    check_counts(&decoded, format, copy, size, &limits);
     free(copy);
     if (decoded.status == QM_OK) {
         assert_int_equal(qm_mesh_validate(&ctx, &decoded.mesh), QM_OK);

@@ -73,6 +73,36 @@ static void test_room_is_made(void **state)
     assert_int_equal(budget.used, 0);
 }
 
+/** The spare part is that which is free without asking; the room that is made is taken by the next allocation. */
+static void test_spare_memory_is_not_asked_for(void **state)
+{
+    (void)state;
+    spare spares = {.count = 0};
+    qm_budget budget = {.limit = 1000, .make_room = give_back, .user = &spares};
+    qm_allocator allocator = spares.allocator = qm_host_budget_allocator(&budget);
+    qm_allocator free_part = qm_host_budget_spare_allocator(&budget);
+    for (; spares.count < 3; spares.count++) {
+        spares.size[spares.count] = 250;
+        spares.block[spares.count] = grow(&allocator, NULL, 0, 250);
+    }
+    assert_null(grow(&free_part, NULL, 0, 251));
+    assert_null(grow(&free_part, NULL, 0, SIZE_MAX));
+    assert_int_equal(spares.calls, 0);
+    assert_false(qm_host_budget_make_room(&budget, 1001));
+    assert_int_equal(spares.count, 3);
+    assert_true(qm_host_budget_make_room(&budget, 600));
+    assert_int_equal(spares.count, 1);
+    assert_int_equal(budget.used, 250);
+    size_t calls = spares.calls;
+    void *block = grow(&free_part, NULL, 0, 600);
+    assert_non_null(block);
+    assert_int_equal(spares.calls, calls);
+    assert_null(grow(&allocator, block, 600, 0)); /* both count in one budget */
+    assert_int_equal(budget.used, 250);
+    assert_true(give_back(&spares, 1));
+    assert_int_equal(budget.used, 0);
+}
+
 typedef struct contest {
     qm_allocator allocator;
     qm_budget *budget;
@@ -113,6 +143,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_bytes_are_counted),
         cmocka_unit_test(test_room_is_made),
+        cmocka_unit_test(test_spare_memory_is_not_asked_for),
         cmocka_unit_test(test_threads_do_not_pass_the_limit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

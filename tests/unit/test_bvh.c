@@ -45,6 +45,39 @@ static void check_same(const qm_bvh *a, const qm_bvh *b)
                             a->boxes.group_count[level] * sizeof *a->boxes.groups[level]);
 }
 
+/** Before a tree is built its size is known from below, and not far from it. */
+static void check_needed(qm_mesh mesh)
+{
+    const qm_bvh_parts parts[] = {QM_BVH_SOURCE, QM_BVH_TARGET, QM_BVH_ALL};
+    const size_t facets = mesh.face_count > 0 ? mesh.face_count : mesh.vertex_count;
+    size_t quads = 0;
+    for (size_t i = 0; i < mesh.face_count; i++)
+        quads += mesh.faces[4 * i + 3] != QM_NO_INDEX;
+    for (size_t i = 0; i < 3; i++) {
+        qm_context ctx = qm_context_make();
+        qm_bvh *tree = build(&ctx, &mesh, parts[i], 1);
+        size_t needed = qm_bvh_memory_needed(facets - quads, quads, parts[i]);
+        size_t built = qm_bvh_memory_size(tree) + facets * sizeof(uint64_t);
+        QM_CHECK(needed <= built && (facets < 1000 || 2 * needed > built), "parts %d: %zu of %zu bytes",
+                 (int)parts[i], needed, built);
+        qm_bvh_destroy(&ctx, tree);
+    }
+    qm_shape_free(&mesh);
+}
+
+static void sizes_are_known_before(void **state)
+{
+    (void)state;
+    qm_random random = qm_random_make(qm_check_seed(), 2);
+    check_needed(qm_shape_sphere(0.0));
+    check_needed(qm_shape_copies(1));
+    check_needed(qm_shape_copies(5000));
+    check_needed(qm_shape_points(&random, 20000));
+    check_needed(qm_shape_soup(&random, 9, QM_SOUP_MIXED, QM_SOUP_POOLED, 0.0));
+    check_needed(qm_shape_soup(&random, 4000, QM_SOUP_MIXED, QM_SOUP_POOLED, 0.0));
+    check_needed(qm_shape_soup(&random, 4000, QM_SOUP_QUADS, QM_SOUP_POOLED, 0.0));
+}
+
 static void check_threads(qm_mesh mesh)
 {
     qm_context ctx = qm_context_make();
@@ -352,6 +385,7 @@ static void numbers_are_sorted_below_bits_in_common(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(sizes_are_known_before),
         cmocka_unit_test(threads_build_the_same_tree),
         cmocka_unit_test(threads_make_the_same_items),
         cmocka_unit_test(rows_without_room_are_the_same),

@@ -25,6 +25,13 @@ static qm_status inflate_copy(qm_context *ctx, const void *bytes, size_t size, s
     memcpy(copy, bytes, size);
     *report = (qm_codec_report){.line = QM_NO_LOCATION, .offset = QM_NO_LOCATION};
     qm_status status = qm_gzip_inflate(ctx, copy, size, max_size, out, report);
+    size_t measured;
+    qm_codec_report other = {.line = QM_NO_LOCATION, .offset = QM_NO_LOCATION};
+    if (status != QM_E_NO_MEMORY) {
+        assert_int_equal(qm_gzip_measure(ctx, copy, size, max_size, &measured, &other), status);
+        assert_string_equal(other.detail, report->detail);
+        if (status == QM_OK) assert_int_equal(measured, out->size);
+    }
     free(copy);
     if (status != QM_OK) {
         assert_null(out->bytes);

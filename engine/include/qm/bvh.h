@@ -47,6 +47,9 @@ const qm_mesh *qm_bvh_mesh(const qm_bvh *bvh);
 /** Bytes that the tree holds, without the mesh. */
 size_t qm_bvh_memory_size(const qm_bvh *bvh);
 
+/** Bytes that qm_bvh_build allocates at least for a mesh of so many triangles (or points) and quads. */
+size_t qm_bvh_memory_needed(size_t triangles, size_t quads, qm_bvh_parts parts);
+
 /** The instruction set of the kernels: "avx512", "avx2" or "portable". All give the same bits. */
 const char *qm_kernel_name(void);
 

@@ -366,13 +366,17 @@ static void build_block(void *data, int worker, size_t block)
     if (bvh->boxes.level_count > 1) qm_box_tree_fill_children(&bvh->boxes, 2, begin / 8, (end + 7) / 8);
 }
 
+/** The number of packs that have room for their triangles in double precision. These take more memory than all else, so
+ * that a large mesh has room for some of its packs only. */
+static size_t kept_packs(size_t packs)
+{
+    return packs <= PACKS_KEPT ? packs : PACKS_KEPT + (packs - PACKS_KEPT) / PACKS_KEPT_BEYOND;
+}
+
 static qm_status fill_tree(pack_builder *builder, qm_bvh_parts parts)
 {
     qm_bvh *bvh = builder->bvh;
-    /* Triangles in double precision take more memory than all else, so that a large mesh has room for some of
-     * its packs only. */
-    size_t packs = bvh->pack_count;
-    size_t kept = packs <= PACKS_KEPT ? packs : PACKS_KEPT + (packs - PACKS_KEPT) / PACKS_KEPT_BEYOND;
+    size_t packs = bvh->pack_count, kept = kept_packs(packs);
     bool is_target = parts & QM_BVH_TARGET, has_twists = parts & QM_BVH_PATCHES && bvh->has_quads;
     bvh->lanes = qm_context_alloc(builder->ctx, packs, sizeof *bvh->lanes);
     bool has_room =
@@ -536,6 +540,17 @@ void qm_bvh_destroy(qm_context *ctx, qm_bvh *bvh)
 const qm_mesh *qm_bvh_mesh(const qm_bvh *bvh)
 {
     return &bvh->mesh;
+}
+
+size_t qm_bvh_memory_needed(size_t triangles, size_t quads, qm_bvh_parts parts)
+{
+    /* Packs of mixed faces may have empty lanes. A leaf of the boxes has eight packs; the levels above are left out. */
+    const size_t packs = (triangles + 2 * quads) / QM_PACK_LANES;
+    size_t width = sizeof(qm_pack_lanes);
+    if (parts & QM_BVH_TARGET) width += sizeof(qm_float_pack);
+    if (parts & QM_BVH_PATCHES && quads > 0) width += sizeof(qm_pack_twists);
+    return (triangles + quads) * sizeof(uint64_t) + packs * width + packs / 8 * sizeof(qm_box_node) +
+           (parts & QM_BVH_TARGET ? kept_packs(packs) * sizeof(qm_pack) : 0);
 }
 
 size_t qm_bvh_memory_size(const qm_bvh *bvh)
